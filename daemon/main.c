@@ -206,22 +206,25 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.warning = *d->warning ? d->warning : NULL,
 	};
 	struct jobs_params jobs = {
-		.ledger = d->ledger,
-		.statefd = d->statefd,
-		.cachefd = d->cachefd,
-		.store = d->store.id,
-		.threads = d->config.threads,
-		.disk = d->config.disk,
-		.keep_free = d->config.keep_free,
-		.space_wait = d->config.space_wait,
-		.rest = REST_SECONDS,
-		.keep_removed = d->config.keep_removed,
-		.user = {.jobs = d->config.user_jobs,
-			 .memory = d->config.user_memory,
-			 .datasets = d->config.user_datasets,
-			 .disk = d->config.user_disk},
-		.cache_again = cache_again,
-		.cache_ctx = d,
+		.core =
+			{
+				.ledger = d->ledger,
+				.statefd = d->statefd,
+				.cachefd = d->cachefd,
+				.store = d->store.id,
+				.threads = d->config.threads,
+				.disk = d->config.disk,
+				.keep_free = d->config.keep_free,
+				.space_wait = d->config.space_wait,
+				.rest = REST_SECONDS,
+				.keep_removed = d->config.keep_removed,
+				.user = {.jobs = d->config.user_jobs,
+					 .memory = d->config.user_memory,
+					 .datasets = d->config.user_datasets,
+					 .disk = d->config.user_disk},
+				.cache_again = cache_again,
+				.cache_ctx = d,
+			},
 		.changed = server_job_changed,
 	};
 	int r;
@@ -234,8 +237,8 @@ static int make_jobs(struct daemon *d, struct err *err)
 	if (!r)
 		r = server_new(&server, &d->server, err);
 	if (!r) {
-		jobs.sched = d->sched;
-		jobs.catalogue = d->catalogue;
+		jobs.core.sched = d->sched;
+		jobs.core.catalogue = d->catalogue;
 		jobs.ctx = d->server;
 		r = jobs_new(&jobs, &d->jobs, err);
 	}

@@ -100,7 +100,7 @@ static void apply(const struct config *c, struct jobs *jobs, struct server *serv
 		.keep_removed = c->keep_removed,
 		.space_wait = c->space_wait,
 	};
-	const struct jobs_user_limits user = {
+	const struct user_limits user = {
 		.jobs = c->user_jobs, .memory = c->user_memory, .datasets = c->user_datasets, .disk = c->user_disk};
 	struct rights rights;
 

@@ -49,20 +49,20 @@ static uint64_t service_bytes(const struct jobs *j)
 	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
 			       1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE;
 
-	return ledger_claimed(j->p.ledger, names) + 2 * input_bytes();
+	return ledger_claimed(j->core->p.ledger, names) + 2 * input_bytes();
 }
 
 void admit_init(struct jobs *j)
 {
-	uint64_t total = ledger_total(j->p.ledger);
+	uint64_t total = ledger_total(j->core->p.ledger);
 
 	j->emitter_share = emitter_share(total);
 	j->index_share = index_share(total);
 	j->stage_share = total / 2;
 	j->runs_max = total < (UINT64_C(64) << 20) ? 4 : 8;
 	j->reserve = service_bytes(j);
-	j->reserve_part =
-		ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE);
+	j->reserve_part = ledger_claimed(j->core->p.ledger,
+					 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE);
 }
 
 /* ---- what is held ---- */
@@ -151,13 +151,13 @@ static uint64_t share_of(uint64_t total)
 /* Beside its domains: the table, index pages and what the index keeps of its own, the buffer of a slow reader. */
 uint64_t admit_share(const struct jobs *j)
 {
-	return share_of(ledger_total(j->p.ledger));
+	return share_of(ledger_total(j->core->p.ledger));
 }
 
 uint64_t jobs_domain_memory(struct jobs *j)
 {
 	uint64_t used = service_bytes(j) + jobs_staged(j) + (admit_tally(j, 0).runs + 1) * admit_share(j);
-	uint64_t total = ledger_total(j->p.ledger);
+	uint64_t total = ledger_total(j->core->p.ledger);
 
 	return total > used ? total - used : 0;
 }
@@ -166,7 +166,7 @@ uint64_t jobs_domain_memory(struct jobs *j)
 static uint64_t alone(const struct jobs *j, uint64_t total)
 {
 	/* The parts that are set aside are in proportion to the memory. */
-	double part = (double)j->reserve_part * ((double)total / (double)ledger_total(j->p.ledger));
+	double part = (double)j->reserve_part * ((double)total / (double)ledger_total(j->core->p.ledger));
 	uint64_t used = j->reserve - j->reserve_part + (uint64_t)part + 2 * share_of(total);
 
 	return total > used ? total - used : 0;
@@ -174,7 +174,7 @@ static uint64_t alone(const struct jobs *j, uint64_t total)
 
 uint64_t admit_alone(const struct jobs *j)
 {
-	return alone(j, ledger_total(j->p.ledger));
+	return alone(j, ledger_total(j->core->p.ledger));
 }
 
 bool admit_only(struct jobs *j)
@@ -198,17 +198,17 @@ static uint64_t larger(uint64_t total)
 
 uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t positions)
 {
-	uint64_t total = ledger_total(j->p.ledger);
+	uint64_t total = ledger_total(j->core->p.ledger);
 	struct pipe_budget b = {0};
 
 	for (; total <= most; total = larger(total)) {
 		struct err err = ERR_INIT;
 
-		if (pipe_budget(alone(j, total), j->p.threads, grid, &b, &err))
+		if (pipe_budget(alone(j, total), j->core->p.threads, grid, &b, &err))
 			continue;
 		if (b.cap >= positions)
 			return total;
-		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == j->p.threads)
+		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == j->core->p.threads)
 			break;
 	}
 	return 0;
@@ -216,7 +216,7 @@ uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t posit
 
 int admit_never(struct jobs *j, uint64_t bytes, const char *what, struct err *err)
 {
-	uint64_t total = ledger_total(j->p.ledger), have = admit_alone(j);
+	uint64_t total = ledger_total(j->core->p.ledger), have = admit_alone(j);
 
 	if (bytes <= have)
 		return 0;
@@ -224,7 +224,7 @@ int admit_never(struct jobs *j, uint64_t bytes, const char *what, struct err *er
 		total = larger(total);
 	err_set(err, ERR_LIMIT, "%s needs %llu KiB of memory, %llu KiB are all that can be free of memory=%lluM", what,
 		(unsigned long long)(bytes >> 10), (unsigned long long)(have >> 10),
-		(unsigned long long)(ledger_total(j->p.ledger) >> 20));
+		(unsigned long long)(ledger_total(j->core->p.ledger) >> 20));
 	return err_add_hint(err, "run with memory=%lluM or more", (unsigned long long)(total >> 20));
 }
 
@@ -265,7 +265,7 @@ static struct push *stage_next(struct jobs *j)
 		if (!push_wants_stage(p) || !push_stage_fits(p))
 			continue;
 		n = stages_of(j, push_uid(p));
-		s = sched_service(j->p.sched, push_uid(p));
+		s = sched_service(j->core->p.sched, push_uid(p));
 		/* The list is by age, the youngest first. */
 		if (best && (n > have || (n == have && s > service)))
 			continue;
@@ -307,7 +307,7 @@ void admit_relieve(struct jobs *j)
 	bool urgent;
 
 	THREAD_LOOP_ONLY();
-	if (!sched_starved(j->p.sched)) {
+	if (!sched_starved(j->core->p.sched)) {
 		j->starved_ns = 0;
 		return;
 	}

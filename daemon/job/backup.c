@@ -189,14 +189,14 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	int fd = -1, r;
 
 	snprintf(name, sizeof name, "%llu", (unsigned long long)id);
-	fd = io->openat(b->jobs->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
+	fd = io->openat(b->jobs->core->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
 	if (fd < 0)
 		return errno == ENOENT ? gone(b, prefix) : err_sys(err, errno, "cannot open the folder of dataset %s", name);
 	snprintf(path, sizeof path, "%s%s", prefix, manifest);
 	if (io->faccessat(fd, manifest, F_OK, 0) < 0 && errno == ENOENT)
 		r = gone(b, path);
 	else
-		r = grid_manifest_load(fd, manifest, b->jobs->p.ledger, &m, err);
+		r = grid_manifest_load(fd, manifest, b->jobs->core->p.ledger, &m, err);
 	for (size_t i = 0; !r && i < m->nsegments; i++) {
 		snprintf(path, sizeof path, "%s%s", prefix, m->segments[i].file);
 		r = take_link(b, fd, m->segments[i].file, path, err);
@@ -216,7 +216,7 @@ static int take_damaged(struct backup *b, uint64_t id, const char *prefix, const
 	int fd, r;
 
 	snprintf(name, sizeof name, "%llu", (unsigned long long)id);
-	fd = io->openat(b->jobs->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
+	fd = io->openat(b->jobs->core->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
 	if (fd < 0)
 		return errno == ENOENT ? gone(b, prefix) : err_sys(err, errno, "cannot open the folder of dataset %s", name);
 	r = take_files(b, fd, prefix, false, err);
@@ -249,7 +249,7 @@ static int each_dataset(void *ctx, uint64_t id, const char *manifest, struct err
 
 static int take_folder(struct backup *b, const char *folder, bool copy, struct err *err)
 {
-	int fd = io->openat(b->jobs->p.statefd, folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0), r;
+	int fd = io->openat(b->jobs->core->p.statefd, folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0), r;
 	char prefix[64];
 
 	if (fd < 0)
@@ -268,7 +268,7 @@ static int take_marks(struct backup *b, struct err *err)
 	int r = 0;
 
 	for (size_t i = 0; !r && i < sizeof mark / sizeof *mark; i++) {
-		r = take_copy(b, b->jobs->p.statefd, mark[i], mark[i], err);
+		r = take_copy(b, b->jobs->core->p.statefd, mark[i], mark[i], err);
 		r = r == E_GONE ? 0 : r;
 	}
 	return r;
@@ -280,7 +280,7 @@ static int take_all(struct backup *b, struct err *err)
 	uint64_t bytes = 0;
 	int r;
 
-	snprintf(from, sizeof from, "/proc/self/fd/%d/catalogue.db", b->jobs->p.statefd);
+	snprintf(from, sizeof from, "/proc/self/fd/%d/catalogue.db", b->jobs->core->p.statefd);
 	snprintf(to, sizeof to, "/proc/self/fd/%d/catalogue.db", b->dirfd);
 	r = io_remove(b->dirfd, "catalogue.db", err);
 	if (!r)
@@ -307,9 +307,9 @@ static void begin_run(struct sched_task *t)
 	unsigned tries = 0;
 
 	/* Both are open where a commit came between the last time. */
-	b->r = io_make_dir(b->jobs->p.statefd, b->name, 0700, &b->err);
+	b->r = io_make_dir(b->jobs->core->p.statefd, b->name, 0700, &b->err);
 	if (!b->r && b->dirfd < 0)
-		b->r = io_open(b->jobs->p.statefd, b->name, O_RDONLY | O_DIRECTORY, 0, &b->dirfd, &b->err);
+		b->r = io_open(b->jobs->core->p.statefd, b->name, O_RDONLY | O_DIRECTORY, 0, &b->dirfd, &b->err);
 	if (!b->r && b->listfd < 0)
 		b->r = io_open(b->dirfd, "list", O_RDWR | O_CREAT | O_TRUNC, 0600, &b->listfd, &b->err);
 	if (b->r)
@@ -330,7 +330,7 @@ static void end_run(struct sched_task *t)
 
 	b->listfd = io_close(b->listfd);
 	b->dirfd = io_close(b->dirfd);
-	if (io_folder_remove(b->jobs->p.statefd, b->name, &err))
+	if (io_folder_remove(b->jobs->core->p.statefd, b->name, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the links of a backup stay behind until the next start", &err);
 }
 
@@ -343,8 +343,8 @@ static void end_done(struct sched_task *t)
 	*at = b->other;
 	io_close(b->listfd);
 	io_close(b->dirfd);
-	b->jobs->background--;
-	uncharge(b->jobs, sizeof *b);
+	core_background_over(b->jobs->core);
+	uncharge(b->jobs->core, sizeof *b);
 	free(b);
 }
 
@@ -360,7 +360,7 @@ static void submit(struct backup *b, void (*run)(struct sched_task *), void (*do
 				      .bytes = bytes};
 	b->busy = true;
 	b->err = ERR_INIT;
-	sched_submit(b->jobs->p.sched, &b->task);
+	sched_submit(b->jobs->core->p.sched, &b->task);
 }
 
 static void give(struct sched_task *t)
@@ -369,7 +369,7 @@ static void give(struct sched_task *t)
 
 	b->busy = false;
 	if (t->ran && t->bytes)
-		sched_give(b->jobs->p.sched, t->name, t->bytes);
+		sched_give(b->jobs->core->p.sched, t->name, t->bytes);
 	if (!t->ran)
 		b->r = err_set(&b->err, ERR_CANCELLED, "the daemon is stopping");
 }
@@ -380,12 +380,12 @@ void backup_end(struct backup *b)
 	if (b->telling)
 		return; /* and whoever tells looks at `ended` next */
 	if (b->busy)
-		sched_cancel(b->jobs->p.sched, &b->task);
+		sched_cancel(b->jobs->core->p.sched, &b->task);
 	else
 		submit(b, end_run, end_done, 0);
 }
 
-static struct dataset *exported(struct jobs *j, const char *name, const struct job_peer *peer, struct err *err)
+static struct dataset *exported(struct jobs *j, const char *name, const struct peer *peer, struct err *err)
 {
 	struct dataset *d;
 
@@ -402,7 +402,7 @@ static struct dataset *exported(struct jobs *j, const char *name, const struct j
 
 static void identify(const struct backup *b, struct backup_ready *ret)
 {
-	const struct jobs_params *p = &b->jobs->p;
+	const struct core_params *p = &b->jobs->core->p;
 	const int fd[2] = {p->statefd, p->cachefd};
 	char *to = ret->identity;
 	struct stat st;
@@ -453,7 +453,7 @@ static void begin_done(struct sched_task *t)
 }
 
 /* The last one is for administrators, and nobody else has all of the others. */
-static int check_count(const struct jobs *j, const struct job_peer *peer, struct err *err)
+static int check_count(const struct jobs *j, const struct peer *peer, struct err *err)
 {
 	unsigned own = 0, all = 0, most = BACKUPS_MAX - !rights_admin(peer);
 
@@ -468,14 +468,14 @@ static int check_count(const struct jobs *j, const struct job_peer *peer, struct
 	return all >= most ? err_set(err, ERR_BUSY, "%u backups or exports are being taken already", all) : 0;
 }
 
-void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *peer,
+void backup_begin(struct jobs *j, const char *dataset, const struct peer *peer,
 		  void (*ready)(void *token, const struct err *why, const struct backup_ready *), void *token)
 {
 	struct dataset *d = NULL;
 	struct err err = ERR_INIT;
 	struct backup *b = NULL;
 
-	if (j->parking)
+	if (j->core->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (*dataset)
 		d = exported(j, dataset, peer, &err);
@@ -483,10 +483,10 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 		err_set(&err, ERR_PERM, "a backup holds what all users have pushed: it is for administrators");
 	if (!err.code)
 		check_count(j, peer, &err);
-	if (!err.code && !charge(j, sizeof *b, "a backup", &err)) {
+	if (!err.code && !charge(j->core, sizeof *b, "a backup", &err)) {
 		b = calloc(1, sizeof *b);
 		if (!b) {
-			uncharge(j, sizeof *b);
+			uncharge(j->core, sizeof *b);
 			err_set(&err, ERR_NOMEM, "no memory for a backup");
 		}
 	}
@@ -501,11 +501,11 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 		memcpy(b->manifest, d->manifest, sizeof b->manifest);
 	b->pathless = d && !rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	snprintf(b->name, sizeof b->name, "backup-%llu", (unsigned long long)b->id);
-	b->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->last_flow};
+	b->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->core->last_flow};
 	b->dirfd = b->listfd = -1;
 	b->ready = ready;
 	b->token = token;
-	j->background++;
+	j->core->background++;
 	b->other = j->backups;
 	j->backups = b;
 	submit(b, begin_run, begin_done, COPY);

@@ -29,7 +29,7 @@ struct backup_file {
 /* All that the state of this moment consists of; dataset not "": the files of that one. Root and the daemon's user, the
  * who may read the dataset; who does not own it gets its manifest without the paths of its files. Nothing of it goes before
  * backup_end, whatever is pushed, merged or removed meanwhile. */
-void backup_begin(struct jobs *, const char *dataset, const struct job_peer *,
+void backup_begin(struct jobs *, const char *dataset, const struct peer *,
 		  void (*ready)(void *token, const struct err *why, const struct backup_ready *), void *token);
 /* The next file; NULL: that was all. One at a time. */
 void backup_next(struct backup *, void (*next)(void *token, const struct err *why, const struct backup_file *), void *token);
@@ -49,7 +49,7 @@ struct imported {
 };
 
 /* A new dataset `name`, of this peer. It is there when the commit has answered, or never. */
-void import_begin(struct jobs *, const char *name, uint32_t mode, const struct job_peer *,
+void import_begin(struct jobs *, const char *name, uint32_t mode, const struct peer *,
 		  void (*begun)(void *token, const struct err *why, struct import *), void *token);
 /* First "manifest", then each file that it names. Takes `fd`. One at a time. */
 void import_file(struct import *, const char *name, int fd, void (*done)(void *token, const struct err *why), void *token);

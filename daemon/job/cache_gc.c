@@ -11,7 +11,7 @@
 #include "io.h"
 #include "log.h"
 
-int cache_may(const struct job_peer *peer, const char *what, struct err *err)
+int cache_may(const struct peer *peer, const char *what, struct err *err)
 {
 	if (rights_admin(peer))
 		return 0;
@@ -24,10 +24,10 @@ void cache_stat(struct jobs *j, struct cache_stat *ret)
 	const struct pending *q;
 	const struct dataset *d;
 
-	disk_look(j); /* nothing else may be going on */
+	disk_look(j->core, true); /* nothing else may be going on */
 	disk_count(j);
-	disk_ask_now(j);
-	space_stat(j->space, &ret->space);
+	disk_ask_now(j->core);
+	space_stat(j->core->space, &ret->space);
 	for (d = j->datasets; d; d = d->next) {
 		ret->space.kind[d->onestep    ? SPACE_ONESTEP :
 				d->removed_us ? SPACE_REMOVED :
@@ -36,8 +36,8 @@ void cache_stat(struct jobs *j, struct cache_stat *ret)
 		for (q = d->pending; q; q = q->next)
 			ret->space.kind[SPACE_PENDING].entries++;
 	}
-	space_limit_text(&j->p.disk, ret->disk);
-	space_limit_text(&j->p.keep_free, ret->keep_free);
+	space_limit_text(&j->core->p.disk, ret->disk);
+	space_limit_text(&j->core->p.keep_free, ret->keep_free);
 }
 
 struct gc {
@@ -58,14 +58,14 @@ static void gc_run(struct sched_task *t)
 
 	uint64_t bytes = 0, entries = 0;
 
-	g->r = space_sweep(g->jobs->space, &g->bytes, &g->entries, &g->err);
+	g->r = space_sweep(g->jobs->core->space, &g->bytes, &g->entries, &g->err);
 	if (!g->r && g->gone) {
 		g->r = cache_gone_run(g->gone, &bytes, &entries, &g->err);
 		g->bytes += bytes;
 		g->entries += entries;
 	}
 	if (!g->r) {
-		g->r = space_evict(g->jobs->space, g->all, &bytes, &entries, &g->err);
+		g->r = space_evict(g->jobs->core->space, g->all, &bytes, &entries, &g->err);
 		g->bytes += bytes;
 		g->entries += entries;
 	}
@@ -77,13 +77,13 @@ static void gc_done(struct sched_task *t)
 
 	if (!t->ran)
 		g->r = err_set(&g->err, ERR_CANCELLED, "the daemon is stopping");
-	g->jobs->background--;
+	core_background_over(g->jobs->core);
 	cache_gone_free(g->gone);
 	g->freed(g->token, g->r ? &g->err : NULL, g->bytes, g->entries);
 	free(g);
 }
 
-void cache_gc(struct jobs *j, const struct job_peer *peer, bool all,
+void cache_gc(struct jobs *j, const struct peer *peer, bool all,
 	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token)
 {
 	struct err err = ERR_INIT;
@@ -110,6 +110,5 @@ void cache_gc(struct jobs *j, const struct job_peer *peer, bool all,
 	g->err = ERR_INIT;
 	g->freed = freed;
 	g->token = token;
-	j->background++;
-	sched_submit(j->p.sched, &g->task);
+	core_background(j->core, &g->task);
 }

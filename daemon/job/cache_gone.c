@@ -30,7 +30,7 @@ struct gone *cache_gone_new(struct jobs *j, struct err *err)
 	uint64_t bytes = TABLE_BYTES + n * sizeof(uint64_t);
 	struct gone *g;
 
-	if (charge(j, bytes, "looking for what is not needed", err))
+	if (charge(j->core, bytes, "looking for what is not needed", err))
 		return NULL;
 	g = calloc(1, sizeof *g);
 	if (g) {
@@ -43,7 +43,7 @@ struct gone *cache_gone_new(struct jobs *j, struct err *err)
 		free(g->table);
 		free(g);
 	}
-	uncharge(j, bytes);
+	uncharge(j->core, bytes);
 	err_set(err, ERR_NOMEM, "no memory to look for what is not needed");
 	return NULL;
 }
@@ -52,7 +52,7 @@ struct gone *cache_gone_free(struct gone *g)
 {
 	if (!g)
 		return NULL;
-	uncharge(g->jobs, TABLE_BYTES + g->n * sizeof(uint64_t));
+	uncharge(g->jobs->core, TABLE_BYTES + g->n * sizeof(uint64_t));
 	free(g->job);
 	free(g->table);
 	free(g);
@@ -92,7 +92,7 @@ static int drop(void *ctx, const struct plan_done *d, struct err *err)
 	}
 	if (set == BITS_EACH)
 		return 0;
-	r = space_drop_domain(g->jobs->space, g->jobs->domainsfd, &id, &bytes, err);
+	r = space_drop_domain(g->jobs->core->space, g->jobs->core->domainsfd, &id, &bytes, err);
 	if (!r && bytes) {
 		g->bytes += bytes;
 		g->entries++;
@@ -106,9 +106,9 @@ int cache_gone_run(struct gone *g, uint64_t *ret_bytes, uint64_t *ret_entries, s
 
 	if (g->there < g->n)
 		for (size_t i = 0; i < g->there && !r; i++)
-			r = plan_file_each_done(g->jobs->plansfd, g->job[i], keep, g, err);
+			r = plan_file_each_done(g->jobs->core->plansfd, g->job[i], keep, g, err);
 	for (size_t i = g->there; i < g->n && !r; i++)
-		r = plan_file_each_done(g->jobs->plansfd, g->job[i], drop, g, err);
+		r = plan_file_each_done(g->jobs->core->plansfd, g->job[i], drop, g, err);
 	*ret_bytes = g->bytes;
 	*ret_entries = g->entries;
 	return r;

@@ -108,7 +108,7 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 	};
 	struct grid_manifest *m = NULL;
 	struct err why = ERR_INIT;
-	int s = grid_manifest_load(dirfd, name, r->v->jobs->p.ledger, &m, &why);
+	int s = grid_manifest_load(dirfd, name, r->v->jobs->core->p.ledger, &m, &why);
 
 	atomic_fetch_add(&r->v->files, 1);
 	if (s && (lacks_memory(s) || s == -ERR_LIMIT)) {
@@ -189,13 +189,13 @@ static int read_plan(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	if (cache_ended(v))
 		return err_set(err, ERR_CANCELLED, "cancelled");
-	r = plan_file_check(v->jobs->plansfd, job, &bytes, &why);
+	r = plan_file_check(v->jobs->core->plansfd, job, &bytes, &why);
 	atomic_fetch_add(&v->files, 1);
 	atomic_fetch_add(&v->bytes, bytes);
 	if (!r)
 		return 0;
 	/* A job that has it open makes it anew only when it is not there. */
-	removed = why.code != ERR_VERSION && io->unlinkat(v->jobs->plansfd, e->d_name, 0) == 0;
+	removed = why.code != ERR_VERSION && io->unlinkat(v->jobs->core->plansfd, e->d_name, 0) == 0;
 	add_folder(&why, "plans");
 	cache_found(v, "plan", true, removed, &why);
 	return 0;
@@ -203,7 +203,7 @@ static int read_plan(void *ctx, const struct dirent *e, struct err *err)
 
 void cache_read_plans(struct cache_verify *v)
 {
-	v->r = io_list(v->jobs->plansfd, ".", read_plan, v, &v->err);
+	v->r = io_list(v->jobs->core->plansfd, ".", read_plan, v, &v->err);
 }
 
 /* ---- selections ---- */
@@ -229,7 +229,7 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	if (cache_ended(v))
 		return err_set(err, ERR_CANCELLED, "cancelled");
-	s = jobs_selected_folder(v->jobs, &parent, err);
+	s = core_selected_folder(v->jobs->core, &parent, err);
 	if (s)
 		return s;
 	if (io_open(parent, e->d_name, O_RDONLY | O_DIRECTORY, 0, &fd, &why)) {
@@ -250,8 +250,8 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 		bool removed = v->err.code != ERR_VERSION && !io_folder_remove(parent, e->d_name, &why);
 
 		if (removed) {
-			space_give(v->jobs->space, SPACE_SELECTIONS, bytes);
-			space_count(v->jobs->space, SPACE_SELECTIONS, -1);
+			space_give(v->jobs->core->space, SPACE_SELECTIONS, bytes);
+			space_count(v->jobs->core->space, SPACE_SELECTIONS, -1);
 		}
 		cache_found(v, "selection", true, removed, &v->err);
 		err_clear(&v->err);
@@ -265,7 +265,7 @@ void cache_read_selections(struct cache_verify *v)
 	struct err why = ERR_INIT;
 	int fd;
 
-	v->r = jobs_selected_folder(v->jobs, &fd, &why);
+	v->r = core_selected_folder(v->jobs->core, &fd, &why);
 	if (!v->r) {
 		v->r = io_list(fd, ".", read_selection, v, &why);
 		io_close(fd);
@@ -303,8 +303,8 @@ static int read_domain(struct folder *f, const char *name, const struct stat *st
 	}
 	removed = why.code != ERR_VERSION && io->unlinkat(f->fd, name, 0) == 0;
 	if (removed) {
-		space_give(v->jobs->space, SPACE_DOMAINS, (uint64_t)st->st_size);
-		space_count(v->jobs->space, SPACE_DOMAINS, -1);
+		space_give(v->jobs->core->space, SPACE_DOMAINS, (uint64_t)st->st_size);
+		space_count(v->jobs->core->space, SPACE_DOMAINS, -1);
 	}
 	add_folder(&why, f->path);
 	cache_found(v, "domain", true, removed, &why);
@@ -351,5 +351,5 @@ void cache_read_domains(struct cache_verify *v)
 {
 	enum { DEPTH = 4 };
 
-	v->r = read_domains(v, v->jobs->p.cachefd, "domains", "domains", DEPTH, &v->err);
+	v->r = read_domains(v, v->jobs->core->p.cachefd, "domains", "domains", DEPTH, &v->err);
 }

@@ -98,7 +98,7 @@ static void tell(struct cache_verify *v, bool all)
 		struct space_stat st;
 		uint64_t total = 0;
 
-		space_stat(v->jobs->space, &st);
+		space_stat(v->jobs->core->space, &st);
 		for (int k = 0; k < SPACE_KINDS; k++)
 			total += k == SPACE_TEMPORARY || k == SPACE_ONESTEP ? 0 : st.kind[k].bytes;
 		v->told_ns = clock_mono_ns();
@@ -132,7 +132,7 @@ static void over(struct cache_verify *v, const struct err *why)
 	v->found.files = atomic_load(&v->files);
 	tell_end(v, why);
 	v->jobs->verify = NULL;
-	v->jobs->background--;
+	core_background_over(v->jobs->core);
 	v->calls->over(v->token, why, &v->found);
 	lock_done(&v->lock);
 	pthread_cond_destroy(&v->room);
@@ -195,7 +195,7 @@ static void step_done(struct sched_task *t)
 
 	v->busy = false;
 	if (t->ran)
-		sched_give(v->jobs->p.sched, t->name, t->bytes);
+		sched_give(v->jobs->core->p.sched, t->name, t->bytes);
 	if (v->dataset && !later)
 		v->last = v->dataset->id;
 	if (v->dataset) {
@@ -231,7 +231,7 @@ static void submit(struct cache_verify *v)
 		.bytes = GRID_VERIFY_BYTES,
 	};
 	v->busy = true;
-	sched_submit(v->jobs->p.sched, &v->task);
+	sched_submit(v->jobs->core->p.sched, &v->task);
 }
 
 /* The next one that has anything; named ones are by number. */
@@ -258,14 +258,14 @@ static void go_on(struct cache_verify *v)
 	struct err err = ERR_INIT;
 
 	v->wait_ns = 0;
-	if (cache_ended(v) || v->jobs->parking) {
+	if (cache_ended(v) || v->jobs->core->parking) {
 		err_set(&err, ERR_CANCELLED, "it was ended before all was read");
 		over(v, &err);
 		return;
 	}
 	if (v->step == CACHE_CATALOGUE) {
 		v->busy = true;
-		if (catalogue_check(v->jobs->p.catalogue, catalogue_done, v, &err)) {
+		if (catalogue_check(v->jobs->core->p.catalogue, catalogue_done, v, &err)) {
 			v->busy = false;
 			over(v, &err);
 		}
@@ -285,7 +285,7 @@ void cache_verify_tick(struct jobs *j)
 
 	if (!v)
 		return;
-	if (j->parking)
+	if (j->core->parking)
 		cache_verify_end(v);
 	tell(v, false);
 	if (!v->busy && v->wait_ns && clock_since(v->wait_ns) >= AGAIN_SECONDS)
@@ -294,7 +294,7 @@ void cache_verify_tick(struct jobs *j)
 
 /* ---- asked ---- */
 
-int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache_verify_calls *calls, void *token,
+int cache_verify(struct jobs *j, const struct peer *peer, const struct cache_verify_calls *calls, void *token,
 		 struct cache_verify **ret, struct err *err)
 {
 	struct cache_verify *v;
@@ -303,7 +303,7 @@ int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache
 	THREAD_LOOP_ONLY();
 	if (r)
 		return r;
-	if (j->verify || j->parking)
+	if (j->verify || j->core->parking)
 		return err_set(err, ERR_BUSY,
 			       j->verify ? "it is being done already, for somebody else" : "the daemon is stopping");
 	v = calloc(1, sizeof *v);
@@ -320,7 +320,7 @@ int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache
 	v->token = token;
 	v->err = ERR_INIT;
 	j->verify = v;
-	j->background++;
+	j->core->background++;
 	*ret = v;
 	/* From the next tick on, so that who asked has it. */
 	v->wait_ns = 1;
@@ -334,6 +334,6 @@ void cache_verify_end(struct cache_verify *v)
 	pthread_cond_broadcast(&v->room);
 	lock_give(&v->lock);
 	if (v->busy && v->step != CACHE_CATALOGUE)
-		sched_cancel(v->jobs->p.sched, &v->task);
+		sched_cancel(v->jobs->core->p.sched, &v->task);
 	v->wait_ns = 1;
 }

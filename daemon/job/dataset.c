@@ -33,18 +33,18 @@ bool dataset_name_valid(const char *name)
 	return n && n <= DATASET_NAME_MAX && strspn(name, more) == n && *name != '.' && *name != '-';
 }
 
-struct dataset *dataset_new(struct jobs *j, const char *name, const struct job_peer *owner, bool onestep, struct err *err)
+struct dataset *dataset_new(struct jobs *j, const char *name, const struct peer *owner, bool onestep, struct err *err)
 {
 	struct dataset *d, **at;
 
 	THREAD_LOOP_ONLY();
 	/* One of a single step goes with its mesh. */
-	if (onestep ? charge(j, DATASET_BYTES, "another dataset", err) :
-		      charge_lasting(j, CHARGE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
+	if (onestep ? charge(j->core, DATASET_BYTES, "another dataset", err) :
+		      charge_lasting(j->core, CHARGE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
 		return NULL;
 	d = calloc(1, sizeof *d);
 	if (!d)
-		uncharge(j, DATASET_BYTES);
+		uncharge(j->core, DATASET_BYTES);
 	if (d) {
 		d->jobs = j;
 		d->charged = DATASET_BYTES;
@@ -92,7 +92,7 @@ struct dataset *dataset_free(struct dataset *d)
 		d->pending = q->next;
 		pending_free(d->jobs, q);
 	}
-	uncharge(d->jobs, d->charged);
+	uncharge(d->jobs->core, d->charged);
 	free(d->lattice);
 	free(d->crs);
 	free(d->unit_xy);
@@ -105,7 +105,7 @@ struct dataset *dataset_free(struct dataset *d)
 
 static int parent_of(const struct dataset *d)
 {
-	return d->onestep ? d->jobs->onestepfd : d->jobs->datafd;
+	return d->onestep ? d->jobs->core->onestepfd : d->jobs->core->datafd;
 }
 
 int dataset_open(struct dataset *d, struct err *err)
@@ -185,7 +185,7 @@ int dataset_sweep(struct dataset *d, bool again, struct err *err)
 	if (r)
 		return r;
 	if (*d->manifest)
-		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->p.ledger, &m, err);
+		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->core->p.ledger, &m, err);
 	keep.m = m;
 	keep.dirfd = d->dirfd;
 	if (!r)
@@ -226,7 +226,7 @@ static void removal_done(struct sched_task *t)
 {
 	struct removal *rm = (struct removal *)t;
 
-	rm->jobs->background--;
+	core_background_over(rm->jobs->core);
 	free(rm);
 }
 
@@ -242,7 +242,7 @@ static struct removal *removal_new(struct dataset *d)
 	rm->jobs = d->jobs;
 	rm->parent = parent_of(d);
 	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);
-	d->jobs->background++;
+	d->jobs->core->background++;
 	return rm;
 }
 
@@ -250,7 +250,7 @@ static struct removal *removal_new(struct dataset *d)
 static void removal_go(struct removal *rm, bool goes)
 {
 	if (rm && goes)
-		sched_submit(rm->jobs->p.sched, &rm->task);
+		sched_submit(rm->jobs->core->p.sched, &rm->task);
 	else if (rm)
 		removal_done(&rm->task);
 }
@@ -259,7 +259,7 @@ static void removal_row_gone(void *ctx, int r, const struct err *why)
 {
 	struct removal *rm = ctx;
 
-	removal_go(rm, !r && !catalogue_unsure(rm->jobs->p.catalogue));
+	removal_go(rm, !r && !catalogue_unsure(rm->jobs->core->p.catalogue));
 }
 
 /* ---- in memory ---- */
@@ -290,18 +290,18 @@ void dataset_drop(struct dataset *d)
 	*at = d->next;
 	/* First the row, then what it names. */
 	if (!d->row) {
-		removal_go(rm, d->onestep || !catalogue_unsure(d->jobs->p.catalogue));
-	} else if (catalogue_drop_dataset(d->jobs->p.catalogue, d->id, rm ? removal_row_gone : NULL, rm, &err)) {
+		removal_go(rm, d->onestep || !catalogue_unsure(d->jobs->core->p.catalogue));
+	} else if (catalogue_drop_dataset(d->jobs->core->p.catalogue, d->id, rm ? removal_row_gone : NULL, rm, &err)) {
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 		removal_go(rm, false);
 	}
 	if (atomic_load(&d->derived))
-		space_give(d->jobs->space, SPACE_ONESTEP, atomic_load(&d->derived));
+		space_give(d->jobs->core->space, SPACE_ONESTEP, atomic_load(&d->derived));
 	disk_count(d->jobs);
 	dataset_free(d);
 }
 
-struct dataset *dataset_find(struct jobs *j, const char *name, const struct job_peer *peer)
+struct dataset *dataset_find(struct jobs *j, const char *name, const struct peer *peer)
 {
 	struct dataset *d;
 
@@ -311,7 +311,7 @@ struct dataset *dataset_find(struct jobs *j, const char *name, const struct job_
 	return NULL;
 }
 
-int dataset_ask(struct jobs *j, const char *name, const struct job_peer *peer, enum right right, struct dataset **ret,
+int dataset_ask(struct jobs *j, const char *name, const struct peer *peer, enum right right, struct dataset **ret,
 		struct err *err)
 {
 	struct dataset *d = dataset_find(j, name, peer);
@@ -327,13 +327,13 @@ int dataset_ask(struct jobs *j, const char *name, const struct job_peer *peer, e
 	return r;
 }
 
-static bool is_listed(const struct dataset *d, const struct job_peer *peer)
+static bool is_listed(const struct dataset *d, const struct peer *peer)
 {
 	return !d->onestep && !d->removed_us && (d->generation || d->pending || dataset_created(d)) &&
 	       rights_allow(peer, RIGHT_READ, d->uid, d->gid, d->mode);
 }
 
-unsigned dataset_list(const struct jobs *j, const char *name, const struct job_peer *peer, unsigned max, struct dataset **ret)
+unsigned dataset_list(const struct jobs *j, const char *name, const struct peer *peer, unsigned max, struct dataset **ret)
 {
 	struct dataset *d;
 	unsigned n = 0;
@@ -466,7 +466,7 @@ int dataset_put_row(struct dataset *d, struct err *err)
 	if (d->row || d->generation)
 		return 0;
 	dataset_row(d, &row);
-	r = catalogue_put_dataset(d->jobs->p.catalogue, &row, 0, NULL, NULL, err);
+	r = catalogue_put_dataset(d->jobs->core->p.catalogue, &row, 0, NULL, NULL, err);
 	d->row = !r;
 	return r;
 }
@@ -488,13 +488,13 @@ static void charge_texts(struct dataset *d)
 		bytes += strlen(texts[i]) + 24;
 	if (bytes >= d->charged)
 		return;
-	uncharge(d->jobs, d->charged - bytes);
+	uncharge(d->jobs->core, d->charged - bytes);
 	d->charged = bytes;
 }
 
 int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err *err)
 {
-	const struct job_peer owner = rights_stored(row->uid, 0);
+	const struct peer owner = rights_stored(row->uid, 0);
 	struct dataset *d = dataset_new(j, row->name, &owner, false, err);
 
 	if (!d)

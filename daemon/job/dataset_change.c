@@ -33,7 +33,7 @@ static void *copy(const void *from, size_t n, size_t size)
 /* With the copy, what is written, and room to write it. */
 static int take_room(struct dataset_change *c, uint64_t bytes, struct err *err)
 {
-	if (ledger_take(c->jobs->p.ledger, LEDGER_MANIFEST, bytes))
+	if (ledger_take(c->jobs->core->p.ledger, LEDGER_MANIFEST, bytes))
 		return 0;
 	err_set(err, ERR_BUSY, "no %llu KiB are free for the next manifest of the dataset %s", (unsigned long long)(bytes >> 10),
 		c->dataset->name);
@@ -70,12 +70,12 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 	if (!r)
 		r = grid_manifest_write(dirfd, c->made_name, &m, err);
 	if (!r)
-		r = grid_manifest_load(dirfd, c->made_name, c->jobs->p.ledger, &c->made, err);
+		r = grid_manifest_load(dirfd, c->made_name, c->jobs->core->p.ledger, &c->made, err);
 	free(m.segments);
 	free(m.sources);
 	free(m.generations);
 	free(m.spans);
-	ledger_give(c->jobs->p.ledger, LEDGER_MANIFEST, bytes);
+	ledger_give(c->jobs->core->p.ledger, LEDGER_MANIFEST, bytes);
 	return r;
 }
 
@@ -89,7 +89,7 @@ static void change_run(struct sched_task *t)
 	if (!c->r)
 		dataset_tidy(c->dataset, c->base_name);
 	if (!c->r)
-		c->r = grid_manifest_load(c->dataset->dirfd, c->base_name, c->jobs->p.ledger, &base, &c->err);
+		c->r = grid_manifest_load(c->dataset->dirfd, c->base_name, c->jobs->core->p.ledger, &base, &c->err);
 	if (!c->r)
 		c->r = write_made(c, base, &c->err);
 	/* What was not committed is named by nothing. */
@@ -133,7 +133,7 @@ static void tidy_run(struct sched_task *t)
 {
 	struct dataset_change *c = (struct dataset_change *)t;
 
-	if (c->r && catalogue_unsure(c->jobs->p.catalogue))
+	if (c->r && catalogue_unsure(c->jobs->core->p.catalogue))
 		return;
 	if (c->r)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
@@ -153,7 +153,7 @@ static void finish(struct dataset_change *c)
 		d->committer = NULL;
 	c->made = grid_manifest_free(c->made);
 	dataset_next_clear(&c->becomes);
-	c->jobs->background--;
+	core_background_over(c->jobs->core);
 	c->over(c, c->r ? &c->err : NULL);
 	dataset_release(d);
 }
@@ -165,9 +165,11 @@ static void tidy_done(struct sched_task *t)
 
 static void task(struct dataset_change *c, void (*run)(struct sched_task *), void (*done)(struct sched_task *))
 {
-	c->task = (struct sched_task){
-		.run = run, .done = done, .owner = {.uid = c->peer.uid, .flow = ++c->jobs->last_flow}, .priority = SCHED_FIRST};
-	sched_submit(c->jobs->p.sched, &c->task);
+	c->task = (struct sched_task){.run = run,
+				      .done = done,
+				      .owner = {.uid = c->peer.uid, .flow = ++c->jobs->core->last_flow},
+				      .priority = SCHED_FIRST};
+	sched_submit(c->jobs->core->p.sched, &c->task);
 }
 
 static void row_done(void *ctx, int r, const struct err *why)
@@ -230,7 +232,7 @@ void dataset_change_start(struct dataset_change *c)
 
 	c->jobs = j;
 	c->err = ERR_INIT;
-	if (j->parking)
+	if (j->core->parking)
 		err_set(&c->err, ERR_BUSY, "the daemon is stopping");
 	else if (!d->generation)
 		err_set(&c->err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
@@ -239,7 +241,7 @@ void dataset_change_start(struct dataset_change *c)
 		return;
 	}
 	dataset_hold(d);
-	j->background++;
+	j->core->background++;
 	for (at = &j->changes; *at; at = &(*at)->next)
 		;
 	*at = c;

@@ -8,7 +8,7 @@ struct dataset_change {
 	struct sched_task task;
 	struct dataset_change *next; /* of those that wait for their turn */
 	struct dataset *dataset;
-	struct job_peer peer;
+	struct peer peer;
 	/*
 	 * Worker, with the dataset's folder open: what becomes of `base`. `*m` comes as a copy of it (segments and
 	 * sources are its own, texts and lists of lives the base's; m->spans is NULL, and freed afterwards) and of its

@@ -118,7 +118,7 @@ void dataset_create(struct jobs *j, const struct dataset_wish *w, void (*created
 
 	if (!c)
 		err_set(&err, ERR_NOMEM, "no memory for a request");
-	else if (j->parking)
+	else if (j->core->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	if (err.code || make(j, w, &c->dataset, &err)) {
 		free(c);
@@ -128,7 +128,7 @@ void dataset_create(struct jobs *j, const struct dataset_wish *w, void (*created
 	c->created = created;
 	c->token = token;
 	dataset_row(c->dataset, &row);
-	if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, c, &err))
+	if (catalogue_put_dataset(j->core->p.catalogue, &row, 0, row_done, c, &err))
 		finish(c, &err);
 }
 

@@ -21,7 +21,7 @@ static void user_name(uint32_t uid, char ret[GRID_USER])
 		memcpy(ret, entry.pw_name, strlen(entry.pw_name) + 1);
 }
 
-int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct job_peer *peer,
+int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct peer *peer,
 		    enum grid_generation_kind kind, uint64_t undoes, struct err *err)
 {
 	size_t n = base ? base->ngenerations : 0;

@@ -122,8 +122,8 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 	if (!why && w->nunits) {
 		say(g);
 		j->merge_wait = 0;
-		j->tally.merges++;
-		j->tally.merged_bytes += w->written;
+		j->core->tally.merges++;
+		j->core->tally.merged_bytes += w->written;
 	} else if (!why) {
 		d->merge_due = false; /* not with this memory */
 	} else if (passes(why)) {
@@ -134,7 +134,7 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 		d->merge_due = false;
 	}
 	dataset_rewrite_clear(w);
-	uncharge(j, sizeof *g);
+	uncharge(j->core, sizeof *g);
 	free(g);
 }
 
@@ -143,8 +143,8 @@ static void start(struct jobs *j, struct dataset *d)
 	struct err err = ERR_INIT;
 	struct merge *g = NULL;
 
-	if (!charge(j, sizeof *g, "a merge", &err) && !(g = calloc(1, sizeof *g)))
-		uncharge(j, sizeof *g);
+	if (!charge(j->core, sizeof *g, "a merge", &err) && !(g = calloc(1, sizeof *g)))
+		uncharge(j->core, sizeof *g);
 	if (!g) {
 		put_off(j, NULL);
 		return;
@@ -198,7 +198,7 @@ void dataset_merge_settle(struct jobs *j)
 			dataset_rewrite_settle(j->merge);
 		return;
 	}
-	if (j->parking || j->prunes || memory_awaited(j) || clock_mono_ns() < j->merge_after_ns)
+	if (j->core->parking || j->prunes || memory_awaited(j) || clock_mono_ns() < j->merge_after_ns)
 		return;
 	d = due(j);
 	if (d)

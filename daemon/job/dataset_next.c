@@ -105,7 +105,7 @@ int dataset_next_put(struct dataset *d, const struct dataset_next *n, uint64_t p
 	row.oldest = n->oldest;
 	row.segments = n->segments;
 	memcpy(row.box, n->box, sizeof row.box);
-	r = catalogue_put_dataset(d->jobs->p.catalogue, &row, push, done, ctx, err);
+	r = catalogue_put_dataset(d->jobs->core->p.catalogue, &row, push, done, ctx, err);
 	d->rows += !r;
 	return r;
 }

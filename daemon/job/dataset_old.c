@@ -87,8 +87,8 @@ static void old_done(struct sched_task *t)
 	struct jobs *j = o->dataset->jobs;
 	struct err err = ERR_INIT;
 
-	j->background--;
-	if (t->ran && !o->failed && o->row && catalogue_drop_push(j->p.catalogue, o->row, NULL, NULL, &err))
+	core_background_over(j->core);
+	if (t->ran && !o->failed && o->row && catalogue_drop_push(j->core->p.catalogue, o->row, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	dataset_release(o->dataset);
 	dataset_old_free(o);
@@ -100,8 +100,7 @@ static void go(struct dataset_old *o)
 
 	o->task =
 		(struct sched_task){.run = old_run, .done = old_done, .owner = {.uid = o->dataset->uid}, .priority = SCHED_LAST};
-	j->background++;
-	sched_submit(j->p.sched, &o->task);
+	core_background(j->core, &o->task);
 }
 
 void dataset_old_goes(struct dataset_old *o, struct dataset *d, uint64_t row)

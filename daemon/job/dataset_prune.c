@@ -173,7 +173,7 @@ static int last_look(struct dataset_rewrite *w, struct err *err)
 static struct prune *prune_free(struct prune *p)
 {
 	dataset_rewrite_clear(&p->rewrite);
-	uncharge(p->rewrite.dataset->jobs, sizeof *p);
+	uncharge(p->rewrite.dataset->jobs->core, sizeof *p);
 	free(p->dead);
 	free(p);
 	return NULL;
@@ -278,7 +278,7 @@ void dataset_prune_tick(struct jobs *j)
 		dataset_rewrite_tick(&j->prunes->rewrite);
 }
 
-struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, const struct job_peer *peer, prune_answer_fn *fn,
+struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, const struct peer *peer, prune_answer_fn *fn,
 			    void *token)
 {
 	struct jobs *j = d->jobs;
@@ -286,11 +286,11 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 	struct prune *p = NULL, **at;
 
 	THREAD_LOOP_ONLY();
-	if (j->parking)
+	if (j->core->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (!rights_dataset(d, peer, RIGHT_OWN, &err) && !charge(j, sizeof *p, "a prune", &err) &&
+	else if (!rights_dataset(d, peer, RIGHT_OWN, &err) && !charge(j->core, sizeof *p, "a prune", &err) &&
 		 !(p = calloc(1, sizeof *p))) {
-		uncharge(j, sizeof *p);
+		uncharge(j->core, sizeof *p);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	}
 	if (!p) {

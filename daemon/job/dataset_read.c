@@ -24,7 +24,7 @@ static void reading_run(struct sched_task *t)
 	x->r = dataset_open(x->dataset, &x->err);
 	if (x->r)
 		return;
-	x->r = grid_manifest_load(x->dataset->dirfd, x->name, x->dataset->jobs->p.ledger, &x->manifest, &x->err);
+	x->r = grid_manifest_load(x->dataset->dirfd, x->name, x->dataset->jobs->core->p.ledger, &x->manifest, &x->err);
 	dataset_close(x->dataset);
 }
 
@@ -34,18 +34,18 @@ static void reading_done(struct sched_task *t)
 	struct dataset *d = x->dataset;
 	struct jobs *j = d->jobs;
 
-	j->background--;
+	core_background_over(j->core);
 	dataset_read_end(d);
 	if (!t->ran)
 		x->r = err_set(&x->err, ERR_BUSY, "the daemon is stopping");
 	x->answer(x->token, x->r ? &x->err : NULL, d, x->manifest);
 	grid_manifest_free(x->manifest);
-	uncharge(j, sizeof *x);
+	uncharge(j->core, sizeof *x);
 	dataset_release(d);
 	free(x);
 }
 
-void dataset_read(struct dataset *d, const struct job_peer *peer, dataset_read_fn *answer, void *token)
+void dataset_read(struct dataset *d, const struct peer *peer, dataset_read_fn *answer, void *token)
 {
 	struct jobs *j = d->jobs;
 	struct reading *x = NULL;
@@ -55,8 +55,8 @@ void dataset_read(struct dataset *d, const struct job_peer *peer, dataset_read_f
 		answer(token, NULL, d, NULL);
 		return;
 	}
-	if (!charge(j, sizeof *x, "a list", &err) && !(x = calloc(1, sizeof *x))) {
-		uncharge(j, sizeof *x);
+	if (!charge(j->core, sizeof *x, "a list", &err) && !(x = calloc(1, sizeof *x))) {
+		uncharge(j->core, sizeof *x);
 		err_set(&err, ERR_NOMEM, "no memory for a list");
 	}
 	if (!x) {
@@ -66,13 +66,12 @@ void dataset_read(struct dataset *d, const struct job_peer *peer, dataset_read_f
 	x->task = (struct sched_task){.run = reading_run,
 				      .done = reading_done,
 				      .priority = SCHED_FIRST,
-				      .owner = {.uid = peer->uid, .flow = ++j->last_flow}};
+				      .owner = {.uid = peer->uid, .flow = ++j->core->last_flow}};
 	x->dataset = dataset_hold(d);
 	x->err = ERR_INIT;
 	x->answer = answer;
 	x->token = token;
 	memcpy(x->name, d->manifest, sizeof x->name);
 	dataset_read_begin(d);
-	j->background++;
-	sched_submit(j->p.sched, &x->task);
+	core_background(j->core, &x->task);
 }

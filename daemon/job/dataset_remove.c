@@ -42,7 +42,7 @@ struct verb {
 
 static double keep_seconds(const struct jobs *j)
 {
-	return j->p.keep_removed > 0 ? j->p.keep_removed : KEEP_SECONDS;
+	return j->core->p.keep_removed > 0 ? j->core->p.keep_removed : KEEP_SECONDS;
 }
 
 int64_t dataset_until_us(const struct dataset *d)
@@ -73,7 +73,7 @@ static int check_remove(const struct dataset *d, struct err *err)
 	return err_add_hint(err, "remove it when that is over");
 }
 
-static bool may_have(const struct dataset *d, const struct job_peer *peer)
+static bool may_have(const struct dataset *d, const struct peer *peer)
 {
 	return d->removed_us && rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 }
@@ -105,7 +105,7 @@ static int find_removed(struct jobs *j, const struct dataset_wanted *w, struct d
 	return 0;
 }
 
-static int check_name(struct jobs *j, const char *name, const struct job_peer *peer, struct err *err)
+static int check_name(struct jobs *j, const char *name, const struct peer *peer, struct err *err)
 {
 	if (!dataset_name_valid(name)) {
 		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
@@ -241,7 +241,7 @@ static void finish(struct verb *v, const struct err *why)
 	disk_count(j); /* it may be of another user now */
 	v->answer(v->token, why, why ? NULL : d);
 	dataset_release(d);
-	uncharge(j, sizeof *v);
+	uncharge(j->core, sizeof *v);
 	free(v);
 }
 
@@ -280,13 +280,13 @@ static void run(struct jobs *j, struct verb *v, const struct dataset_wanted *w)
 		wait_for_row(j, v, w);
 	} else if (r) {
 		v->answer(v->token, &err, NULL);
-		uncharge(j, sizeof *v);
+		uncharge(j->core, sizeof *v);
 		free(v);
 	} else {
 		v->wanted.verb = w->verb;
 		v->wanted.peer = rights_kept(&w->peer);
 		dataset_row(v->dataset, &row);
-		if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, v, &err))
+		if (catalogue_put_dataset(j->core->p.catalogue, &row, 0, row_done, v, &err))
 			finish(v, &err);
 	}
 }
@@ -318,8 +318,8 @@ void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_f
 	THREAD_LOOP_ONLY();
 	if (w->mode && strlen(w->mode) >= sizeof v->as)
 		err_set(&err, ERR_USAGE, "\"%.60s...\" is not a mode", w->mode);
-	else if (!charge(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
-		uncharge(j, sizeof *v);
+	else if (!charge(j->core, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
+		uncharge(j->core, sizeof *v);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	}
 	if (!v) {
@@ -332,7 +332,7 @@ void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_f
 	run(j, v, w);
 }
 
-struct dataset *dataset_removed_after(struct jobs *j, uint64_t id, const struct job_peer *peer)
+struct dataset *dataset_removed_after(struct jobs *j, uint64_t id, const struct peer *peer)
 {
 	struct dataset *d, *best = NULL;
 
@@ -405,7 +405,7 @@ void datasets_expire(struct jobs *j)
 	int64_t now = jobs_trusted_us(j);
 
 	THREAD_LOOP_ONLY();
-	for (d = j->datasets; d && !j->parking; d = next) {
+	for (d = j->datasets; d && !j->core->parking; d = next) {
 		next = d->next;
 		if (!d->removed_us || now < dataset_until_us(d) || d->pushes || d->committer)
 			continue;
@@ -426,7 +426,7 @@ void datasets_tick(struct jobs *j)
 	j->expired_ns = clock_mono_ns();
 	datasets_expire(j);
 	/* What holds an interrupted push goes with it, and may be the dataset's last. */
-	for (struct dataset *d = j->datasets, *next; d && !j->parking; d = next) {
+	for (struct dataset *d = j->datasets, *next; d && !j->core->parking; d = next) {
 		next = d->next;
 		if (!d->readers)
 			pending_expire(d);

@@ -189,7 +189,7 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 			  "%s: generation %llu undoes generation %llu", c->dataset->name, (unsigned long long)done.generation,
 			  (unsigned long long)done.undone);
 	v->answer(v->token, why, why ? NULL : &done);
-	uncharge(c->dataset->jobs, sizeof *v);
+	uncharge(c->dataset->jobs->core, sizeof *v);
 	free(v);
 }
 
@@ -204,7 +204,7 @@ static int check_prune(const struct dataset *d, uint64_t generation, struct err 
 		       (unsigned long long)generation, d->name, (unsigned long long)d->prune_to);
 }
 
-void dataset_revert(struct dataset *d, uint64_t generation, const struct job_peer *peer, revert_answer_fn *answer, void *token)
+void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *peer, revert_answer_fn *answer, void *token)
 {
 	struct revert *v = NULL;
 	struct err err = ERR_INIT;
@@ -213,10 +213,10 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 	if (d->onestep)
 		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
 	else if (!rights_dataset(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) &&
-		 !charge(d->jobs, sizeof *v, "a revert", &err)) {
+		 !charge(d->jobs->core, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
 		if (!v) {
-			uncharge(d->jobs, sizeof *v);
+			uncharge(d->jobs->core, sizeof *v);
 			err_set(&err, ERR_NOMEM, "no memory for a request");
 		}
 	}

@@ -105,7 +105,7 @@ static void look_run(struct sched_task *t)
 		w->r = dataset_open(d, &w->err);
 	w->opened = !w->r;
 	if (!w->r)
-		w->r = grid_manifest_load(d->dirfd, w->base_name, w->jobs->p.ledger, &m, &w->err);
+		w->r = grid_manifest_load(d->dirfd, w->base_name, w->jobs->core->p.ledger, &m, &w->err);
 	if (!w->r) {
 		w->nsources = m->nsources;
 		w->r = w->choose(w, m, &w->err);
@@ -119,8 +119,8 @@ static void give_space(struct dataset_rewrite *w)
 {
 	if (!w->space)
 		return;
-	space_promise(w->jobs->space, SPACE_MERGES, -(int64_t)w->space);
-	space_give(w->jobs->space, SPACE_MERGES, w->space);
+	space_promise(w->jobs->core->space, SPACE_MERGES, -(int64_t)w->space);
+	space_give(w->jobs->core->space, SPACE_MERGES, w->space);
 	w->space = 0;
 }
 
@@ -129,7 +129,7 @@ static void finish(struct dataset_rewrite *w)
 	struct dataset *d = w->dataset;
 
 	if (w->bytes)
-		sched_give(w->jobs->p.sched, LEDGER_STAGE, w->bytes);
+		sched_give(w->jobs->core->p.sched, LEDGER_STAGE, w->bytes);
 	w->jobs->rewriting -= w->bytes;
 	give_space(w);
 	w->bytes = 0;
@@ -137,7 +137,7 @@ static void finish(struct dataset_rewrite *w)
 		dataset_close(d);
 	w->opened = false;
 	w->olds = dataset_old_free(w->olds);
-	w->jobs->background--;
+	core_background_over(w->jobs->core);
 	w->over(w, w->r ? &w->err : NULL);
 	dataset_release(d);
 }
@@ -160,9 +160,9 @@ static void task(struct dataset_rewrite *w, void (*run)(struct sched_task *), vo
 				      .done = done,
 				      .priority = priority,
 				      .lengthy = true,
-				      .owner = {.uid = w->peer.uid, .flow = ++w->jobs->last_flow}};
+				      .owner = {.uid = w->peer.uid, .flow = ++w->jobs->core->last_flow}};
 	w->busy = true;
-	sched_submit(w->jobs->p.sched, &w->task);
+	sched_submit(w->jobs->core->p.sched, &w->task);
 }
 
 static void tidy_run(struct sched_task *t)
@@ -173,7 +173,7 @@ static void tidy_run(struct sched_task *t)
 
 	w->rewrite = grid_rewrite_free(w->rewrite);
 	/* The catalogue may name the manifest that names them. */
-	if (catalogue_unsure(w->jobs->p.catalogue)) {
+	if (catalogue_unsure(w->jobs->core->p.catalogue)) {
 		w->has_row = false;
 		return;
 	}
@@ -195,7 +195,7 @@ static void tidy_done(struct sched_task *t)
 
 	w->busy = false;
 	/* Where no worker came to it the row stays. */
-	if (t->ran && w->has_row && catalogue_drop_push(w->jobs->p.catalogue, w->row, NULL, NULL, &err))
+	if (t->ran && w->has_row && catalogue_drop_push(w->jobs->core->p.catalogue, w->row, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	if (!t->ran)
 		w->rewrite = grid_rewrite_free(w->rewrite);
@@ -257,7 +257,7 @@ static void changed(struct dataset_change *c, const struct err *why)
 {
 	struct dataset_rewrite *w = of_change(c);
 
-	if (why && why->code == ERR_BUSY && !w->stop && !w->jobs->parking) {
+	if (why && why->code == ERR_BUSY && !w->stop && !w->jobs->core->parking) {
 		w->again = true; /* no memory for manifests now */
 		return;
 	}
@@ -331,10 +331,10 @@ static int take_space(struct dataset_rewrite *w, struct err *err)
 
 	if (w->space || !w->read)
 		return 0;
-	r = space_take(w->jobs->space, SPACE_MERGES, w->read, w->always ? SPACE_MUST : SPACE_MAY, w->what, err);
+	r = space_take(w->jobs->core->space, SPACE_MERGES, w->read, w->always ? SPACE_MUST : SPACE_MAY, w->what, err);
 	if (!r) {
 		w->space = w->read;
-		space_promise(w->jobs->space, SPACE_MERGES, (int64_t)w->space);
+		space_promise(w->jobs->core->space, SPACE_MERGES, (int64_t)w->space);
 	}
 	if (r != -ERR_NOSPACE || !w->always || io->fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
 	    (uint64_t)vfs.f_bavail * vfs.f_frsize < w->read + w->read / 8)
@@ -418,8 +418,8 @@ static void put_row(struct dataset_rewrite *w)
 	struct catalogue_push row = {.dataset = w->dataset->id, .uid = w->dataset->uid};
 
 	w->state = REWRITE_WORKING;
-	row.id = w->row = ++w->jobs->last_push;
-	w->r = catalogue_put_push(w->jobs->p.catalogue, &row, row_done, w, &w->err);
+	row.id = w->row = ++w->jobs->core->last_push;
+	w->r = catalogue_put_push(w->jobs->core->p.catalogue, &row, row_done, w, &w->err);
 	if (w->r)
 		fail(w);
 }
@@ -433,7 +433,7 @@ bool rewrite_row(const struct catalogue_push *row)
 
 static uint64_t share(const struct jobs *j)
 {
-	uint64_t part = ledger_total(j->p.ledger) / 32;
+	uint64_t part = ledger_total(j->core->p.ledger) / 32;
 
 	return part < 1 << 20 ? 1 << 20 : part > 8 << 20 ? 8 << 20 : part;
 }
@@ -443,7 +443,7 @@ static bool take(struct dataset_rewrite *w)
 	uint64_t least = rewrite_bytes(w), want = share(w->jobs) > least ? share(w->jobs) : least;
 
 	if (w->jobs->stage_turn || w->jobs->slots || !admit_stage(w->jobs, want) ||
-	    !ledger_take(w->jobs->p.ledger, LEDGER_STAGE, want))
+	    !ledger_take(w->jobs->core->p.ledger, LEDGER_STAGE, want))
 		return false;
 	w->bytes = want;
 	w->jobs->rewriting += want;
@@ -510,9 +510,9 @@ void dataset_rewrite_start(struct dataset_rewrite *w)
 {
 	w->jobs = w->dataset->jobs;
 	w->err = ERR_INIT;
-	w->most = ledger_total(w->jobs->p.ledger) / 8;
+	w->most = ledger_total(w->jobs->core->p.ledger) / 8;
 	dataset_hold(w->dataset);
-	w->jobs->background++;
+	w->jobs->core->background++;
 	look(w);
 }
 
@@ -533,7 +533,7 @@ void dataset_rewrite_cancel(struct dataset_rewrite *w)
 {
 	w->stop = true;
 	if (w->busy && w->state != REWRITE_TIDYING)
-		sched_cancel(w->jobs->p.sched, &w->task);
+		sched_cancel(w->jobs->core->p.sched, &w->task);
 	dataset_rewrite_settle(w);
 	dataset_rewrite_tick(w);
 }

@@ -16,7 +16,7 @@ struct dataset_rewrite {
 	struct sched_task task;
 	struct dataset_change change;
 	struct dataset *dataset;
-	struct job_peer peer;
+	struct peer peer;
 	/* Worker, with the folder open: what is to be done, by rewrite_add. Nothing: over, as if done. */
 	int (*choose)(struct dataset_rewrite *, const struct grid_manifest *, struct err *err);
 	/* Worker: `m`, with the new segments in place, for what else changes; NULL: nothing does. */

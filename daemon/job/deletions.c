@@ -17,11 +17,11 @@ int deletions_add(struct jobs *j, uint64_t id, struct err *err)
 	uint64_t *more;
 
 	if (j->ndeletions == j->deletions_room) {
-		if (!ledger_take(j->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more))
+		if (!ledger_take(j->core->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more))
 			return err_set(err, ERR_BUSY, "the memory has no room for the numbers of jobs that give way");
 		more = realloc(j->deletions, (j->deletions_room + CHUNK) * sizeof *more);
 		if (!more) {
-			ledger_give(j->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more);
+			ledger_give(j->core->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more);
 			return err_set(err, ERR_NOMEM, "no memory for the numbers of jobs that give way");
 		}
 		j->deletions = more;
@@ -35,10 +35,10 @@ void deletions_settle(struct jobs *j)
 {
 	struct err ignored = ERR_INIT; /* next round */
 
-	if (!j->ndeletions || catalogue_busy(j->p.catalogue))
+	if (!j->ndeletions || catalogue_busy(j->core->p.catalogue))
 		return;
 	for (unsigned n = 0; n < AT_ONCE && j->ndeletions; n++) {
-		if (catalogue_drop_job(j->p.catalogue, j->deletions[j->ndeletions - 1], NULL, NULL, &ignored))
+		if (catalogue_drop_job(j->core->p.catalogue, j->deletions[j->ndeletions - 1], NULL, NULL, &ignored))
 			return;
 		j->ndeletions--;
 	}
@@ -50,7 +50,7 @@ void deletions_free(struct jobs *j)
 {
 	free(j->deletions);
 	if (j->deletions_room)
-		ledger_give(j->p.ledger, LEDGER_CATALOGUE, j->deletions_room * sizeof *j->deletions);
+		ledger_give(j->core->p.ledger, LEDGER_CATALOGUE, j->deletions_room * sizeof *j->deletions);
 	j->deletions = NULL;
 	j->ndeletions = j->deletions_room = 0;
 }

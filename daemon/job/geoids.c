@@ -199,7 +199,7 @@ int geoids_count(struct jobs *j, struct err *err)
 	for (size_t i = 0; i < s.n; i++)
 		all[i] = (struct limit_geoid){.uid = s.sum[i].uid, .bytes = s.sum[i].bytes};
 	if (!r)
-		limit_geoids(j, all, s.n);
+		limit_geoids(j->core, all, s.n);
 	return r;
 }
 

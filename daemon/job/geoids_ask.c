@@ -33,7 +33,7 @@ struct ask {
 	enum ask_kind kind;
 	int fd, r;
 	char *name, *file;
-	struct job_peer peer;
+	struct peer peer;
 	struct geoid_info *list;
 	size_t n;
 	struct err err;
@@ -142,17 +142,17 @@ static void add_run(struct ask *a)
 		a->r = io_open(dirfd, temp, O_RDWR | O_CREAT | O_TRUNC, 0600, &fd, &a->err);
 	if (a->r)
 		return;
-	a->r = limit_disk_take(a->jobs, a->peer.uid, a->peer.admin, id.size, "a geoid grid", &a->err);
+	a->r = limit_disk_take(a->jobs->core, a->peer.uid, a->peer.admin, id.size, "a geoid grid", &a->err);
 	if (a->r) {
 		io->unlinkat(dirfd, temp, 0);
 		io_close(fd);
 		return;
 	}
 	/* What it takes is in what is free as soon as it is written. */
-	a->r = space_take(a->jobs->space, SPACE_PLANS, id.size, SPACE_MUST, "a geoid grid", &a->err);
+	a->r = space_take(a->jobs->core->space, SPACE_PLANS, id.size, SPACE_MUST, "a geoid grid", &a->err);
 	if (!a->r) {
 		a->r = copy(a->fd, a->file, id.size, fd, &a->err);
-		space_give(a->jobs->space, SPACE_PLANS, id.size);
+		space_give(a->jobs->core->space, SPACE_PLANS, id.size);
 	}
 	if (!a->r)
 		a->r = crs_geoid_check(fd, a->file, &g.grid, &a->err);
@@ -165,7 +165,7 @@ static void add_run(struct ask *a)
 			count_again(a);
 		lock_give(&geoids_lock);
 	}
-	limit_disk_give(a->jobs, a->peer.uid, id.size);
+	limit_disk_give(a->jobs->core, a->peer.uid, id.size);
 	io->unlinkat(dirfd, temp, 0); /* unless it was renamed */
 	io_close(fd);
 	if (!a->r) {
@@ -265,10 +265,10 @@ static void ask_done(struct sched_task *t)
 	struct ask *a = (struct ask *)t;
 
 	if (t->ran)
-		sched_give(a->jobs->p.sched, t->name, t->bytes);
+		sched_give(a->jobs->core->p.sched, t->name, t->bytes);
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
-	a->jobs->background--;
+	core_background_over(a->jobs->core);
 	if (a->kind != ASK_LIST)
 		health_changed(a->jobs);
 	if (!a->r && a->kind != ASK_LIST)
@@ -279,7 +279,7 @@ static void ask_done(struct sched_task *t)
 	ask_free(a);
 }
 
-static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, const char *file, const struct job_peer *peer,
+static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, const char *file, const struct peer *peer,
 		geoid_answer_fn *answer, void *token)
 {
 	struct ask *a = calloc(1, sizeof *a);
@@ -302,7 +302,7 @@ static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, co
 	a->task = (struct sched_task){
 		.run = ask_run,
 		.done = ask_done,
-		.owner = {.uid = peer->uid, .flow = ++j->last_flow},
+		.owner = {.uid = peer->uid, .flow = ++j->core->last_flow},
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
 		.bytes = COPY_BUFFER + GEOIDS_MAX * sizeof(struct geoid_info),
@@ -313,22 +313,21 @@ static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, co
 	a->err = ERR_INIT;
 	a->answer = answer;
 	a->token = token;
-	j->background++;
-	sched_submit(j->p.sched, &a->task);
+	core_background(j->core, &a->task);
 }
 
-void geoid_add(struct jobs *j, int fd, const char *name, const char *file, const struct job_peer *peer, geoid_answer_fn *answer,
+void geoid_add(struct jobs *j, int fd, const char *name, const char *file, const struct peer *peer, geoid_answer_fn *answer,
 	       void *token)
 {
 	ask(j, ASK_ADD, fd, name, file, peer, answer, token);
 }
 
-void geoid_list(struct jobs *j, const struct job_peer *peer, geoid_answer_fn *answer, void *token)
+void geoid_list(struct jobs *j, const struct peer *peer, geoid_answer_fn *answer, void *token)
 {
 	ask(j, ASK_LIST, -1, "", "", peer, answer, token);
 }
 
-void geoid_remove(struct jobs *j, const char *name, const struct job_peer *peer, geoid_answer_fn *answer, void *token)
+void geoid_remove(struct jobs *j, const char *name, const struct peer *peer, geoid_answer_fn *answer, void *token)
 {
 	ask(j, ASK_REMOVE, -1, name, "", peer, answer, token);
 }

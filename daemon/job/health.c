@@ -23,7 +23,7 @@
 /* Who waits for a look. */
 struct look_wait {
 	struct look_wait *next;
-	struct job_peer peer;
+	struct peer peer;
 	void (*answer)(void *token, const struct err *why, const struct health *);
 	void *token;
 };
@@ -83,8 +83,8 @@ static void look_run(struct sched_task *t)
 	struct looking *l = (struct looking *)t;
 	struct err err = ERR_INIT;
 
-	look_side(l->jobs->p.statefd, &l->found.state);
-	look_side(l->jobs->p.cachefd, &l->found.cache);
+	look_side(l->jobs->core->p.statefd, &l->found.state);
+	look_side(l->jobs->core->p.cachefd, &l->found.cache);
 	l->found.open_files = open_files();
 	l->found.threads = threads();
 	if (geoids_look(l->jobs->geoidsfd, &l->found.geoids, &l->found.geoids_bad, &err) || err.code)
@@ -110,7 +110,7 @@ static void look_done(struct sched_task *t)
 	struct looks *looks = &l->jobs->looks;
 	struct err err = ERR_INIT;
 
-	l->jobs->background--;
+	core_background_over(l->jobs->core);
 	looks->now = NULL;
 	if (!t->ran) {
 		err_set(&err, ERR_CANCELLED, "the daemon is stopping");
@@ -140,13 +140,12 @@ static void look(struct jobs *j)
 	l->task = (struct sched_task){.run = look_run,
 				      .done = look_done,
 				      .priority = SCHED_FIRST,
-				      .owner = {.uid = waits->peer.uid, .flow = ++j->last_flow}};
+				      .owner = {.uid = waits->peer.uid, .flow = ++j->core->last_flow}};
 	l->jobs = j;
 	l->begun_ns = clock_mono_ns();
 	l->waits = waits;
 	j->looks.now = l;
-	j->background++;
-	sched_submit(j->p.sched, &l->task);
+	core_background(j->core, &l->task);
 }
 
 void health_changed(struct jobs *j)
@@ -156,7 +155,7 @@ void health_changed(struct jobs *j)
 		j->looks.now->stale = true;
 }
 
-void health_check(struct jobs *j, const struct job_peer *peer,
+void health_check(struct jobs *j, const struct peer *peer,
 		  void (*answer)(void *token, const struct err *why, const struct health *), void *token)
 {
 	struct looks *looks = &j->looks;

@@ -355,7 +355,7 @@ bool history_keep(struct job *job)
 	plan_file_free(plan);
 	bytes = kept_bytes(n, all.view_bytes);
 	if (all.charged > bytes) {
-		uncharge(j, all.charged - bytes);
+		uncharge(j->core, all.charged - bytes);
 		all.charged = (size_t)bytes;
 	}
 	*k = all;
@@ -363,7 +363,7 @@ bool history_keep(struct job *job)
 	e->kept = k;
 	e->job = NULL;
 	account_kept(j->history, k, false);
-	if (j->loading && !j->spare)
+	if (j->core->loading && !j->spare)
 		j->spare = job;
 	else
 		free(job);
@@ -419,13 +419,13 @@ int history_awake(struct job *guest, struct job **ret, struct err *err)
 	}
 	more = job_bytes(strlen(guest->view));
 	more = more > guest->charged ? more - guest->charged : 0;
-	if (charge_lasting(j, CHARGE_JOB, guest->peer.uid, more, "another job", err))
+	if (charge_lasting(j->core, CHARGE_JOB, guest->peer.uid, more, "another job", err))
 		return -(int)err->code;
 	/* Others may have made room, by going. */
 	e = entry_of(j, guest->id);
 	job = e ? malloc(sizeof *job) : NULL;
 	if (!job) {
-		uncharge(j, more);
+		uncharge(j->core, more);
 		return err_set(err, e ? ERR_NOMEM : ERR_NOTFOUND, e ? "no memory for a job" : "the job is gone");
 	}
 	unpack(e->kept->image, job);
@@ -454,7 +454,7 @@ void history_drop(struct job *guest)
 	account_kept(j->history, k, true);
 	entry_remove(j, e, guest);
 	free(k);
-	if (!j->loading && !job_plan_new(guest, &ignored))
+	if (!j->core->loading && !job_plan_new(guest, &ignored))
 		job_plan_drop(guest);
 	job_done_with(guest);
 }

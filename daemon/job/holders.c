@@ -19,7 +19,7 @@ static void task_held(struct sched *s, const struct sched_task *t, uint64_t held
 
 static void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 {
-	struct sched *s = w->jobs->p.sched;
+	struct sched *s = w->jobs->core->p.sched;
 	const struct run_domain *d;
 
 	task_held(s, &w->task, held);
@@ -50,7 +50,7 @@ static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 	const struct push_stream *s;
 
 	held[LEDGER_JOBS] += p->charged;
-	task_held(p->jobs->p.sched, &p->task, held);
+	task_held(p->jobs->core->p.sched, &p->task, held);
 	/* A stage that is about to be made is known to plans, but taken only by its task. */
 	if (p->stage_bytes && !(p->busy && p->asks && p->asks->kind == PUSH_STAGE))
 		held[LEDGER_STAGE] += p->stage_bytes;
@@ -63,7 +63,7 @@ static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 	if (p->asks && p->asks->crew)
 		held[LEDGER_INPUT] += push_helpers_held(p->asks->crew);
 	for (s = p->streams; s; s = s->next)
-		task_held(p->jobs->p.sched, &s->task, held);
+		task_held(p->jobs->core->p.sched, &s->task, held);
 }
 
 static void tell(const struct job_holder *h, void (*each)(void *, const struct job_holder *), void *ctx)

@@ -28,7 +28,7 @@ struct import {
 	struct jobs *jobs;
 	uint64_t id, push;
 	struct dataset *dataset;
-	struct job_peer peer;
+	struct peer peer;
 	struct sched_owner owner;
 	bool opened, busy, ended, row, committed, telling; /* telling: its client, who may end it */
 	struct grid_manifest *m, *made;
@@ -63,7 +63,7 @@ static void submit(struct import *i, void (*run)(struct sched_task *), void (*do
 	i->busy = true;
 	i->r = 0;
 	i->err = ERR_INIT;
-	sched_submit(i->jobs->p.sched, &i->task);
+	sched_submit(i->jobs->core->p.sched, &i->task);
 }
 
 /* What it wrote goes with its dataset, which never had a generation. Where a push keeps that, the row stays and makes the
@@ -74,18 +74,18 @@ static void gone(struct import *i)
 
 	if (i->opened)
 		dataset_close(i->dataset);
-	space_give(i->jobs->space, SPACE_PENDING, i->taken);
-	limit_disk_give(i->jobs, i->peer.uid, i->taken);
+	space_give(i->jobs->core->space, SPACE_PENDING, i->taken);
+	limit_disk_give(i->jobs->core, i->peer.uid, i->taken);
 	if (i->row && !i->committed && i->dataset->users == 1 &&
-	    catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
+	    catalogue_drop_push(i->jobs->core->p.catalogue, i->push, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	i->dataset->pushes--;
-	i->jobs->background--;
+	core_background_over(i->jobs->core);
 	dataset_release(i->dataset);
 	grid_manifest_free(i->m);
 	grid_manifest_free(i->made);
 	dataset_next_clear(&i->becomes);
-	uncharge(i->jobs, sizeof *i);
+	uncharge(i->jobs->core, sizeof *i);
 	io_close(i->fd);
 	free(i->have);
 	free(i);
@@ -97,7 +97,7 @@ void import_end(struct import *i)
 	if (i->telling)
 		return;
 	if (i->busy)
-		sched_cancel(i->jobs->p.sched, &i->task);
+		sched_cancel(i->jobs->core->p.sched, &i->task);
 	else
 		gone(i);
 }
@@ -116,7 +116,7 @@ static void give(struct import *i, struct sched_task *t)
 {
 	i->busy = false;
 	if (t->ran && t->bytes)
-		sched_give(i->jobs->p.sched, t->name, t->bytes);
+		sched_give(i->jobs->core->p.sched, t->name, t->bytes);
 	if (!t->ran)
 		i->r = err_set(&i->err, ERR_CANCELLED, "the import was ended");
 }
@@ -137,11 +137,11 @@ static void begin_done(void *ctx, int r, const struct err *why)
 		gone(i);
 }
 
-static int make(struct jobs *j, const char *name, const struct job_peer *peer, struct import **ret, struct err *err)
+static int make(struct jobs *j, const char *name, const struct peer *peer, struct import **ret, struct err *err)
 {
 	struct import *i;
 
-	if (j->parking)
+	if (j->core->parking)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	if (!dataset_name_valid(name)) {
 		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
@@ -152,7 +152,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 		err_set(err, ERR_CONFLICT, "there is a dataset %s already", name);
 		return err_add_hint(err, "import under another name");
 	}
-	if (limit_datasets(j, peer, err) || charge(j, sizeof *i, "an import", err))
+	if (limit_datasets(j, peer, err) || charge(j->core, sizeof *i, "an import", err))
 		return -(int)err->code;
 	i = calloc(1, sizeof *i);
 	if (i)
@@ -160,7 +160,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 	else
 		err_set(err, ERR_NOMEM, "no memory for an import");
 	if (!i || !i->dataset) {
-		uncharge(j, sizeof *i);
+		uncharge(j->core, sizeof *i);
 		free(i);
 		return -(int)err->code;
 	}
@@ -168,7 +168,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 	return 0;
 }
 
-void import_begin(struct jobs *j, const char *name, uint32_t mode, const struct job_peer *peer,
+void import_begin(struct jobs *j, const char *name, uint32_t mode, const struct peer *peer,
 		  void (*begun)(void *token, const struct err *why, struct import *), void *token)
 {
 	struct catalogue_push row = {.uid = peer->uid, .begun_us = clock_real_us()};
@@ -181,19 +181,19 @@ void import_begin(struct jobs *j, const char *name, uint32_t mode, const struct 
 	}
 	i->jobs = j;
 	i->id = ++j->last_import;
-	i->push = row.id = ++j->last_push;
+	i->push = row.id = ++j->core->last_push;
 	i->peer = rights_kept(peer);
-	i->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->last_flow};
+	i->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->core->last_flow};
 	i->begun = begun;
 	i->token = token;
 	i->fd = -1;
 	i->dataset->mode = mode;
 	dataset_hold(i->dataset);
 	i->dataset->pushes++;
-	j->background++;
+	j->core->background++;
 	row.dataset = i->dataset->id;
 	i->busy = true;
-	if (dataset_put_row(i->dataset, &err) || catalogue_put_push(j->p.catalogue, &row, begin_done, i, &err))
+	if (dataset_put_row(i->dataset, &err) || catalogue_put_push(j->core->p.catalogue, &row, begin_done, i, &err))
 		begin_done(i, -(int)err.code, &err);
 }
 
@@ -241,13 +241,13 @@ static void segment_name(const struct import *i, size_t k, char buf[NAME])
 /* Room on the disk, before it is written. */
 static int take_space(struct import *i, uint64_t bytes)
 {
-	int r = limit_disk_take(i->jobs, i->peer.uid, i->peer.admin, bytes, "the import", &i->err);
+	int r = limit_disk_take(i->jobs->core, i->peer.uid, i->peer.admin, bytes, "the import", &i->err);
 
 	if (r)
 		return r;
-	r = space_take(i->jobs->space, SPACE_PENDING, bytes, SPACE_MUST, "the import", &i->err);
+	r = space_take(i->jobs->core->space, SPACE_PENDING, bytes, SPACE_MUST, "the import", &i->err);
 	if (r)
-		limit_disk_give(i->jobs, i->peer.uid, bytes);
+		limit_disk_give(i->jobs->core, i->peer.uid, bytes);
 	i->taken += r ? 0 : bytes;
 	return r;
 }
@@ -264,7 +264,7 @@ static int take_manifest(struct import *i, uint64_t bytes)
 	if (!r)
 		r = copy(i, as, bytes, &i->err);
 	if (!r)
-		r = grid_manifest_load(i->dataset->dirfd, as, i->jobs->p.ledger, &i->m, &i->err);
+		r = grid_manifest_load(i->dataset->dirfd, as, i->jobs->core->p.ledger, &i->m, &i->err);
 	if (!r && !i->m->generation)
 		r = err_set(&i->err, ERR_INPUT, "this manifest is not of a dataset");
 	if (!r) {
@@ -382,7 +382,7 @@ static int check(struct import *i, struct err *err)
 	struct err first = ERR_INIT;
 	struct checking c = {i, &first};
 	struct grid_verify_params p = {.dirfd = i->dataset->dirfd, .damaged = damaged, .progress = go_on, .ctx = &c};
-	struct ledger *ledger = i->jobs->p.ledger;
+	struct ledger *ledger = i->jobs->core->p.ledger;
 	int r = 0;
 
 	if (!ledger_take(ledger, LEDGER_INPUT, GRID_VERIFY_BYTES))
@@ -396,7 +396,7 @@ static int check(struct import *i, struct err *err)
 			as_sent(i, k, &first);
 	}
 	free(p.memory);
-	sched_give(i->jobs->p.sched, LEDGER_INPUT, GRID_VERIFY_BYTES);
+	sched_give(i->jobs->core->p.sched, LEDGER_INPUT, GRID_VERIFY_BYTES);
 	if (!r && first.code) {
 		*err = first;
 		r = -(int)first.code;
@@ -441,7 +441,7 @@ static void commit_run(struct sched_task *t)
 	i->r = write_manifest(i, &i->err);
 	i->made = grid_manifest_free(i->made); /* of a commit that failed */
 	if (!i->r)
-		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->jobs->p.ledger, &i->made, &i->err);
+		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->jobs->core->p.ledger, &i->made, &i->err);
 	if (!i->r)
 		i->r = check(i, &i->err);
 }

@@ -216,9 +216,9 @@ static int records(struct inspect *a, struct input *in)
 	static atomic_ullong number;
 	struct inspect_result *res = a->result;
 	char name[40];
-	struct grid_stage_params stage = {.dirfd = a->jobs->tempfd, .name = name, .memory = STAGE_BYTES};
+	struct grid_stage_params stage = {.dirfd = a->jobs->core->tempfd, .name = name, .memory = STAGE_BYTES};
 	struct pipe_inspect_params params = {
-		.lattice = &res->lattice, .dirfd = a->jobs->tempfd, .name = name, .progress = cancelled, .ctx = a};
+		.lattice = &res->lattice, .dirfd = a->jobs->core->tempfd, .name = name, .progress = cancelled, .ctx = a};
 	struct err none = ERR_INIT;
 	int r = lattice_choose(&res->info.coords, 1, NULL, NULL, &res->lattice, &a->err);
 
@@ -281,7 +281,7 @@ static void inspect_done(struct sched_task *t)
 	struct jobs *j = a->jobs;
 
 	if (t->ran)
-		sched_give(j->p.sched, t->name, t->bytes);
+		sched_give(j->core->p.sched, t->name, t->bytes);
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
 	if (!a->r && !a->read) {
@@ -296,16 +296,16 @@ static void inspect_done(struct sched_task *t)
 			.name = LEDGER_STAGE,
 			.bytes = STAGE_BYTES + sizeof *a->result + pipe_inspect_bytes() + input_bytes() + a->read_bytes,
 		};
-		sched_submit(j->p.sched, &a->task);
+		sched_submit(j->core->p.sched, &a->task);
 		return;
 	}
-	j->background--;
+	core_background_over(j->core);
 	a->answer(a->token, a->r ? &a->err : NULL, a->r ? NULL : a->result);
 	inspect_free(a);
 }
 
 void inspect_file(struct jobs *j, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
-		  const struct job_peer *peer, inspect_answer_fn *answer, void *token)
+		  const struct peer *peer, inspect_answer_fn *answer, void *token)
 {
 	struct inspect *a = calloc(1, sizeof *a);
 	struct err err = ERR_INIT;
@@ -330,7 +330,7 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 	a->task = (struct sched_task){
 		.run = header_run,
 		.done = inspect_done,
-		.owner = {.uid = peer->uid, .flow = ++j->last_flow},
+		.owner = {.uid = peer->uid, .flow = ++j->core->last_flow},
 		.reads = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
@@ -340,6 +340,5 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 	a->err = ERR_INIT;
 	a->answer = answer;
 	a->token = token;
-	j->background++;
-	sched_submit(j->p.sched, &a->task);
+	core_background(j->core, &a->task);
 }

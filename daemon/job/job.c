@@ -56,7 +56,7 @@ void job_done_with(struct job *job)
 	plan_file_free(job->plan);
 	if (job->dataset)
 		dataset_release(job->dataset);
-	uncharge(job->jobs, job->charged);
+	uncharge(job->jobs->core, job->charged);
 	free(job->view);
 }
 
@@ -76,8 +76,8 @@ static void tell(struct job *job)
 {
 	job->told_ns = clock_mono_ns();
 	job->moved = false;
-	if (job->jobs->p.changed && !job->waiting_row)
-		job->jobs->p.changed(job->jobs->p.ctx, job);
+	if (job->jobs->changed && !job->waiting_row)
+		job->jobs->changed(job->jobs->changed_ctx, job);
 }
 
 /* ---- the row ---- */
@@ -108,7 +108,7 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 		.error_offset = job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
 	};
 
-	return catalogue_put_job(job->jobs->p.catalogue, &row, done, job, err);
+	return catalogue_put_job(job->jobs->core->p.catalogue, &row, done, job, err);
 }
 
 static void run_planned(void *ctx)
@@ -186,7 +186,7 @@ static enum job_state job_state_queued(struct job *job)
 	struct err err = ERR_INIT;
 
 	job->placed = false;
-	if (job->stop || job->removed || job->jobs->parking) {
+	if (job->stop || job->removed || job->jobs->core->parking) {
 		slot_leave(job->jobs, &job->slot);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}
@@ -215,7 +215,7 @@ static enum job_state end_of(struct job *job);
 
 static enum job_state job_state_planning(struct job *job)
 {
-	if (job->stop || job->jobs->parking)
+	if (job->stop || job->jobs->core->parking)
 		return JOB_cancelling;
 	if (job->run_ended)
 		return end_of(job);
@@ -224,7 +224,7 @@ static enum job_state job_state_planning(struct job *job)
 
 static enum job_state job_state_meshing(struct job *job)
 {
-	if (job->stop || job->jobs->parking)
+	if (job->stop || job->jobs->core->parking)
 		return JOB_cancelling;
 	return job->run_ended ? end_of(job) : JOB_meshing;
 }
@@ -234,7 +234,7 @@ static enum job_state job_state_cancelling(struct job *job)
 	if (!job->run_ended)
 		return JOB_cancelling;
 	/* A daemon that stops leaves it for the next start. */
-	return job->jobs->parking && !job->bound && !job->stop ? JOB_queued : end_of(job);
+	return job->jobs->core->parking && !job->bound && !job->stop ? JOB_queued : end_of(job);
 }
 
 static enum job_state job_state_done(struct job *job)
@@ -449,17 +449,17 @@ size_t job_bytes(size_t view)
 	return sizeof(struct job) + view + 512;
 }
 
-struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_peer *peer, struct err *err)
+struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct peer *peer, struct err *err)
 {
 	size_t bytes = job_bytes(strlen(view));
 	struct job *job;
 
-	if (charge_lasting(j, CHARGE_JOB, peer->uid, bytes, "another job", err))
+	if (charge_lasting(j->core, CHARGE_JOB, peer->uid, bytes, "another job", err))
 		return NULL;
 	job = j->spare ? j->spare : malloc(sizeof *job);
 	j->spare = NULL;
 	if (!job) {
-		uncharge(j, bytes);
+		uncharge(j->core, bytes);
 		err_set(err, ERR_NOMEM, "no memory for a job");
 		return NULL;
 	}
@@ -472,24 +472,24 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_pe
 	job->err = ERR_INIT;
 	if (!history_add(job, err))
 		return job;
-	uncharge(j, bytes);
+	uncharge(j->core, bytes);
 	free(job);
 	return NULL;
 }
 
-static bool may_see(const struct job *job, const struct job_peer *peer)
+static bool may_see(const struct job *job, const struct peer *peer)
 {
 	return !job->removed && !job->waiting_row && rights_as(peer, job->peer.uid);
 }
 
-struct job *job_find(struct jobs *j, uint64_t id, const struct job_peer *peer)
+struct job *job_find(struct jobs *j, uint64_t id, const struct peer *peer)
 {
 	struct job *job = history_find(j, id);
 
 	return job && may_see(job, peer) ? job : NULL;
 }
 
-struct job *job_after(struct jobs *j, uint64_t id, const struct job_peer *peer)
+struct job *job_after(struct jobs *j, uint64_t id, const struct peer *peer)
 {
 	struct job *job;
 
@@ -542,8 +542,9 @@ int job_remove(struct job *job, struct err *err)
 		return err_add_hint(err, "cancel it first");
 	}
 	job->removed = true;
-	if (job->jobs->loading ? deletions_add(job->jobs, job->id, &ignored) :
-				 !job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
+	if (job->jobs->core->loading ?
+		    deletions_add(job->jobs, job->id, &ignored) :
+		    !job->bound && catalogue_drop_job(job->jobs->core->p.catalogue, job->id, NULL, NULL, &ignored))
 		return err_set(err, ERR_NOMEM, "no memory to remove a job");
 	if (job->guest)
 		history_drop(job);
@@ -561,7 +562,7 @@ void job_leave(struct job *job)
 int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 {
 	char *view = strdup(row->view);
-	struct job_peer peer = rights_stored(row->uid, row->pid);
+	struct peer peer = rights_stored(row->uid, row->pid);
 	struct job *job = NULL;
 	struct dataset *d = dataset_loaded(j, row->dataset);
 	int s;

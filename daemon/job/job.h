@@ -3,7 +3,7 @@
  *
  * Everything here belongs to one thread, the loop: it calls these functions, and all callbacks come on it
  * (except job_output's `encode`, `spool` and `refill`, which workers call). Disks are read and written by
- * workers and by the catalogue's thread only. Who asks is a job_peer; how it was asked is not known here.
+ * workers and by the catalogue's thread only. Who asks is a peer; how it was asked is not known here.
  */
 #ifndef JOB_H
 #define JOB_H
@@ -13,13 +13,9 @@
 #include <stdint.h>
 
 #include "crs_geo.h"
+#include "core.h"
 #include "err.h"
-#include "ledger.h"
 #include "pipe.h"
-#include "space.h"
-
-struct catalogue;
-struct sched;
 
 struct jobs; /* the service */
 struct dataset;
@@ -27,26 +23,11 @@ struct push;
 struct push_stream;
 struct job;
 
-/* Who asks, as the kernel says (rights.h). The groups are the connection's, borrowed: what is kept is rights_kept. */
-struct job_peer {
-	uint32_t uid, pid, gid;
-	bool admin;
-	uint32_t ngroups;
-	const uint32_t *groups; /* sorted */
-};
-/* What is asked of a dataset. */
-enum right {
-	RIGHT_READ,  /* mesh, plan, show, log, export; to see it in a list */
-	RIGHT_WRITE, /* push, revert */
-	RIGHT_OWN,   /* remove, restore, pin, prune, mode and group */
-	RIGHT_GIVE,  /* another owner */
-};
-
 /* Who holds how much of the budget, by name. */
 struct job_holder {
 	const char *kind; /* "job", "fetch", "plan", "push" */
 	uint64_t id;      /* of the job or push; 0: none */
-	struct job_peer peer;
+	struct peer peer;
 	const char *dataset; /* "": none */
 	uint64_t held[LEDGER_NAMES];
 };
@@ -54,27 +35,10 @@ struct job_holder {
 /* ---- the service ---- */
 
 struct jobs_params {
-	struct ledger *ledger;
-	struct sched *sched;
-	struct catalogue *catalogue; /* not started: jobs_new loads it and starts it */
-	int statefd, cachefd;        /* folders, borrowed */
-	const uint8_t *store; /* 16 bytes, of the state's marker, borrowed: what tells this store from others; NULL: zeros */
-	unsigned threads;     /* domains at once, at most */
-	struct space_limit disk, keep_free; /* as space_params */
-	double keep_removed;                /* seconds that a removed dataset can be restored; 0: 7 days */
-	double space_wait;                  /* seconds that what a client waits for may lack space */
-	double rest; /* seconds after jobs_new in which nothing is swept or measured, if nobody begins anything; 0: none */
-	struct jobs_user_limits {        /* of one user who is no admin; 0, SPACE_UNLIMITED: none */
-		unsigned jobs;           /* that are not done */
-		unsigned memory;         /* per cent that jobs, pushes and plans hold */
-		unsigned datasets;       /* that he owns, removed ones too */
-		struct space_limit disk; /* of datasets and pushes; per cent: of the file system of the state */
-	} user;
+	struct core_params core;
 	/* A job came to be, went on, or ended. */
 	void (*changed)(void *ctx, struct job *);
-	/* The cache's folder is gone: makes it again, and gives a descriptor of it. NULL: it stays gone. */
-	int (*cache_again)(void *ctx, int *ret_fd, struct err *err);
-	void *ctx, *cache_ctx;
+	void *ctx;
 };
 /* Loads the catalogue, removes what uncommitted pushes and dead one-step datasets left, queues the jobs that
  * were not done. Reads the disk: call it before the loop runs. */
@@ -87,7 +51,7 @@ struct jobs_limits {
 };
 void jobs_set_limits(struct jobs *, const struct jobs_limits *);
 /* For what is asked from now on. */
-void jobs_set_user_limits(struct jobs *, const struct jobs_user_limits *);
+void jobs_set_user_limits(struct jobs *, const struct user_limits *);
 /* Only when jobs_parked. NULL is fine; returns NULL. */
 struct jobs *jobs_free(struct jobs *);
 /* After sched_dispatch and catalogue_dispatch: gives memory to who starves, starts what can start. */
@@ -114,12 +78,6 @@ void jobs_holders(struct jobs *, void (*each)(void *ctx, const struct job_holder
 uint64_t jobs_peak_rss(void); /* VmHWM of this process, bytes */
 uint64_t jobs_rss(void);      /* VmRSS */
 
-/* What is counted of the work, since the start. */
-struct tally {
-	uint64_t points_staged, files_staged, bytes_read; /* of files that pushes have read whole */
-	uint64_t triangles, domains_made, domains_reused;
-	uint64_t merges, merged_bytes;
-};
 struct verified {
 	int64_t at_us;                                  /* real time; 0: never */
 	uint64_t files, bytes, damaged, derived, newer; /* newer: of what was pushed */
@@ -152,7 +110,7 @@ struct jobs_own {
 	unsigned jobs, jobs_most, datasets, removed, datasets_most; /* jobs: unfinished; of the datasets so many are removed */
 	uint64_t disk, disk_most;
 };
-void jobs_own(struct jobs *, const struct job_peer *, uint64_t state_bytes, struct jobs_own *ret); /* size of that file system */
+void jobs_own(struct jobs *, const struct peer *, uint64_t state_bytes, struct jobs_own *ret); /* size of that file system */
 
 /* What a worker sees of disks and grids when it looks. */
 struct health_side {
@@ -167,8 +125,8 @@ struct health {
 	unsigned open_files, threads; /* of this process */
 };
 /* What was seen within the last second, or what a worker sees now: one look serves all who ask meanwhile. */
-void health_check(struct jobs *, const struct job_peer *,
-		  void (*answer)(void *token, const struct err *why, const struct health *), void *token);
+void health_check(struct jobs *, const struct peer *, void (*answer)(void *token, const struct err *why, const struct health *),
+		  void *token);
 
 /* ---- datasets ---- */
 
@@ -193,11 +151,11 @@ struct dataset_info {
 	int64_t pending_until_us;
 };
 /* NULL: none. One-step datasets are seen by their owner only. That it is there says nothing about what one may do. */
-struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
+struct dataset *dataset_find(struct jobs *, const char *name, const struct peer *);
 /* The one of that name, for who has that right on it. -ERR_NOTFOUND, -ERR_PERM. */
-int dataset_ask(struct jobs *, const char *name, const struct job_peer *, enum right, struct dataset **ret, struct err *err);
+int dataset_ask(struct jobs *, const char *name, const struct peer *, enum right, struct dataset **ret, struct err *err);
 /* Named datasets that this peer may read, by name: the first after `name`, at most `max`. Says how many. */
-unsigned dataset_list(const struct jobs *, const char *name, const struct job_peer *, unsigned max, struct dataset **ret);
+unsigned dataset_list(const struct jobs *, const char *name, const struct peer *, unsigned max, struct dataset **ret);
 void dataset_info(const struct dataset *, struct dataset_info *ret);
 /* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed.
  */
@@ -210,7 +168,7 @@ struct dataset_wish {
 	const char *crs; /* as push_params.assume_crs */
 	bool has_mode;   /* else DATASET_MODE */
 	uint32_t mode;
-	struct job_peer peer;
+	struct peer peer;
 };
 /* Answered when the catalogue has it. -ERR_USAGE: there is one of that name. */
 void dataset_create(struct jobs *, const struct dataset_wish *, void (*created)(void *token, const struct err *why), void *token);
@@ -226,7 +184,7 @@ struct dataset_wanted {
 	uint64_t id;           /* to restore, where no removed dataset has the name; 0: none */
 	const char *mode;      /* as mode_parse takes it; NULL: none */
 	uint32_t gid, uid;     /* the new group, the new owner */
-	struct job_peer peer;
+	struct peer peer;
 };
 typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset *);
 /* RIGHT_OWN, a new owner RIGHT_GIVE; a new group is one that the owner is in. A removed dataset is hidden, its name free, and
@@ -234,7 +192,7 @@ typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset 
  * -ERR_NOTFOUND. */
 void dataset_verb(struct jobs *, const struct dataset_wanted *, dataset_verb_fn *answer, void *token);
 /* Removed ones that this peer can restore, by number: the first after `id`; NULL at the end. */
-struct dataset *dataset_removed_after(struct jobs *, uint64_t id, const struct job_peer *);
+struct dataset *dataset_removed_after(struct jobs *, uint64_t id, const struct peer *);
 
 struct reverted {
 	struct dataset *dataset;
@@ -243,12 +201,12 @@ struct reverted {
 };
 typedef void revert_answer_fn(void *token, const struct err *why, const struct reverted *);
 /* A new generation that undoes another one; 0: the newest. -ERR_USAGE: what it did was changed since. */
-void dataset_revert(struct dataset *, uint64_t generation, const struct job_peer *, revert_answer_fn *answer, void *token);
+void dataset_revert(struct dataset *, uint64_t generation, const struct peer *, revert_answer_fn *answer, void *token);
 
 /* The newest manifest of a dataset (NULL: there is none yet), which is the service's, and the callback's while it is
  * called. */
 typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
-void dataset_read(struct dataset *, const struct job_peer *, dataset_read_fn *answer, void *token);
+void dataset_read(struct dataset *, const struct peer *, dataset_read_fn *answer, void *token);
 
 struct pruned {
 	struct dataset *dataset;
@@ -262,7 +220,7 @@ struct prune;
  * Generations go: all but the newest `keep`, or all before generation `before`; the other one is 0. -ERR_BUSY: jobs
  * of these are not done. Answered when the catalogue has it; NULL: answered already. The handle is good until then.
  */
-struct prune *dataset_prune(struct dataset *, uint64_t keep, uint64_t before, const struct job_peer *, prune_answer_fn *answer,
+struct prune *dataset_prune(struct dataset *, uint64_t keep, uint64_t before, const struct peer *, prune_answer_fn *answer,
 			    void *token);
 void dataset_prune_cancel(struct prune *); /* answered with -ERR_CANCELLED, if it is not too late */
 
@@ -349,7 +307,7 @@ struct push_params {
 	bool planar, accept_truncated, strict;
 	const double *crop; /* x1, y1, x2, y2, in the dataset's coordinates, or ncrop is 0; of one-step ones only */
 	size_t ncrop;
-	struct job_peer peer;
+	struct peer peer;
 	const struct push_calls *calls;
 	void *ctx; /* of calls->durable; until push_leave */
 };
@@ -369,7 +327,7 @@ void push_abort(struct push *, void *token);
 void push_leave(struct push *);
 /* A probe of its own, for `acutctl info`. */
 void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
-	       const struct job_peer *,
+	       const struct peer *,
 	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *), void *token);
 
 /* ---- inspection: what is in the records of one file ---- */
@@ -391,7 +349,7 @@ struct inspect_result {
 typedef void inspect_answer_fn(void *token, const struct err *why, const struct inspect_result *);
 /* Reads all of the file. `fd` becomes the service's in any case. */
 void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
-		  const struct job_peer *, inspect_answer_fn *answer, void *token);
+		  const struct peer *, inspect_answer_fn *answer, void *token);
 
 /* ---- geoid grids that the daemon keeps ---- */
 
@@ -403,10 +361,10 @@ struct geoid_info {
 typedef void geoid_answer_fn(void *token, const struct err *why, const struct geoid_info *list, size_t n);
 /* A checked copy of the file under that name; answers with it alone. `fd` becomes the service's in any case;
  * `file` is what messages call it. */
-void geoid_add(struct jobs *, int fd, const char *name, const char *file, const struct job_peer *, geoid_answer_fn *answer,
+void geoid_add(struct jobs *, int fd, const char *name, const char *file, const struct peer *, geoid_answer_fn *answer,
 	       void *token);
-void geoid_list(struct jobs *, const struct job_peer *, geoid_answer_fn *answer, void *token); /* by name */
-void geoid_remove(struct jobs *, const char *name, const struct job_peer *, geoid_answer_fn *answer, void *token);
+void geoid_list(struct jobs *, const struct peer *, geoid_answer_fn *answer, void *token); /* by name */
+void geoid_remove(struct jobs *, const char *name, const struct peer *, geoid_answer_fn *answer, void *token);
 
 /* ---- jobs ---- */
 
@@ -441,7 +399,7 @@ struct job_info {
 	struct dataset *dataset; /* NULL: it is gone */
 	const char *dataset_name, *view;
 	enum job_state state;
-	struct job_peer peer;
+	struct peer peer;
 	bool bound;
 	int64_t submitted_us, finished_us;
 	enum job_priority priority;
@@ -461,14 +419,14 @@ struct job_params {
 	const char *priority; /* its text; NULL, "": normal, or that of the earlier job. Above normal: -ERR_PERM, but
 			       * for root and the daemon's own user */
 	bool bound, fresh;
-	struct job_peer peer;
+	struct peer peer;
 };
 /* Unbound jobs: `accepted` comes when the catalogue has it. */
 void job_submit(struct jobs *, const struct job_params *, void (*accepted)(void *token, const struct err *why, struct job *),
 		void *token);
 /* NULL: none that this peer may see. One that is over is there until the next jobs_settle: it is looked for again then. */
-struct job *job_find(struct jobs *, uint64_t id, const struct job_peer *);
-struct job *job_after(struct jobs *, uint64_t id, const struct job_peer *);
+struct job *job_find(struct jobs *, uint64_t id, const struct peer *);
+struct job *job_after(struct jobs *, uint64_t id, const struct peer *);
 void job_info(const struct job *, struct job_info *ret);
 void job_cancel(struct job *);
 /* -ERR_BUSY: it is not over. */
@@ -548,7 +506,7 @@ struct job_plan {
 	uint32_t load, threads;
 	double seconds; /* at the pace of the newest finished job; 0: there is none to go by */
 };
-void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *view, const struct job_peer *,
+void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *view, const struct peer *,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token);
 
 /* ---- the disk ---- */
@@ -580,11 +538,11 @@ struct cache_verify_calls {
 struct cache_verify;
 /* Reads all of state and cache, at the lowest priority. -ERR_PERM: not root nor the daemon's user; -ERR_BUSY: it is
  * being done already. */
-int cache_verify(struct jobs *, const struct job_peer *, const struct cache_verify_calls *, void *token,
-		 struct cache_verify **ret, struct err *err);
+int cache_verify(struct jobs *, const struct peer *, const struct cache_verify_calls *, void *token, struct cache_verify **ret,
+		 struct err *err);
 void cache_verify_end(struct cache_verify *); /* soon; `over` comes all the same */
 /* Removes what is not needed; all: everything derived. -ERR_PERM as above. */
-void cache_gc(struct jobs *, const struct job_peer *, bool all,
+void cache_gc(struct jobs *, const struct peer *, bool all,
 	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token);
 
 #endif

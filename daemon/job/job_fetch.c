@@ -27,7 +27,7 @@ static void fetch_free(struct job_fetch *f)
 	slot_leave(f->job->jobs, &f->slot);
 	run_free(f->run);
 	if (f->window)
-		uncharge(f->job->jobs, strlen(f->window) + 1);
+		uncharge(f->job->jobs->core, strlen(f->window) + 1);
 	free(f->window);
 	free(f);
 }
@@ -102,7 +102,7 @@ void job_fetch(struct job *job, struct job_output *output)
 	if (!f)
 		err_set(&err, ERR_NOMEM, "no memory for a stream");
 	else if (window)
-		charge(job->jobs, strlen(window) + 1, "the area of a stream", &err);
+		charge(job->jobs->core, strlen(window) + 1, "the area of a stream", &err);
 	if (err.code) {
 		free(window);
 		free(f);
@@ -146,7 +146,7 @@ static void end(struct job_fetch *f, struct job_output *output, const struct err
 	struct job_report report;
 
 	if (why)
-		tell_damage(f->job->jobs, ABOUT_JOB(f->job), why);
+		event_damage(ABOUT_JOB(f->job), why);
 	if (output) {
 		output->fetch = NULL;
 		if (f->window && f->run && !why) {

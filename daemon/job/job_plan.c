@@ -126,7 +126,7 @@ void job_plans_park(struct jobs *j)
 			run_stop(p->run, &err);
 }
 
-void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view, const struct job_peer *peer,
+void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view, const struct peer *peer,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
 {
 	struct job_asked_plan *p = calloc(1, sizeof *p);
@@ -147,7 +147,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	THREAD_LOOP_ONLY();
 	if (!p)
 		err_set(&err, ERR_NOMEM, "no memory for a plan");
-	else if (j->parking)
+	else if (j->core->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (!dataset_check_generation(d, generation, &err) && !job_view(view, d, &text, &err)) {
 		params.view_text = text;
@@ -178,7 +178,8 @@ int job_plan_new(struct job *job, struct err *err)
 {
 	const struct jobs *j = job->jobs;
 
-	job->plan = plan_file_new(job->bound ? j->tempfd : j->plansfd, job->id, job->generation, !job->bound, j->p.ledger);
+	job->plan = plan_file_new(job->bound ? j->core->tempfd : j->core->plansfd, job->id, job->generation, !job->bound,
+				  j->core->p.ledger);
 	return job->plan ? 0 : err_set(err, ERR_NOMEM, "no memory for a job");
 }
 
@@ -200,7 +201,7 @@ static void drop_done(struct sched_task *t)
 {
 	struct drop *d = (struct drop *)t;
 
-	d->jobs->background--;
+	core_background_over(d->jobs->core);
 	plan_file_free(d->plan);
 	free(d);
 }
@@ -216,8 +217,7 @@ void job_plan_drop(struct job *job)
 	d->jobs = job->jobs;
 	d->plan = job->plan;
 	job->plan = NULL;
-	d->jobs->background++;
-	sched_submit(d->jobs->p.sched, &d->task);
+	core_background(d->jobs->core, &d->task);
 }
 
 /* ---- plans of jobs that are not there ---- */
@@ -260,15 +260,15 @@ static void sweep_run(struct sched_task *t)
 	struct sweep *s = (struct sweep *)t;
 	struct err err = ERR_INIT;
 
-	sweep_told(plan_file_sweep(s->jobs->plansfd, s->last, was_there, s, &err), &err);
+	sweep_told(plan_file_sweep(s->jobs->core->plansfd, s->last, was_there, s, &err), &err);
 }
 
 static void sweep_done(struct sched_task *t)
 {
 	struct sweep *s = (struct sweep *)t;
 
-	s->jobs->background--;
-	uncharge(s->jobs, s->n * sizeof *s->job);
+	core_background_over(s->jobs->core);
+	uncharge(s->jobs->core, s->n * sizeof *s->job);
 	free(s);
 }
 
@@ -280,18 +280,18 @@ void job_plan_sweep(struct jobs *j)
 	struct err err = ERR_INIT;
 	struct sweep *s = NULL;
 
-	if (!charge(j, n * sizeof *s->job, "the numbers of jobs", &err)) {
+	if (!charge(j->core, n * sizeof *s->job, "the numbers of jobs", &err)) {
 		s = malloc(sizeof *s + n * sizeof *s->job);
 		if (!s)
-			uncharge(j, n * sizeof *s->job);
+			uncharge(j->core, n * sizeof *s->job);
 	}
 	err_clear(&err);
 	if (!s) {
-		sweep_told(plan_file_sweep(j->plansfd, j->last_job, is_there, j, &err), &err);
+		sweep_told(plan_file_sweep(j->core->plansfd, j->last_job, is_there, j, &err), &err);
 		return;
 	}
 	*s = (struct sweep){.jobs = j, .n = n, .last = j->last_job};
 	s->task = (struct sched_task){.run = sweep_run, .done = sweep_done, .priority = SCHED_LAST};
 	history_numbers(j, s->job);
-	deferred_submit(j, &s->task);
+	deferred_submit(j->core, &s->task);
 }

@@ -4,15 +4,9 @@
 
 #include <stdatomic.h>
 
-#include "catalogue.h"
-#include "job.h"
-#include "ledger.h"
-#include "lock.h"
-#include "log.h"
+#include "core.h"
 #include "history.h"
-#include "rights.h"
-#include "sched_pool.h"
-#include "thread.h"
+#include "job.h"
 #include "run.h"
 
 enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
@@ -94,7 +88,7 @@ struct job {
 	char *view;
 	size_t charged; /* of LEDGER_JOBS */
 	enum job_state state;
-	struct job_peer peer;
+	struct peer peer;
 	enum job_priority priority;
 	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
 	int64_t submitted_us, finished_us;
@@ -136,7 +130,7 @@ struct job_asked_plan {
 	struct jobs *jobs;
 	struct slot slot;
 	struct run *run;
-	struct job_peer peer;
+	struct peer peer;
 	bool run_ended;
 	struct err err;
 	bool failed;
@@ -145,14 +139,14 @@ struct job_asked_plan {
 };
 
 struct jobs {
-	struct jobs_params p;
-	struct tally tally;
+	struct core *core;
+	void (*changed)(void *ctx, struct job *);
+	void *changed_ctx;
 	struct verified verified;
-	struct space *space; /* accounts of the disk; any thread */
 	struct recency *recency,
 		*summaries; /* of stored domains: struct store_id, struct pipe_summary; any thread; NULL: no memory */
-	int datafd, onestepfd, domainsfd, tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
-		plansfd, geoidsfd;                /* state/plans, state/geoids */
+	int geoidsfd;       /* state/geoids */
+	uint64_t counted_ns;
 	struct dataset *datasets;
 	struct push *pushes;
 	struct job *jobs; /* at work: not over, or read, or about to go. All: history.h */
@@ -160,7 +154,6 @@ struct jobs {
 	int64_t aged_us;       /* when jobs that are too old were looked for */
 	struct loaded *loaded; /* datasets by id, while the catalogue is loaded */
 	struct dataset *last_loaded;
-	bool loading;
 	uint64_t *deletions; /* deletions.c */
 	size_t ndeletions, deletions_room;
 	struct job *spare; /* while jobs are loaded: what the one before was made in */
@@ -171,7 +164,6 @@ struct jobs {
 		int64_t us;
 		uint64_t at_ns, ahead_ns; /* when it was told; since when the clock is ahead of it, 0: it is not */
 	} trusted;                        /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
-	uint64_t lacks;                   /* bytes that charge did not have, the most at a time (charge_make_room) */
 	struct dataset_rewrite *merge;    /* that is at work */
 	struct prune *prunes;             /* the first is at work, if no merge is */
 	struct dataset_old *olds;         /* that wait until nobody opens them */
@@ -181,27 +173,9 @@ struct jobs {
 	double merge_wait;                /* seconds that the last one was put off for want of space; 0: it was not */
 	struct dataset_change *changes;   /* that wait for their turn */
 	struct verb *verbs;               /* dataset_remove.c: likewise */
-	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
+	uint64_t last_dataset, last_job, last_onestep, last_select;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned runs_max;
-	struct deferred { /* deferred.c */
-		uint64_t from_ns;
-		bool over;
-		struct sched_task *task[2];
-		unsigned n;
-	} deferred;
-	struct disk {
-		uint64_t counted_ns;
-		bool begun, busy;
-		struct sched_task ask; /* of the file systems, what they have */
-		uint64_t asked_ns;     /* when it began last */
-		bool asking;
-	} disk;
-	struct limits { /* limit.c */
-		struct lock lock;
-		struct limit_row *row;
-		size_t n, cap;
-	} limits;
 	struct looks {                  /* health.c */
 		struct looking *now;    /* is under way; NULL: none is */
 		struct look_wait *next; /* wait for another one */
@@ -209,10 +183,8 @@ struct jobs {
 		uint64_t last_ns; /* when that look began; 0: there is none that still holds */
 	} looks;
 	struct cache_verify *verify; /* that goes on; NULL: none */
-	unsigned background;         /* tasks of the service itself: removal of folders, probes for info */
 	struct backup *backups;      /* and exports, that are open */
 	uint64_t last_backup, last_import;
-	bool parking;
 	struct slot *slots; /* that are sought */
 	unsigned nslots;
 	bool placing;
@@ -235,40 +207,19 @@ struct jobs {
 void verified_load(struct jobs *); /* reads the disk */
 void verified_note(struct jobs *, const struct cache_verified *);
 
-void tally_domain(struct jobs *, uint32_t triangles); /* that was triangulated */
 void job_tell_end(const struct job *);
 /* What was pushed is damaged, if `why` says so. */
-void tell_damage(struct jobs *, const struct log_about *, const struct err *why);
+void event_damage(const struct log_about *, const struct err *why);
 
-/* disk.c: the service's side of the disk */
-void disk_ask_now(struct jobs *); /* before the figures of the file systems are told: they are of now, if they answer at once */
-void disk_look(struct jobs *);    /* folders that are gone, and what there is to measure or evict */
-void disk_tick(struct jobs *);
-/* The rest after a start. deferred_submit counts the task in `background`, now or when the rest is over. */
-void deferred_begin(struct jobs *);
-void deferred_submit(struct jobs *, struct sched_task *);
-bool deferred_over(struct jobs *);
-void deferred_end(struct jobs *);
-void deferred_drop(struct jobs *);
-void disk_mend(struct jobs *);               /* folders of the cache that somebody has removed */
+/* disk_points.c */
 void disk_count(struct jobs *);              /* what the lists of datasets and pushes say */
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
 
 /* cache_verify.c */
 void cache_verify_tick(struct jobs *);
 /* cache_gc.c */
-int cache_may(const struct job_peer *, const char *what, struct err *err); /* admins */
+int cache_may(const struct peer *, const char *what, struct err *err); /* admins */
 
-/* charge.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
-int charge(struct jobs *, uint64_t bytes, const char *what, struct err *err); /* for what ends by itself */
-/* For what stays, of that user: leaves that part of all to what is below, and to the above. Old jobs that are over give way, of
- * the user first who has most of them: not to be called where one of them is in hand, or the next in a loop over them. */
-enum charge_lasting_kind { CHARGE_DATASET = 8, CHARGE_JOB = 16 };
-int charge_lasting(struct jobs *, enum charge_lasting_kind, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
-/* For what found none since the last time, likewise; true: who waits for it may try again. */
-bool charge_make_room(struct jobs *);
-void uncharge(struct jobs *, uint64_t bytes);
-uint64_t charge_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, uint32_t uid, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
 
@@ -305,7 +256,7 @@ void dataset_prunes_park(struct jobs *);
 
 /* dataset.c */
 /* Of this owner and his first group; its mode is DATASET_MODE. */
-struct dataset *dataset_new(struct jobs *, const char *name, const struct job_peer *owner, bool onestep, struct err *err);
+struct dataset *dataset_new(struct jobs *, const char *name, const struct peer *owner, bool onestep, struct err *err);
 struct dataset *dataset_free(struct dataset *);
 bool dataset_name_valid(const char *name);
 /* Its folder; balanced by dataset_close. Opens (and makes) it on a worker's or the starting thread. */
@@ -357,7 +308,7 @@ void dataset_become(struct dataset *, struct dataset_next *next, bool old_is_rea
 /* dataset_generation.c */
 /* m->generations becomes the base's (NULL: there is none) and m->generation, as its sources have it; to be freed.
  * Workers. */
-int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct job_peer *, enum grid_generation_kind,
+int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct peer *, enum grid_generation_kind,
 		    uint64_t undoes, struct err *err);
 
 /* push_pending.c */
@@ -377,11 +328,14 @@ struct push *push_next(const struct push *);
 void push_retry(struct push *);
 void push_remove_files(struct push *);
 
+/* dataset_rights.c: rights_allow, with a sentence. -ERR_PERM */
+int rights_dataset(const struct dataset *, const struct peer *, enum right, struct err *err);
+
 /* job.c */
 void job_step(struct job *);
 void job_tick(struct job *);
 /* `view` becomes the job's, unless there is no memory: then NULL. */
-struct job *job_add(struct jobs *, uint64_t id, char *view, const struct job_peer *, struct err *err);
+struct job *job_add(struct jobs *, uint64_t id, char *view, const struct peer *, struct err *err);
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
 void job_over(struct job *); /* its last row, and the log */
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
@@ -407,7 +361,7 @@ int job_view(const char *text, const struct dataset *, char **ret, struct err *e
 
 /* job_waiting.c: what a job waits for, and what it asks to go before */
 /* -ERR_USAGE: no such word; -ERR_PERM. "" leaves *ret. */
-int job_priority_read(const char *text, const struct job_peer *, enum job_priority *ret, struct err *err);
+int job_priority_read(const char *text, const struct peer *, enum job_priority *ret, struct err *err);
 void job_set_priority(struct job *, enum job_priority);
 void job_waiting(const struct job *, struct job_info *ret); /* its fields about that */
 
@@ -427,8 +381,6 @@ void jobs_put_away(struct jobs *);                          /* those that are ov
 bool jobs_forget_one(struct jobs *, enum history_kind, uint32_t uid, uint64_t more);
 uint64_t jobs_domain_memory(struct jobs *);             /* that a plan may count on now */
 bool jobs_selecting(struct jobs *, const struct run *); /* another run makes this one's selection */
-/* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */
-int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);
 /* The smallest `memory` whose domains carry that many positions; 0: none does. */
 uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
 uint64_t jobs_domain_largest(struct jobs *);                                    /* of the runs that run */
@@ -455,21 +407,8 @@ bool admit_stage_awaited(const struct jobs *, uint32_t uid); /* by another user 
 void admit_relieve(struct jobs *);
 
 /* limit.c: what one user may have; none of it holds admins. -ERR_LIMIT, with the setting's name as field. */
-void limit_init(struct jobs *);
-void limit_done(struct jobs *);
-int limit_jobs(const struct jobs *, const struct job_peer *, struct err *err);     /* one more */
-int limit_datasets(const struct jobs *, const struct job_peer *, struct err *err); /* likewise */
-/* Bytes more of that user on the disk, beside those of the lists; any thread. Balanced. */
-int limit_disk_take(struct jobs *, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err);
-void limit_disk_give(struct jobs *, uint32_t uid, uint64_t bytes);
-struct limit_geoid {
-	uint32_t uid;
-	uint64_t bytes;
-};
-void limit_geoids(struct jobs *, const struct limit_geoid *all, size_t n); /* all that are kept; any thread */
-void limit_count(struct jobs *);                                           /* what the lists say */
-/* The same, and two users give back what they took (negative: take it, whatever the limit), in one step. */
-void limit_count_given(struct jobs *, uint32_t uid, int64_t bytes, uint32_t other, int64_t others);
+int limit_jobs(const struct jobs *, const struct peer *, struct err *err);     /* one more */
+int limit_datasets(const struct jobs *, const struct peer *, struct err *err); /* likewise */
 /* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
 uint64_t limit_memory(const struct jobs *, const struct sched_owner *);
 /* What is left of it; for domains and the like of a run that has its slot. */

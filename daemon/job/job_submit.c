@@ -124,14 +124,14 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
  * of it. What is not over cannot go, so a user may fill at most half of what the unfinished jobs of others leave: however
  * many users take what they may, something is left for the next.
  */
-static uint64_t views_most(const struct job_peer *peer, const struct history_views *v)
+static uint64_t views_most(const struct peer *peer, const struct history_views *v)
 {
 	uint64_t others = v->busy - v->own_busy, left = others < JOBS_VIEWS_MAX ? JOBS_VIEWS_MAX - others : 0;
 
 	return rights_admin(peer) ? left : left / 2;
 }
 
-static int take_view(struct jobs *j, const struct job_peer *peer, const char *view, struct err *err)
+static int take_view(struct jobs *j, const struct peer *peer, const char *view, struct err *err)
 {
 	uint64_t n = strlen(view);
 	struct history_views v;
@@ -162,7 +162,7 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 	unsigned open = 0, own = 0;
 	int r;
 
-	if (j->parking)
+	if (j->core->parking)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	for (job = j->jobs; job; job = job->next) {
 		open += !job_state_final(job->state);

@@ -23,7 +23,7 @@ const char *job_priority_text(enum job_priority priority)
 	return priorities[priority];
 }
 
-int job_priority_read(const char *text, const struct job_peer *peer, enum job_priority *ret, struct err *err)
+int job_priority_read(const char *text, const struct peer *peer, enum job_priority *ret, struct err *err)
 {
 	int p;
 

@@ -24,17 +24,11 @@
 enum { JOBS_KEPT = 20000, JOBS_DAYS = 30, AGED_MAX = 64 };
 /* Of jobs that are over so many stay as they are. */
 enum { JOBS_WARM = 64 };
+#define COUNT_SECONDS 0.5
 #define DAY_US INT64_C(86400000000)
 #define AGE_US INT64_C(3600000000) /* how often the oldest are looked for */
 
 /* ---- starting ---- */
-
-static int folder(int dirfd, const char *name, int *ret, struct err *err)
-{
-	int r = io_make_dir(dirfd, name, 0700, err);
-
-	return r ? r : io_open(dirfd, name, O_RDONLY | O_DIRECTORY, 0, ret, err);
-}
 
 static int load_dataset(void *ctx, const struct catalogue_dataset *row, struct err *err)
 {
@@ -112,19 +106,14 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 	if (row->dataset > j->last_dataset)
 		j->last_dataset = row->dataset;
 	if (!r && !stays)
-		r = catalogue_drop_push(j->p.catalogue, row->id, NULL, NULL, err);
+		r = catalogue_drop_push(j->core->p.catalogue, row->id, NULL, NULL, err);
 	return r;
-}
-
-int jobs_selected_folder(struct jobs *j, int *ret_fd, struct err *err)
-{
-	return folder(j->p.cachefd, "selected", ret_fd, err);
 }
 
 /* Selections that a crash cut short. */
 static int sweep_selected(struct jobs *j, struct err *err)
 {
-	int fd, r = jobs_selected_folder(j, &fd, err);
+	int fd, r = core_selected_folder(j->core, &fd, err);
 
 	if (r)
 		return r;
@@ -168,95 +157,32 @@ static int sweep_all(struct jobs *j, struct err *err)
 			continue;
 		}
 		snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
-		if (io->unlinkat(j->datafd, name, AT_REMOVEDIR) != 0)
+		if (io->unlinkat(j->core->datafd, name, AT_REMOVEDIR) != 0)
 			r = err_sys(err, errno, "cannot remove the folder of a dataset");
 		else
-			r = catalogue_drop_dataset(j->p.catalogue, d->id, NULL, NULL, err);
+			r = catalogue_drop_dataset(j->core->p.catalogue, d->id, NULL, NULL, err);
 		gone = true;
 		*at = d->next;
 		dataset_free(d);
 	}
 	/* Rows go when the catalogue starts, by which time folders cannot come back. */
-	return !r && gone ? io_sync(j->datafd, "the folder of datasets", err) : r;
-}
-
-/* ---- what nothing outlives a daemon, removed when it serves already ---- */
-
-static const char aside[] = "gone-";
-
-/* A new folder; what was in the old one goes later. */
-static int folder_anew(struct jobs *j, const char *name, int *ret, struct err *err)
-{
-	char to[32];
-	int r = -1;
-
-	for (unsigned i = 0; r != 0 && i < 1000; i++) {
-		snprintf(to, sizeof to, "%s%u", aside, i);
-		r = io->renameat(j->p.cachefd, name, j->p.cachefd, to);
-		if (r != 0 && errno != ENOTEMPTY && errno != EEXIST)
-			break;
-	}
-	if (r == 0 || errno == ENOENT)
-		return folder(j->p.cachefd, name, ret, err);
-	r = folder(j->p.cachefd, name, ret, err);
-	return r ? r : io_folder_empty(*ret, err);
-}
-
-struct clearing {
-	struct sched_task task;
-	struct jobs *jobs;
-};
-
-static void clearing_run(struct sched_task *t)
-{
-	struct err err = ERR_INIT;
-
-	if (io_folder_sweep(((struct clearing *)t)->jobs->p.cachefd, aside, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start",
-			      &err);
-}
-
-static void clearing_done(struct sched_task *t)
-{
-	((struct clearing *)t)->jobs->background--;
-	free(t);
-}
-
-static void clear_aside(struct jobs *j)
-{
-	struct clearing *c = calloc(1, sizeof *c);
-
-	if (!c)
-		return;
-	c->task = (struct sched_task){.run = clearing_run, .done = clearing_done, .priority = SCHED_LAST};
-	c->jobs = j;
-	deferred_submit(j, &c->task);
+	return !r && gone ? io_sync(j->core->datafd, "the folder of datasets", err) : r;
 }
 
 static int open_folders(struct jobs *j, struct err *err)
 {
-	int r = folder(j->p.statefd, "datasets", &j->datafd, err);
+	int r = geoids_open(j->core->p.statefd, &j->geoidsfd, err);
 
-	if (!r)
-		r = folder_anew(j, "one-step", &j->onestepfd, err);
-	if (!r)
-		r = folder(j->p.cachefd, "domains", &j->domainsfd, err);
-	if (!r)
-		r = folder_anew(j, "tmp", &j->tempfd, err);
-	if (!r)
-		r = folder(j->p.statefd, "plans", &j->plansfd, err);
-	if (!r)
-		r = geoids_open(j->p.statefd, &j->geoidsfd, err);
 	if (!r)
 		r = geoids_count(j, err);
 	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
 	if (!r)
-		r = io_sync(j->p.statefd, "the state folder", err);
+		r = io_sync(j->core->p.statefd, "the state folder", err);
 	/* Of versions that nobody reads any more. */
 	if (!r)
-		r = store_sweep(j->domainsfd, err);
+		r = store_sweep(j->core->domainsfd, err);
 	if (!r)
-		r = backup_sweep(j->p.statefd, err);
+		r = backup_sweep(j->core->p.statefd, err);
 	if (!r)
 		r = sweep_selected(j, err);
 	return r;
@@ -283,9 +209,30 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes",
 		  (unsigned long long)id);
-	if (io_folder_remove(o->jobs->datafd, e->d_name, &why))
+	if (io_folder_remove(o->jobs->core->datafd, e->d_name, &why))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &why);
 	return 0;
+}
+
+/* ---- what the core asks ---- */
+
+static uint64_t history_held(void *ctx)
+{
+	return history_bytes(ctx);
+}
+
+static bool forget_finished(void *ctx, uint32_t uid, uint64_t more)
+{
+	return jobs_forget_one(ctx, HISTORY_BYTES, uid, more);
+}
+
+static void disk_used(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
+{
+	for (const struct dataset *d = ((struct jobs *)ctx)->datasets; d; d = d->next) {
+		add(to, d->uid, d->bytes);
+		for (const struct pending *q = d->pending; q; q = q->next)
+			add(to, q->uid, disk_points_bytes(q->points));
+	}
 }
 
 /* Fractions of the memory: 1/n. */
@@ -300,31 +247,36 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 
 	if (!j)
 		return err_set(err, ERR_NOMEM, "no memory for jobs");
-	j->p = *p;
-	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = j->plansfd = j->geoidsfd = -1;
+	j->changed = p->changed;
+	j->changed_ctx = p->ctx;
+	j->geoidsfd = -1;
+	r = core_new(&p->core, &j->core, err);
+	if (r) {
+		jobs_free(j);
+		return r;
+	}
+	j->core->history = (struct core_history){j, history_held, forget_finished};
+	j->core->used = (struct core_used){j, disk_used};
 	admit_init(j);
 	reader.ctx = j;
-	limit_init(j);
-	j->recency = recency_new(p->ledger, sizeof(struct store_id), RECENCY_PART);
-	j->summaries = recency_new(p->ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
-	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &j->space, err);
+	j->recency = recency_new(p->core.ledger, sizeof(struct store_id), RECENCY_PART);
+	j->summaries = recency_new(p->core.ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
+	r = open_folders(j, err);
+	j->core->loading = true;
 	if (!r)
-		r = open_folders(j, err);
-	j->loading = true;
+		r = catalogue_load(p->core.catalogue, &reader, last, err);
 	if (!r)
-		r = catalogue_load(p->catalogue, &reader, last, err);
-	if (!r)
-		r = io_list(j->datafd, ".", sweep_orphan, &(struct orphans){j, last[0]}, err);
+		r = io_list(j->core->datafd, ".", sweep_orphan, &(struct orphans){j, last[0]}, err);
 	free(j->loaded);
 	j->loaded = NULL;
 	j->last_loaded = NULL;
-	j->loading = false;
+	j->core->loading = false;
 	free(j->spare);
 	j->spare = NULL;
 	if (!r)
 		r = sweep_all(j, err);
 	if (!r)
-		r = catalogue_start(p->catalogue, err);
+		r = catalogue_start(p->core.catalogue, err);
 	if (r) {
 		jobs_free(j);
 		return r;
@@ -332,10 +284,10 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	if (last[0] > j->last_dataset)
 		j->last_dataset = last[0];
 	j->last_job = last[1];
-	j->last_push = last[2];
+	j->core->last_push = last[2];
 	verified_load(j);
-	deferred_begin(j);
-	clear_aside(j);
+	deferred_begin(j->core);
+	core_clear(j->core);
 	job_plan_sweep(j);
 	disk_count(j); /* the first who asks is held against it */
 	*ret = j;
@@ -349,7 +301,8 @@ struct jobs *jobs_free(struct jobs *j)
 
 	if (!j)
 		return NULL;
-	deferred_drop(j);
+	if (j->core)
+		deferred_drop(j->core);
 	dataset_old_forget(j);
 	while ((job = j->jobs)) {
 		/* The datasets go next, whoever uses them. */
@@ -362,16 +315,10 @@ struct jobs *jobs_free(struct jobs *j)
 		j->datasets = d->next;
 		dataset_free(d);
 	}
-	io_close(j->datafd);
-	io_close(j->onestepfd);
-	io_close(j->domainsfd);
-	io_close(j->tempfd);
-	io_close(j->plansfd);
 	io_close(j->geoidsfd);
 	recency_free(j->recency);
 	recency_free(j->summaries);
-	space_free(j->space);
-	limit_done(j);
+	core_free(j->core);
 	free(j);
 	return NULL;
 }
@@ -441,7 +388,7 @@ static void forget_old(struct jobs *j)
 		return;
 	/* Some at a time, and no more until these are written: each is a change of the catalogue, which has room for so many,
 	 * and whoever comes then would wait for the disk, with all others behind him. */
-	if (catalogue_busy(j->p.catalogue))
+	if (catalogue_busy(j->core->p.catalogue))
 		return;
 	while (n < AGED_MAX && forget(j, history_oldest(j, now - JOBS_DAYS * DAY_US)))
 		n++;
@@ -501,8 +448,29 @@ void jobs_settle(struct jobs *j)
 {
 	THREAD_LOOP_ONLY();
 	settle(j);
-	if (charge_make_room(j))
+	if (charge_make_room(j->core))
 		settle(j);
+}
+
+/* Domains that were used since then are those of jobs that run. */
+static void count_running(struct jobs *j)
+{
+	double longest = -1;
+	const struct job *job;
+
+	for (job = j->jobs; job; job = job->next)
+		if (job->run && job->begun_ns && clock_since(job->begun_ns) > longest)
+			longest = clock_since(job->begun_ns);
+	space_running_since(j->core->space, longest < 0 ? INT64_MAX : clock_real_us() - (int64_t)(longest * 1e6));
+}
+
+/* Somebody has begun something. */
+static bool jobs_begun(const struct jobs *j)
+{
+	uint32_t running, waiting;
+
+	jobs_count(j, &running, &waiting);
+	return running || waiting || j->pushes || j->plans;
 }
 
 void jobs_tick(struct jobs *j)
@@ -512,15 +480,24 @@ void jobs_tick(struct jobs *j)
 
 	THREAD_LOOP_ONLY();
 	/* Index pages are given back without a word. */
-	if (sched_starved(j->p.sched))
-		sched_give(j->p.sched, LEDGER_INDEX, 0);
+	if (sched_starved(j->core->p.sched))
+		sched_give(j->core->p.sched, LEDGER_INDEX, 0);
 	for (job = j->jobs; job; job = job->next)
 		job_tick(job);
 	for (p = j->pushes; p; p = next) {
 		next = push_next(p);
 		push_tick(p);
 	}
-	disk_tick(j);
+	cache_verify_tick(j);
+	if (clock_since(j->counted_ns) >= COUNT_SECONDS) {
+		j->counted_ns = clock_mono_ns();
+		disk_count(j);
+		count_running(j);
+	}
+	if (deferred_over(j->core, jobs_begun(j)))
+		disk_look(j->core, jobs_active(j));
+	else
+		disk_mend(j->core);
 	datasets_tick(j);
 	dataset_prune_tick(j);
 	if (j->merge)
@@ -533,8 +510,8 @@ static bool anything(const struct jobs *j, unsigned background, bool queued)
 {
 	struct job *job;
 
-	if (j->pushes || j->plans || j->background > background || sched_busy(j->p.sched) > background ||
-	    catalogue_busy(j->p.catalogue))
+	if (j->pushes || j->plans || j->core->background > background || sched_busy(j->core->p.sched) > background ||
+	    catalogue_busy(j->core->p.catalogue))
 		return true;
 	for (job = j->jobs; job; job = job->next)
 		if (job->run || job->fetches || (queued && !job_state_final(job->state)))
@@ -542,10 +519,15 @@ static bool anything(const struct jobs *j, unsigned background, bool queued)
 	return false;
 }
 
+bool jobs_resting(const struct jobs *j)
+{
+	return deferred_waits(j->core);
+}
+
 bool jobs_active(const struct jobs *j)
 {
 	/* That the file systems are asked is no work: a daemon that ends when it is idle would never be. */
-	return anything(j, j->disk.asking, true);
+	return anything(j, j->core->disk.asking, true);
 }
 
 void jobs_park(struct jobs *j)
@@ -553,8 +535,8 @@ void jobs_park(struct jobs *j)
 	struct job *job;
 
 	THREAD_LOOP_ONLY();
-	j->parking = true;
-	deferred_end(j);
+	j->core->parking = true;
+	deferred_end(j->core);
 	dataset_prunes_park(j);
 	if (j->merge)
 		dataset_rewrite_cancel(j->merge);
@@ -569,7 +551,7 @@ void jobs_park(struct jobs *j)
 
 bool jobs_parked(const struct jobs *j)
 {
-	return j->parking && !anything(j, 0, false);
+	return j->core->parking && !anything(j, 0, false);
 }
 
 void jobs_abandon(struct jobs *j)
@@ -579,7 +561,7 @@ void jobs_abandon(struct jobs *j)
 
 	for (p = j->pushes; p; p = push_next(p))
 		push_remove_files(p);
-	if (io_folder_empty(j->onestepfd, &err) || io_folder_empty(j->tempfd, &err))
+	if (io_folder_empty(j->core->onestepfd, &err) || io_folder_empty(j->core->tempfd, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "temporary files stay behind until the next start", &err);
 }
 

@@ -4,10 +4,10 @@
 
 void jobs_set_limits(struct jobs *j, const struct jobs_limits *limits)
 {
-	j->p.disk = limits->disk;
-	j->p.keep_free = limits->keep_free;
-	j->p.keep_removed = limits->keep_removed;
-	j->p.space_wait = limits->space_wait;
-	space_set_limits(j->space, limits->disk, limits->keep_free);
+	j->core->p.disk = limits->disk;
+	j->core->p.keep_free = limits->keep_free;
+	j->core->p.keep_removed = limits->keep_removed;
+	j->core->p.space_wait = limits->space_wait;
+	space_set_limits(j->core->space, limits->disk, limits->keep_free);
 	datasets_expire(j);
 }

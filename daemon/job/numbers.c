@@ -29,7 +29,7 @@ void jobs_numbers(struct jobs *j, struct jobs_numbers *ret)
 {
 	int64_t now = clock_real_us(), oldest = now;
 
-	*ret = (struct jobs_numbers){.tally = j->tally, .verified = j->verified, .kept = history_count(j)};
+	*ret = (struct jobs_numbers){.tally = j->core->tally, .verified = j->verified, .kept = history_count(j)};
 	for (const struct job *job = j->jobs; job; job = job->next) {
 		if (job_state_final(job->state))
 			continue;
@@ -41,8 +41,27 @@ void jobs_numbers(struct jobs *j, struct jobs_numbers *ret)
 	ret->oldest_waiting = (double)(now - oldest) / 1e6;
 	for (const struct push *p = j->pushes; p; p = push_next(p))
 		ret->pushes++;
-	ret->unsure = catalogue_unsure(j->p.catalogue);
+	ret->unsure = catalogue_unsure(j->core->p.catalogue);
 	count_datasets(j, ret);
+}
+
+void jobs_work(const struct jobs *j, struct jobs_work *ret)
+{
+	struct jobs_work work = {0};
+
+	jobs_count(j, &work.running, &work.waiting);
+	for (struct push *p = j->pushes; p; p = push_next(p))
+		work.pushes++;
+	for (const struct job *job = j->jobs; job; job = job->next) {
+		uint64_t points, all, done, total;
+
+		if (!job->run)
+			continue;
+		run_progress(job->run, &points, &all, &done, &total);
+		work.domains_done += done;
+		work.domains_total += total;
+	}
+	*ret = work;
 }
 
 /* ---- by user ---- */

@@ -36,7 +36,7 @@ static struct push *push_free(struct push *p)
 	push_replace_free(p);
 	if (p->jobs) {
 		pending_free(p->jobs, p->pending);
-		uncharge(p->jobs, p->charged);
+		uncharge(p->jobs->core, p->charged);
 	}
 	free(p->sources);
 	free(p->scale_xy);
@@ -158,7 +158,7 @@ static void task_done(struct sched_task *t)
 	struct push_ask *a = p->asks;
 
 	if (t->ran && t->bytes && a->kind != PUSH_STAGE)
-		sched_give(p->jobs->p.sched, t->name, t->bytes);
+		sched_give(p->jobs->core->p.sched, t->name, t->bytes);
 	if (!t->ran) {
 		a->r = -ERR_CANCELLED;
 		err_set(&a->err, ERR_CANCELLED, "the push was ended");
@@ -233,7 +233,7 @@ void push_pump(struct push *p)
 			continue;
 		}
 		if (!why && !r) {
-			sched_submit(p->jobs->p.sched, &p->task);
+			sched_submit(p->jobs->core->p.sched, &p->task);
 			return;
 		}
 		if (!finish_first(p, why ? why : r < 0 ? &err : NULL))
@@ -272,7 +272,7 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 }
 
 /* One user may have half of what others leave: something is left for the next, and for administrators. */
-static bool too_many(const struct jobs *j, const struct job_peer *peer)
+static bool too_many(const struct jobs *j, const struct peer *peer)
 {
 	const struct push *p;
 	unsigned n = 0, own = 0;
@@ -309,7 +309,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	struct err err = ERR_INIT;
 
 	THREAD_LOOP_ONLY();
-	disk_mend(j);
+	disk_mend(j->core);
 	if (p) {
 		lock_init(&p->space.lock, LOCK_PUSH_SPACE);
 		push_guard_init(&p->row_guard);
@@ -323,7 +323,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		p->geoid_way = copy(in->geoid_way);
 		p->last = calloc(1, sizeof *p->last);
 		p->jobs = j;
-		if (!charge(j, PUSH_BYTES, "another push", &err)) {
+		if (!charge(j->core, PUSH_BYTES, "another push", &err)) {
 			p->charged = PUSH_BYTES;
 			p->pending = pending_new(j, in->peer.uid, &err);
 		}
@@ -332,7 +332,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		;
 	else if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way || !p->last)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
-	else if (j->parking)
+	else if (j->core->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (too_many(j, &in->peer))
 		err_set(&err, ERR_BUSY,
@@ -358,8 +358,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->last->err = ERR_INIT;
 	dataset_hold(p->dataset);
 	p->dataset->pushes++;
-	p->id = ++j->last_push;
-	p->owner = (struct sched_owner){.uid = in->peer.uid, .flow = ++j->last_flow, .exempt = rights_admin(&in->peer)};
+	p->id = ++j->core->last_push;
+	p->owner = (struct sched_owner){.uid = in->peer.uid, .flow = ++j->core->last_flow, .exempt = rights_admin(&in->peer)};
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
 	p->peer = rights_kept(&in->peer);
@@ -481,7 +481,7 @@ void push_leave(struct push *p)
 		push_streams_wake(p);
 		push_row_wake(p);
 		if (p->busy)
-			sched_cancel(p->jobs->p.sched, &p->task);
+			sched_cancel(p->jobs->core->p.sched, &p->task);
 	}
 	*p->asks_end = p->last;
 	p->asks_end = &p->last->next;

@@ -262,7 +262,7 @@ static bool stage_done(struct push *p, struct push_ask *a, const struct err *why
 	if (!p->task.ran) {
 		p->stage_bytes = 0;
 	} else if (why) {
-		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
+		sched_give(p->jobs->core->p.sched, LEDGER_STAGE, p->stage_bytes);
 		p->stage_bytes = 0;
 	}
 	if (why)
@@ -273,7 +273,7 @@ static bool stage_done(struct push *p, struct push_ask *a, const struct err *why
 void push_stage_give(struct push *p)
 {
 	if (p->stage_bytes)
-		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
+		sched_give(p->jobs->core->p.sched, LEDGER_STAGE, p->stage_bytes);
 	p->stage_bytes = 0;
 }
 
@@ -486,9 +486,9 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		pipe_ingested_compare(&file.in, &a->info);
 	if (!why) {
 		source_add(p, a, &file.replaced);
-		p->jobs->tally.points_staged += a->in.points;
-		p->jobs->tally.bytes_read += a->in.bytes_read;
-		p->jobs->tally.files_staged++;
+		p->jobs->core->tally.points_staged += a->in.points;
+		p->jobs->core->tally.bytes_read += a->in.bytes_read;
+		p->jobs->core->tally.files_staged++;
 		atomic_fetch_add(&p->space.staged, a->in.points);
 		atomic_store(&p->progress, 0);
 		p->files++;
@@ -547,7 +547,7 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	p->durable = p->files;
 	p->unsynced_points = 0;
 	p->synced_ns = clock_mono_ns();
-	if (p->row && catalogue_put_push(p->jobs->p.catalogue, &row, NULL, NULL, &err))
+	if (p->row && catalogue_put_push(p->jobs->core->p.catalogue, &row, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	if (!p->left)
 		p->calls.durable(p->ctx, p->durable);

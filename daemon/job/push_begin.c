@@ -42,7 +42,7 @@ void push_begin_run(struct push *p, struct push_ask *a)
 	a->r = dataset_open(p->dataset, &a->err);
 	p->opened = !a->r;
 	if (!a->r && *p->base_name)
-		a->r = grid_manifest_load(p->dataset->dirfd, p->base_name, p->jobs->p.ledger, &p->base, &a->err);
+		a->r = grid_manifest_load(p->dataset->dirfd, p->base_name, p->jobs->core->p.ledger, &p->base, &a->err);
 	if (!a->r)
 		a->r = push_plane_begin(p, &a->err);
 	if (!a->r && p->base)
@@ -191,7 +191,8 @@ bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 	if (!why && !p->dataset->onestep) {
 		row.id = p->id;
 		p->row_comes = true;
-		if (dataset_put_row(p->dataset, &err) || catalogue_put_push(p->jobs->p.catalogue, &row, row_done, p, &err)) {
+		if (dataset_put_row(p->dataset, &err) ||
+		    catalogue_put_push(p->jobs->core->p.catalogue, &row, row_done, p, &err)) {
 			p->row_comes = false;
 			why = &err;
 		}

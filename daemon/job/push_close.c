@@ -52,7 +52,7 @@ void push_close_run(struct push *p, struct push_ask *a)
 	struct err err = ERR_INIT;
 
 	push_end_run(p);
-	if (p->made && !p->committed && !catalogue_unsure(p->jobs->p.catalogue)) {
+	if (p->made && !p->committed && !catalogue_unsure(p->jobs->core->p.catalogue)) {
 		/* The catalogue does not name them. */
 		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
 		io->unlinkat(p->dataset->dirfd, p->made_name, 0);
@@ -91,7 +91,7 @@ bool push_close_done(struct push *p, struct push_ask *a, const struct err *why)
 	push_room_give(p);
 	if (p->kept)
 		push_becomes_pending(p);
-	else if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
+	else if (p->row && catalogue_drop_push(p->jobs->core->p.catalogue, p->id, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	push_space_end(p); /* what is pending counts now */
 	if (p->opened)

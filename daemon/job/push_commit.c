@@ -253,7 +253,7 @@ static void seal_rest(struct push *p)
 {
 	p->task = (struct sched_task){
 		.run = deferred_run, .done = deferred_done, .owner = p->owner, .priority = SCHED_NORMAL, .lengthy = true};
-	sched_submit(p->jobs->p.sched, &p->task);
+	sched_submit(p->jobs->core->p.sched, &p->task);
 	push_sealing_start(p->sealing);
 }
 

@@ -221,10 +221,10 @@ static void info_done(struct sched_task *t)
 	struct info_ask *a = (struct info_ask *)t;
 
 	if (t->ran)
-		sched_give(a->jobs->p.sched, t->name, t->bytes);
+		sched_give(a->jobs->core->p.sched, t->name, t->bytes);
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
-	a->jobs->background--;
+	core_background_over(a->jobs->core);
 	a->probed(a->token, a->r ? &a->err : NULL, a->name, a->r ? NULL : &a->info);
 	io_close(a->fd);
 	free(a->name);
@@ -234,7 +234,7 @@ static void info_done(struct sched_task *t)
 }
 
 void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
-	       const struct job_peer *peer,
+	       const struct peer *peer,
 	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *), void *token)
 {
 	struct info_ask *a = calloc(1, sizeof *a);
@@ -261,7 +261,7 @@ void push_info(struct jobs *j, int fd, const char *name, const char *format, con
 	a->task = (struct sched_task){
 		.run = info_run,
 		.done = info_done,
-		.owner = {.uid = peer->uid, .flow = ++j->last_flow},
+		.owner = {.uid = peer->uid, .flow = ++j->core->last_flow},
 		.reads = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
@@ -272,6 +272,5 @@ void push_info(struct jobs *j, int fd, const char *name, const char *format, con
 	a->err = ERR_INIT;
 	a->probed = probed;
 	a->token = token;
-	j->background++;
-	sched_submit(j->p.sched, &a->task);
+	core_background(j->core, &a->task);
 }

@@ -161,7 +161,7 @@ static void first_done(struct sched_task *t)
 	struct push_helpers *c = p->asks->crew;
 
 	if (t->ran && t->bytes)
-		sched_give(p->jobs->p.sched, t->name, t->bytes);
+		sched_give(p->jobs->core->p.sched, t->name, t->bytes);
 	if (!t->ran) {
 		c->ask->r = -ERR_CANCELLED;
 		err_set(&c->ask->err, ERR_CANCELLED, "the push was ended");
@@ -169,7 +169,7 @@ static void first_done(struct sched_task *t)
 	set_state(c, GONE);
 	for (unsigned i = 1; i < c->members; i++)
 		if (c->member[i].task.run)
-			sched_cancel(p->jobs->p.sched, &c->member[i].task);
+			sched_cancel(p->jobs->core->p.sched, &c->member[i].task);
 	leave(c);
 }
 
@@ -193,10 +193,10 @@ static void helper_done(struct sched_task *t)
 	struct push_helpers *c = m->crew;
 
 	if (t->ran)
-		sched_give(c->push->jobs->p.sched, t->name, t->bytes);
+		sched_give(c->push->jobs->core->p.sched, t->name, t->bytes);
 	if (t->ran && !over(c) && !atomic_load(&t->cancel)) {
 		t->ran = false;
-		sched_submit(c->push->jobs->p.sched, t);
+		sched_submit(c->push->jobs->core->p.sched, t);
 		return;
 	}
 	t->run = NULL;
@@ -214,8 +214,8 @@ static unsigned count_members(struct push *p, const struct input_info *info)
 	n = left > head ? (left - head) / push_helper_bytes(info) : 0;
 	if (n > room / push_helper_bytes(info))
 		n = room / push_helper_bytes(info);
-	if (n > sched_threads(j->p.sched) - 1)
-		n = sched_threads(j->p.sched) - 1;
+	if (n > sched_threads(j->core->p.sched) - 1)
+		n = sched_threads(j->core->p.sched) - 1;
 	if (n > info->parts - 1)
 		n = info->parts - 1;
 	if (n > grid_stage_lanes(p->stage) - 1)
@@ -268,7 +268,7 @@ int push_helpers_start(struct push *p, struct push_ask *a, struct err *err)
 				      .bytes = p->task.bytes};
 	for (unsigned i = 0; i < n; i++)
 		c->member[i].crew = c;
-	sched_submit(p->jobs->p.sched, &p->task);
+	sched_submit(p->jobs->core->p.sched, &p->task);
 	for (unsigned i = 1; i < n; i++) {
 		c->member[i].task = (struct sched_task){.run = helper_run,
 							.done = helper_done,
@@ -277,7 +277,7 @@ int push_helpers_start(struct push *p, struct push_ask *a, struct err *err)
 							.priority = SCHED_LAST,
 							.name = LEDGER_INPUT,
 							.bytes = push_helper_bytes(info)};
-		sched_submit(p->jobs->p.sched, &c->member[i].task);
+		sched_submit(p->jobs->core->p.sched, &c->member[i].task);
 	}
 	return 0;
 }
@@ -287,7 +287,7 @@ uint64_t push_helpers_held(const struct push_helpers *c)
 	uint64_t bytes = 0;
 
 	for (unsigned i = 1; c && i < c->members; i++)
-		bytes += sched_taken(c->push->jobs->p.sched, &c->member[i].task);
+		bytes += sched_taken(c->push->jobs->core->p.sched, &c->member[i].task);
 	return bytes;
 }
 

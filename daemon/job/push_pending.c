@@ -197,9 +197,9 @@ static void drop_done(struct sched_task *t)
 	struct jobs *j = x->dataset->jobs;
 	struct err err = ERR_INIT;
 
-	j->background--;
+	core_background_over(j->core);
 	/* Else its row tells the next start. */
-	if (t->ran && !x->r && catalogue_drop_push(j->p.catalogue, x->pending->id, NULL, NULL, &err))
+	if (t->ran && !x->r && catalogue_drop_push(j->core->p.catalogue, x->pending->id, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	pending_free(j, x->pending);
 	dataset_release(x->dataset);
@@ -222,8 +222,7 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 	x->task = (struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
 	x->dataset = d;
 	x->pending = q;
-	d->jobs->background++;
-	sched_submit(d->jobs->p.sched, &x->task);
+	core_background(d->jobs->core, &x->task);
 }
 
 void pending_expire(struct dataset *d)
@@ -248,7 +247,7 @@ void pending_forget(struct dataset *d)
 
 	while ((q = d->pending)) {
 		d->pending = q->next;
-		if (catalogue_drop_push(d->jobs->p.catalogue, q->id, NULL, NULL, &err))
+		if (catalogue_drop_push(d->jobs->core->p.catalogue, q->id, NULL, NULL, &err))
 			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 		pending_free(d->jobs, q);
 		d->users--;
@@ -330,7 +329,7 @@ int push_adopt(struct push *p, struct err *err)
 		return 0;
 	manifest_name(p->pending->id, name);
 	push_stage_name(p->pending->id, stage);
-	r = grid_manifest_load(p->dataset->dirfd, name, p->jobs->p.ledger, &m, &ignored);
+	r = grid_manifest_load(p->dataset->dirfd, name, p->jobs->core->p.ledger, &m, &ignored);
 	if (!r)
 		r = grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored);
 	/* What cannot be read now, or not by this version, stays for later: only what is damaged is dropped. */
@@ -376,7 +375,7 @@ void push_adopted(struct push *p)
 
 	if (p->drops) {
 		log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: %s", p->dataset->name, p->note);
-		if (p->drops_row && catalogue_drop_push(p->jobs->p.catalogue, p->drops, NULL, NULL, &err))
+		if (p->drops_row && catalogue_drop_push(p->jobs->core->p.catalogue, p->drops, NULL, NULL, &err))
 			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	}
 	if (p->drops || m)
@@ -456,10 +455,10 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		return r;
 	}
 	if (*d->manifest)
-		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->p.ledger, &base, err);
+		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->core->p.ledger, &base, err);
 	manifest_name(row->id, name);
 	if (!r) {
-		r = grid_manifest_load(d->dirfd, name, d->jobs->p.ledger, &m, &absent);
+		r = grid_manifest_load(d->dirfd, name, d->jobs->core->p.ledger, &m, &absent);
 		/* What cannot be read now is not dropped for that. */
 		if (r && (absent.sys == ENOENT || r == -ERR_CORRUPT))
 			r = 0;

@@ -134,7 +134,7 @@ struct push {
 	uint64_t id;
 	struct push_calls calls;
 	void *ctx;
-	struct job_peer peer;
+	struct peer peer;
 	char *scale_xy, *scale_z, *format, *utm, *geoid, *geoid_way;
 	bool planar, accept_truncated, strict, has_crop;
 	double crop[4];

@@ -35,7 +35,7 @@ static int too_many(const struct push *p, struct err *err)
 {
 	err_set(err, ERR_LIMIT, "a push of more than %zu files does not fit into this memory", p->nprobes);
 	return err_add_hint(err, "push them in several parts, or give acutd --memory %lluM for twice as many",
-			    (unsigned long long)(ledger_total(p->jobs->p.ledger) >> 19));
+			    (unsigned long long)(ledger_total(p->jobs->core->p.ledger) >> 19));
 }
 
 /* What the pushes of this user keep of their files: none of them waits for another one's, so more is refused. */
@@ -67,12 +67,12 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	head = jobs_domain_largest(j);
 	head = head > admit_least() ? head : admit_least();
 	head += p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p);
-	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_FILES, step)) {
+	if (left >= head + step && ledger_take(j->core->p.ledger, LEDGER_FILES, step)) {
 		p->table_bytes += step;
 		p->table_used = used;
 		return 0;
 	}
-	if (p->table_bytes + step > ledger_total(j->p.ledger) / 2)
+	if (p->table_bytes + step > ledger_total(j->core->p.ledger) / 2)
 		return too_many(p, err);
 	/* With a stage in hand nobody waits: others may wait for that. */
 	if (!p->stage_bytes && !push_waits_in_vain(p))
@@ -86,7 +86,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 void push_room_give(struct push *p)
 {
 	if (p->table_bytes)
-		sched_give(p->jobs->p.sched, LEDGER_FILES, p->table_bytes);
+		sched_give(p->jobs->core->p.sched, LEDGER_FILES, p->table_bytes);
 	p->table_bytes = p->table_used = 0;
 }
 

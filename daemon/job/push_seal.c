@@ -33,9 +33,10 @@ static void over(void *ctx)
 
 struct push_sealing *push_sealing_new(struct push *p, struct err *err)
 {
-	unsigned threads = sched_threads(p->jobs->p.sched);
+	unsigned threads = sched_threads(p->jobs->core->p.sched);
 	struct push_sealing *s = calloc(1, sizeof *s);
-	struct sched_group_params group = {.sched = p->jobs->p.sched, .owner = p->owner, .step = step, .over = over, .ctx = s};
+	struct sched_group_params group = {
+		.sched = p->jobs->core->p.sched, .owner = p->owner, .step = step, .over = over, .ctx = s};
 	struct grid_guard guard;
 
 	if (!s) {

@@ -55,24 +55,24 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 	/* When it is published it is the owner's: the segment, without the runs. */
 	if (s->owner != p->peer.uid) {
 		owed = beyond(all / 2, s->owed);
-		r = limit_disk_take(p->jobs, s->owner, p->peer.admin, owed, what, err);
+		r = limit_disk_take(p->jobs->core, s->owner, p->peer.admin, owed, what, err);
 	}
 	if (r)
 		return r;
-	r = limit_disk_take(p->jobs, p->peer.uid, p->peer.admin, own, what, err);
+	r = limit_disk_take(p->jobs->core, p->peer.uid, p->peer.admin, own, what, err);
 	if (r) {
-		limit_disk_give(p->jobs, s->owner, owed);
+		limit_disk_give(p->jobs->core, s->owner, owed);
 		return r;
 	}
-	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
+	r = space_take(p->jobs->core->space, kind_of(p), bytes, SPACE_MUST, what, err);
 	if (r) {
-		limit_disk_give(p->jobs, p->peer.uid, own);
-		limit_disk_give(p->jobs, s->owner, owed);
+		limit_disk_give(p->jobs->core, p->peer.uid, own);
+		limit_disk_give(p->jobs->core, s->owner, owed);
 		return r;
 	}
 	s->own += own;
 	s->owed += owed;
-	space_promise(p->jobs->space, kind_of(p), (int64_t)bytes);
+	space_promise(p->jobs->core->space, kind_of(p), (int64_t)bytes);
 	s->promised += bytes;
 	atomic_store(&s->taken, all);
 	return 0;
@@ -81,13 +81,13 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 void push_space_claim(struct push *p, const struct pending *q)
 {
 	p->space.own = disk_points_bytes(q->points);
-	limit_count_given(p->jobs, p->peer.uid, -(int64_t)p->space.own, 0, 0);
+	limit_count_given(p->jobs->core, p->peer.uid, -(int64_t)p->space.own, 0, 0);
 	disk_count(p->jobs);
 }
 
 void push_space_unclaim(struct push *p)
 {
-	limit_count_given(p->jobs, p->peer.uid, (int64_t)p->space.own, 0, 0);
+	limit_count_given(p->jobs->core, p->peer.uid, (int64_t)p->space.own, 0, 0);
 	p->space.own = 0;
 }
 
@@ -156,7 +156,7 @@ void push_space_tick(struct push *p)
 	open = atomic_load(&s->taken);
 	open = open > written ? open - written : 0;
 	if (open < s->promised) {
-		space_promise(p->jobs->space, kind_of(p), -(int64_t)(s->promised - open));
+		space_promise(p->jobs->core->space, kind_of(p), -(int64_t)(s->promised - open));
 		s->promised = open;
 	}
 	lock_give(&s->lock);
@@ -166,9 +166,9 @@ void push_space_end(struct push *p)
 {
 	struct push_space *s = &p->space;
 
-	space_promise(p->jobs->space, kind_of(p), -(int64_t)s->promised);
-	space_give(p->jobs->space, kind_of(p), atomic_load(&s->taken));
-	limit_count_given(p->jobs, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
+	space_promise(p->jobs->core->space, kind_of(p), -(int64_t)s->promised);
+	space_give(p->jobs->core->space, kind_of(p), atomic_load(&s->taken));
+	limit_count_given(p->jobs->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
 	s->promised = s->own = s->owed = 0;
 	atomic_store(&s->taken, 0);
 	disk_count(p->jobs);

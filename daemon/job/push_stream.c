@@ -42,7 +42,7 @@ static struct push_stream *stream_free(struct push_stream *s)
 	io_close(s->spool);
 	digest_stream_free(s->seen);
 	if (s->room)
-		space_give(s->push->jobs->space, SPACE_TEMPORARY, s->room);
+		space_give(s->push->jobs->core->space, SPACE_TEMPORARY, s->room);
 	free(s->name);
 	free(s);
 	return NULL;
@@ -64,7 +64,7 @@ static void watch(struct push_stream *s)
 static int room_for(struct push_stream *s, size_t n, struct err *err)
 {
 	uint64_t step = s->size < STEP_LEAST ? STEP_LEAST : s->size < STEP_MOST ? s->size : STEP_MOST;
-	struct space *space = s->push->jobs->space;
+	struct space *space = s->push->jobs->core->space;
 	struct err why = ERR_INIT;
 	char what[96];
 
@@ -144,7 +144,7 @@ static void keep_run(struct sched_task *t)
 	if (!piece)
 		r = err_set(&s->err, ERR_NOMEM, "no memory to read a pipe");
 	if (!r && s->spool < 0)
-		r = io_open(s->push->jobs->tempfd, ".", O_TMPFILE | O_RDWR, 0600, &s->spool, &s->err);
+		r = io_open(s->push->jobs->core->tempfd, ".", O_TMPFILE | O_RDWR, 0600, &s->spool, &s->err);
 	if (!r)
 		r = keep(s, piece, &s->err);
 	free(piece);
@@ -162,7 +162,7 @@ static void keep_done(struct sched_task *t)
 	s->busy = false;
 	s->ready = s->kept;
 	if (t->ran) {
-		sched_give(p->jobs->p.sched, t->name, t->bytes);
+		sched_give(p->jobs->core->p.sched, t->name, t->bytes);
 	} else {
 		err_set(&s->err, ERR_CANCELLED, "the push was ended");
 		s->ready = true;
@@ -183,13 +183,13 @@ static void keep_more(struct push_stream *s)
 		.bytes = PIECE,
 	};
 	s->busy = true;
-	sched_submit(s->push->jobs->p.sched, &s->task);
+	sched_submit(s->push->jobs->core->p.sched, &s->task);
 }
 
 static void push_stream_resume(struct push_stream *s)
 {
 	s->asks = false;
-	sched_submit(s->push->jobs->p.sched, &s->push->task);
+	sched_submit(s->push->jobs->core->p.sched, &s->push->task);
 }
 
 void push_stream_ready(struct push_stream *s)
@@ -215,7 +215,7 @@ void push_streams_wake(struct push *p)
 {
 	for (struct push_stream *s = p->streams; s; s = s->next) {
 		if (s->busy)
-			sched_cancel(p->jobs->p.sched, &s->task);
+			sched_cancel(p->jobs->core->p.sched, &s->task);
 		else if (s->asks)
 			push_stream_resume(s);
 	}

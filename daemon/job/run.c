@@ -41,7 +41,7 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	THREAD_LOOP_ONLY();
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a job");
-	disk_mend(p->jobs);
+	disk_mend(p->jobs->core);
 	w->view_text = strdup(p->view_text);
 	if (!w->view_text) {
 		free(w);
@@ -55,8 +55,8 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	}
 	/* With the domains that it has in its window. */
 	w->charged = sizeof *w + charge_view_bytes(p->view_text, (w->view.area != NULL) + (w->view.window_area != NULL)) +
-		     (p->jobs->p.threads + 4) * sizeof(struct run_domain);
-	r = charge(p->jobs, w->charged, "the view of a job", err);
+		     (p->jobs->core->p.threads + 4) * sizeof(struct run_domain);
+	r = charge(p->jobs->core, w->charged, "the view of a job", err);
 	if (r) {
 		view_done(&w->view);
 		free(w->view_text);
@@ -64,7 +64,7 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 		return r;
 	}
 	w->jobs = p->jobs;
-	w->plan.ledger = p->jobs->p.ledger;
+	w->plan.ledger = p->jobs->core->p.ledger;
 	w->dataset = dataset_hold(p->dataset);
 	w->generation = p->generation;
 	w->keep = p->keep;
@@ -73,7 +73,7 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	w->job = p->job;
 	w->owner = p->owner;
 	w->slot = p->slot;
-	w->owner.flow = ++p->jobs->last_flow;
+	w->owner.flow = ++p->jobs->core->last_flow;
 	w->patience = p->patience;
 	w->file = p->plan;
 	w->lazy = p->lazy;
@@ -95,7 +95,7 @@ struct run *run_free(struct run *w)
 	cut_plan_done(&w->plan);
 	dataset_release(w->dataset);
 	view_done(&w->view);
-	uncharge(w->jobs, w->charged);
+	uncharge(w->jobs->core, w->charged);
 	free(w->view_text);
 	free(w);
 	return NULL;
@@ -112,9 +112,9 @@ void run_shut(struct run *w)
 		dataset_close(w->dataset);
 	w->opened = false;
 	if (w->emitter_bytes)
-		sched_give(w->jobs->p.sched, LEDGER_EMITTER, w->emitter_bytes);
+		sched_give(w->jobs->core->p.sched, LEDGER_EMITTER, w->emitter_bytes);
 	if (w->output_buffer)
-		sched_give(w->jobs->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
+		sched_give(w->jobs->core->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
 	w->emitter_bytes = 0;
 	w->output_buffer = false;
 }
@@ -160,13 +160,13 @@ static void open_run(struct sched_task *t)
 	if (w->r)
 		return;
 	w->opened = true;
-	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->p.ledger, j->index_share, &w->grid, &w->err);
+	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->core->p.ledger, j->index_share, &w->grid, &w->err);
 	if (w->r)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
 	w->rest = w->view;
 	count_classes(w);
-	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter, &w->err);
+	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->core->tempfd, &w->emitter, &w->err);
 	if (!w->r && w->view.window)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
@@ -235,7 +235,7 @@ static void open_start(struct run *w)
 		.bytes = w->jobs->emitter_share,
 	};
 	w->task_busy = true;
-	sched_submit(w->jobs->p.sched, &w->task);
+	sched_submit(w->jobs->core->p.sched, &w->task);
 }
 
 /* ---- the end ---- */
@@ -279,7 +279,7 @@ static void memory_hint(struct run *w)
 		err_add_hint(
 			&w->why,
 			"one user may have %u%% of the memory (user-memory): ask an administrator for more, or leave out points",
-			w->jobs->p.user.memory);
+			w->jobs->core->p.user.memory);
 	else if (memory)
 		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
 	else
@@ -308,10 +308,10 @@ void run_fail(struct run *w, const struct err *why)
 	if (why->code == ERR_LIMIT && why->need && w->grid)
 		memory_hint(w);
 	if (w->task_busy)
-		sched_cancel(w->jobs->p.sched, &w->task);
+		sched_cancel(w->jobs->core->p.sched, &w->task);
 	for (d = w->domains; d; d = d->next)
 		if (d->state != DOMAIN_READY && d->state != DOMAIN_SENDING)
-			sched_cancel(w->jobs->p.sched, &d->task);
+			sched_cancel(w->jobs->core->p.sched, &d->task);
 }
 
 void run_stop(struct run *w, const struct err *why)
@@ -538,7 +538,7 @@ static void settle_running(struct run *w)
 	w->state = RUN_FINISHING;
 	w->task = (struct sched_task){.run = finish_run, .done = finish_done, .owner = w->owner, .priority = SCHED_FIRST};
 	w->task_busy = true;
-	sched_submit(w->jobs->p.sched, &w->task);
+	sched_submit(w->jobs->core->p.sched, &w->task);
 }
 
 void run_settle(struct run *w)

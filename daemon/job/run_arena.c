@@ -99,10 +99,10 @@ void run_arenas_fit(struct run *w)
 	struct run_domain one = {.run = w};
 	unsigned most = arenas_most(w);
 
-	while ((w->arenas.owned > most || sched_starved(w->jobs->p.sched)) && run_arena_take(&one)) {
+	while ((w->arenas.owned > most || sched_starved(w->jobs->core->p.sched)) && run_arena_take(&one)) {
 		munmap(one.memory, one.size);
 		w->arenas.owned--;
 		w->arenas.charged -= one.size;
-		sched_give(w->jobs->p.sched, LEDGER_DOMAIN, one.size);
+		sched_give(w->jobs->core->p.sched, LEDGER_DOMAIN, one.size);
 	}
 }

@@ -99,7 +99,7 @@ static uint64_t bytes_of(size_t n, size_t old)
 
 static struct run_change *change_new(struct run *w, size_t old, struct err *err)
 {
-	struct ledger *ledger = w->jobs->p.ledger;
+	struct ledger *ledger = w->jobs->core->p.ledger;
 	uint64_t bytes = bytes_of(w->plan.n, old);
 	struct run_change *c;
 
@@ -129,7 +129,7 @@ struct run_change *run_change_free(struct run *w, struct run_change *c)
 {
 	if (!c)
 		return NULL;
-	ledger_give(w->jobs->p.ledger, LEDGER_PLAN, c->charged);
+	ledger_give(w->jobs->core->p.ledger, LEDGER_PLAN, c->charged);
 	free(c->skip);
 	free(c->region);
 	free(c);
@@ -204,8 +204,8 @@ static void compare_plans(struct run_change *c, const struct leaves *new, const 
 /* Against one job's mesh. RUN_E_ABSENT: too little is kept of it. */
 static int against(struct run *w, const struct run_base *base, struct err *err)
 {
-	struct plan_file *file = plan_file_new(w->jobs->plansfd, base->job, w->since->generation, false, NULL);
-	struct cut_plan plan = {.ledger = w->jobs->p.ledger};
+	struct plan_file *file = plan_file_new(w->jobs->core->plansfd, base->job, w->since->generation, false, NULL);
+	struct cut_plan plan = {.ledger = w->jobs->core->p.ledger};
 	struct leaves new = {0}, old = {0};
 	struct run_change *c = NULL;
 	struct plan_kept kept;
@@ -219,11 +219,11 @@ static int against(struct run *w, const struct run_base *base, struct err *err)
 		r = c ? 0 : -(int)err->code;
 	}
 	if (!r)
-		r = leaves_read(&old, &plan, w->jobs->plansfd, base->job, err);
+		r = leaves_read(&old, &plan, w->jobs->core->plansfd, base->job, err);
 	if (!r && !is_whole(&old, base->digest))
 		r = RUN_E_ABSENT;
 	if (!r)
-		r = leaves_read(&new, &w->plan, w->jobs->plansfd, w->since->job, err);
+		r = leaves_read(&new, &w->plan, w->jobs->core->plansfd, w->since->job, err);
 	if (!r) {
 		c->told = (struct job_changes){.generation = w->since->generation,
 					       .job = base->job,

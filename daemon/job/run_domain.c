@@ -61,7 +61,7 @@ static void memory_trim(struct run_domain *d, size_t held)
 	if (!d->memory || keep >= d->size)
 		return;
 	munmap((uint8_t *)d->memory + keep, d->size - keep);
-	sched_give(d->run->jobs->p.sched, LEDGER_DOMAIN, d->size - keep);
+	sched_give(d->run->jobs->core->p.sched, LEDGER_DOMAIN, d->size - keep);
 	d->size = keep;
 	if (!keep)
 		d->memory = NULL;
@@ -120,7 +120,7 @@ static void submit(struct run_domain *d, void (*run)(struct sched_task *), void 
 		.bytes = bytes,
 	};
 	d->run->tasks++;
-	sched_submit(d->run->jobs->p.sched, &d->task);
+	sched_submit(d->run->jobs->core->p.sched, &d->task);
 }
 
 /* ---- making ---- */
@@ -128,7 +128,7 @@ static void submit(struct run_domain *d, void (*run)(struct sched_task *), void 
 /* Domains of a one-step dataset go with it. */
 int run_store(const struct run *w)
 {
-	return w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd;
+	return w->dataset->onestep ? w->dataset->dirfd : w->jobs->core->domainsfd;
 }
 
 bool run_recent(void *run, struct digest base, struct digest *ret_list)
@@ -321,7 +321,7 @@ static void make_run(struct sched_task *t)
 		return;
 	strip(d);
 	/* Not for the next one where somebody else waits for memory. */
-	if (!sched_starved(w->jobs->p.sched))
+	if (!sched_starved(w->jobs->core->p.sched))
 		run_arena_put(d);
 }
 
@@ -346,7 +346,7 @@ static void make_done(struct sched_task *t)
 	if (w->sums)
 		run_arena_back(d);
 	if (t->ran && !d->memory && !d->put)
-		sched_give(w->jobs->p.sched, t->name, t->bytes);
+		sched_give(w->jobs->core->p.sched, t->name, t->bytes);
 	if (d->bare && t->ran && !w->stopping) {
 		make_submit(d, t->priority, true);
 		return;
@@ -365,9 +365,9 @@ static void make_done(struct sched_task *t)
 		memory_trim(d, d->held);
 		w->made += d->made;
 		if (d->made)
-			tally_domain(w->jobs, d->domain.ntriangle);
+			tally_domain(w->jobs->core, d->domain.ntriangle);
 		else
-			w->jobs->tally.domains_reused++;
+			w->jobs->core->tally.domains_reused++;
 		d->state = DOMAIN_READY;
 	}
 	run_settle(w);
@@ -442,7 +442,7 @@ static void split_done(struct sched_task *t)
 	w->splitting = NULL;
 	w->plan_n = w->plan.n;
 	if (t->ran)
-		sched_give(w->jobs->p.sched, t->name, t->bytes);
+		sched_give(w->jobs->core->p.sched, t->name, t->bytes);
 	if (!t->ran || w->stopping || d->r) {
 		if (t->ran && d->r)
 			run_fail(w, &d->err);

@@ -144,7 +144,7 @@ void run_output_head(struct run *w)
 static void buffer_give(struct run *w)
 {
 	if (w->output_buffer)
-		sched_give(w->jobs->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
+		sched_give(w->jobs->core->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
 	w->output_buffer = false;
 	run_space_unspool(w);
 }
@@ -165,7 +165,7 @@ static void spool_run(struct sched_task *t)
 	w->err = ERR_INIT;
 	w->r = run_space_spool(w, w->sending->held, &w->err);
 	if (!w->r)
-		w->r = w->output->calls->spool(w->output, w->jobs->tempfd, &w->err);
+		w->r = w->output->calls->spool(w->output, w->jobs->core->tempfd, &w->err);
 }
 
 static void refill_run(struct sched_task *t)
@@ -215,7 +215,7 @@ static void output_submit(struct run *w, void (*run)(struct sched_task *), uint6
 	w->output->calls->pause(w->output);
 	w->output_working = true;
 	w->tasks++;
-	sched_submit(w->jobs->p.sched, &w->output_task);
+	sched_submit(w->jobs->core->p.sched, &w->output_task);
 }
 
 static bool can_spool(const struct run *w)

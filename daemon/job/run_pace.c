@@ -31,7 +31,7 @@ void run_pace_tick(struct run *w)
 	double seconds = p->looked_ns ? (double)(now - p->looked_ns) / 1e9 : 0, fade;
 	struct sched_flow flow;
 
-	sched_flow(w->jobs->p.sched, w->owner.flow, &flow);
+	sched_flow(w->jobs->core->p.sched, w->owner.flow, &flow);
 	p->looked_ns = now;
 	/* What a phase began with is not its pace. */
 	if (w->state != RUN_RUNNING && w->state != RUN_SELECTING) {
@@ -72,7 +72,7 @@ void run_set_rank(struct run *w, enum sched_rank rank)
 
 char *run_waiting(const struct run *w, char *buf, size_t size)
 {
-	struct sched *s = w->jobs->p.sched;
+	struct sched *s = w->jobs->core->p.sched;
 	char needs[32], left[32];
 	struct sched_flow flow;
 
@@ -88,7 +88,7 @@ char *run_waiting(const struct run *w, char *buf, size_t size)
 		snprintf(buf, size, "another job that makes the same selection");
 	else if (flow.waiting && flow.bytes)
 		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(flow.bytes, needs),
-			 parse_size_text(ledger_room(w->jobs->p.ledger, LEDGER_DOMAIN), left));
+			 parse_size_text(ledger_room(w->jobs->core->p.ledger, LEDGER_DOMAIN), left));
 	else if (flow.waiting)
 		snprintf(buf, size, "a thread");
 	else if (w->state == RUN_RUNNING && w->patience > 0 && !w->output && !w->next_emit)

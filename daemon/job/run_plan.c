@@ -109,7 +109,7 @@ static void there_room(struct run *w)
 
 	run_there_free(w);
 	*t = (struct run_there){.looked_ns = 1000 * clock_real_us() - STORE_LOOK_NS};
-	if (!ledger_take(w->jobs->p.ledger, LEDGER_PLAN, bytes))
+	if (!ledger_take(w->jobs->core->p.ledger, LEDGER_PLAN, bytes))
 		return;
 	t->charged = bytes;
 	t->done = malloc(bytes);
@@ -122,7 +122,7 @@ void run_there_free(struct run *w)
 
 	free(t->done);
 	if (t->charged)
-		ledger_give(w->jobs->p.ledger, LEDGER_PLAN, t->charged);
+		ledger_give(w->jobs->core->p.ledger, LEDGER_PLAN, t->charged);
 	t->done = NULL;
 	t->n = t->room = 0;
 	t->charged = 0;
@@ -210,7 +210,7 @@ static int cut(struct run *w)
 /* As many as have something to do, and memory. */
 static unsigned look_members(const struct run *w)
 {
-	size_t most = w->planning.bytes / pipe_look_bytes(w->grid), threads = sched_threads(w->jobs->p.sched);
+	size_t most = w->planning.bytes / pipe_look_bytes(w->grid), threads = sched_threads(w->jobs->core->p.sched);
 
 	threads = threads < most ? threads : most;
 	return threads > 1 && w->plan.n >= LOOK_TOGETHER ? (unsigned)threads : 1;
@@ -220,7 +220,7 @@ static int look_begin(struct run *w)
 {
 	struct run_planning *m = &w->planning;
 	struct sched_group_params group = {
-		.sched = w->jobs->p.sched, .owner = w->owner, .step = look, .over = plan_over, .ctx = w};
+		.sched = w->jobs->core->p.sched, .owner = w->owner, .step = look, .over = plan_over, .ctx = w};
 	int r;
 
 	if (w->sums)
@@ -323,7 +323,7 @@ static void run(struct run *w)
 	w->plan_n = w->plan.n;
 	w->points += w->there.points;
 	w->blocks += w->there.triangles;
-	w->jobs->tally.domains_reused += w->there.leaves;
+	w->jobs->core->tally.domains_reused += w->there.leaves;
 	if (w->there.triangles && !w->first_ns)
 		w->first_ns = clock_mono_ns();
 	w->grid_total = grid_points(w->grid);
@@ -347,7 +347,7 @@ static bool waits_for_plans(struct run *w)
 	cut_plan_done(&w->plan);
 	run_there_free(w);
 	w->there = (struct run_there){0};
-	if (!ledger_held(j->p.ledger, LEDGER_PLAN)) {
+	if (!ledger_held(j->core->p.ledger, LEDGER_PLAN)) {
 		w->err.code = ERR_LIMIT;
 		w->err.hint[0] = 0; /* which speaks of other jobs */
 		err_add_hint(&w->err, "start the daemon with more memory");
@@ -371,7 +371,7 @@ static void plan_over(void *ctx)
 	free(m.reader);
 	free(m.memory);
 	if (m.ran) {
-		sched_give(w->jobs->p.sched, LEDGER_DOMAIN, m.bytes);
+		sched_give(w->jobs->core->p.sched, LEDGER_DOMAIN, m.bytes);
 		if (waits_for_plans(w))
 			return;
 		if (w->r)
@@ -400,7 +400,7 @@ static void plan_done(struct sched_task *t)
 	}
 	w->task = (struct sched_task){
 		.run = look_run, .done = look_done, .owner = w->owner, .lengthy = true, .priority = SCHED_FIRST};
-	sched_submit(w->jobs->p.sched, &w->task);
+	sched_submit(w->jobs->core->p.sched, &w->task);
 	sched_group_start(m->group);
 }
 
@@ -417,7 +417,7 @@ static void start(struct run *w, void (*task)(struct sched_task *), uint64_t byt
 		.bytes = bytes,
 	};
 	w->task_busy = true;
-	sched_submit(w->jobs->p.sched, &w->task);
+	sched_submit(w->jobs->core->p.sched, &w->task);
 }
 
 /* Of a job that is nobody's stream: who fetches it has a run of his own. */
@@ -464,7 +464,7 @@ void run_plan_start(struct run *w)
 		limit = limit > admit_share(j) ? limit - admit_share(j) : 0;
 	alone = alone < limit ? alone : limit;
 	if (w->planned) {
-		if (!pipe_budget_kept(all, j->p.threads, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
+		if (!pipe_budget_kept(all, j->core->p.threads, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
 			sums_choose(w);
 			run(w);
 			return;
@@ -476,7 +476,7 @@ void run_plan_start(struct run *w)
 	}
 	if (admit_never(j, least, "meshing", &err) || limit_never(j, &w->owner, least + admit_share(j), "meshing", &err)) {
 		run_fail(w, &err);
-	} else if (!pipe_budget(all, j->p.threads, w->grid, &w->budget, &err)) {
+	} else if (!pipe_budget(all, j->core->p.threads, w->grid, &w->budget, &err)) {
 		narrow_leaves(w);
 		begin(w);
 	} else if (admit_only(j)) {

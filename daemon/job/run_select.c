@@ -35,7 +35,7 @@ static int parent_open(struct run *w, int *ret_fd, struct err *err)
 {
 	if (w->dataset->onestep)
 		return io_open(w->dataset->dirfd, ".", O_RDONLY | O_DIRECTORY, 0, ret_fd, err);
-	return jobs_selected_folder(w->jobs, ret_fd, err);
+	return core_selected_folder(w->jobs->core, ret_fd, err);
 }
 
 /* ---- opening ---- */
@@ -48,7 +48,7 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 	if (r)
 		return r;
 	w->grid = grid_close(w->grid);
-	return grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, w->jobs->p.ledger, w->jobs->index_share, &w->grid, err);
+	return grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, w->jobs->core->p.ledger, w->jobs->index_share, &w->grid, err);
 }
 
 static int open_in(struct run *w, int parent, const char *name, struct err *err)
@@ -182,7 +182,7 @@ static void select_done(struct sched_task *t)
 		run_settle(w);
 		return;
 	}
-	sched_give(w->jobs->p.sched, t->name, t->bytes);
+	sched_give(w->jobs->core->p.sched, t->name, t->bytes);
 	run_opened(w);
 }
 
@@ -234,7 +234,7 @@ void run_select_start(struct run *w)
 		.bytes = w->select.bytes,
 	};
 	w->task_busy = true;
-	sched_submit(w->jobs->p.sched, &w->task);
+	sched_submit(w->jobs->core->p.sched, &w->task);
 }
 
 /* ---- what others ask ---- */
@@ -284,7 +284,7 @@ static void discard_run(struct sched_task *t)
 {
 	struct discard *d = (struct discard *)t;
 	struct err err = ERR_INIT;
-	int parent, r = jobs_selected_folder(d->jobs, &parent, &err);
+	int parent, r = core_selected_folder(d->jobs->core, &parent, &err);
 
 	if (!r) {
 		r = io_folder_remove(parent, d->name, &err);
@@ -298,7 +298,7 @@ static void discard_done(struct sched_task *t)
 {
 	struct discard *d = (struct discard *)t;
 
-	d->jobs->background--;
+	core_background_over(d->jobs->core);
 	free(d);
 }
 
@@ -313,6 +313,5 @@ void run_select_discard(struct run *w)
 	d->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = w->owner, .priority = SCHED_FIRST};
 	d->jobs = w->jobs;
 	digest_hex(w->select.key, d->name);
-	w->jobs->background++;
-	sched_submit(w->jobs->p.sched, &d->task);
+	core_background(w->jobs->core, &d->task);
 }

@@ -85,7 +85,7 @@ void run_space_tick(struct run *w)
 
 	if (!s->waits)
 		return;
-	if (w->client && s->lacks && clock_since(s->since_ns) >= w->jobs->p.space_wait) {
+	if (w->client && s->lacks && clock_since(s->since_ns) >= w->jobs->core->p.space_wait) {
 		why = s->why;
 		run_space_forget(w);
 		run_fail(w, &why);
@@ -95,7 +95,7 @@ void run_space_tick(struct run *w)
 	if (clock_since(s->looked_ns) < s->wait)
 		return;
 	s->looked_ns = clock_mono_ns();
-	if (s->lacks && !space_would(w->jobs->space, SPACE_TEMPORARY, s->need, &lacks)) {
+	if (s->lacks && !space_would(w->jobs->core->space, SPACE_TEMPORARY, s->need, &lacks)) {
 		s->lacks = lacks;
 		if (w->calls->moved)
 			w->calls->moved(w->ctx);
@@ -115,7 +115,7 @@ uint64_t run_space_lacks(const struct run *w)
 
 static int take(struct run *w, enum space_kind kind, uint64_t bytes, const char *what, struct err *err)
 {
-	int r = space_take(w->jobs->space, kind, bytes, SPACE_MUST, what, err);
+	int r = space_take(w->jobs->core->space, kind, bytes, SPACE_MUST, what, err);
 
 	if (r)
 		atomic_store(&w->space.asked, bytes);
@@ -138,7 +138,7 @@ int run_space_spill(struct run *w, struct err *err)
 
 int run_space_spool(struct run *w, uint64_t bytes, struct err *err)
 {
-	int r = space_take(w->jobs->space, SPACE_TEMPORARY, bytes, SPACE_MUST, "a block for a slow reader", err);
+	int r = space_take(w->jobs->core->space, SPACE_TEMPORARY, bytes, SPACE_MUST, "a block for a slow reader", err);
 
 	if (!r)
 		w->space.spooled = bytes;
@@ -148,7 +148,7 @@ int run_space_spool(struct run *w, uint64_t bytes, struct err *err)
 void run_space_unspool(struct run *w)
 {
 	if (w->space.spooled)
-		space_give(w->jobs->space, SPACE_TEMPORARY, w->space.spooled);
+		space_give(w->jobs->core->space, SPACE_TEMPORARY, w->space.spooled);
 	w->space.spooled = 0;
 }
 
@@ -156,10 +156,10 @@ void run_space_shut(struct run *w)
 {
 	run_space_unspool(w);
 	if (w->space.spilled)
-		space_give(w->jobs->space, SPACE_TEMPORARY, w->space.spilled);
+		space_give(w->jobs->core->space, SPACE_TEMPORARY, w->space.spilled);
 	w->space.spilled = 0;
 	if (w->space.holds)
-		space_release(w->jobs->space, w->select.key);
+		space_release(w->jobs->core->space, w->select.key);
 	w->space.holds = false;
 }
 
@@ -174,7 +174,7 @@ bool run_space_domain(struct run *w, uint64_t bytes)
 {
 	struct err err = ERR_INIT;
 
-	if (!space_take(w->jobs->space, kind_of(w, SPACE_DOMAINS), bytes, SPACE_MAY, "a finished domain", &err))
+	if (!space_take(w->jobs->core->space, kind_of(w, SPACE_DOMAINS), bytes, SPACE_MAY, "a finished domain", &err))
 		return true;
 	if (!atomic_exchange(&w->space.told, true))
 		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "finished domains are not stored", &err);
@@ -183,11 +183,11 @@ bool run_space_domain(struct run *w, uint64_t bytes)
 
 void run_space_stored(struct run *w, uint64_t taken, uint64_t bytes)
 {
-	space_change(w->jobs->space, kind_of(w, SPACE_DOMAINS), taken, bytes);
+	space_change(w->jobs->core->space, kind_of(w, SPACE_DOMAINS), taken, bytes);
 	if (w->dataset->onestep)
 		atomic_fetch_add(&w->dataset->derived, bytes);
 	else if (bytes)
-		space_count(w->jobs->space, SPACE_DOMAINS, 1);
+		space_count(w->jobs->core->space, SPACE_DOMAINS, 1);
 }
 
 /* ---- a selection that is being made ---- */
@@ -231,18 +231,18 @@ void run_space_select_end(struct run *w, uint64_t bytes)
 {
 	/* No more than was taken: it may be gone already. */
 	bytes = bytes < w->space.selecting ? bytes : w->space.selecting;
-	space_change(w->jobs->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting, bytes);
+	space_change(w->jobs->core->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting, bytes);
 	w->space.selecting = 0;
 	if (bytes && w->dataset->onestep)
 		atomic_fetch_add(&w->dataset->derived, bytes);
 	else if (bytes)
-		space_count(w->jobs->space, SPACE_SELECTIONS, 1);
+		space_count(w->jobs->core->space, SPACE_SELECTIONS, 1);
 }
 
 void run_space_select_hold(struct run *w)
 {
 	if (!w->space.holds)
-		space_hold(w->jobs->space, w->select.key);
+		space_hold(w->jobs->core->space, w->select.key);
 	w->space.holds = true;
 }
 

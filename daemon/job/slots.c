@@ -96,7 +96,7 @@ static void look_at_users(struct jobs *j)
 		if (first->seen)
 			continue;
 		held = admit_tally(j, first->owner.uid).own_running;
-		service = sched_service(j->p.sched, first->owner.uid);
+		service = sched_service(j->core->p.sched, first->owner.uid);
 		for (p = first; p; p = p->next) {
 			if (p->owner.uid != first->owner.uid)
 				continue;
@@ -212,7 +212,7 @@ void slots_settle(struct jobs *j)
 	struct slot *p;
 
 	THREAD_LOOP_ONLY();
-	if (!j->slots || j->placing || j->parking)
+	if (!j->slots || j->placing || j->core->parking)
 		return;
 	j->placing = true;
 	for (p = j->slots; p; p = p->next)

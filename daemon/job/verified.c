@@ -27,7 +27,7 @@ void verified_load(struct jobs *j)
 	size_t n = 0;
 	int fd;
 
-	if (io_open(j->p.statefd, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK, 0, &fd, &err))
+	if (io_open(j->core->p.statefd, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK, 0, &fd, &err))
 		return; /* never verified */
 	if (!io_read_some(fd, text, sizeof text - 1, 0, name, &n, &err)) {
 		text[n] = 0;
@@ -48,7 +48,7 @@ struct noting {
 static void note_run(struct sched_task *t)
 {
 	const struct verified *v = &((struct noting *)t)->v;
-	int dirfd = ((struct noting *)t)->jobs->p.statefd, fd;
+	int dirfd = ((struct noting *)t)->jobs->core->p.statefd, fd;
 	struct err err = ERR_INIT;
 	char text[160], newer[24] = "";
 	int n, r = io_open(dirfd, "last-verify.tmp", O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW, 0600, &fd, &err);
@@ -74,7 +74,7 @@ static void note_done(struct sched_task *t)
 {
 	struct noting *x = (struct noting *)t;
 
-	x->jobs->background--;
+	core_background_over(x->jobs->core);
 	free(x);
 }
 
@@ -93,6 +93,5 @@ void verified_note(struct jobs *j, const struct cache_verified *found)
 	x->task = (struct sched_task){.run = note_run, .done = note_done, .priority = SCHED_NORMAL};
 	x->jobs = j;
 	x->v = j->verified;
-	j->background++;
-	sched_submit(j->p.sched, &x->task);
+	core_background(j->core, &x->task);
 }

@@ -273,7 +273,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 }
 
 /* Takes over the peer's groups, if it succeeds. */
-static int conn_make(struct server *s, int fd, const struct job_peer *peer, struct err *err)
+static int conn_make(struct server *s, int fd, const struct peer *peer, struct err *err)
 {
 	struct conn *c = calloc(1, sizeof *c);
 	struct frame_limits limits = {.fields = FIELDS_MAX, .ledger = s->p.ledger};
@@ -323,7 +323,7 @@ unsigned conns_of(const struct server *s, uint32_t uid)
 }
 
 /* Who it is, and whether he is served: before anything is kept for him. */
-static int conn_peer(struct server *s, int fd, struct job_peer *ret, struct err *err)
+static int conn_peer(struct server *s, int fd, struct peer *ret, struct err *err)
 {
 	struct ucred cred;
 	socklen_t size = sizeof cred;
@@ -331,7 +331,7 @@ static int conn_peer(struct server *s, int fd, struct job_peer *ret, struct err 
 
 	if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &cred, &size) != 0)
 		return err_sys(err, errno, "the client's user cannot be found out");
-	*ret = (struct job_peer){.uid = cred.uid, .pid = (uint32_t)cred.pid, .gid = cred.gid};
+	*ret = (struct peer){.uid = cred.uid, .pid = (uint32_t)cred.pid, .gid = cred.gid};
 	r = rights_groups(fd, s->p.ledger, ret, err);
 	if (r)
 		return r;
@@ -348,7 +348,7 @@ static int conn_peer(struct server *s, int fd, struct job_peer *ret, struct err 
 
 int conn_new(struct server *s, int fd, struct err *err)
 {
-	struct job_peer peer;
+	struct peer peer;
 	int r = conn_peer(s, fd, &peer, err);
 
 	if (r)

@@ -96,7 +96,7 @@ static bool tellable(struct server *s, struct refusals *r, enum log_event event)
 	return true;
 }
 
-void refusal_log(struct server *s, const struct job_peer *peer, const struct err *why)
+void refusal_log(struct server *s, const struct peer *peer, const struct err *why)
 {
 	struct log_about about = {ABOUT_USER(peer->uid), .pid = peer->pid, .code = err_wire_name(why->code)};
 

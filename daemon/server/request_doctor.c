@@ -65,7 +65,7 @@ static unsigned long long count(enum log_event e)
 
 /* ---- the peer, and the process ---- */
 
-static void check_rights(struct visit *v, const struct server *s, const struct job_peer *peer)
+static void check_rights(struct visit *v, const struct server *s, const struct peer *peer)
 {
 	say(v, "rights", OK, "", "user %u (group %u and %u more) may submit and push%s", peer->uid, peer->gid, peer->ngroups,
 	    rights_admin(peer) ? ", and is an administrator" : "; sees its own and what it may read");

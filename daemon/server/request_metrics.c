@@ -289,7 +289,7 @@ static double dataset_pending(const struct dataset_info *i)
 	return i->pending;
 }
 
-static void dataset_page(struct page *p, struct server *s, const struct job_peer *peer, const char *after)
+static void dataset_page(struct page *p, struct server *s, const struct peer *peer, const char *after)
 {
 	static const struct {
 		const char *name, *help;
@@ -338,7 +338,7 @@ static double user_jobs(const struct jobs_user *u)
 	return u->jobs;
 }
 
-static void user_page(struct page *p, struct server *s, const struct job_peer *peer, uint64_t from)
+static void user_page(struct page *p, struct server *s, const struct peer *peer, uint64_t from)
 {
 	static const struct {
 		const char *name, *help;

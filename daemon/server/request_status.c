@@ -23,7 +23,7 @@ struct holder {
 
 /* The first of holders is the one with the least, so that it gives way: a heap. */
 struct answer {
-	const struct job_peer *peer; /* who asks */
+	const struct peer *peer; /* who asks */
 	size_t n, more;
 	struct holder *heap[HOLDERS_MAX];
 	struct holder holder[HOLDERS_MAX];

@@ -43,13 +43,13 @@ static unsigned places(const struct server *s)
 	return (unsigned)n;
 }
 
-uint32_t room_owner(const struct job_peer *peer)
+uint32_t room_owner(const struct peer *peer)
 {
 	return peer->uid + 1; /* 0 is nobody */
 }
 
 /* A file system in user space that does not answer keeps what is closed there open for ever: of one user at most so many. */
-int room_files(const struct job_peer *peer, bool *ret_later, struct err *err)
+int room_files(const struct peer *peer, bool *ret_later, struct err *err)
 {
 	uint64_t since;
 	uint32_t owner = room_owner(peer);
@@ -120,7 +120,7 @@ int room_wait(struct conn *c, struct err *err)
 	return 0;
 }
 
-int room_place(const struct server *s, const struct job_peer *peer, struct err *err)
+int room_place(const struct server *s, const struct peer *peer, struct err *err)
 {
 	unsigned own, others, most;
 	bool later;

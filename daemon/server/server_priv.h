@@ -80,7 +80,7 @@ struct conn {
 	struct server *server;
 	struct frame_conn *frame; /* NULL: closed */
 	sd_event_source *io;
-	struct job_peer peer;
+	struct peer peer;
 	uint64_t number;         /* of all that ever came */
 	uint64_t blocked_ns;     /* since when it has read nothing of what lies ready for it; 0: it has read all */
 	bool hello, closed, dry; /* dry: no whole message has come */
@@ -126,10 +126,10 @@ uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now,
 
 /* room.c: as far as that is possible, memory for messages of that user, at the expense of others but that one (NULL: of any). */
 void room_make(struct server *, size_t bytes, uint32_t uid, const struct conn *but);
-int room_place(const struct server *, const struct job_peer *, struct err *err); /* for one connection more. -ERR_BUSY */
-uint32_t room_owner(const struct job_peer *); /* of descriptors that he passes (io_close_owned) */
+int room_place(const struct server *, const struct peer *, struct err *err); /* for one connection more. -ERR_BUSY */
+uint32_t room_owner(const struct peer *);                                    /* of descriptors that he passes (io_close_owned) */
 /* For a file more of his. *ret_later: not yet. -ERR_BUSY: too many of them do not close. */
-int room_files(const struct job_peer *, bool *ret_later, struct err *err);
+int room_files(const struct peer *, bool *ret_later, struct err *err);
 int room_wait(struct conn *, struct err *err); /* nothing is received until there is room, which is looked for every few ms */
 
 /* refusal.c */
@@ -138,7 +138,7 @@ void refusal_tell(int fd, const struct err *why);
 bool refusal_away(struct server *); /* a client is turned away for want of what is needed to serve him: likewise */
 bool refusal_cut(struct server *);  /* a client is cut off: the log may have it; false: it is only counted */
 /* What a user may not, or has too much of: to the log, but no flood of it. */
-void refusal_log(struct server *, const struct job_peer *, const struct err *why);
+void refusal_log(struct server *, const struct peer *, const struct err *why);
 bool refusal_worth(const struct err *why);
 void refusals_end(struct server *);
 

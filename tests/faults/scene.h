@@ -52,7 +52,7 @@ struct scene_digests {
 /* As open_service, but it may fail. */
 static int service_try_open(uint64_t memory, unsigned threads, struct err *err)
 {
-	struct jobs_params p = {.threads = threads};
+	struct jobs_params p = {.core = {.threads = threads}};
 	char path[128];
 	int r;
 
@@ -66,11 +66,11 @@ static int service_try_open(uint64_t memory, unsigned threads, struct err *err)
 	r = sched_new(h.ledger, threads, &h.sched, err);
 	if (!r)
 		r = catalogue_new(path, h.ledger, &h.catalogue, err);
-	p.ledger = h.ledger;
-	p.sched = h.sched;
-	p.catalogue = h.catalogue;
-	p.statefd = h.statefd;
-	p.cachefd = h.cachefd;
+	p.core.ledger = h.ledger;
+	p.core.sched = h.sched;
+	p.core.catalogue = h.catalogue;
+	p.core.statefd = h.statefd;
+	p.core.cachefd = h.cachefd;
 	if (!r)
 		r = jobs_new(&p, &h.jobs, err);
 	if (!r)

@@ -37,7 +37,7 @@
 
 #define VIEW "view 1"
 
-static const struct job_peer me = {.uid = 1000, .pid = 1};
+static const struct peer me = {.uid = 1000, .pid = 1};
 
 static struct service {
 	char folder[64];
@@ -78,7 +78,7 @@ static double service_rest; /* jobs_params.rest */
 
 static void open_service(uint64_t memory, unsigned threads)
 {
-	struct jobs_params p = {.threads = threads, .rest = service_rest};
+	struct jobs_params p = {.core = {.threads = threads, .rest = service_rest}};
 	struct err err = ERR_INIT;
 	char path[128];
 
@@ -91,11 +91,11 @@ static void open_service(uint64_t memory, unsigned threads)
 	assert_true(ledger_share(h.ledger, LEDGER_JOBS, service_aside, service_most));
 	assert_int_equal(sched_new(h.ledger, threads, &h.sched, &err), 0);
 	assert_int_equal(catalogue_new(path, h.ledger, &h.catalogue, &err), 0);
-	p.ledger = h.ledger;
-	p.sched = h.sched;
-	p.catalogue = h.catalogue;
-	p.statefd = h.statefd;
-	p.cachefd = h.cachefd;
+	p.core.ledger = h.ledger;
+	p.core.sched = h.sched;
+	p.core.catalogue = h.catalogue;
+	p.core.statefd = h.statefd;
+	p.core.cachefd = h.cachefd;
 	if (jobs_new(&p, &h.jobs, &err))
 		fail_msg("%s %s", err.file, err.message);
 }

@@ -247,7 +247,7 @@ static void priorities(void **state)
 	dataset_release(d);
 	close_service();
 	open_service(UINT64_C(32) << 20, 2);
-	low[19] = job_find(h.jobs, id, &(struct job_peer){.uid = 1000});
+	low[19] = job_find(h.jobs, id, &(struct peer){.uid = 1000});
 	assert_non_null(low[19]);
 	assert_int_equal(info_of(low[19]).priority, JOB_PRIORITY_LOW);
 	turn_until_final(low[19]);
@@ -340,7 +340,7 @@ static void all_kinds_in_little(void **state)
 	d[0] = push("large", 120000, 9);
 	d[1] = push("small", 5000, 10);
 	for (unsigned i = 0; i < 20; i++) {
-		struct job_peer peer = {.uid = 1000 + i % 3, .pid = 1};
+		struct peer peer = {.uid = 1000 + i % 3, .pid = 1};
 
 		jobs[i] = submit_as(peer.uid, d[i % 4 == 3], view[i % 5], i % 7 ? NULL : "low");
 		if (i % 5 == 0) {

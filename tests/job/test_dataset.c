@@ -8,7 +8,7 @@
 
 #include "io.h"
 
-static const struct job_peer other = {.uid = 1001, .pid = 2}, root = {.uid = 0, .pid = 3};
+static const struct peer other = {.uid = 1001, .pid = 2}, root = {.uid = 0, .pid = 3};
 
 static struct {
 	int answers;
@@ -35,7 +35,7 @@ static void changed(void *token, const struct err *why, struct dataset *d)
 	told.dataset = d;
 }
 
-static enum err_code revert(struct dataset *d, uint64_t generation, const struct job_peer *peer)
+static enum err_code revert(struct dataset *d, uint64_t generation, const struct peer *peer)
 {
 	int before = told.answers;
 
@@ -44,7 +44,7 @@ static enum err_code revert(struct dataset *d, uint64_t generation, const struct
 	return told.why.code;
 }
 
-static enum err_code verb(enum dataset_verb what, const char *name, const struct job_peer *peer)
+static enum err_code verb(enum dataset_verb what, const char *name, const struct peer *peer)
 {
 	struct dataset_wanted w = {.verb = what, .name = name, .as = "", .peer = *peer};
 	int before = told.answers;
@@ -171,7 +171,7 @@ static void test_expiry(void **state)
 	struct job *job;
 	char path[128];
 
-	h.jobs->p.keep_removed = 0.001;
+	h.jobs->core->p.keep_removed = 0.001;
 	job = submit(d, false, VIEW);
 	job_fetch(job, &slow.output);
 	turn_until(slow.sending);

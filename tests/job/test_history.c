@@ -109,7 +109,7 @@ static void many(void **state)
 	turn_until(!jobs_active(h.jobs));
 	assert_int_equal(listed(), JOBS - OLD);
 	/* Another user sees none; one is removed; one is awake, and put back among the others. */
-	assert_null(job_find(h.jobs, 7777, &(struct job_peer){.uid = 2000}));
+	assert_null(job_find(h.jobs, 7777, &(struct peer){.uid = 2000}));
 	job = job_find(h.jobs, 7777, &me);
 	assert_non_null(job);
 	assert_int_equal(job_remove(job, &err), 0);
@@ -155,7 +155,7 @@ static void little_memory_push(void **state)
 	    " INSERT INTO push (id, dataset, uid, files, begun_us) SELECT i, 1, 1000, 1, 1 FROM n");
 	log_init("test-past", LOG_LEVEL_WARNING);
 	open_service(SMALL, 1);
-	assert_int_equal(h.jobs->last_push, PUSHES);
+	assert_int_equal(h.jobs->core->last_push, PUSHES);
 	assert_non_null(job_find(h.jobs, JOBS, &me));
 	assert_null(job_find(h.jobs, 5, &me));
 	assert_true(h.jobs->ndeletions > 0);
@@ -169,10 +169,10 @@ static void little_memory_push(void **state)
 	turn_until(!jobs_active(h.jobs));
 	/* As many pushes as take more than the jobs left over. */
 	left = history_count(h.jobs);
-	h.jobs->loading = true;
+	h.jobs->core->loading = true;
 	for (unsigned i = 0; i < TAKEN_UP; i++)
 		assert_non_null(taken[i] = pending_new(h.jobs, 0, &err));
-	h.jobs->loading = false;
+	h.jobs->core->loading = false;
 	assert_true(history_count(h.jobs) < left);
 	for (unsigned i = 0; i < TAKEN_UP; i++)
 		pending_free(h.jobs, taken[i]);
@@ -294,7 +294,7 @@ static void old_reports(void **state)
 static void listing(void **state)
 {
 	enum { ALL = 500 };
-	const struct job_peer he = {.uid = 7};
+	const struct peer he = {.uid = 7};
 	struct dataset all[ALL] = {0}, *page[64];
 	const struct jobs service = {.datasets = all};
 	char after[DATASET_NAME_MAX + 1] = "";
@@ -346,7 +346,7 @@ static void rests(void **state)
 		turn(10);
 	assert_true(jobs_resting(h.jobs));
 	assert_false(jobs_active(h.jobs));
-	assert_false(h.jobs->disk.begun);
+	assert_false(h.jobs->core->disk.begun);
 	assert_true(left("gone-0", false));
 	close_service();
 	assert_false(left("gone-0", false));
@@ -355,7 +355,7 @@ static void rests(void **state)
 	assert_true(left("tmp", true));
 	open_service(UINT64_C(64) << 20, 1);
 	turn_until(!left("gone-0", false));
-	turn_until(h.jobs->disk.begun);
+	turn_until(h.jobs->core->disk.begun);
 	assert_false(jobs_resting(h.jobs));
 	close_service();
 

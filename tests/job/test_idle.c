@@ -38,16 +38,16 @@ static int teardown_slow(void **state)
 
 static void asking_is_no_work(void **state)
 {
-	turn_until(!jobs_active(h.jobs) && !h.jobs->disk.asking);
+	turn_until(!jobs_active(h.jobs) && !h.jobs->core->disk.asking);
 	holds = true;
 	held = 0;
-	h.jobs->disk.asked_ns = 0;
+	h.jobs->core->disk.asked_ns = 0;
 	turn_until(held);
-	assert_true(h.jobs->disk.asking && sched_busy(h.sched) == 1);
+	assert_true(h.jobs->core->disk.asking && sched_busy(h.sched) == 1);
 	assert_false(jobs_active(h.jobs));
-	h.jobs->background++; /* other work is */
+	h.jobs->core->background++; /* other work is */
 	assert_true(jobs_active(h.jobs));
-	h.jobs->background--;
+	h.jobs->core->background--;
 	holds = false;
 	turn_until(!jobs_active(h.jobs));
 }

@@ -180,8 +180,8 @@ static void cancel(void **state)
 	/* Others do not see my jobs, root does. */
 	other = submit(d, true, VIEW);
 	id = info_of(other).id;
-	assert_null(job_find(h.jobs, id, &(struct job_peer){.uid = 1001}));
-	assert_ptr_equal(job_find(h.jobs, id, &(struct job_peer){.uid = 0}), other);
+	assert_null(job_find(h.jobs, id, &(struct peer){.uid = 1001}));
+	assert_ptr_equal(job_find(h.jobs, id, &(struct peer){.uid = 0}), other);
 	job_leave(other);
 	dataset_release(d);
 }

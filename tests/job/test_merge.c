@@ -166,12 +166,12 @@ static void many_pushes(void **state)
 	}
 	assert_int_equal(dataset_of("many").generation, N);
 	assert_true(dataset_of("many").segments <= 4);
-	assert_true(h.jobs->tally.merges >= N / 8);
+	assert_true(h.jobs->core->tally.merges >= N / 8);
 	folder_is_tidy("many");
 	for (unsigned i = 1; i <= N; i += 3)
 		same_mesh("many", i, &was[i]);
 	/* Amortised: what was written for merges, in points, is few times what was pushed. */
-	assert_true(h.jobs->tally.merged_bytes < 40 * dataset_of("many").bytes);
+	assert_true(h.jobs->core->tally.merged_bytes < 40 * dataset_of("many").bytes);
 	assert_int_equal(ledger_held(h.ledger, LEDGER_STAGE), 0);
 }
 
@@ -244,7 +244,7 @@ static void quota(uint64_t bytes)
 {
 	struct space_limit disk = {bytes ? SPACE_BYTES : SPACE_UNLIMITED, bytes};
 
-	space_set_limits(h.jobs->space, disk, (struct space_limit){SPACE_UNLIMITED, 0});
+	space_set_limits(h.jobs->core->space, disk, (struct space_limit){SPACE_UNLIMITED, 0});
 }
 
 /* A merge for which there is no room is tried again later, and later each time, up to a minute; not before, and when there is
@@ -256,7 +256,7 @@ static void no_space(void **state)
 	struct mesh was;
 
 	for (unsigned round = 0; round < 2; round++) {
-		uint64_t merges = j->tally.merges;
+		uint64_t merges = j->core->tally.merges;
 
 		j->merge_after_ns = UINT64_MAX;
 		for (unsigned i = 1; i <= 5; i++)
@@ -279,11 +279,11 @@ static void no_space(void **state)
 			}
 		}
 		assert_true(named("full")->merge_due);
-		assert_int_equal(j->tally.merges, merges);
+		assert_int_equal(j->core->tally.merges, merges);
 		quota(0);
 		j->merge_after_ns = 0;
 		idle();
-		assert_true(j->tally.merges > merges);
+		assert_true(j->core->tally.merges > merges);
 		assert_true(j->merge_wait == 0);
 		assert_true(dataset_of("full").segments < 5);
 		folder_is_tidy("full");

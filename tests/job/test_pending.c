@@ -153,7 +153,7 @@ static void verified(void *token, const struct err *why, const struct cache_veri
 static void test_verified_meanwhile(void **state)
 {
 	const struct cache_verify_calls verify_calls = {damage, verifying, verified};
-	const struct job_peer admin = {.uid = geteuid(), .pid = 1, .admin = true};
+	const struct peer admin = {.uid = geteuid(), .pid = 1, .admin = true};
 	int fd = text_file(500, 2);
 	struct err err = ERR_INIT;
 	struct cache_verify *v;

@@ -10,7 +10,7 @@
 #include "history.h"
 
 enum { LARGE = 40000, MANY = 104, STEP = 99000, TEETH = 4500 };
-static const struct job_peer hog = {.uid = 7, .pid = 7}, root = {.uid = 0, .pid = 8, .admin = true};
+static const struct peer hog = {.uid = 7, .pid = 7}, root = {.uid = 0, .pid = 8, .admin = true};
 
 static void sql(const char *text)
 {
@@ -40,7 +40,7 @@ static void jobs_over(unsigned from, unsigned n, uint32_t uid, unsigned bytes)
 	sql(text);
 }
 
-static unsigned count(const struct job_peer *peer)
+static unsigned count(const struct peer *peer)
 {
 	struct job *job;
 	unsigned n = 0;
@@ -70,7 +70,7 @@ static char *comb(unsigned teeth, unsigned down)
 	return text;
 }
 
-static struct job *want(struct dataset *d, const struct job_peer *peer, const char *view)
+static struct job *want(struct dataset *d, const struct peer *peer, const char *view)
 {
 	struct job_params p = {.dataset = d, .view = view, .peer = *peer};
 	int before = accepts;
@@ -195,7 +195,7 @@ static void unfinished(void **state)
 	assert_true(m >= n / 2 - 1 && m <= n / 2 + 1);
 	/* A third one, and an administrator, who may have all that is left. */
 	view = comb(TEETH, 5000);
-	assert_non_null(want(d, &(struct job_peer){.uid = 9}, view));
+	assert_non_null(want(d, &(struct peer){.uid = 9}, view));
 	for (m = 0; want(d, &root, view); m++) {
 		free(view);
 		view = comb(TEETH, 6000 + m);

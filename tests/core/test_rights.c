@@ -18,16 +18,15 @@ enum { OWNER = 1000, OTHER = 1001, SELF = 990, GROUP = 50, SERVED = 60, ADMINS =
 
 static const uint32_t in_group[] = {GROUP, SERVED}, in_served[] = {SERVED}, in_admins[] = {10, ADMINS, 80};
 
-static struct job_peer peer(uint32_t uid, uint32_t gid, const uint32_t *groups, uint32_t n)
+static struct peer peer(uint32_t uid, uint32_t gid, const uint32_t *groups, uint32_t n)
 {
-	return (struct job_peer){.uid = uid, .pid = 1, .gid = gid, .groups = groups, .ngroups = n};
+	return (struct peer){.uid = uid, .pid = 1, .gid = gid, .groups = groups, .ngroups = n};
 }
 
 static void datasets(void **state)
 {
-	const struct job_peer owner = peer(OWNER, 1, NULL, 0), first = peer(OTHER, GROUP, NULL, 0),
-			      more = peer(OTHER, 1, in_group, 2), other = peer(OTHER, 1, in_served, 1),
-			      root = peer(0, 0, NULL, 0);
+	const struct peer owner = peer(OWNER, 1, NULL, 0), first = peer(OTHER, GROUP, NULL, 0),
+			  more = peer(OTHER, 1, in_group, 2), other = peer(OTHER, 1, in_served, 1), root = peer(0, 0, NULL, 0);
 
 	for (uint32_t mode = 0; mode <= MODE_ALL; mode++) {
 		assert_int_equal(rights_allow(&owner, RIGHT_READ, OWNER, GROUP, mode), mode >> 8 & 1);
@@ -53,7 +52,7 @@ static void admins(void **state)
 	const struct rights rules = {.self = SELF, .gid = SERVED, .admin_gid = ADMINS, .group = "acut"},
 			    open = {.self = SELF, .gid = RIGHTS_NOBODY, .admin_gid = RIGHTS_NOBODY};
 	const struct {
-		struct job_peer peer;
+		struct peer peer;
 		bool admin, served;
 	} row[] = {
 		{peer(0, 0, NULL, 0), true, true},           {peer(SELF, 1, NULL, 0), true, true},
@@ -63,7 +62,7 @@ static void admins(void **state)
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
-		struct job_peer p = row[i].peer, kept;
+		struct peer p = row[i].peer, kept;
 		struct err err = ERR_INIT;
 
 		rights_look(&rules, &p);
@@ -86,7 +85,7 @@ static void admins(void **state)
 static void groups(void **state)
 {
 	struct ledger *ledger = ledger_new(1 << 20);
-	struct job_peer p = {.gid = RIGHTS_NOBODY};
+	struct peer p = {.gid = RIGHTS_NOBODY};
 	struct err err = ERR_INIT;
 	gid_t mine[64];
 	int n = getgroups(64, mine), pair[2];

@@ -13,13 +13,26 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "job.h"
-
 struct err;
 struct ledger;
 
+/* Who asks, as the kernel says. The groups are the connection's, borrowed: what is kept is rights_kept. */
+struct peer {
+	uint32_t uid, pid, gid;
+	bool admin;
+	uint32_t ngroups;
+	const uint32_t *groups; /* sorted */
+};
+/* What is asked of a dataset. */
+enum right {
+	RIGHT_READ,  /* mesh, plan, show, log, export; to see it in a list */
+	RIGHT_WRITE, /* push, revert */
+	RIGHT_OWN,   /* remove, restore, pin, prune, mode and group */
+	RIGHT_GIVE,  /* another owner */
+};
+
 enum { RIGHTS_NAME = 64 };
-#define RIGHTS_NOBODY UINT32_MAX /* no group, as of a dataset that is older than groups */
+#define RIGHTS_NOBODY UINT32_MAX /* no group, as of a dataset older than groups */
 
 /* Who is served at all. */
 struct rights {
@@ -30,25 +43,23 @@ struct rights {
 
 /* The groups of who is at the other end of that socket into peer->groups, sorted; charged to LEDGER_MESSAGE until
  * rights_groups_free. -ERR_BUSY: no memory for so many. */
-int rights_groups(int fd, struct ledger *, struct job_peer *, struct err *err);
-void rights_groups_free(struct ledger *, struct job_peer *);
+int rights_groups(int fd, struct ledger *, struct peer *, struct err *err);
+void rights_groups_free(struct ledger *, struct peer *);
 /* peer->admin, by these rules. */
-void rights_look(const struct rights *, struct job_peer *);
+void rights_look(const struct rights *, struct peer *);
 /* -ERR_PERM: this one is not served. */
-int rights_connect(const struct rights *, const struct job_peer *, struct err *err);
+int rights_connect(const struct rights *, const struct peer *, struct err *err);
 
 /* What outlives the connection: without the groups, with what they decided. */
-struct job_peer rights_kept(const struct job_peer *);
+struct peer rights_kept(const struct peer *);
 /* Who is known by a row of the catalogue. */
-struct job_peer rights_stored(uint32_t uid, uint32_t pid);
+struct peer rights_stored(uint32_t uid, uint32_t pid);
 
-bool rights_admin(const struct job_peer *);
+bool rights_admin(const struct peer *);
 /* As that user: of his jobs, what he added. */
-bool rights_as(const struct job_peer *, uint32_t uid);
-bool rights_in_group(const struct job_peer *, uint32_t gid);
+bool rights_as(const struct peer *, uint32_t uid);
+bool rights_in_group(const struct peer *, uint32_t gid);
 
-bool rights_allow(const struct job_peer *, enum right, uint32_t uid, uint32_t gid, uint32_t mode);
-/* As that, with a sentence. */
-int rights_dataset(const struct dataset *, const struct job_peer *, enum right, struct err *err);
+bool rights_allow(const struct peer *, enum right, uint32_t uid, uint32_t gid, uint32_t mode);
 
 #endif

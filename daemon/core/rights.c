@@ -14,8 +14,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "job_priv.h"
-#include "mode.h"
+#include "err.h"
+#include "ledger.h"
 
 /* ---- peers ---- */
 
@@ -26,7 +26,7 @@ static int by_number(const void *a, const void *b)
 	return x < y ? -1 : x > y;
 }
 
-int rights_groups(int fd, struct ledger *ledger, struct job_peer *peer, struct err *err)
+int rights_groups(int fd, struct ledger *ledger, struct peer *peer, struct err *err)
 {
 	_Static_assert(sizeof(gid_t) == sizeof(uint32_t), "groups are kept as the kernel gives them");
 	uint32_t few[64], *all = few;
@@ -62,7 +62,7 @@ int rights_groups(int fd, struct ledger *ledger, struct job_peer *peer, struct e
 	return 0;
 }
 
-void rights_groups_free(struct ledger *ledger, struct job_peer *peer)
+void rights_groups_free(struct ledger *ledger, struct peer *peer)
 {
 	if (!peer->groups)
 		return;
@@ -72,19 +72,19 @@ void rights_groups_free(struct ledger *ledger, struct job_peer *peer)
 	peer->ngroups = 0;
 }
 
-bool rights_in_group(const struct job_peer *peer, uint32_t gid)
+bool rights_in_group(const struct peer *peer, uint32_t gid)
 {
 	if (gid == RIGHTS_NOBODY)
 		return false;
 	return peer->gid == gid || (peer->ngroups && bsearch(&gid, peer->groups, peer->ngroups, sizeof *peer->groups, by_number));
 }
 
-void rights_look(const struct rights *rules, struct job_peer *peer)
+void rights_look(const struct rights *rules, struct peer *peer)
 {
 	peer->admin = !peer->uid || peer->uid == rules->self || rights_in_group(peer, rules->admin_gid);
 }
 
-int rights_connect(const struct rights *rules, const struct job_peer *peer, struct err *err)
+int rights_connect(const struct rights *rules, const struct peer *peer, struct err *err)
 {
 	if (rights_admin(peer) || rules->gid == RIGHTS_NOBODY || rights_in_group(peer, rules->gid))
 		return 0;
@@ -92,33 +92,33 @@ int rights_connect(const struct rights *rules, const struct job_peer *peer, stru
 	return err_add_hint(err, "ask an administrator to add you to it (usermod -aG %s NAME), and log in again", rules->group);
 }
 
-struct job_peer rights_kept(const struct job_peer *peer)
+struct peer rights_kept(const struct peer *peer)
 {
-	struct job_peer kept = *peer;
+	struct peer kept = *peer;
 
 	kept.groups = NULL;
 	kept.ngroups = 0;
 	return kept;
 }
 
-struct job_peer rights_stored(uint32_t uid, uint32_t pid)
+struct peer rights_stored(uint32_t uid, uint32_t pid)
 {
-	return (struct job_peer){.uid = uid, .pid = pid, .gid = RIGHTS_NOBODY, .admin = !uid || uid == geteuid()};
+	return (struct peer){.uid = uid, .pid = pid, .gid = RIGHTS_NOBODY, .admin = !uid || uid == geteuid()};
 }
 
-bool rights_admin(const struct job_peer *peer)
+bool rights_admin(const struct peer *peer)
 {
 	return peer->admin || !peer->uid;
 }
 
-bool rights_as(const struct job_peer *peer, uint32_t uid)
+bool rights_as(const struct peer *peer, uint32_t uid)
 {
 	return rights_admin(peer) || peer->uid == uid;
 }
 
-/* ---- datasets ---- */
+/* ---- what is owned ---- */
 
-bool rights_allow(const struct job_peer *peer, enum right right, uint32_t uid, uint32_t gid, uint32_t mode)
+bool rights_allow(const struct peer *peer, enum right right, uint32_t uid, uint32_t gid, uint32_t mode)
 {
 	uint32_t bit = right == RIGHT_READ ? 4 : 2;
 
@@ -129,23 +129,4 @@ bool rights_allow(const struct job_peer *peer, enum right right, uint32_t uid, u
 	if (peer->uid == uid)
 		return mode & bit << 6;
 	return mode & (rights_in_group(peer, gid) ? bit << 3 : bit);
-}
-
-int rights_dataset(const struct dataset *d, const struct job_peer *peer, enum right right, struct err *err)
-{
-	static const char *const what[] = {[RIGHT_READ] = "read", [RIGHT_WRITE] = "push into"};
-	char text[MODE_TEXT_SIZE];
-
-	if (rights_allow(peer, right, d->uid, d->gid, d->onestep ? 0600 : d->mode))
-		return 0;
-	if (right == RIGHT_GIVE) {
-		err_set(err, ERR_PERM, "only an administrator may give the dataset %s another owner", d->name);
-		return err_add_hint(err, "ask whoever runs the daemon; acutctl dataset chgrp gives it another group");
-	}
-	if (right == RIGHT_OWN || d->onestep)
-		return err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
-	err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u, and its mode %s does not let you %s it", d->name,
-		d->uid, mode_text(d->mode, text), what[right]);
-	return err_add_hint(err, "its owner can change that: acutctl dataset chmod %s+%c %s",
-			    rights_in_group(peer, d->gid) ? "g" : "o", right == RIGHT_READ ? 'r' : 'w', d->name);
 }

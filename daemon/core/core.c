@@ -1,0 +1,155 @@
+/*
+ * The shared state: made before all rooms above it, freed after them. Opens the folders; renames away what no daemon leaves to
+ * the next one, and removes it when the new daemon already serves.
+ */
+#include "core.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "core_priv.h"
+#include "io.h"
+
+static const char aside[] = "gone-";
+
+int core_folder(int dirfd, const char *name, int *ret_fd, struct err *err)
+{
+	int r = io_make_dir(dirfd, name, 0700, err);
+
+	return r ? r : io_open(dirfd, name, O_RDONLY | O_DIRECTORY, 0, ret_fd, err);
+}
+
+int core_selected_folder(const struct core *core, int *ret_fd, struct err *err)
+{
+	return core_folder(core->p.cachefd, "selected", ret_fd, err);
+}
+
+/* A new folder; what was in the old one goes later. */
+static int folder_anew(struct core *core, const char *name, int *ret_fd, struct err *err)
+{
+	char to[32];
+	int r = -1;
+
+	for (unsigned i = 0; r != 0 && i < 1000; i++) {
+		snprintf(to, sizeof to, "%s%u", aside, i);
+		r = io->renameat(core->p.cachefd, name, core->p.cachefd, to);
+		if (r != 0 && errno != ENOTEMPTY && errno != EEXIST)
+			break;
+	}
+	if (r == 0 || errno == ENOENT)
+		return core_folder(core->p.cachefd, name, ret_fd, err);
+	r = core_folder(core->p.cachefd, name, ret_fd, err);
+	return r ? r : io_folder_empty(*ret_fd, err);
+}
+
+static int open_folders(struct core *core, struct err *err)
+{
+	int r = core_folder(core->p.statefd, "datasets", &core->datafd, err);
+
+	if (!r)
+		r = folder_anew(core, "one-step", &core->onestepfd, err);
+	if (!r)
+		r = core_folder(core->p.cachefd, "domains", &core->domainsfd, err);
+	if (!r)
+		r = folder_anew(core, "tmp", &core->tempfd, err);
+	if (!r)
+		r = core_folder(core->p.statefd, "plans", &core->plansfd, err);
+	return r;
+}
+
+int core_new(const struct core_params *p, struct core **ret, struct err *err)
+{
+	struct core *core = calloc(1, sizeof *core);
+	int r;
+
+	if (!core)
+		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	core->p = *p;
+	core->datafd = core->onestepfd = core->domainsfd = core->tempfd = core->plansfd = -1;
+	limit_init(core);
+	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &core->space, err);
+	if (!r)
+		r = open_folders(core, err);
+	if (r)
+		core_free(core);
+	else
+		*ret = core;
+	return r;
+}
+
+struct core *core_free(struct core *core)
+{
+	if (!core)
+		return NULL;
+	deferred_drop(core);
+	io_close(core->datafd);
+	io_close(core->onestepfd);
+	io_close(core->domainsfd);
+	io_close(core->tempfd);
+	io_close(core->plansfd);
+	space_free(core->space);
+	limit_done(core);
+	free(core);
+	return NULL;
+}
+
+void core_background(struct core *core, struct sched_task *t)
+{
+	core->background++;
+	sched_submit(core->p.sched, t);
+}
+
+void core_background_over(struct core *core)
+{
+	core->background--;
+}
+
+/* ---- what an earlier daemon left in the cache ---- */
+
+struct clearing {
+	struct sched_task task;
+	struct core *core;
+};
+
+static void clearing_run(struct sched_task *t)
+{
+	struct err err = ERR_INIT;
+
+	if (io_folder_sweep(((struct clearing *)t)->core->p.cachefd, aside, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start",
+			      &err);
+}
+
+static void clearing_done(struct sched_task *t)
+{
+	core_background_over(((struct clearing *)t)->core);
+	free(t);
+}
+
+void core_clear(struct core *core)
+{
+	struct clearing *c = calloc(1, sizeof *c);
+
+	if (!c)
+		return;
+	c->task = (struct sched_task){.run = clearing_run, .done = clearing_done, .priority = SCHED_LAST};
+	c->core = core;
+	deferred_submit(core, &c->task);
+}
+
+/* ---- events and counts ---- */
+
+void tally_domain(struct core *core, uint32_t triangles)
+{
+	THREAD_LOOP_ONLY();
+	core->tally.domains_made++;
+	core->tally.triangles += triangles;
+}
+
+void event_damage(const struct log_about *about, const struct err *why)
+{
+	if (why->code == ERR_CORRUPT)
+		log_event_err(LOG_EVENT_DAMAGE, about, "what is stored is damaged", why);
+}

@@ -1,0 +1,86 @@
+/* Bytes on the disk by user: what counts with whom, and how much is left. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "core.h"
+#include "core_priv.h"
+
+enum { ANNA = 1001, BERT = 1002, PENDING = 82000 };
+
+/* What was pushed: a dataset of one user, an interrupted push of another. */
+struct listed {
+	uint64_t dataset, pending;
+};
+
+static void each(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
+{
+	const struct listed *l = ctx;
+
+	add(to, ANNA, l->dataset);
+	add(to, BERT, l->pending);
+}
+
+static uint64_t has(struct core *core, uint32_t uid)
+{
+	uint64_t bytes, most;
+
+	limit_disk_of(core, uid, 0, &bytes, &most);
+	assert_int_equal(most, 100000);
+	return bytes;
+}
+
+/* An interrupted push counts with who pushed, not with the owner of the dataset; grids and what is taken beside it. */
+static void whose_disk(void **state)
+{
+	const struct limit_geoid grids[] = {{BERT, 1000}, {BERT, 500}, {ANNA, 7}};
+	struct listed listed = {.dataset = 5000, .pending = PENDING};
+	struct core core = {.p.user.disk = {.n = 100000, .unit = SPACE_BYTES}, .used = {&listed, each}};
+	const uint64_t pending = PENDING;
+	struct err err = ERR_INIT;
+
+	limit_init(&core);
+	limit_count(&core);
+	limit_geoids(&core, grids, 3);
+	assert_int_equal(has(&core, ANNA), 5007);
+	assert_int_equal(has(&core, BERT), pending + 1500);
+	/* Rows outlive a count by what it does not know. */
+	assert_int_equal(limit_disk_take(&core, BERT, false, 10, "it", &err), 0);
+	listed.pending = 0;
+	limit_count(&core);
+	assert_int_equal(has(&core, BERT), 1510);
+	/* There is room to the last byte, and what is refused takes nothing. */
+	assert_int_equal(limit_disk_take(&core, BERT, false, 100000 - 1509, "it", &err), -ERR_LIMIT);
+	assert_string_equal(err.field, "user-disk");
+	assert_int_equal(limit_disk_take(&core, BERT, false, 100000 - 1510, "it", &err), 0);
+	assert_int_equal(limit_disk_take(&core, BERT, false, 1, "it", &err), -ERR_LIMIT);
+	limit_disk_give(&core, BERT, 100000 - 1510);
+	/* What was taken and lies there now: in one step. And back. */
+	listed.pending = PENDING;
+	limit_count_given(&core, BERT, 10, ANNA, 0);
+	assert_int_equal(has(&core, BERT), pending + 1500);
+	listed.pending = 0;
+	limit_count_given(&core, BERT, -(int64_t)pending, ANNA, -5);
+	assert_int_equal(has(&core, BERT), pending + 1500);
+	assert_int_equal(has(&core, ANNA), 5012);
+	/* Also while there is no limit: what was taken under one is given back. */
+	core.p.user.disk.unit = SPACE_UNLIMITED;
+	limit_count_given(&core, BERT, (int64_t)pending, ANNA, 5);
+	core.p.user.disk.unit = SPACE_BYTES;
+	limit_count(&core);
+	limit_geoids(&core, grids, 0);
+	limit_count(&core);
+	assert_int_equal(has(&core, BERT), 0);
+	assert_int_equal(core.limits.n, 1);
+	limit_done(&core);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {cmocka_unit_test(whose_disk)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
