@@ -176,7 +176,7 @@ static void row_done(void *ctx, int r, const struct err *why)
 {
 	struct dataset_change *c = ctx;
 	struct dataset *d = c->dataset;
-	bool read = jobs_opening(c->jobs, d) || d->readers;
+	bool read = admission_opening(c->jobs->admission, d) || d->readers;
 
 	d->rows--;
 	c->r = r;

@@ -26,7 +26,6 @@ enum {
 /* After one that was given up; where there was no space, twice as long each time. */
 #define AGAIN_SECONDS 1.0
 #define LONGEST_SECONDS 64.0
-#define STARVED_SECONDS 0.3
 
 struct merge {
 	struct dataset_rewrite rewrite;
@@ -162,14 +161,6 @@ static void start(struct jobs *j, struct dataset *d)
 
 /* ---- when ---- */
 
-static bool memory_awaited(const struct jobs *j)
-{
-	for (const struct slot *p = j->slots; p; p = p->next)
-		if (p->wait == SLOT_MEMORY)
-			return true;
-	return j->stage_turn || (j->starved_ns && clock_since(j->starved_ns) > STARVED_SECONDS);
-}
-
 /* Looked for in every round of the loop: where no dataset has anything, they are not gone through. */
 static struct dataset *due(struct jobs *j)
 {
@@ -192,13 +183,13 @@ void dataset_merge_settle(struct jobs *j)
 	struct dataset *d;
 
 	if (j->merge) {
-		if (memory_awaited(j) && j->merge->dataset->segments < MANY)
+		if (admission_awaited(j->admission) && j->merge->dataset->segments < MANY)
 			dataset_rewrite_cancel(j->merge);
 		else
 			dataset_rewrite_settle(j->merge);
 		return;
 	}
-	if (j->core->parking || j->prunes || memory_awaited(j) || clock_mono_ns() < j->merge_after_ns)
+	if (j->core->parking || j->prunes || admission_awaited(j->admission) || clock_mono_ns() < j->merge_after_ns)
 		return;
 	d = due(j);
 	if (d)

@@ -117,7 +117,7 @@ void dataset_old_settle(struct jobs *j)
 	struct dataset_old **at = &j->olds, *o;
 
 	while ((o = *at)) {
-		if (o->dataset->readers || jobs_opening(j, o->dataset)) {
+		if (o->dataset->readers || admission_opening(j->admission, o->dataset)) {
 			at = &o->next;
 			continue;
 		}

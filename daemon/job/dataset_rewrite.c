@@ -130,7 +130,7 @@ static void finish(struct dataset_rewrite *w)
 
 	if (w->bytes)
 		sched_give(w->jobs->core->p.sched, LEDGER_STAGE, w->bytes);
-	w->jobs->rewriting -= w->bytes;
+	admission_rewriting(w->jobs->admission, -(int64_t)w->bytes);
 	give_space(w);
 	w->bytes = 0;
 	if (w->opened)
@@ -442,11 +442,11 @@ static bool take(struct dataset_rewrite *w)
 {
 	uint64_t least = rewrite_bytes(w), want = share(w->jobs) > least ? share(w->jobs) : least;
 
-	if (w->jobs->stage_turn || w->jobs->slots || !admit_stage(w->jobs, want) ||
-	    !ledger_take(w->jobs->core->p.ledger, LEDGER_STAGE, want))
+	if (admission_stage_waits(w->jobs->admission) || slots_sought(w->jobs->admission) ||
+	    !admission_stage_room(w->jobs->admission, want) || !ledger_take(w->jobs->core->p.ledger, LEDGER_STAGE, want))
 		return false;
 	w->bytes = want;
-	w->jobs->rewriting += want;
+	admission_rewriting(w->jobs->admission, (int64_t)want);
 	return true;
 }
 

@@ -64,7 +64,7 @@ struct job *job_free(struct job *job)
 {
 	if (!job)
 		return NULL;
-	slot_leave(job->jobs, &job->slot);
+	slot_leave(job->jobs->admission, &job->slot);
 	run_free(job->run);
 	history_remove(job);
 	job_done_with(job);
@@ -136,7 +136,12 @@ static void run_ended(void *ctx, const struct err *why)
 }
 
 /* A stream that ends early ends nothing else. */
-static const struct run_calls calls = {.planned = run_planned, .moved = run_moved, .ended = run_ended};
+static bool run_followed(void *ctx)
+{
+	return ((const struct job *)ctx)->fetches != NULL;
+}
+
+static const struct run_calls calls = {.planned = run_planned, .moved = run_moved, .ended = run_ended, .followed = run_followed};
 
 /* ---- the states ---- */
 
@@ -187,11 +192,11 @@ static enum job_state job_state_queued(struct job *job)
 
 	job->placed = false;
 	if (job->stop || job->removed || job->jobs->core->parking) {
-		slot_leave(job->jobs, &job->slot);
+		slot_leave(job->jobs->admission, &job->slot);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}
 	if (!placed) {
-		slot_seek(job->jobs, &job->slot, 0);
+		slot_seek(job->jobs->admission, &job->slot, 0);
 		return JOB_queued;
 	}
 	switch (run_new(&p, &job->run, &err)) {
@@ -420,7 +425,7 @@ static void look_waiting(struct job *job)
 	struct job_info info = {.waiting = ""};
 
 	job->looked_ns = clock_mono_ns();
-	if (job->slot.seeks && job->jobs->nslots > MANY)
+	if (job->slot.seeks && slots_sought(job->jobs->admission) > MANY)
 		return;
 	job_waiting(job, &info);
 	if (!strcmp(info.waiting, job->waited))

@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "crs_geo.h"
+#include "admission.h"
 #include "core.h"
 #include "err.h"
 #include "pipe.h"
@@ -488,7 +489,7 @@ struct job_output {
 };
 /* The view of the job with a window, to be freed: `area` as PROTOCOL.md has it. */
 int job_window(const struct job *, const char *area, char **ret, struct err *err);
-enum { JOB_OUTPUT_BUFFER = 64 << 10 }; /* what refill may hold; charged by job/ */
+enum { JOB_OUTPUT_BUFFER = ADMISSION_OUTPUT }; /* what refill may hold; charged by job/ */
 /* Streams the mesh of `job` into `output`: a bound one that has just begun as it is made; one that runs as far as
  * it is stored, and on as it gets there; else when the job has begun or is done. */
 void job_fetch(struct job *, struct job_output *output);

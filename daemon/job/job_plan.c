@@ -68,8 +68,8 @@ static void plan_answer(struct job_asked_plan *p)
 		.points = points,
 		.domains = plan->n,
 		.domains_reused = run_reused(p->run),
-		.memory_bytes =
-			(uint64_t)budget->domain_bytes * (budget->threads + 1) + p->jobs->emitter_share + p->jobs->index_share,
+		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
+				admission_emitter_share(p->jobs->admission) + admission_index_share(p->jobs->admission),
 		.disk_bytes = window ? 0 : points * (budget->load <= SMALL ? STORED_SMALL : STORED_BYTES),
 		.exact = true,
 		.load = budget->load,
@@ -168,8 +168,8 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	p->token = token;
 	p->next = j->plans;
 	j->plans = p;
-	slot_seek(j, &p->slot, 0);
-	slots_settle(j);
+	slot_seek(j->admission, &p->slot, 0);
+	slots_settle(j->admission);
 }
 
 /* ---- plans that are kept ---- */

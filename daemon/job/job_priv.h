@@ -4,6 +4,7 @@
 
 #include <stdatomic.h>
 
+#include "admission.h"
 #include "core.h"
 #include "history.h"
 #include "job.h"
@@ -21,21 +22,6 @@ struct pending {
 	int64_t left_us;
 };
 enum { PENDING_BYTES = 64 }; /* charged; with its place in the heap */
-
-/* slots.c: the turn of a job, stream or plan to be at work */
-enum slot_wait { SLOT_READY, SLOT_TURN, SLOT_USER, SLOT_SHARE, SLOT_FULL, SLOT_MEMORY };
-struct slot {
-	struct slot *next; /* of those that seek, by number */
-	struct sched_owner owner;
-	bool reader;                    /* its run waits for whoever reads its output */
-	void (*granted)(struct slot *); /* no longer among those that seek: run_begin now */
-	/* of slots.c */
-	bool seeks, skip, seen, keeps;
-	enum slot_wait wait;
-	uint64_t number, need, lacks, free;
-	unsigned passed, held;
-	int64_t service;
-};
 
 struct dataset {
 	struct dataset *next; /* named: by id; one-step ones follow in no order */
@@ -140,6 +126,7 @@ struct job_asked_plan {
 
 struct jobs {
 	struct core *core;
+	struct admission *admission;
 	void (*changed)(void *ctx, struct job *);
 	void *changed_ctx;
 	struct verified verified;
@@ -167,15 +154,12 @@ struct jobs {
 	struct dataset_rewrite *merge;    /* that is at work */
 	struct prune *prunes;             /* the first is at work, if no merge is */
 	struct dataset_old *olds;         /* that wait until nobody opens them */
-	uint64_t rewriting;               /* memory that merge and prune hold */
 	bool merges_due;                  /* a dataset may have something to merge */
 	uint64_t merge_after_ns;          /* none begins before */
 	double merge_wait;                /* seconds that the last one was put off for want of space; 0: it was not */
 	struct dataset_change *changes;   /* that wait for their turn */
 	struct verb *verbs;               /* dataset_remove.c: likewise */
 	uint64_t last_dataset, last_job, last_onestep, last_select;
-	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
-	unsigned runs_max;
 	struct looks {                  /* health.c */
 		struct looking *now;    /* is under way; NULL: none is */
 		struct look_wait *next; /* wait for another one */
@@ -185,12 +169,6 @@ struct jobs {
 	struct cache_verify *verify; /* that goes on; NULL: none */
 	struct backup *backups;      /* and exports, that are open */
 	uint64_t last_backup, last_import;
-	struct slot *slots; /* that are sought */
-	unsigned nslots;
-	bool placing;
-	uint64_t last_slot, grants;
-	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
-	uint64_t starved_ns;     /* since when the first in the queue lacks memory */
 };
 
 /* What log_event is told. */
@@ -319,11 +297,6 @@ int64_t pending_until_us(const struct pending *);
 
 /* push.c */
 void push_tick(struct push *);
-uint64_t push_stage_bytes(const struct push *);
-uint32_t push_uid(const struct push *);
-bool push_has_stage(const struct push *);
-bool push_wants_stage(const struct push *); /* and waits for it */
-bool push_stage_fits(const struct push *);  /* into its user's share of the memory */
 struct push *push_next(const struct push *);
 void push_retry(struct push *);
 void push_remove_files(struct push *);
@@ -379,50 +352,8 @@ void jobs_put_away(struct jobs *);                          /* those that are ov
 /* A job that is over and that nobody looks at goes: the oldest of the user who has most of that (`more` counted with
  * those of `uid`). False: there is none. */
 bool jobs_forget_one(struct jobs *, enum history_kind, uint32_t uid, uint64_t more);
-uint64_t jobs_domain_memory(struct jobs *);             /* that a plan may count on now */
-bool jobs_selecting(struct jobs *, const struct run *); /* another run makes this one's selection */
-/* The smallest `memory` whose domains carry that many positions; 0: none does. */
-uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
-uint64_t jobs_domain_largest(struct jobs *);                                    /* of the runs that run */
-uint64_t jobs_staged(const struct jobs *);                                      /* held by stages */
-bool jobs_opening(struct jobs *, const struct dataset *);                       /* a run is about to open its manifest */
-void jobs_each_run(struct jobs *, void (*fn)(struct run *, void *), void *ctx); /* that has not ended */
-
-struct admit_tally {
-	unsigned runs, running, opening; /* that have slots; of these not stalled; of one dataset */
-	unsigned own, own_running;       /* of one user */
-	uint64_t largest;                /* task of any of them */
-};
-void admit_init(struct jobs *);
-struct admit_tally admit_tally(struct jobs *, uint32_t uid);
-uint64_t admit_share(const struct jobs *); /* what each run at work holds */
-uint64_t admit_alone(const struct jobs *); /* what the tasks of the only run can have */
-bool admit_only(struct jobs *);            /* no more than one run is at work, and no push */
-uint64_t admit_least(void);                /* what the smallest plan needs */
-/* -ERR_LIMIT if a task of so many bytes could never start, with the memory that would do. */
-int admit_never(struct jobs *, uint64_t bytes, const char *what, struct err *err);
-uint64_t admit_stage(struct jobs *, uint64_t least); /* what a stage may have now; 0: less than `least` */
-void admit_stages(struct jobs *);
-bool admit_stage_awaited(const struct jobs *, uint32_t uid); /* by another user who has none */
-void admit_relieve(struct jobs *);
-
-/* limit.c: what one user may have; none of it holds admins. -ERR_LIMIT, with the setting's name as field. */
+/* job_limit.c: what one user may have; none of it holds admins. -ERR_LIMIT, with the setting's name as field. */
 int limit_jobs(const struct jobs *, const struct peer *, struct err *err);     /* one more */
 int limit_datasets(const struct jobs *, const struct peer *, struct err *err); /* likewise */
-/* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
-uint64_t limit_memory(const struct jobs *, const struct sched_owner *);
-/* What is left of it; for domains and the like of a run that has its slot. */
-uint64_t limit_room(struct jobs *, const struct sched_owner *, const struct run *but);
-bool limit_alone(struct jobs *, const struct sched_owner *, const struct run *but); /* nothing else holds any */
-bool limit_domain(const struct run *); /* it may start one more beside those that it has */
-/* -ERR_LIMIT if so much could never be had. */
-int limit_never(struct jobs *, const struct sched_owner *, uint64_t bytes, const char *what, struct err *err);
-
-/* Seeks a place whose run needs so many bytes for a task; 0: not known. Nothing if it seeks already. */
-void slot_seek(struct jobs *, struct slot *, uint64_t need);
-void slot_leave(struct jobs *, struct slot *); /* seeks no longer */
-void slots_settle(struct jobs *);
-unsigned slot_position(const struct jobs *, const struct slot *); /* 1: next; 0: it does not seek */
-char *slot_text(const struct jobs *, const struct slot *, char *buf, size_t size);
 
 #endif

@@ -54,9 +54,9 @@ void job_set_priority(struct job *job, enum job_priority priority)
 void job_waiting(const struct job *job, struct job_info *ret)
 {
 	ret->priority = job->priority;
-	ret->position = slot_position(job->jobs, &job->slot);
+	ret->position = slot_position(job->jobs->admission, &job->slot);
 	if (job->slot.seeks)
-		slot_text(job->jobs, &job->slot, ret->waiting, sizeof ret->waiting);
+		slot_text(job->jobs->admission, &job->slot, ret->waiting, sizeof ret->waiting);
 	else if (job->run && !job->run_ended)
 		run_waiting(job->run, ret->waiting, sizeof ret->waiting);
 	ret->lacks_space = job->run ? run_space_lacks(job->run) : 0;

@@ -257,7 +257,11 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	}
 	j->core->history = (struct core_history){j, history_held, forget_finished};
 	j->core->used = (struct core_used){j, disk_used};
-	admit_init(j);
+	r = admission_new(j->core, &j->admission, err);
+	if (r) {
+		jobs_free(j);
+		return r;
+	}
 	reader.ctx = j;
 	j->recency = recency_new(p->core.ledger, sizeof(struct store_id), RECENCY_PART);
 	j->summaries = recency_new(p->core.ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
@@ -318,6 +322,7 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->geoidsfd);
 	recency_free(j->recency);
 	recency_free(j->summaries);
+	admission_free(j->admission);
 	core_free(j->core);
 	free(j);
 	return NULL;
@@ -428,7 +433,7 @@ static void settle(struct jobs *j)
 	for (job = j->jobs; job; job = job->next)
 		job_settle(job);
 	job_plans_settle(j);
-	admit_stages(j);
+	admission_stages(j->admission);
 	dataset_prune_settle(j);
 	dataset_merge_settle(j);
 	dataset_changes_settle(j);
@@ -438,10 +443,10 @@ static void settle(struct jobs *j)
 		next = push_next(p);
 		push_retry(p);
 	}
-	slots_settle(j);
+	slots_settle(j->admission);
 	put_away(j);
 	deletions_settle(j);
-	admit_relieve(j);
+	admission_relieve(j->admission);
 }
 
 void jobs_settle(struct jobs *j)

@@ -111,8 +111,7 @@ static void close_done(struct push *p)
 	for (at = &p->jobs->pushes; *at != p; at = &(*at)->next)
 		;
 	*at = p->next;
-	if (p->jobs->stage_turn == p)
-		p->jobs->stage_turn = NULL;
+	admission_remove_stage(p->jobs->admission, &p->admission);
 	if (p->dataset->planner == p)
 		p->dataset->planner = NULL;
 	if (p->dataset->committer == p)
@@ -376,6 +375,9 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	snprintf(p->unit_z, sizeof p->unit_z, "unknown");
 	p->next = j->pushes;
 	j->pushes = p;
+	p->admission.calls = &push_stage_calls;
+	p->admission.uid = p->peer.uid;
+	admission_add_stage(j->admission, &p->admission);
 	push_pump(p);
 }
 
@@ -494,30 +496,43 @@ struct push *push_next(const struct push *p)
 	return p->next;
 }
 
-uint64_t push_stage_bytes(const struct push *p)
+static struct push *push_of(const struct admission_stage *s)
 {
-	return p->stage_bytes + p->table_bytes;
+	return (struct push *)((char *)s - offsetof(struct push, admission));
 }
 
-uint32_t push_uid(const struct push *p)
+static uint64_t stage_bytes(const struct admission_stage *s)
 {
-	return p->peer.uid;
+	return push_staged_bytes(push_of(s));
 }
 
-bool push_has_stage(const struct push *p)
+/* What it keeps of its files does not count while it waits for its stage: pushes of one user would wait for each other. */
+static uint64_t stage_held(const struct admission_stage *s)
 {
-	return p->stage_bytes > 0;
+	const struct push *p = push_of(s);
+
+	return p->stage_bytes ? p->stage_bytes + push_keeps(p) : 0;
 }
 
-bool push_wants_stage(const struct push *p)
+static bool stage_wants(const struct admission_stage *s)
 {
-	return p->asks && p->asks->kind == PUSH_STAGE && !p->busy && !p->left && !p->waiting_row;
+	return push_wants_stage(push_of(s));
 }
 
-bool push_stage_fits(const struct push *p)
+static bool stage_fits(const struct admission_stage *s)
 {
-	return limit_room(p->jobs, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
+	const struct push *p = push_of(s);
+
+	return admission_user_room(p->jobs->admission, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
 }
+
+static void stage_retry(struct admission_stage *s)
+{
+	push_retry(push_of(s));
+}
+
+const struct admission_stage_calls push_stage_calls = {
+	.bytes = stage_bytes, .held = stage_held, .wants = stage_wants, .fits = stage_fits, .retry = stage_retry};
 
 void push_retry(struct push *p)
 {

@@ -268,7 +268,7 @@ static void commit_answer(struct push *p, const struct err *why)
 	if (!why && p->made) {
 		d->stage_seconds = clock_since(p->begun_ns);
 		d->seal_seconds = p->commit_ns ? clock_since(p->commit_ns) : 0;
-		p->old_goes = !jobs_opening(p->jobs, d) && !d->readers;
+		p->old_goes = !admission_opening(p->jobs->admission, d) && !d->readers;
 		dataset_become(d, &p->becomes, !p->old_goes && *p->base_name);
 	}
 	p->committed = !why;

@@ -209,7 +209,8 @@ _Static_assert(offsetof(struct member, task) == 0, "a task is its member");
 static unsigned count_members(struct push *p, const struct input_info *info)
 {
 	struct jobs *j = p->jobs;
-	uint64_t left = jobs_domain_memory(j), head = 2 * jobs_domain_largest(j), n, room = limit_room(j, &p->owner, NULL);
+	uint64_t left = admission_domain_memory(j->admission), head = 2 * admission_domain_largest(j->admission), n,
+		 room = admission_user_room(j->admission, &p->owner, NULL);
 
 	n = left > head ? (left - head) / push_helper_bytes(info) : 0;
 	if (n > room / push_helper_bytes(info))

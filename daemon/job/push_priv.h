@@ -129,6 +129,7 @@ struct push_plane {
 struct push {
 	struct push *next;
 	struct jobs *jobs;
+	struct admission_stage admission;
 	size_t charged; /* of LEDGER_JOBS */
 	struct dataset *dataset;
 	uint64_t id;
@@ -241,6 +242,7 @@ struct push_row {
 	bool (*done)(struct push *, struct push_ask *, const struct err *why);
 };
 extern const struct push_row push_rows[PUSH_KINDS];
+extern const struct admission_stage_calls push_stage_calls;
 void push_stage_give(struct push *); /* the stage's memory; the stage is gone */
 
 struct input_options push_options(const struct push *, const struct push_ask *); /* push_ask.c */
@@ -349,6 +351,14 @@ int push_room(struct push *, uint64_t bytes, struct err *err);
 void push_room_give(struct push *);
 bool push_waits_in_vain(const struct push *);
 /* What it keeps while it waits for its stage, and beside it. */
+static inline uint64_t push_staged_bytes(const struct push *p)
+{
+	return p->stage_bytes + p->table_bytes;
+}
+static inline bool push_wants_stage(const struct push *p) /* and waits for it */
+{
+	return p->asks && p->asks->kind == PUSH_STAGE && !p->busy && !p->left && !p->waiting_row;
+}
 static inline uint64_t push_keeps(const struct push *p)
 {
 	return p->charged + p->table_bytes;

@@ -20,7 +20,7 @@ bool push_waits_in_vain(const struct push *p)
 {
 	bool younger = true; /* the list is by age, the youngest first */
 
-	if (admit_tally(p->jobs, 0).runs)
+	if (admission_tally(p->jobs->admission, 0).runs)
 		return false;
 	for (const struct push *q = p->jobs->pushes; q; q = q->next) {
 		if (q == p)
@@ -45,7 +45,7 @@ static int check_share(const struct push *p, uint64_t step, struct err *err)
 
 	for (const struct push *q = p->jobs->pushes; q; q = q->next)
 		bytes += q->peer.uid == p->peer.uid ? q->table_bytes : 0;
-	return limit_never(p->jobs, &p->owner, bytes, "what is kept of so many files", err);
+	return admission_user_never(p->jobs->admission, &p->owner, bytes, "what is kept of so many files", err);
 }
 
 /* Loop. */
@@ -61,11 +61,11 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	step = (used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
 	if (check_share(p, step, err))
 		return -(int)err->code;
-	left = jobs_domain_memory(j);
+	left = admission_domain_memory(j->admission);
 	/* A job that runs, or comes, must be able to finish beside it, one domain at a time; and the stage itself must
 	 * come. So those who wait for a stage holding tables never wait for each other alone. */
-	head = jobs_domain_largest(j);
-	head = head > admit_least() ? head : admit_least();
+	head = admission_domain_largest(j->admission);
+	head = head > admission_least() ? head : admission_least();
 	head += p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p);
 	if (left >= head + step && ledger_take(j->core->p.ledger, LEDGER_FILES, step)) {
 		p->table_bytes += step;
@@ -77,7 +77,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	/* With a stage in hand nobody waits: others may wait for that. */
 	if (!p->stage_bytes && !push_waits_in_vain(p))
 		return PUSH_WAIT;
-	if (!admit_tally(j, 0).runs && jobs_staged(j) == push_stage_bytes(p))
+	if (!admission_tally(j->admission, 0).runs && admission_staged(j->admission) == push_staged_bytes(p))
 		return too_many(p, err);
 	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");

@@ -82,6 +82,8 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	w->ctx = p->ctx;
 	w->why = ERR_INIT;
 	w->err = ERR_INIT;
+	w->admission.calls = &run_admission_calls;
+	admission_add_run(w->jobs->admission, &w->admission);
 	*ret = w;
 	return 0;
 }
@@ -91,6 +93,7 @@ struct run *run_free(struct run *w)
 	THREAD_LOOP_ONLY();
 	if (!w)
 		return NULL;
+	admission_remove_run(w->jobs->admission, &w->admission);
 	run_change_free(w, w->change);
 	cut_plan_done(&w->plan);
 	dataset_release(w->dataset);
@@ -160,13 +163,15 @@ static void open_run(struct sched_task *t)
 	if (w->r)
 		return;
 	w->opened = true;
-	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->core->p.ledger, j->index_share, &w->grid, &w->err);
+	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->core->p.ledger, admission_index_share(j->admission),
+			 &w->grid, &w->err);
 	if (w->r)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
 	w->rest = w->view;
 	count_classes(w);
-	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->core->tempfd, &w->emitter, &w->err);
+	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(j->admission), j->core->tempfd,
+				&w->emitter, &w->err);
 	if (!w->r && w->view.window)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
@@ -232,7 +237,7 @@ static void open_start(struct run *w)
 		.owner = w->owner,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_EMITTER,
-		.bytes = w->jobs->emitter_share,
+		.bytes = admission_emitter_share(w->jobs->admission),
 	};
 	w->task_busy = true;
 	sched_submit(w->jobs->core->p.sched, &w->task);
@@ -263,19 +268,20 @@ static void finish_done(struct sched_task *t)
 static void over(struct run *w)
 {
 	w->state = RUN_OVER;
-	slot_leave(w->jobs, w->slot);
+	slot_leave(w->jobs->admission, w->slot);
 	run_shut(w);
 	if (w->why.code == ERR_CORRUPT)
 		run_select_discard(w);
+	admission_remove_run(w->jobs->admission, &w->admission);
 	w->calls->ended(w->ctx, w->why.code ? &w->why : NULL);
 }
 
 /* What would do for a region that does not fit. */
 static void memory_hint(struct run *w)
 {
-	uint64_t memory = jobs_memory_for(w->jobs, w->grid, w->why.need);
+	uint64_t memory = admission_memory_for(w->jobs->admission, w->grid, w->why.need);
 
-	if (limit_memory(w->jobs, &w->owner) != UINT64_MAX)
+	if (admission_user_limit(w->jobs->admission, &w->owner) != UINT64_MAX)
 		err_add_hint(
 			&w->why,
 			"one user may have %u%% of the memory (user-memory): ask an administrator for more, or leave out points",
@@ -453,7 +459,7 @@ static bool run_window(const struct run *w)
 bool run_crowded(const struct run *w)
 {
 	/* Who waits for a place gets none as long as a reader who has stopped keeps domains in memory. */
-	return w->keep || w->jobs->slots || (w->next_start < run_reach(w) && !run_window(w));
+	return w->keep || slots_sought(w->jobs->admission) || (w->next_start < run_reach(w) && !run_window(w));
 }
 
 /* It is there, or being made, or nothing of it is to be made. */
@@ -497,7 +503,7 @@ static void make_next(struct run *w)
 			w->next_start++;
 			continue;
 		}
-		if (!run_window(w) || !limit_domain(w) || !run_domain_start(w, make_which(w), SCHED_NORMAL))
+		if (!run_window(w) || !run_may_start(w) || !run_domain_start(w, make_which(w), SCHED_NORMAL))
 			return;
 	}
 }

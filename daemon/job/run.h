@@ -19,6 +19,7 @@ struct run_calls {
 	void (*ended)(void *ctx, const struct err *why);  /* once; then run_free */
 	/* It follows another run of the same plan: only domains before this one may be taken; NULL: all. */
 	size_t (*reach)(void *ctx);
+	bool (*followed)(void *ctx); /* another run follows it; NULL: none */
 };
 
 /* The run is to give what its job's mesh has and an older one has not. */
@@ -68,8 +69,6 @@ bool run_attach(struct run *, struct job_output *);
 struct job_output *run_output(const struct run *); /* NULL: none is attached */
 struct job_output *run_detach(struct run *);
 void run_settle(struct run *); /* start what can start */
-/* Somebody lacks memory: give what can be given. Not urgent: unless it comes back by itself soon. */
-void run_relieve(struct run *, bool urgent);
 void run_tick(struct run *);
 /* What keeps it from getting on, in words: "memory: needs 134M, 20M are free"; "": nothing. */
 char *run_waiting(const struct run *, char *buf, size_t size);
@@ -81,12 +80,6 @@ void run_set_rank(struct run *, enum sched_rank); /* of its tasks from now on */
 /* After `ended` without why, of a run with `since`: the old mesh with its changes is the new one, or -ERR_DIGEST. */
 int run_change_agrees(const struct run *, struct err *err);
 
-bool run_stalled(const struct run *);                       /* waits for its reader only */
-bool run_opens(const struct run *, const struct dataset *); /* is about to open its manifest */
-/* What one task of it takes: a domain, or the selection. 0: not known yet. */
-size_t run_domain_bytes(const struct run *);
-/* Makes the same selection as the other run right now. */
-bool run_selects_same(const struct run *, const struct run *other);
 const char *run_phase(const struct run *);                /* "select" or "mesh" */
 const struct pipe_totals *run_totals(const struct run *); /* after `ended` without why */
 /* Of its domains, how many were not triangulated for it; of one that plans only, how many need not be. */

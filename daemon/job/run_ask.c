@@ -3,13 +3,6 @@
 #include "job_priv.h"
 #include "run_priv.h"
 
-size_t run_domain_bytes(const struct run *w)
-{
-	if (w->state == RUN_SELECTING)
-		return w->select.bytes;
-	return w->state == RUN_PLANNING || w->state == RUN_RUNNING ? w->budget.domain_bytes : 0;
-}
-
 const struct pipe_totals *run_totals(const struct run *w)
 {
 	return &w->totals;
@@ -79,9 +72,4 @@ void run_seconds(const struct run *w, double *ret_plan, double *ret_domains)
 uint64_t run_first_ns(const struct run *w)
 {
 	return w->first_ns;
-}
-
-bool run_opens(const struct run *w, const struct dataset *d)
-{
-	return w->dataset == d && (w->state == RUN_NEW || w->state == RUN_OPENING);
 }

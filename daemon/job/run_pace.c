@@ -84,7 +84,7 @@ char *run_waiting(const struct run *w, char *buf, size_t size)
 		return run_space_text(w, buf, size);
 	if (run_backlog(w))
 		snprintf(buf, size, "its reader");
-	else if (w->state == RUN_UNSELECTED && jobs_selecting(w->jobs, w))
+	else if (w->state == RUN_UNSELECTED && run_selected_elsewhere(w))
 		snprintf(buf, size, "another job that makes the same selection");
 	else if (flow.waiting && flow.bytes)
 		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(flow.bytes, needs),

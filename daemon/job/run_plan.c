@@ -455,13 +455,14 @@ static void narrow_leaves(struct run *w)
 void run_plan_start(struct run *w)
 {
 	struct jobs *j = w->jobs;
-	uint64_t all = jobs_domain_memory(j), room = limit_room(j, &w->owner, w), limit = limit_memory(j, &w->owner),
-		 alone = admit_alone(j), least = pipe_budget_least(w->grid);
+	uint64_t all = admission_domain_memory(j->admission), room = admission_user_room(j->admission, &w->owner, &w->admission),
+		 limit = admission_user_limit(j->admission, &w->owner), alone = admission_alone(j->admission),
+		 least = pipe_budget_least(w->grid);
 	struct err err = ERR_INIT;
 
 	all = all < room ? all : room;
 	if (limit != UINT64_MAX)
-		limit = limit > admit_share(j) ? limit - admit_share(j) : 0;
+		limit = limit > admission_share(j->admission) ? limit - admission_share(j->admission) : 0;
 	alone = alone < limit ? alone : limit;
 	if (w->planned) {
 		if (!pipe_budget_kept(all, j->core->p.threads, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
@@ -474,12 +475,13 @@ void run_plan_start(struct run *w)
 			return;
 		}
 	}
-	if (admit_never(j, least, "meshing", &err) || limit_never(j, &w->owner, least + admit_share(j), "meshing", &err)) {
+	if (admission_never(j->admission, least, "meshing", &err) ||
+	    admission_user_never(j->admission, &w->owner, least + admission_share(j->admission), "meshing", &err)) {
 		run_fail(w, &err);
 	} else if (!pipe_budget(all, j->core->p.threads, w->grid, &w->budget, &err)) {
 		narrow_leaves(w);
 		begin(w);
-	} else if (admit_only(j)) {
+	} else if (admission_only(j->admission)) {
 		/* What the service keeps in mind takes the rest: waiting would not mend it. */
 		run_fail(w, &err);
 	} else {

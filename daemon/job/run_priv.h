@@ -4,10 +4,12 @@
 
 #include <stdatomic.h>
 
+#include "admission.h"
 #include "plan_file.h"
+#include "job_priv.h"
+#include "run.h"
 #include "sched_group.h"
 #include "selection.h"
-#include "run.h"
 
 enum run_domain_state {
 	DOMAIN_MAKING,   /* a task makes or loads it */
@@ -62,6 +64,7 @@ struct run_change {
 		.job = (w)->job, .dataset = (w)->dataset->name, .generation = (w)->generation, ABOUT_USER((w)->owner.uid)})
 
 struct run {
+	struct admission_run admission;
 	uint64_t job; /* 0: none */
 	struct jobs *jobs;
 	struct dataset *dataset;
@@ -206,6 +209,13 @@ void run_start(struct run *);
 void run_shut(struct run *); /* all that it holds for long goes back */
 /* run_place.c: its place goes back until `need` is there for its plan; no task of it may be busy. */
 void run_retreat(struct run *, uint64_t need);
+/* run_admission.c */
+extern const struct admission_calls run_admission_calls;
+bool run_may_start(const struct run *);          /* one more domain, beside those that it has: its user's share allows it */
+bool run_selected_elsewhere(const struct run *); /* another run makes this one's selection */
+bool run_stalled(const struct run *);            /* waits for its reader only */
+/* Others lack memory: gives what can be given. Not urgent: unless it comes back by itself soon. */
+void run_relieve(struct run *, bool urgent);
 bool run_can_yield(const struct run *);
 void run_yield(struct run *);
 bool run_yielded(struct run *); /* it stopped for that: it seeks a place again, and is not over */

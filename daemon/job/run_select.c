@@ -48,7 +48,8 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 	if (r)
 		return r;
 	w->grid = grid_close(w->grid);
-	return grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, w->jobs->core->p.ledger, w->jobs->index_share, &w->grid, err);
+	return grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, w->jobs->core->p.ledger,
+			 admission_index_share(w->jobs->admission), &w->grid, err);
 }
 
 static int open_in(struct run *w, int parent, const char *name, struct err *err)
@@ -190,11 +191,11 @@ static void select_done(struct sched_task *t)
  * leaves room for two more of these. False: later, or never (then the run fails). */
 static bool memory_of(struct run *w)
 {
-	uint64_t left = jobs_domain_memory(w->jobs), least = selection_memory_min(w->grid), bytes = left / 4,
-		 room = limit_room(w->jobs, &w->owner, w);
+	uint64_t left = admission_domain_memory(w->jobs->admission), least = selection_memory_min(w->grid), bytes = left / 4,
+		 room = admission_user_room(w->jobs->admission, &w->owner, &w->admission);
 	struct err err = ERR_INIT;
 
-	bytes = bytes > w->jobs->stage_share ? w->jobs->stage_share : bytes;
+	bytes = bytes > admission_stage_share(w->jobs->admission) ? admission_stage_share(w->jobs->admission) : bytes;
 	bytes = bytes > SELECT_MOST ? SELECT_MOST : bytes;
 	bytes = bytes > room ? room : bytes;
 	bytes = bytes < least ? least : bytes;
@@ -202,10 +203,11 @@ static bool memory_of(struct run *w)
 		w->select.bytes = bytes;
 		return true;
 	}
-	if (admit_never(w->jobs, least, "the selection of points", &err) ||
-	    limit_never(w->jobs, &w->owner, least + admit_share(w->jobs), "the selection of points", &err)) {
+	if (admission_never(w->jobs->admission, least, "the selection of points", &err) ||
+	    admission_user_never(w->jobs->admission, &w->owner, least + admission_share(w->jobs->admission),
+				 "the selection of points", &err)) {
 		run_fail(w, &err);
-	} else if (admit_only(w->jobs)) {
+	} else if (admission_only(w->jobs->admission)) {
 		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
 			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
 		err_add_hint(&err, "remove datasets and jobs that nobody needs (acutctl rm), or give acutd more memory");
@@ -218,7 +220,7 @@ static bool memory_of(struct run *w)
 
 void run_select_start(struct run *w)
 {
-	if (jobs_selecting(w->jobs, w) || !memory_of(w))
+	if (run_selected_elsewhere(w) || !memory_of(w))
 		return;
 	w->state = RUN_SELECTING;
 	w->select.number = ++w->jobs->last_select;
@@ -242,12 +244,6 @@ void run_select_start(struct run *w)
 bool run_selecting(const struct run *w)
 {
 	return w->state == RUN_UNSELECTED || w->state == RUN_SELECTING;
-}
-
-bool run_selects_same(const struct run *w, const struct run *other)
-{
-	return w != other && w->state == RUN_SELECTING && digest_equal(w->select.key, other->select.key) &&
-	       (w->dataset == other->dataset || (!w->dataset->onestep && !other->dataset->onestep));
 }
 
 const char *run_phase(const struct run *w)

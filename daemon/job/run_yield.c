@@ -38,7 +38,7 @@ static void reset(struct run *w)
 void run_retreat(struct run *w, uint64_t need)
 {
 	reset(w);
-	slot_seek(w->jobs, w->slot, need);
+	slot_seek(w->jobs->admission, w->slot, need);
 }
 
 bool run_can_yield(const struct run *w)

@@ -4,6 +4,7 @@
  */
 #include "gate.h"
 
+#include "admission_priv.h"
 #include "job_priv.h"
 #include "run_priv.h"
 
@@ -193,7 +194,7 @@ static void way_is_made(void **state)
 	jobs[1] = submit_as(1000, d, "view 1 zmin=1", NULL);
 	step_until(info_of(jobs[0]).state == JOB_meshing && info_of(jobs[1]).state == JOB_meshing);
 	/* As if the memory carried these two and no more. */
-	h.jobs->runs_max = 1;
+	h.jobs->admission->runs_max = 1;
 	jobs[3] = submit_as(1000, small, "", NULL);
 	jobs[2] = one_step(1001, small, NULL, &r);
 	/* Whose user has nothing at work is next, whoever came first. */
@@ -205,7 +206,7 @@ static void way_is_made(void **state)
 	for (int i = 0; i < 2; i++)
 		without += jobs[i]->run && !jobs[i]->run->placed && jobs[i]->slot.seeks;
 	assert_int_equal(without, 1);
-	h.jobs->runs_max = 4;
+	h.jobs->admission->runs_max = 4;
 	gate_open();
 	all_done(jobs, 4);
 	job_leave(jobs[2]);
@@ -294,7 +295,7 @@ static void never_and_the_number(void **state)
 	unsigned long long mega = 0;
 	const char *number;
 
-	assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), -ERR_LIMIT);
+	assert_int_equal(admission_never(h.jobs->admission, bytes, "a test", &err), -ERR_LIMIT);
 	number = strstr(err.hint, "memory=");
 	assert_non_null(number);
 	assert_int_equal(sscanf(number, "memory=%lluM", &mega), 1);
@@ -303,7 +304,7 @@ static void never_and_the_number(void **state)
 	for (int i = 0; i < 2; i++) {
 		close_service();
 		open_service((i ? mega : mega - mega / 16) << 20, 2);
-		assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), i ? 0 : -ERR_LIMIT);
+		assert_int_equal(admission_never(h.jobs->admission, bytes, "a test", &err), i ? 0 : -ERR_LIMIT);
 	}
 }
 
@@ -377,7 +378,7 @@ static void leaves_before_its_place(void **state)
 	job_output_gone(&r.output, r_freed);
 	assert_true(r.freed);
 	/* Another request, before the round of the loop ends. */
-	slots_settle(h.jobs);
+	slots_settle(h.jobs->admission);
 	turn_until(!jobs_active(h.jobs));
 	assert_int_equal(r.heads + r.ends, 0);
 	dataset_release(d);
@@ -418,8 +419,8 @@ static bool waits(const struct push_params *p, uint64_t *held)
 	if (!got.answers)
 		return true;
 	if (got.why.code)
-		fail_msg("the push did not wait: %s; %u runs, %u KiB free", got.why.message, admit_tally(h.jobs, 0).runs,
-			 (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
+		fail_msg("the push did not wait: %s; %u runs, %u KiB free", got.why.message,
+			 admission_tally(h.jobs->admission, 0).runs, (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
 	push_leave(got.push);
 	sched_give(h.sched, LEDGER_INPUT, *held);
 	*held = 0;

@@ -1,0 +1,274 @@
+/*
+ * How the memory is divided. (Which run is next for a slot: slot.c. Which task is next for a worker, and for bytes that come
+ * free: sched_queue.c.)
+ *
+ * The shares of `memory`: what is small has its part whatever else is held (service_bytes); every run with a slot has a share for
+ * its table of unfinished vertices and one for index pages; stages take up to half; domains take what is left.
+ *
+ * Why the first task in the queue can always run. What is held falls into two kinds:
+ *   - for long: the fixed part, the shares of the runs with slots, the stages of pushes. Nobody waits for any of it while holding
+ *     other memory. A run gets its slot, that is all of its share, at once, and gives it back before it waits for more than its
+ * plan can have (run_retreat). A push waits for its stage, and for room for more names, and holds no more than the names of its
+ * files; where only such pushes are left the youngest is refused (push_room).
+ *   - for a while: what a task takes when it starts (a domain, a plan, a selection, buffers to read a file). It ends without
+ * asking for more. What it leaves in memory (a finished domain) goes to the store when others lack memory, by tasks that need
+ * none and so are never behind one that waits. A plan is made by two tasks, of which the second needs none either. Let F be the
+ * memory without what is held for long. At any time F is at least what the largest single task of any run with a slot takes: a
+ * slot is granted only where F stays so large (room_for), a stage leaves twice that (admission_stage_room), and a plan's domains
+ * are at most half of F when it is made. The first task in the queue that lacks memory has a claim on all that comes free. So
+ * when those before it have ended, it fits. Tasks of no run (inspection, a file larger than was thought) are refused where they
+ * could be larger than F can become (admission_never). Helpers that read a file in parts only take what is idle, and never have a
+ * claim.
+ */
+#include <stdlib.h>
+
+#include "admission_priv.h"
+#include "clock.h"
+#include "pipe.h"
+
+#define STARVED_SECONDS 0.3
+
+static uint64_t clamp(uint64_t v, uint64_t low, uint64_t high)
+{
+	return v < low ? low : v > high ? high : v;
+}
+
+static uint64_t emitter_share(uint64_t total)
+{
+	return clamp(total / 64, 384 << 10, 32 << 20);
+}
+
+static uint64_t index_share(uint64_t total)
+{
+	return clamp(total / 64, 256 << 10, 32 << 20);
+}
+
+/* What is not for domains and stages: stacks, the catalogue, messages, streams, and what grows with jobs and sources. What pushes
+ * keep of their files is in admission_staged. */
+static uint64_t service_bytes(const struct admission *a)
+{
+	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
+			       1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE;
+
+	return ledger_claimed(a->core->p.ledger, names) + 2 * input_bytes();
+}
+
+int admission_new(struct core *core, struct admission **ret, struct err *err)
+{
+	struct admission *a = calloc(1, sizeof *a);
+	uint64_t total = ledger_total(core->p.ledger);
+
+	if (!a)
+		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	a->core = core;
+	a->emitter_share = emitter_share(total);
+	a->index_share = index_share(total);
+	a->stage_share = total / 2;
+	a->runs_max = total < (UINT64_C(64) << 20) ? 4 : 8;
+	a->reserve = service_bytes(a);
+	a->reserve_part =
+		ledger_claimed(core->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE);
+	*ret = a;
+	return 0;
+}
+
+struct admission *admission_free(struct admission *a)
+{
+	free(a);
+	return NULL;
+}
+
+/* ---- runs ---- */
+
+void admission_add_run(struct admission *a, struct admission_run *r)
+{
+	struct admission_run **at;
+
+	THREAD_LOOP_ONLY();
+	for (at = &a->runs; *at; at = &(*at)->next)
+		;
+	r->next = NULL;
+	*at = r;
+}
+
+void admission_remove_run(struct admission *a, struct admission_run *r)
+{
+	struct admission_run **at;
+
+	THREAD_LOOP_ONLY();
+	for (at = &a->runs; *at && *at != r; at = &(*at)->next)
+		;
+	if (*at)
+		*at = r->next;
+}
+
+void admission_each_run(struct admission *a, void (*fn)(struct admission_run *, void *), void *ctx)
+{
+	struct admission_run *r, *next;
+
+	for (r = a->runs; r; r = next) {
+		next = r->next;
+		fn(r, ctx);
+	}
+}
+
+struct admission_tally admission_tally(struct admission *a, uint32_t uid)
+{
+	struct admission_tally t = {0};
+
+	for (const struct admission_run *r = a->runs; r; r = r->next) {
+		struct admission_view view = r->calls->view(r);
+
+		if (!view.placed)
+			continue;
+		t.runs++;
+		t.running += !view.stalled;
+		t.own += view.uid == uid;
+		t.own_running += view.uid == uid && !view.stalled;
+		t.largest = view.task > t.largest ? view.task : t.largest;
+	}
+	return t;
+}
+
+uint64_t admission_domain_largest(struct admission *a)
+{
+	return admission_tally(a, 0).largest;
+}
+
+bool admission_opening(struct admission *a, const struct dataset *d)
+{
+	const struct admission_run *r;
+
+	for (r = a->runs; r && !r->calls->opens(r, d); r = r->next)
+		;
+	return r != NULL;
+}
+
+static bool starved_long(const struct admission *a)
+{
+	return a->starved_ns && clock_since(a->starved_ns) > STARVED_SECONDS;
+}
+
+void admission_relieve(struct admission *a)
+{
+	struct admission_run *r, *next;
+	bool urgent;
+
+	THREAD_LOOP_ONLY();
+	if (!sched_starved(a->core->p.sched)) {
+		a->starved_ns = 0;
+		return;
+	}
+	if (!a->starved_ns)
+		a->starved_ns = clock_mono_ns();
+	/* Runs that do not get on give their memory at once, the others when the task has waited for a while. */
+	urgent = starved_long(a);
+	for (r = a->runs; r; r = next) {
+		next = r->next;
+		r->calls->relieve(r, urgent);
+	}
+}
+
+bool admission_awaited(const struct admission *a)
+{
+	for (const struct slot *p = a->slots; p; p = p->next)
+		if (p->wait == SLOT_MEMORY)
+			return true;
+	return a->turn || starved_long(a);
+}
+
+/* ---- what is left ---- */
+
+static uint64_t share_of(uint64_t total)
+{
+	return emitter_share(total) + 2 * index_share(total) + ADMISSION_OUTPUT;
+}
+
+uint64_t admission_share(const struct admission *a)
+{
+	return share_of(ledger_total(a->core->p.ledger));
+}
+
+uint64_t admission_domain_memory(struct admission *a)
+{
+	uint64_t used = service_bytes(a) + admission_staged(a) + (admission_tally(a, 0).runs + 1) * admission_share(a);
+	uint64_t total = ledger_total(a->core->p.ledger);
+
+	return total > used ? total - used : 0;
+}
+
+uint64_t admission_emitter_share(const struct admission *a)
+{
+	return a->emitter_share;
+}
+
+uint64_t admission_index_share(const struct admission *a)
+{
+	return a->index_share;
+}
+
+/* With that memory, what domains of the only run have. */
+static uint64_t alone(const struct admission *a, uint64_t total)
+{
+	/* The parts that are set aside are in proportion to the memory. */
+	double part = (double)a->reserve_part * ((double)total / (double)ledger_total(a->core->p.ledger));
+	uint64_t used = a->reserve - a->reserve_part + (uint64_t)part + 2 * share_of(total);
+
+	return total > used ? total - used : 0;
+}
+
+uint64_t admission_alone(const struct admission *a)
+{
+	return alone(a, ledger_total(a->core->p.ledger));
+}
+
+bool admission_only(struct admission *a)
+{
+	return admission_tally(a, 0).runs <= 1 && !admission_staged(a);
+}
+
+/* That of a plan of the lowest rung on a dataset of one segment. */
+uint64_t admission_least(void)
+{
+	return pipe_budget_least(NULL);
+}
+
+enum { MEGA = 1 << 20 };
+static const uint64_t most = UINT64_C(1) << 40;
+
+static uint64_t larger(uint64_t total)
+{
+	return (total / MEGA + (total < UINT64_C(256) * MEGA ? 1 : 16)) * MEGA;
+}
+
+uint64_t admission_memory_for(struct admission *a, const struct grid *grid, uint64_t positions)
+{
+	uint64_t total = ledger_total(a->core->p.ledger);
+	struct pipe_budget b = {0};
+
+	for (; total <= most; total = larger(total)) {
+		struct err err = ERR_INIT;
+
+		if (pipe_budget(alone(a, total), a->core->p.threads, grid, &b, &err))
+			continue;
+		if (b.cap >= positions)
+			return total;
+		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == a->core->p.threads)
+			break;
+	}
+	return 0;
+}
+
+int admission_never(struct admission *a, uint64_t bytes, const char *what, struct err *err)
+{
+	uint64_t total = ledger_total(a->core->p.ledger), have = admission_alone(a);
+
+	if (bytes <= have)
+		return 0;
+	while (total < most && alone(a, total) < bytes)
+		total = larger(total);
+	err_set(err, ERR_LIMIT, "%s needs %llu KiB of memory, %llu KiB are all that can be free of memory=%lluM", what,
+		(unsigned long long)(bytes >> 10), (unsigned long long)(have >> 10),
+		(unsigned long long)(ledger_total(a->core->p.ledger) >> 20));
+	return err_add_hint(err, "run with memory=%lluM or more", (unsigned long long)(total >> 20));
+}
