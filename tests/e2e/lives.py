@@ -270,7 +270,7 @@ class Life(generations_model.Life):
         if key not in self.known:
             heights = self.heights(generation, view)
             triangles, digest = shapes.oracle(self.path("oracle.las"), heights)[0]
-            self.known[key] = (triangles, digest, shapes.vertex_digest(heights if triangles else {}),
+            self.known[key] = (triangles, digest, shapes.vertex_digest(heights),
                                sum(len(s.points) for s in self.live[generation]), len(heights))
         return self.known[key]
 
