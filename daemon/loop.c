@@ -17,7 +17,7 @@
 #include "config.h"
 #include "err.h"
 #include "io.h"
-#include "job.h"
+#include "service.h"
 #include "ledger.h"
 #include "log.h"
 #include "loop.h"
@@ -38,7 +38,7 @@ static void stop(struct daemon *d);
 
 static bool busy(struct daemon *d)
 {
-	return server_connections(d->server) || jobs_active(d->jobs);
+	return server_connections(d->server) || service_active(d->service);
 }
 
 /* Nobody can connect while the lock of the socket is held, so a last look is the last. */
@@ -85,7 +85,7 @@ static void look_idle(struct daemon *d)
  * and to see whether others have filled the disk; both at once. */
 static uint64_t sleep_usec(struct daemon *d)
 {
-	bool soon = jobs_active(d->jobs) || jobs_resting(d->jobs) || d->stopping;
+	bool soon = service_active(d->service) || service_resting(d->service) || d->stopping;
 	uint64_t usec = soon ? TICK_USEC : QUIET_TICK_USEC, most = notify_wait(&d->notify);
 	double wait = idle_wait(d);
 
@@ -118,7 +118,7 @@ static int on_tick(sd_event_source *source, uint64_t usec, void *ctx)
 	struct daemon *d = ctx;
 
 	d->ticking = false;
-	jobs_tick(d->jobs);
+	service_tick(d->service);
 	log_floods(false);
 	look_idle(d);
 	return 0;
@@ -157,14 +157,14 @@ static void look_slow(struct daemon *d)
 static int on_round(sd_event_source *source, void *ctx)
 {
 	struct daemon *d = ctx;
-	struct jobs_work work;
+	struct service_work work;
 
-	jobs_settle(d->jobs);
+	service_settle(d->service);
 	server_settle(d->server);
 	heap_trim(d);
-	jobs_work(d->jobs, &work);
+	service_work(d->service, &work);
 	notify_round(&d->notify, &work);
-	if (d->stopping && jobs_parked(d->jobs) && !server_connections(d->server)) {
+	if (d->stopping && service_parked(d->service) && !server_connections(d->server)) {
 		d->over = true;
 		sd_event_exit(d->event, 0);
 	}
@@ -191,7 +191,7 @@ static int on_last(sd_event_source *source, uint64_t usec, void *ctx)
 	struct daemon *d = ctx;
 
 	log_event(LOG_EVENT_STOP_CUT, NULL, "work did not stop in time: it is cut off");
-	jobs_abandon(d->jobs);
+	service_abandon(d->service);
 	_exit(0);
 }
 
@@ -204,7 +204,7 @@ static void stop(struct daemon *d)
 	if (d->bound)
 		place_unbind(d->sockets[0]);
 	server_stop(d->server);
-	jobs_park(d->jobs);
+	service_park(d->service);
 	if (sd_event_add_time_relative(d->event, &d->last, CLOCK_MONOTONIC, PARK_USEC, 0, on_last, d) < 0)
 		log_warning("no timer: the stop takes as long as the work");
 }
@@ -221,7 +221,7 @@ static int on_hangup(sd_event_source *source, const struct signalfd_siginfo *si,
 	struct daemon *d = ctx;
 
 	if (!d->stopping)
-		settings_reload(&d->config, d->jobs, d->server);
+		settings_reload(&d->config, d->service, d->server);
 	return 0;
 }
 

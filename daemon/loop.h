@@ -25,7 +25,7 @@ struct daemon {
 	struct ledger *ledger;
 	struct sched *sched;
 	struct catalogue *catalogue;
-	struct jobs *jobs;
+	struct service *service;
 	struct server *server;
 	sd_event_source *tick, *last;
 	struct notify notify;

@@ -27,7 +27,7 @@
 #include "config_told.h"
 #include "err.h"
 #include "io.h"
-#include "job.h"
+#include "service.h"
 #include "journal.h"
 #include "ledger.h"
 #include "log.h"
@@ -186,7 +186,7 @@ static int open_catalogue(const char *path, struct daemon *d, struct err *err)
 /* Whoever has started it has asked what he wants to know. */
 #define REST_SECONDS 2.0
 
-static int make_jobs(struct daemon *d, struct err *err)
+static int make_service(struct daemon *d, struct err *err)
 {
 	char path[600];
 	struct server_params server = {
@@ -205,7 +205,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.tasks_most = tasks_most,
 		.warning = *d->warning ? d->warning : NULL,
 	};
-	struct jobs_params jobs = {
+	struct service_params service = {
 		.core =
 			{
 				.ledger = d->ledger,
@@ -237,17 +237,17 @@ static int make_jobs(struct daemon *d, struct err *err)
 	if (!r)
 		r = server_new(&server, &d->server, err);
 	if (!r) {
-		jobs.core.sched = d->sched;
-		jobs.core.catalogue = d->catalogue;
-		jobs.ctx = d->server;
-		r = jobs_new(&jobs, &d->jobs, err);
+		service.core.sched = d->sched;
+		service.core.catalogue = d->catalogue;
+		service.ctx = d->server;
+		r = service_new(&service, &d->service, err);
 	}
 	if (!r)
 		r = loop_watch(d, sched_fd(d->sched), loop_on_sched, err);
 	if (!r)
 		r = loop_watch(d, catalogue_fd(d->catalogue), loop_on_catalogue, err);
 	if (!r)
-		server_set_jobs(d->server, d->jobs);
+		server_set_service(d->server, d->service);
 	return r;
 }
 
@@ -316,7 +316,7 @@ static int start(struct daemon *d, struct err *err)
 	if (!r)
 		look_places(d);
 	if (!r)
-		r = make_jobs(d, err);
+		r = make_service(d, err);
 	if (!r)
 		r = take_sockets(d, err);
 	if (r == -ERR_NOSPACE)
@@ -352,7 +352,7 @@ static void finish(struct daemon *d)
 	server_free(d->server);
 	sched_free(d->sched);
 	catalogue_free(d->catalogue);
-	jobs_free(d->jobs);
+	service_free(d->service);
 	sd_event_unref(d->event);
 	if (d->ledger) {
 		/* A start that failed early has not taken it. All the rest must have come back: ledger_free

@@ -14,7 +14,7 @@
 #include <systemd/sd-daemon.h>
 
 #include "clock.h"
-#include "job.h"
+#include "service.h"
 #include "progress.h"
 
 #define SECOND_NS UINT64_C(1000000000)
@@ -69,7 +69,7 @@ static void add(char text[NOTIFY_TEXT], const char *fmt, ...)
 }
 
 /* Without work it says only that acutd serves. */
-static void text_of(const struct jobs_work *work, char text[NOTIFY_TEXT])
+static void text_of(const struct service_work *work, char text[NOTIFY_TEXT])
 {
 	strcpy(text, "Serving");
 	if (work->running || work->waiting)
@@ -83,7 +83,7 @@ static void text_of(const struct jobs_work *work, char text[NOTIFY_TEXT])
 void notify_ready(struct notify *n)
 {
 	progress_listen(on_step_serving, n);
-	text_of(&(struct jobs_work){0}, n->told);
+	text_of(&(struct service_work){0}, n->told);
 	n->serving = true;
 	n->told_ns = n->pinged_ns = clock_mono_ns();
 	sd_notifyf(0, "READY=1\nSTATUS=%s", n->told);
@@ -96,7 +96,7 @@ void notify_stopping(struct notify *n, uint64_t usec)
 	sd_notifyf(0, "STOPPING=1\nSTATUS=Stopping\nEXTEND_TIMEOUT_USEC=%" PRIu64, usec);
 }
 
-void notify_round(struct notify *n, const struct jobs_work *work)
+void notify_round(struct notify *n, const struct service_work *work)
 {
 	char text[NOTIFY_TEXT];
 

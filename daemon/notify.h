@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-struct jobs_work;
+struct service_work;
 
 enum { NOTIFY_TEXT = 160 };
 
@@ -27,7 +27,7 @@ void notify_ready(struct notify *);
 /* The stop takes `usec` at most. */
 void notify_stopping(struct notify *, uint64_t usec);
 /* After each round of the loop: the sign of life, and what goes on, where that has changed and a second has passed. */
-void notify_round(struct notify *, const struct jobs_work *);
+void notify_round(struct notify *, const struct service_work *);
 /* Within so many microseconds the loop has to come round once; UINT64_MAX: it need not. */
 uint64_t notify_wait(const struct notify *);
 

@@ -14,7 +14,7 @@
 #include "config_log.h"
 #include "config_told.h"
 #include "err.h"
-#include "job.h"
+#include "service.h"
 #include "log.h"
 #include "rights.h"
 #include "server.h"
@@ -92,9 +92,9 @@ static unsigned compare(const struct config *running, struct config *next)
 	return changed;
 }
 
-static void apply(const struct config *c, struct jobs *jobs, struct server *server)
+static void apply(const struct config *c, struct service *service, struct server *server)
 {
-	const struct jobs_limits limits = {
+	const struct service_limits limits = {
 		.disk = c->disk,
 		.keep_free = c->keep_free,
 		.keep_removed = c->keep_removed,
@@ -106,12 +106,12 @@ static void apply(const struct config *c, struct jobs *jobs, struct server *serv
 
 	settings_rights(c, &rights);
 	log_set_level(c->level);
-	jobs_set_limits(jobs, &limits);
-	jobs_set_user_limits(jobs, &user);
+	service_set_limits(service, &limits);
+	service_set_user_limits(service, &user);
 	server_set_rights(server, &rights, c->user_connections);
 }
 
-void settings_reload(struct config *c, struct jobs *jobs, struct server *server)
+void settings_reload(struct config *c, struct service *service, struct server *server)
 {
 	struct config_told told = {.tell = config_log};
 	struct err err = ERR_INIT;
@@ -123,7 +123,7 @@ void settings_reload(struct config *c, struct jobs *jobs, struct server *server)
 		log_event_err(LOG_EVENT_CONFIG_REFUSED, NULL, "the configuration stays as it was", &err);
 	} else {
 		changed = compare(c, &next);
-		apply(&next, jobs, server);
+		apply(&next, service, server);
 		*c = next;
 		log_event(LOG_EVENT_CONFIG_RELOADED, NULL, "the configuration was read again: %u settings changed", changed);
 	}

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 
 struct config;
-struct jobs;
+struct service;
 struct rights;
 struct server;
 struct server_setting;
@@ -15,6 +15,6 @@ bool settings_tell(void *config, unsigned i, struct server_setting *ret);
 void settings_rights(const struct config *, struct rights *ret);
 /* Reads all again, tells the service manager, and lets hold what can be changed; the rest is told to need a restart. With
  * errors nothing changes. */
-void settings_reload(struct config *, struct jobs *, struct server *);
+void settings_reload(struct config *, struct service *, struct server *);
 
 #endif

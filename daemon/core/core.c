@@ -106,6 +106,14 @@ void core_background_over(struct core *core)
 	core->background--;
 }
 
+void core_task_held(const struct core *core, const struct sched_task *t, uint64_t held[LEDGER_NAMES])
+{
+	uint64_t bytes = sched_taken(core->p.sched, t);
+
+	if (bytes)
+		held[t->name] += bytes;
+}
+
 /* ---- what an earlier daemon left in the cache ---- */
 
 struct clearing {

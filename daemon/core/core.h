@@ -112,6 +112,16 @@ int core_selected_folder(const struct core *, int *ret_fd, struct err *err);
 /* Submits a task of the service itself; core_background_over in its `done`. */
 void core_background(struct core *, struct sched_task *);
 void core_background_over(struct core *);
+/* Who holds how much of the budget, by name. */
+struct core_holder {
+	const char *kind; /* "job", "fetch", "plan", "push" */
+	uint64_t id;      /* of the job or push; 0: none */
+	struct peer peer;
+	const char *dataset; /* "": none */
+	uint64_t held[LEDGER_NAMES];
+};
+/* Adds what a task holds of the budget, by name. */
+void core_task_held(const struct core *, const struct sched_task *, uint64_t held[LEDGER_NAMES]);
 
 /* ---- charge.c: memory of datasets, jobs and pushes, of LEDGER_JOBS ---- */
 
@@ -165,5 +175,15 @@ int limit_refused(const char *setting, struct err *err); /* adds hint and place 
 void tally_domain(struct core *, uint32_t triangles); /* one was triangulated */
 /* Reports that stored data is damaged, if `why` says so. */
 void event_damage(const struct log_about *, const struct err *why);
+
+/* ---- client_file.c: a descriptor that a client passed ---- */
+
+/* What identifies a file while it is read. */
+struct client_file {
+	uint64_t dev, ino, size;
+	int64_t mtime_ns, ctime_ns;
+};
+/* A regular file that can be read, or an error with `name`. Any thread. */
+int client_file_check(int fd, const char *name, struct client_file *ret, struct err *err);
 
 #endif

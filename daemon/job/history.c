@@ -538,7 +538,7 @@ void history_forget_dataset(struct jobs *j, struct dataset *d)
 		job.dataset = NULL;
 		memcpy(k->image, image, pack(&job, image));
 		k->dataset = NULL;
-		d->users--;
+		dataset_unhold(d);
 	}
 	for (unsigned i = 0; p && p->guests && i <= GUESTS; i++)
 		if (p->guests[i].dataset == d)

@@ -175,7 +175,7 @@ static enum job_state job_state_queued(struct job *job)
 	bool placed = job->placed;
 	struct run_params p = {
 		.job = job->id,
-		.jobs = job->jobs,
+		.runs = job->jobs->runs,
 		.dataset = job->dataset,
 		.generation = job->generation,
 		.view_text = job->view,
@@ -321,7 +321,7 @@ static void make_report(struct job *job)
 /* The run is over: its output hears how, then it goes. */
 static enum job_state end_of(struct job *job)
 {
-	struct job_output *output;
+	struct run_output *output;
 
 	if (!job->has_error)
 		make_report(job);
@@ -373,7 +373,7 @@ static void stop_run(struct job *job)
 
 static void requeue(struct job *job)
 {
-	struct job_output *output = run_detach(job->run);
+	struct run_output *output = run_detach(job->run);
 
 	if (output)
 		output->calls->end(output, &job->err, NULL, NULL);
@@ -569,7 +569,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	char *view = strdup(row->view);
 	struct peer peer = rights_stored(row->uid, row->pid);
 	struct job *job = NULL;
-	struct dataset *d = dataset_loaded(j, row->dataset);
+	struct dataset *d = dataset_loaded(j->datasets, row->dataset);
 	int s;
 
 	peer.admin |= row->admin;

@@ -59,10 +59,17 @@ static size_t fetch_reach(void *ctx)
 	return job->run && !job_state_final(job->state) ? run_emitted(job->run) : 0;
 }
 
+static void forget_output(struct run_output *output)
+{
+	if (output->waiting)
+		((struct job_fetch *)output->waiting)->output = NULL;
+	output->waiting = NULL;
+}
+
 static const struct run_calls calls = {.unread = fetch_unread, .ended = fetch_ended, .reach = fetch_reach};
 
 /* From the start. */
-static bool fresh(const struct job_output *output)
+static bool fresh(const struct run_output *output)
 {
 	return !output->from && !output->wants && !output->window && !output->since;
 }
@@ -82,7 +89,7 @@ static void granted(struct slot *slot)
 	begin(f);
 }
 
-void job_fetch(struct job *job, struct job_output *output)
+void job_fetch(struct job *job, struct run_output *output)
 {
 	char *window = output->window;
 	struct job_fetch *f, **at;
@@ -90,7 +97,7 @@ void job_fetch(struct job *job, struct job_output *output)
 
 	THREAD_LOOP_ONLY();
 	output->run = NULL;
-	output->fetch = NULL;
+	output->waiting = NULL;
 	if (history_awake(job, &job, &err)) {
 		output->calls->end(output, &err, NULL, NULL);
 		return;
@@ -117,7 +124,8 @@ void job_fetch(struct job *job, struct job_output *output)
 	f->slot.owner = job->slot.owner;
 	f->slot.granted = granted;
 	f->slot.reader = true;
-	output->fetch = f;
+	output->waiting = f;
+	output->forget = forget_output;
 	for (at = &job->fetches; *at; at = &(*at)->next)
 		;
 	*at = f;
@@ -130,25 +138,18 @@ void job_fetch_attach(struct job *job)
 
 	if (!job->bound || !f || !f->output || f->window || !fresh(f->output) || !run_attach(job->run, f->output))
 		return;
-	f->output->fetch = NULL;
+	f->output->waiting = NULL;
 	fetch_free(f);
 }
 
-void job_fetch_forget(struct job_output *output)
-{
-	if (output->fetch)
-		output->fetch->output = NULL;
-	output->fetch = NULL;
-}
-
-static void end(struct job_fetch *f, struct job_output *output, const struct err *why)
+static void end(struct job_fetch *f, struct run_output *output, const struct err *why)
 {
 	struct job_report report;
 
 	if (why)
 		event_damage(ABOUT_JOB(f->job), why);
 	if (output) {
-		output->fetch = NULL;
+		output->waiting = NULL;
 		if (f->window && f->run && !why) {
 			report_make(run_totals(f->run), &report);
 			report_window(&report);
@@ -229,7 +230,7 @@ static void begin(struct job_fetch *f)
 	struct job *job = f->job;
 	struct run_params p = {
 		.job = job->id,
-		.jobs = job->jobs,
+		.runs = job->jobs->runs,
 		.dataset = job->dataset,
 		.generation = job->generation,
 		.view_text = f->window ? f->window : job->view,
@@ -276,7 +277,7 @@ static void begin(struct job_fetch *f)
 		end(f, f->output, &err);
 		return;
 	}
-	f->output->fetch = NULL;
+	f->output->waiting = NULL;
 	if (!run_attach(f->run, f->output)) {
 		err_set(&err, ERR_INTERNAL, "a new stream cannot be attached");
 		end(f, f->output, &err);
@@ -289,7 +290,7 @@ static void begin(struct job_fetch *f)
 /* Same job, same mesh: anything else is a fault, and the client must not keep it. */
 static void finish(struct job_fetch *f)
 {
-	struct job_output *output = run_detach(f->run);
+	struct run_output *output = run_detach(f->run);
 	char hex[DIGEST_HEX_SIZE];
 
 	if (!f->why.code && f->job->state != JOB_done && !f->window)
@@ -336,7 +337,7 @@ void job_fetch_settle(struct job *job)
 /* Whoever reads it hears why nothing comes. */
 static void look_waiting(struct job_fetch *f)
 {
-	struct job_output *output = f->run ? run_output(f->run) : f->output;
+	struct run_output *output = f->run ? run_output(f->run) : f->output;
 	char waits[sizeof f->waited] = "";
 
 	if (!output || !output->calls->waits)

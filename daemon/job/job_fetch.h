@@ -8,6 +8,5 @@ void job_fetch_attach(struct job *); /* the job's new run takes the first waitin
 void job_fetch_settle(struct job *);
 void job_fetch_tick(struct job *);
 void job_fetch_park(struct job *);
-void job_fetch_forget(struct job_output *); /* it waits for its job no more */
 
 #endif

@@ -131,7 +131,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 {
 	struct job_asked_plan *p = calloc(1, sizeof *p);
 	struct run_params params = {
-		.jobs = j,
+		.runs = j->runs,
 		.dataset = d,
 		.generation = generation ? generation : d->generation,
 		.plan_only = true,

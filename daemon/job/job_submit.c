@@ -195,6 +195,23 @@ static void change_priority(struct job *job, const struct job_params *p, enum jo
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a priority is forgotten at the next start", &err);
 }
 
+/* No limit holds for admins. */
+static int limit_jobs(const struct jobs *j, const struct peer *peer, struct err *err)
+{
+	unsigned own;
+
+	THREAD_LOOP_ONLY();
+	if (!j->core->p.user.jobs || rights_admin(peer))
+		return 0;
+	own = jobs_owned(j, peer->uid);
+	if (own < j->core->p.user.jobs)
+		return 0;
+	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run, and %u are all that one user may have (user-jobs)", own,
+		j->core->p.user.jobs);
+	err_add_hint(err, "submit it again when some of them are done, or cancel some");
+	return err_add_place(err, ERR_NO_OFFSET, "user-jobs");
+}
+
 void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(void *token, const struct err *why, struct job *),
 		void *token)
 {

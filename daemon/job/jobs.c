@@ -1,218 +1,22 @@
 /*
- * The service: loading, the tick, and stopping. Who may have what of the memory, and when, is in admit.c.
+ * All jobs: those at work in a list, the others in history.h; which are forgotten, and when.
  */
-#include <dirent.h>
-#include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "backup.h"
 #include "clock.h"
-#include "dataset_rewrite.h"
-#include "geoids.h"
-#include "io.h"
+#include "history.h"
 #include "job_fetch.h"
 #include "job_priv.h"
-#include "log.h"
-#include "history.h"
-#include "recency.h"
-#include "store.h"
 
 /* Of jobs that are over: so many, for so long. */
 enum { JOBS_KEPT = 20000, JOBS_DAYS = 30, AGED_MAX = 64 };
 /* Of jobs that are over so many stay as they are. */
 enum { JOBS_WARM = 64 };
-#define COUNT_SECONDS 0.5
+enum { JOBS_NAMED = 8 }; /* in a message */
 #define DAY_US INT64_C(86400000000)
 #define AGE_US INT64_C(3600000000) /* how often the oldest are looked for */
-
-/* ---- starting ---- */
-
-static int load_dataset(void *ctx, const struct catalogue_dataset *row, struct err *err)
-{
-	return dataset_load(ctx, row, err);
-}
-
-static int load_job(void *ctx, const struct catalogue_job *row, struct err *err)
-{
-	return job_load(ctx, row, err);
-}
-
-struct loaded {
-	uint64_t id;
-	struct dataset *dataset;
-};
-
-static int by_id(const void *a, const void *b)
-{
-	uint64_t x = ((const struct loaded *)a)->id, y = ((const struct loaded *)b)->id;
-
-	return x < y ? -1 : x > y;
-}
-
-struct dataset *dataset_loaded(struct jobs *j, uint64_t id)
-{
-	const struct loaded *hit;
-	struct dataset *d;
-	size_t n = 0;
-
-	for (d = j->loaded ? NULL : j->datasets; d; d = d->next)
-		n++;
-	if (n)
-		j->loaded = calloc(n, sizeof *j->loaded);
-	for (d = n && j->loaded ? j->datasets : NULL; d; d = d->next)
-		j->loaded[j->nloaded++] = (struct loaded){d->id, d};
-	if (j->loaded) {
-		/* Where none was removed they stand by their numbers. */
-		n = (size_t)(id - j->loaded[0].id);
-		if (n < j->nloaded && j->loaded[n].id == id)
-			return j->loaded[n].dataset;
-		hit = bsearch(&(struct loaded){.id = id}, j->loaded, j->nloaded, sizeof *j->loaded, by_id);
-		return hit ? hit->dataset : NULL;
-	}
-	for (d = j->datasets; d && d->id != id; d = d->next)
-		;
-	return d;
-}
-
-/* A push that a crash ended: what was durable of it waits to be taken up, the rest is removed (sweep_all). */
-static int load_push(void *ctx, const struct catalogue_push *row, struct err *err)
-{
-	struct jobs *j = ctx;
-	struct dataset *d = dataset_loaded(j, row->dataset);
-	bool stays = false;
-	int r = 0;
-
-	if (d) {
-		struct err why = ERR_INIT;
-
-		d->sweep = true;
-		r = rewrite_row(row) ? 0 : pending_load(d, row, &stays, &why);
-		if (r == -ERR_NOMEM || r == -ERR_BUSY || r == -ERR_LIMIT) {
-			*err = why;
-			return r;
-		}
-		if (r) {
-			log_event_err(LOG_EVENT_UNREADABLE,
-				      &(struct log_about){.push = row->id, .dataset = d->name, ABOUT_USER(row->uid)},
-				      "what an interrupted push left cannot be read: it stays as it is", &why);
-			d->unswept = stays = true;
-			r = 0;
-		}
-		d->swept_once |= !stays;
-	}
-	if (row->dataset > j->last_dataset)
-		j->last_dataset = row->dataset;
-	if (!r && !stays)
-		r = catalogue_drop_push(j->core->p.catalogue, row->id, NULL, NULL, err);
-	return r;
-}
-
-/* Selections that a crash cut short. */
-static int sweep_selected(struct jobs *j, struct err *err)
-{
-	int fd, r = core_selected_folder(j->core, &fd, err);
-
-	if (r)
-		return r;
-	r = io_folder_sweep(fd, SPACE_SELECTION_TEMP, err);
-	io_close(fd);
-	return r;
-}
-
-/* A dataset that is damaged keeps nobody from the others. */
-static int sweep_one(struct dataset *d, bool goes, struct err *err)
-{
-	struct err why = ERR_INIT;
-	int r = dataset_sweep(d, !d->swept_once && !goes, &why);
-
-	if (!r || r == -ERR_NOMEM || r == -ERR_BUSY || r == -ERR_LIMIT) {
-		*err = why;
-		return r;
-	}
-	log_event_err(LOG_EVENT_UNREADABLE, ABOUT_DATASET(d),
-		      "what interrupted pushes left in a dataset stays: it cannot be told from what belongs to it", &why);
-	return goes ? (*err = why, r) : 0;
-}
-
-/* Folders that a push left something in. A dataset without a generation and without a pending push never
- * was, unless it was created so. */
-static int sweep_all(struct jobs *j, struct err *err)
-{
-	struct dataset **at = &j->datasets, *d;
-	bool gone = false;
-	char name[32];
-	int r = 0;
-
-	while (!r && (d = *at)) {
-		bool goes = !d->generation && !d->pending && !dataset_created(d);
-
-		goes = goes && !d->unswept;
-		if ((d->sweep || goes) && !d->unswept)
-			r = sweep_one(d, goes, err);
-		if (r || !goes) {
-			at = &d->next;
-			continue;
-		}
-		snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
-		if (io->unlinkat(j->core->datafd, name, AT_REMOVEDIR) != 0)
-			r = err_sys(err, errno, "cannot remove the folder of a dataset");
-		else
-			r = catalogue_drop_dataset(j->core->p.catalogue, d->id, NULL, NULL, err);
-		gone = true;
-		*at = d->next;
-		dataset_free(d);
-	}
-	/* Rows go when the catalogue starts, by which time folders cannot come back. */
-	return !r && gone ? io_sync(j->core->datafd, "the folder of datasets", err) : r;
-}
-
-static int open_folders(struct jobs *j, struct err *err)
-{
-	int r = geoids_open(j->core->p.statefd, &j->geoidsfd, err);
-
-	if (!r)
-		r = geoids_count(j, err);
-	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
-	if (!r)
-		r = io_sync(j->core->p.statefd, "the state folder", err);
-	/* Of versions that nobody reads any more. */
-	if (!r)
-		r = store_sweep(j->core->domainsfd, err);
-	if (!r)
-		r = backup_sweep(j->core->p.statefd, err);
-	if (!r)
-		r = sweep_selected(j, err);
-	return r;
-}
-
-struct orphans {
-	struct jobs *jobs;
-	uint64_t last;
-};
-
-/* Of a dataset that was removed when its folder could not be. Numbers that this catalogue has not given are not its own:
- * whoever lost the catalogue has not lost the points. */
-static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
-{
-	const struct orphans *o = ctx;
-	struct err why = ERR_INIT;
-	uint64_t id;
-	char *end;
-
-	id = strtoull(e->d_name, &end, 10);
-	if (*end || !id || id > o->last)
-		return 0;
-	if (dataset_loaded(o->jobs, id))
-		return 0;
-	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes",
-		  (unsigned long long)id);
-	if (io_folder_remove(o->jobs->core->datafd, e->d_name, &why))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &why);
-	return 0;
-}
 
 /* ---- what the core asks ---- */
 
@@ -226,88 +30,74 @@ static bool forget_finished(void *ctx, uint32_t uid, uint64_t more)
 	return jobs_forget_one(ctx, HISTORY_BYTES, uid, more);
 }
 
-static void disk_used(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
+/* ---- what datasets ask ---- */
+
+static int jobs_need(void *ctx, const struct dataset *d, uint64_t oldest, struct err *err)
 {
-	for (const struct dataset *d = ((struct jobs *)ctx)->datasets; d; d = d->next) {
-		add(to, d->uid, d->bytes);
-		for (const struct pending *q = d->pending; q; q = q->next)
-			add(to, q->uid, disk_points_bytes(q->points));
+	const struct jobs *j = ctx;
+	char list[160] = "";
+	size_t n = 0, at = 0;
+
+	for (const struct job *job = j->jobs; job; job = job->next) {
+		if (job->dataset != d || job->removed || job_state_final(job->state) || job->generation >= oldest)
+			continue;
+		if (n++ < JOBS_NAMED)
+			at += (size_t)snprintf(list + at, sizeof list - at, "%s%llu", at ? ", " : "",
+					       (unsigned long long)job->id);
 	}
+	if (!n)
+		return 0;
+	err_set(err, ERR_BUSY, "%zu job%s of generations before %llu of %s %s not done: %s%s", n, n == 1 ? "" : "s",
+		(unsigned long long)oldest, d->name, n == 1 ? "is" : "are", list, n > JOBS_NAMED ? ", ..." : "");
+	return err_add_hint(err, "wait for %s, or cancel %s", n == 1 ? "it" : "them", n == 1 ? "it" : "them");
 }
 
-/* Fractions of the memory: 1/n. */
-enum { RECENCY_PART = 1024, SUMMARIES_PART = 256 };
+static void jobs_forget_dataset(void *ctx, struct dataset *d)
+{
+	struct jobs *j = ctx;
+
+	for (struct job *job = j->jobs; job; job = job->next)
+		if (job->dataset == d && job_state_final(job->state) && !job->run && !job->fetches && !job->waiting_row) {
+			job->dataset = NULL;
+			dataset_unhold(d);
+		}
+	history_forget_dataset(j, d);
+}
+
+static const struct datasets_calls dataset_calls = {.needed = jobs_need, .forget = jobs_forget_dataset};
 
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
-	struct catalogue_reader reader = {.dataset = load_dataset, .job = load_job, .push = load_push};
 	struct jobs *j = calloc(1, sizeof *j);
-	uint64_t last[3];
-	int r;
 
 	if (!j)
-		return err_set(err, ERR_NOMEM, "no memory for jobs");
+		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	j->core = p->core;
+	j->admission = p->admission;
+	j->datasets = p->datasets;
+	j->runs = p->runs;
 	j->changed = p->changed;
 	j->changed_ctx = p->ctx;
-	j->geoidsfd = -1;
-	r = core_new(&p->core, &j->core, err);
-	if (r) {
-		jobs_free(j);
-		return r;
-	}
 	j->core->history = (struct core_history){j, history_held, forget_finished};
-	j->core->used = (struct core_used){j, disk_used};
-	r = admission_new(j->core, &j->admission, err);
-	if (r) {
-		jobs_free(j);
-		return r;
-	}
-	reader.ctx = j;
-	j->recency = recency_new(p->core.ledger, sizeof(struct store_id), RECENCY_PART);
-	j->summaries = recency_new(p->core.ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
-	r = open_folders(j, err);
-	j->core->loading = true;
-	if (!r)
-		r = catalogue_load(p->core.catalogue, &reader, last, err);
-	if (!r)
-		r = io_list(j->core->datafd, ".", sweep_orphan, &(struct orphans){j, last[0]}, err);
-	free(j->loaded);
-	j->loaded = NULL;
-	j->last_loaded = NULL;
-	j->core->loading = false;
-	free(j->spare);
-	j->spare = NULL;
-	if (!r)
-		r = sweep_all(j, err);
-	if (!r)
-		r = catalogue_start(p->core.catalogue, err);
-	if (r) {
-		jobs_free(j);
-		return r;
-	}
-	if (last[0] > j->last_dataset)
-		j->last_dataset = last[0];
-	j->last_job = last[1];
-	j->core->last_push = last[2];
-	verified_load(j);
-	deferred_begin(j->core);
-	core_clear(j->core);
-	job_plan_sweep(j);
-	disk_count(j); /* the first who asks is held against it */
+	datasets_set_calls(j->datasets, &dataset_calls, j);
 	*ret = j;
 	return 0;
 }
 
+void jobs_loaded(struct jobs *j, uint64_t last)
+{
+	free(j->spare);
+	j->spare = NULL;
+	j->last_job = last;
+	job_plan_sweep(j);
+}
+
 struct jobs *jobs_free(struct jobs *j)
 {
-	struct dataset *d;
 	struct job *job;
 
 	if (!j)
 		return NULL;
-	if (j->core)
-		deferred_drop(j->core);
-	dataset_old_forget(j);
 	while ((job = j->jobs)) {
 		/* The datasets go next, whoever uses them. */
 		job->dataset = NULL;
@@ -315,20 +105,12 @@ struct jobs *jobs_free(struct jobs *j)
 	}
 	history_free(j);
 	deletions_free(j);
-	while ((d = j->datasets)) {
-		j->datasets = d->next;
-		dataset_free(d);
-	}
-	io_close(j->geoidsfd);
-	recency_free(j->recency);
-	recency_free(j->summaries);
-	admission_free(j->admission);
-	core_free(j->core);
+	free(j->spare);
 	free(j);
 	return NULL;
 }
 
-/* ---- running ---- */
+/* ---- forgetting ---- */
 
 /* Removes it for good. Not of those at work. */
 static bool forget(struct jobs *j, struct job *job)
@@ -425,149 +207,69 @@ static void put_away(struct jobs *j)
 	history_round(j);
 }
 
-static void settle(struct jobs *j)
-{
-	struct push *p, *next;
-	struct job *job;
-
-	for (job = j->jobs; job; job = job->next)
-		job_settle(job);
-	job_plans_settle(j);
-	admission_stages(j->admission);
-	dataset_prune_settle(j);
-	dataset_merge_settle(j);
-	dataset_changes_settle(j);
-	dataset_verbs_settle(j);
-	dataset_old_settle(j);
-	for (p = j->pushes; p; p = next) {
-		next = push_next(p);
-		push_retry(p);
-	}
-	slots_settle(j->admission);
-	put_away(j);
-	deletions_settle(j);
-	admission_relieve(j->admission);
-}
-
 void jobs_settle(struct jobs *j)
 {
-	THREAD_LOOP_ONLY();
-	settle(j);
-	if (charge_make_room(j->core))
-		settle(j);
+	for (struct job *job = j->jobs; job; job = job->next)
+		job_settle(job);
+	job_plans_settle(j);
 }
 
-/* Domains that were used since then are those of jobs that run. */
-static void count_running(struct jobs *j)
+void jobs_tidy(struct jobs *j)
 {
-	double longest = -1;
-	const struct job *job;
-
-	for (job = j->jobs; job; job = job->next)
-		if (job->run && job->begun_ns && clock_since(job->begun_ns) > longest)
-			longest = clock_since(job->begun_ns);
-	space_running_since(j->core->space, longest < 0 ? INT64_MAX : clock_real_us() - (int64_t)(longest * 1e6));
-}
-
-/* Somebody has begun something. */
-static bool jobs_begun(const struct jobs *j)
-{
-	uint32_t running, waiting;
-
-	jobs_count(j, &running, &waiting);
-	return running || waiting || j->pushes || j->plans;
+	put_away(j);
+	deletions_settle(j);
 }
 
 void jobs_tick(struct jobs *j)
 {
-	struct push *p, *next;
-	struct job *job;
-
-	THREAD_LOOP_ONLY();
-	/* Index pages are given back without a word. */
-	if (sched_starved(j->core->p.sched))
-		sched_give(j->core->p.sched, LEDGER_INDEX, 0);
-	for (job = j->jobs; job; job = job->next)
+	for (struct job *job = j->jobs; job; job = job->next)
 		job_tick(job);
-	for (p = j->pushes; p; p = next) {
-		next = push_next(p);
-		push_tick(p);
-	}
-	cache_verify_tick(j);
-	if (clock_since(j->counted_ns) >= COUNT_SECONDS) {
-		j->counted_ns = clock_mono_ns();
-		disk_count(j);
-		count_running(j);
-	}
-	if (deferred_over(j->core, jobs_begun(j)))
-		disk_look(j->core, jobs_active(j));
-	else
-		disk_mend(j->core);
-	datasets_tick(j);
-	dataset_prune_tick(j);
-	if (j->merge)
-		dataset_rewrite_tick(j->merge);
-	jobs_settle(j);
 }
 
-/* More than so many tasks in the background, or anything else. */
-static bool anything(const struct jobs *j, unsigned background, bool queued)
+void jobs_park(struct jobs *j)
 {
-	struct job *job;
+	job_plans_park(j);
+	for (struct job *job = j->jobs; job; job = job->next) {
+		if (job->bound)
+			job_cancel(job);
+		job_fetch_park(job);
+	}
+}
 
-	if (j->pushes || j->plans || j->core->background > background || sched_busy(j->core->p.sched) > background ||
-	    catalogue_busy(j->core->p.catalogue))
+bool jobs_busy(const struct jobs *j, bool queued)
+{
+	if (j->plans)
 		return true;
-	for (job = j->jobs; job; job = job->next)
+	for (const struct job *job = j->jobs; job; job = job->next)
 		if (job->run || job->fetches || (queued && !job_state_final(job->state)))
 			return true;
 	return false;
 }
 
-bool jobs_resting(const struct jobs *j)
+double jobs_longest(const struct jobs *j)
 {
-	return deferred_waits(j->core);
+	double longest = -1;
+
+	for (const struct job *job = j->jobs; job; job = job->next)
+		if (job->run && job->begun_ns && clock_since(job->begun_ns) > longest)
+			longest = clock_since(job->begun_ns);
+	return longest;
 }
 
-bool jobs_active(const struct jobs *j)
+void jobs_unfinished(const struct jobs *j, void (*each)(void *ctx, uint32_t uid), void *ctx)
 {
-	/* That the file systems are asked is no work: a daemon that ends when it is idle would never be. */
-	return anything(j, j->core->disk.asking, true);
+	for (const struct job *job = j->jobs; job; job = job->next)
+		if (!job_state_final(job->state))
+			each(ctx, job->peer.uid);
 }
 
-void jobs_park(struct jobs *j)
+unsigned jobs_owned(const struct jobs *j, uint32_t uid)
 {
-	struct job *job;
+	unsigned n = 0;
 
-	THREAD_LOOP_ONLY();
-	j->core->parking = true;
-	deferred_end(j->core);
-	dataset_prunes_park(j);
-	if (j->merge)
-		dataset_rewrite_cancel(j->merge);
-	job_plans_park(j);
-	for (job = j->jobs; job; job = job->next) {
-		if (job->bound)
-			job_cancel(job);
-		job_fetch_park(job);
-	}
-	jobs_settle(j);
-}
-
-bool jobs_parked(const struct jobs *j)
-{
-	return j->core->parking && !anything(j, 0, false);
-}
-
-void jobs_abandon(struct jobs *j)
-{
-	struct err err = ERR_INIT;
-	struct push *p;
-
-	for (p = j->pushes; p; p = push_next(p))
-		push_remove_files(p);
-	if (io_folder_empty(j->core->onestepfd, &err) || io_folder_empty(j->core->tempfd, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "temporary files stay behind until the next start", &err);
+	for (const struct job *job = j->jobs; job; job = job->next)
+		n += !job->removed && !job_state_final(job->state) && job->peer.uid == uid;
+	return n;
 }
 
 void jobs_count(const struct jobs *j, uint32_t *ret_running, uint32_t *ret_waiting)
@@ -585,29 +287,55 @@ void jobs_count(const struct jobs *j, uint32_t *ret_running, uint32_t *ret_waiti
 	*ret_waiting = waiting;
 }
 
-/* A line of the process's status, in bytes; 0: there is none. */
-static uint64_t status_bytes(const char *key)
+size_t jobs_kept(const struct jobs *j)
 {
-	size_t n = strlen(key);
-	char line[256];
-	unsigned long long kib = 0;
-	FILE *f = fopen("/proc/self/status", "re");
-
-	if (!f)
-		return 0;
-	while (fgets(line, sizeof line, f))
-		if (!strncmp(line, key, n) && sscanf(line + n, ": %llu", &kib) == 1)
-			break;
-	fclose(f);
-	return (uint64_t)kib << 10;
+	return history_count(j);
 }
 
-uint64_t jobs_peak_rss(void)
+size_t jobs_list(const struct jobs *j, uint64_t *ret)
 {
-	return status_bytes("VmHWM");
+	return history_list(j, ret);
 }
 
-uint64_t jobs_rss(void)
+void jobs_stat(const struct jobs *j, struct jobs_stat *ret)
 {
-	return status_bytes("VmRSS");
+	int64_t now = clock_real_us(), oldest = now;
+
+	*ret = (struct jobs_stat){.kept = history_count(j)};
+	for (const struct job *job = j->jobs; job; job = job->next) {
+		uint64_t points, all, done, total;
+
+		if (job->run) {
+			run_progress(job->run, &points, &all, &done, &total);
+			ret->domains_done += done;
+			ret->domains_total += total;
+		}
+		if (job_state_final(job->state))
+			continue;
+		ret->states[job->state]++;
+		if (job->state == JOB_queued && job->submitted_us < oldest)
+			oldest = job->submitted_us;
+		ret->waiting_space += job->run && run_space_lacks(job->run) > 0;
+	}
+	ret->oldest_waiting = (double)(now - oldest) / 1e6;
+}
+
+static void held_by(const struct run *w, struct core_holder h, void (*each)(void *ctx, const struct core_holder *), void *ctx)
+{
+	if (!w)
+		return;
+	h.dataset = run_dataset(w)->name;
+	run_held(w, h.held);
+	each(ctx, &h);
+}
+
+void jobs_held(const struct jobs *j, void (*each)(void *ctx, const struct core_holder *), void *ctx)
+{
+	for (const struct job *job = j->jobs; job; job = job->next) {
+		held_by(job->run, (struct core_holder){.kind = "job", .id = job->id, .peer = job->peer}, each, ctx);
+		for (const struct job_fetch *f = job->fetches; f; f = f->next)
+			held_by(f->run, (struct core_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each, ctx);
+	}
+	for (const struct job_asked_plan *plan = j->plans; plan; plan = plan->next)
+		held_by(plan->run, (struct core_holder){.kind = "plan", .peer = plan->peer}, each, ctx);
 }

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "job_priv.h"
+#include "process.h"
 #include "parse.h"
 
 enum kind { NUMBER, SECONDS, TEXT };
@@ -305,7 +306,7 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 		ret->removed[i] = t->counts.removed[i];
 	digest_hex(t->digest, ret->digest);
 	digest_hex(t->vertex_digest, ret->vertex_digest);
-	ret->peak_rss = jobs_peak_rss();
+	ret->peak_rss = process_peak_rss();
 	if (t->counts.most.points)
 		snprintf(ret->most, sizeof ret->most, "%llu %.17g %.17g", (unsigned long long)t->counts.most.points,
 			 t->most_at[0], t->most_at[1]);

@@ -29,7 +29,7 @@ struct sched_owner {
 	uint32_t uid;
 	enum sched_rank rank;
 	uint64_t flow; /* one job, stream or push */
-	bool exempt;   /* an admin: no limit of users holds it (daemon/job; the scheduler serves all alike) */
+	bool exempt;   /* an admin: no limit of users holds it (daemon/admission; the scheduler serves all alike) */
 };
 
 /* What a flow does now. */

@@ -374,7 +374,7 @@ static void leave_jobs(struct conn *c)
 	struct conn_dataset *d;
 
 	while ((b = c->bound)) {
-		struct job *job = job_find(c->server->jobs, b->id, &c->peer);
+		struct job *job = job_find(c->server->service->jobs, b->id, &c->peer);
 
 		c->bound = b->next;
 		if (job)

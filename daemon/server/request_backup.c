@@ -4,7 +4,7 @@
  */
 #include <stdlib.h>
 
-#include "backup.h"
+#include "copy.h"
 #include "io.h"
 #include "server_priv.h"
 
@@ -114,7 +114,7 @@ static void ready(void *token, const struct err *why, const struct backup_ready 
 
 void request_backup(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	backup_begin(c->server->jobs, m->backup->dataset, &c->peer, ready, q);
+	backup_begin(c->server->service->copies, m->backup->dataset, &c->peer, ready, q);
 }
 
 static void next(void *token, const struct err *why, const struct backup_file *f)
@@ -189,7 +189,7 @@ void request_import(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	if (request_mode(m->import->mode, &has, &mode, &err))
 		request_refuse(q, &err);
 	else
-		import_begin(c->server->jobs, m->import->dataset, mode, &c->peer, begun, q);
+		import_begin(c->server->service->copies, m->import->dataset, mode, &c->peer, begun, q);
 }
 
 static void filed(void *token, const struct err *why)

@@ -21,7 +21,7 @@ void request_cache_stat(struct conn *c, struct request *q, Acut__V1__Message *m,
 	Acut__V1__CacheSide state, cache;
 	struct cache_stat st;
 
-	cache_stat(c->server->jobs, &st);
+	cache_stat(c->server->service->maintenance, &st);
 	for (int k = 0; k < SPACE_KINDS; k++) {
 		acut__v1__cache_kind__init(&row[k]);
 		row[k].name = (char *)space_kind_text((enum space_kind)k);
@@ -97,7 +97,7 @@ void request_cache_verify(struct conn *c, struct request *q, Acut__V1__Message *
 	static const struct cache_verify_calls calls = {verify_damage, verify_progress, verify_over};
 	struct err err = ERR_INIT;
 
-	if (cache_verify(c->server->jobs, &c->peer, &calls, q, &c->verify, &err))
+	if (cache_verify(c->server->service->maintenance, &c->peer, &calls, q, &c->verify, &err))
 		request_refuse(q, &err);
 }
 
@@ -118,5 +118,5 @@ static void freed(void *token, const struct err *why, uint64_t bytes, uint64_t e
 
 void request_cache_gc(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	cache_gc(c->server->jobs, &c->peer, m->cache_gc->all, freed, q);
+	cache_gc(c->server->service->maintenance, &c->peer, m->cache_gc->all, freed, q);
 }

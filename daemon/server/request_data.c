@@ -115,7 +115,7 @@ static void one_dataset(struct conn *c, struct request *q, const char *name)
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->jobs, name, &c->peer, RIGHT_READ, &d, &err)) {
+	if (dataset_ask(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}
@@ -132,7 +132,7 @@ static void removed_datasets(struct conn *c, struct request *q, uint64_t after, 
 	bool more = false;
 
 	page.n = 0;
-	for (unsigned n = 0; !more && (d = dataset_removed_after(c->server->jobs, after, &c->peer)); n++) {
+	for (unsigned n = 0; !more && (d = dataset_removed_after(c->server->service->datasets, after, &c->peer)); n++) {
 		if (n < limit)
 			message_dataset(d, &row);
 		more = n == limit || !frame_page_add(&page, &row.dataset.base);
@@ -165,7 +165,7 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 		return;
 	}
 	page.n = 0;
-	found = dataset_list(c->server->jobs, after, &c->peer, limit + 1, datasets);
+	found = dataset_list(c->server->service->datasets, after, &c->peer, limit + 1, datasets);
 	for (unsigned n = 0; n < found && !more; n++) {
 		if (n < limit)
 			message_dataset(datasets[n], &row);
@@ -212,7 +212,7 @@ void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message
 		request_refuse(q, &err);
 		return;
 	}
-	dataset_verb(c->server->jobs, &w, verb_done, q);
+	dataset_verb(c->server->service->datasets, &w, verb_done, q);
 }
 
 static void created(void *token, const struct err *why)
@@ -246,7 +246,7 @@ void request_dataset_create(struct conn *c, struct request *q, Acut__V1__Message
 	if (request_mode(in->mode, &wish.has_mode, &wish.mode, &err))
 		request_refuse(q, &err);
 	else
-		dataset_create(c->server->jobs, &wish, created, q);
+		dataset_create(c->server->service->datasets, &wish, created, q);
 }
 
 static void planned(void *token, const struct err *why, const struct job_plan *p)
@@ -274,9 +274,9 @@ void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->jobs, m->plan_request->dataset, &c->peer, RIGHT_READ, &d, &err)) {
+	if (dataset_ask(c->server->service->datasets, m->plan_request->dataset, &c->peer, RIGHT_READ, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}
-	job_plan(c->server->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned, q);
+	job_plan(c->server->service->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned, q);
 }

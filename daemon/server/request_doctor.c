@@ -18,6 +18,7 @@
 #include "log.h"
 #include "parse.h"
 #include "rights.h"
+#include "process.h"
 #include "server_priv.h"
 
 enum { CHECKS = 40, SENTENCE = 512 };
@@ -98,7 +99,7 @@ static void check_files(struct visit *v, const struct health *h)
 static void check_memory(struct visit *v, const struct server *s)
 {
 	char a[32], b[32], c[32];
-	uint64_t peak = jobs_peak_rss();
+	uint64_t peak = process_peak_rss();
 
 	parse_size_text(s->p.memory, a);
 	parse_size_text(peak, b);
@@ -172,9 +173,9 @@ static void add_near(struct near *l, uint64_t has, uint64_t most, bool bytes, co
 static void check_limits(struct visit *v, const struct conn *c, const struct health *h)
 {
 	struct near l = {.n = 0};
-	struct jobs_own own;
+	struct service_own own;
 
-	jobs_own(c->server->jobs, &c->peer, h->state.total, &own);
+	service_own(c->server->service, &c->peer, h->state.total, &own);
 	if (own.exempt) {
 		say(v, "limits", OK, "", "no limit of a user holds for an administrator");
 		return;
@@ -228,7 +229,7 @@ static void check_side(struct visit *v, const char *name, const char *folder, co
 		say(v, name, OK, "", "%s are free for %s", a, folder);
 }
 
-static void check_verify(struct visit *v, const struct jobs_numbers *n)
+static void check_verify(struct visit *v, const struct service_numbers *n)
 {
 	static const char how[] = "acutctl cache verify reads all; acut-verify.timer does it each week (systemctl enable --now "
 				  "acut-verify.timer)";
@@ -283,7 +284,7 @@ static void check_geoids(struct visit *v, const struct health *h)
 
 /* ---- the work ---- */
 
-static void check_catalogue(struct visit *v, const struct jobs_numbers *n)
+static void check_catalogue(struct visit *v, const struct service_numbers *n)
 {
 	static const char hint[] =
 		"look at the space and the health of the disk with the state folder, then: systemctl restart acutd";
@@ -298,7 +299,7 @@ static void check_catalogue(struct visit *v, const struct jobs_numbers *n)
 		    (unsigned long long)n->kept);
 }
 
-static void check_pushes(struct visit *v, const struct jobs_numbers *n)
+static void check_pushes(struct visit *v, const struct service_numbers *n)
 {
 	if (n->pending && n->pending_left < DAY)
 		say(v, "pushes", WARNING,
@@ -312,7 +313,7 @@ static void check_pushes(struct visit *v, const struct jobs_numbers *n)
 		say(v, "pushes", OK, "", "%llu go on, none was interrupted", (unsigned long long)n->pushes);
 }
 
-static void check_jobs(struct visit *v, const struct jobs_numbers *n)
+static void check_jobs(struct visit *v, const struct service_numbers *n)
 {
 	uint64_t unfinished = 0;
 
@@ -362,7 +363,7 @@ static void looked(void *token, const struct err *why, const struct health *h)
 	struct visit *v = token;
 	struct request *q = v->q;
 	struct server *s = q->conn->server;
-	struct jobs_numbers n;
+	struct service_numbers n;
 	struct cache_stat st;
 
 	if (why) {
@@ -370,8 +371,8 @@ static void looked(void *token, const struct err *why, const struct health *h)
 		free(v);
 		return;
 	}
-	jobs_numbers(s->jobs, &n);
-	cache_stat(s->jobs, &st);
+	service_numbers(s->service, &n);
+	cache_stat(s->service->maintenance, &st);
 	check_rights(v, s, &q->conn->peer);
 	check_limits(v, q->conn, h);
 	check_files(v, h);
@@ -405,5 +406,5 @@ void request_doctor(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	v->doctor.checks = v->checks;
 	v->client_us = m->doctor_request->now_us;
 	v->q = q;
-	health_check(c->server->jobs, &c->peer, looked, v);
+	health_check(c->server->service, &c->peer, looked, v);
 }

@@ -20,7 +20,7 @@ static void ask_page(struct conn *c, struct request *q, const char *name, const 
 {
 	struct dataset *d = NULL;
 	struct err err = ERR_INIT;
-	int r = dataset_ask(c->server->jobs, name, &c->peer, RIGHT_READ, &d, &err);
+	int r = dataset_ask(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err);
 	struct page_ask *ask = r ? NULL : malloc(sizeof *ask);
 
 	if (!ask) {
@@ -255,7 +255,7 @@ void request_revert(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->jobs, m->revert->dataset, &c->peer, RIGHT_WRITE, &d, &err))
+	if (dataset_ask(c->server->service->datasets, m->revert->dataset, &c->peer, RIGHT_WRITE, &d, &err))
 		request_refuse(q, &err);
 	else
 		dataset_revert(d, m->revert->generation, &c->peer, reverted, q);
@@ -286,7 +286,7 @@ void request_prune(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	struct prune *prune;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->jobs, m->prune->dataset, &c->peer, RIGHT_OWN, &d, &err)) {
+	if (dataset_ask(c->server->service->datasets, m->prune->dataset, &c->peer, RIGHT_OWN, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

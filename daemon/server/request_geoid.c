@@ -1,4 +1,4 @@
-/* Requests about geoid grids: each goes to daemon/job with its `struct request` as token, and comes back once. */
+/* Requests about geoid grids: each goes to its room with its `struct request` as token, and comes back once. */
 #include "io.h"
 #include "server_priv.h"
 
@@ -48,15 +48,15 @@ static void removed(void *token, const struct err *why, const struct geoid_info 
 
 void request_geoid_add(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	geoid_add(c->server->jobs, fd, m->geoid_add->name, m->geoid_add->file, &c->peer, listed, q);
+	geoid_add(c->server->service->geoids, fd, m->geoid_add->name, m->geoid_add->file, &c->peer, listed, q);
 }
 
 void request_geoids(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	geoid_list(c->server->jobs, &c->peer, listed, q);
+	geoid_list(c->server->service->geoids, &c->peer, listed, q);
 }
 
 void request_geoid_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	geoid_remove(c->server->jobs, m->geoid_remove->name, &c->peer, removed, q);
+	geoid_remove(c->server->service->geoids, m->geoid_remove->name, &c->peer, removed, q);
 }

@@ -9,7 +9,7 @@
 static struct job *find(struct conn *c, struct request *q, uint64_t id)
 {
 	struct err err = ERR_INIT;
-	struct job *job = job_find(c->server->jobs, id, &c->peer);
+	struct job *job = job_find(c->server->service->jobs, id, &c->peer);
 
 	if (!job) {
 		err_set(&err, ERR_NOTFOUND, "there is no job %llu", (unsigned long long)id);
@@ -65,11 +65,11 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	};
 	struct err err = ERR_INIT;
 
-	if (dataset_ask(c->server->jobs, in->dataset, &c->peer, RIGHT_READ, &p.dataset, &err)) {
+	if (dataset_ask(c->server->service->datasets, in->dataset, &c->peer, RIGHT_READ, &p.dataset, &err)) {
 		request_refuse(q, &err);
 		return;
 	}
-	job_submit(c->server->jobs, &p, accepted, q);
+	job_submit(c->server->service->jobs, &p, accepted, q);
 }
 
 void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
@@ -191,7 +191,7 @@ void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 	counts = m->jobs_request->counts && message_job_rules(&page);
 	if (!limit || limit > PAGE_MAX)
 		limit = PAGE_MAX;
-	while (!more && (job = job_after(c->server->jobs, after, &c->peer))) {
+	while (!more && (job = job_after(c->server->service->jobs, after, &c->peer))) {
 		if (n < limit && counts)
 			message_job_counts(job, &row);
 		else if (n < limit)

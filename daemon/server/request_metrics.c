@@ -15,6 +15,7 @@
 #include "ledger.h"
 #include "log.h"
 #include "rights.h"
+#include "process.h"
 #include "server_priv.h"
 #include "space.h"
 
@@ -36,7 +37,7 @@ struct page {
 	char events[LOG_EVENTS][32];
 	char uid[DATASETS > USERS ? DATASETS : USERS][TEXT];
 	struct dataset_info dataset[DATASETS];
-	struct jobs_user user[USERS];
+	struct service_user user[USERS];
 	char next[128];
 };
 
@@ -113,9 +114,9 @@ static void add_process(struct page *p, struct server *s)
 	      (double)clock_real_us() / 1e6 - clock_since(s->started_ns));
 	gauge(p, "acut_threads", "Domains that are triangulated at once, at most.", s->p.threads);
 	gauge(p, "acut_memory_limit_bytes", "The memory that acutd may use.", (double)s->p.memory);
-	gauge(p, "acut_resident_memory_bytes", "Resident memory of acutd.", (double)jobs_rss());
+	gauge(p, "acut_resident_memory_bytes", "Resident memory of acutd.", (double)process_rss());
 	gauge(p, "acut_resident_memory_peak_bytes", "The most resident memory of acutd since its start.",
-	      (double)jobs_peak_rss());
+	      (double)process_peak_rss());
 	family(p, "acut_ledger_bytes", "gauge", "Memory that is taken of the budget, by what it is for.");
 	for (int i = 0; i < LEDGER_NAMES; i++)
 		sample(p, (double)ledger_held(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
@@ -161,7 +162,7 @@ static void add_disk(struct page *p, struct server *s)
 {
 	struct cache_stat st;
 
-	cache_stat(s->jobs, &st);
+	cache_stat(s->service->maintenance, &st);
 	add_sides(p, &st.space);
 	family(p, "acut_stored_bytes", "gauge", "What lies on the disk, by what it is.");
 	for (int k = 0; k < SPACE_KINDS; k++)
@@ -176,7 +177,7 @@ static void add_disk(struct page *p, struct server *s)
 		st.space.evicted_files);
 }
 
-static void add_jobs(struct page *p, const struct jobs_numbers *n)
+static void add_jobs(struct page *p, const struct service_numbers *n)
 {
 	family(p, "acut_jobs", "gauge", "Jobs that are not over, by state.");
 	for (int i = 0; i < JOB_STATES; i++)
@@ -196,7 +197,7 @@ static void add_jobs(struct page *p, const struct jobs_numbers *n)
 	counter(p, "acut_domains_reused_total", "Domains that were found finished since the start.", n->tally.domains_reused);
 }
 
-static void add_pushes(struct page *p, const struct jobs_numbers *n)
+static void add_pushes(struct page *p, const struct service_numbers *n)
 {
 	gauge(p, "acut_pushes_open", "Pushes that go on.", (double)n->pushes);
 	gauge(p, "acut_pushes_pending", "Interrupted pushes that can be taken up.", (double)n->pending);
@@ -213,7 +214,7 @@ static void add_pushes(struct page *p, const struct jobs_numbers *n)
 	counter(p, "acut_merged_bytes_total", "Bytes that merges have written since the start.", n->tally.merged_bytes);
 }
 
-static void add_health(struct page *p, const struct jobs_numbers *n)
+static void add_health(struct page *p, const struct service_numbers *n)
 {
 	const struct verified *v = &n->verified;
 
@@ -250,9 +251,9 @@ static void add_health(struct page *p, const struct jobs_numbers *n)
 
 static void first_page(struct page *p, struct server *s)
 {
-	struct jobs_numbers n;
+	struct service_numbers n;
 
-	jobs_numbers(s->jobs, &n);
+	service_numbers(s->service, &n);
 	gauge(p, "acut_up", "1: acutd answers.", 1);
 	add_process(p, s);
 	add_disk(p, s);
@@ -304,7 +305,8 @@ static void dataset_page(struct page *p, struct server *s, const struct peer *pe
 		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be taken up.", dataset_pending},
 	};
 	struct dataset *list[DATASETS + 1];
-	size_t found = dataset_list(s->jobs, after, peer, DATASETS + 1, list), n = found < DATASETS ? found : DATASETS;
+	size_t found = dataset_list(s->service->datasets, after, peer, DATASETS + 1, list),
+	       n = found < DATASETS ? found : DATASETS;
 
 	for (size_t i = 0; i < n; i++) {
 		dataset_info(list[i], &p->dataset[i]);
@@ -321,19 +323,19 @@ static void dataset_page(struct page *p, struct server *s, const struct peer *pe
 		snprintf(p->next, sizeof p->next, "u0");
 }
 
-static double user_bytes(const struct jobs_user *u)
+static double user_bytes(const struct service_user *u)
 {
 	return (double)u->bytes;
 }
-static double user_points(const struct jobs_user *u)
+static double user_points(const struct service_user *u)
 {
 	return (double)u->points;
 }
-static double user_pending(const struct jobs_user *u)
+static double user_pending(const struct service_user *u)
 {
 	return (double)u->pending_bytes;
 }
-static double user_jobs(const struct jobs_user *u)
+static double user_jobs(const struct service_user *u)
 {
 	return u->jobs;
 }
@@ -342,14 +344,14 @@ static void user_page(struct page *p, struct server *s, const struct peer *peer,
 {
 	static const struct {
 		const char *name, *help;
-		double (*of)(const struct jobs_user *);
+		double (*of)(const struct service_user *);
 	} rows[] = {
 		{"acut_user_bytes", "Bytes on the disk of the datasets of a user, removed ones included.", user_bytes},
 		{"acut_user_points", "Points of the datasets of a user, removed ones included.", user_points},
 		{"acut_user_pending_bytes", "Bytes of interrupted pushes of a user, at most.", user_pending},
 		{"acut_user_jobs", "Jobs of a user that are not over.", user_jobs},
 	};
-	size_t n = jobs_users(s->jobs, from, p->user, USERS), shown = 0;
+	size_t n = service_users(s->service, from, p->user, USERS), shown = 0;
 
 	if (n == USERS)
 		snprintf(p->next, sizeof p->next, "u%" PRIu64, (uint64_t)p->user[n - 1].uid + 1);

@@ -1,5 +1,5 @@
 /*
- * Requests of a push. Each goes to daemon/job with its `struct request` as token, and comes back once.
+ * Requests of a push. Each goes to its room with its `struct request` as token, and comes back once.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -423,7 +423,7 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 	}
 	q->push->request = q->id;
 	p.ctx = q->push;
-	push_begin(c->server->jobs, &p, q);
+	push_begin(c->server->service->pushes, &p, q);
 }
 
 /* Answers if there is no such push. */
@@ -543,12 +543,12 @@ void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m,
 
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
-		  m->info_request->decimal_comma, &c->peer, described, q);
+	inspect_header(c->server->service->core, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
+		       m->info_request->decimal_comma, &c->peer, described, q);
 }
 
 void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns, m->inspect->decimal_comma,
-		     &c->peer, inspected, q);
+	inspect_file(c->server->service->core, fd, m->inspect->name, m->inspect->format, m->inspect->columns,
+		     m->inspect->decimal_comma, &c->peer, inspected, q);
 }

@@ -1,7 +1,7 @@
 /*
  * Status: what the daemon is, and who holds its memory.
  *
- * The model: the ledger has the sums by name; daemon/job tells what each job, stream, plan and push holds, the
+ * The model: the ledger has the sums by name; the service reports what each job, stream, plan and push holds, the
  * connections are known here. An answer is one frame, so that of very many holders only those with the most go in. Of
  * what others do, who is no admin sees the user and the bytes, but neither number nor dataset.
  */
@@ -10,12 +10,13 @@
 
 #include "clock.h"
 #include "rights.h"
+#include "process.h"
 #include "server_priv.h"
 
 enum { HOLDERS_MAX = 200 };
 
 struct holder {
-	struct job_holder h;
+	struct core_holder h;
 	uint64_t sum;
 	Acut__V1__LedgerHolder message;
 	Acut__V1__LedgerEntry entry[LEDGER_NAMES], *list[LEDGER_NAMES];
@@ -50,7 +51,7 @@ static void sift_down(struct answer *a, size_t i)
 	}
 }
 
-static void add(void *ctx, const struct job_holder *h)
+static void add(void *ctx, const struct core_holder *h)
 {
 	struct answer *a = ctx;
 	struct holder *to;
@@ -83,7 +84,7 @@ static void add_conns(struct answer *a, const struct server *s)
 	const struct conn *c;
 
 	for (c = s->conns; c; c = c->next) {
-		struct job_holder h = {.kind = "connection", .id = c->number, .peer = c->peer, .dataset = ""};
+		struct core_holder h = {.kind = "connection", .id = c->number, .peer = c->peer, .dataset = ""};
 
 		h.held[LEDGER_MESSAGE] = conn_held(c);
 		h.held[LEDGER_PIPE] = stream_out_held(c);
@@ -152,10 +153,10 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	}
 	/* Workers take and the loop gives back: who holds, and what is resident, is asked before how much is held. So neither is
 	 * ever more than what it is compared with only because a worker took something in between. */
-	status.peak_rss_bytes = jobs_peak_rss();
-	status.rss_bytes = jobs_rss();
+	status.peak_rss_bytes = process_peak_rss();
+	status.rss_bytes = process_rss();
 	a->peer = &c->peer;
-	jobs_holders(s->jobs, add, a);
+	service_holders(s->service, add, a);
 	add_conns(a, s);
 	ledger_message(a, s->p.ledger, &status);
 	qsort(a->heap, a->n, sizeof *a->heap, most_first);
@@ -172,11 +173,11 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	status.n_holders = a->n;
 	status.holders = a->list;
 	status.holders_more = (uint32_t)a->more;
-	jobs_count(s->jobs, &status.jobs_running, &status.jobs_waiting);
+	jobs_count(s->service->jobs, &status.jobs_running, &status.jobs_waiting);
 	status.connections = server_connections(s);
 	status.state_dir = (char *)s->p.state_dir;
 	status.cache_dir = (char *)s->p.cache_dir;
-	cache_stat(s->jobs, &disk);
+	cache_stat(s->service->maintenance, &disk);
 	message_side(&disk.space.state, &state);
 	message_side(&disk.space.cache, &cache);
 	status.disk_limit = disk.disk;

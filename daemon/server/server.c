@@ -79,9 +79,9 @@ void server_set_rights(struct server *s, const struct rights *rights, unsigned u
 	}
 }
 
-void server_set_jobs(struct server *s, struct jobs *jobs)
+void server_set_service(struct server *s, struct service *service)
 {
-	s->jobs = jobs;
+	s->service = service;
 }
 
 /* ---- accept ---- */

@@ -12,7 +12,7 @@
 
 struct err;
 struct job;
-struct jobs;
+struct service;
 struct ledger;
 struct server;
 
@@ -46,13 +46,13 @@ int server_new(const struct server_params *, struct server **ret, struct err *er
 /* Closes what is open. NULL is fine; returns NULL. */
 struct server *server_free(struct server *);
 /* Before any connection. */
-void server_set_jobs(struct server *, struct jobs *);
+void server_set_service(struct server *, struct service *);
 /* Other rules, also for who is connected: who is not served any more is cut off. */
 void server_set_rights(struct server *, const struct rights *, unsigned user_connections);
 /* Takes over a listening or a connected stream socket. */
 int server_listen(struct server *, int fd, struct err *err);
 int server_adopt(struct server *, int fd, struct err *err);
-/* For jobs_params.changed (ctx is the server). */
+/* For service_params.changed (ctx is the server). */
 void server_job_changed(void *server, struct job *);
 /* After every round of the loop: what was closed goes. */
 void server_settle(struct server *);

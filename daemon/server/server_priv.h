@@ -3,7 +3,7 @@
 #define SERVER_PRIV_H
 
 #include "frame.h"
-#include "job.h"
+#include "service.h"
 #include "log.h"
 #include "server.h"
 #include "stream.h"
@@ -24,7 +24,7 @@ struct listener {
 
 struct server {
 	struct server_params p;
-	struct jobs *jobs;
+	struct service *service;
 	struct listener *listeners;
 	sd_event_source *again;   /* accept paused: no descriptors left */
 	sd_event_source *closing; /* to look whether there is room for those who wait (room_wait) */

@@ -10,7 +10,7 @@
 #include "err.h"
 #include "ledger.h"
 
-int out_changes_new(const struct job_changes *in, struct ledger *ledger, size_t *charged, struct out_changes **ret,
+int out_changes_new(const struct run_changes *in, struct ledger *ledger, size_t *charged, struct out_changes **ret,
 		    struct err *err)
 {
 	size_t size = sizeof(struct out_changes) + in->gone * sizeof(struct stream_region);

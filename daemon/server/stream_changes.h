@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "job.h"
+#include "run.h"
 #include "stream.h"
 
 struct err;
@@ -29,7 +29,7 @@ struct out_changes {
 
 /* A copy of these, whose first frame is ready to be written; *charged grows by what it takes of LEDGER_PIPE. free() does
  * for what is not sent. */
-int out_changes_new(const struct job_changes *, struct ledger *, size_t *charged, struct out_changes **ret, struct err *err);
+int out_changes_new(const struct run_changes *, struct ledger *, size_t *charged, struct out_changes **ret, struct err *err);
 /* The frame is written: the next one, or NULL, and it is freed. */
 struct out_changes *out_changes_next(struct out_changes *);
 

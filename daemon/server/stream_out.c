@@ -2,8 +2,8 @@
  * One mesh stream to one client: a pipe that the daemon made, written from the loop as the client reads.
  *
  * The model: four frames at most, in this order: head, what changes are against (several, one after the other, and
- * only of such a stream), the block that daemon/job handed over, tail; each is pieces with its own scratch, and a position. The
- * pieces of a block point into the domain's memory. When the reader is too slow, daemon/job lets a worker spool what is left of
+ * only of such a stream), the block that the run handed over, tail; each is pieces with its own scratch, and a position. The
+ * pieces of a block point into the domain's memory. When the reader is too slow, the run lets a worker spool what is left of
  * the block (`paused` meanwhile: the loop keeps its hands off), and it is written from a small buffer that workers refill. The
  * pipe is non-blocking; a reader who closes it ends the stream and nothing else. A stream whose block was cut off by an error has
  * no tail: the error goes over the socket, on the request of the Fetch, and then the pipe ends.
@@ -26,7 +26,7 @@
 enum { HEAD, CHANGES, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20 };
 
 struct stream_out {
-	struct job_output output; /* first: stream_of */
+	struct run_output output; /* first: stream_of */
 	struct stream_out *next;
 	struct conn *conn; /* its connection, until the end */
 	uint64_t job;
@@ -43,11 +43,11 @@ struct stream_out {
 
 	int spool; /* -1: none */
 	uint64_t spool_size, spool_at;
-	uint8_t *buffer; /* JOB_OUTPUT_BUFFER, of spooled bytes */
+	uint8_t *buffer; /* RUN_OUTPUT_BUFFER, of spooled bytes */
 	size_t buffered, written;
 };
 
-static struct stream_out *stream_of(struct job_output *o)
+static struct stream_out *stream_of(struct run_output *o)
 {
 	return (struct stream_out *)o;
 }
@@ -81,7 +81,7 @@ static void stream_free(struct stream_out *o)
 	free(o);
 }
 
-static void freed(struct job_output *output)
+static void freed(struct run_output *output)
 {
 	stream_free(stream_of(output));
 }
@@ -97,7 +97,7 @@ static void drop(struct stream_out *o)
 	if (o->ended)
 		stream_free(o);
 	else
-		job_output_gone(&o->output, freed);
+		run_output_gone(&o->output, freed);
 }
 
 /* ---- writing ---- */
@@ -197,8 +197,8 @@ static void pump(struct stream_out *o)
 		if (i == BLOCK) {
 			spool_close(o);
 			wait_for_room(o, false);
-			job_output_sent(&o->output);
-			/* The next block, or the end, comes from daemon/job. */
+			run_output_sent(&o->output);
+			/* The next block, or the end, comes from the run. */
 			return;
 		}
 	}
@@ -206,7 +206,7 @@ static void pump(struct stream_out *o)
 		drop(o);
 	} else if (r == 2) {
 		wait_for_room(o, false);
-		job_output_dry(&o->output);
+		run_output_dry(&o->output);
 	} else if (r == 1) {
 		wait_for_room(o, true);
 	} else if (o->ended) {
@@ -233,7 +233,7 @@ static int pipe_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 	return 0;
 }
 
-/* ---- what daemon/job calls ---- */
+/* ---- what the run calls ---- */
 
 static void text_copy(char *to, size_t size, const char *from)
 {
@@ -244,7 +244,7 @@ static void text_copy(char *to, size_t size, const char *from)
 }
 
 /* On the socket, and before the pipe ends. A client that is gone shows when the loop comes to it: nothing is
- * closed here, since daemon/job is going through its outputs. */
+ * closed here, since the run is going through its outputs. */
 static void tell_why(struct stream_out *o, const struct err *why)
 {
 	struct conn *c = o->conn;
@@ -256,7 +256,7 @@ static void tell_why(struct stream_out *o, const struct err *why)
 	conn_watch(c);
 }
 
-static void out_head(struct job_output *output, const struct job_stream_head *in)
+static void out_head(struct run_output *output, const struct run_head *in)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[HEAD];
@@ -292,7 +292,7 @@ static void out_head(struct job_output *output, const struct job_stream_head *in
 _Static_assert(sizeof(struct mesh_vertex) == sizeof(int32_t[3]), "vertices go out as they lie in memory");
 
 /* On a worker: the checksum costs time. */
-static void out_encode(struct job_output *output, const struct mesh_block *b)
+static void out_encode(struct run_output *output, const struct mesh_block *b)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[BLOCK];
@@ -315,7 +315,7 @@ static void out_encode(struct job_output *output, const struct mesh_block *b)
 	f->done = 0;
 }
 
-static void out_send(struct job_output *output)
+static void out_send(struct run_output *output)
 {
 	struct stream_out *o = stream_of(output);
 
@@ -329,7 +329,7 @@ static void out_send(struct job_output *output)
 	pump(o);
 }
 
-static void out_pause(struct job_output *output)
+static void out_pause(struct run_output *output)
 {
 	struct stream_out *o = stream_of(output);
 
@@ -337,14 +337,14 @@ static void out_pause(struct job_output *output)
 	wait_for_room(o, false);
 }
 
-static double out_stalled(struct job_output *output)
+static double out_stalled(struct run_output *output)
 {
 	struct stream_out *o = stream_of(output);
 
 	return o->blocked_ns && !o->paused ? clock_since(o->blocked_ns) : 0;
 }
 
-static int out_spool(struct job_output *output, int dirfd, struct err *err)
+static int out_spool(struct run_output *output, int dirfd, struct err *err)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[BLOCK];
@@ -353,7 +353,7 @@ static int out_spool(struct job_output *output, int dirfd, struct err *err)
 
 	if (r)
 		return r;
-	o->buffer = malloc(JOB_OUTPUT_BUFFER);
+	o->buffer = malloc(RUN_OUTPUT_BUFFER);
 	if (!o->buffer) {
 		io_close(fd);
 		return err_set(err, ERR_NOMEM, "no memory for a buffer");
@@ -378,11 +378,11 @@ static int out_spool(struct job_output *output, int dirfd, struct err *err)
 	return 0;
 }
 
-static int out_refill(struct job_output *output, struct err *err)
+static int out_refill(struct run_output *output, struct err *err)
 {
 	struct stream_out *o = stream_of(output);
 	uint64_t left = o->spool_size - o->spool_at;
-	size_t n = left < JOB_OUTPUT_BUFFER ? (size_t)left : JOB_OUTPUT_BUFFER;
+	size_t n = left < RUN_OUTPUT_BUFFER ? (size_t)left : RUN_OUTPUT_BUFFER;
 	int r = io_read_at(o->spool, o->buffer, n, o->spool_at, "a spooled block", err);
 
 	if (r)
@@ -418,7 +418,7 @@ static void tail_totals(struct stream_tail *tail, const struct stream_out *o, co
 	message_report_json(report, tail->report, sizeof tail->report);
 }
 
-static void out_end(struct job_output *output, const struct err *why, const struct pipe_totals *totals,
+static void out_end(struct run_output *output, const struct err *why, const struct pipe_totals *totals,
 		    const struct job_report *report)
 {
 	struct stream_out *o = stream_of(output);
@@ -454,7 +454,7 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 }
 
 /* What the job is at is no news to whoever reads what it made. */
-static void out_waits(struct job_output *output, const char *text)
+static void out_waits(struct run_output *output, const char *text)
 {
 	struct stream_out *o = stream_of(output);
 	Acut__V1__Progress progress = ACUT__V1__PROGRESS__INIT;
@@ -466,7 +466,7 @@ static void out_waits(struct job_output *output, const char *text)
 	conn_send(o->conn, o->request, FRAME_MESSAGE(PROGRESS, progress, &progress), -1);
 }
 
-static const struct job_output_calls output_calls = {
+static const struct run_output_calls output_calls = {
 	.waits = out_waits,
 	.head = out_head,
 	.send = out_send,

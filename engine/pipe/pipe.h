@@ -1,6 +1,6 @@
 /*
  * The steps of a mesh, one function each: ingest, plan, domain, emit. No threads, no waiting, no clock:
- * whoever calls decides when and where. daemon/job calls them from workers, acut-domain from main.
+ * whoever calls decides when and where. daemon/run and daemon/push call them from workers, acut-domain from main.
  */
 #ifndef PIPE_H
 #define PIPE_H

@@ -1,6 +1,6 @@
 /* Geoid grids that a test makes: GeographicLib's PGM, of a smooth made-up field. */
-#ifndef GEOID_H
-#define GEOID_H
+#ifndef TEST_GEOID_H
+#define TEST_GEOID_H
 
 #include <math.h>
 #include <stdio.h>

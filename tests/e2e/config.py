@@ -205,7 +205,7 @@ def documents_are_of_the_table():
     expect(run([doc, "conf"]).ok().out == conf, "etc/acutd.conf is not of the table: run config-doc conf > etc/acutd.conf")
     settings = [line.lstrip("#") for line in conf.splitlines() if line.lstrip("#")[:1].isalpha() and " =" in line
                 and not line.startswith("# ")]
-    expect(len(settings) == len(re.findall(r"^SETTING", open(source + "/daemon/config_table.def").read(), re.M)) - 3, "%s" % settings)
+    expect(len(settings) == len(re.findall(r"^SETTING", open(source + "/daemon/config/config_table.def").read(), re.M)) - 3, "%s" % settings)
     with Folder() as base:
         file = base + "/acutd.conf"
         write(file, "\n".join(s for s in settings if not s.startswith(("group", "admin-group"))) + "\n")

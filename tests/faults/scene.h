@@ -1,12 +1,12 @@
 /*
- * What happens in the tests of faults: a service (tests/job/service.h) into which three files are pushed, one at a time and
+ * What happens in the tests of faults: a service (tests/service/fixture.h) into which three files are pushed, one at a time and
  * with an interruption, and jobs of each generation, with a mark in the log for each thing that was acknowledged; and what
  * must be there when a service is opened over what a fault left.
  */
 #ifndef SCENE_H
 #define SCENE_H
 
-#include "service.h"
+#include "fixture.h"
 #include "log.h"
 
 #include <sys/wait.h>
@@ -52,12 +52,12 @@ struct scene_digests {
 /* As open_service, but it may fail. */
 static int service_try_open(uint64_t memory, unsigned threads, struct err *err)
 {
-	struct jobs_params p = {.core = {.threads = threads}};
+	struct service_params p = {.core = {.threads = threads}};
 	char path[128];
 	int r;
 
 	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
-	memset(&h.ledger, 0, sizeof h - offsetof(struct service, ledger));
+	memset(&h.ledger, 0, sizeof h - offsetof(struct fixture, ledger));
 	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	h.cachefd = dup(h.statefd);
 	h.ledger = ledger_new(memory);
@@ -72,7 +72,7 @@ static int service_try_open(uint64_t memory, unsigned threads, struct err *err)
 	p.core.statefd = h.statefd;
 	p.core.cachefd = h.cachefd;
 	if (!r)
-		r = jobs_new(&p, &h.jobs, err);
+		r = service_new(&p, &h.service, err);
 	if (!r)
 		return 0;
 	sched_free(h.sched);
@@ -131,7 +131,7 @@ static struct job *submit_at(struct dataset *d, uint64_t generation, const char 
 	struct job_params p = {.dataset = d, .generation = generation, .view = view, .peer = me};
 	int before = accepts;
 
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	turn_until(accepts > before);
 	return accepted_job;
 }
@@ -162,7 +162,7 @@ static void mesh_to(struct job *job, char digest[DIGEST_HEX_SIZE])
 
 static void mesh_at(const char *name, uint64_t generation, char digest[DIGEST_HEX_SIZE])
 {
-	struct dataset *d = dataset_find(h.jobs, name, &me);
+	struct dataset *d = dataset_find(h.service->datasets, name, &me);
 	struct job *job;
 
 	must(d && (job = submit_at(d, generation, VIEW)));
@@ -194,7 +194,7 @@ static void verb(enum dataset_verb what, const char *name)
 {
 	struct dataset_wanted w = {.verb = what, .name = name, .as = "", .peer = me};
 
-	ask(dataset_verb(h.jobs, &w, verbed, NULL));
+	ask(dataset_verb(h.service->datasets, &w, verbed, NULL));
 	must(!got.why.code);
 }
 
@@ -207,24 +207,24 @@ static void play_on(struct scene_digests *ret)
 	push_one("b", 3);
 	/* What the next commit brings to the disk: the rows of b's pushes are gone, by which a start would look into its folder.
 	 */
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	push_one("d", 1);
 	fault_mark(MARK_OTHER_3);
-	ask(dataset_revert(dataset_find(h.jobs, "b", &me), 0, &me, reverted, NULL));
+	ask(dataset_revert(dataset_find(h.service->datasets, "b", &me), 0, &me, reverted, NULL));
 	must(!got.why.code);
 	fault_mark(MARK_REVERTED);
 	mesh_at("b", 0, ret->reverted);
 	push_one("b", 4);
 	fault_mark(MARK_OTHER_5);
 	mesh_at("b", 0, ret->pruned);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	fault_mark(MARK_PRUNING);
-	ask(dataset_prune(dataset_find(h.jobs, "b", &me), 1, 0, &me, pruned, NULL));
+	ask(dataset_prune(dataset_find(h.service->datasets, "b", &me), 1, 0, &me, pruned, NULL));
 	must(!got.why.code);
 	fault_mark(MARK_PRUNED);
 	push_one("c", 1);
 	fault_mark(MARK_KEPT);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	fault_mark(MARK_REMOVING);
 	verb(DATASET_REMOVE, "c");
 	fault_mark(MARK_REMOVED);
@@ -242,7 +242,7 @@ static void play(struct scene_digests *ret)
 	must(!push_some("a", seed, 1, 1, true, NULL));
 	fault_mark(MARK_GENERATION_1);
 	push_end();
-	a = dataset_find(h.jobs, "a", &me);
+	a = dataset_find(h.service->datasets, "a", &me);
 	must(a && (job = submit_at(a, 0, VIEW)));
 	fault_mark(MARK_JOB);
 	ret->job = info_of(job).id;
@@ -265,7 +265,7 @@ static void play(struct scene_digests *ret)
 	fault_mark(MARK_SELECTED_DONE);
 	mesh_at("a", 0, ret->all);
 	play_on(ret);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 }
 
 /* ---- after a fault ---- */
@@ -278,7 +278,7 @@ static void check_on(uint64_t marks, const struct scene_digests *want)
 	char digest[DIGEST_HEX_SIZE];
 	struct err err = ERR_INIT;
 
-	must(!has(MARK_OTHER) || dataset_find(h.jobs, "b", &me));
+	must(!has(MARK_OTHER) || dataset_find(h.service->datasets, "b", &me));
 	if (has(MARK_OTHER_3) && !has(MARK_PRUNING)) {
 		mesh_at("b", 3, digest);
 		must(!strcmp(digest, want->all));
@@ -293,9 +293,9 @@ static void check_on(uint64_t marks, const struct scene_digests *want)
 		mesh_at("b", 5, digest);
 		must(!strcmp(digest, want->pruned));
 	}
-	must(!has(MARK_PRUNED) || dataset_check_generation(dataset_find(h.jobs, "b", &me), 3, &err));
-	if (has(MARK_REMOVED) && !has(MARK_RESTORED) && !dataset_find(h.jobs, "c", &me)) {
-		must(dataset_removed_after(h.jobs, 0, &me));
+	must(!has(MARK_PRUNED) || dataset_check_generation(dataset_find(h.service->datasets, "b", &me), 3, &err));
+	if (has(MARK_REMOVED) && !has(MARK_RESTORED) && !dataset_find(h.service->datasets, "c", &me)) {
+		must(dataset_removed_after(h.service->datasets, 0, &me));
 		verb(DATASET_RESTORE, "c");
 	}
 	if (has(MARK_KEPT) && (!has(MARK_REMOVING) || has(MARK_REMOVED))) {
@@ -308,7 +308,7 @@ static void check_on(uint64_t marks, const struct scene_digests *want)
 static void check_all(uint64_t marks, const struct scene_digests *want)
 {
 	static const unsigned seed[FILES] = {1, 2, 3};
-	struct dataset *a = dataset_find(h.jobs, "a", &me), *b;
+	struct dataset *a = dataset_find(h.service->datasets, "a", &me), *b;
 	enum push_known_as known[FILES];
 	char digest[DIGEST_HEX_SIZE];
 	struct job *job;
@@ -319,13 +319,13 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 		must(!strcmp(digest, want->one));
 	}
 	if (has(MARK_JOB)) {
-		must((job = job_find(h.jobs, want->job, &me)));
+		must((job = job_find(h.service->jobs, want->job, &me)));
 		must(!has(MARK_JOB_DONE) || info_of(job).state == JOB_done);
 		mesh_to(job, digest);
 		must(!strcmp(digest, want->one));
 	}
 	if (has(MARK_SELECTED)) {
-		must((job = job_find(h.jobs, want->selected_job, &me)));
+		must((job = job_find(h.service->jobs, want->selected_job, &me)));
 		must(!has(MARK_SELECTED_DONE) || info_of(job).state == JOB_done);
 		mesh_to(job, digest);
 		must(!strcmp(digest, want->selected));
@@ -336,13 +336,13 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 	must(!has(MARK_PENDING) || known[1] != PUSH_NEW);
 	must(!has(MARK_GENERATION_2) || (known[1] == PUSH_KNOWN && known[2] == PUSH_KNOWN));
 	push_end();
-	must((job = submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW)));
+	must((job = submit_at(dataset_find(h.service->datasets, "a", &me), 0, VIEW)));
 	mesh_to(job, digest);
 	must(!strcmp(digest, want->all));
 	/* A revert or a prune leaves no word in the catalogue that a start would clean up by: the next commit does. */
-	if ((b = dataset_find(h.jobs, "b", &me)) && b->generation)
+	if ((b = dataset_find(h.service->datasets, "b", &me)) && b->generation)
 		push_one("b", 100 + (unsigned)b->generation);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 }
 
 #undef has

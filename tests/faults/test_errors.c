@@ -63,7 +63,7 @@ static void try_push(void)
 		push_end();
 		if (!r)
 			return;
-		turn_until(!jobs_active(h.jobs));
+		turn_until(!service_active(h.service));
 		if (tries)
 			lift();
 		must(tries < 4);
@@ -73,7 +73,7 @@ static void try_push(void)
 static struct job *try_job(void)
 {
 	for (int tries = 0;; tries++) {
-		struct job *job = submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW);
+		struct job *job = submit_at(dataset_find(h.service->datasets, "a", &me), 0, VIEW);
 
 		if (!job) {
 			typed("submit", &accepted_err);
@@ -132,7 +132,7 @@ static void all_of_it(void)
 		snprintf(want, sizeof want, "%s", digest);
 	must(!strcmp(digest, want));
 	try_fetch(job);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 }
 
 static void one_point(unsigned long i)
@@ -157,9 +157,9 @@ static void one_point(unsigned long i)
 	must(!push_some("a", seed, 2, 2, true, known));
 	must(known[0] == PUSH_KNOWN && known[1] == PUSH_KNOWN);
 	push_end();
-	mesh_to(submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW), digest);
+	mesh_to(submit_at(dataset_find(h.service->datasets, "a", &me), 0, VIEW), digest);
 	must(!strcmp(digest, want));
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	close_service();
 	must(open_files() == fds);
 	must(clean());

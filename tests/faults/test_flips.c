@@ -280,7 +280,7 @@ static void one_house(unsigned long i)
 		must(*err.message);
 		_exit(0);
 	}
-	a = dataset_find(h.jobs, "a", &me);
+	a = dataset_find(h.service->datasets, "a", &me);
 	for (int view = 0; a && view < 4; view++) {
 		static struct reader r;
 		char hex[DIGEST_HEX_SIZE];
@@ -302,7 +302,7 @@ static void one_house(unsigned long i)
 		turn_until(r.ends);
 		must(r.failed || !strcmp(digest_hex(r.totals.digest, hex), digest));
 	}
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	close_service();
 	drop_folder();
 }

@@ -9,7 +9,7 @@
  */
 #include "scene.h"
 
-#include "backup.h"
+#include "copy.h"
 #include "no_memory.h"
 
 #include "../crs/geoid.h"
@@ -47,7 +47,7 @@ static void mesh_anew(struct dataset *d, uint64_t generation, char digest[DIGEST
 	struct job_params p = {.dataset = d, .generation = generation, .view = VIEW, .fresh = true, .peer = me};
 	int since = accepts;
 
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	turn_until(accepts > since);
 	must(accepted_job);
 	mesh_to(accepted_job, digest);
@@ -58,7 +58,7 @@ static void state_of(char ret[STATE])
 {
 	char newest[DIGEST_HEX_SIZE] = "", oldest[DIGEST_HEX_SIZE] = "";
 	struct dataset *d[PARTS];
-	unsigned n = dataset_list(h.jobs, "", &me, PARTS, d);
+	unsigned n = dataset_list(h.service->datasets, "", &me, PARTS, d);
 	struct dataset_info info;
 
 	*ret = 0;
@@ -76,10 +76,11 @@ static void state_of(char ret[STATE])
 			 (unsigned long long)dataset_oldest(d[i]), info.generation ? oldest : "", info.files,
 			 (unsigned long long)info.points, info.lattice, info.crs);
 	}
-	for (struct dataset *r = dataset_removed_after(h.jobs, 0, &me); r; r = dataset_removed_after(h.jobs, r->id, &me))
+	for (struct dataset *r = dataset_removed_after(h.service->datasets, 0, &me); r;
+	     r = dataset_removed_after(h.service->datasets, r->id, &me))
 		snprintf(end_of(ret), STATE - strlen(ret), "removed %s\n", r->name);
 	grids.answered = false;
-	geoid_list(h.jobs, &me, listed, NULL);
+	geoid_list(h.service->geoids, &me, listed, NULL);
 	turn_until(grids.answered);
 	snprintf(end_of(ret), STATE - strlen(ret), "%s", grids.text);
 }
@@ -110,7 +111,7 @@ static enum err_code pushes(const char *dataset, bool replace, bool commit)
 	struct push_input input = {.name = names[0], .path = names[0], .checksum = true, .replace = replace};
 
 	memset(&got, 0, sizeof got);
-	ask(push_begin(h.jobs, &p, NULL));
+	ask(push_begin(h.service->pushes, &p, NULL));
 	if (!got.why.code)
 		ask(push_probe(got.push, dup(file[0]), &input, NULL));
 	if (!got.why.code)
@@ -178,13 +179,13 @@ static enum err_code do_replace(void)
 
 static enum err_code do_revert(void)
 {
-	ask(dataset_revert(dataset_find(h.jobs, "a", &me), 0, &me, reverted, NULL));
+	ask(dataset_revert(dataset_find(h.service->datasets, "a", &me), 0, &me, reverted, NULL));
 	return got.why.code;
 }
 
 static enum err_code do_prune(void)
 {
-	ask(dataset_prune(dataset_find(h.jobs, "a", &me), 1, 0, &me, pruned, NULL));
+	ask(dataset_prune(dataset_find(h.service->datasets, "a", &me), 1, 0, &me, pruned, NULL));
 	return got.why.code;
 }
 
@@ -212,7 +213,7 @@ static void one_and_pending_there(void)
 /* As an export would bring it: the manifest, and each segment. */
 static void ready_import(void)
 {
-	struct dataset *a = dataset_find(h.jobs, "a", &me);
+	struct dataset *a = dataset_find(h.service->datasets, "a", &me);
 	struct grid_manifest *m = NULL;
 	struct err err = ERR_INIT;
 	char path[128];
@@ -249,7 +250,7 @@ static void import_done(void *token, const struct err *why, const struct importe
 static enum err_code do_import(void)
 {
 	memset(&got, 0, sizeof got);
-	ask(import_begin(h.jobs, "i", 0644, &me, import_begun, NULL));
+	ask(import_begin(h.service->copies, "i", 0644, &me, import_begun, NULL));
 	for (unsigned i = 0; !got.why.code && i < nfiles; i++)
 		ask(import_file(importing, names[i], dup(file[i]), import_filed, NULL));
 	if (!got.why.code)
@@ -264,7 +265,7 @@ static enum err_code change(enum dataset_verb what, const char *as, const char *
 {
 	struct dataset_wanted w = {.verb = what, .name = "a", .as = as, .mode = mode, .peer = me};
 
-	ask(dataset_verb(h.jobs, &w, verbed, NULL));
+	ask(dataset_verb(h.service->datasets, &w, verbed, NULL));
 	return got.why.code;
 }
 
@@ -282,7 +283,7 @@ static void removed_there(void)
 /* Its time is over. Nobody waits to hear that it is gone. */
 static enum err_code do_expire(void)
 {
-	jobs_set_limits(h.jobs, &(struct jobs_limits){.keep_removed = 1e-6});
+	service_set_limits(h.service, &(struct service_limits){.keep_removed = 1e-6});
 	return 0;
 }
 
@@ -305,17 +306,17 @@ static enum err_code do_create(void)
 {
 	struct dataset_wish w = {.name = "a", .scale_xy = "0.01", .scale_z = "0.01", .crs = "EPSG:25832", .peer = me};
 
-	ask(dataset_create(h.jobs, &w, created, NULL));
+	ask(dataset_create(h.service->datasets, &w, created, NULL));
 	return got.why.code;
 }
 
 static enum err_code do_job(void)
 {
-	struct job_params p = {.dataset = dataset_find(h.jobs, "a", &me), .view = VIEW, .fresh = true, .peer = me};
+	struct job_params p = {.dataset = dataset_find(h.service->datasets, "a", &me), .view = VIEW, .fresh = true, .peer = me};
 	int since = accepts;
 
 	job_of_a = 0;
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	turn_until(accepts > since);
 	if (accepted_job)
 		job_of_a = info_of(accepted_job).id;
@@ -339,7 +340,7 @@ static void ready_geoid(void)
 
 static enum err_code do_geoid(void)
 {
-	ask(geoid_add(h.jobs, dup(file[0]), "g", "g.pgm", &me, geoid_answered, "one"));
+	ask(geoid_add(h.service->geoids, dup(file[0]), "g", "g.pgm", &me, geoid_answered, "one"));
 	return got.why.code;
 }
 
@@ -352,7 +353,7 @@ static void geoid_there(void)
 
 static enum err_code do_geoid_rm(void)
 {
-	ask(geoid_remove(h.jobs, "g", &me, geoid_answered, NULL));
+	ask(geoid_remove(h.service->geoids, "g", &me, geoid_answered, NULL));
 	return got.why.code;
 }
 
@@ -387,7 +388,7 @@ static const struct deed *deed;
 
 static void at_rest(void)
 {
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 }
 
 static void prepare(void)
@@ -457,7 +458,7 @@ static bool is_back(void)
 {
 	char state[STATE];
 
-	if (deed->act != do_expire || !dataset_removed_after(h.jobs, 0, &me))
+	if (deed->act != do_expire || !dataset_removed_after(h.service->datasets, 0, &me))
 		return false;
 	must(!change(DATASET_RESTORE, "", NULL));
 	state_of(state);
@@ -467,7 +468,7 @@ static bool is_back(void)
 
 static void same_job(void)
 {
-	struct job *job = job_of_a ? job_find(h.jobs, job_of_a, &me) : NULL;
+	struct job *job = job_of_a ? job_find(h.service->jobs, job_of_a, &me) : NULL;
 	char digest[DIGEST_HEX_SIZE];
 
 	if (!job_of_a)

@@ -47,7 +47,7 @@ static struct job *fresh(struct dataset *d, const char *view)
 	struct job_params p = {.dataset = d, .view = view, .fresh = true, .peer = me};
 	int before = accepts;
 
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	turn_until(accepts > before);
 	must(accepted_job);
 	return accepted_job;
@@ -56,7 +56,7 @@ static struct job *fresh(struct dataset *d, const char *view)
 /* Both views at once. */
 static void meshes(void)
 {
-	struct dataset *d = dataset_find(h.jobs, "a", &me);
+	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
 	struct job *job[2] = {fresh(d, VIEW), fresh(d, OTHER_VIEW)};
 	char digest[DIGEST_HEX_SIZE];
 
@@ -86,12 +86,12 @@ static void one_order(unsigned long i)
 	meshes();
 	dataset_release(d[0]);
 	dataset_release(d[1]);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	close_service();
 	open_service(SCENE_MEMORY, threads);
 	remove_below("domains");
 	meshes();
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	close_service();
 	drop_folder();
 }

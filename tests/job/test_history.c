@@ -2,7 +2,8 @@
  * Jobs that are over: ten thousand of them are listed as they were, in a memory of 64 MiB; those of more than 30 days
  * go, with their plans; one that is looked for can be removed. What is kept is the report to the last digit.
  */
-#include "service.h"
+#include "fixture.h"
+#include "dataset_priv.h"
 
 #include "job_priv.h"
 #include "log.h"
@@ -59,7 +60,7 @@ static unsigned listed(void)
 	uint64_t id = 0;
 	struct job *job;
 
-	while ((job = job_after(h.jobs, id, &me))) {
+	while ((job = job_after(h.service->jobs, id, &me))) {
 		struct job_info info;
 
 		job_info(job, &info);
@@ -97,26 +98,26 @@ static void many(void **state)
 	print_message("%llu KiB for %u jobs\n", (unsigned long long)ledger_held(h.ledger, LEDGER_JOBS) >> 10, JOBS);
 	assert_true(ledger_held(h.ledger, LEDGER_JOBS) < UINT64_C(8) << 20);
 	/* None of them is at work: no loop comes by. */
-	assert_null(h.jobs->jobs);
+	assert_null(h.service->jobs->jobs);
 	/* Those that are too old go, a few at a time, and from the disk: never so many that others would wait long for it. */
-	while (history_count(h.jobs) > JOBS - OLD) {
+	while (history_count(h.service->jobs) > JOBS - OLD) {
 		turn(10);
 		assert_true(catalogue_busy(h.catalogue) <= AT_ONCE);
 	}
-	assert_int_equal(history_count(h.jobs), JOBS - OLD);
-	assert_null(job_find(h.jobs, 5, &me));
+	assert_int_equal(history_count(h.service->jobs), JOBS - OLD);
+	assert_null(job_find(h.service->jobs, 5, &me));
 	turn_until(access(plan, F_OK) != 0);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	assert_int_equal(listed(), JOBS - OLD);
 	/* Another user sees none; one is removed; one is awake, and put back among the others. */
-	assert_null(job_find(h.jobs, 7777, &(struct peer){.uid = 2000}));
-	job = job_find(h.jobs, 7777, &me);
+	assert_null(job_find(h.service->jobs, 7777, &(struct peer){.uid = 2000}));
+	job = job_find(h.service->jobs, 7777, &me);
 	assert_non_null(job);
 	assert_int_equal(job_remove(job, &err), 0);
-	assert_null(job_find(h.jobs, 7777, &me));
-	job = job_find(h.jobs, 7778, &me);
+	assert_null(job_find(h.service->jobs, 7777, &me));
+	job = job_find(h.service->jobs, 7778, &me);
 	assert_int_equal(history_awake(job, &job, &err), 0);
-	assert_ptr_equal(job_find(h.jobs, 7778, &me), job);
+	assert_ptr_equal(job_find(h.service->jobs, 7778, &me), job);
 	assert_true(history_keep(job));
 	assert_int_equal(listed(), JOBS - OLD - 1);
 	turn_until(!catalogue_busy(h.catalogue));
@@ -131,8 +132,8 @@ static void little_memory(void **state)
 	close_service();
 	make_jobs();
 	open_service(UINT64_C(24) << 20, 1);
-	assert_non_null(job_find(h.jobs, JOBS, &me));
-	assert_true(history_count(h.jobs) > 0);
+	assert_non_null(job_find(h.service->jobs, JOBS, &me));
+	assert_true(history_count(h.service->jobs) > 0);
 }
 
 /* What a push left is taken up, however many jobs are over: these fill the memory, and give way, with their rows and plans, some
@@ -155,34 +156,34 @@ static void little_memory_push(void **state)
 	    " INSERT INTO push (id, dataset, uid, files, begun_us) SELECT i, 1, 1000, 1, 1 FROM n");
 	log_init("test-past", LOG_LEVEL_WARNING);
 	open_service(SMALL, 1);
-	assert_int_equal(h.jobs->core->last_push, PUSHES);
-	assert_non_null(job_find(h.jobs, JOBS, &me));
-	assert_null(job_find(h.jobs, 5, &me));
-	assert_true(h.jobs->ndeletions > 0);
-	while (h.jobs->ndeletions) {
-		left = h.jobs->ndeletions;
+	assert_int_equal(h.service->core->last_push, PUSHES);
+	assert_non_null(job_find(h.service->jobs, JOBS, &me));
+	assert_null(job_find(h.service->jobs, 5, &me));
+	assert_true(h.service->jobs->ndeletions > 0);
+	while (h.service->jobs->ndeletions) {
+		left = h.service->jobs->ndeletions;
 		turn(10);
-		assert_true(left - h.jobs->ndeletions <= AT_ONCE);
+		assert_true(left - h.service->jobs->ndeletions <= AT_ONCE);
 		assert_true(catalogue_busy(h.catalogue) <= 2 * AT_ONCE);
 	}
 	turn_until(access(plan, F_OK) != 0);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	/* As many pushes as take more than the jobs left over. */
-	left = history_count(h.jobs);
-	h.jobs->core->loading = true;
+	left = history_count(h.service->jobs);
+	h.service->core->loading = true;
 	for (unsigned i = 0; i < TAKEN_UP; i++)
-		assert_non_null(taken[i] = pending_new(h.jobs, 0, &err));
-	h.jobs->core->loading = false;
-	assert_true(history_count(h.jobs) < left);
+		assert_non_null(taken[i] = pending_new(h.service->datasets, 0, &err));
+	h.service->core->loading = false;
+	assert_true(history_count(h.service->jobs) < left);
 	for (unsigned i = 0; i < TAKEN_UP; i++)
-		pending_free(h.jobs, taken[i]);
-	while (h.jobs->ndeletions)
+		pending_free(h.service->datasets, taken[i]);
+	while (h.service->jobs->ndeletions)
 		turn(10);
-	turn_until(!jobs_active(h.jobs));
-	left = history_count(h.jobs);
+	turn_until(!service_active(h.service));
+	left = history_count(h.service->jobs);
 	close_service();
 	open_service(UINT64_C(64) << 20, 1);
-	assert_int_equal(history_count(h.jobs), left);
+	assert_int_equal(history_count(h.service->jobs), left);
 }
 
 /* However many jobs are over, or wait, there is room for one to be at work: none holds what another needs to end. */
@@ -197,17 +198,17 @@ static void all_get_done(void **state)
 	service_most = UINT64_C(2) << 20;
 	open_service(UINT64_C(64) << 20, 2);
 	service_most = 0;
-	assert_non_null(job_find(h.jobs, JOBS, &me));
+	assert_non_null(job_find(h.service->jobs, JOBS, &me));
 	p.dataset = push("valley", 300, 5);
 	accepts = 0;
 	for (unsigned i = 0; i < ASKED; i++) {
-		job_submit(h.jobs, &p, accepted, NULL);
+		job_submit(h.service->jobs, &p, accepted, NULL);
 		refused += accepted_err.code == ERR_BUSY;
 	}
 	turn_until(accepts == ASKED);
 	assert_true(refused > 0 && refused < ASKED);
-	turn_until(!jobs_active(h.jobs));
-	for (struct job *job = job_after(h.jobs, JOBS, &me); job; job = job_after(h.jobs, info_of(job).id, &me))
+	turn_until(!service_active(h.service));
+	for (struct job *job = job_after(h.service->jobs, JOBS, &me); job; job = job_after(h.service->jobs, info_of(job).id, &me))
 		assert_int_equal(info_of(job).state, JOB_done);
 	dataset_release(p.dataset);
 }
@@ -226,12 +227,12 @@ static void lengths(void **state)
 	    " SELECT i, 0, 1, printf('%*s', i, 'v'), 'failed', 1000, 1, 1, strftime('%s') * 1000000, '', 'bad-input', '', '',"
 	    " '', '', -1 FROM n");
 	open_service(UINT64_C(64) << 20, 1);
-	for (uint64_t id = 0; (job = job_after(h.jobs, id, &me)); n++) {
+	for (uint64_t id = 0; (job = job_after(h.service->jobs, id, &me)); n++) {
 		id = info_of(job).id;
 		assert_int_equal(strlen(info_of(job).view), id);
 	}
 	assert_int_equal(n, LENGTHS);
-	assert_null(h.jobs->jobs);
+	assert_null(h.service->jobs->jobs);
 }
 
 /* What is read of a report is what was written, as strtod reads it. */
@@ -296,7 +297,7 @@ static void listing(void **state)
 	enum { ALL = 500 };
 	const struct peer he = {.uid = 7};
 	struct dataset all[ALL] = {0}, *page[64];
-	const struct jobs service = {.datasets = all};
+	const struct datasets datasets = {.first = all};
 	char after[DATASET_NAME_MAX + 1] = "";
 	unsigned n, seen = 0, max = 1;
 
@@ -306,7 +307,7 @@ static void listing(void **state)
 		all[i].removed_us = i % 10 == 3;
 		all[i].uid = i % 10 == 4 ? 8 : 7;
 	}
-	while ((n = dataset_list(&service, after, &he, max, page))) {
+	while ((n = dataset_list(&datasets, after, &he, max, page))) {
 		for (unsigned i = 0; i < n; i++) {
 			assert_true(strcmp(page[i]->name, i ? page[i - 1]->name : after) > 0);
 			assert_true(!page[i]->removed_us && page[i]->uid == 7);
@@ -336,7 +337,7 @@ static bool left(const char *name, bool make)
  * when its jobs go without that. */
 static void rests(void **state)
 {
-	assert_false(jobs_resting(h.jobs));
+	assert_false(service_resting(h.service));
 	assert_true(left("tmp", true));
 	close_service();
 	service_rest = 1e6;
@@ -344,9 +345,9 @@ static void rests(void **state)
 	open_service(UINT64_C(64) << 20, 1);
 	for (int i = 0; i < 20; i++)
 		turn(10);
-	assert_true(jobs_resting(h.jobs));
-	assert_false(jobs_active(h.jobs));
-	assert_false(h.jobs->core->disk.begun);
+	assert_true(service_resting(h.service));
+	assert_false(service_active(h.service));
+	assert_false(h.service->core->disk.begun);
 	assert_true(left("gone-0", false));
 	close_service();
 	assert_false(left("gone-0", false));
@@ -355,8 +356,8 @@ static void rests(void **state)
 	assert_true(left("tmp", true));
 	open_service(UINT64_C(64) << 20, 1);
 	turn_until(!left("gone-0", false));
-	turn_until(h.jobs->core->disk.begun);
-	assert_false(jobs_resting(h.jobs));
+	turn_until(h.service->core->disk.begun);
+	assert_false(service_resting(h.service));
 	close_service();
 
 	service_rest = 1e6;
@@ -364,7 +365,7 @@ static void rests(void **state)
 	open_service(UINT64_C(64) << 20, 1);
 	sched_free(h.sched);
 	catalogue_free(h.catalogue);
-	jobs_free(h.jobs);
+	service_free(h.service);
 	ledger_free(h.ledger);
 	close(h.statefd);
 	close(h.cachefd);

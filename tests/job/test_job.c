@@ -2,7 +2,7 @@
  * The room of jobs with the real engine, in one process: a dataset is pushed, meshed, streamed to a reader
  * who is slow or goes away, and started again over the same folders. The loop is `turn`.
  */
-#include "service.h"
+#include "fixture.h"
 
 #include <malloc.h>
 #include <signal.h>
@@ -99,8 +99,8 @@ static void many_slow_readers(void **state)
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_done);
 	for (int i = 0; i < READERS; i++)
-		job_output_gone(&r[i].output, r_freed);
-	turn_until(!jobs_active(h.jobs));
+		run_output_gone(&r[i].output, r_freed);
+	turn_until(!service_active(h.service));
 	dataset_release(other);
 	dataset_release(d);
 }
@@ -112,7 +112,7 @@ static void refused_is_not_run(void **state)
 	struct rlimit was, none;
 	uint64_t done = log_event_count(LOG_EVENT_JOB_DONE);
 
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	/* No file may grow: so the catalogue cannot. */
 	signal(SIGXFSZ, SIG_IGN);
 	getrlimit(RLIMIT_FSIZE, &was);
@@ -122,7 +122,7 @@ static void refused_is_not_run(void **state)
 	setrlimit(RLIMIT_FSIZE, &was);
 	assert_null(accepted_job);
 	assert_true(accepted_err.code == ERR_IO || accepted_err.code == ERR_NOSPACE);
-	turn_until(!h.jobs->jobs);
+	turn_until(!h.service->jobs->jobs);
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), done);
 	turn_until_final(submit(d, false, ""));
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), done + 1);
@@ -140,7 +140,7 @@ static void reader_gone(void **state)
 
 	job_fetch(job, &r.output);
 	turn_until(r.sending);
-	job_output_gone(&r.output, r_freed);
+	run_output_gone(&r.output, r_freed);
 	turn_until(r.freed);
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_done);
@@ -176,12 +176,12 @@ static void cancel(void **state)
 	id = info_of(job).id;
 	job_leave(job);
 	turn(0);
-	assert_null(job_find(h.jobs, id, &me));
+	assert_null(job_find(h.service->jobs, id, &me));
 	/* Others do not see my jobs, root does. */
 	other = submit(d, true, VIEW);
 	id = info_of(other).id;
-	assert_null(job_find(h.jobs, id, &(struct peer){.uid = 1001}));
-	assert_ptr_equal(job_find(h.jobs, id, &(struct peer){.uid = 0}), other);
+	assert_null(job_find(h.service->jobs, id, &(struct peer){.uid = 1001}));
+	assert_ptr_equal(job_find(h.service->jobs, id, &(struct peer){.uid = 0}), other);
 	job_leave(other);
 	dataset_release(d);
 }
@@ -236,7 +236,7 @@ static void generations(void **state)
 	assert_string_equal(info.lattice, got.lattice);
 	new = submit(d, false, VIEW);
 	before = accepts;
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	turn_until(accepts > before);
 	old = accepted_job;
 	assert_ptr_not_equal(old, new);
@@ -276,8 +276,8 @@ static void restart(void **state)
 	dataset_release(d);
 	close_service();
 	open_service(UINT64_C(24) << 20, 1);
-	done = job_find(h.jobs, ids[0], &me);
-	waits = job_find(h.jobs, ids[1], &me);
+	done = job_find(h.service->jobs, ids[0], &me);
+	waits = job_find(h.service->jobs, ids[1], &me);
 	assert_non_null(done);
 	assert_non_null(waits);
 	assert_string_equal(info_of(done).report->digest, digest);
@@ -285,7 +285,7 @@ static void restart(void **state)
 	assert_int_equal(info_of(waits).state, JOB_done);
 	assert_int_equal(info_of(waits).report->points, 50000);
 	/* The mesh can still be streamed, with the same digest under another budget. */
-	done = job_find(h.jobs, ids[0], &me);
+	done = job_find(h.service->jobs, ids[0], &me);
 	assert_non_null(done);
 	job_fetch(done, &r.output);
 	turn_until(r.ends);
@@ -415,8 +415,8 @@ static void one_planner(void **state)
 	assert_int_equal(got.why.code, ERR_BUSY);
 	push_leave(got.push);
 	push_leave(first);
-	turn_until(!jobs_active(h.jobs));
-	assert_null(dataset_find(h.jobs, "fresh", &me));
+	turn_until(!service_active(h.service));
+	assert_null(dataset_find(h.service->datasets, "fresh", &me));
 }
 
 /* A push with one staged file, ready to be committed. */
@@ -453,7 +453,7 @@ static void failed_commit(void **state)
 	assert_int_equal(got.committed.generation, 2);
 	push_leave(loses);
 	push_leave(wins);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	job = submit(d, false, VIEW);
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_done);
@@ -521,7 +521,7 @@ static void selection_made_once(void **state)
 	assert_int_equal(sum + info.report->used, 120000);
 	assert_int_equal(info.report->removed[VIEW_BY_EVERY], info_of(b).report->removed[VIEW_BY_EVERY]);
 	push_leave(holds);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	assert_int_equal(ledger_held(h.ledger, LEDGER_STAGE), 0);
 	dataset_release(d);
 }

@@ -2,7 +2,8 @@
  * A job whose row is on its way to the disk: it goes on, and nobody sees it; when the row is there it is promised, as far as it
  * has come; and without a row it was never there. The test holds the row.
  */
-#include "service.h"
+#include "fixture.h"
+#include "job_priv.h"
 #include "log.h"
 #include "plan_file.h"
 
@@ -61,10 +62,10 @@ static struct job *begin_job(struct dataset *d)
 	put.puts = 0;
 	put.hold = true;
 	accepts = 0;
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	assert_true(put.held);
-	assert_non_null(h.jobs->jobs);
-	return h.jobs->jobs;
+	assert_non_null(h.service->jobs->jobs);
+	return h.service->jobs->jobs;
 }
 
 static void test_goes_on(void **state)
@@ -78,11 +79,11 @@ static void test_goes_on(void **state)
 	assert_int_equal(accepts, 0);
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told);
 	assert_int_equal(put.puts, 1); /* what it came to follows its first row */
-	assert_null(job_find(h.jobs, id, &me));
+	assert_null(job_find(h.service->jobs, id, &me));
 	let_row();
 	turn_until(accepts);
 	assert_int_equal(accepted_err.code, 0);
-	assert_ptr_equal(job_find(h.jobs, id, &me), accepted_job);
+	assert_ptr_equal(job_find(h.service->jobs, id, &me), accepted_job);
 	assert_int_equal(put.puts, 2);
 	assert_string_equal(put.last, "done");
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told + 1);
@@ -90,8 +91,8 @@ static void test_goes_on(void **state)
 	dataset_release(d);
 	close_service();
 	open_service(UINT64_C(32) << 20, 2);
-	assert_int_equal(info_of(job_find(h.jobs, id, &me)).state, JOB_done);
-	assert_int_equal(info_of(job_find(h.jobs, id, &me)).report->points, 5000);
+	assert_int_equal(info_of(job_find(h.service->jobs, id, &me)).state, JOB_done);
+	assert_int_equal(info_of(job_find(h.service->jobs, id, &me)).report->points, 5000);
 }
 
 static void test_refused(void **state)
@@ -107,8 +108,8 @@ static void test_refused(void **state)
 		refuse_row();
 		assert_int_equal(accepts, 1);
 		assert_int_equal(accepted_err.code, ERR_NOSPACE);
-		assert_null(job_find(h.jobs, id, &me));
-		turn_until(!h.jobs->jobs);
+		assert_null(job_find(h.service->jobs, id, &me));
+		turn_until(!h.service->jobs->jobs);
 		assert_int_equal(put.puts, 1); /* it has no row */
 		/* The log says why it is not there, once, and nothing else of it. */
 		assert_int_equal(log_event_count(LOG_EVENT_JOB_FAILED), failed + 1);

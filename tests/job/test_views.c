@@ -3,7 +3,7 @@
  * submitting, and what he himself may have of unfinished ones has an end. The loop turns only where it says so, so no job gets
  * on.
  */
-#include "service.h"
+#include "fixture.h"
 
 #include "area_code.h"
 #include "job_priv.h"
@@ -45,7 +45,7 @@ static unsigned count(const struct peer *peer)
 	struct job *job;
 	unsigned n = 0;
 
-	for (uint64_t id = 0; (job = job_after(h.jobs, id, peer)); id = info_of(job).id)
+	for (uint64_t id = 0; (job = job_after(h.service->jobs, id, peer)); id = info_of(job).id)
 		n += info_of(job).peer.uid == peer->uid;
 	return n;
 }
@@ -75,9 +75,9 @@ static struct job *want(struct dataset *d, const struct peer *peer, const char *
 	struct job_params p = {.dataset = d, .view = view, .peer = *peer};
 	int before = accepts;
 
-	job_submit(h.jobs, &p, accepted, NULL);
+	job_submit(h.service->jobs, &p, accepted, NULL);
 	/* Refused: at once. */
-	return accepts > before && accepted_err.code ? NULL : h.jobs->jobs;
+	return accepts > before && accepted_err.code ? NULL : h.service->jobs->jobs;
 }
 
 /* Jobs of one user that are over take all that there is; those of the others stay. */
@@ -92,7 +92,7 @@ static void over(void **state)
 	jobs_over(10, MANY, hog.uid, LARGE);
 	jobs_over(200, 1, hog.uid, JOBS_VIEWS_MAX - MANY * LARGE - 5 * 300);
 	open_service(UINT64_C(64) << 20, 1);
-	history_views(h.jobs, me.uid, &v);
+	history_views(h.service->jobs, me.uid, &v);
 	assert_int_equal(v.all, JOBS_VIEWS_MAX);
 	assert_int_equal(v.own, 5 * 300);
 	d = push("d", 100, 1);
@@ -103,8 +103,8 @@ static void over(void **state)
 	/* His oldest went, and nothing else; with one large view of hers as many of his as it takes. */
 	assert_int_equal(count(&me), 6);
 	assert_int_equal(count(&hog), MANY);
-	assert_null(job_find(h.jobs, 10, &hog));
-	history_views(h.jobs, me.uid, &v);
+	assert_null(job_find(h.service->jobs, 10, &hog));
+	history_views(h.service->jobs, me.uid, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX);
 	for (unsigned i = 0; i < 3; i++) {
 		char *view = comb(TEETH, i);
@@ -117,9 +117,9 @@ static void over(void **state)
 		free(view);
 	}
 	assert_true(count(&hog) < MANY && count(&hog) > MANY - 4);
-	history_views(h.jobs, me.uid, &v);
+	history_views(h.service->jobs, me.uid, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX);
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 }
 
 /* Whoever has most gives way himself, and what gives way is the oldest. */
@@ -135,9 +135,9 @@ static void own(void **state)
 	d = push("d", 100, 1);
 	submit(d, false, view);
 	assert_int_equal(accepted_err.code, 0);
-	assert_non_null(job_find(h.jobs, 200, &hog));
-	assert_null(job_find(h.jobs, 1, &me));
-	turn_until(!jobs_active(h.jobs));
+	assert_non_null(job_find(h.service->jobs, 200, &hog));
+	assert_null(job_find(h.service->jobs, 1, &me));
+	turn_until(!service_active(h.service));
 	free(view);
 }
 
@@ -155,9 +155,9 @@ static void wanted(void **state)
 	d = push("d", 100, 1);
 	submit(d, false, view);
 	assert_int_equal(accepted_err.code, 0);
-	assert_null(job_find(h.jobs, 1, &me));
-	assert_non_null(job_find(h.jobs, 200, &hog));
-	turn_until(!jobs_active(h.jobs));
+	assert_null(job_find(h.service->jobs, 1, &me));
+	assert_non_null(job_find(h.service->jobs, 200, &hog));
+	turn_until(!service_active(h.service));
 	free(view);
 }
 
@@ -181,7 +181,7 @@ static void unfinished(void **state)
 	free(view);
 	assert_int_equal(accepted_err.code, ERR_BUSY);
 	assert_non_null(strstr(accepted_err.message, "2048 KiB"));
-	history_views(h.jobs, hog.uid, &v);
+	history_views(h.service->jobs, hog.uid, &v);
 	print_message("%u of one user: %llu KiB\n", n, (unsigned long long)v.own >> 10);
 	assert_true(v.own == v.own_busy && v.own <= JOBS_VIEWS_MAX / 2 && v.own > JOBS_VIEWS_MAX / 2 - VIEW_TEXT_MAX);
 	for (;; m++) {
@@ -202,13 +202,13 @@ static void unfinished(void **state)
 		assert_true(m < 1000);
 	}
 	free(view);
-	history_views(h.jobs, 0, &v);
+	history_views(h.service->jobs, 0, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX && v.all > JOBS_VIEWS_MAX - VIEW_TEXT_MAX);
 	/* When they are over he may again, and all of it came to its end. */
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	view = comb(TEETH, 7000);
 	assert_non_null(want(d, &hog, view));
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	free(view);
 }
 
@@ -226,9 +226,9 @@ static void warm(void **state)
 		snprintf(view, sizeof view, "ask 1 every=%u", i + 2);
 		assert_non_null(want(d, &hog, view));
 	}
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!service_active(h.service));
 	assert_int_equal(count(&hog), 8);
-	assert_true(jobs_forget_one(h.jobs, HISTORY_JOBS, 0, 0));
+	assert_true(jobs_forget_one(h.service->jobs, HISTORY_JOBS, 0, 0));
 	assert_int_equal(count(&hog), 7);
 	assert_int_equal(count(&me), 5);
 }
@@ -246,16 +246,17 @@ static void memory(void **state)
 	open_service(UINT64_C(24) << 20, 1);
 	n = count(&hog);
 	print_message("%u of 3000 jobs are kept\n", n);
-	while ((job = history_of_most(h.jobs, HISTORY_BYTES, me.uid, 0)) && n-- > 100)
-		assert_int_equal(info_of(job).peer.uid, hog.uid), assert_true(jobs_forget_one(h.jobs, HISTORY_BYTES, me.uid, 0));
+	while ((job = history_of_most(h.service->jobs, HISTORY_BYTES, me.uid, 0)) && n-- > 100)
+		assert_int_equal(info_of(job).peer.uid, hog.uid),
+			assert_true(jobs_forget_one(h.service->jobs, HISTORY_BYTES, me.uid, 0));
 	assert_int_equal(count(&me), 40);
 	/* Equally many: who asks gives way. */
 	while (count(&hog) > 40)
-		assert_true(jobs_forget_one(h.jobs, HISTORY_JOBS, 0, 0));
+		assert_true(jobs_forget_one(h.service->jobs, HISTORY_JOBS, 0, 0));
 	assert_int_equal(count(&hog), 40);
-	assert_true(jobs_forget_one(h.jobs, HISTORY_JOBS, me.uid, 0));
+	assert_true(jobs_forget_one(h.service->jobs, HISTORY_JOBS, me.uid, 0));
 	assert_int_equal(count(&me), 39);
-	assert_null(job_find(h.jobs, 1, &me));
+	assert_null(job_find(h.service->jobs, 1, &me));
 	turn_until(!catalogue_busy(h.catalogue));
 }
 

@@ -1,0 +1,15 @@
+/* What the files of this room share. */
+#ifndef COPY_PRIV_H
+#define COPY_PRIV_H
+
+#include "copy.h"
+#include "dataset.h"
+
+struct copies {
+	struct core *core;
+	struct datasets *datasets;
+	struct backup *backups; /* and exports, that are open */
+	uint64_t last_backup, last_import;
+};
+
+#endif

@@ -1,0 +1,518 @@
+/*
+ * Imports: a dataset that was written out elsewhere (dataset export) becomes one of this daemon.
+ *
+ * The model: an import is a push whose segments come ready. It has a row of the catalogue's pushes, so that a crash
+ * leaves nothing behind, and its dataset has no generation until the commit. The manifest comes first and
+ * is believed only when the segments that it names have come, agree with it, and every block of theirs was read and
+ * checked. Files get names that no push of this daemon has ever had or will have, so a manifest of those names is
+ * written. The generations, with their times, are those of where they came from.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "copy_priv.h"
+#include "space.h"
+
+enum { COPY = 256 << 10, NAME = 64 };
+
+struct import {
+	struct sched_task task;
+	struct copies *copies;
+	uint64_t id, push;
+	struct dataset *dataset;
+	struct peer peer;
+	struct sched_owner owner;
+	bool opened, busy, ended, row, committed, telling; /* telling: its client, who may end it */
+	struct grid_manifest *m, *made;
+	struct dataset_next becomes;
+	bool *have;
+	char name[NAME], made_name[NAME];
+	int fd;
+	uint64_t taken; /* of the disk */
+	int r;
+	struct err err;
+	void (*begun)(void *token, const struct err *why, struct import *);
+	void (*filed)(void *token, const struct err *why);
+	void (*done)(void *token, const struct err *why, const struct imported *);
+	void *token;
+};
+
+uint64_t import_id(const struct import *i)
+{
+	return i->id;
+}
+
+static void submit(struct import *i, void (*run)(struct sched_task *), void (*done)(struct sched_task *), uint64_t bytes)
+{
+	i->task = (struct sched_task){.run = run,
+				      .done = done,
+				      .owner = i->owner,
+				      .priority = SCHED_NORMAL,
+				      .lengthy = true,
+				      .reads = bytes > 0,
+				      .name = LEDGER_INPUT,
+				      .bytes = bytes};
+	i->busy = true;
+	i->r = 0;
+	i->err = ERR_INIT;
+	sched_submit(i->copies->core->p.sched, &i->task);
+}
+
+/* What it wrote goes with its dataset, which never had a generation. Where a push keeps that, the row stays and makes the
+ * next start look there. */
+static void gone(struct import *i)
+{
+	struct err err = ERR_INIT;
+
+	if (i->opened)
+		dataset_close(i->dataset);
+	space_give(i->copies->core->space, SPACE_PENDING, i->taken);
+	limit_disk_give(i->copies->core, i->peer.uid, i->taken);
+	if (i->row && !i->committed && i->dataset->users == 1 &&
+	    catalogue_drop_push(i->copies->core->p.catalogue, i->push, NULL, NULL, &err))
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+	dataset_push_end(i->dataset);
+	core_background_over(i->copies->core);
+	dataset_release(i->dataset);
+	grid_manifest_free(i->m);
+	grid_manifest_free(i->made);
+	dataset_next_clear(&i->becomes);
+	uncharge(i->copies->core, sizeof *i);
+	io_close(i->fd);
+	free(i->have);
+	free(i);
+}
+
+void import_end(struct import *i)
+{
+	i->ended = true;
+	if (i->telling)
+		return;
+	if (i->busy)
+		sched_cancel(i->copies->core->p.sched, &i->task);
+	else
+		gone(i);
+}
+
+/* A question that comes too early. */
+static bool refuse(const struct import *i, struct err *err)
+{
+	if (i->busy || i->ended)
+		err_set(err, ERR_USAGE, "the last question about this import is not answered yet");
+	else if (i->committed)
+		err_set(err, ERR_USAGE, "this import is committed");
+	return err->code != 0;
+}
+
+static void give(struct import *i, struct sched_task *t)
+{
+	i->busy = false;
+	if (t->ran && t->bytes)
+		sched_give(i->copies->core->p.sched, t->name, t->bytes);
+	if (!t->ran)
+		i->r = err_set(&i->err, ERR_CANCELLED, "the import was ended");
+}
+
+/* ---- begin ---- */
+
+static void begin_done(void *ctx, int r, const struct err *why)
+{
+	struct import *i = ctx;
+	bool failed = r != 0;
+
+	i->busy = false;
+	i->row = !r;
+	i->telling = true;
+	i->begun(i->token, r ? why : NULL, i);
+	i->telling = false;
+	if (failed || i->ended)
+		gone(i);
+}
+
+static int make(struct copies *c, const char *name, const struct peer *peer, struct import **ret, struct err *err)
+{
+	struct import *i;
+
+	if (c->core->parking)
+		return err_set(err, ERR_BUSY, "the daemon is stopping");
+	if (!dataset_name_valid(name)) {
+		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
+		return err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+				    DATASET_NAME_MAX);
+	}
+	if (dataset_find(c->datasets, name, peer)) {
+		err_set(err, ERR_CONFLICT, "there is a dataset %s already", name);
+		return err_add_hint(err, "import under another name");
+	}
+	if (dataset_limit(c->datasets, peer, err) || charge(c->core, sizeof *i, "an import", err))
+		return -(int)err->code;
+	i = calloc(1, sizeof *i);
+	if (i)
+		i->dataset = dataset_new(c->datasets, name, peer, false, err);
+	else
+		err_set(err, ERR_NOMEM, "no memory for an import");
+	if (!i || !i->dataset) {
+		uncharge(c->core, sizeof *i);
+		free(i);
+		return -(int)err->code;
+	}
+	*ret = i;
+	return 0;
+}
+
+void import_begin(struct copies *c, const char *name, uint32_t mode, const struct peer *peer,
+		  void (*begun)(void *token, const struct err *why, struct import *), void *token)
+{
+	struct catalogue_push row = {.uid = peer->uid, .begun_us = clock_real_us()};
+	struct err err = ERR_INIT;
+	struct import *i = NULL;
+
+	if (make(c, name, peer, &i, &err)) {
+		begun(token, &err, NULL);
+		return;
+	}
+	i->copies = c;
+	i->id = ++c->last_import;
+	i->push = row.id = ++c->core->last_push;
+	i->peer = rights_kept(peer);
+	i->owner = (struct sched_owner){.uid = peer->uid, .flow = ++c->core->last_flow};
+	i->begun = begun;
+	i->token = token;
+	i->fd = -1;
+	dataset_set_mode(i->dataset, mode);
+	dataset_hold(i->dataset);
+	dataset_push_begin(i->dataset);
+	c->core->background++;
+	row.dataset = i->dataset->id;
+	i->busy = true;
+	if (dataset_put_row(i->dataset, &err) || catalogue_put_push(c->core->p.catalogue, &row, begin_done, i, &err))
+		begin_done(i, -(int)err.code, &err);
+}
+
+/* ---- files ---- */
+
+/* Of `bytes`, as it was looked at: its owner may still write to it. */
+static int copy(struct import *i, const char *as, uint64_t bytes, struct err *err)
+{
+	uint8_t *buf = malloc(COPY);
+	char temp[NAME + 8];
+	int fd = -1, r = buf ? 0 : err_set(err, ERR_NOMEM, "no memory to copy a file");
+	uint64_t at = 0;
+	size_t n = COPY;
+
+	snprintf(temp, sizeof temp, "%s.tmp", as);
+	if (!r)
+		r = io_open(i->dataset->dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, &fd, err);
+	while (!r && n == COPY) {
+		if (atomic_load(&i->task.cancel))
+			r = err_set(err, ERR_CANCELLED, "the import was ended");
+		if (!r)
+			r = io_read_some(i->fd, buf, COPY, at, i->name, &n, err);
+		at += n;
+		if (!r && (at > bytes || (n < COPY && at < bytes))) {
+			err_set(err, ERR_INPUT, "it was written to while it was read");
+			r = err_add_file(err, i->name);
+		}
+		if (!r && n)
+			r = io_write_at(fd, buf, n, at - n, as, err);
+	}
+	if (!r)
+		r = io_publish(i->dataset->dirfd, fd, temp, as, err);
+	else if (fd >= 0)
+		io->unlinkat(i->dataset->dirfd, temp, 0);
+	io_close(fd);
+	free(buf);
+	return r;
+}
+
+static void segment_name(const struct import *i, size_t k, char buf[NAME])
+{
+	snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
+}
+
+/* Room on the disk, before it is written. */
+static int take_space(struct import *i, uint64_t bytes)
+{
+	int r = limit_disk_take(i->copies->core, i->peer.uid, i->peer.admin, bytes, "the import", &i->err);
+
+	if (r)
+		return r;
+	r = space_take(i->copies->core->space, SPACE_PENDING, bytes, SPACE_MUST, "the import", &i->err);
+	if (r)
+		limit_disk_give(i->copies->core, i->peer.uid, bytes);
+	i->taken += r ? 0 : bytes;
+	return r;
+}
+
+static int take_manifest(struct import *i, uint64_t bytes)
+{
+	char as[NAME];
+	int r;
+
+	if (i->m)
+		return err_set(&i->err, ERR_USAGE, "the manifest came already");
+	snprintf(as, sizeof as, "import-%llu", (unsigned long long)i->push);
+	r = take_space(i, bytes);
+	if (!r)
+		r = copy(i, as, bytes, &i->err);
+	if (!r)
+		r = grid_manifest_load(i->dataset->dirfd, as, i->copies->core->p.ledger, &i->m, &i->err);
+	if (!r && !i->m->generation)
+		r = err_set(&i->err, ERR_INPUT, "this manifest is not of a dataset");
+	if (!r) {
+		i->have = calloc(i->m->nsegments + 1, sizeof *i->have);
+		r = i->have ? 0 : err_set(&i->err, ERR_NOMEM, "no memory for an import");
+	}
+	if (!r)
+		r = io_remove(i->dataset->dirfd, as, &i->err);
+	return r;
+}
+
+static void file_run(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+	struct client_file id;
+	char as[NAME];
+	size_t k;
+
+	i->r = client_file_check(i->fd, i->name, &id, &i->err);
+	if (!i->r && !i->opened) {
+		i->r = dataset_open(i->dataset, &i->err);
+		i->opened = !i->r;
+	}
+	if (i->r)
+		return;
+	if (!strcmp(i->name, "manifest")) {
+		i->r = take_manifest(i, id.size);
+		err_add_file(&i->err, i->name);
+		return;
+	}
+	if (!i->m) {
+		i->r = err_set(&i->err, ERR_USAGE, "the manifest comes first");
+		return;
+	}
+	for (k = 0; k < i->m->nsegments && strcmp(i->m->segments[k].file, i->name); k++)
+		;
+	if (k == i->m->nsegments) {
+		err_set(&i->err, ERR_INPUT, "the manifest does not name it");
+		i->r = err_add_file(&i->err, i->name);
+	} else if (id.size != i->m->segments[k].bytes) {
+		err_set(&i->err, ERR_INPUT, "it has %llu bytes, the manifest says %llu", (unsigned long long)id.size,
+			(unsigned long long)i->m->segments[k].bytes);
+		i->r = err_add_file(&i->err, i->name);
+	} else if (!i->have[k]) {
+		segment_name(i, k, as);
+		i->r = take_space(i, id.size);
+		if (!i->r)
+			i->r = copy(i, as, id.size, &i->err);
+		i->have[k] = !i->r;
+	}
+}
+
+static void file_done(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+
+	give(i, t);
+	i->fd = io_close(i->fd);
+	i->telling = true;
+	i->filed(i->token, i->r ? &i->err : NULL);
+	i->telling = false;
+	if (i->ended)
+		gone(i);
+}
+
+void import_file(struct import *i, const char *name, int fd, void (*done)(void *token, const struct err *why), void *token)
+{
+	struct err err = ERR_INIT;
+
+	if (!refuse(i, &err) && strlen(name) >= sizeof i->name)
+		err_set(&err, ERR_INPUT, "\"%.60s\" is no file of a dataset", name);
+	if (err.code) {
+		io_close(fd);
+		done(token, &err);
+		return;
+	}
+	snprintf(i->name, sizeof i->name, "%s", name);
+	i->fd = fd;
+	i->filed = done;
+	i->token = token;
+	submit(i, file_run, file_done, COPY);
+}
+
+/* ---- commit ---- */
+
+struct checking {
+	struct import *i;
+	struct err *first; /* damage */
+};
+
+static int go_on(void *ctx, uint64_t bytes)
+{
+	return atomic_load(&((struct checking *)ctx)->i->task.cancel);
+}
+
+static void damaged(void *ctx, const struct err *why)
+{
+	struct checking *c = ctx;
+
+	if (!c->first->code)
+		*c->first = *why;
+}
+
+/* Whoever sent it knows its file by the name that it has there. */
+static int as_sent(const struct import *i, size_t k, struct err *err)
+{
+	snprintf(err->file, sizeof err->file, "%s", i->m->segments[k].file);
+	*err->hint = 0;
+	return err_add_hint(err, "bring the folder here once more, or have the dataset exported again");
+}
+
+/* Every page and block, through its checksum, and all that index, header and manifest say of the records. */
+static int check(struct import *i, struct err *err)
+{
+	struct err first = ERR_INIT;
+	struct checking c = {i, &first};
+	struct grid_verify_params p = {.dirfd = i->dataset->dirfd, .damaged = damaged, .progress = go_on, .ctx = &c};
+	struct ledger *ledger = i->copies->core->p.ledger;
+	int r = 0;
+
+	if (!ledger_take(ledger, LEDGER_INPUT, GRID_VERIFY_BYTES))
+		return err_set(err, ERR_BUSY, "there is no memory now to check what is imported");
+	p.memory = aligned_alloc(64, GRID_VERIFY_BYTES);
+	if (!p.memory)
+		r = err_set(err, ERR_NOMEM, "no memory to check a segment");
+	for (size_t k = 0; !r && !first.code && k < i->made->nsegments; k++) {
+		r = grid_verify_segment(&p, i->made, k, err);
+		if (first.code)
+			as_sent(i, k, &first);
+	}
+	free(p.memory);
+	sched_give(i->copies->core->p.sched, LEDGER_INPUT, GRID_VERIFY_BYTES);
+	if (!r && first.code) {
+		*err = first;
+		r = -(int)first.code;
+	}
+	return r;
+}
+
+/* The manifest with the names that the segments have here. */
+static int write_manifest(struct import *i, struct err *err)
+{
+	char(*sent)[sizeof i->m->segments->file] = calloc(i->m->nsegments + 1, sizeof *sent);
+	int r;
+
+	if (!sent)
+		return err_set(err, ERR_NOMEM, "no memory for an import");
+	for (size_t k = 0; k < i->m->nsegments; k++) {
+		memcpy(sent[k], i->m->segments[k].file, sizeof *sent);
+		segment_name(i, k, i->m->segments[k].file);
+	}
+	r = grid_manifest_write(i->dataset->dirfd, i->made_name, i->m, err);
+	for (size_t k = 0; k < i->m->nsegments; k++)
+		memcpy(i->m->segments[k].file, sent[k], sizeof *sent);
+	free(sent);
+	return r;
+}
+
+static void commit_run(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+
+	if (!i->m) {
+		i->r = err_set(&i->err, ERR_INPUT, "no manifest came");
+		return;
+	}
+	for (size_t k = 0; k < i->m->nsegments; k++) {
+		if (!i->have[k]) {
+			err_set(&i->err, ERR_INPUT, "it is missing");
+			i->r = err_add_file(&i->err, i->m->segments[k].file);
+			return;
+		}
+	}
+	i->r = write_manifest(i, &i->err);
+	i->made = grid_manifest_free(i->made); /* of a commit that failed */
+	if (!i->r)
+		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->copies->core->p.ledger, &i->made, &i->err);
+	if (!i->r)
+		i->r = check(i, &i->err);
+}
+
+static void answer(struct import *i, const struct err *why)
+{
+	struct imported done = {.dataset = i->dataset->name, .generation = i->dataset->generation, .points = i->dataset->points};
+
+	i->busy = false;
+	dataset_commit_end(i->dataset, i);
+	if (!why)
+		log_event(LOG_EVENT_DATASET_IMPORTED,
+			  &(struct log_about){.dataset = done.dataset,
+					      .generation = done.generation,
+					      ABOUT_USER(i->peer.uid),
+					      .pid = i->peer.pid},
+			  "the dataset %s was imported: %llu points", done.dataset, (unsigned long long)done.points);
+	i->telling = true;
+	i->done(i->token, why, why ? NULL : &done);
+	i->telling = false;
+	if (i->ended)
+		gone(i);
+}
+
+static void row_done(void *ctx, int r, const struct err *why)
+{
+	struct import *i = ctx;
+
+	dataset_row_written(i->dataset);
+	i->committed = !r;
+	if (!r)
+		dataset_become(i->dataset, &i->becomes, false);
+	answer(i, r ? why : NULL);
+}
+
+/* The dataset itself changes when the row is on disk. */
+static int put(struct import *i, struct err *err)
+{
+	int r;
+
+	dataset_next_clear(&i->becomes); /* of a commit that failed */
+	r = dataset_next_make(i->dataset, i->made, i->made_name, clock_real_us(), &i->becomes, err);
+	return r ? r : dataset_next_put(i->dataset, &i->becomes, i->push, row_done, i, err);
+}
+
+static void commit_done(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+
+	give(i, t);
+	i->busy = true;
+	if (i->r || put(i, &i->err))
+		answer(i, &i->err);
+}
+
+void import_commit(struct import *i, void (*done)(void *token, const struct err *why, const struct imported *), void *token)
+{
+	struct err err = ERR_INIT;
+
+	struct dataset *d = i->dataset;
+
+	if (!refuse(i, &err) && (d->generation || d->committer || d->pushes > 1)) {
+		err_set(&err, ERR_BUSY, "something is being pushed into the dataset %s", d->name);
+		err_add_hint(&err, "import under another name");
+	}
+	if (err.code) {
+		done(token, &err, NULL);
+		return;
+	}
+	dataset_commit_begin(d, i);
+	i->done = done;
+	i->token = token;
+	snprintf(i->made_name, sizeof i->made_name, "manifest-import-%llu", (unsigned long long)i->push);
+	submit(i, commit_run, commit_done, 0);
+}

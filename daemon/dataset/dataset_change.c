@@ -1,0 +1,265 @@
+/*
+ * Changes of a dataset that are no push: a revert, for one.
+ *
+ * The model: one manifest after the other. Who makes the next one is the dataset's `committer`; a change that finds
+ * another one there waits in the service's list. A worker reads the newest manifest, lets `make` say what becomes of it,
+ * and writes the new one, durable; then the row of the catalogue names it, and only then does the dataset in memory.
+ * What a crash leaves of one is a manifest that nothing names, or half of one; no row leads the next start to it. Whoever
+ * publishes the dataset's next manifest, a push or a change, removes it first.
+ */
+#include "dataset_change.h"
+
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+
+/* ---- worker ---- */
+
+static void *copy(const void *from, size_t n, size_t size)
+{
+	void *to = calloc(n + 1, size);
+
+	if (to && n)
+		memcpy(to, from, n * size);
+	return to;
+}
+
+/* With the copy, what is written, and room to write it. */
+static int take_room(struct dataset_change *c, uint64_t bytes, struct err *err)
+{
+	if (ledger_take(c->datasets->core->p.ledger, LEDGER_MANIFEST, bytes))
+		return 0;
+	err_set(err, ERR_BUSY, "no %llu KiB are free for the next manifest of the dataset %s", (unsigned long long)(bytes >> 10),
+		c->dataset->name);
+	return err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
+}
+
+static int write_made(struct dataset_change *c, const struct grid_manifest *base, struct err *err)
+{
+	struct grid_manifest m = *base;
+	uint64_t bytes = 4 * base->charged;
+	int dirfd = c->dataset->dirfd, r = take_room(c, bytes, err);
+
+	if (r)
+		return r;
+	m.texts = NULL;
+	m.spans = NULL;
+	m.ledger = NULL;
+	m.charged = 0;
+	m.generations = NULL;
+	m.segments = copy(base->segments, base->nsegments, sizeof *m.segments);
+	m.sources = copy(base->sources, base->nsources, sizeof *m.sources);
+	if (!m.segments || !m.sources)
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
+	else
+		r = c->make(c, base, &m, err);
+	if (!r && m.generation != base->generation)
+		r = dataset_note_generation(&m, base, &c->peer, c->kind, c->undoes, err);
+	else if (!r && !(m.generations = copy(base->generations, base->ngenerations, sizeof *m.generations)))
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
+	if (!r && m.generation != base->generation) {
+		c->did = m.generations[m.ngenerations - 1];
+		c->did.user = NULL;
+	}
+	if (!r)
+		r = grid_manifest_write(dirfd, c->made_name, &m, err);
+	if (!r)
+		r = grid_manifest_load(dirfd, c->made_name, c->datasets->core->p.ledger, &c->made, err);
+	free(m.segments);
+	free(m.sources);
+	free(m.generations);
+	free(m.spans);
+	ledger_give(c->datasets->core->p.ledger, LEDGER_MANIFEST, bytes);
+	return r;
+}
+
+static void change_run(struct sched_task *t)
+{
+	struct dataset_change *c = (struct dataset_change *)t;
+	struct grid_manifest *base = NULL;
+
+	c->r = dataset_open(c->dataset, &c->err);
+	c->opened = !c->r;
+	if (!c->r)
+		dataset_tidy(c->dataset, c->base_name);
+	if (!c->r)
+		c->r = grid_manifest_load(c->dataset->dirfd, c->base_name, c->datasets->core->p.ledger, &base, &c->err);
+	if (!c->r)
+		c->r = write_made(c, base, &c->err);
+	/* What was not committed is named by nothing. */
+	if (c->r && base)
+		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+	grid_manifest_free(base);
+}
+
+struct others {
+	const struct dataset *dataset;
+	const char *keep;
+};
+
+static int remove_other(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct others *o = ctx;
+
+	if (strncmp(e->d_name, "manifest-", 9) || !strcmp(e->d_name, o->keep))
+		return 0;
+	return io_remove(o->dataset->dirfd, e->d_name, err);
+}
+
+/* Nobody reads by another name, and nobody else makes a manifest now: what another name has is of a time before. */
+static void remove_others(const struct dataset *d, const char *keep)
+{
+	struct err err = ERR_INIT;
+
+	if (io_list(d->dirfd, ".", remove_other, &(struct others){d, keep}, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "an old manifest stays behind", &err);
+}
+
+void dataset_tidy(struct dataset *d, const char *newest)
+{
+	/* Where the newest is gone, whoever looks into the folder finds all that there is. */
+	if (!d->tidied && !d->onestep && *newest && faccessat(d->dirfd, newest, F_OK, 0) == 0)
+		remove_others(d, newest);
+	d->tidied = true;
+}
+
+static void tidy_run(struct sched_task *t)
+{
+	struct dataset_change *c = (struct dataset_change *)t;
+
+	if (c->r && catalogue_unsure(c->datasets->core->p.catalogue))
+		return;
+	if (c->r)
+		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+	else
+		remove_others(c->dataset, c->made_name);
+}
+
+/* ---- loop ---- */
+
+static void finish(struct dataset_change *c)
+{
+	struct dataset *d = c->dataset;
+
+	if (c->opened)
+		dataset_close(d);
+	if (d->committer == c)
+		d->committer = NULL;
+	c->made = grid_manifest_free(c->made);
+	dataset_next_clear(&c->becomes);
+	core_background_over(c->datasets->core);
+	c->over(c, c->r ? &c->err : NULL);
+	dataset_release(d);
+}
+
+static void tidy_done(struct sched_task *t)
+{
+	finish((struct dataset_change *)t);
+}
+
+static void task(struct dataset_change *c, void (*run)(struct sched_task *), void (*done)(struct sched_task *))
+{
+	c->task = (struct sched_task){.run = run,
+				      .done = done,
+				      .owner = {.uid = c->peer.uid, .flow = ++c->datasets->core->last_flow},
+				      .priority = SCHED_FIRST};
+	sched_submit(c->datasets->core->p.sched, &c->task);
+}
+
+static void row_done(void *ctx, int r, const struct err *why)
+{
+	struct dataset_change *c = ctx;
+	struct dataset *d = c->dataset;
+	bool read = dataset_is_read(d);
+
+	d->rows--;
+	c->r = r;
+	if (r)
+		c->err = *why;
+	else
+		dataset_become(d, &c->becomes, read);
+	/* The old one stays while somebody opens it. */
+	if (!r && read)
+		finish(c);
+	else
+		task(c, tidy_run, tidy_done);
+}
+
+static void change_done(struct sched_task *t)
+{
+	struct dataset_change *c = (struct dataset_change *)t;
+
+	dataset_read_end(c->dataset);
+	if (!t->ran)
+		c->r = err_set(&c->err, ERR_CANCELLED, "the daemon is stopping");
+	if (!c->r)
+		c->r = dataset_next_make(c->dataset, c->made, c->made_name, c->dataset->pushed_us, &c->becomes, &c->err);
+	if (!c->r)
+		c->r = dataset_next_put(c->dataset, &c->becomes, 0, row_done, c, &c->err);
+	if (!c->r)
+		return;
+	if (c->made)
+		task(c, tidy_run, tidy_done);
+	else
+		finish(c);
+}
+
+/* Its turn has come. */
+static void begin(struct dataset_change *c)
+{
+	struct dataset *d = c->dataset;
+
+	d->committer = c;
+	memcpy(c->base_name, d->manifest, sizeof c->base_name);
+	/* The name of no other manifest, whichever daemon made it. */
+	snprintf(c->made_name, sizeof c->made_name, "manifest-%llu-c%llu", (unsigned long long)d->generation + 1,
+		 (unsigned long long)clock_real_us());
+	dataset_read_begin(d);
+	task(c, change_run, change_done);
+}
+
+void dataset_change_start(struct dataset_change *c)
+{
+	struct dataset *d = c->dataset;
+	struct dataset_change **at;
+	struct datasets *ds = d->datasets;
+
+	c->datasets = ds;
+	c->err = ERR_INIT;
+	if (ds->core->parking)
+		err_set(&c->err, ERR_BUSY, "the daemon is stopping");
+	else if (!d->generation)
+		err_set(&c->err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
+	if (c->err.code) {
+		c->over(c, &c->err);
+		return;
+	}
+	dataset_hold(d);
+	ds->core->background++;
+	for (at = &ds->changes; *at; at = &(*at)->next)
+		;
+	*at = c;
+	dataset_changes_settle(ds);
+}
+
+void dataset_changes_settle(struct datasets *ds)
+{
+	struct dataset_change **at = &ds->changes, *c;
+
+	THREAD_LOOP_ONLY();
+	while ((c = *at)) {
+		if (c->dataset->committer) {
+			at = &c->next;
+			continue;
+		}
+		*at = c->next;
+		begin(c);
+		at = &ds->changes;
+	}
+}

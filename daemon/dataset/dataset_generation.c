@@ -1,0 +1,49 @@
+/*
+ * What a manifest keeps of each generation: when it came, by whom, and what it did (grid.h). Whoever writes a
+ * manifest with a new generation notes it here; what was noted before goes along as it is.
+ */
+#include <pwd.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "dataset_priv.h"
+
+/* The name of a user, "" where it is not known. Asks the system's lists: workers only. */
+static void user_name(uint32_t uid, char ret[GRID_USER])
+{
+	struct passwd entry, *found = NULL;
+	char buffer[4096];
+
+	*ret = 0;
+	if (getpwuid_r(uid, &entry, buffer, sizeof buffer, &found) == 0 && found && strlen(entry.pw_name) < GRID_USER)
+		memcpy(ret, entry.pw_name, strlen(entry.pw_name) + 1);
+}
+
+int dataset_note_generation(struct grid_manifest *m, const struct grid_manifest *base, const struct peer *peer,
+			    enum grid_generation_kind kind, uint64_t undoes, struct err *err)
+{
+	size_t n = base ? base->ngenerations : 0;
+	/* The name behind the list: one block, which whoever frees the list frees too. */
+	struct grid_generation *all = malloc((n + 1) * sizeof *all + GRID_USER);
+	char *user = all ? (char *)(all + n + 1) : NULL;
+
+	if (!all)
+		return err_set(err, ERR_NOMEM, "no memory for a list of %zu generations", n + 1);
+	if (n)
+		memcpy(all, base->generations, n * sizeof *all);
+	user_name(peer->uid, user);
+	all[n] = (struct grid_generation){
+		.number = m->generation,
+		.time_us = clock_real_us(),
+		.uid = peer->uid,
+		.user = user,
+		.kind = kind,
+		.undoes = undoes,
+	};
+	grid_generations_tally(m, &all[n], 1);
+	m->generations = all;
+	m->ngenerations = n + 1;
+	return 0;
+}

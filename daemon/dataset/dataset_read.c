@@ -1,0 +1,77 @@
+/*
+ * The newest manifest of a dataset for whoever lists what is in it: read by a worker, looked at on the loop, and gone.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "dataset_priv.h"
+
+struct reading {
+	struct sched_task task;
+	struct dataset *dataset;
+	struct grid_manifest *manifest;
+	char name[64];
+	int r;
+	struct err err;
+	dataset_read_fn *answer;
+	void *token;
+};
+
+static void reading_run(struct sched_task *t)
+{
+	struct reading *x = (struct reading *)t;
+
+	x->r = dataset_open(x->dataset, &x->err);
+	if (x->r)
+		return;
+	x->r = grid_manifest_load(x->dataset->dirfd, x->name, x->dataset->datasets->core->p.ledger, &x->manifest, &x->err);
+	dataset_close(x->dataset);
+}
+
+static void reading_done(struct sched_task *t)
+{
+	struct reading *x = (struct reading *)t;
+	struct dataset *d = x->dataset;
+	struct datasets *ds = d->datasets;
+
+	core_background_over(ds->core);
+	dataset_read_end(d);
+	if (!t->ran)
+		x->r = err_set(&x->err, ERR_BUSY, "the daemon is stopping");
+	x->answer(x->token, x->r ? &x->err : NULL, d, x->manifest);
+	grid_manifest_free(x->manifest);
+	uncharge(ds->core, sizeof *x);
+	dataset_release(d);
+	free(x);
+}
+
+void dataset_read(struct dataset *d, const struct peer *peer, dataset_read_fn *answer, void *token)
+{
+	struct datasets *ds = d->datasets;
+	struct reading *x = NULL;
+	struct err err = ERR_INIT;
+
+	if (!*d->manifest) {
+		answer(token, NULL, d, NULL);
+		return;
+	}
+	if (!charge(ds->core, sizeof *x, "a list", &err) && !(x = calloc(1, sizeof *x))) {
+		uncharge(ds->core, sizeof *x);
+		err_set(&err, ERR_NOMEM, "no memory for a list");
+	}
+	if (!x) {
+		answer(token, &err, d, NULL);
+		return;
+	}
+	x->task = (struct sched_task){.run = reading_run,
+				      .done = reading_done,
+				      .priority = SCHED_FIRST,
+				      .owner = {.uid = peer->uid, .flow = ++ds->core->last_flow}};
+	x->dataset = dataset_hold(d);
+	x->err = ERR_INIT;
+	x->answer = answer;
+	x->token = token;
+	memcpy(x->name, d->manifest, sizeof x->name);
+	dataset_read_begin(d);
+	core_background(ds->core, &x->task);
+}

@@ -1,0 +1,239 @@
+/*
+ * Reverts: a new generation without what another one added, and with what it removed.
+ *
+ * The model: a generation is undone as a whole or not at all. What it added must be there, what it removed must
+ * be gone, and no other file may have come in its place since. What is brought back are the same
+ * records: their source gets another life. Nothing is read or written but the manifest, and content sums follow
+ * from the sums that blocks keep of their sources.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "dataset_change.h"
+#include "names.h"
+
+struct revert {
+	struct dataset_change change;
+	uint64_t generation;
+	bool owner; /* he may know where its files were */
+	revert_answer_fn *answer;
+	void *token;
+};
+
+/* A life of the source that began in that generation, or ended then. */
+static bool began(const struct grid_source *s, uint64_t g)
+{
+	for (size_t i = 0; i < s->nearlier; i++)
+		if (s->earlier[i].added == g)
+			return true;
+	return s->added == g && s->removed != g;
+}
+
+static bool ended(const struct grid_source *s, uint64_t g)
+{
+	for (size_t i = 0; i < s->nearlier; i++)
+		if (s->earlier[i].removed == g)
+			return true;
+	return s->removed == g && s->added != g;
+}
+
+/* Where others have their files is for the owner alone, as in a list of files. */
+static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner, struct err *err)
+{
+	err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,
+		what, (unsigned long long)by);
+	err_add_hint(err, "revert generation %llu first", (unsigned long long)by);
+	return err_add_file(err, owner && *s->path ? s->path : s->name);
+}
+
+static const struct grid_generation *note_of(const struct grid_manifest *m, uint64_t g)
+{
+	for (size_t i = 0; i < m->ngenerations; i++)
+		if (m->generations[i].number == g)
+			return &m->generations[i];
+	return NULL;
+}
+
+static int check_number(const struct grid_manifest *m, uint64_t g, const char *name, struct err *err)
+{
+	const struct grid_generation *note = note_of(m, g);
+	uint64_t oldest = grid_manifest_oldest(m), first = oldest > 1 ? oldest + 1 : 1;
+
+	if (g > m->generation)
+		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu", name,
+			       (unsigned long long)g, (unsigned long long)m->generation);
+	if (g < first)
+		return err_set(err, ERR_NOTFOUND,
+			       "generation %llu of %s cannot be undone: what was before generation %llu was pruned",
+			       (unsigned long long)g, name, (unsigned long long)oldest);
+	if (note && note->kind == GRID_PRUNE)
+		return err_set(err, ERR_CONFLICT, "generation %llu of %s cannot be undone: what was pruned is gone",
+			       (unsigned long long)g, name);
+	return 0;
+}
+
+/* What the generation added is there, and what it removed is not; whatever came and was undone between. */
+static int check_source(const struct grid_source *s, uint64_t g, bool owner, struct err *err)
+{
+	if (began(s, g) && s->removed)
+		return conflict(s, g, s->removed, "removed", owner, err);
+	if (ended(s, g) && !s->removed)
+		return conflict(s, g, s->added, "brought back", owner, err);
+	return 0;
+}
+
+/* A file in place of what comes back. Those that stood beside it before may stay. */
+static int check_place(const struct grid_manifest *m, const struct names *paths, const struct grid_source *s, uint64_t g,
+		       bool owner, struct err *err)
+{
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	while (*s->path && names_next(paths, s->path, &at, &i)) {
+		const struct grid_source *other = &m->sources[i];
+
+		if (other != s && other->added > g)
+			return conflict(other, g, other->added, "pushed again", owner, err);
+	}
+	return 0;
+}
+
+static int check(const struct grid_manifest *m, uint64_t g, bool owner, struct err *err)
+{
+	struct names paths = {0};
+	bool any = false;
+	int r = 0;
+
+	for (size_t i = 0; !r && i < m->nsources; i++)
+		if (!m->sources[i].removed && *m->sources[i].path && !began(&m->sources[i], g))
+			r = names_put(&paths, m->sources[i].path, (uint32_t)i, err);
+	for (size_t i = 0; !r && i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		any = any || began(s, g) || ended(s, g);
+		r = check_source(s, g, owner, err);
+		if (!r && ended(s, g))
+			r = check_place(m, &paths, s, g, owner, err);
+	}
+	names_free(&paths);
+	if (!r && !any)
+		r = err_set(err, ERR_CONFLICT, "generation %llu changed nothing: there is nothing to undo",
+			    (unsigned long long)g);
+	return r;
+}
+
+/* Another life of a source, behind those that it had. */
+static int live_again(struct grid_source *s, uint64_t generation, struct grid_span *lives, struct err *err)
+{
+	if (s->nearlier >= UINT16_MAX)
+		return err_set(err, ERR_LIMIT, "a file was removed and brought back too often");
+	if (s->nearlier)
+		memcpy(lives, s->earlier, s->nearlier * sizeof *lives);
+	lives[s->nearlier] = (struct grid_span){s->added, s->removed};
+	s->earlier = lives;
+	s->nearlier++;
+	s->added = generation;
+	s->removed = 0;
+	return 0;
+}
+
+static int revert_make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
+{
+	struct revert *v = (struct revert *)c;
+	uint64_t g = v->generation;
+	size_t lives = 0, used = 0;
+	int r = check_number(base, g, c->dataset->name, err);
+
+	if (!r)
+		r = check(base, g, v->owner, err);
+	if (r)
+		return r;
+	for (size_t i = 0; i < base->nsources; i++)
+		lives += ended(&base->sources[i], g) ? base->sources[i].nearlier + 1 : 0;
+	m->spans = calloc(lives + 1, sizeof *m->spans);
+	if (!m->spans)
+		return err_set(err, ERR_NOMEM, "no memory for a manifest");
+	m->generation = base->generation + 1;
+	for (size_t i = 0; !r && i < m->nsources; i++) {
+		struct grid_source *s = &m->sources[i];
+
+		if (began(s, g)) {
+			s->removed = m->generation;
+		} else if (ended(s, g)) {
+			used += s->nearlier + 1;
+			r = live_again(s, m->generation, m->spans + used - s->nearlier - 1, err);
+		}
+	}
+	return r;
+}
+
+static void revert_over(struct dataset_change *c, const struct err *why)
+{
+	struct revert *v = (struct revert *)c;
+	struct reverted done = {
+		.dataset = c->dataset,
+		.generation = c->dataset->generation,
+		.undone = v->generation,
+		.points = c->dataset->points,
+		.did = &c->did,
+	};
+
+	c->dataset->reverting--;
+	if (!why)
+		log_event(LOG_EVENT_DATASET_REVERTED,
+			  &(struct log_about){.dataset = c->dataset->name,
+					      .generation = done.generation,
+					      ABOUT_USER(c->peer.uid),
+					      .pid = c->peer.pid},
+			  "%s: generation %llu undoes generation %llu", c->dataset->name, (unsigned long long)done.generation,
+			  (unsigned long long)done.undone);
+	v->answer(v->token, why, why ? NULL : &done);
+	uncharge(c->dataset->datasets->core, sizeof *v);
+	free(v);
+}
+
+/* What a prune is taking away cannot be brought back meanwhile. */
+static int check_prune(const struct dataset *d, uint64_t generation, struct err *err)
+{
+	generation = generation ? generation : d->generation;
+	if (!d->prune_to || generation > d->prune_to)
+		return 0;
+	return err_set(err, ERR_NOTFOUND,
+		       "generation %llu of %s cannot be undone: what was before generation %llu is being pruned",
+		       (unsigned long long)generation, d->name, (unsigned long long)d->prune_to);
+}
+
+void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *peer, revert_answer_fn *answer, void *token)
+{
+	struct revert *v = NULL;
+	struct err err = ERR_INIT;
+
+	THREAD_LOOP_ONLY();
+	if (d->onestep)
+		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
+	else if (!dataset_rights(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) &&
+		 !charge(d->datasets->core, sizeof *v, "a revert", &err)) {
+		v = calloc(1, sizeof *v);
+		if (!v) {
+			uncharge(d->datasets->core, sizeof *v);
+			err_set(&err, ERR_NOMEM, "no memory for a request");
+		}
+	}
+	if (!v) {
+		answer(token, &err, NULL);
+		return;
+	}
+	v->change.dataset = d;
+	v->change.peer = rights_kept(peer);
+	v->change.make = revert_make;
+	v->change.over = revert_over;
+	v->change.kind = GRID_REVERT;
+	v->owner = rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
+	v->generation = generation ? generation : d->generation;
+	v->change.undoes = v->generation;
+	v->answer = answer;
+	v->token = token;
+	d->reverting++;
+	dataset_change_start(&v->change);
+}

@@ -1,0 +1,40 @@
+/*
+ * Geoid grids that the daemon keeps: checked copies in its state folder, by name. What works on the disk runs on workers; the
+ * loop only asks and gets the answer.
+ */
+#ifndef GEOID_H
+#define GEOID_H
+
+#include "core.h"
+#include "crs_geo.h"
+#include "digest.h"
+
+struct geoids;
+
+/* Opens the folder in the state folder, without what a crash left in it, and charges the grids to their users. Reads the disk. */
+int geoids_new(struct core *, struct geoids **ret, struct err *err);
+struct geoids *geoids_free(struct geoids *);    /* NULL is fine; returns NULL */
+uint64_t geoids_changes(const struct geoids *); /* grids that were added or removed; loop */
+/* How many there are, and of these without a sound text or grid; *err is set for the first of these, and 0 returned. Worker. */
+int geoids_check(const struct geoids *, unsigned *ret_n, unsigned *ret_bad, struct err *err);
+struct geoids_found {
+	char path[64]; /* for crs_geoid_open, as long as the folder is open */
+	char hash[DIGEST_HEX_SIZE];
+};
+/* -ERR_NOTFOUND names `acutctl geoid add`. Worker. */
+int geoids_find(const struct geoids *, const char *name, struct geoids_found *ret, struct err *err);
+
+struct geoid_info {
+	char name[72], hash[DIGEST_HEX_SIZE];
+	uint32_t uid; /* who added it */
+	struct crs_geoid_info grid;
+};
+typedef void geoid_answer_fn(void *token, const struct err *why, const struct geoid_info *list, size_t n);
+/* A checked copy of the file under that name; answers with it alone. `fd` becomes the service's in any case;
+ * `file` is what messages call it. */
+void geoid_add(struct geoids *, int fd, const char *name, const char *file, const struct peer *, geoid_answer_fn *answer,
+	       void *token);
+void geoid_list(struct geoids *, const struct peer *, geoid_answer_fn *answer, void *token); /* by name */
+void geoid_remove(struct geoids *, const char *name, const struct peer *, geoid_answer_fn *answer, void *token);
+
+#endif

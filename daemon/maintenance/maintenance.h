@@ -1,0 +1,59 @@
+/*
+ * Looking after the disk: what is used, verification of all that is stored, removal of what nobody needs. Loop; workers read.
+ */
+#ifndef MAINTENANCE_H
+#define MAINTENANCE_H
+
+#include "core.h"
+
+struct datasets;
+struct jobs;
+struct maintenance;
+
+/* Reads what came of the last verification. */
+int maintenance_new(struct core *, struct datasets *, struct jobs *, struct maintenance **ret, struct err *err);
+struct maintenance *maintenance_free(struct maintenance *); /* NULL is fine; returns NULL */
+void maintenance_tick(struct maintenance *);
+
+/* The last verification that came to its end, beyond a restart. */
+struct verified {
+	int64_t at_us;                                  /* real time; 0: never */
+	uint64_t files, bytes, damaged, derived, newer; /* newer: of what was pushed */
+};
+const struct verified *maintenance_verified(const struct maintenance *);
+
+struct cache_stat {
+	struct space_stat space;      /* with the numbers of datasets, pending pushes, one-step ones */
+	char disk[32], keep_free[32]; /* the limits as they were given; "none" */
+};
+void cache_stat(struct maintenance *, struct cache_stat *ret);
+
+/* One damaged thing; or one of a newer version (err.code is ERR_VERSION), which stays as it is. */
+struct cache_damage {
+	const char *what;     /* "manifest", "segment", "push", "plan", "domain", "selection", "catalogue" */
+	char dataset[64 + 1]; /* "": of none */
+	struct err err;       /* file, place, reason */
+	bool derived;         /* and removed, if that could be done: it is made again */
+	bool removed;
+};
+struct cache_verified {
+	uint64_t files, bytes, damaged, derived;
+	uint64_t newer, derived_newer; /* of a newer version; not counted as damaged */
+};
+struct cache_verify_calls {
+	void (*damage)(void *token, const struct cache_damage *);
+	void (*progress)(void *token, const char *phase, uint64_t bytes, uint64_t total); /* total: as far as it is known */
+	/* Once. `why`: it was ended, or could not read on. */
+	void (*over)(void *token, const struct err *why, const struct cache_verified *);
+};
+struct cache_verify;
+/* Reads all of state and cache, at the lowest priority. -ERR_PERM: not root nor the daemon's user; -ERR_BUSY: it is
+ * being done already. */
+int cache_verify(struct maintenance *, const struct peer *, const struct cache_verify_calls *, void *token,
+		 struct cache_verify **ret, struct err *err);
+void cache_verify_end(struct cache_verify *); /* soon; `over` comes all the same */
+/* Removes what is not needed; all: everything derived. -ERR_PERM as above. */
+void cache_gc(struct maintenance *, const struct peer *, bool all,
+	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token);
+
+#endif

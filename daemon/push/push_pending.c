@@ -1,0 +1,288 @@
+/*
+ * Pushes that were interrupted, and are taken up again.
+ *
+ * The model: at each durable point a push leaves its stage (grid_stage_leave) and beside it a manifest without
+ * segments, push-ID.pending, that says which of its files lie there whole, on which lattice, and how they were
+ * read. These two files are all: a crash at any moment leaves a push with them, or one that never promised
+ * anything. When its connection ends or its daemon dies it is pending: in memory an entry of its dataset, in the
+ * catalogue its row. A later push of the same user into the same dataset becomes that push, number and all; of
+ * its files those count that the client names again, the rest is dropped by the commit. After a commit the
+ * sources are in the dataset's manifest, which is how a start knows one whose row is there still.
+ */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "push_priv.h"
+
+/* What was assumed, all of it: two systems may differ in the last word of a long name, or have one name. */
+static void assume_text(const struct crs_info *a, char ret[DIGEST_HEX_SIZE])
+{
+	const struct crs_system *s = &a->system;
+	char all[CRS_TEXT_SIZE + 512];
+
+	snprintf(all, sizeof all, "%s\n%s %d %d %u %u %a %a %a %a %a %a %a %a %a %a %a", a->text, s->datum, (int)a->plane,
+		 (int)s->method, s->epsg, s->epsg_z, s->a, s->inverse_flattening, s->lat0, s->lon0, s->lat1, s->lat2, s->k0,
+		 s->x0, s->y0, s->unit, s->unit_z);
+	digest_hex(digest_hash(all, strlen(all)), ret);
+}
+
+/* How the files were read: what is not the same does not go together. The reading of each file comes last, since
+ * a push does not know it at its beginning. */
+static void choices_text(const struct push *p, char *buf, size_t size)
+{
+	char assume[DIGEST_HEX_SIZE];
+
+	assume_text(&p->assume, assume);
+	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s %s=%s,%s,%s reading=%s", p->planar,
+		 p->accept_truncated, p->utm, p->plane.geoid, p->overrides ? "override" : "assume", p->assume.unit_xy,
+		 p->assume.unit_z, assume, p->reading);
+}
+
+/* ---- leaving ---- */
+
+/* What was adopted, asked for again or not, and what was added. */
+static int write_manifest(struct push *p, struct err *err)
+{
+	size_t old = p->adopt ? p->adopt->nsources : 0, added = p->aborted ? 0 : p->nsources;
+	struct grid_manifest m = {.lattice = p->lattice, .nsources = old + added};
+	char name[64];
+	int r;
+
+	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
+	if (!m.sources)
+		return err_set(err, ERR_NOMEM, "no memory for a manifest");
+	if (old)
+		memcpy(m.sources, p->adopt->sources, old * sizeof *m.sources);
+	if (added)
+		memcpy(m.sources + old, p->sources, added * sizeof *m.sources);
+	snprintf(m.crs, sizeof m.crs, "%s", p->crs);
+	snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
+	snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
+	choices_text(p, m.choices, sizeof m.choices);
+	pending_manifest_name(p->id, name);
+	r = grid_manifest_write(p->dataset->dirfd, name, &m, err);
+	free(m.sources);
+	return r;
+}
+
+/* Worker. Whatever becomes of the push, all files that were staged until now can be taken up. */
+int push_leave_pending(struct push *p, struct err *err)
+{
+	int r = grid_stage_leave(p->stage, err);
+
+	if (!r && !p->dataset->onestep)
+		r = write_manifest(p, err);
+	if (!r)
+		p->on_disk = true;
+	return r;
+}
+
+/* Worker: the end of a push. p->kept: it stays as a pending one. */
+void push_end_run(struct push *p)
+{
+	struct err err = ERR_INIT;
+	bool named = !p->dataset->onestep;
+
+	if (p->committed || !named || !p->opened) {
+		p->stage = grid_stage_free(p->stage);
+	} else if (p->aborted && p->adopt) {
+		/* What was there before stays. */
+		if (p->on_disk && write_manifest(p, &err))
+			log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "an interrupted push", &err);
+	} else if (!p->aborted && p->stage && p->row && !p->broken && (p->files > p->durable) && push_leave_pending(p, &err)) {
+		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "what a push staged last cannot be kept", &err);
+	}
+	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) && (p->files || p->adopt || p->durable);
+	if (p->kept) {
+		p->stage = grid_stage_part(p->stage);
+		return;
+	}
+	p->stage = grid_stage_free(p->stage);
+	err_clear(&err);
+	if (p->on_disk && p->opened && pending_discard(p->dataset, p->id, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
+	p->on_disk = false;
+}
+
+/* Loop: the push is over, and stays as a pending one. */
+void push_becomes_pending(struct push *p)
+{
+	struct pending *q = p->pending;
+
+	p->pending = NULL;
+	q->id = p->id;
+	q->uid = p->peer.uid;
+	q->files = (uint32_t)(p->adopt ? p->adopt->nsources : 0);
+	q->points = pending_points(p->adopt);
+	for (size_t i = 0; !p->aborted && i < p->nsources; i++) {
+		q->files++;
+		q->points += p->sources[i].points;
+	}
+	q->left_us = clock_real_us();
+	pending_add(p->dataset, q);
+	log_event(LOG_EVENT_PUSH_PENDING, ABOUT_PENDING(q, p->dataset), "push %llu of user %u into %s is pending: %u files",
+		  (unsigned long long)q->id, q->uid, p->dataset->name, q->files);
+}
+
+/* ---- taking up ---- */
+
+/* Loop: the newest one of this user becomes p's. */
+void push_claim(struct push *p)
+{
+	struct pending *q;
+
+	if (p->dataset->onestep)
+		return;
+	pending_expire(p->dataset);
+	q = pending_take(p->dataset, p->peer.uid);
+	if (!q)
+		return;
+	pending_free(p->pushes->datasets, p->pending);
+	p->pending = q;
+	p->claims = true;
+	push_space_claim(p, q);
+}
+
+static bool other_scale(const char *text, struct decimal scale)
+{
+	struct decimal d;
+
+	return *text && (!decimal_parse(text, &d) || decimal_compare(d, scale));
+}
+
+/* NULL, or why what lies there cannot be gone on with. */
+static const char *misfit(const struct push *p, const struct grid_manifest *m)
+{
+	const char *reading = strstr(m->choices, " reading=");
+	char choices[sizeof m->choices];
+
+	choices_text(p, choices, sizeof choices);
+	if (p->base && !lattice_equal(&p->base->lattice, &m->lattice))
+		return "the dataset has got another lattice meanwhile";
+	if (other_scale(p->scale_xy, m->lattice.scale_xy) || other_scale(p->scale_z, m->lattice.scale_z))
+		return "another --scale is wanted now";
+	if (!reading || strncmp(choices, m->choices, (size_t)(reading - m->choices) + strlen(" reading=")))
+		return "its files were read with other options";
+	return NULL;
+}
+
+static void take_up(struct push *p, struct grid_manifest *m)
+{
+	p->adopt = m;
+	p->id = p->pending->id;
+	p->on_disk = true;
+	snprintf(p->reading, sizeof p->reading, "%s", strstr(m->choices, " reading=") + strlen(" reading="));
+	snprintf(
+		p->note, sizeof p->note,
+		"the push that was interrupted is taken up: of its files (%u) those that are named again count, the others go with the commit",
+		p->pending->files);
+}
+
+/* Worker, with the dataset open and its manifest read. */
+int push_adopt(struct push *p, struct err *err)
+{
+	struct grid_manifest *m = NULL;
+	struct err ignored = ERR_INIT;
+	const char *why = NULL;
+	char name[64], stage[48];
+	int r = 0;
+
+	if (!p->claims)
+		return 0;
+	pending_manifest_name(p->pending->id, name);
+	pending_stage_name(p->pending->id, stage);
+	r = grid_manifest_load(p->dataset->dirfd, name, p->pushes->core->p.ledger, &m, &ignored);
+	if (!r)
+		r = grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored);
+	/* What cannot be read now, or not by this version, stays for later: only what is damaged is dropped. */
+	if (r && r != -ERR_CORRUPT && r != -ERR_TRUNCATED && ignored.sys != ENOENT) {
+		grid_manifest_free(m);
+		*err = ignored;
+		return r;
+	}
+	if (r) {
+		log_event_err(LOG_EVENT_DAMAGE, ABOUT_PUSH(p), "an interrupted push", &ignored);
+		why = "what it left is damaged";
+		r = 0;
+	} else {
+		why = misfit(p, m);
+	}
+	if (!why) {
+		r = push_known_index(m, &p->adopt_paths, err);
+		p->adopt_taken = calloc(m->nsources + 1, sizeof *p->adopt_taken);
+		if (!r && !p->adopt_taken)
+			r = err_set(err, ERR_NOMEM, "no memory for a push");
+		if (!r) {
+			take_up(p, m);
+			return 0;
+		}
+	} else {
+		snprintf(p->note, sizeof p->note, "the push that was interrupted is dropped with its %u files: %s",
+			 p->pending->files, why);
+		p->claims = false;
+		p->drops = p->pending->id;
+		p->drops_row = !pending_discard(p->dataset, p->pending->id, &ignored);
+		if (!p->drops_row)
+			log_event_err(LOG_EVENT_LEFTOVER, NULL, "what it left cannot be removed", &ignored);
+	}
+	grid_manifest_free(m);
+	return r;
+}
+
+/* Loop, after push_adopt. */
+void push_adopted(struct push *p)
+{
+	const struct grid_manifest *m = p->adopt;
+	struct err err = ERR_INIT;
+
+	if (p->drops) {
+		log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: %s", p->dataset->name, p->note);
+		if (p->drops_row && catalogue_drop_push(p->pushes->core->p.catalogue, p->drops, NULL, NULL, &err))
+			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+	}
+	if (p->drops || m)
+		dataset_release(p->dataset); /* what held it is p's now, which holds it too */
+	if (!m)
+		return;
+	push_space_adopted(p);
+	p->has_lattice = true;
+	p->lattice = m->lattice;
+	if (!*p->dataset->manifest)
+		dataset_plan_begin(p->dataset, p);
+	if (!p->has_crs)
+		push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
+	/* The stage may also hold points of files that were not read whole: nobody gets their numbers. */
+	dataset_sources_from(p->dataset, p->adopt_last + 1);
+	p->claims = false;
+}
+
+/* Loop, when all is probed: of an interrupted push none of whose files were named, neither the lattice nor the
+ * coordinate system counts. What the stage holds of it is dropped by the commit. */
+void push_adopt_nothing(struct push *p)
+{
+	if (!p->adopt || p->ntaken || p->base)
+		return;
+	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p),
+		  "%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
+		  (unsigned long long)p->id, p->adopt->nsources);
+	names_free(&p->adopt_paths);
+	p->adopt = grid_manifest_free(p->adopt);
+	p->has_lattice = p->has_crs = false;
+	p->reading[0] = 0;
+}
+
+/* Loop: the push ends before it could take it up. */
+void push_unclaim(struct push *p)
+{
+	if (!p->claims)
+		return;
+	p->claims = false;
+	pending_put_back(p->dataset, p->pending);
+	p->pending = NULL;
+	push_space_unclaim(p);
+}

@@ -1,0 +1,89 @@
+/* All open pushes: the list, the loop's turns, and what they hold of the budget. */
+#include <stdlib.h>
+
+#include "push_priv.h"
+
+int pushes_new(struct core *core, struct admission *admission, struct datasets *datasets, struct geoids *geoids,
+	       struct pushes **ret, struct err *err)
+{
+	struct pushes *pushes = calloc(1, sizeof *pushes);
+
+	if (!pushes)
+		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	*pushes = (struct pushes){.core = core, .admission = admission, .datasets = datasets, .geoids = geoids};
+	*ret = pushes;
+	return 0;
+}
+
+struct pushes *pushes_free(struct pushes *pushes)
+{
+	free(pushes);
+	return NULL;
+}
+
+unsigned pushes_open(const struct pushes *pushes)
+{
+	unsigned n = 0;
+
+	for (const struct push *p = pushes->first; p; p = p->next)
+		n++;
+	return n;
+}
+
+void pushes_settle(struct pushes *pushes)
+{
+	struct push *p, *next;
+
+	for (p = pushes->first; p; p = next) {
+		next = p->next;
+		push_retry(p);
+	}
+}
+
+void pushes_tick(struct pushes *pushes)
+{
+	struct push *p, *next;
+
+	for (p = pushes->first; p; p = next) {
+		next = p->next;
+		push_tick(p);
+	}
+}
+
+void pushes_abandon(struct pushes *pushes)
+{
+	for (struct push *p = pushes->first; p; p = p->next)
+		push_remove_files(p);
+}
+
+static void held_by(const struct push *p, uint64_t held[LEDGER_NAMES])
+{
+	const struct core *core = p->pushes->core;
+	const struct push_stream *s;
+
+	held[LEDGER_JOBS] += p->charged;
+	core_task_held(core, &p->task, held);
+	/* A stage that is about to be made is known to plans, but taken only by its task. */
+	if (p->stage_bytes && !(p->busy && p->asks && p->asks->kind == PUSH_STAGE))
+		held[LEDGER_STAGE] += p->stage_bytes;
+	held[LEDGER_FILES] += p->table_bytes;
+	/* Workers read and free these in some asks. */
+	if (!p->busy || p->lacks) {
+		held[LEDGER_MANIFEST] += p->base ? p->base->charged : 0;
+		held[LEDGER_MANIFEST] += p->adopt ? p->adopt->charged : 0;
+	}
+	if (p->asks && p->asks->crew)
+		held[LEDGER_INPUT] += push_helpers_held(p->asks->crew);
+	for (s = p->streams; s; s = s->next)
+		core_task_held(core, &s->task, held);
+}
+
+void pushes_held(const struct pushes *pushes, void (*each)(void *ctx, const struct core_holder *), void *ctx)
+{
+	for (const struct push *p = pushes->first; p; p = p->next) {
+		struct core_holder h = {.kind = "push", .id = p->id, .peer = p->peer, .dataset = p->dataset->name};
+
+		held_by(p, h.held);
+		each(ctx, &h);
+	}
+}

@@ -1,0 +1,117 @@
+/* What admission asks of a run (admission.h). */
+#include "run_priv.h"
+
+static struct run *run_of(const struct admission_run *r)
+{
+	return (struct run *)((char *)r - offsetof(struct run, admission));
+}
+
+/* Bytes of one of its tasks: a domain, or the selection. 0: not known yet. */
+static uint64_t task_bytes(const struct run *w)
+{
+	if (w->state == RUN_SELECTING)
+		return w->select.bytes;
+	if (w->state == RUN_PLANNING || w->state == RUN_RUNNING)
+		return w->budget.domain_bytes;
+	/* It has come back for so much, and has no plan yet. */
+	return w->state < RUN_PLANNING ? w->slot->need : 0;
+}
+
+static struct admission_view view(const struct admission_run *r)
+{
+	const struct run *w = run_of(r);
+
+	return (struct admission_view){
+		.uid = w->owner.uid,
+		.placed = w->placed,
+		.stalled = run_stalled(w),
+		.yields = w->giving,
+		/* A stream that follows it would wait for it with a slot in hand. */
+		.can_yield = run_can_yield(w) && !(w->calls->followed && w->calls->followed(w->ctx)),
+		.task = task_bytes(w),
+		.points = w->points,
+	};
+}
+
+/* What a run has or may yet ask for without being asked whether it may: its share; its plan, or two domains, one of them for when
+ * the other is split. */
+static uint64_t claim(const struct run *w)
+{
+	uint64_t least = pipe_budget_least(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
+	uint64_t need = w->slot->need > least ? w->slot->need : least;
+
+	if (w->state >= RUN_PLANNING)
+		need = 2 * w->budget.domain_bytes;
+	return admission_share(w->runs->admission) + w->charged + need;
+}
+
+static uint64_t held(const struct admission_run *r)
+{
+	const struct run *w = run_of(r);
+	uint64_t bytes = admission_share(w->runs->admission) + w->charged, claimed = claim(w);
+	const struct run_domain *d;
+
+	if (w->state == RUN_SELECTING)
+		bytes += w->select.bytes;
+	for (d = w->domains; d; d = d->next)
+		/* What is mapped of one that is being made is its worker's to know. */
+		bytes += d->state == DOMAIN_MAKING || d->state == DOMAIN_SPLIT ? w->budget.domain_bytes : d->size;
+	return bytes > claimed ? bytes : claimed;
+}
+
+static bool opens(const struct admission_run *r, const struct dataset *d)
+{
+	const struct run *w = run_of(r);
+
+	return w->dataset == d && (w->state == RUN_NEW || w->state == RUN_OPENING);
+}
+
+static void relieve(struct admission_run *r, bool urgent)
+{
+	run_relieve(run_of(r), urgent);
+}
+
+static void yield(struct admission_run *r)
+{
+	run_yield(run_of(r));
+}
+
+const struct admission_calls run_admission_calls = {
+	.view = view, .held = held, .opens = opens, .relieve = relieve, .yield = yield};
+
+bool run_may_start(const struct run *w)
+{
+	uint64_t limit = admission_user_limit(w->runs->admission, &w->owner), each = w->budget.domain_bytes;
+	const struct run_domain *d;
+
+	if (limit == UINT64_MAX)
+		return true;
+	for (d = w->domains; d && d->state != DOMAIN_MAKING && d->state != DOMAIN_SPLIT; d = d->next)
+		;
+	if (!d)
+		return true; /* what it claims */
+	/* One more domain, and one for when it is split. */
+	return admission_user_held(w->runs->admission, w->owner.uid, &w->admission) + held(&w->admission) + 2 * each <= limit;
+}
+
+struct same {
+	const struct run *run;
+	bool found;
+};
+
+static void look_same(struct admission_run *r, void *ctx)
+{
+	const struct run *w = run_of(r);
+	struct same *s = ctx;
+
+	s->found |= w != s->run && w->state == RUN_SELECTING && digest_equal(w->select.key, s->run->select.key) &&
+		    (w->dataset == s->run->dataset || (!w->dataset->onestep && !s->run->dataset->onestep));
+}
+
+bool run_selected_elsewhere(const struct run *w)
+{
+	struct same s = {.run = w};
+
+	admission_each_run(w->runs->admission, look_same, &s);
+	return s.found;
+}

@@ -1,0 +1,296 @@
+/*
+ * A run and its output: when the head goes out, what happens when the reader is slow, and when it is gone.
+ *
+ * The model: output_busy from the moment a block was encoded until run_output_sent; output_working while a
+ * worker is inside one of the output's calls. A block whose reader has taken nothing for a while is spooled
+ * into a file without a name, so that its memory is free; it comes back through one small buffer.
+ */
+#include <string.h>
+
+#include "clock.h"
+#include "log.h"
+#include "run_priv.h"
+
+#define STALL_SECONDS 0.25
+#define SPOOL_AGAIN_SECONDS 5.0
+/* A block whose reader takes it, but slowly, is spooled when others lack memory, or at last. */
+#define SLOW_SECONDS 0.5
+#define SLOWEST_SECONDS 5.0
+
+static struct run *run_of_output_task(struct sched_task *t)
+{
+	return (struct run *)((char *)t - offsetof(struct run, output_task));
+}
+
+bool run_attach(struct run *w, struct run_output *output)
+{
+	if (w->output || w->sums || w->next_emit || w->emitting || w->stopping || w->state >= RUN_FINISHING)
+		return false;
+	w->output = output;
+	output->run = w;
+	if (w->state == RUN_RUNNING)
+		run_output_head(w);
+	run_settle(w);
+	return true;
+}
+
+struct run_output *run_output(const struct run *w)
+{
+	return w->output_freed ? NULL : w->output;
+}
+
+struct run_output *run_detach(struct run *w)
+{
+	struct run_output *output = w->output_freed ? NULL : w->output;
+
+	THREAD_LOOP_ONLY();
+	if (output)
+		output->run = NULL;
+	w->output = NULL;
+	return output;
+}
+
+/* Same generation, view and plan, made by the same kernel: the same blocks in the same order. Splits follow from
+ * the plan and its cap, so they need not be in it. */
+static struct digest stream_id(const struct run *w)
+{
+	struct digest id = digest_hash(w->view_text, strlen(w->view_text)), key;
+	int32_t box[4] = {0, 0, 0, 0};
+	struct cut_region root;
+
+	grid_box(w->grid, box);
+	cut_region_root(box, &root);
+	key = pipe_key_mesh(&w->key, &root);
+	digest_add(&id, digest_hash(&w->generation, sizeof w->generation));
+	digest_add(&id, digest_hash(&key, sizeof key));
+	digest_add(&id, digest_hash(&w->kept.base, sizeof w->kept.base));
+	run_area_id(w, &id);
+	if (w->change)
+		digest_add(&id, w->change->id);
+	return digest_hash(&id, sizeof id);
+}
+
+/* False: another stream was to go on; the run fails. */
+static bool is_wanted(struct run *w, struct digest id)
+{
+	char have[DIGEST_HEX_SIZE], want[DIGEST_HEX_SIZE];
+	struct err err = ERR_INIT;
+
+	if (!w->output->wants || digest_equal(id, w->output->want))
+		return true;
+	err_set(&err, ERR_GONE, "the stream %s cannot be continued, the job's is %s now", digest_hex(w->output->want, want),
+		digest_hex(id, have));
+	err_add_hint(&err, "fetch it from its start");
+	run_fail(w, &err);
+	return false;
+}
+
+bool run_output_enough(struct run *w)
+{
+	struct err err = ERR_INIT;
+
+	if (!w->output || w->output->from <= w->blocks)
+		return true;
+	err_set(&err, ERR_GONE, "the stream cannot go on at block %llu, it has %llu", (unsigned long long)w->output->from,
+		(unsigned long long)w->blocks);
+	err_add_hint(&err, "fetch it from its start");
+	run_fail(w, &err);
+	return false;
+}
+
+void run_output_head(struct run *w)
+{
+	struct run_head head = {
+		.manifest = NULL,
+		.view = w->view_text,
+		.box = {0, 0, 0, 0, 0, 0},
+	};
+	int32_t box[4];
+
+	if (!w->output || w->stopping)
+		return;
+	head.id = stream_id(w);
+	if (w->output_head) {
+		/* It has begun again: what follows must be of the same stream. */
+		if (!digest_equal(head.id, w->head_id)) {
+			struct err err = ERR_INIT;
+
+			err_set(&err, ERR_GONE, "the mesh had to be begun again, and is made of other regions now");
+			err_add_hint(&err, "ask for it again");
+			run_fail(w, &err);
+		}
+		return;
+	}
+	if (!is_wanted(w, head.id))
+		return;
+	w->output_head = true;
+	w->head_id = head.id;
+	head.window = w->view.window;
+	head.manifest = grid_manifest(w->grid);
+	head.changes = w->change ? &w->change->told : NULL;
+	if (grid_box(w->grid, box)) {
+		head.box[0] = box[0];
+		head.box[1] = box[1];
+		head.box[2] = INT32_MIN;
+		head.box[3] = box[2];
+		head.box[4] = box[3];
+		head.box[5] = INT32_MAX;
+	}
+	w->output->calls->head(w->output, &head);
+}
+
+static void buffer_give(struct run *w)
+{
+	if (w->output_buffer)
+		sched_give(w->runs->core->p.sched, LEDGER_PIPE, RUN_OUTPUT_BUFFER);
+	w->output_buffer = false;
+	run_space_unspool(w);
+}
+
+static void sending_release(struct run *w)
+{
+	if (w->sending)
+		run_domain_release(w->sending);
+	w->sending = NULL;
+}
+
+/* ---- spooling ---- */
+
+static void spool_run(struct sched_task *t)
+{
+	struct run *w = run_of_output_task(t);
+
+	w->err = ERR_INIT;
+	w->r = run_space_spool(w, w->sending->held, &w->err);
+	if (!w->r)
+		w->r = w->output->calls->spool(w->output, w->runs->core->tempfd, &w->err);
+}
+
+static void refill_run(struct sched_task *t)
+{
+	struct run *w = run_of_output_task(t);
+
+	w->err = ERR_INIT;
+	w->r = w->output->calls->refill(w->output, &w->err);
+}
+
+static void output_task_done(struct sched_task *t)
+{
+	struct run *w = run_of_output_task(t);
+	bool refill = t->run == refill_run;
+
+	w->tasks--;
+	w->output_working = false;
+	if (refill && t->ran && t->bytes)
+		w->output_buffer = true;
+	if (w->output_freed) {
+		run_output_drop(w);
+	} else if (t->ran && w->r && refill) {
+		run_fail(w, &w->err);
+	} else if (t->ran && w->r) {
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_RUN(w), "a block for a slow reader cannot be spooled", &w->err);
+		run_space_unspool(w);
+		w->spool_failed_ns = clock_mono_ns();
+		w->output->calls->send(w->output);
+	} else if (t->ran) {
+		if (!refill)
+			sending_release(w);
+		w->output->calls->send(w->output);
+	}
+	run_settle(w);
+}
+
+static void output_submit(struct run *w, void (*run)(struct sched_task *), uint64_t bytes)
+{
+	w->output_task = (struct sched_task){
+		.run = run,
+		.done = output_task_done,
+		.owner = w->owner,
+		.priority = SCHED_FIRST,
+		.name = LEDGER_PIPE,
+		.bytes = bytes,
+	};
+	w->output->calls->pause(w->output);
+	w->output_working = true;
+	w->tasks++;
+	sched_submit(w->runs->core->p.sched, &w->output_task);
+}
+
+static bool can_spool(const struct run *w)
+{
+	if (!w->output || !w->output_busy || w->output_working || !w->sending || w->stopping)
+		return false;
+	return !w->spool_failed_ns || clock_since(w->spool_failed_ns) >= SPOOL_AGAIN_SECONDS;
+}
+
+void run_output_tick(struct run *w)
+{
+	if (can_spool(w) && run_crowded(w) &&
+	    (w->output->calls->stalled(w->output) > STALL_SECONDS || clock_since(w->sending_ns) > SLOWEST_SECONDS))
+		output_submit(w, spool_run, 0);
+}
+
+void run_output_relieve(struct run *w)
+{
+	if (can_spool(w) && clock_since(w->sending_ns) > SLOW_SECONDS)
+		output_submit(w, spool_run, 0);
+}
+
+void run_output_dry(struct run_output *output)
+{
+	struct run *w = output->run;
+
+	if (!w || w->output_working)
+		return;
+	output_submit(w, refill_run, w->output_buffer ? 0 : RUN_OUTPUT_BUFFER);
+}
+
+/* ---- ends ---- */
+
+void run_output_sent(struct run_output *output)
+{
+	struct run *w = output->run;
+
+	THREAD_LOOP_ONLY();
+	if (!w || !w->output_busy)
+		return;
+	w->output_busy = false;
+	buffer_give(w);
+	sending_release(w);
+	run_settle(w);
+}
+
+/* The output goes for good; a worker that was in it has left. */
+void run_output_drop(struct run *w)
+{
+	struct run_output *output = w->output;
+	void (*freed)(struct run_output *) = w->output_freed;
+
+	w->output = NULL;
+	w->output_freed = NULL;
+	w->output_busy = false;
+	buffer_give(w);
+	sending_release(w);
+	output->run = NULL;
+	freed(output);
+}
+
+void run_output_gone(struct run_output *output, void (*freed)(struct run_output *))
+{
+	struct run *w = output->run;
+	struct err why = ERR_INIT;
+
+	if (!w) {
+		if (output->forget)
+			output->forget(output);
+		freed(output);
+		return;
+	}
+	w->output_freed = freed;
+	if (!w->output_working)
+		run_output_drop(w);
+	err_set(&why, ERR_CANCELLED, "nobody reads the stream any more");
+	if (w->calls->unread)
+		w->calls->unread(w->ctx, &why);
+	run_settle(w);
+}

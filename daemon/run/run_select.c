@@ -1,0 +1,312 @@
+/*
+ * The selection of a run whose view crops, takes every so many, or thins: made once, kept in the cache, opened in
+ * place of the generation's grid.
+ *
+ * The model: a selection is a folder cache/selected/KEY (of a one-step dataset: in its own folder, so that it goes
+ * with it). KEY is of the generation's content, what it says of its coordinates, and the rules that select,
+ * so a later job with the same ones stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N
+ * and renamed when whole; what a crash left of those is swept at the next start. Whatever cannot be read there is removed and
+ * made again.
+ *
+ * Memory: a selection is to the others what a domain is: bytes that are taken at once before it starts, and come
+ * back without waiting for anybody. Of two runs that want the same one, the second waits for the first.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io.h"
+#include "log.h"
+#include "run_priv.h"
+
+/* More would make no pass faster, and keeps others waiting. */
+#define SELECT_MOST (UINT64_C(256) << 20)
+
+static struct run *run_of_task(struct sched_task *t)
+{
+	return (struct run *)((char *)t - offsetof(struct run, task));
+}
+
+/* Where the run's selection lies. */
+static int parent_open(struct run *w, int *ret_fd, struct err *err)
+{
+	if (w->dataset->onestep)
+		return io_open(w->dataset->dirfd, ".", O_RDONLY | O_DIRECTORY, 0, ret_fd, err);
+	return core_selected_folder(w->runs->core, ret_fd, err);
+}
+
+/* ---- opening ---- */
+
+/* Its counts and its grid. The index of the generation is closed first: a run has memory for one. */
+static int selected_open(struct run *w, int dirfd, struct err *err)
+{
+	int r = selection_counts_read(dirfd, &w->select.counts, err);
+
+	if (r)
+		return r;
+	w->grid = grid_close(w->grid);
+	return grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, w->runs->core->p.ledger,
+			 admission_index_share(w->runs->admission), &w->grid, err);
+}
+
+static int open_in(struct run *w, int parent, const char *name, struct err *err)
+{
+	struct err why = ERR_INIT, absent = ERR_INIT;
+	int dirfd, r;
+
+	if (io_open(parent, name, O_RDONLY | O_DIRECTORY, 0, &dirfd, &absent))
+		return RUN_E_ABSENT;
+	r = selected_open(w, dirfd, &why);
+	io_close(dirfd);
+	if (!r) {
+		w->rest = view_rest(&w->view);
+		w->select.open = true;
+		run_space_select_hold(w);
+		return 0;
+	}
+	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
+		*err = why;
+		return r;
+	}
+	log_event_err(LOG_EVENT_DAMAGE_DERIVED, ABOUT_RUN(w), "a selection cannot be read, it is made again", &why);
+	r = io_folder_remove(parent, name, err);
+	return r ? r : err_set(err, ERR_BUSY, "a selection has to be made again");
+}
+
+int run_select_open(struct run *w, struct err *err)
+{
+	char name[DIGEST_HEX_SIZE];
+	int parent, r = parent_open(w, &parent, err);
+
+	if (r)
+		return r;
+	w->select.key = selection_key(w->grid, &w->view);
+	w->select.total = grid_points(w->grid);
+	r = open_in(w, parent, digest_hex(w->select.key, name), err);
+	io_close(parent);
+	return r;
+}
+
+/* ---- making ---- */
+
+struct making {
+	struct run *run;
+	int parent;
+	const char *temp;
+	struct err full; /* the disk has no room for it */
+};
+
+static int select_progress(void *ctx, uint64_t points)
+{
+	struct making *m = ctx;
+
+	atomic_store(&m->run->select.judged, points);
+	return atomic_load(&m->run->task.cancel) || run_space_select_grow(m->run, m->parent, m->temp, false, &m->full);
+}
+
+/* The points into the folder `temp`; what it holds then is taken of the disk. */
+static int fill(struct making *m, uint64_t bytes, struct err *err)
+{
+	struct selection_params p = {
+		.grid = m->run->grid,
+		.view = &m->run->view,
+		.memory = bytes,
+		.progress = select_progress,
+		.ctx = m,
+	};
+	struct selection_counts counts;
+	int r = io_make_dir(m->parent, m->temp, 0700, err);
+
+	if (!r)
+		r = io_open(m->parent, m->temp, O_RDONLY | O_DIRECTORY, 0, &p.dirfd, err);
+	if (r)
+		return r;
+	r = selection_make(&p, &counts, err);
+	io_close(p.dirfd);
+	if (r && m->full.code) {
+		*err = m->full;
+		return -(int)err->code;
+	}
+	return r ? r : run_space_select_grow(m->run, m->parent, m->temp, true, err);
+}
+
+static int make_in(struct run *w, int parent, const char *temp, const char *name, uint64_t bytes, struct err *err)
+{
+	struct making m = {.run = w, .parent = parent, .temp = temp, .full = ERR_INIT};
+	struct err ignored = ERR_INIT;
+	int r = run_space_select_begin(w, bytes, err);
+
+	if (r)
+		return r;
+	r = fill(&m, bytes, err);
+	if (!r && io->renameat(parent, temp, parent, name) != 0)
+		r = err_sys(err, errno, "cannot rename a selection");
+	run_space_select_end(w, r ? 0 : space_folder_bytes(parent, name));
+	if (r && io_folder_remove(parent, temp, &ignored))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a part of a selection stays behind until the next start", &ignored);
+	return r;
+}
+
+static void select_run(struct sched_task *t)
+{
+	struct run *w = run_of_task(t);
+	char name[DIGEST_HEX_SIZE], temp[32];
+	int parent;
+
+	digest_hex(w->select.key, name);
+	snprintf(temp, sizeof temp, SPACE_SELECTION_TEMP "%llu", (unsigned long long)w->select.number);
+	w->err = ERR_INIT;
+	w->r = parent_open(w, &parent, &w->err);
+	if (w->r)
+		return;
+	/* Whoever was faster has made it. */
+	w->r = open_in(w, parent, name, &w->err);
+	if (w->r == RUN_E_ABSENT) {
+		w->r = make_in(w, parent, temp, name, t->bytes, &w->err);
+		if (!w->r)
+			w->r = open_in(w, parent, name, &w->err);
+		if (w->r == RUN_E_ABSENT)
+			w->r = err_sys(&w->err, ENOENT, "a selection went away as soon as it was made");
+	}
+	io_close(parent);
+}
+
+static void select_done(struct sched_task *t)
+{
+	struct run *w = run_of_task(t);
+
+	w->task_busy = false;
+	if (!t->ran) {
+		run_settle(w);
+		return;
+	}
+	sched_give(w->runs->core->p.sched, t->name, t->bytes);
+	run_opened(w);
+}
+
+/* A quarter of what is left beside the stages that are held now: a push that comes meanwhile gets its stage, since that
+ * leaves room for two more of these. False: later, or never (then the run fails). */
+static bool memory_of(struct run *w)
+{
+	uint64_t left = admission_domain_memory(w->runs->admission), least = selection_memory_min(w->grid), bytes = left / 4,
+		 room = admission_user_room(w->runs->admission, &w->owner, &w->admission);
+	struct err err = ERR_INIT;
+
+	bytes = bytes > admission_stage_share(w->runs->admission) ? admission_stage_share(w->runs->admission) : bytes;
+	bytes = bytes > SELECT_MOST ? SELECT_MOST : bytes;
+	bytes = bytes > room ? room : bytes;
+	bytes = bytes < least ? least : bytes;
+	if (bytes <= left && bytes <= room) {
+		w->select.bytes = bytes;
+		return true;
+	}
+	if (admission_never(w->runs->admission, least, "the selection of points", &err) ||
+	    admission_user_never(w->runs->admission, &w->owner, least + admission_share(w->runs->admission),
+				 "the selection of points", &err)) {
+		run_fail(w, &err);
+	} else if (admission_only(w->runs->admission)) {
+		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
+			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
+		err_add_hint(&err, "remove datasets and jobs that nobody needs (acutctl rm), or give acutd more memory");
+		run_fail(w, &err);
+	} else {
+		run_retreat(w, least);
+	}
+	return false;
+}
+
+void run_select_start(struct run *w)
+{
+	if (run_selected_elsewhere(w) || !memory_of(w))
+		return;
+	w->state = RUN_SELECTING;
+	w->select.number = ++w->runs->last_select;
+	atomic_store(&w->select.judged, 0);
+	w->select.told = 0;
+	w->task = (struct sched_task){
+		.run = select_run,
+		.done = select_done,
+		.owner = w->owner,
+		.lengthy = true,
+		.priority = SCHED_NORMAL,
+		.name = LEDGER_STAGE,
+		.bytes = w->select.bytes,
+	};
+	w->task_busy = true;
+	sched_submit(w->runs->core->p.sched, &w->task);
+}
+
+/* ---- what others ask ---- */
+
+bool run_selecting(const struct run *w)
+{
+	return w->state == RUN_UNSELECTED || w->state == RUN_SELECTING;
+}
+
+const char *run_phase(const struct run *w)
+{
+	return run_selecting(w) ? "select" : "mesh";
+}
+
+int run_select_count(struct run *w, struct err *err)
+{
+	struct mesh_counts *counts = &w->totals.counts;
+	const struct selection_counts *selected = &w->select.counts;
+
+	/* A window and a stream of changes do not count the points of the whole. */
+	if (!w->select.open || w->view.window || w->since)
+		return 0;
+	if (counts->points != selected->kept)
+		return err_set(err, ERR_INTERNAL, "the selection kept %llu points, the mesh read %llu",
+			       (unsigned long long)selected->kept, (unsigned long long)counts->points);
+	counts->points = selected->points;
+	for (int i = 0; i < VIEW_RULES; i++)
+		counts->removed[i] += selected->removed[i];
+	return 0;
+}
+
+/* ---- damage ---- */
+
+struct discard {
+	struct sched_task task;
+	struct runs *runs;
+	char name[DIGEST_HEX_SIZE];
+};
+
+static void discard_run(struct sched_task *t)
+{
+	struct discard *d = (struct discard *)t;
+	struct err err = ERR_INIT;
+	int parent, r = core_selected_folder(d->runs->core, &parent, &err);
+
+	if (!r) {
+		r = io_folder_remove(parent, d->name, &err);
+		io_close(parent);
+	}
+	if (r)
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a damaged selection stays behind", &err);
+}
+
+static void discard_done(struct sched_task *t)
+{
+	struct discard *d = (struct discard *)t;
+
+	core_background_over(d->runs->core);
+	free(d);
+}
+
+void run_select_discard(struct run *w)
+{
+	struct discard *d;
+
+	if (!w->select.open || w->dataset->onestep || !(d = calloc(1, sizeof *d)))
+		return;
+	w->why.hint[0] = 0; /* nothing is to be pushed again */
+	err_add_hint(&w->why, "the damaged selection is removed: the same again makes it new");
+	d->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = w->owner, .priority = SCHED_FIRST};
+	d->runs = w->runs;
+	digest_hex(w->select.key, d->name);
+	core_background(w->runs->core, &d->task);
+}

@@ -1,0 +1,260 @@
+/* Makes the rooms, gives each its turn, and stops them. */
+#include "service.h"
+
+#include <stdlib.h>
+
+#include "clock.h"
+#include "health.h"
+#include "io.h"
+#include "store.h"
+
+#define COUNT_SECONDS 0.5
+
+/* ---- starting ---- */
+
+static int load_dataset(void *ctx, const struct catalogue_dataset *row, struct err *err)
+{
+	return datasets_load(((struct service *)ctx)->datasets, row, err);
+}
+
+static int load_job(void *ctx, const struct catalogue_job *row, struct err *err)
+{
+	return job_load(((struct service *)ctx)->jobs, row, err);
+}
+
+static int load_push(void *ctx, const struct catalogue_push *row, struct err *err)
+{
+	return datasets_load_push(((struct service *)ctx)->datasets, row, err);
+}
+
+/* Selections that a crash cut short. */
+static int sweep_selected(const struct core *core, struct err *err)
+{
+	int fd, r = core_selected_folder(core, &fd, err);
+
+	if (r)
+		return r;
+	r = io_folder_sweep(fd, SPACE_SELECTION_TEMP, err);
+	io_close(fd);
+	return r;
+}
+
+static int make_rooms(struct service *s, const struct service_params *p, struct err *err)
+{
+	struct jobs_params jobs = {.changed = p->changed, .ctx = p->ctx};
+	int r = core_new(&p->core, &s->core, err);
+
+	if (!r)
+		r = admission_new(s->core, &s->admission, err);
+	if (!r)
+		r = datasets_new(s->core, s->admission, &s->datasets, err);
+	if (!r)
+		r = runs_new(s->core, s->admission, &s->runs, err);
+	if (!r) {
+		jobs.core = s->core;
+		jobs.admission = s->admission;
+		jobs.datasets = s->datasets;
+		jobs.runs = s->runs;
+		r = jobs_new(&jobs, &s->jobs, err);
+	}
+	if (!r)
+		r = geoids_new(s->core, &s->geoids, err);
+	if (!r)
+		r = pushes_new(s->core, s->admission, s->datasets, s->geoids, &s->pushes, err);
+	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
+	if (!r)
+		r = io_sync(s->core->p.statefd, "the state folder", err);
+	/* Stored domains of versions that nobody reads any more. */
+	if (!r)
+		r = store_sweep(s->core->domainsfd, err);
+	if (!r)
+		r = copies_new(s->core, s->datasets, &s->copies, err);
+	if (!r)
+		r = sweep_selected(s->core, err);
+	if (!r)
+		r = maintenance_new(s->core, s->datasets, s->jobs, &s->maintenance, err);
+	return r ? r : health_new(&s->health, err);
+}
+
+static int load(struct service *s, uint64_t last[3], struct err *err)
+{
+	const struct catalogue_reader reader = {.dataset = load_dataset, .job = load_job, .push = load_push, .ctx = s};
+	int r;
+
+	s->core->loading = true;
+	r = catalogue_load(s->core->p.catalogue, &reader, last, err);
+	if (!r)
+		r = datasets_loaded(s->datasets, last[0], err);
+	s->core->loading = false;
+	return r ? r : catalogue_start(s->core->p.catalogue, err);
+}
+
+int service_new(const struct service_params *p, struct service **ret, struct err *err)
+{
+	struct service *s = calloc(1, sizeof *s);
+	uint64_t last[3];
+	int r;
+
+	if (!s)
+		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	r = make_rooms(s, p, err);
+	if (!r)
+		r = load(s, last, err);
+	if (r) {
+		service_free(s);
+		return r;
+	}
+	s->core->last_push = last[2];
+	deferred_begin(s->core);
+	core_clear(s->core);
+	jobs_loaded(s->jobs, last[1]);
+	datasets_count(s->datasets); /* the first who asks is held against it */
+	*ret = s;
+	return 0;
+}
+
+struct service *service_free(struct service *s)
+{
+	if (!s)
+		return NULL;
+	if (s->core)
+		deferred_drop(s->core);
+	health_free(s->health);
+	maintenance_free(s->maintenance);
+	copies_free(s->copies);
+	pushes_free(s->pushes);
+	geoids_free(s->geoids);
+	jobs_free(s->jobs);
+	runs_free(s->runs);
+	datasets_free(s->datasets);
+	admission_free(s->admission);
+	core_free(s->core);
+	free(s);
+	return NULL;
+}
+
+/* ---- running ---- */
+
+static void settle(struct service *s)
+{
+	jobs_settle(s->jobs);
+	admission_stages(s->admission);
+	datasets_settle(s->datasets);
+	pushes_settle(s->pushes);
+	slots_settle(s->admission);
+	jobs_tidy(s->jobs);
+	admission_relieve(s->admission);
+}
+
+void service_settle(struct service *s)
+{
+	THREAD_LOOP_ONLY();
+	settle(s);
+	if (charge_make_room(s->core))
+		settle(s);
+}
+
+/* Domains that were used since then are those of jobs that run. */
+static void count_running(const struct service *s)
+{
+	double longest = jobs_longest(s->jobs);
+
+	space_running_since(s->core->space, longest < 0 ? INT64_MAX : clock_real_us() - (int64_t)(longest * 1e6));
+}
+
+/* Somebody has begun something. */
+static bool begun(const struct service *s)
+{
+	uint32_t running, waiting;
+
+	jobs_count(s->jobs, &running, &waiting);
+	return running || waiting || pushes_open(s->pushes) || jobs_busy(s->jobs, false);
+}
+
+void service_tick(struct service *s)
+{
+	THREAD_LOOP_ONLY();
+	/* Index pages are given back without a word. */
+	if (sched_starved(s->core->p.sched))
+		sched_give(s->core->p.sched, LEDGER_INDEX, 0);
+	jobs_tick(s->jobs);
+	pushes_tick(s->pushes);
+	maintenance_tick(s->maintenance);
+	if (clock_since(s->counted_ns) >= COUNT_SECONDS) {
+		s->counted_ns = clock_mono_ns();
+		datasets_count(s->datasets);
+		count_running(s);
+	}
+	if (deferred_over(s->core, begun(s)))
+		disk_look(s->core, service_active(s));
+	else
+		disk_mend(s->core);
+	datasets_tick(s->datasets);
+	service_settle(s);
+}
+
+/* More than so many tasks in the background, or anything else. */
+static bool anything(const struct service *s, unsigned background, bool queued)
+{
+	const struct core *core = s->core;
+
+	return pushes_open(s->pushes) || core->background > background || sched_busy(core->p.sched) > background ||
+	       catalogue_busy(core->p.catalogue) || jobs_busy(s->jobs, queued);
+}
+
+bool service_resting(const struct service *s)
+{
+	return deferred_waits(s->core);
+}
+
+bool service_active(const struct service *s)
+{
+	/* That the file systems are asked is no work: a daemon that ends when it is idle would never be. */
+	return anything(s, s->core->disk.asking, true);
+}
+
+/* ---- stopping ---- */
+
+void service_park(struct service *s)
+{
+	THREAD_LOOP_ONLY();
+	s->core->parking = true;
+	deferred_end(s->core);
+	datasets_park(s->datasets);
+	jobs_park(s->jobs);
+	service_settle(s);
+}
+
+bool service_parked(const struct service *s)
+{
+	return s->core->parking && !anything(s, 0, false);
+}
+
+void service_abandon(struct service *s)
+{
+	struct err err = ERR_INIT;
+
+	pushes_abandon(s->pushes);
+	if (io_folder_empty(s->core->onestepfd, &err) || io_folder_empty(s->core->tempfd, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "temporary files stay behind until the next start", &err);
+}
+
+/* ---- limits that change while it is at work: they hold from the next look at them on ---- */
+
+void service_set_limits(struct service *s, const struct service_limits *limits)
+{
+	struct core *core = s->core;
+
+	core->p.disk = limits->disk;
+	core->p.keep_free = limits->keep_free;
+	core->p.keep_removed = limits->keep_removed;
+	core->p.space_wait = limits->space_wait;
+	space_set_limits(core->space, limits->disk, limits->keep_free);
+	datasets_expire(s->datasets);
+}
+
+void service_set_user_limits(struct service *s, const struct user_limits *user)
+{
+	s->core->p.user = *user;
+	limit_count(s->core);
+}

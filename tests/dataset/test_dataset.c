@@ -1,0 +1,213 @@
+/*
+ * What becomes of a dataset as a whole, in one process: who may, whose turn it is, what a failure leaves, what is waited
+ * for before points go.
+ */
+#include "fixture.h"
+#include "job_priv.h"
+
+#include <errno.h>
+
+#include "io.h"
+
+static const struct peer other = {.uid = 1001, .pid = 2}, root = {.uid = 0, .pid = 3};
+
+static struct {
+	int answers;
+	struct err why;
+	struct reverted did;
+	struct grid_generation generation;
+	struct dataset *dataset;
+} told;
+
+static void reverted(void *token, const struct err *why, const struct reverted *r)
+{
+	told.answers++;
+	told.why = why ? *why : ERR_INIT;
+	if (!r)
+		return;
+	told.did = *r;
+	told.generation = *r->did; /* it goes with the answer */
+}
+
+static void changed(void *token, const struct err *why, struct dataset *d)
+{
+	told.answers++;
+	told.why = why ? *why : ERR_INIT;
+	told.dataset = d;
+}
+
+static enum err_code revert(struct dataset *d, uint64_t generation, const struct peer *peer)
+{
+	int before = told.answers;
+
+	dataset_revert(d, generation, peer, reverted, NULL);
+	turn_until(told.answers > before);
+	return told.why.code;
+}
+
+static enum err_code verb(enum dataset_verb what, const char *name, const struct peer *peer)
+{
+	struct dataset_wanted w = {.verb = what, .name = name, .as = "", .peer = *peer};
+	int before = told.answers;
+
+	dataset_verb(h.service->datasets, &w, changed, NULL);
+	turn_until(told.answers > before);
+	return told.why.code;
+}
+
+static unsigned manifests(const struct dataset *d)
+{
+	char path[128];
+	unsigned n = 0;
+	struct dirent *e;
+	DIR *dir;
+
+	snprintf(path, sizeof path, "%s/datasets/%llu", h.folder, (unsigned long long)d->id);
+	dir = opendir(path);
+	assert_non_null(dir);
+	while ((e = readdir(dir)))
+		n += !strncmp(e->d_name, "manifest-", 9);
+	closedir(dir);
+	return n;
+}
+
+/* The owner's and root's; another user sees it, and changes nothing. */
+static void test_rights(void **state)
+{
+	struct dataset *d = push("s", 100, 1);
+
+	assert_int_equal(revert(d, 0, &other), ERR_PERM);
+	for (enum dataset_verb v = DATASET_REMOVE; v <= DATASET_UNPIN; v++)
+		assert_int_equal(verb(v, "s", &other), v == DATASET_RESTORE ? ERR_NOTFOUND : ERR_PERM);
+	assert_int_equal(d->generation, 1);
+	assert_int_equal(revert(d, 0, &root), 0);
+	assert_int_equal(told.did.generation, 2);
+	assert_int_equal(told.did.undone, 1);
+	assert_int_equal(told.generation.files_removed, 1);
+	assert_int_equal(verb(DATASET_PIN, "s", &root), 0);
+	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_CONFLICT);
+	assert_int_equal(verb(DATASET_UNPIN, "s", &me), 0);
+	dataset_release(d);
+	assert_int_equal(verb(DATASET_REMOVE, "s", &me), 0);
+	assert_null(dataset_removed_after(h.service->datasets, 0, &other));
+	assert_ptr_equal(dataset_removed_after(h.service->datasets, 0, &me), d);
+	assert_ptr_equal(dataset_removed_after(h.service->datasets, 0, &root), d);
+	assert_int_equal(verb(DATASET_RESTORE, "s", &other), ERR_NOTFOUND);
+	assert_int_equal(verb(DATASET_RESTORE, "s", &root), 0);
+	assert_int_equal(d->uid, me.uid);
+}
+
+/* A revert waits while somebody else makes the next manifest, and a removal is refused. */
+static void test_turns(void **state)
+{
+	struct dataset *d = push("s", 100, 1);
+	int before = told.answers, x;
+
+	d->committer = &x;
+	dataset_revert(d, 0, &me, reverted, NULL);
+	dataset_revert(d, 2, &me, reverted, NULL);
+	for (int i = 0; i < 20; i++)
+		turn(1);
+	assert_int_equal(told.answers, before);
+	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_BUSY);
+	assert_int_equal(told.answers, ++before);
+	d->committer = NULL;
+	turn_until(told.answers == before + 2);
+	assert_int_equal(told.why.code, 0); /* the second one undoes the first */
+	assert_int_equal(d->generation, 3);
+	assert_int_equal(d->files, 1);
+	assert_null(d->committer);
+	assert_int_equal(manifests(d), 1);
+	dataset_release(d);
+}
+
+/* The manifest that somebody has the name of, and has not opened, stays. */
+static void test_readers(void **state)
+{
+	struct dataset *d = push("s", 100, 1);
+
+	dataset_read_begin(d);
+	assert_int_equal(revert(d, 0, &me), 0);
+	assert_int_equal(manifests(d), 2);
+	dataset_read_end(d);
+	assert_int_equal(revert(d, 0, &me), 0);
+	assert_int_equal(manifests(d), 1);
+	dataset_release(d);
+}
+
+static int fails(int fd)
+{
+	errno = EIO;
+	return -1;
+}
+
+/* What could not be written never was. */
+static void test_failure(void **state)
+{
+	struct dataset *d = push("s", 100, 1);
+	struct io_table broken = *io;
+	const struct io_table *whole = io;
+
+	broken.fsync = fails;
+	/* No worker is in it: what the push ends with is done. */
+	turn_until(!service_active(h.service));
+	io = &broken;
+	assert_int_equal(revert(d, 0, &me), ERR_IO);
+	turn_until(!service_active(h.service));
+	io = whole;
+	assert_int_equal(d->generation, 1);
+	assert_int_equal(d->files, 1);
+	assert_int_equal(manifests(d), 1);
+	assert_int_equal(revert(d, 0, &me), 0);
+	assert_int_equal(d->generation, 2);
+	dataset_release(d);
+}
+
+/* The points of a removed dataset are there as long as a job needs them, and no longer. */
+static void test_expiry(void **state)
+{
+	struct dataset *d = push("s", 40000, 1);
+	struct reader slow = {.output.calls = &reader_calls, .slow = true};
+	uint64_t id = d->id;
+	struct job *job;
+	char path[128];
+
+	h.service->core->p.keep_removed = 0.001;
+	job = submit(d, false, VIEW);
+	job_fetch(job, &slow.output);
+	turn_until(slow.sending);
+	dataset_release(d);
+	assert_int_equal(verb(DATASET_REMOVE, "s", &me), 0);
+	usleep(5000);
+	datasets_expire(h.service->datasets);
+	snprintf(path, sizeof path, "%s/datasets/%llu", h.folder, (unsigned long long)id);
+	assert_int_equal(access(path, F_OK), 0);
+	assert_non_null(info_of(job).dataset);
+	read_on(&slow);
+	turn_until(slow.ends);
+	assert_false(slow.failed);
+	turn_until_final(job);
+	assert_true(info_of(job).state == JOB_done);
+	turn_until(!job->fetches && !job->run);
+	datasets_expire(h.service->datasets);
+	turn_until(access(path, F_OK) != 0);
+	assert_null(info_of(job).dataset);
+	assert_null(dataset_removed_after(h.service->datasets, 0, &root));
+	slow = (struct reader){.output.calls = &reader_calls};
+	job_fetch(job, &slow.output);
+	turn_until(slow.ends);
+	assert_int_equal(slow.why.code, ERR_GONE);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(test_rights, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_turns, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_readers, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_failure, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_expiry, setup, teardown),
+	};
+
+	return cmocka_run_group_tests_name("datasets", tests, NULL, NULL);
+}

@@ -1,0 +1,302 @@
+/*
+ * A push whose row is on its way to the disk: what reads, and puts points into memory, goes on, what writes waits for the row,
+ * and a row that cannot be written ends the push. The test holds the row.
+ */
+#include "fixture.h"
+#include "dataset_priv.h"
+#include "io.h"
+
+static struct {
+	bool hold, held;
+	struct catalogue *catalogue;
+	struct catalogue_push row;
+	catalogue_done_fn done;
+	void *ctx;
+} put;
+
+int __real_catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn, void *, struct err *);
+int __wrap_catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn, void *, struct err *);
+
+int __wrap_catalogue_put_push(struct catalogue *c, const struct catalogue_push *row, catalogue_done_fn done, void *ctx,
+			      struct err *err)
+{
+	if (!put.hold)
+		return __real_catalogue_put_push(c, row, done, ctx, err);
+	put.catalogue = c;
+	put.row = *row;
+	put.done = done;
+	put.ctx = ctx;
+	put.held = true;
+	return 0;
+}
+
+static void let_row(void)
+{
+	struct err err = ERR_INIT;
+
+	assert_true(put.held);
+	put.hold = put.held = false;
+	assert_int_equal(__real_catalogue_put_push(put.catalogue, &put.row, put.done, put.ctx, &err), 0);
+}
+
+static const struct push_input input = {.name = "a.xyz"};
+
+static void plan_a_file(int fd)
+{
+	put.hold = true;
+	begin("a");
+	assert_int_equal(got.why.code, 0);
+	assert_true(put.held);
+	ask(push_probe(got.push, dup(fd), &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	ask(push_plan(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+}
+
+/* Up to the commit, which is asked and cannot be answered. */
+static void ask_a_commit(void)
+{
+	int fd = text_file(500, 3), answers;
+
+	plan_a_file(fd);
+	ask(push_file(got.push, fd, &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.file.in.points, 500);
+	answers = got.answers;
+	push_commit(got.push, NULL);
+	/* Nobody is at work for it, and nothing that is on its way wakes anybody. */
+	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
+	turn(0);
+	assert_false(sched_busy(h.sched));
+	assert_int_equal(got.answers, answers);
+}
+
+static void test_waits(void **state)
+{
+	int answers;
+
+	ask_a_commit();
+	answers = got.answers;
+	let_row();
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.committed.points, 500);
+	push_leave(got.push);
+	dataset_release(got.committed.dataset);
+}
+
+static void test_fails(void **state)
+{
+	struct err full = ERR_INIT;
+	int answers;
+
+	ask_a_commit();
+	answers = got.answers;
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+	turn_until(got.answers > answers);
+	/* The file has no part in it. */
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	assert_string_equal(got.why.file, "");
+	assert_string_equal(got.why.field, "push");
+	assert_string_equal(got.why.message, "the push into a cannot go on: the disk is full");
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	assert_string_equal(got.why.message, "the push into a cannot go on: the disk is full");
+	push_leave(got.push);
+	turn_until(!pushes_open(h.service->pushes));
+}
+
+/* What it had in memory is gone: no start would know of it. */
+static void test_leaves_without_a_row(void **state)
+{
+	struct err full = ERR_INIT;
+	int fd = text_file(500, 3);
+
+	plan_a_file(fd);
+	ask(push_file(got.push, fd, &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	turn(0);
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+	turn_until(!pushes_open(h.service->pushes));
+	assert_null(datasets_first(h.service->datasets) ? datasets_first(h.service->datasets)->pending : NULL);
+}
+
+/* ---- more points than the stage has memory for ---- */
+
+static struct io_table held_io;
+static const struct io_table *real_io;
+static atomic_int runs;
+
+static int look_openat(int dirfd, const char *path, int flags, mode_t mode)
+{
+	if ((flags & O_CREAT) && strstr(path, ".run"))
+		runs++;
+	return real_io->openat(dirfd, path, flags, mode);
+}
+
+enum { MANY = 400000 };
+
+/* Its File, whose worker has a run to write and waits. */
+static void ask_many(void)
+{
+	int fd = text_file(MANY, 3), answers;
+
+	close_service();
+	runs = 0;
+	real_io = io;
+	held_io = *io;
+	held_io.openat = look_openat;
+	io = &held_io; /* no thread reads it between the two */
+	open_service(UINT64_C(24) << 20, 2);
+	plan_a_file(fd);
+	answers = got.answers;
+	push_file(got.push, fd, &input, NULL);
+	turn_until(got.push->row_awaited || got.answers > answers);
+	assert_int_equal(got.answers, answers);
+	assert_int_equal(runs, 0);
+}
+
+static void test_runs_wait(void **state)
+{
+	int answers;
+
+	ask_many();
+	answers = got.answers;
+	let_row();
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.file.in.points, MANY);
+	assert_true(runs > 0);
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.committed.points, MANY);
+	push_leave(got.push);
+	dataset_release(got.committed.dataset);
+}
+
+static void test_runs_fail(void **state)
+{
+	struct err full = ERR_INIT;
+	int answers;
+
+	ask_many();
+	answers = got.answers;
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	assert_int_equal(runs, 0);
+	push_leave(got.push);
+	turn_until(!pushes_open(h.service->pushes));
+}
+
+/* Whoever goes while the row is still on its way has the worker back at once. */
+static void test_runs_leave(void **state)
+{
+	int answers;
+
+	ask_many();
+	answers = got.answers;
+	push_leave(got.push);
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_CANCELLED);
+	let_row();
+	turn_until(!pushes_open(h.service->pushes));
+	assert_int_equal(runs, 0);
+}
+
+/* None of its files is what an interrupted push left, which would be given up; but it is none. */
+static void test_fails_beside_a_pending_one(void **state)
+{
+	const struct push_input other = {.name = "b.xyz"};
+	struct err full = ERR_INIT;
+	int fd = text_file(500, 3), answers;
+
+	begin("a");
+	ask(push_probe(got.push, dup(fd), &input, NULL));
+	ask(push_plan(got.push, NULL));
+	ask(push_file(got.push, fd, &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	turn_until(!pushes_open(h.service->pushes));
+	assert_non_null(datasets_first(h.service->datasets)->pending);
+	put.hold = true;
+	begin("a");
+	assert_int_equal(got.why.code, 0);
+	assert_true(put.held);
+	ask(push_probe(got.push, text_file(400, 4), &other, NULL));
+	assert_int_equal(got.why.code, 0);
+	answers = got.answers;
+	push_plan(got.push, NULL);
+	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
+	turn(0);
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	push_leave(got.push);
+	turn_until(!pushes_open(h.service->pushes));
+	assert_non_null(datasets_first(h.service->datasets)->pending);
+	assert_int_equal(datasets_first(h.service->datasets)->pending->files, 1);
+	begin("a");
+	ask(push_probe(got.push, text_file(500, 3), &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	turn_until(!pushes_open(h.service->pushes));
+}
+
+static void test_leaves(void **state)
+{
+	int answers;
+
+	ask_a_commit();
+	answers = got.answers;
+	push_leave(got.push);
+	turn(0);
+	assert_int_equal(got.answers, answers); /* its end waits too: it removes the row */
+	let_row();
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_CANCELLED);
+	turn_until(!pushes_open(h.service->pushes));
+}
+
+/* Of a test that failed, too: the service waits for the row. */
+static int end(void **state)
+{
+	struct err err = ERR_INIT;
+	int r;
+
+	put.hold = false;
+	if (put.held) {
+		err_set(&err, ERR_CANCELLED, "the test is over");
+		put.held = false;
+		put.done(put.ctx, -ERR_CANCELLED, &err);
+	}
+	r = teardown(state);
+	if (real_io)
+		io = real_io;
+	return r;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(test_waits, setup, end),
+		cmocka_unit_test_setup_teardown(test_fails, setup, end),
+		cmocka_unit_test_setup_teardown(test_fails_beside_a_pending_one, setup, end),
+		cmocka_unit_test_setup_teardown(test_leaves, setup, end),
+		cmocka_unit_test_setup_teardown(test_leaves_without_a_row, setup, end),
+		cmocka_unit_test_setup_teardown(test_runs_wait, setup, end),
+		cmocka_unit_test_setup_teardown(test_runs_fail, setup, end),
+		cmocka_unit_test_setup_teardown(test_runs_leave, setup, end),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

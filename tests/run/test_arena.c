@@ -1,0 +1,203 @@
+/*
+ * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others
+ * lack memory, and given back at the end, however that comes. That all was given back is asserted where a service is closed.
+ *
+ * Linked with --wrap of what run_domain.c asks of run_arena.c, run_free, and failing_domain.h.
+ */
+#include "failing_domain.h"
+#include "fixture.h"
+
+#include "job_priv.h"
+#include "run_priv.h"
+
+enum { THREADS = 2, POINTS = 400000 };
+
+static struct {
+	atomic_uint asked, own, put, bare;
+	atomic_bool want; /* somebody else is to lack memory from the first one on that is put back */
+	struct sched_task hungry;
+	atomic_uint fed, fed_at; /* it had its memory; when so many had been asked for */
+} seen;
+
+uint64_t __real_run_arena_ask(struct run_domain *d, bool own);
+bool __real_run_arena_take(struct run_domain *d);
+void __real_run_arena_put(struct run_domain *d);
+
+uint64_t __wrap_run_arena_ask(struct run_domain *d, bool own);
+bool __wrap_run_arena_take(struct run_domain *d);
+void __wrap_run_arena_put(struct run_domain *d);
+
+uint64_t __wrap_run_arena_ask(struct run_domain *d, bool own)
+{
+	uint64_t bytes = __real_run_arena_ask(d, own);
+
+	seen.asked++;
+	seen.own += bytes > 0;
+	return bytes;
+}
+
+bool __wrap_run_arena_take(struct run_domain *d)
+{
+	bool is = __real_run_arena_take(d);
+
+	seen.bare += !is;
+	return is;
+}
+
+static void eat(struct sched_task *t)
+{
+	seen.fed_at = seen.asked;
+	seen.fed++;
+}
+
+static void eaten(struct sched_task *t)
+{
+	if (t->ran)
+		sched_give(h.sched, t->name, t->bytes);
+}
+
+void __wrap_run_arena_put(struct run_domain *d)
+{
+	seen.put++;
+	if (atomic_exchange(&seen.want, false)) {
+		/* All that is free, and a little of what this run has. */
+		seen.hungry = (struct sched_task){.run = eat,
+						  .done = eaten,
+						  .owner = {.uid = 1001, .flow = UINT64_MAX},
+						  .priority = SCHED_FIRST,
+						  .name = LEDGER_DOMAIN,
+						  .bytes = ledger_room(h.ledger, LEDGER_DOMAIN) + 1};
+		sched_submit(h.sched, &seen.hungry);
+	}
+	__real_run_arena_put(d);
+}
+
+struct run *__real_run_free(struct run *w);
+struct run *__wrap_run_free(struct run *w);
+
+/* None is left behind by whatever became of the run. */
+struct run *__wrap_run_free(struct run *w)
+{
+	if (w) {
+		assert_null(w->arenas.free);
+		assert_int_equal(w->arenas.owned, 0);
+		assert_int_equal(w->arenas.charged, 0);
+	}
+	return __real_run_free(w);
+}
+
+static int open_seen(void **state)
+{
+	int r = setup(state);
+
+	memset(&seen, 0, sizeof seen);
+	memset(&making, 0, sizeof making);
+	return r;
+}
+
+static void go_round(void **state)
+{
+	struct dataset *d = push("valley", POINTS, 1);
+	struct job *job = submit(d, false, "");
+
+	turn_until_final(job);
+	assert_int_equal(info_of(job).state, JOB_done);
+	assert_true(seen.asked > 3 * THREADS);
+	assert_in_range(seen.own, 1, THREADS);
+	assert_int_equal(seen.put, seen.asked);
+	assert_int_equal(seen.bare, 0);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+	dataset_release(d);
+}
+
+/* The same survey in a service that has nothing stored. */
+static void given_up(void **state)
+{
+	char digest[2][DIGEST_HEX_SIZE];
+
+	for (int i = 0; i < 2; i++) {
+		struct dataset *d;
+		struct job *job;
+
+		if (i) {
+			assert_int_equal(teardown(state), 0);
+			assert_int_equal(open_seen(state), 0);
+		}
+		d = push("valley", POINTS, 1);
+		seen.want = i == 1;
+		job = submit(d, false, "");
+		turn_until_final(job);
+		assert_int_equal(info_of(job).state, JOB_done);
+		assert_int_equal(info_of(job).report->domains_reused, 0);
+		snprintf(digest[i], sizeof digest[i], "%s", info_of(job).report->digest);
+		dataset_release(d);
+	}
+	/* While there was more to be made; and that was made with memory of its own again. */
+	assert_int_equal(seen.fed, 1);
+	assert_true(seen.fed_at < seen.asked);
+	assert_true(seen.bare > 0 && seen.own > THREADS);
+	assert_string_equal(digest[0], digest[1]);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+}
+
+static void stopped(void **state)
+{
+	/* From before the first has run. */
+	for (unsigned puts = 0; puts < 6; puts++) {
+		char name[16];
+		struct dataset *d;
+		struct job *job;
+
+		snprintf(name, sizeof name, "d%u", puts);
+		d = push(name, POINTS, puts);
+		memset(&seen, 0, sizeof seen);
+		memset(&making, 0, sizeof making);
+		job = submit(d, false, "");
+		turn_until((seen.asked && seen.put >= puts) || job_state_final(info_of(job).state));
+		job_cancel(job);
+		turn_until(!service_active(h.service));
+		assert_true(puts > 2 || info_of(job).state == JOB_cancelled);
+		assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+		dataset_release(d);
+	}
+}
+
+/* Whoever has the arena then, whether he brought it or was lent it. */
+static void split_or_failed(void **state)
+{
+	char whole[DIGEST_HEX_SIZE] = "";
+	uint64_t domains = 0;
+
+	for (unsigned at = 0; at < 7; at++)
+		for (unsigned fails = 0; fails < 2; fails++) {
+			struct dataset *d;
+			struct job *job;
+
+			assert_int_equal(teardown(state), 0);
+			assert_int_equal(open_seen(state), 0);
+			d = push("valley", POINTS / 2, 1);
+			atomic_store(fails ? &making.fail_at : &making.split_at, at);
+			job = submit(d, false, "");
+			turn_until_final(job);
+			turn_until(!service_active(h.service));
+			assert_int_equal(info_of(job).state, fails && at ? JOB_failed : JOB_done);
+			if (!fails && !at) {
+				snprintf(whole, sizeof whole, "%s", info_of(job).report->digest);
+				domains = info_of(job).report->domains;
+			} else if (!fails) {
+				assert_string_equal(info_of(job).report->digest, whole);
+				assert_int_equal(info_of(job).report->domains, domains + 1);
+			}
+			assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+			dataset_release(d);
+		}
+}
+
+#define TEST(f) cmocka_unit_test_setup_teardown(f, open_seen, teardown)
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {TEST(go_round), TEST(given_up), TEST(stopped), TEST(split_or_failed)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
