@@ -249,28 +249,40 @@ int input_guess_judge(struct input *in, const struct input_guess *g, struct err 
 }
 
 /* The first three numbers in a row that may be coordinates: of four that begin with a whole one before others with
- * decimals, the last three. */
+ * decimals, the last three. -1: there are no three. */
+static int first_of_three(struct input_words row)
+{
+	uint64_t three = row.numbers & row.numbers >> 1 & row.numbers >> 2;
+	int first = three ? __builtin_ctzll(three) : -1;
+
+	if (!three || row.words > INPUT_COLUMNS)
+		return -1;
+	return first + (three >> first & 2 && (row.whole >> first & 15) == 1);
+}
+
+bool input_guess_sees_numbers(const struct input *in, struct input_line line)
+{
+	struct input_words row = input_words_of(line);
+
+	return in->as.xyz.guesses && !(row.numbers & 1) && first_of_three(row) > 0;
+}
+
 int input_guess_hint(const struct input *in, struct input_line line, struct err *err)
 {
 	char en[INPUT_LETTERS], ne[INPUT_LETTERS];
 	struct input_words row = input_words_of(line);
-	uint64_t three = row.numbers & row.numbers >> 1 & row.numbers >> 2, parted;
-	int first;
+	int first = first_of_three(row);
 
-	if (!in->as.xyz.guesses || in->as.xyz.line != in->as.xyz.first)
+	if (!in->as.xyz.guesses || (in->as.xyz.line != in->as.xyz.first && !input_guess_sees_numbers(in, line)))
 		return -(int)err->code;
-	if (!three || row.words > INPUT_COLUMNS)
+	if (first < 0)
 		return err_add_hint(err,
-				    "comments begin with #, // or %%; other text may stand before the points where a line of "
-				    "names follows it");
-	first = __builtin_ctzll(three);
-	parted = row.whole >> first;
-	if (three >> first & 2 && (parted & 15) == 1)
-		first++;
+				    "comments begin with !, ;, #, %% or //; other text may stand before the points where a line "
+				    "of names follows it");
 	letters_from(first, row.words, en, ne);
 	return err_add_hint(
 		err,
-		"comments begin with #, // or %%; if the coordinates stand in other columns, say which: --columns %s, "
+		"comments begin with !, ;, #, %% or //; if the coordinates stand in other columns, say which: --columns %s, "
 		"or --columns %s if the northing comes first",
 		en, ne);
 }

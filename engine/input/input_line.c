@@ -249,11 +249,11 @@ __attribute__((noinline, cold)) static int odd_end(struct input *in, struct inpu
 	if (input_line_may_lack(in, role)) {
 		*ret = no_number;
 		*ret_next = separator(skip_column(column, line.end, *kind), line.end, last, kind);
-		return *ret_next ? 0 : input_wrong_separator(in, err, line);
+		return *ret_next ? 0 : input_wrong_separator(in, err, line, column);
 	}
 	if (role < INPUT_ROLES && input_line_no_value(line, column, *kind))
 		return odd_column(in, line, *kind, role, INPUT_NUMBER_NOT_FINITE, &column, ret, err);
-	return input_wrong_separator(in, err, line);
+	return input_wrong_separator(in, err, line, column);
 }
 
 int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES], struct err *err)

@@ -46,7 +46,7 @@ int input_line_parse(struct input *in, struct input_line line, struct input_numb
 bool input_line_no_value(struct input_line line, const char *p, char kind);
 /* -ERR_INPUT: what is wrong with a line, or the number at p. */
 int input_wrong_number(struct input *in, struct err *err, enum input_number_state state, struct input_line line, const char *p);
-int input_wrong_separator(struct input *in, struct err *err, struct input_line line);
+int input_wrong_separator(struct input *in, struct err *err, struct input_line line, const char *column);
 int input_wrong_commas(struct input *in, struct err *err, struct input_line line);
 int input_wrong_strict(struct err *err);
 /* What to do about a class or return that is no number. */
@@ -208,7 +208,10 @@ void input_guess_begin(const struct input *in, struct input_guess *);
 void input_guess_row(const struct input *in, struct input_guess *, struct input_line line);
 /* -ERR_INPUT if the first three columns are no x y z for sure; where that is likely only, a warning. */
 int input_guess_judge(struct input *in, const struct input_guess *, struct err *err);
-/* For a line that is no point, the first one of its file: letters for --columns as a hint, where it has three numbers. */
+/* Behind a word that is no number the line has the three numbers of a point, and nothing says what its columns are. */
+bool input_guess_sees_numbers(const struct input *in, struct input_line line);
+/* For a line that is no point: letters for --columns as a hint, where it has three numbers, and is the first one of its file or
+ * begins with a word that is no number. */
 int input_guess_hint(const struct input *in, struct input_line line, struct err *err);
 
 /* ---- numbers as multiples (input_place.c) ---- */

@@ -90,10 +90,11 @@ static bool is_digit(const char *p, struct input_line line)
 	return p >= line.at && p < line.end && isdigit((unsigned char)*p);
 }
 
-/* Bytes of what may stand between thousands: ' , _ and the blanks and quotes of UTF-8 for that; 0: it is none. */
+/* Bytes of what may stand between thousands: ' , . _ and the blanks and quotes of UTF-8 for that; 0: it is none. */
 static size_t mark_at(const char *p, struct input_line line)
 {
-	static const char *const marks[] = {"'", ",", "_", " ", "\1", "\xc2\xa0", "\xe2\x80\xaf", "\xe2\x80\x89", "\xe2\x80\x99"};
+	static const char *const marks[] = {"'",           ",", ".", "_", " ", "\1", "\xc2\xa0", "\xe2\x80\xaf", "\xe2\x80\x89",
+					    "\xe2\x80\x99"};
 
 	for (size_t i = 0; i < sizeof marks / sizeof *marks; i++) {
 		size_t n = strlen(marks[i]);
@@ -104,8 +105,20 @@ static size_t mark_at(const char *p, struct input_line line)
 	return 0;
 }
 
-/* Groups of three digits with one mark between them, from a digit on; behind commas and blanks there must be a decimal point,
- * since they separate columns, too. *ret_n: bytes. */
+/* The columns of the line are separated by something else. */
+static bool has_separator_beside(struct input_line line, char mark)
+{
+	static const char separators[] = " ,;\t";
+
+	for (const char *s = separators; *s; s++)
+		if (*s != mark && memchr(line.at, *s, (size_t)(line.end - line.at)))
+			return true;
+	return false;
+}
+
+/* Groups of three digits with one mark between them, from a digit on that is not behind a decimal point. Commas and blanks
+ * separate columns, too, and a point may be the decimal one: behind a group of the first two must be a decimal point, or there
+ * must be two groups. *ret_n: bytes. */
 static bool thousands_at(struct input_line line, const char *p, size_t *ret_n)
 {
 	const char *first = p;
@@ -114,7 +127,7 @@ static bool thousands_at(struct input_line line, const char *p, size_t *ret_n)
 
 	while (is_digit(p, line))
 		p++;
-	if (p - first > 3 || is_digit(first - 1, line) || !(mark = mark_at(p, line)))
+	if (p - first > 3 || (first > line.at && (is_digit(first - 1, line) || first[-1] == '.')) || !(mark = mark_at(p, line)))
 		return false;
 	kind = *p;
 	while ((size_t)(line.end - p) >= mark + 3 && mark_at(p, line) == mark && *p == kind && is_digit(p + mark, line) &&
@@ -123,7 +136,12 @@ static bool thousands_at(struct input_line line, const char *p, size_t *ret_n)
 		groups++;
 	}
 	*ret_n = (size_t)(p - first);
-	return groups && ((kind != ',' && kind != ' ') || (p < line.end && *p == '.' && is_digit(p + 1, line)));
+	if (kind == '.')
+		return groups >= 2;
+	if (kind != ',' && kind != ' ')
+		return groups;
+	return groups &&
+	       ((p < line.end && *p == '.' && is_digit(p + 1, line)) || (groups >= 2 && has_separator_beside(line, kind)));
 }
 
 /* -code, or 0: it has none. */
@@ -132,7 +150,7 @@ static int thousands(struct input *in, struct err *err, struct input_line line)
 	size_t n;
 
 	for (const char *p = line.at; p < line.end; p++) {
-		if (!is_digit(p, line) || is_digit(p - 1, line) || !thousands_at(line, p, &n))
+		if (!is_digit(p, line) || !thousands_at(line, p, &n))
 			continue;
 		input_bad_line(in, err, ERR_INPUT, "separators of thousands, it seems, and these are not read",
 			       (struct input_line){p, line.end});
@@ -187,7 +205,7 @@ int input_wrong_commas(struct input *in, struct err *err, struct input_line line
 		"read them with --decimal-comma, or write decimal points (123.45, not 123,45); one kind of separator a line");
 }
 
-int input_wrong_separator(struct input *in, struct err *err, struct input_line line)
+int input_wrong_separator(struct input *in, struct err *err, struct input_line line, const char *column)
 {
 	int rc = decimal_points(in, err, line);
 
@@ -195,6 +213,10 @@ int input_wrong_separator(struct input *in, struct err *err, struct input_line l
 		rc = thousands(in, err, line);
 	if (rc)
 		return rc;
+	if (column == line.at && input_guess_sees_numbers(in, line)) { /* 12A, 2024-05-13 */
+		input_bad_line(in, err, ERR_INPUT, "not a number", line);
+		return input_guess_hint(in, line, err);
+	}
 	if (has_decimal_comma(line))
 		return input_wrong_commas(in, err, line);
 	input_bad_line(in, err, ERR_INPUT, "numbers that run together, or two kinds of separators", line);

@@ -133,6 +133,12 @@ static const struct {
 	 "234.5;6;7\n",
 	 false, false, 1, "thousands", NULL},
 	{"1_234 6 7\n", false, false, 1, "thousands", NULL},
+	{"500,000 5,400,000 100\n", false, false, 1, "thousands, it seems, and these are not read: \"5,400,000 100\"", NULL},
+	{"5.400.000;500.000;100\n", false, false, 1, "thousands", NULL},
+	{"1 234 567;5 400 000;7\n", false, false, 1, "thousands", NULL},
+	{"1,234,567x,5,6\n", false, false, 1, "decimal commas", NULL},  /* of several columns */
+	{"1.5 2.500 103.25x\n", false, false, 1, "run together", NULL}, /* three decimals, three digits */
+	{"1.234.5 6 7\n", false, false, 1, "run together", NULL},
 	{"1 2 nan\n", false, false, 1, "finite", NULL}, /* nothing is left */
 	{"\n1 2 *\n1 2 nan\n", false, false, 2, "not a number", NULL},
 	{"1 2 3\n1 2 nan\n", false, true, 2, "finite", "--strict"},
