@@ -24,11 +24,18 @@
  *   labels    A is whole, P, Q and R have decimals each in some row, and a word that is no number follows, as in PNEZD lists that
  *             are not sorted
  *
- * So at least four columns are needed, five for cells: three have no room for an index. Grids in either order, lines and strips
+ * So at least four columns are needed, five for cells: three have no room for an index, but for numbers before two columns
+ * alone that are both beyond 30 000 as above, where no height is left. Grids in either order, lines and strips
  * along an axis and whole numbers of all kinds pass: in a grid x comes again, in a line along x y is one, and small
- * numbers are not far. What is likely only is said in a warning, of ten rows or more: the first column goes up by exactly
+ * numbers are not far.
+ *
+ * What is likely only is said in a warning. Of ten rows or more: the first column goes up by exactly
  * one, the next two varying; or it has a few whole values, the next three varying, with decimals. These may be classes before
- * local coordinates, or a grid of few columns, which looks the same.
+ * local coordinates, or a grid of few columns, which looks the same. And by the extents of the first three columns:
+ *
+ *   no height     the third has decimals and is beyond 30 000 everywhere, one of the others too, and the last one is not: "x z y"
+ *   degrees       the first two are written with five decimals, lie within 180 and 90 either way, and the third spans fifty times
+ *                 what they do
  */
 #include "input_text.h"
 
@@ -38,6 +45,7 @@
 #include <string.h>
 
 enum { FAR = 30000, RATIO = 100, ROWS_ENOUGH = 3, ROWS_LIKELY = 10, CLASSES = 255, LOOKED_AT = 5 };
+enum { DEGREE_PLACE = -5, DEGREE_SPAN = 50 };
 
 void input_guess_begin(const struct input *in, struct input_guess *g)
 {
@@ -71,12 +79,21 @@ static void take(struct input_guess_column *c, bool first, struct input_number n
 	c->last = v;
 }
 
+static bool are_both_far(double a, double b)
+{
+	return a >= FAR && b >= FAR && a <= RATIO * b && b <= RATIO * a;
+}
+
 static bool is_far(const struct input_guess *g, unsigned at)
 {
 	const struct input_guess_column *c = g->column + at;
 
-	return at + 2 < g->columns && c[0].least >= FAR && c[1].least >= FAR && fmax(fabs(c[2].min), fabs(c[2].max)) < FAR &&
-	       c[0].least <= RATIO * c[1].least && c[1].least <= RATIO * c[0].least;
+	return at + 2 < g->columns && are_both_far(c[0].least, c[1].least) && fmax(fabs(c[2].min), fabs(c[2].max)) < FAR;
+}
+
+static bool is_flat(const struct input_guess *g)
+{
+	return g->columns == 3 && are_both_far(g->column[1].least, g->column[2].least);
 }
 
 static bool is_labelled(const struct input_guess *g)
@@ -107,9 +124,10 @@ static bool is_open(const struct input_guess *g)
 {
 	const struct input_guess_column *a = g->column;
 
-	return g->columns >= 4 &&
-	       (counts(a) || (is_far(g, 1) && (!a->decimals || a->rises)) ||
-		(is_far(g, 2) && within(a, FAR - 1) && within(a + 1, FAR - 1)) || (g->described && !a->decimals) || has_few(g));
+	return is_flat(g) ? counts(a) :
+			    g->columns >= 4 && (counts(a) || (is_far(g, 1) && (!a->decimals || a->rises)) ||
+						(is_far(g, 2) && within(a, FAR - 1) && within(a + 1, FAR - 1)) ||
+						(g->described && !a->decimals) || has_few(g));
 }
 
 static void count_value(struct input_guess *g, double v)
@@ -163,7 +181,7 @@ static bool is_written(const struct input_guess *g)
 static bool are_numbers(const struct input_guess *g)
 {
 	return g->rows >= ROWS_ENOUGH && counts(g->column) && 2 * g->column[0].ones >= g->rows - 1 &&
-	       (is_far(g, 1) || is_written(g));
+	       (is_flat(g) || is_far(g, 1) || is_written(g));
 }
 
 static bool are_classes(const struct input_guess *g)
@@ -212,6 +230,13 @@ static int refuse(struct input *in, const struct input_guess *g, int first, cons
 			    ne, en);
 }
 
+static int refuse_flat(struct input *in, const struct input_guess *g, struct err *err)
+{
+	input_fail(in, err, ERR_INPUT, g->line, "line",
+		   "the first column counts up, as numbers of points do, and of the two behind neither is a height, it seems");
+	return err_add_hint(err, "a mesh needs heights; --columns xyz takes the first three columns as they are");
+}
+
 static bool vary_with_decimals(const struct input_guess_column *c)
 {
 	for (int i = 0; i < 3; i++)
@@ -237,10 +262,58 @@ static void warn(struct input *in, const struct input_guess *g)
 			g->few);
 }
 
-int input_guess_judge(struct input *in, const struct input_guess *g, struct err *err)
+/* How far the numbers of an axis are from zero, at least and at most. */
+static double least(const struct input_extent *e)
 {
+	return e->min > 0 ? e->min : e->max < 0 ? -e->max : 0;
+}
+
+static double most(const struct input_extent *e)
+{
+	return fmax(fabs(e->min), fabs(e->max));
+}
+
+/* The first or second column, which may be a height where the third is none; -1: the third may be one. */
+static int height_elsewhere(const struct input_extent axis[3])
+{
+	for (int i = 0; i < 2; i++)
+		if (most(&axis[i]) < FAR && are_both_far(least(&axis[1 - i]), least(&axis[2])))
+			return i;
+	return -1;
+}
+
+static bool are_degrees(const struct input_extent axis[3])
+{
+	double x = most(&axis[0]), y = most(&axis[1]);
+	double span = fmax(axis[0].max - axis[0].min, axis[1].max - axis[1].min);
+
+	return fmin(x, y) <= 90 && fmax(x, y) <= 180 && axis[0].written <= DEGREE_PLACE && axis[1].written <= DEGREE_PLACE &&
+	       span > 0 && axis[2].max - axis[2].min >= DEGREE_SPAN * span;
+}
+
+static void warn_of_extents(struct input *in, const struct input_extent axis[3])
+{
+	int height = axis[2].written < 0 ? height_elsewhere(axis) : -1; /* whole numbers may be millimetres */
+
+	if (height >= 0)
+		input_warn(
+			in,
+			"the third column is taken for the height, but no height is as large, and the %s may be one: --columns "
+			"says what they are",
+			height ? "second" : "first");
+	else if (are_degrees(axis))
+		input_warn(in, "x and y look like degrees: --assume-crs (as EPSG:4326) projects them, with --columns yxz if the "
+			       "latitude comes first");
+}
+
+int input_guess_judge(struct input *in, const struct input_guess *g, const struct input_extent axis[3], struct err *err)
+{
+	if (in->as.xyz.guesses)
+		warn_of_extents(in, axis);
 	if (!g->on || !g->rows)
 		return 0;
+	if (is_flat(g))
+		return are_numbers(g) ? refuse_flat(in, g, err) : 0;
 	for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
 		if (kinds[i].are(g))
 			return refuse(in, g, kinds[i].first, kinds[i].what, err);

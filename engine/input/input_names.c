@@ -31,8 +31,8 @@ static const struct {
 	 " n north northing northings nord norden hoch hochwert hw norte nor noord noorden nordlig nordlich pohjoinen eszaki "
 	 "polnoc polnocna sever sjever yukari kuzey "},
 	{INPUT_FIELD_HEIGHT,
-	 " elevation elev elevations ele height heights hgt ht alt altitude cota quota altitud altezza altura hauteur hoogte "
-	 "elevacion elevacao elevazione rl "},
+	 " elevation elev elevations ele height heights hgt ht alt alti altitude cota quota altitud altezza altura hauteur hoogte "
+	 "elevacion elevacao elevazione rl quotaslm cotasnm altitudsnm "},
 	{INPUT_FIELD_LOCAL_HEIGHT,
 	 " h hohe hoehe hohen hoehen hojd hojde hoyde kote kota vyska visina wysokosc rzedna korkeus magassag yukseklik kot "},
 	{INPUT_FIELD_LON, " lon long longitude lng longitud longitudine lange laenge lengtegraad langengrad laengengrad "},
@@ -69,7 +69,7 @@ static const char *const noise[] = {
 };
 /* Tokens that are noise as a whole only; so are those that begin with a digit ("UTM 32N"). */
 static const char silent[] =
-	" value msl nn nhn nap ngf navd88 ellipsoidal ellip ell orthometric ortho wgs etrs epsg lv95 lv03 ln02 lambert93 rd gk osgb "
+	" value msl nn nhn nap ngf navd88 ellipsoidal ellip ell orthometric ortho wgs etrs epsg lv95 lv03 ln02 lambert93 l93 rd gk osgb "
 	"gda94 gda2020 mga dhhn2016 dhhn92 u uber ueber ";
 
 static bool has(const char *words, const char *token)
@@ -175,13 +175,22 @@ static void append(char text[TOKEN], char c, bool *too_long)
 	text[n + 1] = 0;
 }
 
+/* The sign in the abbreviation of "number" (N\u00b0): a degree, or a small raised o. */
+static bool is_number_sign(const char *token, const char *at, const char *end)
+{
+	return !strcmp(token, "n") && end - at >= 2 && (!memcmp(at, "\xc2\xb0", 2) || !memcmp(at, "\xc2\xba", 2));
+}
+
 static void tokens_of(struct input_line word, struct tokens *ret)
 {
 	bool within = false;
 
 	memset(ret, 0, sizeof *ret);
 	for (const char *p = word.at; p < word.end;) {
+		bool number = within && is_number_sign(ret->token[ret->n - 1], p, word.end);
 		char c = letter_next(&p, word.end);
+
+		c = number ? 'o' : c;
 
 		if (!c) {
 			within = false;

@@ -184,6 +184,14 @@ int input_head_read(struct input *in, struct input_head *ret, struct err *err);
 /* Words that name coordinates. */
 bool input_head_is_names(struct input_line line);
 
+/* Of the numbers of an axis, as far as they were read. */
+struct input_extent {
+	double min, max;
+	int written, needed; /* places: of the last digit, of the last one that is not zero */
+	uint64_t line;       /* of the first number that needs that place */
+	bool deep;           /* some are */
+};
+
 /* ---- columns without names (input_guess.c) ---- */
 
 struct input_guess_column {
@@ -207,7 +215,7 @@ struct input_guess {
 void input_guess_begin(const struct input *in, struct input_guess *);
 void input_guess_row(const struct input *in, struct input_guess *, struct input_line line);
 /* -ERR_INPUT if the first three columns are no x y z for sure; where that is likely only, a warning. */
-int input_guess_judge(struct input *in, const struct input_guess *, struct err *err);
+int input_guess_judge(struct input *in, const struct input_guess *, const struct input_extent axis[3], struct err *err);
 /* Behind a word that is no number the line has the three numbers of a point, and nothing says what its columns are. */
 bool input_guess_sees_numbers(const struct input *in, struct input_line line);
 /* For a line that is no point: letters for --columns as a hint, where it has three numbers, and is the first one of its file or
@@ -215,14 +223,6 @@ bool input_guess_sees_numbers(const struct input *in, struct input_line line);
 int input_guess_hint(const struct input *in, struct input_line line, struct err *err);
 
 /* ---- numbers as multiples (input_place.c) ---- */
-
-/* Of the numbers of an axis, as far as they were read. */
-struct input_extent {
-	double min, max;
-	int written, needed; /* places: of the last digit, of the last one that is not zero */
-	uint64_t line;       /* of the first number that needs that place */
-	bool deep;           /* some are */
-};
 
 /* What the raw numbers of the axes are multiples of: as.xyz.place and info.coords. -ERR_INPUT: they are too large. */
 int input_places_choose(struct input *in, const struct input_extent axis[3], struct err *err);

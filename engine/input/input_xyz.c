@@ -258,7 +258,7 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 			rc = check_odd(in, probe->points, &probe->left_out, err);
 			if (!rc)
 				rc = check_count(in, probe, err);
-			return rc ? rc : input_guess_judge(in, &probe->guess, err);
+			return rc ? rc : input_guess_judge(in, &probe->guess, probe->axis, err);
 		}
 		if (take_count(in, line, probe, &rc, err)) {
 			if (rc)
@@ -340,7 +340,7 @@ static int probe_head(struct input *in, struct probe *probe, struct err *err)
 		if (rc)
 			return rc;
 		if (!line.at || line.end == (const char *)in->buffer + xyz->n_buffered)
-			return input_guess_judge(in, &probe->guess, err);
+			return input_guess_judge(in, &probe->guess, probe->axis, err);
 		rc = input_line_parse(in, line, n, err);
 		if (rc < 0)
 			return rc;

@@ -46,6 +46,12 @@ static const struct {
 	{"Y;X;ux;uy;uz;Z", NULL, "whether X is the easting", "--columns ne___z if"},
 	{"Nombre,Norte,Este,Altitud", "_yxz"},
 	{"Est,Nord,Quota", "xyz"},
+	{"N\xc2\xb0;Est;Nord;Altitude", "_xyz"},
+	{"N\xc2\xba,Norte,Este,Cota s.n.m.", "_yxz"},
+	{"N.;Est;Nord;Quota s.l.m.", NULL, "twice"},
+	{"Nome;Coordinata Est;Coordinata Nord;Quota s.l.m.", "_xyz"},
+	{"Nom;X_L93;Y_L93;Z_NGF", "_xyz"},
+	{"id;coord_x;coord_y;alti", "_xyz"},
 	{"X,Y,Altitude", "xyz"},
 	{"Id\tX (East)\tY (North)\tH", "_xyz"},
 	{"Noord,Oost,Hoogte", "yxz"},
@@ -339,8 +345,24 @@ static const struct {
 	 "8 1.5 3.5 1.5\n9 9.5 0.5 1.5\n2 3.5 4.5 5.5\n",
 	 NULL, NULL}, /* nine whole values are not few */
 	{"0 0 0\n1 0 0\n2 0 0\n", NULL, NULL},
-	{"1 0.5 1.5 9.5\n1 1.5 1.75 9.5\n2 2.5 1.25 9.5\n3 1.5 1.25 9.5\n", NULL, NULL},            /* x comes again */
-	{"1 5400073.990 500094.245\n2 5400074.990 500095.1\n3 5400074.990 500095.1\n", NULL, NULL}, /* no room for a number */
+	{"1 0.5 1.5 9.5\n1 1.5 1.75 9.5\n2 2.5 1.25 9.5\n3 1.5 1.25 9.5\n", NULL, NULL}, /* x comes again */
+	/* no heights */
+	{"1 5400073.990 500094.245\n2 5400074.990 500095.1\n3 5400074.990 500095.1\n", "neither is a height", "--columns xyz"},
+	{"7 5400073.990 500094.245 GND\n8 5400074.990 500095.1 GND\n10 5400074.990 500095.1 TREE\n", "neither is a height",
+	 "--columns xyz"},
+	{"1 5400073.990 500094.245\n2 5400074.990 500095.1\n2 5400074.990 500095.1\n", "w and the first may be one", NULL},
+	{"1 5400073.990 29000\n2 5400074.990 30095.1\n3 5400074.990 500095.1\n", NULL, NULL},
+	{"440750.1 107.5 3751290.2\n440750.9 -29999 3751291.1\n", "w and the second may be one", NULL},
+	{"107.5 -440750.1 3751290.2\n107.1 -440750.9 3751291.1\n", "w and the first may be one", NULL},
+	{"440750.1 107.5 3751290.2\n440750.9 30000 3751291.1\n", NULL, NULL},
+	{"440750.1 3751290.2 31107.5\n440750.9 3751291.1 31107.1\n", NULL, NULL},
+	{"12.5 440750.1 44076000.2\n12.5 440750.1 44076100.2\n", NULL, NULL}, /* a hundred times as far */
+	/* degrees */
+	{"48.00100 9.01000 400.5\n48.00200 9.02000 401.1\n", "w look like degrees", NULL},
+	{"-170.5 48.00100 400.5\n-170.49 48.00200 401.1\n", NULL, NULL},
+	{"-170.51234 48.00100 400.5\n-170.50123 48.00200 401.1\n", "w look like degrees", NULL},
+	{"170.51234 98.00100 400.5\n170.50123 98.00200 401.1\n", NULL, NULL},
+	{"1.00100 9.01000 4.5\n2.00200 9.02000 41.1\n", NULL, NULL}, /* something that stands, in metres */
 	{"0 0 5 100\n1 0 6 120\n2 0 7 110\n3 0 7 90\n", NULL, NULL},
 	{"0 0.0 5.5 0.5\n1 0.0 6.5 0.25\n2 0.0 7.5 0.5\n3 0.0 7.25 0.5\n", NULL, NULL},
 	{"5 0.5 1.5 9.5\n5 1.5 1.75 9.5\n5 2.5 1.25 9.5\n", NULL, NULL},
