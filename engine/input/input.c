@@ -103,26 +103,34 @@ static int choose_empty(struct input *in, struct err *err)
 	return err_add_hint(err, "copy it again; --input-format xyz takes it as a text without points");
 }
 
+/* A text of scans that is called a list of points: its heads are no points. */
+static int check_forced(struct input *in, size_t n, struct err *err)
+{
+	if (in->row->open != input_xyz_open || !input_ptx_matches(in->buffer, n))
+		return 0;
+	input_fail(in, err, ERR_INPUT, 0, NULL, "this is PTX, and --input-format says that it is %s", in->row->text->name);
+	return err_add_hint(err, "leave --input-format out, or say ptx");
+}
+
 static int choose_row(struct input *in, const char *format, struct err *err)
 {
 	size_t n;
 	int rc;
 
-	for (size_t i = 0; format && i < input_n_rows; i++) {
-		if (!strcmp(format, input_rows[i].text->name)) {
+	for (size_t i = 0; format && !in->row && i < input_n_rows; i++)
+		if (!strcmp(format, input_rows[i].text->name))
 			in->row = &input_rows[i];
-			return 0;
-		}
-	}
-	if (format) {
+	if (format && !in->row) {
 		err_set(err, ERR_USAGE, "there is no input format \"%s\"", format);
 		return err_add_hint(err, "\"acutctl formats\" lists them");
 	}
 	rc = io_read_some(in->fd, in->buffer, INPUT_SNIFF, 0, in->name, &n, err);
-	if (!rc)
-		n = input_encoding_sniff(in->buffer, n);
-	if (!rc)
-		rc = input_foreign_check(in, n, err);
+	if (rc)
+		return rc;
+	n = input_encoding_sniff(in->buffer, n);
+	if (format)
+		return check_forced(in, n, err);
+	rc = input_foreign_check(in, n, err);
 	if (rc || !in->size)
 		return rc ? rc : choose_empty(in, err);
 	in->row = recognise(in, n);

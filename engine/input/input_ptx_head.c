@@ -21,6 +21,7 @@ enum { THREE = 4, FOUR = 4 };
 static const int64_t turn_most = 2000000000000000;     /* 2 */
 static const int64_t shift_most = 1000000000000000000; /* a million kilometres */
 static const double rigid = 2e-3;
+static const char last_column[] = "the last column of the matrix is not 0 0 0 1";
 
 static const char *skip_blanks(const char *p, const char *end)
 {
@@ -79,7 +80,7 @@ static int read_row(struct input *in, struct input_line line, unsigned n, int pl
 		if (state == INPUT_NUMBER_NOT_FINITE)
 			return bad_head(in, err, line, "a number that is not finite");
 		if (state == INPUT_NUMBER_TOO_LONG)
-			return bad_head(in, err, line, "a number that is too large");
+			return bad_head(in, err, line, i < FOUR - 1 ? "a number that is too large" : last_column);
 		if (state != INPUT_NUMBER_OK)
 			return bad_head(in, err, line, what);
 	}
@@ -99,7 +100,7 @@ static int read_matrix_row(struct input *in, struct input_line line, unsigned ro
 	if (rc)
 		return rc;
 	if (number[3] != (moves ? one : 0))
-		return bad_head(in, err, line, "the last column of the matrix is not 0 0 0 1");
+		return bad_head(in, err, line, last_column);
 	memcpy(moves ? ptx->shift : ptx->turn[row], number, sizeof ptx->shift);
 	return 0;
 }

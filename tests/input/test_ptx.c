@@ -162,7 +162,8 @@ static const struct {
 	{"1\n1\n" AXES "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 inf 0 1\n1 2 3 4\n", ERR_INPUT, 10, "not finite"},
 	{"1\n1\n" AXES "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 1e30 0 1\n1 2 3 4\n", ERR_INPUT, 10, "too large"},
 	{"1\n1\n" AXES "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 0\n1 2 3 4\n", ERR_INPUT, 10, "not 0 0 0 1"},
-	{"1\n1\n" AXES "1 0 0 7\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 4\n", ERR_INPUT, 7, "too large"},
+	{"1\n1\n" AXES "1 0 0 5000\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 4\n", ERR_INPUT, 7, "not 0 0 0 1"},
+	{"1\n1\n" AXES "1 0 7 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 4\n", ERR_INPUT, 7, "too large"},
 	{"1\n1\n" AXES "1 0 0 1\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 4\n", ERR_INPUT, 7, "not 0 0 0 1"},
 	{"1\n1\n" AXES "0 0 0 0\n0 0 0 0\n0 0 0 0\n0 0 0 1\n1 2 3 4\n", ERR_INPUT, 10, "distorts"},
 	{"1\n1\n" AXES "1 0 0 0\n1 0 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 4\n", ERR_INPUT, 10, "distorts"},
@@ -223,6 +224,20 @@ static void told_apart(void **state)
 
 		if (rows[i].format ? out.code || strcmp(out.info.format, rows[i].format) : !out.code)
 			fail_msg("%s as %s: %d %s %s", rows[i].text, rows[i].name, out.code, out.err.message, out.info.format);
+	}
+}
+
+/* Nobody can have it read as points. */
+static void never_points(void **state)
+{
+	static const char text[] = "2\n1\n" SAME "1 2 3 4\n5 6 7 8\n", *const formats[] = {"pts", "xyz"};
+
+	for (size_t i = 0; i < 2; i++) {
+		const struct input_options options = {.format = formats[i], .accept_truncated = true};
+		struct outcome out = fixture_read(text, sizeof text - 1, "a.pts", &options, 10);
+
+		if (out.code != ERR_INPUT || !strstr(out.err.message, "this is PTX") || !strstr(out.err.hint, "--input-format"))
+			fail_msg("%s: %d %s (%s)", formats[i], out.code, out.err.message, out.err.hint);
 	}
 }
 
@@ -470,8 +485,9 @@ static void fixed_numbers(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(good_files), cmocka_unit_test(bad_files),    cmocka_unit_test(told_apart),
-		cmocka_unit_test(transforms), cmocka_unit_test(cut_anywhere), cmocka_unit_test(fixed_numbers),
+		cmocka_unit_test(good_files),    cmocka_unit_test(bad_files),  cmocka_unit_test(told_apart),
+		cmocka_unit_test(never_points),  cmocka_unit_test(transforms), cmocka_unit_test(cut_anywhere),
+		cmocka_unit_test(fixed_numbers),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
