@@ -202,16 +202,17 @@ static long double raw_of(const struct lattice_input *c, int k, double bound)
 		       (exact(d) - (c->has_offset ? exact(c->offset[k]) : 0)) / exact(c->scale[k]);
 }
 
-/* Points outside of the box; inside of a larger one they are right, and a box that is none was told with the header. Half a unit
- * is how far a header may round. Text has no header: its box is that of its points. */
+/* Points outside of the box; inside of a larger one they are right, and a box that is none was told with the header. Less than a
+ * unit is the rounding of a writer that keeps its own bounds and cuts off what the records do not hold. Text has no header: its
+ * box is that of its points. */
 static void compare_box(struct pipe_ingested *in, const struct lattice_input *c)
 {
-	static const long double half = 0.5L + 1e-6L;
+	static const long double unit = 1 - 1e-6L;
 
 	for (int k = 0; k < 3; k++) {
 		long double low = raw_of(c, k, c->min[k]) - in->low[k], high = raw_of(c, k, c->max[k]) - in->high[k];
 
-		if (!(c->min[k] <= c->max[k]) || (low <= half && high >= -half))
+		if (!(c->min[k] <= c->max[k]) || (low <= unit && high >= -unit))
 			continue;
 		warn(in, "the header's box is wrong: %c %.10g to %.10g, its points %.10g to %.10g", "xyz"[k], c -> min[k],
 		     c -> max[k], (double)(in->low[k] * exact(c->scale[k]) + exact(c->offset[k])),

@@ -190,7 +190,8 @@ static int too_wide(const struct lattice_facts *f, unsigned axis, struct decimal
 
 	err_set(err, ERR_INPUT, "with the scale %s, %c from %.10g to %.10g does not fit into 32 bits", decimal_text(scale, text),
 		axis_name[axis], min ? min->min[axis] : 0, max ? max->max[axis] : 0);
-	err_add_hint(err, "give a coarser --scale, or leave the file out");
+	err_add_hint(err,
+		     "give a coarser --scale, or leave the file out; a few points far from the rest, as at 0 0 0, do this, too");
 	return err_add_file(err, in->name);
 }
 

@@ -44,10 +44,10 @@ static void box(void **state)
 		info.coords.min[k] = -1e6;
 		info.coords.max[k] = 1e6;
 		assert_string_equal(compared(&info), "");
-		/* half a unit is rounding */
+		/* less than a unit is rounding */
 		info = header();
-		info.coords.max[k] -= 0.005;
-		info.coords.min[k] = 0.005;
+		info.coords.max[k] -= 0.009;
+		info.coords.min[k] = 0.009;
 		assert_string_equal(compared(&info), "");
 		info.coords.max[k] -= 0.001;
 		assert_non_null(strstr(compared(&info), "the header's box is wrong"));
