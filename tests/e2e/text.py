@@ -137,6 +137,21 @@ def many_at_one_position():
         expect(says not in d.ctl("submit", "zeros", "--wait", "--quiet").ok().err, "quiet")
 
 
+def far_from_the_rest():
+    """One point far away is told by its long edges, with --ground and without, and by the box of nearly all points."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        rest = ["%d.5 %d.5 %d 2" % (x, y, (7 * x + y) % 9) for x in range(80) for y in range(80)]
+        near, far = write(base, "near.txt", rest), write(base, "far.txt", rest + ["90000.5 40.5 3 2"])
+        for options in ((), ("--ground",)):
+            words = ("-o", base + "/out.ply", "--columns", "xyzc", *options)
+            expect("the longest edge is" not in d.ctl("mesh", near, *words).ok().err, "nothing is far")
+            r = d.ctl("mesh", far, *words).ok()
+            expect("of the mesh's area are triangles with edges above" in r.err and "the longest edge is 89" in r.err, r.err)
+        j = d.ctl("info", "--json", "--columns", "xyzc", far).ok().json()
+        expect(j["max"][:2] == [90000.5, 79.5] and j["inner_max"][:2] == [79.5, 79.5] and j["inner_min"][:2] == [0.5, 0.5], str(j))
+        expect("99.9 %" in d.ctl("info", "--columns", "xyzc", far).ok().out, "the list for people")
+
+
 def shapes():
     """Decimal commas, UTF-16 and lines without a value, from the option to the JSON."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -211,5 +226,6 @@ def without_points():
 
 
 if __name__ == "__main__":
-    main(same_points_however_written, classes_and_returns, what_is_refused, more_digits_than_fit, neighbouring_tiles, many_at_one_position, shapes, what_is_warned_about, what_is_no_x_y_z,
+    main(same_points_however_written, classes_and_returns, what_is_refused, more_digits_than_fit, neighbouring_tiles, many_at_one_position, far_from_the_rest,
+         shapes, what_is_warned_about, what_is_no_x_y_z,
          degrees_by_name, without_points)
