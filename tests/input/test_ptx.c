@@ -58,6 +58,12 @@ static const struct row good[] = {
 	 ""},
 	{"0\n5\n" SAME "1\n1\n" SAME "1 2 3 4\n", false, 1, {{10000, 20000, 30000}}, "2 scans, 1 cells", ""},
 	{"0\n0\n" SAME, false, 0, {{0}}, "1 scan, 0 cells", ""},
+	{"1\n4\n" SAME "0 0 3 0\n0 2 0 0\n1 0 0 0\n-0.000 0 0 0.5\n",
+	 false,
+	 3,
+	 {{0, 0, 30000}, {0, 20000, 0}, {10000, 0, 0}},
+	 "4 cells, 1 empty",
+	 ""},
 	/* rounded once, halves up, as the lattice does */
 	{"1\n4\n" SAME "0.00005 0.00015 -0.00005 0\n0.00004999 -0.00015 1e-4 0\n1234.567849999 1 1 0\n"
 	 "9.99999e2 .5 5. 0\n",

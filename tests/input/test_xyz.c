@@ -362,6 +362,7 @@ static void more_digits(void **state)
 		{"1.000000000000000000e+00 2.0000000000000000000 3\n", NULL, NULL, 0, 0, 1, 3, false}, /* zeros are no digits */
 		{"1 2 0.1234567890123456789\n4 5 6\n", NULL, "z is rounded to 0.00000001", 0, -8, 4, 600000000, true},
 		{"99999999999 1 1\n1 0.000000001 1\n", NULL, "to 0.0005", 0, 0, 2000, 1, true},
+		{"lon,lat,h\n0.12345678901234567,0,1\n9,0,1\n", NULL, "to 0.000000001,", -9, 0, INT64_C(9000000000), 1, true},
 		{"0.12345678 0 1\n100 0 1\n", NULL, "to 0.0000001", -8, 0, INT64_C(10000000000), 1, false},
 		{"1.00050000000000000001 0 1\n", "0.001", NULL, -9, 0, 1000500001, 1, true}, /* odd: above the middle */
 		{"1.00049999999999999999 0 1\n", "0.001", NULL, -9, 0, 1000499999, 1, true},
@@ -370,7 +371,7 @@ static void more_digits(void **state)
 	};
 
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
-		struct input_options options = {0};
+		struct input_options options = {.planar = true};
 		int fd = fixture_fd(rows[i].text, strlen(rows[i].text));
 		struct err err = ERR_INIT;
 		struct input_points pts;
