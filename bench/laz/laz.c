@@ -10,7 +10,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "input_parts.h"
+#include "input.h"
+#include "input_las_parts.h"
 #include "io.h"
 
 #ifdef HAVE_LASZIP
@@ -35,7 +36,7 @@ static int read_fd(void *ctx, uint64_t at, void *buf, size_t n, size_t *ret_n, s
 /* The records of a file; 0 on failure, which is told. */
 static unsigned long long acut_pass(const struct input *in, enum laz_fields fields)
 {
-	const struct input_las *las = &in->as.las;
+	const struct input_las *las = input_las_of(in);
 	int fd = in->fd;
 	const struct laz_source source = {&fd, read_fd};
 	void *memory = malloc(laz_table_bytes() + 64), *decoder = malloc(laz_reader_bytes(&las->laz, fields));

@@ -1,16 +1,14 @@
 /*
  * The door of the room: which format it is, opening, closing, and the watch over files that change.
  *
- * Model: an input is one allocation, its read buffer included; nothing is allocated afterwards, whatever
- * the file says. The descriptor is borrowed and only ever read at explicit offsets. Not here: threads,
- * paths, anything but regular files.
+ * Model: an input is one allocation, its read buffer and the state of its reader included; nothing is allocated afterwards,
+ * whatever the file says. The descriptor is borrowed and only ever read at explicit offsets. Not here: threads, paths, anything
+ * but regular files.
  */
-#include "input.h"
-#include "input_parts.h"
+#include "input_las.h"
+#include "input_table.h"
 #include "input_text.h"
 
-#include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,46 +16,19 @@
 
 #include "io.h"
 
+/* Of the state of any reader. */
+static size_t state_bytes(void)
+{
+	size_t most = 0;
+
+	for (size_t i = 0; i < input_n_rows; i++)
+		most = input_rows[i].reader->state_bytes > most ? input_rows[i].reader->state_bytes : most;
+	return most;
+}
+
 size_t input_bytes(void)
 {
-	return sizeof(struct input);
-}
-
-void input_warn(struct input *in, const char *fmt, ...)
-{
-	char *text = in->info.warning;
-	size_t n = strlen(text), size = sizeof in->info.warning;
-	va_list args;
-
-	if (n && n + 3 < size)
-		n += (size_t)snprintf(text + n, size - n, "; ");
-	va_start(args, fmt);
-	vsnprintf(text + n, size - n, fmt, args);
-	va_end(args);
-}
-
-static int stat_input(struct input *in, struct stat *st, struct err *err)
-{
-	if (io->fstat(in->fd, st) < 0) {
-		err_sys(err, errno, "cannot ask for the size of the file");
-		return err_add_file(err, in->name);
-	}
-	return 0;
-}
-
-int input_check_unchanged(struct input *in, struct err *err)
-{
-	struct stat st;
-	int rc = in->has_pipe ? 0 : stat_input(in, &st, err);
-
-	if (rc || in->has_pipe)
-		return rc;
-	if ((uint64_t)st.st_size != in->size || st.st_mtim.tv_sec != in->mtime.tv_sec ||
-	    st.st_mtim.tv_nsec != in->mtime.tv_nsec) {
-		input_fail(in, err, ERR_CHANGED, ERR_NO_OFFSET, NULL, "the file changed while it was read");
-		return err_add_hint(err, "wait until whoever writes it is done, then push it again");
-	}
-	return 0;
+	return sizeof(struct input) + state_bytes();
 }
 
 bool input_has_extension(const char *name, const char *extensions)
@@ -77,13 +48,21 @@ bool input_has_extension(const char *name, const char *extensions)
 	return false;
 }
 
+/* As a format that is no plain text. */
+static bool is_named_otherwise(const struct input *in)
+{
+	for (size_t i = 0; i < input_n_rows; i++)
+		if (!input_rows[i].reader->plain_text && input_has_extension(in->name, input_rows[i].text->extensions))
+			return true;
+	return false;
+}
+
 /* By content; where the content fits no format, by the name, so that the format's own reader says what
  * is wrong with it. */
 static const struct input_row *recognise(const struct input *in, size_t n)
 {
 	for (size_t i = 0; n && i < input_n_rows; i++)
-		if (input_rows[i].matches(in->buffer, n) &&
-		    !(input_rows[i].open == input_xyz_open && input_has_extension(in->name, ".las .laz .ptx")))
+		if (input_rows[i].reader->matches(in->buffer, n) && !(input_rows[i].reader->plain_text && is_named_otherwise(in)))
 			return &input_rows[i];
 	for (size_t i = 0; i < input_n_rows; i++)
 		if (input_has_extension(in->name, input_rows[i].text->extensions))
@@ -92,35 +71,35 @@ static const struct input_row *recognise(const struct input *in, size_t n)
 }
 
 /* Of no bytes only the name says what they are: a text of no points is one, any other format has at least a head. */
-static int choose_empty(struct input *in, struct err *err)
+static int choose_empty(struct input *in, const struct input_row **ret, struct err *err)
 {
 	for (size_t i = 0; i < input_n_rows; i++)
-		if (input_rows[i].open == input_xyz_open && input_has_extension(in->name, input_rows[i].text->extensions))
-			in->row = &input_rows[i];
-	if (in->row)
+		if (input_rows[i].reader->plain_text && input_has_extension(in->name, input_rows[i].text->extensions))
+			*ret = &input_rows[i];
+	if (*ret)
 		return 0;
 	input_fail(in, err, ERR_TRUNCATED, 0, "header", "the file is empty (0 bytes)");
 	return err_add_hint(err, "copy it again; --input-format xyz takes it as a text without points");
 }
 
 /* A text of scans that is called a list of points: its heads are no points. */
-static int check_forced(struct input *in, size_t n, struct err *err)
+static int check_forced(struct input *in, const struct input_row *row, size_t n, struct err *err)
 {
-	if (in->row->open != input_xyz_open || !input_ptx_matches(in->buffer, n))
+	if (!row->reader->plain_text || !input_ptx_reader.matches(in->buffer, n))
 		return 0;
-	input_fail(in, err, ERR_INPUT, 0, NULL, "this is PTX, and --input-format says that it is %s", in->row->text->name);
+	input_fail(in, err, ERR_INPUT, 0, NULL, "this is PTX, and --input-format says that it is %s", row->text->name);
 	return err_add_hint(err, "leave --input-format out, or say ptx");
 }
 
-static int choose_row(struct input *in, const char *format, struct err *err)
+static int choose_row(struct input *in, const char *format, const struct input_row **ret, struct err *err)
 {
 	size_t n;
 	int rc;
 
-	for (size_t i = 0; format && !in->row && i < input_n_rows; i++)
+	for (size_t i = 0; format && !*ret && i < input_n_rows; i++)
 		if (!strcmp(format, input_rows[i].text->name))
-			in->row = &input_rows[i];
-	if (format && !in->row) {
+			*ret = &input_rows[i];
+	if (format && !*ret) {
 		err_set(err, ERR_USAGE, "there is no input format \"%s\"", format);
 		return err_add_hint(err, "\"acutctl formats\" lists them");
 	}
@@ -129,12 +108,12 @@ static int choose_row(struct input *in, const char *format, struct err *err)
 		return rc;
 	n = input_encoding_sniff(in->buffer, n);
 	if (format)
-		return check_forced(in, n, err);
+		return check_forced(in, *ret, n, err);
 	rc = input_foreign_check(in, n, err);
 	if (rc || !in->size)
-		return rc ? rc : choose_empty(in, err);
-	in->row = recognise(in, n);
-	if (!in->row) {
+		return rc ? rc : choose_empty(in, ret, err);
+	*ret = recognise(in, n);
+	if (!*ret) {
 		input_fail(in, err, ERR_INPUT, 0, NULL, "neither LAS nor text: no format that acut knows");
 		return err_add_hint(err, "\"acutctl formats\" lists what can be read");
 	}
@@ -143,49 +122,60 @@ static int choose_row(struct input *in, const char *format, struct err *err)
 
 static int open_input(struct input *in, const char *format, struct err *err)
 {
-	struct stat st;
-	int rc = stat_input(in, &st, err);
+	const struct input_row *row = NULL;
+	int rc = input_take_stat(in, err);
 
 	if (rc)
 		return rc;
-	if (!S_ISREG(st.st_mode)) {
-		input_fail(in, err, ERR_INPUT, ERR_NO_OFFSET, NULL, "not a regular file");
-		return err_add_hint(err, "only regular files can be read as input");
-	}
-	in->size = (uint64_t)st.st_size;
-	in->mtime = st.st_mtim;
 	if (in->has_pipe) {
 		in->head = in->size;
 		in->size = UINT64_MAX / 2;
 	}
-	rc = choose_row(in, format, err);
+	rc = choose_row(in, format, &row, err);
 	if (rc)
 		return rc;
-	if (!in->size && in->row->open == input_xyz_open)
+	in->reader = row->reader;
+	if (!in->size && in->reader->plain_text)
 		input_warn(in, "the file is empty (0 bytes)");
-	in->info.format = in->row->text->name;
+	in->info.format = row->text->name;
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
-	in->info.bytes = in->info.bytes_selected = in->has_pipe ? 0 : in->size;
-	if (in->has_pipe && (in->row->matches == input_pts_matches || in->row->open == input_ptx_open))
-		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "%s cannot be read from a pipe",
-				  in->row->text->name);
-	in->info.accounted = in->row->open == input_las_open ? 0 : in->info.bytes;
-	rc = in->row->open(in, err);
+	in->info.bytes = in->info.bytes_selected = in->info.accounted = in->has_pipe ? 0 : in->size;
+	if (in->has_pipe && !in->reader->forwards)
+		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "%s cannot be read from a pipe", row->text->name);
+	rc = in->reader->open(in, err);
 	in->bytes_read = 0;
 	return rc;
 }
 
+/* All zeros, or like `whole`, but for the buffer. */
+static struct input *allocate(const struct input *whole)
+{
+	size_t state = state_bytes();
+	struct input *in = malloc(sizeof *in + state);
+
+	if (!in)
+		return NULL;
+	if (whole)
+		memcpy(in, whole, offsetof(struct input, buffer));
+	else
+		memset(in, 0, offsetof(struct input, buffer));
+	if (whole)
+		memcpy(input_state(in), input_state(whole), state);
+	else
+		memset(input_state(in), 0, state);
+	return in;
+}
+
 int input_open(int fd, const char *name, const struct input_options *options, struct input **ret, struct err *err)
 {
-	struct input *in = malloc(sizeof *in);
+	struct input *in = allocate(NULL);
 	int rc;
 
 	if (!in) {
 		err_set(err, ERR_NOMEM, "no memory to read a file");
 		return err_add_file(err, name);
 	}
-	memset(in, 0, offsetof(struct input, buffer));
 	in->fd = fd;
 	snprintf(in->name, sizeof in->name, "%s", name);
 	in->accept_truncated = options->accept_truncated;
@@ -225,16 +215,15 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 	if (first >= last || last > whole->info.parts)
 		return err_set(err, ERR_INTERNAL, "parts %llu to %llu of %llu", (unsigned long long)first,
 			       (unsigned long long)last, (unsigned long long)whole->info.parts);
-	in = malloc(sizeof *in);
+	in = allocate(whole);
 	if (!in) {
 		err_set(err, ERR_NOMEM, "no memory to read a file");
 		return err_add_file(err, whole->name);
 	}
-	memcpy(in, whole, offsetof(struct input, buffer));
 	in->info.coords.name = in->name;
 	in->seen = NULL; /* parts are read at once, and not upwards */
-	if (in->row->part)
-		in->row->part(in, first, last);
+	if (in->reader->part)
+		in->reader->part(in, first, last);
 	*ret = in;
 	return 0;
 }
@@ -252,13 +241,18 @@ uint64_t input_bytes_read(const struct input *in)
 int input_read(struct input *in, struct input_points *pts, struct err *err)
 {
 	pts->n = 0;
-	return in->row->read(in, pts, err);
+	return in->reader->read(in, pts, err);
+}
+
+uint64_t input_forward_head(const uint8_t *bytes, size_t n)
+{
+	return input_las_forward_head(bytes, n);
 }
 
 struct input *input_close(struct input *in)
 {
-	if (in && in->row && in->row->close)
-		in->row->close(in);
+	if (in && in->reader && in->reader->close)
+		in->reader->close(in);
 	free(in);
 	return NULL;
 }

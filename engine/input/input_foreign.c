@@ -6,7 +6,8 @@
  * not contradict. A text that is a row here is never taken for points, unless --input-format says so. In a hint @ stands for the
  * file and & for its name without the last ending.
  */
-#include "input_parts.h"
+#include "input_table.h"
+#include "input_text.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -84,7 +85,7 @@ static bool has_text(const struct head *h, const char *text)
 
 static bool is_text(const struct head *h)
 {
-	return input_xyz_matches(h->at, h->n);
+	return input_text_is(h->at, h->n);
 }
 
 static bool is_binary(const struct head *h)
@@ -181,14 +182,15 @@ static bool is_obj(const struct head *h)
 static bool is_esri_ascii(const struct head *h)
 {
 	const char *p = first_line(h, 0), *at;
-	struct input_number number;
 	struct line l;
 
 	if (!(has_words(h, p, "ncols") || has_words(h, p, "nrows")) || !next_line(h, &p, &l))
 		return false;
 	for (at = l.at + strlen("ncols"); at < l.at + l.n && isspace((unsigned char)*at);)
 		at++;
-	return input_number_read(&at, l.at + l.n, &number) == INPUT_NUMBER_OK && at == l.at + l.n;
+	for (p = at; at < l.at + l.n && isdigit((unsigned char)*at);)
+		at++;
+	return at > p && at == l.at + l.n;
 }
 
 static bool is_surfer_text(const struct head *h)

@@ -1,5 +1,7 @@
 /* The formats, one row each. A new format is a new row here and a new file beside this one. */
-#include "input_parts.h"
+#include "input_las.h"
+#include "input_table.h"
+#include "input_text.h"
 
 enum { LAS, PTX, PTS, XYZ, ROWS };
 
@@ -12,10 +14,10 @@ static const struct input_format_row texts[ROWS] = {
 };
 
 const struct input_row input_rows[ROWS] = {
-	[LAS] = {&texts[LAS], input_las_matches, input_las_open, input_las_read, input_las_part, input_laz_close},
-	[PTX] = {&texts[PTX], input_ptx_matches, input_ptx_open, input_ptx_read, NULL, NULL},
-	[PTS] = {&texts[PTS], input_pts_matches, input_xyz_open, input_xyz_read, NULL, NULL},
-	[XYZ] = {&texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read, NULL, NULL},
+	[LAS] = {&texts[LAS], &input_las_reader},
+	[PTX] = {&texts[PTX], &input_ptx_reader},
+	[PTS] = {&texts[PTS], &input_pts_reader},
+	[XYZ] = {&texts[XYZ], &input_xyz_reader},
 };
 
 const size_t input_n_rows = ROWS;

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "fuzz_input.h"
-#include "input_parts.h"
+#include "input_las_parts.h"
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {

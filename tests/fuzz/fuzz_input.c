@@ -11,7 +11,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "input_parts.h"
+#include "input_reader.h"
 
 int LLVMFuzzerInitialize(int *argc, char ***argv);
 

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "fuzz_input.h"
-#include "input_text.h"
+#include "input_text_parts.h"
 
 #define AXES "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
 #define SAME AXES "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"

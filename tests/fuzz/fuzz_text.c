@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "fuzz_input.h"
-#include "input_parts.h"
+#include "input_text_parts.h"
 
 static const char *const texts[] = {
 	"\1"

@@ -15,7 +15,7 @@
 
 #include "decimal.h"
 #include "fixture.h"
-#include "input_parts.h"
+#include "input_las_parts.h"
 
 struct row {
 	const char *file;
@@ -181,8 +181,8 @@ static void check_file(const char *folder, const struct row *row, bool whole)
 	if (!rc) {
 		check_variant(row, input_info(in));
 		check_system(row, input_info(in));
-		in->as.las.watch = whole ? hash_records : NULL;
-		in->as.las.watch_arg = hash;
+		input_las_of(in)->watch = whole ? hash_records : NULL;
+		input_las_of(in)->watch_arg = hash;
 		while (!(rc = input_read(in, &pts, &err)) && pts.n)
 			add(&sums, &pts);
 		check_sums(row, &sums, &input_info(in)->coords);
