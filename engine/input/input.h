@@ -37,9 +37,9 @@ struct input *input_close(struct input *);
 /* Bytes of the file that were read for points so far, by this reader. */
 uint64_t input_bytes_read(const struct input *);
 
-/* The table, for `acutctl formats`. */
+/* The table, in the order in which formats are looked for. `title`: what is read, for messages. */
 struct input_format_row {
-	const char *name, *help, *extensions;
+	const char *name, *title, *help, *extensions;
 };
 const struct input_format_row *input_formats(size_t *ret_n);
 

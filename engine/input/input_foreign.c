@@ -394,15 +394,29 @@ static void add_hint(const char *hint, const char *name, struct err *err)
 	err_add_hint(err, "%s", text);
 }
 
+/* "LAS, LAZ, PTX and text" */
+static void list_titles(char *ret, size_t size)
+{
+	size_t n = 0;
+
+	for (size_t i = 0; i < input_n_rows && n < size; i++)
+		n += (size_t)snprintf(ret + n, size - n, "%s%s",
+				      !n                   ? "" :
+				      i + 1 < input_n_rows ? ", " :
+							     " and ",
+				      input_rows[i].text->title);
+}
+
 int input_foreign_check(struct input *in, size_t n, struct err *err)
 {
 	const struct head h = {in->buffer, n, in->size, in->name};
+	char titles[200];
 
 	for (size_t i = 0; n && i < sizeof rows / sizeof *rows; i++) {
 		if (!fits(&rows[i], &h))
 			continue;
-		input_fail(in, err, ERR_INPUT, ERR_NO_OFFSET, NULL,
-			   "this is %s; acut reads LAS, LAZ, COPC, PTX, PTS and text of x y z", rows[i].what);
+		list_titles(titles, sizeof titles);
+		input_fail(in, err, ERR_INPUT, ERR_NO_OFFSET, NULL, "this is %s; acut reads %s", rows[i].what, titles);
 		add_hint(rows[i].hint, in->name, err);
 		return -(int)ERR_INPUT;
 	}

@@ -1,4 +1,4 @@
-/* The formats, one row each. A new format is a new row here and a new file beside this one. */
+/* The formats, one row each. acutctl has the names, extensions and helps of its own: tests/input/formats.py compares them. */
 #include "input_las.h"
 #include "input_table.h"
 #include "input_text.h"
@@ -6,11 +6,12 @@
 enum { LAS, PTX, PTS, XYZ, ROWS };
 
 static const struct input_format_row texts[ROWS] = {
-	[LAS] = {"las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10", ".las .laz"},
-	[PTX] = {"ptx", "scans of a scanner that stands (Leica, FARO): cells by column and row, each scan with its matrix",
+	[LAS] = {"las", "LAS, LAZ, COPC", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10", ".las .laz"},
+	[PTX] = {"ptx", "PTX", "scans of a scanner that stands (Leica, FARO): cells by column and row, each scan with its matrix",
 		 ".ptx"},
-	[PTS] = {"pts", "text with the number of points in its first line, then as xyz", ".pts"},
-	[XYZ] = {"xyz", "text, one point a line: x y z or --columns; space, tab, comma or semicolon", ".xyz .txt .csv .asc"},
+	[PTS] = {"pts", "PTS", "text with the number of points in its first line, then as xyz", ".pts"},
+	[XYZ] = {"xyz", "text of x y z", "text, one point a line: x y z or --columns; space, tab, comma or semicolon",
+		 ".xyz .txt .csv .asc"},
 };
 
 const struct input_row input_rows[ROWS] = {
