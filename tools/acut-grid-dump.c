@@ -20,7 +20,7 @@
 #include "dump_manifest.h"
 #include "err.h"
 #include "grid.h"
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_disk.h"
 #include "grid_run.h"
 #include "io.h"

@@ -3,6 +3,7 @@
 #define CACHE_PRIV_H
 
 #include "grid.h"
+#include "grid_verify.h"
 #include "job_priv.h"
 #include "lock.h"
 

@@ -16,6 +16,7 @@
 
 #include "backup.h"
 #include "clock.h"
+#include "grid_verify.h"
 #include "io.h"
 #include "log.h"
 #include "push_priv.h"

@@ -16,6 +16,7 @@
  */
 #include <stdio.h>
 
+#include "grid_stage.h"
 #include "job_priv.h"
 #include "parse.h"
 #include "run_priv.h"

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grid_stage.h"
 
 enum { BATCH = 8192 };
 

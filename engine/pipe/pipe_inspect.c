@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grid_stage.h"
 #include "io.h"
 #include "pipe.h"
 #include "pipe_inner.h"

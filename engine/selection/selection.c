@@ -23,6 +23,7 @@
 
 #include "align.h"
 #include "err.h"
+#include "grid_stage.h"
 
 #define PROGRESS_POINTS (1u << 18)
 

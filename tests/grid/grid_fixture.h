@@ -8,6 +8,7 @@
 
 #include "err.h"
 #include "grid.h"
+#include "grid_stage.h"
 #include "point.h"
 
 /* ---- numbers that look random and are the same everywhere ---- */

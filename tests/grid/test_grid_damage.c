@@ -12,9 +12,10 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_disk.h"
 #include "grid_fixture.h"
+#include "grid_verify.h"
 
 struct bytes {
 	uint8_t *at;

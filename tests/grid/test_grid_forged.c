@@ -12,9 +12,10 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_disk.h"
 #include "grid_fixture.h"
+#include "grid_verify.h"
 
 enum { SOURCES = 3, HEAVY = 6, RECORDS = 1030, ROOM = 1 << 21, MESSAGE = sizeof((struct err *)0)->message };
 

@@ -11,7 +11,7 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_fixture.h"
 #include "ledger.h"
 

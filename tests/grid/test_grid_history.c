@@ -15,8 +15,9 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_fixture.h"
+#include "grid_rewrite.h"
 
 enum { SOURCES = 400, SEGMENTS = 64, RECORDS = 200000 };
 
@@ -115,11 +116,11 @@ static void rewrite(struct history *h, const size_t *which, size_t n, const uint
 		some[i] = h->segments[which[i]];
 	snprintf(name, sizeof name, "made%u", h->files++);
 	p.name = name;
-	p.memory = grid_rewrite_least(some, n, p.nsources) + rng_below(&h->rng, 1 << 20);
+	p.memory = grid_rewrite_min_bytes(some, n, p.nsources) + rng_below(&h->rng, 1 << 20);
 	CHECK(grid_rewrite_new(&p, &w, &err));
 	while (!(rc = grid_rewrite_step(w, &err)))
 		;
-	CHECK(rc == GRID_REWRITE_OVER ? 0 : rc);
+	CHECK(rc == GRID_REWRITE_DONE ? 0 : rc);
 	CHECK(grid_rewrite_finish(w, &made, &err));
 	for (size_t i = 0; i < h->nsegments; i++) {
 		bool old = false;
@@ -175,7 +176,7 @@ static void prune(struct history *h)
 			struct err err = ERR_INIT;
 			uint64_t points;
 
-			CHECK(grid_segment_holds(h->f.fd, &h->segments[i], drop, ndrop, &points, &err));
+			CHECK(grid_segment_count_sources(h->f.fd, &h->segments[i], drop, ndrop, &points, &err));
 			more = points > 0;
 			if (more)
 				rewrite(h, &i, 1, drop, ndrop);

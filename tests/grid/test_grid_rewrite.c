@@ -15,8 +15,9 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_fixture.h"
+#include "grid_rewrite.h"
 
 enum { PLENTY = 8 << 20 };
 
@@ -48,7 +49,7 @@ static int rewrite(const struct folder *f, const char *name, const struct grid_s
 	int rc;
 
 	if (!memory)
-		p.memory = grid_rewrite_least(segments, n, p.nsources);
+		p.memory = grid_rewrite_min_bytes(segments, n, p.nsources);
 	rc = grid_rewrite_new(&p, &w, err);
 	if (rc)
 		return rc;
@@ -195,7 +196,8 @@ static void test_too_little(void **state)
 	struct err err = ERR_INIT;
 
 	seal_parts(&f, &all, 2, part);
-	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_least(part, 2, 100) - 1, &made, &err), -ERR_LIMIT);
+	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_min_bytes(part, 2, 100) - 1, &made, &err),
+			 -ERR_LIMIT);
 	assert_int_equal(folder_files(&f, ""), 2);
 	set_free(&all);
 	folder_remove(&f);
@@ -282,9 +284,9 @@ static void test_holds(void **state)
 	seal_parts(&f, &all, 2, part);
 	for (size_t i = 0; i < all.n; i++)
 		want += all.ids[i] == 2;
-	CHECK(grid_segment_holds(f.fd, &part[0], ids, 3, &points, &err));
+	CHECK(grid_segment_count_sources(f.fd, &part[0], ids, 3, &points, &err));
 	assert_int_equal(points, want);
-	CHECK(grid_segment_holds(f.fd, &part[0], ids + 1, 2, &points, &err));
+	CHECK(grid_segment_count_sources(f.fd, &part[0], ids + 1, 2, &points, &err));
 	assert_int_equal(points, 0);
 	set_free(&all);
 	folder_remove(&f);

@@ -470,7 +470,7 @@ static void test_left(void **state)
 	int rc = -1;
 
 	CHECK(stage_set(&f, "want", &s, 0, &want, &err));
-	CHECK(grid_stage_leave(stage, &err));
+	CHECK(grid_stage_suspend(stage, &err));
 	table.pwrite = failing_pwrite;
 	for (long n = 1; rc; n++) {
 		err = ERR_INIT;
@@ -481,7 +481,7 @@ static void test_left(void **state)
 		assert_true(!rc || rc == -ERR_NOSPACE);
 		if (!rc)
 			break;
-		grid_stage_part(stage);
+		grid_stage_detach(stage);
 		err = ERR_INIT;
 		CHECK(grid_stage_resume(&params, &stage, &err));
 	}

@@ -19,6 +19,7 @@
 
 #include "err.h"
 #include "grid_fixture.h"
+#include "grid_stage.h"
 #include "io.h"
 #include "pipe.h"
 #include "pipe_priv.h"

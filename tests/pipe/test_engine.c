@@ -20,6 +20,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "grid_stage.h"
 #include "ledger.h"
 #include "pipe.h"
 #include "pipe_inner.h"
