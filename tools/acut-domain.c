@@ -274,7 +274,7 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (!r) {
 		pipe_key_init(&key, s->grid, &s->view);
-		r = pipe_keep(dirfd, &key, &region, &domain, memory, &stored, NULL, err);
+		r = pipe_store(dirfd, &key, &region, &domain, memory, &stored, NULL, err);
 	}
 	if (!r)
 		printf("%.2s/d-%s-%s points %llu halo %llu triangles %u digest %s\n", digest_hex(stored.id.base, base), base,

@@ -185,7 +185,7 @@ bool admit_only(struct jobs *j)
 /* Of a plan of the lowest rung on a dataset of one segment. */
 uint64_t admit_least(void)
 {
-	return pipe_budget_least(NULL);
+	return pipe_budget_min(NULL);
 }
 
 enum { MEGA = 1 << 20 };
@@ -208,7 +208,7 @@ uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t posit
 			continue;
 		if (b.cap >= positions)
 			return total;
-		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == j->p.threads)
+		if (b.load == pipe_load[PIPE_LOADS - 1] && b.threads == j->p.threads)
 			break;
 	}
 	return 0;

@@ -306,7 +306,7 @@ uint64_t limit_memory(const struct jobs *j, const struct sched_owner *owner)
  * for when the other is split. */
 static uint64_t run_claim(const struct run *w)
 {
-	uint64_t least = pipe_budget_least(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
+	uint64_t least = pipe_budget_min(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
 	uint64_t need = w->slot->need > least ? w->slot->need : least;
 
 	if (w->state >= RUN_PLANNING)

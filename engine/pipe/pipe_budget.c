@@ -8,7 +8,7 @@
 #include "pipe_priv.h"
 #include "tri.h"
 
-const uint32_t pipe_rung[PIPE_RUNGS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
+const uint32_t pipe_load[PIPE_LOADS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
 
 /* Room for the halo: an eighth of the load and what a small, ragged region needs. Measured halos of ordinary
  * surveys are 0.5 to 6 % of a region's points (algorithm.md 4); a region that needs more is split. */
@@ -28,9 +28,9 @@ static size_t reader_bytes_of(const struct grid *grid)
 	return grid ? grid_reader_bytes(grid) : (size_t)1 << 18;
 }
 
-size_t pipe_budget_least(const struct grid *grid)
+size_t pipe_budget_min(const struct grid *grid)
 {
-	return 2 * pipe_domain_bytes(cap_of(pipe_rung[0]), reader_bytes_of(grid));
+	return 2 * pipe_domain_bytes(cap_of(pipe_load[0]), reader_bytes_of(grid));
 }
 
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err)
@@ -42,8 +42,8 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 	if (!threads)
 		threads = 1;
 	for (unsigned t = threads; t; t--) {
-		for (rung = PIPE_RUNGS; rung-- > 0;) {
-			bytes = pipe_domain_bytes(cap_of(pipe_rung[rung]), reader);
+		for (rung = PIPE_LOADS; rung-- > 0;) {
+			bytes = pipe_domain_bytes(cap_of(pipe_load[rung]), reader);
 			/* One more than there are threads: a finished domain is sent while all threads compute. */
 			if (bytes * (t + 1) <= memory)
 				break;
@@ -51,8 +51,8 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 		/* Fewer threads only where not even the lowest rung carries them. */
 		if (rung >= 0) {
 			*ret = (struct pipe_budget){
-				.load = pipe_rung[rung],
-				.cap = cap_of(pipe_rung[rung]),
+				.load = pipe_load[rung],
+				.cap = cap_of(pipe_load[rung]),
 				.domain_bytes = bytes,
 				.threads = t,
 			};
@@ -60,7 +60,7 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 		}
 	}
 	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, %s are left of the memory",
-		parse_size_text(pipe_budget_least(grid), need), parse_size_text(memory, have));
+		parse_size_text(pipe_budget_min(grid), need), parse_size_text(memory, have));
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 

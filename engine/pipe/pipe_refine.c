@@ -121,18 +121,18 @@ struct pipe_refine *pipe_refine_free(struct pipe_refine *f)
 	return NULL;
 }
 
-int pipe_look_reader(struct pipe_reuse_params *p, struct err *err)
+int pipe_refine_reader(struct pipe_reuse_params *p, struct err *err)
 {
 	return grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &p->reader, err);
 }
 
-int pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
+int pipe_refine_step(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
 	size_t from = atomic_fetch_add(&f->next, LOOK);
 	int r = 0;
 
 	if (from >= f->leaves)
-		return PIPE_E_LOOKED;
+		return PIPE_E_REFINED;
 	for (size_t k = from; !r && k < from + LOOK && k < f->leaves; k++) {
 		enum state is = NEW;
 
@@ -179,7 +179,7 @@ static int weigh(const struct pipe_reuse_params *p, struct pipe_refine *f, bool 
 	return r;
 }
 
-int pipe_refine_cut(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
+int pipe_refine_split(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
 	size_t i = 0;
 	bool few;
@@ -194,7 +194,7 @@ int pipe_refine_cut(struct pipe_refine *f, const struct pipe_reuse_params *p, st
 	return r;
 }
 
-bool pipe_refines(const struct view *view, const struct cut_plan *plan)
+bool pipe_refine_applies(const struct view *view, const struct cut_plan *plan)
 {
 	/* Regions of a window are not those of the whole mesh. */
 	return !view->window && !cut_plan_flat(plan) && plan->n >= MOST;
@@ -206,17 +206,17 @@ int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct
 	struct pipe_refine *f;
 	int r;
 
-	if (!pipe_refines(p->view, plan))
+	if (!pipe_refine_applies(p->view, plan))
 		return 0;
-	r = pipe_look_reader(&q, err);
+	r = pipe_refine_reader(&q, err);
 	if (r)
 		return r;
 	r = pipe_refine_new(plan, &f, err);
 	if (r)
 		return r;
 	while (!r)
-		r = pipe_look(f, &q, err);
-	r = r == PIPE_E_LOOKED ? pipe_refine_cut(f, &q, err) : r;
+		r = pipe_refine_step(f, &q, err);
+	r = r == PIPE_E_REFINED ? pipe_refine_split(f, &q, err) : r;
 	pipe_refine_free(f);
 	return r;
 }

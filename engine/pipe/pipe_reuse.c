@@ -178,8 +178,8 @@ static void summary_of(const struct store_front *f, const struct store_id *id, c
 	ret->live = trace->live;
 }
 
-int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
-	      const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err)
+int pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+	       const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err)
 {
 	const struct cut_trace *trace = &((const struct pipe_trace *)memory)->trace;
 	uint8_t proof[PROOF_MOST];
@@ -215,7 +215,7 @@ static size_t front_room(const struct pipe_reuse_params *p)
 }
 
 /* With the header of a store's file (store_proof). */
-size_t pipe_look_bytes(const struct grid *grid)
+size_t pipe_refine_bytes(const struct grid *grid)
 {
 	return PIPE_TRACE + align_line(grid_reader_bytes(grid)) + align_line(STORE_PROOF_FRONT + PROOF_MOST);
 }

@@ -121,7 +121,7 @@ static void keep(struct generation *g, int store, const struct cut_region *r, st
 	struct err err = ERR_INIT;
 
 	make(g, r, &d);
-	CHECK(pipe_keep(store, &g->key, r, &d, g->memory, ret, NULL, &err));
+	CHECK(pipe_store(store, &g->key, r, &d, g->memory, ret, NULL, &err));
 	assert_true(digest_equal(ret->digest, d.digest));
 	assert_int_equal(ret->triangles, d.ntriangle);
 }

@@ -328,8 +328,8 @@ static void one_generation(struct generation *g)
 			check_same(&d, &k, false);
 		known = known && rnd(2);
 		if (rnd(4))
-			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL,
-					&err));
+			CHECK(pipe_store(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL,
+					 &err));
 		emit(made, &d, &leaf[i]);
 		if (!hit) {
 			make(g, &leaf[i], &d);

@@ -120,7 +120,7 @@ static void keep_remembered(struct generation *g, int store, const struct cut_re
 	struct err err = ERR_INIT;
 
 	make(g, r, &d);
-	CHECK(pipe_keep(store, &g->key, r, &d, g->memory, &as, &k, &err));
+	CHECK(pipe_store(store, &g->key, r, &d, g->memory, &as, &k, &err));
 	assert_true(digest_equal(k.front.beside.content, g->key.content));
 	remember(NULL, &k);
 }

@@ -209,7 +209,7 @@ static void test_refine(void **state)
 			there += !r;
 			if (r) {
 				make(g, &plan.leaf[i].region, &d);
-				CHECK(pipe_keep(store.fd, &g->key, &plan.leaf[i].region, &d, g->memory, &as, NULL, &err));
+				CHECK(pipe_store(store.fd, &g->key, &plan.leaf[i].region, &d, g->memory, &as, NULL, &err));
 				made++;
 			}
 			points += d.counts.points;
