@@ -26,7 +26,7 @@ struct check {
 	uint32_t wrong, tie; /* the first inner edges at fault, or NO_EDGE; told after the shape is judged */
 };
 
-void verify_tell(struct verify_report *r, enum verify_fault fault, const int32_t *place, const char *fmt, ...)
+void verify_fault_set(struct verify_report *r, enum verify_fault fault, const int32_t *place, const char *fmt, ...)
 {
 	va_list ap;
 
@@ -70,18 +70,18 @@ static void check_triangles(struct check *c)
 
 		for (unsigned i = 0; i < 3; i++) {
 			if (v[i] >= m->nvertex) {
-				verify_tell(c->report, VERIFY_INDEX, NULL, "triangle %zu names vertex %u of %zu", t, v[i],
+				verify_fault_set(c->report, VERIFY_INDEX, NULL, "triangle %zu names vertex %u of %zu", t, v[i],
 					    m->nvertex);
 				return;
 			}
 		}
 		if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) {
-			verify_tell(c->report, VERIFY_INDEX, xy(c, v[0]), "triangle %zu (%u, %u, %u) names a vertex twice", t,
+			verify_fault_set(c->report, VERIFY_INDEX, xy(c, v[0]), "triangle %zu (%u, %u, %u) names a vertex twice", t,
 				    v[0], v[1], v[2]);
 			return;
 		}
 		if (verify_area(xy(c, v[0]), xy(c, v[1]), xy(c, v[2])) <= 0) {
-			verify_tell(c->report, VERIFY_ORIENTATION, xy(c, v[0]),
+			verify_fault_set(c->report, VERIFY_ORIENTATION, xy(c, v[0]),
 				    "triangle %zu (%u, %u, %u) is not counter-clockwise", t, v[0], v[1], v[2]);
 			return;
 		}
@@ -153,13 +153,13 @@ static void group_edges(struct check *c)
 		for (size_t i = 1; i < n; i++) {
 			if (to(c, list[i]) != to(c, list[i - 1]))
 				continue;
-			verify_tell(c->report, VERIFY_EDGE, xy(c, (uint32_t)v),
+			verify_fault_set(c->report, VERIFY_EDGE, xy(c, (uint32_t)v),
 				    "the edge from vertex %zu to %u is in triangles %u and %u in one direction", v,
 				    to(c, list[i]), list[i - 1] / 3, list[i] / 3);
 			return;
 		}
 		if (!n) {
-			verify_tell(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v), "vertex %zu is in no triangle", v);
+			verify_fault_set(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v), "vertex %zu is in no triangle", v);
 			return;
 		}
 	}
@@ -251,11 +251,11 @@ static void check_circles(struct check *c)
 	uint32_t wrong = c->wrong, tie = c->tie;
 
 	if (wrong != NO_EDGE)
-		verify_tell(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
+		verify_fault_set(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
 			    "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong), to(c, wrong),
 			    wrong / 3);
 	else if (tie != NO_EDGE)
-		verify_tell(c->report, VERIFY_TIE, xy(c, from(c, tie)),
+		verify_fault_set(c->report, VERIFY_TIE, xy(c, from(c, tie)),
 			    "the edge from vertex %u to %u (triangle %u) is not the one of the tie rule", from(c, tie),
 			    to(c, tie), tie / 3);
 }
@@ -268,13 +268,13 @@ static void check_loop(struct check *c, uint32_t *next)
 		uint32_t v = from(c, c->rim[i]);
 
 		if (next[v] != NO_EDGE) {
-			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary passes vertex %u twice", v);
+			verify_fault_set(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary passes vertex %u twice", v);
 			return;
 		}
 		next[v] = c->rim[i];
 	}
 	if (!c->nrim) {
-		verify_tell(c->report, VERIFY_BOUNDARY, NULL, "there is no outer boundary");
+		verify_fault_set(c->report, VERIFY_BOUNDARY, NULL, "there is no outer boundary");
 		return;
 	}
 	uint32_t start = from(c, c->rim[0]), v = start;
@@ -282,13 +282,13 @@ static void check_loop(struct check *c, uint32_t *next)
 
 	do {
 		if (next[v] == NO_EDGE) {
-			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary ends at vertex %u", v);
+			verify_fault_set(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary ends at vertex %u", v);
 			return;
 		}
 		v = to(c, next[v]);
 	} while (++length < c->nrim && v != start);
 	if (v != start || length != c->nrim)
-		verify_tell(c->report, VERIFY_BOUNDARY, xy(c, start),
+		verify_fault_set(c->report, VERIFY_BOUNDARY, xy(c, start),
 			    "the boundary is not one loop: the one through vertex %u has %zu of %zu edges", start, length,
 			    c->nrim);
 }
@@ -310,12 +310,12 @@ static void check_convex(struct check *c, const uint32_t *next)
 
 		turns += half(p, q) == 1 && half(q, r) == 0;
 		if (area < 0 || (area == 0 && half(p, q) != half(q, r))) {
-			verify_tell(c->report, VERIFY_CONVEX, q, "the boundary is not convex at vertex %u", vb);
+			verify_fault_set(c->report, VERIFY_CONVEX, q, "the boundary is not convex at vertex %u", vb);
 			return;
 		}
 	}
 	if (turns != 1)
-		verify_tell(c->report, VERIFY_CONVEX, xy(c, from(c, c->rim[0])), "the boundary turns %u times, not once", turns);
+		verify_fault_set(c->report, VERIFY_CONVEX, xy(c, from(c, c->rim[0])), "the boundary turns %u times, not once", turns);
 }
 
 static void check_euler(struct check *c)
@@ -323,7 +323,7 @@ static void check_euler(struct check *c)
 	const struct verify_mesh *m = c->mesh;
 
 	if (m->nvertex + m->ntriangle != c->report->edges + 1)
-		verify_tell(c->report, VERIFY_EULER, NULL, "%zu vertices, %llu edges and %zu triangles are no disc", m->nvertex,
+		verify_fault_set(c->report, VERIFY_EULER, NULL, "%zu vertices, %llu edges and %zu triangles are no disc", m->nvertex,
 			    (unsigned long long)c->report->edges, m->ntriangle);
 }
 
@@ -356,7 +356,7 @@ static void check_flat(const struct verify_mesh *m, struct verify_report *r)
 		second++;
 	for (size_t v = second + 1; v < m->nvertex && !r->fault; v++)
 		if (verify_area(m->vertex[0], m->vertex[second], m->vertex[v]))
-			verify_tell(r, VERIFY_UNUSED, m->vertex[v],
+			verify_fault_set(r, VERIFY_UNUSED, m->vertex[v],
 				    "vertex %zu is in no triangle, and not all vertices lie on one line", v);
 }
 

@@ -48,16 +48,16 @@ static void compare(const struct point *pts, size_t n, const struct point *verte
 
 		if (q && v > 0 && same_place(q, q - 1)) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_EXTRA, place, "two vertices have one position");
+			verify_fault_set(r, VERIFY_EXTRA, place, "two vertices have one position");
 		} else if (!q || (p && kp < kq)) {
 			place_of(p, place);
-			verify_tell(r, VERIFY_MISSING, place, "a point is no vertex of the mesh");
+			verify_fault_set(r, VERIFY_MISSING, place, "a point is no vertex of the mesh");
 		} else if (!p || kq < kp) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_EXTRA, place, "a vertex is none of the points");
+			verify_fault_set(r, VERIFY_EXTRA, place, "a vertex is none of the points");
 		} else if (p->z != q->z) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z, (int)p->z);
+			verify_fault_set(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z, (int)p->z);
 		}
 		i++;
 		v++;
