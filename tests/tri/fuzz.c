@@ -13,7 +13,7 @@
 #include "check.h"
 #include "inputs.h"
 #include "oracle.h"
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 enum { BRUTE_MAX = 16, POINTS_MAX = 200 };
 

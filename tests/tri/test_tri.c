@@ -13,7 +13,7 @@
 
 #include "check.h"
 #include "inputs.h"
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 static int run_of(const int32_t xy[][2], uint32_t n, struct tri_result *ret, void **ret_arena)
 {

@@ -1,8 +1,8 @@
 /*
- * Inside the kernel: the arena's layout and the steps of a run. Not for other rooms.
+ * The layout of the arena, and the steps of a run. Internal.
  */
-#ifndef TRI_INSIDE_H
-#define TRI_INSIDE_H
+#ifndef TRI_PRIV_H
+#define TRI_PRIV_H
 
 #include <stdbool.h>
 
@@ -15,7 +15,7 @@ struct tri_extent {
 	int32_t min[2], max[2];
 };
 
-/* Lies at the start of the arena; `triangle`, `xy`, `z`, `id` follow it, 48, 8, 4 and 4 bytes a point. */
+/* At the start of the arena; `triangle`, `xy`, `z`, `id` follow, with 48, 8, 4 and 4 bytes for each point. */
 struct tri {
 	uint32_t cap, nvertex, ntriangle;
 	struct tri_triangle *triangle;
@@ -25,11 +25,11 @@ struct tri {
 	struct tri_extent extent;
 };
 
-/* The order of insertion: reads n positions from `in`, fills xy, z and id. `scratch`: 16 bytes a position. */
+/* Chooses the order of insertion: reads n positions from `in`, fills xy, z and id. `scratch`: 16 bytes for each position. */
 void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n, struct tri_extent *ret);
 
-/* Triangulate the nvertex vertices in the order in which they stand (three may move to the front). The second
- * half of tri_run. `narrow`: all differences of coordinates lie within +-(2^31 - 1). */
+/* The second half of tri_run: triangulates the nvertex vertices in their order (three may be moved to the front).
+ * `narrow`: all differences of coordinates are within +-(2^31 - 1). */
 int tri_build(struct tri *, bool narrow);
 
 static inline bool tri_narrow(const struct tri_extent *e)
@@ -37,11 +37,11 @@ static inline bool tri_narrow(const struct tri_extent *e)
 	return (int64_t)e->max[0] - e->min[0] <= INT32_MAX && (int64_t)e->max[1] - e->min[1] <= INT32_MAX;
 }
 
-/* Insert vertex nvertex - 1, which no triangle has yet. False: it stands where an older one does, *ret_same; nothing
+/* Inserts vertex nvertex - 1, which is in no triangle yet. False: vertex *ret_same has the same position, and nothing
  * has changed. */
 bool tri_insert_one(struct tri *, bool narrow, uint32_t *ret_same);
 
-/* Insert vertices 3 to nvertex - 1 into the four triangles of the first three. */
+/* Inserts vertices 3 to nvertex - 1 into the four triangles of the first three. */
 void tri_insert_all(struct tri *, bool narrow);
 
 #endif
