@@ -389,7 +389,7 @@ static void test_set(void **state)
 				break;
 			assert_true(which < n);
 			assert_string_equal(in[which].name, want.file);
-			lattice_set_leave(set, which);
+			lattice_set_remove(set, which);
 			for (size_t i = 0; i < m; i++)
 				if (!strcmp(left[i].name, want.file)) {
 					memmove(&left[i], &left[i + 1], (m - i - 1) * sizeof *left);
@@ -425,7 +425,7 @@ static void test_set_steps(void **state)
 		if (!lattice_set_choose(set, NULL, NULL, &l, &which, &err))
 			break;
 		assert_int_equal(err.code, ERR_INPUT);
-		lattice_set_leave(set, which);
+		lattice_set_remove(set, which);
 	}
 	assert_int_equal(gone, N - 1);
 	assert_true(lattice_set_steps(set) < (uint64_t)ORDERS * N * (LOG + 2));
