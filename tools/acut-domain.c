@@ -293,7 +293,7 @@ int main(int argc, char **argv)
 	char text[1600];
 	int status, r;
 
-	io_take_standard();
+	io_reserve_standard();
 	status = parse_options(argc, argv, &o);
 	if (status >= 0)
 		return status;

@@ -551,7 +551,7 @@ int main(int argc, char **argv)
 {
 	int i = 1;
 
-	io_take_standard();
+	io_reserve_standard();
 	for (; i < argc && !strncmp(argv[i], "--", 2); i++) {
 		if (!strcmp(argv[i], "--check"))
 			options.check = true;

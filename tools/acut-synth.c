@@ -354,7 +354,7 @@ int main(int argc, char **argv)
 	double density = 0;
 	int option, rc;
 
-	io_take_standard();
+	io_reserve_standard();
 	signal(SIGPIPE, SIG_IGN);
 	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
 		if (option == OPT_HELP)

@@ -332,7 +332,7 @@ int main(int argc, char **argv)
 	struct err err = ERR_INIT;
 	int option;
 
-	io_take_standard();
+	io_reserve_standard();
 	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
 		if (option == '?')
 			return 2; /* getopt has told */

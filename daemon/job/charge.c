@@ -31,7 +31,7 @@ int charge(struct jobs *j, uint64_t bytes, const char *what, struct err *err)
 
 bool charge_make_room(struct jobs *j)
 {
-	uint64_t held = ledger_held(j->p.ledger, LEDGER_JOBS), most = ledger_most(j->p.ledger, LEDGER_JOBS), lacks = j->lacks;
+	uint64_t held = ledger_held(j->p.ledger, LEDGER_JOBS), most = ledger_limit(j->p.ledger, LEDGER_JOBS), lacks = j->lacks;
 	unsigned n = 0;
 
 	THREAD_LOOP_ONLY();
@@ -52,7 +52,7 @@ bool charge_make_room(struct jobs *j)
 
 int charge_lasting(struct jobs *j, enum charge_lasting_kind kind, uint32_t uid, uint64_t bytes, const char *what, struct err *err)
 {
-	uint64_t most = ledger_most(j->p.ledger, LEDGER_JOBS);
+	uint64_t most = ledger_limit(j->p.ledger, LEDGER_JOBS);
 
 	THREAD_LOOP_ONLY();
 	most -= most / kind;

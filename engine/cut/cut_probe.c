@@ -298,7 +298,7 @@ static int probe_alone(struct probe *p, struct err *err)
 static void deal(struct probe *p)
 {
 	size_t sites = (size_t)p->cap * CUT_SITES_BYTES & ~(size_t)63, halo = cut_halo_bytes(p->cap);
-	uint64_t room = p->plan->ledger ? ledger_room(p->plan->ledger, LEDGER_PLAN) / 2 : sites;
+	uint64_t room = p->plan->ledger ? ledger_available(p->plan->ledger, LEDGER_PLAN) / 2 : sites;
 
 	halo = (halo > p->size / 4 ? halo : p->size / 4) & ~(size_t)63;
 	if (p->size < 2 * cut_halo_bytes(p->cap) || p->size < 2 * (halo + sites))

@@ -143,7 +143,7 @@ int view_word_rings(struct view_word w, const struct view_rings *to)
 				return r;
 			continue;
 		}
-		if (!area_code_take(&at, end, &dx) || !area_code_take(&at, end, &dy))
+		if (!area_code_get(&at, end, &dx) || !area_code_get(&at, end, &dy))
 			return 1;
 		/* Both are within 10^36, so the sum cannot overflow; it must be within it again. */
 		x += dx;

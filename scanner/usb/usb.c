@@ -53,7 +53,7 @@ static libusb_context *open_context(const char **ret_polls)
 		return NULL;
 	}
 	libusb_set_option(context, LIBUSB_OPTION_LOG_LEVEL,
-			  log_shows(LOG_LEVEL_DEBUG) ? LIBUSB_LOG_LEVEL_INFO : LIBUSB_LOG_LEVEL_ERROR);
+			  log_enabled(LOG_LEVEL_DEBUG) ? LIBUSB_LOG_LEVEL_INFO : LIBUSB_LOG_LEVEL_ERROR);
 	return context;
 }
 

@@ -115,18 +115,18 @@ static void test_ledger_shares(void **state)
 {
 	struct ledger *l = ledger_new(1000);
 
-	assert_true(ledger_share(l, LEDGER_MESSAGE, 100, 300));
-	assert_false(ledger_share(l, LEDGER_MESSAGE, 100, 0));
-	assert_false(ledger_share(l, LEDGER_JOBS, 901, 0));
-	assert_true(ledger_share(l, LEDGER_JOBS, 200, 0));
+	assert_true(ledger_reserve(l, LEDGER_MESSAGE, 100, 300));
+	assert_false(ledger_reserve(l, LEDGER_MESSAGE, 100, 0));
+	assert_false(ledger_reserve(l, LEDGER_JOBS, 901, 0));
+	assert_true(ledger_reserve(l, LEDGER_JOBS, 200, 0));
 	assert_int_equal(ledger_left(l), 700);
-	assert_int_equal(ledger_room(l, LEDGER_DOMAIN), 700);
-	assert_int_equal(ledger_room(l, LEDGER_MESSAGE), 300);
-	assert_int_equal(ledger_room(l, LEDGER_JOBS), 900);
+	assert_int_equal(ledger_available(l, LEDGER_DOMAIN), 700);
+	assert_int_equal(ledger_available(l, LEDGER_MESSAGE), 300);
+	assert_int_equal(ledger_available(l, LEDGER_JOBS), 900);
 	assert_false(ledger_take(l, LEDGER_DOMAIN, 701));
 	assert_true(ledger_take(l, LEDGER_DOMAIN, 700));
 	assert_true(ledger_take(l, LEDGER_MESSAGE, 60));
-	assert_int_equal(ledger_room(l, LEDGER_MESSAGE), 40);
+	assert_int_equal(ledger_available(l, LEDGER_MESSAGE), 40);
 	assert_true(ledger_take(l, LEDGER_MESSAGE, 40));
 	assert_false(ledger_take(l, LEDGER_MESSAGE, 1));
 	assert_false(ledger_take(l, LEDGER_JOBS, UINT64_MAX));

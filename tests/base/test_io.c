@@ -308,8 +308,8 @@ static void closes_aside(void **state)
 	loop = pthread_self();
 	io_close(plain); /* nothing was said yet */
 	assert_int_equal(closed, 1);
-	assert_int_equal(io_close_aside(&err), 0);
-	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(io_close_background(&err), 0);
+	assert_int_equal(io_close_background(&err), 0);
 	io_close(pipes[0]);
 	io_close(pipes[1]);
 	io_close(sockets[0]);
@@ -324,7 +324,7 @@ static void closes_aside(void **state)
 	while (closed < 6)
 		usleep(1000);
 	assert_int_equal(fcntl(file, F_GETFD), -1);
-	io_close_waits();
+	io_close_foreground();
 	io_close(sockets[1]);
 	assert_int_equal(closed, 7);
 	io = &io_system;
@@ -365,18 +365,18 @@ static void each_waits_for_his_own(void **state)
 	(void)state;
 	table.close = hanging_close;
 	io = &table;
-	assert_int_equal(io_close_aside(&err), 0);
-	assert_int_equal(io_close_whose(HANGS), 0);
+	assert_int_equal(io_close_background(&err), 0);
+	assert_int_equal(io_close_owner(HANGS), 0);
 	for (int i = 0; i < MOST; i++) {
-		assert_false(io_close_behind(HANGS, (size_t)i + 1, &since));
+		assert_false(io_close_backlog(HANGS, (size_t)i + 1, &since));
 		never[i] = memfd_create("never", 0);
 		if (i == MOST - 1) {
 			/* Passed on by him, and closed in somebody else's turn. */
-			io_close_owned(never[i], HANGS);
-			io_close_whose(OTHER);
+			io_close_assign(never[i], HANGS);
+			io_close_owner(OTHER);
 		}
 		io_close(never[i]);
-		assert_true(io_close_behind(HANGS, (size_t)i + 1, &since));
+		assert_true(io_close_backlog(HANGS, (size_t)i + 1, &since));
 	}
 	for (int i = 0; i < 20; i++) {
 		other = memfd_create("other", 0);
@@ -384,22 +384,22 @@ static void each_waits_for_his_own(void **state)
 		while (is_open(other))
 			usleep(1000);
 	}
-	assert_int_equal(io_close_whose(0), OTHER);
+	assert_int_equal(io_close_owner(0), OTHER);
 	assert_int_equal(hung, 1);
 	/* Since when the first hangs, however many wait behind it. */
-	assert_true(io_close_behind(HANGS, MOST, &first));
+	assert_true(io_close_backlog(HANGS, MOST, &first));
 	assert_true(begin <= first && first <= clock_mono_ns());
 	usleep(1000);
-	assert_true(io_close_behind(HANGS, MOST, &since));
+	assert_true(io_close_backlog(HANGS, MOST, &since));
 	assert_int_equal(since, first);
 	for (int i = 0; i < MOST; i++)
 		assert_true(is_open(never[i]));
 	/* The number is another file's afterwards. */
 	noted = memfd_create("noted", 0);
-	io_close_owned(noted, HANGS);
-	io_close_waits();
+	io_close_assign(noted, HANGS);
+	io_close_foreground();
 	io_close(noted);
-	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(io_close_background(&err), 0);
 	assert_int_equal(memfd_create("again", 0), noted);
 	io_close(noted);
 	while (is_open(noted))
@@ -413,10 +413,10 @@ static void each_waits_for_his_own(void **state)
 	answers = 1;
 	while (hung < 2)
 		usleep(1000);
-	assert_true(io_close_behind(HANGS, MOST - 1, &since));
+	assert_true(io_close_backlog(HANGS, MOST - 1, &since));
 	assert_true(begin <= since && since <= clock_mono_ns());
 	answers = MOST;
-	while (io_close_behind(HANGS, 1, &since) || io_close_behind(OTHER, 1, &since))
+	while (io_close_backlog(HANGS, 1, &since) || io_close_backlog(OTHER, 1, &since))
 		usleep(1000);
 	assert_int_equal(hung, MOST);
 	for (int i = 0; i < MOST; i++)
@@ -424,7 +424,7 @@ static void each_waits_for_his_own(void **state)
 	/* Who came to help has gone, and comes again. */
 	while (threads() > alone + 1)
 		usleep(1000);
-	io_close_waits();
+	io_close_foreground();
 	io = &io_system;
 }
 
@@ -435,7 +435,7 @@ static int take_standard_in_child(void)
 
 	for (int fd = 0; fd <= 2; fd++)
 		close(fd);
-	io_take_standard();
+	io_reserve_standard();
 	for (int fd = 0; fd <= 2; fd++)
 		if (fcntl(fd, F_GETFD) < 0 || (fd ? write(fd, "x", 1) : read(fd, &byte, 1)) >= 0 || errno != EBADF)
 			return 1 + fd;

@@ -186,12 +186,12 @@ static void test_flood(void **state)
 	assert_int_equal(log_event_count(LOG_EVENT_CLIENT_CUT) - cut, 5000);
 	/* The rest is told as a number, also where nothing of its kind comes any more; once. */
 	got.calls = 0;
-	log_floods(false);
+	log_report_suppressed(false);
 	assert_int_equal(got.calls, 0);
-	log_floods(true);
+	log_report_suppressed(true);
 	assert_int_equal(got.calls, 1);
 	assert_non_null(strstr(got.message, "4900 more times"));
-	log_floods(true);
+	log_report_suppressed(true);
 	assert_int_equal(got.calls, 1);
 	got.calls = 0;
 	for (int i = 0; i < 5000; i++)

@@ -222,9 +222,9 @@ static void test_codes(void **state)
 		const char *at = buf;
 
 		assert_true(n <= sizeof buf);
-		assert_false(area_code_take(&at, buf + n - 1, &got));
+		assert_false(area_code_get(&at, buf + n - 1, &got));
 		assert_ptr_equal(at, buf);
-		assert_true(area_code_take(&at, buf + n, &got));
+		assert_true(area_code_get(&at, buf + n, &got));
 		assert_ptr_equal(at, buf + n);
 		assert_true(got == v);
 	}
@@ -238,7 +238,7 @@ static void test_codes(void **state)
 		const char *at = bad[i];
 		__int128 v;
 
-		assert_false(area_code_take(&at, bad[i] + strlen(bad[i]), &v));
+		assert_false(area_code_get(&at, bad[i] + strlen(bad[i]), &v));
 	}
 	(void)state;
 }

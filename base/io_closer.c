@@ -1,17 +1,20 @@
 /*
- * Closing without waiting for it (io.h).
+ * Closing files in background threads (io.h).
  *
- * The last close of a file without a name frees all that it holds, a second for some tens of gigabytes, and that of a file
- * system in user space waits for an answer from there. The loop gets descriptors from whoever connects.
+ * The last close of an unlinked file frees its blocks, which takes a second for some tens of gigabytes. Closing a file
+ * in a user-space file system waits for an answer from there. The event loop gets descriptors from clients, so it must
+ * not close them itself.
  *
- * The model: a thread says once that it must not wait. What it closes from then on and is no pipe, nor a socket whose bytes are
- * all read (others may hold descriptors that were sent and never taken), goes to a list that threads of their own go
- * through. Nothing is asked about the file: that may wait as well. The number of the descriptor is free when it is closed.
+ * A thread declares once that it must not wait. From then on, what it closes goes to a list that closer threads
+ * process, except pipes, and sockets whose bytes are all read (a socket may hold descriptors that were sent and never
+ * received). Nothing is asked about the file, because that might wait, too. The number of the descriptor is free when
+ * it is closed.
  *
- * Each entry has an owner, and of one owner one is being closed at a time: who has files that never close keeps one thread, and
- * what he gives after that waits behind it. The threads are as many as are needed for that, up to CLOSERS: so many owners with
- * such files hold up everyone's. One waits for what comes next, the others end. How much an owner may have here, and for how
- * long, is for those to say who take descriptors (io_close_behind): what is to be closed cannot be refused any more.
+ * Each entry has an owner, and only one entry of each owner is being closed at a time. An owner of files that never
+ * close occupies one thread, and its later files wait behind it. There are as many threads as necessary for that, up to
+ * CLOSERS; so many owners with such files block all others. One thread waits for the next entry, the others end. The
+ * code that receives descriptors limits how many an owner may have here, and for how long (io_close_backlog), because a
+ * close can no longer be refused.
  */
 #include <fcntl.h>
 #include <stdatomic.h>
@@ -25,19 +28,19 @@
 #include "io.h"
 #include "lock.h"
 #include "thread.h"
-#include "io_aside.h"
+#include "io_closer.h"
 
-enum { CLOSERS = 16, NUMBERS = 16384 /* of descriptors whose owner is kept: no more can be open, as a rule */ };
+enum { CLOSERS = 16, NUMBERS = 16384 /* of descriptors whose owner is recorded; normally no more can be open */ };
 
 struct closing {
 	int fd;
 	uint32_t owner;
-	uint64_t since_ns; /* in the list; then, with a thread */
+	uint64_t since_ns; /* in the list; later, in a thread */
 };
 
 struct closer {
 	bool there;
-	struct closing at; /* what it closes; fd -1: nothing */
+	struct closing at; /* what it is closing; fd -1: nothing */
 };
 
 static struct {
@@ -48,12 +51,12 @@ static struct {
 	struct closer closer[CLOSERS];
 	unsigned threads, idle;
 } aside = {.lock = LOCK_STATIC(CLOSERS), .wake = PTHREAD_COND_INITIALIZER};
-static _Atomic size_t pending; /* in the list or with a thread */
+static _Atomic size_t pending; /* in the list or in a thread */
 static _Atomic uint32_t owner_of[NUMBERS];
 static _Thread_local bool must_not_wait;
 static _Thread_local uint32_t whose;
 
-static bool at_work(uint32_t owner)
+static bool is_closing(uint32_t owner)
 {
 	for (unsigned i = 0; i < CLOSERS; i++)
 		if (aside.closer[i].there && aside.closer[i].at.fd >= 0 && aside.closer[i].at.owner == owner)
@@ -61,27 +64,28 @@ static bool at_work(uint32_t owner)
 	return false;
 }
 
-/* The first whose owner has none with a thread; n: there is none. */
-static size_t next(void)
+/* The first entry whose owner has none in a thread; n: there is none. */
+static size_t next_entry(void)
 {
 	size_t i = 0;
 
-	while (i < aside.n && at_work(aside.list[i].owner))
+	while (i < aside.n && is_closing(aside.list[i].owner))
 		i++;
 	return i;
 }
 
-static int begin(void);
+static int start_closer(void);
 
-/* Somebody is there for the next, if it can be. Who is woken and is not there yet counts as idle: he looks again himself. */
-static void see_to_next(void)
+/* Ensures that a thread takes the next entry, if possible. A thread that was woken and has not run yet counts as idle;
+ * it looks for an entry itself. */
+static void wake_closer(void)
 {
-	if (next() == aside.n)
+	if (next_entry() == aside.n)
 		return;
 	if (aside.idle)
 		pthread_cond_signal(&aside.wake);
 	else if (aside.threads < CLOSERS)
-		begin(); /* in vain: it waits for those that are there */
+		start_closer(); /* if it fails, the existing threads will take it */
 }
 
 static void *closer(void *ctx)
@@ -91,7 +95,7 @@ static void *closer(void *ctx)
 	thread_mark_helper();
 	lock_take(&aside.lock);
 	for (;;) {
-		size_t i = next();
+		size_t i = next_entry();
 
 		if (i == aside.n && aside.idle)
 			break;
@@ -104,7 +108,7 @@ static void *closer(void *ctx)
 		mine->at = aside.list[i];
 		mine->at.since_ns = clock_mono_ns();
 		memmove(&aside.list[i], &aside.list[i + 1], (--aside.n - i) * sizeof *aside.list);
-		see_to_next();
+		wake_closer();
 		lock_give(&aside.lock);
 		io->close(mine->at.fd);
 		lock_take(&aside.lock);
@@ -117,7 +121,7 @@ static void *closer(void *ctx)
 	return NULL;
 }
 
-static int begin(void)
+static int start_closer(void)
 {
 	enum { STACK_BYTES = 64 << 10 };
 	struct closer *c = aside.closer;
@@ -138,24 +142,24 @@ static int begin(void)
 	return r;
 }
 
-int io_close_aside(struct err *err)
+int io_close_background(struct err *err)
 {
 	int r = 0;
 
 	must_not_wait = true;
 	lock_take(&aside.lock);
 	if (!aside.threads)
-		r = begin();
+		r = start_closer();
 	lock_give(&aside.lock);
 	return r ? err_sys(err, r, "cannot start a thread") : 0;
 }
 
-void io_close_waits(void)
+void io_close_foreground(void)
 {
 	must_not_wait = false;
 }
 
-uint32_t io_close_whose(uint32_t owner)
+uint32_t io_close_owner(uint32_t owner)
 {
 	uint32_t before = whose;
 
@@ -163,13 +167,13 @@ uint32_t io_close_whose(uint32_t owner)
 	return before;
 }
 
-void io_close_owned(int fd, uint32_t owner)
+void io_close_assign(int fd, uint32_t owner)
 {
 	if (fd >= 0 && fd < NUMBERS)
 		owner_of[fd] = owner;
 }
 
-bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns)
+bool io_close_backlog(uint32_t owner, size_t most, uint64_t *ret_since_ns)
 {
 	uint64_t since = 0;
 	size_t n = 0;
@@ -182,7 +186,7 @@ bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns)
 			since = aside.closer[i].at.since_ns;
 			n++;
 		}
-	/* None with a thread: the first that waits for one. */
+	/* None is in a thread: the first that waits for one. */
 	for (size_t i = 0; i < aside.n; i++)
 		if (aside.list[i].owner == owner) {
 			since = since ? since : aside.list[i].since_ns;
@@ -219,9 +223,9 @@ static bool room(void)
 	return true;
 }
 
-bool io_aside(int fd)
+bool io_closer(int fd)
 {
-	/* The number is another file's afterwards, whoever closes it. */
+	/* After the close the number can belong to another file. */
 	uint32_t owner = fd < NUMBERS && owner_of[fd] ? atomic_exchange(&owner_of[fd], 0) : whose;
 	bool kept;
 
@@ -232,7 +236,7 @@ bool io_aside(int fd)
 	if (kept) {
 		aside.list[aside.n++] = (struct closing){fd, owner, clock_mono_ns()};
 		pending++;
-		see_to_next();
+		wake_closer();
 	}
 	lock_give(&aside.lock);
 	return kept;
