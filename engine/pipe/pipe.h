@@ -171,7 +171,7 @@ struct pipe_stored {
 	int64_t used_ns;                    /* time of its last use before this one; 0 if it was just stored */
 };
 /* What to remember of a stored domain, so that planning later generations need not read its file: its numbers, and the
- * part of its proof that boxes need (cut_far). Its pointers are not valid. */
+ * part of its proof that boxes need (cut_additions_far). Its pointers are not valid. */
 struct pipe_summary {
 	struct store_id id;
 	struct store_front front; /* `beside.content`: of a generation in which it is valid */

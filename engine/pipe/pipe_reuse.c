@@ -296,7 +296,7 @@ static bool recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
 
 	if (!p->recall || front_wanted(p) || p->after_ns || !p->recall(p->ctx, f->id.base, &s) || !fits(p, &s.front.domain))
 		return false;
-	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_far(p->grid, p->region, &s.reach, &s.live))
+	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_additions_far(p->grid, p->region, &s.reach, &s.live))
 		return false;
 	if (!store_there(p->storefd, &s.id, s.front.bytes, &s.front.used_ns))
 		return false;
@@ -414,7 +414,7 @@ bool pipe_before(const struct pipe_reuse_params *p, struct pipe_before *ret)
 	if (!trace_of(p, &trace) ||
 	    grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, &err))
 		return false;
-	stands = cut_trace_stands(reader, trace);
+	stands = cut_trace_still_live(reader, trace);
 	grid_reader_free(reader);
 	if (!stands)
 		return false;

@@ -15,7 +15,7 @@
 #include "brute.h"
 #include "cut_bound.h"
 #include "cut_halo.h"
-#include "cut_keep.h"
+#include "cut_cache.h"
 #include "cut_order.h"
 #include "cut_sites.h"
 #include "err.h"
@@ -142,7 +142,7 @@ struct group {
 	bool member[MAX_LEAVES];
 	unsigned n;
 	void *memory;
-	struct cut_keep *keep;
+	struct cut_cache *keep;
 	struct cut_sites *sites;
 };
 
@@ -192,10 +192,10 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 	cut_region_root(box, &root);
 	g->memory = malloc(size);
 	assert_non_null(g->memory);
-	g->keep = cut_keep_init(g->memory, size, src, &view, &root, g->region, g->n);
+	g->keep = cut_cache_init(g->memory, size, src, &view, &root, g->region, g->n);
 	assert_non_null(g->keep);
 	if (sets_below(seed, 3) == 0)
-		cut_keep_limit(g->keep, sets_below(seed, 40));
+		cut_cache_limit(g->keep, sets_below(seed, 40));
 }
 
 static void check_kept(uint64_t *seed, struct group *g, const struct cut_region *region, const struct mesh_vertex *pb, unsigned n)
@@ -207,7 +207,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 	uint64_t need;
 	uint32_t m, k = 0;
 
-	cut_keep_source(g->keep, &src);
+	cut_cache_source(g->keep, &src);
 	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
 	cut_halo_limit(h, sets_below(seed, 8), 1000);
 	cut_halo_grain(h, 0, 10, sets_below(seed, 100), sets_below(seed, 8));

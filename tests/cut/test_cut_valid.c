@@ -208,7 +208,7 @@ static void check_far(const struct cut_region *region, const struct cut_reach *r
 	struct cut_load is;
 
 	live_of(then, &live);
-	if (!cut_far_from(&now->src, region, reach, &live))
+	if (!cut_additions_far_from(&now->src, region, reach, &live))
 		return;
 	boxes++;
 	load(now, region, out, NULL, NULL, &is);
@@ -244,7 +244,7 @@ static void check_region(const struct cut_region *region)
 	if (valid)
 		check_far(region, &reach, &new, &later, &a);
 	equal = loads_same(&a, &b);
-	if (still || cut_trace_stands_in(&new.src, &trace)) {
+	if (still || cut_trace_still_live_in(&new.src, &trace)) {
 		bounded_read += load(&new, region, again, &trace, NULL, &c);
 		assert_true(loads_same(&b, &c));
 		all_read += all;
@@ -258,7 +258,7 @@ static void check_region(const struct cut_region *region)
 			 b.own, b.n);
 	}
 	/* Also where segments were merged since. */
-	if (cut_trace_stands_in(&later.src, &trace)) {
+	if (cut_trace_still_live_in(&later.src, &trace)) {
 		load(&later, region, after, NULL, NULL, &b);
 		load(&later, region, again, &trace, NULL, &c);
 		assert_true(loads_same(&b, &c));
@@ -449,7 +449,7 @@ static void test_merged(void **state)
 		assert_true(new.src.box(new.src.ctx, box));
 		cut_region_root(box, &root);
 		/* A little of it is not live any more. */
-		assert_true(cut_far_from(&new.src, &root, &nothing, &live) == (k < 2));
+		assert_true(cut_additions_far_from(&new.src, &root, &nothing, &live) == (k < 2));
 	}
 	merged = false;
 }

@@ -205,14 +205,14 @@ static int tiling_sums(void *ctx, struct grid_sum *range, size_t n, struct err *
 	return 0;
 }
 
-static size_t tiling_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
+static size_t tiling_parts(void *ctx, struct cut_live_part *ret, struct cut_segment *ret_segment, size_t most)
 {
 	const struct tiling *t = ctx;
 	size_t n = 0;
 
 	for (unsigned s = 0; s < t->segments; s++) {
 		struct cut_segment segment = {.number = s, .box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN}};
-		struct cut_part part = {0};
+		struct cut_live_part part = {0};
 
 		for (size_t i = 0; i < t->n[s]; i++)
 			if (live(t, s, i)) {
