@@ -1,18 +1,18 @@
 /*
- * Digests from their description alone (proto/STREAM.md): XXH3-128 of 48 bytes a triangle and 24 a
- * vertex, halves summed apart. Straight from the library, sharing nothing with base/digest.c.
+ * Digests from their description alone (proto/STREAM.md): XXH3-128 of 48 bytes for each triangle and 24 for each
+ * vertex, both halves summed separately. Uses the library directly and no code of base/digest.c.
  */
 #include <xxhash.h>
 
 #include "check_file.h"
 
-static void put(uint8_t *to, int64_t v)
+static void put_i64(uint8_t *to, int64_t v)
 {
 	for (unsigned i = 0; i < 8; i++)
 		to[i] = (uint8_t)((uint64_t)v >> (8 * i));
 }
 
-static void sum(struct digest *d, const uint8_t *bytes, size_t n)
+static void add_hash(struct digest *d, const uint8_t *bytes, size_t n)
 {
 	XXH128_hash_t h = XXH3_128bits(bytes, n);
 
@@ -37,10 +37,10 @@ struct digest check_triangle_digest(const struct check_mesh *m)
 		for (unsigned i = 0; i < 3; i++) {
 			const int32_t *v = m->vertex[m->triangle[t][(first + i) % 3]];
 
-			put(bytes + 16 * i, v[0] + m->lattice.k[0]);
-			put(bytes + 16 * i + 8, v[1] + m->lattice.k[1]);
+			put_i64(bytes + 16 * i, v[0] + m->lattice.k[0]);
+			put_i64(bytes + 16 * i + 8, v[1] + m->lattice.k[1]);
 		}
-		sum(&d, bytes, sizeof bytes);
+		add_hash(&d, bytes, sizeof bytes);
 	}
 	return d;
 }
@@ -53,8 +53,8 @@ struct digest check_vertex_digest(const struct check_mesh *m)
 		uint8_t bytes[24];
 
 		for (unsigned i = 0; i < 3; i++)
-			put(bytes + 8 * i, m->vertex[v][i] + m->lattice.k[i]);
-		sum(&d, bytes, sizeof bytes);
+			put_i64(bytes + 8 * i, m->vertex[v][i] + m->lattice.k[i]);
+		add_hash(&d, bytes, sizeof bytes);
 	}
 	return d;
 }

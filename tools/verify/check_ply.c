@@ -1,8 +1,7 @@
 /*
  * A PLY as acutctl writes it: binary little-endian, vertices of three doubles, triangles, and the comments
- * acut-lattice, acut-origin, acut-crs, acut-digest. Coordinates become lattice numbers again: the number
- * whose coordinate is nearest is tried, and must give the very double of the file; nothing is rounded
- * silently.
+ * acut-lattice, acut-origin, acut-crs, acut-digest. Coordinates are converted back to lattice numbers: the number whose
+ * coordinate is nearest must give exactly the double of the file; nothing is rounded silently.
  */
 #include <errno.h>
 #include <math.h>
@@ -17,7 +16,7 @@
 
 enum { BUFFER = 1 << 20, LINE = 2048, LINES = 4096, VERTEX = 24, FACE = 13 };
 
-/* Bytes of a descriptor, one after the other. */
+/* Bytes of a descriptor, sequentially. */
 struct reader {
 	int fd;
 	const char *name;
@@ -28,20 +27,20 @@ struct reader {
 
 struct ply_header {
 	uint64_t nvertex, nface;
-	unsigned doubles; /* properties x, y, z seen */
+	unsigned doubles; /* properties x, y, z so far */
 	bool format, has_lattice, faces, converted;
 	enum { IN_NONE, IN_VERTEX, IN_FACE } element;
 };
 
-static int fail(const struct reader *r, enum err_code code, const char *text, struct err *err)
+static int read_error(const struct reader *r, enum err_code code, const char *text, struct err *err)
 {
 	err_set(err, code, "%s", text);
 	err_add_place(err, r->offset + r->at, NULL);
 	return err_add_file(err, r->name);
 }
 
-/* At least n bytes in the buffer; -ERR_TRUNCATED. */
-static int need(struct reader *r, size_t n, struct err *err)
+/* Ensures n bytes in the buffer; -ERR_TRUNCATED. */
+static int need_bytes(struct reader *r, size_t n, struct err *err)
 {
 	if (r->end - r->at >= n)
 		return 0;
@@ -59,7 +58,7 @@ static int need(struct reader *r, size_t n, struct err *err)
 			return err_add_file(err, r->name);
 		}
 		if (got == 0)
-			return fail(r, ERR_TRUNCATED, "the file ends too early", err);
+			return read_error(r, ERR_TRUNCATED, "the file ends too early", err);
 		r->end += (size_t)got;
 	}
 	return 0;
@@ -68,7 +67,7 @@ static int need(struct reader *r, size_t n, struct err *err)
 static int read_line(struct reader *r, char line[LINE], struct err *err)
 {
 	for (size_t n = 0; n < LINE; n++) {
-		int rc = need(r, 1, err);
+		int rc = need_bytes(r, 1, err);
 
 		if (rc)
 			return rc;
@@ -78,17 +77,17 @@ static int read_line(struct reader *r, char line[LINE], struct err *err)
 			return 0;
 		}
 	}
-	return fail(r, ERR_INPUT, "this is no PLY file: a line of its header has no end", err);
+	return read_error(r, ERR_INPUT, "this is no PLY file: a line of its header has no end", err);
 }
 
-static const char *after(const char *line, const char *head)
+static const char *text_after(const char *line, const char *head)
 {
 	size_t n = strlen(head);
 
 	return strncmp(line, head, n) == 0 ? line + n : NULL;
 }
 
-static bool take_digests(const char *text, struct check_mesh *m)
+static bool parse_digests(const char *text, struct check_mesh *m)
 {
 	char hex[2][40];
 	int end = 0;
@@ -97,7 +96,7 @@ static bool take_digests(const char *text, struct check_mesh *m)
 	       digest_parse(hex[1], &m->vertex_digest);
 }
 
-static bool take_origin(const char *text, struct check_mesh *m)
+static bool parse_origin(const char *text, struct check_mesh *m)
 {
 	char words[3][DECIMAL_TEXT_SIZE];
 	int end = 0;
@@ -110,24 +109,24 @@ static bool take_origin(const char *text, struct check_mesh *m)
 	return true;
 }
 
-static bool take_comment(const char *text, struct ply_header *h, struct check_mesh *m)
+static bool parse_comment(const char *text, struct ply_header *h, struct check_mesh *m)
 {
 	const char *value;
 
-	if ((value = after(text, "acut-lattice ")))
+	if ((value = text_after(text, "acut-lattice ")))
 		return !h->has_lattice && (h->has_lattice = lattice_parse(value, &m->lattice));
-	if ((value = after(text, "acut-digest ")))
-		return !m->has_digest && (m->has_digest = take_digests(value, m));
-	if ((value = after(text, "acut-origin ")))
-		return take_origin(value, m);
-	if (after(text, "acut-z-unit "))
+	if ((value = text_after(text, "acut-digest ")))
+		return !m->has_digest && (m->has_digest = parse_digests(value, m));
+	if ((value = text_after(text, "acut-origin ")))
+		return parse_origin(value, m);
+	if (text_after(text, "acut-z-unit "))
 		h->converted = true;
-	if ((value = after(text, "acut-crs ")))
+	if ((value = text_after(text, "acut-crs ")))
 		snprintf(m->crs, sizeof m->crs, "%.511s", value);
 	return true;
 }
 
-static bool take_property(const char *text, struct ply_header *h)
+static bool parse_property(const char *text, struct ply_header *h)
 {
 	static const char *const doubles[] = {"double x", "double y", "double z"};
 
@@ -139,24 +138,24 @@ static bool take_property(const char *text, struct ply_header *h)
 	return strcmp(text, "list uchar int vertex_indices") == 0 || strcmp(text, "list uchar uint vertex_indices") == 0;
 }
 
-static bool take_header_line(const char *line, struct ply_header *h, struct check_mesh *m)
+static bool parse_header_line(const char *line, struct ply_header *h, struct check_mesh *m)
 {
 	const char *value;
 
-	if ((value = after(line, "comment ")))
-		return take_comment(value, h, m);
+	if ((value = text_after(line, "comment ")))
+		return parse_comment(value, h, m);
 	if (strcmp(line, "format binary_little_endian 1.0") == 0)
 		return h->format = true;
-	if ((value = after(line, "element vertex ")) && h->element == IN_NONE) {
+	if ((value = text_after(line, "element vertex ")) && h->element == IN_NONE) {
 		h->element = IN_VERTEX;
 		return parse_u64(value, &h->nvertex);
 	}
-	if ((value = after(line, "element face ")) && h->element == IN_VERTEX) {
+	if ((value = text_after(line, "element face ")) && h->element == IN_VERTEX) {
 		h->element = IN_FACE;
 		return parse_u64(value, &h->nface);
 	}
-	value = after(line, "property ");
-	return value && take_property(value, h);
+	value = text_after(line, "property ");
+	return value && parse_property(value, h);
 }
 
 static int read_header(struct reader *r, struct ply_header *h, struct check_mesh *m, struct err *err)
@@ -167,26 +166,27 @@ static int read_header(struct reader *r, struct ply_header *h, struct check_mesh
 	if (rc)
 		return rc;
 	if (strcmp(line, "ply") != 0)
-		return fail(r, ERR_INPUT, "this is no PLY file", err);
+		return read_error(r, ERR_INPUT, "this is no PLY file", err);
 	for (unsigned n = 0; n < LINES; n++) {
 		if ((rc = read_line(r, line, err)))
 			return rc;
 		if (strcmp(line, "end_header") == 0)
 			break;
-		if (!take_header_line(line, h, m)) {
+		if (!parse_header_line(line, h, m)) {
 			err_set(err, ERR_INPUT, "acutctl writes no such line: \"%.100s\"", line);
 			err_add_place(err, r->offset + r->at, NULL);
 			return err_add_file(err, r->name);
 		}
 	}
 	if (!h->format || h->doubles != 3 || !h->faces)
-		return fail(r, ERR_INPUT, "the header lacks what acutctl writes", err);
+		return read_error(r, ERR_INPUT, "the header lacks what acutctl writes", err);
 	if (!h->has_lattice)
-		return fail(r, ERR_INPUT, "no comment acut-lattice: the coordinates cannot be taken back exactly", err);
+		return read_error(r, ERR_INPUT, "no comment acut-lattice: the coordinates cannot be taken back exactly", err);
 	if (h->converted)
-		return fail(r, ERR_INPUT, "its heights were converted (comment acut-z-unit): write it without --z-unit", err);
+		return read_error(r, ERR_INPUT, "its heights were converted (comment acut-z-unit): write it without --z-unit",
+				  err);
 	if (h->nvertex > UINT32_MAX || h->nface > UINT32_MAX)
-		return fail(r, ERR_INPUT, "more vertices or faces than 32 bits can number", err);
+		return read_error(r, ERR_INPUT, "more vertices or faces than 32 bits can number", err);
 	return 0;
 }
 
@@ -197,7 +197,7 @@ struct axis {
 	double step, origin;
 };
 
-static bool shifted(int64_t mantissa, int64_t exponent, int64_t *ret)
+static bool shift_decimal(int64_t mantissa, int64_t exponent, int64_t *ret)
 {
 	for (; exponent > 0 && mantissa; exponent--)
 		if (__builtin_mul_overflow(mantissa, (int64_t)10, &mantissa))
@@ -214,7 +214,8 @@ static bool axis_init(struct axis *a, struct decimal scale, struct decimal origi
 	a->unit = (struct decimal){1, e};
 	a->step = decimal_double(scale);
 	a->origin = decimal_double(origin);
-	return shifted(scale.mantissa, scale.exponent - e, &a->a) && shifted(origin.mantissa, origin.exponent - e, &a->b);
+	return shift_decimal(scale.mantissa, scale.exponent - e, &a->a) &&
+	       shift_decimal(origin.mantissa, origin.exponent - e, &a->b);
 }
 
 static bool is_at(const struct axis *a, int64_t n, double v)
@@ -225,7 +226,7 @@ static bool is_at(const struct axis *a, int64_t n, double v)
 	       decimal_scaled_double(a->unit, whole) == v;
 }
 
-/* Two neighbours that give one double mean that doubles are too coarse for this lattice. */
+/* If two neighbours give the same double, doubles are too coarse for this lattice. */
 static bool axis_number(const struct axis *a, double v, int32_t *ret)
 {
 	double guess = (v + a->origin) / a->step;
@@ -250,11 +251,11 @@ static int read_vertices(struct reader *r, struct check_mesh *m, struct err *err
 
 	for (unsigned i = 0; i < 3; i++)
 		if (!axis_init(&axis[i], i < 2 ? m->lattice.scale_xy : m->lattice.scale_z, m->origin[i], m->lattice.k[i]))
-			return fail(r, ERR_INPUT, "scale and origin have too many digits", err);
+			return read_error(r, ERR_INPUT, "scale and origin have too many digits", err);
 	for (size_t v = 0; v < m->nvertex; v++) {
 		double xyz[3];
 
-		if ((rc = need(r, VERTEX, err)))
+		if ((rc = need_bytes(r, VERTEX, err)))
 			return rc;
 		memcpy(xyz, r->buffer + r->at, sizeof xyz);
 		for (unsigned i = 0; i < 3; i++) {
@@ -275,18 +276,18 @@ static int read_faces(struct reader *r, struct check_mesh *m, struct err *err)
 	int rc;
 
 	for (size_t t = 0; t < m->ntriangle; t++) {
-		if ((rc = need(r, FACE, err)))
+		if ((rc = need_bytes(r, FACE, err)))
 			return rc;
 		if (r->buffer[r->at] != 3)
-			return fail(r, ERR_INPUT, "a face that is no triangle", err);
+			return read_error(r, ERR_INPUT, "a face that is no triangle", err);
 		memcpy(m->triangle[t], r->buffer + r->at + 1, 12);
 		r->at += FACE;
 	}
-	if (r->at < r->end || (rc = need(r, 1, err)) == 0)
-		return fail(r, ERR_INPUT, "bytes after the last face", err);
+	if (r->at < r->end || (rc = need_bytes(r, 1, err)) == 0)
+		return read_error(r, ERR_INPUT, "bytes after the last face", err);
 	if (rc != -ERR_TRUNCATED)
 		return rc;
-	err_clear(err); /* the end, where it should be */
+	err_clear(err); /* the end, at the right place */
 	return 0;
 }
 

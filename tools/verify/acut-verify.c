@@ -1,8 +1,8 @@
 /*
- * acut-verify: is this file the Delaunay triangulation that it says it is, and of these points?
+ * acut-verify: whether a file is the Delaunay triangulation that it claims to be, and of these points.
  *
- * The mesh is judged by engine/mesh/verify.h, which shares no code with the kernel; the digests are summed
- * by tools/check_digest.c, which shares none with base. All in memory.
+ * engine/mesh/verify.h, which shares no code with the kernel, checks the mesh. check_digest.c, which shares no code
+ * with base, computes the digests. Everything is in memory.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -37,14 +37,14 @@ struct verdict {
 	const char *name;
 	bool json, quiet;
 	struct view view;
-	const char *view_text; /* NULL: the options */
-	bool options;          /* one of them was given */
+	const char *view_text; /* NULL: use the options */
+	bool options;          /* an option was given */
 	struct check_mesh mesh;
 	struct check_points points;
 	bool with_points;
 	struct verify_report report;
 	struct digest digest, vertex_digest;
-	const char *fault; /* NULL: good */
+	const char *fault; /* NULL: no fault */
 	char text[256];
 	double seconds;
 };
@@ -78,8 +78,8 @@ static const struct option long_options[] = {
 	{"version", 0, NULL, OPT_VERSION},       {0},
 };
 
-/* The place of a word in a list, -1 if none. */
-static int choice(const char *word, const char *const *words, int n)
+/* Index of a word in a list, -1 if it is not there. */
+static int find_choice(const char *word, const char *const *words, int n)
 {
 	for (int i = 0; i < n; i++)
 		if (strcmp(word, words[i]) == 0)
@@ -87,7 +87,7 @@ static int choice(const char *word, const char *const *words, int n)
 	return -1;
 }
 
-static int take_option(struct verdict *v, int option, const char *value, struct err *err)
+static int parse_option(struct verdict *v, int option, const char *value, struct err *err)
 {
 	static const char *const returns[] = {"all", "first", "last"};
 	static const char *const duplicates[] = {"lowest", "highest"};
@@ -103,10 +103,10 @@ static int take_option(struct verdict *v, int option, const char *value, struct 
 		v->view_text = value;
 		break;
 	case OPT_RETURNS:
-		v->view.returns = (uint8_t)(i = choice(value, returns, 3));
+		v->view.returns = (uint8_t)(i = find_choice(value, returns, 3));
 		break;
 	case OPT_DUPLICATES:
-		v->view.duplicates = (uint8_t)(i = choice(value, duplicates, 2));
+		v->view.duplicates = (uint8_t)(i = find_choice(value, duplicates, 2));
 		break;
 	case OPT_GROUND:
 		v->view.ground = true;
@@ -135,7 +135,7 @@ static int take_option(struct verdict *v, int option, const char *value, struct 
 	return i < 0 ? err_set(err, ERR_USAGE, "%s is no choice (see --help)", value) : 0;
 }
 
-static void blame(struct verdict *v, const char *fault, const char *text)
+static void set_fault(struct verdict *v, const char *fault, const char *text)
 {
 	if (v->fault)
 		return;
@@ -165,9 +165,9 @@ static void check_digests(struct verdict *v)
 	if (!v->mesh.has_digest)
 		return;
 	if (!digest_equal(v->digest, v->mesh.digest))
-		blame(v, "digest", "the digest of the triangles is not the one in the file");
+		set_fault(v, "digest", "the digest of the triangles is not the one in the file");
 	else if (!digest_equal(v->vertex_digest, v->mesh.vertex_digest))
-		blame(v, "vertex-digest", "the digest of the vertices is not the one in the file");
+		set_fault(v, "vertex-digest", "the digest of the vertices is not the one in the file");
 }
 
 static int check_all(struct verdict *v, char **inputs, struct err *err)
@@ -184,7 +184,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 				 v->mesh.ntriangle};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
-	if (v->report.fault == VERIFY_INDEX) /* nothing else can be asked of it */
+	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
 		return 0;
 	if (!v->report.fault)
 		check_digests(v);
@@ -290,7 +290,7 @@ static void print_text(const struct verdict *v)
 		       (unsigned long long)v->points.read, v->points.n, (unsigned long long)r->positions);
 }
 
-static int told(const struct err *err)
+static int print_result(const struct err *err)
 {
 	char text[1400];
 
@@ -298,17 +298,17 @@ static int told(const struct err *err)
 	return err->code == ERR_PERM || err->code == ERR_NOMEM ? 74 : err_exit_status(err->code);
 }
 
-static int judge(struct verdict *v, char **inputs)
+static int verify_file(struct verdict *v, char **inputs)
 {
 	struct err err = ERR_INIT;
 	uint64_t start = clock_mono_ns();
 	int status;
 
 	if (check_all(v, inputs, &err)) {
-		status = told(&err);
+		status = print_result(&err);
 	} else {
 		if (v->report.fault)
-			blame(v, verify_fault_text(v->report.fault), v->report.text);
+			set_fault(v, verify_fault_text(v->report.fault), v->report.text);
 		v->seconds = clock_since(start);
 		if (v->json)
 			print_json(v);
@@ -335,7 +335,7 @@ int main(int argc, char **argv)
 	io_reserve_standard();
 	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
 		if (option == '?')
-			return 2; /* getopt has told */
+			return 2; /* getopt has printed the error */
 		if (option == OPT_HELP || option == OPT_VERSION) {
 			if (option == OPT_HELP)
 				fputs(help, stdout);
@@ -343,8 +343,8 @@ int main(int argc, char **argv)
 				printf("acut-verify %s\n", ACUT_VERSION);
 			return fflush(stdout) || ferror(stdout) ? 74 : 0;
 		}
-		if (take_option(&v, option, optarg, &err))
-			return told(&err);
+		if (parse_option(&v, option, optarg, &err))
+			return print_result(&err);
 	}
 	if (optind >= argc) {
 		fputs("acut-verify: give a MESH (see --help)\n", stderr);
@@ -355,7 +355,7 @@ int main(int argc, char **argv)
 		return 2;
 	}
 	if (view_check(&v.view, &err))
-		return told(&err);
+		return print_result(&err);
 	v.name = argv[optind];
-	return judge(&v, argv + optind + 1);
+	return verify_file(&v, argv + optind + 1);
 }

@@ -4,8 +4,8 @@
 
 struct grid_manifest;
 
-void dump_manifest_lists(const struct grid_manifest *); /* on standard output, a line each */
-/* Where the generations are not what the sources say of them; NULL: they are. */
+void dump_manifest_lists(const struct grid_manifest *); /* on standard output, one line each */
+/* The fault if the generations do not agree with the sources, or NULL. */
 const char *dump_manifest_fault(const struct grid_manifest *);
 
 #endif

@@ -1,12 +1,12 @@
 /*
- * The survey of acut-synth: an aircraft flies swaths up and down the area, each overlapping the next by a
- * fifth; an oscillating mirror draws a zig-zag below it; every pulse has a jitter and, in the woods, several
- * returns. Pulses are spaced so that the points asked for cover the area with one per cent to spare, which
- * the last swath lacks; should they not do, a second round is flown.
+ * The survey of acut-synth. An aircraft flies swaths up and down the area, each overlapping the next by a fifth; an
+ * oscillating mirror draws a zig-zag below it; every pulse has a jitter and, in the woods, several returns. The spacing
+ * of pulses is chosen so that the requested points cover the area with one per cent to spare, which the last swath
+ * lacks; if they do not, a second round is flown.
  *
- * Planted on purpose: 1 in 3000 pulses is noise (a bird, or a false echo below ground), 1 in 700 points is
- * withheld, 1 in 900 pulses is recorded twice at one position with another height, 1 in 60 ground points is
- * unclassified and 1 in 300 a model key-point. Over water two pulses of three are lost.
+ * Irregularities: 1 in 3000 pulses is noise (a bird, or a false echo below ground), 1 in 700 points is withheld, 1 in
+ * 900 pulses is recorded twice at one position with another height, 1 in 60 ground points is unclassified and 1 in 300
+ * is a model key-point. Over water two of three pulses are lost.
  */
 #include <string.h>
 
@@ -31,7 +31,7 @@ static const double slope = 0.364;   /* its tangent */
 
 static unsigned pulse_at(struct synth_survey *s, double x, double y, double across, struct synth_point *ret);
 
-/* Returns a pulse has on the average, over the area. */
+/* Mean number of returns of a pulse over the area. */
 static double mean_returns(struct synth_survey *s)
 {
 	struct synth_point ret[SYNTH_RETURNS];
@@ -85,10 +85,10 @@ static int32_t quantised(const struct synth_survey *s, double v)
 	return (int32_t)synth_floor(v * s->per_scale + 0.5);
 }
 
-static void put(const struct synth_survey *s, struct synth_point *p, double x, double y, double z, double side, double above,
-		unsigned cls)
+static void add_return(const struct synth_survey *s, struct synth_point *p, double x, double y, double z, double side,
+		       double above, unsigned cls)
 {
-	double reach = side * slope * above; /* a slanted ray meets what is high further in */
+	double reach = side * slope * above; /* a slanted ray meets high objects nearer to the middle */
 
 	x -= reach;
 	x = x < 0 ? 0 : x > s->options->width ? s->options->width : x;
@@ -98,9 +98,9 @@ static void put(const struct synth_survey *s, struct synth_point *p, double x, d
 	p->cls = (uint8_t)cls;
 }
 
-/* A crown: what the ray meets from the top down; the ground is reached by three of four. */
-static unsigned in_forest(const struct synth_survey *s, double x, double y, double z, double top, double side, uint64_t h,
-			  struct synth_point *ret)
+/* A crown: the hits of the ray from the top down; three of four rays reach the ground. */
+static unsigned forest_returns(const struct synth_survey *s, double x, double y, double z, double top, double side, uint64_t h,
+			       struct synth_point *ret)
 {
 	unsigned n = 1 + (unsigned)((h >> 40 & 7) * 3 >> 3) + (unsigned)(h >> 43 & 1);
 	bool grounded = (h >> 44 & 3) != 0;
@@ -111,15 +111,15 @@ static unsigned in_forest(const struct synth_survey *s, double x, double y, doub
 		double above = top * (1 - (double)i / (n + 0.5)) * (0.85 + 0.15 * synth_fraction((uint32_t)(h >> (i * 5))));
 
 		if (i + 1 == n && grounded)
-			put(s, &ret[i], x, y, z, side, 0, CLASS_GROUND);
+			add_return(s, &ret[i], x, y, z, side, 0, CLASS_GROUND);
 		else
-			put(s, &ret[i], x, y, z, side, above, plant_class(above));
+			add_return(s, &ret[i], x, y, z, side, above, plant_class(above));
 	}
 	return n;
 }
 
-static unsigned on_surface(const struct synth_survey *s, double x, double y, double z, double top, double side,
-			   enum synth_cover cover, uint64_t h, struct synth_point *ret)
+static unsigned surface_return(const struct synth_survey *s, double x, double y, double z, double top, double side,
+			       enum synth_cover cover, uint64_t h, struct synth_point *ret)
 {
 	double error = (synth_fraction((uint32_t)(h >> 8)) - 0.5) * 0.08;
 
@@ -127,23 +127,23 @@ static unsigned on_surface(const struct synth_survey *s, double x, double y, dou
 	case SYNTH_WATER:
 		if (h % 3)
 			return 0;
-		put(s, ret, x, y, z + error * 0.25, side, 0, CLASS_WATER);
+		add_return(s, ret, x, y, z + error * 0.25, side, 0, CLASS_WATER);
 		return 1;
 	case SYNTH_HOUSE:
-		put(s, ret, x, y, z + error, side, top, CLASS_BUILDING);
+		add_return(s, ret, x, y, z + error, side, top, CLASS_BUILDING);
 		return 1;
 	case SYNTH_FOREST:
-		return in_forest(s, x, y, z + error, top, side, h, ret);
+		return forest_returns(s, x, y, z + error, top, side, h, ret);
 	default:
 		if (cover == SYNTH_FIELD && (h >> 50 & 7) == 0)
-			put(s, ret, x, y, z + error, side, 0.05 + 0.4 * synth_fraction((uint32_t)(h >> 20)), CLASS_LOW);
+			add_return(s, ret, x, y, z + error, side, 0.05 + 0.4 * synth_fraction((uint32_t)(h >> 20)), CLASS_LOW);
 		else
-			put(s, ret, x, y, z + error, side, 0, h % 60 == 7 ? CLASS_NONE : CLASS_GROUND);
+			add_return(s, ret, x, y, z + error, side, 0, h % 60 == 7 ? CLASS_NONE : CLASS_GROUND);
 		return 1;
 	}
 }
 
-/* The returns of the pulse that would reach flat ground at x, y; `side` -1 to 1 across the swath. */
+/* The returns of the pulse that would reach flat ground at x, y; `side`: -1 to 1 across the swath. */
 static unsigned pulse_at(struct synth_survey *s, double x, double y, double side, struct synth_point *ret)
 {
 	uint64_t h = synth_hash(s->options->seed ^ UINT64_C(0x5bd1e995), s->counter), g = h * UINT64_C(0x9fb21c651e98df25);
@@ -156,10 +156,10 @@ static unsigned pulse_at(struct synth_survey *s, double x, double y, double side
 		bool high = g >> 40 & 1;
 		double above = high ? 40 + 90 * synth_fraction((uint32_t)h) : -4 - 25 * synth_fraction((uint32_t)h);
 
-		put(s, ret, x, y, z, 0, above, high && s->options->format == 6 ? CLASS_NOISE_HIGH : CLASS_NOISE);
+		add_return(s, ret, x, y, z, 0, above, high && s->options->format == 6 ? CLASS_NOISE_HIGH : CLASS_NOISE);
 		n = 1;
 	} else {
-		n = on_surface(s, x, y, z, top, side, cover, h, ret);
+		n = surface_return(s, x, y, z, top, side, cover, h, ret);
 	}
 	for (unsigned i = 0; i < n; i++) {
 		ret[i].number = (uint8_t)(i + 1);
@@ -177,8 +177,8 @@ static unsigned pulse_at(struct synth_survey *s, double x, double y, double side
 	return n;
 }
 
-/* To the next pulse: along the line, to the next line, the next swath, another round. */
-static void move_on(struct synth_survey *s)
+/* Moves to the next pulse: along the line, to the next line, the next swath, another round. */
+static void next_pulse(struct synth_survey *s)
 {
 	s->counter++;
 	if (++s->at_pulse < s->pulses)
@@ -221,6 +221,6 @@ unsigned synth_survey_next(struct synth_survey *s, struct synth_point ret[SYNTH_
 		if (overlap)
 			ret[i].flags |= POINT_OVERLAP;
 	}
-	move_on(s);
+	next_pulse(s);
 	return n;
 }

@@ -1,14 +1,14 @@
 /*
- * acut-domain: one region of a dataset, from files alone: no daemon, no catalogue, no lock. So that a
- * cluster's scheduler can run domains, and a person can look at one.
+ * acut-domain: one region of a dataset, from files alone, without daemon, catalogue or locks. So the scheduler of a
+ * cluster can run domains, and a developer can inspect one.
  *
- *   acut-domain --plan MANIFEST VIEW               the regions, a line each
- *   acut-domain --select MANIFEST VIEW FOLDER      the points of a view with crop, every or thin, as a grid
- *   acut-domain MANIFEST VIEW REGION OUT           triangulate one, publish it in the folder OUT
+ *   acut-domain --plan MANIFEST VIEW the regions, one on each line
+ *   acut-domain --select MANIFEST VIEW FOLDER the points of a view with crop, every or thin, as a grid
+ *   acut-domain MANIFEST VIEW REGION OUT triangulate one, publish it in the folder OUT
  *
- * A finished domain appears under a name of what it was made of, whole or not at all; the daemon finds it there when OUT
- * is its store. Regions of a view that selects lie on the grid of its points: it is made in a temporary folder each
- * time, or once with --select, for all who run regions from its manifest.
+ * The name of a finished domain is derived from its data, and the file appears only when it is complete; if OUT is the
+ * daemon's store, the daemon finds it there. Regions of a view that selects are on the grid of its points. That grid is
+ * made in a temporary folder each time, or once with --select, for all runs with its manifest.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -53,7 +53,7 @@ static const char USAGE[] =
 struct options {
 	uint64_t memory;
 	bool plan, select;
-	const char *manifest, *view, *region, *out; /* out: the folder of --select too */
+	const char *manifest, *view, *region, *out; /* out: also the folder of --select */
 };
 
 struct session {
@@ -69,7 +69,7 @@ static int usage_error(const char *text)
 	return 2;
 }
 
-/* -1: go on; otherwise the exit status. */
+/* -1: continue; otherwise the exit status. */
 static int parse_options(int argc, char **argv, struct options *o)
 {
 	static const struct option longs[] = {
@@ -124,7 +124,7 @@ static int select_into(struct session *s, int dirfd, struct err *err)
 	return selection_make(&p, &counts, err);
 }
 
-/* The grid of the selected points in place of the dataset's, in files that have no names any more. */
+/* Replaces the dataset's grid by the grid of the selected points, in unlinked files. */
 static int select_own(struct session *s, struct err *err)
 {
 	static const char *const files[] = {SELECTION_MANIFEST, "counts", "selection.seg"};

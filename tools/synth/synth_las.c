@@ -1,7 +1,7 @@
 /*
- * LAS as acut-synth writes it: 1.2 with point format 1, 1.4 with format 6 (and with format 1 beyond 2^32 - 1
- * points, which 1.2 cannot count). Coordinates are raw numbers; the offset is the origin. The header is made
- * from exact counts and boxes, so the points are known before it is written (acut-synth.c).
+ * LAS as acut-synth writes it: 1.2 with point format 1, 1.4 with format 6 (and with format 1 beyond 2^32 - 1 points,
+ * which 1.2 cannot count). Coordinates are raw numbers; the offset is the origin. The header has exact counts and
+ * boxes, so the points are known before it is written (acut-synth.c).
  */
 #include <assert.h>
 #include <errno.h>
@@ -167,7 +167,7 @@ int synth_las_flush(struct synth_las *las, struct err *err)
 	return las->dry ? 0 : synth_write(las->fd, las->buffer, n, las->name, err);
 }
 
-/* Records as LAS has them; this machine's byte order is the file's. */
+/* Records as in LAS; the byte order of this machine is that of the file. */
 struct place {
 	int32_t x, y, z;
 	uint16_t intensity;

@@ -1,5 +1,5 @@
 /*
- * The sources and generations of a manifest in words, for acut-grid-dump, and whether they agree.
+ * The sources and generations of a manifest as text, for acut-grid-dump, and whether they agree.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 #include "dump_manifest.h"
 #include "grid.h"
 
-/* A text of strangers, in quotes. */
+/* An untrusted text, in quotes. */
 static void print_text(const char *text)
 {
 	putchar('"');
@@ -51,7 +51,7 @@ static void print_generation(const struct grid_generation *g)
 	       digest_hex(g->content, hex));
 }
 
-/* What can be derived of the sources; those that were pruned are not there any more. */
+/* Compares what can be derived from the sources; pruned sources are missing. */
 const char *dump_manifest_fault(const struct grid_manifest *m)
 {
 	uint64_t oldest = grid_manifest_oldest(m);

@@ -1,6 +1,6 @@
 /*
- * The landscape of acut-synth: ridges and hills of value noise, a river that winds through, woods, and
- * built-up ground of blocks with houses. Metres; x and y from 0 to the size of the area.
+ * The landscape of acut-synth: ridges and hills of value noise, a winding river, woods, and built-up areas of blocks
+ * with houses. In metres; x and y from 0 to the size of the area.
  */
 #include <string.h>
 
@@ -33,7 +33,7 @@ static struct synth_noise noise(uint64_t seed, unsigned which, double size)
 	return synth_noise_of(synth_hash(seed, 1000 + which), 1 / size);
 }
 
-/* Sizes are those of a real landscape, but smaller where the area is small, so that it has all of it. */
+/* Sizes are those of a real landscape, but smaller in a small area, so that it has everything. */
 static double at_most(double size, double part)
 {
 	return size < part ? size : part;
@@ -60,7 +60,7 @@ static double distance(double a, double b)
 	return a > b ? a - b : b - a;
 }
 
-/* Metres from the middle of the river. */
+/* Distance from the middle of the river, in metres. */
 static double from_river(struct synth_land *l, double x, double y)
 {
 	double swing = l->width * 0.5 < 700 ? l->width * 0.5 : 700;
@@ -104,7 +104,7 @@ static void find_block(struct synth_land *l, int64_t bx, int64_t by)
 	l->block.eaves = ground(l, middle_x, middle_y, from_river(l, middle_x, middle_y)) + tall;
 }
 
-/* The roof's height at a place in a house; false if no house stands there. */
+/* The height of the roof if there is a house; else false. */
 static bool roof_at(struct synth_land *l, double x, double y, double *ret)
 {
 	int64_t bx = synth_floor(x / BLOCK_X), by = synth_floor(y / BLOCK_Y);

@@ -1,9 +1,9 @@
 /*
  * acut-synth: a deterministic generator of surveys as LAS files, of any size in constant memory.
  *
- * A file is written once, and its header again at the end, when counts and box are known. A pipe cannot go
- * back, so the points are made twice for it: once to count and measure, once to write; or once, with the header
- * of an earlier run (synth_head.c). The bytes are the same. A file appears under its name only when it is whole.
+ * A file is written once, and its header again at the end, when counts and box are known. A pipe cannot be rewound, so
+ * the points are generated twice for it: once for the header, once to write; or once, with the header of an earlier run
+ * (synth_head.c). The bytes are the same. A file gets its name only when it is complete.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -140,7 +140,7 @@ static const struct option long_options[] = {
 	{"version", 0, NULL, OPT_VERSION},     {0},
 };
 
-static bool take_option(struct synth_options *o, int option, char *value, double *density)
+static bool parse_option(struct synth_options *o, int option, char *value, double *density)
 {
 	uint64_t v;
 
@@ -177,8 +177,8 @@ static bool take_option(struct synth_options *o, int option, char *value, double
 	}
 }
 
-/* Area from density, or density from area; both must fit the numbers of the file. */
-static int fit(struct synth_options *o, double density, struct err *err)
+/* Computes area from density, or density from area; both must fit the numbers of the file. */
+static int fit_area(struct synth_options *o, double density, struct err *err)
 {
 	double per_scale = 1 / decimal_double(o->scale), many = (double)(o->points ? o->points : 1);
 
@@ -207,8 +207,8 @@ static int fit(struct synth_options *o, double density, struct err *err)
 	return 0;
 }
 
-/* All points into `las`. */
-static int make(const struct synth_options *o, struct synth_las *las, struct err *err)
+/* Writes all points to `las`. */
+static int write_points(const struct synth_options *o, struct synth_las *las, struct err *err)
 {
 	struct synth_point ret[SYNTH_RETURNS];
 	struct synth_survey survey;
@@ -243,8 +243,8 @@ static int write_head(const struct synth_las *las, struct err *err)
 
 static const char stdout_name[] = "standard output";
 
-/* The header before the points: from `kept` (NULL: none), or by going through them. */
-static int measure(const struct synth_options *o, const char *kept, uint8_t *head, struct err *err)
+/* Makes the header before the points: from `kept`, or by generating them all (NULL). */
+static int make_header(const struct synth_options *o, const char *kept, uint8_t *head, struct err *err)
 {
 	struct synth_las las;
 	int rc = kept ? synth_head_load(o, kept, head, err) : SYNTH_E_NONE;
@@ -255,26 +255,26 @@ static int measure(const struct synth_options *o, const char *kept, uint8_t *hea
 	if (rc)
 		return rc;
 	las.dry = true;
-	rc = make(o, &las, err);
+	rc = write_points(o, &las, err);
 	synth_las_head(&las, head);
 	free(las.buffer);
 	return rc || !kept ? rc : synth_head_save(o, kept, head, err);
 }
 
-/* To a descriptor that cannot seek: measure first. */
-static int to_pipe(const struct synth_options *o, const char *kept, int fd, struct err *err)
+/* Writes to a descriptor that cannot seek, so the header is made first. */
+static int write_pipe(const struct synth_options *o, const char *kept, int fd, struct err *err)
 {
 	uint8_t head[SYNTH_KEPT_MAX], made[SYNTH_KEPT_MAX];
 	size_t size = synth_las_head_size(o);
 	struct synth_las las;
-	int rc = measure(o, kept, head, err);
+	int rc = make_header(o, kept, head, err);
 
-	fcntl(fd, F_SETPIPE_SZ, PIPE_BYTES); /* fewer turns for both sides; not a pipe, or not allowed: as it is */
+	fcntl(fd, F_SETPIPE_SZ, PIPE_BYTES); /* fewer context switches; fails if it is not a pipe, or not allowed */
 	if (rc == 0)
 		rc = synth_write(fd, head, size, stdout_name, err);
 	if (rc || (rc = synth_las_open(&las, o, fd, stdout_name, err)))
 		return rc;
-	rc = make(o, &las, err);
+	rc = write_points(o, &las, err);
 	synth_las_head(&las, made);
 	free(las.buffer);
 	if (rc || memcmp(head, made, size) == 0)
@@ -283,16 +283,16 @@ static int to_pipe(const struct synth_options *o, const char *kept, int fd, stru
 	return err_add_file(err, kept ? kept : stdout_name);
 }
 
-static int to_file(const struct synth_options *o, int fd, const char *name, struct err *err)
+static int write_file(const struct synth_options *o, int fd, const char *name, struct err *err)
 {
 	struct synth_las las;
 	int rc = synth_las_open(&las, o, fd, name, err);
 
 	if (rc)
 		return rc;
-	rc = write_head(&las, err); /* in its place until the counts are known */
+	rc = write_head(&las, err); /* a placeholder until the counts are known */
 	if (rc == 0)
-		rc = make(o, &las, err);
+		rc = write_points(o, &las, err);
 	if (rc == 0 && lseek(fd, 0, SEEK_SET) < 0) {
 		err_sys(err, errno, "cannot go back to the header");
 		rc = err_add_file(err, name);
@@ -303,11 +303,11 @@ static int to_file(const struct synth_options *o, int fd, const char *name, stru
 	return rc;
 }
 
-static int to_path(const struct synth_options *o, const char *kept, const char *path, struct err *err)
+static int write_path(const struct synth_options *o, const char *kept, const char *path, struct err *err)
 {
 	char part[4096];
 	struct stat st;
-	bool whole = stat(path, &st) != 0 || S_ISREG(st.st_mode); /* a device or pipe is written as it is */
+	bool whole = stat(path, &st) != 0 || S_ISREG(st.st_mode); /* a device or pipe is written directly */
 	int n = snprintf(part, sizeof part, "%s%s", path, whole ? ".part" : "");
 
 	if (n >= (int)sizeof part)
@@ -318,7 +318,7 @@ static int to_path(const struct synth_options *o, const char *kept, const char *
 		err_sys(err, errno, "cannot open");
 		return err_add_file(err, part);
 	}
-	int rc = whole ? to_file(o, fd, path, err) : to_pipe(o, kept, fd, err);
+	int rc = whole ? write_file(o, fd, path, err) : write_pipe(o, kept, fd, err);
 
 	if (close(fd) != 0 && rc == 0) {
 		err_sys(err, errno, "cannot write");
@@ -333,14 +333,14 @@ static int to_path(const struct synth_options *o, const char *kept, const char *
 	return rc;
 }
 
-static int finish(int rc, const struct err *err)
+static int report_result(int rc, const struct err *err)
 {
 	char text[1400];
 
 	if (rc == 0)
 		return 0;
 	if (err->sys == EPIPE)
-		return 141; /* who reads has had enough */
+		return 141; /* the reader has closed the pipe */
 	fprintf(stderr, "acut-synth: %s\n", err_format(err, text, sizeof text));
 	return err->code == ERR_USAGE ? 2 : err->code == ERR_PERM ? 74 : err_exit_status(err->code);
 }
@@ -362,12 +362,12 @@ int main(int argc, char **argv)
 		if (option == OPT_VERSION)
 			return printf("acut-synth %s\n", ACUT_VERSION) < 0 || fflush(stdout) ? 74 : 0;
 		if (option == '?')
-			return 2; /* getopt has told */
+			return 2; /* getopt has printed the error */
 		if (option == OPT_HEAD) {
 			kept = optarg;
 			continue;
 		}
-		if (!take_option(&o, option, optarg, &density)) {
+		if (!parse_option(&o, option, optarg, &density)) {
 			fprintf(stderr, "acut-synth: %s: not a value for --%s (see --help)\n", optarg,
 				long_options[option - OPT_POINTS].name);
 			return 2;
@@ -377,9 +377,9 @@ int main(int argc, char **argv)
 		fputs("acut-synth: give one OUT, or - for standard output (see --help)\n", stderr);
 		return 2;
 	}
-	rc = fit(&o, density, &err);
+	rc = fit_area(&o, density, &err);
 	if (rc == 0)
-		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, kept, STDOUT_FILENO, &err) :
-						      to_path(&o, kept, argv[optind], &err);
-	return finish(rc, &err);
+		rc = strcmp(argv[optind], "-") == 0 ? write_pipe(&o, kept, STDOUT_FILENO, &err) :
+						      write_path(&o, kept, argv[optind], &err);
+	return report_result(rc, &err);
 }

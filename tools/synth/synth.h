@@ -1,9 +1,9 @@
 /*
- * The parts of acut-synth: a landscape, a survey flown over it, point sets of simple shapes, and LAS.
+ * The parts of acut-synth: a landscape, a survey of it, point sets of simple shapes, and LAS.
  *
- * Everything is a function of the options alone: numbers come from integer hashes of counters, positions
- * from + - * / and sqrt of doubles, which IEEE 754 fixes to the last bit (the build turns contraction off),
- * and from no function of libm. So a file has the same bytes whatever the compiler's level.
+ * Everything depends on the options only: numbers are integer hashes of counters; positions use + - * / and sqrt of
+ * doubles, which IEEE 754 defines to the last bit (the build disables contraction), and no function of libm. So a file
+ * has the same bytes at every optimization level.
  */
 #ifndef SYNTH_H
 #define SYNTH_H
@@ -85,13 +85,13 @@ static inline int64_t synth_floor(double v)
 	return i - ((double)i > v);
 }
 
-/* Value noise over cells of one size, 0 to 1; the last cell is kept, as neighbours ask for it again. The pair of a
- * vector is x and y, or low and high: IEEE 754 numbers lane by lane, the same as one after the other. */
+/* Value noise over cells of one size, 0 to 1. The last cell is cached, because neighbours use it again. The pair of a
+ * vector is x and y, or low and high: IEEE 754 operations in each lane, the same as sequentially. */
 typedef double synth_pair __attribute__((vector_size(16)));
 
 struct synth_noise {
-	synth_pair cell;         /* its lower corner, in cells; not a number: none yet */
-	synth_pair corner, rise; /* at the left edge, low and high; from there to the right one */
+	synth_pair cell;         /* its lower corner, in cells; NaN: none yet */
+	synth_pair corner, rise; /* at the left edge, low and high; difference to the right edge */
 	uint64_t seed;
 	double per_metre;
 };
@@ -119,7 +119,7 @@ struct synth_land {
 	struct synth_noise ridge, hill, bump, rough, forest, tree, town, bend;
 	double width, height;
 	uint64_t seed;
-	struct { /* the block of houses asked for last */
+	struct { /* the block of houses that was used last */
 		int64_t bx, by;
 		bool known, built, gabled;
 		double x0, x1, y0, y1, eaves;
@@ -129,15 +129,15 @@ struct synth_land {
 enum synth_cover { SYNTH_FIELD, SYNTH_FOREST, SYNTH_WATER, SYNTH_STREET, SYNTH_HOUSE };
 
 void synth_land_init(struct synth_land *, const struct synth_options *);
-/* Height of the ground (of water: its surface), metres, and what stands there; *ret_top: its height above. */
+/* Height of the ground (or the water's surface), in metres, and its cover; *ret_top: height of the cover above it. */
 double synth_land_at(struct synth_land *, double x, double y, enum synth_cover *ret, double *ret_top);
 
-/* The survey (synth_survey.c): the next pulse's returns, none to SYNTH_RETURNS. Goes on for ever. */
+/* The survey (synth_survey.c): the returns of the next pulse, 0 to SYNTH_RETURNS. It never ends. */
 struct synth_survey {
 	const struct synth_options *options;
 	struct synth_land land;
 	double per_scale, advance, spacing, swath, reach, roll;
-	uint64_t swaths, lines, pulses; /* in all; of a swath; of a line */
+	uint64_t swaths, lines, pulses; /* in total; in a swath; in a line */
 	uint64_t at_swath, at_line, at_pulse, round, counter;
 	struct synth_noise sway;
 };
@@ -145,14 +145,14 @@ struct synth_survey {
 void synth_survey_init(struct synth_survey *, const struct synth_options *);
 unsigned synth_survey_next(struct synth_survey *, struct synth_point ret[SYNTH_RETURNS]);
 
-/* Whether it is flown; else it is a shape. */
+/* Whether it is a survey; otherwise it is a shape. */
 static inline bool synth_flown(enum synth_shape shape)
 {
 	return shape == SYNTH_SURVEY || shape == SYNTH_SWATH;
 }
 
 /* Shapes (synth_shape.c): point number i. Range and step must be set (synth_shape_fit). */
-/* Metres of a shape whose --area is length x width and has a length of its own; else 0. */
+/* Length, in metres, of a shape whose --area is length x width; 0 for other shapes. */
 double synth_shape_length(enum synth_shape);
 int synth_shape_fit(struct synth_options *, struct err *err);
 void synth_shape_point(const struct synth_options *, struct synth_noise *height, uint64_t i, struct synth_point *ret);
@@ -162,7 +162,7 @@ struct synth_las {
 	const struct synth_options *options;
 	int fd;
 	const char *name;
-	bool dry; /* counts and measures, writes nothing */
+	bool dry; /* only counts and measures */
 	uint64_t count, by_return[15];
 	int32_t min[3], max[3];
 	uint8_t *buffer;
@@ -172,15 +172,15 @@ struct synth_las {
 
 /* Bytes before the first point. */
 size_t synth_las_head_size(const struct synth_options *);
-/* The header with what `las` has counted; `bytes` of that size. */
+/* Makes the header from the counts of `las`; `bytes` has that size. */
 void synth_las_head(const struct synth_las *, uint8_t *bytes);
 int synth_las_open(struct synth_las *, const struct synth_options *, int fd, const char *name, struct err *err);
 int synth_las_put(struct synth_las *, const struct synth_point *, unsigned n, struct err *err);
 int synth_las_flush(struct synth_las *, struct err *err);
-/* All bytes, by write(2). A closed pipe is -ERR_IO with sys EPIPE. */
+/* Writes all bytes with write(2). A closed pipe is -ERR_IO with sys EPIPE. */
 int synth_write(int fd, const void *bytes, size_t n, const char *name, struct err *err);
 
-/* A kept header (synth_head.c): `head` has the size of the header. Load: SYNTH_E_NONE if there is no file. */
+/* A saved header (synth_head.c): `head` has the size of the header. Load: SYNTH_E_NONE if there is no file. */
 enum { SYNTH_KEPT_MAX = 4096, SYNTH_E_NONE = 1 };
 
 int synth_head_load(const struct synth_options *, const char *path, uint8_t *head, struct err *err);

@@ -1,6 +1,6 @@
 /*
- * The parts of acut-verify: reading a PLY back onto its lattice, its digests by other code than the
- * engine's, and the points of the inputs.
+ * The parts of acut-verify: reading a PLY back to its lattice, its digests by other code than the engine's, and the
+ * points of the inputs.
  */
 #ifndef CHECK_FILE_H
 #define CHECK_FILE_H
@@ -19,16 +19,16 @@ struct err;
 /* A mesh file in memory (check_ply.c). */
 struct check_mesh {
 	struct lattice lattice;
-	struct decimal origin[3]; /* taken off the coordinates of the file; zero if the file names none */
+	struct decimal origin[3]; /* subtracted from the coordinates of the file; zero if the file does not name it */
 	bool has_digest;
-	struct digest digest, vertex_digest; /* as the file says */
+	struct digest digest, vertex_digest; /* from the file */
 	char crs[512];
 	int32_t (*vertex)[3]; /* lattice numbers */
 	uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;
 };
 
-/* Reads all of `fd`. -ERR_INPUT: not a PLY as acutctl writes it, or not on its lattice; -ERR_TRUNCATED. */
+/* Reads all of `fd`. -ERR_INPUT: not a PLY of acutctl, or not on its lattice; -ERR_TRUNCATED. */
 int check_ply_read(int fd, const char *name, struct check_mesh *ret, struct err *err);
 void check_mesh_clear(struct check_mesh *);
 
@@ -45,7 +45,7 @@ struct check_points {
 };
 
 int check_points_read(struct check_points *, const char *path, const struct lattice *, const struct view *, struct err *err);
-/* When all are read: leaves one point of each thin cell, by code of its own. */
+/* After all were read: keeps one point of each thin cell, by separate code. */
 int check_points_thin(struct check_points *, const struct view *, struct err *err);
 void check_points_clear(struct check_points *);
 

@@ -1,6 +1,6 @@
 /*
- * Points for acut-verify: files read by the room that reads all inputs, brought to the lattice of the mesh,
- * and kept as the view says. All of them in memory, 16 bytes each.
+ * Points for acut-verify: read by engine/input, converted to the lattice of the mesh, and kept as the view says. All of
+ * them in memory, 16 bytes each.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -34,7 +34,7 @@ static int make_room(struct check_points *c, size_t n, struct err *err)
 	return 0;
 }
 
-static int keep(struct check_points *c, const struct batch *b, size_t n, const struct view *view, struct err *err)
+static int add_point(struct check_points *c, const struct batch *b, size_t n, const struct view *view, struct err *err)
 {
 	int rc = make_room(c, n, err);
 
@@ -65,14 +65,14 @@ static int read_all(struct check_points *c, struct input *in, struct batch *b, c
 	while (rc == 0 && (rc = input_read(in, &pts, err)) == 0 && pts.n > 0) {
 		rc = lattice_map_apply(&map, (const int64_t(*)[3])b->raw, pts.n, b->at, &c->rounded, shift, &bad, err);
 		if (rc == 0)
-			rc = keep(c, b, pts.n, view, err);
+			rc = add_point(c, b, pts.n, view, err);
 	}
 	return rc;
 }
 
 int check_points_read(struct check_points *c, const char *path, const struct lattice *l, const struct view *view, struct err *err)
 {
-	/* Degrees are a plane here: whether that was wise was judged when the mesh was made. */
+	/* Degrees count as a plane; the push has checked that. */
 	const struct input_options options = {.planar = true};
 	struct input *in = NULL;
 	struct batch *b = malloc(sizeof *b);
@@ -94,10 +94,10 @@ int check_points_read(struct check_points *c, const char *path, const struct lat
 	return rc;
 }
 
-/* What the rule of thinning looks at, in its order. */
+/* What the thin rule compares, in order. */
 struct thin_key {
 	int64_t cell[2];
-	int64_t order[6]; /* z (its negative where the highest is taken), class, returns, flags, x, y */
+	int64_t order[6]; /* z (negated if the highest is taken), class, returns, flags, x, y */
 	size_t at;
 };
 

@@ -1,6 +1,6 @@
 /*
- * Point sets of simple shapes, in lattice numbers: what a triangulator finds easy, and what it does not.
- * Point i is a function of the seed and i. All are one return of class 2.
+ * Point sets of simple shapes, in lattice numbers: easy ones for a triangulator, and difficult ones. Point i depends on
+ * the seed and i only. All points are one return of class 2.
  */
 #include <string.h>
 
@@ -19,7 +19,7 @@ static uint64_t side_of(uint64_t points)
 	return w ? w : 1;
 }
 
-/* How much longer a thin shape must be than a square to have room for as many positions. */
+/* How much longer than a square a thin shape must be to have as many positions. */
 static double lengthened(const struct synth_options *o, double steps)
 {
 	double room = 8 * (double)o->points / (steps < 1 ? 1 : steps);
@@ -85,7 +85,7 @@ static int64_t within(uint64_t range, uint32_t bits)
 	return (int64_t)(range * bits >> 32) - (int64_t)(range / 2);
 }
 
-/* Around 0, sum of four: bell-shaped, no further than `reach`. */
+/* Around 0, the sum of four numbers: bell-shaped, at most `reach`. */
 static int64_t bell(uint64_t reach, uint64_t h)
 {
 	int64_t sum = 0;
@@ -95,7 +95,7 @@ static int64_t bell(uint64_t reach, uint64_t h)
 	return sum * (int64_t)reach / 131072;
 }
 
-/* A point of the unit circle by its rational parametrisation, no angle needed. */
+/* A point of the unit circle by its rational parametrization, without an angle. */
 static void on_circle(uint64_t h, double *ret_x, double *ret_y)
 {
 	double t = synth_fraction((uint32_t)h), u = (1 - t * t) / (1 + t * t), v = 2 * t / (1 + t * t);
@@ -117,7 +117,7 @@ static void clustered(const struct synth_options *o, uint64_t h, uint64_t g, int
 	xy[1] = within(o->range, (uint32_t)(middle >> 32)) + bell(reach, g);
 }
 
-/* The widest is 2^20 times as wide as the narrowest; as many of each spread. */
+/* The widest is 2^20 times as wide as the narrowest; all have the same number of points. */
 static void gaussians(const struct synth_options *o, uint64_t h, uint64_t g, int64_t xy[2])
 {
 	uint64_t middle = synth_hash(o->seed + 22, h % GAUSSIANS), spread = synth_hash(middle, 1),
@@ -128,7 +128,7 @@ static void gaussians(const struct synth_options *o, uint64_t h, uint64_t g, int
 	xy[1] = within(o->range, (uint32_t)(middle >> 32)) + bell(reach, synth_hash(g, 4));
 }
 
-/* Along the x axis, turned by the rational direction `x, y`. */
+/* Along the x axis, rotated to the rational direction `x, y`. */
 static void pipeline(const struct synth_options *o, uint64_t h, double x, double y, int64_t xy[2])
 {
 	double per_scale = 1 / decimal_double(o->scale), along = (synth_fraction((uint32_t)h) - 0.5) * o->width * per_scale,

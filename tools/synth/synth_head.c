@@ -1,9 +1,9 @@
 /*
- * The header of a survey, kept in a file between two runs of the same options. A pipe cannot go back, so its header
- * is made by going through all points first; with the header of an earlier run that pass is not needed.
+ * The header of a survey, saved in a file between two runs with the same options. A pipe cannot be rewound, so its
+ * header requires generating all points first; with the header of an earlier run that is not necessary.
  *
- * The file is the header's bytes and then the options as text. Options that differ are refused before a byte is
- * written; the points that follow are held against the header all the same (acut-synth.c).
+ * The file is the header's bytes and then the options as text. If the options differ, nothing is written. The points
+ * are checked against the header in any case (acut-synth.c).
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -14,7 +14,7 @@
 #include "err.h"
 #include "synth.h"
 
-/* All that the points depend on, to the last bit. */
+/* Everything on which the points depend, exactly. */
 static size_t options_text(const struct synth_options *o, char text[SYNTH_KEPT_MAX])
 {
 	int n = snprintf(text, SYNTH_KEPT_MAX,

@@ -1,11 +1,9 @@
 /*
- * acut-grid-dump [--check] [--cells] [--records] FILE...: what a manifest, segment or sorted run says, in
- * words.
+ * acut-grid-dump [--check] [--cells] [--records] FILE...: the content of a manifest, segment or sorted run as text.
  *
- * --check reads every byte and derives every number again from the records: checksums, sums, boxes,
- * counts, the order of records, and that every cell is as large as it may be. A manifest's segments are
- * checked with it. It reads the bytes by FORMAT.md, not through the room's reader. Exit status: 0, 1
- * damage, 2 usage, 74 I/O.
+ * --check reads every byte and derives every number again from the records: checksums, sums, boxes, counts, the order
+ * of records, and that every cell is as large as possible. The segments of a manifest are checked with it. The bytes
+ * are parsed by FORMAT.md, not by the reader of engine/grid. Exit status: 0, 1 damage, 2 usage, 74 I/O.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -31,7 +29,7 @@ static struct {
 
 static int status; /* the worst so far */
 
-static void worse(int to)
+static void raise_status(int to)
 {
 	status = to > status ? to : status;
 }
@@ -47,7 +45,7 @@ static void complain(const char *file, uint64_t place, const char *fmt, ...)
 	vfprintf(stderr, fmt, ap);
 	fputc('\n', stderr);
 	va_end(ap);
-	worse(1);
+	raise_status(1);
 }
 
 static void print_err(const struct err *err)
@@ -55,7 +53,7 @@ static void print_err(const struct err *err)
 	char text[1200];
 
 	fprintf(stderr, "%s\n", err_format(err, text, sizeof text));
-	worse(err->code == ERR_CORRUPT || err->code == ERR_VERSION ? 1 : 74);
+	raise_status(err->code == ERR_CORRUPT || err->code == ERR_VERSION ? 1 : 74);
 }
 
 static void print_box(const int32_t b[4])
@@ -87,14 +85,14 @@ struct segment {
 	int fd;
 	const char *name;
 	struct disk_segment head;
-	struct disk_total *totals;  /* as the file has them */
-	struct disk_total *derived; /* from the records */
+	struct disk_total *totals;  /* as in the file */
+	struct disk_total *derived; /* derived from the records */
 	struct disk_inner sum;      /* of all cells */
 	uint64_t classes[256];
 	struct range *ranges;
 	size_t nranges, cap;
 	bool has_last;
-	struct point last; /* the record before, without its source */
+	struct point last; /* the previous record, without its source */
 	uint32_t last_source;
 };
 
@@ -147,7 +145,7 @@ static void check_order(struct segment *s, const struct point *p, uint32_t sourc
 	s->has_last = true;
 }
 
-/* One block of a cell; adds to *sum what its records come to. Its size, 0 if it cannot be read. */
+/* Dumps a block of a cell, and adds its records to *sum. Returns its size, 0 if it cannot be read. */
 static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *sum)
 {
 	static _Alignas(16) uint8_t buf[DISK_BLOCK_MAX];
@@ -208,7 +206,7 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 	return b.bytes;
 }
 
-static void remember(struct segment *s, const struct disk_leaf *leaf)
+static void add_range(struct segment *s, const struct disk_leaf *leaf)
 {
 	if (s->nranges == s->cap) {
 		s->cap = s->cap ? 2 * s->cap : 1024;
@@ -237,7 +235,7 @@ static void dump_cell(struct segment *s, const struct disk_leaf *leaf)
 		print_sum(leaf->sum_hi, leaf->sum_lo);
 		putchar('\n');
 	}
-	remember(s, leaf);
+	add_range(s, leaf);
 	if (!options.check && !options.records)
 		return;
 	for (uint32_t i = 0; i < leaf->blocks; i++) {
@@ -301,7 +299,7 @@ static void dump_entry(struct segment *s, const uint8_t *entry, unsigned level, 
 		complain(s->name, inner->place, "an index page is not what the entry above says");
 }
 
-/* *ret: what the page's entries come to. */
+/* *ret: totals of the page's entries. */
 static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check, struct disk_inner *ret)
 {
 	uint8_t *page = aligned_alloc(64, DISK_PAGE);
@@ -330,7 +328,7 @@ static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_
 	free(page);
 }
 
-/* A cell is maximal if the range twice as large would be too full. */
+/* A cell is maximal if the range twice as large would have too many records. */
 static void check_maximal(const struct segment *s)
 {
 	for (size_t i = 0; i < s->nranges; i++) {
@@ -457,7 +455,7 @@ static void dump_manifest(int dirfd, const char *name)
 		complain(name, 0, "%s", fault);
 	for (size_t i = 0; options.check && i < m->nsegments; i++)
 		dump_file(dirfd, m->segments[i].file, m->segments[i].file);
-	if (options.check) { /* does each segment belong to this manifest? */
+	if (options.check) { /* whether each segment belongs to this manifest */
 		struct grid *g;
 
 		if (grid_open(dirfd, name, m->generation, NULL, 0, &g, &err))
@@ -583,7 +581,7 @@ int main(int argc, char **argv)
 		puts("all checks passed");
 	if (fflush(stdout) || ferror(stdout)) {
 		perror("acut-grid-dump: standard output");
-		worse(74);
+		raise_status(74);
 	}
 	return status;
 }
