@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "decimal.h"
+#include "random.h"
 
 enum { WHOLE = 60, PART = 260, ALL = WHOLE + PART };
 
@@ -27,11 +28,7 @@ static uint64_t random_state = 1;
 
 static uint64_t rnd(void)
 {
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
+	return random_next(&random_state);
 }
 
 static struct fixed fixed_of_double(double v)

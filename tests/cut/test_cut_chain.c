@@ -18,13 +18,13 @@ static uint64_t seed = 11;
 
 static unsigned below(unsigned n)
 {
-	return (unsigned)(tiling_random(&seed) % n);
+	return (unsigned)(random_next(&seed) % n);
 }
 
 /* As small as large, or just inside an end of the lattice. */
 static int32_t number(void)
 {
-	int32_t n = (int32_t)(tiling_random(&seed) >> 33 >> below(31));
+	int32_t n = (int32_t)(random_next(&seed) >> 33 >> below(31));
 
 	switch (below(4)) {
 	case 0:
@@ -70,7 +70,7 @@ static struct point farthest(const struct cut_chain *c, int32_t along, int64_t n
 
 static int32_t moved(int32_t at, int side)
 {
-	int64_t to = at + side * (int64_t)(tiling_random(&seed) >> 33 >> below(31));
+	int64_t to = at + side * (int64_t)(random_next(&seed) >> 33 >> below(31));
 
 	return to < INT32_MIN ? INT32_MIN : to > INT32_MAX ? INT32_MAX : (int32_t)to;
 }
@@ -88,7 +88,7 @@ static void check_hit(const struct cut_chain *c, const struct point *p)
 static void check_limits(const struct cut_chain *c, const struct point *p)
 {
 	unsigned shift = below(30), back = below(COLUMNS);
-	int64_t limit[COLUMNS], u = cut_chain_u(c, p), u0 = u - (int64_t)(tiling_random(&seed) % (((uint64_t)back << shift) + 1));
+	int64_t limit[COLUMNS], u = cut_chain_u(c, p), u0 = u - (int64_t)(random_next(&seed) % (((uint64_t)back << shift) + 1));
 
 	cut_chain_limits(c, u0, shift, COLUMNS, limit);
 	assert_true(cut_chain_x(c, p) <= limit[(u - u0) >> shift]);

@@ -31,8 +31,8 @@ static void make(struct tiling *t, struct cut_source *src, enum shape shape, siz
 
 	assert_non_null(p);
 	for (size_t i = 0; i < n; i++) {
-		int32_t k = (int32_t)i, r = (int32_t)(tiling_random(&seed) & 0xfffff),
-			s = (int32_t)(tiling_random(&seed) & 0xfffff);
+		int32_t k = (int32_t)i, r = (int32_t)(random_next(&seed) & 0xfffff),
+			s = (int32_t)(random_next(&seed) & 0xfffff);
 
 		p[i].ret = 0x11;
 		p[i].cls = 1;

@@ -59,14 +59,14 @@ static void root_has_room(void **state)
 
 	(void)state;
 	for (unsigned i = 0; i < 20000; i++) {
-		unsigned shift = (unsigned)(tiling_random(&seed) % 32);
+		unsigned shift = (unsigned)(random_next(&seed) % 32);
 		int64_t at[4], w, room, ext[2];
 		struct cut_region r;
 		int32_t box[4];
 
 		for (unsigned a = 0; a < 2; a++) {
-			at[a] = num(tiling_random(&seed));
-			at[2 + a] = at[a] + (int64_t)(tiling_random(&seed) >> 32 >> shift);
+			at[a] = num(random_next(&seed));
+			at[2 + a] = at[a] + (int64_t)(random_next(&seed) >> 32 >> shift);
 			at[2 + a] = at[2 + a] > INT32_MAX ? INT32_MAX : at[2 + a];
 			ext[a] = at[2 + a] - at[a];
 		}
@@ -91,23 +91,23 @@ static void root_has_room(void **state)
 
 static void random_region(uint64_t *seed, struct cut_region *ret)
 {
-	unsigned shift = (unsigned)(tiling_random(seed) % 32);
-	int32_t x = num(tiling_random(seed)), y = num(tiling_random(seed));
-	int64_t x1 = x + (int64_t)(tiling_random(seed) >> 32 >> shift), y1 = y + (int64_t)(tiling_random(seed) >> 32 >> shift);
+	unsigned shift = (unsigned)(random_next(seed) % 32);
+	int32_t x = num(random_next(seed)), y = num(random_next(seed));
+	int64_t x1 = x + (int64_t)(random_next(seed) >> 32 >> shift), y1 = y + (int64_t)(random_next(seed) >> 32 >> shift);
 	int32_t box[4] = {x, y, (int32_t)(x1 > INT32_MAX ? INT32_MAX : x1), (int32_t)(y1 > INT32_MAX ? INT32_MAX : y1)};
-	unsigned depth = (unsigned)(tiling_random(seed) % 10);
+	unsigned depth = (unsigned)(random_next(seed) % 10);
 	struct cut_region half[2];
 
 	cut_region_root(box, ret);
 	for (; depth > 0 && cut_region_split(ret, half); depth--)
-		*ret = half[tiling_random(seed) & 1];
+		*ret = half[random_next(seed) & 1];
 }
 
 /* A position near the region's border, inside or outside. */
 static void near_position(uint64_t *seed, const struct cut_region *r, int32_t ret[2])
 {
 	uint64_t wx = (uint64_t)1 << r->wx, wy = (uint64_t)1 << r->wy;
-	uint64_t dx = tiling_random(seed), dy = tiling_random(seed);
+	uint64_t dx = random_next(seed), dy = random_next(seed);
 
 	dx = dx & 1 ? (dx >> 1) % wx : dx & 2 ? wx - 3 + (dx >> 2) % 6 : (dx >> 2) % 6 - 3;
 	dy = dy & 1 ? (dy >> 1) % wy : dy & 2 ? wy - 3 + (dy >> 2) % 6 : (dy >> 2) % 6 - 3;
@@ -122,13 +122,13 @@ static void way_up_is_the_way_down(void **state)
 
 	(void)state;
 	for (unsigned i = 0; i < 2000; i++) {
-		unsigned depth = (unsigned)(tiling_random(&seed) % 20), most = (unsigned)(tiling_random(&seed) % 5);
+		unsigned depth = (unsigned)(random_next(&seed) % 20), most = (unsigned)(random_next(&seed) % 5);
 		struct cut_region way[32], half[2], got[5];
 		size_t n = 0, k;
 
 		cut_region_root(box, &way[0]);
 		for (; n < depth && cut_region_split(&way[n], half); n++)
-			way[n + 1] = half[tiling_random(&seed) & 1];
+			way[n + 1] = half[random_next(&seed) & 1];
 		k = cut_region_above(&way[0], &way[n], got, most);
 		assert_int_equal(k, n < most ? n : most);
 		while (k-- > 0)
@@ -252,8 +252,8 @@ static void quick_owner_is_exact(void **state)
 	unsigned owned = 0;
 
 	for (unsigned i = 0; i < 400000; i++) {
-		uint8_t w = (uint8_t)(tiling_random(&seed) % 31), inf = (uint8_t)(tiling_random(&seed) % 16);
-		uint32_t size = (uint32_t)1 << (tiling_random(&seed) % (w + 2u)), side = (uint32_t)1 << w;
+		uint8_t w = (uint8_t)(random_next(&seed) % 31), inf = (uint8_t)(random_next(&seed) % 16);
+		uint32_t size = (uint32_t)1 << (random_next(&seed) % (w + 2u)), side = (uint32_t)1 << w;
 		struct cut_region r = {side, side, w, w, i % 4 ? 0 : inf};
 		struct cut_owner owner;
 		int32_t p[3][2];
@@ -261,7 +261,7 @@ static void quick_owner_is_exact(void **state)
 
 		for (unsigned k = 0; k < 3; k++)
 			for (unsigned axis = 0; axis < 2; axis++) {
-				uint64_t at = tiling_random(&seed) % (2 * (uint64_t)size + 1);
+				uint64_t at = random_next(&seed) % (2 * (uint64_t)size + 1);
 
 				/* Near a corner of the region, or flat. */
 				at += side - size + (i & 1 ? side / 2 : 0);
@@ -289,10 +289,10 @@ static void far_centres_have_one_owner(void **state)
 		struct cut_region r = {0, 0, 32, 32, 15}, half[2];
 
 		for (unsigned k = 0; k < 3; k++) {
-			int32_t t = num(tiling_random(&seed)), e = (int32_t)(tiling_random(&seed) % 3) - 1;
+			int32_t t = num(random_next(&seed)), e = (int32_t)(random_next(&seed) % 3) - 1;
 
 			p[k][0] = t;
-			p[k][1] = i & 1 ? t / 2 + e : num(tiling_random(&seed));
+			p[k][1] = i & 1 ? t / 2 + e : num(random_next(&seed));
 		}
 		if (geom_orient(p[0], p[1], p[2]) == 0)
 			continue;

@@ -50,7 +50,7 @@ static uint64_t traces[CUT_TRACE_BYTES / 8 + 1];
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
-	return (unsigned)(tiling_random(seed) % n);
+	return (unsigned)(random_next(seed) % n);
 }
 
 static void place(uint64_t *seed, unsigned family, unsigned range, const int32_t base[2], int32_t ret[2])
@@ -110,7 +110,7 @@ static void lay_out(uint64_t *seed, struct state *s, unsigned live)
 	bool prune = below(seed, 3) == 0;
 
 	memset(s, 0, sizeof *s);
-	s->tiling = (struct tiling){.segments = segments, .salt = tiling_random(seed)};
+	s->tiling = (struct tiling){.segments = segments, .salt = random_next(seed)};
 	s->tiling.cell_records = below(seed, 4) ? 1 + below(seed, 5) : 1000;
 	for (size_t i = 0; i < history.n; i++) {
 		unsigned at = by_source ? segment_of(history.record[i].source) : below(seed, segments);

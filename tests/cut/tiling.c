@@ -3,15 +3,6 @@
 #include "cut_valid.h"
 #include "err.h"
 
-uint64_t tiling_random(uint64_t *state)
-{
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
-	return z ^ (z >> 31);
-}
-
 static size_t lower(const struct point *p, size_t n, uint64_t key)
 {
 	size_t lo = 0, hi = n;
@@ -58,7 +49,7 @@ static int walk_node(const struct walk *w, size_t from, size_t to, uint64_t lo, 
 
 	if (from == to || hi < w->lo || lo > w->hi)
 		return 0;
-	dice = tiling_random(&state);
+	dice = random_next(&state);
 	if (lo == hi || to - from <= w->t->cell_records || (to - from <= 4 * w->t->cell_records && dice % 4 == 0)) {
 		make_cell(p + from, to - from, lo, hi, w->segment, from, &cell);
 		return w->v->cell(w->v->ctx, &cell);

@@ -6,6 +6,7 @@
 #define TILING_H
 
 #include "cut_source.h"
+#include "random.h"
 
 enum { TILING_SEGMENTS = 4 };
 
@@ -21,7 +22,5 @@ struct tiling {
 
 void tiling_source(struct tiling *, struct cut_source *ret);
 
-/* splitmix64 */
-uint64_t tiling_random(uint64_t *state);
 
 #endif

@@ -10,11 +10,7 @@
 #include "grid.h"
 #include "grid_stage.h"
 #include "point.h"
-
-/* ---- numbers that look random and are the same everywhere ---- */
-
-uint64_t rng_next(uint64_t *state);
-uint64_t rng_below(uint64_t *state, uint64_t n);
+#include "random.h"
 
 /* ---- folders ---- */
 

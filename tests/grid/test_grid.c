@@ -83,13 +83,13 @@ static uint64_t key_of(const struct point *p)
 /* A random range, often with ends at records. */
 static void random_range(const struct set *s, uint64_t *rng, uint64_t *lo, uint64_t *hi)
 {
-	uint64_t a = rng_next(rng), b = rng_next(rng);
+	uint64_t a = random_next(rng), b = random_next(rng);
 
-	if (s->n && rng_below(rng, 4)) {
-		size_t i = rng_below(rng, s->n), k = i + rng_below(rng, rng_below(rng, 2) ? 3000 : 50);
+	if (s->n && random_below(rng, 4)) {
+		size_t i = random_below(rng, s->n), k = i + random_below(rng, random_below(rng, 2) ? 3000 : 50);
 
-		a = key_of(&s->pts[i]) - rng_below(rng, 2);
-		b = key_of(&s->pts[k < s->n ? k : s->n - 1]) + rng_below(rng, 2);
+		a = key_of(&s->pts[i]) - random_below(rng, 2);
+		b = key_of(&s->pts[k < s->n ? k : s->n - 1]) + random_below(rng, 2);
 	}
 	*lo = a < b ? a : b;
 	*hi = a < b ? b : a;
@@ -220,7 +220,7 @@ static void generations(enum shape shape, uint64_t seed)
 	uint64_t rng = seed;
 
 	for (size_t i = 0; i < all.n; i++)
-		all.ids[i] = 1 + (uint32_t)(i / N * EACH + rng_below(&rng, EACH));
+		all.ids[i] = 1 + (uint32_t)(i / N * EACH + random_below(&rng, EACH));
 	for (unsigned i = 0; i < PUSHES; i++) {
 		struct set part = {all.pts + i * N, all.ids + i * N, N};
 		char name[16];
@@ -322,7 +322,7 @@ static void test_prune(void **state)
 
 	for (int i = 0; i < 50; i++) {
 		struct box_walk with = {
-			.box = {(int32_t)rng_below(&rng, 2000000) - 1000000, (int32_t)rng_below(&rng, 2000000) - 1000000}};
+			.box = {(int32_t)random_below(&rng, 2000000) - 1000000, (int32_t)random_below(&rng, 2000000) - 1000000}};
 		with.box[2] = with.box[0] + 30000;
 		with.box[3] = with.box[1] + 30000;
 		struct box_walk without = with;

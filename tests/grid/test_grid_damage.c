@@ -135,14 +135,14 @@ static void flips(const char *file, bool all)
 	CHECK(read_all(&f, &g, &sum, &err));
 	assert_int_equal(g.n, s.n);
 	assert_true(digest_equal(sum, info.sum));
-	for (size_t i = 0; i < b.n; i += all ? 1 : 1 + rng_below(&rng, 40)) {
-		poke(&f, name, i, b.at[i] ^ (uint8_t)(1u << rng_below(&rng, 8)));
+	for (size_t i = 0; i < b.n; i += all ? 1 : 1 + random_below(&rng, 40)) {
+		poke(&f, name, i, b.at[i] ^ (uint8_t)(1u << random_below(&rng, 8)));
 		must_be_found(&f, name, i);
 		poke(&f, name, i, b.at[i]);
 		tried++;
 	}
 	for (int i = 0; i < 200; i++) { /* cut off, or longer */
-		size_t n = rng_below(&rng, b.n);
+		size_t n = random_below(&rng, b.n);
 
 		store(&f, name, b.at, n);
 		must_be_found(&f, name, n);
@@ -182,8 +182,8 @@ static void test_exchanged(void **state)
 	store(&f, one.file, o.at, o.n);
 	must_be_found(&f, one.file, 0);
 	for (int i = 0; i < 300; i++) {
-		size_t n = 16 * (1 + rng_below(&rng, 1200)), from = 16 * rng_below(&rng, (b.n - n) / 16);
-		size_t to = i % 2 ? from : 4096 + 16 * rng_below(&rng, (b.n - n - 4096) / 16);
+		size_t n = 16 * (1 + random_below(&rng, 1200)), from = 16 * random_below(&rng, (b.n - n) / 16);
+		size_t to = i % 2 ? from : 4096 + 16 * random_below(&rng, (b.n - n - 4096) / 16);
 		const uint8_t *source = i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
 
 		if (i % 2 && from + n > o.n)
@@ -257,7 +257,7 @@ static void test_run_flips(void **state)
 	uint64_t rng = 6;
 	size_t size = 1, tried = 0;
 
-	for (size_t place = 0; place < size; place += 1 + rng_below(&rng, 30)) {
+	for (size_t place = 0; place < size; place += 1 + random_below(&rng, 30)) {
 		struct grid_segment_info info;
 		struct grid_stage *stage;
 		struct err err = ERR_INIT;
@@ -274,7 +274,7 @@ static void test_run_flips(void **state)
 		if (place % 7 == 3)
 			store(&f, "r.0.run", b.at, place);
 		else
-			poke(&f, "r.0.run", place, b.at[place] ^ (uint8_t)(1u << rng_below(&rng, 8)));
+			poke(&f, "r.0.run", place, b.at[place] ^ (uint8_t)(1u << random_below(&rng, 8)));
 		assert_int_equal(grid_stage_seal(stage, &info, &err), -ERR_CORRUPT);
 		assert_string_equal(err.file, "r.0.run");
 		grid_stage_free(stage);

@@ -51,8 +51,8 @@ static struct grid_source *source_of(struct history *h, uint32_t id)
 
 static void push(struct history *h)
 {
-	unsigned files = 1 + (unsigned)rng_below(&h->rng, 3);
-	size_t n = rng_below(&h->rng, 8) ? rng_below(&h->rng, 60) : rng_below(&h->rng, 3000), first = h->n;
+	unsigned files = 1 + (unsigned)random_below(&h->rng, 3);
+	size_t n = random_below(&h->rng, 8) ? random_below(&h->rng, 60) : random_below(&h->rng, 3000), first = h->n;
 	struct set set = {h->pts + first, h->ids + first, n};
 	struct err err = ERR_INIT;
 	char name[32];
@@ -61,10 +61,10 @@ static void push(struct history *h)
 		return;
 	h->generation++;
 	for (size_t i = 0; i < n; i++) {
-		set.pts[i] = (struct point){.x = (int32_t)rng_below(&h->rng, (uint64_t)h->side) - h->side / 2,
-					    .y = (int32_t)rng_below(&h->rng, (uint64_t)h->side) - h->side / 2,
-					    .z = (int32_t)rng_below(&h->rng, 5),
-					    .cls = (uint8_t)rng_below(&h->rng, 3)};
+		set.pts[i] = (struct point){.x = (int32_t)random_below(&h->rng, (uint64_t)h->side) - h->side / 2,
+					    .y = (int32_t)random_below(&h->rng, (uint64_t)h->side) - h->side / 2,
+					    .z = (int32_t)random_below(&h->rng, 5),
+					    .cls = (uint8_t)random_below(&h->rng, 3)};
 		set.ids[i] = h->last + 1 + (uint32_t)(i * files / n);
 	}
 	for (unsigned i = 0; i < files; i++)
@@ -81,7 +81,7 @@ static void take_away(struct history *h)
 {
 	h->generation++;
 	for (size_t i = 0; i < h->nsources; i++)
-		if (!h->sources[i].removed && !rng_below(&h->rng, 3))
+		if (!h->sources[i].removed && !random_below(&h->rng, 3))
 			h->sources[i].removed = h->generation;
 }
 
@@ -91,7 +91,7 @@ static void bring_back(struct history *h)
 	for (size_t i = 0; i < h->nsources; i++) {
 		struct grid_source *s = &h->sources[i];
 
-		if (!s->removed || s->nearlier || rng_below(&h->rng, 2))
+		if (!s->removed || s->nearlier || random_below(&h->rng, 2))
 			continue;
 		h->spans[s->id % SOURCES] = (struct grid_span){s->added, s->removed};
 		s->earlier = &h->spans[s->id % SOURCES];
@@ -116,7 +116,7 @@ static void rewrite(struct history *h, const size_t *which, size_t n, const uint
 		some[i] = h->segments[which[i]];
 	snprintf(name, sizeof name, "made%u", h->files++);
 	p.name = name;
-	p.memory = grid_rewrite_min_bytes(some, n, p.nsources) + rng_below(&h->rng, 1 << 20);
+	p.memory = grid_rewrite_min_bytes(some, n, p.nsources) + random_below(&h->rng, 1 << 20);
 	CHECK(grid_rewrite_new(&p, &w, &err));
 	while (!(rc = grid_rewrite_step(w, &err)))
 		;
@@ -141,7 +141,7 @@ static void merge(struct history *h)
 	size_t which[SEGMENTS], n = 0;
 
 	for (size_t i = 0; i < h->nsegments; i++)
-		if (rng_below(&h->rng, 2))
+		if (random_below(&h->rng, 2))
 			which[n++] = i;
 	if (n < 2)
 		return;
@@ -166,7 +166,7 @@ static void prune(struct history *h)
 
 	if (h->generation <= h->oldest)
 		return;
-	h->oldest += 1 + rng_below(&h->rng, h->generation - h->oldest);
+	h->oldest += 1 + random_below(&h->rng, h->generation - h->oldest);
 	for (size_t i = 0; i < h->nsources; i++)
 		if (!lives(&h->sources[i], h->oldest, h->generation))
 			drop[ndrop++] = h->sources[i].id;
@@ -268,7 +268,7 @@ static void check_range(struct history *h, struct reader *r, uint64_t generation
 static void check(struct history *h)
 {
 	struct grid_manifest m = manifest_of(h->segments, h->nsegments, 0);
-	uint64_t generation = h->oldest + rng_below(&h->rng, h->generation - h->oldest + 1);
+	uint64_t generation = h->oldest + random_below(&h->rng, h->generation - h->oldest + 1);
 	struct err err = ERR_INIT;
 	struct reader r;
 	struct grid *gone;
@@ -283,8 +283,8 @@ static void check(struct history *h)
 	check_range(h, &r, generation, 0, UINT64_MAX);
 	assert_int_equal(grid_points(r.grid), model(h, generation, 0, UINT64_MAX).n);
 	for (int i = 0; i < 4; i++) {
-		int32_t x = (int32_t)rng_below(&h->rng, (uint64_t)h->side) - h->side / 2;
-		uint64_t lo = point_morton(x, x), hi = lo + (rng_next(&h->rng) >> rng_below(&h->rng, 64));
+		int32_t x = (int32_t)random_below(&h->rng, (uint64_t)h->side) - h->side / 2;
+		uint64_t lo = point_morton(x, x), hi = lo + (random_next(&h->rng) >> random_below(&h->rng, 64));
 
 		check_range(h, &r, generation, lo, hi < lo ? UINT64_MAX : hi);
 	}
@@ -297,12 +297,12 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 {
 	struct history h = {.f = folder_new(), .rng = seed, .generation = 0, .oldest = 1};
 
-	h.side = rng_below(&h.rng, 2) ? 4 : rng_below(&h.rng, 2) ? 60 : 1 << 20;
+	h.side = random_below(&h.rng, 2) ? 4 : random_below(&h.rng, 2) ? 60 : 1 << 20;
 	h.pts = malloc(RECORDS * sizeof *h.pts);
 	h.ids = malloc(RECORDS * sizeof *h.ids);
 	push(&h);
 	for (unsigned i = 0; i < steps; i++) {
-		switch (rng_below(&h.rng, 10)) {
+		switch (random_below(&h.rng, 10)) {
 		case 0:
 		case 1:
 			merge(&h);
@@ -314,7 +314,7 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 			bring_back(&h);
 			break;
 		case 4:
-			if (!rng_below(&h.rng, 3))
+			if (!random_below(&h.rng, 3))
 				prune(&h);
 			break;
 		default:

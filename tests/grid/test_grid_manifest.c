@@ -392,11 +392,11 @@ static void test_rubbish(void **state)
 
 	for (int i = 0; i < 20000; i++) {
 		struct grid_manifest *got = NULL, *again;
-		uint64_t size = i % 3 ? n : n - rng_below(&rng, n - 48), check;
+		uint64_t size = i % 3 ? n : n - random_below(&rng, n - 48), check;
 
 		memcpy(changed, bytes, n);
-		for (uint64_t k = rng_below(&rng, 3) + (size == n); k-- > 0;)
-			changed[24 + rng_below(&rng, size - 32)] = (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
+		for (uint64_t k = random_below(&rng, 3) + (size == n); k-- > 0;)
+			changed[24 + random_below(&rng, size - 32)] = (uint8_t)(random_below(&rng, 2) ? random_next(&rng) : 255);
 		memcpy(changed + 16, &size, sizeof size);
 		check = XXH3_64bits(changed, size - 8);
 		memcpy(changed + size - 8, &check, sizeof check);

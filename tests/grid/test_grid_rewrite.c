@@ -239,14 +239,14 @@ static void test_damage(void **state)
 
 	seal_parts(&f, &all, 3, part);
 	for (int i = 0; i < 400; i++) {
-		const struct grid_segment_info *s = &part[rng_below(&rng, 3)];
-		uint64_t at = rng_below(&rng, i % 4 ? s->bytes : 4096);
+		const struct grid_segment_info *s = &part[random_below(&rng, 3)];
+		uint64_t at = random_below(&rng, i % 4 ? s->bytes : 4096);
 		struct err err = ERR_INIT;
 		int fd = openat(f.fd, s->file, O_RDWR | O_CLOEXEC);
 		uint8_t byte, bad;
 
 		assert_int_equal(pread(fd, &byte, 1, (off_t)at), 1);
-		bad = byte ^ (uint8_t)(1 << rng_below(&rng, 8));
+		bad = byte ^ (uint8_t)(1 << random_below(&rng, 8));
 		assert_int_equal(pwrite(fd, &bad, 1, (off_t)at), 1);
 		assert_int_equal(rewrite(&f, "made", part, 3, NULL, 0, 0, &made, &err), -ERR_CORRUPT);
 		assert_string_equal(err.file, s->file);
@@ -257,7 +257,7 @@ static void test_damage(void **state)
 	/* Cut off. */
 	for (int i = 0; i < 20; i++) {
 		struct err err = ERR_INIT;
-		uint64_t at = rng_below(&rng, part[0].bytes);
+		uint64_t at = random_below(&rng, part[0].bytes);
 		size_t n;
 		char *bytes = slurp(&f, part[0].file, &n);
 		int fd = openat(f.fd, part[0].file, O_RDWR | O_CLOEXEC);

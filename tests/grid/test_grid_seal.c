@@ -226,12 +226,12 @@ static struct set made_up(uint64_t seed)
 	s.pts = calloc(cap, sizeof *s.pts);
 	s.ids = calloc(cap, sizeof *s.ids);
 	while (s.n + 6000 < cap) {
-		uint64_t key = rng_next(&rng);
-		unsigned bits = (unsigned)rng_below(&rng, 60);
-		size_t n = 1 + (size_t)rng_below(&rng, rng_below(&rng, 4) ? 60 : 5000);
-		bool one = rng_below(&rng, 3) == 0;
+		uint64_t key = random_next(&rng);
+		unsigned bits = (unsigned)random_below(&rng, 60);
+		size_t n = 1 + (size_t)random_below(&rng, random_below(&rng, 4) ? 60 : 5000);
+		bool one = random_below(&rng, 3) == 0;
 
-		switch (rng_below(&rng, 5)) {
+		switch (random_below(&rng, 5)) {
 		case 0:
 			key = 0;
 			break;
@@ -242,14 +242,14 @@ static struct set made_up(uint64_t seed)
 			key = key >> bits << bits;
 		}
 		for (size_t i = 0; i < n; i++) {
-			uint64_t k = one ? key : key ^ rng_below(&rng, (uint64_t)1 << bits);
+			uint64_t k = one ? key : key ^ random_below(&rng, (uint64_t)1 << bits);
 			struct point *p = &s.pts[s.n];
 
 			point_from_morton(k, &p->x, &p->y);
-			p->z = (int32_t)rng_below(&rng, 3);
-			p->cls = (uint8_t)rng_below(&rng, 4);
-			p->tag = (uint16_t)rng_below(&rng, 2);
-			s.ids[s.n++] = 1 + (uint32_t)rng_below(&rng, 5);
+			p->z = (int32_t)random_below(&rng, 3);
+			p->cls = (uint8_t)random_below(&rng, 4);
+			p->tag = (uint16_t)random_below(&rng, 2);
+			s.ids[s.n++] = 1 + (uint32_t)random_below(&rng, 5);
 		}
 	}
 	return s;

@@ -49,7 +49,7 @@ static void *work(void *ctx)
 	if (grid_reader_new(j->grid, memory, size, &r, &err))
 		j->wrong++;
 	for (int i = 0; i < ROUNDS && !j->wrong; i++) {
-		size_t a = rng_below(&j->seed, j->sorted->n), b = a + rng_below(&j->seed, 3000);
+		size_t a = random_below(&j->seed, j->sorted->n), b = a + random_below(&j->seed, 3000);
 		const struct point *p = j->sorted->pts;
 
 		b = b < j->sorted->n ? b : j->sorted->n - 1;

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "random.h"
 #include "verify.h"
 
 enum { MOST = 40, TRIANGLES = 4 * MOST };
@@ -28,11 +29,7 @@ static uint64_t random_state = 23;
 
 static uint64_t rnd(void)
 {
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
+	return random_next(&random_state);
 }
 
 static int64_t orient(const int32_t *a, const int32_t *b, const int32_t *c)

@@ -30,7 +30,7 @@ static uint64_t rng;
 
 static uint64_t rnd(uint64_t n)
 {
-	return rng_below(&rng, n);
+	return random_below(&rng, n);
 }
 
 /* ---- a generation on disk ---- */

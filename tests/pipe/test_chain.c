@@ -36,7 +36,7 @@ static struct view view;
 
 static uint64_t rnd(uint64_t n)
 {
-	return rng_below(&rng, n);
+	return random_below(&rng, n);
 }
 
 /* ---- points ---- */
@@ -167,7 +167,7 @@ static void cut(const struct cut_region *r, struct cut_region *leaf, unsigned *n
 	cut_region_text(r, text);
 	d = digest_hash(text, strlen(text));
 	d.lo ^= plan_seed;
-	if (depth < 34 && *n < LEAVES - 40 && rng_below(&d.lo, 10) < (depth < 5 ? 9 : 6) && cut_region_split(r, half)) {
+	if (depth < 34 && *n < LEAVES - 40 && random_below(&d.lo, 10) < (depth < 5 ? 9 : 6) && cut_region_split(r, half)) {
 		cut(&half[0], leaf, n, depth + 1);
 		cut(&half[1], leaf, n, depth + 1);
 	} else {
@@ -354,7 +354,7 @@ static void one_case(uint64_t seed)
 	struct set s;
 
 	rng = seed * UINT64_C(0x9e3779b97f4a7c15) + 1;
-	plan_seed = rng_next(&rng);
+	plan_seed = random_next(&rng);
 	family = (unsigned)rnd(12);
 	s = points_of(family, family >= LOCAL ? 100 + rnd(900) : 3 + rnd(70),
 		      rnd(3) ? 2 + (uint32_t)rnd(family >= LOCAL ? 60 : 8) : 2 + (uint32_t)rnd(1000));

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "random.h"
 #include "view_area.h"
 
 enum { RINGS = 12, CORNERS = 40 };
@@ -31,10 +32,7 @@ static uint64_t seed = 1;
 
 static uint64_t roll(uint64_t n)
 {
-	seed ^= seed << 13;
-	seed ^= seed >> 7;
-	seed ^= seed << 17;
-	return seed % n;
+	return random_below(&seed, n);
 }
 
 static struct view_area *area_of(const struct model *m)

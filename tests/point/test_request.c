@@ -17,6 +17,7 @@
 #include "decimal.h"
 #include "err.h"
 #include "lattice.h"
+#include "random.h"
 #include "view.h"
 #include "view_area.h"
 
@@ -27,10 +28,7 @@ static uint64_t seed = 7;
 
 static uint64_t roll(uint64_t n)
 {
-	seed ^= seed << 13;
-	seed ^= seed >> 7;
-	seed ^= seed << 17;
-	return seed % n;
+	return random_below(&seed, n);
 }
 
 static void becomes(const char *asked, const struct lattice *l, const char *unit, const char *want)

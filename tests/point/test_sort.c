@@ -10,16 +10,13 @@
 #include <string.h>
 
 #include "point.h"
+#include "random.h"
 
 static uint64_t random_state = 9;
 
 static uint64_t rnd(void)
 {
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
+	return random_next(&random_state);
 }
 
 /* Bit by bit, as the comment in point.h says. */

@@ -28,7 +28,7 @@ static uint64_t rng;
 
 static uint64_t rnd(uint64_t n)
 {
-	return rng_below(&rng, n);
+	return random_below(&rng, n);
 }
 
 /* ---- the same, by sorting everything ---- */
@@ -137,7 +137,7 @@ static int32_t coordinate(uint64_t shape)
 	case 3:
 		return ends[rnd(7)];
 	case 4:
-		return (int32_t)(uint32_t)rng_next(&rng);
+		return (int32_t)(uint32_t)random_next(&rng);
 	default:
 		return 7;
 	}

@@ -62,7 +62,7 @@ static int64_t near(uint64_t *seed, unsigned axis)
 	case 2:
 		return sets_below(seed, 2) ? low : high;
 	default:
-		return low + (int64_t)(tiling_random(seed) % (uint64_t)(span + 1));
+		return low + (int64_t)(random_next(seed) % (uint64_t)(span + 1));
 	}
 }
 
@@ -362,7 +362,7 @@ static void one_case(uint64_t seed)
 		for (unsigned s = 0; s < set.segments; s++)
 			set.nrecord[s] = set.nrecord[s] < 2 ? set.nrecord[s] : sets_below(&seed, 3);
 	for (unsigned k = 0; k < 3; k++)
-		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(tiling_random(&seed) >> 5) - (INT64_C(1) << 58);
+		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(random_next(&seed) >> 5) - (INT64_C(1) << 58);
 	sets_reduce(&set, &view);
 	sets_tiling(&seed, &set, &t);
 	tiling_source(&t, &src);

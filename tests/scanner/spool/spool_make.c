@@ -1,3 +1,4 @@
+#include "io.h"
 #include "spool_make.h"
 
 #include <fcntl.h>
@@ -147,4 +148,24 @@ void make_read_all(const char *path, uint64_t base, struct make_seen *ret)
 	}
 	spool_tail(r, &ret->tail);
 	spool_reader_free(r);
+}
+
+char make_folder[64], make_path[96], make_other[96];
+
+int make_setup(void **state)
+{
+	strcpy(make_folder, "/tmp/acut-spool-XXXXXX");
+	if (!mkdtemp(make_folder))
+		return -1;
+	snprintf(make_path, sizeof(make_path), "%s/a.spool", make_folder);
+	snprintf(make_other, sizeof(make_other), "%s/b.spool", make_folder);
+	return 0;
+}
+
+int make_teardown(void **state)
+{
+	unlink(make_path);
+	unlink(make_other);
+	io = &io_system;
+	return rmdir(make_folder);
 }

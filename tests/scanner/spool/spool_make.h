@@ -17,6 +17,11 @@
 
 enum { MAKE_SIZE_MAX = 400 };
 
+/* A folder for each test, and names of spools in it; make_teardown also restores the file calls. */
+extern char make_folder[64], make_path[96], make_other[96];
+int make_setup(void **state);
+int make_teardown(void **state);
+
 void make_head(struct spool_head *ret);
 /* Of record `seq`: kind, payload. Every third is an event, but for `only_data`. */
 enum spool_kind make_kind(uint64_t seq);

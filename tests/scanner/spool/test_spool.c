@@ -18,37 +18,8 @@
 #include "clock.h"
 #include "io.h"
 
-static char folder[64], path[96], other[96];
-
-static int setup(void **state)
+static int no_fsync(int fd)
 {
-	strcpy(folder, "/tmp/acut-spool-XXXXXX");
-	if (!mkdtemp(folder))
-		return -1;
-	snprintf(path, sizeof(path), "%s/a.spool", folder);
-	snprintf(other, sizeof(other), "%s/b.spool", folder);
-	return 0;
-}
-
-static int teardown(void **state)
-{
-	unlink(path);
-	unlink(other);
-	io = &io_system;
-	return rmdir(folder);
-}
-
-static struct io_table table;
-static int syncs, sync_error, sync_ms;
-
-static int slow_fsync(int fd)
-{
-	__atomic_add_fetch(&syncs, 1, __ATOMIC_SEQ_CST);
-	usleep((unsigned)sync_ms * 1000);
-	if (sync_error) {
-		errno = sync_error;
-		return -1;
-	}
 	return 0;
 }
 
@@ -67,7 +38,7 @@ static void test_round(void **state)
 
 	make_head(&head);
 	strcpy(head.model, "T\x1b[31m\xc3\xa4\xff"); /* what a device may say */
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
+	assert_int_equal(spool_create(make_path, &head, &w, &err), 0);
 	for (uint64_t i = 0; i < 200; i++) {
 		make_append(w, i);
 		if (make_kind(i) == SPOOL_DATA) {
@@ -92,7 +63,7 @@ static void test_round(void **state)
 	free(bytes);
 
 	/* Through a pipe that gives a byte, then some, then all. */
-	bytes = make_read(path, &n);
+	bytes = make_read(make_path, &n);
 	assert_int_equal(pipe(pipes), 0);
 	assert_int_equal(fcntl(pipes[1], F_SETPIPE_SZ, 1 << 20) >= (int)n, 1);
 	assert_int_equal(write(pipes[1], bytes, n), n);
@@ -140,13 +111,13 @@ static void test_large(void **state)
 	uint8_t *at = malloc(SPOOL_PAYLOAD_MAX + 1);
 
 	memset(at, 'a', SPOOL_PAYLOAD_MAX);
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
+	assert_int_equal(spool_create(make_path, &head, &w, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 1, at, SPOOL_PAYLOAD_MAX, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 2, at, 0, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 2, at, SPOOL_PAYLOAD_MAX + 1, &err), -ERR_INTERNAL);
 	spool_writer_free(w);
 	err = ERR_INIT;
-	assert_int_equal(spool_open(open(path, O_RDONLY), path, &r, &err), 0);
+	assert_int_equal(spool_open(open(make_path, O_RDONLY), make_path, &r, &err), 0);
 	assert_true(spool_reader_head(r)->utc_ns > 0 && spool_reader_head(r)->monotonic_ns > 0);
 	assert_int_equal(spool_next(r, &record, &err), 1);
 	assert_int_equal(record.size, SPOOL_PAYLOAD_MAX);
@@ -166,22 +137,22 @@ static void test_no_overwriting(void **state)
 	uint8_t *before, *after;
 	size_t n, m;
 
-	make_spool(path, 5, false);
-	before = make_read(path, &n);
-	assert_int_equal(spool_create(path, &head, &w, &err), -ERR_USAGE);
-	assert_string_equal(err.file, path);
-	after = make_read(path, &m);
+	make_spool(make_path, 5, false);
+	before = make_read(make_path, &n);
+	assert_int_equal(spool_create(make_path, &head, &w, &err), -ERR_USAGE);
+	assert_string_equal(err.file, make_path);
+	after = make_read(make_path, &m);
 	assert_true(n == m && !memcmp(before, after, n));
 	free(before);
 	free(after);
 	/* Nor while another writes: a lock that goes with its holder. */
 	err = ERR_INIT;
-	assert_int_equal(spool_continue(path, &same, &w, &err), 0);
+	assert_int_equal(spool_continue(make_path, &same, &w, &err), 0);
 	spool_head_clear(&same);
 	struct spool_writer *second;
 
 	err = ERR_INIT;
-	assert_int_equal(spool_continue(path, &same, &second, &err), -ERR_BUSY);
+	assert_int_equal(spool_continue(make_path, &same, &second, &err), -ERR_BUSY);
 	spool_writer_free(w);
 }
 
@@ -194,9 +165,9 @@ static void test_truncations(void **state)
 	size_t n, records = 0;
 	uint8_t *bytes;
 
-	make_spool(path, 20, true);
-	bytes = make_read(path, &n);
-	make_read_all(path, 20, &seen);
+	make_spool(make_path, 20, true);
+	bytes = make_read(make_path, &n);
+	make_read_all(make_path, 20, &seen);
 	assert_int_equal(seen.records, 20);
 	for (size_t i = 0, at = 8192; i < 21; i++) {
 		uint8_t payload[MAKE_SIZE_MAX];
@@ -206,8 +177,8 @@ static void test_truncations(void **state)
 	}
 	assert_int_equal(ends[20], n);
 	for (size_t cut = 0; cut <= n; cut += cut < 8100 ? 97 : 1) {
-		make_write(other, bytes, cut);
-		make_read_all(other, 20, &seen);
+		make_write(make_other, bytes, cut);
+		make_read_all(make_other, 20, &seen);
 		if (cut < 4096) {
 			assert_int_equal(seen.error, -ERR_TRUNCATED);
 			continue;
@@ -229,16 +200,15 @@ static void test_truncations(void **state)
 
 static void test_continue(void **state)
 {
+	struct io_table table = io_system;
 	struct make_seen seen;
 	size_t n;
 	uint8_t *bytes;
 
-	make_spool(path, 20, false);
-	bytes = make_read(path, &n);
-	table = io_system;
-	table.fsync = slow_fsync;
+	make_spool(make_path, 20, false);
+	bytes = make_read(make_path, &n);
+	table.fsync = no_fsync;
 	io = &table;
-	sync_error = sync_ms = 0;
 	for (size_t cut = 4096; cut <= n; cut += cut < 8192 ? 512 : 13) {
 		struct spool_head head;
 		struct spool_writer *w;
@@ -246,10 +216,10 @@ static void test_continue(void **state)
 		struct err err = ERR_INIT;
 		uint64_t there;
 
-		make_write(other, bytes, cut);
-		make_read_all(other, 20, &seen);
+		make_write(make_other, bytes, cut);
+		make_read_all(make_other, 20, &seen);
 		there = seen.records;
-		assert_int_equal(spool_continue(other, &head, &w, &err), 0);
+		assert_int_equal(spool_continue(make_other, &head, &w, &err), 0);
 		assert_string_equal(head.serial, "20370043");
 		assert_int_equal(head.profile_size, strlen(head.profile));
 		spool_head_clear(&head);
@@ -259,7 +229,7 @@ static void test_continue(void **state)
 		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 5, "more", 4, &err), 0);
 		assert_int_equal(spool_end(w, &err), 0);
 		spool_writer_free(w);
-		make_read_all(other, there, &seen);
+		make_read_all(make_other, there, &seen);
 		assert_int_equal(seen.damages, 0);
 		assert_int_equal(seen.tail.torn, 0);
 		assert_true(seen.tail.ended);
@@ -272,7 +242,7 @@ static void test_continue(void **state)
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
 
-	assert_int_equal(spool_continue(other, &head, &w, &err), -ERR_USAGE);
+	assert_int_equal(spool_continue(make_other, &head, &w, &err), -ERR_USAGE);
 }
 
 /* Any bit of any byte: all records but that one, and the place is named. */
@@ -282,18 +252,18 @@ static void test_flips(void **state)
 	size_t n;
 	uint8_t *bytes;
 
-	make_spool(path, 20, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 20, true);
+	bytes = make_read(make_path, &n);
 	for (size_t at = 0; at < n; at += at < 8192 ? 61 : 1) {
 		uint64_t place = 8192, hit = 0;
 		uint8_t payload[MAKE_SIZE_MAX];
 
 		bytes[at] ^= (uint8_t)(1u << at % 8);
-		make_write(other, bytes, n);
+		make_write(make_other, bytes, n);
 		bytes[at] ^= (uint8_t)(1u << at % 8);
-		make_read_all(other, 20, &seen);
+		make_read_all(make_other, 20, &seen);
 		assert_int_equal(seen.error, 0);
-		if (at < 8192) { /* the other head serves */
+		if (at < 8192) { /* the make_other head serves */
 			assert_int_equal(seen.records, 20);
 			assert_int_equal(seen.tail.head_damaged, at < 4096);
 			continue;
@@ -330,8 +300,8 @@ static void test_wounds(void **state)
 	size_t n;
 	uint8_t *bytes, *copy;
 
-	make_spool(path, RECORDS, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, RECORDS, true);
+	bytes = make_read(make_path, &n);
 	copy = malloc(2 * n);
 	starts[0] = 8192;
 	for (uint64_t i = 0; i < RECORDS; i++) {
@@ -359,8 +329,8 @@ static void test_wounds(void **state)
 		}
 		for (uint64_t i = 0; i < RECORDS; i++)
 			untouched += starts[i + 1] <= from || starts[i] >= from + (round % 3 < 2 ? k : 0);
-		make_write(other, copy, size);
-		make_read_all(other, RECORDS, &seen);
+		make_write(make_other, copy, size);
+		make_read_all(make_other, RECORDS, &seen);
 		assert_int_equal(seen.error, 0);
 		/* Where bytes are gone from a payload (1) its length spans whole records behind it, which count. */
 		assert_true(seen.records <= RECORDS && seen.records >= untouched);
@@ -377,24 +347,24 @@ static void test_missing(void **state)
 	struct make_seen seen;
 	size_t n, from = 8192, k;
 
-	make_spool(path, 10, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 10, true);
+	bytes = make_read(make_path, &n);
 	copy = malloc(2 * n);
 	for (uint64_t i = 0; i < 4; i++)
 		from += 40 + make_payload(i, payload);
 	k = 40 + make_payload(4, payload);
 	memcpy(copy, bytes, n);
 	memmove(copy + from, copy + from + k, n - from - k);
-	make_write(other, copy, n - k);
-	make_read_all(other, 10, &seen);
+	make_write(make_other, copy, n - k);
+	make_read_all(make_other, 10, &seen);
 	assert_int_equal(seen.records, 9);
 	assert_int_equal(seen.damages, 1);
 	assert_int_equal(seen.first_damage, from);
 	assert_int_equal(seen.skipped, 0);
 	memcpy(copy, bytes, n);
 	memmove(copy + from + k, copy + from, n - from);
-	make_write(other, copy, n + k);
-	make_read_all(other, 10, &seen);
+	make_write(make_other, copy, n + k);
+	make_read_all(make_other, 10, &seen);
 	assert_int_equal(seen.records, 10);
 	assert_int_equal(seen.damages, 1);
 	assert_int_equal(seen.skipped, k);
@@ -410,33 +380,33 @@ static void test_tails(void **state)
 	size_t n, m;
 	uint8_t *bytes, *inner, *copy;
 
-	make_spool(path, 10, false);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 10, false);
+	bytes = make_read(make_path, &n);
 	copy = calloc(1, n + 100000);
 	memcpy(copy, bytes, n);
-	make_write(other, copy, n + 100000);
-	make_read_all(other, 10, &seen);
+	make_write(make_other, copy, n + 100000);
+	make_read_all(make_other, 10, &seen);
 	assert_int_equal(seen.records, 10);
 	assert_int_equal(seen.damages, 0);
 	assert_int_equal(seen.tail.torn, 100000);
 	free(bytes);
 	free(copy);
-	unlink(other);
+	unlink(make_other);
 
 	/* A capture of a spool: nothing of the inner one is a record of the outer one, also where the outer one is broken. */
 	struct spool_head head = {0};
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
 
-	inner = make_read(path, &m);
-	assert_int_equal(spool_create(other, &head, &w, &err), 0);
+	inner = make_read(make_path, &m);
+	assert_int_equal(spool_create(make_other, &head, &w, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, SPOOL_SHORT, 0, inner, m, &err), 0);
 	assert_int_equal(spool_end(w, &err), 0);
 	spool_writer_free(w);
-	bytes = make_read(other, &n);
+	bytes = make_read(make_other, &n);
 	bytes[8192 + 5] ^= 1;
-	make_write(other, bytes, n);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.others, 1); /* END */
 	assert_int_equal(seen.skipped, 40 + m);
 	free(bytes);
@@ -464,21 +434,21 @@ static void test_heads(void **state)
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
 
-	make_write(other, text, sizeof(text));
-	make_read_all(other, 0, &seen);
+	make_write(make_other, text, sizeof(text));
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
-	make_write(other, "x", 1);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, "x", 1);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
-	make_write(other, "", 0);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, "", 0);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_TRUNCATED);
-	make_spool(path, 3, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 3, true);
+	bytes = make_read(make_path, &n);
 	bytes[100] ^= 1;
 	bytes[4096 + 100] ^= 1;
-	make_write(other, bytes, n);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
 	/* Of a newer version, in both heads; in one of them it would be damage. */
 	bytes[100] ^= 1;
@@ -486,227 +456,44 @@ static void test_heads(void **state)
 	bytes[8] = 2;
 	set_check(bytes, 4096);
 	memcpy(bytes + 4096, bytes, 4096);
-	make_write(other, bytes, n);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_VERSION);
 	bytes[8] = 1;
 	set_check(bytes, 4096);
-	make_write(other, bytes, n);
-	make_read_all(other, 3, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 3, &seen);
 	assert_int_equal(seen.error, 0);
 	free(bytes);
-	unlink(other);
+	unlink(make_other);
 	/* A profile of its largest size, and one more. */
 	head.profile_size = SPOOL_PROFILE_MAX + 1;
 	head.profile = calloc(1, head.profile_size + 1);
-	assert_int_equal(spool_create(other, &head, &w, &err), -ERR_LIMIT);
-	assert_int_equal(access(other, F_OK), -1);
+	assert_int_equal(spool_create(make_other, &head, &w, &err), -ERR_LIMIT);
+	assert_int_equal(access(make_other, F_OK), -1);
 	head.profile_size--;
 	err = ERR_INIT;
-	assert_int_equal(spool_create(other, &head, &w, &err), 0);
+	assert_int_equal(spool_create(make_other, &head, &w, &err), 0);
 	spool_writer_free(w);
-	make_read_all(other, 0, &seen);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, 0);
 	/* In any of its bytes cut. */
-	bytes = make_read(other, &n);
+	bytes = make_read(make_other, &n);
 	for (size_t cut = 0; cut < n / 2; cut += 4095) {
-		make_write(other, bytes, cut);
-		make_read_all(other, 0, &seen);
+		make_write(make_other, bytes, cut);
+		make_read_all(make_other, 0, &seen);
 		assert_int_equal(seen.error, -ERR_TRUNCATED);
 	}
 	free(bytes);
 	spool_head_clear(&head);
 }
 
-/* ---- what the system refuses ---- */
-
-static void test_full(void **state)
-{
-	struct rlimit was, small;
-	struct spool_head head;
-	struct spool_writer *w;
-	struct make_seen seen;
-	struct spool_totals totals;
-	struct err err = ERR_INIT;
-	uint64_t n = 0;
-
-	signal(SIGXFSZ, SIG_IGN);
-	make_head(&head);
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	getrlimit(RLIMIT_FSIZE, &was);
-	small = was;
-	small.rlim_cur = 8192 + 3000;
-	setrlimit(RLIMIT_FSIZE, &small);
-	for (;; n++) {
-		uint8_t at[MAKE_SIZE_MAX];
-		size_t size = make_payload(n, at);
-
-		if (spool_append(w, make_kind(n), SPOOL_SHORT, (int64_t)n * 1000, at, size, &err))
-			break;
-	}
-	assert_int_equal(err.code, ERR_IO);
-	assert_int_equal(err_exit_status(err.code), 74);
-	assert_string_equal(err.file, path);
-	assert_true(n > 5);
-	err = ERR_INIT;
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_IO); /* it stays so */
-	assert_true(err.message[0]);
-	err = ERR_INIT;
-	assert_int_equal(spool_sync(w, &err), 0);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, totals.bytes);
-	setrlimit(RLIMIT_FSIZE, &was);
-	spool_writer_free(w);
-	make_read_all(path, n, &seen);
-	assert_int_equal(seen.records, n);
-	assert_int_equal(seen.tail.torn, 0); /* what was begun was cut off */
-	spool_head_clear(&head);
-}
-
-static ssize_t no_space(int fd, const void *buf, size_t n, off_t off)
-{
-	if (off > 8192 + 2000) {
-		errno = ENOSPC;
-		return -1;
-	}
-	return pwrite(fd, buf, n > 100 ? 100 : n, off); /* short ones, too */
-}
-
-static void test_no_space(void **state)
-{
-	struct spool_head head = {0};
-	struct spool_writer *w;
-	struct err err = ERR_INIT;
-	struct make_seen seen;
-	uint64_t n = 0;
-	uint8_t at[MAKE_SIZE_MAX];
-
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	table = io_system;
-	table.pwrite = no_space;
-	io = &table;
-	while (!spool_append(w, make_kind(n), SPOOL_SHORT, (int64_t)n * 1000, at, make_payload(n, at), &err))
-		n++;
-	io = &io_system;
-	assert_int_equal(err.code, ERR_NOSPACE);
-	assert_int_equal(err_exit_status(err.code), 74);
-	spool_writer_free(w);
-	make_read_all(path, n, &seen);
-	assert_int_equal(seen.records, n);
-	assert_int_equal(seen.tail.torn, 0);
-	spool_head_clear(&head);
-}
-
-/* No second fsync after one that failed, and no record either. */
-static void test_failed_sync(void **state)
-{
-	struct spool_head head = {0};
-	struct spool_writer *w;
-	struct spool_totals totals;
-	struct err err = ERR_INIT;
-
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), 0);
-	table = io_system;
-	table.fsync = slow_fsync;
-	io = &table;
-	syncs = 0;
-	sync_ms = 0;
-	sync_error = EIO;
-	assert_int_equal(spool_sync(w, &err), -ERR_IO);
-	sync_error = 0;
-	err = ERR_INIT;
-	assert_int_equal(spool_sync(w, &err), -ERR_IO);
-	assert_int_equal(syncs, 1);
-	err = ERR_INIT;
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_IO);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 0);
-	spool_writer_free(w);
-}
-
-static int held;
-
-static int held_fsync(int fd)
-{
-	__atomic_add_fetch(&syncs, 1, __ATOMIC_SEQ_CST);
-	while (__atomic_load_n(&held, __ATOMIC_SEQ_CST))
-		usleep(1000);
-	return 0;
-}
-
-/* Once the appending waits. */
-static void *release(void *ctx)
-{
-	struct spool_writer *w = ctx;
-	uint64_t waits = 0;
-
-	while (!waits || !__atomic_load_n(&syncs, __ATOMIC_SEQ_CST)) {
-		usleep(1000);
-		pthread_mutex_lock(&w->lock);
-		waits = w->totals.waits;
-		pthread_mutex_unlock(&w->lock);
-	}
-	__atomic_store_n(&held, 0, __ATOMIC_SEQ_CST);
-	return ctx;
-}
-
-/* The thread: a disk that does not answer does not stop the appending until the queue is full, which is counted; all gets
- * durable without being asked for; failures are told. */
-static void test_flusher(void **state)
-{
-	struct spool_head head = {0};
-	struct spool_writer *w;
-	struct spool_totals totals = {0};
-	struct err err = ERR_INIT;
-	static uint8_t at[1000];
-	pthread_t thread;
-
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	table = io_system;
-	table.fsync = held_fsync;
-	io = &table;
-	syncs = 0;
-	held = 1;
-	assert_int_equal(spool_flush_start(w, 0.02, 20000, &err), 0);
-	pthread_create(&thread, NULL, release, w);
-	for (int i = 0; i < 80; i++)
-		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 0); /* still held: nothing of this waited */
-	assert_int_equal(totals.waits, 0);
-	for (int i = 80; i < 160; i++)
-		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
-	spool_totals(w, &totals);
-	assert_true(totals.waits >= 1 && totals.wait_ns > 0);
-	assert_true(totals.durable + 80000 >= totals.bytes);
-	for (int i = 0; i < 180000 && totals.durable < totals.bytes; i++) {
-		usleep(1000);
-		spool_totals(w, &totals);
-	}
-	assert_int_equal(totals.durable, 160000);
-	pthread_join(thread, NULL);
-	/* And on a disk that fails. */
-	table.fsync = slow_fsync;
-	sync_error = EIO;
-	sync_ms = 1;
-	for (int i = 0; i < 180000 && !err.code; i++) {
-		spool_append(w, SPOOL_DATA, 0, 0, at, 10, &err);
-		usleep(1000);
-	}
-	assert_int_equal(err.code, ERR_IO);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 160000);
-	spool_writer_free(w);
-}
-
 int main(void)
 {
-#define TEST(name) cmocka_unit_test_setup_teardown(test_##name, setup, teardown)
+#define TEST(name) cmocka_unit_test_setup_teardown(test_##name, make_setup, make_teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(round), TEST(large),    TEST(no_overwriting), TEST(truncations), TEST(continue),
-		TEST(flips), TEST(wounds),   TEST(missing),        TEST(tails),       TEST(heads),
-		TEST(full),  TEST(no_space), TEST(failed_sync),    TEST(flusher),
+		TEST(round), TEST(large),  TEST(no_overwriting), TEST(truncations), TEST(continue),
+		TEST(flips), TEST(wounds), TEST(missing),        TEST(tails),       TEST(heads),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
