@@ -31,7 +31,7 @@ static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, co
 		ret[0] = corner(seed);
 		ret[1] = corner(seed);
 		return;
-	case 2: /* on a line, now and then one beside it */
+	case 2: /* on a line, sometimes one beside it */
 		ret[0] = base[0] + 7 * r;
 		ret[1] = base[1] + (base[0] & 1 ? 7 : base[0] & 2 ? -3 : 0) * r + (sets_below(seed, 40) == 0);
 		return;
@@ -43,7 +43,7 @@ static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, co
 		ret[0] = base[0] + circle[i % 12][0] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
 		ret[1] = base[1] + circle[i % 12][1] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
 		return;
-	case 5: /* a grid of odd step: circumcentres on possible cuts */
+	case 5: /* a grid with an odd step: circumcentres on possible cuts */
 		ret[0] = base[0] + 3 * (int32_t)(i % 7);
 		ret[1] = base[1] + 3 * (int32_t)(i / 7);
 		return;

@@ -97,7 +97,7 @@ static int hand_out(const struct tiling *t, unsigned segment, size_t from, size_
 		    struct err *err)
 {
 	const struct point *p = t->pts[segment];
-	const size_t most = t->salt % 2 ? 7 : GRID_CELL_RECORDS; /* at a time */
+	const size_t most = t->salt % 2 ? 7 : GRID_CELL_RECORDS; /* at the same time */
 
 	for (size_t i = from, end = from + n; i < end;) {
 		size_t k = i;

@@ -1,4 +1,4 @@
-/* Shared by the tests of the grid (grid_fixture.h). Nothing here uses the room's insides. */
+/* Shared by the tests of the grid (grid_fixture.h). Uses only public headers. */
 #include "grid_fixture.h"
 
 #include <dirent.h>
@@ -141,7 +141,7 @@ struct set set_make(enum shape shape, size_t n, unsigned sources, uint64_t seed)
 		p->cls = (uint8_t)(random_below(&rng, 20) ? random_below(&rng, 4) : random_below(&rng, 256));
 		p->ret = (uint8_t)random_below(&rng, 256);
 		p->tag = (uint16_t)random_below(&rng, 16);
-		/* Sources in stretches, as files come, and here and there mixed. */
+		/* Sources in stretches, as from files, and sometimes mixed. */
 		s.ids[i] = 1 + (uint32_t)(random_below(&rng, 3) ? i * sources / n : random_below(&rng, sources));
 	}
 	return s;
@@ -234,7 +234,7 @@ static void halve(struct halving *h, size_t first, size_t n, uint64_t lo, unsign
 		.box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
 	};
 	for (size_t i = 0; i < n; i++) {
-		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source here */
+		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source index here */
 
 		c->box[0] = p[i].x < c->box[0] ? p[i].x : c->box[0];
 		c->box[1] = p[i].y < c->box[1] ? p[i].y : c->box[1];

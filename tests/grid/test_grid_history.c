@@ -1,8 +1,8 @@
 /*
- * A dataset's whole life in little: pushes, removals, lives that come back, merges and prunes in any order, against a model
- * that is a list of records with sources. After each step what can be read is what the model says: all live records of a
- * generation, in their order, and counts and content sums of any range. Coordinates are few, so that positions, cells and
- * sources collide. ACUT_HISTORY_ROUNDS for more.
+ * The history of a dataset in small: pushes, removals, restored sources, merges and prunes in any order, against a
+ * model that is a list of records with sources. After each step everything that can be read must agree with the model:
+ * all live records of a generation, in order, and counts and content sums of any range. There are few coordinates, so
+ * positions, cells and sources collide. ACUT_HISTORY_ROUNDS for more.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -27,12 +27,12 @@ struct history {
 	struct grid_segment_info segments[SEGMENTS];
 	size_t nsegments;
 	struct grid_source sources[SOURCES];
-	struct grid_span spans[SOURCES]; /* a source comes back once at most */
+	struct grid_span spans[SOURCES]; /* a source is restored at most once */
 	size_t nsources;
-	uint32_t last; /* number of a source */
+	uint32_t last; /* number of the last source */
 	uint64_t generation, oldest;
-	unsigned files;    /* named so far */
-	struct point *pts; /* all records ever, but for those that were pruned; the model */
+	unsigned files;    /* file names so far */
+	struct point *pts; /* the model: all records ever, except the pruned ones */
 	uint32_t *ids;
 	size_t n;
 	int32_t side;
@@ -47,7 +47,7 @@ static struct grid_source *source_of(struct history *h, uint32_t id)
 	return NULL;
 }
 
-/* ---- what happens ---- */
+/* ---- steps ---- */
 
 static void push(struct history *h)
 {
@@ -157,7 +157,7 @@ static bool lives(const struct grid_source *s, uint64_t from, uint64_t to)
 	return false;
 }
 
-/* The naive way: a source goes that no generation which stays has. */
+/* The simple way: removes each source that is in no remaining generation. */
 static void prune(struct history *h)
 {
 	uint32_t drop[SOURCES];
@@ -201,12 +201,12 @@ static void prune(struct history *h)
 	h->prunes++;
 }
 
-/* ---- what is then ---- */
+/* ---- checks ---- */
 
 struct total {
 	struct digest sum;
 	uint64_t n;
-	struct point last; /* of a scan: the one before */
+	struct point last; /* the previous record of a scan */
 };
 
 static void add(struct total *t, const struct point *p)
@@ -215,7 +215,7 @@ static void add(struct total *t, const struct point *p)
 	t->n++;
 }
 
-/* Those of a sum in an order that leaves no other: a scan is the model's sequence then. */
+/* Sums a sequence so that its order matters: a scan must be the model's sequence. */
 static int add_all(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct total *t = ctx;

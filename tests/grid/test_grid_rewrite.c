@@ -1,7 +1,7 @@
 /*
- * Rewriting segments: the file is the one that a seal of the same records writes; nothing damaged goes through; nothing
- * stays behind. Then, against a model that is a list of records: pushes, removals, merges and prunes in any order leave
- * every generation that can be read as it was.
+ * Rewriting segments: the file is the one that a seal of the same records writes; damage is found; nothing is left
+ * behind. Then pushes, removals, merges and prunes in any order, against a model that is a list of records, leave every
+ * readable generation unchanged.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -109,7 +109,7 @@ static bool stays(uint32_t id, void *ctx)
 	return id % 3 != 1;
 }
 
-/* Segments by source, each a split of `all`. */
+/* Segments by source, each a part of `all`. */
 static void seal_parts(const struct folder *f, const struct set *all, unsigned parts, struct grid_segment_info *ret)
 {
 	struct err err = ERR_INIT;
@@ -146,7 +146,7 @@ static void try_same(enum shape shape, size_t n, unsigned sources, unsigned part
 	CHECK(rewrite(&f, "some", part, parts, drop, ndrop, memory, &made, &err));
 	same_file(&f, left.file, made.file);
 	same_info(left, made);
-	/* And what was merged, once more without some. */
+	/* The merged segment again, without some sources. */
 	CHECK(rewrite(&f, "again", &whole, 1, drop, ndrop, memory, &made, &err));
 	same_file(&f, left.file, made.file);
 	set_free(&all);
@@ -203,7 +203,7 @@ static void test_too_little(void **state)
 	folder_remove(&f);
 }
 
-/* Given up half way: nothing stays. */
+/* Abandoned in the middle: nothing is left. */
 static void test_given_up(void **state)
 {
 	struct folder f = folder_new();
@@ -254,7 +254,7 @@ static void test_damage(void **state)
 		assert_int_equal(pwrite(fd, &byte, 1, (off_t)at), 1);
 		close(fd);
 	}
-	/* Cut off. */
+	/* Truncated. */
 	for (int i = 0; i < 20; i++) {
 		struct err err = ERR_INIT;
 		uint64_t at = random_below(&rng, part[0].bytes);

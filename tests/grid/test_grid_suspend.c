@@ -1,6 +1,6 @@
 /*
- * A stage that is left, and gone on with by another: whatever call the first one died at, the second makes the
- * segment that one stage alone would have made. Dropped sources leave no trace.
+ * A stage that is suspended and resumed by another: whichever call the first one died at, the second makes the segment
+ * that a single stage would have made. Dropped sources leave no trace.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -16,12 +16,12 @@
 #include "grid_fixture.h"
 #include "io.h"
 
-/* WHOLE sources are left, a run each: more than a stage of this size can merge at once. Then some more come, of
- * which the last is cut off; that one is not to be in what comes out. */
+/* WHOLE sources are suspended, one run each: more than a stage of this size can merge at once. Then some more are
+ * added, and the last one is cut off; it must not be in the result. */
 enum { SOURCES = 20, EACH = 4000, WHOLE = 12, CUT = 16, AGAIN = 100 };
 static const size_t memory = GRID_STAGE_MIN;
 
-/* ---- a process that dies at its nth call ---- */
+/* ---- a process that dies at its n-th call ---- */
 
 static unsigned long calls, die_at;
 
@@ -78,7 +78,7 @@ static void add(struct grid_stage *stage, const struct set *s, uint32_t id, uint
 			check_ok(grid_stage_add(stage, s->pts + at, 1, err), err, "stage", __FILE__, __LINE__);
 }
 
-/* The whole ones, each left; then the others until the one that is cut off; and then the segment. */
+/* The complete sources, each suspended; then the others up to the incomplete one; then the segment. */
 static int interrupted(const struct folder *f, const struct set *s)
 {
 	struct grid_stage_params params = {f->fd, "p", memory, true};
@@ -107,7 +107,7 @@ static int interrupted(const struct folder *f, const struct set *s)
 	return 0;
 }
 
-/* In a process of its own; true if it came to the end. */
+/* In a separate process; true if it reached the end. */
 static bool run_until(const struct folder *f, const struct set *s, unsigned long call)
 {
 	int status;
@@ -130,7 +130,7 @@ static bool run_until(const struct folder *f, const struct set *s, unsigned long
 	return WEXITSTATUS(status) == 0;
 }
 
-/* What is to come out. */
+/* The expected result. */
 static struct set wanted(const struct set *s)
 {
 	struct set w = {.pts = malloc(s->n * sizeof *w.pts), .ids = malloc(s->n * sizeof *w.ids)};
@@ -144,7 +144,7 @@ static struct set wanted(const struct set *s)
 	return w;
 }
 
-static bool has(const uint32_t *ids, size_t n, uint32_t id)
+static bool set_has(const uint32_t *ids, size_t n, uint32_t id)
 {
 	for (size_t i = 0; i < n; i++)
 		if (ids[i] == id)
@@ -166,7 +166,7 @@ static uint64_t checksum(const struct folder *f, const char *name)
 	return d.lo;
 }
 
-static void go_on(const struct folder *f, const struct set *s, const struct grid_segment_info *want, uint64_t sum)
+static void resume_stage(const struct folder *f, const struct set *s, const struct grid_segment_info *want, uint64_t sum)
 {
 	struct grid_stage_params params = {f->fd, "p", memory, true};
 	struct grid_segment_info info;
@@ -175,7 +175,7 @@ static void go_on(const struct folder *f, const struct set *s, const struct grid
 	const uint32_t *ids;
 	size_t n;
 
-	/* Before the first state file there is nothing to go on with. */
+	/* Before the first state file nothing can be resumed. */
 	if (faccessat(f->fd, "p.stage", F_OK, 0) != 0) {
 		assert_int_equal(grid_stage_resume(&params, &stage, &err), -ERR_IO);
 		err_clear(&err);
@@ -185,11 +185,11 @@ static void go_on(const struct folder *f, const struct set *s, const struct grid
 	CHECK(grid_stage_resume(&params, &stage, &err));
 	ids = grid_stage_sources(stage, &n);
 	assert_true(n >= 1 && ids[0] == 1);
-	/* Only what the caller knows to be whole counts. */
+	/* Only the sources that the caller knows to be complete count. */
 	bool there[SOURCES + 1];
 
 	for (uint32_t id = 1; id <= SOURCES; id++)
-		there[id] = id <= WHOLE && has(ids, n, id);
+		there[id] = id <= WHOLE && set_has(ids, n, id);
 	for (uint32_t id = WHOLE + 1; id <= CUT; id++)
 		CHECK(grid_stage_drop(stage, id, &err));
 	CHECK(grid_stage_drop(stage, 99, &err));
@@ -222,8 +222,8 @@ static void test_death(void **state)
 		struct folder f = folder_new();
 
 		end = run_until(&f, &s, call);
-		go_on(&f, &s, &want, sum);
-		/* A segment that was being written is the sweep's, nothing else stays. */
+		resume_stage(&f, &s, &want, sum);
+		/* A segment that was being written is removed by the sweep; nothing else is left. */
 		unlinkat(f.fd, "p.seg.tmp", 0);
 		unlinkat(f.fd, "p.seg", 0);
 		unlinkat(f.fd, "p.stage.tmp", 0);
@@ -237,7 +237,7 @@ static void test_death(void **state)
 	folder_remove(&once);
 }
 
-/* Dropping alone: from memory, and from runs. */
+/* Dropping, without suspending: from memory, and from runs. */
 static void test_drop(void **state)
 {
 	for (int big = 0; big < 2; big++) {
@@ -267,7 +267,7 @@ static void test_drop(void **state)
 	}
 }
 
-/* A state file with any byte changed, or a run that is not whole, is not gone on with. */
+/* A state file with a changed byte, or an incomplete run, cannot be resumed. */
 static void test_damage(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 3000, 2, 1);
