@@ -548,7 +548,7 @@ static void test_given_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_stretches),      cmocka_unit_test(test_dropped),
+		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_stretches),    cmocka_unit_test(test_dropped),
 		cmocka_unit_test(test_lanes),         cmocka_unit_test(test_written_once), cmocka_unit_test(test_failures),
 		cmocka_unit_test(test_failing_lanes), cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
 		cmocka_unit_test(test_suspended),

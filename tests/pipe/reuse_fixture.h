@@ -1,9 +1,8 @@
-/* Generations on disk, their domains in a store, and files of it that are damaged: what tests of finished domains have in common.
- */
+/* What tests of finished domains share: generations on disk, their domains in a store, and damaged files of the store. */
 #ifndef REUSE_FIXTURE_H
 #define REUSE_FIXTURE_H
 
-/* Each test uses some of it. */
+/* Each test uses a part of it. */
 #pragma GCC diagnostic ignored "-Wunused-function"
 
 #include <fcntl.h>
@@ -47,7 +46,7 @@ struct generation {
 
 static const struct view view = VIEW_INIT;
 
-/* `dead`: by source; they lie in the segments all the same. */
+/* `dead`: bit set of sources; their records are in the segments nevertheless. */
 static struct generation generation_of(const struct set *s, unsigned segments, unsigned dead)
 {
 	struct generation g = {.folder = folder_new()};
@@ -79,7 +78,8 @@ static void generation_end(struct generation *g)
 	folder_remove(&g->folder);
 }
 
-/* `all` points of side `side`, and some of source 4 in a corner of it; more of source 5 elsewhere in the corner. */
+/* `all` points in a square of side `side`, `some` of source 4 in a corner of it, and more of source 5 elsewhere in the
+ * corner. */
 static struct set points_more(size_t all, size_t some, uint32_t side)
 {
 	size_t n = all + 2 * some;

@@ -1,8 +1,9 @@
 /*
- * Chains of generations over one store, by the thousand: real segments, manifests in which sources come, go and come back,
- * small ranges with many equal positions, ranges at the ends of the lattice, views, two lattices. Whatever is found in the
- * store for a region is what making it gives, and a mesh put together from it is the one that is made of nothing, also where
- * only the fronts are read. What is known of a halo beforehand, by the plan and by what the region stood on, changes nothing.
+ * Chains of generations over one store, thousands of cases: real segments; manifests in which sources are added,
+ * removed and restored; small ranges with many equal positions; ranges at the ends of the lattice; views; two lattices.
+ * What is found in the store for a region must be equal to what making it gives, and a mesh made with stored domains
+ * equal to one made without, also if only the fronts are read. What the plan and the earlier sites say about a halo
+ * must not change anything.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -25,7 +26,7 @@
 #include "pipe_priv.h"
 #include "store.h"
 
-/* From this family on sources are apart. */
+/* From this family on sources are separate. */
 enum { LOCAL = 5 };
 enum { CAP = 40000, SOURCES = 25, LEAVES = 90, STEPS = 6, SEGMENTS = 25 };
 
@@ -68,10 +69,10 @@ static struct set points_of(unsigned family, size_t n, uint32_t range)
 	struct set s = {calloc(n, sizeof *s.pts), calloc(n, sizeof *s.ids), n};
 
 	for (size_t i = 0; i < n; i++) {
-		/* Of the first source there are many; now and then the very same record once more, of another. */
+		/* The first source has many points; sometimes another source repeats a record exactly. */
 		s.pts[i] = i && !rnd(10) ? s.pts[rnd(i)] : point_at(family, range);
 		s.ids[i] = rnd(3) && family < LOCAL ? 1 : 1 + (uint32_t)rnd(SOURCES);
-		/* Each stays in a corner: cells of their segments are small, and a change is seen by few. */
+		/* Each stays in a corner: cells of its segments are small, and few regions see a change. */
 		if (family >= LOCAL) {
 			s.pts[i] = point_at(family, 1 + range / 5);
 			s.pts[i].x += (int32_t)(s.ids[i] % 5 * range / 5);
@@ -83,14 +84,14 @@ static struct set points_of(unsigned family, size_t n, uint32_t range)
 
 /* ---- a generation ---- */
 
-/* Segments, which generations share. */
+/* Segments, shared by generations. */
 struct layout {
 	struct folder folder;
 	struct grid_segment_info info[SEGMENTS];
 	unsigned n;
 };
 
-/* What is not in `there` was pruned. */
+/* Sources that are not in `there` were pruned. */
 static struct layout layout_new(const struct set *s, unsigned there)
 {
 	struct layout l = {.folder = folder_new()};
@@ -157,7 +158,7 @@ static void generation_end(struct generation *g)
 
 /* ---- regions ---- */
 
-/* The same regions are cut the same in all generations of a case. */
+/* The same regions are split in the same way in all generations of a case. */
 static void cut(const struct cut_region *r, struct cut_region *leaf, unsigned *n, unsigned depth)
 {
 	char text[CUT_REGION_TEXT_SIZE];
@@ -273,8 +274,8 @@ static void check_totals(struct pipe_totals a, struct pipe_totals b)
 	assert_memory_equal(&a, &b, sizeof a);
 }
 
-/* Of the regions, as one of leaves that may have few positions: a halo has more than those that are nearly empty, and is found
- * with others. It splits none, since all fit. */
+/* One of the regions, as of leaves that may have few positions: a halo has more than those that are nearly empty, so it
+ * is found together with others. All fit, so none is split. */
 static void plan_known(struct generation *g, const struct cut_region *leaf, unsigned n, struct cut_plan *ret)
 {
 	struct grid_reader *reader;
@@ -377,7 +378,7 @@ static void one_case(uint64_t seed)
 		generation_begin(&g, &l, &s, dead, rnd(8) == 0);
 		one_generation(&g);
 		generation_end(&g);
-		/* A push, a removal, both, a return; or the same once more. Now and then laid out anew. */
+		/* A push, a removal, both, a restored source, or no change. Sometimes in new segments. */
 		for (unsigned k = (unsigned)rnd(3); k > 0; k--)
 			dead ^= 1u << rnd(SOURCES);
 		if (lost & ~dead || rnd(6) == 0) {
@@ -408,7 +409,7 @@ static void test_chains(void **state)
 	       (unsigned long long)fronts);
 	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n",
 	       (unsigned long long)bounded, (unsigned long long)sited, (unsigned long long)both);
-	/* Of many cases; one may be tried again by itself. */
+	/* One of many cases can be repeated alone. */
 	if (n < 40)
 		return;
 	assert_true(bounded > domains / 100 && sited > 0 && both > 0);

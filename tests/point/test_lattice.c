@@ -35,16 +35,16 @@ static void test_choose(void **state)
 	in[0] = input("a", "0.01", "500000", 500000, 501000);
 	choose_is(in, 1, "0.01 0.01 50000000 50000000 50000000");
 	in[1] = input("b", "0.01", "500000", 501000, 502000);
-	choose_is(in, 2, "0.01 0.01 50000000 50000000 50000000"); /* one distinct (offset, scale) */
+	choose_is(in, 2, "0.01 0.01 50000000 50000000 50000000"); /* all have the same (offset, scale) */
 	in[1] = input("b", "0.01", "600000", 501000, 502000);
 	choose_is(in, 2, "0.01 0.01 50100000 50100000 50100000"); /* the middle of the boxes */
 	in[2] = input("c", "0.001", "0", 500000, 500010);
 	choose_is(in, 3, "0.001 0.001 501000000 501000000 501000000");
 	in[0] = input("a", "0.01", "-0.005", 0, 1);
-	choose_is(in, 1, "0.005 0.005 -1 -1 -1"); /* so that none of its numbers is moved */
+	choose_is(in, 1, "0.005 0.005 -1 -1 -1"); /* so that none of its numbers is rounded */
 	in[0] = input("text", "0.001", NULL, -5, 10);
 	choose_is(in, 1, "0.001 0.001 2500 2500 2500");
-	in[0].scale[1] = dec("0.0001"); /* x and y differ: the finer for both */
+	in[0].scale[1] = dec("0.0001"); /* x and y differ: the finer one for both */
 	choose_is(in, 1, "0.0001 0.001 25000 25000 2500");
 	in[0] = input("nobox", "0.01", "7", NAN, 1);
 	in[1] = input("nobox2", "0.01", "5", 3, -3);
@@ -52,8 +52,8 @@ static void test_choose(void **state)
 	(void)state;
 }
 
-/* A file whose offset lies between two steps of its scale, or of two scales that are no multiples: nothing of it is moved where
- * a finer scale can have that. */
+/* A file whose offset is between two steps of its scale, or with two scales that are not multiples: no number is
+ * rounded if a finer scale makes that possible. */
 static void test_choose_exact(void **state)
 {
 	static const struct {
@@ -67,7 +67,7 @@ static void test_choose_exact(void **state)
 		{"0.01", "0.0025", 0, 1000, "0.0025 0.0025 1 1 1", true},
 		{"0.25", "0.1", 0, 1000, "0.05 0.05 2 2 2", true},
 		{"0.001", "1000000.00001", 999990, 1000010, "0.00001 0.00001 100000000001 100000000001 100000000001", true},
-		/* more digits than there is room for, or than are worth it */
+		/* more digits than fit, or than are worthwhile */
 		{"0.01", "500000.12345678912", 500000, 501000, "0.01 0.01 50000012 50000012 50000012", false},
 		{"0.01", "0.000001", 0, 1, "0.01 0.01 0 0 0", false},
 		{"0.01", "0.001", 0, 100000, "0.01 0.01 0 0 0", false},
@@ -83,11 +83,12 @@ static void test_choose_exact(void **state)
 		choose_is(in, 1, cases[i].want);
 		assert_int_equal(lattice_map_init(&m, &l, &in[0], &err), 0);
 		assert_int_equal(m.axis[0].exact && m.axis[1].exact && m.axis[2].exact, cases[i].exact);
-		in[1] = in[0]; /* many that are alike as one */
+		in[1] = in[0]; /* many that are alike count as one */
 		in[1].name = "b";
 		choose_is(in, 2, cases[i].want);
 	}
-	/* What grows has room for tiles beside it, and a box that raw numbers cannot lie in, or of one position, says nothing. */
+	/* A lattice that grows has room for neighbouring tiles; a box that is impossible for raw numbers, or a single
+	 * position, is ignored. */
 	static const struct {
 		const char *scale, *offset;
 		double min, max;
@@ -111,7 +112,7 @@ static void test_choose_exact(void **state)
 
 	two.scale[1] = dec("0.003");
 	choose_is(&two, 1, "0.001 0.01 0 0 0");
-	/* of inputs that differ each may be moved: the finest scale, as it is */
+	/* numbers of inputs that differ may be rounded: the finest scale, unchanged */
 	other[0] = input("a", "0.01", "0.005", 0, 1000);
 	other[1] = input("b", "0.01", "0", 0, 1000);
 	choose_is(other, 2, "0.01 0.01 50000 50000 50000");
@@ -124,7 +125,7 @@ static void test_choose_lying_box(void **state)
 	struct err err = ERR_INIT;
 	struct lattice l = {.k = {7}};
 
-	/* Alone its box is not needed; with another it is, and can only be refused. */
+	/* Alone its box does not matter; with another input it does, and can only be rejected. */
 	choose_is(in, 1, "0.01 0.01 0 0 0");
 	assert_int_equal(lattice_choose(in, 2, NULL, NULL, &l, &err), -ERR_INPUT);
 	assert_string_equal(err.file, "a");
@@ -169,7 +170,7 @@ static void test_choose_refused(void **state)
 	(void)state;
 }
 
-/* A scale finer than the file's: the offset serves only while the data fit around it. */
+/* A scale finer than the file's: the offset is used only while the data fit around it. */
 static void test_choose_wanted(void **state)
 {
 	struct lattice_input in = input("a", "0.01", "0", 4000000, 4000100);
@@ -200,8 +201,7 @@ static struct lattice_input rounded(struct lattice_input in, const char *coarses
 	return in;
 }
 
-/* The finest power of ten that holds all boxes, between the scale of those that may be rounded and what they may be rounded to.
- */
+/* The finest power of ten with which all boxes fit, between the scale of inputs that may be rounded and their limit. */
 static void test_choose_rounded(void **state)
 {
 	static const struct {
@@ -213,11 +213,11 @@ static void test_choose_rounded(void **state)
 		{"1e-8", NULL, 0, 43, 0, "1e-7"},
 		{"1e-8", NULL, 500000, 503000, 0, "1e-6"},
 		{"1e-8", NULL, 0, 429000, 0, "1e-4"},
-		{"1e-8", NULL, 0, 430000, 0, "5e-4"}, /* the coarsest, which is no power of ten */
+		{"1e-8", NULL, 0, 430000, 0, "5e-4"}, /* the coarsest, which is not a power of ten */
 		{"1e-8", NULL, 0, 2147000, 0, "5e-4"},
 		{"1e-8", NULL, 0, 2148000, 0, NULL},
 		{"3e-8", NULL, 0, 200, 0, "1e-7"},
-		{"1e-8", "0.001", 0, 43, 10, "1e-7"}, /* each box alone would fit */
+		{"1e-8", "0.001", 0, 43, 10, "1e-7"}, /* each box would fit alone */
 		{"1e-8", "0.001", 0, 20, 43, "1e-7"},
 		{"1e-8", "0.00001", 0, 20, 42900, "0.00001"}, /* exact inputs stay exact */
 		{"1e-8", "0.00001", 0, 20, 43000, NULL},
@@ -249,8 +249,8 @@ static void test_choose_rounded(void **state)
 	}
 }
 
-/* What grows has room for 64 times its width, and for neighbours of what is small: the finest power of ten that leaves it, and
- * never coarser than it may be rounded to. */
+/* A lattice that grows has room for 64 times its width, and for neighbours of small data: the finest power of ten that
+ * allows that, and never coarser than the limit of rounding. */
 static void test_choose_grows(void **state)
 {
 	static const struct {
@@ -265,7 +265,7 @@ static void test_choose_grows(void **state)
 		{"1e-12", NULL, "5e-4", 430000, 433300, "1e-4"},
 		{"1e-12", NULL, "5e-4", 430000, 440000, "5e-4"},
 		{"1e-12", NULL, "5e-4", 0, 2100000, "5e-4"},
-		{"1e-4", NULL, "5e-4", 430000, 440000, "1e-4"}, /* hardly finer than it may be */
+		{"1e-4", NULL, "5e-4", 430000, 440000, "1e-4"}, /* hardly finer than the limit */
 		{"0.001", NULL, NULL, 430000, 440000, "0.001"},
 		{"1e-6", NULL, NULL, 430000, 431000, "1e-6"}, /* not to be rounded */
 		{"1e-12", NULL, "1e-9", 9, 9.01, "1e-9"},     /* degrees */
@@ -290,7 +290,7 @@ static void test_choose_grows(void **state)
 	}
 }
 
-/* Of all kinds: alike, without boxes, with scales that are none, too wide, too fine, far out. */
+/* Inputs of all kinds: alike, without boxes, with invalid scales, too wide, too fine, far out. */
 static void fill(struct lattice_input *in, char (*names)[8], size_t n)
 {
 	bool grows = pick(2);
@@ -312,7 +312,7 @@ static void fill(struct lattice_input *in, char (*names)[8], size_t n)
 	}
 }
 
-/* Left out one by one, they are those that whoever asks anew each time leaves out, for the same reasons. */
+/* Removing inputs one by one gives the same removals, for the same reasons, as asking anew each time. */
 static void test_set(void **state)
 {
 	for (unsigned turn = 0; turn < 3000; turn++) {
@@ -355,7 +355,7 @@ static void test_set(void **state)
 	(void)state;
 }
 
-/* Thousands of which none fits with another are left out in the steps of a few sorts. */
+/* Thousands of inputs of which no two fit together are removed in the steps of a few sorts. */
 static void test_set_steps(void **state)
 {
 	enum { N = 10000, LOG = 14, ORDERS = 25 };

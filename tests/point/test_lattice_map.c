@@ -19,7 +19,7 @@ static uint64_t rnd(void)
 	return random_next(&random_state);
 }
 
-/* Tenths of a step, rounded by hand: halves go up, below zero too. */
+/* Tenths of a step, rounded by hand: halves go up, also below zero. */
 static void test_map_rounding(void **state)
 {
 	struct lattice l = lattice_of("0.01 0.01 0 0 0");
@@ -47,7 +47,7 @@ static void test_map_rounding(void **state)
 	(void)state;
 }
 
-/* A whole number of lattice steps added to a file's offset moves all its points by just that many. */
+/* A whole number of lattice steps added to a file's offset moves all its points by exactly that many. */
 static void test_map_commutes(void **state)
 {
 	static const char *const scales[] = {"0.001", "0.01", "0.0025", "3048006096012192e-16", "0.3048", "1e-7", "7e-3"};
@@ -88,8 +88,8 @@ static void test_map_commutes(void **state)
 	(void)state;
 }
 
-/* Fast, narrow and wide ways give the same numbers: X is the floor, checked by its defining inequality
- * in exact decimals: X - 1/2 <= v < X + 1/2. */
+/* The fast, narrow and wide paths give the same numbers: X is the floor, checked by its defining inequality in exact
+ * decimals: X - 1/2 <= v < X + 1/2. */
 static void test_map_defining(void **state)
 {
 	static const char *const scales[] = {"0.001", "0.01", "1", "0.3048", "3048006096012192e-16", "123456789e-10", "0.1"};
@@ -108,7 +108,7 @@ static void test_map_defining(void **state)
 		assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
 		int rc = lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err);
 
-		if (rc) { /* 2e6 / 0.001 fits 32 bits only just */
+		if (rc) { /* 2e6 / 0.001 only just fits 32 bits */
 			assert_int_equal(rc, -ERR_LIMIT);
 			continue;
 		}
@@ -166,7 +166,7 @@ static void test_map_divides(void **state)
 
 		for (unsigned k = 0; k < 3; k++) {
 			__int128 a = 1 + wide((unsigned)rnd() % 61), d = 1 + wide((unsigned)rnd() % (round % 5 ? 40 : 62));
-			/* the middle is anywhere where raw can follow */
+			/* the middle is anywhere that raw can reach */
 			__int128 b = (__int128)(wide(40) - (INT64_C(1) << 39)) * (rnd() % 2 ? d : a);
 
 			if (rnd() % 4 == 0)
@@ -189,7 +189,7 @@ static void test_map_divides(void **state)
 
 				r = r > INT64_MAX ? INT64_MAX : r < INT64_MIN ? INT64_MIN : r;
 				want[i][k] = divided(r * a + b, d, &off);
-				/* at an end the next number may be the one that fits; else nothing does */
+				/* at an end the next number may be the one that fits; else none does */
 				for (int step = 0; step < 4 && (want[i][k] > INT32_MAX || want[i][k] < INT32_MIN); step++) {
 					r += want[i][k] > INT32_MAX ? -1 : 1;
 					want[i][k] = divided(r * a + b, d, &off);
@@ -207,7 +207,7 @@ static void test_map_divides(void **state)
 			want_moved += off_any[i];
 		int rc = lattice_map_apply(&m, (const int64_t(*)[3])raw, N, got, &moved, shift, &bad, &err);
 
-		if (rc) { /* the first number already had no place */
+		if (rc) { /* the first number already does not fit */
 			assert_int_equal(rc, -ERR_LIMIT);
 			continue;
 		}
@@ -258,7 +258,7 @@ static void test_map_exact(void **state)
 	(void)state;
 }
 
-/* Numbers of many digits go the 128-bit way; what not even that can hold is refused with the file's name. */
+/* Numbers of many digits take the 128-bit path; what does not fit even that is rejected with the file's name. */
 static void test_map_wide(void **state)
 {
 	struct lattice l = lattice_of("0.0000001 0.01 0 0 0");

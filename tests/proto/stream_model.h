@@ -43,11 +43,11 @@ uint32_t model_roll(uint32_t n);
 void model_append(struct stream_bytes *to, const struct stream_piece *piece, unsigned n);
 void model_totals(struct model *m);
 void model_init(struct model *m, unsigned nblock);
-/* Regions that are gone, in lists of one and two. */
+/* Regions that are no longer valid, in lists of one and two. */
 void model_append_changes(const struct model *m, struct stream_bytes *all);
 void model_changes(struct model *m, uint32_t ngone);
 struct stream_bytes model_bytes(const struct model *m);
-/* Feeds all bytes in cuts of at most `cut`. 0 and *ret_done, or the error. With a model: compares. */
+/* Feeds all bytes in pieces of at most `cut`. 0 and *ret_done, or the error. With a model: compares. */
 int model_run(const struct stream_bytes *in, size_t cut, const struct model *want, bool *ret_done, struct err *err);
 int model_run_whole(const struct model *m, struct err *err);
 

@@ -87,12 +87,12 @@ static void test_error_tail(void **state)
 
 	model_init(&m, 2);
 	m.tail.failed = true;
-	m.tail.blocks = 99; /* counts of a failed stream are nobody's business */
+	m.tail.blocks = 99; /* the counts of a failed stream are not checked */
 	strcpy(m.tail.error_code, "io");
 	assert_int_equal(model_run_whole(&m, &err), 0);
 }
 
-/* Each breaks one rule; checksums are right. */
+/* Each breaks one rule; checksums are valid. */
 static void break_first(struct model *m)
 {
 	m->block[2].first++;

@@ -108,7 +108,7 @@ static void changes_broken(void **state)
 		}
 }
 
-/* Regions behind a block, two bases: good checksums, a wrong place. */
+/* Regions after a block, two bases: valid checksums, wrong order. */
 static void changes_order(void **state)
 {
 	static uint8_t scratch[STREAM_SCRATCH];

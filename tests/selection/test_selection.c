@@ -16,7 +16,7 @@
 #include "selection_fixture.h"
 #include "view_area.h"
 
-/* ---- the same, by sorting everything ---- */
+/* ---- the expected result, by sorting everything ---- */
 
 struct entry {
 	int64_t cx, cy;
@@ -64,7 +64,7 @@ static bool outside(const struct view *v, const struct point *p)
 	return v->crop && (x < v->crop_box[0] || y < v->crop_box[1] || x > v->crop_box[2] || y > v->crop_box[3]);
 }
 
-/* The live points (those of sources below `dead`, or all) into `out`; counts as the report has them. */
+/* Copies the live points (all except those of `dead` sources) to `out`; counts as in the report. */
 static size_t brute(const struct set *s, const bool *dead, const struct view *v, struct point *out, struct selection_counts *ret)
 {
 	struct entry *e = calloc(s->n + 1, sizeof *e);
@@ -271,8 +271,8 @@ static void test_random(void **state)
 
 /* ---- a set that needs many rectangles, and thin cells larger than the table ---- */
 
-/* Whatever the memory: one thin cell of all points with few heights (ties by the whole record, beyond any
- * table), large cells, small ones; each pick. */
+/* For any memory: one thin cell of all points with few heights (ties by the whole record, more than fit any table),
+ * large cells, small ones; each pick. */
 static void test_large(void **state)
 {
 	static const int64_t cells[] = {7, 100, 3000, INT64_C(1) << 40};
@@ -308,7 +308,7 @@ static void test_large(void **state)
 	set_free(&set);
 }
 
-/* One position with one record, many times over: no digit of the rank tells them apart. */
+/* One position with the same record many times: no digit of the rank distinguishes them. */
 static void test_all_equal(void **state)
 {
 	struct set set = (rng = 5, survey(9000, 1, 1));

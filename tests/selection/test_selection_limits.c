@@ -10,7 +10,7 @@
 #include "selection_fixture.h"
 #include "view_area.h"
 
-/* ---- what it costs ---- */
+/* ---- costs ---- */
 
 static struct io_table counting;
 static uint64_t bytes_read;
@@ -21,8 +21,8 @@ static ssize_t counting_pread(int fd, void *buf, size_t n, off_t off)
 	return io_system.pread(fd, buf, n, off);
 }
 
-/* Memory: the number that it was given, and not a page more. Reading: a crop reads what it holds, a thin rule in
- * many rectangles about everything once. */
+/* Memory: exactly what it was given. Reading: a crop reads what it contains, a thin rule with many rectangles reads
+ * everything about once. */
 static void test_bounds(void **state)
 {
 	struct set set = (rng = 9, survey(400000, 1 << 20, 5000));
@@ -47,7 +47,7 @@ static void test_bounds(void **state)
 	rows[0].v.crop = VIEW_CROP_BOX;
 	for (int k = 0; k < 4; k++)
 		rows[0].v.crop_box[k] = (k < 2 ? lo : hi) + rows[0].v.k[k % 2];
-	rows[0].share = 0.05; /* cells at its rim are read whole */
+	rows[0].share = 0.05; /* cells at its rim are read entirely */
 	rows[1].name = "every 10";
 	rows[1].v.every = 10;
 	rows[2].name = "thin, lowest";
@@ -83,7 +83,7 @@ static void test_bounds(void **state)
 	set_free(&set);
 }
 
-/* ---- ends ---- */
+/* ---- how it ends ---- */
 
 static int stop_at_once(void *ctx, uint64_t points)
 {
@@ -131,7 +131,7 @@ static int stop_in_a_later_pass(void *ctx, uint64_t points)
 	return s->full == 3;
 }
 
-/* One thin cell of very many points is read several times: each time it can be stopped. */
+/* One thin cell with very many points is read several times: each pass can be cancelled. */
 static void test_cancel_large_cell(void **state)
 {
 	struct set set = (rng = 4, survey(600000, 5000, 3));
@@ -226,8 +226,8 @@ static void test_damaged_counts(void **state)
 	set_free(&set);
 }
 
-/* The key: of the generation's content and of what selects, not of how duplicates are reduced. What a mesh says of
- * its coordinates comes from the selection, so the key is of that too. */
+/* The key depends on the generation's content and on the rules that select, not on how duplicates are reduced. A mesh
+ * gets its coordinate system from the selection, so the key depends on that, too. */
 static void test_key(void **state)
 {
 	struct set set = (rng = 4, survey(100, 50, 3)), others = survey(100, 50, 3);

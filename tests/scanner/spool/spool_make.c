@@ -102,7 +102,7 @@ void make_write(const char *path, const void *at, size_t size)
 {
 	FILE *f;
 
-	unlink(path); /* file systems make a file durable that is written over so */
+	unlink(path); /* file systems make a file durable that is overwritten in this way */
 	f = fopen(path, "wb");
 	assert_non_null(f);
 	assert_int_equal(fwrite(at, 1, size, f), size);
@@ -130,7 +130,8 @@ void make_read_all(const char *path, uint64_t base, struct make_seen *ret)
 			if (!ret->damages++)
 				ret->first_damage = err.offset;
 			err = ERR_INIT;
-			assert_int_equal(spool_next(r, &record, &err), -ERR_INPUT); /* it says so until it is skipped */
+			/* it returns the error until the damage is skipped */
+			assert_int_equal(spool_next(r, &record, &err), -ERR_INPUT);
 			err = ERR_INIT;
 			assert_int_equal(spool_skip(r, &skipped, &err), 0);
 			ret->skipped += skipped;

@@ -1,6 +1,6 @@
 /*
- * Spools: what is written is read, from files and pipes; and whatever becomes of the bytes of one (cut anywhere, any bit
- * turned, pieces taken out), a reader gets every record that is whole, and says what it did not get.
+ * Spools: what is written is read, from files and pipes. Whatever happens to the bytes of a spool (truncated anywhere,
+ * any bit flipped, pieces removed), a reader returns every complete record and reports what is missing.
  */
 #include "spool_make.h"
 #include "spool_priv.h"
@@ -37,7 +37,7 @@ static void test_round(void **state)
 	int pipes[2];
 
 	make_head(&head);
-	strcpy(head.model, "T\x1b[31m\xc3\xa4\xff"); /* what a device may say */
+	strcpy(head.model, "T\x1b[31m\xc3\xa4\xff"); /* what a device may claim */
 	assert_int_equal(spool_create(make_path, &head, &w, &err), 0);
 	for (uint64_t i = 0; i < 200; i++) {
 		make_append(w, i);
@@ -58,11 +58,11 @@ static void test_round(void **state)
 	spool_totals(w, &said);
 	assert_int_equal(said.durable, n);
 	assert_int_equal(spool_end(w, &err), 0);
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_INTERNAL); /* nothing behind END */
+	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_INTERNAL); /* nothing after END */
 	spool_writer_free(w);
 	free(bytes);
 
-	/* Through a pipe that gives a byte, then some, then all. */
+	/* Through a pipe that provides a byte, then some, then all. */
 	bytes = make_read(make_path, &n);
 	assert_int_equal(pipe(pipes), 0);
 	assert_int_equal(fcntl(pipes[1], F_SETPIPE_SZ, 1 << 20) >= (int)n, 1);
@@ -145,7 +145,7 @@ static void test_no_overwriting(void **state)
 	assert_true(n == m && !memcmp(before, after, n));
 	free(before);
 	free(after);
-	/* Nor while another writes: a lock that goes with its holder. */
+	/* Nor while another process writes: the lock is released with its holder. */
 	err = ERR_INIT;
 	assert_int_equal(spool_continue(make_path, &same, &w, &err), 0);
 	spool_head_clear(&same);
@@ -156,7 +156,8 @@ static void test_no_overwriting(void **state)
 	spool_writer_free(w);
 }
 
-/* Cut after any byte: every whole record, and so many torn bytes; going on gives a spool without a gap. */
+/* Truncated after any byte: every complete record, and the number of incomplete bytes; continuing gives a spool without
+ * a gap. */
 static void test_truncations(void **state)
 {
 	struct make_seen seen;
@@ -237,7 +238,7 @@ static void test_continue(void **state)
 		assert_int_equal(seen.others, 4); /* continued, CLOCK, more, END */
 	}
 	free(bytes);
-	/* What has its end has it. */
+	/* A spool with END cannot be continued. */
 	struct spool_head head;
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
@@ -245,7 +246,7 @@ static void test_continue(void **state)
 	assert_int_equal(spool_continue(make_other, &head, &w, &err), -ERR_USAGE);
 }
 
-/* Any bit of any byte: all records but that one, and the place is named. */
+/* Any bit of any byte: all records except that one, and the offset is reported. */
 static void test_flips(void **state)
 {
 	struct make_seen seen;
@@ -263,7 +264,7 @@ static void test_flips(void **state)
 		bytes[at] ^= (uint8_t)(1u << at % 8);
 		make_read_all(make_other, 20, &seen);
 		assert_int_equal(seen.error, 0);
-		if (at < 8192) { /* the make_other head serves */
+		if (at < 8192) { /* the other head is used */
 			assert_int_equal(seen.records, 20);
 			assert_int_equal(seen.tail.head_damaged, at < 4096);
 			continue;
@@ -275,7 +276,7 @@ static void test_flips(void **state)
 				break;
 			place += k;
 		}
-		if (hit == 20) { /* END: as if torn */
+		if (hit == 20) { /* END: like an incomplete record */
 			assert_int_equal(seen.records, 20);
 			assert_int_equal(seen.tail.torn, n - place);
 			assert_false(seen.tail.ended);
@@ -290,9 +291,9 @@ static void test_flips(void **state)
 	free(bytes);
 }
 
-/* Pieces taken out, put in, turned to zeros, one after another: no record that is delivered is wrong (make_check), and
- * those that were not touched are delivered. */
-static void test_wounds(void **state)
+/* Pieces removed, inserted, zeroed, one after another: no record that is returned is wrong (make_check), and untouched
+ * records are returned. */
+static void test_pieces(void **state)
 {
 	enum { RECORDS = 60 };
 	uint64_t starts[RECORDS + 2], x = 88172645463325252u;
@@ -332,7 +333,7 @@ static void test_wounds(void **state)
 		make_write(make_other, copy, size);
 		make_read_all(make_other, RECORDS, &seen);
 		assert_int_equal(seen.error, 0);
-		/* Where bytes are gone from a payload (1) its length spans whole records behind it, which count. */
+		/* If bytes are missing from a payload (1), its length covers complete records behind it, which count. */
 		assert_true(seen.records <= RECORDS && seen.records >= untouched);
 		assert_true(seen.records == RECORDS || seen.damages || seen.tail.torn);
 	}
@@ -340,7 +341,7 @@ static void test_wounds(void **state)
 	free(copy);
 }
 
-/* A record taken out cleanly is missed by its number; one that is there twice is damage. */
+/* A record that was removed cleanly is missed by its number; one that is repeated is damage. */
 static void test_missing(void **state)
 {
 	uint8_t payload[MAKE_SIZE_MAX], *bytes, *copy;
@@ -373,7 +374,7 @@ static void test_missing(void **state)
 	free(copy);
 }
 
-/* Rubbish at the end, zeros as file systems leave them, and a spool behind a spool are torn tails. */
+/* Garbage at the end, zeros as from file systems, and a spool after a spool are incomplete ends. */
 static void test_tails(void **state)
 {
 	struct make_seen seen;
@@ -393,7 +394,7 @@ static void test_tails(void **state)
 	free(copy);
 	unlink(make_other);
 
-	/* A capture of a spool: nothing of the inner one is a record of the outer one, also where the outer one is broken. */
+	/* A capture of a spool: nothing of the inner one is a record of the outer one, even if the outer one is damaged. */
 	struct spool_head head = {0};
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
@@ -413,7 +414,7 @@ static void test_tails(void **state)
 	free(inner);
 }
 
-/* The check of a head as SPOOL.md has it. */
+/* The check of a head as in SPOOL.md. */
 static void set_check(uint8_t *head, size_t size)
 {
 	uint64_t check;
@@ -450,7 +451,7 @@ static void test_heads(void **state)
 	make_write(make_other, bytes, n);
 	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
-	/* Of a newer version, in both heads; in one of them it would be damage. */
+	/* A newer version, in both heads; in only one of them it is damage. */
 	bytes[100] ^= 1;
 	bytes[4096 + 100] ^= 1;
 	bytes[8] = 2;
@@ -466,7 +467,7 @@ static void test_heads(void **state)
 	assert_int_equal(seen.error, 0);
 	free(bytes);
 	unlink(make_other);
-	/* A profile of its largest size, and one more. */
+	/* A profile of the largest size, and one byte more. */
 	head.profile_size = SPOOL_PROFILE_MAX + 1;
 	head.profile = calloc(1, head.profile_size + 1);
 	assert_int_equal(spool_create(make_other, &head, &w, &err), -ERR_LIMIT);
@@ -477,7 +478,7 @@ static void test_heads(void **state)
 	spool_writer_free(w);
 	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, 0);
-	/* In any of its bytes cut. */
+	/* Truncated in any of its bytes. */
 	bytes = make_read(make_other, &n);
 	for (size_t cut = 0; cut < n / 2; cut += 4095) {
 		make_write(make_other, bytes, cut);
@@ -493,7 +494,7 @@ int main(void)
 #define TEST(name) cmocka_unit_test_setup_teardown(test_##name, make_setup, make_teardown)
 	const struct CMUnitTest tests[] = {
 		TEST(round), TEST(large),  TEST(no_overwriting), TEST(truncations), TEST(continue),
-		TEST(flips), TEST(wounds), TEST(missing),        TEST(tails),       TEST(heads),
+		TEST(flips), TEST(pieces), TEST(missing),        TEST(tails),       TEST(heads),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,5 +1,5 @@
 /*
- * Spools and the disk: it is full, fsync fails, or takes its time; the writer reports it and what was complete stays.
+ * Spools and the disk: it is full, fsync fails, or is slow; the writer reports it, and what was complete stays.
  */
 #include "spool_make.h"
 
@@ -57,7 +57,7 @@ static void test_full(void **state)
 	assert_string_equal(err.file, make_path);
 	assert_true(n > 5);
 	err = ERR_INIT;
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_IO); /* it stays so */
+	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_IO); /* it stays failed */
 	assert_true(err.message[0]);
 	err = ERR_INIT;
 	assert_int_equal(spool_sync(w, &err), 0);
@@ -67,7 +67,7 @@ static void test_full(void **state)
 	spool_writer_free(w);
 	make_read_all(make_path, n, &seen);
 	assert_int_equal(seen.records, n);
-	assert_int_equal(seen.tail.torn, 0); /* what was begun was cut off */
+	assert_int_equal(seen.tail.torn, 0); /* the incomplete record was cut off */
 	spool_head_clear(&head);
 }
 
@@ -105,7 +105,7 @@ static void test_no_space(void **state)
 	spool_head_clear(&head);
 }
 
-/* No second fsync after one that failed, and no record either. */
+/* No second fsync after a failed one, and no record, either. */
 static void test_failed_sync(void **state)
 {
 	struct spool_head head = {0};
@@ -143,7 +143,7 @@ static int held_fsync(int fd)
 	return 0;
 }
 
-/* Once the appending waits. */
+/* Once appending waits. */
 static void *release(void *ctx)
 {
 	struct spool_writer *w = ctx;
@@ -159,8 +159,8 @@ static void *release(void *ctx)
 	return ctx;
 }
 
-/* The thread: a disk that does not answer does not stop the appending until the queue is full, which is counted; all gets
- * durable without being asked for; failures are told. */
+/* The thread: a disk that does not answer does not stop the appending until the queue is full, which is counted;
+ * everything becomes durable without further calls; failures are reported. */
 static void test_flusher(void **state)
 {
 	struct spool_head head = {0};
@@ -181,7 +181,7 @@ static void test_flusher(void **state)
 	for (int i = 0; i < 80; i++)
 		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
 	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 0); /* still held: nothing of this waited */
+	assert_int_equal(totals.durable, 0); /* still held: nothing waited so far */
 	assert_int_equal(totals.waits, 0);
 	for (int i = 80; i < 160; i++)
 		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
@@ -194,7 +194,7 @@ static void test_flusher(void **state)
 	}
 	assert_int_equal(totals.durable, 160000);
 	pthread_join(thread, NULL);
-	/* And on a disk that fails. */
+	/* And a disk that fails. */
 	table.fsync = slow_fsync;
 	sync_error = EIO;
 	sync_ms = 1;
