@@ -1,4 +1,4 @@
-/* Sizes and offsets of what lies side by side in one piece of memory: multiples of a cache line. */
+/* Sizes and offsets of things in one piece of memory, as multiples of a cache line. */
 #ifndef ALIGN_H
 #define ALIGN_H
 

@@ -29,7 +29,7 @@ static int group_of(char c)
 	return c == '_' ? 62 : c == '.' ? 63 : -1;
 }
 
-bool area_code_take(const char **text, const char *end, __int128 *ret)
+bool area_code_get(const char **text, const char *end, __int128 *ret)
 {
 	const char *t = *text;
 	unsigned __int128 u = 0;
@@ -39,14 +39,14 @@ bool area_code_take(const char **text, const char *end, __int128 *ret)
 	for (unsigned n = 0;; n++, t++) {
 		if (t == end || n == AREA_CODE_SIZE || (group = group_of(*t)) < 0)
 			return false;
-		/* 25 groups are 125 bits: a 26th has room for three. */
+		/* 25 groups are 125 bits, so a 26th group has only three more. */
 		if (n == AREA_CODE_SIZE - 1 && group > 7)
 			return false;
 		u |= (unsigned __int128)(group & GROUP_MASK) << (n * GROUP_BITS);
 		if (group & GROUP_MORE)
 			continue;
 		if (n && !group)
-			return false; /* the number ended before */
+			return false; /* the number had already ended */
 		break;
 	}
 	v = u & 1 ? (__int128)~(u >> 1) : (__int128)(u >> 1);

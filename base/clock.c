@@ -1,6 +1,6 @@
 /*
- * Time (clock.h). CLOCK_MONOTONIC for durations, so that a clock that is set does not move a deadline;
- * CLOCK_REALTIME only for stamps that people read.
+ * Time (clock.h). CLOCK_MONOTONIC for durations, so that setting the clock does not move a deadline; CLOCK_REALTIME
+ * only for timestamps that people read.
  */
 #include "clock.h"
 

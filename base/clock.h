@@ -1,4 +1,4 @@
-/* Time: monotonic for durations, real for stamps. The only place that asks the system for it. */
+/* Time: monotonic for durations, real for timestamps. The only code that asks the system for the time. */
 #ifndef CLOCK_H
 #define CLOCK_H
 

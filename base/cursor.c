@@ -1,6 +1,6 @@
 /*
- * Little-endian bytes with bounds (cursor.h). The host is little-endian (asserted below), so values are
- * copied; bytes may lie at any alignment. Neither side allocates or owns its bytes.
+ * Little-endian bytes with bounds (cursor.h). The host is little-endian (asserted below), so values are copied; bytes
+ * can have any alignment. The bytes belong to the caller.
  */
 #include "cursor.h"
 

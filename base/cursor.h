@@ -1,6 +1,6 @@
 /*
- * Bounds-checked little-endian reading and writing with a sticky error: after the first step out of
- * bounds every call is a no-op (reads give 0) and `bad` stays true; check once, at the end.
+ * Bounds-checked reading and writing of little-endian bytes, with a sticky error: after the first access out of bounds
+ * every call does nothing (reads return 0), and `bad` stays true. Check it once, at the end.
  */
 #ifndef CURSOR_H
 #define CURSOR_H

@@ -1,8 +1,8 @@
 /*
- * Exact decimals (decimal.h). The model: a 64-bit mantissa and a power of ten, always normalised, so that
- * equal values are equal structs. Products with lattice numbers are taken in 128 bits. To a double there
- * are two ways: one rounding of exact operands where both are exact doubles (a power of ten up to 10^22
- * is), else the exact text through strtod, which rounds correctly. No locale is ever set by acut.
+ * Exact decimals (decimal.h): a 64-bit mantissa and a power of ten, always normalized, so that equal values are equal
+ * structs. Products with lattice numbers are computed in 128 bits. A conversion to double is one rounding of exact
+ * operands if both are exact doubles (powers of ten up to 10^22 are); otherwise the exact text goes through strtod,
+ * which rounds correctly. acut never sets a locale.
  */
 #include "decimal.h"
 
@@ -43,8 +43,8 @@ bool decimal_from_double(double v, struct decimal *ret)
 	return decimal_parse(text, ret);
 }
 
-/* Digits at *text onto the mantissa; zeros are kept back until a digit follows them, so that trailing
- * ones never overflow. *held: zeros kept back. False: no digit, or the mantissa does not fit. */
+/* Appends digits at *text to the mantissa. Zeros are held back until another digit follows, so that trailing zeros
+ * never overflow. *held: number of zeros held back. False: no digit, or the mantissa overflows. */
 static bool take_digits(const char **text, uint64_t *mantissa, int64_t *held, int64_t *count)
 {
 	const char *t = *text;
@@ -116,7 +116,7 @@ bool decimal_parse(const char *text, struct decimal *ret)
 	return true;
 }
 
-/* Decimal digits of v, most significant first; the number of them (zero has one). */
+/* Decimal digits of v, most significant first; returns their number (one for zero). */
 static int digits_of(unsigned __int128 v, char digits[40])
 {
 	char back[40];
@@ -131,7 +131,7 @@ static int digits_of(unsigned __int128 v, char digits[40])
 	return n;
 }
 
-/* v * 10^exponent in plain notation. NULL if it takes more than `size` bytes with its end. */
+/* v * 10^exponent in plain notation. NULL if it takes more than `size` bytes with the terminating zero. */
 static char *plain_text(bool minus, unsigned __int128 v, int exponent, char *buf, int size)
 {
 	char digits[40];
@@ -193,7 +193,7 @@ int decimal_compare(struct decimal a, struct decimal b)
 
 	if (top_a != top_b)
 		return top_a > top_b ? sign_a : -sign_a;
-	/* Equal magnitude: the exponents differ by at most the 18 digits that a mantissa has more. */
+	/* Equal magnitude, so the exponents differ by at most the 18 digits that a mantissa can have. */
 	for (int64_t e = a.exponent; e > b.exponent; e--)
 		ma *= 10;
 	for (int64_t e = b.exponent; e > a.exponent; e--)
@@ -240,7 +240,7 @@ char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT
 
 	if (plain_text(minus, v, scale.exponent, buf, DECIMAL_TEXT_SIZE))
 		return buf;
-	/* Not a scale of a lattice. Exact all the same; 39 digits and a short exponent fit. */
+	/* Not possible for the scale of a lattice. Still exact: 39 digits and a short exponent fit. */
 	int count = digits_of(v, digits);
 
 	snprintf(buf, DECIMAL_TEXT_SIZE, "%s%.*se%d", minus ? "-" : "", count, digits, (int)scale.exponent);

@@ -1,6 +1,6 @@
 /*
- * Exact decimals: the scales and offsets of survey files, and lattice numbers as text and doubles.
- * value = mantissa * 10^exponent. Normalised: no trailing zero in the mantissa; zero is {0, 0}.
+ * Exact decimals: the scales and offsets of survey files, and lattice numbers as text and doubles. value = mantissa *
+ * 10^exponent. Normalized: no trailing zero in the mantissa; zero is {0, 0}.
  */
 #ifndef DECIMAL_H
 #define DECIMAL_H
@@ -16,17 +16,17 @@ struct decimal {
 
 #define DECIMAL_TEXT_SIZE 48
 
-/* The shortest decimal that reads back as `v`. False if v is not finite. */
+/* The shortest decimal that is read back as `v`. False if v is not finite. */
 bool decimal_from_double(double v, struct decimal *ret);
-/* Strict: [+-]digits[.digits][(e|E)[+-]digits], whole text. False if malformed or out of range. */
+/* Strict: the whole text is [+-]digits[.digits][(e|E)[+-]digits]. False if it is malformed or out of range. */
 bool decimal_parse(const char *text, struct decimal *ret);
-/* Canonical text of a decimal: plain notation for exponents -12..12, else mantissa "e" exponent. */
+/* Canonical text of a decimal: plain notation for exponents -12..12, otherwise mantissa "e" exponent. */
 char *decimal_text(struct decimal, char buf[DECIMAL_TEXT_SIZE]);
 int decimal_compare(struct decimal a, struct decimal b); /* exact; -1, 0, 1 */
 double decimal_double(struct decimal d);                 /* nearest double */
 
-/* n * scale, for a lattice number n: nearest double; exact plain decimal text (never an exponent for the
- * scales that a lattice may have: exponent -40..8). */
+/* n * scale for a lattice number n: the nearest double, or exact decimal text (without an exponent for the scales of
+ * lattices, 10^-40 to 10^8). */
 double decimal_scaled_double(struct decimal scale, int64_t n);
 char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT_SIZE]);
 

@@ -1,6 +1,6 @@
 /*
- * Digests as sums of XXH3-128 (digest.h). The hash is compiled in here with its length known, so that one
- * triangle costs some nanoseconds. Order never matters, because only sums are kept.
+ * Digests as sums of XXH3-128 (digest.h). The hash is compiled in with a constant length, so that a triangle takes some
+ * nanoseconds. Sums do not depend on the order.
  */
 #include "digest.h"
 
@@ -74,7 +74,7 @@ bool digest_is_zero(struct digest a)
 	return !a.hi && !a.lo;
 }
 
-/* The caller's positions are distinct, so the smallest is unique. */
+/* Positions are distinct (a precondition), so the smallest is unique. */
 static inline bool less(const int64_t a[2], const int64_t b[2])
 {
 	return a[0] < b[0] || (a[0] == b[0] && a[1] < b[1]);
@@ -98,13 +98,13 @@ void digest_add_triangle(struct digest *sum, const int64_t corner[3][2])
 	sum->lo += h.low64;
 }
 
-/* a and b change places where `mask` is all ones: which corner is the smallest cannot be foretold. */
+/* Selects b if `mask` is all ones, else a. Without a branch, because the smallest corner is unpredictable. */
 static inline uint64_t either(uint64_t a, uint64_t b, uint64_t mask)
 {
 	return a ^ ((a ^ b) & mask);
 }
 
-/* `origin`: the offset less the 2^31 that a place has more than a lattice number. */
+/* `origin`: the offset minus the 2^31 by which a place exceeds a lattice number. */
 static inline void place_take(uint64_t place, const uint64_t origin[2], uint64_t ret[2])
 {
 	ret[0] = (place >> 32) + origin[0];
@@ -155,7 +155,7 @@ void digest_add_vertices(struct digest *sum, const int64_t k[3], const int32_t (
 	*sum = s;
 }
 
-/* The name of each stored domain has two: printf takes ten times as long. */
+/* Every stored domain has two of these in its name, and printf would take ten times as long. */
 char *digest_hex(struct digest d, char hex[DIGEST_HEX_SIZE])
 {
 	const uint64_t half[2] = {d.hi, d.lo};

@@ -1,6 +1,6 @@
 /*
- * Errors (err.h). A struct err is filled once, by whoever saw the fault; floors above add the file, the
- * place and the advice. Nothing here allocates, so that running out of memory can be told too.
+ * Errors (err.h). A struct err is filled once, where the error is detected. Callers add the file, the place and a hint.
+ * Nothing here allocates, so out-of-memory errors can be reported, too.
  */
 #include "err.h"
 
@@ -21,7 +21,7 @@ static const struct {
 #undef ERR
 };
 
-/* Fixed texts may be cut anywhere, but not within a character of UTF-8. */
+/* Texts may be truncated, but not within a UTF-8 character. */
 static void text_close(char *buf, size_t size)
 {
 	size_t n = strnlen(buf, size), lead = n;
@@ -36,7 +36,7 @@ static void text_close(char *buf, size_t size)
 
 static void text_print(char *buf, size_t size, const char *fmt, va_list ap)
 {
-	assert(fmt); /* else gcc follows the path on which the undefined-behaviour sanitizer has reported NULL, and warns */
+	assert(fmt); /* without it, gcc warns about the path on which the undefined-behaviour sanitizer has reported NULL */
 	vsnprintf(buf, size, fmt, ap);
 	text_close(buf, size);
 }

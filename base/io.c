@@ -1,7 +1,6 @@
 /*
- * File calls (io.h): the table, and loops over it. A transfer is tried again only where nothing was lost
- * (short counts, EINTR). A failed fsync is never tried again: after it the kernel may have dropped the
- * pages and call them clean.
+ * File calls (io.h): the table, and helpers. A transfer is continued only where nothing was lost (short counts, EINTR).
+ * A failed fsync is never tried again, because the kernel may have dropped the dirty pages and marked them clean.
  */
 #include "io.h"
 
@@ -16,7 +15,7 @@
 #include <unistd.h>
 
 #include "err.h"
-#include "io_aside.h"
+#include "io_closer.h"
 #include "progress.h"
 
 static int system_openat(int dirfd, const char *path, int flags, mode_t mode)
@@ -66,7 +65,7 @@ const struct io_table io_system = {
 
 const struct io_table *io = &io_system;
 
-enum { TRANSFER_MAX = 1 << 30 }; /* the kernel's own limit is just under 2^31 */
+enum { TRANSFER_MAX = 1 << 30 }; /* the kernel's limit is just below 2^31 */
 
 int io_open(int dirfd, const char *path, int flags, mode_t mode, int *ret_fd, struct err *err)
 {
@@ -165,7 +164,7 @@ int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err
 		rc = err_add_file(err, name);
 	}
 	if (rc) {
-		io->unlinkat(dirfd, temp, 0); /* best effort: the first error is the one to tell */
+		io->unlinkat(dirfd, temp, 0); /* best effort: the first error is the one to report */
 		return rc;
 	}
 	return io_sync(dirfd, name, err);
@@ -223,16 +222,17 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 	return r;
 }
 
-void io_take_standard(void)
+void io_reserve_standard(void)
 {
 	for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
-		if (fcntl(fd, F_GETFD) < 0) /* opened for the other direction only; the lowest free number is this one */
+		/* it may be open for the other direction only; open() takes the lowest free number, which is this one */
+		if (fcntl(fd, F_GETFD) < 0)
 			open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY);
 }
 
 int io_close(int fd)
 {
-	if (fd >= 0 && !io_aside(fd))
-		io->close(fd); /* the number is free afterwards, whatever it answers; what matters was synced */
+	if (fd >= 0 && !io_closer(fd))
+		io->close(fd); /* the number is free afterwards, even on an error; what matters was synced before */
 	return -1;
 }

@@ -1,8 +1,8 @@
 /*
- * Folders that are removed with everything in them.
+ * Removal of folders with everything in them.
  *
- * The model: entries are removed depth first, through the folder's descriptor and without following links, so nothing
- * outside of the folder is touched. The first entry that cannot be removed ends it. Nothing is fsynced: a removed name may
+ * Entries are removed depth first, through the folder's descriptor and without following links, so nothing outside of
+ * the folder is touched. It stops at the first entry that cannot be removed. Nothing is fsynced: a removed name may
  * come back after a power cut.
  */
 #include "io.h"

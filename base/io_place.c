@@ -1,10 +1,11 @@
 /*
- * Finding the folder that an output goes into, and its name there.
+ * Finding the folder of an output, and the output's name in it.
  *
- * The model: a path is walked component by component. Each is opened once, relative to the one before and without following links
- * (O_PATH), and what was opened is what is judged and gone on from, so nobody can exchange it in between. A link is judged by its
- * own owner and by the folder that it lies in, and then its text takes its place in what is left of the path. The rule is the
- * kernel's (protected_symlinks): who renames a file to its name goes round that, since no open follows a link then.
+ * A path is resolved component by component. Each is opened once, relative to the previous one and without following
+ * links (O_PATH). What was opened is checked and used to continue, so nobody can exchange it in between. A link is
+ * checked by its own owner and by its folder; then its text replaces it in the rest of the path. The rule is the
+ * kernel's (protected_symlinks). A program that renames its output to the final name bypasses the kernel's check,
+ * because no open follows a link then.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -25,9 +26,9 @@
 enum { LINKS_MOST = 40 };
 
 struct way {
-	const char *path; /* as it was given */
+	const char *path; /* as given by the caller */
 	int dirfd;
-	char rest[PATH_MAX]; /* of the path, from dirfd on */
+	char rest[PATH_MAX]; /* rest of the path, from dirfd on */
 	unsigned links;
 };
 
@@ -43,13 +44,13 @@ static int no_folder(const struct way *w, int sys, struct err *err)
 	return err_add_file(err, w->path);
 }
 
-static void go_on_from(struct way *w, int fd)
+static void continue_from(struct way *w, int fd)
 {
 	io_close(w->dirfd);
 	w->dirfd = fd;
 }
 
-/* The root, where we are, or the folder above: no links. */
+/* Opens the root, the current folder, or the parent folder: these are no links. */
 static int step_into(struct way *w, const char *name, struct err *err)
 {
 	struct err why = ERR_INIT;
@@ -57,11 +58,11 @@ static int step_into(struct way *w, const char *name, struct err *err)
 
 	if (io_open(w->dirfd, name, O_PATH | O_DIRECTORY, 0, &fd, &why))
 		return no_folder(w, why.sys, err);
-	go_on_from(w, fd);
+	continue_from(w, fd);
 	return 0;
 }
 
-/* What is left begins at the root or where we are. */
+/* Sets the rest of the path, which begins at the root or in the current folder. */
 static int set_rest(struct way *w, const char *first, const char *then, struct err *err)
 {
 	char all[PATH_MAX];
@@ -73,7 +74,7 @@ static int set_rest(struct way *w, const char *first, const char *then, struct e
 	return *w->rest == '/' ? step_into(w, "/", err) : 0;
 }
 
-static int planted(const struct way *w, const char *name, uid_t owner, struct err *err)
+static int refuse_link(const struct way *w, const char *name, uid_t owner, struct err *err)
 {
 	err_set(err, ERR_PERM,
 		"\"%.100s\" is a link that the user with id %u has put into a folder that everybody may write into: "
@@ -91,7 +92,7 @@ static int may_follow(const struct way *w, const char *name, const struct stat *
 		return failed(w, errno, err);
 	if ((dir.st_mode & (S_ISVTX | S_IWOTH)) != (S_ISVTX | S_IWOTH) || link->st_uid == geteuid() || link->st_uid == dir.st_uid)
 		return 0;
-	return planted(w, name, link->st_uid, err);
+	return refuse_link(w, name, link->st_uid, err);
 }
 
 static bool is_proc(int fd)
@@ -103,8 +104,8 @@ static bool is_proc(int fd)
 
 enum found { FOUND_NOTHING, FOUND_OTHER, FOUND_FOLDER, FOUND_LINK, FOUND_OPAQUE };
 
-/* *ret_fd: a folder, opened; else -1. Of a link its text, and that it may be followed. */
-static int look(struct way *w, const char *name, char text[PATH_MAX], enum found *ret, int *ret_fd, struct err *err)
+/* *ret_fd: the folder if it is one, else -1. For a link: its text, after checking that it may be followed. */
+static int inspect(struct way *w, const char *name, char text[PATH_MAX], enum found *ret, int *ret_fd, struct err *err)
 {
 	int fd = openat(w->dirfd, name, O_PATH | O_NOFOLLOW | O_CLOEXEC), r = 0;
 	struct stat st;
@@ -136,7 +137,7 @@ static int look(struct way *w, const char *name, char text[PATH_MAX], enum found
 	return r;
 }
 
-/* The first component of what is left; *ret_more: something stands behind it, if only a slash. */
+/* Removes the first component of the rest; *ret_more: something follows it, if only a slash. */
 static void take_name(struct way *w, char name[NAME_MAX + 2], bool *ret_more)
 {
 	const char *from = w->rest + strspn(w->rest, "/");
@@ -150,7 +151,7 @@ static void take_name(struct way *w, char name[NAME_MAX + 2], bool *ret_more)
 	memmove(w->rest, from, strlen(from) + 1);
 }
 
-/* `name` is at the end of the path. */
+/* `name` is the last component of the path. */
 static int found_place(struct way *w, const char *name, bool opaque, struct io_place *ret, struct err *err)
 {
 	char *copy = strdup(name);
@@ -162,7 +163,7 @@ static int found_place(struct way *w, const char *name, bool opaque, struct io_p
 	return 0;
 }
 
-static int walk(struct way *w, bool follow, struct io_place *ret, struct err *err)
+static int resolve(struct way *w, bool follow, struct io_place *ret, struct err *err)
 {
 	char name[NAME_MAX + 2], text[PATH_MAX];
 	enum found found;
@@ -181,18 +182,18 @@ static int walk(struct way *w, bool follow, struct io_place *ret, struct err *er
 		}
 		if (!more && !follow)
 			return found_place(w, name, false, ret, err);
-		r = look(w, name, text, &found, &fd, err);
+		r = inspect(w, name, text, &found, &fd, err);
 		if (r)
 			return r;
 		if (!more && found != FOUND_LINK) {
 			io_close(fd);
 			return found_place(w, name, found == FOUND_OPAQUE, ret, err);
 		}
-		/* A link at the end that leads to a folder is one like any other; /proc/self has a text that is a path. */
+		/* A link at the end that leads to a folder is followed like any other; the text of /proc/self is a path. */
 		if (found == FOUND_LINK || found == FOUND_OPAQUE)
 			r = set_rest(w, text, more ? (*w->rest ? w->rest : ".") : "", err);
 		else if (found == FOUND_FOLDER)
-			go_on_from(w, fd);
+			continue_from(w, fd);
 		else
 			r = no_folder(w, found == FOUND_NOTHING ? ENOENT : ENOTDIR, err);
 		if (r)
@@ -205,13 +206,13 @@ int io_place_find(const char *path, bool follow, struct io_place *ret, struct er
 	struct way w = {.path = path, .dirfd = AT_FDCWD};
 	int r = *path ? 0 : failed(&w, ENOENT, err);
 
-	/* Where we are may be closed to us: a path from the root does not need it. */
+	/* The current folder may be inaccessible; a path from the root does not need it. */
 	if (!r && *path != '/')
 		r = step_into(&w, ".", err);
 	if (!r)
 		r = set_rest(&w, path, "", err);
 	if (!r)
-		r = walk(&w, follow, ret, err);
+		r = resolve(&w, follow, ret, err);
 	io_close(w.dirfd);
 	return r;
 }
@@ -244,7 +245,7 @@ int io_place_folder(const char *path, mode_t mode, int *ret_fd, bool *ret_made, 
 		if (!made && errno != EEXIST)
 			r = err_sys(err, errno, "cannot make the folder");
 	}
-	/* What it is was looked at: a link is of later. */
+	/* It may be a link that was made meanwhile. */
 	if (!r)
 		r = io_open(p.dirfd, *p.name ? p.name : ".", O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, ret_fd, err);
 	if (r) {

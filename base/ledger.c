@@ -1,6 +1,7 @@
 /*
- * The budget (ledger.h): one total, held by name, with a part set aside for some. Taking never waits: who cannot have it now
- * gives way or comes back later. A name that gives back more than it holds is a fault in the program and ends it.
+ * The memory budget (ledger.h): one total, charged by name, with reserved parts for some names. Charging never waits; a
+ * caller that cannot have it now yields or tries again later. A name that returns more than it holds is a bug, and ends
+ * the program.
  */
 #include "ledger.h"
 
@@ -11,7 +12,7 @@
 
 struct ledger {
 	struct lock lock;
-	uint64_t total, left; /* left: beside what is held and what is set aside */
+	uint64_t total, left; /* left: neither held nor reserved */
 	uint64_t sum, peak_sum;
 	uint64_t held[LEDGER_NAMES], peak[LEDGER_NAMES], aside[LEDGER_NAMES], most[LEDGER_NAMES];
 };
@@ -37,13 +38,13 @@ struct ledger *ledger_free(struct ledger *l)
 	return NULL;
 }
 
-/* What a name that holds so much takes from all: at least what is set aside for it. */
+/* What a name that holds `held` takes from the total: at least its reserve. */
 static uint64_t claim(const struct ledger *l, enum ledger_name name, uint64_t held)
 {
 	return held > l->aside[name] ? held : l->aside[name];
 }
 
-bool ledger_share(struct ledger *l, enum ledger_name name, uint64_t aside, uint64_t most)
+bool ledger_reserve(struct ledger *l, enum ledger_name name, uint64_t aside, uint64_t most)
 {
 	lock_take(&l->lock);
 	bool fits = aside <= l->left && !l->held[name] && !l->aside[name];
@@ -60,7 +61,7 @@ bool ledger_share(struct ledger *l, enum ledger_name name, uint64_t aside, uint6
 bool ledger_take(struct ledger *l, enum ledger_name name, uint64_t bytes)
 {
 	lock_take(&l->lock);
-	/* No sum of what is held can overflow, but what is asked for may be any number. */
+	/* The sum of all that is held cannot overflow, but `bytes` can be any number. */
 	bool fits = bytes <= l->total && (!l->most[name] || l->held[name] + bytes <= l->most[name]);
 
 	if (fits) {
@@ -83,7 +84,7 @@ void ledger_give(struct ledger *l, enum ledger_name name, uint64_t bytes)
 {
 	lock_take(&l->lock);
 	if (bytes > l->held[name])
-		abort(); /* not assert: a wrong budget must not go on in a release either */
+		abort(); /* not assert: a release must not continue with a wrong budget, either */
 	l->left += claim(l, name, l->held[name]) - claim(l, name, l->held[name] - bytes);
 	l->held[name] -= bytes;
 	l->sum -= bytes;
@@ -109,7 +110,7 @@ uint64_t ledger_left(struct ledger *l)
 	return read_number(l, &l->left);
 }
 
-uint64_t ledger_room(struct ledger *l, enum ledger_name name)
+uint64_t ledger_available(struct ledger *l, enum ledger_name name)
 {
 	lock_take(&l->lock);
 	uint64_t held = l->held[name], room = l->left + claim(l, name, held) - held;
@@ -120,7 +121,7 @@ uint64_t ledger_room(struct ledger *l, enum ledger_name name)
 	return room;
 }
 
-uint64_t ledger_most(const struct ledger *l, enum ledger_name name)
+uint64_t ledger_limit(const struct ledger *l, enum ledger_name name)
 {
 	return l->most[name] && l->most[name] < l->total ? l->most[name] : l->total;
 }

@@ -1,8 +1,9 @@
 /*
- * A thread's locks are a set of bits, one a rank. A lock may be taken if no bit of its rank or of a later one is set.
+ * The locks of a thread are a bit set, with one bit for each rank. A lock may be taken if no bit of its rank or of a
+ * later one is set.
  *
- * Release builds keep the assertions (acut is built without NDEBUG): they cost a few instructions, and a daemon that hangs is
- * worse than one that is started again.
+ * Release builds keep the assertions (acut is built without NDEBUG): they cost a few instructions, and a daemon that
+ * hangs is worse than one that restarts.
  */
 #include "lock.h"
 
@@ -42,7 +43,7 @@ void lock_done(struct lock *l)
 
 void lock_take(struct lock *l)
 {
-	lock_enter(l->rank); /* before it waits: an order that is wrong shows without a second thread */
+	lock_enter(l->rank); /* before waiting: a wrong order is found even if there is only one thread */
 	pthread_mutex_lock(&l->mutex);
 }
 

@@ -1,11 +1,12 @@
 /*
  * The log (log.h): each line is one write to stderr, so that lines of several threads do not mix; or one call of the
- * sink. Before log_init it writes as "acut", info.
+ * sink. Before log_init, lines are those of "acut" at level info.
  *
- * The model: a text is made once, cleaned, and handed to the sink with what it is about; what the sink does not take
- * is written to stderr as ever. Counting an event is one atomic addition, and is done for those that the level hides.
- * Events that a client brings about at no cost are told up to a number in a while, so that nobody can push others' out of
- * the journal by them (it drops what comes too fast, of whatever kind); how many were left out is told with the next one.
+ * A text is formatted once, sanitized, and passed to the sink with its subject; what the sink does not accept goes to
+ * stderr. Counting an event is one atomic addition, and events below the log level are counted, too. Events that a
+ * client can cause at no cost are logged only up to a number in some time, so that a client cannot displace other
+ * events from the journal, whose rate limit does not look at the kind. The next such event says how many were
+ * suppressed.
  */
 #include "log.h"
 
@@ -50,8 +51,7 @@ static log_sink_fn *log_sink;
 static void *log_sink_ctx;
 static atomic_uint_fast64_t log_counts[LOG_EVENTS];
 
-/* $JOURNAL_STREAM is "device:inode" of the stream that systemd made; stderr may have been redirected since.
- */
+/* $JOURNAL_STREAM is "device:inode" of the stream from systemd; stderr may have been redirected since. */
 static bool stderr_is_journal(void)
 {
 	const char *stream = getenv("JOURNAL_STREAM");
@@ -74,7 +74,7 @@ void log_set_level(enum log_level level)
 	log_most = level;
 }
 
-bool log_shows(enum log_level level)
+bool log_enabled(enum log_level level)
 {
 	return level <= log_most;
 }
@@ -126,7 +126,7 @@ uint64_t log_event_count(enum log_event event)
 	return atomic_load_explicit(&log_counts[event], memory_order_relaxed);
 }
 
-/* ---- texts of strangers ---- */
+/* ---- untrusted texts ---- */
 
 static void clean(char *text)
 {
@@ -170,13 +170,13 @@ static void write_line(enum log_level level, const char *message)
 		n = sizeof line - 1;
 		line[n - 1] = '\n';
 	}
-	/* Nowhere to tell that the log itself cannot be written. */
+	/* If the log itself cannot be written, there is nowhere to report it. */
 	if (write(STDERR_FILENO, line, (size_t)n) < 0)
 		(void)0;
 }
 
-static void tell(const struct log_place *place, enum log_level level, int event, const struct log_about *about, const char *fmt,
-		 va_list ap)
+static void write_entry(const struct log_place *place, enum log_level level, int event, const struct log_about *about,
+			const char *fmt, va_list ap)
 {
 	char message[LINE], texts[3][FIELD];
 	struct log_about a = about ? *about : (struct log_about){0};
@@ -197,10 +197,10 @@ static void tell(const struct log_place *place, enum log_level level, int event,
 	errno = saved;
 }
 
-/* ---- floods ---- */
+/* ---- rate limit ---- */
 
-/* So many within FLOOD_SECONDS; 0: all of them. */
-static unsigned most_told(enum log_event event)
+/* The most events in FLOOD_SECONDS; 0: no limit. */
+static unsigned flood_limit(enum log_event event)
 {
 	switch (event) {
 	case LOG_EVENT_CLIENT_CUT:
@@ -221,14 +221,14 @@ static struct flood {
 	unsigned told;
 } floods[LOG_EVENTS];
 
-static void tell_hidden(const struct log_place *place, enum log_event event, uint64_t hidden, double seconds)
+static void report_hidden(const struct log_place *place, enum log_event event, uint64_t hidden, double seconds)
 {
 	if (hidden)
 		log_line_at(place, events[event].level, "%s: %llu more times within %.0f seconds, which are not told one by one",
 			    events[event].subject, (unsigned long long)hidden, seconds);
 }
 
-void log_floods(bool all)
+void log_report_suppressed(bool all)
 {
 	for (int i = 0; i < LOG_EVENTS; i++) {
 		struct flood *f = &floods[i], was = {0};
@@ -240,14 +240,14 @@ void log_floods(bool all)
 		}
 		lock_give(&flood_lock);
 		if (was.hidden)
-			tell_hidden(LOG_HERE, (enum log_event)i, was.hidden, clock_since(was.since_ns));
+			report_hidden(LOG_HERE, (enum log_event)i, was.hidden, clock_since(was.since_ns));
 	}
 }
 
-static bool flooded(const struct log_place *place, enum log_event event)
+static bool is_suppressed(const struct log_place *place, enum log_event event)
 {
 	struct flood *f = &floods[event];
-	unsigned most = most_told(event);
+	unsigned most = flood_limit(event);
 	uint64_t hidden = 0;
 	double seconds = 0;
 	bool over;
@@ -264,7 +264,7 @@ static bool flooded(const struct log_place *place, enum log_event event)
 	f->told += !over;
 	f->hidden += over;
 	lock_give(&flood_lock);
-	tell_hidden(place, event, hidden, seconds);
+	report_hidden(place, event, hidden, seconds);
 	return over;
 }
 
@@ -275,7 +275,7 @@ void log_line_at(const struct log_place *place, enum log_level level, const char
 	if (level > log_most)
 		return;
 	va_start(ap, fmt);
-	tell(place, level, -1, NULL, fmt, ap);
+	write_entry(place, level, -1, NULL, fmt, ap);
 	va_end(ap);
 }
 
@@ -285,10 +285,10 @@ void log_event_at(const struct log_place *place, enum log_event event, const str
 	va_list ap;
 
 	atomic_fetch_add_explicit(&log_counts[event], 1, memory_order_relaxed);
-	if (level > log_most || flooded(place, event))
+	if (level > log_most || is_suppressed(place, event))
 		return;
 	va_start(ap, fmt);
-	tell(place, level, (int)event, about, fmt, ap);
+	write_entry(place, level, (int)event, about, fmt, ap);
 	va_end(ap);
 }
 

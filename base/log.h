@@ -1,11 +1,11 @@
 /*
- * The log: lines to stderr with level prefixes as systemd reads them ("<6>") when stderr is the journal,
- * "acutd: info: ..." otherwise; or entries to a sink that was handed in. Engine rooms never log above debug; the
- * outermost function of the daemon logs a failure once. Saves errno.
+ * The log: lines to stderr, with the level prefixes of systemd ("<6>") if stderr is the journal, else "acutd: info:
+ * ..."; or entries to a sink. Engine rooms never log above debug; the outermost function of the daemon logs a failure
+ * once. Preserves errno.
  *
- * What an administrator may want to filter, count or be woken by is an event: a row of log_event.def with a message
- * id, told with what it is about. All else is a line. Control characters (names of strangers may hold them) are
- * shown as '?' in texts and fields, and so are bytes that are no UTF-8.
+ * What an administrator may filter, count or be alerted by is an event: a row of log_event.def with a message id,
+ * logged with its subject. Everything else is a line. Control characters (names from clients may have them), and bytes
+ * that are not UTF-8, are shown as '?'.
  */
 #ifndef LOG_H
 #define LOG_H
@@ -24,18 +24,18 @@ enum log_event {
 	LOG_EVENTS
 };
 
-/* What an event is about; what is 0 or NULL is not told. Texts are borrowed for the call. */
+/* The subject of an event; members that are 0 or NULL are not logged. Texts are borrowed for the call. */
 struct log_about {
 	uint64_t job, push, generation;
 	const char *dataset;
-	const char *file;  /* NULL: that of the err, if there is one */
-	const char *code;  /* wire name of an error; NULL: likewise */
-	bool has_user;     /* uid counts */
+	const char *file;  /* NULL: the file of the err, if there is one */
+	const char *code;  /* wire name of an error; NULL: of the err, if there is one */
+	bool has_user;     /* uid is valid */
 	uint32_t uid, pid; /* pid: of the client */
 };
 #define ABOUT_USER(user) .has_user = true, .uid = (user)
 
-struct log_place { /* in the source */
+struct log_place { /* place in the source */
 	const char *file, *function;
 	int line;
 };
@@ -44,19 +44,19 @@ struct log_place { /* in the source */
 struct log_entry {
 	enum log_level level;
 	int event;                     /* enum log_event; -1: a line */
-	const char *message;           /* clean, one line */
-	const struct log_about *about; /* never NULL; its texts are clean */
+	const char *message;           /* sanitized, one line */
+	const struct log_about *about; /* never NULL; its texts are sanitized */
 	const struct log_place *place;
 };
-/* Any thread. False: it cannot be written there, and goes to stderr. */
+/* Called by any thread. False: it could not be written, and goes to stderr. */
 typedef bool log_sink_fn(void *ctx, const struct log_entry *);
 
 void log_init(const char *program, enum log_level level);
 void log_set_level(enum log_level);
-bool log_shows(enum log_level); /* whether lines of this level are told */
-/* Before threads. NULL: stderr. */
+bool log_enabled(enum log_level); /* whether lines of this level are logged */
+/* Call it before there are threads. NULL: stderr. */
 void log_set_sink(log_sink_fn *, void *ctx);
-/* Whether stderr is the stream that systemd made for its journal. */
+/* Whether stderr is the stream that systemd made for the journal. */
 bool log_is_journal(void);
 bool log_parse_level(const char *text, enum log_level *ret);
 
@@ -64,10 +64,9 @@ const char *log_event_name(enum log_event);
 const char *log_event_id(enum log_event); /* 32 hexadecimal digits */
 const char *log_event_subject(enum log_event);
 enum log_level log_event_level(enum log_event);
-/* Of events that come too often only some are told: this tells how many more there were, of whiles that are over; all: of the
- * present ones too, at an end. */
-void log_floods(bool all);
-/* How often it was told since the start, whether or not the level let it through. */
+/* Logs how many events were suppressed in periods that are over; all: in the current one, too, before the program ends. */
+void log_report_suppressed(bool all);
+/* How often the event has occurred since the start, whatever the log level. */
 uint64_t log_event_count(enum log_event);
 
 #define log_line(level, ...) log_line_at(LOG_HERE, level, __VA_ARGS__)

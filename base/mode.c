@@ -1,6 +1,6 @@
 /*
- * Modes, as chmod reads and ls writes them. What a dataset cannot have is refused, not dropped: setuid, setgid and the
- * sticky bit.
+ * Modes, as chmod reads and ls writes them. Bits that a dataset cannot have (setuid, setgid, sticky) are errors, not
+ * ignored.
  */
 #include "mode.h"
 
@@ -32,13 +32,13 @@ static int octal(const char *text, uint32_t *ret, struct err *err)
 	return 0;
 }
 
-/* Three bits for each of u, g, o that is named. */
-static uint32_t spread(uint32_t bits, uint32_t who)
+/* Repeats three bits for each of u, g, o in `who`. */
+static uint32_t repeat_bits(uint32_t bits, uint32_t who)
 {
 	return (bits << 6 | bits << 3 | bits) & who;
 }
 
-static uint32_t whose(const char **at)
+static uint32_t parse_who(const char **at)
 {
 	uint32_t who = 0;
 
@@ -56,8 +56,8 @@ static uint32_t whose(const char **at)
 	}
 }
 
-/* "u", "g", "o": as that one has it now; else letters of rwxX, also none. */
-static uint32_t which(const char **at, uint32_t mode)
+/* "u", "g", "o": the bits that it has now; otherwise letters of rwxX, perhaps none. */
+static uint32_t parse_bits(const char **at, uint32_t mode)
 {
 	uint32_t bits = 0;
 
@@ -88,13 +88,13 @@ int mode_parse(const char *text, uint32_t old, uint32_t mask, uint32_t *ret, str
 	if (*text >= '0' && *text <= '9')
 		return octal(text, ret, err);
 	do {
-		uint32_t who = whose(&at), named = who ? who : MODE_ALL & ~mask;
+		uint32_t who = parse_who(&at), named = who ? who : MODE_ALL & ~mask;
 
 		if (!*at || !strchr("+-=", *at))
 			return bad(text, err);
 		while (*at && strchr("+-=", *at)) {
 			char what = *at++;
-			uint32_t bits = spread(which(&at, mode), named);
+			uint32_t bits = repeat_bits(parse_bits(&at, mode), named);
 
 			if (what == '=')
 				mode = (mode & ~(who ? who : (uint32_t)MODE_ALL)) | bits;

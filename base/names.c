@@ -15,7 +15,7 @@ static size_t place_of(const struct names *t, const char *key)
 	return (size_t)digest_hash(key, strlen(key)).lo & (t->cap - 1);
 }
 
-static void put(struct names *t, const char *key, uint32_t value)
+static void insert(struct names *t, const char *key, uint32_t value)
 {
 	size_t at = place_of(t, key);
 
@@ -35,11 +35,11 @@ int names_put(struct names *t, const char *key, uint32_t value, struct err *err)
 			return err_set(err, ERR_NOMEM, "no memory for a table of %zu names", t->n);
 		for (size_t i = 0; i < t->cap; i++)
 			if (t->slot[i].key)
-				put(&more, t->slot[i].key, t->slot[i].value);
+				insert(&more, t->slot[i].key, t->slot[i].value);
 		free(t->slot);
 		*t = more;
 	}
-	put(t, key, value);
+	insert(t, key, value);
 	return 0;
 }
 

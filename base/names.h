@@ -11,7 +11,7 @@ struct err;
 /* Keys are borrowed and must outlive the table. A key may have several numbers. Zero-initialized: empty. */
 struct names {
 	struct name_slot {
-		const char *key; /* NULL: free */
+		const char *key; /* NULL: an unused slot */
 		uint32_t value;
 	} * slot;
 	size_t cap, n;
@@ -21,7 +21,7 @@ int names_put(struct names *, const char *key, uint32_t value, struct err *err);
 /* The first number of the key if *at is NAMES_START, else the one after *at. False: there is none. */
 #define NAMES_START SIZE_MAX
 bool names_next(const struct names *, const char *key, size_t *at, uint32_t *ret);
-void names_free(struct names *); /* empty again */
+void names_free(struct names *); /* empties it */
 static inline size_t names_bytes(const struct names *t)
 {
 	return t->cap * sizeof *t->slot;

@@ -1,6 +1,6 @@
 /*
- * Strict parsing (parse.h): no leading spaces, no trailing anything, no overflow that goes unseen, no
- * hexadecimal, no "inf". Programs of acut never call setlocale, so the decimal point is a point.
+ * Strict parsing (parse.h): no leading spaces, nothing after the value, no unnoticed overflow, no hexadecimal, no
+ * "inf". acut never calls setlocale, so the decimal point is a point.
  */
 #include "parse.h"
 
@@ -40,8 +40,8 @@ bool parse_i64(const char *text, int64_t *ret)
 	return true;
 }
 
-/* The part of the text that is [+-]digits[.digits][(e|E)[+-]digits] or the same with no digit on one side
- * of the point; 0 if it does not start so. */
+/* The length of the number at the start of the text, [+-]digits[.digits][(e|E)[+-]digits] or the same without digits on
+ * one side of the point; 0 if there is none. */
 static size_t number_length(const char *text)
 {
 	size_t i = text[0] == '-' || text[0] == '+', digits = 0, e;
@@ -65,7 +65,7 @@ static size_t number_length(const char *text)
 	return e;
 }
 
-/* A finite number at the start of the text; what follows it, or NULL. */
+/* Parses a finite number at the start of the text; returns the rest, or NULL. */
 static const char *number_start(const char *text, double *ret)
 {
 	size_t n = number_length(text);

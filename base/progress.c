@@ -1,4 +1,5 @@
-/* One listener a thread. It is called where something was done, never by a clock: what hangs makes no step. */
+/* One listener for each thread. It is called when something was done, never by a clock: a thread that hangs makes no
+ * progress. */
 #include "progress.h"
 
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Where a character of UTF-8 ends, and which one it is. Not here: what is done with bytes that are none. */
+/* The length and code of a UTF-8 character. What to do with invalid bytes is left to the caller. */
 #include "utf8.h"
 
 size_t utf8_length(const void *s, size_t left)

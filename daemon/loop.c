@@ -119,7 +119,7 @@ static int on_tick(sd_event_source *source, uint64_t usec, void *ctx)
 
 	d->ticking = false;
 	service_tick(d->service);
-	log_floods(false);
+	log_report_suppressed(false);
 	look_idle(d);
 	return 0;
 }

@@ -130,11 +130,11 @@ static int make_budget(struct daemon *d, struct err *err)
 
 	if (!l)
 		return err_set(err, ERR_NOMEM, "no memory for the ledger");
-	if (!ledger_share(l, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, CATALOGUE_HEAP + 4 * CATALOGUE_QUEUE) ||
-	    !ledger_share(l, LEDGER_MESSAGE, part(total, 32, 768 * kib, 16 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
-	    !ledger_share(l, LEDGER_JOBS, part(total, 64, 384 * kib, 32 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
-	    !ledger_share(l, LEDGER_PIPE, part(total, 64, 256 * kib, 16 * mib), total / 8) ||
-	    !ledger_share(l, LEDGER_PLAN, part(total, 128, 192 * kib, 32 * mib), 0))
+	if (!ledger_reserve(l, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, CATALOGUE_HEAP + 4 * CATALOGUE_QUEUE) ||
+	    !ledger_reserve(l, LEDGER_MESSAGE, part(total, 32, 768 * kib, 16 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
+	    !ledger_reserve(l, LEDGER_JOBS, part(total, 64, 384 * kib, 32 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
+	    !ledger_reserve(l, LEDGER_PIPE, part(total, 64, 256 * kib, 16 * mib), total / 8) ||
+	    !ledger_reserve(l, LEDGER_PLAN, part(total, 128, 192 * kib, 32 * mib), 0))
 		return err_set(err, ERR_LIMIT, "the memory is too little for a daemon");
 	if (stacks > total / 4 || !ledger_take(l, LEDGER_THREAD, stacks)) {
 		err_set(err, ERR_LIMIT, "%u threads take %s of stacks, more than a quarter of the memory, %s", d->config.threads,
@@ -310,7 +310,7 @@ static int start(struct daemon *d, struct err *err)
 	if (!r)
 		r = loop_make(d, err);
 	if (!r)
-		r = io_close_aside(err);
+		r = io_close_background(err);
 	if (!r)
 		r = make_budget(d, err);
 	if (!r)
@@ -348,7 +348,7 @@ static void raise_files(void)
 
 static void finish(struct daemon *d)
 {
-	io_close_waits(); /* in this order */
+	io_close_foreground(); /* in this order */
 	server_free(d->server);
 	sched_free(d->sched);
 	catalogue_free(d->catalogue);
@@ -395,7 +395,7 @@ int main(int argc, char **argv)
 	char size[32];
 	int what, r;
 
-	io_take_standard();
+	io_reserve_standard();
 	log_init("acutd", LOG_LEVEL_INFO);
 	journal_open("acutd");
 	tame_malloc();
@@ -428,6 +428,6 @@ int main(int argc, char **argv)
 		_exit(1);
 	}
 	finish(&d);
-	log_floods(true);
+	log_report_suppressed(true);
 	return 0;
 }

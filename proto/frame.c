@@ -1,5 +1,5 @@
 /*
- * The 16 bytes before each message: written and checked, nothing else. Pure functions.
+ * The 16-byte header of a frame: writing and checking. Pure functions.
  */
 #include "frame.h"
 

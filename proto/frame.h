@@ -1,11 +1,10 @@
 /*
- * Frames: how control messages travel over a Unix stream socket (PROTOCOL.md). Used alike by acutd and
- * by libacut.
+ * Frames: control messages on a Unix stream socket (PROTOCOL.md). Used by acutd and by libacut.
  *
- * A frame is a header of 16 bytes and a protobuf Message; together at most 64 KiB. At most one descriptor
- * goes with a frame, sent with its first byte. A frame_conn never reads beyond the end of a frame, so a
- * descriptor always belongs to the frame that is being read; a surplus one is closed and ends the
- * connection, as does every other breach. Nothing here waits, and no thread may share a frame_conn.
+ * A frame is a header of 16 bytes and a protobuf Message; together at most 64 KiB. At most one descriptor goes with a
+ * frame, sent with its first byte. A frame_conn never reads beyond the end of a frame, so a descriptor always belongs
+ * to the frame that is being read. A surplus descriptor is closed, and is a protocol violation, which ends the
+ * connection. No call waits. A frame_conn must not be shared by threads.
  */
 #ifndef FRAME_H
 #define FRAME_H
@@ -27,116 +26,114 @@ struct err;
 #define FRAME_MAX 65536u /* header and message */
 #define FRAME_BODY_MAX (FRAME_MAX - FRAME_HEADER_SIZE)
 
-/* What HELLO negotiates: the version of the messages, not of the frame. */
+/* The protocol versions that HELLO negotiates: of the messages, not of the frame. */
 #define FRAME_PROTOCOL_MIN 1u
 #define FRAME_PROTOCOL_MAX 1u
 
 struct frame_header {
 	uint32_t length;     /* bytes of the message after the header */
-	uint32_t request_id; /* chosen by the client, 1 and up; an answer repeats it; 0: asked by nobody */
+	uint32_t request_id; /* chosen by the client, > 0; an answer repeats it; 0: not an answer */
 	uint8_t descriptors; /* that go with this frame: 0 or 1 */
 };
 
-/* Offsets: u16 magic, u16 version, u32 length, u32 request id, u8 descriptors, 3 bytes of zero. */
+/* Layout: u16 magic, u16 version, u32 length, u32 request id, u8 descriptors, 3 zero bytes. */
 void frame_header_put(const struct frame_header *, uint8_t bytes[FRAME_HEADER_SIZE]);
 /* -ERR_PROTO (not a frame, a length or count out of bounds, padding not zero); -ERR_VERSION. */
 int frame_header_get(const uint8_t bytes[FRAME_HEADER_SIZE], struct frame_header *ret, struct err *err);
 
 /* ---- messages ---- */
 
-/* Whether it has at most so many fields, with those of messages inside it and the numbers of lists. */
+/* Whether it has at most `most` fields, including those of nested messages and the numbers of lists. */
 bool frame_message_fields(const void *bytes, size_t size, unsigned most);
-/* Unpacks `size` bytes; what the message takes may not exceed `cap` bytes and is taken from `ledger` (NULL:
- * not charged). -ERR_PROTO: malformed, beyond the cap, or a text that is not UTF-8. -ERR_BUSY: the ledger
- * has no room. A body that this build does not know gives body_case 0 (answer it with ERR_UNSUPPORTED). */
+/* Unpacks `size` bytes. The message may take at most `cap` bytes, which are charged to `ledger` (may be NULL).
+ * -ERR_PROTO: malformed, larger than the cap, or a text that is not UTF-8. -ERR_BUSY: the ledger has not enough memory.
+ * A body that is unknown to this build gives body_case 0 (answer it with ERR_UNSUPPORTED). */
 int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger, Acut__V1__Message **ret,
 			 struct err *err);
-/* Only for messages that came from here (frame_conn_recv included). Returns NULL. */
+/* Only for messages from this room (also from frame_conn_recv). Returns NULL. */
 Acut__V1__Message *frame_message_free(Acut__V1__Message *);
 
 /* ---- a connection ---- */
 
 struct frame_limits {
-	size_t queue;          /* bytes of frames waiting to be sent; 0: 256 KiB */
-	size_t message;        /* bytes that one unpacked message may take; 0: 1 MiB */
-	unsigned fields;       /* that one message may have, with those of messages inside it; 0: any number */
-	struct ledger *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
+	size_t queue;          /* bytes of queued frames; 0: 256 KiB */
+	size_t message;        /* bytes of one unpacked message; 0: 1 MiB */
+	unsigned fields;       /* fields of one message, including nested messages; 0: any number */
+	struct ledger *ledger; /* charged for buffers and messages (LEDGER_MESSAGE); may be NULL */
 };
 
-/* Positive results; the connection stays whole after AGAIN and FULL. */
+/* Positive results. After AGAIN and FULL the connection remains usable. */
 enum {
-	FRAME_E_AGAIN = 1, /* nothing (more) can be done until poll says so */
-	FRAME_E_EOF = 2,   /* the other side is gone, between two frames */
-	FRAME_E_FULL = 3,  /* the queue is at its cap, or the ledger has no room: nothing was queued */
+	FRAME_E_AGAIN = 1, /* nothing more can be done until poll reports an event */
+	FRAME_E_EOF = 2,   /* the other side has closed, between two frames */
+	FRAME_E_FULL = 3,  /* the queue is full, or the ledger has not enough memory: nothing was queued */
 };
 
 struct frame_conn;
 
-/* Takes over `fd` (a connected stream socket), makes it non-blocking and close-on-exec. On failure the
- * descriptor stays the caller's. `limits` NULL: the defaults. */
+/* Takes over `fd` (a connected stream socket), makes it non-blocking and close-on-exec. On failure the descriptor stays
+ * the caller's. `limits` NULL: the defaults. */
 int frame_conn_new(int fd, const struct frame_limits *limits, struct frame_conn **ret, struct err *err);
-/* Closes the socket and every descriptor still queued. NULL is fine; returns NULL. */
+/* Closes the socket and every queued descriptor. NULL is fine; returns NULL. */
 struct frame_conn *frame_conn_free(struct frame_conn *);
-/* Gives its memory back at once: what was queued and half a frame go, and the other side finds the connection
- * ended. What is called next fails as after a breach, with *why. For any moment. */
+/* Frees its memory at once: queued frames and a partial frame are dropped, and the connection is shut down. Later calls
+ * fail with *why, as after a violation. May be called at any time. */
 void frame_conn_cut(struct frame_conn *, const struct err *why);
 int frame_conn_fd(const struct frame_conn *);
-/* What to poll for: POLLIN, and POLLOUT while frames are queued. The values are those of EPOLLIN and
- * EPOLLOUT as well. */
+/* Events to poll for: POLLIN, and POLLOUT while frames are queued. The values are also those of EPOLLIN and EPOLLOUT. */
 short frame_conn_events(const struct frame_conn *);
 size_t frame_conn_queued(const struct frame_conn *); /* bytes not yet sent */
-size_t frame_conn_held(const struct frame_conn *);   /* bytes that it takes, the queue and half a frame included */
+size_t frame_conn_held(const struct frame_conn *);   /* bytes of its memory, with the queue and a partial frame */
 
-/* The next whole frame. 0: *ret_message (frame_message_free it), *ret_id and *ret_fd (-1: none; else the
- * caller's, close-on-exec) are set. FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION,
- * -ERR_IO, -ERR_BUSY; after a negative result the connection is beyond use (each further call gives it
- * again), though an Error may still be sent. */
+/* Receives the next frame. 0: sets *ret_message (free it with frame_message_free), *ret_id and *ret_fd (-1: none; else
+ * the caller's, close-on-exec). FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION, -ERR_IO, -ERR_BUSY.
+ * After a negative result each further call returns it again, but an Error can still be sent. */
 int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd, struct err *err);
 
-/* Queues a message. `fd` (-1: none) belongs to the connection from now on, whatever the result. 0 or
- * FRAME_E_FULL; -ERR_LIMIT: the message is larger than a frame; -ERR_NOMEM. Call frame_conn_flush next. */
+/* Queues a message. `fd` (-1: none) belongs to the connection from now on, whatever the result. 0 or FRAME_E_FULL;
+ * -ERR_LIMIT: the message is larger than a frame; -ERR_NOMEM. Call frame_conn_flush next. */
 int frame_conn_send(struct frame_conn *, uint32_t id, const Acut__V1__Message *, int fd, struct err *err);
-/* The same for a page of a list, `list` being its field of Message. */
+/* The same for a page of a list; `list` is its field in Message. */
 struct frame_page;
 int frame_conn_send_page(struct frame_conn *, uint32_t id, Acut__V1__Message__BodyCase list, const struct frame_page *, bool more,
 			 struct err *err);
-/* Same, for an Error made from *why. */
+/* The same for an Error with the content of *why. */
 int frame_conn_send_error(struct frame_conn *, uint32_t id, const struct err *why, struct err *err);
-/* Sends what the socket takes. 0: all sent. FRAME_E_AGAIN, FRAME_E_EOF, -ERR_IO. */
+/* Sends what the socket accepts. 0: everything is sent. FRAME_E_AGAIN, FRAME_E_EOF, -ERR_IO. */
 int frame_conn_flush(struct frame_conn *, struct err *err);
 
-/* A page of a list, packed row by row. Starts with n = 0. (Smaller than a frame can be: acutd takes what has 64 KiB straight from
- * the kernel, which clears it each time.) */
+/* A page of a list, packed row by row. Starts with n = 0. It is smaller than a frame can be, because malloc gets 64 KiB
+ * directly from the kernel, which clears them each time. */
 enum { FRAME_PAGE_SIZE = 60 << 10, FRAME_PAGE_AROUND = 16 };
 struct frame_page {
 	size_t n;
 	uint8_t rows[FRAME_PAGE_SIZE];
 };
-/* False: it does not fit, and nothing changed. */
+/* Adds a row. False: it does not fit, and nothing changed. */
 bool frame_page_add(struct frame_page *, const ProtobufCMessage *row);
-/* The same for a text that is the list's own, as its field of this number (below 100,000). */
+/* Adds a text of the list itself, as its field of this number (below 100,000). */
 bool frame_page_text(struct frame_page *, unsigned field, const char *text);
-/* As a Message, which takes at most FRAME_PAGE_AROUND more than n. Gives how many bytes. */
+/* Packs it as a Message of at most n + FRAME_PAGE_AROUND bytes. Returns its size. */
 size_t frame_page_pack(const struct frame_page *, Acut__V1__Message__BodyCase list, bool more, uint8_t *ret);
 
-/* Bytes that `message` would take as a frame; more than FRAME_MAX cannot be sent (for paging of lists). */
+/* Size of `message` as a frame; more than FRAME_MAX cannot be sent (for paging of lists). */
 size_t frame_message_size(const Acut__V1__Message *message);
 
 /* ---- errors over the wire ---- */
 
-/* An Error whose texts live in it (bytes that are not UTF-8 become '?'). Do not copy or move it. */
+/* An Error with its texts (bytes that are not UTF-8 become '?'). It must not be copied or moved. */
 struct frame_error {
 	Acut__V1__Error body;
 	char message[512], file[256], field[64], hint[384];
 };
 void frame_error_from_err(const struct err *, struct frame_error *ret);
-/* Fills *err and returns -code. A code that this build does not know becomes ERR_INTERNAL. */
+/* Fills *err and returns -code. A code that is unknown to this build becomes ERR_INTERNAL. */
 int frame_error_to_err(const Acut__V1__Error *, struct err *err);
 
-/* Makes text valid UTF-8 in place: each byte that is not becomes '?'. Returns text. */
+/* Makes a text valid UTF-8, in place: each invalid byte becomes '?'. Returns text. */
 char *frame_text_clean(char *text);
 
-/* A Message around one body: FRAME_MESSAGE(PROBED, probed, &p). */
+/* A Message with one body: FRAME_MESSAGE(PROBED, probed, &p). */
 #define FRAME_MESSAGE(CASE, member, ptr)                                                       \
 	(&(Acut__V1__Message){.base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor), \
 			      .body_case = ACUT__V1__MESSAGE__BODY_##CASE,                     \

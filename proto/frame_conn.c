@@ -1,12 +1,12 @@
 /*
- * One connection: frames in, frames out, never waiting.
+ * A connection: frames in, frames out, never waiting.
  *
- * Reading takes exactly the header, then exactly the message, and never a byte of the next frame. The kernel
- * ends a read at the bytes that descriptors were sent with, so whatever descriptor turns up belongs to
- * the frame in hand. Writing keeps a list of packed frames up to a cap; a descriptor is sent with the first
- * byte of its frame and closed here as soon as the kernel has it.
+ * Reading takes exactly the header, then exactly the message, and never a byte of the next frame. The kernel ends a
+ * read at bytes that were sent with descriptors, so every descriptor belongs to the current frame. Writing keeps a list
+ * of packed frames up to a limit; a descriptor is sent with the first byte of its frame and closed as soon as the
+ * kernel has it.
  *
- * After a breach the connection stays broken: what follows on the wire cannot be told apart from noise.
+ * After a violation the connection stays broken, because frame boundaries are no longer known.
  */
 #include "frame.h"
 
@@ -24,14 +24,14 @@
 enum {
 	QUEUE_DEFAULT = 256 << 10,
 	MESSAGE_DEFAULT = 1 << 20,
-	/* The most that one sendmsg can carry (SCM_MAX_FD): with this room no surplus descriptor is lost. */
+	/* The most that one sendmsg can carry (SCM_MAX_FD), so that no surplus descriptor is lost. */
 	DESCRIPTORS_MAX = 253,
 };
 
 struct queued {
 	struct queued *next;
-	size_t size, sent, room; /* room: charged, this included */
-	int fd;                  /* -1: none, or sent already */
+	size_t size, sent, room; /* room: bytes charged, this struct included */
+	int fd;                  /* -1: none, or already sent */
 	uint8_t bytes[];
 };
 
@@ -39,12 +39,12 @@ struct frame_conn {
 	int fd;
 	struct frame_limits limits;
 
-	struct frame_header header; /* of the frame in hand, once `got` has passed it */
+	struct frame_header header; /* of the current frame, once `got` is beyond it */
 	uint8_t head[FRAME_HEADER_SIZE];
-	uint8_t *body; /* taken when the header is whole */
+	uint8_t *body; /* allocated when the header is complete */
 	size_t body_size;
-	size_t got; /* bytes of the frame in hand, header included */
-	int in_fd;  /* that came with it; -1 */
+	size_t got; /* bytes of the current frame, header included */
+	int in_fd;  /* descriptor of the current frame, or -1 */
 	bool broken;
 	struct err why; /* if broken */
 
@@ -55,7 +55,7 @@ struct frame_conn {
 
 /* ---- memory ---- */
 
-static void *conn_take(struct frame_conn *conn, size_t size)
+static void *conn_alloc(struct frame_conn *conn, size_t size)
 {
 	void *bytes;
 
@@ -68,7 +68,7 @@ static void *conn_take(struct frame_conn *conn, size_t size)
 	return bytes;
 }
 
-static void conn_give(struct frame_conn *conn, void *bytes, size_t size)
+static void conn_free_bytes(struct frame_conn *conn, void *bytes, size_t size)
 {
 	if (!bytes)
 		return;
@@ -116,16 +116,16 @@ static void conn_close_fd(int *fd)
 	*fd = io_close(*fd);
 }
 
-/* Forgets the frame in hand. */
+/* Drops the current frame. */
 static void conn_reset(struct frame_conn *conn)
 {
-	conn_give(conn, conn->body, conn->body_size);
+	conn_free_bytes(conn, conn->body, conn->body_size);
 	conn->body = NULL;
 	conn->got = 0;
 	conn_close_fd(&conn->in_fd);
 }
 
-static void conn_pop(struct frame_conn *conn)
+static void conn_drop_sent(struct frame_conn *conn)
 {
 	struct queued *q = conn->first;
 
@@ -133,14 +133,14 @@ static void conn_pop(struct frame_conn *conn)
 	if (!conn->first)
 		conn->last = &conn->first;
 	conn_close_fd(&q->fd);
-	conn_give(conn, q, q->room);
+	conn_free_bytes(conn, q, q->room);
 }
 
 void frame_conn_cut(struct frame_conn *conn, const struct err *why)
 {
 	conn_reset(conn);
 	while (conn->first)
-		conn_pop(conn);
+		conn_drop_sent(conn);
 	conn->queued = 0;
 	conn->broken = true;
 	conn->why = *why;
@@ -156,7 +156,7 @@ struct frame_conn *frame_conn_free(struct frame_conn *conn)
 	ledger = conn->limits.ledger;
 	conn_reset(conn);
 	while (conn->first)
-		conn_pop(conn);
+		conn_drop_sent(conn);
 	conn_close_fd(&conn->fd);
 	free(conn);
 	if (ledger)
@@ -179,7 +179,7 @@ size_t frame_conn_queued(const struct frame_conn *conn)
 	return conn->queued;
 }
 
-/* ---- in ---- */
+/* ---- receiving ---- */
 
 static int conn_break(struct frame_conn *conn, struct err *err)
 {
@@ -189,7 +189,7 @@ static int conn_break(struct frame_conn *conn, struct err *err)
 	return -(int)err->code;
 }
 
-/* Keeps one descriptor, closes the rest; says how many came. */
+/* Keeps one descriptor and closes the others; returns how many came. */
 static unsigned conn_take_descriptors(struct frame_conn *conn, struct msghdr *msg)
 {
 	unsigned count = 0;
@@ -214,7 +214,7 @@ static unsigned conn_take_descriptors(struct frame_conn *conn, struct msghdr *ms
 	return count;
 }
 
-/* Reads up to n bytes of the frame in hand. 0: *ret_n of them; AGAIN, EOF, negative. */
+/* Reads up to n bytes of the current frame. 0: *ret_n bytes; AGAIN, EOF, negative. */
 static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *ret_n, struct err *err)
 {
 	union {
@@ -244,7 +244,7 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 	count = conn_take_descriptors(conn, &msg);
 	if (count + had > 1)
 		return err_set(err, ERR_PROTO, "a frame came with %u descriptors; at most 1 is allowed", count + had);
-	/* There was room for as many as can be sent: the process has no descriptor left. */
+	/* The buffer was large enough, so the process has no free descriptor. */
 	if (msg.msg_flags & MSG_CTRUNC) {
 		err_set(err, ERR_BUSY, "there is no room for one more descriptor");
 		return err_add_hint(err, "try again when other clients are done");
@@ -253,7 +253,7 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 	return 0;
 }
 
-/* Reads until `want` bytes of the frame are there; they go to at[0..], which stands for frame byte `base`. */
+/* Reads until `want` bytes of the frame are there, to at[0..], which is frame byte `base`. */
 static int conn_fill(struct frame_conn *conn, uint8_t *at, size_t base, size_t want, struct err *err)
 {
 	while (conn->got < want) {
@@ -275,7 +275,7 @@ static int conn_header(struct frame_conn *conn, struct err *err)
 	if (r < 0)
 		return r;
 	conn->body_size = header.length > 0 ? header.length : 1;
-	conn->body = conn_take(conn, conn->body_size);
+	conn->body = conn_alloc(conn, conn->body_size);
 	if (!conn->body) {
 		err_set(err, ERR_BUSY, "there is no memory left for a frame of %u bytes", header.length);
 		return err_add_hint(err, "try again when other clients are done, or set a larger --memory");
@@ -334,10 +334,10 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 	return 0;
 }
 
-/* ---- out ---- */
+/* ---- sending ---- */
 
-/* A place for a message of `length` bytes, not yet in the queue; NULL: *ret_r says why. */
-static struct queued *conn_place(struct frame_conn *conn, size_t length, int *ret_r, struct err *err)
+/* Allocates a message of `length` bytes that is not queued yet; NULL: *ret_r is the result. */
+static struct queued *conn_alloc_message(struct frame_conn *conn, size_t length, int *ret_r, struct err *err)
 {
 	struct queued *q = NULL;
 
@@ -347,14 +347,14 @@ static struct queued *conn_place(struct frame_conn *conn, size_t length, int *re
 	}
 	length += FRAME_HEADER_SIZE;
 	if (length <= conn->limits.queue && conn->queued <= conn->limits.queue - length)
-		q = conn_take(conn, sizeof *q + length);
+		q = conn_alloc(conn, sizeof *q + length);
 	*ret_r = q ? 0 : FRAME_E_FULL;
 	if (q)
 		*q = (struct queued){.room = sizeof *q + length, .fd = -1};
 	return q;
 }
 
-/* What lies there is a message of `length` bytes. */
+/* Queues an allocated message of `length` bytes. */
 static void conn_queue(struct frame_conn *conn, uint32_t id, size_t length, int fd, struct queued *q)
 {
 	struct frame_header header = {.length = (uint32_t)length, .request_id = id, .descriptors = fd >= 0};
@@ -370,7 +370,7 @@ static void conn_queue(struct frame_conn *conn, uint32_t id, size_t length, int 
 int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd, struct err *err)
 {
 	int r;
-	struct queued *q = conn_place(conn, acut__v1__message__get_packed_size(message), &r, err);
+	struct queued *q = conn_alloc_message(conn, acut__v1__message__get_packed_size(message), &r, err);
 
 	if (!q)
 		conn_close_fd(&fd);
@@ -383,7 +383,7 @@ int frame_conn_send_page(struct frame_conn *conn, uint32_t id, Acut__V1__Message
 			 bool more, struct err *err)
 {
 	int r;
-	struct queued *q = conn_place(conn, page->n + FRAME_PAGE_AROUND, &r, err);
+	struct queued *q = conn_alloc_message(conn, page->n + FRAME_PAGE_AROUND, &r, err);
 
 	if (q)
 		conn_queue(conn, id, frame_page_pack(page, list, more, q->bytes + FRAME_HEADER_SIZE), -1, q);
@@ -439,7 +439,7 @@ int frame_conn_flush(struct frame_conn *conn, struct err *err)
 		q->sent += (size_t)n;
 		conn->queued -= (size_t)n;
 		if (q->sent == q->size)
-			conn_pop(conn);
+			conn_drop_sent(conn);
 	}
 	return 0;
 }

@@ -1,9 +1,9 @@
 /*
- * How many fields a message has, before anything is made of it.
+ * Counts the fields of a message before it is unpacked.
  *
- * The model: what unpacking costs goes by fields, and 64 KiB can have thirty thousand of them; a request has some tens. The
- * bytes are walked as they lie there, into messages inside messages where the descriptors say that there are some, and no
- * further than to one field too many. What is malformed ends the walk: unpacking finds it again, after no more fields.
+ * The cost of unpacking grows with the number of fields, and 64 KiB can have thirty thousand; a request has some tens.
+ * The packed bytes are walked, also in nested messages if the descriptors have them, until there is one field too many.
+ * Malformed bytes end the walk; unpacking finds them again, after no more fields.
  */
 #include "frame.h"
 
@@ -14,7 +14,7 @@ struct bytes {
 };
 
 /* False: it does not end, or not within 64 bits. */
-static bool varint(struct bytes *b, uint64_t *ret)
+static bool read_varint(struct bytes *b, uint64_t *ret)
 {
 	uint64_t value = 0;
 
@@ -30,17 +30,17 @@ static bool varint(struct bytes *b, uint64_t *ret)
 	return false;
 }
 
-/* Its key and what of its value is no content; *ret_length: of that. False: malformed. */
+/* Reads the key, and the part of the value before its content; *ret_length: bytes of the content. False: malformed. */
 static bool field_head(struct bytes *b, uint64_t *ret_key, uint64_t *ret_length)
 {
 	uint64_t value;
 
 	*ret_length = 0;
-	if (!varint(b, ret_key))
+	if (!read_varint(b, ret_key))
 		return false;
 	switch (*ret_key & 7) {
 	case WIRE_VARINT:
-		return varint(b, &value);
+		return read_varint(b, &value);
 	case WIRE_EIGHT:
 		*ret_length = 8;
 		break;
@@ -48,7 +48,7 @@ static bool field_head(struct bytes *b, uint64_t *ret_key, uint64_t *ret_length)
 		*ret_length = 4;
 		break;
 	case WIRE_LENGTH:
-		if (!varint(b, ret_length))
+		if (!read_varint(b, ret_length))
 			return false;
 		break;
 	default:
@@ -57,8 +57,8 @@ static bool field_head(struct bytes *b, uint64_t *ret_key, uint64_t *ret_length)
 	return *ret_length <= (uint64_t)(b->end - b->at);
 }
 
-/* Numbers of a list that lie there as one field; at least so many as that. */
-static uint64_t packed(const ProtobufCFieldDescriptor *field, uint64_t bytes)
+/* Upper bound of the numbers in a packed list. */
+static uint64_t packed_numbers(const ProtobufCFieldDescriptor *field, uint64_t bytes)
 {
 	switch (field->type) {
 	case PROTOBUF_C_TYPE_STRING:
@@ -75,7 +75,7 @@ static uint64_t packed(const ProtobufCFieldDescriptor *field, uint64_t bytes)
 }
 
 /* False: there are more than *left. */
-static bool walk(struct bytes b, const ProtobufCMessageDescriptor *what, unsigned depth, uint64_t *left)
+static bool walk_fields(struct bytes b, const ProtobufCMessageDescriptor *what, unsigned depth, uint64_t *left)
 {
 	const ProtobufCFieldDescriptor *field;
 	uint64_t key, length, n;
@@ -84,12 +84,12 @@ static bool walk(struct bytes b, const ProtobufCMessageDescriptor *what, unsigne
 		field = (key & 7) == WIRE_LENGTH && key >> 3 <= UINT32_MAX ?
 				protobuf_c_message_descriptor_get_field(what, (unsigned)(key >> 3)) :
 				NULL;
-		n = 1 + (field ? packed(field, length) : 0);
+		n = 1 + (field ? packed_numbers(field, length) : 0);
 		if (n > *left)
 			return false;
 		*left -= n;
 		if (field && field->type == PROTOBUF_C_TYPE_MESSAGE && depth < DEPTH_MAX &&
-		    !walk((struct bytes){b.at, b.at + length}, field->descriptor, depth + 1, left))
+		    !walk_fields((struct bytes){b.at, b.at + length}, field->descriptor, depth + 1, left))
 			return false;
 		b.at += length;
 	}
@@ -100,5 +100,5 @@ bool frame_message_fields(const void *bytes, size_t size, unsigned most)
 {
 	uint64_t left = most;
 
-	return walk((struct bytes){bytes, (const uint8_t *)bytes + size}, &acut__v1__message__descriptor, 0, &left);
+	return walk_fields((struct bytes){bytes, (const uint8_t *)bytes + size}, &acut__v1__message__descriptor, 0, &left);
 }

@@ -1,13 +1,13 @@
 /*
- * Messages out of bytes that nobody vouches for.
+ * Messages from untrusted bytes.
  *
- * A message and all that hangs on it live in one arena: the message is the first thing in the arena's first
- * chunk, so that frame_message_free finds the arena from the message. The arena refuses to grow beyond its
- * cap (64 KiB of protobuf can ask for megabytes: each empty element of a list is two bytes on the wire
- * and a whole struct in memory) and takes what it needs from the ledger.
+ * A message and everything in it are in one arena. The message is the first thing in the arena's first chunk, so
+ * frame_message_free finds the arena from the message. The arena does not grow beyond its cap (64 KiB of protobuf can
+ * require megabytes: each empty element of a list is two bytes on the wire and a whole struct in memory), and is
+ * charged to the ledger.
  *
- * What it will not do: keep a message whose texts are not UTF-8, since the protobuf libraries of other
- * languages refuse such a message when acutd repeats the text in an answer.
+ * A message with texts that are not UTF-8 is rejected, because the protobuf libraries of other languages reject
+ * messages in which acutd would repeat such a text.
  */
 #include "frame.h"
 
@@ -18,7 +18,7 @@
 #include "err.h"
 #include "utf8.h"
 
-/* CHUNK_MORE: of who counts no bytes, whose pages of lists take hundreds of KiB. */
+/* CHUNK_MORE: for callers without a ledger, whose pages of lists take hundreds of KiB. */
 enum { CHUNK_SIZE = 2048, CHUNK_MORE = 32 << 10, DEPTH_MAX = 16 };
 
 struct chunk {
@@ -31,10 +31,10 @@ struct arena {
 	size_t taken, cap; /* bytes, chunk headers included */
 	struct ledger *ledger;
 	bool over_cap, over_ledger;
-	struct chunk *chunks; /* the newest first; the arena itself lies in the last one */
+	struct chunk *chunks; /* the newest first; the arena itself is in the oldest */
 };
 
-/* What lies at the start of the first chunk. */
+/* At the start of the first chunk. */
 struct arena_start {
 	struct arena arena;
 	alignas(16) uint8_t message[];
@@ -66,7 +66,7 @@ static struct chunk *arena_chunk(struct arena *a, size_t size)
 	return chunk;
 }
 
-/* Of the next chunk, which must have `size` bytes: more than that is asked for only while it fits. */
+/* Size of the next chunk, which must have `size` bytes: more than that only if it fits the cap. */
 static size_t chunk_size(const struct arena *a, size_t size)
 {
 	size_t more = !a->ledger && a->cap - a->taken > CHUNK_MORE + sizeof(struct chunk) ? CHUNK_MORE : CHUNK_SIZE;
@@ -92,7 +92,7 @@ static void *arena_alloc(void *ctx, size_t size)
 		chunk = arena_chunk(a, alone ? size : chunk_size(a, size));
 		if (!chunk)
 			return NULL;
-		/* Of what is large little is wasted so: the newest one has room for others still. */
+		/* A large chunk wastes little; the newest one still has memory for small objects. */
 		if (alone) {
 			chunk->next = newest->next;
 			newest->next = chunk;
@@ -106,7 +106,7 @@ static void *arena_alloc(void *ctx, size_t size)
 
 static void arena_keep(void *ctx, void *pointer)
 {
-	/* Everything goes at once, with the arena. */
+	/* Everything is freed at once, with the arena. */
 }
 
 static void arena_drop(struct arena *a)
@@ -124,8 +124,7 @@ static void arena_drop(struct arena *a)
 
 /* ---- texts ---- */
 
-/* Whether all n bytes are ASCII, which nearly all texts are: by eights or fours, of which the last may take some a second time.
- */
+/* Whether all n bytes are ASCII, as in nearly all texts: by eights or fours, of which the last may overlap. */
 static bool text_plain(const char *text, size_t n)
 {
 	uint64_t all = 0, eight;
@@ -189,7 +188,7 @@ static int check_text(const ProtobufCFieldDescriptor *field, const char *text, s
 	return err_add_place(err, ERR_NO_OFFSET, field->name);
 }
 
-/* One that is there or not, or as many as a list has. */
+/* The field's value is there or not, or as many as a list has. */
 static int check_field(const ProtobufCFieldDescriptor *field, const uint8_t *message, unsigned depth, struct err *err)
 {
 	void *const *at = (void *const *)(message + field->offset);
@@ -211,7 +210,7 @@ static int check_field(const ProtobufCFieldDescriptor *field, const uint8_t *mes
 	return r;
 }
 
-/* What nearly every field is that has a text: one text, and ASCII. */
+/* The most common field with a text: a single text, and ASCII. */
 static bool text_ascii(const ProtobufCFieldDescriptor *field, const uint8_t *message)
 {
 	const char *text;
@@ -223,7 +222,7 @@ static bool text_ascii(const ProtobufCFieldDescriptor *field, const uint8_t *mes
 	return text && (!*text || text_plain(text, strlen(text)));
 }
 
-/* Every text of the message and of those inside it. */
+/* Checks every text of the message and of nested messages. */
 static int check_texts(const ProtobufCMessage *message, unsigned depth, struct err *err)
 {
 	const ProtobufCMessageDescriptor *what = message->descriptor;
@@ -247,7 +246,8 @@ static int check_texts(const ProtobufCMessage *message, unsigned depth, struct e
 
 /* ---- unpacking ---- */
 
-/* The allocator's first call is for the message itself: it gets the place behind the arena. All others are the arena's. */
+/* The allocator's first call is for the message itself, which is placed behind the arena. All other calls allocate from
+ * the arena. */
 struct first {
 	struct arena_start *start;
 	ProtobufCAllocator *allocator;

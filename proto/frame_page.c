@@ -1,18 +1,20 @@
 /*
- * A page of a list, packed row by row: whoever makes a page of a hundred rows has one of them in memory, not all.
+ * A page of a list, packed row by row, so that only one row at a time is in memory as a message.
  *
- * The model: a list is a message with rows as its field 1 and "more follow" as its field 2; it is a field of Message.
- * What protobuf would write for it is written here. Texts that all rows share are fields of the list, and come before the rows.
+ * A list is a message with rows as its field 1 and "more follow" as its field 2; it is a field of Message. This file
+ * writes what protobuf would write for it. Texts that all rows share are fields of the list, and come before the rows.
  *
- * A row is packed from its last byte to its first, into what is free of the page: the length of a message is known when it
- * is there, so that each field is looked at once, and not for its size before. Ten thousand jobs have three quarters of a
- * million. Rows with a kind of field that lists have not had so far are packed by the library.
+ * A row is packed from its last byte to its first, into the free part of the page: the length of a nested message is
+ * then known when it is needed, so each field is visited only once and not also for its size. Ten thousand jobs have
+ * three quarters of a million fields. Rows with kinds of fields that lists have not had so far are packed by the
+ * library.
  */
 #include <string.h>
 
 #include "frame.h"
 
-enum { WIRE_VARINT = 0, WIRE_EIGHT = 1, WIRE_BYTES = 2, LENGTH_MOST = 3 }; /* LENGTH_MOST: bytes of a length within a frame */
+/* LENGTH_MOST: the most bytes of a length within a frame */
+enum { WIRE_VARINT = 0, WIRE_EIGHT = 1, WIRE_BYTES = 2, LENGTH_MOST = 3 };
 
 static size_t varint_put(uint8_t *at, uint64_t v)
 {
@@ -27,11 +29,11 @@ static size_t varint_put(uint8_t *at, uint64_t v)
 /* ---- a row, backwards ---- */
 
 struct packing {
-	uint8_t *least, *at; /* where it may begin; where it begins by now */
-	bool full, strange;  /* no room; something that is not written here */
+	uint8_t *least, *at; /* start of the free part; start of the row so far */
+	bool full, strange;  /* it does not fit; it has a field that cannot be written here */
 };
 
-static uint8_t *take(struct packing *p, size_t n)
+static uint8_t *reserve(struct packing *p, size_t n)
 {
 	if ((size_t)(p->at - p->least) < n) {
 		p->full = true;
@@ -47,7 +49,7 @@ static void put_varint(struct packing *p, uint64_t v)
 
 	for (uint64_t rest = v >> 7; rest; rest >>= 7)
 		n++;
-	to = take(p, n);
+	to = reserve(p, n);
 	if (to)
 		varint_put(to, v);
 }
@@ -60,7 +62,7 @@ static void put_key(struct packing *p, const ProtobufCFieldDescriptor *field, un
 static void put_text(struct packing *p, const ProtobufCFieldDescriptor *field, const char *text)
 {
 	size_t n = strlen(text);
-	uint8_t *to = take(p, n);
+	uint8_t *to = reserve(p, n);
 
 	if (!to)
 		return;
@@ -80,7 +82,7 @@ static void put_inside(struct packing *p, const ProtobufCFieldDescriptor *field,
 	put_key(p, field, WIRE_BYTES);
 }
 
-/* As a varint carries it; false: it is no such number. */
+/* The value as in a varint; false: not such a number. */
 static bool number_of(const ProtobufCFieldDescriptor *field, const void *at, uint64_t *ret)
 {
 	switch (field->type) {
@@ -104,13 +106,13 @@ static bool number_of(const ProtobufCFieldDescriptor *field, const void *at, uin
 
 static void put_double(struct packing *p, const void *at)
 {
-	uint8_t *to = take(p, 8);
+	uint8_t *to = reserve(p, 8);
 
 	if (to)
-		memcpy(to, at, 8); /* little-endian, as it lies in memory (digest.c asserts that it does) */
+		memcpy(to, at, 8); /* little-endian, as in memory (asserted in digest.c) */
 }
 
-/* One that is there or not: of messages and texts by themselves, of a number by `has`, NULL: where it is not zero. */
+/* A field that is there or not: messages and texts if not NULL; a number if `has`, or without it if not zero. */
 static void put_one(struct packing *p, const ProtobufCFieldDescriptor *field, const void *at, const protobuf_c_boolean *has)
 {
 	uint64_t n;

@@ -1,7 +1,7 @@
 /*
- * Writing the mesh stream. A frame is handed out as pieces that point into the caller's arrays, in the order
- * in which they go on the wire; only headers, texts and padding are written, into the caller's scratch.
- * The arrays go out as they lie in memory, which is why this builds on little-endian machines only.
+ * Writing the mesh stream. A frame is returned as pieces, in wire order, that point into the caller's arrays; only
+ * headers, texts and padding are written, into the caller's scratch. The arrays are sent as in memory, so this builds
+ * on little-endian machines only.
  */
 #include "stream.h"
 
@@ -23,7 +23,7 @@ static unsigned add_piece(struct stream_piece *piece, unsigned n, const void *by
 	return n + 1;
 }
 
-/* Fills in the header at the start of the first piece; the payload is the rest of all pieces. */
+/* Sets the header at the start of the first piece; the payload is the rest of all pieces. */
 static void put_header(enum stream_type type, uint8_t *scratch, const struct stream_piece *piece, unsigned n)
 {
 	struct packer p = packer_of(scratch, STREAM_HEADER_SIZE);
@@ -67,7 +67,7 @@ static void put_digest(struct packer *p, struct digest d)
 	packer_u64(p, d.lo);
 }
 
-/* A frame that lies in scratch as a whole. */
+/* A frame that is in scratch entirely. */
 static unsigned put_small(enum stream_type type, struct packer *p, struct stream_piece *piece)
 {
 	packer_zero(p, stream_padded(packer_size(p)) - packer_size(p));
@@ -93,7 +93,7 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 	PUT_TEXT(&p, head->unit_xy);
 	PUT_TEXT(&p, head->unit_z);
 	packer_u16(&p, (uint16_t)view);
-	/* The view may be long: it goes out from where it lies. */
+	/* The view may be long, so it is not copied. */
 	n = add_piece(piece, n, scratch, packer_size(&p));
 	n = add_piece(piece, n, head->view, view);
 	n = add_piece(piece, n, zeros, stream_padded(packer_size(&p) + view) - packer_size(&p) - view);

@@ -1,4 +1,4 @@
-/* What writer and reader of the mesh stream share (STREAM.md). Only for stream*.c. */
+/* What writer and reader of the mesh stream share (STREAM.md). Internal. */
 #ifndef STREAM_BYTES_H
 #define STREAM_BYTES_H
 

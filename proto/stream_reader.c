@@ -1,9 +1,9 @@
 /*
- * Reading the mesh stream, bytes as they come. The bytes of a frame are collected in one buffer of the
- * frame's own size; when the last one is there, the frame is checked and handed out as views into that
- * buffer. What a frame announces is believed only after the checksum of its header agreed.
+ * Reading the mesh stream. The bytes of a frame are collected in one buffer of the frame's size. When the frame is
+ * complete it is checked and returned as views into that buffer. The lengths in a header are used only after its
+ * checksum agreed.
  *
- * Running totals over the stream (vertices, triangles, box) are kept to check numbering and the tail.
+ * Running totals of the stream (vertices, triangles, box) check the numbering and the tail.
  */
 #include "stream.h"
 
@@ -25,8 +25,8 @@ struct stream_reader {
 	uint8_t header[STREAM_HEADER_SIZE];
 	uint8_t *payload;
 	size_t room;   /* bytes at payload */
-	size_t length; /* of the payload, once the header is whole */
-	size_t got;    /* bytes of the frame in hand */
+	size_t length; /* of the payload, once the header is complete */
+	size_t got;    /* bytes of the current frame */
 	enum stream_type type;
 	uint64_t checksum;
 
@@ -35,9 +35,9 @@ struct stream_reader {
 	struct stream_head head;
 	char *view; /* of the head */
 	struct stream_base base;
-	const struct stream_region *gone; /* of the frame in hand */
+	const struct stream_region *gone; /* of the current frame */
 	size_t ngone;
-	uint64_t regions, region_triangles; /* gone, that came */
+	uint64_t regions, region_triangles; /* invalid regions that came */
 	struct stream_block block;
 	struct stream_tail tail;
 	uint64_t blocks, vertices, triangles, last_index;
@@ -122,15 +122,15 @@ uint64_t stream_reader_offset(const struct stream_reader *r)
 	return r->offset;
 }
 
-/* A breach `back` bytes before what was fed last. */
+/* Reports a violation `back` bytes before the end of what was fed. */
 static int refuse(struct stream_reader *r, uint64_t back, struct err *err)
 {
 	err_add_place(err, r->offset - back, NULL);
 	return -(int)err->code;
 }
 
-/* Large frames go to large pages where the system has them to spare: corners of triangles are read all over the
- * frame. A little more is taken, since frames of one mesh are nearly as large as each other. */
+/* Large frames use huge pages if the system has some, because corners of triangles are read all over the frame. A
+ * little more is allocated than needed, because the frames of a mesh have similar sizes. */
 static int make_room(struct stream_reader *r)
 {
 	size_t room = r->length;
@@ -168,7 +168,7 @@ int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, s
 	return 0;
 }
 
-/* Changes: head, base, what is gone, blocks. A tail may come everywhere: it may say what went wrong. */
+/* Changes: head, base, invalid regions, blocks. A tail may come anywhere, because it may report an error. */
 static bool in_order(const struct stream_reader *r)
 {
 	bool changes = r->head.kind == STREAM_CHANGES;
@@ -259,7 +259,7 @@ static void get_zeros(struct cursor *c, size_t n)
 			c->bad = true;
 }
 
-/* The payload must end here, but for padding. */
+/* The payload must end here, except for padding. */
 static int get_end(struct cursor *c, const char *what, struct err *err)
 {
 	if (!c->bad && cursor_left(c) < 8)
@@ -269,7 +269,7 @@ static int get_end(struct cursor *c, const char *what, struct err *err)
 	return 0;
 }
 
-/* The one text that may be long. */
+/* The only text that may be long. */
 static int get_view(struct stream_reader *r, struct cursor *c, struct err *err)
 {
 	size_t n = cursor_u16(c);
@@ -354,7 +354,7 @@ static int read_gone(struct stream_reader *r, struct err *err)
 	return 0;
 }
 
-/* Before the first block, or the tail of a stream without blocks. */
+/* Before the first block, or before the tail of a stream without blocks. */
 static int check_gone(const struct stream_reader *r, struct err *err)
 {
 	if (r->head.kind != STREAM_CHANGES || r->any_block)
@@ -369,7 +369,7 @@ static int check_gone(const struct stream_reader *r, struct err *err)
 		       (unsigned long long)r->regions, (unsigned long long)r->region_triangles);
 }
 
-/* What the tail of a whole stream says must be what came. */
+/* The tail of a complete stream must agree with what came. */
 static int check_tail(const struct stream_reader *r, struct err *err)
 {
 	const struct {
@@ -466,7 +466,7 @@ static int check_block(struct stream_reader *r, const struct stream_block *b, st
 	uint64_t locals = (uint64_t)b->nforeign + b->nnew;
 	int e;
 
-	if (b->index < r->last_index) /* pieces of one domain have the same */
+	if (b->index < r->last_index) /* pieces of one domain have the same index */
 		return err_set(err, ERR_PROTO, "block %llu comes after block %llu", (unsigned long long)b->index,
 			       (unsigned long long)r->last_index);
 	if (b->first != r->vertices)
@@ -502,7 +502,7 @@ static int read_block(struct stream_reader *r, struct err *err)
 	if (c.bad || flags > STREAM_BLOCK_FLAG_BYTES || stream_padded(bytes) != r->length ||
 	    (uint64_t)b.nforeign + b.nnew > UINT32_MAX)
 		return err_set(err, ERR_PROTO, "a block of the mesh stream is malformed");
-	/* The payload begins on 16 bytes, and wide arrays come first: all of them are aligned. */
+	/* The payload is aligned to 16, and wide arrays come first, so all of them are aligned. */
 	b.foreign = (const uint64_t *)(const void *)cursor_bytes(&c, (size_t)b.nforeign * sizeof *b.foreign);
 	b.vertex = (const int32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.vertex);
 	b.triangle = (const uint32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);

@@ -12,6 +12,7 @@
 #include "cut.h"
 #include "err.h"
 #include "grid.h"
+#include "grid_stage.h"
 #include "inputs.h"
 
 static const char *const names[] = {"bench.acut", "bench"};

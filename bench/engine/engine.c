@@ -11,6 +11,7 @@
 
 #include "engine_domain.h"
 #include "err.h"
+#include "grid_stage.h"
 #include "io.h"
 #include "ledger.h"
 #include "parse.h"

@@ -11,7 +11,7 @@
 #include "pipe_priv.h"
 #include "store.h"
 #include "stream.h"
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 const char *const phase_text[PHASES] = {
 	"read", "view", "halo", "order", "triangulate", "owned, digest", "vertices", "numbers", "emit", "encode", "store", "load",

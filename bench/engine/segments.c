@@ -13,6 +13,7 @@
 #include "cut.h"
 #include "err.h"
 #include "grid.h"
+#include "grid_stage.h"
 #include "mesh.h"
 #include "point.h"
 #include "view.h"
@@ -38,7 +39,7 @@ static void check(int r, const struct err *err)
 static void make_segment(int dirfd, unsigned number, uint64_t first, uint64_t n, struct grid_segment_info *ret)
 {
 	char name[32];
-	struct grid_stage_params p = {.dirfd = dirfd, .name = name, .memory = STAGE, .passing = true};
+	struct grid_stage_params p = {.dirfd = dirfd, .name = name, .memory = STAGE, .temporary = true};
 	struct grid_stage *s;
 	struct err err = ERR_INIT;
 

@@ -10,6 +10,7 @@
 #include <time.h>
 
 #include "err.h"
+#include "grid_stage.h"
 #include "io.h"
 #include "parse.h"
 #include "pipe.h"

@@ -44,7 +44,7 @@ int main(int argc, char **argv)
 	struct err err = ERR_INIT;
 	int status;
 
-	io_take_standard();
+	io_reserve_standard();
 	/* Messages come and go by the thousand: the heap does not give back each at once. */
 	mallopt(M_TRIM_THRESHOLD, 4 << 20);
 	mallopt(M_TOP_PAD, 256 << 10);

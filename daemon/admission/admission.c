@@ -230,7 +230,7 @@ bool admission_only(struct admission *a)
 /* That of a plan of the lowest rung on a dataset of one segment. */
 uint64_t admission_least(void)
 {
-	return pipe_budget_least(NULL);
+	return pipe_budget_min(NULL);
 }
 
 enum { MEGA = 1 << 20 };
@@ -253,7 +253,7 @@ uint64_t admission_memory_for(struct admission *a, const struct grid *grid, uint
 			continue;
 		if (b.cap >= positions)
 			return total;
-		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == a->core->p.threads)
+		if (b.load == pipe_load[PIPE_LOADS - 1] && b.threads == a->core->p.threads)
 			break;
 	}
 	return 0;

@@ -16,6 +16,7 @@
 #include <stdio.h>
 
 #include "admission_priv.h"
+#include "grid_stage.h"
 #include "parse.h"
 #include "pipe.h"
 

@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "clock.h"
+#include "grid_verify.h"
 #include "io.h"
 #include "log.h"
 #include "copy_priv.h"

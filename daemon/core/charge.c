@@ -30,7 +30,7 @@ int charge(struct core *core, uint64_t bytes, const char *what, struct err *err)
 
 bool charge_make_room(struct core *core)
 {
-	uint64_t held = ledger_held(core->p.ledger, LEDGER_JOBS), most = ledger_most(core->p.ledger, LEDGER_JOBS),
+	uint64_t held = ledger_held(core->p.ledger, LEDGER_JOBS), most = ledger_limit(core->p.ledger, LEDGER_JOBS),
 		 lacks = core->lacks;
 	unsigned n = 0;
 
@@ -53,7 +53,7 @@ bool charge_make_room(struct core *core)
 int charge_lasting(struct core *core, enum charge_lasting_kind kind, uint32_t uid, uint64_t bytes, const char *what,
 		   struct err *err)
 {
-	uint64_t most = ledger_most(core->p.ledger, LEDGER_JOBS);
+	uint64_t most = ledger_limit(core->p.ledger, LEDGER_JOBS);
 
 	THREAD_LOOP_ONLY();
 	most -= most / kind;

@@ -170,7 +170,7 @@ void limit_count_given(struct core *, uint32_t uid, int64_t bytes, uint32_t othe
 void limit_disk_of(struct core *, uint32_t uid, uint64_t state_bytes, uint64_t *ret_has, uint64_t *ret_most);
 int limit_refused(const char *setting, struct err *err); /* adds hint and place to an error that is set */
 
-/* ---- event.c ---- */
+/* ---- core.c ---- */
 
 void tally_domain(struct core *, uint32_t triangles); /* one was triangulated */
 /* Reports that stored data is damaged, if `why` says so. */

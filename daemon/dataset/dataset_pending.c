@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "dataset_priv.h"
+#include "grid_stage.h"
 #include "io.h"
 
 #define PENDING_US (7 * INT64_C(86400) * 1000000)

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "dataset_rewrite.h"
+#include "grid_rewrite.h"
 #include "log.h"
 
 struct prune {
@@ -77,7 +78,7 @@ static int choose(struct dataset_rewrite *w, const struct grid_manifest *m, stru
 
 		p->bytes += s->bytes;
 		if (p->ndead)
-			r = grid_segment_holds(w->dataset->dirfd, s, p->dead, p->ndead, &points, err);
+			r = grid_segment_count_sources(w->dataset->dirfd, s, p->dead, p->ndead, &points, err);
 		if (!r && points)
 			r = rewrite_add(w, &s, 1, points == s->points, err);
 		p->done.points += points;

@@ -17,6 +17,7 @@
 #include <sys/statvfs.h>
 
 #include "clock.h"
+#include "grid_rewrite.h"
 #include "io.h"
 #include "log.h"
 
@@ -88,7 +89,7 @@ uint64_t rewrite_bytes(const struct dataset_rewrite *w)
 
 	for (size_t i = 0; i < w->nunits; i++) {
 		size_t first = unit_first(w, i);
-		uint64_t bytes = w->gone[i] ? 0 : grid_rewrite_least(w->old + first, w->unit[i] - first, w->nsources);
+		uint64_t bytes = w->gone[i] ? 0 : grid_rewrite_min_bytes(w->old + first, w->unit[i] - first, w->nsources);
 
 		most = bytes > most ? bytes : most;
 	}
@@ -358,7 +359,7 @@ static int piece(struct dataset_rewrite *w, struct err *err)
 		r = begin(w, err);
 	if (!r)
 		r = grid_rewrite_step(w->rewrite, err);
-	if (r != GRID_REWRITE_OVER)
+	if (r != GRID_REWRITE_DONE)
 		return r;
 	r = grid_rewrite_finish(w->rewrite, &w->made[w->nmade], err);
 	w->rewrite = NULL;

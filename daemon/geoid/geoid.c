@@ -1,5 +1,5 @@
 /*
- * The store of geoid grids (geoids.h).
+ * The store of geoid grids (geoid.h).
  *
  * The model: a folder of the state folder with two kinds of files. HASH.pgm is a grid, named by the XXH3-128 of
  * its bytes; NAME.geoid is a text that gives a grid a name, and says what is in it. Both appear by rename, the

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "grid_stage.h"
 #include "inspect.h"
 #include "io.h"
 

@@ -5,6 +5,7 @@
 #include <stdatomic.h>
 
 #include "grid.h"
+#include "grid_verify.h"
 #include "maintenance_priv.h"
 #include "lock.h"
 

@@ -244,8 +244,8 @@ static void stage_run(struct push *p, struct push_ask *a)
 		.name = name,
 		.memory = p->task.bytes - p->read_bytes,
 		.durable = !p->dataset->onestep,
-		.passing = p->dataset->onestep, /* nobody finds it after a crash */
-		.folder_later = true,           /* the manifest comes into it, and is durable only with its folder */
+		.temporary = p->dataset->onestep, /* nobody finds it after a crash */
+		.folder_later = true,             /* the manifest comes into it, and is durable only with its folder */
 		.ready = push_row_wait,
 		.ready_ctx = p,
 	};

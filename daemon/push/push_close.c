@@ -20,7 +20,7 @@ void push_park_run(struct push *p, struct push_ask *a)
 {
 	a->r = push_leave_pending(p, &a->err);
 	if (!a->r)
-		p->stage = grid_stage_part(p->stage);
+		p->stage = grid_stage_detach(p->stage);
 }
 
 bool push_park_done(struct push *p, struct push_ask *a, const struct err *why)

@@ -209,7 +209,7 @@ static void seal_begin(struct push *p, struct push_ask *a)
 		a->r = -(int)a->err.code;
 	}
 	if (a->r)
-		p->stage = grid_stage_part(p->stage);
+		p->stage = grid_stage_detach(p->stage);
 }
 
 /* Then, with helpers, the rest. */
@@ -219,7 +219,7 @@ static void seal_finish(struct push *p, struct push_ask *a)
 
 	a->r = push_sealing_finish(p->sealing, &segment, &a->err);
 	/* What was promised lies there until the catalogue has the commit. */
-	p->stage = grid_stage_part(p->stage);
+	p->stage = grid_stage_detach(p->stage);
 	if (a->r)
 		return;
 	a->r = commit_manifest(p, &segment, &a->err);

@@ -3,6 +3,7 @@
 #define PUSH_GUARD_H
 
 #include "grid.h"
+#include "grid_stage.h"
 #include "lock.h"
 
 struct push_guard {

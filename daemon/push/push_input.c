@@ -36,7 +36,7 @@ static int choose_of_fewer(struct push *p, const struct lattice_input *inputs, s
 	while ((r = lattice_set_choose(set, xy, z, &p->lattice, &which, err))) {
 		if (which == n || lattice_set_left(set) == 1 || atomic_load(&p->cancel) || push_leave_out(probes[which], err))
 			break;
-		lattice_set_leave(set, which);
+		lattice_set_remove(set, which);
 		err_clear(err);
 	}
 	lattice_set_free(set);

@@ -1,7 +1,7 @@
 /*
  * Pushes that were interrupted, and are taken up again.
  *
- * The model: at each durable point a push leaves its stage (grid_stage_leave) and beside it a manifest without
+ * The model: at each durable point a push leaves its stage (grid_stage_suspend) and beside it a manifest without
  * segments, push-ID.pending, that says which of its files lie there whole, on which lattice, and how they were
  * read. These two files are all: a crash at any moment leaves a push with them, or one that never promised
  * anything. When its connection ends or its daemon dies it is pending: in memory an entry of its dataset, in the
@@ -73,7 +73,7 @@ static int write_manifest(struct push *p, struct err *err)
 /* Worker. Whatever becomes of the push, all files that were staged until now can be taken up. */
 int push_leave_pending(struct push *p, struct err *err)
 {
-	int r = grid_stage_leave(p->stage, err);
+	int r = grid_stage_suspend(p->stage, err);
 
 	if (!r && !p->dataset->onestep)
 		r = write_manifest(p, err);
@@ -99,7 +99,7 @@ void push_end_run(struct push *p)
 	}
 	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) && (p->files || p->adopt || p->durable);
 	if (p->kept) {
-		p->stage = grid_stage_part(p->stage);
+		p->stage = grid_stage_detach(p->stage);
 		return;
 	}
 	p->stage = grid_stage_free(p->stage);

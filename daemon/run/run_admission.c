@@ -37,7 +37,7 @@ static struct admission_view view(const struct admission_run *r)
  * the other is split. */
 static uint64_t claim(const struct run *w)
 {
-	uint64_t least = pipe_budget_least(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
+	uint64_t least = pipe_budget_min(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
 	uint64_t need = w->slot->need > least ? w->slot->need : least;
 
 	if (w->state >= RUN_PLANNING)

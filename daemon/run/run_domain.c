@@ -237,7 +237,7 @@ static void keep(struct run_domain *d)
 	d->unstorable = !run_space_domain(w, d->held);
 	if (d->unstorable)
 		return;
-	r = pipe_keep(run_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &summary, &err);
+	r = pipe_store(run_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &summary, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;

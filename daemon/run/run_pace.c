@@ -87,7 +87,7 @@ char *run_waiting(const struct run *w, char *buf, size_t size)
 		snprintf(buf, size, "another job that makes the same selection");
 	else if (flow.waiting && flow.bytes)
 		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(flow.bytes, needs),
-			 parse_size_text(ledger_room(w->runs->core->p.ledger, LEDGER_DOMAIN), left));
+			 parse_size_text(ledger_available(w->runs->core->p.ledger, LEDGER_DOMAIN), left));
 	else if (flow.waiting)
 		snprintf(buf, size, "a thread");
 	else if (w->state == RUN_RUNNING && w->patience > 0 && !w->output && !w->next_emit)

@@ -172,10 +172,10 @@ static bool look(void *ctx, unsigned member)
 
 	p.damaged = &damaged;
 	p.reader = w->planning.reader[member];
-	r = p.reader ? 0 : pipe_look_reader(&p, &err);
+	r = p.reader ? 0 : pipe_refine_reader(&p, &err);
 	w->planning.reader[member] = p.reader;
 	do
-		r = r ? r : pipe_look(w->planning.refine, &p, &err);
+		r = r ? r : pipe_refine_step(w->planning.refine, &p, &err);
 	while (!r && clock_since(begun_ns) < LOOK_SECONDS && !atomic_load(&w->task.cancel));
 	looked(w, damaged, r, &err);
 	return !r && !atomic_load(&w->task.cancel);
@@ -192,7 +192,7 @@ static int cut(struct run *w)
 	p.damaged = &m->damaged; /* nobody else is at it */
 	p.reader = m->reader[0];
 	if (!m->err.code) {
-		r = pipe_refine_cut(m->refine, &p, &err);
+		r = pipe_refine_split(m->refine, &p, &err);
 		looked(w, 0, r, &err);
 	}
 	run_tell_damaged(w, m->damaged);
@@ -208,7 +208,7 @@ static int cut(struct run *w)
 /* As many as have something to do, and memory. */
 static unsigned look_members(const struct run *w)
 {
-	size_t most = w->planning.bytes / pipe_look_bytes(w->grid), threads = sched_threads(w->runs->core->p.sched);
+	size_t most = w->planning.bytes / pipe_refine_bytes(w->grid), threads = sched_threads(w->runs->core->p.sched);
 
 	threads = threads < most ? threads : most;
 	return threads > 1 && w->plan.n >= LOOK_TOGETHER ? (unsigned)threads : 1;
@@ -287,7 +287,7 @@ static void plan_run(struct sched_task *t)
 	}
 	w->r = pipe_plan_make(w->grid, &w->rest, &w->budget, m->memory, &w->plan, &m->empty, &w->err);
 	m->bytes = t->bytes;
-	if (!w->r && (w->keep || w->plan_only) && pipe_refines(&w->rest, &w->plan))
+	if (!w->r && (w->keep || w->plan_only) && pipe_refine_applies(&w->rest, &w->plan))
 		w->r = look_begin(w);
 	if (!w->r && m->group)
 		return;
@@ -456,7 +456,7 @@ void run_plan_start(struct run *w)
 	uint64_t all = admission_domain_memory(runs->admission),
 		 room = admission_user_room(runs->admission, &w->owner, &w->admission),
 		 limit = admission_user_limit(runs->admission, &w->owner), alone = admission_alone(runs->admission),
-		 least = pipe_budget_least(w->grid);
+		 least = pipe_budget_min(w->grid);
 	struct err err = ERR_INIT;
 
 	all = all < room ? all : room;

@@ -215,7 +215,7 @@ extern unsigned run_domains_most; /* in the list of a run at one time; only a te
 void run_fail(struct run *, const struct err *why);
 void run_start(struct run *);
 void run_shut(struct run *); /* all that it holds for long goes back */
-/* run_place.c: its place goes back until `need` is there for its plan; no task of it may be busy. */
+/* run_yield.c: its place goes back until `need` is there for its plan; no task of it may be busy. */
 void run_retreat(struct run *, uint64_t need);
 /* run_admission.c */
 extern const struct admission_calls run_admission_calls;

@@ -290,7 +290,7 @@ static bool eligible(const struct sched_queue *q, const struct sched_task *t, co
 {
 	if (t->bytes && r->no_memory)
 		return false;
-	if (t->bytes && t->priority == SCHED_LAST && t->bytes > ledger_room(q->ledger, t->name))
+	if (t->bytes && t->priority == SCHED_LAST && t->bytes > ledger_available(q->ledger, t->name))
 		return false;
 	if (r->spare && t->lengthy && runs(q, t->owner.uid, false))
 		return false;

@@ -82,7 +82,7 @@ void conn_send(struct conn *c, uint32_t id, const Acut__V1__Message *m, int fd)
 		return;
 	}
 	/* As a rule there is room for the largest. */
-	if (ledger_room(c->server->p.ledger, LEDGER_MESSAGE) < FRAME_MAX + COMFORT / 16)
+	if (ledger_available(c->server->p.ledger, LEDGER_MESSAGE) < FRAME_MAX + COMFORT / 16)
 		room_make(c->server, frame_message_size(m) + COMFORT / 16, c->peer.uid, c);
 	sent(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
 }
@@ -219,7 +219,7 @@ static void receive(struct conn *c)
 	} else if (r < 0) {
 		conn_fail(c, &err);
 	} else {
-		io_close_owned(got, room_owner(&c->peer));
+		io_close_assign(got, room_owner(&c->peer));
 		request_handle(c, id, m, got);
 		frame_message_free(m);
 	}
@@ -257,7 +257,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 			return 0;
 		most /= 4;
 	}
-	io_close_whose(room_owner(&c->peer));
+	io_close_owner(room_owner(&c->peer));
 	if (events & EPOLLOUT)
 		flush(c);
 	c->dry = false;
@@ -265,7 +265,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 		receive(c);
 		now = clock_mono_ns();
 	}
-	io_close_whose(0);
+	io_close_owner(0);
 	turn_used(c->server, c->peer.uid, start);
 	if (!c->closed)
 		conn_watch(c);
@@ -414,9 +414,9 @@ void conn_close(struct conn *c)
 	c->io = sd_event_source_disable_unref(c->io);
 	/* Where messages lie unread the close may wait for the files in them: its peer is not to. */
 	shutdown(frame_conn_fd(c->frame), SHUT_RDWR);
-	before = io_close_whose(room_owner(&c->peer));
+	before = io_close_owner(room_owner(&c->peer));
 	c->frame = frame_conn_free(c->frame);
-	io_close_whose(before);
+	io_close_owner(before);
 	stream_out_leave(c);
 	for (p = c->pushes; p; p = p->next)
 		push_ref_leave(p);

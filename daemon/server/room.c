@@ -5,7 +5,7 @@
  * Where nobody is like that it is a crowd: of the user whose connections hold most together those are cut off that hold
  * most, as long as it is not he who asks. How many connections one user has is bounded as other things that are shared are: half
  * of what those of others leave. So a crowd that does nothing at all keeps nobody out, and neither does one that holds a little
- * with each. Nor does one whose files do not close (base/io_aside.c): there are so many of a user, then he waits until there are
+ * with each. Nor does one whose files do not close (base/io_closer.c): there are so many of a user, then he waits until there are
  * fewer, and is cut off when the first of them has not been closed for so long: its file system does not answer. A thread that
  * closes may well come later than the next files of a busy client.
  *
@@ -57,11 +57,11 @@ int room_files(const struct peer *peer, bool *ret_later, struct err *err)
 	struct rlimit files;
 
 	*ret_later = false;
-	if (rights_admin(peer) || !io_close_behind(owner, CLOSING_LEAST, &since))
+	if (rights_admin(peer) || !io_close_backlog(owner, CLOSING_LEAST, &since))
 		return 0;
 	if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur / CLOSING_SHARE < most)
 		most = files.rlim_cur / CLOSING_SHARE > CLOSING_LEAST ? files.rlim_cur / CLOSING_SHARE : CLOSING_LEAST;
-	if (!io_close_behind(owner, most, &since))
+	if (!io_close_backlog(owner, most, &since))
 		return 0;
 	*ret_later = clock_since(since) < CLOSING_SECONDS;
 	if (*ret_later)
@@ -215,8 +215,8 @@ static uint64_t coming(const struct server *s)
 
 void room_make(struct server *s, size_t bytes, uint32_t uid, const struct conn *but)
 {
-	uint64_t room = ledger_room(s->p.ledger, LEDGER_MESSAGE);
+	uint64_t room = ledger_available(s->p.ledger, LEDGER_MESSAGE);
 
 	while (room < bytes && room + coming(s) < bytes && relieve(s, uid, but))
-		room = ledger_room(s->p.ledger, LEDGER_MESSAGE);
+		room = ledger_available(s->p.ledger, LEDGER_MESSAGE);
 }

@@ -127,7 +127,7 @@ uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now,
 /* room.c: as far as that is possible, memory for messages of that user, at the expense of others but that one (NULL: of any). */
 void room_make(struct server *, size_t bytes, uint32_t uid, const struct conn *but);
 int room_place(const struct server *, const struct peer *, struct err *err); /* for one connection more. -ERR_BUSY */
-uint32_t room_owner(const struct peer *);                                    /* of descriptors that he passes (io_close_owned) */
+uint32_t room_owner(const struct peer *);                                    /* of descriptors that he passes (io_close_assign) */
 /* For a file more of his. *ret_later: not yet. -ERR_BUSY: too many of them do not close. */
 int room_files(const struct peer *, bool *ret_later, struct err *err);
 int room_wait(struct conn *, struct err *err); /* nothing is received until there is room, which is looked for every few ms */

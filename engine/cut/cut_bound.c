@@ -1,11 +1,11 @@
 /*
- * Bounds of halos from boxes. Every side of a tight box holds a point, so at either end of a box, seen along a
- * border, there is a point no farther from the border than the box's far side: the far corners stand for points that
- * are at least as near. A hull of such corners lies nowhere below the hull of the points, so every cell that
- * holds a site of the halo is a hit against it.
+ * Bounds of halos from boxes. Every side of a tight box has a point on it. So, seen along a border, at either end of a
+ * box there is a point no farther from the border than the box's far side; the far corners stand for points that are at
+ * least as near. A hull of such corners is nowhere below the hull of the points. So every cell that contains a site of
+ * the halo is a hit against it.
  *
- * Subtrees of the index have tight boxes too. Some walks, each to smaller subtrees than the one before, sink the hull
- * before many cells are looked at. Corners that find no room are left out: that loosens the bound.
+ * Subtrees of the index have tight boxes, too. Several walks, each to smaller subtrees than the previous one, lower the
+ * hull before many cells are visited. Corners for which there is no memory are omitted; that only loosens the bound.
  */
 #include "cut_bound.h"
 
@@ -20,9 +20,9 @@ struct bound {
 	struct cut_range range[4];
 	unsigned nrange, nchain;
 	struct cut_chain chain[4];
-	uint64_t least; /* subtrees of no more records are not entered */
+	uint64_t least; /* subtrees with no more records are not entered */
 	uint64_t sum;   /* positions of hits that were not entered */
-	uint64_t total; /* records of the largest subtree met */
+	uint64_t total; /* records of the largest subtree seen */
 	struct point pt[4][CHAIN], batch[4][BATCH];
 };
 
@@ -173,7 +173,7 @@ int cut_bound_halo(const struct cut_source *src, const struct view *view, const 
 			break;
 		least = least == UINT64_MAX ? b->total / FINER : least / FINER;
 	}
-	/* Once more against what the cells themselves have sunk. */
+	/* Again, against the hull that the cells themselves have lowered. */
 	if (!rc && b->sum > enough)
 		rc = outer_walk(b, src, 0, err);
 	if (!rc)

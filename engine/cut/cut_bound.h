@@ -1,5 +1,5 @@
 /*
- * What a region's halo may come to, told by the index alone: nothing is read.
+ * Upper bounds of halos from the index alone, without reading records.
  */
 #ifndef CUT_BOUND_H
 #define CUT_BOUND_H
@@ -11,9 +11,9 @@
 
 size_t cut_bound_bytes(void);
 /*
- * The positions of all cells outside the region that its halo may touch, into *ret. It is an upper bound of the halo
- * where all records are live and the view keeps them all; else nearly always. Stops descending where it knows
- * that the sum is at most `enough`. `scratch` of cut_bound_bytes.
+ * Sets *ret to the positions of all cells outside the region that its halo may touch. It is an upper bound of the halo
+ * if all records are live and the view keeps them all, and nearly always otherwise. Stops descending when the sum is
+ * known to be at most `enough`. `scratch`: cut_bound_bytes.
  */
 int cut_bound_halo(const struct cut_source *, const struct view *, const struct cut_region *, uint64_t enough, void *scratch,
 		   uint64_t *ret, struct err *err);

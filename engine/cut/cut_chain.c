@@ -1,8 +1,8 @@
 /*
- * Chains: see the header for the model. What decides which points belong to the halo (add, flush) is exact:
- * h < 2^67, hull orientations < 2^102; doubles go before where they are sure. What decides which cells to read
- * (hit, limit, reach, peak) is in doubles and errs to the side of reading: on edges E(U) - U^2 is a sum of
- * non-negative terms, so nothing cancels.
+ * Chains (cut_chain.h has the model). What decides which points belong to the halo (add, flush) is exact: h < 2^67,
+ * hull orientations < 2^102; doubles are used first where they are certain. What decides which cells to read (hit,
+ * limit, reach, peak) is in doubles and errs towards reading: on edges E(U) - U^2 is a sum of non-negative terms, so
+ * nothing cancels.
  */
 #include "cut_chain.h"
 
@@ -14,7 +14,7 @@
 
 __extension__ typedef __int128 i128;
 
-/* Rounding of the few operations below, and what an integer place beside the true extremum loses. */
+/* Rounding of a few operations, and the loss from an integer place beside the true extremum. */
 #define SLACK_REL 1e-12
 #define SLACK_ABS 1e-3
 #define TURN_SLACK 1e-14
@@ -29,10 +29,11 @@ static i128 height(const struct cut_chain *c, const struct point *p)
 }
 
 /*
- * When the batch is merged in: soon while the chain is short, so that it sinks early and lets less in; of a long one
- * (convex position) at a quarter of its length, so that n points cost O(n log n) and not one merge for every few.
+ * Chooses when the batch is merged: soon while the chain is short, so that it gets low early and rejects more; at a
+ * quarter of its length when it is long (convex position), so that n points cost O(n log n) and not a merge for every
+ * few of them.
  */
-static void ripen(struct cut_chain *c)
+static void set_batch_size(struct cut_chain *c)
 {
 	uint32_t ripe = c->n / 4 > RIPE_MIN ? c->n / 4 : RIPE_MIN;
 
@@ -51,11 +52,11 @@ void cut_chain_init(struct cut_chain *c, bool vertical, int64_t c2, int64_t t0, 
 				.batch = batch,
 				.batch_cap = batch_cap,
 				.reach = INFINITY};
-	ripen(c);
+	set_batch_size(c);
 }
 
-/* How many entries have a U of at most u. */
-static uint32_t upto(const struct cut_chain *c, int64_t u)
+/* Number of entries with a U of at most u. */
+static uint32_t count_upto(const struct cut_chain *c, int64_t u)
 {
 	uint32_t lo = 0, hi = c->n;
 
@@ -76,9 +77,9 @@ static double square(double v)
 }
 
 /*
- * The sign of (hb - ha)(u - ua) - (h - ha)(ub - ua): positive where b lies above the line from a to p, if it is between them.
- * With U counted from ua the squares of U go out but for du dub (dub - du), and in doubles the sum is right if it is not
- * small beside its terms: each has at most five roundings of 2^-53.
+ * The sign of (hb - ha)(u - ua) - (h - ha)(ub - ua): positive if b is above the line from a to p and between them. With
+ * U relative to ua, the squares of U cancel except for du dub (dub - du). In doubles the sum is certain unless it is
+ * small compared with its terms: each has at most five roundings of 2^-53.
  */
 static int turn(const struct cut_chain *c, const struct point *a, const struct point *b, const struct point *p)
 {
@@ -100,7 +101,7 @@ static int turn(const struct cut_chain *c, const struct point *a, const struct p
 	return (left > right) - (left < right);
 }
 
-/* Whether p lies above the ray of slope 2t that leaves the chain's end. An infinite end has no ray: +infinity. */
+/* Whether p is above the ray of slope 2t from the chain's end. An infinite end has no ray: +infinity. */
 static bool above_ray(const struct cut_chain *c, const struct point *end, int64_t t, i128 h, int64_t u)
 {
 	if (t == INT64_MIN || t == INT64_MAX)
@@ -118,7 +119,7 @@ bool cut_chain_above(const struct cut_chain *c, const struct point *p)
 		return false;
 	if ((double)x > c->reach)
 		return true;
-	k = upto(c, u);
+	k = count_upto(c, u);
 	if (k == 0)
 		return above_ray(c, &c->pt[0], c->t0, height(c, p), u);
 	a = &c->pt[k - 1];
@@ -133,7 +134,7 @@ void cut_chain_batch(struct cut_chain *c, struct point *batch, uint32_t batch_ca
 {
 	c->batch = batch;
 	c->batch_cap = batch_cap;
-	ripen(c);
+	set_batch_size(c);
 }
 
 int cut_chain_add(struct cut_chain *c, const struct view *view, const struct point *p)
@@ -152,7 +153,7 @@ int cut_chain_add(struct cut_chain *c, const struct view *view, const struct poi
 	return 0;
 }
 
-/* By U, then the nearer, then the side of the line: points of one position come together. */
+/* By U, then by distance, then by the side of the line: points with the same position become neighbours. */
 static bool chain_less(const void *ctx, const struct point *a, const struct point *b)
 {
 	const struct cut_chain *c = ctx;
@@ -172,13 +173,13 @@ static bool same_position(const struct point *a, const struct point *b)
 	return a->x == b->x && a->y == b->y;
 }
 
-/* The first entry of the group of one U that ends at k - 1. */
+/* The first entry of the group with the same U that ends at k - 1. */
 static uint32_t group_start(const struct cut_chain *c, uint32_t k)
 {
 	return k >= 2 && cut_chain_u(c, &c->pt[k - 2]) == cut_chain_u(c, &c->pt[k - 1]) ? k - 2 : k - 1;
 }
 
-/* Drop from the stack of k entries the groups that lie strictly above the line to p: ties stay. */
+/* Removes from the stack of k entries the groups that are strictly above the line to p; ties stay. */
 static uint32_t pop_above(const struct cut_chain *c, uint32_t k, const struct point *p)
 {
 	while (k > 0) {
@@ -191,8 +192,8 @@ static uint32_t pop_above(const struct cut_chain *c, uint32_t k, const struct po
 	return k;
 }
 
-/* Cut the ends back to slopes 2 t0 .. 2 t1; an edge of just that slope stays: its ends are equally near. */
-static void trim(struct cut_chain *c)
+/* Trims the ends to slopes 2 t0 .. 2 t1. An edge with exactly that slope stays, because its ends are equally near. */
+static void trim_ends(struct cut_chain *c)
 {
 	uint32_t first = 0;
 
@@ -224,7 +225,7 @@ static void trim(struct cut_chain *c)
 	memmove(c->pt, c->pt + first, c->n * sizeof(*c->pt));
 }
 
-/* Where on the border the cells of a and b (ua < ub) part: half the slope of their edge. */
+/* Where the cells of a and b (ua < ub) meet on the border: half the slope of their edge. */
 static double parting(double ua, double xa, double ub, double xb)
 {
 	return (xb - xa) * (xb + xa) / (2 * (ub - ua)) + (ua + ub) / 2;
@@ -235,13 +236,13 @@ static double larger(double a, double b)
 	return a > b ? a : b;
 }
 
-/* What E(U) - U^2 comes to on an edge at most: its chord's larger end, and the chord's gap to U^2. */
+/* Upper bound of E(U) - U^2 on an edge: the larger end of its chord, plus the chord's gap to U^2. */
 static double edge_bound(double ua, double xa, double ub, double xb)
 {
 	return (square(larger(xa, xb)) + square(ub - ua) / 4) * (1 + SLACK_REL);
 }
 
-/* The bounds that spare looking at every edge: reach and peaks. */
+/* Computes reach and peaks, bounds that avoid visiting every edge. */
 void cut_chain_survey(struct cut_chain *c)
 {
 	double far = 0, u = 0, x = 0;
@@ -290,8 +291,8 @@ static void sort_batch(struct cut_chain *c)
 		cut_order_sort(c->batch, c->nbatch, chain_less, c);
 }
 
-/* The batch and the chain into one order, from behind. *ret_first, *ret_last: what lies before and behind these is of the chain.
- */
+/* Merges the batch into the chain, from the end. *ret_first, *ret_last: entries before and after these are of the chain
+ * only. */
 static void merge_batch(struct cut_chain *c, uint32_t *ret_first, uint32_t *ret_last)
 {
 	uint32_t i = c->n, j = c->nbatch, k = i + j;
@@ -309,7 +310,7 @@ static void merge_batch(struct cut_chain *c, uint32_t *ret_first, uint32_t *ret_
 	c->nbatch = 0;
 }
 
-/* One more behind the k entries of the hull so far; returns how many they are then. */
+/* Adds a point behind the k entries of the hull so far; returns the new number. */
 static uint32_t hull_add(struct cut_chain *c, const struct view *view, uint32_t k, const struct point *p)
 {
 	if (k > 0 && same_position(&c->pt[k - 1], p)) {
@@ -328,12 +329,12 @@ static uint32_t hull_add(struct cut_chain *c, const struct view *view, uint32_t 
 }
 
 /*
- * The chain was a hull: so it still is one up to where the batch begins, and where two groups of entries behind the batch have
- * stayed next to each other, the rest stays too.
+ * The chain was a hull. So it still is one up to where the batch begins; and after the batch, once two neighbouring
+ * groups have stayed neighbours, the rest stays.
  */
 int cut_chain_flush(struct cut_chain *c, const struct view *view)
 {
-	enum { STAYED = 4 /* two groups of one U */ };
+	enum { STAYED = 4 /* two groups with the same U */ };
 	uint32_t total = c->n + c->nbatch, first, last, k, stayed = 0;
 
 	if (c->nbatch == 0)
@@ -356,8 +357,8 @@ int cut_chain_flush(struct cut_chain *c, const struct view *view)
 		break;
 	}
 	c->n = k;
-	trim(c);
-	ripen(c);
+	trim_ends(c);
+	set_batch_size(c);
 	cut_chain_survey(c);
 	return 0;
 }
@@ -377,7 +378,7 @@ static int64_t clamp(double t, int64_t lo, int64_t hi)
 	return t <= (double)lo ? lo : t >= (double)hi ? hi : (int64_t)(t < 0 ? t - 0.5 : t + 0.5);
 }
 
-/* The largest E(U) - U^2 on U in [u0, u1] along the ray of slope 2t from `end`. */
+/* The largest E(U) - U^2 for U in [u0, u1] on the ray of slope 2t from `end`. */
 static double ray_most(const struct cut_chain *c, const struct point *end, int64_t t, int64_t u0, int64_t u1)
 {
 	int64_t ue = cut_chain_u(c, end), u;
@@ -387,18 +388,18 @@ static double ray_most(const struct cut_chain *c, const struct point *end, int64
 		return INFINITY;
 	u = t < u0 ? u0 : t > u1 ? u1 : t;
 	bow = (double)(u - ue) * (double)(2 * t - u - ue);
-	/* Negative past the far side of the circle round the corner: here alone the terms cancel. */
+	/* Negative beyond the far side of the circle around the corner: only here the terms cancel. */
 	return x * x + bow + SLACK_REL * (x * x + fabs(bow));
 }
 
-/* E(U) - U^2 on the edge from a to b. Either share of it from a difference of U, which is exact: 1 less the other share is not.
- */
+/* E(U) - U^2 on the edge from a to b. Both shares of the edge are computed from differences of U, which are exact; 1
+ * minus the other share would not be. */
 static double edge_at(double ua, double xa, double ub, double xb, double u)
 {
 	return (xa * xa * (ub - u) + xb * xb * (u - ua)) / (ub - ua) + (u - ua) * (ub - u);
 }
 
-/* The largest of it for U in [u0, u1] within the edge. */
+/* The largest value for U in [u0, u1] within the edge. */
 static double edge_most(const struct cut_chain *c, const struct point *a, const struct point *b, int64_t u0, int64_t u1)
 {
 	double ua = (double)cut_chain_u(c, a), ub = (double)cut_chain_u(c, b);
@@ -407,10 +408,10 @@ static double edge_most(const struct cut_chain *c, const struct point *a, const 
 	return edge_at(ua, xa, ub, xb, (double)clamp(parting(ua, xa, ub, xb), u0, u1));
 }
 
-/* Whether E(U) - U^2 is `need` or more anywhere on the edges, U in [u0, u1] between the first and the last. */
+/* Whether E(U) - U^2 is at least `need` anywhere on the edges, U in [u0, u1] between the first and the last entry. */
 static bool edges_reach(const struct cut_chain *c, int64_t u0, int64_t u1, double need)
 {
-	for (uint32_t k = upto(c, u0); k < c->n;) {
+	for (uint32_t k = count_upto(c, u0); k < c->n;) {
 		uint32_t end = ((k >> c->peak_shift) + 1) << c->peak_shift;
 		bool low = c->peak[k >> c->peak_shift] < need;
 
@@ -454,8 +455,8 @@ bool cut_chain_hit(const struct cut_chain *c, const int32_t box[4])
 	return (u1 == last && end * end >= need) || edges_reach(c, u0, u1, need);
 }
 
-/* E(U) - U^2; *k, entries of a U of at most u, of an earlier call with a smaller u. */
-static double at(const struct cut_chain *c, int64_t u, uint32_t *k)
+/* E(U) - U^2. *k: number of entries with a U of at most u, from an earlier call with a smaller u. */
+static double value_at(const struct cut_chain *c, int64_t u, uint32_t *k)
 {
 	const struct point *a, *b;
 
@@ -477,12 +478,12 @@ static double at(const struct cut_chain *c, int64_t u, uint32_t *k)
 
 void cut_chain_limits(const struct cut_chain *c, int64_t u0, unsigned shift, unsigned n, int64_t *ret)
 {
-	uint32_t k = upto(c, u0);
-	double w = (double)((int64_t)1 << shift), last = at(c, u0, &k);
+	uint32_t k = count_upto(c, u0);
+	double w = (double)((int64_t)1 << shift), last = value_at(c, u0, &k);
 
 	for (unsigned i = 0; i < n; i++) {
-		double next = at(c, u0 + ((int64_t)(i + 1) << shift), &k);
-		/* E is convex: it lies below its chord, and the chord's gap to U^2 adds at most w^2 / 4. */
+		double next = value_at(c, u0 + ((int64_t)(i + 1) << shift), &k);
+		/* E is convex and so below its chord; the chord's gap to U^2 adds at most w^2 / 4. */
 		double m = larger(last, next) + w * w / 4, limit = m < 0 ? -1 : sqrt(m) * (1 + SLACK_REL) + 1;
 
 		ret[i] = limit < 0x1p40 ? (int64_t)ceil(limit) : INT64_MAX;

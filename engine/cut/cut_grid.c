@@ -1,5 +1,5 @@
 /*
- * The grid as a source of cells, and the public functions over it: the only place that calls engine/grid.
+ * The grid as a source of cells, and the public functions of this room for grids. Only this file calls engine/grid.
  */
 #include <string.h>
 
@@ -36,7 +36,7 @@ static int grid_source_sums(void *ctx, struct grid_sum *range, size_t n, struct 
 	return grid_sums(ctx, range, n, err);
 }
 
-static size_t grid_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
+static size_t grid_parts(void *ctx, struct cut_live_part *ret, struct cut_segment *ret_segment, size_t most)
 {
 	const struct grid *g = ctx;
 	size_t all = grid_manifest(g)->nsegments, n = 0;
@@ -47,7 +47,7 @@ static size_t grid_parts(void *ctx, struct cut_part *ret, struct cut_segment *re
 		if (!points)
 			continue;
 		if (n < most) {
-			ret[n] = (struct cut_part){.points = points, .sum = grid_segment_content(g, i)};
+			ret[n] = (struct cut_live_part){.points = points, .sum = grid_segment_content(g, i)};
 			ret_segment[n].number = (uint32_t)i;
 			memcpy(ret_segment[n].box, grid_manifest(g)->segments[i].box, sizeof ret_segment[n].box);
 		}
@@ -56,7 +56,7 @@ static size_t grid_parts(void *ctx, struct cut_part *ret, struct cut_segment *re
 	return n;
 }
 
-static size_t grid_source_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
+static size_t grid_source_parts(void *ctx, struct cut_live_part *ret, struct cut_segment *ret_segment, size_t most)
 {
 	return grid_parts((void *)grid_reader_grid(ctx), ret, ret_segment, most);
 }
@@ -117,19 +117,20 @@ int cut_valid(struct grid_reader *reader, const struct view *view, const struct 
 	return cut_valid_from(&src, view, region, trace, ret, err);
 }
 
-bool cut_trace_stands(struct grid_reader *reader, const struct cut_trace *trace)
+bool cut_trace_still_live(struct grid_reader *reader, const struct cut_trace *trace)
 {
 	struct cut_source src;
 
 	cut_source_grid(reader, &src);
-	return cut_trace_stands_in(&src, trace);
+	return cut_trace_still_live_in(&src, trace);
 }
 
-bool cut_far(const struct grid *grid, const struct cut_region *region, const struct cut_reach *reach, const struct cut_live *then)
+bool cut_additions_far(const struct grid *grid, const struct cut_region *region, const struct cut_reach *reach,
+		       const struct cut_live *then)
 {
 	const struct cut_source src = {.ctx = (void *)grid, .parts = grid_parts};
 
-	return cut_far_from(&src, region, reach, then);
+	return cut_additions_far_from(&src, region, reach, then);
 }
 
 int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *ret, struct err *err)

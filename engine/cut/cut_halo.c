@@ -1,14 +1,15 @@
 /*
- * Halos. Up to four chains, one a finite border, are fed by all cells read, each cell once.
+ * Halos. There are up to four chains, one for each finite border. Every cell that is read feeds all of them, and is
+ * read once.
  *
- * Rounds: a walk notes, for every column of every border, the nearest cell that is a hit; those are read, the
- * hulls sink, the next walk finds fewer hits. Nearest first matters: it reads a tenth of what "all hits" reads
- * where a border lies far from the data. Once the hits of a walk are few they are listed, and later rounds look at
- * these instead of the index. The cells read are remembered so that they are not noted again. Where
- * that memory or the number of rounds ends, a sweep in the order of the index finishes: it needs no memory and
- * ends after every cell was tested once, because hulls only sink: what was no hit will be none.
+ * Rounds: a walk notes, for every column of every border, the nearest cell that is a hit. These cells are read, the
+ * hulls get lower, and the next walk finds fewer hits. Nearest first is important: it reads a tenth of what "all hits"
+ * reads if a border is far from the data. Once the hits of a walk are few, they are listed, and later rounds use the
+ * list instead of the index. The cells read are recorded so that they are not noted again. When that memory or the
+ * number of rounds is exhausted, a sweep in the order of the index finishes: it needs no memory, and ends after every
+ * cell was tested once, because hulls only get lower: a cell that is no hit never becomes one.
  *
- * No cell is judged by its points' numbers, no epsilon decides membership, nothing is allocated.
+ * Membership is exact, without an epsilon. Nothing is allocated.
  */
 #include "cut_halo.h"
 
@@ -34,7 +35,7 @@ static size_t round64(size_t n)
 	return (n + 63) & ~(size_t)63;
 }
 
-/* Positions the pool of all chains holds, for a region of at most cap positions. */
+/* Positions in the pool of all chains, for a region of at most cap positions. */
 static size_t pool_size(uint32_t cap)
 {
 	return (size_t)cap / 2 + 16384;
@@ -52,7 +53,7 @@ static void add_chain(struct cut_halo *h, bool vertical, int64_t c2, int64_t t0,
 		cut_chain_init(&h->chain[h->nchain++], vertical, c2, t0, t1, NULL, 0, NULL, 0);
 }
 
-/* Deal the pool's free room out anew, half of it to chain `more` (none: equal shares). */
+/* Redistributes the free part of the pool: half to chain `more`, or equal shares if there is none. */
 static void share_pool(struct cut_halo *h, unsigned more)
 {
 	struct point *at = h->pool + h->pool_size;
@@ -219,7 +220,7 @@ bool cut_halo_hit(const struct cut_halo *h, unsigned i, const int32_t box[4])
 	return cut_chain_hit(&h->chain[i], box) && (!h->bounded || cut_chain_hit(&h->bound[i], box));
 }
 
-/* Whether a cell or subtree may hold a point that belongs to some chain. */
+/* Whether a cell or subtree can contain a point that belongs to a chain. */
 static bool matters(const struct cut_halo *h, const struct grid_cell *cell)
 {
 	if (cell->count == 0 || (h->own_known && inside(h, cell)))
@@ -235,7 +236,7 @@ static bool halo_enter(void *ctx, const struct grid_cell *subtree)
 	return matters(ctx, subtree);
 }
 
-/* Like a subtree: its keys, too, lie between those of its box's corners. */
+/* Like a subtree: its keys are between those of its box's corners, too. */
 static bool halo_segment(void *ctx, const struct grid_cell *whole)
 {
 	return matters(ctx, whole);
@@ -254,7 +255,7 @@ static int flush(struct cut_halo *h)
 
 /* ---- rounds ---- */
 
-/* The stretch of the border's line that still matters: no farther out than the data and the reach. */
+/* The part of the border's line that still matters, bounded by the data and the reach. */
 static void span_columns(struct cut_halo *h)
 {
 	for (unsigned i = 0; i < h->nchain; i++) {
@@ -283,7 +284,7 @@ static int64_t column_of(const struct cut_halo *h, unsigned chain, int64_t u)
 	return u < 0 ? 0 : u >= width ? h->columns - 1 : u * h->columns / width;
 }
 
-/* Whether it is nearer to a border than what was noted, in one of the columns beside it. */
+/* Whether the cell is nearer to a border than the noted cells, in one of its columns. */
 static bool round_nearer(const struct cut_halo *h, const struct grid_cell *cell)
 {
 	for (unsigned i = 0; i < h->nchain; i++) {
@@ -298,13 +299,13 @@ static bool round_nearer(const struct cut_halo *h, const struct grid_cell *cell)
 	return false;
 }
 
-/* As halo_enter, where all is a hit: what cannot be the nearest of any column is not gone into. */
+/* As halo_enter when all cells are hits: skips subtrees that cannot contain the nearest cell of any column. */
 static bool round_enter(void *ctx, const struct grid_cell *subtree)
 {
 	return round_nearer(ctx, subtree) && matters(ctx, subtree);
 }
 
-/* A cell that was not read yet: into the columns of the chains that it is a hit of. False: it is none. */
+/* Notes an unread cell in the columns of the chains that it hits. False: it hits none. */
 static bool round_note(struct cut_halo *h, const struct grid_cell *cell)
 {
 	bool any = false;
@@ -341,8 +342,8 @@ static int round_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-/* All hits: of the index, or of those that were listed, which are hits no more once they are none. As long as a chain is empty
- * they are all there is, and only the nearest are looked for. */
+/* Visits all hits, from the index or from the list (a listed cell may no longer be a hit). As long as a chain is empty,
+ * all cells are hits, and only the nearest are searched. */
 static int round_walk(struct cut_halo *h, struct err *err)
 {
 	struct grid_visitor v = {.ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = round_cell};
@@ -367,7 +368,7 @@ static int round_walk(struct cut_halo *h, struct err *err)
 	return 0;
 }
 
-/* One walk, then the nearest hits of each column. *ret_more: something was noted. */
+/* One walk, then reads the nearest hits of each column. *ret_more: there were some. */
 static int round_once(struct cut_halo *h, bool *ret_more, struct err *err)
 {
 	bool more = false;
@@ -460,7 +461,7 @@ static int estimate_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-/* What the halo may come to, from what is in the chains and the cells that may still matter. */
+/* Estimates the halo, from the chains and the unread cells that may matter. */
 static int estimate(struct cut_halo *h, uint64_t *ret, struct err *err)
 {
 	const struct grid_visitor v = {.ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = estimate_cell};
@@ -482,14 +483,14 @@ static int estimate(struct cut_halo *h, uint64_t *ret, struct err *err)
 	return CUT_E_FULL;
 }
 
-/* The chains' points outside the region, each position once, at the front of the pool. */
-static uint32_t collect(struct cut_halo *h)
+/* Collects the chains' points outside the region, each position once, at the front of the pool. */
+static uint32_t collect_points(struct cut_halo *h)
 {
 	uint32_t n = 0, k = 0;
 
 	for (unsigned i = 0; i < h->nchain; i++)
 		for (uint32_t j = 0; j < h->chain[i].n; j++) {
-			/* Copied: the front of the pool runs behind what is read, never past it. */
+			/* Copied: the write position in the pool is never past the read position. */
 			struct point p = h->chain[i].pt[j];
 
 			if (!cut_region_holds(&h->region, p.x, p.y))
@@ -528,7 +529,7 @@ int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n,
 		return rc;
 	if (h->trace)
 		cut_trace_sites(h->trace, h->chain, h->nchain);
-	*ret_n = collect(h);
+	*ret_n = collect_points(h);
 	*ret = h->pool;
 	return 0;
 }

@@ -1,24 +1,24 @@
 /*
- * The region's own positions: they stand in the chains for what lies inside, so that few cells outside are hits from
- * the start.
+ * Seeding with the region's own positions. They represent the inside of the region in the chains, so that few cells
+ * outside are hits from the start.
  *
- * They come in Morton order, so that stretches of them have small boxes. Of the stretches nearest to a border the nearest
- * position of each column of it makes a hull that is nearly the last one; then what lies in the column's bound of |X|
- * is put to the exact test, and stretches that lie beyond it are not looked at.
+ * They are in Morton order, so blocks of them have small boxes. Of the blocks nearest to a border, the nearest position
+ * of each column makes a hull that is nearly final. Then positions within a column's bound of |X| are tested exactly,
+ * and blocks beyond it are skipped.
  */
 #include "cut_halo_priv.h"
 
 enum { COLUMN_BITS_MOST = 10, GROUP = 4 /* log2 */ };
 _Static_assert(1 << COLUMN_BITS_MOST == SEED_COLUMNS && SEED_COLUMNS >> GROUP == SEED_GROUPS, "columns");
 
-/* The own positions against one border. */
+/* The own positions relative to one border. */
 struct seeding {
 	const struct mesh_vertex *own;
 	uint32_t n;
-	unsigned block;  /* log2 of the positions of one */
+	unsigned block;  /* log2 of the positions of a block */
 	unsigned across; /* 0: x, 1: y */
 	int64_t c2;
-	uint32_t base; /* where its columns begin, and their width */
+	uint32_t base; /* start and width of its columns */
 	unsigned shift, columns, blocks;
 };
 
@@ -67,7 +67,7 @@ static void box_blocks(struct cut_halo *h, const struct seeding *s)
 	}
 }
 
-/* How far the block's box is from the border: its near side, its far one. All of a region is on one side of it. */
+/* Distance of the block's box from the border: of its near side and its far side. A region is on one side of its border. */
 static void block_gap(const struct seeding *s, const int32_t box[4], int64_t *ret_near, int64_t *ret_far)
 {
 	int64_t a = distance(s, box[s->across]), b = distance(s, box[s->across + 2]);
@@ -76,7 +76,7 @@ static void block_gap(const struct seeding *s, const int32_t box[4], int64_t *re
 	*ret_far = a < b ? b : a;
 }
 
-/* The next block from *b on that comes as near as some limit of its columns' groups; false: none does. */
+/* The next block from *b on that is within the limit of one of its groups of columns; false: there is none. */
 static bool next_block(const struct cut_halo *h, const struct seeding *s, uint32_t *b)
 {
 	for (; *b < s->blocks; ++*b) {
@@ -92,7 +92,8 @@ static bool next_block(const struct cut_halo *h, const struct seeding *s, uint32
 	return false;
 }
 
-/* The nearest positions of a block to their columns. `s` is a copy: nothing that is written can be part of it. */
+/* Records the nearest positions of a block in their columns. `s` is a copy, so that the compiler knows that no write
+ * changes it. */
 static void block_nearest(struct cut_halo *h, const struct seeding s, uint32_t b)
 {
 	for (uint32_t i = b << s.block, end = block_end(&s, b); i < end; i++) {
@@ -106,7 +107,7 @@ static void block_nearest(struct cut_halo *h, const struct seeding s, uint32_t b
 	}
 }
 
-/* The nearest position of each column, of the blocks that are nearest to the border. */
+/* Finds the nearest position of each column, from the blocks nearest to the border. */
 static void find_nearest(struct cut_halo *h, const struct seeding *s)
 {
 	for (unsigned k = 0; k < s->columns; k++) {
@@ -127,7 +128,7 @@ static void find_nearest(struct cut_halo *h, const struct seeding *s)
 		block_nearest(h, *s, b);
 }
 
-/* How near a position of each column must be to be asked for, and of each group of columns. */
+/* Sets the limit of each column, and of each group of columns. */
 static void find_limits(struct cut_halo *h, const struct cut_chain *c, const struct seeding *s)
 {
 	cut_chain_limits(c, 2 * ((int64_t)s->base - ((int64_t)1 << 31)), s->shift + 1, s->columns, h->seed.limit);
@@ -138,7 +139,7 @@ static void find_limits(struct cut_halo *h, const struct cut_chain *c, const str
 
 static int seed_add(struct cut_halo *h, unsigned chain, const struct mesh_vertex *v)
 {
-	/* Stands for its position only: never part of the result. */
+	/* Represents only its position; it is never part of the result. */
 	const struct point p = {.x = v->x, .y = v->y, .z = v->z};
 
 	return cut_halo_add(h, chain, &p);
@@ -150,7 +151,7 @@ static int seed_chain(struct cut_halo *h, unsigned chain, struct seeding *s)
 	unsigned w = c->vertical ? h->region.wy : h->region.wx, bits = h->column_bits;
 	int rc = 0;
 
-	/* As many columns as twice the side of a square of so many positions has. */
+	/* Twice as many columns as the side of a square with so many positions. */
 	while (bits < COLUMN_BITS_MOST && s->n >> (2 * bits - 2))
 		bits++;
 	s->across = c->vertical ? 0 : 1;

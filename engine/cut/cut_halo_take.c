@@ -1,20 +1,21 @@
 /*
- * A cell that is read: which of its points the chains are given.
+ * Reading a cell: which of its points are added to the chains.
  *
- * A chain that has been there bounds what it can still want, column by column, and few points pass. Where it has no site yet,
- * or only far ones, whole cells pass: beside the side of a survey that is every cell along it, and each of their points
- * would be sorted into the chain to be thrown out of it. So of many that pass the nearest of each column make a chain of their
- * own first. Its sites are some of all sites, so its E is nowhere below the chain's: what lies above it is in no halo.
+ * An existing chain bounds, column by column, what it can still need, so few points pass. If it has no sites yet, or
+ * only far ones, whole cells pass. Beside the side of a survey that would be every cell along it, and each of their
+ * points would be inserted into the chain and removed again. So if many points pass, the nearest of each column make a
+ * chain of their own first. Its sites are some of all sites, so its E is nowhere below the chain's: points above it are
+ * in no halo.
  */
 #include "cut_halo_priv.h"
 
 enum {
-	STRIP = GRID_CELL_RECORDS, /* points that are looked at together */
-	NEAR_BITS = 2,             /* their columns are by so much narrower than those of `take` */
+	STRIP = GRID_CELL_RECORDS, /* points that are processed together */
+	NEAR_BITS = 2,             /* log2: how much narrower the columns are than those of `take` */
 	NEAR = TAKE_COLUMNS << NEAR_BITS,
 };
 
-/* Some points of a cell that passed for one chain, by their numbers. */
+/* Indexes of the points of a cell that passed for one chain. */
 struct passed {
 	const struct point *pts;
 	uint32_t n;
@@ -33,8 +34,8 @@ static int64_t distance(const struct take *t, const struct point *p)
 	return x < 0 ? -x : x;
 }
 
-/* One comparison each, and few pass. */
-static void pass(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n, struct passed *ret)
+/* One comparison each; few pass. */
+static void find_passing(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n, struct passed *ret)
 {
 	const uint32_t from = (uint32_t)t->from, wide = t->wide;
 	const bool by_y = t->across;
@@ -54,8 +55,8 @@ static void pass(struct cut_halo *h, const struct take *t, const struct point *p
 	ret->n = m;
 }
 
-/* The nearest of each column, NULL where there is none; returns how many columns there are. */
-static unsigned nearest(const struct take *t, const struct passed *p, unsigned shift, const struct point *ret[NEAR])
+/* The nearest point of each column, or NULL; returns the number of columns. */
+static unsigned find_nearest(const struct take *t, const struct passed *p, unsigned shift, const struct point *ret[NEAR])
 {
 	int64_t least[NEAR];
 	unsigned columns = 0;
@@ -76,14 +77,14 @@ static unsigned nearest(const struct take *t, const struct passed *p, unsigned s
 	return columns;
 }
 
-/* Without those that lie above the hull of the nearest of them. */
-static int thin(const struct cut_halo *h, const struct take *t, struct passed *p)
+/* Removes the points above the hull of the nearest ones. */
+static int remove_above(const struct cut_halo *h, const struct take *t, struct passed *p)
 {
 	const struct cut_chain *c = &h->chain[t->chain];
 	const unsigned shift = t->shift > NEAR_BITS ? t->shift - NEAR_BITS : 0;
 	struct point room[NEAR], batch[NEAR];
 	const struct point *some[NEAR];
-	unsigned columns = nearest(t, p, shift, some);
+	unsigned columns = find_nearest(t, p, shift, some);
 	struct cut_chain near;
 	int64_t limit[NEAR];
 	uint32_t m = 0;
@@ -107,16 +108,16 @@ static int thin(const struct cut_halo *h, const struct take *t, struct passed *p
 	return 0;
 }
 
-/* Of the points those that a chain asks for. */
-static int take_asked(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n)
+/* Adds the points that a chain needs. */
+static int take_needed(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n)
 {
 	struct passed p;
 	int rc = 0;
 
 	for (size_t some; n && !rc; pts += some, n -= some) {
 		some = n < STRIP ? n : STRIP;
-		pass(h, t, pts, some, &p);
-		rc = p.n > h->many ? thin(h, t, &p) : 0;
+		find_passing(h, t, pts, some, &p);
+		rc = p.n > h->many ? remove_above(h, t, &p) : 0;
 		for (uint32_t i = 0; i < p.n && !rc; i++)
 			rc = cut_halo_add(h, t->chain, &pts[p.at[i]]);
 	}
@@ -131,12 +132,12 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	h->points += n;
 	for (unsigned i = 0; i < h->ntake && !rc; i++)
-		rc = take_asked(h, &h->take[i], pts, n);
+		rc = take_needed(h, &h->take[i], pts, n);
 	return rc;
 }
 
 /* Most points of a cell are farther from the line than any limit. */
-static void ask_window(struct take *t, const int32_t box[4], unsigned columns)
+static void limit_to_window(struct take *t, const int32_t box[4], unsigned columns)
 {
 	int64_t most = -1, lo = box[t->across], hi = box[t->across + 2];
 
@@ -154,8 +155,8 @@ static void ask_window(struct take *t, const int32_t box[4], unsigned columns)
 	t->wide = (uint32_t)(hi - lo);
 }
 
-/* Nor do points matter that are beyond what sites known before let through. */
-static void ask_bounded(const struct cut_chain *bound, struct take *t, unsigned columns)
+/* Nor do points matter that are excluded by the sites known from before. */
+static void limit_to_bound(const struct cut_chain *bound, struct take *t, unsigned columns)
 {
 	int64_t limit[TAKE_COLUMNS];
 
@@ -164,8 +165,8 @@ static void ask_bounded(const struct cut_chain *bound, struct take *t, unsigned 
 		t->limit[k] = limit[k] < t->limit[k] ? limit[k] : t->limit[k];
 }
 
-/* Hulls only sink, so what a chain does not ask for before the cell is read it will not want later. */
-static void ask(struct cut_halo *h, const struct grid_cell *cell)
+/* Hulls only get lower, so what a chain does not need before the cell is read it will not need later. */
+static void find_limits(struct cut_halo *h, const struct grid_cell *cell)
 {
 	h->ntake = 0;
 	for (unsigned i = 0; i < h->nchain; i++) {
@@ -183,8 +184,8 @@ static void ask(struct cut_halo *h, const struct grid_cell *cell)
 		columns = (unsigned)((u1 - t->u0) >> t->shift) + 1;
 		cut_chain_limits(c, t->u0, t->shift, columns, t->limit);
 		if (h->bounded)
-			ask_bounded(&h->bound[i], t, columns);
-		ask_window(t, cell->box, columns);
+			limit_to_bound(&h->bound[i], t, columns);
+		limit_to_window(t, cell->box, columns);
 		h->ntake++;
 	}
 }
@@ -192,6 +193,6 @@ static void ask(struct cut_halo *h, const struct grid_cell *cell)
 int cut_halo_read(struct cut_halo *h, const struct grid_cell *cell, struct err *err)
 {
 	h->cells++;
-	ask(h, cell);
+	find_limits(h, cell);
 	return h->src.read(h->src.ctx, cell, take_points, h, err);
 }

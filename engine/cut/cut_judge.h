@@ -1,6 +1,6 @@
 /*
- * A view's rule for many points one after the other. Most views look at a point's kind alone (class, returns, flags), and of
- * kinds there are few: what was said of one is remembered.
+ * Applying a view to many points. Most views depend only on a point's kind (class, returns, flags), and there are few
+ * kinds, so results are cached by kind.
  */
 #ifndef CUT_JUDGE_H
 #define CUT_JUDGE_H
@@ -17,7 +17,7 @@ enum { CUT_JUDGE_KINDS = 64 };
 struct cut_judge {
 	const struct view *view;
 	bool by_kind;
-	uint32_t kind[CUT_JUDGE_KINDS]; /* by hash; the rule beside is that of this kind */
+	uint32_t kind[CUT_JUDGE_KINDS]; /* by hash; `rule` is the result for this kind */
 	uint8_t rule[CUT_JUDGE_KINDS];
 };
 

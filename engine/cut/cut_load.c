@@ -1,7 +1,7 @@
 /*
- * Loading a region: its own positions from the index's ranges, then the halo, merged in Morton order where
- * the caller wants them. Exactly P_B goes out, so that what is made of it depends on the generation, the view
- * and the region alone, never on how cells, segments or memory lie.
+ * Loading a region: its own positions from ranges of the index, then its halo, merged in Morton order. The result is
+ * exactly P_B, so the domain depends only on the generation, the view and the region, never on cells, segments or
+ * memory.
  */
 #include "cut_source.h"
 
@@ -19,7 +19,7 @@ _Static_assert(MESH_RULES >= VIEW_RULES, "counts by rule");
 struct own {
 	struct cut_load *load;
 	struct cut_judge judge;
-	struct point last; /* the record taken so far of the last position */
+	struct point last; /* the record chosen so far for the last position */
 	uint64_t here;     /* points of that position */
 };
 
@@ -81,7 +81,7 @@ static int load_own(const struct cut_source *src, const struct view *view, const
 }
 
 /* How many of the first n positions come before p. */
-static uint32_t before(const struct mesh_vertex *v, uint32_t n, const struct point *p)
+static uint32_t count_before(const struct mesh_vertex *v, uint32_t n, const struct point *p)
 {
 	uint32_t lo = 0, hi = n;
 
@@ -96,16 +96,16 @@ static uint32_t before(const struct mesh_vertex *v, uint32_t n, const struct poi
 	return lo;
 }
 
-/* Merge m halo points behind the own positions, from the back, in place. Both in Morton order. The halo is the smaller by
- * far, so its places are looked for. */
-static void merge(struct cut_load *load, const struct point *halo, uint32_t m)
+/* Merges m halo points into the own positions, from the end, in place. Both are in Morton order. The halo is much
+ * smaller, so its places are found by binary search. */
+static void merge_halo(struct cut_load *load, const struct point *halo, uint32_t m)
 {
 	uint32_t i = load->own;
 
 	load->n = load->own + m;
 	for (; m > 0; m--) {
 		const struct point *p = &halo[m - 1];
-		uint32_t at = before(load->out, i, p);
+		uint32_t at = count_before(load->out, i, p);
 
 		memmove(load->out + at + m, load->out + at, (i - at) * sizeof(*load->out));
 		load->out[at + m - 1] = (struct mesh_vertex){p->x, p->y, p->z};
@@ -171,6 +171,6 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 		return CUT_E_FULL;
 	}
 	load->counts.halo = m;
-	merge(load, halo, m);
+	merge_halo(load, halo, m);
 	return load->trace ? cut_trace_ranges(load->trace, src, region, err) : 0;
 }

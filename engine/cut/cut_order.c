@@ -1,6 +1,6 @@
 /*
- * Sorting without memory: quicksort that falls back to heapsort when it goes wrong, so that no order of
- * points costs more than n log n. qsort of the C library may allocate, which a domain must not.
+ * Sorting without extra memory: introsort (quicksort that falls back to heapsort), so that no order of points costs
+ * more than n log n. qsort of the C library may allocate, which a domain must not.
  */
 #include "cut_order.h"
 
@@ -50,7 +50,7 @@ static void heap(struct point *pts, size_t n, cut_less_fn less, const void *ctx)
 	}
 }
 
-/* Median of three to the front, then Hoare's partition; returns the place of the pivot. */
+/* Moves the median of three to the front, then Hoare's partition; returns the place of the pivot. */
 static size_t partition(struct point *pts, size_t n, cut_less_fn less, const void *ctx)
 {
 	size_t mid = n / 2, last = n - 1, i = 0, j = n;
@@ -89,7 +89,7 @@ static void sort(struct point *pts, size_t n, unsigned depth, cut_less_fn less, 
 			return;
 		}
 		p = partition(pts, n, less, ctx);
-		/* The smaller part by recursion, the larger in the loop: log n frames. */
+		/* The smaller part by recursion, the larger one in the loop: at most log n frames. */
 		if (p < n - p - 1) {
 			sort(pts, p, depth, less, ctx);
 			pts += p + 1;

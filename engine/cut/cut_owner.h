@@ -1,6 +1,6 @@
 /*
- * The owner test of cut.h for many triangles of one region: those whose circumcentre is certainly inside are
- * told by a few products, all others by the exact test.
+ * The owner test of cut.h for many triangles of one region. A few products decide for triangles whose circumcentre is
+ * certainly inside; the exact test decides for all others.
  */
 #ifndef CUT_OWNER_H
 #define CUT_OWNER_H
@@ -9,17 +9,18 @@
 
 struct cut_owner {
 	const struct cut_region *region;
-	double low[2], high[2]; /* doubled borders; infinite sides are far enough to be never the nearest */
+	double low[2], high[2]; /* doubled borders; infinite sides are so far that they are never the nearest */
 };
 
 void cut_owner_init(struct cut_owner *, const struct cut_region *);
 
 /*
- * The circumradius is l1 l2 l3 / (2 area), area being twice the triangle's: where that is less than the way from
- * a to the nearest border, half of d, the circumcentre is inside. Compared are the squares of l1 l2 l3 and of
- * area * d. Differences are exact. The area is off by at most 4u l^2, l the longest side and u = 2^-53; d is at
- * most 2^37 and l^2 <= 2 l1 l2 l3 (sides are 1 or longer), so area * d is off by less than 2^-13 l1 l2 l3; the rest
- * rounds a dozen times: the 1 % between the two sides of the comparison (half of it before squaring) is far more.
+ * The circumradius is l1 l2 l3 / (2 area), where area is twice the triangle's. If that is less than the distance from a
+ * to the nearest border, half of d, the circumcentre is inside. The test compares the squares of l1 l2 l3 and of area *
+ * d. Differences are exact. The error of area is at most 4u l^2, where l is the longest side and u = 2^-53; d is at
+ * most 2^37 and l^2 <= 2 l1 l2 l3 (sides have at least length 1), so the error of area * d is less than 2^-13 l1 l2 l3.
+ * The rest has about a dozen roundings. The 1 % between the two sides of the comparison (half of it before squaring) is
+ * far more.
  */
 static inline bool cut_owner_has(const struct cut_owner *o, const int32_t a[2], const int32_t b[2], const int32_t c[2])
 {

@@ -1,16 +1,16 @@
 /*
  * Plans: the leaves of the dyadic tree over all points, split until each owns at most `load` positions.
  *
- * Counts are upper bounds of positions: the index's distinct positions of cells and subtrees inside the
- * region, the positions counted by reading where a cell of a sparse segment reaches beyond it, and never more
- * than the region has places. So a million records on one position are one position, and a region of no more
- * places than the load is never split: splits end at side 1 at the latest. Positions that several segments
- * share, removed sources and the view's rules make the bound higher than the truth, never lower.
+ * Counts are upper bounds of positions: the distinct positions that the index has for cells and subtrees inside the
+ * region, the positions counted by reading where a cell of a sparse segment extends beyond it, and never more than the
+ * lattice positions in the region. So a million records at one position are one position, and a region with no more
+ * lattice positions than the load is never split; splitting ends at side 1 at the latest. Positions in several
+ * segments, removed sources and the view's rules can only make the bound too large.
  *
- * Empty leaves stay: they can own triangles.
+ * Empty leaves stay, because they can own triangles.
  *
- * Where there are several leaves, the first ones are small, whatever the load: the first triangle leaves with the
- * first domain. Behind them the loads grow by themselves, for the halves that they were cut from follow.
+ * If there are several leaves, the first ones are small, whatever the load, so that the first triangles are emitted
+ * early. Behind them the leaves grow by themselves, because they are the other halves of larger regions.
  */
 #include "cut_source.h"
 
@@ -24,18 +24,18 @@
 enum {
 	STRADDLERS = 64,
 	STUCK_LEVELS = 8,
-	STACK = 80,      /* a split adds one region; 64 levels at most */
-	FIRST = 1 << 17, /* positions of a leaf at most, until the leaves own half as many */
+	STACK = 80,      /* a split adds one region; at most 64 levels */
+	FIRST = 1 << 17, /* the most positions of a leaf, until the leaves own half as many */
 };
 
 struct bound {
 	struct cut_range range;
 	uint64_t positions;
-	bool several; /* cells of more than one segment counted */
+	bool several; /* counted cells of more than one segment */
 	bool any, loose;
 	uint32_t segment;
 	uint32_t nstraddler;
-	/* counting the positions of one cell */
+	/* counts the positions of one cell */
 	struct point last;
 	bool has_last;
 	struct grid_cell straddler[STRADDLERS];
@@ -110,7 +110,7 @@ static int bound_points(void *ctx, const struct point *pts, size_t n, struct err
 	return 0;
 }
 
-/* An upper bound of the region's positions before the view; *ret_exact: it is the number itself. */
+/* Upper bound of the region's positions before the view; *ret_exact: it is the exact number. */
 static int region_bound(const struct cut_source *src, const struct cut_region *r, uint64_t *ret, bool *ret_exact, struct err *err)
 {
 	unsigned bits = (unsigned)r->wx + r->wy;
@@ -133,12 +133,12 @@ static int region_bound(const struct cut_source *src, const struct cut_region *r
 			b.has_last = false;
 			rc = src->read(src->ctx, &b.straddler[k], bound_points, &b, err);
 		}
-		/* Where all is live, what was counted one by one has at least as many records. */
+		/* If all records are live, there are at least as many records as counted positions. */
 		if (!rc && (!all_live || b.loose))
 			rc = src->count(src->ctx, range[i].lo, range[i].hi, &records, &all_live, err);
 		if (rc)
 			return rc;
-		/* The live records may be fewer than the positions of all of them. */
+		/* There may be fewer live records than positions of all records. */
 		if (records < b.positions) {
 			b.positions = records;
 			b.loose = b.loose || !all_live;
@@ -182,7 +182,7 @@ int cut_plan_room(struct cut_plan *plan, size_t n, struct err *err)
 	return 0;
 }
 
-/* Room for one more leaf at place i; those behind it move up. */
+/* Inserts a leaf at index i. */
 static int plan_insert(struct cut_plan *plan, size_t i, const struct cut_leaf *leaf, struct err *err)
 {
 	int rc = cut_plan_room(plan, plan->n + 1, err);
@@ -258,7 +258,8 @@ int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_p
 	return rc;
 }
 
-static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap, struct err *err)
+static int set_limit_error(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap,
+			   struct err *err)
 {
 	uint64_t points = 0, bytes = need * CUT_BYTES_PER_POSITION;
 	char text[CUT_REGION_TEXT_SIZE];
@@ -271,13 +272,13 @@ static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uin
 		"of %" PRIu64 " points, %" PRIu64 " must be in memory at once (%" PRIu64 " bytes) for region %s; the "
 		"budget carries %" PRIu32 ": they lie in convex position, as on a circle or a line",
 		points, need, bytes, cut_region_text(&leaf->region, text), cap);
-	err->need = need; /* what memory that takes is known where the budget is shared out */
+	err->need = need; /* how much memory that takes is known where the budget is computed */
 	return -ERR_LIMIT;
 }
 
-/* The halves of leaf i in its place. */
-static int plan_cut(const struct cut_source *src, struct cut_plan *plan, size_t i, const struct cut_region half[2],
-		    uint64_t above, uint8_t stuck, struct err *err)
+/* Replaces leaf i by its halves. */
+static int split_leaf(const struct cut_source *src, struct cut_plan *plan, size_t i, const struct cut_region half[2],
+		      uint64_t above, uint8_t stuck, struct err *err)
 {
 	struct cut_leaf child[2];
 	int rc;
@@ -304,15 +305,15 @@ int cut_plan_split_from(const struct cut_source *src, struct cut_plan *plan, siz
 	uint8_t stuck = kept ? (uint8_t)(parent.stuck + 1) : 0;
 
 	if (stuck >= STUCK_LEVELS || !cut_region_split(&parent.region, half))
-		return refuse(src, &parent, need, cap, err);
-	return plan_cut(src, plan, i, half, need, stuck, err);
+		return set_limit_error(src, &parent, need, cap, err);
+	return split_leaf(src, plan, i, half, need, stuck, err);
 }
 
-/* All that meets a half meets the whole, so own and halo of a half are no more. */
+/* Everything that meets a half meets the whole, so own + halo of a half are not more. */
 int cut_plan_halve_from(const struct cut_source *src, struct cut_plan *plan, size_t i, bool *ret, struct err *err)
 {
 	struct cut_region half[2];
 
 	*ret = cut_region_split(&plan->leaf[i].region, half);
-	return *ret ? plan_cut(src, plan, i, half, 0, 0, err) : 0;
+	return *ret ? split_leaf(src, plan, i, half, 0, 0, err) : 0;
 }

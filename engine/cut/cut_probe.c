@@ -1,13 +1,13 @@
 /*
- * Looking ahead: whether the halos of a plan fit, before the first triangle, and the sites of those halos that many
- * leaves would read the same cells for.
+ * The probe of a plan, before the first triangle: whether the halos fit, and the sites of halos for which many leaves
+ * would read the same cells.
  *
- * Suspicious are leaves at the rim (a hull), nearly empty ones (the middle of a circle, the sides of a corridor) and
- * those cut out of one that did not fit, unless they were made before and are stored; everywhere else neighbours of equal load
- * keep a halo small. The index's bound lets most of them pass. The halos of the others are found, all through one source that
- * keeps what they can see of each cell, and are the plan's sites. A strip of land along a diagonal has as many empty leaves
- * beside it as leaves on it, of every size, and each sees a long stretch of its edge. A halo that does not fit is counted once
- * more by itself, and its leaf split.
+ * Suspicious leaves are those at the rim (a hull), nearly empty ones (the middle of a circle, the sides of a corridor),
+ * and those split from a leaf that did not fit, unless they were made before and are stored. Elsewhere, neighbours with
+ * equal load keep a halo small. The index's bound clears most suspicious leaves. The halos of the others are found
+ * together, through one source that caches what matters of each cell, and become the plan's sites. For example, a strip
+ * of land along a diagonal has as many empty leaves of every size beside it as leaves on it, and each sees a long
+ * stretch of its edge. A halo that does not fit is counted again separately, and its leaf is split.
  */
 #include "cut_source.h"
 
@@ -16,14 +16,14 @@
 
 #include "cut_bound.h"
 #include "cut_halo.h"
-#include "cut_keep.h"
+#include "cut_cache.h"
 #include "cut_order.h"
 #include "cut_sites.h"
 #include "err.h"
 #include "ledger.h"
 
 enum {
-	FEW = 8, /* nearly empty: an eighth of what a leaf of this plan may have, or of cap */
+	FEW = 8, /* nearly empty: an eighth of the largest leaf of this plan, or of cap */
 	GAIN = 4,
 };
 
@@ -37,26 +37,26 @@ struct probe {
 	uint32_t cap;
 	void *scratch;
 	size_t size;
-	/* of it, to find halos together: for the halo, from its start; for what is kept of cells; for sites */
+	/* parts of it, to find halos together: for the halo (at its start), for cached cells, for sites */
 	void *keep;
 	size_t halo_size, keep_size;
 	struct point *site;
 	uint32_t nsite, site_cap;
 	bool sites_full;
-	uint8_t *how;      /* by leaf */
-	uint64_t together; /* what the bounds of those that are TOGETHER come to */
+	uint8_t *how;      /* for each leaf */
+	uint64_t together; /* sum of the bounds of the leaves that are TOGETHER */
 	struct cut_region *region;
 	uint32_t nregion;
 };
 
-static uint64_t few(const struct probe *p)
+static uint64_t few_points(const struct probe *p)
 {
 	return (p->plan->load && p->plan->load < p->cap ? p->plan->load : p->cap) / FEW;
 }
 
 static bool nearly_empty(const struct probe *p, const struct cut_leaf *leaf)
 {
-	return leaf->count < few(p);
+	return leaf->count < few_points(p);
 }
 
 static bool suspicious(const struct probe *p, const struct cut_leaf *leaf)
@@ -64,7 +64,7 @@ static bool suspicious(const struct probe *p, const struct cut_leaf *leaf)
 	return leaf->region.inf || leaf->above || nearly_empty(p, leaf);
 }
 
-/* Own + halo of the leaf into *ret_need; with CUT_E_FULL an estimate. */
+/* Sets *ret_need to own + halo of the leaf; an estimate with CUT_E_FULL. */
 static int count_halo(const struct probe *p, const struct cut_source *src, const struct cut_leaf *leaf,
 		      const struct point **ret_pts, uint32_t *ret_n, uint64_t *ret_need, struct err *err)
 {
@@ -95,16 +95,16 @@ static int count_halo(const struct probe *p, const struct cut_source *src, const
 
 /* ---- by the index ---- */
 
-static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, struct err *err)
+static int classify(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, struct err *err)
 {
-	uint64_t room = leaf->count < p->cap ? p->cap - leaf->count : 0, many = few(p), bound = 0;
+	uint64_t room = leaf->count < p->cap ? p->cap - leaf->count : 0, many = few_points(p), bound = 0;
 	bool empty = nearly_empty(p, leaf);
 	int rc;
 
 	*ret = leaf->above && !leaf->fits ? ALONE : PASSED;
 	if (leaf->above || leaf->fits || !suspicious(p, leaf))
 		return 0;
-	/* What has few points is not to read many for itself, even if they fit. */
+	/* A leaf with few points should not read many by itself, even if they fit. */
 	many = empty && many < room ? many : room;
 	rc = cut_bound_halo(p->src, p->view, &leaf->region, many, p->scratch, &bound, err);
 	if (rc == 0 && bound > many) {
@@ -115,10 +115,10 @@ static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, str
 }
 
 /*
- * Where the leaves of above see more than there is, the data are thin, and nearly all of them will be read. Then the
- * leaves on them gain too: those that would read a good part of what they own once more.
+ * If the leaves found above see more positions than there are, the data are sparse, and nearly all of them will be
+ * read. Then the leaves on the data gain, too, if they would read a large part of what they own again.
  */
-static int judge_thin(struct probe *p, struct err *err)
+static int classify_sparse(struct probe *p, struct err *err)
 {
 	uint64_t all = 0;
 	int rc = 0;
@@ -140,16 +140,16 @@ static int judge_thin(struct probe *p, struct err *err)
 	return rc;
 }
 
-static int judge_all(struct probe *p, struct err *err)
+static int classify_all(struct probe *p, struct err *err)
 {
 	int rc;
 
 	for (size_t i = 0; i < p->plan->n; i++) {
-		rc = judge(p, &p->plan->leaf[i], &p->how[i], err);
+		rc = classify(p, &p->plan->leaf[i], &p->how[i], err);
 		if (rc)
 			return rc;
 	}
-	rc = judge_thin(p, err);
+	rc = classify_sparse(p, err);
 	for (size_t i = 0; i < p->plan->n; i++)
 		if (p->how[i] == TOGETHER || p->how[i] == TOO)
 			p->region[p->nregion++] = p->plan->leaf[i].region;
@@ -164,7 +164,7 @@ static bool site_less(const void *ctx, const struct point *a, const struct point
 	return cut_order_before(a->x, a->y, b->x, b->y);
 }
 
-/* Morton order, each position once: that of several halos is the same record in each. */
+/* Morton order, each position once; the record of a position is the same in every halo. */
 static void reduce_sites(struct probe *p)
 {
 	uint32_t k = 0;
@@ -176,12 +176,12 @@ static void reduce_sites(struct probe *p)
 	p->nsite = k;
 }
 
-/* False: there is no room for them. */
+/* False: no memory. */
 static bool add_sites(struct probe *p, const struct point *pts, uint32_t n)
 {
 	if (n > p->site_cap - p->nsite && !p->sites_full) {
 		reduce_sites(p);
-		/* Not again for every few: half the room must have been won. */
+		/* Reducing again is worthwhile only if it frees half of the memory. */
 		p->sites_full = p->nsite > p->site_cap / 2;
 	}
 	if (n > p->site_cap - p->nsite)
@@ -191,7 +191,7 @@ static bool add_sites(struct probe *p, const struct point *pts, uint32_t n)
 	return true;
 }
 
-/* Of the leaves that are `how`. Those that do not fit, or whose sites find no room, are left to be probed alone. */
+/* For the leaves that are `how`. Those that do not fit, or whose sites do not fit the memory, are probed alone later. */
 static int find_together(struct probe *p, const struct cut_source *src, enum how how, struct err *err)
 {
 	for (size_t i = 0; i < p->plan->n; i++) {
@@ -201,7 +201,7 @@ static int find_together(struct probe *p, const struct cut_source *src, enum how
 		uint32_t n;
 		int rc;
 
-		if (p->how[i] != how || (how == TOO && (p->sites_full || cut_keep_full(src->ctx))))
+		if (p->how[i] != how || (how == TOO && (p->sites_full || cut_cache_full(src->ctx))))
 			continue;
 		rc = count_halo(p, src, leaf, &pts, &n, &need, err);
 		if (rc && rc != CUT_E_FULL)
@@ -216,7 +216,7 @@ static int probe_together(struct probe *p, struct err *err)
 {
 	struct cut_source src;
 	struct cut_region root;
-	struct cut_keep *keep;
+	struct cut_cache *keep;
 	uint64_t cells, points;
 	int32_t box[4];
 	int rc;
@@ -224,25 +224,25 @@ static int probe_together(struct probe *p, struct err *err)
 	if (p->nregion == 0 || !p->src->box(p->src->ctx, box))
 		return 0;
 	cut_region_root(box, &root);
-	keep = cut_keep_init(p->keep, p->keep_size, p->src, p->view, &root, p->region, p->nregion);
+	keep = cut_cache_init(p->keep, p->keep_size, p->src, p->view, &root, p->region, p->nregion);
 	if (!keep) {
-		/* Nothing can be kept: what was to go together goes alone. */
+		/* Nothing can be cached, so they are probed alone. */
 		for (size_t i = 0; i < p->plan->n; i++)
 			p->how[i] = p->how[i] == TOGETHER ? ALONE : p->how[i];
 		return 0;
 	}
-	cut_keep_source(keep, &src);
+	cut_cache_source(keep, &src);
 	rc = find_together(p, &src, TOGETHER, err);
 	if (!rc)
 		rc = find_together(p, &src, TOO, err);
-	cut_keep_stats(keep, &cells, &points);
+	cut_cache_stats(keep, &cells, &points);
 	p->plan->cells_read += cells;
 	p->plan->points_read += points;
 	if (rc)
 		return rc;
 	reduce_sites(p);
 	p->plan->sites = cut_sites_new(p->site, p->nsite, p->plan->ledger);
-	/* They only save reading. */
+	/* They only avoid reading, so a failure is harmless. */
 	for (size_t i = 0; i < p->plan->n && !p->plan->sites; i++)
 		p->plan->leaf[i].known = false;
 	return 0;
@@ -250,7 +250,7 @@ static int probe_together(struct probe *p, struct err *err)
 
 /* ---- alone ---- */
 
-/* The leaf at *i and what it is split into; *i is then behind them. */
+/* Probes the leaf at *i and the leaves into which it is split; *i is then behind them. */
 static int probe_leaf(struct probe *p, size_t *i, struct err *err)
 {
 	size_t end = *i + 1;
@@ -294,11 +294,11 @@ static int probe_alone(struct probe *p, struct err *err)
 
 /* ---- all ---- */
 
-/* The scratch for finding halos together; alone, each has all of it. */
-static void deal(struct probe *p)
+/* Divides the scratch for finding halos together; alone, each halo has all of it. */
+static void divide_scratch(struct probe *p)
 {
 	size_t sites = (size_t)p->cap * CUT_SITES_BYTES & ~(size_t)63, halo = cut_halo_bytes(p->cap);
-	uint64_t room = p->plan->ledger ? ledger_room(p->plan->ledger, LEDGER_PLAN) / 2 : sites;
+	uint64_t room = p->plan->ledger ? ledger_available(p->plan->ledger, LEDGER_PLAN) / 2 : sites;
 
 	halo = (halo > p->size / 4 ? halo : p->size / 4) & ~(size_t)63;
 	if (p->size < 2 * cut_halo_bytes(p->cap) || p->size < 2 * (halo + sites))
@@ -307,7 +307,8 @@ static void deal(struct probe *p)
 	p->keep = (char *)p->scratch + halo;
 	p->keep_size = p->size - halo - sites - 64;
 	p->site = (struct point *)((char *)p->keep + (p->keep_size & ~(size_t)63));
-	/* Half of what is left for plans: this one may grow, and there may be others. A site takes little more than 16. */
+	/* Half of what is left for plans, because this plan may grow, and there may be others. A site takes little more
+	 * than 16 bytes. */
 	room = room / 9 * 8;
 	p->site_cap = (uint32_t)((sites < room ? sites : room) / sizeof(*p->site));
 }
@@ -322,13 +323,13 @@ int cut_plan_probe_from(const struct cut_source *src, const struct view *view, s
 		return 0;
 	if (scratch_size < cut_halo_bytes(0) || scratch_size < cut_bound_bytes())
 		return err_set(err, ERR_INTERNAL, "%zu bytes of scratch are too few to plan", scratch_size);
-	deal(&p);
+	divide_scratch(&p);
 	p.how = malloc(plan->n);
 	p.region = malloc(plan->n * sizeof(*p.region));
 	if (!p.how || !p.region)
 		rc = err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", plan->n);
 	else
-		rc = judge_all(&p, err);
+		rc = classify_all(&p, err);
 	if (!rc)
 		rc = probe_together(&p, err);
 	if (!rc)

@@ -1,11 +1,10 @@
 /*
- * Regions: dyadic boxes of the lattice, widened to infinity on the sides that lie on the root's border.
+ * Regions: dyadic boxes of the lattice, infinite on the sides that are on the root's border.
  *
- * Model: numbers are lattice numbers + 2^31, so a region is [x, x + 2^wx) x [y, y + 2^wy) of uint32. A
- * square is halved in x first, so that a region is a square or twice as high as wide, and every region
- * but the few round a root that straddles a cut is one aligned range of Morton keys. Borders lie between
- * lattice numbers (doubled: odd), so no point is ever on one. Infinite sides are flags, never large
- * numbers: circumcentres of lattice triangles lie as far out as 2^97.
+ * Numbers are lattice numbers + 2^31, so a region is [x, x + 2^wx) x [y, y + 2^wy) of uint32. A square is halved along
+ * x first, so a region is a square or twice as high as wide. Every region is one aligned range of Morton keys, except a
+ * few near a root that straddles a cut. Borders are between lattice numbers (odd when doubled), so no point is ever on
+ * one. Infinite sides are flags and not large numbers, because circumcentres of lattice triangles are up to 2^97 away.
  */
 #include "cut_owner.h"
 
@@ -18,7 +17,7 @@
 #include "point.h"
 
 #define BIAS ((int64_t)1 << 31)
-/* Of a root, on each side of the data: at least this part of their longer side. */
+/* The margin of a root on each side of the data, as a fraction of their longer side. */
 enum { ROOM = 8 };
 
 static char *put_number(char *at, uint32_t v)
@@ -34,7 +33,7 @@ static char *put_number(char *at, uint32_t v)
 	return at;
 }
 
-/* Of each leaf of a plan several times: printf takes ten times as long. */
+/* A plan formats each leaf several times, and printf would take ten times as long. */
 char *cut_region_text(const struct cut_region *r, char buf[CUT_REGION_TEXT_SIZE])
 {
 	const uint32_t number[5] = {r->x, r->y, r->wx, r->wy, r->inf};
@@ -52,7 +51,7 @@ static bool aligned(uint32_t v, unsigned w)
 	return w >= 32 ? v == 0 : (v & (((uint32_t)1 << w) - 1)) == 0;
 }
 
-/* A side of the box on one axis: aligned, or (only with both sides infinite) two aligned halves. */
+/* Whether a side of the box is valid on one axis: aligned, or (only with both sides infinite) two aligned halves. */
 static bool axis_valid(uint32_t v, unsigned w, bool both_infinite)
 {
 	if (w > 32 || (uint64_t)v + ((uint64_t)1 << w) > (uint64_t)1 << 32)
@@ -76,7 +75,7 @@ bool cut_region_parse(const char *text, struct cut_region *ret)
 	r.inf = (uint8_t)inf;
 	if (!axis_valid(r.x, wx, (inf & 3) == 3) || !axis_valid(r.y, wy, (inf & 12) == 12))
 		return false;
-	/* Only the canonical spelling: blanks, signs, leading zeros and tails do not come back. */
+	/* Only the canonical spelling: blanks, signs, leading zeros and trailing text do not match. */
 	if (strcmp(cut_region_text(&r, back), text) != 0)
 		return false;
 	*ret = r;
@@ -93,8 +92,8 @@ void cut_region_box(const struct cut_region *r, int64_t ret[4])
 	ret[3] = r->inf & CUT_INF_Y1 ? INT64_MAX : 2 * (y + ((int64_t)1 << r->wy)) - 1;
 }
 
-/* The lower corner on one axis of the block of side 2^(w + 1) that starts at a multiple of 2^w. Where both
- * ends lie in one square of side 2^w the aligned pair is taken: it never leaves the lattice. */
+/* The lower corner, on one axis, of the block of side 2^(w + 1) that starts at a multiple of 2^w. If both ends are in
+ * one square of side 2^w, the aligned pair is taken, which never leaves the lattice. */
 static uint32_t block_start(uint32_t lo, uint32_t hi, unsigned w)
 {
 	uint32_t a = lo >> w, b = hi >> w;
@@ -113,9 +112,9 @@ static uint32_t more(uint32_t at, uint32_t by)
 }
 
 /*
- * The room around the box is for empty regions. A region on the root's side is infinite there, and its borders run along
- * all of the hull: what comes at one end of a survey would change regions full of points at the other. With room, those have
- * finite sides, which also stay what they are when the survey outgrows its root.
+ * The margin around the box gives empty regions. A region at the root's side is infinite there, and its borders would
+ * see all of the hull: new points at one end of a survey would change full regions at the other end. With a margin,
+ * full regions have finite sides, which also stay the same when the survey outgrows its root.
  */
 void cut_region_root(const int32_t box[4], struct cut_region *ret)
 {
@@ -203,7 +202,7 @@ unsigned cut_region_ranges(const struct cut_region *r, struct cut_range ret[4])
 {
 	unsigned n = add_ranges(r, ret), k = 0;
 
-	/* The quarters of a block that straddles a cut do not come in the order of their keys. */
+	/* The quarters of a block that straddles a cut are not in the order of their keys. */
 	for (unsigned i = 1; i < n; i++)
 		for (unsigned j = i; j > 0 && ret[j].lo < ret[j - 1].lo; j--) {
 			struct cut_range t = ret[j];
@@ -224,15 +223,15 @@ bool cut_region_holds(const struct cut_region *r, int32_t x, int32_t y)
 {
 	uint32_t dx = (uint32_t)(x + BIAS) - r->x, dy = (uint32_t)(y + BIAS) - r->y;
 
-	/* Left of or below the corner the difference wraps to 2^32 - d, which is past the width because the
-	 * box ends within 2^32. */
+	/* Left of or below the corner the difference wraps to 2^32 - d, which is beyond the width because the box ends
+	 * within 2^32. */
 	return (uint64_t)dx >> r->wx == 0 && (uint64_t)dy >> r->wy == 0;
 }
 
 /*
- * The circumcentre less the border, times the doubled area, in doubles: numerators without the border,
- * and bounds of their absolute products. The differences are exact; every product and sum below rounds
- * at most seven times, so an error of 4e-15 times the absolute products is never exceeded.
+ * The circumcentre minus the border, times the doubled area, in doubles: numerators without the border, and bounds of
+ * their absolute products. The differences are exact. Every product and sum below has at most seven roundings, so the
+ * error is never more than 4e-15 times the absolute products.
  */
 struct centre {
 	double n[2], nabs[2], area, area_abs;
@@ -281,8 +280,8 @@ bool cut_region_owns(const struct cut_region *r, const int32_t a[2], const int32
 }
 
 /*
- * The ray is where the Voronoi edge of a and b goes, so all of the theorem of algorithm.md 3 holds of its end too: whoever owns
- * that end has loaded a and b, and whatever would lie beyond their edge.
+ * The ray is the Voronoi edge of a and b, so the theorem of algorithm.md 3 holds at its end, too: the region that owns
+ * that end has loaded a and b, and whatever would be beyond their edge.
  */
 bool cut_region_owns_hull(const struct cut_region *r, const int32_t a[2], const int32_t b[2])
 {
@@ -294,7 +293,7 @@ bool cut_region_owns_hull(const struct cut_region *r, const int32_t a[2], const 
 
 		if (to[axis] > 0 ? upper != INT64_MAX : to[axis] < 0 && lower != INT64_MIN)
 			return false;
-		/* INT64_MIN and MAX are beyond any middle. */
+		/* INT64_MIN and INT64_MAX are beyond any midpoint. */
 		if (!to[axis] && (middle <= lower || middle > upper))
 			return false;
 	}

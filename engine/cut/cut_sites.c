@@ -1,6 +1,6 @@
 /*
- * Sites as a source of cells: stretches of the Morton order with tight boxes, and stretches of these as subtrees, so
- * that the finder of halos prunes them as it prunes a grid. Never changed once made: any thread may read it.
+ * Sites as a source of cells: intervals of the Morton order with tight boxes, and intervals of these as subtrees, so
+ * that the search for halos prunes them as it prunes a grid. Never changed once made: any thread may read it.
  */
 #include "cut_sites.h"
 
@@ -67,7 +67,7 @@ size_t cut_sites_bytes(const struct cut_sites *s)
 	return s ? s->bytes : 0;
 }
 
-/* Sites [from, to) as the index would tell of them. */
+/* Sites [from, to) as the index would describe them. */
 static struct grid_cell cell_of(const struct cut_sites *s, uint32_t from, uint32_t to, const int32_t box[4])
 {
 	struct grid_cell cell = {.count = to - from, .distinct = to - from, .place = from, .blocks = 1};
@@ -83,7 +83,7 @@ static uint32_t least(uint32_t a, uint32_t b)
 	return a < b ? a : b;
 }
 
-/* Sites are asked for as a whole only. */
+/* Sites are only walked as a whole. */
 static int sites_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
 {
 	const struct cut_sites *s = ctx;

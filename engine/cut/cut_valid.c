@@ -1,40 +1,40 @@
 /*
  * Whether a region would load the same points in another generation, without loading them.
  *
- * The model. A trace holds C, sites of the region's border chains (all, or every so many of them), and R, ranges of
- * Morton keys with the content sums of the live records in them. Let E' be the lower hull of C: as C is a part of the
- * sites, E' is nowhere below the hull E of all. When the trace is made R gets the region's own ranges, and those of
+ * Model. A trace holds C, sites of the region's border chains (all, or every n-th of them), and R, ranges of Morton
+ * keys with the content sums of the live records in them. Let E' be the lower hull of C: C is a part of the sites, so
+ * E' is nowhere below the hull E of all sites. When the trace is made, R gets the region's own ranges, and those of
  * every cell whose box is a closed hit against E' (h <= E' somewhere in it).
  *
- * Valid: (1) the content sums of R are the same; (2) no kept point outside R lies in the region, widened to infinity on
- * its infinite sides, or has h <= E' on any border. Cells and subtrees are judged by their boxes; where a box does not
- * settle it the cell is read and judged by its live points, after the view.
+ * A trace is valid if (1) the content sums of R are the same, and (2) no kept point outside R is in the region (widened
+ * to infinity on its infinite sides) or has h <= E' on a border. Cells and subtrees are tested by their boxes; if a box
+ * is not sufficient, the cell is read and its live points are tested, after the view.
  *
- * Then P_B is unchanged, and so is the record that stands for each position:
- * - Positions with a key in R have the same live records, of all segments together, so the same representative or
- *   none; the sum leaves sources out, and so do views. In particular the region's own positions and counts are the
- *   same. (That unequal records have equal sums is as likely as for any 128-bit hash.)
- * - All of C have keys in R: those of the region by its ranges, those outside because the cell they were in is a hit,
- *   having a point on E. So they are sites now, and the hull E2 of all sites now is nowhere above E'.
- * - Outside the region a site is of P_B if and only if h = E2 on a border. Then h <= E', so by (2) its key is in R. The
- *   same holds for the old sites, E and R by how R was made. Sites with keys outside R have h > E' >= E, E2: they are on
- *   neither hull. So E and E2 are the hulls of the same sites, those with keys in R, and the sites on them are the same.
- * A border without any site has no E', which counts as infinite: everything is a hit.
+ * Then P_B is unchanged, and so is the record that represents each position:
+ * - Positions with a key in R have the same live records, of all segments together, so the same representative or none;
+ *   neither the sum nor views depend on sources. In particular the region's own positions and counts are the same.
+ *   (Different records with equal sums are as unlikely as for any 128-bit hash.)
+ * - All of C have keys in R: those in the region by its ranges, those outside because their cell was a hit, as it had a
+ *   point on E. So they are sites now, and the hull E2 of all sites now is nowhere above E'.
+ * - Outside the region a site is in P_B if and only if h = E2 on a border. Then h <= E', so by (2) its key is in R. The
+ *   same holds for the old sites and E, by the construction of R. Sites with keys outside R have h > E' >= E, E2, so
+ *   they are on neither hull. So E and E2 are the hulls of the same sites, those with keys in R, and the sites on them
+ *   are the same. A border without any site has no E', which counts as infinite: everything is a hit.
  *
- * Where all that was live then is live now, segment by segment, or merged, R's sums can differ and (2) be false only by what is
- * live in other segments. If none of that comes near, neither in the region nor with h <= E', no site on E is another, and
- * nothing more is asked: of a survey that grew at one end the index of what is old is not looked at. Cells of what came that are
- * in R count as near, their whole segment only where its box does for the other two reasons.
+ * If everything that was live then is live now, segment by segment or merged, then only the live records of other
+ * segments can change R's sums or violate (2). If none of these is near (in the region, or with h <= E'), no site on E
+ * changes, and nothing else need be tested: if a survey grew at one end, the index of the old data is not read. New
+ * cells that are in R count as near; a whole new segment does only if its box is near for the other two reasons.
  *
- * That of whole segments needs no trace: only what was live in any generation G in which it was valid, and how far E' reaches
- * (cut_far). For E of G is that of the trace, all that was live in G is live now, so is what E stands on, and what came is not in
- * the region and has h > E' >= E.
+ * For whole segments this needs no trace, but only what was live in a generation G in which it was valid, and how far
+ * E' reaches (cut_additions_far): E of G is that of the trace; all that was live in G is live now, so are the sites of
+ * E; and new points are not in the region and have h > E' >= E.
  *
- * Merged segments, removed and restored sources, copies of a point in other files change no live content, so they
- * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers are of one lattice with its
- * K; whoever compares generations of different ones is wrong before this is asked.
+ * Merged segments, removed and restored sources, and copies of a point in other files change no live content, so they
+ * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers must be of one lattice
+ * with the same K; the caller must ensure that.
  */
-#include "cut_valid.h"
+#include "cut_trace_priv.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -44,259 +44,9 @@
 
 enum { FOUND = 1 };
 
-void cut_trace_init(struct cut_trace *t, void *memory)
-{
-	*t = (struct cut_trace){.range = memory, .most_ranges = CUT_TRACE_RANGES, .most_sites = CUT_TRACE_SITES};
-	t->site = (struct point *)(t->range + CUT_TRACE_RANGES + CUT_TRACE_OWN);
-}
+/* ---- the test ---- */
 
-void cut_trace_sites(struct cut_trace *t, const struct cut_chain *chain, unsigned n)
-{
-	struct point *at = t->site;
-
-	memset(t->nsite, 0, sizeof t->nsite);
-	for (unsigned i = 0; i < n; i++) {
-		uint32_t all = chain[i].n, some = all < t->most_sites ? all : t->most_sites;
-
-		/* The first and the last too: beyond them E is a ray, or infinite. */
-		for (uint32_t k = 0; k < some; k++)
-			*at++ = chain[i].pt[some < all ? (uint64_t)k * (all - 1) / (some - 1) : k];
-		t->nsite[i] = some;
-	}
-}
-
-/* The region's finite borders, without sites; returns how many. */
-static unsigned borders_of(const struct cut_region *region, struct cut_chain ret[4])
-{
-	static const unsigned order[4] = {0, 2, 1, 3};
-	unsigned n = 0;
-	int64_t box[4];
-
-	cut_region_box(region, box);
-	for (unsigned k = 0; k < 4; k++) {
-		unsigned side = order[k], beside = 1 - (side & 1);
-
-		if (box[side] == INT64_MIN || box[side] == INT64_MAX)
-			continue;
-		cut_chain_init(&ret[n++], !(side & 1), box[side], box[beside], box[beside + 2], NULL, 0, NULL, 0);
-	}
-	return n;
-}
-
-/* Likewise, with their E'. */
-static unsigned chains_of(const struct cut_trace *t, const struct cut_region *region, struct cut_chain ret[4])
-{
-	unsigned n = borders_of(region, ret);
-	struct point *at = t->site;
-
-	for (unsigned i = 0; i < n; at += t->nsite[i++])
-		cut_chain_of(&ret[i], at, t->nsite[i]);
-	return n;
-}
-
-static void survey(struct cut_chain *chain, unsigned n)
-{
-	for (unsigned i = 0; i < n; i++)
-		cut_chain_survey(&chain[i]);
-}
-
-static bool hit(const struct cut_chain *chain, unsigned n, const int32_t box[4])
-{
-	for (unsigned i = 0; i < n; i++)
-		if (cut_chain_hit(&chain[i], box))
-			return true;
-	return false;
-}
-
-/* ---- ranges ---- */
-
-/* The keys of the box's corners: whatever lies in it has one between. */
-static void keys_of(const int32_t box[4], uint64_t *ret_lo, uint64_t *ret_hi)
-{
-	*ret_lo = point_morton(box[0], box[1]);
-	*ret_hi = point_morton(box[2], box[3]);
-}
-
-/* The first range that does not end before `from`; NULL: all do. */
-static const struct grid_sum *range_at(const struct cut_trace *t, uint64_t from)
-{
-	uint32_t lo = 0, hi = t->nrange;
-
-	while (lo < hi) {
-		uint32_t mid = lo + (hi - lo) / 2;
-
-		if (t->range[mid].hi < from)
-			lo = mid + 1;
-		else
-			hi = mid;
-	}
-	return lo < t->nrange ? &t->range[lo] : NULL;
-}
-
-static bool in_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
-{
-	const struct grid_sum *r = range_at(t, from);
-
-	return r && r->lo <= from && to <= r->hi;
-}
-
-static int range_order(const void *a, const void *b)
-{
-	const struct grid_sum *x = a, *y = b;
-
-	return x->lo < y->lo ? -1 : x->lo > y->lo;
-}
-
-/* Ascending, disjoint, not adjacent. */
-static void unite(struct cut_trace *t)
-{
-	uint32_t k = 0;
-
-	qsort(t->range, t->nrange, sizeof *t->range, range_order);
-	for (uint32_t i = 0; i < t->nrange; i++) {
-		const struct grid_sum r = t->range[i];
-
-		if (k > 0 && (t->range[k - 1].hi == UINT64_MAX || r.lo <= t->range[k - 1].hi + 1)) {
-			if (r.hi > t->range[k - 1].hi)
-				t->range[k - 1].hi = r.hi;
-		} else {
-			t->range[k++] = r;
-		}
-	}
-	t->nrange = k;
-}
-
-struct listing {
-	struct cut_trace *trace;
-	struct cut_range own[4];
-	unsigned nown, nchain;
-	struct cut_chain chain[4];
-	uint64_t mask; /* low bits that are not told apart any more */
-};
-
-static void widen(struct grid_sum *r, uint64_t mask)
-{
-	r->lo &= ~mask;
-	r->hi |= mask;
-}
-
-static void make_room(struct listing *l)
-{
-	struct cut_trace *t = l->trace;
-
-	unite(t);
-	/* A quarter, or it would be full again at once: four neighbours become one. */
-	while (t->nrange > t->most_ranges / 4 * 3) {
-		l->mask = l->mask << 2 | 3;
-		for (uint32_t i = 0; i < t->nrange; i++)
-			widen(&t->range[i], l->mask);
-		unite(t);
-	}
-}
-
-static void list(struct listing *l, uint64_t lo, uint64_t hi)
-{
-	struct cut_trace *t = l->trace;
-	struct grid_sum r = {.lo = lo, .hi = hi};
-
-	if (t->nrange == t->most_ranges)
-		make_room(l);
-	widen(&r, l->mask);
-	t->range[t->nrange++] = r;
-}
-
-static bool is_own(const struct listing *l, uint64_t lo, uint64_t hi)
-{
-	for (unsigned i = 0; i < l->nown; i++)
-		if (l->own[i].lo <= lo && hi <= l->own[i].hi)
-			return true;
-	return false;
-}
-
-static bool list_wants(const struct listing *l, const struct grid_cell *cell, uint64_t *ret_lo, uint64_t *ret_hi)
-{
-	keys_of(cell->box, ret_lo, ret_hi);
-	return cell->count && !is_own(l, *ret_lo, *ret_hi) && hit(l->chain, l->nchain, cell->box);
-}
-
-static bool list_enter(void *ctx, const struct grid_cell *subtree)
-{
-	uint64_t lo, hi;
-
-	return list_wants(ctx, subtree, &lo, &hi);
-}
-
-static int list_cell(void *ctx, const struct grid_cell *cell)
-{
-	uint64_t lo, hi, mask = 0;
-
-	if (!list_wants(ctx, cell, &lo, &hi))
-		return 0;
-	/* The smallest aligned range around: those of neighbours are adjacent. */
-	while ((lo ^ hi) & ~mask)
-		mask = mask << 2 | 3;
-	list(ctx, lo & ~mask, hi | mask);
-	return 0;
-}
-
-static void trace_parts(struct cut_trace *t, const struct cut_source *src)
-{
-	struct cut_segment segment[CUT_TRACE_PARTS];
-	size_t n = src->parts ? src->parts(src->ctx, t->live.part, segment, CUT_TRACE_PARTS) : 0;
-
-	t->live.n = n <= CUT_TRACE_PARTS ? (uint32_t)n : 0;
-}
-
-int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const struct cut_region *region, struct err *err)
-{
-	struct listing l = {.trace = t};
-	const struct grid_visitor v = {.ctx = &l, .segment = list_enter, .enter = list_enter, .cell = list_cell};
-	int rc;
-
-	trace_parts(t, src);
-	l.nown = cut_region_ranges(region, l.own);
-	l.nchain = chains_of(t, region, l.chain);
-	survey(l.chain, l.nchain);
-	t->nrange = 0;
-	rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
-	if (rc)
-		return rc;
-	unite(t);
-	for (unsigned i = 0; i < l.nown; i++)
-		t->range[t->nrange++] = (struct grid_sum){.lo = l.own[i].lo, .hi = l.own[i].hi};
-	unite(t);
-	return src->sums(src->ctx, t->range, t->nrange, err);
-}
-
-bool cut_trace_fits(const struct cut_trace *t, const struct cut_region *region)
-{
-	struct cut_range own[4];
-	unsigned nown = cut_region_ranges(region, own), nchain;
-	const struct point *at = t->site;
-	struct cut_chain chain[4];
-
-	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->live.n > CUT_TRACE_PARTS)
-		return false;
-	for (uint32_t i = 0; i < t->nrange; i++)
-		if (t->range[i].hi < t->range[i].lo || (i > 0 && t->range[i].lo <= t->range[i - 1].hi))
-			return false;
-	for (unsigned i = 0; i < nown; i++)
-		if (!in_ranges(t, own[i].lo, own[i].hi))
-			return false;
-	nchain = borders_of(region, chain);
-	for (unsigned i = 0; i < 4; i++)
-		if (t->nsite[i] > (i < nchain ? CUT_TRACE_SITES : 0))
-			return false;
-	for (unsigned i = 0; i < nchain; at += t->nsite[i++])
-		for (uint32_t k = 1; k < t->nsite[i]; k++)
-			if (cut_chain_u(&chain[i], &at[k]) < cut_chain_u(&chain[i], &at[k - 1]))
-				return false;
-	return true;
-}
-
-/* ---- judging ---- */
-
-struct judge {
+struct check {
 	const struct cut_source *src;
 	const struct view *view;
 	const struct cut_trace *trace;
@@ -307,45 +57,46 @@ struct judge {
 	struct err *err;
 };
 
-/* Before many boxes are looked at; for one it costs more than it saves. */
-static void judge_survey(struct judge *j)
+/* Before many boxes are tested; for a single one it costs more than it saves. */
+static void check_survey(struct check *j)
 {
 	if (!j->surveyed)
-		survey(j->chain, j->nchain);
+		cut_chains_survey(j->chain, j->nchain);
 	j->surveyed = true;
 }
 
-static bool meets(const struct judge *j, const int32_t box[4])
+static bool meets_region(const struct check *j, const int32_t box[4])
 {
 	return 2 * (int64_t)box[0] <= j->box[2] && 2 * (int64_t)box[2] >= j->box[0] && 2 * (int64_t)box[1] <= j->box[3] &&
 	       2 * (int64_t)box[3] >= j->box[1];
 }
 
-static bool judge_wants(const struct judge *j, const struct grid_cell *cell)
+static bool check_matters(const struct check *j, const struct grid_cell *cell)
 {
 	uint64_t lo, hi;
 
-	keys_of(cell->box, &lo, &hi);
-	return cell->count && !in_ranges(j->trace, lo, hi) && (meets(j, cell->box) || hit(j->chain, j->nchain, cell->box));
+	cut_box_keys(cell->box, &lo, &hi);
+	return cell->count && !cut_trace_contains(j->trace, lo, hi) &&
+	       (meets_region(j, cell->box) || cut_chains_hit(j->chain, j->nchain, cell->box));
 }
 
-static bool judge_enter(void *ctx, const struct grid_cell *subtree)
+static bool check_enter(void *ctx, const struct grid_cell *subtree)
 {
-	return judge_wants(ctx, subtree);
+	return check_matters(ctx, subtree);
 }
 
-static int judge_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+static int check_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
-	const struct judge *j = ctx;
+	const struct check *j = ctx;
 
 	(void)err;
 	for (size_t i = 0; i < n; i++) {
 		const struct point *p = &pts[i];
 		uint64_t key = point_morton(p->x, p->y);
 
-		if (in_ranges(j->trace, key, key) || view_judge(j->view, p) != VIEW_KEPT)
+		if (cut_trace_contains(j->trace, key, key) || view_judge(j->view, p) != VIEW_KEPT)
 			continue;
-		if (meets(j, (const int32_t[4]){p->x, p->y, p->x, p->y}))
+		if (meets_region(j, (const int32_t[4]){p->x, p->y, p->x, p->y}))
 			return FOUND;
 		for (unsigned k = 0; k < j->nchain; k++)
 			if (!cut_chain_above(&j->chain[k], p))
@@ -354,15 +105,15 @@ static int judge_points(void *ctx, const struct point *pts, size_t n, struct err
 	return 0;
 }
 
-static int judge_cell(void *ctx, const struct grid_cell *cell)
+static int check_cell(void *ctx, const struct grid_cell *cell)
 {
-	struct judge *j = ctx;
+	struct check *j = ctx;
 
-	return judge_wants(j, cell) ? j->src->read(j->src->ctx, cell, judge_points, j, j->err) : 0;
+	return check_matters(j, cell) ? j->src->read(j->src->ctx, cell, check_points, j, j->err) : 0;
 }
 
-/* (1). A few at a time: where something has changed it is seldom the last. */
-static int same_sums(const struct cut_source *src, const struct cut_trace *t, bool *ret, struct err *err)
+/* Condition (1). In small batches: a difference is seldom in the last range. */
+static int sums_equal(const struct cut_source *src, const struct cut_trace *t, bool *ret, struct err *err)
 {
 	enum { PIECE = 64 };
 	struct grid_sum now[PIECE];
@@ -385,58 +136,60 @@ static int same_sums(const struct cut_source *src, const struct cut_trace *t, bo
 	return 0;
 }
 
-/* ---- what came only ---- */
+/* ---- added segments ---- */
 
-struct fresh {
-	struct judge *judge;
-	struct cut_part part[2 * CUT_TRACE_PARTS];
+struct added {
+	struct check *check;
+	struct cut_live_part part[2 * CUT_TRACE_PARTS];
 	struct cut_segment segment[2 * CUT_TRACE_PARTS];
 	size_t n;
 };
 
 static bool meets_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
 {
-	const struct grid_sum *r = range_at(t, from);
+	const struct grid_sum *r = cut_trace_find(t, from);
 
 	return r && r->lo <= to;
 }
 
-static bool fresh_segment(void *ctx, const struct grid_cell *whole)
+static bool added_segment(void *ctx, const struct grid_cell *whole)
 {
-	const struct fresh *f = ctx;
+	const struct added *f = ctx;
 	size_t i = 0;
 
 	while (i < f->n && f->segment[i].number != whole->segment)
 		i++;
-	if (i == f->n || !whole->count || !(meets(f->judge, whole->box) || hit(f->judge->chain, f->judge->nchain, whole->box)))
+	if (i == f->n || !whole->count ||
+	    !(meets_region(f->check, whole->box) || cut_chains_hit(f->check->chain, f->check->nchain, whole->box)))
 		return false;
-	judge_survey(f->judge);
+	check_survey(f->check);
 	return true;
 }
 
-static bool fresh_near(void *ctx, const struct grid_cell *cell)
+static bool added_near(void *ctx, const struct grid_cell *cell)
 {
-	const struct judge *j = ((const struct fresh *)ctx)->judge;
+	const struct check *j = ((const struct added *)ctx)->check;
 	uint64_t lo, hi;
 
-	keys_of(cell->box, &lo, &hi);
-	return cell->count && (meets_ranges(j->trace, lo, hi) || meets(j, cell->box) || hit(j->chain, j->nchain, cell->box));
+	cut_box_keys(cell->box, &lo, &hi);
+	return cell->count &&
+	       (meets_ranges(j->trace, lo, hi) || meets_region(j, cell->box) || cut_chains_hit(j->chain, j->nchain, cell->box));
 }
 
-static int fresh_cell(void *ctx, const struct grid_cell *cell)
+static int added_cell(void *ctx, const struct grid_cell *cell)
 {
-	return fresh_near(ctx, cell) ? FOUND : 0;
+	return added_near(ctx, cell) ? FOUND : 0;
 }
 
-static bool part_same(const struct cut_part *a, const struct cut_part *b)
+static bool same_part(const struct cut_live_part *a, const struct cut_live_part *b)
 {
 	return a->points == b->points && digest_equal(a->sum, b->sum);
 }
 
-/* All that is missing lies in one segment now, which then is none of what came. */
-static bool fresh_merged(struct fresh *f, const struct cut_live *then, const bool *there)
+/* If all missing content is in one segment now (they were merged), that segment is not an added one. */
+static bool added_without_merged(struct added *f, const struct cut_live *then, const bool *there)
 {
-	struct cut_part all = {0};
+	struct cut_live_part all = {0};
 	size_t i = 0;
 
 	for (uint32_t k = 0; k < then->n; k++)
@@ -444,7 +197,7 @@ static bool fresh_merged(struct fresh *f, const struct cut_live *then, const boo
 			all.points += then->part[k].points;
 			digest_add(&all.sum, then->part[k].sum);
 		}
-	while (i < f->n && !part_same(&f->part[i], &all))
+	while (i < f->n && !same_part(&f->part[i], &all))
 		i++;
 	if (i == f->n)
 		return false;
@@ -454,12 +207,12 @@ static bool fresh_merged(struct fresh *f, const struct cut_live *then, const boo
 	return true;
 }
 
-/* The segments that were not live then. False: not all that were are there as they were. */
-static bool fresh_find(const struct cut_source *src, const struct cut_live *then, struct fresh *f)
+/* Finds the segments that were not live then. False: not all that were live then are live now. */
+static bool find_added(const struct cut_source *src, const struct cut_live *then, struct added *f)
 {
 	enum { MOST = sizeof f->segment / sizeof f->segment[0] };
 	bool taken[CUT_TRACE_PARTS] = {false};
-	struct cut_part now[MOST];
+	struct cut_live_part now[MOST];
 	struct cut_segment segment[MOST];
 	size_t n = then->n && src->parts ? src->parts(src->ctx, now, segment, MOST) : 0, same = 0;
 
@@ -468,7 +221,7 @@ static bool fresh_find(const struct cut_source *src, const struct cut_live *then
 	for (size_t i = 0; i < n; i++) {
 		uint32_t k = 0;
 
-		while (k < then->n && (taken[k] || !part_same(&now[i], &then->part[k])))
+		while (k < then->n && (taken[k] || !same_part(&now[i], &then->part[k])))
 			k++;
 		if (k == then->n) {
 			f->part[f->n] = now[i];
@@ -478,18 +231,18 @@ static bool fresh_find(const struct cut_source *src, const struct cut_live *then
 		taken[k] = true;
 		same++;
 	}
-	return same == then->n || fresh_merged(f, then, taken);
+	return same == then->n || added_without_merged(f, then, taken);
 }
 
-bool cut_trace_stands_in(const struct cut_source *src, const struct cut_trace *t)
+bool cut_trace_still_live_in(const struct cut_source *src, const struct cut_trace *t)
 {
-	struct fresh f = {.n = 0};
+	struct added f = {.n = 0};
 
-	return fresh_find(src, &t->live, &f);
+	return find_added(src, &t->live, &f);
 }
 
-/* Between which ends of a border a point of it can be that has a site, by the first and the last one. On an infinite end that is
- * from the last site on (or the other end, if that lies before it). */
+/* The interval of a border whose points can have a site, from its first and last site. An infinite end begins at the
+ * last site (or at the other end of the border, if that is farther). */
 static void border_ends(const struct cut_chain *c, int64_t first, int64_t last, int64_t *ret_t0, int64_t *ret_t1)
 {
 	int64_t t0 = c->t0 > INT64_MIN ? c->t0 : first < c->t1 ? first : c->t1;
@@ -498,7 +251,7 @@ static void border_ends(const struct cut_chain *c, int64_t first, int64_t last, 
 	*ret_t1 = c->t1 < INT64_MAX ? c->t1 : last > t0 ? last : t0;
 }
 
-/* How far a point of the border can be from the nearest of these sites at most. */
+/* Upper bound of the distance from a point of the border to the nearest of these sites. */
 static struct cut_reach_border border_reach(const struct cut_chain *c, const struct point *site, uint32_t n)
 {
 	struct cut_reach_border b = {.any = n > 0};
@@ -525,15 +278,15 @@ void cut_reach_of(const struct cut_trace *t, const struct cut_region *region, st
 {
 	const struct point *at = t->site;
 	struct cut_chain border[4];
-	unsigned n = borders_of(region, border);
+	unsigned n = cut_trace_borders(region, border);
 
 	memset(ret, 0, sizeof *ret);
 	for (unsigned i = 0; i < n; at += t->nsite[i++])
 		ret->border[i] = border_reach(&border[i], at, t->nsite[i]);
 }
 
-/* False: no point in the box has h <= E'. Beyond the last site of an infinite end E' is infinite, and before it such a point is
- * no farther across than the site is. */
+/* False: no point in the box has h <= E'. Beyond the last site of an infinite end E' is infinite; before it, such a
+ * point is no farther across than the site. */
 static bool border_near(const struct cut_chain *c, const struct cut_reach_border *b, const int32_t box[4])
 {
 	int64_t u0, u1, x, t0, t1;
@@ -547,15 +300,15 @@ static bool border_near(const struct cut_chain *c, const struct cut_reach_border
 	return x <= b->far && u0 - t1 <= b->far && t0 - u1 <= b->far;
 }
 
-/* Of whole segments, from their boxes: most are far from most regions. True says nothing. What is in R only, neither in the
- * region nor with h <= E', changes no site on E. */
-static bool fresh_may(const struct fresh *f, const struct cut_region *region, const struct cut_reach *reach)
+/* Tests added segments by their boxes: most are far from most regions. False: none is near; true: unknown. Points that
+ * are only in R, neither in the region nor with h <= E', change no site on E. */
+static bool added_may_be_near(const struct added *f, const struct cut_region *region, const struct cut_reach *reach)
 {
 	struct cut_chain border[4];
-	unsigned n = borders_of(region, border);
+	unsigned n = cut_trace_borders(region, border);
 
 	for (size_t k = 0; k < f->n; k++) {
-		if (meets(f->judge, f->segment[k].box))
+		if (meets_region(f->check, f->segment[k].box))
 			return true;
 		for (unsigned i = 0; i < n; i++)
 			if (border_near(&border[i], &reach->border[i], f->segment[k].box))
@@ -564,32 +317,32 @@ static bool fresh_may(const struct fresh *f, const struct cut_region *region, co
 	return false;
 }
 
-bool cut_far_from(const struct cut_source *src, const struct cut_region *region, const struct cut_reach *reach,
-		  const struct cut_live *then)
+bool cut_additions_far_from(const struct cut_source *src, const struct cut_region *region, const struct cut_reach *reach,
+			    const struct cut_live *then)
 {
-	struct judge j = {.src = src};
-	struct fresh f = {.judge = &j};
+	struct check j = {.src = src};
+	struct added f = {.check = &j};
 
 	cut_region_box(region, j.box);
-	return fresh_find(src, then, &f) && !fresh_may(&f, region, reach);
+	return find_added(src, then, &f) && !added_may_be_near(&f, region, reach);
 }
 
-/* *ret: what is not of the trace's generation is not near. False in it says nothing. Chains are built where boxes do not do. */
-static int nothing_near(const struct cut_source *src, struct judge *j, const struct cut_region *region, bool *ret,
-			struct err *err)
+/* Sets *ret if no added content is near; otherwise nothing is known. Builds the chains only if boxes are not sufficient. */
+static int nothing_added_near(const struct cut_source *src, struct check *j, const struct cut_region *region, bool *ret,
+			      struct err *err)
 {
-	struct fresh f = {.judge = j};
-	const struct grid_visitor v = {.ctx = &f, .segment = fresh_segment, .enter = fresh_near, .cell = fresh_cell};
-	bool known = fresh_find(src, &j->trace->live, &f);
+	struct added f = {.check = j};
+	const struct grid_visitor v = {.ctx = &f, .segment = added_segment, .enter = added_near, .cell = added_cell};
+	bool known = find_added(src, &j->trace->live, &f);
 	struct cut_reach reach;
 	int rc;
 
 	if (known)
 		cut_reach_of(j->trace, region, &reach);
-	*ret = known && !fresh_may(&f, region, &reach);
+	*ret = known && !added_may_be_near(&f, region, &reach);
 	if (*ret)
 		return 0;
-	j->nchain = chains_of(j->trace, region, j->chain);
+	j->nchain = cut_trace_chains(j->trace, region, j->chain);
 	if (!known)
 		return 0;
 	rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
@@ -600,20 +353,20 @@ static int nothing_near(const struct cut_source *src, struct judge *j, const str
 int cut_valid_from(const struct cut_source *src, const struct view *view, const struct cut_region *region,
 		   const struct cut_trace *trace, bool *ret, struct err *err)
 {
-	struct judge j = {.src = src, .view = view, .trace = trace, .err = err};
-	const struct grid_visitor v = {.ctx = &j, .segment = judge_enter, .enter = judge_enter, .cell = judge_cell};
+	struct check j = {.src = src, .view = view, .trace = trace, .err = err};
+	const struct grid_visitor v = {.ctx = &j, .segment = check_enter, .enter = check_enter, .cell = check_cell};
 	bool same = false;
 	int rc;
 
 	cut_region_box(region, j.box);
-	rc = nothing_near(src, &j, region, ret, err);
+	rc = nothing_added_near(src, &j, region, ret, err);
 	if (rc || *ret)
 		return rc;
-	rc = same_sums(src, trace, &same, err);
+	rc = sums_equal(src, trace, &same, err);
 	if (rc)
 		return rc;
 	if (same) {
-		judge_survey(&j);
+		check_survey(&j);
 		rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
 		if (rc && rc != FOUND)
 			return rc;

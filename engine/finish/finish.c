@@ -1,11 +1,12 @@
 /*
- * The kernel's triangles become a finished domain in three passes, in the place of the triangles.
+ * The kernel's triangles become a finished domain in three passes, in the memory of the triangles.
  *
- * The model: owned triangles are packed to the front as they are found. Their digest is computed at the same time, while
- * the positions of their corners are in the cache: fetching them again costs more than the hash. A vertex has marks of one
- * byte, in the memory of the kernel's ids, and later its local number in the same memory; numbers are written from the end,
- * so that no mark is overwritten before it was read. Links and vertices follow the packed triangles. A vertex is closed if
- * all kernel triangles around it are owned. All others (border and hull) are open and come first.
+ * Owned triangles are packed to the front as they are found. Their digest is computed at the same time, while the
+ * positions of their corners are in the cache; fetching them again would cost more than the hash. Each vertex has a
+ * one-byte mark in the memory of the kernel's ids, and later its local number in the same memory. Numbers are written
+ * from the end, so that no mark is overwritten before it was read. Links and vertices follow the packed triangles. A
+ * vertex is closed if all kernel triangles around it are owned. The others (at the border and on the hull) are open and
+ * come first.
  */
 #include "finish.h"
 
@@ -15,7 +16,7 @@
 #include "cut_owner.h"
 
 enum { USED = FINISH_USED, OPEN = FINISH_OPEN };
-/* Triangles in one call of the digest; distance of prefetching, in triangles. */
+/* Triangles for each call of the digest; prefetch distance, in triangles. */
 enum { BATCH = 64, AHEAD = 12 };
 
 void finish_init(struct finish *f, const struct cut_region *region, const int64_t k[3], const struct tri *tri)
@@ -25,13 +26,13 @@ void finish_init(struct finish *f, const struct cut_region *region, const int64_
 	tri_result(tri, &f->tri);
 }
 
-/* By vertex: USED and OPEN. */
+/* USED and OPEN of each vertex. */
 static uint8_t *marks(const struct finish *f)
 {
 	return (uint8_t *)f->tri.id;
 }
 
-/* By vertex: its local number. The same memory, later. */
+/* The local number of each vertex; the same memory as the marks, later. */
 static uint32_t *numbers(const struct finish *f)
 {
 	return (uint32_t *)f->tri.id;
@@ -98,12 +99,12 @@ void finish_owned(struct finish *f)
 	f->out.ntriangle = n;
 }
 
-/* Places links, vertices and final bits behind the triangles. False: they do not fit there. */
+/* Places links, vertices and final bits behind the triangles. False: they do not fit. */
 static bool lay_out(struct finish *f)
 {
 	uint8_t *at = (uint8_t *)f->out.triangle + align_line((size_t)f->out.ntriangle * sizeof(uint32_t[3]));
 	const uint8_t *mark = marks(f), *front = (const uint8_t *)f->tri.triangle;
-	/* They are written while xy, z and marks are still read, and must not overlap these. */
+	/* They are written while xy, z and marks are still read, so they must not overlap these. */
 	const uint8_t *end = (const uint8_t *)f->tri.xy;
 	uint32_t nopen = 0, nvertex = 0;
 
@@ -152,7 +153,7 @@ bool finish_vertices(struct finish *f)
 		uint8_t m = mark[v];
 		uint32_t to;
 
-		/* A closed vertex lies in the region, because all corners of its Voronoi cell do. */
+		/* A closed vertex is in the region, because all corners of its Voronoi cell are. */
 		if (m != USED && cut_region_holds(f->region, at[0], at[1]))
 			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 		if (!(m & USED))
@@ -170,7 +171,7 @@ bool finish_vertices(struct finish *f)
 	return true;
 }
 
-/* The position's hash for link sums. */
+/* The hash of a position for link sums. */
 static struct digest place_hash(const struct mesh_vertex *v)
 {
 	uint64_t place = (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y;

@@ -1,5 +1,5 @@
-/* The kernel's triangles become a finished domain, in place, in four steps. A caller may time each, or pick the triangles itself.
- */
+/* The kernel's triangles become a finished domain, in place, in four steps. The steps are separate so that a caller can
+ * time them, or choose the triangles itself. */
 #ifndef FINISH_H
 #define FINISH_H
 
@@ -10,8 +10,8 @@
 #include "mesh.h"
 #include "tri.h"
 
-/* Marks of a vertex while triangles are picked, one byte each, in the memory of the kernel's ids: it is a corner of a picked
- * triangle; of another triangle or a ghost. */
+/* Marks of a vertex while triangles are chosen, one byte each, in the memory of the kernel's ids: it is a corner of a
+ * chosen triangle; it is a corner of another triangle or of a ghost. */
 enum { FINISH_USED = 1, FINISH_OPEN = 2 };
 
 struct finish {
@@ -23,8 +23,8 @@ struct finish {
 
 /* After tri_run, in this order. Each step adds to `out`: */
 void finish_init(struct finish *, const struct cut_region *, const int64_t k[3], const struct tri *);
-void finish_owned(struct finish *);    /* the region's triangles, their digest, and the marks of vertices */
-bool finish_vertices(struct finish *); /* vertices, box, digest of the closed ones. False: no room */
+void finish_owned(struct finish *);    /* the region's triangles, their digest, the marks of vertices */
+bool finish_vertices(struct finish *); /* vertices, box, digest of the closed ones. False: they do not fit */
 void finish_numbers(struct finish *);  /* local numbers in the triangles, links of open vertices */
 
 #endif

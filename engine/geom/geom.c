@@ -1,16 +1,16 @@
 /*
- * The parts of the exact signs that are not worth inlining: ties of the in-circle test, and the side of
- * a cut on which a circumcentre lies.
+ * The parts of the exact signs that are not worth inlining: ties of the in-circle test, and the side of a cut on which
+ * a circumcentre lies.
  *
- * It keeps no state. The one use of floating point is a filter with a proven bound in front of the 128-bit
- * computation; a fused product would be at least as accurate as the bound assumes.
+ * Floating point is used only once, in a filter with a proven bound before the 128-bit computation; a fused product
+ * would be at least as accurate as the bound assumes.
  */
 #include "geom.h"
 
 #include <math.h>
 
-/* Four distinct positions on one circle: the lexicographically largest one is lifted infinitely more
- * than the others, and its cofactor, an orientation of three of them, is never zero (algorithm.md 1). */
+/* Four distinct positions on one circle. The lexicographically largest one is lifted infinitely more than the others,
+ * and its cofactor, an orientation of the other three, is never zero (algorithm.md 1). */
 int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2])
 {
 	const int32_t *largest = geom_less(a, b) ? b : a;
@@ -26,9 +26,9 @@ int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2]
 	return geom_orient(d, b, c);
 }
 
-/* The circumcentre lies exactly on the cut: it moves with the heights, and the first vertex of the
- * highest rank whose height moves it across the cut decides. Of three vertices that are not collinear
- * at most one coefficient is zero, so two steps are enough. */
+/* The circumcentre is exactly on the cut. It moves with the lifted heights; the vertex of highest rank whose height
+ * moves it across the cut decides. At most one coefficient of three non-collinear vertices is zero, so two steps
+ * suffice. */
 static int cut_side_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], bool vertical)
 {
 	const int32_t *v[3] = {a, b, c};
@@ -48,10 +48,10 @@ static int cut_side_tie(const int32_t a[2], const int32_t b[2], const int32_t c[
 }
 
 /*
- * With u = 2^-53 and integer differences below 2^32 (exact), each height is off by 2u of itself, each
- * product with it by 3u; the area by 2u of the sum of its absolute products, its product by 3u (the
- * factor is exact); the two last additions by 2u of everything: at most 5u + O(u^2) of the sum of the
- * absolute products. 4e-15 is 36u.
+ * With u = 2^-53 and integer differences below 2^32 (exact): each height has an error of 2u of itself, each product
+ * with it 3u; the area has an error of 2u of the sum of its absolute products, its product 3u (the factor is exact);
+ * the last two additions add 2u of everything. In all at most 5u + O(u^2) of the sum of the absolute products. 4e-15 is
+ * 36u.
  */
 int geom_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical)
 {

@@ -1,12 +1,12 @@
 /*
- * Exact signs on the integer lattice: orientation, in-circle with the tie order that makes the
- * triangulation unique, the side of a cut on which a circumcentre lies (docs/design/algorithm.md 1 to 3).
+ * Exact signs on the integer lattice: orientation, in-circle with the tie order that makes the triangulation unique,
+ * the side of a cut on which a circumcentre lies (docs/design/algorithm.md 1 to 3).
  *
- * Positions are int32_t[2], any of the full range. Every sign is that of the true value: nothing is
- * rounded, nothing overflows. Only the lift is perturbed (position p is lifted by x^2 + y^2 + eps, eps
- * growing with the lexicographic rank of p), so collinear stays collinear.
+ * Positions are int32_t[2] of the full range. Every sign is exact: nothing is rounded, nothing overflows. Only the lift
+ * is perturbed (position p is lifted by x^2 + y^2 + eps, where eps grows with the lexicographic rank of p), so
+ * collinear positions stay collinear.
  *
- * The inner functions take the lifted heights relative to the reference vertex as parameters.
+ * The inner functions take lifted heights relative to the reference vertex.
  */
 #ifndef GEOM_H
 #define GEOM_H
@@ -27,13 +27,13 @@ static inline int geom_sign128(geom_i128 v)
 	return (v > 0) - (v < 0);
 }
 
-/* Lexicographic order, x then y: the ranks of the perturbation. */
+/* Lexicographic order, x before y: the ranks of the perturbation. */
 static inline bool geom_less(const int32_t a[2], const int32_t b[2])
 {
 	return a[0] < b[0] || (a[0] == b[0] && a[1] < b[1]);
 }
 
-/* Whether all four lie in [-2^31, 2^31). */
+/* Whether all four are in [-2^31, 2^31). */
 static inline bool geom_fits31(int64_t a, int64_t b, int64_t c, int64_t d)
 {
 	uint64_t bias = UINT64_C(1) << 31;
@@ -56,7 +56,7 @@ static inline int geom_orient(const int32_t a[2], const int32_t b[2], const int3
 	int64_t bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1];
 	int64_t cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1];
 
-	/* Each product is within 2^62. They are compared, not subtracted: 2^62 + 2^62 would not fit. */
+	/* Each product is within 2^62. They are compared and not subtracted, because 2^62 + 2^62 would overflow. */
 	if (geom_fits31(bx, by, cx, cy)) {
 		int64_t l = bx * cy, r = by * cx;
 
@@ -66,10 +66,10 @@ static inline int geom_orient(const int32_t a[2], const int32_t b[2], const int3
 }
 
 /*
- * The in-circle determinant from differences to the tested position d and heights of the lift relative
- * to it, all modulo 2^128: > 0 when d lies below the plane through the lifted a, b, c (inside, for
- * counter-clockwise a, b, c). Intermediates reach 2^131.6, so only the last value has a sign; unweighted
- * heights of full-range positions keep it below 2^127 (algorithm.md 2).
+ * The in-circle determinant, modulo 2^128, from differences to the tested position d and lifted heights relative to it:
+ * > 0 if d is below the plane through the lifted a, b, c (inside, for counter-clockwise a, b, c). Intermediate values
+ * reach 2^131.6, so only the result has a valid sign; unweighted heights of full-range positions keep it below 2^127
+ * (algorithm.md 2).
  */
 static inline geom_i128 geom_lift_det(int64_t ax, int64_t ay, geom_u128 az, int64_t bx, int64_t by, geom_u128 bz, int64_t cx,
 				      int64_t cy, geom_u128 cz)
@@ -96,7 +96,7 @@ static inline int geom_incircle_plain(const int32_t a[2], const int32_t b[2], co
 	uint64_t bits = (uint64_t)(ax + 32767) | (uint64_t)(ay + 32767) | (uint64_t)(bx + 32767) | (uint64_t)(by + 32767) |
 			(uint64_t)(cx + 32767) | (uint64_t)(cy + 32767);
 
-	/* All differences in [-32767, 32768]: they span at most 2^16 - 1, so the value is below 2^63. */
+	/* All differences are in [-32767, 32768] and span at most 2^16 - 1, so the value is below 2^63. */
 	if (bits < 65536) {
 		uint64_t az = (uint64_t)(ax * ax + ay * ay), bz = (uint64_t)(bx * bx + by * by);
 		uint64_t cz = (uint64_t)(cx * cx + cy * cy);
@@ -107,12 +107,12 @@ static inline int geom_incircle_plain(const int32_t a[2], const int32_t b[2], co
 	return geom_sign128(geom_lift_det(ax, ay, geom_lift(ax, ay), bx, by, geom_lift(bx, by), cx, cy, geom_lift(cx, cy)));
 }
 
-/* The answer of geom_incircle where the unperturbed sign is 0: 1 inside, -1 outside. */
+/* The result of geom_incircle if the unperturbed sign is 0: 1 inside, -1 outside. */
 int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2]);
 
 /*
- * Whether d lies inside the circle through a, b, c (counter-clockwise), ties broken by the lexicographic
- * order: 1 inside, -1 outside, never 0. The four positions are distinct and a, b, c are not collinear.
+ * Whether d is inside the circle through a, b, c (counter-clockwise), ties broken by the lexicographic order: 1 inside,
+ * -1 outside, never 0. The four positions are distinct, and a, b, c are not collinear.
  */
 static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2])
 {
@@ -122,16 +122,15 @@ static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const in
 }
 
 /*
- * The side of a cut on which the perturbed circumcentre of a, b, c (counter-clockwise) lies: 1 right of a
- * vertical cut or above a horizontal one, -1 left or below, never 0. c2 is the doubled cut, odd, within
- * +-2^34.
+ * The side of a cut on which the perturbed circumcentre of a, b, c (counter-clockwise) lies: 1 right of a vertical cut
+ * or above a horizontal one, -1 left or below, never 0. c2: the doubled coordinate of the cut, odd, within +-2^34.
  */
 int geom_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical);
 
 /*
- * The inner function: N of algorithm.md 3, the circumcentre less the cut times a positive number, from b and
- * c relative to a and their heights relative to a's. `at` is a's coordinate across the cut; bv, cv are the
- * differences along it; area is geom_area(a, b, c). Exact for heights within 2^90.
+ * The inner function: N of algorithm.md 3, which is the circumcentre minus the cut, times a positive number. From b and
+ * c relative to a, and their heights relative to a's. `at`: a's coordinate across the cut; bv, cv: the differences
+ * along it; area: geom_area(a, b, c). Exact for heights within 2^90.
  */
 static inline geom_i128 geom_cut_value(int32_t at, int64_t bv, geom_i128 bz, int64_t cv, geom_i128 cz, geom_i128 area, int64_t c2,
 				       bool vertical)

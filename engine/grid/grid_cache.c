@@ -1,13 +1,12 @@
 /*
- * The pages of the index that are kept in memory, shared by all readers of a grid: a hash table over
- * frames and a list by last use, under one mutex. A page is copied out (16 KiB for some hundred cells)
- * instead of lent: no reader ever waits for another to give a page back, and a cache of any size works,
- * even of none.
+ * A cache of index pages, shared by all readers of a grid: a hash table over frames and an LRU list, under one mutex. A
+ * reader gets a copy of a page (16 KiB for 185 cells) and not a reference, so no reader waits for another one to
+ * release a page, and a cache of any size works, even of none.
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "grid_read.h"
+#include "grid_priv.h"
 #include "lock.h"
 
 enum { NONE = UINT32_MAX };
@@ -15,7 +14,7 @@ enum { NONE = UINT32_MAX };
 struct frame {
 	uint64_t place;
 	uint32_t segment;
-	uint32_t newer, older; /* by last use */
+	uint32_t newer, older; /* in the LRU list */
 	uint32_t chain;        /* next in the hash chain */
 };
 
@@ -82,7 +81,7 @@ static uint32_t find(struct grid_cache *c, uint32_t segment, uint64_t place)
 	return i;
 }
 
-static void unlink_use(struct grid_cache *c, uint32_t i)
+static void lru_remove(struct grid_cache *c, uint32_t i)
 {
 	struct frame *f = &c->frames[i];
 
@@ -90,7 +89,7 @@ static void unlink_use(struct grid_cache *c, uint32_t i)
 	*(f->older == NONE ? &c->oldest : &c->frames[f->older].newer) = f->newer;
 }
 
-static void link_newest(struct grid_cache *c, uint32_t i)
+static void lru_push(struct grid_cache *c, uint32_t i)
 {
 	c->frames[i].newer = NONE;
 	c->frames[i].older = c->newest;
@@ -108,15 +107,15 @@ bool grid_cache_get(struct grid_cache *c, uint32_t segment, uint64_t place, void
 	i = find(c, segment, place);
 	if (i != NONE) {
 		memcpy(page, c->pages + i * (size_t)DISK_PAGE, DISK_PAGE);
-		unlink_use(c, i);
-		link_newest(c, i);
+		lru_remove(c, i);
+		lru_push(c, i);
 	}
 	lock_give(&c->lock);
 	return i != NONE;
 }
 
-/* A frame for a new page: an unused one, else that of the page whose last use is longest ago. */
-static uint32_t claim(struct grid_cache *c)
+/* A frame for a new page: an unused one, or that of the least recently used page. */
+static uint32_t claim_frame(struct grid_cache *c)
 {
 	if (c->used < c->nframes)
 		return (uint32_t)c->used++;
@@ -125,7 +124,7 @@ static uint32_t claim(struct grid_cache *c)
 	while (*at != i)
 		at = &c->frames[*at].chain;
 	*at = c->frames[i].chain;
-	unlink_use(c, i);
+	lru_remove(c, i);
 	return i;
 }
 
@@ -134,12 +133,12 @@ void grid_cache_put(struct grid_cache *c, uint32_t segment, uint64_t place, cons
 	if (!c->nframes)
 		return;
 	lock_take(&c->lock);
-	if (find(c, segment, place) == NONE) { /* else another reader missed it too and was quicker */
-		uint32_t i = claim(c), *head = head_of(c, segment, place);
+	if (find(c, segment, place) == NONE) { /* another reader may have put it meanwhile */
+		uint32_t i = claim_frame(c), *head = head_of(c, segment, place);
 
 		c->frames[i] = (struct frame){.place = place, .segment = segment, .chain = *head};
 		*head = i;
-		link_newest(c, i);
+		lru_push(c, i);
 		memcpy(c->pages + i * (size_t)DISK_PAGE, page, DISK_PAGE);
 	}
 	lock_give(&c->lock);

@@ -1,66 +1,56 @@
 /*
- * Opening a manifest for reading in one generation (grid.h). A record is live if its source was added in
- * that generation or before and was not removed by then; sources are few, so this is decided here once.
- * Nothing changes afterwards except the cache of index pages.
+ * Opens a manifest for reading one generation (grid.h). A record is live if its source was added in that generation or
+ * before and was not removed by then. This is decided once for each source, here. Later only the cache of index pages
+ * changes.
  */
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
-#include "grid_read.h"
+#include "grid_priv.h"
 #include "io.h"
 #include "ledger.h"
+#include "order.h"
 
-static int by_id(const void *a, const void *b)
+static const struct grid_liveness *find_source(const struct grid *g, uint32_t source)
 {
-	const struct grid_life *x = a, *y = b;
-
-	return x->id < y->id ? -1 : x->id > y->id;
-}
-
-static const struct grid_life *life_of(const struct grid *g, uint32_t source)
-{
-	struct grid_life key = {.id = source};
+	struct grid_liveness key = {.id = source};
 
 	if (!g->manifest->nsources)
 		return NULL;
-	return bsearch(&key, g->lives, g->manifest->nsources, sizeof key, by_id);
+	return bsearch(&key, g->sources, g->manifest->nsources, sizeof key, order_u32);
 }
 
 bool grid_live(const struct grid *g, uint32_t source)
 {
-	const struct grid_life *life = life_of(g, source);
+	const struct grid_liveness *s = find_source(g, source);
 
-	return life && life->live;
+	return s && s->live;
 }
 
-/* Whether there is such a source. */
-static bool known(const struct grid *g, uint32_t source)
+/* Reads the sources of a segment, to find whether all, some or none of its records are live. */
+static int read_sources(const struct grid *g, uint32_t segment, const struct disk_segment *h, struct err *err)
 {
-	return life_of(g, source) != NULL;
-}
-
-/* Which sources a segment has: whether all, some or none of them are live. */
-static int read_sources(const struct grid *g, struct grid_part *p, const struct disk_segment *h, struct err *err)
-{
+	const struct grid_segment *p = &g->segments[segment];
+	struct grid_live *l = &g->live[segment];
 	size_t bytes = h->sources * sizeof(struct disk_total);
 	struct disk_total *totals = NULL;
 	int rc;
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes))
 		return err_set(err, ERR_BUSY, "no %zu bytes are free for a table of %u sources", bytes, h->sources);
-	rc = grid_part_sources(p, h, &totals, err);
-	p->all_live = p->none_live = true;
+	rc = grid_segment_sources(p, h, &totals, err);
+	l->all = l->none = true;
 	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
 		bool live = grid_live(g, totals[i].id);
 
-		if (!known(g, totals[i].id))
-			rc = grid_damaged(p, h->sources_place, "the manifest lacks one of its sources", err);
-		p->live_points += live ? totals[i].points : 0;
+		if (!find_source(g, totals[i].id))
+			rc = grid_segment_damaged(p, h->sources_place, "the manifest lacks one of its sources", err);
+		l->points += live ? totals[i].points : 0;
 		if (live)
-			digest_add(&p->live_sum, (struct digest){totals[i].sum_hi, totals[i].sum_lo});
-		p->all_live = p->all_live && live;
-		p->none_live = p->none_live && !live;
+			digest_add(&l->sum, (struct digest){totals[i].sum_hi, totals[i].sum_lo});
+		l->all = l->all && live;
+		l->none = l->none && !live;
 	}
 	free(totals);
 	if (g->ledger)
@@ -68,21 +58,21 @@ static int read_sources(const struct grid *g, struct grid_part *p, const struct 
 	return rc;
 }
 
-static int open_part(struct grid *g, int dirfd, size_t i, struct err *err)
+static int open_segment(struct grid *g, int dirfd, uint32_t i, struct err *err)
 {
 	const struct grid_segment_info *info = &g->manifest->segments[i];
-	struct grid_part *p = &g->parts[i];
+	struct grid_segment *p = &g->segments[i];
 	struct disk_segment h;
-	int rc = grid_part_open(p, dirfd, info, &h, err);
+	int rc = grid_segment_open(p, dirfd, info, &h, err);
 
 	if (rc)
 		return rc;
-	rc = read_sources(g, p, &h, err);
+	rc = read_sources(g, i, &h, err);
 	if (rc)
 		return rc;
 	if (p->height > g->height)
 		g->height = p->height;
-	g->active += !p->none_live;
+	g->active += !g->live[i].none;
 	return 0;
 }
 
@@ -101,7 +91,7 @@ static uint64_t page_count(uint64_t cells)
 	return pages;
 }
 
-/* Tables first, then as many frames as index_memory has room for and the index has pages. */
+/* Charges the tables and as many frames as index_memory has room for, but no more than the index has pages. */
 static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
@@ -110,9 +100,9 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	for (size_t i = 0; i < m->nsegments; i++)
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
-	/* Sorting the lives doubles them for a while. */
-	uint64_t bytes =
-		sizeof *g + m->nsegments * sizeof *g->parts + 2 * m->nsources * sizeof *g->lives + grid_cache_bytes(frames);
+	/* Sorting the sources may double them for a while. */
+	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live) +
+			 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames);
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset", (unsigned long long)bytes);
@@ -123,25 +113,26 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	return 0;
 }
 
-static int fill_lives(struct grid *g, uint64_t generation, struct err *err)
+static int fill_sources(struct grid *g, uint64_t generation, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 
-	g->lives = calloc(m->nsources ? m->nsources : 1, sizeof *g->lives);
-	g->parts = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->parts);
-	/* Also where the other table is missing: grid_close looks at them. */
-	for (size_t i = 0; g->parts && i < m->nsegments; i++)
-		g->parts[i].fd = -1;
-	if (!g->lives || !g->parts)
+	g->sources = calloc(m->nsources ? m->nsources : 1, sizeof *g->sources);
+	g->segments = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->segments);
+	g->live = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->live);
+	/* Before the check below: grid_close reads them. */
+	for (size_t i = 0; g->segments && i < m->nsegments; i++)
+		g->segments[i].fd = -1;
+	if (!g->sources || !g->segments || !g->live)
 		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		g->lives[i].id = s->id;
-		g->lives[i].live = grid_source_live(s, generation);
+		g->sources[i].id = s->id;
+		g->sources[i].live = grid_source_live(s, generation);
 	}
 	if (m->nsources)
-		qsort(g->lives, m->nsources, sizeof *g->lives, by_id);
+		qsort(g->sources, m->nsources, sizeof *g->sources, order_u32);
 	return 0;
 }
 
@@ -182,9 +173,9 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 	if (rc == 0)
 		rc = charge(g, index_memory, &frames, err);
 	if (rc == 0)
-		rc = fill_lives(g, generation, err);
-	for (size_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
-		rc = open_part(g, dirfd, i, err);
+		rc = fill_sources(g, generation, err);
+	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
+		rc = open_segment(g, dirfd, i, err);
 	if (rc == 0 && !(g->cache = grid_cache_new(frames)))
 		rc = err_set(err, ERR_NOMEM, "no memory for %zu pages of the index", frames);
 	if (rc) {
@@ -209,14 +200,15 @@ struct grid *grid_close(struct grid *g)
 {
 	if (!g)
 		return NULL;
-	for (size_t i = 0; g->parts && i < g->manifest->nsegments; i++)
-		io_close(g->parts[i].fd);
+	for (size_t i = 0; g->segments && i < g->manifest->nsegments; i++)
+		io_close(g->segments[i].fd);
 	grid_cache_free(g->cache);
 	if (g->charged && g->ledger)
 		ledger_give(g->ledger, LEDGER_INDEX, g->charged);
 	grid_manifest_free(g->manifest);
-	free(g->parts);
-	free(g->lives);
+	free(g->segments);
+	free(g->live);
+	free(g->sources);
 	free(g);
 	return NULL;
 }
@@ -231,7 +223,7 @@ uint64_t grid_points(const struct grid *g)
 	uint64_t points = 0;
 
 	for (size_t i = 0; i < g->manifest->nsegments; i++)
-		points += g->parts[i].live_points;
+		points += g->live[i].points;
 	return points;
 }
 
@@ -240,7 +232,7 @@ bool grid_all_live(const struct grid *g)
 	bool all = true;
 
 	for (size_t i = 0; i < g->manifest->nsegments; i++)
-		all = all && (g->parts[i].all_live || g->parts[i].none_live);
+		all = all && (g->live[i].all || g->live[i].none);
 	return all;
 }
 
@@ -250,19 +242,19 @@ struct digest grid_content(const struct grid *g)
 	uint64_t points = grid_points(g);
 
 	for (size_t i = 0; i < g->manifest->nsegments; i++)
-		digest_add(&sum, g->parts[i].live_sum);
+		digest_add(&sum, g->live[i].sum);
 	digest_add(&sum, digest_hash(&points, sizeof points));
 	return digest_hash(&sum, sizeof sum);
 }
 
 uint64_t grid_segment_points(const struct grid *g, size_t segment)
 {
-	return g->parts[segment].live_points;
+	return g->live[segment].points;
 }
 
 struct digest grid_segment_content(const struct grid *g, size_t segment)
 {
-	return g->parts[segment].live_sum;
+	return g->live[segment].sum;
 }
 
 bool grid_box(const struct grid *g, int32_t ret_box[4])

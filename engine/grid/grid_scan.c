@@ -1,13 +1,13 @@
 /*
- * Scans: the live records of a Morton range over all segments in point order (grid.h). A segment gives its
- * cells in batches, each found by a fresh descent, so a scan holds no pages. If one segment has anything
- * in the range its blocks are handed out as they were read; otherwise blocks are copied to a buffer for
- * each segment and merged, those of more than two through a heap.
+ * Scans: the live records of a Morton range over all segments in point order (grid.h). The cells of a segment are
+ * fetched in batches, each by a new descent, so a scan holds no pages. If only one segment has cells in the range, its
+ * blocks go to the sink as they were read. Otherwise blocks are copied to one buffer for each segment and merged; more
+ * than two segments are merged with a heap.
  */
 #include <string.h>
 
 #include "err.h"
-#include "grid_read.h"
+#include "grid_priv.h"
 
 struct scan {
 	struct grid_reader *r;
@@ -20,23 +20,23 @@ struct scan {
 
 /* ---- cells of a segment in order ---- */
 
-/* The next cells that meet [c->from, hi]. */
+/* Fetches the next cells that meet [c->from, hi]. */
 static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi, struct err *err)
 {
-	const struct grid_part *p = &r->grid->parts[c->part];
+	const struct grid_segment *p = &r->grid->segments[c->segment];
 	uint64_t place = p->root, check = p->root_check;
 	unsigned n;
 
 	c->nbatch = c->at = 0;
 	for (unsigned level = p->height; level-- > 0;) {
-		int rc = grid_page_read(r, c->part, level, place, check, err);
+		int rc = grid_page_read(r, c->segment, level, place, check, err);
 
 		if (rc)
 			return rc;
 		if (!level)
 			break;
 		const uint8_t *inner = grid_reader_page(r, level);
-		unsigned i = grid_page_at(inner, true, c->from);
+		unsigned i = grid_page_find(inner, true, c->from);
 		const struct disk_inner *e = grid_page_inner(inner, i);
 
 		if (i == grid_page_entries(inner) || e->lo > hi) {
@@ -49,7 +49,7 @@ static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi,
 	const uint8_t *page = grid_reader_page(r, 0);
 
 	n = grid_page_entries(page);
-	for (unsigned i = grid_page_at(page, false, c->from); i < n && c->nbatch < GRID_BATCH; i++) {
+	for (unsigned i = grid_page_find(page, false, c->from); i < n && c->nbatch < GRID_BATCH; i++) {
 		const struct disk_leaf *leaf = grid_page_leaf(page, i);
 
 		if (leaf->lo > hi)
@@ -68,7 +68,7 @@ static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi,
 	return 0;
 }
 
-/* The next block of the segment in the range; *ret_n = 0: there is none. Points into the block buffer. */
+/* Reads the next block of the segment in the range; *ret_n = 0 at the end. *ret_pts points into the block buffer. */
 static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_pts, size_t *ret_n, struct err *err)
 {
 	const struct grid *g = s->r->grid;
@@ -83,7 +83,7 @@ static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_
 		} else if (c->at < c->nbatch) {
 			struct grid_cell cell;
 
-			rc = grid_cell_of(&g->parts[c->part], c->part, &c->batch[c->at++], &cell, err);
+			rc = grid_cell_of(&g->segments[c->segment], c->segment, &c->batch[c->at++], &cell, err);
 			if (rc == 0 && !grid_cell_dead(g, &cell))
 				grid_cursor_cell(c, &cell);
 		} else if (!c->done) {
@@ -157,8 +157,8 @@ static int flush(struct scan *s, struct err *err)
 	return n ? s->sink(s->ctx, s->r->piece, n, err) : 0;
 }
 
-/* Records of the heap's first cursor, as long as they come before those of all others; to the piece. */
-static int take(struct scan *s, struct err *err)
+/* Copies records of the heap's first cursor to the piece while they come before those of all others. */
+static int take_first(struct scan *s, struct err *err)
 {
 	struct grid_cursor **heap = s->r->heap, *c = heap[0], *next = s->nheap > 1 ? heap[1] : NULL;
 
@@ -186,7 +186,7 @@ static int scan_many(struct scan *s, struct err *err)
 	for (size_t i = s->nheap / 2; i-- > 0;)
 		sift(s, i);
 	while (s->nheap) {
-		int rc = take(s, err);
+		int rc = take_first(s, err);
 
 		if (rc)
 			return rc;
@@ -197,7 +197,8 @@ static int scan_many(struct scan *s, struct err *err)
 	return flush(s, err);
 }
 
-/* Point order, without making the keys: the highest bit in which two positions differ decides, of equal ones x's. */
+/* Point order without computing the keys: the coordinate that differs in a higher bit decides; x if it is the same
+ * bit. */
 static inline bool point_before(const struct point *a, const struct point *b)
 {
 	uint32_t dx = (uint32_t)a->x ^ (uint32_t)b->x, dy = (uint32_t)a->y ^ (uint32_t)b->y;
@@ -206,12 +207,12 @@ static inline bool point_before(const struct point *a, const struct point *b)
 
 	if (__builtin_expect(!(dx | dy), 0))
 		return point_compare(a, b) < 0;
-	/* Of two that are mixed no branch could be foreseen. */
+	/* Without a branch: in mixed input it would be mispredicted half of the time. */
 	return (by_y & (a->y < b->y)) | (!by_y & (a->x < b->x));
 }
 
-/* What c has of its block, straight to the sink. */
-static int hand_out(struct scan *s, struct grid_cursor *c, struct err *err)
+/* Passes the rest of c's block straight to the sink. */
+static int pass_block(struct scan *s, struct grid_cursor *c, struct err *err)
 {
 	int rc = flush(s, err);
 
@@ -221,8 +222,8 @@ static int hand_out(struct scan *s, struct grid_cursor *c, struct err *err)
 	return rc;
 }
 
-/* Records of two blocks to the piece, until one of them or the piece ends. */
-static void mix(struct scan *s, struct grid_cursor *a, struct grid_cursor *b)
+/* Merges two blocks into the piece, until a block or the piece ends. */
+static void merge_blocks(struct scan *s, struct grid_cursor *a, struct grid_cursor *b)
 {
 	const struct point *p = a->pts + a->pos, *p_end = a->pts + a->n, *q = b->pts + b->pos, *q_end = b->pts + b->n;
 	struct point *out = s->r->piece + s->npiece, *end = s->r->piece + GRID_CELL_RECORDS;
@@ -239,7 +240,7 @@ static void mix(struct scan *s, struct grid_cursor *a, struct grid_cursor *b)
 	s->npiece = (size_t)(out - s->r->piece);
 }
 
-/* The usual case of several: what was there, and what came last. */
+/* The usual case of several segments: the old data, and the last push. */
 static int scan_two(struct scan *s, struct err *err)
 {
 	struct grid_cursor *a = s->r->heap[0], *b = s->r->heap[1];
@@ -247,11 +248,11 @@ static int scan_two(struct scan *s, struct err *err)
 
 	while (rc == 0 && a->n && b->n) {
 		if (point_before(&a->pts[a->n - 1], &b->pts[b->pos]))
-			rc = hand_out(s, a, err);
+			rc = pass_block(s, a, err);
 		else if (point_before(&b->pts[b->n - 1], &a->pts[a->pos]))
-			rc = hand_out(s, b, err);
+			rc = pass_block(s, b, err);
 		else
-			mix(s, a, b);
+			merge_blocks(s, a, b);
 		if (rc == 0 && s->npiece == GRID_CELL_RECORDS)
 			rc = flush(s, err);
 		if (rc == 0 && a->pos == a->n)
@@ -262,12 +263,12 @@ static int scan_two(struct scan *s, struct err *err)
 	if (a->n == 0)
 		a = b;
 	if (rc == 0)
-		rc = hand_out(s, a, err);
+		rc = pass_block(s, a, err);
 	return rc ? rc : scan_one(s, a, err);
 }
 
-/* The segments with cells in the range to the heap, their first batch read. */
-static int start(struct scan *s, struct err *err)
+/* Puts the segments with cells in the range on the heap and reads their first batch. */
+static int open_cursors(struct scan *s, struct err *err)
 {
 	const struct grid *g = s->r->grid;
 	uint32_t used = 0;
@@ -276,9 +277,9 @@ static int start(struct scan *s, struct err *err)
 		struct grid_cursor *c = &s->r->cursors[used];
 		struct point *buffer = c->pts;
 
-		if (!grid_part_meets(&g->parts[i], s->lo, s->hi))
+		if (!grid_segment_meets(g, i, s->lo, s->hi))
 			continue;
-		*c = (struct grid_cursor){.part = i, .from = s->lo, .pts = buffer};
+		*c = (struct grid_cursor){.segment = i, .from = s->lo, .pts = buffer};
 		int rc = next_batch(s->r, c, s->hi, err);
 
 		if (rc)
@@ -302,7 +303,7 @@ int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn si
 	if (lo > hi)
 		return 0;
 	r->walking = true;
-	rc = start(&s, err);
+	rc = open_cursors(&s, err);
 	if (rc == 0 && s.nheap == 1) {
 		rc = scan_one(&s, r->heap[0], err);
 	} else if (rc == 0 && s.nheap > 1) {

@@ -1,59 +1,62 @@
 /*
- * Reading everything: each page and block of a segment, each block of the runs that a stage left, against
- * their checksums and what points to them. No matter which records are live: a damaged block is told even
- * where nobody would read it today. Checksums say nothing of a file that somebody made: so every number of a
- * segment that a reader counts on is found once more from the records (counts, sums, boxes, sources, classes,
- * ranges, sizes) and compared, from the tables of a block up to the header, or bounded (places).
+ * Verification (grid_verify.h): reads each page and block of a segment, and each block of the runs of a suspended
+ * stage, and checks them against their checksums and against whatever points to them. Dead records are checked too. A
+ * checksum does not protect against a forged file. So every number of a segment that a reader relies on is derived from
+ * the records again and compared (counts, sums, boxes, sources, classes, ranges, sizes), or bounded (places).
  *
- * The model: what is damaged is told and passed over, a page with all that lies below it; of what was found
- * around that nothing is compared with a sum over all. Memory is fixed, a page for each level of the index
- * and two blocks, but for the table of sources: no more than the manifest has.
+ * Damage is reported and skipped; a damaged page is skipped with everything below it. After that, totals that would
+ * include the skipped part are not compared. Memory is fixed (a page for each level of the index, and two blocks)
+ * except for the table of sources, which is bounded by the manifest.
  */
+#include "grid_verify.h"
+
 #include <stdlib.h>
 #include <string.h>
 
+#include "align.h"
 #include "err.h"
-#include "grid_left.h"
-#include "grid_read.h"
+#include "grid_priv.h"
 #include "grid_run.h"
 #include "grid_run_old.h"
+#include "grid_state.h"
 #include "io.h"
 #include "ledger.h"
+#include "order.h"
 
 enum { RUN_BLOCKS = 4 };
-_Static_assert(GRID_VERIFY_BYTES >= DISK_LEVELS * DISK_PAGE + 2 * (DISK_BLOCK_MAX + 16) + 64, "pages and two blocks");
+_Static_assert(GRID_VERIFY_BYTES >= DISK_LEVELS * DISK_PAGE + 2 * (DISK_BLOCK_MAX + 16) + ALIGN_LINE, "pages and two blocks");
 _Static_assert(GRID_VERIFY_BYTES >= RUN_BLOCKS * DISK_RUN_BLOCK, "blocks of a run");
 
 static const char SMALL_CELL[] = "a cell is not as large as it may be";
 
 struct verify {
 	const struct grid_verify_params *p;
-	struct grid_part part;
-	uint8_t *pages, *block, *made; /* made: what a block should be */
-	/* What was met. `holes`: things that were passed over. */
-	uint64_t cells, bytes, holes, classes[256];
-	struct disk_total *totals, *found; /* the segment's table of sources, and what of these there is */
+	struct grid_segment segment;
+	uint8_t *pages, *block, *expected;            /* expected: the block as its records define it */
+	uint64_t cells, bytes, skipped, classes[256]; /* totals so far; damaged things that were skipped */
+	struct disk_total *totals, *found;            /* the segment's table of sources; the same, derived from the blocks */
 	size_t ntotals;
-	uint64_t at, end;       /* cells and pages lie from here to there */
-	uint64_t wide, wide_hi; /* hold_range: records of a range, or 0, and its last key */
-	uint64_t cell_hi, key;  /* last key of the cell before; key, source (0: none) and rest of the record before */
-	uint32_t id;
+	uint64_t at, end;         /* the next cell or page begins at or after `at`; all end before `end` */
+	uint64_t range, range_hi; /* check_maximal: records of the range so far, or 0; its last key */
+	uint64_t cell_hi;         /* last key of the previous cell */
+	uint64_t last_key;        /* key, source (0: none) and record of the previous record */
+	uint32_t last_id;
 	struct point last;
-	uint32_t ids[GRID_CELL_RECORDS]; /* of a block's sources */
+	uint32_t ids[GRID_CELL_RECORDS]; /* the sources of a block */
 };
 
-/* Damage is told, and so is what only a newer version can read; other errors end it. */
-static int told(struct verify *v, int rc, struct err *err)
+/* Reports damage, and what only a newer version can read. Other errors end the verification. */
+static int report_damage(struct verify *v, int rc, struct err *err)
 {
 	if (rc != -ERR_CORRUPT && rc != -ERR_TRUNCATED && rc != -ERR_IO && rc != -ERR_VERSION)
 		return rc;
 	v->p->damaged(v->p->ctx, err);
-	v->holes++;
+	v->skipped++;
 	err_clear(err);
 	return 0;
 }
 
-static int tell(struct verify *v, uint64_t bytes, struct err *err)
+static int report_progress(struct verify *v, uint64_t bytes, struct err *err)
 {
 	if (v->p->progress && v->p->progress(v->p->ctx, bytes))
 		return err_set(err, ERR_CANCELLED, "cancelled");
@@ -68,22 +71,22 @@ static int read_block(struct verify *v, uint64_t place, uint64_t end, struct gri
 	int rc;
 
 	if (place > end || got < sizeof(struct disk_block))
-		return grid_damaged(&v->part, place, "a block is cut off", err);
-	rc = grid_part_read(&v->part, v->block, got, place, err);
+		return grid_segment_damaged(&v->segment, place, "a block is cut off", err);
+	rc = grid_segment_read(&v->segment, v->block, got, place, err);
 	if (rc)
 		return rc;
 	need = grid_block_head_bytes(v->block);
 	if (need)
 		need += ((const struct disk_block *)v->block)->records * sizeof(struct point);
 	if (!need || need > got)
-		return grid_damaged(&v->part, place, "a block has an impossible size", err);
+		return grid_segment_damaged(&v->segment, place, "a block has an impossible size", err);
 	if (!grid_block_open(v->block, need, place, true, ret))
-		return grid_damaged(&v->part, place, "the checksum of a block does not agree", err);
+		return grid_segment_damaged(&v->segment, place, "the checksum of a block does not agree", err);
 	return 0;
 }
 
-/* Records lie in the box and the range of their cell, and in order, from block to block as well. */
-static bool in_place(struct verify *v, const struct grid_cell *cell, const struct grid_block *b)
+/* Whether the records are in the box and the range of their cell, and in order, also from block to block. */
+static bool records_ordered(struct verify *v, const struct grid_cell *cell, const struct grid_block *b)
 {
 	for (uint32_t i = 0; i < b->head->records; i++) {
 		struct point p = b->records[i];
@@ -92,35 +95,35 @@ static bool in_place(struct verify *v, const struct grid_cell *cell, const struc
 
 		p.tag &= POINT_FLAGS;
 		if (key < cell->lo || key > cell->hi || p.x < cell->box[0] || p.x > cell->box[2] || p.y < cell->box[1] ||
-		    p.y > cell->box[3] || key < v->key)
+		    p.y > cell->box[3] || key < v->last_key)
 			return false;
-		if (key == v->key && v->id) {
+		if (key == v->last_key && v->last_id) {
 			int order = point_compare(&v->last, &p);
 
-			if (order > 0 || (order == 0 && id < v->id))
+			if (order > 0 || (order == 0 && id < v->last_id))
 				return false;
 		}
-		v->key = key;
+		v->last_key = key;
 		v->last = p;
-		v->id = id;
+		v->last_id = id;
 	}
 	return true;
 }
 
-/* Whether a block's tables are those of its records: it is made once more of these. */
-static bool same_made(struct verify *v, const struct grid_block *b, struct grid_block_info *ret)
+/* Whether the tables of a block match its records: makes the block from these again. */
+static bool tables_match(struct verify *v, const struct grid_block *b, struct grid_block_info *ret)
 {
-	struct disk_block *made = (struct disk_block *)v->made;
+	struct disk_block *expected = (struct disk_block *)v->expected;
 
 	for (unsigned i = 0; i < b->head->sources; i++)
 		v->ids[i] = b->sources[i].id;
 	for (uint32_t i = 0; i < b->head->records; i++)
 		if (point_source(&b->records[i]) >= b->head->sources)
 			return false;
-	grid_block_make(b->records, b->head->records, NULL, v->ids, made, ret);
-	made->check = b->head->check;
-	made->records_check = b->head->records_check;
-	return ret->bytes == b->bytes && memcmp(made, b->head, b->bytes) == 0;
+	grid_block_make(b->records, b->head->records, NULL, v->ids, expected, ret);
+	expected->check = b->head->check;
+	expected->records_check = b->head->records_check;
+	return ret->bytes == b->bytes && memcmp(expected, b->head, b->bytes) == 0;
 }
 
 static bool zeros(const uint8_t *bytes, size_t n)
@@ -132,7 +135,7 @@ static bool zeros(const uint8_t *bytes, size_t n)
 	return !any;
 }
 
-/* Its sources, for the table of the segment; false: one is not in it. */
+/* Adds a block to the totals of classes and sources; false: a source is not in the segment's table. */
 static bool count_block(struct verify *v, const struct grid_block *b)
 {
 	for (unsigned i = 0; i < b->head->classes; i++)
@@ -159,9 +162,9 @@ static bool count_block(struct verify *v, const struct grid_block *b)
 	return true;
 }
 
-/* A block of the cell, and what the index must say of it, into `sum`. */
-static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t place, uint64_t end, struct disk_leaf *sum,
-		      struct err *err)
+/* Checks a block of the cell, and adds it to `sum`, the entry that the index must have for the cell. */
+static int check_block(struct verify *v, const struct grid_cell *cell, uint64_t place, uint64_t end, struct disk_leaf *sum,
+		       struct err *err)
 {
 	struct grid_block_info info;
 	struct grid_block b;
@@ -169,14 +172,14 @@ static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t p
 
 	if (rc)
 		return rc;
-	if (!same_made(v, &b, &info))
-		return grid_damaged(&v->part, place, "the tables of a block are not those of its records", err);
-	if (!in_place(v, cell, &b))
-		return grid_damaged(&v->part, place, "a record lies where its cell has none", err);
+	if (!tables_match(v, &b, &info))
+		return grid_segment_damaged(&v->segment, place, "the tables of a block are not those of its records", err);
+	if (!records_ordered(v, cell, &b))
+		return grid_segment_damaged(&v->segment, place, "a record lies where its cell has none", err);
 	if (sum->blocks + 1 < cell->blocks && b.head->records != GRID_CELL_RECORDS)
-		return grid_damaged(&v->part, place, "a block is not full, and not the last of its cell", err);
+		return grid_segment_damaged(&v->segment, place, "a block is not full, and not the last of its cell", err);
 	if (!count_block(v, &b))
-		return grid_damaged(&v->part, place, "a block has a source that the segment has not", err);
+		return grid_segment_damaged(&v->segment, place, "a block has a source that the segment has not", err);
 	if (!sum->blocks++) {
 		sum->head_bytes = (uint32_t)info.head_bytes;
 		sum->source = info.source;
@@ -193,7 +196,7 @@ static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t p
 	return 0;
 }
 
-/* Where a cell can be: behind the one before, in the file as in the order of keys. */
+/* Whether the cell follows the previous one, both in the file and in the order of keys. */
 static bool cell_follows(const struct verify *v, const struct disk_leaf *leaf, const struct grid_cell *cell)
 {
 	return leaf->place >= v->at && leaf->place <= v->end && leaf->bytes <= v->end - leaf->place &&
@@ -201,26 +204,27 @@ static bool cell_follows(const struct verify *v, const struct disk_leaf *leaf, c
 }
 
 /*
- * Cells are maximal: a range twice as large would hold too many. It does where the cell before lies in it, as
- * that one is maximal. Else the others in it come behind, and are counted until one lies beyond it (`wide`).
- * Of one that needs the same meanwhile the larger range lies in that of the first, so only the last is
- * counted. False: the one counted last was too small. After what was passed over nothing is known.
+ * Checks that cells are maximal: the aligned range twice as large as a cell's must hold more than GRID_CELL_RECORDS
+ * records. If the previous cell is in that range, it does, because that cell is maximal. Otherwise the other cells in
+ * the range follow, and their records are counted (`range`) until a cell is beyond it. If a second cell needs this
+ * meanwhile, its range is inside the first one's, and only the second is counted. False: the range counted last has too
+ * few records. Nothing is concluded after something was skipped.
  */
-static bool hold_range(struct verify *v, const struct disk_leaf *leaf)
+static bool check_maximal(struct verify *v, const struct disk_leaf *leaf)
 {
-	const bool over = v->wide && leaf->lo > v->wide_hi, fits = over && v->wide <= GRID_CELL_RECORDS && !v->holes;
+	const bool over = v->range && leaf->lo > v->range_hi, fits = over && v->range <= GRID_CELL_RECORDS && !v->skipped;
 	const unsigned bits = leaf->bits + 1u;
 	const uint64_t lo = bits < 64 ? leaf->lo >> bits << bits : 0;
 
-	v->wide = over ? 0 : v->wide + (v->wide ? leaf->count : 0);
+	v->range = over ? 0 : v->range + (v->range ? leaf->count : 0);
 	if (bits <= 64 && !(v->cells && v->cell_hi >= lo)) {
-		v->wide = leaf->count;
-		v->wide_hi = disk_range_end(lo, bits);
+		v->range = leaf->count;
+		v->range_hi = disk_range_end(lo, bits);
 	}
 	return !fits;
 }
 
-static void summed(struct disk_inner *sum, const struct disk_inner *more)
+static void add_entry(struct disk_inner *sum, const struct disk_inner *more)
 {
 	if (!sum->cells) {
 		*sum = *more;
@@ -242,20 +246,20 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk
 {
 	struct disk_leaf is = {.lo = leaf->lo, .place = leaf->place, .bits = leaf->bits};
 	struct grid_cell cell;
-	int rc = grid_cell_of(&v->part, 0, leaf, &cell, err);
+	int rc = grid_cell_of(&v->segment, 0, leaf, &cell, err);
 
 	if (rc == 0 && !cell_follows(v, leaf, &cell))
-		rc = grid_damaged(&v->part, leaf->place, "a cell is not behind the one before", err);
-	if (rc == 0 && !hold_range(v, leaf))
-		rc = grid_damaged(&v->part, leaf->place, SMALL_CELL, err);
+		rc = grid_segment_damaged(&v->segment, leaf->place, "a cell is not behind the one before", err);
+	if (rc == 0 && !check_maximal(v, leaf))
+		rc = grid_segment_damaged(&v->segment, leaf->place, SMALL_CELL, err);
 	if (rc == 0) {
 		v->at = leaf->place + leaf->bytes;
 		v->cell_hi = cell.hi;
 	}
 	for (uint32_t i = 0; rc == 0 && i < leaf->blocks; i++)
-		rc = take_block(v, &cell, leaf->place + is.bytes, leaf->place + leaf->bytes, &is, err);
+		rc = check_block(v, &cell, leaf->place + is.bytes, leaf->place + leaf->bytes, &is, err);
 	if (rc == 0 && memcmp(&is, leaf, sizeof is))
-		rc = grid_damaged(&v->part, leaf->place, "a cell is not the one that the index means", err);
+		rc = grid_segment_damaged(&v->segment, leaf->place, "a cell is not the one that the index means", err);
 	v->cells++;
 	v->bytes += leaf->bytes;
 	if (rc == 0) {
@@ -268,17 +272,18 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk
 					 .sum_lo = is.sum_lo};
 
 		memcpy(one.box, is.box, sizeof one.box);
-		summed(sum, &one);
+		add_entry(sum, &one);
 	}
-	rc = told(v, rc, err);
-	return rc ? rc : tell(v, leaf->bytes, err);
+	rc = report_damage(v, rc, err);
+	return rc ? rc : report_progress(v, leaf->bytes, err);
 }
 
-/* All but the last of a level are full, and the highest would not be there for one. */
-static bool entries_fit(const struct verify *v, const struct disk_page *head, unsigned level, bool last)
+/* Whether the number of entries is possible: only the last page of a level may be partly filled, and the root of several
+ * levels has at least two. */
+static bool entries_valid(const struct verify *v, const struct disk_page *head, unsigned level, bool last)
 {
 	return head->magic == DISK_PAGE_MAGIC && head->level == level && head->entries && head->entries <= DISK_ENTRIES &&
-	       (last || head->entries == DISK_ENTRIES) && (!level || level + 1 < v->part.height || head->entries > 1);
+	       (last || head->entries == DISK_ENTRIES) && (!level || level + 1 < v->segment.height || head->entries > 1);
 }
 
 static int open_page(struct verify *v, unsigned level, const struct disk_inner *up, bool last, struct err *err)
@@ -286,74 +291,71 @@ static int open_page(struct verify *v, unsigned level, const struct disk_inner *
 	uint8_t *page = v->pages + level * (size_t)DISK_PAGE;
 	const struct disk_page *head = (const struct disk_page *)page;
 	int rc = up->place > v->end || v->end - up->place < DISK_PAGE || up->place % DISK_ALIGN ?
-			 grid_damaged(&v->part, up->place, "an index page lies where none can be", err) :
-			 grid_part_read(&v->part, page, DISK_PAGE, up->place, err);
+			 grid_segment_damaged(&v->segment, up->place, "an index page lies where none can be", err) :
+			 grid_segment_read(&v->segment, page, DISK_PAGE, up->place, err);
 
 	if (rc == 0 && (head->check != up->check || up->check != grid_check(page + 8, DISK_PAGE - 8, up->place)))
-		rc = grid_damaged(&v->part, up->place, "the checksum of an index page does not agree", err);
-	if (rc == 0 && (!entries_fit(v, head, level, last) || head->zero[0] || head->zero[1] ||
+		rc = grid_segment_damaged(&v->segment, up->place, "the checksum of an index page does not agree", err);
+	if (rc == 0 && (!entries_valid(v, head, level, last) || head->zero[0] || head->zero[1] ||
 			!zeros(page + sizeof *head + head->entries * (size_t)DISK_ENTRY,
 			       DISK_PAGE - sizeof *head - head->entries * (size_t)DISK_ENTRY)))
-		rc = grid_damaged(&v->part, up->place, "an index page is not what it should be", err);
+		rc = grid_segment_damaged(&v->segment, up->place, "an index page is not what it should be", err);
 	return rc;
 }
 
-/* The page that `up` points to and says this of. `sum`: what is found below. */
+/* Reads the page that the entry `up` describes, and all below it, which it adds to `sum`. */
 static int read_page(struct verify *v, unsigned level, const struct disk_inner *up, bool last, struct disk_inner *sum,
 		     struct err *err)
 {
 	const uint8_t *page = v->pages + level * (size_t)DISK_PAGE;
 	struct disk_inner is = {0};
-	const uint64_t holes = v->holes;
+	const uint64_t skipped = v->skipped;
 	unsigned n = 0;
 	int rc = open_page(v, level, up, last, err);
 
 	if (rc)
-		return told(v, rc, err);
+		return report_damage(v, rc, err);
 	v->bytes += DISK_PAGE;
-	rc = tell(v, DISK_PAGE, err);
+	rc = report_progress(v, DISK_PAGE, err);
 	n = grid_page_entries(page);
 	for (unsigned i = 0; rc == 0 && i < n; i++)
 		rc = level ? read_page(v, level - 1, grid_page_inner(page, i), last && i + 1 == n, &is, err) :
 			     read_cell(v, grid_page_leaf(page, i), &is, err);
-	if (rc || holes != v->holes)
+	if (rc || skipped != v->skipped)
 		return rc;
 	is.place = up->place;
 	is.check = up->check;
-	summed(sum, &is);
-	if (level + 1 < v->part.height && memcmp(&is, up, sizeof is))
-		rc = told(v, grid_damaged(&v->part, up->place, "the index says something else of a page than it has", err), err);
+	add_entry(sum, &is);
+	if (level + 1 < v->segment.height && memcmp(&is, up, sizeof is))
+		rc = report_damage(
+			v,
+			grid_segment_damaged(&v->segment, up->place, "the index says something else of a page than it has", err),
+			err);
 	if (up->place < v->at)
-		rc = told(v, grid_damaged(&v->part, up->place, "an index page lies before its cells", err), err);
+		rc = report_damage(v, grid_segment_damaged(&v->segment, up->place, "an index page lies before its cells", err),
+				   err);
 	return rc;
 }
 
-/* All that was found, against the header. */
-static int hold_header(struct verify *v, const struct disk_segment *head, const struct disk_inner *all, struct err *err)
+/* Compares all totals with the header. */
+static int check_header(struct verify *v, const struct disk_segment *head, const struct disk_inner *all, struct err *err)
 {
 	if (all->cells != head->cells || all->count != head->points || v->bytes != v->end - DISK_HEADER)
-		return grid_damaged(&v->part, head->root, "its index does not hold all of its cells", err);
-	if (v->wide && v->wide <= GRID_CELL_RECORDS)
-		return grid_damaged(&v->part, v->at, SMALL_CELL, err);
+		return grid_segment_damaged(&v->segment, head->root, "its index does not hold all of its cells", err);
+	if (v->range && v->range <= GRID_CELL_RECORDS)
+		return grid_segment_damaged(&v->segment, v->at, SMALL_CELL, err);
 	if (all->sum_hi != head->sum_hi || all->sum_lo != head->sum_lo || memcmp(all->box, head->box, sizeof all->box) ||
 	    memcmp(v->classes, head->classes, sizeof v->classes) || !zeros(head->zero, sizeof head->zero) ||
 	    (!head->cells && (head->root || head->root_check)))
-		return grid_damaged(&v->part, 0, "its header says something else than its cells", err);
+		return grid_segment_damaged(&v->segment, 0, "its header says something else than its cells", err);
 	if (v->ntotals && memcmp(v->found, v->totals, v->ntotals * sizeof *v->totals))
-		return grid_damaged(&v->part, head->sources_place, "its table of sources says something else than its cells",
-				    err);
+		return grid_segment_damaged(&v->segment, head->sources_place,
+					    "its table of sources says something else than its cells", err);
 	return 0;
 }
 
-static int by_number(const void *a, const void *b)
-{
-	uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
-
-	return x < y ? -1 : x > y;
-}
-
-/* What readers look up is there: each source of the segment is one of the manifest. */
-static int hold_manifest(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
+/* Checks that the manifest has each source of the segment. */
+static int check_sources(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
 {
 	uint32_t *ids = malloc((m->nsources ? m->nsources : 1) * sizeof *ids);
 	int rc = ids ? 0 : err_set(err, ERR_NOMEM, "no memory for a table of %zu sources", m->nsources);
@@ -361,10 +363,10 @@ static int hold_manifest(struct verify *v, const struct disk_segment *head, cons
 	for (size_t i = 0; rc == 0 && i < m->nsources; i++)
 		ids[i] = m->sources[i].id;
 	if (rc == 0)
-		qsort(ids, m->nsources, sizeof *ids, by_number);
+		qsort(ids, m->nsources, sizeof *ids, order_u32);
 	for (size_t i = 0; rc == 0 && i < v->ntotals; i++)
-		if (!bsearch(&v->totals[i].id, ids, m->nsources, sizeof *ids, by_number))
-			rc = grid_damaged(&v->part, head->sources_place, "the manifest lacks one of its sources", err);
+		if (!bsearch(&v->totals[i].id, ids, m->nsources, sizeof *ids, order_u32))
+			rc = grid_segment_damaged(&v->segment, head->sources_place, "the manifest lacks one of its sources", err);
 	free(ids);
 	return rc;
 }
@@ -373,7 +375,7 @@ static int verify_all(struct verify *v, const struct disk_segment *head, const s
 {
 	const struct disk_inner root = {.place = head->root, .check = head->root_check};
 	struct disk_inner all = {0};
-	int rc = grid_part_sources(&v->part, head, &v->totals, err);
+	int rc = grid_segment_sources(&v->segment, head, &v->totals, err);
 
 	if (rc)
 		return rc;
@@ -383,45 +385,44 @@ static int verify_all(struct verify *v, const struct disk_segment *head, const s
 	v->found = calloc(v->ntotals ? v->ntotals : 1, sizeof *v->found);
 	if (!v->found)
 		return err_set(err, ERR_NOMEM, "no memory for a table of %zu sources", v->ntotals);
-	rc = hold_manifest(v, head, m, err);
-	if (rc == 0 && v->part.height)
-		rc = read_page(v, v->part.height - 1, &root, true, &all, err);
-	/* Each page and block is sound, but are these all? */
-	if (rc == 0 && !v->holes)
-		rc = hold_header(v, head, &all, err);
+	rc = check_sources(v, head, m, err);
+	if (rc == 0 && v->segment.height)
+		rc = read_page(v, v->segment.height - 1, &root, true, &all, err);
+	if (rc == 0 && !v->skipped)
+		rc = check_header(v, head, &all, err);
 	return rc;
 }
 
 int grid_verify_segment(const struct grid_verify_params *p, const struct grid_manifest *m, size_t segment, struct err *err)
 {
 	enum { EACH = 2 * sizeof(struct disk_total) + sizeof(uint32_t) };
-	struct verify v = {.p = p, .part = {.fd = -1}};
+	struct verify v = {.p = p, .segment = {.fd = -1}};
 	struct disk_segment head = {0};
 	uint64_t bytes = m->nsources * (uint64_t)EACH;
 	int rc;
 
-	/* Of the manifest's sources a segment has some: more are not read. */
+	/* A segment cannot have more sources than the manifest, so a larger table is not read. */
 	if (m->ledger && !ledger_take(m->ledger, LEDGER_INDEX, bytes))
 		return err_set(err, ERR_BUSY, "no %llu bytes are free for a table of %zu sources", (unsigned long long)bytes,
 			       m->nsources);
-	v.block = (uint8_t *)(((uintptr_t)p->memory + 63) & ~(uintptr_t)63);
-	v.made = v.block + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
-	v.pages = v.made + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
-	rc = grid_part_open(&v.part, p->dirfd, &m->segments[segment], &head, err);
+	v.block = (uint8_t *)align_line((uintptr_t)p->memory);
+	v.expected = v.block + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
+	v.pages = v.expected + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
+	rc = grid_segment_open(&v.segment, p->dirfd, &m->segments[segment], &head, err);
 	if (rc == 0 && head.sources > m->nsources)
-		rc = grid_damaged(&v.part, head.sources_place, "the manifest lacks one of its sources", err);
+		rc = grid_segment_damaged(&v.segment, head.sources_place, "the manifest lacks one of its sources", err);
 	if (rc == 0)
 		rc = verify_all(&v, &head, m, err);
-	rc = told(&v, rc, err);
+	rc = report_damage(&v, rc, err);
 	free(v.totals);
 	free(v.found);
-	io_close(v.part.fd);
+	io_close(v.segment.fd);
 	if (m->ledger)
 		ledger_give(m->ledger, LEDGER_INDEX, bytes);
 	return rc;
 }
 
-/* ---- what a stage left ---- */
+/* ---- suspended stages ---- */
 
 static int read_run(struct verify *v, const char *name, struct err *err)
 {
@@ -434,16 +435,16 @@ static int read_run(struct verify *v, const char *name, struct err *err)
 	int rc = grid_run_version(v->p->dirfd, name, &older, err);
 
 	if (rc == 0 && older)
-		return told(v, grid_run_convert(v->p->dirfd, name, NULL, false, err), err);
+		return report_damage(v, grid_run_convert(v->p->dirfd, name, NULL, false, err), err);
 	if (rc == 0)
 		rc = grid_run_open(&run, v->p->dirfd, name, false, err);
 	if (rc)
-		return told(v, rc, err);
+		return report_damage(v, rc, err);
 	for (uint64_t i = 0; rc == 0 && i < run.blocks; i++) {
 		grid_run_read(&reader, &run, i, i + 1, v->block, 1);
-		rc = told(v, grid_run_next(&reader, &pts, &n, &ids, err), err);
+		rc = report_damage(v, grid_run_next(&reader, &pts, &n, &ids, err), err);
 		if (rc == 0)
-			rc = tell(v, DISK_RUN_BLOCK, err);
+			rc = report_progress(v, DISK_RUN_BLOCK, err);
 	}
 	grid_run_close(&run);
 	return rc;
@@ -452,17 +453,17 @@ static int read_run(struct verify *v, const char *name, struct err *err)
 int grid_verify_stage(const struct grid_verify_params *p, const char *stem, struct err *err)
 {
 	struct verify v = {.p = p};
-	struct grid_left left;
+	struct grid_state state;
 	char name[GRID_NAME_MAX];
-	int rc = grid_left_read(p->dirfd, stem, &left, err);
+	int rc = grid_state_read(p->dirfd, stem, &state, err);
 
-	v.block = (uint8_t *)(((uintptr_t)p->memory + 63) & ~(uintptr_t)63);
+	v.block = (uint8_t *)align_line((uintptr_t)p->memory);
 	if (rc)
-		return told(&v, rc, err);
-	for (size_t i = 0; rc == 0 && i < left.nruns; i++) {
-		grid_left_run_name(stem, left.runs[i], name);
+		return report_damage(&v, rc, err);
+	for (size_t i = 0; rc == 0 && i < state.nruns; i++) {
+		grid_run_name(stem, state.runs[i], name);
 		rc = read_run(&v, name, err);
 	}
-	grid_left_free(&left);
+	grid_state_free(&state);
 	return rc;
 }

@@ -1,37 +1,36 @@
 /*
- * Walks over the index (grid.h): cells one by one, counts, content sums. All three are one descent that
- * differs in what it does with a subtree and with a cell. Pages are the reader's own copies, so a visitor
- * may take its time.
+ * Walks over the index (grid.h): cells, counts, content sums. All use one descent and differ in what they do with a
+ * subtree and with a cell. Pages are copies that belong to the reader, so a slow visitor blocks nobody.
  */
 #include <string.h>
 
 #include "err.h"
-#include "grid_read.h"
+#include "grid_priv.h"
 
 struct descent {
 	struct grid_reader *r;
-	uint32_t part;
+	uint32_t segment;
 	uint64_t lo, hi;
 	void *ctx;
-	bool (*segment)(const struct descent *); /* whether to look at `part` */
-	/* A subtree that meets [lo, hi]: whether to go down. */
+	bool (*enter)(const struct descent *); /* whether to visit `segment` */
+	/* Whether to descend into a subtree that meets [lo, hi]. */
 	bool (*inner)(struct descent *, const struct disk_inner *);
 	int (*cell)(struct descent *, const struct grid_cell *, const struct disk_leaf *, struct err *err);
 };
 
 static int descend_leaf(struct descent *d, struct err *err)
 {
-	const struct grid_part *p = &d->r->grid->parts[d->part];
+	const struct grid_segment *p = &d->r->grid->segments[d->segment];
 	const uint8_t *page = grid_reader_page(d->r, 0);
 	unsigned n = grid_page_entries(page);
 
-	for (unsigned i = d->lo ? grid_page_at(page, false, d->lo) : 0; i < n; i++) {
+	for (unsigned i = d->lo ? grid_page_find(page, false, d->lo) : 0; i < n; i++) {
 		const struct disk_leaf *leaf = grid_page_leaf(page, i);
 		struct grid_cell cell;
 
 		if (leaf->lo > d->hi)
 			break;
-		int rc = grid_cell_of(p, d->part, leaf, &cell, err);
+		int rc = grid_cell_of(p, d->segment, leaf, &cell, err);
 
 		if (rc == 0 && cell.hi >= d->lo && !grid_cell_dead(d->r->grid, &cell))
 			rc = d->cell(d, &cell, leaf, err);
@@ -43,7 +42,7 @@ static int descend_leaf(struct descent *d, struct err *err)
 
 static int descend_page(struct descent *d, unsigned level, uint64_t place, uint64_t check, struct err *err)
 {
-	int rc = grid_page_read(d->r, d->part, level, place, check, err);
+	int rc = grid_page_read(d->r, d->segment, level, place, check, err);
 
 	if (rc)
 		return rc;
@@ -51,7 +50,7 @@ static int descend_page(struct descent *d, unsigned level, uint64_t place, uint6
 		return descend_leaf(d, err);
 
 	const uint8_t *page = grid_reader_page(d->r, level);
-	unsigned first = d->lo ? grid_page_at(page, true, d->lo) : 0;
+	unsigned first = d->lo ? grid_page_find(page, true, d->lo) : 0;
 
 	for (unsigned i = first, n = grid_page_entries(page); rc == 0 && i < n; i++) {
 		const struct disk_inner *e = grid_page_inner(page, i);
@@ -64,7 +63,7 @@ static int descend_page(struct descent *d, unsigned level, uint64_t place, uint6
 	return rc;
 }
 
-/* All segments with something live. */
+/* Descends into all segments that have live records. */
 static int descend(struct descent *d, struct err *err)
 {
 	const struct grid *g = d->r->grid;
@@ -74,20 +73,20 @@ static int descend(struct descent *d, struct err *err)
 		return err_set(err, ERR_INTERNAL, "a reader was used for a second walk inside a walk");
 	d->r->walking = true;
 	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++) {
-		const struct grid_part *p = &g->parts[i];
+		const struct grid_segment *p = &g->segments[i];
 
-		d->part = i;
-		if (!p->none_live && p->height && d->lo <= d->hi && d->segment(d))
+		d->segment = i;
+		if (!g->live[i].none && p->height && d->lo <= d->hi && d->enter(d))
 			rc = descend_page(d, p->height - 1, p->root, p->root_check, err);
 	}
 	d->r->walking = false;
 	return rc;
 }
 
-/* Where records count, not cells: one that has none in the range is not looked at. */
-static bool meets(const struct descent *d)
+/* For queries about records rather than cells: skips segments without a record in the range. */
+static bool meets_range(const struct descent *d)
 {
-	return grid_part_meets(&d->r->grid->parts[d->part], d->lo, d->hi);
+	return grid_segment_meets(d->r->grid, d->segment, d->lo, d->hi);
 }
 
 static bool inside(const struct descent *d, uint64_t lo, uint64_t hi)
@@ -105,7 +104,7 @@ static bool walk_inner(struct descent *d, const struct disk_inner *e)
 		.hi = e->hi,
 		.count = e->count,
 		.distinct = e->distinct,
-		.segment = d->part,
+		.segment = d->segment,
 	};
 
 	memcpy(cell.box, e->box, sizeof cell.box);
@@ -114,10 +113,10 @@ static bool walk_inner(struct descent *d, const struct disk_inner *e)
 
 static bool walk_segment(const struct descent *d)
 {
-	const struct grid_part *p = &d->r->grid->parts[d->part];
+	const struct grid_segment *p = &d->r->grid->segments[d->segment];
 	const struct grid_visitor *v = d->ctx;
 	struct grid_cell whole = {
-		.lo = p->lo, .hi = p->hi, .segment = d->part, .count = d->r->grid->manifest->segments[d->part].points};
+		.lo = p->lo, .hi = p->hi, .segment = d->segment, .count = d->r->grid->manifest->segments[d->segment].points};
 
 	memcpy(whole.box, p->box, sizeof whole.box);
 	return !v->segment || v->segment(v->ctx, &whole);
@@ -136,7 +135,7 @@ int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid
 			    .lo = lo,
 			    .hi = hi,
 			    .ctx = (void *)visitor,
-			    .segment = walk_segment,
+			    .enter = walk_segment,
 			    .inner = walk_inner,
 			    .cell = walk_cell};
 
@@ -157,7 +156,7 @@ static bool count_inner(struct descent *d, const struct disk_inner *e)
 	if (!inside(d, e->lo, e->hi))
 		return true;
 	c->count += e->count;
-	c->exact = c->exact && d->r->grid->parts[d->part].all_live;
+	c->exact = c->exact && d->r->grid->live[d->segment].all;
 	return false;
 }
 
@@ -169,8 +168,8 @@ static int count_cell(struct descent *d, const struct grid_cell *cell, const str
 	size_t n;
 
 	if (inside(d, cell->lo, cell->hi)) {
-		c->count += cell->count; /* one source: it is live, or the cell would not be here */
-		c->exact = c->exact && (cell->source || d->r->grid->parts[d->part].all_live);
+		c->count += cell->count; /* a cell with one source is live, else it was skipped */
+		c->exact = c->exact && (cell->source || d->r->grid->live[d->segment].all);
 		return 0;
 	}
 	for (grid_cursor_cell(&cursor, cell); cursor.block < cell->blocks;) {
@@ -187,7 +186,8 @@ static int count_cell(struct descent *d, const struct grid_cell *cell, const str
 int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
 {
 	struct count c = {.exact = true};
-	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .segment = meets, .inner = count_inner, .cell = count_cell};
+	struct descent d = {
+		.r = r, .lo = lo, .hi = hi, .ctx = &c, .enter = meets_range, .inner = count_inner, .cell = count_cell};
 	int rc = descend(&d, err);
 
 	if (rc)
@@ -201,13 +201,13 @@ int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_co
 
 static bool sum_inner(struct descent *d, const struct disk_inner *e)
 {
-	if (!inside(d, e->lo, e->hi) || !d->r->grid->parts[d->part].all_live)
+	if (!inside(d, e->lo, e->hi) || !d->r->grid->live[d->segment].all)
 		return true;
 	digest_add(d->ctx, (struct digest){e->sum_hi, e->sum_lo});
 	return false;
 }
 
-/* Of a cell some of whose sources are live: by the heads of its blocks, without its records. */
+/* Sums a cell that has live and dead sources from the heads of its blocks, without reading its records. */
 static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err *err)
 {
 	struct grid_cursor cursor;
@@ -232,7 +232,7 @@ static int sum_cell(struct descent *d, const struct grid_cell *cell, const struc
 	size_t n;
 
 	if (inside(d, cell->lo, cell->hi)) {
-		if (!cell->source && !d->r->grid->parts[d->part].all_live)
+		if (!cell->source && !d->r->grid->live[d->segment].all)
 			return sum_heads(d, cell, err);
 		digest_add(d->ctx, (struct digest){leaf->sum_hi, leaf->sum_lo});
 		return 0;
@@ -250,8 +250,8 @@ static int sum_cell(struct descent *d, const struct grid_cell *cell, const struc
 }
 
 /*
- * Of many ranges. What a cell or subtree holds lies between the keys of its box's corners, which is often less than
- * its own range: so ranges that were drawn round boxes find cells inside them.
+ * Sums of many ranges. All keys of a cell or subtree are between the keys of its box's corners, which is often a
+ * smaller interval than its own range. So a range that was drawn around a box contains whole cells more often.
  */
 struct sums {
 	struct grid_sum *range;
@@ -274,9 +274,9 @@ static size_t sums_find(const struct sums *s, uint64_t key)
 	return lo;
 }
 
-enum where { OUTSIDE, ACROSS, INSIDE };
+enum relation { OUTSIDE, ACROSS, INSIDE };
 
-static enum where sums_where(const struct sums *s, const int32_t box[4], struct digest **ret)
+static enum relation sums_relation(const struct sums *s, const int32_t box[4], struct digest **ret)
 {
 	uint64_t lo = point_morton(box[0], box[1]), hi = point_morton(box[2], box[3]);
 	size_t i = sums_find(s, lo);
@@ -291,16 +291,16 @@ static bool sums_segment(const struct descent *d)
 {
 	struct digest *sum;
 
-	return sums_where(d->ctx, d->r->grid->parts[d->part].box, &sum) != OUTSIDE;
+	return sums_relation(d->ctx, d->r->grid->segments[d->segment].box, &sum) != OUTSIDE;
 }
 
 static bool sums_inner(struct descent *d, const struct disk_inner *e)
 {
 	struct digest *sum;
-	enum where where = sums_where(d->ctx, e->box, &sum);
+	enum relation relation = sums_relation(d->ctx, e->box, &sum);
 
-	if (where != INSIDE || !d->r->grid->parts[d->part].all_live)
-		return where != OUTSIDE;
+	if (relation != INSIDE || !d->r->grid->live[d->segment].all)
+		return relation != OUTSIDE;
 	digest_add(sum, (struct digest){e->sum_hi, e->sum_lo});
 	return false;
 }
@@ -332,7 +332,7 @@ static int sums_cell(struct descent *d, const struct grid_cell *cell, const stru
 {
 	struct digest *sum = NULL;
 
-	switch (sums_where(d->ctx, cell->box, &sum)) {
+	switch (sums_relation(d->ctx, cell->box, &sum)) {
 	case OUTSIDE:
 		return 0;
 	case ACROSS:
@@ -340,7 +340,7 @@ static int sums_cell(struct descent *d, const struct grid_cell *cell, const stru
 	default:
 		break;
 	}
-	if (!cell->source && !d->r->grid->parts[d->part].all_live) {
+	if (!cell->source && !d->r->grid->live[d->segment].all) {
 		struct descent heads = *d;
 
 		heads.ctx = sum;
@@ -353,7 +353,7 @@ static int sums_cell(struct descent *d, const struct grid_cell *cell, const stru
 int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct err *err)
 {
 	struct sums sums = {range, n};
-	struct descent d = {.r = r, .ctx = &sums, .segment = sums_segment, .inner = sums_inner, .cell = sums_cell};
+	struct descent d = {.r = r, .ctx = &sums, .enter = sums_segment, .inner = sums_inner, .cell = sums_cell};
 
 	for (size_t i = 0; i < n; i++)
 		range[i].sum = (struct digest){0, 0};
@@ -367,7 +367,7 @@ int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct er
 int grid_sum(struct grid_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)
 {
 	struct digest sum = {0, 0};
-	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &sum, .segment = meets, .inner = sum_inner, .cell = sum_cell};
+	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &sum, .enter = meets_range, .inner = sum_inner, .cell = sum_cell};
 	int rc = descend(&d, err);
 
 	if (rc == 0)

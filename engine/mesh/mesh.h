@@ -1,8 +1,8 @@
 /*
- * Pieces of mesh and the sinks that take them.
+ * Pieces of a mesh, and the sinks that receive them.
  *
- * A finished domain (struct mesh_domain) has positions and no numbers: it is what the store keeps.
- * The emitter turns it into a numbered block (struct mesh_block): what the stream carries.
+ * A finished domain (struct mesh_domain) has positions but no vertex numbers; the store keeps it in this form. The
+ * emitter turns it into a numbered block (struct mesh_block), which the stream carries.
  */
 #ifndef MESH_H
 #define MESH_H
@@ -18,18 +18,18 @@ struct mesh_vertex {
 	int32_t x, y, z; /* lattice numbers */
 };
 
-/* What is known of an open vertex: one that other domains or the hull may share. */
+/* An open vertex: one that other domains or the hull may share. */
 struct mesh_link {
-	uint64_t hi, lo; /* 128-bit sum over its triangles (p, a, b), ccw: H(a) - H(b); zero: closed */
-	uint32_t edges;  /* triangles counted */
+	uint64_t hi, lo; /* 128-bit sum over its triangles (p, a, b), counter-clockwise, of H(a) - H(b); zero: closed */
+	uint32_t edges;  /* number of triangles in the sum */
 };
 
 #define MESH_RULES 12 /* at least VIEW_RULES */
 
-/* Of the positions of at least two points that the view takes, the one that most of them share; of several the least by x, then
- * y. */
+/* Of the positions with at least two points in the view, the one with the most points; if several have as many, the
+ * first by x, then y. */
 struct mesh_most {
-	uint64_t points; /* 0: there is none */
+	uint64_t points; /* 0: there is no such position */
 	int32_t x, y;
 };
 static inline void mesh_most_add(struct mesh_most *m, uint64_t points, int32_t x, int32_t y)
@@ -41,40 +41,41 @@ static inline void mesh_most_add(struct mesh_most *m, uint64_t points, int32_t x
 }
 
 struct mesh_counts {
-	uint64_t points;              /* records read whose position lies in the region */
-	uint64_t removed[MESH_RULES]; /* by rule, enum view_rule */
-	uint64_t used;                /* positions of the region that are in the mesh's point set */
+	uint64_t points;              /* records in the region */
+	uint64_t removed[MESH_RULES]; /* of these, by rule: enum view_rule */
+	uint64_t used;                /* positions of the region that are points of the mesh */
 	struct mesh_most most;
-	uint64_t halo;        /* positions loaded from outside */
+	uint64_t halo;        /* positions loaded from outside the region */
 	uint64_t cells_read;  /* for the halo */
-	uint64_t points_read; /* records: `points`, and those of the cells read for the halo */
+	uint64_t points_read; /* records that were read: `points`, and those of the cells read for the halo */
 };
 
-/* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. The arrays lie in
- * memory of whoever made the domain; the emitter renumbers them in place, so a domain is emitted once. */
+/* Vertices [0, nopen) are open; the others are closed and are in no other domain. The arrays are memory of whoever made
+ * the domain. The emitter renumbers them in place, so a domain can be emitted only once. */
 struct mesh_domain {
 	struct mesh_vertex *vertex;
 	struct mesh_link *link;  /* nopen of them */
 	uint32_t (*triangle)[3]; /* local vertex numbers, counter-clockwise */
-	uint8_t *final;          /* room for (nvertex + 7) / 8 bytes, filled by the emitter */
+	uint8_t *final;          /* (nvertex + 7) / 8 bytes, filled by the emitter */
 	uint32_t nvertex, nopen, ntriangle;
 	struct digest digest;        /* of its triangles */
 	struct digest closed_digest; /* vertex digest of the closed vertices */
-	struct digest own_digest;    /* of all positions of the region (counts.used), whoever has their triangles */
-	uint32_t nhull;              /* edges of the hull whose outer ray ends in the region */
-	int32_t box[6];              /* of its vertices: min x y z, max x y z; meaningless if none */
+	/* of all positions of the region (counts.used), even if their triangles belong to other domains */
+	struct digest own_digest;
+	uint32_t nhull; /* edges of the hull whose outer ray ends in the region */
+	int32_t box[6]; /* of its vertices: min x y z, max x y z; meaningless without vertices */
 	struct mesh_counts counts;
 };
 
-/* Local vertices: foreign first (numbers given before), then new ones, numbered from `first`. */
+/* Local vertices: first the foreign ones (numbers of earlier blocks), then new ones, numbered from `first`. */
 struct mesh_block {
 	uint64_t index;
-	int64_t box[4]; /* region, doubled odd lattice borders; INT64_MIN/MAX: infinite */
+	int64_t box[4]; /* region, as doubled lattice numbers (odd); INT64_MIN/MAX: infinite */
 	uint64_t first;
 	const uint64_t *foreign;
 	const struct mesh_vertex *vertex; /* nnew of them */
 	const uint32_t (*triangle)[3];
-	const uint8_t *final; /* bit set over nforeign + nnew: no later block uses it */
+	const uint8_t *final; /* bit set over nforeign + nnew: no later block uses the vertex */
 	uint32_t nforeign, nnew, ntriangle;
 };
 

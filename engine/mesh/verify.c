@@ -1,7 +1,7 @@
 /*
- * The shape of a mesh (verify.h). Half-edges (3 * triangle + side, from the corner `side` to the next) are
- * grouped by the vertex they leave and sorted by the one they reach, so that the opposite half-edge is found
- * by bisection: no vertex of high degree costs more than n log n. Signs are 128-bit integers.
+ * The shape of a mesh (verify.h). Half-edges (3 * triangle + side, from the corner `side` to the next) are grouped by
+ * the vertex that they leave and sorted by the vertex that they reach. So the opposite half-edge is found by bisection,
+ * and a vertex of high degree costs no more than n log n. Signs are 128-bit integers.
  */
 #include "verify.h"
 
@@ -19,14 +19,14 @@ enum { SHORT_LIST = 24 };
 struct check {
 	const struct verify_mesh *mesh;
 	struct verify_report *report;
-	uint32_t *first; /* nvertex + 1: where the half-edges leaving a vertex start in `edge` */
+	uint32_t *first; /* nvertex + 1: the start, in `edge`, of the half-edges that leave a vertex */
 	uint32_t *edge;  /* half-edges by the vertex they leave, then by the one they reach */
 	uint32_t *rim;   /* boundary half-edges, in no order */
 	size_t nrim;
-	uint32_t wrong, tie; /* the first inner edges at fault, or NO_EDGE; told after the shape is judged */
+	uint32_t wrong, tie; /* the first faulty inner edges, or NO_EDGE; reported after the shape was checked */
 };
 
-void verify_tell(struct verify_report *r, enum verify_fault fault, const int32_t *place, const char *fmt, ...)
+void verify_fault_set(struct verify_report *r, enum verify_fault fault, const int32_t *place, const char *fmt, ...)
 {
 	va_list ap;
 
@@ -70,19 +70,19 @@ static void check_triangles(struct check *c)
 
 		for (unsigned i = 0; i < 3; i++) {
 			if (v[i] >= m->nvertex) {
-				verify_tell(c->report, VERIFY_INDEX, NULL, "triangle %zu names vertex %u of %zu", t, v[i],
-					    m->nvertex);
+				verify_fault_set(c->report, VERIFY_INDEX, NULL, "triangle %zu names vertex %u of %zu", t, v[i],
+						 m->nvertex);
 				return;
 			}
 		}
 		if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) {
-			verify_tell(c->report, VERIFY_INDEX, xy(c, v[0]), "triangle %zu (%u, %u, %u) names a vertex twice", t,
-				    v[0], v[1], v[2]);
+			verify_fault_set(c->report, VERIFY_INDEX, xy(c, v[0]), "triangle %zu (%u, %u, %u) names a vertex twice",
+					 t, v[0], v[1], v[2]);
 			return;
 		}
 		if (verify_area(xy(c, v[0]), xy(c, v[1]), xy(c, v[2])) <= 0) {
-			verify_tell(c->report, VERIFY_ORIENTATION, xy(c, v[0]),
-				    "triangle %zu (%u, %u, %u) is not counter-clockwise", t, v[0], v[1], v[2]);
+			verify_fault_set(c->report, VERIFY_ORIENTATION, xy(c, v[0]),
+					 "triangle %zu (%u, %u, %u) is not counter-clockwise", t, v[0], v[1], v[2]);
 			return;
 		}
 	}
@@ -100,7 +100,7 @@ static void sort_list_short(const struct check *c, uint32_t *list, size_t n)
 	}
 }
 
-/* Heap sort: no memory, no bad case. */
+/* Heap sort: needs no memory and has no bad case. */
 static void sort_list(const struct check *c, uint32_t *list, size_t n)
 {
 	if (n <= SHORT_LIST) {
@@ -128,7 +128,7 @@ static void sort_list(const struct check *c, uint32_t *list, size_t n)
 	}
 }
 
-/* Fills first and edge; tells of the first edge that two triangles have in one direction. */
+/* Fills first and edge; reports the first edge that has the same direction in two triangles. */
 static void group_edges(struct check *c)
 {
 	const struct verify_mesh *m = c->mesh;
@@ -141,7 +141,7 @@ static void group_edges(struct check *c)
 
 	for (size_t v = 0; v <= m->nvertex; v++) {
 		sum += c->first[v];
-		c->first[v] = sum; /* ends; filling backwards turns them into starts */
+		c->first[v] = sum; /* ends of the groups; filling backwards turns them into starts */
 	}
 	for (uint32_t h = nedge; h-- > 0;)
 		c->edge[--c->first[from(c, h)]] = h;
@@ -153,13 +153,13 @@ static void group_edges(struct check *c)
 		for (size_t i = 1; i < n; i++) {
 			if (to(c, list[i]) != to(c, list[i - 1]))
 				continue;
-			verify_tell(c->report, VERIFY_EDGE, xy(c, (uint32_t)v),
-				    "the edge from vertex %zu to %u is in triangles %u and %u in one direction", v,
-				    to(c, list[i]), list[i - 1] / 3, list[i] / 3);
+			verify_fault_set(c->report, VERIFY_EDGE, xy(c, (uint32_t)v),
+					 "the edge from vertex %zu to %u is in triangles %u and %u in one direction", v,
+					 to(c, list[i]), list[i - 1] / 3, list[i] / 3);
 			return;
 		}
 		if (!n) {
-			verify_tell(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v), "vertex %zu is in no triangle", v);
+			verify_fault_set(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v), "vertex %zu is in no triangle", v);
 			return;
 		}
 	}
@@ -182,8 +182,8 @@ static uint32_t opposite(const struct check *c, uint32_t h)
 	return NO_EDGE;
 }
 
-/* Twice: the area of (b - a, c - a) times the height of d over the plane of a, b, c lifted to x^2 + y^2, so
- * positive if d is strictly inside. The true value is below 2^127, the arithmetic modulo 2^128. */
+/* Twice the area of (b - a, c - a) times the height of d above the plane of a, b, c lifted to x^2 + y^2: positive if d
+ * is strictly inside. The value is below 2^127; the arithmetic is modulo 2^128. */
 static int in_circle(const int32_t *a, const int32_t *b, const int32_t *c, const int32_t *d)
 {
 	typedef unsigned __int128 u;
@@ -207,8 +207,8 @@ static bool comes_later(const int32_t *a, const int32_t *b)
 	return a[0] > b[0] || (a[0] == b[0] && a[1] > b[1]);
 }
 
-/* Of a cocircular a, b, c, d (the edge a b in the middle): false if the tie rule takes the edge c d. The last
- * of the four is an ear: so it must not be an end of the edge between the triangles. */
+/* For cocircular a, b, c, d with the inner edge a b: false if the tie rule requires the edge c d. The last of the four
+ * is an ear, so it must not be an end of the inner edge. */
 static bool tie_is_right(const int32_t *a, const int32_t *b, const int32_t *c, const int32_t *d)
 {
 	const int32_t *ends = comes_later(a, b) ? a : b, *tips = comes_later(c, d) ? c : d;
@@ -251,16 +251,16 @@ static void check_circles(struct check *c)
 	uint32_t wrong = c->wrong, tie = c->tie;
 
 	if (wrong != NO_EDGE)
-		verify_tell(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
-			    "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong), to(c, wrong),
-			    wrong / 3);
+		verify_fault_set(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
+				 "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong), to(c, wrong),
+				 wrong / 3);
 	else if (tie != NO_EDGE)
-		verify_tell(c->report, VERIFY_TIE, xy(c, from(c, tie)),
-			    "the edge from vertex %u to %u (triangle %u) is not the one of the tie rule", from(c, tie),
-			    to(c, tie), tie / 3);
+		verify_fault_set(c->report, VERIFY_TIE, xy(c, from(c, tie)),
+				 "the edge from vertex %u to %u (triangle %u) is not the one of the tie rule", from(c, tie),
+				 to(c, tie), tie / 3);
 }
 
-/* The boundary half-edges as one loop: next[v] is the one that leaves v. */
+/* Links the boundary half-edges to one loop: next[v] is the one that leaves v. */
 static void check_loop(struct check *c, uint32_t *next)
 {
 	memset(next, 0xff, c->mesh->nvertex * sizeof *next);
@@ -268,13 +268,13 @@ static void check_loop(struct check *c, uint32_t *next)
 		uint32_t v = from(c, c->rim[i]);
 
 		if (next[v] != NO_EDGE) {
-			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary passes vertex %u twice", v);
+			verify_fault_set(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary passes vertex %u twice", v);
 			return;
 		}
 		next[v] = c->rim[i];
 	}
 	if (!c->nrim) {
-		verify_tell(c->report, VERIFY_BOUNDARY, NULL, "there is no outer boundary");
+		verify_fault_set(c->report, VERIFY_BOUNDARY, NULL, "there is no outer boundary");
 		return;
 	}
 	uint32_t start = from(c, c->rim[0]), v = start;
@@ -282,18 +282,18 @@ static void check_loop(struct check *c, uint32_t *next)
 
 	do {
 		if (next[v] == NO_EDGE) {
-			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary ends at vertex %u", v);
+			verify_fault_set(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary ends at vertex %u", v);
 			return;
 		}
 		v = to(c, next[v]);
 	} while (++length < c->nrim && v != start);
 	if (v != start || length != c->nrim)
-		verify_tell(c->report, VERIFY_BOUNDARY, xy(c, start),
-			    "the boundary is not one loop: the one through vertex %u has %zu of %zu edges", start, length,
-			    c->nrim);
+		verify_fault_set(c->report, VERIFY_BOUNDARY, xy(c, start),
+				 "the boundary is not one loop: the one through vertex %u has %zu of %zu edges", start, length,
+				 c->nrim);
 }
 
-/* 0 for directions from 0 up to 180 degrees, 1 for the rest. */
+/* 0 for directions in [0, 180) degrees, 1 for the others. */
 static int half(const int32_t *a, const int32_t *b)
 {
 	return b[1] > a[1] || (b[1] == a[1] && b[0] > a[0]) ? 0 : 1;
@@ -310,12 +310,13 @@ static void check_convex(struct check *c, const uint32_t *next)
 
 		turns += half(p, q) == 1 && half(q, r) == 0;
 		if (area < 0 || (area == 0 && half(p, q) != half(q, r))) {
-			verify_tell(c->report, VERIFY_CONVEX, q, "the boundary is not convex at vertex %u", vb);
+			verify_fault_set(c->report, VERIFY_CONVEX, q, "the boundary is not convex at vertex %u", vb);
 			return;
 		}
 	}
 	if (turns != 1)
-		verify_tell(c->report, VERIFY_CONVEX, xy(c, from(c, c->rim[0])), "the boundary turns %u times, not once", turns);
+		verify_fault_set(c->report, VERIFY_CONVEX, xy(c, from(c, c->rim[0])), "the boundary turns %u times, not once",
+				 turns);
 }
 
 static void check_euler(struct check *c)
@@ -323,8 +324,8 @@ static void check_euler(struct check *c)
 	const struct verify_mesh *m = c->mesh;
 
 	if (m->nvertex + m->ntriangle != c->report->edges + 1)
-		verify_tell(c->report, VERIFY_EULER, NULL, "%zu vertices, %llu edges and %zu triangles are no disc", m->nvertex,
-			    (unsigned long long)c->report->edges, m->ntriangle);
+		verify_fault_set(c->report, VERIFY_EULER, NULL, "%zu vertices, %llu edges and %zu triangles are no disc",
+				 m->nvertex, (unsigned long long)c->report->edges, m->ntriangle);
 }
 
 static void check_all(struct check *c)
@@ -347,7 +348,7 @@ static void check_all(struct check *c)
 		check_circles(c);
 }
 
-/* No triangles: all vertices are on the line from the first to the first that is elsewhere. */
+/* Without triangles: checks that all vertices are on the line through the first vertex and the first different one. */
 static void check_flat(const struct verify_mesh *m, struct verify_report *r)
 {
 	size_t second = 1;
@@ -356,8 +357,8 @@ static void check_flat(const struct verify_mesh *m, struct verify_report *r)
 		second++;
 	for (size_t v = second + 1; v < m->nvertex && !r->fault; v++)
 		if (verify_area(m->vertex[0], m->vertex[second], m->vertex[v]))
-			verify_tell(r, VERIFY_UNUSED, m->vertex[v],
-				    "vertex %zu is in no triangle, and not all vertices lie on one line", v);
+			verify_fault_set(r, VERIFY_UNUSED, m->vertex[v],
+					 "vertex %zu is in no triangle, and not all vertices lie on one line", v);
 }
 
 int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct err *err)

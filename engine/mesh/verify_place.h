@@ -1,4 +1,4 @@
-/* Within the verifier: exact signs of its own, and how a fault is told. */
+/* The verifier's own exact signs, and the report of faults. Internal. */
 #ifndef VERIFY_PLACE_H
 #define VERIFY_PLACE_H
 
@@ -13,8 +13,8 @@ static inline __int128 verify_area(const int32_t *a, const int32_t *b, const int
 	return (__int128)bx * cy - (__int128)by * cx;
 }
 
-/* Record the first fault. */
-void verify_tell(struct verify_report *, enum verify_fault, const int32_t *place, const char *fmt, ...)
+/* Records a fault, unless there already is one. */
+void verify_fault_set(struct verify_report *, enum verify_fault, const int32_t *place, const char *fmt, ...)
 	__attribute__((format(printf, 4, 5)));
 
 #endif

@@ -1,7 +1,6 @@
 /*
- * A mesh against the points it is said to be made of (verify.h): both are brought into one order and read
- * side by side. Each position must be a vertex with the height of the point that the view takes, and each
- * vertex a position.
+ * Compares a mesh with its points (verify.h): both are sorted in the same order and read in parallel. Each position
+ * must be a vertex with the height of the point that the view takes, and each vertex must be a position.
  */
 #include <stdlib.h>
 
@@ -21,8 +20,8 @@ static void place_of(const struct point *p, int32_t place[3])
 	place[2] = p->z;
 }
 
-/* Leaves one point of each position, the one that the view takes. */
-static size_t reduce(const struct view *view, struct point *pts, size_t n)
+/* Keeps one point of each position, the one that the view takes. */
+static size_t reduce_points(const struct view *view, struct point *pts, size_t n)
 {
 	size_t kept = 0;
 
@@ -37,7 +36,7 @@ static size_t reduce(const struct view *view, struct point *pts, size_t n)
 	return kept;
 }
 
-static void compare(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, struct verify_report *r)
+static void compare_points(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, struct verify_report *r)
 {
 	size_t i = 0, v = 0;
 	int32_t place[3];
@@ -48,16 +47,17 @@ static void compare(const struct point *pts, size_t n, const struct point *verte
 
 		if (q && v > 0 && same_place(q, q - 1)) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_EXTRA, place, "two vertices have one position");
+			verify_fault_set(r, VERIFY_EXTRA, place, "two vertices have one position");
 		} else if (!q || (p && kp < kq)) {
 			place_of(p, place);
-			verify_tell(r, VERIFY_MISSING, place, "a point is no vertex of the mesh");
+			verify_fault_set(r, VERIFY_MISSING, place, "a point is no vertex of the mesh");
 		} else if (!p || kq < kp) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_EXTRA, place, "a vertex is none of the points");
+			verify_fault_set(r, VERIFY_EXTRA, place, "a vertex is none of the points");
 		} else if (p->z != q->z) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z, (int)p->z);
+			verify_fault_set(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z,
+					 (int)p->z);
 		}
 		i++;
 		v++;
@@ -72,7 +72,7 @@ int verify_points(const struct verify_mesh *m, const struct view *view, struct p
 	struct point *vertex = malloc((m->nvertex ? m->nvertex : 1) * sizeof *vertex);
 
 	if (!scratch || !vertex) {
-		err_set(err, ERR_NOMEM, "no memory to compare %zu vertices with %zu points", m->nvertex, n);
+		err_set(err, ERR_NOMEM, "no memory to compare_points %zu vertices with %zu points", m->nvertex, n);
 		goto out;
 	}
 	for (size_t v = 0; v < m->nvertex; v++)
@@ -80,9 +80,9 @@ int verify_points(const struct verify_mesh *m, const struct view *view, struct p
 	point_sort(vertex, scratch, m->nvertex);
 	point_sort(pts, scratch, n);
 	r->points = n;
-	n = reduce(view, pts, n);
+	n = reduce_points(view, pts, n);
 	r->positions = n;
-	compare(pts, n, vertex, m->nvertex, r);
+	compare_points(pts, n, vertex, m->nvertex, r);
 out:
 	free(scratch);
 	free(vertex);

@@ -1,5 +1,5 @@
 /*
- * How large the domains may be: the ladder of loads, and what each rung costs.
+ * The size of domains: the loads that a budget can have, and the memory that each needs.
  */
 #include "pipe.h"
 
@@ -8,10 +8,10 @@
 #include "pipe_priv.h"
 #include "tri.h"
 
-const uint32_t pipe_rung[PIPE_RUNGS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
+const uint32_t pipe_load[PIPE_LOADS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
 
-/* Room for the halo: an eighth of the load and what a small, ragged region needs. Measured halos of ordinary
- * surveys are 0.5 to 6 % of a region's points (algorithm.md 4); a region that needs more is split. */
+/* Room for the halo: an eighth of the load, plus what a small, ragged region needs. Measured halos of ordinary surveys
+ * are 0.5 to 6 % of a region's points (algorithm.md 4); a region that needs more is split. */
 static uint32_t cap_of(uint32_t load)
 {
 	return load + load / 8 + 4096;
@@ -24,13 +24,13 @@ size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes)
 
 static size_t reader_bytes_of(const struct grid *grid)
 {
-	/* Block buffers of one segment, as long as no grid is known: the estimate is made again with it. */
+	/* Block buffers of one segment, as long as no grid is known; the estimate is repeated with the grid. */
 	return grid ? grid_reader_bytes(grid) : (size_t)1 << 18;
 }
 
-size_t pipe_budget_least(const struct grid *grid)
+size_t pipe_budget_min(const struct grid *grid)
 {
-	return 2 * pipe_domain_bytes(cap_of(pipe_rung[0]), reader_bytes_of(grid));
+	return 2 * pipe_domain_bytes(cap_of(pipe_load[0]), reader_bytes_of(grid));
 }
 
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err)
@@ -42,17 +42,17 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 	if (!threads)
 		threads = 1;
 	for (unsigned t = threads; t; t--) {
-		for (rung = PIPE_RUNGS; rung-- > 0;) {
-			bytes = pipe_domain_bytes(cap_of(pipe_rung[rung]), reader);
+		for (rung = PIPE_LOADS; rung-- > 0;) {
+			bytes = pipe_domain_bytes(cap_of(pipe_load[rung]), reader);
 			/* One more than there are threads: a finished domain is sent while all threads compute. */
 			if (bytes * (t + 1) <= memory)
 				break;
 		}
-		/* Fewer threads only where not even the lowest rung carries them. */
+		/* Fewer threads only if not even the smallest load fits them all. */
 		if (rung >= 0) {
 			*ret = (struct pipe_budget){
-				.load = pipe_rung[rung],
-				.cap = cap_of(pipe_rung[rung]),
+				.load = pipe_load[rung],
+				.cap = cap_of(pipe_load[rung]),
 				.domain_bytes = bytes,
 				.threads = t,
 			};
@@ -60,7 +60,7 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 		}
 	}
 	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, %s are left of the memory",
-		parse_size_text(pipe_budget_least(grid), need), parse_size_text(memory, have));
+		parse_size_text(pipe_budget_min(grid), need), parse_size_text(memory, have));
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 
@@ -76,7 +76,7 @@ int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid,
 			       parse_size_text(bytes, need), parse_size_text(memory, have));
 	if (!threads)
 		threads = 1;
-	/* As above: one more than there are threads, but one alone does too. */
+	/* As above, one more than there are threads; but a single one suffices. */
 	if (carried <= threads)
 		threads = carried > 1 ? (unsigned)carried - 1 : 1;
 	*ret = (struct pipe_budget){.load = load, .cap = cap, .domain_bytes = bytes, .threads = threads};

@@ -1,13 +1,14 @@
 /*
- * One region to one finished domain, in memory that was handed in: load exactly the points that the region
- * needs, triangulate them, keep the triangles that it owns.
+ * One region to one finished domain, in memory of the caller: load exactly the points that the region needs,
+ * triangulate them, keep the triangles that it owns.
  *
- * The memory is [trace | block buffers of the reader | arena of the kernel]. While points are loaded, what is left of
- * the arena is scratch for the halo; when the triangles are there, the owned ones are packed over them in
- * place, and links, vertices and final bits follow behind, still in the place of triangles (finish.c).
+ * The memory is [trace | block buffers of the reader | arena of the kernel]. While points are loaded, the rest of the
+ * arena is scratch for the halo. Then the owned triangles are packed in place, and links, vertices and final bits
+ * follow, still in the memory of the triangles (finish.c).
  *
- * A region that is far smaller than the budget carries touches no more than its size: arrays lie close to each other, and the
- * halo's scratch is small at first. Pages that are touched must be cleared, and a huge one costs as much as a thousand points.
+ * A region that is far smaller than the budget touches only memory of its size: arrays are close to each other, and the
+ * halo's scratch is small at first. The kernel clears every page that is touched, and a huge page costs as much as a
+ * thousand points.
  */
 #include "pipe.h"
 
@@ -20,7 +21,7 @@
 #include "pipe_priv.h"
 #include "window.h"
 
-/* Positions of which a halo, as a rule, has fewer than a third. */
+/* With so many positions, a halo usually has fewer than a third of them. */
 enum { HALO_MANY = 1 << 15 };
 
 void *pipe_domain_arena(const struct grid *grid, void *memory)
@@ -28,15 +29,16 @@ void *pipe_domain_arena(const struct grid *grid, void *memory)
 	return (uint8_t *)memory + PIPE_TRACE + align_line(grid_reader_bytes(grid));
 }
 
-/* What the kernel's arena for n positions is laid out for: with that many, a finished domain fits in the place of the triangles
- * (48 bytes) even if all of its vertices are open (24 of triangles, 24 of links, 12 of vertex a position). */
+/* The capacity of the kernel's arena for n positions: large enough that a finished domain fits the memory of the
+ * triangles (48 bytes) even if all of its vertices are open (24 bytes of triangles, 24 of links, 12 of vertex for each
+ * position). */
 static uint32_t kernel_cap(uint64_t n, uint32_t cap)
 {
 	n += n / 3 + 64;
 	return n < cap ? (uint32_t)n : cap;
 }
 
-/* As the kernel will want it, if the halo is not larger than most. */
+/* The capacity that the kernel will probably need, if the halo has a usual size. */
 static uint32_t kernel_guess(uint64_t own, uint32_t cap)
 {
 	return kernel_cap(own + 1024, cap);
@@ -89,7 +91,7 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 		load->trace = &trace->trace;
 		cut_trace_init(load->trace, trace + 1);
 		r = cut_load(reader, view, region, load, ret_need, err);
-		/* What it would need is to be the same whatever the store had. */
+		/* The reported need must not depend on the store. */
 		if (r == CUT_E_FULL && load->before) {
 			load->before = NULL;
 			cut_trace_init(load->trace, trace + 1);
@@ -103,7 +105,7 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	return r;
 }
 
-static int along_line(const void *a, const void *b)
+static int compare_on_line(const void *a, const void *b)
 {
 	const int32_t *p = a, *q = b;
 
@@ -111,8 +113,9 @@ static int along_line(const void *a, const void *b)
 }
 
 /*
- * Of a region that loaded fewer than three positions, or collinear ones. Its own are in the mesh all the same, with triangles
- * of others; and where it sees a side of the hull from afar, and nothing else, it owns the edges of that.
+ * For a region that loaded fewer than three positions, or collinear ones. Its own positions are in the mesh
+ * nevertheless, in triangles of other regions. And if it sees only a side of the hull, from afar, it owns edges of the
+ * hull.
  */
 static void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
 {
@@ -125,8 +128,8 @@ static void finish_flat(const struct tri *tri, const struct cut_region *region, 
 			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
 	if (!region->inf)
 		return;
-	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and of no more use there */
-	qsort(xy, t.nvertex, sizeof *xy, along_line);
+	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and no longer needed there */
+	qsort(xy, t.nvertex, sizeof *xy, compare_on_line);
 	for (uint32_t i = 1; i < t.nvertex; i++)
 		d->nhull +=
 			(uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
@@ -144,7 +147,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (view->window) {
 		struct pipe_trace *trace = memory;
 
-		/* Without a trace of what was read: a piece is not stored for later generations. */
+		/* Without a trace, because a piece is not stored for later generations. */
 		cut_trace_init(&trace->trace, trace + 1);
 		r = window_domain(grid, view, region, budget->cap, (uint8_t *)memory + PIPE_TRACE,
 				  pipe_domain_arena(grid, memory), ret, ret_need, err);
@@ -167,7 +170,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
 	finish_owned(&f);
 	if (!finish_vertices(&f)) {
-		/* Nearly all vertices are open: points in convex position. Smaller regions have room. */
+		/* Nearly all vertices are open: points in convex position. Smaller regions will fit. */
 		*ret_need = (uint64_t)load.n * 2;
 		return PIPE_E_SPLIT;
 	}

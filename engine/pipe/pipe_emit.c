@@ -1,16 +1,16 @@
 /*
  * The emitter: finished domains, in plan order, to numbered blocks.
  *
- * A closed vertex appears in its domain only: it is numbered and final there and then. An open one is looked
- * up by position in the table of unfinished vertices: known there, it is foreign to this block; its link sum
- * grows by what this domain adds, and is zero exactly when the triangles around it have closed (algorithm.md 8: for a
- * triangle (p, a, b) add H(a) - H(b)); then no later block uses it. Numbers are given by first use. Nothing is
- * copied: the open vertices are put in order in place (foreign first), foreign numbers take the place of the
- * link sums, and triangles that touch open vertices are renumbered.
+ * A closed vertex is in one domain only, so it is numbered and final at once. An open vertex is looked up by position
+ * in the table of open vertices. If it is found, it is foreign to this block; its link sum grows by this domain's part,
+ * and is zero exactly when the triangles around it have closed (algorithm.md 8: for a triangle (p, a, b) add H(a) -
+ * H(b)); then no later block uses it. Vertices are numbered by first use. Nothing is copied: the open vertices are
+ * ordered in place (foreign first), foreign numbers replace the link sums, and triangles with open vertices are
+ * renumbered.
  *
- * Where nobody reads there are no numbers to give, and each domain is five figures that are added up: every position of
- * a region is a vertex of the mesh, told by that region; every edge of the hull is told by the one in which its outer ray
- * ends. Whether the mesh is whole shows by Euler's count of these, which nothing else was made to agree with.
+ * If nobody reads the mesh, no numbers are needed, and each domain is five numbers that are added up: every position of
+ * a region is a vertex of the mesh, counted by that region; every edge of the hull is counted by the region in which
+ * its outer ray ends. Euler's formula on these independent totals shows whether the mesh is complete.
  */
 #include "pipe.h"
 
@@ -26,7 +26,7 @@ struct pipe_emitter {
 	struct lattice lattice;
 	struct pipe_table *table;
 	struct pipe_totals totals;
-	uint64_t domains, blocks, hull; /* edges of the hull, by the domains */
+	uint64_t domains, blocks, hull; /* edges of the hull, counted by the domains */
 	bool any_box, part, sums;
 };
 
@@ -93,8 +93,8 @@ static void set_bit(uint8_t *bits, uint32_t i)
 	bits[i / 8] |= (uint8_t)(1u << (i % 8));
 }
 
-/* What the look-up of the open vertices found out, kept in the place of the link sums: `where` is the new
- * local number, `number` the number in the stream. */
+/* Result of looking up an open vertex, in the memory of its link sum: `where` is the new local number, `number` the
+ * number in the stream. */
 struct found {
 	uint64_t number;
 	uint32_t where;
@@ -108,7 +108,7 @@ static void vertex_count(struct pipe_emitter *e, const struct mesh_vertex *v)
 	digest_add_vertex(&e->totals.vertex_digest, v->x + e->lattice.k[0], v->y + e->lattice.k[1], v->z + e->lattice.k[2]);
 }
 
-/* Look every open vertex up; returns through ret_foreign how many were known. */
+/* Looks up every open vertex; *ret_foreign: how many were found. */
 static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_foreign, struct err *err)
 {
 	struct found *found = (struct found *)d->link;
@@ -129,7 +129,7 @@ static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_
 				   got;
 
 		if (!link.hi && !link.lo) {
-			/* Closed inside this domain, though another triangle of the kernel's touched it. */
+			/* Closed inside this domain, although another triangle of the kernel touched it. */
 			r = PIPE_TABLE_NEW;
 			got = add;
 		} else {
@@ -153,7 +153,7 @@ static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_
 	return 0;
 }
 
-/* Bits [from, to). */
+/* Sets the bits [from, to). */
 static void set_bits(uint8_t *bits, uint32_t from, uint32_t to)
 {
 	for (; from < to && from % 8; from++)
@@ -164,8 +164,8 @@ static void set_bits(uint8_t *bits, uint32_t from, uint32_t to)
 		memset(bits + from / 8, 0xff, (to - from) / 8);
 }
 
-/* Few triangles touch open vertices: a piece of them is looked over at once, without a branch. Local numbers
- * are far below 2^31. */
+/* Few triangles touch open vertices, so many corners are tested together, without a branch. Local numbers are far below
+ * 2^31. */
 static void renumber_corners(uint32_t *corner, size_t n, const struct found *found, uint32_t nopen)
 {
 	enum { PIECE = 48 };
@@ -184,7 +184,7 @@ static void renumber_corners(uint32_t *corner, size_t n, const struct found *fou
 	}
 }
 
-/* Triangles first: they need `where`. Foreign vertices come first, so new ones move up by their count. */
+/* Triangles first, because they need `where`. Foreign vertices come first, so new ones move up by their number. */
 static void renumber(struct mesh_domain *d, uint32_t nforeign)
 {
 	struct found *found = (struct found *)d->link;
@@ -200,9 +200,9 @@ static void renumber(struct mesh_domain *d, uint32_t nforeign)
 	renumber_corners(corner, (size_t)d->ntriangle * 3, found, nopen);
 }
 
-/* New open vertices to the end of the open ones, in order: from behind, each moves up or stays. Foreign
+/* Moves new open vertices to the end of the open ones, in order: from the end, each moves up or stays. Moves foreign
  * numbers to the front of the link array, in order: each moves down or stays. */
-static void settle(struct mesh_domain *d, uint32_t nforeign)
+static void order_open(struct mesh_domain *d, uint32_t nforeign)
 {
 	struct found *found = (struct found *)d->link;
 	uint64_t *foreign = (uint64_t *)d->link;
@@ -223,7 +223,7 @@ static void number_block(struct mesh_domain *d, uint32_t nforeign)
 {
 	memset(d->final, 0, ((size_t)d->nvertex + 7) / 8);
 	renumber(d, nforeign);
-	settle(d, nforeign);
+	order_open(d, nforeign);
 	set_bits(d->final, d->nopen, d->nvertex);
 }
 
@@ -330,8 +330,8 @@ int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct 
 		return 0;
 	}
 	t->hull = e->sums ? e->hull : pipe_table_count(e->table);
-	/* Euler's count and the point set: a mesh with a hole, a lost or a doubled triangle fails here, and a job
-	 * must not end as done with one. Collinear positions have neither triangles nor a hull. */
+	/* Euler's formula and the point set: a mesh with a hole, or a missing or doubled triangle, fails here, and its
+	 * job must not succeed. Collinear positions have neither triangles nor a hull. */
 	if (t->vertices && (t->vertices != t->counts.used || t->hull != e->hull ||
 			    (t->triangles && t->triangles != 2 * t->vertices - 2 - t->hull)))
 		return err_set(

@@ -1,11 +1,11 @@
 /*
- * Positions that make no triangle: fewer than three, or all on one line. Their mesh is its vertices.
+ * Positions that make no triangle: fewer than three, or all collinear. Their mesh is its vertices.
  *
- * The model: a scan of the view's points ends at the first three that are not collinear, on ordinary data within the first
- * cell. Where it reaches the end, the plan's leaves are marked `flat`. A flat leaf loads its own positions and no halo, for
- * every region of a collinear survey would need all of its points (algorithm.md 5), and its domain is these positions, all of
- * them closed. So such a mesh goes the way of any other, region by region, in bounded memory. Its domains are not stored:
- * they do not say what a later generation would have to leave as it is.
+ * A scan of the view's points ends at the first three that are not collinear; ordinary data end it within the first
+ * cell. If it reaches the end, the plan's leaves are marked `flat`. A flat leaf loads its own positions and no halo,
+ * because every region of a collinear survey would need all of its points (algorithm.md 5). Its domain is these
+ * positions, all of them closed. So such a mesh is made like any other, region by region, in bounded memory. Its
+ * domains are not stored: they do not record on which data they depend.
  */
 #include "pipe.h"
 
@@ -82,7 +82,7 @@ struct mesh_domain pipe_flat_domain(const struct cut_load *load, const int64_t k
 		.counts = load->counts,
 		.vertex = load->out,
 		.nvertex = load->own,
-		.link = (struct mesh_link *)end, /* none of these, and no triangle */
+		.link = (struct mesh_link *)end, /* no links, and no triangle */
 		.triangle = (uint32_t(*)[3])end,
 		.final = end,
 		.box = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN},

@@ -1,6 +1,6 @@
 /*
- * Ingest: raw points of an input, on the dataset's lattice, into a stage. Reads batch after batch; keeps
- * nothing but one batch.
+ * Ingest: raw points of an input, converted to the dataset's lattice, into a stage. Reads batch by batch and keeps only
+ * one batch.
  */
 #include "pipe.h"
 
@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grid_stage.h"
 
 enum { BATCH = 8192 };
 
@@ -41,8 +42,8 @@ static void batch_points(struct batch *b, size_t n)
 		};
 }
 
-/* What headers lie about. */
-static void tally(const struct batch *b, size_t n, struct pipe_ingested *in)
+/* Counts what headers may state incorrectly. */
+static void count_batch(const struct batch *b, size_t n, struct pipe_ingested *in)
 {
 	for (size_t i = 0; i < n; i++)
 		in->returns[b->ret[i] & 15]++;
@@ -63,13 +64,14 @@ static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b
 	return p->split ? grid_stage_share(p->stage, b->point, n, err) : grid_stage_add(p->stage, b->point, n, err);
 }
 
-/* From the file's numbers to the lattice's: a map, or a step where that does not do. */
-struct way {
+/* The conversion from the file's numbers to the lattice's: a map, or a step if a map is not sufficient. */
+struct conversion {
 	struct lattice_map map;
 	struct crs_step *step;
 };
 
-static int way_init(struct way *w, const struct input_info *info, const struct pipe_ingest_params *p, struct err *err)
+static int conversion_init(struct conversion *w, const struct input_info *info, const struct pipe_ingest_params *p,
+			   struct err *err)
 {
 	struct crs_step_params step;
 
@@ -82,7 +84,7 @@ static int way_init(struct way *w, const struct input_info *info, const struct p
 	return crs_step_new(&step, &w->step, err);
 }
 
-static int ingest_batches(struct input *input, const struct way *w, const struct pipe_ingest_params *p, struct batch *b,
+static int ingest_batches(struct input *input, const struct conversion *w, const struct pipe_ingest_params *p, struct batch *b,
 			  struct pipe_ingested *in, struct err *err)
 {
 	struct input_points pts = {.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
@@ -108,7 +110,7 @@ static int ingest_batches(struct input *input, const struct way *w, const struct
 		r = stage_batch(p, b, pts.n, err);
 		if (r)
 			return r;
-		tally(b, pts.n, in);
+		count_batch(b, pts.n, in);
 		in->points += pts.n;
 		if (p->progress && p->progress(p->ctx, in->points))
 			return err_set(err, ERR_CANCELLED, "cancelled after %llu points", (unsigned long long)in->points);
@@ -119,11 +121,11 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 {
 	const struct input_info *info = input_info(input);
 	struct pipe_ingested in = {0};
-	struct way w;
+	struct conversion w;
 	struct batch *b;
 	int r;
 
-	r = way_init(&w, info, p, err);
+	r = conversion_init(&w, info, p, err);
 	if (r)
 		return err_add_file(err, info->coords.name);
 	b = malloc(sizeof *b);
@@ -159,7 +161,7 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 	sum->bytes_read += part->bytes_read;
 	sum->bytes = part->bytes;
 	sum->partial = part->partial;
-	if (part->left_out > sum->left_out) { /* of the input so far */
+	if (part->left_out > sum->left_out) { /* the largest so far */
 		sum->left_out = part->left_out;
 		sum->left_out_line = part->left_out_line;
 	}
@@ -167,7 +169,7 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 		if (part->max_shift[i] > sum->max_shift[i])
 			sum->max_shift[i] = part->max_shift[i];
 	crs_shift_add(&sum->shift, &part->shift);
-	if (strlen(part->warning) > strlen(sum->warning)) /* what an input says grows */
+	if (strlen(part->warning) > strlen(sum->warning)) /* the longer warning includes the shorter one */
 		memcpy(sum->warning, part->warning, sizeof sum->warning);
 }
 
@@ -192,7 +194,7 @@ static long double exact(struct decimal d)
 	return d.exponent < 0 ? (long double)d.mantissa / power : (long double)d.mantissa * power;
 }
 
-/* A header's bound in units of the scale, the number of the offset taken as the decimal that it is. */
+/* A bound of the header in units of the scale; the offset is the decimal that it stands for. */
 static long double raw_of(const struct lattice_input *c, int k, double bound)
 {
 	struct decimal d;
@@ -202,9 +204,9 @@ static long double raw_of(const struct lattice_input *c, int k, double bound)
 		       (exact(d) - (c->has_offset ? exact(c->offset[k]) : 0)) / exact(c->scale[k]);
 }
 
-/* Points outside of the box; inside of a larger one they are right, and a box that is none was told with the header. Less than a
- * unit is the rounding of a writer that keeps its own bounds and cuts off what the records do not hold. Text has no header: its
- * box is that of its points. */
+/* Reports points outside the header's box. Points inside a box that is too large are correct, and an invalid box was reported
+ * with the header. Less than a unit is the rounding of a writer that keeps its own bounds and cuts off what the records do not
+ * hold. Text has no header; its box is that of its points. */
 static void compare_box(struct pipe_ingested *in, const struct lattice_input *c)
 {
 	static const long double unit = 1 - 1e-6L;
@@ -225,7 +227,7 @@ void pipe_ingested_compare(struct pipe_ingested *in, const struct input_info *in
 {
 	if (info->has_trailing && info->trailing)
 		warn(in, "%llu bytes behind the last point belong to nothing", (unsigned long long)info->trailing);
-	/* Of points that were left out nothing is known. */
+	/* Points that were skipped are unknown. */
 	if (!in->points || info->partial || !info->coords.has_offset || in->points != info->claimed)
 		return;
 	compare_box(in, &info->coords);

@@ -1,11 +1,11 @@
 /*
- * Where most points of an input are: the box that holds 99.9 % of them, and the position that most of them share.
+ * Where most points of an input are: the box that contains 99.9 % of them, and the position with the most points.
  *
- * The model: of n points, n / 6,000 (rounded down) may lie beyond each of the six sides; a side is the outermost coordinate
- * that leaves no more beyond it. So the box holds 99.9 % of the points at least, each side is the coordinate of a point, and
- * up to 5,999 points it is the box of all. Each pass over the points counts those of an interval in buckets, and the bucket that
- * the wanted point is in is the next interval, for all sides at once: three passes at most, in the memory of the buckets.
- * Heights count as x and y do, since a bird is as far from the rest as a point at 0,0.
+ * Of n points, n / 6,000 (rounded down) may be beyond each of the six sides; a side is the outermost coordinate that
+ * leaves no more beyond it. So the box contains at least 99.9 % of the points, each side is the coordinate of a point,
+ * and for up to 5,999 points it is the box of all. Each pass over the points counts those of an interval in buckets,
+ * and the bucket that contains the wanted point is the next interval, for all sides at once. At most three passes, in
+ * the memory of the buckets. Heights count like x and y, because a bird is as much an outlier as a point at 0,0.
  */
 #include "pipe_inner.h"
 
@@ -18,12 +18,12 @@
 
 enum { SIDES = 6, BUCKET_BITS = 12, BUCKETS = 1 << BUCKET_BITS, PART = 6000 };
 
-/* Looked for from below: of an upper side numbers are negative. */
+/* Searched from below: numbers of an upper side are negated. */
 struct side {
-	int64_t low; /* of the interval, whose width is BUCKETS << shift; all points below it are `before` */
+	int64_t low; /* of the interval, whose width is BUCKETS << shift; `before` points are below it */
 	unsigned shift;
 	uint64_t before;
-	bool found; /* it is `low` */
+	bool found; /* the side is `low` */
 };
 
 struct inner {
@@ -34,7 +34,7 @@ struct inner {
 	struct mesh_most *most;
 	pipe_progress_fn progress;
 	void *ctx;
-	bool first; /* this pass finds the position that most share, too */
+	bool first; /* this pass also finds the position with the most points */
 };
 
 size_t pipe_inner_bytes(void)
@@ -55,13 +55,13 @@ static void count_sides(struct inner *n, const struct point *p)
 		const struct side *s = &n->side[i];
 		uint64_t at = (uint64_t)(number_of(p, i) - s->low) >> s->shift;
 
-		/* Below the interval it is a huge number. */
+		/* Below the interval the difference wraps to a huge number. */
 		if (!s->found && at < BUCKETS)
 			n->bucket[i][at]++;
 	}
 }
 
-static int take_points(void *ctx, const struct point *pts, size_t count, struct err *err)
+static int count_points(void *ctx, const struct point *pts, size_t count, struct err *err)
 {
 	struct inner *n = ctx;
 
@@ -83,7 +83,7 @@ static int take_points(void *ctx, const struct point *pts, size_t count, struct 
 	return 0;
 }
 
-/* The bucket with the point that has `beyond` before it becomes the interval. */
+/* The bucket that contains the point with `beyond` points before it becomes the interval. */
 static void narrow(struct side *s, const uint64_t *bucket, uint64_t beyond)
 {
 	unsigned i = 0;
@@ -106,7 +106,7 @@ static double coordinate(struct decimal scale, int64_t number)
 	return v;
 }
 
-static void tell(const struct inner *n, const struct lattice *l, struct pipe_inspected *in)
+static void set_results(const struct inner *n, const struct lattice *l, struct pipe_inspected *in)
 {
 	for (unsigned k = 0; k < 3; k++) {
 		struct decimal scale = k < 2 ? l->scale_xy : l->scale_z;
@@ -133,11 +133,11 @@ int pipe_inner(struct grid_reader *reader, const struct pipe_inspect_params *p, 
 	n->progress = p->progress;
 	n->ctx = p->ctx;
 	n->first = true;
-	/* All numbers, negated ones too, lie in 33 bits. */
+	/* All numbers, negated ones too, fit 33 bits. */
 	for (unsigned i = 0; i < SIDES; i++)
 		n->side[i] = (struct side){.low = INT32_MIN, .shift = 33 - BUCKET_BITS};
 	while (!r && !all) {
-		r = grid_scan(reader, 0, UINT64_MAX, take_points, n, err);
+		r = grid_scan(reader, 0, UINT64_MAX, count_points, n, err);
 		all = true;
 		for (unsigned i = 0; i < SIDES; i++) {
 			narrow(&n->side[i], n->bucket[i], in->points / PART);
@@ -147,7 +147,7 @@ int pipe_inner(struct grid_reader *reader, const struct pipe_inspect_params *p, 
 		n->first = false;
 	}
 	if (!r)
-		tell(n, p->lattice, in);
+		set_results(n, p->lattice, in);
 	free(n);
 	return r;
 }

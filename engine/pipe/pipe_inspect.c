@@ -1,10 +1,10 @@
 /*
- * Inspection: what is in the records of an input, told by reading all of them.
+ * Inspection: statistics of an input, from all of its records.
  *
- * Model: one pass over the records counts, and stages their places into a segment of its own, whose index
- * knows how many positions are distinct; where most points are is looked for in it (pipe_inner.c). The hull of the positions is
- * kept as a convex polygon on the lattice: each batch gives its own, and the two together the next. Memory is that of a batch, of
- * the hull (bounded: beyond that it is thinned, and said so) and of the stage. Not here: the earth under the plane.
+ * One pass over the records counts, and stages their positions into a temporary segment, whose index knows the number
+ * of distinct positions; pipe_inner.c searches it. The hull of the positions is a convex polygon on the lattice: the
+ * hull of each batch is merged into it. Memory is that of a batch, of the hull (limited; a larger one is thinned and
+ * reported as such) and of the stage. The projection of the coordinate system is ignored.
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grid_stage.h"
 #include "io.h"
 #include "pipe.h"
 #include "pipe_inner.h"
@@ -46,13 +47,13 @@ static int by_place(const void *a, const void *b)
 	return p->x != q->x ? (p->x < q->x ? -1 : 1) : p->y != q->y ? (p->y < q->y ? -1 : 1) : 0;
 }
 
-/* Positive: c lies left of the way from a to b. */
+/* Positive: c is left of the line from a to b. */
 static bool left_of(const struct place *a, const struct place *b, const struct place *c)
 {
 	return ((__int128)b->x - a->x) * ((__int128)c->y - a->y) > ((__int128)b->y - a->y) * ((__int128)c->x - a->x);
 }
 
-/* Monotone chain over the n sorted places in `sort`; the hull, counter-clockwise, goes to `hull`. */
+/* Monotone chain over the n sorted positions in `sort`; writes the hull, counter-clockwise, to `hull`. */
 static void hull_make(struct inspection *s, size_t n, bool *ret_thinned)
 {
 	struct place *h = s->chain;
@@ -69,7 +70,7 @@ static void hull_make(struct inspection *s, size_t n, bool *ret_thinned)
 			k--;
 		h[k++] = s->sort[i];
 	}
-	k -= n > 1; /* the first once more */
+	k -= n > 1; /* the first corner again */
 	step = (k + HULL - 1) / HULL;
 	*ret_thinned |= step > 1;
 	s->nhull = 0;
@@ -77,7 +78,7 @@ static void hull_make(struct inspection *s, size_t n, bool *ret_thinned)
 		s->hull[s->nhull++] = h[i];
 }
 
-/* Inside of the box of four of its corners there is nothing new: most points of a batch. */
+/* Points inside the box of four corners of the hull cannot extend it; that excludes most points of a batch. */
 static void hull_add(struct inspection *s, size_t n, bool *ret_thinned)
 {
 	const struct place *h = s->hull;
@@ -105,7 +106,7 @@ static void hull_add(struct inspection *s, size_t n, bool *ret_thinned)
 
 /* ---- the pass ---- */
 
-static void count(struct inspection *s, size_t n, struct pipe_inspected *in)
+static void count_records(struct inspection *s, size_t n, struct pipe_inspected *in)
 {
 	for (size_t i = 0; i < n; i++) {
 		in->classes[s->cls[i]]++;
@@ -123,8 +124,8 @@ static void count(struct inspection *s, size_t n, struct pipe_inspected *in)
 	}
 }
 
-static int pass(struct input *input, const struct pipe_inspect_params *p, struct inspection *s, struct pipe_inspected *in,
-		struct err *err)
+static int read_records(struct input *input, const struct pipe_inspect_params *p, struct inspection *s, struct pipe_inspected *in,
+			struct err *err)
 {
 	struct input_points pts = {.raw = s->raw, .cls = s->cls, .ret = s->ret, .flags = s->flags, .cap = BATCH};
 	struct lattice_map map;
@@ -140,7 +141,7 @@ static int pass(struct input *input, const struct pipe_inspect_params *p, struct
 		r = lattice_map_apply(&map, (const int64_t(*)[3])s->raw, pts.n, s->at, &moved, shift, &bad, err);
 		if (r)
 			break;
-		count(s, pts.n, in);
+		count_records(s, pts.n, in);
 		hull_add(s, pts.n, &in->hull_thinned);
 		r = grid_stage_add(p->stage, s->point, pts.n, err);
 		in->points += pts.n;
@@ -150,8 +151,8 @@ static int pass(struct input *input, const struct pipe_inspect_params *p, struct
 	return r;
 }
 
-static void tell(const struct input *input, const struct pipe_inspect_params *p, const struct inspection *s,
-		 struct pipe_inspected *in)
+static void set_results(const struct input *input, const struct pipe_inspect_params *p, const struct inspection *s,
+			struct pipe_inspected *in)
 {
 	const struct lattice_input *c = &input_info(input)->coords;
 	double scale = decimal_double(p->lattice->scale_xy), twice = 0;
@@ -173,7 +174,7 @@ static void tell(const struct input *input, const struct pipe_inspect_params *p,
 	in->hull_area = twice / 2 * scale * scale;
 }
 
-/* ---- distinct positions: the index of the segment knows ---- */
+/* ---- distinct positions, from the index of the segment ---- */
 
 static bool sum_subtree(void *ctx, const struct grid_cell *subtree)
 {
@@ -187,7 +188,7 @@ static int sum_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-static int look(const struct pipe_inspect_params *p, const char *manifest, struct pipe_inspected *in, struct err *err)
+static int read_index(const struct pipe_inspect_params *p, const char *manifest, struct pipe_inspected *in, struct err *err)
 {
 	const struct grid_visitor visitor = {&in->distinct, sum_subtree, sum_cell};
 	struct grid_reader *reader = NULL;
@@ -210,7 +211,7 @@ static int look(const struct pipe_inspect_params *p, const char *manifest, struc
 	return r;
 }
 
-static int seal(const struct pipe_inspect_params *p, struct pipe_inspected *in, struct err *err)
+static int seal_segment(const struct pipe_inspect_params *p, struct pipe_inspected *in, struct err *err)
 {
 	struct grid_segment_info segment = {0};
 	struct grid_source source = {.id = 1, .added = 1, .points = in->points, .name = "inspected", .path = ""};
@@ -229,7 +230,7 @@ static int seal(const struct pipe_inspect_params *p, struct pipe_inspected *in, 
 	snprintf(manifest, sizeof manifest, "%.60s.manifest", p->name);
 	r = grid_manifest_write(p->dirfd, manifest, &m, err);
 	if (!r)
-		r = look(p, manifest, in, err);
+		r = read_index(p, manifest, in, err);
 	io->unlinkat(p->dirfd, manifest, 0);
 	io->unlinkat(p->dirfd, segment.file, 0);
 	return r;
@@ -245,11 +246,11 @@ int pipe_inspect(struct input *input, const struct pipe_inspect_params *p, struc
 	memset(ret, 0, sizeof *ret);
 	r = grid_stage_source(p->stage, 1, err);
 	if (!r)
-		r = pass(input, p, s, ret, err);
+		r = read_records(input, p, s, ret, err);
 	if (!r)
-		tell(input, p, s, ret);
+		set_results(input, p, s, ret);
 	free(s);
 	if (!r && ret->points)
-		r = seal(p, ret, err);
+		r = seal_segment(p, ret, err);
 	return r ? err_add_file(err, input_info(input)->coords.name) : 0;
 }

@@ -1,9 +1,8 @@
 /*
- * Planning: before any region is cut, whether there is anything to triangulate at all; then the leaves; then
- * a look ahead at those whose halo may be far larger than they are, so that a job which cannot fit is refused
- * before its first triangle.
+ * Planning: first, whether there is anything to triangulate; then the leaves; then an estimate of those halos that may
+ * be far larger than their region, so that a job that cannot fit fails before its first triangle.
  *
- * Collinear points are found here, not in the domains (pipe_flat.c).
+ * Collinear points are found here and not in the domains (pipe_flat.c).
  */
 #include "pipe.h"
 

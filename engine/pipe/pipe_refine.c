@@ -1,13 +1,13 @@
 /*
  * Plans of datasets that grew a little.
  *
- * A plan is made from the points alone, so that its regions are those of the plan before wherever nothing changed. Where
- * something did, a region of half a million points is made again for a handful of new ones, by one thread while the
- * others have nothing to do. So regions that were stored and have changed are cut to half of the load, except into
- * what is in the store as it is: the cost of a change follows its own size more closely each time. Where much has changed
- * nothing is cut: large regions are faster.
+ * A plan is made from the points alone, so its regions are those of the previous plan wherever nothing changed. Where
+ * something changed, one thread would remake a region of half a million points for a few new ones while the others have
+ * nothing to do. So regions that were stored and have changed are split to half of the load, but not below regions that
+ * are stored and valid. With each change the cost comes closer to the size of the change. If much has changed, nothing
+ * is split, because large regions are faster.
  *
- * Looking at what is in the store opens a file for each leaf: that is done by as many as like to, some leaves each.
+ * Checking the store opens a file for each leaf; any number of threads can share that, some leaves each.
  */
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -16,7 +16,7 @@
 #include "pipe.h"
 #include "pipe_priv.h"
 
-enum { FINE = 2, MOST = 4 /* of the positions, at most a quarter are in what is cut */, ABOVE = 3 };
+enum { FINE = 2, MOST = 4 /* at most a quarter of the positions are in leaves that are split */, ABOVE = 3 };
 
 enum state { NEW, CHANGED, THERE };
 
@@ -48,10 +48,10 @@ static int state_of(const struct pipe_reuse_params *p, struct cut_leaf *leaf, en
 	return 0;
 }
 
-/* A region that nothing is stored of: whether something is of one of the regions just above it. Then it was split off a
+/* For a region of which nothing is stored: whether one of the regions just above it is stored. Then it was split from a
  * leaf that has outgrown the load. */
-static int outgrown(const struct pipe_reuse_params *p, const struct cut_region *root, const struct cut_region *region, bool *ret,
-		    struct err *err)
+static int find_outgrown(const struct pipe_reuse_params *p, const struct cut_region *root, const struct cut_region *region,
+			 bool *ret, struct err *err)
 {
 	struct cut_region above[ABOVE];
 	size_t n = cut_region_above(root, region, above, ABOVE), found = 0;
@@ -64,9 +64,9 @@ static int outgrown(const struct pipe_reuse_params *p, const struct cut_region *
 	return r;
 }
 
-/* The leaf at *i and what becomes of it; *i is then behind. */
-static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, size_t *i,
-		    struct err *err)
+/* Splits the leaf at *i; *i is then behind its parts. */
+static int split_leaf(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, size_t *i,
+		      struct err *err)
 {
 	size_t end = *i + 1;
 
@@ -80,7 +80,7 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 
 		if (!first)
 			r = state_of(p, leaf, &state, err);
-		/* What meets a part meets the whole. */
+		/* Everything that meets a part meets the whole. */
 		leaf->fits |= fits;
 		if (!r && state != THERE && leaf->count > p->load / FINE)
 			r = cut_plan_halve(plan, *i, reader, &halved, err);
@@ -92,13 +92,13 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 	return 0;
 }
 
-/* ---- looking ---- */
+/* ---- checking the store ---- */
 
-enum { LOOK = 16 /* leaves at once: half a millisecond, and more where their files are not in memory */ };
+enum { LOOK = 16 /* leaves at once: half a millisecond, or more if their files are not in the page cache */ };
 
 struct pipe_refine {
 	struct cut_plan *plan;
-	size_t leaves; /* that there were before any was cut */
+	size_t leaves; /* before any was split */
 	atomic_size_t next;
 	uint8_t state[];
 };
@@ -121,18 +121,18 @@ struct pipe_refine *pipe_refine_free(struct pipe_refine *f)
 	return NULL;
 }
 
-int pipe_look_reader(struct pipe_reuse_params *p, struct err *err)
+int pipe_refine_reader(struct pipe_reuse_params *p, struct err *err)
 {
 	return grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &p->reader, err);
 }
 
-int pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
+int pipe_refine_step(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
 	size_t from = atomic_fetch_add(&f->next, LOOK);
 	int r = 0;
 
 	if (from >= f->leaves)
-		return PIPE_E_LOOKED;
+		return PIPE_E_REFINED;
 	for (size_t k = from; !r && k < from + LOOK && k < f->leaves; k++) {
 		enum state is = NEW;
 
@@ -142,10 +142,10 @@ int pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct e
 	return r;
 }
 
-/* ---- cutting ---- */
+/* ---- splitting ---- */
 
-/* *ret_few: what has changed is little. */
-static int weigh(const struct pipe_reuse_params *p, struct pipe_refine *f, bool *ret_few, struct err *err)
+/* *ret_few: little has changed. */
+static int measure_change(const struct pipe_reuse_params *p, struct pipe_refine *f, bool *ret_few, struct err *err)
 {
 	const struct cut_leaf *leaf = f->plan->leaf;
 	uint64_t changed = 0, all = 0;
@@ -166,35 +166,35 @@ static int weigh(const struct pipe_reuse_params *p, struct pipe_refine *f, bool 
 	for (size_t k = 0; !r && k < f->leaves; k++) {
 		bool is = false;
 
-		/* What is not to be cut is not asked for: of a survey that doubled most leaves are new. */
+		/* Leaves that will not be split are not checked: most leaves of a survey that doubled are new. */
 		if (f->state[k] != NEW || changed > all / MOST)
 			continue;
-		r = outgrown(p, &root, &leaf[k].region, &is, err);
+		r = find_outgrown(p, &root, &leaf[k].region, &is, err);
 		changed += is ? leaf[k].count : 0;
 		f->state[k] = is ? CHANGED : NEW;
-		/* All above fitted, and what came is little. */
+		/* All leaves above it fitted, and little was added. */
 		f->plan->leaf[k].fits = is;
 	}
 	*ret_few = changed <= all / MOST;
 	return r;
 }
 
-int pipe_refine_cut(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
+int pipe_refine_split(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
 	size_t i = 0;
 	bool few;
-	int r = weigh(p, f, &few, err);
+	int r = measure_change(p, f, &few, err);
 
 	for (size_t k = 0; !r && few && k < f->leaves; k++) {
 		if (f->state[k] == CHANGED && f->plan->leaf[i].count > p->load / FINE)
-			r = cut_leaf(p, p->reader, f->plan, &i, err);
+			r = split_leaf(p, p->reader, f->plan, &i, err);
 		else
 			i++;
 	}
 	return r;
 }
 
-bool pipe_refines(const struct view *view, const struct cut_plan *plan)
+bool pipe_refine_applies(const struct view *view, const struct cut_plan *plan)
 {
 	/* Regions of a window are not those of the whole mesh. */
 	return !view->window && !cut_plan_flat(plan) && plan->n >= MOST;
@@ -206,17 +206,17 @@ int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct
 	struct pipe_refine *f;
 	int r;
 
-	if (!pipe_refines(p->view, plan))
+	if (!pipe_refine_applies(p->view, plan))
 		return 0;
-	r = pipe_look_reader(&q, err);
+	r = pipe_refine_reader(&q, err);
 	if (r)
 		return r;
 	r = pipe_refine_new(plan, &f, err);
 	if (r)
 		return r;
 	while (!r)
-		r = pipe_look(f, &q, err);
-	r = r == PIPE_E_LOOKED ? pipe_refine_cut(f, &q, err) : r;
+		r = pipe_refine_step(f, &q, err);
+	r = r == PIPE_E_REFINED ? pipe_refine_split(f, &q, err) : r;
 	pipe_refine_free(f);
 	return r;
 }

@@ -1,28 +1,26 @@
 /*
- * Finished domains that are used again.
+ * Reusing finished domains.
  *
- * A domain is stored under two digests: its base (kernel, lattice with its offset, view, region), by which it is looked
- * for, and its list (the ranges of keys that it stands on, with their content sums), so that those of several
- * generations lie beside each other. In front of it lies its proof: that list, and its border chains. Whoever looks for
- * a region takes what was made of the same content at once; else he asks cut_valid of each version, which costs
- * some pages of the index and seldom a cell, where making it anew costs all of its points.
+ * A domain is stored under two digests: its base (kernel, lattice with its offset, view, region), by which it is found,
+ * and its list (the ranges of keys on which it depends, with their content sums), so that those of several generations
+ * can be stored together. The file begins with its proof: that list, and its border chains. For a region, a domain of
+ * the same content is used at once. Otherwise cut_valid tests each version; that costs some index pages and rarely a
+ * cell, whereas making it again costs all of its points.
  *
- * Of what is taken to number later blocks only the front is read: its counts and digests, the open vertices and their links
- * are all that this needs, since closed vertices are met nowhere else. Of what is taken without any reader not even that:
- * the header has the sums.
+ * A domain that is needed only to number later blocks is read up to its front: its counts and digests, the open
+ * vertices and their links suffice, because closed vertices are in no other domain. If nobody reads the mesh, not even
+ * that is needed: the header has the sums.
  *
- * Which lists there are of a base is a question to a folder, and most of what finding a domain costs where many are to be
- * found. Whoever asks for the same bases again and again remembers the list that did last (`hint`); that is no more than
- * what is looked at first.
+ * Finding the lists of a base reads a folder, which is most of the cost if many domains are found. A caller that asks
+ * for the same bases again and again can remember the list that was used last (`hint`); it is only tried first.
  *
- * And where a push has changed a few of 240 regions, opening 240 files takes longer than all else. So he may remember their
- * summaries
- * (`recall`): their numbers, and of their proofs the little that boxes need. What these do not settle is read. That the file is
- * still there, of the same size, is asked in any case, as it may have gone without a word. That is one fstatat, and nobody need
- * tell what he removed.
+ * If a push has changed a few of 240 regions, opening 240 files takes longer than anything else. So the caller can also
+ * remember their summaries (`recall`): their numbers, and the part of their proofs that boxes need. The file is read
+ * only if a summary is not sufficient. Its existence and size are always checked, with one fstatat, because it may have
+ * been removed; so nobody has to report removals.
  */
 #include <string.h>
-#define XXH_STATIC_LINKING_ONLY /* the state on the stack */
+#define XXH_STATIC_LINKING_ONLY /* for the hash state on the stack */
 #include <xxhash.h>
 
 #include "cursor.h"
@@ -31,7 +29,7 @@
 #include "finish.h"
 #include "pipe_priv.h"
 
-/* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
+/* Change it when the same points give other blocks: stored domains of the old kernel are then not found. */
 static const char KERNEL[] = "kernel 3";
 
 enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PART = 24 };
@@ -117,7 +115,7 @@ static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 	return size;
 }
 
-/* False: it is no proof for that region. `trace` was initialised. */
+/* False: it is not a proof for that region. `trace` is initialized. */
 static bool proof_unpack(const struct store_beside *b, const struct cut_region *region, struct cut_trace *t)
 {
 	struct cursor c = cursor_of(b->proof, b->proof_size);
@@ -135,7 +133,7 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->live.n > CUT_TRACE_PARTS ||
 	    b->proof_size != proof_size(t->nrange, sites, t->live.n))
 		return false;
-	/* Of many regions many sites: as they lie there, little-endian. */
+	/* Many regions have many sites: as they are in the file, little-endian. */
 	memcpy(t->range, cursor_bytes(&c, (size_t)t->nrange * PROOF_RANGE), (size_t)t->nrange * PROOF_RANGE);
 	site = cursor_bytes(&c, (size_t)sites * PROOF_SITE);
 	for (uint32_t i = 0; i < sites; i++, site += PROOF_SITE) {
@@ -150,7 +148,7 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 	return !c.bad && cut_trace_fits(t, region);
 }
 
-/* ---- keeping ---- */
+/* ---- storing ---- */
 
 static void stored_of(const struct store_front *f, const struct store_id *id, struct pipe_stored *ret)
 {
@@ -162,7 +160,7 @@ static void stored_of(const struct store_front *f, const struct store_id *id, st
 				    .used_ns = f->used_ns};
 }
 
-/* It stands in the generation of the key. Without a trace it stands where all is the same only. */
+/* It is valid in the generation of the key. Without a trace it is valid only for identical content. */
 static void summary_of(const struct store_front *f, const struct store_id *id, const struct pipe_key *key,
 		       const struct cut_region *region, const struct cut_trace *trace, struct pipe_summary *ret)
 {
@@ -178,8 +176,8 @@ static void summary_of(const struct store_front *f, const struct store_id *id, c
 	ret->live = trace->live;
 }
 
-int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
-	      const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err)
+int pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+	       const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err)
 {
 	const struct cut_trace *trace = &((const struct pipe_trace *)memory)->trace;
 	uint8_t proof[PROOF_MOST];
@@ -189,7 +187,7 @@ int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *
 	int r;
 
 	beside.proof_size = proof_pack(trace, proof);
-	/* A domain without a trace stands on all there is. */
+	/* A domain without a trace depends on everything. */
 	id.list = trace->nrange ? digest_hash(proof + PROOF_HEAD, (size_t)trace->nrange * PROOF_RANGE) : key->content;
 	r = store_put(storefd, &id, &beside, domain, &front, err);
 	if (r)
@@ -200,7 +198,7 @@ int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *
 	return 0;
 }
 
-/* ---- using again ---- */
+/* ---- finding ---- */
 
 static uint8_t *front_of(const struct pipe_reuse_params *p)
 {
@@ -214,8 +212,8 @@ static size_t front_room(const struct pipe_reuse_params *p)
 	return p->size > before ? p->size - before : 0;
 }
 
-/* With the header of a store's file (store_proof). */
-size_t pipe_look_bytes(const struct grid *grid)
+/* Includes the header of a store's file (store_proof). */
+size_t pipe_refine_bytes(const struct grid *grid)
 {
 	return PIPE_TRACE + align_line(grid_reader_bytes(grid)) + align_line(STORE_PROOF_FRONT + PROOF_MOST);
 }
@@ -236,7 +234,7 @@ static int valid_here(const struct pipe_reuse_params *p, const struct cut_trace 
 	return r ? r : valid ? 0 : PIPE_E_ABSENT;
 }
 
-static int judge(const struct pipe_reuse_params *p, const struct pipe_found *f, struct err *err)
+static int check_version(const struct pipe_reuse_params *p, const struct pipe_found *f, struct err *err)
 {
 	const bool same = digest_equal(f->front.beside.content, p->key->content);
 	struct cut_trace *trace = &((struct pipe_trace *)p->memory)->trace;
@@ -256,7 +254,7 @@ static int judge(const struct pipe_reuse_params *p, const struct pipe_found *f, 
 	return r;
 }
 
-/* What the store says is ours. */
+/* Conditions of the store are conditions of this room. */
 static int absent(const struct pipe_reuse_params *p, int r)
 {
 	if (r == STORE_E_DAMAGED && p->damaged)
@@ -264,39 +262,39 @@ static int absent(const struct pipe_reuse_params *p, int r)
 	return r > 0 ? PIPE_E_ABSENT : r;
 }
 
-/* Nothing else is: what is read whole afterwards is checked then. */
+/* In the other cases the whole file is read afterwards, and checked then. */
 static bool front_wanted(const struct pipe_reuse_params *p)
 {
 	return p->light && !p->sums;
 }
 
-/* What was made with more memory would be split with this one: the plan's cap decides alone. */
-static bool fits(const struct pipe_reuse_params *p, const struct mesh_domain *d)
+/* A domain that was made with more memory would be split with this budget: only the plan's cap decides. */
+static bool fits_cap(const struct pipe_reuse_params *p, const struct mesh_domain *d)
 {
 	return d->counts.used + d->counts.halo <= p->cap;
 }
 
-/* Its front, if it may stand for the region here; of what is read whole afterwards the proof is enough. */
-static int look(const struct pipe_reuse_params *p, struct pipe_found *f, struct err *err)
+/* Reads its front, and tests whether it is valid for the region. If the whole file is read afterwards, the proof suffices. */
+static int read_version(const struct pipe_reuse_params *p, struct pipe_found *f, struct err *err)
 {
 	int r = (front_wanted(p) ? store_front : store_proof)(p->storefd, &f->id, front_of(p), front_room(p), &f->front, err);
 
 	if (r)
 		return absent(p, r);
-	if (!fits(p, &f->front.domain))
+	if (!fits_cap(p, &f->front.domain))
 		return PIPE_E_ABSENT;
 	f->fits = true;
-	return judge(p, f, err);
+	return check_version(p, f, err);
 }
 
-/* It is remembered, stands, and is there. */
-static bool recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
+/* Whether it is remembered, valid, and its file exists. */
+static bool is_recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
 {
 	struct pipe_summary s;
 
-	if (!p->recall || front_wanted(p) || p->after_ns || !p->recall(p->ctx, f->id.base, &s) || !fits(p, &s.front.domain))
+	if (!p->recall || front_wanted(p) || p->after_ns || !p->recall(p->ctx, f->id.base, &s) || !fits_cap(p, &s.front.domain))
 		return false;
-	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_far(p->grid, p->region, &s.reach, &s.live))
+	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_additions_far(p->grid, p->region, &s.reach, &s.live))
 		return false;
 	if (!store_there(p->storefd, &s.id, s.front.bytes, &s.front.used_ns))
 		return false;
@@ -304,8 +302,8 @@ static bool recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
 	return true;
 }
 
-static int take(const struct pipe_reuse_params *p, const struct store_id *id, const struct store_front *front,
-		struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held, struct err *err)
+static int return_found(const struct pipe_reuse_params *p, const struct store_id *id, const struct store_front *front,
+			struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held, struct err *err)
 {
 	struct mesh_domain d = front->domain;
 	size_t held = front->whole;
@@ -316,7 +314,7 @@ static int take(const struct pipe_reuse_params *p, const struct store_id *id, co
 		d.vertex = NULL;
 		held = 0;
 	} else if (p->light) {
-		/* To the start: links, then the open vertices behind them. */
+		/* Moves the links and then the open vertices to the start. */
 		uint8_t *at = memmove(p->memory, d.link, (size_t)d.nopen * (sizeof *d.link + sizeof *d.vertex));
 
 		d.link = (void *)at;
@@ -341,13 +339,13 @@ int pipe_find(const struct pipe_reuse_params *p, struct pipe_found *ret, struct 
 	bool hinted;
 
 	*ret = (struct pipe_found){.id.base = pipe_key_of(p->key, p->region)};
-	if (recalled(p, ret))
+	if (is_recalled(p, ret))
 		return 0;
 	hinted = p->hint && !p->after_ns && p->hint(p->ctx, ret->id.base, &hint);
 	if (hinted) {
 		ret->id.list = hint;
 		ret->versions = 1;
-		is = look(p, ret, err);
+		is = read_version(p, ret, err);
 		if (is != PIPE_E_ABSENT)
 			return is;
 	}
@@ -358,7 +356,7 @@ int pipe_find(const struct pipe_reuse_params *p, struct pipe_found *ret, struct 
 		if (hinted && digest_equal(version[i].list, hint))
 			continue;
 		ret->id.list = version[i].list;
-		is = look(p, ret, err);
+		is = read_version(p, ret, err);
 	}
 	return is;
 }
@@ -369,11 +367,11 @@ int pipe_reuse(const struct pipe_reuse_params *p, struct mesh_domain *ret, struc
 	struct pipe_found f;
 	int r = pipe_find(p, &f, err);
 
-	return r ? r : take(p, &f.id, &f.front, ret, ret_stored, ret_held, err);
+	return r ? r : return_found(p, &f.id, &f.front, ret, ret_stored, ret_held, err);
 }
 
-/* Of what is stored of the region, what did last, else the latest. */
-static bool last_of(const struct pipe_reuse_params *p, struct store_id *ret)
+/* The stored version of the region that was used last, or else the latest. */
+static bool last_version(const struct pipe_reuse_params *p, struct store_id *ret)
 {
 	struct store_version version;
 	struct err err = ERR_INIT;
@@ -388,8 +386,9 @@ static bool last_of(const struct pipe_reuse_params *p, struct store_id *ret)
 	return true;
 }
 
-/* Its trace, at the start of `memory`. What cannot be read is not known: whoever needed it has said so. */
-static bool trace_of(const struct pipe_reuse_params *p, struct cut_trace **ret)
+/* Reads its trace to the start of `memory`. A file that cannot be read counts as unknown; whoever needs it reports the
+ * error. */
+static bool read_trace(const struct pipe_reuse_params *p, struct cut_trace **ret)
 {
 	struct pipe_trace *trace = p->memory;
 	struct store_front front;
@@ -397,7 +396,7 @@ static bool trace_of(const struct pipe_reuse_params *p, struct cut_trace **ret)
 	struct store_id id;
 
 	*ret = &trace->trace;
-	if (!last_of(p, &id) || store_proof(p->storefd, &id, front_of(p), front_room(p), &front, &err))
+	if (!last_version(p, &id) || store_proof(p->storefd, &id, front_of(p), front_room(p), &front, &err))
 		return false;
 	cut_trace_init(&trace->trace, trace + 1);
 	return proof_unpack(&front.beside, p->region, &trace->trace);
@@ -411,10 +410,10 @@ bool pipe_before(const struct pipe_reuse_params *p, struct pipe_before *ret)
 	uint32_t sites;
 	bool stands;
 
-	if (!trace_of(p, &trace) ||
+	if (!read_trace(p, &trace) ||
 	    grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, &err))
 		return false;
-	stands = cut_trace_stands(reader, trace);
+	stands = cut_trace_still_live(reader, trace);
 	grid_reader_free(reader);
 	if (!stands)
 		return false;

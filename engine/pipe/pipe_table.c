@@ -1,11 +1,10 @@
 /*
  * A hash table with linear probing over pages of slots.
  *
- * Page p may stand in frame p modulo the number of frames only. As long as there are no more pages than
- * frames nothing is ever evicted and no file exists; beyond that the file is the table and the frames are its
- * write-back cache. Slots of finished vertices are freed by shifting back those behind them, so the table
- * never fills with tombstones. Growing passes all entries through a temporary file: the memory stays what
- * was handed in. The file is scratch: unlinked from the start, gone with the process.
+ * Page p can only be in frame p modulo the number of frames. As long as there are no more pages than frames, nothing is
+ * evicted and no file exists. Beyond that the file is the table, and the frames are its write-back cache. The slot of a
+ * finished vertex is freed by shifting back the entries behind it, so there are no tombstones. Growing passes all
+ * entries through a temporary file, so memory does not grow. The files are unlinked from the start.
  */
 #include "pipe_table.h"
 
@@ -24,7 +23,7 @@
 
 enum { SLOTS = PIPE_TABLE_PAGE / sizeof(struct pipe_vertex) };
 _Static_assert(sizeof(struct pipe_vertex) == 40, "102 slots a page");
-/* Pages of a new table, if there is room: a few thousand vertices are open in most meshes, and growing takes a file. */
+/* Pages of a new table, if they fit: most meshes have a few thousand open vertices, and growing needs a file. */
 enum { FIRST_PAGES = 128, HUGE_PAGE = 2 << 20 };
 
 struct frame {
@@ -38,12 +37,12 @@ struct pipe_table {
 	size_t nframes;
 	struct frame *frame;
 	uint8_t *bytes;      /* nframes pages */
-	uint64_t file_pages; /* pages that were ever written to the file: the rest are zero */
+	uint64_t file_pages; /* pages that were ever written to the file; the others are zero */
 };
 
 static const char NAME[] = "the emitter's spill file";
 
-/* An unlinked file of our own in the folder. */
+/* Opens an unlinked file in the folder. */
 static int scratch_open(int dirfd, int *ret_fd, struct err *err)
 {
 	static unsigned serial;
@@ -88,7 +87,7 @@ static int frame_flush(struct pipe_table *t, size_t i, struct err *err)
 	return 0;
 }
 
-/* Bring a page into its frame. */
+/* Loads a page into its frame. */
 static int page_get(struct pipe_table *t, uint64_t page, struct pipe_vertex **ret, size_t *ret_frame, struct err *err)
 {
 	size_t i = (size_t)(page % t->nframes), got = 0;
@@ -151,7 +150,7 @@ static uint64_t next_slot(const struct pipe_table *t, uint64_t slot)
 	return slot + 1 == t->nslots ? 0 : slot + 1;
 }
 
-/* The slot of `place`, or the free one where it belongs. */
+/* The slot of `place`, or the free slot where it belongs. */
 static int slot_find(struct pipe_table *t, uint64_t place, uint64_t *ret_slot, struct pipe_vertex *ret, struct err *err)
 {
 	uint64_t slot = home_of(t, place);
@@ -168,7 +167,7 @@ static int slot_find(struct pipe_table *t, uint64_t place, uint64_t *ret_slot, s
 	}
 }
 
-/* Free a slot: move back every follower that may not stand behind a gap. */
+/* Frees a slot: moves back every following entry that must not be behind a gap. */
 static int slot_free(struct pipe_table *t, uint64_t gap, struct err *err)
 {
 	const struct pipe_vertex none = {0};
@@ -222,7 +221,7 @@ static int insert_new(struct pipe_table *t, const struct pipe_vertex *v, struct 
 	return slot_write(t, slot, v, err);
 }
 
-/* All entries, page by page, to a scratch file. */
+/* Writes all entries, page by page, to a scratch file. */
 static int dump(struct pipe_table *t, int fd, uint64_t *ret_n, struct err *err)
 {
 	struct pipe_vertex buf[SLOTS], *page;
@@ -269,8 +268,8 @@ static int grow(struct pipe_table *t, struct err *err)
 	return r;
 }
 
-/* In huge pages where there is more than one: slots lie all over, and most of a small job's time would go into faults.
- * Only what is used of it becomes resident. Pages are cleared when they are first used. */
+/* In huge pages if there is more than one: slots are used at random, and most of the time of a small job would be page
+ * faults. Only used pages become resident, cleared by the kernel when they are first used. */
 static void *frames_new(size_t nframes)
 {
 	size_t bytes = nframes * PIPE_TABLE_PAGE, whole = (bytes + HUGE_PAGE - 1) & ~(size_t)(HUGE_PAGE - 1);

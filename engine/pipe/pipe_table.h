@@ -1,6 +1,6 @@
 /*
- * The emitter's table of unfinished vertices: position to number and link sum. It lives in a fixed number of
- * page frames; what does not fit them lies in an unlinked file. Inner door of pipe/.
+ * The emitter's table of open vertices: position to number and link sum. It is in a fixed number of page frames; the
+ * rest is in an unlinked file. Internal.
  */
 #ifndef PIPE_TABLE_H
 #define PIPE_TABLE_H
@@ -13,7 +13,7 @@ struct pipe_table;
 
 struct pipe_vertex {
 	uint64_t place;  /* position: x, y as two unsigned 32-bit halves */
-	uint64_t number; /* in the stream, plus one: 0 marks a free slot */
+	uint64_t number; /* number in the stream plus one; 0: a free slot */
 	uint64_t hi, lo; /* link sum */
 	uint32_t edges;
 	uint32_t reserved;
@@ -25,8 +25,8 @@ enum { PIPE_TABLE_PAGE = 4096, PIPE_TABLE_FRAMES_MIN = 16 };
 int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct err *err);
 struct pipe_table *pipe_table_free(struct pipe_table *);
 
-/* Adds `edges` triangles and the sum `hi`, `lo` to the vertex at `place`; a new one gets `number`.
- * *ret has the entry as it is then. An entry whose sum has become zero is taken out. */
+/* Adds `edges` triangles and the sum `hi`, `lo` to the vertex at `place`; a new vertex gets `number`. *ret is the entry
+ * after that. An entry whose sum has become zero is removed. */
 enum { PIPE_TABLE_NEW = 1, PIPE_TABLE_KNOWN = 2, PIPE_TABLE_CLOSED = 3 };
 int pipe_table_add(struct pipe_table *, const struct pipe_vertex *add, struct pipe_vertex *ret, struct err *err);
 uint64_t pipe_table_count(const struct pipe_table *);

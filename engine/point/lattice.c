@@ -1,7 +1,7 @@
 /*
- * Choosing the lattice of a dataset (lattice.h), from the headers of all its inputs, whatever their order.
- * Scales and offsets are compared as exact decimals. Only the middle of the boxes is a double: it is
- * rounded once, the same way everywhere, and only decides where the lattice's zero lies.
+ * Choosing the lattice of a dataset (lattice.h) from the headers of all its inputs, independently of their order.
+ * Scales and offsets are compared as exact decimals. Only the middle of the boxes is a double. It is rounded once, in
+ * the same way on every machine, and decides only where the lattice's zero is.
  */
 #include "lattice.h"
 #include "lattice_facts.h"
@@ -14,7 +14,7 @@
 #include "parse.h"
 
 enum { EXPONENT_LEAST = -40, EXPONENT_MOST = 8 };
-static const int64_t mantissa_most = 100000000000000000; /* 10^17: a double has no more digits */
+static const int64_t mantissa_most = 100000000000000000; /* 10^17: doubles have no more digits */
 static const int64_t k_most = INT64_C(1) << 62;          /* X + K stays within int64 */
 static const char axis_name[] = "xyz";
 
@@ -23,7 +23,7 @@ static bool scale_is_good(struct decimal s)
 	return s.mantissa > 0 && s.mantissa <= mantissa_most && s.exponent >= EXPONENT_LEAST && s.exponent <= EXPONENT_MOST;
 }
 
-/* floor(v / scale); false if beyond +-2^62. The scale is good. */
+/* floor(v / scale); false if it is beyond +-2^62. The scale is valid. */
 static bool floor_ratio(struct decimal v, struct decimal scale, int64_t *ret)
 {
 	__int128 up = v.mantissa, down = scale.mantissa, q;
@@ -94,7 +94,7 @@ bool lattice_scales_good(const struct lattice_input *in)
 	return scale_is_good(in->scale[0]) && scale_is_good(in->scale[1]) && scale_is_good(in->scale[2]);
 }
 
-/* Two inputs that are as much to blame: the same one of them, whatever their order. */
+/* Compares two inputs that are equally at fault, so that the choice does not depend on their order. */
 static int tie(const struct lattice_input *a, const struct lattice_input *b)
 {
 	int order = 0;
@@ -165,10 +165,10 @@ int lattice_compare(const struct lattice_input *a, const struct lattice_input *b
 	return order ? order : tie(a, b);
 }
 
-/* Who is to blame that the boxes do not fit: one whose own box is too wide for the scale, the widest; else the
- * one that lets the scale be no coarser: of the finest scale if they differ, or of the least that it may be rounded to; else
- * the one that lies farthest out. Whoever leaves that one out and tries again comes to the same inputs from any order. */
-static const struct lattice_input *who_does_not_fit(const struct lattice_facts *f, unsigned axis, double scale)
+/* The input at fault if the boxes do not fit: the widest one, if its box alone is too wide for the scale; else the one
+ * that requires so fine a scale (the finest scale if they differ, or the smallest limit of rounding); else the one that
+ * is farthest out. Leaving that input out and trying again gives the same inputs in any order. */
+static const struct lattice_input *input_at_fault(const struct lattice_facts *f, unsigned axis, double scale)
 {
 	const struct lattice_input *const *first = f->first[axis], *wide = first[LATTICE_BY_WIDTH];
 	const struct lattice_input *rounded = first[LATTICE_BY_COARSEST], *exact = first[LATTICE_BY_EXACT];
@@ -185,7 +185,7 @@ static const struct lattice_input *who_does_not_fit(const struct lattice_facts *
 static int too_wide(const struct lattice_facts *f, unsigned axis, struct decimal scale, struct err *err)
 {
 	char text[DECIMAL_TEXT_SIZE];
-	const struct lattice_input *in = who_does_not_fit(f, axis, decimal_double(scale));
+	const struct lattice_input *in = input_at_fault(f, axis, decimal_double(scale));
 	const struct lattice_input *min = f->first[axis][LATTICE_BY_MIN], *max = f->first[axis][LATTICE_BY_MAX];
 
 	err_set(err, ERR_INPUT, "with the scale %s, %c from %.10g to %.10g does not fit into 32 bits", decimal_text(scale, text),
@@ -195,8 +195,9 @@ static int too_wide(const struct lattice_facts *f, unsigned axis, struct decimal
 	return err_add_file(err, in->name);
 }
 
-/* K of one axis. The offset of alike inputs serves if their own scale is kept (raw numbers are 32 bits), or
- * if the boxes fit around it; else the middle of the boxes; without boxes the smallest offset. False: the boxes do not fit. */
+/* K of one axis. The offset of alike inputs is used if their own scale is kept (raw numbers have 32 bits), or if the
+ * boxes fit around it. Otherwise the middle of the boxes; without boxes the smallest offset. False: the boxes do not
+ * fit. */
 static bool find_k(const struct lattice_facts *f, unsigned axis, struct decimal scale, int64_t *ret)
 {
 	const struct lattice_input *const *first = f->first[axis];
@@ -216,7 +217,7 @@ static bool find_k(const struct lattice_facts *f, unsigned axis, struct decimal 
 
 /* ---- the scale ---- */
 
-/* v is a whole multiple of the scale. */
+/* Whether v is a whole multiple of the scale. */
 static bool is_multiple(struct decimal v, struct decimal scale)
 {
 	__int128 up = v.mantissa, down = scale.mantissa;
@@ -231,8 +232,8 @@ static bool is_multiple(struct decimal v, struct decimal scale)
 	return up % down == 0;
 }
 
-/* The least of axes [from, to] that are in this order; false: none is. */
-static bool least(const struct lattice_facts *f, unsigned from, unsigned to, enum lattice_order by, struct decimal *ret)
+/* The first, of axes [from, to], in this order; false: there is none. */
+static bool first_value(const struct lattice_facts *f, unsigned from, unsigned to, enum lattice_order by, struct decimal *ret)
 {
 	bool any = false;
 
@@ -260,7 +261,7 @@ static bool boxes_fit(const struct lattice_facts *f, unsigned from, unsigned to,
 	return true;
 }
 
-/* *divisor becomes what divides both; false: their digits do not fit. */
+/* Replaces *divisor by the largest number that divides both; false: its digits do not fit. */
 static bool divide_both(struct decimal v, struct decimal *divisor)
 {
 	int64_t least = v.exponent < divisor->exponent ? v.exponent : divisor->exponent;
@@ -286,10 +287,10 @@ static bool divide_both(struct decimal v, struct decimal *divisor)
 	return true;
 }
 
-enum { TILE = 1000 }; /* as wide as tiles are, in units of the files */
+enum { TILE = 1000 }; /* usual width of a tile, in units of the files */
 
-/* A lattice of this scale carries much more than the inputs, wherever they lie: 64 times as wide to each side; `least`: the least
- * width that counts. */
+/* Whether a lattice of this scale covers much more than the inputs, wherever they are: 64 times their width on each
+ * side. `least`: the smallest width that is assumed. */
 static bool has_room(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal scale, double least)
 {
 	for (unsigned a = from; a <= to; a++) {
@@ -301,8 +302,8 @@ static bool has_room(const struct lattice_facts *f, unsigned from, unsigned to, 
 	return boxes_fit(f, from, to, scale);
 }
 
-/* Raw numbers of 32 bits can lie in the boxes of alike inputs, which are more than one position: else a header is wrong, and of
- * no use to tell where a finer scale has room. */
+/* Whether the boxes of alike inputs are plausible: raw numbers of 32 bits can be in them, and they are more than one
+ * position. Otherwise a header is wrong and says nothing about the room for a finer scale. */
 static bool boxes_are_likely(const struct lattice_facts *f, unsigned from, unsigned to)
 {
 	bool wide = false;
@@ -319,9 +320,9 @@ static bool boxes_are_likely(const struct lattice_facts *f, unsigned from, unsig
 	return wide;
 }
 
-/* Of inputs that are alike and whose offset lies between two steps of their scale, or whose scales are no multiples of each
- * other: the coarsest scale on which all of their numbers lie, so that none is moved. Not where that is more than 1,000 times
- * as fine, or leaves little room for what is pushed later: the numbers are rounded then, and counted. */
+/* For alike inputs whose offset is between two steps of their scale, or whose scales are not multiples of each other:
+ * the coarsest scale on which all of their numbers are exact. It is not used if it is more than 1,000 times as fine, or
+ * leaves little room for later pushes; then the numbers are rounded, and counted. */
 static struct decimal exact_scale(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal finest)
 {
 	enum { FINER = 1000 };
@@ -337,7 +338,7 @@ static struct decimal exact_scale(const struct lattice_facts *f, unsigned from, 
 	return s;
 }
 
-/* It holds the boxes; where others may come beside what is there, these too. */
+/* Whether it covers the boxes, and also later inputs if the lattice grows. */
 static bool is_enough(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal scale)
 {
 	if (f->grows && f->first[from][LATTICE_BY_MIN])
@@ -345,17 +346,17 @@ static bool is_enough(const struct lattice_facts *f, unsigned from, unsigned to,
 	return boxes_fit(f, from, to, scale);
 }
 
-/* Of axes [from, to], which share it. What does not fit even so is told by whoever looks for K. */
+/* For axes [from, to], which share a scale. If even this scale does not fit, the search for K reports it. */
 static struct decimal choose_scale(const struct lattice_facts *f, unsigned from, unsigned to)
 {
 	struct decimal finest = {1, 0}, exact, last, tenth, s;
-	bool has_exact = least(f, from, to, LATTICE_BY_EXACT, &exact);
+	bool has_exact = first_value(f, from, to, LATTICE_BY_EXACT, &exact);
 
-	least(f, from, to, LATTICE_BY_SCALE, &finest);
-	if (!least(f, from, to, LATTICE_BY_COARSEST, &last))
+	first_value(f, from, to, LATTICE_BY_SCALE, &finest);
+	if (!first_value(f, from, to, LATTICE_BY_COARSEST, &last))
 		return f->alike ? exact_scale(f, from, to, finest) : finest;
 	tenth = (struct decimal){last.mantissa, last.exponent - 1};
-	/* What has hardly more digits than it must keep keeps them. */
+	/* A lattice that needs hardly more digits than it must keep is not rounded. */
 	if (is_enough(f, from, to, finest) || (decimal_compare(tenth, finest) < 0 && boxes_fit(f, from, to, finest)))
 		return finest;
 	if (has_exact && decimal_compare(exact, last) < 0)

@@ -1,5 +1,5 @@
-/* What the choice of a lattice depends on, however it is found: by one pass over the inputs, or kept while inputs are left out.
- * Internal. */
+/* The facts on which the choice of a lattice depends. They come from one pass over the inputs (lattice.c), or are
+ * updated while inputs are left out (lattice_set.c). Internal. */
 #ifndef LATTICE_FACTS_H
 #define LATTICE_FACTS_H
 
@@ -7,8 +7,9 @@
 
 #include "lattice.h"
 
-/* Orders of inputs on one axis; the first is what counts: the finest scale, the widest box ... Of good boxes only, or of
- * inputs that have an offset, or of those that may not be rounded (BY_EXACT) or may (BY_COARSEST). */
+/* Orders of inputs on one axis, of which only the first input matters: the finest scale, the widest box, and so on.
+ * Some are only over inputs with a valid box, or with an offset, or over those that must not be rounded (BY_EXACT) or
+ * may be (BY_COARSEST). */
 enum lattice_order {
 	LATTICE_BY_SCALE,
 	LATTICE_BY_EXACT,
@@ -22,11 +23,11 @@ enum lattice_order {
 #define LATTICE_ORDERS (LATTICE_BY_FAR + 1)
 
 struct lattice_facts {
-	const struct lattice_input *bad;                      /* the first with a scale that is none; NULL: they are good */
-	const struct lattice_input *first[3][LATTICE_ORDERS]; /* NULL: none is in that order */
+	const struct lattice_input *bad;                      /* the first input with an invalid scale; NULL: none */
+	const struct lattice_input *first[3][LATTICE_ORDERS]; /* NULL: no input is in this order */
 	bool scales_differ[3];
-	bool alike; /* all have one (offset, scale) */
-	bool grows; /* as of each */
+	bool alike; /* all have the same offset and scale */
+	bool grows; /* as in the inputs */
 };
 
 bool lattice_scales_good(const struct lattice_input *);

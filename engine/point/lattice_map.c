@@ -1,10 +1,10 @@
 /*
- * Mapping a file's numbers to the lattice (lattice.h). Per axis the map is the rational (raw * a + b) / d,
- * rounded as floor(v + 1/2), which commutes with integer shifts. It grows with raw, so a batch is checked
- * by its least and largest number, and the loops run without checks. Nothing is rounded twice.
+ * Converting the numbers of a file to the lattice (lattice.h). For each axis the conversion is the rational (raw * a +
+ * b) / d, rounded as floor(v + 1/2), which commutes with integer shifts. It is monotone in raw, so a batch is checked
+ * by its smallest and largest number, and the loops need no checks. No number is rounded twice.
  *
- * No loop divides, where it can be helped: a double tells the quotient to less than one (estimate), and the remainder,
- * modulo 2^64, tells exactly which one it is.
+ * The loops avoid division: a double gives the quotient with an error below one (estimate), and the remainder, modulo
+ * 2^64, determines the exact quotient.
  */
 #include <math.h>
 #include <string.h>
@@ -38,8 +38,7 @@ static __int128 gcd(__int128 a, __int128 b)
 	return a;
 }
 
-/* coordinate = raw * fs + fo = (X + k) * ls, so X = (raw * fs + fo - k * ls) / ls; all over one power of ten.
- */
+/* coordinate = raw * fs + fo = (X + k) * ls, so X = (raw * fs + fo - k * ls) / ls; all over a common power of ten. */
 static bool axis_init(struct decimal fs, struct decimal fo, struct decimal ls, int64_t k, __int128 *ret_a, __int128 *ret_b,
 		      __int128 *ret_d)
 {
@@ -125,16 +124,16 @@ static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], si
 	return err_set(err, ERR_INTERNAL, "a point is out of range, but none was found");
 }
 
-/* Of an axis: round(raw * slope + base) is the number, or one beside it; if `sure`, the number. */
+/* For one axis: round(raw * slope + base) is the number or a neighbour; if `sure`, it is the number. */
 struct estimate {
 	double slope, base;
 	bool serves, sure;
 };
 
-/* The double is off by less than 10 * 2^-53 of its parts, which are below 2^45: by less than 1/16. So the remainder of the number
- * that it gives is less than 9/16 d, and twice of it fits int64. Exact values are whole multiples of 1/d, so either halves or
- * at least 1/2d away from one: where it is off by less than 1/8d, 1/4d more brings each to the side of the half to which it is
- * rounded. Written so that what is not finite does not serve. */
+/* The error of the double is less than 10 * 2^-53 of its terms, which are below 2^45: less than 1/16. So the remainder
+ * of its number is less than 9/16 d, and twice that fits int64. Exact values are multiples of 1/d, so they are either
+ * halves or at least 1/2d away from one. If the error is below 1/8d, adding 1/4d puts each value on the side of the
+ * half to which it is rounded. The comparisons fail for values that are not finite. */
 static struct estimate estimate_of(__int128 a, __int128 b, __int128 d, int64_t lo, int64_t hi)
 {
 	const double slope = (double)a / (double)d, base = (double)b / (double)d;
@@ -147,7 +146,7 @@ static struct estimate estimate_of(__int128 a, __int128 b, __int128 d, int64_t l
 	return e;
 }
 
-/* The least and the largest number of each axis. A loop of its own: where all are shifted it is half of the work. */
+/* The smallest and the largest number of each axis. A separate loop: if all axes are only shifted, it is half of the work. */
 static __attribute__((noinline)) void batch_range(const int64_t (*raw)[3], size_t n, int64_t ret_lo[3], int64_t ret_hi[3])
 {
 	int64_t lo[3], hi[3];
@@ -164,7 +163,7 @@ static __attribute__((noinline)) void batch_range(const int64_t (*raw)[3], size_
 	memcpy(ret_hi, hi, sizeof hi);
 }
 
-/* All numbers of the batch stay in range. */
+/* Whether all numbers of the batch are in range. */
 static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, struct estimate ret[3])
 {
 	int64_t lo[3], hi[3];
@@ -181,7 +180,7 @@ static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], siz
 	return true;
 }
 
-/* Exact axes: numbers modulo 2^64, whose result is known to fit. */
+/* Exact axes: numbers modulo 2^64; the results are known to fit. */
 static void apply_exact(const struct lattice_map *m, const int64_t (*restrict raw)[3], size_t n, int32_t (*restrict ret)[3])
 {
 	const uint64_t a[3] = {(uint64_t)m->axis[0].a, (uint64_t)m->axis[1].a, (uint64_t)m->axis[2].a};
@@ -212,12 +211,12 @@ static uint64_t bits_of(double x)
 	return bits;
 }
 
-/* One axis of a block; moved[i] is set where a number is rounded. The largest distance, as map_one has it. */
+/* One axis of a block; sets moved[i] if a number is rounded. Returns the largest distance, as in map_one. */
 static inline __attribute__((always_inline)) uint64_t round_axis(const struct lattice_map *m, const struct estimate *e,
 								 unsigned k, bool sure, const int64_t (*restrict raw)[3],
 								 size_t n, int32_t (*restrict ret)[3], uint8_t *restrict moved)
 {
-	/* added to a double below 2^51 this makes the last bit a one: the bits of the sum count whole numbers */
+	/* added to a double below 2^51, this makes the last bit a one: the bits of the sum then count whole numbers */
 	const double slope = e->slope, base = e->base, whole = 0x1.8p52;
 	const uint64_t zero = bits_of(whole), a = (uint64_t)m->axis[k].a, b = (uint64_t)m->axis[k].b;
 	const int64_t d = (int64_t)m->axis[k].d;
@@ -267,7 +266,7 @@ static __int128 round_axis_wide(const struct lattice_map *m, unsigned k, const i
 	return most;
 }
 
-/* An axis without fractions, or on which all numbers have the same one. */
+/* An axis whose numbers are all whole, or all have the same fraction. */
 static __int128 shift_axis(const struct lattice_map *m, unsigned k, const int64_t (*restrict raw)[3], size_t n,
 			   int32_t (*restrict ret)[3], uint8_t *restrict moved)
 {

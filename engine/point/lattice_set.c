@@ -1,9 +1,9 @@
 /*
- * A set of inputs that shrinks (lattice_set.h).
+ * A set of inputs from which inputs are removed (lattice_set.h).
  *
- * The model: the inputs are sorted once by each thing that the choice looks at. Of each order the first that is still there
- * counts, and it is never before the one that was first: so all orders together are passed once. Scales differ if the first
- * and the last in their order do. Inputs that are alike have one class; how many classes there are is counted.
+ * The inputs are sorted once in each order that matters for the choice. In each order only the first remaining input
+ * counts. Its index only grows, so each order is passed only once. Scales differ if the first and the last input of
+ * their order do. Inputs that are alike form a class, and the number of classes is counted.
  */
 #include "lattice_set.h"
 
@@ -15,7 +15,7 @@
 
 struct order {
 	uint32_t *at;      /* inputs, in order */
-	size_t first, end; /* of those that may be there */
+	size_t first, end; /* of the inputs that may remain */
 };
 
 struct lattice_set {
@@ -23,8 +23,8 @@ struct lattice_set {
 	size_t n, left;
 	bool *gone;
 	struct order order[3][LATTICE_ORDERS], bad;
-	uint32_t *class, *members; /* of each input; of each class */
-	size_t classes;            /* that have members */
+	uint32_t *class, *members; /* class of each input; number of members of each class */
+	size_t classes;            /* classes that have members */
 	uint64_t steps;
 };
 
@@ -43,7 +43,7 @@ static int by_order(const void *a, const void *b, void *ctx)
 	return lattice_compare(&in[*(const uint32_t *)a], &in[*(const uint32_t *)b], s->axis, s->by);
 }
 
-/* So that those that are alike lie together. */
+/* Sorts inputs that are alike together. */
 static int by_class(const void *a, const void *b, void *ctx)
 {
 	struct lattice_set *s = ctx;
@@ -74,7 +74,7 @@ static bool make_order(struct lattice_set *s, unsigned axis, enum lattice_order 
 	return true;
 }
 
-/* One that has no offset is alike to nobody, and is a class of its own. */
+/* An input without an offset is a class of its own. */
 static bool make_classes(struct lattice_set *s)
 {
 	uint32_t *at = malloc(s->n * sizeof *at);
@@ -123,7 +123,7 @@ struct lattice_set *lattice_set_new(const struct lattice_input *inputs, size_t n
 	return made ? s : lattice_set_free(s);
 }
 
-/* The first of those that are there; NULL: there is none. */
+/* The first remaining input; NULL: there is none. */
 static const struct lattice_input *first_of(struct lattice_set *s, struct order *o)
 {
 	for (; o->first < o->end && s->gone[o->at[o->first]]; o->first++)
@@ -138,8 +138,8 @@ static const struct lattice_input *last_of(struct lattice_set *s, struct order *
 	return o->first < o->end ? &s->inputs[o->at[o->end - 1]] : NULL;
 }
 
-/* Which input the error is about: one of those that are first somewhere, and has its name. */
-static size_t which(const struct lattice_set *s, const struct lattice_facts *f, const struct err *err)
+/* Finds the input that the error is about: it is first in some order, and has the name in the error. */
+static size_t find_input_at_fault(const struct lattice_set *s, const struct lattice_facts *f, const struct err *err)
 {
 	if (f->bad && !strcmp(f->bad->name, err->file))
 		return (size_t)(f->bad - s->inputs);
@@ -169,11 +169,11 @@ int lattice_set_choose(struct lattice_set *s, const struct decimal *scale_xy, co
 	f.alike = f.alike && f.first[0][LATTICE_BY_SCALE]->has_offset;
 	rc = lattice_decide(&f, scale_xy, scale_z, ret, err);
 	if (rc == -ERR_INPUT)
-		*ret_which = which(s, &f, err);
+		*ret_which = find_input_at_fault(s, &f, err);
 	return rc;
 }
 
-void lattice_set_leave(struct lattice_set *s, size_t i)
+void lattice_set_remove(struct lattice_set *s, size_t i)
 {
 	s->gone[i] = true;
 	s->left--;

@@ -1,6 +1,6 @@
 /*
- * The point record's Morton key and order (point.h). Coordinates are biased to unsigned, so that the key's
- * order is that of the quadtree from its root down, and a shift of a lattice moves no bit out.
+ * Morton key and order of the point record (point.h). Coordinates are biased to unsigned numbers, so that the order of
+ * keys is that of the quadtree from its root down.
  */
 #include "point.h"
 

@@ -1,5 +1,5 @@
 /*
- * The point record of the cache: 16 bytes, and its one sort order.
+ * The point record of the cache: 16 bytes, and its sort order.
  */
 #ifndef POINT_H
 #define POINT_H
@@ -11,7 +11,7 @@ struct point {
 	int32_t x, y, z; /* lattice numbers */
 	uint8_t cls;     /* class */
 	uint8_t ret;     /* return number (low nibble), number of returns (high nibble) */
-	uint16_t tag;    /* flags (low 4 bits), index into the cell's table of sources (high 12 bits) */
+	uint16_t tag;    /* flags (low 4 bits); index into the block's table of sources (high 12 bits) */
 };
 
 _Static_assert(sizeof(struct point) == 16, "the record of FORMAT.md");
@@ -43,17 +43,17 @@ static inline unsigned point_source(const struct point *p)
 	return p->tag >> POINT_SOURCE_SHIFT;
 }
 
-/* Morton key: x + 2^31 and y + 2^31; bit i of x at 2i + 1, of y at 2i (algorithm.md 3). */
+/* Morton key of x + 2^31 and y + 2^31: bit i of x at 2i + 1, of y at 2i (algorithm.md 3). */
 static inline uint64_t point_morton(int32_t x, int32_t y);
 void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y);
 
 /* The sort order of runs and segments: Morton key, z, class, returns, flags; source last. <0, 0, >0. */
 int point_compare(const struct point *a, const struct point *b);
 
-/* Sort by point_compare, radix on the key; `scratch` has room for n records. Result in `pts`. */
+/* Sorts by point_compare with a radix sort; `scratch` has room for n records. The result is in `pts`. */
 void point_sort(struct point *pts, struct point *scratch, size_t n);
 
-/* Bit i to bit 2i: halves are moved apart, five times. */
+/* Moves bit i to bit 2i, by halving the distances five times. */
 static inline uint64_t point_spread(uint32_t v)
 {
 	uint64_t s = v;

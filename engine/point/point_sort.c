@@ -1,10 +1,10 @@
 /*
- * Sorting points. A record is rewritten in place as two 64-bit numbers whose order is the order of
- * point_compare: the Morton key, and the rest (z, class, returns, flags, source). Those are parted by the highest
- * bits of the key in which they differ, to and fro between records and scratch, until so few are left that inserting
- * them one by one is faster; what has the same key is sorted by the rest, by radix if there is much of it. Then they
- * are rewritten as records. No allocation, recursion no deeper than the key has digits, and time that does not depend
- * on duplicates.
+ * Sorting points. A record is rewritten in place as two 64-bit numbers whose order is that of point_compare: the Morton
+ * key, and the rest (z, class, returns, flags, source). A most significant digit radix sort, alternating between
+ * records and scratch, splits them by the highest bits in which their keys differ, until buckets are small enough for
+ * an insertion sort. Records with the same key are sorted by the rest, with a radix sort if there are many. Then they
+ * are rewritten as records. No allocation; recursion is no deeper than the key has digits; the time does not depend on
+ * duplicates.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -20,10 +20,10 @@ _Static_assert(sizeof(struct pair) == sizeof(struct point), "records are rewritt
 enum {
 	DIGIT_BITS = 8,
 	DIGITS = 1 << DIGIT_BITS,
-	FIRST_BITS = 11, /* of all records: more would be written to more places than the processor keeps in mind */
+	FIRST_BITS = 11, /* for all records: more buckets would exceed the cache and the TLB */
 	FIRST_DIGITS = 1 << FIRST_BITS,
 	LEAST_BITS = 4,
-	BUCKET_BITS = 3, /* of the number of records that a bucket is meant to have */
+	BUCKET_BITS = 3, /* log2 of the intended number of records in a bucket */
 	INSERTION_MOST = 24,
 };
 
@@ -59,8 +59,8 @@ static inline bool pair_less(const struct pair *a, const struct pair *b)
 	return a->key < b->key || (a->key == b->key && a->rest < b->rest);
 }
 
-/* From a to `to`, which may be a. */
-static void insertion(const struct pair *a, struct pair *to, size_t n)
+/* Sorts from a to `to`, which may be a. */
+static void insertion_sort(const struct pair *a, struct pair *to, size_t n)
 {
 	for (size_t i = 0; i < n; i++) {
 		struct pair q = a[i];
@@ -73,7 +73,7 @@ static void insertion(const struct pair *a, struct pair *to, size_t n)
 }
 
 /* The bits of the key (or of the rest) in which the n records differ. */
-static uint64_t varying(const struct pair *a, size_t n, bool rest)
+static uint64_t varying_bits(const struct pair *a, size_t n, bool rest)
 {
 	uint64_t all = UINT64_MAX, any = 0;
 
@@ -87,7 +87,7 @@ static uint64_t varying(const struct pair *a, size_t n, bool rest)
 }
 
 /* One stable pass by the digit at `shift`. */
-static void pass(const struct pair *from, struct pair *to, size_t n, unsigned shift, bool rest)
+static void distribute_stable(const struct pair *from, struct pair *to, size_t n, unsigned shift, bool rest)
 {
 	uint32_t at[DIGITS] = {0};
 	uint32_t sum = 0;
@@ -104,15 +104,15 @@ static void pass(const struct pair *from, struct pair *to, size_t n, unsigned sh
 		to[at[pair_number(&from[i], rest) >> shift & (DIGITS - 1)]++] = from[i];
 }
 
-/* Least significant digit first, over the bits that vary; the result is in `a`. */
-static void radix(struct pair *a, struct pair *b, size_t n, uint64_t vary, bool rest)
+/* Least significant digit first, over the varying bits; the result is in `a`. */
+static void radix_sort(struct pair *a, struct pair *b, size_t n, uint64_t vary, bool rest)
 {
 	struct pair *from = a, *to = b;
 
 	while (vary) {
 		unsigned shift = (unsigned)__builtin_ctzll(vary);
 
-		pass(from, to, n, shift, rest);
+		distribute_stable(from, to, n, shift, rest);
 		struct pair *t = from;
 
 		from = to;
@@ -123,15 +123,15 @@ static void radix(struct pair *a, struct pair *b, size_t n, uint64_t vary, bool 
 		memcpy(a, from, n * sizeof *a);
 }
 
-/* Records of one key, by the rest; into b if `over`. */
-static void same(struct pair *a, struct pair *b, size_t n, bool over)
+/* Sorts records with the same key by the rest; into b if `over`. */
+static void sort_same_key(struct pair *a, struct pair *b, size_t n, bool over)
 {
-	radix(a, b, n, varying(a, n, true), true);
+	radix_sort(a, b, n, varying_bits(a, n, true), true);
 	if (over)
 		memcpy(b, a, n * sizeof *a);
 }
 
-/* How many of the varying bits part n records into buckets that are small, and worth their number. */
+/* The number of varying bits that splits n records into small buckets without having too many buckets. */
 static unsigned bits_for(size_t n, unsigned most)
 {
 	unsigned bits = 63u - (unsigned)__builtin_clzll(n);
@@ -141,9 +141,10 @@ static unsigned bits_for(size_t n, unsigned most)
 }
 
 /*
- * Parts a[0..n) into b by `bits` bits, the highest of which is the highest that varies. at[d] becomes the end of bucket d.
+ * Distributes a[0..n) to b by `bits` bits, the highest of which is the highest varying one. at[d] becomes the end of
+ * bucket d.
  */
-static void part(const struct pair *a, struct pair *b, size_t n, uint64_t vary, unsigned bits, uint32_t *at)
+static void distribute(const struct pair *a, struct pair *b, size_t n, uint64_t vary, unsigned bits, uint32_t *at)
 {
 	unsigned top = 64 - (unsigned)__builtin_clzll(vary), shift = top > bits ? top - bits : 0;
 	uint64_t mask = (UINT64_C(1) << bits) - 1;
@@ -162,27 +163,27 @@ static void part(const struct pair *a, struct pair *b, size_t n, uint64_t vary, 
 		b[at[a[i].key >> shift & mask]++] = a[i];
 }
 
-/* The result is in a, or in b if `over`; the other is void. */
-static void sort(struct pair *a, struct pair *b, size_t n, bool over)
+/* The result is in a, or in b if `over`; the other is undefined. */
+static void sort_by_key(struct pair *a, struct pair *b, size_t n, bool over)
 {
 	uint32_t at[DIGITS];
 	uint64_t vary;
 	unsigned bits;
 
 	if (n <= INSERTION_MOST) {
-		insertion(a, over ? b : a, n);
+		insertion_sort(a, over ? b : a, n);
 		return;
 	}
-	vary = varying(a, n, false);
+	vary = varying_bits(a, n, false);
 	if (!vary) {
-		same(a, b, n, over);
+		sort_same_key(a, b, n, over);
 		return;
 	}
 	bits = bits_for(n, DIGIT_BITS);
-	part(a, b, n, vary, bits, at);
+	distribute(a, b, n, vary, bits, at);
 	for (size_t d = 0, first = 0; d >> bits == 0; first = at[d++])
 		if (at[d] > first)
-			sort(b + first, a + first, at[d] - first, !over);
+			sort_by_key(b + first, a + first, at[d] - first, !over);
 }
 
 void point_sort(struct point *pts, struct point *scratch, size_t n)
@@ -201,12 +202,12 @@ void point_sort(struct point *pts, struct point *scratch, size_t n)
 		uint32_t at[FIRST_DIGITS];
 		unsigned bits = bits_for(n, FIRST_BITS);
 
-		part(a, b, n, all ^ any, bits, at);
+		distribute(a, b, n, all ^ any, bits, at);
 		for (size_t d = 0, first = 0; d >> bits == 0; first = at[d++])
 			if (at[d] > first)
-				sort(b + first, a + first, at[d] - first, true);
+				sort_by_key(b + first, a + first, at[d] - first, true);
 	} else {
-		sort(a, b, n, false);
+		sort_by_key(a, b, n, false);
 	}
 	for (size_t i = 0; i < n; i++)
 		pts[i] = point_of(a[i]);

@@ -1,7 +1,7 @@
 /*
- * Views as predicates (view.h). The model: a view is normalised before it is used or named (--surface is
- * first returns and highest, --ground is lowest), so that two ways to ask for the same are one view. Every
- * number of the lattice is absolute, so that a dataset's offset changes neither text nor choice.
+ * Views as predicates (view.h). A view is normalized before it is used or named (--surface is first returns and
+ * highest, --ground is lowest), so that equivalent requests give the same view. Lattice numbers are absolute, so that a
+ * dataset's offset changes neither text nor result.
  */
 #include "view.h"
 
@@ -113,8 +113,7 @@ static bool has_class(const struct view *v, const struct point *p)
 	return !v->ground || p->cls == CLASS_GROUND || p->cls == CLASS_KEY || (p->tag & POINT_KEY);
 }
 
-/* Number 0 (no returns known) is first, and last where the count is 0 or 1; a number beyond its count is
- * last. */
+/* Number 0 (unknown) is a first return, and a last one if the count is 0 or 1. A number beyond its count is a last return. */
 static bool has_return(unsigned returns, const struct point *p)
 {
 	switch (returns) {
@@ -136,8 +135,8 @@ static bool in_crop(const struct view *v, int64_t x, int64_t y)
 	return x >= b[0] && y >= b[1] && x <= b[2] && y <= b[3];
 }
 
-/* Part of the meaning of a view, so it never changes: XXH3-64, seed 0, over the 16 bytes of the absolute position, little-endian.
- */
+/* This is part of the meaning of a view, so it never changes: XXH3-64, seed 0, over the 16 bytes of the absolute
+ * position, little-endian. */
 static bool in_every(const struct view *v, int64_t x, int64_t y)
 {
 	const int64_t at[2] = {x, y};
@@ -218,7 +217,7 @@ void view_thin_cell(const struct view *v, const struct point *p, int64_t ret[2])
 	ret[1] = cell_number(p->y + v->k[1], v->thin.cell);
 }
 
-/* By all of the record but height, position and source. */
+/* Compares all of the record except height, position and source. */
 static int compare_kind(const struct point *a, const struct point *b)
 {
 	if (a->cls != b->cls)

@@ -1,10 +1,11 @@
 /*
- * Views: which points a mesh is made of. They apply when reading, never when storing. Each rule looks
- * at one point, at all points of one position, or at all points of one thin cell; never at order or source.
+ * Views: which points a mesh is made of. They apply when points are read, never when they are stored. Each rule depends
+ * on one point, on all points of one position, or on all points of one thin cell; never on the order or the source of
+ * points.
  *
- * Numbers of the lattice are absolute in a view (X + k): its text does not depend on a dataset's offset. A view
- * is judged only after view_bind has told it the lattice's k; from then on it is read only, and any number
- * of threads may use it.
+ * Lattice numbers in a view are absolute (X + k), so its text does not depend on a dataset's offset. Points are judged
+ * only after view_bind, which sets the lattice's k; from then on the view is read-only, and any number of threads may
+ * use it.
  */
 #ifndef VIEW_H
 #define VIEW_H
@@ -25,8 +26,8 @@ enum view_duplicates { VIEW_LOWEST, VIEW_HIGHEST };
 enum view_pick { VIEW_PICK_LOWEST, VIEW_PICK_HIGHEST, VIEW_PICK_MEDIAN }; /* median: the lower one */
 enum view_crop { VIEW_CROP_NONE, VIEW_CROP_BOX, VIEW_CROP_AREA };
 
-/* Rules in the order in which they apply; the first that removes a point is counted. The crop is first, so that
- * what lies outside need not be read to be counted. */
+/* Rules in the order in which they apply; the first one that removes a point counts it. The crop is first, so that
+ * points outside need not be read to be counted. */
 enum view_rule {
 	VIEW_KEPT,
 	VIEW_BY_CROP,
@@ -48,10 +49,10 @@ struct view_thin {
 };
 
 struct view {
-	uint64_t classes[4];     /* bit set of the classes asked for; meaningful if has_classes */
-	uint64_t not_classes[4]; /* of those left out; 0: none */
+	uint64_t classes[4];     /* bit set of the requested classes; meaningful if has_classes */
+	uint64_t not_classes[4]; /* bit set of the excluded classes; 0: none */
 	bool has_classes;
-	bool ground;  /* classes 2, 8 and key-points of any class; lowest; fails if none */
+	bool ground;  /* classes 2, 8 and key-points of any class; lowest; fails if there are none */
 	bool surface; /* first returns, highest */
 	bool keep_withheld, keep_noise;
 	bool drop_overlap;  /* POINT_OVERLAP */
@@ -60,94 +61,92 @@ struct view {
 	uint8_t crop;       /* enum view_crop */
 	bool has_zmin, has_zmax;
 	int64_t zmin, zmax;  /* closed */
-	int64_t crop_box[4]; /* x1 y1 x2 y2, closed; of VIEW_CROP_AREA the bounds */
+	int64_t crop_box[4]; /* x1 y1 x2 y2, closed; the bounds for VIEW_CROP_AREA */
 	uint64_t every;      /* keeps positions whose hash is 0 modulo this; 0, 1: all */
 	struct view_thin thin;
-	struct view_area *area; /* of VIEW_CROP_AREA; owned: view_done */
-	/* Not which points, but which triangles of their mesh: those that meet this closed area. Kind, box and area
-	 * as of the crop. */
+	struct view_area *area; /* for VIEW_CROP_AREA; owned: view_done */
+	/* The window does not choose points: it chooses the triangles of the mesh that meet this closed area. Kind, box
+	 * and area as for the crop. */
 	uint8_t window;
 	int64_t window_box[4];
 	struct view_area *window_area;
-	int64_t k[3]; /* view_bind; no part of the text */
+	int64_t k[3]; /* set by view_bind; not part of the text */
 };
 
 #define VIEW_INIT ((struct view){.returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST})
 /* Frees the areas. The view may be filled again. */
 void view_done(struct view *);
-/* Before a point is judged. */
+/* Call it before a point is judged. */
 void view_bind(struct view *, const struct lattice *);
 
-/* The same view with --surface and --ground spelt out (surface: first returns, highest; ground: lowest), left
- * out classes taken out of those asked for, rules that remove nothing reset. Shares the area with the given one:
- * it is not to be done. */
+/* The normal form of the view: --surface and --ground expanded (surface: first returns, highest; ground: lowest),
+ * excluded classes removed from the requested ones, rules that remove nothing reset. Shares the area with `view`, so
+ * only `view` is passed to view_done. */
 struct view view_normal(const struct view *);
-/* -ERR_USAGE if what is asked for contradicts itself (ground and surface, surface of last returns ...). */
+/* -ERR_USAGE if the options contradict each other (ground and surface, surface of last returns ...). */
 int view_check(const struct view *, struct err *err);
 
-/* A view has two texts. The canonical one holds whole numbers of the lattice: the view's identity is its hash.
- * A request holds what was typed, exact decimals and lengths, since who asks does not know the lattice.
- * PROTOCOL.md has the grammar of both. Either is at most VIEW_TEXT_MAX bytes long. */
+/* A view has two texts. The canonical text has whole lattice numbers; its hash identifies the view. A request has the
+ * decimals and lengths that a user typed, because a user does not know the lattice. PROTOCOL.md has both grammars. Both
+ * are at most VIEW_TEXT_MAX bytes long. */
 #define VIEW_TEXT_MAX AREA_TEXT_MAX
 
 /* The canonical text of the normal view, to be freed; NULL: no memory. */
 char *view_text(const struct view *);
-/* Takes exactly what view_text writes. -ERR_PROTO, -ERR_NOMEM. */
+/* Parses exactly what view_text writes. -ERR_PROTO, -ERR_NOMEM. */
 int view_parse(const char *text, struct view *ret, struct err *err);
 struct digest view_hash(const struct view *);
-/* A request as the view of a dataset with this lattice and this unit of x and y (crs.h): corners and heights
- * rounded once as points are, lengths converted exactly. A canonical text is taken too, "" is the default view.
- * The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: what it asks for cannot be; -ERR_INPUT: it cannot
- * of this dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
+/* Converts a request to a view of a dataset with this lattice and this unit of x and y (crs.h): corners and heights are
+ * rounded once, as points are; lengths are converted exactly. A canonical text is accepted, too; "" is the default
+ * view. The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: a contradiction; -ERR_INPUT: impossible for this
+ * dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
 int view_resolve(const char *text, const struct lattice *, const char *unit_xy, struct view *ret, struct err *err);
-/* The same with a window, "box:..." or "area@E:..." as a request has it, in place of the view's own; "": without one. */
+/* The same, with a window, "box:..." or "area@E:..." as in a request, instead of the view's own; "": without a window. */
 int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy, struct view *ret,
 			struct err *err);
-/* "2,8" or "2-5,9": sets classes, or those left out; -ERR_USAGE for rubbish. */
+/* "2,8" or "2-5,9": sets the requested or the excluded classes; -ERR_USAGE for anything else. */
 int view_set_classes(struct view *, const char *list, struct err *err);
 int view_set_not_classes(struct view *, const char *list, struct err *err);
 
-/* The rule that removes this point, or VIEW_KEPT. Never VIEW_BY_THIN nor VIEW_BY_DUPLICATE, which need other
- * points. Return number 0 (none known) counts as a first return, and as a last one where the count is 0 or 1.
- * View bound. */
+/* The rule that removes this point, or VIEW_KEPT. Never VIEW_BY_THIN or VIEW_BY_DUPLICATE, which depend on other
+ * points. Return number 0 (unknown) counts as a first return, and as a last one if the count is 0 or 1. The view is
+ * bound. */
 enum view_rule view_judge(const struct view *, const struct point *);
-/* Whether class, returns and flags of a point are all that view_judge looks at. */
+/* Whether view_judge uses only class, returns and flags of a point. */
 bool view_by_kind(const struct view *);
-/* Of two kept points of one position: true if a is the one to take rather than b. False for equals (the
- * source never decides). */
+/* Of two kept points of one position: whether a is preferred to b. False if they are equal (the source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);
 const char *view_rule_text(enum view_rule);
 
-/* True where crop, every or thin is set: such a view is meshed from a grid of its selected points, under what
- * view_rest gives. */
+/* Whether crop, every or thin is set. The mesh of such a view is made from a grid of its selected points, with view_rest. */
 bool view_selects(const struct view *);
-/* What is left to apply to points that view_judge and the thin rule have kept: the rule of duplicates. And the
- * window, whose area is shared. */
+/* The view to apply to points that view_judge and the thin rule have kept: the rule for duplicates, and the window,
+ * whose area is shared. */
 struct view view_rest(const struct view *);
-/* False only if no point of this box (lattice numbers, x1 y1 x2 y2, closed) can be kept. View bound. */
+/* False only if no point of this box (lattice numbers, x1 y1 x2 y2, closed) can be kept. The view is bound. */
 bool view_may_hold(const struct view *, const int32_t box[4]);
 
 /*
- * Windows, exact: whether the closed triangle a, b, c (lattice numbers, not all on one line) meets the closed
- * area. True without a window. View bound.
+ * Whether the closed triangle a, b, c (lattice numbers, not collinear) meets the window's closed area, exactly. True
+ * without a window. The view is bound.
  */
 bool view_window_meets(const struct view *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
-/* False only if no point of the plane in this box (lattice numbers, closed) lies in the window. View bound. */
+/* False only if no point of the plane in this box (lattice numbers, closed) is in the window. The view is bound. */
 bool view_window_near(const struct view *, const int64_t box[4]);
-/* The window's bounds in lattice numbers, cut back to +-2^40. View bound, with a window. */
+/* The window's bounds in lattice numbers, clamped to +-2^40. The view is bound and has a window. */
 void view_window_bounds(const struct view *, int64_t ret[4]);
 
-/* Whether a closed triangle, not all on one line, meets a closed box; numbers within 2^61. */
+/* Whether a closed triangle, not collinear, meets a closed box; numbers within 2^61. */
 bool view_box_meets(const int64_t box[4], const int64_t corner[3][2]);
 
-/* The thin cell of a point: floor(x / cell), floor(y / cell) of absolute numbers. View bound, thin.cell > 0.
- * All points of one cell that view_judge keeps are one set, of which one is taken: the first, or for the median
- * number (n - 1) / 2, in the order of view_thin_compare. */
+/* The thin cell of a point: floor(x / cell), floor(y / cell) of absolute numbers. The view is bound, thin.cell > 0. Of
+ * the points of one cell that view_judge keeps, one is taken: in the order of view_thin_compare the first, or for the
+ * median number (n - 1) / 2. */
 void view_thin_cell(const struct view *, const struct point *, int64_t ret[2]);
-/* The order of the points of a cell: z, upwards unless the highest is picked; then class, returns, flags; x, y.
- * 0 for equals: the source never decides. */
+/* The order of the points of a cell: z, ascending unless the highest is taken; then class, returns, flags; x, y. 0 for
+ * equal points: the source never decides. */
 int view_thin_compare(const struct view_thin *, const struct point *a, const struct point *b);
-/* For lowest and highest, as points come by: a is to be taken rather than b. */
+/* For lowest and highest, on a stream of points: whether a is preferred to b. */
 static inline bool view_thin_prefers(const struct view_thin *t, const struct point *a, const struct point *b)
 {
 	return view_thin_compare(t, a, b) < 0;

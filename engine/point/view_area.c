@@ -1,10 +1,10 @@
 /*
- * Areas of a crop or a window (view_area.h). The model: edges lie in two indexes, both over the bounds of the area and in
- * steps of a power of two. Strips across y list the edges that reach into them, in the order of their rings, so
- * that one pass over a strip's list settles ring after ring. A table of cells says of most places at once that
- * they are inside or outside: cells that no edge touches. Only the rest look at their strip.
+ * Areas of a crop or a window (view_area.h). Edges are in two indexes over the bounds of the area, with steps of a
+ * power of two. Horizontal strips list the edges that reach into them, in the order of their rings, so that one pass
+ * over a strip's list decides ring after ring. A table of cells decides most positions at once: cells that no edge
+ * touches are entirely inside or outside. Only the other positions need the list of their strip.
  *
- * All is integer arithmetic in 128 bits. Nothing changes after view_area_end.
+ * All arithmetic is in integers of up to 128 bits. An area is read-only after view_area_end.
  */
 #include "view_area.h"
 
@@ -16,7 +16,7 @@
 enum { CELLS = 128, STRIPS = 2048 };
 enum { CELL_OUT, CELL_IN, CELL_MIXED };
 
-/* From below: ay <= by. */
+/* from its lower end to its upper end: ay <= by */
 struct edge {
 	int64_t ax, ay, bx, by;
 	uint32_t ring;
@@ -41,7 +41,7 @@ struct view_area {
 	uint8_t (*cell)[CELLS]; /* by y, by x */
 };
 
-/* ---- making one ---- */
+/* ---- construction ---- */
 
 struct view_area *view_area_new(void)
 {
@@ -121,7 +121,7 @@ static void reverse(int64_t (*c)[2], size_t n)
 	}
 }
 
-/* The number of corners that are left; the smallest comes first, and its smaller neighbour after it. */
+/* Returns the number of remaining corners; the smallest one comes first, then its smaller neighbour. */
 static size_t normal_ring(int64_t (*c)[2], size_t n)
 {
 	size_t kept = 0, least = 0;
@@ -134,7 +134,7 @@ static size_t normal_ring(int64_t (*c)[2], size_t n)
 	for (size_t i = 1; i < kept; i++)
 		if (corner_compare(c[i], c[least]) < 0)
 			least = i;
-	/* Rotated by three turns. */
+	/* Rotates by three reversals. */
 	reverse(c, least);
 	reverse(c + least, kept - least);
 	reverse(c, kept);
@@ -142,7 +142,7 @@ static size_t normal_ring(int64_t (*c)[2], size_t n)
 		int order = corner_compare(c[kept - i], c[i]);
 
 		if (!order)
-			continue; /* a spike: there and back */
+			continue; /* a spike: to a corner and back */
 		if (order < 0)
 			reverse(c + 1, kept - 1);
 		break;
@@ -158,7 +158,7 @@ static void normal_form(struct view_area *a)
 	for (size_t i = 0; i < a->nring; i++) {
 		struct ring r = a->ring[i];
 
-		if (r.n) /* an area without corners has no room for them either */
+		if (r.n) /* an area without corners has no memory for them */
 			r.n = normal_ring(a->corner + r.first, r.n);
 		if (r.shell)
 			dropped = !r.n;
@@ -189,7 +189,7 @@ static void find_bounds(struct view_area *a)
 
 /* ---- the strips ---- */
 
-/* The least shift that brings span below n. */
+/* The smallest shift that brings span below n. */
 static unsigned shift_for(uint64_t span, uint64_t n)
 {
 	unsigned shift = 0;
@@ -225,7 +225,7 @@ static unsigned strip_of(const struct view_area *a, int64_t y)
 	return (unsigned)((uint64_t)(y - a->bounds[1]) >> a->strip_shift);
 }
 
-/* Halves their number until the lists are not much longer than the edges. */
+/* Halves their number until the lists are not much longer than the number of edges. */
 static uint64_t choose_strips(struct view_area *a)
 {
 	uint64_t span = (uint64_t)(a->bounds[3] - a->bounds[1]), entries;
@@ -259,7 +259,7 @@ static int make_strips(struct view_area *a, struct err *err)
 		a->strip[s] = sum;
 		sum += n;
 	}
-	/* Filling moves each start to the next one's. */
+	/* Filling moves each start to the next one. */
 	for (size_t i = 0; i < a->ncorner; i++)
 		for (unsigned s = strip_of(a, a->edge[i].ay); s <= strip_of(a, a->edge[i].by); s++)
 			a->list[a->strip[s]++] = (uint32_t)i;
@@ -268,7 +268,7 @@ static int make_strips(struct view_area *a, struct err *err)
 	return 0;
 }
 
-/* What an edge says of (x, y): it lies on it, or a ray to larger x crosses it (lower end included, upper not). */
+/* Whether (x, y) is on the edge; *crosses: whether a ray to larger x crosses it (lower end included, upper end not). */
 static inline bool edge_holds(const struct edge *e, int64_t x, int64_t y, bool *crosses)
 {
 	if (y < e->ay || y > e->by)
@@ -294,7 +294,7 @@ static bool strip_has(const struct view_area *a, int64_t x, int64_t y)
 	unsigned s = strip_of(a, y);
 	const uint32_t *at = a->list + a->strip[s], *end = a->list + a->strip[s + 1];
 	uint32_t polygon = UINT32_MAX;
-	bool in = false; /* this polygon, as far as its rings were seen */
+	bool in = false; /* inside this polygon, by the rings so far */
 
 	while (at < end) {
 		uint32_t number = a->edge[*at].ring;
@@ -322,7 +322,7 @@ static int64_t floor_div(__int128 a, int64_t b)
 	return (int64_t)(a % b < 0 ? q - 1 : q);
 }
 
-/* x of the edge between y1 and y2, both within it, rounded outwards. */
+/* The x interval of the edge between y1 and y2, both within it, rounded outwards. */
 static void edge_reach(const struct edge *e, int64_t y1, int64_t y2, int64_t ret[2])
 {
 	int64_t at[2] = {y1, y2};
@@ -348,8 +348,7 @@ static int64_t cell_of(const struct view_area *a, unsigned axis, int64_t v)
 	return d < CELLS ? d : CELLS - 1;
 }
 
-/* Cells are taken closed and one lattice step wider than they are, on every side: what passes between two of
- * them touches both. */
+/* Cells are closed and extended by one lattice step on every side, so an edge that passes between two cells touches both. */
 static void mark_edge(struct view_area *a, const struct edge *e)
 {
 	int64_t row = cell_of(a, 1, e->ay - 1), last = cell_of(a, 1, e->by + 1);
@@ -389,7 +388,7 @@ static int make_cells(struct view_area *a, struct err *err)
 
 			if (a->cell[row][c] == CELL_MIXED)
 				continue;
-			/* Between cells side by side that no edge touches there is none either. */
+			/* No edge runs between two adjacent cells that no edge touches. */
 			if (c && a->cell[row][c - 1] != CELL_MIXED)
 				a->cell[row][c] = a->cell[row][c - 1];
 			else
@@ -421,7 +420,7 @@ int view_area_end(struct view_area *a, struct err *err)
 	return r ? r : make_cells(a, err);
 }
 
-/* ---- asking ---- */
+/* ---- queries ---- */
 
 bool view_area_has(const struct view_area *a, int64_t x, int64_t y)
 {
@@ -452,14 +451,14 @@ bool view_area_meets(const struct view_area *a, const int64_t box[4])
 	return false;
 }
 
-/* Which side of the line from a to b the point p is on: > 0 left, 0 on it. */
+/* The side of the line from a to b on which p is: > 0 left, 0 on it. */
 static __int128 side_of(const int64_t a[2], const int64_t b[2], const int64_t p[2])
 {
 	return (__int128)(b[0] - a[0]) * (p[1] - a[1]) - (__int128)(b[1] - a[1]) * (p[0] - a[0]);
 }
 
-/* Closed edge and closed triangle are apart iff a line along one of the triangle's sides, or along the edge, has them
- * on different sides. The triangle is counter-clockwise. */
+/* A closed edge and a closed triangle are disjoint iff a line along a side of the triangle, or along the edge,
+ * separates them. The triangle is counter-clockwise. */
 static bool edge_meets(const struct edge *e, const int64_t t[3][2])
 {
 	const int64_t p[2] = {e->ax, e->ay}, q[2] = {e->bx, e->by};
@@ -499,7 +498,7 @@ bool view_area_meets_triangle(const struct view_area *a, const int64_t corner[3]
 		memcpy(t[1], corner[2], sizeof t[1]);
 		memcpy(t[2], corner[1], sizeof t[2]);
 	}
-	/* No corner is in the area: what it has of the triangle ends at an edge. */
+	/* No corner is in the area, so the part of the triangle that is in the area ends at an edge. */
 	first = strip_of(a, box[1] > a->bounds[1] ? box[1] : a->bounds[1]);
 	last = strip_of(a, box[3] < a->bounds[3] ? box[3] : a->bounds[3]);
 	for (uint32_t i = a->strip[first]; i < a->strip[last + 1]; i++) {
@@ -520,7 +519,7 @@ bool view_area_is_box(const struct view_area *a)
 {
 	const int64_t(*c)[2] = (const int64_t(*)[2])a->corner;
 
-	/* In normal form: the lower left corner first, then up. */
+	/* In normal form: the lower left corner is first, then the upper left. */
 	return a->nring == 1 && a->ncorner == 4 && c[0][0] == c[1][0] && c[1][1] == c[2][1] && c[2][0] == c[3][0] &&
 	       c[3][1] == c[0][1];
 }

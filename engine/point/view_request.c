@@ -1,9 +1,8 @@
 /*
- * From what was asked for to a view of one dataset (view.h). A request is "ask 1" and words like those of the
- * canonical text, in any order, but with exact decimals for what lies in the plane or has a height: they become
- * numbers of the lattice here, rounded once, floor(v + 1/2), on rationals of 128 bits. That rounding is
- * monotone, as that of points is: a point that lies in the typed area or range before both are rounded lies in
- * the rounded one.
+ * From a request to a view of one dataset (view.h). A request is "ask 1" and words like those of the canonical text, in
+ * any order, with exact decimals for positions and heights. These become lattice numbers here, rounded once, floor(v +
+ * 1/2), in rationals of 128 bits. The rounding is monotone, like that of points. So a point that is in the requested
+ * area or range before both are rounded is in the rounded one.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -20,15 +19,15 @@ struct request {
 	const char *unit_xy;
 	struct view *view;
 	int32_t exponent;       /* of the corners of an area */
-	struct view_area *area; /* that is being read */
+	struct view_area *area; /* the area that is being read */
 	const char *option;
 	struct err *err;
 };
 
-/* Numbers of the lattice are kept within this. */
+/* Lattice numbers are clamped to this. */
 static const int64_t number_most = INT64_C(1) << 62;
 
-enum { DECIMAL_MOST = 64 }; /* characters of a typed number */
+enum { DECIMAL_MOST = 64 }; /* characters of a number */
 
 static bool scaled(__int128 *v, int64_t tens)
 {
@@ -38,8 +37,8 @@ static bool scaled(__int128 *v, int64_t tens)
 	return true;
 }
 
-/* floor(v * 10^exponent * up / (down * scale) + 1/2), kept within number_most. up and down are small. False: it
- * was not within. */
+/* floor(v * 10^exponent * up / (down * scale) + 1/2), clamped to number_most. up and down are small. False: it was
+ * clamped. */
 static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal scale, int64_t *ret)
 {
 	int64_t tens = exponent - scale.exponent;
@@ -50,7 +49,7 @@ static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, s
 		return false; /* 10^38 over a mantissa of at most 10^17 and a small number */
 	den = (__int128)scale.mantissa * down;
 	if (!scaled(&den, -tens)) {
-		*ret = 0; /* 10^38 against a typed number below 10^36 */
+		*ret = 0; /* 10^38 against a number below 10^36 */
 		return true;
 	}
 	q = num / den;
@@ -66,7 +65,7 @@ static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, s
 	return true;
 }
 
-static int not_a_number(struct view_word w, const char *what, struct err *err)
+static int bad_number(struct view_word w, const char *what, struct err *err)
 {
 	err_set(err, ERR_USAGE, "%s: \"%.*s\" is not a number that can be kept exactly", what, (int)(w.n < 60 ? w.n : 60), w.at);
 	return err_add_hint(err, "give a decimal of at most 18 digits, as in 1250.75");
@@ -83,12 +82,12 @@ static bool to_decimal(struct view_word w, struct decimal *ret)
 	return decimal_parse(text, ret);
 }
 
-static int take_height(struct request *q, struct view_word w, const char *what, bool *has, int64_t *ret)
+static int parse_height(struct request *q, struct view_word w, const char *what, bool *has, int64_t *ret)
 {
 	struct decimal d;
 
 	if (!to_decimal(w, &d))
-		return not_a_number(w, what, q->err);
+		return bad_number(w, what, q->err);
 	to_lattice(d.mantissa, d.exponent, 1, 1, q->lattice->scale_z, ret);
 	*has = true;
 	return 0;
@@ -96,7 +95,7 @@ static int take_height(struct request *q, struct view_word w, const char *what, 
 
 /* ---- areas ---- */
 
-static int take_box(struct request *q, struct view_word w, int64_t box[4])
+static int parse_box(struct request *q, struct view_word w, int64_t box[4])
 {
 	struct decimal d[4];
 	struct view_word part;
@@ -105,7 +104,7 @@ static int take_box(struct request *q, struct view_word w, int64_t box[4])
 		if (!view_word_part(&w, ',', &part))
 			return 1;
 		if (!to_decimal(part, &d[i]))
-			return not_a_number(part, q->option, q->err);
+			return bad_number(part, q->option, q->err);
 		to_lattice(d[i].mantissa, d[i].exponent, 1, 1, q->lattice->scale_xy, &box[i]);
 	}
 	return w.n != 0;
@@ -124,14 +123,14 @@ static int area_corner(void *ctx, __int128 x, __int128 y)
 	struct decimal scale = q->lattice->scale_xy;
 	int64_t at[2];
 
-	/* What is out of reach fails in view_area_end. */
+	/* A number out of range fails in view_area_end. */
 	to_lattice(x, q->exponent, 1, 1, scale, &at[0]);
 	to_lattice(y, q->exponent, 1, 1, scale, &at[1]);
 	return view_area_corner(q->area, at[0], at[1], q->err);
 }
 
-/* *area is the view's from the start, which frees it if this fails. */
-static int take_area(struct request *q, struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area)
+/* *area belongs to the view from the start, which frees it if this fails. */
+static int parse_area(struct request *q, struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area)
 {
 	struct view_rings to = {area_ring, area_corner, q};
 	struct view_word exponent;
@@ -155,25 +154,25 @@ static int take_area(struct request *q, struct view_word w, uint8_t *kind, int64
 	return 0;
 }
 
-/* Of a crop or a window. */
-static int take_place(struct request *q, struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area)
+/* For a crop or a window. */
+static int parse_place(struct request *q, struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area)
 {
 	*kind = VIEW_CROP_AREA;
 	if (view_word_after(&w, "area@"))
-		return take_area(q, w, kind, box, area);
+		return parse_area(q, w, kind, box, area);
 	*kind = VIEW_CROP_BOX;
-	return view_word_after(&w, "box:") ? take_box(q, w, box) : 1;
+	return view_word_after(&w, "box:") ? parse_box(q, w, box) : 1;
 }
 
 static int take_window(struct request *q, struct view_word w)
 {
 	q->option = "--bbox";
-	return take_place(q, w, &q->view->window, q->view->window_box, &q->view->window_area);
+	return parse_place(q, w, &q->view->window, q->view->window_box, &q->view->window_area);
 }
 
 /* ---- lengths ---- */
 
-/* Metres of one unit, as a fraction. The survey foot: 39.37 inches are a metre (US, 1893). */
+/* Metres in one unit, as a fraction. US survey foot: 39.37 inches are a metre (1893). */
 static const struct unit {
 	const char *suffix, *name;
 	int64_t up, down;
@@ -195,8 +194,8 @@ static int no_unit(struct request *q, struct view_word w, bool degrees)
 	return err_add_hint(q->err, "give --thin a bare number in the units of the files, or push with --assume-units");
 }
 
-/* The factor from the length's unit to the dataset's, 1 without a suffix. */
-static int take_unit(struct request *q, struct view_word *w, int64_t *up, int64_t *down)
+/* The factor from the length's unit to the dataset's; 1 without a suffix. */
+static int parse_unit(struct request *q, struct view_word *w, int64_t *up, int64_t *down)
 {
 	struct view_word whole = *w;
 	const struct unit *of = NULL, *to = NULL;
@@ -223,7 +222,7 @@ static int take_unit(struct request *q, struct view_word *w, int64_t *up, int64_
 	return 0;
 }
 
-static int take_pick(struct view *v, struct view_word w)
+static int parse_pick(struct view *v, struct view_word w)
 {
 	static const char *const pick[] = {"lowest", "highest", "median"};
 
@@ -236,7 +235,7 @@ static int take_pick(struct view *v, struct view_word w)
 	return 1;
 }
 
-static int take_thin(struct request *q, struct view_word w)
+static int parse_thin(struct request *q, struct view_word w)
 {
 	struct view_word length;
 	struct decimal d;
@@ -248,7 +247,7 @@ static int take_thin(struct request *q, struct view_word w)
 		return 1;
 	struct view_word number = length;
 
-	if ((r = take_unit(q, &number, &up, &down)))
+	if ((r = parse_unit(q, &number, &up, &down)))
 		return r;
 	if (!to_decimal(number, &d) || d.mantissa <= 0) {
 		err_set(q->err, ERR_USAGE, "--thin: \"%.*s\" is not a length", (int)(length.n < 60 ? length.n : 60), length.at);
@@ -264,31 +263,31 @@ static int take_thin(struct request *q, struct view_word w)
 			(int)(length.n < 60 ? length.n : 60), length.at, decimal_text(q->lattice->scale_xy, scale));
 		return err_add_hint(q->err, "give --thin a larger cell, or leave it out");
 	}
-	return take_pick(q->view, w);
+	return parse_pick(q->view, w);
 }
 
-/* ---- the whole ---- */
+/* ---- words ---- */
 
-static int take_word(struct request *q, struct view_word w)
+static int parse_word(struct request *q, struct view_word w)
 {
 	struct view *v = q->view;
 
 	if (view_word_after(&w, "crop=")) {
 		q->option = "--crop";
-		return take_place(q, w, &v->crop, v->crop_box, &v->area);
+		return parse_place(q, w, &v->crop, v->crop_box, &v->area);
 	}
 	if (view_word_after(&w, "window="))
 		return take_window(q, w);
 	if (view_word_after(&w, "thin="))
-		return take_thin(q, w);
+		return parse_thin(q, w);
 	if (view_word_after(&w, "zmin="))
-		return take_height(q, w, "--zmin", &v->has_zmin, &v->zmin);
+		return parse_height(q, w, "--zmin", &v->has_zmin, &v->zmin);
 	if (view_word_after(&w, "zmax="))
-		return take_height(q, w, "--zmax", &v->has_zmax, &v->zmax);
+		return parse_height(q, w, "--zmax", &v->has_zmax, &v->zmax);
 	return !view_word_plain(v, w);
 }
 
-static int take_words(struct request *q, struct view_word all)
+static int parse_words(struct request *q, struct view_word all)
 {
 	struct view_seen seen = {0};
 
@@ -303,7 +302,7 @@ static int take_words(struct request *q, struct view_word all)
 		all.n -= w.n;
 		if (!view_word_new(&seen, w))
 			return 1;
-		r = take_word(q, w);
+		r = parse_word(q, w);
 		if (r)
 			return r;
 	}
@@ -344,7 +343,7 @@ int view_resolve_window(const char *text, const char *window, const struct latti
 	int r = 0;
 
 	if (view_word_after(&all, "ask 1"))
-		r = all.n > VIEW_TEXT_MAX ? 1 : take_words(&q, all);
+		r = all.n > VIEW_TEXT_MAX ? 1 : parse_words(&q, all);
 	else if (all.n)
 		r = view_parse(text, &v, err);
 	if (!r && *window) {

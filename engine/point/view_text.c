@@ -1,10 +1,10 @@
 /*
- * A view as its canonical text and back (view.h): "view 1", then the words of what differs from taking all
- * but noise and withheld points, in one fixed order. Parsing reads the words and then demands that the text
- * written for the result is the text read, so there is one text for each view.
+ * A view as its canonical text and back (view.h): "view 1", then the words for everything that differs from the default
+ * (all points but noise and withheld ones), in a fixed order. After parsing, the text of the result must be equal to
+ * the text that was read, so there is only one text for each view.
  *
- * The writer hands its words to a sink that counts, copies, compares or hashes them, so that the text of a
- * large area need not lie in memory to be looked at.
+ * The writer passes its words to a sink that counts, copies, compares or hashes them, so the text of a large area need
+ * not be in memory.
  */
 #include <stdarg.h>
 #include <stdio.h>
@@ -22,12 +22,12 @@
 struct sink {
 	size_t n;         /* bytes so far */
 	char *copy;       /* NULL: none */
-	const char *like; /* NULL: none; must go on as the text does */
+	const char *like; /* if not NULL, the text must be equal to this */
 	bool differs;
 	XXH3_state_t *hash; /* NULL: none */
 };
 
-static void put(struct sink *s, const char *bytes, size_t n)
+static void put_bytes(struct sink *s, const char *bytes, size_t n)
 {
 	if (s->copy)
 		memcpy(s->copy + s->n, bytes, n);
@@ -38,7 +38,7 @@ static void put(struct sink *s, const char *bytes, size_t n)
 	s->n += n;
 }
 
-/* At most 200 bytes at once. */
+/* At most 200 bytes in one call. */
 __attribute__((format(printf, 2, 3))) static void put_text(struct sink *s, const char *fmt, ...)
 {
 	char buf[208];
@@ -48,7 +48,7 @@ __attribute__((format(printf, 2, 3))) static void put_text(struct sink *s, const
 	va_start(ap, fmt);
 	n = vsnprintf(buf, sizeof buf, fmt, ap);
 	va_end(ap);
-	put(s, buf, (size_t)n);
+	put_bytes(s, buf, (size_t)n);
 }
 
 static bool class_bit(const uint64_t classes[4], unsigned cls)
@@ -82,13 +82,13 @@ static void put_area(struct sink *s, const char *word, const struct view_area *a
 		bool shell;
 		size_t n = view_area_ring_at(a, i, &shell, &corner);
 
-		put(s, shell ? "+" : "-", 1);
+		put_bytes(s, shell ? "+" : "-", 1);
 		for (size_t k = 0; k < n; k++) {
 			char code[2 * AREA_CODE_SIZE];
 			size_t len = area_code_put((__int128)corner[k][0] - x, code);
 
 			len += area_code_put((__int128)corner[k][1] - y, code + len);
-			put(s, code, len);
+			put_bytes(s, code, len);
 			x = corner[k][0];
 			y = corner[k][1];
 		}
@@ -215,8 +215,8 @@ static int area_corner(void *ctx, __int128 x, __int128 y)
 	return view_area_corner(a->area, (int64_t)x, (int64_t)y, a->err);
 }
 
-/* 0, negative, or 1: not an area. */
-static int take_area(struct view_word w, struct view_area **ret, int64_t ret_box[4], struct err *err)
+/* 0, a negative error, or 1: not an area. */
+static int parse_area(struct view_word w, struct view_area **ret, int64_t ret_box[4], struct err *err)
 {
 	struct area_ctx ctx = {view_area_new(), err};
 	struct view_rings to = {area_ring, area_corner, &ctx};
@@ -233,8 +233,8 @@ static int take_area(struct view_word w, struct view_area **ret, int64_t ret_box
 	return 0;
 }
 
-/* Of a crop or a window; there is none yet. */
-static int take_place(struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area, struct err *err)
+/* For a crop or a window that has no area yet. */
+static int parse_place(struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area, struct err *err)
 {
 	struct view_word part;
 
@@ -242,7 +242,7 @@ static int take_place(struct view_word w, uint8_t *kind, int64_t box[4], struct 
 		return 1;
 	*kind = VIEW_CROP_AREA;
 	if (view_word_after(&w, "area:"))
-		return take_area(w, area, box, err);
+		return parse_area(w, area, box, err);
 	*kind = VIEW_CROP_BOX;
 	if (!view_word_after(&w, "box:"))
 		return 1;
@@ -252,7 +252,7 @@ static int take_place(struct view_word w, uint8_t *kind, int64_t box[4], struct 
 	return w.n != 0;
 }
 
-static int take_thin(struct view *v, struct view_word w)
+static int parse_thin(struct view *v, struct view_word w)
 {
 	struct view_word cell;
 
@@ -267,14 +267,14 @@ static int take_thin(struct view *v, struct view_word w)
 	return 1;
 }
 
-static int take_word(struct view *v, struct view_word w, struct err *err)
+static int parse_word(struct view *v, struct view_word w, struct err *err)
 {
 	if (view_word_after(&w, "crop="))
-		return take_place(w, &v->crop, v->crop_box, &v->area, err);
+		return parse_place(w, &v->crop, v->crop_box, &v->area, err);
 	if (view_word_after(&w, "window="))
-		return take_place(w, &v->window, v->window_box, &v->window_area, err);
+		return parse_place(w, &v->window, v->window_box, &v->window_area, err);
 	if (view_word_after(&w, "thin="))
-		return take_thin(v, w);
+		return parse_thin(v, w);
 	if (view_word_after(&w, "zmin="))
 		return !(v->has_zmin = view_word_i64(w, &v->zmin));
 	if (view_word_after(&w, "zmax="))
@@ -282,7 +282,7 @@ static int take_word(struct view *v, struct view_word w, struct err *err)
 	return !view_word_plain(v, w);
 }
 
-/* 0, negative, or 1: not a text that view_text writes. */
+/* 0, a negative error, or 1: not a text that view_text writes. */
 static int parse(const char *text, struct view *v, struct err *err)
 {
 	struct view_word all = {text, strlen(text)}, w;
@@ -296,7 +296,7 @@ static int parse(const char *text, struct view *v, struct err *err)
 		w = (struct view_word){all.at, strcspn(all.at, " ")};
 		all.at += w.n;
 		all.n -= w.n;
-		int r = take_word(v, w, err);
+		int r = parse_word(v, w, err);
 
 		if (r)
 			return r;

@@ -1,7 +1,7 @@
 /*
- * Windows: which triangles of the mesh of a view's points are asked for (view.h). The window is closed, so a triangle
- * that touches it at a corner belongs to it. Boxes are judged here, polygons by view_area.c; either exactly, in
- * integers, on absolute numbers.
+ * Windows: the triangles of the mesh that are requested (view.h). The window is closed, so a triangle that touches it
+ * at a corner belongs to it. Boxes are handled here, polygons in view_area.c; both are exact, in integers, on absolute
+ * numbers.
  */
 #include <string.h>
 
@@ -27,14 +27,14 @@ bool view_box_meets(const int64_t box[4], const int64_t t[3][2])
 		const int64_t *a = t[i], *b = t[(i + 1) % 3];
 		int64_t dx = turn * (b[0] - a[0]), dy = turn * (b[1] - a[1]);
 
-		/* The corner of the box that is farthest to the inner side of this side. */
+		/* The corner of the box that is farthest on the inner side of this side of the triangle. */
 		if (side_of(a, b, dy > 0 ? box[0] : box[2], dx > 0 ? box[3] : box[1]) * turn < 0)
 			return false;
 	}
 	return true;
 }
 
-/* Windows reach as far as numbers do, triangles do not: what is farther out than this is as far as this. */
+/* Windows may be larger than any triangle; bounds farther out than this are clamped. */
 static const int64_t far = INT64_C(1) << 40;
 
 void view_window_bounds(const struct view *v, int64_t ret[4])
@@ -58,7 +58,7 @@ bool view_window_near(const struct view *v, const int64_t box[4])
 	if (!v->window_area)
 		return true;
 	for (unsigned i = 0; i < 4; i++) {
-		/* Within the bounds, so that absolute numbers fit. */
+		/* Clamped to the bounds, so that absolute numbers fit. */
 		int64_t b = box[i] < bounds[i & 1] ? bounds[i & 1] : box[i] > bounds[2 + (i & 1)] ? bounds[2 + (i & 1)] : box[i];
 
 		at[i] = b + v->k[i & 1];

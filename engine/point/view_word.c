@@ -1,5 +1,5 @@
 /*
- * Words of the texts of views (view_word.h). Strict: every spelling is refused but one.
+ * Words of the texts of views (view_word.h). Strict: there is exactly one spelling.
  */
 #include "view_word.h"
 
@@ -37,7 +37,7 @@ bool view_word_part(struct view_word *w, char end, struct view_word *ret)
 
 enum { NUMBER_SIZE = 24 };
 
-/* A copy with an end; false if it is too long or begins as no canonical number does. */
+/* A zero-terminated copy; false if it is too long or its beginning is not that of a canonical number. */
 static bool number_text(struct view_word w, char buf[NUMBER_SIZE])
 {
 	bool minus = w.n && *w.at == '-';
@@ -65,7 +65,7 @@ bool view_word_i64(struct view_word w, int64_t *ret)
 	return number_text(w, text) && parse_i64(text, ret);
 }
 
-static bool take_class(struct view_word w, unsigned *ret)
+static bool parse_class(struct view_word w, unsigned *ret)
 {
 	unsigned v = 0;
 
@@ -92,7 +92,7 @@ bool view_word_classes(struct view_word w, uint64_t classes[4])
 
 		if (dash)
 			high = (struct view_word){dash + 1, part.n - low.n - 1};
-		if (!take_class(low, &first) || !take_class(high, &last) || last < first)
+		if (!parse_class(low, &first) || !parse_class(high, &last) || last < first)
 			return false;
 		for (unsigned c = first; c <= last; c++)
 			classes[c >> 6] |= UINT64_C(1) << (c & 63);
@@ -143,9 +143,9 @@ int view_word_rings(struct view_word w, const struct view_rings *to)
 				return r;
 			continue;
 		}
-		if (!area_code_take(&at, end, &dx) || !area_code_take(&at, end, &dy))
+		if (!area_code_get(&at, end, &dx) || !area_code_get(&at, end, &dy))
 			return 1;
-		/* Both are within 10^36: a sum of two cannot overflow, and is to be within it again. */
+		/* Both are within 10^36, so the sum cannot overflow; it must be within it again. */
 		x += dx;
 		y += dy;
 		if (x > AREA_CODE_MOST || x < -AREA_CODE_MOST || y > AREA_CODE_MOST || y < -AREA_CODE_MOST)

@@ -1,19 +1,19 @@
 /*
  * Selections: the points that a view with crop, every or thin keeps become a grid of their own.
  *
- * The model: one walk over the index of the source grid. Subtrees and cells outside the crop are not read. The kept
- * points go into a stage, as one source; the stage seals a segment, and a manifest on the same lattice names it.
- * With a thin rule the walk is divided into rectangles of whole thin cells (selection_thin.c). The memory is
- * [struct selection | buffers of the reader | table of thin cells], and the stage's own part.
+ * One walk over the index of the source grid. Subtrees and cells outside the crop are not read. The kept points go into
+ * a stage, as one source; the stage seals a segment, and a manifest on the same lattice names it. With a thin rule the
+ * walk is divided into rectangles of whole thin cells (selection_thin.c). The memory is [struct selection | buffers of
+ * the reader | table of thin cells], and the stage's own part.
  *
  * The counts are exact although points outside the crop are not read. The crop is the first rule (view.h): a point
- * outside it counts as cropped, even if another rule would remove it too. So the number of cropped points is the number
- * of live records of the generation, which the grid knows, minus the records read, plus those of the records read that
- * lie outside. This depends on the points alone, not on the cells. Without a crop every live record is read, and the
- * sum is checked.
+ * outside it counts as cropped, even if another rule would remove it, too. So the number of cropped points is the
+ * number of live records of the generation, which the grid knows, minus the records read, plus those of the records
+ * read that are outside. This depends on the points alone, not on the cells. Without a crop every live record is read,
+ * and the sum is checked.
  *
- * It does not reduce duplicates (the mesh does), keep sources apart, or clean up after a failure: the folder is the
- * caller's.
+ * Duplicates are not reduced here (the mesh does that), and sources are not kept apart. After a failure the caller
+ * removes the folder.
  */
 #include "selection_priv.h"
 
@@ -23,6 +23,7 @@
 
 #include "align.h"
 #include "err.h"
+#include "grid_stage.h"
 
 #define PROGRESS_POINTS (1u << 18)
 
@@ -41,7 +42,7 @@ size_t selection_memory_min(const struct grid *grid)
 
 /* ---- a point ---- */
 
-static int flush(struct selection *s)
+static int flush_points(struct selection *s)
 {
 	size_t n = s->nbatch;
 
@@ -53,7 +54,7 @@ static int flush(struct selection *s)
 int selection_keep(struct selection *s, const struct point *p)
 {
 	s->batch[s->nbatch++] = *p;
-	return s->nbatch == SELECTION_BATCH ? flush(s) : 0;
+	return s->nbatch == SELECTION_BATCH ? flush_points(s) : 0;
 }
 
 int selection_progress(struct selection *s)
@@ -66,16 +67,16 @@ int selection_progress(struct selection *s)
 	return 0;
 }
 
-/* ---- without thin cells: one walk ---- */
+/* ---- without a thin rule: one walk ---- */
 
-static bool enter(void *ctx, const struct grid_cell *subtree)
+static bool enter_subtree(void *ctx, const struct grid_cell *subtree)
 {
 	const struct selection *s = ctx;
 
 	return view_may_hold(s->p->view, subtree->box);
 }
 
-static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+static int judge_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct selection *s = ctx;
 	int r = 0;
@@ -94,16 +95,16 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	return r ? r : selection_progress(s);
 }
 
-static int take_cell(void *ctx, const struct grid_cell *cell)
+static int visit_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct selection *s = ctx;
 
 	if (!view_may_hold(s->p->view, cell->box))
 		return 0;
-	return grid_cell_read(s->reader, cell, take_points, s, s->err);
+	return grid_cell_read(s->reader, cell, judge_points, s, s->err);
 }
 
-/* ---- the whole ---- */
+/* ---- the selection ---- */
 
 static int publish(struct selection *s, const struct grid_segment_info *info)
 {
@@ -127,7 +128,7 @@ static int publish(struct selection *s, const struct grid_segment_info *info)
 	return r ? r : grid_manifest_write(s->p->dirfd, SELECTION_MANIFEST, &m, s->err);
 }
 
-/* Records that were not read lie outside the crop. */
+/* Records that were not read are outside the crop. */
 static int count_rest(struct selection *s)
 {
 	uint64_t points = grid_points(s->p->grid), sum = s->out.kept;
@@ -147,7 +148,7 @@ static int count_rest(struct selection *s)
 
 static int run(struct selection *s)
 {
-	const struct grid_visitor visitor = {s, enter, take_cell};
+	const struct grid_visitor visitor = {s, enter_subtree, visit_cell};
 	struct grid_segment_info info;
 	int r = grid_stage_source(s->stage, 1, s->err);
 
@@ -158,7 +159,7 @@ static int run(struct selection *s)
 	else
 		r = grid_walk(s->reader, 0, UINT64_MAX, &visitor, s->err);
 	if (!r)
-		r = flush(s);
+		r = flush_points(s);
 	if (!r)
 		r = count_rest(s);
 	if (!r)

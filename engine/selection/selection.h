@@ -1,6 +1,6 @@
 /*
- * Selections: a grid of exactly the points that a view with crop, every or thin keeps, so that plan, halos and domains work on
- * real counts and know nothing of these rules.
+ * Selections: a grid of exactly the points that a view with crop, every or thin keeps, so that plan, halos and domains
+ * have exact counts and need not apply these rules.
  */
 #ifndef SELECTION_H
 #define SELECTION_H
@@ -24,8 +24,8 @@ struct selection_counts {
 struct selection_params {
 	const struct grid *grid;
 	const struct view *view; /* bound to the grid's lattice */
-	size_t memory;           /* all that it takes, at least selection_memory_min; charged by the caller */
-	int dirfd;               /* a folder of its own: segment, counts, and last the manifest */
+	size_t memory;           /* all the memory that it uses, at least selection_memory_min; charged by the caller */
+	int dirfd;               /* a folder of its own, for the segment, the counts and, last, the manifest */
 	/* May be NULL. Called at intervals with the points judged so far; non-zero cancels (-ERR_CANCELLED). */
 	int (*progress)(void *ctx, uint64_t points);
 	void *ctx;

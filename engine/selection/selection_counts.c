@@ -15,7 +15,7 @@
 #include "err.h"
 #include "io.h"
 
-/* Change it when a view selects other points than before: selections by the old rules are then not found. */
+/* Change it when a view selects different points than before: then selections by the old rules are not found. */
 static const char RULES[] = "selection 1";
 static const char COUNTS[] = "counts";
 static const char HEAD[] = "acut-selection 1\n";
@@ -37,7 +37,7 @@ struct digest selection_key(const struct grid *grid, const struct view *view)
 	parts[1] = digest_hash(lattice, strlen(lattice));
 	parts[2] = view_hash(&selecting);
 	parts[3] = digest_hash(RULES, sizeof RULES);
-	/* The same files pushed under another system are the same content. */
+	/* The same files pushed under another coordinate system have the same content. */
 	parts[4] = digest_hash(m->crs, strlen(m->crs));
 	parts[5] = digest_hash(m->unit_xy, strlen(m->unit_xy));
 	parts[6] = digest_hash(m->unit_z, strlen(m->unit_z));

@@ -1,18 +1,18 @@
 /*
- * The thin rule: it keeps one point of each thin cell, from those that the other rules keep.
+ * The thin rule: keeps one point of each thin cell, of those that the other rules keep.
  *
- * The model: thin cells are squares of absolute lattice numbers, independent of the cells of the cache. The plane is
- * divided into rectangles of whole thin cells. A rectangle is halved along its longer side until the index shows that
- * it fits the table, or until it meets so few cells of the cache that reading them is cheaper than estimating. A
- * rectangle that overflows the table is halved further. A rectangle reads every cell of every segment whose box meets
- * it, and judges only the points inside it: each point is judged once, and cells at borders are read several times.
+ * Thin cells are squares of absolute lattice numbers, independent of the cells of the cache. The plane is divided into
+ * rectangles of whole thin cells. A rectangle is halved along its longer side until the index shows that it fits the
+ * table, or until it meets so few cells of the cache that reading them is cheaper than estimating. A rectangle that
+ * overflows the table is halved further. A rectangle reads every cell of every segment whose box meets it, and judges
+ * only the points inside it: each point is judged once, and cells at borders are read several times.
  *
- * Lowest and highest: a hash table of thin cells, with the best point so far. Median: all points are collected
- * and sorted by cell and rank. A single thin cell with more points than the table can hold is read several times
- * instead: first for the range of its ranks, then for histograms of the ranks that may be the median. Each histogram
- * narrows the range to a thousandth, until the remaining points fit, or one rank remains, which is the point itself.
+ * Lowest and highest: a hash table of thin cells, with the best point so far. Median: all points are collected and
+ * sorted by cell and rank. A single thin cell with more points than the table can hold is read several times instead:
+ * first for the range of its ranks, then for histograms of the ranks that may be the median. Each histogram narrows the
+ * range to a thousandth, until the remaining points fit, or one rank remains, which is the point itself.
  *
- * The result depends on the set of points alone: the rank (view_thin_compare) ties only equal points.
+ * The result depends on the set of points alone: only equal points have the same rank (view_thin_compare).
  */
 #include "selection_priv.h"
 
@@ -166,7 +166,7 @@ static int read_cell(void *ctx, const struct grid_cell *cell)
 	return wanted(t, cell) ? grid_cell_read(t->s->reader, cell, take_points, t, t->s->err) : 0;
 }
 
-static int pass(struct thin *t, bool count, int (*take)(struct thin *, const struct point *))
+static int read_rect(struct thin *t, bool count, int (*take)(struct thin *, const struct point *))
 {
 	const struct grid_visitor visitor = {t, enter, read_cell};
 
@@ -232,7 +232,7 @@ static int run_best(struct thin *t)
 	t->last = NULL;
 	t->kept = 0;
 	memset(t->slot, 0, t->slots * sizeof *t->slot);
-	r = pass(t, true, take_best);
+	r = read_rect(t, true, take_best);
 	for (size_t i = 0; !r && i < t->slots; i++)
 		if (t->slot[i].x)
 			r = selection_keep(t->s, &t->slot[i].best);
@@ -393,7 +393,7 @@ static int run_median(struct thin *t)
 
 	t->items = 0;
 	t->kept = 0;
-	r = pass(t, true, take_item);
+	r = read_rect(t, true, take_item);
 	if (r)
 		return r;
 	sort_items(t);
@@ -440,7 +440,7 @@ static int narrow(struct thin *t, uint64_t *want, uint64_t *left)
 	for (t->shift = 0; (t->hi - t->lo) >> t->shift >= DIGITS; t->shift++)
 		;
 	memset(t->histogram, 0, DIGITS * sizeof *t->histogram);
-	r = pass(t, false, take_digit);
+	r = read_rect(t, false, take_digit);
 	if (r)
 		return r;
 	while (digit < DIGITS - 1 && t->histogram[digit] <= *want)
@@ -461,7 +461,7 @@ static int run_large_median(struct thin *t)
 	t->lo = ~(rank_t)0;
 	t->hi = 0;
 	t->kept = 0;
-	r = pass(t, true, take_range);
+	r = read_rect(t, true, take_range);
 	if (r || !t->kept)
 		return r;
 	t->s->out.removed[VIEW_BY_THIN] += t->kept - 1;
@@ -476,7 +476,7 @@ static int run_large_median(struct thin *t)
 		return selection_keep(t->s, &p);
 	}
 	t->items = 0;
-	r = pass(t, false, take_match);
+	r = read_rect(t, false, take_match);
 	if (r)
 		return r;
 	sort_items(t);
@@ -485,7 +485,7 @@ static int run_large_median(struct thin *t)
 
 /* ---- the plane ---- */
 
-static int cut(struct thin *t, const struct rect *r);
+static int divide_rect(struct thin *t, const struct rect *r);
 
 static int halve(struct thin *t, const struct rect *r)
 {
@@ -499,12 +499,12 @@ static int halve(struct thin *t, const struct rect *r)
 		a.y1 = r->y0 + (r->y1 - r->y0) / 2;
 		b.y0 = a.y1 + 1;
 	}
-	status = cut(t, &a);
-	return status ? status : cut(t, &b);
+	status = divide_rect(t, &a);
+	return status ? status : divide_rect(t, &b);
 }
 
 /* Judges the whole rectangle. FULL: it does not fit, and nothing has changed. */
-static int try(struct thin *t, bool median)
+static int try_rect(struct thin *t, bool median)
 {
 	struct selection_counts before = t->s->out;
 	uint64_t judged = t->s->judged;
@@ -523,7 +523,7 @@ static uint64_t few_cells(const struct thin *t)
 	return 4 * (grid_manifest(t->s->p->grid)->nsegments + 1);
 }
 
-static int cut(struct thin *t, const struct rect *r)
+static int divide_rect(struct thin *t, const struct rect *r)
 {
 	const struct grid_visitor visitor = {t, enter, bound_cell};
 	bool one = r->x0 == r->x1 && r->y0 == r->y1, median = t->view->thin.pick == VIEW_PICK_MEDIAN;
@@ -540,7 +540,7 @@ static int cut(struct thin *t, const struct rect *r)
 		t->bound = 1;
 	/* A column of the table has 32 bits. */
 	if (r->x1 - r->x0 < UINT32_MAX && (t->bound <= cap || (t->cells <= few_cells(t) && !one))) {
-		status = try(t, median);
+		status = try_rect(t, median);
 		if (status != FULL)
 			return status;
 	}
@@ -566,5 +566,5 @@ int selection_thin(struct selection *s)
 	corner.y = box[3];
 	view_thin_cell(t.view, &corner, to);
 	t.root = (struct rect){from[0], from[1], to[0], to[1]};
-	return cut(&t, &t.root);
+	return divide_rect(&t, &t.root);
 }

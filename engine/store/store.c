@@ -1,12 +1,12 @@
 /*
  * The store of finished domains.
  *
- * A file is a header, the proof (what it was made of, in the words of whoever asks for it), and the domain: links and open
- * vertices as they lie in memory, closed vertices and triangles in fewer bytes (store_format.c, FORMAT.md). Open
- * vertices come first, so that all that goes on without the mesh itself is one read from the start: the front. Header,
- * proof, front and rest have a checksum each. A file appears under its name only whole (rename), in one of 256 folders
- * by the first byte of its base; what does not check is removed and reported as absent, because it can always be made
- * again. A file of a newer version is absent and stays.
+ * A file is a header, the proof (the data that the domain depends on, in the caller's encoding), and the domain: links
+ * and open vertices as in memory, closed vertices and triangles in fewer bytes (store_format.c, FORMAT.md). Open
+ * vertices come first, so everything that is needed without the mesh itself is one read from the start: the front.
+ * Header, proof, front and rest each have a checksum. A file gets its name only when it is complete (rename), in one of
+ * 256 folders by the first byte of its base. A damaged file is removed and reported as absent, because it can be made
+ * again. A file of a newer version counts as absent and stays.
  */
 #include "store.h"
 
@@ -16,7 +16,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
-#define XXH_STATIC_LINKING_ONLY /* the state on the stack */
+#define XXH_STATIC_LINKING_ONLY /* for the hash state on the stack */
 #include <xxhash.h>
 
 #include "err.h"
@@ -32,7 +32,7 @@ static int64_t time_of(const struct stat *st)
 
 /* ---- checksums ---- */
 
-/* Of two arrays as if they were one. */
+/* The checksum of two arrays as if they were one. */
 static uint64_t two_sum(const void *a, size_t na, const void *b, size_t nb)
 {
 	XXH3_state_t state;
@@ -50,11 +50,11 @@ static uint64_t open_sum(const struct mesh_domain *d)
 
 /* ---- writing ---- */
 
-/* What goes to the file behind its header, in pieces. `sum`: of what is packed. */
+/* The part of a file that is written behind its header. `sum`: of packed bytes. */
 struct piece {
 	int fd;
 	const char *name;
-	uint64_t at; /* in the file */
+	uint64_t at; /* place in the file */
 	size_t used;
 	XXH3_state_t sum;
 	uint8_t buf[32 << 10];
@@ -86,7 +86,7 @@ static int piece_put(struct piece *p, const void *bytes, size_t n, struct err *e
 	return r;
 }
 
-/* Zeros up to `end`. */
+/* Writes zeros up to `end`. */
 static int piece_pad(struct piece *p, uint64_t end, struct err *err)
 {
 	static const uint8_t zero[8];
@@ -94,7 +94,7 @@ static int piece_pad(struct piece *p, uint64_t end, struct err *err)
 	return piece_put(p, zero, (size_t)(end - p->at - p->used), err);
 }
 
-/* How many elements of so many bytes fit; the buffer is written where that is none. */
+/* How many elements of that size fit the buffer; writes the buffer out if none fits. */
 static int piece_room(struct piece *p, size_t row, size_t *ret, struct err *err)
 {
 	int r = sizeof p->buf - p->used < row ? piece_flush(p, err) : 0;
@@ -132,7 +132,7 @@ static int put_rest(struct piece *p, const struct mesh_domain *d, const struct s
 	return r ? r : piece_pad(p, e->end, err);
 }
 
-/* Everything behind the header, then that. *f: its sums and payload are filled in here. */
+/* Writes everything behind the header, then the header. Sets the sums and the payload of *f. */
 static int write_all(int fd, const char *name, const struct store_id *id, struct store_front *f, struct err *err)
 {
 	const struct mesh_domain *d = &f->domain;
@@ -190,7 +190,7 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 	if (beside->proof_size > STORE_PROOF_MOST)
 		return err_set(err, ERR_INTERNAL, "a proof of %zu bytes is too long to be stored", beside->proof_size);
 	store_name(id, name);
-	/* Two jobs may finish the same domain at once: each has a temp name of its own. */
+	/* Two jobs may finish the same domain at once: each has its own temporary name. */
 	snprintf(temp, sizeof temp, "%s.%ld.%lx.tmp", name, (long)getpid(), (unsigned long)(uintptr_t)d);
 	r = temp_open(dirfd, name, temp, &fd, err);
 	if (r)
@@ -206,7 +206,7 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 	return r;
 }
 
-/* ---- looking ---- */
+/* ---- finding ---- */
 
 struct looking {
 	int dirfd;
@@ -215,7 +215,7 @@ struct looking {
 	size_t n, most;
 };
 
-static int look_at(void *ctx, const struct dirent *e, struct err *err)
+static int inspect_entry(void *ctx, const struct dirent *e, struct err *err)
 {
 	struct looking *l = ctx;
 	struct store_version v;
@@ -229,7 +229,7 @@ static int look_at(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	snprintf(name, sizeof name, "%s/%.*s", l->folder, STORE_NAME - STORE_FOLDER - 1, e->d_name);
 	if (io->fstatat(l->dirfd, name, &st, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISREG(st.st_mode))
-		return 0; /* it may have been evicted just now */
+		return 0; /* it may have been evicted meanwhile */
 	v.mtime_ns = time_of(&st);
 	if (l->n < l->most)
 		at = l->n++;
@@ -255,7 +255,7 @@ int store_versions(int dirfd, struct digest base, struct store_version *ret, siz
 	memset(ret, 0, most * sizeof *ret);
 	if (!most || (io->fstatat(dirfd, l.folder, &st, 0) != 0 && errno == ENOENT))
 		return 0;
-	r = io_list(dirfd, l.folder, look_at, &l, err);
+	r = io_list(dirfd, l.folder, inspect_entry, &l, err);
 	if (!r)
 		*ret_n = l.n;
 	return r;
@@ -283,7 +283,7 @@ static int header_judge(int dirfd, const char *name, enum store_header_is is)
 	return damaged(dirfd, name);
 }
 
-/* Opens the file, reads its first `room` bytes at most (a header's at least) to `start`, and checks the header there.
+/* Opens the file, reads at most its first `room` bytes (at least a header) to `start`, and checks the header.
  * STORE_E_ABSENT as in store.h. */
 static int open_start(int dirfd, const struct store_id *id, char name[STORE_NAME], uint8_t *start, size_t room, int *ret_fd,
 		      struct store_front *ret, struct store_header *ret_header, struct err *err)
@@ -337,7 +337,7 @@ int store_head(int dirfd, const struct store_id *id, struct store_front *ret, st
 	return r;
 }
 
-/* Most proofs come with the header, by one read. */
+/* Most proofs are read together with the header. */
 int store_proof(int dirfd, const struct store_id *id, void *memory, size_t size, struct store_front *ret, struct err *err)
 {
 	enum { AT_ONCE = 8 << 10 };
@@ -396,7 +396,7 @@ int store_front(int dirfd, const struct store_id *id, void *memory, size_t size,
 	return 0;
 }
 
-/* Each array to where it is unpacked: what is in fewer bytes to the end of its room. */
+/* Reads each array to where it is unpacked; packed ones to the end of their memory. */
 static int read_domain(int fd, const char *name, const struct store_front *f, const struct store_header *h, uint8_t *memory,
 		       bool *ret_whole, struct err *err)
 {
@@ -448,7 +448,7 @@ int store_get(int dirfd, const struct store_id *id, void *memory, size_t size, s
 	return 0;
 }
 
-/* ---- the rest ---- */
+/* ---- other calls ---- */
 
 void store_touch(int dirfd, const struct store_id *id, int64_t before_ns)
 {

@@ -1,12 +1,12 @@
 /*
- * Reading all of a stored domain, as `cache verify` does: through little memory, and without unpacking anything. What a newer
- * version wrote cannot be judged, and is not damaged.
+ * Verification of a stored domain, for `cache verify`: reads all of it through little memory, without unpacking. A file
+ * of a newer version cannot be checked, and does not count as damaged.
  */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
-#define XXH_STATIC_LINKING_ONLY /* the state on the stack */
+#define XXH_STATIC_LINKING_ONLY /* for the hash state on the stack */
 #include <xxhash.h>
 
 #include "cursor.h"
@@ -20,7 +20,7 @@ static int wrong(const char *name, const char *what, struct err *err)
 	return err_add_file(err, name);
 }
 
-/* Of n bytes from `at` on, through `memory`. */
+/* The checksum of n bytes from `at` on, read through `memory`. */
 static int piece_sum(int fd, const char *name, uint64_t at, size_t n, void *memory, size_t size, XXH3_state_t *state,
 		     struct err *err)
 {
@@ -37,7 +37,7 @@ static int piece_sum(int fd, const char *name, uint64_t at, size_t n, void *memo
 	return r;
 }
 
-/* Padding stands between the arrays, and is in no checksum. */
+/* Padding is between the arrays, and in no checksum. */
 static int check_sums(int fd, const char *name, const struct store_front *f, const struct store_header *h, void *memory,
 		      size_t size, struct err *err)
 {
@@ -45,7 +45,7 @@ static int check_sums(int fd, const char *name, const struct store_front *f, con
 	const struct {
 		uint64_t sum, at;
 		size_t n;
-		uint64_t then; /* a second piece */
+		uint64_t then; /* of the second piece */
 		size_t more;
 	} part[] = {
 		{h->sums.proof, STORE_HEADER, f->beside.proof_size, 0, 0},
@@ -86,7 +86,7 @@ static int newer(const char *name, const uint8_t header[STORE_HEADER], struct er
 	return err_add_file(err, name);
 }
 
-/* `size`: some corners at least. */
+/* `size`: room for some corners at least. */
 static int check_corners(int fd, const char *name, const struct store_front *f, const struct store_header *h, void *memory,
 			 size_t size, struct err *err)
 {

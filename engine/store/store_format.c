@@ -1,14 +1,13 @@
 /*
- * The bytes of a stored domain: header, layout, and how closed vertices and triangles become fewer bytes than they have in
- * memory.
+ * The bytes of a stored domain: header, layout, and the packing of closed vertices and triangles.
  *
- * The model: a closed vertex lies in the region, so two bytes a coordinate are enough where the region is small, and
- * two bytes a corner where the domain has few vertices. What does not fit is written as it lies in memory. Which it is
- * follows from the domain alone: the same domain gives the same bytes. Unpacking works in place: the bytes are read to the end of
- * the room that the array will fill, and what is written never overtakes what is to be read.
+ * A closed vertex is in the region, so two bytes for each coordinate suffice if the region is small, and two bytes for
+ * each corner if the domain has few vertices. Otherwise they are written as in memory. The widths depend only on the
+ * domain, so the same domain gives the same bytes. Unpacking works in place: the bytes are read to the end of the
+ * memory of the array, and writing never overtakes reading.
  *
- * Version 4 wrote everything as it lies in memory: the same with other widths. Versions up to 5 do not say how many points
- * share one position: where they left points out, and so may have had such positions, they are not used.
+ * Version 4 wrote everything as in memory: the same with other widths. Versions up to 5 do not record how many points
+ * share a position; their domains are not used if points were removed, because then there may have been such positions.
  */
 #include "store_format.h"
 
@@ -37,7 +36,7 @@ void store_name(const struct store_id *id, char name[STORE_NAME])
 	name[LIST - 1] = '-';
 }
 
-/* ---- where things lie ---- */
+/* ---- layout ---- */
 
 struct store_layout store_layout_of(const struct mesh_domain *d)
 {
@@ -228,7 +227,7 @@ enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], cons
 	h->sums.rest = cursor_u64(&c);
 	d->own_digest = digest_unpack(&c);
 	d->nhull = cursor_u32(&c);
-	/* Who uses a domain counts with local numbers below 2^31. */
+	/* Users of a domain count with local numbers below 2^31. */
 	if (d->nopen > d->nvertex || d->nvertex > INT32_MAX || d->ntriangle > INT32_MAX || (d->ntriangle && d->nvertex < 3) ||
 	    f->beside.proof_size > STORE_PROOF_MOST)
 		return STORE_HEADER_DAMAGED;
@@ -256,7 +255,7 @@ static bool widths(const struct store_code *c, uint8_t x, uint8_t y, uint8_t z)
 	return c->vertex[0] == x && c->vertex[1] == y && c->vertex[2] == z;
 }
 
-/* All three narrow: as one array of numbers above a base. */
+/* All three widths are narrow: as one array of numbers above a base. */
 static void bases_of(const struct store_code *c, uint32_t base[CORNERS])
 {
 	for (unsigned i = 0; i < CORNERS; i++)
@@ -299,7 +298,7 @@ static void unpack_narrow(const struct store_code *c, struct mesh_vertex *v, siz
 	memcpy(v, out, n * sizeof *v);
 }
 
-/* Unsigned: above a base there are up to 2^32 - 1. */
+/* Unsigned, because numbers above a base are up to 2^32 - 1. */
 static inline __attribute__((always_inline)) uint8_t *put(uint8_t *out, int32_t at, int32_t base, uint8_t width)
 {
 	uint32_t n = (uint32_t)at - (uint32_t)base;
@@ -317,7 +316,7 @@ static inline __attribute__((always_inline)) const uint8_t *get(const uint8_t *i
 	return in + width;
 }
 
-/* With widths that the compiler may know. */
+/* With widths that are constants for the compiler. */
 static inline __attribute__((always_inline)) void pack_rows(const int32_t base[3], const struct mesh_vertex *v, size_t n,
 							    uint8_t *out, uint8_t x, uint8_t y, uint8_t z)
 {
@@ -351,7 +350,7 @@ size_t store_pack_vertices(const struct store_code *c, const struct mesh_vertex 
 	return n * store_vertex_bytes(c);
 }
 
-/* What is written ends where the next to be read begins, or before: each row, or group of them, is read before it is written. */
+/* Writing ends at or before the next byte to be read: each row, or group of rows, is read before it is written. */
 void store_unpack_vertices(const struct store_code *c, struct mesh_vertex *v, size_t n)
 {
 	const uint8_t *in = (const uint8_t *)(v + n) - n * store_vertex_bytes(c);
@@ -386,7 +385,7 @@ void store_unpack_triangles(const struct store_code *c, uint32_t (*triangle)[3],
 		store_unpack_vertices(&corners, (struct mesh_vertex *)triangle, n);
 }
 
-/* No checksum says it of a file that somebody made, and nobody asks again: whoever has a corner looks a vertex up. */
+/* A checksum does not protect against a forged file, and later a corner is used as an index without a test. */
 bool store_corners_fit(const struct store_code *c, const uint8_t *bytes, size_t n, uint32_t nvertex)
 {
 	const uint16_t last = nvertex && nvertex <= UINT16_MAX ? (uint16_t)(nvertex - 1) : UINT16_MAX;

@@ -1,5 +1,5 @@
 /*
- * The bytes of a stored domain: inner door of store/. FORMAT.md, "Finished domains".
+ * The bytes of a stored domain. Internal. FORMAT.md, "Finished domains".
  */
 #ifndef STORE_FORMAT_H
 #define STORE_FORMAT_H
@@ -19,33 +19,33 @@ static inline size_t store_padded(size_t n)
 	return (n + 7) & ~(size_t)7;
 }
 
-/* Where the arrays of a domain lie in memory, from its links on. */
+/* Where the arrays of a domain are in memory, from its links on. */
 struct store_layout {
-	size_t vertex, open_end, triangle, final, total; /* bytes; open_end: of the open vertices */
+	size_t vertex, open_end, triangle, final, total; /* bytes; open_end: end of the open vertices */
 };
 struct store_layout store_layout_of(const struct mesh_domain *);
 
-/* How closed vertices and triangles are written: each coordinate as what it is above a base, each corner, in so many
- * bytes, 2 or 4. Where all of a vertex are 4 the base is 0, so that the bytes are those in memory. */
+/* How closed vertices and triangles are written: each coordinate relative to a base, and each corner, in that many
+ * bytes, 2 or 4. If all coordinates have 4 the base is 0, so the bytes are those in memory. */
 struct store_code {
 	int32_t base[3];
 	uint8_t vertex[3], triangle;
 };
 struct store_code store_code_of(const struct mesh_domain *);
 
-/* The same in the file, behind the proof. */
+/* The same for the file, behind the proof. */
 struct store_extent {
 	size_t open, closed, triangle;               /* bytes, without padding */
 	size_t open_at, closed_at, triangle_at, end; /* offsets in the file */
 };
 struct store_extent store_extent_of(const struct mesh_domain *, const struct store_code *, size_t proof_size);
 
-/* Checks of: the proof; links and open vertices; closed vertices and triangles as they are written. */
+/* Checksums of: the proof; links and open vertices; closed vertices and triangles as they are written. */
 struct store_sums {
 	uint64_t proof, open, rest;
 };
 
-/* All of a header. Of `front` the pointers and sizes are no part of it. */
+/* A header. It does not include the pointers and sizes of `front`. */
 struct store_header {
 	struct store_code code;
 	struct store_sums sums;
@@ -53,21 +53,21 @@ struct store_header {
 
 void store_header_pack(const struct store_front *, const struct store_id *, const struct store_header *,
 		       uint8_t bytes[STORE_HEADER]);
-/* What follows from the header's numbers: payload, and sizes of the file and in memory. */
+/* Sets what follows from the header's numbers: payload, and the sizes of the file and in memory. */
 void store_sizes(struct store_front *, const struct store_header *);
-/* STORE_HEADER_OLD, _NEWER: whole, of another version, with the checksum where all versions have it. */
+/* STORE_HEADER_OLD, _NEWER: intact, of another version; the checksum is at the same place in all versions. */
 enum store_header_is { STORE_HEADER_GOOD, STORE_HEADER_OLD, STORE_HEADER_NEWER, STORE_HEADER_DAMAGED };
 enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], const struct store_id *, struct store_front *,
 					 struct store_header *);
 
-/* n elements from `vertex` or `triangle` on, as bytes; returns how many bytes. */
+/* Packs n elements of `vertex` or `triangle`; returns how many bytes. */
 size_t store_pack_vertices(const struct store_code *, const struct mesh_vertex *, size_t n, uint8_t *out);
 size_t store_pack_triangles(const struct store_code *, const uint32_t (*)[3], size_t n, uint8_t *out);
-/* In place: the bytes lie at the end of the array's room. */
+/* In place: the bytes are at the end of the array's memory. */
 void store_unpack_vertices(const struct store_code *, struct mesh_vertex *, size_t n);
 void store_unpack_triangles(const struct store_code *, uint32_t (*)[3], size_t n);
 
-/* Whether all of n corners, as they are written, are vertices. */
+/* Whether all of n packed corners are vertices. */
 bool store_corners_fit(const struct store_code *, const uint8_t *bytes, size_t n, uint32_t nvertex);
 
 static inline size_t store_vertex_bytes(const struct store_code *c)

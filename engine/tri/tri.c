@@ -1,11 +1,11 @@
 /*
- * The kernel's door: the layout of the arena, and a run from positions to triangles.
+ * The entry of the kernel: the layout of the arena, and a run from positions to triangles.
  *
- * The arena is a struct tri and 64 bytes a point. Until the order of insertion is known, the place of the
- * triangles holds the input (12 bytes a point) and the scratch of the sort (16): afterwards both are dead.
- * It will not remove duplicates (the caller's precondition) and it allocates nothing.
+ * The arena is a struct tri and 64 bytes for each point. Until the order of insertion is known, the memory of the
+ * triangles holds the input (12 bytes a point) and the scratch of the sort (16 bytes a point); neither is needed
+ * afterwards. Positions must be distinct. Nothing is allocated.
  */
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 #include <string.h>
 
@@ -13,7 +13,7 @@
 
 enum {
 	TRI_HEAD_BYTES = 64,
-	TRI_TRIANGLE_BYTES = 48, /* two triangles a point: n points make 2n - 2, ghosts included */
+	TRI_TRIANGLE_BYTES = 48, /* n points make 2n - 2 triangles, ghosts included */
 };
 
 _Static_assert(sizeof(struct tri) <= TRI_HEAD_BYTES, "the head of the arena");
@@ -43,7 +43,7 @@ struct tri *tri_init(void *memory, uint32_t cap)
 	return t;
 }
 
-/* Behind the sort's scratch, so that the scratch is aligned whatever the capacity. */
+/* The input is behind the sort's scratch, so that the scratch is aligned for every capacity. */
 struct mesh_vertex *tri_input(struct tri *t)
 {
 	return (struct mesh_vertex *)((uint64_t *)t->triangle + 2 * (size_t)t->cap);
@@ -63,7 +63,7 @@ static void swap_vertices(struct tri *t, uint32_t a, uint32_t b)
 	t->id[b] = id;
 }
 
-/* Bring three vertices that make a counter-clockwise triangle to the front. False: all are collinear. */
+/* Moves three vertices that form a counter-clockwise triangle to the front. False: all are collinear. */
 static bool seed_find(struct tri *t)
 {
 	uint32_t third = 2;
@@ -79,7 +79,7 @@ static bool seed_find(struct tri *t)
 	return true;
 }
 
-/* The triangle 0, 1, 2 and, across each of its sides, a ghost. */
+/* Makes the triangle 0, 1, 2 and a ghost across each of its sides. */
 static void seed_place(struct tri *t)
 {
 	struct tri_triangle *first = &t->triangle[0];

@@ -1,23 +1,23 @@
 /*
- * Incremental insertion: walk to the new position, dig out the triangles whose circle holds it, fill the
- * hole with a fan (algorithm.md 10).
+ * Incremental insertion: walk to the new position, remove the triangles whose circumcircle contains it, and fill the
+ * cavity with a fan (algorithm.md 10).
  *
- * The removed triangles form a tree (two of them share at most one side, none of their vertices is inside
- * the hole). It is searched depth first, counter-clockwise, one test a side, and filled in the same
- * sweep: sides of the hole and triangles left for good alternate, so each new triangle takes the slot of the
- * removed triangle that was left just before, and two fresh slots are all that is needed. Triangles that are
- * entered but not yet left make the stack: each keeps, in the link that was followed, the place of the
- * one below. So a hole of any size needs no memory, no recursion and no marks.
+ * The removed triangles form a tree, because two of them share at most one side, and none of their vertices is inside
+ * the cavity. The tree is searched depth first, counter-clockwise, with one test for each side, and the cavity is
+ * filled in the same sweep. Sides of the cavity and triangles that are left for good alternate. So each new triangle
+ * takes the slot of the removed triangle that was left just before, and only two fresh slots are needed. The triangles
+ * that were entered but not left form the stack: each stores the place of the one below in the link that was followed.
+ * So a cavity of any size needs no memory, no recursion and no marks.
  *
- * Two ways to compute: with coordinates relative to the new position in 64 bits, carried from side to side
- * ("narrow": the whole input spans less than 2^31), and the general one by vertex numbers ("careful"): for
- * wide inputs, and wherever a ghost takes part.
+ * There are two ways to compute. "narrow" (the whole input spans less than 2^31): 64-bit coordinates relative to the
+ * new position, carried from side to side. "careful" (wide inputs, and wherever a ghost is involved): by vertex
+ * numbers, in full precision.
  */
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 #include "geom.h"
 
-/* Ends of the stack: below the first side of the hole's first triangle, below its other two. */
+/* Ends of the stack: below the first side of the cavity's first triangle, and below its other two sides. */
 enum { STACK_FIRST = 0xfffffff8u, STACK_LAST = 0xfffffff0u };
 
 /* A vertex relative to the new position, and its height. */
@@ -60,8 +60,8 @@ static inline int64_t cross(const struct spoke *a, const struct spoke *b)
 	return a->x * b->y - a->y * b->x;
 }
 
-/* The tie order with the new position at the origin: keys are lexicographic. By value: whatever has its
- * address taken would live in memory all through the sweep. */
+/* The tie order with the new position as origin: keys are lexicographic. Arguments are by value, because a struct whose
+ * address is taken would stay in memory during the whole sweep. */
 static inline bool spoke_tie(struct spoke a, struct spoke b, struct spoke v, int64_t av, int64_t vb, int64_t ab)
 {
 	int64_t ka = a.x * ((int64_t)1 << 32) + a.y, kb = b.x * ((int64_t)1 << 32) + b.y;
@@ -72,7 +72,7 @@ static inline bool spoke_tie(struct spoke a, struct spoke b, struct spoke v, int
 	return most > 0 && (ka > kb ? vb > 0 : av > 0);
 }
 
-/* Whether the origin is inside the circle of the triangle b, a, v across the side a, b of the hole. */
+/* Whether the origin is inside the circumcircle of the triangle b, a, v across the side a, b of the cavity. */
 static inline bool spoke_conflict(const struct spoke *a, const struct spoke *b, const struct spoke *v)
 {
 	int64_t av = cross(a, v), vb = cross(v, b), ab = cross(a, b);
@@ -84,7 +84,7 @@ static inline bool spoke_conflict(const struct spoke *a, const struct spoke *b, 
 	return det > 0;
 }
 
-/* Across the hull's edge a, b (outside on its left): outside, or on the edge between its ends. */
+/* Whether p is outside the hull edge a, b (outside on its left), or on it between its ends. */
 static bool ghost_conflict(const int32_t a[2], const int32_t b[2], const int32_t p[2])
 {
 	int turn = geom_orient(a, b, p);
@@ -110,7 +110,7 @@ static uint32_t real_neighbour(const struct tri_triangle *tri, uint32_t at)
 	return at;
 }
 
-/* From triangle `at` to the one that holds p, or the ghost it is outside of. */
+/* Walks from triangle `at` to the triangle that contains p, or to a ghost whose side p is on. */
 static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2], uint32_t at)
 {
 	uint32_t from = UINT32_MAX;
@@ -137,8 +137,8 @@ static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)
 }
 
 /*
- * The same in 64 bits: leave each triangle by the side that p is farther beyond. The state is the side that
- * was crossed, seen from the triangle behind it: p is not left of a, b. No branch depends on the way taken.
+ * The same in 64 bits. Leaves each triangle by the side that p is farther beyond. The state is the side that was
+ * crossed, seen from the triangle behind it: p is not left of a, b. No branch depends on the path.
  */
 static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2], uint32_t at)
 {
@@ -181,8 +181,8 @@ static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t
 	}
 }
 
-/* Replace the triangles in conflict with vertex p, of which `root` is one, by a fan around p. The slots
- * `fresh` and `fresh` + 1 are unused. Returns a triangle of the fan. */
+/* Replaces the triangles in conflict with vertex p (`root` is one) by a fan around p. The slots `fresh` and `fresh` + 1
+ * are unused. Returns a triangle of the fan. */
 static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p, uint32_t root, uint32_t fresh,
 			    bool careful)
 {
@@ -275,7 +275,7 @@ bool tri_insert_one(struct tri *t, bool narrow, uint32_t *ret_same)
 	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
 	uint32_t p = t->nvertex - 1, n = t->ntriangle, at;
 
-	/* What was made last is near what comes next. */
+	/* The previous vertex is near the next one. */
 	at = narrow ? narrow_walk(tri, xy, xy[p], n - 1) : careful_walk(tri, xy, xy[p], n - 1);
 	for (unsigned i = 0; i < 3; i++) {
 		uint32_t corner = tri[at].corner[i];

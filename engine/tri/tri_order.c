@@ -1,30 +1,30 @@
 /*
- * The order of insertion: rounds of growing size (biased randomised insertion order), each along a Hilbert
- * curve (algorithm.md 10).
+ * The order of insertion: rounds of growing size (biased randomized insertion order), each along a Hilbert curve
+ * (algorithm.md 10).
  *
- * A position goes down a round with probability 1/4, by a fixed hash of its coordinates; the smallest round
- * comes first; every other round runs along the curve backwards, so that one ends where the next begins.
- * The curve has 2^12 steps an axis over the bounding square: as many as two passes of a radix sort can use, and
- * far more cells than a round has positions. Where many positions of a round share a cell all the same (tight
- * clusters far apart), they are put along a curve of their own, and so on until its steps are single lattice units.
- * Nothing random: the same input gives the same order.
+ * A position moves to the next smaller round with probability 1/4, by a fixed hash of its coordinates. The smallest
+ * round is first. Every second round follows the curve backwards, so a round begins near the end of the previous one.
+ * The curve has 2^12 steps on each axis of the bounding square: as many as two passes of a radix sort can handle, and
+ * far more cells than a round has positions. If many positions of a round share a cell nevertheless (tight clusters far
+ * apart), they are sorted along a curve of their own, recursively until its steps are single lattice units. Nothing is
+ * random: the same input gives the same order.
  *
- * The scratch holds two arrays of curve place << 32 | index in the input.
+ * The scratch holds two arrays of curve position << 32 | index in the input.
  */
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 #include <string.h>
 
 enum {
 	ROUND_MAX = 14,
-	CURVE_STEP_BITS = 4, /* bits an axis that one table look-up takes */
+	CURVE_STEP_BITS = 4, /* bits of each axis that one table look-up handles */
 	CURVE_STATES = 4,    /* bit 0: axes swapped, bit 1: both axes inverted */
 	CURVE_CELLS = 1 << (2 * CURVE_STEP_BITS),
-	CURVE_BITS = 12,         /* an axis */
+	CURVE_BITS = 12,         /* on each axis */
 	DIGIT_BITS = CURVE_BITS, /* of the radix sort: two passes */
 	DIGITS = 1 << DIGIT_BITS,
-	SORT_FEW = 48,  /* below, sorting by insertion is faster */
-	CELL_MANY = 12, /* positions of a cell that are worth a curve of their own */
+	SORT_FEW = 48,  /* below this, insertion sort is faster */
+	CELL_MANY = 12, /* positions in a cell that justify a curve of their own */
 };
 
 struct curve {
@@ -34,10 +34,10 @@ struct curve {
 };
 
 /*
- * The curve visits the quarters (x, y) = (0,0), (0,1), (1,1), (1,0); in the first its axes are swapped, in
- * the last swapped and inverted. Both operations commute, so two bits say how a cell is turned.
+ * The curve visits the quarters (x, y) = (0,0), (0,1), (1,1), (1,0). In the first one its axes are swapped, in the last
+ * one swapped and inverted. The two operations commute, so two bits describe the orientation of a cell.
  */
-static uint16_t curve_walk(unsigned state, unsigned x, unsigned y)
+static uint16_t curve_step(unsigned state, unsigned x, unsigned y)
 {
 	unsigned place = 0;
 
@@ -57,7 +57,7 @@ static void curve_init(struct curve *c)
 {
 	for (unsigned s = 0; s < CURVE_STATES; s++)
 		for (unsigned i = 0; i < CURVE_CELLS; i++)
-			c->step[s][i] = curve_walk(s, i >> CURVE_STEP_BITS, i & ((1 << CURVE_STEP_BITS) - 1));
+			c->step[s][i] = curve_step(s, i >> CURVE_STEP_BITS, i & ((1 << CURVE_STEP_BITS) - 1));
 }
 
 static void curve_over(struct curve *c, const struct tri_extent *extent)
@@ -69,7 +69,7 @@ static void curve_over(struct curve *c, const struct tri_extent *extent)
 	c->mul = (UINT64_C(1) << (32 + CURVE_BITS)) / ((width > height ? width : height) + 1);
 }
 
-/* The place on the curve, 24 bits. */
+/* The position on the curve, 24 bits. */
 static inline uint32_t curve_place(const struct curve *c, const struct mesh_vertex *v)
 {
 	uint32_t x = (uint32_t)(((uint32_t)v->x - (uint32_t)c->min[0]) * c->mul >> 32);
@@ -86,7 +86,7 @@ static inline uint32_t curve_place(const struct curve *c, const struct mesh_vert
 	return place;
 }
 
-/* How many rounds a position goes down: k or more with probability 4^-k. */
+/* How many rounds a position moves down: k or more with probability 4^-k. */
 static inline unsigned round_of(const struct mesh_vertex *v)
 {
 	uint64_t h = ((uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y) * UINT64_C(0x9e3779b97f4a7c15);
@@ -142,7 +142,7 @@ static void sort_pass(const uint64_t *from, uint64_t *to, uint32_t n, uint32_t p
 		to[place[from[i] >> shift & (DIGITS - 1)]++] = from[i];
 }
 
-/* By the place on the curve, stable. `other`: room for as many. */
+/* Sorts by the position on the curve, stable. `other`: room for as many. */
 static void sort_round(uint64_t *key, uint64_t *other, uint32_t n)
 {
 	uint32_t count[2][DIGITS];
@@ -163,8 +163,9 @@ static void sort_round(uint64_t *key, uint64_t *other, uint32_t n)
 }
 
 /*
- * Where many of a sorted round share a cell of the curve, sort these along a curve over their own box. A
- * cell is at most 2^20 units wide, one of the second curve 2^8, one of the third is a unit: so often this goes down.
+ * Positions of a sorted round that share a cell of the curve, if they are many, are sorted along a curve over their own
+ * box. A cell of the first curve is at most 2^20 units wide, of the second 2^8, of the third one unit; this bounds the
+ * recursion.
  */
 static void sort_cells(struct curve *curve, const struct mesh_vertex *in, uint64_t *key, uint64_t *other, uint32_t n,
 		       uint32_t backwards)

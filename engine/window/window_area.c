@@ -94,19 +94,19 @@ struct window_area *window_area_init(const struct cut_source *src, const struct 
 /* ---- the rounds ---- */
 
 /* Half of the room for points around the piece is used: from now on cells are sifted. */
-static bool crowded(const struct window_area *a, uint32_t n)
+static bool is_crowded(const struct window_area *a, uint32_t n)
 {
 	return n > a->base + (a->cap - a->base) / 2 || window_area_full(a);
 }
 
 /* The first points. *ret_flat: all points are collinear. */
-static int first(struct window_area *a, bool *ret_flat, struct err *err)
+static int read_first(struct window_area *a, bool *ret_flat, struct err *err)
 {
 	int r = window_area_begin(a, err);
 
 	a->base = a->npts;
 	for (uint32_t n = NEAREST_FIRST; !r && !window_area_build(a); n = 2 * n < WINDOW_PICK ? 2 * n : WINDOW_PICK) {
-		if (crowded(a, a->npts)) {
+		if (is_crowded(a, a->npts)) {
 			r = window_area_apex(a, err);
 			*ret_flat = !r && !window_area_build(a);
 			return r;
@@ -122,7 +122,7 @@ static int first(struct window_area *a, bool *ret_flat, struct err *err)
 	return r;
 }
 
-static uint64_t positions(const struct window_area *a)
+static uint64_t count_positions(const struct window_area *a)
 {
 	uint64_t n = 0;
 
@@ -141,11 +141,11 @@ int window_area_run(struct window_area *a, bool *ret_flat, uint64_t *ret_need, s
 		*ret_flat = true;
 		return 0;
 	}
-	r = first(a, ret_flat, err);
+	r = read_first(a, ret_flat, err);
 	while (!r && !*ret_flat) {
 		uint32_t before = tri_count(a->tri);
 
-		a->sift = a->sift || crowded(a, before);
+		a->sift = a->sift || is_crowded(a, before);
 		a->waiting = before;
 		r = window_area_test(a, err);
 		if (r != WINDOW_AGAIN)
@@ -154,8 +154,8 @@ int window_area_run(struct window_area *a, bool *ret_flat, uint64_t *ret_need, s
 		if (a->sift)
 			continue;
 		r = window_area_read_picked(a, err);
-		a->thorough = (uint64_t)(tri_count(a->tri) - before) * SPARSE < positions(a);
-		a->waiting = before + positions(a);
+		a->thorough = (uint64_t)(tri_count(a->tri) - before) * SPARSE < count_positions(a);
+		a->waiting = before + count_positions(a);
 	}
 	*ret_need = a->waiting > a->cap ? a->waiting : (uint64_t)a->cap + 1;
 	return r;
@@ -164,7 +164,7 @@ int window_area_run(struct window_area *a, bool *ret_flat, uint64_t *ret_need, s
 /* ---- the result ---- */
 
 /* Packs the triangles that the piece sends to the front, with their digest, and marks vertices, as finish_owned does. */
-static void pick(struct finish *f, const struct window_piece *w)
+static void pick_triangles(struct finish *f, const struct window_piece *w)
 {
 	const int32_t(*xy)[2] = f->tri.xy;
 	uint32_t(*out)[3] = (uint32_t(*)[3])f->tri.triangle;
@@ -200,12 +200,12 @@ static void pick(struct finish *f, const struct window_piece *w)
 	f->out.ntriangle = n;
 }
 
-static int finish(struct window_area *a, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need)
+static int finish_domain(struct window_area *a, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need)
 {
 	struct finish f = {.out.counts = a->counts};
 
 	finish_init(&f, a->region, k, a->tri);
-	pick(&f, &a->window);
+	pick_triangles(&f, &a->window);
 	if (!finish_vertices(&f)) {
 		*ret_need = (uint64_t)tri_count(a->tri) * 2;
 		return WINDOW_E_SPLIT;
@@ -229,7 +229,7 @@ int window_domain_from(const struct cut_source *src, const struct view *view, co
 		return r;
 	a->counts.points = a->counts.points_read;
 	if (!flat)
-		return finish(a, k, ret, ret_need);
+		return finish_domain(a, k, ret, ret_need);
 	*ret = (struct mesh_domain){.counts = a->counts};
 	return 0;
 }

@@ -14,7 +14,7 @@
 
 /* ---- the table ---- */
 
-static struct window_seen *find(const struct window_area *a, const struct grid_cell *cell)
+static struct window_seen *find_seen(const struct window_area *a, const struct grid_cell *cell)
 {
 	uint64_t key = (cell->place + cell->segment) * UINT64_C(0x9e3779b97f4a7c15) ^ cell->segment;
 	uint32_t i = (uint32_t)((key * UINT64_C(0xd6e8feb86659fd93)) >> 32) & (a->seen_size - 1);
@@ -26,12 +26,12 @@ static struct window_seen *find(const struct window_area *a, const struct grid_c
 
 bool window_area_has_read(const struct window_area *a, const struct grid_cell *cell)
 {
-	return cell->count == 0 || find(a, cell)->used || window_piece_meets_box(&a->window, cell->box);
+	return cell->count == 0 || find_seen(a, cell)->used || window_piece_meets_box(&a->window, cell->box);
 }
 
 /* ---- points ---- */
 
-static int keep(struct window_area *a, const struct point *p)
+static int add_point(struct window_area *a, const struct point *p)
 {
 	struct point *last = &a->pts[a->npts - (a->npts > 0)];
 
@@ -61,7 +61,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	a->counts.points_read += n;
 	for (size_t i = 0; i < n; i++) {
-		int r = view_judge(a->view, &pts[i]) != VIEW_KEPT ? 0 : a->built ? insert(a, &pts[i]) : keep(a, &pts[i]);
+		int r = view_judge(a->view, &pts[i]) != VIEW_KEPT ? 0 : a->built ? insert(a, &pts[i]) : add_point(a, &pts[i]);
 
 		if (r)
 			return r;
@@ -162,7 +162,7 @@ bool window_area_full(const struct window_area *a)
 int window_area_read_picked(struct window_area *a, struct err *err)
 {
 	for (uint32_t i = 0; i < a->npick && !window_area_full(a); i++) {
-		struct window_seen *seen = find(a, &a->pick[i].cell);
+		struct window_seen *seen = find_seen(a, &a->pick[i].cell);
 		int r;
 
 		*seen = (struct window_seen){a->pick[i].cell.place, a->pick[i].cell.segment, 1};
@@ -240,7 +240,7 @@ static int apex_points(void *ctx, const struct point *pts, size_t n, struct err 
 		}
 		if (a->npts >= 2 && !geom_orient(line[0], line[1], at))
 			continue;
-		r = keep(a, &pts[i]);
+		r = add_point(a, &pts[i]);
 		if (r || a->npts > 2)
 			return r ? r : FOUND;
 	}

@@ -92,7 +92,7 @@ static int make_raster(struct window_area *a, struct err *err)
 }
 
 /* No unread cell has a point within `size` of the centre on both axes. */
-static bool clean(const struct window_area *a, double x, double y, double size)
+static bool is_clean(const struct window_area *a, double x, double y, double size)
 {
 	double from[2] = {x - size, y - size}, to[2] = {x + size, y + size};
 	int64_t lo[2], hi[2];
@@ -113,7 +113,7 @@ static bool clean(const struct window_area *a, double x, double y, double size)
 /* ---- discs ---- */
 
 /* Cells nearest to (x, y), clamped to the piece, are read first. */
-static void look_at(const struct window_area *a, struct window_disc *d, double x, double y)
+static void set_target(const struct window_area *a, struct window_disc *d, double x, double y)
 {
 	const double at[2] = {x, y};
 
@@ -145,7 +145,7 @@ static bool ghost_disc(struct window_area *a, const int32_t p[2], const int32_t 
 	ret->a = p;
 	ret->b = q;
 	ret->ghost = true;
-	look_at(a, ret, ((double)p[0] + q[0]) / 2, ((double)p[1] + q[1]) / 2);
+	set_target(a, ret, ((double)p[0] + q[0]) / 2, ((double)p[1] + q[1]) / 2);
 	return true;
 }
 
@@ -160,18 +160,18 @@ static bool true_disc(struct window_area *area, const int32_t a[2], const int32_
 
 	/* The radius is l1 l2 l3 / 2D; every point of the circle is within two radii of a. */
 	radius = sqrt(sides) / twice * (1 + SLACK);
-	if (clean(area, a[0], a[1], 2 * radius + 1))
+	if (is_clean(area, a[0], a[1], 2 * radius + 1))
 		return false;
 	bz = (geom_i128)bx * bx + (geom_i128)by * by;
 	cz = (geom_i128)cx * cx + (geom_i128)cy * cy;
 	ret->ux = (double)(bz * cy - cz * by) / twice;
 	ret->uy = (double)(cz * bx - bz * cx) / twice;
-	if (clean(area, a[0] + ret->ux, a[1] + ret->uy, radius + SLACK * (fabs(ret->ux) + fabs(ret->uy)) + 1))
+	if (is_clean(area, a[0] + ret->ux, a[1] + ret->uy, radius + SLACK * (fabs(ret->ux) + fabs(ret->uy)) + 1))
 		return false;
 	ret->a = a;
 	ret->b = b;
 	ret->ghost = false;
-	look_at(area, ret, ((double)a[0] + b[0] + c[0]) / 3, ((double)a[1] + b[1] + c[1]) / 3);
+	set_target(area, ret, ((double)a[0] + b[0] + c[0]) / 3, ((double)a[1] + b[1] + c[1]) / 3);
 	return true;
 }
 
@@ -188,7 +188,7 @@ static bool make_disc(struct window_area *a, const struct tri_result *t, uint32_
 }
 
 /* px (px - 2 ux) for the p of [low, high] that is nearest to u; adds its error bound to *slack. */
-static double along(double u, double low, double high, double *slack)
+static double nearest_along(double u, double low, double high, double *slack)
 {
 	double p = u < low ? low : u > high ? high : u;
 
@@ -197,7 +197,7 @@ static double along(double u, double low, double high, double *slack)
 }
 
 /* Points on the line of a side, but beyond its ends, do not affect the ghost. */
-static bool beside(const struct window_disc *d, const int32_t box[4])
+static bool is_beside(const struct window_disc *d, const int32_t box[4])
 {
 	for (unsigned k = 0; k < 2; k++)
 		if ((box[2 + k] < d->a[k] && box[2 + k] < d->b[k]) || (box[k] > d->a[k] && box[k] > d->b[k]))
@@ -216,17 +216,17 @@ static bool ghost_meets(const struct window_disc *d, const int32_t box[4])
 	far[0] = (int32_t)at[0];
 	far[1] = (int32_t)at[1];
 	turn = geom_orient(d->a, d->b, far);
-	return turn > 0 || (turn == 0 && beside(d, box));
+	return turn > 0 || (turn == 0 && is_beside(d, box));
 }
 
-static bool meets(const struct window_disc *d, const int32_t box[4])
+static bool disc_meets(const struct window_disc *d, const int32_t box[4])
 {
 	double slack = 0, value;
 
 	if (d->ghost)
 		return ghost_meets(d, box);
-	value = along(d->ux, (double)box[0] - d->a[0], (double)box[2] - d->a[0], &slack);
-	value += along(d->uy, (double)box[1] - d->a[1], (double)box[3] - d->a[1], &slack);
+	value = nearest_along(d->ux, (double)box[0] - d->a[0], (double)box[2] - d->a[0], &slack);
+	value += nearest_along(d->uy, (double)box[1] - d->a[1], (double)box[3] - d->a[1], &slack);
 	return value <= SLACK * slack;
 }
 
@@ -241,10 +241,10 @@ static double depth_of(const struct window_disc *d, int32_t x, int32_t y)
 	if (d->ghost) {
 		geom_i128 turn = geom_area(d->a, d->b, at);
 
-		return turn ? (double)turn : beside(d, box) ? 0 : -1;
+		return turn ? (double)turn : is_beside(d, box) ? 0 : -1;
 	}
-	value = along(d->ux, (double)x - d->a[0], (double)x - d->a[0], &slack);
-	value += along(d->uy, (double)y - d->a[1], (double)y - d->a[1], &slack);
+	value = nearest_along(d->ux, (double)x - d->a[0], (double)x - d->a[0], &slack);
+	value += nearest_along(d->uy, (double)y - d->a[1], (double)y - d->a[1], &slack);
 	return value < -SLACK * slack ? -value : value <= SLACK * slack ? 0 : -1;
 }
 
@@ -296,7 +296,7 @@ static int sift_cell(void *ctx, const struct grid_cell *cell)
 		return 0;
 	a->nhit = 0;
 	for (uint32_t i = 0; i < a->ndisc; i++)
-		if (meets(&a->disc[i], cell->box)) {
+		if (disc_meets(&a->disc[i], cell->box)) {
 			a->disc[i].depth = 0;
 			a->hit[a->nhit++] = i;
 		}
@@ -319,7 +319,7 @@ static int sift_cell(void *ctx, const struct grid_cell *cell)
 static bool any_meets(const struct window_area *a, const struct grid_cell *subtree)
 {
 	for (uint32_t i = 0; i < a->ndisc && subtree->count; i++)
-		if (meets(&a->disc[i], subtree->box))
+		if (disc_meets(&a->disc[i], subtree->box))
 			return true;
 	return false;
 }
@@ -344,7 +344,7 @@ static int batch_cell(void *ctx, const struct grid_cell *cell)
 		struct window_disc *d = &a->disc[i];
 		double far;
 
-		if (!meets(d, cell->box))
+		if (!disc_meets(d, cell->box))
 			continue;
 		far = window_area_distance(cell->box, d->at);
 		if (a->thorough) {
@@ -358,7 +358,7 @@ static int batch_cell(void *ctx, const struct grid_cell *cell)
 }
 
 /* Picks the nearest cells among the nearest cell of each disc; if cells gave few points, among all cells that meet a disc. */
-static int batch(struct window_area *a, struct err *err)
+static int test_batch(struct window_area *a, struct err *err)
 {
 	const struct grid_visitor v = {.ctx = a, .enter = batch_enter, .cell = batch_cell};
 	struct sift s = {a, err};
@@ -388,7 +388,7 @@ int window_area_test(struct window_area *a, struct err *err)
 	for (uint32_t i = 0; i < t.ntriangle && !r; i++) {
 		a->ndisc += make_disc(a, &t, i, &a->disc[a->ndisc]);
 		if (a->ndisc == a->disc_room)
-			r = batch(a, err);
+			r = test_batch(a, err);
 	}
-	return r ? r : batch(a, err);
+	return r ? r : test_batch(a, err);
 }

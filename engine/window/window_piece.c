@@ -142,7 +142,7 @@ bool window_piece_meets_box(const struct window_piece *w, const int32_t box[4])
 	return cover_meets(w, &w->region, &s);
 }
 
-static void triangle(struct shape *s, int64_t corner[3][2], const int32_t a[2], const int32_t b[2], const int32_t c[2])
+static void triangle_shape(struct shape *s, int64_t corner[3][2], const int32_t a[2], const int32_t b[2], const int32_t c[2])
 {
 	for (unsigned k = 0; k < 2; k++) {
 		int64_t p = 2 * (int64_t)a[k], q = 2 * (int64_t)b[k], r = 2 * (int64_t)c[k];
@@ -159,7 +159,7 @@ static void triangle(struct shape *s, int64_t corner[3][2], const int32_t a[2], 
 }
 
 /* Fast path: most triangles that meet the piece have a corner in it. */
-static bool holds(const struct window_piece *w, const int64_t at[2])
+static bool holds_corner(const struct window_piece *w, const int64_t at[2])
 {
 	const struct cut_region here = {.x = (uint32_t)(at[0] / 2 + BIAS), .y = (uint32_t)(at[1] / 2 + BIAS)};
 
@@ -173,13 +173,13 @@ bool window_piece_meets(const struct window_piece *w, const int32_t a[2], const 
 	int64_t corner[3][2];
 	struct shape s;
 
-	triangle(&s, corner, a, b, c);
+	triangle_shape(&s, corner, a, b, c);
 	if (!boxes_meet(s.bounds, w->box))
 		return false;
-	return holds(w, corner[0]) || cover_meets(w, &w->region, &s);
+	return holds_corner(w, corner[0]) || cover_meets(w, &w->region, &s);
 }
 
-static bool inside(const int64_t inner[4], const int64_t outer[4])
+static bool box_inside(const int64_t inner[4], const int64_t outer[4])
 {
 	return inner[0] >= outer[0] && inner[1] >= outer[1] && inner[2] <= outer[2] && inner[3] <= outer[3];
 }
@@ -189,8 +189,8 @@ bool window_piece_sends(const struct window_piece *w, const int32_t a[2], const 
 	int64_t corner[3][2];
 	struct shape s;
 
-	triangle(&s, corner, a, b, c);
-	if (!(inside(s.bounds, w->box) && !w->view->window_area) && !view_window_meets(w->view, a, b, c))
+	triangle_shape(&s, corner, a, b, c);
+	if (!(box_inside(s.bounds, w->box) && !w->view->window_area) && !view_window_meets(w->view, a, b, c))
 		return false;
 	for (unsigned i = 0; i < w->nbefore; i++)
 		if (cover_meets(w, &w->before[i], &s))

@@ -31,7 +31,7 @@ int main(int argc, char **argv)
 	const char **words;
 	int status;
 
-	io_take_standard();
+	io_reserve_standard();
 	if (argc >= 3 && !strcmp(argv[1], "complete"))
 		return scan_complete(argc, argv);
 	scan_signal_init();

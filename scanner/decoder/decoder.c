@@ -1,4 +1,4 @@
-/* The families of scanners: a row each. A new one is a function from bytes to a sweep, and a row. */
+/* The table of decoders, one row for each family of scanners. A new family is a function from bytes to a sweep, and a row. */
 #include "decoder.h"
 
 #include <math.h>

@@ -1,15 +1,16 @@
 /*
- * SICK CoLa-A, telegram LMDscandata: words between single blanks, numbers in capital hexadecimal.
+ * SICK CoLa-A, telegram LMDscandata: words between single blanks, numbers in upper-case hexadecimal.
  *
- * Layout: manuals of TiM55x/56x/57x (8015883) and TiM51x (8016425), chapter 5.3, and of LMS4000, LMS5xx. Behind command,
+ * Layout: manuals of TiM55x/56x/57x (8015883) and TiM51x (8016425), chapter 5.3, and of LMS4000, LMS5xx. After command,
  * version, device number, serial number, status (2), telegram and scan counter, time since start, time of transmission,
- * inputs (2), outputs (2) and a reserved word come scanning frequency (1/100 Hz), measuring frequency, encoders (position
- * and speed each), the 16 bit channels, the 8 bit channels, and what may be said besides: position, name, comment, time,
- * event. The firmware of TiM310 part 1130000M01 has a word more before the scanning frequency. There is no checksum, so that
- * everything that can be checked is: what is not as the layout says makes the telegram a bad one.
+ * inputs (2), outputs (2) and a reserved word come scanning frequency (1/100 Hz), measuring frequency, encoders
+ * (position and speed each), the 16-bit channels, the 8-bit channels, and optional blocks: position, name, comment,
+ * time, event. The firmware of TiM310 part 1130000M01 has one more word before the scanning frequency. There is no
+ * checksum, so everything that can be checked is checked; any deviation from the layout makes the telegram invalid.
  *
- * Angles are degrees, counter-clockwise seen from above, 90 ahead (-45 to 225 of a TiM), in 1/10000; the profile may say
- * another number for ahead. A raw range below 16 is a code, not a range (LMS4000, 12.1: 0 nothing came back, 1 dazzled).
+ * Angles are degrees, counter-clockwise seen from above, 90 is ahead (-45 to 225 for a TiM), in 1/10000; the profile
+ * can set another angle for ahead. A raw range below 16 is a code and not a range (LMS4000, 12.1: 0 no return, 1
+ * dazzled).
  */
 #include <math.h>
 #include <stdio.h>
@@ -21,7 +22,7 @@
 
 enum { RANGE_LEAST = 16, CHANNELS_MAX = 16, ENCODERS_MAX = 8 };
 
-/* Words of the telegram; once bad, all that follow are empty. */
+/* Words of the telegram; after an error all further words are empty. */
 struct words {
 	const uint8_t *start, *at, *end;
 	bool bad;
@@ -32,8 +33,8 @@ struct word {
 	size_t size;
 };
 
-/* Words have one blank between them; the last one none behind it. */
-static struct word next(struct words *w)
+/* There is one blank between words, and none after the last. */
+static struct word next_word(struct words *w)
 {
 	struct word r = {w->at, 0};
 	const uint8_t *p = w->at;
@@ -55,10 +56,10 @@ static const int8_t hex[256] = {
 	['a'] = 11, ['b'] = 12, ['c'] = 13, ['d'] = 14, ['e'] = 15, ['f'] = 16,
 };
 
-/* A number of at most `digits` hexadecimal digits (leading zeros are some). */
-static uint32_t number(struct words *w, size_t digits)
+/* A number of at most `digits` hexadecimal digits (with leading zeros). */
+static uint32_t read_number(struct words *w, size_t digits)
 {
-	struct word t = next(w);
+	struct word t = next_word(w);
 	uint32_t v = 0;
 
 	if (t.size > digits)
@@ -72,9 +73,9 @@ static uint32_t number(struct words *w, size_t digits)
 	return w->bad ? 0 : v;
 }
 
-static float real(struct words *w)
+static float read_real(struct words *w)
 {
-	uint32_t bits = number(w, 8);
+	uint32_t bits = read_number(w, 8);
 	float v;
 
 	memcpy(&v, &bits, sizeof v);
@@ -83,7 +84,7 @@ static float real(struct words *w)
 	return w->bad ? 0 : v;
 }
 
-static bool is(struct word t, const char *text)
+static bool word_is(struct word t, const char *text)
 {
 	return t.size == strlen(text) && !memcmp(t.at, text, t.size);
 }
@@ -91,10 +92,10 @@ static bool is(struct word t, const char *text)
 static void skip(struct words *w, unsigned n)
 {
 	while (n--)
-		number(w, 8);
+		read_number(w, 8);
 }
 
-/* A step that a third, sixth or twelfth of a degree was rounded to: 811 shots of 3333 are 270 degrees. */
+/* The step before it was rounded: a multiple of a third, sixth or twelfth of a degree; 811 shots of 3333 are 270 degrees. */
 static double step_degrees(uint32_t raw)
 {
 	static const unsigned parts[] = {3, 6, 12};
@@ -114,22 +115,22 @@ struct channel {
 
 static void channel_head(struct words *w, struct channel *c)
 {
-	c->name = next(w);
-	c->scale = real(w);
-	c->offset = real(w);
-	c->start = (int32_t)number(w, 8);
-	c->step = number(w, 4);
-	c->n = number(w, 4);
+	c->name = next_word(w);
+	c->scale = read_real(w);
+	c->offset = read_real(w);
+	c->start = (int32_t)read_number(w, 8);
+	c->step = read_number(w, 4);
+	c->n = read_number(w, 4);
 }
 
-/* A channel's values: ranges in metres, intensities, or nothing that is wanted. `digits` are those of a value. */
+/* The values of a channel: ranges in metres, intensities, or ignored. `digits`: of a value. */
 static int channel_values(struct words *w, const struct channel *c, const char *content, size_t digits, float full, float *to,
 			  struct err *err)
 {
 	if (to && !strcmp(content, "DIST1") && !(c->scale > 0))
 		return decoder_bad(err, (size_t)(c->name.at - w->start), "DIST1 with a scale of %g", (double)c->scale);
 	for (uint32_t i = 0; i < c->n && !w->bad; i++) {
-		uint32_t raw = number(w, digits);
+		uint32_t raw = read_number(w, digits);
 		float v = (float)raw * c->scale + c->offset;
 
 		if (!to)
@@ -157,8 +158,8 @@ static int channels(struct words *w, unsigned n, size_t digits, const struct pro
 		int rc;
 
 		channel_head(w, &c);
-		dist = !w->bad && digits == 4 && is(c.name, "DIST1");
-		rssi = !w->bad && is(c.name, "RSSI1");
+		dist = !w->bad && digits == 4 && word_is(c.name, "DIST1");
+		rssi = !w->bad && word_is(c.name, "RSSI1");
 		if (w->bad)
 			return 0;
 		if ((dist && seen->dist) || (rssi && seen->rssi))
@@ -187,27 +188,27 @@ static int channels(struct words *w, unsigned n, size_t digits, const struct pro
 	return 0;
 }
 
-/* A text that is said with its length, which may have blanks in it. */
-static void text(struct words *w, size_t most)
+/* Skips a text with its length, which may contain blanks. */
+static void skip_text(struct words *w, size_t most)
 {
-	uint32_t said = number(w, 4), n;
+	uint32_t said = read_number(w, 4), n;
 
 	if (w->bad || !said)
 		return;
-	n = said == 1 ? number(w, 4) : 0;
+	n = said == 1 ? read_number(w, 4) : 0;
 	if (said != 1 || n > most || n > (size_t)(w->end - w->at))
 		w->bad = true;
 	if (w->bad || (!n && (w->at == w->end || *w->at != ' ')))
-		return; /* an empty one is not there, or stands between two blanks */
+		return; /* an empty text is missing, or is between two blanks */
 	w->at += n;
 	if (w->at < w->end)
 		w->bad = *w->at++ != ' ' || w->at == w->end;
 }
 
-/* A block of n words, if it is said; the last may be missing altogether, with all behind it. */
-static void block(struct words *w, unsigned n)
+/* Skips an optional block of n words; if it is the last, it may be missing entirely. */
+static void skip_block(struct words *w, unsigned n)
 {
-	uint32_t said = w->at < w->end ? number(w, 4) : 0;
+	uint32_t said = w->at < w->end ? read_number(w, 4) : 0;
 
 	if (said == 1)
 		skip(w, n);
@@ -215,45 +216,45 @@ static void block(struct words *w, unsigned n)
 		w->bad = true;
 }
 
-static void besides(struct words *w)
+static void skip_optional(struct words *w)
 {
-	block(w, 7); /* position: x y z, three rotations, their kind */
+	skip_block(w, 7); /* position: x y z, three rotations, their kind */
 	if (w->at < w->end)
-		text(w, 16 * 4);
+		skip_text(w, 16 * 4);
 	if (w->at < w->end)
-		text(w, 128 * 4);
-	block(w, 7);                        /* time: year month day hour minute second microseconds */
-	if (w->at < w->end && number(w, 4)) /* event: of various forms, nothing follows */
+		skip_text(w, 128 * 4);
+	skip_block(w, 7);                        /* time: year month day hour minute second microseconds */
+	if (w->at < w->end && read_number(w, 4)) /* event: it has several forms, and nothing follows */
 		w->at = w->end;
 	if (w->at < w->end)
 		w->bad = true;
 }
 
-/* What stands before the channels; false: not with `extra` words before the scanning frequency. */
-static bool parameters(struct words *w, unsigned extra, struct sweep *ret, unsigned *ret_channels)
+/* The fields before the channels; false: there are not `extra` words before the scanning frequency. */
+static bool read_parameters(struct words *w, unsigned extra, struct sweep *ret, unsigned *ret_channels)
 {
 	struct words look;
 	struct word name;
 	uint32_t frequency, encoders;
 
 	skip(w, extra);
-	frequency = number(w, 8);
-	number(w, 8); /* of measuring, 100 Hz */
-	encoders = number(w, 4);
+	frequency = read_number(w, 8);
+	read_number(w, 8); /* measuring frequency, 100 Hz */
+	encoders = read_number(w, 4);
 	if (encoders > ENCODERS_MAX)
 		return false;
 	skip(w, 2 * encoders);
-	*ret_channels = number(w, 4);
+	*ret_channels = read_number(w, 4);
 	look = *w;
-	name = next(&look);
+	name = next_word(&look);
 	if (w->bad || *ret_channels > CHANNELS_MAX || (*ret_channels && (!name.size || name.at[0] < 'A')))
 		return false;
-	/* 0.5 to 600 turns a second are believed; 0: not said */
+	/* 0.5 to 600 revolutions a second are plausible; 0: unknown */
 	ret->period_s = frequency >= 50 && frequency <= 60000 ? 100.0 / frequency : 0;
 	return !frequency || ret->period_s > 0;
 }
 
-static int answer(const uint8_t *at, size_t size, struct err *err)
+static int is_answer(const uint8_t *at, size_t size, struct err *err)
 {
 	/* s, two letters, a blank or the end: sEA, sRA, sAN, sWA, sFA; or an event of another name */
 	if (size >= 3 && at[0] == 's' && at[1] >= 'A' && at[1] <= 'Z' && at[2] >= 'A' && at[2] <= 'Z' &&
@@ -266,18 +267,18 @@ static int answer(const uint8_t *at, size_t size, struct err *err)
 	return decoder_bad(err, 0, "no telegram of CoLa-A");
 }
 
-/* Serial numbers are printed on the label as eight decimal digits. */
-static void head(struct words *w, struct sweep *ret)
+/* The label has the serial number as eight decimal digits. */
+static void read_head(struct words *w, struct sweep *ret)
 {
 	skip(w, 2); /* version of the telegram, number of the device */
-	snprintf(ret->device_serial, sizeof ret->device_serial, "%.8u", number(w, 8));
-	ret->dirty = number(w, 4);
-	ret->dirty |= number(w, 4) != 0;
-	ret->counter = number(w, 4); /* of telegrams: scans that were not asked for are not lost */
+	snprintf(ret->device_serial, sizeof ret->device_serial, "%.8u", read_number(w, 8));
+	ret->dirty = read_number(w, 4);
+	ret->dirty |= read_number(w, 4) != 0;
+	ret->counter = read_number(w, 4); /* of telegrams: scans that were not requested are not lost */
 	ret->counter_bits = 16;
 	ret->has_counter = true;
-	number(w, 4);
-	ret->device_time_s = number(w, 8) * 1e-6;
+	read_number(w, 4);
+	ret->device_time_s = read_number(w, 8) * 1e-6;
 	ret->device_wrap_s = 4294.967296;
 	ret->has_device_time = true;
 	skip(w, 6); /* time of transmission, inputs, outputs, reserved */
@@ -301,26 +302,26 @@ int decoder_cola(const uint8_t *at, size_t size, const struct profile *p, struct
 	int rc;
 
 	if (size < 16 || memcmp(at + 3, command, sizeof command - 1) || (memcmp(at, "sSN", 3) && memcmp(at, "sRA", 3)))
-		return answer(at, size, err);
+		return is_answer(at, size, err);
 	w.at += 16;
 	clear(ret);
-	head(&w, ret);
+	read_head(&w, ret);
 	again = w;
-	if (!w.bad && !parameters(&w, 0, ret, &n)) {
+	if (!w.bad && !read_parameters(&w, 0, ret, &n)) {
 		w = again;
-		if (!parameters(&w, 1, ret, &n))
+		if (!read_parameters(&w, 1, ret, &n))
 			return decoder_bad(err, (size_t)(again.at - at),
 					   "frequencies, encoders and channels are not as they should be");
 	}
 	if (!w.bad && (rc = channels(&w, n, 4, p, ret, &seen, err)))
 		return rc;
-	n = number(&w, 4);
+	n = read_number(&w, 4);
 	if (n > CHANNELS_MAX)
 		w.bad = true;
 	if ((rc = channels(&w, n, 2, p, ret, &seen, err)))
 		return rc;
 	if (!w.bad)
-		besides(&w);
+		skip_optional(&w);
 	if (w.bad)
 		return decoder_bad(err, (size_t)(w.at - at), "not as the layout of LMDscandata has it, before this byte");
 	if (!seen.dist)

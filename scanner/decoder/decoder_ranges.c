@@ -1,7 +1,7 @@
 /*
- * Binary telegrams of a simple form: a head with some numbers, then ranges in a row, intensities among them or behind
- * them. All of it is said by keys of the profile, so that most makers' own formats need no line of code. What the fields
- * promise must fit into the telegram, or it is a bad one.
+ * Binary telegrams of a simple form: a head with some numbers, then consecutive ranges, with intensities between or
+ * after them. The profile's keys describe it completely, so most vendor formats need no code. A telegram that is too
+ * short for the described fields is invalid.
  */
 #include <math.h>
 #include <string.h>
@@ -10,12 +10,12 @@
 #include "err.h"
 #include "profile.h"
 
-static bool inside(struct profile_field f, size_t size)
+static bool field_fits(struct profile_field f, size_t size)
 {
 	return (uint64_t)f.offset + f.size <= size;
 }
 
-static uint32_t value(const uint8_t *at, struct profile_field f)
+static uint32_t field_value(const uint8_t *at, struct profile_field f)
 {
 	uint32_t v = 0;
 
@@ -30,13 +30,13 @@ static uint32_t all_ones(struct profile_field f)
 	return UINT32_MAX >> (32 - 8 * f.size);
 }
 
-/* How many shots there are; -ERR_INPUT if they do not fit. */
+/* The number of shots; -ERR_INPUT if they do not fit. */
 static int count_shots(const struct profile_ranges *r, const uint8_t *at, size_t size, uint32_t *ret, struct err *err)
 {
 	uint64_t stride = r->range_stride ? r->range_stride : r->range.size, room, n;
 
-	room = inside(r->range, size) ? (size - (uint64_t)r->range.offset - r->range.size) / stride + 1 : 0;
-	n = r->count.offset >= 0 ? value(at, r->count) : r->shots ? r->shots : room;
+	room = field_fits(r->range, size) ? (size - (uint64_t)r->range.offset - r->range.size) / stride + 1 : 0;
+	n = r->count.offset >= 0 ? field_value(at, r->count) : r->shots ? r->shots : room;
 	if (n > SWEEP_SHOTS)
 		return decoder_bad(err, (size_t)(r->count.offset >= 0 ? r->count.offset : 0), "%llu shots; %d are the most",
 				   (unsigned long long)n, SWEEP_SHOTS);
@@ -52,7 +52,7 @@ static int count_shots(const struct profile_ranges *r, const uint8_t *at, size_t
 	return 0;
 }
 
-static void shots(const struct profile_ranges *r, const uint8_t *at, struct sweep *s)
+static void read_shots(const struct profile_ranges *r, const uint8_t *at, struct sweep *s)
 {
 	struct profile_field range = r->range, intensity = r->intensity;
 	uint32_t stride = r->range_stride ? r->range_stride : range.size;
@@ -60,13 +60,13 @@ static void shots(const struct profile_ranges *r, const uint8_t *at, struct swee
 	double full = r->intensity_full ? r->intensity_full : intensity.offset >= 0 ? all_ones(intensity) : 1;
 
 	for (uint32_t i = 0; i < s->shots; i++, range.offset += (int32_t)stride) {
-		uint32_t raw = value(at, range);
+		uint32_t raw = field_value(at, range);
 
 		s->range[i] = raw < r->range_least || raw > r->range_most ? NAN : (float)(raw * r->range_scale);
 		s->intensity[i] = NAN;
 		if (r->intensity.offset < 0)
 			continue;
-		s->intensity[i] = (float)fmin(value(at, intensity) / full, 1);
+		s->intensity[i] = (float)fmin(field_value(at, intensity) / full, 1);
 		intensity.offset += (int32_t)step;
 	}
 }
@@ -79,9 +79,9 @@ int decoder_ranges(const uint8_t *at, size_t size, const struct profile *p, stru
 	int rc;
 
 	for (size_t i = 0; i < sizeof heads / sizeof *heads; i++) {
-		if (heads[i].offset >= 0 && !inside(heads[i], size))
+		if (heads[i].offset >= 0 && !field_fits(heads[i], size))
 			return decoder_bad(err, size, "ends before its head does");
-		if (!i && r->kind.offset >= 0 && value(at, r->kind) != r->data_kind)
+		if (!i && r->kind.offset >= 0 && field_value(at, r->kind) != r->data_kind)
 			return DECODER_NOT_DATA;
 	}
 	if ((rc = count_shots(r, at, size, &s.shots, err)))
@@ -93,17 +93,17 @@ int decoder_ranges(const uint8_t *at, size_t size, const struct profile *p, stru
 	s.period_s = r->period_s;
 	if (r->counter.offset >= 0) {
 		s.has_counter = true;
-		s.counter = value(at, r->counter);
+		s.counter = field_value(at, r->counter);
 		s.counter_bits = (uint8_t)(8 * r->counter.size);
 	}
 	if (r->time.offset >= 0) {
 		s.has_device_time = true;
-		s.device_time_s = value(at, r->time) * r->time_scale;
+		s.device_time_s = field_value(at, r->time) * r->time_scale;
 		s.device_wrap_s = (all_ones(r->time) + 1.0) * r->time_scale;
 		if (p->stamp == PROFILE_STAMP_LAST)
 			s.device_time_s -= sweep_duration(&s);
 	}
-	shots(r, at, &s);
+	read_shots(r, at, &s);
 	*ret = s;
 	return 0;
 }

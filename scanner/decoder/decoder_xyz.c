@@ -1,7 +1,7 @@
 /*
- * Lines of numbers. It says only whether a line is one of points: numbers where the columns x, y and z are, by the rules of
- * acut's reader of texts (one kind of separator a line), since that refuses a whole text for one line; what they mean, to the
- * last digit, is said by it, to which the line goes as it is.
+ * Lines of numbers. This only tests whether a line is one of points: the columns x, y and z must be numbers by the
+ * rules of acut's text reader (one kind of separator in a line), because the reader rejects a whole text for one
+ * invalid line. The line itself is passed to the reader unchanged, which converts it.
  */
 #include <ctype.h>
 #include <string.h>
@@ -14,7 +14,7 @@
 
 enum { NUMBER_MAX = 64 };
 
-/* [+-]digits[.digits], digits on one side of the point at least; what else may be a number goes the long way. */
+/* [+-]digits[.digits], with digits on at least one side of the point. Other numbers take the slow path. */
 static bool is_plain(const uint8_t *at, size_t size)
 {
 	size_t i = at[0] == '-' || at[0] == '+', points = 0, start = i;
@@ -28,8 +28,8 @@ static bool is_plain(const uint8_t *at, size_t size)
 	return points < 2 && size - start > points;
 }
 
-/* At most 18 digits between the first and the last that is not 0, at places from 10^18 to 10^-15: what the reader keeps exactly.
- */
+/* At most 18 digits between the first and the last that is not 0, at places from 10^18 to 10^-15: what the reader keeps
+ * exactly. */
 static bool is_kept(const uint8_t *at, size_t size)
 {
 	int n = 0, whole = -1, first = -1, last = -1, exponent = 0;
@@ -71,7 +71,7 @@ static bool is_number(const uint8_t *at, size_t size)
 	return parse_double(text, &v) && is_kept(at, size);
 }
 
-/* "nan" and "inf" are no words: whoever sends them means a point, which has no place. */
+/* "nan" and "inf" are not words: they mean a point without a position. */
 static bool is_word(const uint8_t *at, size_t size)
 {
 	static const char *const numbers[] = {"nan", "inf", "infinity"};
@@ -85,8 +85,8 @@ static bool is_word(const uint8_t *at, size_t size)
 	return n > 0;
 }
 
-/* Words in place of numbers: names of columns, a message of the device. */
-static int words(const uint8_t *at, size_t from, size_t size, struct err *err)
+/* Words instead of numbers: names of columns, or a message of the device. */
+static int reject_words(const uint8_t *at, size_t from, size_t size, struct err *err)
 {
 	for (size_t i = from; i < size; i++)
 		if (at[i] < ' ' && at[i] != '\t')
@@ -94,23 +94,23 @@ static int words(const uint8_t *at, size_t from, size_t size, struct err *err)
 	return DECODER_NOT_DATA;
 }
 
-static size_t blanks(const uint8_t *at, size_t pos, size_t size)
+static size_t skip_blanks(const uint8_t *at, size_t pos, size_t size)
 {
 	while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
 		pos++;
 	return pos;
 }
 
-/* Behind a column: one separator, of the kind that the line has (0: none yet). false: another one. */
-static bool separator(const uint8_t *at, size_t size, bool last, char *kind, size_t *pos)
+/* After a column: one separator, of the line's kind (0: none yet). false: another kind. */
+static bool skip_separator(const uint8_t *at, size_t size, bool last, char *kind, size_t *pos)
 {
-	size_t after = blanks(at, *pos, size);
+	size_t after = skip_blanks(at, *pos, size);
 	char found = after < size && (at[after] == ',' || at[after] == ';') ? (char)at[after] : ' ';
 	bool good = after == size || (last && found == ' ') || !*kind || *kind == found;
 
 	if (good && after < size && !(last && found == ' '))
 		*kind = found;
-	*pos = found == ' ' ? after : blanks(at, after + 1, size);
+	*pos = found == ' ' ? after : skip_blanks(at, after + 1, size);
 	return good;
 }
 
@@ -126,7 +126,7 @@ static size_t column_end(const uint8_t *at, size_t pos, size_t size, bool skippe
 	return pos;
 }
 
-/* "1,5, 2,5, 3,5": whole numbers, and some of the commas have a blank behind them. */
+/* "1,5, 2,5, 3,5": whole numbers, and only some commas have a blank after them. */
 static bool uneven_commas(const uint8_t *at, size_t size)
 {
 	bool blank = false, tight = false;
@@ -146,7 +146,7 @@ static bool is_skipped(char c)
 
 int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct sweep *ret, struct err *err)
 {
-	size_t pos = blanks(at, 0, size), numbers = 0;
+	size_t pos = skip_blanks(at, 0, size), numbers = 0;
 	char kind = 0;
 	bool word;
 
@@ -158,15 +158,16 @@ int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct 
 		size_t start = pos;
 
 		if (pos == size)
-			return word && !numbers ? words(at, 0, size, err) : decoder_bad(err, start, "ends before column %c", *c);
+			return word && !numbers ? reject_words(at, 0, size, err) :
+						  decoder_bad(err, start, "ends before column %c", *c);
 		pos = column_end(at, pos, size, is_skipped(*c), kind);
 		if (!is_skipped(*c) && !is_number(at + start, pos - start)) {
-			if (word && !numbers) /* a column that is skipped may be a word, with numbers behind it */
-				return words(at, start, size, err);
+			if (word && !numbers) /* a skipped column may be a word, with numbers after it */
+				return reject_words(at, start, size, err);
 			return decoder_bad(err, start, "column %c is no number", *c);
 		}
 		numbers += !is_skipped(*c);
-		if (!separator(at, size, !c[1], &kind, &pos))
+		if (!skip_separator(at, size, !c[1], &kind, &pos))
 			return decoder_bad(err, pos, "two kinds of separators, or decimal commas");
 	}
 	if (memchr(at, '\r', size) || (kind == ',' && uneven_commas(at, size)))
@@ -176,7 +177,7 @@ int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct 
 
 int decoder_xyz_check(const struct profile *p, struct err *err)
 {
-	static const char letters[] = "xyzcrns_-itaupRGB"; /* as acutctl --columns has them, but for e */
+	static const char letters[] = "xyzcrns_-itaupRGB"; /* as in acutctl --columns, except e */
 	const char *text = NULL;
 
 	if (p->framer != PROFILE_FRAMER_LINE)

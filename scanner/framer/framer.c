@@ -1,9 +1,9 @@
 /*
- * Feeds bytes to the cut of the profile's kind, and holds what is begun.
+ * Feeds bytes to the profile's kind of cut, and holds incomplete telegrams.
  *
- * Model: `f->at` is the place in the stream of the first byte that was not decided yet. While nothing is held, a cut
- * works on the transfer itself, without a copy; what it leaves is held, and the next transfer is appended to it piece
- * by piece until the cut is past what was held, whereupon the rest is cut in place again.
+ * `f->at` is the offset in the stream of the first undecided byte. While nothing is held, a cut works on the transfer
+ * itself, without a copy, and what it leaves is held. The next transfer is appended to the held bytes piece by piece
+ * until the cut is past them; then the rest is cut in place again.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -38,7 +38,7 @@ int framer_new(const struct profile *p, framer_sink sink, void *ctx, struct fram
 	f->ctx = ctx;
 	f->cut = cuts[p->framer];
 	f->skipping = p->framer == PROFILE_FRAMER_LINE && p->starts_torn;
-	/* The longest frame, and as much again as makes it worth while to append. */
+	/* The longest frame, and more, so that appending is worthwhile. */
 	f->room = (p->framer == PROFILE_FRAMER_LAS ? FRAMER_PIECE : p->telegram_max) + 8192;
 	f->held = malloc(f->room);
 	if (!f->held) {
@@ -63,9 +63,9 @@ void framer_on_bad(struct framer *f, void (*told)(void *, enum framer_reason, ui
 	f->told_ctx = ctx;
 }
 
-/* ---- what cuts tell ---- */
+/* ---- results of a cut ---- */
 
-static void end_garbage(struct framer *f)
+static void report_garbage(struct framer *f)
 {
 	if (!f->garbage)
 		return;
@@ -87,7 +87,7 @@ void framer_garbage(struct framer *f, uint64_t offset, uint64_t size)
 
 void framer_bad(struct framer *f, enum framer_reason reason, uint64_t offset, uint64_t size)
 {
-	end_garbage(f);
+	report_garbage(f);
 	f->counts.by[reason]++;
 	f->counts.bad++;
 	f->counts.skipped += size;
@@ -95,7 +95,7 @@ void framer_bad(struct framer *f, enum framer_reason reason, uint64_t offset, ui
 		f->told(f->told_ctx, reason, offset, size);
 }
 
-/* Of the byte at this place. */
+/* The time of the byte at this offset. */
 static int64_t time_of(const struct framer *f, uint64_t place)
 {
 	size_t i = f->marks;
@@ -105,7 +105,7 @@ static int64_t time_of(const struct framer *f, uint64_t place)
 	return f->mark[i - 1].time_ns;
 }
 
-bool framer_give(struct framer *f, const uint8_t *at, size_t size, uint64_t offset, size_t frame)
+bool framer_emit(struct framer *f, const uint8_t *at, size_t size, uint64_t offset, size_t frame)
 {
 	struct telegram t = {
 		.at = at,
@@ -116,7 +116,7 @@ bool framer_give(struct framer *f, const uint8_t *at, size_t size, uint64_t offs
 		.time_ns = time_of(f, offset + frame - (frame > 0)),
 	};
 
-	end_garbage(f);
+	report_garbage(f);
 	if (f->p.framer == PROFILE_FRAMER_LAS) {
 		t.file = f->las.number;
 		t.file_begins = !f->las.at;
@@ -130,7 +130,7 @@ bool framer_give(struct framer *f, const uint8_t *at, size_t size, uint64_t offs
 
 /* ---- feeding ---- */
 
-/* From `from` on bytes are of this time; of many times that are needed still, every second is forgotten. */
+/* Bytes from `from` on have this time. If too many times are still needed, every second one is dropped. */
 static void add_mark(struct framer *f, uint64_t from, int64_t time_ns)
 {
 	if (f->marks == FRAMER_MARKS) {
@@ -142,7 +142,7 @@ static void add_mark(struct framer *f, uint64_t from, int64_t time_ns)
 	f->mark[f->marks++].time_ns = time_ns;
 }
 
-/* Those of bytes that are decided are not needed. */
+/* Drops the times of bytes that are decided. */
 static void drop_marks(struct framer *f)
 {
 	size_t gone = 0;
@@ -153,7 +153,7 @@ static void drop_marks(struct framer *f)
 	f->marks -= gone;
 }
 
-/* Appends as much as it takes to be past what is held; gives how much of the feed is done with. */
+/* Appends as much as it takes to get past the held bytes; returns how much of the feed is consumed. */
 static size_t feed_held(struct framer *f, const uint8_t *at, size_t size)
 {
 	size_t before = f->n, take = f->room - f->n, done;
@@ -166,7 +166,7 @@ static size_t feed_held(struct framer *f, const uint8_t *at, size_t size)
 	f->n += take;
 	done = f->cut(f, f->held, f->n);
 	f->at += done;
-	if (done >= before) { /* the rest stands in the feed as well */
+	if (done >= before) { /* the rest is also in the feed */
 		f->n = 0;
 		return done - before;
 	}
@@ -192,7 +192,7 @@ int framer_feed(struct framer *f, const void *bytes, size_t size, int64_t time_n
 		} else {
 			done = f->cut(f, at, size);
 			f->at += done;
-			if (!f->result && done < size) { /* the beginning of something: at most a frame */
+			if (!f->result && done < size) { /* an incomplete telegram: at most a frame */
 				memcpy(f->held, at + done, size - done);
 				f->n = size - done;
 				done = size;
@@ -201,7 +201,7 @@ int framer_feed(struct framer *f, const void *bytes, size_t size, int64_t time_n
 		at += done;
 		size -= done;
 	}
-	if (f->result) { /* what is behind is not seen */
+	if (f->result) { /* the rest is not seen */
 		f->at += f->n + size;
 		f->counts.skipped += f->n + size;
 		f->n = 0;
@@ -211,7 +211,7 @@ int framer_feed(struct framer *f, const void *bytes, size_t size, int64_t time_n
 	return f->result;
 }
 
-/* What was begun is bad for this reason. */
+/* The incomplete telegram is bad, for this reason. */
 static void drop_begun(struct framer *f, enum framer_reason reason)
 {
 	if (f->las.inside) {
@@ -223,7 +223,7 @@ static void drop_begun(struct framer *f, enum framer_reason reason)
 	f->n = 0;
 	f->looked = 0;
 	f->lost = false;
-	end_garbage(f);
+	report_garbage(f);
 }
 
 int framer_gap(struct framer *f)
@@ -240,7 +240,7 @@ int framer_end(struct framer *f)
 		size_t size = f->n - (f->held[f->n - 1] == '\r');
 
 		if (size <= f->p.telegram_max) {
-			framer_give(f, f->held, size, f->at, f->n);
+			framer_emit(f, f->held, size, f->at, f->n);
 			f->at += f->n;
 			f->n = 0;
 			f->looked = 0;

@@ -1,4 +1,4 @@
-/* A cut for each kind but LAS (framer_parts.h). Each byte is looked at once or twice, however the transfers lie. */
+/* A cut for each kind except LAS (framer_parts.h). Each byte is read once or twice, however the transfers are divided. */
 #include <string.h>
 
 #include "framer_parts.h"
@@ -7,11 +7,11 @@ enum { STX = 2, ETX = 3 };
 
 size_t framer_cut_stream(struct framer *f, const uint8_t *at, size_t size)
 {
-	framer_give(f, at, size, f->at, size);
+	framer_emit(f, at, size, f->at, size);
 	return size;
 }
 
-/* Place of the byte in [from, to); `to`: it is not there. */
+/* Index of the byte in [from, to); `to`: not found. */
 static size_t find(const uint8_t *at, uint8_t byte, size_t from, size_t to)
 {
 	const uint8_t *p = from < to ? memchr(at + from, byte, to - from) : NULL;
@@ -34,7 +34,7 @@ size_t framer_cut_stx_etx(struct framer *f, const uint8_t *at, size_t size)
 			pos = stx;
 			continue;
 		}
-		if (etx < from) /* the next one, whoever's it is: looked for once */
+		if (etx < from) /* the next one, whichever telegram it ends: searched only once */
 			etx = find(at, ETX, from, size);
 		limit = size - pos > f->p.telegram_max + 2ULL ? pos + f->p.telegram_max + 2 : size;
 		stx = find(at, STX, from, etx < limit ? etx : limit);
@@ -45,7 +45,7 @@ size_t framer_cut_stx_etx(struct framer *f, const uint8_t *at, size_t size)
 			size_t frame = etx + 1 - pos;
 
 			pos = etx + 1;
-			if (!framer_give(f, at + pos - frame + 1, frame - 2, f->at + pos - frame, frame))
+			if (!framer_emit(f, at + pos - frame + 1, frame - 2, f->at + pos - frame, frame))
 				return pos;
 		} else if (limit - pos == f->p.telegram_max + 2ULL) {
 			framer_bad(f, FRAMER_LONG, f->at + pos, limit - pos);
@@ -85,14 +85,14 @@ size_t framer_cut_line(struct framer *f, const uint8_t *at, size_t size)
 		if (length > f->p.telegram_max) {
 			framer_bad(f, FRAMER_LONG, f->at + start, pos - start);
 			f->skipping = end == limit;
-		} else if (!framer_give(f, at + start, length, f->at + start, pos - start)) {
+		} else if (!framer_emit(f, at + start, length, f->at + start, pos - start)) {
 			return pos;
 		}
 	}
 	return size;
 }
 
-/* Place of the next sync in [from, size), or of its beginning at the end; `size`: it is not there. */
+/* Index of the next sync in [from, size), or of its beginning at the end; `size`: not found. */
 static size_t find_sync(const struct framer *f, const uint8_t *at, size_t from, size_t size)
 {
 	while ((from = find(at, f->p.sync[0], from, size)) < size) {
@@ -117,7 +117,7 @@ size_t framer_cut_fixed(struct framer *f, const uint8_t *at, size_t size)
 		if (size - pos < frame)
 			return pos;
 		pos += frame;
-		if (!framer_give(f, at + pos - frame, frame, f->at + pos - frame, frame))
+		if (!framer_emit(f, at + pos - frame, frame, f->at + pos - frame, frame))
 			return pos;
 	}
 	return size;
@@ -146,7 +146,7 @@ size_t framer_cut_length(struct framer *f, const uint8_t *at, size_t size)
 		if (size - pos < head)
 			return pos;
 		frame = length_of(&f->p, at + pos);
-		if (frame < head || frame > f->p.telegram_max) { /* no sync, or a false one: on with the next byte */
+		if (frame < head || frame > f->p.telegram_max) { /* no sync, or a false one: continue with the next byte */
 			if (f->lost)
 				framer_garbage(f, f->at + pos, 1);
 			else
@@ -159,7 +159,7 @@ size_t framer_cut_length(struct framer *f, const uint8_t *at, size_t size)
 			return pos;
 		f->lost = false;
 		pos += frame;
-		if (!framer_give(f, at + pos - frame, frame, f->at + pos - frame, frame))
+		if (!framer_emit(f, at + pos - frame, frame, f->at + pos - frame, frame))
 			return pos;
 	}
 	return size;

@@ -1,9 +1,8 @@
 /*
- * A stream of LAS files, one behind the other: where each ends is in its header and in those of its EVLRs (LAS 1.4 R15,
- * tables 3, 4, 22; of 1.3 its waveform record). Pieces of 64 KiB, so that a file may be larger than memory.
+ * A stream of consecutive LAS files. The end of each follows from its header and from those of its EVLRs (LAS 1.4 R15,
+ * tables 3, 4, 22; for 1.3 its waveform record). Pieces have 64 KiB, so a file may be larger than memory.
  *
- * It knows no more of LAS than lengths. Compressed files (LAZ) do not say how long they are and are told as such; what is
- * in a file is for its reader.
+ * Only lengths are parsed. Compressed files (LAZ) do not have their length and are reported as such.
  */
 #include <string.h>
 
@@ -20,13 +19,13 @@ static uint64_t number(const uint8_t *at, size_t offset, size_t size)
 	return size == 2 ? cursor_u16(&c) : size == 4 ? cursor_u32(&c) : cursor_u64(&c);
 }
 
-/* Bytes of the header that are needed of this version. */
+/* Bytes of the header that this version needs. */
 static size_t head_size(const uint8_t *at)
 {
 	return at[25] >= 4 ? 375 : at[25] == 3 ? 235 : 227;
 }
 
-/* The file's length as far as the header says it; false: this is no header of a file that can be cut. */
+/* The file's length as far as the header has it; false: not the header of a file that can be cut. */
 static bool read_head(const uint8_t *at, struct las_file *ret)
 {
 	static const uint8_t record_least[] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
@@ -56,7 +55,7 @@ static bool read_head(const uint8_t *at, struct las_file *ret)
 	return true;
 }
 
-/* LASzip sets the highest bit of the point format; all else of the header is that of LAS. */
+/* LASzip sets the highest bit of the point format; the rest of the header is that of LAS. */
 static bool is_laz(const uint8_t *at)
 {
 	return at[24] == 1 && at[25] <= 4 && at[104] & 0x80;
@@ -65,12 +64,12 @@ static bool is_laz(const uint8_t *at)
 void framer_las_broken(struct framer *f, enum framer_reason reason, uint64_t left)
 {
 	framer_bad(f, reason, f->las.start, f->las.at + left);
-	f->counts.skipped -= f->las.at; /* those are in pieces that were given */
+	f->counts.skipped -= f->las.at; /* these bytes are in earlier pieces */
 	f->las.inside = false;
 	f->las.number++;
 }
 
-/* Looks for the next file; gives where. false: more bytes are needed from there on. */
+/* Searches for the next file and returns its place. false: more bytes are needed from there on. */
 static bool find_file(struct framer *f, const uint8_t *at, size_t size, size_t *pos)
 {
 	static const uint8_t magic[] = "LASF";
@@ -116,7 +115,7 @@ static enum step cut_piece(struct framer *f, const uint8_t *at, size_t size, siz
 		length = number(at + *pos + known, 20, 8);
 		if (length > FILE_MOST || las->end > FILE_MOST) {
 			framer_las_broken(f, FRAMER_HEADER, 4);
-			*pos += 4; /* on behind its magic number */
+			*pos += 4; /* continue after its magic number */
 			return STEP_MORE;
 		}
 		las->end += EVLR_HEAD + length;
@@ -126,7 +125,7 @@ static enum step cut_piece(struct framer *f, const uint8_t *at, size_t size, siz
 	if (left < piece)
 		return STEP_WAIT;
 	*pos += piece;
-	framer_give(f, at + *pos - piece, piece, f->at + *pos - piece, piece);
+	framer_emit(f, at + *pos - piece, piece, f->at + *pos - piece, piece);
 	las->at += piece;
 	if (las->at == las->end && !las->evlrs) {
 		las->inside = false;

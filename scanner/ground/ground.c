@@ -1,9 +1,10 @@
 /*
- * Shots to points: the sensor in the vehicle's body by the profile's mount angles and lever arm, the body in the plane by
- * the pose of the very shot (a head that turns is elsewhere at the end of a sweep than at its beginning).
+ * Shots to points: from the sensor to the vehicle's body by the profile's mount angles and lever arm, and from the body
+ * to the plane by the pose at the time of the shot (a moving head is elsewhere at the end of a sweep).
  *
- * The sensor's own axes are those of a body: x ahead (angle 0 of the scan plane), y right, z down; the scan's angles run to the
- * left. Mount angles turn it as roll, pitch and heading turn the body: all 0 is a scan plane that lies flat, looking ahead.
+ * The sensor's axes are those of a body: x ahead (angle 0 of the scan plane), y right, z down; angles of the scan
+ * increase to the left. Mount angles rotate it like roll, pitch and heading rotate the body: all 0 is a horizontal scan
+ * plane that looks ahead.
  */
 #include <math.h>
 

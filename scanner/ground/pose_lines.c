@@ -1,5 +1,5 @@
 /*
- * Lines of a pose file, from any place of it, with one buffer. A line ends with LF or CRLF, or with the file.
+ * Lines of a pose file, from any offset, with one buffer. A line ends with LF or CRLF, or with the file.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -19,7 +19,7 @@ void pose_lines_start(struct pose_lines *l, int fd, const char *name, uint64_t o
 	l->hash = NULL;
 }
 
-static int fill(struct pose_lines *l, struct err *err)
+static int fill_buffer(struct pose_lines *l, struct err *err)
 {
 	size_t got;
 	int r;
@@ -38,8 +38,8 @@ static int fill(struct pose_lines *l, struct err *err)
 	return 0;
 }
 
-/* 1: the next line, however empty. */
-static int next(struct pose_lines *l, char **ret, size_t *ret_size, uint64_t *ret_offset, struct err *err)
+/* 1: the next line, even if it is empty. */
+static int next_line(struct pose_lines *l, char **ret, size_t *ret_size, uint64_t *ret_offset, struct err *err)
 {
 	char *end;
 	int r;
@@ -47,7 +47,7 @@ static int next(struct pose_lines *l, char **ret, size_t *ret_size, uint64_t *re
 	while (!(end = memchr(l->buf + l->i, '\n', l->n - l->i)) && !l->ended) {
 		if (l->n - l->i > POSE_LINE_MAX)
 			break;
-		r = fill(l, err);
+		r = fill_buffer(l, err);
 		if (r)
 			return r;
 	}
@@ -74,7 +74,7 @@ int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, stru
 	size_t n = 0;
 	int r;
 
-	while ((r = next(l, &at, &n, ret_offset, err)) > 0) {
+	while ((r = next_line(l, &at, &n, ret_offset, err)) > 0) {
 		size_t used;
 
 		if (*ret_offset == 0 && n >= 3 && !memcmp(at, "\xef\xbb\xbf", 3)) {
@@ -83,7 +83,7 @@ int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, stru
 		}
 		n -= n && at[n - 1] == '\r';
 		for (used = n; used && (at[used - 1] == ' ' || at[used - 1] == '\t'); used--)
-			; /* tabs at the end may be fields without a text */
+			; /* tabs at the end may be empty fields */
 		if (!used || *at == '#')
 			continue;
 		if (memchr(at, 0, n) || memchr(at, '\r', n)) {
@@ -95,7 +95,7 @@ int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, stru
 						 "lines end with a line feed, or carriage return and line feed");
 			return err_add_place(err, l->line, "line");
 		}
-		at[n] = 0; /* the line end, or behind the last byte read, for which there is room */
+		at[n] = 0; /* the line end, or the byte after the last one read, for which there is space */
 		*ret = at;
 		return 1;
 	}

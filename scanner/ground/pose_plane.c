@@ -1,7 +1,7 @@
 /*
- * Poses into the plane of the points: positions by GeographicLib, headings by the direction that the plane gives to a step
- * northwards (finite difference of the projection: the meridian convergence, whatever the projection), lengths as they
- * are, or scaled as that step is. No shift from one datum to another is known here.
+ * Poses to the plane of the points: positions by GeographicLib; headings by the direction of a northward step in the
+ * plane (a finite difference of the projection: the meridian convergence for any projection); lengths unscaled, or
+ * scaled like that step. Datum shifts are not supported.
  */
 #include <math.h>
 #include <stdio.h>
@@ -12,9 +12,9 @@
 #include "pose_parts.h"
 
 #define DEGREE (3.14159265358979323846 / 180)
-#define STEP 1e-5 /* degrees: 1.1 m; the projection's own rounding turns that by 1e-8 degrees at most */
+#define STEP 1e-5 /* degrees: 1.1 m; the rounding of the projection changes the direction by at most 1e-8 degrees */
 
-enum { ELLIPSOID_WGS84 = 5030, ELLIPSOID_GRS80 = 5019 }; /* GeoTIFF's numbers of heights above them */
+enum { ELLIPSOID_WGS84 = 5030, ELLIPSOID_GRS80 = 5019 }; /* GeoTIFF codes of heights above these ellipsoids */
 
 /* ---- the plane ---- */
 
@@ -33,9 +33,9 @@ static int same_datum(const struct crs_info *from, const struct crs_info *to, bo
 				   "if the receiver gave them in the plane's datum, say so with --crs (as EPSG:4258 for ETRS89)");
 }
 
-/* Where degrees go; the plane's geo is there afterwards. */
-static int place_degrees(const struct pose_params *p, const struct crs_info *from, const struct pose_box *box, const char *name,
-			 struct pose_plane *ret, struct err *err)
+/* Chooses the plane for degrees, and sets the plane's geo. */
+static int choose_plane(const struct pose_params *p, const struct crs_info *from, const struct pose_box *box, const char *name,
+			struct pose_plane *ret, struct err *err)
 {
 	const struct lattice_input one = {.name = name, .min = {box->min[0], box->min[1]}, .max = {box->max[0], box->max[1]}};
 	char text[CRS_TEXT_SIZE], have[8], want[8];
@@ -78,8 +78,8 @@ static int place_degrees(const struct pose_params *p, const struct crs_info *fro
 	return r ? r : crs_geo_new(&ret->system.system, &ret->geo, err);
 }
 
-/* Heights above the ellipsoid have a number of their own. */
-static int say_ellipsoidal(struct crs_info *s, struct err *err)
+/* Heights above the ellipsoid have their own codes. */
+static int set_ellipsoidal(struct crs_info *s, struct err *err)
 {
 	const char *heights = crs_text_heights(s->text);
 	char number[16];
@@ -94,7 +94,7 @@ static int say_ellipsoidal(struct crs_info *s, struct err *err)
 	}
 	if (heights)
 		return 0;
-	if (s->system.a != 6378137.0) { /* what cannot be said would be mixed with other heights */
+	if (s->system.a != 6378137.0) { /* without a code they would be confused with other heights */
 		if (s->system.a > 0 || (*s->text && strcmp(s->text, "unknown")))
 			err_set(err, ERR_UNSUPPORTED,
 				"the poses have ellipsoidal heights, and above the ellipsoid of %.200s none are known", s->text);
@@ -134,7 +134,7 @@ int pose_plane_choose(const struct pose_params *p, const struct pose_form *form,
 		if (!r)
 			r = crs_zone_datum(&from, err);
 		if (!r)
-			r = place_degrees(p, &from, box, name, ret, err);
+			r = choose_plane(p, &from, box, name, ret, err);
 	} else if (p->utm) {
 		err_set(err, ERR_USAGE, "--utm is about poses in degrees, these have easting and northing");
 		r = err_add_hint(err, "say which plane they are in with --crs");
@@ -148,7 +148,7 @@ int pose_plane_choose(const struct pose_params *p, const struct pose_form *form,
 	if (!r && !p->to)
 		snprintf(ret->system.unit_z, sizeof ret->system.unit_z, "metre");
 	if (!r && form->ellipsoidal)
-		r = say_ellipsoidal(&ret->system, err);
+		r = set_ellipsoidal(&ret->system, err);
 	if (r)
 		return r;
 	metres = crs_unit_metres(ret->system.unit_xy);
@@ -166,7 +166,7 @@ void pose_plane_clear(struct pose_plane *p)
 
 /* ---- one pose ---- */
 
-/* Metres of a step of latitude on the ellipsoid, h above it. */
+/* Metres of a step of latitude on the ellipsoid, at height h. */
 static double step_metres(const struct crs_system *s, double lat, double h, double step)
 {
 	double f = s->inverse_flattening ? 1 / s->inverse_flattening : 0, e2 = f * (2 - f);
@@ -175,7 +175,7 @@ static double step_metres(const struct crs_system *s, double lat, double h, doub
 	return (s->a * (1 - e2) / (w * sqrt(w)) + h) * step * DEGREE;
 }
 
-/* Where a step northwards goes in the plane: its direction from grid north, clockwise, degrees; its length, over that on
+/* A northward step in the plane: its direction from grid north, clockwise, in degrees; its length relative to that on
  * the ground. */
 static int north_of(const struct pose_plane *p, double lat, double lon, double x, double y, double h, double *ret_angle,
 		    double *ret_scale, struct err *err)

@@ -1,5 +1,6 @@
 /*
- * The columns of a pose file and its rows. The first line names the columns, in any order; nothing is guessed from numbers.
+ * The columns of a pose file, and its rows. The first line names the columns, in any order; nothing is inferred from
+ * the numbers.
  */
 #include <math.h>
 #include <stdio.h>
@@ -23,8 +24,8 @@ static const char *const names[POSE_COLUMNS] = {
 	[POSE_HEADING] = "heading",
 };
 
-/* Cuts the line at its commas; spaces around a field and quotes go. At most `max`. */
-static unsigned cut(char *line, char comma, char *field[], unsigned max)
+/* Splits the line at its commas; removes spaces and quotes around fields. At most `max` fields. */
+static unsigned split_line(char *line, char comma, char *field[], unsigned max)
 {
 	unsigned n = 0;
 
@@ -61,7 +62,7 @@ static unsigned cut(char *line, char comma, char *field[], unsigned max)
 
 /* ---- the line of names ---- */
 
-static int take_name(struct pose_form *f, unsigned i, const char *name, struct err *err)
+static int parse_name(struct pose_form *f, unsigned i, const char *name, struct err *err)
 {
 	f->column[i] = -1;
 	if (!*name || *name == '_')
@@ -80,7 +81,7 @@ static int take_name(struct pose_form *f, unsigned i, const char *name, struct e
 				 "heading; a name that begins with _ is left out");
 }
 
-static bool has(const struct pose_form *f, int column)
+static bool has_column(const struct pose_form *f, int column)
 {
 	for (unsigned i = 0; i < f->fields; i++)
 		if (f->column[i] == column)
@@ -91,21 +92,22 @@ static bool has(const struct pose_form *f, int column)
 static int check_names(struct pose_form *f, struct err *err)
 {
 	static const int always[] = {POSE_TIME, POSE_ROLL, POSE_PITCH, POSE_HEADING};
-	bool plane = has(f, POSE_EASTING) || has(f, POSE_NORTHING);
+	bool plane = has_column(f, POSE_EASTING) || has_column(f, POSE_NORTHING);
 
-	f->degrees = has(f, POSE_LATITUDE) || has(f, POSE_LONGITUDE);
-	f->ellipsoidal = has(f, POSE_ELLIPSOIDAL_HEIGHT);
+	f->degrees = has_column(f, POSE_LATITUDE) || has_column(f, POSE_LONGITUDE);
+	f->ellipsoidal = has_column(f, POSE_ELLIPSOIDAL_HEIGHT);
 	for (size_t i = 0; i < sizeof always / sizeof *always; i++)
-		if (!has(f, always[i]))
+		if (!has_column(f, always[i]))
 			err_set(err, ERR_INPUT, "there is no column %s", names[always[i]]);
 	if (plane == f->degrees)
 		err_set(err, ERR_INPUT,
 			plane ? "it has both easting, northing and latitude, longitude" :
 				"it has neither easting, northing nor latitude, longitude");
-	else if (f->degrees ? !has(f, POSE_LATITUDE) || !has(f, POSE_LONGITUDE) : !has(f, POSE_EASTING) || !has(f, POSE_NORTHING))
+	else if (f->degrees ? !has_column(f, POSE_LATITUDE) || !has_column(f, POSE_LONGITUDE) :
+			      !has_column(f, POSE_EASTING) || !has_column(f, POSE_NORTHING))
 		err_set(err, ERR_INPUT,
 			f->degrees ? "of latitude and longitude one is not there" : "of easting and northing one is not there");
-	if (f->ellipsoidal == has(f, POSE_HEIGHT))
+	if (f->ellipsoidal == has_column(f, POSE_HEIGHT))
 		err_set(err, ERR_INPUT,
 			f->ellipsoidal ? "it has both height and ellipsoidal_height" :
 					 "it has neither height nor ellipsoidal_height");
@@ -120,11 +122,11 @@ int pose_form_read(char *line, struct pose_form *f, struct err *err)
 	int r = 0;
 
 	f->comma = strchr(line, ',') ? ',' : strchr(line, ';') ? ';' : strchr(line, '\t') ? '\t' : ',';
-	f->fields = cut(line, f->comma, field, POSE_FIELDS_MAX);
+	f->fields = split_line(line, f->comma, field, POSE_FIELDS_MAX);
 	if (f->fields > POSE_FIELDS_MAX)
 		return err_set(err, ERR_INPUT, "it has %u columns, more than %d", f->fields, POSE_FIELDS_MAX);
 	for (unsigned i = 0; i < f->fields && !r; i++)
-		r = take_name(f, i, field[i], err);
+		r = parse_name(f, i, field[i], err);
 	return r ? r : check_names(f, err);
 }
 
@@ -138,7 +140,7 @@ static int bad_field(int column, const char *text, const char *want, struct err 
 	return err_add_place(err, ERR_NO_OFFSET, names[column]);
 }
 
-static int take_number(const struct pose_form *f, int column, const char *text, struct pose_row *row, struct err *err)
+static int parse_number(const struct pose_form *f, int column, const char *text, struct pose_row *row, struct err *err)
 {
 	static const struct {
 		double least, most;
@@ -189,13 +191,13 @@ static int take_number(const struct pose_form *f, int column, const char *text, 
 int pose_row_read(const struct pose_form *f, char *line, struct pose_row *ret, struct err *err)
 {
 	char *field[POSE_FIELDS_MAX];
-	unsigned n = cut(line, f->comma, field, POSE_FIELDS_MAX);
+	unsigned n = split_line(line, f->comma, field, POSE_FIELDS_MAX);
 	int r = 0;
 
 	if (n != f->fields)
 		return err_set(err, ERR_INPUT, "the line has %u fields, the first line names %u", n, f->fields);
 	for (unsigned i = 0; i < n && !r; i++)
 		if (f->column[i] >= 0)
-			r = take_number(f, f->column[i], field[i], ret, err);
+			r = parse_number(f, f->column[i], field[i], ret, err);
 	return r;
 }

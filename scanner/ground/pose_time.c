@@ -1,8 +1,8 @@
 /*
- * Times of poses: UTC as POSIX counts it (no leap second has a number of its own), GPS time, ISO 8601.
+ * Times of poses: POSIX UTC (leap seconds have no number), GPS time, ISO 8601.
  *
- * GPS time began with UTC on 1980-01-06 and has no leap seconds: it is ahead by as many as came since. "Adjusted", as
- * LAS has it, it is less 10^9 s.
+ * GPS time began with UTC on 1980-01-06 and has no leap seconds, so it is ahead by those that were inserted since.
+ * "Adjusted" GPS time, as in LAS, is 10^9 s less.
  */
 #include <ctype.h>
 #include <math.h>
@@ -14,7 +14,7 @@
 #define GPS_EPOCH 315964800.0 /* 1980-01-06 in POSIX time */
 #define GPS_ADJUST 1e9
 
-/* From when on (POSIX) GPS is ahead by one second more. Source: IERS Bulletin C; none was announced since. */
+/* From each of these (POSIX) on, GPS is ahead by one second more. Source: IERS Bulletin C; none was announced since. */
 static const double leaps[] = {
 	362793600,  /* 1981-07-01 */
 	394329600,  /* 1982-07-01 */
@@ -51,7 +51,7 @@ double pose_utc_of_gps(double gps)
 	double ahead = gps + GPS_ADJUST + GPS_EPOCH;
 	unsigned n = 0;
 
-	/* The leap second itself, which POSIX does not number, falls on the second after it. */
+	/* The leap second itself has no POSIX number; it counts as the second after it. */
 	while (n < LEAPS && ahead - (n + 1) >= leaps[n])
 		n++;
 	return ahead - n;
@@ -59,7 +59,7 @@ double pose_utc_of_gps(double gps)
 
 /* ---- ISO 8601 ---- */
 
-static bool digits(const char **at, unsigned n, int *ret)
+static bool parse_digits(const char **at, unsigned n, int *ret)
 {
 	int v = 0;
 
@@ -72,7 +72,7 @@ static bool digits(const char **at, unsigned n, int *ret)
 	return true;
 }
 
-static bool one(const char **at, const char *of)
+static bool parse_char(const char **at, const char *of)
 {
 	if (!**at || !strchr(of, **at))
 		return false;
@@ -99,8 +99,8 @@ static int days_in(int y, int m)
 	return days[m - 1] + (m == 2 && (y % 4 == 0 && (y % 100 != 0 || y % 400 == 0)));
 }
 
-/* The fraction of a second, however many digits. */
-static double fraction(const char **at)
+/* The fraction of a second, with any number of digits. */
+static double parse_fraction(const char **at)
 {
 	double v = 0, place = 0.1;
 
@@ -109,41 +109,42 @@ static double fraction(const char **at)
 	return v;
 }
 
-/* "", "Z", "+02:00", "+0200", "-05": seconds to take away. *ret_said: it says one. */
-static bool zone(const char **at, int *ret, bool *ret_said)
+/* "", "Z", "+02:00", "+0200", "-05": seconds to subtract. *ret_said: there is a zone. */
+static bool parse_zone(const char **at, int *ret, bool *ret_said)
 {
 	int h, m = 0, sign = **at == '-' ? -1 : 1;
 
 	*ret = 0;
 	*ret_said = **at != 0;
-	if (!**at || one(at, "Zz"))
+	if (!**at || parse_char(at, "Zz"))
 		return true;
-	if (!one(at, "+-") || !digits(at, 2, &h))
+	if (!parse_char(at, "+-") || !parse_digits(at, 2, &h))
 		return false;
-	one(at, ":");
-	if (**at && !digits(at, 2, &m))
+	parse_char(at, ":");
+	if (**at && !parse_digits(at, 2, &m))
 		return false;
 	*ret = sign * (h * 3600 + m * 60);
 	return h < 24 && m < 60;
 }
 
-static bool iso(const char *text, double *ret, bool *ret_zone)
+static bool parse_iso(const char *text, double *ret, bool *ret_zone)
 {
 	const char *at = text;
 	int y, mo, d, h, mi, s = 0, off;
 	double part = 0;
 
-	if (!digits(&at, 4, &y) || !one(&at, "-") || !digits(&at, 2, &mo) || !one(&at, "-") || !digits(&at, 2, &d) ||
-	    !one(&at, "Tt ") || !digits(&at, 2, &h) || !one(&at, ":") || !digits(&at, 2, &mi))
+	if (!parse_digits(&at, 4, &y) || !parse_char(&at, "-") || !parse_digits(&at, 2, &mo) || !parse_char(&at, "-") ||
+	    !parse_digits(&at, 2, &d) || !parse_char(&at, "Tt ") || !parse_digits(&at, 2, &h) || !parse_char(&at, ":") ||
+	    !parse_digits(&at, 2, &mi))
 		return false;
-	if (one(&at, ":") && !digits(&at, 2, &s))
+	if (parse_char(&at, ":") && !parse_digits(&at, 2, &s))
 		return false;
-	if (one(&at, ".,")) {
+	if (parse_char(&at, ".,")) {
 		if (!isdigit((unsigned char)*at))
 			return false;
-		part = fraction(&at);
+		part = parse_fraction(&at);
 	}
-	if (!zone(&at, &off, ret_zone) || *at)
+	if (!parse_zone(&at, &off, ret_zone) || *at)
 		return false;
 	if (y < 1970 || mo < 1 || mo > 12 || d < 1 || d > days_in(y, mo) || h > 23 || mi > 59 || s > 60)
 		return false;
@@ -158,8 +159,8 @@ bool pose_time_parse(const char *text, enum pose_clock clock, double *ret)
 
 	if (parse_double(text, &v)) {
 		utc = clock == POSE_GPS ? pose_utc_of_gps(v) : v;
-	} else if (iso(text, &v, &zoned) && !(zoned && clock == POSE_GPS)) {
-		/* As many seconds since 1970 by the calendar; GPS counts from 1980. */
+	} else if (parse_iso(text, &v, &zoned) && !(zoned && clock == POSE_GPS)) {
+		/* Calendar seconds since 1970; GPS time counts from 1980. */
 		utc = clock == POSE_GPS ? pose_utc_of_gps(v - GPS_EPOCH - GPS_ADJUST) : v;
 	} else {
 		return false;

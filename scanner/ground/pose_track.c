@@ -1,10 +1,10 @@
 /*
- * A track of poses: a file that is read and checked whole once, and read again in blocks where times are asked for.
+ * A track of poses: a file that is read and checked completely once, and read again in blocks when times are requested.
  *
- * The model: both poses and shots are in order of time, so one block of rows around the present is enough; an index of every
- * so many rows finds it after a jump (a clock that was set back). However many rows there are, the index has at most
- * POSE_INDEX_MAX places: when it is full, every second one goes, and the blocks are twice as long. A file that is not what
- * it was is an error, never another answer.
+ * Both poses and shots are ordered by time, so one block of rows around the current time suffices. An index with one
+ * entry for each block finds it after a jump (a clock that was set back). The index has at most POSE_INDEX_MAX entries:
+ * when it is full, every second entry is removed, and the blocks become twice as long. If the file has changed since
+ * the first reading, that is an error.
  */
 #include <errno.h>
 #include <math.h>
@@ -34,7 +34,7 @@ struct pose_track {
 	struct place *place;
 	size_t nplace;
 	uint64_t rows;          /* of a block */
-	struct pose_node *node; /* of block `block`, and the first one behind it */
+	struct pose_node *node; /* of block `block`, and the first one after it */
 	size_t nnode, block, hint;
 	struct pose_lines lines;
 };
@@ -67,7 +67,7 @@ static bool unchanged(const struct pose_track *t)
 	       st.st_mtim.tv_nsec == t->st.st_mtim.tv_nsec && st.st_ino == t->st.st_ino;
 }
 
-/* A line by its number; the column stands in the sentence. */
+/* Adds the line's number; the column is in the message. */
 static int in_line(uint64_t line, struct err *err)
 {
 	struct err was = *err;
@@ -123,7 +123,7 @@ static int row_check(struct pose_track *t, const struct pose_row *row, struct po
 	return 0;
 }
 
-/* Longitudes may run from -180 to 360: across 180 the narrower of two ranges is meant (crs_zone_choose takes one box). */
+/* Longitudes may be from -180 to 360: of the two possible ranges the narrower one is used (crs_zone_choose takes one box). */
 struct boxes {
 	struct pose_box low, high;
 };
@@ -261,9 +261,9 @@ const struct pose_span *pose_track_span(const struct pose_track *t)
 	return &t->span;
 }
 
-/* ---- at a time ---- */
+/* ---- lookup ---- */
 
-static int load(struct pose_track *t, size_t block, struct err *err)
+static int load_block(struct pose_track *t, size_t block, struct err *err)
 {
 	const struct place *from = &t->place[block];
 	struct pose_row row;
@@ -288,7 +288,7 @@ static int load(struct pose_track *t, size_t block, struct err *err)
 	}
 	if (r < 0)
 		return err_add_file(err, t->name);
-	/* Rows that went elsewhere, or more than there were. */
+	/* The rows have moved, or there are more than before. */
 	if (!unchanged(t) || (block + 1 < t->nplace ? t->nnode != t->rows + 1 : t->nnode < 1) ||
 	    (block + 1 < t->nplace && t->node[t->rows].time != t->place[block + 1].time))
 		return changed(t, err);
@@ -296,7 +296,7 @@ static int load(struct pose_track *t, size_t block, struct err *err)
 	return 0;
 }
 
-/* The last block that begins at the time or before. */
+/* The last block that begins at or before the time. */
 static size_t block_of(const struct pose_track *t, double time)
 {
 	size_t low = 0, high = t->nplace;
@@ -312,7 +312,7 @@ static size_t block_of(const struct pose_track *t, double time)
 	return low;
 }
 
-/* The last node at the time or before; there is one, and mostly it is the one of last time or the next. */
+/* The last node at or before the time; there is one, usually that of the previous lookup or the next. */
 static size_t node_of(struct pose_track *t, double time)
 {
 	size_t low = 0, high = t->nnode;
@@ -335,7 +335,8 @@ static size_t node_of(struct pose_track *t, double time)
 	return t->hint = low;
 }
 
-static void between(const struct pose_track *t, const struct pose_node *a, const struct pose_node *b, double u, struct pose *ret)
+static void interpolate(const struct pose_track *t, const struct pose_node *a, const struct pose_node *b, double u,
+			struct pose *ret)
 {
 	double q[4], ned[3][3], scale = a->scale + (b->scale - a->scale) * u;
 	double xy = scale / t->plane.metres[0], z = 1 / t->plane.metres[1];
@@ -361,7 +362,7 @@ int pose_track_at(struct pose_track *t, double time, struct pose *ret, struct er
 	if (time > t->span.last)
 		return POSE_AFTER;
 	if (t->block == SIZE_MAX || time < t->node[0].time || (t->block + 1 < t->nplace && time >= t->place[t->block + 1].time)) {
-		int r = load(t, block_of(t, time), err);
+		int r = load_block(t, block_of(t, time), err);
 
 		if (r)
 			return r;
@@ -369,13 +370,13 @@ int pose_track_at(struct pose_track *t, double time, struct pose *ret, struct er
 	i = node_of(t, time);
 	a = &t->node[i];
 	if (a->time == time) {
-		between(t, a, a, 0, ret);
+		interpolate(t, a, a, 0, ret);
 		return POSE_HERE;
 	}
 	if (i + 1 >= t->nnode)
 		return POSE_AFTER;
 	if (a[1].time - a->time > t->gap)
 		return POSE_GAP;
-	between(t, a, a + 1, (time - a->time) / (a[1].time - a->time), ret);
+	interpolate(t, a, a + 1, (time - a->time) / (a[1].time - a->time), ret);
 	return POSE_HERE;
 }

@@ -1,7 +1,7 @@
 /*
- * Attitudes as unit quaternions. Body x ahead, y right, z down; north-east-down outside: Rz(heading) Ry(pitch) Rx(roll).
- * A quaternion and its negative are one attitude; between two of them the shorter way is taken, so that 359 and 1 degree
- * are two degrees apart, and nothing happens at a pitch of 90.
+ * Attitudes as unit quaternions. Body x ahead, y right, z down; outside north-east-down: Rz(heading) Ry(pitch)
+ * Rx(roll). A quaternion and its negative are the same attitude. Interpolation takes the shorter rotation, so 359 and 1
+ * degree are two degrees apart, and a pitch of 90 is not singular.
  */
 #include <math.h>
 
@@ -26,7 +26,7 @@ void pose_turn_between(const double a[4], const double b[4], double t, double re
 	double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3], sign = dot < 0 ? -1 : 1, u = 1 - t, v = t, n = 0;
 
 	dot = fmin(fabs(dot), 1);
-	/* Nearly the same: the chord is the arc, to less than its square. */
+	/* Nearly equal: the chord is the arc, with an error below its square. */
 	if (dot < 1 - 1e-9) {
 		double angle = acos(dot), s = sin(angle);
 

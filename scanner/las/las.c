@@ -15,11 +15,11 @@ enum {
 	WKT_RECORD = 2112,
 	GPS_STANDARD = 1,
 	WKT_SAID = 16,   /* global encoding */
-	LEGACY_MOST = 0, /* format 6 has no counts of old */
+	LEGACY_MOST = 0, /* format 6 has no legacy counts */
 };
-#define UNITS 1000 /* of the lattice, in one of the plane */
+#define UNITS 1000 /* of the lattice, in one unit of the plane */
 #define MILLION 1000000
-#define FARTHEST 1e15 /* where a double knows thousandths no more, and an int64_t still knows all */
+#define FARTHEST 1e15 /* beyond this a double cannot represent thousandths, while an int64_t still can */
 
 /* ---- coordinates ---- */
 
@@ -27,7 +27,7 @@ struct las_frame las_frame_of(const double first[3])
 {
 	struct las_frame f = {{0}};
 
-	/* around a point that is nowhere: around 0, where it finds no place */
+	/* if the first point is not finite: around 0, where it will not fit */
 	for (int i = 0; i < 2; i++)
 		if (fabs(first[i]) < FARTHEST)
 			f.offset[i] = (int64_t)floor(first[i] / MILLION + 0.5) * MILLION;
@@ -60,7 +60,7 @@ void las_summary_add(struct las_summary *s, const int32_t at[3])
 	s->points++;
 }
 
-/* The double that is nearest to the decimal. */
+/* The double nearest to the decimal. */
 static double coordinate(const struct las_frame *f, int axis, int32_t number)
 {
 	return (double)(f->offset[axis] * UNITS + number) / UNITS;
@@ -68,7 +68,7 @@ static double coordinate(const struct las_frame *f, int axis, int32_t number)
 
 /* ---- the head ---- */
 
-static void text(struct packer *p, const char *s, size_t room)
+static void put_text(struct packer *p, const char *s, size_t room)
 {
 	size_t n = strlen(s) < room ? strlen(s) : room;
 
@@ -76,7 +76,7 @@ static void text(struct packer *p, const char *s, size_t room)
 	packer_zero(p, room - n);
 }
 
-static void counts(struct packer *p, const struct las_params *l)
+static void put_counts(struct packer *p, const struct las_params *l)
 {
 	packer_u32(p, LEGACY_MOST);
 	packer_zero(p, 5 * 4);
@@ -89,10 +89,10 @@ static void counts(struct packer *p, const struct las_params *l)
 		packer_f64(p, l->summary.points ? coordinate(&l->frame, i, l->summary.min[i]) : 0);
 	}
 	packer_u64(p, 0); /* waveforms */
-	packer_u64(p, 0); /* extended records: none, a pipe has no end to find them at */
+	packer_u64(p, 0); /* no extended records, because a pipe cannot be patched at its end */
 	packer_u32(p, 0);
 	packer_u64(p, l->summary.points);
-	packer_u64(p, l->summary.points); /* first returns; the other 14: none */
+	packer_u64(p, l->summary.points); /* by return: all are first returns; the other 14 are zero */
 	packer_zero(p, 14 * 8);
 }
 
@@ -115,8 +115,8 @@ int las_head(const struct las_params *l, uint8_t ret[LAS_HEAD_MAX], size_t *ret_
 	packer_bytes(&p, l->id, 16);
 	packer_u8(&p, 1);
 	packer_u8(&p, 4);
-	text(&p, "acut scanner", 32);
-	text(&p, "acut-scan", 32);
+	put_text(&p, "acut scanner", 32);
+	put_text(&p, "acut-scan", 32);
 	packer_u16(&p, (uint16_t)(day.tm_yday + 1));
 	packer_u16(&p, (uint16_t)(day.tm_year + 1900));
 	packer_u16(&p, HEADER);
@@ -124,13 +124,13 @@ int las_head(const struct las_params *l, uint8_t ret[LAS_HEAD_MAX], size_t *ret_
 	packer_u32(&p, n ? 1 : 0);
 	packer_u8(&p, FORMAT);
 	packer_u16(&p, LAS_RECORD);
-	counts(&p, l);
+	put_counts(&p, l);
 	if (n) {
 		packer_u16(&p, 0);
-		text(&p, "LASF_Projection", 16);
+		put_text(&p, "LASF_Projection", 16);
 		packer_u16(&p, WKT_RECORD);
 		packer_u16(&p, (uint16_t)n);
-		text(&p, "OGC WKT", 32);
+		put_text(&p, "OGC WKT", 32);
 		packer_bytes(&p, wkt, n);
 	}
 	if (p.bad || packer_size(&p) != head)
@@ -151,7 +151,7 @@ void las_record(uint8_t ret[LAS_RECORD], const int32_t at[3], float intensity, d
 	packer_u8(&p, 0);
 	packer_u8(&p, 0); /* never classified */
 	packer_u8(&p, 0);
-	packer_u16(&p, 0); /* no scan angle: it is that of the vehicle, which says nothing */
+	packer_u16(&p, 0); /* no scan angle: it would have to be relative to the vehicle */
 	packer_u16(&p, 0);
 	packer_f64(&p, gps_s);
 }

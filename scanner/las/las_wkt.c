@@ -1,9 +1,9 @@
 /*
  * A coordinate system as WKT 1, for the record of a LAS file.
  *
- * The model: the text must be read by engine/crs as the very system that it was made from: name, units and, where they are
- * known, parameters; acutd compares these when points come into a dataset. So what is written is read back, and where all
- * parameters say less or something else than the number or name alone, that is written.
+ * engine/crs must read the text back as the same system: name, units and, if they are known, parameters; acutd compares
+ * these when points are pushed. So what was written is read back. If the full parameters are not read back as the same
+ * system, the text has only the code or the name.
  */
 #include <math.h>
 #include <stdarg.h>
@@ -28,7 +28,7 @@ static void put(struct text *t, const char *fmt, ...)
 	n = vsnprintf(t->at + t->n, t->size - t->n, fmt, ap);
 	va_end(ap);
 	if (n < 0 || (size_t)n >= t->size - t->n)
-		t->n = t->size - 1; /* read back it is not the same */
+		t->n = t->size - 1; /* not read back as the same */
 	else
 		t->n += (size_t)n;
 }
@@ -194,6 +194,6 @@ int las_wkt(const struct crs_info *c, char ret[LAS_WKT_MAX], size_t *ret_size, s
 			return err_add_hint(err, "name it with --crs EPSG:n");
 		}
 	}
-	*ret_size = t.n + 1; /* with its NUL, as LAS has it */
+	*ret_size = t.n + 1; /* with its terminating zero, as in LAS */
 	return 0;
 }

@@ -1,4 +1,4 @@
-/* Rules between the keys of a profile: what one line cannot know. */
+/* Rules that concern several keys of a profile. */
 #include <stdarg.h>
 #include <stdio.h>
 

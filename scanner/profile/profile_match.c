@@ -1,9 +1,9 @@
-/* Which profile is that of a device: all that a profile says must hold, and of several the one that says most. */
+/* Finds the profile of a device: all criteria of a profile must hold; of several matches the most specific one is taken. */
 #include <string.h>
 
 #include "profile.h"
 
-/* * any bytes, ? one. Linear: of several stars only the last is tried again. */
+/* * matches any bytes, ? one. Linear: after several stars only the last is tried again. */
 static bool glob(const char *pattern, const char *text)
 {
 	const char *star = NULL, *from = text;
@@ -27,8 +27,8 @@ static bool glob(const char *pattern, const char *text)
 	return !*pattern;
 }
 
-/* 0: does not match. */
-static unsigned says(const struct profile *p, const struct profile_device *d)
+/* How specific the match is; 0: it does not match. */
+static unsigned match_specificity(const struct profile *p, const struct profile_device *d)
 {
 	bool class = p->interface_class < 0;
 
@@ -51,7 +51,7 @@ const struct profile_entry *profile_set_match(const struct profile_set *set, con
 
 	for (size_t i = 0; i < profile_set_count(set); i++) {
 		const struct profile_entry *e = profile_set_at(set, i);
-		unsigned n = e->fault ? 0 : says(&e->profile, d);
+		unsigned n = e->fault ? 0 : match_specificity(&e->profile, d);
 
 		if (n > most) {
 			most = n;

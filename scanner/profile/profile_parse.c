@@ -1,7 +1,7 @@
 /*
- * A profile's text: `key = value` lines in sections. Nothing is guessed: a key, section or value that is not known, a
- * key twice, an escape that is none is an error with its line; only the first is told, since a file is short. A value
- * in double quotes keeps the blanks at its ends. Comments stand on lines of their own (# or ;).
+ * The text of a profile: `key = value` lines in sections. Unknown keys, sections and values, repeated keys and invalid
+ * escapes are errors with their line; only the first is reported. A value in double quotes keeps the blanks at its
+ * ends. Comments have their own lines (# or ;).
  */
 #include <stdarg.h>
 #include <stdio.h>
@@ -23,8 +23,8 @@ struct reading {
 	struct profile *to;
 };
 
-/* -ERR_INPUT with file and line. */
-__attribute__((format(printf, 3, 4))) static int wrong(const struct reading *r, struct err *err, const char *fmt, ...)
+/* Sets -ERR_INPUT with file and line. */
+__attribute__((format(printf, 3, 4))) static int line_error(const struct reading *r, struct err *err, const char *fmt, ...)
 {
 	char text[400];
 	va_list ap;
@@ -40,7 +40,7 @@ __attribute__((format(printf, 3, 4))) static int wrong(const struct reading *r, 
 	return r->line ? err_add_place(err, r->line, "line") : -ERR_INPUT;
 }
 
-static void presets(struct profile *p, const char *name)
+static void set_defaults(struct profile *p, const char *name)
 {
 	static const struct profile_field none = {.offset = -1};
 
@@ -80,16 +80,16 @@ static int read_section(struct reading *r, char *s, struct err *err)
 	size_t n = strlen(s);
 
 	if (s[n - 1] != ']')
-		return wrong(r, err, "a section is written [name]");
+		return line_error(r, err, "a section is written [name]");
 	s[n - 1] = '\0';
 	s = trim(s + 1);
 	if (!profile_section_is(s)) {
-		wrong(r, err, "there is no section [%.40s]", s);
+		line_error(r, err, "there is no section [%.40s]", s);
 		return err_add_hint(err, "sections are match, usb, start, stop, framer, decoder, geometry and time");
 	}
 	for (size_t i = 0; i < r->sections_n; i++)
 		if (!strcmp(r->sections[i], s))
-			return wrong(r, err, "section [%s] stands twice", s);
+			return line_error(r, err, "section [%s] stands twice", s);
 	snprintf(r->section, sizeof r->section, "%s", s);
 	memcpy(r->sections[r->sections_n++], r->section, sizeof r->section);
 	return 0;
@@ -100,8 +100,8 @@ static int unknown_key(const struct reading *r, const char *name, struct err *er
 	const char *near = profile_key_near(r->section, name);
 	const struct profile_key *k;
 
-	wrong(r, err, *r->section ? "there is no key %.40s in [%s]" : "there is no key %.40s%s", name,
-	      *r->section ? r->section : " before the sections");
+	line_error(r, err, *r->section ? "there is no key %.40s in [%s]" : "there is no key %.40s%s", name,
+		   *r->section ? r->section : " before the sections");
 	for (size_t i = 0; !near && (k = profile_key_at(i)); i++)
 		if (!strcmp(k->name, name))
 			return err_add_hint(err, *k->section ? "it stands in [%s]" : "it stands before the sections%s",
@@ -116,29 +116,29 @@ static int read_key(struct reading *r, char *s, struct err *err)
 	size_t n;
 
 	if (!eq)
-		return wrong(r, err, "neither a section nor \"key = value\": %.60s", s);
+		return line_error(r, err, "neither a section nor \"key = value\": %.60s", s);
 	*eq = '\0';
 	name = trim(s);
 	value = trim(eq + 1);
 	n = strlen(value);
 	if (*value == '"') {
 		if (n < 2 || value[n - 1] != '"')
-			return wrong(r, err, "a quote that is not closed");
+			return line_error(r, err, "a quote that is not closed");
 		value[n - 1] = '\0';
 		value++;
 	} else if (!n) {
-		return wrong(r, err, "a value is missing");
+		return line_error(r, err, "a value is missing");
 	}
 	k = profile_key_find(r->section, name);
 	if (!k)
 		return unknown_key(r, name, err);
 	for (size_t i = 0; i < r->set_n; i++)
 		if (r->set[i] == k)
-			return wrong(r, err, "%s stands twice", name);
+			return line_error(r, err, "%s stands twice", name);
 	if (k->type != PROFILE_SEND && k->type != PROFILE_ANSWER)
 		r->set[r->set_n++] = k;
 	if (!profile_value_read(k, value, r->to, wanted))
-		return wrong(r, err, "%s = %.80s: %s is wanted", name, value, wanted);
+		return line_error(r, err, "%s = %.80s: %s is wanted", name, value, wanted);
 	return 0;
 }
 
@@ -149,9 +149,9 @@ static int read_line(struct reading *r, const char *at, size_t size, struct err 
 	if (size && at[size - 1] == '\r')
 		size--;
 	if (size > PROFILE_LINE_MAX)
-		return wrong(r, err, "longer than %d bytes", PROFILE_LINE_MAX);
+		return line_error(r, err, "longer than %d bytes", PROFILE_LINE_MAX);
 	if (memchr(at, 0, size))
-		return wrong(r, err, "a zero byte: this is no text");
+		return line_error(r, err, "a zero byte: this is no text");
 	memcpy(line, at, size);
 	line[size] = '\0';
 	s = trim(line);
@@ -168,13 +168,13 @@ int profile_parse(const char *text, size_t size, const char *name, const char *f
 	size_t n = strlen(name);
 	int rc = 0;
 
-	presets(&p, n < PROFILE_NAME_SIZE ? name : "");
+	set_defaults(&p, n < PROFILE_NAME_SIZE ? name : "");
 	if (!n || n >= PROFILE_NAME_SIZE ||
 	    strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.") != n || *name == '.' ||
 	    *name == '-')
-		rc = wrong(&r, err, "the name of a profile is 1 to %d letters, digits, -, _ and .", PROFILE_NAME_SIZE - 1);
+		rc = line_error(&r, err, "the name of a profile is 1 to %d letters, digits, -, _ and .", PROFILE_NAME_SIZE - 1);
 	else if (size > PROFILE_FILE_MAX)
-		rc = wrong(&r, err, "more than %d bytes", PROFILE_FILE_MAX);
+		rc = line_error(&r, err, "more than %d bytes", PROFILE_FILE_MAX);
 	while (!rc && at < size) {
 		const char *end = memchr(text + at, '\n', size - at);
 		size_t next = end ? (size_t)(end - text) : size;

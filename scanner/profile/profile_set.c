@@ -1,7 +1,7 @@
 /*
- * The profiles of the folders, read once. A file that is broken is kept with its fault, so that it can be shown, and
- * matches nothing; the others are as good as without it. Two folders as systemd has them: the administrator's file
- * takes the place of the shipped one of its name, and an empty one takes it away.
+ * The profiles of the folders, read once. An invalid file is kept with its fault, so that it can be shown; it matches
+ * nothing. Two folders as in systemd: the administrator's file replaces the packaged one of the same name, and an empty
+ * file removes it.
  */
 #include "profile.h"
 
@@ -46,7 +46,7 @@ struct profile_set *profile_set_free(struct profile_set *s)
 	return NULL;
 }
 
-/* "tim" of "/x/tim.conf"; false: no name of a profile's file, or too long. */
+/* "tim" of "/x/tim.conf"; false: not the name of a profile's file, or too long. */
 static bool name_of(const char *path, char ret[PROFILE_NAME_SIZE])
 {
 	const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
@@ -59,7 +59,7 @@ static bool name_of(const char *path, char ret[PROFILE_NAME_SIZE])
 	return true;
 }
 
-/* The file's bytes with a NUL; *ret_size 0: empty, or /dev/null. */
+/* The file's bytes, zero-terminated; *ret_size 0: empty, or /dev/null. */
 static int read_text(const char *path, char **ret, size_t *ret_size, struct err *err)
 {
 	struct stat st;
@@ -80,7 +80,7 @@ static int read_text(const char *path, char **ret, size_t *ret_size, struct err 
 		rc = err_set(err, ERR_NOMEM, "no memory for a profile");
 	else if (S_ISREG(st.st_mode))
 		rc = io_read_some(fd, text, PROFILE_FILE_MAX + 1, 0, path, &n, err);
-	else if (!S_ISCHR(st.st_mode)) /* a link to /dev/null is as an empty file */
+	else if (!S_ISCHR(st.st_mode)) /* a link to /dev/null is like an empty file */
 		rc = err_set(err, ERR_INPUT, "this is no regular file");
 	if (!rc && n > PROFILE_FILE_MAX)
 		rc = err_set(err, ERR_INPUT, "more than %d bytes", PROFILE_FILE_MAX);
@@ -95,7 +95,7 @@ static int read_text(const char *path, char **ret, size_t *ret_size, struct err 
 	return 0;
 }
 
-/* An entry, with a fault if the file is broken. *ret NULL: the file is empty. */
+/* An entry, with a fault if the file is invalid. *ret NULL: the file is empty. */
 static int read_entry(const char *path, const char *name, struct profile_entry **ret, struct err *err)
 {
 	struct profile_entry *e = calloc(1, sizeof *e);
@@ -113,7 +113,7 @@ static int read_entry(const char *path, const char *name, struct profile_entry *
 		}
 		profile_parse(e->text, e->size, name, path, &e->profile, &bad);
 	}
-	if (!strcmp(bad.field, "line")) { /* the sentence names it */
+	if (!strcmp(bad.field, "line")) { /* the message names it */
 		bad.offset = ERR_NO_OFFSET;
 		bad.field[0] = '\0';
 	}
@@ -164,8 +164,8 @@ static size_t place_of(const struct profile_set *s, const char *name, bool *ret_
 	return i;
 }
 
-/* In the place of one of its name; e NULL: takes that away. */
-static int put(struct profile_set *s, const char *name, struct profile_entry *e, struct err *err)
+/* Replaces the entry with that name; e NULL: removes it. */
+static int put_entry(struct profile_set *s, const char *name, struct profile_entry *e, struct err *err)
 {
 	bool there;
 	size_t at = place_of(s, name, &there);
@@ -207,7 +207,7 @@ static int each(void *ctx, const struct dirent *d, struct err *err)
 		return 0;
 	if ((rc = read_entry(path, name, &e, err)) < 0)
 		return rc;
-	if ((rc = put(w->set, name, e, err)) < 0)
+	if ((rc = put_entry(w->set, name, e, err)) < 0)
 		profile_entry_free(e);
 	return rc;
 }

@@ -1,4 +1,4 @@
-/* The rows: every key of a profile, its section, what it may be and where it goes. profile.h says what each means. */
+/* The keys of a profile, one row each: section, type, and place in struct profile. profile.h describes them. */
 #include "profile_table.h"
 
 #include <string.h>
@@ -90,8 +90,8 @@ bool profile_section_is(const char *name)
 	return false;
 }
 
-/* Letters that differ place by place from either end: enough for "transfersize", "end-point-in", "vendr". */
-static size_t unlike(const char *a, const char *b)
+/* A distance of words: letters that differ, compared from both ends. Enough for "transfersize", "end-point-in", "vendr". */
+static size_t word_distance(const char *a, const char *b)
 {
 	size_t n = strlen(a), m = strlen(b), head = 0, tail = 0, least = n < m ? n : m;
 
@@ -108,7 +108,7 @@ const char *profile_key_near(const char *section, const char *name)
 	size_t best = 4;
 
 	for (size_t i = 0; i < KEYS; i++) {
-		size_t d = unlike(name, keys[i].name);
+		size_t d = word_distance(name, keys[i].name);
 
 		if (!strcmp(keys[i].section, section) && d < best && d < strlen(name)) {
 			best = d;

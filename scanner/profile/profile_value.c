@@ -1,6 +1,6 @@
 /*
- * Values of keys. Strict: the whole text is the value, in its bounds, or what is wanted is said. Numbers may be
- * hexadecimal (0x19a2), bytes have escapes, fields of binary telegrams are "u16le@4".
+ * Values of keys. Strict: the whole text must be a value within its bounds. Numbers may be hexadecimal (0x19a2), bytes
+ * have escapes, fields of binary telegrams are "u16le@4".
  */
 #include <math.h>
 #include <stdio.h>
@@ -16,7 +16,7 @@ static int hex_digit(char c)
 	return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
 }
 
-static bool number(const char *text, uint64_t *ret)
+static bool parse_number(const char *text, uint64_t *ret)
 {
 	uint64_t v = 0;
 	size_t n = 2;
@@ -31,7 +31,8 @@ static bool number(const char *text, uint64_t *ret)
 	return true;
 }
 
-/* \xHH \r \n \t \0 \\ \" ; false: not so written, or longer than room. */
+/* \xHH \r
+ *  \t \0 \\ \" ; false: an invalid escape, or longer than `room`. */
 static bool bytes_of(const char *text, uint8_t *to, size_t room, size_t *ret)
 {
 	static const char letters[] = "rnt0\\\"", means[] = "\r\n\t\0\\\"";
@@ -60,7 +61,7 @@ static bool bytes_of(const char *text, uint8_t *to, size_t room, size_t *ret)
 }
 
 /* u8@OFFSET, u16le@, u16be@, u32le@, u32be@ */
-static bool field(const char *text, struct profile_field *ret)
+static bool parse_field(const char *text, struct profile_field *ret)
 {
 	static const struct {
 		const char *name;
@@ -76,7 +77,7 @@ static bool field(const char *text, struct profile_field *ret)
 
 		if (strncmp(text, types[i].name, n))
 			continue;
-		if (!number(text + n, &at) || at > 1 << 20)
+		if (!parse_number(text + n, &at) || at > 1 << 20)
 			return false;
 		*ret = (struct profile_field){(int32_t)at, types[i].size, types[i].big};
 		return true;
@@ -84,8 +85,8 @@ static bool field(const char *text, struct profile_field *ret)
 	return false;
 }
 
-/* Number of the word in "a|b|c"; -1. */
-static int choice(const char *words, const char *text)
+/* Index of the word in "a|b|c"; -1. */
+static int find_choice(const char *words, const char *text)
 {
 	size_t n = strlen(text);
 
@@ -133,7 +134,7 @@ static bool whole_value(const struct profile_key *k, const char *text, void *to,
 		 k->most == 0xffff || k->type == PROFILE_U8 || k->most == 0xff ? "a number from 0x%.2llx to 0x%.2llx" :
 										 "a whole number from %llu to %llu",
 		 (unsigned long long)k->least, (unsigned long long)k->most);
-	if (k->type == PROFILE_SIZE ? !parse_size(text, &v) && !number(text, &v) : !number(text, &v))
+	if (k->type == PROFILE_SIZE ? !parse_size(text, &v) && !parse_number(text, &v) : !parse_number(text, &v))
 		return false;
 	if ((double)v < k->least || (double)v > k->most)
 		return false;
@@ -210,7 +211,7 @@ static bool field_value(const struct profile_key *k, const char *text, struct pr
 	struct profile_field f;
 
 	snprintf(wanted, PROFILE_WANTED_SIZE, "TYPE@OFFSET, TYPE one of u8, u16le, u16be, u32le, u32be, as u16le@4");
-	if (!field(text, &f))
+	if (!parse_field(text, &f))
 		return false;
 	if (k->type == PROFILE_FIELD) {
 		memcpy((char *)p + k->offset, &f, sizeof f);
@@ -242,13 +243,13 @@ bool profile_value_read(const struct profile_key *k, const char *text, struct pr
 		return real_value(k, text, at, ret_wanted);
 	case PROFILE_CHOICE:
 		snprintf(ret_wanted, PROFILE_WANTED_SIZE, "one of %s", k->words);
-		word = choice(k->words, text);
+		word = find_choice(k->words, text);
 		if (word >= 0)
 			memcpy(at, &word, sizeof word);
 		return word >= 0;
 	case PROFILE_YES:
 		snprintf(ret_wanted, PROFILE_WANTED_SIZE, "yes or no");
-		word = choice("no|yes", text);
+		word = find_choice("no|yes", text);
 		*(bool *)at = word > 0;
 		return word >= 0;
 	case PROFILE_FIELD:

@@ -1,9 +1,9 @@
 /*
- * Records to telegrams to sweeps (replay.h). What is counted here is what `replay`, `record` and `push` report.
+ * Records to telegrams to sweeps (replay.h). The counts here are those that `replay`, `record` and `push` report.
  *
- * Gaps: a record that says that bytes are missing before the next DATA ends what the framer has begun. An event that is
- * about the host alone (parked, stall that was cleared without loss) is none: if it lost bytes, the next record has the
- * flag AFTER_GAP.
+ * Gaps: a record that reports missing bytes before the next DATA ends the framer's incomplete telegram. An event that
+ * only concerns the host (parked, a stall that was cleared without loss) does not: if it lost bytes, the next record
+ * has the flag AFTER_GAP.
  */
 #include "replay.h"
 
@@ -35,19 +35,19 @@ struct replay {
 
 /* ---- sweeps ---- */
 
-static void fault(struct replay *r, const struct replay_fault *f)
+static void report_fault(struct replay *r, const struct replay_fault *f)
 {
 	if (r->sinks.fault)
 		r->sinks.fault(r->sinks.ctx, f);
 }
 
-static void told_bad(void *ctx, enum framer_reason reason, uint64_t offset, uint64_t size)
+static void on_bad_telegram(void *ctx, enum framer_reason reason, uint64_t offset, uint64_t size)
 {
-	fault(ctx, &(struct replay_fault){.by = REPLAY_BAD_FRAMER, .reason = reason, .offset = offset, .size = size});
+	report_fault(ctx, &(struct replay_fault){.by = REPLAY_BAD_FRAMER, .reason = reason, .offset = offset, .size = size});
 }
 
-/* How many were lost since the one before; a counter that goes back, or far ahead, began anew. One that stands still says that a
- * telegram came twice only if it is the same, byte by byte: there are devices that do not count. */
+/* Counts the sweeps that were lost since the previous one. A counter that goes back, or far ahead, was restarted. One
+ * that stays the same means a repeated telegram only if the bytes are the same, because some devices do not count. */
 static void count_sweep(struct replay *r, const struct sweep *s, struct replay_sweep *to)
 {
 	struct digest hash = digest_hash(to->telegram->at, to->telegram->size);
@@ -90,12 +90,12 @@ static void count_time(struct replay *r, double utc_s)
 	r->counts.last_utc_s = utc_s;
 }
 
-static int give_sweep(struct replay *r, const struct telegram *t)
+static int emit_sweep(struct replay *r, const struct telegram *t)
 {
 	struct replay_sweep to = {.sweep = r->sweep, .telegram = t, .after_gap = r->after_gap};
 
 	to.utc_s = replay_time_of(&r->time, &r->p, r->sweep, t->first_ns, &to.device_time_s);
-	if (r->time.restarted) { /* and with it its counter, wherever that stands */
+	if (r->time.restarted) { /* the device was restarted, and its counter, too */
 		r->has_counter = false;
 		r->counts.restarts++;
 	}
@@ -107,14 +107,14 @@ static int give_sweep(struct replay *r, const struct telegram *t)
 	return r->sinks.sweep ? r->sinks.sweep(r->sinks.ctx, &to) : 0;
 }
 
-static int give_points(struct replay *r, const struct telegram *t)
+static int emit_points(struct replay *r, const struct telegram *t)
 {
 	r->counts.points++;
 	count_time(r, replay_time_utc(&r->time, t->first_ns));
 	return r->sinks.points ? r->sinks.points(r->sinks.ctx, t) : 0;
 }
 
-static int take(void *ctx, const struct telegram *t)
+static int on_telegram(void *ctx, const struct telegram *t)
 {
 	struct replay *r = ctx;
 	struct err err = ERR_INIT;
@@ -129,13 +129,14 @@ static int take(void *ctx, const struct telegram *t)
 	}
 	if (rc < 0) {
 		r->counts.undecoded++;
-		fault(r, &(struct replay_fault){.by = REPLAY_BAD_DECODER, .offset = t->offset, .size = t->size, .err = &err});
+		report_fault(r,
+			     &(struct replay_fault){.by = REPLAY_BAD_DECODER, .offset = t->offset, .size = t->size, .err = &err});
 		return 0;
 	}
-	return r->decoder->kind == DECODER_POINTS ? give_points(r, t) : give_sweep(r, t);
+	return r->decoder->kind == DECODER_POINTS ? emit_points(r, t) : emit_sweep(r, t);
 }
 
-/* ---- the way in ---- */
+/* ---- records ---- */
 
 struct replay_clock replay_clock_of(const struct spool_head *h)
 {
@@ -160,12 +161,12 @@ int replay_new(const struct profile *p, const struct replay_clock *clock, const 
 	if (!r->sweep)
 		rc = err_set(err, ERR_NOMEM, "no memory for a sweep");
 	else
-		rc = framer_new(p, take, r, &r->framer, err);
+		rc = framer_new(p, on_telegram, r, &r->framer, err);
 	if (rc < 0) {
 		replay_free(r);
 		return rc;
 	}
-	framer_on_bad(r->framer, told_bad, r);
+	framer_on_bad(r->framer, on_bad_telegram, r);
 	replay_time_init(&r->time, clock);
 	*ret = r;
 	return 0;
@@ -191,14 +192,14 @@ int replay_feed(struct replay *r, const void *at, size_t size, int64_t monotonic
 
 int replay_gap(struct replay *r)
 {
-	if (r->gap_told) /* an event and the flag of the record behind it are one gap */
+	if (r->gap_told) /* an event and the flag of the next record are the same gap */
 		return 0;
 	r->gap_told = r->after_gap = true;
 	r->counts.gaps++;
 	return framer_gap(r->framer);
 }
 
-/* The first word is one of these. */
+/* Whether the first word is one of these. */
 static bool event_is(const struct spool_record *rec, const char *const *words)
 {
 	size_t n = 0;
@@ -211,21 +212,21 @@ static bool event_is(const struct spool_record *rec, const char *const *words)
 	return false;
 }
 
-static int take_event(struct replay *r, const struct spool_record *rec)
+static int on_event(struct replay *r, const struct spool_record *rec)
 {
 	static const char *const gaps[] = {"overflow", "overrun", "left", "back", "error", "continued", NULL},
 				 *const anew[] = {"left", "back", "continued", NULL}, *const continued[] = {"continued", NULL};
 
 	r->boot_unknown |= event_is(rec, continued);
-	if (event_is(rec, anew)) { /* its clock and counter may have begun anew */
+	if (event_is(rec, anew)) { /* its clock and counter may have been restarted */
 		r->has_counter = false;
 		replay_time_restart(&r->time);
 	}
 	return event_is(rec, gaps) ? replay_gap(r) : 0;
 }
 
-/* What came before a clock was set keeps the time that it had then. */
-static void take_clock(struct replay *r, const struct replay_clock *clock)
+/* What came before the clock was set keeps its time. */
+static void set_clock(struct replay *r, const struct replay_clock *clock)
 {
 	double by = (double)clock->utc_ns / 1e9 - replay_time_utc(&r->time, clock->monotonic_ns);
 
@@ -249,13 +250,13 @@ int replay_record(struct replay *r, const struct spool_record *rec)
 			rc = replay_gap(r);
 		return rc ? rc : replay_feed(r, rec->at, rec->size, rec->time_ns);
 	case SPOOL_EVENT:
-		return take_event(r, rec);
+		return on_event(r, rec);
 	case SPOOL_CLOCK:
 		if (rec->size >= 8) {
 			struct cursor c = cursor_of(rec->at, 8);
 			struct replay_clock clock = {.utc_ns = cursor_i64(&c), .monotonic_ns = rec->time_ns};
 
-			take_clock(r, &clock);
+			set_clock(r, &clock);
 		}
 		return 0;
 	case SPOOL_END:

@@ -1,6 +1,7 @@
 /*
- * The model is in replay.h. Times are doubles: a second since 1970 has 0.2 microseconds then, which is less than a
- * scanner knows. The device's clock is compared with the monotonic one, which does not jump; the wall clock comes last.
+ * The model is in replay.h. Times are doubles: seconds since 1970 have a resolution of 0.2 microseconds, better than a
+ * scanner's. The device's clock is compared with the monotonic clock, which does not jump; the wall clock is applied
+ * last.
  */
 #include "replay_time.h"
 
@@ -34,8 +35,8 @@ double replay_time_utc(const struct replay_time *t, int64_t monotonic_ns)
 	return utc_of(t, monotonic_ns / 1e9);
 }
 
-/* The device's time without wraps. As many of them were as fits the time between the arrivals best; a clock that then
- * still goes back, or that leaves the monotonic one by more than a telegram can be late, began anew. */
+/* The device's time without wraps: the number of wraps that best fits the time between the arrivals. A clock that then
+ * still goes back, or that deviates from the monotonic one by more than a telegram can be delayed, was restarted. */
 static double unwrap(struct replay_time *t, const struct sweep *s, double arrival_s)
 {
 	double passed = arrival_s - t->arrival_s, late = 2;

@@ -1,7 +1,6 @@
 /*
- * Going on with a spool that a kill or a power cut has left without its end. All of it is read: the totals are of the
- * whole, and only what lies behind the last whole record is cut off. Damage in the middle stays where it is, for
- * readers to name.
+ * Continuing a spool that a kill or a power cut has left without its END. All of it is read, for the totals; only what
+ * is behind the last complete record is cut off. Damage in the middle stays, and readers report it.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -12,7 +11,7 @@
 #include "io.h"
 #include "spool_priv.h"
 
-/* A power cut while the spool was made may have left the first head and not the second. */
+/* A power cut while the spool was created may have left only the first head. */
 static int mend_head(const struct spool_reader *r, struct spool_writer *w, struct err *err)
 {
 	uint8_t *bytes;
@@ -29,7 +28,7 @@ static int mend_head(const struct spool_reader *r, struct spool_writer *w, struc
 	return rc;
 }
 
-/* Counts what is there; the place behind the last whole record. */
+/* Counts the existing records; finds the end of the last complete record. */
 static int read_all(struct spool_reader *r, struct spool_writer *w, struct err *err)
 {
 	struct spool_record record;
@@ -59,20 +58,20 @@ static int read_all(struct spool_reader *r, struct spool_writer *w, struct err *
 	return mend_head(r, w, err);
 }
 
-/* The reader of the file, and its head. */
-static int look(const char *path, struct spool_reader **ret, struct err *err)
+/* Opens a reader of the file, and reads its head. */
+static int open_reader(const char *path, struct spool_reader **ret, struct err *err)
 {
 	int fd, r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
 
 	return r ? r : spool_open(fd, path, ret, err);
 }
 
-static int begin_anew(struct spool_writer *w, struct err *err)
+static int append_continued(struct spool_writer *w, struct err *err)
 {
 	char boot[40];
 	int r;
 
-	w->dirty = true; /* what was there: who left it may not have made it durable */
+	w->dirty = true; /* existing records may not be durable */
 	w->written = w->totals.bytes;
 	spool_boot_id(boot);
 	r = spool_event(w, (int64_t)clock_mono_ns(), err, "continued %s", *boot ? boot : "-");
@@ -98,7 +97,7 @@ int spool_continue(const char *path, struct spool_head *ret_head, struct spool_w
 		io_close(fd);
 		return err_add_file(err, path);
 	}
-	r = look(path, &reader, err);
+	r = open_reader(path, &reader, err);
 	if (r) {
 		io_close(fd);
 		return r;
@@ -107,7 +106,7 @@ int spool_continue(const char *path, struct spool_head *ret_head, struct spool_w
 	if (!r)
 		r = read_all(reader, w, err);
 	if (!r)
-		r = begin_anew(w, err);
+		r = append_continued(w, err);
 	if (!r)
 		r = spool_head_copy(spool_reader_head(reader), ret_head, err);
 	spool_reader_free(reader);

@@ -1,7 +1,7 @@
 /*
- * Making durable: fsync, by the caller or by a thread of the writer's own, so that a disk that takes seconds does not
- * stop the appending. Only one fsync runs at a time, and after one that failed there is no other: the kernel tells of a
- * lost page once, and a second fsync that succeeds would mean nothing.
+ * Making records durable: fsync, by the caller or by the writer's own thread, so that a disk that takes seconds does
+ * not stop the appending. Only one fsync runs at a time. After a failed fsync there is no other, because the kernel
+ * reports a lost page only once, and a second fsync that succeeds would mean nothing.
  */
 #include <errno.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 #include "io.h"
 #include "spool_priv.h"
 
-enum { FULL = 4 }; /* times the batch: then appending waits */
+enum { FULL = 4 }; /* times the batch: beyond that, appending waits */
 
 int spool_flush_init(struct spool_writer *w, struct err *err)
 {
@@ -27,7 +27,7 @@ int spool_flush_init(struct spool_writer *w, struct err *err)
 	return 0;
 }
 
-static int told(const struct err *why, struct err *err)
+static int report_failure(const struct err *why, struct err *err)
 {
 	*err = *why;
 	return -(int)err->code;
@@ -60,13 +60,13 @@ int spool_sync(struct spool_writer *w, struct err *err)
 	pthread_cond_broadcast(&w->changed);
 	pthread_mutex_unlock(&w->lock);
 	pthread_mutex_unlock(&w->syncing);
-	return failed ? told(&w->flush_why, err) : 0;
+	return failed ? report_failure(&w->flush_why, err) : 0;
 }
 
 static void *flusher(void *of)
 {
 	struct spool_writer *w = of;
-	struct err ignored = ERR_INIT; /* kept in flush_why */
+	struct err ignored = ERR_INIT; /* it is in flush_why */
 
 	pthread_mutex_lock(&w->lock);
 	while (!w->quit && !w->flush_failed) {
@@ -138,5 +138,5 @@ int spool_flush_appended(struct spool_writer *w, size_t data, struct err *err)
 		w->totals.wait_ns += clock_mono_ns() - began;
 	failed = w->flush_failed;
 	pthread_mutex_unlock(&w->lock);
-	return failed ? told(&w->flush_why, err) : 0;
+	return failed ? report_failure(&w->flush_why, err) : 0;
 }

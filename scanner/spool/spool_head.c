@@ -1,4 +1,4 @@
-/* The head of a spool, as bytes and back. Texts are cleaned on both ways: what a device says of itself is not trusted. */
+/* The head of a spool: encoding and decoding. Texts are sanitized in both directions, because a device is not trusted. */
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,8 +14,8 @@
 
 enum { TEXTS = 6 };
 
-/* Up to `size` bytes, up to a NUL; what is no text becomes '?'; no character is cut. */
-static void clean(const void *from, size_t n, char *to, size_t room)
+/* Copies up to `size` bytes, or up to a zero; invalid bytes become '?'; no character is cut. */
+static void clean_text(const void *from, size_t n, char *to, size_t room)
 {
 	const unsigned char *p = from;
 	size_t at = 0;
@@ -64,7 +64,7 @@ int spool_head_copy(const struct spool_head *from, struct spool_head *ret, struc
 	return 0;
 }
 
-/* In a unit with ProcSubset=pid the file is not there, and the unit says it (ACUT_BOOT_ID=%b), without the dashes. */
+/* In a unit with ProcSubset=pid the file does not exist; the unit passes the id (ACUT_BOOT_ID=%b), without dashes. */
 static void boot_id_of_unit(char text[40])
 {
 	const char *from = getenv("ACUT_BOOT_ID");
@@ -92,7 +92,7 @@ void spool_boot_id(char ret[40])
 	text[strcspn(text, "\n")] = 0;
 	if (!*text)
 		boot_id_of_unit(text);
-	clean(text, strlen(text), ret, 40);
+	clean_text(text, strlen(text), ret, 40);
 }
 
 void spool_head_fill(struct spool_head *h)
@@ -114,7 +114,7 @@ void spool_head_fill(struct spool_head *h)
 	}
 	for (int i = 0; i < TEXTS - 1; i++) {
 		memcpy(copy, text[i], sizeof(copy));
-		clean(copy, sizeof(copy), text[i], SPOOL_TEXT_SIZE);
+		clean_text(copy, sizeof(copy), text[i], SPOOL_TEXT_SIZE);
 	}
 }
 
@@ -209,7 +209,7 @@ int spool_head_decode(const uint8_t *at, size_t size, struct spool_head *ret, st
 		n = cursor_u16(&c);
 		from = cursor_bytes(&c, n);
 		if (from)
-			clean(from, n, text[i], i == TEXTS - 1 ? sizeof(h.boot_id) : SPOOL_TEXT_SIZE);
+			clean_text(from, n, text[i], i == TEXTS - 1 ? sizeof(h.boot_id) : SPOOL_TEXT_SIZE);
 	}
 	n = cursor_u32(&c);
 	from = n <= SPOOL_PROFILE_MAX ? cursor_bytes(&c, n) : NULL;

@@ -1,13 +1,13 @@
 /*
- * Reading a spool, from a file or a pipe, forwards, through one window of memory that is as large as the largest record
- * met so far.
+ * Reading a spool, from a file or a pipe, sequentially, through one window of memory that is as large as the largest
+ * record so far.
  *
- * Where a record is not whole the reader looks for the next place where one is: mark, check of the head, a number that
- * is not behind, check of the payload. Is there none up to the end, then what is left is the torn tail of a kill or a
- * power cut, and the spool ends; is there one, then something in the middle is damaged, and that is an error that names
- * the place, until spool_skip goes on behind it. Where only the payload is not right its length may be that of bytes
- * which are gone, so that whole records stand in what it spans: these are looked for, too, but in no stretch twice. So
- * each byte is looked at a fixed number of times, whatever it holds.
+ * After an incomplete record the reader searches for the next complete one: mark, check of the head, a number that is
+ * not lower, check of the payload. If there is none up to the end, the rest is what a kill or a power cut left, and the
+ * spool ends. If there is one, something in the middle is damaged; that is an error with its offset, until spool_skip
+ * continues behind it. If only the payload is invalid, its length may include bytes that were lost, so complete records
+ * can be inside it; these are searched, too, but no stretch twice. So each byte is examined a bounded number of times,
+ * whatever it contains.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -26,29 +26,29 @@ struct spool_reader {
 	struct spool_head head;
 	uint64_t seed;
 	uint8_t *buf;
-	size_t room, at, end; /* read and not yet taken: buf[at..end) */
-	uint64_t base;        /* place of buf[0] in the file */
+	size_t room, at, end; /* read and not used yet: buf[at..end) */
+	uint64_t base;        /* offset of buf[0] in the file */
 	bool eof;
 	uint64_t expect;          /* number of the next record */
-	uint64_t whole;           /* place behind the last whole record */
-	uint64_t spanned;         /* place up to which a payload reached that was not right */
-	bool damaged;             /* told and not skipped yet: [damage, place of at) */
-	uint64_t damage, missing; /* records that are lost there: from expect - missing */
+	uint64_t whole;           /* offset behind the last complete record */
+	uint64_t spanned;         /* end of the last invalid payload */
+	bool damaged;             /* reported and not skipped yet: [damage, offset of at) */
+	uint64_t damage, missing; /* records lost there: from expect - missing */
 	bool over, head_damaged, ended;
 	uint64_t torn;
 };
 
-static uint64_t place(const struct spool_reader *r)
+static uint64_t offset_of_at(const struct spool_reader *r)
 {
 	return r->base + r->at;
 }
 
-static size_t left(const struct spool_reader *r)
+static size_t bytes_left(const struct spool_reader *r)
 {
 	return r->end - r->at;
 }
 
-/* Room for n bytes from `at`. */
+/* Makes room for n bytes from `at`. */
 static int make_room(struct spool_reader *r, size_t n, struct err *err)
 {
 	size_t room = r->room;
@@ -56,7 +56,7 @@ static int make_room(struct spool_reader *r, size_t n, struct err *err)
 
 	if (r->room - r->at >= n)
 		return 0;
-	memmove(r->buf, r->buf + r->at, left(r));
+	memmove(r->buf, r->buf + r->at, bytes_left(r));
 	r->base += r->at;
 	r->end -= r->at;
 	r->at = 0;
@@ -73,9 +73,9 @@ static int make_room(struct spool_reader *r, size_t n, struct err *err)
 }
 
 /* 1: n bytes are there; 0: the file ends before; negative. Never waits for more than n. */
-static int need(struct spool_reader *r, size_t n, struct err *err)
+static int need_bytes(struct spool_reader *r, size_t n, struct err *err)
 {
-	while (left(r) < n && !r->eof) {
+	while (bytes_left(r) < n && !r->eof) {
 		ssize_t got;
 
 		if (make_room(r, n, err))
@@ -91,7 +91,7 @@ static int need(struct spool_reader *r, size_t n, struct err *err)
 		r->end += (size_t)got;
 		r->eof = !got;
 	}
-	return left(r) >= n;
+	return bytes_left(r) >= n;
 }
 
 /* ---- the head ---- */
@@ -115,8 +115,8 @@ static int no_spool(const struct spool_reader *r, const char *why, struct err *e
 static int cut_head(const struct spool_reader *r, struct err *err)
 {
 	err_set(err, ERR_TRUNCATED,
-		left(r) ? "its head was not written whole: nothing was captured into this spool" :
-			  "the file is empty: nothing was captured into it");
+		bytes_left(r) ? "its head was not written whole: nothing was captured into this spool" :
+				"the file is empty: nothing was captured into it");
 	return err_add_file(err, r->name);
 }
 
@@ -134,12 +134,12 @@ static uint32_t version_at(const uint8_t *at)
 	return cursor_u32(&c);
 }
 
-/* Both copies are tried: one of `size` bytes at 0, then one of `size` bytes at `size`. */
+/* Tries both copies: one of `size` bytes at 0, then one of `size` bytes at `size`. */
 static int find_head(struct spool_reader *r, size_t *ret_size, size_t *ret_from, struct err *err)
 {
 	for (size_t copy = 0; copy < 2; copy++) {
 		for (size_t size = SPOOL_BLOCK; size <= SPOOL_HEAD_MAX; size += SPOOL_BLOCK) {
-			int rc = need(r, (copy + 1) * size, err);
+			int rc = need_bytes(r, (copy + 1) * size, err);
 
 			if (rc < 0)
 				return rc;
@@ -158,11 +158,11 @@ static int find_head(struct spool_reader *r, size_t *ret_size, size_t *ret_from,
 static int read_head(struct spool_reader *r, struct err *err)
 {
 	size_t size = 0, from = 0, n;
-	int rc = need(r, 16, err);
+	int rc = need_bytes(r, 16, err);
 
 	if (rc < 0)
 		return rc;
-	n = left(r) < 8 ? left(r) : 8;
+	n = bytes_left(r) < 8 ? bytes_left(r) : 8;
 	if (!rc && !memcmp(r->buf, SPOOL_MAGIC, n))
 		return cut_head(r, err);
 	rc = find_head(r, &size, &from, err);
@@ -170,7 +170,7 @@ static int read_head(struct spool_reader *r, struct err *err)
 		return rc;
 	if (!rc && memcmp(r->buf, SPOOL_MAGIC, n))
 		return no_spool(r, "this is no spool of acut-scan", err);
-	if (!rc && r->eof && left(r) < size_at(r->buf))
+	if (!rc && r->eof && bytes_left(r) < size_at(r->buf))
 		return cut_head(r, err);
 	if (!rc)
 		return no_spool(r, "both heads of the spool are damaged", err);
@@ -182,13 +182,13 @@ static int read_head(struct spool_reader *r, struct err *err)
 	if (rc)
 		return err_add_file(err, r->name);
 	r->head_damaged = from > 0;
-	rc = need(r, 2 * size, err);
+	rc = need_bytes(r, 2 * size, err);
 	if (rc < 0)
 		return rc;
 	r->whole = 2 * size;
-	if (!rc) { /* cut in the second head */
+	if (!rc) { /* the file ends in the second head */
 		r->whole = size;
-		r->torn = left(r) - size;
+		r->torn = bytes_left(r) - size;
 		r->over = true;
 		return 0;
 	}
@@ -239,25 +239,25 @@ const struct spool_head *spool_reader_head(const struct spool_reader *r)
 
 /* ---- records ---- */
 
-/* To the end of the file; all behind `from` is torn. */
+/* Reads to the end of the file; everything behind `from` is incomplete. */
 static int run_out(struct spool_reader *r, uint64_t from, struct err *err)
 {
 	int rc;
 
 	do {
 		r->at = r->end;
-		rc = need(r, 1, err);
+		rc = need_bytes(r, 1, err);
 	} while (rc > 0);
 	if (rc < 0)
 		return rc;
-	r->torn = place(r) - from;
+	r->torn = offset_of_at(r) - from;
 	r->over = true;
 	return 0;
 }
 
-static int tell_damage(const struct spool_reader *r, struct err *err)
+static int report_damage(const struct spool_reader *r, struct err *err)
 {
-	uint64_t n = place(r) - r->damage, first = r->expect - r->missing;
+	uint64_t n = offset_of_at(r) - r->damage, first = r->expect - r->missing;
 
 	if (!n)
 		err_set(err, ERR_INPUT, "records %llu to %llu are missing", (unsigned long long)first,
@@ -277,19 +277,19 @@ static int found_next(struct spool_reader *r, uint64_t damage, uint64_t seq, str
 	r->damage = damage;
 	r->missing = seq - r->expect;
 	r->expect = seq;
-	return tell_damage(r, err);
+	return report_damage(r, err);
 }
 
-/* A head of a record at `at`, of one that is not behind. */
+/* Whether there is a head of a record at `at`, with a number that is not lower. */
 static bool head_here(const struct spool_reader *r, struct spool_mark *ret)
 {
 	return spool_mark_decode(r->seed, r->buf + r->at, ret) && ret->seq >= r->expect;
 }
 
-/* 1: the payload is there and right; 0: it is not right; 2: the file ends in it. */
+/* 1: the payload is valid; 0: it is invalid; 2: the file ends in it. */
 static int payload_here(struct spool_reader *r, const struct spool_mark *m, struct err *err)
 {
-	int rc = need(r, SPOOL_RECORD_HEAD + (size_t)m->size, err);
+	int rc = need_bytes(r, SPOOL_RECORD_HEAD + (size_t)m->size, err);
 
 	if (rc < 0)
 		return rc;
@@ -298,22 +298,22 @@ static int payload_here(struct spool_reader *r, const struct spool_mark *m, stru
 	return spool_check(r->seed, r->buf + r->at + SPOOL_RECORD_HEAD, m->size) == m->check;
 }
 
-/* On from a head whose payload is not right, or is said to reach beyond the file's end. */
-static void pass(struct spool_reader *r, const struct spool_mark *m)
+/* Continues after a head whose payload is invalid, or would extend beyond the end of the file. */
+static void pass_record(struct spool_reader *r, const struct spool_mark *m)
 {
-	uint64_t end = place(r) + SPOOL_RECORD_HEAD + m->size;
-	bool nested = place(r) < r->spanned;
+	uint64_t end = offset_of_at(r) + SPOOL_RECORD_HEAD + m->size;
+	bool nested = offset_of_at(r) < r->spanned;
 
 	r->at += SPOOL_RECORD_HEAD;
 	if (end > r->base + r->end)
-		return; /* nothing of it was looked at */
+		return; /* none of it was examined */
 	if (nested)
 		r->at += m->size;
 	if (end > r->spanned)
 		r->spanned = end;
 }
 
-/* From `at` on, behind something that is no record and begins at `damage`. */
+/* Searches from `at` on, after something invalid that begins at `damage`. */
 static int find_next(struct spool_reader *r, uint64_t damage, struct err *err)
 {
 	static const uint8_t mark[4] = {SPOOL_MARK & 0xff, SPOOL_MARK >> 8 & 0xff, SPOOL_MARK >> 16 & 0xff, SPOOL_MARK >> 24};
@@ -323,16 +323,16 @@ static int find_next(struct spool_reader *r, uint64_t damage, struct err *err)
 	for (;;) {
 		const uint8_t *p;
 
-		rc = need(r, SPOOL_RECORD_HEAD, err);
+		rc = need_bytes(r, SPOOL_RECORD_HEAD, err);
 		if (rc <= 0)
 			return rc < 0 ? rc : run_out(r, damage, err);
-		p = memmem(r->buf + r->at, left(r), mark, sizeof(mark));
+		p = memmem(r->buf + r->at, bytes_left(r), mark, sizeof(mark));
 		if (!p) {
 			r->at = r->end - (sizeof(mark) - 1);
 			continue;
 		}
 		r->at = (size_t)(p - r->buf);
-		rc = need(r, SPOOL_RECORD_HEAD, err);
+		rc = need_bytes(r, SPOOL_RECORD_HEAD, err);
 		if (rc <= 0)
 			return rc < 0 ? rc : run_out(r, damage, err);
 		if (!head_here(r, &m)) {
@@ -344,11 +344,11 @@ static int find_next(struct spool_reader *r, uint64_t damage, struct err *err)
 			return rc;
 		if (rc == 1)
 			return found_next(r, damage, m.seq, err);
-		pass(r, &m);
+		pass_record(r, &m);
 	}
 }
 
-static void deliver(struct spool_reader *r, const struct spool_mark *m, struct spool_record *ret)
+static void deliver_record(struct spool_reader *r, const struct spool_mark *m, struct spool_record *ret)
 {
 	ret->kind = m->kind;
 	ret->flags = m->flags;
@@ -356,26 +356,26 @@ static void deliver(struct spool_reader *r, const struct spool_mark *m, struct s
 	ret->time_ns = m->time_ns;
 	ret->at = r->buf + r->at + SPOOL_RECORD_HEAD;
 	ret->size = m->size;
-	ret->offset = place(r);
+	ret->offset = offset_of_at(r);
 	r->at += SPOOL_RECORD_HEAD + (size_t)m->size;
-	r->whole = place(r);
+	r->whole = offset_of_at(r);
 	r->expect = m->seq + 1;
 	r->ended = m->kind == SPOOL_END;
 }
 
 int spool_next(struct spool_reader *r, struct spool_record *ret, struct err *err)
 {
-	uint64_t from = place(r);
+	uint64_t from = offset_of_at(r);
 	struct spool_mark m;
 	int rc;
 
 	if (r->damaged)
-		return tell_damage(r, err);
+		return report_damage(r, err);
 	if (r->over)
 		return 0;
 	if (r->ended)
 		return run_out(r, from, err);
-	rc = need(r, SPOOL_RECORD_HEAD, err);
+	rc = need_bytes(r, SPOOL_RECORD_HEAD, err);
 	if (rc <= 0)
 		return rc < 0 ? rc : run_out(r, from, err);
 	if (!head_here(r, &m)) {
@@ -388,10 +388,10 @@ int spool_next(struct spool_reader *r, struct spool_record *ret, struct err *err
 	if (rc < 0)
 		return rc;
 	if (rc != 1) {
-		pass(r, &m);
+		pass_record(r, &m);
 		return find_next(r, from, err);
 	}
-	deliver(r, &m, ret);
+	deliver_record(r, &m, ret);
 	return 1;
 }
 
@@ -401,7 +401,7 @@ int spool_skip(struct spool_reader *r, uint64_t *ret_bytes, struct err *err)
 		err_set(err, ERR_INTERNAL, "nothing damaged is to be skipped here");
 		return err_add_file(err, r->name);
 	}
-	*ret_bytes = place(r) - r->damage;
+	*ret_bytes = offset_of_at(r) - r->damage;
 	r->damaged = false;
 	return 0;
 }

@@ -1,5 +1,5 @@
-/* The heads of records, and their checks. Both are seeded by the spool's id, so that a spool in a spool's payload is no
- * part of the outer one, nor are old bytes of a disk. */
+/* The heads of records, and their checks. Both are seeded by the spool's id, so that neither a spool inside a payload
+ * nor old bytes of a disk are taken for records. */
 #include <xxhash.h>
 
 #include "cursor.h"

@@ -1,7 +1,7 @@
 /*
- * Writing a spool. A record is one pwrite at the known end of the file (two for a large one), so what a kill leaves is
- * whole records and perhaps the beginning of one. Where writing fails, what was begun of the record is cut off again,
- * the writer takes nothing more, and says why each time it is asked; what stands in the file stays valid.
+ * Writing a spool. A record is one pwrite at the end of the file (two for a large one), so a kill leaves complete
+ * records and perhaps the beginning of one. If writing fails, the incomplete record is cut off, the writer accepts
+ * nothing more, and returns the error each time; the file stays valid.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -18,7 +18,7 @@
 #include "io_place.h"
 #include "spool_priv.h"
 
-enum { ONE_WRITE = 256 << 10 }; /* payloads up to this are copied behind their head */
+enum { ONE_WRITE = 256 << 10 }; /* payloads up to this size are copied behind their head */
 
 static int no_memory(struct err *err)
 {
@@ -70,7 +70,7 @@ struct spool_writer *spool_writer_free(struct spool_writer *w)
 	return NULL;
 }
 
-/* The folder of path, to make a new name in it durable. */
+/* Fsyncs the folder of path, which makes a new name in it durable. */
 static int sync_folder(const char *path, struct err *err)
 {
 	const char *slash = strrchr(path, '/');
@@ -87,8 +87,8 @@ static int sync_folder(const char *path, struct err *err)
 	return r;
 }
 
-/* A file of this name that was not there. */
-static int make(const char *path, int *ret_fd, struct err *err)
+/* Creates a file of this name that must not exist. */
+static int create_file(const char *path, int *ret_fd, struct err *err)
 {
 	struct io_place at;
 	int r = io_place_find(path, false, &at, err);
@@ -124,7 +124,7 @@ int spool_create(const char *path, struct spool_head *head, struct spool_writer 
 	r = spool_head_encode(head, &bytes, &size, err);
 	if (r)
 		return err_add_file(err, path);
-	r = make(path, &fd, err);
+	r = create_file(path, &fd, err);
 	if (r) {
 		free(bytes);
 		return r;
@@ -172,11 +172,12 @@ int spool_writer_count(struct spool_writer *w, const struct spool_record *r, str
 {
 	int rc = count(w, r->kind, r->at, r->size, err);
 
-	w->totals.records = r->seq + 1; /* also where some before it are lost */
+	w->totals.records = r->seq + 1; /* even if records before it are lost */
 	return rc;
 }
 
-static int put(struct spool_writer *w, const uint8_t head[SPOOL_RECORD_HEAD], const void *at, size_t size, struct err *err)
+static int write_record(struct spool_writer *w, const uint8_t head[SPOOL_RECORD_HEAD], const void *at, size_t size,
+			struct err *err)
 {
 	int r;
 
@@ -191,7 +192,7 @@ static int put(struct spool_writer *w, const uint8_t head[SPOOL_RECORD_HEAD], co
 			r = io_write_at(w->fd, at, size, w->offset + SPOOL_RECORD_HEAD, w->path, err);
 	}
 	if (r && io->ftruncate(w->fd, (off_t)w->offset))
-		return r; /* a torn tail then, which readers know */
+		return r; /* then an incomplete record stays at the end, which readers can handle */
 	return r;
 }
 
@@ -210,7 +211,7 @@ int spool_append(struct spool_writer *w, enum spool_kind kind, unsigned flags, i
 	m.size = (uint32_t)size;
 	m.check = spool_check(w->seed, at, size);
 	spool_mark_encode(w->seed, &m, head);
-	if (put(w, head, at, size, err))
+	if (write_record(w, head, at, size, err))
 		return fail(w, err);
 	w->offset += SPOOL_RECORD_HEAD + size;
 	if (count(w, kind, at, size, err) || spool_flush_appended(w, kind == SPOOL_DATA ? size : 0, err))
@@ -252,7 +253,7 @@ void spool_totals(struct spool_writer *w, struct spool_totals *ret)
 	w->totals.durable = w->durable;
 	pthread_mutex_unlock(&w->lock);
 	*ret = w->totals;
-	/* Without memory there is no sum, which is zeros. */
+	/* Without memory the sum is zeros. */
 	if (!copy || EVP_MD_CTX_copy_ex(copy, w->sha) != 1 || EVP_DigestFinal_ex(copy, ret->sha256, NULL) != 1)
 		memset(ret->sha256, 0, sizeof(ret->sha256));
 	EVP_MD_CTX_free(copy);

@@ -1,12 +1,12 @@
 /*
- * libusb's thread. Everything that libusb is asked for is asked for by this thread: it waits in libusb's own event
- * loop, and between two rounds looks at what callers queued (a list, a capture to start, buffers given back, a stop),
- * at what hotplug queued, and lets each capture take its next step. Callers wake it with libusb's interrupt and never
- * wait for a device, but in usb_capture_start.
+ * The thread of libusb. Only this thread calls libusb. It waits in libusb's event loop, and between two rounds it
+ * handles what callers have queued (a list, a new capture, returned buffers, a stop) and what hotplug has queued, and
+ * runs the next step of each capture. Callers wake it with libusb's interrupt, and never wait for a device except in
+ * usb_capture_start.
  *
- * Where the kernel has no USB at all the thread looks for it each second, and everything else is as with an empty bus.
+ * If the kernel has no USB, the thread checks for it each second; everything else is as with an empty bus.
  *
- * Will not do: look at bytes.
+ * It does not interpret bytes.
  */
 #include "usb.h"
 
@@ -31,7 +31,7 @@ static void LIBUSB_CALL on_log(libusb_context *context, enum libusb_log_level le
 	log_debug("%.*s", (int)strcspn(text, "\n"), text);
 }
 
-/* Without udev's socket (no AF_NETLINK) libusb's own list cannot be had: then without it. */
+/* Without udev's socket (no AF_NETLINK) libusb's hotplug does not work; then it is opened without it. */
 static libusb_context *open_context(const char **ret_polls)
 {
 	libusb_context *context = NULL;
@@ -39,7 +39,8 @@ static libusb_context *open_context(const char **ret_polls)
 
 	if (access(USB_NODES, R_OK | X_OK))
 		return NULL;
-	libusb_set_log_cb(NULL, on_log, LIBUSB_LOG_CB_GLOBAL); /* a context's own is called beside writing to stderr */
+	/* a context's own callback is called in addition to writing to stderr */
+	libusb_set_log_cb(NULL, on_log, LIBUSB_LOG_CB_GLOBAL);
 	r = libusb_init(&context);
 	if (r) {
 		log_debug("usb: libusb does not start with its list of devices (%s)", libusb_error_name(r));
@@ -53,7 +54,7 @@ static libusb_context *open_context(const char **ret_polls)
 		return NULL;
 	}
 	libusb_set_option(context, LIBUSB_OPTION_LOG_LEVEL,
-			  log_shows(LOG_LEVEL_DEBUG) ? LIBUSB_LOG_LEVEL_INFO : LIBUSB_LOG_LEVEL_ERROR);
+			  log_enabled(LOG_LEVEL_DEBUG) ? LIBUSB_LOG_LEVEL_INFO : LIBUSB_LOG_LEVEL_ERROR);
 	return context;
 }
 
@@ -88,7 +89,7 @@ static void wait_without(struct usb *usb)
 	usb_watch_start(usb);
 }
 
-/* A loop that fails again and again (the node answers no more) must neither spin nor wait for ever. */
+/* A loop that fails repeatedly (the node no longer answers) must neither spin nor wait forever. */
 static void loop_failed(struct usb *usb, int r)
 {
 	log_debug("usb: libusb's loop: %s", libusb_error_name(r));
@@ -115,7 +116,7 @@ static void wait_with(struct usb *usb, uint64_t until)
 		loop_failed(usb, r);
 }
 
-/* Steps of all captures; those that ended are their callers' alone. */
+/* Steps all captures; those that have ended belong to their callers. */
 static uint64_t step_all(struct usb *usb, bool quit)
 {
 	struct usb_capture **at = &usb->captures, *c;
@@ -134,7 +135,7 @@ static uint64_t step_all(struct usb *usb, bool quit)
 			continue;
 		}
 		*at = c->next;
-		usb_queue_end(c); /* it may be freed from here on */
+		usb_queue_end(c); /* from here on it may be freed */
 	}
 	return until;
 }
@@ -194,7 +195,7 @@ int usb_new(const struct profile_set *profiles, struct usb **ret, struct err *er
 	usb->context = open_context(&usb->polls);
 	usb_watch_start(usb);
 	usb->scan_wanted = 1;
-	usb_watch_step(usb); /* what is there now is no change */
+	usb_watch_step(usb); /* existing devices are not changes */
 	r = pthread_create(&usb->thread, NULL, run, usb);
 	if (r) {
 		usb->thread = 0;

@@ -1,6 +1,6 @@
 /*
- * A capture as its caller has it: made here, handed to the thread, which steps it (usb_step.c) until it has ended;
- * from then on it is the caller's alone.
+ * The caller's side of a capture: it is created here and passed to the thread, which steps it (usb_step.c) until it has
+ * ended; from then on it belongs to the caller.
  */
 #include <errno.h>
 #include <poll.h>
@@ -11,7 +11,7 @@
 
 #include "usb_priv.h"
 
-static void ask_to_stop(struct usb_capture *c, bool abandon)
+static void request_stop(struct usb_capture *c, bool abandon)
 {
 	bool wake;
 
@@ -24,7 +24,7 @@ static void ask_to_stop(struct usb_capture *c, bool abandon)
 		usb_wake(c->usb);
 }
 
-static void destroy(struct usb_capture *c)
+static void capture_destroy(struct usb_capture *c)
 {
 	struct usb_item *item;
 
@@ -47,7 +47,7 @@ static void destroy(struct usb_capture *c)
 	free(c);
 }
 
-static struct usb_capture *create(struct usb *usb, const struct usb_device *device, const struct profile *profile)
+static struct usb_capture *capture_create(struct usb *usb, const struct usb_device *device, const struct profile *profile)
 {
 	struct usb_capture *c = calloc(1, sizeof(*c));
 
@@ -65,7 +65,7 @@ static struct usb_capture *create(struct usb *usb, const struct usb_device *devi
 	return c;
 }
 
-/* Until the thread says so; a stop is passed on and waited for, too. */
+/* Waits until the thread has finished the start; a stop is passed on and waited for, too. */
 static void wait_for_start(struct usb *usb, struct usb_capture *c)
 {
 	struct pollfd p[2] = {{.fd = c->start_fd, .events = POLLIN}, {.fd = usb->stop_fd, .events = POLLIN}};
@@ -74,7 +74,7 @@ static void wait_for_start(struct usb *usb, struct usb_capture *c)
 		if (p[1].revents) {
 			p[1].fd = -1;
 			p[1].revents = 0;
-			ask_to_stop(c, false);
+			request_stop(c, false);
 		}
 	}
 }
@@ -82,14 +82,14 @@ static void wait_for_start(struct usb *usb, struct usb_capture *c)
 int usb_capture_start(struct usb *usb, const struct usb_device *device, const struct profile *profile, struct usb_capture **ret,
 		      struct err *err)
 {
-	struct usb_capture *c = create(usb, device, profile);
+	struct usb_capture *c = capture_create(usb, device, profile);
 	bool ready;
 
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory for a capture");
 	if (c->fd < 0 || c->start_fd < 0) {
 		err_sys(err, errno, "no descriptor for a capture");
-		destroy(c);
+		capture_destroy(c);
 		return -(int)err->code;
 	}
 	pthread_mutex_lock(&usb->lock);
@@ -107,13 +107,13 @@ int usb_capture_start(struct usb *usb, const struct usb_device *device, const st
 	}
 	if (err->code == ERR_NONE)
 		*err = c->err;
-	destroy(c);
+	capture_destroy(c);
 	return -(int)err->code;
 }
 
 void usb_capture_stop(struct usb_capture *c)
 {
-	ask_to_stop(c, false);
+	request_stop(c, false);
 }
 
 struct usb_capture *usb_capture_free(struct usb_capture *c)
@@ -126,11 +126,11 @@ struct usb_capture *usb_capture_free(struct usb_capture *c)
 	ended = c->ended;
 	pthread_mutex_unlock(&c->lock);
 	if (!ended)
-		ask_to_stop(c, true);
+		request_stop(c, true);
 	pthread_mutex_lock(&c->lock);
 	while (!c->ended)
 		pthread_cond_wait(&c->changed, &c->lock);
 	pthread_mutex_unlock(&c->lock);
-	destroy(c);
+	capture_destroy(c);
 	return NULL;
 }

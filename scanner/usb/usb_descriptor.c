@@ -1,9 +1,9 @@
 /*
- * Descriptors, as the kernel's file "descriptors" has them: the device's, then each configuration with all that
- * belongs to it (USB 2.0, 9.5 and 9.6). They come from the device, so nothing of them is believed but what fits into
- * the bytes that are there: a length of 0 or beyond the end ends the walk.
+ * Descriptors as in the kernel's file "descriptors": the device's, then each configuration with everything that belongs
+ * to it (USB 2.0, 9.5 and 9.6). They come from the device and are not trusted: a length of 0 or beyond the end ends the
+ * walk.
  *
- * Will not do: talk to a device, or read descriptors of classes.
+ * It does not talk to a device, and does not parse class descriptors.
  */
 #include <string.h>
 
@@ -24,8 +24,8 @@ static unsigned le16(const uint8_t *at)
 	return at[0] | (unsigned)at[1] << 8;
 }
 
-/* The descriptor at *offset, which moves on; NULL at the end. */
-static const uint8_t *next(const uint8_t *at, size_t size, size_t *offset)
+/* Returns the descriptor at *offset and advances *offset; NULL at the end. */
+static const uint8_t *next_descriptor(const uint8_t *at, size_t size, size_t *offset)
 {
 	const uint8_t *here = at + *offset;
 
@@ -40,7 +40,7 @@ static void note_interface(struct usb_device *device, const uint8_t *interface, 
 	if (interface[5] == USB_CLASS_STORAGE)
 		device->mass_storage = true;
 	if (interface[2] == *last || device->interfaces == USB_INTERFACES)
-		return; /* another setting of the same one */
+		return; /* another setting of the same interface */
 	*last = interface[2];
 	device->interface_classes[device->interfaces++] = interface[5];
 }
@@ -58,7 +58,7 @@ bool usb_descriptor_device(const uint8_t *at, size_t size, unsigned configuratio
 	ret->device_class = at[4];
 	ret->interfaces = 0;
 	ret->mass_storage = at[4] == USB_CLASS_STORAGE;
-	while ((d = next(at, size, &offset))) {
+	while ((d = next_descriptor(at, size, &offset))) {
 		if (d[1] == DESCRIPTOR_CONFIGURATION && d[0] >= CONFIGURATION_SIZE) {
 			current = d[5];
 			if (!configuration)
@@ -69,7 +69,7 @@ bool usb_descriptor_device(const uint8_t *at, size_t size, unsigned configuratio
 		if (current == configuration)
 			note_interface(ret, d, &last);
 		else if (d[5] == USB_CLASS_STORAGE)
-			ret->mass_storage = true; /* in whichever configuration */
+			ret->mass_storage = true; /* in any configuration */
 	}
 	return true;
 }
@@ -84,7 +84,7 @@ bool usb_descriptor_setting(const uint8_t *at, size_t size, unsigned configurati
 
 	if (size < DEVICE_SIZE)
 		return false;
-	while ((d = next(at, size, &offset))) {
+	while ((d = next_descriptor(at, size, &offset))) {
 		if (d[1] == DESCRIPTOR_CONFIGURATION && d[0] >= CONFIGURATION_SIZE) {
 			current = d[5];
 			inside = false;

@@ -1,9 +1,8 @@
 /*
- * The memory that the kernel lends to transfers of all programs together: usbcore's parameter usbfs_memory_mb, 16 MB
- * where nobody changed it, 0 without a limit. What a transfer counts for is what usbcore counts: its buffer, the
- * structures beside it, and a list entry for each 16 KiB (drivers/usb/core/devio.c, proc_do_submiturb and
- * usbfs_increase_memory_usage). Here it is counted before the device is asked for anything, so that the refusal has
- * both numbers.
+ * The kernel memory for the transfers of all programs together: usbcore's parameter usbfs_memory_mb, 16 MB by default,
+ * 0 without a limit. The cost of a transfer is computed as in usbcore: its buffer, its structures, and a list entry for
+ * each 16 KiB (drivers/usb/core/devio.c, proc_do_submiturb and usbfs_increase_memory_usage). It is computed before the
+ * device is used, so that the error has both numbers.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -42,7 +41,7 @@ int usb_limit_read(const char *file, struct usb_limit *ret, struct err *err)
 	return 0;
 }
 
-/* A controller that cannot gather takes transfers in pieces of 16 KiB, each with structures of its own. */
+/* A controller without scatter-gather takes transfers in pieces of 16 KiB, each with its own structures. */
 uint64_t usb_limit_need(uint32_t transfers, uint32_t transfer_size)
 {
 	uint64_t pieces = ((uint64_t)transfer_size + PIECE - 1) / PIECE;

@@ -1,9 +1,9 @@
 /*
- * From a device on the list to transfers that can be submitted: may it be had, does the profile fit what it says of
- * itself, is there memory, open, configure, claim, choose the setting. Each refusal says what to do.
+ * From a device of the list to transfers that can be submitted: check the permission, the profile against the device's
+ * descriptors, and the memory; then open, configure, claim, choose the setting. Each error has a hint.
  *
- * A driver of the kernel is sent away from the profile's interface only, and comes back when the interface is
- * released; nothing is ever done with a device of which any interface is mass storage.
+ * A kernel driver is detached from the profile's interface only, and reattached when the interface is released. Nothing
+ * is ever done with a device that has a mass storage interface.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -36,7 +36,7 @@ static int usb_failed(struct usb_capture *c, int r, const char *what)
 	return err_add_hint(&c->err, "unplug it and plug it in again");
 }
 
-static int misfit(struct usb_capture *c, const char *fmt, unsigned a, unsigned b)
+static int profile_misfit(struct usb_capture *c, const char *fmt, unsigned a, unsigned b)
 {
 	char words[160], text[200];
 
@@ -46,7 +46,7 @@ static int misfit(struct usb_capture *c, const char *fmt, unsigned a, unsigned b
 	return err_add_hint(&c->err, "lsusb -v -d %04x:%04x shows what the device has", c->device.vendor, c->device.product);
 }
 
-static bool streams(const struct usb_endpoint *endpoint)
+static bool is_stream(const struct usb_endpoint *endpoint)
 {
 	return endpoint->type == LIBUSB_TRANSFER_TYPE_BULK || endpoint->type == LIBUSB_TRANSFER_TYPE_INTERRUPT;
 }
@@ -58,23 +58,23 @@ static int check_endpoints(struct usb_capture *c)
 	c->in = usb_setting_endpoint(&c->setting, p->endpoint_in);
 	c->out = p->endpoint_out ? usb_setting_endpoint(&c->setting, p->endpoint_out) : NULL;
 	if (!c->in || !(p->endpoint_in & LIBUSB_ENDPOINT_IN))
-		return misfit(c, "interface %2$u has no endpoint 0x%1$02x to read from", p->endpoint_in, p->interface);
-	if (!streams(c->in))
-		return misfit(c, "endpoint 0x%02x is of type %u, not bulk or interrupt", p->endpoint_in, c->in->type);
-	if (p->endpoint_out && (!c->out || p->endpoint_out & LIBUSB_ENDPOINT_IN || !streams(c->out)))
-		return misfit(c, "interface %2$u has no endpoint 0x%1$02x to write to", p->endpoint_out, p->interface);
+		return profile_misfit(c, "interface %2$u has no endpoint 0x%1$02x to read from", p->endpoint_in, p->interface);
+	if (!is_stream(c->in))
+		return profile_misfit(c, "endpoint 0x%02x is of type %u, not bulk or interrupt", p->endpoint_in, c->in->type);
+	if (p->endpoint_out && (!c->out || p->endpoint_out & LIBUSB_ENDPOINT_IN || !is_stream(c->out)))
+		return profile_misfit(c, "interface %2$u has no endpoint 0x%1$02x to write to", p->endpoint_out, p->interface);
 	if (!p->endpoint_out && p->starts + p->stops)
-		return misfit(c, "it has %u commands to send, but no endpoint to write to%.0u", (unsigned)(p->starts + p->stops),
-			      0);
+		return profile_misfit(c, "it has %u commands to send, but no endpoint to write to%.0u",
+				      (unsigned)(p->starts + p->stops), 0);
 	if (!p->transfers || p->transfers > TRANSFERS_MAX || !p->transfer_size || p->transfer_size > INT32_MAX)
-		return misfit(c, "%u transfers of %u bytes cannot be made", p->transfers, p->transfer_size);
+		return profile_misfit(c, "%u transfers of %u bytes cannot be made", p->transfers, p->transfer_size);
 	if (c->in->packet && p->transfer_size % c->in->packet)
-		return misfit(c, "transfer_size %u is no multiple of the endpoint's packet, %u bytes", p->transfer_size,
-			      c->in->packet);
+		return profile_misfit(c, "transfer_size %u is no multiple of the endpoint's packet, %u bytes", p->transfer_size,
+				      c->in->packet);
 	return 0;
 }
 
-/* Mass storage by what the device says now, not by what the caller remembers. */
+/* Mass storage by the current descriptors, not by those that the caller has. */
 static int check_device(struct usb_capture *c)
 {
 	uint8_t descriptors[USB_DESCRIPTORS_MAX];
@@ -91,7 +91,7 @@ static int check_device(struct usb_capture *c)
 	if (c->profile.configuration)
 		configuration = c->profile.configuration;
 	if (!usb_descriptor_setting(descriptors, size, configuration, c->profile.interface, c->profile.alternate, &c->setting))
-		return misfit(c, "it has no interface %u with setting %u", c->profile.interface, c->profile.alternate);
+		return profile_misfit(c, "it has no interface %u with setting %u", c->profile.interface, c->profile.alternate);
 	usb_access(&now);
 	if (now.refused == ENOENT)
 		return usb_refusal_left(&c->device, "before it was started", &c->err);
@@ -113,7 +113,7 @@ static int check_memory(struct usb_capture *c, uint64_t others)
 	return usb_limit_check(&limit, &c->profile, others, &c->err);
 }
 
-static bool is_it(libusb_device *device, const struct usb_device *wanted)
+static bool matches_device(libusb_device *device, const struct usb_device *wanted)
 {
 	struct libusb_device_descriptor d;
 	size_t last = strlen(wanted->port);
@@ -125,7 +125,7 @@ static bool is_it(libusb_device *device, const struct usb_device *wanted)
 	       d.idVendor == wanted->vendor && d.idProduct == wanted->product;
 }
 
-/* What libusb does not list (udev's word did not get here) is opened by its node. */
+/* A device that libusb does not list (udev's events do not arrive here) is opened by its node. */
 static int open_node(struct usb_capture *c)
 {
 	c->node_fd = open(c->device.node, O_RDWR | O_CLOEXEC);
@@ -144,7 +144,7 @@ static int open_device(struct usb_capture *c)
 	int r = 0;
 
 	for (ssize_t i = 0; i < n && !found; i++) {
-		found = is_it(list[i], &c->device);
+		found = matches_device(list[i], &c->device);
 		if (found)
 			r = libusb_open(list[i], &c->handle);
 	}
@@ -157,7 +157,7 @@ static int open_device(struct usb_capture *c)
 	return r ? usb_failed(c, r, "it cannot be opened") : 0;
 }
 
-static int claim(struct usb_capture *c)
+static int claim_interface(struct usb_capture *c)
 {
 	const struct profile *p = &c->profile;
 	char driver[64];
@@ -193,7 +193,7 @@ static bool slot_init(struct usb_capture *c, struct usb_slot *slot, uint32_t siz
 	return true;
 }
 
-static int allocate(struct usb_capture *c)
+static int allocate_slots(struct usb_capture *c)
 {
 	uint32_t packet = c->in->packet ? c->in->packet : 1, spare = (SPARE_SIZE + packet - 1) / packet * packet;
 	bool whole;
@@ -223,9 +223,9 @@ int usb_open_device(struct usb_capture *c, uint64_t others)
 	if (r == 0)
 		r = open_device(c);
 	if (r == 0)
-		r = claim(c);
+		r = claim_interface(c);
 	if (r == 0)
-		r = allocate(c);
+		r = allocate_slots(c);
 	return r;
 }
 

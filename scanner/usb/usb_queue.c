@@ -1,8 +1,8 @@
 /*
- * The queue between libusb's thread and the one who captures: what completed, in that order. Data are not copied: the
- * memory of the transfer itself goes to the caller and comes back when he has done with it; only then is it submitted
- * again. While commands are under way at start and stop nobody takes anything, so that what comes then is copied and
- * the transfers fly on, up to a bound.
+ * The queue from libusb's thread to the caller of a capture: what completed, in that order. Data are not copied: the
+ * caller gets the memory of the transfer itself, and only when it is given back is the transfer submitted again. While
+ * start and stop commands are in progress nobody takes anything, so data are copied then, up to a limit, and the
+ * transfers continue.
  */
 #include <libusb.h>
 #include <stdarg.h>
@@ -17,8 +17,8 @@
 
 enum { COPIES_MAX = 16 << 20 };
 
-/* Under the lock, as all static functions here. */
-static void append(struct usb_capture *c, struct usb_item *item)
+/* Under the lock, like all static functions here. */
+static void append_item(struct usb_capture *c, struct usb_item *item)
 {
 	item->next = NULL;
 	if (c->last)
@@ -34,7 +34,7 @@ static struct usb_item *item_new(struct usb_capture *c, const uint8_t *at, size_
 	struct usb_item *item = calloc(1, sizeof(*item) + size);
 
 	if (!item) {
-		c->short_of_memory = true; /* the capture ends for it: usb_step.c */
+		c->short_of_memory = true; /* that ends the capture: usb_step.c */
 		return NULL;
 	}
 	if (size)
@@ -45,7 +45,7 @@ static struct usb_item *item_new(struct usb_capture *c, const uint8_t *at, size_
 	return item;
 }
 
-static bool copies(const struct usb_capture *c, const struct usb_slot *slot, size_t size)
+static bool copies_item(const struct usb_capture *c, const struct usb_slot *slot, size_t size)
 {
 	return (slot == &c->spare || c->phase == USB_PHASE_START) && c->copied + size <= COPIES_MAX;
 }
@@ -56,7 +56,7 @@ void usb_queue_data(struct usb_capture *c, struct usb_slot *slot, size_t size, b
 
 	pthread_mutex_lock(&c->lock);
 	c->counts.bytes += size;
-	if (copies(c, slot, size))
+	if (copies_item(c, slot, size))
 		item = item_new(c, slot->at, size);
 	if (item) {
 		c->copied += size;
@@ -71,7 +71,7 @@ void usb_queue_data(struct usb_capture *c, struct usb_slot *slot, size_t size, b
 	item->buffer.after_gap = c->gap;
 	item->buffer.time_ns = now;
 	c->gap = false;
-	append(c, item);
+	append_item(c, item);
 	pthread_mutex_unlock(&c->lock);
 }
 
@@ -88,7 +88,7 @@ void usb_queue_event(struct usb_capture *c, enum usb_kind kind, const uint8_t *a
 		va_start(ap, fmt);
 		vsnprintf(item->buffer.text, sizeof(item->buffer.text), fmt, ap);
 		va_end(ap);
-		append(c, item);
+		append_item(c, item);
 	}
 	pthread_mutex_unlock(&c->lock);
 }
@@ -102,7 +102,7 @@ bool usb_queue_has_data(const struct usb_capture *c)
 	return item;
 }
 
-/* The last that the thread does with a capture. */
+/* The last access of the thread to a capture. */
 void usb_queue_end(struct usb_capture *c)
 {
 	pthread_mutex_lock(&c->lock);
@@ -134,13 +134,13 @@ int usb_capture_fd(struct usb_capture *c)
 	return c->fd;
 }
 
-static void hold(struct usb_capture *c, struct usb_item *item)
+static void hold_item(struct usb_capture *c, struct usb_item *item)
 {
 	item->next = c->held;
 	c->held = item;
 }
 
-static void release(struct usb_capture *c, struct usb_item *item)
+static void release_item(struct usb_capture *c, struct usb_item *item)
 {
 	struct usb_item **at = &c->held;
 
@@ -154,7 +154,7 @@ static void release(struct usb_capture *c, struct usb_item *item)
 	free(item);
 }
 
-static int take(struct usb_capture *c, struct usb_buffer *ret)
+static int take_item(struct usb_capture *c, struct usb_buffer *ret)
 {
 	struct usb_item *item = c->first;
 
@@ -166,7 +166,7 @@ static int take(struct usb_capture *c, struct usb_buffer *ret)
 		if (item->slot)
 			return 1;
 		if (ret->size) {
-			hold(c, item); /* until given, or freed */
+			hold_item(c, item); /* until it is given back or freed */
 		} else {
 			ret->own = NULL;
 			free(item);
@@ -187,7 +187,7 @@ int usb_capture_take(struct usb_capture *c, struct usb_buffer *ret)
 	int got;
 
 	pthread_mutex_lock(&c->lock);
-	got = take(c, ret);
+	got = take_item(c, ret);
 	if (!c->first && (!c->ended || c->gone_taken))
 		eventfd_read(c->fd, &count);
 	pthread_mutex_unlock(&c->lock);
@@ -207,7 +207,7 @@ void usb_capture_give(struct usb_capture *c, struct usb_buffer *buffer)
 		item->slot->next = c->given;
 		c->given = item->slot;
 	} else {
-		release(c, item);
+		release_item(c, item);
 	}
 	pthread_mutex_unlock(&c->lock);
 	buffer->own = NULL;

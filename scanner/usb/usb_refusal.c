@@ -1,6 +1,6 @@
 /*
- * Why a device cannot be had, in words that say what to do: rights and the udev rule that gives them, another program
- * and which one, mass storage, unplugged.
+ * Why a device cannot be used, with a hint: permissions and the udev rule that gives them, another program and which
+ * one, mass storage, unplugged.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -53,8 +53,8 @@ int usb_refusal_mode(const struct usb_device *device, int sys, struct err *err)
 			    device->vendor, device->product);
 }
 
-/* Whether a process has the node open; the processes of others can be seen into by root only. */
-static bool holds(const char *pid, const char *node)
+/* Whether a process has the node open; only root can see into the processes of others. */
+static bool process_holds(const char *pid, const char *node)
 {
 	char path[300], link[256];
 	struct dirent **names = NULL;
@@ -88,7 +88,7 @@ static bool find_holder(const char *node, char *ret, size_t room)
 	for (int i = 0; i < n; i++) {
 		const char *pid = names[i]->d_name;
 
-		if (!found && pid[0] >= '1' && pid[0] <= '9' && strcmp(pid, own) != 0 && holds(pid, node)) {
+		if (!found && pid[0] >= '1' && pid[0] <= '9' && strcmp(pid, own) != 0 && process_holds(pid, node)) {
 			found = true;
 			snprintf(path, sizeof(path), "/proc/%.32s/comm", pid);
 			file = fopen(path, "re");

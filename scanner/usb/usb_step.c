@@ -1,14 +1,14 @@
 /*
- * What a capture does next: a machine of few phases (usb_priv.h), run between two rounds of libusb's loop.
+ * The next step of a capture: a state machine of a few phases (usb_priv.h), run between two rounds of libusb's loop.
  *
  *   START -> STREAM -> QUIET -> STOP -> LEAVE -> ENDED
  *
- * From every phase an unplug leads to LEAVE: all that flies is cancelled and waited for, then the device is closed.
- * Real kernels end the transfers of an unplugged device with an error, and say that it left a moment later or by
- * refusing the next call; others say at once that there is no device. Both end here, once.
+ * From every phase an unplug leads to LEAVE: all transfers are cancelled and awaited, then the device is closed. Some
+ * kernels end the transfers of an unplugged device with an error, and report a moment later that it left, or fail the
+ * next call; others report at once that there is no device. Both end here, once.
  *
- * A stall, an overflow or an error is one episode: drain, clear the halt, go on. Episodes without a byte between them
- * come after growing pauses, and a few of them in a row are the end.
+ * A stall, an overflow or an error is an episode: drain, clear the halt, continue. Episodes without data in between are
+ * separated by growing pauses, and a few in a row end the capture.
  */
 #include <libusb.h>
 #include <stdarg.h>
@@ -24,10 +24,10 @@
 #define MS 1000000ull
 enum { FRUITLESS_MAX = 10, DRAIN_MS = 3000, LACKING_MS = 250, PAUSE_MS = 10, PAUSE_MAX_MS = 1000 };
 
-static void leave(struct usb_capture *c, uint64_t now, enum usb_end end, const char *fmt, ...)
+static void begin_leave(struct usb_capture *c, uint64_t now, enum usb_end end, const char *fmt, ...)
 	__attribute__((format(printf, 4, 5)));
 
-static void leave(struct usb_capture *c, uint64_t now, enum usb_end end, const char *fmt, ...)
+static void begin_leave(struct usb_capture *c, uint64_t now, enum usb_end end, const char *fmt, ...)
 {
 	va_list ap;
 
@@ -47,7 +47,7 @@ static void leave_left(struct usb_capture *c, uint64_t now)
 {
 	if (c->phase == USB_PHASE_START)
 		usb_refusal_left(&c->device, "while it was started", &c->err);
-	leave(c, now, USB_END_LEFT, "the device was unplugged");
+	begin_leave(c, now, USB_END_LEFT, "the device was unplugged");
 }
 
 static void leave_failed(struct usb_capture *c, uint64_t now, const char *why)
@@ -63,7 +63,7 @@ static void leave_failed(struct usb_capture *c, uint64_t now, const char *why)
 		err_set(&c->err, ERR_IO, "%s: %s", usb_device_words(&c->device, words, sizeof(words)), why);
 		err_add_hint(&c->err, "unplug it and plug it in again");
 	}
-	leave(c, now, USB_END_FAILED, "%s", why);
+	begin_leave(c, now, USB_END_FAILED, "%s", why);
 }
 
 static uint64_t pause_ns(unsigned fruitless)
@@ -73,8 +73,8 @@ static uint64_t pause_ns(unsigned fruitless)
 	return (ms > PAUSE_MAX_MS ? PAUSE_MAX_MS : ms) * MS;
 }
 
-/* Everything that flies is called back; true once nothing flies any more. */
-static bool drained(struct usb_capture *c, uint64_t now)
+/* Cancels all transfers; true once none is in flight. */
+static bool is_drained(struct usb_capture *c, uint64_t now)
 {
 	if (!c->flying)
 		return true;
@@ -88,8 +88,8 @@ static bool drained(struct usb_capture *c, uint64_t now)
 	return false;
 }
 
-/* True: set going again, the capture goes on. */
-static bool clear(struct usb_capture *c, uint64_t now)
+/* True: the endpoint was restarted, and the capture continues. */
+static bool clear_halt(struct usb_capture *c, uint64_t now)
 {
 	enum usb_recover how = c->recover;
 	int r;
@@ -118,9 +118,9 @@ static bool clear(struct usb_capture *c, uint64_t now)
 	return true;
 }
 
-static uint64_t recover(struct usb_capture *c, uint64_t now)
+static uint64_t recover_endpoint(struct usb_capture *c, uint64_t now)
 {
-	if (!drained(c, now))
+	if (!is_drained(c, now))
 		return c->drain_by;
 	if (c->fruitless > FRUITLESS_MAX) {
 		leave_failed(c, now,
@@ -128,7 +128,7 @@ static uint64_t recover(struct usb_capture *c, uint64_t now)
 							       "it does not answer any more");
 		return now;
 	}
-	clear(c, now);
+	clear_halt(c, now);
 	return c->recover == USB_RECOVER_NONE ? now : c->retry_at;
 }
 
@@ -141,8 +141,8 @@ static void note_ready(struct usb_capture *c)
 	pthread_mutex_unlock(&c->lock);
 }
 
-/* It may run: it is told to stop. */
-static void start_over(struct usb_capture *c, uint64_t now)
+/* The device may be running, so it gets the stop commands. */
+static void abort_start(struct usb_capture *c, uint64_t now)
 {
 	usb_talk_cancel(c);
 	c->phase = USB_PHASE_QUIET;
@@ -150,7 +150,7 @@ static void start_over(struct usb_capture *c, uint64_t now)
 	c->drain_by = now + DRAIN_MS * MS;
 }
 
-static uint64_t start_on(struct usb_capture *c, uint64_t now)
+static uint64_t step_start(struct usb_capture *c, uint64_t now)
 {
 	int r;
 
@@ -160,24 +160,24 @@ static uint64_t start_on(struct usb_capture *c, uint64_t now)
 			"usbfs_memory_mb lends",
 			c->profile.transfers, c->profile.transfer_size);
 		err_add_hint(&c->err, "write more into " USB_MEMORY_FILE ", or end the other programs that use USB");
-		leave(c, now, USB_END_FAILED, "no memory for transfers");
+		begin_leave(c, now, USB_END_FAILED, "no memory for transfers");
 		return now;
 	}
 	r = usb_talk_step(c, now, &c->err);
 	if (r < 0) {
 		c->start_failed = true;
 		if (usb_talk_taken(c))
-			start_over(c, now);
+			abort_start(c, now);
 		else
-			leave(c, now, USB_END_FAILED, "a start command failed");
-		return now; /* where all transfers are in the queue nothing that comes back would wake us */
+			begin_leave(c, now, USB_END_FAILED, "a start command failed");
+		return now; /* if all transfers are in the queue, a returned buffer would not wake the thread */
 	}
 	if (r == 1)
 		note_ready(c);
 	return usb_talk_until(c);
 }
 
-/* From now on nothing is in flight, for want of a buffer. */
+/* From now on nothing is in flight, for lack of a free buffer. */
 static void note_parked(struct usb_capture *c, uint64_t now)
 {
 	if (c->phase != USB_PHASE_STREAM || c->flying || c->free || c->left)
@@ -190,18 +190,18 @@ static void note_parked(struct usb_capture *c, uint64_t now)
 	pthread_mutex_unlock(&c->lock);
 }
 
-static uint64_t go_on(struct usb_capture *c, uint64_t now)
+static uint64_t step_stream(struct usb_capture *c, uint64_t now)
 {
 	uint64_t until = NEVER, other;
 
 	if (c->recover == USB_RECOVER_NONE)
 		usb_transfer_submit_free(c, now);
 	if (c->recover != USB_RECOVER_NONE)
-		until = recover(c, now);
+		until = recover_endpoint(c, now);
 	else
 		note_parked(c, now);
 	if (c->phase == USB_PHASE_START && !c->left) {
-		other = start_on(c, now);
+		other = step_start(c, now);
 		until = other < until ? other : until;
 	}
 	if (c->lacking && until > now + LACKING_MS * MS)
@@ -209,14 +209,14 @@ static uint64_t go_on(struct usb_capture *c, uint64_t now)
 	return c->left ? now : until;
 }
 
-static uint64_t quiet(struct usb_capture *c, uint64_t now, bool abandon)
+static uint64_t step_quiet(struct usb_capture *c, uint64_t now, bool abandon)
 {
-	if (!drained(c, now))
+	if (!is_drained(c, now))
 		return c->phase == USB_PHASE_QUIET ? c->drain_by : now;
 	if (c->talk.flying && now < c->drain_by)
 		return c->drain_by; /* a start command */
 	if (abandon || c->talk.flying || !c->profile.stops || (c->err.code == ERR_CANCELLED && !usb_talk_heard(c))) {
-		leave(c, now, USB_END_STOPPED, "stopped");
+		begin_leave(c, now, USB_END_STOPPED, "stopped");
 		return now;
 	}
 	if (c->recover != USB_RECOVER_NONE)
@@ -237,13 +237,13 @@ static void note_failed(struct usb_capture *c, uint64_t now, bool timeout, const
 	usb_queue_event(c, timeout ? USB_TIMEOUT : USB_ERROR, NULL, 0, (int64_t)now, "%s", how);
 }
 
-static uint64_t stop_on(struct usb_capture *c, uint64_t now, bool abandon)
+static uint64_t step_stop(struct usb_capture *c, uint64_t now, bool abandon)
 {
 	struct err err = ERR_INIT;
 	int r;
 
 	if (c->recover != USB_RECOVER_NONE && !c->spare.flying && c->fruitless <= FRUITLESS_MAX)
-		clear(c, now);
+		clear_halt(c, now);
 	if (c->recover == USB_RECOVER_NONE && !c->spare_out && !c->left) {
 		c->spare_out = true;
 		if (!usb_transfer_submit(c, &c->spare, now))
@@ -253,7 +253,7 @@ static uint64_t stop_on(struct usb_capture *c, uint64_t now, bool abandon)
 	if (r < 0)
 		note_failed(c, now, r == -ERR_TIMEOUT, err.message);
 	if (r == 1 || abandon)
-		leave(c, now, USB_END_STOPPED, "stopped");
+		begin_leave(c, now, USB_END_STOPPED, "stopped");
 	if (r || c->left)
 		return now;
 	return c->recover != USB_RECOVER_NONE && c->retry_at && c->retry_at > now && c->retry_at < usb_talk_until(c) ?
@@ -261,7 +261,7 @@ static uint64_t stop_on(struct usb_capture *c, uint64_t now, bool abandon)
 		       usb_talk_until(c);
 }
 
-static uint64_t finish(struct usb_capture *c, uint64_t now)
+static uint64_t finish_capture(struct usb_capture *c, uint64_t now)
 {
 	if ((c->flying || c->talk.flying) && now < c->drain_by)
 		return c->drain_by;
@@ -270,7 +270,7 @@ static uint64_t finish(struct usb_capture *c, uint64_t now)
 			    c->flying + c->talk.flying);
 	usb_close_device(c);
 	usb_transfer_forget(c);
-	/* What it gave before it was unplugged, or we were stopped, is for the caller: a capture that ends at once. */
+	/* Data from before the unplug or the stop belong to the caller: a capture that ends at once. */
 	pthread_mutex_lock(&c->lock);
 	c->ready = c->ready || (c->end != USB_END_FAILED && usb_queue_has_data(c));
 	pthread_mutex_unlock(&c->lock);
@@ -278,7 +278,7 @@ static uint64_t finish(struct usb_capture *c, uint64_t now)
 	return NEVER;
 }
 
-/* No buffer that is given back is submitted any more. */
+/* Returned buffers are no longer submitted. */
 static void end_parking(struct usb_capture *c, uint64_t now)
 {
 	pthread_mutex_lock(&c->lock);
@@ -288,7 +288,7 @@ static void end_parking(struct usb_capture *c, uint64_t now)
 	pthread_mutex_unlock(&c->lock);
 }
 
-static void obey(struct usb_capture *c, uint64_t now, bool *ret_abandon)
+static void apply_request(struct usb_capture *c, uint64_t now, bool *ret_abandon)
 {
 	struct usb_slot *slot, *given = usb_queue_given(c);
 	bool stop, lacking;
@@ -308,13 +308,13 @@ static void obey(struct usb_capture *c, uint64_t now, bool *ret_abandon)
 		leave_left(c, now);
 	} else if (lacking) {
 		err_set(&c->err, ERR_NOMEM, "no memory for what happened to a device");
-		leave(c, now, USB_END_FAILED, "no memory for what happened");
+		begin_leave(c, now, USB_END_FAILED, "no memory for what happened");
 	} else if (stop && c->phase == USB_PHASE_START) {
 		err_set(&c->err, ERR_CANCELLED, "stopped while the scanner was started");
 		if (usb_talk_heard(c) || c->talk.flying)
-			start_over(c, now);
+			abort_start(c, now);
 		else
-			leave(c, now, USB_END_STOPPED, "stopped");
+			begin_leave(c, now, USB_END_STOPPED, "stopped");
 	} else if (stop && c->phase == USB_PHASE_STREAM) {
 		end_parking(c, now);
 		c->phase = USB_PHASE_QUIET;
@@ -343,20 +343,20 @@ uint64_t usb_step(struct usb_capture *c, uint64_t now)
 	bool abandon;
 
 	while (c->phase != USB_PHASE_ENDED && until <= now) {
-		obey(c, now, &abandon);
+		apply_request(c, now, &abandon);
 		switch (c->phase) {
 		case USB_PHASE_START:
 		case USB_PHASE_STREAM:
-			until = go_on(c, now);
+			until = step_stream(c, now);
 			break;
 		case USB_PHASE_QUIET:
-			until = quiet(c, now, abandon);
+			until = step_quiet(c, now, abandon);
 			break;
 		case USB_PHASE_STOP:
-			until = stop_on(c, now, abandon);
+			until = step_stop(c, now, abandon);
 			break;
 		case USB_PHASE_LEAVE:
-			until = finish(c, now);
+			until = finish_capture(c, now);
 			break;
 		case USB_PHASE_ENDED:
 			break;

@@ -1,6 +1,6 @@
 /*
- * What the kernel says of the devices on its buses, read from its folder (/sys/bus/usb/devices) without opening or
- * waking any of them: it keeps their descriptors and texts. An entry that goes away while it is read is left out.
+ * Information of the kernel about the devices on its buses, read from /sys/bus/usb/devices without opening or waking
+ * them: their descriptors and texts. An entry that disappears while it is read is skipped.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -36,7 +36,7 @@ static int read_file(const char *folder, const char *port, const char *name, voi
 	return 0;
 }
 
-/* A text of the device: cut at whole characters, '?' for what is none, no blanks at its ends. */
+/* A text of the device: truncated at whole characters, '?' for invalid bytes, without blanks at its ends. */
 static void read_text(const char *folder, const char *port, const char *name, char *ret, size_t room)
 {
 	uint8_t raw[512];
@@ -121,7 +121,7 @@ void usb_access(struct usb_device *device)
 	device->openable = !device->refused;
 }
 
-/* "1-2", "3-1.4": devices; "usb1" is the bus itself, "1-2:1.0" an interface. */
+/* "1-2", "3-1.4" are devices; "usb1" is the bus itself, "1-2:1.0" an interface. */
 static bool is_port(const char *name)
 {
 	return name[0] >= '0' && name[0] <= '9' && strchr(name, '-') && !strchr(name, ':') &&
@@ -154,7 +154,7 @@ static bool read_device(const char *folder, const char *port, struct usb_device 
 	return true;
 }
 
-/* Not opendir: closedir of one thread and close of another are no race, but checkers that see only one of them say so. */
+/* Not opendir: closedir in one thread and close in another are no race, but checkers that see only one of them report it. */
 int usb_folder_names(const char *folder, struct dirent ***ret)
 {
 	int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC), n, sys;
@@ -175,7 +175,7 @@ int usb_sysfs_list(const char *folder, struct usb_device **ret, size_t *ret_n, s
 	int found = usb_folder_names(folder, &names);
 
 	if (found == -ENOENT || found == -ENOTDIR)
-		found = 0; /* no USB here */
+		found = 0; /* no USB */
 	if (found < 0) {
 		err_sys(err, -found, "the devices on the bus cannot be listed");
 		return err_add_file(err, folder);

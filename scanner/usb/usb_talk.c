@@ -1,9 +1,9 @@
 /*
- * Commands: sent one after the other, each one's answer waited for in what comes from the device, wherever transfers
- * cut it and whatever stands before it. Bytes of answers are data like all others; nothing is taken out.
+ * Commands: they are sent one after the other, and each answer is searched for in the data from the device, wherever
+ * transfers divide it and whatever precedes it. Answers stay in the data.
  *
- * Will not do: know telegrams. An answer is found by the bytes that it begins with (Knuth, Morris, Pratt), among those
- * that came since the command was given to the endpoint.
+ * Telegrams are not parsed here. An answer is found by its first bytes (Knuth, Morris, Pratt) in the data since the
+ * command was submitted.
  */
 #include <libusb.h>
 #include <string.h>
@@ -77,7 +77,7 @@ static void LIBUSB_CALL on_sent(struct libusb_transfer *transfer)
 		usb_queue_event(c, USB_SENT, c->talk.out, (size_t)transfer->length, (int64_t)clock_mono_ns(), "sent");
 }
 
-static int failed(struct usb_capture *c, enum err_code code, const char *how, struct err *err)
+static int command_failed(struct usb_capture *c, enum err_code code, const char *how, struct err *err)
 {
 	struct usb_talk *t = &c->talk;
 	const struct profile_command *command = &t->list[t->i];
@@ -100,7 +100,7 @@ static int failed(struct usb_capture *c, enum err_code code, const char *how, st
 	return -(int)code;
 }
 
-static int send(struct usb_capture *c, uint64_t now, struct err *err)
+static int send_command(struct usb_capture *c, uint64_t now, struct err *err)
 {
 	struct usb_talk *t = &c->talk;
 	const struct profile_command *command = &t->list[t->i];
@@ -121,43 +121,43 @@ static int send(struct usb_capture *c, uint64_t now, struct err *err)
 		return 0;
 	}
 	if (r)
-		return failed(c, ERR_IO, "a command could not be sent", err);
+		return command_failed(c, ERR_IO, "a command could not be sent", err);
 	t->flying = true;
 	t->state = USB_TALK_SENDING;
 	t->deadline = now + (timeout_ms(c) + RETURN_MS) * 1000000ull;
 	return 0;
 }
 
-static int sent(struct usb_capture *c, uint64_t now, struct err *err)
+static int command_sent(struct usb_capture *c, uint64_t now, struct err *err)
 {
 	struct usb_talk *t = &c->talk;
 
 	switch (t->transfer->status) {
 	case LIBUSB_TRANSFER_COMPLETED:
 		if (t->transfer->actual_length < t->transfer->length)
-			return failed(c, ERR_IO, "the device took a part of a command only", err);
+			return command_failed(c, ERR_IO, "the device took a part of a command only", err);
 		t->taken = true;
 		t->state = USB_TALK_WAITING;
 		t->deadline = now + timeout_ms(c) * 1000000ull;
 		return 0;
 	case LIBUSB_TRANSFER_TIMED_OUT:
-		return failed(c, ERR_TIMEOUT, "the device did not take a command in time", err);
+		return command_failed(c, ERR_TIMEOUT, "the device did not take a command in time", err);
 	case LIBUSB_TRANSFER_STALL:
 		libusb_clear_halt(c->handle, c->out->address);
-		return failed(c, ERR_IO, "the device refused a command (stall)", err);
+		return command_failed(c, ERR_IO, "the device refused a command (stall)", err);
 	case LIBUSB_TRANSFER_NO_DEVICE:
 		return 0;
-	default: /* often it is being pulled out: the kernel says so in a moment */
+	default: /* often it is just being unplugged, which the kernel will report in a moment */
 		t->state = USB_TALK_BROKEN;
 		t->deadline = now + BROKEN_MS * 1000000ull;
 		return 0;
 	}
 }
 
-/* libusb's own timeout should have brought it back: nothing can be sent any more. */
-static int stuck(struct usb_capture *c, struct err *err)
+/* libusb's own timeout should have returned it: nothing can be sent any more. */
+static int command_stuck(struct usb_capture *c, struct err *err)
 {
-	int r = failed(c, ERR_IO, "a command does not come back", err);
+	int r = command_failed(c, ERR_IO, "a command does not come back", err);
 
 	c->talk.state = USB_TALK_DONE;
 	return r;
@@ -172,24 +172,24 @@ int usb_talk_step(struct usb_capture *c, uint64_t now, struct err *err)
 		if (t->state == USB_TALK_NEXT && t->i == t->n) {
 			t->state = USB_TALK_DONE;
 		} else if (t->state == USB_TALK_NEXT) {
-			r = send(c, now, err);
+			r = send_command(c, now, err);
 		} else if (t->state == USB_TALK_SENDING) {
 			if (t->returned)
-				r = sent(c, now, err);
+				r = command_sent(c, now, err);
 			else if (now < t->deadline)
 				return 0;
 			else
-				r = stuck(c, err);
+				r = command_stuck(c, err);
 		} else if (t->state == USB_TALK_BROKEN) {
 			if (now < t->deadline)
 				return 0;
-			r = failed(c, ERR_IO, "a command failed on the bus", err);
+			r = command_failed(c, ERR_IO, "a command failed on the bus", err);
 		} else if (t->answered) {
 			t->heard = true;
 			t->i++;
 			t->state = USB_TALK_NEXT;
 		} else if (now >= t->deadline) {
-			r = failed(c, ERR_TIMEOUT, "no answer to a command", err);
+			r = command_failed(c, ERR_TIMEOUT, "no answer to a command", err);
 		} else {
 			return 0;
 		}

@@ -1,11 +1,10 @@
 /*
- * Transfers: submitting, what their completion says, cancelling.
+ * Transfers: submission, completion, cancellation.
  *
- * The model: a bulk endpoint serves its transfers in the order of submission, and libusb reports them in the order
- * they were finished, so that the order of callbacks is the order on the wire. Whatever status a transfer ends with,
- * the bytes that it has are data. After a stall, an overflow or an error nothing is submitted until all that fly were
- * cancelled and have come back (newest first, so that none is filled behind one that was taken away); then the
- * endpoint is set going again (usb_step.c).
+ * A bulk endpoint serves its transfers in the order of submission, and libusb reports them in the order of completion,
+ * so the order of callbacks is the order on the wire. Whatever the status of a transfer, its bytes are data. After a
+ * stall, an overflow or an error nothing is submitted until all transfers were cancelled and have returned (newest
+ * first, so that none is filled after an earlier one was cancelled); then the endpoint is restarted (usb_step.c).
  */
 #include <libusb.h>
 #include <string.h>
@@ -24,7 +23,7 @@ void usb_slot_free(struct usb_capture *c, struct usb_slot *slot)
 	c->free = slot;
 }
 
-static void count(struct usb_capture *c, const struct libusb_transfer *t)
+static void count_status(struct usb_capture *c, const struct libusb_transfer *t)
 {
 	pthread_mutex_lock(&c->lock);
 	c->counts.in_flight = c->flying;
@@ -33,8 +32,8 @@ static void count(struct usb_capture *c, const struct libusb_transfer *t)
 	pthread_mutex_unlock(&c->lock);
 }
 
-/* The first of its kind in an episode; those that flew behind it often end with the same status, which says nothing new. */
-static bool trouble(struct usb_capture *c, enum usb_recover how)
+/* Reports the first of its kind in an episode; the transfers behind it often end with the same status, which is no news. */
+static bool report_trouble(struct usb_capture *c, enum usb_recover how)
 {
 	if (c->recover != USB_RECOVER_NONE) {
 		bool is_new = !(c->troubles & 1u << how);
@@ -57,7 +56,7 @@ static void count_trouble(struct usb_capture *c, uint64_t *what)
 	pthread_mutex_unlock(&c->lock);
 }
 
-static void judge(struct usb_capture *c, const struct libusb_transfer *t, int64_t now)
+static void status_kind(struct usb_capture *c, const struct libusb_transfer *t, int64_t now)
 {
 	int n = t->actual_length;
 
@@ -69,13 +68,13 @@ static void judge(struct usb_capture *c, const struct libusb_transfer *t, int64_
 		c->left = true;
 		break;
 	case LIBUSB_TRANSFER_STALL:
-		if (!trouble(c, USB_RECOVER_STALL) && !n)
+		if (!report_trouble(c, USB_RECOVER_STALL) && !n)
 			break;
 		count_trouble(c, &c->counts.stalls);
 		usb_queue_event(c, USB_STALL, NULL, 0, now, "endpoint 0x%02x stalled after %d bytes", t->endpoint, n);
 		break;
 	case LIBUSB_TRANSFER_OVERFLOW:
-		trouble(c, USB_RECOVER_OVERFLOW);
+		report_trouble(c, USB_RECOVER_OVERFLOW);
 		c->gap = true;
 		count_trouble(c, &c->counts.overflows);
 		usb_queue_event(c, USB_OVERFLOW, NULL, 0, now, "more came than %d bytes; %d are kept", t->length, n);
@@ -83,7 +82,7 @@ static void judge(struct usb_capture *c, const struct libusb_transfer *t, int64_
 	case LIBUSB_TRANSFER_ERROR:
 	case LIBUSB_TRANSFER_TIMED_OUT:
 		c->gap = true;
-		if (!trouble(c, USB_RECOVER_ERROR) && !n)
+		if (!report_trouble(c, USB_RECOVER_ERROR) && !n)
 			break;
 		count_trouble(c, &c->counts.errors);
 		usb_queue_event(c, USB_ERROR, NULL, 0, now, "transfer failed on the bus after %d bytes", n);
@@ -100,7 +99,7 @@ static void LIBUSB_CALL on_done(struct libusb_transfer *t)
 
 	slot->flying = false;
 	c->flying--;
-	count(c, t);
+	count_status(c, t);
 	if (t->actual_length > 0) {
 		c->fruitless = 0;
 		usb_talk_feed(c, slot->at, (size_t)t->actual_length);
@@ -108,7 +107,7 @@ static void LIBUSB_CALL on_done(struct libusb_transfer *t)
 	} else {
 		usb_slot_free(c, slot);
 	}
-	judge(c, t, (int64_t)now);
+	status_kind(c, t, (int64_t)now);
 }
 
 void usb_transfer_fill(struct usb_capture *c, struct usb_slot *slot, uint32_t size)
@@ -136,8 +135,8 @@ static void note_flying(struct usb_capture *c, uint64_t now)
 		usb_queue_event(c, USB_PARKED, NULL, 0, (int64_t)now, "parked %llu", (unsigned long long)parked);
 }
 
-/* Others have the kernel's memory: tried again in a while. */
-static void lack(struct usb_capture *c, uint64_t now)
+/* Others use the kernel's memory: tried again later. */
+static void retry_later(struct usb_capture *c, uint64_t now)
 {
 	if (!c->lacking && c->phase != USB_PHASE_START)
 		usb_queue_event(c, USB_ERROR, NULL, 0, (int64_t)now, "the kernel has no memory for a transfer (usbfs_memory_mb)");
@@ -160,8 +159,8 @@ bool usb_transfer_submit(struct usb_capture *c, struct usb_slot *slot, uint64_t 
 	if (r == LIBUSB_ERROR_NO_DEVICE)
 		c->left = true;
 	else if (r == LIBUSB_ERROR_NO_MEM)
-		lack(c, now);
-	else if (trouble(c, USB_RECOVER_ERROR)) {
+		retry_later(c, now);
+	else if (report_trouble(c, USB_RECOVER_ERROR)) {
 		count_trouble(c, &c->counts.errors);
 		usb_queue_event(c, USB_ERROR, NULL, 0, (int64_t)now, "a transfer is not taken: %s", libusb_strerror(r));
 	}
@@ -179,7 +178,7 @@ void usb_transfer_submit_free(struct usb_capture *c, uint64_t now)
 	}
 }
 
-static struct usb_slot *newest(struct usb_capture *c, uint64_t before)
+static struct usb_slot *newest_slot(struct usb_capture *c, uint64_t before)
 {
 	struct usb_slot *found = NULL;
 
@@ -197,9 +196,9 @@ void usb_transfer_cancel(struct usb_capture *c)
 	struct usb_slot *slot;
 	uint64_t before = UINT64_MAX;
 
-	while ((slot = newest(c, before))) {
+	while ((slot = newest_slot(c, before))) {
 		before = slot->order;
-		libusb_cancel_transfer(slot->transfer); /* one that is done already, or whose device is gone, comes back too */
+		libusb_cancel_transfer(slot->transfer); /* one that has completed, or whose device is gone, returns, too */
 	}
 }
 

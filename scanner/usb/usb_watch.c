@@ -1,12 +1,12 @@
 /*
- * What is plugged in, and its coming and going.
+ * The list of devices, and hotplug.
  *
- * The model: the list that is known, made from the kernel's folder (usb_sysfs.c), which is read again when libusb's
- * hotplug says that something happened, when a caller asks, and each second where udev's word does not get here. The
- * hotplug callback only queues numbers of bus and device; all else is done between two rounds of libusb's loop. What
- * udev said has left is not told as come again while the folder still has it.
+ * The list is made from the kernel's folder (usb_sysfs.c), which is read again when libusb's hotplug reports an event,
+ * when a caller asks, and each second if udev's events do not arrive. The hotplug callback only queues numbers of bus
+ * and device; everything else is done between two rounds of libusb's loop. A device that udev has reported as removed
+ * does not count as added again while the folder still has it.
  *
- * Will not do: open a device.
+ * No device is opened here.
  */
 #include <libusb.h>
 #include <net/if.h>
@@ -43,8 +43,8 @@ static int LIBUSB_CALL on_hotplug(libusb_context *context, libusb_device *device
 	return 0;
 }
 
-/* A network namespace of our own: udev's messages are sent in the host's only. */
-static bool alone_on_the_net(void)
+/* In a separate network namespace: udev sends its messages only in the host's. */
+static bool has_own_network(void)
 {
 	struct if_nameindex *all = if_nameindex();
 	bool alone = true;
@@ -77,7 +77,7 @@ void usb_watch_start(struct usb *usb)
 			why = usb->polls; /* no monitor */
 		else if (access("/run/udev/control", F_OK))
 			why = "udev does not run here";
-		else if (alone_on_the_net())
+		else if (has_own_network())
 			why = "udev's messages do not get into this network namespace (PrivateNetwork=)";
 	}
 	pthread_mutex_lock(&usb->lock);
@@ -95,7 +95,7 @@ void usb_watch_stop(struct usb *usb)
 }
 
 /* Under the lock. */
-static void tell(struct usb *usb, enum usb_change change, const struct usb_device *device)
+static void queue_notice(struct usb *usb, enum usb_change change, const struct usb_device *device)
 {
 	struct usb_notice *notice = malloc(sizeof(*notice)), *old;
 
@@ -109,7 +109,7 @@ static void tell(struct usb *usb, enum usb_change change, const struct usb_devic
 	else
 		usb->first = notice;
 	usb->last = notice;
-	if (++usb->notices > NOTICES) { /* nobody listens */
+	if (++usb->notices > NOTICES) { /* nobody takes them */
 		old = usb->first;
 		usb->first = old->next;
 		usb->notices--;
@@ -124,7 +124,7 @@ static void mark_left(struct usb *usb, uint8_t bus, uint8_t address)
 		c->left = c->left || (c->device.bus == bus && c->device.address == address);
 }
 
-static struct usb_known *find(struct usb *usb, uint8_t bus, uint8_t address)
+static struct usb_known *find_known(struct usb *usb, uint8_t bus, uint8_t address)
 {
 	for (size_t i = 0; i < usb->n; i++) {
 		if (usb->known[i].device.bus == bus && usb->known[i].device.address == address)
@@ -133,12 +133,12 @@ static struct usb_known *find(struct usb *usb, uint8_t bus, uint8_t address)
 	return NULL;
 }
 
-static void forget(struct usb *usb, struct usb_known *known)
+static void remove_known(struct usb *usb, struct usb_known *known)
 {
 	*known = usb->known[--usb->n];
 }
 
-static int match(struct usb *usb, const struct usb_device *device)
+static int match_profile(struct usb *usb, const struct usb_device *device)
 {
 	struct profile_device told = {
 		.vendor = device->vendor,
@@ -158,7 +158,7 @@ static int match(struct usb *usb, const struct usb_device *device)
 }
 
 /* Under the lock. False: no memory. */
-static bool add(struct usb *usb, const struct usb_device *device, bool silent)
+static bool add_known(struct usb *usb, const struct usb_device *device, bool silent)
 {
 	if (usb->n == usb->room) {
 		size_t room = usb->room ? 2 * usb->room : 16;
@@ -170,39 +170,39 @@ static bool add(struct usb *usb, const struct usb_device *device, bool silent)
 		usb->room = room;
 	}
 	usb->known[usb->n] = (struct usb_known){.device = *device, .seen = true};
-	usb->known[usb->n].device.profile = match(usb, device);
+	usb->known[usb->n].device.profile = match_profile(usb, device);
 	if (!silent)
-		tell(usb, USB_CAME, &usb->known[usb->n].device);
+		queue_notice(usb, USB_CAME, &usb->known[usb->n].device);
 	usb->n++;
 	return true;
 }
 
-static bool same(const struct usb_device *a, const struct usb_device *b)
+static bool same_device(const struct usb_device *a, const struct usb_device *b)
 {
 	return a->vendor == b->vendor && a->product == b->product && !strcmp(a->port, b->port) && !strcmp(a->serial, b->serial);
 }
 
 /* Under the lock. */
-static bool merge(struct usb *usb, const struct usb_device *list, size_t n, bool silent)
+static bool merge_list(struct usb *usb, const struct usb_device *list, size_t n, bool silent)
 {
 	bool whole = true;
 
 	for (size_t i = 0; i < usb->n; i++)
 		usb->known[i].seen = false;
 	for (size_t i = 0; i < n; i++) {
-		struct usb_known *known = find(usb, list[i].bus, list[i].address);
+		struct usb_known *known = find_known(usb, list[i].bus, list[i].address);
 
-		if (known && !same(&known->device, &list[i])) { /* the number was given to another */
+		if (known && !same_device(&known->device, &list[i])) { /* the number was assigned to another device */
 			if (!known->gone)
-				tell(usb, USB_LEFT, &known->device);
+				queue_notice(usb, USB_LEFT, &known->device);
 			mark_left(usb, known->device.bus, known->device.address);
-			forget(usb, known);
+			remove_known(usb, known);
 			known = NULL;
 		}
 		if (known)
 			known->seen = true;
 		else
-			whole = add(usb, &list[i], silent) && whole;
+			whole = add_known(usb, &list[i], silent) && whole;
 	}
 	for (size_t i = 0; i < usb->n;) {
 		struct usb_known *known = &usb->known[i];
@@ -212,10 +212,10 @@ static bool merge(struct usb *usb, const struct usb_device *list, size_t n, bool
 			continue;
 		}
 		if (!known->gone) {
-			tell(usb, USB_LEFT, &known->device);
+			queue_notice(usb, USB_LEFT, &known->device);
 			mark_left(usb, known->device.bus, known->device.address);
 		}
-		forget(usb, known);
+		remove_known(usb, known);
 	}
 	return whole;
 }
@@ -230,25 +230,25 @@ void usb_watch_scan(struct usb *usb)
 	if (r)
 		log_err(LOG_LEVEL_DEBUG, "usb", &err);
 	pthread_mutex_lock(&usb->lock);
-	if (!r && !merge(usb, list, n, usb->scan_done == 0))
+	if (!r && !merge_list(usb, list, n, usb->scan_done == 0))
 		r = -ERR_NOMEM;
 	usb->scan_failed = r;
 	pthread_mutex_unlock(&usb->lock);
 	free(list);
 }
 
-static void take_event(struct usb *usb, const struct usb_event *event)
+static void handle_event(struct usb *usb, const struct usb_event *event)
 {
-	struct usb_known *known = find(usb, event->bus, event->address);
+	struct usb_known *known = find_known(usb, event->bus, event->address);
 
 	if (event->left)
 		mark_left(usb, event->bus, event->address);
 	if (event->left && known && !known->gone) {
 		known->gone = true;
-		tell(usb, USB_LEFT, &known->device);
+		queue_notice(usb, USB_LEFT, &known->device);
 	}
 	if (!event->left && known && known->gone)
-		forget(usb, known); /* it is new again */
+		remove_known(usb, known); /* it is new again */
 }
 
 void usb_watch_step(struct usb *usb)
@@ -258,7 +258,7 @@ void usb_watch_step(struct usb *usb)
 
 	pthread_mutex_lock(&usb->lock);
 	for (size_t i = 0; i < usb->events_n; i++)
-		take_event(usb, &usb->events[i]);
+		handle_event(usb, &usb->events[i]);
 	wanted = usb->scan_wanted;
 	scan = scan || wanted > usb->scan_done;
 	if (usb->polls && now >= usb->poll_at) {
@@ -283,8 +283,8 @@ bool usb_watch_present(struct usb *usb, const struct usb_device *device)
 	bool there;
 
 	pthread_mutex_lock(&usb->lock);
-	known = find(usb, device->bus, device->address);
-	there = known && !known->gone && same(&known->device, device);
+	known = find_known(usb, device->bus, device->address);
+	there = known && !known->gone && same_device(&known->device, device);
 	pthread_mutex_unlock(&usb->lock);
 	return there;
 }
@@ -314,7 +314,7 @@ int usb_change(struct usb *usb, enum usb_change *ret, struct usb_device *ret_dev
 		return 0;
 	*ret = notice->change;
 	*ret_device = notice->device;
-	usb_access(ret_device); /* udev may have given rights since */
+	usb_access(ret_device); /* udev may have changed permissions since */
 	free(notice);
 	return 1;
 }

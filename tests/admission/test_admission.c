@@ -388,7 +388,7 @@ static void leaves_before_its_place(void **state)
 /* As if domains held all that there is, and all that comes free, but what a push is itself. */
 static void take_all(uint64_t *held)
 {
-	uint64_t room = ledger_room(h.ledger, LEDGER_INPUT), least = *held ? 0 : PUSH_BYTES + PENDING_BYTES;
+	uint64_t room = ledger_available(h.ledger, LEDGER_INPUT), least = *held ? 0 : PUSH_BYTES + PENDING_BYTES;
 
 	if (room > least && ledger_take(h.ledger, LEDGER_INPUT, room - least))
 		*held += room - least;
@@ -421,7 +421,8 @@ static bool waits(const struct push_params *p, uint64_t *held)
 		return true;
 	if (got.why.code)
 		fail_msg("the push did not wait: %s; %u runs, %u KiB free", got.why.message,
-			 admission_tally(h.service->admission, 0).runs, (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
+			 admission_tally(h.service->admission, 0).runs,
+			 (unsigned)(ledger_available(h.ledger, LEDGER_INPUT) >> 10));
 	push_leave(got.push);
 	sched_give(h.sched, LEDGER_INPUT, *held);
 	*held = 0;
@@ -481,7 +482,7 @@ static void plan_waits(void **state)
 	struct dataset *d = push("valley", 20000, 13);
 	struct job *job;
 
-	assert_true(ledger_share(h.ledger, LEDGER_PLAN, 0, most));
+	assert_true(ledger_reserve(h.ledger, LEDGER_PLAN, 0, most));
 	assert_true(ledger_take(h.ledger, LEDGER_PLAN, most));
 	job = submit_as(1001, d, "", NULL);
 	for (int i = 0; i < 40; i++) {
@@ -498,7 +499,7 @@ static void plan_never(void **state)
 	struct dataset *d = push("valley", 20000, 14);
 	struct job *job;
 
-	assert_true(ledger_share(h.ledger, LEDGER_PLAN, 0, 64));
+	assert_true(ledger_reserve(h.ledger, LEDGER_PLAN, 0, 64));
 	job = submit_as(1001, d, "", NULL);
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_failed);

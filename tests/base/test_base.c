@@ -54,7 +54,7 @@ static void test_err_long(void **state)
 	err_set(&err, ERR_INPUT, "%s", text);
 	err_add_file(&err, text);
 	err_add_hint(&err, "%s", text);
-	assert_int_equal(strlen(err.message) % 2, 0); /* never half a character */
+	assert_int_equal(strlen(err.message) % 2, 0); /* never half of a character */
 	assert_int_equal(strlen(err.file) % 2, 0);
 	assert_int_equal(strlen(err.hint) % 2, 0);
 	assert_true(strlen(err.message) >= sizeof err.message - 3);
@@ -110,23 +110,23 @@ static void *ledger_churn(void *arg)
 	return NULL;
 }
 
-/* What is set aside for a name is there for it whatever the others take, and no name gets more than its most. */
+/* The reserve of a name is available whatever the others hold, and no name gets more than its limit. */
 static void test_ledger_shares(void **state)
 {
 	struct ledger *l = ledger_new(1000);
 
-	assert_true(ledger_share(l, LEDGER_MESSAGE, 100, 300));
-	assert_false(ledger_share(l, LEDGER_MESSAGE, 100, 0));
-	assert_false(ledger_share(l, LEDGER_JOBS, 901, 0));
-	assert_true(ledger_share(l, LEDGER_JOBS, 200, 0));
+	assert_true(ledger_reserve(l, LEDGER_MESSAGE, 100, 300));
+	assert_false(ledger_reserve(l, LEDGER_MESSAGE, 100, 0));
+	assert_false(ledger_reserve(l, LEDGER_JOBS, 901, 0));
+	assert_true(ledger_reserve(l, LEDGER_JOBS, 200, 0));
 	assert_int_equal(ledger_left(l), 700);
-	assert_int_equal(ledger_room(l, LEDGER_DOMAIN), 700);
-	assert_int_equal(ledger_room(l, LEDGER_MESSAGE), 300);
-	assert_int_equal(ledger_room(l, LEDGER_JOBS), 900);
+	assert_int_equal(ledger_available(l, LEDGER_DOMAIN), 700);
+	assert_int_equal(ledger_available(l, LEDGER_MESSAGE), 300);
+	assert_int_equal(ledger_available(l, LEDGER_JOBS), 900);
 	assert_false(ledger_take(l, LEDGER_DOMAIN, 701));
 	assert_true(ledger_take(l, LEDGER_DOMAIN, 700));
 	assert_true(ledger_take(l, LEDGER_MESSAGE, 60));
-	assert_int_equal(ledger_room(l, LEDGER_MESSAGE), 40);
+	assert_int_equal(ledger_available(l, LEDGER_MESSAGE), 40);
 	assert_true(ledger_take(l, LEDGER_MESSAGE, 40));
 	assert_false(ledger_take(l, LEDGER_MESSAGE, 1));
 	assert_false(ledger_take(l, LEDGER_JOBS, UINT64_MAX));
@@ -134,7 +134,7 @@ static void test_ledger_shares(void **state)
 	assert_int_equal(ledger_peak_all(l), 1000);
 	ledger_give(l, LEDGER_DOMAIN, 700);
 	assert_int_equal(ledger_left(l), 700);
-	/* Beyond what is kept, out of what the others leave, up to the most. */
+	/* Beyond its reserve, from what the others leave, up to its limit. */
 	assert_false(ledger_take(l, LEDGER_MESSAGE, 201));
 	assert_true(ledger_take(l, LEDGER_MESSAGE, 200));
 	assert_int_equal(ledger_left(l), 500);
@@ -276,7 +276,7 @@ static void test_parse_units(void **state)
 	assert_true(parse_seconds("2h", &d) && d == 7200);
 	assert_true(parse_seconds("7d", &d) && d == 604800);
 	assert_true(parse_seconds("1e10", &d) && d == 1e10);
-	assert_false(parse_seconds("10000000001", &d)); /* more is no time in nanoseconds */
+	assert_false(parse_seconds("10000000001", &d)); /* more does not fit nanoseconds */
 	assert_false(parse_seconds("300000d", &d));
 	assert_false(parse_seconds("1e308d", &d));
 	assert_true(parse_double("-1.5e3", &d) && d == -1500);
@@ -290,7 +290,7 @@ static void test_parse_units(void **state)
 	(void)state;
 }
 
-/* As RFC 3629 says it: by the range that a number lies in. */
+/* As in RFC 3629: by the range of the number. */
 static size_t utf8_put(uint32_t c, uint8_t buf[4])
 {
 	size_t n = c < 0x80 ? 1 : c < 0x800 ? 2 : c < 0x10000 ? 3 : 4;

@@ -1,6 +1,6 @@
 /*
- * Decimals against arithmetic done another way: digit strings in fixed point, long multiplication by hand,
- * and doubles printed in full by "%.*f" (which glibc does exactly).
+ * Decimals against other arithmetic: digit strings in fixed point, long multiplication by hand, and doubles printed in
+ * full by "%.*f" (exact in glibc).
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,10 +15,11 @@
 #include <string.h>
 
 #include "decimal.h"
+#include "random.h"
 
 enum { WHOLE = 60, PART = 260, ALL = WHOLE + PART };
 
-/* A number without sign: digit[0] is the lowest, digit[PART] the ones. */
+/* An unsigned number: digit[0] is the lowest, digit[PART] the ones. */
 struct fixed {
 	uint8_t digit[ALL];
 };
@@ -27,11 +28,7 @@ static uint64_t random_state = 1;
 
 static uint64_t rnd(void)
 {
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
+	return random_next(&random_state);
 }
 
 static struct fixed fixed_of_double(double v)
@@ -99,7 +96,7 @@ static struct fixed fixed_distance(const struct fixed *a, const struct fixed *b)
 	return f;
 }
 
-/* v is the double nearest to a * b * 10^e, and the even one of two equally near. */
+/* v is the double nearest to a * b * 10^e, and the even one if two are equally near. */
 static void assert_nearest(double v, int64_t a, int64_t b, int e)
 {
 	struct fixed exact = fixed_of_product(a, b, e), here = fixed_of_double(v);
@@ -140,7 +137,7 @@ static void test_scaled_double(void **state)
 
 static void test_scaled_double_ties(void **state)
 {
-	/* 2^53 + 1 lies between two doubles; 2^53 + 3 too, with the even one above. */
+	/* 2^53 + 1 is between two doubles; 2^53 + 3, too, with the even one above. */
 	struct decimal one = {1, 0}, half = {5, -1};
 
 	assert_true(decimal_scaled_double(one, (INT64_C(1) << 53) + 1) == 0x1p53);

@@ -1,6 +1,6 @@
 /*
- * Digests against XXH3-128 written down here a second time from its specification (inputs of 17 to 128
- * bytes, seed 0), byte by byte, without the library.
+ * Digests against a second implementation of XXH3-128 from its specification (inputs of 17 to 128 bytes, seed 0), byte
+ * by byte, without the library.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -109,7 +109,7 @@ static void test_triangle(void **state)
 	(void)state;
 }
 
-/* Many at once are the sum of each alone, whichever corner is the smallest. */
+/* Many at once give the sum of each alone, whichever corner is the smallest. */
 static void test_many(void **state)
 {
 	for (int round = 0; round < 500; round++) {
@@ -123,7 +123,7 @@ static void test_many(void **state)
 			int64_t corner[3][2];
 
 			for (int c = 0; c < 3; c++) {
-				/* Equal x now and then, and both ends of the lattice. */
+				/* Sometimes equal x, and both ends of the lattice. */
 				int32_t x = round % 3 ? (int32_t)rnd() : (int32_t)(rnd() % 3) - 1, y = (int32_t)rnd();
 
 				if (rnd() % 8 == 0)
@@ -192,7 +192,7 @@ static void test_sums(void **state)
 {
 	struct digest a = {UINT64_MAX, 1}, zero = {0, 0}, b = {1, UINT64_MAX};
 
-	digest_add(&a, b); /* each half wraps alone: no carry from low to high */
+	digest_add(&a, b); /* each half wraps separately: no carry from low to high */
 	assert_true(a.hi == 0 && a.lo == 0 && digest_is_zero(a));
 	digest_sub(&a, b);
 	assert_true(a.hi == UINT64_MAX && a.lo == 1 && !digest_is_zero(a));
@@ -222,7 +222,7 @@ static void test_hex(void **state)
 	(void)state;
 }
 
-/* Piece by piece is the same as at once. */
+/* In pieces it is the same as at once. */
 static void test_stream(void **state)
 {
 	uint8_t bytes[5000];

@@ -1,6 +1,6 @@
 /*
- * File helpers with every call of the table made to fail: once and for ever, by short transfers, EINTR and
- * errors. What must hold: the right error with the right file and place, and nothing left half published.
+ * File helpers with every call of the table made to fail, once or forever, by short transfers, EINTR and errors. The
+ * error must have the right file and offset, and nothing may be half published.
  */
 #include <setjmp.h>
 #include <stdbool.h>
@@ -28,9 +28,9 @@
 
 static char folder[] = "/tmp/acut-test-io-XXXXXX";
 static int dir = -1;
-static pthread_t loop; /* that must not wait */
+static pthread_t loop; /* the thread that must not wait */
 
-/* The faulty table: the call `fault.at`, counted over all of them, fails with `fault.error`. */
+/* The faulty table: the call `fault.at`, counted over all calls, fails with `fault.error`. */
 static struct {
 	int at, count, error;
 	bool short_transfers, interrupts;
@@ -130,7 +130,7 @@ static unsigned threads(void)
 	return n;
 }
 
-static unsigned alone; /* threads before any that closes */
+static unsigned alone; /* threads before the first closer */
 
 static void *nothing(void *ctx)
 {
@@ -141,7 +141,7 @@ static int set_up(void **state)
 {
 	pthread_t first;
 
-	/* A sanitizer starts one of its own with the first. */
+	/* A sanitizer starts its own thread with the first one. */
 	if (pthread_create(&first, NULL, nothing, NULL) || pthread_join(first, NULL))
 		return -1;
 	alone = threads();
@@ -164,7 +164,7 @@ static bool there(const char *name)
 	return faccessat(dir, name, F_OK, 0) == 0;
 }
 
-/* Write a file and publish it: what all of storage does. */
+/* Writes a file and publishes it, as all storage does. */
 static int publish(const char *text, struct err *err)
 {
 	int fd = -1, rc = io_open(dir, "a.tmp", O_RDWR | O_CREAT | O_TRUNC, 0600, &fd, err);
@@ -282,7 +282,7 @@ static void test_remove_and_make_dir(void **state)
 static _Atomic int closed, closing;
 static _Atomic bool gate;
 
-/* In whichever thread: holds what is closed aside until the gate is open. */
+/* In any thread: holds background closes until the gate is open. */
 static int gated_close(int fd)
 {
 	closing = fd + 1;
@@ -292,8 +292,8 @@ static int gated_close(int fd)
 	return close(fd);
 }
 
-/* Files are closed by another thread, which may take its time; pipes and sockets at once, unless they hold something unread. */
-static void closes_aside(void **state)
+/* Files are closed by another thread, which may take its time; pipes and sockets at once, unless they contain unread data. */
+static void closes_in_background(void **state)
 {
 	struct io_table table = io_system;
 	struct err err = ERR_INIT;
@@ -306,10 +306,10 @@ static void closes_aside(void **state)
 	table.close = gated_close;
 	io = &table;
 	loop = pthread_self();
-	io_close(plain); /* nothing was said yet */
+	io_close(plain); /* not in the background yet */
 	assert_int_equal(closed, 1);
-	assert_int_equal(io_close_aside(&err), 0);
-	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(io_close_background(&err), 0);
+	assert_int_equal(io_close_background(&err), 0);
 	io_close(pipes[0]);
 	io_close(pipes[1]);
 	io_close(sockets[0]);
@@ -324,7 +324,7 @@ static void closes_aside(void **state)
 	while (closed < 6)
 		usleep(1000);
 	assert_int_equal(fcntl(file, F_GETFD), -1);
-	io_close_waits();
+	io_close_foreground();
 	io_close(sockets[1]);
 	assert_int_equal(closed, 7);
 	io = &io_system;
@@ -354,8 +354,8 @@ static bool is_open(int fd)
 	return fcntl(fd, F_GETFD) >= 0;
 }
 
-/* Whose files never close waits for them himself: those of others are closed, and it is told how many there are. */
-static void each_waits_for_his_own(void **state)
+/* An owner of files that never close only blocks itself: files of others are closed, and the backlog is reported. */
+static void owners_are_independent(void **state)
 {
 	struct io_table table = io_system;
 	struct err err = ERR_INIT;
@@ -365,18 +365,18 @@ static void each_waits_for_his_own(void **state)
 	(void)state;
 	table.close = hanging_close;
 	io = &table;
-	assert_int_equal(io_close_aside(&err), 0);
-	assert_int_equal(io_close_whose(HANGS), 0);
+	assert_int_equal(io_close_background(&err), 0);
+	assert_int_equal(io_close_owner(HANGS), 0);
 	for (int i = 0; i < MOST; i++) {
-		assert_false(io_close_behind(HANGS, (size_t)i + 1, &since));
+		assert_false(io_close_backlog(HANGS, (size_t)i + 1, &since));
 		never[i] = memfd_create("never", 0);
 		if (i == MOST - 1) {
-			/* Passed on by him, and closed in somebody else's turn. */
-			io_close_owned(never[i], HANGS);
-			io_close_whose(OTHER);
+			/* Assigned to the owner, and closed by another one. */
+			io_close_assign(never[i], HANGS);
+			io_close_owner(OTHER);
 		}
 		io_close(never[i]);
-		assert_true(io_close_behind(HANGS, (size_t)i + 1, &since));
+		assert_true(io_close_backlog(HANGS, (size_t)i + 1, &since));
 	}
 	for (int i = 0; i < 20; i++) {
 		other = memfd_create("other", 0);
@@ -384,58 +384,58 @@ static void each_waits_for_his_own(void **state)
 		while (is_open(other))
 			usleep(1000);
 	}
-	assert_int_equal(io_close_whose(0), OTHER);
+	assert_int_equal(io_close_owner(0), OTHER);
 	assert_int_equal(hung, 1);
-	/* Since when the first hangs, however many wait behind it. */
-	assert_true(io_close_behind(HANGS, MOST, &first));
+	/* The time since the first one hangs, however many wait behind it. */
+	assert_true(io_close_backlog(HANGS, MOST, &first));
 	assert_true(begin <= first && first <= clock_mono_ns());
 	usleep(1000);
-	assert_true(io_close_behind(HANGS, MOST, &since));
+	assert_true(io_close_backlog(HANGS, MOST, &since));
 	assert_int_equal(since, first);
 	for (int i = 0; i < MOST; i++)
 		assert_true(is_open(never[i]));
-	/* The number is another file's afterwards. */
+	/* The number then belongs to another file. */
 	noted = memfd_create("noted", 0);
-	io_close_owned(noted, HANGS);
-	io_close_waits();
+	io_close_assign(noted, HANGS);
+	io_close_foreground();
 	io_close(noted);
-	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(io_close_background(&err), 0);
 	assert_int_equal(memfd_create("again", 0), noted);
 	io_close(noted);
 	while (is_open(noted))
 		usleep(1000);
-	/* One that hangs, one that waits; others may have helped meanwhile. */
+	/* One hangs, one waits; other threads may have helped meanwhile. */
 	while (threads() > alone + 2)
 		usleep(1000);
 	assert_int_equal(threads(), alone + 2);
-	/* The next one's own time counts, not since when it waits in the list. */
+	/* The next one's own time counts, not its time in the list. */
 	begin = clock_mono_ns();
 	answers = 1;
 	while (hung < 2)
 		usleep(1000);
-	assert_true(io_close_behind(HANGS, MOST - 1, &since));
+	assert_true(io_close_backlog(HANGS, MOST - 1, &since));
 	assert_true(begin <= since && since <= clock_mono_ns());
 	answers = MOST;
-	while (io_close_behind(HANGS, 1, &since) || io_close_behind(OTHER, 1, &since))
+	while (io_close_backlog(HANGS, 1, &since) || io_close_backlog(OTHER, 1, &since))
 		usleep(1000);
 	assert_int_equal(hung, MOST);
 	for (int i = 0; i < MOST; i++)
 		assert_false(is_open(never[i]));
-	/* Who came to help has gone, and comes again. */
+	/* Helping threads have ended, and are started again. */
 	while (threads() > alone + 1)
 		usleep(1000);
-	io_close_waits();
+	io_close_foreground();
 	io = &io_system;
 }
 
-/* What stands in for them: numbers of this process are free for no file, and are read and written as if they were closed. */
+/* After io_reserve_standard: files do not get these numbers, and reading and writing them fails as if they were closed. */
 static int take_standard_in_child(void)
 {
 	char byte;
 
 	for (int fd = 0; fd <= 2; fd++)
 		close(fd);
-	io_take_standard();
+	io_reserve_standard();
 	for (int fd = 0; fd <= 2; fd++)
 		if (fcntl(fd, F_GETFD) < 0 || (fd ? write(fd, "x", 1) : read(fd, &byte, 1)) >= 0 || errno != EBADF)
 			return 1 + fd;
@@ -462,8 +462,8 @@ int main(void)
 		cmocka_unit_test(test_short_and_interrupted),
 		cmocka_unit_test(test_read_fault),
 		cmocka_unit_test(test_remove_and_make_dir),
-		cmocka_unit_test(closes_aside),
-		cmocka_unit_test(each_waits_for_his_own),
+		cmocka_unit_test(closes_in_background),
+		cmocka_unit_test(owners_are_independent),
 	};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -1,6 +1,6 @@
 /*
- * Removing folders: everything below goes, a link goes and its target stays, a prefix selects entries, and what is absent
- * is success. A call that fails is an error that names the entry.
+ * Removing folders: everything below is removed; a link is removed and its target stays; a prefix selects entries; a
+ * missing folder is success. A call that fails is an error with the entry's name.
  */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /*
- * Links on the way to an output: followed where a kernel with protected_symlinks=1 follows them, whatever this one does. The
- * links of another user are made by root, who gives them away; without root only what is one's own is tried.
+ * Links on the path of an output: followed where a kernel with protected_symlinks=1 follows them, whatever the actual
+ * setting. Root makes the links of another user and gives them away; without root only own links are tested.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -42,7 +42,7 @@ static int teardown(void **state)
 	return chdir("/") || nftw(base, remove_one, 16, FTW_DEPTH | FTW_PHYS);
 }
 
-/* "FOLDER NAME" of what is found, relative to `base`, or the error. */
+/* "FOLDER NAME" of the result, relative to `base`, or the error. */
 static const char *find(const char *path, bool follow)
 {
 	static char text[4096];
@@ -67,7 +67,7 @@ static const char *find(const char *path, bool follow)
 	return text;
 }
 
-static void give(const char *link, uid_t uid)
+static void chown_link(const char *link, uid_t uid)
 {
 	assert_int_equal(lchown(link, uid, uid), 0);
 }
@@ -118,7 +118,7 @@ static void links_without_a_path(void **state)
 	close(p[1]);
 }
 
-/* A folder that becomes a link to another one once it has been looked at. */
+/* A folder that is replaced by a link to another one after it was checked. */
 static int exchanging_openat(int dirfd, const char *name, int flags, mode_t mode)
 {
 	if (!strcmp(name, "mid") && !rename("own/mid", "own/was"))
@@ -138,7 +138,7 @@ static void exchanged_folder(void **state)
 	io = was;
 }
 
-/* Where we are may be closed to us; a path from the root does not lead through it. */
+/* The current folder may be inaccessible; a path from the root does not need it. */
 static void closed_folder(void **state)
 {
 	uid_t was = geteuid();
@@ -159,13 +159,14 @@ static void links_of_others(void **state)
 		print_message("skipped: links of other users are made by root\n");
 		skip();
 	}
-	assert_int_equal(mkdir("free", 0777) | chmod("free", 0777), 0); /* not sticky: everybody may replace everything anyway */
+	/* not sticky: everybody can replace everything anyway */
+	assert_int_equal(mkdir("free", 0777) | chmod("free", 0777), 0);
 	assert_int_equal(symlink("../own/a.ply", "shared/x") | symlink("../own", "shared/d") | symlink("shared/x", "way") |
 				 symlink("../own/a.ply", "free/x"),
 			 0);
-	give("shared/x", OTHER);
-	give("shared/d", OTHER);
-	give("free/x", OTHER);
+	chown_link("shared/x", OTHER);
+	chown_link("shared/d", OTHER);
+	chown_link("free/x", OTHER);
 	assert_string_equal(find("shared/x", true), "refused");
 	assert_string_equal(find("shared/x", false), "shared x");
 	assert_string_equal(find("way", true), "refused");
@@ -173,12 +174,12 @@ static void links_of_others(void **state)
 	assert_string_equal(find("shared/d/a.ply", false), "refused");
 	assert_string_equal(find("shared/d/sub/../a.ply", false), "refused");
 	assert_string_equal(find("free/x", true), "own a.ply");
-	/* The folder's owner may; somebody else than both may not. */
+	/* The folder's owner may; other users may not. */
 	assert_int_equal(chown("shared", OTHER, OTHER), 0);
 	assert_string_equal(find("shared/x", true), "own a.ply");
 	assert_int_equal(chown("shared", THIRD, THIRD), 0);
 	assert_string_equal(find("shared/x", true), "refused");
-	/* Where not everybody may write it is a matter of those who may. */
+	/* Not everybody may write there, so it is up to those who may. */
 	assert_int_equal(chmod("shared", 01775), 0);
 	assert_string_equal(find("shared/x", true), "own a.ply");
 }
@@ -204,7 +205,7 @@ static void folders(void **state)
 	if (geteuid() != 0)
 		return;
 	assert_int_equal(symlink("../own/planted", "shared/f"), 0);
-	give("shared/f", OTHER);
+	chown_link("shared/f", OTHER);
 	err = ERR_INIT;
 	assert_int_equal(io_place_folder("shared/f", 0700, &fd, &made, &err), -ERR_PERM);
 	assert_int_equal(io_place_folder("shared/f/", 0700, &fd, &made, &err), -ERR_PERM);

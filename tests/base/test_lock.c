@@ -1,4 +1,4 @@
-/* Locks out of order, and what may be called by the loop only, end the process at once, without a second thread. */
+/* Locks out of order, and calls that are only allowed in the loop, end the process at once, without a second thread. */
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 static struct lock outer = LOCK_STATIC(SPACE), inner = LOCK_STATIC(LEDGER), twin = LOCK_STATIC(SPACE);
 static pthread_cond_t never = PTHREAD_COND_INITIALIZER;
 
-/* How a process of its own ends that runs fn: a signal's number, or 0. */
+/* How a process that runs fn ends: a signal's number, or 0. */
 static int end_of(void (*fn)(void))
 {
 	int status;
@@ -78,7 +78,7 @@ static void waits_with_another(void)
 static void tries(void)
 {
 	lock_take(&inner);
-	if (!lock_try(&outer)) /* out of order, and does not wait */
+	if (!lock_try(&outer)) /* out of order, but it does not wait */
 		abort();
 	lock_give(&outer);
 	lock_give(&inner);

@@ -1,4 +1,4 @@
-/* Events of the log: the table, what a sink gets, names of strangers, counts; and the catalogue of messages. */
+/* Events of the log: the table, what a sink gets, untrusted names, counts; and the catalogue of messages. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -55,7 +55,7 @@ static void test_table(void **state)
 			assert_string_not_equal(log_event_name((enum log_event)i), log_event_name((enum log_event)k));
 		}
 	}
-	/* Filters of administrators are made of these. */
+	/* Filters of administrators use these. */
 	assert_string_equal(log_event_id(LOG_EVENT_READY), "6c5a079f14bf44a5ae6dfb537c615d60");
 	assert_string_equal(log_event_id(LOG_EVENT_JOB_FAILED), "d6d1513041a8411d9aa9fdb3165d0a83");
 	assert_int_equal(log_event_level(LOG_EVENT_DAMAGE), LOG_LEVEL_ERROR);
@@ -105,7 +105,7 @@ static void test_counts(void **state)
 	log_set_sink(NULL, NULL);
 }
 
-/* What the sink does not take goes to stderr, and the journal's stream wants levels. */
+/* What the sink does not accept goes to stderr, where the journal's stream needs levels. */
 static void test_fallback(void **state)
 {
 	char text[256] = "";
@@ -139,7 +139,7 @@ static char *slurp(const char *path)
 	return text;
 }
 
-/* One entry for each event, and none beside them; each says what it means and what to do. */
+/* One entry for each event, and no others; each says what it means and what to do. */
 static void test_catalogue(void **state)
 {
 	const char *path = getenv("ACUT_CATALOG");
@@ -171,7 +171,7 @@ static void test_catalogue(void **state)
 	}
 }
 
-/* What a client can bring about as often as it likes is counted each time, and told some times. */
+/* Events that a client can cause at will are counted each time, and logged only some times. */
 static void test_flood(void **state)
 {
 	uint64_t cut = log_event_count(LOG_EVENT_CLIENT_CUT), done = log_event_count(LOG_EVENT_JOB_DONE);
@@ -184,14 +184,14 @@ static void test_flood(void **state)
 		log_event(LOG_EVENT_CLIENT_CUT, NULL, "a client is cut off");
 	assert_in_range(got.calls, 20, 200);
 	assert_int_equal(log_event_count(LOG_EVENT_CLIENT_CUT) - cut, 5000);
-	/* The rest is told as a number, also where nothing of its kind comes any more; once. */
+	/* The rest is logged as a number, once, even if no further event of that kind comes. */
 	got.calls = 0;
-	log_floods(false);
+	log_report_suppressed(false);
 	assert_int_equal(got.calls, 0);
-	log_floods(true);
+	log_report_suppressed(true);
 	assert_int_equal(got.calls, 1);
 	assert_non_null(strstr(got.message, "4900 more times"));
-	log_floods(true);
+	log_report_suppressed(true);
 	assert_int_equal(got.calls, 1);
 	got.calls = 0;
 	for (int i = 0; i < 5000; i++)

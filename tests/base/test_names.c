@@ -1,4 +1,4 @@
-/* The table from strings to numbers: each number of a key is found once, and other keys have none. */
+/* The table from strings to numbers: each number of a key is found once, and unknown keys have none. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

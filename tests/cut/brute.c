@@ -26,7 +26,7 @@ static int turn(const struct mesh_vertex *a, const struct mesh_vertex *b, const 
 	return (v > 0) - (v < 0);
 }
 
-/* From the lexicographically smallest point: the next one of the hull, counter-clockwise, nearest first. */
+/* From the lexicographically smallest point: the next point of the hull, counter-clockwise, the nearest first. */
 static bool first_edge(const struct mesh_vertex *p, unsigned n, unsigned *ret_a, unsigned *ret_b)
 {
 	unsigned a = 0, b;
@@ -41,7 +41,7 @@ static bool first_edge(const struct mesh_vertex *p, unsigned n, unsigned *ret_a,
 		if (i == a || i == b)
 			continue;
 		t = turn(&p[a], &p[b], &p[i]);
-		/* a is the smallest, so along a line from it nearer is smaller. */
+		/* a is the smallest, so along a line the nearer point is smaller. */
 		if (t < 0 || (t == 0 && before(&p[i], &p[b])))
 			b = i;
 	}
@@ -108,7 +108,7 @@ static bool less(struct rational a, struct rational b)
 	return a.num * b.den < b.num * a.den;
 }
 
-/* The t on the line for which p[i] is nearest form an interval: its ends are intersections of half lines. */
+/* The t on the line for which p[i] is nearest are an interval: its ends are intersections of half lines. */
 static bool meets_border(const struct mesh_vertex *p, unsigned n, unsigned i, bool vertical, int64_t c2, int64_t t0, int64_t t1)
 {
 	struct rational lo = {t0, 1}, hi = {t1, 1};

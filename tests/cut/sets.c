@@ -6,7 +6,7 @@
 
 unsigned sets_below(uint64_t *seed, unsigned n)
 {
-	return (unsigned)(tiling_random(seed) % n);
+	return (unsigned)(random_next(seed) % n);
 }
 
 static int32_t corner(uint64_t *seed)
@@ -24,14 +24,14 @@ static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, co
 
 	switch (family) {
 	case 0: /* full range */
-		ret[0] = (int32_t)tiling_random(seed);
-		ret[1] = (int32_t)tiling_random(seed);
+		ret[0] = (int32_t)random_next(seed);
+		ret[1] = (int32_t)random_next(seed);
 		return;
 	case 1:
 		ret[0] = corner(seed);
 		ret[1] = corner(seed);
 		return;
-	case 2: /* on a line, now and then one beside it */
+	case 2: /* on a line, sometimes one beside it */
 		ret[0] = base[0] + 7 * r;
 		ret[1] = base[1] + (base[0] & 1 ? 7 : base[0] & 2 ? -3 : 0) * r + (sets_below(seed, 40) == 0);
 		return;
@@ -43,7 +43,7 @@ static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, co
 		ret[0] = base[0] + circle[i % 12][0] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
 		ret[1] = base[1] + circle[i % 12][1] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
 		return;
-	case 5: /* a grid of odd step: circumcentres on possible cuts */
+	case 5: /* a grid with an odd step: circumcentres on possible cuts */
 		ret[0] = base[0] + 3 * (int32_t)(i % 7);
 		ret[1] = base[1] + 3 * (int32_t)(i / 7);
 		return;
@@ -145,7 +145,7 @@ void sets_make(uint64_t *seed, struct sets *set, struct view *view)
 
 void sets_tiling(uint64_t *seed, struct sets *set, struct tiling *t)
 {
-	*t = (struct tiling){.segments = set->segments, .salt = tiling_random(seed)};
+	*t = (struct tiling){.segments = set->segments, .salt = random_next(seed)};
 	t->cell_records = sets_below(seed, 4) ? 1 + sets_below(seed, 6) : 1000;
 	for (unsigned s = 0; s < set->segments; s++) {
 		t->pts[s] = set->record[s];

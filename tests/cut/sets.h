@@ -1,6 +1,6 @@
 /*
- * Small sets of points for fuzzing: on few places, on lines, circles and grids, in clusters, at the ends of the lattice;
- * in several segments, with duplicates and records that a view leaves out.
+ * Small sets of points for fuzzing: on few places, on lines, circles and grids, in clusters, at the ends of the
+ * lattice; in several segments, with duplicates and records that a view removes.
  */
 #ifndef SETS_H
 #define SETS_H
@@ -16,15 +16,15 @@ struct sets {
 	unsigned segments;
 	struct mesh_vertex pos[SETS_MAX_N]; /* after the view, Morton order */
 	unsigned n;
-	bool all_kept; /* the view takes nothing away */
+	bool all_kept; /* the view removes nothing */
 };
 
 unsigned sets_below(uint64_t *seed, unsigned n);
 /* A set and a view of it. */
 void sets_make(uint64_t *seed, struct sets *, struct view *ret_view);
-/* The positions that the view leaves, each with the record it prefers, anew. */
+/* Computes again the positions that the view keeps, each with the record it prefers. */
 void sets_reduce(struct sets *, const struct view *);
-/* The set's records, as long as it lives. */
+/* The set's records; valid as long as the set. */
 void sets_tiling(uint64_t *seed, struct sets *, struct tiling *ret);
 
 #endif

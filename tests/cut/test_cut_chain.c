@@ -1,6 +1,6 @@
 /*
- * What is read because of a chain against what belongs to it: a point that does not lie above E is a hit of it, alone and in any
- * box, at every size that numbers of the lattice have. E is exact, hits are in doubles.
+ * What is read because of a chain, against what belongs to it: a point that is not above E is a hit, alone and in any
+ * box, at every magnitude of lattice numbers. E is exact, hits are in doubles.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -18,13 +18,13 @@ static uint64_t seed = 11;
 
 static unsigned below(unsigned n)
 {
-	return (unsigned)(tiling_random(&seed) % n);
+	return (unsigned)(random_next(&seed) % n);
 }
 
-/* As small as large, or just inside an end of the lattice. */
+/* Of any magnitude, or just inside an end of the lattice. */
 static int32_t number(void)
 {
-	int32_t n = (int32_t)(tiling_random(&seed) >> 33 >> below(31));
+	int32_t n = (int32_t)(random_next(&seed) >> 33 >> below(31));
 
 	switch (below(4)) {
 	case 0:
@@ -43,7 +43,7 @@ static struct point point_of(const struct cut_chain *c, int32_t along, int32_t a
 	return c->vertical ? (struct point){.x = across, .y = along} : (struct point){.x = along, .y = across};
 }
 
-/* Where the numbers are: between the sites, most of all just beside one. */
+/* Where the sites are: between them, and often just beside one. */
 static int32_t some_place(const struct cut_chain *c)
 {
 	int64_t u = cut_chain_u(c, &c->pt[below(c->n)]) / 2 + ((int64_t)below(9) - 4) * (1 << (below(2) ? 0 : below(20)));
@@ -51,7 +51,7 @@ static int32_t some_place(const struct cut_chain *c)
 	return u < INT32_MIN ? INT32_MIN : u > INT32_MAX ? INT32_MAX : (int32_t)u;
 }
 
-/* Of those on one side of the border at this place, which is not above E, the farthest out. */
+/* The farthest point on one side of the border at this place that is not above E. */
 static struct point farthest(const struct cut_chain *c, int32_t along, int64_t nearest, int side)
 {
 	int64_t in = 0, out = side > 0 ? INT32_MAX - nearest : nearest - INT32_MIN;
@@ -70,7 +70,7 @@ static struct point farthest(const struct cut_chain *c, int32_t along, int64_t n
 
 static int32_t moved(int32_t at, int side)
 {
-	int64_t to = at + side * (int64_t)(tiling_random(&seed) >> 33 >> below(31));
+	int64_t to = at + side * (int64_t)(random_next(&seed) >> 33 >> below(31));
 
 	return to < INT32_MIN ? INT32_MIN : to > INT32_MAX ? INT32_MAX : (int32_t)to;
 }
@@ -88,13 +88,13 @@ static void check_hit(const struct cut_chain *c, const struct point *p)
 static void check_limits(const struct cut_chain *c, const struct point *p)
 {
 	unsigned shift = below(30), back = below(COLUMNS);
-	int64_t limit[COLUMNS], u = cut_chain_u(c, p), u0 = u - (int64_t)(tiling_random(&seed) % (((uint64_t)back << shift) + 1));
+	int64_t limit[COLUMNS], u = cut_chain_u(c, p), u0 = u - (int64_t)(random_next(&seed) % (((uint64_t)back << shift) + 1));
 
 	cut_chain_limits(c, u0, shift, COLUMNS, limit);
 	assert_true(cut_chain_x(c, p) <= limit[(u - u0) >> shift]);
 }
 
-/* Likewise against E of a part of the sites, which is nowhere below, before and after a survey. */
+/* The same for E of a part of the sites, which is nowhere below, before and after a survey. */
 static void check_part(const struct cut_chain *c, const struct point *p)
 {
 	struct point some[CAP];
@@ -156,7 +156,7 @@ static void what_belongs_is_hit(void **state)
 	assert_true(checked > 4 * CASES);
 }
 
-/* An edge from far out to close by: beside its near end the share of the far one is small, and what is lost of it is not. */
+/* An edge from far away to nearby: beside its near end the share of the far end is small, but what is lost of it is not. */
 static void beside_the_near_end(void **state)
 {
 	(void)state;

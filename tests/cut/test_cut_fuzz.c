@@ -1,7 +1,7 @@
 /*
- * The box rule by the ten thousand: random small point sets, tilings, views and dyadic partitions. For every
- * region cut_load gives exactly P_B by its definition; the owned triangles of P_B, and of random supersets of
- * it, are over all regions the triangles of the whole, each once.
+ * The box rule on tens of thousands of cases: random small point sets, tilings, views and dyadic partitions. For every
+ * region cut_load returns exactly P_B by its definition. The owned triangles of P_B, and of random supersets of it, are
+ * over all regions the triangles of the whole, each once.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,7 +15,7 @@
 #include "brute.h"
 #include "cut_bound.h"
 #include "cut_halo.h"
-#include "cut_keep.h"
+#include "cut_cache.h"
 #include "cut_order.h"
 #include "cut_sites.h"
 #include "err.h"
@@ -32,7 +32,7 @@ static uint64_t cases, regions, triangles, halos, empty_owners, together, bounds
 
 /* ---- partitions ---- */
 
-/* What a plan does not ask for where all is live changes nothing in it. */
+/* Queries that a plan skips when all records are live do not change it. */
 static void check_plan_asked(const struct cut_source *src, const struct cut_plan *plan)
 {
 	struct cut_source asking = *src;
@@ -59,7 +59,7 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 	for (size_t i = 0; i < plan.n && n < MAX_LEAVES; i++)
 		ret[n++] = plan.leaf[i].region;
 	if (plan.n > MAX_LEAVES) {
-		/* Too many: the root alone, split at random below. */
+		/* Too many: only the root, split at random below. */
 		int32_t box[4];
 
 		assert_true(src->box(src->ctx, box));
@@ -99,7 +99,7 @@ static unsigned owned(const struct cut_region *region, const struct mesh_vertex 
 	return k;
 }
 
-/* The other ways to find a halo: the sweep instead of rounds, a table of cells that overflows, own unknown. */
+/* The other ways to find a halo: the sweep instead of rounds, a full table of cells, own positions unknown. */
 static void check_halo(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
 		       const struct mesh_vertex *pb, unsigned n)
 {
@@ -136,13 +136,13 @@ static void check_halo(uint64_t *seed, const struct cut_source *src, const struc
 	assert_int_equal(k, m);
 }
 
-/* Halos found together: each of the group through one source that keeps what it has read, in whatever memory. */
+/* Halos found together: each through one source that caches what it has read, with any memory. */
 struct group {
 	struct cut_region region[MAX_LEAVES];
 	bool member[MAX_LEAVES];
 	unsigned n;
 	void *memory;
-	struct cut_keep *keep;
+	struct cut_cache *keep;
 	struct cut_sites *sites;
 };
 
@@ -158,7 +158,7 @@ static unsigned halo_of(const struct cut_region *region, struct mesh_vertex *ret
 	return n;
 }
 
-/* Some of the leaves; their halos by definition, and other positions besides, as sites. */
+/* Some of the leaves; their halos by definition, and other positions, as sites. */
 static void make_group(uint64_t *seed, const struct cut_source *src, const struct cut_region *leaf, unsigned n, struct group *g)
 {
 	size_t size = 300000;
@@ -192,10 +192,10 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 	cut_region_root(box, &root);
 	g->memory = malloc(size);
 	assert_non_null(g->memory);
-	g->keep = cut_keep_init(g->memory, size, src, &view, &root, g->region, g->n);
+	g->keep = cut_cache_init(g->memory, size, src, &view, &root, g->region, g->n);
 	assert_non_null(g->keep);
 	if (sets_below(seed, 3) == 0)
-		cut_keep_limit(g->keep, sets_below(seed, 40));
+		cut_cache_limit(g->keep, sets_below(seed, 40));
 }
 
 static void check_kept(uint64_t *seed, struct group *g, const struct cut_region *region, const struct mesh_vertex *pb, unsigned n)
@@ -207,7 +207,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 	uint64_t need;
 	uint32_t m, k = 0;
 
-	cut_keep_source(g->keep, &src);
+	cut_cache_source(g->keep, &src);
 	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
 	cut_halo_limit(h, sets_below(seed, 8), 1000);
 	cut_halo_grain(h, 0, 10, sets_below(seed, 100), sets_below(seed, 8));
@@ -222,7 +222,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 	together++;
 }
 
-/* Nothing is read for a bound, and it is one. */
+/* A bound reads nothing, and is an upper bound. */
 static void check_bound(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned halo)
 {
 	struct tiling *t = src->ctx;

@@ -1,7 +1,6 @@
 /*
- * Real grids and the kernel: every kind of point set, in one segment and in three that overlap, cut by plans of
- * several loads. The owned triangles of all regions have the digest of the whole; halos are the same whatever the
- * segments.
+ * Real grids and the kernel: every kind of point set, in one segment and in three that overlap, cut by plans with
+ * several loads. The owned triangles of all regions have the digest of the whole; halos are the same for any segments.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -30,7 +29,7 @@ struct sums {
 static void *arena, *scratch;
 static size_t scratch_size;
 
-/* Triangulate what lies in the kernel's input; add what the region owns (NULL: all). */
+/* Triangulates the kernel's input; adds what the region owns (NULL: all). */
 static void add_owned(struct tri *t, uint32_t n, const struct cut_region *region, struct sums *sums)
 {
 	struct tri_result r;
@@ -80,7 +79,7 @@ static void load_all(struct reader *r, uint32_t load, uint32_t cap, struct sums 
 	cut_plan_done(&plan);
 }
 
-/* A grid of the records: of each position one or two, in one segment or spread over three. */
+/* A grid of the records: each position once or twice, in one segment or spread over three. */
 static struct reader make_grid(struct folder *f, const struct mesh_vertex *v, uint32_t n, unsigned segments)
 {
 	struct grid_segment_info info[3];
@@ -93,8 +92,8 @@ static struct reader make_grid(struct folder *f, const struct mesh_vertex *v, ui
 		set[s] = (struct set){calloc(2 * n + 2, sizeof(struct point)), calloc(2 * n + 2, sizeof(uint32_t)), 0};
 	for (uint32_t i = 0; i < n; i++)
 		for (unsigned k = 0; k < 1 + (i % 10 == 0); k++) {
-			/* One point in fifty goes to the second segment, one in a thousand to the third: cells that
-			 * reach over many regions. */
+			/* One point in fifty is in the second segment, one in a thousand in the third: cells that
+			 * extend over many regions. */
 			unsigned s = segments == 1 ? 0 : (i + k) % 1000 == 7 ? 2 : (i + k) % 50 == 3;
 
 			set[s].ids[set[s].n] = s + 1;
@@ -138,7 +137,7 @@ static void check_kind(const char *kind)
 			assert_int_equal(s->used, n);
 			assert_int_equal(s->ntriangle, whole.ntriangle);
 			assert_true(digest_equal(s->triangles, whole.triangles));
-			/* Positions and heights do not depend on how the records lie in segments. */
+			/* Positions and heights do not depend on how the records are divided into segments. */
 			if (segments == 3 && s->leaves == got[k].leaves)
 				assert_true(digest_equal(s->loaded, got[k].loaded));
 		}
@@ -153,7 +152,7 @@ static void check_kind(const char *kind)
 
 static void parts_are_the_whole(void **state)
 {
-	scratch_size = cut_load_scratch_bytes(8 * N); /* lines are seen from every side */
+	scratch_size = cut_load_scratch_bytes(8 * N); /* lines are seen from all sides */
 	scratch = malloc(scratch_size);
 	arena = aligned_alloc(64, (tri_bytes(2 * N) + 63) & ~(size_t)63);
 	assert_non_null(scratch);

@@ -1,4 +1,4 @@
-/* What is remembered of a view's rule for a kind of point is what the view says of each point, whatever kinds come, in whatever
+/* The cached result of a view for a kind of point is the view's result for each point, whatever kinds come, in whatever
  * order. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,7 +17,7 @@ static void as_the_view_says(void **state)
 	for (unsigned i = 0; i < 200; i++) {
 		struct view view = VIEW_INIT;
 		struct cut_judge judge;
-		uint64_t how = tiling_random(&seed);
+		uint64_t how = random_next(&seed);
 
 		view.keep_noise = how & 1;
 		view.keep_withheld = how >> 1 & 1;
@@ -29,9 +29,8 @@ static void as_the_view_says(void **state)
 		cut_judge_init(&judge, &view);
 		by_kind += judge.by_kind;
 		for (unsigned k = 0; k < 1000; k++) {
-			/* Of a hundred kinds: they come again, and some of them share a place. */
-			uint64_t pool = i * 100 + tiling_random(&seed) % 100, kind = tiling_random(&pool),
-				 what = tiling_random(&seed);
+			/* A hundred kinds: they repeat, and some share a slot. */
+			uint64_t pool = i * 100 + random_next(&seed) % 100, kind = random_next(&pool), what = random_next(&seed);
 			struct point p = {.x = (int32_t)(what & 63),
 					  .y = (int32_t)(what >> 6 & 63),
 					  .z = (int32_t)(what >> 12 & 3) - 1,

@@ -1,6 +1,6 @@
 /*
- * Plans: leaves that cover the root once, bounds that count positions, refusals that say what would do; and
- * halos of sets too large for the fuzz.
+ * Plans: leaves that cover the root once, bounds that count positions, errors that name what would suffice; and halos
+ * of sets too large for the fuzz test.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -24,15 +24,14 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 
 enum shape { UNIFORM, DIAGONAL, PARABOLA, CLUSTERS, ONE_POSITION, COLUMN, CORRIDOR };
 
-static void make(struct tiling *t, struct cut_source *src, enum shape shape, size_t n, size_t cell_records)
+static void make_shape(struct tiling *t, struct cut_source *src, enum shape shape, size_t n, size_t cell_records)
 {
 	struct point *p = calloc(n, sizeof(*p));
 	uint64_t seed = 5;
 
 	assert_non_null(p);
 	for (size_t i = 0; i < n; i++) {
-		int32_t k = (int32_t)i, r = (int32_t)(tiling_random(&seed) & 0xfffff),
-			s = (int32_t)(tiling_random(&seed) & 0xfffff);
+		int32_t k = (int32_t)i, r = (int32_t)(random_next(&seed) & 0xfffff), s = (int32_t)(random_next(&seed) & 0xfffff);
 
 		p[i].ret = 0x11;
 		p[i].cls = 1;
@@ -72,7 +71,7 @@ static void make(struct tiling *t, struct cut_source *src, enum shape shape, siz
 	tiling_source(t, src);
 }
 
-static void make_done(struct tiling *t)
+static void shape_done(struct tiling *t)
 {
 	free(t->pts[0]);
 }
@@ -92,7 +91,7 @@ static void leaves_cover_once(void **state)
 		double area = 0;
 		unsigned infinite[4] = {0};
 
-		make(&t, &src, shapes[s], 5000, 40);
+		make_shape(&t, &src, shapes[s], 5000, 40);
 		assert_int_equal(cut_plan_make_from(&src, 300, &plan, &err), 0);
 		assert_true(src.box(src.ctx, box));
 		cut_region_root(box, &root);
@@ -115,11 +114,12 @@ static void leaves_cover_once(void **state)
 		for (unsigned side = 0; side < 4; side++)
 			assert_true(infinite[side] > 0);
 		cut_plan_done(&plan);
-		make_done(&t);
+		shape_done(&t);
 	}
 }
 
-/* Of several leaves the first are small, so that something leaves early; the others are as large as they may be. */
+/* If there are several leaves, the first ones are small, so that triangles are emitted early; the others are as large
+ * as allowed. */
 static void first_leaves_are_small(void **state)
 {
 	static const enum shape shapes[] = {UNIFORM, CLUSTERS, CORRIDOR};
@@ -133,9 +133,9 @@ static void first_leaves_are_small(void **state)
 		uint64_t before = 0;
 		bool large = false;
 
-		make(&t, &src, shapes[s], 900000, 1000);
+		make_shape(&t, &src, shapes[s], 900000, 1000);
 		assert_int_equal(cut_plan_make_from(&src, 1 << 19, &plan, &err), 0);
-		assert_true(plan.n > 1 && plan.n < 70); /* one way down to a small leaf */
+		assert_true(plan.n > 1 && plan.n < 70); /* a single path to a small leaf */
 		for (size_t i = 0; i < plan.n; i++) {
 			assert_true(plan.leaf[i].count <= (before < first / 2 ? first : 1 << 19));
 			before += plan.leaf[i].count;
@@ -143,11 +143,11 @@ static void first_leaves_are_small(void **state)
 		}
 		assert_true(large);
 		cut_plan_done(&plan);
-		/* What fits one leaf is one. */
+		/* What fits one leaf is one leaf. */
 		assert_int_equal(cut_plan_make_from(&src, 1 << 20, &plan, &err), 0);
 		assert_int_equal(plan.n, 1);
 		cut_plan_done(&plan);
-		make_done(&t);
+		shape_done(&t);
 	}
 }
 
@@ -158,7 +158,7 @@ static void many_records_are_one_position(void **state)
 	struct cut_plan plan;
 	struct err err = ERR_INIT;
 
-	make(&t, &src, ONE_POSITION, 100000, 1000);
+	make_shape(&t, &src, ONE_POSITION, 100000, 1000);
 	assert_int_equal(cut_plan_make_from(&src, 2, &plan, &err), 0);
 	assert_int_equal(plan.n, 1);
 	assert_int_equal(plan.leaf[0].count, 1);
@@ -167,10 +167,10 @@ static void many_records_are_one_position(void **state)
 	assert_int_equal(cut_plan_make_from(&src, 2, &plan, &err), 0);
 	assert_int_equal(plan.n, 0);
 	cut_plan_done(&plan);
-	make_done(&t);
+	shape_done(&t);
 }
 
-/* What the plan promises holds: every leaf loads into cap, or the probe has refused before. */
+/* The plan's promise: every leaf loads into cap, or the probe has failed before. */
 static int probe(enum shape shape, size_t n, uint32_t load, uint32_t cap, size_t *ret_leaves, struct err *err)
 {
 	struct cut_source src;
@@ -183,7 +183,7 @@ static int probe(enum shape shape, size_t n, uint32_t load, uint32_t cap, size_t
 	uint64_t need, used = 0, halo = 0;
 	int rc;
 
-	make(&t, &src, shape, n, 40);
+	make_shape(&t, &src, shape, n, 40);
 	assert_int_equal(cut_plan_make_from(&src, load, &plan, err), 0);
 	rc = cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, err);
 	for (size_t i = 0; i < plan.n && rc == 0; i++) {
@@ -198,7 +198,7 @@ static int probe(enum shape shape, size_t n, uint32_t load, uint32_t cap, size_t
 		print_message("shape %d: %zu leaves, %llu own, %llu halo\n", shape, plan.n, (unsigned long long)used,
 			      (unsigned long long)halo);
 	cut_plan_done(&plan);
-	make_done(&t);
+	shape_done(&t);
 	free(out);
 	free(scratch);
 	return rc;
@@ -226,7 +226,7 @@ static void probe_refuses_convex_position(void **state)
 		assert_non_null(strstr(err.message, "of 20000 points"));
 		assert_non_null(strstr(err.message, "the budget carries 4000"));
 		assert_true(err.need > 0);
-		/* With room for all of them it goes. */
+		/* With enough memory for all of them it succeeds. */
 		err = ERR_INIT;
 		assert_int_equal(probe(shapes[i], 20000, 2000, 60000, &leaves, &err), 0);
 	}
@@ -243,8 +243,8 @@ static void splits_end(void **state)
 	unsigned levels = 0;
 	int rc;
 
-	make(&t, &src, UNIFORM, 2000, 40);
-	/* No progress at all: one split to have something to compare with, then eight levels. */
+	make_shape(&t, &src, UNIFORM, 2000, 40);
+	/* No progress at all: one split for comparison, then eight levels. */
 	assert_int_equal(cut_plan_make_from(&src, 2000, &plan, &err), 0);
 	while ((rc = cut_plan_split_from(&src, &plan, plan.n - 1, 99000, 5000, &err)) == 0)
 		levels++;
@@ -254,7 +254,7 @@ static void splits_end(void **state)
 	assert_non_null(strstr(err.message, "99000 must be in memory"));
 	assert_int_equal(err.need, 99000);
 	cut_plan_done(&plan);
-	/* Three percent a level is progress: it goes on to the ends of the lattice. */
+	/* Three percent for each level is progress: it continues to the ends of the lattice. */
 	err = ERR_INIT;
 	levels = 0;
 	assert_int_equal(cut_plan_make_from(&src, 2000, &plan, &err), 0);
@@ -264,10 +264,10 @@ static void splits_end(void **state)
 	cut_region_root(box, &root);
 	assert_int_equal(levels, 2 * root.wx);
 	cut_plan_done(&plan);
-	make_done(&t);
+	shape_done(&t);
 }
 
-/* The sweep with more hits than one batch of it, against the rounds; every site of a parabola is a neighbour. */
+/* The sweep with more hits than one batch, against the rounds; every site of a parabola is a neighbour. */
 static void sweep_finds_what_rounds_find(void **state)
 {
 	static const enum shape shapes[] = {PARABOLA, UNIFORM, DIAGONAL};
@@ -282,7 +282,7 @@ static void sweep_finds_what_rounds_find(void **state)
 		struct cut_plan plan;
 		struct err err = ERR_INIT;
 
-		make(&t, &src, shapes[s], 10000, 8);
+		make_shape(&t, &src, shapes[s], 10000, 8);
 		assert_int_equal(cut_plan_make_from(&src, 3000, &plan, &err), 0);
 		assert_true(plan.n > 1);
 		for (size_t i = 0; i < plan.n; i++) {
@@ -304,13 +304,13 @@ static void sweep_finds_what_rounds_find(void **state)
 		}
 		assert_true(s > 0 || many > 3);
 		cut_plan_done(&plan);
-		make_done(&t);
+		shape_done(&t);
 	}
 	free(scratch[0]);
 	free(scratch[1]);
 }
 
-/* One border sees every site, the other a few: the chains share the scratch. */
+/* One border sees every site, the others few: the chains share the scratch. */
 static void one_chain_takes_the_room(void **state)
 {
 	const struct view view = VIEW_INIT;
@@ -325,28 +325,28 @@ static void one_chain_takes_the_room(void **state)
 	uint64_t need = 0;
 	uint32_t m;
 
-	make(&t, &src, COLUMN, 13000, 40);
+	make_shape(&t, &src, COLUMN, 13000, 40);
 	cut_region_root(some, &root); /* of side 16384, from 0 on */
 	assert_true(cut_region_split(&root, half));
 	assert_true(cut_region_split(&half[0], quarter));
-	/* The quarter holds the lower 8192 of the column; its upper border sees two sites, the right one those of
-	 * its side: the same chain is asked for all of them when own sites are not known. */
+	/* The quarter contains the lower 8192 of the column. Its upper border sees two sites, the right one those of
+	 * its side; all of them go to the same chain if own sites are unknown. */
 	for (unsigned known = 0; known < 2; known++) {
 		struct cut_halo *h = cut_halo_init(scratch, size, &src, &view, &quarter[known], false);
 
 		assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
 		assert_int_equal(m, 1);
 	}
-	/* What cannot fit says so, with a number. */
-	make_done(&t);
-	make(&t, &src, DIAGONAL, 60000, 40);
+	/* What cannot fit fails with a number. */
+	shape_done(&t);
+	make_shape(&t, &src, DIAGONAL, 60000, 40);
 	cut_region_root(all, &root); /* of side 65536 */
 	assert_true(cut_region_split(&root, half));
 	assert_int_equal(cut_halo_find(cut_halo_init(scratch, size, &src, &view, &half[0], false), &pts, &m, &need, &err),
 			 CUT_E_FULL);
 	assert_in_range(need, 16384 / 2, 60000);
 	assert_null(cut_halo_init(scratch, size - 1, &src, &view, &half[0], false));
-	make_done(&t);
+	shape_done(&t);
 	free(scratch);
 }
 
@@ -363,7 +363,7 @@ static void halos_read_little(void **state)
 	size_t size = cut_load_scratch_bytes(20000);
 	void *scratch = malloc(size);
 
-	make(&t, &src, UNIFORM, 100000, 100);
+	make_shape(&t, &src, UNIFORM, 100000, 100);
 	assert_int_equal(cut_plan_make_from(&src, 8000, &plan, &err), 0);
 	for (size_t i = 0; i < plan.n; i++) {
 		struct cut_load l = {.out = out, .cap = 20000, .scratch = scratch, .scratch_size = size};
@@ -378,7 +378,7 @@ static void halos_read_little(void **state)
 		      (unsigned long long)cells, (double)points / (double)own);
 	assert_true(points < 2 * own);
 	cut_plan_done(&plan);
-	make_done(&t);
+	shape_done(&t);
 	free(out);
 	free(scratch);
 }
@@ -400,7 +400,7 @@ static void corridors_read_little(void **state)
 		struct cut_plan plan;
 		struct tiling t;
 
-		make(&t, &src, CORRIDOR, 50000, 100);
+		make_shape(&t, &src, CORRIDOR, 50000, 100);
 		assert_int_equal(cut_plan_make_from(&src, loads[k], &plan, &err), 0);
 		assert_int_equal(cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, &err), 0);
 		assert_non_null(plan.sites);
@@ -427,14 +427,14 @@ static void corridors_read_little(void **state)
 		assert_true(points < 3 * own);
 		assert_true(apart > points);
 		cut_plan_done(&plan);
-		make_done(&t);
+		shape_done(&t);
 		free(scratch);
 		free(out[0]);
 		free(out[1]);
 	}
 }
 
-/* Whole leaves at the rim of ordinary data are told by the index alone. */
+/* For large leaves at the rim of ordinary data the index alone suffices. */
 static void probe_reads_nothing_it_need_not(void **state)
 {
 	const struct view view = VIEW_INIT;
@@ -446,7 +446,7 @@ static void probe_reads_nothing_it_need_not(void **state)
 	struct cut_plan plan;
 	struct tiling t;
 
-	make(&t, &src, UNIFORM, 100000, 40);
+	make_shape(&t, &src, UNIFORM, 100000, 40);
 	assert_int_equal(cut_plan_make_from(&src, load, &plan, &err), 0);
 	t.reads = 0;
 	assert_int_equal(cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, &err), 0);
@@ -454,7 +454,7 @@ static void probe_reads_nothing_it_need_not(void **state)
 	assert_int_equal(t.reads, 0);
 	assert_int_equal(plan.cells_read, 0);
 	cut_plan_done(&plan);
-	make_done(&t);
+	shape_done(&t);
 	free(scratch);
 }
 

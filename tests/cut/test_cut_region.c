@@ -1,5 +1,5 @@
 /*
- * Regions: roots, splits, ranges of keys, texts, and the owner test where circumcentres lie on cuts or far out.
+ * Regions: roots, splits, ranges of keys, texts, and the owner test for circumcentres on cuts or far away.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,11 +26,11 @@ static void root_is_small(void **state)
 		unsigned w;
 	} row[] = {
 		{{5, 7, 5, 7}, 0},
-		{{-1, 0, 0, 1}, 3}, /* across the highest cut: 2 above it, and 1 for the room */
+		{{-1, 0, 0, 1}, 3}, /* across the highest cut: 2 above it, and 1 for the margin */
 		{{1, 1, 2, 2}, 2},
-		{{0, 0, 1, 1}, 3},            /* beginning at a cut: there is room beyond it */
+		{{0, 0, 1, 1}, 3},            /* beginning at a cut: there is a margin beyond it */
 		{{7, 7, 8, 8}, 2},            /* the aligned square would have side 16 */
-		{{-900, -900, 900, 900}, 12}, /* 226 of room */
+		{{-900, -900, 900, 900}, 12}, /* a margin of 226 */
 		{{-800, -800, 800, 800}, 11},
 		{{0, 0, 1000000, 1000000}, 22},
 		{{130000, 130000, 900000, 900000}, 20},
@@ -51,22 +51,22 @@ static void root_is_small(void **state)
 	}
 }
 
-/* A region full of points does not reach the root's side: an eighth of the data's longer side lies between, as far as the lattice
- * goes. */
+/* A region with points does not reach the root's side: a margin of an eighth of the data's longer side is between, as
+ * far as the lattice allows. */
 static void root_has_room(void **state)
 {
 	uint64_t seed = 3;
 
 	(void)state;
 	for (unsigned i = 0; i < 20000; i++) {
-		unsigned shift = (unsigned)(tiling_random(&seed) % 32);
+		unsigned shift = (unsigned)(random_next(&seed) % 32);
 		int64_t at[4], w, room, ext[2];
 		struct cut_region r;
 		int32_t box[4];
 
 		for (unsigned a = 0; a < 2; a++) {
-			at[a] = num(tiling_random(&seed));
-			at[2 + a] = at[a] + (int64_t)(tiling_random(&seed) >> 32 >> shift);
+			at[a] = num(random_next(&seed));
+			at[2 + a] = at[a] + (int64_t)(random_next(&seed) >> 32 >> shift);
 			at[2 + a] = at[2 + a] > INT32_MAX ? INT32_MAX : at[2 + a];
 			ext[a] = at[2 + a] - at[a];
 		}
@@ -82,8 +82,8 @@ static void root_has_room(void **state)
 
 			assert_true(low < at[a] - room || low == INT32_MIN);
 			assert_true(low + w - 1 > at[2 + a] + room || low + w - 1 == INT32_MAX);
-			/* Not far larger than that takes: ten eighths, and as much again where they lie badly, to the next power
-			 * of two. */
+			/* Not much larger than necessary: ten eighths, and as much again if they are badly placed,
+			 * rounded up to a power of two. */
 			assert_true(w < 8 * (room + 2) * 8);
 		}
 	}
@@ -91,23 +91,23 @@ static void root_has_room(void **state)
 
 static void random_region(uint64_t *seed, struct cut_region *ret)
 {
-	unsigned shift = (unsigned)(tiling_random(seed) % 32);
-	int32_t x = num(tiling_random(seed)), y = num(tiling_random(seed));
-	int64_t x1 = x + (int64_t)(tiling_random(seed) >> 32 >> shift), y1 = y + (int64_t)(tiling_random(seed) >> 32 >> shift);
+	unsigned shift = (unsigned)(random_next(seed) % 32);
+	int32_t x = num(random_next(seed)), y = num(random_next(seed));
+	int64_t x1 = x + (int64_t)(random_next(seed) >> 32 >> shift), y1 = y + (int64_t)(random_next(seed) >> 32 >> shift);
 	int32_t box[4] = {x, y, (int32_t)(x1 > INT32_MAX ? INT32_MAX : x1), (int32_t)(y1 > INT32_MAX ? INT32_MAX : y1)};
-	unsigned depth = (unsigned)(tiling_random(seed) % 10);
+	unsigned depth = (unsigned)(random_next(seed) % 10);
 	struct cut_region half[2];
 
 	cut_region_root(box, ret);
 	for (; depth > 0 && cut_region_split(ret, half); depth--)
-		*ret = half[tiling_random(seed) & 1];
+		*ret = half[random_next(seed) & 1];
 }
 
 /* A position near the region's border, inside or outside. */
-static void near_position(uint64_t *seed, const struct cut_region *r, int32_t ret[2])
+static void position_near(uint64_t *seed, const struct cut_region *r, int32_t ret[2])
 {
 	uint64_t wx = (uint64_t)1 << r->wx, wy = (uint64_t)1 << r->wy;
-	uint64_t dx = tiling_random(seed), dy = tiling_random(seed);
+	uint64_t dx = random_next(seed), dy = random_next(seed);
 
 	dx = dx & 1 ? (dx >> 1) % wx : dx & 2 ? wx - 3 + (dx >> 2) % 6 : (dx >> 2) % 6 - 3;
 	dy = dy & 1 ? (dy >> 1) % wy : dy & 2 ? wy - 3 + (dy >> 2) % 6 : (dy >> 2) % 6 - 3;
@@ -122,18 +122,18 @@ static void way_up_is_the_way_down(void **state)
 
 	(void)state;
 	for (unsigned i = 0; i < 2000; i++) {
-		unsigned depth = (unsigned)(tiling_random(&seed) % 20), most = (unsigned)(tiling_random(&seed) % 5);
+		unsigned depth = (unsigned)(random_next(&seed) % 20), most = (unsigned)(random_next(&seed) % 5);
 		struct cut_region way[32], half[2], got[5];
 		size_t n = 0, k;
 
 		cut_region_root(box, &way[0]);
 		for (; n < depth && cut_region_split(&way[n], half); n++)
-			way[n + 1] = half[tiling_random(&seed) & 1];
+			way[n + 1] = half[random_next(&seed) & 1];
 		k = cut_region_above(&way[0], &way[n], got, most);
 		assert_int_equal(k, n < most ? n : most);
 		while (k-- > 0)
 			assert_true(cut_region_same(&got[k], &way[n - 1 - k]));
-		/* What is not below the root was split out of nothing of it. */
+		/* A region that is not below the root has no ancestors up to it. */
 		assert_int_equal(cut_region_above(&way[n], &way[0], got, 5), 0);
 	}
 }
@@ -164,7 +164,7 @@ static void ranges_are_the_box(void **state)
 			uint64_t key;
 			bool in = false;
 
-			near_position(&seed, &r, at);
+			position_near(&seed, &r, at);
 			key = point_morton(at[0], at[1]);
 			for (unsigned j = 0; j < n; j++)
 				in = in || (key >= range[j].lo && key <= range[j].hi);
@@ -225,7 +225,7 @@ static void ties_have_one_owner(void **state)
 				int32_t x = at, y = at * 3 - 7, d = step;
 				const int32_t p[4][2] = {{x, y}, {x + d, y}, {x + d, y + d}, {x, y + d}};
 				const int32_t *a = p[i], *b = p[(i + 1) % 4], *c = p[(i + 2) % 4];
-				/* The cell whose border runs through the centre, and its neighbours. */
+				/* The cell whose border goes through the centre, and its neighbours. */
 				struct cut_region root = {0, 0, 32, 32, 15};
 				unsigned owners = 0;
 
@@ -244,16 +244,16 @@ static void ties_have_one_owner(void **state)
 			}
 }
 
-/* The quick answer is the exact one: triangles of all sizes and shapes around a region of side 2^w, so that their
- * circles touch its borders from inside and outside. */
+/* The fast test agrees with the exact one: triangles of all sizes and shapes around a region of side 2^w, with circles
+ * that touch its borders from inside and outside. */
 static void quick_owner_is_exact(void **state)
 {
 	uint64_t seed = 5;
 	unsigned owned = 0;
 
 	for (unsigned i = 0; i < 400000; i++) {
-		uint8_t w = (uint8_t)(tiling_random(&seed) % 31), inf = (uint8_t)(tiling_random(&seed) % 16);
-		uint32_t size = (uint32_t)1 << (tiling_random(&seed) % (w + 2u)), side = (uint32_t)1 << w;
+		uint8_t w = (uint8_t)(random_next(&seed) % 31), inf = (uint8_t)(random_next(&seed) % 16);
+		uint32_t size = (uint32_t)1 << (random_next(&seed) % (w + 2u)), side = (uint32_t)1 << w;
 		struct cut_region r = {side, side, w, w, i % 4 ? 0 : inf};
 		struct cut_owner owner;
 		int32_t p[3][2];
@@ -261,7 +261,7 @@ static void quick_owner_is_exact(void **state)
 
 		for (unsigned k = 0; k < 3; k++)
 			for (unsigned axis = 0; axis < 2; axis++) {
-				uint64_t at = tiling_random(&seed) % (2 * (uint64_t)size + 1);
+				uint64_t at = random_next(&seed) % (2 * (uint64_t)size + 1);
 
 				/* Near a corner of the region, or flat. */
 				at += side - size + (i & 1 ? side / 2 : 0);
@@ -279,7 +279,7 @@ static void quick_owner_is_exact(void **state)
 	assert_true(owned > 1000 && owned < 300000);
 }
 
-/* Slivers of the full square have centres out to 2^97: infinite sides hold them, large numbers would not. */
+/* Slivers of the full square have centres up to 2^97 away: infinite sides contain them, large numbers would not. */
 static void far_centres_have_one_owner(void **state)
 {
 	uint64_t seed = 9;
@@ -289,10 +289,10 @@ static void far_centres_have_one_owner(void **state)
 		struct cut_region r = {0, 0, 32, 32, 15}, half[2];
 
 		for (unsigned k = 0; k < 3; k++) {
-			int32_t t = num(tiling_random(&seed)), e = (int32_t)(tiling_random(&seed) % 3) - 1;
+			int32_t t = num(random_next(&seed)), e = (int32_t)(random_next(&seed) % 3) - 1;
 
 			p[k][0] = t;
-			p[k][1] = i & 1 ? t / 2 + e : num(tiling_random(&seed));
+			p[k][1] = i & 1 ? t / 2 + e : num(random_next(&seed));
 		}
 		if (geom_orient(p[0], p[1], p[2]) == 0)
 			continue;

@@ -1,8 +1,8 @@
 /*
- * Validity by the ten thousand: a small dataset, what every region of a plan loads of it, and the trace of that; then
- * another generation of it (points more and less, other segments, other cells). Where the trace is said to be valid the
- * region must load the very same; and of the regions that do load the same nearly all must be found. Likewise of what boxes alone
- * tell, of that generation by the first, and of a third by the second.
+ * Validity on tens of thousands of cases: a small dataset, what every region of a plan loads of it, and its trace; then
+ * another generation (more and fewer points, other segments, other cells). If the trace is valid, the region must load
+ * the same; and of the regions that load the same, nearly all must be found. The same for the test by boxes, of that
+ * generation by the first, and of a third by the second.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -25,13 +25,13 @@ struct record {
 	unsigned source;
 };
 
-/* What was pushed, ever. */
+/* Everything that was ever pushed. */
 struct history {
 	struct record record[MOST];
 	size_t n;
 };
 
-/* A generation as it lies in segments. */
+/* A generation, in segments. */
 struct state {
 	struct point pts[TILING_SEGMENTS][MOST];
 	bool dead[TILING_SEGMENTS][MOST];
@@ -50,7 +50,7 @@ static uint64_t traces[CUT_TRACE_BYTES / 8 + 1];
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
-	return (unsigned)(tiling_random(seed) % n);
+	return (unsigned)(random_next(seed) % n);
 }
 
 static void place(uint64_t *seed, unsigned family, unsigned range, const int32_t base[2], int32_t ret[2])
@@ -93,7 +93,7 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 	return point_compare(a, b) < 0;
 }
 
-/* What is live in a segment is what was live there before, but for the sources that came or went: only these are looked at. */
+/* What is live in a segment was live there before, except for sources that were added or removed: only these are tested. */
 static bool by_source, merged;
 
 static unsigned segment_of(unsigned source)
@@ -103,14 +103,14 @@ static unsigned segment_of(unsigned source)
 	return source >= SOURCES ? TILING_SEGMENTS - 2 + source - SOURCES : source % (TILING_SEGMENTS - 2);
 }
 
-/* The live sources in segments anyhow; some of what is not live lies there too. */
+/* The live sources in arbitrary segments, with some that are not live. */
 static void lay_out(uint64_t *seed, struct state *s, unsigned live)
 {
 	unsigned segments = by_source ? TILING_SEGMENTS : 1 + below(seed, TILING_SEGMENTS);
 	bool prune = below(seed, 3) == 0;
 
 	memset(s, 0, sizeof *s);
-	s->tiling = (struct tiling){.segments = segments, .salt = tiling_random(seed)};
+	s->tiling = (struct tiling){.segments = segments, .salt = random_next(seed)};
 	s->tiling.cell_records = below(seed, 4) ? 1 + below(seed, 5) : 1000;
 	for (size_t i = 0; i < history.n; i++) {
 		unsigned at = by_source ? segment_of(history.record[i].source) : below(seed, segments);
@@ -119,7 +119,7 @@ static void lay_out(uint64_t *seed, struct state *s, unsigned live)
 		if (!(live >> history.record[i].source & 1)) {
 			if (prune)
 				continue;
-			p.tag |= 0x8000; /* told apart below: no other point has it */
+			p.tag |= 0x8000; /* distinguished below: no other point has it */
 		}
 		s->pts[at][s->tiling.n[at]++] = p;
 	}
@@ -156,7 +156,7 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 	return n;
 }
 
-/* Returns how many points were read for it. */
+/* Returns how many points were read. */
 static uint64_t load(const struct state *s, const struct cut_region *region, struct mesh_vertex *out,
 		     const struct cut_trace *before, struct cut_trace *trace, struct cut_load *ret)
 {
@@ -187,8 +187,8 @@ static bool outgrown(const struct state *s, const struct cut_region *root)
 	return !cut_region_holds(root, box[0], box[1]) || !cut_region_holds(root, box[2], box[3]);
 }
 
-/* Whether all that was live still is; regions where what was there before bounded the halo, those of them that changed, and what
- * was read for these, with and without. */
+/* Whether everything that was live still is; regions whose halo the earlier sites bounded, how many of them changed,
+ * and what was read for these, with and without. */
 static bool still;
 static uint64_t bounded, bounded_changed, bounded_read, all_read;
 
@@ -199,7 +199,7 @@ static void live_of(const struct state *s, struct cut_live *ret)
 	ret->n = (uint32_t)s->src.parts(s->src.ctx, ret->part, segment, CUT_TRACE_PARTS);
 }
 
-/* What boxes tell of a generation, by what was live in an earlier one in which the trace holds. */
+/* The test by boxes, from what was live in an earlier generation in which the trace is valid. */
 static void check_far(const struct cut_region *region, const struct cut_reach *reach, const struct state *then,
 		      const struct state *now, const struct cut_load *was)
 {
@@ -208,7 +208,7 @@ static void check_far(const struct cut_region *region, const struct cut_reach *r
 	struct cut_load is;
 
 	live_of(then, &live);
-	if (!cut_far_from(&now->src, region, reach, &live))
+	if (!cut_additions_far_from(&now->src, region, reach, &live))
 		return;
 	boxes++;
 	load(now, region, out, NULL, NULL, &is);
@@ -244,7 +244,7 @@ static void check_region(const struct cut_region *region)
 	if (valid)
 		check_far(region, &reach, &new, &later, &a);
 	equal = loads_same(&a, &b);
-	if (still || cut_trace_stands_in(&new.src, &trace)) {
+	if (still || cut_trace_still_live_in(&new.src, &trace)) {
 		bounded_read += load(&new, region, again, &trace, NULL, &c);
 		assert_true(loads_same(&b, &c));
 		all_read += all;
@@ -257,8 +257,8 @@ static void check_region(const struct cut_region *region)
 		fail_msg("region %s is said to be unchanged: %u of %u, now %u of %u", cut_region_text(region, text), a.own, a.n,
 			 b.own, b.n);
 	}
-	/* Also where segments were merged since. */
-	if (cut_trace_stands_in(&later.src, &trace)) {
+	/* Also if segments were merged since. */
+	if (cut_trace_still_live_in(&later.src, &trace)) {
 		load(&later, region, after, NULL, NULL, &b);
 		load(&later, region, again, &trace, NULL, &c);
 		assert_true(loads_same(&b, &c));
@@ -283,7 +283,7 @@ static void one_case(uint64_t seed)
 	view.duplicates = below(&seed, 2) ? VIEW_LOWEST : VIEW_HIGHEST;
 	view.keep_withheld = below(&seed, 2);
 	view.keep_noise = below(&seed, 2);
-	/* Chains thinned, ranges made coarser. */
+	/* Thinned chains, coarser ranges. */
 	most_sites = below(&seed, 3) ? CUT_TRACE_SITES : 2 + below(&seed, 4);
 	most_ranges = below(&seed, 3) ? CUT_TRACE_RANGES : 4 + 4 * below(&seed, 3);
 	history.n = 0;
@@ -294,7 +294,7 @@ static void one_case(uint64_t seed)
 		place(&seed, family, range, base, at);
 		add(&seed, at, below(&seed, SOURCES));
 	}
-	/* Most of the sources live; the new ones are SOURCES. */
+	/* Most of the sources are live; the new ones are SOURCES. */
 	live = (1u << SOURCES) - 1;
 	if (below(&seed, 2))
 		live &= ~(1u << below(&seed, SOURCES));
@@ -309,7 +309,7 @@ static void one_case(uint64_t seed)
 		int32_t at[2];
 
 		place(&seed, family, range + below(&seed, 2) * 2, base, at);
-		/* Now and then just where there is a point, or the same record once more. */
+		/* Sometimes at the position of another point, or the same record again. */
 		if (history.n && below(&seed, 3) == 0) {
 			const struct point *p = &history.record[below(&seed, (unsigned)history.n)].p;
 
@@ -337,7 +337,7 @@ static void one_case(uint64_t seed)
 		check_region(&leaf[i]);
 }
 
-/* Many points in small cells, and a push, a removal, or both in one corner: what is away from there is found. */
+/* Many points in small cells, and a push, a removal, or both in one corner: regions away from there are found. */
 static void local_case(uint64_t seed)
 {
 	const int32_t zero[2] = {-100, -90};
@@ -377,7 +377,7 @@ static void local_case(uint64_t seed)
 
 struct fuzz {
 	const char *name;
-	uint64_t cases, least, boxes; /* of those that load the same found, and by boxes: percent */
+	uint64_t cases, least, boxes; /* percent of those that load the same that are found, in all and by boxes */
 	void (*one)(uint64_t seed);
 };
 
@@ -405,7 +405,7 @@ static void run(const struct fuzz *f)
 	assert_true(boxes >= same * f->boxes / 100);
 }
 
-/* Most cells are about as large as the data here, and a change in one is a change of all who see it. */
+/* Most cells are about as large as the data here, and a change in one changes all regions that see it. */
 static void test_random(void **state)
 {
 	const struct fuzz f = {"random", 1, 30, 5, one_case};
@@ -422,7 +422,7 @@ static void test_local(void **state)
 	run(&f);
 }
 
-/* What lies in one segment of what was in two is none of what came, wherever it is. */
+/* Content of two segments that is now in one is not an addition, wherever it is. */
 static void test_merged(void **state)
 {
 	const int32_t zero[2] = {-100, -90};
@@ -448,8 +448,8 @@ static void test_merged(void **state)
 		lay_out(&seed, &new, (2u << SOURCES) - 1 - (k >> 1));
 		assert_true(new.src.box(new.src.ctx, box));
 		cut_region_root(box, &root);
-		/* A little of it is not live any more. */
-		assert_true(cut_far_from(&new.src, &root, &nothing, &live) == (k < 2));
+		/* A little of it is no longer live. */
+		assert_true(cut_additions_far_from(&new.src, &root, &nothing, &live) == (k < 2));
 	}
 	merged = false;
 }

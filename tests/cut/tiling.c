@@ -3,15 +3,6 @@
 #include "cut_valid.h"
 #include "err.h"
 
-uint64_t tiling_random(uint64_t *state)
-{
-	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-
-	z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
-	z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
-	return z ^ (z >> 31);
-}
-
 static size_t lower(const struct point *p, size_t n, uint64_t key)
 {
 	size_t lo = 0, hi = n;
@@ -58,7 +49,7 @@ static int walk_node(const struct walk *w, size_t from, size_t to, uint64_t lo, 
 
 	if (from == to || hi < w->lo || lo > w->hi)
 		return 0;
-	dice = tiling_random(&state);
+	dice = random_next(&state);
 	if (lo == hi || to - from <= w->t->cell_records || (to - from <= 4 * w->t->cell_records && dice % 4 == 0)) {
 		make_cell(p + from, to - from, lo, hi, w->segment, from, &cell);
 		return w->v->cell(w->v->ctx, &cell);
@@ -106,7 +97,7 @@ static int hand_out(const struct tiling *t, unsigned segment, size_t from, size_
 		    struct err *err)
 {
 	const struct point *p = t->pts[segment];
-	const size_t most = t->salt % 2 ? 7 : GRID_CELL_RECORDS; /* at a time */
+	const size_t most = t->salt % 2 ? 7 : GRID_CELL_RECORDS; /* at the same time */
 
 	for (size_t i = from, end = from + n; i < end;) {
 		size_t k = i;
@@ -205,14 +196,14 @@ static int tiling_sums(void *ctx, struct grid_sum *range, size_t n, struct err *
 	return 0;
 }
 
-static size_t tiling_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
+static size_t tiling_parts(void *ctx, struct cut_live_part *ret, struct cut_segment *ret_segment, size_t most)
 {
 	const struct tiling *t = ctx;
 	size_t n = 0;
 
 	for (unsigned s = 0; s < t->segments; s++) {
 		struct cut_segment segment = {.number = s, .box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN}};
-		struct cut_part part = {0};
+		struct cut_live_part part = {0};
 
 		for (size_t i = 0; i < t->n[s]; i++)
 			if (live(t, s, i)) {

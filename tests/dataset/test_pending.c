@@ -4,6 +4,7 @@
 #include <stdatomic.h>
 
 #include "grid.h"
+#include "grid_verify.h"
 
 static atomic_llong ahead_ns;
 static atomic_bool hold, held;

@@ -61,8 +61,8 @@ static int service_try_open(uint64_t memory, unsigned threads, struct err *err)
 	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	h.cachefd = dup(h.statefd);
 	h.ledger = ledger_new(memory);
-	ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0);
-	ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0);
+	ledger_reserve(h.ledger, LEDGER_MESSAGE, 1 << 20, 0);
+	ledger_reserve(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0);
 	r = sched_new(h.ledger, threads, &h.sched, err);
 	if (!r)
 		r = catalogue_new(path, h.ledger, &h.catalogue, err);

@@ -8,7 +8,7 @@
 
 #include "fuzz_input.h"
 #include "grid.h"
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "io.h"
 
 #if FUZZ_MANIFEST

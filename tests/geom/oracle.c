@@ -1,5 +1,5 @@
 /*
- * Slow and plain: GMP integers, determinants expanded from their definition in absolute coordinates.
+ * Slow and simple: GMP integers, determinants expanded from their definition in absolute coordinates.
  */
 #include "oracle.h"
 

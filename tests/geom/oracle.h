@@ -1,7 +1,7 @@
 /*
- * The signs of geom/ once more, from their definition, with numbers of any size: every position is lifted
- * to (x^2 + y^2) * M^4 + M^rank, ranks by lexicographic order among the positions given, M = 2^100, larger
- * than any cofactor. Shares no formula with geom.h.
+ * The signs of engine/geom again, from their definition, with numbers of any size: every position is lifted to (x^2 +
+ * y^2) * M^4 + M^rank, where ranks are by lexicographic order among the given positions, and M = 2^100 is larger than
+ * any cofactor. Shares no formula with geom.h.
  */
 #ifndef ORACLE_H
 #define ORACLE_H
@@ -15,7 +15,7 @@ extern "C" {
 
 int oracle_orient(const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
-/* Of the 4 x 4 determinant of rows x, y, lift, 1. `perturbed` false: without the powers of M. */
+/* The sign of the 4 x 4 determinant of rows x, y, lift, 1. `perturbed` false: without the powers of M. */
 int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2], bool perturbed);
 
 /* The point of equal power to a, b, c (Cramer), against the cut c2 / 2. Any orientation. */

@@ -24,7 +24,7 @@ static uint32_t draw(void)
 
 static const int32_t extremes[] = {INT32_MIN, INT32_MIN + 1, -1, 0, 1, INT32_MAX - 1, INT32_MAX};
 
-/* Families of positions: how large the numbers are decides which path of geom.h answers. */
+/* Families of positions: the size of the numbers decides which path of geom.h is taken. */
 enum { FAMILIES = 9 };
 
 static int32_t draw_in(unsigned family)
@@ -51,7 +51,7 @@ static int32_t draw_in(unsigned family)
 
 static void draw_points(int32_t p[4][2], unsigned family)
 {
-	/* Corners and middles of squares around the size where 64 bits end. */
+	/* Corners and middles of squares around the size at which 64 bits no longer suffice. */
 	if (family == FAMILIES - 1) {
 		int32_t half = (int32_t)(20000 + draw() % 30000);
 
@@ -144,7 +144,7 @@ static void incircle_bound(void **unused)
 	assert_true(seen[0] > 0 && seen[2] > 0);
 }
 
-/* The determinant of three corners and the centre, as a number: S^4 / 2 to the last bit. */
+/* The value of the determinant of three corners and the centre: exactly S^4 / 2. */
 static void incircle_bound_value(void **unused)
 {
 	const int64_t s = UINT32_MAX, h = (s + 1) / 2;
@@ -224,7 +224,7 @@ static void cut_through_cell_centres(void **unused)
 	assert_true(done > 10000);
 }
 
-/* Needles: circumcentres far outside the range, and within an inch of the filter's bound. */
+/* Needles: circumcentres far outside the range, and close to the filter's bound. */
 static void cut_of_needles(void **unused)
 {
 	for (unsigned i = 0; i < 200000; i++) {
@@ -243,8 +243,8 @@ static void cut_of_needles(void **unused)
 	}
 }
 
-/* Thin triangles as long as the range, with a circumcentre near the middle of the long side, and cuts next to
- * it: the sign hangs on a difference far below what doubles resolve. */
+/* Thin triangles as long as the range, with a circumcentre near the middle of the long side, and cuts next to it: the
+ * sign depends on a difference far below the resolution of doubles. */
 static void cut_below_double_precision(void **unused)
 {
 	unsigned done = 0;

@@ -1,4 +1,4 @@
-/* Shared by the tests of the grid (grid_fixture.h). Nothing here uses the room's insides. */
+/* Shared by the tests of the grid (grid_fixture.h). Uses only public headers. */
 #include "grid_fixture.h"
 
 #include <dirent.h>
@@ -13,20 +13,6 @@
 #include <cmocka.h>
 
 #include "io.h"
-
-uint64_t rng_next(uint64_t *state)
-{
-	uint64_t z = *state += 0x9e3779b97f4a7c15u;
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
-}
-
-uint64_t rng_below(uint64_t *state, uint64_t n)
-{
-	return rng_next(state) % n;
-}
 
 void check_ok(int rc, const struct err *err, const char *what, const char *file, int line)
 {
@@ -120,21 +106,21 @@ static int32_t coordinate(enum shape shape, uint64_t *rng)
 {
 	switch (shape) {
 	case SHAPE_UNIFORM:
-		return (int32_t)rng_below(rng, 2000000) - 1000000;
+		return (int32_t)random_below(rng, 2000000) - 1000000;
 	case SHAPE_CLUSTERED:
-		return (int32_t)(rng_below(rng, 5) * 400000000u) + (int32_t)(rng_below(rng, 40) * rng_below(rng, 40));
+		return (int32_t)(random_below(rng, 5) * 400000000u) + (int32_t)(random_below(rng, 40) * random_below(rng, 40));
 	case SHAPE_DUPLICATES:
-		return (int32_t)rng_below(rng, 12) - 6;
+		return (int32_t)random_below(rng, 12) - 6;
 	case SHAPE_EXTREME:
-		switch (rng_below(rng, 5)) {
+		switch (random_below(rng, 5)) {
 		case 0:
 			return INT32_MIN;
 		case 1:
 			return INT32_MAX;
 		case 2:
-			return (int32_t)rng_below(rng, 3) - 1;
+			return (int32_t)random_below(rng, 3) - 1;
 		default:
-			return (int32_t)rng_next(rng);
+			return (int32_t)random_next(rng);
 		}
 	default:
 		return -77;
@@ -151,12 +137,12 @@ struct set set_make(enum shape shape, size_t n, unsigned sources, uint64_t seed)
 
 		p->x = coordinate(shape, &rng);
 		p->y = coordinate(shape, &rng);
-		p->z = (int32_t)rng_below(&rng, 50) - 25;
-		p->cls = (uint8_t)(rng_below(&rng, 20) ? rng_below(&rng, 4) : rng_below(&rng, 256));
-		p->ret = (uint8_t)rng_below(&rng, 256);
-		p->tag = (uint16_t)rng_below(&rng, 16);
-		/* Sources in stretches, as files come, and here and there mixed. */
-		s.ids[i] = 1 + (uint32_t)(rng_below(&rng, 3) ? i * sources / n : rng_below(&rng, sources));
+		p->z = (int32_t)random_below(&rng, 50) - 25;
+		p->cls = (uint8_t)(random_below(&rng, 20) ? random_below(&rng, 4) : random_below(&rng, 256));
+		p->ret = (uint8_t)random_below(&rng, 256);
+		p->tag = (uint16_t)random_below(&rng, 16);
+		/* Sources in stretches, as from files, and sometimes mixed. */
+		s.ids[i] = 1 + (uint32_t)(random_below(&rng, 3) ? i * sources / n : random_below(&rng, sources));
 	}
 	return s;
 }
@@ -198,7 +184,7 @@ void set_sort(struct set *s)
 void set_shuffle(struct set *s, uint64_t seed)
 {
 	for (size_t i = s->n; i > 1; i--) {
-		size_t k = rng_below(&seed, i);
+		size_t k = random_below(&seed, i);
 		struct point p = s->pts[k];
 		uint32_t id = s->ids[k];
 
@@ -248,7 +234,7 @@ static void halve(struct halving *h, size_t first, size_t n, uint64_t lo, unsign
 		.box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
 	};
 	for (size_t i = 0; i < n; i++) {
-		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source here */
+		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source index here */
 
 		c->box[0] = p[i].x < c->box[0] ? p[i].x : c->box[0];
 		c->box[1] = p[i].y < c->box[1] ? p[i].y : c->box[1];

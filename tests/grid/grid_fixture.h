@@ -1,4 +1,4 @@
-/* What the tests of the grid share: folders, point sets, and the cache written a second time, in memory. */
+/* What the tests of the grid share: folders, point sets, and a second implementation of cells in memory. */
 #ifndef GRID_FIXTURE_H
 #define GRID_FIXTURE_H
 
@@ -8,16 +8,13 @@
 
 #include "err.h"
 #include "grid.h"
+#include "grid_stage.h"
 #include "point.h"
-
-/* ---- numbers that look random and are the same everywhere ---- */
-
-uint64_t rng_next(uint64_t *state);
-uint64_t rng_below(uint64_t *state, uint64_t n);
+#include "random.h"
 
 /* ---- folders ---- */
 
-/* From now on fsync does nothing: these tests pull no plug, and a busy disk would only make them slow. */
+/* From now on fsync does nothing: these tests do not simulate power cuts, and fsync on a busy disk is slow. */
 void skip_fsync(void);
 
 struct folder {
@@ -27,7 +24,7 @@ struct folder {
 
 struct folder folder_new(void);
 void folder_remove(struct folder *);                            /* with everything in it */
-size_t folder_files(const struct folder *, const char *suffix); /* files whose name ends so; "" all */
+size_t folder_files(const struct folder *, const char *suffix); /* files whose names end with it; "": all */
 size_t open_descriptors(void);
 
 /* ---- point sets ---- */
@@ -57,7 +54,7 @@ struct ref_cell {
 	struct digest sum;
 };
 
-/* Of a sorted set. Caller frees. */
+/* Of a sorted set. The caller frees it. */
 struct ref_cell *ref_cells(const struct set *, size_t *ret_n);
 
 /* ---- making and opening a dataset ---- */
@@ -65,16 +62,15 @@ struct ref_cell *ref_cells(const struct set *, size_t *ret_n);
 #define CHECK(call) check_ok((call), &err, #call, __FILE__, __LINE__)
 void check_ok(int rc, const struct err *err, const char *what, const char *file, int line);
 
-/* Stage and seal, in pieces of odd sizes; memory 0: plenty. */
+/* Stages and seals, in pieces of odd sizes; memory 0: more than enough. */
 int stage_set(const struct folder *, const char *name, const struct set *, size_t memory, struct grid_segment_info *ret,
 	      struct err *err);
-/* Segments s0, s1, ...: each source lies in one of them, by its number. Made of little memory. */
+/* Segments s0, s1, ...: each source is in one of them, by its number. Made with little memory. */
 void stage_sources(const struct folder *, const struct set *, unsigned segments, struct grid_segment_info *ret);
-/* A manifest over segments whose sources are 1..sources, all added in generation 1. Caller frees
- * m.sources. */
+/* A manifest of segments with sources 1..sources, all added in generation 1. The caller frees m.sources. */
 struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources);
 
-/* How many of the set's points are of each source. */
+/* Sets the number of points of each source. */
 void manifest_count(struct grid_manifest *, const struct set *);
 
 /* A reader with its memory. */
@@ -86,11 +82,11 @@ struct reader {
 struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation, size_t index_memory);
 void reader_close(struct reader *);
 
-/* Everything that a scan hands out. */
+/* Collects everything that a scan returns. */
 struct gather {
 	struct point *pts;
 	size_t n, cap;
-	size_t largest; /* piece */
+	size_t largest; /* largest piece */
 };
 int gather_sink(void *ctx, const struct point *pts, size_t n, struct err *err);
 

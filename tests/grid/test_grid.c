@@ -1,6 +1,6 @@
 /*
- * The cache against itself written a second time: cells by halving the whole key space in memory, scans by
- * filtering. Whatever the order of the points and the memory, the same cells and the same records.
+ * The cache against a second implementation: cells by halving the whole key space in memory, scans by filtering.
+ * Whatever the order of the points and the memory, cells and records must be the same.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -42,7 +42,7 @@ static int check_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-/* All of one segment with this content. */
+/* Checks all of one segment with this content. */
 static void check_segment(struct reader *r, const struct set *sorted, const struct grid_segment_info *info)
 {
 	struct cells_check c = {.r = r, .s = sorted};
@@ -83,19 +83,19 @@ static uint64_t key_of(const struct point *p)
 /* A random range, often with ends at records. */
 static void random_range(const struct set *s, uint64_t *rng, uint64_t *lo, uint64_t *hi)
 {
-	uint64_t a = rng_next(rng), b = rng_next(rng);
+	uint64_t a = random_next(rng), b = random_next(rng);
 
-	if (s->n && rng_below(rng, 4)) {
-		size_t i = rng_below(rng, s->n), k = i + rng_below(rng, rng_below(rng, 2) ? 3000 : 50);
+	if (s->n && random_below(rng, 4)) {
+		size_t i = random_below(rng, s->n), k = i + random_below(rng, random_below(rng, 2) ? 3000 : 50);
 
-		a = key_of(&s->pts[i]) - rng_below(rng, 2);
-		b = key_of(&s->pts[k < s->n ? k : s->n - 1]) + rng_below(rng, 2);
+		a = key_of(&s->pts[i]) - random_below(rng, 2);
+		b = key_of(&s->pts[k < s->n ? k : s->n - 1]) + random_below(rng, 2);
 	}
 	*lo = a < b ? a : b;
 	*hi = a < b ? b : a;
 }
 
-/* Scan, count and sum of a range against the filter over a sorted set of what is live. */
+/* Scan, count and sum of a range against filtering the sorted set of live records. */
 static void check_range(struct reader *r, const struct set *live, uint64_t lo, uint64_t hi, bool must_be_exact)
 {
 	struct gather g = {0};
@@ -160,7 +160,7 @@ static void one_content(enum shape shape, size_t n, unsigned sources, uint64_t s
 		CHECK(stage_set(&f, name, &s, memories[i], &info[i], &err));
 		set_shuffle(&s, seed + i);
 	}
-	assert_int_equal(folder_files(&f, ""), 3); /* the runs are gone */
+	assert_int_equal(folder_files(&f, ""), 3); /* the runs were removed */
 	same_file(&f, info[0].file, info[1].file);
 	same_file(&f, info[0].file, info[2].file);
 
@@ -199,7 +199,7 @@ static void test_small(void **state)
 			one_content(shape, sizes[i], 1 + i % 3, 100 + i);
 }
 
-/* More sources than a tag can tell apart, in random order: runs are closed by their number. */
+/* More sources than a tag can distinguish, in random order: runs end because of their number. */
 static void test_many_sources(void **state)
 {
 	enum { SOURCES = 9000 };
@@ -209,7 +209,7 @@ static void test_many_sources(void **state)
 	one_content(SHAPE_UNIFORM, 30000, SOURCES, 7);
 }
 
-/* Several pushes into one area, sources removed later: every generation is what it was. */
+/* Several pushes to one area, sources removed later: every generation stays the same. */
 static void generations(enum shape shape, uint64_t seed)
 {
 	enum { PUSHES = 4, EACH = 3, N = 20000 };
@@ -220,7 +220,7 @@ static void generations(enum shape shape, uint64_t seed)
 	uint64_t rng = seed;
 
 	for (size_t i = 0; i < all.n; i++)
-		all.ids[i] = 1 + (uint32_t)(i / N * EACH + rng_below(&rng, EACH));
+		all.ids[i] = 1 + (uint32_t)(i / N * EACH + random_below(&rng, EACH));
 	for (unsigned i = 0; i < PUSHES; i++) {
 		struct set part = {all.pts + i * N, all.ids + i * N, N};
 		char name[16];
@@ -322,7 +322,7 @@ static void test_prune(void **state)
 
 	for (int i = 0; i < 50; i++) {
 		struct box_walk with = {
-			.box = {(int32_t)rng_below(&rng, 2000000) - 1000000, (int32_t)rng_below(&rng, 2000000) - 1000000}};
+			.box = {(int32_t)random_below(&rng, 2000000) - 1000000, (int32_t)random_below(&rng, 2000000) - 1000000}};
 		with.box[2] = with.box[0] + 30000;
 		with.box[3] = with.box[1] + 30000;
 		struct box_walk without = with;
@@ -348,7 +348,7 @@ static void test_prune(void **state)
 	folder_remove(&f);
 }
 
-/* Two segments whose pages lie at the same places of their files: none is taken for the other. */
+/* Two segments whose pages are at the same offsets: they must not be confused. */
 static void test_twins(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 3000, 1, 3);

@@ -1,6 +1,6 @@
 /*
- * Damage: any changed byte of a segment, manifest or run is found when it is read, and so is a segment,
- * page or block that is whole but not the one that is meant.
+ * Damage: any changed byte of a segment, manifest or run is found when it is read, and so is an intact segment, page or
+ * block that is not the right one.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -12,9 +12,10 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_disk.h"
 #include "grid_fixture.h"
+#include "grid_verify.h"
 
 struct bytes {
 	uint8_t *at;
@@ -54,7 +55,7 @@ static int nothing(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-/* Open and read everything in every way; 0 if there was nothing to complain of. */
+/* Opens and reads everything in every way; 0 if there was no error. */
 static int read_all(const struct folder *f, struct gather *g, struct digest *ret_sum, struct err *err)
 {
 	struct grid_visitor v = {NULL, NULL, nothing};
@@ -83,7 +84,7 @@ static int read_all(const struct folder *f, struct gather *g, struct digest *ret
 }
 
 /* A dataset "m" of one segment with several sources, one of them removed, and cells of many kinds. */
-static struct grid_segment_info make(const struct folder *f, struct set *ret_sorted, uint64_t seed)
+static struct grid_segment_info make_dataset(const struct folder *f, struct set *ret_sorted, uint64_t seed)
 {
 	struct set s = set_make(SHAPE_CLUSTERED, 5000, 5, seed);
 	struct grid_segment_info info;
@@ -122,7 +123,7 @@ static void flips(const char *file, bool all)
 {
 	struct folder f = folder_new();
 	struct set s;
-	struct grid_segment_info info = make(&f, &s, 1);
+	struct grid_segment_info info = make_dataset(&f, &s, 1);
 	const char *name = strcmp(file, "seg") ? file : info.file;
 	struct bytes b = load(&f, name);
 	struct gather g = {0};
@@ -134,14 +135,14 @@ static void flips(const char *file, bool all)
 	CHECK(read_all(&f, &g, &sum, &err));
 	assert_int_equal(g.n, s.n);
 	assert_true(digest_equal(sum, info.sum));
-	for (size_t i = 0; i < b.n; i += all ? 1 : 1 + rng_below(&rng, 40)) {
-		poke(&f, name, i, b.at[i] ^ (uint8_t)(1u << rng_below(&rng, 8)));
+	for (size_t i = 0; i < b.n; i += all ? 1 : 1 + random_below(&rng, 40)) {
+		poke(&f, name, i, b.at[i] ^ (uint8_t)(1u << random_below(&rng, 8)));
 		must_be_found(&f, name, i);
 		poke(&f, name, i, b.at[i]);
 		tried++;
 	}
-	for (int i = 0; i < 200; i++) { /* cut off, or longer */
-		size_t n = rng_below(&rng, b.n);
+	for (int i = 0; i < 200; i++) { /* truncated, or longer */
+		size_t n = random_below(&rng, b.n);
 
 		store(&f, name, b.at, n);
 		must_be_found(&f, name, n);
@@ -169,21 +170,21 @@ static void test_manifest_flips(void **state)
 	flips("m", true);
 }
 
-/* Another segment under the name; stretches of it moved about. All checksums in them are right. */
+/* Another segment under the same name; parts of it moved. All checksums in them are valid. */
 static void test_exchanged(void **state)
 {
 	struct folder f = folder_new();
 	struct set s, other;
-	struct grid_segment_info two = make(&f, &other, 2), one = make(&f, &s, 1);
+	struct grid_segment_info two = make_dataset(&f, &other, 2), one = make_dataset(&f, &s, 1);
 	struct bytes b = load(&f, one.file), o = load(&f, two.file);
 	uint64_t rng = 5;
 
 	store(&f, one.file, o.at, o.n);
 	must_be_found(&f, one.file, 0);
 	for (int i = 0; i < 300; i++) {
-		size_t n = 16 * (1 + rng_below(&rng, 1200)), from = 16 * rng_below(&rng, (b.n - n) / 16);
-		size_t to = i % 2 ? from : 4096 + 16 * rng_below(&rng, (b.n - n - 4096) / 16);
-		const uint8_t *source = i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
+		size_t n = 16 * (1 + random_below(&rng, 1200)), from = 16 * random_below(&rng, (b.n - n) / 16);
+		size_t to = i % 2 ? from : 4096 + 16 * random_below(&rng, (b.n - n - 4096) / 16);
+		const uint8_t *source = i % 2 ? o.at : b.at; /* the other one at the same place, or the same one elsewhere */
 
 		if (i % 2 && from + n > o.n)
 			continue;
@@ -204,8 +205,7 @@ static void test_exchanged(void **state)
 	folder_remove(&f);
 }
 
-/* Blocks and pages of another segment that differs in heights only: each is whole, and lies where it
- * should. */
+/* Blocks and pages of another segment that differs only in heights: each is intact and at the right place. */
 static void test_stale(void **state)
 {
 	struct folder f = folder_new();
@@ -230,7 +230,7 @@ static void test_stale(void **state)
 	memcpy(&root, b.at + 88, sizeof root);
 	const size_t cuts[] = {0, 4096, root, root + 16384, b.n};
 
-	for (unsigned mask = 1; mask < 15; mask++) { /* any mixture of header, blocks, index, sources */
+	for (unsigned mask = 1; mask < 15; mask++) { /* every combination of header, blocks, index, sources */
 		uint8_t *mixed = malloc(b.n);
 
 		for (unsigned i = 0; i < 4; i++)
@@ -256,7 +256,7 @@ static void test_run_flips(void **state)
 	uint64_t rng = 6;
 	size_t size = 1, tried = 0;
 
-	for (size_t place = 0; place < size; place += 1 + rng_below(&rng, 30)) {
+	for (size_t place = 0; place < size; place += 1 + random_below(&rng, 30)) {
 		struct grid_segment_info info;
 		struct grid_stage *stage;
 		struct err err = ERR_INIT;
@@ -273,7 +273,7 @@ static void test_run_flips(void **state)
 		if (place % 7 == 3)
 			store(&f, "r.0.run", b.at, place);
 		else
-			poke(&f, "r.0.run", place, b.at[place] ^ (uint8_t)(1u << rng_below(&rng, 8)));
+			poke(&f, "r.0.run", place, b.at[place] ^ (uint8_t)(1u << random_below(&rng, 8)));
 		assert_int_equal(grid_stage_seal(stage, &info, &err), -ERR_CORRUPT);
 		assert_string_equal(err.file, "r.0.run");
 		grid_stage_free(stage);
@@ -286,7 +286,7 @@ static void test_run_flips(void **state)
 	folder_remove(&f);
 }
 
-/* ---- whole, and wrong ---- */
+/* ---- valid checksums, wrong content ---- */
 
 static void note_damage(void *ctx, const struct err *err)
 {
@@ -309,7 +309,7 @@ static const char *verified(const struct folder *f, const struct grid_segment_in
 	return message;
 }
 
-/* As whoever writes such a file would have it: each checksum is that of the bytes. */
+/* As a forger would do it: makes each checksum that of the bytes. */
 static void reseal(struct bytes b, struct disk_leaf *leaf)
 {
 	struct disk_segment *head = (struct disk_segment *)b.at;
@@ -326,12 +326,12 @@ static void reseal(struct bytes b, struct disk_leaf *leaf)
 	head->check = grid_check(b.at + 8, DISK_HEADER - 8, 0);
 }
 
-/* A segment that came from elsewhere is looked through before anybody counts on where its records lie. */
+/* An imported segment is verified before its records are used. */
 static void test_out_of_place(void **state)
 {
 	struct folder f = folder_new();
 	struct set s;
-	struct grid_segment_info info = make(&f, &s, 1);
+	struct grid_segment_info info = make_dataset(&f, &s, 1);
 	char message[sizeof((struct err *)0)->message];
 
 	(void)state;
@@ -363,7 +363,7 @@ static void test_out_of_place(void **state)
 		set_free(&s);
 		folder_remove(&f);
 		f = folder_new();
-		info = make(&f, &s, 1);
+		info = make_dataset(&f, &s, 1);
 	}
 	set_free(&s);
 	folder_remove(&f);

@@ -1,6 +1,6 @@
 /*
- * acut-grid-dump --check derives everything again from the records: it passes what the room writes, from all
- * kinds of points, and finds a segment whose checksums are right and whose numbers are not.
+ * acut-grid-dump --check derives everything again from the records: it accepts segments of all kinds of points, and
+ * finds one with valid checksums and wrong numbers.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -55,7 +55,7 @@ static void test_passes(void **state)
 	}
 }
 
-/* A wrong class count in the header, under a right checksum; then a byte in the middle. */
+/* A wrong class count in the header, under a valid checksum; then a changed byte in the middle. */
 static void test_finds(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 5000, 2, 21);

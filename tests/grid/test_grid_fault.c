@@ -1,7 +1,6 @@
 /*
- * Every file call of the cache fails, one after the other, once and for ever: a typed error or a right
- * result, no half file under its final name, nothing left behind, no descriptor lost; and the same names
- * can be used again.
+ * Every file call of the cache fails in turn, once or forever. The result must be a typed error or correct; no partial
+ * file may get its final name, nothing may be left behind, no descriptor leaked; and the same names can be used again.
  */
 #include <errno.h>
 #include <setjmp.h>
@@ -17,7 +16,7 @@
 #include "io.h"
 
 static struct {
-	unsigned long calls, fail_at; /* 0: none fails */
+	unsigned long calls, fail_at; /* 0: no call fails */
 	bool for_ever;
 	int error;
 	bool unlink_failed;
@@ -50,7 +49,7 @@ static ssize_t fault_pread(int fd, void *buf, size_t n, off_t off)
 	return failing() ? -1 : io_system.pread(fd, buf, n, off);
 }
 
-/* Half of what was asked for goes to the disk before it fails, as on a disk that fills up. */
+/* Writes half of the bytes before it fails, like a disk that fills up. */
 static ssize_t fault_pwrite(int fd, const void *buf, size_t n, off_t off)
 {
 	if (failing()) {
@@ -64,7 +63,7 @@ static ssize_t fault_pwrite(int fd, const void *buf, size_t n, off_t off)
 
 static int fault_fsync(int fd)
 {
-	return failing() ? -1 : 0; /* the disk itself is not what is tested */
+	return failing() ? -1 : 0; /* fsync itself is not tested */
 }
 
 static int fault_renameat(int olddir, const char *old, int newdir, const char *name)
@@ -99,7 +98,7 @@ static const struct io_table faulty = {
 
 enum { RUNS = 12, EACH = 400 };
 
-/* Stage with so many runs that they are merged twice, seal. */
+/* Stages with so many runs that they are merged twice, then seals. */
 static int make_segment(const struct folder *f, const struct set *s, struct grid_segment_info *ret, struct err *err)
 {
 	struct grid_stage_params params = {f->fd, "seg", GRID_STAGE_MIN, true};
@@ -124,8 +123,8 @@ static int make_segment(const struct folder *f, const struct set *s, struct grid
 	return rc;
 }
 
-/* The whole way; what could be read, if it got that far. */
-static int whole_way(const struct folder *f, const struct set *s, bool *ret_sealed, struct gather *ret, struct err *err)
+/* Stages, seals, opens and reads; *ret_sealed: whether it got that far. */
+static int stage_and_read(const struct folder *f, const struct set *s, bool *ret_sealed, struct gather *ret, struct err *err)
 {
 	struct grid_segment_info info;
 	struct grid_manifest m;
@@ -153,13 +152,13 @@ static int whole_way(const struct folder *f, const struct set *s, bool *ret_seal
 	return rc;
 }
 
-static void right(const struct gather *g, const struct set *sorted)
+static void is_correct(const struct gather *g, const struct set *sorted)
 {
 	assert_int_equal(g->n, sorted->n);
 	assert_memory_equal(g->pts, sorted->pts, g->n * sizeof *g->pts);
 }
 
-/* One attempt that fails at call n. False if there are not so many calls. */
+/* One attempt that fails at call n. False if there are fewer calls. */
 static bool attempt(unsigned long n, bool for_ever, int error, const struct set *s, const struct set *sorted)
 {
 	struct folder f = folder_new();
@@ -173,7 +172,7 @@ static bool attempt(unsigned long n, bool for_ever, int error, const struct set 
 	fault.for_ever = for_ever;
 	fault.error = error;
 	io = &faulty;
-	int rc = whole_way(&f, s, &sealed, &g, &err);
+	int rc = stage_and_read(&f, s, &sealed, &g, &err);
 	bool reached = fault.calls >= n;
 
 	io = &io_system;
@@ -183,9 +182,9 @@ static bool attempt(unsigned long n, bool for_ever, int error, const struct set 
 		assert_int_equal(err.code, -rc);
 		assert_true(reached && err.file[0] && err.message[0]);
 	} else {
-		right(&g, sorted);
+		is_correct(&g, sorted);
 	}
-	if (!fault.unlink_failed || !for_ever) { /* what could not be removed once is removed in the end */
+	if (!fault.unlink_failed || !for_ever) { /* what could not be removed at first is removed at the end */
 		assert_int_equal(folder_files(&f, ".tmp"), 0);
 		assert_int_equal(folder_files(&f, ".run"), 0);
 		assert_int_equal(folder_files(&f, ".seg"), sealed);
@@ -194,9 +193,9 @@ static bool attempt(unsigned long n, bool for_ever, int error, const struct set 
 	err_clear(&err);
 	memset(&fault, 0, sizeof fault);
 	io = &faulty;
-	CHECK(whole_way(&f, s, &sealed, &g, &err));
+	CHECK(stage_and_read(&f, s, &sealed, &g, &err));
 	io = &io_system;
-	right(&g, sorted);
+	is_correct(&g, sorted);
 	assert_int_equal(folder_files(&f, ".tmp"), 0);
 	free(g.pts);
 	folder_remove(&f);
@@ -232,7 +231,7 @@ static void test_for_ever(void **state)
 	run(true, ENOSPC);
 }
 
-/* A stage that is given up leaves nothing; without a folder nothing begins. */
+/* An abandoned stage leaves nothing; without a folder a stage fails. */
 static void test_given_up(void **state)
 {
 	struct folder f = folder_new();
@@ -246,7 +245,7 @@ static void test_given_up(void **state)
 	CHECK(grid_stage_add(stage, s.pts, s.n, &err));
 	CHECK(grid_stage_sync(stage, &err));
 	assert_int_equal(folder_files(&f, ".run"), 1);
-	CHECK(grid_stage_add(stage, s.pts, s.n, &err)); /* the source goes on after a sync */
+	CHECK(grid_stage_add(stage, s.pts, s.n, &err)); /* the source continues after a sync */
 	grid_stage_free(stage);
 	assert_int_equal(folder_files(&f, ""), 0);
 

@@ -1,6 +1,6 @@
 /*
- * Segments that somebody made: each checksum is that of the bytes, and one number is not what the records
- * make it. Reading everything tells each, whichever it is: no reader has to doubt what was looked through.
+ * Forged segments: all checksums are valid, and one number is not what the records imply. Verification must report each
+ * of them, so readers need not distrust a verified segment.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -12,9 +12,10 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_disk.h"
 #include "grid_fixture.h"
+#include "grid_verify.h"
 
 enum { SOURCES = 3, HEAVY = 6, RECORDS = 1030, ROOM = 1 << 21, MESSAGE = sizeof((struct err *)0)->message };
 
@@ -23,8 +24,8 @@ struct forge {
 	struct grid_segment_info info;
 	uint8_t *good, *bytes;
 	size_t n, cells;
-	uint64_t page; /* a page of cells, not the last */
-	unsigned leaf; /* its entry of several blocks */
+	uint64_t page; /* a page of level 0, not the last one */
+	unsigned leaf; /* its entry with several blocks */
 	char message[MESSAGE];
 };
 
@@ -43,8 +44,8 @@ static struct disk_leaf *leaf_of(struct forge *f, uint64_t page, unsigned i)
 	return (struct disk_leaf *)(f->bytes + page + sizeof(struct disk_page)) + i;
 }
 
-/* Few records in many cells: positions with more than a cell holds, and for each bit of the key one that
- * differs there. */
+/* Few records in many cells: positions with more records than a cell can have, and for each bit of the key one that
+ * differs in it. */
 static struct set many_cells(void)
 {
 	struct set s = {.n = HEAVY * (RECORDS + 60)};
@@ -101,7 +102,7 @@ static void note(void *ctx, const struct err *err)
 		snprintf(ctx, MESSAGE, "%s", err->message);
 }
 
-/* The manifest says what the header says: whoever makes one makes the other. */
+/* The manifest agrees with the header, because a forger would make both. */
 static const char *verify(struct forge *f, uint32_t sources)
 {
 	struct grid_verify_params p = {
@@ -127,7 +128,7 @@ static const char *verify(struct forge *f, uint32_t sources)
 	return f->message;
 }
 
-/* ---- checksums, from where something was changed up to the header ---- */
+/* ---- checksums, from the changed place up to the header ---- */
 
 static void seal_header(struct forge *f)
 {
@@ -165,7 +166,7 @@ static void seal_sources(struct forge *f)
 	seal_header(f);
 }
 
-/* ---- what is changed ---- */
+/* ---- changes ---- */
 
 static void add(struct forge *f, size_t at, uint32_t much)
 {
@@ -178,7 +179,7 @@ static void add(struct forge *f, size_t at, uint32_t much)
 
 static size_t tried;
 
-static void must_be_told(struct forge *f, const char *what, size_t at)
+static void must_be_reported(struct forge *f, const char *what, size_t at)
 {
 	if (!*verify(f, SOURCES))
 		fail_msg("%s, byte %zu: nothing was told", what, at);
@@ -186,8 +187,8 @@ static void must_be_told(struct forge *f, const char *what, size_t at)
 	tried++;
 }
 
-/* Each number of so many bytes at `at`, a little and very different. */
-static void each(struct forge *f, const char *what, size_t at, size_t bytes, void (*seal)(struct forge *, size_t at))
+/* Changes each number of that many bytes at `at`, by a little and by much. */
+static void change_each(struct forge *f, const char *what, size_t at, size_t bytes, void (*seal)(struct forge *, size_t at))
 {
 	static const uint32_t much[] = {1, UINT32_MAX, 0x10, 0x7fffffff};
 
@@ -195,7 +196,7 @@ static void each(struct forge *f, const char *what, size_t at, size_t bytes, voi
 		for (size_t k = 0; k < 4; k++) {
 			add(f, at + i, much[k]);
 			seal(f, at);
-			must_be_told(f, what, i);
+			must_be_reported(f, what, i);
 		}
 	}
 }
@@ -244,24 +245,24 @@ static void test_every_number(void **state)
 	assert_string_equal(verify(&f, SOURCES), "");
 	place = leaf_of(&f, f.page, f.leaf)->place;
 	block = (struct disk_block *)(f.bytes + place);
-	each(&f, "header", 8, 128 - 8 + 8 * sizeof(uint64_t), by_header);
-	each(&f, "header: the last class, zeros", 128 + 255 * sizeof(uint64_t), 3 * sizeof(uint64_t), by_header);
-	each(&f, "header: the last zeros", DISK_HEADER - 8, 8, by_header);
-	each(&f, "table of sources", head_of(&f)->sources_place, SOURCES * sizeof(struct disk_total), by_sources);
-	each(&f, "root page", head_of(&f)->root + 8, page - 8, by_root);
-	each(&f, "root page: first entry", head_of(&f)->root + page, DISK_ENTRY, by_root);
-	each(&f, "root page: second entry", head_of(&f)->root + page + DISK_ENTRY, DISK_ENTRY, by_root);
-	each(&f, "root page: behind its entries", head_of(&f)->root + page + 2 * DISK_ENTRY, 8, by_root);
-	each(&f, "page of cells", f.page + 8, page - 8, by_page);
-	each(&f, "page of cells: its end", f.page + DISK_PAGE - 8, 8, by_page);
-	each(&f, "first cell", f.page + page, DISK_ENTRY, by_page);
-	each(&f, "cell of several blocks", f.page + page + f.leaf * (size_t)DISK_ENTRY, DISK_ENTRY, by_page);
-	each(&f, "tables of a block", place + sizeof *block, disk_head_bytes(block) - sizeof *block, by_block);
+	change_each(&f, "header", 8, 128 - 8 + 8 * sizeof(uint64_t), by_header);
+	change_each(&f, "header: the last class, zeros", 128 + 255 * sizeof(uint64_t), 3 * sizeof(uint64_t), by_header);
+	change_each(&f, "header: the last zeros", DISK_HEADER - 8, 8, by_header);
+	change_each(&f, "table of sources", head_of(&f)->sources_place, SOURCES * sizeof(struct disk_total), by_sources);
+	change_each(&f, "root page", head_of(&f)->root + 8, page - 8, by_root);
+	change_each(&f, "root page: first entry", head_of(&f)->root + page, DISK_ENTRY, by_root);
+	change_each(&f, "root page: second entry", head_of(&f)->root + page + DISK_ENTRY, DISK_ENTRY, by_root);
+	change_each(&f, "root page: behind its entries", head_of(&f)->root + page + 2 * DISK_ENTRY, 8, by_root);
+	change_each(&f, "page of cells", f.page + 8, page - 8, by_page);
+	change_each(&f, "page of cells: its end", f.page + DISK_PAGE - 8, 8, by_page);
+	change_each(&f, "first cell", f.page + page, DISK_ENTRY, by_page);
+	change_each(&f, "cell of several blocks", f.page + page + f.leaf * (size_t)DISK_ENTRY, DISK_ENTRY, by_page);
+	change_each(&f, "tables of a block", place + sizeof *block, disk_head_bytes(block) - sizeof *block, by_block);
 	print_message("%zu numbers changed\n", tried);
 	end(&f);
 }
 
-/* The numbers of a block's fixed part decide where all else lies. */
+/* The numbers of a block's fixed part determine where everything else is. */
 static void test_block(void **state)
 {
 	static const size_t at[] = {16, 20, 22, 24, 28};
@@ -278,13 +279,13 @@ static void test_block(void **state)
 			n = (uint16_t)(n + by);
 			memcpy(f.bytes + leaf->place + at[i], &n, sizeof n);
 			seal_block(&f, leaf, leaf->place);
-			must_be_told(&f, "block", at[i]);
+			must_be_reported(&f, "block", at[i]);
 		}
 	}
 	end(&f);
 }
 
-/* No sum tells the order of records, nor of which source one is where a block has several. */
+/* No sum covers the order of records, or which source a record has in a block with several. */
 static void test_order(void **state)
 {
 	struct forge f;
@@ -308,7 +309,7 @@ static void test_order(void **state)
 	end(&f);
 }
 
-/* Cells of a page in another order; a page twice; a range over that of the next. */
+/* Cells of a page in another order; a page twice; a range that overlaps the next one. */
 static void test_places(void **state)
 {
 	struct forge f;
@@ -329,13 +330,13 @@ static void test_places(void **state)
 	memcpy(f.bytes, f.good, f.n);
 	while (leaf_of(&f, f.page, wide)->lo >> leaf_of(&f, f.page, wide)->bits & 1)
 		wide++;
-	leaf_of(&f, f.page, wide)->bits++; /* what is as near belongs to another cell */
+	leaf_of(&f, f.page, wide)->bits++; /* the neighbouring keys belong to another cell */
 	seal_page(&f, f.page);
 	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
 	end(&f);
 }
 
-/* A range that could be smaller as well, with all of the cell's records in it. */
+/* A range that could be smaller and still contain all of the cell's records. */
 static void test_ranges(void **state)
 {
 	struct forge f;
@@ -357,14 +358,14 @@ static void test_ranges(void **state)
 		if (i + 1 == DISK_ENTRIES)
 			inner_of(&f, 0)->hi = disk_range_end(leaf->lo, leaf->bits);
 		seal_page(&f, f.page);
-		must_be_told(&f, "range of cell", i);
+		must_be_reported(&f, "range of cell", i);
 		smaller++;
 	}
 	assert_true(smaller > DISK_ENTRIES / 2);
 	end(&f);
 }
 
-/* Few points are one cell, which may not be smaller than all there is; and of none there is no index. */
+/* Few points are one cell, which must be as large as possible; without points there is no index. */
 static void test_few(void **state)
 {
 	static const char *const file[] = {"none", "some"};
@@ -402,8 +403,7 @@ static void test_few(void **state)
 	end(&f);
 }
 
-/* Where a cell has several blocks, all but the last are full: here the first gives the last its last record.
- */
+/* If a cell has several blocks, all but the last are full: here the first one gives its last record to the last one. */
 static void test_full_blocks(void **state)
 {
 	struct forge f;
@@ -444,7 +444,7 @@ static void test_full_blocks(void **state)
 	end(&f);
 }
 
-/* Readers find each record's source in the manifest. */
+/* Readers look up each record's source in the manifest. */
 static void test_manifest_lacks(void **state)
 {
 	struct forge f;

@@ -1,6 +1,6 @@
 /*
- * Generations: sources that come, go and come back are read as a model of intervals says, by scan, count and sum; what
- * was pruned is refused; what the sources say of generations is what is counted here a second time.
+ * Generations: sources that are added, removed and restored are read as a model of intervals says, by scan, count and
+ * sum; pruned generations are rejected; the tallies of generations are those counted here.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -11,18 +11,18 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_fixture.h"
 #include "ledger.h"
 
 enum { SOURCES = 7, GENERATIONS = 12 };
 
-/* Which generations each source is in, a letter each from the first on. */
+/* The generations of each source, one letter each from the first on. */
 static const char *const in[SOURCES] = {
 	"xxxxxxxxxxxx",                                                 /* always */
-	"xx..xx..xx.x",                                                 /* comes and goes, is there at last */
-	".xxx..xxxx..",                                                 /* and is not */
-	"......xxxxxx", "x...........", "..x.x.x.x.x.", "............", /* was never there: added and removed at once */
+	"xx..xx..xx.x",                                                 /* added and removed repeatedly, present at the end */
+	".xxx..xxxx..",                                                 /* and absent at the end */
+	"......xxxxxx", "x...........", "..x.x.x.x.x.", "............", /* never present: added and removed at once */
 };
 
 static bool alive(unsigned source, uint64_t g)
@@ -30,8 +30,8 @@ static bool alive(unsigned source, uint64_t g)
 	return g && in[source - 1][g - 1] == 'x';
 }
 
-/* The lives that the model says, as a manifest has them. */
-static void give_lives(struct grid_source *s, struct grid_span spans[GENERATIONS])
+/* The spans of the model, as in a manifest. */
+static void set_spans(struct grid_source *s, struct grid_span spans[GENERATIONS])
 {
 	size_t n = 0;
 
@@ -91,7 +91,8 @@ static void check_generation(const struct folder *f, const struct set *all, uint
 	reader_close(&r);
 }
 
-static struct grid_manifest lived(struct grid_segment_info *info, size_t nsegments, struct grid_span spans[SOURCES][GENERATIONS])
+static struct grid_manifest was_live(struct grid_segment_info *info, size_t nsegments,
+				     struct grid_span spans[SOURCES][GENERATIONS])
 {
 	struct grid_manifest m = manifest_of(info, nsegments, SOURCES);
 
@@ -99,12 +100,12 @@ static struct grid_manifest lived(struct grid_segment_info *info, size_t nsegmen
 	for (unsigned i = 0; i < SOURCES; i++) {
 		m.sources[i].points = 10 + i;
 		m.sources[i].hash = (struct digest){i, 100 * i};
-		give_lives(&m.sources[i], spans[i]);
+		set_spans(&m.sources[i], spans[i]);
 	}
 	return m;
 }
 
-static void test_lives(void **state)
+static void test_spans(void **state)
 {
 	struct set all = set_make(SHAPE_DUPLICATES, 30000, SOURCES, 11);
 	struct set half = {all.pts, all.ids, all.n / 2}, rest = {all.pts + all.n / 2, all.ids + all.n / 2, all.n - all.n / 2};
@@ -115,7 +116,7 @@ static void test_lives(void **state)
 
 	CHECK(stage_set(&f, "a", &half, 0, &info[0], &err));
 	CHECK(stage_set(&f, "b", &rest, 0, &info[1], &err));
-	struct grid_manifest m = lived(info, 2, spans);
+	struct grid_manifest m = was_live(info, 2, spans);
 
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	set_sort(&all);
@@ -136,7 +137,7 @@ static void test_pruned(void **state)
 	struct grid *g;
 
 	CHECK(stage_set(&f, "a", &all, 0, &info, &err));
-	struct grid_manifest m = lived(&info, 1, spans);
+	struct grid_manifest m = was_live(&info, 1, spans);
 
 	m.oldest = 5;
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
@@ -150,7 +151,7 @@ static void test_pruned(void **state)
 	folder_remove(&f);
 }
 
-/* By the model, generation by generation. */
+/* By the model, for each generation. */
 static void tally(const struct grid_manifest *m, uint64_t g, struct grid_generation *ret)
 {
 	*ret = (struct grid_generation){.number = g, .kind = GRID_PUSH, .user = ""};
@@ -180,7 +181,7 @@ static void assert_tally(const struct grid_generation *a, const struct grid_gene
 static void test_tally(void **state)
 {
 	struct grid_span spans[SOURCES][GENERATIONS];
-	struct grid_manifest m = lived(NULL, 0, spans);
+	struct grid_manifest m = was_live(NULL, 0, spans);
 	struct grid_generation all[GENERATIONS], want, one = {.number = 6};
 
 	for (uint64_t g = 1; g <= GENERATIONS; g++)
@@ -211,11 +212,11 @@ static int dump(const struct folder *f)
 	return WEXITSTATUS(rc);
 }
 
-/* acut-grid-dump --check finds a generation that says something else than the sources, unless it was pruned. */
+/* acut-grid-dump --check finds a generation that does not agree with the sources, unless it was pruned. */
 static void test_dump(void **state)
 {
 	struct grid_span spans[SOURCES][GENERATIONS];
-	struct grid_manifest m = lived(NULL, 0, spans);
+	struct grid_manifest m = was_live(NULL, 0, spans);
 	struct grid_generation all[GENERATIONS];
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
@@ -239,7 +240,7 @@ static void test_dump(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_lives),
+		cmocka_unit_test(test_spans),
 		cmocka_unit_test(test_pruned),
 		cmocka_unit_test(test_tally),
 		cmocka_unit_test(test_dump),

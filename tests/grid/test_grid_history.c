@@ -1,8 +1,8 @@
 /*
- * A dataset's whole life in little: pushes, removals, lives that come back, merges and prunes in any order, against a model
- * that is a list of records with sources. After each step what can be read is what the model says: all live records of a
- * generation, in their order, and counts and content sums of any range. Coordinates are few, so that positions, cells and
- * sources collide. ACUT_HISTORY_ROUNDS for more.
+ * The history of a dataset in small: pushes, removals, restored sources, merges and prunes in any order, against a
+ * model that is a list of records with sources. After each step everything that can be read must agree with the model:
+ * all live records of a generation, in order, and counts and content sums of any range. There are few coordinates, so
+ * positions, cells and sources collide. ACUT_HISTORY_ROUNDS for more.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,8 +15,9 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_fixture.h"
+#include "grid_rewrite.h"
 
 enum { SOURCES = 400, SEGMENTS = 64, RECORDS = 200000 };
 
@@ -26,12 +27,12 @@ struct history {
 	struct grid_segment_info segments[SEGMENTS];
 	size_t nsegments;
 	struct grid_source sources[SOURCES];
-	struct grid_span spans[SOURCES]; /* a source comes back once at most */
+	struct grid_span spans[SOURCES]; /* a source is restored at most once */
 	size_t nsources;
-	uint32_t last; /* number of a source */
+	uint32_t last; /* number of the last source */
 	uint64_t generation, oldest;
-	unsigned files;    /* named so far */
-	struct point *pts; /* all records ever, but for those that were pruned; the model */
+	unsigned files;    /* file names so far */
+	struct point *pts; /* the model: all records ever, except the pruned ones */
 	uint32_t *ids;
 	size_t n;
 	int32_t side;
@@ -46,12 +47,12 @@ static struct grid_source *source_of(struct history *h, uint32_t id)
 	return NULL;
 }
 
-/* ---- what happens ---- */
+/* ---- steps ---- */
 
 static void push(struct history *h)
 {
-	unsigned files = 1 + (unsigned)rng_below(&h->rng, 3);
-	size_t n = rng_below(&h->rng, 8) ? rng_below(&h->rng, 60) : rng_below(&h->rng, 3000), first = h->n;
+	unsigned files = 1 + (unsigned)random_below(&h->rng, 3);
+	size_t n = random_below(&h->rng, 8) ? random_below(&h->rng, 60) : random_below(&h->rng, 3000), first = h->n;
 	struct set set = {h->pts + first, h->ids + first, n};
 	struct err err = ERR_INIT;
 	char name[32];
@@ -60,10 +61,10 @@ static void push(struct history *h)
 		return;
 	h->generation++;
 	for (size_t i = 0; i < n; i++) {
-		set.pts[i] = (struct point){.x = (int32_t)rng_below(&h->rng, (uint64_t)h->side) - h->side / 2,
-					    .y = (int32_t)rng_below(&h->rng, (uint64_t)h->side) - h->side / 2,
-					    .z = (int32_t)rng_below(&h->rng, 5),
-					    .cls = (uint8_t)rng_below(&h->rng, 3)};
+		set.pts[i] = (struct point){.x = (int32_t)random_below(&h->rng, (uint64_t)h->side) - h->side / 2,
+					    .y = (int32_t)random_below(&h->rng, (uint64_t)h->side) - h->side / 2,
+					    .z = (int32_t)random_below(&h->rng, 5),
+					    .cls = (uint8_t)random_below(&h->rng, 3)};
 		set.ids[i] = h->last + 1 + (uint32_t)(i * files / n);
 	}
 	for (unsigned i = 0; i < files; i++)
@@ -80,7 +81,7 @@ static void take_away(struct history *h)
 {
 	h->generation++;
 	for (size_t i = 0; i < h->nsources; i++)
-		if (!h->sources[i].removed && !rng_below(&h->rng, 3))
+		if (!h->sources[i].removed && !random_below(&h->rng, 3))
 			h->sources[i].removed = h->generation;
 }
 
@@ -90,7 +91,7 @@ static void bring_back(struct history *h)
 	for (size_t i = 0; i < h->nsources; i++) {
 		struct grid_source *s = &h->sources[i];
 
-		if (!s->removed || s->nearlier || rng_below(&h->rng, 2))
+		if (!s->removed || s->nearlier || random_below(&h->rng, 2))
 			continue;
 		h->spans[s->id % SOURCES] = (struct grid_span){s->added, s->removed};
 		s->earlier = &h->spans[s->id % SOURCES];
@@ -115,11 +116,11 @@ static void rewrite(struct history *h, const size_t *which, size_t n, const uint
 		some[i] = h->segments[which[i]];
 	snprintf(name, sizeof name, "made%u", h->files++);
 	p.name = name;
-	p.memory = grid_rewrite_least(some, n, p.nsources) + rng_below(&h->rng, 1 << 20);
+	p.memory = grid_rewrite_min_bytes(some, n, p.nsources) + random_below(&h->rng, 1 << 20);
 	CHECK(grid_rewrite_new(&p, &w, &err));
 	while (!(rc = grid_rewrite_step(w, &err)))
 		;
-	CHECK(rc == GRID_REWRITE_OVER ? 0 : rc);
+	CHECK(rc == GRID_REWRITE_DONE ? 0 : rc);
 	CHECK(grid_rewrite_finish(w, &made, &err));
 	for (size_t i = 0; i < h->nsegments; i++) {
 		bool old = false;
@@ -140,7 +141,7 @@ static void merge(struct history *h)
 	size_t which[SEGMENTS], n = 0;
 
 	for (size_t i = 0; i < h->nsegments; i++)
-		if (rng_below(&h->rng, 2))
+		if (random_below(&h->rng, 2))
 			which[n++] = i;
 	if (n < 2)
 		return;
@@ -156,7 +157,7 @@ static bool lives(const struct grid_source *s, uint64_t from, uint64_t to)
 	return false;
 }
 
-/* The naive way: a source goes that no generation which stays has. */
+/* The simple way: removes each source that is in no remaining generation. */
 static void prune(struct history *h)
 {
 	uint32_t drop[SOURCES];
@@ -165,7 +166,7 @@ static void prune(struct history *h)
 
 	if (h->generation <= h->oldest)
 		return;
-	h->oldest += 1 + rng_below(&h->rng, h->generation - h->oldest);
+	h->oldest += 1 + random_below(&h->rng, h->generation - h->oldest);
 	for (size_t i = 0; i < h->nsources; i++)
 		if (!lives(&h->sources[i], h->oldest, h->generation))
 			drop[ndrop++] = h->sources[i].id;
@@ -175,7 +176,7 @@ static void prune(struct history *h)
 			struct err err = ERR_INIT;
 			uint64_t points;
 
-			CHECK(grid_segment_holds(h->f.fd, &h->segments[i], drop, ndrop, &points, &err));
+			CHECK(grid_segment_count_sources(h->f.fd, &h->segments[i], drop, ndrop, &points, &err));
 			more = points > 0;
 			if (more)
 				rewrite(h, &i, 1, drop, ndrop);
@@ -200,12 +201,12 @@ static void prune(struct history *h)
 	h->prunes++;
 }
 
-/* ---- what is then ---- */
+/* ---- checks ---- */
 
 struct total {
 	struct digest sum;
 	uint64_t n;
-	struct point last; /* of a scan: the one before */
+	struct point last; /* the previous record of a scan */
 };
 
 static void add(struct total *t, const struct point *p)
@@ -214,7 +215,7 @@ static void add(struct total *t, const struct point *p)
 	t->n++;
 }
 
-/* Those of a sum in an order that leaves no other: a scan is the model's sequence then. */
+/* Sums a sequence so that its order matters: a scan must be the model's sequence. */
 static int add_all(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct total *t = ctx;
@@ -267,7 +268,7 @@ static void check_range(struct history *h, struct reader *r, uint64_t generation
 static void check(struct history *h)
 {
 	struct grid_manifest m = manifest_of(h->segments, h->nsegments, 0);
-	uint64_t generation = h->oldest + rng_below(&h->rng, h->generation - h->oldest + 1);
+	uint64_t generation = h->oldest + random_below(&h->rng, h->generation - h->oldest + 1);
 	struct err err = ERR_INIT;
 	struct reader r;
 	struct grid *gone;
@@ -282,8 +283,8 @@ static void check(struct history *h)
 	check_range(h, &r, generation, 0, UINT64_MAX);
 	assert_int_equal(grid_points(r.grid), model(h, generation, 0, UINT64_MAX).n);
 	for (int i = 0; i < 4; i++) {
-		int32_t x = (int32_t)rng_below(&h->rng, (uint64_t)h->side) - h->side / 2;
-		uint64_t lo = point_morton(x, x), hi = lo + (rng_next(&h->rng) >> rng_below(&h->rng, 64));
+		int32_t x = (int32_t)random_below(&h->rng, (uint64_t)h->side) - h->side / 2;
+		uint64_t lo = point_morton(x, x), hi = lo + (random_next(&h->rng) >> random_below(&h->rng, 64));
 
 		check_range(h, &r, generation, lo, hi < lo ? UINT64_MAX : hi);
 	}
@@ -296,12 +297,12 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 {
 	struct history h = {.f = folder_new(), .rng = seed, .generation = 0, .oldest = 1};
 
-	h.side = rng_below(&h.rng, 2) ? 4 : rng_below(&h.rng, 2) ? 60 : 1 << 20;
+	h.side = random_below(&h.rng, 2) ? 4 : random_below(&h.rng, 2) ? 60 : 1 << 20;
 	h.pts = malloc(RECORDS * sizeof *h.pts);
 	h.ids = malloc(RECORDS * sizeof *h.ids);
 	push(&h);
 	for (unsigned i = 0; i < steps; i++) {
-		switch (rng_below(&h.rng, 10)) {
+		switch (random_below(&h.rng, 10)) {
 		case 0:
 		case 1:
 			merge(&h);
@@ -313,7 +314,7 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 			bring_back(&h);
 			break;
 		case 4:
-			if (!rng_below(&h.rng, 3))
+			if (!random_below(&h.rng, 3))
 				prune(&h);
 			break;
 		default:

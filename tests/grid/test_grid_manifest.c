@@ -1,4 +1,4 @@
-/* Manifests: what is written is read back, what breaks a rule is refused both ways, rubbish never crashes. */
+/* Manifests: what is written is read back; what breaks a rule is rejected in both directions; random bytes never crash. */
 #include <errno.h>
 #include <fcntl.h>
 #include <setjmp.h>
@@ -129,7 +129,7 @@ static void test_back(void **state)
 	m.nsegments = m.nsources = m.ngenerations = 0;
 	m.crs[0] = 0;
 	strcpy(m.geoid, "orthometric 0123456789abcdef0123456789abcdef egm96-5");
-	CHECK(grid_manifest_write(f.fd, "m", &m, &err)); /* over the old one */
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err)); /* replaces the old one */
 	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
 	assert_same(&m, back);
 	grid_manifest_free(back);
@@ -140,9 +140,9 @@ static void test_back(void **state)
 	folder_remove(&f);
 }
 
-/* The file as an older version had it: 1 had no paths, sizes and times of sources, 2 no geoid, 3 no oldest
- * generation, earlier lives and list of generations, 4 nothing overridden and no
- * readings. Without segments, one source, no list. */
+/* The file as an older version wrote it: 1 had no paths, sizes and times of sources; 2 no geoid; 3 no oldest
+ * generation, earlier spans and list of generations; 4 no overridden systems and readings. Without segments, one
+ * source, no list. */
 static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, uint8_t *ret)
 {
 	const size_t head = 40, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
@@ -203,7 +203,7 @@ static void test_old_versions(void **state)
 	old_version(4);
 }
 
-/* One of a version that is not there yet is refused by name, whatever else it holds. */
+/* A newer version is rejected by name, whatever else it has. */
 static void test_newer_version(void **state)
 {
 	struct grid_manifest m = manifest_of(NULL, 0, 1), *back;
@@ -374,7 +374,7 @@ static void test_rules(void **state)
 	folder_remove(&f);
 }
 
-/* Bytes changed and the checksum put right: accepted only if it obeys every rule, which writing it shows. */
+/* Changed bytes with a corrected checksum: accepted only if every rule holds, which writing it again shows. */
 static void test_rubbish(void **state)
 {
 	struct grid_segment_info segments[2];
@@ -392,11 +392,11 @@ static void test_rubbish(void **state)
 
 	for (int i = 0; i < 20000; i++) {
 		struct grid_manifest *got = NULL, *again;
-		uint64_t size = i % 3 ? n : n - rng_below(&rng, n - 48), check;
+		uint64_t size = i % 3 ? n : n - random_below(&rng, n - 48), check;
 
 		memcpy(changed, bytes, n);
-		for (uint64_t k = rng_below(&rng, 3) + (size == n); k-- > 0;)
-			changed[24 + rng_below(&rng, size - 32)] = (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
+		for (uint64_t k = random_below(&rng, 3) + (size == n); k-- > 0;)
+			changed[24 + random_below(&rng, size - 32)] = (uint8_t)(random_below(&rng, 2) ? random_next(&rng) : 255);
 		memcpy(changed + 16, &size, sizeof size);
 		check = XXH3_64bits(changed, size - 8);
 		memcpy(changed + size - 8, &check, sizeof check);
@@ -410,7 +410,7 @@ static void test_rubbish(void **state)
 			assert_string_equal(err.file, "m");
 			continue;
 		}
-		if (accepted++ % 50 == 0) { /* it goes to the disk, which takes its time */
+		if (accepted++ % 50 == 0) { /* writing takes time */
 			CHECK(grid_manifest_write(f.fd, "again", got, &err));
 			CHECK(grid_manifest_read(f.fd, "again", &again, &err));
 			assert_same(got, again);
@@ -424,7 +424,7 @@ static void test_rubbish(void **state)
 	folder_remove(&f);
 }
 
-/* The index is charged by name, refused while there is no room, and given back. */
+/* The index is charged by name, rejected while there is not enough memory, and uncharged. */
 static void test_ledger(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 5000, 1, 2);
@@ -457,7 +457,7 @@ static void test_ledger(void **state)
 	folder_remove(&f);
 }
 
-/* Charged before it is read and until it is freed; no room now and never are told apart from damage. */
+/* Charged before it is read and until it is freed; too little memory, now or ever, is distinguished from damage. */
 static void test_load_charges(void **state)
 {
 	enum { N = 2000 };

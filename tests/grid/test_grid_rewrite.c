@@ -1,7 +1,7 @@
 /*
- * Rewriting segments: the file is the one that a seal of the same records writes; nothing damaged goes through; nothing
- * stays behind. Then, against a model that is a list of records: pushes, removals, merges and prunes in any order leave
- * every generation that can be read as it was.
+ * Rewriting segments: the file is the one that a seal of the same records writes; damage is found; nothing is left
+ * behind. Then pushes, removals, merges and prunes in any order, against a model that is a list of records, leave every
+ * readable generation unchanged.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -15,8 +15,9 @@
 
 #include <cmocka.h>
 
-#include "grid_cell.h"
+#include "grid_block.h"
 #include "grid_fixture.h"
+#include "grid_rewrite.h"
 
 enum { PLENTY = 8 << 20 };
 
@@ -48,7 +49,7 @@ static int rewrite(const struct folder *f, const char *name, const struct grid_s
 	int rc;
 
 	if (!memory)
-		p.memory = grid_rewrite_least(segments, n, p.nsources);
+		p.memory = grid_rewrite_min_bytes(segments, n, p.nsources);
 	rc = grid_rewrite_new(&p, &w, err);
 	if (rc)
 		return rc;
@@ -108,7 +109,7 @@ static bool stays(uint32_t id, void *ctx)
 	return id % 3 != 1;
 }
 
-/* Segments by source, each a split of `all`. */
+/* Segments by source, each a part of `all`. */
 static void seal_parts(const struct folder *f, const struct set *all, unsigned parts, struct grid_segment_info *ret)
 {
 	struct err err = ERR_INIT;
@@ -145,7 +146,7 @@ static void try_same(enum shape shape, size_t n, unsigned sources, unsigned part
 	CHECK(rewrite(&f, "some", part, parts, drop, ndrop, memory, &made, &err));
 	same_file(&f, left.file, made.file);
 	same_info(left, made);
-	/* And what was merged, once more without some. */
+	/* The merged segment again, without some sources. */
 	CHECK(rewrite(&f, "again", &whole, 1, drop, ndrop, memory, &made, &err));
 	same_file(&f, left.file, made.file);
 	set_free(&all);
@@ -195,13 +196,14 @@ static void test_too_little(void **state)
 	struct err err = ERR_INIT;
 
 	seal_parts(&f, &all, 2, part);
-	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_least(part, 2, 100) - 1, &made, &err), -ERR_LIMIT);
+	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_min_bytes(part, 2, 100) - 1, &made, &err),
+			 -ERR_LIMIT);
 	assert_int_equal(folder_files(&f, ""), 2);
 	set_free(&all);
 	folder_remove(&f);
 }
 
-/* Given up half way: nothing stays. */
+/* Abandoned in the middle: nothing is left. */
 static void test_given_up(void **state)
 {
 	struct folder f = folder_new();
@@ -237,14 +239,14 @@ static void test_damage(void **state)
 
 	seal_parts(&f, &all, 3, part);
 	for (int i = 0; i < 400; i++) {
-		const struct grid_segment_info *s = &part[rng_below(&rng, 3)];
-		uint64_t at = rng_below(&rng, i % 4 ? s->bytes : 4096);
+		const struct grid_segment_info *s = &part[random_below(&rng, 3)];
+		uint64_t at = random_below(&rng, i % 4 ? s->bytes : 4096);
 		struct err err = ERR_INIT;
 		int fd = openat(f.fd, s->file, O_RDWR | O_CLOEXEC);
 		uint8_t byte, bad;
 
 		assert_int_equal(pread(fd, &byte, 1, (off_t)at), 1);
-		bad = byte ^ (uint8_t)(1 << rng_below(&rng, 8));
+		bad = byte ^ (uint8_t)(1 << random_below(&rng, 8));
 		assert_int_equal(pwrite(fd, &bad, 1, (off_t)at), 1);
 		assert_int_equal(rewrite(&f, "made", part, 3, NULL, 0, 0, &made, &err), -ERR_CORRUPT);
 		assert_string_equal(err.file, s->file);
@@ -252,10 +254,10 @@ static void test_damage(void **state)
 		assert_int_equal(pwrite(fd, &byte, 1, (off_t)at), 1);
 		close(fd);
 	}
-	/* Cut off. */
+	/* Truncated. */
 	for (int i = 0; i < 20; i++) {
 		struct err err = ERR_INIT;
-		uint64_t at = rng_below(&rng, part[0].bytes);
+		uint64_t at = random_below(&rng, part[0].bytes);
 		size_t n;
 		char *bytes = slurp(&f, part[0].file, &n);
 		int fd = openat(f.fd, part[0].file, O_RDWR | O_CLOEXEC);
@@ -282,9 +284,9 @@ static void test_holds(void **state)
 	seal_parts(&f, &all, 2, part);
 	for (size_t i = 0; i < all.n; i++)
 		want += all.ids[i] == 2;
-	CHECK(grid_segment_holds(f.fd, &part[0], ids, 3, &points, &err));
+	CHECK(grid_segment_count_sources(f.fd, &part[0], ids, 3, &points, &err));
 	assert_int_equal(points, want);
-	CHECK(grid_segment_holds(f.fd, &part[0], ids + 1, 2, &points, &err));
+	CHECK(grid_segment_count_sources(f.fd, &part[0], ids + 1, 2, &points, &err));
 	assert_int_equal(points, 0);
 	set_free(&all);
 	folder_remove(&f);

@@ -1,6 +1,6 @@
 /*
- * Sealing by several workers, and staging in lanes: the segment is the same byte for byte whoever does what, in
- * whatever memory and order; what fits is not written twice; whatever fails fails for all.
+ * Sealing by several workers, and staging in lanes: the segment is the same byte for byte whichever thread does what,
+ * for any memory and order; what fits the memory is written once; a failure fails all threads.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -68,7 +68,7 @@ struct worker {
 	int rc;
 };
 
-/* Pieces of the set, whichever comes next, all of one source. */
+/* Adds pieces of the set, in any order, all of one source. */
 static void *add_pieces(void *arg)
 {
 	struct worker *w = arg;
@@ -129,7 +129,7 @@ static int seal(struct grid_stage *stage, unsigned workers, struct grid_segment_
 	return rc;
 }
 
-/* A run every `each` records, 0: only where memory is full. */
+/* A run after every `each` records; 0: only when the memory is full. */
 static struct grid_stage *staged(const struct folder *f, const char *name, const struct set *s, size_t memory, size_t each)
 {
 	struct grid_stage_params params = {.dirfd = f->fd, .name = name, .memory = memory, .durable = each > 0};
@@ -167,7 +167,7 @@ static void same(const struct folder *f, const char *a, const char *b)
 
 /* ---- tests ---- */
 
-static void every_way(const struct set *in, const char *what)
+static void seal_every_way(const struct set *in, const char *what)
 {
 	static const struct way {
 		size_t memory, each;
@@ -183,7 +183,7 @@ static void every_way(const struct set *in, const char *what)
 
 	memcpy(s.pts, in->pts, s.n * sizeof *s.pts);
 	memcpy(s.ids, in->ids, s.n * sizeof *s.ids);
-	CHECK(stage_set(&f, "want", &s, 0, &want, &err)); /* one slice, in memory: test_grid.c knows that it is right */
+	CHECK(stage_set(&f, "want", &s, 0, &want, &err)); /* one slice, in memory: test_grid.c tests that it is correct */
 	for (unsigned i = 0; i < sizeof ways / sizeof *ways; i++) {
 		if (i % 2)
 			set_shuffle(&s, i);
@@ -210,14 +210,14 @@ static void test_every_way(void **state)
 		for (unsigned sources = 1; sources <= 300; sources += 299) {
 			struct set s = set_make(shape, 150000, sources, 77 + sources);
 
-			every_way(&s, names[shape]);
+			seal_every_way(&s, names[shape]);
 			set_free(&s);
 		}
 	}
 }
 
-/* Stretches of all kinds beside each other: positions of any number of records around borders of all sizes. */
-static struct set made_up(uint64_t seed)
+/* Stretches of all kinds: positions with any number of records, around borders of all sizes. */
+static struct set make_stretches(uint64_t seed)
 {
 	uint64_t rng = seed;
 	struct set s = {.n = 0};
@@ -226,12 +226,12 @@ static struct set made_up(uint64_t seed)
 	s.pts = calloc(cap, sizeof *s.pts);
 	s.ids = calloc(cap, sizeof *s.ids);
 	while (s.n + 6000 < cap) {
-		uint64_t key = rng_next(&rng);
-		unsigned bits = (unsigned)rng_below(&rng, 60);
-		size_t n = 1 + (size_t)rng_below(&rng, rng_below(&rng, 4) ? 60 : 5000);
-		bool one = rng_below(&rng, 3) == 0;
+		uint64_t key = random_next(&rng);
+		unsigned bits = (unsigned)random_below(&rng, 60);
+		size_t n = 1 + (size_t)random_below(&rng, random_below(&rng, 4) ? 60 : 5000);
+		bool one = random_below(&rng, 3) == 0;
 
-		switch (rng_below(&rng, 5)) {
+		switch (random_below(&rng, 5)) {
 		case 0:
 			key = 0;
 			break;
@@ -242,30 +242,30 @@ static struct set made_up(uint64_t seed)
 			key = key >> bits << bits;
 		}
 		for (size_t i = 0; i < n; i++) {
-			uint64_t k = one ? key : key ^ rng_below(&rng, (uint64_t)1 << bits);
+			uint64_t k = one ? key : key ^ random_below(&rng, (uint64_t)1 << bits);
 			struct point *p = &s.pts[s.n];
 
 			point_from_morton(k, &p->x, &p->y);
-			p->z = (int32_t)rng_below(&rng, 3);
-			p->cls = (uint8_t)rng_below(&rng, 4);
-			p->tag = (uint16_t)rng_below(&rng, 2);
-			s.ids[s.n++] = 1 + (uint32_t)rng_below(&rng, 5);
+			p->z = (int32_t)random_below(&rng, 3);
+			p->cls = (uint8_t)random_below(&rng, 4);
+			p->tag = (uint16_t)random_below(&rng, 2);
+			s.ids[s.n++] = 1 + (uint32_t)random_below(&rng, 5);
 		}
 	}
 	return s;
 }
 
-static void test_made_up(void **state)
+static void test_stretches(void **state)
 {
 	for (uint64_t seed = 1; seed <= 4; seed++) {
-		struct set s = made_up(seed);
+		struct set s = make_stretches(seed);
 
-		every_way(&s, "made up");
+		seal_every_way(&s, "made up");
 		set_free(&s);
 	}
 }
 
-/* What was dropped leaves gaps: borders of cells are not where runs alone would say. */
+/* Dropped records leave gaps, so borders of cells are not where runs alone would suggest. */
 static void test_dropped(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 150000, 3, 5), live = set_make(SHAPE_UNIFORM, 150000, 3, 5);
@@ -293,7 +293,7 @@ static void test_dropped(void **state)
 	folder_remove(&f);
 }
 
-/* As many runs as can be merged at once and more, in memory that is just enough for them. */
+/* As many runs as can be merged at once, and more, in the smallest sufficient memory. */
 static void test_many_runs(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 150000, 300, 5);
@@ -347,7 +347,7 @@ static void in_lanes(const struct folder *f, const struct set *s, unsigned lanes
 	grid_stage_free(work.stage);
 }
 
-/* Points that go in by several lanes, beside what is there already. */
+/* Points added in several lanes, after some that were already there. */
 static void test_lanes(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 400000, 1, 9);
@@ -368,8 +368,8 @@ static void test_lanes(void **state)
 	folder_remove(&f);
 }
 
-/* What fits the stage is written once, as the segment; what does not, twice at most. Runs of a stage that need not
- * be durable go back to the disk while they are merged. */
+/* What fits the stage is written once, as the segment; the rest at most twice. Runs of a stage that is not durable are
+ * freed while they are merged. */
 static void test_written_once(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 1000000, 1, 9);
@@ -394,8 +394,8 @@ static void test_written_once(void **state)
 		bytes = (double)written / (double)s.n;
 		print_message("%u lanes, spills: %.2f bytes written a point, %.2f given back\n", lanes, bytes,
 			      (double)given_back / (double)s.n);
-		/* Which lane has what when the last point comes is the threads' turn: all but what memory holds is written twice.
-		 */
+		/* The contents of the lanes at the end depend on timing: everything except what the memory holds is
+		 * written twice. */
 		assert_true(bytes > 32.5 - 6.0 * MIB / (double)s.n && bytes < 33.2);
 		assert_true(lanes > 2 || given_back > 4 * s.n);
 	}
@@ -424,7 +424,7 @@ static ssize_t failing_pread(int fd, void *buf, size_t n, off_t off)
 	return failing() ? -1 : io_system.pread(fd, buf, n, off);
 }
 
-/* Any call of any worker: all stop, nobody waits for ever, nothing is left behind. */
+/* Any call of any worker fails: all stop, none waits forever, nothing is left behind. */
 static void test_failures(void **state)
 {
 	struct set s = set_make(SHAPE_CLUSTERED, 120000, 3, 9);
@@ -456,8 +456,8 @@ static void test_failures(void **state)
 	folder_remove(&f);
 }
 
-/* What was left stays whole, also where nothing is durable: a seal that fails late takes nothing of it. */
-static void test_left(void **state)
+/* A suspended stage stays intact, also if it is not durable: a seal that fails late removes nothing of it. */
+static void test_suspended(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 600000, 1, 9);
 	const struct io_table *before = io;
@@ -470,7 +470,7 @@ static void test_left(void **state)
 	int rc = -1;
 
 	CHECK(stage_set(&f, "want", &s, 0, &want, &err));
-	CHECK(grid_stage_leave(stage, &err));
+	CHECK(grid_stage_suspend(stage, &err));
 	table.pwrite = failing_pwrite;
 	for (long n = 1; rc; n++) {
 		err = ERR_INIT;
@@ -481,7 +481,7 @@ static void test_left(void **state)
 		assert_true(!rc || rc == -ERR_NOSPACE);
 		if (!rc)
 			break;
-		grid_stage_part(stage);
+		grid_stage_detach(stage);
 		err = ERR_INIT;
 		CHECK(grid_stage_resume(&params, &stage, &err));
 	}
@@ -491,7 +491,7 @@ static void test_left(void **state)
 	folder_remove(&f);
 }
 
-/* Of several who add, one meets the failure of a write: all are told the same, whoever is asked. */
+/* One of several threads that add fails to write: all return the same error. */
 static void test_failing_lanes(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 400000, 1, 9);
@@ -525,7 +525,7 @@ static void test_failing_lanes(void **state)
 	folder_remove(&f);
 }
 
-/* A seal that nobody finishes. */
+/* A seal that is abandoned. */
 static void test_given_up(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, 120000, 3, 9);
@@ -548,10 +548,10 @@ static void test_given_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_made_up),      cmocka_unit_test(test_dropped),
+		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_stretches),    cmocka_unit_test(test_dropped),
 		cmocka_unit_test(test_lanes),         cmocka_unit_test(test_written_once), cmocka_unit_test(test_failures),
 		cmocka_unit_test(test_failing_lanes), cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
-		cmocka_unit_test(test_left),
+		cmocka_unit_test(test_suspended),
 	};
 
 	skip_fsync();

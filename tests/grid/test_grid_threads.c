@@ -1,5 +1,4 @@
-/* Several threads read one grid at once, through a cache of two pages; to be run under the thread
- * sanitizer too. */
+/* Several threads read one grid at the same time, through a cache of two pages; also run under the thread sanitizer. */
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -49,7 +48,7 @@ static void *work(void *ctx)
 	if (grid_reader_new(j->grid, memory, size, &r, &err))
 		j->wrong++;
 	for (int i = 0; i < ROUNDS && !j->wrong; i++) {
-		size_t a = rng_below(&j->seed, j->sorted->n), b = a + rng_below(&j->seed, 3000);
+		size_t a = random_below(&j->seed, j->sorted->n), b = a + random_below(&j->seed, 3000);
 		const struct point *p = j->sorted->pts;
 
 		b = b < j->sorted->n ? b : j->sorted->n - 1;
@@ -102,7 +101,7 @@ static void test_threads(void **state)
 	folder_remove(&f);
 }
 
-/* Pages that a new reader of the same grid reads from the disk to scan all. */
+/* Pages that a new reader of the same grid reads from the disk for a full scan. */
 static uint64_t misses_of_another(struct reader *r)
 {
 	struct err err = ERR_INIT;
@@ -115,7 +114,7 @@ static uint64_t misses_of_another(struct reader *r)
 	return grid_reader_stats(r->r).misses;
 }
 
-/* What is kept is not read again. */
+/* Cached pages are not read again. */
 static void test_cache(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, POINTS, 1, 3);
@@ -142,7 +141,7 @@ static void test_cache(void **state)
 	CHECK(grid_scan(none.r, 0, UINT64_MAX, gather_sink, &g, &err));
 	struct grid_reader_stats b = grid_reader_stats(none.r);
 
-	/* What a reader has in hand it does not fetch; what neither it nor the cache has, it reads. */
+	/* Pages that a reader holds are not fetched; pages that neither it nor the cache has are read. */
 	assert_true(b.pages == a.pages && b.misses == a.misses);
 	assert_int_equal(misses_of_another(&r), 0);
 	assert_int_equal(misses_of_another(&none), b.misses);

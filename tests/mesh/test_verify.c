@@ -1,7 +1,7 @@
 /*
- * The verifier: good meshes pass, and each kind of fault, planted one at a time, is caught as what it is.
- * Good meshes come from brute force: all triples whose circle holds no point, ties by the rule as
- * docs/design/algorithm.md 1 states it, with determinants written for small numbers only.
+ * The verifier: good meshes pass, and each kind of fault, introduced one at a time, is reported as such. Good meshes
+ * come from brute force: all triples whose circle contains no point, ties by the rule in docs/design/algorithm.md 1,
+ * with determinants for small numbers only.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "random.h"
 #include "verify.h"
 
 enum { MOST = 40, TRIANGLES = 4 * MOST };
@@ -28,11 +29,7 @@ static uint64_t random_state = 23;
 
 static uint64_t rnd(void)
 {
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
+	return random_next(&random_state);
 }
 
 static int64_t orient(const int32_t *a, const int32_t *b, const int32_t *c)
@@ -55,20 +52,20 @@ static int64_t circle(const int32_t *a, const int32_t *b, const int32_t *c, cons
 	       m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
 }
 
-static bool later(const int32_t *a, const int32_t *b)
+static bool comes_later(const int32_t *a, const int32_t *b)
 {
 	return a[0] > b[0] || (a[0] == b[0] && a[1] > b[1]);
 }
 
-static bool inside(const int32_t *a, const int32_t *b, const int32_t *c, const int32_t *d)
+static bool in_circle_strictly(const int32_t *a, const int32_t *b, const int32_t *c, const int32_t *d)
 {
 	int64_t s = circle(a, b, c, d);
-	const int32_t *h = later(a, b) ? a : b;
+	const int32_t *h = comes_later(a, b) ? a : b;
 
 	if (s)
 		return s > 0;
-	h = later(c, h) ? c : h;
-	if (later(d, h))
+	h = comes_later(c, h) ? c : h;
+	if (comes_later(d, h))
 		return false;
 	return h == c ? orient(a, b, d) > 0 : h == b ? orient(a, d, c) > 0 : orient(d, b, c) > 0;
 }
@@ -85,7 +82,7 @@ static void triangulate(struct mesh *m)
 
 				for (uint32_t d = 0; d < n && empty; d++)
 					empty = d == a || d == b || d == c ||
-						!inside(m->vertex[a], m->vertex[b], m->vertex[c], m->vertex[d]);
+						!in_circle_strictly(m->vertex[a], m->vertex[b], m->vertex[c], m->vertex[d]);
 				if (!empty)
 					continue;
 				uint32_t *t = m->triangle[m->ntriangle++];
@@ -139,8 +136,8 @@ static void fault_is(const struct mesh *m, enum verify_fault want)
 	assert_int_equal(r.text[0] != '\0', want != VERIFY_GOOD);
 }
 
-/* A mesh that can be spoilt: inner vertices, some triangle away from the boundary. */
-static struct mesh spoilable(void)
+/* A mesh suitable for faults: inner vertices, a triangle away from the boundary. */
+static struct mesh mesh_for_faults(void)
 {
 	return random_mesh(30, 1000);
 }
@@ -168,7 +165,7 @@ static void test_empty(void **state)
 	for (int32_t i = 0; i < 4; i++)
 		memcpy(m.vertex[i], (int32_t[3]){i * 7, i * -3, i}, sizeof m.vertex[i]);
 	for (m.nvertex = 1; m.nvertex <= 4; m.nvertex++)
-		fault_is(&m, VERIFY_GOOD); /* of a line there are vertices only */
+		fault_is(&m, VERIFY_GOOD); /* a line has vertices only */
 	m.nvertex = 4;
 	m.vertex[3][1]++;
 	fault_is(&m, VERIFY_UNUSED);
@@ -177,11 +174,11 @@ static void test_empty(void **state)
 
 static void test_index(void **state)
 {
-	struct mesh m = spoilable();
+	struct mesh m = mesh_for_faults();
 
 	m.triangle[5][1] = (uint32_t)m.nvertex;
 	fault_is(&m, VERIFY_INDEX);
-	m = spoilable();
+	m = mesh_for_faults();
 	m.triangle[5][1] = m.triangle[5][2];
 	fault_is(&m, VERIFY_INDEX);
 	(void)state;
@@ -189,7 +186,7 @@ static void test_index(void **state)
 
 static void test_orientation(void **state)
 {
-	struct mesh m = spoilable(), flat = {.vertex = {{0, 0, 0}, {1, 1, 0}, {2, 2, 0}}, .nvertex = 3, .ntriangle = 1};
+	struct mesh m = mesh_for_faults(), flat = {.vertex = {{0, 0, 0}, {1, 1, 0}, {2, 2, 0}}, .nvertex = 3, .ntriangle = 1};
 	uint32_t t = m.triangle[7][0];
 
 	m.triangle[7][0] = m.triangle[7][1];
@@ -210,7 +207,7 @@ static void test_orientation(void **state)
 
 static void test_edge(void **state)
 {
-	struct mesh m = spoilable();
+	struct mesh m = mesh_for_faults();
 
 	memcpy(m.triangle[m.ntriangle++], m.triangle[3], sizeof m.triangle[3]);
 	fault_is(&m, VERIFY_EDGE);
@@ -219,7 +216,7 @@ static void test_edge(void **state)
 
 static void test_unused(void **state)
 {
-	struct mesh m = spoilable();
+	struct mesh m = mesh_for_faults();
 
 	m.nvertex++;
 	fault_is(&m, VERIFY_UNUSED);
@@ -252,14 +249,14 @@ static void drop_triangle(struct mesh *m, size_t t)
 
 static void test_boundary(void **state)
 {
-	struct mesh m = spoilable(), two = random_mesh(10, 500);
+	struct mesh m = mesh_for_faults(), two = random_mesh(10, 500);
 	size_t t = 0, n = two.nvertex;
 
 	while (on_rim(&m, m.triangle[t][0]) || on_rim(&m, m.triangle[t][1]) || on_rim(&m, m.triangle[t][2]))
 		t++;
 	drop_triangle(&m, t); /* a hole */
 	fault_is(&m, VERIFY_BOUNDARY);
-	for (size_t i = 0; i < n; i++) { /* the same mesh again, beside */
+	for (size_t i = 0; i < n; i++) { /* the same mesh again, beside it */
 		memcpy(two.vertex[n + i], two.vertex[i], sizeof two.vertex[i]);
 		two.vertex[n + i][0] += 1000;
 	}
@@ -286,8 +283,8 @@ static void test_boundary(void **state)
 static const int32_t ring[12][2] = {{12, 0},  {10, 6},   {6, 10},   {0, 12},  {-6, 10}, {-10, 6},
 				    {-12, 0}, {-10, -6}, {-6, -10}, {0, -12}, {6, -10}, {10, -6}};
 
-/* A ribbon of two rows that winds more than once, two of its inner vertices (which lie on each other) being
- * one: each edge, angle and the single boundary loop are in order, but it is no disc. */
+/* A ribbon of two rows that winds more than once, with two of its inner vertices (at the same position) identified:
+ * each edge, angle and the single boundary loop are in order, but it is not a disc. */
 static void test_euler(void **state)
 {
 	enum { STEPS = 19 };
@@ -298,7 +295,7 @@ static void test_euler(void **state)
 	struct err err = ERR_INIT;
 
 	for (uint32_t s = 0; s < STEPS; s++)
-		for (uint32_t row = 0; row < 3; row++) /* row 0 lies outside */
+		for (uint32_t row = 0; row < 3; row++) /* row 0 is outside */
 			for (int a = 0; a < 2; a++)
 				vertex[3 * s + row][a] = ring[s % 12][a] * (int32_t)(4 - row);
 	for (uint32_t s = 0; s + 1 < STEPS; s++) {
@@ -311,13 +308,13 @@ static void test_euler(void **state)
 		}
 	}
 	assert_int_equal(verify_mesh(&m, &r, &err), 0);
-	assert_int_equal(r.fault, VERIFY_CONVEX); /* a disc, if an odd one */
+	assert_int_equal(r.fault, VERIFY_CONVEX); /* a disc, although an odd one */
 	for (size_t t = 0; t < m.ntriangle; t++)
 		for (int i = 0; i < 3; i++) {
 			if (triangle[t][i] == 3 * 15 + 1)
 				triangle[t][i] = 3 * 3 + 1; /* one turn earlier */
 			else if (triangle[t][i] == 3 * STEPS - 1)
-				triangle[t][i] = 3 * 15 + 1; /* the number that came free */
+				triangle[t][i] = 3 * 15 + 1; /* the number that became free */
 		}
 	memcpy(vertex[3 * 15 + 1], vertex[3 * STEPS - 1], sizeof vertex[0]);
 	m.nvertex--;
@@ -328,7 +325,7 @@ static void test_euler(void **state)
 
 static void test_convex(void **state)
 {
-	struct mesh m = spoilable(), fan = {.nvertex = 25, .ntriangle = 24};
+	struct mesh m = mesh_for_faults(), fan = {.nvertex = 25, .ntriangle = 24};
 	int seen = 0;
 
 	for (size_t t = 0; t < m.ntriangle; t++) {
@@ -344,7 +341,7 @@ static void test_convex(void **state)
 		seen += r.fault == VERIFY_CONVEX;
 	}
 	assert_true(seen > 0);
-	for (uint32_t i = 0; i < 24; i++) { /* a fan that goes round its middle twice */
+	for (uint32_t i = 0; i < 24; i++) { /* a fan that goes around its middle twice */
 		memcpy(fan.vertex[i + 1], ring[i % 12], sizeof ring[0]);
 		fan.triangle[i][1] = i + 1;
 		fan.triangle[i][2] = (i + 1) % 24 + 1;
@@ -353,7 +350,7 @@ static void test_convex(void **state)
 
 	assert_int_equal(r.fault, VERIFY_CONVEX);
 	assert_non_null(strstr(r.text, "turns 2 times"));
-	fan.nvertex = 14; /* once round, slit open from the middle to the rim */
+	fan.nvertex = 14; /* once around, slit open from the middle to the rim */
 	fan.ntriangle = 12;
 	r = verified(&fan);
 	assert_int_equal(r.fault, VERIFY_CONVEX);
@@ -361,7 +358,7 @@ static void test_convex(void **state)
 	(void)state;
 }
 
-/* The other diagonal of each pair of neighbours whose quadrangle is convex. */
+/* The other diagonal of each pair of neighbours that form a convex quadrilateral. */
 static void test_delaunay_and_tie(void **state)
 {
 	int flips[2] = {0, 0};
@@ -395,7 +392,7 @@ static void test_delaunay_and_tie(void **state)
 	(void)state;
 }
 
-/* Differences of 2^32: intermediate values pass 2^127 there. Centre and three corners, then pushed off. */
+/* Differences of 2^32: intermediate values exceed 2^127. Centre and three corners, then moved off. */
 static void test_full_range(void **state)
 {
 	struct mesh m = {.nvertex = 4, .ntriangle = 2, .triangle = {{0, 1, 3}, {0, 3, 2}}};
@@ -433,7 +430,7 @@ static size_t points_of(const struct mesh *m, struct point *pts)
 
 static void test_points(void **state)
 {
-	struct mesh m = spoilable();
+	struct mesh m = mesh_for_faults();
 	struct view lowest = VIEW_INIT, highest = VIEW_INIT;
 	struct point pts[MOST + 4];
 	struct verify_report r;

@@ -1,9 +1,8 @@
-/* Generations on disk, their domains in a store, and files of it that are damaged: what tests of finished domains have in common.
- */
+/* What tests of finished domains share: generations on disk, their domains in a store, and damaged files of the store. */
 #ifndef REUSE_FIXTURE_H
 #define REUSE_FIXTURE_H
 
-/* Each test uses some of it. */
+/* Each test uses a part of it. */
 #pragma GCC diagnostic ignored "-Wunused-function"
 
 #include <fcntl.h>
@@ -30,7 +29,7 @@ static uint64_t rng;
 
 static uint64_t rnd(uint64_t n)
 {
-	return rng_below(&rng, n);
+	return random_below(&rng, n);
 }
 
 /* ---- a generation on disk ---- */
@@ -47,7 +46,7 @@ struct generation {
 
 static const struct view view = VIEW_INIT;
 
-/* `dead`: by source; they lie in the segments all the same. */
+/* `dead`: bit set of sources; their records are in the segments nevertheless. */
 static struct generation generation_of(const struct set *s, unsigned segments, unsigned dead)
 {
 	struct generation g = {.folder = folder_new()};
@@ -79,7 +78,8 @@ static void generation_end(struct generation *g)
 	folder_remove(&g->folder);
 }
 
-/* `all` points of side `side`, and some of source 4 in a corner of it; more of source 5 elsewhere in the corner. */
+/* `all` points in a square of side `side`, `some` of source 4 in a corner of it, and more of source 5 elsewhere in the
+ * corner. */
 static struct set points_more(size_t all, size_t some, uint32_t side)
 {
 	size_t n = all + 2 * some;
@@ -121,7 +121,7 @@ static void keep(struct generation *g, int store, const struct cut_region *r, st
 	struct err err = ERR_INIT;
 
 	make(g, r, &d);
-	CHECK(pipe_keep(store, &g->key, r, &d, g->memory, ret, NULL, &err));
+	CHECK(pipe_store(store, &g->key, r, &d, g->memory, ret, NULL, &err));
 	assert_true(digest_equal(ret->digest, d.digest));
 	assert_int_equal(ret->triangles, d.ntriangle);
 }

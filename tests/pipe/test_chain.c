@@ -1,8 +1,9 @@
 /*
- * Chains of generations over one store, by the thousand: real segments, manifests in which sources come, go and come back,
- * small ranges with many equal positions, ranges at the ends of the lattice, views, two lattices. Whatever is found in the
- * store for a region is what making it gives, and a mesh put together from it is the one that is made of nothing, also where
- * only the fronts are read. What is known of a halo beforehand, by the plan and by what the region stood on, changes nothing.
+ * Chains of generations over one store, thousands of cases: real segments; manifests in which sources are added,
+ * removed and restored; small ranges with many equal positions; ranges at the ends of the lattice; views; two lattices.
+ * What is found in the store for a region must be equal to what making it gives, and a mesh made with stored domains
+ * equal to one made without, also if only the fronts are read. What the plan and the earlier sites say about a halo
+ * must not change anything.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -19,12 +20,13 @@
 
 #include "err.h"
 #include "grid_fixture.h"
+#include "grid_stage.h"
 #include "io.h"
 #include "pipe.h"
 #include "pipe_priv.h"
 #include "store.h"
 
-/* From this family on sources are apart. */
+/* From this family on sources are separate. */
 enum { LOCAL = 5 };
 enum { CAP = 40000, SOURCES = 25, LEAVES = 90, STEPS = 6, SEGMENTS = 25 };
 
@@ -35,7 +37,7 @@ static struct view view;
 
 static uint64_t rnd(uint64_t n)
 {
-	return rng_below(&rng, n);
+	return random_below(&rng, n);
 }
 
 /* ---- points ---- */
@@ -67,10 +69,10 @@ static struct set points_of(unsigned family, size_t n, uint32_t range)
 	struct set s = {calloc(n, sizeof *s.pts), calloc(n, sizeof *s.ids), n};
 
 	for (size_t i = 0; i < n; i++) {
-		/* Of the first source there are many; now and then the very same record once more, of another. */
+		/* The first source has many points; sometimes another source repeats a record exactly. */
 		s.pts[i] = i && !rnd(10) ? s.pts[rnd(i)] : point_at(family, range);
 		s.ids[i] = rnd(3) && family < LOCAL ? 1 : 1 + (uint32_t)rnd(SOURCES);
-		/* Each stays in a corner: cells of their segments are small, and a change is seen by few. */
+		/* Each stays in a corner: cells of its segments are small, and few regions see a change. */
 		if (family >= LOCAL) {
 			s.pts[i] = point_at(family, 1 + range / 5);
 			s.pts[i].x += (int32_t)(s.ids[i] % 5 * range / 5);
@@ -82,14 +84,14 @@ static struct set points_of(unsigned family, size_t n, uint32_t range)
 
 /* ---- a generation ---- */
 
-/* Segments, which generations share. */
+/* Segments, shared by generations. */
 struct layout {
 	struct folder folder;
 	struct grid_segment_info info[SEGMENTS];
 	unsigned n;
 };
 
-/* What is not in `there` was pruned. */
+/* Sources that are not in `there` were pruned. */
 static struct layout layout_new(const struct set *s, unsigned there)
 {
 	struct layout l = {.folder = folder_new()};
@@ -156,7 +158,7 @@ static void generation_end(struct generation *g)
 
 /* ---- regions ---- */
 
-/* The same regions are cut the same in all generations of a case. */
+/* The same regions are split in the same way in all generations of a case. */
 static void cut(const struct cut_region *r, struct cut_region *leaf, unsigned *n, unsigned depth)
 {
 	char text[CUT_REGION_TEXT_SIZE];
@@ -166,7 +168,7 @@ static void cut(const struct cut_region *r, struct cut_region *leaf, unsigned *n
 	cut_region_text(r, text);
 	d = digest_hash(text, strlen(text));
 	d.lo ^= plan_seed;
-	if (depth < 34 && *n < LEAVES - 40 && rng_below(&d.lo, 10) < (depth < 5 ? 9 : 6) && cut_region_split(r, half)) {
+	if (depth < 34 && *n < LEAVES - 40 && random_below(&d.lo, 10) < (depth < 5 ? 9 : 6) && cut_region_split(r, half)) {
 		cut(&half[0], leaf, n, depth + 1);
 		cut(&half[1], leaf, n, depth + 1);
 	} else {
@@ -272,8 +274,8 @@ static void check_totals(struct pipe_totals a, struct pipe_totals b)
 	assert_memory_equal(&a, &b, sizeof a);
 }
 
-/* Of the regions, as one of leaves that may have few positions: a halo has more than those that are nearly empty, and is found
- * with others. It splits none, since all fit. */
+/* One of the regions, as of leaves that may have few positions: a halo has more than those that are nearly empty, so it
+ * is found together with others. All fit, so none is split. */
 static void plan_known(struct generation *g, const struct cut_region *leaf, unsigned n, struct cut_plan *ret)
 {
 	struct grid_reader *reader;
@@ -327,8 +329,8 @@ static void one_generation(struct generation *g)
 			check_same(&d, &k, false);
 		known = known && rnd(2);
 		if (rnd(4))
-			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL,
-					&err));
+			CHECK(pipe_store(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL,
+					 &err));
 		emit(made, &d, &leaf[i]);
 		if (!hit) {
 			make(g, &leaf[i], &d);
@@ -353,7 +355,7 @@ static void one_case(uint64_t seed)
 	struct set s;
 
 	rng = seed * UINT64_C(0x9e3779b97f4a7c15) + 1;
-	plan_seed = rng_next(&rng);
+	plan_seed = random_next(&rng);
 	family = (unsigned)rnd(12);
 	s = points_of(family, family >= LOCAL ? 100 + rnd(900) : 3 + rnd(70),
 		      rnd(3) ? 2 + (uint32_t)rnd(family >= LOCAL ? 60 : 8) : 2 + (uint32_t)rnd(1000));
@@ -376,7 +378,7 @@ static void one_case(uint64_t seed)
 		generation_begin(&g, &l, &s, dead, rnd(8) == 0);
 		one_generation(&g);
 		generation_end(&g);
-		/* A push, a removal, both, a return; or the same once more. Now and then laid out anew. */
+		/* A push, a removal, both, a restored source, or no change. Sometimes in new segments. */
 		for (unsigned k = (unsigned)rnd(3); k > 0; k--)
 			dead ^= 1u << rnd(SOURCES);
 		if (lost & ~dead || rnd(6) == 0) {
@@ -407,7 +409,7 @@ static void test_chains(void **state)
 	       (unsigned long long)fronts);
 	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n",
 	       (unsigned long long)bounded, (unsigned long long)sited, (unsigned long long)both);
-	/* Of many cases; one may be tried again by itself. */
+	/* One of many cases can be repeated alone. */
 	if (n < 40)
 		return;
 	assert_true(bounded > domains / 100 && sited > 0 && both > 0);

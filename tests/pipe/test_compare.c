@@ -1,4 +1,4 @@
-/* What a header says of its points, against the points: what is warned of, and what is not. */
+/* Comparing a header with its points: what gives a warning, and what does not. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -11,7 +11,7 @@
 #include "err.h"
 #include "pipe.h"
 
-/* A header at the scale 0.01 that agrees with its points, which go from 0 to 10, 20 and 30. */
+/* A header with scale 0.01 that agrees with its points, which extend from 0 to 10, 20 and 30. */
 static struct input_info header(void)
 {
 	struct input_info info = {.claimed = 4, .has_returns = true, .returns = {0, 3, 1}};
@@ -40,7 +40,7 @@ static void box(void **state)
 		struct input_info info = header();
 
 		assert_string_equal(compared(&info), "");
-		/* larger than the points need */
+		/* larger than the points require */
 		info.coords.min[k] = -1e6;
 		info.coords.max[k] = 1e6;
 		assert_string_equal(compared(&info), "");
@@ -54,7 +54,7 @@ static void box(void **state)
 		info = header();
 		info.coords.min[k] = 0.01;
 		assert_non_null(strstr(compared(&info), "the header's box is wrong"));
-		/* told when the header was read */
+		/* reported when the header was read */
 		info = header();
 		info.coords.min[k] = 1e6;
 		assert_string_equal(compared(&info), "");
@@ -69,7 +69,7 @@ static void returns(void **state)
 
 	info.returns[2] = 7;
 	assert_non_null(strstr(compared(&info), "the header counts 7 points of return 2, there are 1"));
-	info.miscounted = true; /* it counts nothing right */
+	info.miscounted = true; /* its counts are wrong */
 	assert_string_equal(compared(&info), "");
 }
 

@@ -1,7 +1,7 @@
 /*
- * The emitter against what can be counted by hand: a mesh whose triangles are dealt out to domains at random
- * (the worst case: most vertices are shared), emitted in random order, through a table that fits and through
- * one that spills. Each vertex must be final in exactly the block of its last triangle, the hull never.
+ * The emitter against what can be counted independently: the triangles of a mesh are distributed to domains at random
+ * (the worst case: most vertices are shared) and emitted in random order, through a table that fits and through one
+ * that spills. Each vertex must be final in exactly the block of its last triangle, hull vertices never.
  */
 #include <fcntl.h>
 #include <setjmp.h>
@@ -95,7 +95,7 @@ static struct digest hash_of(const struct mesh *m, uint32_t v)
 	return digest_hash(&place, sizeof place);
 }
 
-/* The finished domain `which`, in memory of malloc; open are all vertices that others or the hull share. */
+/* The finished domain `which`, allocated; all vertices that are shared or on the hull are open. */
 static void domain_make(const struct mesh *m, uint32_t which, struct mesh_domain *d)
 {
 	uint32_t *local = malloc(m->nvertex * sizeof *local), i, k, pass;
@@ -140,7 +140,7 @@ static void domain_make(const struct mesh *m, uint32_t which, struct mesh_domain
 		}
 		d->ntriangle++;
 	}
-	/* The emitter compares with the positions used: all of them, told once. */
+	/* The emitter compares with the number of positions: all of them, counted once. */
 	d->counts.used = which == 0 ? m->nvertex : 0;
 	d->nhull = which == 0 ? 2 * (m->w + m->h) - 4 : 0;
 	free(local);
@@ -268,7 +268,7 @@ static void test_missing_domain(void **state)
 	mesh_free(&m);
 }
 
-/* The table alone, against a plain array: places added and closed in random order, far more than it holds. */
+/* The table alone, against a simple array: positions added and closed in random order, far more than fit it. */
 static void test_table(void **state)
 {
 	enum { N = 30000 };

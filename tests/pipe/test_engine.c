@@ -1,8 +1,8 @@
 /*
  * The whole engine in one process, without daemon: points to a segment on disk, plan, domains, emitter. Small
- * coordinate ranges, duplicates, collinear strips, full-range corners, many tiny regions: whatever the load, the
- * mesh is that of one single region, its digests agree, also where they are only added up, and a verifier that shares no code
- * with it is content.
+ * coordinate ranges, duplicates, collinear strips, full-range corners, many tiny regions: for any load, the mesh is
+ * that of one single region, its digests agree, also if they are only added up, and a verifier that shares no code
+ * accepts it.
  *
  * ACUT_FUZZ_CASES sets the number of random sets (default 2,000).
  */
@@ -20,6 +20,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "grid_stage.h"
 #include "ledger.h"
 #include "pipe.h"
 #include "pipe_inner.h"
@@ -42,7 +43,7 @@ struct mesh {
 	uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;
 	struct pipe_totals totals;
-	size_t split; /* leaves that were */
+	size_t split; /* leaves that were split */
 	int status;
 };
 
@@ -165,7 +166,7 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 	if (!m->status)
 		m->status = pipe_emitter_finish(emitter, &m->totals, &err);
 	m->split = plan.n - m->split;
-	/* What is only added up comes to the same. */
+	/* The totals without emission are the same. */
 	if (!m->status) {
 		assert_int_equal(pipe_emitter_finish(sums, &added, &err), 0);
 		assert_memory_equal(&added, &m->totals, sizeof added);
@@ -192,7 +193,7 @@ static size_t make_points(struct point *pts, uint64_t which)
 			x = corner[rnd(5)];
 			y = corner[rnd(5)];
 			break;
-		case 1: /* collinear strip and its like */
+		case 1: /* a collinear strip and similar */
 			y = x * 3 - 7;
 			break;
 		case 2: /* two far clusters */
@@ -300,7 +301,7 @@ static int remove_entry(const char *path, const struct stat *st, int type, struc
 static int setup(void **state)
 {
 	(void)state;
-	/* In memory where that can be had: thousands of small segments are fsynced. */
+	/* In memory if possible, because thousands of small segments are fsynced. */
 	strcpy(folder, access("/dev/shm", W_OK) ? "/tmp/acut-engine-XXXXXX" : "/dev/shm/acut-engine-XXXXXX");
 	if (!mkdtemp(folder))
 		return -1;
@@ -316,8 +317,8 @@ static int teardown(void **state)
 }
 
 /*
- * On a parabola an empty region beside it sees half of all points: more than a domain's first, small scratch holds, so its halo
- * is found again with all there is. Nothing is split for it: the cap has room.
+ * On a parabola an empty region beside it sees half of all points: more than fits a domain's first, small scratch, so
+ * its halo is found again with all the memory. Nothing is split for it, because it fits the cap.
  */
 static void test_wide_halo(void **state)
 {
@@ -369,7 +370,7 @@ static struct point flat_point(const char *shape, int32_t i)
 	return p;
 }
 
-/* Vertices and no triangles: every position, once, whatever the load, and as soon as one is off the line, triangles. */
+/* Vertices and no triangles: every position once, for any load; and triangles as soon as one is off the line. */
 static void test_flat(void **state)
 {
 	static const char *const shape[] = {"one position", "two positions", "axis", "diagonal", "slanted"};
@@ -417,7 +418,7 @@ static int by_number(const void *a, const void *b)
 	return (*p > *q) - (*p < *q);
 }
 
-/* The box of most points against sorted coordinates, and with it the position that most share. */
+/* The box of most points against sorted coordinates, and the position with the most points. */
 static void test_inner(void **state)
 {
 	static const size_t counts[] = {1, 5999, 6000, 25000};
@@ -453,7 +454,7 @@ static void test_inner(void **state)
 		assert_int_equal(pipe_inner(reader, &params, &in, &err), 0);
 		for (unsigned axis = 0; axis < 3; axis++) {
 			size_t beyond = in.points / 6000;
-			const double scale = 100; /* both of the lattice are a hundredth */
+			const double scale = 100; /* both scales of the lattice are a hundredth */
 
 			for (size_t k = 0; k < in.points; k++)
 				sorted[k] = axis == 0 ? pts[k].x : axis == 1 ? pts[k].y : pts[k].z;

@@ -1,6 +1,6 @@
 /*
- * Summaries of finished domains that are kept in memory: what they say of a domain is what its file says, without the file being
- * opened; a file that was touched, is damaged or gone is not hidden by them.
+ * Summaries of finished domains that are kept in memory: they say what the file says, without opening it; they do not
+ * hide a file that was used, damaged or removed.
  */
 #include <sys/stat.h>
 
@@ -79,7 +79,7 @@ static int reuse_recalled(struct generation *g, int store, const struct cut_regi
 	rc = pipe_reuse(&p, ret, ret_stored, &held, &err);
 	io = before;
 	assert_true(rc >= 0);
-	/* What it keeps lies in what is held. */
+	/* Its arrays are in the returned memory. */
 	if (!rc && memory.whole && !memory.light)
 		assert_ptr_equal((uint8_t *)g->memory + held, ret->final + (((size_t)ret->nvertex + 7) / 8 + 7) / 8 * 8);
 	else if (!rc && !memory.whole)
@@ -97,7 +97,7 @@ static void check_numbers(const struct mesh_domain *a, const struct mesh_domain 
 	assert_true(!a->link && !a->vertex && !a->triangle && !a->final);
 }
 
-/* As without: the same file, the same numbers. */
+/* As without a summary: the same file, the same numbers. */
 static int check_recalled(struct generation *g, int store, const struct cut_region *r)
 {
 	struct pipe_stored as = {.used_ns = 0}, want = {.used_ns = 0};
@@ -120,12 +120,12 @@ static void keep_remembered(struct generation *g, int store, const struct cut_re
 	struct err err = ERR_INIT;
 
 	make(g, r, &d);
-	CHECK(pipe_keep(store, &g->key, r, &d, g->memory, &as, &k, &err));
+	CHECK(pipe_store(store, &g->key, r, &d, g->memory, &as, &k, &err));
 	assert_true(digest_equal(k.front.beside.content, g->key.content));
 	remember(NULL, &k);
 }
 
-/* What is remembered of what was written is what is remembered of what was read. */
+/* The summary of what was written is that of what was read. */
 static void check_read(struct generation *g, int store, const struct cut_region *r)
 {
 	struct pipe_summary *at = remembered(pipe_key_of(&g->key, r)), was = *at;
@@ -155,7 +155,7 @@ static int truncateat(const struct folder *store, const char *name)
 	return r;
 }
 
-/* The file was touched, is damaged, or is gone: what is remembered does not hide it. */
+/* The file was used, damaged, or removed: the summary does not hide it. */
 static void check_file(struct generation *g, const struct folder *store, const struct cut_region *r)
 {
 	struct pipe_summary *k = remembered(pipe_key_of(&g->key, r));
@@ -170,10 +170,10 @@ static void check_file(struct generation *g, const struct folder *store, const s
 	assert_int_equal(utimensat(store->fd, name, times, 0), 0);
 	assert_int_equal(check_recalled(g, store->fd, r), 0);
 	assert_int_equal(memory.opened, 0);
-	/* Its last use is that of the file, whoever touched it. */
+	/* The time of its last use is that of the file, whoever used it. */
 	assert_int_equal(reuse_recalled(g, store->fd, r, &d, &as), 0);
 	assert_true(memory.opened == 0 && as.used_ns == INT64_C(1000000000005));
-	/* Who wants triangles gets them. */
+	/* Callers that need triangles get them. */
 	memory.whole = true;
 	assert_int_equal(reuse_recalled(g, store->fd, r, &d, &as), 0);
 	assert_true(memory.opened == 1 && d.triangle && d.vertex && d.link);
@@ -184,7 +184,7 @@ static void check_file(struct generation *g, const struct folder *store, const s
 	memory.cap = (uint32_t)(k->front.domain.counts.used + k->front.domain.counts.halo) - 1;
 	assert_int_equal(reuse_recalled(g, store->fd, r, &d, &as), PIPE_E_ABSENT);
 	memory.cap = CAP;
-	/* One that was cut short is not what it was. */
+	/* A truncated file is not the same. */
 	assert_int_equal(truncateat(store, name), 0);
 	assert_int_equal(reuse_recalled(g, store->fd, r, &d, &as), PIPE_E_ABSENT);
 	assert_true(memory.opened >= 1);
@@ -193,7 +193,7 @@ static void check_file(struct generation *g, const struct folder *store, const s
 	name_of(&k->id, name); /* it may have another list in this generation */
 	assert_int_equal(unlinkat(store->fd, name, 0), 0);
 	assert_int_equal(check_recalled(g, store->fd, r), PIPE_E_ABSENT);
-	/* Of one that rots the numbers are those that it had; who wants its triangles finds out, and then it is gone. */
+	/* If a file is damaged, the summary still has its numbers; reading its triangles finds the damage, and removes it. */
 	keep_remembered(g, store->fd, r);
 	flip(store, name, 100);
 	assert_int_equal(reuse_recalled(g, store->fd, r, &d, &as), 0);
@@ -205,7 +205,7 @@ static void check_file(struct generation *g, const struct folder *store, const s
 	assert_int_equal(check_recalled(g, store->fd, r), PIPE_E_ABSENT);
 }
 
-/* A push into a corner: most of what was stored before is found without a file being opened, the rest as ever. */
+/* A push into a corner: most stored domains are found without opening a file, the others as before. */
 static void test_remembered(void **state)
 {
 	struct folder store = folder_new();
@@ -236,7 +236,7 @@ static void test_remembered(void **state)
 			there += !is;
 			unread += !is && !memory.opened;
 			reads += round && !is && memory.opened;
-			/* What was read is remembered as of this generation. */
+			/* What was read is remembered for this generation. */
 			assert_int_equal(memory.noted, !is && memory.opened);
 			assert_true(!memory.noted || digest_equal(k->front.beside.content, g[1].key.content));
 		}

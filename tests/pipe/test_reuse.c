@@ -1,14 +1,14 @@
 /*
- * Finished domains in the store, over real caches: what is made of one generation is found in another exactly where it
- * would be made the same, byte for byte; a reader-less emission from the fronts alone gives the same totals; whatever is
- * damaged is made again.
+ * Finished domains in the store, with real caches: what is made of one generation is found in another exactly where
+ * making it gives the same, byte for byte; an emission from the fronts alone gives the same totals; damaged domains are
+ * made again.
  */
 #include <dirent.h>
 
 #include "io.h"
 #include "reuse_fixture.h"
 
-/* ---- one generation after another ---- */
+/* ---- consecutive generations ---- */
 
 static uint64_t judged, found;
 
@@ -65,7 +65,7 @@ static void test_generations(void **state)
 	assert_true(found > judged / 10 * 5 && found < judged);
 }
 
-/* ---- what a region stood on bounds its halo ---- */
+/* ---- earlier sites bound a halo ---- */
 
 static bool before_of(struct generation *g, int store, const struct cut_region *r, struct pipe_before *ret)
 {
@@ -81,7 +81,7 @@ static bool before_of(struct generation *g, int store, const struct cut_region *
 	return pipe_before(&p, ret);
 }
 
-/* Points of source 1, and more of source 2 in a corner of them; each has a segment. */
+/* Points of source 1, and more of source 2 in a corner of them; each source has its own segment. */
 static struct set points_and_more(size_t all, size_t some)
 {
 	struct set s = points_more(all, some, 3000 + (uint32_t)rnd(100000));
@@ -134,7 +134,7 @@ static void test_before(void **state)
 
 			keep(&old, store.fd, r, &as);
 			bounded += compare_bounded(&new, store.fd, r, memory, &all);
-			/* What it stood on is not all there. */
+			/* Not all of the earlier sites exist. */
 			assert_false(before_of(&less, store.fd, r, &none));
 		}
 		free(memory);
@@ -159,7 +159,7 @@ static void count_there(void *ctx, const struct cut_region *r, const struct mesh
 	++*(uint64_t *)ctx;
 }
 
-/* What one generation stored; the next one cuts few regions, and only such that changed; a third finds the parts. */
+/* One generation stores its domains; the next one splits few regions, only changed ones; a third one finds the parts. */
 static void test_refine(void **state)
 {
 	struct folder store = folder_new();
@@ -195,7 +195,7 @@ static void test_refine(void **state)
 			size_t n;
 
 			CHECK(store_versions(store.fd, pipe_key_of(&g->key, &plan.leaf[i].region), &version, 1, &n, &err));
-			/* Also what outgrew its leaf is small. */
+			/* Parts of outgrown leaves are small, too. */
 			assert_true(!round || n || plan.leaf[i].count <= LOAD / 2);
 			fits += plan.leaf[i].fits;
 		}
@@ -209,13 +209,13 @@ static void test_refine(void **state)
 			there += !r;
 			if (r) {
 				make(g, &plan.leaf[i].region, &d);
-				CHECK(pipe_keep(store.fd, &g->key, &plan.leaf[i].region, &d, g->memory, &as, NULL, &err));
+				CHECK(pipe_store(store.fd, &g->key, &plan.leaf[i].region, &d, g->memory, &as, NULL, &err));
 				made++;
 			}
 			points += d.counts.points;
 		}
 		assert_int_equal(told, there);
-		/* They are a partition still, and all of it is found the next time. */
+		/* They are still a partition, and all of them are found the next time. */
 		assert_int_equal(points, grid_points(g->reader.grid));
 		assert_true(round ? made < plan.n / 3 : made == plan.n);
 		again = plan_of(g);
@@ -232,7 +232,7 @@ static void test_refine(void **state)
 	set_free(&s);
 }
 
-/* Where much has changed large regions are faster: the plan stays. */
+/* If much has changed, large regions are faster: the plan stays. */
 static void test_refine_much(void **state)
 {
 	struct folder store = folder_new();
@@ -395,8 +395,8 @@ static int reuse_hinted(struct generation *g, int store, const struct cut_region
 	return rc;
 }
 
-/* What somebody remembers is looked at first and saves the folder; where it is gone, or of another generation, the folder tells.
- */
+/* A remembered list is tried first, which avoids reading the folder; if it does not exist, or is of another generation,
+ * the folder is read. */
 static void test_hints(void **state)
 {
 	struct folder store = folder_new();
@@ -429,7 +429,7 @@ static void test_hints(void **state)
 		assert_true((hints.listed > 0) == ((i & 1) != i / 2));
 		assert_true(got.used_ns > 0);
 	}
-	/* Who knows what was there before asks for what came since, which no hint tells. */
+	/* A caller that knows the earlier domains asks only for later ones, which no hint names. */
 	assert_int_equal(reuse_hinted(&g[1], store.fd, &root[0], INT64_MAX, &got), PIPE_E_ABSENT);
 	assert_int_equal(hints.asked, 0);
 	hints.list = (struct digest){1, 2};
@@ -447,7 +447,7 @@ static void test_hints(void **state)
 
 /* ---- damage ---- */
 
-/* Any byte of the file wrong, or missing at its end: absent, and gone. Of the rest the front knows nothing. */
+/* Any byte of the file wrong, or missing at its end: absent, and removed. The front does not cover the rest. */
 static void test_damage(void **state)
 {
 	struct folder store = folder_new();
@@ -476,7 +476,7 @@ static void test_damage(void **state)
 		assert_int_equal(reuse(&g, store.fd, r, g.memory, false, &d, &got), 0);
 		flip(&store, name, (off_t)at);
 		light = reuse(&g, store.fd, r, g.memory, true, &d, &got);
-		/* Padding after vertices and triangles is nobody's. */
+		/* Padding after vertices and triangles is not checked. */
 		if (reuse(&g, store.fd, r, g.memory, false, &d, &got) == 0) {
 			flip(&store, name, (off_t)at);
 			nobodys++;
@@ -504,7 +504,7 @@ static void test_damage(void **state)
 	set_free(&s);
 }
 
-/* Of many generations each finds its own; what lay in the folder before version 3 goes. */
+/* Many generations each find their own; what was in the folder before version 3 is removed. */
 static void test_versions(void **state)
 {
 	struct folder store = folder_new();

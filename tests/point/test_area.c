@@ -1,7 +1,7 @@
 /*
- * Areas: the exact question against another way to ask it (rays up instead of to the right, every edge of every
- * ring, no index), on coordinates so few that corners and edges are hit all the time, and on large ones that fill
- * the index; their normal form; boxes that cannot hold a point of the area.
+ * Areas: the exact test against another method (rays up instead of to the right, every edge of every ring, no index),
+ * on so few coordinates that corners and edges are hit all the time, and on large ones that fill the index; their
+ * normal form; boxes that cannot contain a point of the area.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "random.h"
 #include "view_area.h"
 
 enum { RINGS = 12, CORNERS = 40 };
@@ -31,10 +32,7 @@ static uint64_t seed = 1;
 
 static uint64_t roll(uint64_t n)
 {
-	seed ^= seed << 13;
-	seed ^= seed >> 7;
-	seed ^= seed << 17;
-	return seed % n;
+	return random_below(&seed, n);
 }
 
 static struct view_area *area_of(const struct model *m)
@@ -57,7 +55,7 @@ static int sign128(__int128 v)
 	return (v > 0) - (v < 0);
 }
 
-/* -1 out of the ring, 0 on it, 1 in it. */
+/* -1 outside of the ring, 0 on it, 1 in it. */
 static int brute_ring(const struct model *m, unsigned r, int64_t x, int64_t y)
 {
 	unsigned n = m->ring[r].n;
@@ -70,7 +68,7 @@ static int brute_ring(const struct model *m, unsigned r, int64_t x, int64_t y)
 		if (!turn && (x - p[0] >= 0) + (x - q[0] >= 0) != 0 && (x - p[0] <= 0) + (x - q[0] <= 0) != 0 &&
 		    (y - p[1] >= 0) + (y - q[1] >= 0) != 0 && (y - p[1] <= 0) + (y - q[1] <= 0) != 0)
 			return 0;
-		/* A ray upwards; the left end of an edge counts, the right one not. */
+		/* A ray upwards; the left end of an edge counts, the right one does not. */
 		if (p[0] <= x && x < q[0])
 			in ^= turn < 0;
 		if (q[0] <= x && x < p[0])
@@ -138,13 +136,13 @@ static void test_small(void **state)
 		}
 		view_area_free(a);
 	}
-	/* The cases are what they are meant to be. */
+	/* Shows that the cases are as intended. */
 	print_message("%u positions, %u inside, %u times on an edge\n", all, in, on);
 	assert_true(in > all / 8 && in < all * 4 / 5 && on > all / 5);
 	(void)state;
 }
 
-/* Points on and beside corners and edges of areas that fill strips and cells, up to the largest numbers. */
+/* Points on and near corners and edges of areas that fill strips and cells, up to the largest numbers. */
 static void test_large(void **state)
 {
 	static const int64_t scales[] = {3, 1000, 123457, INT64_C(1) << 40, INT64_C(1) << 49};
@@ -180,7 +178,7 @@ static void test_large(void **state)
 	(void)state;
 }
 
-/* No box that holds a position of the area is said to hold none; boxes far from it are. */
+/* Every box with a position of the area is reported as meeting it; boxes far away are not. */
 static void test_meets(void **state)
 {
 	unsigned none = 0, some = 0;
@@ -212,7 +210,7 @@ static void test_meets(void **state)
 	(void)state;
 }
 
-/* Rings that start elsewhere, go round the other way or repeat corners are the same ring. */
+/* Rings that start elsewhere, have the other direction or repeat corners are the same ring. */
 static void test_normal(void **state)
 {
 	for (unsigned run = 0; run < 2000; run++) {
@@ -260,7 +258,7 @@ static void test_degenerate(void **state)
 	struct view_area *a;
 	int64_t bounds[4];
 
-	/* A point, a line, and a hole without inside. */
+	/* A point, a line, and a hole without interior. */
 	m.ring[0].shell = m.ring[1].shell = true;
 	m.ring[0].n = 1;
 	m.ring[0].at[0][0] = 5;

@@ -1,13 +1,7 @@
 /*
- * Lattices: the choice from headers, whatever their order; mapping against the inequality that defines a
- * floor, in exact numbers; and rounding that commutes with shifts.
+ * The choice of a lattice: from the headers of inputs in any order, as a set from which inputs are removed, and its text.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
+#include "lattice_input.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -15,49 +9,8 @@
 #include <string.h>
 
 #include "err.h"
-#include "lattice.h"
 #include "lattice_set.h"
-
-static uint64_t random_state = 17;
-
-static uint64_t rnd(void)
-{
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
-}
-
-static struct decimal dec(const char *text)
-{
-	struct decimal d;
-
-	assert_true(decimal_parse(text, &d));
-	return d;
-}
-
-/* An input with the same numbers on x and y. */
-static struct lattice_input input(const char *name, const char *scale, const char *offset, double min, double max)
-{
-	struct lattice_input in = {.name = name, .has_offset = offset != NULL};
-
-	for (int a = 0; a < 3; a++) {
-		in.scale[a] = dec(scale);
-		in.offset[a] = dec(offset ? offset : "0");
-		in.min[a] = min;
-		in.max[a] = max;
-	}
-	return in;
-}
-
-static struct lattice lattice_of(const char *text)
-{
-	struct lattice l;
-
-	assert_true(lattice_parse(text, &l));
-	return l;
-}
+#include "random.h"
 
 static void choose_is(const struct lattice_input *in, size_t n, const char *want)
 {
@@ -82,16 +35,16 @@ static void test_choose(void **state)
 	in[0] = input("a", "0.01", "500000", 500000, 501000);
 	choose_is(in, 1, "0.01 0.01 50000000 50000000 50000000");
 	in[1] = input("b", "0.01", "500000", 501000, 502000);
-	choose_is(in, 2, "0.01 0.01 50000000 50000000 50000000"); /* one distinct (offset, scale) */
+	choose_is(in, 2, "0.01 0.01 50000000 50000000 50000000"); /* all have the same (offset, scale) */
 	in[1] = input("b", "0.01", "600000", 501000, 502000);
 	choose_is(in, 2, "0.01 0.01 50100000 50100000 50100000"); /* the middle of the boxes */
 	in[2] = input("c", "0.001", "0", 500000, 500010);
 	choose_is(in, 3, "0.001 0.001 501000000 501000000 501000000");
 	in[0] = input("a", "0.01", "-0.005", 0, 1);
-	choose_is(in, 1, "0.005 0.005 -1 -1 -1"); /* so that none of its numbers is moved */
+	choose_is(in, 1, "0.005 0.005 -1 -1 -1"); /* so that none of its numbers is rounded */
 	in[0] = input("text", "0.001", NULL, -5, 10);
 	choose_is(in, 1, "0.001 0.001 2500 2500 2500");
-	in[0].scale[1] = dec("0.0001"); /* x and y differ: the finer for both */
+	in[0].scale[1] = dec("0.0001"); /* x and y differ: the finer one for both */
 	choose_is(in, 1, "0.0001 0.001 25000 25000 2500");
 	in[0] = input("nobox", "0.01", "7", NAN, 1);
 	in[1] = input("nobox2", "0.01", "5", 3, -3);
@@ -99,8 +52,8 @@ static void test_choose(void **state)
 	(void)state;
 }
 
-/* A file whose offset lies between two steps of its scale, or of two scales that are no multiples: nothing of it is moved where
- * a finer scale can have that. */
+/* A file whose offset is between two steps of its scale, or with two scales that are not multiples: no number is
+ * rounded if a finer scale makes that possible. */
 static void test_choose_exact(void **state)
 {
 	static const struct {
@@ -114,7 +67,7 @@ static void test_choose_exact(void **state)
 		{"0.01", "0.0025", 0, 1000, "0.0025 0.0025 1 1 1", true},
 		{"0.25", "0.1", 0, 1000, "0.05 0.05 2 2 2", true},
 		{"0.001", "1000000.00001", 999990, 1000010, "0.00001 0.00001 100000000001 100000000001 100000000001", true},
-		/* more digits than there is room for, or than are worth it */
+		/* more digits than fit, or than are worthwhile */
 		{"0.01", "500000.12345678912", 500000, 501000, "0.01 0.01 50000012 50000012 50000012", false},
 		{"0.01", "0.000001", 0, 1, "0.01 0.01 0 0 0", false},
 		{"0.01", "0.001", 0, 100000, "0.01 0.01 0 0 0", false},
@@ -130,11 +83,12 @@ static void test_choose_exact(void **state)
 		choose_is(in, 1, cases[i].want);
 		assert_int_equal(lattice_map_init(&m, &l, &in[0], &err), 0);
 		assert_int_equal(m.axis[0].exact && m.axis[1].exact && m.axis[2].exact, cases[i].exact);
-		in[1] = in[0]; /* many that are alike as one */
+		in[1] = in[0]; /* many that are alike count as one */
 		in[1].name = "b";
 		choose_is(in, 2, cases[i].want);
 	}
-	/* What grows has room for tiles beside it, and a box that raw numbers cannot lie in, or of one position, says nothing. */
+	/* A lattice that grows has room for neighbouring tiles; a box that is impossible for raw numbers, or a single
+	 * position, is ignored. */
 	static const struct {
 		const char *scale, *offset;
 		double min, max;
@@ -158,7 +112,7 @@ static void test_choose_exact(void **state)
 
 	two.scale[1] = dec("0.003");
 	choose_is(&two, 1, "0.001 0.01 0 0 0");
-	/* of inputs that differ each may be moved: the finest scale, as it is */
+	/* numbers of inputs that differ may be rounded: the finest scale, unchanged */
 	other[0] = input("a", "0.01", "0.005", 0, 1000);
 	other[1] = input("b", "0.01", "0", 0, 1000);
 	choose_is(other, 2, "0.01 0.01 50000 50000 50000");
@@ -171,7 +125,7 @@ static void test_choose_lying_box(void **state)
 	struct err err = ERR_INIT;
 	struct lattice l = {.k = {7}};
 
-	/* Alone its box is not needed; with another it is, and can only be refused. */
+	/* Alone its box does not matter; with another input it does, and can only be rejected. */
 	choose_is(in, 1, "0.01 0.01 0 0 0");
 	assert_int_equal(lattice_choose(in, 2, NULL, NULL, &l, &err), -ERR_INPUT);
 	assert_string_equal(err.file, "a");
@@ -216,7 +170,7 @@ static void test_choose_refused(void **state)
 	(void)state;
 }
 
-/* A scale finer than the file's: the offset serves only while the data fit around it. */
+/* A scale finer than the file's: the offset is used only while the data fit around it. */
 static void test_choose_wanted(void **state)
 {
 	struct lattice_input in = input("a", "0.01", "0", 4000000, 4000100);
@@ -236,8 +190,7 @@ static uint64_t seed = 7;
 
 static unsigned pick(unsigned n)
 {
-	seed = seed * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
-	return (unsigned)((seed >> 33) % n);
+	return (unsigned)random_below(&seed, n);
 }
 
 /* `in`, which may be rounded to scales up to `coarsest`. */
@@ -248,8 +201,7 @@ static struct lattice_input rounded(struct lattice_input in, const char *coarses
 	return in;
 }
 
-/* The finest power of ten that holds all boxes, between the scale of those that may be rounded and what they may be rounded to.
- */
+/* The finest power of ten with which all boxes fit, between the scale of inputs that may be rounded and their limit. */
 static void test_choose_rounded(void **state)
 {
 	static const struct {
@@ -261,11 +213,11 @@ static void test_choose_rounded(void **state)
 		{"1e-8", NULL, 0, 43, 0, "1e-7"},
 		{"1e-8", NULL, 500000, 503000, 0, "1e-6"},
 		{"1e-8", NULL, 0, 429000, 0, "1e-4"},
-		{"1e-8", NULL, 0, 430000, 0, "5e-4"}, /* the coarsest, which is no power of ten */
+		{"1e-8", NULL, 0, 430000, 0, "5e-4"}, /* the coarsest, which is not a power of ten */
 		{"1e-8", NULL, 0, 2147000, 0, "5e-4"},
 		{"1e-8", NULL, 0, 2148000, 0, NULL},
 		{"3e-8", NULL, 0, 200, 0, "1e-7"},
-		{"1e-8", "0.001", 0, 43, 10, "1e-7"}, /* each box alone would fit */
+		{"1e-8", "0.001", 0, 43, 10, "1e-7"}, /* each box would fit alone */
 		{"1e-8", "0.001", 0, 20, 43, "1e-7"},
 		{"1e-8", "0.00001", 0, 20, 42900, "0.00001"}, /* exact inputs stay exact */
 		{"1e-8", "0.00001", 0, 20, 43000, NULL},
@@ -297,8 +249,8 @@ static void test_choose_rounded(void **state)
 	}
 }
 
-/* What grows has room for 64 times its width, and for neighbours of what is small: the finest power of ten that leaves it, and
- * never coarser than it may be rounded to. */
+/* A lattice that grows has room for 64 times its width, and for neighbours of small data: the finest power of ten that
+ * allows that, and never coarser than the limit of rounding. */
 static void test_choose_grows(void **state)
 {
 	static const struct {
@@ -313,7 +265,7 @@ static void test_choose_grows(void **state)
 		{"1e-12", NULL, "5e-4", 430000, 433300, "1e-4"},
 		{"1e-12", NULL, "5e-4", 430000, 440000, "5e-4"},
 		{"1e-12", NULL, "5e-4", 0, 2100000, "5e-4"},
-		{"1e-4", NULL, "5e-4", 430000, 440000, "1e-4"}, /* hardly finer than it may be */
+		{"1e-4", NULL, "5e-4", 430000, 440000, "1e-4"}, /* hardly finer than the limit */
 		{"0.001", NULL, NULL, 430000, 440000, "0.001"},
 		{"1e-6", NULL, NULL, 430000, 431000, "1e-6"}, /* not to be rounded */
 		{"1e-12", NULL, "1e-9", 9, 9.01, "1e-9"},     /* degrees */
@@ -338,7 +290,7 @@ static void test_choose_grows(void **state)
 	}
 }
 
-/* Of all kinds: alike, without boxes, with scales that are none, too wide, too fine, far out. */
+/* Inputs of all kinds: alike, without boxes, with invalid scales, too wide, too fine, far out. */
 static void fill(struct lattice_input *in, char (*names)[8], size_t n)
 {
 	bool grows = pick(2);
@@ -360,7 +312,7 @@ static void fill(struct lattice_input *in, char (*names)[8], size_t n)
 	}
 }
 
-/* Left out one by one, they are those that whoever asks anew each time leaves out, for the same reasons. */
+/* Removing inputs one by one gives the same removals, for the same reasons, as asking anew each time. */
 static void test_set(void **state)
 {
 	for (unsigned turn = 0; turn < 3000; turn++) {
@@ -389,7 +341,7 @@ static void test_set(void **state)
 				break;
 			assert_true(which < n);
 			assert_string_equal(in[which].name, want.file);
-			lattice_set_leave(set, which);
+			lattice_set_remove(set, which);
 			for (size_t i = 0; i < m; i++)
 				if (!strcmp(left[i].name, want.file)) {
 					memmove(&left[i], &left[i + 1], (m - i - 1) * sizeof *left);
@@ -403,7 +355,7 @@ static void test_set(void **state)
 	(void)state;
 }
 
-/* Thousands of which none fits with another are left out in the steps of a few sorts. */
+/* Thousands of inputs of which no two fit together are removed in the steps of a few sorts. */
 static void test_set_steps(void **state)
 {
 	enum { N = 10000, LOG = 14, ORDERS = 25 };
@@ -425,7 +377,7 @@ static void test_set_steps(void **state)
 		if (!lattice_set_choose(set, NULL, NULL, &l, &which, &err))
 			break;
 		assert_int_equal(err.code, ERR_INPUT);
-		lattice_set_leave(set, which);
+		lattice_set_remove(set, which);
 	}
 	assert_int_equal(gone, N - 1);
 	assert_true(lattice_set_steps(set) < (uint64_t)ORDERS * N * (LOG + 2));
@@ -462,282 +414,6 @@ static void test_text(void **state)
 	(void)state;
 }
 
-/* Tenths of a step, rounded by hand: halves go up, below zero too. */
-static void test_map_rounding(void **state)
-{
-	struct lattice l = lattice_of("0.01 0.01 0 0 0");
-	struct lattice_input in = input("a", "0.001", "0", 0, 1);
-	struct lattice_map m;
-	struct err err = ERR_INIT;
-
-	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
-	assert_false(m.axis[0].exact);
-	for (int64_t raw = -25; raw <= 25; raw++) {
-		int64_t r[1][3] = {{raw, raw, raw}};
-		int32_t got[1][3];
-		uint64_t moved = 0;
-		double shift[3] = {0, 0, 0};
-		size_t bad;
-		int64_t want = (int64_t)floor((double)(raw * 2 + 10) / 20); /* floor(raw / 10 + 1/2) */
-
-		assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])r, 1, got, &moved, shift, &bad, &err), 0);
-		for (int a = 0; a < 3; a++) {
-			assert_int_equal(got[0][a], want);
-			assert_true(fabs(shift[a] - fabs((double)(raw - want * 10)) * 0.001) < 1e-12);
-		}
-		assert_int_equal(moved, raw % 10 != 0);
-	}
-	(void)state;
-}
-
-/* A whole number of lattice steps added to a file's offset moves all its points by just that many. */
-static void test_map_commutes(void **state)
-{
-	static const char *const scales[] = {"0.001", "0.01", "0.0025", "3048006096012192e-16", "0.3048", "1e-7", "7e-3"};
-	static const char *const steps[] = {"0.01", "0.001", "3048006096012192e-17", "0.007"};
-
-	for (int round = 0; round < 3000; round++) {
-		struct lattice l = {.scale_xy = dec(steps[rnd() % 4]), .scale_z = dec(steps[rnd() % 4])};
-		struct lattice_input in = input("a", scales[rnd() % 7], "0", 0, 1), moved_in;
-		struct lattice_map m[2];
-		struct err err = ERR_INIT;
-		int64_t raw[16][3], by = (int64_t)(rnd() % 2000001) - 1000000;
-		int32_t got[2][16][3];
-		uint64_t moved[2] = {0, 0};
-		double shift[2][3] = {{0}};
-		size_t bad;
-
-		for (int a = 0; a < 3; a++)
-			in.offset[a] = (struct decimal){(int64_t)(rnd() % 20001) * 10 - 99999, -4};
-		for (int i = 0; i < 16; i++)
-			for (int a = 0; a < 3; a++)
-				raw[i][a] = (int64_t)(rnd() % 2000001) - 1000000;
-		moved_in = in;
-		for (int v = 0; v < 2; v++) {
-			struct lattice k = l;
-
-			for (int a = 0; v && a < 3; a++)
-				k.k[a] = l.k[a] - by; /* the same as moving the offset by `by` steps */
-			assert_int_equal(lattice_map_init(&m[v], &k, v ? &moved_in : &in, &err), 0);
-			assert_int_equal(
-				lattice_map_apply(&m[v], (const int64_t(*)[3])raw, 16, got[v], &moved[v], shift[v], &bad, &err),
-				0);
-		}
-		assert_int_equal(moved[0], moved[1]);
-		for (int i = 0; i < 16; i++)
-			for (int a = 0; a < 3; a++)
-				assert_int_equal((int64_t)got[1][i][a] - got[0][i][a], by);
-	}
-	(void)state;
-}
-
-/* Fast, narrow and wide ways give the same numbers: X is the floor, checked by its defining inequality
- * in exact decimals: X - 1/2 <= v < X + 1/2. */
-static void test_map_defining(void **state)
-{
-	static const char *const scales[] = {"0.001", "0.01", "1", "0.3048", "3048006096012192e-16", "123456789e-10", "0.1"};
-
-	for (int round = 0; round < 20000; round++) {
-		struct lattice l = {.scale_xy = dec(scales[rnd() % 7]), .scale_z = dec("1"), .k = {0, 0, 0}};
-		struct lattice_input in = input("a", scales[rnd() % 7], "0", 0, 1);
-		int64_t raw[1][3] = {{(int64_t)(rnd() % 4000001) - 2000000, 0, 0}};
-		int32_t got[1][3];
-		uint64_t moved = 0;
-		double shift[3] = {0, 0, 0};
-		struct lattice_map m;
-		struct err err = ERR_INIT;
-		size_t bad;
-
-		assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
-		int rc = lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err);
-
-		if (rc) { /* 2e6 / 0.001 fits 32 bits only just */
-			assert_int_equal(rc, -ERR_LIMIT);
-			continue;
-		}
-		/* All over 10^20: 2 * raw * scale against (2X - 1) * step and (2X + 1) * step. */
-		__int128 v = 2 * (__int128)raw[0][0] * in.scale[0].mantissa, s = l.scale_xy.mantissa;
-
-		for (int e = in.scale[0].exponent; e > -20; e--)
-			v *= 10;
-		for (int e = l.scale_xy.exponent; e > -20; e--)
-			s *= 10;
-		assert_true((2 * (__int128)got[0][0] - 1) * s <= v && v < (2 * (__int128)got[0][0] + 1) * s);
-		assert_int_equal(moved, v != 2 * (__int128)got[0][0] * s);
-	}
-	(void)state;
-}
-
-/* v / d rounded as floor(v / d + 1/2) by division, and twice the distance from v / d in units of 1 / d. */
-static __int128 divided(__int128 v, __int128 d, __int128 *ret_off)
-{
-	__int128 q = v / d, r = v % d;
-
-	if (r < 0) {
-		q--;
-		r += d;
-	}
-	if (2 * r >= d) {
-		q++;
-		r -= d;
-	}
-	*ret_off = 2 * (r < 0 ? -r : r);
-	return q;
-}
-
-static int64_t wide(unsigned bits)
-{
-	return bits ? (int64_t)(rnd() << 33 ^ rnd() << 11 ^ rnd()) & ((INT64_C(1) << bits) - 1) : 0;
-}
-
-/* Batches of any map, with numbers near halves and near both ends of 32 bits: the same as by division. */
-static void test_map_divides(void **state)
-{
-	enum { N = 700 };
-	static int64_t raw[N][3];
-	static int32_t got[N][3];
-	int done = 0;
-
-	for (int round = 0; round < 3000; round++) {
-		struct lattice_map m = {.scale = {dec("1"), dec("1"), dec("1")}};
-		__int128 want[N][3], off, most[3] = {0, 0, 0};
-		double shift[3] = {0, 0, 0};
-		uint64_t moved = 0, want_moved = 0;
-		struct err err = ERR_INIT;
-		bool off_any[N] = {0};
-		size_t bad;
-
-		for (unsigned k = 0; k < 3; k++) {
-			__int128 a = 1 + wide((unsigned)rnd() % 61), d = 1 + wide((unsigned)rnd() % (round % 5 ? 40 : 62));
-			/* the middle is anywhere where raw can follow */
-			__int128 b = (__int128)(wide(40) - (INT64_C(1) << 39)) * (rnd() % 2 ? d : a);
-
-			if (rnd() % 4 == 0)
-				d = a;
-			if (rnd() % 4 == 0)
-				d = 1 + (int64_t)(rnd() % 12);
-			if (rnd() % 4 == 0) { /* halves, of large numbers */
-				a = 1 + wide((unsigned)rnd() % 50);
-				d = 2 * a;
-				a *= 2 * (rnd() % 500) + 1;
-				b = (__int128)(int32_t)rnd() * d;
-			}
-			m.axis[k].a = a;
-			m.axis[k].b = b;
-			m.axis[k].d = d;
-			m.axis[k].exact = d == 1;
-			for (size_t i = 0; i < N; i++) {
-				int64_t q = i % 7 == 0 ? INT32_MAX : i % 7 == 1 ? INT32_MIN : (int32_t)rnd();
-				__int128 at = (__int128)q * d - b, r = at / a;
-
-				r = r > INT64_MAX ? INT64_MAX : r < INT64_MIN ? INT64_MIN : r;
-				want[i][k] = divided(r * a + b, d, &off);
-				/* at an end the next number may be the one that fits; else nothing does */
-				for (int step = 0; step < 4 && (want[i][k] > INT32_MAX || want[i][k] < INT32_MIN); step++) {
-					r += want[i][k] > INT32_MAX ? -1 : 1;
-					want[i][k] = divided(r * a + b, d, &off);
-				}
-				if (want[i][k] > INT32_MAX || want[i][k] < INT32_MIN || r > INT64_MAX || r < INT64_MIN) {
-					r = i ? raw[i - 1][k] : 0;
-					want[i][k] = divided(r * a + b, d, &off);
-				}
-				raw[i][k] = (int64_t)r;
-				off_any[i] |= off != 0;
-				most[k] = off > most[k] ? off : most[k];
-			}
-		}
-		for (size_t i = 0; i < N; i++)
-			want_moved += off_any[i];
-		int rc = lattice_map_apply(&m, (const int64_t(*)[3])raw, N, got, &moved, shift, &bad, &err);
-
-		if (rc) { /* the first number already had no place */
-			assert_int_equal(rc, -ERR_LIMIT);
-			continue;
-		}
-		done++;
-		assert_int_equal(moved, want_moved);
-		for (size_t i = 0; i < N; i++)
-			for (unsigned k = 0; k < 3; k++)
-				assert_true(got[i][k] == want[i][k]);
-		for (unsigned k = 0; k < 3; k++)
-			assert_true(shift[k] == (double)most[k] / (2 * (double)m.axis[k].d));
-	}
-	assert_true(done > 1000);
-	(void)state;
-}
-
-static void test_map_exact(void **state)
-{
-	struct lattice l = lattice_of("0.01 0.001 5 -5 0");
-	struct lattice_input in = input("a", "0.01", "10", 0, 1);
-	int64_t raw[3][3] = {{1, 2, 3}, {-1, -2, -3}, {2000000000, 0, 0}};
-	int32_t got[3][3];
-	uint64_t moved = 0;
-	double shift[3] = {0, 0, 0};
-	size_t bad = 99;
-	struct lattice_map m;
-	struct err err = ERR_INIT;
-
-	in.scale[2] = dec("0.1");
-	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
-	assert_true(m.axis[0].exact && m.axis[1].exact && m.axis[2].exact);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), 0);
-	assert_int_equal(got[0][0], 1 + 1000 - 5);
-	assert_int_equal(got[1][1], -2 + 1000 + 5);
-	assert_int_equal(got[1][2], -300 + 10000);
-	assert_int_equal(got[2][0], 2000000995);
-	assert_true(moved == 0 && shift[0] == 0);
-	raw[2][2] = 21474737; /* 21474737 * 100 + 10000 = 2^31 + 52 */
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), -ERR_LIMIT);
-	assert_int_equal(bad, 2);
-	raw[2][2] = 21474736; /* 2^31 - 48 */
-	err_clear(&err);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), 0);
-	assert_int_equal(got[2][2], INT32_MAX - 47);
-	raw[1][1] = INT64_MIN;
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), -ERR_LIMIT);
-	assert_int_equal(bad, 1);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 0, got, &moved, shift, &bad, &err), 0);
-	(void)state;
-}
-
-/* Numbers of many digits go the 128-bit way; what not even that can hold is refused with the file's name. */
-static void test_map_wide(void **state)
-{
-	struct lattice l = lattice_of("0.0000001 0.01 0 0 0");
-	struct lattice_input in = input("a", "99999999999999999e-25", "123456789012345e-15", 0, 1);
-	int64_t raw[1][3] = {{5000000000000, -5000000000000, 1}};
-	int32_t got[1][3];
-	uint64_t moved = 0;
-	double shift[3] = {0, 0, 0};
-	size_t bad;
-	struct lattice_map m;
-	struct err err = ERR_INIT;
-
-	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err), -ERR_LIMIT);
-	err_clear(&err);
-	raw[0][0] = 1000;
-	raw[0][1] = -1000;
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err), 0);
-	/* 1000 * 9.9999999999999999e-9 + 0.123456789012345 = 0.12346678901234499999: 1234667.89 steps */
-	assert_int_equal(got[0][0], 1234668);
-	assert_int_equal(got[0][1], 1234468); /* 1234467.89 */
-	assert_int_equal(got[0][2], 12);
-	assert_int_equal(moved, 1);
-	in.offset[1] = dec("1e300");
-	assert_int_equal(lattice_map_init(&m, &l, &in, &err), -ERR_INPUT);
-	assert_string_equal(err.file, "a");
-	err_clear(&err);
-	in.offset[1] = dec("1e-300");
-	assert_int_equal(lattice_map_init(&m, &l, &in, &err), -ERR_INPUT);
-	err_clear(&err);
-	in.offset[1] = dec("0");
-	in.scale[0] = dec("0");
-	assert_int_equal(lattice_map_init(&m, &l, &in, &err), -ERR_INPUT);
-	(void)state;
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -746,9 +422,6 @@ int main(void)
 		cmocka_unit_test(test_choose_wanted), cmocka_unit_test(test_choose_rounded),
 		cmocka_unit_test(test_choose_grows),  cmocka_unit_test(test_set),
 		cmocka_unit_test(test_set_steps),     cmocka_unit_test(test_text),
-		cmocka_unit_test(test_map_rounding),  cmocka_unit_test(test_map_commutes),
-		cmocka_unit_test(test_map_defining),  cmocka_unit_test(test_map_divides),
-		cmocka_unit_test(test_map_exact),     cmocka_unit_test(test_map_wide),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,6 @@
 /*
- * Requests: each word against what it must become, lengths in every unit, what is refused and how; random
- * requests to canonical texts and back, with the rounding done another way; codes of areas.
+ * Requests: each word and its expected result, lengths in every unit, invalid requests and their errors; random
+ * requests to canonical texts and back, with the rounding done by another method; codes of areas.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,6 +17,7 @@
 #include "decimal.h"
 #include "err.h"
 #include "lattice.h"
+#include "random.h"
 #include "view.h"
 #include "view_area.h"
 
@@ -27,10 +28,7 @@ static uint64_t seed = 7;
 
 static uint64_t roll(uint64_t n)
 {
-	seed ^= seed << 13;
-	seed ^= seed >> 7;
-	seed ^= seed << 17;
-	return seed % n;
+	return random_below(&seed, n);
 }
 
 static void becomes(const char *asked, const struct lattice *l, const char *unit, const char *want)
@@ -45,7 +43,7 @@ static void becomes(const char *asked, const struct lattice *l, const char *unit
 	assert_int_equal(r, 0);
 	text = view_text(&v);
 	assert_string_equal(text, want);
-	/* A canonical text may be asked for, and is taken by whoever reads only those. */
+	/* A canonical text is accepted as a request, and by code that only reads canonical texts. */
 	assert_int_equal(view_parse(text, &again, &err), 0);
 	assert_true(digest_equal(view_hash(&v), view_hash(&again)));
 	view_done(&again);
@@ -94,7 +92,7 @@ static void test_words(void **state)
 	(void)state;
 }
 
-/* In place of what the view has; the same text whichever way it was asked for. */
+/* Instead of the view's own; the same text whichever way it was requested. */
 static void test_window(void **state)
 {
 	static const char *const ways[][2] = {{"ask 1 ground", "box:1,2,3,4"},
@@ -222,9 +220,9 @@ static void test_codes(void **state)
 		const char *at = buf;
 
 		assert_true(n <= sizeof buf);
-		assert_false(area_code_take(&at, buf + n - 1, &got));
+		assert_false(area_code_get(&at, buf + n - 1, &got));
 		assert_ptr_equal(at, buf);
-		assert_true(area_code_take(&at, buf + n, &got));
+		assert_true(area_code_get(&at, buf + n, &got));
 		assert_ptr_equal(at, buf + n);
 		assert_true(got == v);
 	}
@@ -238,7 +236,7 @@ static void test_codes(void **state)
 		const char *at = bad[i];
 		__int128 v;
 
-		assert_false(area_code_take(&at, bad[i] + strlen(bad[i]), &v));
+		assert_false(area_code_get(&at, bad[i] + strlen(bad[i]), &v));
 	}
 	(void)state;
 }
@@ -284,7 +282,7 @@ static void test_any_area(void **state)
 	(void)state;
 }
 
-/* ---- random requests, rounded another way ---- */
+/* ---- random requests, rounded by another method ---- */
 
 /* floor(m * 10^e / scale + 1/2) in long division: the numbers are small enough here. */
 static long long round_slow(long long m, int e, struct decimal scale)
@@ -406,7 +404,7 @@ static void test_random(void **state)
 	(void)state;
 }
 
-/* More corners than a text holds, and as many as one holds. */
+/* More corners than fit a text, and the largest number that fits. */
 static void test_long(void **state)
 {
 	for (unsigned corners = 3000; corners <= 60000; corners += 57000) {
@@ -416,7 +414,7 @@ static void test_long(void **state)
 		struct view v;
 		struct err err = ERR_INIT;
 
-		/* Steps of one metre take a character as asked, and two in the lattice. */
+		/* Steps of one metre take one character in the request, and two in the lattice. */
 		fputs("ask 1 crop=area@0:+", f);
 		for (unsigned i = 0; i < corners / 3; i++)
 			fputs(i % 2 ? "CD" : "CE", f);

@@ -1,4 +1,4 @@
-/* The Morton key (nesting, order, inverse) and the sort (against qsort by the order written down again). */
+/* The Morton key (nesting, order, inverse) and the sort (against qsort with an independent comparison). */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -10,19 +10,16 @@
 #include <string.h>
 
 #include "point.h"
+#include "random.h"
 
 static uint64_t random_state = 9;
 
 static uint64_t rnd(void)
 {
-	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
-
-	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-	return z ^ z >> 31;
+	return random_next(&random_state);
 }
 
-/* Bit by bit, as the comment in point.h says. */
+/* Bit by bit, as described in point.h. */
 static uint64_t morton_again(int32_t x, int32_t y)
 {
 	uint64_t ux = (uint64_t)((int64_t)x + 2147483648), uy = (uint64_t)((int64_t)y + 2147483648), key = 0;
@@ -67,7 +64,7 @@ static void test_morton_nests(void **state)
 	(void)state;
 }
 
-/* The order of runs, written a second time over plain fields. */
+/* The order of runs, implemented again over plain fields. */
 static int order_again(const void *va, const void *vb)
 {
 	const struct point *a = va, *b = vb;
@@ -116,7 +113,7 @@ static struct point make(enum family f)
 	case COLUMN:
 		p.x = 5;
 		break;
-	case STAIRS: /* most have the first key; of the others some leave them at each digit */
+	case STAIRS: /* most have the first key; at each digit some of the others differ */
 		point_from_morton(a % 8 ? 0 : UINT64_C(1) << b % 64, &p.x, &p.y);
 		break;
 	default:

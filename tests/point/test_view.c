@@ -108,7 +108,7 @@ static struct view asked(const char *request, const struct lattice *lattice)
 	return v;
 }
 
-/* Rules on place and height, in their order, on two lattices with the same absolute numbers. */
+/* Rules for place and height, in their order, on two lattices with the same absolute numbers. */
 static void test_places(void **state)
 {
 	static const struct lattice lattices[] = {{{1, 0}, {1, 0}, {0, 0, 0}}, {{1, 0}, {1, 0}, {1000, -2000, 77}}};
@@ -124,7 +124,7 @@ static void test_places(void **state)
 		{"ask 1 not-class=7", 0, 0, 0, 7, 0, VIEW_BY_CLASS},
 		{"ask 1 ground not-class=5", 0, 0, 0, 5, POINT_KEY, VIEW_BY_CLASS},
 		{"ask 1 drop-overlap", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_OVERLAP},
-		{"ask 1 drop-overlap", 0, 0, 0, 12, 0, VIEW_KEPT}, /* the reader gives old ones the flag */
+		{"ask 1 drop-overlap", 0, 0, 0, 12, 0, VIEW_KEPT}, /* the reader sets the flag for old classes */
 		{"ask 1", 0, 0, 0, 2, POINT_OVERLAP, VIEW_KEPT},
 		{"ask 1 drop-overlap zmin=5", 0, 0, 0, 2, POINT_OVERLAP | POINT_WITHHELD, VIEW_BY_WITHHELD},
 		{"ask 1 drop-overlap zmin=5", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_OVERLAP},
@@ -196,7 +196,7 @@ static void test_every(void **state)
 			q.z = -5;
 			q.cls = 3;
 			kept += view_judge(&v, &p) == VIEW_KEPT;
-			/* All points of a position are kept or none. */
+			/* All points of a position are kept, or none. */
 			assert_int_equal(view_judge(&v, &p), view_judge(&v, &q));
 		}
 		assert_true(kept > 20000 / v.every / 2 && kept < 20000 / v.every * 2);
@@ -243,7 +243,7 @@ static void test_thin(void **state)
 		for (unsigned m = 0; m < 36; m++)
 			set[n++] = (struct point){(int32_t)(m % 3),  (int32_t)(m / 3 % 3), z, (uint8_t)(m / 9 % 2), 0x11,
 						  (uint16_t)(m / 18)};
-	/* A total order, upwards and downwards alike in all but z; the source has no part in it. */
+	/* A total order, the same upwards and downwards except for z; the source does not matter. */
 	for (size_t i = 0; i < n; i++) {
 		for (size_t j = 0; j < n; j++) {
 			struct point b = set[j];
@@ -266,7 +266,7 @@ static void test_thin(void **state)
 	(void)state;
 }
 
-/* Whatever the view: the order of the points of a position does not matter, and the source never decides. */
+/* For any view the order of the points of a position does not matter, and the source never decides. */
 static void test_preference(void **state)
 {
 	struct point all[3 * 2 * 2 * 2 * 2];
@@ -279,7 +279,7 @@ static void test_preference(void **state)
 	for (unsigned mode = 0; mode < 4; mode++) {
 		struct view v = VIEW_INIT;
 
-		v.duplicates = mode % 2 ? VIEW_HIGHEST : VIEW_LOWEST; /* the ground is lowest even so */
+		v.duplicates = mode % 2 ? VIEW_HIGHEST : VIEW_LOWEST; /* the ground is lowest nevertheless */
 		v.surface = mode == 2;
 		v.ground = mode == 3;
 		int want = mode == 1 || mode == 2 ? 2 : 0;
@@ -360,7 +360,7 @@ static void test_text(void **state)
 	t.returns = VIEW_RETURNS_FIRST;
 	t.duplicates = VIEW_HIGHEST;
 	text = view_text(&t);
-	assert_text(&s, text); /* two ways to ask for one view */
+	assert_text(&s, text); /* two requests for the same view */
 	g.ground = true;
 	free(text);
 	assert_text(&g, "view 1 ground");
@@ -368,7 +368,7 @@ static void test_text(void **state)
 		every.classes[c >> 6] |= UINT64_C(1) << (c & 63);
 	every.has_classes = every.keep_noise = every.keep_withheld = true;
 	text = view_text(&every);
-	assert_int_equal(view_parse(text, &v, &err), 0); /* the longest without an area */
+	assert_int_equal(view_parse(text, &v, &err), 0); /* the longest one without an area */
 	assert_memory_equal(&v, &every, sizeof v);
 	free(text);
 	(void)state;

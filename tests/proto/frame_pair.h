@@ -1,5 +1,4 @@
-/* What the tests of frames share: a connection whose other end is bare bytes, and the message that most of
- * them send. */
+/* What the tests of frames share: a connection whose other end is a plain socket, and the message that most of them send. */
 #ifndef FRAME_PAIR_H
 #define FRAME_PAIR_H
 
@@ -32,7 +31,7 @@ size_t frame_bytes(const Acut__V1__Message *m, uint32_t id, unsigned descriptors
 /* Receives hello(). */
 void check_hello(struct frame_conn *conn, uint32_t want_id, bool want_fd);
 
-/* What frame_conn_recv says; a message that came is thrown away. */
+/* Result of frame_conn_recv; a received message is freed. */
 int recv_result(struct frame_conn *conn, struct err *err);
 
 #endif

@@ -1,8 +1,8 @@
 /*
- * Runs a fuzz target without a fuzzer: valid inputs of the target itself, changed at random. With clang the
- * same targets link against -fsanitize=fuzzer instead of this.
+ * Runs a fuzz target without a fuzzer: on valid inputs of the target itself, changed at random. With clang the same
+ * targets are linked with -fsanitize=fuzzer instead.
  *
- *     fuzz_X RUNS [SEED]
+ *   fuzz_X RUNS [SEED]
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,15 +39,15 @@ static size_t change(uint8_t *bytes, size_t n)
 	case 2:
 		memset(bytes + at, edge[roll(sizeof edge)], span);
 		break;
-	case 3: /* out */
+	case 3: /* removed */
 		memmove(bytes + at, bytes + at + span, n - at - span);
 		return n - span;
-	case 4: /* twice */
+	case 4: /* repeated */
 		if (n + span > ROOM)
 			return n;
 		memmove(bytes + at + span, bytes + at, n - at);
 		return n + span;
-	default: /* end here */
+	default: /* truncated */
 		return roll(8) == 0 ? at : n;
 	}
 	return n;

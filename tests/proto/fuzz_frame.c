@@ -1,5 +1,5 @@
-/* Any bytes as what a client sends: frames are split, messages unpacked under the daemon's caps and charged
- * to a ledger that must be whole again at the end. */
+/* Any bytes as from a client: frames are split, and messages are unpacked under the daemon's limits and charged to a
+ * ledger, which must be balanced at the end. */
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>

@@ -1,5 +1,4 @@
-/* Frames: what is written is read again; every breach of PROTOCOL.md is an error of its own; a descriptor
- * never leaks. */
+/* Frames: what is written is read again; every violation of PROTOCOL.md has its own error; a descriptor never leaks. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -100,7 +99,7 @@ static void test_round_trip(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
-/* Bytes dribble in one at a time; nothing is there before the last one. */
+/* Bytes come one at a time; nothing is returned before the last one. */
 static void test_one_byte_writes(void **state)
 {
 	struct pair p = pair_new(NULL);
@@ -196,7 +195,7 @@ static void test_descriptor_drip(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
-/* No descriptor is left to the process: that is nobody's breach. */
+/* The process has no free descriptor: that is not a violation. */
 static void test_no_room_for_a_descriptor(void **state)
 {
 	struct pair p = pair_new(NULL);
@@ -269,7 +268,7 @@ static void test_text_not_utf8(void **state)
 	}
 }
 
-/* Texts are looked at by eights: one bad byte among any number of good ones, or none. */
+/* Texts are tested eight bytes at a time: one invalid byte among any number of valid ones, or none. */
 static void test_text_lengths(void **state)
 {
 	char text[64];

@@ -1,6 +1,6 @@
 /*
- * What a connection may cost: memory stays under its caps and is charged, a queue that nobody reads ends at
- * its cap, what is too large does not go, and what was held is given back.
+ * The cost of a connection: memory stays below its limits and is charged, a queue that nobody reads ends at its limit,
+ * messages that are too large are not sent, and everything is uncharged.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,7 +17,7 @@
 #include "frame.h"
 #include "frame_pair.h"
 
-/* 64 KiB of empty jobs ask for megabytes: refused by the cap and by the ledger, and all is given back. */
+/* 64 KiB of empty jobs require megabytes: rejected by the limit and by the ledger, and everything is uncharged. */
 static void test_caps(void **state)
 {
 	enum { N = 16000 };
@@ -52,14 +52,12 @@ static void test_caps(void **state)
 	free(bytes);
 }
 
-/* Counted as they lie there: fields of messages in messages and of none that is known, numbers of lists,
- * packed or not. */
+/* Counted in the packed bytes: fields of nested messages and of unknown ones, numbers of lists, packed or not. */
 static void test_fields(void **state)
 {
-	static const uint8_t plain[] = {0x08, 1, 0x08, 2, 0x11, 0, 0, 0, 0,
-					0,    0, 0,    0, 0x1d, 0, 0, 0, 0};            /* 4 that are not known */
+	static const uint8_t plain[] = {0x08, 1, 0x08, 2, 0x11, 0, 0, 0, 0, 0, 0, 0, 0, 0x1d, 0, 0, 0, 0}; /* 4 unknown ones */
 	static const uint8_t jobs[] = {0xb2, 2, 8, 0x0a, 0, 0x0a, 4, 0x08, 1, 0x10, 2}; /* Jobs, 2 of them, 2 fields in one: 5 */
-	static const uint8_t unended[] = {0x08, 1, 0x08, 2, 0x80};                      /* 2, and what is malformed */
+	static const uint8_t unended[] = {0x08, 1, 0x08, 2, 0x80};                      /* 2, and malformed bytes */
 	static const uint8_t beyond[] = {0x08, 1, 0xb2, 2, 100, 0x0a, 0, 0x0a, 0};
 	static const uint8_t group[] = {0x08, 1, 0x0b, 0x08, 1, 0x08, 1};
 	Acut__V1__PushBegin begin = ACUT__V1__PUSH_BEGIN__INIT;
@@ -89,7 +87,7 @@ static void test_fields(void **state)
 	assert_true(frame_message_fields(bytes, n, 302) && !frame_message_fields(bytes, n, 301));
 }
 
-/* More than its limits let it have is a breach, and costs no memory. */
+/* More fields than its limit are a violation, and cost no memory. */
 static void test_fields_of_a_connection(void **state)
 {
 	struct frame_limits limits = {.fields = 3};
@@ -129,7 +127,7 @@ static void test_charged(void **state)
 	ledger_free(ledger);
 }
 
-/* Cut off: what it had is given back at once, and the other side finds the end. */
+/* Cut: its memory is freed at once, and the other side finds the end. */
 static void test_cut(void **state)
 {
 	struct ledger *ledger = ledger_new(1 << 20);
@@ -157,7 +155,7 @@ static void test_cut(void **state)
 	ledger_free(ledger);
 }
 
-/* A peer that never reads: the queue fills to its cap and not a byte further; all that was queued arrives. */
+/* A peer that never reads: the queue fills exactly to its limit; everything queued arrives. */
 static void test_queue_cap(void **state)
 {
 	unsigned before = open_descriptors(), sent = 0, got = 0;
@@ -190,7 +188,7 @@ static void test_queue_cap(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
-/* A frame that the socket takes in parts: its descriptor goes once, with the first. */
+/* A frame that the socket accepts in parts: its descriptor is sent once, with the first part. */
 static void test_sent_in_parts(void **state)
 {
 	unsigned before = open_descriptors();

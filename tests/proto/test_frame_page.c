@@ -1,4 +1,4 @@
-/* Pages of rows: the bytes are those that protobuf makes of the whole list, whatever is in a row. */
+/* Pages of rows: the bytes are those that protobuf makes of the whole list, whatever a row contains. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -12,8 +12,8 @@
 #include "frame.h"
 #include "frame_pair.h"
 
-/* Rows one by one make the very bytes that protobuf makes of the list; a page that is full says so and stays.
- */
+/* Rows added one by one give exactly the bytes that protobuf makes of the list; a full page reports it and does not
+ * change. */
 static void test_page(void **state)
 {
 	Acut__V1__Job row = ACUT__V1__JOB__INIT, *rows[4096];
@@ -49,7 +49,7 @@ static void test_page(void **state)
 	assert_int_equal(page.n, 0);
 }
 
-/* Texts of the list come before its rows, and where one does not fit nothing changes. */
+/* Texts of the list come before its rows; if one does not fit, nothing changes. */
 static void test_page_text(void **state)
 {
 	static struct frame_page page;
@@ -102,7 +102,7 @@ static uint64_t roll(void)
 	return dice >> 33;
 }
 
-/* Small ones, and those at the ends of what a length of bytes can say. */
+/* Small ones, and those at the limits of a length of bytes. */
 static uint64_t any_number(void)
 {
 	return roll() % 3 ? roll() % 4 : ((uint64_t)1 << roll() % 64) - roll() % 2;
@@ -193,7 +193,7 @@ static ProtobufCMessage *any_message(const ProtobufCMessageDescriptor *what, uns
 	return m;
 }
 
-/* Whatever is in it: the bytes are the library's. */
+/* Whatever it contains: the bytes are the library's. */
 static void test_page_rows(void **state)
 {
 	const ProtobufCMessageDescriptor *all = &acut__v1__message__descriptor;
@@ -223,7 +223,7 @@ static void test_page_rows(void **state)
 	assert_true(rows > 1000);
 }
 
-/* It goes as any message does, and all that was charged is given back. */
+/* It is sent like any message, and everything is uncharged. */
 static void test_page_sent(void **state)
 {
 	struct ledger *ledger = ledger_new(1 << 20);

@@ -66,7 +66,7 @@ void __wrap_run_arena_put(struct run_domain *d)
 						  .owner = {.uid = 1001, .flow = UINT64_MAX},
 						  .priority = SCHED_FIRST,
 						  .name = LEDGER_DOMAIN,
-						  .bytes = ledger_room(h.ledger, LEDGER_DOMAIN) + 1};
+						  .bytes = ledger_available(h.ledger, LEDGER_DOMAIN) + 1};
 		sched_submit(h.sched, &seen.hungry);
 	}
 	__real_run_arena_put(d);

@@ -2,7 +2,7 @@
  * How a run of which only sums are wanted goes about its leaves: several look at what is stored of them, and of those that are to
  * be made the last ones are made by size. What comes of it is what comes of it otherwise.
  *
- * Linked with --wrap of run_domain_start, pipe_look, pipe_plan_probe and pipe_keep, and failing_domain.h.
+ * Linked with --wrap of run_domain_start, pipe_refine_step, pipe_plan_probe and pipe_store, and failing_domain.h.
  */
 #include "failing_domain.h"
 #include "fixture.h"
@@ -78,16 +78,16 @@ int __real_pipe_plan_probe(const struct grid *grid, const struct view *v, const 
 int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
 			   struct cut_plan *plan, struct err *err);
 
-int __real_pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
-		     const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
-int __wrap_pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
-		     const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
+int __real_pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+		      const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
+int __wrap_pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+		      const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
 
-int __wrap_pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
-		     const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err)
+int __wrap_pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+		      const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err)
 {
 	return seen.full ? err_set(err, ERR_IO, "the test's disk is gone") :
-			   __real_pipe_keep(storefd, key, region, domain, memory, ret, summary, err);
+			   __real_pipe_store(storefd, key, region, domain, memory, ret, summary, err);
 }
 
 /* Planning has come to its end. */
@@ -101,8 +101,8 @@ int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const 
 	return r;
 }
 
-int __real_pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err);
-int __wrap_pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err);
+int __real_pipe_refine_step(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err);
+int __wrap_pipe_refine_step(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err);
 
 static bool known(const void *memory)
 {
@@ -112,7 +112,7 @@ static bool known(const void *memory)
 	return false;
 }
 
-int __wrap_pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
+int __wrap_pipe_refine_step(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
 	int fails;
 
@@ -125,7 +125,7 @@ int __wrap_pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, s
 		pthread_cond_wait(&seen.came, &seen.lock);
 	fails = ++seen.looks == 3 ? seen.fails : 0;
 	pthread_mutex_unlock(&seen.lock);
-	return fails ? err_set(err, (enum err_code) - fails, "the test's disk is gone") : __real_pipe_look(f, p, err);
+	return fails ? err_set(err, (enum err_code) - fails, "the test's disk is gone") : __real_pipe_refine_step(f, p, err);
 }
 
 static void look_anew(bool together, bool closed, int fails)

@@ -1,4 +1,4 @@
-/* Writes telegrams; knows nothing of the code that reads them. */
+/* Writes telegrams; independent of the code that reads them. */
 #include "cola_make.h"
 
 #include <math.h>

@@ -86,9 +86,9 @@ static void open_service(uint64_t memory, unsigned threads)
 	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	h.cachefd = dup(h.statefd);
 	h.ledger = ledger_new(memory);
-	assert_true(ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0));
-	assert_true(ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0));
-	assert_true(ledger_share(h.ledger, LEDGER_JOBS, service_aside, service_most));
+	assert_true(ledger_reserve(h.ledger, LEDGER_MESSAGE, 1 << 20, 0));
+	assert_true(ledger_reserve(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0));
+	assert_true(ledger_reserve(h.ledger, LEDGER_JOBS, service_aside, service_most));
 	assert_int_equal(sched_new(h.ledger, threads, &h.sched, &err), 0);
 	assert_int_equal(catalogue_new(path, h.ledger, &h.catalogue, &err), 0);
 	p.core.ledger = h.ledger;

@@ -1,6 +1,6 @@
 /*
- * The bytes of stored domains: whatever lies in a domain comes back as it was, in as few bytes as its extents allow; files of
- * version 4 are read, of earlier ones removed, of later ones left alone.
+ * The bytes of stored domains: every domain is read back unchanged, and takes as few bytes as its extents allow; files
+ * of version 4 are read, earlier ones removed, later ones left alone.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -60,8 +60,8 @@ struct made {
 };
 
 /* Closed vertices within [low, high] of each axis, ends included; open ones anywhere. */
-static void make(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int32_t low[3], const int32_t high[3],
-		 struct made *m)
+static void make_domain(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int32_t low[3], const int32_t high[3],
+			struct made *m)
 {
 	struct mesh_domain *d = &m->d;
 	int32_t at[3];
@@ -92,7 +92,7 @@ static void make(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int
 			d->triangle[i][k] = i + 1 == ntriangle ? nvertex - 1 - k : (uint32_t)rand() % nvertex;
 }
 
-static void unmake(struct made *m)
+static void free_domain(struct made *m)
 {
 	free(m->d.vertex);
 	free(m->d.link);
@@ -108,7 +108,7 @@ static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
 	assert_true(digest_equal(a->digest, b->digest) && a->nhull == b->nhull && a->counts.points == b->counts.points);
 }
 
-/* All ways of reading what is stored of `m`. Memory of exactly the size that was promised, with a guard behind it. */
+/* All ways to read what is stored of `m`, in memory of exactly the promised size, with a guard behind it. */
 static void check_stored(const struct made *m, const struct store_front *want)
 {
 	struct store_front f;
@@ -172,15 +172,15 @@ static void test_extents(void **state)
 			struct made m;
 			uint64_t least;
 
-			make(size[k].vertices, size[k].open, size[k].triangles, c[i].low, c[i].high, &m);
+			make_domain(size[k].vertices, size[k].open, size[k].triangles, c[i].low, c[i].high, &m);
 			check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open +
 				size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
-			/* Of one there is no extent. */
+			/* A single one has no extent. */
 			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0);
 			assert_in_range(f.bytes, least, least + 14);
 			check_stored(&m, &f);
-			unmake(&m);
+			free_domain(&m);
 		}
 	}
 }
@@ -195,13 +195,13 @@ static void test_nothing(void **state)
 	uint8_t memory[8];
 
 	(void)state;
-	make(0, 0, 0, zero, zero, &m);
+	make_domain(0, 0, 0, zero, zero, &m);
 	m.beside.proof_size = 0;
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 	assert_int_equal(f.bytes, HEADER);
 	check(store_get(dirfd, &ID, memory, 0, &d, &err), &err);
 	assert_true(!d.nvertex && !d.ntriangle && digest_equal(d.digest, m.d.digest));
-	unmake(&m);
+	free_domain(&m);
 }
 
 /* ---- other versions ---- */
@@ -216,7 +216,7 @@ static void pwrite_all(int fd, const void *bytes, size_t n, size_t at)
 	assert_int_equal(pwrite(fd, bytes, n, (off_t)at), n);
 }
 
-/* The header that is there, as version `version` says it. */
+/* The existing header, as version `version` writes it. */
 static void header_set(uint32_t version, const uint64_t *rest)
 {
 	int fd = openat(dirfd, name_of(), O_RDWR);
@@ -235,7 +235,7 @@ static void header_set(uint32_t version, const uint64_t *rest)
 	close(fd);
 }
 
-/* FORMAT.md, version 4: everything as it lies in memory. */
+/* FORMAT.md, version 4: everything as in memory. */
 static void write_4(const struct made *m, uint64_t *ret_payload, uint64_t *ret_bytes)
 {
 	const struct mesh_domain *d = &m->d;
@@ -269,13 +269,13 @@ static void test_version_4(void **state)
 	struct made m;
 
 	(void)state;
-	make(1001, 33, 1903, low, high, &m);
+	make_domain(1001, 33, 1903, low, high, &m);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &narrow, &err), &err);
 	f = narrow;
 	write_4(&m, &f.payload, &f.bytes);
 	assert_true(f.bytes > narrow.bytes + 18 * 900);
 	check_stored(&m, &f);
-	/* Its checksums count too. */
+	/* Its checksums are checked, too. */
 	for (unsigned i = 0; i < 3; i++) {
 		const off_t at[3] = {HEADER + PROOF + 4 + 36 * 33 + 100, (off_t)f.bytes - 20, 100};
 		uint8_t byte, *memory = malloc(f.whole);
@@ -294,10 +294,10 @@ static void test_version_4(void **state)
 		assert_false(is_there());
 		free(memory);
 	}
-	unmake(&m);
+	free_domain(&m);
 }
 
-/* Files that somebody made: every checksum is right. */
+/* Forged files: every checksum is valid. */
 static void test_forged(void **state)
 {
 	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
@@ -318,7 +318,7 @@ static void test_forged(void **state)
 		uint8_t small[64], *memory;
 		struct made m;
 
-		make(c[i].vertices, 4, 77, low, high, &m);
+		make_domain(c[i].vertices, 4, 77, low, high, &m);
 		m.d.triangle[70][1] = c[i].corner;
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 		memory = malloc(f.whole);
@@ -328,19 +328,19 @@ static void test_forged(void **state)
 		assert_int_equal(store_get(dirfd, &ID, memory, f.whole, &d, &err), c[i].fits ? 0 : STORE_E_DAMAGED);
 		assert_int_equal(is_there(), c[i].fits);
 		free(memory);
-		unmake(&m);
+		free_domain(&m);
 	}
-	/* Triangles without vertices to have corners of. */
+	/* Triangles, but no vertices for their corners. */
 	{
 		struct err err = ERR_INIT;
 		struct store_front f;
 		struct made m;
 
-		make(3, 3, 1, low, high, &m);
+		make_domain(3, 3, 1, low, high, &m);
 		m.d.nvertex = m.d.nopen = 0;
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
-		unmake(&m);
+		free_domain(&m);
 	}
 }
 
@@ -354,8 +354,8 @@ static void test_other_versions(void **state)
 	struct made m;
 
 	(void)state;
-	make(10, 4, 12, low, high, &m);
-	/* Of a later one: absent, and nobody's to judge. */
+	make_domain(10, 4, 12, low, high, &m);
+	/* A later version: absent, and not damaged. */
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 	header_set(7, NULL);
 	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
@@ -364,12 +364,12 @@ static void test_other_versions(void **state)
 	assert_non_null(strstr(err.message, "of version 7"));
 	err_clear(&err);
 	assert_true(is_there());
-	/* Of an earlier one: absent, and gone. */
+	/* An earlier version: absent, and removed. */
 	header_set(3, NULL);
 	assert_int_equal(in_folder(store_check, memory, sizeof memory, &err), -ERR_CORRUPT);
 	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
 	assert_false(is_there());
-	/* Widths that no version has, though the size of the file is right. */
+	/* Widths that no version has, although the size of the file is right. */
 	for (unsigned i = 308; i < 310; i++) {
 		const uint8_t bytes[2] = {1, 3};
 		int fd;
@@ -382,10 +382,10 @@ static void test_other_versions(void **state)
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
 		assert_false(is_there());
 	}
-	unmake(&m);
+	free_domain(&m);
 }
 
-/* Version 5 does not say how many points share a position: it is used where none was left out. */
+/* Version 5 does not record how many points share a position: it is used if none was removed. */
 static void test_version_5(void **state)
 {
 	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
@@ -395,7 +395,7 @@ static void test_version_5(void **state)
 
 	(void)state;
 	for (unsigned out = 0; out < 2; out++) {
-		make(10, 4, 12, low, high, &m);
+		make_domain(10, 4, 12, low, high, &m);
 		memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
 		m.d.counts.removed[MESH_RULES - 1] = out;
 		m.d.counts.most = (struct mesh_most){2, -3, 4};
@@ -407,11 +407,11 @@ static void test_version_5(void **state)
 		assert_int_equal(is_there(), !out);
 		assert_true(out || !f.domain.counts.most.points);
 		store_remove(dirfd, &ID, &err);
-		unmake(&m);
+		free_domain(&m);
 	}
 }
 
-/* A file that is there, and when it was used last. */
+/* Whether a file exists, and when it was last used. */
 static void test_there(void **state)
 {
 	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
@@ -424,7 +424,7 @@ static void test_there(void **state)
 
 	(void)state;
 	assert_false(store_there(dirfd, &ID, 0, &used_ns));
-	make(10, 4, 12, low, high, &m);
+	make_domain(10, 4, 12, low, high, &m);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &put, &err), &err);
 	check(store_head(dirfd, &ID, &read, &err), &err);
 	assert_true(read.used_ns > 0 && put.bytes == read.bytes);
@@ -440,7 +440,7 @@ static void test_there(void **state)
 	assert_false(store_there(dirfd, &ID, put.bytes, &used_ns));
 	check(store_remove(dirfd, &ID, &err), &err);
 	assert_false(store_there(dirfd, &ID, put.bytes, &used_ns));
-	unmake(&m);
+	free_domain(&m);
 }
 
 static int begin(void **state)

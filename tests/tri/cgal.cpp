@@ -1,8 +1,8 @@
 /*
- * The kernel against CGAL's Delaunay_triangulation_2 (the same tie order), triangle by triangle: the sums
- * over all triangles and their numbers must agree, and the result must pass the checks of check.h.
+ * The kernel against CGAL's Delaunay_triangulation_2 (the same tie order), triangle by triangle: the sums over all
+ * triangles and their numbers must agree, and the result must pass the checks of check.h.
  *
- *	test-tri-cgal KIND N [SEED]
+ *   test-tri-cgal KIND N [SEED]
  */
 #include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>

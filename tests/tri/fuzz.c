@@ -1,9 +1,9 @@
 /*
- * Small degenerate sets by the ten thousand. Each against brute force over all triples (n <= 16), with
- * in-circle signs that share nothing with the kernel's; all against the checks of check.h, against the same
- *set inserted in random order, and against the general predicates.
+ * Small degenerate sets, tens of thousands. Each against brute force over all triples (n <= 16), with in-circle signs
+ * that share nothing with the kernel's; all against the checks of check.h, against the same set inserted in random
+ * order, and against the general predicates.
  *
- *	fuzz-tri [CASES [SEED]]
+ *   fuzz-tri [CASES [SEED]]
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -13,12 +13,12 @@
 #include "check.h"
 #include "inputs.h"
 #include "oracle.h"
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 enum { BRUTE_MAX = 16, POINTS_MAX = 200 };
 
-/* Coordinates in 0..5: lifts times 2^32 plus 256^rank, rank among the four. Cofactors are at most 25, so a
- * higher power always outweighs the lower ones, and nothing exceeds 2^45. */
+/* Coordinates in 0..5: lifts times 2^32 plus 256^rank, rank among the four. Cofactors are at most 25, so a higher power
+ * always outweighs the lower ones, and nothing exceeds 2^45. */
 static int small_incircle(const int32_t *const p[4])
 {
 	int64_t lift[4], det = 0;
@@ -73,7 +73,7 @@ static struct check_sum brute_sum(const struct mesh_vertex *v, uint32_t n, bool 
 	return sum;
 }
 
-/* The same set in the order as it stands, by the 64-bit or the general predicates. */
+/* The same set in its given order, by the 64-bit or the general predicates. */
 static struct check_sum sum_in_order(const struct mesh_vertex *v, uint32_t n, bool narrow)
 {
 	struct check_sum sum = {0};
@@ -184,7 +184,7 @@ int main(int argc, char **argv)
 
 	for (uint64_t i = 0; i < cases; i++) {
 		struct mesh_vertex v[POINTS_MAX];
-		/* Numbers of any size are slow: a case in 16 each. */
+		/* Large numbers are slow: one case in 16 each. */
 		enum family family = i % 16 == 7 ? EXTREME : i % 16 == 15 ? FULL : (enum family)(i % 3);
 		uint32_t most = i % 10 == 9 ? POINTS_MAX : BRUTE_MAX;
 		uint32_t n = draw_set(v, (uint32_t)(input_random(&state) >> 32) % (most + 1), family, &state);

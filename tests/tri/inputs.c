@@ -1,6 +1,6 @@
 /*
- * Point sets of known seed: the distributions that the kernel is measured on, and those that are hard for
- * it. All integers; whatever uses floating point here rounds to the lattice before anybody sees it.
+ * Point sets with a known seed: the distributions for which the kernel is measured, and those that are difficult. All
+ * are integers; floating point is rounded to the lattice.
  */
 #include "inputs.h"
 
@@ -66,7 +66,7 @@ static uint32_t grid_step(struct mesh_vertex *v, uint32_t n, int32_t step)
 	return side * side;
 }
 
-/* As wide as 2^24 at any size: step 16777 at a million, 5305 at ten. */
+/* As wide as 2^24 for any size: step 16777 for a million points, 5305 for ten million. */
 static uint32_t fill_grid(struct mesh_vertex *v, uint32_t n, uint64_t s)
 {
 	return grid_step(v, n, (int32_t)(16777216 / sqrt((double)n)));
@@ -211,7 +211,7 @@ static uint32_t fill_two(struct mesh_vertex *v, uint32_t n, uint64_t s)
 	return n;
 }
 
-/* All on one line but the last: a fan around it. */
+/* All on one line except the last one: a fan around it. */
 static uint32_t fill_fan(struct mesh_vertex *v, uint32_t n, uint64_t s)
 {
 	for (uint32_t i = 0; i < n; i++) {

@@ -1,5 +1,5 @@
 /*
- * Point sets of known seed for the kernel's tests and its benchmark: distinct positions, z = index.
+ * Point sets with a known seed for the kernel's tests and its benchmark: distinct positions, z = index.
  */
 #ifndef INPUTS_H
 #define INPUTS_H
@@ -21,8 +21,8 @@ struct input_kind {
 extern const struct input_kind input_kinds[];
 extern const unsigned input_kind_count;
 
-/* About n positions (a lattice circle has the number it has), in the order of the generator. NULL: no
- * memory, or no such kind. Freed with free(). */
+/* About n positions (a lattice circle has a fixed number), in the order of the generator. NULL: no memory, or no such
+ * kind. Freed with free(). */
 struct mesh_vertex *input_make(const char *name, uint32_t n, uint64_t seed, uint32_t *ret_n);
 
 /* xorshift*: the next 64 bits of a stream. */
@@ -31,7 +31,7 @@ uint64_t input_random(uint64_t *state);
 /* Fisher and Yates. */
 void input_shuffle(struct mesh_vertex *v, uint32_t n, uint64_t seed);
 
-/* Keeps the first of each position; order kept. Returns how many are left, 0 without memory. */
+/* Keeps the first of each position, in order. Returns how many remain, 0 without memory. */
 uint32_t input_unique(struct mesh_vertex *v, uint32_t n);
 
 #ifdef __cplusplus

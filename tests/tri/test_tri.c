@@ -1,6 +1,6 @@
 /*
- * The kernel's promises one by one: what is flat, what the arena takes, that nothing outside it is
- * touched, that a run repeats.
+ * The kernel's promises one by one: which inputs are flat, what fits the arena, that nothing outside it is touched,
+ * that runs are repeatable.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -13,7 +13,7 @@
 
 #include "check.h"
 #include "inputs.h"
-#include "tri_inside.h"
+#include "tri_priv.h"
 
 static int run_of(const int32_t xy[][2], uint32_t n, struct tri_result *ret, void **ret_arena)
 {
@@ -93,7 +93,7 @@ static void collinear_is_flat_and_fast(void **unused)
 	free(v);
 }
 
-/* A line and one position beside it, wherever the order of insertion puts that. */
+/* A line and one position beside it, wherever the order of insertion puts it. */
 static void line_and_one(void **unused)
 {
 	const uint32_t n = 300000;
@@ -115,7 +115,7 @@ static void line_and_one(void **unused)
 	free(v);
 }
 
-/* One insertion that removes a million triangles, out of every side of the hole's first triangle. */
+/* One insertion that removes a million triangles, through every side of the cavity's first triangle. */
 static void million_in_one_cavity(void **unused)
 {
 	const uint32_t n = 1000001;
@@ -157,8 +157,8 @@ static void arena_is_64_bytes_a_point(void **unused)
 	assert_true(tri_bytes(TRI_MAX_POINTS) == tri_bytes(0) + 64 * (size_t)TRI_MAX_POINTS);
 }
 
-/* An arena larger than needed, full of noise: the bytes behind it stay, and the result does not depend on
- * the capacity or on what lay in the arena before. */
+/* An arena larger than needed, filled with noise: the bytes behind it stay, and the result depends neither on the
+ * capacity nor on what was in the arena. */
 static void only_the_arena(void **unused)
 {
 	enum { BEHIND = 4096, N = 20000 };

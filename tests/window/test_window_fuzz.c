@@ -1,8 +1,8 @@
 /*
  * Random windows: small point sets in random cells and segments, boxes and polygons of every kind, divided into pieces
  * by plans of random load and at random. Together the pieces have exactly the triangles of the whole mesh that meet the
- * area, each once, with the heights of the whole mesh. The test finds these triangles by crossing segments and by a ray,
- * and the engine does not.
+ * area, each once, with the heights of the whole mesh. The test finds these triangles by intersecting segments and by a
+ * ray; the engine does not.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -62,7 +62,7 @@ static int64_t near(uint64_t *seed, unsigned axis)
 	case 2:
 		return sets_below(seed, 2) ? low : high;
 	default:
-		return low + (int64_t)(tiling_random(seed) % (uint64_t)(span + 1));
+		return low + (int64_t)(random_next(seed) % (uint64_t)(span + 1));
 	}
 }
 
@@ -77,7 +77,7 @@ static void make_box(uint64_t *seed)
 	}
 }
 
-/* A hole that repeats corners until two are left is none. */
+/* A hole that repeats corners until two are left is dropped. */
 static void drop_hole(unsigned r)
 {
 	int64_t(*c)[2] = polygon.at[r];
@@ -91,7 +91,7 @@ static void drop_hole(unsigned r)
 	polygon.n[r] = polygon.shell[r] || n >= 3 ? n : 0;
 }
 
-/* Rings of a few random corners: they cross themselves and each other, which the rule of a ray allows. */
+/* Rings of a few random corners: they cross themselves and each other, which the even-odd rule allows. */
 static void make_polygon(uint64_t *seed)
 {
 	struct err err = ERR_INIT;
@@ -213,7 +213,7 @@ static bool meets(const int32_t c[6])
 	return false;
 }
 
-/* ---- what comes ---- */
+/* ---- results ---- */
 
 static int triangle_compare(const void *a, const void *b)
 {
@@ -221,7 +221,7 @@ static int triangle_compare(const void *a, const void *b)
 }
 
 /* Counter-clockwise, the smallest corner first. */
-static void normal(int32_t c[6])
+static void normalize(int32_t c[6])
 {
 	while (c[0] > c[2] || (c[0] == c[2] && c[1] > c[3]) || c[0] > c[4] || (c[0] == c[4] && c[1] > c[5])) {
 		int32_t x = c[0], y = c[1];
@@ -232,7 +232,7 @@ static void normal(int32_t c[6])
 	}
 }
 
-static void take(const struct mesh_domain *d)
+static void take_block(const struct mesh_domain *d)
 {
 	for (uint32_t i = 0; i < d->nvertex && d->ntriangle; i++) {
 		const struct mesh_vertex *v = &d->vertex[i];
@@ -249,11 +249,11 @@ static void take(const struct mesh_domain *d)
 			got[ngot][2 * k] = d->vertex[d->triangle[i][k]].x;
 			got[ngot][2 * k + 1] = d->vertex[d->triangle[i][k]].y;
 		}
-		normal(got[ngot++]);
+		normalize(got[ngot++]);
 	}
 }
 
-/* A piece. If it does not fit it is halved, or gets a larger arena where halving does not help. */
+/* A piece. If it does not fit, it is halved, or gets a larger arena if halving does not help. */
 static void piece(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned depth, uint32_t cap)
 {
 	uint32_t round = sets_below(seed, 2) ? 1 + sets_below(seed, 4) : 0;
@@ -265,7 +265,7 @@ static void piece(uint64_t *seed, const struct cut_source *src, const struct cut
 
 	pieces++;
 	if (!r) {
-		take(&d);
+		take_block(&d);
 		cells += d.counts.cells_read;
 		return;
 	}
@@ -362,7 +362,7 @@ static void one_case(uint64_t seed)
 		for (unsigned s = 0; s < set.segments; s++)
 			set.nrecord[s] = set.nrecord[s] < 2 ? set.nrecord[s] : sets_below(&seed, 3);
 	for (unsigned k = 0; k < 3; k++)
-		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(tiling_random(&seed) >> 5) - (INT64_C(1) << 58);
+		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(random_next(&seed) >> 5) - (INT64_C(1) << 58);
 	sets_reduce(&set, &view);
 	sets_tiling(&seed, &set, &t);
 	tiling_source(&t, &src);

@@ -1,4 +1,4 @@
-/* Families: what was made is what is decoded; what was changed is bad or another sweep; nothing else happens. */
+/* Families: what was encoded is decoded; a changed telegram is invalid or another sweep; nothing else happens. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,7 +27,7 @@ static struct profile profile_of(const char *text)
 
 static const char cola[] = "[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\n";
 
-/* Without STX and ETX. In a copy of its size, so that a sanitizer sees a byte too far. */
+/* Without STX and ETX. In a copy of its exact size, so that a sanitizer sees an access beyond the end. */
 static int decode(const struct profile *p, const uint8_t *at, size_t size, struct sweep *s, struct err *err)
 {
 	uint8_t *copy = malloc(size + !size);
@@ -83,7 +83,7 @@ static unsigned rnd(unsigned *seed)
 	return (*seed = *seed * 1664525 + 1013904223) >> 8;
 }
 
-/* All forms of the telegram: firmwares, encoders, channels, what is said besides. */
+/* All forms of the telegram: firmwares, encoders, channels, optional blocks. */
 static void test_cola_made(void **state)
 {
 	static const char *const texts[] = {NULL, "", "a", "not defined", "two  blanks ", "12345678 1 0 0 0"};
@@ -150,7 +150,7 @@ static void test_cola_angles(void **state)
 		assert_int_equal(decode(&p, bytes + 1, n - 2, s, &err), 0);
 		assert_true(fabs(s->step - steps[i].degrees * M_PI / 180) < 1e-12);
 	}
-	/* 811 shots of a third are from 135 degrees right to 135 left */
+	/* 811 shots of a third of a degree are from 135 degrees right to 135 left */
 	c.step = 3333;
 	n = cola_make(&c, bytes, sizeof bytes);
 	assert_int_equal(decode(&p, bytes + 1, n - 2, s, &err), 0);
@@ -166,7 +166,7 @@ static void test_cola_angles(void **state)
 	sweep_free(s);
 }
 
-/* Written by hand after the telegrams of real scanners. */
+/* Written by hand after telegrams of real scanners. */
 static void test_cola_texts(void **state)
 {
 	static const struct {
@@ -179,7 +179,7 @@ static void test_cola_texts(void **state)
 		 0},
 		{"sSN LMDscandata 1 1 89A27F 0 0 343 347 1 2 0 0 7 0 0 1388 168 1 0 3E8 1 DIST1 3F800000 0 186A0 1388 2 8A1 8A5 0 0 0 0 0 0",
 		 0},
-		/* nothing behind the channels; an event; two times two words of it missing */
+		/* nothing after the channels; an event; a time, twice with two words missing */
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0", 0},
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0 0 0 0 0 1 3 FF",
 		 0},
@@ -197,8 +197,8 @@ static void test_cola_texts(void **state)
 		{"sSN LMDscandata ", -ERR_INPUT},
 		{"sSN LMDscandata 1 1", -ERR_INPUT},
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1",
-		 -ERR_INPUT}, /* a channel is promised, and none there */
-			      /* as the first good one, but: */
+		 -ERR_INPUT}, /* a channel is announced, and missing */
+			      /* as the first valid one, except: */
 #define HEAD "sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 "
 		{HEAD "7F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT}, /* infinite */
 		{HEAD "7FC00000 0 186A0 1388 1 8A1 0", -ERR_INPUT}, /* NaN */
@@ -221,7 +221,7 @@ static void test_cola_texts(void **state)
 		{HEAD "3F800000 0 186A0 1388 1 8A1 0 0 1 3 name 0 0 0", -ERR_INPUT},
 		{HEAD "3F800000 0 186A0 1388 1 8A1 1 RSSI1 3F800000 0 186A0 1388 1 100 0 0 0 0 0", -ERR_INPUT}, /* over 8 bits */
 		{HEAD "3F800000 0 186A0 1388 1 8A1 1 RSSI1 3F800000 0 186A0 1388 2 1 2 0 0 0 0 0", -ERR_INPUT}, /* not as many */
-		{HEAD "3F800000 0 186A0 1388 1 8A1", -ERR_INPUT}, /* number of 8 bit channels missing */
+		{HEAD "3F800000 0 186A0 1388 1 8A1", -ERR_INPUT}, /* number of 8-bit channels missing */
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 2 DIST1 3F800000 0 186A0 1388 1 8A1 DIST1 3F800000 0 186A0 1388 1 8A1 0",
 		 -ERR_INPUT},
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 FFFF 1 DIST1 3F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},
@@ -247,7 +247,7 @@ static void test_cola_texts(void **state)
 	sweep_free(s);
 }
 
-/* A byte that changed: the telegram is bad, or it is another sweep, or what changed means nothing to a sweep. */
+/* A changed byte: the telegram is invalid, or it is another sweep, or the byte does not matter for a sweep. */
 static void test_cola_mutated(void **state)
 {
 	static struct cola_scan c;
@@ -347,12 +347,12 @@ static void test_ranges_counted(void **state)
 	assert_int_equal(decode(&p, bytes, sizeof bytes, s, &err), -ERR_INPUT);
 	bytes[3] = 255;
 	assert_int_equal(decode(&p, bytes, sizeof bytes, s, &err), -ERR_INPUT);
-	/* as many as there is room for */
+	/* as many as fit */
 	p = profile_of("[framer]\nkind = stream\n[decoder]\nname = ranges\nrange = u16le@1\nangle-step = 1\n");
 	assert_int_equal(decode(&p, bytes, 8, s, &err), 0);
 	assert_int_equal(s->shots, 3);
 	assert_int_equal(decode(&p, bytes, 2, s, &err), DECODER_NOT_DATA);
-	/* one more than there is room for */
+	/* one more than fits */
 	p = profile_of("[framer]\nkind = stream\n[decoder]\nname = ranges\ncount = u8@0\nrange = u16le@1\nangle-step = 1\n");
 	bytes[0] = 3;
 	assert_int_equal(decode(&p, bytes, 7, s, &err), 0);
@@ -372,7 +372,7 @@ static void test_xyz(void **state)
 		{"xyz", "1,2,3", 0},
 		{"xyz", " 1.5e3\t-2  +3.25 9 9", 0},
 		{"xyz", "1;2 ; +3.25 9 9", 0},
-		/* what acut's reader would refuse the whole text for */
+		/* acut's reader would reject the whole text because of it */
 		{"xyz", "1.5e3\t-2 ; 3", -1},
 		{"xyz", "13,.358 -387.77 -785.771", -1},
 		{"xyz", "1,5;2,5;3,5", -1},

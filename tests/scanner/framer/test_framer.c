@@ -1,4 +1,4 @@
-/* Framers: the same telegrams, counts and bad ones however the bytes are cut; nothing is lost but what is told. */
+/* Framers: the same telegrams, counts and bad telegrams however the bytes are divided; nothing is lost without a report. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,12 +15,12 @@
 
 enum { TEXT = 1 << 20 };
 
-/* What came out, as text: "offset:bytes" of telegrams, "!reason@offset+size". */
+/* The output as text: "offset:bytes" for telegrams, "!reason@offset+size" for bad ones. */
 struct seen {
 	char *text;
 	size_t n;
 	int64_t first, last;
-	uint64_t stop_at; /* the sink answers 7 to this number */
+	uint64_t stop_at; /* the sink returns 7 at this number */
 };
 
 static void note(struct seen *s, const void *bytes, size_t size)
@@ -62,7 +62,7 @@ static unsigned rnd(unsigned *seed)
 	return (*seed = *seed * 1664525 + 1013904223) >> 8;
 }
 
-/* Pieces of `piece` bytes; 0: of random sizes. A '\1' of `gaps` at this place: a gap before it. */
+/* Pieces of `piece` bytes; 0: of random sizes. A '\1' of `gaps` at an offset: a gap before it. */
 static void run(const struct profile *p, const void *bytes, size_t size, size_t piece, unsigned seed, const char *gaps,
 		struct seen *s, struct framer_counts *c)
 {
@@ -84,7 +84,7 @@ static void run(const struct profile *p, const void *bytes, size_t size, size_t 
 				n = i;
 		if (gaps && gaps[at])
 			framer_gap(f);
-		copy = malloc(n); /* so that a sanitizer sees a byte too far */
+		copy = malloc(n); /* so that a sanitizer sees an access beyond the end */
 		memcpy(copy, (const uint8_t *)bytes + at, n);
 		assert_int_equal(framer_feed(f, copy, n, (int64_t)at), 0);
 		free(copy);
@@ -105,7 +105,7 @@ static struct seen seen_new(void)
 	return (struct seen){.text = calloc(1, TEXT)};
 }
 
-/* All ways of cutting give `wanted`; NULL: the same as in one piece. */
+/* All divisions give `wanted`; NULL: the same as in one piece. */
 static void check(const struct profile *p, const void *bytes, size_t size, const char *gaps, const char *wanted)
 {
 	struct seen whole = seen_new(), cut = seen_new();
@@ -142,7 +142,7 @@ static void test_stx_etx(void **state)
 	CHECK(p, "\2abcde\3\2abcdef\3\2g\3", "0:abcde|!too-long@7+7|!garbage@14+1|15:g|");
 	CHECK(p, "\2abcdefgh\2i\3\2j", "!too-long@0+7|!garbage@7+2|9:i|!unfinished@12+2|");
 	CHECK(p, "\2abcde\2f\3", "!cut@0+6|6:f|");
-	/* the gap is before b: what was begun is bad, and what comes then is no telegram's beginning */
+	/* the gap is before b: the incomplete telegram is bad, and what follows does not begin a telegram */
 	check(&p, "\2ab\3\2c\3", 7, "\0\0\1\0\0\0\0", "!gap@0+2|!garbage@2+2|4:c|");
 }
 
@@ -156,7 +156,7 @@ static void test_line(void **state)
 	CHECK(p, "abcdef\nh\n", "!too-long@0+7|7:h|");
 	CHECK(p, "a\rb\n\r\n", "0:a\rb|4:|");
 	check(&p, "1 2\n3 4\n5 6\n", 12, "\0\0\0\0\0\1\0\0\0\0\0\0", "0:1 2|!gap@4+1|!garbage@5+3|8:5 6|");
-	/* at a line's end too: nobody knows that nothing is missing of the next */
+	/* also at the end of a line, because the beginning of the next one may be missing */
 	check(&p, "1 2\n3 4\n5 6\n", 12, "\0\0\0\0\1\0\0\0\0\0\0\0", "0:1 2|!garbage@4+4|8:5 6|");
 	p.starts_torn = true;
 	CHECK(p, "2 3\n4 5\n", "!garbage@0+4|4:4 5|");
@@ -183,7 +183,7 @@ static void test_length(void **state)
 	p.length_size = 2;
 	p.length_big_endian = true;
 	p.length_add = 2;
-	CHECK(p, "\0\3abc\0\0\0\1d", "0:\0\3abc|"); /* strcmp sees the first part */
+	CHECK(p, "\0\3abc\0\0\0\1d", "0:\0\3abc|"); /* strcmp compares the first part */
 	memcpy(p.sync, "\xaa\x55", 2);
 	p.sync_size = 2;
 	p.length_offset = 2;
@@ -209,7 +209,7 @@ static void test_stream(void **state)
 	free(s.text);
 }
 
-/* A sink that wants no more ends the feed; the next feed goes on. */
+/* A sink that wants no more ends the feed; the next feed continues. */
 static void test_stop(void **state)
 {
 	struct profile p = kind(PROFILE_FRAMER_STX_ETX, 5);
@@ -260,7 +260,7 @@ static void put(uint8_t *at, size_t size, uint64_t v)
 		at[i] = (uint8_t)(v >> 8 * i);
 }
 
-/* A file with n records of format 0 and e EVLRs of 100 bytes; gives its size. */
+/* A file with n records of format 0 and e EVLRs of 100 bytes; returns its size. */
 static size_t las(uint8_t *at, unsigned minor, uint64_t n, unsigned e)
 {
 	size_t head = minor == 4 ? 375 : minor == 3 ? 235 : 227, size = head + 54 + n * 20;
@@ -301,7 +301,7 @@ static void test_las(void **state)
 		}
 	}
 	n += las(bytes + n, 2, 9000, 0); /* more than a piece */
-	n += las(bytes + n, 4, 3269, 0); /* to the byte a piece less 27, so that EVLR heads would not fit */
+	n += las(bytes + n, 4, 3269, 0); /* 27 bytes less than a piece, so that EVLR heads do not fit */
 	n += las(bytes + n, 4, 3268, 2);
 	check(&p, bytes, n, NULL, NULL);
 	run(&p, bytes, n, n, 0, NULL, &s, &c);
@@ -309,7 +309,7 @@ static void test_las(void **state)
 	assert_int_equal(c.by[FRAMER_HEADER], 1);
 	assert_int_equal(c.bad, 1);
 	assert_int_equal(c.skipped, 454);
-	/* one that is cut off */
+	/* a truncated one */
 	run(&p, bytes, n - 1, n, 0, NULL, &s, &c);
 	assert_int_equal(c.files, 7);
 	assert_int_equal(c.by[FRAMER_END], 1);
@@ -342,7 +342,7 @@ static void test_las_nonsense(void **state)
 		assert_true(c.files == 1 && c.bad == 1 && c.framed == good);
 		assert_int_equal(c.by[FRAMER_LAZ], wrong[i].at == 104 && wrong[i].v == 0x80);
 	}
-	/* an EVLR of nonsense: what was given before is told as broken, and the next file is found */
+	/* an invalid EVLR: the earlier pieces are reported as broken, and the next file is found */
 	for (int i = 0; i < 2; i++) {
 		size_t n = las(bytes, 4, 10, 2), good;
 

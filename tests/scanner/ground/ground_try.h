@@ -1,4 +1,4 @@
-/* Poses out of a text, and one shot on the ground. */
+/* Poses from a text, and one shot to the ground. */
 #ifndef GROUND_TRY_H
 #define GROUND_TRY_H
 
@@ -28,7 +28,7 @@ static inline int try_file(const char *text, size_t size)
 	return fd;
 }
 
-/* -code; the descriptor stays open as long as the program. */
+/* -code; the descriptor stays open until the program ends. */
 static inline int try_read(const char *text, const struct pose_params *p, struct pose_track **ret, struct err *err)
 {
 	static const struct pose_params none = {0};
@@ -72,7 +72,7 @@ static inline int try_take(void *ctx, const struct ground_point *p)
 	return 0;
 }
 
-/* Where a shot of that range in that direction of the scan plane (degrees, to the left) lands. */
+/* Where a shot of that range in that direction of the scan plane (degrees, to the left) hits. */
 static inline void try_shot(const struct profile *p, struct pose_track *t, double time, double degrees, float range,
 			    double ret[3])
 {

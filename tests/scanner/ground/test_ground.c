@@ -1,6 +1,6 @@
 /*
- * Shots on the ground, against what can be said without the room's own formulas: axes by hand, a floor and a wall that a
- * rolling vehicle sees, convergence by the geometry of the projection.
+ * Shots to the ground, against results that do not use the room's formulas: axes by hand, a floor and a wall seen from
+ * a rolling vehicle, convergence from the geometry of the projection.
  */
 #include "ground_try.h"
 
@@ -28,8 +28,8 @@ static void shoot(const struct profile *p, double roll, double pitch, double hea
 	try_near(got, 100 + x, 200 + y, 50 + z, 1e-9);
 }
 
-/* Each angle of the vehicle alone. Heading runs from north over east; a nose up is a pitch above 0; a right side down a roll
- * above 0. */
+/* Each angle of the vehicle alone. Heading is from north over east; nose up is a pitch above 0; right side down is a
+ * roll above 0. */
 static void vehicle(void **state)
 {
 	const struct profile p = {0};
@@ -49,10 +49,10 @@ static void vehicle(void **state)
 	shoot(&p, 0, -90, 77, 0, 0, 0, -10);
 	/* the order: heading, then pitch, then roll. Heading 90, pitch 90: the nose up, the left side north. */
 	shoot(&p, 0, 90, 90, 90, 0, 10, 0);
-	shoot(&p, 90, 90, 90, 90, -10, 0, 0); /* and the roll about the nose: the left side goes where the roof was, west */
+	shoot(&p, 90, 90, 90, 90, -10, 0, 0); /* and the roll around the nose: the left side points where the roof was, west */
 }
 
-/* Each angle of the mount alone: it turns the sensor as the vehicle's would. */
+/* Each angle of the mount alone: it rotates the sensor like the vehicle's angle. */
 static void mounts(void **state)
 {
 	const struct profile roll = {.mount_roll = 90}, pitch = {.mount_pitch = -90}, heading = {.mount_heading = 90},
@@ -102,9 +102,9 @@ static void north_is_crossed(void **state)
 	}
 }
 
-/* ---- a vehicle that moves ---- */
+/* ---- a moving vehicle ---- */
 
-/* Where it is, and its attitude in degrees: smooth, known at all times. */
+/* Its position, and its attitude in degrees: smooth, known at all times. */
 static void drive(double t, double at[3], double angle[3])
 {
 	at[0] = 500000 + 8 * t;
@@ -126,7 +126,7 @@ static void turned(const double angle[3], const double v[3], double ret[3])
 	ret[0] = c[1], ret[1] = c[0], ret[2] = -c[2];
 }
 
-static struct pose_track *driven(double seconds, int hz)
+static struct pose_track *drive_sweep(double seconds, int hz)
 {
 	char *text = malloc((size_t)(seconds * hz + 2) * 160 + 100), *to = text;
 	struct pose_track *t;
@@ -150,7 +150,7 @@ struct seen {
 	uint64_t n;
 };
 
-static int look(void *ctx, const struct ground_point *p)
+static int look_at_plane(void *ctx, const struct ground_point *p)
 {
 	struct seen *s = ctx;
 
@@ -159,14 +159,14 @@ static int look(void *ctx, const struct ground_point *p)
 	return 0;
 }
 
-/* A plane (x, y or z is constant) is seen from the drive; ranges are what a sensor there would measure. It must come out flat
- * to 1 mm, though the vehicle rolls and pitches within each sweep. */
-static void see(const struct profile *p, int axis, double place, double least, double most_range)
+/* A plane (constant x, y or z) seen from the moving vehicle, with the ranges that a sensor would measure. It must come
+ * out flat to 1 mm, although the vehicle rolls and pitches within each sweep. */
+static void see_plane(const struct profile *p, int axis, double place, double least, double most_range)
 {
 	enum { SHOTS = 180, SWEEPS = 150 };
 	static float range[SHOTS], intensity[SHOTS];
 	const double mount[3] = {p->mount_roll, p->mount_pitch, p->mount_heading}, period = 1 / 15.0;
-	struct pose_track *t = driven(11, 200);
+	struct pose_track *t = drive_sweep(11, 200);
 	struct seen seen = {.axis = axis, .at = place};
 	struct ground_counts counts = {0};
 	struct err err = ERR_INIT;
@@ -195,7 +195,7 @@ static void see(const struct profile *p, int axis, double place, double least, d
 				range[i] = NAN;
 			intensity[i] = NAN;
 		}
-		assert_int_equal(ground_sweep(p, t, &s, start, &counts, look, &seen, &err), 0);
+		assert_int_equal(ground_sweep(p, t, &s, start, &counts, look_at_plane, &seen, &err), 0);
 	}
 	assert_true(seen.n > least * SHOTS * SWEEPS);
 	assert_int_equal(counts.shots, SHOTS * SWEEPS);
@@ -211,7 +211,7 @@ static void floor_is_flat(void **state)
 	const struct profile p = {
 		.mount_roll = 3, .mount_pitch = -85, .mount_heading = 10, .lever = {0.5, -0.3, -1.2}, .range_max = 25};
 
-	see(&p, 2, 295, 0.5, 25);
+	see_plane(&p, 2, 295, 0.5, 25);
 }
 
 static void wall_is_flat(void **state)
@@ -219,10 +219,10 @@ static void wall_is_flat(void **state)
 	const struct profile p = {
 		.mount_roll = 90, .mount_pitch = 2, .mount_heading = 80, .lever = {-0.5, 0.4, -1.5}, .range_max = 200};
 
-	see(&p, 0, 500120, 0.2, 200);
+	see_plane(&p, 0, 500120, 0.2, 200);
 }
 
-/* Where all shots were taken for those of the first one's moment, the floor would not be flat: the test can fail. */
+/* If all shots were taken at the time of the first one, the floor would not be flat: the test can fail. */
 static void ranges_and_counts(void **state)
 {
 	const struct profile p = {.range_min = 1, .range_max = 20};
@@ -244,7 +244,7 @@ static void ranges_and_counts(void **state)
 	for (int i = 0; i < 6; i++)
 		range[i] = 5;
 	c = (struct ground_counts){0};
-	/* a step to the other side takes as long: at -5.5, -4.5, ... and then behind the end */
+	/* with the opposite step it takes as long: at -5.5, -4.5, ... and then after the end */
 	s.step = -s.step;
 	assert_int_equal(ground_sweep(&p, t, &s, -0.5, &c, try_take, &got, &err), 0);
 	assert_int_equal(c.before, 1);
@@ -260,8 +260,8 @@ static void ranges_and_counts(void **state)
 
 /* ---- degrees ---- */
 
-/* A shot to true north, of a pose in degrees, lands on its meridian; likewise where poses are in the plane and their headings are
- * said to be from true north. */
+/* A shot to true north, from a pose in degrees, stays on its meridian; also if poses are in the plane with headings
+ * from true north. */
 static void convergence(void **state)
 {
 	static const struct {
@@ -301,7 +301,7 @@ static void convergence(void **state)
 		try_shot(&p, grid, 0.5, 0, 100, again);
 		try_near(again, got[0], got[1], got[2], 1e-5);
 		pose_track_free(grid);
-		/* grid north by word */
+		/* grid north on request */
 		plane = (struct pose_params){.utm = of[i].utm, .north = POSE_NORTH_GRID};
 		snprintf(text, sizeof text,
 			 "time,latitude,longitude,height,roll,pitch,heading\n0,%.9f,%.9f,10,0,0,0\n1,%.9f,%.9f,10,0,0,0\n",
@@ -315,7 +315,7 @@ static void convergence(void **state)
 	}
 }
 
-/* In the middle of a zone a plane has 0.9996 of the length; higher up less. */
+/* In the middle of a zone lengths in the plane are scaled by 0.9996; higher up by less. */
 static void grid_scale(void **state)
 {
 	static const struct {

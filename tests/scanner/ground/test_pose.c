@@ -1,4 +1,4 @@
-/* Pose files: columns, times, what is refused and where, blocks, gaps, planes. */
+/* Pose files: columns, times, invalid files and their errors, blocks, gaps, planes. */
 #include "ground_try.h"
 
 #include "crs_geo.h"
@@ -49,7 +49,7 @@ static void times(void **state)
 	assert_false(pose_time_parse("2024-02-29T12:30:33.5Z", POSE_GPS, &v));
 }
 
-/* Leap seconds, each side of some of them. */
+/* Leap seconds, on each side of some of them. */
 static void leaps(void **state)
 {
 	static const struct {
@@ -139,13 +139,13 @@ static void refused(void **state)
 	}
 }
 
-/* As programs on Windows and tables write them. */
+/* As programs on Windows and spreadsheets write them. */
 static void other_hands(void **state)
 {
 	static const char *const of[] = {
 		"\xef\xbb\xbf" PLANE "0,1,2,3,0,0,0\r\n1,1,2,3,0,0,0\r\n",
 		"time;easting;northing;height;roll;pitch;heading\n0;1;2;3;0;0;0\n1;1;2;3;0;0;0  \n",
-		/* fields at the end without a text, between tabs */
+		/* empty fields at the end, between tabs */
 		"time\teasting\tnorthing\theight\troll\tpitch\theading\t_note\t_more\n0\t1\t2\t3\t0\t0\t0\t\t\n1\t1\t2\t3\t0\t0\t0\ta\t\r\n\t\n",
 	};
 
@@ -210,7 +210,7 @@ static void gaps_and_ends(void **state)
 	pose_track_free(t);
 }
 
-/* More rows than the index has places for at its first step, asked for forwards, backwards and at random. */
+/* More rows than the index has entries at first, requested forwards, backwards and at random. */
 static void many(void **state)
 {
 	enum { ROWS = 300000 };
@@ -275,7 +275,7 @@ static void systems(void **state)
 	assert_string_equal(pose_track_system(t)->text, "EPSG:32633 + EPSG:5030");
 	pose_track_free(t);
 	p.utm = NULL;
-	/* degrees of WGS 84 do not go to a plane on ETRS89, those of ETRS89 do */
+	/* degrees of WGS 84 are not projected to a plane on ETRS89, those of ETRS89 are */
 	assert_int_equal(crs_assume_text("EPSG:25832", 10, &to, &err), 0);
 	snprintf(to.unit_z, sizeof to.unit_z, "metre");
 	p.to = &to;
@@ -286,7 +286,7 @@ static void systems(void **state)
 	t = try_track(degrees, &p);
 	assert_string_equal(pose_track_system(t)->text, "EPSG:25832 + EPSG:5019");
 	pose_track_free(t);
-	/* heights of another kind are not overridden */
+	/* other kinds of height are not overridden */
 	snprintf(to.text, sizeof to.text, "EPSG:25832 + EPSG:7837");
 	assert_int_equal(try_read(degrees, &p, &t, &err), -ERR_INPUT);
 	assert_non_null(strstr(err.hint, "--geoid"));
@@ -295,7 +295,7 @@ static void systems(void **state)
 	pose_track_free(t);
 }
 
-/* All poses of a drive over a border of zones go to one of them, that of the middle; across 180 degrees too. */
+/* All poses of a drive across a border of zones are projected to one of them, that of the middle; also across 180 degrees. */
 static void borders(void **state)
 {
 	static const struct {

@@ -1,4 +1,4 @@
-/* The LAS that goes into pipes, read by acut's own reader of files: coordinates, systems, counts. */
+/* The LAS that is written to pipes, read by acut's own reader: coordinates, systems, counts. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -25,7 +25,7 @@ static struct crs_info system_of(const char *text, const char *unit_z)
 	return c;
 }
 
-/* Each is read back as it was. */
+/* Each is read back as the same. */
 static void wkt(void **state)
 {
 	static const struct {
@@ -95,7 +95,7 @@ static void places(void **state)
 	assert_int_equal(at[1], 412345678);
 	assert_int_equal(at[2], 301001);
 	assert_int_equal(las_place(&f, far, at, &err), -ERR_LIMIT);
-	/* what a telegram's factor can make of a range */
+	/* what the factor of a telegram can make of a range */
 	for (int i = 0; i < 6; i++) {
 		double lost[3] = {512345, 5412345, 301};
 

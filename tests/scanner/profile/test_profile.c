@@ -1,4 +1,4 @@
-/* Profiles: every key is read, every fault has its line, folders win over one another, the right one matches. */
+/* Profiles: every key is read, every fault has its line, later folders override earlier ones, the right profile matches. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -284,7 +284,7 @@ static void test_match(void **state)
 	assert_int_equal(system(command), 0);
 }
 
-/* What is shipped is whole and says what it must. */
+/* The shipped profiles are complete and have the required content. */
 static void test_shipped(void **state)
 {
 	const char *folders[] = {getenv("ACUT_SHIPPED"), NULL};

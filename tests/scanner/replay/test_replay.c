@@ -1,4 +1,4 @@
-/* Replay: records to sweeps; what the device lost, what came twice, gaps, and when each sweep was. */
+/* Replay: records to sweeps; sweeps that the device lost, repeated telegrams, gaps, and the time of each sweep. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -146,7 +146,7 @@ static void test_counts(void **state)
 		make(s, i < 6 ? i : i + 3);
 		if (i == 4)
 			s->telegram[40] = 'Q';
-		if (i == 8) /* cut by the bus, and nothing missing */
+		if (i == 8) /* divided by the bus, and nothing is missing */
 			assert_int_equal(record(s, SPOOL_DATA, SPOOL_SHORT, s->telegram, 100) |
 						 record(s, SPOOL_DATA, 0, s->telegram + 100, s->size - 100),
 					 0);
@@ -171,7 +171,7 @@ static void test_counts(void **state)
 	scene_free(s);
 }
 
-/* What each kind of record means for what was begun. */
+/* The effect of each kind of record on an incomplete telegram. */
 static void test_gaps(void **state)
 {
 	static const struct {
@@ -229,7 +229,7 @@ static void test_counter(void **state)
 	assert_int_equal(record(s, SPOOL_DATA, 0, s->telegram, s->size), 0);
 	assert_true(!s->seen.repeated && counts(s).repeated == 1 && counts(s).lost == 0 && counts(s).undecoded == 0);
 	s->now += 66666667;
-	send(s, 0); /* its clock went back: it was started anew */
+	send(s, 0); /* its clock went back: it was restarted */
 	assert_true(counts(s).restarts == 1 && counts(s).lost == 0);
 	event(s, "left");
 	event(s, "back");
@@ -238,7 +238,7 @@ static void test_counter(void **state)
 	scene_free(s);
 }
 
-/* ARRIVAL: the transfer that began the telegram, less latency and sweep; the wall clock as the records set it. */
+/* ARRIVAL: the transfer that began the telegram, minus latency and sweep; the wall clock as set by the records. */
 static void test_arrival(void **state)
 {
 	struct scene *s = scene_new(arrival);
@@ -258,8 +258,8 @@ static void test_arrival(void **state)
 	s->now += 1000000000;
 	send(s, 2);
 	assert_true(fabs(s->seen.utc[1] - (utc / 1e9 + 1 - 0.25 - 0.05)) < 1e-6);
-	/* it was set, by what the clock says more than passed; not by the same one ten seconds later, nor where the boot may be
-	 * another */
+	/* the clock was set by the difference to the elapsed time; not by the same value ten seconds later, nor if the
+	 * boot may be another one */
 	assert_true(counts(s).clock_sets == 1 &&
 		    fabs(counts(s).clock_moved_s - (100 - (double)(s->now - 1000000000 - BOOT) / 1e9)) < 1e-6);
 	for (int k = 0; k < 2; k++) {
@@ -275,12 +275,12 @@ static void test_arrival(void **state)
 	scene_free(s);
 }
 
-/* DEVICE: telegrams are up to 80 ms late, and the times are right to half a millisecond, over a wrap of the device's
- * clock, with a crystal that is 50 ppm off. */
+/* DEVICE: telegrams are up to 80 ms late, and the times are correct to half a millisecond, over a wrap of the device's
+ * clock, with an oscillator that is 50 ppm off. */
 static void test_device(void **state)
 {
 	struct scene *s = scene_new(device);
-	unsigned seed = 1, first = 64000; /* the clock of 32 bits begins again after 64410 sweeps */
+	unsigned seed = 1, first = 64000; /* the 32-bit clock wraps after 64410 sweeps */
 	double worst = 0, begun = 0;
 
 	for (unsigned i = 0; i < SWEEPS; i++) {
@@ -301,14 +301,14 @@ static void test_device(void **state)
 	assert_true(fabs(s->seen.device[SWEEPS - 1] - begun - (SWEEPS - 101) / 15.0) < 1e-3);
 	assert_true(fabs(counts(s).device_span_s - (SWEEPS - 1) / 15.0) < 1e-3);
 	assert_true(counts(s).lost == 0 && counts(s).restarts == 0);
-	/* unplugged for two hours, and its clock starts at nothing */
+	/* unplugged for two hours, and its clock starts at zero */
 	event(s, "left");
 	s->now += 7200000000000;
 	event(s, "back");
 	s->seen.sweeps = 0;
 	send(s, 0);
 	assert_true(fabs(s->seen.utc[0] - (UTC / 1e9 + (s->now - BOOT) / 1e9 - 0.25 - 0.05)) < 1e-6);
-	/* silent for three turns of its clock */
+	/* silent for three periods of its clock */
 	s->now += (int64_t)(3 * 4294.967296e9) + 1000000000;
 	send(s, 15);
 	assert_true(fabs(s->seen.device[1] - s->seen.device[0] - 3 * 4294.967296 - 1) < 1e-3);

@@ -1,3 +1,4 @@
+#include "io.h"
 #include "spool_make.h"
 
 #include <fcntl.h>
@@ -101,7 +102,7 @@ void make_write(const char *path, const void *at, size_t size)
 {
 	FILE *f;
 
-	unlink(path); /* file systems make a file durable that is written over so */
+	unlink(path); /* file systems make a file durable that is overwritten in this way */
 	f = fopen(path, "wb");
 	assert_non_null(f);
 	assert_int_equal(fwrite(at, 1, size, f), size);
@@ -129,7 +130,8 @@ void make_read_all(const char *path, uint64_t base, struct make_seen *ret)
 			if (!ret->damages++)
 				ret->first_damage = err.offset;
 			err = ERR_INIT;
-			assert_int_equal(spool_next(r, &record, &err), -ERR_INPUT); /* it says so until it is skipped */
+			/* it returns the error until the damage is skipped */
+			assert_int_equal(spool_next(r, &record, &err), -ERR_INPUT);
 			err = ERR_INIT;
 			assert_int_equal(spool_skip(r, &skipped, &err), 0);
 			ret->skipped += skipped;
@@ -147,4 +149,24 @@ void make_read_all(const char *path, uint64_t base, struct make_seen *ret)
 	}
 	spool_tail(r, &ret->tail);
 	spool_reader_free(r);
+}
+
+char make_folder[64], make_path[96], make_other[96];
+
+int make_setup(void **state)
+{
+	strcpy(make_folder, "/tmp/acut-spool-XXXXXX");
+	if (!mkdtemp(make_folder))
+		return -1;
+	snprintf(make_path, sizeof(make_path), "%s/a.spool", make_folder);
+	snprintf(make_other, sizeof(make_other), "%s/b.spool", make_folder);
+	return 0;
+}
+
+int make_teardown(void **state)
+{
+	unlink(make_path);
+	unlink(make_other);
+	io = &io_system;
+	return rmdir(make_folder);
 }

@@ -1,4 +1,4 @@
-/* How fast a spool takes and gives: MB/s of payloads for some sizes of transfers. spool-speed [FOLDER] */
+/* Speed of writing and reading spools: MB/s of payloads for some sizes of transfers. spool-speed [FOLDER] */
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 /*
- * Spools: what is written is read, from files and pipes; and whatever becomes of the bytes of one (cut anywhere, any bit
- * turned, pieces taken out), a reader gets every record that is whole, and says what it did not get.
+ * Spools: what is written is read, from files and pipes. Whatever happens to the bytes of a spool (truncated anywhere,
+ * any bit flipped, pieces removed), a reader returns every complete record and reports what is missing.
  */
 #include "spool_make.h"
 #include "spool_priv.h"
@@ -18,37 +18,8 @@
 #include "clock.h"
 #include "io.h"
 
-static char folder[64], path[96], other[96];
-
-static int setup(void **state)
+static int no_fsync(int fd)
 {
-	strcpy(folder, "/tmp/acut-spool-XXXXXX");
-	if (!mkdtemp(folder))
-		return -1;
-	snprintf(path, sizeof(path), "%s/a.spool", folder);
-	snprintf(other, sizeof(other), "%s/b.spool", folder);
-	return 0;
-}
-
-static int teardown(void **state)
-{
-	unlink(path);
-	unlink(other);
-	io = &io_system;
-	return rmdir(folder);
-}
-
-static struct io_table table;
-static int syncs, sync_error, sync_ms;
-
-static int slow_fsync(int fd)
-{
-	__atomic_add_fetch(&syncs, 1, __ATOMIC_SEQ_CST);
-	usleep((unsigned)sync_ms * 1000);
-	if (sync_error) {
-		errno = sync_error;
-		return -1;
-	}
 	return 0;
 }
 
@@ -66,8 +37,8 @@ static void test_round(void **state)
 	int pipes[2];
 
 	make_head(&head);
-	strcpy(head.model, "T\x1b[31m\xc3\xa4\xff"); /* what a device may say */
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
+	strcpy(head.model, "T\x1b[31m\xc3\xa4\xff"); /* what a device may claim */
+	assert_int_equal(spool_create(make_path, &head, &w, &err), 0);
 	for (uint64_t i = 0; i < 200; i++) {
 		make_append(w, i);
 		if (make_kind(i) == SPOOL_DATA) {
@@ -87,12 +58,12 @@ static void test_round(void **state)
 	spool_totals(w, &said);
 	assert_int_equal(said.durable, n);
 	assert_int_equal(spool_end(w, &err), 0);
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_INTERNAL); /* nothing behind END */
+	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_INTERNAL); /* nothing after END */
 	spool_writer_free(w);
 	free(bytes);
 
-	/* Through a pipe that gives a byte, then some, then all. */
-	bytes = make_read(path, &n);
+	/* Through a pipe that provides a byte, then some, then all. */
+	bytes = make_read(make_path, &n);
 	assert_int_equal(pipe(pipes), 0);
 	assert_int_equal(fcntl(pipes[1], F_SETPIPE_SZ, 1 << 20) >= (int)n, 1);
 	assert_int_equal(write(pipes[1], bytes, n), n);
@@ -140,13 +111,13 @@ static void test_large(void **state)
 	uint8_t *at = malloc(SPOOL_PAYLOAD_MAX + 1);
 
 	memset(at, 'a', SPOOL_PAYLOAD_MAX);
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
+	assert_int_equal(spool_create(make_path, &head, &w, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 1, at, SPOOL_PAYLOAD_MAX, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 2, at, 0, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 2, at, SPOOL_PAYLOAD_MAX + 1, &err), -ERR_INTERNAL);
 	spool_writer_free(w);
 	err = ERR_INIT;
-	assert_int_equal(spool_open(open(path, O_RDONLY), path, &r, &err), 0);
+	assert_int_equal(spool_open(open(make_path, O_RDONLY), make_path, &r, &err), 0);
 	assert_true(spool_reader_head(r)->utc_ns > 0 && spool_reader_head(r)->monotonic_ns > 0);
 	assert_int_equal(spool_next(r, &record, &err), 1);
 	assert_int_equal(record.size, SPOOL_PAYLOAD_MAX);
@@ -166,26 +137,27 @@ static void test_no_overwriting(void **state)
 	uint8_t *before, *after;
 	size_t n, m;
 
-	make_spool(path, 5, false);
-	before = make_read(path, &n);
-	assert_int_equal(spool_create(path, &head, &w, &err), -ERR_USAGE);
-	assert_string_equal(err.file, path);
-	after = make_read(path, &m);
+	make_spool(make_path, 5, false);
+	before = make_read(make_path, &n);
+	assert_int_equal(spool_create(make_path, &head, &w, &err), -ERR_USAGE);
+	assert_string_equal(err.file, make_path);
+	after = make_read(make_path, &m);
 	assert_true(n == m && !memcmp(before, after, n));
 	free(before);
 	free(after);
-	/* Nor while another writes: a lock that goes with its holder. */
+	/* Nor while another process writes: the lock is released with its holder. */
 	err = ERR_INIT;
-	assert_int_equal(spool_continue(path, &same, &w, &err), 0);
+	assert_int_equal(spool_continue(make_path, &same, &w, &err), 0);
 	spool_head_clear(&same);
 	struct spool_writer *second;
 
 	err = ERR_INIT;
-	assert_int_equal(spool_continue(path, &same, &second, &err), -ERR_BUSY);
+	assert_int_equal(spool_continue(make_path, &same, &second, &err), -ERR_BUSY);
 	spool_writer_free(w);
 }
 
-/* Cut after any byte: every whole record, and so many torn bytes; going on gives a spool without a gap. */
+/* Truncated after any byte: every complete record, and the number of incomplete bytes; continuing gives a spool without
+ * a gap. */
 static void test_truncations(void **state)
 {
 	struct make_seen seen;
@@ -194,9 +166,9 @@ static void test_truncations(void **state)
 	size_t n, records = 0;
 	uint8_t *bytes;
 
-	make_spool(path, 20, true);
-	bytes = make_read(path, &n);
-	make_read_all(path, 20, &seen);
+	make_spool(make_path, 20, true);
+	bytes = make_read(make_path, &n);
+	make_read_all(make_path, 20, &seen);
 	assert_int_equal(seen.records, 20);
 	for (size_t i = 0, at = 8192; i < 21; i++) {
 		uint8_t payload[MAKE_SIZE_MAX];
@@ -206,8 +178,8 @@ static void test_truncations(void **state)
 	}
 	assert_int_equal(ends[20], n);
 	for (size_t cut = 0; cut <= n; cut += cut < 8100 ? 97 : 1) {
-		make_write(other, bytes, cut);
-		make_read_all(other, 20, &seen);
+		make_write(make_other, bytes, cut);
+		make_read_all(make_other, 20, &seen);
 		if (cut < 4096) {
 			assert_int_equal(seen.error, -ERR_TRUNCATED);
 			continue;
@@ -229,16 +201,15 @@ static void test_truncations(void **state)
 
 static void test_continue(void **state)
 {
+	struct io_table table = io_system;
 	struct make_seen seen;
 	size_t n;
 	uint8_t *bytes;
 
-	make_spool(path, 20, false);
-	bytes = make_read(path, &n);
-	table = io_system;
-	table.fsync = slow_fsync;
+	make_spool(make_path, 20, false);
+	bytes = make_read(make_path, &n);
+	table.fsync = no_fsync;
 	io = &table;
-	sync_error = sync_ms = 0;
 	for (size_t cut = 4096; cut <= n; cut += cut < 8192 ? 512 : 13) {
 		struct spool_head head;
 		struct spool_writer *w;
@@ -246,10 +217,10 @@ static void test_continue(void **state)
 		struct err err = ERR_INIT;
 		uint64_t there;
 
-		make_write(other, bytes, cut);
-		make_read_all(other, 20, &seen);
+		make_write(make_other, bytes, cut);
+		make_read_all(make_other, 20, &seen);
 		there = seen.records;
-		assert_int_equal(spool_continue(other, &head, &w, &err), 0);
+		assert_int_equal(spool_continue(make_other, &head, &w, &err), 0);
 		assert_string_equal(head.serial, "20370043");
 		assert_int_equal(head.profile_size, strlen(head.profile));
 		spool_head_clear(&head);
@@ -259,7 +230,7 @@ static void test_continue(void **state)
 		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 5, "more", 4, &err), 0);
 		assert_int_equal(spool_end(w, &err), 0);
 		spool_writer_free(w);
-		make_read_all(other, there, &seen);
+		make_read_all(make_other, there, &seen);
 		assert_int_equal(seen.damages, 0);
 		assert_int_equal(seen.tail.torn, 0);
 		assert_true(seen.tail.ended);
@@ -267,33 +238,33 @@ static void test_continue(void **state)
 		assert_int_equal(seen.others, 4); /* continued, CLOCK, more, END */
 	}
 	free(bytes);
-	/* What has its end has it. */
+	/* A spool with END cannot be continued. */
 	struct spool_head head;
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
 
-	assert_int_equal(spool_continue(other, &head, &w, &err), -ERR_USAGE);
+	assert_int_equal(spool_continue(make_other, &head, &w, &err), -ERR_USAGE);
 }
 
-/* Any bit of any byte: all records but that one, and the place is named. */
+/* Any bit of any byte: all records except that one, and the offset is reported. */
 static void test_flips(void **state)
 {
 	struct make_seen seen;
 	size_t n;
 	uint8_t *bytes;
 
-	make_spool(path, 20, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 20, true);
+	bytes = make_read(make_path, &n);
 	for (size_t at = 0; at < n; at += at < 8192 ? 61 : 1) {
 		uint64_t place = 8192, hit = 0;
 		uint8_t payload[MAKE_SIZE_MAX];
 
 		bytes[at] ^= (uint8_t)(1u << at % 8);
-		make_write(other, bytes, n);
+		make_write(make_other, bytes, n);
 		bytes[at] ^= (uint8_t)(1u << at % 8);
-		make_read_all(other, 20, &seen);
+		make_read_all(make_other, 20, &seen);
 		assert_int_equal(seen.error, 0);
-		if (at < 8192) { /* the other head serves */
+		if (at < 8192) { /* the other head is used */
 			assert_int_equal(seen.records, 20);
 			assert_int_equal(seen.tail.head_damaged, at < 4096);
 			continue;
@@ -305,7 +276,7 @@ static void test_flips(void **state)
 				break;
 			place += k;
 		}
-		if (hit == 20) { /* END: as if torn */
+		if (hit == 20) { /* END: like an incomplete record */
 			assert_int_equal(seen.records, 20);
 			assert_int_equal(seen.tail.torn, n - place);
 			assert_false(seen.tail.ended);
@@ -320,9 +291,9 @@ static void test_flips(void **state)
 	free(bytes);
 }
 
-/* Pieces taken out, put in, turned to zeros, one after another: no record that is delivered is wrong (make_check), and
- * those that were not touched are delivered. */
-static void test_wounds(void **state)
+/* Pieces removed, inserted, zeroed, one after another: no record that is returned is wrong (make_check), and untouched
+ * records are returned. */
+static void test_pieces(void **state)
 {
 	enum { RECORDS = 60 };
 	uint64_t starts[RECORDS + 2], x = 88172645463325252u;
@@ -330,8 +301,8 @@ static void test_wounds(void **state)
 	size_t n;
 	uint8_t *bytes, *copy;
 
-	make_spool(path, RECORDS, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, RECORDS, true);
+	bytes = make_read(make_path, &n);
 	copy = malloc(2 * n);
 	starts[0] = 8192;
 	for (uint64_t i = 0; i < RECORDS; i++) {
@@ -359,10 +330,10 @@ static void test_wounds(void **state)
 		}
 		for (uint64_t i = 0; i < RECORDS; i++)
 			untouched += starts[i + 1] <= from || starts[i] >= from + (round % 3 < 2 ? k : 0);
-		make_write(other, copy, size);
-		make_read_all(other, RECORDS, &seen);
+		make_write(make_other, copy, size);
+		make_read_all(make_other, RECORDS, &seen);
 		assert_int_equal(seen.error, 0);
-		/* Where bytes are gone from a payload (1) its length spans whole records behind it, which count. */
+		/* If bytes are missing from a payload (1), its length covers complete records behind it, which count. */
 		assert_true(seen.records <= RECORDS && seen.records >= untouched);
 		assert_true(seen.records == RECORDS || seen.damages || seen.tail.torn);
 	}
@@ -370,31 +341,31 @@ static void test_wounds(void **state)
 	free(copy);
 }
 
-/* A record taken out cleanly is missed by its number; one that is there twice is damage. */
+/* A record that was removed cleanly is missed by its number; one that is repeated is damage. */
 static void test_missing(void **state)
 {
 	uint8_t payload[MAKE_SIZE_MAX], *bytes, *copy;
 	struct make_seen seen;
 	size_t n, from = 8192, k;
 
-	make_spool(path, 10, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 10, true);
+	bytes = make_read(make_path, &n);
 	copy = malloc(2 * n);
 	for (uint64_t i = 0; i < 4; i++)
 		from += 40 + make_payload(i, payload);
 	k = 40 + make_payload(4, payload);
 	memcpy(copy, bytes, n);
 	memmove(copy + from, copy + from + k, n - from - k);
-	make_write(other, copy, n - k);
-	make_read_all(other, 10, &seen);
+	make_write(make_other, copy, n - k);
+	make_read_all(make_other, 10, &seen);
 	assert_int_equal(seen.records, 9);
 	assert_int_equal(seen.damages, 1);
 	assert_int_equal(seen.first_damage, from);
 	assert_int_equal(seen.skipped, 0);
 	memcpy(copy, bytes, n);
 	memmove(copy + from + k, copy + from, n - from);
-	make_write(other, copy, n + k);
-	make_read_all(other, 10, &seen);
+	make_write(make_other, copy, n + k);
+	make_read_all(make_other, 10, &seen);
 	assert_int_equal(seen.records, 10);
 	assert_int_equal(seen.damages, 1);
 	assert_int_equal(seen.skipped, k);
@@ -403,47 +374,47 @@ static void test_missing(void **state)
 	free(copy);
 }
 
-/* Rubbish at the end, zeros as file systems leave them, and a spool behind a spool are torn tails. */
+/* Garbage at the end, zeros as from file systems, and a spool after a spool are incomplete ends. */
 static void test_tails(void **state)
 {
 	struct make_seen seen;
 	size_t n, m;
 	uint8_t *bytes, *inner, *copy;
 
-	make_spool(path, 10, false);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 10, false);
+	bytes = make_read(make_path, &n);
 	copy = calloc(1, n + 100000);
 	memcpy(copy, bytes, n);
-	make_write(other, copy, n + 100000);
-	make_read_all(other, 10, &seen);
+	make_write(make_other, copy, n + 100000);
+	make_read_all(make_other, 10, &seen);
 	assert_int_equal(seen.records, 10);
 	assert_int_equal(seen.damages, 0);
 	assert_int_equal(seen.tail.torn, 100000);
 	free(bytes);
 	free(copy);
-	unlink(other);
+	unlink(make_other);
 
-	/* A capture of a spool: nothing of the inner one is a record of the outer one, also where the outer one is broken. */
+	/* A capture of a spool: nothing of the inner one is a record of the outer one, even if the outer one is damaged. */
 	struct spool_head head = {0};
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
 
-	inner = make_read(path, &m);
-	assert_int_equal(spool_create(other, &head, &w, &err), 0);
+	inner = make_read(make_path, &m);
+	assert_int_equal(spool_create(make_other, &head, &w, &err), 0);
 	assert_int_equal(spool_append(w, SPOOL_DATA, SPOOL_SHORT, 0, inner, m, &err), 0);
 	assert_int_equal(spool_end(w, &err), 0);
 	spool_writer_free(w);
-	bytes = make_read(other, &n);
+	bytes = make_read(make_other, &n);
 	bytes[8192 + 5] ^= 1;
-	make_write(other, bytes, n);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.others, 1); /* END */
 	assert_int_equal(seen.skipped, 40 + m);
 	free(bytes);
 	free(inner);
 }
 
-/* The check of a head as SPOOL.md has it. */
+/* The check of a head as in SPOOL.md. */
 static void set_check(uint8_t *head, size_t size)
 {
 	uint64_t check;
@@ -464,249 +435,66 @@ static void test_heads(void **state)
 	struct spool_writer *w;
 	struct err err = ERR_INIT;
 
-	make_write(other, text, sizeof(text));
-	make_read_all(other, 0, &seen);
+	make_write(make_other, text, sizeof(text));
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
-	make_write(other, "x", 1);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, "x", 1);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
-	make_write(other, "", 0);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, "", 0);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_TRUNCATED);
-	make_spool(path, 3, true);
-	bytes = make_read(path, &n);
+	make_spool(make_path, 3, true);
+	bytes = make_read(make_path, &n);
 	bytes[100] ^= 1;
 	bytes[4096 + 100] ^= 1;
-	make_write(other, bytes, n);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_INPUT);
-	/* Of a newer version, in both heads; in one of them it would be damage. */
+	/* A newer version, in both heads; in only one of them it is damage. */
 	bytes[100] ^= 1;
 	bytes[4096 + 100] ^= 1;
 	bytes[8] = 2;
 	set_check(bytes, 4096);
 	memcpy(bytes + 4096, bytes, 4096);
-	make_write(other, bytes, n);
-	make_read_all(other, 0, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, -ERR_VERSION);
 	bytes[8] = 1;
 	set_check(bytes, 4096);
-	make_write(other, bytes, n);
-	make_read_all(other, 3, &seen);
+	make_write(make_other, bytes, n);
+	make_read_all(make_other, 3, &seen);
 	assert_int_equal(seen.error, 0);
 	free(bytes);
-	unlink(other);
-	/* A profile of its largest size, and one more. */
+	unlink(make_other);
+	/* A profile of the largest size, and one byte more. */
 	head.profile_size = SPOOL_PROFILE_MAX + 1;
 	head.profile = calloc(1, head.profile_size + 1);
-	assert_int_equal(spool_create(other, &head, &w, &err), -ERR_LIMIT);
-	assert_int_equal(access(other, F_OK), -1);
+	assert_int_equal(spool_create(make_other, &head, &w, &err), -ERR_LIMIT);
+	assert_int_equal(access(make_other, F_OK), -1);
 	head.profile_size--;
 	err = ERR_INIT;
-	assert_int_equal(spool_create(other, &head, &w, &err), 0);
+	assert_int_equal(spool_create(make_other, &head, &w, &err), 0);
 	spool_writer_free(w);
-	make_read_all(other, 0, &seen);
+	make_read_all(make_other, 0, &seen);
 	assert_int_equal(seen.error, 0);
-	/* In any of its bytes cut. */
-	bytes = make_read(other, &n);
+	/* Truncated in any of its bytes. */
+	bytes = make_read(make_other, &n);
 	for (size_t cut = 0; cut < n / 2; cut += 4095) {
-		make_write(other, bytes, cut);
-		make_read_all(other, 0, &seen);
+		make_write(make_other, bytes, cut);
+		make_read_all(make_other, 0, &seen);
 		assert_int_equal(seen.error, -ERR_TRUNCATED);
 	}
 	free(bytes);
 	spool_head_clear(&head);
 }
 
-/* ---- what the system refuses ---- */
-
-static void test_full(void **state)
-{
-	struct rlimit was, small;
-	struct spool_head head;
-	struct spool_writer *w;
-	struct make_seen seen;
-	struct spool_totals totals;
-	struct err err = ERR_INIT;
-	uint64_t n = 0;
-
-	signal(SIGXFSZ, SIG_IGN);
-	make_head(&head);
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	getrlimit(RLIMIT_FSIZE, &was);
-	small = was;
-	small.rlim_cur = 8192 + 3000;
-	setrlimit(RLIMIT_FSIZE, &small);
-	for (;; n++) {
-		uint8_t at[MAKE_SIZE_MAX];
-		size_t size = make_payload(n, at);
-
-		if (spool_append(w, make_kind(n), SPOOL_SHORT, (int64_t)n * 1000, at, size, &err))
-			break;
-	}
-	assert_int_equal(err.code, ERR_IO);
-	assert_int_equal(err_exit_status(err.code), 74);
-	assert_string_equal(err.file, path);
-	assert_true(n > 5);
-	err = ERR_INIT;
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_IO); /* it stays so */
-	assert_true(err.message[0]);
-	err = ERR_INIT;
-	assert_int_equal(spool_sync(w, &err), 0);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, totals.bytes);
-	setrlimit(RLIMIT_FSIZE, &was);
-	spool_writer_free(w);
-	make_read_all(path, n, &seen);
-	assert_int_equal(seen.records, n);
-	assert_int_equal(seen.tail.torn, 0); /* what was begun was cut off */
-	spool_head_clear(&head);
-}
-
-static ssize_t no_space(int fd, const void *buf, size_t n, off_t off)
-{
-	if (off > 8192 + 2000) {
-		errno = ENOSPC;
-		return -1;
-	}
-	return pwrite(fd, buf, n > 100 ? 100 : n, off); /* short ones, too */
-}
-
-static void test_no_space(void **state)
-{
-	struct spool_head head = {0};
-	struct spool_writer *w;
-	struct err err = ERR_INIT;
-	struct make_seen seen;
-	uint64_t n = 0;
-	uint8_t at[MAKE_SIZE_MAX];
-
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	table = io_system;
-	table.pwrite = no_space;
-	io = &table;
-	while (!spool_append(w, make_kind(n), SPOOL_SHORT, (int64_t)n * 1000, at, make_payload(n, at), &err))
-		n++;
-	io = &io_system;
-	assert_int_equal(err.code, ERR_NOSPACE);
-	assert_int_equal(err_exit_status(err.code), 74);
-	spool_writer_free(w);
-	make_read_all(path, n, &seen);
-	assert_int_equal(seen.records, n);
-	assert_int_equal(seen.tail.torn, 0);
-	spool_head_clear(&head);
-}
-
-/* No second fsync after one that failed, and no record either. */
-static void test_failed_sync(void **state)
-{
-	struct spool_head head = {0};
-	struct spool_writer *w;
-	struct spool_totals totals;
-	struct err err = ERR_INIT;
-
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), 0);
-	table = io_system;
-	table.fsync = slow_fsync;
-	io = &table;
-	syncs = 0;
-	sync_ms = 0;
-	sync_error = EIO;
-	assert_int_equal(spool_sync(w, &err), -ERR_IO);
-	sync_error = 0;
-	err = ERR_INIT;
-	assert_int_equal(spool_sync(w, &err), -ERR_IO);
-	assert_int_equal(syncs, 1);
-	err = ERR_INIT;
-	assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, "x", 1, &err), -ERR_IO);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 0);
-	spool_writer_free(w);
-}
-
-static int held;
-
-static int held_fsync(int fd)
-{
-	__atomic_add_fetch(&syncs, 1, __ATOMIC_SEQ_CST);
-	while (__atomic_load_n(&held, __ATOMIC_SEQ_CST))
-		usleep(1000);
-	return 0;
-}
-
-/* Once the appending waits. */
-static void *release(void *ctx)
-{
-	struct spool_writer *w = ctx;
-	uint64_t waits = 0;
-
-	while (!waits || !__atomic_load_n(&syncs, __ATOMIC_SEQ_CST)) {
-		usleep(1000);
-		pthread_mutex_lock(&w->lock);
-		waits = w->totals.waits;
-		pthread_mutex_unlock(&w->lock);
-	}
-	__atomic_store_n(&held, 0, __ATOMIC_SEQ_CST);
-	return ctx;
-}
-
-/* The thread: a disk that does not answer does not stop the appending until the queue is full, which is counted; all gets
- * durable without being asked for; failures are told. */
-static void test_flusher(void **state)
-{
-	struct spool_head head = {0};
-	struct spool_writer *w;
-	struct spool_totals totals = {0};
-	struct err err = ERR_INIT;
-	static uint8_t at[1000];
-	pthread_t thread;
-
-	assert_int_equal(spool_create(path, &head, &w, &err), 0);
-	table = io_system;
-	table.fsync = held_fsync;
-	io = &table;
-	syncs = 0;
-	held = 1;
-	assert_int_equal(spool_flush_start(w, 0.02, 20000, &err), 0);
-	pthread_create(&thread, NULL, release, w);
-	for (int i = 0; i < 80; i++)
-		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 0); /* still held: nothing of this waited */
-	assert_int_equal(totals.waits, 0);
-	for (int i = 80; i < 160; i++)
-		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
-	spool_totals(w, &totals);
-	assert_true(totals.waits >= 1 && totals.wait_ns > 0);
-	assert_true(totals.durable + 80000 >= totals.bytes);
-	for (int i = 0; i < 180000 && totals.durable < totals.bytes; i++) {
-		usleep(1000);
-		spool_totals(w, &totals);
-	}
-	assert_int_equal(totals.durable, 160000);
-	pthread_join(thread, NULL);
-	/* And on a disk that fails. */
-	table.fsync = slow_fsync;
-	sync_error = EIO;
-	sync_ms = 1;
-	for (int i = 0; i < 180000 && !err.code; i++) {
-		spool_append(w, SPOOL_DATA, 0, 0, at, 10, &err);
-		usleep(1000);
-	}
-	assert_int_equal(err.code, ERR_IO);
-	spool_totals(w, &totals);
-	assert_int_equal(totals.durable, 160000);
-	spool_writer_free(w);
-}
-
 int main(void)
 {
-#define TEST(name) cmocka_unit_test_setup_teardown(test_##name, setup, teardown)
+#define TEST(name) cmocka_unit_test_setup_teardown(test_##name, make_setup, make_teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(round), TEST(large),    TEST(no_overwriting), TEST(truncations), TEST(continue),
-		TEST(flips), TEST(wounds),   TEST(missing),        TEST(tails),       TEST(heads),
-		TEST(full),  TEST(no_space), TEST(failed_sync),    TEST(flusher),
+		TEST(round), TEST(large),  TEST(no_overwriting), TEST(truncations), TEST(continue),
+		TEST(flips), TEST(pieces), TEST(missing),        TEST(tails),       TEST(heads),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

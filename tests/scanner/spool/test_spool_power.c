@@ -1,9 +1,9 @@
 /*
- * Power cuts of a capture: it is played once over the logging disk of tests/faults, and cut at every entry of the log, with
- * nothing, all or some of the sectors that were not synced. What was told to be durable by then is there, byte for byte;
- * nothing else is ever delivered than what was written; and the spool can be gone on with and ended.
+ * Power cuts during a capture: it runs once over the logging disk of tests/faults, and is cut at every entry of the
+ * log, with none, all or some of the sectors that were not synced. What was reported as durable by then must exist,
+ * byte for byte; nothing else may be returned than what was written; and the spool can be continued and ended.
  *
- * Two controls, without fsync of files and of folders, must lose data, or the test sees nothing.
+ * Two controls, without fsync of files and of folders, must lose data, or the test would prove nothing.
  */
 #include "spool_make.h"
 
@@ -35,7 +35,7 @@ static void play(void)
 		make_append(w, i);
 		if (i % EVERY == 5) {
 			assert_int_equal(spool_sync(w, &err), 0);
-			fault_mark(i + 2); /* so many, less one */
+			fault_mark(i + 2); /* so many, minus one */
 		}
 	}
 	assert_int_equal(spool_end(w, &err), 0);
@@ -57,7 +57,7 @@ static uint64_t mark_before(size_t at)
 	return mark;
 }
 
-/* True: all that was promised is there. What is there is right, always. */
+/* True: everything promised exists. What exists is always correct. */
 static bool one(const struct disk_cut *cut)
 {
 	uint64_t mark = mark_before(cut->at), promised = mark ? mark - 1 : 0;

@@ -1,0 +1,131 @@
+/* What the files of this room share. Internal. */
+#ifndef GRID_READ_H
+#define GRID_READ_H
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "grid.h"
+#include "grid_block.h"
+#include "grid_segment.h"
+
+struct err;
+struct ledger;
+
+/* ---- the cache of index pages ---- */
+
+struct grid_cache;
+
+/* Allocates room for `frames` pages (0: nothing is kept). NULL: no memory. */
+struct grid_cache *grid_cache_new(size_t frames);
+size_t grid_cache_bytes(size_t frames);
+struct grid_cache *grid_cache_free(struct grid_cache *);
+/* Copies the page to `page` if it is cached. Both functions are thread-safe. */
+bool grid_cache_get(struct grid_cache *, uint32_t segment, uint64_t place, void *page);
+void grid_cache_put(struct grid_cache *, uint32_t segment, uint64_t place, const void *page);
+
+/* ---- an open manifest ---- */
+
+struct grid_live { /* of a segment */
+	uint64_t points;
+	struct digest sum; /* content sum of the live records */
+	bool all, none;    /* of its records are live */
+};
+
+struct grid_liveness { /* of a source */
+	uint32_t id;   /* first, for order_u32 */
+	bool live;
+};
+
+struct grid {
+	struct grid_manifest *manifest;
+	uint64_t generation;           /* the one that is read */
+	struct grid_segment *segments; /* as the manifest lists them */
+	struct grid_live *live;        /* of each segment */
+	struct grid_liveness *sources; /* of the manifest, ascending by id */
+	uint32_t height, active;       /* levels of the highest index; segments with live records */
+	struct grid_cache *cache;
+	struct ledger *ledger;
+	uint64_t charged;
+};
+
+/* Whether the records of this source count in the generation; false if the manifest has no such source. */
+bool grid_live(const struct grid *, uint32_t source);
+
+/* Whether the segment has live records and the keys of its box meet [lo, hi]. */
+static inline bool grid_segment_meets(const struct grid *g, uint32_t segment, uint64_t lo, uint64_t hi)
+{
+	const struct grid_segment *s = &g->segments[segment];
+
+	return s->height && !g->live[segment].none && s->lo <= hi && s->hi >= lo;
+}
+
+/* ---- a reader ---- */
+
+enum { GRID_BATCH = 16, GRID_LEAF_PAGES = 8 };
+
+struct grid_cursor { /* position of a grid_scan in one segment */
+	uint32_t segment;
+	bool done;     /* no cells after the batch */
+	uint64_t from; /* first key of the next batch */
+	struct disk_leaf batch[GRID_BATCH];
+	unsigned nbatch, at;
+	/* The cell that is being read. */
+	struct grid_cell cell;
+	uint32_t block; /* the next of its blocks; cell.blocks at the end */
+	uint64_t place, check;
+	/* When merging: a copy of the records of a block, and how many were taken. */
+	struct point *pts;
+	size_t n, pos;
+	uint64_t key; /* of pts[pos] */
+};
+
+struct grid_reader {
+	const struct grid *grid;
+	struct grid_reader_stats stats;
+	bool walking; /* pages are in use */
+	/* Index pages: some of level 0, then one for each higher level. `held` says which pages they are, so that they are
+	 * not fetched again. */
+	uint8_t *pages;
+	struct grid_held_page {
+		uint64_t place, used; /* used: time of the last use, for pages of level 0 */
+		uint32_t segment;
+		bool valid;
+	} held[DISK_LEVELS + GRID_LEAF_PAGES];
+	uint64_t clock;
+	unsigned nleaves, leaf;      /* pages of level 0; the one that was read last */
+	uint8_t *block;              /* DISK_BLOCK_MAX */
+	struct point *piece;         /* GRID_CELL_RECORDS */
+	struct grid_cursor *cursors; /* for the active segments */
+	struct grid_cursor **heap;
+	bool *flags; /* GRID_CELL_RECORDS: which sources of a block are live */
+};
+
+static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned level)
+{
+	return r->pages + (level ? r->nleaves + level - 1 : r->leaf) * (size_t)DISK_PAGE;
+}
+
+/* Reads an index page, checked, into the reader's page of that level. */
+int grid_page_read(struct grid_reader *, uint32_t segment, unsigned level, uint64_t place, uint64_t check, struct err *err);
+
+/* The cell of an entry of a page of level 0. -ERR_CORRUPT if it cannot be one. */
+int grid_cell_of(const struct grid_segment *, uint32_t segment, const struct disk_leaf *, struct grid_cell *ret, struct err *err);
+/* Whether no record of the cell is live, as far as that is known without reading it. */
+bool grid_cell_dead(const struct grid *, const struct grid_cell *);
+
+/* Starts reading the blocks of a cell. */
+void grid_cursor_cell(struct grid_cursor *, const struct grid_cell *);
+/* Reads the next block: its live records, in the reader's block buffer; *ret_n may be 0. After the last block
+ * cursor->block == cell.blocks. */
+int grid_cursor_block(struct grid_reader *, struct grid_cursor *, struct point **ret_pts, size_t *ret_n, struct err *err);
+/* Reads only the head of the next block; the pointers are into the block buffer. Within one cell, heads and blocks must
+ * not be mixed. */
+int grid_cursor_head(struct grid_reader *, struct grid_cursor *, struct grid_block *ret, struct err *err);
+
+/* Trims sorted records to the range [lo, hi]. */
+void grid_trim(struct point **pts, size_t *n, uint64_t lo, uint64_t hi);
+
+#endif

@@ -1,0 +1,566 @@
+/*
+ * Manifests (grid.h): one checksummed file that alone describes a dataset. Written whole, read whole,
+ * believed only after the checksum and then every rule (grid_manifest_check.c) hold; the same rules hold for
+ * what is written.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cursor.h"
+#include "err.h"
+#include "grid_block.h"
+#include "grid_disk.h"
+#include "grid_file.h"
+#include "grid_manifest_priv.h"
+#include "io.h"
+#include "ledger.h"
+
+enum {
+	HEAD_BYTES = 8 + 4 + 4 + 8 + 8 + 4 + 4,
+	HEAD_MORE = 8 + 4 + 4, /* added by version 4; no file is smaller than both */
+	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
+	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
+	SOURCE_MORE = 2 * 8 + 2,              /* added by version 2 */
+	SOURCE_SPANS = 2,                     /* added by version 4 */
+	SOURCE_READ = 2 + 8 + 2,              /* added by version 5 */
+	SPAN_BYTES = 2 * 8,
+	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,
+	TEXTS_MOST = 6 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
+	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
+	CHECK_BYTES = 8,
+};
+#define MANIFEST_MOST ((uint64_t)1 << 32) /* bytes; enough for ten million sources */
+
+/* ---- writing ---- */
+
+static void pack_text(struct packer *p, const char *text)
+{
+	size_t n = text ? strlen(text) : 0;
+
+	packer_u16(p, (uint16_t)n);
+	packer_bytes(p, text, n);
+}
+
+static void pack_segment(struct packer *p, const struct grid_segment_info *s)
+{
+	unsigned classes = 0;
+
+	pack_text(p, s->file);
+	packer_u64(p, s->points);
+	packer_u64(p, s->cells);
+	packer_u64(p, s->bytes);
+	for (unsigned i = 0; i < 4; i++)
+		packer_i32(p, s->box[i]);
+	packer_u64(p, s->sum.hi);
+	packer_u64(p, s->sum.lo);
+	for (unsigned c = 0; c < 256; c++)
+		classes += s->classes[c] != 0;
+	packer_u16(p, (uint16_t)classes);
+	for (unsigned c = 0; c < 256; c++) {
+		if (!s->classes[c])
+			continue;
+		packer_u8(p, (uint8_t)c);
+		packer_u64(p, s->classes[c]);
+	}
+}
+
+static void pack_source(struct packer *p, const struct grid_source *s)
+{
+	packer_u32(p, s->id);
+	packer_u64(p, s->added);
+	packer_u64(p, s->removed);
+	packer_u64(p, s->points);
+	packer_u64(p, s->hash.hi);
+	packer_u64(p, s->hash.lo);
+	pack_text(p, s->name);
+	packer_u64(p, s->size);
+	packer_u64(p, (uint64_t)s->mtime_ns);
+	pack_text(p, s->path);
+	packer_u16(p, (uint16_t)s->nearlier);
+	for (size_t i = 0; i < s->nearlier; i++) {
+		packer_u64(p, s->earlier[i].added);
+		packer_u64(p, s->earlier[i].removed);
+	}
+	pack_text(p, s->overridden);
+	packer_u64(p, s->left_out);
+	pack_text(p, s->reading);
+}
+
+static void pack_generation(struct packer *p, const struct grid_generation *g)
+{
+	packer_u64(p, g->number);
+	packer_u64(p, (uint64_t)g->time_us);
+	packer_u32(p, g->uid);
+	packer_u8(p, (uint8_t)g->kind);
+	packer_u64(p, g->undoes);
+	packer_u32(p, g->files);
+	packer_u32(p, g->files_removed);
+	packer_u64(p, g->points_added);
+	packer_u64(p, g->points_removed);
+	packer_u64(p, g->content.hi);
+	packer_u64(p, g->content.lo);
+	pack_text(p, g->user);
+}
+
+static uint64_t count_spans(const struct grid_manifest *m)
+{
+	uint64_t spans = 0;
+
+	for (size_t i = 0; i < m->nsources; i++)
+		spans += m->sources[i].nearlier;
+	return spans;
+}
+
+/* Packs the file into `out`; returns its size, or 0 if it does not fit. */
+static size_t pack(const struct grid_manifest *m, void *out, size_t size)
+{
+	struct packer p = packer_of(out, size);
+	char text[LATTICE_TEXT_SIZE];
+	uint64_t bytes, check;
+
+	packer_bytes(&p, DISK_MANIFEST_MAGIC, 8);
+	packer_u32(&p, DISK_MANIFEST_VERSION);
+	packer_u32(&p, 0);
+	packer_u64(&p, 0); /* size, below */
+	packer_u64(&p, m->generation);
+	packer_u32(&p, (uint32_t)m->nsegments);
+	packer_u32(&p, (uint32_t)m->nsources);
+	packer_u64(&p, grid_manifest_oldest(m));
+	packer_u32(&p, (uint32_t)m->ngenerations);
+	packer_u32(&p, (uint32_t)count_spans(m));
+	pack_text(&p, lattice_text(&m->lattice, text));
+	pack_text(&p, m->crs);
+	pack_text(&p, m->unit_xy);
+	pack_text(&p, m->unit_z);
+	for (size_t i = 0; i < m->nsegments; i++)
+		pack_segment(&p, &m->segments[i]);
+	for (size_t i = 0; i < m->nsources; i++)
+		pack_source(&p, &m->sources[i]);
+	pack_text(&p, m->geoid);
+	pack_text(&p, m->choices);
+	for (size_t i = 0; i < m->ngenerations; i++)
+		pack_generation(&p, &m->generations[i]);
+	bytes = packer_size(&p) + CHECK_BYTES;
+	memcpy((uint8_t *)out + 16, &bytes, sizeof bytes);
+	check = grid_check(out, packer_size(&p), 0);
+	packer_u64(&p, check);
+	return p.bad ? 0 : bytes;
+}
+
+/* An upper bound of the file's size. */
+static uint64_t max_bytes(const struct grid_manifest *m)
+{
+	uint64_t bytes = HEAD_BYTES + HEAD_MORE + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
+
+	for (size_t i = 0; i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		bytes += SOURCE_LEAST + SOURCE_MORE + SOURCE_SPANS + SOURCE_READ + s->nearlier * SPAN_BYTES +
+			 (s->name ? strlen(s->name) : 0) + (s->path ? strlen(s->path) : 0) +
+			 (s->overridden ? strlen(s->overridden) : 0) + (s->reading ? strlen(s->reading) : 0);
+	}
+	for (size_t i = 0; i < m->ngenerations; i++)
+		bytes += GENERATION_LEAST + (m->generations[i].user ? strlen(m->generations[i].user) : 0);
+	return bytes;
+}
+
+int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *m, struct err *err)
+{
+	struct grid_file f;
+	bool nomem;
+	const char *fault = grid_manifest_check(m, &nomem);
+
+	if (fault)
+		return err_set(err, ERR_INTERNAL, "not a manifest to write: %s", fault);
+	size_t len = strlen(name);
+	uint64_t most = max_bytes(m);
+
+	if (!len || len >= GRID_NAME_MAX || most > MANIFEST_MOST)
+		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'", m->nsources, name);
+	uint8_t *bytes = nomem ? NULL : malloc(2 * most);
+
+	if (!bytes)
+		return err_set(err, ERR_NOMEM, "no memory for a manifest of %zu sources", m->nsources);
+	int rc = grid_file_create(&f, dirfd, name, bytes + most, most, err);
+
+	if (rc == 0) {
+		size_t n = pack(m, bytes, most);
+
+		rc = n ? grid_file_append(&f, bytes, n, err) : err_set(err, ERR_INTERNAL, "a manifest is larger than it can be");
+		if (rc == 0)
+			rc = grid_file_publish(&f, GRID_DURABLE, err);
+		grid_file_abort(&f);
+	}
+	free(bytes);
+	return rc;
+}
+
+/* ---- reading ---- */
+
+static bool unpack_text(struct cursor *c, char *ret, size_t size)
+{
+	size_t n = cursor_u16(c);
+	const uint8_t *bytes = n < size ? cursor_bytes(c, n) : NULL;
+
+	if (n && (!bytes || memchr(bytes, 0, n)))
+		return false;
+	if (n)
+		memcpy(ret, bytes, n);
+	ret[n] = 0;
+	return !c->bad;
+}
+
+static bool unpack_segment(struct cursor *c, struct grid_segment_info *ret)
+{
+	int last = -1;
+
+	if (!unpack_text(c, ret->file, sizeof ret->file))
+		return false;
+	ret->points = cursor_u64(c);
+	ret->cells = cursor_u64(c);
+	ret->bytes = cursor_u64(c);
+	for (unsigned i = 0; i < 4; i++)
+		ret->box[i] = cursor_i32(c);
+	ret->sum.hi = cursor_u64(c);
+	ret->sum.lo = cursor_u64(c);
+	for (unsigned n = cursor_u16(c); n && !c->bad; n--) {
+		int cls = cursor_u8(c);
+		uint64_t count = cursor_u64(c);
+
+		if (cls <= last || !count)
+			return false;
+		ret->classes[cls] = count;
+		last = cls;
+	}
+	return !c->bad;
+}
+
+/* Unpacks a text of less than `size` bytes and appends it to m->texts. */
+static bool unpack_long_text(struct cursor *c, struct grid_manifest *m, size_t room, size_t size, const char **ret)
+{
+	char *to = m->texts + m->texts_bytes;
+
+	room -= m->texts_bytes;
+	if (!room || !unpack_text(c, to, size < room ? size : room))
+		return false;
+	*ret = to;
+	m->texts_bytes += strlen(to) + 1;
+	return true;
+}
+
+static bool unpack_spans(struct cursor *c, struct grid_manifest *m, size_t most, struct grid_source *ret)
+{
+	ret->nearlier = cursor_u16(c);
+	if (ret->nearlier > most - m->nspans)
+		return false;
+	ret->earlier = m->spans + m->nspans;
+	for (size_t i = 0; i < ret->nearlier; i++) {
+		struct grid_span *span = &m->spans[m->nspans++];
+
+		span->added = cursor_u64(c);
+		span->removed = cursor_u64(c);
+	}
+	return !c->bad;
+}
+
+/* max_spans: earlier spans of all sources. */
+static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room, size_t max_spans,
+			  struct grid_source *ret)
+{
+	ret->id = cursor_u32(c);
+	ret->added = cursor_u64(c);
+	ret->removed = cursor_u64(c);
+	ret->points = cursor_u64(c);
+	ret->hash.hi = cursor_u64(c);
+	ret->hash.lo = cursor_u64(c);
+	if (!unpack_long_text(c, m, room, GRID_SOURCE_NAME, &ret->name))
+		return false;
+	ret->path = ret->overridden = ret->reading = "";
+	if (version < 2)
+		return !c->bad;
+	ret->size = cursor_u64(c);
+	ret->mtime_ns = (int64_t)cursor_u64(c);
+	if (!unpack_long_text(c, m, room, GRID_SOURCE_PATH, &ret->path))
+		return false;
+	if (version >= 4 && !unpack_spans(c, m, max_spans, ret))
+		return false;
+	if (version < 5)
+		return !c->bad;
+	if (!unpack_long_text(c, m, room, GRID_SOURCE_OVERRIDDEN, &ret->overridden))
+		return false;
+	ret->left_out = cursor_u64(c);
+	return unpack_long_text(c, m, room, GRID_SOURCE_READING, &ret->reading);
+}
+
+static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t room, struct grid_generation *ret)
+{
+	ret->number = cursor_u64(c);
+	ret->time_us = (int64_t)cursor_u64(c);
+	ret->uid = cursor_u32(c);
+	ret->kind = cursor_u8(c);
+	ret->undoes = cursor_u64(c);
+	ret->files = cursor_u32(c);
+	ret->files_removed = cursor_u32(c);
+	ret->points_added = cursor_u64(c);
+	ret->points_removed = cursor_u64(c);
+	ret->content.hi = cursor_u64(c);
+	ret->content.lo = cursor_u64(c);
+	return unpack_long_text(c, m, room, GRID_USER, &ret->user) && !c->bad;
+}
+
+/* Allocates m->texts for the rest of the file: each text takes a zero instead of two bytes of length. */
+static const char *alloc_texts(const struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_room)
+{
+	size_t each = version < 2 ? SOURCE_LEAST - 1 :
+				    SOURCE_LEAST + SOURCE_MORE - 2 + (version < 4 ? 0 : SOURCE_SPANS) +
+					    (version < 5 ? 0 : SOURCE_READ - 2);
+
+	if (m->nsources > cursor_left(c) / each)
+		return "it says more than it holds";
+	*ret_room = cursor_left(c) - m->nsources * each;
+	m->texts = malloc(*ret_room + 1);
+	return NULL;
+}
+
+/* Counts come from the file, so they are bounded by its size before they are used. */
+static bool unpack_counts(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_spans)
+{
+	size_t nsegments, nsources, ngenerations = 0;
+
+	*ret_spans = 0;
+	m->generation = cursor_u64(c);
+	nsegments = cursor_u32(c);
+	nsources = cursor_u32(c);
+	if (version >= 4) {
+		m->oldest = cursor_u64(c);
+		ngenerations = cursor_u32(c);
+		*ret_spans = cursor_u32(c);
+	}
+	if (c->bad || nsegments > cursor_left(c) / SEGMENT_LEAST || nsources > cursor_left(c) / SOURCE_LEAST ||
+	    ngenerations > cursor_left(c) / GENERATION_LEAST || *ret_spans > cursor_left(c) / SPAN_BYTES)
+		return false;
+	m->nsegments = nsegments;
+	m->nsources = nsources;
+	m->ngenerations = ngenerations;
+	return true;
+}
+
+static const char *unpack_generations(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t room, bool *ret_nomem)
+{
+	if (version < 4) {
+		*ret_nomem = !grid_manifest_derive(m);
+		return NULL;
+	}
+	m->generations = calloc(m->ngenerations + 1, sizeof *m->generations);
+	*ret_nomem = !m->generations;
+	for (size_t i = 0; m->generations && i < m->ngenerations; i++)
+		if (!unpack_generation(c, m, room, &m->generations[i]))
+			return "a generation in it is malformed";
+	return NULL;
+}
+
+/* NULL, or what is wrong with the file; *ret_nomem: there was no memory. */
+static const char *unpack(struct cursor *c, uint32_t version, struct grid_manifest *m, bool *ret_nomem)
+{
+	char lattice[LATTICE_TEXT_SIZE], again[LATTICE_TEXT_SIZE];
+	const char *fault;
+	size_t room = 0, spans;
+
+	*ret_nomem = false;
+	if (!unpack_counts(c, version, m, &spans))
+		return "it says more than it holds";
+	if (!unpack_text(c, lattice, sizeof lattice) || !unpack_text(c, m->crs, sizeof m->crs) ||
+	    !unpack_text(c, m->unit_xy, sizeof m->unit_xy) || !unpack_text(c, m->unit_z, sizeof m->unit_z))
+		return "a text in it is malformed";
+	if (!lattice_parse(lattice, &m->lattice) || strcmp(lattice_text(&m->lattice, again), lattice))
+		return "its lattice is malformed";
+	m->segments = calloc(m->nsegments + 1, sizeof *m->segments);
+	m->sources = calloc(m->nsources + 1, sizeof *m->sources);
+	m->spans = calloc(spans + 1, sizeof *m->spans);
+	*ret_nomem = !m->segments || !m->sources || !m->spans;
+	if (*ret_nomem)
+		return "no memory";
+	for (size_t i = 0; i < m->nsegments; i++)
+		if (!unpack_segment(c, &m->segments[i]))
+			return "a segment in it is malformed";
+	fault = alloc_texts(c, version, m, &room);
+	*ret_nomem = !fault && !m->texts;
+	if (fault || *ret_nomem)
+		return fault ? fault : "no memory";
+	for (size_t i = 0; i < m->nsources; i++)
+		if (!unpack_source(c, m, version, room, spans, &m->sources[i]))
+			return "a source in it is malformed";
+	if (m->nspans != spans)
+		return "its sources have fewer spans than it says";
+	if (version >= 3 && (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
+		return "a text in it is malformed";
+	fault = unpack_generations(c, version, m, room, ret_nomem);
+	if (fault || *ret_nomem)
+		return fault ? fault : "no memory";
+	if (cursor_left(c))
+		return "there is something behind its end";
+	return grid_manifest_check(m, ret_nomem);
+}
+
+static int damaged(const char *name, const char *what, struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "the manifest is damaged: %s", what);
+	err_add_file(err, name);
+	return err_add_hint(err, "check the disk, and restore the file or push the data again");
+}
+
+static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_manifest **ret, struct err *err)
+{
+	struct cursor c = cursor_of(bytes, n);
+	const uint8_t *magic = cursor_bytes(&c, 8);
+	uint32_t version = cursor_u32(&c), zero = cursor_u32(&c);
+	uint64_t size = cursor_u64(&c), check;
+	bool nomem = false;
+
+	if (c.bad || n < HEAD_BYTES + CHECK_BYTES || memcmp(magic, DISK_MANIFEST_MAGIC, 8) || zero)
+		return damaged(name, "it does not begin like one", err);
+	memcpy(&check, bytes + n - CHECK_BYTES, sizeof check);
+	if (size != n || check != grid_check(bytes, n - CHECK_BYTES, 0))
+		return damaged(name, "its checksum does not agree", err);
+	if (!version || version > DISK_MANIFEST_VERSION) {
+		err_set(err, ERR_VERSION, "a manifest of version %u; this acut reads versions up to %u", version,
+			DISK_MANIFEST_VERSION);
+		return err_add_file(err, name);
+	}
+	c.end -= CHECK_BYTES;
+	struct grid_manifest *m = calloc(1, sizeof *m);
+	const char *fault = m ? unpack(&c, version, m, &nomem) : "no memory";
+
+	if (!fault && !nomem) {
+		*ret = m;
+		return 0;
+	}
+	if (!m || nomem)
+		err_set(err, ERR_NOMEM, "no memory for a manifest of %zu bytes", n);
+	else
+		damaged(name, fault, err);
+	grid_manifest_free(m);
+	return -(int)err->code;
+}
+
+/* An upper bound of the memory for reading it: the file, its texts, a table of names to search for repeats (twice, for
+ * sorting), and the tables. Counts come from the file, so they are bounded by its size before they are used. */
+static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret, struct err *err)
+{
+	uint8_t head[HEAD_BYTES + HEAD_MORE];
+	int rc = io_read_at(fd, head, sizeof head, 0, name, err);
+	struct cursor c = cursor_of(head, sizeof head);
+	uint64_t nsegments, nsources, generation, ngenerations, nspans = 0;
+	uint32_t version;
+
+	if (rc)
+		return rc;
+	cursor_bytes(&c, 8);
+	version = cursor_u32(&c);
+	/* The layout of a newer version is unknown; it is rejected later, after its checksum was checked. */
+	if (version > DISK_MANIFEST_VERSION) {
+		*ret = 2 * size;
+		return 0;
+	}
+	cursor_bytes(&c, 4 + 8);
+	generation = cursor_u64(&c);
+	nsegments = cursor_u32(&c);
+	nsources = cursor_u32(&c);
+	/* Derived generations are those that added or removed a source. */
+	ngenerations = generation < 2 * nsources ? generation : 2 * nsources;
+	if (version >= 4) {
+		cursor_u64(&c);
+		ngenerations = cursor_u32(&c);
+		nspans = cursor_u32(&c);
+	}
+	if (nsegments > size / SEGMENT_LEAST || nsources > size / SOURCE_LEAST || nspans > size / SPAN_BYTES ||
+	    (version >= 4 && ngenerations > size / GENERATION_LEAST))
+		return damaged(name, "it says more than it holds", err);
+	*ret = sizeof(struct grid_manifest) + 2 * size + nsegments * sizeof(struct grid_segment_info) +
+	       nsources * sizeof(struct grid_source) + 2 * (nsegments + nsources + 1) * sizeof(char *) +
+	       ngenerations * sizeof(struct grid_generation) + nspans * sizeof(struct grid_span);
+	return 0;
+}
+
+static int charge(struct ledger *ledger, uint64_t bytes, const char *name, struct err *err)
+{
+	if (ledger_take(ledger, LEDGER_MANIFEST, bytes))
+		return 0;
+	if (bytes > ledger_total(ledger) / 2) {
+		err_set(err, ERR_LIMIT, "the manifest takes %llu MiB to read, of a memory of %llu MiB",
+			(unsigned long long)(bytes >> 20), (unsigned long long)(ledger_total(ledger) >> 20));
+		err_add_hint(err, "give acutd --memory %lluM or more", (unsigned long long)(bytes >> 18));
+	} else {
+		err_set(err, ERR_BUSY, "no %llu KiB are free for the manifest of the dataset", (unsigned long long)(bytes >> 10));
+		err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
+	}
+	return err_add_file(err, name);
+}
+
+/* Uncharges what was needed only while reading. */
+static void settle_charge(struct grid_manifest *m, struct ledger *ledger, uint64_t bytes, uint64_t size)
+{
+	m->ledger = ledger;
+	m->charged = sizeof *m + size + m->nsegments * sizeof *m->segments + m->nsources * sizeof *m->sources +
+		     m->ngenerations * sizeof *m->generations + m->nspans * sizeof *m->spans;
+	ledger_give(ledger, LEDGER_MANIFEST, bytes - m->charged);
+}
+
+int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struct grid_manifest **ret, struct err *err)
+{
+	struct grid_manifest *m = NULL;
+	uint64_t charged = 0;
+	uint8_t *bytes = NULL;
+	struct stat st;
+	int fd = -1, rc = grid_file_open(dirfd, name, "the manifest", &fd, err);
+
+	if (rc)
+		return rc;
+	if (io->fstat(fd, &st) != 0) {
+		err_sys(err, errno, "cannot look at");
+		rc = err_add_file(err, name);
+	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES + HEAD_MORE || (uint64_t)st.st_size > MANIFEST_MOST) {
+		rc = damaged(name, "no manifest has this size", err);
+	} else if (ledger && ((rc = bytes_to_read(fd, name, (uint64_t)st.st_size, &charged, err)) ||
+			      (rc = charge(ledger, charged, name, err)))) {
+		charged = 0;
+	} else if (!(bytes = malloc((size_t)st.st_size))) {
+		rc = err_set(err, ERR_NOMEM, "no memory for a manifest of %lld bytes", (long long)st.st_size);
+	}
+	if (rc == 0)
+		rc = io_read_at(fd, bytes, (size_t)st.st_size, 0, name, err);
+	if (rc == 0)
+		rc = parse(bytes, (size_t)st.st_size, name, &m, err);
+	free(bytes);
+	io_close(fd);
+	if (charged && rc)
+		ledger_give(ledger, LEDGER_MANIFEST, charged);
+	else if (charged)
+		settle_charge(m, ledger, charged, (uint64_t)st.st_size);
+	if (rc == 0)
+		*ret = m;
+	return rc;
+}
+
+int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err)
+{
+	return grid_manifest_load(dirfd, name, NULL, ret, err);
+}
+
+struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
+{
+	if (!m)
+		return NULL;
+	free(m->segments);
+	free(m->sources);
+	free(m->generations);
+	free(m->spans);
+	free(m->texts);
+	if (m->charged)
+		ledger_give(m->ledger, LEDGER_MANIFEST, m->charged);
+	free(m);
+	return NULL;
+}

@@ -1,0 +1,109 @@
+/*
+ * Manifests: one file that describes a dataset completely. It names the segments, the sources (the files that were
+ * pushed) and the generations, and says in which generations each source counts. FORMAT.md describes the bytes.
+ */
+#ifndef GRID_MANIFEST_H
+#define GRID_MANIFEST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "digest.h"
+#include "grid_segment_info.h"
+#include "lattice.h"
+
+struct err;
+struct ledger;
+
+/* The generations from `added` on and before `removed`. */
+struct grid_span {
+	uint64_t added, removed;
+};
+
+struct grid_source {
+	uint32_t id;             /* > 0, never used twice in a dataset */
+	uint64_t added, removed; /* its generations; removed 0: it was not; added == removed: it never counted */
+	/* Earlier spans of a source that was removed and then restored by generation `added`; ascending, all before it. */
+	const struct grid_span *earlier;
+	size_t nearlier;
+	uint64_t points;
+	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
+	const char *path;       /* absolute path on the client, at most 4095 bytes; "": none (a pipe) */
+	uint64_t size;          /* of the input, in bytes; 0 if unknown */
+	int64_t mtime_ns;       /* last change of the input, ns since 1970; 0 if unknown */
+	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
+	const char *overridden; /* the coordinate system that its header named and the push replaced; NULL is "": none */
+	uint64_t left_out;      /* lines of a text that have no value for a coordinate */
+	const char *reading;    /* how it was read (FORMAT.md); NULL is "": unknown */
+};
+/* Sizes of these texts, with the zero at the end. */
+enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN = 512, GRID_SOURCE_READING = 1024 };
+
+/* Whether the points of the source count in that generation. */
+bool grid_source_live(const struct grid_source *, uint64_t generation);
+
+enum grid_generation_kind {
+	GRID_PUSH = 1,
+	GRID_REVERT,  /* of generation `undoes` */
+	GRID_REPLACE, /* a push that removes the sources that it replaces */
+	GRID_PRUNE,   /* of all before generation `undoes` */
+	GRID_IMPORT,
+	GRID_KINDS
+};
+const char *grid_generation_kind_text(enum grid_generation_kind); /* "push" ... */
+
+enum { GRID_USER = 64 };
+struct grid_generation {
+	uint64_t number;
+	int64_t time_us; /* since 1970; 0 if unknown */
+	uint32_t uid;
+	const char *user; /* name of uid at that time, at most 63 bytes; NULL is "": unknown */
+	enum grid_generation_kind kind;
+	uint64_t undoes; /* 0: none */
+	/* Sources that it added (restored ones too) and removed, and their points. */
+	uint32_t files, files_removed;
+	uint64_t points_added, points_removed;
+	struct digest content; /* sum of the hashes of the files that it added */
+};
+
+enum { GRID_GEOID = 128 };
+
+struct grid_manifest {
+	struct lattice lattice;
+	char crs[512], unit_xy[16], unit_z[16];
+	/* How the heights of the sources were converted: "", or "orthometric HASH NAME" or "ellipsoidal HASH NAME" of
+	 * the geoid grid that was used. */
+	char geoid[GRID_GEOID];
+	char choices[256];   /* of a push that is not committed: how its files were read; else "" */
+	uint64_t generation; /* the newest */
+	uint64_t oldest;     /* the oldest that can still be read; 0 is 1 */
+	struct grid_segment_info *segments;
+	size_t nsegments;
+	struct grid_source *sources;
+	size_t nsources;
+	/* Ascending by number. Some may be missing: the manifest of a selection has none. For a manifest before version 4
+	 * they are derived from its sources, as pushes of unknown times and users. */
+	struct grid_generation *generations;
+	size_t ngenerations;
+	/* Only in a manifest that was read: memory of its texts and spans, and what it charges to LEDGER_MANIFEST. */
+	char *texts;
+	size_t texts_bytes;
+	struct grid_span *spans;
+	size_t nspans;
+	struct ledger *ledger;
+	uint64_t charged;
+};
+
+int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *, struct err *err);
+int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err);
+/* The same; its memory is charged to `ledger` (LEDGER_MANIFEST; may be NULL) before the file is read, until it is
+ * freed. -ERR_BUSY: the memory is not free now; -ERR_LIMIT: it is more than half of the total. */
+int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
+struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+uint64_t grid_manifest_oldest(const struct grid_manifest *); /* `oldest`, or 1; 0: no generation can be read */
+/* Sets files, points and content of these generations (ascending by number) from the sources. Correct for all
+ * generations after the oldest, and for the oldest if it is 1; earlier sources may have been pruned. */
+void grid_generations_tally(const struct grid_manifest *, struct grid_generation *, size_t n);
+
+#endif

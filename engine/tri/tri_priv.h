@@ -1,0 +1,47 @@
+/*
+ * The layout of the arena, and the steps of a run. Internal.
+ */
+#ifndef TRI_PRIV_H
+#define TRI_PRIV_H
+
+#include <stdbool.h>
+
+#include "tri.h"
+
+#define TRI_LIKELY(x) __builtin_expect(!!(x), 1)
+#define TRI_UNLIKELY(x) __builtin_expect(!!(x), 0)
+
+struct tri_extent {
+	int32_t min[2], max[2];
+};
+
+/* At the start of the arena; `triangle`, `xy`, `z`, `id` follow, with 48, 8, 4 and 4 bytes for each point. */
+struct tri {
+	uint32_t cap, nvertex, ntriangle;
+	struct tri_triangle *triangle;
+	int32_t (*xy)[2];
+	int32_t *z;
+	uint32_t *id;
+	struct tri_extent extent;
+};
+
+/* Chooses the order of insertion: reads n positions from `in`, fills xy, z and id. `scratch`: 16 bytes for each position. */
+void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n, struct tri_extent *ret);
+
+/* The second half of tri_run: triangulates the nvertex vertices in their order (three may be moved to the front).
+ * `narrow`: all differences of coordinates are within +-(2^31 - 1). */
+int tri_build(struct tri *, bool narrow);
+
+static inline bool tri_narrow(const struct tri_extent *e)
+{
+	return (int64_t)e->max[0] - e->min[0] <= INT32_MAX && (int64_t)e->max[1] - e->min[1] <= INT32_MAX;
+}
+
+/* Inserts vertex nvertex - 1, which is in no triangle yet. False: vertex *ret_same has the same position, and nothing
+ * has changed. */
+bool tri_insert_one(struct tri *, bool narrow, uint32_t *ret_same);
+
+/* Inserts vertices 3 to nvertex - 1 into the four triangles of the first three. */
+void tri_insert_all(struct tri *, bool narrow);
+
+#endif

@@ -1,0 +1,311 @@
+/*
+ * acut-domain: one region of a dataset, from files alone, without daemon, catalogue or locks. So the scheduler of a
+ * cluster can run domains, and a developer can inspect one.
+ *
+ *   acut-domain --plan MANIFEST VIEW the regions, one on each line
+ *   acut-domain --select MANIFEST VIEW FOLDER the points of a view with crop, every or thin, as a grid
+ *   acut-domain MANIFEST VIEW REGION OUT triangulate one, publish it in the folder OUT
+ *
+ * The name of a finished domain is derived from its data, and the file appears only when it is complete; if OUT is the
+ * daemon's store, the daemon finds it there. Regions of a view that selects are on the grid of its points. That grid is
+ * made in a temporary folder each time, or once with --select, for all runs with its manifest.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <getopt.h>
+#include <libgen.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cut.h"
+#include "digest.h"
+#include "err.h"
+#include "grid.h"
+#include "io.h"
+#include "ledger.h"
+#include "parse.h"
+#include "pipe.h"
+#include "selection.h"
+#include "store.h"
+
+enum { INDEX_MEMORY = 4 << 20 };
+
+static const char USAGE[] =
+	"usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
+	"       acut-domain [--memory SIZE] --plan MANIFEST VIEW\n"
+	"       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n"
+	"\n"
+	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
+	"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order.\n"
+	"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
+	"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n"
+	"\n"
+	"  --memory SIZE   bytes for one domain and the index (default 256M)\n"
+	"  --plan          print the regions, a line each: REGION at-most|exact POINTS\n"
+	"  --select        print FOLDER/manifest, a tab, VIEW\n"
+	"  --help, --version\n"
+	"\n"
+	"VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
+	"Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n";
+
+struct options {
+	uint64_t memory;
+	bool plan, select;
+	const char *manifest, *view, *region, *out; /* out: also the folder of --select */
+};
+
+struct session {
+	struct ledger *ledger;
+	struct grid *grid;
+	struct view view;
+	struct pipe_budget budget;
+};
+
+static int usage_error(const char *text)
+{
+	fprintf(stderr, "acut-domain: %s\nTry 'acut-domain --help'.\n", text);
+	return 2;
+}
+
+/* -1: continue; otherwise the exit status. */
+static int parse_options(int argc, char **argv, struct options *o)
+{
+	static const struct option longs[] = {
+		{"memory", required_argument, NULL, 'm'}, {"plan", no_argument, NULL, 'p'},    {"select", no_argument, NULL, 's'},
+		{"help", no_argument, NULL, 'h'},         {"version", no_argument, NULL, 'V'}, {0},
+	};
+	int c;
+
+	while ((c = getopt_long(argc, argv, "", longs, NULL)) != -1) {
+		switch (c) {
+		case 'm':
+			if (!parse_size(optarg, &o->memory))
+				return usage_error("--memory wants a size such as 256M");
+			break;
+		case 'p':
+			o->plan = true;
+			break;
+		case 's':
+			o->select = true;
+			break;
+		case 'h':
+			fputs(USAGE, stdout);
+			return 0;
+		case 'V':
+			puts("acut-domain " ACUT_VERSION);
+			return 0;
+		default:
+			fputs("Try 'acut-domain --help'.\n", stderr);
+			return 2;
+		}
+	}
+	if (o->plan && o->select)
+		return usage_error("--plan and --select are two commands");
+	if (argc - optind != (o->plan ? 2 : o->select ? 3 : 4))
+		return usage_error(o->plan   ? "--plan wants MANIFEST and VIEW" :
+				   o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
+					       "it wants MANIFEST, VIEW, REGION and OUT");
+	o->manifest = argv[optind];
+	o->view = argv[optind + 1];
+	o->region = o->plan || o->select ? NULL : argv[optind + 2];
+	o->out = o->plan ? NULL : argv[optind + (o->select ? 2 : 3)];
+	return -1;
+}
+
+/* ---- a view that selects ---- */
+
+static int select_into(struct session *s, int dirfd, struct err *err)
+{
+	struct selection_params p = {.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
+	struct selection_counts counts;
+
+	return selection_make(&p, &counts, err);
+}
+
+/* Replaces the dataset's grid by the grid of the selected points, in unlinked files. */
+static int select_own(struct session *s, struct err *err)
+{
+	static const char *const files[] = {SELECTION_MANIFEST, "counts", "selection.seg"};
+	const char *top = getenv("TMPDIR");
+	struct err ignored = ERR_INIT;
+	char path[4096];
+	int dirfd, r;
+
+	snprintf(path, sizeof path, "%s/acut-domain-XXXXXX", top && *top ? top : "/tmp");
+	if (!mkdtemp(path)) {
+		err_sys(err, errno, "cannot make a folder for the selection");
+		return err_add_file(err, path);
+	}
+	r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (!r) {
+		struct view rest = view_rest(&s->view);
+
+		r = select_into(s, dirfd, err);
+		s->grid = grid_close(s->grid);
+		if (!r)
+			r = grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
+		for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
+			io_remove(dirfd, files[i], &ignored);
+		io_close(dirfd);
+		view_done(&s->view);
+		s->view = rest;
+	}
+	rmdir(path);
+	return r;
+}
+
+static int select_folder(struct session *s, const struct options *o, struct err *err)
+{
+	struct view rest = view_rest(&s->view);
+	char *text;
+	int dirfd, r = io_make_dir(AT_FDCWD, o->out, 0777, err);
+
+	if (!r)
+		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (r)
+		return r;
+	r = select_into(s, dirfd, err);
+	io_close(dirfd);
+	if (r)
+		return r;
+	text = view_text(&rest);
+	if (!text)
+		return err_set(err, ERR_NOMEM, "no memory for a view");
+	printf("%s/%s\t%s\n", o->out, SELECTION_MANIFEST, text);
+	free(text);
+	return 0;
+}
+
+/* ---- a session ---- */
+
+static int session_open(struct session *s, const struct options *o, struct err *err)
+{
+	char folder[4096], file[4096];
+	int dirfd = -1, r;
+
+	if (strlen(o->manifest) >= sizeof folder)
+		return err_set(err, ERR_USAGE, "the manifest's path is too long");
+	strcpy(folder, o->manifest);
+	strcpy(file, o->manifest);
+	s->view = VIEW_INIT;
+	r = *o->view ? view_parse(o->view, &s->view, err) : 0;
+	if (!r)
+		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (r)
+		return r;
+	s->ledger = ledger_new(o->memory);
+	if (!s->ledger)
+		r = err_set(err, ERR_NOMEM, "no memory");
+	else
+		r = grid_open(dirfd, basename(file), GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
+	io_close(dirfd);
+	if (r)
+		return r;
+	view_bind(&s->view, &grid_manifest(s->grid)->lattice);
+	if (view_selects(&s->view) && !o->select)
+		r = select_own(s, err);
+	if (!r)
+		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);
+	return r;
+}
+
+static void session_close(struct session *s)
+{
+	view_done(&s->view);
+	grid_close(s->grid);
+	ledger_free(s->ledger);
+}
+
+static void *domain_memory(const struct session *s)
+{
+	return aligned_alloc(64, (s->budget.domain_bytes + 63) & ~(size_t)63);
+}
+
+static int print_plan(struct session *s, struct err *err)
+{
+	char text[CUT_REGION_TEXT_SIZE];
+	struct cut_plan plan = {0};
+	struct mesh_counts empty;
+	void *memory = domain_memory(s);
+	int r;
+
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory for planning (%zu bytes)", s->budget.domain_bytes);
+	r = pipe_plan(s->grid, &s->view, &s->budget, memory, &plan, &empty, err);
+	free(memory);
+	if (r == PIPE_E_EMPTY) {
+		fputs("acut-domain: the view takes no point: there is nothing to triangulate\n", stderr);
+		return 0;
+	}
+	if (r)
+		return r;
+	for (size_t i = 0; i < plan.n; i++)
+		printf("%s %s %llu\n", cut_region_text(&plan.leaf[i].region, text), plan.leaf[i].exact ? "exact" : "at-most",
+		       (unsigned long long)plan.leaf[i].count);
+	cut_plan_done(&plan);
+	return 0;
+}
+
+static int make_domain(struct session *s, const struct options *o, struct err *err)
+{
+	char digest[DIGEST_HEX_SIZE], base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
+	struct mesh_domain domain = {0};
+	struct pipe_stored stored;
+	struct cut_region region;
+	struct pipe_key key;
+	uint64_t need = 0;
+	void *memory;
+	int dirfd = -1, r;
+
+	if (!cut_region_parse(o->region, &region))
+		return err_set(err, ERR_USAGE, "'%s' is not a region", o->region);
+	memory = domain_memory(s);
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory for a domain (%zu bytes)", s->budget.domain_bytes);
+	r = pipe_domain(s->grid, &s->view, &region, NULL, &s->budget, memory, &domain, &need, err);
+	if (r == PIPE_E_SPLIT) {
+		err_set(err, ERR_LIMIT, "the region and its halo have at least %llu positions, the memory carries %u",
+			(unsigned long long)need, s->budget.cap);
+		r = err_add_hint(err, "split the region, or give more --memory");
+	}
+	if (!r)
+		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (!r) {
+		pipe_key_init(&key, s->grid, &s->view);
+		r = pipe_store(dirfd, &key, &region, &domain, memory, &stored, NULL, err);
+	}
+	if (!r)
+		printf("%.2s/d-%s-%s points %llu halo %llu triangles %u digest %s\n", digest_hex(stored.id.base, base), base,
+		       digest_hex(stored.id.list, list), (unsigned long long)domain.counts.used,
+		       (unsigned long long)domain.counts.halo, domain.ntriangle, digest_hex(domain.digest, digest));
+	io_close(dirfd);
+	free(memory);
+	return r;
+}
+
+int main(int argc, char **argv)
+{
+	struct options o = {.memory = 256 << 20};
+	struct err err = ERR_INIT;
+	struct session s = {0};
+	char text[1600];
+	int status, r;
+
+	io_reserve_standard();
+	status = parse_options(argc, argv, &o);
+	if (status >= 0)
+		return status;
+	r = session_open(&s, &o, &err);
+	if (!r)
+		r = o.plan ? print_plan(&s, &err) : o.select ? select_folder(&s, &o, &err) : make_domain(&s, &o, &err);
+	session_close(&s);
+	if (!r && fflush(stdout) != 0)
+		r = err_sys(&err, errno, "cannot write to standard output");
+	if (r) {
+		fprintf(stderr, "acut-domain: %s\n", err_format(&err, text, sizeof text));
+		return err_exit_status(err.code);
+	}
+	return 0;
+}

@@ -1,0 +1,361 @@
+/*
+ * acut-verify: whether a file is the Delaunay triangulation that it claims to be, and of these points.
+ *
+ * engine/mesh/verify.h, which shares no code with the kernel, checks the mesh. check_digest.c, which shares no code
+ * with base, computes the digests. Everything is in memory.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "check_file.h"
+#include "clock.h"
+#include "err.h"
+#include "io.h"
+#include "verify.h"
+
+static const char help[] = "Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
+			   "Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
+			   "digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
+			   "\n"
+			   "What the mesh was made of, as for acutctl:\n"
+			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface, --keep-withheld,\n"
+			   "  --keep-noise, --drop-overlap, --duplicates lowest|highest; --planar is always meant\n"
+			   "  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
+			   "\n"
+			   "  --json             one JSON object\n"
+			   "  --quiet            say nothing of a good mesh\n"
+			   "  --help, --version\n"
+			   "\n"
+			   "Exit status: 0 good, 1 the mesh is wrong or a file is broken, 2 usage, 74 reading failed.\n";
+
+struct verdict {
+	const char *name;
+	bool json, quiet;
+	struct view view;
+	const char *view_text; /* NULL: use the options */
+	bool options;          /* an option was given */
+	struct check_mesh mesh;
+	struct check_points points;
+	bool with_points;
+	struct verify_report report;
+	struct digest digest, vertex_digest;
+	const char *fault; /* NULL: no fault */
+	char text[256];
+	double seconds;
+};
+
+enum {
+	OPT_CLASS = 256,
+	OPT_NOT_CLASS,
+	OPT_RETURNS,
+	OPT_GROUND,
+	OPT_SURFACE,
+	OPT_WITHHELD,
+	OPT_NOISE,
+	OPT_OVERLAP,
+	OPT_DUPLICATES,
+	OPT_VIEW,
+	OPT_PLANAR,
+	OPT_JSON,
+	OPT_QUIET,
+	OPT_HELP,
+	OPT_VERSION
+};
+
+static const struct option long_options[] = {
+	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
+	{"surface", 0, NULL, OPT_SURFACE},       {"keep-withheld", 0, NULL, OPT_WITHHELD},
+	{"keep-noise", 0, NULL, OPT_NOISE},      {"drop-overlap", 0, NULL, OPT_OVERLAP},
+	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
+	{"planar", 0, NULL, OPT_PLANAR},         {"json", 0, NULL, OPT_JSON},
+	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},       {0},
+};
+
+/* Index of a word in a list, -1 if it is not there. */
+static int find_choice(const char *word, const char *const *words, int n)
+{
+	for (int i = 0; i < n; i++)
+		if (strcmp(word, words[i]) == 0)
+			return i;
+	return -1;
+}
+
+static int parse_option(struct verdict *v, int option, const char *value, struct err *err)
+{
+	static const char *const returns[] = {"all", "first", "last"};
+	static const char *const duplicates[] = {"lowest", "highest"};
+	int i = 0;
+
+	v->options |= option < OPT_VIEW;
+	switch (option) {
+	case OPT_CLASS:
+		return view_set_classes(&v->view, value, err);
+	case OPT_NOT_CLASS:
+		return view_set_not_classes(&v->view, value, err);
+	case OPT_VIEW:
+		v->view_text = value;
+		break;
+	case OPT_RETURNS:
+		v->view.returns = (uint8_t)(i = find_choice(value, returns, 3));
+		break;
+	case OPT_DUPLICATES:
+		v->view.duplicates = (uint8_t)(i = find_choice(value, duplicates, 2));
+		break;
+	case OPT_GROUND:
+		v->view.ground = true;
+		break;
+	case OPT_SURFACE:
+		v->view.surface = true;
+		break;
+	case OPT_WITHHELD:
+		v->view.keep_withheld = true;
+		break;
+	case OPT_NOISE:
+		v->view.keep_noise = true;
+		break;
+	case OPT_OVERLAP:
+		v->view.drop_overlap = true;
+		break;
+	case OPT_PLANAR:
+		break;
+	case OPT_JSON:
+		v->json = true;
+		break;
+	default:
+		v->quiet = true;
+		break;
+	}
+	return i < 0 ? err_set(err, ERR_USAGE, "%s is no choice (see --help)", value) : 0;
+}
+
+static void set_fault(struct verdict *v, const char *fault, const char *text)
+{
+	if (v->fault)
+		return;
+	v->fault = fault;
+	snprintf(v->text, sizeof v->text, "%s", text);
+}
+
+static int read_mesh(struct verdict *v, struct err *err)
+{
+	bool standard = strcmp(v->name, "-") == 0;
+	int fd = standard ? STDIN_FILENO : open(v->name, O_RDONLY | O_CLOEXEC), rc;
+
+	if (fd < 0) {
+		err_sys(err, errno, "cannot open");
+		return err_add_file(err, v->name);
+	}
+	rc = check_ply_read(fd, standard ? "standard input" : v->name, &v->mesh, err);
+	if (!standard)
+		close(fd);
+	return rc;
+}
+
+static void check_digests(struct verdict *v)
+{
+	v->digest = check_triangle_digest(&v->mesh);
+	v->vertex_digest = check_vertex_digest(&v->mesh);
+	if (!v->mesh.has_digest)
+		return;
+	if (!digest_equal(v->digest, v->mesh.digest))
+		set_fault(v, "digest", "the digest of the triangles is not the one in the file");
+	else if (!digest_equal(v->vertex_digest, v->mesh.vertex_digest))
+		set_fault(v, "vertex-digest", "the digest of the vertices is not the one in the file");
+}
+
+static int check_all(struct verdict *v, char **inputs, struct err *err)
+{
+	struct verify_mesh m;
+	int rc = read_mesh(v, err);
+
+	if (rc)
+		return rc;
+	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
+		return rc;
+	view_bind(&v->view, &v->mesh.lattice);
+	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle, v->mesh.nvertex,
+				 v->mesh.ntriangle};
+	if ((rc = verify_mesh(&m, &v->report, err)))
+		return rc;
+	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
+		return 0;
+	if (!v->report.fault)
+		check_digests(v);
+	for (; *inputs; inputs++) {
+		v->with_points = true;
+		if ((rc = check_points_read(&v->points, *inputs, &v->mesh.lattice, &v->view, err)))
+			return rc;
+	}
+	if (v->view.thin.cell && (rc = check_points_thin(&v->points, &v->view, err)))
+		return rc;
+	if (v->with_points && !v->report.fault && !v->fault)
+		rc = verify_points(&m, &v->view, v->points.pts, v->points.n, &v->report, err);
+	return rc;
+}
+
+static void place_text(const struct verdict *v, char buf[3][DECIMAL_TEXT_SIZE])
+{
+	const struct lattice *l = &v->mesh.lattice;
+
+	for (unsigned i = 0; i < 3; i++)
+		decimal_scaled_text(i < 2 ? l->scale_xy : l->scale_z, v->report.place[i] + l->k[i], buf[i]);
+}
+
+static void print_string(FILE *out, const char *text)
+{
+	fputc('"', out);
+	for (; *text; text++) {
+		unsigned char c = (unsigned char)*text;
+
+		if (c < 0x20)
+			fprintf(out, "\\u%04x", c);
+		else
+			fprintf(out, c == '"' || c == '\\' ? "\\%c" : "%c", c);
+	}
+	fputc('"', out);
+}
+
+static void print_json(const struct verdict *v)
+{
+	const struct verify_report *r = &v->report;
+	char hex[2][DIGEST_HEX_SIZE], place[3][DECIMAL_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
+
+	printf("{\"mesh\":");
+	print_string(stdout, v->name);
+	printf(",\"good\":%s,\"fault\":", v->fault ? "false" : "true");
+	if (v->fault)
+		printf("\"%s\",\"message\":\"%s\"", v->fault, v->text);
+	else
+		printf("null,\"message\":null");
+	place_text(v, place);
+	if (r->has_place)
+		printf(",\"place\":[%s,%s,%s]", place[0], place[1], place[2]);
+	else
+		printf(",\"place\":null");
+	printf(",\"vertices\":%zu,\"triangles\":%zu,\"edges\":%llu,\"inner_edges\":%llu,\"ties\":%llu,"
+	       "\"hull\":%llu",
+	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->inner,
+	       (unsigned long long)r->ties, (unsigned long long)r->hull);
+	printf(",\"lattice\":\"%s\",\"crs\":", lattice_text(&v->mesh.lattice, lattice));
+	print_string(stdout, v->mesh.crs[0] ? v->mesh.crs : "unknown");
+	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s", digest_hex(v->digest, hex[0]),
+	       digest_hex(v->vertex_digest, hex[1]), v->mesh.has_digest ? "true" : "false");
+	if (v->with_points) {
+		printf(",\"points\":%llu,\"used\":%llu,\"positions\":%llu,\"rounded\":%llu,\"removed\":{",
+		       (unsigned long long)v->points.read, (unsigned long long)v->points.n, (unsigned long long)r->positions,
+		       (unsigned long long)v->points.rounded);
+		for (int rule = VIEW_KEPT + 1; rule < VIEW_BY_DUPLICATE; rule++)
+			printf("%s\"%s\":%llu", rule > 1 ? "," : "", view_rule_text((enum view_rule)rule),
+			       (unsigned long long)v->points.removed[rule]);
+		printf("}");
+	} else {
+		printf(",\"points\":null,\"used\":null,\"positions\":null,\"rounded\":null,\"removed\":null");
+	}
+	printf(",\"seconds\":%.3f}\n", v->seconds);
+}
+
+static void print_text(const struct verdict *v)
+{
+	const struct verify_report *r = &v->report;
+	char hex[2][DIGEST_HEX_SIZE], place[3][DECIMAL_TEXT_SIZE];
+
+	if (v->fault) {
+		place_text(v, place);
+		if (r->has_place)
+			printf("%s: wrong (%s): %s, at %s %s %s\n", v->name, v->fault, v->text, place[0], place[1], place[2]);
+		else
+			printf("%s: wrong (%s): %s\n", v->name, v->fault, v->text);
+		return;
+	}
+	printf("%s: good\n", v->name);
+	if (v->mesh.ntriangle)
+		printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n",
+		       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+	else
+		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
+	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
+	       (unsigned long long)r->inner, (unsigned long long)r->ties);
+	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
+	       v->mesh.has_digest ? "as the file says" : "not in the file");
+	if (v->with_points)
+		printf("  points    %llu read, %zu in the view, %llu positions: each a vertex with its "
+		       "height, and no other\n",
+		       (unsigned long long)v->points.read, v->points.n, (unsigned long long)r->positions);
+}
+
+static int print_result(const struct err *err)
+{
+	char text[1400];
+
+	fprintf(stderr, "acut-verify: %s\n", err_format(err, text, sizeof text));
+	return err->code == ERR_PERM || err->code == ERR_NOMEM ? 74 : err_exit_status(err->code);
+}
+
+static int verify_file(struct verdict *v, char **inputs)
+{
+	struct err err = ERR_INIT;
+	uint64_t start = clock_mono_ns();
+	int status;
+
+	if (check_all(v, inputs, &err)) {
+		status = print_result(&err);
+	} else {
+		if (v->report.fault)
+			set_fault(v, verify_fault_text(v->report.fault), v->report.text);
+		v->seconds = clock_since(start);
+		if (v->json)
+			print_json(v);
+		else if (v->fault || !v->quiet)
+			print_text(v);
+		status = v->fault ? 1 : 0;
+	}
+	check_mesh_clear(&v->mesh);
+	check_points_clear(&v->points);
+	view_done(&v->view);
+	if (fflush(stdout) || ferror(stdout)) {
+		fprintf(stderr, "acut-verify: cannot write to standard output: %s\n", strerror(errno));
+		return 74;
+	}
+	return status;
+}
+
+int main(int argc, char **argv)
+{
+	static struct verdict v = {.view = {.returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST}};
+	struct err err = ERR_INIT;
+	int option;
+
+	io_reserve_standard();
+	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
+		if (option == '?')
+			return 2; /* getopt has printed the error */
+		if (option == OPT_HELP || option == OPT_VERSION) {
+			if (option == OPT_HELP)
+				fputs(help, stdout);
+			else
+				printf("acut-verify %s\n", ACUT_VERSION);
+			return fflush(stdout) || ferror(stdout) ? 74 : 0;
+		}
+		if (parse_option(&v, option, optarg, &err))
+			return print_result(&err);
+	}
+	if (optind >= argc) {
+		fputs("acut-verify: give a MESH (see --help)\n", stderr);
+		return 2;
+	}
+	if (v.view_text && v.options) {
+		fputs("acut-verify: --view stands in place of the other options of a view\n", stderr);
+		return 2;
+	}
+	if (view_check(&v.view, &err))
+		return print_result(&err);
+	v.name = argv[optind];
+	return verify_file(&v, argv + optind + 1);
+}

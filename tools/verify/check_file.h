@@ -1,0 +1,52 @@
+/*
+ * The parts of acut-verify: reading a PLY back to its lattice, its digests by other code than the engine's, and the
+ * points of the inputs.
+ */
+#ifndef CHECK_FILE_H
+#define CHECK_FILE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "digest.h"
+#include "lattice.h"
+#include "point.h"
+#include "view.h"
+
+struct err;
+
+/* A mesh file in memory (check_ply.c). */
+struct check_mesh {
+	struct lattice lattice;
+	struct decimal origin[3]; /* subtracted from the coordinates of the file; zero if the file does not name it */
+	bool has_digest;
+	struct digest digest, vertex_digest; /* from the file */
+	char crs[512];
+	int32_t (*vertex)[3]; /* lattice numbers */
+	uint32_t (*triangle)[3];
+	size_t nvertex, ntriangle;
+};
+
+/* Reads all of `fd`. -ERR_INPUT: not a PLY of acutctl, or not on its lattice; -ERR_TRUNCATED. */
+int check_ply_read(int fd, const char *name, struct check_mesh *ret, struct err *err);
+void check_mesh_clear(struct check_mesh *);
+
+/* The digests of what was read (check_digest.c). */
+struct digest check_triangle_digest(const struct check_mesh *);
+struct digest check_vertex_digest(const struct check_mesh *);
+
+/* The points that a view keeps of some files, on a lattice (check_points.c). */
+struct check_points {
+	struct point *pts;
+	size_t n, cap;
+	uint64_t read, rounded;
+	uint64_t removed[VIEW_RULES];
+};
+
+int check_points_read(struct check_points *, const char *path, const struct lattice *, const struct view *, struct err *err);
+/* After all were read: keeps one point of each thin cell, by separate code. */
+int check_points_thin(struct check_points *, const struct view *, struct err *err);
+void check_points_clear(struct check_points *);
+
+#endif

@@ -1,0 +1,160 @@
+/*
+ * Points for acut-verify: read by engine/input, converted to the lattice of the mesh, and kept as the view says. All of
+ * them in memory, 16 bytes each.
+ */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "check_file.h"
+#include "err.h"
+#include "input.h"
+#include "io.h"
+
+enum { BATCH = 8192 };
+
+struct batch {
+	int64_t raw[BATCH][3];
+	int32_t at[BATCH][3];
+	uint8_t cls[BATCH], ret[BATCH], flags[BATCH];
+};
+
+static int make_room(struct check_points *c, size_t n, struct err *err)
+{
+	if (c->cap - c->n >= n)
+		return 0;
+	size_t cap = c->cap ? 2 * c->cap : 16 * BATCH;
+	struct point *pts = realloc(c->pts, cap * sizeof *pts);
+
+	if (!pts)
+		return err_set(err, ERR_NOMEM, "no memory for %zu points", cap);
+	c->pts = pts;
+	c->cap = cap;
+	return 0;
+}
+
+static int add_point(struct check_points *c, const struct batch *b, size_t n, const struct view *view, struct err *err)
+{
+	int rc = make_room(c, n, err);
+
+	if (rc)
+		return rc;
+	for (size_t i = 0; i < n; i++) {
+		struct point p = {b->at[i][0], b->at[i][1], b->at[i][2],
+				  b->cls[i],   b->ret[i],   (uint16_t)(b->flags[i] & POINT_FLAGS)};
+		enum view_rule rule = view_judge(view, &p);
+
+		c->removed[rule]++;
+		if (rule == VIEW_KEPT)
+			c->pts[c->n++] = p;
+	}
+	c->read += n;
+	return 0;
+}
+
+static int read_all(struct check_points *c, struct input *in, struct batch *b, const struct lattice *l, const struct view *view,
+		    struct err *err)
+{
+	struct input_points pts = {.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
+	double shift[3] = {0, 0, 0};
+	struct lattice_map map;
+	size_t bad;
+	int rc = lattice_map_init(&map, l, &input_info(in)->coords, err);
+
+	while (rc == 0 && (rc = input_read(in, &pts, err)) == 0 && pts.n > 0) {
+		rc = lattice_map_apply(&map, (const int64_t(*)[3])b->raw, pts.n, b->at, &c->rounded, shift, &bad, err);
+		if (rc == 0)
+			rc = add_point(c, b, pts.n, view, err);
+	}
+	return rc;
+}
+
+int check_points_read(struct check_points *c, const char *path, const struct lattice *l, const struct view *view, struct err *err)
+{
+	/* Degrees count as a plane; the push has checked that. */
+	const struct input_options options = {.planar = true};
+	struct input *in = NULL;
+	struct batch *b = malloc(sizeof *b);
+	int fd = -1, rc;
+
+	if (!b)
+		return err_set(err, ERR_NOMEM, "no memory to read a file");
+	rc = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
+	if (rc == 0)
+		rc = input_open(fd, path, &options, &in, err);
+	if (rc == 0)
+		rc = read_all(c, in, b, l, view, err);
+	if (rc)
+		err_add_file(err, path);
+	if (in)
+		input_close(in);
+	io_close(fd);
+	free(b);
+	return rc;
+}
+
+/* What the thin rule compares, in order. */
+struct thin_key {
+	int64_t cell[2];
+	int64_t order[6]; /* z (negated if the highest is taken), class, returns, flags, x, y */
+	size_t at;
+};
+
+static int key_compare(const void *a, const void *b)
+{
+	const struct thin_key *p = a, *q = b;
+
+	for (unsigned i = 0; i < 2; i++)
+		if (p->cell[i] != q->cell[i])
+			return p->cell[i] < q->cell[i] ? -1 : 1;
+	for (unsigned i = 0; i < 6; i++)
+		if (p->order[i] != q->order[i])
+			return p->order[i] < q->order[i] ? -1 : 1;
+	return 0;
+}
+
+static int64_t cell_of(int64_t number, int64_t cell)
+{
+	return number >= 0 ? number / cell : -((-number + cell - 1) / cell);
+}
+
+int check_points_thin(struct check_points *c, const struct view *view, struct err *err)
+{
+	struct thin_key *key = malloc((c->n ? c->n : 1) * sizeof *key);
+	struct point *kept = malloc((c->n ? c->n : 1) * sizeof *kept);
+	size_t n = 0;
+
+	if (!key || !kept) {
+		free(key);
+		free(kept);
+		return err_set(err, ERR_NOMEM, "no memory to thin %zu points", c->n);
+	}
+	for (size_t i = 0; i < c->n; i++) {
+		const struct point *p = &c->pts[i];
+
+		key[i] = (struct thin_key){
+			{cell_of(p->x + view->k[0], view->thin.cell), cell_of(p->y + view->k[1], view->thin.cell)},
+			{view->thin.pick == VIEW_PICK_HIGHEST ? -(int64_t)p->z : p->z, p->cls, p->ret, p->tag & POINT_FLAGS, p->x,
+			 p->y},
+			i};
+	}
+	qsort(key, c->n, sizeof *key, key_compare);
+	for (size_t i = 0, end; i < c->n; i = end) {
+		for (end = i; end < c->n && key[end].cell[0] == key[i].cell[0] && key[end].cell[1] == key[i].cell[1]; end++)
+			;
+		kept[n++] = c->pts[key[view->thin.pick == VIEW_PICK_MEDIAN ? i + (end - i - 1) / 2 : i].at];
+	}
+	c->removed[VIEW_BY_THIN] += c->n - n;
+	memcpy(c->pts, kept, n * sizeof *kept);
+	c->n = n;
+	free(key);
+	free(kept);
+	return 0;
+}
+
+void check_points_clear(struct check_points *c)
+{
+	free(c->pts);
+	c->pts = NULL;
+}
