@@ -13,9 +13,9 @@
 #include <time.h>
 
 #include "acut.h"
-#include "ctl_json.h"
-#include "ctl_told.h"
-#include "ctl_text.h"
+#include "term_json.h"
+#include "term_error.h"
+#include "term_text.h"
 #include "err.h"
 #include "format.h"
 
@@ -185,7 +185,7 @@ void ctl_outlier_warn(struct ctl *, const struct acut_report *, const struct for
 void ctl_outlier_most(struct ctl *, const struct acut_report *); /* of a job without outputs */
 /* Whether so many points at one position, of all at so many positions, are worth a word. */
 bool ctl_outlier_many(uint64_t at_one, uint64_t points, uint64_t positions);
-void ctl_outlier_json(struct ctl *, struct ctl_json *, const struct format_report *);
+void ctl_outlier_json(struct ctl *, struct term_json *, const struct format_report *);
 
 /* ---- ctl_signal.c ---- */
 
@@ -341,7 +341,7 @@ void ctl_folder_remove(const char *path);               /* with all that is in i
 
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
 		     const char *keep_free);
-void ctl_cache_side_json(struct ctl_json *, const char *name, const struct acut_side *);
+void ctl_cache_side_json(struct term_json *, const char *name, const struct acut_side *);
 
 /* ---- ctl_progress.c ---- */
 
@@ -424,7 +424,7 @@ int ctl_push_report(struct ctl *, const struct ctl_staged *, const char *const *
 
 void ctl_inspect_text(struct ctl *, const struct acut_inspected *);
 /* Its keys; NULL: the records were not read, so all are null. */
-void ctl_inspect_json(struct ctl_json *, const struct acut_inspected *);
+void ctl_inspect_json(struct term_json *, const struct acut_inspected *);
 
 /* ---- ctl_geoid.c, ctl_height.c: what geoids do ---- */
 
@@ -435,7 +435,7 @@ int ctl_height_geoid(struct ctl *, char ret_name[128]);
 /* What the plan says, taken over and told. */
 void ctl_height_planned(struct ctl *, const struct acut_push_planned *, struct ctl_staged *);
 /* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
-void ctl_height_json(struct ctl_json *, const struct ctl_staged *, const struct ctl_staged_file *);
+void ctl_height_json(struct term_json *, const struct ctl_staged *, const struct ctl_staged_file *);
 void ctl_height_text(struct ctl *, const struct ctl_staged *);
 
 /* ---- ctl_output.c: outputs from the options ---- */
@@ -465,27 +465,19 @@ int ctl_job_status(struct ctl *, const struct acut_job *);
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
 /* Calls `each` for the words, in order; the first status that is not 0. */
 int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
-static inline char *ctl_job_count(uint64_t n, char buf[32])
-{
-	return ctl_text_count(n, buf);
-}
 /* "12 of 340 domains made", or "340 domains". */
 char *ctl_job_domains(const struct acut_report *, char *buf, size_t size);
 /* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
 /* The position that most points share, as "most". */
-void ctl_job_most(struct ctl_json *, uint64_t points, const double at[2]);
-void ctl_job_report(struct ctl_json *, const struct acut_report * /* or NULL */);
+void ctl_job_most(struct term_json *, uint64_t points, const double at[2]);
+void ctl_job_report(struct term_json *, const struct acut_report * /* or NULL */);
 /* "notes": the sentences of a report, none without one. */
-void ctl_job_notes(struct ctl_json *, const struct acut_report * /* or NULL */);
+void ctl_job_notes(struct term_json *, const struct acut_report * /* or NULL */);
 /* lattice as a JSON object, null if the text is not one */
-void ctl_job_lattice(struct ctl_json *, const char *lattice);
-void ctl_job_units(struct ctl_json *, const char *crs, const char *unit_xy, const char *unit_z);
-void ctl_job_refused(struct ctl_json *, const struct ctl_staged_file *);
-void ctl_job_time(struct ctl_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
-static inline char *ctl_job_time_text(int64_t us, char buf[32])
-{
-	return ctl_text_time(us, buf);
-}
+void ctl_job_lattice(struct term_json *, const char *lattice);
+void ctl_job_units(struct term_json *, const char *crs, const char *unit_xy, const char *unit_z);
+void ctl_job_refused(struct term_json *, const struct ctl_staged_file *);
+void ctl_job_time(struct term_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
 
 /* ---- ctl_formats.c ---- */
 

@@ -22,7 +22,7 @@
 #include <unistd.h>
 
 #include "clock.h"
-#include "ctl_term.h"
+#include "term.h"
 #include "io.h"
 #include "parse.h"
 
@@ -219,7 +219,7 @@ static int add_member(struct ctl_inputs *in, struct ctl_archive *a, size_t i, st
 
 	if (!a->why.code && asprintf(&name, "%s/%s", a->file.name, a->member[i].name) < 0)
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
-	safe = name ? ctl_term_safe(name) : NULL;
+	safe = name ? term_safe(name) : NULL;
 	r = name && !safe ? err_set(err, ERR_NOMEM, "no memory for a file name") :
 			    ctl_input_add(in, safe ? safe : a->file.name, -1, err);
 	free(name);

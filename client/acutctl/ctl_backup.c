@@ -46,22 +46,22 @@ static int file(void *ctx, const struct acut_backup_file *f)
 
 static void report(struct ctl *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 	char all[32], more[32];
 
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "folder", c->dir);
-		ctl_json_text(&j, "dataset", dataset);
-		ctl_json_u64(&j, "files", c->files);
-		ctl_json_u64(&j, "bytes", c->bytes);
-		ctl_json_u64(&j, "new_files", c->new_files);
-		ctl_json_u64(&j, "new_bytes", c->new_bytes);
-		ctl_json_u64(&j, "linked_files", c->linked);
-		ctl_json_u64(&j, "removed_files", c->removed);
-		ctl_json_number(&j, "seconds", seconds);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "folder", c->dir);
+		term_json_text(&j, "dataset", dataset);
+		term_json_u64(&j, "files", c->files);
+		term_json_u64(&j, "bytes", c->bytes);
+		term_json_u64(&j, "new_files", c->new_files);
+		term_json_u64(&j, "new_bytes", c->new_bytes);
+		term_json_u64(&j, "linked_files", c->linked);
+		term_json_u64(&j, "removed_files", c->removed);
+		term_json_number(&j, "seconds", seconds);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 		return;
 	}
 	ctl_note(ctl, "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
@@ -206,20 +206,20 @@ static void last_part(const char *dir, char *ret, size_t size)
 
 static void imported(struct ctl *ctl, const struct acut_imported *i)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 	char n[32];
 
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "dataset", i->dataset);
-		ctl_json_u64(&j, "generation", i->generation);
-		ctl_json_u64(&j, "points", i->points);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "dataset", i->dataset);
+		term_json_u64(&j, "generation", i->generation);
+		term_json_u64(&j, "points", i->points);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 		return;
 	}
 	ctl_note(ctl, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
-		 ctl_job_count(i->points, n));
+		 term_count(i->points, n));
 }
 
 int ctl_dataset_import(struct ctl *ctl, const char *dir, const char *name)

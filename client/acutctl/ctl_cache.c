@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_table.h"
+#include "term_table.h"
 #include "parse.h"
 
 /* ---- stat ---- */
@@ -16,8 +16,8 @@ static void side_print(FILE *out, const char *name, const struct acut_side *s, c
 			 parse_size_text(s->quota, b), disk);
 	else
 		snprintf(held, sizeof(held), "%s used, no quota", parse_size_text(s->used, a));
-	ctl_term_field(out, name, "%s; %s free of %s, %s stay free (--keep-free %s)", held, parse_size_text(s->free, a),
-		       parse_size_text(s->total, c), parse_size_text(s->keep_free, d), keep_free);
+	term_field(out, name, "%s; %s free of %s, %s stay free (--keep-free %s)", held, parse_size_text(s->free, a),
+		   parse_size_text(s->total, c), parse_size_text(s->keep_free, d), keep_free);
 }
 
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
@@ -28,51 +28,51 @@ void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const s
 		side_print(out, "cache disk", cache, disk, keep_free);
 }
 
-void ctl_cache_side_json(struct ctl_json *j, const char *name, const struct acut_side *s)
+void ctl_cache_side_json(struct term_json *j, const char *name, const struct acut_side *s)
 {
 	if (!s->known) {
-		ctl_json_literal(j, name, "null");
+		term_json_literal(j, name, "null");
 		return;
 	}
-	ctl_json_open(j, name, '{');
-	ctl_json_u64(j, "used", s->used);
+	term_json_open(j, name, '{');
+	term_json_u64(j, "used", s->used);
 	if (s->has_quota)
-		ctl_json_u64(j, "quota", s->quota);
+		term_json_u64(j, "quota", s->quota);
 	else
-		ctl_json_literal(j, "quota", "null");
-	ctl_json_u64(j, "total", s->total);
-	ctl_json_u64(j, "free", s->free);
-	ctl_json_u64(j, "keep_free", s->keep_free);
-	ctl_json_close(j, '}');
+		term_json_literal(j, "quota", "null");
+	term_json_u64(j, "total", s->total);
+	term_json_u64(j, "free", s->free);
+	term_json_u64(j, "keep_free", s->keep_free);
+	term_json_close(j, '}');
 }
 
 static void stat_json(struct ctl *ctl, const struct acut_cache_stat *s)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_open(&j, "kinds", '{');
+	term_json_open(&j, NULL, '{');
+	term_json_open(&j, "kinds", '{');
 	for (size_t i = 0; i < s->nkinds; i++) {
-		ctl_json_open(&j, s->kinds[i].name, '{');
-		ctl_json_u64(&j, "bytes", s->kinds[i].bytes);
-		ctl_json_u64(&j, "entries", s->kinds[i].entries);
-		ctl_json_literal(&j, "state", s->kinds[i].state ? "true" : "false");
-		ctl_json_close(&j, '}');
+		term_json_open(&j, s->kinds[i].name, '{');
+		term_json_u64(&j, "bytes", s->kinds[i].bytes);
+		term_json_u64(&j, "entries", s->kinds[i].entries);
+		term_json_literal(&j, "state", s->kinds[i].state ? "true" : "false");
+		term_json_close(&j, '}');
 	}
-	ctl_json_close(&j, '}');
-	ctl_json_known(&j, "disk", s->disk_limit);
-	ctl_json_known(&j, "keep_free", s->keep_free_limit);
+	term_json_close(&j, '}');
+	term_json_known(&j, "disk", s->disk_limit);
+	term_json_known(&j, "keep_free", s->keep_free_limit);
 	ctl_cache_side_json(&j, "state_disk", &s->state);
 	ctl_cache_side_json(&j, "cache_disk", &s->cache);
-	ctl_json_literal(&j, "one_file_system", s->one_file_system ? "true" : "false");
-	ctl_json_literal(&j, "measured", s->measured ? "true" : "false");
-	ctl_json_u64(&j, "evicted_bytes", s->evicted_bytes);
-	ctl_json_u64(&j, "evicted_entries", s->evicted_entries);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_literal(&j, "one_file_system", s->one_file_system ? "true" : "false");
+	term_json_literal(&j, "measured", s->measured ? "true" : "false");
+	term_json_u64(&j, "evicted_bytes", s->evicted_bytes);
+	term_json_u64(&j, "evicted_entries", s->evicted_entries);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"KIND"},
 	{"SIZE", .right = true},
 	{"ENTRIES", .right = true},
@@ -82,7 +82,7 @@ static const struct ctl_column columns[] = {
 static int cache_stat(struct ctl *ctl)
 {
 	const struct acut_cache_stat *s;
-	struct ctl_table *t;
+	struct term_table *t;
 	FILE *out = ctl->report;
 	char size[32];
 
@@ -92,19 +92,19 @@ static int cache_stat(struct ctl *ctl)
 		stat_json(ctl, s);
 		return CTL_DONE;
 	}
-	t = ctl_table_new(out, columns, sizeof(columns) / sizeof(*columns));
+	t = term_table_new(out, columns, sizeof(columns) / sizeof(*columns));
 	for (size_t i = 0; i < s->nkinds; i++) {
-		ctl_table_text(t, "%s", s->kinds[i].name);
-		ctl_table_size(t, s->kinds[i].bytes);
-		ctl_table_count(t, s->kinds[i].entries);
-		ctl_table_text(t, s->kinds[i].state ? "pushed" : "made again");
+		term_table_text(t, "%s", s->kinds[i].name);
+		term_table_size(t, s->kinds[i].bytes);
+		term_table_count(t, s->kinds[i].entries);
+		term_table_text(t, s->kinds[i].state ? "pushed" : "made again");
 	}
-	ctl_table_free(t);
+	term_table_free(t);
 	ctl_cache_sides(out, s->one_file_system, &s->state, &s->cache, s->disk_limit, s->keep_free_limit);
 	if (!s->measured)
-		ctl_term_line(out, "what was in the cache before the start is not counted yet");
-	ctl_term_field(out, "evicted", "%s in %llu domains and selections since the start",
-		       parse_size_text(s->evicted_bytes, size), (unsigned long long)s->evicted_entries);
+		term_line(out, "what was in the cache before the start is not counted yet");
+	term_field(out, "evicted", "%s in %llu domains and selections since the start", parse_size_text(s->evicted_bytes, size),
+		   (unsigned long long)s->evicted_entries);
 	return CTL_DONE;
 }
 
@@ -118,35 +118,35 @@ struct verify {
 static void damage(void *ctx, const struct acut_cache_damage *d)
 {
 	struct ctl *ctl = ((struct verify *)ctx)->ctl;
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 	struct err err;
 	char text[1400];
 
 	ctl_progress_clear(ctl);
 	ctl_error_from_failure(&d->error, &err);
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "damaged", d->what);
-		ctl_json_known(&j, "dataset", d->dataset);
-		ctl_json_literal(&j, "derived", d->derived ? "true" : "false");
-		ctl_json_literal(&j, "removed", d->removed ? "true" : "false");
-		ctl_json_literal(&j, "newer", err.code == ERR_VERSION ? "true" : "false");
-		ctl_error_json(&j, "error", &err);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "damaged", d->what);
+		term_json_known(&j, "dataset", d->dataset);
+		term_json_literal(&j, "derived", d->derived ? "true" : "false");
+		term_json_literal(&j, "removed", d->removed ? "true" : "false");
+		term_json_literal(&j, "newer", err.code == ERR_VERSION ? "true" : "false");
+		term_error_json(&j, "error", &err);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 		return;
 	}
 	if (err.code == ERR_VERSION) {
-		ctl_term_line(ctl->report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
-			      err_format(&err, text, sizeof(text)));
+		term_line(ctl->report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
+			  err_format(&err, text, sizeof(text)));
 		fflush(ctl->report);
 		return;
 	}
-	ctl_term_line(ctl->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
-		      err_format(&err, text, sizeof(text)),
-		      !d->derived ? "" :
-		      d->removed  ? "; removed, it is made again" :
-				    "; it could not be removed");
+	term_line(ctl->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
+		  err_format(&err, text, sizeof(text)),
+		  !d->derived ? "" :
+		  d->removed  ? "; removed, it is made again" :
+				"; it could not be removed");
 	fflush(ctl->report);
 }
 
@@ -165,7 +165,7 @@ static void verify_progress(void *ctx, const struct acut_progress *now)
 static int cache_verify(struct ctl *ctl)
 {
 	struct verify v = {.ctl = ctl};
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 	struct acut_cache_verified out;
 	char size[32];
 	int r;
@@ -176,15 +176,15 @@ static int cache_verify(struct ctl *ctl)
 	if (r)
 		return ctl_error_acut(ctl);
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_u64(&j, "files", out.files);
-		ctl_json_u64(&j, "bytes", out.bytes);
-		ctl_json_u64(&j, "damaged", out.damaged);
-		ctl_json_u64(&j, "derived_damaged", out.derived);
-		ctl_json_u64(&j, "newer", out.newer);
-		ctl_json_u64(&j, "derived_newer", out.derived_newer);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_u64(&j, "files", out.files);
+		term_json_u64(&j, "bytes", out.bytes);
+		term_json_u64(&j, "damaged", out.damaged);
+		term_json_u64(&j, "derived_damaged", out.derived);
+		term_json_u64(&j, "newer", out.newer);
+		term_json_u64(&j, "derived_newer", out.derived_newer);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 	} else {
 		fprintf(ctl->report, "%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
 			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
@@ -203,18 +203,18 @@ static int cache_verify(struct ctl *ctl)
 
 static int cache_gc(struct ctl *ctl)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 	uint64_t bytes, entries;
 	char size[32];
 
 	if (acut_cache_gc(ctl->acut, ctl->args.all, &bytes, &entries))
 		return ctl_error_acut(ctl);
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_u64(&j, "freed_bytes", bytes);
-		ctl_json_u64(&j, "freed_entries", entries);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_u64(&j, "freed_bytes", bytes);
+		term_json_u64(&j, "freed_entries", entries);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 	} else {
 		fprintf(ctl->report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
 			(unsigned long long)entries);

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_guess.h"
+#include "cli_guess.h"
 
 #define MANY 100000u
 
@@ -93,7 +93,7 @@ const struct ctl_command *ctl_command_find(const char *name)
 /* Also "log" for "dataset log". */
 int ctl_command_unknown(const char *name, struct err *err)
 {
-	struct ctl_guess g = {.given = name};
+	struct cli_guess g = {.given = name};
 	char buf[128];
 
 	err_set(err, ERR_USAGE, "there is no command %s", name);
@@ -102,7 +102,7 @@ int ctl_command_unknown(const char *name, struct err *err)
 			return err_add_hint(err, "did you mean acutctl %s %s? acutctl help lists the commands", table[i].name,
 					    name);
 		if (table[i].run && !table[i].hidden)
-			ctl_guess_offer(&g, table[i].name);
+			cli_guess_offer(&g, table[i].name);
 	}
-	return err_add_hint(err, "%sacutctl help lists the commands", ctl_guess_text(&g, "acutctl ", buf));
+	return err_add_hint(err, "%sacutctl help lists the commands", cli_guess_text(&g, "acutctl ", buf));
 }

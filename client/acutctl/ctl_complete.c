@@ -57,7 +57,7 @@ static void offer_dataset(void *ctx, const struct acut_dataset *d)
 {
 	char what[64], count[32];
 
-	snprintf(what, sizeof(what), "%s points", ctl_job_count(d->points, count));
+	snprintf(what, sizeof(what), "%s points", term_count(d->points, count));
 	offer(ctx, d->name, what);
 }
 
@@ -131,7 +131,7 @@ static void offer_generation(void *ctx, const struct acut_generation *g)
 	if (!g->readable)
 		return;
 	snprintf(word, sizeof(word), "%llu", (unsigned long long)g->number);
-	snprintf(what, sizeof(what), "%.20s %s", g->kind, ctl_job_time_text(g->time_us, time));
+	snprintf(what, sizeof(what), "%.20s %s", g->kind, term_time(g->time_us, time));
 	offer(ctx, word, what);
 }
 

@@ -38,7 +38,7 @@ static int write_mark(const struct ctl_copy *c, bool whole, struct err *err)
 	char text[640], when[32];
 	int fd, n, r = 0;
 
-	ctl_job_time_text(c->begun_us, when);
+	term_time(c->begun_us, when);
 	n = snprintf(text, sizeof text, "acut copy 1\nof %s\n%s %s\nfiles %llu\nbytes %llu\n%s%s%s", c->what,
 		     whole ? "whole, as of" : "begun", when, (unsigned long long)c->files, (unsigned long long)c->bytes,
 		     *c->identity ? "identity " : "", c->identity, *c->identity ? "\n" : "");

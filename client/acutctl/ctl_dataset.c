@@ -5,55 +5,55 @@
 #include "ctl.h"
 #include "ctl_dataset.h"
 #include "ctl_names.h"
-#include "ctl_term.h"
+#include "term.h"
 #include "mode.h"
 #include "parse.h"
 
 void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 {
-	struct ctl_json j = {.out = ctl->report, .list = ctl->list};
+	struct term_json j = {.out = ctl->report, .list = ctl->list};
 	char mode[8];
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "name", d->name);
-	ctl_json_u64(&j, "generation", d->generation);
-	ctl_json_u64(&j, "points", d->points);
-	ctl_json_u64(&j, "bytes", d->bytes);
-	ctl_json_u64(&j, "files", d->files);
-	ctl_json_u64(&j, "uid", d->uid);
-	ctl_json_text(&j, "owner", ctl_user_name(d->uid));
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "name", d->name);
+	term_json_u64(&j, "generation", d->generation);
+	term_json_u64(&j, "points", d->points);
+	term_json_u64(&j, "bytes", d->bytes);
+	term_json_u64(&j, "files", d->files);
+	term_json_u64(&j, "uid", d->uid);
+	term_json_text(&j, "owner", ctl_user_name(d->uid));
 	if (d->gid == ACUT_NO_GROUP)
-		ctl_json_literal(&j, "gid", "null");
+		term_json_literal(&j, "gid", "null");
 	else
-		ctl_json_u64(&j, "gid", d->gid);
-	ctl_json_text(&j, "group", ctl_group_name(d->gid));
+		term_json_u64(&j, "gid", d->gid);
+	term_json_text(&j, "group", ctl_group_name(d->gid));
 	snprintf(mode, sizeof(mode), "%04o", d->mode);
-	ctl_json_text(&j, "mode", mode);
+	term_json_text(&j, "mode", mode);
 	ctl_job_time(&j, "created", d->created_us);
 	ctl_job_time(&j, "pushed", d->pushed_us);
 	ctl_job_lattice(&j, d->lattice);
 	ctl_job_units(&j, d->crs, d->unit_xy, d->unit_z);
-	ctl_json_open(&j, "min", '[');
+	term_json_open(&j, "min", '[');
 	for (int i = 0; i < 3; i++)
-		ctl_json_number(&j, NULL, d->min[i]);
-	ctl_json_close(&j, ']');
-	ctl_json_open(&j, "max", '[');
+		term_json_number(&j, NULL, d->min[i]);
+	term_json_close(&j, ']');
+	term_json_open(&j, "max", '[');
 	for (int i = 0; i < 3; i++)
-		ctl_json_number(&j, NULL, d->max[i]);
-	ctl_json_close(&j, ']');
-	ctl_json_known(&j, "pending", d->pending);
-	ctl_json_u64(&j, "oldest", d->oldest ? d->oldest : d->generation ? 1 : 0);
-	ctl_json_bool(&j, "pinned", d->pinned);
-	ctl_json_u64(&j, "id", d->id);
+		term_json_number(&j, NULL, d->max[i]);
+	term_json_close(&j, ']');
+	term_json_known(&j, "pending", d->pending);
+	term_json_u64(&j, "oldest", d->oldest ? d->oldest : d->generation ? 1 : 0);
+	term_json_bool(&j, "pinned", d->pinned);
+	term_json_u64(&j, "id", d->id);
 	if (d->segments)
-		ctl_json_u64(&j, "segments", d->segments);
+		term_json_u64(&j, "segments", d->segments);
 	else
-		ctl_json_known(&j, "segments", "");
-	ctl_json_bool(&j, "merging", d->merging);
+		term_json_known(&j, "segments", "");
+	term_json_bool(&j, "merging", d->merging);
 	ctl_job_time(&j, "removed", d->removed_us);
 	ctl_job_time(&j, "restorable_until", d->until_us);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static void show_text(struct ctl *ctl, const struct acut_dataset *d)
@@ -61,27 +61,27 @@ static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 	FILE *out = ctl->report;
 	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
-	ctl_term_field(out, "dataset", "%s", d->name);
-	ctl_term_field(out, "generation", "%llu, of %u file%s", (unsigned long long)d->generation, d->files,
-		       d->files == 1 ? "" : "s");
-	ctl_term_field(out, "points", "%s, %s", ctl_job_count(d->points, a), parse_size_text(d->bytes, b));
+	term_field(out, "dataset", "%s", d->name);
+	term_field(out, "generation", "%llu, of %u file%s", (unsigned long long)d->generation, d->files,
+		   d->files == 1 ? "" : "s");
+	term_field(out, "points", "%s, %s", term_count(d->points, a), parse_size_text(d->bytes, b));
 	if (d->segments)
-		ctl_term_field(out, "segments", "%u%s", d->segments, d->merging ? ", some of them become one now" : "");
+		term_field(out, "segments", "%u%s", d->segments, d->merging ? ", some of them become one now" : "");
 	if (d->oldest > 1)
-		ctl_term_field(out, "oldest", "generation %llu", (unsigned long long)d->oldest);
-	ctl_term_field(out, "owner", "%s, group %s, mode %s (%04o)", ctl_user_text(d->uid, a), ctl_group_text(d->gid, b),
-		       mode_text(d->mode, mode), d->mode);
-	ctl_term_field(out, "created", "%s", ctl_job_time_text(d->created_us, a));
-	ctl_term_field(out, "pushed", "%s", ctl_job_time_text(d->pushed_us, b));
-	ctl_term_field(out, "lattice", "%s", d->lattice);
-	ctl_term_field(out, "crs", "%s", d->crs);
-	ctl_term_field(out, "units", "%s, heights %s", d->unit_xy, d->unit_z);
+		term_field(out, "oldest", "generation %llu", (unsigned long long)d->oldest);
+	term_field(out, "owner", "%s, group %s, mode %s (%04o)", ctl_user_text(d->uid, a), ctl_group_text(d->gid, b),
+		   mode_text(d->mode, mode), d->mode);
+	term_field(out, "created", "%s", term_time(d->created_us, a));
+	term_field(out, "pushed", "%s", term_time(d->pushed_us, b));
+	term_field(out, "lattice", "%s", d->lattice);
+	term_field(out, "crs", "%s", d->crs);
+	term_field(out, "units", "%s, heights %s", d->unit_xy, d->unit_z);
 	if (isfinite(d->min[0]) && isfinite(d->min[1]))
-		ctl_term_field(out, "box", "%.15g %.15g to %.15g %.15g", d->min[0], d->min[1], d->max[0], d->max[1]);
+		term_field(out, "box", "%.15g %.15g to %.15g %.15g", d->min[0], d->min[1], d->max[0], d->max[1]);
 	if (d->pinned)
-		ctl_term_field(out, "pinned", "it is neither removed nor pruned");
+		term_field(out, "pinned", "it is neither removed nor pruned");
 	if (d->pending[0])
-		ctl_term_field(out, "pending", "%s", d->pending);
+		term_field(out, "pending", "%s", d->pending);
 }
 
 static int show(struct ctl *ctl)
@@ -146,7 +146,7 @@ static void say_removed(struct ctl *ctl, const char *name, uint64_t id, int64_t 
 	if (acut_datasets_removed(ctl->acut, count_name, &named))
 		named.n = 0;
 	ctl_note(ctl, "%s is removed; acutctl dataset restore %s brings it back until %s", name, named.n > 1 ? number : name,
-		 ctl_job_time_text(until_us, until));
+		 term_time(until_us, until));
 }
 
 /* rm, restore, pin, unpin: the daemon's word for it, and what came of it. */

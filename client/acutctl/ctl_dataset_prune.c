@@ -5,18 +5,18 @@
 
 static void print_json(struct ctl *ctl, const char *name, const struct acut_pruned *p)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "dataset", name);
-	ctl_json_u64(&j, "oldest", p->oldest);
-	ctl_json_u64(&j, "generations", p->generations);
-	ctl_json_u64(&j, "files", p->files);
-	ctl_json_u64(&j, "points", p->points);
-	ctl_json_u64(&j, "bytes", p->bytes);
-	ctl_json_u64(&j, "segments", p->segments);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "dataset", name);
+	term_json_u64(&j, "oldest", p->oldest);
+	term_json_u64(&j, "generations", p->generations);
+	term_json_u64(&j, "files", p->files);
+	term_json_u64(&j, "points", p->points);
+	term_json_u64(&j, "bytes", p->bytes);
+	term_json_u64(&j, "segments", p->segments);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 int ctl_dataset_prune(struct ctl *ctl, const char *name)
@@ -49,7 +49,7 @@ int ctl_dataset_prune(struct ctl *ctl, const char *name)
 		ctl_note(ctl, "%s: nothing is older than generation %llu", name, (unsigned long long)p.oldest);
 	else
 		ctl_note(ctl, "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s", name,
-			 (unsigned long long)p.generations, (unsigned long long)p.oldest, ctl_job_count(p.points, points),
+			 (unsigned long long)p.generations, (unsigned long long)p.oldest, term_count(p.points, points),
 			 (unsigned long long)p.files, parse_size_text(p.bytes, bytes));
 	return CTL_DONE;
 }

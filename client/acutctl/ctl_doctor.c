@@ -16,11 +16,11 @@
 #include <unistd.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 
 struct doctor {
 	struct ctl *ctl;
-	struct ctl_json json;
+	struct term_json json;
 	unsigned ok, warnings, wrong, unknown;
 };
 
@@ -28,18 +28,18 @@ struct doctor {
 
 static void show_text(struct doctor *d, const struct acut_check *c)
 {
-	enum ctl_tint tint = !strcmp(c->state, "ok") ? CTL_GOOD : !strcmp(c->state, "wrong") ? CTL_BAD : CTL_WARN;
+	enum term_tint tint = !strcmp(c->state, "ok") ? TERM_GOOD : !strcmp(c->state, "wrong") ? TERM_BAD : TERM_WARN;
 	FILE *out = d->ctl->report;
-	struct ctl_term term = ctl_term_of(out);
+	struct term term = term_of(out);
 
-	if (d->ctl->args.quiet && tint == CTL_GOOD)
+	if (d->ctl->args.quiet && tint == TERM_GOOD)
 		return;
-	fprintf(out, "%s%-8s%s %-10s ", ctl_term_tint(&term, tint), c->state, ctl_term_tint(&term, CTL_PLAIN), c->name);
-	ctl_term_wrap(out, 20, c->message);
+	fprintf(out, "%s%-8s%s %-10s ", term_tint(&term, tint), c->state, term_tint(&term, TERM_PLAIN), c->name);
+	term_wrap(out, 20, c->message);
 	if (!c->hint[0])
 		return;
 	fprintf(out, "%19s -> ", "");
-	ctl_term_wrap(out, 23, c->hint);
+	term_wrap(out, 23, c->hint);
 }
 
 static void tell(void *ctx, const struct acut_check *c)
@@ -58,12 +58,12 @@ static void tell(void *ctx, const struct acut_check *c)
 		show_text(d, c);
 		return;
 	}
-	ctl_json_open(&d->json, NULL, '{');
-	ctl_json_text(&d->json, "name", c->name);
-	ctl_json_text(&d->json, "state", c->state);
-	ctl_json_text(&d->json, "message", c->message);
-	ctl_json_text(&d->json, "hint", c->hint[0] ? c->hint : NULL);
-	ctl_json_close(&d->json, '}');
+	term_json_open(&d->json, NULL, '{');
+	term_json_text(&d->json, "name", c->name);
+	term_json_text(&d->json, "state", c->state);
+	term_json_text(&d->json, "message", c->message);
+	term_json_text(&d->json, "hint", c->hint[0] ? c->hint : NULL);
+	term_json_close(&d->json, '}');
 }
 
 static void say(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
@@ -205,8 +205,8 @@ int ctl_doctor_run(struct ctl *ctl)
 	int status;
 
 	if (ctl->args.json) {
-		ctl_json_open(&d.json, NULL, '{');
-		ctl_json_open(&d.json, "checks", '[');
+		term_json_open(&d.json, NULL, '{');
+		term_json_open(&d.json, "checks", '[');
 	}
 	status = ask(&d);
 	if (status < 0) {
@@ -214,13 +214,13 @@ int ctl_doctor_run(struct ctl *ctl)
 		return ctl_error(ctl, &err);
 	}
 	if (ctl->args.json) {
-		ctl_json_close(&d.json, ']');
-		ctl_json_u64(&d.json, "ok", d.ok);
-		ctl_json_u64(&d.json, "warnings", d.warnings);
-		ctl_json_u64(&d.json, "wrong", d.wrong);
-		ctl_json_u64(&d.json, "unknown", d.unknown);
-		ctl_json_close(&d.json, '}');
-		ctl_json_line(&d.json);
+		term_json_close(&d.json, ']');
+		term_json_u64(&d.json, "ok", d.ok);
+		term_json_u64(&d.json, "warnings", d.warnings);
+		term_json_u64(&d.json, "wrong", d.wrong);
+		term_json_u64(&d.json, "unknown", d.unknown);
+		term_json_close(&d.json, '}');
+		term_json_line(&d.json);
 	} else if (!ctl->args.quiet) {
 		fprintf(ctl->report, "%s: %u ok, %u warning%s, %u wrong%s\n",
 			d.wrong    ? "something is wrong" :

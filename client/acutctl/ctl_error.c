@@ -8,16 +8,16 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 
 static void print_json(struct ctl *ctl, const struct err *err)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_error_json(&j, "error", err);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_error_json(&j, "error", err);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 int ctl_error(struct ctl *ctl, const struct err *given)
@@ -46,7 +46,7 @@ int ctl_error(struct ctl *ctl, const struct err *given)
 	if (ctl->args.json)
 		print_json(ctl, &err);
 	else
-		ctl_error_text("acutctl", &err);
+		term_error_text("acutctl", &err);
 	return err_exit_status(err.code);
 }
 
@@ -65,8 +65,8 @@ void ctl_refusals_end(struct ctl *ctl, int status)
 		return;
 	ctl_progress_clear(ctl);
 	/* Where none was good JSON has the failure alone. */
-	ctl_term_line(stderr, "acutctl: %llu more inputs were refused, %llu in all%s", ctl->refusals - REFUSALS_TOLD,
-		      ctl->refusals, status == CTL_SOME_REFUSED ? ": --json tells each" : "");
+	term_line(stderr, "acutctl: %llu more inputs were refused, %llu in all%s", ctl->refusals - REFUSALS_TOLD, ctl->refusals,
+		  status == CTL_SOME_REFUSED ? ": --json tells each" : "");
 }
 
 void ctl_error_from_failure(const struct acut_failure *f, struct err *ret)
@@ -100,7 +100,7 @@ void ctl_warn(struct ctl *ctl, const char *fmt, ...)
 	char *text, **grown;
 
 	va_start(ap, fmt);
-	text = ctl_term_text(fmt, ap);
+	text = term_format(fmt, ap);
 	va_end(ap);
 	if (!text)
 		return;
@@ -112,7 +112,7 @@ void ctl_warn(struct ctl *ctl, const char *fmt, ...)
 	}
 	if (!ctl->args.quiet && !ctl->args.json) {
 		ctl_progress_clear(ctl);
-		ctl_term_line(stderr, "acutctl: warning: %s", text);
+		term_line(stderr, "acutctl: warning: %s", text);
 	}
 	grown = realloc(ctl->warning, (ctl->nwarning + 1) * sizeof(*grown));
 	if (!grown) {
@@ -128,7 +128,7 @@ void ctl_remark(struct ctl *ctl, const char *text)
 	if (!*text || ctl->args.quiet || ctl->args.json)
 		return;
 	ctl_progress_clear(ctl);
-	ctl_term_line(stderr, "acutctl: note: %s", text);
+	term_line(stderr, "acutctl: note: %s", text);
 }
 
 void ctl_note(struct ctl *ctl, const char *fmt, ...)
@@ -139,11 +139,11 @@ void ctl_note(struct ctl *ctl, const char *fmt, ...)
 	if (ctl->args.quiet || ctl->args.json)
 		return;
 	va_start(ap, fmt);
-	text = ctl_term_text(fmt, ap);
+	text = term_format(fmt, ap);
 	va_end(ap);
 	if (!text)
 		return;
 	ctl_progress_clear(ctl);
-	ctl_term_line(ctl->report, "%s", text);
+	term_line(ctl->report, "%s", text);
 	free(text);
 }

@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_table.h"
+#include "term_table.h"
 
 const struct ctl_input_format ctl_formats_input[] = {
 	{"las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10"},
@@ -28,39 +28,39 @@ bool ctl_formats_extension(const struct ctl_input_format *f, const char *word)
 	return false;
 }
 
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"FORMAT"},
 	{"DIRECTION"},
 	{"EXTENSIONS"},
 	{"WHAT IT IS", .tail = true},
 };
 
-static void row(struct ctl *ctl, struct ctl_table *t, const char *direction, const char *name, const char *extensions,
+static void row(struct ctl *ctl, struct term_table *t, const char *direction, const char *name, const char *extensions,
 		const char *help)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
 	if (!ctl->args.json) {
-		ctl_table_text(t, "%s", name);
-		ctl_table_text(t, "%s", direction);
-		ctl_table_text(t, "%s", extensions);
-		ctl_table_text(t, "%s", help);
+		term_table_text(t, "%s", name);
+		term_table_text(t, "%s", direction);
+		term_table_text(t, "%s", extensions);
+		term_table_text(t, "%s", help);
 		return;
 	}
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "format", name);
-	ctl_json_text(&j, "direction", direction);
-	ctl_json_text(&j, "extensions", extensions);
-	ctl_json_text(&j, "help", help);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "format", name);
+	term_json_text(&j, "direction", direction);
+	term_json_text(&j, "extensions", extensions);
+	term_json_text(&j, "help", help);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 int ctl_formats_run(struct ctl *ctl)
 {
 	size_t n;
 	const struct format *const *rows = format_rows(&n);
-	struct ctl_table *t = ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
+	struct term_table *t = ctl->args.json ? NULL : term_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
 
 	for (size_t i = 0; ctl_formats_input[i].name; i++)
 		row(ctl, t, "in", ctl_formats_input[i].name, ctl_formats_input[i].extensions, ctl_formats_input[i].help);
@@ -68,6 +68,6 @@ int ctl_formats_run(struct ctl *ctl)
 		row(ctl, t, "in", ctl_formats_archive[i].name, ctl_formats_archive[i].extensions, ctl_formats_archive[i].help);
 	for (size_t i = 0; i < n; i++)
 		row(ctl, t, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
-	ctl_table_free(t);
+	term_table_free(t);
 	return CTL_DONE;
 }

@@ -5,31 +5,31 @@
 #include <unistd.h>
 
 #include "ctl.h"
-#include "ctl_table.h"
+#include "term_table.h"
 #include "parse.h"
 
 static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "name", g->name);
-	ctl_json_text(&j, "hash", g->hash);
-	ctl_json_known(&j, "description", g->description);
-	ctl_json_known(&j, "date", g->date);
-	ctl_json_u64(&j, "width", g->width);
-	ctl_json_u64(&j, "height", g->height);
-	ctl_json_u64(&j, "bytes", g->bytes);
-	ctl_json_number(&j, "min", g->min);
-	ctl_json_number(&j, "max", g->max);
-	ctl_json_number(&j, "rms_error", g->rms_error);
-	ctl_json_number(&j, "max_error", g->max_error);
-	ctl_json_u64(&j, "uid", g->uid);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "name", g->name);
+	term_json_text(&j, "hash", g->hash);
+	term_json_known(&j, "description", g->description);
+	term_json_known(&j, "date", g->date);
+	term_json_u64(&j, "width", g->width);
+	term_json_u64(&j, "height", g->height);
+	term_json_u64(&j, "bytes", g->bytes);
+	term_json_number(&j, "min", g->min);
+	term_json_number(&j, "max", g->max);
+	term_json_number(&j, "rms_error", g->rms_error);
+	term_json_number(&j, "max_error", g->max_error);
+	term_json_u64(&j, "uid", g->uid);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"NAME", .shrink = true}, {"POSTS", .right = true, .spare = true},
 	{"SIZE", .right = true},  {"LEAST", .right = true},
 	{"MOST", .right = true},  {"RMS ERROR", .right = true, .spare = true},
@@ -38,34 +38,34 @@ static const struct ctl_column columns[] = {
 
 struct listing {
 	struct ctl *ctl;
-	struct ctl_table *table;
+	struct term_table *table;
 };
 
 static void show(void *ctx, const struct acut_geoid *g)
 {
 	struct listing *l = ctx;
-	struct ctl_table *t = l->table;
+	struct term_table *t = l->table;
 
 	if (l->ctl->args.json) {
 		geoid_json(l->ctl, g);
 		return;
 	}
-	ctl_table_text(t, "%s", g->name);
-	ctl_table_text(t, "%ux%u", g->width, g->height);
-	ctl_table_size(t, g->bytes);
-	ctl_table_text(t, "%.3f", g->min);
-	ctl_table_text(t, "%.3f", g->max);
+	term_table_text(t, "%s", g->name);
+	term_table_text(t, "%ux%u", g->width, g->height);
+	term_table_size(t, g->bytes);
+	term_table_text(t, "%.3f", g->min);
+	term_table_text(t, "%.3f", g->max);
 	if (isfinite(g->rms_error))
-		ctl_table_text(t, "%.3g", g->rms_error);
+		term_table_text(t, "%.3g", g->rms_error);
 	else
-		ctl_table_none(t);
-	ctl_table_text(t, "%s", g->hash);
-	ctl_table_text(t, "%s%s%s", g->description, *g->description && *g->date ? ", " : "", g->date);
+		term_table_none(t);
+	term_table_text(t, "%s", g->hash);
+	term_table_text(t, "%s%s%s", g->description, *g->description && *g->date ? ", " : "", g->date);
 }
 
-static struct ctl_table *table(struct ctl *ctl)
+static struct term_table *table(struct ctl *ctl)
 {
-	return ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
+	return ctl->args.json ? NULL : term_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
 }
 
 /* "folder/egm96-5.pgm": "egm96-5". */
@@ -108,7 +108,7 @@ static int add_run(struct ctl *ctl)
 		struct listing l = {ctl, table(ctl)};
 
 		show(&l, g);
-		ctl_table_free(l.table);
+		term_table_free(l.table);
 	}
 	return status;
 }
@@ -122,7 +122,7 @@ static int list_run(struct ctl *ctl)
 		return status;
 	l.table = table(ctl);
 	status = acut_geoids(ctl->acut, show, &l);
-	ctl_table_free(l.table);
+	term_table_free(l.table);
 	return status ? ctl_error_acut(ctl) : CTL_DONE;
 }
 

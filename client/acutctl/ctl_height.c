@@ -66,44 +66,44 @@ static bool split(const char *geoid, char way[16], char hash[40], char name[80])
 	return sscanf(geoid, "%15s %39s %79s", way, hash, name) == 3;
 }
 
-static void geoid_json(struct ctl_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
+static void geoid_json(struct term_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
 {
 	char way[16], hash[40], name[80];
 	struct shift sum;
 
 	if (!s || !split(s->geoid, way, hash, name)) {
-		ctl_json_text(j, "geoid", NULL);
+		term_json_text(j, "geoid", NULL);
 		return;
 	}
 	sum = sum_of(s, f);
-	ctl_json_open(j, "geoid", '{');
-	ctl_json_text(j, "name", name);
-	ctl_json_text(j, "hash", hash);
-	ctl_json_text(j, "way", way);
-	ctl_json_u64(j, "points", sum.n);
+	term_json_open(j, "geoid", '{');
+	term_json_text(j, "name", name);
+	term_json_text(j, "hash", hash);
+	term_json_text(j, "way", way);
+	term_json_u64(j, "points", sum.n);
 	if (sum.n) {
-		ctl_json_number(j, "min", sum.min);
-		ctl_json_number(j, "mean", sum.mean);
-		ctl_json_number(j, "max", sum.max);
+		term_json_number(j, "min", sum.min);
+		term_json_number(j, "mean", sum.mean);
+		term_json_number(j, "max", sum.max);
 	} else {
-		ctl_json_text(j, "min", NULL);
-		ctl_json_text(j, "mean", NULL);
-		ctl_json_text(j, "max", NULL);
+		term_json_text(j, "min", NULL);
+		term_json_text(j, "mean", NULL);
+		term_json_text(j, "max", NULL);
 	}
-	ctl_json_close(j, '}');
+	term_json_close(j, '}');
 }
 
-void ctl_height_json(struct ctl_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
+void ctl_height_json(struct term_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
 {
 	if (!s || !*s->zone || (f && !f->projected_from)) {
-		ctl_json_text(j, "projection", NULL);
+		term_json_text(j, "projection", NULL);
 	} else {
-		ctl_json_open(j, "projection", '{');
-		ctl_json_text(j, "zone", s->zone);
-		ctl_json_text(j, "datum", s->datum);
+		term_json_open(j, "projection", '{');
+		term_json_text(j, "zone", s->zone);
+		term_json_text(j, "datum", s->datum);
 		if (f)
-			ctl_json_text(j, "from", f->projected_from);
-		ctl_json_close(j, '}');
+			term_json_text(j, "from", f->projected_from);
+		term_json_close(j, '}');
 	}
 	geoid_json(j, s, f);
 }
@@ -115,5 +115,5 @@ void ctl_height_text(struct ctl *ctl, const struct ctl_staged *s)
 
 	if (split(s->geoid, way, hash, name) && sum.n)
 		ctl_note(ctl, "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
-			 ctl_job_count(sum.n, count), way, name, sum.min, sum.max, sum.mean, hash);
+			 term_count(sum.n, count), way, name, sum.min, sum.max, sum.mean, hash);
 }

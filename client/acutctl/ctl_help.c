@@ -2,8 +2,8 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_guess.h"
-#include "ctl_term.h"
+#include "cli_guess.h"
+#include "term.h"
 
 /* At least one of each command; tests/acutctl/cli.py reads them as command lines. */
 static const struct {
@@ -48,9 +48,9 @@ static const struct {
 
 static void head(FILE *out, const char *text)
 {
-	struct ctl_term term = ctl_term_of(out);
+	struct term term = term_of(out);
 
-	fprintf(out, "%s%s%s\n", ctl_term_tint(&term, CTL_BOLD), text, ctl_term_tint(&term, CTL_PLAIN));
+	fprintf(out, "%s%s%s\n", term_tint(&term, TERM_BOLD), text, term_tint(&term, TERM_PLAIN));
 }
 
 /* The options that the groups take. */

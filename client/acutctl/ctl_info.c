@@ -4,7 +4,7 @@
 
 #include "ctl.h"
 #include "ctl_archive.h"
-#include "ctl_term.h"
+#include "term.h"
 
 static void print_system(FILE *out, const struct acut_probe *p)
 {
@@ -14,21 +14,21 @@ static void print_system(FILE *out, const struct acut_probe *p)
 		snprintf(epsg, sizeof(epsg), "%u, heights %u", p->epsg, p->epsg_z);
 	else if (p->epsg || p->epsg_z)
 		snprintf(epsg, sizeof(epsg), p->epsg ? "%u" : "unknown, heights %u", p->epsg ? p->epsg : p->epsg_z);
-	ctl_term_field(out, "  plane", "%s", p->plane);
-	ctl_term_field(out, "  crs", *p->crs_name ? "%s (%s)" : "%s", p->crs, p->crs_name);
-	ctl_term_field(out, "  epsg", "%s", epsg);
-	ctl_term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
-	ctl_term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
+	term_field(out, "  plane", "%s", p->plane);
+	term_field(out, "  crs", *p->crs_name ? "%s (%s)" : "%s", p->crs, p->crs_name);
+	term_field(out, "  epsg", "%s", epsg);
+	term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
+	term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
 }
 
 /* A text without points has none. */
 static void print_box(FILE *out, const struct acut_probe *p)
 {
 	if (isfinite(p->min[0]) && isfinite(p->min[1]) && isfinite(p->min[2]))
-		ctl_term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
-			       p->max[1], p->max[2]);
+		term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
+			   p->max[1], p->max[2]);
 	else
-		ctl_term_field(out, "  box", "none");
+		term_field(out, "  box", "none");
 }
 
 static void print(struct ctl *ctl, const struct acut_probe *p)
@@ -36,73 +36,73 @@ static void print(struct ctl *ctl, const struct acut_probe *p)
 	FILE *out = ctl->report;
 	char a[32];
 
-	ctl_term_line(out, "%s", p->name);
-	ctl_term_field(out, "  format", "%s", p->variant[0] ? p->variant : p->format);
-	ctl_term_field(out, "  points", "%s", ctl_job_count(p->points, a));
+	term_line(out, "%s", p->name);
+	term_field(out, "  format", "%s", p->variant[0] ? p->variant : p->format);
+	term_field(out, "  points", "%s", term_count(p->points, a));
 	print_box(out, p);
-	ctl_term_field(out, "  scale", "%s %s %s", p->scale[0], p->scale[1], p->scale[2]);
-	ctl_term_field(out, "  offset", "%s %s %s", p->offset[0], p->offset[1], p->offset[2]);
+	term_field(out, "  scale", "%s %s %s", p->scale[0], p->scale[1], p->scale[2]);
+	term_field(out, "  offset", "%s %s %s", p->offset[0], p->offset[1], p->offset[2]);
 	print_system(out, p);
 	if (p->warning[0])
-		ctl_term_field(out, "  note", "%s", p->warning);
+		term_field(out, "  note", "%s", p->warning);
 }
 
-static void three_texts(struct ctl_json *j, const char *key, const char *const text[3])
+static void three_texts(struct term_json *j, const char *key, const char *const text[3])
 {
-	ctl_json_open(j, key, '[');
+	term_json_open(j, key, '[');
 	for (int i = 0; i < 3; i++) {
 		if (text[i][0])
-			ctl_json_literal(j, NULL, text[i]);
+			term_json_literal(j, NULL, text[i]);
 		else
-			ctl_json_text(j, NULL, NULL);
+			term_json_text(j, NULL, NULL);
 	}
-	ctl_json_close(j, ']');
+	term_json_close(j, ']');
 }
 
-static void three_numbers(struct ctl_json *j, const char *key, const double v[3])
+static void three_numbers(struct term_json *j, const char *key, const double v[3])
 {
-	ctl_json_open(j, key, '[');
+	term_json_open(j, key, '[');
 	for (int i = 0; i < 3; i++)
-		ctl_json_number(j, NULL, v[i]);
-	ctl_json_close(j, ']');
+		term_json_number(j, NULL, v[i]);
+	term_json_close(j, ']');
 }
 
-static void number(struct ctl_json *j, const char *key, uint32_t n)
+static void number(struct term_json *j, const char *key, uint32_t n)
 {
 	if (n)
-		ctl_json_u64(j, key, n);
+		term_json_u64(j, key, n);
 	else
-		ctl_json_text(j, key, NULL);
+		term_json_text(j, key, NULL);
 }
 
 static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct acut_inspected *in)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", p->name);
-	ctl_json_text(&j, "format", p->format);
-	ctl_json_known(&j, "variant", p->variant);
-	ctl_json_u64(&j, "points", p->points);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "file", p->name);
+	term_json_text(&j, "format", p->format);
+	term_json_known(&j, "variant", p->variant);
+	term_json_u64(&j, "points", p->points);
 	three_numbers(&j, "min", p->min);
 	three_numbers(&j, "max", p->max);
 	three_texts(&j, "scale", p->scale);
 	three_texts(&j, "offset", p->offset);
 	ctl_job_units(&j, p->crs, p->unit_xy, p->unit_z);
-	ctl_json_known(&j, "plane", p->plane);
-	ctl_json_known(&j, "crs_name", p->crs_name);
-	ctl_json_known(&j, "datum", p->datum);
+	term_json_known(&j, "plane", p->plane);
+	term_json_known(&j, "crs_name", p->crs_name);
+	term_json_known(&j, "datum", p->datum);
 	number(&j, "epsg", p->epsg);
 	number(&j, "epsg_z", p->epsg_z);
-	ctl_json_u64(&j, "lines_left_out", p->left_out);
+	term_json_u64(&j, "lines_left_out", p->left_out);
 	if (p->left_out)
-		ctl_json_u64(&j, "first_left_out", p->left_out_line);
+		term_json_u64(&j, "first_left_out", p->left_out_line);
 	else
-		ctl_json_text(&j, "first_left_out", NULL);
-	ctl_json_known(&j, "warning", p->warning);
+		term_json_text(&j, "first_left_out", NULL);
+	term_json_known(&j, "warning", p->warning);
 	ctl_inspect_json(&j, in);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static int info(struct ctl *ctl, struct ctl_input *in)

@@ -15,7 +15,7 @@
 
 #include "clock.h"
 #include "ctl_ingest.h"
-#include "ctl_term.h"
+#include "term.h"
 
 static bool ends(const char *name, const char *end)
 {
@@ -69,7 +69,7 @@ static int add(const struct ctl_drop *d, struct ctl_drop_list *l, const char *na
 		l->room = room;
 	}
 	f.entry = strdup(name);
-	f.in.name = ctl_term_safe(name);
+	f.in.name = term_safe(name);
 	while (slash > 1 && d->path[slash - 1] == '/')
 		slash--;
 	if (asprintf(&f.path, "%.*s/%s", (int)slash, d->path, name) < 0)

@@ -197,15 +197,15 @@ int ctl_drop_done(const struct ctl_drop *d, const struct ctl_input *in, struct c
 
 static void put_reason(FILE *f, const char *dataset, const struct ctl_input *in, const struct err *why)
 {
-	struct ctl_json j = {.out = f};
+	struct term_json j = {.out = f};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", in->entry);
-	ctl_json_text(&j, "dataset", dataset);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "file", in->entry);
+	term_json_text(&j, "dataset", dataset);
 	ctl_job_time(&j, "time", clock_real_us());
-	ctl_error_json(&j, "error", why);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_error_json(&j, "error", why);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 /* Under a name that nothing has. *ret_taken: this one is there already. */

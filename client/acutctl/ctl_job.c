@@ -6,14 +6,14 @@
 #include <time.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 #include "parse.h"
 
-void ctl_job_time(struct ctl_json *j, const char *key, int64_t us)
+void ctl_job_time(struct term_json *j, const char *key, int64_t us)
 {
 	char buf[32];
 
-	ctl_json_text(j, key, us ? ctl_job_time_text(us, buf) : NULL);
+	term_json_text(j, key, us ? term_time(us, buf) : NULL);
 }
 
 /* A lattice as decimals. */
@@ -53,7 +53,7 @@ static bool lattice_say(const char *lattice, struct lattice_said *ret)
 	return true;
 }
 
-void ctl_job_lattice(struct ctl_json *j, const char *lattice)
+void ctl_job_lattice(struct term_json *j, const char *lattice)
 {
 	static struct lattice_said said; /* lists have the same one many times */
 
@@ -62,35 +62,35 @@ void ctl_job_lattice(struct ctl_json *j, const char *lattice)
 		said.ok = lattice_say(lattice, &said);
 	}
 	if (!lattice || strcmp(said.of, lattice) || !said.ok) {
-		ctl_json_text(j, "lattice", NULL);
+		term_json_text(j, "lattice", NULL);
 		return;
 	}
-	ctl_json_open(j, "lattice", '{');
-	ctl_json_literal(j, "scale_xy", said.scale[0]);
-	ctl_json_literal(j, "scale_z", said.scale[1]);
-	ctl_json_open(j, "offset", '[');
+	term_json_open(j, "lattice", '{');
+	term_json_literal(j, "scale_xy", said.scale[0]);
+	term_json_literal(j, "scale_z", said.scale[1]);
+	term_json_open(j, "offset", '[');
 	for (int i = 0; i < 3; i++)
-		ctl_json_literal(j, NULL, said.offset[i]);
-	ctl_json_close(j, ']');
-	ctl_json_close(j, '}');
+		term_json_literal(j, NULL, said.offset[i]);
+	term_json_close(j, ']');
+	term_json_close(j, '}');
 }
 
-void ctl_job_units(struct ctl_json *j, const char *crs, const char *unit_xy, const char *unit_z)
+void ctl_job_units(struct term_json *j, const char *crs, const char *unit_xy, const char *unit_z)
 {
-	ctl_json_known(j, "crs", crs);
-	ctl_json_open(j, "units", '{');
-	ctl_json_known(j, "xy", unit_xy);
-	ctl_json_known(j, "z", unit_z);
-	ctl_json_close(j, '}');
+	term_json_known(j, "crs", crs);
+	term_json_open(j, "units", '{');
+	term_json_known(j, "xy", unit_xy);
+	term_json_known(j, "z", unit_z);
+	term_json_close(j, '}');
 }
 
-void ctl_job_refused(struct ctl_json *j, const struct ctl_staged_file *f)
+void ctl_job_refused(struct term_json *j, const struct ctl_staged_file *f)
 {
-	ctl_error_json(j, NULL, &f->err);
+	term_error_json(j, NULL, &f->err);
 }
 
 /* All of it unknown. */
-static void no_report(struct ctl_json *j)
+static void no_report(struct term_json *j)
 {
 	static const char *const key[] = {
 		"points",          "used",           "vertices",    "triangles",  "hull",          "domains",
@@ -99,7 +99,7 @@ static void no_report(struct ctl_json *j)
 		"domains_seconds", "domains_reused", "pieces",      "most"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
-		ctl_json_text(j, key[i], NULL);
+		term_json_text(j, key[i], NULL);
 }
 
 char *ctl_job_domains(const struct acut_report *p, char *buf, size_t size)
@@ -107,137 +107,137 @@ char *ctl_job_domains(const struct acut_report *p, char *buf, size_t size)
 	char made[32], all[32];
 
 	if (p->domains_reused && p->domains_reused <= p->domains)
-		snprintf(buf, size, "%s of %s domains made", ctl_job_count(p->domains - p->domains_reused, made),
-			 ctl_job_count(p->domains, all));
+		snprintf(buf, size, "%s of %s domains made", term_count(p->domains - p->domains_reused, made),
+			 term_count(p->domains, all));
 	else
-		snprintf(buf, size, "%s %s%s", ctl_job_count(p->domains, all), p->window ? "piece" : "domain",
+		snprintf(buf, size, "%s %s%s", term_count(p->domains, all), p->window ? "piece" : "domain",
 			 p->domains == 1 ? "" : "s");
 	return buf;
 }
 
-static void put_unless(struct ctl_json *j, bool unknown, const char *key, uint64_t n)
+static void put_unless(struct term_json *j, bool unknown, const char *key, uint64_t n)
 {
 	if (unknown)
-		ctl_json_text(j, key, NULL);
+		term_json_text(j, key, NULL);
 	else
-		ctl_json_u64(j, key, n);
+		term_json_u64(j, key, n);
 }
 
-static void put_removed(struct ctl_json *j, const struct acut_report *p)
+static void put_removed(struct term_json *j, const struct acut_report *p)
 {
 	if (p->window) {
-		ctl_json_text(j, "removed", NULL);
+		term_json_text(j, "removed", NULL);
 		return;
 	}
-	ctl_json_open(j, "removed", '{');
+	term_json_open(j, "removed", '{');
 	for (size_t i = 0; i < p->nremoved; i++)
-		ctl_json_u64(j, p->removed[i].rule, p->removed[i].count);
-	ctl_json_close(j, '}');
+		term_json_u64(j, p->removed[i].rule, p->removed[i].count);
+	term_json_close(j, '}');
 }
 
-void ctl_job_most(struct ctl_json *j, uint64_t points, const double at[2])
+void ctl_job_most(struct term_json *j, uint64_t points, const double at[2])
 {
 	if (!points) {
-		ctl_json_text(j, "most", NULL);
+		term_json_text(j, "most", NULL);
 		return;
 	}
-	ctl_json_open(j, "most", '{');
-	ctl_json_u64(j, "points", points);
-	ctl_json_number(j, "x", at[0]);
-	ctl_json_number(j, "y", at[1]);
-	ctl_json_close(j, '}');
+	term_json_open(j, "most", '{');
+	term_json_u64(j, "points", points);
+	term_json_number(j, "x", at[0]);
+	term_json_number(j, "y", at[1]);
+	term_json_close(j, '}');
 }
 
 /* Of a window what is of a whole mesh is not known. */
-void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
+void ctl_job_report(struct term_json *j, const struct acut_report *p)
 {
 	if (!p) {
 		no_report(j);
 		return;
 	}
-	ctl_json_u64(j, "points", p->points);
+	term_json_u64(j, "points", p->points);
 	put_unless(j, p->window, "used", p->used);
-	ctl_json_u64(j, "vertices", p->vertices);
-	ctl_json_u64(j, "triangles", p->triangles);
+	term_json_u64(j, "vertices", p->vertices);
+	term_json_u64(j, "triangles", p->triangles);
 	put_unless(j, p->window, "hull", p->hull);
 	put_unless(j, p->window, "domains", p->domains);
-	ctl_json_known(j, "digest", p->digest);
-	ctl_json_known(j, "vertex_digest", p->vertex_digest);
+	term_json_known(j, "digest", p->digest);
+	term_json_known(j, "vertex_digest", p->vertex_digest);
 	put_removed(j, p);
-	ctl_json_number(j, "seconds", p->seconds);
-	ctl_json_number(j, "stage_seconds", p->stage_seconds);
+	term_json_number(j, "seconds", p->seconds);
+	term_json_number(j, "stage_seconds", p->stage_seconds);
 	if (p->triangles)
-		ctl_json_number(j, "first_triangle_seconds", p->first_triangle_seconds);
+		term_json_number(j, "first_triangle_seconds", p->first_triangle_seconds);
 	else
-		ctl_json_text(j, "first_triangle_seconds", NULL);
-	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
+		term_json_text(j, "first_triangle_seconds", NULL);
+	term_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
 	put_unless(j, p->window, "halo", p->halo);
-	ctl_json_u64(j, "points_read", p->points_read);
-	ctl_json_u64(j, "cells_read", p->cells_read);
-	ctl_json_number(j, "seal_seconds", p->seal_seconds);
-	ctl_json_number(j, "plan_seconds", p->plan_seconds);
-	ctl_json_number(j, "domains_seconds", p->domains_seconds);
+	term_json_u64(j, "points_read", p->points_read);
+	term_json_u64(j, "cells_read", p->cells_read);
+	term_json_number(j, "seal_seconds", p->seal_seconds);
+	term_json_number(j, "plan_seconds", p->plan_seconds);
+	term_json_number(j, "domains_seconds", p->domains_seconds);
 	put_unless(j, p->window, "domains_reused", p->domains_reused);
 	put_unless(j, !p->window, "pieces", p->domains);
 	ctl_job_most(j, p->most_points, p->most_at);
 }
 
-void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)
+void ctl_job_notes(struct term_json *j, const struct acut_report *p)
 {
-	ctl_json_open(j, "notes", '[');
+	term_json_open(j, "notes", '[');
 	if (p && *p->note)
-		ctl_json_text(j, NULL, p->note);
-	ctl_json_close(j, ']');
+		term_json_text(j, NULL, p->note);
+	term_json_close(j, ']');
 }
 
 void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 {
-	struct ctl_json j = {.out = ctl->report, .list = ctl->list};
+	struct term_json j = {.out = ctl->report, .list = ctl->list};
 	struct err err;
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_u64(&j, "job", job->id);
-	ctl_json_known(&j, "dataset", job->dataset);
-	ctl_json_u64(&j, "generation", job->generation);
-	ctl_json_text(&j, "view", job->view);
-	ctl_json_text(&j, "state", job->state);
-	ctl_json_known(&j, "priority", job->priority);
-	ctl_json_known(&j, "waiting", job->waiting);
+	term_json_open(&j, NULL, '{');
+	term_json_u64(&j, "job", job->id);
+	term_json_known(&j, "dataset", job->dataset);
+	term_json_u64(&j, "generation", job->generation);
+	term_json_text(&j, "view", job->view);
+	term_json_text(&j, "state", job->state);
+	term_json_known(&j, "priority", job->priority);
+	term_json_known(&j, "waiting", job->waiting);
 	if (job->position)
-		ctl_json_u64(&j, "position", job->position);
+		term_json_u64(&j, "position", job->position);
 	else
-		ctl_json_text(&j, "position", NULL);
+		term_json_text(&j, "position", NULL);
 	if (job->lacks_space)
-		ctl_json_u64(&j, "lacks_space", job->lacks_space);
+		term_json_u64(&j, "lacks_space", job->lacks_space);
 	else
-		ctl_json_text(&j, "lacks_space", NULL);
-	ctl_json_u64(&j, "uid", job->uid);
-	ctl_json_u64(&j, "pid", job->pid);
+		term_json_text(&j, "lacks_space", NULL);
+	term_json_u64(&j, "uid", job->uid);
+	term_json_u64(&j, "pid", job->pid);
 	ctl_job_time(&j, "submitted", job->submitted_us);
 	ctl_job_time(&j, "finished", job->finished_us);
-	ctl_json_open(&j, "progress", '{');
-	ctl_json_known(&j, "phase", job->progress.phase);
-	ctl_json_u64(&j, "points", job->progress.points);
-	ctl_json_u64(&j, "points_total", job->progress.points_total);
-	ctl_json_u64(&j, "domains", job->progress.domains);
-	ctl_json_u64(&j, "domains_total", job->progress.domains_total);
+	term_json_open(&j, "progress", '{');
+	term_json_known(&j, "phase", job->progress.phase);
+	term_json_u64(&j, "points", job->progress.points);
+	term_json_u64(&j, "points_total", job->progress.points_total);
+	term_json_u64(&j, "domains", job->progress.domains);
+	term_json_u64(&j, "domains_total", job->progress.domains_total);
 	if (job->progress.seconds_left > 0)
-		ctl_json_number(&j, "seconds_left", job->progress.seconds_left);
+		term_json_number(&j, "seconds_left", job->progress.seconds_left);
 	else
-		ctl_json_text(&j, "seconds_left", NULL);
-	ctl_json_close(&j, '}');
+		term_json_text(&j, "seconds_left", NULL);
+	term_json_close(&j, '}');
 	ctl_job_report(&j, job->has_report ? &job->report : NULL);
 	if (job->has_error) {
 		ctl_error_from_failure(&job->error, &err);
-		ctl_error_json(&j, "error", &err);
+		term_error_json(&j, "error", &err);
 	} else {
-		ctl_json_text(&j, "error", NULL);
+		term_json_text(&j, "error", NULL);
 	}
 	ctl_job_lattice(&j, job->lattice);
 	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
 	ctl_job_notes(&j, job->has_report ? &job->report : NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
@@ -251,7 +251,7 @@ void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 		return;
 	}
 	if (job->has_report)
-		n = (size_t)snprintf(rest, sizeof(rest), "  %s triangles", ctl_job_count(job->report.triangles, count));
+		n = (size_t)snprintf(rest, sizeof(rest), "  %s triangles", term_count(job->report.triangles, count));
 	else if (!job->final && job->progress.domains_total)
 		n = (size_t)snprintf(rest, sizeof(rest), "  %llu of %llu domains", (unsigned long long)job->progress.domains,
 				     (unsigned long long)job->progress.domains_total);
@@ -263,9 +263,9 @@ void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 		snprintf(rest + n, sizeof(rest) - n, "  waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
 		snprintf(rest + n, sizeof(rest) - n, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
-	ctl_term_line(ctl->report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
-		      ctl_job_time_text(job->submitted_us, when), job->dataset, rest, job->has_error ? "  " : "",
-		      job->has_error ? job->error.message : "");
+	term_line(ctl->report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
+		  term_time(job->submitted_us, when), job->dataset, rest, job->has_error ? "  " : "",
+		  job->has_error ? job->error.message : "");
 	if (!ctl->list)
 		fflush(ctl->report);
 }

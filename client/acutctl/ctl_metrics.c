@@ -172,18 +172,18 @@ static void write_all(struct gathering *g, FILE *out)
 
 static void tell_json(void *ctx, const struct acut_metric *m)
 {
-	struct ctl_json *j = ctx;
+	struct term_json *j = ctx;
 
-	ctl_json_open(j, NULL, '{');
-	ctl_json_text(j, "name", m->name);
-	ctl_json_text(j, "type", m->type);
-	ctl_json_open(j, "labels", '{');
+	term_json_open(j, NULL, '{');
+	term_json_text(j, "name", m->name);
+	term_json_text(j, "type", m->type);
+	term_json_open(j, "labels", '{');
 	for (size_t i = 0; i < m->nlabel; i++)
-		ctl_json_text(j, m->label[2 * i], m->label[2 * i + 1]);
-	ctl_json_close(j, '}');
-	ctl_json_number(j, "value", m->value);
-	ctl_json_close(j, '}');
-	ctl_json_line(j);
+		term_json_text(j, m->label[2 * i], m->label[2 * i + 1]);
+	term_json_close(j, '}');
+	term_json_number(j, "value", m->value);
+	term_json_close(j, '}');
+	term_json_line(j);
 }
 
 /* ---- the file ---- */
@@ -254,7 +254,7 @@ int ctl_metrics_run(struct ctl *ctl)
 {
 	static const struct acut_metric down = {.name = "acut_up", .type = "gauge", .help = "1: acutd answers."};
 	struct gathering g = {.end = &g.first};
-	struct ctl_json j = {.out = ctl->report, .list = true};
+	struct term_json j = {.out = ctl->report, .list = true};
 	struct err err = ERR_INIT;
 	int status, told;
 

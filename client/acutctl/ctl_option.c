@@ -12,7 +12,7 @@
 
 #include "clock.h"
 #include "ctl.h"
-#include "ctl_guess.h"
+#include "cli_guess.h"
 #include "parse.h"
 
 #define FLAG CTL_FLAG
@@ -204,7 +204,7 @@ static int set(struct reader *r, const struct ctl_option *o, const char *value, 
 static int no_option(const char *arg, struct err *err)
 {
 	char name[64], buf[128];
-	struct ctl_guess g = {.given = name};
+	struct cli_guess g = {.given = name};
 
 	snprintf(name, sizeof(name), "%.*s", (int)strcspn(arg, "="), arg);
 	err_set(err, ERR_USAGE, "there is no option %s", name);
@@ -212,9 +212,9 @@ static int no_option(const char *arg, struct err *err)
 		memmove(name, name + 2, strlen(name + 2) + 1);
 		for (size_t i = 0; i < ROWS; i++)
 			if (table[i].kind != LATER)
-				ctl_guess_offer(&g, table[i].name);
+				cli_guess_offer(&g, table[i].name);
 	}
-	return err_add_hint(err, "%sacutctl help COMMAND lists the options of a command", ctl_guess_text(&g, "--", buf));
+	return err_add_hint(err, "%sacutctl help COMMAND lists the options of a command", cli_guess_text(&g, "--", buf));
 }
 
 /* "a, b or c" of "a|b|c". */
@@ -237,7 +237,7 @@ static void choices_text(const char *choices, char *buf, size_t size)
 /* Of an option whose values are words: one of them. Letters of another size are for whoever reads the value. */
 static int check_choice(const struct ctl_option *o, const char *value, struct err *err)
 {
-	struct ctl_guess g = {.given = value};
+	struct cli_guess g = {.given = value};
 	char all[128];
 	size_t n = strlen(value);
 
@@ -246,7 +246,7 @@ static int check_choice(const struct ctl_option *o, const char *value, struct er
 			return 0;
 	choices_text(o->value, all, sizeof(all));
 	err_set(err, ERR_USAGE, "--%s is %s, not \"%s\"", o->name, all, value);
-	ctl_guess_offer_choices(&g, o->value);
+	cli_guess_offer_choices(&g, o->value);
 	return g.distance ? err_add_hint(err, "did you mean %s?", g.best) : -ERR_USAGE;
 }
 
@@ -347,14 +347,14 @@ static void verbs_text(const struct ctl_command *c, char *buf, size_t size)
 
 int ctl_verb_unknown(const struct ctl_command *c, const char *word, struct err *err)
 {
-	struct ctl_guess g = {.given = word};
+	struct cli_guess g = {.given = word};
 	char buf[128], all[200];
 
 	for (const struct ctl_verb *v = c->verbs; v->name; v++)
-		ctl_guess_offer(&g, v->name);
+		cli_guess_offer(&g, v->name);
 	verbs_text(c, all, sizeof(all));
 	err_set(err, ERR_USAGE, "there is no command %s %s", c->name, word);
-	return err_add_hint(err, "%sacutctl %s %s", ctl_guess_text(&g, "", buf), c->name, all);
+	return err_add_hint(err, "%sacutctl %s %s", cli_guess_text(&g, "", buf), c->name, all);
 }
 
 static int check_verb(const struct reader *r, struct ctl *ctl, struct err *err)

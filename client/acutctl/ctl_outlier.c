@@ -59,7 +59,7 @@ void ctl_outlier_most(struct ctl *ctl, const struct acut_report *p)
 	ctl_warn(ctl,
 		 "%s of %s points (%.3g %%) are at one position, %.15g %.15g: one vertex comes of them; if they are no "
 		 "measurements, leave them out with --crop or an option of the view (--not-class, --zmin)",
-		 ctl_job_count(p->most_points, count), ctl_job_count(all, points),
+		 term_count(p->most_points, count), term_count(all, points),
 		 floor(1000 * (double)p->most_points / (double)all) / 10, p->most_at[0], p->most_at[1]);
 }
 
@@ -69,15 +69,15 @@ void ctl_outlier_warn(struct ctl *ctl, const struct acut_report *p, const struct
 	ctl_outlier_most(ctl, p);
 }
 
-void ctl_outlier_json(struct ctl *ctl, struct ctl_json *j, const struct format_report *out)
+void ctl_outlier_json(struct ctl *ctl, struct term_json *j, const struct format_report *out)
 {
 	if (ctl->args.since || out->median_edge <= 0) {
-		ctl_json_text(j, "edges", NULL);
+		term_json_text(j, "edges", NULL);
 		return;
 	}
-	ctl_json_open(j, "edges", '{');
-	ctl_json_number(j, "longest", out->longest_edge);
-	ctl_json_number(j, "median", out->median_edge);
-	ctl_json_number(j, "long_share", out->long_share);
-	ctl_json_close(j, '}');
+	term_json_open(j, "edges", '{');
+	term_json_number(j, "longest", out->longest_edge);
+	term_json_number(j, "median", out->median_edge);
+	term_json_number(j, "long_share", out->long_share);
+	term_json_close(j, '}');
 }

@@ -194,46 +194,46 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 }
 
 /* A fetched job does not say what its pushes moved and left out: null. */
-static void moved_json(struct ctl_json *j, const struct ctl_staged *staged)
+static void moved_json(struct term_json *j, const struct ctl_staged *staged)
 {
 	double shift[3];
 	uint64_t moved = ctl_summary_moved(staged, shift), left_out = 0;
 
 	if (!staged) {
-		ctl_json_text(j, "moved", NULL);
-		ctl_json_text(j, "max_shift", NULL);
-		ctl_json_text(j, "lines_left_out", NULL);
+		term_json_text(j, "moved", NULL);
+		term_json_text(j, "max_shift", NULL);
+		term_json_text(j, "lines_left_out", NULL);
 		return;
 	}
 	for (size_t i = 0; i < staged->nfile; i++)
 		left_out += staged->file[i].refused ? 0 : staged->file[i].left_out;
-	ctl_json_u64(j, "moved", moved);
-	ctl_json_open(j, "max_shift", '[');
+	term_json_u64(j, "moved", moved);
+	term_json_open(j, "max_shift", '[');
 	for (int k = 0; k < 3; k++)
-		ctl_json_number(j, NULL, shift[k]);
-	ctl_json_close(j, ']');
-	ctl_json_u64(j, "lines_left_out", left_out);
+		term_json_number(j, NULL, shift[k]);
+	term_json_close(j, ']');
+	term_json_u64(j, "lines_left_out", left_out);
 }
 
 /* What was read of each input. */
-static void inputs_json(struct ctl_json *j, const struct ctl_staged *staged)
+static void inputs_json(struct term_json *j, const struct ctl_staged *staged)
 {
-	ctl_json_open(j, "inputs", '[');
+	term_json_open(j, "inputs", '[');
 	for (size_t i = 0; staged && i < staged->nfile; i++) {
 		const struct ctl_staged_file *f = &staged->file[i];
 
 		if (f->refused)
 			continue;
-		ctl_json_open(j, NULL, '{');
-		ctl_json_text(j, "file", f->name);
-		ctl_json_u64(j, "points", f->points);
-		ctl_json_u64(j, "bytes_read", f->bytes_read);
-		ctl_json_u64(j, "bytes_total", f->bytes);
-		ctl_json_bool(j, "partial", f->partial);
-		ctl_json_text(j, "overridden", f->overridden);
-		ctl_json_close(j, '}');
+		term_json_open(j, NULL, '{');
+		term_json_text(j, "file", f->name);
+		term_json_u64(j, "points", f->points);
+		term_json_u64(j, "bytes_read", f->bytes_read);
+		term_json_u64(j, "bytes_total", f->bytes);
+		term_json_bool(j, "partial", f->partial);
+		term_json_text(j, "overridden", f->overridden);
+		term_json_close(j, '}');
 	}
-	ctl_json_close(j, ']');
+	term_json_close(j, ']');
 }
 
 static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
@@ -243,42 +243,42 @@ static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
 	return word ? format_unit_of_word(word, strlen(word)) : job->unit_z;
 }
 
-static void changes_json(struct ctl *ctl, struct ctl_json *j, const struct format_changes *c)
+static void changes_json(struct ctl *ctl, struct term_json *j, const struct format_changes *c)
 {
 	if (!ctl->args.since) {
-		ctl_json_text(j, "changes", NULL);
+		term_json_text(j, "changes", NULL);
 		return;
 	}
-	ctl_json_open(j, "changes", '{');
-	ctl_json_u64(j, "since", c->since);
-	ctl_json_u64(j, "old_job", c->old_job);
-	ctl_json_u64(j, "gone", c->gone);
-	ctl_json_u64(j, "gone_triangles", c->gone_triangles);
-	ctl_json_u64(j, "kept", c->kept);
-	ctl_json_u64(j, "kept_triangles", c->kept_triangles);
-	ctl_json_u64(j, "new", c->new_regions);
-	ctl_json_u64(j, "new_triangles", c->new_triangles);
-	ctl_json_close(j, '}');
+	term_json_open(j, "changes", '{');
+	term_json_u64(j, "since", c->since);
+	term_json_u64(j, "old_job", c->old_job);
+	term_json_u64(j, "gone", c->gone);
+	term_json_u64(j, "gone_triangles", c->gone_triangles);
+	term_json_u64(j, "kept", c->kept);
+	term_json_u64(j, "kept_triangles", c->kept_triangles);
+	term_json_u64(j, "new", c->new_regions);
+	term_json_u64(j, "new_triangles", c->new_triangles);
+	term_json_close(j, '}');
 }
 
-static void tiles_json(struct ctl *ctl, struct ctl_json *j, const struct format_report *out)
+static void tiles_json(struct ctl *ctl, struct term_json *j, const struct format_report *out)
 {
 	const char *dir = ctl->args.out[0];
 	size_t n = ctl->args.tile ? strlen(dir) : 0;
 	char *index;
 
 	if (!ctl->args.tile) {
-		ctl_json_text(j, "tiles", NULL);
+		term_json_text(j, "tiles", NULL);
 		return;
 	}
 	if (asprintf(&index, "%s%s" FORMAT_TILES_INDEX, dir, n && dir[n - 1] == '/' ? "" : "/") < 0)
 		index = NULL;
-	ctl_json_open(j, "tiles", '{');
-	ctl_json_u64(j, "files", out->tiles);
-	ctl_json_text(j, "size", ctl->args.tile);
-	ctl_json_text(j, "folder", dir);
-	ctl_json_text(j, "index", index);
-	ctl_json_close(j, '}');
+	term_json_open(j, "tiles", '{');
+	term_json_u64(j, "files", out->tiles);
+	term_json_text(j, "size", ctl->args.tile);
+	term_json_text(j, "folder", dir);
+	term_json_text(j, "index", index);
+	term_json_close(j, '}');
 	free(index);
 }
 
@@ -286,12 +286,12 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 			const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_u64(&j, "job", job->id);
-	ctl_json_known(&j, "dataset", job->dataset);
-	ctl_json_u64(&j, "generation", job->generation);
+	term_json_open(&j, NULL, '{');
+	term_json_u64(&j, "job", job->id);
+	term_json_known(&j, "dataset", job->dataset);
+	term_json_u64(&j, "generation", job->generation);
 	ctl_job_report(&j, p);
 	ctl_job_lattice(&j, job->lattice);
 	/* of what was written */
@@ -299,30 +299,30 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	moved_json(&j, staged);
 	ctl_height_json(&j, staged, NULL);
 	inputs_json(&j, staged);
-	ctl_json_u64(&j, "output_bytes", out->bytes);
+	term_json_u64(&j, "output_bytes", out->bytes);
 	ctl_outlier_json(ctl, &j, out);
 	if (ctl->args.max_edge) {
-		ctl_json_open(&j, "left_out", '{');
-		ctl_json_u64(&j, "triangles", out->left_out);
-		ctl_json_number(&j, "area", out->left_out_area);
-		ctl_json_close(&j, '}');
+		term_json_open(&j, "left_out", '{');
+		term_json_u64(&j, "triangles", out->left_out);
+		term_json_number(&j, "area", out->left_out_area);
+		term_json_close(&j, '}');
 	} else {
-		ctl_json_text(&j, "left_out", NULL);
+		term_json_text(&j, "left_out", NULL);
 	}
 	tiles_json(ctl, &j, out);
 	changes_json(ctl, &j, &out->changes);
-	ctl_json_open(&j, "refused", '[');
+	term_json_open(&j, "refused", '[');
 	for (size_t i = 0; staged && i < staged->nfile; i++)
 		if (staged->file[i].refused)
 			ctl_job_refused(&j, &staged->file[i]);
-	ctl_json_close(&j, ']');
+	term_json_close(&j, ']');
 	ctl_job_notes(&j, p);
-	ctl_json_open(&j, "warnings", '[');
+	term_json_open(&j, "warnings", '[');
 	for (size_t i = 0; i < ctl->nwarning; i++)
-		ctl_json_text(&j, NULL, ctl->warning[i]);
-	ctl_json_close(&j, ']');
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+		term_json_text(&j, NULL, ctl->warning[i]);
+	term_json_close(&j, ']');
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static void warn_no_tiles(struct ctl *ctl, const struct acut_report *p, const struct format_report *out)
@@ -331,7 +331,7 @@ static void warn_no_tiles(struct ctl *ctl, const struct acut_report *p, const st
 
 	if (ctl->args.tile && !out->tiles && p->vertices)
 		ctl_warn(ctl, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
-			 ctl_job_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
+			 term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
 			 p->triangles ? " but those that --max-edge leaves out" : "");
 }
 

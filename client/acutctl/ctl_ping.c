@@ -3,7 +3,7 @@
 
 int ctl_ping_run(struct ctl *ctl)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 	double seconds;
 	int status = ctl_connect(ctl);
 
@@ -12,11 +12,11 @@ int ctl_ping_run(struct ctl *ctl)
 	if (acut_ping(ctl->acut, &seconds))
 		return ctl_error_acut(ctl);
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "build", acut_daemon_build(ctl->acut));
-		ctl_json_number(&j, "seconds", seconds);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "build", acut_daemon_build(ctl->acut));
+		term_json_number(&j, "seconds", seconds);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 	} else {
 		ctl_note(ctl, "acutd %s answered in %.3f ms", acut_daemon_build(ctl->acut), 1e3 * seconds);
 	}

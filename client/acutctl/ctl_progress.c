@@ -9,7 +9,7 @@
 
 #include "clock.h"
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 #include "parse.h"
 
 #define EVERY_NS 100000000u
@@ -108,9 +108,9 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
  * terminals go on to the next line there. */
 void ctl_progress_line(struct ctl_progress *p, const char *text)
 {
-	unsigned width = ctl_term_of(stderr).width;
-	char *safe = ctl_term_safe(text);
-	size_t n = safe ? ctl_term_fit(safe, width > 1 ? width - 1 : 79) : 0;
+	unsigned width = term_of(stderr).width;
+	char *safe = term_safe(text);
+	size_t n = safe ? term_fit(safe, width > 1 ? width - 1 : 79) : 0;
 
 	if (!safe)
 		return;

@@ -25,16 +25,16 @@ static void measure_room(void *ctx, const struct acut_dataset *d)
 	room->known = true;
 }
 
-static void room_json(struct ctl_json *j, const struct room *room)
+static void room_json(struct term_json *j, const struct room *room)
 {
 	if (!room->known) {
-		ctl_json_literal(j, "room_left", "null");
+		term_json_literal(j, "room_left", "null");
 		return;
 	}
-	ctl_json_open(j, "room_left", '[');
+	term_json_open(j, "room_left", '[');
 	for (int i = 0; i < 4; i++)
-		ctl_json_number(j, NULL, room->left[i]);
-	ctl_json_close(j, ']');
+		term_json_number(j, NULL, room->left[i]);
+	term_json_close(j, ']');
 }
 
 /* Where it may soon be too little: less than a sixteenth of what the lattice spans. */
@@ -75,46 +75,46 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		      bool nothing, const char *const *moved_to)
 {
 	static const char *const state[] = {"staged", "known", "adopted", "refused"};
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", f->name);
-	ctl_json_text(&j, "dataset", s->dataset);
-	ctl_json_text(&j, "state", nothing && is_empty(f) ? "empty" : state[f->refused ? 3 : f->known]);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "file", f->name);
+	term_json_text(&j, "dataset", s->dataset);
+	term_json_text(&j, "state", nothing && is_empty(f) ? "empty" : state[f->refused ? 3 : f->known]);
 	if (f->refused) {
-		ctl_json_text(&j, "generation", NULL);
-		ctl_json_text(&j, "points", NULL);
-		ctl_json_text(&j, "moved", NULL);
-		ctl_json_text(&j, "max_shift", NULL);
-		ctl_json_text(&j, "lines_left_out", NULL);
-		ctl_json_text(&j, "replaced", NULL);
+		term_json_text(&j, "generation", NULL);
+		term_json_text(&j, "points", NULL);
+		term_json_text(&j, "moved", NULL);
+		term_json_text(&j, "max_shift", NULL);
+		term_json_text(&j, "lines_left_out", NULL);
+		term_json_text(&j, "replaced", NULL);
 		ctl_height_json(&j, NULL, NULL);
-		ctl_json_text(&j, "overridden", NULL);
-		ctl_json_text(&j, "warning", NULL);
-		ctl_error_json(&j, "error", &f->err);
+		term_json_text(&j, "overridden", NULL);
+		term_json_text(&j, "warning", NULL);
+		term_error_json(&j, "error", &f->err);
 	} else {
 		if (s->generation)
-			ctl_json_u64(&j, "generation", s->generation);
+			term_json_u64(&j, "generation", s->generation);
 		else
-			ctl_json_text(&j, "generation", NULL);
-		ctl_json_u64(&j, "points", f->points);
-		ctl_json_u64(&j, "moved", f->moved);
-		ctl_json_open(&j, "max_shift", '[');
+			term_json_text(&j, "generation", NULL);
+		term_json_u64(&j, "points", f->points);
+		term_json_u64(&j, "moved", f->moved);
+		term_json_open(&j, "max_shift", '[');
 		for (int i = 0; i < 3; i++)
-			ctl_json_number(&j, NULL, f->shift[i]);
-		ctl_json_close(&j, ']');
-		ctl_json_u64(&j, "lines_left_out", f->left_out);
-		ctl_json_u64(&j, "replaced", f->replaced);
+			term_json_number(&j, NULL, f->shift[i]);
+		term_json_close(&j, ']');
+		term_json_u64(&j, "lines_left_out", f->left_out);
+		term_json_u64(&j, "replaced", f->replaced);
 		ctl_height_json(&j, s, f);
-		ctl_json_text(&j, "overridden", f->overridden);
-		ctl_json_text(&j, "warning", f->warning);
-		ctl_json_text(&j, "error", NULL);
+		term_json_text(&j, "overridden", f->overridden);
+		term_json_text(&j, "warning", f->warning);
+		term_json_text(&j, "error", NULL);
 	}
 	room_json(&j, room);
 	if (moved_to)
-		ctl_json_text(&j, "moved_to", moved_to[f - s->file]);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+		term_json_text(&j, "moved_to", moved_to[f - s->file]);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
@@ -127,12 +127,12 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 		ctl_note(ctl, "%s: there already, skipped", f->name);
 	else if (f->known)
 		ctl_note(ctl, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
-			 ctl_job_count(f->points, a));
+			 term_count(f->points, a));
 	else if (f->moved)
 		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
-			 ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
+			 term_count(f->points, a), term_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
 	else
-		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
+		ctl_note(ctl, "%s: %s points", f->name, term_count(f->points, a));
 	if (f->overridden)
 		ctl_note(ctl, "%s: overridden: its records say %s", f->name, f->overridden);
 	if (f->replaced)
@@ -176,7 +176,7 @@ int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *con
 		return status;
 	ctl_height_text(ctl, s);
 	ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
-		 ctl_job_count(s->points, count), s->seconds);
+		 term_count(s->points, count), s->seconds);
 	room_text(ctl, &room, !moved_to);
 	return status;
 }

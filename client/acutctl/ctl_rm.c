@@ -3,16 +3,16 @@
 
 static int rm(struct ctl *ctl, uint64_t id)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
 	if (acut_job_remove(ctl->acut, id))
 		return ctl_error_acut(ctl);
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_u64(&j, "job", id);
-		ctl_json_bool(&j, "removed", true);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_u64(&j, "job", id);
+		term_json_bool(&j, "removed", true);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 	}
 	return CTL_DONE;
 }

@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 #include "parse.h"
 
 /* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
@@ -42,8 +42,8 @@ static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
 		n++;
 	}
 	if (n)
-		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s", ctl_job_count(read, a),
-			 ctl_job_count(bytes, b));
+		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s", term_count(read, a),
+			 term_count(bytes, b));
 	ctl_assume_text(ctl, staged);
 }
 
@@ -52,22 +52,22 @@ static void changes_text(struct ctl *ctl, const struct format_changes *c)
 	char a[32], b[32], d[32];
 
 	if (!c->gone && !c->new_regions)
-		ctl_note(ctl, "nothing has changed since generation %s: all %s region%s", ctl->args.since,
-			 ctl_job_count(c->kept, a), c->kept == 1 ? " holds" : "s hold");
+		ctl_note(ctl, "nothing has changed since generation %s: all %s region%s", ctl->args.since, term_count(c->kept, a),
+			 c->kept == 1 ? " holds" : "s hold");
 	else
 		ctl_note(ctl, "since generation %s: %s region%s gone, with %s triangles; %s hold%s", ctl->args.since,
-			 ctl_job_count(c->gone, a), c->gone == 1 ? " is" : "s are", ctl_job_count(c->gone_triangles, b),
-			 ctl_job_count(c->kept, d), c->kept == 1 ? "s" : "");
+			 term_count(c->gone, a), c->gone == 1 ? " is" : "s are", term_count(c->gone_triangles, b),
+			 term_count(c->kept, d), c->kept == 1 ? "s" : "");
 	if (c->new_regions)
-		ctl_note(ctl, "  new: %s region%s, with %s triangles", ctl_job_count(c->new_regions, a),
-			 c->new_regions == 1 ? "" : "s", ctl_job_count(c->new_triangles, b));
+		ctl_note(ctl, "  new: %s region%s, with %s triangles", term_count(c->new_regions, a),
+			 c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
 }
 
 static void left_out_text(struct ctl *ctl, const struct format_report *out)
 {
 	char count[32];
 
-	ctl_job_count(out->left_out, count);
+	term_count(out->left_out, count);
 	if (isnan(out->left_out_area))
 		ctl_note(ctl, "%s triangles with edges longer than %s were left out", count, ctl->args.max_edge);
 	else
@@ -89,14 +89,14 @@ static void files(struct ctl *ctl, FILE *out, const struct format_report *f)
 		const char *name = ctl->args.out[i];
 
 		if (ctl->args.tile)
-			ctl_term_field(out, i ? "" : "written", "%s: %s tile%s and " FORMAT_TILES_INDEX ", %s", name,
-				       ctl_job_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
+			term_field(out, i ? "" : "written", "%s: %s tile%s and " FORMAT_TILES_INDEX ", %s", name,
+				   term_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
 		else if (!strcmp(name, "-"))
-			ctl_term_field(out, i ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
+			term_field(out, i ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
 		else if (!stat(name, &st) && S_ISREG(st.st_mode))
-			ctl_term_field(out, i ? "" : "written", "%s, %s", name, parse_size_text((uint64_t)st.st_size, size));
+			term_field(out, i ? "" : "written", "%s, %s", name, parse_size_text((uint64_t)st.st_size, size));
 		else
-			ctl_term_field(out, i ? "" : "written", "%s", name);
+			term_field(out, i ? "" : "written", "%s", name);
 	}
 }
 
@@ -108,21 +108,20 @@ static void points(struct ctl *ctl, FILE *out, const struct acut_report *p, cons
 	bool first = true;
 
 	if (p->window)
-		ctl_term_field(out, "points", "%s read", ctl_job_count(p->points, a));
+		term_field(out, "points", "%s read", term_count(p->points, a));
 	else
-		ctl_term_field(out, "points", "%s used of %s", ctl_job_count(p->used, a), ctl_job_count(p->points, b));
+		term_field(out, "points", "%s used of %s", term_count(p->used, a), term_count(p->points, b));
 	for (size_t i = 0; i < p->nremoved; i++) {
 		if (!p->removed[i].count)
 			continue;
-		ctl_term_field(out, first ? "left out" : "", "%s by %s", ctl_job_count(p->removed[i].count, a),
-			       p->removed[i].rule);
+		term_field(out, first ? "left out" : "", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
 		first = false;
 	}
 	if (moved)
-		ctl_term_field(out, "rounded", "%s points, by at most %.6g %.6g %.6g", ctl_job_count(moved, a), shift[0],
-			       shift[1], shift[2]);
+		term_field(out, "rounded", "%s points, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0], shift[1],
+			   shift[2]);
 	if (staged && staged->refused)
-		ctl_term_field(out, "refused", "%u input%s, named above", staged->refused, staged->refused == 1 ? "" : "s");
+		term_field(out, "refused", "%u input%s, named above", staged->refused, staged->refused == 1 ? "" : "s");
 }
 
 /* Who says what the coordinates are in: the files, or the options, or nobody. */
@@ -131,18 +130,18 @@ static void place(struct ctl *ctl, FILE *out, const struct acut_job *job, const 
 	const struct ctl_args *a = &ctl->args;
 	bool known = job->crs && *job->crs && strcmp(job->crs, "unknown");
 
-	ctl_term_field(out, "crs", "%s%s", known ? job->crs : "unknown",
-		       !known || !staged ? "" :
-		       a->assume_crs     ? " (--assume-crs, where the inputs say none)" :
-		       a->override_crs   ? " (--override-crs)" :
-					   "");
-	ctl_term_field(out, "units", "%s, heights %s%s", job->unit_xy, a->z_unit ? a->z_unit : job->unit_z,
-		       !staged           ? "" :
-		       a->assume_units   ? " (--assume-units, where the inputs say none)" :
-		       a->override_units ? " (--override-units)" :
-					   "");
+	term_field(out, "crs", "%s%s", known ? job->crs : "unknown",
+		   !known || !staged ? "" :
+		   a->assume_crs     ? " (--assume-crs, where the inputs say none)" :
+		   a->override_crs   ? " (--override-crs)" :
+				       "");
+	term_field(out, "units", "%s, heights %s%s", job->unit_xy, a->z_unit ? a->z_unit : job->unit_z,
+		   !staged           ? "" :
+		   a->assume_units   ? " (--assume-units, where the inputs say none)" :
+		   a->override_units ? " (--override-units)" :
+				       "");
 	if (staged && staged->zone[0])
-		ctl_term_field(out, "projected", "degrees to zone %s", staged->zone);
+		term_field(out, "projected", "degrees to zone %s", staged->zone);
 }
 
 static void times(FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
@@ -152,17 +151,17 @@ static void times(FILE *out, const struct acut_report *p, const struct ctl_stage
 	uint64_t n = p->window ? p->points : p->used;
 
 	if (seconds > 0.001 && n)
-		snprintf(text, sizeof(text), ", %s points a second", ctl_job_count((uint64_t)((double)n / seconds), rate));
+		snprintf(text, sizeof(text), ", %s points a second", term_count((uint64_t)((double)n / seconds), rate));
 	if (seconds < 60)
 		snprintf(all, sizeof(all), "%.1f s", seconds);
 	else
 		ctl_progress_time(seconds, all);
 	if (staged)
-		ctl_term_field(out, "time", "%s: reading %.1f s, meshing %.1f s%s", all, p->stage_seconds, p->seconds, text);
+		term_field(out, "time", "%s: reading %.1f s, meshing %.1f s%s", all, p->stage_seconds, p->seconds, text);
 	else
-		ctl_term_field(out, "time", "%s of meshing%s", all, text);
+		term_field(out, "time", "%s of meshing%s", all, text);
 	if (p->peak_rss_bytes)
-		ctl_term_field(out, "memory", "%s at most", parse_size_text(p->peak_rss_bytes, memory));
+		term_field(out, "memory", "%s at most", parse_size_text(p->peak_rss_bytes, memory));
 }
 
 static void left_out(struct ctl *ctl, FILE *out, const struct format_report *f)
@@ -170,22 +169,22 @@ static void left_out(struct ctl *ctl, FILE *out, const struct format_report *f)
 	char count[32];
 
 	if (isnan(f->left_out_area))
-		ctl_term_field(out, "max-edge", "%s triangles with edges above %s are not in the file",
-			       ctl_job_count(f->left_out, count), ctl->args.max_edge);
+		term_field(out, "max-edge", "%s triangles with edges above %s are not in the file",
+			   term_count(f->left_out, count), ctl->args.max_edge);
 	else
-		ctl_term_field(out, "max-edge", "%s triangles with edges above %s are not in the file, %.6g square %s",
-			       ctl_job_count(f->left_out, count), ctl->args.max_edge, f->left_out_area,
-			       !strcmp(f->unit_xy, "metre") ? "metres" :
-			       !strcmp(f->unit_xy, "foot")  ? "feet" :
-							      "US survey feet");
+		term_field(out, "max-edge", "%s triangles with edges above %s are not in the file, %.6g square %s",
+			   term_count(f->left_out, count), ctl->args.max_edge, f->left_out_area,
+			   !strcmp(f->unit_xy, "metre") ? "metres" :
+			   !strcmp(f->unit_xy, "foot")  ? "feet" :
+							  "US survey feet");
 }
 
 static void mesh(FILE *out, const struct acut_report *p)
 {
 	char a[32], b[32], domains[96];
 
-	ctl_term_field(out, "mesh", "%s vertices, %s triangles in %s", ctl_job_count(p->vertices, a),
-		       ctl_job_count(p->triangles, b), ctl_job_domains(p, domains, sizeof(domains)));
+	term_field(out, "mesh", "%s vertices, %s triangles in %s", term_count(p->vertices, a), term_count(p->triangles, b),
+		   ctl_job_domains(p, domains, sizeof(domains)));
 }
 
 static void page(struct ctl *ctl, const struct acut_job *job, const struct format_report *f, const struct ctl_staged *staged)
@@ -206,7 +205,7 @@ static void page(struct ctl *ctl, const struct acut_job *job, const struct forma
 	if (staged)
 		ctl_height_text(ctl, staged);
 	times(out, p, staged);
-	ctl_term_field(out, "digest", "%s", p->digest);
+	term_field(out, "digest", "%s", p->digest);
 	inputs_text(ctl, staged);
 	ctl_remark(ctl, p->note);
 }
@@ -222,27 +221,27 @@ static void lines(struct ctl *ctl, const struct acut_job *job, const struct form
 
 	for (unsigned i = 0; i < ctl->args.nout; i++)
 		if (ctl->args.tile)
-			ctl_note(ctl, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s", ctl_job_count(out->tiles, a),
+			ctl_note(ctl, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s", term_count(out->tiles, a),
 				 out->tiles == 1 ? "" : "s", ctl->args.out[i]);
 		else if (strcmp(ctl->args.out[i], "-"))
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
 	if (ctl->args.since)
 		changes_text(ctl, &out->changes);
 	if (p->window)
-		ctl_note(ctl, "%s points read: %s vertices", ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
+		ctl_note(ctl, "%s points read: %s vertices", term_count(p->points, b), term_count(p->vertices, c));
 	else
-		ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a), ctl_job_count(p->points, b),
-			 ctl_job_count(p->vertices, c));
+		ctl_note(ctl, "%s points used of %s: %s vertices", term_count(p->used, a), term_count(p->points, b),
+			 term_count(p->vertices, c));
 	inputs_text(ctl, staged);
 	if (moved)
-		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a), shift[0],
-			 shift[1], shift[2]);
+		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0], shift[1],
+			 shift[2]);
 	if (staged)
 		ctl_height_text(ctl, staged);
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
-			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, ctl_job_count(p->removed[i].count, a));
-	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", ctl_job_count(p->triangles, a), ctl_job_domains(p, b, sizeof b),
+			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, term_count(p->removed[i].count, a));
+	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a), ctl_job_domains(p, b, sizeof b),
 		 p->seconds, p->digest);
 	ctl_remark(ctl, p->note);
 	if (ctl->args.max_edge)
@@ -251,7 +250,7 @@ static void lines(struct ctl *ctl, const struct acut_job *job, const struct form
 
 void ctl_summary(struct ctl *ctl, const struct acut_job *job, const struct format_report *out, const struct ctl_staged *staged)
 {
-	if (ctl_term_of(ctl->report).on)
+	if (term_of(ctl->report).on)
 		page(ctl, job, out, staged);
 	else
 		lines(ctl, job, out, staged);
@@ -261,11 +260,11 @@ void ctl_summary_job(struct ctl *ctl, const struct acut_job *job)
 {
 	FILE *out = ctl->report;
 
-	if (ctl->args.quiet || ctl->args.json || !job->has_report || job->has_error || !ctl_term_of(out).on)
+	if (ctl->args.quiet || ctl->args.json || !job->has_report || job->has_error || !term_of(out).on)
 		return;
 	points(ctl, out, &job->report, NULL);
 	mesh(out, &job->report);
 	times(out, &job->report, NULL);
-	ctl_term_field(out, "digest", "%s", job->report.digest);
-	ctl_term_field(out, "next", "acutctl fetch %llu -o mesh.ply", (unsigned long long)job->id);
+	term_field(out, "digest", "%s", job->report.digest);
+	term_field(out, "next", "acutctl fetch %llu -o mesh.ply", (unsigned long long)job->id);
 }

@@ -3,13 +3,13 @@
 
 int ctl_version_run(struct ctl *ctl)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->report};
 
 	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "version", ACUT_VERSION);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "version", ACUT_VERSION);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 	} else {
 		fprintf(ctl->report, "acutctl %s\n", ACUT_VERSION);
 	}

@@ -10,9 +10,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "ctl_json.h"
-#include "ctl_term.h"
-#include "ctl_told.h"
+#include "term_json.h"
+#include "term.h"
+#include "term_error.h"
 
 struct err;
 

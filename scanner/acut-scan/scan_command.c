@@ -4,7 +4,7 @@
  */
 #include <string.h>
 
-#include "ctl_guess.h"
+#include "cli_guess.h"
 #include "err.h"
 #include "scan.h"
 
@@ -40,12 +40,12 @@ const struct scan_command *scan_command_find(const char *name)
 
 int scan_command_unknown(const char *name, struct err *err)
 {
-	struct ctl_guess g = {.given = name};
+	struct cli_guess g = {.given = name};
 	char buf[128];
 
 	err_set(err, ERR_USAGE, "there is no command %s", name);
 	for (size_t i = 0; i < sizeof(table) / sizeof(table[0]); i++)
 		if (!table[i].hidden)
-			ctl_guess_offer(&g, table[i].name);
-	return err_add_hint(err, "%sacut-scan help lists the commands", ctl_guess_text(&g, "acut-scan ", buf));
+			cli_guess_offer(&g, table[i].name);
+	return err_add_hint(err, "%sacut-scan help lists the commands", cli_guess_text(&g, "acut-scan ", buf));
 }

@@ -68,22 +68,22 @@ const char *scan_device_access(const struct usb_device *d)
 	return d->openable ? "yes" : strerror(d->refused);
 }
 
-void scan_device_json(struct ctl_json *j, const struct usb_device *d, const struct profile_set *set)
+void scan_device_json(struct term_json *j, const struct usb_device *d, const struct profile_set *set)
 {
 	char id[8];
 
-	ctl_json_text(j, "port", d->port);
-	ctl_json_text(j, "node", d->node);
+	term_json_text(j, "port", d->port);
+	term_json_text(j, "node", d->node);
 	snprintf(id, sizeof(id), "%04x", d->vendor);
-	ctl_json_text(j, "vendor", id);
+	term_json_text(j, "vendor", id);
 	snprintf(id, sizeof(id), "%04x", d->product);
-	ctl_json_text(j, "product", id);
-	ctl_json_known(j, "manufacturer", d->manufacturer);
-	ctl_json_known(j, "model", d->model);
-	ctl_json_known(j, "serial", d->serial);
-	ctl_json_known(j, "speed", d->speed);
-	ctl_json_text(j, "profile", set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
-	ctl_json_bool(j, "mass_storage", d->mass_storage);
-	ctl_json_bool(j, "may_open", d->openable && !d->mass_storage);
-	ctl_json_text(j, "why_not", d->openable && !d->mass_storage ? NULL : scan_device_access(d));
+	term_json_text(j, "product", id);
+	term_json_known(j, "manufacturer", d->manufacturer);
+	term_json_known(j, "model", d->model);
+	term_json_known(j, "serial", d->serial);
+	term_json_known(j, "speed", d->speed);
+	term_json_text(j, "profile", set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
+	term_json_bool(j, "mass_storage", d->mass_storage);
+	term_json_bool(j, "may_open", d->openable && !d->mass_storage);
+	term_json_text(j, "why_not", d->openable && !d->mass_storage ? NULL : scan_device_access(d));
 }

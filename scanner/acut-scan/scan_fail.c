@@ -19,7 +19,7 @@ FILE *scan_report(const struct scan_args *args)
 
 int scan_fail(const struct scan_args *args, const struct err *err)
 {
-	struct ctl_json j = {.out = scan_report(args)};
+	struct term_json j = {.out = scan_report(args)};
 
 	scan_progress_clear();
 	if (err->code == ERR_CANCELLED && scan_stopped()) {
@@ -28,12 +28,12 @@ int scan_fail(const struct scan_args *args, const struct err *err)
 		return 128 + scan_stop_signal();
 	}
 	if (args->json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_error_json(&j, "error", err);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_error_json(&j, "error", err);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 	} else {
-		ctl_error_text("acut-scan", err);
+		term_error_text("acut-scan", err);
 	}
 	return err_exit_status(err->code);
 }
@@ -42,10 +42,10 @@ static void say(const struct scan_args *args, const char *what, const char *fmt,
 {
 	char *text;
 
-	if (args->quiet || args->json || !(text = ctl_term_text(fmt, ap)))
+	if (args->quiet || args->json || !(text = term_format(fmt, ap)))
 		return;
 	scan_progress_clear();
-	ctl_term_line(stderr, "acut-scan: %s: %s", what, text);
+	term_line(stderr, "acut-scan: %s: %s", what, text);
 	free(text);
 }
 
@@ -76,20 +76,20 @@ bool scan_progress_on(const struct scan_args *args)
 
 void scan_progress(const char *fmt, ...)
 {
-	unsigned width = ctl_term_of(stderr).width;
+	unsigned width = term_of(stderr).width;
 	char *text, *safe;
 	va_list ap;
 
 	va_start(ap, fmt);
-	text = ctl_term_text(fmt, ap);
+	text = term_format(fmt, ap);
 	va_end(ap);
 	if (!text)
 		return;
-	safe = ctl_term_safe(text);
+	safe = term_safe(text);
 	free(text);
 	if (!safe)
 		return;
-	safe[ctl_term_fit(safe, width > 1 ? width - 1 : 79)] = 0;
+	safe[term_fit(safe, width > 1 ? width - 1 : 79)] = 0;
 	fprintf(stderr, "\r%s\033[K", safe);
 	fflush(stderr);
 	progress_shown = true;

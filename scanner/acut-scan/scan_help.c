@@ -25,9 +25,9 @@ static const struct {
 
 static void head(const char *text)
 {
-	struct ctl_term term = ctl_term_of(stdout);
+	struct term term = term_of(stdout);
 
-	printf("%s%s%s\n", ctl_term_tint(&term, CTL_BOLD), text, ctl_term_tint(&term, CTL_PLAIN));
+	printf("%s%s%s\n", term_tint(&term, TERM_BOLD), text, term_tint(&term, TERM_PLAIN));
 }
 
 static void options(unsigned groups)
@@ -116,15 +116,15 @@ int scan_help(const struct scan_args *args)
 
 int scan_version(const struct scan_args *args)
 {
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 
 	if (!args->json) {
 		puts("acut-scan " ACUT_VERSION);
 		return 0;
 	}
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "version", ACUT_VERSION);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "version", ACUT_VERSION);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 	return 0;
 }

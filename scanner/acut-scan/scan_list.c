@@ -7,55 +7,55 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "ctl_table.h"
+#include "term_table.h"
 #include "err.h"
 #include "scan_device.h"
 
 static void as_json(const struct usb_device *d, const struct profile_set *set, const char *event)
 {
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 
-	ctl_json_open(&j, NULL, '{');
+	term_json_open(&j, NULL, '{');
 	if (event)
-		ctl_json_text(&j, "event", event);
+		term_json_text(&j, "event", event);
 	scan_device_json(&j, d, set);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
-static void cell(struct ctl_table *t, const char *text)
+static void cell(struct term_table *t, const char *text)
 {
 	if (text && *text)
-		ctl_table_text(t, "%s", text);
+		term_table_text(t, "%s", text);
 	else
-		ctl_table_none(t);
+		term_table_none(t);
 }
 
 static void as_table(const struct usb_device *list, size_t n, const struct profile_set *set)
 {
-	static const struct ctl_column columns[] = {{"PORT"},
-						    {"ID"},
-						    {"MODEL", .shrink = true},
-						    {"SERIAL", .shrink = true},
-						    {"SPEED", .spare = true},
-						    {"PROFILE"},
-						    {"MAY BE OPENED", .tail = true}};
-	struct ctl_table *t = ctl_table_new(stdout, columns, sizeof(columns) / sizeof(*columns));
+	static const struct term_column columns[] = {{"PORT"},
+						     {"ID"},
+						     {"MODEL", .shrink = true},
+						     {"SERIAL", .shrink = true},
+						     {"SPEED", .spare = true},
+						     {"PROFILE"},
+						     {"MAY BE OPENED", .tail = true}};
+	struct term_table *t = term_table_new(stdout, columns, sizeof(columns) / sizeof(*columns));
 
 	for (size_t i = 0; i < n; i++) {
 		const struct usb_device *d = &list[i];
 		bool good = d->openable && !d->mass_storage;
 
-		ctl_table_text(t, "%s", d->port);
-		ctl_table_text(t, "%04x:%04x", d->vendor, d->product);
+		term_table_text(t, "%s", d->port);
+		term_table_text(t, "%04x:%04x", d->vendor, d->product);
 		cell(t, d->model[0] ? d->model : d->manufacturer);
 		cell(t, d->serial);
 		cell(t, d->speed);
 		cell(t, d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
-		ctl_table_tint(t, good ? CTL_GOOD : d->profile >= 0 ? CTL_BAD : CTL_PLAIN);
-		ctl_table_text(t, "%s", scan_device_access(d));
+		term_table_tint(t, good ? TERM_GOOD : d->profile >= 0 ? TERM_BAD : TERM_PLAIN);
+		term_table_text(t, "%s", scan_device_access(d));
 	}
-	ctl_table_free(t);
+	term_table_free(t);
 }
 
 static void tell(const struct scan_args *args, enum usb_change change, const struct usb_device *d, const struct profile_set *set)
@@ -68,9 +68,9 @@ static void tell(const struct scan_args *args, enum usb_change change, const str
 		as_json(d, set, change == USB_CAME ? "came" : "left");
 		return;
 	}
-	ctl_term_line(stdout, "%s %s%s%s", change == USB_CAME ? "came" : "left", scan_device_text(d, words, sizeof(words)),
-		      d->profile >= 0 ? ", profile " : "",
-		      d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : "");
+	term_line(stdout, "%s %s%s%s", change == USB_CAME ? "came" : "left", scan_device_text(d, words, sizeof(words)),
+		  d->profile >= 0 ? ", profile " : "",
+		  d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : "");
 	fflush(stdout);
 }
 

@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "ctl_guess.h"
+#include "cli_guess.h"
 #include "err.h"
 #include "parse.h"
 #include "scan.h"
@@ -88,13 +88,13 @@ static const struct scan_option *find(const char *name, size_t n, char letter)
 static int no_option(const char *arg, struct err *err)
 {
 	char name[64], buf[128];
-	struct ctl_guess g = {.given = name + 2};
+	struct cli_guess g = {.given = name + 2};
 
 	snprintf(name, sizeof(name), "%.*s", (int)strcspn(arg, "="), arg);
 	err_set(err, ERR_USAGE, "there is no option %s", name);
 	for (size_t i = 0; !strncmp(arg, "--", 2) && i < ROWS; i++)
-		ctl_guess_offer(&g, table[i].name);
-	return err_add_hint(err, "%sacut-scan help COMMAND lists the options of a command", ctl_guess_text(&g, "--", buf));
+		cli_guess_offer(&g, table[i].name);
+	return err_add_hint(err, "%sacut-scan help COMMAND lists the options of a command", cli_guess_text(&g, "--", buf));
 }
 
 static bool is_choice(const struct scan_option *o, const char *value)

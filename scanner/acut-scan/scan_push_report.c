@@ -33,85 +33,85 @@ static const char *plural(uint64_t n)
 
 /* ---- programs ---- */
 
-static void shots_json(struct ctl_json *j, const struct scan_source *s)
+static void shots_json(struct term_json *j, const struct scan_source *s)
 {
 	const struct ground_counts *g = &s->ground;
 
 	if (s->kind != SCAN_GROUND) {
-		ctl_json_literal(j, "shots", "null");
-		ctl_json_literal(j, "dropped", "null");
+		term_json_literal(j, "shots", "null");
+		term_json_literal(j, "dropped", "null");
 		return;
 	}
-	ctl_json_u64(j, "shots", g->shots);
-	ctl_json_open(j, "dropped", '{');
-	ctl_json_u64(j, "no_return", g->no_return);
-	ctl_json_u64(j, "out_of_range", g->out_of_range);
-	ctl_json_u64(j, "before_poses", g->before);
-	ctl_json_u64(j, "after_poses", g->after);
-	ctl_json_u64(j, "in_gaps", g->gap);
-	ctl_json_u64(j, "too_far", g->too_far);
-	ctl_json_close(j, '}');
+	term_json_u64(j, "shots", g->shots);
+	term_json_open(j, "dropped", '{');
+	term_json_u64(j, "no_return", g->no_return);
+	term_json_u64(j, "out_of_range", g->out_of_range);
+	term_json_u64(j, "before_poses", g->before);
+	term_json_u64(j, "after_poses", g->after);
+	term_json_u64(j, "in_gaps", g->gap);
+	term_json_u64(j, "too_far", g->too_far);
+	term_json_close(j, '}');
 }
 
-static void spool_json(struct ctl_json *j, const struct scan_spool *s)
+static void spool_json(struct term_json *j, const struct scan_spool *s)
 {
 	const struct replay_counts *c = &s->counts;
 
-	ctl_json_text(j, "spool", s->id);
-	ctl_json_text(j, "profile", s->profile.name);
-	ctl_json_bool(j, "ended", s->tail.ended);
-	ctl_json_u64(j, "torn_bytes", s->tail.torn);
-	ctl_json_u64(j, "damaged_bytes", s->damaged);
-	ctl_json_u64(j, "telegrams", c->framer.telegrams);
-	ctl_json_u64(j, "bad_telegrams", c->framer.bad + c->undecoded);
-	ctl_json_u64(j, "answers", c->not_data);
-	ctl_json_u64(j, "sweeps", c->sweeps);
-	ctl_json_u64(j, "repeated_sweeps", c->repeated);
-	ctl_json_u64(j, "lost_sweeps", c->lost);
-	ctl_json_u64(j, "clock_sets", c->clock_sets);
-	ctl_json_number(j, "clock_moved_s", c->clock_moved_s);
+	term_json_text(j, "spool", s->id);
+	term_json_text(j, "profile", s->profile.name);
+	term_json_bool(j, "ended", s->tail.ended);
+	term_json_u64(j, "torn_bytes", s->tail.torn);
+	term_json_u64(j, "damaged_bytes", s->damaged);
+	term_json_u64(j, "telegrams", c->framer.telegrams);
+	term_json_u64(j, "bad_telegrams", c->framer.bad + c->undecoded);
+	term_json_u64(j, "answers", c->not_data);
+	term_json_u64(j, "sweeps", c->sweeps);
+	term_json_u64(j, "repeated_sweeps", c->repeated);
+	term_json_u64(j, "lost_sweeps", c->lost);
+	term_json_u64(j, "clock_sets", c->clock_sets);
+	term_json_number(j, "clock_moved_s", c->clock_moved_s);
 }
 
-static void plane_json(struct ctl_json *j, const struct scan_source *s)
+static void plane_json(struct term_json *j, const struct scan_source *s)
 {
 	const struct crs_info *c = s->kind == SCAN_GROUND ? pose_track_system(s->track) : NULL;
 	const struct pose_span *span = c ? pose_track_span(s->track) : NULL;
 
-	ctl_json_known(j, "crs", c ? c->text : NULL);
-	ctl_json_known(j, "zone", span ? span->zone : NULL);
-	ctl_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
+	term_json_known(j, "crs", c ? c->text : NULL);
+	term_json_known(j, "zone", span ? span->zone : NULL);
+	term_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
 }
 
 static void tell_json(const struct scan_args *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
-	struct ctl_json j = {.out = scan_report(args)};
+	struct term_json j = {.out = scan_report(args)};
 	bool refused = r->state == SCAN_REFUSED;
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", s->spool->file);
-	ctl_json_text(&j, "name", s->name);
-	ctl_json_text(&j, "dataset", args->into);
-	ctl_json_text(&j, "state", states[r->state]);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "file", s->spool->file);
+	term_json_text(&j, "name", s->name);
+	term_json_text(&j, "dataset", args->into);
+	term_json_text(&j, "state", states[r->state]);
 	if (r->generation && !refused)
-		ctl_json_u64(&j, "generation", r->generation);
+		term_json_u64(&j, "generation", r->generation);
 	else
-		ctl_json_literal(&j, "generation", "null");
-	ctl_json_u64(&j, "points", refused ? 0 : r->points);
-	ctl_json_u64(&j, "moved", r->moved);
-	ctl_json_u64(&j, "replaced", r->replaced);
-	ctl_json_text(&j, "hash", s->hash);
-	ctl_json_u64(&j, "bytes", s->size);
+		term_json_literal(&j, "generation", "null");
+	term_json_u64(&j, "points", refused ? 0 : r->points);
+	term_json_u64(&j, "moved", r->moved);
+	term_json_u64(&j, "replaced", r->replaced);
+	term_json_text(&j, "hash", s->hash);
+	term_json_u64(&j, "bytes", s->size);
 	spool_json(&j, s->spool);
 	shots_json(&j, s);
 	plane_json(&j, s);
-	ctl_json_text(&j, "warning", r->warning);
+	term_json_text(&j, "warning", r->warning);
 	if (refused)
-		ctl_error_json(&j, "error", &r->err);
+		term_error_json(&j, "error", &r->err);
 	else
-		ctl_json_text(&j, "error", NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+		term_json_text(&j, "error", NULL);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 /* ---- people ---- */

@@ -8,7 +8,7 @@
 #include <systemd/sd-daemon.h>
 
 #include "clock.h"
-#include "ctl_text.h"
+#include "term_text.h"
 #include "parse.h"
 #include "scan_record.h"
 
@@ -42,7 +42,7 @@ static void framed(const struct record *r, struct framer_counts *ret)
 		framer_counts(r->framer, ret);
 }
 
-static void counts_json(struct ctl_json *j, const struct record *r)
+static void counts_json(struct term_json *j, const struct record *r)
 {
 	struct spool_totals t;
 	struct framer_counts f;
@@ -51,40 +51,40 @@ static void counts_json(struct ctl_json *j, const struct record *r)
 	spool_totals(r->spool, &t);
 	framed(r, &f);
 	counts_now(r, &u);
-	ctl_json_u64(j, "bytes", t.bytes);
-	ctl_json_u64(j, "durable", t.durable);
-	ctl_json_u64(j, "transfers", t.transfers);
+	term_json_u64(j, "bytes", t.bytes);
+	term_json_u64(j, "durable", t.durable);
+	term_json_u64(j, "transfers", t.transfers);
 	if (r->framer) {
-		ctl_json_u64(j, "telegrams", f.telegrams);
-		ctl_json_u64(j, "bad_telegrams", f.bad);
+		term_json_u64(j, "telegrams", f.telegrams);
+		term_json_u64(j, "bad_telegrams", f.bad);
 	} else {
-		ctl_json_text(j, "telegrams", NULL);
-		ctl_json_text(j, "bad_telegrams", NULL);
+		term_json_text(j, "telegrams", NULL);
+		term_json_text(j, "bad_telegrams", NULL);
 	}
-	ctl_json_number(j, "seconds", clock_since(r->began_ns));
-	ctl_json_u64(j, "short_transfers", u.shorts);
-	ctl_json_u64(j, "stalls", u.stalls);
-	ctl_json_u64(j, "overflows", u.overflows);
-	ctl_json_u64(j, "timeouts", u.timeouts);
-	ctl_json_u64(j, "errors", u.errors);
-	ctl_json_u64(j, "parked", u.parked);
-	ctl_json_number(j, "parked_seconds", seconds(u.parked_ns));
-	ctl_json_u64(j, "disk_waits", t.waits);
-	ctl_json_number(j, "disk_wait_seconds", seconds(t.wait_ns));
-	ctl_json_u64(j, "unplugged", r->left);
+	term_json_number(j, "seconds", clock_since(r->began_ns));
+	term_json_u64(j, "short_transfers", u.shorts);
+	term_json_u64(j, "stalls", u.stalls);
+	term_json_u64(j, "overflows", u.overflows);
+	term_json_u64(j, "timeouts", u.timeouts);
+	term_json_u64(j, "errors", u.errors);
+	term_json_u64(j, "parked", u.parked);
+	term_json_number(j, "parked_seconds", seconds(u.parked_ns));
+	term_json_u64(j, "disk_waits", t.waits);
+	term_json_number(j, "disk_wait_seconds", seconds(t.wait_ns));
+	term_json_u64(j, "unplugged", r->left);
 }
 
-static void open_line(struct ctl_json *j, const struct record *r, const char *event)
+static void open_line(struct term_json *j, const struct record *r, const char *event)
 {
-	ctl_json_open(j, NULL, '{');
-	ctl_json_text(j, "event", event);
-	ctl_json_text(j, "file", r->path);
+	term_json_open(j, NULL, '{');
+	term_json_text(j, "event", event);
+	term_json_text(j, "file", r->path);
 }
 
 void record_tell_start(struct record *r, const char *what)
 {
 	const struct spool_head *h = &r->head;
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 	char id[16];
 
 	r->started = true;
@@ -93,21 +93,21 @@ void record_tell_start(struct record *r, const char *what)
 	if (!r->args->json) {
 		if (!r->args->quiet) {
 			scan_progress_clear();
-			ctl_term_line(stderr, "acut-scan: %s: capturing into %s", what, r->path);
+			term_line(stderr, "acut-scan: %s: capturing into %s", what, r->path);
 		}
 		return;
 	}
 	open_line(&j, r, "begin");
 	snprintf(id, sizeof(id), "%04x", h->vendor);
-	ctl_json_text(&j, "vendor", h->vendor || h->product ? id : NULL);
+	term_json_text(&j, "vendor", h->vendor || h->product ? id : NULL);
 	snprintf(id, sizeof(id), "%04x", h->product);
-	ctl_json_text(&j, "product", h->vendor || h->product ? id : NULL);
-	ctl_json_known(&j, "model", h->model);
-	ctl_json_known(&j, "serial", h->serial);
-	ctl_json_text(&j, "port", h->port);
-	ctl_json_known(&j, "profile", h->profile_name);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_text(&j, "product", h->vendor || h->product ? id : NULL);
+	term_json_known(&j, "model", h->model);
+	term_json_known(&j, "serial", h->serial);
+	term_json_text(&j, "port", h->port);
+	term_json_known(&j, "profile", h->profile_name);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static void line(struct record *r)
@@ -121,7 +121,7 @@ static void line(struct record *r)
 	if (f.bad)
 		snprintf(bad, sizeof(bad), " (%llu bad)", (unsigned long long)f.bad);
 	if (r->framer)
-		snprintf(telegrams, sizeof(telegrams), "  %s telegrams%s", ctl_text_count(f.telegrams, count), bad);
+		snprintf(telegrams, sizeof(telegrams), "  %s telegrams%s", term_count(f.telegrams, count), bad);
 	if (u.parked || u.overflows || u.errors)
 		snprintf(parked, sizeof(parked), "  parked %.1f s, %llu dropped", seconds(u.parked_ns),
 			 (unsigned long long)(u.overflows + u.errors));
@@ -133,7 +133,7 @@ static void line(struct record *r)
 void record_tell_progress(struct record *r)
 {
 	uint64_t now = clock_mono_ns(), every = r->progress ? 200000000 : 1000000000;
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 	char size[32], rate[32];
 	double passed;
 
@@ -152,14 +152,14 @@ void record_tell_progress(struct record *r)
 		return;
 	open_line(&j, r, "progress");
 	counts_json(&j, r);
-	ctl_json_number(&j, "rate", r->rate);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_number(&j, "rate", r->rate);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 void record_tell_event(struct record *r, const char *event, const char *text)
 {
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 
 	if (!r->args->json) {
 		if (!strcmp(event, "left") || !strcmp(event, "back") || !strcmp(event, "error"))
@@ -167,29 +167,29 @@ void record_tell_event(struct record *r, const char *event, const char *text)
 		return;
 	}
 	open_line(&j, r, event);
-	ctl_json_text(&j, "text", text);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_text(&j, "text", text);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static void end_json(struct record *r, const char *sum, const struct err *err)
 {
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 	struct spool_totals t;
 
 	spool_totals(r->spool, &t);
 	open_line(&j, r, "end");
-	ctl_json_text(&j, "ended", record_why_name(r->why));
+	term_json_text(&j, "ended", record_why_name(r->why));
 	counts_json(&j, r);
-	ctl_json_u64(&j, "records", t.records);
-	ctl_json_u64(&j, "events", t.events);
-	ctl_json_text(&j, "sha256", sum);
+	term_json_u64(&j, "records", t.records);
+	term_json_u64(&j, "events", t.events);
+	term_json_text(&j, "sha256", sum);
 	if (err->code)
-		ctl_error_json(&j, "error", err);
+		term_error_json(&j, "error", err);
 	else
-		ctl_json_text(&j, "error", NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+		term_json_text(&j, "error", NULL);
+	term_json_close(&j, '}');
+	term_json_line(&j);
 }
 
 static void end_text(const struct record *r, const struct spool_totals *t, const char *sum)
@@ -202,26 +202,23 @@ static void end_text(const struct record *r, const struct spool_totals *t, const
 	framed(r, &f);
 	counts_now(r, &u);
 	if (r->framer)
-		snprintf(telegrams, sizeof(telegrams), ", %s telegrams, %llu bad", ctl_text_count(f.telegrams, count),
+		snprintf(telegrams, sizeof(telegrams), ", %s telegrams, %llu bad", term_count(f.telegrams, count),
 			 (unsigned long long)f.bad);
-	ctl_term_line(stdout, "%s", r->path);
-	ctl_term_field(stdout, "captured", "%s in %llu transfers%s", parse_size_text(t->bytes, size),
-		       (unsigned long long)t->transfers, telegrams);
-	ctl_term_field(stdout, "took", "%.1f s, %s/s", passed,
-		       parse_size_text((uint64_t)((double)r->bytes / (passed > 0.001 ? passed : 0.001)), rate));
-	ctl_term_field(stdout, "ended by", "%s", r->why == RECORD_UNPLUGGED ? "unplugging" : record_why_name(r->why));
+	term_line(stdout, "%s", r->path);
+	term_field(stdout, "captured", "%s in %llu transfers%s", parse_size_text(t->bytes, size),
+		   (unsigned long long)t->transfers, telegrams);
+	term_field(stdout, "took", "%.1f s, %s/s", passed,
+		   parse_size_text((uint64_t)((double)r->bytes / (passed > 0.001 ? passed : 0.001)), rate));
+	term_field(stdout, "ended by", "%s", r->why == RECORD_UNPLUGGED ? "unplugging" : record_why_name(r->why));
 	if (u.stalls || u.overflows || u.errors || u.timeouts || u.parked)
-		ctl_term_field(stdout, "bus",
-			       "%llu stalls, %llu overflows, %llu errors, %llu timeouts; parked %llu times, %.3f s",
-			       (unsigned long long)u.stalls, (unsigned long long)u.overflows, (unsigned long long)u.errors,
-			       (unsigned long long)u.timeouts, (unsigned long long)u.parked, seconds(u.parked_ns));
+		term_field(stdout, "bus", "%llu stalls, %llu overflows, %llu errors, %llu timeouts; parked %llu times, %.3f s",
+			   (unsigned long long)u.stalls, (unsigned long long)u.overflows, (unsigned long long)u.errors,
+			   (unsigned long long)u.timeouts, (unsigned long long)u.parked, seconds(u.parked_ns));
 	if (t->waits)
-		ctl_term_field(stdout, "disk", "waited for %llu times, %.3f s", (unsigned long long)t->waits,
-			       seconds(t->wait_ns));
+		term_field(stdout, "disk", "waited for %llu times, %.3f s", (unsigned long long)t->waits, seconds(t->wait_ns));
 	if (t->durable < t->bytes)
-		ctl_term_field(stdout, "durable", "%llu of %llu bytes", (unsigned long long)t->durable,
-			       (unsigned long long)t->bytes);
-	ctl_term_field(stdout, "sha256", "%s", sum);
+		term_field(stdout, "durable", "%llu of %llu bytes", (unsigned long long)t->durable, (unsigned long long)t->bytes);
+	term_field(stdout, "sha256", "%s", sum);
 }
 
 void record_tell_end(struct record *r, const struct err *err)

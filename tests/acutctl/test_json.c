@@ -12,51 +12,51 @@
 
 #include "ctl.h"
 
-static char *written(void (*put)(struct ctl_json *, const void *), const void *what)
+static char *written(void (*put)(struct term_json *, const void *), const void *what)
 {
 	char *text = NULL;
 	size_t n;
-	struct ctl_json j = {.out = open_memstream(&text, &n), .list = true};
+	struct term_json j = {.out = open_memstream(&text, &n), .list = true};
 
 	put(&j, what);
-	ctl_json_line(&j);
+	term_json_line(&j);
 	fclose(j.out);
 	assert_int_equal(text[n - 1], '\n');
 	text[n - 1] = 0;
 	return text;
 }
 
-static void put_number(struct ctl_json *j, const void *v)
+static void put_number(struct term_json *j, const void *v)
 {
-	ctl_json_number(j, NULL, *(const double *)v);
+	term_json_number(j, NULL, *(const double *)v);
 }
 
-static void put_u64(struct ctl_json *j, const void *v)
+static void put_u64(struct term_json *j, const void *v)
 {
-	ctl_json_u64(j, NULL, *(const uint64_t *)v);
+	term_json_u64(j, NULL, *(const uint64_t *)v);
 }
 
-static void put_i64(struct ctl_json *j, const void *v)
+static void put_i64(struct term_json *j, const void *v)
 {
-	ctl_json_i64(j, NULL, *(const int64_t *)v);
+	term_json_i64(j, NULL, *(const int64_t *)v);
 }
 
-static void put_time(struct ctl_json *j, const void *v)
+static void put_time(struct term_json *j, const void *v)
 {
 	ctl_job_time(j, NULL, *(const int64_t *)v);
 }
 
-static void put_text(struct ctl_json *j, const void *v)
+static void put_text(struct term_json *j, const void *v)
 {
-	ctl_json_text(j, "k\"", v);
+	term_json_text(j, "k\"", v);
 }
 
-static void put_lattice(struct ctl_json *j, const void *v)
+static void put_lattice(struct term_json *j, const void *v)
 {
 	ctl_job_lattice(j, v);
 }
 
-static void check(void (*put)(struct ctl_json *, const void *), const void *what, const char *wanted)
+static void check(void (*put)(struct term_json *, const void *), const void *what, const char *wanted)
 {
 	char *text = written(put, what);
 
@@ -154,7 +154,7 @@ static void odd_places(void **state)
 		for (unsigned len = 1; len <= MOST; len += 1 + len / 6)
 			for (unsigned at = 0; at < len; at++) {
 				char text[MOST + 1], wanted[2 * MOST + 32], one[16], *got, *as_key;
-				struct ctl_json j = {.list = true};
+				struct term_json j = {.list = true};
 				size_t n;
 
 				memset(text, 'w', len);
@@ -166,8 +166,8 @@ static void odd_places(void **state)
 				if (len > 17)
 					continue;
 				j.out = open_memstream(&got, &n);
-				ctl_json_bool(&j, text, true);
-				ctl_json_line(&j);
+				term_json_bool(&j, text, true);
+				term_json_line(&j);
 				fclose(j.out);
 				assert_true(asprintf(&as_key, "%s:true\n", wanted + strlen("\"k\\\"\":")) > 0);
 				assert_string_equal(got, as_key);
@@ -182,19 +182,19 @@ static void keys(void **state)
 	const char *const rule = "of a \"table\"";
 	char *text;
 	size_t n;
-	struct ctl_json j = {.out = open_memstream(&text, &n), .list = true};
+	struct term_json j = {.out = open_memstream(&text, &n), .list = true};
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "", NULL);
-	ctl_json_number(&j, "zero", 0);
-	ctl_json_number(&j, "minus", -0.0);
-	ctl_json_u64(&j, rule, 9);
-	ctl_json_i64(&j, "a\\b", -10);
-	ctl_json_literal(&j, "Höhe", "[]");
-	ctl_json_known(&j, "none", "unknown");
-	ctl_json_known(&j, "some", "unknowns");
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "", NULL);
+	term_json_number(&j, "zero", 0);
+	term_json_number(&j, "minus", -0.0);
+	term_json_u64(&j, rule, 9);
+	term_json_i64(&j, "a\\b", -10);
+	term_json_literal(&j, "Höhe", "[]");
+	term_json_known(&j, "none", "unknown");
+	term_json_known(&j, "some", "unknowns");
+	term_json_close(&j, '}');
+	term_json_line(&j);
 	fclose(j.out);
 	assert_string_equal(text, "{\"\":null,\"zero\":0,\"minus\":-0,\"of a \\\"table\\\"\":9,\"a\\\\b\":-10,\"Höhe\":[],"
 				  "\"none\":null,\"some\":\"unknowns\"}\n");
@@ -209,15 +209,15 @@ static void short_ones(void **state)
 	for (size_t len = 0; len < sizeof letters; len++) {
 		char word[sizeof letters], *text, *wanted;
 		size_t n;
-		struct ctl_json j = {.out = open_memstream(&text, &n), .list = true};
+		struct term_json j = {.out = open_memstream(&text, &n), .list = true};
 
 		memcpy(word, letters, len);
 		word[len] = 0;
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_u64(&j, word, UINT64_C(12345678901234567890) >> len);
-		ctl_json_text(&j, word, word);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+		term_json_open(&j, NULL, '{');
+		term_json_u64(&j, word, UINT64_C(12345678901234567890) >> len);
+		term_json_text(&j, word, word);
+		term_json_close(&j, '}');
+		term_json_line(&j);
 		fclose(j.out);
 		assert_true(asprintf(&wanted, "{\"%s\":%llu,\"%s\":\"%s\"}\n", word, 12345678901234567890ull >> len, word, word) >
 			    0);
@@ -233,8 +233,8 @@ static void lengths(void **state)
 	enum { MOST = 20000 };
 	char *text[2] = {0}, *word = test_malloc(MOST + 1), *at[2];
 	size_t n[2];
-	struct ctl_json j[2] = {{.out = open_memstream(&text[0], &n[0]), .list = true},
-				{.out = open_memstream(&text[1], &n[1]), .list = true}};
+	struct term_json j[2] = {{.out = open_memstream(&text[0], &n[0]), .list = true},
+				 {.out = open_memstream(&text[1], &n[1]), .list = true}};
 
 	memset(word, 'w', MOST);
 	for (int step = 0; step < 2; step++) {
@@ -242,13 +242,13 @@ static void lengths(void **state)
 		for (size_t len = 1; len < MOST; len = len * 3 / 2 + 1) {
 			word[len] = 0;
 			for (int k = 0; k < 2 && !step; k++) {
-				ctl_json_open(&j[k], NULL, '{');
-				ctl_json_text(&j[k], word, word);
-				ctl_json_u64(&j[k], "n", len);
+				term_json_open(&j[k], NULL, '{');
+				term_json_text(&j[k], word, word);
+				term_json_u64(&j[k], "n", len);
 			}
 			for (int k = 0; k < 2 && !step; k++) {
-				ctl_json_close(&j[k], '}');
-				ctl_json_line(&j[k]);
+				term_json_close(&j[k], '}');
+				term_json_line(&j[k]);
 			}
 			for (int k = 0; k < 2 && step; k++) {
 				char *wanted;

@@ -12,11 +12,11 @@
 
 #include <cmocka.h>
 
-#include "ctl_table.h"
+#include "term_table.h"
 
 static void safe_is(const char *text, const char *wanted)
 {
-	char *safe = ctl_term_safe(text);
+	char *safe = term_safe(text);
 
 	assert_string_equal(safe, wanted);
 	free(safe);
@@ -38,12 +38,12 @@ static void test_safe(void **state)
 static void test_columns(void **state)
 {
 	(void)state;
-	assert_int_equal(ctl_term_columns("abc"), 3);
-	assert_int_equal(ctl_term_columns("Grüße"), 5);
-	assert_int_equal(ctl_term_columns("地形"), 4);
-	assert_int_equal(ctl_term_columns("e\u0301"), 1);
-	assert_int_equal(ctl_term_fit("地形", 3), 3);
-	assert_int_equal(ctl_term_fit("e\u0301x", 1), 3);
+	assert_int_equal(term_columns("abc"), 3);
+	assert_int_equal(term_columns("Grüße"), 5);
+	assert_int_equal(term_columns("地形"), 4);
+	assert_int_equal(term_columns("e\u0301"), 1);
+	assert_int_equal(term_fit("地形", 3), 3);
+	assert_int_equal(term_fit("e\u0301x", 1), 3);
 }
 
 static void shorten_is(const char *text, unsigned columns, bool tail, const char *wanted)
@@ -51,9 +51,9 @@ static void shorten_is(const char *text, unsigned columns, bool tail, const char
 	char buf[200];
 
 	snprintf(buf, sizeof(buf), "%s", text);
-	ctl_term_shorten(buf, columns, tail);
+	term_shorten(buf, columns, tail);
 	assert_string_equal(buf, wanted);
-	assert_true(ctl_term_columns(buf) <= columns || !columns);
+	assert_true(term_columns(buf) <= columns || !columns);
 }
 
 static void test_shorten(void **state)
@@ -71,26 +71,26 @@ static void test_shorten(void **state)
 		shorten_is("", n, false, "");
 }
 
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"NAME", .shrink = true},  {"POINTS", .right = true}, {"SIZE", .right = true},
 	{"PUSHED", .spare = true}, {"NOTE", .tail = true},
 };
 
 static void fill(FILE *out)
 {
-	struct ctl_table *t = ctl_table_new(out, columns, 5);
+	struct term_table *t = term_table_new(out, columns, 5);
 
-	ctl_table_text(t, "a-very-long-name-of-a-dataset-that-somebody-made");
-	ctl_table_count(t, 1234567);
-	ctl_table_size(t, 3u << 30);
-	ctl_table_time(t, 1700000000000000);
-	ctl_table_text(t, "waits for its turn, which may be long");
-	ctl_table_text(t, "tab\there");
-	ctl_table_none(t);
-	ctl_table_size(t, 5);
-	ctl_table_time(t, 0);
-	ctl_table_text(t, "%s", "");
-	assert_null(ctl_table_free(t));
+	term_table_text(t, "a-very-long-name-of-a-dataset-that-somebody-made");
+	term_table_count(t, 1234567);
+	term_table_size(t, 3u << 30);
+	term_table_time(t, 1700000000000000);
+	term_table_text(t, "waits for its turn, which may be long");
+	term_table_text(t, "tab\there");
+	term_table_none(t);
+	term_table_size(t, 5);
+	term_table_time(t, 0);
+	term_table_text(t, "%s", "");
+	assert_null(term_table_free(t));
 }
 
 static void test_plain(void **state)
@@ -153,7 +153,7 @@ static void test_terminal(void **state)
 		assert_non_null(strstr(text, "1,234,567"));
 		assert_non_null(strstr(text, "3.0 GB"));
 		for (char *line = strtok_r(text, "\n", &save); line; line = strtok_r(NULL, "\n", &save), lines++)
-			assert_true(ctl_term_columns(line) <= widths[i]);
+			assert_true(term_columns(line) <= widths[i]);
 		assert_int_equal(lines, 3);
 	}
 	assert_non_null(strstr(shown(200), "a-very-long-name-of-a-dataset-that-somebody-made"));

@@ -11,16 +11,16 @@
 #include <unistd.h>
 #include <wchar.h>
 
-#include "ctl_term.h"
+#include "term.h"
 #include "parse.h"
 #include "utf8.h"
 
 #define KEY 12 /* columns of a field's key */
 
-struct ctl_term ctl_term_of(FILE *out)
+struct term term_of(FILE *out)
 {
 	const char *no = getenv("NO_COLOR"), *term = getenv("TERM"), *columns = getenv("COLUMNS");
-	struct ctl_term t = {.on = isatty(fileno(out)) == 1};
+	struct term t = {.on = isatty(fileno(out)) == 1};
 	struct winsize ws;
 	uint64_t n;
 
@@ -35,7 +35,7 @@ struct ctl_term ctl_term_of(FILE *out)
 	return t;
 }
 
-const char *ctl_term_tint(const struct ctl_term *t, enum ctl_tint tint)
+const char *term_tint(const struct term *t, enum term_tint tint)
 {
 	static const char *const code[] = {"\033[0m", "\033[1m", "\033[32m", "\033[33m", "\033[31m"};
 
@@ -59,14 +59,14 @@ static bool harmful(wchar_t c)
 	       (c >= 0x2066 && c <= 0x2069) || c == 0xfeff;
 }
 
-char *ctl_term_text(const char *fmt, va_list ap)
+char *term_format(const char *fmt, va_list ap)
 {
 	char *text;
 
 	return vasprintf(&text, fmt, ap) < 0 ? NULL : text;
 }
 
-char *ctl_term_safe(const char *text)
+char *term_safe(const char *text)
 {
 	const unsigned char *p = (const unsigned char *)text;
 	char *safe = malloc(4 * strlen(text) + 4), *at = safe;
@@ -92,7 +92,7 @@ char *ctl_term_safe(const char *text)
 	return safe;
 }
 
-void ctl_term_put(FILE *out, const char *text)
+void term_put(FILE *out, const char *text)
 {
 	const char *p = text;
 	char *safe;
@@ -103,7 +103,7 @@ void ctl_term_put(FILE *out, const char *text)
 		fputs(text, out);
 		return;
 	}
-	safe = ctl_term_safe(text);
+	safe = term_safe(text);
 	fputs(safe ? safe : "?", out);
 	free(safe);
 }
@@ -126,7 +126,7 @@ static unsigned width_of(wchar_t c)
 	return w < 0 ? 1 : (unsigned)w;
 }
 
-size_t ctl_term_fit(const char *text, unsigned columns)
+size_t term_fit(const char *text, unsigned columns)
 {
 	const unsigned char *p = (const unsigned char *)text;
 
@@ -142,7 +142,7 @@ size_t ctl_term_fit(const char *text, unsigned columns)
 	return (size_t)((const char *)p - text);
 }
 
-unsigned ctl_term_columns(const char *text)
+unsigned term_columns(const char *text)
 {
 	const unsigned char *p = (const unsigned char *)text;
 	unsigned sum = 0;
@@ -157,18 +157,18 @@ unsigned ctl_term_columns(const char *text)
 	return sum;
 }
 
-void ctl_term_shorten(char *text, unsigned columns, bool tail)
+void term_shorten(char *text, unsigned columns, bool tail)
 {
 	static const char dots[] = "…";
-	unsigned all = ctl_term_columns(text), behind;
+	unsigned all = term_columns(text), behind;
 	size_t front, skip;
 
 	if (all <= columns || !columns)
 		return;
 	behind = tail ? 0 : (columns - 1) / 2;
-	front = ctl_term_fit(text, columns - 1 - behind);
+	front = term_fit(text, columns - 1 - behind);
 	/* so many columns off the front that what is left takes at most `behind` */
-	for (skip = front; text[skip] && ctl_term_columns(text + skip) > behind;) {
+	for (skip = front; text[skip] && term_columns(text + skip) > behind;) {
 		wchar_t c;
 		unsigned n = decode((const unsigned char *)text + skip, &c);
 
@@ -190,7 +190,7 @@ void ctl_term_shorten(char *text, unsigned columns, bool tail)
 /* One line of a value: up to the last blank that fits, else as much as does. */
 static size_t one_line(const char *text, unsigned columns)
 {
-	size_t n = ctl_term_fit(text, columns), blank = n;
+	size_t n = term_fit(text, columns), blank = n;
 
 	if (!text[n])
 		return n;
@@ -211,28 +211,28 @@ static void wrapped(FILE *out, char *text, unsigned indent, unsigned width)
 	}
 }
 
-void ctl_term_wrap(FILE *out, unsigned indent, const char *text)
+void term_wrap(FILE *out, unsigned indent, const char *text)
 {
-	char *safe = ctl_term_safe(text);
+	char *safe = term_safe(text);
 
 	if (safe)
-		wrapped(out, safe, indent, ctl_term_of(out).width);
+		wrapped(out, safe, indent, term_of(out).width);
 	else
 		fputs("?\n", out);
 	free(safe);
 }
 
-void ctl_term_field(FILE *out, const char *key, const char *fmt, ...)
+void term_field(FILE *out, const char *key, const char *fmt, ...)
 {
-	struct ctl_term term = ctl_term_of(out);
+	struct term term = term_of(out);
 	char *text, *safe;
 	va_list ap;
 
 	va_start(ap, fmt);
-	text = ctl_term_text(fmt, ap);
+	text = term_format(fmt, ap);
 	va_end(ap);
-	safe = text ? ctl_term_safe(text) : NULL;
-	fprintf(out, "%s%-*s%s", ctl_term_tint(&term, CTL_BOLD), KEY - 1, key, term.color ? "\033[0m " : " ");
+	safe = text ? term_safe(text) : NULL;
+	fprintf(out, "%s%-*s%s", term_tint(&term, TERM_BOLD), KEY - 1, key, term.color ? "\033[0m " : " ");
 	if (safe)
 		wrapped(out, safe, KEY, term.width);
 	else
@@ -241,17 +241,17 @@ void ctl_term_field(FILE *out, const char *key, const char *fmt, ...)
 	free(text);
 }
 
-void ctl_term_line(FILE *out, const char *fmt, ...)
+void term_line(FILE *out, const char *fmt, ...)
 {
 	char *text;
 	va_list ap;
 
 	va_start(ap, fmt);
-	text = ctl_term_text(fmt, ap);
+	text = term_format(fmt, ap);
 	va_end(ap);
 	if (!text)
 		return;
-	ctl_term_put(out, text);
+	term_put(out, text);
 	fputc('\n', out);
 	free(text);
 }

@@ -5,44 +5,44 @@
  * here: control characters (escape sequences too) and bytes that are no UTF-8 are shown as \n, \t, \x1b,
  * whether the reader is a terminal or not.
  */
-#ifndef CTL_TERM_H
-#define CTL_TERM_H
+#ifndef TERM_H
+#define TERM_H
 
 #include <stdarg.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
 
-struct ctl_term {
+struct term {
 	bool on;        /* it is a terminal */
 	bool color;     /* and colours are wanted: not with NO_COLOR, not with TERM=dumb */
 	unsigned width; /* in columns: $COLUMNS, else what the terminal says now, else 80; 0: not a terminal */
 };
-struct ctl_term ctl_term_of(FILE *);
+struct term term_of(FILE *);
 
-enum ctl_tint { CTL_PLAIN, CTL_BOLD, CTL_GOOD, CTL_WARN, CTL_BAD };
+enum term_tint { TERM_PLAIN, TERM_BOLD, TERM_GOOD, TERM_WARN, TERM_BAD };
 /* The sequences that begin and end a tint; "" where there are no colours. */
-const char *ctl_term_tint(const struct ctl_term *, enum ctl_tint);
+const char *term_tint(const struct term *, enum term_tint);
 
 /* What printf writes, to be freed; NULL: no memory. */
-char *ctl_term_text(const char *fmt, va_list) __attribute__((format(printf, 1, 0)));
+char *term_format(const char *fmt, va_list) __attribute__((format(printf, 1, 0)));
 /* A safe copy of text, to be freed; NULL: no memory. */
-char *ctl_term_safe(const char *text);
+char *term_safe(const char *text);
 /* Writes text, made safe. */
-void ctl_term_put(FILE *, const char *text);
+void term_put(FILE *, const char *text);
 /* Columns that a safe text takes: 2 of wide characters, 0 of combining ones. */
-unsigned ctl_term_columns(const char *text);
+unsigned term_columns(const char *text);
 /* Bytes of the longest beginning of a safe text that takes at most so many columns. */
-size_t ctl_term_fit(const char *text, unsigned columns);
+size_t term_fit(const char *text, unsigned columns);
 /* Shortens a safe text in place to so many columns, by … in the middle, or (tail) at its end. It must have room for 3
  * bytes more than it has, or be longer than it becomes. */
-void ctl_term_shorten(char *text, unsigned columns, bool tail);
+void term_shorten(char *text, unsigned columns, bool tail);
 
 /* "key         value" as a line; on a terminal, values that are wider go on below the first. */
-void ctl_term_field(FILE *, const char *key, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+void term_field(FILE *, const char *key, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
 /* The rest of a line of which so many columns are taken; what a terminal has no room for goes on below. */
-void ctl_term_wrap(FILE *, unsigned indent, const char *text);
+void term_wrap(FILE *, unsigned indent, const char *text);
 /* A line of text. */
-void ctl_term_line(FILE *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+void term_line(FILE *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
 #endif

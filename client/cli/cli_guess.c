@@ -2,11 +2,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "ctl_guess.h"
+#include "cli_guess.h"
 
 enum { LONGEST = 40, FAR = 64 };
 
-unsigned ctl_guess_distance(const char *a, const char *b)
+unsigned cli_guess_distance(const char *a, const char *b)
 {
 	size_t n = strlen(a), m = strlen(b);
 	unsigned row[3][LONGEST + 1]; /* of i - 2, i - 1 and i letters of a */
@@ -32,10 +32,10 @@ unsigned ctl_guess_distance(const char *a, const char *b)
 	return row[1][m];
 }
 
-void ctl_guess_offer(struct ctl_guess *g, const char *word)
+void cli_guess_offer(struct cli_guess *g, const char *word)
 {
 	size_t n = strlen(word), given = strlen(g->given);
-	unsigned d = ctl_guess_distance(g->given, word), most = n < 4 ? 1 : (unsigned)(n + 2) / 3;
+	unsigned d = cli_guess_distance(g->given, word), most = n < 4 ? 1 : (unsigned)(n + 2) / 3;
 
 	/* one that was cut short is as near as a mistyped letter */
 	if (d > 1 && given >= 3 && !strncmp(word, g->given, given))
@@ -46,7 +46,7 @@ void ctl_guess_offer(struct ctl_guess *g, const char *word)
 	memcpy(g->best, word, n + 1);
 }
 
-void ctl_guess_offer_choices(struct ctl_guess *g, const char *choices)
+void cli_guess_offer_choices(struct cli_guess *g, const char *choices)
 {
 	char word[64];
 
@@ -54,12 +54,12 @@ void ctl_guess_offer_choices(struct ctl_guess *g, const char *choices)
 		size_t n = strcspn(choices, "|");
 
 		snprintf(word, sizeof(word), "%.*s", (int)n, choices);
-		ctl_guess_offer(g, word);
+		cli_guess_offer(g, word);
 		choices += n + (choices[n] == '|');
 	}
 }
 
-const char *ctl_guess_text(const struct ctl_guess *g, const char *prefix, char *buf)
+const char *cli_guess_text(const struct cli_guess *g, const char *prefix, char *buf)
 {
 	buf[0] = 0;
 	if (g->distance)

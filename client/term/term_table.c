@@ -7,42 +7,42 @@
 #include <string.h>
 #include <time.h>
 
-#include "ctl_table.h"
-#include "ctl_text.h"
+#include "term_table.h"
+#include "term_text.h"
 #include "parse.h"
 
 enum { KEPT = 1000, GAP = 2, NARROW = 8 };
 
 struct cell {
 	char *text;
-	enum ctl_tint tint;
+	enum term_tint tint;
 };
 
-struct ctl_table {
+struct term_table {
 	FILE *out;
-	struct ctl_term term;
-	const struct ctl_column *column;
+	struct term term;
+	const struct term_column *column;
 	unsigned n, at; /* columns; where the next cell goes */
-	enum ctl_tint tint;
+	enum term_tint tint;
 	struct cell *cell; /* of `rows` rows */
 	size_t rows, room;
-	unsigned width[CTL_TABLE_COLUMNS]; /* 0: left out */
+	unsigned width[TERM_TABLE_COLUMNS]; /* 0: left out */
 	bool settled;
 };
 
-struct ctl_table *ctl_table_new(FILE *out, const struct ctl_column *column, unsigned n)
+struct term_table *term_table_new(FILE *out, const struct term_column *column, unsigned n)
 {
-	struct ctl_table *t = calloc(1, sizeof(*t));
+	struct term_table *t = calloc(1, sizeof(*t));
 
 	if (!t)
 		return NULL;
-	*t = (struct ctl_table){.out = out, .term = ctl_term_of(out), .column = column, .n = n};
+	*t = (struct term_table){.out = out, .term = term_of(out), .column = column, .n = n};
 	return t;
 }
 
 /* ---- widths ---- */
 
-static unsigned total(const struct ctl_table *t)
+static unsigned total(const struct term_table *t)
 {
 	unsigned sum = 0;
 
@@ -52,7 +52,7 @@ static unsigned total(const struct ctl_table *t)
 }
 
 /* Takes what is too much off the widest columns that can be shortened, none below `least`. */
-static void shrink(struct ctl_table *t, unsigned least)
+static void shrink(struct term_table *t, unsigned least)
 {
 	while (total(t) > t->term.width) {
 		unsigned widest = t->n;
@@ -67,16 +67,16 @@ static void shrink(struct ctl_table *t, unsigned least)
 	}
 }
 
-static void settle(struct ctl_table *t)
+static void settle(struct term_table *t)
 {
 	t->settled = true;
 	for (unsigned i = 0; i < t->n; i++) {
 		bool any = !t->rows;
 
-		t->width[i] = ctl_term_columns(t->column[i].head);
+		t->width[i] = term_columns(t->column[i].head);
 		for (size_t r = 0; r < t->rows; r++) {
 			const char *text = t->cell[r * t->n + i].text;
-			unsigned w = ctl_term_columns(text);
+			unsigned w = term_columns(text);
 
 			any |= strcmp(text, "-") != 0;
 			t->width[i] = w > t->width[i] ? w : t->width[i];
@@ -93,9 +93,9 @@ static void settle(struct ctl_table *t)
 
 /* ---- printing ---- */
 
-static void put(struct ctl_table *t, unsigned i, const char *text, enum ctl_tint tint, bool last)
+static void put(struct term_table *t, unsigned i, const char *text, enum term_tint tint, bool last)
 {
-	const struct ctl_column *c = &t->column[i];
+	const struct term_column *c = &t->column[i];
 	size_t room = strlen(text) + 8;
 	char *fit = malloc(room);
 	unsigned w, pad;
@@ -104,13 +104,13 @@ static void put(struct ctl_table *t, unsigned i, const char *text, enum ctl_tint
 		return;
 	memcpy(fit, text, strlen(text) + 1);
 	if (c->shrink || c->tail)
-		ctl_term_shorten(fit, t->width[i], c->tail);
-	w = ctl_term_columns(fit);
+		term_shorten(fit, t->width[i], c->tail);
+	w = term_columns(fit);
 	pad = w < t->width[i] ? t->width[i] - w : 0;
 	if (c->right)
 		fprintf(t->out, "%*s", (int)pad, "");
 	if (tint && t->term.color)
-		fprintf(t->out, "%s%s%s", ctl_term_tint(&t->term, tint), fit, ctl_term_tint(&t->term, CTL_PLAIN));
+		fprintf(t->out, "%s%s%s", term_tint(&t->term, tint), fit, term_tint(&t->term, TERM_PLAIN));
 	else
 		fputs(fit, t->out);
 	if (!c->right && !last)
@@ -118,7 +118,7 @@ static void put(struct ctl_table *t, unsigned i, const char *text, enum ctl_tint
 	free(fit);
 }
 
-static void print_row(struct ctl_table *t, const struct cell *row)
+static void print_row(struct term_table *t, const struct cell *row)
 {
 	unsigned last = t->n;
 	bool any = false;
@@ -131,12 +131,12 @@ static void print_row(struct ctl_table *t, const struct cell *row)
 		if (any)
 			fprintf(t->out, "%*s", GAP, "");
 		any = true;
-		put(t, i, row ? row[i].text : t->column[i].head, row ? row[i].tint : CTL_BOLD, i + 1 == last);
+		put(t, i, row ? row[i].text : t->column[i].head, row ? row[i].tint : TERM_BOLD, i + 1 == last);
 	}
 	fputc('\n', t->out);
 }
 
-static void flush(struct ctl_table *t)
+static void flush(struct term_table *t)
 {
 	if (!t->settled && t->rows) {
 		settle(t);
@@ -151,14 +151,14 @@ static void flush(struct ctl_table *t)
 
 /* ---- cells ---- */
 
-static void plain(struct ctl_table *t, const char *text)
+static void plain(struct term_table *t, const char *text)
 {
-	ctl_term_put(t->out, *text ? text : "-");
+	term_put(t->out, *text ? text : "-");
 	fputc(++t->at == t->n ? '\n' : '\t', t->out);
 	t->at %= t->n;
 }
 
-static void add(struct ctl_table *t, const char *text)
+static void add(struct term_table *t, const char *text)
 {
 	struct cell *grown;
 	char *safe;
@@ -176,11 +176,11 @@ static void add(struct ctl_table *t, const char *text)
 		t->cell = grown;
 		t->room = t->room ? 2 * t->room : 64;
 	}
-	safe = ctl_term_safe(*text ? text : "-");
+	safe = term_safe(*text ? text : "-");
 	if (!safe)
 		return;
 	t->cell[t->rows * t->n + t->at] = (struct cell){.text = safe, .tint = t->tint};
-	t->tint = CTL_PLAIN;
+	t->tint = TERM_PLAIN;
 	if (++t->at < t->n)
 		return;
 	t->at = 0;
@@ -189,7 +189,7 @@ static void add(struct ctl_table *t, const char *text)
 		flush(t);
 }
 
-void ctl_table_text(struct ctl_table *t, const char *fmt, ...)
+void term_table_text(struct term_table *t, const char *fmt, ...)
 {
 	char text[200], *more = NULL;
 	va_list ap;
@@ -200,60 +200,60 @@ void ctl_table_text(struct ctl_table *t, const char *fmt, ...)
 	va_end(ap);
 	if (n >= (int)sizeof(text)) {
 		va_start(ap, fmt);
-		more = ctl_term_text(fmt, ap);
+		more = term_format(fmt, ap);
 		va_end(ap);
 	}
 	add(t, more ? more : n < 0 || n >= (int)sizeof(text) ? "?" : text);
 	free(more);
 }
 
-void ctl_table_count(struct ctl_table *t, uint64_t n)
+void term_table_count(struct term_table *t, uint64_t n)
 {
 	char buf[32];
 
 	if (t && t->term.on)
-		add(t, ctl_text_count(n, buf));
+		add(t, term_count(n, buf));
 	else
-		ctl_table_text(t, "%llu", (unsigned long long)n);
+		term_table_text(t, "%llu", (unsigned long long)n);
 }
 
-void ctl_table_id(struct ctl_table *t, uint64_t n)
+void term_table_id(struct term_table *t, uint64_t n)
 {
 	if (n)
-		ctl_table_text(t, "%llu", (unsigned long long)n);
+		term_table_text(t, "%llu", (unsigned long long)n);
 	else
 		add(t, "-");
 }
 
-void ctl_table_size(struct ctl_table *t, uint64_t bytes)
+void term_table_size(struct term_table *t, uint64_t bytes)
 {
 	char buf[32];
 
 	if (t && t->term.on)
 		add(t, parse_size_text(bytes, buf));
 	else
-		ctl_table_text(t, "%llu", (unsigned long long)bytes);
+		term_table_text(t, "%llu", (unsigned long long)bytes);
 }
 
-void ctl_table_time(struct ctl_table *t, int64_t us)
+void term_table_time(struct term_table *t, int64_t us)
 {
 	char buf[32];
 
-	add(t, ctl_text_time(us, buf));
+	add(t, term_time(us, buf));
 }
 
-void ctl_table_none(struct ctl_table *t)
+void term_table_none(struct term_table *t)
 {
 	add(t, "-");
 }
 
-void ctl_table_tint(struct ctl_table *t, enum ctl_tint tint)
+void term_table_tint(struct term_table *t, enum term_tint tint)
 {
 	if (t)
 		t->tint = tint;
 }
 
-struct ctl_table *ctl_table_free(struct ctl_table *t)
+struct term_table *term_table_free(struct term_table *t)
 {
 	if (!t)
 		return NULL;

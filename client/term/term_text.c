@@ -1,11 +1,11 @@
 /* Numbers and times as people read them. Times are UTC, in the one form that sorts. */
-#include "ctl_text.h"
+#include "term_text.h"
 
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
 
-char *ctl_text_count(uint64_t n, char buf[32])
+char *term_count(uint64_t n, char buf[32])
 {
 	char digits[24];
 	int len = snprintf(digits, sizeof(digits), "%llu", (unsigned long long)n), at = 0;
@@ -19,7 +19,7 @@ char *ctl_text_count(uint64_t n, char buf[32])
 	return buf;
 }
 
-char *ctl_text_time(int64_t us, char buf[32])
+char *term_time(int64_t us, char buf[32])
 {
 	static _Thread_local char day_text[32]; /* of the day before this one: lists have many times of a day */
 	static _Thread_local int64_t day_kept;

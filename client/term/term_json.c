@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "ctl_json.h"
+#include "term_json.h"
 #include "utf8.h"
 
 /* What stands in a JSON text as it is. */
@@ -164,7 +164,7 @@ static void put_text(FILE *out, const char *text)
 /* ---- keys ---- */
 
 /* One that may have what is to be escaped, and need not be there. */
-static char *put_any_key(struct ctl_json *j, const char *key, size_t more)
+static char *put_any_key(struct term_json *j, const char *key, size_t more)
 {
 	if (j->comma)
 		put_byte(j->out, ',');
@@ -176,24 +176,24 @@ static char *put_any_key(struct ctl_json *j, const char *key, size_t more)
 	return room_for(j->out, more);
 }
 
-/* Of one that is not long and has nothing to be escaped; or CTL_JSON_LOOK. */
+/* Of one that is not long and has nothing to be escaped; or TERM_JSON_LOOK. */
 static inline size_t plain_length(const char *key)
 {
 	size_t n = 0;
 
 	while (n < 32 && plain[(unsigned char)key[n]])
 		n++;
-	return key[n] ? CTL_JSON_LOOK : n;
+	return key[n] ? TERM_JSON_LOOK : n;
 }
 
-/* Writes the key, of n bytes or CTL_JSON_LOOK, and gives a place for `more` bytes behind it. */
-static inline char *put_key(struct ctl_json *j, const char *key, size_t n, size_t more)
+/* Writes the key, of n bytes or TERM_JSON_LOOK, and gives a place for `more` bytes behind it. */
+static inline char *put_key(struct term_json *j, const char *key, size_t n, size_t more)
 {
 	char *at;
 
-	if (n == CTL_JSON_LOOK && key)
+	if (n == TERM_JSON_LOOK && key)
 		n = plain_length(key);
-	if (n == CTL_JSON_LOOK)
+	if (n == TERM_JSON_LOOK)
 		return put_any_key(j, key, more);
 	at = room_for(j->out, n + 4 + more);
 	if (j->comma)
@@ -207,7 +207,7 @@ static inline char *put_key(struct ctl_json *j, const char *key, size_t n, size_
 	return at;
 }
 
-void ctl_json_put_open(struct ctl_json *j, const char *key, size_t n, char bracket)
+void term_json_put_open(struct term_json *j, const char *key, size_t n, char bracket)
 {
 	char *at = put_key(j, key, n, 1);
 
@@ -216,18 +216,18 @@ void ctl_json_put_open(struct ctl_json *j, const char *key, size_t n, char brack
 	j->comma = false;
 }
 
-void ctl_json_close(struct ctl_json *j, char bracket)
+void term_json_close(struct term_json *j, char bracket)
 {
 	put_byte(j->out, bracket);
 	j->comma = true;
 }
 
-static void put_null(struct ctl_json *j, const char *key, size_t n)
+static void put_null(struct term_json *j, const char *key, size_t n)
 {
 	took(mempcpy(put_key(j, key, n, 4), "null", 4));
 }
 
-void ctl_json_put_text(struct ctl_json *j, const char *key, size_t n, const char *text)
+void term_json_put_text(struct term_json *j, const char *key, size_t n, const char *text)
 {
 	if (!text) {
 		put_null(j, key, n);
@@ -237,9 +237,9 @@ void ctl_json_put_text(struct ctl_json *j, const char *key, size_t n, const char
 	put_text(j->out, text);
 }
 
-void ctl_json_put_known(struct ctl_json *j, const char *key, size_t n, const char *text)
+void term_json_put_known(struct term_json *j, const char *key, size_t n, const char *text)
 {
-	ctl_json_put_text(j, key, n, text && *text && strcmp(text, "unknown") ? text : NULL);
+	term_json_put_text(j, key, n, text && *text && strcmp(text, "unknown") ? text : NULL);
 }
 
 /* ---- numbers ---- */
@@ -287,12 +287,12 @@ static char *put_millionths(char *at, double v)
 	return at;
 }
 
-void ctl_json_put_u64(struct ctl_json *j, const char *key, size_t n, uint64_t v)
+void term_json_put_u64(struct term_json *j, const char *key, size_t n, uint64_t v)
 {
 	took(put_digits(put_key(j, key, n, DIGITS), v));
 }
 
-void ctl_json_put_i64(struct ctl_json *j, const char *key, size_t n, int64_t v)
+void term_json_put_i64(struct term_json *j, const char *key, size_t n, int64_t v)
 {
 	char *at = put_key(j, key, n, 1 + DIGITS);
 
@@ -301,7 +301,7 @@ void ctl_json_put_i64(struct ctl_json *j, const char *key, size_t n, int64_t v)
 	took(put_digits(at, v < 0 ? 0 - (uint64_t)v : (uint64_t)v));
 }
 
-void ctl_json_put_number(struct ctl_json *j, const char *key, size_t n, double v)
+void term_json_put_number(struct term_json *j, const char *key, size_t n, double v)
 {
 	char buf[40], *at, *end;
 
@@ -323,13 +323,13 @@ void ctl_json_put_number(struct ctl_json *j, const char *key, size_t n, double v
 	put_string(j->out, buf);
 }
 
-void ctl_json_put_literal(struct ctl_json *j, const char *key, size_t n, const char *text)
+void term_json_put_literal(struct term_json *j, const char *key, size_t n, const char *text)
 {
 	put_key(j, key, n, 0);
 	put_string(j->out, text);
 }
 
-void ctl_json_line(struct ctl_json *j)
+void term_json_line(struct term_json *j)
 {
 	put_byte(j->out, '\n');
 	let_go();
