@@ -13,70 +13,58 @@
 #include <time.h>
 
 #include "acut.h"
-#include "term_json.h"
-#include "term_error.h"
-#include "term_text.h"
+#include "cli.h"
+#include "console.h"
 #include "err.h"
 #include "format.h"
+#include "term_error.h"
+#include "term_json.h"
+#include "term_text.h"
 
 struct ctl_daemon;
 struct stat;
 
-#define CTL_OUTPUTS 16
-
-/* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
+/* What the options said. Texts are NULL, numbers 0 if not given; ctl_option_check has looked at them. */
 struct ctl_args {
-	bool json, quiet, no_progress, help, own_private;
+	bool own_private;
 	bool header, decimal_comma, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool all;       /* cache gc */
 	bool origin_of; /* config show */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
-	const char *socket, *timeout;
+	double timeout;
+	uint64_t every, since, width, generation, keep, before;
+	const char *socket;
 	const char *memory, *threads, *cache, *disk, *keep_free;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units, *override_crs, *override_units;
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
-	const char *zmin, *zmax, *crop, *bbox, *polygon, *every, *thin, *thin_pick;
-	const char *format, *tile, *since, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation, *priority, *replaces, *as, *settle, *mode;
-	const char *keep, *before;
+	const char *zmin, *zmax, *crop, *bbox, *polygon, *thin, *thin_pick;
+	const char *format, *tile, *origin, *max_edge, *z_unit, *color;
+	const char *priority, *replaces, *as, *settle, *mode;
 	const char *textfile;
-	const char *out[CTL_OUTPUTS];
-	unsigned nout;
-	char **word; /* what is not an option, without the command */
-	unsigned nword;
+	struct cli_texts out;
 };
 
-struct ctl_command;
-struct ctl_verb;
-
-struct ctl {
+struct program {
+	struct console console;
 	struct ctl_args args;
-	const struct ctl_command *command;
-	const struct ctl_verb *verb; /* of a command that has some */
-	double timeout;              /* seconds, 0 = none */
+	struct cli_line line;
 	uint64_t deadline_ns;
 	struct acut *acut;
-	struct ctl_daemon *daemon; /* of this command's own, or NULL */
-	FILE *report;              /* JSON and results: stdout, or stderr where OUT is "-" */
-	struct err failure;        /* that was told last */
-	char **warning;
-	size_t nwarning;
+	struct ctl_daemon *daemon;   /* of this command's own, or NULL */
+	struct err failure;          /* that was told last */
 	unsigned long long refusals; /* inputs that were left out (ctl_refusal) */
-	bool list;                   /* what is told is one of many lines, and the last comes at once */
-	bool progress_shown;         /* a progress line stands on the terminal */
 	bool out_closed;             /* the reader of standard output is gone */
 	bool for_reader;             /* without that reader there is no use in going on: -o -, wait, watch */
 };
 
 /* Exit statuses that are no error's. */
-enum { CTL_DONE = 0, CTL_USAGE = 2, CTL_SOME_REFUSED = 3, CTL_PIPE = 141 };
+enum { CTL_DONE = 0, CTL_SOME_REFUSED = 3 };
 
 /* Which options a command takes: an option is allowed where its groups meet the command's. */
 enum ctl_group {
-	CTL_ALL = 1,    /* every command */
 	CTL_STAGE = 2,  /* what is stored: mesh, push */
 	CTL_VIEW = 4,   /* which points: mesh, submit, plan */
 	CTL_OUT = 8,    /* what is written: mesh, fetch */
@@ -101,101 +89,45 @@ enum ctl_group {
 	CTL_REPLACES = 1 << 13, /* push */
 };
 
-/* What stands behind a command that has several: "dataset show". */
-struct ctl_verb {
-	const char *name, *usage, *help; /* usage: "show DATASET", its words in capitals say what they are (ctl_complete.c) */
-	unsigned least, most;            /* words behind the verb */
-	const char *options;             /* of the command's own options those that it takes: "at scale"; NULL: none */
-	int (*run)(struct ctl *);        /* its words begin at args.word[1] */
-};
+extern const struct cli_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
 
-struct ctl_command {
-	const char *name, *usage, *help;
-	unsigned groups;
-	unsigned least, most;         /* words */
-	bool starts;                  /* starts a private daemon unasked */
-	int (*run)(struct ctl *);     /* NULL: not in this version */
-	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Those run, not this. */
-	bool hidden;                  /* not for people */
-};
-
-/* NULL: there is none of that name. */
-const struct ctl_verb *ctl_verb_find(const struct ctl_command *, const char *name);
-/* An error with the nearest verb. */
-int ctl_verb_unknown(const struct ctl_command *, const char *word, struct err *);
-
-extern const struct ctl_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
-
-/* ---- ctl_command.c ---- */
-
-const struct ctl_command *ctl_command_find(const char *name);
-const struct ctl_command *ctl_command_rows(size_t *ret_n); /* sorted by name */
-/* Says that there is no such command, and which one may be meant. -ERR_USAGE. */
-int ctl_command_unknown(const char *name, struct err *err);
-
-/* ---- ctl_option.c ---- */
-
-/* Reads the command line: args, and the command. -ERR_USAGE, -ERR_UNSUPPORTED. */
-int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err);
-/*
- * What follows an option or a command says what it is, for help, for the check and for completion: words in lower case
- * are the very values (all|first|last), capitals name a kind: DATASET, JOB, INPUT, GENERATION, FILE, DIR, ...
- * (ctl_complete.c).
- */
-struct ctl_option {
-	const char *name; /* without the dashes */
-	char letter;
-	const char *value; /* what follows, NULL: nothing */
-	enum { CTL_FLAG, CTL_TEXT, CTL_OUTPUT, CTL_LATER } kind;
-	size_t at; /* in struct ctl_args */
-	unsigned groups;
-	const char *help; /* NULL: of a later version */
-};
-const struct ctl_option *ctl_option_rows(size_t *ret_n);
-/* "INPUT FORMAT" of numbers: a whole number from `least` to `most`. */
-int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret, struct err *err);
-
-/* ---- ctl_help.c ---- */
+struct cli ctl_cli(void);
+extern const struct cli_option ctl_options[];
+extern const size_t ctl_noptions;
+/* Values that can be judged without knowing the command. */
+int ctl_option_check(struct program *, struct err *err);
+int ctl_complete(const struct cli *, int argc, char **argv, struct program *);
 
 /* ---- ctl_error.c ---- */
 
 /* Prints the failure, for people or as JSON; returns the exit status. A caught signal or a passed
  * deadline is told as that. */
-int ctl_error(struct ctl *, const struct err *);
+int ctl_error(struct program *, const struct err *);
 /* An input that is left out: told, up to a hundred; the last line then says how many more there were. JSON has each with its
  * line. */
-void ctl_refusal(struct ctl *, const struct err *);
-void ctl_refusals_end(struct ctl *, int status);
+void ctl_refusal(struct program *, const struct err *);
+void ctl_refusals_end(struct program *, int status);
 /* The same for the last failure of the connection. */
-int ctl_error_acut(struct ctl *);
+int ctl_error_acut(struct program *);
 /* The connection's last failure as a struct err; file set if it has none and `file` is not NULL. */
 int ctl_error_from_acut(const struct acut *, const char *file, struct err *ret);
 void ctl_error_from_failure(const struct acut_failure *, struct err *ret);
-/* One line to stderr, unless --quiet; kept for the JSON report. */
-void ctl_warn(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-/* A sentence of a report, if there is one: to stderr, unless --quiet or --json (it is among its notes). */
-void ctl_remark(struct ctl *, const char *text);
-/* One line for people, unless --quiet or --json. */
-void ctl_note(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-
 /* ---- ctl_outlier.c ---- */
 
 /* After a mesh was written: warnings of long edges and of many points at one position; "edges". */
-void ctl_outlier_warn(struct ctl *, const struct acut_report *, const struct format_report *);
-void ctl_outlier_most(struct ctl *, const struct acut_report *); /* of a job without outputs */
+void ctl_outlier_warn(struct program *, const struct acut_report *, const struct format_report *);
+void ctl_outlier_most(struct program *, const struct acut_report *); /* of a job without outputs */
 /* Whether so many points at one position, of all at so many positions, are worth a word. */
 bool ctl_outlier_many(uint64_t at_one, uint64_t points, uint64_t positions);
-void ctl_outlier_json(struct ctl *, struct term_json *, const struct format_report *);
+void ctl_outlier_json(struct program *, struct term_json *, const struct format_report *);
 
 /* ---- ctl_signal.c ---- */
 
-void ctl_signal_init(struct ctl *);
-/* Of acut_options: non-zero if a signal was caught or --timeout has passed. ctx is the struct ctl. */
+void ctl_signal_init(struct program *);
+/* Of acut_options: non-zero if a signal was caught or --timeout has passed. ctx is the struct program. */
 int ctl_signal_interrupted(void *ctx);
 int ctl_signal_caught(void); /* its number, or 0 */
-bool ctl_signal_late(const struct ctl *);
-/* Standard output is a pipe or socket that nobody reads any more. */
-bool ctl_signal_reader_gone(void);
+bool ctl_signal_late(const struct program *);
 /* Standard input ended because all that held the other ends is gone (a connection of ssh that broke): its end is no end.
  * Told by what else came over it: the socket's other direction, or standard output and error. */
 bool ctl_signal_cut_off(void);
@@ -257,11 +189,11 @@ struct ctl_inputs {
 #define CTL_INPUT_ENDINGS ".las, .laz, .ptx, .xyz or .pts"
 bool ctl_input_is_survey(const char *name, size_t n);
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
-int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
+int ctl_input_gather(struct program *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
 /* One more. `fd` is -1, or the reading end of a pipe, which is taken over. */
 int ctl_input_add(struct ctl_inputs *, const char *name, int fd, struct err *err);
 /* *ret_fd is the caller's; -1 of a pipe. Of an archive's member: it is unpacked, and stays so (ctl_archive_drop). */
-int ctl_input_open(struct ctl *, struct ctl_input *, int *ret_fd, struct err *err);
+int ctl_input_open(struct program *, struct ctl_input *, int *ret_fd, struct err *err);
 void ctl_input_close(const struct ctl_input *, int fd);
 /* Whether it is still the file that was seen, and as it was. */
 bool ctl_input_unchanged(const struct ctl_input *, const struct stat *);
@@ -279,36 +211,36 @@ int ctl_temp_open(const char **ret_folder, int *ret_fd, struct err *err);
 /* ---- ctl_manifest.c ---- */
 
 /* Every input against args.manifest; the error names the first that does not agree, its hint the others. */
-int ctl_manifest_check(struct ctl *, struct ctl_inputs *, struct err *err);
+int ctl_manifest_check(struct program *, struct ctl_inputs *, struct err *err);
 
 /* ---- ctl_pipe.c ---- */
 
 /* Reads the first bytes of a pipe, to see what it holds; who copies it begins with them. */
-int ctl_pipe_look(struct ctl *, struct ctl_input *, struct err *err);
+int ctl_pipe_look(struct program *, struct ctl_input *, struct err *err);
 /* What the daemon, which connects if need be, says of a file that begins so: -ERR_INPUT where it is none that can be read. */
-int ctl_pipe_check(struct ctl *, const struct ctl_input *, struct err *err);
+int ctl_pipe_check(struct program *, const struct ctl_input *, struct err *err);
 /* Lets the daemon make a pipe and starts a process that copies into it. Prints its failure; exit status. */
-int ctl_pipe_start(struct ctl_input *, struct acut_push *, struct ctl *);
+int ctl_pipe_start(struct ctl_input *, struct acut_push *, struct program *);
 /* After the input was staged: whether all of it was copied. */
 int ctl_pipe_finish(struct ctl_input *, struct err *err);
 void ctl_pipe_stop(struct ctl_input *);
 /* All of it into a file without a name, for a command that looks at an input only. */
-int ctl_pipe_keep(struct ctl *, const struct ctl_input *, int *ret_fd, struct err *err);
+int ctl_pipe_keep(struct program *, const struct ctl_input *, int *ret_fd, struct err *err);
 
 /* ---- ctl_connect.c, ctl_private.c ---- */
 
 /* Finds or starts the daemon, sets ctl->acut. Prints its failure; returns the exit status. */
-int ctl_connect(struct ctl *);
-int ctl_connect_try(struct ctl *, struct err *err); /* without a word */
-const char *ctl_connect_path(const struct ctl *);   /* of the socket that it would try; NULL: none is set */
-void ctl_disconnect(struct ctl *);
+int ctl_connect(struct program *);
+int ctl_connect_try(struct program *, struct err *err); /* without a word */
+const char *ctl_connect_path(const struct program *);   /* of the socket that it would try; NULL: none is set */
+void ctl_disconnect(struct program *);
 /* To a daemon that runs: the configured one, else the user's private one. Starts none, says nothing. */
-bool ctl_connect_quietly(struct ctl *);
+bool ctl_connect_quietly(struct program *);
 
 /* A listening socket with an acutd behind it that this user shares; starts one if there is none. */
-int ctl_private_connect(struct ctl *, struct err *err);
+int ctl_private_connect(struct program *, struct err *err);
 /* A daemon for this command alone, with its own folders. */
-int ctl_private_own(struct ctl *, struct err *err);
+int ctl_private_own(struct program *, struct err *err);
 /* Ends it and removes its folders. NULL is fine; returns NULL. */
 struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
 
@@ -346,21 +278,15 @@ void ctl_cache_side_json(struct term_json *, const char *name, const struct acut
 /* ---- ctl_progress.c ---- */
 
 struct ctl_progress {
-	struct ctl *ctl;
+	struct program *ctl;
 	char phase[16];
 	uint64_t start_ns, last_ns; /* of the phase; of the last line */
 	uint64_t base, total;       /* staging: points of files that are done, of all files */
 	bool on, told_space;
-	char line[256]; /* what stands there */
 };
-/* Puts this line in place of the one that stands; a caller of its own asks `on` first. */
-void ctl_progress_line(struct ctl_progress *, const char *text);
-void ctl_progress_init(struct ctl_progress *, struct ctl *);
+void ctl_progress_init(struct ctl_progress *, struct program *);
 /* An acut_progress_fn. */
 void ctl_progress_show(void *ctx, const struct acut_progress *);
-void ctl_progress_clear(struct ctl *);
-/* ctl_list.c: what is told from now on are the rows of a list, which go out together. Before the first of them. */
-void ctl_list_begin(struct ctl *);
 const char *ctl_progress_time(double seconds, char buf[24]); /* 1:02:03 */
 
 /* ---- ctl_assume.c: what is taken for inputs that say nothing, or in place of what they say ---- */
@@ -375,10 +301,10 @@ int ctl_assume_crs(const char *word, const char *option, char **ret, struct err 
 int ctl_assume_read(const struct ctl_args *, struct ctl_assume *ret, struct err *err);
 void ctl_assume_options(const struct ctl_assume *, struct acut_push_options *); /* borrows the texts */
 void ctl_assume_seen(struct ctl_assume *, const struct acut_probe *);
-void ctl_assume_warn(struct ctl *, const struct ctl_assume *); /* once a dataset */
+void ctl_assume_warn(struct program *, const struct ctl_assume *); /* once a dataset */
 void ctl_assume_done(struct ctl_assume *);
 struct ctl_staged;
-void ctl_assume_text(struct ctl *, const struct ctl_staged *); /* whose word was overridden */
+void ctl_assume_text(struct program *, const struct ctl_staged *); /* whose word was overridden */
 
 /* ---- ctl_stage.c: inputs into a dataset ---- */
 
@@ -410,61 +336,62 @@ struct ctl_staged {
 };
 /* Pushes all inputs; refused ones are told. `dataset` NULL: one-step. Prints its failure; exit status, where
  * CTL_SOME_REFUSED means that the push is done without them. */
-int ctl_stage(struct ctl *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
+int ctl_stage(struct program *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
 void ctl_stage_done(struct ctl_staged *);
 
 /* ---- ctl_push.c: what a push did ---- */
 
 /* Each file and the sum, for people or as JSON. moved_to (NULL: a push, which moves nothing): where each file is now, NULL
  * where it was. Prints its failure; exit status. */
-int ctl_push_check(const struct ctl *, struct err *err); /* of its options */
-int ctl_push_report(struct ctl *, const struct ctl_staged *, const char *const *moved_to);
+int ctl_push_check(const struct program *, struct err *err); /* of its options */
+int ctl_push_report(struct program *, const struct ctl_staged *, const char *const *moved_to);
 
 /* ---- ctl_inspect.c: what is in the records of a file ---- */
 
-void ctl_inspect_text(struct ctl *, const struct acut_inspected *);
+void ctl_inspect_text(struct program *, const struct acut_inspected *);
 /* Its keys; NULL: the records were not read, so all are null. */
 void ctl_inspect_json(struct term_json *, const struct acut_inspected *);
 
 /* ---- ctl_geoid.c, ctl_height.c: what geoids do ---- */
 
 /* Adds the file to the daemon's grids; `name` NULL: named after it. Exit status, failures printed. */
-int ctl_geoid_file(struct ctl *, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret);
+int ctl_geoid_file(struct program *, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret);
 /* --geoid names a kept grid, or a .pgm file, which is added then. */
-int ctl_height_geoid(struct ctl *, char ret_name[128]);
+int ctl_height_geoid(struct program *, char ret_name[128]);
 /* What the plan says, taken over and told. */
-void ctl_height_planned(struct ctl *, const struct acut_push_planned *, struct ctl_staged *);
+void ctl_height_planned(struct program *, const struct acut_push_planned *, struct ctl_staged *);
 /* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
 void ctl_height_json(struct term_json *, const struct ctl_staged *, const struct ctl_staged_file *);
-void ctl_height_text(struct ctl *, const struct ctl_staged *);
+void ctl_height_text(struct program *, const struct ctl_staged *);
 
 /* ---- ctl_output.c: outputs from the options ---- */
 
 /* Checks them (what can be known without a daemon) and opens a run. */
 /* --format names one that writes nothing, and no OUT is given: that is complete. */
 bool ctl_output_nothing(const struct ctl_args *);
-int ctl_output_open(struct ctl *, struct format_run **ret, struct err *err);
+int ctl_output_open(struct program *, struct format_run **ret, struct err *err);
 /* Fetches the job into the run, going on with what it has kept (format_run_keep), publishes, reports; exit status. */
-int ctl_output_fetch(struct ctl *, uint64_t job, struct format_run *, const struct ctl_staged *);
+int ctl_output_fetch(struct program *, uint64_t job, struct format_run *, const struct ctl_staged *);
 
 /* ---- ctl_summary.c: what a mesh has become, for people ---- */
 
-void ctl_summary(struct ctl *, const struct acut_job *, const struct format_report *, const struct ctl_staged * /* or NULL */);
+void ctl_summary(struct program *, const struct acut_job *, const struct format_report *,
+		 const struct ctl_staged * /* or NULL */);
 /* Of a job that was waited for and not fetched: on a terminal only. */
-void ctl_summary_job(struct ctl *, const struct acut_job *);
+void ctl_summary_job(struct program *, const struct acut_job *);
 /* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
 uint64_t ctl_summary_moved(const struct ctl_staged *, double ret_shift[3]);
 
 /* ---- ctl_job.c: jobs as text and JSON ---- */
 
-void ctl_job_print(struct ctl *, const struct acut_job *);
-void ctl_job_json(struct ctl *, const struct acut_job *);
+void ctl_job_print(struct program *, const struct acut_job *);
+void ctl_job_json(struct program *, const struct acut_job *);
 /* Exit status of a job that is over; prints why it failed. */
-int ctl_job_status(struct ctl *, const struct acut_job *);
+int ctl_job_status(struct program *, const struct acut_job *);
 /* "12" or "job 12" as an id. */
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
 /* Calls `each` for the words, in order; the first status that is not 0. */
-int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
+int ctl_job_each(struct program *, int (*each)(struct program *, uint64_t id));
 /* "12 of 340 domains made", or "340 domains". */
 char *ctl_job_domains(const struct acut_report *, char *buf, size_t size);
 /* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
@@ -491,15 +418,13 @@ bool ctl_formats_extension(const struct ctl_input_format *, const char *word);
 
 /* ---- commands ---- */
 
-#define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
+#define CTL_COMMAND(name) int ctl_##name##_run(struct program *);
 CTL_COMMAND(backup)
 CTL_COMMAND(cancel)
-CTL_COMMAND(complete)
 CTL_COMMAND(datasets)
 CTL_COMMAND(doctor)
 CTL_COMMAND(fetch)
 CTL_COMMAND(formats)
-CTL_COMMAND(help)
 CTL_COMMAND(info)
 CTL_COMMAND(ingest)
 CTL_COMMAND(jobs)

@@ -241,16 +241,16 @@ static bool is_there(const struct ctl_inputs *in, const struct stat *st)
 	return a;
 }
 
-static void say_left_out(struct ctl *ctl, const struct ctl_archive *a)
+static void say_left_out(struct program *ctl, const struct ctl_archive *a)
 {
 	if (a->left_out == 1)
-		ctl_warn(ctl, "%s: left out, it is no survey file: %s", a->file.name, a->first_left_out);
+		console_warn(&ctl->console, "%s: left out, it is no survey file: %s", a->file.name, a->first_left_out);
 	else if (a->left_out)
-		ctl_warn(ctl, "%s: left out, they are no survey files: %s and %u more", a->file.name, a->first_left_out,
-			 a->left_out - 1);
+		console_warn(&ctl->console, "%s: left out, they are no survey files: %s and %u more", a->file.name,
+			     a->first_left_out, a->left_out - 1);
 }
 
-static int add_archive(struct ctl *ctl, struct ctl_inputs *in, const struct ctl_input *file, int fd, const struct stat *st,
+static int add_archive(struct program *ctl, struct ctl_inputs *in, const struct ctl_input *file, int fd, const struct stat *st,
 		       enum ctl_unpack_kind kind, bool from_folder, struct err *err)
 {
 	struct ctl_archive *a = new_archive(file, st, err);
@@ -275,7 +275,7 @@ static int add_archive(struct ctl *ctl, struct ctl_inputs *in, const struct ctl_
 	return r;
 }
 
-int ctl_archive_add(struct ctl *ctl, struct ctl_inputs *in, const struct ctl_input *file, bool from_folder, bool *ret_is,
+int ctl_archive_add(struct program *ctl, struct ctl_inputs *in, const struct ctl_input *file, bool from_folder, bool *ret_is,
 		    struct err *err)
 {
 	struct ctl_input plain = *file;
@@ -292,7 +292,7 @@ int ctl_archive_add(struct ctl *ctl, struct ctl_inputs *in, const struct ctl_inp
 	kind = ctl_unpack_look(fd);
 	*ret_is = kind != CTL_UNPACK_NONE && !fstat(fd, &st);
 	if (*ret_is && is_there(in, &st))
-		ctl_note(ctl, "%s: it is named twice, and taken once", file->name);
+		console_line(&ctl->console, "%s: it is named twice, and taken once", file->name);
 	else if (*ret_is)
 		r = add_archive(ctl, in, file, fd, &st, kind, from_folder, err);
 	close(fd);
@@ -302,7 +302,7 @@ int ctl_archive_add(struct ctl *ctl, struct ctl_inputs *in, const struct ctl_inp
 /* ---- unpacking ---- */
 
 struct unpacking {
-	struct ctl *ctl;
+	struct program *ctl;
 	const struct ctl_input *in;
 	const char *folder;
 	int to;
@@ -338,7 +338,7 @@ static void show(struct unpacking *u)
 	else
 		snprintf(line, sizeof(line), "unpack %s of %s  %.180s", parse_size_text(u->done, done),
 			 parse_size_text(u->size, size), u->in->name);
-	ctl_progress_line(&u->progress, line);
+	console_progress(&u->ctl->console, "%s", line);
 }
 
 static int sink(void *ctx, const void *bytes, size_t n, struct err *err)
@@ -393,12 +393,12 @@ static int unpack_gzip(struct unpacking *u, int from, struct err *err)
 
 	if (r && cut && u->ctl->args.accept_truncated) {
 		err_clear(err);
-		ctl_warn(u->ctl, "%s: its gzip file ends before its last byte", u->in->name);
+		console_warn(&u->ctl->console, "%s: its gzip file ends before its last byte", u->in->name);
 		return drop_cut_line(u, err);
 	}
 	if (!r && trailing)
-		ctl_warn(u->ctl, "%s: %llu bytes behind its end in the gzip file belong to nothing", u->in->name,
-			 (unsigned long long)trailing);
+		console_warn(&u->ctl->console, "%s: %llu bytes behind its end in the gzip file belong to nothing", u->in->name,
+			     (unsigned long long)trailing);
 	return r;
 }
 
@@ -466,7 +466,7 @@ static void set_limits(void)
 }
 
 /* The archive, if it is still as it was. */
-static int open_archive(struct ctl *ctl, struct ctl_archive *a, int *ret_fd, struct err *err)
+static int open_archive(struct program *ctl, struct ctl_archive *a, int *ret_fd, struct err *err)
 {
 	struct stat st;
 	int r = ctl_input_open(ctl, &a->file, ret_fd, err);
@@ -478,7 +478,7 @@ static int open_archive(struct ctl *ctl, struct ctl_archive *a, int *ret_fd, str
 	return err_add_hint(err, "name it again when nobody writes to it");
 }
 
-int ctl_archive_keep(struct ctl *ctl, struct ctl_input *in, struct err *err)
+int ctl_archive_keep(struct program *ctl, struct ctl_input *in, struct err *err)
 {
 	struct ctl_archive *a = in->archive;
 	const struct ctl_archive_member *m = a->why.code ? NULL : &a->member[in->member];
@@ -508,7 +508,7 @@ int ctl_archive_keep(struct ctl *ctl, struct ctl_input *in, struct err *err)
 		close(from);
 	}
 	if (u.progress.on)
-		ctl_progress_clear(ctl);
+		console_progress_clear(&ctl->console);
 	if (!r) {
 		in->kept = u.to;
 		return 0;

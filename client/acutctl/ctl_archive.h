@@ -29,12 +29,12 @@ struct ctl_archive {
 /* If the file that `file` tells is an archive: its members behind in->input, or one input that tells why it cannot be read.
  * *ret_is false: it is none, or cannot be opened, and nothing was added. In a folder an archive without survey files is passed
  * over. */
-int ctl_archive_add(struct ctl *, struct ctl_inputs *in, const struct ctl_input *file, bool from_folder, bool *ret_is,
+int ctl_archive_add(struct program *, struct ctl_inputs *in, const struct ctl_input *file, bool from_folder, bool *ret_is,
 		    struct err *err);
 /* Names in folders that are taken: "a.laz.gz", "a.zip". */
 bool ctl_archive_named(const char *name);
 /* Unpacks a member into input->kept, once. */
-int ctl_archive_keep(struct ctl *, struct ctl_input *, struct err *err);
+int ctl_archive_keep(struct program *, struct ctl_input *, struct err *err);
 /* It is not needed any more. */
 void ctl_archive_drop(struct ctl_input *);
 void ctl_archive_free(struct ctl_inputs *);

@@ -126,7 +126,7 @@ void ctl_assume_seen(struct ctl_assume *a, const struct acut_probe *p)
 	a->no_unit_z |= unknown(p->unit_z);
 }
 
-void ctl_assume_warn(struct ctl *ctl, const struct ctl_assume *a)
+void ctl_assume_warn(struct program *ctl, const struct ctl_assume *a)
 {
 	const char *what[3];
 	unsigned n = 0;
@@ -139,16 +139,16 @@ void ctl_assume_warn(struct ctl *ctl, const struct ctl_assume *a)
 		what[n++] = "the unit of z";
 	if (!n)
 		return;
-	ctl_warn(ctl, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
-		 n == 3 ? ", " :
-		 n == 2 ? " and " :
-			  "",
-		 n > 1 ? what[1] : "", n == 3 ? " and " : "", n == 3 ? what[2] : "", n == 1 ? "is" : "are",
-		 a->no_crs ? "--assume-crs and --assume-units say what they are" : "--assume-units says it");
+	console_warn(&ctl->console, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
+		     n == 3 ? ", " :
+		     n == 2 ? " and " :
+			      "",
+		     n > 1 ? what[1] : "", n == 3 ? " and " : "", n == 3 ? what[2] : "", n == 1 ? "is" : "are",
+		     a->no_crs ? "--assume-crs and --assume-units say what they are" : "--assume-units says it");
 }
 
 /* The first input by name, of the others their number. */
-void ctl_assume_text(struct ctl *ctl, const struct ctl_staged *staged)
+void ctl_assume_text(struct program *ctl, const struct ctl_staged *staged)
 {
 	const struct ctl_staged_file *first = NULL;
 	unsigned n = 0;
@@ -164,5 +164,5 @@ void ctl_assume_text(struct ctl *ctl, const struct ctl_staged *staged)
 		return;
 	if (n > 1)
 		snprintf(more, sizeof(more), ", and those of %u more input%s", n - 1, n == 2 ? "" : "s");
-	ctl_note(ctl, "overridden: what the records of %s say (%s)%s", first->name, first->overridden, more);
+	console_line(&ctl->console, "overridden: what the records of %s say (%s)%s", first->name, first->overridden, more);
 }

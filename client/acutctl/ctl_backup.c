@@ -44,12 +44,12 @@ static int file(void *ctx, const struct acut_backup_file *f)
 	return ctl_copy_file(&s->copy, f);
 }
 
-static void report(struct ctl *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
+static void report(struct program *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 	char all[32], more[32];
 
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "folder", c->dir);
 		term_json_text(&j, "dataset", dataset);
@@ -64,12 +64,13 @@ static void report(struct ctl *ctl, const struct ctl_copy *c, const char *datase
 		term_json_line(&j);
 		return;
 	}
-	ctl_note(ctl, "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
-		 (unsigned long long)c->files, parse_size_text(c->bytes, all), c->dir, (unsigned long long)c->new_files,
-		 parse_size_text(c->new_bytes, more), (unsigned long long)c->linked, (unsigned long long)c->removed);
+	console_line(&ctl->console,
+		     "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
+		     (unsigned long long)c->files, parse_size_text(c->bytes, all), c->dir, (unsigned long long)c->new_files,
+		     parse_size_text(c->new_bytes, more), (unsigned long long)c->linked, (unsigned long long)c->removed);
 }
 
-static int take(struct ctl *ctl, const char *dataset, const char *dir)
+static int take(struct program *ctl, const char *dataset, const char *dir)
 {
 	struct showing s = {
 		.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy, .err = ERR_INIT}};
@@ -93,19 +94,19 @@ static int take(struct ctl *ctl, const char *dataset, const char *dir)
 	if (!status)
 		report(ctl, &s.copy, dataset, clock_since(begun));
 	if (!status && s.damaged > 1)
-		ctl_warn(ctl, "%llu datasets are damaged; this is the first", (unsigned long long)s.damaged);
+		console_warn(&ctl->console, "%llu datasets are damaged; this is the first", (unsigned long long)s.damaged);
 	if (!status && s.damaged)
 		status = ctl_error(ctl, &s.damage);
 	ctl_copy_done(&s.copy);
 	return status;
 }
 
-int ctl_backup_run(struct ctl *ctl)
+int ctl_backup_run(struct program *ctl)
 {
-	return take(ctl, NULL, ctl->args.word[0]);
+	return take(ctl, NULL, ctl->line.word[0]);
 }
 
-int ctl_dataset_export(struct ctl *ctl, const char *name, const char *dir)
+int ctl_dataset_export(struct program *ctl, const char *name, const char *dir)
 {
 	return take(ctl, name, dir);
 }
@@ -113,7 +114,7 @@ int ctl_dataset_export(struct ctl *ctl, const char *name, const char *dir)
 /* ---- import ---- */
 
 struct bringing {
-	struct ctl *ctl;
+	struct program *ctl;
 	const char *dir;
 	int dirfd, fd;
 	char **name; /* "manifest", then the segments */
@@ -204,12 +205,12 @@ static void last_part(const char *dir, char *ret, size_t size)
 	snprintf(ret, size, "%.*s", (int)(n - from), dir + from);
 }
 
-static void imported(struct ctl *ctl, const struct acut_imported *i)
+static void imported(struct program *ctl, const struct acut_imported *i)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 	char n[32];
 
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "dataset", i->dataset);
 		term_json_u64(&j, "generation", i->generation);
@@ -218,11 +219,11 @@ static void imported(struct ctl *ctl, const struct acut_imported *i)
 		term_json_line(&j);
 		return;
 	}
-	ctl_note(ctl, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
-		 term_count(i->points, n));
+	console_line(&ctl->console, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
+		     term_count(i->points, n));
 }
 
-int ctl_dataset_import(struct ctl *ctl, const char *dir, const char *name)
+int ctl_dataset_import(struct program *ctl, const char *dir, const char *name)
 {
 	struct bringing b = {.ctl = ctl, .dir = dir, .dirfd = -1, .fd = -1, .err = ERR_INIT};
 	const struct acut_imported *got;

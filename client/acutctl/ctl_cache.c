@@ -46,9 +46,9 @@ void ctl_cache_side_json(struct term_json *j, const char *name, const struct acu
 	term_json_close(j, '}');
 }
 
-static void stat_json(struct ctl *ctl, const struct acut_cache_stat *s)
+static void stat_json(struct program *ctl, const struct acut_cache_stat *s)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_open(&j, "kinds", '{');
@@ -79,16 +79,16 @@ static const struct term_column columns[] = {
 	{"WHAT IT IS", .spare = true},
 };
 
-static int cache_stat(struct ctl *ctl)
+static int cache_stat(struct program *ctl)
 {
 	const struct acut_cache_stat *s;
 	struct term_table *t;
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char size[32];
 
 	if (acut_cache_stat(ctl->acut, &s))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		stat_json(ctl, s);
 		return CTL_DONE;
 	}
@@ -111,20 +111,20 @@ static int cache_stat(struct ctl *ctl)
 /* ---- verify ---- */
 
 struct verify {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct ctl_progress progress;
 };
 
 static void damage(void *ctx, const struct acut_cache_damage *d)
 {
-	struct ctl *ctl = ((struct verify *)ctx)->ctl;
-	struct term_json j = {.out = ctl->report};
+	struct program *ctl = ((struct verify *)ctx)->ctl;
+	struct term_json j = {.out = ctl->console.report};
 	struct err err;
 	char text[1400];
 
-	ctl_progress_clear(ctl);
+	console_progress_clear(&ctl->console);
 	ctl_error_from_failure(&d->error, &err);
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "damaged", d->what);
 		term_json_known(&j, "dataset", d->dataset);
@@ -137,17 +137,17 @@ static void damage(void *ctx, const struct acut_cache_damage *d)
 		return;
 	}
 	if (err.code == ERR_VERSION) {
-		term_line(ctl->report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
+		term_line(ctl->console.report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
 			  err_format(&err, text, sizeof(text)));
-		fflush(ctl->report);
+		fflush(ctl->console.report);
 		return;
 	}
-	term_line(ctl->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
+	term_line(ctl->console.report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
 		  err_format(&err, text, sizeof(text)),
 		  !d->derived ? "" :
 		  d->removed  ? "; removed, it is made again" :
 				"; it could not be removed");
-	fflush(ctl->report);
+	fflush(ctl->console.report);
 }
 
 static void verify_progress(void *ctx, const struct acut_progress *now)
@@ -159,23 +159,23 @@ static void verify_progress(void *ctx, const struct acut_progress *now)
 		return;
 	snprintf(line, sizeof(line), "%.40s: %s of about %s", now->phase, parse_size_text(now->points, a),
 		 parse_size_text(now->points_total, b));
-	ctl_progress_line(&v->progress, line);
+	console_progress(&v->ctl->console, "%s", line);
 }
 
-static int cache_verify(struct ctl *ctl)
+static int cache_verify(struct program *ctl)
 {
 	struct verify v = {.ctl = ctl};
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 	struct acut_cache_verified out;
 	char size[32];
 	int r;
 
 	ctl_progress_init(&v.progress, ctl);
 	r = acut_cache_verify(ctl->acut, damage, verify_progress, &v, &out);
-	ctl_progress_clear(ctl);
+	console_progress_clear(&ctl->console);
 	if (r)
 		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "files", out.files);
 		term_json_u64(&j, "bytes", out.bytes);
@@ -186,11 +186,12 @@ static int cache_verify(struct ctl *ctl)
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		fprintf(ctl->report, "%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
+		fprintf(ctl->console.report,
+			"%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
 			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
 			(unsigned long long)out.derived);
 		if (out.newer || out.derived_newer)
-			fprintf(ctl->report,
+			fprintf(ctl->console.report,
 				"%llu of what was pushed, %llu of what is made again are of a newer version of acut and were not "
 				"read%s\n",
 				(unsigned long long)out.newer, (unsigned long long)out.derived_newer,
@@ -201,50 +202,50 @@ static int cache_verify(struct ctl *ctl)
 
 /* ---- gc ---- */
 
-static int cache_gc(struct ctl *ctl)
+static int cache_gc(struct program *ctl)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 	uint64_t bytes, entries;
 	char size[32];
 
 	if (acut_cache_gc(ctl->acut, ctl->args.all, &bytes, &entries))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "freed_bytes", bytes);
 		term_json_u64(&j, "freed_entries", entries);
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		fprintf(ctl->report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
+		fprintf(ctl->console.report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
 			(unsigned long long)entries);
 	}
 	return CTL_DONE;
 }
 
-static int connected(struct ctl *ctl, int (*run)(struct ctl *))
+static int connected(struct program *ctl, int (*run)(struct program *))
 {
 	int status = ctl_connect(ctl);
 
 	return status ? status : run(ctl);
 }
 
-static int stat_run(struct ctl *ctl)
+static int stat_run(struct program *ctl)
 {
 	return connected(ctl, cache_stat);
 }
 
-static int verify_run(struct ctl *ctl)
+static int verify_run(struct program *ctl)
 {
 	return connected(ctl, cache_verify);
 }
 
-static int gc_run(struct ctl *ctl)
+static int gc_run(struct program *ctl)
 {
 	return connected(ctl, cache_gc);
 }
 
-const struct ctl_verb ctl_cache_verbs[] = {
+const struct cli_verb ctl_cache_verbs[] = {
 	{"stat", "stat", "what lies on the daemon's disk, by kind", 0, 0, NULL, stat_run},
 	{"verify", "verify", "read all of it and say what is damaged", 0, 0, NULL, verify_run},
 	{"gc", "gc", "remove what is beyond the quota, or all that can be made again", 0, 0, "all", gc_run},

@@ -7,13 +7,13 @@
 static const struct term_column columns[] = {{"SETTING"}, {"VALUE", .shrink = true}, {"FROM", .tail = true}};
 
 struct listing {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct term_table *table;
 };
 
-static void setting_json(struct ctl *ctl, const struct acut_setting *s)
+static void setting_json(struct program *ctl, const struct acut_setting *s)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "name", s->name);
@@ -49,7 +49,7 @@ static void show(void *ctx, const struct acut_setting *s)
 {
 	struct listing *l = ctx;
 
-	if (l->ctl->args.json) {
+	if (l->ctl->console.json) {
 		setting_json(l->ctl, s);
 		return;
 	}
@@ -62,23 +62,23 @@ static void show(void *ctx, const struct acut_setting *s)
 		put_origin(l->table, s);
 }
 
-static int show_run(struct ctl *ctl)
+static int show_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
 	int r, status;
 
-	ctl_list_begin(ctl);
+	console_begin_list(&ctl->console);
 	status = ctl_connect(ctl);
 	if (status)
 		return status;
-	if (!ctl->args.json)
-		l.table = term_table_new(ctl->report, columns, ctl->args.origin_of ? 3 : 2);
+	if (!ctl->console.json)
+		l.table = term_table_new(ctl->console.report, columns, ctl->args.origin_of ? 3 : 2);
 	r = acut_config(ctl->acut, show, &l);
 	term_table_free(l.table);
 	return r ? ctl_error_acut(ctl) : CTL_DONE;
 }
 
-const struct ctl_verb ctl_config_verbs[] = {
+const struct cli_verb ctl_config_verbs[] = {
 	{"show", "show", "each setting of the daemon, and its value", 0, 0, "origin", show_run},
 	{0},
 };

@@ -24,7 +24,7 @@ static const char *configured(const struct ctl_args *a)
 	return stat(SYSTEM_SOCKET, &st) ? NULL : SYSTEM_SOCKET;
 }
 
-static int connect_to(struct ctl *ctl, const char *path, struct err *err)
+static int connect_to(struct program *ctl, const char *path, struct err *err)
 {
 	const struct acut_options opt = {.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
 	int fd, r = ctl_spawn_connect(path, &fd);
@@ -40,12 +40,12 @@ static int connect_to(struct ctl *ctl, const char *path, struct err *err)
 	return -(int)err->code;
 }
 
-const char *ctl_connect_path(const struct ctl *ctl)
+const char *ctl_connect_path(const struct program *ctl)
 {
 	return ctl->args.own_private ? NULL : configured(&ctl->args);
 }
 
-int ctl_connect_try(struct ctl *ctl, struct err *err)
+int ctl_connect_try(struct program *ctl, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
 	const char *path = ctl_connect_path(ctl);
@@ -55,7 +55,7 @@ int ctl_connect_try(struct ctl *ctl, struct err *err)
 		r = ctl_private_own(ctl, err);
 	} else if (path) {
 		r = connect_to(ctl, path, err);
-	} else if (a->own_private || ctl->command->starts) {
+	} else if (a->own_private || ctl->line.command->groups & CTL_OWN) {
 		r = ctl_private_connect(ctl, err);
 	} else {
 		r = err_set(err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s", SYSTEM_SOCKET);
@@ -64,14 +64,14 @@ int ctl_connect_try(struct ctl *ctl, struct err *err)
 	return r;
 }
 
-int ctl_connect(struct ctl *ctl)
+int ctl_connect(struct program *ctl)
 {
 	struct err err = ERR_INIT;
 
 	return ctl_connect_try(ctl, &err) ? ctl_error(ctl, &err) : 0;
 }
 
-bool ctl_connect_quietly(struct ctl *ctl)
+bool ctl_connect_quietly(struct program *ctl)
 {
 	const struct acut_options opt = {.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
 	const char *path = configured(&ctl->args);
@@ -93,7 +93,7 @@ bool ctl_connect_quietly(struct ctl *ctl)
 	return false;
 }
 
-void ctl_disconnect(struct ctl *ctl)
+void ctl_disconnect(struct program *ctl)
 {
 	ctl->acut = acut_close(ctl->acut);
 	ctl->daemon = ctl_private_end(ctl->daemon);

@@ -5,7 +5,7 @@
 #include "ctl.h"
 
 struct ctl_copy {
-	struct ctl *ctl;
+	struct program *ctl;
 	const char *dir;
 	char what[96];     /* as the folder's mark says it: "state", "dataset NAME" */
 	char identity[64]; /* of what is brought; "": not known */

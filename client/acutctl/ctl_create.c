@@ -4,7 +4,7 @@
 #include "ctl.h"
 #include "ctl_dataset.h"
 
-int ctl_dataset_create(struct ctl *ctl, const char *name)
+int ctl_dataset_create(struct program *ctl, const char *name)
 {
 	const struct ctl_args *a = &ctl->args;
 	struct ctl_assume crs = {0};

@@ -9,9 +9,9 @@
 #include "mode.h"
 #include "parse.h"
 
-void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
+void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 {
-	struct term_json j = {.out = ctl->report, .list = ctl->list};
+	struct term_json j = {.out = ctl->console.report, .list = ctl->console.list};
 	char mode[8];
 
 	term_json_open(&j, NULL, '{');
@@ -56,9 +56,9 @@ void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 	term_json_line(&j);
 }
 
-static void show_text(struct ctl *ctl, const struct acut_dataset *d)
+static void show_text(struct program *ctl, const struct acut_dataset *d)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
 	term_field(out, "dataset", "%s", d->name);
@@ -84,44 +84,40 @@ static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 		term_field(out, "pending", "%s", d->pending);
 }
 
-static int show(struct ctl *ctl)
+static int show(struct program *ctl)
 {
 	struct acut_dataset d;
-	uint64_t generation = 0;
-	int status;
+	int status = ctl_connect(ctl);
 
-	if (ctl->args.generation)
-		parse_u64(ctl->args.generation, &generation);
-	status = ctl_connect(ctl);
 	if (status)
 		return status;
-	if (acut_dataset_at(ctl->acut, ctl->args.word[1], generation, &d))
+	if (acut_dataset_at(ctl->acut, ctl->line.word[0], ctl->args.generation, &d))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json)
+	if (ctl->console.json)
 		ctl_dataset_json(ctl, &d);
 	else
 		show_text(ctl, &d);
 	return CTL_DONE;
 }
 
-static int create(struct ctl *ctl)
+static int create(struct program *ctl)
 {
-	return ctl_dataset_create(ctl, ctl->args.word[1]);
+	return ctl_dataset_create(ctl, ctl->line.word[0]);
 }
 
-static int log_run(struct ctl *ctl)
+static int log_run(struct program *ctl)
 {
-	return ctl_dataset_log(ctl, ctl->args.word[1]);
+	return ctl_dataset_log(ctl, ctl->line.word[0]);
 }
 
-static int prune(struct ctl *ctl)
+static int prune(struct program *ctl)
 {
-	return ctl_dataset_prune(ctl, ctl->args.word[1]);
+	return ctl_dataset_prune(ctl, ctl->line.word[0]);
 }
 
-static int revert(struct ctl *ctl)
+static int revert(struct program *ctl)
 {
-	return ctl_dataset_revert(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
+	return ctl_dataset_revert(ctl, ctl->line.word[0], ctl->line.nword > 1 ? ctl->line.word[1] : NULL);
 }
 
 struct named {
@@ -137,7 +133,7 @@ static void count_name(void *ctx, const struct acut_dataset *d)
 }
 
 /* How to get it back: where several of its name were removed, that does not say which. */
-static void say_removed(struct ctl *ctl, const char *name, uint64_t id, int64_t until_us)
+static void say_removed(struct program *ctl, const char *name, uint64_t id, int64_t until_us)
 {
 	struct named named = {.name = name};
 	char until[32], number[32];
@@ -145,14 +141,14 @@ static void say_removed(struct ctl *ctl, const char *name, uint64_t id, int64_t 
 	snprintf(number, sizeof(number), "%llu", (unsigned long long)id);
 	if (acut_datasets_removed(ctl->acut, count_name, &named))
 		named.n = 0;
-	ctl_note(ctl, "%s is removed; acutctl dataset restore %s brings it back until %s", name, named.n > 1 ? number : name,
-		 term_time(until_us, until));
+	console_line(&ctl->console, "%s is removed; acutctl dataset restore %s brings it back until %s", name,
+		     named.n > 1 ? number : name, term_time(until_us, until));
 }
 
 /* rm, restore, pin, unpin: the daemon's word for it, and what came of it. */
-static int change(struct ctl *ctl, const char *verb)
+static int change(struct program *ctl, const char *verb)
 {
-	const char *name = ctl->args.word[1];
+	const char *name = ctl->line.word[0];
 	struct acut_dataset d;
 	uint64_t id = 0;
 	int status = ctl_connect(ctl);
@@ -163,94 +159,94 @@ static int change(struct ctl *ctl, const char *verb)
 		status = ctl_error_acut(ctl);
 	if (status)
 		return status;
-	if (ctl->args.json)
+	if (ctl->console.json)
 		ctl_dataset_json(ctl, &d);
 	else if (d.removed_us)
 		say_removed(ctl, name, d.id, d.until_us);
 	else if (!strcmp(verb, "restore"))
-		ctl_note(ctl, "%s is there again", d.name);
+		console_line(&ctl->console, "%s is there again", d.name);
 	return CTL_DONE;
 }
 
-static int rm(struct ctl *ctl)
+static int rm(struct program *ctl)
 {
 	return change(ctl, "remove");
 }
 
-static int restore(struct ctl *ctl)
+static int restore(struct program *ctl)
 {
 	return change(ctl, "restore");
 }
 
-static int pin(struct ctl *ctl)
+static int pin(struct program *ctl)
 {
 	return change(ctl, "pin");
 }
 
-static int unpin(struct ctl *ctl)
+static int unpin(struct program *ctl)
 {
 	return change(ctl, "unpin");
 }
 
-static int changed(struct ctl *ctl, int r, const struct acut_dataset *d)
+static int changed(struct program *ctl, int r, const struct acut_dataset *d)
 {
 	if (r)
 		return ctl_error_acut(ctl);
-	if (ctl->args.json)
+	if (ctl->console.json)
 		ctl_dataset_json(ctl, d);
 	return CTL_DONE;
 }
 
-static int chmod_run(struct ctl *ctl)
+static int chmod_run(struct program *ctl)
 {
 	struct acut_dataset d;
 	struct err err = ERR_INIT;
 	uint32_t mode;
 	int status;
 
-	if (mode_parse(ctl->args.word[1], 0, 0, &mode, &err))
+	if (mode_parse(ctl->line.word[0], 0, 0, &mode, &err))
 		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
-	return status ? status : changed(ctl, acut_dataset_chmod(ctl->acut, ctl->args.word[2], ctl->args.word[1], &d), &d);
+	return status ? status : changed(ctl, acut_dataset_chmod(ctl->acut, ctl->line.word[1], ctl->line.word[0], &d), &d);
 }
 
-static int chgrp_run(struct ctl *ctl)
+static int chgrp_run(struct program *ctl)
 {
 	struct acut_dataset d;
 	struct err err = ERR_INIT;
 	uint32_t gid;
 	int status;
 
-	if (ctl_group_find(ctl->args.word[1], &gid, &err))
+	if (ctl_group_find(ctl->line.word[0], &gid, &err))
 		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
-	return status ? status : changed(ctl, acut_dataset_chgrp(ctl->acut, ctl->args.word[2], gid, &d), &d);
+	return status ? status : changed(ctl, acut_dataset_chgrp(ctl->acut, ctl->line.word[1], gid, &d), &d);
 }
 
-static int chown_run(struct ctl *ctl)
+static int chown_run(struct program *ctl)
 {
 	struct acut_dataset d;
 	struct err err = ERR_INIT;
 	uint32_t uid;
 	int status;
 
-	if (ctl_user_find(ctl->args.word[1], &uid, &err))
+	if (ctl_user_find(ctl->line.word[0], &uid, &err))
 		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
-	return status ? status : changed(ctl, acut_dataset_chown(ctl->acut, ctl->args.word[2], uid, &d), &d);
+	return status ? status : changed(ctl, acut_dataset_chown(ctl->acut, ctl->line.word[1], uid, &d), &d);
 }
 
-static int export(struct ctl *ctl)
+static int export(struct program *ctl)
 {
-	return ctl_dataset_export(ctl, ctl->args.word[1], ctl->args.word[2]);
+	return ctl_dataset_export(ctl, ctl->line.word[0], ctl->line.word[1]);
 }
 
-static int import(struct ctl *ctl)
+static int import(struct program *ctl)
 {
-	return ctl_dataset_import(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
+	return ctl_dataset_import(ctl, ctl->line.word[0], ctl->line.nword > 1 ? ctl->line.word[1] : NULL);
 }
 
-const struct ctl_verb ctl_dataset_verbs[] = {
+const struct cli_verb ctl_dataset_verbs[] = {
 	{"chgrp", "chgrp GROUP DATASET", "give it to another group that you are in", 2, 2, NULL, chgrp_run},
 	{"chmod", "chmod MODE DATASET", "who may read it and push into it: 640, u=rw,g=r,o=, g+w", 2, 2, NULL, chmod_run},
 	{"chown", "chown USER DATASET", "give it to another owner, as an administrator", 2, 2, NULL, chown_run},

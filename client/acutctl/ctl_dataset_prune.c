@@ -3,9 +3,9 @@
 #include "ctl_dataset.h"
 #include "parse.h"
 
-static void print_json(struct ctl *ctl, const char *name, const struct acut_pruned *p)
+static void print_json(struct program *ctl, const char *name, const struct acut_pruned *p)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "dataset", name);
@@ -19,37 +19,31 @@ static void print_json(struct ctl *ctl, const char *name, const struct acut_prun
 	term_json_line(&j);
 }
 
-int ctl_dataset_prune(struct ctl *ctl, const char *name)
+int ctl_dataset_prune(struct program *ctl, const char *name)
 {
 	const struct ctl_args *a = &ctl->args;
 	struct err err = ERR_INIT;
 	struct acut_pruned p;
-	uint64_t keep = 0, before = 0;
 	char points[32], bytes[32];
 	int status;
 
 	if (!a->keep == !a->before) {
 		err_set(&err, ERR_USAGE, "dataset prune takes one of --keep and --before");
 		err_add_hint(&err, "--keep 10: the newest ten generations stay; --before 20: all before generation 20 go");
-	} else if (a->keep) {
-		ctl_option_number("--keep", a->keep, 1, UINT64_MAX, &keep, &err);
-	} else {
-		ctl_option_number("--before", a->before, 1, UINT64_MAX, &before, &err);
-	}
-	if (err.code)
 		return ctl_error(ctl, &err);
+	}
 	status = ctl_connect(ctl);
-	if (!status && acut_dataset_prune(ctl->acut, name, keep, before, &p))
+	if (!status && acut_dataset_prune(ctl->acut, name, a->keep, a->before, &p))
 		status = ctl_error_acut(ctl);
 	if (status)
 		return status;
-	if (a->json)
+	if (ctl->console.json)
 		print_json(ctl, name, &p);
 	else if (!p.generations)
-		ctl_note(ctl, "%s: nothing is older than generation %llu", name, (unsigned long long)p.oldest);
+		console_line(&ctl->console, "%s: nothing is older than generation %llu", name, (unsigned long long)p.oldest);
 	else
-		ctl_note(ctl, "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s", name,
-			 (unsigned long long)p.generations, (unsigned long long)p.oldest, term_count(p.points, points),
-			 (unsigned long long)p.files, parse_size_text(p.bytes, bytes));
+		console_line(&ctl->console, "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s",
+			     name, (unsigned long long)p.generations, (unsigned long long)p.oldest, term_count(p.points, points),
+			     (unsigned long long)p.files, parse_size_text(p.bytes, bytes));
 	return CTL_DONE;
 }

@@ -20,7 +20,7 @@ static const struct term_column gone[] = {
 };
 
 struct listing {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct term_table *table;
 };
 
@@ -30,7 +30,7 @@ static void each(void *ctx, const struct acut_dataset *d)
 	struct term_table *t = l->table;
 	char name[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
-	if (l->ctl->args.json) {
+	if (l->ctl->console.json) {
 		ctl_dataset_json(l->ctl, d);
 		return;
 	}
@@ -52,7 +52,7 @@ static void each_removed(void *ctx, const struct acut_dataset *d)
 	struct listing *l = ctx;
 	struct term_table *t = l->table;
 
-	if (l->ctl->args.json) {
+	if (l->ctl->console.json) {
 		ctl_dataset_json(l->ctl, d);
 		return;
 	}
@@ -64,18 +64,18 @@ static void each_removed(void *ctx, const struct acut_dataset *d)
 	term_table_time(t, d->until_us);
 }
 
-int ctl_datasets_run(struct ctl *ctl)
+int ctl_datasets_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
 	bool removed = ctl->args.removed;
 	int status = ctl_connect(ctl);
 
-	ctl_list_begin(ctl);
+	console_begin_list(&ctl->console);
 	if (status)
 		return status;
-	if (!ctl->args.json)
-		l.table = removed ? term_table_new(ctl->report, gone, sizeof(gone) / sizeof(*gone)) :
-				    term_table_new(ctl->report, there, sizeof(there) / sizeof(*there));
+	if (!ctl->console.json)
+		l.table = removed ? term_table_new(ctl->console.report, gone, sizeof(gone) / sizeof(*gone)) :
+				    term_table_new(ctl->console.report, there, sizeof(there) / sizeof(*there));
 	status = removed ? acut_datasets_removed(ctl->acut, each_removed, &l) : acut_datasets(ctl->acut, NULL, each, &l);
 	term_table_free(l.table);
 	return status ? ctl_error_acut(ctl) : CTL_DONE;

@@ -19,7 +19,7 @@
 #include "term.h"
 
 struct doctor {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct term_json json;
 	unsigned ok, warnings, wrong, unknown;
 };
@@ -29,10 +29,10 @@ struct doctor {
 static void show_text(struct doctor *d, const struct acut_check *c)
 {
 	enum term_tint tint = !strcmp(c->state, "ok") ? TERM_GOOD : !strcmp(c->state, "wrong") ? TERM_BAD : TERM_WARN;
-	FILE *out = d->ctl->report;
+	FILE *out = d->ctl->console.report;
 	struct term term = term_of(out);
 
-	if (d->ctl->args.quiet && tint == TERM_GOOD)
+	if (d->ctl->console.quiet && tint == TERM_GOOD)
 		return;
 	fprintf(out, "%s%-8s%s %-10s ", term_tint(&term, tint), c->state, term_tint(&term, TERM_PLAIN), c->name);
 	term_wrap(out, 20, c->message);
@@ -54,7 +54,7 @@ static void tell(void *ctx, const struct acut_check *c)
 		d->wrong++;
 	else
 		d->unknown++;
-	if (!d->ctl->args.json) {
+	if (!d->ctl->console.json) {
 		show_text(d, c);
 		return;
 	}
@@ -198,13 +198,13 @@ static int ask(struct doctor *d)
 	return err_exit_status(err.code);
 }
 
-int ctl_doctor_run(struct ctl *ctl)
+int ctl_doctor_run(struct program *ctl)
 {
-	struct doctor d = {.ctl = ctl, .json = {.out = ctl->report}};
+	struct doctor d = {.ctl = ctl, .json = {.out = ctl->console.report}};
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&d.json, NULL, '{');
 		term_json_open(&d.json, "checks", '[');
 	}
@@ -213,7 +213,7 @@ int ctl_doctor_run(struct ctl *ctl)
 		err_set(&err, ERR_CANCELLED, "interrupted");
 		return ctl_error(ctl, &err);
 	}
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_close(&d.json, ']');
 		term_json_u64(&d.json, "ok", d.ok);
 		term_json_u64(&d.json, "warnings", d.warnings);
@@ -221,8 +221,8 @@ int ctl_doctor_run(struct ctl *ctl)
 		term_json_u64(&d.json, "unknown", d.unknown);
 		term_json_close(&d.json, '}');
 		term_json_line(&d.json);
-	} else if (!ctl->args.quiet) {
-		fprintf(ctl->report, "%s: %u ok, %u warning%s, %u wrong%s\n",
+	} else if (!ctl->console.quiet) {
+		fprintf(ctl->console.report, "%s: %u ok, %u warning%s, %u wrong%s\n",
 			d.wrong    ? "something is wrong" :
 			d.warnings ? "it works" :
 				     "all is well",

@@ -3,67 +3,49 @@
  * wrong, and what to do: "acutctl: survey.las: byte 104, header size: ...", then "hint: ...".
  */
 #include <errno.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "ctl.h"
 #include "term.h"
 
-static void print_json(struct ctl *ctl, const struct err *err)
-{
-	struct term_json j = {.out = ctl->report};
-
-	term_json_open(&j, NULL, '{');
-	term_error_json(&j, "error", err);
-	term_json_close(&j, '}');
-	term_json_line(&j);
-}
-
-int ctl_error(struct ctl *ctl, const struct err *given)
+int ctl_error(struct program *ctl, const struct err *given)
 {
 	struct err err = *given;
 	int caught = ctl_signal_caught();
 
 	ctl->failure = err;
 	if (caught && err.code == ERR_CANCELLED) {
-		ctl_progress_clear(ctl);
-		if (!ctl->args.quiet && !ctl->args.json)
+		console_progress_clear(&ctl->console);
+		if (!ctl->console.quiet && !ctl->console.json)
 			fprintf(stderr, "acutctl: interrupted\n");
 		return 128 + caught;
 	}
 	if (err.code == ERR_CANCELLED && ctl->for_reader && ctl->out_closed)
-		return CTL_PIPE;
-	if (err.sys == EPIPE && ctl->args.nout) {
+		return CONSOLE_PIPE;
+	if (err.sys == EPIPE && ctl->args.out.n) {
 		ctl->out_closed = true;
-		return CTL_PIPE;
+		return CONSOLE_PIPE;
 	}
 	if (err.code == ERR_CANCELLED && ctl_signal_late(ctl)) {
 		err = ERR_INIT;
-		err_set(&err, ERR_TIMEOUT, "not done within --timeout %s", ctl->args.timeout);
+		err_set(&err, ERR_TIMEOUT, "not done within %g seconds (--timeout)", ctl->args.timeout);
 	}
-	ctl_progress_clear(ctl);
-	if (ctl->args.json)
-		print_json(ctl, &err);
-	else
-		term_error_text("acutctl", &err);
-	return err_exit_status(err.code);
+	return console_error(&ctl->console, &err);
 }
 
 enum { REFUSALS_TOLD = 100 };
 
-void ctl_refusal(struct ctl *ctl, const struct err *err)
+void ctl_refusal(struct program *ctl, const struct err *err)
 {
 	ctl->refusals++;
-	if (!ctl->args.json && ctl->refusals <= REFUSALS_TOLD)
+	if (!ctl->console.json && ctl->refusals <= REFUSALS_TOLD)
 		ctl_error(ctl, err);
 }
 
-void ctl_refusals_end(struct ctl *ctl, int status)
+void ctl_refusals_end(struct program *ctl, int status)
 {
-	if (ctl->args.json || ctl->refusals <= REFUSALS_TOLD)
+	if (ctl->console.json || ctl->refusals <= REFUSALS_TOLD)
 		return;
-	ctl_progress_clear(ctl);
+	console_progress_clear(&ctl->console);
 	/* Where none was good JSON has the failure alone. */
 	term_line(stderr, "acutctl: %llu more inputs were refused, %llu in all%s", ctl->refusals - REFUSALS_TOLD, ctl->refusals,
 		  status == CTL_SOME_REFUSED ? ": --json tells each" : "");
@@ -86,64 +68,10 @@ int ctl_error_from_acut(const struct acut *acut, const char *file, struct err *r
 	return file ? err_add_file(ret, file) : -(int)ret->code;
 }
 
-int ctl_error_acut(struct ctl *ctl)
+int ctl_error_acut(struct program *ctl)
 {
 	struct err err;
 
 	ctl_error_from_acut(ctl->acut, NULL, &err);
 	return ctl_error(ctl, &err);
-}
-
-void ctl_warn(struct ctl *ctl, const char *fmt, ...)
-{
-	va_list ap;
-	char *text, **grown;
-
-	va_start(ap, fmt);
-	text = term_format(fmt, ap);
-	va_end(ap);
-	if (!text)
-		return;
-	for (size_t i = 0; i < ctl->nwarning; i++) {
-		if (!strcmp(ctl->warning[i], text)) { /* of a file: said with its header and with its points */
-			free(text);
-			return;
-		}
-	}
-	if (!ctl->args.quiet && !ctl->args.json) {
-		ctl_progress_clear(ctl);
-		term_line(stderr, "acutctl: warning: %s", text);
-	}
-	grown = realloc(ctl->warning, (ctl->nwarning + 1) * sizeof(*grown));
-	if (!grown) {
-		free(text);
-		return;
-	}
-	ctl->warning = grown;
-	ctl->warning[ctl->nwarning++] = text;
-}
-
-void ctl_remark(struct ctl *ctl, const char *text)
-{
-	if (!*text || ctl->args.quiet || ctl->args.json)
-		return;
-	ctl_progress_clear(ctl);
-	term_line(stderr, "acutctl: note: %s", text);
-}
-
-void ctl_note(struct ctl *ctl, const char *fmt, ...)
-{
-	va_list ap;
-	char *text;
-
-	if (ctl->args.quiet || ctl->args.json)
-		return;
-	va_start(ap, fmt);
-	text = term_format(fmt, ap);
-	va_end(ap);
-	if (!text)
-		return;
-	ctl_progress_clear(ctl);
-	term_line(ctl->report, "%s", text);
-	free(text);
 }

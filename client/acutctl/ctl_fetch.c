@@ -4,18 +4,18 @@
 
 #include "ctl.h"
 
-int ctl_fetch_run(struct ctl *ctl)
+int ctl_fetch_run(struct program *ctl)
 {
 	struct format_run *run = NULL;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	char *window = NULL;
 	uint64_t id;
-	int r = ctl_job_id(ctl->args.word[0], &id, &err), status;
+	int r = ctl_job_id(ctl->line.word[0], &id, &err), status;
 
 	if (r)
 		return ctl_error(ctl, &err);
-	if (!ctl->args.nout && !ctl_output_nothing(&ctl->args)) { /* said before a daemon is looked for */
+	if (!ctl->args.out.n && !ctl_output_nothing(&ctl->args)) { /* said before a daemon is looked for */
 		ctl_output_open(ctl, &run, &err);
 		return ctl_error(ctl, &err);
 	}

@@ -35,12 +35,12 @@ static const struct term_column columns[] = {
 	{"WHAT IT IS", .tail = true},
 };
 
-static void row(struct ctl *ctl, struct term_table *t, const char *direction, const char *name, const char *extensions,
+static void row(struct program *ctl, struct term_table *t, const char *direction, const char *name, const char *extensions,
 		const char *help)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
-	if (!ctl->args.json) {
+	if (!ctl->console.json) {
 		term_table_text(t, "%s", name);
 		term_table_text(t, "%s", direction);
 		term_table_text(t, "%s", extensions);
@@ -56,11 +56,12 @@ static void row(struct ctl *ctl, struct term_table *t, const char *direction, co
 	term_json_line(&j);
 }
 
-int ctl_formats_run(struct ctl *ctl)
+int ctl_formats_run(struct program *ctl)
 {
 	size_t n;
 	const struct format *const *rows = format_rows(&n);
-	struct term_table *t = ctl->args.json ? NULL : term_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
+	struct term_table *t =
+		ctl->console.json ? NULL : term_table_new(ctl->console.report, columns, sizeof(columns) / sizeof(*columns));
 
 	for (size_t i = 0; ctl_formats_input[i].name; i++)
 		row(ctl, t, "in", ctl_formats_input[i].name, ctl_formats_input[i].extensions, ctl_formats_input[i].help);

@@ -8,9 +8,9 @@
 #include "term_table.h"
 #include "parse.h"
 
-static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
+static void geoid_json(struct program *ctl, const struct acut_geoid *g)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "name", g->name);
@@ -37,7 +37,7 @@ static const struct term_column columns[] = {
 };
 
 struct listing {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct term_table *table;
 };
 
@@ -46,7 +46,7 @@ static void show(void *ctx, const struct acut_geoid *g)
 	struct listing *l = ctx;
 	struct term_table *t = l->table;
 
-	if (l->ctl->args.json) {
+	if (l->ctl->console.json) {
 		geoid_json(l->ctl, g);
 		return;
 	}
@@ -63,9 +63,9 @@ static void show(void *ctx, const struct acut_geoid *g)
 	term_table_text(t, "%s%s%s", g->description, *g->description && *g->date ? ", " : "", g->date);
 }
 
-static struct term_table *table(struct ctl *ctl)
+static struct term_table *table(struct program *ctl)
 {
-	return ctl->args.json ? NULL : term_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
+	return ctl->console.json ? NULL : term_table_new(ctl->console.report, columns, sizeof(columns) / sizeof(*columns));
 }
 
 /* "folder/egm96-5.pgm": "egm96-5". */
@@ -79,7 +79,7 @@ static void name_of(const char *path, char *ret, size_t size)
 	snprintf(ret, size, "%.*s", (int)n, base);
 }
 
-int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret)
+int ctl_geoid_file(struct program *ctl, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret)
 {
 	struct ctl_input in = {.name = (char *)path, .fd = -1};
 	struct err err = ERR_INIT;
@@ -96,14 +96,14 @@ int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret
 	return r ? ctl_error_acut(ctl) : 0;
 }
 
-static int add_run(struct ctl *ctl)
+static int add_run(struct program *ctl)
 {
 	const struct acut_geoid *g;
 	char name[128];
 	int status = ctl_connect(ctl);
 
 	if (!status)
-		status = ctl_geoid_file(ctl, ctl->args.word[1], ctl->args.name, name, &g);
+		status = ctl_geoid_file(ctl, ctl->line.word[0], ctl->args.name, name, &g);
 	if (!status) {
 		struct listing l = {ctl, table(ctl)};
 
@@ -113,7 +113,7 @@ static int add_run(struct ctl *ctl)
 	return status;
 }
 
-static int list_run(struct ctl *ctl)
+static int list_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
 	int status = ctl_connect(ctl);
@@ -126,14 +126,14 @@ static int list_run(struct ctl *ctl)
 	return status ? ctl_error_acut(ctl) : CTL_DONE;
 }
 
-static int rm_run(struct ctl *ctl)
+static int rm_run(struct program *ctl)
 {
 	int status = ctl_connect(ctl);
 
-	return status ? status : acut_geoid_remove(ctl->acut, ctl->args.word[1]) ? ctl_error_acut(ctl) : CTL_DONE;
+	return status ? status : acut_geoid_remove(ctl->acut, ctl->line.word[0]) ? ctl_error_acut(ctl) : CTL_DONE;
 }
 
-const struct ctl_verb ctl_geoid_verbs[] = {
+const struct cli_verb ctl_geoid_verbs[] = {
 	{"add", "add FILE.pgm", "keep a geoid grid with the daemon", 1, 1, "name", add_run},
 	{"list", "list", "the grids that are kept", 0, 0, NULL, list_run},
 	{"rm", "rm GEOID", "remove one", 1, 1, NULL, rm_run},

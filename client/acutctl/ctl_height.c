@@ -6,7 +6,7 @@
 
 #include "ctl.h"
 
-int ctl_height_geoid(struct ctl *ctl, char ret_name[128])
+int ctl_height_geoid(struct program *ctl, char ret_name[128])
 {
 	const char *geoid = ctl->args.geoid;
 	const struct acut_geoid *g;
@@ -23,13 +23,14 @@ static const char *zone_kind(const char *zone)
 	return !strncmp(zone, "UPS", 3) ? "" : "UTM zone ";
 }
 
-void ctl_height_planned(struct ctl *ctl, const struct acut_push_planned *p, struct ctl_staged *s)
+void ctl_height_planned(struct program *ctl, const struct acut_push_planned *p, struct ctl_staged *s)
 {
 	snprintf(s->zone, sizeof(s->zone), "%s", p->zone);
 	snprintf(s->datum, sizeof(s->datum), "%s", p->datum);
 	snprintf(s->geoid, sizeof(s->geoid), "%s", p->geoid);
 	if (*s->zone)
-		ctl_note(ctl, "degrees of %s are projected to %s%s (%s)", s->datum, zone_kind(s->zone), s->zone, p->crs);
+		console_line(&ctl->console, "degrees of %s are projected to %s%s (%s)", s->datum, zone_kind(s->zone), s->zone,
+			     p->crs);
 }
 
 struct shift {
@@ -108,12 +109,12 @@ void ctl_height_json(struct term_json *j, const struct ctl_staged *s, const stru
 	geoid_json(j, s, f);
 }
 
-void ctl_height_text(struct ctl *ctl, const struct ctl_staged *s)
+void ctl_height_text(struct program *ctl, const struct ctl_staged *s)
 {
 	char way[16], hash[40], name[80], count[32];
 	struct shift sum = sum_of(s, NULL);
 
 	if (split(s->geoid, way, hash, name) && sum.n)
-		ctl_note(ctl, "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
-			 term_count(sum.n, count), way, name, sum.min, sum.max, sum.mean, hash);
+		console_line(&ctl->console, "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
+			     term_count(sum.n, count), way, name, sum.min, sum.max, sum.mean, hash);
 }

@@ -31,9 +31,9 @@ static void print_box(FILE *out, const struct acut_probe *p)
 		term_field(out, "  box", "none");
 }
 
-static void print(struct ctl *ctl, const struct acut_probe *p)
+static void print(struct program *ctl, const struct acut_probe *p)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char a[32];
 
 	term_line(out, "%s", p->name);
@@ -75,9 +75,9 @@ static void number(struct term_json *j, const char *key, uint32_t n)
 		term_json_text(j, key, NULL);
 }
 
-static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct acut_inspected *in)
+static void print_json(struct program *ctl, const struct acut_probe *p, const struct acut_inspected *in)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", p->name);
@@ -105,7 +105,7 @@ static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct
 	term_json_line(&j);
 }
 
-static int info(struct ctl *ctl, struct ctl_input *in)
+static int info(struct program *ctl, struct ctl_input *in)
 {
 	const struct acut_inspected *records = NULL;
 	const struct acut_probe *p = NULL;
@@ -127,24 +127,24 @@ static int info(struct ctl *ctl, struct ctl_input *in)
 		ctl_error_from_acut(ctl->acut, in->name, &err);
 		return ctl_error(ctl, &err);
 	}
-	if (ctl->args.json)
+	if (ctl->console.json)
 		print_json(ctl, p, records);
 	else
 		print(ctl, p);
-	if (records && !ctl->args.json)
+	if (records && !ctl->console.json)
 		ctl_inspect_text(ctl, records);
 	return CTL_DONE;
 }
 
 /* Broken files among good ones: all are told, status 3, as with a push. */
-int ctl_info_run(struct ctl *ctl)
+int ctl_info_run(struct program *ctl)
 {
 	struct ctl_inputs in = {0};
 	struct err err = ERR_INIT;
 	int status, first = 0;
 	size_t good = 0;
 
-	if (ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err))
+	if (ctl_input_gather(ctl, ctl->line.word, ctl->line.nword, &in, &err))
 		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
 	for (size_t i = 0; i < in.n && !status; i++) {

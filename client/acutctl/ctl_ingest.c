@@ -43,7 +43,7 @@ enum {
 static const off_t BATCH_BYTES = (off_t)16 << 30;
 
 struct ingest {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct ctl_drop drop;
 	struct ctl_drop_list list;
 	struct err *bad; /* what contents were refused for, of which there are more files */
@@ -156,7 +156,7 @@ static const char *put_away(struct ingest *g, struct ctl_drop_file *f, const str
 		g->left++;
 		return NULL;
 	}
-	r = why ? ctl_drop_failed(&g->drop, &f->in, g->ctl->args.word[0], why, name, &err) :
+	r = why ? ctl_drop_failed(&g->drop, &f->in, g->ctl->line.word[0], why, name, &err) :
 		  ctl_drop_done(&g->drop, &f->in, name, &err);
 	if (!r) {
 		g->done += !why;
@@ -289,7 +289,7 @@ static int send(struct ingest *g, const struct batch *b, struct sent *ret, struc
 /* 0, or the status that ends the pass. What was told stays told. */
 static int push(struct ingest *g, struct batch b)
 {
-	struct ctl *ctl = g->ctl;
+	struct program *ctl = g->ctl;
 	struct ctl_staged staged = {.nfile = 0};
 	struct sent sent;
 	struct err err = ERR_INIT;
@@ -300,7 +300,7 @@ static int push(struct ingest *g, struct batch b)
 		return ctl_error(ctl, &err);
 	status = ctl->acut ? 0 : ctl_connect(ctl);
 	if (!status) {
-		status = ctl_stage(ctl, ctl->args.word[0], &sent.in, &staged);
+		status = ctl_stage(ctl, ctl->line.word[0], &sent.in, &staged);
 		made = staged.committed || staged.refused == sent.in.n || (ctl->args.strict && staged.refused);
 	}
 	if (made) {
@@ -369,7 +369,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 		b.file[b.n++] = list[i];
 	}
 	s.nfile = s.refused = b.n;
-	snprintf(s.dataset, sizeof(s.dataset), "%s", g->ctl->args.word[0]);
+	snprintf(s.dataset, sizeof(s.dataset), "%s", g->ctl->line.word[0]);
 	if (b.n)
 		status = put_away_all(g, &b, &s, NULL);
 	*n = kept;
@@ -468,8 +468,8 @@ static int pass(struct ingest *g)
 		if (any)
 			continue;
 		if (!said && g->list.n && g->settle)
-			ctl_note(g->ctl, "%s: waiting until files have not changed for %g s", g->drop.name,
-				 (double)g->settle * 1e-9);
+			console_line(&g->ctl->console, "%s: waiting until files have not changed for %g s", g->drop.name,
+				     (double)g->settle * 1e-9);
 		said = true;
 		if (!wait_for_some(g))
 			return 0;
@@ -486,8 +486,8 @@ static int finish(struct ingest *g, int status)
 	if (g->list.passed_by)
 		snprintf(more, sizeof(more), "; %u left that are no regular files", g->list.passed_by);
 	if (g->done || g->refused || g->left || settling || g->list.passed_by)
-		ctl_note(g->ctl, "%s: %u done, %u refused, %zu stay for another pass%s", g->drop.name, g->done, g->refused,
-			 settling + g->left, more);
+		console_line(&g->ctl->console, "%s: %u done, %u refused, %zu stay for another pass%s", g->drop.name, g->done,
+			     g->refused, settling + g->left, more);
 	if (!status)
 		status = g->status;
 	if (!status && g->refused)
@@ -495,7 +495,7 @@ static int finish(struct ingest *g, int status)
 	return status;
 }
 
-static int check(const struct ctl *ctl, uint64_t *ret_settle, struct err *err)
+static int check(const struct program *ctl, uint64_t *ret_settle, struct err *err)
 {
 	double seconds = 30;
 
@@ -518,7 +518,7 @@ static int lock(struct ingest *g, struct err *err)
 	return err_add_file(err, g->drop.name);
 }
 
-int ctl_ingest_run(struct ctl *ctl)
+int ctl_ingest_run(struct program *ctl)
 {
 	struct ingest g = {.ctl = ctl};
 	struct err err = ERR_INIT;
@@ -530,7 +530,7 @@ int ctl_ingest_run(struct ctl *ctl)
 	setvbuf(stdout, NULL, _IOLBF, BUFSIZ);
 	/* What comes twice is told by its content: names and times are the senders'. */
 	ctl->args.checksum = true;
-	if (ctl_drop_open(&g.drop, ctl->args.word[1], &err) || lock(&g, &err)) {
+	if (ctl_drop_open(&g.drop, ctl->line.word[1], &err) || lock(&g, &err)) {
 		ctl_drop_close(&g.drop);
 		return ctl_error(ctl, &err);
 	}

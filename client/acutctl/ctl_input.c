@@ -67,7 +67,7 @@ static int by_name(const struct dirent **a, const struct dirent **b)
 }
 
 /* A file that is named, or one of a folder: an archive's members, else itself. */
-static int add_file(struct ctl *ctl, struct ctl_inputs *in, const char *name, bool from_folder, struct err *err)
+static int add_file(struct program *ctl, struct ctl_inputs *in, const char *name, bool from_folder, struct err *err)
 {
 	bool is = false;
 	int r = ctl_archive_add(ctl, in, &(struct ctl_input){.name = (char *)name, .fd = -1}, from_folder, &is, err);
@@ -75,7 +75,7 @@ static int add_file(struct ctl *ctl, struct ctl_inputs *in, const char *name, bo
 	return r || is ? r : ctl_input_add(in, name, -1, err);
 }
 
-static int add_folder(struct ctl *ctl, struct ctl_inputs *in, const char *path, unsigned depth, struct err *err)
+static int add_folder(struct program *ctl, struct ctl_inputs *in, const char *path, unsigned depth, struct err *err)
 {
 	struct dirent **entry;
 	int n = scandir(path, &entry, NULL, by_name), r = 0;
@@ -105,10 +105,10 @@ static int add_folder(struct ctl *ctl, struct ctl_inputs *in, const char *path, 
 	return r;
 }
 
-static int add_list(struct ctl *, struct ctl_inputs *, const char *path, struct err *);
+static int add_list(struct program *, struct ctl_inputs *, const char *path, struct err *);
 
 /* Standard input, or a named pipe: read by the daemon through a pipe of its own (ctl_pipe.c). */
-static int add_pipe(struct ctl *ctl, struct ctl_inputs *in, const char *name, int fd, struct err *err)
+static int add_pipe(struct program *ctl, struct ctl_inputs *in, const char *name, int fd, struct err *err)
 {
 	if (fd < 0)
 		return open_failed(name, err);
@@ -119,7 +119,7 @@ static int add_pipe(struct ctl *ctl, struct ctl_inputs *in, const char *name, in
 }
 
 /* Named by --name, or by nobody. */
-static int add_standard(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+static int add_standard(struct program *ctl, struct ctl_inputs *in, struct err *err)
 {
 	const char *name = ctl->args.name;
 	int r = add_pipe(ctl, in, name ? name : "standard input", dup(STDIN_FILENO), err);
@@ -129,7 +129,7 @@ static int add_standard(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
 	return r;
 }
 
-static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bool listed, struct err *err)
+static int add_word(struct program *ctl, struct ctl_inputs *in, const char *word, bool listed, struct err *err)
 {
 	struct stat st;
 
@@ -154,7 +154,7 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 	return add_file(ctl, in, word, false, err);
 }
 
-static int add_list(struct ctl *ctl, struct ctl_inputs *in, const char *path, struct err *err)
+static int add_list(struct program *ctl, struct ctl_inputs *in, const char *path, struct err *err)
 {
 	FILE *f = strcmp(path, "-") ? fopen(path, "re") : stdin;
 	char *line = NULL;
@@ -181,7 +181,7 @@ static int add_list(struct ctl *ctl, struct ctl_inputs *in, const char *path, st
 }
 
 /* What pipes hold is said, or seen where there is one input: a format is that of all of them. LAS and LAZ begin alike. */
-static int know_pipes(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+static int know_pipes(struct program *ctl, struct ctl_inputs *in, struct err *err)
 {
 	struct ctl_input *pipe = NULL;
 
@@ -221,7 +221,7 @@ static int name_one(const struct ctl_args *a, struct ctl_inputs *in, struct err 
 	return err_add_hint(err, "push them one by one, or without --name");
 }
 
-int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err)
+int ctl_input_gather(struct program *ctl, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err)
 {
 	int r = 0;
 
@@ -278,7 +278,7 @@ static int open_entry(const struct ctl_input *in, int *ret_fd, struct err *err)
 	return err_add_file(err, in->name);
 }
 
-int ctl_input_open(struct ctl *ctl, struct ctl_input *in, int *ret_fd, struct err *err)
+int ctl_input_open(struct program *ctl, struct ctl_input *in, int *ret_fd, struct err *err)
 {
 	if (in->archive && ctl_archive_keep(ctl, in, err))
 		return -(int)err->code;
@@ -366,10 +366,10 @@ void ctl_input_done(struct ctl_inputs *in)
 
 int ctl_input_not_output(const struct ctl_inputs *in, const struct ctl_args *a, struct err *err)
 {
-	for (unsigned o = 0; o < a->nout; o++) {
+	for (unsigned o = 0; o < a->out.n; o++) {
 		struct stat out, st;
 
-		if (!strcmp(a->out[o], "-") ? fstat(STDOUT_FILENO, &out) : stat(a->out[o], &out))
+		if (!strcmp(a->out.text[o], "-") ? fstat(STDOUT_FILENO, &out) : stat(a->out.text[o], &out))
 			continue;
 		if (!S_ISREG(out.st_mode))
 			continue;

@@ -36,9 +36,9 @@ static void place_text(FILE *out, const struct acut_inspected *in)
 			   (double)in->distinct / in->area);
 }
 
-void ctl_inspect_text(struct ctl *ctl, const struct acut_inspected *in)
+void ctl_inspect_text(struct program *ctl, const struct acut_inspected *in)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char a[32], b[32], c[32];
 
 	term_field(out, "  records", "%s, at %s positions: %s more than one there", term_count(in->points, a),

@@ -190,9 +190,9 @@ void ctl_job_notes(struct term_json *j, const struct acut_report *p)
 	term_json_close(j, ']');
 }
 
-void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
+void ctl_job_json(struct program *ctl, const struct acut_job *job)
 {
-	struct term_json j = {.out = ctl->report, .list = ctl->list};
+	struct term_json j = {.out = ctl->console.report, .list = ctl->console.list};
 	struct err err;
 
 	term_json_open(&j, NULL, '{');
@@ -240,13 +240,13 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 	term_json_line(&j);
 }
 
-void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
+void ctl_job_print(struct program *ctl, const struct acut_job *job)
 {
 	char when[32], count[32], left[32], rest[256] = "";
 	size_t n = 0;
 
-	ctl_progress_clear(ctl);
-	if (ctl->args.json) {
+	console_progress_clear(&ctl->console);
+	if (ctl->console.json) {
 		ctl_job_json(ctl, job);
 		return;
 	}
@@ -263,19 +263,19 @@ void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 		snprintf(rest + n, sizeof(rest) - n, "  waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
 		snprintf(rest + n, sizeof(rest) - n, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
-	term_line(ctl->report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
+	term_line(ctl->console.report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
 		  term_time(job->submitted_us, when), job->dataset, rest, job->has_error ? "  " : "",
 		  job->has_error ? job->error.message : "");
-	if (!ctl->list)
-		fflush(ctl->report);
+	if (!ctl->console.list)
+		fflush(ctl->console.report);
 }
 
-int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
+int ctl_job_status(struct program *ctl, const struct acut_job *job)
 {
 	struct err err = ERR_INIT;
 
 	if (job->has_report && !job->has_error) {
-		ctl_remark(ctl, job->report.note);
+		console_note(&ctl->console, "%s", job->report.note);
 		return CTL_DONE;
 	}
 	if (job->has_error)
@@ -294,24 +294,24 @@ int ctl_job_id(const char *text, uint64_t *ret, struct err *err)
 	return 0;
 }
 
-int ctl_job_each(struct ctl *ctl, int (*each)(struct ctl *, uint64_t id))
+int ctl_job_each(struct program *ctl, int (*each)(struct program *, uint64_t id))
 {
 	int first = 0, status;
 
-	for (unsigned i = 0; i < ctl->args.nword; i++) {
+	for (unsigned i = 0; i < ctl->line.nword; i++) {
 		struct err err = ERR_INIT;
 		uint64_t id;
 
-		if (ctl_job_id(ctl->args.word[i], &id, &err))
+		if (ctl_job_id(ctl->line.word[i], &id, &err))
 			return ctl_error(ctl, &err);
 	}
 	status = ctl_connect(ctl);
 	if (status)
 		return status;
-	for (unsigned i = 0; i < ctl->args.nword; i++) {
+	for (unsigned i = 0; i < ctl->line.nword; i++) {
 		uint64_t id = 0;
 
-		parse_u64(ctl->args.word[i], &id);
+		parse_u64(ctl->line.word[i], &id);
 		status = each(ctl, id);
 		first = first ? first : status;
 		if (ctl_signal_interrupted(ctl))

@@ -14,7 +14,7 @@ static const struct term_column columns[] = {
 };
 
 struct listing {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct term_table *table;
 };
 
@@ -41,7 +41,7 @@ static void each(void *ctx, const struct acut_job *job)
 	struct term_table *t = l->table;
 	bool failed = !strcmp(job->state, "failed"), over = job->final;
 
-	if (l->ctl->args.json) {
+	if (l->ctl->console.json) {
 		ctl_job_json(l->ctl, job);
 		return;
 	}
@@ -70,16 +70,16 @@ static void each(void *ctx, const struct acut_job *job)
 	note(t, job);
 }
 
-int ctl_jobs_run(struct ctl *ctl)
+int ctl_jobs_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
 	int status = ctl_connect(ctl);
 
-	ctl_list_begin(ctl);
+	console_begin_list(&ctl->console);
 	if (status)
 		return status;
-	if (!ctl->args.json)
-		l.table = term_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
+	if (!ctl->console.json)
+		l.table = term_table_new(ctl->console.report, columns, sizeof(columns) / sizeof(*columns));
 	status = acut_jobs(ctl->acut, each, &l);
 	term_table_free(l.table);
 	return status ? ctl_error_acut(ctl) : CTL_DONE;

@@ -200,7 +200,7 @@ static int read_list(struct manifest *m, struct err *err)
 /* ---- the inputs ---- */
 
 /* The sum of all bytes. */
-static int sum_of(struct ctl *ctl, int fd, unsigned char sum[SUM], struct err *err)
+static int sum_of(struct program *ctl, int fd, unsigned char sum[SUM], struct err *err)
 {
 	struct ctl_sha *sha = ctl_sha_new(err);
 	void *piece = malloc(PIECE);
@@ -268,7 +268,7 @@ static int unlisted(const struct manifest *m, struct err *err)
 }
 
 /* Its sum, and that it was the same file before and after. */
-static int sum_still(struct ctl *ctl, int fd, const struct stat *before, unsigned char sum[SUM], struct err *err)
+static int sum_still(struct program *ctl, int fd, const struct stat *before, unsigned char sum[SUM], struct err *err)
 {
 	struct stat after;
 	int r = sum_of(ctl, fd, sum, err);
@@ -280,7 +280,7 @@ static int sum_still(struct ctl *ctl, int fd, const struct stat *before, unsigne
 }
 
 /* By the archive's own line; its sum is taken once. */
-static int check_archive(struct ctl *ctl, const struct manifest *m, struct ctl_archive *a, struct err *err)
+static int check_archive(struct program *ctl, const struct manifest *m, struct ctl_archive *a, struct err *err)
 {
 	const struct line key = key_of(a->file.dev, a->file.ino, NULL);
 	struct stat st;
@@ -302,7 +302,7 @@ static int check_archive(struct ctl *ctl, const struct manifest *m, struct ctl_a
 	return r ? r : compare(m, &key, a->sum, err);
 }
 
-static int check_file(struct ctl *ctl, const struct manifest *m, struct ctl_input *in, int fd, const struct line *member,
+static int check_file(struct program *ctl, const struct manifest *m, struct ctl_input *in, int fd, const struct line *member,
 		      struct err *err)
 {
 	unsigned char sum[SUM];
@@ -326,7 +326,7 @@ static int check_file(struct ctl *ctl, const struct manifest *m, struct ctl_inpu
 	return 0;
 }
 
-static int check_input(struct ctl *ctl, const struct manifest *m, struct ctl_input *in, struct err *err)
+static int check_input(struct program *ctl, const struct manifest *m, struct ctl_input *in, struct err *err)
 {
 	struct ctl_archive *a = in->archive;
 	struct line key = {0};
@@ -366,7 +366,7 @@ static void also(struct err *first, const char *name, size_t n)
 	err_add_hint(first, "%s", hint);
 }
 
-int ctl_manifest_check(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+int ctl_manifest_check(struct program *ctl, struct ctl_inputs *in, struct err *err)
 {
 	struct manifest m = {.path = ctl->args.manifest};
 	const char *slash = strrchr(m.path, '/');

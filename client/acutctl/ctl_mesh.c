@@ -7,7 +7,7 @@
 
 #include "ctl.h"
 
-static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
+static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
 {
 	struct ctl_staged staged;
 	struct acut_submission what = {.view = view, .priority = ctl->args.priority, .bound = true, .fresh = true};
@@ -29,7 +29,7 @@ static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct
 	return status ? status : staging;
 }
 
-int ctl_mesh_run(struct ctl *ctl)
+int ctl_mesh_run(struct program *ctl)
 {
 	struct ctl_inputs in = {0};
 	struct format_run *run = NULL;
@@ -40,7 +40,7 @@ int ctl_mesh_run(struct ctl *ctl)
 	int r = ctl_view_box(&ctl->args, &view, &cropped, box, &err), status;
 
 	if (!r)
-		r = ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err);
+		r = ctl_input_gather(ctl, ctl->line.word, ctl->line.nword, &in, &err);
 	in.crop = cropped ? box : NULL;
 	if (!r)
 		r = ctl_input_not_output(&in, &ctl->args, &err);

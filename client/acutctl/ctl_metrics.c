@@ -237,7 +237,7 @@ static int publish(struct gathering *g, const char *path, struct err *err)
 	return r;
 }
 
-static int finish(struct ctl *ctl, struct gathering *g)
+static int finish(struct program *ctl, struct gathering *g)
 {
 	struct err err = ERR_INIT;
 
@@ -246,26 +246,26 @@ static int finish(struct ctl *ctl, struct gathering *g)
 	else if (ctl->args.textfile)
 		publish(g, ctl->args.textfile, &err);
 	else
-		write_all(g, ctl->report);
+		write_all(g, ctl->console.report);
 	return err.code ? ctl_error(ctl, &err) : CTL_DONE;
 }
 
-int ctl_metrics_run(struct ctl *ctl)
+int ctl_metrics_run(struct program *ctl)
 {
 	static const struct acut_metric down = {.name = "acut_up", .type = "gauge", .help = "1: acutd answers."};
 	struct gathering g = {.end = &g.first};
-	struct term_json j = {.out = ctl->report, .list = true};
+	struct term_json j = {.out = ctl->console.report, .list = true};
 	struct err err = ERR_INIT;
 	int status, told;
 
-	if (ctl->args.json && ctl->args.textfile) {
+	if (ctl->console.json && ctl->args.textfile) {
 		err_set(&err, ERR_USAGE, "--textfile writes the format of Prometheus, not JSON");
 		return ctl_error(ctl, &err);
 	}
 	status = ctl_connect(ctl);
-	if (!status && acut_metrics(ctl->acut, ctl->args.json ? tell_json : gather, ctl->args.json ? (void *)&j : &g))
+	if (!status && acut_metrics(ctl->acut, ctl->console.json ? tell_json : gather, ctl->console.json ? (void *)&j : &g))
 		status = ctl_error_acut(ctl);
-	if (!status && !ctl->args.json)
+	if (!status && !ctl->console.json)
 		status = finish(ctl, &g);
 	else if (status && ctl->args.textfile && !ctl_signal_caught()) {
 		gathering_done(&g);

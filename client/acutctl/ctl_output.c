@@ -38,18 +38,15 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 static int options_of(const struct ctl_args *a, const struct format *f, struct format_options *opt, struct err *err)
 {
 	bool picture = f->positions && !f->canonical;
-	uint64_t n;
-	int r = 0;
 
 	*opt = (struct format_options){.no_clobber = a->no_clobber};
 	if (picture) {
-		if (a->width) {
-			r = ctl_option_number("--width", a->width, 1, FORMAT_WIDTH_MAX, &n, err);
-			opt->width = r ? 0 : (uint32_t)n;
-		}
-		if (!r && a->color && !format_parse_color(a->color, &opt->color))
-			r = err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"", a->color);
-		return r;
+		if (a->width > FORMAT_WIDTH_MAX)
+			return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
+		opt->width = (uint32_t)a->width;
+		if (a->color && !format_parse_color(a->color, &opt->color))
+			return err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"", a->color);
+		return 0;
 	}
 	opt->canonical = a->canonical;
 	opt->z_unit = a->z_unit ? format_unit_of_word(a->z_unit, strlen(a->z_unit)) : NULL;
@@ -63,7 +60,7 @@ static const struct format *format_of(const struct ctl_args *a, const char *path
 	const char *tile = a->format ? a->format : "ply";
 	const struct format *by_path = strcmp(path, "-") ? format_by_path(path) : NULL, *f = by_path;
 
-	if (a->tile || (a->format && (a->nout == 1 || !by_path))) {
+	if (a->tile || (a->format && (a->out.n == 1 || !by_path))) {
 		f = format_find(a->tile ? tile : a->format);
 		if (!f) {
 			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : a->format);
@@ -101,26 +98,26 @@ bool ctl_output_nothing(const struct ctl_args *a)
 {
 	const struct format *f = a->format ? format_find(a->format) : NULL;
 
-	return !a->nout && f && f->nothing;
+	return !a->out.n && f && f->nothing;
 }
 
 static int check_outputs(const struct ctl_args *a, struct err *err)
 {
 	unsigned standard = 0;
 
-	if (!a->nout && !ctl_output_nothing(a)) {
+	if (!a->out.n && !ctl_output_nothing(a)) {
 		err_set(err, ERR_USAGE, "no output given");
 		return err_add_hint(err, "say where to write with -o OUT, as in -o mesh.ply");
 	}
-	for (unsigned i = 0; i < a->nout; i++) {
-		standard += !strcmp(a->out[i], "-");
+	for (unsigned i = 0; i < a->out.n; i++) {
+		standard += !strcmp(a->out.text[i], "-");
 		for (unsigned j = 0; j < i; j++)
-			if (!strcmp(a->out[i], a->out[j]))
-				return err_set(err, ERR_USAGE, "the output %s is given twice", a->out[i]);
+			if (!strcmp(a->out.text[i], a->out.text[j]))
+				return err_set(err, ERR_USAGE, "the output %s is given twice", a->out.text[i]);
 	}
-	if (a->tile && a->nout != 1) {
+	if (a->tile && a->out.n != 1) {
 		err_set(err, ERR_USAGE,
-			a->nout ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder", a->nout);
+			a->out.n ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder", a->out.n);
 		return err_add_hint(err, "say where to write with one -o DIR/, as in -o tiles/");
 	}
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
@@ -144,7 +141,7 @@ static int parse_length(const char *text, struct format_run_options *opt, struct
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
-static int parse_tile(struct ctl *ctl, struct format_run_options *opt, struct err *err)
+static int parse_tile(struct program *ctl, struct format_run_options *opt, struct err *err)
 {
 	opt->tiled = true;
 	opt->interrupted = ctl_signal_interrupted;
@@ -155,10 +152,10 @@ static int parse_tile(struct ctl *ctl, struct format_run_options *opt, struct er
 	return err_add_hint(err, "give the side of a tile in the units of the dataset, as in --tile 500");
 }
 
-int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
+int ctl_output_open(struct program *ctl, struct format_run **ret, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
-	struct format_run_options opt = {.edges = !a->since, .changes = a->since != NULL};
+	struct format_run_options opt = {.edges = !a->since, .changes = a->since > 0};
 	struct format_run *run = NULL;
 	bool picture = false, mesh = false;
 	int r = check_outputs(a, err);
@@ -177,8 +174,8 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 		r = format_run_new(&opt, &run, err);
 	if (!r && ctl_output_nothing(a))
 		r = add_output(a, NULL, run, &picture, &mesh, err);
-	for (unsigned i = 0; i < a->nout && !r; i++)
-		r = add_output(a, a->out[i], run, &picture, &mesh, err);
+	for (unsigned i = 0; i < a->out.n && !r; i++)
+		r = add_output(a, a->out.text[i], run, &picture, &mesh, err);
 	if (!r && !picture && (a->width || a->color))
 		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one", a->width ? "width" : "color");
 	if (!r && !mesh && (a->canonical || a->origin || a->z_unit))
@@ -236,14 +233,14 @@ static void inputs_json(struct term_json *j, const struct ctl_staged *staged)
 	term_json_close(j, ']');
 }
 
-static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
+static const char *z_unit_of(const struct program *ctl, const struct acut_job *job)
 {
 	const char *word = ctl->args.z_unit;
 
 	return word ? format_unit_of_word(word, strlen(word)) : job->unit_z;
 }
 
-static void changes_json(struct ctl *ctl, struct term_json *j, const struct format_changes *c)
+static void changes_json(struct program *ctl, struct term_json *j, const struct format_changes *c)
 {
 	if (!ctl->args.since) {
 		term_json_text(j, "changes", NULL);
@@ -261,9 +258,9 @@ static void changes_json(struct ctl *ctl, struct term_json *j, const struct form
 	term_json_close(j, '}');
 }
 
-static void tiles_json(struct ctl *ctl, struct term_json *j, const struct format_report *out)
+static void tiles_json(struct program *ctl, struct term_json *j, const struct format_report *out)
 {
-	const char *dir = ctl->args.out[0];
+	const char *dir = ctl->args.out.text[0];
 	size_t n = ctl->args.tile ? strlen(dir) : 0;
 	char *index;
 
@@ -282,11 +279,11 @@ static void tiles_json(struct ctl *ctl, struct term_json *j, const struct format
 	free(index);
 }
 
-static void report_json(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
+static void report_json(struct program *ctl, const struct acut_job *job, const struct format_report *out,
 			const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_u64(&j, "job", job->id);
@@ -318,24 +315,24 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	term_json_close(&j, ']');
 	ctl_job_notes(&j, p);
 	term_json_open(&j, "warnings", '[');
-	for (size_t i = 0; i < ctl->nwarning; i++)
-		term_json_text(&j, NULL, ctl->warning[i]);
+	for (size_t i = 0; i < ctl->console.nwarning; i++)
+		term_json_text(&j, NULL, ctl->console.warning[i]);
 	term_json_close(&j, ']');
 	term_json_close(&j, '}');
 	term_json_line(&j);
 }
 
-static void warn_no_tiles(struct ctl *ctl, const struct acut_report *p, const struct format_report *out)
+static void warn_no_tiles(struct program *ctl, const struct acut_report *p, const struct format_report *out)
 {
 	char count[32];
 
 	if (ctl->args.tile && !out->tiles && p->vertices)
-		ctl_warn(ctl, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
-			 term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
-			 p->triangles ? " but those that --max-edge leaves out" : "");
+		console_warn(&ctl->console, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
+			     term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
+			     p->triangles ? " but those that --max-edge leaves out" : "");
 }
 
-static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run, const struct ctl_staged *staged)
+static int publish(struct program *ctl, const struct acut_job *job, struct format_run *run, const struct ctl_staged *staged)
 {
 	struct format_report out;
 	struct err err = ERR_INIT;
@@ -344,10 +341,10 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 	if (format_run_publish(run, &err))
 		return ctl_error(ctl, &err);
 	format_run_report(run, &out);
-	ctl_progress_clear(ctl);
+	console_progress_clear(&ctl->console);
 	ctl_outlier_warn(ctl, &job->report, &out);
 	warn_no_tiles(ctl, &job->report, &out);
-	if (ctl->args.json)
+	if (ctl->console.json)
 		report_json(ctl, job, &out, staged);
 	else
 		ctl_summary(ctl, job, &out, staged);
@@ -359,7 +356,7 @@ struct feed {
 	struct acut_mesh_sink sink;
 	struct format_run *run;
 	struct ctl_progress progress;
-	struct ctl *ctl;
+	struct program *ctl;
 	struct err err; /* of saving */
 	bool part;      /* of a job's mesh only a window is fetched */
 	struct ctl_window window;
@@ -435,7 +432,7 @@ static bool can_go_on(const struct feed *f, const struct err *err)
 static int feed_failed(struct feed *f, uint64_t id)
 {
 	static const char way[] = "acutctl fetch %llu --resume, with the same outputs and options, goes on with what came";
-	struct ctl *ctl = f->ctl;
+	struct program *ctl = f->ctl;
 	struct err err;
 	int status;
 
@@ -446,10 +443,10 @@ static int feed_failed(struct feed *f, uint64_t id)
 		err = f->err;
 	else if (can_go_on(f, &err))
 		feed_save(f);
-	if (can_go_on(f, &err) && !err.hint[0] && ctl->args.json)
+	if (can_go_on(f, &err) && !err.hint[0] && ctl->console.json)
 		err_add_hint(&err, way, (unsigned long long)id);
 	status = ctl_error(ctl, &err);
-	if (can_go_on(f, &err) && !ctl->args.quiet && !ctl->args.json) {
+	if (can_go_on(f, &err) && !ctl->console.quiet && !ctl->console.json) {
 		fprintf(stderr, "acutctl: ");
 		fprintf(stderr, way, (unsigned long long)id);
 		fputc('\n', stderr);
@@ -457,7 +454,7 @@ static int feed_failed(struct feed *f, uint64_t id)
 	return status;
 }
 
-int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const struct ctl_staged *staged)
+int ctl_output_fetch(struct program *ctl, uint64_t id, struct format_run *run, const struct ctl_staged *staged)
 {
 	struct feed feed = {.sink = format_run_sink(run), .run = run, .ctl = ctl, .err = ERR_INIT};
 	const struct acut_mesh_sink sink = {feed_head, feed_block, feed_tail, feed_progress, &feed};
@@ -466,7 +463,6 @@ int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const
 	struct acut_changes_sink changes = format_run_changes(run);
 	const void *kept;
 	size_t size = 0;
-	uint64_t since;
 	int r;
 
 	feed.part = !staged && (ctl->args.bbox || ctl->args.polygon);
@@ -476,7 +472,7 @@ int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const
 	changes.base = feed_base;
 	changes.gone = feed_gone;
 	if (ctl->args.since)
-		r = !parse_u64(ctl->args.since, &since) || acut_fetch_changes(ctl->acut, id, since, &changes);
+		r = acut_fetch_changes(ctl->acut, id, ctl->args.since, &changes);
 	else
 		r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
 	/* A window need not wait for the job. */

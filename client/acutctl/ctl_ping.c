@@ -1,9 +1,9 @@
 /* ping: a sign of life from the daemon, and how long it took. */
 #include "ctl.h"
 
-int ctl_ping_run(struct ctl *ctl)
+int ctl_ping_run(struct program *ctl)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 	double seconds;
 	int status = ctl_connect(ctl);
 
@@ -11,14 +11,14 @@ int ctl_ping_run(struct ctl *ctl)
 		return status;
 	if (acut_ping(ctl->acut, &seconds))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "build", acut_daemon_build(ctl->acut));
 		term_json_number(&j, "seconds", seconds);
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		ctl_note(ctl, "acutd %s answered in %.3f ms", acut_daemon_build(ctl->acut), 1e3 * seconds);
+		console_line(&ctl->console, "acutd %s answered in %.3f ms", acut_daemon_build(ctl->acut), 1e3 * seconds);
 	}
 	return CTL_DONE;
 }

@@ -82,7 +82,7 @@ static void child(const struct ctl_input *in, int to, pid_t parent)
 	_exit((r == ENOSYS ? copy(from, to, piece) : r) & 0xff);
 }
 
-int ctl_pipe_look(struct ctl *ctl, struct ctl_input *in, struct err *err)
+int ctl_pipe_look(struct program *ctl, struct ctl_input *in, struct err *err)
 {
 	struct pollfd from = {.fd = in->fd, .events = POLLIN};
 	ssize_t n = 1;
@@ -113,7 +113,7 @@ static size_t whole_lines(const struct ctl_input *in)
 	return end ? (size_t)(end + 1 - in->head) : in->nhead;
 }
 
-int ctl_pipe_check(struct ctl *ctl, const struct ctl_input *in, struct err *err)
+int ctl_pipe_check(struct program *ctl, const struct ctl_input *in, struct err *err)
 {
 	const struct acut_probe *probe;
 	struct err why = ERR_INIT;
@@ -133,7 +133,7 @@ int ctl_pipe_check(struct ctl *ctl, const struct ctl_input *in, struct err *err)
 	return -(int)err->code;
 }
 
-int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct ctl *ctl)
+int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct program *ctl)
 {
 	struct err err = ERR_INIT;
 	pid_t self = getpid();
@@ -175,7 +175,7 @@ int ctl_pipe_finish(struct ctl_input *in, struct err *err)
 
 /* ---- kept here: for what only looks at an input ---- */
 
-static int keep(struct ctl *ctl, const struct ctl_input *in, int to, struct err *err)
+static int keep(struct program *ctl, const struct ctl_input *in, int to, struct err *err)
 {
 	struct pollfd from = {.fd = in->fd, .events = POLLIN};
 	char *piece = malloc(PIECE);
@@ -201,7 +201,7 @@ static int keep(struct ctl *ctl, const struct ctl_input *in, int to, struct err 
 	return -(int)err->code;
 }
 
-int ctl_pipe_keep(struct ctl *ctl, const struct ctl_input *in, int *ret_fd, struct err *err)
+int ctl_pipe_keep(struct program *ctl, const struct ctl_input *in, int *ret_fd, struct err *err)
 {
 	const char *folder;
 	int fd;

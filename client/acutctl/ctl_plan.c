@@ -5,9 +5,9 @@
 #include "term.h"
 #include "parse.h"
 
-static void print(struct ctl *ctl, const struct acut_plan *p)
+static void print(struct program *ctl, const struct acut_plan *p)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char a[32], b[32];
 
 	term_field(out, "points", "%s%s", p->exact ? "" : "at most ", term_count(p->points, a));
@@ -23,12 +23,12 @@ static void print(struct ctl *ctl, const struct acut_plan *p)
 		term_field(out, "time", "not known");
 }
 
-static void print_json(struct ctl *ctl, const struct acut_plan *p)
+static void print_json(struct program *ctl, const struct acut_plan *p)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
-	term_json_text(&j, "dataset", ctl->args.word[0]);
+	term_json_text(&j, "dataset", ctl->line.word[0]);
 	term_json_u64(&j, "points", p->points);
 	term_json_bool(&j, "exact", p->exact);
 	term_json_u64(&j, "domains", p->domains);
@@ -45,25 +45,22 @@ static void print_json(struct ctl *ctl, const struct acut_plan *p)
 	term_json_line(&j);
 }
 
-int ctl_plan_run(struct ctl *ctl)
+int ctl_plan_run(struct program *ctl)
 {
 	const struct acut_plan *plan;
 	char *view;
-	uint64_t generation = 0;
 	struct err err = ERR_INIT;
 	int status;
 
 	if (ctl_view_text(&ctl->args, &view, &err))
 		return ctl_error(ctl, &err);
-	if (ctl->args.generation)
-		parse_u64(ctl->args.generation, &generation);
 	status = ctl_connect(ctl);
-	if (!status && acut_plan(ctl->acut, ctl->args.word[0], generation, view, &plan))
+	if (!status && acut_plan(ctl->acut, ctl->line.word[0], ctl->args.generation, view, &plan))
 		status = ctl_error_acut(ctl);
 	free(view);
 	if (status)
 		return status;
-	if (ctl->args.json)
+	if (ctl->console.json)
 		print_json(ctl, plan);
 	else
 		print(ctl, plan);

@@ -38,12 +38,12 @@ struct ctl_daemon {
 	int pid, lock_fd;
 };
 
-static struct acut_options options_of(struct ctl *ctl)
+static struct acut_options options_of(struct program *ctl)
 {
 	return (struct acut_options){.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
 }
 
-static int attach(struct ctl *ctl, int fd, struct err *err)
+static int attach(struct program *ctl, int fd, struct err *err)
 {
 	const struct acut_options opt = options_of(ctl);
 	int r = acut_attach(fd, &opt, &ctl->acut);
@@ -56,7 +56,7 @@ static int attach(struct ctl *ctl, int fd, struct err *err)
 	return -(int)err->code;
 }
 
-static int take_lock(const char *path, struct ctl *ctl, int *ret_fd, struct err *err)
+static int take_lock(const char *path, struct program *ctl, int *ret_fd, struct err *err)
 {
 	int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
 
@@ -125,7 +125,7 @@ static int start_shared(const struct ctl_args *a, const char *socket, const char
 }
 
 /* One try, under the lock. *ret_pid: the daemon if it was started here. */
-static int shared_try(struct ctl *ctl, const char *socket, const char *log, int *ret_pid, struct err *err)
+static int shared_try(struct program *ctl, const char *socket, const char *log, int *ret_pid, struct err *err)
 {
 	char lock[FOLDER + 32];
 	int lock_fd = -1, fd = -1, r;
@@ -155,7 +155,7 @@ static int shared_try(struct ctl *ctl, const char *socket, const char *log, int 
 }
 
 /* One with nothing to do is asked to end, so that a new one can start. */
-static bool end_idle(struct ctl *ctl)
+static bool end_idle(struct program *ctl)
 {
 	const struct acut_status *s;
 	uint64_t start = clock_mono_ns();
@@ -172,7 +172,7 @@ static bool end_idle(struct ctl *ctl)
 
 /* Its build, memory and threads are as they are wanted. Other memory or threads are an error that says what it has; another
  * build does while it is at work. */
-static bool fits(struct ctl *ctl, struct err *err)
+static bool fits(struct program *ctl, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
 	const struct acut_status *s;
@@ -194,7 +194,7 @@ static bool fits(struct ctl *ctl, struct err *err)
 	return false;
 }
 
-int ctl_private_connect(struct ctl *ctl, struct err *err)
+int ctl_private_connect(struct program *ctl, struct err *err)
 {
 	char folder[FOLDER], socket[FOLDER + 16], log[FOLDER + 16];
 	int r = ctl_folder_runtime(folder, sizeof(folder), err);
@@ -273,7 +273,7 @@ static int own_folder(struct ctl_daemon *d, struct err *err)
 	return 0;
 }
 
-static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
+static int own_start(struct program *ctl, struct ctl_daemon *d, struct err *err)
 {
 	char state[FOLDER + 16], cache[FOLDER + 16], given[PATH_MAX];
 	struct ctl_spawn s = {.state = state,
@@ -313,7 +313,7 @@ static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
 	return r && err->code != ERR_CANCELLED ? explain(d->log, d->pid, err) : r;
 }
 
-int ctl_private_own(struct ctl *ctl, struct err *err)
+int ctl_private_own(struct program *ctl, struct err *err)
 {
 	struct ctl_daemon *d = calloc(1, sizeof(*d));
 	int r;

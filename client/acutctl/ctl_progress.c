@@ -3,25 +3,17 @@
  * points, domains, rate, time left. Gone before anything else is said.
  */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "clock.h"
 #include "ctl.h"
-#include "term.h"
 #include "parse.h"
 
 #define EVERY_NS 100000000u
 
-void ctl_progress_init(struct ctl_progress *p, struct ctl *ctl)
+void ctl_progress_init(struct ctl_progress *p, struct program *ctl)
 {
-	const char *term = getenv("TERM");
-
-	memset(p, 0, sizeof(*p));
-	p->ctl = ctl;
-	p->on = !ctl->args.quiet && !ctl->args.no_progress && !ctl->args.json && isatty(STDERR_FILENO) &&
-		!(term && !strcmp(term, "dumb"));
+	*p = (struct ctl_progress){.ctl = ctl, .on = console_progress_on(&ctl->console)};
 }
 
 /* "12.3 M" */
@@ -70,7 +62,7 @@ static void tell_space(struct ctl_progress *p, const struct acut_progress *now)
 	char text[128];
 
 	if (lacks && !p->told_space)
-		ctl_remark(p->ctl, waits_text(now->waiting, text));
+		console_note(&p->ctl->console, "%s", waits_text(now->waiting, text));
 	p->told_space = lacks;
 }
 
@@ -101,38 +93,17 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(now->seconds_left, c));
 	else if (seconds > 1 && share > 0.01 && !now->domains_total)
 		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(seconds / share * (1 - share), c));
-	ctl_progress_line(p, line);
-}
-
-/* Over the old line, then what is left of that goes: nothing flickers. One write. The last column stays free, since some
- * terminals go on to the next line there. */
-void ctl_progress_line(struct ctl_progress *p, const char *text)
-{
-	unsigned width = term_of(stderr).width;
-	char *safe = term_safe(text);
-	size_t n = safe ? term_fit(safe, width > 1 ? width - 1 : 79) : 0;
-
-	if (!safe)
-		return;
-	safe[n] = 0;
-	if (!p->ctl->progress_shown || strcmp(p->line, safe)) {
-		snprintf(p->line, sizeof(p->line), "%s", safe);
-		fprintf(stderr, "\r%s\033[K", safe);
-		fflush(stderr);
-		p->ctl->progress_shown = true;
-	}
-	free(safe);
+	console_progress(&p->ctl->console, "%s", line);
 }
 
 /* A large file is read once more, in the middle of another phase: for its sum, not for points. */
 static void draw_hash(struct ctl_progress *p, const struct acut_progress *now)
 {
 	double share = now->points_total ? (double)now->points / (double)now->points_total : 0;
-	char done[32], all[32], line[128];
+	char done[32], all[32];
 
-	snprintf(line, sizeof(line), "%-6s %3d %%  %s of %s, for the checksum of the file", "hash", (int)(100 * share + 1e-9),
-		 parse_size_text(now->points, done), parse_size_text(now->points_total, all));
-	ctl_progress_line(p, line);
+	console_progress(&p->ctl->console, "%-6s %3d %%  %s of %s, for the checksum of the file", "hash",
+			 (int)(100 * share + 1e-9), parse_size_text(now->points, done), parse_size_text(now->points_total, all));
 }
 
 void ctl_progress_show(void *ctx, const struct acut_progress *now)
@@ -159,11 +130,4 @@ void ctl_progress_show(void *ctx, const struct acut_progress *now)
 		return;
 	p->last_ns = t;
 	draw(p, now);
-}
-
-void ctl_progress_clear(struct ctl *ctl)
-{
-	if (ctl->progress_shown)
-		fputs("\r\033[K", stderr);
-	ctl->progress_shown = false;
 }

@@ -48,11 +48,11 @@ static bool is_tight(const struct room *room)
 }
 
 /* Passes over a folder come all the time: each says it only where it matters. */
-static void room_text(struct ctl *ctl, const struct room *room, bool always)
+static void room_text(struct program *ctl, const struct room *room, bool always)
 {
 	if (room->known && (always || is_tight(room)))
-		ctl_note(ctl, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north", room->scale,
-			 room->left[0], room->left[1], room->left[2], room->left[3]);
+		console_line(&ctl->console, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north",
+			     room->scale, room->left[0], room->left[1], room->left[2], room->left[3]);
 }
 
 /* A file without a point, in a push that made no generation for it. */
@@ -71,11 +71,11 @@ static bool is_nothing(const struct ctl_staged *s)
 	return s->committed && s->unchanged && empty;
 }
 
-static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f, const struct room *room,
+static void file_json(struct program *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f, const struct room *room,
 		      bool nothing, const char *const *moved_to)
 {
 	static const char *const state[] = {"staged", "known", "adopted", "refused"};
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", f->name);
@@ -117,29 +117,30 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 	term_json_line(&j);
 }
 
-static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
+static void file_text(struct program *ctl, const struct ctl_staged_file *f)
 {
 	char a[32], b[32];
 
 	if (f->refused)
 		return;
 	if (f->known == ACUT_KNOWN)
-		ctl_note(ctl, "%s: there already, skipped", f->name);
+		console_line(&ctl->console, "%s: there already, skipped", f->name);
 	else if (f->known)
-		ctl_note(ctl, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
-			 term_count(f->points, a));
+		console_line(&ctl->console, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
+			     term_count(f->points, a));
 	else if (f->moved)
-		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
-			 term_count(f->points, a), term_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
+		console_line(&ctl->console, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g",
+			     f->name, term_count(f->points, a), term_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
 	else
-		ctl_note(ctl, "%s: %s points", f->name, term_count(f->points, a));
+		console_line(&ctl->console, "%s: %s points", f->name, term_count(f->points, a));
 	if (f->overridden)
-		ctl_note(ctl, "%s: overridden: its records say %s", f->name, f->overridden);
+		console_line(&ctl->console, "%s: overridden: its records say %s", f->name, f->overridden);
 	if (f->replaced)
-		ctl_note(ctl, "%s: in place of %u file%s of the dataset", f->name, f->replaced, f->replaced == 1 ? "" : "s");
+		console_line(&ctl->console, "%s: in place of %u file%s of the dataset", f->name, f->replaced,
+			     f->replaced == 1 ? "" : "s");
 }
 
-int ctl_push_check(const struct ctl *ctl, struct err *err)
+int ctl_push_check(const struct program *ctl, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
 
@@ -151,7 +152,7 @@ int ctl_push_check(const struct ctl *ctl, struct err *err)
 	return 0;
 }
 
-int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *const *moved_to)
+int ctl_push_report(struct program *ctl, const struct ctl_staged *s, const char *const *moved_to)
 {
 	struct room room = {0};
 	char count[32];
@@ -159,29 +160,30 @@ int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *con
 	int status = 0;
 
 	/* what nobody reads is not asked for */
-	if (s->generation && (ctl->args.json || !ctl->args.quiet) && acut_datasets(ctl->acut, s->dataset, measure_room, &room))
+	if (s->generation && (ctl->console.json || !ctl->console.quiet) &&
+	    acut_datasets(ctl->acut, s->dataset, measure_room, &room))
 		status = ctl_error_acut(ctl);
 	for (size_t i = 0; i < s->nfile; i++) {
-		if (ctl->args.json)
+		if (ctl->console.json)
 			file_json(ctl, s, &s->file[i], &room, nothing, moved_to);
 		else
 			file_text(ctl, &s->file[i]);
 	}
 	if (nothing && s->generation)
-		ctl_note(ctl, "%s: nothing to commit, no file brought a point: it stays at generation %llu", s->dataset,
-			 (unsigned long long)s->generation);
+		console_line(&ctl->console, "%s: nothing to commit, no file brought a point: it stays at generation %llu",
+			     s->dataset, (unsigned long long)s->generation);
 	else if (nothing)
-		ctl_note(ctl, "%s: nothing to commit, no file brought a point: there is no generation", s->dataset);
+		console_line(&ctl->console, "%s: nothing to commit, no file brought a point: there is no generation", s->dataset);
 	if (!s->generation || nothing)
 		return status;
 	ctl_height_text(ctl, s);
-	ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
-		 term_count(s->points, count), s->seconds);
+	console_line(&ctl->console, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
+		     term_count(s->points, count), s->seconds);
 	room_text(ctl, &room, !moved_to);
 	return status;
 }
 
-int ctl_push_run(struct ctl *ctl)
+int ctl_push_run(struct program *ctl)
 {
 	struct ctl_inputs in = {0};
 	struct ctl_staged staged = {.nfile = 0};
@@ -190,7 +192,7 @@ int ctl_push_run(struct ctl *ctl)
 
 	if (ctl_push_check(ctl, &err))
 		return ctl_error(ctl, &err);
-	if (ctl_input_gather(ctl, ctl->args.word + 1, ctl->args.nword - 1, &in, &err))
+	if (ctl_input_gather(ctl, ctl->line.word + 1, ctl->line.nword - 1, &in, &err))
 		return ctl_error(ctl, &err);
 	if (ctl->args.replaces && in.n != 1) {
 		err_set(&err, ERR_USAGE, "--replaces is about one input, there are %zu", in.n);
@@ -199,7 +201,7 @@ int ctl_push_run(struct ctl *ctl)
 	}
 	status = ctl_connect(ctl);
 	if (!status) {
-		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
+		status = ctl_stage(ctl, ctl->line.word[0], &in, &staged);
 		if (status == 0 || status == CTL_SOME_REFUSED) {
 			int told = ctl_push_report(ctl, &staged, NULL);
 

@@ -1,13 +1,13 @@
 /* rm: forgets jobs that are over. */
 #include "ctl.h"
 
-static int rm(struct ctl *ctl, uint64_t id)
+static int rm(struct program *ctl, uint64_t id)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	if (acut_job_remove(ctl->acut, id))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "job", id);
 		term_json_bool(&j, "removed", true);
@@ -17,7 +17,7 @@ static int rm(struct ctl *ctl, uint64_t id)
 	return CTL_DONE;
 }
 
-int ctl_rm_run(struct ctl *ctl)
+int ctl_rm_run(struct program *ctl)
 {
 	return ctl_job_each(ctl, rm);
 }

@@ -35,9 +35,9 @@ static void show_report(FILE *out, const struct acut_report *p)
 	term_field(out, "", "%s", p->vertex_digest);
 }
 
-static void show_text(struct ctl *ctl, const struct acut_job *job)
+static void show_text(struct program *ctl, const struct acut_job *job)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char a[32];
 
 	term_field(out, "job", "%" PRIu64, job->id);
@@ -58,21 +58,21 @@ static void show_text(struct ctl *ctl, const struct acut_job *job)
 		term_field(out, "error", "%s", job->error.message);
 }
 
-int ctl_show_run(struct ctl *ctl)
+int ctl_show_run(struct program *ctl)
 {
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	uint64_t id;
 	int status;
 
-	if (ctl_job_id(ctl->args.word[0], &id, &err))
+	if (ctl_job_id(ctl->line.word[0], &id, &err))
 		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
 	if (status)
 		return status;
 	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json)
+	if (ctl->console.json)
 		ctl_job_json(ctl, job);
 	else
 		show_text(ctl, job);

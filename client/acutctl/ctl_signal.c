@@ -2,7 +2,6 @@
  * Signals and the deadline. A handler only notes the signal; whoever waits asks about ten times a second and
  * ends in good order, so that no temporary file and no job of ours stays behind.
  */
-#include <poll.h>
 #include <signal.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -18,7 +17,7 @@ static void note(int sig)
 	caught = sig;
 }
 
-void ctl_signal_init(struct ctl *ctl)
+void ctl_signal_init(struct program *ctl)
 {
 	static const int list[] = {SIGINT, SIGTERM, SIGHUP};
 	struct sigaction sa;
@@ -44,26 +43,9 @@ int ctl_signal_caught(void)
 	return caught;
 }
 
-bool ctl_signal_late(const struct ctl *ctl)
+bool ctl_signal_late(const struct program *ctl)
 {
 	return ctl->deadline_ns && clock_mono_ns() >= ctl->deadline_ns;
-}
-
-/* A pipe or socket whose other end is closed; a file or terminal is never gone. */
-static bool is_gone(int fd, bool *ret_other)
-{
-	struct pollfd p = {.fd = fd};
-	struct stat st;
-
-	*ret_other = fstat(fd, &st) || !(S_ISFIFO(st.st_mode) || S_ISSOCK(st.st_mode));
-	return !*ret_other && poll(&p, 1, 0) == 1 && (p.revents & (POLLERR | POLLHUP));
-}
-
-bool ctl_signal_reader_gone(void)
-{
-	bool other;
-
-	return is_gone(STDOUT_FILENO, &other);
 }
 
 bool ctl_signal_cut_off(void)
@@ -74,16 +56,16 @@ bool ctl_signal_cut_off(void)
 	if (fstat(STDIN_FILENO, &st))
 		return false;
 	if (S_ISSOCK(st.st_mode))
-		return is_gone(STDIN_FILENO, &other);
-	gone = S_ISFIFO(st.st_mode) && is_gone(STDOUT_FILENO, &other);
-	return gone && (is_gone(STDERR_FILENO, &other) || other);
+		return console_is_gone(STDIN_FILENO, &other);
+	gone = S_ISFIFO(st.st_mode) && console_is_gone(STDOUT_FILENO, &other);
+	return gone && (console_is_gone(STDERR_FILENO, &other) || other);
 }
 
 int ctl_signal_interrupted(void *ctx)
 {
-	struct ctl *ctl = ctx;
+	struct program *ctl = ctx;
 
-	if (ctl->for_reader && !ctl->out_closed && ctl_signal_reader_gone())
+	if (ctl->for_reader && !ctl->out_closed && console_reader_gone())
 		ctl->out_closed = true;
 	return caught || ctl_signal_late(ctl) || (ctl->for_reader && ctl->out_closed);
 }

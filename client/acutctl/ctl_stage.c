@@ -17,7 +17,7 @@ static bool is_refusal(enum err_code code)
 }
 
 struct staging {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct ctl_inputs *in;
 	struct ctl_staged *ret;
 	struct acut_push *push;
@@ -32,7 +32,7 @@ struct staging {
 /* Exit status if the failure ends the push, 0 if only this input is left out. */
 static int refuse(struct staging *s, size_t i, const struct err *err, bool refusal)
 {
-	struct ctl *ctl = s->ctl;
+	struct program *ctl = s->ctl;
 
 	if (ctl_signal_interrupted(ctl) || !refusal)
 		return ctl_error(ctl, err);
@@ -102,7 +102,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 	if (p->warning[0]) {
 		free(to->warning);
 		to->warning = strdup(p->warning);
-		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, p->warning);
+		console_warn(&s->ctl->console, "%s: %s", s->in->input[i].name, p->warning);
 	}
 	return 0;
 }
@@ -116,7 +116,7 @@ static void take_warning(struct staging *s, size_t i, const char *text)
 
 	more += strncmp(more, "; ", 2) ? 0 : 2;
 	if (*more)
-		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, more);
+		console_warn(&s->ctl->console, "%s: %s", s->in->input[i].name, more);
 	if (*text) {
 		free(to->warning);
 		to->warning = strdup(text);
@@ -171,7 +171,7 @@ static int each_file(struct staging *s, bool probe)
 	if (s->status || left)
 		return s->status;
 	/* nothing good: the first refusal is the command's failure */
-	if (s->ctl->args.json && !s->in->each)
+	if (s->ctl->console.json && !s->in->each)
 		ctl_error(s->ctl, &s->ret->file[first].err);
 	return err_exit_status(s->ret->file[first].err.code);
 }
@@ -225,7 +225,7 @@ static int begin(struct staging *s, const char *dataset)
 	    acut_push_begin(s->ctl->acut, &opt, &s->push))
 		return ctl_error_acut(s->ctl);
 	if (*acut_push_note(s->push))
-		ctl_note(s->ctl, "%s: %s", dataset, acut_push_note(s->push));
+		console_line(&s->ctl->console, "%s: %s", dataset, acut_push_note(s->push));
 	return 0;
 }
 
@@ -280,7 +280,7 @@ static int whole(struct staging *s)
 	return ctl_error(s->ctl, &err);
 }
 
-int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
+int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
 {
 	struct staging s = {.ctl = ctl, .in = in, .ret = ret, .named = dataset};
 	uint64_t start = clock_mono_ns();
@@ -308,7 +308,7 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 		} else {
 			ctl_height_planned(ctl, acut_push_planned(s.push), ret);
 			if (*acut_push_planned(s.push)->note)
-				ctl_warn(ctl, "%s", acut_push_planned(s.push)->note);
+				console_warn(&ctl->console, "%s", acut_push_planned(s.push)->note);
 			if (acut_push_first(s.push))
 				ctl_assume_warn(ctl, &s.assume);
 		}
@@ -326,7 +326,7 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 	else
 		acut_push_end(s.push);
 	ctl_assume_done(&s.assume);
-	ctl_progress_clear(ctl);
+	console_progress_clear(&ctl->console);
 	ret->seconds = clock_since(start);
 	return status ? status : ret->refused ? CTL_SOME_REFUSED : 0;
 }

@@ -107,9 +107,9 @@ static void print_tables(FILE *out, const struct acut_status *s)
 	term_table_free(t);
 }
 
-static void print(struct ctl *ctl, const struct acut_status *s)
+static void print(struct program *ctl, const struct acut_status *s)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 	char a[32], b[32], c[32];
 	uint64_t sum = 0;
 
@@ -158,9 +158,9 @@ static void print_json_holders(struct term_json *j, const struct acut_status *s)
 	term_json_u64(j, "holders_more", s->holders_more);
 }
 
-static void print_json(struct ctl *ctl, const struct acut_status *s)
+static void print_json(struct program *ctl, const struct acut_status *s)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "version", s->version);
@@ -195,7 +195,7 @@ static void print_json(struct ctl *ctl, const struct acut_status *s)
 	term_json_line(&j);
 }
 
-int ctl_status_run(struct ctl *ctl)
+int ctl_status_run(struct program *ctl)
 {
 	const struct acut_status *s;
 	int status = ctl_connect(ctl);
@@ -204,7 +204,7 @@ int ctl_status_run(struct ctl *ctl)
 		return status;
 	if (acut_status(ctl->acut, &s))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json)
+	if (ctl->console.json)
 		print_json(ctl, s);
 	else
 		print(ctl, s);

@@ -10,22 +10,19 @@ static void changed(void *ctx, const struct acut_job *job)
 		ctl_progress_show(ctx, &job->progress);
 }
 
-int ctl_submit_run(struct ctl *ctl)
+int ctl_submit_run(struct program *ctl)
 {
 	const struct ctl_args *a = &ctl->args;
-	struct acut_submission what = {.dataset = a->word[0], .priority = a->priority, .fresh = a->fresh};
+	struct acut_submission what = {.dataset = ctl->line.word[0], .priority = a->priority, .fresh = a->fresh};
 	const struct acut_job *job;
 	struct ctl_progress progress;
 	char *view;
-	uint64_t generation = 0;
 	struct err err = ERR_INIT;
 	int status;
 
 	if (ctl_view_text(a, &view, &err))
 		return ctl_error(ctl, &err);
-	if (a->generation)
-		parse_u64(a->generation, &generation);
-	what.generation = generation;
+	what.generation = a->generation;
 	what.view = view;
 	status = ctl_connect(ctl);
 	if (!status && acut_submit_job(ctl->acut, &what, &job))
@@ -33,23 +30,23 @@ int ctl_submit_run(struct ctl *ctl)
 	free(view);
 	if (status)
 		return status;
-	if (!a->json || !a->wait) {
-		if (a->json)
+	if (!ctl->console.json || !a->wait) {
+		if (ctl->console.json)
 			ctl_job_json(ctl, job);
 		else
-			fprintf(ctl->report, "%llu\n", (unsigned long long)job->id);
-		fflush(ctl->report);
+			fprintf(ctl->console.report, "%llu\n", (unsigned long long)job->id);
+		fflush(ctl->console.report);
 	}
 	if (!a->wait)
 		return CTL_DONE;
 	ctl_progress_init(&progress, ctl);
 	if (acut_job_wait(ctl->acut, job->id, true, changed, &progress, &job))
 		return ctl_error_acut(ctl);
-	if (a->json) {
+	if (ctl->console.json) {
 		ctl_job_json(ctl, job);
 		return job->has_error ? job->error.exit_status : CTL_DONE;
 	}
-	ctl_progress_clear(ctl);
+	console_progress_clear(&ctl->console);
 	ctl_summary_job(ctl, job);
 	if (job->has_report)
 		ctl_outlier_most(ctl, &job->report);

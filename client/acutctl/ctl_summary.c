@@ -28,7 +28,7 @@ uint64_t ctl_summary_moved(const struct ctl_staged *staged, double ret_shift[3])
 }
 
 /* One line for all that were not read whole. */
-static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
+static void inputs_text(struct program *ctl, const struct ctl_staged *staged)
 {
 	uint64_t read = 0, bytes = 0;
 	unsigned n = 0;
@@ -42,51 +42,51 @@ static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
 		n++;
 	}
 	if (n)
-		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s", term_count(read, a),
-			 term_count(bytes, b));
+		console_line(&ctl->console, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s",
+			     term_count(read, a), term_count(bytes, b));
 	ctl_assume_text(ctl, staged);
 }
 
-static void changes_text(struct ctl *ctl, const struct format_changes *c)
+static void changes_text(struct program *ctl, const struct format_changes *c)
 {
 	char a[32], b[32], d[32];
 
 	if (!c->gone && !c->new_regions)
-		ctl_note(ctl, "nothing has changed since generation %s: all %s region%s", ctl->args.since, term_count(c->kept, a),
-			 c->kept == 1 ? " holds" : "s hold");
+		console_line(&ctl->console, "nothing has changed since generation %llu: all %s region%s",
+			     (unsigned long long)ctl->args.since, term_count(c->kept, a), c->kept == 1 ? " holds" : "s hold");
 	else
-		ctl_note(ctl, "since generation %s: %s region%s gone, with %s triangles; %s hold%s", ctl->args.since,
-			 term_count(c->gone, a), c->gone == 1 ? " is" : "s are", term_count(c->gone_triangles, b),
-			 term_count(c->kept, d), c->kept == 1 ? "s" : "");
+		console_line(&ctl->console, "since generation %llu: %s region%s gone, with %s triangles; %s hold%s",
+			     (unsigned long long)ctl->args.since, term_count(c->gone, a), c->gone == 1 ? " is" : "s are",
+			     term_count(c->gone_triangles, b), term_count(c->kept, d), c->kept == 1 ? "s" : "");
 	if (c->new_regions)
-		ctl_note(ctl, "  new: %s region%s, with %s triangles", term_count(c->new_regions, a),
-			 c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
+		console_line(&ctl->console, "  new: %s region%s, with %s triangles", term_count(c->new_regions, a),
+			     c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
 }
 
-static void left_out_text(struct ctl *ctl, const struct format_report *out)
+static void left_out_text(struct program *ctl, const struct format_report *out)
 {
 	char count[32];
 
 	term_count(out->left_out, count);
 	if (isnan(out->left_out_area))
-		ctl_note(ctl, "%s triangles with edges longer than %s were left out", count, ctl->args.max_edge);
+		console_line(&ctl->console, "%s triangles with edges longer than %s were left out", count, ctl->args.max_edge);
 	else
-		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g square %s", count,
-			 ctl->args.max_edge, out->left_out_area,
-			 !strcmp(out->unit_xy, "metre") ? "metres" :
-			 !strcmp(out->unit_xy, "foot")  ? "feet" :
-							  "US survey feet");
+		console_line(&ctl->console, "%s triangles with edges longer than %s were left out, an area of %.6g square %s",
+			     count, ctl->args.max_edge, out->left_out_area,
+			     !strcmp(out->unit_xy, "metre") ? "metres" :
+			     !strcmp(out->unit_xy, "foot")  ? "feet" :
+							      "US survey feet");
 }
 
 /* ---- on a terminal ---- */
 
-static void files(struct ctl *ctl, FILE *out, const struct format_report *f)
+static void files(struct program *ctl, FILE *out, const struct format_report *f)
 {
 	char size[32], count[32];
 	struct stat st;
 
-	for (unsigned i = 0; i < ctl->args.nout; i++) {
-		const char *name = ctl->args.out[i];
+	for (unsigned i = 0; i < ctl->args.out.n; i++) {
+		const char *name = ctl->args.out.text[i];
 
 		if (ctl->args.tile)
 			term_field(out, i ? "" : "written", "%s: %s tile%s and " FORMAT_TILES_INDEX ", %s", name,
@@ -100,7 +100,7 @@ static void files(struct ctl *ctl, FILE *out, const struct format_report *f)
 	}
 }
 
-static void points(struct ctl *ctl, FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
+static void points(struct program *ctl, FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
 {
 	char a[32], b[32];
 	double shift[3];
@@ -125,7 +125,7 @@ static void points(struct ctl *ctl, FILE *out, const struct acut_report *p, cons
 }
 
 /* Who says what the coordinates are in: the files, or the options, or nobody. */
-static void place(struct ctl *ctl, FILE *out, const struct acut_job *job, const struct ctl_staged *staged)
+static void place(struct program *ctl, FILE *out, const struct acut_job *job, const struct ctl_staged *staged)
 {
 	const struct ctl_args *a = &ctl->args;
 	bool known = job->crs && *job->crs && strcmp(job->crs, "unknown");
@@ -164,7 +164,7 @@ static void times(FILE *out, const struct acut_report *p, const struct ctl_stage
 		term_field(out, "memory", "%s at most", parse_size_text(p->peak_rss_bytes, memory));
 }
 
-static void left_out(struct ctl *ctl, FILE *out, const struct format_report *f)
+static void left_out(struct program *ctl, FILE *out, const struct format_report *f)
 {
 	char count[32];
 
@@ -187,12 +187,12 @@ static void mesh(FILE *out, const struct acut_report *p)
 		   ctl_job_domains(p, domains, sizeof(domains)));
 }
 
-static void page(struct ctl *ctl, const struct acut_job *job, const struct format_report *f, const struct ctl_staged *staged)
+static void page(struct program *ctl, const struct acut_job *job, const struct format_report *f, const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 
-	if (ctl->args.quiet)
+	if (ctl->console.quiet)
 		return;
 	files(ctl, out, f);
 	if (ctl->args.since)
@@ -207,60 +207,63 @@ static void page(struct ctl *ctl, const struct acut_job *job, const struct forma
 	times(out, p, staged);
 	term_field(out, "digest", "%s", p->digest);
 	inputs_text(ctl, staged);
-	ctl_remark(ctl, p->note);
+	console_note(&ctl->console, "%s", p->note);
 }
 
 /* ---- anywhere else ---- */
 
-static void lines(struct ctl *ctl, const struct acut_job *job, const struct format_report *out, const struct ctl_staged *staged)
+static void lines(struct program *ctl, const struct acut_job *job, const struct format_report *out,
+		  const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
 	char a[32], b[96], c[32];
 	double shift[3];
 	uint64_t moved = ctl_summary_moved(staged, shift);
 
-	for (unsigned i = 0; i < ctl->args.nout; i++)
+	for (unsigned i = 0; i < ctl->args.out.n; i++)
 		if (ctl->args.tile)
-			ctl_note(ctl, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s", term_count(out->tiles, a),
-				 out->tiles == 1 ? "" : "s", ctl->args.out[i]);
-		else if (strcmp(ctl->args.out[i], "-"))
-			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
+			console_line(&ctl->console, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s",
+				     term_count(out->tiles, a), out->tiles == 1 ? "" : "s", ctl->args.out.text[i]);
+		else if (strcmp(ctl->args.out.text[i], "-"))
+			console_line(&ctl->console, "wrote %s", ctl->args.out.text[i]);
 	if (ctl->args.since)
 		changes_text(ctl, &out->changes);
 	if (p->window)
-		ctl_note(ctl, "%s points read: %s vertices", term_count(p->points, b), term_count(p->vertices, c));
+		console_line(&ctl->console, "%s points read: %s vertices", term_count(p->points, b), term_count(p->vertices, c));
 	else
-		ctl_note(ctl, "%s points used of %s: %s vertices", term_count(p->used, a), term_count(p->points, b),
-			 term_count(p->vertices, c));
+		console_line(&ctl->console, "%s points used of %s: %s vertices", term_count(p->used, a), term_count(p->points, b),
+			     term_count(p->vertices, c));
 	inputs_text(ctl, staged);
 	if (moved)
-		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0], shift[1],
-			 shift[2]);
+		console_line(&ctl->console, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a),
+			     shift[0], shift[1], shift[2]);
 	if (staged)
 		ctl_height_text(ctl, staged);
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
-			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, term_count(p->removed[i].count, a));
-	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a), ctl_job_domains(p, b, sizeof b),
-		 p->seconds, p->digest);
-	ctl_remark(ctl, p->note);
+			console_line(&ctl->console, "  left out by %s: %s", p->removed[i].rule,
+				     term_count(p->removed[i].count, a));
+	console_line(&ctl->console, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a),
+		     ctl_job_domains(p, b, sizeof b), p->seconds, p->digest);
+	console_note(&ctl->console, "%s", p->note);
 	if (ctl->args.max_edge)
 		left_out_text(ctl, out);
 }
 
-void ctl_summary(struct ctl *ctl, const struct acut_job *job, const struct format_report *out, const struct ctl_staged *staged)
+void ctl_summary(struct program *ctl, const struct acut_job *job, const struct format_report *out,
+		 const struct ctl_staged *staged)
 {
-	if (term_of(ctl->report).on)
+	if (term_of(ctl->console.report).on)
 		page(ctl, job, out, staged);
 	else
 		lines(ctl, job, out, staged);
 }
 
-void ctl_summary_job(struct ctl *ctl, const struct acut_job *job)
+void ctl_summary_job(struct program *ctl, const struct acut_job *job)
 {
-	FILE *out = ctl->report;
+	FILE *out = ctl->console.report;
 
-	if (ctl->args.quiet || ctl->args.json || !job->has_report || job->has_error || !term_of(out).on)
+	if (ctl->console.quiet || ctl->console.json || !job->has_report || job->has_error || !term_of(out).on)
 		return;
 	points(ctl, out, &job->report, NULL);
 	mesh(out, &job->report);

@@ -1,17 +1,17 @@
 /* version: of acutctl; asks no daemon. */
 #include "ctl.h"
 
-int ctl_version_run(struct ctl *ctl)
+int ctl_version_run(struct program *ctl)
 {
-	struct term_json j = {.out = ctl->report};
+	struct term_json j = {.out = ctl->console.report};
 
-	if (ctl->args.json) {
+	if (ctl->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "version", ACUT_VERSION);
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		fprintf(ctl->report, "acutctl %s\n", ACUT_VERSION);
+		fprintf(ctl->console.report, "acutctl %s\n", ACUT_VERSION);
 	}
 	return CTL_DONE;
 }

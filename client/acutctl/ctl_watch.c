@@ -10,20 +10,20 @@ static void changed(void *ctx, const struct acut_job *job)
 	ctl_job_print(ctx, job);
 }
 
-static int watch_one(struct ctl *ctl, uint64_t id)
+static int watch_one(struct program *ctl, uint64_t id)
 {
 	const struct acut_job *job;
 
 	if (acut_job_wait(ctl->acut, id, true, changed, ctl, &job))
 		return ctl_error_acut(ctl);
-	if (ctl->args.json)
+	if (ctl->console.json)
 		return job->has_error ? job->error.exit_status : CTL_DONE;
 	return ctl_job_status(ctl, job);
 }
 
 /* What was printed of each unfinished job, so that only changes are. */
 struct watched {
-	struct ctl *ctl;
+	struct program *ctl;
 	struct seen {
 		uint64_t id, domains;
 		char state[16], waiting[96];
@@ -61,7 +61,7 @@ static void look(void *ctx, const struct acut_job *job)
 	ctl_job_print(w->ctl, job);
 }
 
-static int watch_all(struct ctl *ctl)
+static int watch_all(struct program *ctl)
 {
 	struct watched w = {.ctl = ctl, .first = true};
 	struct err err = ERR_INIT;
@@ -83,12 +83,12 @@ static int watch_all(struct ctl *ctl)
 	return status;
 }
 
-int ctl_watch_run(struct ctl *ctl)
+int ctl_watch_run(struct program *ctl)
 {
 	int status;
 
 	ctl->for_reader = true;
-	if (ctl->args.nword)
+	if (ctl->line.nword)
 		return ctl_job_each(ctl, watch_one);
 	status = ctl_connect(ctl);
 	return status ? status : watch_all(ctl);

@@ -6,7 +6,7 @@
 #include "err.h"
 #include "scan_device.h"
 
-static int profile_of(const struct scan_args *args, struct scan_device *d, struct err *err)
+static int profile_of(struct program *args, struct scan_device *d, struct err *err)
 {
 	char words[200];
 
@@ -18,14 +18,14 @@ static int profile_of(const struct scan_args *args, struct scan_device *d, struc
 	return err_add_hint(err, "say which with --profile, or write one: man acut-scanners.d");
 }
 
-int scan_device_open(const struct scan_args *args, struct scan_device *ret, struct err *err)
+int scan_device_open(struct program *args, struct scan_device *ret, struct err *err)
 {
-	const char *which = args->device ? args->device : args->n ? args->inputs[0] : "";
+	const char *which = args->device ? args->device : args->line.nword ? args->line.word[0] : "";
 	struct scan_device d = {0};
 	int r;
 
-	if (args->device && args->n) {
-		err_set(err, ERR_USAGE, "two devices are named: %s and --device %s", args->inputs[0], args->device);
+	if (args->device && args->line.nword) {
+		err_set(err, ERR_USAGE, "two devices are named: %s and --device %s", args->line.word[0], args->device);
 		return err_add_hint(err, "name one");
 	}
 	r = scan_profile_set(args, &d.set, err);

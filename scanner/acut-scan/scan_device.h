@@ -13,7 +13,7 @@ struct scan_device {
 	struct scan_profile profile; /* --profile, or that which matches */
 };
 /* Which one is meant: --device or the word behind the command. -ERR_USAGE also where no profile is for it. */
-int scan_device_open(const struct scan_args *, struct scan_device *ret, struct err *);
+int scan_device_open(struct program *, struct scan_device *ret, struct err *);
 void scan_device_done(struct scan_device *);
 
 /* "TiM561 serial 20370043 at 1-2.4". Returns buf. */

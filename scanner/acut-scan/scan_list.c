@@ -58,13 +58,13 @@ static void as_table(const struct usb_device *list, size_t n, const struct profi
 	term_table_free(t);
 }
 
-static void tell(const struct scan_args *args, enum usb_change change, const struct usb_device *d, const struct profile_set *set)
+static void tell(struct program *args, enum usb_change change, const struct usb_device *d, const struct profile_set *set)
 {
 	char words[200];
 
 	if (!args->all && d->profile < 0)
 		return;
-	if (args->json) {
+	if (args->console.json) {
 		as_json(d, set, change == USB_CAME ? "came" : "left");
 		return;
 	}
@@ -75,14 +75,14 @@ static void tell(const struct scan_args *args, enum usb_change change, const str
 }
 
 /* Until it is stopped, or nobody reads any more. */
-static int watch(const struct scan_args *args, struct usb *usb, const struct profile_set *set, struct err *err)
+static int watch(struct program *args, struct usb *usb, const struct profile_set *set, struct err *err)
 {
 	struct pollfd p[] = {{.fd = scan_stop_fd(), .events = POLLIN}, {.fd = usb_watch_fd(usb), .events = POLLIN}, {.fd = 1}};
 	struct usb_device device;
 	enum usb_change change;
 
 	if (usb_polls(usb))
-		scan_note(args, "%s; the list is looked at each second", usb_polls(usb));
+		console_note(&args->console, "%s; the list is looked at each second", usb_polls(usb));
 	while (!scan_stopped() && !ferror(stdout)) {
 		if (poll(p, 3, -1) < 0 && errno != EINTR)
 			return err_sys(err, errno, "cannot wait");
@@ -94,7 +94,7 @@ static int watch(const struct scan_args *args, struct usb *usb, const struct pro
 	return 0;
 }
 
-int scan_list(const struct scan_args *args)
+int scan_list(struct program *args)
 {
 	struct profile_set *set = NULL;
 	struct usb_device *list = NULL;
@@ -107,13 +107,14 @@ int scan_list(const struct scan_args *args)
 		r = usb_new(set, &usb, &err);
 	if (!r)
 		r = usb_list_begin(usb, args->all, &list, &n, &err);
-	if (!r && args->json)
+	if (!r && args->console.json)
 		for (size_t i = 0; i < n; i++)
 			as_json(&list[i], set, args->watch ? "there" : NULL);
-	if (!r && !args->json)
+	if (!r && !args->console.json)
 		as_table(list, n, set);
 	if (!r && !n && !args->watch)
-		scan_note(args, args->all ? "nothing is plugged in" : "no known scanner is plugged in; --all shows all devices");
+		console_note(&args->console,
+			     args->all ? "nothing is plugged in" : "no known scanner is plugged in; --all shows all devices");
 	if (!r && args->watch)
 		r = watch(args, usb, set, &err);
 	free(list);

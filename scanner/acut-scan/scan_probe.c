@@ -19,7 +19,7 @@
 enum { BEGIN = 48 };
 
 struct probe {
-	const struct scan_args *args;
+	struct program *args;
 	struct scan_device d;
 	struct replay *replay;
 	struct replay_counts counts;
@@ -274,7 +274,7 @@ static void as_text(const struct probe *p)
 			   (unsigned long long)p->usb.overflows, (unsigned long long)p->usb.errors);
 }
 
-int scan_probe(const struct scan_args *args)
+int scan_probe(struct program *args)
 {
 	struct probe p = {.args = args};
 	const struct replay_sinks sinks = {.ctx = &p, .sweep = on_sweep, .points = on_points, .fault = on_fault};
@@ -286,14 +286,14 @@ int scan_probe(const struct scan_args *args)
 	if (r)
 		return scan_fail(args, &err);
 	if (p.d.profile.profile.note[0])
-		scan_note(args, "%s", p.d.profile.profile.note);
+		console_note(&args->console, "%s", p.d.profile.profile.note);
 	r = replay_new(&p.d.profile.profile, &clock, &sinks, &p.replay, &err);
 	if (!r)
 		r = listen(&p, &err);
 	if (!r) {
 		r = judge(&p, &err);
 		told = true;
-		if (args->json)
+		if (args->console.json)
 			as_json(&p, &err);
 		else
 			as_text(&p);
@@ -303,5 +303,5 @@ int scan_probe(const struct scan_args *args)
 	if (!r)
 		return 0;
 	/* In JSON it is in the object already. */
-	return told && args->json ? err_exit_status(err.code) : scan_fail(args, &err);
+	return told && args->console.json ? err_exit_status(err.code) : scan_fail(args, &err);
 }

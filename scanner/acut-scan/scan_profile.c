@@ -13,13 +13,13 @@ static bool is_file(const char *which)
 	return strchr(which, '/') || (n > 5 && !strcmp(which + n - 5, ".conf"));
 }
 
-int scan_profile_set(const struct scan_args *args, struct profile_set **ret, struct err *err)
+int scan_profile_set(struct program *args, struct profile_set **ret, struct err *err)
 {
-	int r = profile_set_read(args->n_profiles ? args->profiles : NULL, ret, err);
+	int r = profile_set_read(args->profiles.n ? args->profiles.text : NULL, ret, err);
 
-	if (!r && !profile_set_count(*ret) && !args->n_profiles && !(args->profile && is_file(args->profile)))
-		scan_warn(
-			args,
+	if (!r && !profile_set_count(*ret) && !args->profiles.n && !(args->profile && is_file(args->profile)))
+		console_warn(
+			&args->console,
 			"there is no profile in %s nor in %s: no scanner is known; --profiles DIR names a folder of profiles (etc/scanners.d of "
 			"the source, where acut is not installed)",
 			profile_folders[0], profile_folders[1]);

@@ -155,7 +155,7 @@ static void list_row(const struct profile_entry *e, bool broken, int name_width,
 		  broken ? "broken" : match_text(&e->profile, buf), e->profile.title);
 }
 
-static int list(const struct scan_args *args, const struct profile_set *set)
+static int list(struct program *args, const struct profile_set *set)
 {
 	struct term_json j = {.out = stdout};
 	char fault[FAULT], match[400];
@@ -168,7 +168,7 @@ static int list(const struct scan_args *args, const struct profile_set *set)
 		name = n > name ? n : name;
 		device = m > device ? m : device;
 	}
-	if (args->json) {
+	if (args->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_open(&j, "profiles", '[');
 	} else if (profile_set_count(set)) {
@@ -178,21 +178,21 @@ static int list(const struct scan_args *args, const struct profile_set *set)
 		const struct profile_entry *e = profile_set_at(set, i);
 		const char *why = fault_of(e, fault);
 
-		if (args->json)
+		if (args->console.json)
 			json_entry(&j, e, why);
 		else
 			list_row(e, *why, name, device);
 		broken += *why != '\0';
-		if (*why && !args->json)
+		if (*why && !args->console.json)
 			term_line(stderr, "acut-scan: %s", why);
 	}
-	if (args->json) {
+	if (args->console.json) {
 		term_json_close(&j, ']');
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	}
 	if (!profile_set_count(set))
-		scan_note(args, "there are no profiles");
+		console_note(&args->console, "there are no profiles");
 	return broken ? err_exit_status(ERR_INPUT) : 0;
 }
 
@@ -204,7 +204,7 @@ static bool is_file(const char *word)
 }
 
 /* One that was asked for. A file is told as right in a line, a name is shown. */
-static int one(const struct scan_args *args, const struct profile_set *set, const char *word, struct term_json *j)
+static int one(struct program *args, const struct profile_set *set, const char *word, struct term_json *j)
 {
 	struct profile_entry *own = NULL;
 	const struct profile_entry *e;
@@ -222,22 +222,22 @@ static int one(const struct scan_args *args, const struct profile_set *set, cons
 		return scan_fail(args, &err);
 	}
 	why = fault_of(e, fault);
-	if (args->json) {
+	if (args->console.json) {
 		json_entry(j, e, why);
 		term_json_line(j);
 	} else if (!own) {
 		show(e);
-	} else if (!*why && !args->quiet) {
+	} else if (!*why && !args->console.quiet) {
 		term_line(stdout, "%s: good; devices: %s; framer %s, decoder %s", word, match_text(&e->profile, match),
 			  framers[e->profile.framer], e->profile.decoder);
 	}
-	if (*why && !args->json)
+	if (*why && !args->console.json)
 		term_line(stderr, "acut-scan: %s", why);
 	profile_entry_free(own);
 	return *why ? err_exit_status(ERR_INPUT) : 0;
 }
 
-int scan_profiles(const struct scan_args *args)
+int scan_profiles(struct program *args)
 {
 	struct term_json j = {.out = stdout};
 	struct profile_set *set = NULL;
@@ -246,15 +246,15 @@ int scan_profiles(const struct scan_args *args)
 
 	if (args->udev)
 		return scan_udev(args);
-	if (profile_set_read(args->n_profiles ? args->profiles : NULL, &set, &err) < 0)
+	if (profile_set_read(args->profiles.n ? args->profiles.text : NULL, &set, &err) < 0)
 		return scan_fail(args, &err);
-	if (!args->n)
+	if (!args->line.nword)
 		status = list(args, set);
-	for (size_t i = 0; i < args->n; i++) {
-		int one_status = one(args, set, args->inputs[i], &j);
+	for (size_t i = 0; i < args->line.nword; i++) {
+		int one_status = one(args, set, args->line.word[i], &j);
 
 		status = status ? status : one_status;
-		if (!args->json && i + 1 < args->n && !is_file(args->inputs[i]))
+		if (!args->console.json && i + 1 < args->line.nword && !is_file(args->line.word[i]))
 			putchar('\n');
 	}
 	profile_set_free(set);

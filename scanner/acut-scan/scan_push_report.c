@@ -82,10 +82,10 @@ static void plane_json(struct term_json *j, const struct scan_source *s)
 	term_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
 }
 
-static void tell_json(const struct scan_args *args, const struct scan_result *r)
+static void tell_json(struct program *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
-	struct term_json j = {.out = scan_report(args)};
+	struct term_json j = {.out = args->console.report};
 	bool refused = r->state == SCAN_REFUSED;
 
 	term_json_open(&j, NULL, '{');
@@ -129,7 +129,7 @@ static void add(char *text, size_t size, uint64_t n, const char *what)
 			 mark && n > 1 ? "s" : "", mark ? mark + 1 : "");
 }
 
-static void tell_shots(const struct scan_args *args, const struct scan_source *s)
+static void tell_shots(struct program *args, const struct scan_source *s)
 {
 	const struct ground_counts *g = &s->ground;
 	char why[256] = "", a[32], b[32], c[32];
@@ -140,11 +140,12 @@ static void tell_shots(const struct scan_args *args, const struct scan_source *s
 	add(why, sizeof why, g->after, "after the last pose");
 	add(why, sizeof why, g->gap, "in gaps of the poses");
 	add(why, sizeof why, g->too_far, "too far from the others for one file");
-	scan_note(args, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a), plural(g->sweeps),
-		  count(g->shots, b), plural(g->shots), count(g->points, c), plural(g->points), *why ? "; dropped: " : "", why);
+	console_note(&args->console, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a),
+		     plural(g->sweeps), count(g->shots, b), plural(g->shots), count(g->points, c), plural(g->points),
+		     *why ? "; dropped: " : "", why);
 }
 
-static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
+static void tell_spool(struct program *args, const struct scan_spool *s)
 {
 	const struct replay_counts *c = &s->counts;
 	char why[256] = "";
@@ -157,23 +158,23 @@ static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
 	add(why, sizeof why, s->damaged, "damaged byte~ skipped");
 	add(why, sizeof why, s->tail.torn, "byte~ torn off its end");
 	if (*why)
-		scan_note(args, "%s: %s", s->file, why);
+		console_note(&args->console, "%s: %s", s->file, why);
 	if (c->clock_sets && s->decoder->kind == DECODER_SWEEP)
-		scan_warn(args,
-			  "%s: the computer's clock was set %" PRIu64
-			  " time%s while it was captured, by up to %.3f s: what came before has the "
-			  "time of then",
-			  s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
+		console_warn(&args->console,
+			     "%s: the computer's clock was set %" PRIu64
+			     " time%s while it was captured, by up to %.3f s: what came before has the "
+			     "time of then",
+			     s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
 	if (!s->tail.ended && !s->tail.torn)
-		scan_note(args, "%s: it has no end yet: what was recorded until now was taken", s->file);
+		console_note(&args->console, "%s: it has no end yet: what was recorded until now was taken", s->file);
 }
 
-void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
+void scan_push_tell(struct program *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
 	char a[32], b[32];
 
-	if (args->json) {
+	if (args->console.json) {
 		tell_json(args, r);
 		return;
 	}
@@ -186,33 +187,34 @@ void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
 	if (s->kind == SCAN_GROUND)
 		tell_shots(args, s);
 	if (r->warning)
-		scan_warn(args, "%s: %s", s->name, r->warning);
+		console_warn(&args->console, "%s: %s", s->name, r->warning);
 	if (r->state == SCAN_KNOWN)
-		scan_note(args, "%s: the dataset has it already, nothing was sent", s->name);
+		console_note(&args->console, "%s: the dataset has it already, nothing was sent", s->name);
 	else if (r->state == SCAN_ADOPTED)
-		scan_note(args, "%s: %s point%s, taken up from the push that was interrupted, not sent again", s->name,
-			  count(r->points, a), plural(r->points));
+		console_note(&args->console, "%s: %s point%s, taken up from the push that was interrupted, not sent again",
+			     s->name, count(r->points, a), plural(r->points));
 	else if (r->state == SCAN_WRITTEN)
-		scan_note(args, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points),
-			  count(s->size, b));
+		console_note(&args->console, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points),
+			     count(s->size, b));
 	else if (r->moved)
-		scan_note(args, "%s: %s point%s, %s of them rounded to the dataset's lattice", s->name, count(r->points, a),
-			  plural(r->points), count(r->moved, b));
+		console_note(&args->console, "%s: %s point%s, %s of them rounded to the dataset's lattice", s->name,
+			     count(r->points, a), plural(r->points), count(r->moved, b));
 	else
-		scan_note(args, "%s: %s point%s", s->name, count(r->points, a), plural(r->points));
+		console_note(&args->console, "%s: %s point%s", s->name, count(r->points, a), plural(r->points));
 	if (r->replaced)
-		scan_note(args, "%s: in place of %u file%s of the dataset", s->name, r->replaced, r->replaced == 1 ? "" : "s");
+		console_note(&args->console, "%s: in place of %u file%s of the dataset", s->name, r->replaced,
+			     r->replaced == 1 ? "" : "s");
 }
 
-void scan_push_tell_all(const struct scan_args *args, uint64_t generation, uint64_t points, double seconds)
+void scan_push_tell_all(struct program *args, uint64_t generation, uint64_t points, double seconds)
 {
 	char a[32];
 
-	scan_note(args, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a),
-		  plural(points), seconds);
+	console_note(&args->console, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a),
+		     plural(points), seconds);
 }
 
-void scan_push_tell_poses(const struct scan_args *args, const struct pose_track *t)
+void scan_push_tell_poses(struct program *args, const struct pose_track *t)
 {
 	const struct pose_span *s = pose_track_span(t);
 	const struct crs_info *c = pose_track_system(t);
@@ -223,9 +225,9 @@ void scan_push_tell_poses(const struct scan_args *args, const struct pose_track 
 	if (s->gaps)
 		snprintf(gaps, sizeof gaps, ", %s gap%s", count(s->gaps, b), plural(s->gaps));
 	snprintf(unnamed, sizeof unnamed, "a plane that is not named (unit: %s)", c->unit_xy);
-	scan_note(args, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a),
-		  s->last - s->first, gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
-		  s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
+	console_note(&args->console, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a),
+		     s->last - s->first, gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
+		     s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
 	if (s->degrees && *s->zone && !args->crs)
-		scan_note(args, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);
+		console_note(&args->console, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);
 }

@@ -14,7 +14,7 @@ enum record_why { RECORD_GOES_ON, RECORD_SIGNAL, RECORD_TIME, RECORD_BYTES, RECO
 const char *record_why_name(enum record_why);
 
 struct record {
-	const struct scan_args *args;
+	struct program *args;
 	struct spool_writer *spool;
 	struct spool_head head;
 	char *path;

@@ -90,9 +90,9 @@ void record_tell_start(struct record *r, const char *what)
 	r->started = true;
 	r->notified = sd_notifyf(0, "READY=1\nSTATUS=%s: capturing into %s", what, r->path) > 0;
 	r->told_ns = clock_mono_ns();
-	if (!r->args->json) {
-		if (!r->args->quiet) {
-			scan_progress_clear();
+	if (!r->args->console.json) {
+		if (!r->args->console.quiet) {
+			console_progress_clear(&r->args->console);
 			term_line(stderr, "acut-scan: %s: capturing into %s", what, r->path);
 		}
 		return;
@@ -125,9 +125,9 @@ static void line(struct record *r)
 	if (u.parked || u.overflows || u.errors)
 		snprintf(parked, sizeof(parked), "  parked %.1f s, %llu dropped", seconds(u.parked_ns),
 			 (unsigned long long)(u.overflows + u.errors));
-	scan_progress("%s %s%s  %s/s%s%s", r->args->from ? "import" : "capture", parse_size_text(r->bytes, size), telegrams,
-		      parse_size_text((uint64_t)r->rate, rate), parked,
-		      r->args->from || r->capture ? "" : "  unplugged, waiting");
+	console_progress(&r->args->console, "%s %s%s  %s/s%s%s", r->args->from ? "import" : "capture",
+			 parse_size_text(r->bytes, size), telegrams, parse_size_text((uint64_t)r->rate, rate), parked,
+			 r->args->from || r->capture ? "" : "  unplugged, waiting");
 }
 
 void record_tell_progress(struct record *r)
@@ -137,7 +137,7 @@ void record_tell_progress(struct record *r)
 	char size[32], rate[32];
 	double passed;
 
-	if ((!r->progress && !r->args->json && !r->notified) || now - r->told_ns < every)
+	if ((!r->progress && !r->args->console.json && !r->notified) || now - r->told_ns < every)
 		return;
 	passed = seconds(now - r->told_ns);
 	r->rate += ((double)(r->bytes - r->told_bytes) / passed - r->rate) * (passed >= 1 ? 1 : passed);
@@ -148,7 +148,7 @@ void record_tell_progress(struct record *r)
 	r->told_bytes = r->bytes;
 	if (r->progress)
 		line(r);
-	if (!r->args->json)
+	if (!r->args->console.json)
 		return;
 	open_line(&j, r, "progress");
 	counts_json(&j, r);
@@ -161,9 +161,9 @@ void record_tell_event(struct record *r, const char *event, const char *text)
 {
 	struct term_json j = {.out = stdout};
 
-	if (!r->args->json) {
+	if (!r->args->console.json) {
 		if (!strcmp(event, "left") || !strcmp(event, "back") || !strcmp(event, "error"))
-			scan_warn(r->args, "%s %s", event, text);
+			console_warn(&r->args->console, "%s %s", event, text);
 		return;
 	}
 	open_line(&j, r, event);
@@ -231,9 +231,9 @@ void record_tell_end(struct record *r, const struct err *err)
 		snprintf(sum + 2 * i, 3, "%02x", t.sha256[i]);
 	if (r->notified)
 		sd_notifyf(0, "STOPPING=1\nSTATUS=%s in %s", parse_size_text(t.bytes, size), r->path);
-	scan_progress_clear();
-	if (r->args->json)
+	console_progress_clear(&r->args->console);
+	if (r->args->console.json)
 		end_json(r, sum, err);
-	else if (!r->args->quiet)
+	else if (!r->args->console.quiet)
 		end_text(r, &t, sum);
 }

@@ -191,7 +191,7 @@ int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 		return rc;
 	record_tell_start(r, scan_device_text(&d->device, words, sizeof(words)));
 	if (d->profile.profile.note[0])
-		scan_note(r->args, "%s", d->profile.profile.note);
+		console_note(&r->args->console, "%s", d->profile.profile.note);
 	while (r->capture) {
 		enum usb_end end = capture(r, text, err);
 

@@ -21,7 +21,7 @@
 enum { LOOK_EVERY = 256, PIPE = 141 };
 
 struct run {
-	const struct scan_args *args;
+	struct program *args;
 	struct scan_found *found;
 	struct scan_out *out;
 	struct spool_reader *reader;
@@ -169,10 +169,11 @@ static void show(struct run *r, const struct spool_record *rec)
 {
 	char done[32], all[32];
 
-	if (!scan_progress_on(r->args) || now() - r->shown < 0.2)
+	if (!console_progress_on(&r->args->console) || now() - r->shown < 0.2)
 		return;
 	r->shown = now();
-	scan_progress("%s: %s of %s", r->found->file, parse_size_text(rec->offset, done), parse_size_text(r->size, all));
+	console_progress(&r->args->console, "%s: %s of %s", r->found->file, parse_size_text(rec->offset, done),
+			 parse_size_text(r->size, all));
 }
 
 /* 0; -1: scan_out has the error. */
@@ -287,25 +288,24 @@ static int run_spool(struct run *r, struct err *err)
 }
 
 /* Status of a spool that was gone over. */
-static int judge(const struct scan_args *args, const struct scan_found *f)
+static int judge(struct program *args, const struct scan_found *f)
 {
 	if (!f->damaged && !f->sha_differs)
 		return 0;
-	scan_warn(args, "%s: %s", f->file,
-		  f->damaged ? "records in its middle are damaged" : "its bytes are not those of the hash at its end");
+	console_warn(&args->console, "%s: %s", f->file,
+		     f->damaged ? "records in its middle are damaged" : "its bytes are not those of the hash at its end");
 	return err_exit_status(ERR_CORRUPT);
 }
 
-int scan_replay(const struct scan_args *args)
+int scan_replay(struct program *args)
 {
-	struct scan_args told = *args;
 	struct scan_out *out = NULL;
 	struct err err = ERR_INIT;
 	int status = 0, rc = scan_out_new(args, &out, &err);
 
 	if (args->to && !args->output)
-		told.output = "-"; /* standard output is taken */
-	for (size_t i = 0; !rc && i < args->n; i++) {
+		args->console.report = stderr; /* standard output is taken */
+	for (size_t i = 0; !rc && i < args->line.nword; i++) {
 		struct scan_found *f = calloc(1, sizeof *f);
 		struct run r = {.args = args, .found = f, .out = out};
 		int bad;
@@ -314,12 +314,12 @@ int scan_replay(const struct scan_args *args)
 			rc = err_set(&err, ERR_NOMEM, "no memory for a replay");
 			break;
 		}
-		f->file = args->inputs[i];
+		f->file = args->line.word[i];
 		rc = run_spool(&r, &err);
-		scan_progress_clear();
+		console_progress_clear(&args->console);
 		if (!rc) {
-			scan_replay_report(&told, f);
-			bad = judge(&told, f);
+			scan_replay_report(args, f);
+			bad = judge(args, f);
 			status = status ? status : bad;
 		}
 		spool_head_clear(&f->head);
@@ -329,5 +329,5 @@ int scan_replay(const struct scan_args *args)
 		rc = -1;
 	if (rc && err.sys == EPIPE) /* whoever reads has enough */
 		return PIPE;
-	return rc ? scan_fail(&told, &err) : status;
+	return rc ? scan_fail(args, &err) : status;
 }

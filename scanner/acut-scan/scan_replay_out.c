@@ -19,7 +19,7 @@
 enum { PATH = 4096 };
 
 struct scan_out {
-	const struct scan_args *args;
+	struct program *args;
 	enum scan_to to;
 	FILE *file;      /* NULL: none is open */
 	char path[PATH]; /* of it; "": standard output */
@@ -80,7 +80,7 @@ static void close_file(struct scan_out *o, bool good)
 		unlink(o->path);
 }
 
-int scan_out_new(const struct scan_args *args, struct scan_out **ret, struct err *err)
+int scan_out_new(struct program *args, struct scan_out **ret, struct err *err)
 {
 	static const char *const words[] = {"", "raw", "telegrams", "sweeps", "csv", "points"};
 	struct scan_out *o = calloc(1, sizeof *o);

@@ -116,9 +116,9 @@ static void tell_faults(FILE *out, const struct scan_found *f)
 		term_line(out, "  and %llu more", (unsigned long long)(f->n_faults - SCAN_FAULTS));
 }
 
-static void tell(const struct scan_args *args, const struct scan_found *f)
+static void tell(struct program *args, const struct scan_found *f)
 {
-	FILE *out = scan_report(args);
+	FILE *out = args->console.report;
 	const struct spool_head *h = &f->head;
 	char buf[1200], when[48];
 
@@ -178,9 +178,9 @@ static void json_decoded(struct term_json *j, const struct scan_found *f)
 	}
 }
 
-static void tell_json(const struct scan_args *args, const struct scan_found *f)
+static void tell_json(struct program *args, const struct scan_found *f)
 {
-	struct term_json j = {.out = scan_report(args)};
+	struct term_json j = {.out = args->console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "spool", f->file);
@@ -220,10 +220,10 @@ static void tell_json(const struct scan_args *args, const struct scan_found *f)
 	term_json_line(&j);
 }
 
-void scan_replay_report(const struct scan_args *args, const struct scan_found *f)
+void scan_replay_report(struct program *args, const struct scan_found *f)
 {
-	if (args->json)
+	if (args->console.json)
 		tell_json(args, f);
-	else if (!args->quiet)
+	else if (!args->console.quiet)
 		tell(args, f);
 }

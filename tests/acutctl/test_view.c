@@ -90,28 +90,9 @@ static void test_rubbish(void **state)
 	}
 }
 
-/* A number has one spelling in a request, whatever was typed. */
-static void test_every(void **state)
-{
-	static const char *const typed[] = {"7", "007", "0000000000000000000000007"};
-
-	for (unsigned i = 0; i < sizeof(typed) / sizeof(*typed); i++) {
-		struct ctl_args a = {.every = (char *)typed[i]};
-		struct view v = VIEW_INIT;
-		struct err err = ERR_INIT;
-		char *text;
-
-		v.every = 7;
-		assert_int_equal(ctl_view_text(&a, &text, &err), 0);
-		assert_same(text, &v);
-		free(text);
-	}
-}
-
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rubbish),
-					   cmocka_unit_test(test_every)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rubbish)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
