@@ -14,28 +14,22 @@
 
 #include "acut.h"
 #include "cli.h"
-#include "console.h"
-#include "err.h"
 #include "format.h"
+#include "session.h"
 #include "term_error.h"
 #include "term_json.h"
 #include "term_text.h"
 
-struct ctl_daemon;
 struct stat;
 
 /* What the options said. Texts are NULL, numbers 0 if not given; ctl_option_check has looked at them. */
 struct ctl_args {
-	bool own_private;
 	bool header, decimal_comma, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool all;       /* cache gc */
 	bool origin_of; /* config show */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
-	double timeout;
 	uint64_t every, since, width, generation, keep, before;
-	const char *socket;
-	const char *memory, *threads, *cache, *disk, *keep_free;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units, *override_crs, *override_units;
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
@@ -48,20 +42,10 @@ struct ctl_args {
 };
 
 struct program {
-	struct console console;
+	struct session session;
 	struct ctl_args args;
 	struct cli_line line;
-	uint64_t deadline_ns;
-	struct acut *acut;
-	struct ctl_daemon *daemon;   /* of this command's own, or NULL */
-	struct err failure;          /* that was told last */
-	unsigned long long refusals; /* inputs that were left out (ctl_refusal) */
-	bool out_closed;             /* the reader of standard output is gone */
-	bool for_reader;             /* without that reader there is no use in going on: -o -, wait, watch */
 };
-
-/* Exit statuses that are no error's. */
-enum { CTL_DONE = 0, CTL_SOME_REFUSED = 3 };
 
 /* Which options a command takes: an option is allowed where its groups meet the command's. */
 enum ctl_group {
@@ -98,20 +82,6 @@ extern const size_t ctl_noptions;
 int ctl_option_check(struct program *, struct err *err);
 int ctl_complete(const struct cli *, int argc, char **argv, struct program *);
 
-/* ---- ctl_error.c ---- */
-
-/* Prints the failure, for people or as JSON; returns the exit status. A caught signal or a passed
- * deadline is told as that. */
-int ctl_error(struct program *, const struct err *);
-/* An input that is left out: told, up to a hundred; the last line then says how many more there were. JSON has each with its
- * line. */
-void ctl_refusal(struct program *, const struct err *);
-void ctl_refusals_end(struct program *, int status);
-/* The same for the last failure of the connection. */
-int ctl_error_acut(struct program *);
-/* The connection's last failure as a struct err; file set if it has none and `file` is not NULL. */
-int ctl_error_from_acut(const struct acut *, const char *file, struct err *ret);
-void ctl_error_from_failure(const struct acut_failure *, struct err *ret);
 /* ---- ctl_outlier.c ---- */
 
 /* After a mesh was written: warnings of long edges and of many points at one position; "edges". */
@@ -120,19 +90,6 @@ void ctl_outlier_most(struct program *, const struct acut_report *); /* of a job
 /* Whether so many points at one position, of all at so many positions, are worth a word. */
 bool ctl_outlier_many(uint64_t at_one, uint64_t points, uint64_t positions);
 void ctl_outlier_json(struct program *, struct term_json *, const struct format_report *);
-
-/* ---- ctl_signal.c ---- */
-
-void ctl_signal_init(struct program *);
-/* Of acut_options: non-zero if a signal was caught or --timeout has passed. ctx is the struct program. */
-int ctl_signal_interrupted(void *ctx);
-int ctl_signal_caught(void); /* its number, or 0 */
-bool ctl_signal_late(const struct program *);
-/* Standard input ended because all that held the other ends is gone (a connection of ssh that broke): its end is no end.
- * Told by what else came over it: the socket's other direction, or standard output and error. */
-bool ctl_signal_cut_off(void);
-
-/* In ctl_error.c: the object {"code", "file", "offset", "field", "message", "hint"}. */
 
 /* ---- ctl_view.c ---- */
 
@@ -227,67 +184,11 @@ void ctl_pipe_stop(struct ctl_input *);
 /* All of it into a file without a name, for a command that looks at an input only. */
 int ctl_pipe_keep(struct program *, const struct ctl_input *, int *ret_fd, struct err *err);
 
-/* ---- ctl_connect.c, ctl_private.c ---- */
-
-/* Finds or starts the daemon, sets ctl->acut. Prints its failure; returns the exit status. */
-int ctl_connect(struct program *);
-int ctl_connect_try(struct program *, struct err *err); /* without a word */
-const char *ctl_connect_path(const struct program *);   /* of the socket that it would try; NULL: none is set */
-void ctl_disconnect(struct program *);
-/* To a daemon that runs: the configured one, else the user's private one. Starts none, says nothing. */
-bool ctl_connect_quietly(struct program *);
-
-/* A listening socket with an acutd behind it that this user shares; starts one if there is none. */
-int ctl_private_connect(struct program *, struct err *err);
-/* A daemon for this command alone, with its own folders. */
-int ctl_private_own(struct program *, struct err *err);
-/* Ends it and removes its folders. NULL is fine; returns NULL. */
-struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
-
-/* ---- ctl_spawn.c ---- */
-
-struct ctl_spawn {
-	const char *state, *cache, *log;
-	const char *memory, *threads, *disk, *keep_free; /* NULL if not given */
-	int socket_fd;                                   /* handed over as the service manager does */
-	int lock_fd;                                     /* kept open by the daemon; -1: none */
-	bool bound;                                      /* ends with this process */
-};
-int ctl_spawn_daemon(const struct ctl_spawn *, int *ret_pid, struct err *err);
-/* Makes and binds a listening socket; long paths are bound through the folder's descriptor. */
-int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err);
-int ctl_spawn_connect(const char *path, int *ret_fd); /* negative errno */
-/* The last line of a log, for a daemon that did not come up. */
-void ctl_spawn_last_words(const char *log, char *buf, size_t size);
-
-/* ---- ctl_folder.c ---- */
-
-/* Folders of the user, made if absent (0700): $XDG_STATE_HOME/acut, $XDG_CACHE_HOME/acut, and for sockets. */
-int ctl_folder_state(char *buf, size_t size, struct err *err);
-int ctl_folder_cache(char *buf, size_t size, struct err *err);
-int ctl_folder_runtime(char *buf, size_t size, struct err *err);
-int ctl_folder_make(const char *path, struct err *err); /* with its parents */
-void ctl_folder_remove(const char *path);               /* with all that is in it */
-
 /* ---- ctl_cache.c ---- */
 
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
 		     const char *keep_free);
 void ctl_cache_side_json(struct term_json *, const char *name, const struct acut_side *);
-
-/* ---- ctl_progress.c ---- */
-
-struct ctl_progress {
-	struct program *ctl;
-	char phase[16];
-	uint64_t start_ns, last_ns; /* of the phase; of the last line */
-	uint64_t base, total;       /* staging: points of files that are done, of all files */
-	bool on, told_space;
-};
-void ctl_progress_init(struct ctl_progress *, struct program *);
-/* An acut_progress_fn. */
-void ctl_progress_show(void *ctx, const struct acut_progress *);
-const char *ctl_progress_time(double seconds, char buf[24]); /* 1:02:03 */
 
 /* ---- ctl_assume.c: what is taken for inputs that say nothing, or in place of what they say ---- */
 
@@ -335,7 +236,7 @@ struct ctl_staged {
 	char zone[16], datum[64], geoid[160]; /* that degrees and heights went to; "": nothing did */
 };
 /* Pushes all inputs; refused ones are told. `dataset` NULL: one-step. Prints its failure; exit status, where
- * CTL_SOME_REFUSED means that the push is done without them. */
+ * SESSION_SOME_REFUSED means that the push is done without them. */
 int ctl_stage(struct program *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
 void ctl_stage_done(struct ctl_staged *);
 

@@ -244,9 +244,9 @@ static bool is_there(const struct ctl_inputs *in, const struct stat *st)
 static void say_left_out(struct program *ctl, const struct ctl_archive *a)
 {
 	if (a->left_out == 1)
-		console_warn(&ctl->console, "%s: left out, it is no survey file: %s", a->file.name, a->first_left_out);
+		console_warn(&ctl->session.console, "%s: left out, it is no survey file: %s", a->file.name, a->first_left_out);
 	else if (a->left_out)
-		console_warn(&ctl->console, "%s: left out, they are no survey files: %s and %u more", a->file.name,
+		console_warn(&ctl->session.console, "%s: left out, they are no survey files: %s and %u more", a->file.name,
 			     a->first_left_out, a->left_out - 1);
 }
 
@@ -292,7 +292,7 @@ int ctl_archive_add(struct program *ctl, struct ctl_inputs *in, const struct ctl
 	kind = ctl_unpack_look(fd);
 	*ret_is = kind != CTL_UNPACK_NONE && !fstat(fd, &st);
 	if (*ret_is && is_there(in, &st))
-		console_line(&ctl->console, "%s: it is named twice, and taken once", file->name);
+		console_line(&ctl->session.console, "%s: it is named twice, and taken once", file->name);
 	else if (*ret_is)
 		r = add_archive(ctl, in, file, fd, &st, kind, from_folder, err);
 	close(fd);
@@ -307,7 +307,7 @@ struct unpacking {
 	const char *folder;
 	int to;
 	uint64_t done, size, looked;
-	struct ctl_progress progress;
+	struct session_progress progress;
 };
 
 static int no_room(const struct unpacking *u, struct err *err)
@@ -338,14 +338,14 @@ static void show(struct unpacking *u)
 	else
 		snprintf(line, sizeof(line), "unpack %s of %s  %.180s", parse_size_text(u->done, done),
 			 parse_size_text(u->size, size), u->in->name);
-	console_progress(&u->ctl->console, "%s", line);
+	console_progress(&u->ctl->session.console, "%s", line);
 }
 
 static int sink(void *ctx, const void *bytes, size_t n, struct err *err)
 {
 	struct unpacking *u = ctx;
 
-	if (ctl_signal_interrupted(u->ctl))
+	if (session_interrupted(&u->ctl->session))
 		return err_set(err, ERR_CANCELLED, "interrupted");
 	if (u->done - u->looked >= look_every) {
 		u->looked = u->done;
@@ -393,12 +393,12 @@ static int unpack_gzip(struct unpacking *u, int from, struct err *err)
 
 	if (r && cut && u->ctl->args.accept_truncated) {
 		err_clear(err);
-		console_warn(&u->ctl->console, "%s: its gzip file ends before its last byte", u->in->name);
+		console_warn(&u->ctl->session.console, "%s: its gzip file ends before its last byte", u->in->name);
 		return drop_cut_line(u, err);
 	}
 	if (!r && trailing)
-		console_warn(&u->ctl->console, "%s: %llu bytes behind its end in the gzip file belong to nothing", u->in->name,
-			     (unsigned long long)trailing);
+		console_warn(&u->ctl->session.console, "%s: %llu bytes behind its end in the gzip file belong to nothing",
+			     u->in->name, (unsigned long long)trailing);
 	return r;
 }
 
@@ -498,7 +498,7 @@ int ctl_archive_keep(struct program *ctl, struct ctl_input *in, struct err *err)
 		return err_add_file(err, in->name);
 	}
 	set_limits();
-	ctl_progress_init(&u.progress, ctl);
+	session_progress_init(&u.progress, &ctl->session);
 	r = ctl_temp_open(&u.folder, &u.to, err);
 	if (r)
 		return err_add_file(err, in->name);
@@ -508,7 +508,7 @@ int ctl_archive_keep(struct program *ctl, struct ctl_input *in, struct err *err)
 		close(from);
 	}
 	if (u.progress.on)
-		console_progress_clear(&ctl->console);
+		console_progress_clear(&ctl->session.console);
 	if (!r) {
 		in->kept = u.to;
 		return 0;

@@ -139,7 +139,7 @@ void ctl_assume_warn(struct program *ctl, const struct ctl_assume *a)
 		what[n++] = "the unit of z";
 	if (!n)
 		return;
-	console_warn(&ctl->console, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
+	console_warn(&ctl->session.console, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
 		     n == 3 ? ", " :
 		     n == 2 ? " and " :
 			      "",
@@ -164,5 +164,6 @@ void ctl_assume_text(struct program *ctl, const struct ctl_staged *staged)
 		return;
 	if (n > 1)
 		snprintf(more, sizeof(more), ", and those of %u more input%s", n - 1, n == 2 ? "" : "s");
-	console_line(&ctl->console, "overridden: what the records of %s say (%s)%s", first->name, first->overridden, more);
+	console_line(&ctl->session.console, "overridden: what the records of %s say (%s)%s", first->name, first->overridden,
+		     more);
 }

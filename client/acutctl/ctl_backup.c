@@ -16,7 +16,7 @@
 
 struct showing {
 	struct ctl_copy copy;
-	struct ctl_progress progress;
+	struct session_progress progress;
 	uint64_t bytes, damaged;
 	struct err damage; /* of the first of these, told when all is there */
 };
@@ -33,7 +33,7 @@ static int ready(void *ctx, const struct acut_backup_ready *r)
 		return -1;
 	s->damaged = r->damaged;
 	if (r->damaged)
-		ctl_error_from_failure(&r->damage, &s->damage);
+		session_failure_of(&r->damage, &s->damage);
 	return 0;
 }
 
@@ -46,10 +46,10 @@ static int file(void *ctx, const struct acut_backup_file *f)
 
 static void report(struct program *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	char all[32], more[32];
 
-	if (ctl->console.json) {
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "folder", c->dir);
 		term_json_text(&j, "dataset", dataset);
@@ -64,7 +64,7 @@ static void report(struct program *ctl, const struct ctl_copy *c, const char *da
 		term_json_line(&j);
 		return;
 	}
-	console_line(&ctl->console,
+	console_line(&ctl->session.console,
 		     "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
 		     (unsigned long long)c->files, parse_size_text(c->bytes, all), c->dir, (unsigned long long)c->new_files,
 		     parse_size_text(c->new_bytes, more), (unsigned long long)c->linked, (unsigned long long)c->removed);
@@ -81,22 +81,23 @@ static int take(struct program *ctl, const char *dataset, const char *dir)
 
 	snprintf(s.copy.what, sizeof s.copy.what, dataset ? "dataset %s" : "state of acutd", dataset);
 	s.copy.dirfd = s.copy.storefd = -1;
-	status = ctl_connect(ctl);
+	status = session_connect(&ctl->session);
 	if (!status) {
-		r = acut_backup(ctl->acut, dataset, &sink);
+		r = acut_backup(ctl->session.acut, dataset, &sink);
 		if (r && s.copy.err.code)
-			status = ctl_error(ctl, &s.copy.err);
+			status = session_error(&ctl->session, &s.copy.err);
 		else if (r)
-			status = ctl_error_acut(ctl);
+			status = session_error_acut(&ctl->session);
 	}
 	if (!status && ctl_copy_end(&s.copy, &err))
-		status = ctl_error(ctl, &err);
+		status = session_error(&ctl->session, &err);
 	if (!status)
 		report(ctl, &s.copy, dataset, clock_since(begun));
 	if (!status && s.damaged > 1)
-		console_warn(&ctl->console, "%llu datasets are damaged; this is the first", (unsigned long long)s.damaged);
+		console_warn(&ctl->session.console, "%llu datasets are damaged; this is the first",
+			     (unsigned long long)s.damaged);
 	if (!status && s.damaged)
-		status = ctl_error(ctl, &s.damage);
+		status = session_error(&ctl->session, &s.damage);
 	ctl_copy_done(&s.copy);
 	return status;
 }
@@ -207,10 +208,10 @@ static void last_part(const char *dir, char *ret, size_t size)
 
 static void imported(struct program *ctl, const struct acut_imported *i)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	char n[32];
 
-	if (ctl->console.json) {
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "dataset", i->dataset);
 		term_json_u64(&j, "generation", i->generation);
@@ -219,8 +220,8 @@ static void imported(struct program *ctl, const struct acut_imported *i)
 		term_json_line(&j);
 		return;
 	}
-	console_line(&ctl->console, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
-		     term_count(i->points, n));
+	console_line(&ctl->session.console, "dataset %s: generation %llu, %s points", i->dataset,
+		     (unsigned long long)i->generation, term_count(i->points, n));
 }
 
 int ctl_dataset_import(struct program *ctl, const char *dir, const char *name)
@@ -233,12 +234,12 @@ int ctl_dataset_import(struct program *ctl, const char *dir, const char *name)
 
 	last_part(dir, part, sizeof part);
 	if (gather(&b, &err))
-		status = ctl_error(ctl, &err);
+		status = session_error(&ctl->session, &err);
 	if (!status)
-		status = ctl_connect(ctl);
+		status = session_connect(&ctl->session);
 	if (!status) {
-		if (acut_import(ctl->acut, name ? name : part, next, &b, &got))
-			status = b.err.code ? ctl_error(ctl, &b.err) : ctl_error_acut(ctl);
+		if (acut_import(ctl->session.acut, name ? name : part, next, &b, &got))
+			status = b.err.code ? session_error(&ctl->session, &b.err) : session_error_acut(&ctl->session);
 		else
 			imported(ctl, got);
 	}

@@ -48,7 +48,7 @@ void ctl_cache_side_json(struct term_json *j, const char *name, const struct acu
 
 static void stat_json(struct program *ctl, const struct acut_cache_stat *s)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_open(&j, "kinds", '{');
@@ -83,14 +83,14 @@ static int cache_stat(struct program *ctl)
 {
 	const struct acut_cache_stat *s;
 	struct term_table *t;
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char size[32];
 
-	if (acut_cache_stat(ctl->acut, &s))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json) {
+	if (acut_cache_stat(ctl->session.acut, &s))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json) {
 		stat_json(ctl, s);
-		return CTL_DONE;
+		return SESSION_DONE;
 	}
 	t = term_table_new(out, columns, sizeof(columns) / sizeof(*columns));
 	for (size_t i = 0; i < s->nkinds; i++) {
@@ -105,26 +105,26 @@ static int cache_stat(struct program *ctl)
 		term_line(out, "what was in the cache before the start is not counted yet");
 	term_field(out, "evicted", "%s in %llu domains and selections since the start", parse_size_text(s->evicted_bytes, size),
 		   (unsigned long long)s->evicted_entries);
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
 /* ---- verify ---- */
 
 struct verify {
 	struct program *ctl;
-	struct ctl_progress progress;
+	struct session_progress progress;
 };
 
 static void damage(void *ctx, const struct acut_cache_damage *d)
 {
 	struct program *ctl = ((struct verify *)ctx)->ctl;
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	struct err err;
 	char text[1400];
 
-	console_progress_clear(&ctl->console);
-	ctl_error_from_failure(&d->error, &err);
-	if (ctl->console.json) {
+	console_progress_clear(&ctl->session.console);
+	session_failure_of(&d->error, &err);
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_text(&j, "damaged", d->what);
 		term_json_known(&j, "dataset", d->dataset);
@@ -137,17 +137,17 @@ static void damage(void *ctx, const struct acut_cache_damage *d)
 		return;
 	}
 	if (err.code == ERR_VERSION) {
-		term_line(ctl->console.report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
-			  err_format(&err, text, sizeof(text)));
-		fflush(ctl->console.report);
+		term_line(ctl->session.console.report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "",
+			  d->dataset, err_format(&err, text, sizeof(text)));
+		fflush(ctl->session.console.report);
 		return;
 	}
-	term_line(ctl->console.report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
+	term_line(ctl->session.console.report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
 		  err_format(&err, text, sizeof(text)),
 		  !d->derived ? "" :
 		  d->removed  ? "; removed, it is made again" :
 				"; it could not be removed");
-	fflush(ctl->console.report);
+	fflush(ctl->session.console.report);
 }
 
 static void verify_progress(void *ctx, const struct acut_progress *now)
@@ -159,23 +159,23 @@ static void verify_progress(void *ctx, const struct acut_progress *now)
 		return;
 	snprintf(line, sizeof(line), "%.40s: %s of about %s", now->phase, parse_size_text(now->points, a),
 		 parse_size_text(now->points_total, b));
-	console_progress(&v->ctl->console, "%s", line);
+	console_progress(&v->ctl->session.console, "%s", line);
 }
 
 static int cache_verify(struct program *ctl)
 {
 	struct verify v = {.ctl = ctl};
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	struct acut_cache_verified out;
 	char size[32];
 	int r;
 
-	ctl_progress_init(&v.progress, ctl);
-	r = acut_cache_verify(ctl->acut, damage, verify_progress, &v, &out);
-	console_progress_clear(&ctl->console);
+	session_progress_init(&v.progress, &ctl->session);
+	r = acut_cache_verify(ctl->session.acut, damage, verify_progress, &v, &out);
+	console_progress_clear(&ctl->session.console);
 	if (r)
-		return ctl_error_acut(ctl);
-	if (ctl->console.json) {
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "files", out.files);
 		term_json_u64(&j, "bytes", out.bytes);
@@ -186,46 +186,46 @@ static int cache_verify(struct program *ctl)
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		fprintf(ctl->console.report,
+		fprintf(ctl->session.console.report,
 			"%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
 			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
 			(unsigned long long)out.derived);
 		if (out.newer || out.derived_newer)
-			fprintf(ctl->console.report,
+			fprintf(ctl->session.console.report,
 				"%llu of what was pushed, %llu of what is made again are of a newer version of acut and were not "
 				"read%s\n",
 				(unsigned long long)out.newer, (unsigned long long)out.derived_newer,
 				out.newer ? ": install the acut that wrote them again, or a later one" : "");
 	}
-	return out.damaged ? 1 : out.newer ? err_exit_status(ERR_VERSION) : CTL_DONE;
+	return out.damaged ? 1 : out.newer ? err_exit_status(ERR_VERSION) : SESSION_DONE;
 }
 
 /* ---- gc ---- */
 
 static int cache_gc(struct program *ctl)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	uint64_t bytes, entries;
 	char size[32];
 
-	if (acut_cache_gc(ctl->acut, ctl->args.all, &bytes, &entries))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json) {
+	if (acut_cache_gc(ctl->session.acut, ctl->args.all, &bytes, &entries))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "freed_bytes", bytes);
 		term_json_u64(&j, "freed_entries", entries);
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		fprintf(ctl->console.report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
+		fprintf(ctl->session.console.report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
 			(unsigned long long)entries);
 	}
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
 static int connected(struct program *ctl, int (*run)(struct program *))
 {
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	return status ? status : run(ctl);
 }

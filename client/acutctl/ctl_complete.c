@@ -19,12 +19,12 @@ static bool is_connected(struct program *ctl)
 	const char *set = getenv("ACUT_COMPLETE_SECONDS");
 	unsigned limit = set ? (unsigned)strtoul(set, NULL, 10) : 0;
 
-	if (ctl->acut)
+	if (ctl->session.acut)
 		return true;
 	fflush(stdout);
 	signal(SIGALRM, SIG_DFL);
 	alarm(limit ? limit : LIMIT_SECONDS);
-	return ctl_connect_quietly(ctl);
+	return session_connect_running(&ctl->session);
 }
 
 static void offer_dataset(void *ctx, const struct acut_dataset *d)
@@ -90,7 +90,7 @@ static void offer_jobs(struct cli_typed *t)
 								NULL};
 	char word[24];
 
-	if (acut_jobs(t->program->acut, keep_job, &jobs))
+	if (acut_jobs(t->program->session.acut, keep_job, &jobs))
 		return;
 	for (size_t i = jobs.n; i-- > 0 && jobs.n - i <= NEWEST;) {
 		snprintf(word, sizeof(word), "%llu", (unsigned long long)jobs.row[i % NEWEST].id);
@@ -121,11 +121,11 @@ static void offer_generations(struct cli_typed *t)
 		return;
 	snprintf(name, sizeof(name), "%s", t->word[0]);
 	if (!strcmp(t->command->name, "fetch")) {
-		if (!parse_u64(name, &id) || acut_job_wait(t->program->acut, id, false, NULL, NULL, &job))
+		if (!parse_u64(name, &id) || acut_job_wait(t->program->session.acut, id, false, NULL, NULL, &job))
 			return;
 		snprintf(name, sizeof(name), "%s", job->dataset);
 	}
-	acut_dataset_log(t->program->acut, name, &sink);
+	acut_dataset_log(t->program->session.acut, name, &sink);
 }
 
 /* ---- kinds of words ---- */
@@ -174,11 +174,11 @@ static bool offer(struct cli_typed *t, const char *kind, size_t n)
 	else if (cli_is_kind(kind, n, "FORMAT") || cli_is_kind(kind, n, "INPUT-FORMAT"))
 		offer_formats(t, n > 6);
 	else if (cli_is_kind(kind, n, "DATASET") && is_connected(t->program))
-		acut_datasets(t->program->acut, NULL, offer_dataset, t);
+		acut_datasets(t->program->session.acut, NULL, offer_dataset, t);
 	else if (cli_is_kind(kind, n, "REMOVED") && is_connected(t->program))
-		acut_datasets_removed(t->program->acut, offer_removed, t);
+		acut_datasets_removed(t->program->session.acut, offer_removed, t);
 	else if (cli_is_kind(kind, n, "GEOID") && is_connected(t->program))
-		acut_geoids(t->program->acut, offer_geoid, t);
+		acut_geoids(t->program->session.acut, offer_geoid, t);
 	else if (cli_is_kind(kind, n, "JOB") && is_connected(t->program))
 		offer_jobs(t);
 	else if (cli_is_kind(kind, n, "GENERATION") && is_connected(t->program))

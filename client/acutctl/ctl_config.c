@@ -13,7 +13,7 @@ struct listing {
 
 static void setting_json(struct program *ctl, const struct acut_setting *s)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "name", s->name);
@@ -49,7 +49,7 @@ static void show(void *ctx, const struct acut_setting *s)
 {
 	struct listing *l = ctx;
 
-	if (l->ctl->console.json) {
+	if (l->ctl->session.console.json) {
 		setting_json(l->ctl, s);
 		return;
 	}
@@ -67,15 +67,15 @@ static int show_run(struct program *ctl)
 	struct listing l = {.ctl = ctl};
 	int r, status;
 
-	console_begin_list(&ctl->console);
-	status = ctl_connect(ctl);
+	console_begin_list(&ctl->session.console);
+	status = session_connect(&ctl->session);
 	if (status)
 		return status;
-	if (!ctl->console.json)
-		l.table = term_table_new(ctl->console.report, columns, ctl->args.origin_of ? 3 : 2);
-	r = acut_config(ctl->acut, show, &l);
+	if (!ctl->session.console.json)
+		l.table = term_table_new(ctl->session.console.report, columns, ctl->args.origin_of ? 3 : 2);
+	r = acut_config(ctl->session.acut, show, &l);
 	term_table_free(l.table);
-	return r ? ctl_error_acut(ctl) : CTL_DONE;
+	return r ? session_error_acut(&ctl->session) : SESSION_DONE;
 }
 
 const struct cli_verb ctl_config_verbs[] = {

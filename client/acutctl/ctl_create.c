@@ -21,16 +21,16 @@ int ctl_dataset_create(struct program *ctl, const char *name)
 		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
 		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
 			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
-			return ctl_error(ctl, &err);
+			return session_error(&ctl->session, &err);
 		}
 	}
 	if (a->crs && ctl_assume_crs(a->crs, "--crs", &crs.crs, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && a->mode && acut_dataset_mode(ctl->acut, a->mode))
-		status = ctl_error_acut(ctl);
-	if (!status && acut_dataset_create(ctl->acut, name, scale, comma, crs.crs))
-		status = ctl_error_acut(ctl);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	if (!status && a->mode && acut_dataset_mode(ctl->session.acut, a->mode))
+		status = session_error_acut(&ctl->session);
+	if (!status && acut_dataset_create(ctl->session.acut, name, scale, comma, crs.crs))
+		status = session_error_acut(&ctl->session);
 	ctl_assume_done(&crs);
 	return status;
 }

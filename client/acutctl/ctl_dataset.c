@@ -11,7 +11,7 @@
 
 void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 {
-	struct term_json j = {.out = ctl->console.report, .list = ctl->console.list};
+	struct term_json j = {.out = ctl->session.console.report, .list = ctl->session.console.list};
 	char mode[8];
 
 	term_json_open(&j, NULL, '{');
@@ -58,7 +58,7 @@ void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 
 static void show_text(struct program *ctl, const struct acut_dataset *d)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
 	term_field(out, "dataset", "%s", d->name);
@@ -87,17 +87,17 @@ static void show_text(struct program *ctl, const struct acut_dataset *d)
 static int show(struct program *ctl)
 {
 	struct acut_dataset d;
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (status)
 		return status;
-	if (acut_dataset_at(ctl->acut, ctl->line.word[0], ctl->args.generation, &d))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json)
+	if (acut_dataset_at(ctl->session.acut, ctl->line.word[0], ctl->args.generation, &d))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json)
 		ctl_dataset_json(ctl, &d);
 	else
 		show_text(ctl, &d);
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
 static int create(struct program *ctl)
@@ -139,9 +139,9 @@ static void say_removed(struct program *ctl, const char *name, uint64_t id, int6
 	char until[32], number[32];
 
 	snprintf(number, sizeof(number), "%llu", (unsigned long long)id);
-	if (acut_datasets_removed(ctl->acut, count_name, &named))
+	if (acut_datasets_removed(ctl->session.acut, count_name, &named))
 		named.n = 0;
-	console_line(&ctl->console, "%s is removed; acutctl dataset restore %s brings it back until %s", name,
+	console_line(&ctl->session.console, "%s is removed; acutctl dataset restore %s brings it back until %s", name,
 		     named.n > 1 ? number : name, term_time(until_us, until));
 }
 
@@ -151,21 +151,21 @@ static int change(struct program *ctl, const char *verb)
 	const char *name = ctl->line.word[0];
 	struct acut_dataset d;
 	uint64_t id = 0;
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (!parse_u64(name, &id))
 		id = 0;
-	if (!status && acut_dataset_change(ctl->acut, verb, name, id, ctl->args.as, &d))
-		status = ctl_error_acut(ctl);
+	if (!status && acut_dataset_change(ctl->session.acut, verb, name, id, ctl->args.as, &d))
+		status = session_error_acut(&ctl->session);
 	if (status)
 		return status;
-	if (ctl->console.json)
+	if (ctl->session.console.json)
 		ctl_dataset_json(ctl, &d);
 	else if (d.removed_us)
 		say_removed(ctl, name, d.id, d.until_us);
 	else if (!strcmp(verb, "restore"))
-		console_line(&ctl->console, "%s is there again", d.name);
-	return CTL_DONE;
+		console_line(&ctl->session.console, "%s is there again", d.name);
+	return SESSION_DONE;
 }
 
 static int rm(struct program *ctl)
@@ -191,10 +191,10 @@ static int unpin(struct program *ctl)
 static int changed(struct program *ctl, int r, const struct acut_dataset *d)
 {
 	if (r)
-		return ctl_error_acut(ctl);
-	if (ctl->console.json)
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json)
 		ctl_dataset_json(ctl, d);
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
 static int chmod_run(struct program *ctl)
@@ -205,9 +205,10 @@ static int chmod_run(struct program *ctl)
 	int status;
 
 	if (mode_parse(ctl->line.word[0], 0, 0, &mode, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	return status ? status : changed(ctl, acut_dataset_chmod(ctl->acut, ctl->line.word[1], ctl->line.word[0], &d), &d);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	return status ? status :
+			changed(ctl, acut_dataset_chmod(ctl->session.acut, ctl->line.word[1], ctl->line.word[0], &d), &d);
 }
 
 static int chgrp_run(struct program *ctl)
@@ -218,9 +219,9 @@ static int chgrp_run(struct program *ctl)
 	int status;
 
 	if (ctl_group_find(ctl->line.word[0], &gid, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	return status ? status : changed(ctl, acut_dataset_chgrp(ctl->acut, ctl->line.word[1], gid, &d), &d);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	return status ? status : changed(ctl, acut_dataset_chgrp(ctl->session.acut, ctl->line.word[1], gid, &d), &d);
 }
 
 static int chown_run(struct program *ctl)
@@ -231,9 +232,9 @@ static int chown_run(struct program *ctl)
 	int status;
 
 	if (ctl_user_find(ctl->line.word[0], &uid, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	return status ? status : changed(ctl, acut_dataset_chown(ctl->acut, ctl->line.word[1], uid, &d), &d);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	return status ? status : changed(ctl, acut_dataset_chown(ctl->session.acut, ctl->line.word[1], uid, &d), &d);
 }
 
 static int export(struct program *ctl)

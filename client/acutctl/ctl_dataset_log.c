@@ -36,7 +36,7 @@ static void row_json(struct logging *l, const struct acut_generation *g)
 {
 	struct term_json *j = &l->json;
 
-	*j = (struct term_json){.out = l->ctl->console.report};
+	*j = (struct term_json){.out = l->ctl->session.console.report};
 	term_json_open(j, NULL, '{');
 	term_json_u64(j, "generation", g->number);
 	ctl_job_time(j, "time", g->time_us);
@@ -87,7 +87,7 @@ static void row(void *ctx, const struct acut_generation *g)
 		snprintf(l->kind, sizeof(l->kind), "%s of %llu", g->kind, (unsigned long long)g->undoes);
 	else
 		snprintf(l->kind, sizeof(l->kind), "%s", g->kind);
-	if (l->ctl->console.json)
+	if (l->ctl->session.console.json)
 		row_json(l, g);
 	else if (!l->ctl->args.files)
 		row_text(l, g);
@@ -108,7 +108,7 @@ static void file(void *ctx, const struct acut_log_file *f)
 	struct term_json *j = &l->json;
 	struct term_table *t = l->table;
 
-	if (!l->ctl->console.json) {
+	if (!l->ctl->session.console.json) {
 		term_table_id(t, l->generation);
 		term_table_text(t, "%s", l->kind);
 		term_table_text(t, f->removed ? "removed" : "added");
@@ -134,7 +134,7 @@ static void end(void *ctx, const struct acut_generation *g)
 {
 	struct logging *l = ctx;
 
-	if (!l->ctl->console.json)
+	if (!l->ctl->session.console.json)
 		return;
 	if (l->ctl->args.files)
 		term_json_close(&l->json, ']');
@@ -146,41 +146,41 @@ int ctl_dataset_log(struct program *ctl, const char *name)
 {
 	struct logging l = {.ctl = ctl};
 	const struct acut_log_sink sink = {.generation = row, .file = ctl->args.files ? file : NULL, .end = end, .ctx = &l};
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (status)
 		return status;
-	if (!ctl->console.json)
-		l.table = ctl->args.files ?
-				  term_table_new(ctl->console.report, files, sizeof(files) / sizeof(*files)) :
-				  term_table_new(ctl->console.report, generations, sizeof(generations) / sizeof(*generations));
-	status = acut_dataset_log(ctl->acut, name, &sink);
+	if (!ctl->session.console.json)
+		l.table = ctl->args.files ? term_table_new(ctl->session.console.report, files, sizeof(files) / sizeof(*files)) :
+					    term_table_new(ctl->session.console.report, generations,
+							   sizeof(generations) / sizeof(*generations));
+	status = acut_dataset_log(ctl->session.acut, name, &sink);
 	term_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
 }
 
 int ctl_dataset_revert(struct program *ctl, const char *name, const char *generation)
 {
 	struct acut_reverted r;
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	struct err err = ERR_INIT;
 	char a[32], b[32], c[32];
 	uint64_t n = 0;
 	int status;
 
 	if (generation && cli_number("the generation", generation, 1, UINT64_MAX, &n, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && acut_dataset_revert(ctl->acut, name, n, &r))
-		status = ctl_error_acut(ctl);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	if (!status && acut_dataset_revert(ctl->session.acut, name, n, &r))
+		status = session_error_acut(&ctl->session);
 	if (status)
 		return status;
-	if (!ctl->console.json) {
-		console_line(&ctl->console,
+	if (!ctl->session.console.json) {
+		console_line(&ctl->session.console,
 			     "%s: generation %llu undoes generation %llu: %s points back, %s points gone, %s points now", name,
 			     (unsigned long long)r.generation, (unsigned long long)r.undone, term_count(r.points_added, a),
 			     term_count(r.points_removed, b), term_count(r.points, c));
-		return CTL_DONE;
+		return SESSION_DONE;
 	}
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "dataset", name);
@@ -193,5 +193,5 @@ int ctl_dataset_revert(struct program *ctl, const char *name, const char *genera
 	term_json_u64(&j, "points_removed", r.points_removed);
 	term_json_close(&j, '}');
 	term_json_line(&j);
-	return CTL_DONE;
+	return SESSION_DONE;
 }

@@ -5,7 +5,7 @@
 
 static void print_json(struct program *ctl, const char *name, const struct acut_pruned *p)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "dataset", name);
@@ -30,20 +30,22 @@ int ctl_dataset_prune(struct program *ctl, const char *name)
 	if (!a->keep == !a->before) {
 		err_set(&err, ERR_USAGE, "dataset prune takes one of --keep and --before");
 		err_add_hint(&err, "--keep 10: the newest ten generations stay; --before 20: all before generation 20 go");
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
-	status = ctl_connect(ctl);
-	if (!status && acut_dataset_prune(ctl->acut, name, a->keep, a->before, &p))
-		status = ctl_error_acut(ctl);
+	status = session_connect(&ctl->session);
+	if (!status && acut_dataset_prune(ctl->session.acut, name, a->keep, a->before, &p))
+		status = session_error_acut(&ctl->session);
 	if (status)
 		return status;
-	if (ctl->console.json)
+	if (ctl->session.console.json)
 		print_json(ctl, name, &p);
 	else if (!p.generations)
-		console_line(&ctl->console, "%s: nothing is older than generation %llu", name, (unsigned long long)p.oldest);
+		console_line(&ctl->session.console, "%s: nothing is older than generation %llu", name,
+			     (unsigned long long)p.oldest);
 	else
-		console_line(&ctl->console, "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s",
-			     name, (unsigned long long)p.generations, (unsigned long long)p.oldest, term_count(p.points, points),
+		console_line(&ctl->session.console,
+			     "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s", name,
+			     (unsigned long long)p.generations, (unsigned long long)p.oldest, term_count(p.points, points),
 			     (unsigned long long)p.files, parse_size_text(p.bytes, bytes));
-	return CTL_DONE;
+	return SESSION_DONE;
 }

@@ -30,7 +30,7 @@ static void each(void *ctx, const struct acut_dataset *d)
 	struct term_table *t = l->table;
 	char name[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
-	if (l->ctl->console.json) {
+	if (l->ctl->session.console.json) {
 		ctl_dataset_json(l->ctl, d);
 		return;
 	}
@@ -52,7 +52,7 @@ static void each_removed(void *ctx, const struct acut_dataset *d)
 	struct listing *l = ctx;
 	struct term_table *t = l->table;
 
-	if (l->ctl->console.json) {
+	if (l->ctl->session.console.json) {
 		ctl_dataset_json(l->ctl, d);
 		return;
 	}
@@ -68,15 +68,16 @@ int ctl_datasets_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
 	bool removed = ctl->args.removed;
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
-	console_begin_list(&ctl->console);
+	console_begin_list(&ctl->session.console);
 	if (status)
 		return status;
-	if (!ctl->console.json)
-		l.table = removed ? term_table_new(ctl->console.report, gone, sizeof(gone) / sizeof(*gone)) :
-				    term_table_new(ctl->console.report, there, sizeof(there) / sizeof(*there));
-	status = removed ? acut_datasets_removed(ctl->acut, each_removed, &l) : acut_datasets(ctl->acut, NULL, each, &l);
+	if (!ctl->session.console.json)
+		l.table = removed ? term_table_new(ctl->session.console.report, gone, sizeof(gone) / sizeof(*gone)) :
+				    term_table_new(ctl->session.console.report, there, sizeof(there) / sizeof(*there));
+	status = removed ? acut_datasets_removed(ctl->session.acut, each_removed, &l) :
+			   acut_datasets(ctl->session.acut, NULL, each, &l);
 	term_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
 }

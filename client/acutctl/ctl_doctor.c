@@ -29,10 +29,10 @@ struct doctor {
 static void show_text(struct doctor *d, const struct acut_check *c)
 {
 	enum term_tint tint = !strcmp(c->state, "ok") ? TERM_GOOD : !strcmp(c->state, "wrong") ? TERM_BAD : TERM_WARN;
-	FILE *out = d->ctl->console.report;
+	FILE *out = d->ctl->session.console.report;
 	struct term term = term_of(out);
 
-	if (d->ctl->console.quiet && tint == TERM_GOOD)
+	if (d->ctl->session.console.quiet && tint == TERM_GOOD)
 		return;
 	fprintf(out, "%s%-8s%s %-10s ", term_tint(&term, tint), c->state, term_tint(&term, TERM_PLAIN), c->name);
 	term_wrap(out, 20, c->message);
@@ -54,7 +54,7 @@ static void tell(void *ctx, const struct acut_check *c)
 		d->wrong++;
 	else
 		d->unknown++;
-	if (!d->ctl->console.json) {
+	if (!d->ctl->session.console.json) {
 		show_text(d, c);
 		return;
 	}
@@ -136,7 +136,7 @@ static void told_unreachable(struct doctor *d, const char *path, const struct er
 
 static void check_build(struct doctor *d)
 {
-	const char *build = acut_daemon_build(d->ctl->acut);
+	const char *build = acut_daemon_build(d->ctl->session.acut);
 	double seconds;
 
 	if (strcmp(build, ACUT_VERSION))
@@ -144,8 +144,9 @@ static void check_build(struct doctor *d)
 		    "acutctl is %s, acutd is %s", ACUT_VERSION, build);
 	else
 		say(d, "version", "ok", "", "acutctl and acutd are %s", build);
-	if (acut_ping(d->ctl->acut, &seconds))
-		say(d, "answer", "wrong", "journalctl -t acutd", "acutd does not answer: %s", acut_error(d->ctl->acut)->message);
+	if (acut_ping(d->ctl->session.acut, &seconds))
+		say(d, "answer", "wrong", "journalctl -t acutd", "acutd does not answer: %s",
+		    acut_error(d->ctl->session.acut)->message);
 	else if (seconds > 1)
 		say(d, "answer", "warning", "look at the load of the machine and the health of its disk",
 		    "acutd took %.1f seconds to answer", seconds);
@@ -171,11 +172,11 @@ static void check_sync(struct doctor *d)
 
 static int ask(struct doctor *d)
 {
-	const char *path = ctl_connect_path(d->ctl);
+	const char *path = session_path(&d->ctl->session);
 	struct err err = ERR_INIT;
 
-	if (ctl_connect_try(d->ctl, &err)) {
-		if (ctl_signal_caught() || ctl_signal_late(d->ctl))
+	if (session_connect_try(&d->ctl->session, &err)) {
+		if (session_caught() || session_late(&d->ctl->session))
 			return -1;
 		if (err.code == ERR_PERM)
 			told_refused(d, path, &err);
@@ -186,13 +187,13 @@ static int ask(struct doctor *d)
 	say(d, "socket", "ok", "", "%s answers", path ? path : "the private daemon");
 	check_build(d);
 	check_sync(d);
-	if (!acut_doctor(d->ctl->acut, tell, d))
-		return d->wrong ? 1 : CTL_DONE;
-	ctl_error_from_acut(d->ctl->acut, NULL, &err);
+	if (!acut_doctor(d->ctl->session.acut, tell, d))
+		return d->wrong ? 1 : SESSION_DONE;
+	session_failure(&d->ctl->session, NULL, &err);
 	if (err.code == ERR_UNSUPPORTED) {
 		say(d, "daemon", "unknown", "install acutctl and acutd of one release", "this acutd cannot be asked: %s",
 		    err.message);
-		return d->wrong ? 1 : CTL_DONE;
+		return d->wrong ? 1 : SESSION_DONE;
 	}
 	say(d, "daemon", "wrong", err.hint, "acutd cannot tell: %s", err.message);
 	return err_exit_status(err.code);
@@ -200,20 +201,20 @@ static int ask(struct doctor *d)
 
 int ctl_doctor_run(struct program *ctl)
 {
-	struct doctor d = {.ctl = ctl, .json = {.out = ctl->console.report}};
+	struct doctor d = {.ctl = ctl, .json = {.out = ctl->session.console.report}};
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl->console.json) {
+	if (ctl->session.console.json) {
 		term_json_open(&d.json, NULL, '{');
 		term_json_open(&d.json, "checks", '[');
 	}
 	status = ask(&d);
 	if (status < 0) {
 		err_set(&err, ERR_CANCELLED, "interrupted");
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
-	if (ctl->console.json) {
+	if (ctl->session.console.json) {
 		term_json_close(&d.json, ']');
 		term_json_u64(&d.json, "ok", d.ok);
 		term_json_u64(&d.json, "warnings", d.warnings);
@@ -221,8 +222,8 @@ int ctl_doctor_run(struct program *ctl)
 		term_json_u64(&d.json, "unknown", d.unknown);
 		term_json_close(&d.json, '}');
 		term_json_line(&d.json);
-	} else if (!ctl->console.quiet) {
-		fprintf(ctl->console.report, "%s: %u ok, %u warning%s, %u wrong%s\n",
+	} else if (!ctl->session.console.quiet) {
+		fprintf(ctl->session.console.report, "%s: %u ok, %u warning%s, %u wrong%s\n",
 			d.wrong    ? "something is wrong" :
 			d.warnings ? "it works" :
 				     "all is well",

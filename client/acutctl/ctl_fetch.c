@@ -14,28 +14,28 @@ int ctl_fetch_run(struct program *ctl)
 	int r = ctl_job_id(ctl->line.word[0], &id, &err), status;
 
 	if (r)
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	if (!ctl->args.out.n && !ctl_output_nothing(&ctl->args)) { /* said before a daemon is looked for */
 		ctl_output_open(ctl, &run, &err);
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
 	if (ctl_view_window(&ctl->args, &window, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && acut_fetch_window(ctl->acut, window))
-		status = ctl_error_acut(ctl);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	if (!status && acut_fetch_window(ctl->session.acut, window))
+		status = session_error_acut(&ctl->session);
 	free(window);
 	if (status)
 		return status;
-	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))
-		return ctl_error_acut(ctl);
+	if (acut_job_wait(ctl->session.acut, id, false, NULL, NULL, &job))
+		return session_error_acut(&ctl->session);
 	/* the view says whether gaps are to be expected */
 	ctl->args.ground = strstr(job->view, " ground") != NULL;
 	ctl->args.surface = strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest");
 	r = ctl_output_open(ctl, &run, &err);
 	if (!r)
 		r = format_run_keep(run, id, ctl->args.resume, &err);
-	status = r ? ctl_error(ctl, &err) : ctl_output_fetch(ctl, id, run, NULL);
+	status = r ? session_error(&ctl->session, &err) : ctl_output_fetch(ctl, id, run, NULL);
 	format_run_free(run);
 	return status;
 }

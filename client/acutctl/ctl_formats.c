@@ -38,9 +38,9 @@ static const struct term_column columns[] = {
 static void row(struct program *ctl, struct term_table *t, const char *direction, const char *name, const char *extensions,
 		const char *help)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
-	if (!ctl->console.json) {
+	if (!ctl->session.console.json) {
 		term_table_text(t, "%s", name);
 		term_table_text(t, "%s", direction);
 		term_table_text(t, "%s", extensions);
@@ -60,8 +60,9 @@ int ctl_formats_run(struct program *ctl)
 {
 	size_t n;
 	const struct format *const *rows = format_rows(&n);
-	struct term_table *t =
-		ctl->console.json ? NULL : term_table_new(ctl->console.report, columns, sizeof(columns) / sizeof(*columns));
+	struct term_table *t = ctl->session.console.json ?
+				       NULL :
+				       term_table_new(ctl->session.console.report, columns, sizeof(columns) / sizeof(*columns));
 
 	for (size_t i = 0; ctl_formats_input[i].name; i++)
 		row(ctl, t, "in", ctl_formats_input[i].name, ctl_formats_input[i].extensions, ctl_formats_input[i].help);
@@ -70,5 +71,5 @@ int ctl_formats_run(struct program *ctl)
 	for (size_t i = 0; i < n; i++)
 		row(ctl, t, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
 	term_table_free(t);
-	return CTL_DONE;
+	return SESSION_DONE;
 }

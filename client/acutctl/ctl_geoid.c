@@ -10,7 +10,7 @@
 
 static void geoid_json(struct program *ctl, const struct acut_geoid *g)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "name", g->name);
@@ -46,7 +46,7 @@ static void show(void *ctx, const struct acut_geoid *g)
 	struct listing *l = ctx;
 	struct term_table *t = l->table;
 
-	if (l->ctl->console.json) {
+	if (l->ctl->session.console.json) {
 		geoid_json(l->ctl, g);
 		return;
 	}
@@ -65,7 +65,9 @@ static void show(void *ctx, const struct acut_geoid *g)
 
 static struct term_table *table(struct program *ctl)
 {
-	return ctl->console.json ? NULL : term_table_new(ctl->console.report, columns, sizeof(columns) / sizeof(*columns));
+	return ctl->session.console.json ?
+		       NULL :
+		       term_table_new(ctl->session.console.report, columns, sizeof(columns) / sizeof(*columns));
 }
 
 /* "folder/egm96-5.pgm": "egm96-5". */
@@ -90,17 +92,17 @@ int ctl_geoid_file(struct program *ctl, const char *path, const char *name, char
 	else
 		name_of(path, ret_name, 128);
 	if (ctl_input_open(ctl, &in, &fd, &err))
-		return ctl_error(ctl, &err);
-	r = acut_geoid_add(ctl->acut, fd, ret_name, path, ret);
+		return session_error(&ctl->session, &err);
+	r = acut_geoid_add(ctl->session.acut, fd, ret_name, path, ret);
 	close(fd);
-	return r ? ctl_error_acut(ctl) : 0;
+	return r ? session_error_acut(&ctl->session) : 0;
 }
 
 static int add_run(struct program *ctl)
 {
 	const struct acut_geoid *g;
 	char name[128];
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (!status)
 		status = ctl_geoid_file(ctl, ctl->line.word[0], ctl->args.name, name, &g);
@@ -116,21 +118,23 @@ static int add_run(struct program *ctl)
 static int list_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (status)
 		return status;
 	l.table = table(ctl);
-	status = acut_geoids(ctl->acut, show, &l);
+	status = acut_geoids(ctl->session.acut, show, &l);
 	term_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
 }
 
 static int rm_run(struct program *ctl)
 {
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
-	return status ? status : acut_geoid_remove(ctl->acut, ctl->line.word[0]) ? ctl_error_acut(ctl) : CTL_DONE;
+	return status                                                  ? status :
+	       acut_geoid_remove(ctl->session.acut, ctl->line.word[0]) ? session_error_acut(&ctl->session) :
+									 SESSION_DONE;
 }
 
 const struct cli_verb ctl_geoid_verbs[] = {

@@ -29,8 +29,8 @@ void ctl_height_planned(struct program *ctl, const struct acut_push_planned *p, 
 	snprintf(s->datum, sizeof(s->datum), "%s", p->datum);
 	snprintf(s->geoid, sizeof(s->geoid), "%s", p->geoid);
 	if (*s->zone)
-		console_line(&ctl->console, "degrees of %s are projected to %s%s (%s)", s->datum, zone_kind(s->zone), s->zone,
-			     p->crs);
+		console_line(&ctl->session.console, "degrees of %s are projected to %s%s (%s)", s->datum, zone_kind(s->zone),
+			     s->zone, p->crs);
 }
 
 struct shift {
@@ -115,6 +115,7 @@ void ctl_height_text(struct program *ctl, const struct ctl_staged *s)
 	struct shift sum = sum_of(s, NULL);
 
 	if (split(s->geoid, way, hash, name) && sum.n)
-		console_line(&ctl->console, "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
+		console_line(&ctl->session.console,
+			     "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
 			     term_count(sum.n, count), way, name, sum.min, sum.max, sum.mean, hash);
 }

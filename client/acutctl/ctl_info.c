@@ -33,7 +33,7 @@ static void print_box(FILE *out, const struct acut_probe *p)
 
 static void print(struct program *ctl, const struct acut_probe *p)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char a[32];
 
 	term_line(out, "%s", p->name);
@@ -77,7 +77,7 @@ static void number(struct term_json *j, const char *key, uint32_t n)
 
 static void print_json(struct program *ctl, const struct acut_probe *p, const struct acut_inspected *in)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", p->name);
@@ -113,27 +113,27 @@ static int info(struct program *ctl, struct ctl_input *in)
 	int fd, r = in->fd < 0 ? ctl_input_open(ctl, in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
 
 	if (r)
-		return ctl_error(ctl, &err);
-	r = acut_decimal_comma(ctl->acut, ctl->args.decimal_comma);
+		return session_error(&ctl->session, &err);
+	r = acut_decimal_comma(ctl->session.acut, ctl->args.decimal_comma);
 	if (!r && ctl->args.header) {
-		r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &p);
+		r = acut_info(ctl->session.acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &p);
 	} else if (!r) {
-		r = acut_inspect(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &records);
+		r = acut_inspect(ctl->session.acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &records);
 		p = r ? NULL : &records->header;
 	}
 	ctl_input_close(in, fd);
 	ctl_archive_drop(in);
 	if (r) {
-		ctl_error_from_acut(ctl->acut, in->name, &err);
-		return ctl_error(ctl, &err);
+		session_failure(&ctl->session, in->name, &err);
+		return session_error(&ctl->session, &err);
 	}
-	if (ctl->console.json)
+	if (ctl->session.console.json)
 		print_json(ctl, p, records);
 	else
 		print(ctl, p);
-	if (records && !ctl->console.json)
+	if (records && !ctl->session.console.json)
 		ctl_inspect_text(ctl, records);
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
 /* Broken files among good ones: all are told, status 3, as with a push. */
@@ -145,16 +145,16 @@ int ctl_info_run(struct program *ctl)
 	size_t good = 0;
 
 	if (ctl_input_gather(ctl, ctl->line.word, ctl->line.nword, &in, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
 	for (size_t i = 0; i < in.n && !status; i++) {
 		int one = info(ctl, &in.input[i]);
 
 		first = first ? first : one;
 		good += !one;
-		if (one && ctl_signal_interrupted(ctl))
+		if (one && session_interrupted(&ctl->session))
 			status = one;
 	}
 	ctl_input_done(&in);
-	return status ? status : first && good ? CTL_SOME_REFUSED : first;
+	return status ? status : first && good ? SESSION_SOME_REFUSED : first;
 }

@@ -78,7 +78,7 @@ static bool hash_file(const struct ingest *g, struct ctl_drop_file *f)
 
 	/* Another file may have its name by now. */
 	if (s && !fstat(fd, &st) && ctl_input_unchanged(&f->in, &st))
-		while ((n = read(fd, buf, sizeof(buf))) > 0 && !ctl_signal_interrupted(g->ctl))
+		while ((n = read(fd, buf, sizeof(buf))) > 0 && !session_interrupted(&g->ctl->session))
 			digest_stream_add(s, buf, (size_t)n);
 	f->hashed = n == 0;
 	if (f->hashed)
@@ -167,7 +167,7 @@ static const char *put_away(struct ingest *g, struct ctl_drop_file *f, const str
 			note_taken(g, f);
 		return name->text;
 	}
-	r = ctl_error(g->ctl, &err);
+	r = session_error(&g->ctl->session, &err);
 	g->left++;
 	if (err.code != ERR_CHANGED && !g->status)
 		g->status = r;
@@ -193,7 +193,7 @@ static int put_away_all(struct ingest *g, const struct batch *b, const struct ct
 
 	if (!names || !moved || !told) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu file names", b->n);
-		status = ctl_error(g->ctl, &err);
+		status = session_error(&g->ctl->session, &err);
 	}
 	for (size_t i = 0; !status && i < b->n; i++) {
 		const struct err *why = why_refused(s, of, i);
@@ -227,7 +227,7 @@ static bool is_refused(enum err_code code)
 static int alone(struct ingest *g, struct ctl_drop_file *f, int status)
 {
 	struct ctl_drop_name name;
-	struct err why = g->ctl->failure;
+	struct err why = g->ctl->session.failure;
 
 	if (is_refused(why.code)) {
 		put_away(g, f, &why, &name);
@@ -297,8 +297,8 @@ static int push(struct ingest *g, struct batch b)
 	int status;
 
 	if (send(g, &b, &sent, &err))
-		return ctl_error(ctl, &err);
-	status = ctl->acut ? 0 : ctl_connect(ctl);
+		return session_error(&ctl->session, &err);
+	status = ctl->session.acut ? 0 : session_connect(&ctl->session);
 	if (!status) {
 		status = ctl_stage(ctl, ctl->line.word[0], &sent.in, &staged);
 		made = staged.committed || staged.refused == sent.in.n || (ctl->args.strict && staged.refused);
@@ -310,10 +310,10 @@ static int push(struct ingest *g, struct batch b)
 	}
 	/* A push that was left ends with its connection. */
 	if (!staged.committed)
-		ctl_disconnect(ctl);
+		session_disconnect(&ctl->session);
 	ctl_stage_done(&staged);
 	sent_done(&sent);
-	if (!status || made || ctl_signal_interrupted(ctl) || !may_be_one(ctl->failure.code))
+	if (!status || made || session_interrupted(&ctl->session) || !may_be_one(ctl->session.failure.code))
 		return status;
 	if (b.n == 1)
 		return alone(g, b.file[0], status);
@@ -352,7 +352,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 
 	if (!s.file || !b.file) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu files", *n);
-		status = ctl_error(g->ctl, &err);
+		status = session_error(&g->ctl->session, &err);
 	}
 	for (size_t i = 0; !status && i < *n; i++) {
 		struct ctl_staged_file *told = &s.file[b.n];
@@ -365,7 +365,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 		*told->err.file = 0;
 		err_add_file(&told->err, list[i]->in.name);
 		list[i]->tried = true;
-		ctl_refusal(g->ctl, &told->err);
+		session_refusal(&g->ctl->session, &told->err);
 		b.file[b.n++] = list[i];
 	}
 	s.nfile = s.refused = b.n;
@@ -390,7 +390,7 @@ static int push_settled(struct ingest *g, bool *ret_any)
 
 	if (!list) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu files", g->list.n);
-		return ctl_error(g->ctl, &err);
+		return session_error(&g->ctl->session, &err);
 	}
 	for (size_t i = 0; i < g->list.n; i++)
 		if (!g->list.file[i].tried && now >= g->list.file[i].since + g->settle &&
@@ -406,7 +406,7 @@ static int push_settled(struct ingest *g, bool *ret_any)
 			status = push(g, b);
 		} else {
 			err_set(&err, ERR_NOMEM, "no memory for a list of files");
-			status = ctl_error(g->ctl, &err);
+			status = session_error(&g->ctl->session, &err);
 		}
 		free(b.file);
 	}
@@ -433,7 +433,7 @@ static bool wait_for_some(struct ingest *g)
 		return false;
 	/* Not in one go: a file that changes meanwhile is noticed soon. */
 	next = next < most ? next : most;
-	while (!ctl_signal_interrupted(g->ctl) && (now = clock_mono_ns()) < next) {
+	while (!session_interrupted(&g->ctl->session) && (now = clock_mono_ns()) < next) {
 		uint64_t ms = (next - now) / 1000000 + 1;
 
 		poll(NULL, 0, ms < 500 ? (int)ms : 500);
@@ -446,7 +446,7 @@ static int interrupted(struct ingest *g)
 	struct err err = ERR_INIT;
 
 	err_set(&err, ERR_CANCELLED, "interrupted");
-	return ctl_error(g->ctl, &err);
+	return session_error(&g->ctl->session, &err);
 }
 
 static int pass(struct ingest *g)
@@ -456,10 +456,10 @@ static int pass(struct ingest *g)
 	int status = 0;
 
 	for (;;) {
-		if (ctl_signal_interrupted(g->ctl))
+		if (session_interrupted(&g->ctl->session))
 			return interrupted(g);
 		if (ctl_drop_look(&g->drop, &g->list, &err))
-			return ctl_error(g->ctl, &err);
+			return session_error(&g->ctl->session, &err);
 		if (!g->until)
 			g->until = clock_mono_ns() + 2 * g->settle;
 		status = push_settled(g, &any);
@@ -468,7 +468,7 @@ static int pass(struct ingest *g)
 		if (any)
 			continue;
 		if (!said && g->list.n && g->settle)
-			console_line(&g->ctl->console, "%s: waiting until files have not changed for %g s", g->drop.name,
+			console_line(&g->ctl->session.console, "%s: waiting until files have not changed for %g s", g->drop.name,
 				     (double)g->settle * 1e-9);
 		said = true;
 		if (!wait_for_some(g))
@@ -486,12 +486,12 @@ static int finish(struct ingest *g, int status)
 	if (g->list.passed_by)
 		snprintf(more, sizeof(more), "; %u left that are no regular files", g->list.passed_by);
 	if (g->done || g->refused || g->left || settling || g->list.passed_by)
-		console_line(&g->ctl->console, "%s: %u done, %u refused, %zu stay for another pass%s", g->drop.name, g->done,
-			     g->refused, settling + g->left, more);
+		console_line(&g->ctl->session.console, "%s: %u done, %u refused, %zu stay for another pass%s", g->drop.name,
+			     g->done, g->refused, settling + g->left, more);
 	if (!status)
 		status = g->status;
 	if (!status && g->refused)
-		status = g->done ? CTL_SOME_REFUSED : 1;
+		status = g->done ? SESSION_SOME_REFUSED : 1;
 	return status;
 }
 
@@ -525,14 +525,14 @@ int ctl_ingest_run(struct program *ctl)
 	int status;
 
 	if (check(ctl, &g.settle, &err))
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	/* A journal has each line when it is true, and in the order of what goes to stderr. */
 	setvbuf(stdout, NULL, _IOLBF, BUFSIZ);
 	/* What comes twice is told by its content: names and times are the senders'. */
 	ctl->args.checksum = true;
 	if (ctl_drop_open(&g.drop, ctl->line.word[1], &err) || lock(&g, &err)) {
 		ctl_drop_close(&g.drop);
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
 	status = finish(&g, pass(&g));
 	ctl_drop_list_done(&g.list);

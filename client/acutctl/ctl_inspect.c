@@ -38,7 +38,7 @@ static void place_text(FILE *out, const struct acut_inspected *in)
 
 void ctl_inspect_text(struct program *ctl, const struct acut_inspected *in)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char a[32], b[32], c[32];
 
 	term_field(out, "  records", "%s, at %s positions: %s more than one there", term_count(in->points, a),

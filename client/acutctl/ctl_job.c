@@ -192,7 +192,7 @@ void ctl_job_notes(struct term_json *j, const struct acut_report *p)
 
 void ctl_job_json(struct program *ctl, const struct acut_job *job)
 {
-	struct term_json j = {.out = ctl->console.report, .list = ctl->console.list};
+	struct term_json j = {.out = ctl->session.console.report, .list = ctl->session.console.list};
 	struct err err;
 
 	term_json_open(&j, NULL, '{');
@@ -228,7 +228,7 @@ void ctl_job_json(struct program *ctl, const struct acut_job *job)
 	term_json_close(&j, '}');
 	ctl_job_report(&j, job->has_report ? &job->report : NULL);
 	if (job->has_error) {
-		ctl_error_from_failure(&job->error, &err);
+		session_failure_of(&job->error, &err);
 		term_error_json(&j, "error", &err);
 	} else {
 		term_json_text(&j, "error", NULL);
@@ -245,8 +245,8 @@ void ctl_job_print(struct program *ctl, const struct acut_job *job)
 	char when[32], count[32], left[32], rest[256] = "";
 	size_t n = 0;
 
-	console_progress_clear(&ctl->console);
-	if (ctl->console.json) {
+	console_progress_clear(&ctl->session.console);
+	if (ctl->session.console.json) {
 		ctl_job_json(ctl, job);
 		return;
 	}
@@ -262,12 +262,12 @@ void ctl_job_print(struct program *ctl, const struct acut_job *job)
 	else if (!job->final && job->waiting && *job->waiting)
 		snprintf(rest + n, sizeof(rest) - n, "  waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
-		snprintf(rest + n, sizeof(rest) - n, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
-	term_line(ctl->console.report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
+		snprintf(rest + n, sizeof(rest) - n, "  about %s left", session_progress_time(job->progress.seconds_left, left));
+	term_line(ctl->session.console.report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
 		  term_time(job->submitted_us, when), job->dataset, rest, job->has_error ? "  " : "",
 		  job->has_error ? job->error.message : "");
-	if (!ctl->console.list)
-		fflush(ctl->console.report);
+	if (!ctl->session.console.list)
+		fflush(ctl->session.console.report);
 }
 
 int ctl_job_status(struct program *ctl, const struct acut_job *job)
@@ -275,16 +275,16 @@ int ctl_job_status(struct program *ctl, const struct acut_job *job)
 	struct err err = ERR_INIT;
 
 	if (job->has_report && !job->has_error) {
-		console_note(&ctl->console, "%s", job->report.note);
-		return CTL_DONE;
+		console_note(&ctl->session.console, "%s", job->report.note);
+		return SESSION_DONE;
 	}
 	if (job->has_error)
-		ctl_error_from_failure(&job->error, &err);
+		session_failure_of(&job->error, &err);
 	else if (!strcmp(job->state, "cancelled"))
 		err_set(&err, ERR_CANCELLED, "job %llu was cancelled", (unsigned long long)job->id);
 	else
 		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason", (unsigned long long)job->id, job->state);
-	return ctl_error(ctl, &err);
+	return session_error(&ctl->session, &err);
 }
 
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err)
@@ -303,9 +303,9 @@ int ctl_job_each(struct program *ctl, int (*each)(struct program *, uint64_t id)
 		uint64_t id;
 
 		if (ctl_job_id(ctl->line.word[i], &id, &err))
-			return ctl_error(ctl, &err);
+			return session_error(&ctl->session, &err);
 	}
-	status = ctl_connect(ctl);
+	status = session_connect(&ctl->session);
 	if (status)
 		return status;
 	for (unsigned i = 0; i < ctl->line.nword; i++) {
@@ -314,7 +314,7 @@ int ctl_job_each(struct program *ctl, int (*each)(struct program *, uint64_t id)
 		parse_u64(ctl->line.word[i], &id);
 		status = each(ctl, id);
 		first = first ? first : status;
-		if (ctl_signal_interrupted(ctl))
+		if (session_interrupted(&ctl->session))
 			break;
 	}
 	return first;

@@ -30,7 +30,7 @@ static void note(struct term_table *t, const struct acut_job *job)
 	else if (!job->final && job->waiting && *job->waiting)
 		term_table_text(t, "waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
-		term_table_text(t, "about %s left", ctl_progress_time(job->progress.seconds_left, left));
+		term_table_text(t, "about %s left", session_progress_time(job->progress.seconds_left, left));
 	else
 		term_table_none(t);
 }
@@ -41,7 +41,7 @@ static void each(void *ctx, const struct acut_job *job)
 	struct term_table *t = l->table;
 	bool failed = !strcmp(job->state, "failed"), over = job->final;
 
-	if (l->ctl->console.json) {
+	if (l->ctl->session.console.json) {
 		ctl_job_json(l->ctl, job);
 		return;
 	}
@@ -73,14 +73,14 @@ static void each(void *ctx, const struct acut_job *job)
 int ctl_jobs_run(struct program *ctl)
 {
 	struct listing l = {.ctl = ctl};
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
-	console_begin_list(&ctl->console);
+	console_begin_list(&ctl->session.console);
 	if (status)
 		return status;
-	if (!ctl->console.json)
-		l.table = term_table_new(ctl->console.report, columns, sizeof(columns) / sizeof(*columns));
-	status = acut_jobs(ctl->acut, each, &l);
+	if (!ctl->session.console.json)
+		l.table = term_table_new(ctl->session.console.report, columns, sizeof(columns) / sizeof(*columns));
+	status = acut_jobs(ctl->session.acut, each, &l);
 	term_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
 }

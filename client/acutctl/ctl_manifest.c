@@ -216,7 +216,7 @@ static int sum_of(struct program *ctl, int fd, unsigned char sum[SUM], struct er
 			err_sys(err, errno, "it cannot be read");
 		else if (ctl_sha_add(sha, piece, (size_t)n))
 			err_set(err, ERR_INTERNAL, "SHA-256 failed");
-		else if (ctl_signal_interrupted(ctl))
+		else if (session_interrupted(&ctl->session))
 			err_set(err, ERR_CANCELLED, "interrupted");
 	}
 	if (!err->code && ctl_sha_sum(sha, sum))

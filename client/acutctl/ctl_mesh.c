@@ -12,16 +12,16 @@ static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, st
 	struct ctl_staged staged;
 	struct acut_submission what = {.view = view, .priority = ctl->args.priority, .bound = true, .fresh = true};
 	const struct acut_job *job;
-	int status = ctl_connect(ctl), staging;
+	int status = session_connect(&ctl->session), staging;
 
 	if (status)
 		return status;
 	staging = ctl_stage(ctl, NULL, in, &staged);
-	if (staging == 0 || staging == CTL_SOME_REFUSED) {
+	if (staging == 0 || staging == SESSION_SOME_REFUSED) {
 		what.dataset = staged.dataset;
 		what.generation = staged.generation;
-		if (acut_submit_job(ctl->acut, &what, &job))
-			status = ctl_error_acut(ctl);
+		if (acut_submit_job(ctl->session.acut, &what, &job))
+			status = session_error_acut(&ctl->session);
 		else
 			status = ctl_output_fetch(ctl, job->id, run, &staged);
 	}
@@ -46,7 +46,7 @@ int ctl_mesh_run(struct program *ctl)
 		r = ctl_input_not_output(&in, &ctl->args, &err);
 	if (!r)
 		r = ctl_output_open(ctl, &run, &err);
-	status = r ? ctl_error(ctl, &err) : mesh(ctl, &in, view, run);
+	status = r ? session_error(&ctl->session, &err) : mesh(ctl, &in, view, run);
 	format_run_free(run);
 	ctl_input_done(&in);
 	free(view);

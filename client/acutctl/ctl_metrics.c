@@ -246,28 +246,29 @@ static int finish(struct program *ctl, struct gathering *g)
 	else if (ctl->args.textfile)
 		publish(g, ctl->args.textfile, &err);
 	else
-		write_all(g, ctl->console.report);
-	return err.code ? ctl_error(ctl, &err) : CTL_DONE;
+		write_all(g, ctl->session.console.report);
+	return err.code ? session_error(&ctl->session, &err) : SESSION_DONE;
 }
 
 int ctl_metrics_run(struct program *ctl)
 {
 	static const struct acut_metric down = {.name = "acut_up", .type = "gauge", .help = "1: acutd answers."};
 	struct gathering g = {.end = &g.first};
-	struct term_json j = {.out = ctl->console.report, .list = true};
+	struct term_json j = {.out = ctl->session.console.report, .list = true};
 	struct err err = ERR_INIT;
 	int status, told;
 
-	if (ctl->console.json && ctl->args.textfile) {
+	if (ctl->session.console.json && ctl->args.textfile) {
 		err_set(&err, ERR_USAGE, "--textfile writes the format of Prometheus, not JSON");
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
-	status = ctl_connect(ctl);
-	if (!status && acut_metrics(ctl->acut, ctl->console.json ? tell_json : gather, ctl->console.json ? (void *)&j : &g))
-		status = ctl_error_acut(ctl);
-	if (!status && !ctl->console.json)
+	status = session_connect(&ctl->session);
+	if (!status && acut_metrics(ctl->session.acut, ctl->session.console.json ? tell_json : gather,
+				    ctl->session.console.json ? (void *)&j : &g))
+		status = session_error_acut(&ctl->session);
+	if (!status && !ctl->session.console.json)
 		status = finish(ctl, &g);
-	else if (status && ctl->args.textfile && !ctl_signal_caught()) {
+	else if (status && ctl->args.textfile && !session_caught()) {
 		gathering_done(&g);
 		g = (struct gathering){.end = &g.first};
 		gather(&g, &down);

@@ -2,9 +2,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "clock.h"
 #include "ctl.h"
-#include "parse.h"
 
 #define AT(field) offsetof(struct program, field)
 
@@ -114,18 +112,20 @@ const struct cli_option ctl_options[] = {
 	{"keep", 0, "N", CLI_COUNT, AT(args.keep), CTL_DATASET, "prune: so many of the newest generations stay"},
 	{"before", 0, "GENERATION", CLI_COUNT, AT(args.before), CTL_DATASET, "prune: the generations before this one go"},
 
-	{"memory", 0, "SIZE", CLI_TEXT, AT(args.memory), CTL_OWN, "a daemon of this command's own, with this much memory"},
-	{"threads", 0, "N", CLI_TEXT, AT(args.threads), CTL_OWN, "the same, with this many threads"},
-	{"cache", 0, "FOLDER", CLI_TEXT, AT(args.cache), CTL_OWN, "the same, with this cache"},
-	{"disk", 0, "SIZE|N%", CLI_TEXT, AT(args.disk), CTL_OWN, "the same, which may hold so much on the disk"},
-	{"keep-free", 0, "SIZE|N%", CLI_TEXT, AT(args.keep_free), CTL_OWN, "the same, which leaves so much of the disk free"},
+	{"memory", 0, "SIZE", CLI_TEXT, AT(session.opt.memory), CTL_OWN, "a daemon of this command's own, with this much memory"},
+	{"threads", 0, "N", CLI_TEXT, AT(session.opt.threads), CTL_OWN, "the same, with this many threads"},
+	{"cache", 0, "FOLDER", CLI_TEXT, AT(session.opt.cache), CTL_OWN, "the same, with this cache"},
+	{"disk", 0, "SIZE|N%", CLI_TEXT, AT(session.opt.disk), CTL_OWN, "the same, which may hold so much on the disk"},
+	{"keep-free", 0, "SIZE|N%", CLI_TEXT, AT(session.opt.keep_free), CTL_OWN,
+	 "the same, which leaves so much of the disk free"},
 
-	{"socket", 0, "PATH", CLI_TEXT, AT(args.socket), CLI_ALL, "where the daemon listens"},
-	{"private", 0, NULL, CLI_FLAG, AT(args.own_private), CLI_ALL, "use the user's private daemon, start it if need be"},
-	{"timeout", 0, "TIME", CLI_SECONDS, AT(args.timeout), CLI_ALL, "end with status 124 after 90, 90s, 5m, 2h"},
-	{"json", 0, NULL, CLI_FLAG, AT(console.json), CLI_ALL, "results and errors as JSON"},
-	{"quiet", 'q', NULL, CLI_FLAG, AT(console.quiet), CLI_ALL, "say nothing but errors and what was asked for"},
-	{"no-progress", 0, NULL, CLI_FLAG, AT(console.no_progress), CLI_ALL, "no progress line"},
+	{"socket", 0, "PATH", CLI_TEXT, AT(session.opt.socket), CLI_ALL, "where the daemon listens"},
+	{"private", 0, NULL, CLI_FLAG, AT(session.opt.own_private), CLI_ALL,
+	 "use the user's private daemon, start it if need be"},
+	{"timeout", 0, "TIME", CLI_SECONDS, AT(session.opt.timeout), CLI_ALL, "end with status 124 after 90, 90s, 5m, 2h"},
+	{"json", 0, NULL, CLI_FLAG, AT(session.console.json), CLI_ALL, "results and errors as JSON"},
+	{"quiet", 'q', NULL, CLI_FLAG, AT(session.console.quiet), CLI_ALL, "say nothing but errors and what was asked for"},
+	{"no-progress", 0, NULL, CLI_FLAG, AT(session.console.no_progress), CLI_ALL, "no progress line"},
 	{"help", 'h', NULL, CLI_FLAG, 0, CLI_ALL, "what the command does"},
 };
 
@@ -137,29 +137,10 @@ static bool is_standard_output(const char *path)
 	return !strcmp(path, "/dev/stdout") || !strcmp(path, "/dev/fd/1") || !strcmp(path, "/proc/self/fd/1");
 }
 
-static int disk_limit(const char *option, const char *text, struct err *err)
-{
-	size_t n = strlen(text);
-	char digits[4] = "";
-	uint64_t v;
-
-	if (n > 1 && n <= 4 && text[n - 1] == '%') {
-		memcpy(digits, text, n - 1);
-		if (parse_u64(digits, &v) && v <= 100)
-			return 0;
-	}
-	if (parse_size(text, &v))
-		return 0;
-	err_set(err, ERR_USAGE, "%s is neither a size nor a percentage: \"%s\"", option, text);
-	return err_add_hint(err, "give a number with K, M or G, as in %s 20G, or as in %s 50%%", option, option);
-}
-
 /* Values that can be judged without knowing the command. */
 int ctl_option_check(struct program *ctl, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
-	uint64_t n;
-	int r = 0;
 
 	for (unsigned i = 0; i < a->out.n; i++)
 		if (is_standard_output(a->out.text[i]))
@@ -167,27 +148,5 @@ int ctl_option_check(struct program *ctl, struct err *err)
 	for (size_t i = 0; a->input_format && ctl_formats_input[i].name; i++)
 		if (ctl_formats_extension(&ctl_formats_input[i], a->input_format))
 			ctl->args.input_format = ctl_formats_input[i].name; /* laz is read as las */
-	if (a->timeout > 0)
-		ctl->deadline_ns = clock_mono_ns() + (uint64_t)(a->timeout * 1e9);
-	if (a->memory && (!parse_size(a->memory, &n) || n < 24u << 20)) {
-		err_set(err, ERR_USAGE, "--memory is not a size of at least 24M: \"%s\"", a->memory);
-		return err_add_hint(err, "give a number with K, M or G, as in --memory 256M");
-	}
-	if (a->threads)
-		r = cli_number("--threads", a->threads, 1, 1024, &n, err);
-	if (!r && a->disk)
-		r = disk_limit("--disk", a->disk, err);
-	if (!r && a->keep_free)
-		r = disk_limit("--keep-free", a->keep_free, err);
-	if (!r && a->own_private && (a->cache || a->disk || a->keep_free)) {
-		err_set(err, ERR_USAGE,
-			"--cache, --disk and --keep-free mean a daemon of the command's own, --private the one of the user");
-		r = err_add_hint(err, "leave out --private");
-	}
-	if (!r && (a->memory || a->threads || a->cache || a->disk || a->keep_free) && a->socket) {
-		err_set(err, ERR_USAGE,
-			"--memory, --threads, --cache, --disk and --keep-free mean a daemon of the command's own");
-		r = err_add_hint(err, "leave out --socket");
-	}
-	return r;
+	return session_check(&ctl->session, err);
 }

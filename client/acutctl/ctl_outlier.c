@@ -22,14 +22,14 @@ static void warn_edges(struct program *ctl, const struct format_report *out)
 		return;
 	if (out->long_share > LONG_SHARE)
 		console_warn(
-			&ctl->console,
+			&ctl->session.console,
 			"%.3g %% of the mesh's area are triangles with edges above %.3g, %d times the median; the longest edge is "
 			"%.6g: there are points far from the rest, or gaps that are bridged; --crop takes the part that is meant, "
 			"--max-edge LENGTH leaves such triangles out",
 			floor(1000 * out->long_share) / 10, FORMAT_LONG_EDGE * out->median_edge, FORMAT_LONG_EDGE,
 			out->longest_edge);
 	else if (gaps)
-		console_warn(&ctl->console,
+		console_warn(&ctl->session.console,
 			     "the longest edge is %.6g, %.0f times the median of %.3g: gaps are bridged; --max-edge LENGTH "
 			     "leaves such triangles out",
 			     out->longest_edge, out->longest_edge / out->median_edge, out->median_edge);
@@ -56,7 +56,7 @@ void ctl_outlier_most(struct program *ctl, const struct acut_report *p)
 		all += strcmp(p->removed[i].rule, "duplicate") ? 0 : p->removed[i].count;
 	if (p->window || !ctl_outlier_many(p->most_points, all, p->used))
 		return;
-	console_warn(&ctl->console,
+	console_warn(&ctl->session.console,
 		     "%s of %s points (%.3g %%) are at one position, %.15g %.15g: one vertex comes of them; if they are no "
 		     "measurements, leave them out with --crop or an option of the view (--not-class, --zmin)",
 		     term_count(p->most_points, count), term_count(all, points),

@@ -144,8 +144,8 @@ static int parse_length(const char *text, struct format_run_options *opt, struct
 static int parse_tile(struct program *ctl, struct format_run_options *opt, struct err *err)
 {
 	opt->tiled = true;
-	opt->interrupted = ctl_signal_interrupted;
-	opt->ctx = ctl;
+	opt->interrupted = session_interrupted;
+	opt->ctx = &ctl->session;
 	if (decimal_parse(ctl->args.tile, &opt->tile) && opt->tile.mantissa > 0)
 		return 0;
 	err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", ctl->args.tile);
@@ -283,7 +283,7 @@ static void report_json(struct program *ctl, const struct acut_job *job, const s
 			const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_u64(&j, "job", job->id);
@@ -315,8 +315,8 @@ static void report_json(struct program *ctl, const struct acut_job *job, const s
 	term_json_close(&j, ']');
 	ctl_job_notes(&j, p);
 	term_json_open(&j, "warnings", '[');
-	for (size_t i = 0; i < ctl->console.nwarning; i++)
-		term_json_text(&j, NULL, ctl->console.warning[i]);
+	for (size_t i = 0; i < ctl->session.console.nwarning; i++)
+		term_json_text(&j, NULL, ctl->session.console.warning[i]);
 	term_json_close(&j, ']');
 	term_json_close(&j, '}');
 	term_json_line(&j);
@@ -327,7 +327,8 @@ static void warn_no_tiles(struct program *ctl, const struct acut_report *p, cons
 	char count[32];
 
 	if (ctl->args.tile && !out->tiles && p->vertices)
-		console_warn(&ctl->console, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
+		console_warn(&ctl->session.console,
+			     "%s %s in no tile, since there are no triangles%s: without --tile they are written",
 			     term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
 			     p->triangles ? " but those that --max-edge leaves out" : "");
 }
@@ -339,12 +340,12 @@ static int publish(struct program *ctl, const struct acut_job *job, struct forma
 
 	format_run_about(run, job->id, job->dataset, job->generation);
 	if (format_run_publish(run, &err))
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	format_run_report(run, &out);
-	console_progress_clear(&ctl->console);
+	console_progress_clear(&ctl->session.console);
 	ctl_outlier_warn(ctl, &job->report, &out);
 	warn_no_tiles(ctl, &job->report, &out);
-	if (ctl->console.json)
+	if (ctl->session.console.json)
 		report_json(ctl, job, &out, staged);
 	else
 		ctl_summary(ctl, job, &out, staged);
@@ -355,7 +356,7 @@ static int publish(struct program *ctl, const struct acut_job *job, struct forma
 struct feed {
 	struct acut_mesh_sink sink;
 	struct format_run *run;
-	struct ctl_progress progress;
+	struct session_progress progress;
 	struct program *ctl;
 	struct err err; /* of saving */
 	bool part;      /* of a job's mesh only a window is fetched */
@@ -376,8 +377,8 @@ static int feed_save(struct feed *f)
 	size_t size;
 	int r;
 
-	if (acut_fetch_state(f->ctl->acut, &state, &size))
-		return ctl_error_from_acut(f->ctl->acut, NULL, &f->err);
+	if (acut_fetch_state(f->ctl->session.acut, &state, &size))
+		return session_failure(&f->ctl->session, NULL, &f->err);
 	r = format_run_save(f->run, state, size, &f->err);
 	free(state);
 	return r;
@@ -418,7 +419,7 @@ static void feed_progress(void *ctx, const struct acut_progress *now)
 {
 	struct feed *f = ctx;
 
-	ctl_progress_show(&f->progress, now);
+	session_progress_show(&f->progress, now);
 }
 
 /* These are of what came, or of what is there: going on would not mend them. */
@@ -436,17 +437,17 @@ static int feed_failed(struct feed *f, uint64_t id)
 	struct err err;
 	int status;
 
-	ctl_error_from_acut(ctl->acut, NULL, &err);
+	session_failure(&ctl->session, NULL, &err);
 	if (format_run_error(f->run)->code)
 		err = *format_run_error(f->run);
 	else if (f->err.code)
 		err = f->err;
 	else if (can_go_on(f, &err))
 		feed_save(f);
-	if (can_go_on(f, &err) && !err.hint[0] && ctl->console.json)
+	if (can_go_on(f, &err) && !err.hint[0] && ctl->session.console.json)
 		err_add_hint(&err, way, (unsigned long long)id);
-	status = ctl_error(ctl, &err);
-	if (can_go_on(f, &err) && !ctl->console.quiet && !ctl->console.json) {
+	status = session_error(&ctl->session, &err);
+	if (can_go_on(f, &err) && !ctl->session.console.quiet && !ctl->session.console.json) {
 		fprintf(stderr, "acutctl: ");
 		fprintf(stderr, way, (unsigned long long)id);
 		fputc('\n', stderr);
@@ -466,17 +467,17 @@ int ctl_output_fetch(struct program *ctl, uint64_t id, struct format_run *run, c
 	int r;
 
 	feed.part = !staged && (ctl->args.bbox || ctl->args.polygon);
-	ctl_progress_init(&feed.progress, ctl);
+	session_progress_init(&feed.progress, &ctl->session);
 	kept = format_run_kept(run, &size);
 	changes.mesh = sink;
 	changes.base = feed_base;
 	changes.gone = feed_gone;
 	if (ctl->args.since)
-		r = acut_fetch_changes(ctl->acut, id, ctl->args.since, &changes);
+		r = acut_fetch_changes(ctl->session.acut, id, ctl->args.since, &changes);
 	else
-		r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
+		r = kept ? acut_fetch_from(ctl->session.acut, kept, size, &sink) : acut_fetch(ctl->session.acut, id, &sink);
 	/* A window need not wait for the job. */
-	if (r || acut_job_wait(ctl->acut, id, !feed.part, NULL, NULL, &job))
+	if (r || acut_job_wait(ctl->session.acut, id, !feed.part, NULL, NULL, &job))
 		return feed_failed(&feed, id);
 	if (feed.part) {
 		part = *job;

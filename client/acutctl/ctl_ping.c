@@ -3,22 +3,23 @@
 
 int ctl_ping_run(struct program *ctl)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 	double seconds;
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (status)
 		return status;
-	if (acut_ping(ctl->acut, &seconds))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json) {
+	if (acut_ping(ctl->session.acut, &seconds))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
-		term_json_text(&j, "build", acut_daemon_build(ctl->acut));
+		term_json_text(&j, "build", acut_daemon_build(ctl->session.acut));
 		term_json_number(&j, "seconds", seconds);
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	} else {
-		console_line(&ctl->console, "acutd %s answered in %.3f ms", acut_daemon_build(ctl->acut), 1e3 * seconds);
+		console_line(&ctl->session.console, "acutd %s answered in %.3f ms", acut_daemon_build(ctl->session.acut),
+			     1e3 * seconds);
 	}
-	return CTL_DONE;
+	return SESSION_DONE;
 }

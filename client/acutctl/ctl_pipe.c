@@ -91,7 +91,7 @@ int ctl_pipe_look(struct program *ctl, struct ctl_input *in, struct err *err)
 	if (!in->head)
 		return err_set(err, ERR_NOMEM, "no memory to read a pipe");
 	while (n && in->nhead < 4) {
-		if (ctl_signal_interrupted(ctl))
+		if (session_interrupted(&ctl->session))
 			return err_set(err, ERR_CANCELLED, "interrupted");
 		if (poll(&from, 1, 100) <= 0)
 			continue;
@@ -120,12 +120,12 @@ int ctl_pipe_check(struct program *ctl, const struct ctl_input *in, struct err *
 	int fd = memfd_create("head", MFD_CLOEXEC);
 
 	if (fd < 0 || io_write_at(fd, in->head, whole_lines(in), 0, in->name, &why) ||
-	    (!ctl->acut && ctl_connect_try(ctl, &why))) {
+	    (!ctl->session.acut && session_connect_try(&ctl->session, &why))) {
 		io_close(fd);
 		return 0;
 	}
-	if (acut_info(ctl->acut, fd, in->name, NULL, ctl->args.columns, &probe))
-		ctl_error_from_acut(ctl->acut, in->name, &why);
+	if (acut_info(ctl->session.acut, fd, in->name, NULL, ctl->args.columns, &probe))
+		session_failure(&ctl->session, in->name, &why);
 	close(fd);
 	if (why.code != ERR_INPUT)
 		return 0;
@@ -140,7 +140,7 @@ int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct program 
 	int to;
 
 	if (acut_push_stream(push, in->name, &to))
-		return ctl_error_acut(ctl);
+		return session_error_acut(&ctl->session);
 	fflush(NULL);
 	in->copier = fork();
 	if (in->copier == 0)
@@ -149,7 +149,7 @@ int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct program 
 	if (in->copier > 0)
 		return 0;
 	err_sys(&err, errno, "no process to copy %s", in->name);
-	return ctl_error(ctl, &err);
+	return session_error(&ctl->session, &err);
 }
 
 int ctl_pipe_finish(struct ctl_input *in, struct err *err)
@@ -187,7 +187,7 @@ static int keep(struct program *ctl, const struct ctl_input *in, int to, struct 
 	else
 		io_write_at(to, in->head, in->nhead, 0, "a temporary file", err);
 	while (n && !err->code) {
-		if (ctl_signal_interrupted(ctl)) {
+		if (session_interrupted(&ctl->session)) {
 			err_set(err, ERR_CANCELLED, "interrupted");
 		} else if (poll(&from, 1, 100) > 0) {
 			n = read(in->fd, piece, PIECE);

@@ -7,7 +7,7 @@
 
 static void print(struct program *ctl, const struct acut_plan *p)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char a[32], b[32];
 
 	term_field(out, "points", "%s%s", p->exact ? "" : "at most ", term_count(p->points, a));
@@ -25,7 +25,7 @@ static void print(struct program *ctl, const struct acut_plan *p)
 
 static void print_json(struct program *ctl, const struct acut_plan *p)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "dataset", ctl->line.word[0]);
@@ -53,16 +53,16 @@ int ctl_plan_run(struct program *ctl)
 	int status;
 
 	if (ctl_view_text(&ctl->args, &view, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && acut_plan(ctl->acut, ctl->line.word[0], ctl->args.generation, view, &plan))
-		status = ctl_error_acut(ctl);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
+	if (!status && acut_plan(ctl->session.acut, ctl->line.word[0], ctl->args.generation, view, &plan))
+		status = session_error_acut(&ctl->session);
 	free(view);
 	if (status)
 		return status;
-	if (ctl->console.json)
+	if (ctl->session.console.json)
 		print_json(ctl, plan);
 	else
 		print(ctl, plan);
-	return CTL_DONE;
+	return SESSION_DONE;
 }

@@ -51,8 +51,9 @@ static bool is_tight(const struct room *room)
 static void room_text(struct program *ctl, const struct room *room, bool always)
 {
 	if (room->known && (always || is_tight(room)))
-		console_line(&ctl->console, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north",
-			     room->scale, room->left[0], room->left[1], room->left[2], room->left[3]);
+		console_line(&ctl->session.console,
+			     "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north", room->scale,
+			     room->left[0], room->left[1], room->left[2], room->left[3]);
 }
 
 /* A file without a point, in a push that made no generation for it. */
@@ -75,7 +76,7 @@ static void file_json(struct program *ctl, const struct ctl_staged *s, const str
 		      bool nothing, const char *const *moved_to)
 {
 	static const char *const state[] = {"staged", "known", "adopted", "refused"};
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", f->name);
@@ -124,19 +125,19 @@ static void file_text(struct program *ctl, const struct ctl_staged_file *f)
 	if (f->refused)
 		return;
 	if (f->known == ACUT_KNOWN)
-		console_line(&ctl->console, "%s: there already, skipped", f->name);
+		console_line(&ctl->session.console, "%s: there already, skipped", f->name);
 	else if (f->known)
-		console_line(&ctl->console, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
-			     term_count(f->points, a));
+		console_line(&ctl->session.console, "%s: %s points, taken up from the push that was interrupted, not read again",
+			     f->name, term_count(f->points, a));
 	else if (f->moved)
-		console_line(&ctl->console, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g",
+		console_line(&ctl->session.console, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g",
 			     f->name, term_count(f->points, a), term_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
 	else
-		console_line(&ctl->console, "%s: %s points", f->name, term_count(f->points, a));
+		console_line(&ctl->session.console, "%s: %s points", f->name, term_count(f->points, a));
 	if (f->overridden)
-		console_line(&ctl->console, "%s: overridden: its records say %s", f->name, f->overridden);
+		console_line(&ctl->session.console, "%s: overridden: its records say %s", f->name, f->overridden);
 	if (f->replaced)
-		console_line(&ctl->console, "%s: in place of %u file%s of the dataset", f->name, f->replaced,
+		console_line(&ctl->session.console, "%s: in place of %u file%s of the dataset", f->name, f->replaced,
 			     f->replaced == 1 ? "" : "s");
 }
 
@@ -160,25 +161,26 @@ int ctl_push_report(struct program *ctl, const struct ctl_staged *s, const char 
 	int status = 0;
 
 	/* what nobody reads is not asked for */
-	if (s->generation && (ctl->console.json || !ctl->console.quiet) &&
-	    acut_datasets(ctl->acut, s->dataset, measure_room, &room))
-		status = ctl_error_acut(ctl);
+	if (s->generation && (ctl->session.console.json || !ctl->session.console.quiet) &&
+	    acut_datasets(ctl->session.acut, s->dataset, measure_room, &room))
+		status = session_error_acut(&ctl->session);
 	for (size_t i = 0; i < s->nfile; i++) {
-		if (ctl->console.json)
+		if (ctl->session.console.json)
 			file_json(ctl, s, &s->file[i], &room, nothing, moved_to);
 		else
 			file_text(ctl, &s->file[i]);
 	}
 	if (nothing && s->generation)
-		console_line(&ctl->console, "%s: nothing to commit, no file brought a point: it stays at generation %llu",
+		console_line(&ctl->session.console, "%s: nothing to commit, no file brought a point: it stays at generation %llu",
 			     s->dataset, (unsigned long long)s->generation);
 	else if (nothing)
-		console_line(&ctl->console, "%s: nothing to commit, no file brought a point: there is no generation", s->dataset);
+		console_line(&ctl->session.console, "%s: nothing to commit, no file brought a point: there is no generation",
+			     s->dataset);
 	if (!s->generation || nothing)
 		return status;
 	ctl_height_text(ctl, s);
-	console_line(&ctl->console, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
-		     term_count(s->points, count), s->seconds);
+	console_line(&ctl->session.console, "%s: generation %llu, %s points, %.1f s", s->dataset,
+		     (unsigned long long)s->generation, term_count(s->points, count), s->seconds);
 	room_text(ctl, &room, !moved_to);
 	return status;
 }
@@ -191,18 +193,18 @@ int ctl_push_run(struct program *ctl)
 	int status;
 
 	if (ctl_push_check(ctl, &err))
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	if (ctl_input_gather(ctl, ctl->line.word + 1, ctl->line.nword - 1, &in, &err))
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	if (ctl->args.replaces && in.n != 1) {
 		err_set(&err, ERR_USAGE, "--replaces is about one input, there are %zu", in.n);
 		ctl_input_done(&in);
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
-	status = ctl_connect(ctl);
+	status = session_connect(&ctl->session);
 	if (!status) {
 		status = ctl_stage(ctl, ctl->line.word[0], &in, &staged);
-		if (status == 0 || status == CTL_SOME_REFUSED) {
+		if (status == 0 || status == SESSION_SOME_REFUSED) {
 			int told = ctl_push_report(ctl, &staged, NULL);
 
 			status = told ? told : status;

@@ -3,18 +3,18 @@
 
 static int rm(struct program *ctl, uint64_t id)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
-	if (acut_job_remove(ctl->acut, id))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json) {
+	if (acut_job_remove(ctl->session.acut, id))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "job", id);
 		term_json_bool(&j, "removed", true);
 		term_json_close(&j, '}');
 		term_json_line(&j);
 	}
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
 int ctl_rm_run(struct program *ctl)

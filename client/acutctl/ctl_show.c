@@ -37,7 +37,7 @@ static void show_report(FILE *out, const struct acut_report *p)
 
 static void show_text(struct program *ctl, const struct acut_job *job)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char a[32];
 
 	term_field(out, "job", "%" PRIu64, job->id);
@@ -66,15 +66,15 @@ int ctl_show_run(struct program *ctl)
 	int status;
 
 	if (ctl_job_id(ctl->line.word[0], &id, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
+		return session_error(&ctl->session, &err);
+	status = session_connect(&ctl->session);
 	if (status)
 		return status;
-	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json)
+	if (acut_job_wait(ctl->session.acut, id, false, NULL, NULL, &job))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json)
 		ctl_job_json(ctl, job);
 	else
 		show_text(ctl, job);
-	return CTL_DONE;
+	return SESSION_DONE;
 }

@@ -22,7 +22,7 @@ struct staging {
 	struct ctl_staged *ret;
 	struct acut_push *push;
 	struct ctl_assume assume;
-	struct ctl_progress progress;
+	struct session_progress progress;
 	bool named; /* a dataset that stays: it wants to know who the inputs are */
 	bool cut;   /* the only input broke off with the connection it came over */
 	int status; /* of what ended it, told already */
@@ -34,18 +34,18 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 {
 	struct program *ctl = s->ctl;
 
-	if (ctl_signal_interrupted(ctl) || !refusal)
-		return ctl_error(ctl, err);
+	if (session_interrupted(&ctl->session) || !refusal)
+		return session_error(&ctl->session, err);
 	s->in->input[i].refused = true;
 	ctl_archive_drop(&s->in->input[i]);
 	s->ret->file[i].refused = true;
 	s->ret->file[i].err = *err;
 	s->ret->refused++;
 	if (ctl->args.strict) {
-		ctl_error(ctl, err);
+		session_error(&ctl->session, err);
 		return 1;
 	}
-	ctl_refusal(ctl, err);
+	session_refusal(&ctl->session, err);
 	return 0;
 }
 
@@ -56,7 +56,7 @@ static int told(struct staging *s, size_t i, const struct acut_failure *why)
 	struct err err = ERR_INIT;
 	bool refusal;
 
-	ctl_error_from_failure(why, &err);
+	session_failure_of(why, &err);
 	refusal = is_refusal(err.code) && strcmp(err.field, "push") != 0;
 	if (refusal)
 		err_add_file(&err, s->in->input[i].name);
@@ -102,7 +102,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 	if (p->warning[0]) {
 		free(to->warning);
 		to->warning = strdup(p->warning);
-		console_warn(&s->ctl->console, "%s: %s", s->in->input[i].name, p->warning);
+		console_warn(&s->ctl->session.console, "%s: %s", s->in->input[i].name, p->warning);
 	}
 	return 0;
 }
@@ -116,7 +116,7 @@ static void take_warning(struct staging *s, size_t i, const char *text)
 
 	more += strncmp(more, "; ", 2) ? 0 : 2;
 	if (*more)
-		console_warn(&s->ctl->console, "%s: %s", s->in->input[i].name, more);
+		console_warn(&s->ctl->session.console, "%s: %s", s->in->input[i].name, more);
 	if (*text) {
 		free(to->warning);
 		to->warning = strdup(text);
@@ -132,7 +132,7 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 	if (why)
 		return s->status = told(s, i, why);
 	if (ctl_pipe_finish(&s->in->input[i], &err))
-		return s->status = ctl_error(s->ctl, &err);
+		return s->status = session_error(&s->ctl->session, &err);
 	ctl_archive_drop(&s->in->input[i]);
 	to->points = f->points;
 	to->moved = f->moved;
@@ -161,7 +161,7 @@ static int each_file(struct staging *s, bool probe)
 	int r = probe ? acut_push_probe_each(s->push, s->in->n, &each) : acut_push_file_each(s->push, s->in->n, &each);
 
 	if (r && !s->status)
-		s->status = ctl_error_acut(s->ctl);
+		s->status = session_error_acut(&s->ctl->session);
 	for (size_t i = 0; i < s->in->n; i++) {
 		if (!s->in->input[i].refused)
 			left++;
@@ -171,8 +171,8 @@ static int each_file(struct staging *s, bool probe)
 	if (s->status || left)
 		return s->status;
 	/* nothing good: the first refusal is the command's failure */
-	if (s->ctl->console.json && !s->in->each)
-		ctl_error(s->ctl, &s->ret->file[first].err);
+	if (s->ctl->session.console.json && !s->in->each)
+		session_error(&s->ctl->session, &s->ret->file[first].err);
 	return err_exit_status(s->ret->file[first].err.code);
 }
 
@@ -193,13 +193,13 @@ static int begin(struct staging *s, const char *dataset)
 					.replace = a->replace,
 					.replaces = a->replaces,
 					.crop = s->in->crop,
-					.progress = ctl_progress_show,
+					.progress = session_progress_show,
 					.ctx = &s->progress};
 	struct decimal d;
 	struct err err = ERR_INIT;
 
 	if (ctl_assume_read(a, &s->assume, &err))
-		return ctl_error(s->ctl, &err);
+		return session_error(&s->ctl->session, &err);
 	ctl_assume_options(&s->assume, &opt);
 	if (a->scale) {
 		snprintf(scale, sizeof(scale), "%s", a->scale);
@@ -209,7 +209,7 @@ static int begin(struct staging *s, const char *dataset)
 		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
 		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
 			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
-			return ctl_error(s->ctl, &err);
+			return session_error(&s->ctl->session, &err);
 		}
 		opt.scale_xy = scale;
 		opt.scale_z = comma;
@@ -221,11 +221,12 @@ static int begin(struct staging *s, const char *dataset)
 			return status;
 		opt.geoid = geoid;
 	}
-	if (acut_decimal_comma(s->ctl->acut, a->decimal_comma) || (a->mode && acut_dataset_mode(s->ctl->acut, a->mode)) ||
-	    acut_push_begin(s->ctl->acut, &opt, &s->push))
-		return ctl_error_acut(s->ctl);
+	if (acut_decimal_comma(s->ctl->session.acut, a->decimal_comma) ||
+	    (a->mode && acut_dataset_mode(s->ctl->session.acut, a->mode)) ||
+	    acut_push_begin(s->ctl->session.acut, &opt, &s->push))
+		return session_error_acut(&s->ctl->session);
 	if (*acut_push_note(s->push))
-		console_line(&s->ctl->console, "%s: %s", dataset, acut_push_note(s->push));
+		console_line(&s->ctl->session.console, "%s: %s", dataset, acut_push_note(s->push));
 	return 0;
 }
 
@@ -234,7 +235,7 @@ static int keep(struct staging *s, struct ctl_input *in)
 {
 	struct err err = ERR_INIT;
 
-	return ctl_pipe_keep(s->ctl, in, &in->kept, &err) ? ctl_error(s->ctl, &err) : 0;
+	return ctl_pipe_keep(s->ctl, in, &in->kept, &err) ? session_error(&s->ctl->session, &err) : 0;
 }
 
 static int start_pipes(struct staging *s)
@@ -255,7 +256,7 @@ static int commit(struct staging *s)
 	const struct acut_push_result *result;
 
 	if (acut_push_commit(s->push, &result))
-		return ctl_error_acut(s->ctl);
+		return session_error_acut(&s->ctl->session);
 	snprintf(s->ret->dataset, sizeof(s->ret->dataset), "%s", result->dataset);
 	s->ret->generation = result->generation;
 	s->ret->points = result->points;
@@ -272,12 +273,12 @@ static int whole(struct staging *s)
 
 	for (size_t i = 0; i < s->in->n; i++)
 		piped |= s->in->input[i].fd >= 0;
-	if (!piped || !ctl_signal_cut_off())
+	if (!piped || !session_cut_off())
 		return 0;
 	s->cut = s->in->n == 1; /* what came is of no use */
 	err_set(&err, ERR_TRUNCATED, "the connection that it came over is gone, so that it may not be whole; nothing was taken");
 	err_add_file(&err, "standard input");
-	return ctl_error(s->ctl, &err);
+	return session_error(&s->ctl->session, &err);
 }
 
 int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
@@ -292,11 +293,11 @@ int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, s
 	ret->file = calloc(in->n, sizeof(*ret->file));
 	if (!ret->file) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu inputs", in->n);
-		return ctl_error(ctl, &err);
+		return session_error(&ctl->session, &err);
 	}
 	for (size_t i = 0; i < in->n; i++)
 		ret->file[i].name = in->input[i].name;
-	ctl_progress_init(&s.progress, ctl);
+	session_progress_init(&s.progress, &ctl->session);
 	status = begin(&s, dataset);
 	if (!status)
 		status = start_pipes(&s);
@@ -304,11 +305,11 @@ int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, s
 		status = each_file(&s, true);
 	if (!status && ret->known + ret->refused < in->n) {
 		if (acut_push_plan(s.push, &lattice)) {
-			status = ctl_error_acut(ctl);
+			status = session_error_acut(&ctl->session);
 		} else {
 			ctl_height_planned(ctl, acut_push_planned(s.push), ret);
 			if (*acut_push_planned(s.push)->note)
-				console_warn(&ctl->console, "%s", acut_push_planned(s.push)->note);
+				console_warn(&ctl->session.console, "%s", acut_push_planned(s.push)->note);
 			if (acut_push_first(s.push))
 				ctl_assume_warn(ctl, &s.assume);
 		}
@@ -321,14 +322,14 @@ int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, s
 		status = commit(&s);
 	/* on the way into a named dataset what is there whole stays, for the same push again; --strict and a manifest
 	 * keep nothing, nor does a stream that broke off */
-	if (dataset && !s.cut && (ctl_signal_caught() || !(ctl->args.strict || ctl->args.manifest)))
+	if (dataset && !s.cut && (session_caught() || !(ctl->args.strict || ctl->args.manifest)))
 		acut_push_leave(s.push);
 	else
 		acut_push_end(s.push);
 	ctl_assume_done(&s.assume);
-	console_progress_clear(&ctl->console);
+	console_progress_clear(&ctl->session.console);
 	ret->seconds = clock_since(start);
-	return status ? status : ret->refused ? CTL_SOME_REFUSED : 0;
+	return status ? status : ret->refused ? SESSION_SOME_REFUSED : 0;
 }
 
 void ctl_stage_done(struct ctl_staged *s)

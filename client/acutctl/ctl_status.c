@@ -109,7 +109,7 @@ static void print_tables(FILE *out, const struct acut_status *s)
 
 static void print(struct program *ctl, const struct acut_status *s)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 	char a[32], b[32], c[32];
 	uint64_t sum = 0;
 
@@ -160,7 +160,7 @@ static void print_json_holders(struct term_json *j, const struct acut_status *s)
 
 static void print_json(struct program *ctl, const struct acut_status *s)
 {
-	struct term_json j = {.out = ctl->console.report};
+	struct term_json j = {.out = ctl->session.console.report};
 
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "version", s->version);
@@ -198,15 +198,15 @@ static void print_json(struct program *ctl, const struct acut_status *s)
 int ctl_status_run(struct program *ctl)
 {
 	const struct acut_status *s;
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
 	if (status)
 		return status;
-	if (acut_status(ctl->acut, &s))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json)
+	if (acut_status(ctl->session.acut, &s))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json)
 		print_json(ctl, s);
 	else
 		print(ctl, s);
-	return CTL_DONE;
+	return SESSION_DONE;
 }

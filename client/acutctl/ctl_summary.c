@@ -42,7 +42,7 @@ static void inputs_text(struct program *ctl, const struct ctl_staged *staged)
 		n++;
 	}
 	if (n)
-		console_line(&ctl->console, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s",
+		console_line(&ctl->session.console, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s",
 			     term_count(read, a), term_count(bytes, b));
 	ctl_assume_text(ctl, staged);
 }
@@ -52,14 +52,14 @@ static void changes_text(struct program *ctl, const struct format_changes *c)
 	char a[32], b[32], d[32];
 
 	if (!c->gone && !c->new_regions)
-		console_line(&ctl->console, "nothing has changed since generation %llu: all %s region%s",
+		console_line(&ctl->session.console, "nothing has changed since generation %llu: all %s region%s",
 			     (unsigned long long)ctl->args.since, term_count(c->kept, a), c->kept == 1 ? " holds" : "s hold");
 	else
-		console_line(&ctl->console, "since generation %llu: %s region%s gone, with %s triangles; %s hold%s",
+		console_line(&ctl->session.console, "since generation %llu: %s region%s gone, with %s triangles; %s hold%s",
 			     (unsigned long long)ctl->args.since, term_count(c->gone, a), c->gone == 1 ? " is" : "s are",
 			     term_count(c->gone_triangles, b), term_count(c->kept, d), c->kept == 1 ? "s" : "");
 	if (c->new_regions)
-		console_line(&ctl->console, "  new: %s region%s, with %s triangles", term_count(c->new_regions, a),
+		console_line(&ctl->session.console, "  new: %s region%s, with %s triangles", term_count(c->new_regions, a),
 			     c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
 }
 
@@ -69,10 +69,12 @@ static void left_out_text(struct program *ctl, const struct format_report *out)
 
 	term_count(out->left_out, count);
 	if (isnan(out->left_out_area))
-		console_line(&ctl->console, "%s triangles with edges longer than %s were left out", count, ctl->args.max_edge);
+		console_line(&ctl->session.console, "%s triangles with edges longer than %s were left out", count,
+			     ctl->args.max_edge);
 	else
-		console_line(&ctl->console, "%s triangles with edges longer than %s were left out, an area of %.6g square %s",
-			     count, ctl->args.max_edge, out->left_out_area,
+		console_line(&ctl->session.console,
+			     "%s triangles with edges longer than %s were left out, an area of %.6g square %s", count,
+			     ctl->args.max_edge, out->left_out_area,
 			     !strcmp(out->unit_xy, "metre") ? "metres" :
 			     !strcmp(out->unit_xy, "foot")  ? "feet" :
 							      "US survey feet");
@@ -155,7 +157,7 @@ static void times(FILE *out, const struct acut_report *p, const struct ctl_stage
 	if (seconds < 60)
 		snprintf(all, sizeof(all), "%.1f s", seconds);
 	else
-		ctl_progress_time(seconds, all);
+		session_progress_time(seconds, all);
 	if (staged)
 		term_field(out, "time", "%s: reading %.1f s, meshing %.1f s%s", all, p->stage_seconds, p->seconds, text);
 	else
@@ -190,9 +192,9 @@ static void mesh(FILE *out, const struct acut_report *p)
 static void page(struct program *ctl, const struct acut_job *job, const struct format_report *f, const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 
-	if (ctl->console.quiet)
+	if (ctl->session.console.quiet)
 		return;
 	files(ctl, out, f);
 	if (ctl->args.since)
@@ -207,7 +209,7 @@ static void page(struct program *ctl, const struct acut_job *job, const struct f
 	times(out, p, staged);
 	term_field(out, "digest", "%s", p->digest);
 	inputs_text(ctl, staged);
-	console_note(&ctl->console, "%s", p->note);
+	console_note(&ctl->session.console, "%s", p->note);
 }
 
 /* ---- anywhere else ---- */
@@ -222,30 +224,31 @@ static void lines(struct program *ctl, const struct acut_job *job, const struct 
 
 	for (unsigned i = 0; i < ctl->args.out.n; i++)
 		if (ctl->args.tile)
-			console_line(&ctl->console, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s",
+			console_line(&ctl->session.console, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s",
 				     term_count(out->tiles, a), out->tiles == 1 ? "" : "s", ctl->args.out.text[i]);
 		else if (strcmp(ctl->args.out.text[i], "-"))
-			console_line(&ctl->console, "wrote %s", ctl->args.out.text[i]);
+			console_line(&ctl->session.console, "wrote %s", ctl->args.out.text[i]);
 	if (ctl->args.since)
 		changes_text(ctl, &out->changes);
 	if (p->window)
-		console_line(&ctl->console, "%s points read: %s vertices", term_count(p->points, b), term_count(p->vertices, c));
-	else
-		console_line(&ctl->console, "%s points used of %s: %s vertices", term_count(p->used, a), term_count(p->points, b),
+		console_line(&ctl->session.console, "%s points read: %s vertices", term_count(p->points, b),
 			     term_count(p->vertices, c));
+	else
+		console_line(&ctl->session.console, "%s points used of %s: %s vertices", term_count(p->used, a),
+			     term_count(p->points, b), term_count(p->vertices, c));
 	inputs_text(ctl, staged);
 	if (moved)
-		console_line(&ctl->console, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a),
-			     shift[0], shift[1], shift[2]);
+		console_line(&ctl->session.console, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g",
+			     term_count(moved, a), shift[0], shift[1], shift[2]);
 	if (staged)
 		ctl_height_text(ctl, staged);
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
-			console_line(&ctl->console, "  left out by %s: %s", p->removed[i].rule,
+			console_line(&ctl->session.console, "  left out by %s: %s", p->removed[i].rule,
 				     term_count(p->removed[i].count, a));
-	console_line(&ctl->console, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a),
+	console_line(&ctl->session.console, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a),
 		     ctl_job_domains(p, b, sizeof b), p->seconds, p->digest);
-	console_note(&ctl->console, "%s", p->note);
+	console_note(&ctl->session.console, "%s", p->note);
 	if (ctl->args.max_edge)
 		left_out_text(ctl, out);
 }
@@ -253,7 +256,7 @@ static void lines(struct program *ctl, const struct acut_job *job, const struct 
 void ctl_summary(struct program *ctl, const struct acut_job *job, const struct format_report *out,
 		 const struct ctl_staged *staged)
 {
-	if (term_of(ctl->console.report).on)
+	if (term_of(ctl->session.console.report).on)
 		page(ctl, job, out, staged);
 	else
 		lines(ctl, job, out, staged);
@@ -261,9 +264,9 @@ void ctl_summary(struct program *ctl, const struct acut_job *job, const struct f
 
 void ctl_summary_job(struct program *ctl, const struct acut_job *job)
 {
-	FILE *out = ctl->console.report;
+	FILE *out = ctl->session.console.report;
 
-	if (ctl->console.quiet || ctl->console.json || !job->has_report || job->has_error || !term_of(out).on)
+	if (ctl->session.console.quiet || ctl->session.console.json || !job->has_report || job->has_error || !term_of(out).on)
 		return;
 	points(ctl, out, &job->report, NULL);
 	mesh(out, &job->report);

@@ -5,22 +5,22 @@
 static void changed(void *ctx, const struct acut_job *job)
 {
 	if (!job->final)
-		ctl_progress_show(ctx, &job->progress);
+		session_progress_show(ctx, &job->progress);
 }
 
 static int wait_one(struct program *ctl, uint64_t id)
 {
-	struct ctl_progress progress;
+	struct session_progress progress;
 	const struct acut_job *job;
 
-	ctl_progress_init(&progress, ctl);
-	if (acut_job_wait(ctl->acut, id, true, changed, &progress, &job))
-		return ctl_error_acut(ctl);
-	console_progress_clear(&ctl->console);
-	if (!ctl->console.quiet || ctl->console.json)
+	session_progress_init(&progress, &ctl->session);
+	if (acut_job_wait(ctl->session.acut, id, true, changed, &progress, &job))
+		return session_error_acut(&ctl->session);
+	console_progress_clear(&ctl->session.console);
+	if (!ctl->session.console.quiet || ctl->session.console.json)
 		ctl_job_print(ctl, job);
-	if (ctl->console.json)
-		return job->has_error ? job->error.exit_status : CTL_DONE;
+	if (ctl->session.console.json)
+		return job->has_error ? job->error.exit_status : SESSION_DONE;
 	if (job->has_report)
 		ctl_outlier_most(ctl, &job->report);
 	return ctl_job_status(ctl, job);
@@ -28,6 +28,6 @@ static int wait_one(struct program *ctl, uint64_t id)
 
 int ctl_wait_run(struct program *ctl)
 {
-	ctl->for_reader = true;
+	ctl->session.for_reader = true;
 	return ctl_job_each(ctl, wait_one);
 }

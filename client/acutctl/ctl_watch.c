@@ -14,10 +14,10 @@ static int watch_one(struct program *ctl, uint64_t id)
 {
 	const struct acut_job *job;
 
-	if (acut_job_wait(ctl->acut, id, true, changed, ctl, &job))
-		return ctl_error_acut(ctl);
-	if (ctl->console.json)
-		return job->has_error ? job->error.exit_status : CTL_DONE;
+	if (acut_job_wait(ctl->session.acut, id, true, changed, ctl, &job))
+		return session_error_acut(&ctl->session);
+	if (ctl->session.console.json)
+		return job->has_error ? job->error.exit_status : SESSION_DONE;
 	return ctl_job_status(ctl, job);
 }
 
@@ -69,14 +69,14 @@ static int watch_all(struct program *ctl)
 
 	do {
 		w.open = 0;
-		if (acut_jobs(ctl->acut, look, &w))
-			status = ctl_error_acut(ctl);
+		if (acut_jobs(ctl->session.acut, look, &w))
+			status = session_error_acut(&ctl->session);
 		w.first = false;
 		if (!status && w.open)
 			nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
-		if (!status && ctl_signal_interrupted(ctl)) {
+		if (!status && session_interrupted(&ctl->session)) {
 			err_set(&err, ERR_CANCELLED, "interrupted");
-			status = ctl_error(ctl, &err);
+			status = session_error(&ctl->session, &err);
 		}
 	} while (!status && w.open);
 	free(w.seen);
@@ -87,9 +87,9 @@ int ctl_watch_run(struct program *ctl)
 {
 	int status;
 
-	ctl->for_reader = true;
+	ctl->session.for_reader = true;
 	if (ctl->line.nword)
 		return ctl_job_each(ctl, watch_one);
-	status = ctl_connect(ctl);
+	status = session_connect(&ctl->session);
 	return status ? status : watch_all(ctl);
 }

@@ -11,7 +11,7 @@
 int main(int argc, char **argv)
 {
 	const struct cli cli = ctl_cli();
-	struct program ctl = {.console = {.program = "acutctl", .report = stdout, .keeps_warnings = true}};
+	struct program ctl = {.session.console = {.program = "acutctl", .report = stdout, .keeps_warnings = true}};
 	struct err err = ERR_INIT;
 	int status;
 
@@ -19,10 +19,10 @@ int main(int argc, char **argv)
 	/* Messages come and go by the thousand: the heap does not give back each at once. */
 	mallopt(M_TRIM_THRESHOLD, 4 << 20);
 	mallopt(M_TOP_PAD, 256 << 10);
-	ctl_signal_init(&ctl);
+	session_begin(&ctl.session);
 	if (argc >= 3 && !strcmp(argv[1], "complete")) {
 		status = ctl_complete(&cli, argc, argv, &ctl);
-		ctl_disconnect(&ctl);
+		session_disconnect(&ctl.session);
 		return status;
 	}
 	status = cli_parse(&cli, argc, argv, &ctl, &ctl.line, &err);
@@ -30,15 +30,17 @@ int main(int argc, char **argv)
 		status = ctl_option_check(&ctl, &err);
 	for (unsigned i = 0; i < ctl.args.out.n; i++)
 		if (!strcmp(ctl.args.out.text[i], "-")) {
-			ctl.console.report = stderr;
-			ctl.for_reader = ctl.args.out.n == 1;
+			ctl.session.console.report = stderr;
+			ctl.session.for_reader = ctl.args.out.n == 1;
 		}
+	ctl.session.writes = ctl.args.out.n > 0;
+	ctl.session.starts = ctl.line.command && ctl.line.command->groups & CTL_OWN;
 	if (!status)
 		status = cli_run(&cli, &ctl.line, &ctl, stdout, &err);
 	if (status < 0)
-		status = ctl_error(&ctl, &err);
-	ctl_refusals_end(&ctl, status);
-	ctl_disconnect(&ctl);
+		status = session_error(&ctl.session, &err);
+	session_refusals_end(&ctl.session, status);
+	session_disconnect(&ctl.session);
 	cli_done(&ctl.line);
-	return console_end(&ctl.console, ctl.out_closed ? CONSOLE_PIPE : status);
+	return console_end(&ctl.session.console, ctl.session.out_closed ? CONSOLE_PIPE : status);
 }

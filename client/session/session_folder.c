@@ -1,18 +1,16 @@
 /*
- * The user's folders, by the XDG rules, and the making and removing of folders.
+ * The user's folders, by the XDG rules.
  */
-#include <dirent.h>
 #include <errno.h>
-#include <fcntl.h>
 #include <pwd.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "ctl.h"
+#include "session_priv.h"
 
-int ctl_folder_make(const char *path, struct err *err)
+int session_folder_make(const char *path, struct err *err)
 {
 	char part[4096];
 	size_t n = strlen(path);
@@ -58,15 +56,15 @@ static int xdg(const char *variable, const char *rest, char *buf, size_t size, s
 	}
 	if (n < 0 || (size_t)n >= size)
 		return err_set(err, ERR_IO, "the name of the folder for %s is too long", rest);
-	return ctl_folder_make(buf, err);
+	return session_folder_make(buf, err);
 }
 
-int ctl_folder_state(char *buf, size_t size, struct err *err)
+int session_folder_state(char *buf, size_t size, struct err *err)
 {
 	return xdg("XDG_STATE_HOME", ".local/state", buf, size, err);
 }
 
-int ctl_folder_cache(char *buf, size_t size, struct err *err)
+int session_folder_cache(char *buf, size_t size, struct err *err)
 {
 	return xdg("XDG_CACHE_HOME", ".cache", buf, size, err);
 }
@@ -88,7 +86,7 @@ static int check_own(const char *path, struct err *err)
 	return 0;
 }
 
-int ctl_folder_runtime(char *buf, size_t size, struct err *err)
+int session_folder_runtime(char *buf, size_t size, struct err *err)
 {
 	const char *base = getenv("XDG_RUNTIME_DIR");
 	int n, r;
@@ -100,35 +98,6 @@ int ctl_folder_runtime(char *buf, size_t size, struct err *err)
 		n = snprintf(buf, size, "/tmp/acut-%u", (unsigned)getuid());
 	if (n < 0 || (size_t)n >= size)
 		return err_set(err, ERR_IO, "the name of the folder for sockets is too long");
-	r = ctl_folder_make(buf, err);
+	r = session_folder_make(buf, err);
 	return r ? r : check_own(buf, err);
-}
-
-static void remove_in(int dirfd, const char *name, unsigned depth)
-{
-	int fd = openat(dirfd, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-	DIR *d = fd < 0 ? NULL : fdopendir(fd);
-	struct dirent *e;
-
-	if (fd < 0) {
-		unlinkat(dirfd, name, 0);
-		return;
-	}
-	if (!d) {
-		close(fd);
-		return;
-	}
-	while ((e = readdir(d))) {
-		if (!strcmp(e->d_name, ".") || !strcmp(e->d_name, ".."))
-			continue;
-		if (unlinkat(fd, e->d_name, 0) && depth < 16)
-			remove_in(fd, e->d_name, depth + 1);
-	}
-	closedir(d);
-	unlinkat(dirfd, name, AT_REMOVEDIR);
-}
-
-void ctl_folder_remove(const char *path)
-{
-	remove_in(AT_FDCWD, path, 0);
 }

@@ -26,37 +26,20 @@
 #include <unistd.h>
 
 #include "clock.h"
-#include "ctl.h"
+#include "session_priv.h"
+#include "io.h"
 #include "parse.h"
 
 #define FOLDER 3072
 #define END_SECONDS 20 /* for a daemon to park its work */
 #define TRIES 50       /* a fifth of a second each, for the daemon before this one to let go of its folders */
 
-struct ctl_daemon {
+struct session_daemon {
 	char folder[FOLDER], log[FOLDER + 16];
 	int pid, lock_fd;
 };
 
-static struct acut_options options_of(struct program *ctl)
-{
-	return (struct acut_options){.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
-}
-
-static int attach(struct program *ctl, int fd, struct err *err)
-{
-	const struct acut_options opt = options_of(ctl);
-	int r = acut_attach(fd, &opt, &ctl->acut);
-
-	if (!r)
-		return 0;
-	*err = ERR_INIT;
-	ctl_error_from_acut(ctl->acut, NULL, err);
-	ctl->acut = acut_close(ctl->acut);
-	return -(int)err->code;
-}
-
-static int take_lock(const char *path, struct program *ctl, int *ret_fd, struct err *err)
+static int take_lock(const char *path, struct session *session, int *ret_fd, struct err *err)
 {
 	int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
 
@@ -70,7 +53,7 @@ static int take_lock(const char *path, struct program *ctl, int *ret_fd, struct 
 			close(fd);
 			return err_add_file(err, path);
 		}
-		if (ctl_signal_interrupted(ctl)) {
+		if (session_interrupted(session)) {
 			close(fd);
 			return err_set(err, ERR_CANCELLED, "interrupted");
 		}
@@ -92,7 +75,7 @@ static int explain(const char *log, int pid, struct err *err)
 		nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
 		r = waitpid(pid, &status, WNOHANG);
 	}
-	ctl_spawn_last_words(log, words, sizeof(words));
+	session_spawn_last_line(log, words, sizeof(words));
 	if (r != pid || !words[0])
 		return -(int)err->code;
 	*err = ERR_INIT;
@@ -103,21 +86,21 @@ static int explain(const char *log, int pid, struct err *err)
 		       "the private daemon did not start: %s", words);
 }
 
-static int start_shared(const struct ctl_args *a, const char *socket, const char *log, int *ret_pid, struct err *err)
+static int start_shared(const struct session_options *a, const char *socket, const char *log, int *ret_pid, struct err *err)
 {
 	char state[FOLDER], cache[FOLDER];
-	struct ctl_spawn s = {
+	struct session_spawn s = {
 		.state = state, .cache = cache, .memory = a->memory, .threads = a->threads, .log = log, .lock_fd = -1};
-	int r = ctl_folder_state(state, sizeof(state), err);
+	int r = session_folder_state(state, sizeof(state), err);
 
 	if (!r)
-		r = ctl_folder_cache(cache, sizeof(cache), err);
+		r = session_folder_cache(cache, sizeof(cache), err);
 	if (!r)
-		r = ctl_spawn_listen(socket, &s.socket_fd, err);
+		r = session_spawn_listen(socket, &s.socket_fd, err);
 	if (r)
 		return r;
 	unlink(log);
-	r = ctl_spawn_daemon(&s, ret_pid, err);
+	r = session_spawn_daemon(&s, ret_pid, err);
 	close(s.socket_fd);
 	if (r)
 		unlink(socket);
@@ -125,20 +108,20 @@ static int start_shared(const struct ctl_args *a, const char *socket, const char
 }
 
 /* One try, under the lock. *ret_pid: the daemon if it was started here. */
-static int shared_try(struct program *ctl, const char *socket, const char *log, int *ret_pid, struct err *err)
+static int shared_try(struct session *session, const char *socket, const char *log, int *ret_pid, struct err *err)
 {
 	char lock[FOLDER + 32];
 	int lock_fd = -1, fd = -1, r;
 
 	snprintf(lock, sizeof(lock), "%s.lock", socket);
-	r = take_lock(lock, ctl, &lock_fd, err);
+	r = take_lock(lock, session, &lock_fd, err);
 	if (r)
 		return r;
-	r = ctl_spawn_connect(socket, &fd);
+	r = session_spawn_connect(socket, &fd);
 	if (r == -ECONNREFUSED || r == -ENOENT) {
-		r = start_shared(&ctl->args, socket, log, ret_pid, err);
+		r = start_shared(&session->opt, socket, log, ret_pid, err);
 		if (!r)
-			r = ctl_spawn_connect(socket, &fd);
+			r = session_spawn_connect(socket, &fd);
 	}
 	if (r && !err->code) {
 		err_sys(err, -r, "the private daemon cannot be reached");
@@ -147,7 +130,7 @@ static int shared_try(struct program *ctl, const char *socket, const char *log, 
 	close(lock_fd);
 	if (r)
 		return -(int)err->code;
-	r = attach(ctl, fd, err);
+	r = session_attach(session, fd, err);
 	/* One that was told to end has still let us in: it is as if it were gone already. */
 	if (r == -ERR_NODAEMON && !*ret_pid)
 		err->code = ERR_BUSY;
@@ -155,32 +138,32 @@ static int shared_try(struct program *ctl, const char *socket, const char *log, 
 }
 
 /* One with nothing to do is asked to end, so that a new one can start. */
-static bool end_idle(struct program *ctl)
+static bool end_idle(struct session *session)
 {
 	const struct acut_status *s;
 	uint64_t start = clock_mono_ns();
 
-	if (acut_status(ctl->acut, &s))
+	if (acut_status(session->acut, &s))
 		return false;
 	if (s->jobs_running || s->jobs_waiting || s->connections > 1 || kill((pid_t)s->pid, SIGTERM))
 		return false;
 	while (!kill((pid_t)s->pid, 0) && clock_since(start) < 5)
 		nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
-	ctl->acut = acut_close(ctl->acut);
+	session->acut = acut_close(session->acut);
 	return true;
 }
 
 /* Its build, memory and threads are as they are wanted. Other memory or threads are an error that says what it has; another
  * build does while it is at work. */
-static bool fits(struct program *ctl, struct err *err)
+static bool fits(struct session *session, struct err *err)
 {
-	const struct ctl_args *a = &ctl->args;
+	const struct session_options *a = &session->opt;
 	const struct acut_status *s;
 	uint64_t memory = 0, threads = 0;
-	bool same_build = !strcmp(acut_daemon_build(ctl->acut), ACUT_VERSION);
+	bool same_build = !strcmp(acut_daemon_build(session->acut), ACUT_VERSION);
 	char has[32];
 
-	if ((!a->memory && !a->threads) || acut_status(ctl->acut, &s))
+	if ((!a->memory && !a->threads) || acut_status(session->acut, &s))
 		return same_build;
 	if (a->memory && parse_size(a->memory, &memory) && memory != s->memory)
 		err_set(err, ERR_BUSY, "the private daemon that is at work (process %llu) has %s of memory, not %s",
@@ -194,10 +177,10 @@ static bool fits(struct program *ctl, struct err *err)
 	return false;
 }
 
-int ctl_private_connect(struct program *ctl, struct err *err)
+int session_private_shared(struct session *session, struct err *err)
 {
 	char folder[FOLDER], socket[FOLDER + 16], log[FOLDER + 16];
-	int r = ctl_folder_runtime(folder, sizeof(folder), err);
+	int r = session_folder_runtime(folder, sizeof(folder), err);
 
 	if (r)
 		return r;
@@ -207,18 +190,26 @@ int ctl_private_connect(struct program *ctl, struct err *err)
 		int pid = 0;
 
 		*err = ERR_INIT;
-		r = shared_try(ctl, socket, log, &pid, err);
-		if (!r && (pid || i >= TRIES || fits(ctl, err)))
+		r = shared_try(session, socket, log, &pid, err);
+		if (!r && (pid || i >= TRIES || fits(session, err)))
 			return 0;
-		if (!r && !end_idle(ctl))
+		if (!r && !end_idle(session))
 			return -(int)err->code; /* another build does */
 		if (r && pid)
 			r = explain(log, pid, err);
-		if (r && (err->code != ERR_BUSY || i >= TRIES || ctl_signal_interrupted(ctl)))
+		if (r && (err->code != ERR_BUSY || i >= TRIES || session_interrupted(session)))
 			return r;
 		if (r)
 			nanosleep(&(struct timespec){.tv_nsec = 200000000}, NULL);
 	}
+}
+
+/* As much of it as can be removed. */
+static void remove_folder(const char *path)
+{
+	struct err err = ERR_INIT;
+
+	io_folder_remove(AT_FDCWD, path, &err);
 }
 
 /* Removes the folders of daemons that nobody holds any more. */
@@ -237,7 +228,7 @@ static void sweep(const char *cache)
 		fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
 		if (fd >= 0 && !flock(fd, LOCK_EX | LOCK_NB)) {
 			path[strlen(path) - 5] = 0;
-			ctl_folder_remove(path);
+			remove_folder(path);
 		}
 		if (fd >= 0)
 			close(fd);
@@ -247,10 +238,10 @@ static void sweep(const char *cache)
 }
 
 /* The folder is made under another name and gets its own when its lock is held: no sweep comes between. */
-static int own_folder(struct ctl_daemon *d, struct err *err)
+static int own_folder(struct session_daemon *d, struct err *err)
 {
 	char cache[FOLDER - 64], fresh[FOLDER], lock[FOLDER + 16];
-	int r = ctl_folder_cache(cache, sizeof(cache), err);
+	int r = session_folder_cache(cache, sizeof(cache), err);
 
 	if (r)
 		return r;
@@ -266,35 +257,35 @@ static int own_folder(struct ctl_daemon *d, struct err *err)
 	if (d->lock_fd < 0 || flock(d->lock_fd, LOCK_EX | LOCK_NB) || rename(fresh, d->folder)) {
 		err_sys(err, errno, "a folder for a daemon of its own cannot be made");
 		err_add_file(err, cache);
-		ctl_folder_remove(fresh);
+		remove_folder(fresh);
 		d->folder[0] = 0;
 		return -(int)err->code;
 	}
 	return 0;
 }
 
-static int own_start(struct program *ctl, struct ctl_daemon *d, struct err *err)
+static int own_start(struct session *session, struct session_daemon *d, struct err *err)
 {
 	char state[FOLDER + 16], cache[FOLDER + 16], given[PATH_MAX];
-	struct ctl_spawn s = {.state = state,
-			      .cache = cache,
-			      .memory = ctl->args.memory,
-			      .threads = ctl->args.threads,
-			      .disk = ctl->args.disk,
-			      .keep_free = ctl->args.keep_free,
-			      .log = d->log,
-			      .lock_fd = d->lock_fd,
-			      .bound = true};
+	struct session_spawn s = {.state = state,
+				  .cache = cache,
+				  .memory = session->opt.memory,
+				  .threads = session->opt.threads,
+				  .disk = session->opt.disk,
+				  .keep_free = session->opt.keep_free,
+				  .log = d->log,
+				  .lock_fd = d->lock_fd,
+				  .bound = true};
 	int pair[2], r;
 
 	snprintf(state, sizeof(state), "%s/state", d->folder);
 	snprintf(cache, sizeof(cache), "%s/cache", d->folder);
 	snprintf(d->log, sizeof(d->log), "%s/log", d->folder);
-	r = ctl_folder_make(state, err);
+	r = session_folder_make(state, err);
 	if (!r)
-		r = ctl_folder_make(ctl->args.cache ? ctl->args.cache : cache, err);
-	if (!r && ctl->args.cache) {
-		if (!realpath(ctl->args.cache, given))
+		r = session_folder_make(session->opt.cache ? session->opt.cache : cache, err);
+	if (!r && session->opt.cache) {
+		if (!realpath(session->opt.cache, given))
 			return err_sys(err, errno, "the folder of --cache cannot be used");
 		s.cache = given;
 	}
@@ -303,30 +294,30 @@ static int own_start(struct program *ctl, struct ctl_daemon *d, struct err *err)
 	if (r)
 		return r;
 	s.socket_fd = pair[1];
-	r = ctl_spawn_daemon(&s, &d->pid, err);
+	r = session_spawn_daemon(&s, &d->pid, err);
 	close(pair[1]);
 	if (r) {
 		close(pair[0]);
 		return r;
 	}
-	r = attach(ctl, pair[0], err);
+	r = session_attach(session, pair[0], err);
 	return r && err->code != ERR_CANCELLED ? explain(d->log, d->pid, err) : r;
 }
 
-int ctl_private_own(struct program *ctl, struct err *err)
+int session_private_own(struct session *session, struct err *err)
 {
-	struct ctl_daemon *d = calloc(1, sizeof(*d));
+	struct session_daemon *d = calloc(1, sizeof(*d));
 	int r;
 
 	if (!d)
 		return err_set(err, ERR_NOMEM, "no memory for a daemon of its own");
 	d->lock_fd = -1;
-	ctl->daemon = d;
+	session->daemon = d;
 	r = own_folder(d, err);
-	return r ? r : own_start(ctl, d, err);
+	return r ? r : own_start(session, d, err);
 }
 
-struct ctl_daemon *ctl_private_end(struct ctl_daemon *d)
+struct session_daemon *session_private_end(struct session_daemon *d)
 {
 	uint64_t start = clock_mono_ns();
 
@@ -340,7 +331,7 @@ struct ctl_daemon *ctl_private_end(struct ctl_daemon *d)
 		}
 	}
 	if (d->folder[0])
-		ctl_folder_remove(d->folder);
+		remove_folder(d->folder);
 	if (d->lock_fd >= 0)
 		close(d->lock_fd);
 	free(d);

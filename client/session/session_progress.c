@@ -6,14 +6,14 @@
 #include <string.h>
 
 #include "clock.h"
-#include "ctl.h"
+#include "session.h"
 #include "parse.h"
 
 #define EVERY_NS 100000000u
 
-void ctl_progress_init(struct ctl_progress *p, struct program *ctl)
+void session_progress_init(struct session_progress *p, struct session *session)
 {
-	*p = (struct ctl_progress){.ctl = ctl, .on = console_progress_on(&ctl->console)};
+	*p = (struct session_progress){.session = session, .on = console_progress_on(&session->console)};
 }
 
 /* "12.3 M" */
@@ -30,7 +30,7 @@ static const char *short_count(double n, char buf[24])
 	return buf;
 }
 
-const char *ctl_progress_time(double s, char buf[24])
+const char *session_progress_time(double s, char buf[24])
 {
 	unsigned long n = s < 0 ? 0 : s > 1e7 ? 10000000 : (unsigned long)(s + 0.5);
 
@@ -56,17 +56,17 @@ static const char *waits_text(const char *waiting, char buf[128])
 }
 
 /* Where there is no line: that there is no room is said once, since it may take until somebody makes some. */
-static void tell_space(struct ctl_progress *p, const struct acut_progress *now)
+static void note_space(struct session_progress *p, const struct acut_progress *now)
 {
 	bool lacks = now->waiting && !strncmp(now->waiting, "waiting-space", 13);
 	char text[128];
 
-	if (lacks && !p->told_space)
-		console_note(&p->ctl->console, "%s", waits_text(now->waiting, text));
-	p->told_space = lacks;
+	if (lacks && !p->printed_space)
+		console_note(&p->session->console, "%s", waits_text(now->waiting, text));
+	p->printed_space = lacks;
 }
 
-static void draw(struct ctl_progress *p, const struct acut_progress *now)
+static void draw(struct session_progress *p, const struct acut_progress *now)
 {
 	uint64_t points = p->base + now->points, total = p->total ? p->total : now->points_total;
 	double seconds = clock_since(p->start_ns), share = 0;
@@ -90,29 +90,30 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s", short_count((double)points / seconds, b));
 	/* The daemon knows what was work and what was waiting. */
 	if (now->seconds_left > 0)
-		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(now->seconds_left, c));
+		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", session_progress_time(now->seconds_left, c));
 	else if (seconds > 1 && share > 0.01 && !now->domains_total)
-		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(seconds / share * (1 - share), c));
-	console_progress(&p->ctl->console, "%s", line);
+		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left",
+			 session_progress_time(seconds / share * (1 - share), c));
+	console_progress(&p->session->console, "%s", line);
 }
 
 /* A large file is read once more, in the middle of another phase: for its sum, not for points. */
-static void draw_hash(struct ctl_progress *p, const struct acut_progress *now)
+static void draw_hash(struct session_progress *p, const struct acut_progress *now)
 {
 	double share = now->points_total ? (double)now->points / (double)now->points_total : 0;
 	char done[32], all[32];
 
-	console_progress(&p->ctl->console, "%-6s %3d %%  %s of %s, for the checksum of the file", "hash",
+	console_progress(&p->session->console, "%-6s %3d %%  %s of %s, for the checksum of the file", "hash",
 			 (int)(100 * share + 1e-9), parse_size_text(now->points, done), parse_size_text(now->points_total, all));
 }
 
-void ctl_progress_show(void *ctx, const struct acut_progress *now)
+void session_progress_show(void *ctx, const struct acut_progress *now)
 {
-	struct ctl_progress *p = ctx;
+	struct session_progress *p = ctx;
 	uint64_t t = clock_mono_ns();
 
 	if (!p->on) {
-		tell_space(p, now);
+		note_space(p, now);
 		return;
 	}
 	if (!strcmp(now->phase, "hash")) {

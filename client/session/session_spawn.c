@@ -16,7 +16,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "ctl.h"
+#include "session_priv.h"
 
 /* Socket names hold 107 bytes; a longer path is named through its folder's descriptor. */
 static int address_of(const char *path, struct sockaddr_un *ret, int *ret_dirfd)
@@ -47,7 +47,7 @@ static int address_of(const char *path, struct sockaddr_un *ret, int *ret_dirfd)
 	return 0;
 }
 
-int ctl_spawn_connect(const char *path, int *ret_fd)
+int session_spawn_connect(const char *path, int *ret_fd)
 {
 	struct sockaddr_un address;
 	int dirfd, fd, r = address_of(path, &address, &dirfd);
@@ -67,7 +67,7 @@ int ctl_spawn_connect(const char *path, int *ret_fd)
 	return r;
 }
 
-int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err)
+int session_spawn_listen(const char *path, int *ret_fd, struct err *err)
 {
 	struct sockaddr_un address;
 	int dirfd, fd = -1, r = address_of(path, &address, &dirfd);
@@ -126,7 +126,7 @@ static int find_acutd(char *buf, size_t size, struct err *err)
 }
 
 /* In the child: descriptors, environment, and off. Only calls that are safe after fork in one thread. */
-static void child(const struct ctl_spawn *s, const char *program, char **argv, pid_t parent)
+static void child(const struct session_spawn *s, const char *program, char **argv, pid_t parent)
 {
 	char pid[24];
 	int null = open("/dev/null", O_RDWR | O_CLOEXEC), log = -1, fd = s->socket_fd;
@@ -167,7 +167,7 @@ static void child(const struct ctl_spawn *s, const char *program, char **argv, p
 	_exit(127);
 }
 
-int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
+int session_spawn_daemon(const struct session_spawn *s, int *ret_pid, struct err *err)
 {
 	char program[PATH_MAX], *argv[20];
 	unsigned n = 0;
@@ -211,7 +211,7 @@ int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
 	return 0;
 }
 
-void ctl_spawn_last_words(const char *log, char *buf, size_t size)
+void session_spawn_last_line(const char *log, char *buf, size_t size)
 {
 	FILE *f = fopen(log, "re");
 	char line[512];

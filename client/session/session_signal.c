@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "clock.h"
-#include "ctl.h"
+#include "session.h"
 
 static volatile sig_atomic_t caught;
 
@@ -17,7 +17,7 @@ static void note(int sig)
 	caught = sig;
 }
 
-void ctl_signal_init(struct program *ctl)
+void session_begin(struct session *session)
 {
 	static const int list[] = {SIGINT, SIGTERM, SIGHUP};
 	struct sigaction sa;
@@ -36,19 +36,20 @@ void ctl_signal_init(struct program *ctl)
 	sa.sa_handler = SIG_IGN;
 	sigaction(SIGPIPE, &sa, NULL);
 	sigaction(SIGXFSZ, &sa, NULL);
+	session->begun_ns = clock_mono_ns();
 }
 
-int ctl_signal_caught(void)
+int session_caught(void)
 {
 	return caught;
 }
 
-bool ctl_signal_late(const struct program *ctl)
+bool session_late(const struct session *session)
 {
-	return ctl->deadline_ns && clock_mono_ns() >= ctl->deadline_ns;
+	return session->opt.timeout > 0 && clock_since(session->begun_ns) >= session->opt.timeout;
 }
 
-bool ctl_signal_cut_off(void)
+bool session_cut_off(void)
 {
 	struct stat st;
 	bool other, gone;
@@ -61,11 +62,11 @@ bool ctl_signal_cut_off(void)
 	return gone && (console_is_gone(STDERR_FILENO, &other) || other);
 }
 
-int ctl_signal_interrupted(void *ctx)
+int session_interrupted(void *ctx)
 {
-	struct program *ctl = ctx;
+	struct session *session = ctx;
 
-	if (ctl->for_reader && !ctl->out_closed && console_reader_gone())
-		ctl->out_closed = true;
-	return caught || ctl_signal_late(ctl) || (ctl->for_reader && ctl->out_closed);
+	if (session->for_reader && !session->out_closed && console_reader_gone())
+		session->out_closed = true;
+	return caught || session_late(session) || (session->for_reader && session->out_closed);
 }
