@@ -14,6 +14,7 @@
 
 #include "acut.h"
 #include "cli.h"
+#include "ctl_view.h"
 #include "format.h"
 #include "session.h"
 #include "term_error.h"
@@ -25,16 +26,13 @@ struct stat;
 /* What the options said. Texts are NULL, numbers 0 if not given; ctl_option_check has looked at them. */
 struct ctl_args {
 	bool header, decimal_comma, strict, planar, accept_truncated, checksum, add, replace;
-	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool all;       /* cache gc */
 	bool origin_of; /* config show */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
-	uint64_t every, since, width, generation, keep, before;
+	uint64_t since, width, generation, keep, before;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units, *override_crs, *override_units;
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
-	const char *classes, *not_classes, *returns, *duplicates;
-	const char *zmin, *zmax, *crop, *bbox, *polygon, *thin, *thin_pick;
 	const char *format, *tile, *origin, *max_edge, *z_unit, *color;
 	const char *priority, *replaces, *as, *settle, *mode;
 	const char *textfile;
@@ -44,6 +42,7 @@ struct ctl_args {
 struct program {
 	struct session session;
 	struct ctl_args args;
+	struct ctl_view_options view;
 	struct cli_line line;
 };
 
@@ -90,15 +89,6 @@ void ctl_outlier_most(struct program *, const struct acut_report *); /* of a job
 /* Whether so many points at one position, of all at so many positions, are worth a word. */
 bool ctl_outlier_many(uint64_t at_one, uint64_t points, uint64_t positions);
 void ctl_outlier_json(struct program *, struct term_json *, const struct format_report *);
-
-/* ---- ctl_view.c ---- */
-
-/* The request for the view that the options ask for, to be freed. Reads the file of --crop. */
-int ctl_view_text(const struct ctl_args *, char **ret, struct err *err);
-/* The area of --bbox or --polygon alone, as a fetch asks for it, to be freed; NULL: there is none. */
-int ctl_view_window(const struct ctl_args *, char **ret, struct err *err);
-/* The same, and the box of its area, x1, y1, x2, y2; *ret_cropped: it has one. */
-int ctl_view_box(const struct ctl_args *, char **ret, bool *ret_cropped, double ret_box[4], struct err *err);
 
 /* ---- ctl_window.c ---- */
 
@@ -305,7 +295,6 @@ void ctl_job_notes(struct term_json *, const struct acut_report * /* or NULL */)
 void ctl_job_lattice(struct term_json *, const char *lattice);
 void ctl_job_units(struct term_json *, const char *crs, const char *unit_xy, const char *unit_z);
 void ctl_job_refused(struct term_json *, const struct ctl_staged_file *);
-void ctl_job_time(struct term_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
 
 /* ---- ctl_formats.c ---- */
 

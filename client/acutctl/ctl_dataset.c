@@ -29,8 +29,8 @@ void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 	term_json_text(&j, "group", ctl_group_name(d->gid));
 	snprintf(mode, sizeof(mode), "%04o", d->mode);
 	term_json_text(&j, "mode", mode);
-	ctl_job_time(&j, "created", d->created_us);
-	ctl_job_time(&j, "pushed", d->pushed_us);
+	term_json_time(&j, "created", d->created_us);
+	term_json_time(&j, "pushed", d->pushed_us);
 	ctl_job_lattice(&j, d->lattice);
 	ctl_job_units(&j, d->crs, d->unit_xy, d->unit_z);
 	term_json_open(&j, "min", '[');
@@ -50,8 +50,8 @@ void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 	else
 		term_json_known(&j, "segments", "");
 	term_json_bool(&j, "merging", d->merging);
-	ctl_job_time(&j, "removed", d->removed_us);
-	ctl_job_time(&j, "restorable_until", d->until_us);
+	term_json_time(&j, "removed", d->removed_us);
+	term_json_time(&j, "restorable_until", d->until_us);
 	term_json_close(&j, '}');
 	term_json_line(&j);
 }

@@ -39,7 +39,7 @@ static void row_json(struct logging *l, const struct acut_generation *g)
 	*j = (struct term_json){.out = l->ctl->session.console.report};
 	term_json_open(j, NULL, '{');
 	term_json_u64(j, "generation", g->number);
-	ctl_job_time(j, "time", g->time_us);
+	term_json_time(j, "time", g->time_us);
 	term_json_known(j, "user", g->user);
 	term_json_u64(j, "uid", g->uid);
 	term_json_text(j, "kind", g->kind);

@@ -19,7 +19,7 @@ int ctl_fetch_run(struct program *ctl)
 		ctl_output_open(ctl, &run, &err);
 		return session_error(&ctl->session, &err);
 	}
-	if (ctl_view_window(&ctl->args, &window, &err))
+	if (ctl_view_window(&ctl->view, &window, &err))
 		return session_error(&ctl->session, &err);
 	status = session_connect(&ctl->session);
 	if (!status && acut_fetch_window(ctl->session.acut, window))
@@ -30,8 +30,8 @@ int ctl_fetch_run(struct program *ctl)
 	if (acut_job_wait(ctl->session.acut, id, false, NULL, NULL, &job))
 		return session_error_acut(&ctl->session);
 	/* the view says whether gaps are to be expected */
-	ctl->args.ground = strstr(job->view, " ground") != NULL;
-	ctl->args.surface = strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest");
+	ctl->view.ground = strstr(job->view, " ground") != NULL;
+	ctl->view.surface = strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest");
 	r = ctl_output_open(ctl, &run, &err);
 	if (!r)
 		r = format_run_keep(run, id, ctl->args.resume, &err);

@@ -202,7 +202,7 @@ static void put_reason(FILE *f, const char *dataset, const struct ctl_input *in,
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", in->entry);
 	term_json_text(&j, "dataset", dataset);
-	ctl_job_time(&j, "time", clock_real_us());
+	term_json_time(&j, "time", clock_real_us());
 	term_error_json(&j, "error", why);
 	term_json_close(&j, '}');
 	term_json_line(&j);

@@ -9,13 +9,6 @@
 #include "term.h"
 #include "parse.h"
 
-void ctl_job_time(struct term_json *j, const char *key, int64_t us)
-{
-	char buf[32];
-
-	term_json_text(j, key, us ? term_time(us, buf) : NULL);
-}
-
 /* A lattice as decimals. */
 struct lattice_said {
 	char of[256]; /* what the daemon said */
@@ -213,8 +206,8 @@ void ctl_job_json(struct program *ctl, const struct acut_job *job)
 		term_json_text(&j, "lacks_space", NULL);
 	term_json_u64(&j, "uid", job->uid);
 	term_json_u64(&j, "pid", job->pid);
-	ctl_job_time(&j, "submitted", job->submitted_us);
-	ctl_job_time(&j, "finished", job->finished_us);
+	term_json_time(&j, "submitted", job->submitted_us);
+	term_json_time(&j, "finished", job->finished_us);
 	term_json_open(&j, "progress", '{');
 	term_json_known(&j, "phase", job->progress.phase);
 	term_json_u64(&j, "points", job->progress.points);

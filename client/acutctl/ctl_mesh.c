@@ -37,7 +37,7 @@ int ctl_mesh_run(struct program *ctl)
 	double box[4];
 	bool cropped = false;
 	struct err err = ERR_INIT;
-	int r = ctl_view_box(&ctl->args, &view, &cropped, box, &err), status;
+	int r = ctl_view_box(&ctl->view, &view, &cropped, box, &err), status;
 
 	if (!r)
 		r = ctl_input_gather(ctl, ctl->line.word, ctl->line.nword, &in, &err);

@@ -16,7 +16,7 @@
  */
 static void warn_edges(struct program *ctl, const struct format_report *out)
 {
-	bool gaps = ctl->args.ground || ctl->args.surface;
+	bool gaps = ctl->view.ground || ctl->view.surface;
 
 	if (out->median_edge <= 0 || out->longest_edge <= FORMAT_LONG_EDGE * out->median_edge)
 		return;

@@ -162,8 +162,9 @@ int ctl_output_open(struct program *ctl, struct format_run **ret, struct err *er
 
 	if (!r && a->max_edge)
 		r = parse_length(a->max_edge, &opt, err);
-	if (!r && a->since && (a->bbox || a->polygon))
-		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->bbox ? "bbox" : "polygon");
+	if (!r && a->since && (ctl->view.bbox || ctl->view.polygon))
+		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s",
+			    ctl->view.bbox ? "bbox" : "polygon");
 	if (!r && a->tile && a->since) {
 		r = err_set(err, ERR_USAGE, "--tile has no meaning with --changed-since: a tile needs all of its triangles");
 		err_add_hint(err, "fetch the tiles of the whole mesh: those that have not changed are the same bytes");
@@ -466,7 +467,7 @@ int ctl_output_fetch(struct program *ctl, uint64_t id, struct format_run *run, c
 	size_t size = 0;
 	int r;
 
-	feed.part = !staged && (ctl->args.bbox || ctl->args.polygon);
+	feed.part = !staged && (ctl->view.bbox || ctl->view.polygon);
 	session_progress_init(&feed.progress, &ctl->session);
 	kept = format_run_kept(run, &size);
 	changes.mesh = sink;

@@ -52,7 +52,7 @@ int ctl_plan_run(struct program *ctl)
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl_view_text(&ctl->args, &view, &err))
+	if (ctl_view_text(&ctl->view, &view, &err))
 		return session_error(&ctl->session, &err);
 	status = session_connect(&ctl->session);
 	if (!status && acut_plan(ctl->session.acut, ctl->line.word[0], ctl->args.generation, view, &plan))

@@ -20,7 +20,7 @@ int ctl_submit_run(struct program *ctl)
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl_view_text(a, &view, &err))
+	if (ctl_view_text(&ctl->view, &view, &err))
 		return session_error(&ctl->session, &err);
 	what.generation = a->generation;
 	what.view = view;

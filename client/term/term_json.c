@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "term_json.h"
+#include "term_text.h"
 #include "utf8.h"
 
 /* What stands in a JSON text as it is. */
@@ -321,6 +322,13 @@ void term_json_put_number(struct term_json *j, const char *key, size_t n, double
 			break;
 	}
 	put_string(j->out, buf);
+}
+
+void term_json_put_time(struct term_json *j, const char *key, size_t n, int64_t us)
+{
+	char buf[32];
+
+	term_json_put_text(j, key, n, us ? term_time(us, buf) : NULL);
 }
 
 void term_json_put_literal(struct term_json *j, const char *key, size_t n, const char *text)

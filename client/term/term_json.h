@@ -34,6 +34,7 @@ void term_json_put_known(struct term_json *, const char *key, size_t n, const ch
 void term_json_put_u64(struct term_json *, const char *key, size_t n, uint64_t v);
 void term_json_put_i64(struct term_json *, const char *key, size_t n, int64_t v);
 void term_json_put_number(struct term_json *, const char *key, size_t n, double v); /* not finite: null */
+void term_json_put_time(struct term_json *, const char *key, size_t n, int64_t us); /* ISO 8601; 0: null */
 void term_json_put_literal(struct term_json *, const char *key, size_t n, const char *text);
 void term_json_line(struct term_json *); /* ends the object's line */
 
@@ -43,6 +44,7 @@ void term_json_line(struct term_json *); /* ends the object's line */
 #define term_json_u64(j, key, v) term_json_put_u64(j, TERM_JSON_KEY(key), v)
 #define term_json_i64(j, key, v) term_json_put_i64(j, TERM_JSON_KEY(key), v)
 #define term_json_number(j, key, v) term_json_put_number(j, TERM_JSON_KEY(key), v)
+#define term_json_time(j, key, us) term_json_put_time(j, TERM_JSON_KEY(key), us)
 #define term_json_literal(j, key, text) term_json_put_literal(j, TERM_JSON_KEY(key), text)
 #define term_json_bool(j, key, v) term_json_literal(j, key, (v) ? "true" : "false")
 

@@ -7,10 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include <cmocka.h>
 
+#include "err.h"
 #include "ctl.h"
+#include "term_json.h"
 
 static char *written(void (*put)(struct term_json *, const void *), const void *what)
 {
@@ -43,7 +46,7 @@ static void put_i64(struct term_json *j, const void *v)
 
 static void put_time(struct term_json *j, const void *v)
 {
-	ctl_job_time(j, NULL, *(const int64_t *)v);
+	term_json_time(j, NULL, *(const int64_t *)v);
 }
 
 static void put_text(struct term_json *j, const void *v)

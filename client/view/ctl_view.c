@@ -7,10 +7,10 @@
 #include <string.h>
 
 #include "area_code.h"
-#include "ctl.h"
 #include "ctl_area.h"
+#include "ctl_view.h"
 #include "decimal.h"
-#include "parse.h"
+#include "err.h"
 
 /* "2,8" or "2-5,9": false for rubbish. */
 static bool good_classes(const char *text)
@@ -51,14 +51,8 @@ static bool is(const char *text, const char *word)
 	return text && !strcmp(text, word);
 }
 
-static int check_words(const struct ctl_args *a, struct err *err)
+static int check_words(const struct ctl_view_options *a, struct err *err)
 {
-	if (a->returns && !is(a->returns, "all") && !is(a->returns, "first") && !is(a->returns, "last"))
-		return err_set(err, ERR_USAGE, "--returns is all, first or last, not \"%s\"", a->returns);
-	if (a->duplicates && !is(a->duplicates, "lowest") && !is(a->duplicates, "highest"))
-		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"", a->duplicates);
-	if (a->thin_pick && !is(a->thin_pick, "lowest") && !is(a->thin_pick, "highest") && !is(a->thin_pick, "median"))
-		return err_set(err, ERR_USAGE, "--thin-pick is lowest, highest or median, not \"%s\"", a->thin_pick);
 	if (a->thin_pick && !a->thin) {
 		err_set(err, ERR_USAGE, "--thin-pick says which point of a cell is taken, and there are no cells");
 		return err_add_hint(err, "give --thin CELL too");
@@ -67,7 +61,7 @@ static int check_words(const struct ctl_args *a, struct err *err)
 }
 
 /* What contradicts itself is a mistake of whoever typed it. */
-static int check_sense(const struct ctl_args *a, struct err *err)
+static int check_sense(const struct ctl_view_options *a, struct err *err)
 {
 	bool highest = is(a->duplicates, "highest");
 
@@ -90,7 +84,7 @@ static int check_sense(const struct ctl_args *a, struct err *err)
 	return 0;
 }
 
-static int check_heights(const struct ctl_args *a, struct err *err)
+static int check_heights(const struct ctl_view_options *a, struct err *err)
 {
 	struct decimal low, high;
 
@@ -106,7 +100,7 @@ static int check_heights(const struct ctl_args *a, struct err *err)
 }
 
 /* A number, alone or with the name of a unit of length. */
-static int check_thin(const struct ctl_args *a, struct err *err)
+static int check_thin(const struct ctl_view_options *a, struct err *err)
 {
 	static const char *const units[] = {"ftUS", "ft", "m"};
 	char number[DECIMAL_TEXT_SIZE];
@@ -130,7 +124,7 @@ static int check_thin(const struct ctl_args *a, struct err *err)
 	return err_add_hint(err, "give a number in the units of the files, or with m, ft or ftUS, as in 10m");
 }
 
-static int check(const struct ctl_args *a, struct err *err)
+static int check(const struct ctl_view_options *a, struct err *err)
 {
 	int r;
 
@@ -210,7 +204,7 @@ static int put_crop(const char *crop, FILE *out, double ret_box[4], struct err *
 }
 
 /* There is one. */
-static int put_window(const struct ctl_args *a, FILE *out, struct err *err)
+static int put_window(const struct ctl_view_options *a, FILE *out, struct err *err)
 {
 	struct decimal d[4];
 	double box[4];
@@ -225,7 +219,7 @@ static int put_window(const struct ctl_args *a, FILE *out, struct err *err)
 	return err_add_hint(err, "give four decimals; --polygon takes a file of GeoJSON or WKT");
 }
 
-int ctl_view_window(const struct ctl_args *a, char **ret, struct err *err)
+int ctl_view_window(const struct ctl_view_options *a, char **ret, struct err *err)
 {
 	char *text = NULL;
 	size_t size = 0;
@@ -248,7 +242,7 @@ int ctl_view_window(const struct ctl_args *a, char **ret, struct err *err)
 	return r;
 }
 
-static void put_words(const struct ctl_args *a, FILE *out)
+static void put_words(const struct ctl_view_options *a, FILE *out)
 {
 	bool first = a->surface || is(a->returns, "first");
 
@@ -276,7 +270,7 @@ static void put_words(const struct ctl_args *a, FILE *out)
 		fputs(" duplicates=highest", out);
 }
 
-int ctl_view_text(const struct ctl_args *a, char **ret, struct err *err)
+int ctl_view_text(const struct ctl_view_options *a, char **ret, struct err *err)
 {
 	bool cropped;
 	double box[4];
@@ -284,7 +278,7 @@ int ctl_view_text(const struct ctl_args *a, char **ret, struct err *err)
 	return ctl_view_box(a, ret, &cropped, box, err);
 }
 
-int ctl_view_box(const struct ctl_args *a, char **ret, bool *ret_cropped, double ret_box[4], struct err *err)
+int ctl_view_box(const struct ctl_view_options *a, char **ret, bool *ret_cropped, double ret_box[4], struct err *err)
 {
 	char *text = NULL;
 	size_t size = 0;

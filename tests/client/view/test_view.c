@@ -10,7 +10,8 @@
 #include <string.h>
 #include <cmocka.h>
 
-#include "ctl.h"
+#include "ctl_view.h"
+#include "err.h"
 #include "lattice.h"
 #include "view.h"
 
@@ -36,13 +37,13 @@ static void assert_same(const char *asked, const struct view *want)
 
 static void one(unsigned c, unsigned r, unsigned d, unsigned flags)
 {
-	struct ctl_args a = {.classes = classes[c],
-			     .returns = returns[r],
-			     .duplicates = duplicates[d],
-			     .ground = flags & 1,
-			     .surface = flags & 2,
-			     .keep_withheld = flags & 4,
-			     .keep_noise = flags & 8};
+	struct ctl_view_options a = {.classes = classes[c],
+				     .returns = returns[r],
+				     .duplicates = duplicates[d],
+				     .ground = flags & 1,
+				     .surface = flags & 2,
+				     .keep_withheld = flags & 4,
+				     .keep_noise = flags & 8};
 	struct view v = VIEW_INIT;
 	struct err e = ERR_INIT, f = ERR_INIT;
 	char *asked = NULL;
@@ -80,7 +81,7 @@ static void test_rubbish(void **state)
 		"", ",", "2,", ",2", "256", "-1", "2-", "-2", "5-2", "2;8", " 2", "2 ", "two", "1-2-3", "99999999999999999999"};
 
 	for (unsigned i = 0; i < sizeof(bad) / sizeof(*bad); i++) {
-		struct ctl_args a = {.classes = bad[i]};
+		struct ctl_view_options a = {.classes = bad[i]};
 		struct view v = VIEW_INIT;
 		char *text;
 		struct err e = ERR_INIT, f = ERR_INIT;

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-#include "ctl.h"
+#include "err.h"
 #include "ctl_area.h"
 #include "lattice.h"
 #include "view.h"
