@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "term_table.h"
+#include "term.h"
 #include "parse.h"
 
 /* ---- stat ---- */
@@ -31,7 +31,7 @@ void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const s
 void ctl_cache_side_json(struct term_json *j, const char *name, const struct acut_side *s)
 {
 	if (!s->known) {
-		term_json_literal(j, name, "null");
+		term_json_null(j, name);
 		return;
 	}
 	term_json_open(j, name, '{');
@@ -39,24 +39,23 @@ void ctl_cache_side_json(struct term_json *j, const char *name, const struct acu
 	if (s->has_quota)
 		term_json_u64(j, "quota", s->quota);
 	else
-		term_json_literal(j, "quota", "null");
+		term_json_null(j, "quota");
 	term_json_u64(j, "total", s->total);
 	term_json_u64(j, "free", s->free);
 	term_json_u64(j, "keep_free", s->keep_free);
 	term_json_close(j, '}');
 }
 
-static void stat_json(struct program *ctl, const struct acut_cache_stat *s)
+static void stat_json(const struct console *c, const struct acut_cache_stat *s)
 {
-	struct term_json j = {.out = ctl->session.console.report};
+	struct term_json j = console_json(c);
 
-	term_json_open(&j, NULL, '{');
 	term_json_open(&j, "kinds", '{');
 	for (size_t i = 0; i < s->nkinds; i++) {
 		term_json_open(&j, s->kinds[i].name, '{');
 		term_json_u64(&j, "bytes", s->kinds[i].bytes);
 		term_json_u64(&j, "entries", s->kinds[i].entries);
-		term_json_literal(&j, "state", s->kinds[i].state ? "true" : "false");
+		term_json_bool(&j, "state", s->kinds[i].state);
 		term_json_close(&j, '}');
 	}
 	term_json_close(&j, '}');
@@ -64,12 +63,11 @@ static void stat_json(struct program *ctl, const struct acut_cache_stat *s)
 	term_json_known(&j, "keep_free", s->keep_free_limit);
 	ctl_cache_side_json(&j, "state_disk", &s->state);
 	ctl_cache_side_json(&j, "cache_disk", &s->cache);
-	term_json_literal(&j, "one_file_system", s->one_file_system ? "true" : "false");
-	term_json_literal(&j, "measured", s->measured ? "true" : "false");
+	term_json_bool(&j, "one_file_system", s->one_file_system);
+	term_json_bool(&j, "measured", s->measured);
 	term_json_u64(&j, "evicted_bytes", s->evicted_bytes);
 	term_json_u64(&j, "evicted_entries", s->evicted_entries);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 static const struct term_column columns[] = {
@@ -79,20 +77,24 @@ static const struct term_column columns[] = {
 	{"WHAT IT IS", .spare = true},
 };
 
-static int cache_stat(struct program *ctl)
+static int stat_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	const struct acut_cache_stat *s;
 	struct term_table *t;
-	FILE *out = ctl->session.console.report;
+	FILE *out = session->console.report;
 	char size[32];
+	int status = session_connect(session);
 
-	if (acut_cache_stat(ctl->session.acut, &s))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json) {
-		stat_json(ctl, s);
+	if (status)
+		return status;
+	if (acut_cache_stat(session->acut, &s))
+		return session_error_acut(session);
+	if (session->console.json) {
+		stat_json(&session->console, s);
 		return SESSION_DONE;
 	}
-	t = term_table_new(out, columns, sizeof(columns) / sizeof(*columns));
+	t = CONSOLE_TABLE(&session->console, columns);
 	for (size_t i = 0; i < s->nkinds; i++) {
 		term_table_text(t, "%s", s->kinds[i].name);
 		term_table_size(t, s->kinds[i].bytes);
@@ -110,88 +112,83 @@ static int cache_stat(struct program *ctl)
 
 /* ---- verify ---- */
 
-struct verify {
-	struct program *ctl;
-	struct session_progress progress;
-};
-
 static void damage(void *ctx, const struct acut_cache_damage *d)
 {
-	struct program *ctl = ((struct verify *)ctx)->ctl;
-	struct term_json j = {.out = ctl->session.console.report};
+	struct session_progress *progress = ctx;
+	struct console *c = &progress->session->console;
 	struct err err;
 	char text[1400];
 
-	console_progress_clear(&ctl->session.console);
+	console_progress_clear(c);
 	session_failure_of(&d->error, &err);
-	if (ctl->session.console.json) {
-		term_json_open(&j, NULL, '{');
+	if (c->json) {
+		struct term_json j = console_json(c);
+
 		term_json_text(&j, "damaged", d->what);
 		term_json_known(&j, "dataset", d->dataset);
-		term_json_literal(&j, "derived", d->derived ? "true" : "false");
-		term_json_literal(&j, "removed", d->removed ? "true" : "false");
-		term_json_literal(&j, "newer", err.code == ERR_VERSION ? "true" : "false");
+		term_json_bool(&j, "derived", d->derived);
+		term_json_bool(&j, "removed", d->removed);
+		term_json_bool(&j, "newer", err.code == ERR_VERSION);
 		term_error_json(&j, "error", &err);
-		term_json_close(&j, '}');
-		term_json_line(&j);
+		term_json_end(&j);
 		return;
 	}
 	if (err.code == ERR_VERSION) {
-		term_line(ctl->session.console.report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "",
-			  d->dataset, err_format(&err, text, sizeof(text)));
-		fflush(ctl->session.console.report);
+		term_line(c->report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
+			  err_format(&err, text, sizeof(text)));
+		fflush(c->report);
 		return;
 	}
-	term_line(ctl->session.console.report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
+	term_line(c->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
 		  err_format(&err, text, sizeof(text)),
 		  !d->derived ? "" :
 		  d->removed  ? "; removed, it is made again" :
 				"; it could not be removed");
-	fflush(ctl->session.console.report);
+	fflush(c->report);
 }
 
 static void verify_progress(void *ctx, const struct acut_progress *now)
 {
-	struct verify *v = ctx;
-	char a[32], b[32], line[128];
+	struct session_progress *progress = ctx;
+	char a[32], b[32];
 
-	if (!v->progress.on)
-		return;
-	snprintf(line, sizeof(line), "%.40s: %s of about %s", now->phase, parse_size_text(now->points, a),
-		 parse_size_text(now->points_total, b));
-	console_progress(&v->ctl->session.console, "%s", line);
+	if (progress->on)
+		console_progress(&progress->session->console, "%.40s: %s of about %s", now->phase,
+				 parse_size_text(now->points, a), parse_size_text(now->points_total, b));
 }
 
-static int cache_verify(struct program *ctl)
+static int verify_run(struct program *ctl)
 {
-	struct verify v = {.ctl = ctl};
-	struct term_json j = {.out = ctl->session.console.report};
+	struct session *session = &ctl->session;
+	struct session_progress progress;
 	struct acut_cache_verified out;
 	char size[32];
-	int r;
+	int status = session_connect(session);
 
-	session_progress_init(&v.progress, &ctl->session);
-	r = acut_cache_verify(ctl->session.acut, damage, verify_progress, &v, &out);
-	console_progress_clear(&ctl->session.console);
-	if (r)
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json) {
-		term_json_open(&j, NULL, '{');
+	if (status)
+		return status;
+	session_progress_init(&progress, session);
+	status = acut_cache_verify(session->acut, damage, verify_progress, &progress, &out);
+	console_progress_clear(&session->console);
+	if (status)
+		return session_error_acut(session);
+	if (session->console.json) {
+		struct term_json j = console_json(&session->console);
+
 		term_json_u64(&j, "files", out.files);
 		term_json_u64(&j, "bytes", out.bytes);
 		term_json_u64(&j, "damaged", out.damaged);
 		term_json_u64(&j, "derived_damaged", out.derived);
 		term_json_u64(&j, "newer", out.newer);
 		term_json_u64(&j, "derived_newer", out.derived_newer);
-		term_json_close(&j, '}');
-		term_json_line(&j);
+		term_json_end(&j);
 	} else {
-		fprintf(ctl->session.console.report,
+		fprintf(session->console.report,
 			"%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
 			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
 			(unsigned long long)out.derived);
 		if (out.newer || out.derived_newer)
-			fprintf(ctl->session.console.report,
+			fprintf(session->console.report,
 				"%llu of what was pushed, %llu of what is made again are of a newer version of acut and were not "
 				"read%s\n",
 				(unsigned long long)out.newer, (unsigned long long)out.derived_newer,
@@ -202,47 +199,28 @@ static int cache_verify(struct program *ctl)
 
 /* ---- gc ---- */
 
-static int cache_gc(struct program *ctl)
+static int gc_run(struct program *ctl)
 {
-	struct term_json j = {.out = ctl->session.console.report};
+	struct session *session = &ctl->session;
 	uint64_t bytes, entries;
 	char size[32];
+	int status = session_connect(session);
 
-	if (acut_cache_gc(ctl->session.acut, ctl->args.all, &bytes, &entries))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json) {
-		term_json_open(&j, NULL, '{');
+	if (status)
+		return status;
+	if (acut_cache_gc(session->acut, ctl->opt.all, &bytes, &entries))
+		return session_error_acut(session);
+	if (session->console.json) {
+		struct term_json j = console_json(&session->console);
+
 		term_json_u64(&j, "freed_bytes", bytes);
 		term_json_u64(&j, "freed_entries", entries);
-		term_json_close(&j, '}');
-		term_json_line(&j);
+		term_json_end(&j);
 	} else {
-		fprintf(ctl->session.console.report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
+		fprintf(session->console.report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
 			(unsigned long long)entries);
 	}
 	return SESSION_DONE;
-}
-
-static int connected(struct program *ctl, int (*run)(struct program *))
-{
-	int status = session_connect(&ctl->session);
-
-	return status ? status : run(ctl);
-}
-
-static int stat_run(struct program *ctl)
-{
-	return connected(ctl, cache_stat);
-}
-
-static int verify_run(struct program *ctl)
-{
-	return connected(ctl, cache_verify);
-}
-
-static int gc_run(struct program *ctl)
-{
-	return connected(ctl, cache_gc);
 }
 
 const struct cli_verb ctl_cache_verbs[] = {

@@ -1,14 +1,14 @@
 /* cancel: ends jobs that are not done. */
 #include "ctl.h"
 
-static int cancel(struct program *ctl, uint64_t id)
+static int cancel(struct session *session, uint64_t id)
 {
 	const struct acut_job *job;
 
-	if (acut_job_cancel(ctl->session.acut, id, &job))
-		return session_error_acut(&ctl->session);
-	if (!ctl->session.console.quiet || ctl->session.console.json)
-		ctl_job_print(ctl, job);
+	if (acut_job_cancel(session->acut, id, &job))
+		return session_error_acut(session);
+	if (!session->console.quiet || session->console.json)
+		ctl_report_job(&session->console, job);
 	return SESSION_DONE;
 }
 

@@ -130,47 +130,33 @@ static void offer_generations(struct cli_typed *t)
 
 /* ---- kinds of words ---- */
 
-static void offer_files(const char *const *extensions, size_t n)
-{
-	fputs(":files", stdout);
-	for (size_t i = 0; i < n; i++)
-		printf(" %s", extensions[i]);
-	putchar('\n');
-}
-
-static void offer_formats(struct cli_typed *t, bool in)
+static void offer_formats(const struct cli_typed *t, bool in)
 {
 	size_t n;
 	const struct format *const *out = format_rows(&n);
 
-	for (size_t i = 0; in && ctl_formats_input[i].name; i++)
-		cli_offer(t, ctl_formats_input[i].name, ctl_formats_input[i].help);
+	for (const struct ctl_input_format *f = ctl_input_formats; in && f->name; f++)
+		cli_offer(t, f->name, f->help);
 	for (size_t i = 0; !in && i < n; i++)
 		cli_offer(t, out[i]->name, out[i]->help);
 }
 
 static void offer_inputs(void)
 {
-	const char *all[16];
-	size_t n = 0;
-
-	while (n < 16 && ctl_formats_input[n].name) {
-		all[n] = ctl_formats_input[n].extensions;
-		n++;
-	}
-	for (size_t i = 0; n < 16 && ctl_formats_archive[i].name; i++)
-		all[n++] = ctl_formats_archive[i].extensions;
-	offer_files(all, n);
+	fputs(":files", stdout);
+	for (const struct ctl_input_format *f = ctl_input_formats; f->name; f++)
+		printf(" %s", f->extensions);
+	for (const struct ctl_input_format *f = ctl_input_archives; f->name; f++)
+		printf(" %s", f->extensions);
+	putchar('\n');
 }
 
 static bool offer(struct cli_typed *t, const char *kind, size_t n)
 {
-	static const char *const pgm[] = {".pgm"};
-
 	if (cli_is_kind(kind, n, "INPUT"))
 		offer_inputs();
 	else if (cli_is_kind(kind, n, "FILE.pgm"))
-		offer_files(pgm, 1);
+		puts(":files .pgm");
 	else if (cli_is_kind(kind, n, "FORMAT") || cli_is_kind(kind, n, "INPUT-FORMAT"))
 		offer_formats(t, n > 6);
 	else if (cli_is_kind(kind, n, "DATASET") && is_connected(t->program))

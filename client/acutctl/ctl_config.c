@@ -2,33 +2,27 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "term_table.h"
 
 static const struct term_column columns[] = {{"SETTING"}, {"VALUE", .shrink = true}, {"FROM", .tail = true}};
 
 struct listing {
-	struct program *ctl;
-	struct term_table *table;
+	struct console_list list;
+	bool origins;
 };
 
-static void setting_json(struct program *ctl, const struct acut_setting *s)
+static void setting_json(const struct console *c, const struct acut_setting *s)
 {
-	struct term_json j = {.out = ctl->session.console.report};
+	struct term_json j = console_json(c);
 
-	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "name", s->name);
 	term_json_known(&j, "value", s->value);
 	term_json_known(&j, "default", s->preset);
 	term_json_known(&j, "unit", s->unit);
-	term_json_literal(&j, "reload", s->reload ? "true" : "false");
+	term_json_bool(&j, "reload", s->reload);
 	term_json_text(&j, "origin", s->origin);
 	term_json_known(&j, "file", s->file);
-	if (s->line)
-		term_json_u64(&j, "line", s->line);
-	else
-		term_json_literal(&j, "line", "null");
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_known_u64(&j, "line", s->line);
+	term_json_end(&j);
 }
 
 static void put_origin(struct term_table *t, const struct acut_setting *s)
@@ -48,34 +42,32 @@ static void put_origin(struct term_table *t, const struct acut_setting *s)
 static void show(void *ctx, const struct acut_setting *s)
 {
 	struct listing *l = ctx;
+	struct term_table *t = l->list.table;
 
-	if (l->ctl->session.console.json) {
-		setting_json(l->ctl, s);
+	if (!t) {
+		setting_json(l->list.console, s);
 		return;
 	}
-	term_table_text(l->table, "%s", s->name);
-	if (*s->value)
-		term_table_text(l->table, "%s", s->value);
-	else
-		term_table_none(l->table);
-	if (l->ctl->args.origin_of)
-		put_origin(l->table, s);
+	term_table_text(t, "%s", s->name);
+	term_table_text(t, "%s", s->value);
+	if (l->origins)
+		put_origin(t, s);
 }
 
 static int show_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
+	struct session *session = &ctl->session;
+	struct listing l = {.list.console = &session->console, .origins = ctl->opt.origin_of};
 	int r, status;
 
-	console_begin_list(&ctl->session.console);
-	status = session_connect(&ctl->session);
+	console_begin_list(&session->console);
+	status = session_connect(session);
 	if (status)
 		return status;
-	if (!ctl->session.console.json)
-		l.table = term_table_new(ctl->session.console.report, columns, ctl->args.origin_of ? 3 : 2);
-	r = acut_config(ctl->session.acut, show, &l);
-	term_table_free(l.table);
-	return r ? session_error_acut(&ctl->session) : SESSION_DONE;
+	l.list.table = console_table(&session->console, columns, l.origins ? 3 : 2);
+	r = acut_config(session->acut, show, &l);
+	term_table_free(l.list.table);
+	return r ? session_error_acut(session) : SESSION_DONE;
 }
 
 const struct cli_verb ctl_config_verbs[] = {

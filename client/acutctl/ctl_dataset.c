@@ -9,12 +9,11 @@
 #include "mode.h"
 #include "parse.h"
 
-void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
+void ctl_dataset_json(const struct console *c, const struct acut_dataset *d)
 {
-	struct term_json j = {.out = ctl->session.console.report, .list = ctl->session.console.list};
+	struct term_json j = console_json(c);
 	char mode[8];
 
-	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "name", d->name);
 	term_json_u64(&j, "generation", d->generation);
 	term_json_u64(&j, "points", d->points);
@@ -23,7 +22,7 @@ void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 	term_json_u64(&j, "uid", d->uid);
 	term_json_text(&j, "owner", ctl_user_name(d->uid));
 	if (d->gid == ACUT_NO_GROUP)
-		term_json_literal(&j, "gid", "null");
+		term_json_null(&j, "gid");
 	else
 		term_json_u64(&j, "gid", d->gid);
 	term_json_text(&j, "group", ctl_group_name(d->gid));
@@ -31,34 +30,23 @@ void ctl_dataset_json(struct program *ctl, const struct acut_dataset *d)
 	term_json_text(&j, "mode", mode);
 	term_json_time(&j, "created", d->created_us);
 	term_json_time(&j, "pushed", d->pushed_us);
-	ctl_job_lattice(&j, d->lattice);
-	ctl_job_units(&j, d->crs, d->unit_xy, d->unit_z);
-	term_json_open(&j, "min", '[');
-	for (int i = 0; i < 3; i++)
-		term_json_number(&j, NULL, d->min[i]);
-	term_json_close(&j, ']');
-	term_json_open(&j, "max", '[');
-	for (int i = 0; i < 3; i++)
-		term_json_number(&j, NULL, d->max[i]);
-	term_json_close(&j, ']');
+	ctl_report_lattice(&j, d->lattice);
+	ctl_report_units(&j, d->crs, d->unit_xy, d->unit_z);
+	term_json_numbers(&j, "min", d->min, 3);
+	term_json_numbers(&j, "max", d->max, 3);
 	term_json_known(&j, "pending", d->pending);
 	term_json_u64(&j, "oldest", d->oldest ? d->oldest : d->generation ? 1 : 0);
 	term_json_bool(&j, "pinned", d->pinned);
 	term_json_u64(&j, "id", d->id);
-	if (d->segments)
-		term_json_u64(&j, "segments", d->segments);
-	else
-		term_json_known(&j, "segments", "");
+	term_json_known_u64(&j, "segments", d->segments);
 	term_json_bool(&j, "merging", d->merging);
 	term_json_time(&j, "removed", d->removed_us);
 	term_json_time(&j, "restorable_until", d->until_us);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
-static void show_text(struct program *ctl, const struct acut_dataset *d)
+static void show_text(FILE *out, const struct acut_dataset *d)
 {
-	FILE *out = ctl->session.console.report;
 	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
 	term_field(out, "dataset", "%s", d->name);
@@ -86,38 +74,19 @@ static void show_text(struct program *ctl, const struct acut_dataset *d)
 
 static int show(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	struct acut_dataset d;
-	int status = session_connect(&ctl->session);
+	int status = session_connect(session);
 
 	if (status)
 		return status;
-	if (acut_dataset_at(ctl->session.acut, ctl->line.word[0], ctl->args.generation, &d))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json)
-		ctl_dataset_json(ctl, &d);
+	if (acut_dataset_at(session->acut, ctl->line.word[0], ctl->opt.generation, &d))
+		return session_error_acut(session);
+	if (session->console.json)
+		ctl_dataset_json(&session->console, &d);
 	else
-		show_text(ctl, &d);
+		show_text(session->console.report, &d);
 	return SESSION_DONE;
-}
-
-static int create(struct program *ctl)
-{
-	return ctl_dataset_create(ctl, ctl->line.word[0]);
-}
-
-static int log_run(struct program *ctl)
-{
-	return ctl_dataset_log(ctl, ctl->line.word[0]);
-}
-
-static int prune(struct program *ctl)
-{
-	return ctl_dataset_prune(ctl, ctl->line.word[0]);
-}
-
-static int revert(struct program *ctl)
-{
-	return ctl_dataset_revert(ctl, ctl->line.word[0], ctl->line.nword > 1 ? ctl->line.word[1] : NULL);
 }
 
 struct named {
@@ -133,38 +102,39 @@ static void count_name(void *ctx, const struct acut_dataset *d)
 }
 
 /* How to get it back: where several of its name were removed, that does not say which. */
-static void say_removed(struct program *ctl, const char *name, uint64_t id, int64_t until_us)
+static void print_removed(struct session *session, const char *name, uint64_t id, int64_t until_us)
 {
 	struct named named = {.name = name};
 	char until[32], number[32];
 
 	snprintf(number, sizeof(number), "%llu", (unsigned long long)id);
-	if (acut_datasets_removed(ctl->session.acut, count_name, &named))
+	if (acut_datasets_removed(session->acut, count_name, &named))
 		named.n = 0;
-	console_line(&ctl->session.console, "%s is removed; acutctl dataset restore %s brings it back until %s", name,
+	console_line(&session->console, "%s is removed; acutctl dataset restore %s brings it back until %s", name,
 		     named.n > 1 ? number : name, term_time(until_us, until));
 }
 
-/* rm, restore, pin, unpin: the daemon's word for it, and what came of it. */
+/* rm, restore, pin, unpin: by the daemon's name of it. */
 static int change(struct program *ctl, const char *verb)
 {
+	struct session *session = &ctl->session;
 	const char *name = ctl->line.word[0];
 	struct acut_dataset d;
 	uint64_t id = 0;
-	int status = session_connect(&ctl->session);
+	int status = session_connect(session);
 
 	if (!parse_u64(name, &id))
 		id = 0;
-	if (!status && acut_dataset_change(ctl->session.acut, verb, name, id, ctl->args.as, &d))
-		status = session_error_acut(&ctl->session);
+	if (!status && acut_dataset_change(session->acut, verb, name, id, ctl->opt.as, &d))
+		status = session_error_acut(session);
 	if (status)
 		return status;
-	if (ctl->session.console.json)
-		ctl_dataset_json(ctl, &d);
+	if (session->console.json)
+		ctl_dataset_json(&session->console, &d);
 	else if (d.removed_us)
-		say_removed(ctl, name, d.id, d.until_us);
+		print_removed(session, name, d.id, d.until_us);
 	else if (!strcmp(verb, "restore"))
-		console_line(&ctl->session.console, "%s is there again", d.name);
+		console_line(&session->console, "%s is there again", d.name);
 	return SESSION_DONE;
 }
 
@@ -188,78 +158,72 @@ static int unpin(struct program *ctl)
 	return change(ctl, "unpin");
 }
 
-static int changed(struct program *ctl, int r, const struct acut_dataset *d)
+static int changed(struct session *session, int r, const struct acut_dataset *d)
 {
 	if (r)
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json)
-		ctl_dataset_json(ctl, d);
+		return session_error_acut(session);
+	if (session->console.json)
+		ctl_dataset_json(&session->console, d);
 	return SESSION_DONE;
 }
 
 static int chmod_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	struct acut_dataset d;
 	struct err err = ERR_INIT;
 	uint32_t mode;
 	int status;
 
 	if (mode_parse(ctl->line.word[0], 0, 0, &mode, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
+		return session_error(session, &err);
+	status = session_connect(session);
 	return status ? status :
-			changed(ctl, acut_dataset_chmod(ctl->session.acut, ctl->line.word[1], ctl->line.word[0], &d), &d);
+			changed(session, acut_dataset_chmod(session->acut, ctl->line.word[1], ctl->line.word[0], &d), &d);
 }
 
 static int chgrp_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	struct acut_dataset d;
 	struct err err = ERR_INIT;
 	uint32_t gid;
 	int status;
 
 	if (ctl_group_find(ctl->line.word[0], &gid, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
-	return status ? status : changed(ctl, acut_dataset_chgrp(ctl->session.acut, ctl->line.word[1], gid, &d), &d);
+		return session_error(session, &err);
+	status = session_connect(session);
+	return status ? status : changed(session, acut_dataset_chgrp(session->acut, ctl->line.word[1], gid, &d), &d);
 }
 
 static int chown_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	struct acut_dataset d;
 	struct err err = ERR_INIT;
 	uint32_t uid;
 	int status;
 
 	if (ctl_user_find(ctl->line.word[0], &uid, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
-	return status ? status : changed(ctl, acut_dataset_chown(ctl->session.acut, ctl->line.word[1], uid, &d), &d);
-}
-
-static int export(struct program *ctl)
-{
-	return ctl_dataset_export(ctl, ctl->line.word[0], ctl->line.word[1]);
-}
-
-static int import(struct program *ctl)
-{
-	return ctl_dataset_import(ctl, ctl->line.word[0], ctl->line.nword > 1 ? ctl->line.word[1] : NULL);
+		return session_error(session, &err);
+	status = session_connect(session);
+	return status ? status : changed(session, acut_dataset_chown(session->acut, ctl->line.word[1], uid, &d), &d);
 }
 
 const struct cli_verb ctl_dataset_verbs[] = {
 	{"chgrp", "chgrp GROUP DATASET", "give it to another group that you are in", 2, 2, NULL, chgrp_run},
 	{"chmod", "chmod MODE DATASET", "who may read it and push into it: 640, u=rw,g=r,o=, g+w", 2, 2, NULL, chmod_run},
 	{"chown", "chown USER DATASET", "give it to another owner, as an administrator", 2, 2, NULL, chown_run},
-	{"create", "create NAME", "a dataset before its first push", 1, 1, "scale crs mode", create},
-	{"export", "export DATASET DIR", "one dataset with all its generations into a folder", 2, 2, "copy", export},
-	{"import", "import DIR [NAME]", "a new dataset of an exported one", 1, 2, NULL, import},
-	{"log", "log DATASET", "what each generation did", 1, 1, "files", log_run},
+	{"create", "create NAME", "a dataset before its first push", 1, 1, "scale crs mode", ctl_dataset_create},
+	{"export", "export DATASET DIR", "one dataset with all its generations into a folder", 2, 2, "copy", ctl_dataset_export},
+	{"import", "import DIR [NAME]", "a new dataset of an exported one", 1, 2, NULL, ctl_dataset_import},
+	{"log", "log DATASET", "what each generation did", 1, 1, "files", ctl_dataset_log},
 	{"pin", "pin DATASET", "it is neither removed nor pruned from now on", 1, 1, NULL, pin},
-	{"prune", "prune DATASET", "old generations go, and the points that only they have", 1, 1, "keep before", prune},
+	{"prune", "prune DATASET", "old generations go, and the points that only they have", 1, 1, "keep before",
+	 ctl_dataset_prune},
 	{"restore", "restore REMOVED", "bring a removed dataset back, by name or number", 1, 1, "as", restore},
 	{"revert", "revert DATASET [GENERATION]", "undo what a generation did, unless told another one the newest", 1, 2, NULL,
-	 revert},
+	 ctl_dataset_revert},
 	{"rm", "rm DATASET", "remove it; it can be restored for seven days", 1, 1, NULL, rm},
 	{"show", "show DATASET", "what is in it", 1, 1, "at generation", show},
 	{"unpin", "unpin DATASET", "it can be removed and pruned again", 1, 1, NULL, unpin},

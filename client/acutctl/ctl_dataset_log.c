@@ -3,12 +3,11 @@
 
 #include "ctl.h"
 #include "ctl_dataset.h"
-#include "term_table.h"
 
 struct logging {
-	struct program *ctl;
+	struct console_list list;
 	struct term_json json;
-	struct term_table *table;
+	bool files;
 	uint64_t generation; /* that files are of */
 	char kind[40];
 };
@@ -36,32 +35,28 @@ static void row_json(struct logging *l, const struct acut_generation *g)
 {
 	struct term_json *j = &l->json;
 
-	*j = (struct term_json){.out = l->ctl->session.console.report};
-	term_json_open(j, NULL, '{');
+	*j = console_json(l->list.console);
 	term_json_u64(j, "generation", g->number);
 	term_json_time(j, "time", g->time_us);
 	term_json_known(j, "user", g->user);
 	term_json_u64(j, "uid", g->uid);
 	term_json_text(j, "kind", g->kind);
-	if (g->undoes)
-		term_json_u64(j, "undoes", g->undoes);
-	else
-		term_json_text(j, "undoes", NULL);
+	term_json_known_u64(j, "undoes", g->undoes);
 	term_json_u64(j, "files_added", g->files);
 	term_json_u64(j, "files_removed", g->files_removed);
 	term_json_u64(j, "points_added", g->points_added);
 	term_json_u64(j, "points_removed", g->points_removed);
 	term_json_text(j, "content", g->content);
 	term_json_bool(j, "readable", g->readable);
-	if (l->ctl->args.files)
+	if (l->files)
 		term_json_open(j, "files", '[');
 	else
-		term_json_literal(j, "files", "null");
+		term_json_null(j, "files");
 }
 
 static void row_text(struct logging *l, const struct acut_generation *g)
 {
-	struct term_table *t = l->table;
+	struct term_table *t = l->list.table;
 
 	term_table_id(t, g->number);
 	term_table_text(t, "%s", l->kind);
@@ -87,9 +82,9 @@ static void row(void *ctx, const struct acut_generation *g)
 		snprintf(l->kind, sizeof(l->kind), "%s of %llu", g->kind, (unsigned long long)g->undoes);
 	else
 		snprintf(l->kind, sizeof(l->kind), "%s", g->kind);
-	if (l->ctl->session.console.json)
+	if (l->list.console->json)
 		row_json(l, g);
-	else if (!l->ctl->args.files)
+	else if (!l->files)
 		row_text(l, g);
 }
 
@@ -106,9 +101,9 @@ static void file(void *ctx, const struct acut_log_file *f)
 {
 	struct logging *l = ctx;
 	struct term_json *j = &l->json;
-	struct term_table *t = l->table;
+	struct term_table *t = l->list.table;
 
-	if (!l->ctl->session.console.json) {
+	if (!l->list.console->json) {
 		term_table_id(t, l->generation);
 		term_table_text(t, "%s", l->kind);
 		term_table_text(t, f->removed ? "removed" : "added");
@@ -134,64 +129,67 @@ static void end(void *ctx, const struct acut_generation *g)
 {
 	struct logging *l = ctx;
 
-	if (!l->ctl->session.console.json)
+	if (!l->list.console->json)
 		return;
-	if (l->ctl->args.files)
+	if (l->files)
 		term_json_close(&l->json, ']');
-	term_json_close(&l->json, '}');
-	term_json_line(&l->json);
+	term_json_end(&l->json);
 }
 
-int ctl_dataset_log(struct program *ctl, const char *name)
+int ctl_dataset_log(struct program *ctl)
 {
-	struct logging l = {.ctl = ctl};
-	const struct acut_log_sink sink = {.generation = row, .file = ctl->args.files ? file : NULL, .end = end, .ctx = &l};
-	int status = session_connect(&ctl->session);
+	struct session *session = &ctl->session;
+	struct logging l = {.list.console = &session->console, .files = ctl->opt.files};
+	const struct acut_log_sink sink = {.generation = row, .file = l.files ? file : NULL, .end = end, .ctx = &l};
+	int status = session_connect(session);
 
 	if (status)
 		return status;
-	if (!ctl->session.console.json)
-		l.table = ctl->args.files ? term_table_new(ctl->session.console.report, files, sizeof(files) / sizeof(*files)) :
-					    term_table_new(ctl->session.console.report, generations,
-							   sizeof(generations) / sizeof(*generations));
-	status = acut_dataset_log(ctl->session.acut, name, &sink);
-	term_table_free(l.table);
-	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
+	l.list.table = l.files ? CONSOLE_TABLE(&session->console, files) : CONSOLE_TABLE(&session->console, generations);
+	status = acut_dataset_log(session->acut, ctl->line.word[0], &sink);
+	term_table_free(l.list.table);
+	return status ? session_error_acut(session) : SESSION_DONE;
 }
 
-int ctl_dataset_revert(struct program *ctl, const char *name, const char *generation)
+static void reverted_json(const struct console *c, const char *name, const struct acut_reverted *r)
 {
+	struct term_json j = console_json(c);
+
+	term_json_text(&j, "dataset", name);
+	term_json_u64(&j, "generation", r->generation);
+	term_json_u64(&j, "undone", r->undone);
+	term_json_u64(&j, "points", r->points);
+	term_json_u64(&j, "files_added", r->files);
+	term_json_u64(&j, "files_removed", r->files_removed);
+	term_json_u64(&j, "points_added", r->points_added);
+	term_json_u64(&j, "points_removed", r->points_removed);
+	term_json_end(&j);
+}
+
+/* Unless a generation is given, the newest. */
+int ctl_dataset_revert(struct program *ctl)
+{
+	struct session *session = &ctl->session;
+	const char *name = ctl->line.word[0], *generation = ctl->line.word[1];
 	struct acut_reverted r;
-	struct term_json j = {.out = ctl->session.console.report};
 	struct err err = ERR_INIT;
 	char a[32], b[32], c[32];
 	uint64_t n = 0;
 	int status;
 
 	if (generation && cli_number("the generation", generation, 1, UINT64_MAX, &n, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
-	if (!status && acut_dataset_revert(ctl->session.acut, name, n, &r))
-		status = session_error_acut(&ctl->session);
+		return session_error(session, &err);
+	status = session_connect(session);
+	if (!status && acut_dataset_revert(session->acut, name, n, &r))
+		status = session_error_acut(session);
 	if (status)
 		return status;
-	if (!ctl->session.console.json) {
-		console_line(&ctl->session.console,
+	if (session->console.json)
+		reverted_json(&session->console, name, &r);
+	else
+		console_line(&session->console,
 			     "%s: generation %llu undoes generation %llu: %s points back, %s points gone, %s points now", name,
 			     (unsigned long long)r.generation, (unsigned long long)r.undone, term_count(r.points_added, a),
 			     term_count(r.points_removed, b), term_count(r.points, c));
-		return SESSION_DONE;
-	}
-	term_json_open(&j, NULL, '{');
-	term_json_text(&j, "dataset", name);
-	term_json_u64(&j, "generation", r.generation);
-	term_json_u64(&j, "undone", r.undone);
-	term_json_u64(&j, "points", r.points);
-	term_json_u64(&j, "files_added", r.files);
-	term_json_u64(&j, "files_removed", r.files_removed);
-	term_json_u64(&j, "points_added", r.points_added);
-	term_json_u64(&j, "points_removed", r.points_removed);
-	term_json_close(&j, '}');
-	term_json_line(&j);
 	return SESSION_DONE;
 }

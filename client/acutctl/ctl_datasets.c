@@ -2,7 +2,6 @@
 #include "ctl.h"
 #include "ctl_dataset.h"
 #include "ctl_names.h"
-#include "term_table.h"
 #include "mode.h"
 
 static const struct term_column there[] = {
@@ -19,19 +18,14 @@ static const struct term_column gone[] = {
 	{"SIZE", .right = true},   {"UNTIL"},
 };
 
-struct listing {
-	struct program *ctl;
-	struct term_table *table;
-};
-
 static void each(void *ctx, const struct acut_dataset *d)
 {
-	struct listing *l = ctx;
+	struct console_list *l = ctx;
 	struct term_table *t = l->table;
 	char name[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
-	if (l->ctl->session.console.json) {
-		ctl_dataset_json(l->ctl, d);
+	if (l->console->json) {
+		ctl_dataset_json(l->console, d);
 		return;
 	}
 	term_table_text(t, "%s", d->name);
@@ -49,11 +43,11 @@ static void each(void *ctx, const struct acut_dataset *d)
 
 static void each_removed(void *ctx, const struct acut_dataset *d)
 {
-	struct listing *l = ctx;
+	struct console_list *l = ctx;
 	struct term_table *t = l->table;
 
-	if (l->ctl->session.console.json) {
-		ctl_dataset_json(l->ctl, d);
+	if (l->console->json) {
+		ctl_dataset_json(l->console, d);
 		return;
 	}
 	term_table_id(t, d->id);
@@ -66,18 +60,16 @@ static void each_removed(void *ctx, const struct acut_dataset *d)
 
 int ctl_datasets_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
-	bool removed = ctl->args.removed;
-	int status = session_connect(&ctl->session);
+	struct session *session = &ctl->session;
+	struct console_list l = {.console = &session->console};
+	bool removed = ctl->opt.removed;
+	int status = session_connect(session);
 
-	console_begin_list(&ctl->session.console);
+	console_begin_list(&session->console);
 	if (status)
 		return status;
-	if (!ctl->session.console.json)
-		l.table = removed ? term_table_new(ctl->session.console.report, gone, sizeof(gone) / sizeof(*gone)) :
-				    term_table_new(ctl->session.console.report, there, sizeof(there) / sizeof(*there));
-	status = removed ? acut_datasets_removed(ctl->session.acut, each_removed, &l) :
-			   acut_datasets(ctl->session.acut, NULL, each, &l);
+	l.table = removed ? CONSOLE_TABLE(l.console, gone) : CONSOLE_TABLE(l.console, there);
+	status = removed ? acut_datasets_removed(session->acut, each_removed, &l) : acut_datasets(session->acut, NULL, each, &l);
 	term_table_free(l.table);
-	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
+	return status ? session_error_acut(session) : SESSION_DONE;
 }

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_archive.h"
+#include "io.h"
 #include "term.h"
 
 static void print_system(FILE *out, const struct acut_probe *p)
@@ -31,9 +31,8 @@ static void print_box(FILE *out, const struct acut_probe *p)
 		term_field(out, "  box", "none");
 }
 
-static void print(struct program *ctl, const struct acut_probe *p)
+static void print(FILE *out, const struct acut_probe *p)
 {
-	FILE *out = ctl->session.console.report;
 	char a[32];
 
 	term_line(out, "%s", p->name);
@@ -54,107 +53,89 @@ static void three_texts(struct term_json *j, const char *key, const char *const 
 		if (text[i][0])
 			term_json_literal(j, NULL, text[i]);
 		else
-			term_json_text(j, NULL, NULL);
+			term_json_null(j, NULL);
 	}
 	term_json_close(j, ']');
 }
 
-static void three_numbers(struct term_json *j, const char *key, const double v[3])
+static void print_json(const struct console *c, const struct acut_probe *p, const struct acut_inspected *in)
 {
-	term_json_open(j, key, '[');
-	for (int i = 0; i < 3; i++)
-		term_json_number(j, NULL, v[i]);
-	term_json_close(j, ']');
-}
+	struct term_json j = console_json(c);
 
-static void number(struct term_json *j, const char *key, uint32_t n)
-{
-	if (n)
-		term_json_u64(j, key, n);
-	else
-		term_json_text(j, key, NULL);
-}
-
-static void print_json(struct program *ctl, const struct acut_probe *p, const struct acut_inspected *in)
-{
-	struct term_json j = {.out = ctl->session.console.report};
-
-	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", p->name);
 	term_json_text(&j, "format", p->format);
 	term_json_known(&j, "variant", p->variant);
 	term_json_u64(&j, "points", p->points);
-	three_numbers(&j, "min", p->min);
-	three_numbers(&j, "max", p->max);
+	term_json_numbers(&j, "min", p->min, 3);
+	term_json_numbers(&j, "max", p->max, 3);
 	three_texts(&j, "scale", p->scale);
 	three_texts(&j, "offset", p->offset);
-	ctl_job_units(&j, p->crs, p->unit_xy, p->unit_z);
+	ctl_report_units(&j, p->crs, p->unit_xy, p->unit_z);
 	term_json_known(&j, "plane", p->plane);
 	term_json_known(&j, "crs_name", p->crs_name);
 	term_json_known(&j, "datum", p->datum);
-	number(&j, "epsg", p->epsg);
-	number(&j, "epsg_z", p->epsg_z);
+	term_json_known_u64(&j, "epsg", p->epsg);
+	term_json_known_u64(&j, "epsg_z", p->epsg_z);
 	term_json_u64(&j, "lines_left_out", p->left_out);
-	if (p->left_out)
-		term_json_u64(&j, "first_left_out", p->left_out_line);
-	else
-		term_json_text(&j, "first_left_out", NULL);
+	term_json_known_u64(&j, "first_left_out", p->left_out ? p->left_out_line : 0);
 	term_json_known(&j, "warning", p->warning);
-	ctl_inspect_json(&j, in);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	ctl_report_inspected_json(&j, in);
+	term_json_end(&j);
 }
 
-static int info(struct program *ctl, struct ctl_input *in)
+static int info(struct ctl_inputs *inputs, struct ctl_input *in, bool header)
 {
+	struct session *session = inputs->session;
+	const struct ctl_input_options *opt = inputs->opt;
 	const struct acut_inspected *records = NULL;
 	const struct acut_probe *p = NULL;
 	struct err err = ERR_INIT;
-	int fd, r = in->fd < 0 ? ctl_input_open(ctl, in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
+	int fd, r = in->fd < 0 ? ctl_input_open(inputs, in, &fd, &err) : ctl_input_keep_pipe(inputs, in, &fd, &err);
 
 	if (r)
-		return session_error(&ctl->session, &err);
-	r = acut_decimal_comma(ctl->session.acut, ctl->args.decimal_comma);
-	if (!r && ctl->args.header) {
-		r = acut_info(ctl->session.acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &p);
+		return session_error(session, &err);
+	r = acut_decimal_comma(session->acut, opt->decimal_comma);
+	if (!r && header) {
+		r = acut_info(session->acut, fd, in->name, inputs->format, opt->columns, &p);
 	} else if (!r) {
-		r = acut_inspect(ctl->session.acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &records);
+		r = acut_inspect(session->acut, fd, in->name, inputs->format, opt->columns, &records);
 		p = r ? NULL : &records->header;
 	}
-	ctl_input_close(in, fd);
-	ctl_archive_drop(in);
+	io_close(fd);
+	ctl_input_drop(in);
 	if (r) {
-		session_failure(&ctl->session, in->name, &err);
-		return session_error(&ctl->session, &err);
+		session_failure(session, in->name, &err);
+		return session_error(session, &err);
 	}
-	if (ctl->session.console.json)
-		print_json(ctl, p, records);
+	if (session->console.json)
+		print_json(&session->console, p, records);
 	else
-		print(ctl, p);
-	if (records && !ctl->session.console.json)
-		ctl_inspect_text(ctl, records);
+		print(session->console.report, p);
+	if (records && !session->console.json)
+		ctl_report_inspected(&session->console, records);
 	return SESSION_DONE;
 }
 
-/* Broken files among good ones: all are told, status 3, as with a push. */
+/* Broken files among good ones: all are printed, status 3, as with a push. */
 int ctl_info_run(struct program *ctl)
 {
-	struct ctl_inputs in = {0};
+	struct session *session = &ctl->session;
+	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct err err = ERR_INIT;
 	int status, first = 0;
 	size_t good = 0;
 
-	if (ctl_input_gather(ctl, ctl->line.word, ctl->line.nword, &in, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
+	if (ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err))
+		return session_error(session, &err);
+	status = session_connect(session);
 	for (size_t i = 0; i < in.n && !status; i++) {
-		int one = info(ctl, &in.input[i]);
+		int one = info(&in, &in.input[i], ctl->opt.header);
 
 		first = first ? first : one;
 		good += !one;
-		if (one && session_interrupted(&ctl->session))
+		if (one && session_interrupted(session))
 			status = one;
 	}
-	ctl_input_done(&in);
+	ctl_inputs_done(&in);
 	return status ? status : first && good ? SESSION_SOME_REFUSED : first;
 }

@@ -2,7 +2,6 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "term_table.h"
 #include "parse.h"
 
 static const struct term_column columns[] = {
@@ -11,11 +10,6 @@ static const struct term_column columns[] = {
 	{"TRIANGLES", .right = true}, {"DOMAINS", .right = true, .spare = true},
 	{"SUBMITTED", .spare = true}, {"USER", .right = true, .spare = true},
 	{"PRIORITY", .spare = true},  {"NOTE", .tail = true},
-};
-
-struct listing {
-	struct program *ctl;
-	struct term_table *table;
 };
 
 /* Why it is not done, or how long it will take. */
@@ -37,12 +31,12 @@ static void note(struct term_table *t, const struct acut_job *job)
 
 static void each(void *ctx, const struct acut_job *job)
 {
-	struct listing *l = ctx;
+	struct console_list *l = ctx;
 	struct term_table *t = l->table;
 	bool failed = !strcmp(job->state, "failed"), over = job->final;
 
-	if (l->ctl->session.console.json) {
-		ctl_job_json(l->ctl, job);
+	if (l->console->json) {
+		ctl_report_job_json(l->console, job);
 		return;
 	}
 	term_table_id(t, job->id);
@@ -63,24 +57,21 @@ static void each(void *ctx, const struct acut_job *job)
 		term_table_none(t);
 	term_table_time(t, job->submitted_us);
 	term_table_text(t, "%u", job->uid);
-	if (job->priority && strcmp(job->priority, "normal"))
-		term_table_text(t, "%s", job->priority);
-	else
-		term_table_none(t);
+	term_table_text(t, "%s", job->priority && strcmp(job->priority, "normal") ? job->priority : "");
 	note(t, job);
 }
 
 int ctl_jobs_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
-	int status = session_connect(&ctl->session);
+	struct session *session = &ctl->session;
+	struct console_list l = {.console = &session->console};
+	int status = session_connect(session);
 
-	console_begin_list(&ctl->session.console);
+	console_begin_list(&session->console);
 	if (status)
 		return status;
-	if (!ctl->session.console.json)
-		l.table = term_table_new(ctl->session.console.report, columns, sizeof(columns) / sizeof(*columns));
-	status = acut_jobs(ctl->session.acut, each, &l);
+	l.table = CONSOLE_TABLE(l.console, columns);
+	status = acut_jobs(session->acut, each, &l);
 	term_table_free(l.table);
-	return status ? session_error_acut(&ctl->session) : SESSION_DONE;
+	return status ? session_error_acut(session) : SESSION_DONE;
 }

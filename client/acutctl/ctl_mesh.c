@@ -1,7 +1,7 @@
 /*
- * mesh: the one step from files to files. What can be refused without a daemon is refused first; then a
- * one-step dataset is staged, a job bound to this connection is submitted, and its triangles stream into the
- * outputs while they are made. If this command ends, so does the job.
+ * mesh: from files to files in one step. What can be refused without a daemon is refused first; then a dataset of its own is
+ * staged, a job bound to this connection is submitted, and its triangles stream into the outputs while they are made. The job
+ * ends with this command.
  */
 #include <stdlib.h>
 
@@ -9,21 +9,22 @@
 
 static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
 {
+	struct session *session = &ctl->session;
 	struct ctl_staged staged;
-	struct acut_submission what = {.view = view, .priority = ctl->args.priority, .bound = true, .fresh = true};
+	struct acut_submission what = {.view = view, .priority = ctl->opt.priority, .bound = true, .fresh = true};
 	const struct acut_job *job;
-	int status = session_connect(&ctl->session), staging;
+	int status = session_connect(session), staging;
 
 	if (status)
 		return status;
-	staging = ctl_stage(ctl, NULL, in, &staged);
+	staging = ctl_stage(in, &ctl->stage, NULL, &staged);
 	if (staging == 0 || staging == SESSION_SOME_REFUSED) {
 		what.dataset = staged.dataset;
 		what.generation = staged.generation;
-		if (acut_submit_job(ctl->session.acut, &what, &job))
-			status = session_error_acut(&ctl->session);
+		if (acut_submit_job(session->acut, &what, &job))
+			status = session_error_acut(session);
 		else
-			status = ctl_output_fetch(ctl, job->id, run, &staged);
+			status = ctl_fetch(session, &ctl->fetch, job->id, run, &staged);
 	}
 	ctl_stage_done(&staged);
 	return status ? status : staging;
@@ -31,7 +32,8 @@ static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, st
 
 int ctl_mesh_run(struct program *ctl)
 {
-	struct ctl_inputs in = {0};
+	struct session *session = &ctl->session;
+	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct format_run *run = NULL;
 	char *view = NULL;
 	double box[4];
@@ -39,16 +41,17 @@ int ctl_mesh_run(struct program *ctl)
 	struct err err = ERR_INIT;
 	int r = ctl_view_box(&ctl->view, &view, &cropped, box, &err), status;
 
+	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
 	if (!r)
-		r = ctl_input_gather(ctl, ctl->line.word, ctl->line.nword, &in, &err);
+		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
 	in.crop = cropped ? box : NULL;
 	if (!r)
-		r = ctl_input_not_output(&in, &ctl->args, &err);
+		r = ctl_inputs_not_outputs(&in, ctl->fetch.out.text, &err);
 	if (!r)
-		r = ctl_output_open(ctl, &run, &err);
-	status = r ? session_error(&ctl->session, &err) : mesh(ctl, &in, view, run);
+		r = ctl_fetch_open(session, &ctl->fetch, &run, &err);
+	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run);
 	format_run_free(run);
-	ctl_input_done(&in);
+	ctl_inputs_done(&in);
 	free(view);
 	return status;
 }

@@ -170,7 +170,7 @@ static void write_all(struct gathering *g, FILE *out)
 
 /* ---- JSON ---- */
 
-static void tell_json(void *ctx, const struct acut_metric *m)
+static void sample_json(void *ctx, const struct acut_metric *m)
 {
 	struct term_json *j = ctx;
 
@@ -182,8 +182,7 @@ static void tell_json(void *ctx, const struct acut_metric *m)
 		term_json_text(j, m->label[2 * i], m->label[2 * i + 1]);
 	term_json_close(j, '}');
 	term_json_number(j, "value", m->value);
-	term_json_close(j, '}');
-	term_json_line(j);
+	term_json_end(j);
 }
 
 /* ---- the file ---- */
@@ -237,43 +236,45 @@ static int publish(struct gathering *g, const char *path, struct err *err)
 	return r;
 }
 
-static int finish(struct program *ctl, struct gathering *g)
+static int finish(struct session *session, const char *file, struct gathering *g)
 {
 	struct err err = ERR_INIT;
 
 	if (g->no_memory)
 		err_set(&err, ERR_NOMEM, "no memory for all metrics");
-	else if (ctl->args.textfile)
-		publish(g, ctl->args.textfile, &err);
+	else if (file)
+		publish(g, file, &err);
 	else
-		write_all(g, ctl->session.console.report);
-	return err.code ? session_error(&ctl->session, &err) : SESSION_DONE;
+		write_all(g, session->console.report);
+	return err.code ? session_error(session, &err) : SESSION_DONE;
 }
 
 int ctl_metrics_run(struct program *ctl)
 {
 	static const struct acut_metric down = {.name = "acut_up", .type = "gauge", .help = "1: acutd answers."};
+	struct session *session = &ctl->session;
+	const char *file = ctl->opt.textfile;
 	struct gathering g = {.end = &g.first};
-	struct term_json j = {.out = ctl->session.console.report, .list = true};
+	struct term_json j = {.out = session->console.report, .list = true};
 	struct err err = ERR_INIT;
-	int status, told;
+	int status, written;
 
-	if (ctl->session.console.json && ctl->args.textfile) {
+	if (session->console.json && file) {
 		err_set(&err, ERR_USAGE, "--textfile writes the format of Prometheus, not JSON");
-		return session_error(&ctl->session, &err);
+		return session_error(session, &err);
 	}
-	status = session_connect(&ctl->session);
-	if (!status && acut_metrics(ctl->session.acut, ctl->session.console.json ? tell_json : gather,
-				    ctl->session.console.json ? (void *)&j : &g))
-		status = session_error_acut(&ctl->session);
-	if (!status && !ctl->session.console.json)
-		status = finish(ctl, &g);
-	else if (status && ctl->args.textfile && !session_caught()) {
+	status = session_connect(session);
+	if (!status &&
+	    acut_metrics(session->acut, session->console.json ? sample_json : gather, session->console.json ? (void *)&j : &g))
+		status = session_error_acut(session);
+	if (!status && !session->console.json)
+		status = finish(session, file, &g);
+	else if (status && file && !session_caught()) {
 		gathering_done(&g);
 		g = (struct gathering){.end = &g.first};
 		gather(&g, &down);
-		told = finish(ctl, &g);
-		status = told ? told : status;
+		written = finish(session, file, &g);
+		status = written ? written : status;
 	}
 	gathering_done(&g);
 	return status;

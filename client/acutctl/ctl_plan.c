@@ -1,13 +1,13 @@
 /* plan: what a job would take; starts nothing. */
+#include <math.h>
 #include <stdlib.h>
 
 #include "ctl.h"
 #include "term.h"
 #include "parse.h"
 
-static void print(struct program *ctl, const struct acut_plan *p)
+static void print(FILE *out, const struct acut_plan *p)
 {
-	FILE *out = ctl->session.console.report;
 	char a[32], b[32];
 
 	term_field(out, "points", "%s%s", p->exact ? "" : "at most ", term_count(p->points, a));
@@ -23,12 +23,11 @@ static void print(struct program *ctl, const struct acut_plan *p)
 		term_field(out, "time", "not known");
 }
 
-static void print_json(struct program *ctl, const struct acut_plan *p)
+static void print_json(const struct console *c, const char *dataset, const struct acut_plan *p)
 {
-	struct term_json j = {.out = ctl->session.console.report};
+	struct term_json j = console_json(c);
 
-	term_json_open(&j, NULL, '{');
-	term_json_text(&j, "dataset", ctl->line.word[0]);
+	term_json_text(&j, "dataset", dataset);
 	term_json_u64(&j, "points", p->points);
 	term_json_bool(&j, "exact", p->exact);
 	term_json_u64(&j, "domains", p->domains);
@@ -37,32 +36,29 @@ static void print_json(struct program *ctl, const struct acut_plan *p)
 	term_json_u64(&j, "threads", p->threads);
 	term_json_u64(&j, "memory_bytes", p->memory_bytes);
 	term_json_u64(&j, "disk_bytes", p->disk_bytes);
-	if (p->seconds > 0)
-		term_json_number(&j, "seconds", p->seconds);
-	else
-		term_json_text(&j, "seconds", NULL);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_number(&j, "seconds", p->seconds > 0 ? p->seconds : NAN);
+	term_json_end(&j);
 }
 
 int ctl_plan_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	const struct acut_plan *plan;
 	char *view;
 	struct err err = ERR_INIT;
 	int status;
 
 	if (ctl_view_text(&ctl->view, &view, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
-	if (!status && acut_plan(ctl->session.acut, ctl->line.word[0], ctl->args.generation, view, &plan))
-		status = session_error_acut(&ctl->session);
+		return session_error(session, &err);
+	status = session_connect(session);
+	if (!status && acut_plan(session->acut, ctl->line.word[0], ctl->opt.generation, view, &plan))
+		status = session_error_acut(session);
 	free(view);
 	if (status)
 		return status;
-	if (ctl->session.console.json)
-		print_json(ctl, plan);
+	if (session->console.json)
+		print_json(&session->console, ctl->line.word[0], plan);
 	else
-		print(ctl, plan);
+		print(session->console.report, plan);
 	return SESSION_DONE;
 }

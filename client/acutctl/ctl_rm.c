@@ -1,18 +1,17 @@
 /* rm: forgets jobs that are over. */
 #include "ctl.h"
 
-static int rm(struct program *ctl, uint64_t id)
+static int rm(struct session *session, uint64_t id)
 {
-	struct term_json j = {.out = ctl->session.console.report};
+	struct term_json j = {.out = session->console.report};
 
-	if (acut_job_remove(ctl->session.acut, id))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json) {
+	if (acut_job_remove(session->acut, id))
+		return session_error_acut(session);
+	if (session->console.json) {
 		term_json_open(&j, NULL, '{');
 		term_json_u64(&j, "job", id);
 		term_json_bool(&j, "removed", true);
-		term_json_close(&j, '}');
-		term_json_line(&j);
+		term_json_end(&j);
 	}
 	return SESSION_DONE;
 }

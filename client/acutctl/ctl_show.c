@@ -35,9 +35,8 @@ static void show_report(FILE *out, const struct acut_report *p)
 	term_field(out, "", "%s", p->vertex_digest);
 }
 
-static void show_text(struct program *ctl, const struct acut_job *job)
+static void show_text(FILE *out, const struct acut_job *job)
 {
-	FILE *out = ctl->session.console.report;
 	char a[32];
 
 	term_field(out, "job", "%" PRIu64, job->id);
@@ -60,21 +59,22 @@ static void show_text(struct program *ctl, const struct acut_job *job)
 
 int ctl_show_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	uint64_t id;
 	int status;
 
 	if (ctl_job_id(ctl->line.word[0], &id, &err))
-		return session_error(&ctl->session, &err);
-	status = session_connect(&ctl->session);
+		return session_error(session, &err);
+	status = session_connect(session);
 	if (status)
 		return status;
-	if (acut_job_wait(ctl->session.acut, id, false, NULL, NULL, &job))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json)
-		ctl_job_json(ctl, job);
+	if (acut_job_wait(session->acut, id, false, NULL, NULL, &job))
+		return session_error_acut(session);
+	if (session->console.json)
+		ctl_report_job_json(&session->console, job);
 	else
-		show_text(ctl, job);
+		show_text(session->console.report, job);
 	return SESSION_DONE;
 }

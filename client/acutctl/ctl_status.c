@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "term_table.h"
+#include "term.h"
 #include "parse.h"
 
 /* What is held of a name by nobody of the list. */
@@ -107,9 +107,8 @@ static void print_tables(FILE *out, const struct acut_status *s)
 	term_table_free(t);
 }
 
-static void print(struct program *ctl, const struct acut_status *s)
+static void print(FILE *out, const struct acut_status *s)
 {
-	FILE *out = ctl->session.console.report;
 	char a[32], b[32], c[32];
 	uint64_t sum = 0;
 
@@ -138,15 +137,9 @@ static void print_json_holders(struct term_json *j, const struct acut_status *s)
 
 		term_json_open(j, NULL, '{');
 		term_json_text(j, "kind", h->kind);
-		if (h->id)
-			term_json_u64(j, "id", h->id);
-		else
-			term_json_literal(j, "id", "null");
+		term_json_known_u64(j, "id", h->id);
 		term_json_u64(j, "uid", h->uid);
-		if (h->pid)
-			term_json_u64(j, "pid", h->pid);
-		else
-			term_json_literal(j, "pid", "null");
+		term_json_known_u64(j, "pid", h->pid);
 		term_json_known(j, "dataset", h->what);
 		term_json_open(j, "held", '{');
 		for (size_t k = 0; k < h->nheld; k++)
@@ -158,11 +151,10 @@ static void print_json_holders(struct term_json *j, const struct acut_status *s)
 	term_json_u64(j, "holders_more", s->holders_more);
 }
 
-static void print_json(struct program *ctl, const struct acut_status *s)
+static void print_json(const struct console *c, const struct acut_status *s)
 {
-	struct term_json j = {.out = ctl->session.console.report};
+	struct term_json j = console_json(c);
 
-	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "version", s->version);
 	term_json_u64(&j, "pid", s->pid);
 	term_json_u64(&j, "memory", s->memory);
@@ -190,23 +182,23 @@ static void print_json(struct program *ctl, const struct acut_status *s)
 	term_json_known(&j, "keep_free", s->keep_free_limit);
 	ctl_cache_side_json(&j, "state_disk", &s->state_side);
 	ctl_cache_side_json(&j, "cache_disk", &s->cache_side);
-	term_json_literal(&j, "one_file_system", s->one_file_system ? "true" : "false");
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_bool(&j, "one_file_system", s->one_file_system);
+	term_json_end(&j);
 }
 
 int ctl_status_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	const struct acut_status *s;
-	int status = session_connect(&ctl->session);
+	int status = session_connect(session);
 
 	if (status)
 		return status;
-	if (acut_status(ctl->session.acut, &s))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json)
-		print_json(ctl, s);
+	if (acut_status(session->acut, &s))
+		return session_error_acut(session);
+	if (session->console.json)
+		print_json(&session->console, s);
 	else
-		print(ctl, s);
+		print(session->console.report, s);
 	return SESSION_DONE;
 }

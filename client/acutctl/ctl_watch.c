@@ -7,23 +7,23 @@
 
 static void changed(void *ctx, const struct acut_job *job)
 {
-	ctl_job_print(ctx, job);
+	ctl_report_job(ctx, job);
 }
 
-static int watch_one(struct program *ctl, uint64_t id)
+static int watch_one(struct session *session, uint64_t id)
 {
 	const struct acut_job *job;
 
-	if (acut_job_wait(ctl->session.acut, id, true, changed, ctl, &job))
-		return session_error_acut(&ctl->session);
-	if (ctl->session.console.json)
+	if (acut_job_wait(session->acut, id, true, changed, &session->console, &job))
+		return session_error_acut(session);
+	if (session->console.json)
 		return job->has_error ? job->error.exit_status : SESSION_DONE;
-	return ctl_job_status(ctl, job);
+	return ctl_report_job_status(session, job);
 }
 
 /* What was printed of each unfinished job, so that only changes are. */
 struct watched {
-	struct program *ctl;
+	struct console *console;
 	struct seen {
 		uint64_t id, domains;
 		char state[16], waiting[96];
@@ -33,7 +33,7 @@ struct watched {
 	unsigned open;
 };
 
-static void look(void *ctx, const struct acut_job *job)
+static void see(void *ctx, const struct acut_job *job)
 {
 	struct watched *w = ctx;
 	struct seen *s = NULL, *grown;
@@ -58,25 +58,25 @@ static void look(void *ctx, const struct acut_job *job)
 	s->domains = job->progress.domains;
 	snprintf(s->state, sizeof(s->state), "%s", job->state);
 	snprintf(s->waiting, sizeof(s->waiting), "%s", job->waiting);
-	ctl_job_print(w->ctl, job);
+	ctl_report_job(w->console, job);
 }
 
-static int watch_all(struct program *ctl)
+static int watch_all(struct session *session)
 {
-	struct watched w = {.ctl = ctl, .first = true};
+	struct watched w = {.console = &session->console, .first = true};
 	struct err err = ERR_INIT;
 	int status = 0;
 
 	do {
 		w.open = 0;
-		if (acut_jobs(ctl->session.acut, look, &w))
-			status = session_error_acut(&ctl->session);
+		if (acut_jobs(session->acut, see, &w))
+			status = session_error_acut(session);
 		w.first = false;
 		if (!status && w.open)
 			nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
-		if (!status && session_interrupted(&ctl->session)) {
+		if (!status && session_interrupted(session)) {
 			err_set(&err, ERR_CANCELLED, "interrupted");
-			status = session_error(&ctl->session, &err);
+			status = session_error(session, &err);
 		}
 	} while (!status && w.open);
 	free(w.seen);
@@ -85,11 +85,12 @@ static int watch_all(struct program *ctl)
 
 int ctl_watch_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	int status;
 
-	ctl->session.for_reader = true;
+	session->for_reader = true;
 	if (ctl->line.nword)
 		return ctl_job_each(ctl, watch_one);
-	status = session_connect(&ctl->session);
-	return status ? status : watch_all(ctl);
+	status = session_connect(session);
+	return status ? status : watch_all(session);
 }

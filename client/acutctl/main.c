@@ -12,6 +12,7 @@ int main(int argc, char **argv)
 {
 	const struct cli cli = ctl_cli();
 	struct program ctl = {.session.console = {.program = "acutctl", .report = stdout, .keeps_warnings = true}};
+	const struct ctl_input_format *format;
 	struct err err = ERR_INIT;
 	int status;
 
@@ -27,13 +28,14 @@ int main(int argc, char **argv)
 	}
 	status = cli_parse(&cli, argc, argv, &ctl, &ctl.line, &err);
 	if (!status)
-		status = ctl_option_check(&ctl, &err);
-	for (unsigned i = 0; i < ctl.args.out.n; i++)
-		if (!strcmp(ctl.args.out.text[i], "-")) {
-			ctl.session.console.report = stderr;
-			ctl.session.for_reader = ctl.args.out.n == 1;
-		}
-	ctl.session.writes = ctl.args.out.n > 0;
+		status = session_check(&ctl.session, &err);
+	if (ctl_fetch_to_standard(&ctl.fetch)) {
+		ctl.session.console.report = stderr;
+		ctl.session.for_reader = ctl.fetch.out.n == 1;
+	}
+	if (ctl.input.format && (format = ctl_input_format_of(ctl.input.format)))
+		ctl.input.format = format->name; /* laz is read as las */
+	ctl.session.writes = ctl.fetch.out.n > 0;
 	ctl.session.starts = ctl.line.command && ctl.line.command->groups & CTL_OWN;
 	if (!status)
 		status = cli_run(&cli, &ctl.line, &ctl, stdout, &err);

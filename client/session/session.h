@@ -86,6 +86,7 @@ struct session_progress {
 };
 void session_progress_init(struct session_progress *, struct session *);
 void session_progress_show(void *ctx, const struct acut_progress *); /* an acut_progress_fn */
+void session_progress_job(void *ctx, const struct acut_job *);       /* for acut_job_wait */
 const char *session_progress_time(double seconds, char buf[24]);     /* 1:02:03 */
 
 #endif

@@ -132,3 +132,9 @@ void session_progress_show(void *ctx, const struct acut_progress *now)
 	p->last_ns = t;
 	draw(p, now);
 }
+
+void session_progress_job(void *ctx, const struct acut_job *job)
+{
+	if (!job->final)
+		session_progress_show(ctx, &job->progress);
+}

@@ -15,14 +15,13 @@
 
 int console_error(struct console *c, const struct err *err)
 {
-	struct term_json j = {.out = c->report};
+	struct term_json j;
 
 	console_progress_clear(c);
 	if (c->json) {
-		term_json_open(&j, NULL, '{');
+		j = console_json(c);
 		term_error_json(&j, "error", err);
-		term_json_close(&j, '}');
-		term_json_line(&j);
+		term_json_end(&j);
 	} else {
 		term_error_text(c->program, err);
 	}
@@ -93,6 +92,16 @@ void console_line(struct console *c, const char *fmt, ...)
 	va_start(ap, fmt);
 	print(c, c->report, NULL, term_format(fmt, ap));
 	va_end(ap);
+}
+
+struct term_json console_json(const struct console *c)
+{
+	return term_json_begin(c->report, c->list);
+}
+
+struct term_table *console_table(const struct console *c, const struct term_column *columns, unsigned n)
+{
+	return c->json ? NULL : term_table_new(c->report, columns, n);
 }
 
 void console_begin_list(struct console *c)

@@ -9,6 +9,11 @@
 #include <stddef.h>
 #include <stdio.h>
 
+#include "term_error.h"
+#include "term_json.h"
+#include "term_table.h"
+#include "term_text.h"
+
 struct err;
 
 struct console {
@@ -34,6 +39,16 @@ void console_note(struct console *, const char *fmt, ...) __attribute__((format(
 /* A line of the results for people: not with --quiet or --json. */
 void console_line(struct console *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
+/* An object of the results, begun; term_json_end ends it. */
+struct term_json console_json(const struct console *);
+/* A table of the results; NULL with --json. */
+struct term_table *console_table(const struct console *, const struct term_column *, unsigned n);
+#define CONSOLE_TABLE(console, columns) console_table(console, columns, sizeof(columns) / sizeof(*(columns)))
+/* For callbacks that print rows. */
+struct console_list {
+	struct console *console;
+	struct term_table *table;
+};
 /* Before the first of many rows. */
 void console_begin_list(struct console *);
 

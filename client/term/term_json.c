@@ -223,7 +223,7 @@ void term_json_close(struct term_json *j, char bracket)
 	j->comma = true;
 }
 
-static void put_null(struct term_json *j, const char *key, size_t n)
+void term_json_put_null(struct term_json *j, const char *key, size_t n)
 {
 	took(mempcpy(put_key(j, key, n, 4), "null", 4));
 }
@@ -231,7 +231,7 @@ static void put_null(struct term_json *j, const char *key, size_t n)
 void term_json_put_text(struct term_json *j, const char *key, size_t n, const char *text)
 {
 	if (!text) {
-		put_null(j, key, n);
+		term_json_put_null(j, key, n);
 		return;
 	}
 	put_key(j, key, n, 0);
@@ -293,6 +293,14 @@ void term_json_put_u64(struct term_json *j, const char *key, size_t n, uint64_t 
 	took(put_digits(put_key(j, key, n, DIGITS), v));
 }
 
+void term_json_put_known_u64(struct term_json *j, const char *key, size_t n, uint64_t v)
+{
+	if (v)
+		term_json_put_u64(j, key, n, v);
+	else
+		term_json_put_null(j, key, n);
+}
+
 void term_json_put_i64(struct term_json *j, const char *key, size_t n, int64_t v)
 {
 	char *at = put_key(j, key, n, 1 + DIGITS);
@@ -307,7 +315,7 @@ void term_json_put_number(struct term_json *j, const char *key, size_t n, double
 	char buf[40], *at, *end;
 
 	if (!isfinite(v)) {
-		put_null(j, key, n);
+		term_json_put_null(j, key, n);
 		return;
 	}
 	at = put_key(j, key, n, DIGITS + 7);
@@ -322,6 +330,14 @@ void term_json_put_number(struct term_json *j, const char *key, size_t n, double
 			break;
 	}
 	put_string(j->out, buf);
+}
+
+void term_json_put_numbers(struct term_json *j, const char *key, size_t n, const double *v, size_t count)
+{
+	term_json_put_open(j, key, n, '[');
+	for (size_t i = 0; i < count; i++)
+		term_json_number(j, NULL, v[i]);
+	term_json_close(j, ']');
 }
 
 void term_json_put_time(struct term_json *j, const char *key, size_t n, int64_t us)
@@ -344,4 +360,18 @@ void term_json_line(struct term_json *j)
 	if (!j->list)
 		fflush(j->out);
 	j->comma = false;
+}
+
+struct term_json term_json_begin(FILE *out, bool list)
+{
+	struct term_json j = {.out = out, .list = list};
+
+	term_json_open(&j, NULL, '{');
+	return j;
+}
+
+void term_json_end(struct term_json *j)
+{
+	term_json_close(j, '}');
+	term_json_line(j);
 }

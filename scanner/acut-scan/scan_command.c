@@ -120,7 +120,6 @@ int scan_version(struct program *args)
 	}
 	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "version", ACUT_VERSION);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 	return 0;
 }

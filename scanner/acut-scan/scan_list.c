@@ -19,8 +19,7 @@ static void as_json(const struct usb_device *d, const struct profile_set *set, c
 	if (event)
 		term_json_text(&j, "event", event);
 	scan_device_json(&j, d, set);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 static void cell(struct term_table *t, const char *text)

@@ -235,15 +235,14 @@ static void as_json(const struct probe *p, const struct err *err)
 		term_json_known(&j, "device_serial", p->serial);
 		term_json_close(&j, '}');
 	} else {
-		term_json_text(&j, "first_sweep", NULL);
+		term_json_null(&j, "first_sweep");
 	}
 	term_json_bool(&j, "fits", !err->code);
 	if (err->code)
 		term_error_json(&j, "error", err);
 	else
-		term_json_text(&j, "error", NULL);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+		term_json_null(&j, "error");
+	term_json_end(&j);
 }
 
 static void as_text(const struct probe *p)

@@ -188,8 +188,7 @@ static int list(struct program *args, const struct profile_set *set)
 	}
 	if (args->console.json) {
 		term_json_close(&j, ']');
-		term_json_close(&j, '}');
-		term_json_line(&j);
+		term_json_end(&j);
 	}
 	if (!profile_set_count(set))
 		console_note(&args->console, "there are no profiles");

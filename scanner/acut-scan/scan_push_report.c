@@ -38,8 +38,8 @@ static void shots_json(struct term_json *j, const struct scan_source *s)
 	const struct ground_counts *g = &s->ground;
 
 	if (s->kind != SCAN_GROUND) {
-		term_json_literal(j, "shots", "null");
-		term_json_literal(j, "dropped", "null");
+		term_json_null(j, "shots");
+		term_json_null(j, "dropped");
 		return;
 	}
 	term_json_u64(j, "shots", g->shots);
@@ -96,7 +96,7 @@ static void tell_json(struct program *args, const struct scan_result *r)
 	if (r->generation && !refused)
 		term_json_u64(&j, "generation", r->generation);
 	else
-		term_json_literal(&j, "generation", "null");
+		term_json_null(&j, "generation");
 	term_json_u64(&j, "points", refused ? 0 : r->points);
 	term_json_u64(&j, "moved", r->moved);
 	term_json_u64(&j, "replaced", r->replaced);
@@ -109,9 +109,8 @@ static void tell_json(struct program *args, const struct scan_result *r)
 	if (refused)
 		term_error_json(&j, "error", &r->err);
 	else
-		term_json_text(&j, "error", NULL);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+		term_json_null(&j, "error");
+	term_json_end(&j);
 }
 
 /* ---- people ---- */

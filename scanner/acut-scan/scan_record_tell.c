@@ -58,8 +58,8 @@ static void counts_json(struct term_json *j, const struct record *r)
 		term_json_u64(j, "telegrams", f.telegrams);
 		term_json_u64(j, "bad_telegrams", f.bad);
 	} else {
-		term_json_text(j, "telegrams", NULL);
-		term_json_text(j, "bad_telegrams", NULL);
+		term_json_null(j, "telegrams");
+		term_json_null(j, "bad_telegrams");
 	}
 	term_json_number(j, "seconds", clock_since(r->began_ns));
 	term_json_u64(j, "short_transfers", u.shorts);
@@ -106,8 +106,7 @@ void record_tell_start(struct record *r, const char *what)
 	term_json_known(&j, "serial", h->serial);
 	term_json_text(&j, "port", h->port);
 	term_json_known(&j, "profile", h->profile_name);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 static void line(struct record *r)
@@ -153,8 +152,7 @@ void record_tell_progress(struct record *r)
 	open_line(&j, r, "progress");
 	counts_json(&j, r);
 	term_json_number(&j, "rate", r->rate);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 void record_tell_event(struct record *r, const char *event, const char *text)
@@ -168,8 +166,7 @@ void record_tell_event(struct record *r, const char *event, const char *text)
 	}
 	open_line(&j, r, event);
 	term_json_text(&j, "text", text);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 static void end_json(struct record *r, const char *sum, const struct err *err)
@@ -187,9 +184,8 @@ static void end_json(struct record *r, const char *sum, const struct err *err)
 	if (err->code)
 		term_error_json(&j, "error", err);
 	else
-		term_json_text(&j, "error", NULL);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+		term_json_null(&j, "error");
+	term_json_end(&j);
 }
 
 static void end_text(const struct record *r, const struct spool_totals *t, const char *sum)

@@ -163,8 +163,7 @@ int scan_out_telegram(struct scan_out *o, const struct telegram *t, double utc_s
 	term_json_u64(&j, "size", t->size);
 	term_json_number(&j, "utc_s", utc_s);
 	term_json_text(&j, ascii ? "text" : "hex", text);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 	free(text);
 	return ferror(o->file) ? fail(o) : 0;
 }

@@ -180,9 +180,8 @@ static void json_decoded(struct term_json *j, const struct scan_found *f)
 
 static void tell_json(struct program *args, const struct scan_found *f)
 {
-	struct term_json j = {.out = args->console.report};
+	struct term_json j = console_json(&args->console);
 
-	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "spool", f->file);
 	term_json_known(&j, "serial", f->head.serial);
 	term_json_known(&j, "model", f->head.model);
@@ -216,8 +215,7 @@ static void tell_json(struct program *args, const struct scan_found *f)
 	term_json_close(&j, ']');
 	term_json_u64(&j, "fault_count", f->n_faults);
 	term_json_number(&j, "seconds", f->seconds);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 void scan_replay_report(struct program *args, const struct scan_found *f)

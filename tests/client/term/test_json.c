@@ -12,7 +12,7 @@
 #include <cmocka.h>
 
 #include "err.h"
-#include "ctl.h"
+#include "ctl_report.h"
 #include "term_json.h"
 
 static char *written(void (*put)(struct term_json *, const void *), const void *what)
@@ -56,7 +56,7 @@ static void put_text(struct term_json *j, const void *v)
 
 static void put_lattice(struct term_json *j, const void *v)
 {
-	ctl_job_lattice(j, v);
+	ctl_report_lattice(j, v);
 }
 
 static void check(void (*put)(struct term_json *, const void *), const void *what, const char *wanted)

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "ctl.h"
+#include "ctl_fetch.h"
 
 static uint64_t number_of(struct json_object *o, const char *key)
 {

@@ -14,7 +14,8 @@
 #include <unistd.h>
 
 #include "clock.h"
-#include "ctl_ingest.h"
+#include "ctl_drop.h"
+#include "term_error.h"
 #include "io_place.h"
 
 enum { NUMBERS_MAX = 100000 };
@@ -118,13 +119,6 @@ static int move_to(int from, const char *name, int to, const char *as)
 	return renameat(from, name, to, as);
 }
 
-/* A rename changes the time of the inode, and nothing else. */
-static bool same_bytes(const struct ctl_input *in, const struct stat *st)
-{
-	return S_ISREG(st->st_mode) && st->st_dev == in->dev && st->st_ino == in->ino && st->st_size == in->size &&
-	       st->st_mtim.tv_sec == in->mtime.tv_sec && st->st_mtim.tv_nsec == in->mtime.tv_nsec;
-}
-
 static int changed(const struct ctl_input *in, struct err *err)
 {
 	err_set(err, ERR_CHANGED, "it changed while it was pushed, and stays where it is");
@@ -158,7 +152,8 @@ static int move_as(const struct ctl_drop *d, const struct ctl_input *in, int to,
 			return changed(in, err);
 		return *ret_taken ? 0 : not_moved(in, folder, sys, err);
 	}
-	if (!fstatat(to, as, &st, AT_SYMLINK_NOFOLLOW) && same_bytes(in, &st))
+	/* A rename changes the time of the inode, and nothing else. */
+	if (!fstatat(to, as, &st, AT_SYMLINK_NOFOLLOW) && ctl_input_same(in, &st))
 		return 0;
 	/* Another file took the name between the two: it was not pushed. */
 	move_to(to, as, d->fd, in->entry);
@@ -197,15 +192,13 @@ int ctl_drop_done(const struct ctl_drop *d, const struct ctl_input *in, struct c
 
 static void put_reason(FILE *f, const char *dataset, const struct ctl_input *in, const struct err *why)
 {
-	struct term_json j = {.out = f};
+	struct term_json j = term_json_begin(f, false);
 
-	term_json_open(&j, NULL, '{');
 	term_json_text(&j, "file", in->entry);
 	term_json_text(&j, "dataset", dataset);
 	term_json_time(&j, "time", clock_real_us());
 	term_error_json(&j, "error", why);
-	term_json_close(&j, '}');
-	term_json_line(&j);
+	term_json_end(&j);
 }
 
 /* Under a name that nothing has. *ret_taken: this one is there already. */

@@ -1,7 +1,7 @@
 /*
  * --assume-crs and --assume-units: what is taken for inputs that say nothing. --override-crs and --override-units:
  * what is taken in place of what they say. Here the words become texts for the daemon, which knows coordinate systems;
- * a WKT may stand in a file. And the sentences that say what is still unknown, and whose word was overridden.
+ * a WKT may stand in a file. And the warning of what is still unknown.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "ctl.h"
+#include "ctl_stage.h"
 #include "io.h"
 
 enum { WKT_MAX = 32768 };
@@ -44,7 +44,7 @@ static int read_wkt(const char *path, char **ret, struct err *err)
 	return 0;
 }
 
-int ctl_assume_crs(const char *word, const char *option, char **ret, struct err *err)
+int ctl_stage_crs(const char *word, const char *option, char **ret, struct err *err)
 {
 	struct stat st;
 
@@ -83,7 +83,7 @@ static int read_units(const char *units, const char *option, struct ctl_assume *
 	return err_add_hint(err, "the first is of x and y, the second of z; ,ft says z alone");
 }
 
-int ctl_assume_read(const struct ctl_args *a, struct ctl_assume *ret, struct err *err)
+int ctl_assume_read(const struct ctl_stage_options *a, struct ctl_assume *ret, struct err *err)
 {
 	bool over = a->override_crs || a->override_units;
 	const char *crs = over ? a->override_crs : a->assume_crs, *units = over ? a->override_units : a->assume_units;
@@ -98,7 +98,7 @@ int ctl_assume_read(const struct ctl_args *a, struct ctl_assume *ret, struct err
 	}
 	if (units && read_units(units, over ? "--override-units" : "--assume-units", ret, err))
 		return -(int)err->code;
-	return crs ? ctl_assume_crs(crs, over ? "--override-crs" : "--assume-crs", &ret->crs, err) : 0;
+	return crs ? ctl_stage_crs(crs, over ? "--override-crs" : "--assume-crs", &ret->crs, err) : 0;
 }
 
 void ctl_assume_options(const struct ctl_assume *a, struct acut_push_options *opt)
@@ -119,14 +119,14 @@ static bool unknown(const char *text)
 	return !strcmp(text, "unknown");
 }
 
-void ctl_assume_seen(struct ctl_assume *a, const struct acut_probe *p)
+void ctl_assume_see(struct ctl_assume *a, const struct acut_probe *p)
 {
 	a->no_crs |= unknown(p->crs);
 	a->no_unit_xy |= unknown(p->unit_xy);
 	a->no_unit_z |= unknown(p->unit_z);
 }
 
-void ctl_assume_warn(struct program *ctl, const struct ctl_assume *a)
+void ctl_assume_warn(struct console *c, const struct ctl_assume *a)
 {
 	const char *what[3];
 	unsigned n = 0;
@@ -139,31 +139,10 @@ void ctl_assume_warn(struct program *ctl, const struct ctl_assume *a)
 		what[n++] = "the unit of z";
 	if (!n)
 		return;
-	console_warn(&ctl->session.console, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
+	console_warn(c, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
 		     n == 3 ? ", " :
 		     n == 2 ? " and " :
 			      "",
 		     n > 1 ? what[1] : "", n == 3 ? " and " : "", n == 3 ? what[2] : "", n == 1 ? "is" : "are",
 		     a->no_crs ? "--assume-crs and --assume-units say what they are" : "--assume-units says it");
-}
-
-/* The first input by name, of the others their number. */
-void ctl_assume_text(struct program *ctl, const struct ctl_staged *staged)
-{
-	const struct ctl_staged_file *first = NULL;
-	unsigned n = 0;
-	char more[64] = "";
-
-	for (size_t i = 0; staged && i < staged->nfile; i++) {
-		if (staged->file[i].refused || !staged->file[i].overridden)
-			continue;
-		first = first ? first : &staged->file[i];
-		n++;
-	}
-	if (!first)
-		return;
-	if (n > 1)
-		snprintf(more, sizeof(more), ", and those of %u more input%s", n - 1, n == 2 ? "" : "s");
-	console_line(&ctl->session.console, "overridden: what the records of %s say (%s)%s", first->name, first->overridden,
-		     more);
 }

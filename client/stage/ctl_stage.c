@@ -7,8 +7,8 @@
 #include <string.h>
 
 #include "clock.h"
-#include "ctl.h"
-#include "ctl_archive.h"
+#include "ctl_stage.h"
+#include "decimal.h"
 
 /* A failure of the file itself, not of the way there. */
 static bool is_refusal(enum err_code code)
@@ -17,7 +17,8 @@ static bool is_refusal(enum err_code code)
 }
 
 struct staging {
-	struct program *ctl;
+	struct session *session;
+	const struct ctl_stage_options *opt;
 	struct ctl_inputs *in;
 	struct ctl_staged *ret;
 	struct acut_push *push;
@@ -32,20 +33,20 @@ struct staging {
 /* Exit status if the failure ends the push, 0 if only this input is left out. */
 static int refuse(struct staging *s, size_t i, const struct err *err, bool refusal)
 {
-	struct program *ctl = s->ctl;
+	struct session *session = s->session;
 
-	if (session_interrupted(&ctl->session) || !refusal)
-		return session_error(&ctl->session, err);
+	if (session_interrupted(session) || !refusal)
+		return session_error(session, err);
 	s->in->input[i].refused = true;
-	ctl_archive_drop(&s->in->input[i]);
+	ctl_input_drop(&s->in->input[i]);
 	s->ret->file[i].refused = true;
 	s->ret->file[i].err = *err;
 	s->ret->refused++;
-	if (ctl->args.strict) {
-		session_error(&ctl->session, err);
+	if (s->opt->strict) {
+		session_error(session, err);
 		return 1;
 	}
-	session_refusal(&ctl->session, err);
+	session_refusal(session, err);
 	return 0;
 }
 
@@ -71,7 +72,7 @@ static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
 
 	if (in->refused || s->ret->file[i].known)
 		return 1;
-	if (ctl_input_open(s->ctl, in, &ret->fd, &err)) {
+	if (ctl_input_open(s->in, in, &ret->fd, &err)) {
 		/* A manifest is about all inputs: one that is not what was verified ends the push. */
 		s->status = refuse(s, i, &err, !in->verified && (is_refusal(err.code) || err.code == ERR_PERM));
 		return s->status ? -1 : 1;
@@ -90,7 +91,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 		return s->status = told(s, i, why);
 	to->known = p->known;
 	if (p->known) {
-		ctl_archive_drop(&s->in->input[i]);
+		ctl_input_drop(&s->in->input[i]);
 		to->points = p->points;
 		to->replaced = p->replaced;
 		s->ret->known++;
@@ -98,11 +99,11 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 		return 0;
 	}
 	s->progress.total += p->points;
-	ctl_assume_seen(&s->assume, p);
+	ctl_assume_see(&s->assume, p);
 	if (p->warning[0]) {
 		free(to->warning);
 		to->warning = strdup(p->warning);
-		console_warn(&s->ctl->session.console, "%s: %s", s->in->input[i].name, p->warning);
+		console_warn(&s->session->console, "%s: %s", s->in->input[i].name, p->warning);
 	}
 	return 0;
 }
@@ -116,7 +117,7 @@ static void take_warning(struct staging *s, size_t i, const char *text)
 
 	more += strncmp(more, "; ", 2) ? 0 : 2;
 	if (*more)
-		console_warn(&s->ctl->session.console, "%s: %s", s->in->input[i].name, more);
+		console_warn(&s->session->console, "%s: %s", s->in->input[i].name, more);
 	if (*text) {
 		free(to->warning);
 		to->warning = strdup(text);
@@ -131,9 +132,9 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 
 	if (why)
 		return s->status = told(s, i, why);
-	if (ctl_pipe_finish(&s->in->input[i], &err))
-		return s->status = session_error(&s->ctl->session, &err);
-	ctl_archive_drop(&s->in->input[i]);
+	if (ctl_input_finish_pipe(&s->in->input[i], &err))
+		return s->status = session_error(s->session, &err);
+	ctl_input_drop(&s->in->input[i]);
 	to->points = f->points;
 	to->moved = f->moved;
 	to->bytes_read = f->bytes_read;
@@ -161,7 +162,7 @@ static int each_file(struct staging *s, bool probe)
 	int r = probe ? acut_push_probe_each(s->push, s->in->n, &each) : acut_push_file_each(s->push, s->in->n, &each);
 
 	if (r && !s->status)
-		s->status = session_error_acut(&s->ctl->session);
+		s->status = session_error_acut(s->session);
 	for (size_t i = 0; i < s->in->n; i++) {
 		if (!s->in->input[i].refused)
 			left++;
@@ -171,22 +172,52 @@ static int each_file(struct staging *s, bool probe)
 	if (s->status || left)
 		return s->status;
 	/* nothing good: the first refusal is the command's failure */
-	if (s->ctl->session.console.json && !s->in->each)
-		session_error(&s->ctl->session, &s->ret->file[first].err);
+	if (s->session->console.json && !s->in->each)
+		session_error(s->session, &s->ret->file[first].err);
 	return err_exit_status(s->ret->file[first].err.code);
+}
+
+int ctl_stage_scale(const char *scale, char buf[CTL_SCALE_SIZE], const char **ret_z, struct err *err)
+{
+	struct decimal d;
+	char *comma;
+
+	snprintf(buf, CTL_SCALE_SIZE, "%s", scale);
+	comma = strchr(buf, ',');
+	if (comma)
+		*comma++ = 0;
+	*ret_z = comma;
+	if (strlen(scale) < CTL_SCALE_SIZE && decimal_parse(buf, &d) && d.mantissa > 0 &&
+	    (!comma || (decimal_parse(comma, &d) && d.mantissa > 0)))
+		return 0;
+	return err_set(err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", scale);
+}
+
+/* --geoid names a kept grid, or a .pgm file, which is added then. */
+static int geoid_name(struct staging *s, char ret_name[128])
+{
+	const char *geoid = s->opt->geoid;
+	const struct acut_geoid *g;
+	size_t n = strlen(geoid);
+
+	if (n > 4 && !strcmp(geoid + n - 4, ".pgm"))
+		return ctl_stage_geoid(s->session, geoid, NULL, ret_name, &g);
+	snprintf(ret_name, 128, "%s", geoid);
+	return 0;
 }
 
 static int begin(struct staging *s, const char *dataset)
 {
-	const struct ctl_args *a = &s->ctl->args;
-	char scale[2 * DECIMAL_TEXT_SIZE + 2], *comma, geoid[128];
+	const struct ctl_stage_options *a = s->opt;
+	const struct ctl_input_options *in = s->in->opt;
+	char scale[CTL_SCALE_SIZE], geoid[128];
 	struct acut_push_options opt = {.dataset = dataset,
-					.format = a->input_format,
+					.format = s->in->format,
 					.utm = a->utm,
 					.geoid_way = a->geoid_way,
-					.columns = a->columns,
+					.columns = in->columns,
 					.planar = a->planar,
-					.accept_truncated = a->accept_truncated,
+					.accept_truncated = in->accept_truncated,
 					.strict = a->strict,
 					.checksum = a->checksum,
 					.add = a->add,
@@ -195,38 +226,24 @@ static int begin(struct staging *s, const char *dataset)
 					.crop = s->in->crop,
 					.progress = session_progress_show,
 					.ctx = &s->progress};
-	struct decimal d;
 	struct err err = ERR_INIT;
 
-	if (ctl_assume_read(a, &s->assume, &err))
-		return session_error(&s->ctl->session, &err);
+	if (ctl_assume_read(a, &s->assume, &err) || (a->scale && ctl_stage_scale(a->scale, scale, &opt.scale_z, &err)))
+		return session_error(s->session, &err);
 	ctl_assume_options(&s->assume, &opt);
-	if (a->scale) {
-		snprintf(scale, sizeof(scale), "%s", a->scale);
-		comma = strchr(scale, ',');
-		if (comma)
-			*comma++ = 0;
-		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
-		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
-			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
-			return session_error(&s->ctl->session, &err);
-		}
-		opt.scale_xy = scale;
-		opt.scale_z = comma;
-	}
+	opt.scale_xy = a->scale ? scale : NULL;
 	if (a->geoid) {
-		int status = ctl_height_geoid(s->ctl, geoid);
+		int status = geoid_name(s, geoid);
 
 		if (status)
 			return status;
 		opt.geoid = geoid;
 	}
-	if (acut_decimal_comma(s->ctl->session.acut, a->decimal_comma) ||
-	    (a->mode && acut_dataset_mode(s->ctl->session.acut, a->mode)) ||
-	    acut_push_begin(s->ctl->session.acut, &opt, &s->push))
-		return session_error_acut(&s->ctl->session);
+	if (acut_decimal_comma(s->session->acut, in->decimal_comma) ||
+	    (a->mode && acut_dataset_mode(s->session->acut, a->mode)) || acut_push_begin(s->session->acut, &opt, &s->push))
+		return session_error_acut(s->session);
 	if (*acut_push_note(s->push))
-		console_line(&s->ctl->session.console, "%s: %s", dataset, acut_push_note(s->push));
+		console_line(&s->session->console, "%s: %s", dataset, acut_push_note(s->push));
 	return 0;
 }
 
@@ -235,19 +252,19 @@ static int keep(struct staging *s, struct ctl_input *in)
 {
 	struct err err = ERR_INIT;
 
-	return ctl_pipe_keep(s->ctl, in, &in->kept, &err) ? session_error(&s->ctl->session, &err) : 0;
+	return ctl_input_keep_pipe(s->in, in, &in->kept, &err) ? session_error(s->session, &err) : 0;
 }
 
 static int start_pipes(struct staging *s)
 {
-	const struct ctl_args *a = &s->ctl->args;
+	const struct ctl_stage_options *a = s->opt;
 	int status = 0;
 
 	for (size_t i = 0; i < s->in->n && !status; i++)
 		if (s->in->input[i].fd >= 0 && s->named && (a->checksum || a->add || a->replace || a->replaces))
 			status = keep(s, &s->in->input[i]);
 		else if (s->in->input[i].fd >= 0)
-			status = ctl_pipe_start(&s->in->input[i], s->push, s->ctl);
+			status = ctl_input_start_pipe(s->in, &s->in->input[i], s->push);
 	return status;
 }
 
@@ -256,7 +273,7 @@ static int commit(struct staging *s)
 	const struct acut_push_result *result;
 
 	if (acut_push_commit(s->push, &result))
-		return session_error_acut(&s->ctl->session);
+		return session_error_acut(s->session);
 	snprintf(s->ret->dataset, sizeof(s->ret->dataset), "%s", result->dataset);
 	s->ret->generation = result->generation;
 	s->ret->points = result->points;
@@ -278,26 +295,38 @@ static int whole(struct staging *s)
 	s->cut = s->in->n == 1; /* what came is of no use */
 	err_set(&err, ERR_TRUNCATED, "the connection that it came over is gone, so that it may not be whole; nothing was taken");
 	err_add_file(&err, "standard input");
-	return session_error(&s->ctl->session, &err);
+	return session_error(s->session, &err);
 }
 
-int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
+static void planned(struct staging *s, const struct acut_push_planned *p)
 {
-	struct staging s = {.ctl = ctl, .in = in, .ret = ret, .named = dataset};
+	struct ctl_staged *ret = s->ret;
+
+	snprintf(ret->zone, sizeof(ret->zone), "%s", p->zone);
+	snprintf(ret->datum, sizeof(ret->datum), "%s", p->datum);
+	snprintf(ret->geoid, sizeof(ret->geoid), "%s", p->geoid);
+	if (*ret->zone)
+		console_line(&s->session->console, "degrees of %s are projected to %s%s (%s)", ret->datum,
+			     strncmp(ret->zone, "UPS", 3) ? "UTM zone " : "", ret->zone, p->crs);
+}
+
+int ctl_stage(struct ctl_inputs *in, const struct ctl_stage_options *opt, const char *dataset, struct ctl_staged *ret)
+{
+	struct staging s = {.session = in->session, .opt = opt, .in = in, .ret = ret, .named = dataset};
 	uint64_t start = clock_mono_ns();
 	const char *lattice;
 	struct err err = ERR_INIT;
 	int status;
 
-	*ret = (struct ctl_staged){.nfile = in->n};
+	*ret = (struct ctl_staged){.opt = opt, .nfile = in->n};
 	ret->file = calloc(in->n, sizeof(*ret->file));
 	if (!ret->file) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu inputs", in->n);
-		return session_error(&ctl->session, &err);
+		return session_error(s.session, &err);
 	}
 	for (size_t i = 0; i < in->n; i++)
 		ret->file[i].name = in->input[i].name;
-	session_progress_init(&s.progress, &ctl->session);
+	session_progress_init(&s.progress, s.session);
 	status = begin(&s, dataset);
 	if (!status)
 		status = start_pipes(&s);
@@ -305,13 +334,13 @@ int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, s
 		status = each_file(&s, true);
 	if (!status && ret->known + ret->refused < in->n) {
 		if (acut_push_plan(s.push, &lattice)) {
-			status = session_error_acut(&ctl->session);
+			status = session_error_acut(s.session);
 		} else {
-			ctl_height_planned(ctl, acut_push_planned(s.push), ret);
+			planned(&s, acut_push_planned(s.push));
 			if (*acut_push_planned(s.push)->note)
-				console_warn(&ctl->session.console, "%s", acut_push_planned(s.push)->note);
+				console_warn(&s.session->console, "%s", acut_push_planned(s.push)->note);
 			if (acut_push_first(s.push))
-				ctl_assume_warn(ctl, &s.assume);
+				ctl_assume_warn(&s.session->console, &s.assume);
 		}
 		if (!status)
 			status = each_file(&s, false);
@@ -322,24 +351,33 @@ int ctl_stage(struct program *ctl, const char *dataset, struct ctl_inputs *in, s
 		status = commit(&s);
 	/* on the way into a named dataset what is there whole stays, for the same push again; --strict and a manifest
 	 * keep nothing, nor does a stream that broke off */
-	if (dataset && !s.cut && (session_caught() || !(ctl->args.strict || ctl->args.manifest)))
+	if (dataset && !s.cut && (session_caught() || !(opt->strict || in->opt->manifest)))
 		acut_push_leave(s.push);
 	else
 		acut_push_end(s.push);
 	ctl_assume_done(&s.assume);
-	console_progress_clear(&ctl->session.console);
+	console_progress_clear(&s.session->console);
 	ret->seconds = clock_since(start);
 	return status ? status : ret->refused ? SESSION_SOME_REFUSED : 0;
 }
 
 void ctl_stage_done(struct ctl_staged *s)
 {
-	for (size_t i = 0; s->file && i < s->nfile; i++)
+	for (size_t i = 0; s->file && i < s->nfile; i++) {
 		free(s->file[i].warning);
-	for (size_t i = 0; s->file && i < s->nfile; i++)
 		free(s->file[i].projected_from);
-	for (size_t i = 0; s->file && i < s->nfile; i++)
 		free(s->file[i].overridden);
+	}
 	free(s->file);
 	*s = (struct ctl_staged){0};
+}
+
+int ctl_stage_check(const struct ctl_stage_options *a, const struct ctl_input_options *in, struct err *err)
+{
+	if (a->add && (a->replace || a->replaces))
+		return err_set(err, ERR_USAGE,
+			       "--add takes a file beside the old one, --replace in its place: both at once are nothing");
+	if (in->name && (!*in->name || strchr(in->name, '/')))
+		return err_set(err, ERR_USAGE, "--name is a name without slashes");
+	return 0;
 }

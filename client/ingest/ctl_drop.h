@@ -1,12 +1,12 @@
 /*
  * What the parts of acutctl ingest share: looking (ctl_ingest_look.c), pushing (ctl_ingest.c), moving (ctl_ingest_move.c).
  */
-#ifndef CTL_INGEST_H
-#define CTL_INGEST_H
+#ifndef CTL_DROP_H
+#define CTL_DROP_H
 
 #include <limits.h>
 
-#include "ctl.h"
+#include "ctl_input.h"
 #include "digest.h"
 
 /* A drop folder: opened once, and everything in it reached through this descriptor. */

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "ctl.h"
+#include "ctl_report.h"
 #include "term.h"
 
 static const char *const flag_name[4] = {"withheld", "synthetic", "key_point", "overlap"};
@@ -36,13 +36,13 @@ static void place_text(FILE *out, const struct acut_inspected *in)
 			   (double)in->distinct / in->area);
 }
 
-void ctl_inspect_text(struct program *ctl, const struct acut_inspected *in)
+void ctl_report_inspected(struct console *c, const struct acut_inspected *in)
 {
-	FILE *out = ctl->session.console.report;
-	char a[32], b[32], c[32];
+	FILE *out = c->report;
+	char a[32], b[32], d[32];
 
 	term_field(out, "  records", "%s, at %s positions: %s more than one there", term_count(in->points, a),
-		   term_count(in->distinct, b), term_count(in->points - in->distinct, c));
+		   term_count(in->distinct, b), term_count(in->points - in->distinct, d));
 	if (in->points) {
 		term_field(out, "  from", "%.15g %.15g %.15g to %.15g %.15g %.15g", in->min[0], in->min[1], in->min[2],
 			   in->max[0], in->max[1], in->max[2]);
@@ -50,7 +50,7 @@ void ctl_inspect_text(struct program *ctl, const struct acut_inspected *in)
 			term_field(out, "  99.9 %", "%.15g %.15g %.15g to %.15g %.15g %.15g hold this part of them",
 				   in->inner_min[0], in->inner_min[1], in->inner_min[2], in->inner_max[0], in->inner_max[1],
 				   in->inner_max[2]);
-		if (ctl_outlier_many(in->most_points, in->points, in->distinct))
+		if (ctl_report_crowded(in->most_points, in->points, in->distinct))
 			term_field(out, "  at one", "%s of them are at one position, %.15g %.15g", term_count(in->most_points, a),
 				   in->most_at[0], in->most_at[1]);
 		counts_text(out, "  class", in->classes, 256);
@@ -85,14 +85,6 @@ static void counts_json(struct term_json *j, const char *key, const uint64_t *co
 	term_json_close(j, '}');
 }
 
-static void three(struct term_json *j, const char *key, const double v[3])
-{
-	term_json_open(j, key, '[');
-	for (int i = 0; i < 3; i++)
-		term_json_number(j, NULL, v[i]);
-	term_json_close(j, ']');
-}
-
 static double per(uint64_t n, double area, bool known)
 {
 	return known && area > 0 ? (double)n / area : NAN;
@@ -121,11 +113,11 @@ static void place_json(struct term_json *j, const struct acut_inspected *in)
 		term_json_known(j, "mgrs", in->mgrs);
 		term_json_close(j, '}');
 	} else {
-		term_json_text(j, "place", NULL);
+		term_json_null(j, "place");
 	}
 }
 
-void ctl_inspect_json(struct term_json *j, const struct acut_inspected *in)
+void ctl_report_inspected_json(struct term_json *j, const struct acut_inspected *in)
 {
 	static const char *const keys[] = {"records", "distinct",      "duplicates", "record_min", "record_max", "classes",
 					   "returns", "return_counts", "flags",      "lattice",    "hull",       "density",
@@ -133,14 +125,14 @@ void ctl_inspect_json(struct term_json *j, const struct acut_inspected *in)
 
 	if (!in) {
 		for (size_t i = 0; i < sizeof(keys) / sizeof(*keys); i++)
-			term_json_text(j, keys[i], NULL);
+			term_json_null(j, keys[i]);
 		return;
 	}
 	term_json_u64(j, "records", in->points);
 	term_json_u64(j, "distinct", in->distinct);
 	term_json_u64(j, "duplicates", in->points - in->distinct);
-	three(j, "record_min", in->min);
-	three(j, "record_max", in->max);
+	term_json_numbers(j, "record_min", in->min, 3);
+	term_json_numbers(j, "record_max", in->max, 3);
 	counts_json(j, "classes", in->classes, 256);
 	counts_json(j, "returns", in->returns, 16);
 	counts_json(j, "return_counts", in->return_counts, 16);
@@ -148,13 +140,13 @@ void ctl_inspect_json(struct term_json *j, const struct acut_inspected *in)
 	for (int i = 0; i < 4; i++)
 		term_json_u64(j, flag_name[i], in->flags[i]);
 	term_json_close(j, '}');
-	ctl_job_lattice(j, in->lattice);
+	ctl_report_lattice(j, in->lattice);
 	place_json(j, in);
 	term_json_open(j, "differences", '[');
 	for (size_t i = 0; i < in->ndifference; i++)
 		term_json_text(j, NULL, in->difference[i]);
 	term_json_close(j, ']');
-	three(j, "inner_min", in->inner_min);
-	three(j, "inner_max", in->inner_max);
-	ctl_job_most(j, in->most_points, in->most_at);
+	term_json_numbers(j, "inner_min", in->inner_min, 3);
+	term_json_numbers(j, "inner_max", in->inner_max, 3);
+	ctl_report_most(j, in->most_points, in->most_at);
 }

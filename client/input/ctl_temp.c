@@ -5,7 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "ctl.h"
+#include "ctl_input_priv.h"
 
 int ctl_temp_open(const char **ret_folder, int *ret_fd, struct err *err)
 {

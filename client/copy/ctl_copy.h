@@ -2,10 +2,10 @@
 #ifndef CTL_COPY_H
 #define CTL_COPY_H
 
-#include "ctl.h"
+#include "session.h"
 
 struct ctl_copy {
-	struct program *ctl;
+	struct session *session;
 	const char *dir;
 	char what[96];     /* as the folder's mark says it: "state", "dataset NAME" */
 	char identity[64]; /* of what is brought; "": not known */

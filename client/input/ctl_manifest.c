@@ -16,9 +16,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "ctl.h"
-#include "ctl_archive.h"
+#include "ctl_input_priv.h"
 #include "ctl_sha.h"
+#include "io.h"
 
 enum { SUM = 32, PIECE = 1 << 20, NAMED_MOST = 20 };
 
@@ -30,6 +30,7 @@ struct line {
 };
 
 struct manifest {
+	struct ctl_inputs *in;
 	const char *path;
 	char *folder; /* with the slash at its end; "" for the current one */
 	struct line *line;
@@ -200,7 +201,7 @@ static int read_list(struct manifest *m, struct err *err)
 /* ---- the inputs ---- */
 
 /* The sum of all bytes. */
-static int sum_of(struct program *ctl, int fd, unsigned char sum[SUM], struct err *err)
+static int sum_of(struct session *session, int fd, unsigned char sum[SUM], struct err *err)
 {
 	struct ctl_sha *sha = ctl_sha_new(err);
 	void *piece = malloc(PIECE);
@@ -216,7 +217,7 @@ static int sum_of(struct program *ctl, int fd, unsigned char sum[SUM], struct er
 			err_sys(err, errno, "it cannot be read");
 		else if (ctl_sha_add(sha, piece, (size_t)n))
 			err_set(err, ERR_INTERNAL, "SHA-256 failed");
-		else if (session_interrupted(&ctl->session))
+		else if (session_interrupted(session))
 			err_set(err, ERR_CANCELLED, "interrupted");
 	}
 	if (!err->code && ctl_sha_sum(sha, sum))
@@ -268,10 +269,10 @@ static int unlisted(const struct manifest *m, struct err *err)
 }
 
 /* Its sum, and that it was the same file before and after. */
-static int sum_still(struct program *ctl, int fd, const struct stat *before, unsigned char sum[SUM], struct err *err)
+static int sum_still(struct session *session, int fd, const struct stat *before, unsigned char sum[SUM], struct err *err)
 {
 	struct stat after;
-	int r = sum_of(ctl, fd, sum, err);
+	int r = sum_of(session, fd, sum, err);
 
 	if (!r && (fstat(fd, &after) || after.st_size != before->st_size || after.st_mtim.tv_sec != before->st_mtim.tv_sec ||
 		   after.st_mtim.tv_nsec != before->st_mtim.tv_nsec))
@@ -280,7 +281,7 @@ static int sum_still(struct program *ctl, int fd, const struct stat *before, uns
 }
 
 /* By the archive's own line; its sum is taken once. */
-static int check_archive(struct program *ctl, const struct manifest *m, struct ctl_archive *a, struct err *err)
+static int check_archive(const struct manifest *m, struct ctl_archive *a, struct err *err)
 {
 	const struct line key = key_of(a->file.dev, a->file.ino, NULL);
 	struct stat st;
@@ -289,21 +290,20 @@ static int check_archive(struct program *ctl, const struct manifest *m, struct c
 	if (!listed(m, &key))
 		return unlisted(m, err);
 	if (!a->summed) {
-		r = ctl_input_open(ctl, &a->file, &fd, err);
+		r = ctl_input_open(m->in, &a->file, &fd, err);
 		if (r)
 			return r;
 		if (fstat(fd, &st) || !ctl_input_unchanged(&a->file, &st))
 			r = err_set(err, ERR_CHANGED, "the archive has changed since it was looked at");
 		if (!r)
-			r = sum_still(ctl, fd, &st, a->sum, err);
-		ctl_input_close(&a->file, fd);
+			r = sum_still(m->in->session, fd, &st, a->sum, err);
+		io_close(fd);
 		a->summed = !r;
 	}
 	return r ? r : compare(m, &key, a->sum, err);
 }
 
-static int check_file(struct program *ctl, const struct manifest *m, struct ctl_input *in, int fd, const struct line *member,
-		      struct err *err)
+static int check_file(const struct manifest *m, struct ctl_input *in, int fd, const struct line *member, struct err *err)
 {
 	unsigned char sum[SUM];
 	struct stat st;
@@ -314,19 +314,15 @@ static int check_file(struct program *ctl, const struct manifest *m, struct ctl_
 	key = member ? *member : key_of(st.st_dev, st.st_ino, NULL);
 	if (!listed(m, &key))
 		return unlisted(m, err);
-	if (sum_still(ctl, fd, &st, sum, err) || compare(m, &key, sum, err))
+	if (sum_still(m->in->session, fd, &st, sum, err) || compare(m, &key, sum, err))
 		return -(int)err->code;
 	in->verified = true;
-	if (!member) {
-		in->dev = st.st_dev;
-		in->ino = st.st_ino;
-		in->size = st.st_size;
-		in->mtime = st.st_mtim;
-	}
+	if (!member)
+		ctl_input_see(in, &st);
 	return 0;
 }
 
-static int check_input(struct program *ctl, const struct manifest *m, struct ctl_input *in, struct err *err)
+static int check_input(const struct manifest *m, struct ctl_input *in, struct err *err)
 {
 	struct ctl_archive *a = in->archive;
 	struct line key = {0};
@@ -339,13 +335,13 @@ static int check_input(struct program *ctl, const struct manifest *m, struct ctl
 	if (a && !a->why.code)
 		key = key_of(a->file.dev, a->file.ino, a->member[in->member].name);
 	if (a && (!key.member || !listed(m, &key))) {
-		r = check_archive(ctl, m, a, err);
+		r = check_archive(m, a, err);
 		in->verified = !r;
 	} else {
-		r = ctl_input_open(ctl, in, &fd, err);
+		r = ctl_input_open(m->in, in, &fd, err);
 		if (!r) {
-			r = check_file(ctl, m, in, fd, a ? &key : NULL, err);
-			ctl_input_close(in, fd);
+			r = check_file(m, in, fd, a ? &key : NULL, err);
+			io_close(fd);
 		}
 	}
 	return r ? err_add_file(err, in->name) : 0;
@@ -366,9 +362,9 @@ static void also(struct err *first, const char *name, size_t n)
 	err_add_hint(first, "%s", hint);
 }
 
-int ctl_manifest_check(struct program *ctl, struct ctl_inputs *in, struct err *err)
+int ctl_manifest_check(struct ctl_inputs *in, struct err *err)
 {
-	struct manifest m = {.path = ctl->args.manifest};
+	struct manifest m = {.in = in, .path = in->opt->manifest};
 	const char *slash = strrchr(m.path, '/');
 	size_t bad = 0;
 	int r;
@@ -380,7 +376,7 @@ int ctl_manifest_check(struct program *ctl, struct ctl_inputs *in, struct err *e
 	for (size_t i = 0; !r && i < in->n; i++) {
 		struct err one = ERR_INIT;
 
-		if (!check_input(ctl, &m, &in->input[i], &one))
+		if (!check_input(&m, &in->input[i], &one))
 			continue;
 		if (!bad++)
 			*err = one;

@@ -1,37 +1,8 @@
-/*
- * What became of degrees and heights: told when it is planned, summed up at the end. The daemon says it a file;
- * means are weighted by points.
- */
+/* What became of heights, as the daemon has it a file; means are weighted by points. */
+#include <math.h>
 #include <string.h>
 
-#include "ctl.h"
-
-int ctl_height_geoid(struct program *ctl, char ret_name[128])
-{
-	const char *geoid = ctl->args.geoid;
-	const struct acut_geoid *g;
-	size_t n = strlen(geoid);
-
-	if (n > 4 && !strcmp(geoid + n - 4, ".pgm"))
-		return ctl_geoid_file(ctl, geoid, NULL, ret_name, &g);
-	snprintf(ret_name, 128, "%s", geoid);
-	return 0;
-}
-
-static const char *zone_kind(const char *zone)
-{
-	return !strncmp(zone, "UPS", 3) ? "" : "UTM zone ";
-}
-
-void ctl_height_planned(struct program *ctl, const struct acut_push_planned *p, struct ctl_staged *s)
-{
-	snprintf(s->zone, sizeof(s->zone), "%s", p->zone);
-	snprintf(s->datum, sizeof(s->datum), "%s", p->datum);
-	snprintf(s->geoid, sizeof(s->geoid), "%s", p->geoid);
-	if (*s->zone)
-		console_line(&ctl->session.console, "degrees of %s are projected to %s%s (%s)", s->datum, zone_kind(s->zone),
-			     s->zone, p->crs);
-}
+#include "ctl_report.h"
 
 struct shift {
 	uint64_t n;
@@ -73,7 +44,7 @@ static void geoid_json(struct term_json *j, const struct ctl_staged *s, const st
 	struct shift sum;
 
 	if (!s || !split(s->geoid, way, hash, name)) {
-		term_json_text(j, "geoid", NULL);
+		term_json_null(j, "geoid");
 		return;
 	}
 	sum = sum_of(s, f);
@@ -82,22 +53,16 @@ static void geoid_json(struct term_json *j, const struct ctl_staged *s, const st
 	term_json_text(j, "hash", hash);
 	term_json_text(j, "way", way);
 	term_json_u64(j, "points", sum.n);
-	if (sum.n) {
-		term_json_number(j, "min", sum.min);
-		term_json_number(j, "mean", sum.mean);
-		term_json_number(j, "max", sum.max);
-	} else {
-		term_json_text(j, "min", NULL);
-		term_json_text(j, "mean", NULL);
-		term_json_text(j, "max", NULL);
-	}
+	term_json_number(j, "min", sum.n ? sum.min : NAN);
+	term_json_number(j, "mean", sum.n ? sum.mean : NAN);
+	term_json_number(j, "max", sum.n ? sum.max : NAN);
 	term_json_close(j, '}');
 }
 
-void ctl_height_json(struct term_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
+void ctl_report_heights_json(struct term_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
 {
 	if (!s || !*s->zone || (f && !f->projected_from)) {
-		term_json_text(j, "projection", NULL);
+		term_json_null(j, "projection");
 	} else {
 		term_json_open(j, "projection", '{');
 		term_json_text(j, "zone", s->zone);
@@ -109,13 +74,32 @@ void ctl_height_json(struct term_json *j, const struct ctl_staged *s, const stru
 	geoid_json(j, s, f);
 }
 
-void ctl_height_text(struct program *ctl, const struct ctl_staged *s)
+void ctl_report_heights(struct console *c, const struct ctl_staged *s)
 {
 	char way[16], hash[40], name[80], count[32];
 	struct shift sum = sum_of(s, NULL);
 
 	if (split(s->geoid, way, hash, name) && sum.n)
-		console_line(&ctl->session.console,
-			     "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
+		console_line(c, "heights of %s points made %s by %s: %+.3f to %+.3f m, %+.3f m in the mean (grid %s)",
 			     term_count(sum.n, count), way, name, sum.min, sum.max, sum.mean, hash);
+}
+
+/* The first input by name, of the others their number. */
+void ctl_report_overridden(struct console *c, const struct ctl_staged *staged)
+{
+	const struct ctl_staged_file *first = NULL;
+	unsigned n = 0;
+	char more[64] = "";
+
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		if (staged->file[i].refused || !staged->file[i].overridden)
+			continue;
+		first = first ? first : &staged->file[i];
+		n++;
+	}
+	if (!first)
+		return;
+	if (n > 1)
+		snprintf(more, sizeof(more), ", and those of %u more input%s", n - 1, n == 2 ? "" : "s");
+	console_line(c, "overridden: what the records of %s say (%s)%s", first->name, first->overridden, more);
 }

@@ -1,5 +1,5 @@
 /*
- * Inputs that are gzip files and zip archives (ctl_archive.h).
+ * Inputs that are gzip files and zip archives (ctl_input_priv.h).
  *
  * Model: an archive is like a folder. Its survey files are inputs with names of their own, ARCHIVE/MEMBER, in the order of these;
  * other files in it are left out and said, unless it has one file only. What is an archive is told by its first bytes. The daemon
@@ -10,7 +10,7 @@
  *
  * What unpacks to too much fills the disk at most up to a margin, never the memory.
  */
-#include "ctl_archive.h"
+#include "ctl_input_priv.h"
 
 #include <errno.h>
 #include <signal.h>
@@ -150,6 +150,7 @@ static int list_gzip(struct ctl_archive *a, struct err *err)
 static int list(struct ctl_archive *a, int fd, bool from_folder, struct err *err)
 {
 	int r = a->kind == CTL_UNPACK_GZIP ? list_gzip(a, err) : ctl_unpack_list(fd, seen, a, err);
+	char endings[64];
 
 	if (r)
 		return r;
@@ -161,7 +162,8 @@ static int list(struct ctl_archive *a, int fd, bool from_folder, struct err *err
 		a->hidden   ? "the archive holds only hidden files" :
 			      "the archive holds no files");
 	if (a->left_out || a->hidden)
-		err_add_hint(err, "files ending in " CTL_INPUT_ENDINGS " are taken from archives; unpack it and name others");
+		err_add_hint(err, "files ending in %s are taken from archives; unpack it and name others",
+			     ctl_input_endings(endings, sizeof(endings)));
 	return -(int)ERR_INPUT;
 }
 
@@ -196,11 +198,7 @@ static struct ctl_archive *new_archive(const struct ctl_input *file, const struc
 		a->file = *file;
 		a->file.name = strdup(file->name);
 		a->path = absolute ? strdup(absolute) : NULL;
-		a->file.dev = st->st_dev;
-		a->file.ino = st->st_ino;
-		a->file.size = st->st_size;
-		a->file.mtime = st->st_mtim;
-		a->file.ctime = st->st_ctim;
+		ctl_input_see(&a->file, st);
 		a->why = ERR_INIT;
 	}
 	if (a && a->file.name && (a->path || !absolute))
@@ -221,7 +219,7 @@ static int add_member(struct ctl_inputs *in, struct ctl_archive *a, size_t i, st
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
 	safe = name ? term_safe(name) : NULL;
 	r = name && !safe ? err_set(err, ERR_NOMEM, "no memory for a file name") :
-			    ctl_input_add(in, safe ? safe : a->file.name, -1, err);
+			    ctl_input_append(in, &(struct ctl_input){.fd = -1}, safe ? safe : a->file.name, err);
 	free(name);
 	free(safe);
 	if (r)
@@ -241,16 +239,16 @@ static bool is_there(const struct ctl_inputs *in, const struct stat *st)
 	return a;
 }
 
-static void say_left_out(struct program *ctl, const struct ctl_archive *a)
+static void warn_left_out(struct console *c, const struct ctl_archive *a)
 {
 	if (a->left_out == 1)
-		console_warn(&ctl->session.console, "%s: left out, it is no survey file: %s", a->file.name, a->first_left_out);
+		console_warn(c, "%s: left out, it is no survey file: %s", a->file.name, a->first_left_out);
 	else if (a->left_out)
-		console_warn(&ctl->session.console, "%s: left out, they are no survey files: %s and %u more", a->file.name,
-			     a->first_left_out, a->left_out - 1);
+		console_warn(c, "%s: left out, they are no survey files: %s and %u more", a->file.name, a->first_left_out,
+			     a->left_out - 1);
 }
 
-static int add_archive(struct program *ctl, struct ctl_inputs *in, const struct ctl_input *file, int fd, const struct stat *st,
+static int add_archive(struct ctl_inputs *in, const struct ctl_input *file, int fd, const struct stat *st,
 		       enum ctl_unpack_kind kind, bool from_folder, struct err *err)
 {
 	struct ctl_archive *a = new_archive(file, st, err);
@@ -268,15 +266,14 @@ static int add_archive(struct program *ctl, struct ctl_inputs *in, const struct 
 		*err = a->why;
 		return -(int)ERR_NOMEM;
 	}
-	say_left_out(ctl, a);
+	warn_left_out(&in->session->console, a);
 	r = 0;
 	for (size_t i = 0; !r && i < a->n; i++)
 		r = add_member(in, a, i, err);
 	return r;
 }
 
-int ctl_archive_add(struct program *ctl, struct ctl_inputs *in, const struct ctl_input *file, bool from_folder, bool *ret_is,
-		    struct err *err)
+int ctl_archive_add(struct ctl_inputs *in, const struct ctl_input *file, bool from_folder, bool *ret_is, struct err *err)
 {
 	struct ctl_input plain = *file;
 	struct err quiet = ERR_INIT;
@@ -287,14 +284,14 @@ int ctl_archive_add(struct program *ctl, struct ctl_inputs *in, const struct ctl
 	*ret_is = false;
 	if (!file->entry && (stat(file->name, &st) || !S_ISREG(st.st_mode)))
 		return 0;
-	if (ctl_input_open(ctl, &plain, &fd, &quiet))
+	if (ctl_input_open(in, &plain, &fd, &quiet))
 		return 0;
 	kind = ctl_unpack_look(fd);
 	*ret_is = kind != CTL_UNPACK_NONE && !fstat(fd, &st);
 	if (*ret_is && is_there(in, &st))
-		console_line(&ctl->session.console, "%s: it is named twice, and taken once", file->name);
+		console_line(&in->session->console, "%s: it is named twice, and taken once", file->name);
 	else if (*ret_is)
-		r = add_archive(ctl, in, file, fd, &st, kind, from_folder, err);
+		r = add_archive(in, file, fd, &st, kind, from_folder, err);
 	close(fd);
 	return r;
 }
@@ -302,7 +299,7 @@ int ctl_archive_add(struct program *ctl, struct ctl_inputs *in, const struct ctl
 /* ---- unpacking ---- */
 
 struct unpacking {
-	struct program *ctl;
+	struct ctl_inputs *inputs;
 	const struct ctl_input *in;
 	const char *folder;
 	int to;
@@ -338,14 +335,14 @@ static void show(struct unpacking *u)
 	else
 		snprintf(line, sizeof(line), "unpack %s of %s  %.180s", parse_size_text(u->done, done),
 			 parse_size_text(u->size, size), u->in->name);
-	console_progress(&u->ctl->session.console, "%s", line);
+	console_progress(&u->inputs->session->console, "%s", line);
 }
 
 static int sink(void *ctx, const void *bytes, size_t n, struct err *err)
 {
 	struct unpacking *u = ctx;
 
-	if (session_interrupted(&u->ctl->session))
+	if (session_interrupted(u->inputs->session))
 		return err_set(err, ERR_CANCELLED, "interrupted");
 	if (u->done - u->looked >= look_every) {
 		u->looked = u->done;
@@ -391,13 +388,13 @@ static int unpack_gzip(struct unpacking *u, int from, struct err *err)
 	uint64_t trailing;
 	int r = ctl_unpack_gzip(from, sink, u, &cut, &trailing, err);
 
-	if (r && cut && u->ctl->args.accept_truncated) {
+	if (r && cut && u->inputs->opt->accept_truncated) {
 		err_clear(err);
-		console_warn(&u->ctl->session.console, "%s: its gzip file ends before its last byte", u->in->name);
+		console_warn(&u->inputs->session->console, "%s: its gzip file ends before its last byte", u->in->name);
 		return drop_cut_line(u, err);
 	}
 	if (!r && trailing)
-		console_warn(&u->ctl->session.console, "%s: %llu bytes behind its end in the gzip file belong to nothing",
+		console_warn(&u->inputs->session->console, "%s: %llu bytes behind its end in the gzip file belong to nothing",
 			     u->in->name, (unsigned long long)trailing);
 	return r;
 }
@@ -466,10 +463,10 @@ static void set_limits(void)
 }
 
 /* The archive, if it is still as it was. */
-static int open_archive(struct program *ctl, struct ctl_archive *a, int *ret_fd, struct err *err)
+static int open_archive(struct ctl_inputs *in, struct ctl_archive *a, int *ret_fd, struct err *err)
 {
 	struct stat st;
-	int r = ctl_input_open(ctl, &a->file, ret_fd, err);
+	int r = ctl_input_open(in, &a->file, ret_fd, err);
 
 	if (r || (!fstat(*ret_fd, &st) && ctl_input_unchanged(&a->file, &st)))
 		return r;
@@ -478,11 +475,11 @@ static int open_archive(struct program *ctl, struct ctl_archive *a, int *ret_fd,
 	return err_add_hint(err, "name it again when nobody writes to it");
 }
 
-int ctl_archive_keep(struct program *ctl, struct ctl_input *in, struct err *err)
+int ctl_archive_keep(struct ctl_inputs *inputs, struct ctl_input *in, struct err *err)
 {
 	struct ctl_archive *a = in->archive;
 	const struct ctl_archive_member *m = a->why.code ? NULL : &a->member[in->member];
-	struct unpacking u = {.ctl = ctl, .in = in};
+	struct unpacking u = {.inputs = inputs, .in = in};
 	int from, r;
 
 	if (in->kept)
@@ -498,17 +495,17 @@ int ctl_archive_keep(struct program *ctl, struct ctl_input *in, struct err *err)
 		return err_add_file(err, in->name);
 	}
 	set_limits();
-	session_progress_init(&u.progress, &ctl->session);
+	session_progress_init(&u.progress, inputs->session);
 	r = ctl_temp_open(&u.folder, &u.to, err);
 	if (r)
 		return err_add_file(err, in->name);
-	r = open_archive(ctl, a, &from, err);
+	r = open_archive(inputs, a, &from, err);
 	if (!r) {
 		r = unpack(&u, a, m, from, err);
 		close(from);
 	}
 	if (u.progress.on)
-		console_progress_clear(&ctl->session.console);
+		console_progress_clear(&inputs->session->console);
 	if (!r) {
 		in->kept = u.to;
 		return 0;
@@ -517,7 +514,7 @@ int ctl_archive_keep(struct program *ctl, struct ctl_input *in, struct err *err)
 	return err_add_file(err, in->name);
 }
 
-void ctl_archive_drop(struct ctl_input *in)
+void ctl_input_drop(struct ctl_input *in)
 {
 	if (in->archive && in->kept)
 		close(in->kept);

@@ -14,7 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "ctl.h"
+#include "ctl_input_priv.h"
 #include "io.h"
 
 enum { PIECE = 256 << 10, PIPE = 1 << 20, HEAD = 4096 };
@@ -82,7 +82,7 @@ static void child(const struct ctl_input *in, int to, pid_t parent)
 	_exit((r == ENOSYS ? copy(from, to, piece) : r) & 0xff);
 }
 
-int ctl_pipe_look(struct program *ctl, struct ctl_input *in, struct err *err)
+int ctl_pipe_peek(struct ctl_inputs *inputs, struct ctl_input *in, struct err *err)
 {
 	struct pollfd from = {.fd = in->fd, .events = POLLIN};
 	ssize_t n = 1;
@@ -91,7 +91,7 @@ int ctl_pipe_look(struct program *ctl, struct ctl_input *in, struct err *err)
 	if (!in->head)
 		return err_set(err, ERR_NOMEM, "no memory to read a pipe");
 	while (n && in->nhead < 4) {
-		if (session_interrupted(&ctl->session))
+		if (session_interrupted(inputs->session))
 			return err_set(err, ERR_CANCELLED, "interrupted");
 		if (poll(&from, 1, 100) <= 0)
 			continue;
@@ -113,19 +113,19 @@ static size_t whole_lines(const struct ctl_input *in)
 	return end ? (size_t)(end + 1 - in->head) : in->nhead;
 }
 
-int ctl_pipe_check(struct program *ctl, const struct ctl_input *in, struct err *err)
+int ctl_pipe_check(struct ctl_inputs *inputs, const struct ctl_input *in, struct err *err)
 {
 	const struct acut_probe *probe;
 	struct err why = ERR_INIT;
 	int fd = memfd_create("head", MFD_CLOEXEC);
 
 	if (fd < 0 || io_write_at(fd, in->head, whole_lines(in), 0, in->name, &why) ||
-	    (!ctl->session.acut && session_connect_try(&ctl->session, &why))) {
+	    (!inputs->session->acut && session_connect_try(inputs->session, &why))) {
 		io_close(fd);
 		return 0;
 	}
-	if (acut_info(ctl->session.acut, fd, in->name, NULL, ctl->args.columns, &probe))
-		session_failure(&ctl->session, in->name, &why);
+	if (acut_info(inputs->session->acut, fd, in->name, NULL, inputs->opt->columns, &probe))
+		session_failure(inputs->session, in->name, &why);
 	close(fd);
 	if (why.code != ERR_INPUT)
 		return 0;
@@ -133,14 +133,14 @@ int ctl_pipe_check(struct program *ctl, const struct ctl_input *in, struct err *
 	return -(int)err->code;
 }
 
-int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct program *ctl)
+int ctl_input_start_pipe(struct ctl_inputs *inputs, struct ctl_input *in, struct acut_push *push)
 {
 	struct err err = ERR_INIT;
 	pid_t self = getpid();
 	int to;
 
 	if (acut_push_stream(push, in->name, &to))
-		return session_error_acut(&ctl->session);
+		return session_error_acut(inputs->session);
 	fflush(NULL);
 	in->copier = fork();
 	if (in->copier == 0)
@@ -149,10 +149,10 @@ int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct program 
 	if (in->copier > 0)
 		return 0;
 	err_sys(&err, errno, "no process to copy %s", in->name);
-	return session_error(&ctl->session, &err);
+	return session_error(inputs->session, &err);
 }
 
-int ctl_pipe_finish(struct ctl_input *in, struct err *err)
+int ctl_input_finish_pipe(struct ctl_input *in, struct err *err)
 {
 	int status = 0;
 
@@ -175,7 +175,7 @@ int ctl_pipe_finish(struct ctl_input *in, struct err *err)
 
 /* ---- kept here: for what only looks at an input ---- */
 
-static int keep(struct program *ctl, const struct ctl_input *in, int to, struct err *err)
+static int keep(struct session *session, const struct ctl_input *in, int to, struct err *err)
 {
 	struct pollfd from = {.fd = in->fd, .events = POLLIN};
 	char *piece = malloc(PIECE);
@@ -187,7 +187,7 @@ static int keep(struct program *ctl, const struct ctl_input *in, int to, struct 
 	else
 		io_write_at(to, in->head, in->nhead, 0, "a temporary file", err);
 	while (n && !err->code) {
-		if (session_interrupted(&ctl->session)) {
+		if (session_interrupted(session)) {
 			err_set(err, ERR_CANCELLED, "interrupted");
 		} else if (poll(&from, 1, 100) > 0) {
 			n = read(in->fd, piece, PIECE);
@@ -201,14 +201,14 @@ static int keep(struct program *ctl, const struct ctl_input *in, int to, struct 
 	return -(int)err->code;
 }
 
-int ctl_pipe_keep(struct program *ctl, const struct ctl_input *in, int *ret_fd, struct err *err)
+int ctl_input_keep_pipe(struct ctl_inputs *inputs, const struct ctl_input *in, int *ret_fd, struct err *err)
 {
 	const char *folder;
 	int fd;
 
 	if (ctl_temp_open(&folder, &fd, err))
 		return err_add_file(err, in->name);
-	if (keep(ctl, in, fd, err)) {
+	if (keep(inputs->session, in, fd, err)) {
 		close(fd);
 		return err_add_file(err, in->name);
 	}

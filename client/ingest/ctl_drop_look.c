@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "clock.h"
-#include "ctl_ingest.h"
+#include "ctl_drop.h"
 #include "term.h"
 
 static bool ends(const char *name, const char *end)
@@ -44,11 +44,7 @@ static void file_done(struct ctl_drop_file *f)
 
 static void see(struct ctl_drop_file *f, const struct stat *st)
 {
-	f->in.dev = st->st_dev;
-	f->in.ino = st->st_ino;
-	f->in.size = st->st_size;
-	f->in.mtime = st->st_mtim;
-	f->in.ctime = st->st_ctim;
+	ctl_input_see(&f->in, st);
 	f->since = clock_mono_ns();
 	f->tried = f->hashed = f->taken = false;
 	f->bad = 0;

@@ -272,7 +272,7 @@ static int make_copy(struct ctl_copy *c, const struct acut_backup_file *f, int d
 				    (unsigned long long)(f->size - done));
 		else
 			done += (uint64_t)n;
-		if (!r && session_interrupted(&c->ctl->session))
+		if (!r && session_interrupted(c->session))
 			r = err_set(&c->err, ERR_CANCELLED, "interrupted");
 	}
 	/* Whole under its name, or not there: the next time only its ends are looked at. */
@@ -368,7 +368,7 @@ int ctl_copy_file(void *ctx, const struct acut_backup_file *f)
 	struct ctl_copy *c = ctx;
 	int r;
 
-	if (session_interrupted(&c->ctl->session))
+	if (session_interrupted(c->session))
 		return err_set(&c->err, ERR_CANCELLED, "interrupted"), -1;
 	r = remember(c, f->name);
 	if (!r && !c->flat && !strcmp(f->name, STORE)) {
