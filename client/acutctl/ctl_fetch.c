@@ -8,7 +8,7 @@ int ctl_fetch_run(struct program *ctl)
 {
 	struct session *session = &ctl->session;
 	struct ctl_fetch_options *opt = &ctl->fetch;
-	struct format_run *run = NULL;
+	struct outputs *run = NULL;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	char *window = NULL;
@@ -34,10 +34,10 @@ int ctl_fetch_run(struct program *ctl)
 		return session_error_acut(session);
 	opt->gaps =
 		strstr(job->view, " ground") || (strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest"));
-	if (ctl_fetch_open(session, opt, &run, &err) || format_run_keep(run, id, ctl->opt.resume, &err))
+	if (ctl_fetch_open(session, opt, &run, &err) || outputs_keep(run, id, ctl->opt.resume, &err))
 		status = session_error(session, &err);
 	else
 		status = ctl_fetch(session, opt, id, run, NULL);
-	format_run_free(run);
+	outputs_free(run);
 	return status;
 }

@@ -7,7 +7,7 @@
 
 #include "ctl.h"
 
-static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
+static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct outputs *run)
 {
 	struct session *session = &ctl->session;
 	struct ctl_staged staged;
@@ -34,7 +34,7 @@ int ctl_mesh_run(struct program *ctl)
 {
 	struct session *session = &ctl->session;
 	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
-	struct format_run *run = NULL;
+	struct outputs *run = NULL;
 	char *view = NULL;
 	double box[4];
 	bool cropped = false;
@@ -50,7 +50,7 @@ int ctl_mesh_run(struct program *ctl)
 	if (!r)
 		r = ctl_fetch_open(session, &ctl->fetch, &run, &err);
 	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run);
-	format_run_free(run);
+	outputs_free(run);
 	ctl_inputs_done(&in);
 	free(view);
 	return status;

@@ -15,17 +15,17 @@ static void warn_no_tiles(const struct ctl_mesh *m)
 			     p->triangles ? " but those that --max-edge leaves out" : "");
 }
 
-static int publish(struct session *session, const struct ctl_fetch_options *opt, const struct acut_job *job,
-		   struct format_run *run, const struct ctl_staged *staged)
+static int publish(struct session *session, const struct ctl_fetch_options *opt, const struct acut_job *job, struct outputs *run,
+		   const struct ctl_staged *staged)
 {
-	struct format_report out;
+	struct outputs_report out;
 	const struct ctl_mesh mesh = {&session->console, opt, job, &out, staged};
 	struct err err = ERR_INIT;
 
-	format_run_about(run, job->id, job->dataset, job->generation);
-	if (format_run_publish(run, &err))
+	outputs_about(run, job->id, job->dataset, job->generation);
+	if (outputs_publish(run, &err))
 		return session_error(session, &err);
-	format_run_report(run, &out);
+	outputs_report(run, &out);
 	console_progress_clear(&session->console);
 	ctl_mesh_warn_edges(&mesh);
 	ctl_report_warn_crowded(&session->console, &job->report);
@@ -40,7 +40,7 @@ static int publish(struct session *session, const struct ctl_fetch_options *opt,
 /* The run's sink and the progress line share one context. */
 struct feed {
 	struct acut_mesh_sink sink;
-	struct format_run *run;
+	struct outputs *run;
 	struct session_progress progress;
 	struct session *session;
 	struct err err; /* of saving */
@@ -64,7 +64,7 @@ static int feed_save(struct feed *f)
 
 	if (acut_fetch_state(f->session->acut, &state, &size))
 		return session_failure(f->session, NULL, &f->err);
-	r = format_run_save(f->run, state, size, &f->err);
+	r = outputs_save(f->run, state, size, &f->err);
 	free(state);
 	return r;
 }
@@ -74,21 +74,21 @@ static int feed_block(void *ctx, const struct acut_mesh_block *block)
 	struct feed *f = ctx;
 	int r = f->sink.block(f->sink.ctx, block);
 
-	return r || !format_run_due(f->run) ? r : feed_save(f);
+	return r || !outputs_due(f->run) ? r : feed_save(f);
 }
 
 static int feed_base(void *ctx, const struct acut_mesh_base *base)
 {
 	struct feed *f = ctx;
 
-	return format_run_changes(f->run).base(f->sink.ctx, base);
+	return outputs_changes(f->run).base(f->sink.ctx, base);
 }
 
 static int feed_gone(void *ctx, const struct acut_mesh_region *region)
 {
 	struct feed *f = ctx;
 
-	return format_run_changes(f->run).gone(f->sink.ctx, region);
+	return outputs_changes(f->run).gone(f->sink.ctx, region);
 }
 
 static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
@@ -110,7 +110,7 @@ static void feed_progress(void *ctx, const struct acut_progress *now)
 /* These are of what came, or of what is there: going on would not mend them. */
 static bool can_go_on(const struct feed *f, const struct err *err)
 {
-	return format_run_saved(f->run) && err->code != ERR_GONE && err->code != ERR_DIGEST && err->code != ERR_PROTO &&
+	return outputs_saved(f->run) && err->code != ERR_GONE && err->code != ERR_DIGEST && err->code != ERR_PROTO &&
 	       err->code != ERR_CORRUPT;
 }
 
@@ -123,8 +123,8 @@ static int feed_failed(struct feed *f, uint64_t id)
 	int status;
 
 	session_failure(session, NULL, &err);
-	if (format_run_error(f->run)->code)
-		err = *format_run_error(f->run);
+	if (outputs_error(f->run)->code)
+		err = *outputs_error(f->run);
 	else if (f->err.code)
 		err = f->err;
 	else if (can_go_on(f, &err))
@@ -140,21 +140,21 @@ static int feed_failed(struct feed *f, uint64_t id)
 	return status;
 }
 
-int ctl_fetch(struct session *session, const struct ctl_fetch_options *opt, uint64_t id, struct format_run *run,
+int ctl_fetch(struct session *session, const struct ctl_fetch_options *opt, uint64_t id, struct outputs *run,
 	      const struct ctl_staged *staged)
 {
-	struct feed feed = {.sink = format_run_sink(run), .run = run, .session = session, .err = ERR_INIT};
+	struct feed feed = {.sink = outputs_sink(run), .run = run, .session = session, .err = ERR_INIT};
 	const struct acut_mesh_sink sink = {feed_head, feed_block, feed_tail, feed_progress, &feed};
 	const struct acut_job *job;
 	struct acut_job part;
-	struct acut_changes_sink changes = format_run_changes(run);
+	struct acut_changes_sink changes = outputs_changes(run);
 	const void *kept;
 	size_t size = 0;
 	int r;
 
 	feed.part = !staged && opt->window;
 	session_progress_init(&feed.progress, session);
-	kept = format_run_kept(run, &size);
+	kept = outputs_kept(run, &size);
 	changes.mesh = sink;
 	changes.base = feed_base;
 	changes.gone = feed_gone;

@@ -4,7 +4,7 @@
 
 #include "cli.h"
 #include "ctl_report.h"
-#include "format.h"
+#include "outputs.h"
 
 struct ctl_fetch_options {
 	struct cli_texts out;
@@ -20,9 +20,9 @@ bool ctl_fetch_to_standard(struct ctl_fetch_options *);
 /* --format names one that writes nothing, and no OUT is given: that is complete. */
 bool ctl_fetch_nothing(const struct ctl_fetch_options *);
 /* Checks what can be known without a daemon, and opens a run. */
-int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct format_run **ret, struct err *err);
-/* Fetches the job into the run, going on with what it has kept (format_run_keep), publishes, reports; exit status. */
-int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, struct format_run *, const struct ctl_staged *);
+int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct outputs **ret, struct err *err);
+/* Fetches the job into the run, going on with what it has kept (outputs_keep), publishes, reports; exit status. */
+int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, struct outputs *, const struct ctl_staged *);
 /* Of a job that was waited for and not fetched: on a terminal only. */
 void ctl_fetch_summary(struct console *, const struct acut_job *);
 
@@ -33,7 +33,7 @@ struct ctl_mesh {
 	struct console *console;
 	const struct ctl_fetch_options *opt;
 	const struct acut_job *job;
-	const struct format_report *out;
+	const struct outputs_report *out;
 	const struct ctl_staged *staged; /* NULL: a job that was there already */
 };
 void ctl_mesh_text(const struct ctl_mesh *);

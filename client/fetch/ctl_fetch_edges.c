@@ -12,9 +12,9 @@
  */
 void ctl_mesh_warn_edges(const struct ctl_mesh *m)
 {
-	const struct format_report *out = m->out;
+	const struct outputs_report *out = m->out;
 
-	if (out->median_edge <= 0 || out->longest_edge <= FORMAT_LONG_EDGE * out->median_edge)
+	if (out->median_edge <= 0 || out->longest_edge <= OUTPUTS_LONG_EDGE * out->median_edge)
 		return;
 	if (out->long_share > LONG_SHARE)
 		console_warn(
@@ -22,7 +22,7 @@ void ctl_mesh_warn_edges(const struct ctl_mesh *m)
 			"%.3g %% of the mesh's area are triangles with edges above %.3g, %d times the median; the longest edge is "
 			"%.6g: there are points far from the rest, or gaps that are bridged; --crop takes the part that is meant, "
 			"--max-edge LENGTH leaves such triangles out",
-			floor(1000 * out->long_share) / 10, FORMAT_LONG_EDGE * out->median_edge, FORMAT_LONG_EDGE,
+			floor(1000 * out->long_share) / 10, OUTPUTS_LONG_EDGE * out->median_edge, OUTPUTS_LONG_EDGE,
 			out->longest_edge);
 	else if (m->opt->gaps)
 		console_warn(m->console,

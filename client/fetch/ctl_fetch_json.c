@@ -46,7 +46,7 @@ static void inputs_json(struct term_json *j, const struct ctl_staged *staged)
 
 static void changes_json(struct term_json *j, const struct ctl_mesh *m)
 {
-	const struct format_changes *c = &m->out->changes;
+	const struct outputs_changes_counts *c = &m->out->changes;
 
 	if (!m->opt->since) {
 		term_json_null(j, "changes");
@@ -74,7 +74,7 @@ static void tiles_json(struct term_json *j, const struct ctl_mesh *m)
 		term_json_null(j, "tiles");
 		return;
 	}
-	if (asprintf(&index, "%s%s" FORMAT_TILES_INDEX, dir, n && dir[n - 1] == '/' ? "" : "/") < 0)
+	if (asprintf(&index, "%s%s" OUTPUTS_TILES_INDEX, dir, n && dir[n - 1] == '/' ? "" : "/") < 0)
 		index = NULL;
 	term_json_open(j, "tiles", '{');
 	term_json_u64(j, "files", m->out->tiles);

@@ -43,25 +43,32 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 	return 0;
 }
 
-/* Options of one output; what it cannot use is refused by the run, what none can use below. */
-static int options_of(const struct ctl_fetch_options *a, const struct format *f, struct format_options *opt, struct err *err)
+/* Of the options that were given, those that a format takes. */
+static int options_of(const struct ctl_fetch_options *a, unsigned takes, struct format_options *opt, struct err *err)
 {
-	bool picture = f->positions && !f->canonical;
-
-	*opt = (struct format_options){.no_clobber = a->no_clobber};
-	if (picture) {
-		if (a->width > FORMAT_WIDTH_MAX)
-			return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
+	*opt = (struct format_options){.no_clobber = a->no_clobber, .canonical = a->canonical && (takes & FORMAT_CANONICAL)};
+	if (takes & FORMAT_SIZED && a->width > FORMAT_WIDTH_MAX)
+		return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
+	if (takes & FORMAT_SIZED)
 		opt->width = (uint32_t)a->width;
-		if (a->color && !format_parse_color(a->color, &opt->color))
-			return err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"", a->color);
-		return 0;
-	}
-	opt->canonical = a->canonical;
-	opt->z_unit = a->z_unit ? format_unit_of_word(a->z_unit, strlen(a->z_unit)) : NULL;
-	if (a->z_unit && !opt->z_unit)
-		return err_set(err, ERR_USAGE, "--z-unit is m, ft or ftUS, not \"%s\"", a->z_unit);
-	return a->origin ? parse_origin(a->origin, opt, err) : 0;
+	if (takes & FORMAT_COLORED && a->color)
+		format_parse_color(a->color, &opt->color);
+	if (takes & FORMAT_Z_UNIT && a->z_unit)
+		opt->z_unit = format_unit_of_word(a->z_unit, strlen(a->z_unit));
+	return takes & FORMAT_ORIGIN && a->origin ? parse_origin(a->origin, opt, err) : 0;
+}
+
+/* An option must be of use for one of the outputs. */
+static int check_used(const struct ctl_fetch_options *a, unsigned takes, const char *format, struct err *err)
+{
+	unsigned given = (a->canonical ? FORMAT_CANONICAL : 0) | (a->origin ? FORMAT_ORIGIN : 0) |
+			 (a->z_unit ? FORMAT_Z_UNIT : 0) | (a->width ? FORMAT_SIZED : 0) | (a->color ? FORMAT_COLORED : 0);
+	unsigned useless = given & ~takes;
+
+	if (useless & (FORMAT_SIZED | FORMAT_COLORED))
+		return err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one",
+			       format_option_name(useless & (FORMAT_SIZED | FORMAT_COLORED)));
+	return useless ? err_set(err, ERR_USAGE, "--%s has no meaning for %s", format_option_name(useless), format) : 0;
 }
 
 static const struct format *format_of(const struct ctl_fetch_options *a, const char *path, struct err *err)
@@ -85,29 +92,29 @@ static const struct format *format_of(const struct ctl_fetch_options *a, const c
 	return f;
 }
 
-static int add_output(const struct ctl_fetch_options *a, const char *path, struct format_run *run, bool *ret_picture,
-		      bool *ret_mesh, struct err *err)
+static int add_output(const struct ctl_fetch_options *a, const char *path, struct outputs *run, unsigned *takes,
+		      const char **ret_format, struct err *err)
 {
 	const struct format *f = path ? format_of(a, path, err) : format_find(a->format);
 	struct format_options opt;
-	int r = f ? options_of(a, f, &opt, err) : -(int)err->code;
+	int r = f ? options_of(a, f->takes, &opt, err) : -(int)err->code;
 
 	if (r)
 		return r;
-	if (path && !a->tile && !f->nothing && !strcmp(path, "-") && isatty(STDOUT_FILENO)) {
+	if (path && !a->tile && f->kind != FORMAT_NOTHING && !strcmp(path, "-") && isatty(STDOUT_FILENO)) {
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
-	*ret_picture |= f->positions && !f->canonical;
-	*ret_mesh |= f->canonical;
-	return format_run_add(run, path, f, &opt, err);
+	*takes |= f->takes;
+	*ret_format = f->name;
+	return outputs_add(run, path, f, &opt, err);
 }
 
 bool ctl_fetch_nothing(const struct ctl_fetch_options *a)
 {
 	const struct format *f = a->format ? format_find(a->format) : NULL;
 
-	return !a->out.n && f && f->nothing;
+	return !a->out.n && f && f->kind == FORMAT_NOTHING;
 }
 
 static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
@@ -133,7 +140,7 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 }
 
 /* A number, and the unit behind it, if there is one. */
-static int parse_length(const char *text, struct format_run_options *opt, struct err *err)
+static int parse_length(const char *text, struct outputs_options *opt, struct err *err)
 {
 	char number[DECIMAL_TEXT_SIZE];
 	size_t n = strlen(text), m = n;
@@ -150,7 +157,7 @@ static int parse_length(const char *text, struct format_run_options *opt, struct
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
-static int parse_tile(struct session *session, const char *tile, struct format_run_options *opt, struct err *err)
+static int parse_tile(struct session *session, const char *tile, struct outputs_options *opt, struct err *err)
 {
 	opt->tiled = true;
 	opt->interrupted = session_interrupted;
@@ -161,11 +168,12 @@ static int parse_tile(struct session *session, const char *tile, struct format_r
 	return err_add_hint(err, "give the side of a tile in the units of the dataset, as in --tile 500");
 }
 
-int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, struct format_run **ret, struct err *err)
+int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, struct outputs **ret, struct err *err)
 {
-	struct format_run_options opt = {.edges = !a->since, .changes = a->since > 0};
-	struct format_run *run = NULL;
-	bool picture = false, mesh = false;
+	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
+	struct outputs *run = NULL;
+	const char *format = NULL;
+	unsigned takes = 0;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -179,20 +187,15 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	if (!r && a->tile)
 		r = parse_tile(session, a->tile, &opt, err);
 	if (!r)
-		r = format_run_new(&opt, &run, err);
+		r = outputs_new(&opt, &run, err);
 	if (!r && ctl_fetch_nothing(a))
-		r = add_output(a, NULL, run, &picture, &mesh, err);
+		r = add_output(a, NULL, run, &takes, &format, err);
 	for (unsigned i = 0; i < a->out.n && !r; i++)
-		r = add_output(a, a->out.text[i], run, &picture, &mesh, err);
-	if (!r && !picture && (a->width || a->color))
-		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one", a->width ? "width" : "color");
-	if (!r && !mesh && (a->canonical || a->origin || a->z_unit))
-		r = err_set(err, ERR_USAGE, "--%s has no meaning for a picture",
-			    a->canonical ? "canonical" :
-			    a->origin    ? "origin" :
-					   "z-unit");
+		r = add_output(a, a->out.text[i], run, &takes, &format, err);
+	if (!r)
+		r = check_used(a, takes, format, err);
 	if (r)
-		format_run_free(run);
+		outputs_free(run);
 	else
 		*ret = run;
 	return r;

@@ -49,7 +49,7 @@ static void inputs_text(struct console *c, const struct ctl_staged *staged)
 
 static void changes_text(const struct ctl_mesh *m)
 {
-	const struct format_changes *c = &m->out->changes;
+	const struct outputs_changes_counts *c = &m->out->changes;
 	unsigned long long since = m->opt->since;
 	char a[32], b[32], d[32];
 
@@ -66,7 +66,7 @@ static void changes_text(const struct ctl_mesh *m)
 }
 
 /* PREFIX and "12.5 square metres"; nothing where the unit is not a known length. Returns buf. */
-static const char *area_text(const struct format_report *f, const char *prefix, char buf[64])
+static const char *area_text(const struct outputs_report *f, const char *prefix, char buf[64])
 {
 	buf[0] = 0;
 	if (!isnan(f->left_out_area))
@@ -81,7 +81,7 @@ static const char *area_text(const struct format_report *f, const char *prefix, 
 
 static void files(const struct ctl_mesh *m, FILE *out)
 {
-	const struct format_report *f = m->out;
+	const struct outputs_report *f = m->out;
 	char size[32], count[32];
 	struct stat st;
 
@@ -89,7 +89,7 @@ static void files(const struct ctl_mesh *m, FILE *out)
 		const char *name = m->opt->out.text[i];
 
 		if (m->opt->tile)
-			term_field(out, i ? "" : "written", "%s: %s tile%s and " FORMAT_TILES_INDEX ", %s", name,
+			term_field(out, i ? "" : "written", "%s: %s tile%s and " OUTPUTS_TILES_INDEX ", %s", name,
 				   term_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
 		else if (!strcmp(name, "-"))
 			term_field(out, i ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
@@ -207,7 +207,7 @@ static void written(const struct ctl_mesh *m)
 
 	for (unsigned i = 0; i < m->opt->out.n; i++)
 		if (m->opt->tile)
-			console_line(m->console, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s",
+			console_line(m->console, "wrote %s tile%s and " OUTPUTS_TILES_INDEX " into %s",
 				     term_count(m->out->tiles, count), m->out->tiles == 1 ? "" : "s", m->opt->out.text[i]);
 		else if (strcmp(m->opt->out.text[i], "-"))
 			console_line(m->console, "wrote %s", m->opt->out.text[i]);

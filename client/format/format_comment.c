@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_axis.h"
 
 /* A line must stay a line: control characters become spaces. */
 static void make_line(char *text)

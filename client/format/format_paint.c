@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "format_priv.h"
+#include "format_raster.h"
 
 #define BINS 4096
 

@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_raster.h"
 
 #define S FORMAT_SUBPIXEL
 #define RASTER_PIXELS (1u << 26) /* at most */

@@ -12,7 +12,7 @@
 #include <strings.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_axis.h"
 
 #define FORMAT_MORE_DECIMALS 9
 

@@ -2,18 +2,13 @@
  * What a run keeps so that a later one can go on: NAME.part.state beside its first output.
  *
  * The state is written between two blocks, when all that it speaks of is on the disk: the options and the job, how
- * far each output's file goes and what it hashes to (format_part.c), what writers, edges and open vertices have
+ * far each output's file goes and what it hashes to (outfile_part.c), what writers, edges and open vertices have
  * counted, and the state of the fetch. It takes the place of the last one whole, so that whatever ends the process,
  * there is a state and files that have at least what it says. FORMAT.md, "State of a fetch", has the bytes.
  */
-#include <errno.h>
-#include <fcntl.h>
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #define XXH_INLINE_ALL
 #include <xxhash.h>
@@ -21,20 +16,17 @@
 #include "clock.h"
 #include "cursor.h"
 #include "err.h"
-#include "format_output.h"
-#include "format_run.h"
-#include "io.h"
+#include "outputs_priv.h"
 #include "parse.h"
 
 #define SYNC_SECONDS 5.0
 #define SYNC_BYTES (64ull << 20)
-#define STATE_MOST (1ull << 32)
 
 enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
 static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
 static const uint32_t VERSION = 2, OLDEST = 1;
 
-struct format_kept {
+struct outputs_kept {
 	char *options;
 	uint64_t sync_bytes;
 	uint64_t saved_ns, saved_size;
@@ -46,7 +38,7 @@ struct format_kept {
 	size_t fetch_size;
 };
 
-struct format_kept *format_keep_free(struct format_kept *k)
+struct outputs_kept *outputs_keep_free(struct outputs_kept *k)
 {
 	if (k) {
 		free(k->options);
@@ -63,7 +55,7 @@ static void put_decimal(FILE *f, const char *name, struct decimal d)
 	fprintf(f, " %s=%lld:%d", name, (long long)d.mantissa, (int)d.exponent);
 }
 
-static char *options_text(const struct format_run *run, uint64_t job, struct err *err)
+static char *options_text(const struct outputs *run, uint64_t job, struct err *err)
 {
 	char *text = NULL;
 	size_t size;
@@ -75,13 +67,13 @@ static char *options_text(const struct format_run *run, uint64_t job, struct err
 			put_decimal(f, "max-edge", run->opt.max_edge);
 		if (run->opt.has_max_edge && run->opt.max_edge_unit)
 			fprintf(f, " %s", run->opt.max_edge_unit);
-		for (const struct format_target *t = run->target; t; t = t->next) {
+		for (const struct outputs_target *t = run->target; t; t = t->next) {
 			fprintf(f, "\n%s%s", t->format->name, t->opt.origin_auto ? " origin=auto" : "");
 			for (int i = 0; i < 3 && t->opt.has_origin; i++)
 				put_decimal(f, "origin", t->opt.origin[i]);
 			if (t->opt.z_unit)
 				fprintf(f, " z-unit=%s", t->opt.z_unit);
-			fprintf(f, " %s", t->out->name);
+			fprintf(f, " %s", outfile_base(t->out));
 		}
 	}
 	if (!f || fclose(f) || size >= OPTIONS) {
@@ -93,15 +85,15 @@ static char *options_text(const struct format_run *run, uint64_t job, struct err
 }
 
 /* NULL: all can be kept. */
-static const struct format_target *who_cannot(const struct format_run *run)
+static const struct outputs_target *who_cannot(const struct outputs *run)
 {
-	for (const struct format_target *t = run->target; t; t = t->next)
-		if (!t->out || t->canonical || !t->format->save || !format_part_can(t->out))
+	for (const struct outputs_target *t = run->target; t; t = t->next)
+		if (!t->out || t->canonical || !t->format->save || !outfile_part_can(t->out))
 			return t;
 	return NULL;
 }
 
-static int cannot(const struct format_run *run, const struct format_target *t, struct err *err)
+static int cannot(const struct outputs *run, const struct outputs_target *t, struct err *err)
 {
 	if (run->change) {
 		err_set(err, ERR_USAGE, "a fetch of changes cannot be resumed");
@@ -120,77 +112,43 @@ static int cannot(const struct format_run *run, const struct format_target *t, s
 	else
 		err_set(err, ERR_USAGE, "only a fetch into a regular file can be resumed");
 	if (t->out)
-		err_add_file(err, format_output_name(t->out));
+		err_add_file(err, outfile_name(t->out));
 	return err_add_hint(err, "fetch it again, without --resume");
 }
 
 /* ---- reading ---- */
 
-static int damaged(const char *name, struct err *err)
-{
-	err_set(err, ERR_CORRUPT, "what an earlier fetch has kept is damaged, or of another version");
-	err_add_file(err, name);
-	return err_add_hint(err, "fetch it without --resume: it is replaced then");
-}
-
-static int read_state(struct format_run *run, const char *name, size_t *ret_size, struct err *err)
-{
-	struct format_kept *k = run->kept;
-	struct stat st;
-	int fd, r = io_open(run->target->out->dirfd, name, O_RDONLY | O_NOFOLLOW, 0, &fd, err);
-
-	if (r && err->sys == ENOENT) {
-		*err = ERR_INIT;
-		err_set(err, ERR_GONE, "nothing is kept of an earlier fetch");
-		err_add_file(err, name);
-		return err_add_hint(err, "fetch it without --resume");
-	}
-	if (r)
-		return r;
-	if (io->fstat(fd, &st) < 0)
-		r = err_sys(err, errno, "cannot look at %s", name);
-	else if (!S_ISREG(st.st_mode) || st.st_size < 64 || (uint64_t)st.st_size > STATE_MOST)
-		r = damaged(name, err);
-	if (!r) {
-		*ret_size = (size_t)st.st_size;
-		k->state = malloc(*ret_size);
-		r = k->state ? io_read_at(fd, k->state, *ret_size, 0, name, err) :
-			       err_set(err, ERR_NOMEM, "no memory for %s", name);
-	}
-	io_close(fd);
-	return r;
-}
-
 /* Its frame, its sum, and whether it is of this run. */
-static int parse_state(struct format_run *run, const char *name, size_t size, struct err *err)
+static int parse_state(struct outputs *run, size_t size, struct err *err)
 {
-	struct format_kept *k = run->kept;
+	const struct outfile *first = run->target->out;
+	struct outputs_kept *k = run->kept;
 	struct cursor c = cursor_of(k->state, size), sum = cursor_of(k->state + size - 8, 8);
 	const uint8_t *options;
 	uint32_t n;
 
 	if (cursor_u64(&sum) != XXH3_64bits(k->state, size - 8) || cursor_u32(&c) != MAGIC)
-		return damaged(name, err);
+		return outfile_part_damaged(first, err);
 	k->version = cursor_u32(&c);
 	if (k->version < OLDEST || k->version > VERSION)
-		return damaged(name, err);
+		return outfile_part_damaged(first, err);
 	n = cursor_u32(&c);
 	options = cursor_bytes(&c, n);
 	k->fetch_size = cursor_u64(&c);
 	k->fetch = cursor_bytes(&c, k->fetch_size);
 	k->rest = c;
 	if (c.bad || !options)
-		return damaged(name, err);
+		return outfile_part_damaged(first, err);
 	if (n == strlen(k->options) && !memcmp(options, k->options, n))
 		return 0;
 	err_set(err, ERR_USAGE, "what is kept is of another job, or of other outputs or options");
-	err_add_file(err, name);
+	outfile_part_name_state(first, err);
 	return err_add_hint(err, "resume with the outputs and options of the earlier fetch, or fetch without --resume");
 }
 
-static struct format_sum get_sum(struct cursor *c)
+static struct outfile_sum get_sum(struct cursor *c)
 {
-	struct format_sum s;
+	struct outfile_sum s;
 
 	s.from = cursor_u64(c);
 	s.size = cursor_u64(c);
@@ -200,40 +158,38 @@ static struct format_sum get_sum(struct cursor *c)
 }
 
 /* The files of the outputs, in their order. */
-static int go_on(struct format_run *run, const char *name, struct err *err)
+static int go_on(struct outputs *run, struct err *err)
 {
 	struct cursor *c = &run->kept->rest;
 	int r = 0;
 
-	for (struct format_target *t = run->target; t && !r; t = t->next) {
-		struct format_sum sum = get_sum(c), annex = get_sum(c);
+	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
+		struct outfile_sum sum = get_sum(c), annex = get_sum(c);
 
-		r = c->bad ? damaged(name, err) : format_part_go_on(t->out, &sum, &annex, err);
+		r = c->bad ? outfile_part_damaged(run->target->out, err) : outfile_part_go_on(t->out, &sum, &annex, err);
 	}
 	return r;
 }
 
-static int begin(struct format_run *run, bool on, struct err *err)
+static int begin(struct outputs *run, bool on, struct err *err)
 {
-	char name[FORMAT_PART_NAME];
 	size_t size = 0;
 	int r = 0;
 
-	format_part_state_name(run->target->out, name);
 	if (on)
-		r = read_state(run, name, &size, err);
+		r = outfile_part_load(run->target->out, &run->kept->state, &size, err);
 	if (on && !r)
-		r = parse_state(run, name, size, err);
-	for (struct format_target *t = run->target; t && !r; t = t->next)
-		r = format_part_begin(t->out, on, err);
-	return on && !r ? go_on(run, name, err) : r;
+		r = size < 64 ? outfile_part_damaged(run->target->out, err) : parse_state(run, size, err);
+	for (struct outputs_target *t = run->target; t && !r; t = t->next)
+		r = outfile_part_begin(t->out, on, err);
+	return on && !r ? go_on(run, err) : r;
 }
 
-int format_run_keep(struct format_run *run, uint64_t job, bool on, struct err *err)
+int outputs_keep(struct outputs *run, uint64_t job, bool on, struct err *err)
 {
-	const struct format_target *not = who_cannot(run);
+	const struct outputs_target *not = who_cannot(run);
 	const char *sync = getenv("ACUT_FETCH_SYNC");
-	struct format_kept *k;
+	struct outputs_kept *k;
 	int r;
 
 	if (not || !run->target || run->change)
@@ -252,26 +208,25 @@ int format_run_keep(struct format_run *run, uint64_t job, bool on, struct err *e
 	return r;
 }
 
-bool format_keep_goes_on(const struct format_run *run)
+bool outputs_keep_goes_on(const struct outputs *run)
 {
 	return run->kept && run->kept->state;
 }
 
-const void *format_run_kept(const struct format_run *run, size_t *ret_size)
+const void *outputs_kept(const struct outputs *run, size_t *ret_size)
 {
-	if (!format_keep_goes_on(run))
+	if (!outputs_keep_goes_on(run))
 		return NULL;
 	*ret_size = run->kept->fetch_size;
 	return run->kept->fetch;
 }
 
-int format_keep_head(struct format_run *run, const struct acut_mesh_head *head, struct err *err)
+int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, struct err *err)
 {
 	struct cursor c = run->kept->rest;
-	char name[FORMAT_PART_NAME];
 	int r = 0;
 
-	for (struct format_target *t = run->target; t && !r; t = t->next) {
+	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
 		struct cursor saved;
 		const uint8_t *bytes;
 
@@ -284,54 +239,50 @@ int format_keep_head(struct format_run *run, const struct acut_mesh_head *head, 
 	}
 	if (!r) {
 		if (run->kept->version == VERSION)
-			format_edge_load(&run->edge, &c);
+			outputs_edge_load(&run->edge, &c);
 		else
-			format_edge_load_1(&run->edge, &c);
-		r = format_open_load(&run->open, &c, err);
+			outputs_edge_load_1(&run->edge, &c);
+		r = outputs_front_load(&run->front, &c, err);
 	}
 	if (!r && (c.bad || cursor_left(&c) != 8))
-		r = damaged(format_part_state_name(run->target->out, name), err);
+		r = outfile_part_damaged(run->target->out, err);
 	return r;
 }
 
 /* ---- writing ---- */
 
-static uint64_t size_of(const struct format_run *run)
+static uint64_t size_of(const struct outputs *run)
 {
 	uint64_t size = 0;
 
-	for (const struct format_target *t = run->target; t; t = t->next)
-		size += format_output_size(t->out) + (t->out->annex ? format_output_size(t->out->annex) : 0);
+	for (const struct outputs_target *t = run->target; t; t = t->next)
+		size += outfile_part_size(t->out);
 	return size;
 }
 
-bool format_run_due(const struct format_run *run)
+bool outputs_due(const struct outputs *run)
 {
-	const struct format_kept *k = run->kept;
+	const struct outputs_kept *k = run->kept;
 
 	if (!k || run->err.code)
 		return false;
 	return !k->saved || size_of(run) - k->saved_size >= k->sync_bytes || clock_since(k->saved_ns) >= SYNC_SECONDS;
 }
 
-bool format_run_saved(const struct format_run *run)
+bool outputs_saved(const struct outputs *run)
 {
 	return run->kept && run->kept->saved;
 }
 
-static void put_sum(struct packer *p, const struct format_output *o)
+static void put_sum(struct packer *p, const struct outfile_sum *s)
 {
-	struct format_sum s = {0};
-
-	if (o)
-		s = format_part_sum(o);
-	packer_u64(p, s.from);
-	packer_u64(p, s.size);
-	packer_u64(p, s.chain);
-	packer_u64(p, s.part);
+	packer_u64(p, s->from);
+	packer_u64(p, s->size);
+	packer_u64(p, s->chain);
+	packer_u64(p, s->part);
 }
 
-static void pack(const struct format_run *run, const void *state, size_t size, struct packer *p)
+static void pack(const struct outputs *run, const void *state, size_t size, struct packer *p)
 {
 	const char *options = run->kept->options;
 
@@ -341,11 +292,14 @@ static void pack(const struct format_run *run, const void *state, size_t size, s
 	packer_bytes(p, options, strlen(options));
 	packer_u64(p, size);
 	packer_bytes(p, state, size);
-	for (const struct format_target *t = run->target; t; t = t->next) {
-		put_sum(p, t->out);
-		put_sum(p, t->out->annex);
+	for (const struct outputs_target *t = run->target; t; t = t->next) {
+		struct outfile_sum sum, annex;
+
+		outfile_part_sums(t->out, &sum, &annex);
+		put_sum(p, &sum);
+		put_sum(p, &annex);
 	}
-	for (const struct format_target *t = run->target; t; t = t->next) {
+	for (const struct outputs_target *t = run->target; t; t = t->next) {
 		uint8_t bytes[FORMAT_SAVED] = {0};
 		struct packer saved = packer_of(bytes, sizeof(bytes));
 
@@ -353,42 +307,22 @@ static void pack(const struct format_run *run, const void *state, size_t size, s
 		packer_u64(p, 0);
 		packer_bytes(p, bytes, sizeof(bytes));
 	}
-	format_edge_save(&run->edge, p);
-	format_open_save(&run->open, p);
+	outputs_edge_save(&run->edge, p);
+	outputs_front_save(&run->front, p);
 	packer_u64(p, XXH3_64bits(p->start, packer_size(p)));
 }
 
-static int write_state(const struct format_run *run, const uint8_t *bytes, size_t size, struct err *err)
+int outputs_save(struct outputs *run, const void *state, size_t size, struct err *err)
 {
-	int dirfd = run->target->out->dirfd, fd, r;
-	char name[FORMAT_PART_NAME], temp[FORMAT_PART_NAME + 8];
-
-	format_part_state_name(run->target->out, name);
-	snprintf(temp, sizeof(temp), "%s.new", name);
-	unlinkat(dirfd, temp, 0);
-	r = io_open(dirfd, temp, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
-	if (r)
-		return r;
-	r = io_write_at(fd, bytes, size, 0, name, err);
-	if (r)
-		unlinkat(dirfd, temp, 0);
-	else
-		r = io_publish(dirfd, fd, temp, name, err);
-	io_close(fd);
-	return r;
-}
-
-int format_run_save(struct format_run *run, const void *state, size_t size, struct err *err)
-{
-	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + run->open.used * FORMAT_OPEN_SAVED;
+	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + run->front.used * OUTPUTS_FRONT_SAVED;
 	struct packer p;
 	uint8_t *bytes;
 	int r = 0;
 
 	if (!run->kept)
 		return 0;
-	for (struct format_target *t = run->target; t && !r; t = t->next) {
-		r = format_part_sync(t->out, err);
+	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
+		r = outfile_part_sync(t->out, err);
 		room += TARGET_SAVED;
 	}
 	if (r)
@@ -399,7 +333,7 @@ int format_run_save(struct format_run *run, const void *state, size_t size, stru
 	p = packer_of(bytes, room);
 	pack(run, state, size, &p);
 	r = p.bad ? err_set(err, ERR_INTERNAL, "the state of a fetch does not fit its place") :
-		    write_state(run, bytes, packer_size(&p), err);
+		    outfile_part_store(run->target->out, bytes, packer_size(&p), err);
 	free(bytes);
 	if (r)
 		return r;
@@ -409,17 +343,17 @@ int format_run_save(struct format_run *run, const void *state, size_t size, stru
 	return 0;
 }
 
-void format_keep_discard(struct format_run *run)
+void outputs_keep_discard(struct outputs *run)
 {
-	for (const struct format_target *t = run->target; t && run->kept && !run->kept->saved; t = t->next)
+	for (const struct outputs_target *t = run->target; t && run->kept && !run->kept->saved; t = t->next)
 		if (t->out)
-			format_part_discard(t->out);
+			outfile_part_discard(t->out);
 }
 
-void format_keep_done(struct format_run *run)
+void outputs_keep_done(struct outputs *run)
 {
-	for (const struct format_target *t = run->target; t && run->kept; t = t->next)
-		format_part_clean(t->out);
+	for (const struct outputs_target *t = run->target; t && run->kept; t = t->next)
+		outfile_part_clean(t->out);
 	if (run->kept)
 		run->kept->saved = false;
 }

@@ -1,7 +1,7 @@
 /*
  * One file a tile, made from the sorted triangles of all.
  *
- * The triangles of a tile come as three positions each. They go through the canonical order (format_canonical.c),
+ * The triangles of a tile come as three positions each. They go through the canonical order (outputs_canonical.c),
  * which gives each vertex one number: a tile's file depends on its triangles alone, neither on the order of the
  * stream nor on how the mesh was cut into domains, and vertices on a shared edge are the same numbers in both. A tile
  * larger than memory is sorted on the disk as a whole mesh is. Pictures need no numbers and get the triangles as they
@@ -11,28 +11,28 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_tile.h"
+#include "outputs_tile.h"
 
 enum { PIECE = 1024 }; /* triangles in one block */
 
 struct maker {
-	struct format_tiles *tiles;
-	struct format_tile *tile;
+	struct outputs_tiles *tiles;
+	struct outputs_tile *tile;
 	size_t at; /* which one */
-	struct format_output *out;
+	struct outfile *out;
 	void *writer;
-	struct format_canonical *canonical;
+	struct outputs_canonical *canonical;
+	struct format counter; /* stands between the canonical order and the writer */
 	int32_t vertex[3 * PIECE][3];
 	uint32_t triangle[PIECE][3];
 	uint32_t n;
 };
 
-static bool is_picture(const struct format_tiles *t)
+static bool is_picture(const struct outputs_tiles *t)
 {
-	return !t->format->canonical;
+	return t->format->kind == FORMAT_PICTURE;
 }
 
-/* Stands between the canonical order and the writer. */
 static int count_block(void *ctx, const struct format_block *block, struct err *err)
 {
 	struct maker *m = ctx;
@@ -42,8 +42,6 @@ static int count_block(void *ctx, const struct format_block *block, struct err *
 	m->tile->vertices += b->nnew;
 	return is_picture(m->tiles) ? 0 : m->tiles->format->block(m->writer, block, err);
 }
-
-static const struct format counter = {.name = "tile", .canonical = true, .block = count_block};
 
 static int send(struct maker *m, struct err *err)
 {
@@ -57,12 +55,12 @@ static int send(struct maker *m, struct err *err)
 	if (m->n && is_picture(m->tiles))
 		r = m->tiles->format->block(m->writer, &block, err);
 	if (m->n && !r)
-		r = format_canonical_block(m->canonical, &block, err);
+		r = outputs_canonical_block(m->canonical, &block, err);
 	m->n = 0;
 	return r;
 }
 
-static int interrupted(const struct format_tiles *t, struct err *err)
+static int interrupted(const struct outputs_tiles *t, struct err *err)
 {
 	return t->run.interrupted && t->run.interrupted(t->run.ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
@@ -89,7 +87,7 @@ static int add(struct maker *m, const uint64_t *rec, struct err *err)
 }
 
 /* A tile needs 72 bytes a triangle to be sorted in memory, and most need no more than a part of what there is. */
-static uint64_t memory_of(const struct format_tiles *t, const struct format_tile *tile)
+static uint64_t memory_of(const struct outputs_tiles *t, const struct outputs_tile *tile)
 {
 	uint64_t most = t->run.sort_memory / 2, need = (tile->triangles + 1) * 3 * 48;
 
@@ -98,9 +96,11 @@ static uint64_t memory_of(const struct format_tiles *t, const struct format_tile
 
 static int start(struct maker *m, const char *name, struct err *err)
 {
-	struct format_tiles *t = m->tiles;
+	struct outputs_tiles *t = m->tiles;
 	struct acut_mesh_head head = t->head;
-	int r = format_place_file(t->place, name, &m->out, err);
+	int r = outfile_folder_file(t->place, name, &m->out, err);
+
+	m->counter = (struct format){.block = count_block, .positions = t->format->positions && !is_picture(t)};
 
 	if (is_picture(t)) {
 		memcpy(head.box, m->tile->box, sizeof(head.box));
@@ -112,9 +112,9 @@ static int start(struct maker *m, const char *name, struct err *err)
 	if (!r)
 		r = t->format->head(m->writer, &head, err);
 	if (!r)
-		r = format_canonical_new(&counter, m, m->out, memory_of(t, m->tile), &m->canonical, err);
+		r = outputs_canonical_new(&m->counter, m, m->out, memory_of(t, m->tile), &m->canonical, err);
 	if (!r)
-		format_canonical_merge(m->canonical);
+		outputs_canonical_merge(m->canonical);
 	return r;
 }
 
@@ -125,7 +125,7 @@ static int finish(struct maker *m, struct err *err)
 	int r = send(m, err);
 
 	if (!r)
-		r = format_canonical_finish(m->canonical, err);
+		r = outputs_canonical_finish(m->canonical, err);
 	tail.vertices = m->tile->vertices;
 	tail.digest = digest_hex(m->tile->digest, digest);
 	tail.vertex_digest = digest_hex(m->tile->vertex_digest, vertex_digest);
@@ -133,38 +133,38 @@ static int finish(struct maker *m, struct err *err)
 	if (!r)
 		r = m->tiles->format->finish(m->writer, &tail, err);
 	if (!r)
-		r = format_output_publish(m->out, err);
+		r = outfile_publish(m->out, err);
 	if (!r)
-		m->tile->bytes = format_output_size(m->out);
+		m->tile->bytes = outfile_size(m->out);
 	return r;
 }
 
 static void done(struct maker *m)
 {
-	m->canonical = format_canonical_free(m->canonical);
+	m->canonical = outputs_canonical_free(m->canonical);
 	if (m->writer)
 		m->writer = m->tiles->format->free(m->writer);
-	m->out = format_output_free(m->out);
+	m->out = outfile_free(m->out);
 }
 
 /* The next tile, that of *rec; *rec is then the first record behind it, or NULL. */
 static int make(struct maker *m, const uint64_t **rec, struct err *err)
 {
-	struct format_tiles *t = m->tiles;
+	struct outputs_tiles *t = m->tiles;
 	uint64_t number = (*rec)[0], n = 0;
-	char name[FORMAT_PLACE_NAME];
+	char name[OUTFILE_NAME];
 	int r = interrupted(t, err);
 
 	m->tile = &t->tile[m->at];
 	if (!r && (m->at == t->ntile || m->tile->number != number))
 		return err_set(err, ERR_INTERNAL, "triangles of no tile came back from the sort");
 	if (!r)
-		r = start(m, format_tiles_name(t, m->at, name), err);
+		r = start(m, outputs_tiles_name(t, m->at, name), err);
 	while (!r && *rec && (*rec)[0] == number) {
 		r = add(m, *rec, err);
 		n++;
 		if (!r)
-			r = format_sort_next(t->sort, rec, err);
+			r = outputs_sort_next(t->sort, rec, err);
 	}
 	if (!r && n != m->tile->triangles)
 		r = err_set(err, ERR_INTERNAL, "a tile lost triangles: %llu of %llu came back from the sort",
@@ -176,20 +176,20 @@ static int make(struct maker *m, const uint64_t **rec, struct err *err)
 	return r;
 }
 
-int format_tiles_make(struct format_tiles *t, struct err *err)
+int outputs_tiles_make(struct outputs_tiles *t, struct err *err)
 {
 	struct maker *m = calloc(1, sizeof(*m));
 	const uint64_t *rec = NULL;
-	int r = m ? format_sort_start(t->sort, err) : err_set(err, ERR_NOMEM, "no memory to make tiles");
+	int r = m ? outputs_sort_start(t->sort, err) : err_set(err, ERR_NOMEM, "no memory to make tiles");
 
 	if (!r)
-		r = format_sort_next(t->sort, &rec, err);
-	format_tiles_order(t);
+		r = outputs_sort_next(t->sort, &rec, err);
+	outputs_tiles_order(t);
 	if (!r)
 		m->tiles = t;
 	while (!r && rec)
 		r = make(m, &rec, err);
-	t->sort = format_sort_free(t->sort);
+	t->sort = outputs_sort_free(t->sort);
 	free(m);
 	return r;
 }

@@ -18,15 +18,15 @@
 #include <unistd.h>
 
 #include "err.h"
-#include "format_output.h"
-#include "format_tile.h"
+#include "outfile_priv.h"
 #include "io.h"
 #include "io_place.h"
 
 #define PART ".tiles.part"
 
-struct format_place {
+struct outfile_folder {
 	char *path;
+	const char *index;
 	int fd, part;
 	bool made, locked, kept, no_clobber;
 };
@@ -47,7 +47,7 @@ static void empty(int fd)
 	closedir(d);
 }
 
-static int open_outer(struct format_place *p, struct err *err)
+static int open_outer(struct outfile_folder *p, struct err *err)
 {
 	int r = io_place_folder(p->path, 0777, &p->fd, &p->made, err);
 
@@ -56,13 +56,13 @@ static int open_outer(struct format_place *p, struct err *err)
 		err_set(err, ERR_USAGE, "tiles go into a folder, and this is none");
 		return err_add_hint(err, "give a folder, or one that is not there yet, as in -o tiles/");
 	}
-	if (!r && p->no_clobber && !faccessat(p->fd, FORMAT_TILES_INDEX, F_OK, AT_SYMLINK_NOFOLLOW))
+	if (!r && p->no_clobber && !faccessat(p->fd, p->index, F_OK, AT_SYMLINK_NOFOLLOW))
 		r = err_set(err, ERR_USAGE, "the folder has tiles already, and --no-clobber was given");
 	return r;
 }
 
 /* One that has just ended may have removed the folder that was locked. */
-static int open_inner(struct format_place *p, struct err *err)
+static int open_inner(struct outfile_folder *p, struct err *err)
 {
 	struct stat own, named;
 	int r = io_make_dir(p->fd, PART, 0777, err);
@@ -79,13 +79,14 @@ static int open_inner(struct format_place *p, struct err *err)
 	return 0;
 }
 
-int format_place_new(const char *dir, bool no_clobber, struct format_place **ret, struct err *err)
+int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err)
 {
-	struct format_place *p = calloc(1, sizeof(*p));
+	struct outfile_folder *p = calloc(1, sizeof(*p));
 	int r = 0;
 
 	if (p) {
 		p->fd = p->part = -1;
+		p->index = index;
 		p->no_clobber = no_clobber;
 		p->path = strdup(dir);
 	}
@@ -96,28 +97,28 @@ int format_place_new(const char *dir, bool no_clobber, struct format_place **ret
 	if (!r)
 		r = open_inner(p, err);
 	if (r) {
-		format_place_free(p);
+		outfile_folder_free(p);
 		return r;
 	}
 	*ret = p;
 	return 0;
 }
 
-int format_place_file(const struct format_place *p, const char *name, struct format_output **ret, struct err *err)
+int outfile_folder_file(const struct outfile_folder *p, const char *name, struct outfile **ret, struct err *err)
 {
 	char *path;
 	int r;
 
 	if (asprintf(&path, "%s/" PART "/%s", p->path, name) < 0)
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
-	r = format_output_new(path, false, ret, err);
+	r = outfile_new(path, false, ret, err);
 	free(path);
 	if (!r)
 		(*ret)->passing = true;
 	return r;
 }
 
-static int taken(const struct format_place *p, const char *name, struct err *err)
+static int taken(const struct outfile_folder *p, const char *name, struct err *err)
 {
 	char path[PATH_MAX];
 
@@ -126,10 +127,10 @@ static int taken(const struct format_place *p, const char *name, struct err *err
 	return err_add_file(err, path);
 }
 
-int format_place_clear(struct format_place *p, size_t n, const char *(*name)(void *ctx, size_t i, char *buf), void *ctx,
-		       struct err *err)
+int outfile_folder_clear(struct outfile_folder *p, size_t n, const char *(*name)(void *ctx, size_t i, char *buf), void *ctx,
+			 struct err *err)
 {
-	char buf[FORMAT_PLACE_NAME];
+	char buf[OUTFILE_NAME];
 	int r;
 
 	for (size_t i = 0; i < n && p->no_clobber; i++)
@@ -137,11 +138,11 @@ int format_place_clear(struct format_place *p, size_t n, const char *(*name)(voi
 			return taken(p, buf, err);
 	if (p->no_clobber)
 		return 0; /* an index cannot be there, or it is not removed */
-	r = io_remove(p->fd, FORMAT_TILES_INDEX, err);
-	return r ? r : format_place_sync(p, err);
+	r = io_remove(p->fd, p->index, err);
+	return r ? r : outfile_folder_sync(p, err);
 }
 
-int format_place_move(struct format_place *p, const char *name, struct err *err)
+int outfile_folder_move(struct outfile_folder *p, const char *name, struct err *err)
 {
 	char path[PATH_MAX];
 	int r;
@@ -162,17 +163,17 @@ int format_place_move(struct format_place *p, const char *name, struct err *err)
 	return err_add_file(err, path);
 }
 
-int format_place_sync(struct format_place *p, struct err *err)
+int outfile_folder_sync(struct outfile_folder *p, struct err *err)
 {
 	return io_sync(p->fd, p->path, err);
 }
 
-void format_place_keep(struct format_place *p)
+void outfile_folder_keep(struct outfile_folder *p)
 {
 	p->kept = true;
 }
 
-struct format_place *format_place_free(struct format_place *p)
+struct outfile_folder *outfile_folder_free(struct outfile_folder *p)
 {
 	if (!p)
 		return NULL;

@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "outfile.h"
 #include "io.h"
 
 #define FRONT 24
@@ -82,37 +82,37 @@ static int count_far_ftruncate(int fd, off_t size)
 
 static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 {
-	struct format_output *o = NULL, *annex = NULL;
+	struct outfile *o = NULL, *annex = NULL;
 	uint64_t f = 0, b = 0;
 	uint8_t bytes[32];
-	int r = format_output_new(path, false, &o, err);
+	int r = outfile_new(path, false, &o, err);
 
 	if (!r)
-		r = format_output_annex(o, &annex, err);
+		r = outfile_annex(o, &annex, err);
 	while (!r && (f < nfront || b < nback)) {
 		for (unsigned i = 0; i < 1000 && f < nfront && !r; i++) {
 			record(bytes, FRONT, f++);
-			r = format_output_write(o, bytes, FRONT, err);
+			r = outfile_write(o, bytes, FRONT, err);
 		}
 		for (unsigned i = 0; i < 2100 && b < nback && !r; i++) {
-			void *to = format_output_room(annex, BACK, err);
+			void *to = outfile_room(annex, BACK, err);
 
 			record(bytes, BACK, b++);
 			if (to)
 				memcpy(to, bytes, BACK);
 			else
 				r = -err->code;
-			format_output_used(annex, to ? BACK : 0);
+			outfile_used(annex, to ? BACK : 0);
 		}
 	}
 	if (!r)
-		r = format_output_join(o, annex, BACK, err);
+		r = outfile_join(o, annex, BACK, err);
 	if (!r)
-		r = format_output_patch(o, 8, "patched!", 8, err);
+		r = outfile_patch(o, 8, "patched!", 8, err);
 	if (!r)
-		r = format_output_publish(o, err);
-	format_output_free(annex);
-	format_output_free(o);
+		r = outfile_publish(o, err);
+	outfile_free(annex);
+	outfile_free(o);
 	return r;
 }
 
@@ -135,7 +135,7 @@ static void expect_file(uint64_t nfront, uint64_t nback)
 			memcpy(want + 8, "patched!", 8);
 		assert_memory_equal(got + i * FRONT, want, FRONT);
 	}
-	if (nback * BACK > FORMAT_BUFFER)
+	if (nback * BACK > OUTFILE_BUFFER)
 		while ((nfront * FRONT + moved * BACK) % 4096)
 			moved++;
 	for (uint64_t i = 0; i < nback; i++) {
@@ -183,7 +183,7 @@ static void test_inside(void **state)
 	each_size();
 	if (extents()) {
 		assert_true(direct_writes > 10);
-		assert_true((uint64_t)furthest > FORMAT_ANNEX_AT);
+		assert_true((uint64_t)furthest > OUTFILE_ANNEX_AT);
 	}
 	io = &io_system;
 }
@@ -204,7 +204,7 @@ static void test_apart(void **state)
 	start();
 	table.ftruncate = no_far_ftruncate;
 	each_size();
-	assert_true((uint64_t)furthest < FORMAT_ANNEX_AT);
+	assert_true((uint64_t)furthest < OUTFILE_ANNEX_AT);
 	table.ftruncate = ftruncate;
 	/* a limit that the file keeps and the hole would not */
 	assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
@@ -212,7 +212,7 @@ static void test_apart(void **state)
 	assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 	each_size();
 	assert_int_equal(setrlimit(RLIMIT_FSIZE, &was), 0);
-	assert_true((uint64_t)furthest < FORMAT_ANNEX_AT);
+	assert_true((uint64_t)furthest < OUTFILE_ANNEX_AT);
 	io = &io_system;
 }
 

@@ -14,7 +14,8 @@
 
 #include "cursor.h"
 #include "err.h"
-#include "format_priv.h"
+#include "format_axis.h"
+#include "outputs_priv.h"
 
 typedef unsigned __int128 u128;
 
@@ -28,7 +29,7 @@ static u128 gcd(u128 a, u128 b)
 	return a;
 }
 
-bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q)
+bool outputs_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q)
 {
 	u128 p = (u128)limit.mantissa * (u128)num, q = (u128)scale.mantissa * (u128)den, g;
 	int32_t e = limit.exponent - scale.exponent;
@@ -49,8 +50,8 @@ bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct de
 	return true;
 }
 
-int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head, const struct format_run_options *opt,
-		     struct err *err)
+int outputs_edge_init(struct outputs_edge *ed, const struct acut_mesh_head *head, const struct outputs_options *opt,
+		      struct err *err)
 {
 	struct decimal scale;
 	int64_t num = 1, den = 1;
@@ -76,7 +77,7 @@ int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head, 
 	/* the longest edge of all is below 2^33 lattice units */
 	if (decimal_double(opt->max_edge) * (double)num / (double)den / ed->scale >= 0x1p34) {
 		ed->none_longer = true;
-	} else if (format_edge_ratio(opt->max_edge, num, den, scale, &p, &q)) {
+	} else if (outputs_edge_ratio(opt->max_edge, num, den, scale, &p, &q)) {
 		ed->limit = (u128)p * p / ((u128)q * q);
 	} else {
 		err_set(err, ERR_USAGE, "--max-edge has too many digits beside the scale %s", head->scale_xy);
@@ -109,7 +110,7 @@ static double bucket_from(int i)
 	return ldexp(1 + i % 16 / 16.0, i / 16);
 }
 
-static void gather(struct format_edge *ed, const int32_t *a, const int32_t *b, const int32_t *c)
+static void gather(struct outputs_edge *ed, const int32_t *a, const int32_t *b, const int32_t *c)
 {
 	double ux = (double)b[0] - a[0], uy = (double)b[1] - a[1], vx = (double)c[0] - a[0], vy = (double)c[1] - a[1];
 	double wx = vx - ux, wy = vy - uy, d2[3] = {ux * ux + uy * uy, vx * vx + vy * vy, wx * wx + wy * wy}, most = d2[0];
@@ -123,7 +124,7 @@ static void gather(struct format_edge *ed, const int32_t *a, const int32_t *b, c
 	ed->count += 3;
 }
 
-static void gather_all(struct format_edge *ed, const uint32_t (*triangle)[3], uint32_t n, const int32_t (*pos)[3])
+static void gather_all(struct outputs_edge *ed, const uint32_t (*triangle)[3], uint32_t n, const int32_t (*pos)[3])
 {
 	for (uint32_t i = 0; i < n; i++)
 		gather(ed, pos[triangle[i][0]], pos[triangle[i][1]], pos[triangle[i][2]]);
@@ -138,7 +139,7 @@ static u128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
 }
 
 /* *ret is the block without those whose edges are longer than the limit. */
-static int leave_out(struct format_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
+static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		     struct acut_mesh_block *ret, struct err *err)
 {
 	uint32_t kept = 0;
@@ -172,8 +173,8 @@ static int leave_out(struct format_edge *ed, const struct acut_mesh_block *b, co
 	return 0;
 }
 
-int format_edge_block(struct format_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
-		      struct acut_mesh_block *ret, struct err *err)
+int outputs_edge_block(struct outputs_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
+		       struct acut_mesh_block *ret, struct err *err)
 {
 	int r = 0;
 
@@ -185,11 +186,11 @@ int format_edge_block(struct format_edge *ed, const struct acut_mesh_block *b, c
 	return r;
 }
 
-double format_edge_median(const struct format_edge *ed)
+double outputs_edge_median(const struct outputs_edge *ed)
 {
 	uint64_t seen = 0;
 
-	for (int i = 0; i < FORMAT_EDGE_BUCKETS && ed->count; i++) {
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS && ed->count; i++) {
 		seen += ed->bucket[i];
 		if (2 * seen >= ed->count)
 			return sqrt((bucket_from(i) + bucket_from(i + 1)) / 2) * ed->scale;
@@ -197,23 +198,23 @@ double format_edge_median(const struct format_edge *ed)
 	return 0;
 }
 
-double format_edge_longest(const struct format_edge *ed)
+double outputs_edge_longest(const struct outputs_edge *ed)
 {
 	return sqrt(ed->longest) * ed->scale;
 }
 
-double format_edge_share(const struct format_edge *ed, double length)
+double outputs_edge_share(const struct outputs_edge *ed, double length)
 {
 	double d2 = (length / ed->scale) * (length / ed->scale), longer = 0, all = 0;
 
-	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++) {
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++) {
 		all += ed->area[i];
 		longer += bucket_from(i) >= d2 ? ed->area[i] : 0;
 	}
 	return all > 0 ? longer / all : 0;
 }
 
-double format_edge_area(const struct format_edge *ed)
+double outputs_edge_area(const struct outputs_edge *ed)
 {
 	int64_t num, den;
 
@@ -223,7 +224,7 @@ double format_edge_area(const struct format_edge *ed)
 	return (double)ed->left_out_area2 / 2 * ed->scale * ed->scale;
 }
 
-void format_edge_done(struct format_edge *ed)
+void outputs_edge_done(struct outputs_edge *ed)
 {
 	free(ed->triangle);
 	memset(ed, 0, sizeof(*ed));
@@ -242,35 +243,35 @@ static u128 load128(struct cursor *c)
 	return high << 64 | cursor_u64(c);
 }
 
-void format_edge_save(const struct format_edge *ed, struct packer *p)
+void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 {
 	packer_u64(p, ed->left_out);
 	save128(p, ed->left_out_area2);
 	packer_f64(p, ed->longest);
 	packer_u64(p, ed->count);
-	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
 		packer_u64(p, ed->bucket[i]);
-	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
 		packer_f64(p, ed->area[i]);
 }
 
 /* Version 1: edges were gathered by no fetch, and are not from there on. */
-void format_edge_load_1(struct format_edge *ed, struct cursor *c)
+void outputs_edge_load_1(struct outputs_edge *ed, struct cursor *c)
 {
 	ed->left_out = cursor_u64(c);
 	ed->left_out_area2 = load128(c);
-	cursor_skip(c, 16 + 8 + 8 * FORMAT_EDGE_BUCKETS);
+	cursor_skip(c, 16 + 8 + 8 * OUTPUTS_EDGE_BUCKETS);
 	ed->gather = false;
 }
 
-void format_edge_load(struct format_edge *ed, struct cursor *c)
+void outputs_edge_load(struct outputs_edge *ed, struct cursor *c)
 {
 	ed->left_out = cursor_u64(c);
 	ed->left_out_area2 = load128(c);
 	ed->longest = cursor_f64(c);
 	ed->count = cursor_u64(c);
-	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
 		ed->bucket[i] = cursor_u64(c);
-	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
 		ed->area[i] = cursor_f64(c);
 }

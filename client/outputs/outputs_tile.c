@@ -7,7 +7,7 @@
  * the same tile.
  *
  * Every triangle goes into one external sort, by tile and then by its corners; the files are made from that when the
- * whole stream has come and was checked (format_tile_make.c). Only tiles that have triangles are known, by a hash table
+ * whole stream has come and was checked (outputs_tile_make.c). Only tiles that have triangles are known, by a hash table
  * of their numbers: a mesh may have few of them in a box of thousands of millions, since one point far away makes it
  * that large, and the box that a stream announces may be larger than its mesh. Memory is that of the sort and some hundred
  * bytes a tile, whatever the number of triangles; one nameless file holds the rest.
@@ -17,7 +17,7 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_tile.h"
+#include "outputs_tile.h"
 
 #define SHARE 2 /* the sort of all has one of these of the memory, that of one tile the other */
 
@@ -26,24 +26,24 @@ typedef __int128 i128;
 static int tiles_check(const char *dir, const struct format *format, const struct format_options *opt, struct decimal size,
 		       struct err *err)
 {
-	if (!dir || format->nothing)
+	if (!dir || format->kind == FORMAT_NOTHING)
 		return err_set(err, ERR_USAGE, "%s writes nothing: there are no tiles to write", format->name);
 	if (!strcmp(dir, "-")) {
 		err_set(err, ERR_USAGE, "tiles are files in a folder and cannot go to standard output");
 		return err_add_hint(err, "give a folder, as in -o tiles/");
 	}
-	if (format->positions && opt->color == FORMAT_DOMAIN)
+	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
 	if (size.mantissa <= 0)
 		return err_set(err, ERR_USAGE, "--tile is not a length above zero");
 	return 0;
 }
 
-int format_tiles_new(const char *dir, const struct format *format, const struct format_options *opt,
-		     const struct format_run_options *run, struct format_tiles **ret, struct err *err)
+int outputs_tiles_new(const char *dir, const struct format *format, const struct format_options *opt,
+		      const struct outputs_options *run, struct outputs_tiles **ret, struct err *err)
 {
 	int r = tiles_check(dir, format, opt, run->tile, err);
-	struct format_tiles *t = r ? NULL : calloc(1, sizeof(*t));
+	struct outputs_tiles *t = r ? NULL : calloc(1, sizeof(*t));
 
 	if (r)
 		return r;
@@ -51,33 +51,33 @@ int format_tiles_new(const char *dir, const struct format *format, const struct 
 		return err_set(err, ERR_NOMEM, "no memory for tiles");
 	t->format = format;
 	t->opt = *opt;
-	t->opt.canonical = format->canonical; /* they come sorted, vertices first */
+	t->opt.canonical = format->kind == FORMAT_MESH; /* they come sorted, vertices first */
 	t->run = *run;
 	for (t->size = run->tile; t->size.exponent > 0 && t->size.mantissa < INT64_MAX / 10; t->size.exponent--)
 		t->size.mantissa *= 10;
 	if (t->size.exponent > 0 || t->size.exponent < -40)
 		r = err_set(err, ERR_USAGE, "--tile is no length that a mesh can have");
 	if (!r)
-		r = format_place_new(dir, opt->no_clobber, &t->place, err);
+		r = outfile_folder_new(dir, OUTPUTS_TILES_INDEX, opt->no_clobber, &t->place, err);
 	if (!r)
-		r = format_place_file(t->place, FORMAT_TILES_INDEX, &t->index, err);
+		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
 	if (!r)
-		r = format_sort_new(FORMAT_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+		r = outputs_sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
 	if (r) {
-		format_tiles_free(t);
+		outputs_tiles_free(t);
 		return r;
 	}
 	*ret = t;
 	return 0;
 }
 
-struct format_tiles *format_tiles_free(struct format_tiles *t)
+struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 {
 	if (!t)
 		return NULL;
-	format_sort_free(t->sort);
-	format_output_free(t->index);
-	format_place_free(t->place);
+	outputs_sort_free(t->sort);
+	outfile_free(t->index);
+	outfile_folder_free(t->place);
 	for (unsigned i = 0; i < t->ntext; i++)
 		free(t->text[i]);
 	free(t->tile);
@@ -87,7 +87,7 @@ struct format_tiles *format_tiles_free(struct format_tiles *t)
 	return NULL;
 }
 
-void format_tiles_about(struct format_tiles *t, uint64_t job, const char *dataset, uint64_t generation)
+void outputs_tiles_about(struct outputs_tiles *t, uint64_t job, const char *dataset, uint64_t generation)
 {
 	free(t->dataset);
 	t->dataset = dataset ? strdup(dataset) : NULL;
@@ -105,12 +105,12 @@ static i128 floor_div(i128 a, i128 b)
 }
 
 /* The tile of an axis by the sum of three absolute lattice numbers: below 2^64 * 2^60. */
-static i128 tile_of(const struct format_tiles *t, i128 sum)
+static i128 tile_of(const struct outputs_tiles *t, i128 sum)
 {
 	return floor_div(sum * (i128)t->q, (i128)t->p * 3);
 }
 
-static int lay_out(struct format_tiles *t, struct err *err)
+static int lay_out(struct outputs_tiles *t, struct err *err)
 {
 	const struct acut_mesh_head *h = &t->head;
 
@@ -127,7 +127,7 @@ static int lay_out(struct format_tiles *t, struct err *err)
 	return 0;
 }
 
-static int keep_text(struct format_tiles *t, const char **text, struct err *err)
+static int keep_text(struct outputs_tiles *t, const char **text, struct err *err)
 {
 	char *copy = strdup(*text ? *text : "");
 
@@ -138,7 +138,7 @@ static int keep_text(struct format_tiles *t, const char **text, struct err *err)
 	return 0;
 }
 
-int format_tiles_head(struct format_tiles *t, const struct acut_mesh_head *head, struct err *err)
+int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *head, struct err *err)
 {
 	struct acut_mesh_head *h = &t->head;
 	const char **text[] = {&h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view, &h->stream_id};
@@ -152,42 +152,42 @@ int format_tiles_head(struct format_tiles *t, const struct acut_mesh_head *head,
 		return r;
 	if (!decimal_parse(h->scale_xy, &scale) || scale.mantissa <= 0)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
-	if (!format_edge_ratio(t->run.tile, 1, 1, scale, &t->p, &t->q) || t->q >> 60) {
+	if (!outputs_edge_ratio(t->run.tile, 1, 1, scale, &t->p, &t->q) || t->q >> 60) {
 		err_set(err, ERR_USAGE, "--tile has too many digits beside the scale %s", h->scale_xy);
 		return err_add_hint(err, "give --tile with fewer decimals");
 	}
 	return lay_out(t, err);
 }
 
-void format_tiles_number(const struct format_tiles *t, size_t i, int64_t ret[2])
+void outputs_tiles_number(const struct outputs_tiles *t, size_t i, int64_t ret[2])
 {
 	ret[0] = t->first[0] + (int64_t)(uint32_t)t->tile[i].number;
 	ret[1] = t->first[1] + (int64_t)(t->tile[i].number >> 32);
 }
 
-const char *format_tiles_name(void *tiles, size_t i, char buf[FORMAT_PLACE_NAME])
+const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
 {
-	const struct format_tiles *t = tiles;
+	const struct outputs_tiles *t = tiles;
 	int n = (int)strcspn(t->format->extensions, " ");
 	int64_t at[2];
 
-	format_tiles_number(t, i, at);
-	snprintf(buf, FORMAT_PLACE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n, t->format->extensions);
+	outputs_tiles_number(t, i, at);
+	snprintf(buf, OUTFILE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n, t->format->extensions);
 	return buf;
 }
 
 /* ---- the tiles that have triangles ---- */
 
-static int too_many(const struct format_tiles *t, struct err *err)
+static int too_many(const struct outputs_tiles *t, struct err *err)
 {
 	char size[DECIMAL_TEXT_SIZE];
 
-	err_set(err, ERR_USAGE, "the triangles are in more than %u tiles of %s", FORMAT_TILES, decimal_text(t->run.tile, size));
+	err_set(err, ERR_USAGE, "the triangles are in more than %u tiles of %s", OUTPUTS_TILES, decimal_text(t->run.tile, size));
 	return err_add_hint(err, "give a larger --tile");
 }
 
 /* Where `number` is in the table of slots, or would be. */
-static size_t slot_of(const struct format_tiles *t, uint64_t number)
+static size_t slot_of(const struct outputs_tiles *t, uint64_t number)
 {
 	size_t i = (size_t)(number * 0x9e3779b97f4a7c15u >> 32) & (t->nslot - 1);
 
@@ -197,10 +197,10 @@ static size_t slot_of(const struct format_tiles *t, uint64_t number)
 }
 
 /* Room for one more tile; at least half of the slots stay empty. */
-static int grow(struct format_tiles *t, struct err *err)
+static int grow(struct outputs_tiles *t, struct err *err)
 {
 	size_t room = t->nslot ? t->nslot : 64; /* of tiles: half of the slots to be */
-	struct format_tile *tile;
+	struct outputs_tile *tile;
 	uint32_t *slot;
 
 	if (t->ntile < t->nslot / 2)
@@ -219,15 +219,15 @@ static int grow(struct format_tiles *t, struct err *err)
 	return 0;
 }
 
-static int find_tile(struct format_tiles *t, uint64_t number, struct format_tile **ret, struct err *err)
+static int find_tile(struct outputs_tiles *t, uint64_t number, struct outputs_tile **ret, struct err *err)
 {
 	int r = grow(t, err);
 	size_t i = r ? 0 : slot_of(t, number);
 
 	if (!r && !t->slot[i]) {
-		if (t->ntile == FORMAT_TILES)
+		if (t->ntile == OUTPUTS_TILES)
 			return too_many(t, err);
-		t->tile[t->ntile] = (struct format_tile){.number = number};
+		t->tile[t->ntile] = (struct outputs_tile){.number = number};
 		t->slot[i] = (uint32_t)++t->ntile;
 	}
 	if (!r)
@@ -237,12 +237,12 @@ static int find_tile(struct format_tiles *t, uint64_t number, struct format_tile
 
 static int by_number(const void *a, const void *b)
 {
-	const struct format_tile *x = a, *y = b;
+	const struct outputs_tile *x = a, *y = b;
 
 	return x->number < y->number ? -1 : x->number > y->number;
 }
 
-void format_tiles_order(struct format_tiles *t)
+void outputs_tiles_order(struct outputs_tiles *t)
 {
 	if (t->ntile)
 		qsort(t->tile, t->ntile, sizeof(*t->tile), by_number);
@@ -251,7 +251,7 @@ void format_tiles_order(struct format_tiles *t)
 	t->nslot = 0;
 }
 
-uint64_t format_tiles_count(const struct format_tiles *t)
+uint64_t outputs_tiles_count(const struct outputs_tiles *t)
 {
 	return t->ntile;
 }
@@ -266,10 +266,10 @@ static void grow_box(int32_t box[6], const int32_t *p, bool first)
 	}
 }
 
-static int add_triangle(struct format_tiles *t, const int32_t *const corner[3], struct err *err)
+static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3], struct err *err)
 {
-	uint64_t place[3], rec[FORMAT_TILE_WORDS], at[2];
-	struct format_tile *tile = NULL;
+	uint64_t place[3], rec[OUTPUTS_TILE_WORDS], at[2];
+	struct outputs_tile *tile = NULL;
 	int low = 0, r;
 
 	for (int k = 0; k < 2; k++) {
@@ -295,10 +295,10 @@ static int add_triangle(struct format_tiles *t, const int32_t *const corner[3], 
 	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
 	digest_add_triangles(&tile->digest, (const uint64_t(*)[3]) & place, 1, t->head.k);
 	tile->triangles++;
-	return format_sort_add(t->sort, rec, err);
+	return outputs_sort_add(t->sort, rec, err);
 }
 
-int format_tiles_block(struct format_tiles *t, const struct format_block *block, struct err *err)
+int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *block, struct err *err)
 {
 	const struct acut_mesh_block *b = block->mesh;
 	int r = 0;
@@ -313,7 +313,7 @@ int format_tiles_block(struct format_tiles *t, const struct format_block *block,
 	return r;
 }
 
-int format_tiles_tail(struct format_tiles *t, const struct acut_mesh_tail *tail, struct err *err)
+int outputs_tiles_tail(struct outputs_tiles *t, const struct acut_mesh_tail *tail, struct err *err)
 {
 	t->tail = *tail;
 	snprintf(t->digest, sizeof(t->digest), "%s", tail->digest);
@@ -324,35 +324,35 @@ int format_tiles_tail(struct format_tiles *t, const struct acut_mesh_tail *tail,
 	return 0;
 }
 
-static int move_all(struct format_tiles *t, struct err *err)
+static int move_all(struct outputs_tiles *t, struct err *err)
 {
-	char name[FORMAT_PLACE_NAME];
-	int r = format_place_clear(t->place, t->ntile, format_tiles_name, t, err);
+	char name[OUTFILE_NAME];
+	int r = outfile_folder_clear(t->place, t->ntile, outputs_tiles_name, t, err);
 
 	for (size_t i = 0; i < t->ntile && !r; i++)
-		r = format_place_move(t->place, format_tiles_name(t, i, name), err);
+		r = outfile_folder_move(t->place, outputs_tiles_name(t, i, name), err);
 	if (!r)
-		r = format_place_sync(t->place, err);
+		r = outfile_folder_sync(t->place, err);
 	if (!r)
-		r = format_place_move(t->place, FORMAT_TILES_INDEX, err);
-	return r ? r : format_place_sync(t->place, err);
+		r = outfile_folder_move(t->place, OUTPUTS_TILES_INDEX, err);
+	return r ? r : outfile_folder_sync(t->place, err);
 }
 
-int format_tiles_publish(struct format_tiles *t, uint64_t left_out, uint64_t *bytes, struct err *err)
+int outputs_tiles_publish(struct outputs_tiles *t, uint64_t left_out, uint64_t *bytes, struct err *err)
 {
-	int r = format_tiles_make(t, err);
+	int r = outputs_tiles_make(t, err);
 
 	if (!r)
-		r = format_tiles_index(t, left_out, err);
+		r = outputs_tiles_index(t, left_out, err);
 	if (!r)
-		r = format_output_publish(t->index, err);
+		r = outfile_publish(t->index, err);
 	if (!r)
 		r = move_all(t, err);
 	if (r)
 		return r;
-	*bytes += format_output_size(t->index);
+	*bytes += outfile_size(t->index);
 	for (size_t i = 0; i < t->ntile; i++)
 		*bytes += t->tile[i].bytes;
-	format_place_keep(t->place);
+	outfile_folder_keep(t->place);
 	return 0;
 }

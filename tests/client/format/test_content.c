@@ -15,10 +15,12 @@
 #include <cmocka.h>
 
 #include "err.h"
-#include "format.h"
+#include "format_axis.h"
 #include "format_digits.h"
-#include "format_priv.h"
+#include "format_raster.h"
 #include "meshes.h"
+#include "outfile.h"
+#include "outputs_priv.h"
 
 static char dir[] = "/tmp/acut-content-XXXXXX";
 static char out[512];
@@ -36,27 +38,27 @@ static const struct meshes_spec grid = {.columns = 50,
 					.k = {50000000, 400000000, -12}};
 
 static int write_as(const char *name, const struct meshes *m, const struct format_options *opt,
-		    const struct format_run_options *ropt, struct format_report *report, struct err *err)
+		    const struct outputs_options *ropt, struct outputs_report *report, struct err *err)
 {
-	const struct format_run_options plain = {0};
-	struct format_run *run = NULL;
+	const struct outputs_options plain = {0};
+	struct outputs *run = NULL;
 	struct acut_mesh_sink sink;
-	int r = format_run_new(ropt ? ropt : &plain, &run, err);
+	int r = outputs_new(ropt ? ropt : &plain, &run, err);
 
 	snprintf(out, sizeof(out), "%s/out.%s", dir, name);
 	if (!r)
-		r = format_run_add(run, out, format_find(name), opt, err);
+		r = outputs_add(run, out, format_find(name), opt, err);
 	if (!r) {
-		sink = format_run_sink(run);
+		sink = outputs_sink(run);
 		r = meshes_send(m, &sink, SIZE_MAX);
 		if (r)
-			*err = *format_run_error(run);
+			*err = *outputs_error(run);
 		else
-			r = format_run_publish(run, err);
+			r = outputs_publish(run, err);
 	}
 	if (!r && report)
-		format_run_report(run, report);
-	format_run_free(run);
+		outputs_report(run, report);
+	outputs_free(run);
 	return r;
 }
 
@@ -195,7 +197,7 @@ static void test_canonical(void **state)
 		size_t first_size = 0;
 
 		for (int i = 0; i < 4; i++) {
-			const struct format_run_options ropt = {.sort_memory = i & 2 ? 200000 : 0};
+			const struct outputs_options ropt = {.sort_memory = i & 2 ? 200000 : 0};
 			struct meshes_spec spec = grid;
 			struct meshes m;
 			struct err err = ERR_INIT;
@@ -227,7 +229,7 @@ static void test_canonical(void **state)
 static void test_canonical_order(void **state)
 {
 	const struct format_options opt = {.canonical = true};
-	const struct format_run_options ropt = {.sort_memory = 200000};
+	const struct outputs_options ropt = {.sort_memory = 200000};
 	struct meshes_spec spec = grid;
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -267,7 +269,7 @@ static void test_canonical_order(void **state)
 /* Positions on a line: their vertices, in order, and no face. */
 static void test_line(void **state)
 {
-	const struct format_run_options ropt = {.edges = true};
+	const struct outputs_options ropt = {.edges = true};
 	struct meshes_spec spec = {.columns = 1,
 				   .rows = 300,
 				   .strip = 299,
@@ -277,7 +279,7 @@ static void test_line(void **state)
 				   .slope_y = 1,
 				   .scale_xy = "0.01",
 				   .scale_z = "1"};
-	struct format_report report;
+	struct outputs_report report;
 	struct meshes m;
 	struct err err = ERR_INIT;
 
@@ -301,7 +303,7 @@ static void test_line(void **state)
 static void test_long_share(void **state)
 {
 	const struct format_options opt = {0};
-	const struct format_run_options ropt = {.edges = true};
+	const struct outputs_options ropt = {.edges = true};
 	static const struct {
 		int32_t by;
 		double share;
@@ -312,7 +314,7 @@ static void test_long_share(void **state)
 	spec.step = 300;
 	spec.strip = spec.rows - 1;
 	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
-		struct format_report report;
+		struct outputs_report report;
 		struct meshes m;
 
 		meshes_make(&m, &spec);
@@ -329,9 +331,9 @@ static void test_long_share(void **state)
 static void test_max_edge(void **state)
 {
 	const struct format_options opt = {0};
-	struct format_run_options ropt = {.has_max_edge = true, .edges = true};
+	struct outputs_options ropt = {.has_max_edge = true, .edges = true};
 	struct meshes_spec spec = grid;
-	struct format_report report;
+	struct outputs_report report;
 	struct meshes m;
 	struct err err = ERR_INIT;
 	uint64_t all;
@@ -368,8 +370,8 @@ static void test_max_edge_equal(void **state)
 	static const uint8_t final[] = {15};
 	struct acut_mesh_block b = {.nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final};
 	const struct format_options opt = {0};
-	struct format_run_options ropt = {.has_max_edge = true};
-	struct format_report report;
+	struct outputs_options ropt = {.has_max_edge = true};
+	struct outputs_report report;
 	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -497,7 +499,7 @@ static void test_open(void **state)
 {
 	enum { LIVE = 3000, ROUNDS = 20000 };
 	static uint64_t number[LIVE];
-	struct format_open table = {0};
+	struct outputs_front table = {0};
 	size_t live = 0;
 
 	srandom(7);
@@ -522,7 +524,7 @@ static void test_open(void **state)
 			else
 				final[0] |= (uint8_t)(1u << b.nforeign);
 		}
-		assert_int_equal(format_open_block(&table, &b, &position, &err), 0);
+		assert_int_equal(outputs_front_block(&table, &b, &position, &err), 0);
 		for (uint32_t i = 0; i < b.nforeign; i++) {
 			assert_int_equal(position[i][2], (int32_t)foreign[i]);
 			if (used[i] == UINT64_MAX)
@@ -531,7 +533,7 @@ static void test_open(void **state)
 		for (uint64_t i = 0; i < 2 && live < LIVE; i++)
 			number[live++] = b.first + i;
 	}
-	format_open_done(&table);
+	outputs_front_done(&table);
 }
 
 struct image {

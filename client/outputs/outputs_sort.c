@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "outputs_priv.h"
 
 #define SORT_WORDS 6
 #define SORT_RUN_LEAST 4096 /* bytes a run's buffer has at least */
@@ -20,10 +20,10 @@ struct run {
 	size_t next, have; /* records in buf */
 };
 
-struct format_sort {
+struct outputs_sort {
 	unsigned words, keys;
-	const struct format_output *beside;
-	struct format_output *spool;
+	const struct outfile *beside;
+	struct outfile *spool;
 	uint64_t *buf;
 	size_t room, used; /* records */
 	struct run *run;
@@ -33,7 +33,7 @@ struct format_sort {
 	size_t next; /* without runs: the next record of buf */
 };
 
-static int compare(const struct format_sort *s, const uint64_t *a, const uint64_t *b)
+static int compare(const struct outputs_sort *s, const uint64_t *a, const uint64_t *b)
 {
 	for (unsigned i = 0; i < s->keys; i++)
 		if (a[i] != b[i])
@@ -41,7 +41,7 @@ static int compare(const struct format_sort *s, const uint64_t *a, const uint64_
 	return 0;
 }
 
-static void insertion(const struct format_sort *s, uint64_t *rec, size_t n)
+static void insertion(const struct outputs_sort *s, uint64_t *rec, size_t n)
 {
 	size_t size = s->words * sizeof(uint64_t);
 	uint64_t hold[SORT_WORDS];
@@ -62,7 +62,7 @@ static unsigned byte_of(const uint64_t *rec, unsigned byte)
 }
 
 /* Records that agree in all bytes before `byte`: put into 256 places by that byte, each sorted further. */
-static void sort_bytes(const struct format_sort *s, uint64_t *rec, size_t n, unsigned byte)
+static void sort_bytes(const struct outputs_sort *s, uint64_t *rec, size_t n, unsigned byte)
 {
 	size_t at[256] = {0}, end[256], sum = 0, size = s->words * sizeof(uint64_t);
 	uint64_t hold[SORT_WORDS];
@@ -100,10 +100,10 @@ static void sort_bytes(const struct format_sort *s, uint64_t *rec, size_t n, uns
 	}
 }
 
-int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct format_output *beside, struct format_sort **ret,
-		    struct err *err)
+int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct outputs_sort **ret,
+		     struct err *err)
 {
-	struct format_sort *s = calloc(1, sizeof(*s));
+	struct outputs_sort *s = calloc(1, sizeof(*s));
 
 	if (s) {
 		s->words = words;
@@ -115,7 +115,7 @@ int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct
 		s->buf = malloc(s->room * words * sizeof(uint64_t));
 	}
 	if (!s || !s->buf) {
-		format_sort_free(s);
+		outputs_sort_free(s);
 		return err_set(err, ERR_NOMEM, "no memory to sort with");
 	}
 	*ret = s;
@@ -123,7 +123,7 @@ int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct
 }
 
 /* Sorts the buffer and writes it out as one run. */
-static int spill(struct format_sort *s, struct err *err)
+static int spill(struct outputs_sort *s, struct err *err)
 {
 	struct run *r;
 	int rc = 0;
@@ -137,19 +137,19 @@ static int spill(struct format_sort *s, struct err *err)
 		s->run_room = room;
 	}
 	if (!s->spool)
-		rc = format_output_spool(s->beside, &s->spool, err);
+		rc = outfile_spool(s->beside, &s->spool, err);
 	if (rc)
 		return rc;
 	sort_bytes(s, s->buf, s->used, 0);
 	r = &s->run[s->nrun++];
-	*r = (struct run){.at = format_output_size(s->spool)};
-	rc = format_output_write(s->spool, s->buf, s->used * s->words * sizeof(uint64_t), err);
-	r->end = format_output_size(s->spool);
+	*r = (struct run){.at = outfile_size(s->spool)};
+	rc = outfile_write(s->spool, s->buf, s->used * s->words * sizeof(uint64_t), err);
+	r->end = outfile_size(s->spool);
 	s->used = 0;
 	return rc;
 }
 
-int format_sort_add(struct format_sort *s, const uint64_t *record, struct err *err)
+int outputs_sort_add(struct outputs_sort *s, const uint64_t *record, struct err *err)
 {
 	int r = s->used == s->room ? spill(s, err) : 0;
 
@@ -160,12 +160,12 @@ int format_sort_add(struct format_sort *s, const uint64_t *record, struct err *e
 }
 
 /* Fills a run's buffer from the file; have == 0 afterwards: the run has ended. */
-static int refill(struct format_sort *s, struct run *r, size_t share, struct err *err)
+static int refill(struct outputs_sort *s, struct run *r, size_t share, struct err *err)
 {
 	size_t size = s->words * sizeof(uint64_t);
 	uint64_t left = (r->end - r->at) / size;
 	size_t n = left < share ? (size_t)left : share;
-	int rc = n ? format_output_read(s->spool, r->at, r->buf, n * size, err) : 0;
+	int rc = n ? outfile_read(s->spool, r->at, r->buf, n * size, err) : 0;
 
 	if (rc)
 		return rc;
@@ -175,14 +175,14 @@ static int refill(struct format_sort *s, struct run *r, size_t share, struct err
 	return 0;
 }
 
-static const uint64_t *top_of(const struct format_sort *s, size_t heap)
+static const uint64_t *top_of(const struct outputs_sort *s, size_t heap)
 {
 	const struct run *r = &s->run[s->heap[heap]];
 
 	return r->buf + r->next * s->words;
 }
 
-static void sift(struct format_sort *s, size_t i)
+static void sift(struct outputs_sort *s, size_t i)
 {
 	for (;;) {
 		size_t c = 2 * i + 1;
@@ -201,12 +201,12 @@ static void sift(struct format_sort *s, size_t i)
 	}
 }
 
-static size_t share_of(const struct format_sort *s)
+static size_t share_of(const struct outputs_sort *s)
 {
 	return s->room / s->nrun;
 }
 
-int format_sort_start(struct format_sort *s, struct err *err)
+int outputs_sort_start(struct outputs_sort *s, struct err *err)
 {
 	int r;
 
@@ -235,7 +235,7 @@ int format_sort_start(struct format_sort *s, struct err *err)
 }
 
 /* The record handed out last is still the top: step over it. */
-static int step(struct format_sort *s, struct err *err)
+static int step(struct outputs_sort *s, struct err *err)
 {
 	struct run *r = &s->run[s->heap[0]];
 
@@ -250,7 +250,7 @@ static int step(struct format_sort *s, struct err *err)
 	return 0;
 }
 
-int format_sort_next(struct format_sort *s, const uint64_t **ret, struct err *err)
+int outputs_sort_next(struct outputs_sort *s, const uint64_t **ret, struct err *err)
 {
 	if (!s->nrun) {
 		*ret = s->next < s->used ? s->buf + s->next++ * s->words : NULL;
@@ -267,11 +267,11 @@ int format_sort_next(struct format_sort *s, const uint64_t **ret, struct err *er
 	return 0;
 }
 
-struct format_sort *format_sort_free(struct format_sort *s)
+struct outputs_sort *outputs_sort_free(struct outputs_sort *s)
 {
 	if (!s)
 		return NULL;
-	format_output_free(s->spool);
+	outfile_free(s->spool);
 	free(s->buf);
 	free(s->run);
 	free(s->heap);

@@ -25,7 +25,7 @@
 #include <unistd.h>
 
 #include "err.h"
-#include "format_output.h"
+#include "outfile_priv.h"
 #include "io.h"
 
 #ifndef XFS_SUPER_MAGIC
@@ -38,16 +38,16 @@
 #define OVERLAYFS_SUPER_MAGIC 0x794c7630
 #endif
 
-_Static_assert(FORMAT_BUFFER % FORMAT_BLOCK == 0, "a full buffer is whole blocks");
+_Static_assert(OUTFILE_BUFFER % OUTFILE_BLOCK == 0, "a full buffer is whole blocks");
 
 /* ---- past the page cache ---- */
 
-static struct format_output *owner(struct format_output *o)
+static struct outfile *owner(struct outfile *o)
 {
 	return o->inside ? o->host : o;
 }
 
-static void direct_set(struct format_output *o, bool on)
+static void direct_set(struct outfile *o, bool on)
 {
 	int flags = o->direct == on ? -1 : fcntl(o->fd, F_GETFL);
 
@@ -55,7 +55,7 @@ static void direct_set(struct format_output *o, bool on)
 		o->direct = on;
 }
 
-static void direct_begin(struct format_output *o)
+static void direct_begin(struct outfile *o)
 {
 	struct statfs fs;
 
@@ -67,7 +67,7 @@ static void direct_begin(struct format_output *o)
 }
 
 /* Never again. */
-static void direct_end(struct format_output *o)
+static void direct_end(struct outfile *o)
 {
 	o->may_direct = false;
 	direct_set(o, false);
@@ -75,13 +75,13 @@ static void direct_end(struct format_output *o)
 
 /* ---- to the descriptor ---- */
 
-static int put_at(struct format_output *o, const uint8_t *p, size_t n, struct err *err)
+static int put_at(struct outfile *o, const uint8_t *p, size_t n, struct err *err)
 {
-	struct format_output *of = owner(o);
+	struct outfile *of = owner(o);
 	uint64_t at = o->base + o->at;
 	int r;
 
-	if (of->direct && (n % FORMAT_BLOCK || at % FORMAT_BLOCK))
+	if (of->direct && (n % OUTFILE_BLOCK || at % OUTFILE_BLOCK))
 		direct_end(of);
 	r = io_write_at(o->fd, p, n, at, o->label, err);
 	if (r && of->direct && err->sys == EINVAL) {
@@ -92,11 +92,11 @@ static int put_at(struct format_output *o, const uint8_t *p, size_t n, struct er
 	if (!r)
 		o->at += n;
 	if (!r && o->part)
-		format_part_add(o->part, p, n);
+		outfile_part_add(o->part, p, n);
 	return r;
 }
 
-static int put_in_order(struct format_output *o, const uint8_t *p, size_t n, struct err *err)
+static int put_in_order(struct outfile *o, const uint8_t *p, size_t n, struct err *err)
 {
 	while (n) {
 		ssize_t k = write(o->fd, p, n);
@@ -113,17 +113,17 @@ static int put_in_order(struct format_output *o, const uint8_t *p, size_t n, str
 	return 0;
 }
 
-static int put(struct format_output *o, const uint8_t *p, size_t n, struct err *err)
+static int put(struct outfile *o, const uint8_t *p, size_t n, struct err *err)
 {
 	return o->seekable ? put_at(o, p, n, err) : put_in_order(o, p, n, err);
 }
 
-static int annex_open(struct format_output *o, struct err *err);
+static int annex_open(struct outfile *o, struct err *err);
 
 /* The buffer is full: whole blocks leave it. */
-static int spill(struct format_output *o, struct err *err)
+static int spill(struct outfile *o, struct err *err)
 {
-	size_t whole = o->seekable ? o->used - o->used % FORMAT_BLOCK : o->used;
+	size_t whole = o->seekable ? o->used - o->used % OUTFILE_BLOCK : o->used;
 	int r = o->fd < 0 ? annex_open(o, err) : 0;
 
 	if (r)
@@ -137,7 +137,7 @@ static int spill(struct format_output *o, struct err *err)
 	return 0;
 }
 
-int format_output_flush(struct format_output *o, struct err *err)
+int outfile_flush(struct outfile *o, struct err *err)
 {
 	int r = o->used && o->fd < 0 ? annex_open(o, err) : 0;
 
@@ -148,34 +148,34 @@ int format_output_flush(struct format_output *o, struct err *err)
 	return r;
 }
 
-size_t format_output_left(const struct format_output *o)
+size_t outfile_left(const struct outfile *o)
 {
-	return o->used < FORMAT_BUFFER ? FORMAT_BUFFER - o->used : 0;
+	return o->used < OUTFILE_BUFFER ? OUTFILE_BUFFER - o->used : 0;
 }
 
-void *format_output_room(struct format_output *o, size_t n, struct err *err)
+void *outfile_room(struct outfile *o, size_t n, struct err *err)
 {
-	if (o->used + n > FORMAT_BUFFER && spill(o, err))
+	if (o->used + n > OUTFILE_BUFFER && spill(o, err))
 		return NULL;
 	return o->buf + o->used;
 }
 
-void format_output_used(struct format_output *o, size_t n)
+void outfile_used(struct outfile *o, size_t n)
 {
 	o->used += n;
 }
 
-int format_output_write(struct format_output *o, const void *bytes, size_t n, struct err *err)
+int outfile_write(struct outfile *o, const void *bytes, size_t n, struct err *err)
 {
 	const uint8_t *p = bytes;
 
 	while (n) {
-		size_t left = format_output_left(o), k;
+		size_t left = outfile_left(o), k;
 
 		if (!left) {
 			if (spill(o, err))
 				return -err->code;
-			left = format_output_left(o);
+			left = outfile_left(o);
 		}
 		k = n < left ? n : left;
 		memcpy(o->buf + o->used, p, k);
@@ -186,49 +186,49 @@ int format_output_write(struct format_output *o, const void *bytes, size_t n, st
 	return 0;
 }
 
-int format_output_patch(struct format_output *o, uint64_t at, const void *bytes, size_t n, struct err *err)
+int outfile_patch(struct outfile *o, uint64_t at, const void *bytes, size_t n, struct err *err)
 {
-	int r = format_output_flush(o, err);
+	int r = outfile_flush(o, err);
 
 	direct_end(owner(o));
 	return r ? r : io_write_at(o->fd, bytes, n, o->base + at, o->label, err);
 }
 
-int format_output_read(struct format_output *o, uint64_t at, void *bytes, size_t n, struct err *err)
+int outfile_read(struct outfile *o, uint64_t at, void *bytes, size_t n, struct err *err)
 {
-	int r = format_output_flush(o, err);
+	int r = outfile_flush(o, err);
 
 	direct_end(owner(o));
 	return r ? r : io_read_at(o->fd, bytes, n, o->base + at, o->label, err);
 }
 
-bool format_output_seekable(const struct format_output *o)
+bool outfile_seekable(const struct outfile *o)
 {
 	return o->seekable;
 }
 
-uint64_t format_output_size(const struct format_output *o)
+uint64_t outfile_size(const struct outfile *o)
 {
 	return o->at + o->used;
 }
 
-const char *format_output_name(const struct format_output *o)
+const char *outfile_name(const struct outfile *o)
 {
 	return o->label;
 }
 
 /* ---- annexes ---- */
 
-int format_output_annex(struct format_output *host, struct format_output **ret, struct err *err)
+int outfile_annex(struct outfile *host, struct outfile **ret, struct err *err)
 {
-	struct format_output *o = format_output_alloc(host->label, err);
+	struct outfile *o = outfile_alloc(host->label, err);
 
 	if (!o)
 		return -err->code;
 	o->host = host;
 	o->seekable = true;
-	if (host->part && format_part_annex(host, o, err)) {
-		format_output_free(o);
+	if (host->part && outfile_part_annex(host, o, err)) {
+		outfile_free(o);
 		return -err->code;
 	}
 	*ret = o;
@@ -248,39 +248,39 @@ static bool has_holes(int fd)
 
 /* Whether the file system takes blocks out of this file, tried on the file itself while it ends before `base`.
  * A limit on the size of files would be met far too early. */
-static bool can_collapse(const struct format_output *host)
+static bool can_collapse(const struct outfile *host)
 {
-	const off_t end = (off_t)(FORMAT_ANNEX_AT + FORMAT_BLOCK), block = FORMAT_BLOCK;
+	const off_t end = (off_t)(OUTFILE_ANNEX_AT + OUTFILE_BLOCK), block = OUTFILE_BLOCK;
 	struct rlimit most;
 	struct stat st;
 	bool ok;
 
 	if (!host->seekable || !has_holes(host->fd) || getrlimit(RLIMIT_FSIZE, &most) || most.rlim_cur != RLIM_INFINITY)
 		return false;
-	if (io->fstat(host->fd, &st) || st.st_blksize <= 0 || FORMAT_BLOCK % st.st_blksize || io->ftruncate(host->fd, end))
+	if (io->fstat(host->fd, &st) || st.st_blksize <= 0 || OUTFILE_BLOCK % st.st_blksize || io->ftruncate(host->fd, end))
 		return false;
 	ok = !fallocate(host->fd, FALLOC_FL_COLLAPSE_RANGE, end - 2 * block, block);
 	return !io->ftruncate(host->fd, st.st_size) && ok;
 }
 
 /* An annex gets its first bytes. */
-static int annex_open(struct format_output *o, struct err *err)
+static int annex_open(struct outfile *o, struct err *err)
 {
 	int r;
 
 	if (can_collapse(o->host)) {
 		o->inside = true;
 		o->fd = o->host->fd;
-		o->base = FORMAT_ANNEX_AT;
+		o->base = OUTFILE_ANNEX_AT;
 		return 0;
 	}
-	r = format_output_nameless(o->host->dirfd, &o->fd, err);
+	r = outfile_nameless(o->host->dirfd, &o->fd, err);
 	o->own_fd = !r;
 	return r ? err_add_file(err, o->label) : 0;
 }
 
 /* Inside the kernel where the file systems can; 0 done, 1 not possible here (nothing was copied). */
-static int copy_inside(struct format_output *o, struct format_output *from, uint64_t start, uint64_t n, struct err *err)
+static int copy_inside(struct outfile *o, struct outfile *from, uint64_t start, uint64_t n, struct err *err)
 {
 	off_t off = (off_t)(from->base + start), to = (off_t)o->at;
 	uint64_t left = n;
@@ -307,9 +307,9 @@ static int copy_inside(struct format_output *o, struct format_output *from, uint
 }
 
 /* Appends n bytes of a flushed file from `start` on. */
-static int copy(struct format_output *o, struct format_output *from, uint64_t start, uint64_t n, struct err *err)
+static int copy(struct outfile *o, struct outfile *from, uint64_t start, uint64_t n, struct err *err)
 {
-	int r = n ? format_output_flush(o, err) : 0;
+	int r = n ? outfile_flush(o, err) : 0;
 
 	if (r || !n)
 		return r;
@@ -317,7 +317,7 @@ static int copy(struct format_output *o, struct format_output *from, uint64_t st
 	if (r <= 0)
 		return r;
 	while (n) {
-		size_t k = n < FORMAT_BUFFER ? (size_t)n : FORMAT_BUFFER;
+		size_t k = n < OUTFILE_BUFFER ? (size_t)n : OUTFILE_BUFFER;
 
 		r = io_read_at(from->fd, o->buf, k, from->base + start, o->label, err);
 		if (!r)
@@ -335,28 +335,28 @@ static uint64_t records_before(uint64_t end, size_t record)
 {
 	uint64_t n = 0;
 
-	while ((end + n * record) % FORMAT_BLOCK)
+	while ((end + n * record) % OUTFILE_BLOCK)
 		n++;
 	return n;
 }
 
 /* What lies between the end of the output, on a block's bound, and the annex goes; false: it cannot. */
-static bool collapse(struct format_output *o, const struct format_output *annex)
+static bool collapse(struct outfile *o, const struct outfile *annex)
 {
-	return annex->inside && o->at % FORMAT_BLOCK == 0 && o->at < annex->base &&
+	return annex->inside && o->at % OUTFILE_BLOCK == 0 && o->at < annex->base &&
 	       !fallocate(o->fd, FALLOC_FL_COLLAPSE_RANGE, (off_t)o->at, (off_t)(annex->base - o->at));
 }
 
-static int join_annex(struct format_output *o, struct format_output *annex, size_t record, struct err *err)
+static int join_annex(struct outfile *o, struct outfile *annex, size_t record, struct err *err)
 {
-	uint64_t total = format_output_size(annex);
-	uint64_t tail = total > FORMAT_BUFFER ? records_before(format_output_size(o), record) * record : 0;
-	int r = format_output_flush(annex, err);
+	uint64_t total = outfile_size(annex);
+	uint64_t tail = total > OUTFILE_BUFFER ? records_before(outfile_size(o), record) * record : 0;
+	int r = outfile_flush(annex, err);
 
 	if (!r)
 		r = copy(o, annex, total - tail, tail, err);
 	if (!r)
-		r = format_output_flush(o, err);
+		r = outfile_flush(o, err);
 	if (r)
 		return r;
 	total -= tail;
@@ -371,14 +371,14 @@ static int join_annex(struct format_output *o, struct format_output *annex, size
 	return r;
 }
 
-int format_output_join(struct format_output *o, struct format_output *from, size_t record, struct err *err)
+int outfile_join(struct outfile *o, struct outfile *from, size_t record, struct err *err)
 {
 	int r;
 
 	if (from->fd < 0)
-		return format_output_write(o, from->buf, from->used, err);
+		return outfile_write(o, from->buf, from->used, err);
 	if (from->host && o->seekable)
 		return join_annex(o, from, record, err);
-	r = format_output_flush(from, err);
+	r = outfile_flush(from, err);
 	return r ? r : copy(o, from, 0, from->at, err);
 }

@@ -2,10 +2,10 @@
  * Where a writer's bytes go: whole files or nothing.
  *
  * A regular output is a nameless file in the folder it will stand in and gets its name only by
- * format_output_publish, so that however this process ends, nothing stays; where the file system has no
+ * outfile_publish, so that however this process ends, nothing stays; where the file system has no
  * nameless files, it has a temporary name, and is removed when it is freed unpublished. What cannot be
  * renamed (standard output, pipes, devices) is written straight through. A link is followed first (io_place.c), so that
- * the file it points to is replaced and the link stays. What happens to the bytes is in format_bytes.c.
+ * the file it points to is replaced and the link stays. What happens to the bytes is in outfile_bytes.c.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -16,22 +16,22 @@
 #include <unistd.h>
 
 #include "err.h"
-#include "format_output.h"
+#include "outfile_priv.h"
 #include "io.h"
 #include "io_place.h"
 
-struct format_output *format_output_alloc(const char *label, struct err *err)
+struct outfile *outfile_alloc(const char *label, struct err *err)
 {
-	struct format_output *o = calloc(1, sizeof(*o));
+	struct outfile *o = calloc(1, sizeof(*o));
 
 	if (o) {
 		o->dirfd = o->fd = -1;
 		o->label = strdup(label);
-		o->buf = aligned_alloc(FORMAT_BLOCK, FORMAT_BUFFER + FORMAT_BLOCK);
+		o->buf = aligned_alloc(OUTFILE_BLOCK, OUTFILE_BUFFER + OUTFILE_BLOCK);
 	}
 	if (!o || !o->label || !o->buf) {
 		err_set(err, ERR_NOMEM, "no memory for an output buffer");
-		return format_output_free(o);
+		return outfile_free(o);
 	}
 	return o;
 }
@@ -43,7 +43,7 @@ static char *proc_name(int fd, char buf[32])
 }
 
 /* Calls `make` with temporary names until one is free. */
-static int output_temp(struct format_output *o, int (*make)(struct format_output *, struct err *), struct err *err)
+static int output_temp(struct outfile *o, int (*make)(struct outfile *, struct err *), struct err *err)
 {
 	for (unsigned i = 0; i < 1000; i++) {
 		struct err e = ERR_INIT;
@@ -66,13 +66,13 @@ static int output_temp(struct format_output *o, int (*make)(struct format_output
 	return err_add_file(err, o->label);
 }
 
-static int make_named(struct format_output *o, struct err *err)
+static int make_named(struct outfile *o, struct err *err)
 {
 	return io_open(o->dirfd, o->temp, O_RDWR | O_CREAT | O_EXCL, 0666, &o->fd, err);
 }
 
 /* Gives a nameless file its temporary name. */
-static int make_link(struct format_output *o, struct err *err)
+static int make_link(struct outfile *o, struct err *err)
 {
 	char from[32];
 
@@ -81,7 +81,7 @@ static int make_link(struct format_output *o, struct err *err)
 	return 0;
 }
 
-static int output_make(struct format_output *o, struct err *err)
+static int output_make(struct outfile *o, struct err *err)
 {
 	struct err ignored = ERR_INIT;
 	char name[32];
@@ -102,7 +102,7 @@ static int output_make(struct format_output *o, struct err *err)
  * to. */
 enum { PLACE_OPEN = 1 };
 
-static int output_look(const struct format_output *o, const struct io_place *p, struct err *err)
+static int output_look(const struct outfile *o, const struct io_place *p, struct err *err)
 {
 	struct stat st;
 
@@ -120,7 +120,7 @@ static int output_look(const struct format_output *o, const struct io_place *p, 
 	return p->opaque || !S_ISREG(st.st_mode) ? PLACE_OPEN : 0;
 }
 
-static int output_open_file(struct format_output *o, const char *path, struct err *err)
+static int output_open_file(struct outfile *o, const char *path, struct err *err)
 {
 	struct io_place p;
 	int r = io_place_find(path, true, &p, err);
@@ -142,10 +142,10 @@ static int output_open_file(struct format_output *o, const char *path, struct er
 	return r ? err_add_file(err, o->label) : 0;
 }
 
-int format_output_new(const char *path, bool no_clobber, struct format_output **ret, struct err *err)
+int outfile_new(const char *path, bool no_clobber, struct outfile **ret, struct err *err)
 {
 	bool standard = !strcmp(path, "-");
-	struct format_output *o = format_output_alloc(standard ? "standard output" : path, err);
+	struct outfile *o = outfile_alloc(standard ? "standard output" : path, err);
 	int r = 0;
 
 	if (!o)
@@ -156,14 +156,19 @@ int format_output_new(const char *path, bool no_clobber, struct format_output **
 	else
 		r = output_open_file(o, path, err);
 	if (r) {
-		format_output_free(o);
+		outfile_free(o);
 		return r;
 	}
 	*ret = o;
 	return 0;
 }
 
-int format_output_nameless(int dirfd, int *ret_fd, struct err *err)
+const char *outfile_base(const struct outfile *o)
+{
+	return o->dirfd < 0 ? NULL : o->name;
+}
+
+int outfile_nameless(int dirfd, int *ret_fd, struct err *err)
 {
 	const char *dir = getenv("TMPDIR");
 	struct err ignored = ERR_INIT;
@@ -185,17 +190,17 @@ int format_output_nameless(int dirfd, int *ret_fd, struct err *err)
 	return r;
 }
 
-int format_output_spool(const struct format_output *beside, struct format_output **ret, struct err *err)
+int outfile_spool(const struct outfile *beside, struct outfile **ret, struct err *err)
 {
-	struct format_output *o = format_output_alloc(beside->label, err);
+	struct outfile *o = outfile_alloc(beside->label, err);
 	int r;
 
 	if (!o)
 		return -err->code;
-	r = format_output_nameless(beside->dirfd, &o->fd, err);
+	r = outfile_nameless(beside->dirfd, &o->fd, err);
 	if (r) {
 		err_add_file(err, beside->label);
-		format_output_free(o);
+		outfile_free(o);
 		return r;
 	}
 	o->own_fd = o->seekable = true;
@@ -204,7 +209,7 @@ int format_output_spool(const struct format_output *beside, struct format_output
 }
 
 /* rename that never replaces: in one step where the system has it, else by a second link. */
-static int publish_no_clobber(struct format_output *o, struct err *err)
+static int publish_no_clobber(struct outfile *o, struct err *err)
 {
 	int r = io_sync(o->fd, o->label, err);
 
@@ -227,9 +232,9 @@ static int publish_no_clobber(struct format_output *o, struct err *err)
 	return io_sync(o->dirfd, o->label, err);
 }
 
-int format_output_publish(struct format_output *o, struct err *err)
+int outfile_publish(struct outfile *o, struct err *err)
 {
-	int r = format_output_flush(o, err);
+	int r = outfile_flush(o, err);
 
 	if (!r && o->nameless) {
 		r = output_temp(o, make_link, err);
@@ -260,7 +265,7 @@ int format_output_publish(struct format_output *o, struct err *err)
 	return 0;
 }
 
-struct format_output *format_output_free(struct format_output *o)
+struct outfile *outfile_free(struct outfile *o)
 {
 	if (!o)
 		return NULL;
@@ -268,7 +273,7 @@ struct format_output *format_output_free(struct format_output *o)
 		unlinkat(o->dirfd, o->temp, 0);
 	if (o->host && o->host->annex == o)
 		o->host->annex = NULL;
-	format_part_free(o->part);
+	outfile_part_free(o->part);
 	if (o->own_fd)
 		io_close(o->fd);
 	io_close(o->dirfd);

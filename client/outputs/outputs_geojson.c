@@ -1,5 +1,5 @@
-/* See format_geojson.h. */
-#include "format_geojson.h"
+/* See outputs_geojson.h. */
+#include "outputs_geojson.h"
 
 #include <ctype.h>
 #include <stdlib.h>
@@ -7,24 +7,24 @@
 
 #include "err.h"
 
-int format_page_start(struct format_page *p, struct err *err)
+int outputs_page_start(struct outputs_page *p, struct err *err)
 {
 	p->text = NULL;
 	p->f = open_memstream(&p->text, &p->size);
 	return p->f ? 0 : err_set(err, ERR_NOMEM, "no memory for an index");
 }
 
-int format_page_end(struct format_page *p, struct format_output *to, struct err *err)
+int outputs_page_end(struct outputs_page *p, struct outfile *to, struct err *err)
 {
 	int r = fclose(p->f) ? err_set(err, ERR_NOMEM, "no memory for an index") : 0;
 
 	for (size_t at = 0; at < p->size && !r; at += 65536)
-		r = format_output_write(to, p->text + at, p->size - at < 65536 ? p->size - at : 65536, err);
+		r = outfile_write(to, p->text + at, p->size - at < 65536 ? p->size - at : 65536, err);
 	free(p->text);
 	return r;
 }
 
-void format_geojson_text(FILE *f, const char *text)
+void outputs_geojson_text(FILE *f, const char *text)
 {
 	if (!text || !*text) {
 		fputs("null", f);
@@ -42,7 +42,7 @@ void format_geojson_text(FILE *f, const char *text)
 	fputc('"', f);
 }
 
-void format_geojson_crs(FILE *f, const char *crs)
+void outputs_geojson_crs(FILE *f, const char *crs)
 {
 	unsigned n = 0;
 
@@ -54,20 +54,20 @@ void format_geojson_crs(FILE *f, const char *crs)
 		fprintf(f, "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::%u\"}},\n", n);
 }
 
-void format_geojson_head(FILE *f, const struct acut_mesh_head *h, const struct format_options *opt)
+void outputs_geojson_head(FILE *f, const struct acut_mesh_head *h, const struct format_options *opt)
 {
 	fputs("\"lattice\":", f);
-	format_geojson_text(f, h->lattice);
+	outputs_geojson_text(f, h->lattice);
 	fputs(",\"crs\":", f);
-	format_geojson_text(f, h->crs);
+	outputs_geojson_text(f, h->crs);
 	fputs(",\"units\":[", f);
-	format_geojson_text(f, h->unit_xy);
+	outputs_geojson_text(f, h->unit_xy);
 	fputc(',', f);
-	format_geojson_text(f, opt->z_unit ? opt->z_unit : h->unit_z);
+	outputs_geojson_text(f, opt->z_unit ? opt->z_unit : h->unit_z);
 	fputc(']', f);
 }
 
-void format_geojson_square(FILE *f, const char *x0, const char *y0, const char *x1, const char *y1)
+void outputs_geojson_square(FILE *f, const char *x0, const char *y0, const char *x1, const char *y1)
 {
 	fprintf(f, "{\"type\":\"Polygon\",\"coordinates\":[[[%s,%s],[%s,%s],[%s,%s],[%s,%s],[%s,%s]]]}", x0, y0, x1, y0, x1, y1,
 		x0, y1, x0, y0);

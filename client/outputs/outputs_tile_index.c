@@ -11,10 +11,11 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_geojson.h"
-#include "format_tile.h"
+#include "outputs_geojson.h"
+#include "outputs_tile.h"
+#include "format_axis.h"
 
-static void put_origin(FILE *f, const struct format_tiles *t)
+static void put_origin(FILE *f, const struct outputs_tiles *t)
 {
 	char text[FORMAT_COMMENT], x[64], y[64], z[64];
 
@@ -24,26 +25,26 @@ static void put_origin(FILE *f, const struct format_tiles *t)
 		fputs("null", f);
 }
 
-static void put_head(FILE *f, const struct format_tiles *t, uint64_t left_out)
+static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
 {
 	const struct acut_mesh_head *h = &t->head;
 	char size[DECIMAL_TEXT_SIZE];
 
 	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-tiles\",\n", f);
-	format_geojson_crs(f, h->crs);
+	outputs_geojson_crs(f, h->crs);
 	fprintf(f, "\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)t->job);
-	format_geojson_text(f, t->dataset);
+	outputs_geojson_text(f, t->dataset);
 	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,\"left_out\":%llu,",
 		(unsigned long long)t->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
-		(unsigned long long)format_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
+		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
 	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
-	format_geojson_head(f, h, &t->opt);
+	outputs_geojson_head(f, h, &t->opt);
 	fputs(",\"origin\":", f);
 	put_origin(f, t);
 	fputs("},\n\"features\":[", f);
 }
 
-static void put_square(FILE *f, const struct format_tiles *t, const int64_t at[2])
+static void put_square(FILE *f, const struct outputs_tiles *t, const int64_t at[2])
 {
 	char x[2][DECIMAL_TEXT_SIZE], y[2][DECIMAL_TEXT_SIZE];
 
@@ -51,19 +52,19 @@ static void put_square(FILE *f, const struct format_tiles *t, const int64_t at[2
 		decimal_scaled_text(t->size, at[0] + i, x[i]);
 		decimal_scaled_text(t->size, at[1] + i, y[i]);
 	}
-	format_geojson_square(f, x[0], y[0], x[1], y[1]);
+	outputs_geojson_square(f, x[0], y[0], x[1], y[1]);
 }
 
-static void put_tile(FILE *f, struct format_tiles *t, size_t i)
+static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 {
-	const struct format_tile *tile = &t->tile[i];
-	char name[FORMAT_PLACE_NAME], hex[DIGEST_HEX_SIZE], number[DECIMAL_TEXT_SIZE];
+	const struct outputs_tile *tile = &t->tile[i];
+	char name[OUTFILE_NAME], hex[DIGEST_HEX_SIZE], number[DECIMAL_TEXT_SIZE];
 	int64_t at[2];
 
-	format_tiles_number(t, i, at);
+	outputs_tiles_number(t, i, at);
 	fputs("\n{\"type\":\"Feature\",\"geometry\":", f);
 	put_square(f, t, at);
-	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[", format_tiles_name(t, i, name),
+	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[", outputs_tiles_name(t, i, name),
 		(long long)at[0], (long long)at[1]);
 	for (int k = 0; k < 6; k++)
 		fprintf(f, "%s%s", k ? "," : "", acut_coordinate_text(&t->head, k % 3, tile->box[k], number));
@@ -73,25 +74,25 @@ static void put_tile(FILE *f, struct format_tiles *t, size_t i)
 		(unsigned long long)t->job, (unsigned long long)t->generation);
 }
 
-int format_tiles_index(struct format_tiles *t, uint64_t left_out, struct err *err)
+int outputs_tiles_index(struct outputs_tiles *t, uint64_t left_out, struct err *err)
 {
-	struct format_page p;
+	struct outputs_page p;
 	bool first = true;
-	int r = format_page_start(&p, err);
+	int r = outputs_page_start(&p, err);
 
 	if (!r) {
 		put_head(p.f, t, left_out);
-		r = format_page_end(&p, t->index, err);
+		r = outputs_page_end(&p, t->index, err);
 	}
 	for (size_t i = 0; i < t->ntile && !r; i++) {
-		r = format_page_start(&p, err);
+		r = outputs_page_start(&p, err);
 		if (r)
 			break;
 		if (!first)
 			fputc(',', p.f);
 		first = false;
 		put_tile(p.f, t, i);
-		r = format_page_end(&p, t->index, err);
+		r = outputs_page_end(&p, t->index, err);
 	}
-	return r ? r : format_output_write(t->index, "\n]}\n", 4, err);
+	return r ? r : outfile_write(t->index, "\n]}\n", 4, err);
 }

@@ -10,14 +10,14 @@
 
 #include "cursor.h"
 #include "err.h"
-#include "format_priv.h"
+#include "outputs_priv.h"
 
-static size_t slot_of(const struct format_open *t, uint64_t number)
+static size_t slot_of(const struct outputs_front *t, uint64_t number)
 {
 	return (size_t)(number * 0x9e3779b97f4a7c15u >> 20) & (t->size - 1);
 }
 
-static struct format_open_slot *open_find(const struct format_open *t, uint64_t number)
+static struct outputs_front_slot *open_find(const struct outputs_front *t, uint64_t number)
 {
 	if (!t->size)
 		return NULL;
@@ -30,19 +30,19 @@ static struct format_open_slot *open_find(const struct format_open *t, uint64_t 
 }
 
 /* The slot must be free and the table not full. */
-static void open_put(struct format_open *t, uint64_t number, const int32_t at[3])
+static void open_put(struct outputs_front *t, uint64_t number, const int32_t at[3])
 {
 	size_t i = slot_of(t, number);
 
 	while (t->slot[i].used)
 		i = (i + 1) & (t->size - 1);
-	t->slot[i] = (struct format_open_slot){number, {at[0], at[1], at[2]}, 1};
+	t->slot[i] = (struct outputs_front_slot){number, {at[0], at[1], at[2]}, 1};
 	t->used++;
 }
 
-static int open_grow(struct format_open *t, struct err *err)
+static int open_grow(struct outputs_front *t, struct err *err)
 {
-	struct format_open old = *t;
+	struct outputs_front old = *t;
 
 	t->size = old.size ? 2 * old.size : 1024;
 	t->slot = calloc(t->size, sizeof(*t->slot));
@@ -59,7 +59,7 @@ static int open_grow(struct format_open *t, struct err *err)
 }
 
 /* Takes the slot out and closes the gap, so that no probe chain is cut. */
-static void open_drop(struct format_open *t, struct format_open_slot *slot)
+static void open_drop(struct outputs_front *t, struct outputs_front_slot *slot)
 {
 	size_t mask = t->size - 1, hole = (size_t)(slot - t->slot);
 
@@ -79,7 +79,7 @@ static bool is_final(const struct acut_mesh_block *b, uint32_t local)
 	return b->final && (b->final[local >> 3] >> (local & 7) & 1);
 }
 
-int format_open_block(struct format_open *t, const struct acut_mesh_block *b, const int32_t (**ret)[3], struct err *err)
+int outputs_front_block(struct outputs_front *t, const struct acut_mesh_block *b, const int32_t (**ret)[3], struct err *err)
 {
 	size_t n = (size_t)b->nforeign + b->nnew;
 
@@ -91,7 +91,7 @@ int format_open_block(struct format_open *t, const struct acut_mesh_block *b, co
 		t->room = n;
 	}
 	for (uint32_t i = 0; i < b->nforeign; i++) {
-		struct format_open_slot *s = open_find(t, b->foreign[i]);
+		struct outputs_front_slot *s = open_find(t, b->foreign[i]);
 		if (!s)
 			return err_set(err, ERR_PROTO, "the stream uses vertex %llu after it was finished",
 				       (unsigned long long)b->foreign[i]);
@@ -112,18 +112,18 @@ int format_open_block(struct format_open *t, const struct acut_mesh_block *b, co
 	return 0;
 }
 
-void format_open_done(struct format_open *t)
+void outputs_front_done(struct outputs_front *t)
 {
 	free(t->slot);
 	free(t->position);
 	memset(t, 0, sizeof(*t));
 }
 
-void format_open_save(const struct format_open *t, struct packer *p)
+void outputs_front_save(const struct outputs_front *t, struct packer *p)
 {
 	packer_u64(p, t->used);
 	for (size_t i = 0; i < t->size; i++) {
-		const struct format_open_slot *s = &t->slot[i];
+		const struct outputs_front_slot *s = &t->slot[i];
 
 		if (!s->used)
 			continue;
@@ -133,11 +133,11 @@ void format_open_save(const struct format_open *t, struct packer *p)
 	}
 }
 
-int format_open_load(struct format_open *t, struct cursor *c, struct err *err)
+int outputs_front_load(struct outputs_front *t, struct cursor *c, struct err *err)
 {
 	uint64_t n = cursor_u64(c);
 
-	if (n > cursor_left(c) / FORMAT_OPEN_SAVED)
+	if (n > cursor_left(c) / OUTPUTS_FRONT_SAVED)
 		c->bad = true;
 	while (n-- && !c->bad) {
 		uint64_t number = cursor_u64(c);

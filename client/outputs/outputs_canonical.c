@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "outputs_priv.h"
 
 #define PAGE_KEYS 512
 #define PAGES 256 /* kept in memory */
@@ -19,25 +19,26 @@
 #define PIECE 8192 /* vertices or triangles in one block for the writer */
 
 struct page {
-	uint64_t number; /* + 1; 0 = empty */
-	uint64_t key[PAGE_KEYS];
+	uint64_t number;                /* + 1; 0 = empty */
+	uint64_t record[2 * PAGE_KEYS]; /* keys; with positions each with its height */
 };
 
-struct format_canonical {
+struct outputs_canonical {
 	const struct format *format;
 	void *writer;
-	struct format_sort *vertices, *triangles;
-	struct format_output *keys;
+	struct outputs_sort *vertices, *triangles;
+	struct outfile *keys;     /* of the vertices, in order */
+	size_t words;             /* of a record of it: 1, or 2 with positions */
 	bool merge;               /* the same vertex comes more than once */
 	uint64_t nvertex, *first; /* first key of each page */
 	size_t npage, first_room;
 	struct page *page;
 	struct {
-		uint64_t key, number;
+		uint64_t key, number, height;
 	} * recent;
 	uint64_t *foreign; /* 3 * PIECE */
 	uint32_t (*index)[3];
-	int32_t (*position)[3]; /* PIECE */
+	int32_t (*position)[3]; /* PIECE of vertices; with positions 3 * PIECE of corners */
 };
 
 static uint64_t key_of(const int32_t *p)
@@ -45,50 +46,51 @@ static uint64_t key_of(const int32_t *p)
 	return (uint64_t)((uint32_t)p[0] ^ 1u << 31) << 32 | ((uint32_t)p[1] ^ 1u << 31);
 }
 
-int format_canonical_new(const struct format *format, void *writer, const struct format_output *beside, uint64_t memory,
-			 struct format_canonical **ret, struct err *err)
+int outputs_canonical_new(const struct format *format, void *writer, const struct outfile *beside, uint64_t memory,
+			  struct outputs_canonical **ret, struct err *err)
 {
-	struct format_canonical *c = calloc(1, sizeof(*c));
+	struct outputs_canonical *c = calloc(1, sizeof(*c));
 	int r = c ? 0 : err_set(err, ERR_NOMEM, "no memory to sort with");
 
 	if (!r)
-		r = format_sort_new(2, 1, memory / 3, beside, &c->vertices, err);
+		r = outputs_sort_new(2, 1, memory / 3, beside, &c->vertices, err);
 	if (!r)
-		r = format_sort_new(3, 3, memory - memory / 3, beside, &c->triangles, err);
+		r = outputs_sort_new(3, 3, memory - memory / 3, beside, &c->triangles, err);
 	if (!r)
-		r = format_output_spool(beside, &c->keys, err);
+		r = outfile_spool(beside, &c->keys, err);
 	if (!r) {
 		c->format = format;
 		c->writer = writer;
+		c->words = format->positions ? 2 : 1;
 		c->page = calloc(PAGES, sizeof(*c->page));
 		c->recent = calloc(RECENT, sizeof(*c->recent));
 		c->foreign = malloc(3 * PIECE * sizeof(*c->foreign));
 		c->index = malloc(PIECE * sizeof(*c->index));
-		c->position = malloc(PIECE * sizeof(*c->position));
+		c->position = malloc(3 * PIECE * sizeof(*c->position));
 		if (!c->page || !c->recent || !c->foreign || !c->index || !c->position)
 			r = err_set(err, ERR_NOMEM, "no memory to sort with");
 	}
 	if (r) {
-		format_canonical_free(c);
+		outputs_canonical_free(c);
 		return r;
 	}
 	*ret = c;
 	return 0;
 }
 
-void format_canonical_merge(struct format_canonical *c)
+void outputs_canonical_merge(struct outputs_canonical *c)
 {
 	c->merge = true;
 }
 
-int format_canonical_block(struct format_canonical *c, const struct format_block *block, struct err *err)
+int outputs_canonical_block(struct outputs_canonical *c, const struct format_block *block, struct err *err)
 {
 	const struct acut_mesh_block *b = block->mesh;
 	int r = 0;
 
 	for (uint32_t i = 0; i < b->nnew && !r; i++) {
 		uint64_t rec[2] = {key_of(b->vertex[i]), (uint32_t)b->vertex[i][2]};
-		r = format_sort_add(c->vertices, rec, err);
+		r = outputs_sort_add(c->vertices, rec, err);
 	}
 	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
 		uint64_t k[3], rec[3];
@@ -101,12 +103,12 @@ int format_canonical_block(struct format_canonical *c, const struct format_block
 		}
 		for (int j = 0; j < 3; j++)
 			rec[j] = k[(low + j) % 3];
-		r = format_sort_add(c->triangles, rec, err);
+		r = outputs_sort_add(c->triangles, rec, err);
 	}
 	return r;
 }
 
-static int first_add(struct format_canonical *c, uint64_t key, struct err *err)
+static int first_add(struct outputs_canonical *c, uint64_t key, struct err *err)
 {
 	if (c->npage == c->first_room) {
 		size_t room = c->first_room ? 2 * c->first_room : 1024;
@@ -120,21 +122,28 @@ static int first_add(struct format_canonical *c, uint64_t key, struct err *err)
 	return 0;
 }
 
-static int send(struct format_canonical *c, const struct acut_mesh_block *b, struct err *err)
+static int send(struct outputs_canonical *c, const struct acut_mesh_block *b, struct err *err)
 {
-	const struct format_block block = {b, NULL};
+	const struct format_block block = {b, c->format->positions ? (const int32_t(*)[3])c->position : NULL};
 
 	return c->format->block(c->writer, &block, err);
 }
 
-static int send_vertices(struct format_canonical *c, struct err *err)
+static void set_position(int32_t *to, uint64_t key, uint64_t height)
+{
+	to[0] = (int32_t)((uint32_t)(key >> 32) ^ 1u << 31);
+	to[1] = (int32_t)((uint32_t)key ^ 1u << 31);
+	to[2] = (int32_t)(uint32_t)height;
+}
+
+static int send_vertices(struct outputs_canonical *c, struct err *err)
 {
 	const uint64_t *rec;
 	uint64_t last[2] = {0};
 	uint32_t n = 0;
-	int r = format_sort_start(c->vertices, err);
+	int r = outputs_sort_start(c->vertices, err);
 
-	while (!r && !(r = format_sort_next(c->vertices, &rec, err))) {
+	while (!r && !(r = outputs_sort_next(c->vertices, &rec, err))) {
 		if (c->merge && rec && c->nvertex && rec[0] == last[0]) {
 			if (rec[1] != last[1])
 				r = err_set(err, ERR_PROTO, "the stream has two heights for one vertex");
@@ -149,34 +158,34 @@ static int send_vertices(struct format_canonical *c, struct err *err)
 		if (r || !rec)
 			break;
 		memcpy(last, rec, sizeof(last));
-		c->position[n][0] = (int32_t)((uint32_t)(rec[0] >> 32) ^ 1u << 31);
-		c->position[n][1] = (int32_t)((uint32_t)rec[0] ^ 1u << 31);
-		c->position[n++][2] = (int32_t)(uint32_t)rec[1];
+		set_position(c->position[n++], rec[0], rec[1]);
 		if (c->nvertex++ % PAGE_KEYS == 0)
 			r = first_add(c, rec[0], err);
 		if (!r)
-			r = format_output_write(c->keys, rec, sizeof(*rec), err);
+			r = outfile_write(c->keys, rec, c->words * sizeof(*rec), err);
 	}
-	c->vertices = format_sort_free(c->vertices);
+	c->vertices = outputs_sort_free(c->vertices);
 	return r;
 }
 
-/* The number of the last entry of a sorted array that is not above `key`. */
-static size_t last_not_above(const uint64_t *a, size_t n, uint64_t key)
+/* The number of the last entry of a sorted array that is not above `key`; the keys are `words` apart. */
+static size_t last_not_above(const uint64_t *a, size_t words, size_t n, uint64_t key)
 {
 	size_t low = 0;
 
 	while (n > 1) {
 		size_t half = n / 2;
-		if (a[low + half] <= key)
+		if (a[words * (low + half)] <= key)
 			low += half;
 		n -= half;
 	}
 	return low;
 }
 
-static int look_up(struct format_canonical *c, uint64_t key, uint64_t *ret, struct err *err)
+/* The vertex of a key: its number and its height, which is 0 without positions. */
+static int look_up(struct outputs_canonical *c, uint64_t key, uint64_t *ret, uint64_t *ret_height, struct err *err)
 {
+	const size_t record = c->words * sizeof(*c->page->record);
 	size_t slot = (size_t)(key * 0x9e3779b97f4a7c15u >> 48) & (RECENT - 1), at;
 	uint64_t number, n;
 	struct page *p;
@@ -184,36 +193,39 @@ static int look_up(struct format_canonical *c, uint64_t key, uint64_t *ret, stru
 
 	if (c->recent[slot].number && c->recent[slot].key == key) {
 		*ret = c->recent[slot].number - 1;
+		*ret_height = c->recent[slot].height;
 		return 0;
 	}
 	if (!c->npage)
 		return err_set(err, ERR_PROTO, "the stream has triangles and no vertices");
-	number = last_not_above(c->first, c->npage, key);
+	number = last_not_above(c->first, 1, c->npage, key);
 	n = c->nvertex - number * PAGE_KEYS < PAGE_KEYS ? c->nvertex - number * PAGE_KEYS : PAGE_KEYS;
 	p = &c->page[number % PAGES];
 	if (p->number != number + 1) {
 		p->number = 0;
-		r = format_output_read(c->keys, number * sizeof(p->key), p->key, n * sizeof(*p->key), err);
+		r = outfile_read(c->keys, number * PAGE_KEYS * record, p->record, n * record, err);
 		if (r)
 			return r;
 		p->number = number + 1;
 	}
-	at = last_not_above(p->key, n, key);
-	if (p->key[at] != key)
+	at = last_not_above(p->record, c->words, n, key);
+	if (p->record[c->words * at] != key)
 		return err_set(err, ERR_PROTO, "a triangle of the stream has a corner that is no vertex");
 	*ret = number * PAGE_KEYS + at;
+	*ret_height = c->words > 1 ? p->record[2 * at + 1] : 0;
 	c->recent[slot].key = key;
 	c->recent[slot].number = *ret + 1;
+	c->recent[slot].height = *ret_height;
 	return 0;
 }
 
-static int send_triangles(struct format_canonical *c, struct err *err)
+static int send_triangles(struct outputs_canonical *c, struct err *err)
 {
 	const uint64_t *rec;
 	uint32_t n = 0;
-	int r = format_sort_start(c->triangles, err);
+	int r = outputs_sort_start(c->triangles, err);
 
-	while (!r && !(r = format_sort_next(c->triangles, &rec, err))) {
+	while (!r && !(r = outputs_sort_next(c->triangles, &rec, err))) {
 		if (n == PIECE || (!rec && n)) {
 			struct acut_mesh_block b = {.first = c->nvertex,
 						    .nforeign = 3 * n,
@@ -226,28 +238,31 @@ static int send_triangles(struct format_canonical *c, struct err *err)
 		if (r || !rec)
 			break;
 		for (uint32_t j = 0; j < 3 && !r; j++) {
+			uint64_t height = 0;
+
 			c->index[n][j] = 3 * n + j;
-			r = look_up(c, rec[j], &c->foreign[3 * n + j], err);
+			r = look_up(c, rec[j], &c->foreign[3 * n + j], &height, err);
+			set_position(c->position[3 * n + j], rec[j], height);
 		}
 		n++;
 	}
 	return r;
 }
 
-int format_canonical_finish(struct format_canonical *c, struct err *err)
+int outputs_canonical_finish(struct outputs_canonical *c, struct err *err)
 {
 	int r = send_vertices(c, err);
 
 	return r ? r : send_triangles(c, err);
 }
 
-struct format_canonical *format_canonical_free(struct format_canonical *c)
+struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *c)
 {
 	if (!c)
 		return NULL;
-	format_sort_free(c->vertices);
-	format_sort_free(c->triangles);
-	format_output_free(c->keys);
+	outputs_sort_free(c->vertices);
+	outputs_sort_free(c->triangles);
+	outfile_free(c->keys);
 	free(c->first);
 	free(c->page);
 	free(c->recent);

@@ -11,7 +11,7 @@
 #include <cmocka.h>
 
 #include "err.h"
-#include "format.h"
+#include "outputs.h"
 #include "meshes.h"
 
 static char dir[] = "/tmp/acut-tiles-XXXXXX";
@@ -55,29 +55,29 @@ static int stop(void *ctx)
 }
 
 static int write_tiles(const struct meshes *m, const char *out, const char *format, const char *side, uint64_t memory,
-		       struct format_report *report, struct err *err)
+		       struct outputs_report *report, struct err *err)
 {
-	struct format_run_options ropt = {.tiled = true, .sort_memory = memory, .interrupted = stop};
-	const struct format_options opt = {.width = 50};
-	struct format_run *run = NULL;
+	struct outputs_options ropt = {.tiled = true, .sort_memory = memory, .interrupted = stop};
+	const struct format_options opt = {.width = strcmp(format, "png") ? 0 : 50};
+	struct outputs *run = NULL;
 	struct acut_mesh_sink sink;
 	int r;
 
 	assert_true(decimal_parse(side, &ropt.tile));
-	r = format_run_new(&ropt, &run, err);
+	r = outputs_new(&ropt, &run, err);
 	if (!r)
-		r = format_run_add(run, out, format_find(format), &opt, err);
+		r = outputs_add(run, out, format_find(format), &opt, err);
 	if (!r) {
-		sink = format_run_sink(run);
+		sink = outputs_sink(run);
 		r = meshes_send(m, &sink, SIZE_MAX);
 		if (r)
-			*err = *format_run_error(run);
+			*err = *outputs_error(run);
 	}
 	if (!r)
-		r = format_run_publish(run, err);
+		r = outputs_publish(run, err);
 	if (!r)
-		format_run_report(run, report);
-	format_run_free(run);
+		outputs_report(run, report);
+	outputs_free(run);
 	return r;
 }
 
@@ -128,7 +128,7 @@ static void test_memory(void **state)
 
 	meshes_make(&m, &many);
 	for (unsigned i = 0; i < 7; i++) {
-		struct format_report large, little;
+		struct outputs_report large, little;
 		struct err err = ERR_INIT;
 		char a[512], b[512], name[16];
 
@@ -148,7 +148,7 @@ static void test_memory(void **state)
 /* Asked between tiles: a folder that was made goes again, at each of the first moments. */
 static void test_interrupted(void **state)
 {
-	struct format_report report;
+	struct outputs_report report;
 	struct meshes m;
 	char a[512];
 
@@ -166,7 +166,7 @@ static void test_interrupted(void **state)
 
 static void test_outside(void **state)
 {
-	struct format_report report;
+	struct outputs_report report;
 	struct err err = ERR_INIT;
 	struct meshes m;
 	char a[512];
@@ -182,7 +182,7 @@ static void test_outside(void **state)
 /* A mesh may not have two heights in one place; welding would hide it. */
 static void test_two_heights(void **state)
 {
-	struct format_report report;
+	struct outputs_report report;
 	struct err err = ERR_INIT;
 	struct meshes m;
 	char a[512];
@@ -201,7 +201,7 @@ static void test_two_heights(void **state)
 static void test_numbers(void **state)
 {
 	struct meshes_spec far = many;
-	struct format_report report;
+	struct outputs_report report;
 	struct err err = ERR_INIT;
 	struct meshes m;
 	char a[512], *text;

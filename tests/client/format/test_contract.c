@@ -18,9 +18,10 @@
 #include <cmocka.h>
 
 #include "err.h"
-#include "format.h"
+#include "outputs.h"
 #include "io.h"
 #include "meshes.h"
+#include "outfile.h"
 
 static char dir[] = "/tmp/acut-format-XXXXXX";
 
@@ -63,44 +64,139 @@ static char *path_of(const char *name)
 	return path;
 }
 
-static void sweep(void)
+static void empty(const char *path)
 {
-	DIR *d = opendir(dir);
+	DIR *d = opendir(path);
 	struct dirent *e;
 
 	while ((e = readdir(d)))
-		if (e->d_name[0] != '.' || strlen(e->d_name) > 2)
-			unlink(path_of(e->d_name));
+		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
+			unlinkat(dirfd(d), e->d_name, 0);
 	closedir(d);
+}
+
+static void sweep(void)
+{
+	empty(dir);
+}
+
+static void sweep_folder(const char *path)
+{
+	empty(path);
+	assert_int_equal(rmdir(path), 0);
 }
 
 /* Writes the mesh with one row; 0, or the error's code. The output is published only if all went well. */
 static int write_mesh(const struct format *f, const struct meshes *m, const char *path, const struct format_options *opt,
-		      const struct format_run_options *ropt, size_t nblock, struct err *err)
+		      const struct outputs_options *ropt, size_t nblock, struct err *err)
 {
-	struct format_run *run = NULL;
+	struct outputs *run = NULL;
 	struct acut_mesh_sink sink;
-	int r = format_run_new(ropt, &run, err);
+	int r = outputs_new(ropt, &run, err);
 
 	if (!r)
-		r = format_run_add(run, path, f, opt, err);
+		r = outputs_add(run, path, f, opt, err);
 	if (!r) {
-		sink = format_run_sink(run);
+		sink = outputs_sink(run);
 		r = meshes_send(m, &sink, nblock);
 		if (r) {
-			assert_int_equal(-r, format_run_error(run)->code);
-			*err = *format_run_error(run);
+			assert_int_equal(-r, outputs_error(run)->code);
+			*err = *outputs_error(run);
 		} else if (nblock >= m->nblock) {
-			r = format_run_publish(run, err);
+			r = outputs_publish(run, err);
 		}
 	}
 	if (!r && nblock >= m->nblock) {
-		struct format_report report;
-		format_run_report(run, &report);
+		struct outputs_report report;
+		outputs_report(run, &report);
 		assert_true(report.bytes > 0);
 	}
-	format_run_free(run);
+	outputs_free(run);
 	return r;
+}
+
+/* ---- a format that no row is yet: positions, and canonical order; it writes the corners of triangles ---- */
+
+struct corners {
+	struct outfile *out;
+	int32_t (*vertex)[3]; /* all that came */
+	uint64_t n;
+};
+
+static int corners_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
+{
+	struct corners *c = calloc(1, sizeof(*c));
+
+	c->out = out;
+	*ret = c;
+	return 0;
+}
+
+static int corners_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+{
+	return outfile_write(((struct corners *)writer)->out, "corners\n", 8, err);
+}
+
+/* The position of each vertex is the one that it came with. */
+static int corners_block(void *writer, const struct format_block *block, struct err *err)
+{
+	struct corners *c = writer;
+	const struct acut_mesh_block *b = block->mesh;
+	int r = 0;
+
+	c->vertex = realloc(c->vertex, (c->n + b->nnew + 1) * sizeof(*c->vertex));
+	memcpy(c->vertex + c->n, b->vertex, b->nnew * sizeof(*c->vertex));
+	assert_int_equal(b->nnew ? b->first : c->n, c->n);
+	c->n += b->nnew;
+	assert_true(!b->nnew || !memcmp(block->position + b->nforeign, b->vertex, b->nnew * sizeof(*b->vertex)));
+	for (uint32_t i = 0; i < b->nforeign; i++) {
+		assert_true(b->foreign[i] < c->n);
+		assert_memory_equal(block->position[i], c->vertex[b->foreign[i]], sizeof(*c->vertex));
+	}
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++)
+		for (int j = 0; j < 3 && !r; j++)
+			r = outfile_write(c->out, block->position[b->triangle[i][j]], sizeof(*c->vertex), err);
+	return r;
+}
+
+static int corners_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	assert_int_equal(((struct corners *)writer)->n, tail->vertices);
+	return 0;
+}
+
+static void *corners_free(void *writer)
+{
+	free(((struct corners *)writer)->vertex);
+	free(writer);
+	return NULL;
+}
+
+static const struct format corners = {
+	.name = "corners",
+	.extensions = "",
+	.help = "",
+	.kind = FORMAT_MESH,
+	.takes = FORMAT_CANONICAL,
+	.positions = true,
+	.open = corners_open,
+	.head = corners_head,
+	.block = corners_block,
+	.finish = corners_finish,
+	.free = corners_free,
+};
+
+static void each_way(const struct format *f, void (*test)(const struct format *, const struct format_options *))
+{
+	struct format_options opt = {.width = f->takes & FORMAT_SIZED ? 200 : 0};
+
+	test(f, &opt);
+	sweep();
+	if (f->takes & FORMAT_CANONICAL) {
+		opt.canonical = true;
+		test(f, &opt);
+		sweep();
+	}
 }
 
 static void each_row(void (*test)(const struct format *, const struct format_options *))
@@ -109,25 +205,34 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 	const struct format *const *row = format_rows(&n);
 
 	assert_true(n >= 3);
-	for (size_t i = 0; i < n; i++) {
-		struct format_options opt = {.width = 200};
+	for (size_t i = 0; i < n; i++)
+		if (row[i]->kind != FORMAT_NOTHING)
+			each_way(row[i], test);
+	each_way(&corners, test);
+}
 
-		if (row[i]->nothing)
-			continue;
-		test(row[i], &opt);
-		sweep();
-		if (row[i]->canonical) {
-			opt.canonical = true;
-			test(row[i], &opt);
-			sweep();
-		}
-	}
+static void tiled(const struct format *f, const struct format_options *opt)
+{
+	const struct outputs_options ropt = {.tiled = true, .tile = {300, -2}};
+	struct meshes m;
+	struct err err = ERR_INIT;
+
+	meshes_make(&m, &many);
+	assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), 0);
+	meshes_done(&m);
+	sweep_folder(path_of("tiles"));
+}
+
+/* Tiles are made of every format, and leave nothing else. */
+static void test_tiles(void **state)
+{
+	each_row(tiled);
 }
 
 static void meshes_whole(const struct format *f, const struct format_options *opt)
 {
 	const struct meshes_spec *const spec[] = {&none, &line, &one, &many};
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 
 	for (unsigned i = 0; i < 4; i++) {
 		struct meshes m;
@@ -151,7 +256,7 @@ static void test_whole(void **state)
 /* Stopped before the tail: nothing stays, and what stood there before is untouched. */
 static void stopped(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	FILE *old = fopen(path_of("out"), "w");
@@ -178,7 +283,7 @@ static void test_stopped(void **state)
 /* The disk fills at every size: always "no space" or the like, never a file. */
 static void full_disk(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct meshes m;
 	struct rlimit was;
 	struct stat st;
@@ -213,7 +318,7 @@ static void test_full_disk(void **state)
 
 static void run_in_child(const struct format *f, const struct format_options *opt, const struct meshes *m, int out)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct err err = ERR_INIT;
 
 	dup2(out, STDOUT_FILENO);
@@ -255,7 +360,7 @@ static void test_pipe(void **state)
 /* /dev/full takes nothing; it is written as it is, and stays a device. */
 static void to_device(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct meshes m;
 	struct stat st;
 	struct err err = ERR_INIT;
@@ -274,7 +379,7 @@ static void test_device(void **state)
 
 static void clobber(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct format_options keep = *opt;
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -296,7 +401,7 @@ static void test_clobber(void **state)
 /* A link stays a link, and the file behind it is replaced. */
 static void through_link(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct meshes m;
 	struct stat st;
 	struct err err = ERR_INIT;
@@ -323,7 +428,7 @@ static void test_link(void **state)
 /* A stream that uses a finished vertex is refused by whoever needs positions. */
 static void test_finished_vertex(void **state)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	const struct format_options opt = {.width = 50};
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -337,7 +442,7 @@ static void test_finished_vertex(void **state)
 
 static void test_wrong_options(void **state)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	struct format_options opt = {.canonical = true};
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -372,51 +477,51 @@ static void test_table(void **state)
 static void test_nothing(void **state)
 {
 	const struct format_options opt = {0};
-	const struct format_run_options ropt = {.has_max_edge = true, .max_edge = {26, -2}, .edges = true};
+	const struct outputs_options ropt = {.has_max_edge = true, .max_edge = {26, -2}, .edges = true};
 	struct meshes m;
 	size_t n, nothing = 0;
 	const struct format *const *row = format_rows(&n);
 
 	meshes_make(&m, &many);
 	for (size_t i = 0; i < n; i++) {
-		struct format_run *run;
-		struct format_report report;
+		struct outputs *run;
+		struct outputs_report report;
 		struct acut_mesh_sink sink;
 		struct err err = ERR_INIT;
 
-		assert_int_equal(format_run_new(&ropt, &run, &err), 0);
-		if (row[i]->nothing) {
-			assert_int_equal(format_run_add(run, path_of("out"), row[i], &opt, &err), -ERR_USAGE);
-			assert_int_equal(format_run_add(run, NULL, row[i], &opt, &err), 0);
-			sink = format_run_sink(run);
+		assert_int_equal(outputs_new(&ropt, &run, &err), 0);
+		if (row[i]->kind == FORMAT_NOTHING) {
+			assert_int_equal(outputs_add(run, path_of("out"), row[i], &opt, &err), -ERR_USAGE);
+			assert_int_equal(outputs_add(run, NULL, row[i], &opt, &err), 0);
+			sink = outputs_sink(run);
 			assert_int_equal(meshes_send(&m, &sink, SIZE_MAX), 0);
-			assert_int_equal(format_run_publish(run, &err), 0);
-			format_run_report(run, &report);
+			assert_int_equal(outputs_publish(run, &err), 0);
+			outputs_report(run, &report);
 			assert_int_equal(report.bytes, 0);
 			assert_int_equal(report.left_out, m.tail.triangles); /* the diagonals are longer */
 			nothing++;
 		} else {
-			assert_int_equal(format_run_add(run, NULL, row[i], &opt, &err), -ERR_USAGE);
+			assert_int_equal(outputs_add(run, NULL, row[i], &opt, &err), -ERR_USAGE);
 		}
-		format_run_free(run);
+		outputs_free(run);
 	}
 	assert_true(nothing > 0);
 	assert_int_equal(files(), 0);
 	/* a tail that counts what did not come */
 	m.tail.vertices++;
 	for (size_t i = 0; i < n; i++) {
-		struct format_run *run;
+		struct outputs *run;
 		struct acut_mesh_sink sink;
 		struct err err = ERR_INIT;
 
-		if (!row[i]->nothing)
+		if (row[i]->kind != FORMAT_NOTHING)
 			continue;
-		assert_int_equal(format_run_new(&ropt, &run, &err), 0);
-		assert_int_equal(format_run_add(run, NULL, row[i], &opt, &err), 0);
-		sink = format_run_sink(run);
+		assert_int_equal(outputs_new(&ropt, &run, &err), 0);
+		assert_int_equal(outputs_add(run, NULL, row[i], &opt, &err), 0);
+		sink = outputs_sink(run);
 		assert_true(meshes_send(&m, &sink, SIZE_MAX) != 0);
-		assert_int_equal(format_run_error(run)->code, ERR_PROTO);
-		format_run_free(run);
+		assert_int_equal(outputs_error(run)->code, ERR_PROTO);
+		outputs_free(run);
 	}
 	meshes_done(&m);
 }
@@ -451,7 +556,8 @@ int main(void)
 		cmocka_unit_test(test_whole), cmocka_unit_test(test_stopped),         cmocka_unit_test(test_full_disk),
 		cmocka_unit_test(test_pipe),  cmocka_unit_test(test_device),          cmocka_unit_test(test_clobber),
 		cmocka_unit_test(test_link),  cmocka_unit_test(test_finished_vertex), cmocka_unit_test(test_wrong_options),
-		cmocka_unit_test(test_table), cmocka_unit_test(test_nothing),         cmocka_unit_test(test_named),
+		cmocka_unit_test(test_table), cmocka_unit_test(test_tiles),           cmocka_unit_test(test_nothing),
+		cmocka_unit_test(test_named),
 	};
 	int failed;
 

@@ -7,24 +7,23 @@
  * The polygon of a feature is the region as far as it is in the box of the dataset, for looking at. New regions come with
  * the blocks, gone ones before them; what depends on the job stands at the end, where it is known.
  */
-#include "format_change.h"
+#include "outputs_change.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "digest.h"
 #include "err.h"
-#include "format_geojson.h"
-#include "format_output.h"
+#include "outputs_geojson.h"
 
-struct format_change {
-	struct format_output *out; /* NULL: nothing is written */
+struct outputs_change {
+	struct outfile *out; /* NULL: nothing is written */
 	struct format_options opt;
 	struct acut_mesh_head head; /* its texts are in here: */
 	char *lattice, *crs, unit_xy[64], unit_z[64];
 	struct decimal half; /* of the lattice's xy scale */
 	char digest[4][DIGEST_HEX_SIZE];
-	struct format_changes counts;
+	struct outputs_changes_counts counts;
 	bool any;  /* a feature is written */
 	bool open; /* a new region is being counted: */
 	uint64_t index, triangles;
@@ -34,38 +33,38 @@ struct format_change {
 	char *dataset;
 };
 
-int format_change_new(const struct format_output *out, const char *path, const struct format_options *opt,
-		      struct format_change **ret, struct err *err)
+int outputs_change_new(const struct outfile *out, const char *path, const struct format_options *opt, struct outputs_change **ret,
+		       struct err *err)
 {
-	struct format_change *c = calloc(1, sizeof(*c));
+	struct outputs_change *c = calloc(1, sizeof(*c));
 	char *name = NULL;
 	int r = 0;
 
-	if (!c || (path && asprintf(&name, "%s" FORMAT_CHANGES, path) < 0))
+	if (!c || (path && asprintf(&name, "%s" OUTPUTS_CHANGES, path) < 0))
 		r = err_set(err, ERR_NOMEM, "no memory for changes");
-	if (!r && out && out->dirfd < 0) {
+	if (!r && out && !outfile_base(out)) {
 		r = err_set(err, ERR_USAGE, "changes need a file to stand beside: not standard output, a pipe or a device");
-		err_add_file(err, out->label);
+		err_add_file(err, outfile_name(out));
 		err_add_hint(err, "give a file, as in -o new.ply");
 	}
 	if (!r) {
 		c->opt = *opt;
-		r = name ? format_output_new(name, opt->no_clobber, &c->out, err) : 0;
+		r = name ? outfile_new(name, opt->no_clobber, &c->out, err) : 0;
 	}
 	free(name);
 	if (r) {
-		format_change_free(c);
+		outputs_change_free(c);
 		return r;
 	}
 	*ret = c;
 	return 0;
 }
 
-struct format_change *format_change_free(struct format_change *c)
+struct outputs_change *outputs_change_free(struct outputs_change *c)
 {
 	if (!c)
 		return NULL;
-	format_output_free(c->out);
+	outfile_free(c->out);
 	free(c->lattice);
 	free(c->crs);
 	free(c->dataset);
@@ -73,7 +72,7 @@ struct format_change *format_change_free(struct format_change *c)
 	return NULL;
 }
 
-void format_change_about(struct format_change *c, uint64_t job, const char *dataset, uint64_t generation)
+void outputs_change_about(struct outputs_change *c, uint64_t job, const char *dataset, uint64_t generation)
 {
 	free(c->dataset);
 	c->dataset = dataset ? strdup(dataset) : NULL;
@@ -81,7 +80,7 @@ void format_change_about(struct format_change *c, uint64_t job, const char *data
 	c->generation = generation;
 }
 
-int format_change_head(struct format_change *c, const struct acut_mesh_head *head, struct err *err)
+int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *head, struct err *err)
 {
 	c->head = *head;
 	c->lattice = strdup(head->lattice ? head->lattice : "");
@@ -104,24 +103,24 @@ int format_change_head(struct format_change *c, const struct acut_mesh_head *hea
 /* ---- features ---- */
 
 /* A border, in doubled lattice numbers. */
-static const char *border(const struct format_change *c, unsigned side, int64_t n, char buf[DECIMAL_TEXT_SIZE])
+static const char *border(const struct outputs_change *c, unsigned side, int64_t n, char buf[DECIMAL_TEXT_SIZE])
 {
 	return decimal_scaled_text(c->half, n + 2 * c->head.k[side & 1], buf);
 }
 
-static int64_t clipped(const struct format_change *c, unsigned side, int64_t n)
+static int64_t clipped(const struct outputs_change *c, unsigned side, int64_t n)
 {
 	int64_t low = 2 * (int64_t)c->head.box[side & 1], high = 2 * (int64_t)c->head.box[3 + (side & 1)];
 
 	return n < low ? low : n > high ? high : n;
 }
 
-static int feature(struct format_change *c, const char *change, const int64_t box[4], uint64_t triangles, const char *digest,
+static int feature(struct outputs_change *c, const char *change, const int64_t box[4], uint64_t triangles, const char *digest,
 		   struct err *err)
 {
 	char text[4][DECIMAL_TEXT_SIZE];
-	struct format_page p;
-	int r = c->out ? format_page_start(&p, err) : 1;
+	struct outputs_page p;
+	int r = c->out ? outputs_page_start(&p, err) : 1;
 
 	if (r)
 		return r < 0 ? r : 0;
@@ -130,44 +129,44 @@ static int feature(struct format_change *c, const char *change, const int64_t bo
 	fputs("{\"type\":\"Feature\",\"geometry\":", p.f);
 	for (unsigned i = 0; i < 4; i++)
 		border(c, i, clipped(c, i, box[i]), text[i]);
-	format_geojson_square(p.f, text[0], text[1], text[2], text[3]);
+	outputs_geojson_square(p.f, text[0], text[1], text[2], text[3]);
 	fprintf(p.f, ",\"properties\":{\"change\":\"%s\",\"region\":[", change);
 	for (unsigned i = 0; i < 4; i++)
 		fprintf(p.f, "%s%s", i ? "," : "",
 			box[i] == INT64_MIN || box[i] == INT64_MAX ? "null" : border(c, i, box[i], text[i]));
 	fprintf(p.f, "],\"triangles\":%llu,\"digest\":\"%s\"}}", (unsigned long long)triangles, digest);
-	return format_page_end(&p, c->out, err);
+	return outputs_page_end(&p, c->out, err);
 }
 
-int format_change_base(struct format_change *c, const struct acut_mesh_base *b, struct err *err)
+int outputs_change_base(struct outputs_change *c, const struct acut_mesh_base *b, struct err *err)
 {
 	const char *const digest[4] = {b->old_digest, b->old_vertex_digest, b->digest, b->vertex_digest};
-	struct format_page p;
+	struct outputs_page p;
 	int r;
 
 	for (unsigned i = 0; i < 4; i++)
 		snprintf(c->digest[i], sizeof(c->digest[i]), "%s", digest[i]);
-	c->counts = (struct format_changes){.since = b->generation,
-					    .old_job = b->job,
-					    .gone = b->gone,
-					    .gone_triangles = b->gone_triangles,
-					    .kept = b->kept,
-					    .kept_triangles = b->kept_triangles};
-	r = c->out ? format_page_start(&p, err) : 1;
+	c->counts = (struct outputs_changes_counts){.since = b->generation,
+						    .old_job = b->job,
+						    .gone = b->gone,
+						    .gone_triangles = b->gone_triangles,
+						    .kept = b->kept,
+						    .kept_triangles = b->kept_triangles};
+	r = c->out ? outputs_page_start(&p, err) : 1;
 	if (r)
 		return r < 0 ? r : 0;
 	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-changes\",\n", p.f);
-	format_geojson_crs(p.f, c->crs);
+	outputs_geojson_crs(p.f, c->crs);
 	fputs("\"features\":[", p.f);
-	return format_page_end(&p, c->out, err);
+	return outputs_page_end(&p, c->out, err);
 }
 
-int format_change_gone(struct format_change *c, const struct acut_mesh_region *g, struct err *err)
+int outputs_change_gone(struct outputs_change *c, const struct acut_mesh_region *g, struct err *err)
 {
 	return feature(c, "gone", g->box, g->triangles, g->digest, err);
 }
 
-static int close_region(struct format_change *c, struct err *err)
+static int close_region(struct outputs_change *c, struct err *err)
 {
 	char digest[DIGEST_HEX_SIZE];
 
@@ -180,7 +179,7 @@ static int close_region(struct format_change *c, struct err *err)
 }
 
 /* Pieces of one domain follow each other and are one region. */
-int format_change_block(struct format_change *c, const struct format_block *block, struct err *err)
+int outputs_change_block(struct outputs_change *c, const struct format_block *block, struct err *err)
 {
 	const struct acut_mesh_block *b = block->mesh;
 	int r = c->open && (b->index != c->index || memcmp(b->box, c->box, sizeof(c->box))) ? close_region(c, err) : 0;
@@ -205,21 +204,21 @@ int format_change_block(struct format_change *c, const struct format_block *bloc
 	return r;
 }
 
-int format_change_tail(struct format_change *c, struct err *err)
+int outputs_change_tail(struct outputs_change *c, struct err *err)
 {
 	return close_region(c, err);
 }
 
-static int foot(struct format_change *c, struct err *err)
+static int foot(struct outputs_change *c, struct err *err)
 {
-	const struct format_changes *n = &c->counts;
-	struct format_page p;
-	int r = format_page_start(&p, err);
+	const struct outputs_changes_counts *n = &c->counts;
+	struct outputs_page p;
+	int r = outputs_page_start(&p, err);
 
 	if (r)
 		return r;
 	fprintf(p.f, "\n],\n\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)c->job);
-	format_geojson_text(p.f, c->dataset);
+	outputs_geojson_text(p.f, c->dataset);
 	fprintf(p.f, ",\"generation\":%llu,\"since\":%llu,\"old_job\":%llu,", (unsigned long long)c->generation,
 		(unsigned long long)n->since, (unsigned long long)n->old_job);
 	fprintf(p.f,
@@ -229,23 +228,23 @@ static int foot(struct format_change *c, struct err *err)
 		(unsigned long long)n->kept_triangles, (unsigned long long)n->new_regions, (unsigned long long)n->new_triangles);
 	fprintf(p.f, "\"old_digest\":\"%s\",\"old_vertex_digest\":\"%s\",\"digest\":\"%s\",\"vertex_digest\":\"%s\",",
 		c->digest[0], c->digest[1], c->digest[2], c->digest[3]);
-	format_geojson_head(p.f, &c->head, &c->opt);
+	outputs_geojson_head(p.f, &c->head, &c->opt);
 	fputs("}}\n", p.f);
-	return format_page_end(&p, c->out, err);
+	return outputs_page_end(&p, c->out, err);
 }
 
-int format_change_publish(struct format_change *c, uint64_t *bytes, struct err *err)
+int outputs_change_publish(struct outputs_change *c, uint64_t *bytes, struct err *err)
 {
 	int r = c->out ? foot(c, err) : 0;
 
 	if (!r && c->out)
-		r = format_output_publish(c->out, err);
+		r = outfile_publish(c->out, err);
 	if (!r && c->out)
-		*bytes += format_output_size(c->out);
+		*bytes += outfile_size(c->out);
 	return r;
 }
 
-const struct format_changes *format_change_counts(const struct format_change *c)
+const struct outputs_changes_counts *outputs_change_counts(const struct outputs_change *c)
 {
 	return &c->counts;
 }

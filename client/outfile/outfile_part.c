@@ -2,7 +2,7 @@
  * An output that is kept while it is written: NAME.part, and NAME.part.faces for its annex.
  *
  * Every byte that gets to the file goes into a sum: a chain over chunks of SUM_CHUNK bytes, and the hash of the chunk
- * that is not full yet. The sum at a moment is what a later run finds in the state (format_keep.c); it reads the file
+ * that is not full yet. The sum at a moment is what a later run finds in the state (outputs_keep.c); it reads the file
  * up to there, compares, cuts off what is behind, and goes on. What a writer overwrites at the end (a header) is not
  * in the sum. The lock on NAME.part is held as long as it is open: two fetches into one output do not meet.
  */
@@ -20,22 +20,23 @@
 #include <xxhash.h>
 
 #include "err.h"
-#include "format_output.h"
+#include "outfile_priv.h"
 #include "io.h"
 
-enum { SUM_CHUNK = 1 << 20, SUFFIX = FORMAT_PART_NAME - NAME_MAX };
+enum { SUM_CHUNK = 1 << 20, SUFFIX = 25, PART_NAME = NAME_MAX + SUFFIX + 1 };
+#define STATE_MOST (1ull << 32)
 
-struct format_part {
+struct outfile_part {
 	XXH3_state_t *hash; /* of the chunk that is not full */
 	uint64_t from;      /* offset in the file where the sum begins */
 	uint64_t size, chain;
-	bool on;                     /* the file goes on */
-	struct format_sum annex_sum; /* then, of the annex */
+	bool on;                      /* the file goes on */
+	struct outfile_sum annex_sum; /* then, of the annex */
 };
 
-static struct format_part *part_new(void)
+static struct outfile_part *part_new(void)
 {
-	struct format_part *p = calloc(1, sizeof(*p));
+	struct outfile_part *p = calloc(1, sizeof(*p));
 
 	if (p)
 		p->hash = XXH3_createState();
@@ -47,7 +48,7 @@ static struct format_part *part_new(void)
 	return p;
 }
 
-struct format_part *format_part_free(struct format_part *p)
+struct outfile_part *outfile_part_free(struct outfile_part *p)
 {
 	if (p)
 		XXH3_freeState(p->hash);
@@ -55,7 +56,7 @@ struct format_part *format_part_free(struct format_part *p)
 	return NULL;
 }
 
-void format_part_add(struct format_part *p, const uint8_t *bytes, size_t n)
+void outfile_part_add(struct outfile_part *p, const uint8_t *bytes, size_t n)
 {
 	while (n) {
 		size_t left = SUM_CHUNK - (size_t)(p->size % SUM_CHUNK), k = n < left ? n : left;
@@ -73,39 +74,40 @@ void format_part_add(struct format_part *p, const uint8_t *bytes, size_t n)
 	}
 }
 
-static struct format_sum sum_of(const struct format_part *p)
+static struct outfile_sum sum_of(const struct outfile_part *p)
 {
-	return (struct format_sum){p->from, p->size, p->chain, XXH3_64bits_digest(p->hash)};
+	return (struct outfile_sum){p->from, p->size, p->chain, XXH3_64bits_digest(p->hash)};
 }
 
-struct format_sum format_part_sum(const struct format_output *o)
+uint64_t outfile_part_size(const struct outfile *o)
 {
-	return sum_of(o->part);
+	return outfile_size(o) + (o->annex ? outfile_size(o->annex) : 0);
+}
+
+void outfile_part_sums(const struct outfile *o, struct outfile_sum *ret, struct outfile_sum *ret_annex)
+{
+	*ret = sum_of(o->part);
+	*ret_annex = o->annex ? sum_of(o->annex->part) : (struct outfile_sum){0};
 }
 
 /* ---- names ---- */
 
-static char *part_name(const struct format_output *o, const char *suffix, char buf[FORMAT_PART_NAME])
+static char *part_name(const struct outfile *o, const char *suffix, char buf[PART_NAME])
 {
-	snprintf(buf, FORMAT_PART_NAME, "%s.part%s", o->name, suffix);
+	snprintf(buf, PART_NAME, "%s.part%s", o->name, suffix);
 	return buf;
 }
 
-bool format_part_can(const struct format_output *o)
+bool outfile_part_can(const struct outfile *o)
 {
 	return o->dirfd >= 0 && o->seekable && strlen(o->name) + SUFFIX <= NAME_MAX;
 }
 
-const char *format_part_state_name(const struct format_output *o, char buf[FORMAT_PART_NAME])
-{
-	return part_name(o, ".state", buf);
-}
-
 /* ---- opening ---- */
 
-static int part_open(const struct format_output *o, const char *suffix, bool on, int *ret_fd, struct err *err)
+static int part_open(const struct outfile *o, const char *suffix, bool on, int *ret_fd, struct err *err)
 {
-	char name[FORMAT_PART_NAME];
+	char name[PART_NAME];
 	struct stat st;
 	int fd, r;
 
@@ -127,9 +129,9 @@ static int part_open(const struct format_output *o, const char *suffix, bool on,
 	return 0;
 }
 
-static int corrupt(const struct format_output *o, const char *suffix, const char *what, struct err *err)
+static int corrupt(const struct outfile *o, const char *suffix, const char *what, struct err *err)
 {
-	char name[FORMAT_PART_NAME];
+	char name[PART_NAME];
 
 	err_set(err, ERR_CORRUPT, "%s", what);
 	err_add_file(err, part_name(o, suffix, name));
@@ -137,12 +139,12 @@ static int corrupt(const struct format_output *o, const char *suffix, const char
 }
 
 /* Reads the file up to where it was kept, compares, cuts off the rest. */
-static int part_verify(struct format_output *o, const struct format_output *named, const char *suffix,
-		       const struct format_sum *want, struct err *err)
+static int part_verify(struct outfile *o, const struct outfile *named, const char *suffix, const struct outfile_sum *want,
+		       struct err *err)
 {
 	uint64_t end = want->from + want->size;
-	struct format_part *p = o->part;
-	struct format_sum got;
+	struct outfile_part *p = o->part;
+	struct outfile_sum got;
 	struct stat st;
 	int r = 0;
 
@@ -150,11 +152,11 @@ static int part_verify(struct format_output *o, const struct format_output *name
 		return corrupt(named, suffix, "it is shorter than what an earlier fetch has kept", err);
 	p->from = want->from;
 	while (!r && p->size < want->size) {
-		size_t n = want->size - p->size < FORMAT_BUFFER ? (size_t)(want->size - p->size) : FORMAT_BUFFER;
+		size_t n = want->size - p->size < OUTFILE_BUFFER ? (size_t)(want->size - p->size) : OUTFILE_BUFFER;
 
 		r = io_read_at(o->fd, o->buf, n, p->from + p->size, o->label, err);
 		if (!r)
-			format_part_add(p, o->buf, n);
+			outfile_part_add(p, o->buf, n);
 	}
 	if (r)
 		return r;
@@ -170,7 +172,7 @@ static int part_verify(struct format_output *o, const struct format_output *name
 }
 
 /* The nameless or temporary file gives way. */
-static void drop_own(struct format_output *o)
+static void drop_own(struct outfile *o)
 {
 	if (o->temp)
 		unlinkat(o->dirfd, o->temp, 0);
@@ -181,9 +183,9 @@ static void drop_own(struct format_output *o)
 	o->nameless = o->may_direct = false;
 }
 
-int format_part_begin(struct format_output *o, bool on, struct err *err)
+int outfile_part_begin(struct outfile *o, bool on, struct err *err)
 {
-	char name[FORMAT_PART_NAME];
+	char name[PART_NAME];
 	struct stat own, named;
 	int r;
 
@@ -211,7 +213,7 @@ int format_part_begin(struct format_output *o, bool on, struct err *err)
 	if (on)
 		return 0;
 	/* The annex and the state first: they mean nothing without it. */
-	format_part_clean(o);
+	outfile_part_clean(o);
 	if (io->ftruncate(o->fd, 0) < 0) {
 		err_sys(err, errno, "what an earlier fetch has kept cannot be replaced");
 		return err_add_file(err, o->label);
@@ -219,15 +221,15 @@ int format_part_begin(struct format_output *o, bool on, struct err *err)
 	return 0;
 }
 
-int format_part_go_on(struct format_output *o, const struct format_sum *sum, const struct format_sum *annex, struct err *err)
+int outfile_part_go_on(struct outfile *o, const struct outfile_sum *sum, const struct outfile_sum *annex, struct err *err)
 {
 	o->part->annex_sum = *annex;
 	return part_verify(o, o, "", sum, err);
 }
 
-int format_part_from_here(struct format_output *o, struct err *err)
+int outfile_part_from_here(struct outfile *o, struct err *err)
 {
-	int r = o->part ? format_output_flush(o, err) : 0;
+	int r = o->part ? outfile_flush(o, err) : 0;
 
 	if (r || !o->part)
 		return r;
@@ -237,7 +239,7 @@ int format_part_from_here(struct format_output *o, struct err *err)
 	return 0;
 }
 
-int format_part_annex(struct format_output *host, struct format_output *o, struct err *err)
+int outfile_part_annex(struct outfile *host, struct outfile *o, struct err *err)
 {
 	int r = part_open(host, ".faces", host->part->on && host->part->annex_sum.size, &o->fd, err);
 
@@ -253,29 +255,96 @@ int format_part_annex(struct format_output *host, struct format_output *o, struc
 	return 0;
 }
 
-int format_part_sync(struct format_output *o, struct err *err)
+int outfile_part_sync(struct outfile *o, struct err *err)
 {
-	int r = format_output_flush(o, err);
+	int r = outfile_flush(o, err);
 
 	if (!r)
 		r = io_sync(o->fd, o->label, err);
-	return r || !o->annex ? r : format_part_sync(o->annex, err);
+	return r || !o->annex ? r : outfile_part_sync(o->annex, err);
 }
 
-void format_part_discard(const struct format_output *o)
+void outfile_part_discard(const struct outfile *o)
 {
 	/* What is there of an earlier fetch is not ours to remove; what has its name needs nothing. */
 	if (!o->part || o->part->on || !o->temp)
 		return;
 	unlinkat(o->dirfd, o->temp, 0);
-	format_part_clean(o);
+	outfile_part_clean(o);
 }
 
-void format_part_clean(const struct format_output *o)
+void outfile_part_clean(const struct outfile *o)
 {
-	char name[FORMAT_PART_NAME];
+	char name[PART_NAME];
 
 	unlinkat(o->dirfd, part_name(o, ".state", name), 0);
 	unlinkat(o->dirfd, part_name(o, ".state.new", name), 0);
 	unlinkat(o->dirfd, part_name(o, ".faces", name), 0);
+}
+
+/* ---- the state ---- */
+
+void outfile_part_name_state(const struct outfile *o, struct err *err)
+{
+	char name[PART_NAME];
+
+	err_add_file(err, part_name(o, ".state", name));
+}
+
+int outfile_part_damaged(const struct outfile *o, struct err *err)
+{
+	return corrupt(o, ".state", "what an earlier fetch has kept is damaged, or of another version", err);
+}
+
+int outfile_part_load(const struct outfile *o, uint8_t **ret, size_t *ret_size, struct err *err)
+{
+	char name[PART_NAME];
+	uint8_t *bytes = NULL;
+	struct stat st;
+	int fd, r = io_open(o->dirfd, part_name(o, ".state", name), O_RDONLY | O_NOFOLLOW, 0, &fd, err);
+
+	if (r && err->sys == ENOENT) {
+		*err = ERR_INIT;
+		err_set(err, ERR_GONE, "nothing is kept of an earlier fetch");
+		err_add_file(err, name);
+		return err_add_hint(err, "fetch it without --resume");
+	}
+	if (r)
+		return r;
+	if (io->fstat(fd, &st) < 0)
+		r = err_sys(err, errno, "cannot look at %s", name);
+	else if (!S_ISREG(st.st_mode) || (uint64_t)st.st_size > STATE_MOST)
+		r = outfile_part_damaged(o, err);
+	else if (!(bytes = malloc((size_t)st.st_size + 1)))
+		r = err_set(err, ERR_NOMEM, "no memory for %s", name);
+	else
+		r = io_read_at(fd, bytes, (size_t)st.st_size, 0, name, err);
+	io_close(fd);
+	if (r) {
+		free(bytes);
+		return r;
+	}
+	*ret = bytes;
+	*ret_size = (size_t)st.st_size;
+	return 0;
+}
+
+int outfile_part_store(const struct outfile *o, const uint8_t *bytes, size_t size, struct err *err)
+{
+	char name[PART_NAME], temp[PART_NAME];
+	int fd, r;
+
+	part_name(o, ".state", name);
+	part_name(o, ".state.new", temp);
+	unlinkat(o->dirfd, temp, 0);
+	r = io_open(o->dirfd, temp, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+	if (r)
+		return r;
+	r = io_write_at(fd, bytes, size, 0, name, err);
+	if (r)
+		unlinkat(o->dirfd, temp, 0);
+	else
+		r = io_publish(o->dirfd, fd, temp, name, err);
+	io_close(fd);
+	return r;
 }
