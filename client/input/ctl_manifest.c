@@ -11,16 +11,16 @@
  * another file when its turn comes is not taken.
  */
 #include <errno.h>
+#include <nettle/sha2.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "ctl_input_priv.h"
-#include "ctl_sha.h"
 #include "io.h"
 
-enum { SUM = 32, PIECE = 1 << 20, NAMED_MOST = 20 };
+enum { SUM = SHA256_DIGEST_SIZE, PIECE = 1 << 20, NAMED_MOST = 20 };
 
 struct line {
 	dev_t dev;
@@ -203,10 +203,11 @@ static int read_list(struct manifest *m, struct err *err)
 /* The sum of all bytes. */
 static int sum_of(struct session *session, int fd, unsigned char sum[SUM], struct err *err)
 {
-	struct ctl_sha *sha = ctl_sha_new(err);
+	struct sha256_ctx sha;
 	void *piece = malloc(PIECE);
 	ssize_t n = 1;
 
+	sha256_init(&sha);
 	if (!piece)
 		err_set(err, ERR_NOMEM, "no memory to add up a file");
 	while (n && !err->code) {
@@ -215,14 +216,12 @@ static int sum_of(struct session *session, int fd, unsigned char sum[SUM], struc
 			continue;
 		if (n < 0)
 			err_sys(err, errno, "it cannot be read");
-		else if (ctl_sha_add(sha, piece, (size_t)n))
-			err_set(err, ERR_INTERNAL, "SHA-256 failed");
 		else if (session_interrupted(session))
 			err_set(err, ERR_CANCELLED, "interrupted");
+		else
+			sha256_update(&sha, (size_t)n, piece);
 	}
-	if (!err->code && ctl_sha_sum(sha, sum))
-		err_set(err, ERR_INTERNAL, "SHA-256 failed");
-	ctl_sha_free(sha);
+	sha256_digest(&sha, SUM, sum);
 	free(piece);
 	return -(int)err->code;
 }

@@ -8,7 +8,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <openssl/evp.h>
+#include <nettle/sha2.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,7 +27,7 @@ struct run {
 	struct spool_reader *reader;
 	struct replay *replay; /* NULL: raw bytes only */
 	struct replay_clock clock;
-	EVP_MD_CTX *sha;
+	struct sha256_ctx sha;
 	double shown;  /* when progress was */
 	uint64_t size; /* of the file; 0: not known */
 };
@@ -122,13 +122,11 @@ static void hex(const uint8_t *at, char to[65])
 
 static void hash_so_far(const struct run *r, char to[65])
 {
-	EVP_MD_CTX *copy = EVP_MD_CTX_new();
-	uint8_t digest[EVP_MAX_MD_SIZE];
+	struct sha256_ctx copy = r->sha;
+	uint8_t digest[SHA256_DIGEST_SIZE];
 
-	if (!copy || !EVP_MD_CTX_copy_ex(copy, r->sha) || !EVP_DigestFinal_ex(copy, digest, NULL))
-		abort();
+	sha256_digest(&copy, sizeof(digest), digest);
 	hex(digest, to);
-	EVP_MD_CTX_free(copy);
 }
 
 static void check_end(struct run *r, const struct spool_record *rec)
@@ -154,7 +152,7 @@ static int take(struct run *r, const struct spool_record *rec)
 			f->first_ns = rec->time_ns;
 		f->last_ns = rec->time_ns;
 		f->bytes += rec->size;
-		EVP_DigestUpdate(r->sha, rec->at, rec->size);
+		sha256_update(&r->sha, rec->size, rec->at);
 		if (scan_out_to(r->out) == SCAN_TO_RAW && scan_out_raw(r->out, rec->at, rec->size))
 			return -1;
 	} else if (rec->kind == SPOOL_EVENT) {
@@ -266,10 +264,7 @@ static int run_spool(struct run *r, struct err *err)
 
 	if (!rc)
 		rc = open_replay(r, err);
-	if (!rc && !(r->sha = EVP_MD_CTX_new()))
-		rc = err_set(err, ERR_NOMEM, "no memory for a hash");
-	if (!rc && !EVP_DigestInit_ex(r->sha, EVP_sha256(), NULL))
-		rc = err_set(err, ERR_INTERNAL, "SHA-256 cannot be computed here");
+	sha256_init(&r->sha);
 	if (!rc)
 		rc = go_over(r, err);
 	if (!rc && r->replay)
@@ -281,7 +276,6 @@ static int run_spool(struct run *r, struct err *err)
 			replay_counts(r->replay, &f->counts);
 		f->seconds = now() - start;
 	}
-	EVP_MD_CTX_free(r->sha);
 	replay_free(r->replay);
 	spool_reader_free(r->reader);
 	return rc;
