@@ -1,4 +1,4 @@
-/* Looking things up in the tables, and what is said of a word that is in none of them. */
+/* Lookup in the tables, and errors that name the nearest word. */
 #include "cli.h"
 
 #include <string.h>

@@ -48,17 +48,17 @@ struct cli_option {
 	const char *help;
 };
 
-/* What follows a command that has several verbs: "dataset show". */
+/* A verb of a command: "show" of "dataset show". */
 struct cli_verb {
 	const char *name, *usage, *help;
-	unsigned least, most; /* words behind the verb */
+	unsigned least, most; /* words after the verb */
 	const char *options;  /* of the command's own options those that it takes: "at scale"; NULL: none */
 	int (*run)(struct program *);
 };
 
 struct cli_command {
 	const char *name, *usage, *help;
-	unsigned groups, least, most; /* least, most: words behind it */
+	unsigned groups, least, most; /* least, most: words after it */
 	int (*run)(struct program *); /* NULL: help */
 	const struct cli_verb *verbs; /* up to one without a name; the words begin with one of them, which runs */
 	const char *examples;         /* a line each */
@@ -75,11 +75,11 @@ struct cli {
 	const char *(*statuses)(const struct cli_command *);
 };
 
-/* What a command line says beside its options, which are in struct program. */
+/* A command line without its options, which are in struct program. */
 struct cli_line {
 	const struct cli_command *command;
 	const struct cli_verb *verb; /* of a command with verbs */
-	char **word;                 /* behind command and verb; to be freed by cli_done */
+	char **word;                 /* after command and verb; freed by cli_done */
 	unsigned nword;
 	bool help;
 	char **all; /* with the verb */
@@ -102,16 +102,16 @@ struct cli_typed {
 	const char *begun; /* what is there of the word */
 	const struct cli_command *command;
 	const struct cli_verb *verb;
-	const struct cli_option *option; /* whose value it is; NULL: no option's */
-	const char *word[8];             /* behind command and verb */
+	const struct cli_option *option; /* the word is its value; NULL: it is not a value */
+	const char *word[8];             /* after command and verb */
 	unsigned nword;
 	bool ended; /* "--" came before */
 };
 
 /*
- * "complete N WORD...": prints what could stand as the Nth of the words (the 0th is the program), a candidate a line with a tab
- * and what it is; or ":files", ":files .las .laz" or ":folders". `kind` offers the candidates of a kind, and is false for one
- * that is not the program's. Options with texts are read into *program. Exit status.
+ * "complete N WORD...": prints the candidates for the Nth of the words (the 0th is the program), one a line with a tab and a
+ * description; or ":files", ":files .las .laz" or ":folders". `kind` offers the candidates of a kind of words, and returns
+ * false for kinds that the program does not know. Text options are read into *program. Exit status.
  */
 int cli_complete(const struct cli *, int argc, char **argv, struct program *,
 		 bool (*kind)(struct cli_typed *, const char *name, size_t n));

@@ -1,7 +1,6 @@
 /*
- * "complete N WORD..." for the shells, whose functions (cli.bash.in, cli.zsh.in) only show what it prints.
- *
- * What the tables know comes from them; of kinds of words the program knows the candidates.
+ * "complete N WORD..." for the shells, whose functions (cli.bash.in, cli.zsh.in) only show what it prints. Commands, verbs
+ * and options come from the tables; candidates of a kind of words come from the program.
  */
 #include <string.h>
 
@@ -98,7 +97,7 @@ static void offer_words(struct cli_typed *t, kind_fn *offer)
 	}
 }
 
-/* Reads the words before the one that is to be completed. "=" stands alone where the shell took --option=value apart. */
+/* Reads the words before the one to be completed. "=" is a word of its own where the shell has split --option=value. */
 static void read_line(struct cli_typed *t, char **word, unsigned n)
 {
 	static const struct cli_command none = {.name = "", .usage = "", .most = 0};

@@ -1,8 +1,8 @@
 /*
- * A command line to options, command, verb and words.
+ * Reads a command line into options, command, verb and words.
  *
- * Options may stand before and after the command; "--" ends them. One that is given twice is an error, unless it is a list.
- * Options of a later version are refused by name, never ignored: a script that asks for a part must not get the whole.
+ * Options may come before and after the command; "--" ends them. An option that is given twice is an error, unless it is a
+ * list. Options of a later version are refused by name, never ignored: a script that asks for a part must not get the whole.
  */
 #include <stdlib.h>
 #include <string.h>

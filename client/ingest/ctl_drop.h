@@ -29,8 +29,8 @@ struct ctl_drop_file {
 struct ctl_drop_list {
 	struct ctl_drop_file *file; /* by name */
 	size_t n, room;
-	unsigned passed_by; /* neither files nor folders */
-	uint64_t looked_ns; /* when the last look began: what was seen before was seen again */
+	unsigned passed_by;  /* neither files nor folders */
+	uint64_t scanned_ns; /* when the last look began: what was seen before was seen again */
 };
 
 struct ctl_drop_name {
@@ -41,7 +41,7 @@ struct ctl_drop_name {
 int ctl_drop_open(struct ctl_drop *, const char *name, struct err *err);
 void ctl_drop_close(struct ctl_drop *);
 /* What is there now; what has not changed since it was seen keeps all that is known of it. */
-int ctl_drop_look(const struct ctl_drop *, struct ctl_drop_list *, struct err *err);
+int ctl_drop_scan(const struct ctl_drop *, struct ctl_drop_list *, struct err *err);
 void ctl_drop_list_done(struct ctl_drop_list *);
 /* Moves what was pushed, if it is still what was pushed, under a name that nothing has yet. -ERR_CHANGED: it is not, and stays.
  */

@@ -368,7 +368,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 static int push_settled(struct ingest *g, bool *ret_any)
 {
 	/* Not what the clock says now: a look may take long, and whoever looks may have stood still since. */
-	uint64_t now = g->list.looked_ns;
+	uint64_t now = g->list.scanned_ns;
 	struct ctl_drop_file **list = calloc(g->list.n + 1, sizeof(*list));
 	struct err err = ERR_INIT;
 	size_t n = 0, at = 0;
@@ -444,7 +444,7 @@ static int pass(struct ingest *g)
 	for (;;) {
 		if (session_interrupted(g->session))
 			return interrupted(g);
-		if (ctl_drop_look(&g->drop, &g->list, &err))
+		if (ctl_drop_scan(&g->drop, &g->list, &err))
 			return session_error(g->session, &err);
 		if (!g->until)
 			g->until = clock_mono_ns() + 2 * g->settle;

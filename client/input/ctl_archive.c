@@ -1,14 +1,13 @@
 /*
- * Inputs that are gzip files and zip archives (ctl_input_priv.h).
+ * Inputs that are gzip files and zip archives.
  *
- * Model: an archive is like a folder. Its survey files are inputs with names of their own, ARCHIVE/MEMBER, in the order of these;
- * other files in it are left out and said, unless it has one file only. What is an archive is told by its first bytes. The daemon
- * takes whole files only, so a member is unpacked into a file without a name in $TMPDIR (/var/tmp), once, when it is probed, and
- * that file stays until the daemon is done with the member. It has the archive's time of change: by path, size and time a member
- * is the same as long as its archive was not written again. Times in an archive are not used: two versions of a member often have
- * the same.
+ * An archive is like a folder: its survey files are inputs named ARCHIVE/MEMBER, sorted by name; other files in it are left
+ * out with a warning, unless it has one file only. An archive is recognised by its first bytes. The daemon needs complete
+ * files, so a member is unpacked once, when it is probed, into a file without a name in $TMPDIR (/var/tmp), which exists
+ * until the daemon has read it. It gets the archive's time of change: a member is the same, by path, size and time, as long
+ * as the archive was not written again. Times in an archive are not used: two versions of a member often have the same.
  *
- * What unpacks to too much fills the disk at most up to a margin, never the memory.
+ * An archive that unpacks to too much data fills the disk up to a margin at most, never the memory.
  */
 #include "ctl_input_priv.h"
 
@@ -28,7 +27,7 @@
 
 enum { MEMBERS_MOST = 1 << 20 };
 static const uint64_t margin = 64 << 20; /* of the disk, that stays free */
-static const uint64_t look_every = 16 << 20;
+static const uint64_t check_every = 16 << 20;
 
 /* ---- which members ---- */
 
@@ -286,7 +285,7 @@ int ctl_archive_add(struct ctl_inputs *in, const struct ctl_input *file, bool fr
 		return 0;
 	if (ctl_input_open(in, &plain, &fd, &quiet))
 		return 0;
-	kind = ctl_unpack_look(fd);
+	kind = ctl_unpack_kind_of(fd);
 	*ret_is = kind != CTL_UNPACK_NONE && !fstat(fd, &st);
 	if (*ret_is && is_there(in, &st))
 		console_line(&in->session->console, "%s: it is named twice, and taken once", file->name);
@@ -344,7 +343,7 @@ static int sink(void *ctx, const void *bytes, size_t n, struct err *err)
 
 	if (session_interrupted(u->inputs->session))
 		return err_set(err, ERR_CANCELLED, "interrupted");
-	if (u->done - u->looked >= look_every) {
+	if (u->done - u->looked >= check_every) {
 		u->looked = u->done;
 		if (room_left(u) < margin)
 			return no_room(u, err);
@@ -365,7 +364,7 @@ static int sink(void *ctx, const void *bytes, size_t n, struct err *err)
 	return 0;
 }
 
-/* What came of a text that is cut ends with a part of a line, which may look like a whole one. LAS has records of one length. */
+/* A text that is cut ends with a part of a line, which may look complete; it is removed. LAS has records of a fixed length. */
 static int drop_cut_line(struct unpacking *u, struct err *err)
 {
 	char tail[4096];
@@ -414,7 +413,7 @@ static const char *in_command(const char *name)
 /* The daemon's hint for what is packed would name a file that is not there. */
 static int check_not_packed(const struct unpacking *u, const struct ctl_archive *a, struct err *err)
 {
-	enum ctl_unpack_kind kind = ctl_unpack_look(u->to);
+	enum ctl_unpack_kind kind = ctl_unpack_kind_of(u->to);
 	char magic[5];
 
 	if (kind != CTL_UNPACK_NONE) {
@@ -438,7 +437,7 @@ static int unpack(struct unpacking *u, const struct ctl_archive *a, const struct
 	int r;
 
 	u->size = m->in.size;
-	if (u->size != UINT64_MAX && u->size > look_every && room_left(u) < u->size + margin)
+	if (u->size != UINT64_MAX && u->size > check_every && room_left(u) < u->size + margin)
 		return no_room(u, err);
 	r = a->kind == CTL_UNPACK_GZIP ? unpack_gzip(u, from, err) : ctl_unpack_zip(from, &m->in, sink, u, err);
 	if (!r && (fstat(from, &st) || !ctl_input_unchanged(&a->file, &st)))

@@ -1,7 +1,7 @@
 /*
- * Words of the command line to inputs. A folder stands for the survey files in it and below, in byte order of
- * their paths, an archive for those in it (ctl_archive.c); "@FILE" for the names in it, one a line; "-" for standard input. A
- * file that is named is never judged by its extension.
+ * Words of the command line to inputs. A folder stands for the survey files in it and below, in byte order of their paths, an
+ * archive for its survey files (ctl_archive.c), "@FILE" for the names in it, one a line, "-" for standard input. A file that
+ * is named is taken whatever its extension.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -116,7 +116,7 @@ static int add_pipe(struct ctl_inputs *in, const char *name, int fd, struct err 
 	return -(int)err->code;
 }
 
-/* Named by --name, or by nobody. */
+/* Its name is that of --name. */
 static int add_standard(struct ctl_inputs *in, struct err *err)
 {
 	const char *name = in->opt->name;
@@ -149,7 +149,7 @@ static int add_word(struct ctl_inputs *in, const char *word, bool listed, struct
 		return r;
 	}
 	if (!stat(word, &st) && S_ISFIFO(st.st_mode))
-		/* not waiting for a writer: whoever waits for the daemon can be interrupted */
+		/* without waiting for a writer: waiting for the daemon can be interrupted */
 		return add_pipe(in, word, open(word, O_RDONLY | O_CLOEXEC | O_NONBLOCK), err);
 	return add_file(in, word, false, err);
 }
@@ -267,7 +267,7 @@ bool ctl_input_unchanged(const struct ctl_input *in, const struct stat *st)
 	return ctl_input_same(in, st) && same_time(st->st_ctim, in->ctime);
 }
 
-/* Whoever fills the folder may have put anything there since: what is opened is what was seen, or nothing. */
+/* The folder may have changed since: the file that was seen is opened, or none. */
 static int open_entry(const struct ctl_input *in, int *ret_fd, struct err *err)
 {
 	int fd = openat(in->dirfd, in->entry, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY | O_NOFOLLOW);
@@ -306,7 +306,7 @@ int ctl_input_open(struct ctl_inputs *inputs, struct ctl_input *in, int *ret_fd,
 		return open_entry(in, ret_fd, err);
 	if (in->kept)
 		fd = fcntl(in->kept, F_DUPFD_CLOEXEC, 3);
-	else if (in->fd < 0 && ctl_input_open_file(in->name, &fd, err)) /* what comes through a pipe the daemon has already */
+	else if (in->fd < 0 && ctl_input_open_file(in->name, &fd, err)) /* the daemon reads pipes itself */
 		return -(int)err->code;
 	if (fd < 0 && in->fd < 0)
 		return open_failed(in->name, err);
@@ -320,7 +320,7 @@ int ctl_input_open(struct ctl_inputs *inputs, struct ctl_input *in, int *ret_fd,
 	return 0;
 }
 
-/* "." and empty parts go; ".." may lead through a link, so it stays where it stands. */
+/* Removes "." and empty parts; ".." may lead through a link and stays. */
 static void tidy(char *path)
 {
 	char *to = path, *from = path;

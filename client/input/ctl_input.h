@@ -42,7 +42,7 @@ struct ctl_input {
 struct ctl_inputs {
 	struct session *session;
 	const struct ctl_input_options *opt;
-	const char *format; /* as --input-format, or as a pipe's first bytes say; NULL: each by its content */
+	const char *format; /* as --input-format, or as a pipe's first bytes show; NULL: each by its content */
 	struct ctl_input *input;
 	size_t n, room;
 	bool each;          /* the caller prints what became of each: that all were refused is no failure of its own */
@@ -67,7 +67,7 @@ int ctl_input_open_file(const char *name, int *ret_fd, struct err *err);
 /* Its absolute path, links as they are; NULL if it has none. */
 const char *ctl_input_path(const struct ctl_input *, char *buf, size_t size);
 
-/* What was seen of a file: it is the same file with the same bytes; and nothing else of it has changed. */
+/* Records what a file is; whether it is the same file with the same bytes; whether nothing else of it has changed either. */
 void ctl_input_see(struct ctl_input *, const struct stat *);
 bool ctl_input_same(const struct ctl_input *, const struct stat *);
 bool ctl_input_unchanged(const struct ctl_input *, const struct stat *);
@@ -83,7 +83,7 @@ int ctl_input_keep_pipe(struct ctl_inputs *, const struct ctl_input *, int *ret_
 
 /* ---- formats ---- */
 
-/* What the daemon of this version reads, and archives that are unpacked here; each up to one without a name. */
+/* Formats that the daemon of this version reads, and archives that are unpacked here; a row without a name ends each. */
 extern const struct ctl_input_format {
 	const char *name, *extensions, *help; /* extensions: ".las .laz" */
 	const char *folders;                  /* those of them that folders and archives are searched for */

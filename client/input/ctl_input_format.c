@@ -23,7 +23,7 @@ const struct ctl_input_format ctl_input_archives[] = {
 	{0},
 };
 
-/* Of the words of ".las .laz"; true if one of them is. */
+/* Whether `is` accepts one of the words of ".las .laz". */
 static bool any_extension(const char *list, bool (*is)(const char *extension, size_t n, const char *text, size_t size),
 			  const char *text, size_t size)
 {

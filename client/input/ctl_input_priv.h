@@ -1,4 +1,4 @@
-/* What the files of this room share and others do not see. */
+/* Shared by the files of this room only. */
 #ifndef CTL_INPUT_PRIV_H
 #define CTL_INPUT_PRIV_H
 
@@ -21,7 +21,7 @@ struct ctl_archive {
 	unsigned left_out; /* members that are no survey files */
 	char first_left_out[64];
 	bool hidden;    /* there are hidden members, which are passed over */
-	struct err why; /* it cannot be read: the one input that stands for it is refused with this */
+	struct err why; /* it cannot be read: the one input that stands for it is refused with this error */
 	bool summed;    /* --manifest: */
 	unsigned char sum[32];
 };
@@ -47,7 +47,7 @@ int ctl_temp_open(const char **ret_folder, int *ret_fd, struct err *err);
 /* Every input against opt->manifest; the error names the first that does not agree, its hint the others. */
 int ctl_manifest_check(struct ctl_inputs *, struct err *err);
 
-/* Reads the first bytes of a pipe, to see what it holds; who copies it begins with them. */
+/* Reads the first bytes of a pipe, to recognise its format; the copy begins with them. */
 int ctl_pipe_peek(struct ctl_inputs *, struct ctl_input *, struct err *err);
 /* Asks the daemon, which is connected to if need be, about a file that begins so: -ERR_INPUT if it cannot be read. */
 int ctl_pipe_check(struct ctl_inputs *, const struct ctl_input *, struct err *err);

@@ -1,14 +1,12 @@
 /*
- * --manifest: every input against a list of SHA-256 sums, as sha256sum writes and reads it, before anything goes
+ * --manifest: every input is compared with a list of SHA-256 sums, as sha256sum writes and reads it, before anything is sent
  * to the daemon.
  *
- * A file in an archive has a line of its own, ARCHIVE/MEMBER, about its bytes as they are unpacked, or the line of its archive
- * counts for it, about the archive's bytes.
- *
- * The model: the list's names are relative to the list's folder; which input a line is about is decided by the
- * file behind the name, not by its spelling. All inputs are read and all that do not agree are named; one is
- * enough to end the command. What was verified is known by device, number, size and time, and an input that is
- * another file when its turn comes is not taken.
+ * Names in the list are relative to its folder. A line belongs to an input if both are the same file, however they are
+ * spelled. A file in an archive has a line of its own, ARCHIVE/MEMBER, for its unpacked bytes, or the archive's line counts,
+ * for the archive's bytes. All inputs are read and all that do not agree are named; one is enough to end the command. A
+ * verified file is identified by device, inode, size and time, and an input that is another file when it is opened is
+ * refused.
  */
 #include <errno.h>
 #include <nettle/sha2.h>
@@ -134,7 +132,7 @@ static int add(struct manifest *m, char *text, uint64_t number, struct err *err)
 		there = find_archive(path, &st, &member);
 	line.member = !there && member ? strdup(member) : NULL;
 	free(path);
-	/* What is not there can be no input. */
+	/* A file that does not exist cannot be an input. */
 	if (there)
 		return 0;
 	if (member && !line.member)
@@ -381,7 +379,7 @@ int ctl_manifest_check(struct ctl_inputs *in, struct err *err)
 			*err = one;
 		else
 			also(err, in->input[i].name, bad - 1);
-		/* That is none of the file's. */
+		/* Other errors are not about this file. */
 		r = one.code == ERR_INPUT || one.code == ERR_CHANGED ? 0 : -(int)one.code;
 	}
 	for (size_t i = 0; i < m.n; i++)

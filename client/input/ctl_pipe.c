@@ -1,7 +1,7 @@
 /*
- * Inputs that are pipes: standard input and named pipes. The daemon makes a pipe for each; a process of its own
- * copies into it, so that the calls that wait for answers need not. If it cannot read its end of the way, the
- * push must fail: what came so far could look whole.
+ * Inputs that are pipes: standard input and named pipes. The daemon makes a pipe for each, and a process copies into it, so
+ * that calls can wait for answers meanwhile. If the process cannot read its input to the end, the push must fail: the part
+ * that came could look complete.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -39,7 +39,7 @@ static int move(int from, int to)
 	}
 }
 
-/* Exit status: 0, or the errno of the reading. A daemon that closed its end has said why. */
+/* Exit status: 0, or the errno of the reading. If the daemon closed its end, its answer has the reason. */
 static int copy(int from, int to, void *piece)
 {
 	struct pollfd wait = {.fd = from, .events = POLLIN};
@@ -47,7 +47,7 @@ static int copy(int from, int to, void *piece)
 	for (;;) {
 		ssize_t n, done = 0;
 
-		/* a named pipe that nobody writes to yet looks ended to a read, not to a poll */
+		/* a named pipe without a writer yet looks ended to a read, not to a poll */
 		poll(&wait, 1, -1);
 		n = read(from, piece, PIECE);
 		if (n < 0 && (errno == EINTR || errno == EAGAIN))
@@ -76,7 +76,7 @@ static void child(const struct ctl_input *in, int to, pid_t parent)
 	if (getppid() != parent || !piece)
 		_exit(ENOMEM);
 	if (in->nhead && write(to, in->head, in->nhead) != (ssize_t)in->nhead)
-		_exit(0); /* the daemon has closed its end, and says why */
+		_exit(0); /* the daemon has closed its end, and its answer has the reason */
 	int r = move(from, to);
 
 	_exit((r == ENOSYS ? copy(from, to, piece) : r) & 0xff);
@@ -105,7 +105,7 @@ int ctl_pipe_peek(struct ctl_inputs *inputs, struct ctl_input *in, struct err *e
 	return 0;
 }
 
-/* Of a text, whole lines; a part of one could look wrong. */
+/* A text up to its last complete line; a part of one could look wrong. */
 static size_t whole_lines(const struct ctl_input *in)
 {
 	const uint8_t *end = in->nhead == HEAD ? memrchr(in->head, '\n', in->nhead) : NULL;
@@ -173,7 +173,7 @@ int ctl_input_finish_pipe(struct ctl_input *in, struct err *err)
 	return err_add_file(err, in->name);
 }
 
-/* ---- kept here: for what only looks at an input ---- */
+/* ---- kept here, for commands that only inspect an input ---- */
 
 static int keep(struct session *session, const struct ctl_input *in, int to, struct err *err)
 {

@@ -1,10 +1,9 @@
 /*
- * gzip by zlib, zip by its minizip (ctl_unpack.h).
+ * gzip by zlib, zip by its minizip.
  *
- * Model: files are read through the descriptor that is given, at explicit places. Memory is a few buffers of fixed size, whatever
- * an archive claims; what comes out goes to a sink, piece by piece, and only the sink knows when it is too much. A name in an
- * archive is a text and never opened. Checksums of both formats are checked; so is that a member of a zip archive has the size
- * that it claims.
+ * Files are read through the given descriptor, at explicit offsets. Memory is a few buffers of fixed size, whatever an
+ * archive claims; unpacked bytes go to a sink, which decides when it is too much. Names in an archive are never opened.
+ * Checksums of both formats are checked, and that a member of a zip archive has the size that it claims.
  *
  * Not here: encrypted members, Deflate64 and the rarer methods, archives in parts.
  */
@@ -24,7 +23,7 @@
 
 enum { PIECE = 128 << 10, NAME_MOST = 4096, WINDOW = 64 << 10, STORED = 0, DEFLATED = 8, AES = 99, ENCRYPTED = 1 };
 
-enum ctl_unpack_kind ctl_unpack_look(int fd)
+enum ctl_unpack_kind ctl_unpack_kind_of(int fd)
 {
 	unsigned char head[4] = {0};
 
@@ -75,7 +74,7 @@ static uLong source_read(voidpf opaque, voidpf stream, void *buf, uLong n)
 		done += piece;
 		s->at += piece;
 	}
-	s->failed |= done < n; /* minizip takes the end of a file for zeros, unless it is told */
+	s->failed |= done < n; /* minizip would read zeros at the end of a file */
 	return done;
 }
 
@@ -166,7 +165,7 @@ static void judge(const unz_file_info64 *info, struct ctl_unpack_member *m)
 	}
 }
 
-static int see_member(unzFile zip, ctl_unpack_seen *seen, void *ctx, struct err *err)
+static int see_member(unzFile zip, ctl_unpack_each *seen, void *ctx, struct err *err)
 {
 	struct ctl_unpack_member m = {0};
 	char name[NAME_MOST];
@@ -189,7 +188,7 @@ static int see_member(unzFile zip, ctl_unpack_seen *seen, void *ctx, struct err 
 	return seen(ctx, &m, err);
 }
 
-int ctl_unpack_list(int fd, ctl_unpack_seen *seen, void *ctx, struct err *err)
+int ctl_unpack_list(int fd, ctl_unpack_each *seen, void *ctx, struct err *err)
 {
 	struct source *s;
 	unz_global_info64 global;
@@ -204,7 +203,7 @@ int ctl_unpack_list(int fd, ctl_unpack_seen *seen, void *ctx, struct err *err)
 		return r;
 	z = unzGetGlobalInfo64(zip, &global);
 	if (!z && !global.number_entry)
-		r = not_whole(err); /* a directory that is cut looks empty */
+		r = not_whole(err); /* a truncated directory looks empty */
 	else if (!z)
 		z = unzGoToFirstFile(zip);
 	while (!r && !z) {
@@ -301,7 +300,7 @@ static int cut_gzip(bool *ret_cut, struct err *err)
 	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
 }
 
-/* Another stream behind the last one; zeros that pad are none. False: what there is belongs to nothing, or there is nothing. */
+/* Whether another stream follows; zeros that pad are skipped. */
 static bool next_stream(struct gzip *g, struct err *err)
 {
 	while (!refill(g, 2, err) && g->z.avail_in && !*g->z.next_in) {

@@ -69,7 +69,7 @@ static struct acut_options options_of(struct session *session)
 	return (struct acut_options){.program = session->console.program, .interrupted = session_interrupted, .ctx = session};
 }
 
-/* What a call that sets session->acut returned. */
+/* Handles the result of a call that sets session->acut. */
 static int connected(struct session *session, int r, struct err *err)
 {
 	if (!r)

@@ -60,14 +60,15 @@ int session_error_acut(struct session *);
 /* The connection's last failure as a struct err; `file` is set if it has none, and if it is not NULL. */
 int session_failure(const struct session *, const char *file, struct err *ret);
 void session_failure_of(const struct acut_failure *, struct err *ret);
-/* An input that is left out: printed, up to a hundred; at the end a line says how many more there were. JSON has each with its
- * own line. */
+/* Prints the error of an input that is left out, up to a hundred of them; session_refusals_end prints how many more there
+ * were. JSON has each with its own line. */
 void session_refusal(struct session *, const struct err *);
 void session_refusals_end(struct session *, int status);
 
 /* ---- the end ---- */
 
-/* Of acut_options: not 0 if a signal was caught, --timeout has passed, or its reader is gone. `ctx` is the session. */
+/* For acut_options: not 0 if a signal was caught, --timeout has passed, or the reader of standard output is gone. `ctx` is
+ * the session. */
 int session_interrupted(void *ctx);
 int session_caught(void); /* number of the signal, or 0 */
 bool session_late(const struct session *);

@@ -1,6 +1,6 @@
 /*
- * How a failure is printed. A signal that was caught, a deadline that has passed and a reader that is gone are what ended the
- * command, whatever the call that was interrupted says.
+ * How a failure is printed. A caught signal, a passed deadline or a reader that is gone is the cause, whatever error the
+ * interrupted call has.
  */
 #include <errno.h>
 

@@ -4,7 +4,7 @@
 
 #include "session.h"
 
-/* A listening socket with an acutd behind it that this user's commands share; starts one if there is none. */
+/* Connects to the private daemon that this user's commands share; starts it if it does not run. */
 int session_private_shared(struct session *, struct err *err);
 /* A daemon for this command alone, with its own folders. */
 int session_private_own(struct session *, struct err *err);

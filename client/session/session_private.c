@@ -1,15 +1,15 @@
 /*
  * Private daemons: one that all commands of a user share, and one for a single command.
  *
- * The shared one: who wants it takes the lock beside the socket, tries to connect, and only if nobody answers
- * binds, listens and starts acutd, so that two commands at once start one daemon. The lock is let go when the
- * connection stands. An idle daemon takes the same lock for its last accept and takes its socket away, so
- * nobody connects to one that ends; but it may still hold its folders for a moment, and then the start is
- * tried again. One of another build, or with other memory or threads than are asked for, is replaced while it is idle.
+ * Shared: a command takes the lock beside the socket and tries to connect. Only if nobody answers it binds, listens and
+ * starts acutd, so two commands at once start one daemon. It releases the lock when it is connected. An idle daemon takes the
+ * same lock for its last accept and removes its socket, so no command connects to a daemon that ends; it may still hold its
+ * folders for a moment, and then the start is tried again. A daemon of another build, or with other memory or threads than
+ * requested, is replaced while it is idle.
  *
- * The one of a command's own speaks over a socket pair, has fresh folders below the user's cache, ends with
- * the connection, and its folders go with it. A lock in them, held by both, says that they are in use;
- * folders without a holder are what a crash left, and are removed by the next command that comes by.
+ * Own: the daemon has a socket pair and new folders below the user's cache. It ends with the connection, and its folders are
+ * removed. Both sides hold a lock in the folders; folders whose lock nobody holds were left by a crash, and the next command
+ * removes them.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -63,7 +63,7 @@ static int take_lock(const char *path, struct session *session, int *ret_fd, str
 	return 0;
 }
 
-/* A daemon that did not come up: its last words say more than a closed connection. */
+/* The daemon did not start: the last line of its log explains more than a closed connection. */
 static int explain(const char *log, int pid, struct err *err)
 {
 	char words[400];
@@ -131,7 +131,7 @@ static int shared_try(struct session *session, const char *socket, const char *l
 	if (r)
 		return -(int)err->code;
 	r = session_attach(session, fd, err);
-	/* One that was told to end has still let us in: it is as if it were gone already. */
+	/* A daemon that is ending may still accept a connection: as if it were gone already. */
 	if (r == -ERR_NODAEMON && !*ret_pid)
 		err->code = ERR_BUSY;
 	return r ? -(int)err->code : 0;
@@ -153,8 +153,8 @@ static bool end_idle(struct session *session)
 	return true;
 }
 
-/* Its build, memory and threads are as they are wanted. Other memory or threads are an error that says what it has; another
- * build does while it is at work. */
+/* Whether the daemon has the requested memory and threads and this build. Other memory or threads are an error; another build
+ * is accepted if the daemon is busy. */
 static bool fits(struct session *session, struct err *err)
 {
 	const struct session_options *a = &session->opt;
@@ -212,7 +212,7 @@ static void remove_folder(const char *path)
 	io_folder_remove(AT_FDCWD, path, &err);
 }
 
-/* Removes the folders of daemons that nobody holds any more. */
+/* Removes the folders of daemons that no process holds. */
 static void sweep(const char *cache)
 {
 	DIR *d = opendir(cache);
@@ -237,7 +237,7 @@ static void sweep(const char *cache)
 		closedir(d);
 }
 
-/* The folder is made under another name and gets its own when its lock is held: no sweep comes between. */
+/* The folder gets its name after its lock is taken, so that no sweep finds it unlocked. */
 static int own_folder(struct session_daemon *d, struct err *err)
 {
 	char cache[FOLDER - 64], fresh[FOLDER], lock[FOLDER + 16];

@@ -1,6 +1,5 @@
 /*
- * The progress line: on a terminal only, on stderr, one line that is written over ten times a second: phase,
- * points, domains, rate, time left. Gone before anything else is said.
+ * The progress line, on terminals only: phase, points, domains, rate, time left, written ten times a second.
  */
 #include <stdio.h>
 #include <string.h>
@@ -41,7 +40,7 @@ const char *session_progress_time(double s, char buf[24])
 	return buf;
 }
 
-/* What is waited for; room on the disk is told as `jobs` does. */
+/* What the job waits for, in the words of the command jobs. */
 static const char *waits_text(const char *waiting, char buf[128])
 {
 	static const char space[] = "waiting-space: ";
@@ -55,7 +54,7 @@ static const char *waits_text(const char *waiting, char buf[128])
 	return buf;
 }
 
-/* Where there is no line: that there is no room is said once, since it may take until somebody makes some. */
+/* Without a progress line: a lack of disk space is noted once, since it may last until an administrator frees some. */
 static void note_space(struct session_progress *p, const struct acut_progress *now)
 {
 	bool lacks = now->waiting && !strncmp(now->waiting, "waiting-space", 13);
@@ -77,7 +76,7 @@ static void draw(struct session_progress *p, const struct acut_progress *now)
 		share = (double)now->domains / (double)now->domains_total;
 	else if (total)
 		share = (double)points / (double)total;
-	/* The end is told when it is there. */
+	/* 100 % appears only at the end. */
 	share = share > 0.99 ? 0.99 : share;
 	n = snprintf(line, sizeof(line), "%-6s %3d %%  %s points", p->phase, (int)(100 * share + 1e-9),
 		     short_count((double)points, a));

@@ -1,6 +1,6 @@
 /*
- * Signals and the deadline. A handler only notes the signal; whoever waits asks about ten times a second and
- * ends in good order, so that no temporary file and no job of ours stays behind.
+ * Signals and the deadline. A handler only records the signal; loops that wait check it about ten times a second and end in
+ * good order, so no temporary file and no job is left behind.
  */
 #include <signal.h>
 #include <string.h>

@@ -1,8 +1,7 @@
 /*
- * Starting acutd with a socket in its hands, as the service manager would: LISTEN_FDS=1, LISTEN_PID, the
- * socket as descriptor 3. A listening socket listens before the daemon runs, so clients can connect at once
- * and nobody has to wait for a file to appear; a connected one makes a daemon for one client, which ends with
- * the connection.
+ * Starts acutd with a socket as the service manager would: LISTEN_FDS=1, LISTEN_PID, the socket as descriptor 3. A listening
+ * socket listens before the daemon runs, so clients can connect at once; a connected one makes a daemon for one client, which
+ * ends with the connection.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -75,7 +74,7 @@ int session_spawn_listen(const char *path, int *ret_fd, struct err *err)
 
 	if (!r) {
 		unlink(path);
-		/* as systemd hands them over: nobody may wait in accept */
+		/* as systemd passes them: accept must not block */
 		fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
 		if (fd < 0 || bind(fd, (const struct sockaddr *)&address, sizeof(address)) || listen(fd, 128))
 			r = -errno;
@@ -182,7 +181,7 @@ int session_spawn_daemon(const struct session_spawn *s, int *ret_pid, struct err
 	argv[n++] = "30";
 	argv[n++] = "--state";
 	argv[n++] = (char *)s->state;
-	argv[n++] = "--init"; /* nobody mounts a disk there */
+	argv[n++] = "--init"; /* no disk is mounted there */
 	argv[n++] = "--cache";
 	argv[n++] = (char *)s->cache;
 	if (s->memory) {

@@ -16,7 +16,7 @@
 struct term {
 	bool on;        /* it is a terminal */
 	bool color;     /* and colours are wanted: not with NO_COLOR, not with TERM=dumb */
-	unsigned width; /* in columns: $COLUMNS, else what the terminal says now, else 80; 0: not a terminal */
+	unsigned width; /* in columns: $COLUMNS, else the terminal's width, else 80; 0: not a terminal */
 };
 struct term term_of(FILE *);
 
@@ -24,7 +24,7 @@ enum term_tint { TERM_PLAIN, TERM_BOLD, TERM_GOOD, TERM_WARN, TERM_BAD };
 /* The sequences that begin and end a tint; "" where there are no colours. */
 const char *term_tint(const struct term *, enum term_tint);
 
-/* What printf writes, to be freed; NULL: no memory. */
+/* The text that printf would write, to be freed; NULL: no memory. */
 char *term_format(const char *fmt, va_list) __attribute__((format(printf, 1, 0)));
 /* A safe copy of text, to be freed; NULL: no memory. */
 char *term_safe(const char *text);
@@ -40,7 +40,7 @@ void term_shorten(char *text, unsigned columns, bool tail);
 
 /* "key         value" as a line; on a terminal, values that are wider go on below the first. */
 void term_field(FILE *, const char *key, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
-/* The rest of a line of which so many columns are taken; what a terminal has no room for goes on below. */
+/* Prints the rest of a line of which so many columns are used; text that does not fit continues below. */
 void term_wrap(FILE *, unsigned indent, const char *text);
 /* A line of text. */
 void term_line(FILE *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));

@@ -1,4 +1,4 @@
-/* Read aloud, an error says which file, where in it, what is wrong, and what to do. */
+/* An error names the file, the place in it, the problem, and what to do. */
 #include <stdio.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* An error as it is told: to a person, and to a script. The same words whichever program says them. */
+/* Errors, for people and for scripts: the same texts in every program. */
 #ifndef TERM_ERROR_H
 #define TERM_ERROR_H
 

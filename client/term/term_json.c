@@ -8,16 +8,16 @@
 #include "term_text.h"
 #include "utf8.h"
 
-/* What stands in a JSON text as it is. */
+/* Bytes that need no escape in a JSON text. */
 static const bool plain[256] = {[' ' ... '!'] = true, ['#' ... '['] = true, [']' ... '~'] = true};
 
-/* Bytes that are looked at together, each true or false; of signed ones those that are not ASCII are below all others. */
+/* Bytes that are tested together, each true or false. As signed numbers, bytes that are not ASCII are below all others. */
 typedef signed char several __attribute__((vector_size(16)));
 enum { HELD = 8192, SEVERAL = sizeof(several) };
 
 /*
- * What is not yet in its stream: a list is ten thousand lines of seventy keys, and a call of stdio for each shows. All that
- * is written in one line goes through here, in order, and is in the stream when the line ends.
+ * The buffer of the current line. A list is ten thousand lines of seventy keys, and a call of stdio for each key would be
+ * slow. Everything of a line goes through here, in order, and is in the stream when the line ends.
  */
 static struct {
 	FILE *out;
@@ -25,23 +25,23 @@ static struct {
 	char bytes[HELD + SEVERAL];
 } held;
 
-static void let_go(void)
+static void flush_held(void)
 {
 	if (held.n)
 		fwrite_unlocked(held.bytes, 1, held.n, held.out);
 	held.n = 0;
 }
 
-/* A place for n bytes, n <= HELD; the caller says by `took` how many there were. */
-static inline char *room_for(FILE *out, size_t n)
+/* A place for n bytes, n <= HELD; the caller then passes the end of what it wrote to advance(). */
+static inline char *reserve(FILE *out, size_t n)
 {
 	if (held.out != out || n > HELD - held.n)
-		let_go();
+		flush_held();
 	held.out = out;
 	return held.bytes + held.n;
 }
 
-static inline void took(const char *end)
+static inline void advance(const char *end)
 {
 	held.n = (size_t)(end - held.bytes);
 }
@@ -69,7 +69,7 @@ static inline char *copy_few(char *to, const char *from, size_t n)
 
 static inline void put_byte(FILE *out, char c)
 {
-	*room_for(out, 1) = c;
+	*reserve(out, 1) = c;
 	held.n++;
 }
 
@@ -78,7 +78,7 @@ static void put_bytes(FILE *out, const char *bytes, size_t n)
 	while (n) {
 		size_t part = n < HELD ? n : HELD;
 
-		memcpy(room_for(out, part), bytes, part);
+		memcpy(reserve(out, part), bytes, part);
 		held.n += part;
 		bytes += part;
 		n -= part;
@@ -136,7 +136,7 @@ static inline bool any(several truths)
 	return half[0] | half[1];
 }
 
-/* Most texts have nothing to be escaped: they are copied, and looked at where they are then. */
+/* Most texts need no escape: they are copied into the buffer and checked there. */
 static void put_text(FILE *out, const char *text)
 {
 	size_t n = strlen(text);
@@ -147,7 +147,7 @@ static void put_text(FILE *out, const char *text)
 		put_escaped(out, text);
 		return;
 	}
-	at = room_for(out, n + 2);
+	at = reserve(out, n + 2);
 	*at++ = '"';
 	copy_few(at, text, n);
 	memset(at + n, ' ', SEVERAL);
@@ -159,7 +159,7 @@ static void put_text(FILE *out, const char *text)
 	}
 	at += n;
 	*at++ = '"';
-	took(at);
+	advance(at);
 }
 
 /* ---- keys ---- */
@@ -174,29 +174,29 @@ static char *put_any_key(struct term_json *j, const char *key, size_t more)
 		put_byte(j->out, ':');
 	}
 	j->comma = true;
-	return room_for(j->out, more);
+	return reserve(j->out, more);
 }
 
-/* Of one that is not long and has nothing to be escaped; or TERM_JSON_LOOK. */
+/* The length of a key that is short and needs no escape; else TERM_JSON_UNKNOWN. */
 static inline size_t plain_length(const char *key)
 {
 	size_t n = 0;
 
 	while (n < 32 && plain[(unsigned char)key[n]])
 		n++;
-	return key[n] ? TERM_JSON_LOOK : n;
+	return key[n] ? TERM_JSON_UNKNOWN : n;
 }
 
-/* Writes the key, of n bytes or TERM_JSON_LOOK, and gives a place for `more` bytes behind it. */
+/* Writes the key, of n bytes or TERM_JSON_UNKNOWN, and returns a place for `more` bytes after it. */
 static inline char *put_key(struct term_json *j, const char *key, size_t n, size_t more)
 {
 	char *at;
 
-	if (n == TERM_JSON_LOOK && key)
+	if (n == TERM_JSON_UNKNOWN && key)
 		n = plain_length(key);
-	if (n == TERM_JSON_LOOK)
+	if (n == TERM_JSON_UNKNOWN)
 		return put_any_key(j, key, more);
-	at = room_for(j->out, n + 4 + more);
+	at = reserve(j->out, n + 4 + more);
 	if (j->comma)
 		*at++ = ',';
 	j->comma = true;
@@ -204,7 +204,7 @@ static inline char *put_key(struct term_json *j, const char *key, size_t n, size
 	at = copy_few(at, key, n);
 	*at++ = '"';
 	*at++ = ':';
-	took(at);
+	advance(at);
 	return at;
 }
 
@@ -225,7 +225,7 @@ void term_json_close(struct term_json *j, char bracket)
 
 void term_json_put_null(struct term_json *j, const char *key, size_t n)
 {
-	took(mempcpy(put_key(j, key, n, 4), "null", 4));
+	advance(mempcpy(put_key(j, key, n, 4), "null", 4));
 }
 
 void term_json_put_text(struct term_json *j, const char *key, size_t n, const char *text)
@@ -290,7 +290,7 @@ static char *put_millionths(char *at, double v)
 
 void term_json_put_u64(struct term_json *j, const char *key, size_t n, uint64_t v)
 {
-	took(put_digits(put_key(j, key, n, DIGITS), v));
+	advance(put_digits(put_key(j, key, n, DIGITS), v));
 }
 
 void term_json_put_known_u64(struct term_json *j, const char *key, size_t n, uint64_t v)
@@ -307,7 +307,7 @@ void term_json_put_i64(struct term_json *j, const char *key, size_t n, int64_t v
 
 	if (v < 0)
 		*at++ = '-';
-	took(put_digits(at, v < 0 ? 0 - (uint64_t)v : (uint64_t)v));
+	advance(put_digits(at, v < 0 ? 0 - (uint64_t)v : (uint64_t)v));
 }
 
 void term_json_put_number(struct term_json *j, const char *key, size_t n, double v)
@@ -321,7 +321,7 @@ void term_json_put_number(struct term_json *j, const char *key, size_t n, double
 	at = put_key(j, key, n, DIGITS + 7);
 	end = v == 0 && !signbit(v) ? put_digits(at, 0) : put_millionths(at, v);
 	if (end) {
-		took(end);
+		advance(end);
 		return;
 	}
 	for (int digits = 6; digits <= 17; digits++) {
@@ -356,7 +356,7 @@ void term_json_put_literal(struct term_json *j, const char *key, size_t n, const
 void term_json_line(struct term_json *j)
 {
 	put_byte(j->out, '\n');
-	let_go();
+	flush_held();
 	if (!j->list)
 		fflush(j->out);
 	j->comma = false;

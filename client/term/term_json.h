@@ -14,14 +14,14 @@ struct term_json {
 };
 
 /*
- * A list has a million keys, and nearly all stand in the source: the compiler knows how long these are and that nothing in them
- * is to be escaped. Of others, TERM_JSON_LOOK.
+ * A list has a million keys, and nearly all are literals: the compiler knows their lengths and that they need no escape. The
+ * length of others is TERM_JSON_UNKNOWN.
  */
-#define TERM_JSON_LOOK SIZE_MAX
+#define TERM_JSON_UNKNOWN SIZE_MAX
 static inline __attribute__((always_inline)) size_t term_json_length(const char *key)
 {
 	if (!key || !__builtin_constant_p(strlen(key)) || strlen(key) > 64 || strpbrk(key, "\"\\"))
-		return TERM_JSON_LOOK;
+		return TERM_JSON_UNKNOWN;
 	return strlen(key);
 }
 #define TERM_JSON_KEY(key) (key), term_json_length(key)

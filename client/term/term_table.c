@@ -1,6 +1,6 @@
 /*
- * Tables. On a terminal rows are kept until a thousand are there or the table ends; then widths are settled, once,
- * and what comes later is fitted to them. Elsewhere a cell is written when it comes.
+ * Tables. On a terminal rows are kept until there are a thousand or the table ends; then widths are fixed, and later rows are
+ * fitted to them. Elsewhere a cell is written when it comes.
  */
 #include <stdarg.h>
 #include <stdlib.h>

@@ -1,18 +1,18 @@
 /*
- * Lists for people and for scripts, one module for all commands.
+ * Lists for people and for scripts.
  *
- * On a terminal: a line of heads, columns aligned, numbers to the right with thousands apart, sizes as "1.2 GB", and
- * the whole as wide as the terminal: names are shortened in their middle, columns that can be spared left out.
- * Anywhere else: a row a line, its columns apart by one tab each, always the same ones and all of them, no heads,
- * whole numbers, sizes in bytes, "-" for what is not known or empty; texts never hold a tab or a line's end.
+ * On a terminal: a line of heads, aligned columns, numbers to the right with thousands separated, sizes as "1.2 GB". The
+ * table fits the width of the terminal: names are shortened in the middle, and spare columns are left out. Elsewhere: a row a
+ * line, columns separated by tabs, always all of them in the same order, no heads, whole numbers, sizes in bytes, "-" for
+ * unknown or empty cells. No text contains a tab or the end of a line.
  *
- *	static const struct term_column columns[] = {{"NAME", .shrink = true}, {"POINTS", .right = true}};
- *	struct term_table *t = term_table_new(ctl->report, columns, 2);
- *	term_table_text(t, "%s", name);
- *	term_table_count(t, points);        the last cell of a row ends it
- *	term_table_free(t);                 prints what is not printed yet
+ * 	static const struct term_column columns[] = {{"NAME", .shrink = true}, {"POINTS", .right = true}};
+ * 	struct term_table *t = term_table_new(stdout, columns, 2);
+ * 	term_table_text(t, "%s", name);
+ * 	term_table_count(t, points);        the last cell of a row ends it
+ * 	term_table_free(t);                 prints the rows that are kept
  *
- * The first thousand rows say how wide columns are; later ones are printed as they come.
+ * The first thousand rows determine the widths.
  */
 #ifndef TERM_TABLE_H
 #define TERM_TABLE_H
@@ -30,7 +30,7 @@ struct term_column {
 	bool right;  /* numbers */
 	bool shrink; /* names: may be shortened in the middle */
 	bool tail;   /* sentences: may be cut at the end */
-	bool spare;  /* may be left out where it is narrow; the last such column goes first */
+	bool spare;  /* may be left out on a narrow terminal; the last such column first */
 };
 
 struct term_table;

@@ -159,7 +159,7 @@ static int corner_is_wild(const struct ctl_area *a, size_t i, struct err *err)
 	return err_add_hint(err, "give all corners with about the same digits after the point");
 }
 
-/* The last corner of a ring mostly repeats the first: it says nothing. */
+/* The last corner of a ring usually repeats the first one, and is left out then. */
 static size_t ring_end(const struct ctl_area *a, size_t r)
 {
 	size_t first = a->ring[r].first, end = r + 1 < a->nring ? a->ring[r + 1].first : a->ncorner;

@@ -1,8 +1,7 @@
 /*
- * Areas out of GeoJSON (RFC 7946): Polygon, MultiPolygon, GeometryCollection, Feature, FeatureCollection. The
- * JSON is json-c's work, which keeps the text of a number with a point or exponent as it stood, so that it goes
- * to an exact decimal and never through a double. Coordinates are taken in the dataset's plane, whatever the
- * standard says of degrees. Other geometry is refused: a line is no area.
+ * Areas from GeoJSON (RFC 7946): Polygon, MultiPolygon, GeometryCollection, Feature, FeatureCollection. json-c parses it and
+ * keeps the text of numbers with a point or exponent, so they become exact decimals without a double between. Coordinates are
+ * in the plane of the dataset, whatever the standard says of degrees. Other geometries are refused: a line is not an area.
  */
 #include <json-c/json.h>
 #include <stdarg.h>

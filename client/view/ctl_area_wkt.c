@@ -1,7 +1,6 @@
 /*
- * Areas out of well-known text: POLYGON and MULTIPOLYGON, with or without Z and M (which are read and left
- * aside), one or several in a file. Numbers go from their text to exact decimals. What it will not do: guess at
- * an SRID, or take lines and points for areas.
+ * Areas from well-known text: POLYGON and MULTIPOLYGON, with or without Z and M (which are read and ignored), one or several
+ * in a file. Numbers become exact decimals. SRIDs are not interpreted, and lines and points are refused.
  */
 #include <ctype.h>
 #include <string.h>

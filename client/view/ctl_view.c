@@ -1,7 +1,7 @@
 /*
- * The view options as a request (PROTOCOL.md, "Views"): "ask 1", then a word for each. What can be known
- * without the dataset is refused here, before a daemon is asked; what was typed goes as it stands, as an exact
- * decimal, since only the daemon knows the lattice and the unit of the dataset.
+ * The view options as a request (PROTOCOL.md, "Views"): "ask 1", then a word for each option. Errors that can be found
+ * without the dataset are found here, before a daemon is asked. Numbers are sent as they were typed, as exact decimals: only
+ * the daemon knows the lattice and the unit of the dataset.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -60,7 +60,7 @@ static int check_words(const struct ctl_view_options *a, struct err *err)
 	return 0;
 }
 
-/* What contradicts itself is a mistake of whoever typed it. */
+/* Options that contradict each other are a usage error. */
 static int check_sense(const struct ctl_view_options *a, struct err *err)
 {
 	bool highest = is(a->duplicates, "highest");
@@ -260,7 +260,7 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fprintf(out, " zmax=%s", a->zmax);
 	if (a->every)
 		fprintf(out, " every=%llu", (unsigned long long)a->every);
-	/* Which point of a cell is taken follows that of a position, unless it is said. */
+	/* Unless --thin-pick is given, a cell keeps the point that a position would keep. */
 	if (a->thin)
 		fprintf(out, " thin=%s:%s", a->thin,
 			a->thin_pick                               ? a->thin_pick :

@@ -57,7 +57,7 @@ static void as_table(const struct usb_device *list, size_t n, const struct profi
 	term_table_free(t);
 }
 
-static void tell(struct program *args, enum usb_change change, const struct usb_device *d, const struct profile_set *set)
+static void print_change(struct program *args, enum usb_change change, const struct usb_device *d, const struct profile_set *set)
 {
 	char words[200];
 
@@ -88,7 +88,7 @@ static int watch(struct program *args, struct usb *usb, const struct profile_set
 		if (p[2].revents & POLLERR)
 			break;
 		while (usb_change(usb, &change, &device) == 1)
-			tell(args, change, &device, set);
+			print_change(args, change, &device, set);
 	}
 	return 0;
 }

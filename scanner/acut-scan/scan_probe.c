@@ -279,7 +279,7 @@ int scan_probe(struct program *args)
 	const struct replay_sinks sinks = {.ctx = &p, .sweep = on_sweep, .points = on_points, .fault = on_fault};
 	const struct replay_clock clock = {.utc_ns = clock_real_us() * 1000, .monotonic_ns = (int64_t)clock_mono_ns()};
 	struct err err = ERR_INIT;
-	bool told = false;
+	bool printed = false;
 	int r = scan_device_open(args, &p.d, &err);
 
 	if (r)
@@ -291,7 +291,7 @@ int scan_probe(struct program *args)
 		r = listen(&p, &err);
 	if (!r) {
 		r = judge(&p, &err);
-		told = true;
+		printed = true;
 		if (args->console.json)
 			as_json(&p, &err);
 		else
@@ -302,5 +302,5 @@ int scan_probe(struct program *args)
 	if (!r)
 		return 0;
 	/* In JSON it is in the object already. */
-	return told && args->console.json ? err_exit_status(err.code) : scan_fail(args, &err);
+	return printed && args->console.json ? err_exit_status(err.code) : scan_fail(args, &err);
 }

@@ -108,7 +108,7 @@ static void take_dataset(void *ctx, const struct acut_dataset *d)
 	snprintf(t->unit_z, sizeof t->unit_z, "%s", d->unit_z);
 }
 
-static int look_at_dataset(struct pushing *p, struct err *err)
+static int check_dataset(struct pushing *p, struct err *err)
 {
 	if (!acut_datasets(p->acut, p->args->into, take_dataset, &p->target))
 		return 0;
@@ -142,7 +142,7 @@ static int open_poses(struct pushing *p, struct err *err)
 	}
 	r = scan_push_poses(p->args, &plane, p->pose_fd, &p->track, err);
 	if (!r)
-		scan_push_tell_poses(p->args, p->track);
+		scan_push_print_poses(p->args, p->track);
 	return r;
 }
 
@@ -451,7 +451,7 @@ static int push_all(struct pushing *p, struct err *err)
 			r = push_batch(&b, err);
 		console_progress_clear(&p->args->console);
 		for (size_t k = first; !r && k < i; k++)
-			scan_push_tell(p->args, &p->result[k]);
+			scan_push_print(p->args, &p->result[k]);
 	}
 	return r;
 }
@@ -471,7 +471,7 @@ static int write_file(struct pushing *p, struct err *err)
 	r = scan_source_save(p->result[0].source, p->args->output, err);
 	p->result[0].state = SCAN_WRITTEN;
 	if (!r)
-		scan_push_tell(p->args, &p->result[0]);
+		scan_push_print(p->args, &p->result[0]);
 	return r;
 }
 
@@ -504,7 +504,7 @@ static int run(struct pushing *p, struct err *err)
 	if (!r && p->args->into)
 		r = connect_daemon(p, err);
 	if (!r && p->args->into)
-		r = look_at_dataset(p, err);
+		r = check_dataset(p, err);
 	if (!r)
 		r = find_all(p, err);
 	if (!r)
@@ -542,7 +542,7 @@ int scan_push(struct program *args)
 	else if (p.refused)
 		status = SOME_REFUSED;
 	if (p.generation)
-		scan_push_tell_all(args, p.generation, p.points, clock_since(start));
+		scan_push_print_all(args, p.generation, p.points, clock_since(start));
 	clear(&p);
 	return status;
 }

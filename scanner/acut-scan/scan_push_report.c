@@ -82,7 +82,7 @@ static void plane_json(struct term_json *j, const struct scan_source *s)
 	term_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
 }
 
-static void tell_json(struct program *args, const struct scan_result *r)
+static void print_json(struct program *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
 	struct term_json j = {.out = args->console.report};
@@ -128,7 +128,7 @@ static void add(char *text, size_t size, uint64_t n, const char *what)
 			 mark && n > 1 ? "s" : "", mark ? mark + 1 : "");
 }
 
-static void tell_shots(struct program *args, const struct scan_source *s)
+static void print_shots(struct program *args, const struct scan_source *s)
 {
 	const struct ground_counts *g = &s->ground;
 	char why[256] = "", a[32], b[32], c[32];
@@ -144,7 +144,7 @@ static void tell_shots(struct program *args, const struct scan_source *s)
 		     *why ? "; dropped: " : "", why);
 }
 
-static void tell_spool(struct program *args, const struct scan_spool *s)
+static void print_spool(struct program *args, const struct scan_spool *s)
 {
 	const struct replay_counts *c = &s->counts;
 	char why[256] = "";
@@ -168,13 +168,13 @@ static void tell_spool(struct program *args, const struct scan_spool *s)
 		console_note(&args->console, "%s: it has no end yet: what was recorded until now was taken", s->file);
 }
 
-void scan_push_tell(struct program *args, const struct scan_result *r)
+void scan_push_print(struct program *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
 	char a[32], b[32];
 
 	if (args->console.json) {
-		tell_json(args, r);
+		print_json(args, r);
 		return;
 	}
 	if (r->state == SCAN_REFUSED) {
@@ -182,9 +182,9 @@ void scan_push_tell(struct program *args, const struct scan_result *r)
 		return;
 	}
 	if (r->first)
-		tell_spool(args, s->spool);
+		print_spool(args, s->spool);
 	if (s->kind == SCAN_GROUND)
-		tell_shots(args, s);
+		print_shots(args, s);
 	if (r->warning)
 		console_warn(&args->console, "%s: %s", s->name, r->warning);
 	if (r->state == SCAN_KNOWN)
@@ -205,7 +205,7 @@ void scan_push_tell(struct program *args, const struct scan_result *r)
 			     r->replaced == 1 ? "" : "s");
 }
 
-void scan_push_tell_all(struct program *args, uint64_t generation, uint64_t points, double seconds)
+void scan_push_print_all(struct program *args, uint64_t generation, uint64_t points, double seconds)
 {
 	char a[32];
 
@@ -213,7 +213,7 @@ void scan_push_tell_all(struct program *args, uint64_t generation, uint64_t poin
 		     plural(points), seconds);
 }
 
-void scan_push_tell_poses(struct program *args, const struct pose_track *t)
+void scan_push_print_poses(struct program *args, const struct pose_track *t)
 {
 	const struct pose_span *s = pose_track_span(t);
 	const struct crs_info *c = pose_track_system(t);

@@ -73,7 +73,7 @@ int record_patience(const struct record *r)
 {
 	double left = r->args->seconds - clock_since(r->began_ns), ms = left * 1000 + 1;
 	int wait = r->args->seconds > 0 ? (ms < 1 ? 1 : ms > 1e9 ? 1000000000 : (int)ms) : -1;
-	int tick = r->progress ? 200 : r->args->console.json ? 1000 : r->notified && r->told_bytes != r->bytes ? 1000 : -1;
+	int tick = r->progress ? 200 : r->args->console.json ? 1000 : r->notified && r->reported_bytes != r->bytes ? 1000 : -1;
 
 	return wait < 0 ? tick : tick < 0 || wait < tick ? wait : tick;
 }
@@ -279,7 +279,7 @@ static int run(struct record *r, struct scan_device *device, int fd, struct err 
 		return err->code == ERR_CANCELLED && scan_stopped() ? RECORD_DONE : scan_fail(r->args, err);
 	}
 	rc = finish(r, err);
-	record_tell_end(r, err);
+	record_report_end(r, err);
 	if (rc)
 		return scan_fail(r->args, err);
 	return r->why == RECORD_UNPLUGGED ? RECORD_LEFT : RECORD_DONE;

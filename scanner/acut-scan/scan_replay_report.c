@@ -28,7 +28,7 @@ static double per_second(uint64_t n, double seconds)
 
 /* ---- for people ---- */
 
-static void tell_records(FILE *out, const struct scan_found *f)
+static void print_records(FILE *out, const struct scan_found *f)
 {
 	char size[32], rate[32];
 	double seconds = (double)(f->last_ns - f->first_ns) / 1e9;
@@ -50,7 +50,7 @@ static void tell_records(FILE *out, const struct scan_found *f)
 		term_field(out, "end", f->tail.ended ? "as it should be" : "none: the capture was cut off, or runs still");
 }
 
-static void tell_telegrams(FILE *out, const struct scan_found *f)
+static void print_telegrams(FILE *out, const struct scan_found *f)
 {
 	const struct framer_counts *c = &f->counts.framer;
 	const char *comma = ": ";
@@ -75,7 +75,7 @@ static void tell_telegrams(FILE *out, const struct scan_found *f)
 	fprintf(out, "; gaps in the capture: %llu\n", (unsigned long long)f->counts.gaps);
 }
 
-static void tell_sweeps(FILE *out, const struct scan_found *f)
+static void print_sweeps(FILE *out, const struct scan_found *f)
 {
 	const struct replay_counts *c = &f->counts;
 	double seconds = c->last_utc_s - c->first_utc_s;
@@ -107,7 +107,7 @@ static void tell_sweeps(FILE *out, const struct scan_found *f)
 		term_field(out, "serial", "%s, by its telegrams", c->device_serial);
 }
 
-static void tell_faults(FILE *out, const struct scan_found *f)
+static void print_faults(FILE *out, const struct scan_found *f)
 {
 	for (uint64_t i = 0; i < f->n_faults && i < SCAN_FAULTS; i++)
 		term_line(out, "  at %llu, %llu bytes: %s", (unsigned long long)f->faults[i].offset,
@@ -116,7 +116,7 @@ static void tell_faults(FILE *out, const struct scan_found *f)
 		term_line(out, "  and %llu more", (unsigned long long)(f->n_faults - SCAN_FAULTS));
 }
 
-static void tell(struct program *args, const struct scan_found *f)
+static void print_text(struct program *args, const struct scan_found *f)
 {
 	FILE *out = args->console.report;
 	const struct spool_head *h = &f->head;
@@ -128,15 +128,15 @@ static void tell(struct program *args, const struct scan_found *f)
 			   h->serial[0] ? " " : "", h->serial);
 	if (h->utc_ns)
 		term_field(out, "captured", "%s at %s", utc_text((double)h->utc_ns / 1e9, when), h->port);
-	tell_records(out, f);
+	print_records(out, f);
 	if (!f->decoded) {
 		term_field(out, "decoded", "no: %s", err_format(&f->why, buf, sizeof buf));
 		return;
 	}
 	term_field(out, "profile", "%s: %s", f->profile.name, f->profile.title);
-	tell_telegrams(out, f);
-	tell_sweeps(out, f);
-	tell_faults(out, f);
+	print_telegrams(out, f);
+	print_sweeps(out, f);
+	print_faults(out, f);
 }
 
 /* ---- for programs ---- */
@@ -178,7 +178,7 @@ static void json_decoded(struct term_json *j, const struct scan_found *f)
 	}
 }
 
-static void tell_json(struct program *args, const struct scan_found *f)
+static void print_json(struct program *args, const struct scan_found *f)
 {
 	struct term_json j = console_json(&args->console);
 
@@ -221,7 +221,7 @@ static void tell_json(struct program *args, const struct scan_found *f)
 void scan_replay_report(struct program *args, const struct scan_found *f)
 {
 	if (args->console.json)
-		tell_json(args, f);
+		print_json(args, f);
 	else if (!args->console.quiet)
-		tell(args, f);
+		print_text(args, f);
 }

@@ -82,10 +82,10 @@ struct scan_result {
 	bool first;          /* of its spool */
 	struct err err;      /* of REFUSED */
 };
-void scan_push_tell(struct program *, const struct scan_result *);
+void scan_push_print(struct program *, const struct scan_result *);
 /* At the end: the dataset. */
-void scan_push_tell_all(struct program *, uint64_t generation, uint64_t points, double seconds);
+void scan_push_print_all(struct program *, uint64_t generation, uint64_t points, double seconds);
 /* What is known of the poses, before anything is sent. */
-void scan_push_tell_poses(struct program *, const struct pose_track *);
+void scan_push_print_poses(struct program *, const struct pose_track *);
 
 #endif

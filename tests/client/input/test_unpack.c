@@ -138,7 +138,7 @@ static void gzip_whole(void **state)
 
 		memcpy(packed + n, rows[i].behind, rows[i].size - n);
 		fd = file_of(packed, rows[i].size);
-		assert_int_equal(ctl_unpack_look(fd), CTL_UNPACK_GZIP);
+		assert_int_equal(ctl_unpack_kind_of(fd), CTL_UNPACK_GZIP);
 		assert_int_equal(ctl_unpack_gzip(fd, take, &o, &cut, &trailing, &err), 0);
 		assert_true(!cut && trailing == rows[i].trailing && o.n == TEXT && !memcmp(room, text, TEXT));
 		o = (struct out){room, 0, 2500};
@@ -166,7 +166,7 @@ static void gzip_damaged(void **state)
 		fd = file_of(packed, flip ? n : i);
 		if (flip)
 			packed[i - n] ^= (uint8_t)(1 << i % 8);
-		if (ctl_unpack_look(fd) == CTL_UNPACK_GZIP) {
+		if (ctl_unpack_kind_of(fd) == CTL_UNPACK_GZIP) {
 			r = ctl_unpack_gzip(fd, take, &o, &cut, &trailing, &err);
 			assert_true(!r == !err.code && (!r || (*err.message && *err.hint)));
 			assert_true(flip || (r == -ERR_TRUNCATED && cut && o.n <= TEXT && !memcmp(room, text, o.n)));
@@ -187,7 +187,7 @@ static void zip_whole(void **state)
 		struct list l = {.n = 0};
 		struct err err = ERR_INIT;
 
-		assert_int_equal(ctl_unpack_look(fd), CTL_UNPACK_ZIP);
+		assert_int_equal(ctl_unpack_kind_of(fd), CTL_UNPACK_ZIP);
 		assert_int_equal(ctl_unpack_list(fd, note, &l, &err), 0);
 		assert_int_equal(l.n, 4);
 		for (unsigned i = 4; i > 0; i--) { /* in any order */
@@ -221,7 +221,7 @@ static void zip_damaged(void **state)
 		fd = file_of(packed, flip ? n : i);
 		if (flip)
 			packed[i - n] ^= (uint8_t)(1 << i % 8);
-		r = ctl_unpack_look(fd) == CTL_UNPACK_ZIP ? ctl_unpack_list(fd, note, &l, &err) : -1;
+		r = ctl_unpack_kind_of(fd) == CTL_UNPACK_ZIP ? ctl_unpack_list(fd, note, &l, &err) : -1;
 		assert_true(r == -1 || (!r == !err.code && (!r || (*err.message && *err.hint))));
 		if (!flip && !r)
 			fail_msg("cut at %zu of %zu: %zu members", i, n, l.n);
@@ -251,7 +251,7 @@ static void neither(void **state)
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
 		int fd = file_of(rows[i], strlen(rows[i]));
 
-		assert_int_equal(ctl_unpack_look(fd), CTL_UNPACK_NONE);
+		assert_int_equal(ctl_unpack_kind_of(fd), CTL_UNPACK_NONE);
 		close(fd);
 	}
 }

@@ -81,7 +81,7 @@ static void open_line(struct term_json *j, const struct record *r, const char *e
 	term_json_text(j, "file", r->path);
 }
 
-void record_tell_start(struct record *r, const char *what)
+void record_report_start(struct record *r, const char *what)
 {
 	const struct spool_head *h = &r->head;
 	struct term_json j = {.out = stdout};
@@ -89,7 +89,7 @@ void record_tell_start(struct record *r, const char *what)
 
 	r->started = true;
 	r->notified = sd_notifyf(0, "READY=1\nSTATUS=%s: capturing into %s", what, r->path) > 0;
-	r->told_ns = clock_mono_ns();
+	r->reported_ns = clock_mono_ns();
 	if (!r->args->console.json) {
 		if (!r->args->console.quiet) {
 			console_progress_clear(&r->args->console);
@@ -129,22 +129,22 @@ static void line(struct record *r)
 			 r->args->from || r->capture ? "" : "  unplugged, waiting");
 }
 
-void record_tell_progress(struct record *r)
+void record_report_progress(struct record *r)
 {
 	uint64_t now = clock_mono_ns(), every = r->progress ? 200000000 : 1000000000;
 	struct term_json j = {.out = stdout};
 	char size[32], rate[32];
 	double passed;
 
-	if ((!r->progress && !r->args->console.json && !r->notified) || now - r->told_ns < every)
+	if ((!r->progress && !r->args->console.json && !r->notified) || now - r->reported_ns < every)
 		return;
-	passed = seconds(now - r->told_ns);
-	r->rate += ((double)(r->bytes - r->told_bytes) / passed - r->rate) * (passed >= 1 ? 1 : passed);
-	if (r->notified && (r->told_bytes != r->bytes || r->rate >= 1))
+	passed = seconds(now - r->reported_ns);
+	r->rate += ((double)(r->bytes - r->reported_bytes) / passed - r->rate) * (passed >= 1 ? 1 : passed);
+	if (r->notified && (r->reported_bytes != r->bytes || r->rate >= 1))
 		sd_notifyf(0, "STATUS=%s in %s, %s/s%s", parse_size_text(r->bytes, size), r->path,
 			   parse_size_text((uint64_t)r->rate, rate), r->args->from || r->capture ? "" : "; unplugged");
-	r->told_ns = now;
-	r->told_bytes = r->bytes;
+	r->reported_ns = now;
+	r->reported_bytes = r->bytes;
 	if (r->progress)
 		line(r);
 	if (!r->args->console.json)
@@ -155,7 +155,7 @@ void record_tell_progress(struct record *r)
 	term_json_end(&j);
 }
 
-void record_tell_event(struct record *r, const char *event, const char *text)
+void record_report_event(struct record *r, const char *event, const char *text)
 {
 	struct term_json j = {.out = stdout};
 
@@ -217,7 +217,7 @@ static void end_text(const struct record *r, const struct spool_totals *t, const
 	term_field(stdout, "sha256", "%s", sum);
 }
 
-void record_tell_end(struct record *r, const struct err *err)
+void record_report_end(struct record *r, const struct err *err)
 {
 	struct spool_totals t;
 	char sum[65], size[32];

@@ -107,7 +107,7 @@ static int look_at(struct looking *l, const char *name, struct err *err)
 	return 0;
 }
 
-int ctl_drop_look(const struct ctl_drop *d, struct ctl_drop_list *list, struct err *err)
+int ctl_drop_scan(const struct ctl_drop *d, struct ctl_drop_list *list, struct err *err)
 {
 	struct looking l = {d, list, list->n};
 	int fd = openat(d->fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0, sys;
@@ -122,7 +122,7 @@ int ctl_drop_look(const struct ctl_drop *d, struct ctl_drop_list *list, struct e
 		return err_add_file(err, d->name);
 	}
 	list->passed_by = 0;
-	list->looked_ns = clock_mono_ns();
+	list->scanned_ns = clock_mono_ns();
 	for (size_t i = 0; i < list->n; i++)
 		list->file[i].there = false;
 	while (errno = 0, !r && (e = readdir(dir)))
