@@ -1,4 +1,4 @@
-/* cache stat|verify|gc: what lies on the daemon's disk, whether it is sound, and removing what can be made again. */
+/* cache stat|verify|gc: use of the daemon's disk, verification, and removal of derived data. */
 #include <string.h>
 
 #include "ctl.h"

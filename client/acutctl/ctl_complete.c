@@ -109,7 +109,7 @@ static void offer_generation(void *ctx, const struct acut_generation *g)
 	cli_offer(ctx, word, what);
 }
 
-/* Of the dataset on the line, or of that of the job. */
+/* Generations of the dataset on the line, or of the dataset of the job. */
 static void offer_generations(struct cli_typed *t)
 {
 	const struct acut_log_sink sink = {.generation = offer_generation, .ctx = t};

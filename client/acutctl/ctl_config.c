@@ -1,4 +1,4 @@
-/* config show: the settings of the daemon, and where each comes from. */
+/* config show: the settings of the daemon and their origins. */
 #include <string.h>
 
 #include "ctl.h"

@@ -101,7 +101,7 @@ static void count_name(void *ctx, const struct acut_dataset *d)
 	named->n += !strcmp(d->name, named->name);
 }
 
-/* How to get it back: where several of its name were removed, that does not say which. */
+/* How to restore it: by its number if several datasets of its name were removed. */
 static void print_removed(struct session *session, const char *name, uint64_t id, int64_t until_us)
 {
 	struct named named = {.name = name};

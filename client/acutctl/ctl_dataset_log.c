@@ -88,8 +88,7 @@ static void row(void *ctx, const struct acut_generation *g)
 		row_text(l, g);
 }
 
-/* By its path, where it had one: that of what came through a pipe was made up (ctl_input_path), and says no more than its name.
- */
+/* The path of a file; its name if it came through a pipe, whose path is made up (ctl_input_path). */
 static const char *known_as(const struct acut_log_file *f)
 {
 	static const char made_up[] = "/dev/stdin/";

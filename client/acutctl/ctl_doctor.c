@@ -1,9 +1,9 @@
 /*
- * doctor: what is wrong, and what to do; of this side (socket, versions, groups, clock) and of the daemon's.
+ * doctor: problems of this side (socket, versions, groups, clock) and of the daemon, and what to do.
  *
- * The model: checks in the order in which one thing rests on another; each is ok, a warning, wrong, or unknown. The exit
- * status is 0 if nothing is wrong, also with warnings; 1 if something is; that of the failure where no daemon can be
- * asked (69: none answers, 77: it refuses this user).
+ * Checks run in the order in which they depend on each other; each is ok, a warning, wrong, or unknown. The exit status is 0
+ * without a wrong one; 1 with one; that of the failure if no daemon can be asked (69: no daemon answers, 77: it refuses this
+ * user).
  */
 #include <errno.h>
 #include <grp.h>
@@ -81,7 +81,7 @@ static void result(struct doctor *d, const char *name, const char *state, const 
 
 /* ---- this side ---- */
 
-/* In the group, but not in this session: it was added after the login. */
+/* The user is in the group, but not this session: added after the login. */
 static bool joined_since(const char *group)
 {
 	const struct group *gr = getgrnam(group);
@@ -111,7 +111,7 @@ static void report_refused(struct doctor *d, const char *path, const struct err 
 		       path ? path : "", path ? ": " : "", why->message);
 }
 
-/* Why nobody answers there, as far as the name tells it. */
+/* Why no daemon answers, as far as the path shows it. */
 static void report_unreachable(struct doctor *d, const char *path, const struct err *why)
 {
 	static const char start[] = "systemctl start acutd.socket; systemctl status acutd shows why it does not run";

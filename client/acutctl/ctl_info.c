@@ -1,4 +1,4 @@
-/* info: what the headers of files say, as the daemon reads them, and (without --header) what their records are. */
+/* info: headers of files, as the daemon reads them, and (without --header) their records. */
 #include <math.h>
 #include <string.h>
 

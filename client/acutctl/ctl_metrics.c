@@ -1,10 +1,9 @@
 /*
  * metrics: numbers of the daemon in the Prometheus text format, on standard output or as a file for the node exporter.
  *
- * The model: samples come in pages, and the format wants all of one name together; so they are gathered as text, a
- * buffer for each name, and written when the last page is there. A file appears whole or not at all: it is written
- * beside its place under a name that the node exporter does not read, and renamed. Where no daemon answers, the file says
- * so (acut_up 0).
+ * Samples come in pages, and the format wants all samples of a name together; so they are collected as text, a buffer for
+ * each name, and written after the last page. The file is replaced as a whole: it is written beside its place under a name
+ * that the node exporter does not read, and renamed. If no daemon answers the file has acut_up 0.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -208,7 +207,7 @@ static int publish_at(struct gathering *g, const struct io_place *at, const char
 		return err_set(err, ERR_NOMEM, "no memory for a file");
 	}
 	write_all(g, out);
-	/* Whoever collects is another user, whatever the umask says. */
+	/* The collector is another user, whatever the umask is. */
 	errno = 0;
 	if (fflush(out) || ferror(out) || fchmod(fd, 0644) < 0)
 		r = err_sys(err, errno ? errno : EIO, "cannot write the file");

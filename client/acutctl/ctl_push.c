@@ -1,4 +1,4 @@
-/* push: files into a named dataset, which comes to be with its first push. */
+/* push: files into a named dataset, which the first push creates. */
 #include "ctl.h"
 
 int ctl_push_run(struct program *ctl)

@@ -5,7 +5,7 @@
 #include "term.h"
 #include "parse.h"
 
-/* What is held of a name by nobody of the list. */
+/* Bytes under a name that no listed holder has. */
 static uint64_t rest_of(const struct acut_status *s, size_t name)
 {
 	uint64_t left = s->ledger[name].bytes;
@@ -53,7 +53,7 @@ static void print_holder(struct term_table *t, const struct acut_holder *h)
 	term_table_text(t, "%s", text);
 }
 
-/* What is nobody's of the list. */
+/* The rest, without a listed holder. */
 static void print_rest(struct term_table *t, const struct acut_status *s)
 {
 	char text[512] = "";

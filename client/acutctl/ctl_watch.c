@@ -21,7 +21,7 @@ static int watch_one(struct session *session, uint64_t id)
 	return ctl_report_job_status(session, job);
 }
 
-/* What was printed of each unfinished job, so that only changes are. */
+/* The last printed state of each unfinished job, so that only changes are printed. */
 struct watched {
 	struct console *console;
 	struct seen {

@@ -1,11 +1,10 @@
 /*
- * A folder that files of the daemon are brought into, again and again.
+ * A folder that files of the daemon are copied into, again and again.
  *
- * The model: files that never change under their name are brought once, by a hard link where the folder is on the
- * daemon's file system and that is allowed, else by a copy; those that change, each time, the last of them when
- * all others are on the disk. Whatever happens in between, the folder is what it was the last time, with some files
- * more. Files of an earlier time go when all is there. The folder has a mark, so that none but such a folder is
- * ever written into.
+ * Files that never change under their name are copied once, by a hard link where the folder is on the daemon's file system
+ * and that is allowed. Files that change are copied each time, the last of them when all others are on the disk. Whatever
+ * happens in between, the folder is as it was the last time, with some more files. Files of an earlier time are removed at
+ * the end. The folder has a mark, so that no other folder is written into.
  */
 #include "ctl_copy.h"
 
@@ -98,7 +97,7 @@ static bool is_empty(int dirfd)
 	return empty;
 }
 
-/* What is put into the daemon's folders, the daemon may take for its own, or delete with the rest of its cache. */
+/* The daemon may take files in its own folders for its own, or delete them with its cache. */
 static int check_place(const struct ctl_copy *c, struct err *err)
 {
 	int fd = openat(c->dirfd, ".", O_PATH | O_DIRECTORY | O_CLOEXEC), r = 0;
@@ -184,7 +183,7 @@ static int remember(struct ctl_copy *c, const char *name)
 	return 0;
 }
 
-/* The folder that it goes into, made; *ret_base: its own name. */
+/* Makes and opens the folder of the file; *ret_base: its name there. */
 static int parent_of(struct ctl_copy *c, const char *name, int *ret_fd, const char **ret_base)
 {
 	char path[PATH];
@@ -209,7 +208,7 @@ static int parent_of(struct ctl_copy *c, const char *name, int *ret_fd, const ch
 	return 0;
 }
 
-/* Lasting files say at their beginning and end what they are: checksums of all that lies between. */
+/* Lasting files contain checksums of all their bytes at their beginning and end, so comparing these is enough. */
 static bool same_piece(int a, int b, uint64_t at, size_t n)
 {
 	uint8_t x[SAMPLE], y[SAMPLE];
@@ -275,7 +274,7 @@ static int make_copy(struct ctl_copy *c, const struct acut_backup_file *f, int d
 		if (!r && session_interrupted(c->session))
 			r = err_set(&c->err, ERR_CANCELLED, "interrupted");
 	}
-	/* Whole under its name, or not there: the next time only its ends are looked at. */
+	/* Complete before it gets its name: the next time only its ends are compared. */
 	if (!r && fsync(fd) < 0)
 		r = failed(&c->err, "cannot bring to disk", f->name);
 	close(fd);

@@ -7,7 +7,7 @@
 struct ctl_copy {
 	struct session *session;
 	const char *dir;
-	char what[96];     /* as the folder's mark says it: "state", "dataset NAME" */
+	char what[96];     /* as in the mark of the folder: "state", "dataset NAME" */
 	char identity[64]; /* of what is brought; "": not known */
 	struct ctl_copy_place {
 		uint64_t device, inode; /* 0: not known */
@@ -29,9 +29,9 @@ struct ctl_copy {
 
 /* Makes DIR, or takes the one of an earlier time of the same kind. */
 int ctl_copy_begin(struct ctl_copy *, struct err *err);
-/* An acut_backup_sink's `file`; ctx is the struct ctl_copy, whose err has the failure (then -1 is returned). */
+/* The callback `file` of an acut_backup_sink; ctx is the struct ctl_copy, whose err has the failure (-1). */
 int ctl_copy_file(void *ctx, const struct acut_backup_file *);
-/* All came: what is of an earlier time goes. */
+/* All files came: removes those of an earlier time. */
 int ctl_copy_end(struct ctl_copy *, struct err *err);
 void ctl_copy_done(struct ctl_copy *);
 

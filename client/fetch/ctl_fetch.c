@@ -55,7 +55,7 @@ static int feed_head(void *ctx, const struct acut_mesh_head *head)
 	return f->sink.head(f->sink.ctx, head);
 }
 
-/* What the run has, with the state of the fetch, as of the last block. */
+/* Saves the outputs with the state of the fetch, as of the last block. */
 static int feed_save(struct feed *f)
 {
 	void *state;
@@ -107,14 +107,14 @@ static void feed_progress(void *ctx, const struct acut_progress *now)
 	session_progress_show(&f->progress, now);
 }
 
-/* These are of what came, or of what is there: going on would not mend them. */
+/* Going on would not mend these: they are about the data itself. */
 static bool can_go_on(const struct feed *f, const struct err *err)
 {
 	return outputs_saved(f->run) && err->code != ERR_GONE && err->code != ERR_DIGEST && err->code != ERR_PROTO &&
 	       err->code != ERR_CORRUPT;
 }
 
-/* A fetch that failed keeps what came; says how to go on. */
+/* A failed fetch keeps the blocks that came, and prints how to go on. */
 static int feed_failed(struct feed *f, uint64_t id)
 {
 	static const char way[] = "acutctl fetch %llu --resume, with the same outputs and options, goes on with what came";

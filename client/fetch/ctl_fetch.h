@@ -23,7 +23,7 @@ bool ctl_fetch_nothing(const struct ctl_fetch_options *);
 int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct outputs **ret, struct err *err);
 /* Fetches the job into the run, going on with what it has kept (outputs_keep), publishes, reports; exit status. */
 int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, struct outputs *, const struct ctl_staged *);
-/* Of a job that was waited for and not fetched: on a terminal only. */
+/* For a job that was waited for and not fetched; on a terminal only. */
 void ctl_fetch_summary(struct console *, const struct acut_job *);
 
 /* ---- for the files of this room ---- */

@@ -6,9 +6,9 @@
 #define LONG_SHARE 0.5 /* of the area of the mesh */
 
 /*
- * Views of the ground and the surface leave gaps, and any that is bridged is warned of. Else a lake, or the bay of a concave
- * border, is nothing to warn of: the warning is of meshes most of whose area are triangles far above the spacing of the survey,
- * as where points lie far from the rest, or of strips with nothing between them.
+ * Views of the ground and the surface leave gaps, and a bridged gap is worth a warning. In other views a lake or a concave
+ * border has long edges, too: there the warning is for meshes most of whose area is in triangles far above the spacing of the
+ * survey, as with points far from the rest, or strips with nothing between them.
  */
 void ctl_mesh_warn_edges(const struct ctl_mesh *m)
 {

@@ -1,10 +1,10 @@
-/* What a mesh has become, as JSON. */
+/* The report of a mesh, as JSON. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "ctl_fetch.h"
 
-/* A fetched job does not say what its pushes moved and left out: null. */
+/* A fetched job does not know what its pushes moved and left out: null. */
 static void moved_json(struct term_json *j, const struct ctl_staged *staged)
 {
 	double shift[3];
@@ -23,7 +23,7 @@ static void moved_json(struct term_json *j, const struct ctl_staged *staged)
 	term_json_u64(j, "lines_left_out", left_out);
 }
 
-/* What was read of each input. */
+/* How much was read of each input. */
 static void inputs_json(struct term_json *j, const struct ctl_staged *staged)
 {
 	term_json_open(j, "inputs", '[');

@@ -43,7 +43,7 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 	return 0;
 }
 
-/* Of the options that were given, those that a format takes. */
+/* The given options that a format takes. */
 static int options_of(const struct ctl_fetch_options *a, unsigned takes, struct format_options *opt, struct err *err)
 {
 	*opt = (struct format_options){.no_clobber = a->no_clobber, .canonical = a->canonical && (takes & FORMAT_CANONICAL)};
@@ -83,7 +83,7 @@ static const struct format *format_of(const struct ctl_fetch_options *a, const c
 			err_add_hint(err, "acutctl formats lists them");
 		}
 	} else if (!f && !strcmp(path, "-")) {
-		f = format_find("ply"); /* as a file of tiles is, unless said */
+		f = format_find("ply"); /* the default, as for tiles */
 	} else if (!f) {
 		err_set(err, ERR_USAGE, "the name does not say in which format to write");
 		err_add_file(err, path);
@@ -139,7 +139,7 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
-/* A number, and the unit behind it, if there is one. */
+/* A number with an optional unit. */
 static int parse_length(const char *text, struct outputs_options *opt, struct err *err)
 {
 	char number[DECIMAL_TEXT_SIZE];

@@ -1,7 +1,7 @@
 /*
- * What a mesh has become, for people. On a terminal: a page with a line for each subject: files and their sizes, what was left
- * out by which rule, what was assumed of units and coordinate systems, time, rate, memory and digest. Anywhere else: the
- * sentences that logs of scripts have. Programs read --json.
+ * The report of a mesh, for people. On a terminal: a page with a line for each subject: files and their sizes, points left
+ * out by each rule, assumed units and coordinate systems, time, rate, memory and digest. Elsewhere: the sentences that logs
+ * of scripts contain. Programs read --json.
  */
 #include <math.h>
 #include <string.h>
@@ -124,7 +124,7 @@ static void points(FILE *out, const struct acut_report *p, const struct ctl_stag
 		term_field(out, "refused", "%u input%s, named above", staged->refused, staged->refused == 1 ? "" : "s");
 }
 
-/* What the coordinates are in, and whether the files or the options say so. */
+/* Coordinate system and units, and whether files or options declare them. */
 static void place(const struct ctl_mesh *m, FILE *out)
 {
 	const struct acut_job *job = m->job;

@@ -1,6 +1,6 @@
 /*
- * The report of a window that was fetched from a job: the job's own is of its whole mesh, or of none yet, so that of
- * the window comes from the tail of its stream. Times and coordinate system are the job's.
+ * The report of a window that was fetched from a job comes from the tail of its stream: the job's own report is of its whole
+ * mesh, or not there yet. Times and coordinate system are the job's.
  */
 #include <json-c/json.h>
 #include <math.h>

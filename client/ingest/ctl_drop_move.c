@@ -1,10 +1,10 @@
 /*
- * Out of a drop folder: what was pushed goes to done/, what was refused to failed/, with the reason beside it.
+ * Moves files out of a drop folder: pushed ones to done/, refused ones to failed/, with the reason beside them.
  *
- * The model: nobody else is trusted to leave the folder alone. A file is moved only if its name still leads to the very
- * file that was read, unchanged, and what arrived is looked at once more: a file that took its place in between goes
- * back. Nothing that lies in done/ or failed/ is ever overwritten: a number goes before the extension. Both are folders
- * inside of the folder itself, never links.
+ * Other processes may change the folder at any time. A file is moved only if its name still leads to the file that was read,
+ * unchanged, and the moved file is checked once more: another file that has taken the name in between is moved back. Nothing
+ * in done/ or failed/ is overwritten: a number is put before the extension. Both are folders inside of the folder itself,
+ * never links.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -89,8 +89,7 @@ void ctl_drop_close(struct ctl_drop *d)
 
 /* ---- names ---- */
 
-/* "NAME", then "NAME.1" with the number before the extension; too long ones lose the end of what stands before it. `beside` bytes
- * must still fit behind it. */
+/* "NAME", then "NAME.1" with the number before the extension. Long names are cut before it; `beside` more bytes must fit. */
 static void numbered(const char *name, unsigned n, size_t beside, char buf[NAME_MAX + 1])
 {
 	const char *dot = strrchr(name, '.');
@@ -111,7 +110,7 @@ static int move_to(int from, const char *name, int to, const char *as)
 		return 0;
 	if (errno != EINVAL && errno != ENOSYS)
 		return -1;
-	/* A file system that cannot refuse to replace: look first. Whoever else ingests waits for our lock. */
+	/* The file system cannot refuse to replace, so check first. Another ingest waits for our lock. */
 	if (!fstatat(to, as, &st, AT_SYMLINK_NOFOLLOW)) {
 		errno = EEXIST;
 		return -1;
@@ -160,7 +159,7 @@ static int move_as(const struct ctl_drop *d, const struct ctl_input *in, int to,
 	return changed(in, err);
 }
 
-static void tell(const char *folder, const char *as, struct ctl_drop_name *ret)
+static void set_name(const char *folder, const char *as, struct ctl_drop_name *ret)
 {
 	snprintf(ret->text, sizeof(ret->text), "%s/%s", folder, as);
 }
@@ -184,7 +183,7 @@ int ctl_drop_done(const struct ctl_drop *d, const struct ctl_input *in, struct c
 	if (!r && taken)
 		return no_name(in, DONE, err);
 	if (!r)
-		tell(DONE, as, ret);
+		set_name(DONE, as, ret);
 	return r;
 }
 
@@ -230,7 +229,7 @@ static int write_reason(const struct ctl_drop *d, const char *as, const char *da
 	return err_add_file(err, in->name);
 }
 
-/* The reason first: a file never lies in failed/ without one. */
+/* The reason is written first: a file in failed/ always has one. */
 int ctl_drop_failed(const struct ctl_drop *d, const struct ctl_input *in, const char *dataset, const struct err *why,
 		    struct ctl_drop_name *ret, struct err *err)
 {
@@ -251,6 +250,6 @@ int ctl_drop_failed(const struct ctl_drop *d, const struct ctl_input *in, const 
 	if (!r && taken)
 		return no_name(in, FAILED, err);
 	if (!r)
-		tell(FAILED, as, ret);
+		set_name(FAILED, as, ret);
 	return r;
 }

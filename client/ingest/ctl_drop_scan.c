@@ -1,8 +1,8 @@
 /*
- * What lies in a drop folder: the regular files that may be taken, by name, and since when each was seen as it is.
+ * The regular files of a drop folder, by name, and since when each is unchanged.
  *
- * A file that has changed since the last look is as one that was never seen. Names of what is still being written are passed
- * over, folders too; no link is followed. Whether a file has settled is for the pass to say (ctl_ingest.c).
+ * A file that has changed since the last scan is like a new one. Names of files that are still being written, folders and
+ * links are skipped. ctl_ingest.c decides whether a file has settled.
  */
 #include <dirent.h>
 #include <errno.h>

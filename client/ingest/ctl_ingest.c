@@ -1,24 +1,21 @@
 /*
- * ingest: one pass over a drop folder. What has settled is pushed into a dataset, and moved to done/ or failed/.
+ * One pass over a drop folder: settled files are pushed into a dataset, and moved to done/ or failed/.
  *
- * The model: a file has settled when the pass itself saw it unchanged, size and both times, for the time of --settle by
- * a clock that nobody sets: neither the times that copying programs give to files nor a jump of the wall clock make
- * half a file whole. So a pass needs nothing from the one before, and lasts as long when there is something to wait for.
- * What changes meanwhile is left to a later pass.
+ * A file has settled when this pass saw it unchanged (size and both times) for the time of --settle on the monotonic clock:
+ * neither the times that copying programs set nor a jump of the wall clock make an incomplete file look complete. So a pass
+ * needs no state of an earlier one, and waits at most that long. Files that change meanwhile are left to a later pass.
  *
- * Files go in pushes of many, sorted by name, with --checksum: a file that is in the dataset already, because the
- * pass before was killed between its commit and its moves or because it was delivered twice, is not taken again, and is
- * moved. A refused one does not hold up the others; a push that fails as a whole is halved until the file that
- * it fails on stands alone. What time mends (no daemon, busy, no space) leaves files where they are.
- * acutd compares a file with what the dataset has, not with the others of its push: of files of one content the first goes,
- * and the others go with the next push, which finds it there, or takes one of them in its stead. Where the first was refused for
- * what is in it the others are refused with it, unpushed.
+ * Files are pushed in batches, sorted by name, with --checksum: a file that is in the dataset already, because the pass
+ * before was killed between its commit and its moves or because it was delivered twice, is not stored again, and is moved. A
+ * refused file does not hold up the others; a push that fails as a whole is halved until the cause is alone. Failures that
+ * pass with time (no daemon, busy, no space) leave files where they are. acutd compares a file with the dataset, not with the
+ * other files of its push: of files with the same content the first is pushed, and the others go with the next push. If the
+ * first was refused for its content the others are refused without a push.
  *
  * An archive is as many inputs as it has survey files (ctl_archive.c). It is moved to failed/ if one of them was refused; the
- * others are in the dataset all the same.
+ * others are in the dataset nevertheless.
  *
- * Only regular files that lie in the folder itself are looked at, and no link is followed. Two passes over one folder keep
- * out of each other's way by a lock on the folder.
+ * Only regular files of the folder itself are taken, and no link is followed. A lock on the folder keeps two passes apart.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -70,7 +67,7 @@ struct sent {
 	size_t *of;
 };
 
-/* False: it cannot be read whole; that is for its push to tell. */
+/* False: it cannot be read to its end; the push will report that. */
 static bool hash_file(const struct ingest *g, struct ctl_drop_file *f)
 {
 	static uint8_t buf[64 << 10];
@@ -92,7 +89,7 @@ static bool hash_file(const struct ingest *g, struct ctl_drop_file *f)
 	return f->hashed;
 }
 
-/* One of the batch has the same bytes, and nobody knows yet whether the dataset takes them. */
+/* Whether a file of the batch has the same bytes, and it is not known yet whether the dataset takes them. */
 static bool is_twin(const struct ingest *g, const struct batch *b, struct ctl_drop_file *f)
 {
 	for (size_t i = 0; !f->taken && f->in.size && i < b->n; i++) {
@@ -126,8 +123,7 @@ static const char *extension(const char *name)
 	return dot ? dot : "";
 }
 
-/* The others of the same content, that would be read as of the same format, have the same said of them. Without memory they go
- * the long way. */
+/* Other files of the same content and extension get the same error. Without memory for it they are pushed. */
 static void note_refused(struct ingest *g, const struct ctl_drop_file *f, const struct err *why)
 {
 	struct err *bad = NULL;
@@ -189,11 +185,11 @@ static const struct err *why_refused(const struct ctl_staged *s, const size_t *o
 static int put_away_all(struct ingest *g, const struct batch *b, const struct ctl_staged *s, const size_t *of)
 {
 	struct ctl_drop_name *names = calloc(b->n, sizeof(*names));
-	const char **moved = calloc(b->n, sizeof(*moved)), **told = calloc(s->nfile + 1, sizeof(*told));
+	const char **moved = calloc(b->n, sizeof(*moved)), **names_of = calloc(s->nfile + 1, sizeof(*names_of));
 	struct err err = ERR_INIT;
 	int status = 0;
 
-	if (!names || !moved || !told) {
+	if (!names || !moved || !names_of) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu file names", b->n);
 		status = session_error(g->session, &err);
 	}
@@ -204,12 +200,12 @@ static int put_away_all(struct ingest *g, const struct batch *b, const struct ct
 			moved[i] = put_away(g, b->file[i], why, &names[i]);
 	}
 	for (size_t i = 0; !status && i < s->nfile; i++)
-		told[i] = moved[of ? of[i] : i];
+		names_of[i] = moved[of ? of[i] : i];
 	if (!status && (s->committed || s->refused == s->nfile))
-		status = ctl_report_push(g->session, s, told);
+		status = ctl_report_push(g->session, s, names_of);
 	free(names);
 	free(moved);
-	free(told);
+	free(names_of);
 	return status;
 }
 
@@ -272,7 +268,7 @@ static int send(struct ingest *g, const struct batch *b, struct sent *ret, struc
 	return 0;
 }
 
-/* 0, or the status that ends the pass. What was told stays told. */
+/* 0, or the status that ends the pass. */
 static int push(struct ingest *g, struct batch b)
 {
 	struct session *session = g->session;
@@ -290,9 +286,9 @@ static int push(struct ingest *g, struct batch b)
 		made = staged.committed || staged.refused == sent.in.n || (g->opt->strict && staged.refused);
 	}
 	if (made) {
-		int told = put_away_all(g, &b, &staged, sent.of);
+		int reported = put_away_all(g, &b, &staged, sent.of);
 
-		status = told ? told : staged.committed || staged.refused == sent.in.n ? 0 : status;
+		status = reported ? reported : staged.committed || staged.refused == sent.in.n ? 0 : status;
 	}
 	/* A push that was left ends with its connection. */
 	if (!staged.committed)
@@ -307,7 +303,7 @@ static int push(struct ingest *g, struct batch b)
 	return status ? status : push(g, (struct batch){b.file + b.n / 2, b.n - b.n / 2});
 }
 
-/* The next of the list, which become the batch; gives how many were looked at. */
+/* The next batch; returns how many entries of the list it covers. */
 static size_t next_batch(const struct ingest *g, struct ctl_drop_file **list, size_t n, struct batch *ret)
 {
 	struct batch b = {calloc(BATCH_FILES, sizeof(*list)), 0};
@@ -341,17 +337,17 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 		status = session_error(g->session, &err);
 	}
 	for (size_t i = 0; !status && i < *n; i++) {
-		struct ctl_staged_file *told = &s.file[b.n];
+		struct ctl_staged_file *to = &s.file[b.n];
 
 		if (!list[i]->bad) {
 			list[kept++] = list[i];
 			continue;
 		}
-		*told = (struct ctl_staged_file){.name = list[i]->in.name, .refused = true, .err = g->bad[list[i]->bad - 1]};
-		*told->err.file = 0;
-		err_add_file(&told->err, list[i]->in.name);
+		*to = (struct ctl_staged_file){.name = list[i]->in.name, .refused = true, .err = g->bad[list[i]->bad - 1]};
+		*to->err.file = 0;
+		err_add_file(&to->err, list[i]->in.name);
 		list[i]->tried = true;
-		session_refusal(g->session, &told->err);
+		session_refusal(g->session, &to->err);
 		b.file[b.n++] = list[i];
 	}
 	s.nfile = s.refused = b.n;
@@ -364,10 +360,10 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 	return status;
 }
 
-/* What has settled, in pushes of many. *ret_any: there was something. */
+/* Pushes settled files in batches. *ret_any: there were some. */
 static int push_settled(struct ingest *g, bool *ret_any)
 {
-	/* Not what the clock says now: a look may take long, and whoever looks may have stood still since. */
+	/* The time of the scan, not of now: a scan may take long, and the process may have been stopped since. */
 	uint64_t now = g->list.scanned_ns;
 	struct ctl_drop_file **list = calloc(g->list.n + 1, sizeof(*list));
 	struct err err = ERR_INIT;
@@ -438,7 +434,7 @@ static int interrupted(struct ingest *g)
 static int pass(struct ingest *g)
 {
 	struct err err = ERR_INIT;
-	bool any = true, said = false;
+	bool any = true, printed = false;
 	int status = 0;
 
 	for (;;) {
@@ -453,10 +449,10 @@ static int pass(struct ingest *g)
 			return status;
 		if (any)
 			continue;
-		if (!said && g->list.n && g->settle)
+		if (!printed && g->list.n && g->settle)
 			console_line(&g->session->console, "%s: waiting until files have not changed for %g s", g->drop.name,
 				     (double)g->settle * 1e-9);
-		said = true;
+		printed = true;
 		if (!wait_for_some(g))
 			return 0;
 	}
@@ -512,11 +508,11 @@ int ctl_ingest(struct session *session, const struct ctl_stage_options *opt, con
 	struct err err = ERR_INIT;
 	int status;
 
-	/* Names and times are the senders': a file that comes twice is known by its content. */
+	/* Names and times depend on the sender: a file that comes twice is recognised by its content. */
 	by_content.checksum = true;
 	if (check(&g, settle, &g.settle, &err))
 		return session_error(session, &err);
-	/* A journal has each line when it is true, and in the order of what goes to stderr. */
+	/* Lines reach a journal at once, in order with those of standard error. */
 	setvbuf(stdout, NULL, _IOLBF, BUFSIZ);
 	if (ctl_drop_open(&g.drop, folder, &err) || lock(&g, &err)) {
 		ctl_drop_close(&g.drop);

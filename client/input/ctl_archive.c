@@ -302,7 +302,7 @@ struct unpacking {
 	const struct ctl_input *in;
 	const char *folder;
 	int to;
-	uint64_t done, size, looked;
+	uint64_t done, size, checked;
 	struct session_progress progress;
 };
 
@@ -343,8 +343,8 @@ static int sink(void *ctx, const void *bytes, size_t n, struct err *err)
 
 	if (session_interrupted(u->inputs->session))
 		return err_set(err, ERR_CANCELLED, "interrupted");
-	if (u->done - u->looked >= check_every) {
-		u->looked = u->done;
+	if (u->done - u->checked >= check_every) {
+		u->checked = u->done;
 		if (room_left(u) < margin)
 			return no_room(u, err);
 	}

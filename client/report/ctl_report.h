@@ -1,4 +1,4 @@
-/* What is printed of jobs, pushes and files, for people and as JSON. */
+/* Reports on jobs, pushes and files, for people and as JSON. */
 #ifndef CTL_REPORT_H
 #define CTL_REPORT_H
 
@@ -36,7 +36,7 @@ void ctl_report_warn_crowded(struct console *, const struct acut_report *);
 /* Each file and the sum. moved_to: where each file is now, NULL where it was; NULL itself: of a push, which moves nothing. Prints
  * its failure; exit status. */
 int ctl_report_push(struct session *, const struct ctl_staged *, const char *const *moved_to);
-/* What became of heights, and of inputs whose records were overridden. */
+/* Shifted heights, and inputs whose records were overridden. */
 void ctl_report_heights(struct console *, const struct ctl_staged *);
 void ctl_report_overridden(struct console *, const struct ctl_staged * /* or NULL */);
 

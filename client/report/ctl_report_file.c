@@ -1,4 +1,4 @@
-/* What is in the records of a file, for people and as JSON. What is not known is said so, or null. */
+/* The records of a file, for people and as JSON. Unknown values are "unknown", or null. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* What became of heights, as the daemon has it a file; means are weighted by points. */
+/* Shifted heights, which the daemon reports by file; means are weighted by points. */
 #include <math.h>
 #include <string.h>
 

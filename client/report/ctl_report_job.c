@@ -1,4 +1,4 @@
-/* Jobs as people and as programs read them, and the exit status that a job stands for. */
+/* Jobs for people and as JSON, and the exit status of a job. */
 #include <math.h>
 #include <string.h>
 
@@ -134,7 +134,7 @@ void ctl_report_most(struct term_json *j, uint64_t points, const double at[2])
 	term_json_close(j, '}');
 }
 
-/* Of a window what is of a whole mesh is not known. */
+/* A window has no values of the whole mesh. */
 void ctl_report_mesh(struct term_json *j, const struct acut_report *p)
 {
 	if (!p) {
@@ -260,9 +260,9 @@ int ctl_report_job_status(struct session *session, const struct acut_job *job)
 }
 
 /*
- * Many points at one position, as of scanners that write 0,0,0 where nothing came back: one vertex comes of them, and the
- * triangles to it span all that lies between. A hundred are no coincidence where that is a hundredth of the points, or a
- * thousand times what other positions have.
+ * Many points at one position, as from scanners that write 0,0,0 for a missing echo: they become one vertex, and its
+ * triangles span everything between. A hundred points are no coincidence if they are a hundredth of all points, or a thousand
+ * times the mean of a position.
  */
 bool ctl_report_crowded(uint64_t at_one, uint64_t points, uint64_t positions)
 {

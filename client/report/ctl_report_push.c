@@ -1,4 +1,4 @@
-/* What a push did, file by file. */
+/* The report of a push, file by file. */
 #include <math.h>
 #include <string.h>
 
@@ -43,7 +43,7 @@ static bool is_tight(const struct room *room)
 	return tight;
 }
 
-/* Passes over a folder come all the time: each says it only where it matters. */
+/* Passes over a folder are frequent: they print it only when it matters. */
 static void room_text(struct console *c, const struct room *room, bool always)
 {
 	if (room->known && (always || is_tight(room)))
@@ -135,7 +135,7 @@ int ctl_report_push(struct session *session, const struct ctl_staged *s, const c
 	bool nothing = is_nothing(s);
 	int status = 0;
 
-	/* what nobody reads is not asked for */
+	/* not asked for if it is not printed */
 	if (s->generation && (c->json || !c->quiet) && acut_datasets(session->acut, s->dataset, measure_room, &room))
 		status = session_error_acut(session);
 	for (size_t i = 0; i < s->nfile; i++) {

@@ -1,7 +1,7 @@
 /*
- * --assume-crs and --assume-units: what is taken for inputs that say nothing. --override-crs and --override-units:
- * what is taken in place of what they say. Here the words become texts for the daemon, which knows coordinate systems;
- * a WKT may stand in a file. And the warning of what is still unknown.
+ * --assume-crs and --assume-units: assumed for inputs that do not declare them. --override-crs and --override-units: used
+ * instead of the declared ones. Here the words become texts for the daemon, which knows coordinate systems; a WKT may be in a
+ * file. Also the warning of what is still unknown.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@
 
 enum { WKT_MAX = 32768 };
 
-/* "EPSG:n" and whole WKTs are not looked for on the disk. */
+/* "EPSG:n" and complete WKTs are not names of files. */
 static int read_wkt(const char *path, char **ret, struct err *err)
 {
 	char *text;

@@ -1,4 +1,4 @@
-/* Geoid grids: files that become grids of the daemon, and what is said when degrees are projected. */
+/* Files that become geoid grids of the daemon. */
 #include <string.h>
 
 #include "ctl_stage.h"

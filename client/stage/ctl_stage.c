@@ -1,7 +1,7 @@
 /*
- * Inputs into a dataset: all headers first (the lattice must not depend on their order), then the points,
- * file by file, then the commit that makes them visible. A broken input among good ones is told, left out,
- * and makes the exit status 3; with --strict it ends the push, and nothing is kept.
+ * Inputs into a dataset: all headers first (the lattice must not depend on their order), then the points, file by file, then
+ * the commit that makes them visible. A broken input among good ones is printed and left out, and the exit status is 3; with
+ * --strict it ends the push, and nothing is kept.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -24,9 +24,9 @@ struct staging {
 	struct acut_push *push;
 	struct ctl_assume assume;
 	struct session_progress progress;
-	bool named; /* a dataset that stays: it wants to know who the inputs are */
+	bool named; /* a dataset that stays: the daemon records the paths of its inputs */
 	bool cut;   /* the only input broke off with the connection it came over */
-	int status; /* of what ended it, told already */
+	int status; /* of the failure that ended it, which is printed already */
 	char path[4096];
 };
 
@@ -50,9 +50,9 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 	return 0;
 }
 
-/* What an input may be left out for; the rest ends the push. It came as answer to a question about this input, and may be about
- * the push, or the daemon: who is about a file says so, or refuses it. */
-static int told(struct staging *s, size_t i, const struct acut_failure *why)
+/* A refused input is left out; other failures end the push. The answer may be about the push or the daemon, although the
+ * request was about this input: the error names a file, or has the field "push". */
+static int failed(struct staging *s, size_t i, const struct acut_failure *why)
 {
 	struct err err = ERR_INIT;
 	bool refusal;
@@ -88,7 +88,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 	struct ctl_staged_file *to = &s->ret->file[i];
 
 	if (why)
-		return s->status = told(s, i, why);
+		return s->status = failed(s, i, why);
 	to->known = p->known;
 	if (p->known) {
 		ctl_input_drop(&s->in->input[i]);
@@ -108,7 +108,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 	return 0;
 }
 
-/* What is warned of once all was read begins with what was said of the header. */
+/* The warning after all was read begins with the warning of the header. */
 static void take_warning(struct staging *s, size_t i, const char *text)
 {
 	struct ctl_staged_file *to = &s->ret->file[i];
@@ -131,7 +131,7 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 	struct err err = ERR_INIT;
 
 	if (why)
-		return s->status = told(s, i, why);
+		return s->status = failed(s, i, why);
 	if (ctl_input_finish_pipe(&s->in->input[i], &err))
 		return s->status = session_error(s->session, &err);
 	ctl_input_drop(&s->in->input[i]);
@@ -247,7 +247,7 @@ static int begin(struct staging *s, const char *dataset)
 	return 0;
 }
 
-/* What may be there already, or stand in the place of another, has to be here as a whole to be judged. */
+/* Options that compare inputs with the dataset need the whole input here. */
 static int keep(struct staging *s, struct ctl_input *in)
 {
 	struct err err = ERR_INIT;
@@ -282,7 +282,7 @@ static int commit(struct staging *s)
 	return 0;
 }
 
-/* What came over a connection that broke looks ended like anything else. */
+/* A stream over a broken connection ends like a complete one. */
 static int whole(struct staging *s)
 {
 	struct err err = ERR_INIT;

@@ -28,7 +28,7 @@ struct ctl_staged {
 		double shift[3];
 		char *warning;        /* NULL: none */
 		char *projected_from; /* of its degrees; NULL: they were not projected */
-		char *overridden;     /* what its records say, in place of which something else was taken; NULL: nothing was */
+		char *overridden;     /* what its records declare, which was overridden; NULL: nothing was */
 		uint64_t shifted;     /* heights, by a geoid; by how many metres */
 		double height[3];     /* smallest, mean, largest */
 		struct err err;
@@ -53,11 +53,11 @@ int ctl_stage_crs(const char *word, const char *option, char **ret, struct err *
 /* Adds the file to the daemon's geoid grids; `name` NULL: named after it. Prints its failure; exit status. */
 int ctl_stage_geoid(struct session *, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret);
 
-/* ---- for the files of this room: what is taken for inputs that say nothing, or in place of what they say ---- */
+/* ---- for the files of this room: assumed and overridden coordinate systems and units ---- */
 
 struct ctl_assume {
 	char *crs, unit_xy[16], unit_z[16]; /* NULL, "": nothing */
-	bool overrides;                     /* in place of what the inputs say */
+	bool overrides;                     /* in place of what the inputs declare */
 	bool no_crs, no_unit_xy, no_unit_z; /* of the inputs seen: still unknown */
 };
 int ctl_assume_read(const struct ctl_stage_options *, struct ctl_assume *ret, struct err *err);
