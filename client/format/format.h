@@ -65,8 +65,8 @@ struct format {
 	int (*block)(void *writer, const struct format_block *, struct err *);
 	int (*finish)(void *writer, const struct acut_mesh_tail *, struct err *);
 	void *(*free)(void *writer);
-	/* To go on later; NULL: it cannot. `save` gives FORMAT_SAVED bytes at most; `resume` comes in place of head, its
-	 * output stands behind the last byte then. */
+	/* To be resumed later; NULL: it cannot. `save` packs at most FORMAT_SAVED bytes; `resume` is called in place of head,
+	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);
 	int (*resume)(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *);
 };
@@ -77,7 +77,7 @@ const struct format *format_find(const char *name);    /* NULL: no such format *
 const struct format *format_by_path(const char *path); /* by extension; NULL: unknown */
 bool format_parse_color(const char *text, enum format_color *ret);
 unsigned format_options_given(const struct format_options *); /* FORMAT_CANONICAL ... */
-/* Of some options the first one, as the command line has it ("canonical"); NULL: there is none. */
+/* The name of the first of some options on the command line ("canonical"); NULL: there is none. */
 const char *format_option_name(unsigned options);
 
 /* "m", "ft", "ftUS" to the name of the unit; NULL: no such unit. */

@@ -1,4 +1,4 @@
-/* Lattice numbers to coordinates, exactly; units of length; the comments that say what the numbers are. */
+/* Lattice numbers to coordinates, exactly; units of length; comments that describe the numbers. */
 #ifndef FORMAT_AXIS_H
 #define FORMAT_AXIS_H
 
@@ -25,7 +25,7 @@ struct format_axis {
 
 #define FORMAT_COORDINATE 64 /* room for one coordinate as text */
 
-/* Three axes of a stream; origin as the options say, rounded to the lattice if "auto". */
+/* Three axes of a stream, with the origin of the options, rounded to the lattice if "auto". */
 int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *, const struct format_options *, struct err *err);
 double format_axis_value(const struct format_axis *, int32_t number);
 /* n vertices to n * 3 doubles. */
@@ -39,7 +39,7 @@ char *format_axis_origin(const struct acut_mesh_head *, const struct format_opti
 
 /* One `from` is num/den of `to`; false unless both are names of lengths ("metre", "foot", "us-survey-foot"). */
 bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *den);
-/* Multiplies an axis whose a, b, e hold, and takes the origin off then. Negative: too many digits. */
+/* Multiplies an axis whose a, b, e hold, and then subtracts the origin. Negative: too many digits. */
 int format_unit_axis(struct format_axis *, int64_t num, int64_t den, struct decimal origin);
 double format_unit_value(const struct format_axis *, int32_t number); /* nearest double */
 char *format_unit_text(const struct format_axis *, int32_t number, char *at);

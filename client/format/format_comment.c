@@ -1,5 +1,5 @@
 /*
- * The comments that say what the numbers of a text header mean. One line each, whatever is in the CRS text.
+ * Comments of text headers that describe the numbers, a line each whatever the CRS text contains.
  */
 #include <stdio.h>
 #include <string.h>

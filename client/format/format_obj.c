@@ -1,8 +1,8 @@
 /*
- * Wavefront OBJ: text, exact decimals out of the lattice numbers, faces with 1-based numbers.
+ * Wavefront OBJ: text, exact decimals of the lattice numbers, faces with 1-based numbers.
  *
- * Vertices and faces may alternate in this format, so that blocks are written as they come and nothing is
- * kept. Counts and digests are known at the end and stand there, as comments.
+ * Vertices and faces may alternate in this format, so blocks are written as they come and nothing is kept. Counts and digests
+ * are comments at the end, where they are known.
  */
 #include <inttypes.h>
 #include <stdio.h>

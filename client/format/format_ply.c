@@ -1,12 +1,11 @@
 /*
  * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int).
  *
- * The stream mixes both and says the counts at its end. Vertices go to their place at once, faces to an
- * annex that is joined at the end; the header is written first at its greatest possible size and
- * patched when the counts are known, a comment filling the rest. Faces are in the order of the stream, but for
- * those that joining moves to the front (fewer than 4096). In canonical order all vertices come before all faces,
- * so that both go to their place. Where the output cannot seek, both are kept aside. Faces take 32-bit numbers: int
- * up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused beyond.
+ * The stream mixes both, and its counts come at the end. Vertices are written in place, faces to an annex that is joined at
+ * the end. The header is written first at its largest size and patched when the counts are known; a comment fills the rest.
+ * Faces are in the order of the stream, but for fewer than 4096 that joining moves to the front. In canonical order all
+ * vertices come before all faces, so both are written in place. If the output cannot seek both are kept aside. Face numbers
+ * have 32 bits: int up to 2^31 - 1 vertices, uint up to 2^32 - 1; more are refused.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -182,7 +181,7 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 				uint32_t l = b->triangle[i][j];
 				g[j] = l >= nf ? l + base : (uint32_t)b->foreign[l];
 			}
-			/* two stores; the second one's last three bytes are the next face's, or nobody's */
+			/* two stores; the last three bytes of the second are overwritten by the next face */
 			head = 3 | g[0] << 8 | g[1] << 40;
 			rest = g[1] >> 24 | g[2] << 8;
 			memcpy(to, &head, 8);

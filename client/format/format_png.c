@@ -58,7 +58,7 @@ static int png_head(void *writer, const struct acut_mesh_head *head, struct err 
 	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width, p->opt.color == FORMAT_DOMAIN, err);
 }
 
-/* One number for a region, well mixed: neighbours must not look alike. */
+/* A hash of a region; neighbours must have different colours. */
 static uint32_t domain_hash(const int64_t box[4])
 {
 	uint64_t h = 0x243f6a8885a308d3u;

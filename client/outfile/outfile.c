@@ -1,11 +1,10 @@
 /*
- * Where a writer's bytes go: whole files or nothing.
+ * An output file: complete, or not there.
  *
- * A regular output is a nameless file in the folder it will stand in and gets its name only by
- * outfile_publish, so that however this process ends, nothing stays; where the file system has no
- * nameless files, it has a temporary name, and is removed when it is freed unpublished. What cannot be
- * renamed (standard output, pipes, devices) is written straight through. A link is followed first (io_place.c), so that
- * the file it points to is replaced and the link stays. What happens to the bytes is in outfile_bytes.c.
+ * A regular output is a nameless file in its folder and gets its name in outfile_publish, so nothing is left behind however
+ * the process ends. Where the file system has no nameless files it has a temporary name, and is removed if it is freed
+ * unpublished. What cannot be renamed (standard output, pipes, devices) is written directly. A link is followed first
+ * (io_place.c), so that its target is replaced and the link stays. outfile_bytes.c writes the bytes.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -98,11 +97,10 @@ static int output_make(struct outfile *o, struct err *err)
 	return r;
 }
 
-/* What is there already under the name: 0 = a file that will be replaced, or nothing; PLACE_OPEN: something else, to be written
- * to. */
+/* What has the name already: 0: a file that will be replaced, or nothing; PLACE_OPEN: something else, which is written to. */
 enum { PLACE_OPEN = 1 };
 
-static int output_look(const struct outfile *o, const struct io_place *p, struct err *err)
+static int check_existing(const struct outfile *o, const struct io_place *p, struct err *err)
 {
 	struct stat st;
 
@@ -114,9 +112,9 @@ static int output_look(const struct outfile *o, const struct io_place *p, struct
 		return err_set(err, ERR_USAGE, "the output is a folder");
 	if (o->no_clobber)
 		return err_set(err, ERR_USAGE, "the output exists already, and --no-clobber was given");
-	/* It was none when it was looked at: one that is there now is not to be followed. */
+	/* It was not a link before: a new link is not followed. */
 	if (S_ISLNK(st.st_mode))
-		return err_set(err, ERR_PERM, "somebody has just put a link in the place of the output");
+		return err_set(err, ERR_PERM, "a link has just been put in the place of the output");
 	return p->opaque || !S_ISREG(st.st_mode) ? PLACE_OPEN : 0;
 }
 
@@ -127,7 +125,7 @@ static int output_open_file(struct outfile *o, const char *path, struct err *err
 
 	if (r)
 		return err_add_file(err, o->label);
-	r = output_look(o, &p, err);
+	r = check_existing(o, &p, err);
 	if (r == PLACE_OPEN) {
 		r = io_open(p.dirfd, p.name, O_WRONLY | (p.opaque ? 0 : O_NOFOLLOW), 0, &o->fd, err);
 		o->own_fd = !r;
@@ -180,7 +178,7 @@ int outfile_nameless(int dirfd, int *ret_fd, struct err *err)
 		dirfd = own;
 	}
 	if (!r && io_open(dirfd, ".", O_TMPFILE | O_RDWR, 0600, ret_fd, &ignored)) {
-		/* a file system without nameless files, or one that is full: the next call says which */
+		/* no nameless files here, or the disk is full: the next call shows which */
 		snprintf(name, sizeof(name), ".acut-spool-%d-%08lx", (int)getpid(), (unsigned long)random());
 		r = io_open(dirfd, name, O_RDWR | O_CREAT | O_EXCL, 0600, ret_fd, err);
 		if (!r)

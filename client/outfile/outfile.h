@@ -1,5 +1,5 @@
 /*
- * An output file: whole, or not there. It takes its name when it is published; until then nothing stands under it.
+ * An output file: complete, or not there. It gets its name when it is published.
  */
 #ifndef OUTFILE_H
 #define OUTFILE_H
@@ -16,10 +16,10 @@ struct outfile;
 int outfile_new(const char *path, bool no_clobber, struct outfile **ret, struct err *err);
 /* A nameless file on the same file system (for standard output: in $TMPDIR, else /var/tmp). */
 int outfile_spool(const struct outfile *, struct outfile **ret, struct err *err);
-/* A second place to append, for what comes after all of the output but is written meanwhile. */
+/* A second place to append, for bytes that come after the whole output but are written meanwhile. */
 int outfile_annex(struct outfile *, struct outfile **ret, struct err *err);
-/* Room for n bytes at the end of the buffer (n <= OUTFILE_BUFFER - OUTFILE_BUFFER_KEPT), NULL on failure; then say
- * how many. OUTFILE_BUFFER_BEHIND bytes behind them may be overwritten too. */
+/* Room for n bytes at the end of the buffer (n <= OUTFILE_BUFFER - OUTFILE_BUFFER_KEPT), NULL on failure; outfile_used tells
+ * how many were used. OUTFILE_BUFFER_BEHIND bytes after them may be overwritten, too. */
 void *outfile_room(struct outfile *, size_t n, struct err *err);
 void outfile_used(struct outfile *, size_t n);
 /* Bytes that are free in the buffer: no more than these are taken without writing it. */
@@ -48,17 +48,17 @@ struct outfile *outfile_free(struct outfile *);
 
 /* ---- an output that is kept while it is written, in NAME.part, so that a later run goes on with it ---- */
 
-/* What a kept file has from offset `from` on: bytes, and what they hash to. */
+/* A part of a kept file from offset `from` on, and its hashes. */
 struct outfile_sum {
 	uint64_t from, size, chain, part;
 };
 bool outfile_part_can(const struct outfile *);
-/* A new output becomes a kept one: `on`, with the file that an earlier one left, and outfile_part_go_on comes next;
- * else what is there is replaced. -ERR_BUSY: another process has it. */
+/* A new output becomes a kept one: with `on` it continues the file of an earlier one, and outfile_part_go_on comes next; else
+ * that file is replaced. -ERR_BUSY: another process has it. */
 int outfile_part_begin(struct outfile *, bool on, struct err *err);
 /* -ERR_CORRUPT: the file has something else. `annex` is checked when the annex is opened. */
 int outfile_part_go_on(struct outfile *, const struct outfile_sum *, const struct outfile_sum *annex, struct err *err);
-/* What is written up to here may be patched later: it is not compared when a kept output goes on. */
+/* Bytes up to here may be patched later: they are not compared when a kept output is continued. */
 int outfile_part_from_here(struct outfile *, struct err *err);
 uint64_t outfile_part_size(const struct outfile *); /* with its annex */
 /* The sums of it and of its annex, as far as they were flushed. */
@@ -66,8 +66,8 @@ void outfile_part_sums(const struct outfile *, struct outfile_sum *ret, struct o
 int outfile_part_sync(struct outfile *, struct err *err); /* flushed and durable, its annex too */
 void outfile_part_discard(const struct outfile *);        /* removes it, if it was begun and nothing refers to it */
 void outfile_part_clean(const struct outfile *);          /* removes what is beside NAME.part */
-/* Whatever goes with it, in NAME.part.state: read whole (*ret to be freed; -ERR_GONE: there is none), replaced whole and durable.
- */
+/* The caller's state of it, in NAME.part.state. Read (*ret to be freed; -ERR_GONE: there is none); replaced as a whole, and
+ * durable. */
 int outfile_part_load(const struct outfile *, uint8_t **ret, size_t *ret_size, struct err *err);
 int outfile_part_store(const struct outfile *, const uint8_t *bytes, size_t size, struct err *err);
 int outfile_part_damaged(const struct outfile *, struct err *err);     /* -ERR_CORRUPT, of its state */
@@ -75,14 +75,14 @@ void outfile_part_name_state(const struct outfile *, struct err *err); /* the fi
 
 /* ---- a folder of files that appear together ---- */
 
-/* A folder, made if need be, with another one in it where files stand until all of them are whole. The index is the file that
- * says which are there: with no_clobber a folder that has one is an error. */
+/* A folder, made if need be, with another one in it that has the files until all of them are complete. The index is the file
+ * that lists them: with no_clobber a folder that has one is an error. */
 struct outfile_folder;
 int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err);
-/* A new file in the inner folder; also says in which folder nameless ones go. */
+/* A new file in the inner folder; nameless files are made there, too. */
 int outfile_folder_file(const struct outfile_folder *, const char *name, struct outfile **ret, struct err *err);
-/* Before the first is moved: -ERR_USAGE where names are taken and must not be; else the old index goes, because what
- * it says will not be true. `name` writes that of file i. */
+/* Before the first is moved: -ERR_USAGE if names exist and must not be replaced; else the old index is removed, since it will
+ * not be true any more. `name` writes the name of file i. */
 int outfile_folder_clear(struct outfile_folder *, size_t n, const char *(*name)(void *ctx, size_t i, char *buf), void *ctx,
 			 struct err *err);
 /* Moves a file that was published in the inner folder to the outer one. */

@@ -1,18 +1,16 @@
 /*
- * Bytes of an output: one buffer, and how it gets to the file.
+ * Bytes of an output: one buffer, and how it is written.
  *
- * A full buffer leaves in whole blocks, the rest moves to the front, so that offsets in file and memory agree in
- * their low bits. That lets regular outputs on file systems known to take it be written past the page cache: they
- * are written once and not read, copying them would cost more than all else that is done to them, and what a
- * large mesh would push out of the cache is worth more. Whatever comes in odd sizes (the end, a patched header)
- * goes through the cache as usual, and so does everything where direct writes are refused.
+ * A full buffer is written in whole blocks and the rest moves to its front, so offsets in file and memory agree in their low
+ * bits. So regular outputs can be written past the page cache on file systems that are known to support it: they are written
+ * once and not read, copying them would cost more than all other work on them, and they would displace more useful pages. Odd
+ * sizes (the end, a patched header) go through the cache, and so does everything where direct writes are refused.
  *
- * An annex is a second place to append, for what must stand behind the end of what is still being written. Its
- * bytes go into the same file, so far behind that the two never meet, and joining takes the hole between them out
- * of the file (FALLOC_FL_COLLAPSE_RANGE), which moves no bytes. The hole must be whole blocks: so many records
- * from the end of the annex are put before its first that the rest starts on a block's bound. Where the file
- * system is not known to do this the annex is a file of its own and is copied, into the same order. An annex that
- * fits its buffer is no file at all, and keeps its order.
+ * An annex is a second place to append, for bytes that must follow the output while it is still being written. Its bytes are
+ * in the same file, so far behind that the two never meet, and joining removes the hole between them
+ * (FALLOC_FL_COLLAPSE_RANGE) without moving bytes. The hole must be whole blocks: records from the end of the annex are put
+ * before its first until the rest starts on a block boundary. On other file systems the annex is a file of its own and is
+ * copied, in the same order. An annex that fits its buffer is not a file, and keeps its order.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -330,7 +328,7 @@ static int copy(struct outfile *o, struct outfile *from, uint64_t start, uint64_
 	return 0;
 }
 
-/* How many records of the annex must stand before its first so that this one starts on a block's bound. */
+/* How many records of the annex must be put before its first so that this one starts on a block boundary. */
 static uint64_t records_before(uint64_t end, size_t record)
 {
 	uint64_t n = 0;
@@ -340,7 +338,7 @@ static uint64_t records_before(uint64_t end, size_t record)
 	return n;
 }
 
-/* What lies between the end of the output, on a block's bound, and the annex goes; false: it cannot. */
+/* Removes the hole between the end of the output, on a block boundary, and the annex; false: it cannot. */
 static bool collapse(struct outfile *o, const struct outfile *annex)
 {
 	return annex->inside && o->at % OUTFILE_BLOCK == 0 && o->at < annex->base &&

@@ -1,10 +1,10 @@
 /*
- * The folder that tiles stand in.
+ * A folder of files that appear together.
  *
- * They are made in a folder inside of it, .tiles.part, which is locked as long as somebody works there, and moved out
- * when all are whole and on the disk; a failure before that leaves the outer folder as it was. Before the first is
- * moved the old index goes, and the new one comes last: where there is an index, all that it lists is there and of
- * one mesh. What a process that was killed has left in .tiles.part is removed by the next one.
+ * Files are made in a folder inside of it, .tiles.part, which is locked meanwhile, and moved out when all are complete and
+ * durable; a failure before that leaves the outer folder as it was. The old index is removed before the first move, and the
+ * new one comes last: if there is an index, all files that it lists are there and belong together. Files that a killed
+ * process left in .tiles.part are removed by the next one.
  */
 #include <dirent.h>
 #include <errno.h>

@@ -1,10 +1,10 @@
 /*
  * An output that is kept while it is written: NAME.part, and NAME.part.faces for its annex.
  *
- * Every byte that gets to the file goes into a sum: a chain over chunks of SUM_CHUNK bytes, and the hash of the chunk
- * that is not full yet. The sum at a moment is what a later run finds in the state (outputs_keep.c); it reads the file
- * up to there, compares, cuts off what is behind, and goes on. What a writer overwrites at the end (a header) is not
- * in the sum. The lock on NAME.part is held as long as it is open: two fetches into one output do not meet.
+ * Every byte of the file is in a sum: a chain over chunks of SUM_CHUNK bytes, and the hash of the chunk that is not full yet.
+ * A later run finds the sum in the state; it reads the file up to there, compares, cuts off the rest, and goes on. Bytes that
+ * a writer patches at the end (a header) are not in the sum. NAME.part is locked as long as it is open, so two fetches never
+ * write one output.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -266,7 +266,7 @@ int outfile_part_sync(struct outfile *o, struct err *err)
 
 void outfile_part_discard(const struct outfile *o)
 {
-	/* What is there of an earlier fetch is not ours to remove; what has its name needs nothing. */
+	/* The files of an earlier fetch are not ours to remove; a published file needs nothing. */
 	if (!o->part || o->part->on || !o->temp)
 		return;
 	unlinkat(o->dirfd, o->temp, 0);

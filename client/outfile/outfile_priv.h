@@ -5,7 +5,7 @@
 
 #include "outfile.h"
 
-/* What direct writes and whole file-system blocks are multiples of. */
+/* Direct writes, and blocks of file systems, are multiples of this. */
 #define OUTFILE_BLOCK OUTFILE_BUFFER_KEPT
 
 struct outfile {

@@ -1,11 +1,11 @@
 /*
  * --canonical: one order of vertices and triangles, whatever order the stream had.
  *
- * Vertices are numbered by (x, y), triangles turned so that the smallest number comes first and sorted by
- * their numbers. As positions are distinct, the order of numbers is the order of positions: triangles are
- * sorted as three positions and need no old numbers at all. Sorted vertices go to the writer and, as keys,
- * to a nameless file with the first key of each page in memory; each corner is looked up there, most of them
- * in a small table of recent answers. Memory: two sort buffers, 8 bytes for 512 vertices, 3 MiB.
+ * Vertices are numbered by (x, y); triangles begin with their smallest number and are sorted by their numbers. As positions
+ * are distinct, the order of numbers is the order of positions: triangles are sorted as three positions and need no old
+ * numbers. Sorted vertices are sent to the writer; their keys go to a nameless file, with heights if the format asks for
+ * positions, and the first key of each page is kept in memory. Each corner is looked up there, most of them in a small table
+ * of recent answers. Memory: two sort buffers, 8 bytes for 512 vertices, 4 MiB.
  */
 #include <stdlib.h>
 #include <string.h>

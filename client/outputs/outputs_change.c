@@ -1,11 +1,10 @@
 /*
- * --changed-since: which regions are gone and which are new, as GeoJSON beside the output that has the new triangles.
+ * --changed-since: the regions that are gone and those that are new, as GeoJSON beside the output with the new triangles.
  *
- * A region is a box of circumcentres; a triangle belongs to the one that its circumcentre is in, and where that lies on a
- * border its corners decide (geom_cut_side; for users: STREAM.md, "Changes"). Borders lie between lattice numbers, halves
- * of them, and are written as exact decimals; null is infinite.
- * The polygon of a feature is the region as far as it is in the box of the dataset, for looking at. New regions come with
- * the blocks, gone ones before them; what depends on the job stands at the end, where it is known.
+ * A region is a box of circumcentres. A triangle belongs to the region of its circumcentre; on a border its corners decide
+ * (geom_cut_side; STREAM.md, "Changes"). Borders lie halfway between lattice numbers and are written as exact decimals; null
+ * is infinite. The polygon of a feature is the part of the region in the box of the dataset, for display. New regions come
+ * with the blocks, gone ones before them; facts about the job are at the end, where they are known.
  */
 #include "outputs_change.h"
 

@@ -1,4 +1,4 @@
-/* What differs from an older mesh, region by region: OUT.changes.geojson (outputs_change.c). */
+/* Differences from an older mesh, region by region: OUT.changes.geojson (outputs_change.c). */
 #ifndef OUTPUTS_CHANGE_H
 #define OUTPUTS_CHANGE_H
 

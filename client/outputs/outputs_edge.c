@@ -93,7 +93,7 @@ static u128 edge_square(const int32_t *a, const int32_t *b)
 	return (u128)((__int128)dx * dx) + (u128)((__int128)dy * dy);
 }
 
-/* d^2 is below 2^67. The corners of a mesh differ, so it is 1 at least; a stream may say what is no mesh. */
+/* d^2 is below 2^67. It is at least 1 in a mesh, whose corners differ; a stream may be no mesh. */
 static unsigned bucket_of(double d2)
 {
 	uint64_t bits;
@@ -138,7 +138,7 @@ static u128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
 	return (u128)(s < 0 ? -s : s);
 }
 
-/* *ret is the block without those whose edges are longer than the limit. */
+/* *ret is the block without triangles that have edges longer than the limit. */
 static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		     struct acut_mesh_block *ret, struct err *err)
 {
@@ -218,7 +218,7 @@ double outputs_edge_area(const struct outputs_edge *ed)
 {
 	int64_t num, den;
 
-	/* Square degrees are no area, and those of an unknown unit nobody knows. */
+	/* Square degrees are not an area, and the unit may be unknown. */
 	if (!format_unit_ratio(ed->unit, "metre", &num, &den))
 		return NAN;
 	return (double)ed->left_out_area2 / 2 * ed->scale * ed->scale;

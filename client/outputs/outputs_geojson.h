@@ -1,5 +1,5 @@
-/* Pieces of GeoJSON that the indexes of this room share: tiles and changes. Coordinates are of the dataset's own plane, so
- * the system is named: in the old member "crs" where it has an EPSG number, which is what readers of files look for. */
+/* GeoJSON that the indexes of tiles and changes share. Coordinates are in the plane of the dataset, so the system is named:
+ * in the old member "crs" if it has an EPSG number, which readers of files look for. */
 #ifndef OUTPUTS_GEOJSON_H
 #define OUTPUTS_GEOJSON_H
 
@@ -7,7 +7,7 @@
 
 #include "outputs_priv.h"
 
-/* Text is written by stdio into memory, a piece at a time, and goes to the output at the end of the piece. */
+/* Text is printed into memory, a page at a time, and written to the output at the end of the page. */
 struct outputs_page {
 	FILE *f;
 	char *text;

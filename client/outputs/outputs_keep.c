@@ -1,10 +1,10 @@
 /*
- * What a run keeps so that a later one can go on: NAME.part.state beside its first output.
+ * The state of outputs that can be continued later: NAME.part.state beside the first output.
  *
- * The state is written between two blocks, when all that it speaks of is on the disk: the options and the job, how
- * far each output's file goes and what it hashes to (outfile_part.c), what writers, edges and open vertices have
- * counted, and the state of the fetch. It takes the place of the last one whole, so that whatever ends the process,
- * there is a state and files that have at least what it says. FORMAT.md, "State of a fetch", has the bytes.
+ * The state is written between two blocks, when everything that it describes is on the disk: the options and the job, the
+ * size and the hashes of each output's file (outfile_part.c), the counts of writers, edges and open vertices, and the state
+ * of the fetch. It replaces the last one as a whole, so however the process ends there is a state, and files that have at
+ * least its bytes. FORMAT.md, "State of a fetch", describes the bytes.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,9 +31,9 @@ struct outputs_kept {
 	uint64_t sync_bytes;
 	uint64_t saved_ns, saved_size;
 	bool saved;
-	uint8_t *state;     /* that this run goes on with */
+	uint8_t *state;     /* that is continued */
 	uint32_t version;   /* of it */
-	struct cursor rest; /* of it, behind the state of the fetch */
+	struct cursor rest; /* of it, after the state of the fetch */
 	const uint8_t *fetch;
 	size_t fetch_size;
 };
@@ -85,7 +85,7 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 }
 
 /* NULL: all can be kept. */
-static const struct outputs_target *who_cannot(const struct outputs *run)
+static const struct outputs_target *first_not_kept(const struct outputs *run)
 {
 	for (const struct outputs_target *t = run->target; t; t = t->next)
 		if (!t->out || t->canonical || !t->format->save || !outfile_part_can(t->out))
@@ -187,7 +187,7 @@ static int begin(struct outputs *run, bool on, struct err *err)
 
 int outputs_keep(struct outputs *run, uint64_t job, bool on, struct err *err)
 {
-	const struct outputs_target *not = who_cannot(run);
+	const struct outputs_target *not = first_not_kept(run);
 	const char *sync = getenv("ACUT_FETCH_SYNC");
 	struct outputs_kept *k;
 	int r;

@@ -1,4 +1,4 @@
-/* What the files of this room share: outputs (outputs.c, outputs_keep.c), and the steps between the stream and the writers. */
+/* Shared by the files of this room: outputs (outputs.c, outputs_keep.c), and the steps between the stream and the writers. */
 #ifndef OUTPUTS_PRIV_H
 #define OUTPUTS_PRIV_H
 
@@ -54,7 +54,7 @@ int outputs_edge_block(struct outputs_edge *, const struct acut_mesh_block *, co
 		       struct acut_mesh_block *ret, struct err *err);
 double outputs_edge_median(const struct outputs_edge *);
 double outputs_edge_longest(const struct outputs_edge *);
-/* Of the area of all triangles, the part of those with an edge longer than `length` (file units): 0 to 1. */
+/* The part of the area of all triangles that is in triangles with an edge longer than `length` (file units): 0 to 1. */
 double outputs_edge_share(const struct outputs_edge *, double length);
 double outputs_edge_area(const struct outputs_edge *);
 void outputs_edge_done(struct outputs_edge *);
@@ -111,7 +111,7 @@ struct outputs {
 	struct outputs_kept *kept; /* NULL: nothing is */
 };
 
-/* outputs_keep.c: in place of the heads of the writers, when a run goes on. */
+/* outputs_keep.c: called in place of the heads of the writers if outputs are continued. */
 bool outputs_keep_goes_on(const struct outputs *);
 int outputs_keep_head(struct outputs *, const struct acut_mesh_head *, struct err *err);
 /* All outputs have their names. */

@@ -1,16 +1,14 @@
 /*
  * --tile: the triangles of a mesh into the tiles of a grid, each into exactly one.
  *
- * A tile is the square [i * SIZE, (i + 1) * SIZE) of each axis, in absolute coordinates, and has the triangles whose
- * centroid is in it. The rule is exact: the sum of three absolute lattice numbers, times the scale, against 3 * i *
- * SIZE, in whole numbers. It depends on the triangle alone, so that two meshes with a tile's triangles in common have
- * the same tile.
+ * A tile is the square [i * SIZE, (i + 1) * SIZE) of each axis, in absolute coordinates, and has the triangles whose centroid
+ * is in it. The rule is exact: the sum of three absolute lattice numbers, times the scale, is compared with 3 * i * SIZE in
+ * whole numbers. It depends on the triangle alone, so two meshes with the same triangles in a tile have the same tile.
  *
- * Every triangle goes into one external sort, by tile and then by its corners; the files are made from that when the
- * whole stream has come and was checked (outputs_tile_make.c). Only tiles that have triangles are known, by a hash table
- * of their numbers: a mesh may have few of them in a box of thousands of millions, since one point far away makes it
- * that large, and the box that a stream announces may be larger than its mesh. Memory is that of the sort and some hundred
- * bytes a tile, whatever the number of triangles; one nameless file holds the rest.
+ * Every triangle goes into one external sort, by tile and then by its corners; the files are made from it after the whole
+ * stream was checked (outputs_tile_make.c). Only tiles with triangles are stored, in a hash table by number: the box that a
+ * stream announces may have thousands of millions of tiles, since one point far away is enough for that. Memory is that of
+ * the sort and some hundred bytes a tile; one nameless file has the rest.
  */
 #include <stdio.h>
 #include <stdlib.h>

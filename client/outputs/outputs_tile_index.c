@@ -1,10 +1,9 @@
 /*
- * index.geojson: what tiles there are, a feature each.
+ * index.geojson: a feature for each tile.
  *
- * Geometries are the squares of the grid in the dataset's own plane, exact decimals, nothing projected: GeoJSON means
- * degrees by its standard, so the system is named, in the old member "crs" where it has an EPSG number (which is what
- * readers of files look for), and as text. The box of a tile's vertices is beside it, since triangles reach over the
- * border.
+ * Geometries are the squares of the grid in the plane of the dataset, exact decimals, not projected. GeoJSON means degrees by
+ * its standard, so the system is named, in the old member "crs" if it has an EPSG number (which readers of files look for),
+ * and as text. Each feature has the box of its vertices, since triangles cross the border of a tile.
  */
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,11 +1,11 @@
 /*
  * One file a tile, made from the sorted triangles of all.
  *
- * The triangles of a tile come as three positions each. They go through the canonical order (outputs_canonical.c),
- * which gives each vertex one number: a tile's file depends on its triangles alone, neither on the order of the
- * stream nor on how the mesh was cut into domains, and vertices on a shared edge are the same numbers in both. A tile
- * larger than memory is sorted on the disk as a whole mesh is. Pictures need no numbers and get the triangles as they
- * are; their vertices are only counted.
+ * The triangles of a tile come as three positions each. They go through the canonical order (outputs_canonical.c), which
+ * gives each vertex one number: a tile's file depends on its triangles alone, neither on the order of the stream nor on how
+ * the mesh was cut into domains, and vertices on a shared edge have the same coordinates in both tiles. A tile larger than
+ * memory is sorted on the disk as a whole mesh is. Pictures need no numbers and get the triangles as they are; their vertices
+ * are only counted.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -22,7 +22,7 @@ struct maker {
 	struct outfile *out;
 	void *writer;
 	struct outputs_canonical *canonical;
-	struct format counter; /* stands between the canonical order and the writer */
+	struct format counter; /* between the canonical order and the writer */
 	int32_t vertex[3 * PIECE][3];
 	uint32_t triangle[PIECE][3];
 	uint32_t n;
@@ -147,7 +147,7 @@ static void done(struct maker *m)
 	m->out = outfile_free(m->out);
 }
 
-/* The next tile, that of *rec; *rec is then the first record behind it, or NULL. */
+/* The next tile, that of *rec; *rec becomes the first record after it, or NULL. */
 static int make(struct maker *m, const uint64_t **rec, struct err *err)
 {
 	struct outputs_tiles *t = m->tiles;
