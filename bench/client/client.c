@@ -14,7 +14,7 @@
 #include "check.h"
 #include "decimal.h"
 #include "err.h"
-#include "format.h"
+#include "outputs.h"
 #include "stream.h"
 
 enum { PIPE, READER, CHECK, FORMAT };
@@ -24,7 +24,7 @@ struct bench {
 	const char *stream, *folder;
 	struct stream_reader *reader;
 	struct check *check;
-	struct format_run *run;
+	struct outputs *run;
 	struct acut_mesh_sink sink;
 	char scale[2][DECIMAL_TEXT_SIZE];
 	struct err err;
@@ -149,7 +149,7 @@ static void feed(struct bench *b, int fd)
 		    event == STREAM_TAIL  ? on_tail(b) :
 					    0;
 		if (r)
-			die("block", b->run && format_run_error(b->run)->code ? format_run_error(b->run) : &b->err);
+			die("block", b->run && outputs_error(b->run)->code ? outputs_error(b->run) : &b->err);
 	}
 }
 
@@ -167,15 +167,16 @@ static void swallow(int fd)
 
 static void open_format(struct bench *b, const char *name)
 {
-	const struct format_run_options ropt = {0};
+	const struct outputs_options ropt = {0};
 	const struct format_options opt = {0};
 	const struct format *f = format_find(name);
 	char path[512];
 
 	snprintf(path, sizeof(path), "%s/bench-client.%s", b->folder, name);
-	if (format_run_new(&ropt, &b->run, &b->err) || format_run_add(b->run, f->nothing ? NULL : path, f, &opt, &b->err))
+	if (outputs_new(&ropt, &b->run, &b->err) ||
+	    outputs_add(b->run, f->kind == FORMAT_NOTHING ? NULL : path, f, &opt, &b->err))
 		die(path, &b->err);
-	b->sink = format_run_sink(b->run);
+	b->sink = outputs_sink(b->run);
 }
 
 /* user and system time, seconds; the number of vertices */
@@ -195,10 +196,10 @@ static uint64_t once(const char *stream, const char *folder, int step, const cha
 		if (step >= FORMAT)
 			open_format(&b, format);
 		feed(&b, fd);
-		if (step >= FORMAT && format_run_publish(b.run, &b.err))
+		if (step >= FORMAT && outputs_publish(b.run, &b.err))
 			die("publish", &b.err);
 		vertices = stream_reader_tail(b.reader)->vertices;
-		format_run_free(b.run);
+		outputs_free(b.run);
 		check_free(b.check);
 		stream_reader_free(b.reader);
 	}

@@ -1,513 +1,83 @@
 /*
- * acutctl: what its commands share. One file a command (ctl_NAME.c with ctl_NAME_run), bound by the table in
- * ctl_command.c; options are rows of ctl_option.c. A command returns the exit status.
+ * acutctl: its command line, and what commands share. One file a command (ctl_NAME.c with ctl_NAME_run), a row in ctl_command.c;
+ * options are rows of ctl_option.c. A command returns the exit status.
  */
 #ifndef CTL_H
 #define CTL_H
 
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <sys/types.h>
-#include <time.h>
+#include "ctl_fetch.h"
+#include "ctl_view.h"
 
-#include "acut.h"
-#include "ctl_json.h"
-#include "ctl_told.h"
-#include "ctl_text.h"
-#include "err.h"
-#include "format.h"
-
-struct ctl_daemon;
-struct stat;
-
-#define CTL_OUTPUTS 16
-
-/* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
-struct ctl_args {
-	bool json, quiet, no_progress, help, own_private;
-	bool header, decimal_comma, strict, planar, accept_truncated, checksum, add, replace;
-	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
+/* Options of one command or two. Texts are NULL, numbers 0 if not given. */
+struct ctl_options {
+	bool header;    /* info */
 	bool all;       /* cache gc */
 	bool origin_of; /* config show */
-	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
-	const char *socket, *timeout;
-	const char *memory, *threads, *cache, *disk, *keep_free;
-	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units, *override_crs, *override_units;
-	const char *columns;
-	const char *utm, *geoid, *geoid_way, *name;
-	const char *classes, *not_classes, *returns, *duplicates;
-	const char *zmin, *zmax, *crop, *bbox, *polygon, *every, *thin, *thin_pick;
-	const char *format, *tile, *since, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation, *priority, *replaces, *as, *settle, *mode;
-	const char *keep, *before;
-	const char *textfile;
-	const char *out[CTL_OUTPUTS];
-	unsigned nout;
-	char **word; /* what is not an option, without the command */
-	unsigned nword;
+	bool wait, fresh, resume, files, removed, copy;
+	uint64_t generation, keep, before;
+	const char *crs, *priority, *as, *settle, *textfile;
 };
 
-struct ctl_command;
-struct ctl_verb;
-
-struct ctl {
-	struct ctl_args args;
-	const struct ctl_command *command;
-	const struct ctl_verb *verb; /* of a command that has some */
-	double timeout;              /* seconds, 0 = none */
-	uint64_t deadline_ns;
-	struct acut *acut;
-	struct ctl_daemon *daemon; /* of this command's own, or NULL */
-	FILE *report;              /* JSON and results: stdout, or stderr where OUT is "-" */
-	struct err failure;        /* that was told last */
-	char **warning;
-	size_t nwarning;
-	unsigned long long refusals; /* inputs that were left out (ctl_refusal) */
-	bool list;                   /* what is told is one of many lines, and the last comes at once */
-	bool progress_shown;         /* a progress line stands on the terminal */
-	bool out_closed;             /* the reader of standard output is gone */
-	bool for_reader;             /* without that reader there is no use in going on: -o -, wait, watch */
+struct program {
+	struct session session;
+	struct ctl_input_options input;
+	struct ctl_stage_options stage;
+	struct ctl_view_options view;
+	struct ctl_fetch_options fetch;
+	struct ctl_options opt;
+	struct cli_line line;
 };
 
-/* Exit statuses that are no error's. */
-enum { CTL_DONE = 0, CTL_USAGE = 2, CTL_SOME_REFUSED = 3, CTL_PIPE = 141 };
-
-/* Which options a command takes: an option is allowed where its groups meet the command's. */
+/* Which options a command takes. */
 enum ctl_group {
-	CTL_ALL = 1,    /* every command */
 	CTL_STAGE = 2,  /* what is stored: mesh, push */
 	CTL_VIEW = 4,   /* which points: mesh, submit, plan */
 	CTL_OUT = 8,    /* what is written: mesh, fetch */
-	CTL_OWN = 16,   /* a daemon of its own: mesh, info */
+	CTL_OWN = 16,   /* a daemon of its own, and a private one if none is set: mesh, info */
 	CTL_INPUT = 32, /* reads inputs: mesh, push, info */
 	CTL_SUBMIT = 64,
 	CTL_GENERATION = 128, /* of a dataset: submit, plan, dataset show */
 	CTL_FETCH = 256,
 	CTL_PUSH = 512,
-	CTL_CREATE = 1024,     /* dataset create */
-	CTL_DATASET = 1 << 24, /* dataset log, restore */
-	CTL_REMOVED = 1 << 25, /* datasets */
-	CTL_GEOID = 1 << 16,
-	CTL_CACHE = 1 << 22,  /* cache gc */
-	CTL_CONFIG = 1 << 26, /* config show */
-	CTL_INFO = 1 << 17,
-	CTL_JOB = 1 << 18, /* begins a job: mesh, submit */
-	CTL_METRICS = 1 << 20,
-	CTL_COPY = 1 << 19, /* backup, dataset export */
+	CTL_CREATE = 1 << 10, /* dataset create */
 	CTL_INGEST = 1 << 11,
 	CTL_MANIFEST = 1 << 12, /* inputs that are named: mesh, push */
 	CTL_REPLACES = 1 << 13, /* push */
+	CTL_GEOID = 1 << 14,
+	CTL_INFO = 1 << 15,
+	CTL_JOB = 1 << 16,  /* begins a job: mesh, submit */
+	CTL_COPY = 1 << 17, /* backup, dataset export */
+	CTL_METRICS = 1 << 18,
+	CTL_CACHE = 1 << 19,   /* cache gc */
+	CTL_DATASET = 1 << 20, /* dataset log, restore */
+	CTL_REMOVED = 1 << 21, /* datasets */
+	CTL_CONFIG = 1 << 22,  /* config show */
 };
 
-/* What stands behind a command that has several: "dataset show". */
-struct ctl_verb {
-	const char *name, *usage, *help; /* usage: "show DATASET", its words in capitals say what they are (ctl_complete.c) */
-	unsigned least, most;            /* words behind the verb */
-	const char *options;             /* of the command's own options those that it takes: "at scale"; NULL: none */
-	int (*run)(struct ctl *);        /* its words begin at args.word[1] */
-};
+extern const struct cli_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
 
-struct ctl_command {
-	const char *name, *usage, *help;
-	unsigned groups;
-	unsigned least, most;         /* words */
-	bool starts;                  /* starts a private daemon unasked */
-	int (*run)(struct ctl *);     /* NULL: not in this version */
-	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Those run, not this. */
-	bool hidden;                  /* not for people */
-};
+struct cli ctl_cli(void);
+extern const struct cli_option ctl_options[];
+extern const size_t ctl_noptions;
+int ctl_complete(const struct cli *, int argc, char **argv, struct program *);
 
-/* NULL: there is none of that name. */
-const struct ctl_verb *ctl_verb_find(const struct ctl_command *, const char *name);
-/* An error with the nearest verb. */
-int ctl_verb_unknown(const struct ctl_command *, const char *word, struct err *);
-
-extern const struct ctl_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
-
-/* ---- ctl_command.c ---- */
-
-const struct ctl_command *ctl_command_find(const char *name);
-const struct ctl_command *ctl_command_rows(size_t *ret_n); /* sorted by name */
-/* Says that there is no such command, and which one may be meant. -ERR_USAGE. */
-int ctl_command_unknown(const char *name, struct err *err);
-
-/* ---- ctl_option.c ---- */
-
-/* Reads the command line: args, and the command. -ERR_USAGE, -ERR_UNSUPPORTED. */
-int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err);
-/*
- * What follows an option or a command says what it is, for help, for the check and for completion: words in lower case
- * are the very values (all|first|last), capitals name a kind: DATASET, JOB, INPUT, GENERATION, FILE, DIR, ...
- * (ctl_complete.c).
- */
-struct ctl_option {
-	const char *name; /* without the dashes */
-	char letter;
-	const char *value; /* what follows, NULL: nothing */
-	enum { CTL_FLAG, CTL_TEXT, CTL_OUTPUT, CTL_LATER } kind;
-	size_t at; /* in struct ctl_args */
-	unsigned groups;
-	const char *help; /* NULL: of a later version */
-};
-const struct ctl_option *ctl_option_rows(size_t *ret_n);
-/* "INPUT FORMAT" of numbers: a whole number from `least` to `most`. */
-int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret, struct err *err);
-
-/* ---- ctl_help.c ---- */
-
-/* ---- ctl_error.c ---- */
-
-/* Prints the failure, for people or as JSON; returns the exit status. A caught signal or a passed
- * deadline is told as that. */
-int ctl_error(struct ctl *, const struct err *);
-/* An input that is left out: told, up to a hundred; the last line then says how many more there were. JSON has each with its
- * line. */
-void ctl_refusal(struct ctl *, const struct err *);
-void ctl_refusals_end(struct ctl *, int status);
-/* The same for the last failure of the connection. */
-int ctl_error_acut(struct ctl *);
-/* The connection's last failure as a struct err; file set if it has none and `file` is not NULL. */
-int ctl_error_from_acut(const struct acut *, const char *file, struct err *ret);
-void ctl_error_from_failure(const struct acut_failure *, struct err *ret);
-/* One line to stderr, unless --quiet; kept for the JSON report. */
-void ctl_warn(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-/* A sentence of a report, if there is one: to stderr, unless --quiet or --json (it is among its notes). */
-void ctl_remark(struct ctl *, const char *text);
-/* One line for people, unless --quiet or --json. */
-void ctl_note(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-
-/* ---- ctl_outlier.c ---- */
-
-/* After a mesh was written: warnings of long edges and of many points at one position; "edges". */
-void ctl_outlier_warn(struct ctl *, const struct acut_report *, const struct format_report *);
-void ctl_outlier_most(struct ctl *, const struct acut_report *); /* of a job without outputs */
-/* Whether so many points at one position, of all at so many positions, are worth a word. */
-bool ctl_outlier_many(uint64_t at_one, uint64_t points, uint64_t positions);
-void ctl_outlier_json(struct ctl *, struct ctl_json *, const struct format_report *);
-
-/* ---- ctl_signal.c ---- */
-
-void ctl_signal_init(struct ctl *);
-/* Of acut_options: non-zero if a signal was caught or --timeout has passed. ctx is the struct ctl. */
-int ctl_signal_interrupted(void *ctx);
-int ctl_signal_caught(void); /* its number, or 0 */
-bool ctl_signal_late(const struct ctl *);
-/* Standard output is a pipe or socket that nobody reads any more. */
-bool ctl_signal_reader_gone(void);
-/* Standard input ended because all that held the other ends is gone (a connection of ssh that broke): its end is no end.
- * Told by what else came over it: the socket's other direction, or standard output and error. */
-bool ctl_signal_cut_off(void);
-
-/* In ctl_error.c: the object {"code", "file", "offset", "field", "message", "hint"}. */
-
-/* ---- ctl_view.c ---- */
-
-/* The request for the view that the options ask for, to be freed. Reads the file of --crop. */
-int ctl_view_text(const struct ctl_args *, char **ret, struct err *err);
-/* The area of --bbox or --polygon alone, as a fetch asks for it, to be freed; NULL: there is none. */
-int ctl_view_window(const struct ctl_args *, char **ret, struct err *err);
-/* The same, and the box of its area, x1, y1, x2, y2; *ret_cropped: it has one. */
-int ctl_view_box(const struct ctl_args *, char **ret, bool *ret_cropped, double ret_box[4], struct err *err);
-
-/* ---- ctl_window.c ---- */
-
-/* The report of a window, in memory of its own. */
-struct ctl_window {
-	struct acut_report report;
-	char digest[40], vertex_digest[40], note[200];
-};
-void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
-
-/* ---- ctl_input.c ---- */
-
-struct ctl_input {
-	char *name;
-	int fd;         /* -1: opened when it is its turn; else a pipe's reading end */
-	int kept;       /* of a pipe that is judged by its content, a regular file that has all of it; 0: none */
-	bool anonymous; /* standard input without --name */
-	bool refused;
-	bool verified; /* by --manifest, as this file: */
-	dev_t dev;
-	ino_t ino;
-	off_t size;
-	struct timespec mtime;
-	const char *entry; /* NULL, or what it is called in dirfd: an ingest's, opened there, and only as the very file that was
-			      seen */
-	int dirfd;
-	struct timespec ctime;
-	const char *path; /* NULL, or its absolute one, which `name` is not */
-	int copier;       /* the process that empties the pipe; 0: none */
-	uint8_t *
-		head; /* of a pipe that was looked at: its first bytes, which are read already; at least 4, unless it has fewer */
-	unsigned nhead;
-	const char *label;           /* NULL, or by --name: what it is called in the dataset */
-	struct ctl_archive *archive; /* NULL, or whose member it is (ctl_archive.h), by number; then `kept` is that, unpacked */
-	size_t member;
-};
-struct ctl_inputs {
-	struct ctl_input *input;
-	size_t n, room;
-	bool each;          /* what became of each is told by the caller: that all were refused is no failure of its own */
-	const double *crop; /* NULL, or the box (x1, y1, x2, y2) that is all that will be asked for */
-	struct ctl_archive *archives; /* of its members */
-};
-/* What folders and archives are searched for. */
-#define CTL_INPUT_ENDINGS ".las, .laz, .ptx, .xyz or .pts"
-bool ctl_input_is_survey(const char *name, size_t n);
-/* Files, folders (their survey files, sorted), lists (@FILE), "-". */
-int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
-/* One more. `fd` is -1, or the reading end of a pipe, which is taken over. */
-int ctl_input_add(struct ctl_inputs *, const char *name, int fd, struct err *err);
-/* *ret_fd is the caller's; -1 of a pipe. Of an archive's member: it is unpacked, and stays so (ctl_archive_drop). */
-int ctl_input_open(struct ctl *, struct ctl_input *, int *ret_fd, struct err *err);
-void ctl_input_close(const struct ctl_input *, int fd);
-/* Whether it is still the file that was seen, and as it was. */
-bool ctl_input_unchanged(const struct ctl_input *, const struct stat *);
-/* Its absolute path, links as they are; NULL if it has none. */
-const char *ctl_input_path(const struct ctl_input *, char *buf, size_t size);
-void ctl_input_done(struct ctl_inputs *);
-/* -ERR_USAGE if an output is one of the inputs. */
-int ctl_input_not_output(const struct ctl_inputs *, const struct ctl_args *, struct err *err);
-
-/* ---- ctl_temp.c ---- */
-
-/* A file without a name. *ret_folder: where it is, for messages. */
-int ctl_temp_open(const char **ret_folder, int *ret_fd, struct err *err);
-
-/* ---- ctl_manifest.c ---- */
-
-/* Every input against args.manifest; the error names the first that does not agree, its hint the others. */
-int ctl_manifest_check(struct ctl *, struct ctl_inputs *, struct err *err);
-
-/* ---- ctl_pipe.c ---- */
-
-/* Reads the first bytes of a pipe, to see what it holds; who copies it begins with them. */
-int ctl_pipe_look(struct ctl *, struct ctl_input *, struct err *err);
-/* What the daemon, which connects if need be, says of a file that begins so: -ERR_INPUT where it is none that can be read. */
-int ctl_pipe_check(struct ctl *, const struct ctl_input *, struct err *err);
-/* Lets the daemon make a pipe and starts a process that copies into it. Prints its failure; exit status. */
-int ctl_pipe_start(struct ctl_input *, struct acut_push *, struct ctl *);
-/* After the input was staged: whether all of it was copied. */
-int ctl_pipe_finish(struct ctl_input *, struct err *err);
-void ctl_pipe_stop(struct ctl_input *);
-/* All of it into a file without a name, for a command that looks at an input only. */
-int ctl_pipe_keep(struct ctl *, const struct ctl_input *, int *ret_fd, struct err *err);
-
-/* ---- ctl_connect.c, ctl_private.c ---- */
-
-/* Finds or starts the daemon, sets ctl->acut. Prints its failure; returns the exit status. */
-int ctl_connect(struct ctl *);
-int ctl_connect_try(struct ctl *, struct err *err); /* without a word */
-const char *ctl_connect_path(const struct ctl *);   /* of the socket that it would try; NULL: none is set */
-void ctl_disconnect(struct ctl *);
-/* To a daemon that runs: the configured one, else the user's private one. Starts none, says nothing. */
-bool ctl_connect_quietly(struct ctl *);
-
-/* A listening socket with an acutd behind it that this user shares; starts one if there is none. */
-int ctl_private_connect(struct ctl *, struct err *err);
-/* A daemon for this command alone, with its own folders. */
-int ctl_private_own(struct ctl *, struct err *err);
-/* Ends it and removes its folders. NULL is fine; returns NULL. */
-struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
-
-/* ---- ctl_spawn.c ---- */
-
-struct ctl_spawn {
-	const char *state, *cache, *log;
-	const char *memory, *threads, *disk, *keep_free; /* NULL if not given */
-	int socket_fd;                                   /* handed over as the service manager does */
-	int lock_fd;                                     /* kept open by the daemon; -1: none */
-	bool bound;                                      /* ends with this process */
-};
-int ctl_spawn_daemon(const struct ctl_spawn *, int *ret_pid, struct err *err);
-/* Makes and binds a listening socket; long paths are bound through the folder's descriptor. */
-int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err);
-int ctl_spawn_connect(const char *path, int *ret_fd); /* negative errno */
-/* The last line of a log, for a daemon that did not come up. */
-void ctl_spawn_last_words(const char *log, char *buf, size_t size);
-
-/* ---- ctl_folder.c ---- */
-
-/* Folders of the user, made if absent (0700): $XDG_STATE_HOME/acut, $XDG_CACHE_HOME/acut, and for sockets. */
-int ctl_folder_state(char *buf, size_t size, struct err *err);
-int ctl_folder_cache(char *buf, size_t size, struct err *err);
-int ctl_folder_runtime(char *buf, size_t size, struct err *err);
-int ctl_folder_make(const char *path, struct err *err); /* with its parents */
-void ctl_folder_remove(const char *path);               /* with all that is in it */
-
-/* ---- ctl_cache.c ---- */
-
-void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
-		     const char *keep_free);
-void ctl_cache_side_json(struct ctl_json *, const char *name, const struct acut_side *);
-
-/* ---- ctl_progress.c ---- */
-
-struct ctl_progress {
-	struct ctl *ctl;
-	char phase[16];
-	uint64_t start_ns, last_ns; /* of the phase; of the last line */
-	uint64_t base, total;       /* staging: points of files that are done, of all files */
-	bool on, told_space;
-	char line[256]; /* what stands there */
-};
-/* Puts this line in place of the one that stands; a caller of its own asks `on` first. */
-void ctl_progress_line(struct ctl_progress *, const char *text);
-void ctl_progress_init(struct ctl_progress *, struct ctl *);
-/* An acut_progress_fn. */
-void ctl_progress_show(void *ctx, const struct acut_progress *);
-void ctl_progress_clear(struct ctl *);
-/* ctl_list.c: what is told from now on are the rows of a list, which go out together. Before the first of them. */
-void ctl_list_begin(struct ctl *);
-const char *ctl_progress_time(double seconds, char buf[24]); /* 1:02:03 */
-
-/* ---- ctl_assume.c: what is taken for inputs that say nothing, or in place of what they say ---- */
-
-struct ctl_assume {
-	char *crs, unit_xy[16], unit_z[16]; /* NULL, "": nothing */
-	bool overrides;                     /* in place of what the inputs say */
-	bool no_crs, no_unit_xy, no_unit_z; /* of the inputs seen: still unknown */
-};
-/* The text of a CRS: the word, or what is in the file of that name. `*ret` is the caller's. */
-int ctl_assume_crs(const char *word, const char *option, char **ret, struct err *err);
-int ctl_assume_read(const struct ctl_args *, struct ctl_assume *ret, struct err *err);
-void ctl_assume_options(const struct ctl_assume *, struct acut_push_options *); /* borrows the texts */
-void ctl_assume_seen(struct ctl_assume *, const struct acut_probe *);
-void ctl_assume_warn(struct ctl *, const struct ctl_assume *); /* once a dataset */
-void ctl_assume_done(struct ctl_assume *);
-struct ctl_staged;
-void ctl_assume_text(struct ctl *, const struct ctl_staged *); /* whose word was overridden */
-
-/* ---- ctl_stage.c: inputs into a dataset ---- */
-
-struct ctl_staged {
-	char dataset[256];
-	uint64_t generation, points;
-	bool committed; /* also where that made no generation: then the dataset may have none, and not be there */
-	bool unchanged; /* it made none */
-	unsigned good, refused, known, adopted; /* adopted ones are known ones too */
-	struct ctl_staged_file {
-		char *name;
-		bool refused;
-		int known; /* of struct acut_probe */
-		uint64_t points, moved, bytes_read, bytes;
-		uint64_t left_out; /* lines */
-		bool partial;
-		uint32_t replaced; /* files of the dataset */
-		double shift[3];
-		char *warning;        /* NULL: none */
-		char *projected_from; /* of its degrees; NULL: they were not projected */
-		char *overridden;     /* what its records say, in place of which something else was taken; NULL: nothing was */
-		uint64_t shifted;     /* heights, by a geoid; by how many metres */
-		double height[3];     /* smallest, mean, largest */
-		struct err err;
-	} * file;
-	size_t nfile;
-	double seconds;
-	char zone[16], datum[64], geoid[160]; /* that degrees and heights went to; "": nothing did */
-};
-/* Pushes all inputs; refused ones are told. `dataset` NULL: one-step. Prints its failure; exit status, where
- * CTL_SOME_REFUSED means that the push is done without them. */
-int ctl_stage(struct ctl *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
-void ctl_stage_done(struct ctl_staged *);
-
-/* ---- ctl_push.c: what a push did ---- */
-
-/* Each file and the sum, for people or as JSON. moved_to (NULL: a push, which moves nothing): where each file is now, NULL
- * where it was. Prints its failure; exit status. */
-int ctl_push_check(const struct ctl *, struct err *err); /* of its options */
-int ctl_push_report(struct ctl *, const struct ctl_staged *, const char *const *moved_to);
-
-/* ---- ctl_inspect.c: what is in the records of a file ---- */
-
-void ctl_inspect_text(struct ctl *, const struct acut_inspected *);
-/* Its keys; NULL: the records were not read, so all are null. */
-void ctl_inspect_json(struct ctl_json *, const struct acut_inspected *);
-
-/* ---- ctl_geoid.c, ctl_height.c: what geoids do ---- */
-
-/* Adds the file to the daemon's grids; `name` NULL: named after it. Exit status, failures printed. */
-int ctl_geoid_file(struct ctl *, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret);
-/* --geoid names a kept grid, or a .pgm file, which is added then. */
-int ctl_height_geoid(struct ctl *, char ret_name[128]);
-/* What the plan says, taken over and told. */
-void ctl_height_planned(struct ctl *, const struct acut_push_planned *, struct ctl_staged *);
-/* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
-void ctl_height_json(struct ctl_json *, const struct ctl_staged *, const struct ctl_staged_file *);
-void ctl_height_text(struct ctl *, const struct ctl_staged *);
-
-/* ---- ctl_output.c: outputs from the options ---- */
-
-/* Checks them (what can be known without a daemon) and opens a run. */
-/* --format names one that writes nothing, and no OUT is given: that is complete. */
-bool ctl_output_nothing(const struct ctl_args *);
-int ctl_output_open(struct ctl *, struct format_run **ret, struct err *err);
-/* Fetches the job into the run, going on with what it has kept (format_run_keep), publishes, reports; exit status. */
-int ctl_output_fetch(struct ctl *, uint64_t job, struct format_run *, const struct ctl_staged *);
-
-/* ---- ctl_summary.c: what a mesh has become, for people ---- */
-
-void ctl_summary(struct ctl *, const struct acut_job *, const struct format_report *, const struct ctl_staged * /* or NULL */);
-/* Of a job that was waited for and not fetched: on a terminal only. */
-void ctl_summary_job(struct ctl *, const struct acut_job *);
-/* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
-uint64_t ctl_summary_moved(const struct ctl_staged *, double ret_shift[3]);
-
-/* ---- ctl_job.c: jobs as text and JSON ---- */
-
-void ctl_job_print(struct ctl *, const struct acut_job *);
-void ctl_job_json(struct ctl *, const struct acut_job *);
-/* Exit status of a job that is over; prints why it failed. */
-int ctl_job_status(struct ctl *, const struct acut_job *);
-/* "12" or "job 12" as an id. */
+/* "12" as the number of a job. */
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
 /* Calls `each` for the words, in order; the first status that is not 0. */
-int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
-static inline char *ctl_job_count(uint64_t n, char buf[32])
-{
-	return ctl_text_count(n, buf);
-}
-/* "12 of 340 domains made", or "340 domains". */
-char *ctl_job_domains(const struct acut_report *, char *buf, size_t size);
-/* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
-/* The position that most points share, as "most". */
-void ctl_job_most(struct ctl_json *, uint64_t points, const double at[2]);
-void ctl_job_report(struct ctl_json *, const struct acut_report * /* or NULL */);
-/* "notes": the sentences of a report, none without one. */
-void ctl_job_notes(struct ctl_json *, const struct acut_report * /* or NULL */);
-/* lattice as a JSON object, null if the text is not one */
-void ctl_job_lattice(struct ctl_json *, const char *lattice);
-void ctl_job_units(struct ctl_json *, const char *crs, const char *unit_xy, const char *unit_z);
-void ctl_job_refused(struct ctl_json *, const struct ctl_staged_file *);
-void ctl_job_time(struct ctl_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
-static inline char *ctl_job_time_text(int64_t us, char buf[32])
-{
-	return ctl_text_time(us, buf);
-}
+int ctl_job_each(struct program *, int (*each)(struct session *, uint64_t id));
 
-/* ---- ctl_formats.c ---- */
+/* The disks of state and cache: cache stat, status. */
+void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
+		     const char *keep_free);
+void ctl_cache_side_json(struct term_json *, const char *name, const struct acut_side *);
 
-/* What the daemon of this version reads; up to one without a name. extensions: ".las .laz". */
-extern const struct ctl_input_format {
-	const char *name, *extensions, *help;
-} ctl_formats_input[];
-/* "laz" is an extension of las. */
-extern const struct ctl_input_format ctl_formats_archive[]; /* unpacked here: no values of --input-format */
-bool ctl_formats_extension(const struct ctl_input_format *, const char *word);
-
-/* ---- commands ---- */
-
-#define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
+#define CTL_COMMAND(name) int ctl_##name##_run(struct program *);
 CTL_COMMAND(backup)
 CTL_COMMAND(cancel)
-CTL_COMMAND(complete)
 CTL_COMMAND(datasets)
 CTL_COMMAND(doctor)
 CTL_COMMAND(fetch)
 CTL_COMMAND(formats)
-CTL_COMMAND(help)
 CTL_COMMAND(info)
 CTL_COMMAND(ingest)
 CTL_COMMAND(jobs)

@@ -7,18 +7,19 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "clock.h"
+#include "ctl.h"
 #include "ctl_copy.h"
 #include "ctl_dataset.h"
+#include "io.h"
 #include "parse.h"
 
 struct showing {
 	struct ctl_copy copy;
-	struct ctl_progress progress;
+	struct session_progress progress;
 	uint64_t bytes, damaged;
-	struct err damage; /* of the first of these, told when all is there */
+	struct err damage; /* of the first of these, printed when all is there */
 };
 
 static int ready(void *ctx, const struct acut_backup_ready *r)
@@ -33,7 +34,7 @@ static int ready(void *ctx, const struct acut_backup_ready *r)
 		return -1;
 	s->damaged = r->damaged;
 	if (r->damaged)
-		ctl_error_from_failure(&r->damage, &s->damage);
+		session_failure_of(&r->damage, &s->damage);
 	return 0;
 }
 
@@ -44,35 +45,35 @@ static int file(void *ctx, const struct acut_backup_file *f)
 	return ctl_copy_file(&s->copy, f);
 }
 
-static void report(struct ctl *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
+static void report(struct console *console, const struct ctl_copy *c, const char *dataset, double seconds)
 {
-	struct ctl_json j = {.out = ctl->report};
 	char all[32], more[32];
 
-	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "folder", c->dir);
-		ctl_json_text(&j, "dataset", dataset);
-		ctl_json_u64(&j, "files", c->files);
-		ctl_json_u64(&j, "bytes", c->bytes);
-		ctl_json_u64(&j, "new_files", c->new_files);
-		ctl_json_u64(&j, "new_bytes", c->new_bytes);
-		ctl_json_u64(&j, "linked_files", c->linked);
-		ctl_json_u64(&j, "removed_files", c->removed);
-		ctl_json_number(&j, "seconds", seconds);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+	if (console->json) {
+		struct term_json j = console_json(console);
+
+		term_json_text(&j, "folder", c->dir);
+		term_json_text(&j, "dataset", dataset);
+		term_json_u64(&j, "files", c->files);
+		term_json_u64(&j, "bytes", c->bytes);
+		term_json_u64(&j, "new_files", c->new_files);
+		term_json_u64(&j, "new_bytes", c->new_bytes);
+		term_json_u64(&j, "linked_files", c->linked);
+		term_json_u64(&j, "removed_files", c->removed);
+		term_json_number(&j, "seconds", seconds);
+		term_json_end(&j);
 		return;
 	}
-	ctl_note(ctl, "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
-		 (unsigned long long)c->files, parse_size_text(c->bytes, all), c->dir, (unsigned long long)c->new_files,
-		 parse_size_text(c->new_bytes, more), (unsigned long long)c->linked, (unsigned long long)c->removed);
+	console_line(console, "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
+		     (unsigned long long)c->files, parse_size_text(c->bytes, all), c->dir, (unsigned long long)c->new_files,
+		     parse_size_text(c->new_bytes, more), (unsigned long long)c->linked, (unsigned long long)c->removed);
 }
 
-static int take(struct ctl *ctl, const char *dataset, const char *dir)
+static int take(struct program *ctl, const char *dataset, const char *dir)
 {
+	struct session *session = &ctl->session;
 	struct showing s = {
-		.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy, .err = ERR_INIT}};
+		.copy = {.session = session, .dir = dir, .flat = dataset != NULL, .no_links = ctl->opt.copy, .err = ERR_INIT}};
 	const struct acut_backup_sink sink = {.ready = ready, .file = file, .ctx = &s};
 	uint64_t begun = clock_mono_ns();
 	struct err err = ERR_INIT;
@@ -80,40 +81,39 @@ static int take(struct ctl *ctl, const char *dataset, const char *dir)
 
 	snprintf(s.copy.what, sizeof s.copy.what, dataset ? "dataset %s" : "state of acutd", dataset);
 	s.copy.dirfd = s.copy.storefd = -1;
-	status = ctl_connect(ctl);
+	status = session_connect(session);
 	if (!status) {
-		r = acut_backup(ctl->acut, dataset, &sink);
+		r = acut_backup(session->acut, dataset, &sink);
 		if (r && s.copy.err.code)
-			status = ctl_error(ctl, &s.copy.err);
+			status = session_error(session, &s.copy.err);
 		else if (r)
-			status = ctl_error_acut(ctl);
+			status = session_error_acut(session);
 	}
 	if (!status && ctl_copy_end(&s.copy, &err))
-		status = ctl_error(ctl, &err);
+		status = session_error(session, &err);
 	if (!status)
-		report(ctl, &s.copy, dataset, clock_since(begun));
+		report(&session->console, &s.copy, dataset, clock_since(begun));
 	if (!status && s.damaged > 1)
-		ctl_warn(ctl, "%llu datasets are damaged; this is the first", (unsigned long long)s.damaged);
+		console_warn(&session->console, "%llu datasets are damaged; this is the first", (unsigned long long)s.damaged);
 	if (!status && s.damaged)
-		status = ctl_error(ctl, &s.damage);
+		status = session_error(session, &s.damage);
 	ctl_copy_done(&s.copy);
 	return status;
 }
 
-int ctl_backup_run(struct ctl *ctl)
+int ctl_backup_run(struct program *ctl)
 {
-	return take(ctl, NULL, ctl->args.word[0]);
+	return take(ctl, NULL, ctl->line.word[0]);
 }
 
-int ctl_dataset_export(struct ctl *ctl, const char *name, const char *dir)
+int ctl_dataset_export(struct program *ctl)
 {
-	return take(ctl, name, dir);
+	return take(ctl, ctl->line.word[0], ctl->line.word[1]);
 }
 
 /* ---- import ---- */
 
 struct bringing {
-	struct ctl *ctl;
 	const char *dir;
 	int dirfd, fd;
 	char **name; /* "manifest", then the segments */
@@ -126,9 +126,7 @@ static int next(void *ctx, const char **ret_name, int *ret_fd)
 {
 	struct bringing *b = ctx;
 
-	if (b->fd >= 0)
-		close(b->fd);
-	b->fd = -1;
+	b->fd = io_close(b->fd);
 	if (b->at == b->n)
 		return 0;
 	snprintf(b->path, sizeof b->path, "%s/%s", b->dir, b->name[b->at]);
@@ -204,27 +202,29 @@ static void last_part(const char *dir, char *ret, size_t size)
 	snprintf(ret, size, "%.*s", (int)(n - from), dir + from);
 }
 
-static void imported(struct ctl *ctl, const struct acut_imported *i)
+static void imported(struct console *c, const struct acut_imported *i)
 {
-	struct ctl_json j = {.out = ctl->report};
 	char n[32];
 
-	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "dataset", i->dataset);
-		ctl_json_u64(&j, "generation", i->generation);
-		ctl_json_u64(&j, "points", i->points);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+	if (c->json) {
+		struct term_json j = console_json(c);
+
+		term_json_text(&j, "dataset", i->dataset);
+		term_json_u64(&j, "generation", i->generation);
+		term_json_u64(&j, "points", i->points);
+		term_json_end(&j);
 		return;
 	}
-	ctl_note(ctl, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
-		 ctl_job_count(i->points, n));
+	console_line(c, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
+		     term_count(i->points, n));
 }
 
-int ctl_dataset_import(struct ctl *ctl, const char *dir, const char *name)
+/* Unless a name is given, that of the folder. */
+int ctl_dataset_import(struct program *ctl)
 {
-	struct bringing b = {.ctl = ctl, .dir = dir, .dirfd = -1, .fd = -1, .err = ERR_INIT};
+	struct session *session = &ctl->session;
+	const char *dir = ctl->line.word[0], *name = ctl->line.word[1];
+	struct bringing b = {.dir = dir, .dirfd = -1, .fd = -1, .err = ERR_INIT};
 	const struct acut_imported *got;
 	struct err err = ERR_INIT;
 	char part[128];
@@ -232,19 +232,17 @@ int ctl_dataset_import(struct ctl *ctl, const char *dir, const char *name)
 
 	last_part(dir, part, sizeof part);
 	if (gather(&b, &err))
-		status = ctl_error(ctl, &err);
+		status = session_error(session, &err);
 	if (!status)
-		status = ctl_connect(ctl);
+		status = session_connect(session);
 	if (!status) {
-		if (acut_import(ctl->acut, name ? name : part, next, &b, &got))
-			status = b.err.code ? ctl_error(ctl, &b.err) : ctl_error_acut(ctl);
+		if (acut_import(session->acut, name ? name : part, next, &b, &got))
+			status = b.err.code ? session_error(session, &b.err) : session_error_acut(session);
 		else
-			imported(ctl, got);
+			imported(&session->console, got);
 	}
-	if (b.fd >= 0)
-		close(b.fd);
-	if (b.dirfd >= 0)
-		close(b.dirfd);
+	io_close(b.fd);
+	io_close(b.dirfd);
 	for (size_t i = 0; i < b.n; i++)
 		free(b.name[i]);
 	free(b.name);

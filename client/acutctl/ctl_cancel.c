@@ -1,18 +1,18 @@
 /* cancel: ends jobs that are not done. */
 #include "ctl.h"
 
-static int cancel(struct ctl *ctl, uint64_t id)
+static int cancel(struct session *session, uint64_t id)
 {
 	const struct acut_job *job;
 
-	if (acut_job_cancel(ctl->acut, id, &job))
-		return ctl_error_acut(ctl);
-	if (!ctl->args.quiet || ctl->args.json)
-		ctl_job_print(ctl, job);
-	return CTL_DONE;
+	if (acut_job_cancel(session->acut, id, &job))
+		return session_error_acut(session);
+	if (!session->console.quiet || session->console.json)
+		ctl_report_job(&session->console, job);
+	return SESSION_DONE;
 }
 
-int ctl_cancel_run(struct ctl *ctl)
+int ctl_cancel_run(struct program *ctl)
 {
 	return ctl_job_each(ctl, cancel);
 }

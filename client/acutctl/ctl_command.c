@@ -1,108 +1,85 @@
 /*
- * The table of commands, sorted by name. A new command is a file ctl_NAME.c and a row here; help text, man
- * page test and dispatch read this table. Rows without a function are names that a later version will know:
- * they are refused as such, so that nobody takes silence for consent.
+ * The commands of acutctl, sorted by name, and the texts of help that are not in the tables. A new command is a file ctl_NAME.c
+ * and a row here.
  */
-#include <string.h>
-
 #include "ctl.h"
-#include "ctl_guess.h"
 
 #define MANY 100000u
 
-/* Of the commands with verbs. */
-static int run_verb(struct ctl *ctl)
-{
-	return ctl->verb->run(ctl);
-}
-
-static const struct ctl_command table[] = {
-	{"backup", "backup DIR", "all that was pushed, as of now, into a folder; again: what is new", CTL_ALL | CTL_COPY, 1, 1,
-	 false, ctl_backup_run},
-	{"cache", "cache stat|verify|gc", "what lies on the daemon's disk, and whether it is sound", CTL_ALL | CTL_CACHE, 1, MANY,
-	 false, run_verb, ctl_cache_verbs},
-	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
-	{"complete", "complete N WORD...", "what could stand as the Nth of these words; for the shells", CTL_ALL, 1, MANY, false,
-	 ctl_complete_run, .hidden = true},
-	{"config", "config show", "the settings of the daemon", CTL_ALL | CTL_CONFIG, 1, MANY, false, run_verb, ctl_config_verbs},
+static const struct cli_command commands[] = {
+	{"backup", "backup DIR", "all that was pushed, as of now, into a folder; again: what is new", CLI_ALL | CTL_COPY, 1, 1,
+	 ctl_backup_run, NULL, "backup /mnt/backup/acut"},
+	{"cache", "cache stat|verify|gc", "what lies on the daemon's disk, and whether it is sound", CLI_ALL | CTL_CACHE, 1, MANY,
+	 NULL, ctl_cache_verbs, "cache stat\ncache gc --all"},
+	{"cancel", "cancel JOB...", "end jobs that are not done", CLI_ALL, 1, MANY, ctl_cancel_run, NULL, "cancel 12"},
+	{"config", "config show", "the settings of the daemon", CLI_ALL | CTL_CONFIG, 1, MANY, NULL, ctl_config_verbs,
+	 "config show --origin"},
 	{"dataset", "dataset VERB NAME", "what is in one dataset, and what becomes of it",
-	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, run_verb, ctl_dataset_verbs},
-	{"datasets", "datasets", "list the datasets", CTL_ALL | CTL_REMOVED, 0, 0, false, ctl_datasets_run},
-	{"doctor", "doctor", "look for what is wrong", CTL_ALL, 0, 0, false, ctl_doctor_run},
-	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files", CTL_ALL | CTL_OUT | CTL_FETCH, 1, 1, false,
-	 ctl_fetch_run},
-	{"formats", "formats", "what can be read and written", CTL_ALL, 0, 0, false, ctl_formats_run},
-	{"geoid", "geoid add|list|rm", "the geoid grids that the daemon keeps", CTL_ALL | CTL_GEOID, 1, MANY, false, run_verb,
-	 ctl_geoid_verbs},
-	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 2, false, ctl_help_run},
-	{"info", "info INPUT...", "what is in files", CTL_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY, true, ctl_info_run},
+	 CLI_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, NULL, ctl_dataset_verbs,
+	 "dataset show valley\ndataset log valley --files\ndataset revert valley 7"},
+	{"datasets", "datasets", "list the datasets", CLI_ALL | CTL_REMOVED, 0, 0, ctl_datasets_run, NULL,
+	 "datasets\ndatasets --removed"},
+	{"doctor", "doctor", "look for what is wrong", CLI_ALL, 0, 0, ctl_doctor_run, NULL, "doctor"},
+	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files", CLI_ALL | CTL_OUT | CTL_FETCH, 1, 1,
+	 ctl_fetch_run, NULL, "fetch 12 -o valley.ply -o valley.png\nfetch 12 -o valley.ply --resume"},
+	{"formats", "formats", "what can be read and written", CLI_ALL, 0, 0, ctl_formats_run, NULL, "formats"},
+	{"geoid", "geoid add|list|rm", "the geoid grids that the daemon keeps", CLI_ALL | CTL_GEOID, 1, MANY, NULL,
+	 ctl_geoid_verbs, "geoid add egm2008-1.pgm"},
+	{"help", "help [COMMAND]", "this text, or that of one command", CLI_ALL, 0, 2, NULL, NULL, "help mesh"},
+	{"info", "info INPUT...", "what is in files", CLI_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY, ctl_info_run, NULL,
+	 "info survey.laz\ninfo --header monday/"},
 	{"ingest", "ingest DATASET FOLDER",
 	 "one pass over a drop folder: what has settled is pushed, and moved to done/ or failed/",
-	 CTL_ALL | CTL_STAGE | CTL_INPUT | CTL_PUSH | CTL_INGEST, 2, 2, false, ctl_ingest_run},
-	{"jobs", "jobs", "list the jobs", CTL_ALL, 0, 0, false, ctl_jobs_run},
+	 CLI_ALL | CTL_STAGE | CTL_INPUT | CTL_PUSH | CTL_INGEST, 2, 2, ctl_ingest_run, NULL,
+	 "ingest valley /data/incoming --settle 60"},
+	{"jobs", "jobs", "list the jobs", CLI_ALL, 0, 0, ctl_jobs_run, NULL, "jobs"},
 	{"mesh", "mesh INPUT... -o OUT", "one step: stage, triangulate, write",
-	 CTL_ALL | CTL_STAGE | CTL_MANIFEST | CTL_VIEW | CTL_OUT | CTL_OWN | CTL_INPUT | CTL_JOB, 1, MANY, true, ctl_mesh_run},
-	{"metrics", "metrics", "numbers of the daemon for Prometheus", CTL_ALL | CTL_METRICS, 0, 0, false, ctl_metrics_run},
-	{"ping", "ping", "ask the daemon for a sign of life", CTL_ALL, 0, 0, false, ctl_ping_run},
-	{"plan", "plan DATASET", "domains, memory, disk, time; starts nothing", CTL_ALL | CTL_VIEW | CTL_GENERATION, 1, 1, false,
-	 ctl_plan_run},
+	 CLI_ALL | CTL_STAGE | CTL_MANIFEST | CTL_VIEW | CTL_OUT | CTL_OWN | CTL_INPUT | CTL_JOB, 1, MANY, ctl_mesh_run, NULL,
+	 "mesh survey.laz -o survey.ply\nmesh monday/ --ground --max-edge 30m -o ground.ply -o ground.png"},
+	{"metrics", "metrics", "numbers of the daemon for Prometheus", CLI_ALL | CTL_METRICS, 0, 0, ctl_metrics_run, NULL,
+	 "metrics --textfile /run/acut-metrics/acut.prom"},
+	{"ping", "ping", "ask the daemon for a sign of life", CLI_ALL, 0, 0, ctl_ping_run, NULL, "ping"},
+	{"plan", "plan DATASET", "domains, memory, disk, time; starts nothing", CLI_ALL | CTL_VIEW | CTL_GENERATION, 1, 1,
+	 ctl_plan_run, NULL, "plan valley --ground"},
 	{"push", "push DATASET INPUT...", "stage files into a named dataset",
-	 CTL_ALL | CTL_STAGE | CTL_MANIFEST | CTL_INPUT | CTL_PUSH | CTL_REPLACES, 2, MANY, false, ctl_push_run},
-	{"rm", "rm JOB...", "forget jobs that are over", CTL_ALL, 1, MANY, false, ctl_rm_run},
-	{"show", "show JOB", "all that is known of a job", CTL_ALL, 1, 1, false, ctl_show_run},
-	{"status", "status", "the daemon: memory, threads, jobs", CTL_ALL, 0, 0, false, ctl_status_run},
+	 CLI_ALL | CTL_STAGE | CTL_MANIFEST | CTL_INPUT | CTL_PUSH | CTL_REPLACES, 2, MANY, ctl_push_run, NULL,
+	 "push valley monday/\npush valley --replace delivery-2/ --manifest delivery-2/SHA256SUMS"},
+	{"rm", "rm JOB...", "forget jobs that are over", CLI_ALL, 1, MANY, ctl_rm_run, NULL, "rm 12 13"},
+	{"show", "show JOB", "all that is known of a job", CLI_ALL, 1, 1, ctl_show_run, NULL, "show 12"},
+	{"status", "status", "the daemon: memory, threads, jobs", CLI_ALL, 0, 0, ctl_status_run, NULL, "status --json"},
 	{"submit", "submit DATASET", "queue a job and print its number",
-	 CTL_ALL | CTL_VIEW | CTL_GENERATION | CTL_SUBMIT | CTL_JOB, 1, 1, false, ctl_submit_run},
-	{"version", "version", "the version of acutctl", CTL_ALL, 0, 0, false, ctl_version_run},
-	{"wait", "wait JOB...", "wait until jobs are over", CTL_ALL, 1, MANY, false, ctl_wait_run},
-	{"watch", "watch [JOB]", "print each change of a job, or of all", CTL_ALL, 0, 1, false, ctl_watch_run},
+	 CLI_ALL | CTL_VIEW | CTL_GENERATION | CTL_SUBMIT | CTL_JOB, 1, 1, ctl_submit_run, NULL,
+	 "submit valley --wait\nsubmit valley --ground --at 3"},
+	{"version", "version", "the version of acutctl", CLI_ALL, 0, 0, ctl_version_run, NULL, "version"},
+	{"wait", "wait JOB...", "wait until jobs are over", CLI_ALL, 1, MANY, ctl_wait_run, NULL, "wait 12 13"},
+	{"watch", "watch [JOB]", "print each change of a job, or of all", CLI_ALL, 0, 1, ctl_watch_run, NULL, "watch"},
 };
 
-const struct ctl_verb *ctl_verb_find(const struct ctl_command *c, const char *name)
+static const char *words(const struct cli_command *c)
 {
-	for (const struct ctl_verb *v = c->verbs; v && v->name; v++)
-		if (!strcmp(v->name, name))
-			return v;
-	return NULL;
+	if (!(c->groups & CTL_INPUT))
+		return "";
+	return "INPUT is a file, a folder (its survey files), @LIST (names, one a line) or - (standard input), or a named pipe.\n\n";
 }
 
-const struct ctl_command *ctl_command_rows(size_t *ret_n)
+#define STATUSES(more)                                                                                    \
+	"  0 done; 1 the job or an input failed; 2 usage" more ";\n"                                      \
+	"  4 there is no such job or dataset; 69 no daemon; 74 reading or writing failed, or no space;\n" \
+	"  75 not now, try again later; 76 versions; 77 not permitted; 124 --timeout has passed\n"
+
+static const char *statuses(const struct cli_command *c)
 {
-	*ret_n = sizeof(table) / sizeof(table[0]);
-	return table;
+	return c->groups & CTL_INPUT ? STATUSES("; 3 done, but some inputs were refused") : STATUSES("");
 }
 
-const struct ctl_command *ctl_command_find(const char *name)
+struct cli ctl_cli(void)
 {
-	size_t low = 0, high = sizeof(table) / sizeof(table[0]);
-
-	while (low < high) {
-		size_t mid = (low + high) / 2;
-		int c = strcmp(name, table[mid].name);
-
-		if (!c)
-			return &table[mid];
-		if (c < 0)
-			high = mid;
-		else
-			low = mid + 1;
-	}
-	return NULL;
-}
-
-/* Also "log" for "dataset log". */
-int ctl_command_unknown(const char *name, struct err *err)
-{
-	struct ctl_guess g = {.given = name};
-	char buf[128];
-
-	err_set(err, ERR_USAGE, "there is no command %s", name);
-	for (size_t i = 0; i < sizeof(table) / sizeof(table[0]); i++) {
-		if (ctl_verb_find(&table[i], name))
-			return err_add_hint(err, "did you mean acutctl %s %s? acutctl help lists the commands", table[i].name,
-					    name);
-		if (table[i].run && !table[i].hidden)
-			ctl_guess_offer(&g, table[i].name);
-	}
-	return err_add_hint(err, "%sacutctl help lists the commands", ctl_guess_text(&g, "acutctl ", buf));
+	return (struct cli){.program = "acutctl",
+			    .about = "terrain meshes from survey points, through acutd",
+			    .command = commands,
+			    .ncommand = sizeof(commands) / sizeof(*commands),
+			    .option = ctl_options,
+			    .noption = ctl_noptions,
+			    .words = words,
+			    .statuses = statuses};
 }

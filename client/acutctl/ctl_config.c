@@ -1,84 +1,76 @@
-/* config show: the settings of the daemon, and where each comes from. */
+/* config show: the settings of the daemon and their origins. */
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_table.h"
 
-static const struct ctl_column columns[] = {{"SETTING"}, {"VALUE", .shrink = true}, {"FROM", .tail = true}};
+static const struct term_column columns[] = {{"SETTING"}, {"VALUE", .shrink = true}, {"FROM", .tail = true}};
 
 struct listing {
-	struct ctl *ctl;
-	struct ctl_table *table;
+	struct console_list list;
+	bool origins;
 };
 
-static void setting_json(struct ctl *ctl, const struct acut_setting *s)
+static void setting_json(const struct console *c, const struct acut_setting *s)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = console_json(c);
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "name", s->name);
-	ctl_json_known(&j, "value", s->value);
-	ctl_json_known(&j, "default", s->preset);
-	ctl_json_known(&j, "unit", s->unit);
-	ctl_json_literal(&j, "reload", s->reload ? "true" : "false");
-	ctl_json_text(&j, "origin", s->origin);
-	ctl_json_known(&j, "file", s->file);
-	if (s->line)
-		ctl_json_u64(&j, "line", s->line);
-	else
-		ctl_json_literal(&j, "line", "null");
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_text(&j, "name", s->name);
+	term_json_known(&j, "value", s->value);
+	term_json_known(&j, "default", s->preset);
+	term_json_known(&j, "unit", s->unit);
+	term_json_bool(&j, "reload", s->reload);
+	term_json_text(&j, "origin", s->origin);
+	term_json_known(&j, "file", s->file);
+	term_json_known_u64(&j, "line", s->line);
+	term_json_end(&j);
 }
 
-static void put_origin(struct ctl_table *t, const struct acut_setting *s)
+static void put_origin(struct term_table *t, const struct acut_setting *s)
 {
 	if (!strcmp(s->origin, "file"))
-		ctl_table_text(t, "%s:%u", s->file, s->line);
+		term_table_text(t, "%s:%u", s->file, s->line);
 	else if (!strcmp(s->origin, "command_line"))
-		ctl_table_text(t, "command line");
+		term_table_text(t, "command line");
 	else if (!strcmp(s->origin, "control_group"))
-		ctl_table_text(t, "limit of the control group");
+		term_table_text(t, "limit of the control group");
 	else if (!*s->value)
-		ctl_table_text(t, "default: %s", s->preset_told);
+		term_table_text(t, "default: %s", s->preset_told);
 	else
-		ctl_table_text(t, "%s", s->origin);
+		term_table_text(t, "%s", s->origin);
 }
 
 static void show(void *ctx, const struct acut_setting *s)
 {
 	struct listing *l = ctx;
+	struct term_table *t = l->list.table;
 
-	if (l->ctl->args.json) {
-		setting_json(l->ctl, s);
+	if (!t) {
+		setting_json(l->list.console, s);
 		return;
 	}
-	ctl_table_text(l->table, "%s", s->name);
-	if (*s->value)
-		ctl_table_text(l->table, "%s", s->value);
-	else
-		ctl_table_none(l->table);
-	if (l->ctl->args.origin_of)
-		put_origin(l->table, s);
+	term_table_text(t, "%s", s->name);
+	term_table_text(t, "%s", s->value);
+	if (l->origins)
+		put_origin(t, s);
 }
 
-static int show_run(struct ctl *ctl)
+static int show_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
+	struct session *session = &ctl->session;
+	struct listing l = {.list.console = &session->console, .origins = ctl->opt.origin_of};
 	int r, status;
 
-	ctl_list_begin(ctl);
-	status = ctl_connect(ctl);
+	console_begin_list(&session->console);
+	status = session_connect(session);
 	if (status)
 		return status;
-	if (!ctl->args.json)
-		l.table = ctl_table_new(ctl->report, columns, ctl->args.origin_of ? 3 : 2);
-	r = acut_config(ctl->acut, show, &l);
-	ctl_table_free(l.table);
-	return r ? ctl_error_acut(ctl) : CTL_DONE;
+	l.list.table = console_table(&session->console, columns, l.origins ? 3 : 2);
+	r = acut_config(session->acut, show, &l);
+	term_table_free(l.list.table);
+	return r ? session_error_acut(session) : SESSION_DONE;
 }
 
-const struct ctl_verb ctl_config_verbs[] = {
+const struct cli_verb ctl_config_verbs[] = {
 	{"show", "show", "each setting of the daemon, and its value", 0, 0, "origin", show_run},
 	{0},
 };

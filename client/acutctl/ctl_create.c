@@ -1,36 +1,24 @@
 /* dataset create NAME: a dataset before its first push, with what that push has to keep to. */
-#include <string.h>
+#include <stdlib.h>
 
 #include "ctl.h"
 #include "ctl_dataset.h"
 
-int ctl_dataset_create(struct ctl *ctl, const char *name)
+int ctl_dataset_create(struct program *ctl)
 {
-	const struct ctl_args *a = &ctl->args;
-	struct ctl_assume crs = {0};
-	char scale[2 * DECIMAL_TEXT_SIZE + 2] = "", *comma = NULL;
-	struct decimal d;
+	struct session *session = &ctl->session;
+	const char *mode = ctl->stage.mode, *z = NULL;
+	char scale[CTL_SCALE_SIZE] = "", *crs = NULL;
 	struct err err = ERR_INIT;
 	int status;
 
-	if (a->scale) {
-		snprintf(scale, sizeof(scale), "%s", a->scale);
-		comma = strchr(scale, ',');
-		if (comma)
-			*comma++ = 0;
-		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
-		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
-			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
-			return ctl_error(ctl, &err);
-		}
-	}
-	if (a->crs && ctl_assume_crs(a->crs, "--crs", &crs.crs, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && a->mode && acut_dataset_mode(ctl->acut, a->mode))
-		status = ctl_error_acut(ctl);
-	if (!status && acut_dataset_create(ctl->acut, name, scale, comma, crs.crs))
-		status = ctl_error_acut(ctl);
-	ctl_assume_done(&crs);
+	if ((ctl->stage.scale && ctl_stage_scale(ctl->stage.scale, scale, &z, &err)) ||
+	    (ctl->opt.crs && ctl_stage_crs(ctl->opt.crs, "--crs", &crs, &err)))
+		return session_error(session, &err);
+	status = session_connect(session);
+	if (!status && ((mode && acut_dataset_mode(session->acut, mode)) ||
+			acut_dataset_create(session->acut, ctl->line.word[0], scale, z, crs)))
+		status = session_error_acut(session);
+	free(crs);
 	return status;
 }

@@ -1,18 +1,18 @@
-/* A dataset as JSON, for the two commands that print one. */
+/* Verbs of dataset that have a file of their own, and what those that print a dataset share. */
 #ifndef CTL_DATASET_H
 #define CTL_DATASET_H
 
-struct ctl;
 struct acut_dataset;
+struct console;
+struct program;
 
-void ctl_dataset_json(struct ctl *, const struct acut_dataset *);
+void ctl_dataset_json(const struct console *, const struct acut_dataset *);
 
-int ctl_dataset_create(struct ctl *, const char *name);
-int ctl_dataset_log(struct ctl *, const char *name);
-int ctl_dataset_prune(struct ctl *, const char *name);
-int ctl_dataset_revert(struct ctl *, const char *name, const char *generation /* NULL: the newest */);
-/* ctl_backup.c; name NULL: that of the folder */
-int ctl_dataset_export(struct ctl *, const char *name, const char *dir);
-int ctl_dataset_import(struct ctl *, const char *dir, const char *name);
+int ctl_dataset_create(struct program *);
+int ctl_dataset_log(struct program *);
+int ctl_dataset_prune(struct program *);
+int ctl_dataset_revert(struct program *);
+int ctl_dataset_export(struct program *);
+int ctl_dataset_import(struct program *);
 
 #endif

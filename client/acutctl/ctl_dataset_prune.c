@@ -3,53 +3,47 @@
 #include "ctl_dataset.h"
 #include "parse.h"
 
-static void print_json(struct ctl *ctl, const char *name, const struct acut_pruned *p)
+static void print_json(const struct console *c, const char *name, const struct acut_pruned *p)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = console_json(c);
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "dataset", name);
-	ctl_json_u64(&j, "oldest", p->oldest);
-	ctl_json_u64(&j, "generations", p->generations);
-	ctl_json_u64(&j, "files", p->files);
-	ctl_json_u64(&j, "points", p->points);
-	ctl_json_u64(&j, "bytes", p->bytes);
-	ctl_json_u64(&j, "segments", p->segments);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_text(&j, "dataset", name);
+	term_json_u64(&j, "oldest", p->oldest);
+	term_json_u64(&j, "generations", p->generations);
+	term_json_u64(&j, "files", p->files);
+	term_json_u64(&j, "points", p->points);
+	term_json_u64(&j, "bytes", p->bytes);
+	term_json_u64(&j, "segments", p->segments);
+	term_json_end(&j);
 }
 
-int ctl_dataset_prune(struct ctl *ctl, const char *name)
+int ctl_dataset_prune(struct program *ctl)
 {
-	const struct ctl_args *a = &ctl->args;
+	struct session *session = &ctl->session;
+	const struct ctl_options *a = &ctl->opt;
+	const char *name = ctl->line.word[0];
 	struct err err = ERR_INIT;
 	struct acut_pruned p;
-	uint64_t keep = 0, before = 0;
 	char points[32], bytes[32];
 	int status;
 
 	if (!a->keep == !a->before) {
 		err_set(&err, ERR_USAGE, "dataset prune takes one of --keep and --before");
 		err_add_hint(&err, "--keep 10: the newest ten generations stay; --before 20: all before generation 20 go");
-	} else if (a->keep) {
-		ctl_option_number("--keep", a->keep, 1, UINT64_MAX, &keep, &err);
-	} else {
-		ctl_option_number("--before", a->before, 1, UINT64_MAX, &before, &err);
+		return session_error(session, &err);
 	}
-	if (err.code)
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && acut_dataset_prune(ctl->acut, name, keep, before, &p))
-		status = ctl_error_acut(ctl);
+	status = session_connect(session);
+	if (!status && acut_dataset_prune(session->acut, name, a->keep, a->before, &p))
+		status = session_error_acut(session);
 	if (status)
 		return status;
-	if (a->json)
-		print_json(ctl, name, &p);
+	if (session->console.json)
+		print_json(&session->console, name, &p);
 	else if (!p.generations)
-		ctl_note(ctl, "%s: nothing is older than generation %llu", name, (unsigned long long)p.oldest);
+		console_line(&session->console, "%s: nothing is older than generation %llu", name, (unsigned long long)p.oldest);
 	else
-		ctl_note(ctl, "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s", name,
-			 (unsigned long long)p.generations, (unsigned long long)p.oldest, ctl_job_count(p.points, points),
-			 (unsigned long long)p.files, parse_size_text(p.bytes, bytes));
-	return CTL_DONE;
+		console_line(&session->console, "%s: %llu generations gone, the oldest is %llu; %s points of %llu files gone, %s",
+			     name, (unsigned long long)p.generations, (unsigned long long)p.oldest, term_count(p.points, points),
+			     (unsigned long long)p.files, parse_size_text(p.bytes, bytes));
+	return SESSION_DONE;
 }

@@ -2,10 +2,9 @@
 #include "ctl.h"
 #include "ctl_dataset.h"
 #include "ctl_names.h"
-#include "ctl_table.h"
 #include "mode.h"
 
-static const struct ctl_column there[] = {
+static const struct term_column there[] = {
 	{"NAME", .shrink = true},  {"GENERATION", .right = true},
 	{"POINTS", .right = true}, {"FILES", .right = true, .spare = true},
 	{"SIZE", .right = true},   {"PUSHED", .spare = true},
@@ -13,70 +12,64 @@ static const struct ctl_column there[] = {
 	{"GROUP", .spare = true},  {"NOTE", .tail = true, .spare = true},
 };
 
-static const struct ctl_column gone[] = {
+static const struct term_column gone[] = {
 	{"NUMBER", .right = true}, {"NAME", .shrink = true},
 	{"POINTS", .right = true}, {"FILES", .right = true, .spare = true},
 	{"SIZE", .right = true},   {"UNTIL"},
 };
 
-struct listing {
-	struct ctl *ctl;
-	struct ctl_table *table;
-};
-
 static void each(void *ctx, const struct acut_dataset *d)
 {
-	struct listing *l = ctx;
-	struct ctl_table *t = l->table;
+	struct console_list *l = ctx;
+	struct term_table *t = l->table;
 	char name[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
-	if (l->ctl->args.json) {
-		ctl_dataset_json(l->ctl, d);
+	if (l->console->json) {
+		ctl_dataset_json(l->console, d);
 		return;
 	}
-	ctl_table_text(t, "%s", d->name);
-	ctl_table_id(t, d->generation);
-	ctl_table_count(t, d->points);
-	ctl_table_count(t, d->files);
-	ctl_table_size(t, d->bytes);
-	ctl_table_time(t, d->pushed_us);
-	ctl_table_text(t, "%s", mode_text(d->mode, mode));
-	ctl_table_text(t, "%s", ctl_user_text(d->uid, name));
-	ctl_table_text(t, "%s", ctl_group_text(d->gid, name));
-	ctl_table_text(t, "%s%s%s", d->pinned ? "pinned" : "", d->pinned && d->pending[0] ? ", " : "",
-		       d->pending[0] ? "push pending" : "");
+	term_table_text(t, "%s", d->name);
+	term_table_id(t, d->generation);
+	term_table_count(t, d->points);
+	term_table_count(t, d->files);
+	term_table_size(t, d->bytes);
+	term_table_time(t, d->pushed_us);
+	term_table_text(t, "%s", mode_text(d->mode, mode));
+	term_table_text(t, "%s", ctl_user_text(d->uid, name));
+	term_table_text(t, "%s", ctl_group_text(d->gid, name));
+	term_table_text(t, "%s%s%s", d->pinned ? "pinned" : "", d->pinned && d->pending[0] ? ", " : "",
+			d->pending[0] ? "push pending" : "");
 }
 
 static void each_removed(void *ctx, const struct acut_dataset *d)
 {
-	struct listing *l = ctx;
-	struct ctl_table *t = l->table;
+	struct console_list *l = ctx;
+	struct term_table *t = l->table;
 
-	if (l->ctl->args.json) {
-		ctl_dataset_json(l->ctl, d);
+	if (l->console->json) {
+		ctl_dataset_json(l->console, d);
 		return;
 	}
-	ctl_table_id(t, d->id);
-	ctl_table_text(t, "%s", d->name);
-	ctl_table_count(t, d->points);
-	ctl_table_count(t, d->files);
-	ctl_table_size(t, d->bytes);
-	ctl_table_time(t, d->until_us);
+	term_table_id(t, d->id);
+	term_table_text(t, "%s", d->name);
+	term_table_count(t, d->points);
+	term_table_count(t, d->files);
+	term_table_size(t, d->bytes);
+	term_table_time(t, d->until_us);
 }
 
-int ctl_datasets_run(struct ctl *ctl)
+int ctl_datasets_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
-	bool removed = ctl->args.removed;
-	int status = ctl_connect(ctl);
+	struct session *session = &ctl->session;
+	struct console_list l = {.console = &session->console};
+	bool removed = ctl->opt.removed;
+	int status = session_connect(session);
 
-	ctl_list_begin(ctl);
+	console_begin_list(&session->console);
 	if (status)
 		return status;
-	if (!ctl->args.json)
-		l.table = removed ? ctl_table_new(ctl->report, gone, sizeof(gone) / sizeof(*gone)) :
-				    ctl_table_new(ctl->report, there, sizeof(there) / sizeof(*there));
-	status = removed ? acut_datasets_removed(ctl->acut, each_removed, &l) : acut_datasets(ctl->acut, NULL, each, &l);
-	ctl_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	l.table = removed ? CONSOLE_TABLE(l.console, gone) : CONSOLE_TABLE(l.console, there);
+	status = removed ? acut_datasets_removed(session->acut, each_removed, &l) : acut_datasets(session->acut, NULL, each, &l);
+	term_table_free(l.table);
+	return status ? session_error_acut(session) : SESSION_DONE;
 }

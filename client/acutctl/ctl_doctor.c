@@ -1,9 +1,9 @@
 /*
- * doctor: what is wrong, and what to do; of this side (socket, versions, groups, clock) and of the daemon's.
+ * doctor: problems of this side (socket, versions, groups, clock) and of the daemon, and what to do.
  *
- * The model: checks in the order in which one thing rests on another; each is ok, a warning, wrong, or unknown. The exit
- * status is 0 if nothing is wrong, also with warnings; 1 if something is; that of the failure where no daemon can be
- * asked (69: none answers, 77: it refuses this user).
+ * Checks run in the order in which they depend on each other; each is ok, a warning, wrong, or unknown. The exit status is 0
+ * without a wrong one; 1 with one; that of the failure if no daemon can be asked (69: no daemon answers, 77: it refuses this
+ * user).
  */
 #include <errno.h>
 #include <grp.h>
@@ -16,33 +16,33 @@
 #include <unistd.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 
 struct doctor {
-	struct ctl *ctl;
-	struct ctl_json json;
+	struct session *session;
+	struct term_json json;
 	unsigned ok, warnings, wrong, unknown;
 };
 
-/* ---- telling ---- */
+/* ---- results of checks ---- */
 
 static void show_text(struct doctor *d, const struct acut_check *c)
 {
-	enum ctl_tint tint = !strcmp(c->state, "ok") ? CTL_GOOD : !strcmp(c->state, "wrong") ? CTL_BAD : CTL_WARN;
-	FILE *out = d->ctl->report;
-	struct ctl_term term = ctl_term_of(out);
+	enum term_tint tint = !strcmp(c->state, "ok") ? TERM_GOOD : !strcmp(c->state, "wrong") ? TERM_BAD : TERM_WARN;
+	FILE *out = d->session->console.report;
+	struct term term = term_of(out);
 
-	if (d->ctl->args.quiet && tint == CTL_GOOD)
+	if (d->session->console.quiet && tint == TERM_GOOD)
 		return;
-	fprintf(out, "%s%-8s%s %-10s ", ctl_term_tint(&term, tint), c->state, ctl_term_tint(&term, CTL_PLAIN), c->name);
-	ctl_term_wrap(out, 20, c->message);
+	fprintf(out, "%s%-8s%s %-10s ", term_tint(&term, tint), c->state, term_tint(&term, TERM_PLAIN), c->name);
+	term_wrap(out, 20, c->message);
 	if (!c->hint[0])
 		return;
 	fprintf(out, "%19s -> ", "");
-	ctl_term_wrap(out, 23, c->hint);
+	term_wrap(out, 23, c->hint);
 }
 
-static void tell(void *ctx, const struct acut_check *c)
+static void report(void *ctx, const struct acut_check *c)
 {
 	struct doctor *d = ctx;
 
@@ -54,21 +54,21 @@ static void tell(void *ctx, const struct acut_check *c)
 		d->wrong++;
 	else
 		d->unknown++;
-	if (!d->ctl->args.json) {
+	if (!d->session->console.json) {
 		show_text(d, c);
 		return;
 	}
-	ctl_json_open(&d->json, NULL, '{');
-	ctl_json_text(&d->json, "name", c->name);
-	ctl_json_text(&d->json, "state", c->state);
-	ctl_json_text(&d->json, "message", c->message);
-	ctl_json_text(&d->json, "hint", c->hint[0] ? c->hint : NULL);
-	ctl_json_close(&d->json, '}');
+	term_json_open(&d->json, NULL, '{');
+	term_json_text(&d->json, "name", c->name);
+	term_json_text(&d->json, "state", c->state);
+	term_json_text(&d->json, "message", c->message);
+	term_json_text(&d->json, "hint", c->hint[0] ? c->hint : NULL);
+	term_json_close(&d->json, '}');
 }
 
-static void say(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
+static void result(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
 	__attribute__((format(printf, 5, 6)));
-static void say(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
+static void result(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
 {
 	char text[1024];
 	va_list ap;
@@ -76,12 +76,12 @@ static void say(struct doctor *d, const char *name, const char *state, const cha
 	va_start(ap, fmt);
 	vsnprintf(text, sizeof(text), fmt, ap);
 	va_end(ap);
-	tell(d, &(const struct acut_check){.name = name, .state = state, .message = text, .hint = hint});
+	report(d, &(const struct acut_check){.name = name, .state = state, .message = text, .hint = hint});
 }
 
 /* ---- this side ---- */
 
-/* In the group, but not in this session: it was added after the login. */
+/* The user is in the group, but not this session: added after the login. */
 static bool joined_since(const char *group)
 {
 	const struct group *gr = getgrnam(group);
@@ -100,57 +100,58 @@ static bool joined_since(const char *group)
 	return member && getegid() != gr->gr_gid;
 }
 
-static void told_refused(struct doctor *d, const char *path, const struct err *why)
+static void report_refused(struct doctor *d, const char *path, const struct err *why)
 {
 	if (joined_since("acut"))
-		say(d, "rights", "wrong", "log out and in again: a group counts from the next login",
-		    "%s: this user is in the group acut, but this session is not", why->message);
+		result(d, "rights", "wrong", "log out and in again: a group counts from the next login",
+		       "%s: this user is in the group acut, but this session is not", why->message);
 	else
-		say(d, "rights", "wrong",
-		    why->hint[0] ? why->hint : "an administrator can add the user to the group: adduser USER acut", "%s%s%s",
-		    path ? path : "", path ? ": " : "", why->message);
+		result(d, "rights", "wrong",
+		       why->hint[0] ? why->hint : "an administrator can add the user to the group: adduser USER acut", "%s%s%s",
+		       path ? path : "", path ? ": " : "", why->message);
 }
 
-/* Why nobody answers there, as far as the name tells it. */
-static void told_unreachable(struct doctor *d, const char *path, const struct err *why)
+/* Why no daemon answers, as far as the path shows it. */
+static void report_unreachable(struct doctor *d, const char *path, const struct err *why)
 {
 	static const char start[] = "systemctl start acutd.socket; systemctl status acutd shows why it does not run";
 	struct stat st;
 
 	if (!path)
-		say(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or say with --socket where it listens",
-		    "%s", why->message);
+		result(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or say with --socket where it listens",
+		       "%s", why->message);
 	else if (stat(path, &st) < 0 && errno == ENOENT)
-		say(d, "socket", "wrong", start, "there is no socket %s: acutd does not run, or listens elsewhere", path);
+		result(d, "socket", "wrong", start, "there is no socket %s: acutd does not run, or listens elsewhere", path);
 	else if (stat(path, &st) < 0)
-		say(d, "socket", "wrong", "look at the rights of its folder", "the socket %s cannot be looked at: %s", path,
-		    strerror(errno));
+		result(d, "socket", "wrong", "look at the rights of its folder", "the socket %s cannot be looked at: %s", path,
+		       strerror(errno));
 	else if (!S_ISSOCK(st.st_mode))
-		say(d, "socket", "wrong", "give the path of acutd's socket with --socket or ACUT_SOCKET", "%s is no socket",
-		    path);
+		result(d, "socket", "wrong", "give the path of acutd's socket with --socket or ACUT_SOCKET", "%s is no socket",
+		       path);
 	else if (why->code == ERR_NODAEMON)
-		say(d, "socket", "wrong", start, "nobody listens at %s: acutd has ended and left its socket behind", path);
+		result(d, "socket", "wrong", start, "nobody listens at %s: acutd has ended and left its socket behind", path);
 	else
-		say(d, "socket", "wrong", why->hint, "%s", why->message);
+		result(d, "socket", "wrong", why->hint, "%s", why->message);
 }
 
 static void check_build(struct doctor *d)
 {
-	const char *build = acut_daemon_build(d->ctl->acut);
+	const char *build = acut_daemon_build(d->session->acut);
 	double seconds;
 
 	if (strcmp(build, ACUT_VERSION))
-		say(d, "version", "warning", "install acutctl and acutd of one release, then: systemctl restart acutd",
-		    "acutctl is %s, acutd is %s", ACUT_VERSION, build);
+		result(d, "version", "warning", "install acutctl and acutd of one release, then: systemctl restart acutd",
+		       "acutctl is %s, acutd is %s", ACUT_VERSION, build);
 	else
-		say(d, "version", "ok", "", "acutctl and acutd are %s", build);
-	if (acut_ping(d->ctl->acut, &seconds))
-		say(d, "answer", "wrong", "journalctl -t acutd", "acutd does not answer: %s", acut_error(d->ctl->acut)->message);
+		result(d, "version", "ok", "", "acutctl and acutd are %s", build);
+	if (acut_ping(d->session->acut, &seconds))
+		result(d, "answer", "wrong", "journalctl -t acutd", "acutd does not answer: %s",
+		       acut_error(d->session->acut)->message);
 	else if (seconds > 1)
-		say(d, "answer", "warning", "look at the load of the machine and the health of its disk",
-		    "acutd took %.1f seconds to answer", seconds);
+		result(d, "answer", "warning", "look at the load of the machine and the health of its disk",
+		       "acutd took %.1f seconds to answer", seconds);
 	else
-		say(d, "answer", "ok", "", "acutd answered in %.1f ms", 1e3 * seconds);
+		result(d, "answer", "ok", "", "acutd answered in %.1f ms", 1e3 * seconds);
 }
 
 static void check_sync(struct doctor *d)
@@ -159,70 +160,70 @@ static void check_sync(struct doctor *d)
 	int r = adjtimex(&t);
 
 	if (r < 0)
-		say(d, "time", "unknown", "", "whether the clock is synchronised cannot be asked: %s", strerror(errno));
+		result(d, "time", "unknown", "", "whether the clock is synchronised cannot be asked: %s", strerror(errno));
 	else if (t.status & STA_UNSYNC)
-		say(d, "time", "warning", "have it set by NTP: timedatectl set-ntp true",
-		    "the clock of this machine is not synchronised");
+		result(d, "time", "warning", "have it set by NTP: timedatectl set-ntp true",
+		       "the clock of this machine is not synchronised");
 	else
-		say(d, "time", "ok", "", "the clock of this machine is synchronised");
+		result(d, "time", "ok", "", "the clock of this machine is synchronised");
 }
 
 /* ---- all ---- */
 
 static int ask(struct doctor *d)
 {
-	const char *path = ctl_connect_path(d->ctl);
+	const char *path = session_path(d->session);
 	struct err err = ERR_INIT;
 
-	if (ctl_connect_try(d->ctl, &err)) {
-		if (ctl_signal_caught() || ctl_signal_late(d->ctl))
+	if (session_connect_try(d->session, &err)) {
+		if (session_caught() || session_late(d->session))
 			return -1;
 		if (err.code == ERR_PERM)
-			told_refused(d, path, &err);
+			report_refused(d, path, &err);
 		else
-			told_unreachable(d, path, &err);
+			report_unreachable(d, path, &err);
 		return err_exit_status(err.code);
 	}
-	say(d, "socket", "ok", "", "%s answers", path ? path : "the private daemon");
+	result(d, "socket", "ok", "", "%s answers", path ? path : "the private daemon");
 	check_build(d);
 	check_sync(d);
-	if (!acut_doctor(d->ctl->acut, tell, d))
-		return d->wrong ? 1 : CTL_DONE;
-	ctl_error_from_acut(d->ctl->acut, NULL, &err);
+	if (!acut_doctor(d->session->acut, report, d))
+		return d->wrong ? 1 : SESSION_DONE;
+	session_failure(d->session, NULL, &err);
 	if (err.code == ERR_UNSUPPORTED) {
-		say(d, "daemon", "unknown", "install acutctl and acutd of one release", "this acutd cannot be asked: %s",
-		    err.message);
-		return d->wrong ? 1 : CTL_DONE;
+		result(d, "daemon", "unknown", "install acutctl and acutd of one release", "this acutd cannot be asked: %s",
+		       err.message);
+		return d->wrong ? 1 : SESSION_DONE;
 	}
-	say(d, "daemon", "wrong", err.hint, "acutd cannot tell: %s", err.message);
+	result(d, "daemon", "wrong", err.hint, "acutd cannot be asked: %s", err.message);
 	return err_exit_status(err.code);
 }
 
-int ctl_doctor_run(struct ctl *ctl)
+int ctl_doctor_run(struct program *ctl)
 {
-	struct doctor d = {.ctl = ctl, .json = {.out = ctl->report}};
+	struct session *session = &ctl->session;
+	struct doctor d = {.session = session};
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl->args.json) {
-		ctl_json_open(&d.json, NULL, '{');
-		ctl_json_open(&d.json, "checks", '[');
+	if (session->console.json) {
+		d.json = console_json(&session->console);
+		term_json_open(&d.json, "checks", '[');
 	}
 	status = ask(&d);
 	if (status < 0) {
 		err_set(&err, ERR_CANCELLED, "interrupted");
-		return ctl_error(ctl, &err);
+		return session_error(session, &err);
 	}
-	if (ctl->args.json) {
-		ctl_json_close(&d.json, ']');
-		ctl_json_u64(&d.json, "ok", d.ok);
-		ctl_json_u64(&d.json, "warnings", d.warnings);
-		ctl_json_u64(&d.json, "wrong", d.wrong);
-		ctl_json_u64(&d.json, "unknown", d.unknown);
-		ctl_json_close(&d.json, '}');
-		ctl_json_line(&d.json);
-	} else if (!ctl->args.quiet) {
-		fprintf(ctl->report, "%s: %u ok, %u warning%s, %u wrong%s\n",
+	if (session->console.json) {
+		term_json_close(&d.json, ']');
+		term_json_u64(&d.json, "ok", d.ok);
+		term_json_u64(&d.json, "warnings", d.warnings);
+		term_json_u64(&d.json, "wrong", d.wrong);
+		term_json_u64(&d.json, "unknown", d.unknown);
+		term_json_end(&d.json);
+	} else if (!session->console.quiet) {
+		fprintf(session->console.report, "%s: %u ok, %u warning%s, %u wrong%s\n",
 			d.wrong    ? "something is wrong" :
 			d.warnings ? "it works" :
 				     "all is well",

@@ -4,38 +4,40 @@
 
 #include "ctl.h"
 
-int ctl_fetch_run(struct ctl *ctl)
+int ctl_fetch_run(struct program *ctl)
 {
-	struct format_run *run = NULL;
+	struct session *session = &ctl->session;
+	struct ctl_fetch_options *opt = &ctl->fetch;
+	struct outputs *run = NULL;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	char *window = NULL;
 	uint64_t id;
-	int r = ctl_job_id(ctl->args.word[0], &id, &err), status;
+	int status;
 
-	if (r)
-		return ctl_error(ctl, &err);
-	if (!ctl->args.nout && !ctl_output_nothing(&ctl->args)) { /* said before a daemon is looked for */
-		ctl_output_open(ctl, &run, &err);
-		return ctl_error(ctl, &err);
+	opt->window = ctl->view.bbox ? "bbox" : ctl->view.polygon ? "polygon" : NULL;
+	if (ctl_job_id(ctl->line.word[0], &id, &err))
+		return session_error(session, &err);
+	if (!opt->out.n && !ctl_fetch_nothing(opt)) { /* refused before a daemon is looked for */
+		ctl_fetch_open(session, opt, &run, &err);
+		return session_error(session, &err);
 	}
-	if (ctl_view_window(&ctl->args, &window, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
-	if (!status && acut_fetch_window(ctl->acut, window))
-		status = ctl_error_acut(ctl);
+	if (ctl_view_window(&ctl->view, &window, &err))
+		return session_error(session, &err);
+	status = session_connect(session);
+	if (!status && acut_fetch_window(session->acut, window))
+		status = session_error_acut(session);
 	free(window);
 	if (status)
 		return status;
-	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))
-		return ctl_error_acut(ctl);
-	/* the view says whether gaps are to be expected */
-	ctl->args.ground = strstr(job->view, " ground") != NULL;
-	ctl->args.surface = strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest");
-	r = ctl_output_open(ctl, &run, &err);
-	if (!r)
-		r = format_run_keep(run, id, ctl->args.resume, &err);
-	status = r ? ctl_error(ctl, &err) : ctl_output_fetch(ctl, id, run, NULL);
-	format_run_free(run);
+	if (acut_job_wait(session->acut, id, false, NULL, NULL, &job))
+		return session_error_acut(session);
+	opt->gaps =
+		strstr(job->view, " ground") || (strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest"));
+	if (ctl_fetch_open(session, opt, &run, &err) || outputs_keep(run, id, ctl->opt.resume, &err))
+		status = session_error(session, &err);
+	else
+		status = ctl_fetch(session, opt, id, run, NULL);
+	outputs_free(run);
 	return status;
 }

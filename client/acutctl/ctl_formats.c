@@ -1,73 +1,45 @@
 /* formats: what can be read (by the daemon of this version) and written (here, from the table of writers). */
-#include <string.h>
-
 #include "ctl.h"
-#include "ctl_table.h"
 
-const struct ctl_input_format ctl_formats_input[] = {
-	{"las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10"},
-	{"ptx", ".ptx", "scans of a scanner that stands (Leica, FARO): cells by column and row, each scan with its matrix"},
-	{"pts", ".pts", "text with the number of points in its first line, then as xyz"},
-	{"xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon"},
-	{0},
-};
-
-const struct ctl_input_format ctl_formats_archive[] = {
-	{"gz", ".gz", "a file packed by gzip: unpacked, then as what is in it"},
-	{"zip", ".zip", "an archive: the survey files in it, each unpacked, then as what it is"},
-	{0},
-};
-
-bool ctl_formats_extension(const struct ctl_input_format *f, const char *word)
-{
-	size_t n = strlen(word);
-
-	for (const char *at = f->extensions; n && (at = strstr(at, word)); at += n)
-		if (at > f->extensions && at[-1] == '.' && (!at[n] || at[n] == ' '))
-			return true;
-	return false;
-}
-
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"FORMAT"},
 	{"DIRECTION"},
 	{"EXTENSIONS"},
 	{"WHAT IT IS", .tail = true},
 };
 
-static void row(struct ctl *ctl, struct ctl_table *t, const char *direction, const char *name, const char *extensions,
-		const char *help)
+static void row(const struct console_list *l, const char *direction, const char *name, const char *extensions, const char *help)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j;
 
-	if (!ctl->args.json) {
-		ctl_table_text(t, "%s", name);
-		ctl_table_text(t, "%s", direction);
-		ctl_table_text(t, "%s", extensions);
-		ctl_table_text(t, "%s", help);
+	if (l->table) {
+		term_table_text(l->table, "%s", name);
+		term_table_text(l->table, "%s", direction);
+		term_table_text(l->table, "%s", extensions);
+		term_table_text(l->table, "%s", help);
 		return;
 	}
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "format", name);
-	ctl_json_text(&j, "direction", direction);
-	ctl_json_text(&j, "extensions", extensions);
-	ctl_json_text(&j, "help", help);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	j = console_json(l->console);
+	term_json_text(&j, "format", name);
+	term_json_text(&j, "direction", direction);
+	term_json_text(&j, "extensions", extensions);
+	term_json_text(&j, "help", help);
+	term_json_end(&j);
 }
 
-int ctl_formats_run(struct ctl *ctl)
+int ctl_formats_run(struct program *ctl)
 {
+	struct console *c = &ctl->session.console;
+	const struct console_list l = {c, CONSOLE_TABLE(c, columns)};
 	size_t n;
 	const struct format *const *rows = format_rows(&n);
-	struct ctl_table *t = ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
 
-	for (size_t i = 0; ctl_formats_input[i].name; i++)
-		row(ctl, t, "in", ctl_formats_input[i].name, ctl_formats_input[i].extensions, ctl_formats_input[i].help);
-	for (size_t i = 0; ctl_formats_archive[i].name; i++)
-		row(ctl, t, "in", ctl_formats_archive[i].name, ctl_formats_archive[i].extensions, ctl_formats_archive[i].help);
+	for (const struct ctl_input_format *f = ctl_input_formats; f->name; f++)
+		row(&l, "in", f->name, f->extensions, f->help);
+	for (const struct ctl_input_format *f = ctl_input_archives; f->name; f++)
+		row(&l, "in", f->name, f->extensions, f->help);
 	for (size_t i = 0; i < n; i++)
-		row(ctl, t, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
-	ctl_table_free(t);
-	return CTL_DONE;
+		row(&l, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
+	term_table_free(l.table);
+	return SESSION_DONE;
 }

@@ -1,139 +1,98 @@
 /* geoid add FILE, geoid list, geoid rm NAME: the geoid grids that the daemon keeps for --geoid. */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
 
 #include "ctl.h"
-#include "ctl_table.h"
-#include "parse.h"
 
-static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
+static void geoid_json(const struct console *c, const struct acut_geoid *g)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = console_json(c);
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "name", g->name);
-	ctl_json_text(&j, "hash", g->hash);
-	ctl_json_known(&j, "description", g->description);
-	ctl_json_known(&j, "date", g->date);
-	ctl_json_u64(&j, "width", g->width);
-	ctl_json_u64(&j, "height", g->height);
-	ctl_json_u64(&j, "bytes", g->bytes);
-	ctl_json_number(&j, "min", g->min);
-	ctl_json_number(&j, "max", g->max);
-	ctl_json_number(&j, "rms_error", g->rms_error);
-	ctl_json_number(&j, "max_error", g->max_error);
-	ctl_json_u64(&j, "uid", g->uid);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_text(&j, "name", g->name);
+	term_json_text(&j, "hash", g->hash);
+	term_json_known(&j, "description", g->description);
+	term_json_known(&j, "date", g->date);
+	term_json_u64(&j, "width", g->width);
+	term_json_u64(&j, "height", g->height);
+	term_json_u64(&j, "bytes", g->bytes);
+	term_json_number(&j, "min", g->min);
+	term_json_number(&j, "max", g->max);
+	term_json_number(&j, "rms_error", g->rms_error);
+	term_json_number(&j, "max_error", g->max_error);
+	term_json_u64(&j, "uid", g->uid);
+	term_json_end(&j);
 }
 
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"NAME", .shrink = true}, {"POSTS", .right = true, .spare = true},
 	{"SIZE", .right = true},  {"LEAST", .right = true},
 	{"MOST", .right = true},  {"RMS ERROR", .right = true, .spare = true},
 	{"HASH", .spare = true},  {"DESCRIPTION", .tail = true, .spare = true},
 };
 
-struct listing {
-	struct ctl *ctl;
-	struct ctl_table *table;
-};
-
 static void show(void *ctx, const struct acut_geoid *g)
 {
-	struct listing *l = ctx;
-	struct ctl_table *t = l->table;
+	struct console_list *l = ctx;
+	struct term_table *t = l->table;
 
-	if (l->ctl->args.json) {
-		geoid_json(l->ctl, g);
+	if (l->console->json) {
+		geoid_json(l->console, g);
 		return;
 	}
-	ctl_table_text(t, "%s", g->name);
-	ctl_table_text(t, "%ux%u", g->width, g->height);
-	ctl_table_size(t, g->bytes);
-	ctl_table_text(t, "%.3f", g->min);
-	ctl_table_text(t, "%.3f", g->max);
+	term_table_text(t, "%s", g->name);
+	term_table_text(t, "%ux%u", g->width, g->height);
+	term_table_size(t, g->bytes);
+	term_table_text(t, "%.3f", g->min);
+	term_table_text(t, "%.3f", g->max);
 	if (isfinite(g->rms_error))
-		ctl_table_text(t, "%.3g", g->rms_error);
+		term_table_text(t, "%.3g", g->rms_error);
 	else
-		ctl_table_none(t);
-	ctl_table_text(t, "%s", g->hash);
-	ctl_table_text(t, "%s%s%s", g->description, *g->description && *g->date ? ", " : "", g->date);
+		term_table_none(t);
+	term_table_text(t, "%s", g->hash);
+	term_table_text(t, "%s%s%s", g->description, *g->description && *g->date ? ", " : "", g->date);
 }
 
-static struct ctl_table *table(struct ctl *ctl)
+static int add_run(struct program *ctl)
 {
-	return ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
-}
-
-/* "folder/egm96-5.pgm": "egm96-5". */
-static void name_of(const char *path, char *ret, size_t size)
-{
-	const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path;
-	size_t n = strlen(base);
-
-	if (n > 4 && !strcmp(base + n - 4, ".pgm"))
-		n -= 4;
-	snprintf(ret, size, "%.*s", (int)n, base);
-}
-
-int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret)
-{
-	struct ctl_input in = {.name = (char *)path, .fd = -1};
-	struct err err = ERR_INIT;
-	int fd, r;
-
-	if (name)
-		snprintf(ret_name, 128, "%s", name);
-	else
-		name_of(path, ret_name, 128);
-	if (ctl_input_open(ctl, &in, &fd, &err))
-		return ctl_error(ctl, &err);
-	r = acut_geoid_add(ctl->acut, fd, ret_name, path, ret);
-	close(fd);
-	return r ? ctl_error_acut(ctl) : 0;
-}
-
-static int add_run(struct ctl *ctl)
-{
+	struct session *session = &ctl->session;
+	struct console_list l = {.console = &session->console};
 	const struct acut_geoid *g;
 	char name[128];
-	int status = ctl_connect(ctl);
+	int status = session_connect(session);
 
 	if (!status)
-		status = ctl_geoid_file(ctl, ctl->args.word[1], ctl->args.name, name, &g);
-	if (!status) {
-		struct listing l = {ctl, table(ctl)};
-
-		show(&l, g);
-		ctl_table_free(l.table);
-	}
-	return status;
+		status = ctl_stage_geoid(session, ctl->line.word[0], ctl->input.name, name, &g);
+	if (status)
+		return status;
+	l.table = CONSOLE_TABLE(l.console, columns);
+	show(&l, g);
+	term_table_free(l.table);
+	return SESSION_DONE;
 }
 
-static int list_run(struct ctl *ctl)
+static int list_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
-	int status = ctl_connect(ctl);
+	struct session *session = &ctl->session;
+	struct console_list l = {.console = &session->console};
+	int status = session_connect(session);
 
 	if (status)
 		return status;
-	l.table = table(ctl);
-	status = acut_geoids(ctl->acut, show, &l);
-	ctl_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	l.table = CONSOLE_TABLE(l.console, columns);
+	status = acut_geoids(session->acut, show, &l);
+	term_table_free(l.table);
+	return status ? session_error_acut(session) : SESSION_DONE;
 }
 
-static int rm_run(struct ctl *ctl)
+static int rm_run(struct program *ctl)
 {
-	int status = ctl_connect(ctl);
+	int status = session_connect(&ctl->session);
 
-	return status ? status : acut_geoid_remove(ctl->acut, ctl->args.word[1]) ? ctl_error_acut(ctl) : CTL_DONE;
+	if (!status && acut_geoid_remove(ctl->session.acut, ctl->line.word[0]))
+		status = session_error_acut(&ctl->session);
+	return status;
 }
 
-const struct ctl_verb ctl_geoid_verbs[] = {
+const struct cli_verb ctl_geoid_verbs[] = {
 	{"add", "add FILE.pgm", "keep a geoid grid with the daemon", 1, 1, "name", add_run},
 	{"list", "list", "the grids that are kept", 0, 0, NULL, list_run},
 	{"rm", "rm GEOID", "remove one", 1, 1, NULL, rm_run},

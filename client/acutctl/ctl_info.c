@@ -1,10 +1,10 @@
-/* info: what the headers of files say, as the daemon reads them, and (without --header) what their records are. */
+/* info: headers of files, as the daemon reads them, and (without --header) their records. */
 #include <math.h>
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_archive.h"
-#include "ctl_term.h"
+#include "io.h"
+#include "term.h"
 
 static void print_system(FILE *out, const struct acut_probe *p)
 {
@@ -14,147 +14,128 @@ static void print_system(FILE *out, const struct acut_probe *p)
 		snprintf(epsg, sizeof(epsg), "%u, heights %u", p->epsg, p->epsg_z);
 	else if (p->epsg || p->epsg_z)
 		snprintf(epsg, sizeof(epsg), p->epsg ? "%u" : "unknown, heights %u", p->epsg ? p->epsg : p->epsg_z);
-	ctl_term_field(out, "  plane", "%s", p->plane);
-	ctl_term_field(out, "  crs", *p->crs_name ? "%s (%s)" : "%s", p->crs, p->crs_name);
-	ctl_term_field(out, "  epsg", "%s", epsg);
-	ctl_term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
-	ctl_term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
+	term_field(out, "  plane", "%s", p->plane);
+	term_field(out, "  crs", *p->crs_name ? "%s (%s)" : "%s", p->crs, p->crs_name);
+	term_field(out, "  epsg", "%s", epsg);
+	term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
+	term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
 }
 
 /* A text without points has none. */
 static void print_box(FILE *out, const struct acut_probe *p)
 {
 	if (isfinite(p->min[0]) && isfinite(p->min[1]) && isfinite(p->min[2]))
-		ctl_term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
-			       p->max[1], p->max[2]);
+		term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
+			   p->max[1], p->max[2]);
 	else
-		ctl_term_field(out, "  box", "none");
+		term_field(out, "  box", "none");
 }
 
-static void print(struct ctl *ctl, const struct acut_probe *p)
+static void print(FILE *out, const struct acut_probe *p)
 {
-	FILE *out = ctl->report;
 	char a[32];
 
-	ctl_term_line(out, "%s", p->name);
-	ctl_term_field(out, "  format", "%s", p->variant[0] ? p->variant : p->format);
-	ctl_term_field(out, "  points", "%s", ctl_job_count(p->points, a));
+	term_line(out, "%s", p->name);
+	term_field(out, "  format", "%s", p->variant[0] ? p->variant : p->format);
+	term_field(out, "  points", "%s", term_count(p->points, a));
 	print_box(out, p);
-	ctl_term_field(out, "  scale", "%s %s %s", p->scale[0], p->scale[1], p->scale[2]);
-	ctl_term_field(out, "  offset", "%s %s %s", p->offset[0], p->offset[1], p->offset[2]);
+	term_field(out, "  scale", "%s %s %s", p->scale[0], p->scale[1], p->scale[2]);
+	term_field(out, "  offset", "%s %s %s", p->offset[0], p->offset[1], p->offset[2]);
 	print_system(out, p);
 	if (p->warning[0])
-		ctl_term_field(out, "  note", "%s", p->warning);
+		term_field(out, "  note", "%s", p->warning);
 }
 
-static void three_texts(struct ctl_json *j, const char *key, const char *const text[3])
+static void three_texts(struct term_json *j, const char *key, const char *const text[3])
 {
-	ctl_json_open(j, key, '[');
+	term_json_open(j, key, '[');
 	for (int i = 0; i < 3; i++) {
 		if (text[i][0])
-			ctl_json_literal(j, NULL, text[i]);
+			term_json_literal(j, NULL, text[i]);
 		else
-			ctl_json_text(j, NULL, NULL);
+			term_json_null(j, NULL);
 	}
-	ctl_json_close(j, ']');
+	term_json_close(j, ']');
 }
 
-static void three_numbers(struct ctl_json *j, const char *key, const double v[3])
+static void print_json(const struct console *c, const struct acut_probe *p, const struct acut_inspected *in)
 {
-	ctl_json_open(j, key, '[');
-	for (int i = 0; i < 3; i++)
-		ctl_json_number(j, NULL, v[i]);
-	ctl_json_close(j, ']');
-}
+	struct term_json j = console_json(c);
 
-static void number(struct ctl_json *j, const char *key, uint32_t n)
-{
-	if (n)
-		ctl_json_u64(j, key, n);
-	else
-		ctl_json_text(j, key, NULL);
-}
-
-static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct acut_inspected *in)
-{
-	struct ctl_json j = {.out = ctl->report};
-
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", p->name);
-	ctl_json_text(&j, "format", p->format);
-	ctl_json_known(&j, "variant", p->variant);
-	ctl_json_u64(&j, "points", p->points);
-	three_numbers(&j, "min", p->min);
-	three_numbers(&j, "max", p->max);
+	term_json_text(&j, "file", p->name);
+	term_json_text(&j, "format", p->format);
+	term_json_known(&j, "variant", p->variant);
+	term_json_u64(&j, "points", p->points);
+	term_json_numbers(&j, "min", p->min, 3);
+	term_json_numbers(&j, "max", p->max, 3);
 	three_texts(&j, "scale", p->scale);
 	three_texts(&j, "offset", p->offset);
-	ctl_job_units(&j, p->crs, p->unit_xy, p->unit_z);
-	ctl_json_known(&j, "plane", p->plane);
-	ctl_json_known(&j, "crs_name", p->crs_name);
-	ctl_json_known(&j, "datum", p->datum);
-	number(&j, "epsg", p->epsg);
-	number(&j, "epsg_z", p->epsg_z);
-	ctl_json_u64(&j, "lines_left_out", p->left_out);
-	if (p->left_out)
-		ctl_json_u64(&j, "first_left_out", p->left_out_line);
-	else
-		ctl_json_text(&j, "first_left_out", NULL);
-	ctl_json_known(&j, "warning", p->warning);
-	ctl_inspect_json(&j, in);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	ctl_report_units(&j, p->crs, p->unit_xy, p->unit_z);
+	term_json_known(&j, "plane", p->plane);
+	term_json_known(&j, "crs_name", p->crs_name);
+	term_json_known(&j, "datum", p->datum);
+	term_json_known_u64(&j, "epsg", p->epsg);
+	term_json_known_u64(&j, "epsg_z", p->epsg_z);
+	term_json_u64(&j, "lines_left_out", p->left_out);
+	term_json_known_u64(&j, "first_left_out", p->left_out ? p->left_out_line : 0);
+	term_json_known(&j, "warning", p->warning);
+	ctl_report_inspected_json(&j, in);
+	term_json_end(&j);
 }
 
-static int info(struct ctl *ctl, struct ctl_input *in)
+static int info(struct ctl_inputs *inputs, struct ctl_input *in, bool header)
 {
+	struct session *session = inputs->session;
+	const struct ctl_input_options *opt = inputs->opt;
 	const struct acut_inspected *records = NULL;
 	const struct acut_probe *p = NULL;
 	struct err err = ERR_INIT;
-	int fd, r = in->fd < 0 ? ctl_input_open(ctl, in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
+	int fd, r = in->fd < 0 ? ctl_input_open(inputs, in, &fd, &err) : ctl_input_keep_pipe(inputs, in, &fd, &err);
 
 	if (r)
-		return ctl_error(ctl, &err);
-	r = acut_decimal_comma(ctl->acut, ctl->args.decimal_comma);
-	if (!r && ctl->args.header) {
-		r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &p);
+		return session_error(session, &err);
+	r = acut_decimal_comma(session->acut, opt->decimal_comma);
+	if (!r && header) {
+		r = acut_info(session->acut, fd, in->name, inputs->format, opt->columns, &p);
 	} else if (!r) {
-		r = acut_inspect(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &records);
+		r = acut_inspect(session->acut, fd, in->name, inputs->format, opt->columns, &records);
 		p = r ? NULL : &records->header;
 	}
-	ctl_input_close(in, fd);
-	ctl_archive_drop(in);
+	io_close(fd);
+	ctl_input_drop(in);
 	if (r) {
-		ctl_error_from_acut(ctl->acut, in->name, &err);
-		return ctl_error(ctl, &err);
+		session_failure(session, in->name, &err);
+		return session_error(session, &err);
 	}
-	if (ctl->args.json)
-		print_json(ctl, p, records);
+	if (session->console.json)
+		print_json(&session->console, p, records);
 	else
-		print(ctl, p);
-	if (records && !ctl->args.json)
-		ctl_inspect_text(ctl, records);
-	return CTL_DONE;
+		print(session->console.report, p);
+	if (records && !session->console.json)
+		ctl_report_inspected(&session->console, records);
+	return SESSION_DONE;
 }
 
-/* Broken files among good ones: all are told, status 3, as with a push. */
-int ctl_info_run(struct ctl *ctl)
+/* Broken files among good ones: all are printed, status 3, as with a push. */
+int ctl_info_run(struct program *ctl)
 {
-	struct ctl_inputs in = {0};
+	struct session *session = &ctl->session;
+	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct err err = ERR_INIT;
 	int status, first = 0;
 	size_t good = 0;
 
-	if (ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
+	if (ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err))
+		return session_error(session, &err);
+	status = session_connect(session);
 	for (size_t i = 0; i < in.n && !status; i++) {
-		int one = info(ctl, &in.input[i]);
+		int one = info(&in, &in.input[i], ctl->opt.header);
 
 		first = first ? first : one;
 		good += !one;
-		if (one && ctl_signal_interrupted(ctl))
+		if (one && session_interrupted(session))
 			status = one;
 	}
-	ctl_input_done(&in);
-	return status ? status : first && good ? CTL_SOME_REFUSED : first;
+	ctl_inputs_done(&in);
+	return status ? status : first && good ? SESSION_SOME_REFUSED : first;
 }

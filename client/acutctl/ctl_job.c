@@ -1,291 +1,6 @@
-/*
- * Jobs as people and as programs read them, and the exit status that a job stands for.
- */
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-
+/* Jobs that are named on the command line. */
 #include "ctl.h"
-#include "ctl_term.h"
 #include "parse.h"
-
-void ctl_job_time(struct ctl_json *j, const char *key, int64_t us)
-{
-	char buf[32];
-
-	ctl_json_text(j, key, us ? ctl_job_time_text(us, buf) : NULL);
-}
-
-/* A lattice as decimals. */
-struct lattice_said {
-	char of[256]; /* what the daemon said */
-	char scale[2][DECIMAL_TEXT_SIZE], offset[3][DECIMAL_TEXT_SIZE];
-	bool ok;
-};
-
-static bool lattice_say(const char *lattice, struct lattice_said *ret)
-{
-	char part[5][DECIMAL_TEXT_SIZE];
-	struct decimal scale[2];
-	int64_t k[3];
-
-	for (int i = 0; i < 5; i++) {
-		size_t n;
-
-		lattice += strspn(lattice, " ");
-		n = strcspn(lattice, " ");
-		if (!n || n >= sizeof(part[i]))
-			return false;
-		memcpy(part[i], lattice, n);
-		part[i][n] = 0;
-		lattice += n;
-	}
-	for (int i = 0; i < 2; i++) {
-		if (!decimal_parse(part[i], &scale[i]))
-			return false;
-		strcpy(ret->scale[i], part[i]);
-	}
-	for (int i = 0; i < 3; i++) {
-		if (!parse_i64(part[2 + i], &k[i]))
-			return false;
-		decimal_scaled_text(scale[i == 2], k[i], ret->offset[i]);
-	}
-	return true;
-}
-
-void ctl_job_lattice(struct ctl_json *j, const char *lattice)
-{
-	static struct lattice_said said; /* lists have the same one many times */
-
-	if (lattice && strlen(lattice) < sizeof(said.of) && (!*said.of || strcmp(said.of, lattice))) {
-		strcpy(said.of, lattice);
-		said.ok = lattice_say(lattice, &said);
-	}
-	if (!lattice || strcmp(said.of, lattice) || !said.ok) {
-		ctl_json_text(j, "lattice", NULL);
-		return;
-	}
-	ctl_json_open(j, "lattice", '{');
-	ctl_json_literal(j, "scale_xy", said.scale[0]);
-	ctl_json_literal(j, "scale_z", said.scale[1]);
-	ctl_json_open(j, "offset", '[');
-	for (int i = 0; i < 3; i++)
-		ctl_json_literal(j, NULL, said.offset[i]);
-	ctl_json_close(j, ']');
-	ctl_json_close(j, '}');
-}
-
-void ctl_job_units(struct ctl_json *j, const char *crs, const char *unit_xy, const char *unit_z)
-{
-	ctl_json_known(j, "crs", crs);
-	ctl_json_open(j, "units", '{');
-	ctl_json_known(j, "xy", unit_xy);
-	ctl_json_known(j, "z", unit_z);
-	ctl_json_close(j, '}');
-}
-
-void ctl_job_refused(struct ctl_json *j, const struct ctl_staged_file *f)
-{
-	ctl_error_json(j, NULL, &f->err);
-}
-
-/* All of it unknown. */
-static void no_report(struct ctl_json *j)
-{
-	static const char *const key[] = {
-		"points",          "used",           "vertices",    "triangles",  "hull",          "domains",
-		"digest",          "vertex_digest",  "removed",     "seconds",    "stage_seconds", "first_triangle_seconds",
-		"peak_rss_bytes",  "halo",           "points_read", "cells_read", "seal_seconds",  "plan_seconds",
-		"domains_seconds", "domains_reused", "pieces",      "most"};
-
-	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
-		ctl_json_text(j, key[i], NULL);
-}
-
-char *ctl_job_domains(const struct acut_report *p, char *buf, size_t size)
-{
-	char made[32], all[32];
-
-	if (p->domains_reused && p->domains_reused <= p->domains)
-		snprintf(buf, size, "%s of %s domains made", ctl_job_count(p->domains - p->domains_reused, made),
-			 ctl_job_count(p->domains, all));
-	else
-		snprintf(buf, size, "%s %s%s", ctl_job_count(p->domains, all), p->window ? "piece" : "domain",
-			 p->domains == 1 ? "" : "s");
-	return buf;
-}
-
-static void put_unless(struct ctl_json *j, bool unknown, const char *key, uint64_t n)
-{
-	if (unknown)
-		ctl_json_text(j, key, NULL);
-	else
-		ctl_json_u64(j, key, n);
-}
-
-static void put_removed(struct ctl_json *j, const struct acut_report *p)
-{
-	if (p->window) {
-		ctl_json_text(j, "removed", NULL);
-		return;
-	}
-	ctl_json_open(j, "removed", '{');
-	for (size_t i = 0; i < p->nremoved; i++)
-		ctl_json_u64(j, p->removed[i].rule, p->removed[i].count);
-	ctl_json_close(j, '}');
-}
-
-void ctl_job_most(struct ctl_json *j, uint64_t points, const double at[2])
-{
-	if (!points) {
-		ctl_json_text(j, "most", NULL);
-		return;
-	}
-	ctl_json_open(j, "most", '{');
-	ctl_json_u64(j, "points", points);
-	ctl_json_number(j, "x", at[0]);
-	ctl_json_number(j, "y", at[1]);
-	ctl_json_close(j, '}');
-}
-
-/* Of a window what is of a whole mesh is not known. */
-void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
-{
-	if (!p) {
-		no_report(j);
-		return;
-	}
-	ctl_json_u64(j, "points", p->points);
-	put_unless(j, p->window, "used", p->used);
-	ctl_json_u64(j, "vertices", p->vertices);
-	ctl_json_u64(j, "triangles", p->triangles);
-	put_unless(j, p->window, "hull", p->hull);
-	put_unless(j, p->window, "domains", p->domains);
-	ctl_json_known(j, "digest", p->digest);
-	ctl_json_known(j, "vertex_digest", p->vertex_digest);
-	put_removed(j, p);
-	ctl_json_number(j, "seconds", p->seconds);
-	ctl_json_number(j, "stage_seconds", p->stage_seconds);
-	if (p->triangles)
-		ctl_json_number(j, "first_triangle_seconds", p->first_triangle_seconds);
-	else
-		ctl_json_text(j, "first_triangle_seconds", NULL);
-	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
-	put_unless(j, p->window, "halo", p->halo);
-	ctl_json_u64(j, "points_read", p->points_read);
-	ctl_json_u64(j, "cells_read", p->cells_read);
-	ctl_json_number(j, "seal_seconds", p->seal_seconds);
-	ctl_json_number(j, "plan_seconds", p->plan_seconds);
-	ctl_json_number(j, "domains_seconds", p->domains_seconds);
-	put_unless(j, p->window, "domains_reused", p->domains_reused);
-	put_unless(j, !p->window, "pieces", p->domains);
-	ctl_job_most(j, p->most_points, p->most_at);
-}
-
-void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)
-{
-	ctl_json_open(j, "notes", '[');
-	if (p && *p->note)
-		ctl_json_text(j, NULL, p->note);
-	ctl_json_close(j, ']');
-}
-
-void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
-{
-	struct ctl_json j = {.out = ctl->report, .list = ctl->list};
-	struct err err;
-
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_u64(&j, "job", job->id);
-	ctl_json_known(&j, "dataset", job->dataset);
-	ctl_json_u64(&j, "generation", job->generation);
-	ctl_json_text(&j, "view", job->view);
-	ctl_json_text(&j, "state", job->state);
-	ctl_json_known(&j, "priority", job->priority);
-	ctl_json_known(&j, "waiting", job->waiting);
-	if (job->position)
-		ctl_json_u64(&j, "position", job->position);
-	else
-		ctl_json_text(&j, "position", NULL);
-	if (job->lacks_space)
-		ctl_json_u64(&j, "lacks_space", job->lacks_space);
-	else
-		ctl_json_text(&j, "lacks_space", NULL);
-	ctl_json_u64(&j, "uid", job->uid);
-	ctl_json_u64(&j, "pid", job->pid);
-	ctl_job_time(&j, "submitted", job->submitted_us);
-	ctl_job_time(&j, "finished", job->finished_us);
-	ctl_json_open(&j, "progress", '{');
-	ctl_json_known(&j, "phase", job->progress.phase);
-	ctl_json_u64(&j, "points", job->progress.points);
-	ctl_json_u64(&j, "points_total", job->progress.points_total);
-	ctl_json_u64(&j, "domains", job->progress.domains);
-	ctl_json_u64(&j, "domains_total", job->progress.domains_total);
-	if (job->progress.seconds_left > 0)
-		ctl_json_number(&j, "seconds_left", job->progress.seconds_left);
-	else
-		ctl_json_text(&j, "seconds_left", NULL);
-	ctl_json_close(&j, '}');
-	ctl_job_report(&j, job->has_report ? &job->report : NULL);
-	if (job->has_error) {
-		ctl_error_from_failure(&job->error, &err);
-		ctl_error_json(&j, "error", &err);
-	} else {
-		ctl_json_text(&j, "error", NULL);
-	}
-	ctl_job_lattice(&j, job->lattice);
-	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
-	ctl_job_notes(&j, job->has_report ? &job->report : NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
-}
-
-void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
-{
-	char when[32], count[32], left[32], rest[256] = "";
-	size_t n = 0;
-
-	ctl_progress_clear(ctl);
-	if (ctl->args.json) {
-		ctl_job_json(ctl, job);
-		return;
-	}
-	if (job->has_report)
-		n = (size_t)snprintf(rest, sizeof(rest), "  %s triangles", ctl_job_count(job->report.triangles, count));
-	else if (!job->final && job->progress.domains_total)
-		n = (size_t)snprintf(rest, sizeof(rest), "  %llu of %llu domains", (unsigned long long)job->progress.domains,
-				     (unsigned long long)job->progress.domains_total);
-	if (job->priority && *job->priority && strcmp(job->priority, "normal"))
-		n += (size_t)snprintf(rest + n, sizeof(rest) - n, "  %.20s priority", job->priority);
-	if (!job->final && job->lacks_space)
-		snprintf(rest + n, sizeof(rest) - n, "  %s of disk space are lacking", parse_size_text(job->lacks_space, left));
-	else if (!job->final && job->waiting && *job->waiting)
-		snprintf(rest + n, sizeof(rest) - n, "  waits for %s", job->waiting);
-	else if (!job->final && job->progress.seconds_left > 0)
-		snprintf(rest + n, sizeof(rest) - n, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
-	ctl_term_line(ctl->report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
-		      ctl_job_time_text(job->submitted_us, when), job->dataset, rest, job->has_error ? "  " : "",
-		      job->has_error ? job->error.message : "");
-	if (!ctl->list)
-		fflush(ctl->report);
-}
-
-int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
-{
-	struct err err = ERR_INIT;
-
-	if (job->has_report && !job->has_error) {
-		ctl_remark(ctl, job->report.note);
-		return CTL_DONE;
-	}
-	if (job->has_error)
-		ctl_error_from_failure(&job->error, &err);
-	else if (!strcmp(job->state, "cancelled"))
-		err_set(&err, ERR_CANCELLED, "job %llu was cancelled", (unsigned long long)job->id);
-	else
-		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason", (unsigned long long)job->id, job->state);
-	return ctl_error(ctl, &err);
-}
 
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err)
 {
@@ -294,27 +9,27 @@ int ctl_job_id(const char *text, uint64_t *ret, struct err *err)
 	return 0;
 }
 
-int ctl_job_each(struct ctl *ctl, int (*each)(struct ctl *, uint64_t id))
+int ctl_job_each(struct program *ctl, int (*each)(struct session *, uint64_t id))
 {
 	int first = 0, status;
 
-	for (unsigned i = 0; i < ctl->args.nword; i++) {
+	for (unsigned i = 0; i < ctl->line.nword; i++) {
 		struct err err = ERR_INIT;
 		uint64_t id;
 
-		if (ctl_job_id(ctl->args.word[i], &id, &err))
-			return ctl_error(ctl, &err);
+		if (ctl_job_id(ctl->line.word[i], &id, &err))
+			return session_error(&ctl->session, &err);
 	}
-	status = ctl_connect(ctl);
+	status = session_connect(&ctl->session);
 	if (status)
 		return status;
-	for (unsigned i = 0; i < ctl->args.nword; i++) {
+	for (unsigned i = 0; i < ctl->line.nword; i++) {
 		uint64_t id = 0;
 
-		parse_u64(ctl->args.word[i], &id);
-		status = each(ctl, id);
+		parse_u64(ctl->line.word[i], &id);
+		status = each(&ctl->session, id);
 		first = first ? first : status;
-		if (ctl_signal_interrupted(ctl))
+		if (session_interrupted(&ctl->session))
 			break;
 	}
 	return first;

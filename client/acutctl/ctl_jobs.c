@@ -2,10 +2,9 @@
 #include <string.h>
 
 #include "ctl.h"
-#include "ctl_table.h"
 #include "parse.h"
 
-static const struct ctl_column columns[] = {
+static const struct term_column columns[] = {
 	{"JOB", .right = true},       {"STATE"},
 	{"DATASET", .shrink = true},  {"GENERATION", .right = true, .spare = true},
 	{"TRIANGLES", .right = true}, {"DOMAINS", .right = true, .spare = true},
@@ -13,74 +12,66 @@ static const struct ctl_column columns[] = {
 	{"PRIORITY", .spare = true},  {"NOTE", .tail = true},
 };
 
-struct listing {
-	struct ctl *ctl;
-	struct ctl_table *table;
-};
-
 /* Why it is not done, or how long it will take. */
-static void note(struct ctl_table *t, const struct acut_job *job)
+static void note(struct term_table *t, const struct acut_job *job)
 {
 	char left[32];
 
 	if (job->has_error)
-		ctl_table_text(t, "%s", job->error.message);
+		term_table_text(t, "%s", job->error.message);
 	else if (!job->final && job->lacks_space)
-		ctl_table_text(t, "%s of disk space are lacking", parse_size_text(job->lacks_space, left));
+		term_table_text(t, "%s of disk space are lacking", parse_size_text(job->lacks_space, left));
 	else if (!job->final && job->waiting && *job->waiting)
-		ctl_table_text(t, "waits for %s", job->waiting);
+		term_table_text(t, "waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
-		ctl_table_text(t, "about %s left", ctl_progress_time(job->progress.seconds_left, left));
+		term_table_text(t, "about %s left", session_progress_time(job->progress.seconds_left, left));
 	else
-		ctl_table_none(t);
+		term_table_none(t);
 }
 
 static void each(void *ctx, const struct acut_job *job)
 {
-	struct listing *l = ctx;
-	struct ctl_table *t = l->table;
+	struct console_list *l = ctx;
+	struct term_table *t = l->table;
 	bool failed = !strcmp(job->state, "failed"), over = job->final;
 
-	if (l->ctl->args.json) {
-		ctl_job_json(l->ctl, job);
+	if (l->console->json) {
+		ctl_report_job_json(l->console, job);
 		return;
 	}
-	ctl_table_id(t, job->id);
-	ctl_table_tint(t, failed ? CTL_BAD : over ? CTL_PLAIN : job->lacks_space ? CTL_WARN : CTL_GOOD);
-	ctl_table_text(t, "%s", job->state);
-	ctl_table_text(t, "%s", job->dataset);
-	ctl_table_id(t, job->generation);
+	term_table_id(t, job->id);
+	term_table_tint(t, failed ? TERM_BAD : over ? TERM_PLAIN : job->lacks_space ? TERM_WARN : TERM_GOOD);
+	term_table_text(t, "%s", job->state);
+	term_table_text(t, "%s", job->dataset);
+	term_table_id(t, job->generation);
 	if (job->has_report)
-		ctl_table_count(t, job->report.triangles);
+		term_table_count(t, job->report.triangles);
 	else
-		ctl_table_none(t);
+		term_table_none(t);
 	if (job->has_report)
-		ctl_table_text(t, "%llu/%llu", (unsigned long long)job->report.domains, (unsigned long long)job->report.domains);
+		term_table_text(t, "%llu/%llu", (unsigned long long)job->report.domains, (unsigned long long)job->report.domains);
 	else if (job->progress.domains_total)
-		ctl_table_text(t, "%llu/%llu", (unsigned long long)job->progress.domains,
-			       (unsigned long long)job->progress.domains_total);
+		term_table_text(t, "%llu/%llu", (unsigned long long)job->progress.domains,
+				(unsigned long long)job->progress.domains_total);
 	else
-		ctl_table_none(t);
-	ctl_table_time(t, job->submitted_us);
-	ctl_table_text(t, "%u", job->uid);
-	if (job->priority && strcmp(job->priority, "normal"))
-		ctl_table_text(t, "%s", job->priority);
-	else
-		ctl_table_none(t);
+		term_table_none(t);
+	term_table_time(t, job->submitted_us);
+	term_table_text(t, "%u", job->uid);
+	term_table_text(t, "%s", job->priority && strcmp(job->priority, "normal") ? job->priority : "");
 	note(t, job);
 }
 
-int ctl_jobs_run(struct ctl *ctl)
+int ctl_jobs_run(struct program *ctl)
 {
-	struct listing l = {.ctl = ctl};
-	int status = ctl_connect(ctl);
+	struct session *session = &ctl->session;
+	struct console_list l = {.console = &session->console};
+	int status = session_connect(session);
 
-	ctl_list_begin(ctl);
+	console_begin_list(&session->console);
 	if (status)
 		return status;
-	if (!ctl->args.json)
-		l.table = ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
-	status = acut_jobs(ctl->acut, each, &l);
-	ctl_table_free(l.table);
-	return status ? ctl_error_acut(ctl) : CTL_DONE;
+	l.table = CONSOLE_TABLE(l.console, columns);
+	status = acut_jobs(session->acut, each, &l);
+	term_table_free(l.table);
+	return status ? session_error_acut(session) : SESSION_DONE;
 }

@@ -1,54 +1,57 @@
 /*
- * mesh: the one step from files to files. What can be refused without a daemon is refused first; then a
- * one-step dataset is staged, a job bound to this connection is submitted, and its triangles stream into the
- * outputs while they are made. If this command ends, so does the job.
+ * mesh: from files to files in one step. What can be refused without a daemon is refused first; then a dataset of its own is
+ * staged, a job bound to this connection is submitted, and its triangles stream into the outputs while they are made. The job
+ * ends with this command.
  */
 #include <stdlib.h>
 
 #include "ctl.h"
 
-static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
+static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct outputs *run)
 {
+	struct session *session = &ctl->session;
 	struct ctl_staged staged;
-	struct acut_submission what = {.view = view, .priority = ctl->args.priority, .bound = true, .fresh = true};
+	struct acut_submission what = {.view = view, .priority = ctl->opt.priority, .bound = true, .fresh = true};
 	const struct acut_job *job;
-	int status = ctl_connect(ctl), staging;
+	int status = session_connect(session), staging;
 
 	if (status)
 		return status;
-	staging = ctl_stage(ctl, NULL, in, &staged);
-	if (staging == 0 || staging == CTL_SOME_REFUSED) {
+	staging = ctl_stage(in, &ctl->stage, NULL, &staged);
+	if (staging == 0 || staging == SESSION_SOME_REFUSED) {
 		what.dataset = staged.dataset;
 		what.generation = staged.generation;
-		if (acut_submit_job(ctl->acut, &what, &job))
-			status = ctl_error_acut(ctl);
+		if (acut_submit_job(session->acut, &what, &job))
+			status = session_error_acut(session);
 		else
-			status = ctl_output_fetch(ctl, job->id, run, &staged);
+			status = ctl_fetch(session, &ctl->fetch, job->id, run, &staged);
 	}
 	ctl_stage_done(&staged);
 	return status ? status : staging;
 }
 
-int ctl_mesh_run(struct ctl *ctl)
+int ctl_mesh_run(struct program *ctl)
 {
-	struct ctl_inputs in = {0};
-	struct format_run *run = NULL;
+	struct session *session = &ctl->session;
+	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
+	struct outputs *run = NULL;
 	char *view = NULL;
 	double box[4];
 	bool cropped = false;
 	struct err err = ERR_INIT;
-	int r = ctl_view_box(&ctl->args, &view, &cropped, box, &err), status;
+	int r = ctl_view_box(&ctl->view, &view, &cropped, box, &err), status;
 
+	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
 	if (!r)
-		r = ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err);
+		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
 	in.crop = cropped ? box : NULL;
 	if (!r)
-		r = ctl_input_not_output(&in, &ctl->args, &err);
+		r = ctl_inputs_not_outputs(&in, ctl->fetch.out.text, &err);
 	if (!r)
-		r = ctl_output_open(ctl, &run, &err);
-	status = r ? ctl_error(ctl, &err) : mesh(ctl, &in, view, run);
-	format_run_free(run);
-	ctl_input_done(&in);
+		r = ctl_fetch_open(session, &ctl->fetch, &run, &err);
+	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run);
+	outputs_free(run);
+	ctl_inputs_done(&in);
 	free(view);
 	return status;
 }

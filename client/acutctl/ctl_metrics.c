@@ -1,10 +1,9 @@
 /*
  * metrics: numbers of the daemon in the Prometheus text format, on standard output or as a file for the node exporter.
  *
- * The model: samples come in pages, and the format wants all of one name together; so they are gathered as text, a
- * buffer for each name, and written when the last page is there. A file appears whole or not at all: it is written
- * beside its place under a name that the node exporter does not read, and renamed. Where no daemon answers, the file says
- * so (acut_up 0).
+ * Samples come in pages, and the format wants all samples of a name together; so they are collected as text, a buffer for
+ * each name, and written after the last page. The file is replaced as a whole: it is written beside its place under a name
+ * that the node exporter does not read, and renamed. If no daemon answers the file has acut_up 0.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -170,20 +169,19 @@ static void write_all(struct gathering *g, FILE *out)
 
 /* ---- JSON ---- */
 
-static void tell_json(void *ctx, const struct acut_metric *m)
+static void sample_json(void *ctx, const struct acut_metric *m)
 {
-	struct ctl_json *j = ctx;
+	struct term_json *j = ctx;
 
-	ctl_json_open(j, NULL, '{');
-	ctl_json_text(j, "name", m->name);
-	ctl_json_text(j, "type", m->type);
-	ctl_json_open(j, "labels", '{');
+	term_json_open(j, NULL, '{');
+	term_json_text(j, "name", m->name);
+	term_json_text(j, "type", m->type);
+	term_json_open(j, "labels", '{');
 	for (size_t i = 0; i < m->nlabel; i++)
-		ctl_json_text(j, m->label[2 * i], m->label[2 * i + 1]);
-	ctl_json_close(j, '}');
-	ctl_json_number(j, "value", m->value);
-	ctl_json_close(j, '}');
-	ctl_json_line(j);
+		term_json_text(j, m->label[2 * i], m->label[2 * i + 1]);
+	term_json_close(j, '}');
+	term_json_number(j, "value", m->value);
+	term_json_end(j);
 }
 
 /* ---- the file ---- */
@@ -209,7 +207,7 @@ static int publish_at(struct gathering *g, const struct io_place *at, const char
 		return err_set(err, ERR_NOMEM, "no memory for a file");
 	}
 	write_all(g, out);
-	/* Whoever collects is another user, whatever the umask says. */
+	/* The collector is another user, whatever the umask is. */
 	errno = 0;
 	if (fflush(out) || ferror(out) || fchmod(fd, 0644) < 0)
 		r = err_sys(err, errno ? errno : EIO, "cannot write the file");
@@ -237,42 +235,45 @@ static int publish(struct gathering *g, const char *path, struct err *err)
 	return r;
 }
 
-static int finish(struct ctl *ctl, struct gathering *g)
+static int finish(struct session *session, const char *file, struct gathering *g)
 {
 	struct err err = ERR_INIT;
 
 	if (g->no_memory)
 		err_set(&err, ERR_NOMEM, "no memory for all metrics");
-	else if (ctl->args.textfile)
-		publish(g, ctl->args.textfile, &err);
+	else if (file)
+		publish(g, file, &err);
 	else
-		write_all(g, ctl->report);
-	return err.code ? ctl_error(ctl, &err) : CTL_DONE;
+		write_all(g, session->console.report);
+	return err.code ? session_error(session, &err) : SESSION_DONE;
 }
 
-int ctl_metrics_run(struct ctl *ctl)
+int ctl_metrics_run(struct program *ctl)
 {
 	static const struct acut_metric down = {.name = "acut_up", .type = "gauge", .help = "1: acutd answers."};
+	struct session *session = &ctl->session;
+	const char *file = ctl->opt.textfile;
 	struct gathering g = {.end = &g.first};
-	struct ctl_json j = {.out = ctl->report, .list = true};
+	struct term_json j = {.out = session->console.report, .list = true};
 	struct err err = ERR_INIT;
-	int status, told;
+	int status, written;
 
-	if (ctl->args.json && ctl->args.textfile) {
+	if (session->console.json && file) {
 		err_set(&err, ERR_USAGE, "--textfile writes the format of Prometheus, not JSON");
-		return ctl_error(ctl, &err);
+		return session_error(session, &err);
 	}
-	status = ctl_connect(ctl);
-	if (!status && acut_metrics(ctl->acut, ctl->args.json ? tell_json : gather, ctl->args.json ? (void *)&j : &g))
-		status = ctl_error_acut(ctl);
-	if (!status && !ctl->args.json)
-		status = finish(ctl, &g);
-	else if (status && ctl->args.textfile && !ctl_signal_caught()) {
+	status = session_connect(session);
+	if (!status &&
+	    acut_metrics(session->acut, session->console.json ? sample_json : gather, session->console.json ? (void *)&j : &g))
+		status = session_error_acut(session);
+	if (!status && !session->console.json)
+		status = finish(session, file, &g);
+	else if (status && file && !session_caught()) {
 		gathering_done(&g);
 		g = (struct gathering){.end = &g.first};
 		gather(&g, &down);
-		told = finish(ctl, &g);
-		status = told ? told : status;
+		written = finish(session, file, &g);
+		status = written ? written : status;
 	}
 	gathering_done(&g);
 	return status;

@@ -1,5 +1,5 @@
 /*
- * Users and groups by name, as this machine has them: the daemon tells and takes numbers.
+ * Users and groups by name on this machine; the daemon uses numbers.
  */
 #include "ctl_names.h"
 
@@ -51,7 +51,7 @@ char *ctl_group_text(uint32_t gid, char *buf)
 	return buf;
 }
 
-/* A name that looks like a number is one only if nobody has it. */
+/* A name of digits is a number only if no user has it. */
 static int number(const char *text, const char *what, uint32_t *ret, struct err *err)
 {
 	uint64_t n;

@@ -1,24 +1,24 @@
 /* ping: a sign of life from the daemon, and how long it took. */
 #include "ctl.h"
 
-int ctl_ping_run(struct ctl *ctl)
+int ctl_ping_run(struct program *ctl)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct session *session = &ctl->session;
+	struct term_json j = {.out = session->console.report};
 	double seconds;
-	int status = ctl_connect(ctl);
+	int status = session_connect(session);
 
 	if (status)
 		return status;
-	if (acut_ping(ctl->acut, &seconds))
-		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "build", acut_daemon_build(ctl->acut));
-		ctl_json_number(&j, "seconds", seconds);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+	if (acut_ping(session->acut, &seconds))
+		return session_error_acut(session);
+	if (session->console.json) {
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "build", acut_daemon_build(session->acut));
+		term_json_number(&j, "seconds", seconds);
+		term_json_end(&j);
 	} else {
-		ctl_note(ctl, "acutd %s answered in %.3f ms", acut_daemon_build(ctl->acut), 1e3 * seconds);
+		console_line(&session->console, "acutd %s answered in %.3f ms", acut_daemon_build(session->acut), 1e3 * seconds);
 	}
-	return CTL_DONE;
+	return SESSION_DONE;
 }

@@ -1,71 +1,64 @@
 /* plan: what a job would take; starts nothing. */
+#include <math.h>
 #include <stdlib.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 #include "parse.h"
 
-static void print(struct ctl *ctl, const struct acut_plan *p)
+static void print(FILE *out, const struct acut_plan *p)
 {
-	FILE *out = ctl->report;
 	char a[32], b[32];
 
-	ctl_term_field(out, "points", "%s%s", p->exact ? "" : "at most ", ctl_job_count(p->points, a));
-	ctl_term_field(out, "domains", "%s of at most %s points, %u at once", ctl_job_count(p->domains, a),
-		       ctl_job_count(p->load, b), p->threads);
+	term_field(out, "points", "%s%s", p->exact ? "" : "at most ", term_count(p->points, a));
+	term_field(out, "domains", "%s of at most %s points, %u at once", term_count(p->domains, a), term_count(p->load, b),
+		   p->threads);
 	if (p->domains_reused)
-		ctl_term_field(out, "", "%s of them are there already", ctl_job_count(p->domains_reused, a));
-	ctl_term_field(out, "memory", "%s", parse_size_text(p->memory_bytes, a));
-	ctl_term_field(out, "disk", "%s", parse_size_text(p->disk_bytes, a));
+		term_field(out, "", "%s of them are there already", term_count(p->domains_reused, a));
+	term_field(out, "memory", "%s", parse_size_text(p->memory_bytes, a));
+	term_field(out, "disk", "%s", parse_size_text(p->disk_bytes, a));
 	if (p->seconds > 0)
-		ctl_term_field(out, "time", "about %.0f s", p->seconds);
+		term_field(out, "time", "about %.0f s", p->seconds);
 	else
-		ctl_term_field(out, "time", "not known");
+		term_field(out, "time", "not known");
 }
 
-static void print_json(struct ctl *ctl, const struct acut_plan *p)
+static void print_json(const struct console *c, const char *dataset, const struct acut_plan *p)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = console_json(c);
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "dataset", ctl->args.word[0]);
-	ctl_json_u64(&j, "points", p->points);
-	ctl_json_bool(&j, "exact", p->exact);
-	ctl_json_u64(&j, "domains", p->domains);
-	ctl_json_u64(&j, "domains_reused", p->domains_reused);
-	ctl_json_u64(&j, "load", p->load);
-	ctl_json_u64(&j, "threads", p->threads);
-	ctl_json_u64(&j, "memory_bytes", p->memory_bytes);
-	ctl_json_u64(&j, "disk_bytes", p->disk_bytes);
-	if (p->seconds > 0)
-		ctl_json_number(&j, "seconds", p->seconds);
-	else
-		ctl_json_text(&j, "seconds", NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_text(&j, "dataset", dataset);
+	term_json_u64(&j, "points", p->points);
+	term_json_bool(&j, "exact", p->exact);
+	term_json_u64(&j, "domains", p->domains);
+	term_json_u64(&j, "domains_reused", p->domains_reused);
+	term_json_u64(&j, "load", p->load);
+	term_json_u64(&j, "threads", p->threads);
+	term_json_u64(&j, "memory_bytes", p->memory_bytes);
+	term_json_u64(&j, "disk_bytes", p->disk_bytes);
+	term_json_number(&j, "seconds", p->seconds > 0 ? p->seconds : NAN);
+	term_json_end(&j);
 }
 
-int ctl_plan_run(struct ctl *ctl)
+int ctl_plan_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	const struct acut_plan *plan;
 	char *view;
-	uint64_t generation = 0;
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl_view_text(&ctl->args, &view, &err))
-		return ctl_error(ctl, &err);
-	if (ctl->args.generation)
-		parse_u64(ctl->args.generation, &generation);
-	status = ctl_connect(ctl);
-	if (!status && acut_plan(ctl->acut, ctl->args.word[0], generation, view, &plan))
-		status = ctl_error_acut(ctl);
+	if (ctl_view_text(&ctl->view, &view, &err))
+		return session_error(session, &err);
+	status = session_connect(session);
+	if (!status && acut_plan(session->acut, ctl->line.word[0], ctl->opt.generation, view, &plan))
+		status = session_error_acut(session);
 	free(view);
 	if (status)
 		return status;
-	if (ctl->args.json)
-		print_json(ctl, plan);
+	if (session->console.json)
+		print_json(&session->console, ctl->line.word[0], plan);
 	else
-		print(ctl, plan);
-	return CTL_DONE;
+		print(session->console.report, plan);
+	return SESSION_DONE;
 }

@@ -1,212 +1,30 @@
-/* push: files into a named dataset, which comes to be with its first push. */
-#include <math.h>
-#include <string.h>
-
+/* push: files into a named dataset, which the first push creates. */
 #include "ctl.h"
 
-/* How far data may still extend on each side before it does not fit on the lattice: west, south, east, north. */
-struct room {
-	bool known;
-	double scale, left[4];
-};
-
-static void measure_room(void *ctx, const struct acut_dataset *d)
+int ctl_push_run(struct program *ctl)
 {
-	struct room *room = ctx;
-	long long k[2];
-
-	if (sscanf(d->lattice, "%lf %*s %lld %lld", &room->scale, &k[0], &k[1]) != 3 || !isfinite(d->min[0]) ||
-	    !isfinite(d->max[1]))
-		return;
-	for (int i = 0; i < 2; i++) {
-		room->left[i] = d->min[i] - ((double)k[i] - 0x1p31) * room->scale;
-		room->left[2 + i] = ((double)k[i] + 0x1p31 - 1) * room->scale - d->max[i];
-	}
-	room->known = true;
-}
-
-static void room_json(struct ctl_json *j, const struct room *room)
-{
-	if (!room->known) {
-		ctl_json_literal(j, "room_left", "null");
-		return;
-	}
-	ctl_json_open(j, "room_left", '[');
-	for (int i = 0; i < 4; i++)
-		ctl_json_number(j, NULL, room->left[i]);
-	ctl_json_close(j, ']');
-}
-
-/* Where it may soon be too little: less than a sixteenth of what the lattice spans. */
-static bool is_tight(const struct room *room)
-{
-	bool tight = false;
-
-	for (int i = 0; i < 4; i++)
-		tight |= room->left[i] < 0x1p28 * room->scale;
-	return tight;
-}
-
-/* Passes over a folder come all the time: each says it only where it matters. */
-static void room_text(struct ctl *ctl, const struct room *room, bool always)
-{
-	if (room->known && (always || is_tight(room)))
-		ctl_note(ctl, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north", room->scale,
-			 room->left[0], room->left[1], room->left[2], room->left[3]);
-}
-
-/* A file without a point, in a push that made no generation for it. */
-static bool is_empty(const struct ctl_staged_file *f)
-{
-	return !f->refused && f->known != ACUT_KNOWN && !f->points && !f->replaced;
-}
-
-/* Files came, points did not, nor went: nothing to commit. The daemon's word: older ones make a generation of it. */
-static bool is_nothing(const struct ctl_staged *s)
-{
-	bool empty = false;
-
-	for (size_t i = 0; i < s->nfile; i++)
-		empty |= is_empty(&s->file[i]);
-	return s->committed && s->unchanged && empty;
-}
-
-static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f, const struct room *room,
-		      bool nothing, const char *const *moved_to)
-{
-	static const char *const state[] = {"staged", "known", "adopted", "refused"};
-	struct ctl_json j = {.out = ctl->report};
-
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", f->name);
-	ctl_json_text(&j, "dataset", s->dataset);
-	ctl_json_text(&j, "state", nothing && is_empty(f) ? "empty" : state[f->refused ? 3 : f->known]);
-	if (f->refused) {
-		ctl_json_text(&j, "generation", NULL);
-		ctl_json_text(&j, "points", NULL);
-		ctl_json_text(&j, "moved", NULL);
-		ctl_json_text(&j, "max_shift", NULL);
-		ctl_json_text(&j, "lines_left_out", NULL);
-		ctl_json_text(&j, "replaced", NULL);
-		ctl_height_json(&j, NULL, NULL);
-		ctl_json_text(&j, "overridden", NULL);
-		ctl_json_text(&j, "warning", NULL);
-		ctl_error_json(&j, "error", &f->err);
-	} else {
-		if (s->generation)
-			ctl_json_u64(&j, "generation", s->generation);
-		else
-			ctl_json_text(&j, "generation", NULL);
-		ctl_json_u64(&j, "points", f->points);
-		ctl_json_u64(&j, "moved", f->moved);
-		ctl_json_open(&j, "max_shift", '[');
-		for (int i = 0; i < 3; i++)
-			ctl_json_number(&j, NULL, f->shift[i]);
-		ctl_json_close(&j, ']');
-		ctl_json_u64(&j, "lines_left_out", f->left_out);
-		ctl_json_u64(&j, "replaced", f->replaced);
-		ctl_height_json(&j, s, f);
-		ctl_json_text(&j, "overridden", f->overridden);
-		ctl_json_text(&j, "warning", f->warning);
-		ctl_json_text(&j, "error", NULL);
-	}
-	room_json(&j, room);
-	if (moved_to)
-		ctl_json_text(&j, "moved_to", moved_to[f - s->file]);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
-}
-
-static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
-{
-	char a[32], b[32];
-
-	if (f->refused)
-		return;
-	if (f->known == ACUT_KNOWN)
-		ctl_note(ctl, "%s: there already, skipped", f->name);
-	else if (f->known)
-		ctl_note(ctl, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
-			 ctl_job_count(f->points, a));
-	else if (f->moved)
-		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
-			 ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
-	else
-		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
-	if (f->overridden)
-		ctl_note(ctl, "%s: overridden: its records say %s", f->name, f->overridden);
-	if (f->replaced)
-		ctl_note(ctl, "%s: in place of %u file%s of the dataset", f->name, f->replaced, f->replaced == 1 ? "" : "s");
-}
-
-int ctl_push_check(const struct ctl *ctl, struct err *err)
-{
-	const struct ctl_args *a = &ctl->args;
-
-	if (a->add && (a->replace || a->replaces))
-		return err_set(err, ERR_USAGE,
-			       "--add takes a file beside the old one, --replace in its place: both at once are nothing");
-	if (a->name && (!*a->name || strchr(a->name, '/')))
-		return err_set(err, ERR_USAGE, "--name is a name without slashes");
-	return 0;
-}
-
-int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *const *moved_to)
-{
-	struct room room = {0};
-	char count[32];
-	bool nothing = is_nothing(s);
-	int status = 0;
-
-	/* what nobody reads is not asked for */
-	if (s->generation && (ctl->args.json || !ctl->args.quiet) && acut_datasets(ctl->acut, s->dataset, measure_room, &room))
-		status = ctl_error_acut(ctl);
-	for (size_t i = 0; i < s->nfile; i++) {
-		if (ctl->args.json)
-			file_json(ctl, s, &s->file[i], &room, nothing, moved_to);
-		else
-			file_text(ctl, &s->file[i]);
-	}
-	if (nothing && s->generation)
-		ctl_note(ctl, "%s: nothing to commit, no file brought a point: it stays at generation %llu", s->dataset,
-			 (unsigned long long)s->generation);
-	else if (nothing)
-		ctl_note(ctl, "%s: nothing to commit, no file brought a point: there is no generation", s->dataset);
-	if (!s->generation || nothing)
-		return status;
-	ctl_height_text(ctl, s);
-	ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
-		 ctl_job_count(s->points, count), s->seconds);
-	room_text(ctl, &room, !moved_to);
-	return status;
-}
-
-int ctl_push_run(struct ctl *ctl)
-{
-	struct ctl_inputs in = {0};
+	struct session *session = &ctl->session;
+	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct ctl_staged staged = {.nfile = 0};
 	struct err err = ERR_INIT;
-	int status;
+	int status, reported;
 
-	if (ctl_push_check(ctl, &err))
-		return ctl_error(ctl, &err);
-	if (ctl_input_gather(ctl, ctl->args.word + 1, ctl->args.nword - 1, &in, &err))
-		return ctl_error(ctl, &err);
-	if (ctl->args.replaces && in.n != 1) {
+	if (ctl_stage_check(&ctl->stage, &ctl->input, &err) ||
+	    ctl_inputs_gather(&in, ctl->line.word + 1, ctl->line.nword - 1, &err))
+		return session_error(session, &err);
+	if (ctl->stage.replaces && in.n != 1) {
 		err_set(&err, ERR_USAGE, "--replaces is about one input, there are %zu", in.n);
-		ctl_input_done(&in);
-		return ctl_error(ctl, &err);
+		ctl_inputs_done(&in);
+		return session_error(session, &err);
 	}
-	status = ctl_connect(ctl);
-	if (!status) {
-		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
-		if (status == 0 || status == CTL_SOME_REFUSED) {
-			int told = ctl_push_report(ctl, &staged, NULL);
-
-			status = told ? told : status;
-		}
+	status = session_connect(session);
+	if (!status)
+		status = ctl_stage(&in, &ctl->stage, ctl->line.word[0], &staged);
+	if (staged.committed && (status == 0 || status == SESSION_SOME_REFUSED)) {
+		reported = ctl_report_push(session, &staged, NULL);
+		status = reported ? reported : status;
 	}
 	ctl_stage_done(&staged);
-	ctl_input_done(&in);
+	ctl_inputs_done(&in);
 	return status;
 }

@@ -1,23 +1,22 @@
 /* rm: forgets jobs that are over. */
 #include "ctl.h"
 
-static int rm(struct ctl *ctl, uint64_t id)
+static int rm(struct session *session, uint64_t id)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct term_json j = {.out = session->console.report};
 
-	if (acut_job_remove(ctl->acut, id))
-		return ctl_error_acut(ctl);
-	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_u64(&j, "job", id);
-		ctl_json_bool(&j, "removed", true);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+	if (acut_job_remove(session->acut, id))
+		return session_error_acut(session);
+	if (session->console.json) {
+		term_json_open(&j, NULL, '{');
+		term_json_u64(&j, "job", id);
+		term_json_bool(&j, "removed", true);
+		term_json_end(&j);
 	}
-	return CTL_DONE;
+	return SESSION_DONE;
 }
 
-int ctl_rm_run(struct ctl *ctl)
+int ctl_rm_run(struct program *ctl)
 {
 	return ctl_job_each(ctl, rm);
 }

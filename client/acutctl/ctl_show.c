@@ -2,24 +2,22 @@
 #include <inttypes.h>
 
 #include "ctl.h"
-#include "ctl_term.h"
+#include "term.h"
 
 static void show_mesh(FILE *out, const struct acut_report *p)
 {
 	char a[32], b[32], c[32];
 
 	if (p->window) {
-		ctl_term_field(out, "read", "%s points of %s cells", ctl_job_count(p->points_read, a),
-			       ctl_job_count(p->cells_read, b));
-		ctl_term_field(out, "window", "%s vertices, %s triangles", ctl_job_count(p->vertices, a),
-			       ctl_job_count(p->triangles, b));
+		term_field(out, "read", "%s points of %s cells", term_count(p->points_read, a), term_count(p->cells_read, b));
+		term_field(out, "window", "%s vertices, %s triangles", term_count(p->vertices, a), term_count(p->triangles, b));
 		return;
 	}
-	ctl_term_field(out, "points", "%s, used %s", ctl_job_count(p->points, a), ctl_job_count(p->used, b));
+	term_field(out, "points", "%s, used %s", term_count(p->points, a), term_count(p->used, b));
 	for (size_t i = 0; i < p->nremoved; i++)
-		ctl_term_field(out, "left out", "%s by %s", ctl_job_count(p->removed[i].count, a), p->removed[i].rule);
-	ctl_term_field(out, "mesh", "%s vertices, %s triangles, %s on the hull", ctl_job_count(p->vertices, a),
-		       ctl_job_count(p->triangles, b), ctl_job_count(p->hull, c));
+		term_field(out, "left out", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
+	term_field(out, "mesh", "%s vertices, %s triangles, %s on the hull", term_count(p->vertices, a),
+		   term_count(p->triangles, b), term_count(p->hull, c));
 }
 
 static void show_report(FILE *out, const struct acut_report *p)
@@ -28,56 +26,55 @@ static void show_report(FILE *out, const struct acut_report *p)
 
 	show_mesh(out, p);
 	if (p->domains_reused && p->domains_reused <= p->domains)
-		ctl_term_field(out, "domains", "%s of %s made", ctl_job_count(p->domains - p->domains_reused, a),
-			       ctl_job_count(p->domains, b));
+		term_field(out, "domains", "%s of %s made", term_count(p->domains - p->domains_reused, a),
+			   term_count(p->domains, b));
 	else
-		ctl_term_field(out, p->window ? "pieces" : "domains", "%s", ctl_job_count(p->domains, a));
-	ctl_term_field(out, "seconds", "%.3f", p->seconds);
-	ctl_term_field(out, "digest", "%s", p->digest);
-	ctl_term_field(out, "", "%s", p->vertex_digest);
+		term_field(out, p->window ? "pieces" : "domains", "%s", term_count(p->domains, a));
+	term_field(out, "seconds", "%.3f", p->seconds);
+	term_field(out, "digest", "%s", p->digest);
+	term_field(out, "", "%s", p->vertex_digest);
 }
 
-static void show_text(struct ctl *ctl, const struct acut_job *job)
+static void show_text(FILE *out, const struct acut_job *job)
 {
-	FILE *out = ctl->report;
 	char a[32];
 
-	ctl_term_field(out, "job", "%" PRIu64, job->id);
-	ctl_term_field(out, "state", "%s", job->state);
-	ctl_term_field(out, "dataset", "%s, generation %" PRIu64, job->dataset, job->generation);
-	ctl_term_field(out, "view", "%s", job->view);
-	ctl_term_field(out, "submitted", "%s by user %u, process %u", ctl_job_time_text(job->submitted_us, a), job->uid,
-		       job->pid);
-	ctl_term_field(out, "finished", "%s", ctl_job_time_text(job->finished_us, a));
-	ctl_term_field(out, "lattice", "%s", job->lattice);
-	ctl_term_field(out, "crs", "%s", job->crs);
-	ctl_term_field(out, "units", "%s, heights %s", job->unit_xy, job->unit_z);
+	term_field(out, "job", "%" PRIu64, job->id);
+	term_field(out, "state", "%s", job->state);
+	term_field(out, "dataset", "%s, generation %" PRIu64, job->dataset, job->generation);
+	term_field(out, "view", "%s", job->view);
+	term_field(out, "submitted", "%s by user %u, process %u", term_time(job->submitted_us, a), job->uid, job->pid);
+	term_field(out, "finished", "%s", term_time(job->finished_us, a));
+	term_field(out, "lattice", "%s", job->lattice);
+	term_field(out, "crs", "%s", job->crs);
+	term_field(out, "units", "%s, heights %s", job->unit_xy, job->unit_z);
 	if (job->has_report)
 		show_report(out, &job->report);
 	else if (!job->final)
-		ctl_term_field(out, "progress", "%s, %" PRIu64 " of %" PRIu64 " domains", job->progress.phase,
-			       job->progress.domains, job->progress.domains_total);
+		term_field(out, "progress", "%s, %" PRIu64 " of %" PRIu64 " domains", job->progress.phase, job->progress.domains,
+			   job->progress.domains_total);
 	if (job->has_error)
-		ctl_term_field(out, "error", "%s", job->error.message);
+		term_field(out, "error", "%s", job->error.message);
 }
 
-int ctl_show_run(struct ctl *ctl)
+int ctl_show_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	uint64_t id;
 	int status;
 
-	if (ctl_job_id(ctl->args.word[0], &id, &err))
-		return ctl_error(ctl, &err);
-	status = ctl_connect(ctl);
+	if (ctl_job_id(ctl->line.word[0], &id, &err))
+		return session_error(session, &err);
+	status = session_connect(session);
 	if (status)
 		return status;
-	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))
-		return ctl_error_acut(ctl);
-	if (ctl->args.json)
-		ctl_job_json(ctl, job);
+	if (acut_job_wait(session->acut, id, false, NULL, NULL, &job))
+		return session_error_acut(session);
+	if (session->console.json)
+		ctl_report_job_json(&session->console, job);
 	else
-		show_text(ctl, job);
-	return CTL_DONE;
+		show_text(session->console.report, job);
+	return SESSION_DONE;
 }

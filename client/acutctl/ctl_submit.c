@@ -2,56 +2,47 @@
 #include <stdlib.h>
 
 #include "ctl.h"
-#include "parse.h"
 
-static void changed(void *ctx, const struct acut_job *job)
+int ctl_submit_run(struct program *ctl)
 {
-	if (!job->final)
-		ctl_progress_show(ctx, &job->progress);
-}
-
-int ctl_submit_run(struct ctl *ctl)
-{
-	const struct ctl_args *a = &ctl->args;
-	struct acut_submission what = {.dataset = a->word[0], .priority = a->priority, .fresh = a->fresh};
+	struct session *session = &ctl->session;
+	const struct ctl_options *a = &ctl->opt;
+	struct acut_submission what = {
+		.dataset = ctl->line.word[0], .generation = a->generation, .priority = a->priority, .fresh = a->fresh};
 	const struct acut_job *job;
-	struct ctl_progress progress;
+	struct session_progress progress;
 	char *view;
-	uint64_t generation = 0;
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl_view_text(a, &view, &err))
-		return ctl_error(ctl, &err);
-	if (a->generation)
-		parse_u64(a->generation, &generation);
-	what.generation = generation;
+	if (ctl_view_text(&ctl->view, &view, &err))
+		return session_error(session, &err);
 	what.view = view;
-	status = ctl_connect(ctl);
-	if (!status && acut_submit_job(ctl->acut, &what, &job))
-		status = ctl_error_acut(ctl);
+	status = session_connect(session);
+	if (!status && acut_submit_job(session->acut, &what, &job))
+		status = session_error_acut(session);
 	free(view);
 	if (status)
 		return status;
-	if (!a->json || !a->wait) {
-		if (a->json)
-			ctl_job_json(ctl, job);
+	if (!session->console.json || !a->wait) {
+		if (session->console.json)
+			ctl_report_job_json(&session->console, job);
 		else
-			fprintf(ctl->report, "%llu\n", (unsigned long long)job->id);
-		fflush(ctl->report);
+			fprintf(session->console.report, "%llu\n", (unsigned long long)job->id);
+		fflush(session->console.report);
 	}
 	if (!a->wait)
-		return CTL_DONE;
-	ctl_progress_init(&progress, ctl);
-	if (acut_job_wait(ctl->acut, job->id, true, changed, &progress, &job))
-		return ctl_error_acut(ctl);
-	if (a->json) {
-		ctl_job_json(ctl, job);
-		return job->has_error ? job->error.exit_status : CTL_DONE;
+		return SESSION_DONE;
+	session_progress_init(&progress, session);
+	if (acut_job_wait(session->acut, job->id, true, session_progress_job, &progress, &job))
+		return session_error_acut(session);
+	if (session->console.json) {
+		ctl_report_job_json(&session->console, job);
+		return job->has_error ? job->error.exit_status : SESSION_DONE;
 	}
-	ctl_progress_clear(ctl);
-	ctl_summary_job(ctl, job);
+	console_progress_clear(&session->console);
+	ctl_fetch_summary(&session->console, job);
 	if (job->has_report)
-		ctl_outlier_most(ctl, &job->report);
-	return ctl_job_status(ctl, job);
+		ctl_report_warn_crowded(&session->console, &job->report);
+	return ctl_report_job_status(session, job);
 }

@@ -1,17 +1,17 @@
 /* version: of acutctl; asks no daemon. */
 #include "ctl.h"
 
-int ctl_version_run(struct ctl *ctl)
+int ctl_version_run(struct program *ctl)
 {
-	struct ctl_json j = {.out = ctl->report};
+	struct session *session = &ctl->session;
+	struct term_json j = {.out = session->console.report};
 
-	if (ctl->args.json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_text(&j, "version", ACUT_VERSION);
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+	if (session->console.json) {
+		term_json_open(&j, NULL, '{');
+		term_json_text(&j, "version", ACUT_VERSION);
+		term_json_end(&j);
 	} else {
-		fprintf(ctl->report, "acutctl %s\n", ACUT_VERSION);
+		fprintf(session->console.report, "acutctl %s\n", ACUT_VERSION);
 	}
-	return CTL_DONE;
+	return SESSION_DONE;
 }

@@ -1,33 +1,26 @@
-/* wait: until each of the jobs is over; ends with the first status, in the order of the arguments, that is
- * not 0. */
+/* wait: until each of the jobs is over. The first status, in the order of the arguments, that is not 0. */
 #include "ctl.h"
 
-static void changed(void *ctx, const struct acut_job *job)
+static int wait_one(struct session *session, uint64_t id)
 {
-	if (!job->final)
-		ctl_progress_show(ctx, &job->progress);
-}
-
-static int wait_one(struct ctl *ctl, uint64_t id)
-{
-	struct ctl_progress progress;
+	struct session_progress progress;
 	const struct acut_job *job;
 
-	ctl_progress_init(&progress, ctl);
-	if (acut_job_wait(ctl->acut, id, true, changed, &progress, &job))
-		return ctl_error_acut(ctl);
-	ctl_progress_clear(ctl);
-	if (!ctl->args.quiet || ctl->args.json)
-		ctl_job_print(ctl, job);
-	if (ctl->args.json)
-		return job->has_error ? job->error.exit_status : CTL_DONE;
+	session_progress_init(&progress, session);
+	if (acut_job_wait(session->acut, id, true, session_progress_job, &progress, &job))
+		return session_error_acut(session);
+	console_progress_clear(&session->console);
+	if (!session->console.quiet || session->console.json)
+		ctl_report_job(&session->console, job);
+	if (session->console.json)
+		return job->has_error ? job->error.exit_status : SESSION_DONE;
 	if (job->has_report)
-		ctl_outlier_most(ctl, &job->report);
-	return ctl_job_status(ctl, job);
+		ctl_report_warn_crowded(&session->console, &job->report);
+	return ctl_report_job_status(session, job);
 }
 
-int ctl_wait_run(struct ctl *ctl)
+int ctl_wait_run(struct program *ctl)
 {
-	ctl->for_reader = true;
+	ctl->session.for_reader = true;
 	return ctl_job_each(ctl, wait_one);
 }

@@ -7,23 +7,23 @@
 
 static void changed(void *ctx, const struct acut_job *job)
 {
-	ctl_job_print(ctx, job);
+	ctl_report_job(ctx, job);
 }
 
-static int watch_one(struct ctl *ctl, uint64_t id)
+static int watch_one(struct session *session, uint64_t id)
 {
 	const struct acut_job *job;
 
-	if (acut_job_wait(ctl->acut, id, true, changed, ctl, &job))
-		return ctl_error_acut(ctl);
-	if (ctl->args.json)
-		return job->has_error ? job->error.exit_status : CTL_DONE;
-	return ctl_job_status(ctl, job);
+	if (acut_job_wait(session->acut, id, true, changed, &session->console, &job))
+		return session_error_acut(session);
+	if (session->console.json)
+		return job->has_error ? job->error.exit_status : SESSION_DONE;
+	return ctl_report_job_status(session, job);
 }
 
-/* What was printed of each unfinished job, so that only changes are. */
+/* The last printed state of each unfinished job, so that only changes are printed. */
 struct watched {
-	struct ctl *ctl;
+	struct console *console;
 	struct seen {
 		uint64_t id, domains;
 		char state[16], waiting[96];
@@ -33,7 +33,7 @@ struct watched {
 	unsigned open;
 };
 
-static void look(void *ctx, const struct acut_job *job)
+static void see(void *ctx, const struct acut_job *job)
 {
 	struct watched *w = ctx;
 	struct seen *s = NULL, *grown;
@@ -58,38 +58,39 @@ static void look(void *ctx, const struct acut_job *job)
 	s->domains = job->progress.domains;
 	snprintf(s->state, sizeof(s->state), "%s", job->state);
 	snprintf(s->waiting, sizeof(s->waiting), "%s", job->waiting);
-	ctl_job_print(w->ctl, job);
+	ctl_report_job(w->console, job);
 }
 
-static int watch_all(struct ctl *ctl)
+static int watch_all(struct session *session)
 {
-	struct watched w = {.ctl = ctl, .first = true};
+	struct watched w = {.console = &session->console, .first = true};
 	struct err err = ERR_INIT;
 	int status = 0;
 
 	do {
 		w.open = 0;
-		if (acut_jobs(ctl->acut, look, &w))
-			status = ctl_error_acut(ctl);
+		if (acut_jobs(session->acut, see, &w))
+			status = session_error_acut(session);
 		w.first = false;
 		if (!status && w.open)
 			nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
-		if (!status && ctl_signal_interrupted(ctl)) {
+		if (!status && session_interrupted(session)) {
 			err_set(&err, ERR_CANCELLED, "interrupted");
-			status = ctl_error(ctl, &err);
+			status = session_error(session, &err);
 		}
 	} while (!status && w.open);
 	free(w.seen);
 	return status;
 }
 
-int ctl_watch_run(struct ctl *ctl)
+int ctl_watch_run(struct program *ctl)
 {
+	struct session *session = &ctl->session;
 	int status;
 
-	ctl->for_reader = true;
-	if (ctl->args.nword)
+	session->for_reader = true;
+	if (ctl->line.nword)
 		return ctl_job_each(ctl, watch_one);
-	status = ctl_connect(ctl);
-	return status ? status : watch_all(ctl);
+	status = session_connect(session);
+	return status ? status : watch_all(session);
 }

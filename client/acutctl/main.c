@@ -1,46 +1,18 @@
 /*
- * acutctl: reads the command line, runs one command, and sees to it that whatever happened, the daemon of its
- * own ends, standard output was taken, and the exit status tells the truth.
+ * acutctl: reads the command line and runs one command. Whatever happens, a daemon of the command's own ends, standard output was
+ * written, and the exit status is true.
  */
-#include <errno.h>
 #include <malloc.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "ctl.h"
 #include "io.h"
 
-/* Results that nobody could read are not done. */
-static int flush(struct ctl *ctl, int status)
-{
-	struct err err = ERR_INIT;
-
-	errno = 0;
-	if (fflush(stdout) || ferror(stdout)) {
-		if (errno == EPIPE || (!errno && ctl_signal_reader_gone())) /* an earlier write's error is forgotten by now */
-			return CTL_PIPE;
-		err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
-		ctl->report = stderr;
-		return status ? status : ctl_error(ctl, &err);
-	}
-	return ctl->out_closed ? CTL_PIPE : status;
-}
-
-/* Words of a command line that is being typed are not options of this one. */
-static bool completing(int argc, char **argv, struct ctl *ctl)
-{
-	if (argc < 3 || strcmp(argv[1], "complete"))
-		return false;
-	ctl->args.word = calloc((size_t)argc, sizeof(char *));
-	ctl->command = ctl_command_find(argv[1]);
-	for (int i = 2; i < argc && ctl->args.word; i++)
-		ctl->args.word[ctl->args.nword++] = argv[i];
-	return ctl->args.nword > 0;
-}
-
 int main(int argc, char **argv)
 {
-	struct ctl ctl = {.report = stdout};
+	const struct cli cli = ctl_cli();
+	struct program ctl = {.session.console = {.program = "acutctl", .report = stdout, .keeps_warnings = true}};
+	const struct ctl_input_format *format;
 	struct err err = ERR_INIT;
 	int status;
 
@@ -48,25 +20,29 @@ int main(int argc, char **argv)
 	/* Messages come and go by the thousand: the heap does not give back each at once. */
 	mallopt(M_TRIM_THRESHOLD, 4 << 20);
 	mallopt(M_TOP_PAD, 256 << 10);
-	ctl_signal_init(&ctl);
-	status = completing(argc, argv, &ctl) ? 0 : ctl_option_parse(argc, argv, &ctl, &err);
-	for (unsigned i = 0; i < ctl.args.nout; i++)
-		if (!strcmp(ctl.args.out[i], "-")) {
-			ctl.report = stderr;
-			ctl.for_reader = ctl.args.nout == 1;
-		}
-	if (status)
-		status = ctl_error(&ctl, &err);
-	else if (ctl.args.help)
-		status = ctl_help_run(&ctl);
-	else
-		status = ctl.command->run(&ctl);
-	ctl_refusals_end(&ctl, status);
-	ctl_disconnect(&ctl);
-	status = flush(&ctl, status);
-	for (size_t i = 0; i < ctl.nwarning; i++)
-		free(ctl.warning[i]);
-	free(ctl.warning);
-	free(ctl.args.word);
-	return status;
+	session_begin(&ctl.session);
+	if (argc >= 3 && !strcmp(argv[1], "complete")) {
+		status = ctl_complete(&cli, argc, argv, &ctl);
+		session_disconnect(&ctl.session);
+		return status;
+	}
+	status = cli_parse(&cli, argc, argv, &ctl, &ctl.line, &err);
+	if (!status)
+		status = session_check(&ctl.session, &err);
+	if (ctl_fetch_to_standard(&ctl.fetch)) {
+		ctl.session.console.report = stderr;
+		ctl.session.for_reader = ctl.fetch.out.n == 1;
+	}
+	if (ctl.input.format && (format = ctl_input_format_of(ctl.input.format)))
+		ctl.input.format = format->name; /* laz is read as las */
+	ctl.session.writes = ctl.fetch.out.n > 0;
+	ctl.session.starts = ctl.line.command && ctl.line.command->groups & CTL_OWN;
+	if (!status)
+		status = cli_run(&cli, &ctl.line, &ctl, stdout, &err);
+	if (status < 0)
+		status = session_error(&ctl.session, &err);
+	session_refusals_end(&ctl.session, status);
+	session_disconnect(&ctl.session);
+	cli_done(&ctl.line);
+	return console_end(&ctl.session.console, ctl.session.out_closed ? CONSOLE_PIPE : status);
 }

@@ -1,11 +1,11 @@
 /*
- * The comments that say what the numbers of a text header mean. One line each, whatever is in the CRS text.
+ * Comments of text headers that describe the numbers, a line each whatever the CRS text contains.
  */
 #include <stdio.h>
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_axis.h"
 
 /* A line must stay a line: control characters become spaces. */
 static void make_line(char *text)

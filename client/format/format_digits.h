@@ -1,7 +1,6 @@
 /*
- * Decimal digits of whole numbers, eight at a time without a loop: a word is split into halves of four digits,
- * these into pairs, these into digits, each split at once for all parts by a multiplication. Up to 8 bytes
- * behind the text may be overwritten.
+ * Decimal digits of whole numbers, eight at a time without a loop: a word is split into halves of four digits, these into
+ * pairs, these into digits, all parts at once by a multiplication. Up to 8 bytes after the text may be overwritten.
  */
 #ifndef FORMAT_DIGITS_H
 #define FORMAT_DIGITS_H

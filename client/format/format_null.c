@@ -5,13 +5,13 @@
 #include <stdlib.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format.h"
 
 struct null {
 	uint64_t nvertex, nface;
 };
 
-static int null_open(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
+static int null_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
 	struct null *n = calloc(1, sizeof(*n));
 
@@ -57,7 +57,7 @@ const struct format format_null = {
 	.name = "null",
 	.extensions = "",
 	.help = "nothing is written: the mesh is checked and counted, without -o",
-	.nothing = true,
+	.kind = FORMAT_NOTHING,
 	.open = null_open,
 	.head = null_head,
 	.block = null_block,

@@ -1,8 +1,8 @@
 /*
- * Wavefront OBJ: text, exact decimals out of the lattice numbers, faces with 1-based numbers.
+ * Wavefront OBJ: text, exact decimals of the lattice numbers, faces with 1-based numbers.
  *
- * Vertices and faces may alternate in this format, so that blocks are written as they come and nothing is
- * kept. Counts and digests are known at the end and stand there, as comments.
+ * Vertices and faces may alternate in this format, so blocks are written as they come and nothing is kept. Counts and digests
+ * are comments at the end, where they are known.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -11,12 +11,13 @@
 #include "cursor.h"
 #include "err.h"
 #include "format_digits.h"
-#include "format_priv.h"
+#include "format_axis.h"
+#include "outfile.h"
 
 enum { LINES = 64, VERTEX_LINE = 3 * FORMAT_COORDINATE + 8, FACE_LINE = 72 }; /* at once; bytes at most */
 
 struct obj {
-	struct format_output *out;
+	struct outfile *out;
 	struct format_options opt;
 	struct format_axis axis[3];
 	uint64_t nvertex, nface;
@@ -28,10 +29,10 @@ static int obj_comment(void *ctx, const char *text, struct err *err)
 	char line[FORMAT_COMMENT + 8];
 	int n = snprintf(line, sizeof(line), "# %s\n", text);
 
-	return format_output_write(o->out, line, (size_t)n, err);
+	return outfile_write(o->out, line, (size_t)n, err);
 }
 
-static int obj_open(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
+static int obj_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
 	struct obj *o = calloc(1, sizeof(*o));
 
@@ -74,7 +75,7 @@ static int obj_block(void *writer, const struct format_block *block, struct err 
 	const struct acut_mesh_block *b = block->mesh;
 
 	for (uint32_t i = 0, end; i < b->nnew; i = end) {
-		char *start = format_output_room(o->out, LINES * VERTEX_LINE, err), *at = start;
+		char *start = outfile_room(o->out, LINES * VERTEX_LINE, err), *at = start;
 
 		if (!start)
 			return -err->code;
@@ -86,10 +87,10 @@ static int obj_block(void *writer, const struct format_block *block, struct err 
 			}
 			*at++ = '\n';
 		}
-		format_output_used(o->out, (size_t)(at - start));
+		outfile_used(o->out, (size_t)(at - start));
 	}
 	for (uint32_t i = 0, end; i < b->ntriangle; i = end) {
-		char *start = format_output_room(o->out, LINES * FACE_LINE, err), *at = start;
+		char *start = outfile_room(o->out, LINES * FACE_LINE, err), *at = start;
 
 		if (!start)
 			return -err->code;
@@ -103,7 +104,7 @@ static int obj_block(void *writer, const struct format_block *block, struct err 
 			}
 			*at++ = '\n';
 		}
-		format_output_used(o->out, (size_t)(at - start));
+		outfile_used(o->out, (size_t)(at - start));
 	}
 	o->nvertex += b->nnew;
 	o->nface += b->ntriangle;
@@ -132,8 +133,8 @@ const struct format format_obj = {
 	.name = "obj",
 	.extensions = ".obj",
 	.help = "Wavefront OBJ: exact decimals as text",
-	.canonical = true,
-	.origin = true,
+	.kind = FORMAT_MESH,
+	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = obj_open,
 	.head = obj_head,
 	.block = obj_block,

@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "format_priv.h"
+#include "format_raster.h"
 
 #define BINS 4096
 
@@ -41,7 +41,7 @@ static double unit_metres(const char *unit)
 	return 0;
 }
 
-/* The z below which a part `share` of the covered pixels lies, within the range. */
+/* The z that a part `share` of the covered pixels is below. */
 static float percentile(const uint64_t bin[BINS], uint64_t n, double share, float low, float high)
 {
 	uint64_t seen = 0;
@@ -120,7 +120,7 @@ static double slope(const struct format_paint *p, size_t i, bool before, bool af
 	return run > 0 ? rise * p->height / run : 0;
 }
 
-/* 0 to 1; the light stands in the north-west, 45 degrees high. */
+/* 0 to 1; the light is in the north-west, 45 degrees high. */
 static double shade(const struct format_paint *p, uint32_t x, uint32_t y)
 {
 	const struct format_raster *r = p->raster;

@@ -1,12 +1,11 @@
 /*
  * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int).
  *
- * The stream mixes both and says the counts at its end. Vertices go to their place at once, faces to an
- * annex that is joined at the end; the header is written first at its greatest possible size and
- * patched when the counts are known, a comment filling the rest. Faces are in the order of the stream, but for
- * those that joining moves to the front (fewer than 4096). In canonical order all vertices come before all faces,
- * so that both go to their place. Where the output cannot seek, both are kept aside. Faces take 32-bit numbers: int
- * up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused beyond.
+ * The stream mixes both, and its counts come at the end. Vertices are written in place, faces to an annex that is joined at
+ * the end. The header is written first at its largest size and patched when the counts are known; a comment fills the rest.
+ * Faces are in the order of the stream, but for fewer than 4096 that joining moves to the front. In canonical order all
+ * vertices come before all faces, so both are written in place. If the output cannot seek both are kept aside. Face numbers
+ * have 32 bits: int up to 2^31 - 1 vertices, uint up to 2^32 - 1; more are refused.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -15,7 +14,8 @@
 
 #include "cursor.h"
 #include "err.h"
-#include "format_priv.h"
+#include "format_axis.h"
+#include "outfile.h"
 
 #define PLY_HEADER 8192
 #define PLY_FILL "comment "
@@ -23,10 +23,10 @@
 #define PLY_FACE 13
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "records are written as they lie in memory");
-_Static_assert(((uint64_t)UINT32_MAX + 1) * PLY_VERTEX + PLY_HEADER < FORMAT_ANNEX_AT, "all vertices fit before it");
+_Static_assert(((uint64_t)UINT32_MAX + 1) * PLY_VERTEX + PLY_HEADER < OUTFILE_ANNEX_AT, "all vertices fit before it");
 
 struct ply {
-	struct format_output *out, *vertices, *faces; /* vertices: the output, or a spool */
+	struct outfile *out, *vertices, *faces; /* vertices: the output, or a spool */
 	struct format_options opt;
 	struct format_axis axis[3];
 	uint64_t nvertex, nface;
@@ -77,7 +77,7 @@ static int ply_header_fill(const struct ply *p, char buf[PLY_HEADER], int n, str
 	return 0;
 }
 
-static int ply_open(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
+static int ply_open(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
 	struct ply *p = calloc(1, sizeof(*p));
 
@@ -98,10 +98,10 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 
 	if (!r)
 		r = format_comment_head(head, &p->opt, ply_comment, p, err);
-	if (!r && !format_output_seekable(p->out))
-		r = format_output_spool(p->out, &p->vertices, err);
+	if (!r && !outfile_seekable(p->out))
+		r = outfile_spool(p->out, &p->vertices, err);
 	if (!r && (p->vertices || !p->opt.canonical))
-		r = format_output_annex(p->out, &p->faces, err);
+		r = outfile_annex(p->out, &p->faces, err);
 	if (r || p->vertices)
 		return r;
 	if (!p->faces)
@@ -112,8 +112,8 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 	p->header = ((size_t)r + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
 	memset(buf, 0, sizeof(buf));
 	p->vertices = p->out;
-	r = format_output_write(p->out, buf, p->header, err);
-	return r ? r : format_part_from_here(p->out, err);
+	r = outfile_write(p->out, buf, p->header, err);
+	return r ? r : outfile_part_from_here(p->out, err);
 }
 
 static void ply_save(const void *writer, struct packer *to)
@@ -133,7 +133,7 @@ static int ply_resume(void *writer, const struct acut_mesh_head *head, struct cu
 	if (!r)
 		r = format_comment_head(head, &p->opt, ply_comment, p, err);
 	if (!r)
-		r = format_output_annex(p->out, &p->faces, err);
+		r = outfile_annex(p->out, &p->faces, err);
 	p->vertices = p->out;
 	p->nvertex = cursor_u64(from);
 	p->nface = cursor_u64(from);
@@ -144,8 +144,8 @@ static int ply_resume(void *writer, const struct acut_mesh_head *head, struct cu
 static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct err *err)
 {
 	while (n) {
-		uint32_t left = (uint32_t)(format_output_left(p->vertices) / PLY_VERTEX), k = n < left ? n : left ? left : 1;
-		double *to = format_output_room(p->vertices, k * (size_t)PLY_VERTEX, err);
+		uint32_t left = (uint32_t)(outfile_left(p->vertices) / PLY_VERTEX), k = n < left ? n : left ? left : 1;
+		double *to = outfile_room(p->vertices, k * (size_t)PLY_VERTEX, err);
 		double aligned[3 * 512];
 
 		if (!to)
@@ -157,7 +157,7 @@ static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct
 			format_axis_values(p->axis, v, k, aligned);
 			memcpy(to, aligned, k * (size_t)PLY_VERTEX);
 		}
-		format_output_used(p->vertices, k * (size_t)PLY_VERTEX);
+		outfile_used(p->vertices, k * (size_t)PLY_VERTEX);
 		v += k;
 		n -= k;
 	}
@@ -169,9 +169,9 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 	const uint32_t nf = b->nforeign, base = (uint32_t)(b->first - nf);
 
 	for (uint32_t i = 0; i < b->ntriangle;) {
-		uint32_t left = (uint32_t)(format_output_left(p->faces) / PLY_FACE), n = b->ntriangle - i;
+		uint32_t left = (uint32_t)(outfile_left(p->faces) / PLY_FACE), n = b->ntriangle - i;
 		uint32_t k = n < left ? n : left ? left : 1;
-		uint8_t *to = format_output_room(p->faces, k * (size_t)PLY_FACE, err);
+		uint8_t *to = outfile_room(p->faces, k * (size_t)PLY_FACE, err);
 
 		if (!to)
 			return -err->code;
@@ -181,13 +181,13 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 				uint32_t l = b->triangle[i][j];
 				g[j] = l >= nf ? l + base : (uint32_t)b->foreign[l];
 			}
-			/* two stores; the second one's last three bytes are the next face's, or nobody's */
+			/* two stores; the last three bytes of the second are overwritten by the next face */
 			head = 3 | g[0] << 8 | g[1] << 40;
 			rest = g[1] >> 24 | g[2] << 8;
 			memcpy(to, &head, 8);
 			memcpy(to + 8, &rest, 8);
 		}
-		format_output_used(p->faces, k * (size_t)PLY_FACE);
+		outfile_used(p->faces, k * (size_t)PLY_FACE);
 	}
 	return 0;
 }
@@ -223,13 +223,13 @@ static int ply_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 	if (p->vertices == p->out) {
 		r = ply_header_fill(p, buf, n, err);
 		if (!r)
-			r = format_output_patch(p->out, 0, buf, p->header, err);
+			r = outfile_patch(p->out, 0, buf, p->header, err);
 	} else {
-		r = format_output_write(p->out, buf, (size_t)n, err);
+		r = outfile_write(p->out, buf, (size_t)n, err);
 		if (!r)
-			r = format_output_join(p->out, p->vertices, PLY_VERTEX, err);
+			r = outfile_join(p->out, p->vertices, PLY_VERTEX, err);
 	}
-	return r || p->faces == p->out ? r : format_output_join(p->out, p->faces, PLY_FACE, err);
+	return r || p->faces == p->out ? r : outfile_join(p->out, p->faces, PLY_FACE, err);
 }
 
 static void *ply_free(void *writer)
@@ -239,9 +239,9 @@ static void *ply_free(void *writer)
 	if (!p)
 		return NULL;
 	if (p->vertices != p->out)
-		format_output_free(p->vertices);
+		outfile_free(p->vertices);
 	if (p->faces != p->out)
-		format_output_free(p->faces);
+		outfile_free(p->faces);
 	free(p->comments);
 	free(p);
 	return NULL;
@@ -251,8 +251,8 @@ const struct format format_ply = {
 	.name = "ply",
 	.extensions = ".ply",
 	.help = "binary little-endian PLY: double x, y, z; triangles counter-clockwise",
-	.canonical = true,
-	.origin = true,
+	.kind = FORMAT_MESH,
+	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = ply_open,
 	.head = ply_head,
 	.block = ply_block,

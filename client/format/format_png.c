@@ -12,10 +12,11 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_raster.h"
+#include "outfile.h"
 
 struct picture {
-	struct format_output *out;
+	struct outfile *out;
 	struct format_options opt;
 	struct format_raster raster;
 	struct acut_mesh_head head; /* scales and units only */
@@ -23,7 +24,7 @@ struct picture {
 	struct err *err; /* of the running call, for libpng's callbacks */
 };
 
-static int png_open_writer(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
+static int png_open_writer(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
 	struct picture *p;
 
@@ -57,7 +58,7 @@ static int png_head(void *writer, const struct acut_mesh_head *head, struct err 
 	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width, p->opt.color == FORMAT_DOMAIN, err);
 }
 
-/* One number for a region, well mixed: neighbours must not look alike. */
+/* A hash of a region; neighbours must have different colours. */
 static uint32_t domain_hash(const int64_t box[4])
 {
 	uint64_t h = 0x243f6a8885a308d3u;
@@ -86,7 +87,7 @@ static void png_put(png_structp png, png_bytep bytes, png_size_t n)
 {
 	struct picture *p = png_get_io_ptr(png);
 
-	if (format_output_write(p->out, bytes, n, p->err))
+	if (outfile_write(p->out, bytes, n, p->err))
 		png_error(png, "output");
 }
 
@@ -185,6 +186,8 @@ const struct format format_png = {
 	.name = "png",
 	.extensions = ".png",
 	.help = "a picture from above: hillshade, elevation or domains (--color, --width)",
+	.kind = FORMAT_PICTURE,
+	.takes = FORMAT_SIZED | FORMAT_COLORED,
 	.positions = true,
 	.open = png_open_writer,
 	.head = png_head,

@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_raster.h"
 
 #define S FORMAT_SUBPIXEL
 #define RASTER_PIXELS (1u << 26) /* at most */
@@ -61,7 +61,7 @@ static int64_t div_up(int64_t n, int64_t d)
 	return -div_down(-n, d);
 }
 
-/* Centres of pixels stand at 256 i + 128: the first not below, the last not above. */
+/* Centres of pixels are at 256 i + 128: the first not below, the last not above. */
 static int64_t pixel_from(int64_t v)
 {
 	return (v + S / 2 - 1) >> 8;

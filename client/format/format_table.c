@@ -5,7 +5,9 @@
 #include <string.h>
 #include <strings.h>
 
-#include "format_priv.h"
+#include "format.h"
+
+extern const struct format format_ply, format_obj, format_png, format_null;
 
 static const struct format *const row[] = {&format_ply, &format_obj, &format_png, &format_null};
 
@@ -61,4 +63,17 @@ bool format_parse_color(const char *text, enum format_color *ret)
 		}
 	}
 	return false;
+}
+
+unsigned format_options_given(const struct format_options *opt)
+{
+	return (opt->canonical ? FORMAT_CANONICAL : 0) | (opt->has_origin || opt->origin_auto ? FORMAT_ORIGIN : 0) |
+	       (opt->z_unit ? FORMAT_Z_UNIT : 0) | (opt->width ? FORMAT_SIZED : 0) | (opt->color ? FORMAT_COLORED : 0);
+}
+
+const char *format_option_name(unsigned options)
+{
+	static const char *const name[] = {"canonical", "origin", "z-unit", "width", "color"};
+
+	return options ? name[__builtin_ctz(options)] : NULL;
 }

@@ -12,7 +12,7 @@
 #include <strings.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_axis.h"
 
 #define FORMAT_MORE_DECIMALS 9
 
@@ -134,7 +134,7 @@ static double nearest(i128 p, i128 q)
 		n <<= 1;
 		shift++;
 	}
-	/* At least 66 bits, so that the last one can stand for all that is behind it. */
+	/* At least 66 bits, so that the last one can represent all lower ones. */
 	quotient = n / (u128)q;
 	quotient |= n % (u128)q != 0;
 	v = __builtin_ldexp((double)quotient, -shift);

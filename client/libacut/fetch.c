@@ -244,7 +244,7 @@ static int on_event(struct fetch *f, enum stream_event event)
 
 /* Takes what the socket has. An Error on the request ends the fetch; so does the end of the connection,
  * but only once the pipe is dry: what is in it may be the whole mesh. */
-static int look_at_socket(struct fetch *f)
+static int check_socket(struct fetch *f)
 {
 	struct acut *a = f->acut;
 	int r = 0;
@@ -269,7 +269,7 @@ static int look_at_socket(struct fetch *f)
 static int ended_early(struct fetch *f)
 {
 	struct acut *a = f->acut;
-	int r = look_at_socket(f);
+	int r = check_socket(f);
 
 	if (r < 0)
 		return r;
@@ -338,7 +338,7 @@ int fetch_stream(struct fetch *f)
 		if (r == 0)
 			since = clock_mono_ns();
 		if ((r == FRAME_E_AGAIN || ++f->reads % READS_A_LOOK == 0) && !f->acut->dead.code) {
-			int looked = look_at_socket(f);
+			int looked = check_socket(f);
 
 			if (looked < 0 && !f->acut->dead.code)
 				return looked;

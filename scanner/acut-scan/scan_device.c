@@ -6,7 +6,7 @@
 #include "err.h"
 #include "scan_device.h"
 
-static int profile_of(const struct scan_args *args, struct scan_device *d, struct err *err)
+static int profile_of(struct program *args, struct scan_device *d, struct err *err)
 {
 	char words[200];
 
@@ -18,14 +18,14 @@ static int profile_of(const struct scan_args *args, struct scan_device *d, struc
 	return err_add_hint(err, "say which with --profile, or write one: man acut-scanners.d");
 }
 
-int scan_device_open(const struct scan_args *args, struct scan_device *ret, struct err *err)
+int scan_device_open(struct program *args, struct scan_device *ret, struct err *err)
 {
-	const char *which = args->device ? args->device : args->n ? args->inputs[0] : "";
+	const char *which = args->device ? args->device : args->line.nword ? args->line.word[0] : "";
 	struct scan_device d = {0};
 	int r;
 
-	if (args->device && args->n) {
-		err_set(err, ERR_USAGE, "two devices are named: %s and --device %s", args->inputs[0], args->device);
+	if (args->device && args->line.nword) {
+		err_set(err, ERR_USAGE, "two devices are named: %s and --device %s", args->line.word[0], args->device);
 		return err_add_hint(err, "name one");
 	}
 	r = scan_profile_set(args, &d.set, err);
@@ -68,22 +68,22 @@ const char *scan_device_access(const struct usb_device *d)
 	return d->openable ? "yes" : strerror(d->refused);
 }
 
-void scan_device_json(struct ctl_json *j, const struct usb_device *d, const struct profile_set *set)
+void scan_device_json(struct term_json *j, const struct usb_device *d, const struct profile_set *set)
 {
 	char id[8];
 
-	ctl_json_text(j, "port", d->port);
-	ctl_json_text(j, "node", d->node);
+	term_json_text(j, "port", d->port);
+	term_json_text(j, "node", d->node);
 	snprintf(id, sizeof(id), "%04x", d->vendor);
-	ctl_json_text(j, "vendor", id);
+	term_json_text(j, "vendor", id);
 	snprintf(id, sizeof(id), "%04x", d->product);
-	ctl_json_text(j, "product", id);
-	ctl_json_known(j, "manufacturer", d->manufacturer);
-	ctl_json_known(j, "model", d->model);
-	ctl_json_known(j, "serial", d->serial);
-	ctl_json_known(j, "speed", d->speed);
-	ctl_json_text(j, "profile", set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
-	ctl_json_bool(j, "mass_storage", d->mass_storage);
-	ctl_json_bool(j, "may_open", d->openable && !d->mass_storage);
-	ctl_json_text(j, "why_not", d->openable && !d->mass_storage ? NULL : scan_device_access(d));
+	term_json_text(j, "product", id);
+	term_json_known(j, "manufacturer", d->manufacturer);
+	term_json_known(j, "model", d->model);
+	term_json_known(j, "serial", d->serial);
+	term_json_known(j, "speed", d->speed);
+	term_json_text(j, "profile", set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
+	term_json_bool(j, "mass_storage", d->mass_storage);
+	term_json_bool(j, "may_open", d->openable && !d->mass_storage);
+	term_json_text(j, "why_not", d->openable && !d->mass_storage ? NULL : scan_device_access(d));
 }

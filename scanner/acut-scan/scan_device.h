@@ -13,13 +13,13 @@ struct scan_device {
 	struct scan_profile profile; /* --profile, or that which matches */
 };
 /* Which one is meant: --device or the word behind the command. -ERR_USAGE also where no profile is for it. */
-int scan_device_open(const struct scan_args *, struct scan_device *ret, struct err *);
+int scan_device_open(struct program *, struct scan_device *ret, struct err *);
 void scan_device_done(struct scan_device *);
 
 /* "TiM561 serial 20370043 at 1-2.4". Returns buf. */
 char *scan_device_text(const struct usb_device *, char *buf, size_t size);
 /* The keys of a device, in an object that is open. */
-void scan_device_json(struct ctl_json *, const struct usb_device *, const struct profile_set *);
+void scan_device_json(struct term_json *, const struct usb_device *, const struct profile_set *);
 /* "yes", or why it cannot be opened. */
 const char *scan_device_access(const struct usb_device *);
 

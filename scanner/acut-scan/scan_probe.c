@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "clock.h"
-#include "ctl_text.h"
+#include "term_text.h"
 #include "decoder.h"
 #include "err.h"
 #include "parse.h"
@@ -19,7 +19,7 @@
 enum { BEGIN = 48 };
 
 struct probe {
-	const struct scan_args *args;
+	struct program *args;
 	struct scan_device d;
 	struct replay *replay;
 	struct replay_counts counts;
@@ -203,47 +203,46 @@ static int judge(const struct probe *p, struct err *err)
 static void as_json(const struct probe *p, const struct err *err)
 {
 	const struct replay_counts *c = &p->counts;
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 	char begin[4 * BEGIN + 8];
 
-	ctl_json_open(&j, NULL, '{');
+	term_json_open(&j, NULL, '{');
 	scan_device_json(&j, &p->d.device, p->d.set);
-	ctl_json_text(&j, "used_profile", p->d.profile.profile.name);
-	ctl_json_number(&j, "seconds", p->seconds);
-	ctl_json_u64(&j, "commands", p->commands);
-	ctl_json_u64(&j, "bytes", p->bytes);
-	ctl_json_u64(&j, "transfers", p->usb.transfers);
-	ctl_json_text(&j, "begins", escaped(p->begin, p->nbegin, begin, sizeof(begin)));
-	ctl_json_u64(&j, "telegrams", c->framer.telegrams);
-	ctl_json_u64(&j, "bad_telegrams", c->framer.bad);
-	ctl_json_u64(&j, "answers", c->not_data);
-	ctl_json_u64(&j, "undecoded", c->undecoded);
-	ctl_json_u64(&j, "sweeps", c->sweeps);
-	ctl_json_u64(&j, "points", c->points);
-	ctl_json_u64(&j, "stalls", p->usb.stalls);
-	ctl_json_u64(&j, "overflows", p->usb.overflows);
-	ctl_json_u64(&j, "errors", p->usb.errors);
-	ctl_json_bool(&j, "dirty", p->dirty);
+	term_json_text(&j, "used_profile", p->d.profile.profile.name);
+	term_json_number(&j, "seconds", p->seconds);
+	term_json_u64(&j, "commands", p->commands);
+	term_json_u64(&j, "bytes", p->bytes);
+	term_json_u64(&j, "transfers", p->usb.transfers);
+	term_json_text(&j, "begins", escaped(p->begin, p->nbegin, begin, sizeof(begin)));
+	term_json_u64(&j, "telegrams", c->framer.telegrams);
+	term_json_u64(&j, "bad_telegrams", c->framer.bad);
+	term_json_u64(&j, "answers", c->not_data);
+	term_json_u64(&j, "undecoded", c->undecoded);
+	term_json_u64(&j, "sweeps", c->sweeps);
+	term_json_u64(&j, "points", c->points);
+	term_json_u64(&j, "stalls", p->usb.stalls);
+	term_json_u64(&j, "overflows", p->usb.overflows);
+	term_json_u64(&j, "errors", p->usb.errors);
+	term_json_bool(&j, "dirty", p->dirty);
 	if (p->swept) {
-		ctl_json_open(&j, "first_sweep", '{');
-		ctl_json_u64(&j, "shots", p->shots);
-		ctl_json_u64(&j, "returns", p->returns);
-		ctl_json_number(&j, "from_degrees", p->from);
-		ctl_json_number(&j, "to_degrees", p->to);
-		ctl_json_number(&j, "nearest", p->nearest);
-		ctl_json_number(&j, "farthest", p->farthest);
-		ctl_json_known(&j, "device_serial", p->serial);
-		ctl_json_close(&j, '}');
+		term_json_open(&j, "first_sweep", '{');
+		term_json_u64(&j, "shots", p->shots);
+		term_json_u64(&j, "returns", p->returns);
+		term_json_number(&j, "from_degrees", p->from);
+		term_json_number(&j, "to_degrees", p->to);
+		term_json_number(&j, "nearest", p->nearest);
+		term_json_number(&j, "farthest", p->farthest);
+		term_json_known(&j, "device_serial", p->serial);
+		term_json_close(&j, '}');
 	} else {
-		ctl_json_text(&j, "first_sweep", NULL);
+		term_json_null(&j, "first_sweep");
 	}
-	ctl_json_bool(&j, "fits", !err->code);
+	term_json_bool(&j, "fits", !err->code);
 	if (err->code)
-		ctl_error_json(&j, "error", err);
+		term_error_json(&j, "error", err);
 	else
-		ctl_json_text(&j, "error", NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+		term_json_null(&j, "error");
+	term_json_end(&j);
 }
 
 static void as_text(const struct probe *p)
@@ -251,49 +250,49 @@ static void as_text(const struct probe *p)
 	const struct replay_counts *c = &p->counts;
 	char words[200], size[32], count[32], range[64] = "";
 
-	ctl_term_line(stdout, "%s, profile %s", scan_device_text(&p->d.device, words, sizeof(words)), p->d.profile.profile.name);
-	ctl_term_field(stdout, "received", "%s in %llu transfers, in %.1f s", parse_size_text(p->bytes, size),
-		       (unsigned long long)p->usb.transfers, p->seconds);
-	ctl_term_field(stdout, "telegrams", "%s, %llu bad, %llu answers, %llu that cannot be decoded",
-		       ctl_text_count(c->framer.telegrams, count), (unsigned long long)c->framer.bad,
-		       (unsigned long long)c->not_data, (unsigned long long)c->undecoded);
+	term_line(stdout, "%s, profile %s", scan_device_text(&p->d.device, words, sizeof(words)), p->d.profile.profile.name);
+	term_field(stdout, "received", "%s in %llu transfers, in %.1f s", parse_size_text(p->bytes, size),
+		   (unsigned long long)p->usb.transfers, p->seconds);
+	term_field(stdout, "telegrams", "%s, %llu bad, %llu answers, %llu that cannot be decoded",
+		   term_count(c->framer.telegrams, count), (unsigned long long)c->framer.bad, (unsigned long long)c->not_data,
+		   (unsigned long long)c->undecoded);
 	if (p->swept) {
 		if (p->returns)
 			snprintf(range, sizeof(range), ", %.3f to %.3f m", p->nearest, p->farthest);
-		ctl_term_field(stdout, "sweeps", "%llu%s", (unsigned long long)c->sweeps,
-			       p->dirty ? "; the device says that its window is dirty" : "");
-		ctl_term_field(stdout, "the first", "%u shots from %.1f to %.1f degrees, %u with a range%s", p->shots, p->from,
-			       p->to, p->returns, range);
+		term_field(stdout, "sweeps", "%llu%s", (unsigned long long)c->sweeps,
+			   p->dirty ? "; the device says that its window is dirty" : "");
+		term_field(stdout, "the first", "%u shots from %.1f to %.1f degrees, %u with a range%s", p->shots, p->from, p->to,
+			   p->returns, range);
 	}
 	if (p->serial[0])
-		ctl_term_field(stdout, "says it is", "%s", p->serial);
+		term_field(stdout, "says it is", "%s", p->serial);
 	if (p->point[0])
-		ctl_term_field(stdout, "first line", "%s", p->point);
+		term_field(stdout, "first line", "%s", p->point);
 	if (p->usb.stalls || p->usb.overflows || p->usb.errors)
-		ctl_term_field(stdout, "bus", "%llu stalls, %llu overflows, %llu errors", (unsigned long long)p->usb.stalls,
-			       (unsigned long long)p->usb.overflows, (unsigned long long)p->usb.errors);
+		term_field(stdout, "bus", "%llu stalls, %llu overflows, %llu errors", (unsigned long long)p->usb.stalls,
+			   (unsigned long long)p->usb.overflows, (unsigned long long)p->usb.errors);
 }
 
-int scan_probe(const struct scan_args *args)
+int scan_probe(struct program *args)
 {
 	struct probe p = {.args = args};
 	const struct replay_sinks sinks = {.ctx = &p, .sweep = on_sweep, .points = on_points, .fault = on_fault};
 	const struct replay_clock clock = {.utc_ns = clock_real_us() * 1000, .monotonic_ns = (int64_t)clock_mono_ns()};
 	struct err err = ERR_INIT;
-	bool told = false;
+	bool printed = false;
 	int r = scan_device_open(args, &p.d, &err);
 
 	if (r)
 		return scan_fail(args, &err);
 	if (p.d.profile.profile.note[0])
-		scan_note(args, "%s", p.d.profile.profile.note);
+		console_note(&args->console, "%s", p.d.profile.profile.note);
 	r = replay_new(&p.d.profile.profile, &clock, &sinks, &p.replay, &err);
 	if (!r)
 		r = listen(&p, &err);
 	if (!r) {
 		r = judge(&p, &err);
-		told = true;
-		if (args->json)
+		printed = true;
+		if (args->console.json)
 			as_json(&p, &err);
 		else
 			as_text(&p);
@@ -303,5 +302,5 @@ int scan_probe(const struct scan_args *args)
 	if (!r)
 		return 0;
 	/* In JSON it is in the object already. */
-	return told && args->json ? err_exit_status(err.code) : scan_fail(args, &err);
+	return printed && args->console.json ? err_exit_status(err.code) : scan_fail(args, &err);
 }

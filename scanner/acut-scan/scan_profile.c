@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "ctl_guess.h"
+#include "cli_guess.h"
 #include "err.h"
 #include "scan_profile.h"
 
@@ -13,13 +13,13 @@ static bool is_file(const char *which)
 	return strchr(which, '/') || (n > 5 && !strcmp(which + n - 5, ".conf"));
 }
 
-int scan_profile_set(const struct scan_args *args, struct profile_set **ret, struct err *err)
+int scan_profile_set(struct program *args, struct profile_set **ret, struct err *err)
 {
-	int r = profile_set_read(args->n_profiles ? args->profiles : NULL, ret, err);
+	int r = profile_set_read(args->profiles.n ? args->profiles.text : NULL, ret, err);
 
-	if (!r && !profile_set_count(*ret) && !args->n_profiles && !(args->profile && is_file(args->profile)))
-		scan_warn(
-			args,
+	if (!r && !profile_set_count(*ret) && !args->profiles.n && !(args->profile && is_file(args->profile)))
+		console_warn(
+			&args->console,
 			"there is no profile in %s nor in %s: no scanner is known; --profiles DIR names a folder of profiles (etc/scanners.d of "
 			"the source, where acut is not installed)",
 			profile_folders[0], profile_folders[1]);
@@ -47,14 +47,14 @@ void scan_profile_done(struct scan_profile *p)
 
 static int unknown(const struct profile_set *set, const char *which, struct err *err)
 {
-	struct ctl_guess g = {.given = which};
+	struct cli_guess g = {.given = which};
 	char buf[128];
 
 	for (size_t i = 0; i < profile_set_count(set); i++)
-		ctl_guess_offer(&g, profile_set_at(set, i)->profile.name);
+		cli_guess_offer(&g, profile_set_at(set, i)->profile.name);
 	err_set(err, ERR_USAGE, "there is no profile %s", which);
 	return err_add_hint(err, "%sacut-scan profiles lists them; a file is named with its slash or .conf",
-			    ctl_guess_text(&g, "", buf));
+			    cli_guess_text(&g, "", buf));
 }
 
 int scan_profile_named(const struct profile_set *set, const char *which, struct scan_profile *ret, struct err *err)

@@ -6,7 +6,7 @@
 #include "scan.h"
 
 /* The folders of --profiles, or the built-in ones. */
-int scan_profile_set(const struct scan_args *, struct profile_set **ret, struct err *);
+int scan_profile_set(struct program *, struct profile_set **ret, struct err *);
 
 /* A profile and its text, on its own. */
 struct scan_profile {

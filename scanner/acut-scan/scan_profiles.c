@@ -51,61 +51,61 @@ static const char *match_text(const struct profile *p, char buf[400])
 
 /* ---- for programs ---- */
 
-static void json_number(struct ctl_json *j, const char *key, int v)
+static void json_number(struct term_json *j, const char *key, int v)
 {
 	if (v < 0)
-		ctl_json_text(j, key, NULL);
+		term_json_text(j, key, NULL);
 	else
-		ctl_json_i64(j, key, v);
+		term_json_i64(j, key, v);
 }
 
-static void json_profile(struct ctl_json *j, const struct profile *p)
+static void json_profile(struct term_json *j, const struct profile *p)
 {
-	ctl_json_text(j, "title", p->title);
-	ctl_json_known(j, "note", p->note);
-	ctl_json_open(j, "match", '{');
+	term_json_text(j, "title", p->title);
+	term_json_known(j, "note", p->note);
+	term_json_open(j, "match", '{');
 	json_number(j, "vendor", p->vendor);
 	json_number(j, "product", p->product);
 	json_number(j, "device_class", p->device_class);
 	json_number(j, "interface_class", p->interface_class);
-	ctl_json_known(j, "serial", p->serial);
-	ctl_json_close(j, '}');
-	ctl_json_open(j, "usb", '{');
-	ctl_json_u64(j, "interface", p->interface);
-	ctl_json_u64(j, "endpoint_in", p->endpoint_in);
+	term_json_known(j, "serial", p->serial);
+	term_json_close(j, '}');
+	term_json_open(j, "usb", '{');
+	term_json_u64(j, "interface", p->interface);
+	term_json_u64(j, "endpoint_in", p->endpoint_in);
 	json_number(j, "endpoint_out", p->endpoint_out ? p->endpoint_out : -1);
-	ctl_json_u64(j, "transfer_size", p->transfer_size);
-	ctl_json_u64(j, "transfers", p->transfers);
-	ctl_json_number(j, "timeout_s", p->timeout_ms / 1e3);
-	ctl_json_u64(j, "start_commands", p->starts);
-	ctl_json_u64(j, "stop_commands", p->stops);
-	ctl_json_close(j, '}');
-	ctl_json_text(j, "framer", framers[p->framer]);
-	ctl_json_text(j, "decoder", p->decoder);
-	ctl_json_text(j, "time", p->time == PROFILE_TIME_DEVICE ? "device" : "arrival");
-	ctl_json_number(j, "latency_s", p->latency_s);
-	ctl_json_open(j, "mount", '{');
-	ctl_json_number(j, "roll", p->mount_roll);
-	ctl_json_number(j, "pitch", p->mount_pitch);
-	ctl_json_number(j, "heading", p->mount_heading);
-	ctl_json_open(j, "lever", '[');
+	term_json_u64(j, "transfer_size", p->transfer_size);
+	term_json_u64(j, "transfers", p->transfers);
+	term_json_number(j, "timeout_s", p->timeout_ms / 1e3);
+	term_json_u64(j, "start_commands", p->starts);
+	term_json_u64(j, "stop_commands", p->stops);
+	term_json_close(j, '}');
+	term_json_text(j, "framer", framers[p->framer]);
+	term_json_text(j, "decoder", p->decoder);
+	term_json_text(j, "time", p->time == PROFILE_TIME_DEVICE ? "device" : "arrival");
+	term_json_number(j, "latency_s", p->latency_s);
+	term_json_open(j, "mount", '{');
+	term_json_number(j, "roll", p->mount_roll);
+	term_json_number(j, "pitch", p->mount_pitch);
+	term_json_number(j, "heading", p->mount_heading);
+	term_json_open(j, "lever", '[');
 	for (size_t i = 0; i < 3; i++)
-		ctl_json_number(j, NULL, p->lever[i]);
-	ctl_json_close(j, ']');
-	ctl_json_close(j, '}');
-	ctl_json_number(j, "range_min", p->range_min);
-	ctl_json_number(j, "range_max", p->range_max);
+		term_json_number(j, NULL, p->lever[i]);
+	term_json_close(j, ']');
+	term_json_close(j, '}');
+	term_json_number(j, "range_min", p->range_min);
+	term_json_number(j, "range_max", p->range_max);
 }
 
-static void json_entry(struct ctl_json *j, const struct profile_entry *e, const char *fault)
+static void json_entry(struct term_json *j, const struct profile_entry *e, const char *fault)
 {
-	ctl_json_open(j, NULL, '{');
-	ctl_json_text(j, "name", e->profile.name);
-	ctl_json_text(j, "file", e->path);
-	ctl_json_known(j, "fault", fault);
+	term_json_open(j, NULL, '{');
+	term_json_text(j, "name", e->profile.name);
+	term_json_text(j, "file", e->path);
+	term_json_known(j, "fault", fault);
 	if (!e->fault)
 		json_profile(j, &e->profile);
-	ctl_json_close(j, '}');
+	term_json_close(j, '}');
 }
 
 /* ---- for people ---- */
@@ -116,10 +116,10 @@ static void show_usb(const struct profile *p)
 
 	if (p->endpoint_out)
 		snprintf(out, sizeof out, ", out 0x%02x", p->endpoint_out);
-	ctl_term_field(stdout, "usb", "interface %u, endpoint in 0x%02x%s, %u transfers of %u bytes", p->interface,
-		       p->endpoint_in, out, p->transfers, p->transfer_size);
+	term_field(stdout, "usb", "interface %u, endpoint in 0x%02x%s, %u transfers of %u bytes", p->interface, p->endpoint_in,
+		   out, p->transfers, p->transfer_size);
 	if (p->starts || p->stops)
-		ctl_term_field(stdout, "commands", "%zu to start, %zu to stop", p->starts, p->stops);
+		term_field(stdout, "commands", "%zu to start, %zu to stop", p->starts, p->stops);
 }
 
 static void show(const struct profile_entry *e)
@@ -128,36 +128,36 @@ static void show(const struct profile_entry *e)
 	const struct decoder *d = decoder_find(p->decoder);
 	char buf[400];
 
-	ctl_term_field(stdout, "profile", "%s", p->name);
-	ctl_term_field(stdout, "file", "%s", e->path);
+	term_field(stdout, "profile", "%s", p->name);
+	term_field(stdout, "file", "%s", e->path);
 	if (e->fault)
 		return;
-	ctl_term_field(stdout, "title", "%s", p->title);
+	term_field(stdout, "title", "%s", p->title);
 	if (p->note[0])
-		ctl_term_field(stdout, "note", "%s", p->note);
-	ctl_term_field(stdout, "devices", "%s", profile_matches_some(p) ? match_text(p, buf) : "none by itself; for --profile");
+		term_field(stdout, "note", "%s", p->note);
+	term_field(stdout, "devices", "%s", profile_matches_some(p) ? match_text(p, buf) : "none by itself; for --profile");
 	show_usb(p);
-	ctl_term_field(stdout, "framer", "%s, telegrams of at most %u bytes", framers[p->framer], p->telegram_max);
-	ctl_term_field(stdout, "decoder", "%s%s%s", p->decoder, d ? ": " : "", d ? d->title : "");
-	ctl_term_field(stdout, "time", "%s, %g s late", p->time == PROFILE_TIME_DEVICE ? "of the device" : "of arrival",
-		       p->latency_s);
-	ctl_term_field(stdout, "mount", "roll %g, pitch %g, heading %g degrees; lever %g %g %g m", p->mount_roll, p->mount_pitch,
-		       p->mount_heading, p->lever[0], p->lever[1], p->lever[2]);
+	term_field(stdout, "framer", "%s, telegrams of at most %u bytes", framers[p->framer], p->telegram_max);
+	term_field(stdout, "decoder", "%s%s%s", p->decoder, d ? ": " : "", d ? d->title : "");
+	term_field(stdout, "time", "%s, %g s late", p->time == PROFILE_TIME_DEVICE ? "of the device" : "of arrival",
+		   p->latency_s);
+	term_field(stdout, "mount", "roll %g, pitch %g, heading %g degrees; lever %g %g %g m", p->mount_roll, p->mount_pitch,
+		   p->mount_heading, p->lever[0], p->lever[1], p->lever[2]);
 	if (p->range_max > 0)
-		ctl_term_field(stdout, "ranges", "%g to %g m", p->range_min, p->range_max);
+		term_field(stdout, "ranges", "%g to %g m", p->range_min, p->range_max);
 }
 
 static void list_row(const struct profile_entry *e, bool broken, int name_width, int match_width)
 {
 	char buf[400];
 
-	ctl_term_line(stdout, "%-*s  %-*s  %s", name_width, e->profile.name, match_width,
-		      broken ? "broken" : match_text(&e->profile, buf), e->profile.title);
+	term_line(stdout, "%-*s  %-*s  %s", name_width, e->profile.name, match_width,
+		  broken ? "broken" : match_text(&e->profile, buf), e->profile.title);
 }
 
-static int list(const struct scan_args *args, const struct profile_set *set)
+static int list(struct program *args, const struct profile_set *set)
 {
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 	char fault[FAULT], match[400];
 	int name = 4, device = 6, broken = 0; /* device: room for "broken" as well */
 
@@ -168,9 +168,9 @@ static int list(const struct scan_args *args, const struct profile_set *set)
 		name = n > name ? n : name;
 		device = m > device ? m : device;
 	}
-	if (args->json) {
-		ctl_json_open(&j, NULL, '{');
-		ctl_json_open(&j, "profiles", '[');
+	if (args->console.json) {
+		term_json_open(&j, NULL, '{');
+		term_json_open(&j, "profiles", '[');
 	} else if (profile_set_count(set)) {
 		printf("%-*s  %-*s  TITLE\n", name, "NAME", device, "DEVICE");
 	}
@@ -178,21 +178,20 @@ static int list(const struct scan_args *args, const struct profile_set *set)
 		const struct profile_entry *e = profile_set_at(set, i);
 		const char *why = fault_of(e, fault);
 
-		if (args->json)
+		if (args->console.json)
 			json_entry(&j, e, why);
 		else
 			list_row(e, *why, name, device);
 		broken += *why != '\0';
-		if (*why && !args->json)
-			ctl_term_line(stderr, "acut-scan: %s", why);
+		if (*why && !args->console.json)
+			term_line(stderr, "acut-scan: %s", why);
 	}
-	if (args->json) {
-		ctl_json_close(&j, ']');
-		ctl_json_close(&j, '}');
-		ctl_json_line(&j);
+	if (args->console.json) {
+		term_json_close(&j, ']');
+		term_json_end(&j);
 	}
 	if (!profile_set_count(set))
-		scan_note(args, "there are no profiles");
+		console_note(&args->console, "there are no profiles");
 	return broken ? err_exit_status(ERR_INPUT) : 0;
 }
 
@@ -204,7 +203,7 @@ static bool is_file(const char *word)
 }
 
 /* One that was asked for. A file is told as right in a line, a name is shown. */
-static int one(const struct scan_args *args, const struct profile_set *set, const char *word, struct ctl_json *j)
+static int one(struct program *args, const struct profile_set *set, const char *word, struct term_json *j)
 {
 	struct profile_entry *own = NULL;
 	const struct profile_entry *e;
@@ -222,39 +221,39 @@ static int one(const struct scan_args *args, const struct profile_set *set, cons
 		return scan_fail(args, &err);
 	}
 	why = fault_of(e, fault);
-	if (args->json) {
+	if (args->console.json) {
 		json_entry(j, e, why);
-		ctl_json_line(j);
+		term_json_line(j);
 	} else if (!own) {
 		show(e);
-	} else if (!*why && !args->quiet) {
-		ctl_term_line(stdout, "%s: good; devices: %s; framer %s, decoder %s", word, match_text(&e->profile, match),
-			      framers[e->profile.framer], e->profile.decoder);
+	} else if (!*why && !args->console.quiet) {
+		term_line(stdout, "%s: good; devices: %s; framer %s, decoder %s", word, match_text(&e->profile, match),
+			  framers[e->profile.framer], e->profile.decoder);
 	}
-	if (*why && !args->json)
-		ctl_term_line(stderr, "acut-scan: %s", why);
+	if (*why && !args->console.json)
+		term_line(stderr, "acut-scan: %s", why);
 	profile_entry_free(own);
 	return *why ? err_exit_status(ERR_INPUT) : 0;
 }
 
-int scan_profiles(const struct scan_args *args)
+int scan_profiles(struct program *args)
 {
-	struct ctl_json j = {.out = stdout};
+	struct term_json j = {.out = stdout};
 	struct profile_set *set = NULL;
 	struct err err = ERR_INIT;
 	int status = 0;
 
 	if (args->udev)
 		return scan_udev(args);
-	if (profile_set_read(args->n_profiles ? args->profiles : NULL, &set, &err) < 0)
+	if (profile_set_read(args->profiles.n ? args->profiles.text : NULL, &set, &err) < 0)
 		return scan_fail(args, &err);
-	if (!args->n)
+	if (!args->line.nword)
 		status = list(args, set);
-	for (size_t i = 0; i < args->n; i++) {
-		int one_status = one(args, set, args->inputs[i], &j);
+	for (size_t i = 0; i < args->line.nword; i++) {
+		int one_status = one(args, set, args->line.word[i], &j);
 
 		status = status ? status : one_status;
-		if (!args->json && i + 1 < args->n && !is_file(args->inputs[i]))
+		if (!args->console.json && i + 1 < args->line.nword && !is_file(args->line.word[i]))
 			putchar('\n');
 	}
 	profile_set_free(set);

@@ -31,7 +31,7 @@ struct part {
 };
 
 struct pushing {
-	const struct scan_args *args;
+	struct program *args;
 	struct acut *acut;
 	struct scan_target target;
 	int pose_fd;
@@ -108,7 +108,7 @@ static void take_dataset(void *ctx, const struct acut_dataset *d)
 	snprintf(t->unit_z, sizeof t->unit_z, "%s", d->unit_z);
 }
 
-static int look_at_dataset(struct pushing *p, struct err *err)
+static int check_dataset(struct pushing *p, struct err *err)
 {
 	if (!acut_datasets(p->acut, p->args->into, take_dataset, &p->target))
 		return 0;
@@ -142,7 +142,7 @@ static int open_poses(struct pushing *p, struct err *err)
 	}
 	r = scan_push_poses(p->args, &plane, p->pose_fd, &p->track, err);
 	if (!r)
-		scan_push_tell_poses(p->args, p->track);
+		scan_push_print_poses(p->args, p->track);
 	return r;
 }
 
@@ -165,17 +165,17 @@ static int refuse_spool(struct pushing *p, size_t i, const struct err *why)
 
 	if (!none)
 		return -(int)why->code;
-	p->spool[i].file = p->args->inputs[i];
+	p->spool[i].file = p->args->line.word[i];
 	none->spool = &p->spool[i];
 	none->kind = SCAN_TEXT_LINES;
 	p->part[i] = (struct part){.list = none, .n = 1};
-	snprintf(none->name, sizeof none->name, "%s", p->args->inputs[i]);
+	snprintf(none->name, sizeof none->name, "%s", p->args->line.word[i]);
 	return 0;
 }
 
 static int find_one(struct pushing *p, size_t i, struct err *err)
 {
-	int r = scan_spool_open(p->args, p->args->inputs[i], &p->spool[i], err);
+	int r = scan_spool_open(p->args, p->args->line.word[i], &p->spool[i], err);
 
 	if (!r)
 		r = same_capture(p, i, err);
@@ -183,8 +183,8 @@ static int find_one(struct pushing *p, size_t i, struct err *err)
 		r = open_poses(p, err);
 		p->poses_failed = r != 0;
 	}
-	if (!r && scan_progress_on(p->args))
-		scan_progress("reading %s", p->args->inputs[i]);
+	if (!r && console_progress_on(&p->args->console))
+		console_progress(&p->args->console, "reading %s", p->args->line.word[i]);
 	return r ? r : scan_source_find(p->args, &p->spool[i], p->track, &p->part[i].list, &p->part[i].n, err);
 }
 
@@ -210,7 +210,7 @@ static int result_add(struct pushing *p, const struct scan_source *s, const stru
 
 static int find_all(struct pushing *p, struct err *err)
 {
-	size_t n = p->args->n;
+	size_t n = p->args->line.nword;
 
 	p->spool = calloc(n, sizeof *p->spool);
 	p->part = calloc(n, sizeof *p->part);
@@ -229,7 +229,7 @@ static int find_all(struct pushing *p, struct err *err)
 			if (result_add(p, &p->part[i].list[k], r ? &why : NULL))
 				return err_set(err, ERR_NOMEM, "no memory for a list of inputs");
 	}
-	scan_progress_clear();
+	console_progress_clear(&p->args->console);
 	return 0;
 }
 
@@ -249,8 +249,8 @@ static void progress(void *ctx, const struct acut_progress *now)
 
 	uint64_t points = p->base + (strcmp(now->phase, "stage") ? 0 : now->points);
 
-	if (scan_progress_on(p->args))
-		scan_progress("%s: %s, %llu points", p->args->into, now->phase, (unsigned long long)points);
+	if (console_progress_on(&p->args->console))
+		console_progress(&p->args->console, "%s: %s, %llu points", p->args->into, now->phase, (unsigned long long)points);
 }
 
 /* What one source may be left out for. */
@@ -278,7 +278,7 @@ static int refuse(struct batch *b, size_t i, struct err *err)
 
 static int begin(struct batch *b, struct err *err)
 {
-	const struct scan_args *a = b->p->args;
+	struct program *a = b->p->args;
 	const struct scan_source *first = b->result[0]->source;
 	bool ground = first->kind == SCAN_GROUND, text = first->kind == SCAN_TEXT_LINES;
 	const struct acut_push_options options = {
@@ -297,7 +297,7 @@ static int begin(struct batch *b, struct err *err)
 	if (acut_push_begin(b->p->acut, &options, &b->push))
 		return of_acut(b->p, err);
 	if (*acut_push_note(b->push))
-		scan_note(a, "%s: %s", a->into, acut_push_note(b->push));
+		console_note(&a->console, "%s: %s", a->into, acut_push_note(b->push));
 	return 0;
 }
 
@@ -449,9 +449,9 @@ static int push_all(struct pushing *p, struct err *err)
 		}
 		if (b.n)
 			r = push_batch(&b, err);
-		scan_progress_clear();
+		console_progress_clear(&p->args->console);
 		for (size_t k = first; !r && k < i; k++)
-			scan_push_tell(p->args, &p->result[k]);
+			scan_push_print(p->args, &p->result[k]);
 	}
 	return r;
 }
@@ -471,20 +471,20 @@ static int write_file(struct pushing *p, struct err *err)
 	r = scan_source_save(p->result[0].source, p->args->output, err);
 	p->result[0].state = SCAN_WRITTEN;
 	if (!r)
-		scan_push_tell(p->args, &p->result[0]);
+		scan_push_print(p->args, &p->result[0]);
 	return r;
 }
 
 /* ---- the command ---- */
 
-static int check(const struct scan_args *a, struct err *err)
+static int check(struct program *a, struct err *err)
 {
 	if (!a->into == !a->output) {
 		err_set(err, ERR_USAGE,
 			a->into ? "--into pushes, -o writes a file: one of the two" : "nothing says where to: --into DATASET");
 		return err_add_hint(err, "acut-scan push SPOOL... --pose FILE --into DATASET");
 	}
-	if (a->name && (a->n != 1 || strchr(a->name, '/')))
+	if (a->name && (a->line.nword != 1 || strchr(a->name, '/')))
 		return err_set(err, ERR_USAGE, "--name is the name of one spool, without slashes");
 	if (a->output && (a->replace || a->geoid || a->socket))
 		return err_set(err, ERR_USAGE, "-o writes a file: there is no daemon for --%s",
@@ -504,7 +504,7 @@ static int run(struct pushing *p, struct err *err)
 	if (!r && p->args->into)
 		r = connect_daemon(p, err);
 	if (!r && p->args->into)
-		r = look_at_dataset(p, err);
+		r = check_dataset(p, err);
 	if (!r)
 		r = find_all(p, err);
 	if (!r)
@@ -516,9 +516,9 @@ static void clear(struct pushing *p)
 {
 	for (size_t i = 0; i < p->n; i++)
 		free(p->result[i].warning);
-	for (size_t i = 0; p->part && i < p->args->n; i++)
+	for (size_t i = 0; p->part && i < p->args->line.nword; i++)
 		free(p->part[i].list);
-	for (size_t i = 0; p->spool && i < p->args->n; i++)
+	for (size_t i = 0; p->spool && i < p->args->line.nword; i++)
 		scan_spool_clear(&p->spool[i]);
 	pose_track_free(p->track);
 	io_close(p->pose_fd);
@@ -528,7 +528,7 @@ static void clear(struct pushing *p)
 	free(p->spool);
 }
 
-int scan_push(const struct scan_args *args)
+int scan_push(struct program *args)
 {
 	struct pushing p = {.args = args, .pose_fd = -1};
 	uint64_t start = clock_mono_ns();
@@ -542,7 +542,7 @@ int scan_push(const struct scan_args *args)
 	else if (p.refused)
 		status = SOME_REFUSED;
 	if (p.generation)
-		scan_push_tell_all(args, p.generation, p.points, clock_since(start));
+		scan_push_print_all(args, p.generation, p.points, clock_since(start));
 	clear(&p);
 	return status;
 }

@@ -49,7 +49,7 @@ static void base_of(const struct crs_info *plane, struct crs_info *ret)
 	crs_info_settle(ret);
 }
 
-static int check_units(const struct scan_args *args, const struct scan_target *t, struct err *err)
+static int check_units(struct program *args, const struct scan_target *t, struct err *err)
 {
 	const char *what = !known(t->unit_xy) ? "x and y are" : !known(t->unit_z) ? "heights are" : NULL;
 
@@ -63,7 +63,7 @@ static int check_units(const struct scan_args *args, const struct scan_target *t
 }
 
 /* What a dataset is in. Heights that a geoid makes are said by the push, not by its points. */
-static int of_dataset(const struct scan_args *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
+static int of_dataset(struct program *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
 {
 	struct crs_info said = ret->to;
 	bool had = ret->has_to;
@@ -116,7 +116,7 @@ static int of_new(struct scan_plane *p, struct err *err)
 	return 0;
 }
 
-int scan_push_plane(const struct scan_args *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
+int scan_push_plane(struct program *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
 {
 	struct crs_info said;
 	int r = 0;
@@ -149,8 +149,7 @@ int scan_push_plane(const struct scan_args *args, const struct scan_target *t, s
 	return 0;
 }
 
-int scan_push_poses(const struct scan_args *args, const struct scan_plane *plane, int fd, struct pose_track **ret,
-		    struct err *err)
+int scan_push_poses(struct program *args, const struct scan_plane *plane, int fd, struct pose_track **ret, struct err *err)
 {
 	const struct pose_params params = {
 		.to = plane->has_to ? &plane->to : NULL,

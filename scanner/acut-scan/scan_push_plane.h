@@ -15,8 +15,8 @@ struct scan_plane {
 	bool has_to, has_degrees;
 };
 /* -ERR_USAGE, -ERR_INPUT: they contradict each other. */
-int scan_push_plane(const struct scan_args *, const struct scan_target *, struct scan_plane *ret, struct err *);
+int scan_push_plane(struct program *, const struct scan_target *, struct scan_plane *ret, struct err *);
 /* The poses on that plane; `fd` stays open with the track. */
-int scan_push_poses(const struct scan_args *, const struct scan_plane *, int fd, struct pose_track **ret, struct err *);
+int scan_push_poses(struct program *, const struct scan_plane *, int fd, struct pose_track **ret, struct err *);
 
 #endif

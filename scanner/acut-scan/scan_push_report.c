@@ -33,85 +33,84 @@ static const char *plural(uint64_t n)
 
 /* ---- programs ---- */
 
-static void shots_json(struct ctl_json *j, const struct scan_source *s)
+static void shots_json(struct term_json *j, const struct scan_source *s)
 {
 	const struct ground_counts *g = &s->ground;
 
 	if (s->kind != SCAN_GROUND) {
-		ctl_json_literal(j, "shots", "null");
-		ctl_json_literal(j, "dropped", "null");
+		term_json_null(j, "shots");
+		term_json_null(j, "dropped");
 		return;
 	}
-	ctl_json_u64(j, "shots", g->shots);
-	ctl_json_open(j, "dropped", '{');
-	ctl_json_u64(j, "no_return", g->no_return);
-	ctl_json_u64(j, "out_of_range", g->out_of_range);
-	ctl_json_u64(j, "before_poses", g->before);
-	ctl_json_u64(j, "after_poses", g->after);
-	ctl_json_u64(j, "in_gaps", g->gap);
-	ctl_json_u64(j, "too_far", g->too_far);
-	ctl_json_close(j, '}');
+	term_json_u64(j, "shots", g->shots);
+	term_json_open(j, "dropped", '{');
+	term_json_u64(j, "no_return", g->no_return);
+	term_json_u64(j, "out_of_range", g->out_of_range);
+	term_json_u64(j, "before_poses", g->before);
+	term_json_u64(j, "after_poses", g->after);
+	term_json_u64(j, "in_gaps", g->gap);
+	term_json_u64(j, "too_far", g->too_far);
+	term_json_close(j, '}');
 }
 
-static void spool_json(struct ctl_json *j, const struct scan_spool *s)
+static void spool_json(struct term_json *j, const struct scan_spool *s)
 {
 	const struct replay_counts *c = &s->counts;
 
-	ctl_json_text(j, "spool", s->id);
-	ctl_json_text(j, "profile", s->profile.name);
-	ctl_json_bool(j, "ended", s->tail.ended);
-	ctl_json_u64(j, "torn_bytes", s->tail.torn);
-	ctl_json_u64(j, "damaged_bytes", s->damaged);
-	ctl_json_u64(j, "telegrams", c->framer.telegrams);
-	ctl_json_u64(j, "bad_telegrams", c->framer.bad + c->undecoded);
-	ctl_json_u64(j, "answers", c->not_data);
-	ctl_json_u64(j, "sweeps", c->sweeps);
-	ctl_json_u64(j, "repeated_sweeps", c->repeated);
-	ctl_json_u64(j, "lost_sweeps", c->lost);
-	ctl_json_u64(j, "clock_sets", c->clock_sets);
-	ctl_json_number(j, "clock_moved_s", c->clock_moved_s);
+	term_json_text(j, "spool", s->id);
+	term_json_text(j, "profile", s->profile.name);
+	term_json_bool(j, "ended", s->tail.ended);
+	term_json_u64(j, "torn_bytes", s->tail.torn);
+	term_json_u64(j, "damaged_bytes", s->damaged);
+	term_json_u64(j, "telegrams", c->framer.telegrams);
+	term_json_u64(j, "bad_telegrams", c->framer.bad + c->undecoded);
+	term_json_u64(j, "answers", c->not_data);
+	term_json_u64(j, "sweeps", c->sweeps);
+	term_json_u64(j, "repeated_sweeps", c->repeated);
+	term_json_u64(j, "lost_sweeps", c->lost);
+	term_json_u64(j, "clock_sets", c->clock_sets);
+	term_json_number(j, "clock_moved_s", c->clock_moved_s);
 }
 
-static void plane_json(struct ctl_json *j, const struct scan_source *s)
+static void plane_json(struct term_json *j, const struct scan_source *s)
 {
 	const struct crs_info *c = s->kind == SCAN_GROUND ? pose_track_system(s->track) : NULL;
 	const struct pose_span *span = c ? pose_track_span(s->track) : NULL;
 
-	ctl_json_known(j, "crs", c ? c->text : NULL);
-	ctl_json_known(j, "zone", span ? span->zone : NULL);
-	ctl_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
+	term_json_known(j, "crs", c ? c->text : NULL);
+	term_json_known(j, "zone", span ? span->zone : NULL);
+	term_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
 }
 
-static void tell_json(const struct scan_args *args, const struct scan_result *r)
+static void print_json(struct program *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
-	struct ctl_json j = {.out = scan_report(args)};
+	struct term_json j = {.out = args->console.report};
 	bool refused = r->state == SCAN_REFUSED;
 
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "file", s->spool->file);
-	ctl_json_text(&j, "name", s->name);
-	ctl_json_text(&j, "dataset", args->into);
-	ctl_json_text(&j, "state", states[r->state]);
+	term_json_open(&j, NULL, '{');
+	term_json_text(&j, "file", s->spool->file);
+	term_json_text(&j, "name", s->name);
+	term_json_text(&j, "dataset", args->into);
+	term_json_text(&j, "state", states[r->state]);
 	if (r->generation && !refused)
-		ctl_json_u64(&j, "generation", r->generation);
+		term_json_u64(&j, "generation", r->generation);
 	else
-		ctl_json_literal(&j, "generation", "null");
-	ctl_json_u64(&j, "points", refused ? 0 : r->points);
-	ctl_json_u64(&j, "moved", r->moved);
-	ctl_json_u64(&j, "replaced", r->replaced);
-	ctl_json_text(&j, "hash", s->hash);
-	ctl_json_u64(&j, "bytes", s->size);
+		term_json_null(&j, "generation");
+	term_json_u64(&j, "points", refused ? 0 : r->points);
+	term_json_u64(&j, "moved", r->moved);
+	term_json_u64(&j, "replaced", r->replaced);
+	term_json_text(&j, "hash", s->hash);
+	term_json_u64(&j, "bytes", s->size);
 	spool_json(&j, s->spool);
 	shots_json(&j, s);
 	plane_json(&j, s);
-	ctl_json_text(&j, "warning", r->warning);
+	term_json_text(&j, "warning", r->warning);
 	if (refused)
-		ctl_error_json(&j, "error", &r->err);
+		term_error_json(&j, "error", &r->err);
 	else
-		ctl_json_text(&j, "error", NULL);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+		term_json_null(&j, "error");
+	term_json_end(&j);
 }
 
 /* ---- people ---- */
@@ -129,7 +128,7 @@ static void add(char *text, size_t size, uint64_t n, const char *what)
 			 mark && n > 1 ? "s" : "", mark ? mark + 1 : "");
 }
 
-static void tell_shots(const struct scan_args *args, const struct scan_source *s)
+static void print_shots(struct program *args, const struct scan_source *s)
 {
 	const struct ground_counts *g = &s->ground;
 	char why[256] = "", a[32], b[32], c[32];
@@ -140,11 +139,12 @@ static void tell_shots(const struct scan_args *args, const struct scan_source *s
 	add(why, sizeof why, g->after, "after the last pose");
 	add(why, sizeof why, g->gap, "in gaps of the poses");
 	add(why, sizeof why, g->too_far, "too far from the others for one file");
-	scan_note(args, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a), plural(g->sweeps),
-		  count(g->shots, b), plural(g->shots), count(g->points, c), plural(g->points), *why ? "; dropped: " : "", why);
+	console_note(&args->console, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a),
+		     plural(g->sweeps), count(g->shots, b), plural(g->shots), count(g->points, c), plural(g->points),
+		     *why ? "; dropped: " : "", why);
 }
 
-static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
+static void print_spool(struct program *args, const struct scan_spool *s)
 {
 	const struct replay_counts *c = &s->counts;
 	char why[256] = "";
@@ -157,24 +157,24 @@ static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
 	add(why, sizeof why, s->damaged, "damaged byte~ skipped");
 	add(why, sizeof why, s->tail.torn, "byte~ torn off its end");
 	if (*why)
-		scan_note(args, "%s: %s", s->file, why);
+		console_note(&args->console, "%s: %s", s->file, why);
 	if (c->clock_sets && s->decoder->kind == DECODER_SWEEP)
-		scan_warn(args,
-			  "%s: the computer's clock was set %" PRIu64
-			  " time%s while it was captured, by up to %.3f s: what came before has the "
-			  "time of then",
-			  s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
+		console_warn(&args->console,
+			     "%s: the computer's clock was set %" PRIu64
+			     " time%s while it was captured, by up to %.3f s: what came before has the "
+			     "time of then",
+			     s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
 	if (!s->tail.ended && !s->tail.torn)
-		scan_note(args, "%s: it has no end yet: what was recorded until now was taken", s->file);
+		console_note(&args->console, "%s: it has no end yet: what was recorded until now was taken", s->file);
 }
 
-void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
+void scan_push_print(struct program *args, const struct scan_result *r)
 {
 	const struct scan_source *s = r->source;
 	char a[32], b[32];
 
-	if (args->json) {
-		tell_json(args, r);
+	if (args->console.json) {
+		print_json(args, r);
 		return;
 	}
 	if (r->state == SCAN_REFUSED) {
@@ -182,37 +182,38 @@ void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
 		return;
 	}
 	if (r->first)
-		tell_spool(args, s->spool);
+		print_spool(args, s->spool);
 	if (s->kind == SCAN_GROUND)
-		tell_shots(args, s);
+		print_shots(args, s);
 	if (r->warning)
-		scan_warn(args, "%s: %s", s->name, r->warning);
+		console_warn(&args->console, "%s: %s", s->name, r->warning);
 	if (r->state == SCAN_KNOWN)
-		scan_note(args, "%s: the dataset has it already, nothing was sent", s->name);
+		console_note(&args->console, "%s: the dataset has it already, nothing was sent", s->name);
 	else if (r->state == SCAN_ADOPTED)
-		scan_note(args, "%s: %s point%s, taken up from the push that was interrupted, not sent again", s->name,
-			  count(r->points, a), plural(r->points));
+		console_note(&args->console, "%s: %s point%s, taken up from the push that was interrupted, not sent again",
+			     s->name, count(r->points, a), plural(r->points));
 	else if (r->state == SCAN_WRITTEN)
-		scan_note(args, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points),
-			  count(s->size, b));
+		console_note(&args->console, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points),
+			     count(s->size, b));
 	else if (r->moved)
-		scan_note(args, "%s: %s point%s, %s of them rounded to the dataset's lattice", s->name, count(r->points, a),
-			  plural(r->points), count(r->moved, b));
+		console_note(&args->console, "%s: %s point%s, %s of them rounded to the dataset's lattice", s->name,
+			     count(r->points, a), plural(r->points), count(r->moved, b));
 	else
-		scan_note(args, "%s: %s point%s", s->name, count(r->points, a), plural(r->points));
+		console_note(&args->console, "%s: %s point%s", s->name, count(r->points, a), plural(r->points));
 	if (r->replaced)
-		scan_note(args, "%s: in place of %u file%s of the dataset", s->name, r->replaced, r->replaced == 1 ? "" : "s");
+		console_note(&args->console, "%s: in place of %u file%s of the dataset", s->name, r->replaced,
+			     r->replaced == 1 ? "" : "s");
 }
 
-void scan_push_tell_all(const struct scan_args *args, uint64_t generation, uint64_t points, double seconds)
+void scan_push_print_all(struct program *args, uint64_t generation, uint64_t points, double seconds)
 {
 	char a[32];
 
-	scan_note(args, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a),
-		  plural(points), seconds);
+	console_note(&args->console, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a),
+		     plural(points), seconds);
 }
 
-void scan_push_tell_poses(const struct scan_args *args, const struct pose_track *t)
+void scan_push_print_poses(struct program *args, const struct pose_track *t)
 {
 	const struct pose_span *s = pose_track_span(t);
 	const struct crs_info *c = pose_track_system(t);
@@ -223,9 +224,9 @@ void scan_push_tell_poses(const struct scan_args *args, const struct pose_track 
 	if (s->gaps)
 		snprintf(gaps, sizeof gaps, ", %s gap%s", count(s->gaps, b), plural(s->gaps));
 	snprintf(unnamed, sizeof unnamed, "a plane that is not named (unit: %s)", c->unit_xy);
-	scan_note(args, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a),
-		  s->last - s->first, gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
-		  s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
+	console_note(&args->console, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a),
+		     s->last - s->first, gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
+		     s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
 	if (s->degrees && *s->zone && !args->crs)
-		scan_note(args, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);
+		console_note(&args->console, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);
 }

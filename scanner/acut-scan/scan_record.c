@@ -56,7 +56,7 @@ void record_gap(struct record *r)
 
 bool record_over(struct record *r)
 {
-	const struct scan_args *a = r->args;
+	struct program *a = r->args;
 
 	if (r->why)
 		return true;
@@ -73,7 +73,7 @@ int record_patience(const struct record *r)
 {
 	double left = r->args->seconds - clock_since(r->began_ns), ms = left * 1000 + 1;
 	int wait = r->args->seconds > 0 ? (ms < 1 ? 1 : ms > 1e9 ? 1000000000 : (int)ms) : -1;
-	int tick = r->progress ? 200 : r->args->json ? 1000 : r->notified && r->told_bytes != r->bytes ? 1000 : -1;
+	int tick = r->progress ? 200 : r->args->console.json ? 1000 : r->notified && r->reported_bytes != r->bytes ? 1000 : -1;
 
 	return wait < 0 ? tick : tick < 0 || wait < tick ? wait : tick;
 }
@@ -192,7 +192,7 @@ static void head_of_device(struct spool_head *h, const struct usb_device *d)
 
 /* ---- the run ---- */
 
-static int check_args(const struct scan_args *a, struct err *err)
+static int check_args(struct program *a, struct err *err)
 {
 	if (!a->output == !a->folder) {
 		err_set(err, ERR_USAGE, a->output ? "-o and --folder are both given" : "record is not told where to write");
@@ -202,7 +202,7 @@ static int check_args(const struct scan_args *a, struct err *err)
 		err_set(err, ERR_USAGE, "a spool is a file: standard output cannot be made durable");
 		return err_add_hint(err, "acut-scan replay FILE --to raw writes its bytes to a pipe");
 	}
-	if (a->from && (a->device || a->n))
+	if (a->from && (a->device || a->line.nword))
 		return err_set(err, ERR_USAGE, "--from takes the bytes of a file, so no device can be named");
 	if (a->from && (a->resume || a->reconnect))
 		return err_set(err, ERR_USAGE, "--%s is for devices, not for --from", a->resume ? "continue" : "reconnect");
@@ -222,7 +222,7 @@ static void count_with(struct record *r, const struct profile *p)
 	struct err err = ERR_INIT;
 
 	if (framer_new(p, count_sink, NULL, &r->framer, &err))
-		scan_warn(r->args, "telegrams are not counted: %s", err.message);
+		console_warn(&r->args->console, "telegrams are not counted: %s", err.message);
 }
 
 /* How much is safe where the spool could not be written. */
@@ -270,7 +270,7 @@ static int run(struct record *r, struct scan_device *device, int fd, struct err 
 	int rc = spool_flush_start(r->spool, r->args->sync_s, FLUSH_BATCH, err);
 
 	r->began_ns = r->clock_ns = clock_mono_ns();
-	r->progress = scan_progress_on(r->args);
+	r->progress = console_progress_on(&r->args->console);
 	if (!rc)
 		rc = device ? record_from_usb(r, device, err) : record_from_file(r, fd, err);
 	if (rc && (!r->started || !r->bytes) && r->why == RECORD_GOES_ON) {
@@ -279,7 +279,7 @@ static int run(struct record *r, struct scan_device *device, int fd, struct err 
 		return err->code == ERR_CANCELLED && scan_stopped() ? RECORD_DONE : scan_fail(r->args, err);
 	}
 	rc = finish(r, err);
-	record_tell_end(r, err);
+	record_report_end(r, err);
 	if (rc)
 		return scan_fail(r->args, err);
 	return r->why == RECORD_UNPLUGGED ? RECORD_LEFT : RECORD_DONE;
@@ -293,7 +293,7 @@ static void done(struct record *r)
 	free(r->path);
 }
 
-static int record_device(const struct scan_args *args)
+static int record_device(struct program *args)
 {
 	struct record r = {.args = args};
 	struct err err = ERR_INIT;
@@ -318,7 +318,7 @@ static int record_device(const struct scan_args *args)
 
 /* Bytes of a file: what they are only the profile says. A named pipe is not waited for here, where no signal and no
  * --for would be seen, but with its bytes. */
-static int record_import(const struct scan_args *args)
+static int record_import(struct program *args)
 {
 	struct scan_profile profile = {0};
 	struct profile_set *set = NULL;
@@ -339,7 +339,8 @@ static int record_import(const struct scan_args *args)
 		if (profile.text)
 			head_of_profile(&r.head, &profile);
 		else
-			scan_note(args, "without --profile these bytes are kept as they are; replay and push will ask for one");
+			console_note(&args->console,
+				     "without --profile these bytes are kept as they are; replay and push will ask for one");
 		create(&r, &err);
 	}
 	if (err.code) {
@@ -355,7 +356,7 @@ static int record_import(const struct scan_args *args)
 	return status;
 }
 
-int scan_record(const struct scan_args *args)
+int scan_record(struct program *args)
 {
 	struct err err = ERR_INIT;
 

@@ -14,7 +14,7 @@ enum record_why { RECORD_GOES_ON, RECORD_SIGNAL, RECORD_TIME, RECORD_BYTES, RECO
 const char *record_why_name(enum record_why);
 
 struct record {
-	const struct scan_args *args;
+	struct program *args;
 	struct spool_writer *spool;
 	struct spool_head head;
 	char *path;
@@ -27,7 +27,7 @@ struct record {
 	enum record_why why;
 	/* telling */
 	bool started, progress, notified;
-	uint64_t told_ns, told_bytes;
+	uint64_t reported_ns, reported_bytes;
 	double rate; /* bytes a second, of the last seconds */
 };
 
@@ -46,11 +46,11 @@ int record_patience(const struct record *);
 int record_from_usb(struct record *, struct scan_device *, struct err *);
 int record_from_file(struct record *, int fd, struct err *);
 
-/* ---- scan_record_tell.c ---- */
+/* ---- scan_record_report.c ---- */
 
-void record_tell_start(struct record *, const char *what);
-void record_tell_progress(struct record *); /* as often as it is called, seldom done */
-void record_tell_event(struct record *, const char *event, const char *text);
-void record_tell_end(struct record *, const struct err *err); /* err->code ERR_NONE: none */
+void record_report_start(struct record *, const char *what);
+void record_report_progress(struct record *); /* as often as it is called, seldom done */
+void record_report_event(struct record *, const char *event, const char *text);
+void record_report_end(struct record *, const struct err *err); /* err->code ERR_NONE: none */
 
 #endif

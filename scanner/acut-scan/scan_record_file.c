@@ -29,7 +29,7 @@ static int some(struct record *r, int fd, uint8_t *at, size_t room, size_t *ret_
 	ssize_t n;
 
 	while (!record_over(r)) {
-		record_tell_progress(r);
+		record_report_progress(r);
 		if (poll(p, 2, record_patience(r)) < 0 && errno != EINTR)
 			return err_sys(err, errno, "cannot wait for bytes");
 		if (!p[0].revents)
@@ -58,7 +58,7 @@ int record_from_file(struct record *r, int fd, struct err *err)
 
 	if (!at)
 		return err_set(err, ERR_NOMEM, "no memory to read %s", name);
-	record_tell_start(r, name);
+	record_report_start(r, name);
 	for (;;) {
 		uint64_t limit = r->args->bytes ? r->args->bytes - r->bytes : PIECE;
 

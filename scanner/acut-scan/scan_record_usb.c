@@ -57,7 +57,7 @@ static int event(struct record *r, const struct usb_buffer *b, struct err *err)
 	if (b->kind == USB_OVERFLOW || b->kind == USB_ERROR)
 		record_gap(r);
 	if (b->kind != USB_PARKED)
-		record_tell_event(r, name, b->text);
+		record_report_event(r, name, b->text);
 	return b->kind == USB_PARKED ? spool_event(r->spool, b->time_ns, err, "%s", b->text) :
 				       spool_event(r->spool, b->time_ns, err, "%s %s", name, b->text);
 }
@@ -107,7 +107,7 @@ static enum usb_end capture(struct record *r, char ret_text[USB_LINE_SIZE], stru
 			stopping = true;
 			p[1].fd = -1;
 		}
-		record_tell_progress(r);
+		record_report_progress(r);
 		if (poll(p, 2, stopping ? -1 : record_patience(r)) < 0 && errno != EINTR && !stopping)
 			err_sys(err, errno, "cannot wait for the device");
 	}
@@ -147,7 +147,7 @@ static bool there(struct scan_device *d, struct usb_device *ret)
 static int come_back(struct record *r, struct scan_device *d, struct err *err)
 {
 	struct pollfd p[2] = {{.fd = usb_watch_fd(d->usb), .events = POLLIN}, {.fd = scan_stop_fd(), .events = POLLIN}};
-	char told[sizeof(err->message)] = "";
+	char last[sizeof(err->message)] = "";
 	enum usb_change change;
 	struct usb_device device;
 
@@ -160,7 +160,7 @@ static int come_back(struct record *r, struct scan_device *d, struct err *err)
 		if (there(d, &device)) {
 			if (!usb_capture_start(d->usb, &device, &d->profile.profile, &r->capture, &why)) {
 				d->device = device;
-				record_tell_event(r, "back", device.port);
+				record_report_event(r, "back", device.port);
 				r->clock_ns = clock_mono_ns();
 				return spool_event(r->spool, (int64_t)r->clock_ns, err, "back %s", device.port) ||
 						       spool_clock(r->spool, err) ?
@@ -168,15 +168,15 @@ static int come_back(struct record *r, struct scan_device *d, struct err *err)
 					       0;
 			}
 			/* Rights that udev has not given yet, a device that is still starting up: said once. */
-			if (why.code != ERR_CANCELLED && strcmp(told, why.message)) {
-				snprintf(told, sizeof(told), "%s", why.message);
-				record_tell_event(r, "error", why.message);
+			if (why.code != ERR_CANCELLED && strcmp(last, why.message)) {
+				snprintf(last, sizeof(last), "%s", why.message);
+				record_report_event(r, "error", why.message);
 				if (spool_event(r->spool, (int64_t)clock_mono_ns(), err, "error %s", why.message))
 					return -(int)err->code;
 			}
 			wait = wait < 0 || wait > RETRY_MS ? RETRY_MS : wait;
 		}
-		record_tell_progress(r);
+		record_report_progress(r);
 		poll(p, 2, wait);
 	}
 	return 0;
@@ -189,9 +189,9 @@ int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 
 	if (rc)
 		return rc;
-	record_tell_start(r, scan_device_text(&d->device, words, sizeof(words)));
+	record_report_start(r, scan_device_text(&d->device, words, sizeof(words)));
 	if (d->profile.profile.note[0])
-		scan_note(r->args, "%s", d->profile.profile.note);
+		console_note(&r->args->console, "%s", d->profile.profile.note);
 	while (r->capture) {
 		enum usb_end end = capture(r, text, err);
 
@@ -203,7 +203,7 @@ int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 		}
 		r->left++;
 		record_gap(r);
-		record_tell_event(r, end == USB_END_LEFT ? "left" : "error", text);
+		record_report_event(r, end == USB_END_LEFT ? "left" : "error", text);
 		if (spool_event(r->spool, (int64_t)clock_mono_ns(), err, "%s %s", end == USB_END_LEFT ? "left" : "error", text))
 			return -(int)err->code;
 		if (record_over(r))

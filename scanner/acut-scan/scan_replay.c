@@ -8,7 +8,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <openssl/evp.h>
+#include <nettle/sha2.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,13 +21,13 @@
 enum { LOOK_EVERY = 256, PIPE = 141 };
 
 struct run {
-	const struct scan_args *args;
+	struct program *args;
 	struct scan_found *found;
 	struct scan_out *out;
 	struct spool_reader *reader;
 	struct replay *replay; /* NULL: raw bytes only */
 	struct replay_clock clock;
-	EVP_MD_CTX *sha;
+	struct sha256_ctx sha;
 	double shown;  /* when progress was */
 	uint64_t size; /* of the file; 0: not known */
 };
@@ -122,13 +122,11 @@ static void hex(const uint8_t *at, char to[65])
 
 static void hash_so_far(const struct run *r, char to[65])
 {
-	EVP_MD_CTX *copy = EVP_MD_CTX_new();
-	uint8_t digest[EVP_MAX_MD_SIZE];
+	struct sha256_ctx copy = r->sha;
+	uint8_t digest[SHA256_DIGEST_SIZE];
 
-	if (!copy || !EVP_MD_CTX_copy_ex(copy, r->sha) || !EVP_DigestFinal_ex(copy, digest, NULL))
-		abort();
+	sha256_digest(&copy, sizeof(digest), digest);
 	hex(digest, to);
-	EVP_MD_CTX_free(copy);
 }
 
 static void check_end(struct run *r, const struct spool_record *rec)
@@ -154,7 +152,7 @@ static int take(struct run *r, const struct spool_record *rec)
 			f->first_ns = rec->time_ns;
 		f->last_ns = rec->time_ns;
 		f->bytes += rec->size;
-		EVP_DigestUpdate(r->sha, rec->at, rec->size);
+		sha256_update(&r->sha, rec->size, rec->at);
 		if (scan_out_to(r->out) == SCAN_TO_RAW && scan_out_raw(r->out, rec->at, rec->size))
 			return -1;
 	} else if (rec->kind == SPOOL_EVENT) {
@@ -169,10 +167,11 @@ static void show(struct run *r, const struct spool_record *rec)
 {
 	char done[32], all[32];
 
-	if (!scan_progress_on(r->args) || now() - r->shown < 0.2)
+	if (!console_progress_on(&r->args->console) || now() - r->shown < 0.2)
 		return;
 	r->shown = now();
-	scan_progress("%s: %s of %s", r->found->file, parse_size_text(rec->offset, done), parse_size_text(r->size, all));
+	console_progress(&r->args->console, "%s: %s of %s", r->found->file, parse_size_text(rec->offset, done),
+			 parse_size_text(r->size, all));
 }
 
 /* 0; -1: scan_out has the error. */
@@ -265,10 +264,7 @@ static int run_spool(struct run *r, struct err *err)
 
 	if (!rc)
 		rc = open_replay(r, err);
-	if (!rc && !(r->sha = EVP_MD_CTX_new()))
-		rc = err_set(err, ERR_NOMEM, "no memory for a hash");
-	if (!rc && !EVP_DigestInit_ex(r->sha, EVP_sha256(), NULL))
-		rc = err_set(err, ERR_INTERNAL, "SHA-256 cannot be computed here");
+	sha256_init(&r->sha);
 	if (!rc)
 		rc = go_over(r, err);
 	if (!rc && r->replay)
@@ -280,32 +276,30 @@ static int run_spool(struct run *r, struct err *err)
 			replay_counts(r->replay, &f->counts);
 		f->seconds = now() - start;
 	}
-	EVP_MD_CTX_free(r->sha);
 	replay_free(r->replay);
 	spool_reader_free(r->reader);
 	return rc;
 }
 
 /* Status of a spool that was gone over. */
-static int judge(const struct scan_args *args, const struct scan_found *f)
+static int judge(struct program *args, const struct scan_found *f)
 {
 	if (!f->damaged && !f->sha_differs)
 		return 0;
-	scan_warn(args, "%s: %s", f->file,
-		  f->damaged ? "records in its middle are damaged" : "its bytes are not those of the hash at its end");
+	console_warn(&args->console, "%s: %s", f->file,
+		     f->damaged ? "records in its middle are damaged" : "its bytes are not those of the hash at its end");
 	return err_exit_status(ERR_CORRUPT);
 }
 
-int scan_replay(const struct scan_args *args)
+int scan_replay(struct program *args)
 {
-	struct scan_args told = *args;
 	struct scan_out *out = NULL;
 	struct err err = ERR_INIT;
 	int status = 0, rc = scan_out_new(args, &out, &err);
 
 	if (args->to && !args->output)
-		told.output = "-"; /* standard output is taken */
-	for (size_t i = 0; !rc && i < args->n; i++) {
+		args->console.report = stderr; /* standard output is taken */
+	for (size_t i = 0; !rc && i < args->line.nword; i++) {
 		struct scan_found *f = calloc(1, sizeof *f);
 		struct run r = {.args = args, .found = f, .out = out};
 		int bad;
@@ -314,12 +308,12 @@ int scan_replay(const struct scan_args *args)
 			rc = err_set(&err, ERR_NOMEM, "no memory for a replay");
 			break;
 		}
-		f->file = args->inputs[i];
+		f->file = args->line.word[i];
 		rc = run_spool(&r, &err);
-		scan_progress_clear();
+		console_progress_clear(&args->console);
 		if (!rc) {
-			scan_replay_report(&told, f);
-			bad = judge(&told, f);
+			scan_replay_report(args, f);
+			bad = judge(args, f);
 			status = status ? status : bad;
 		}
 		spool_head_clear(&f->head);
@@ -329,5 +323,5 @@ int scan_replay(const struct scan_args *args)
 		rc = -1;
 	if (rc && err.sys == EPIPE) /* whoever reads has enough */
 		return PIPE;
-	return rc ? scan_fail(&told, &err) : status;
+	return rc ? scan_fail(args, &err) : status;
 }

@@ -38,14 +38,14 @@ struct scan_found {
 	uint64_t n_faults; /* all */
 	double seconds;    /* that it took */
 };
-void scan_replay_report(const struct scan_args *, const struct scan_found *);
+void scan_replay_report(struct program *, const struct scan_found *);
 
 /* ---- writing out ---- */
 
 enum scan_to { SCAN_TO_NOTHING, SCAN_TO_RAW, SCAN_TO_TELEGRAMS, SCAN_TO_SWEEPS, SCAN_TO_CSV, SCAN_TO_POINTS };
 struct scan_out;
 /* By args->to and args->output ("-" or NULL: standard output); a file is never written over. */
-int scan_out_new(const struct scan_args *, struct scan_out **ret, struct err *);
+int scan_out_new(struct program *, struct scan_out **ret, struct err *);
 enum scan_to scan_out_to(const struct scan_out *);
 /* 0, or -1: scan_out_free has the error. */
 int scan_out_raw(struct scan_out *, const void *, size_t);

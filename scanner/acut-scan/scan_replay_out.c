@@ -19,7 +19,7 @@
 enum { PATH = 4096 };
 
 struct scan_out {
-	const struct scan_args *args;
+	struct program *args;
 	enum scan_to to;
 	FILE *file;      /* NULL: none is open */
 	char path[PATH]; /* of it; "": standard output */
@@ -80,7 +80,7 @@ static void close_file(struct scan_out *o, bool good)
 		unlink(o->path);
 }
 
-int scan_out_new(const struct scan_args *args, struct scan_out **ret, struct err *err)
+int scan_out_new(struct program *args, struct scan_out **ret, struct err *err)
 {
 	static const char *const words[] = {"", "raw", "telegrams", "sweeps", "csv", "points"};
 	struct scan_out *o = calloc(1, sizeof *o);
@@ -146,7 +146,7 @@ static bool is_ascii(const struct telegram *t)
 
 int scan_out_telegram(struct scan_out *o, const struct telegram *t, double utc_s)
 {
-	struct ctl_json j = {.out = o->file, .list = true};
+	struct term_json j = {.out = o->file, .list = true};
 	bool ascii = is_ascii(t);
 	char *text = malloc(2 * t->size + 1);
 
@@ -157,14 +157,13 @@ int scan_out_telegram(struct scan_out *o, const struct telegram *t, double utc_s
 	if (ascii)
 		memcpy(text, t->at, t->size);
 	text[(ascii ? 1 : 2) * t->size] = '\0';
-	ctl_json_open(&j, NULL, '{');
-	ctl_json_u64(&j, "telegram", t->number);
-	ctl_json_u64(&j, "offset", t->offset);
-	ctl_json_u64(&j, "size", t->size);
-	ctl_json_number(&j, "utc_s", utc_s);
-	ctl_json_text(&j, ascii ? "text" : "hex", text);
-	ctl_json_close(&j, '}');
-	ctl_json_line(&j);
+	term_json_open(&j, NULL, '{');
+	term_json_u64(&j, "telegram", t->number);
+	term_json_u64(&j, "offset", t->offset);
+	term_json_u64(&j, "size", t->size);
+	term_json_number(&j, "utc_s", utc_s);
+	term_json_text(&j, ascii ? "text" : "hex", text);
+	term_json_end(&j);
 	free(text);
 	return ferror(o->file) ? fail(o) : 0;
 }

@@ -10,6 +10,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "err.h"
 #include "scan.h"
 
 static _Atomic int caught; /* any thread may be the one that takes the signal */
@@ -64,4 +65,14 @@ int scan_stop_fd(void)
 int scan_stop_signal(void)
 {
 	return caught;
+}
+
+int scan_fail(struct program *args, const struct err *err)
+{
+	if (err->code != ERR_CANCELLED || !caught)
+		return console_error(&args->console, err);
+	console_progress_clear(&args->console);
+	if (!args->console.quiet && !args->console.json)
+		fputs("acut-scan: interrupted\n", stderr);
+	return 128 + caught;
 }

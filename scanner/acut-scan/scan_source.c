@@ -358,7 +358,7 @@ static int find_files(struct scan_spool *spool, struct files *ret, struct err *e
 
 /* ---- all ---- */
 
-static void name_source(const struct scan_args *args, struct scan_source *s, size_t i, size_t n)
+static void name_source(struct program *args, struct scan_source *s, size_t i, size_t n)
 {
 	const char *slash = strrchr(s->spool->file, '/'), *base = args->name ? args->name : slash ? slash + 1 : s->spool->file;
 
@@ -382,7 +382,7 @@ static int needs_pose(const struct scan_spool *s, struct err *err)
 	return err_add_file(err, s->file);
 }
 
-int scan_source_find(const struct scan_args *args, struct scan_spool *spool, struct pose_track *track, struct scan_source **ret,
+int scan_source_find(struct program *args, struct scan_spool *spool, struct pose_track *track, struct scan_source **ret,
 		     size_t *ret_n, struct err *err)
 {
 	bool las = spool->decoder->input_format && !strcmp(spool->decoder->input_format, "las");

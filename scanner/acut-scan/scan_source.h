@@ -28,7 +28,7 @@ struct scan_spool {
 	struct replay_counts counts;
 };
 /* Reads its head, and the profile that says what is in it. */
-int scan_spool_open(const struct scan_args *, const char *file, struct scan_spool *ret, struct err *);
+int scan_spool_open(struct program *, const char *file, struct scan_spool *ret, struct err *);
 void scan_spool_clear(struct scan_spool *);
 /* A pass over the records. 0, what a sink answered, or -ERR. `stop` is asked now and then: -ERR_CANCELLED. */
 int scan_spool_pass(struct scan_spool *, const struct replay_sinks *, bool (*stop)(void *ctx), struct err *);
@@ -50,7 +50,7 @@ struct scan_source {
 	size_t head_size;
 };
 /* What a spool is, with the passes that it takes: a malloced array. -ERR_INPUT: nothing that could be points is in it. */
-int scan_source_find(const struct scan_args *, struct scan_spool *, struct pose_track *, struct scan_source **ret, size_t *ret_n,
+int scan_source_find(struct program *, struct scan_spool *, struct pose_track *, struct scan_source **ret, size_t *ret_n,
 		     struct err *);
 /* Its bytes into a sink, in order; the sink's non-zero answer ends it. */
 int scan_source_write(const struct scan_source *, int (*put)(void *ctx, const void *, size_t), bool (*stop)(void *ctx), void *ctx,
@@ -82,10 +82,10 @@ struct scan_result {
 	bool first;          /* of its spool */
 	struct err err;      /* of REFUSED */
 };
-void scan_push_tell(const struct scan_args *, const struct scan_result *);
+void scan_push_print(struct program *, const struct scan_result *);
 /* At the end: the dataset. */
-void scan_push_tell_all(const struct scan_args *, uint64_t generation, uint64_t points, double seconds);
+void scan_push_print_all(struct program *, uint64_t generation, uint64_t points, double seconds);
 /* What is known of the poses, before anything is sent. */
-void scan_push_tell_poses(const struct scan_args *, const struct pose_track *);
+void scan_push_print_poses(struct program *, const struct pose_track *);
 
 #endif

@@ -36,7 +36,7 @@ static int reader_open(const char *file, struct spool_reader **ret, struct err *
 	return r ? r : spool_open(fd, file, ret, err);
 }
 
-static int named(const struct scan_args *args, struct profile *ret, struct err *err)
+static int named(struct program *args, struct profile *ret, struct err *err)
 {
 	struct scan_profile found;
 	struct profile_set *set = NULL;
@@ -52,7 +52,7 @@ static int named(const struct scan_args *args, struct profile *ret, struct err *
 	return r;
 }
 
-static int find_profile(const struct scan_args *args, struct scan_spool *s, struct err *err)
+static int find_profile(struct program *args, struct scan_spool *s, struct err *err)
 {
 	const struct spool_head *h = &s->head;
 	char name[SPOOL_TEXT_SIZE + 32];
@@ -80,7 +80,7 @@ static int copy_head(const struct spool_head *from, struct spool_head *to, struc
 	return to->profile ? 0 : err_set(err, ERR_NOMEM, "no memory for a profile");
 }
 
-int scan_spool_open(const struct scan_args *args, const char *file, struct scan_spool *ret, struct err *err)
+int scan_spool_open(struct program *args, const char *file, struct scan_spool *ret, struct err *err)
 {
 	struct spool_reader *reader = NULL;
 	int r = reader_open(file, &reader, err);

@@ -71,7 +71,7 @@ static void print_rule(FILE *out, const struct profile *p, bool alone)
 	fprintf(out, "ENV{ACUT_SCANNER}=\"%s\"\n", p->name);
 }
 
-static int print_all(FILE *out, const struct profile_set *set, const struct scan_args *args, struct err *err)
+static int print_all(FILE *out, const struct profile_set *set, struct program *args, struct err *err)
 {
 	fputs(head, out);
 	for (size_t i = 0; i < profile_set_count(set); i++) {
@@ -86,13 +86,13 @@ static int print_all(FILE *out, const struct profile_set *set, const struct scan
 	return 0;
 }
 
-static int print_some(FILE *out, const struct profile_set *set, const struct scan_args *args, struct err *err)
+static int print_some(FILE *out, const struct profile_set *set, struct program *args, struct err *err)
 {
-	for (size_t i = 0; i < args->n; i++) {
-		const struct profile_entry *e = profile_set_find(set, args->inputs[i]);
+	for (size_t i = 0; i < args->line.nword; i++) {
+		const struct profile_entry *e = profile_set_find(set, args->line.word[i]);
 
 		if (!e) {
-			err_set(err, ERR_USAGE, "there is no profile %s", args->inputs[i]);
+			err_set(err, ERR_USAGE, "there is no profile %s", args->line.word[i]);
 			return err_add_hint(err, "acut-scan profiles lists them; --udev takes names, not files");
 		}
 		if (e->fault)
@@ -102,14 +102,14 @@ static int print_some(FILE *out, const struct profile_set *set, const struct sca
 	return 0;
 }
 
-int scan_udev(const struct scan_args *args)
+int scan_udev(struct program *args)
 {
 	struct profile_set *set = NULL;
 	struct err err = ERR_INIT;
-	int rc = profile_set_read(args->n_profiles ? args->profiles : NULL, &set, &err);
+	int rc = profile_set_read(args->profiles.n ? args->profiles.text : NULL, &set, &err);
 
 	if (!rc)
-		rc = args->n ? print_some(stdout, set, args, &err) : print_all(stdout, set, args, &err);
+		rc = args->line.nword ? print_some(stdout, set, args, &err) : print_all(stdout, set, args, &err);
 	profile_set_free(set);
 	return rc ? scan_fail(args, &err) : 0;
 }

@@ -4,7 +4,7 @@
 
 #include <pthread.h>
 
-#include <openssl/evp.h>
+#include <nettle/sha2.h>
 
 #include "err.h"
 #include "spool.h"
@@ -56,7 +56,7 @@ struct spool_writer {
 	char *path;
 	uint64_t seed, offset; /* offset of the next record */
 	struct spool_totals totals;
-	EVP_MD_CTX *sha;
+	struct sha256_ctx sha;
 	uint8_t *buf; /* for a record of ordinary size, so that it is one write */
 	bool ended, failed;
 	struct err why; /* if failed */

@@ -45,8 +45,8 @@ int spool_writer_new(int fd, const char *path, const uint8_t id[16], uint64_t of
 	}
 	w->path = strdup(path);
 	w->buf = malloc(SPOOL_RECORD_HEAD + ONE_WRITE);
-	w->sha = EVP_MD_CTX_new();
-	if (!w->path || !w->buf || !w->sha || EVP_DigestInit_ex(w->sha, EVP_sha256(), NULL) != 1) {
+	sha256_init(&w->sha);
+	if (!w->path || !w->buf) {
 		spool_writer_free(w);
 		return no_memory(err);
 	}
@@ -63,7 +63,6 @@ struct spool_writer *spool_writer_free(struct spool_writer *w)
 	pthread_mutex_destroy(&w->syncing);
 	pthread_cond_destroy(&w->changed);
 	io_close(w->fd);
-	EVP_MD_CTX_free(w->sha);
 	free(w->buf);
 	free(w->path);
 	free(w);
@@ -163,8 +162,7 @@ static int count(struct spool_writer *w, enum spool_kind kind, const void *at, s
 		return 0;
 	w->totals.transfers++;
 	w->totals.bytes += size;
-	if (size && EVP_DigestUpdate(w->sha, at, size) != 1)
-		return err_set(err, ERR_INTERNAL, "SHA-256 cannot be computed");
+	sha256_update(&w->sha, size, at);
 	return 0;
 }
 
@@ -247,16 +245,13 @@ int spool_clock(struct spool_writer *w, struct err *err)
 
 void spool_totals(struct spool_writer *w, struct spool_totals *ret)
 {
-	EVP_MD_CTX *copy = EVP_MD_CTX_new();
+	struct sha256_ctx sha = w->sha; /* goes on */
 
 	pthread_mutex_lock(&w->lock);
 	w->totals.durable = w->durable;
 	pthread_mutex_unlock(&w->lock);
 	*ret = w->totals;
-	/* Without memory the sum is zeros. */
-	if (!copy || EVP_MD_CTX_copy_ex(copy, w->sha) != 1 || EVP_DigestFinal_ex(copy, ret->sha256, NULL) != 1)
-		memset(ret->sha256, 0, sizeof(ret->sha256));
-	EVP_MD_CTX_free(copy);
+	sha256_digest(&sha, sizeof(ret->sha256), ret->sha256);
 }
 
 int spool_end(struct spool_writer *w, struct err *err)

@@ -59,7 +59,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 	uint64_t done = 0, trailing;
 	bool cut;
 
-	switch (ctl_unpack_look(fd)) {
+	switch (ctl_unpack_kind_of(fd)) {
 	case CTL_UNPACK_GZIP:
 		fuzz_input_check(ctl_unpack_gzip(fd, take, &done, &cut, &trailing, &err), &err);
 		break;

@@ -1,22 +1,23 @@
 #!/usr/bin/env python3
-"""The table of rooms in ARCHITECTURE.md against the sources: every folder with sources is a room, a room includes headers of the rooms
+"""The table of rooms in docs/design/rooms.md against the sources: every folder with sources is a room, a room includes headers of the rooms
 in its row, of all of these and of no other, no row names a room of a higher floor, and the includes of rooms have no circle."""
 import os
 import re
 import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+TABLE = "docs/design/rooms.md"
 SOURCE = (".c", ".h", ".cpp", ".def")
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]', re.M)
 TOPS = ("base", "client", "daemon", "engine", "proto", "scanner", "tools")
 # What a row may name beside rooms.
-LIBRARIES = {"libc", "xxHash", "SQLite", "GeographicLib", "libcrypto", "libusb", "zlib", "minizip"}
+LIBRARIES = {"libc", "xxHash", "SQLite", "GeographicLib", "nettle", "libusb", "zlib", "minizip"}
 
 
 def table():
     """By folder: floor, and the words of the column of what it may include."""
     rooms = {}
-    with open(os.path.join(ROOT, "ARCHITECTURE.md"), encoding="utf-8") as f:
+    with open(os.path.join(ROOT, TABLE), encoding="utf-8") as f:
         rows = re.findall(r"^\| (\d+) \| (`[^|]*`) \| ([^|]*) \|", f.read(), re.M)
     for floor, folders, may in rows:
         names = [n.rstrip("/") for n in re.findall(r"`([^`]*)`", folders)]
@@ -45,7 +46,7 @@ def allowed(name, rooms, wrong):
         # Of two rooms of a name the one of the same program.
         same = {r for r in near if r.split("/")[0] == name.split("/")[0]}
         if not group | near:
-            wrong.append(f"ARCHITECTURE.md: the row of {name} names {word}, which is no room and no library")
+            wrong.append(f"{TABLE}: the row of {name} names {word}, which is no room and no library")
         may |= group | (same or near)
     return may
 
@@ -85,7 +86,7 @@ def main():
         for folder, _, files in os.walk(os.path.join(ROOT, top)):
             part = os.path.relpath(folder, ROOT)
             if any(f.endswith(SOURCE) for f in files) and part not in rooms:
-                wrong.append(f"ARCHITECTURE.md: {part} is in no row of the table of rooms")
+                wrong.append(f"{TABLE}: {part} is in no row of the table of rooms")
     for name in rooms:
         for file, _ in sources(name):
             owner.setdefault(file, set()).add(name)
@@ -97,7 +98,7 @@ def main():
         may = allowed(name, rooms, wrong)
         for other in may:
             if "any" not in rooms[name][1] and rooms[other][0] > rooms[name][0] and name.split("/")[0] == other.split("/")[0]:
-                wrong.append(f"ARCHITECTURE.md: the row of {name} names {other}, which is on a higher floor")
+                wrong.append(f"{TABLE}: the row of {name} names {other}, which is on a higher floor")
         for _, path in sources(name):
             with open(path, encoding="utf-8") as f:
                 text = f.read()
@@ -113,12 +114,12 @@ def main():
         if any(sources(name)) and not any(w == "any" or w.startswith(("all of", "each other")) for w in words):
             for word in sorted(words - LIBRARIES):
                 if not uses[name] & allowed(name, {**rooms, name: (rooms[name][0], [word], rooms[name][2])}, []) - {name}:
-                    wrong.append(f"ARCHITECTURE.md: the row of {name} names {word}, of which it includes nothing")
+                    wrong.append(f"{TABLE}: the row of {name} names {word}, of which it includes nothing")
     found = circle(uses)
     if found:
         wrong.append("a circle of includes: " + " -> ".join(found))
     if len(rooms) < 30 or sum(len(u) for u in uses.values()) < 60:
-        wrong.append(f"ARCHITECTURE.md: {len(rooms)} rooms found: its table cannot be read")
+        wrong.append(f"{TABLE}: {len(rooms)} rooms found: its table cannot be read")
     print("\n".join(wrong) or f"{len(rooms)} rooms, {sum(len(u) for u in uses.values())} pairs that include")
     return 1 if wrong else 0
 

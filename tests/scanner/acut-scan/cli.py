@@ -19,8 +19,8 @@ def options_of(command):
 def refused():
     for args, status, text in ((([]), 2, "no command"), (["lst"], 2, "did you mean acut-scan list"), (["record"], 2, "where to write"),
                                (["record", "-o", "x", "--folder", "."], 2, "both"), (["record", "-o", "-"], 2, "standard output"),
-                               (["record", "-o", "x", "--for", "soon"], 2, "no time"), (["record", "-o", "x", "--for", "0"], 2, "no time"),
-                               (["record", "-o", "x", "--bytes", "12Q"], 2, "no size"), (["record", "-o", "x", "-o", "y"], 2, "twice"),
+                               (["record", "-o", "x", "--for", "soon"], 2, "not a time"), (["record", "-o", "x", "--for", "0"], 2, "not a time"),
+                               (["record", "-o", "x", "--bytes", "12Q"], 2, "not a size"), (["record", "-o", "x", "-o", "y"], 2, "twice"),
                                (["record", "-o", "x", "--from", "a", "serial:1"], 2, "no device"),
                                (["record", "-o", "x", "--from", "a", "--reconnect"], 2, "--reconnect"),
                                (["record", "-o"], 2, "needs a value"), (["record", "a", "b", "-o", "x"], 2, 'no word "b"'),
@@ -109,7 +109,7 @@ def completion():
 
 
 def shells():
-    folder = os.path.join(SOURCE, "scanner/acut-scan/completion")
+    folder = os.path.dirname(os.path.abspath(SCAN))
     env = dict(os.environ, PATH=os.path.dirname(os.path.abspath(SCAN)) + ":" + os.environ["PATH"])
     script = ("source %s/acut-scan.bash\nCOMP_WORDS=(acut-scan record --rec)\nCOMP_CWORD=2\n_acut_scan\n"
               "printf '%%s\\n' \"${COMPREPLY[@]}\"" % folder)

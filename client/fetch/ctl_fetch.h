@@ -1,0 +1,54 @@
+/* A mesh into outputs: their options, the fetch, and what is printed at its end. */
+#ifndef CTL_FETCH_H
+#define CTL_FETCH_H
+
+#include "cli.h"
+#include "ctl_report.h"
+#include "outputs.h"
+
+struct ctl_fetch_options {
+	struct cli_texts out;
+	const char *format, *tile, *origin, *max_edge, *z_unit, *color; /* NULL: not given */
+	uint64_t since, width;                                          /* 0: not given */
+	bool canonical, no_clobber;
+	bool gaps;          /* the view leaves gaps: of the ground or the surface */
+	const char *window; /* "bbox", "polygon": only that area of the mesh; NULL: all of it */
+};
+
+/* Names standard output "-" however it is named; whether it is one of the outputs. */
+bool ctl_fetch_to_standard(struct ctl_fetch_options *);
+/* --format names one that writes nothing, and no OUT is given: that is complete. */
+bool ctl_fetch_nothing(const struct ctl_fetch_options *);
+/* Checks what can be known without a daemon, and opens a run. */
+int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct outputs **ret, struct err *err);
+/* Fetches the job into the run, going on with what it has kept (outputs_keep), publishes, reports; exit status. */
+int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, struct outputs *, const struct ctl_staged *);
+/* For a job that was waited for and not fetched; on a terminal only. */
+void ctl_fetch_summary(struct console *, const struct acut_job *);
+
+/* ---- for the files of this room ---- */
+
+/* A mesh that was written. */
+struct ctl_mesh {
+	struct console *console;
+	const struct ctl_fetch_options *opt;
+	const struct acut_job *job;
+	const struct outputs_report *out;
+	const struct ctl_staged *staged; /* NULL: a job that was there already */
+};
+void ctl_mesh_text(const struct ctl_mesh *);
+void ctl_mesh_json(const struct ctl_mesh *);
+/* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
+uint64_t ctl_mesh_moved(const struct ctl_staged *, double ret_shift[3]);
+/* Warnings of long edges; "edges". */
+void ctl_mesh_warn_edges(const struct ctl_mesh *);
+void ctl_mesh_edges_json(struct term_json *, const struct ctl_mesh *);
+
+/* The report of a window, in memory of its own. */
+struct ctl_window {
+	struct acut_report report;
+	char digest[40], vertex_digest[40], note[200];
+};
+void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
+
+#endif

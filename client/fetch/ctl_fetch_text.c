@@ -1,0 +1,268 @@
+/*
+ * The report of a mesh, for people. On a terminal: a page with a line for each subject: files and their sizes, points left
+ * out by each rule, assumed units and coordinate systems, time, rate, memory and digest. Elsewhere: the sentences that logs
+ * of scripts contain. Programs read --json.
+ */
+#include <math.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "ctl_fetch.h"
+#include "term.h"
+#include "parse.h"
+
+/* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
+uint64_t ctl_mesh_moved(const struct ctl_staged *staged, double ret_shift[3])
+{
+	uint64_t moved = 0;
+
+	memset(ret_shift, 0, 3 * sizeof(*ret_shift));
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		const struct ctl_staged_file *f = &staged->file[i];
+
+		moved += f->refused ? 0 : f->moved;
+		for (int k = 0; !f->refused && k < 3; k++)
+			ret_shift[k] = f->shift[k] > ret_shift[k] ? f->shift[k] : ret_shift[k];
+	}
+	return moved;
+}
+
+/* One line for all that were not read whole. */
+static void inputs_text(struct console *c, const struct ctl_staged *staged)
+{
+	uint64_t read = 0, bytes = 0;
+	unsigned n = 0;
+	char a[32], b[32];
+
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		if (staged->file[i].refused || !staged->file[i].partial)
+			continue;
+		read += staged->file[i].bytes_read;
+		bytes += staged->file[i].bytes;
+		n++;
+	}
+	if (n)
+		console_line(c, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s", term_count(read, a),
+			     term_count(bytes, b));
+	ctl_report_overridden(c, staged);
+}
+
+static void changes_text(const struct ctl_mesh *m)
+{
+	const struct outputs_changes_counts *c = &m->out->changes;
+	unsigned long long since = m->opt->since;
+	char a[32], b[32], d[32];
+
+	if (!c->gone && !c->new_regions)
+		console_line(m->console, "nothing has changed since generation %llu: all %s region%s", since,
+			     term_count(c->kept, a), c->kept == 1 ? " holds" : "s hold");
+	else
+		console_line(m->console, "since generation %llu: %s region%s gone, with %s triangles; %s hold%s", since,
+			     term_count(c->gone, a), c->gone == 1 ? " is" : "s are", term_count(c->gone_triangles, b),
+			     term_count(c->kept, d), c->kept == 1 ? "s" : "");
+	if (c->new_regions)
+		console_line(m->console, "  new: %s region%s, with %s triangles", term_count(c->new_regions, a),
+			     c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
+}
+
+/* PREFIX and "12.5 square metres"; nothing where the unit is not a known length. Returns buf. */
+static const char *area_text(const struct outputs_report *f, const char *prefix, char buf[64])
+{
+	buf[0] = 0;
+	if (!isnan(f->left_out_area))
+		snprintf(buf, 64, "%s%.6g square %s", prefix, f->left_out_area,
+			 !strcmp(f->unit_xy, "metre") ? "metres" :
+			 !strcmp(f->unit_xy, "foot")  ? "feet" :
+							"US survey feet");
+	return buf;
+}
+
+/* ---- on a terminal ---- */
+
+static void files(const struct ctl_mesh *m, FILE *out)
+{
+	const struct outputs_report *f = m->out;
+	char size[32], count[32];
+	struct stat st;
+
+	for (unsigned i = 0; i < m->opt->out.n; i++) {
+		const char *name = m->opt->out.text[i];
+
+		if (m->opt->tile)
+			term_field(out, i ? "" : "written", "%s: %s tile%s and " OUTPUTS_TILES_INDEX ", %s", name,
+				   term_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
+		else if (!strcmp(name, "-"))
+			term_field(out, i ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
+		else if (!stat(name, &st) && S_ISREG(st.st_mode))
+			term_field(out, i ? "" : "written", "%s, %s", name, parse_size_text((uint64_t)st.st_size, size));
+		else
+			term_field(out, i ? "" : "written", "%s", name);
+	}
+}
+
+static void points(FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
+{
+	char a[32], b[32];
+	double shift[3];
+	uint64_t moved = ctl_mesh_moved(staged, shift);
+	bool first = true;
+
+	if (p->window)
+		term_field(out, "points", "%s read", term_count(p->points, a));
+	else
+		term_field(out, "points", "%s used of %s", term_count(p->used, a), term_count(p->points, b));
+	for (size_t i = 0; i < p->nremoved; i++) {
+		if (!p->removed[i].count)
+			continue;
+		term_field(out, first ? "left out" : "", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
+		first = false;
+	}
+	if (moved)
+		term_field(out, "rounded", "%s points, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0], shift[1],
+			   shift[2]);
+	if (staged && staged->refused)
+		term_field(out, "refused", "%u input%s, named above", staged->refused, staged->refused == 1 ? "" : "s");
+}
+
+/* Coordinate system and units, and whether files or options declare them. */
+static void place(const struct ctl_mesh *m, FILE *out)
+{
+	const struct acut_job *job = m->job;
+	const struct ctl_staged *staged = m->staged;
+	const struct ctl_stage_options *a = staged ? staged->opt : NULL;
+	bool known = job->crs && *job->crs && strcmp(job->crs, "unknown");
+
+	term_field(out, "crs", "%s%s", known ? job->crs : "unknown",
+		   !known || !staged ? "" :
+		   a->assume_crs     ? " (--assume-crs, where the inputs say none)" :
+		   a->override_crs   ? " (--override-crs)" :
+				       "");
+	term_field(out, "units", "%s, heights %s%s", job->unit_xy, m->opt->z_unit ? m->opt->z_unit : job->unit_z,
+		   !staged           ? "" :
+		   a->assume_units   ? " (--assume-units, where the inputs say none)" :
+		   a->override_units ? " (--override-units)" :
+				       "");
+	if (staged && staged->zone[0])
+		term_field(out, "projected", "degrees to zone %s", staged->zone);
+}
+
+static void times(FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
+{
+	char rate[32], memory[32], all[24], text[64] = "";
+	double seconds = p->seconds + (staged ? p->stage_seconds : 0);
+	uint64_t n = p->window ? p->points : p->used;
+
+	if (seconds > 0.001 && n)
+		snprintf(text, sizeof(text), ", %s points a second", term_count((uint64_t)((double)n / seconds), rate));
+	if (seconds < 60)
+		snprintf(all, sizeof(all), "%.1f s", seconds);
+	else
+		session_progress_time(seconds, all);
+	if (staged)
+		term_field(out, "time", "%s: reading %.1f s, meshing %.1f s%s", all, p->stage_seconds, p->seconds, text);
+	else
+		term_field(out, "time", "%s of meshing%s", all, text);
+	if (p->peak_rss_bytes)
+		term_field(out, "memory", "%s at most", parse_size_text(p->peak_rss_bytes, memory));
+}
+
+static void mesh(FILE *out, const struct acut_report *p)
+{
+	char a[32], b[32], domains[96];
+
+	term_field(out, "mesh", "%s vertices, %s triangles in %s", term_count(p->vertices, a), term_count(p->triangles, b),
+		   ctl_report_domains(p, domains, sizeof(domains)));
+}
+
+static void page(const struct ctl_mesh *m)
+{
+	const struct acut_report *p = &m->job->report;
+	FILE *out = m->console->report;
+	char count[32], area[64];
+
+	if (m->console->quiet)
+		return;
+	files(m, out);
+	if (m->opt->since)
+		changes_text(m);
+	points(out, p, m->staged);
+	mesh(out, p);
+	if (m->opt->max_edge)
+		term_field(out, "max-edge", "%s triangles with edges above %s are not in the file%s",
+			   term_count(m->out->left_out, count), m->opt->max_edge, area_text(m->out, ", ", area));
+	place(m, out);
+	if (m->staged)
+		ctl_report_heights(m->console, m->staged);
+	times(out, p, m->staged);
+	term_field(out, "digest", "%s", p->digest);
+	inputs_text(m->console, m->staged);
+	console_note(m->console, "%s", p->note);
+}
+
+/* ---- anywhere else ---- */
+
+static void written(const struct ctl_mesh *m)
+{
+	char count[32];
+
+	for (unsigned i = 0; i < m->opt->out.n; i++)
+		if (m->opt->tile)
+			console_line(m->console, "wrote %s tile%s and " OUTPUTS_TILES_INDEX " into %s",
+				     term_count(m->out->tiles, count), m->out->tiles == 1 ? "" : "s", m->opt->out.text[i]);
+		else if (strcmp(m->opt->out.text[i], "-"))
+			console_line(m->console, "wrote %s", m->opt->out.text[i]);
+}
+
+static void lines(const struct ctl_mesh *m)
+{
+	const struct acut_report *p = &m->job->report;
+	struct console *c = m->console;
+	char a[32], b[96], d[64];
+	double shift[3];
+	uint64_t moved = ctl_mesh_moved(m->staged, shift);
+
+	written(m);
+	if (m->opt->since)
+		changes_text(m);
+	if (p->window)
+		console_line(c, "%s points read: %s vertices", term_count(p->points, b), term_count(p->vertices, d));
+	else
+		console_line(c, "%s points used of %s: %s vertices", term_count(p->used, a), term_count(p->points, b),
+			     term_count(p->vertices, d));
+	inputs_text(c, m->staged);
+	if (moved)
+		console_line(c, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0],
+			     shift[1], shift[2]);
+	if (m->staged)
+		ctl_report_heights(c, m->staged);
+	for (size_t i = 0; i < p->nremoved; i++)
+		if (p->removed[i].count)
+			console_line(c, "  left out by %s: %s", p->removed[i].rule, term_count(p->removed[i].count, a));
+	console_line(c, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a), ctl_report_domains(p, b, sizeof b),
+		     p->seconds, p->digest);
+	console_note(c, "%s", p->note);
+	if (m->opt->max_edge)
+		console_line(c, "%s triangles with edges longer than %s were left out%s", term_count(m->out->left_out, a),
+			     m->opt->max_edge, area_text(m->out, ", an area of ", d));
+}
+
+void ctl_mesh_text(const struct ctl_mesh *m)
+{
+	if (term_of(m->console->report).on)
+		page(m);
+	else
+		lines(m);
+}
+
+void ctl_fetch_summary(struct console *c, const struct acut_job *job)
+{
+	FILE *out = c->report;
+
+	if (c->quiet || c->json || !job->has_report || job->has_error || !term_of(out).on)
+		return;
+	points(out, &job->report, NULL);
+	mesh(out, &job->report);
+	times(out, &job->report, NULL);
+	term_field(out, "digest", "%s", job->report.digest);
+	term_field(out, "next", "acutctl fetch %llu -o mesh.ply", (unsigned long long)job->id);
+}

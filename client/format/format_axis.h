@@ -1,0 +1,56 @@
+/* Lattice numbers to coordinates, exactly; units of length; comments that describe the numbers. */
+#ifndef FORMAT_AXIS_H
+#define FORMAT_AXIS_H
+
+#include "format.h"
+
+/* (X * a + b) / q */
+struct format_fraction {
+	__int128 a, b, q;
+};
+
+/* value = (X * a + b) * 10^e, all exact; of a converted axis: format_unit.c */
+struct format_axis {
+	int64_t a, b;
+	int32_t e;
+	bool whole;   /* a, b, e hold; else scale and k, without origin */
+	bool fast;    /* |X * a + b| < 2^53 and |e| <= 22: one rounding in doubles */
+	double power; /* 10^|e| */
+	struct decimal scale;
+	int64_t k;
+	bool converted;
+	int decimals; /* of the text */
+	struct format_fraction value, text;
+};
+
+#define FORMAT_COORDINATE 64 /* room for one coordinate as text */
+
+/* Three axes of a stream, with the origin of the options, rounded to the lattice if "auto". */
+int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *, const struct format_options *, struct err *err);
+double format_axis_value(const struct format_axis *, int32_t number);
+/* n vertices to n * 3 doubles. */
+void format_axis_values(const struct format_axis axis[3], const int32_t (*vertex)[3], size_t n, double *ret);
+/* Exact text at `at`, as many decimals as the lattice has; returns the end. 8 bytes more may be overwritten. */
+char *format_axis_text(const struct format_axis *, int32_t number, char *at);
+/* "acut-origin X Y Z" text if one was taken, else "". */
+char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf, size_t size);
+
+/* ---- units of length: format_unit.c ---- */
+
+/* One `from` is num/den of `to`; false unless both are names of lengths ("metre", "foot", "us-survey-foot"). */
+bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *den);
+/* Multiplies an axis whose a, b, e hold, and then subtracts the origin. Negative: too many digits. */
+int format_unit_axis(struct format_axis *, int64_t num, int64_t den, struct decimal origin);
+double format_unit_value(const struct format_axis *, int32_t number); /* nearest double */
+char *format_unit_text(const struct format_axis *, int32_t number, char *at);
+/* "acut-z-unit ..." if heights are converted, else "". */
+char *format_unit_comment(const struct acut_mesh_head *, const struct format_options *, char *buf, size_t size);
+
+/* ---- comments of text headers: format_comment.c ---- */
+
+/* Calls `line` for each comment: acut-lattice, acut-crs, acut-units, acut-origin. */
+int format_comment_head(const struct acut_mesh_head *, const struct format_options *,
+			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err);
+#define FORMAT_COMMENT 768
+
+#endif

@@ -1,0 +1,38 @@
+/* An output file, for the files of this room: names and folders (outfile.c), bytes (outfile_bytes.c), what is kept of it
+ * (outfile_part.c). */
+#ifndef OUTFILE_PRIV_H
+#define OUTFILE_PRIV_H
+
+#include "outfile.h"
+
+/* Direct writes, and blocks of file systems, are multiples of this. */
+#define OUTFILE_BLOCK OUTFILE_BUFFER_KEPT
+
+struct outfile {
+	int dirfd, fd;             /* dirfd -1: standard output or not a regular file; fd -1: an annex without bytes */
+	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
+	bool seekable, no_clobber, own_fd;
+	bool passing;         /* its name is not the last one: the folder need not be durable */
+	bool nameless;        /* has no name yet, temp is NULL */
+	bool may_direct;      /* past the page cache, once it is worth it */
+	bool direct;          /* fd is in that state */
+	struct outfile *host; /* of an annex; it outlives the annex */
+	bool inside;          /* the annex's bytes are in the host's file, from `base` on */
+	uint64_t base;
+	uint64_t at;               /* bytes handed to the system */
+	struct outfile_part *part; /* it is kept in NAME.part; NULL: it is not */
+	struct outfile *annex;     /* of a kept one */
+	size_t used;
+	uint8_t *buf; /* OUTFILE_BUFFER and OUTFILE_BUFFER_BEHIND at least, on a block's bounds */
+};
+
+struct outfile *outfile_alloc(const char *label, struct err *err);
+/* A nameless file in the folder `dirfd`, or in that for temporary files if it is -1. */
+int outfile_nameless(int dirfd, int *ret_fd, struct err *err);
+int outfile_flush(struct outfile *, struct err *err);
+
+int outfile_part_annex(struct outfile *host, struct outfile *annex, struct err *err);
+void outfile_part_add(struct outfile_part *, const uint8_t *bytes, size_t n);
+struct outfile_part *outfile_part_free(struct outfile_part *);
+
+#endif

@@ -1,0 +1,247 @@
+/*
+ * One stream to several outputs.
+ *
+ * The order inside: positions of local vertices (only if an output needs them), triangles left out by
+ * --max-edge, then each output, through the canonical order if asked. The first failure is kept, ends the
+ * fetch, and makes publishing impossible. Outputs are published one after the other when the stream has
+ * ended well: with several of them, a failure between two leaves the earlier ones, each of them whole.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "outputs_change.h"
+#include "outputs_priv.h"
+#include "outputs_tile.h"
+
+#define SORT_MEMORY (64ull << 20)
+
+int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct err *err)
+{
+	struct outputs *run = calloc(1, sizeof(*run));
+
+	if (!run)
+		return err_set(err, ERR_NOMEM, "no memory for outputs");
+	run->opt = *opt;
+	if (!run->opt.sort_memory)
+		run->opt.sort_memory = SORT_MEMORY;
+	run->positions = opt->has_max_edge;
+	run->end = &run->target;
+	run->err = ERR_INIT;
+	*ret = run;
+	return 0;
+}
+
+static struct outputs_target *target_free(struct outputs_target *t)
+{
+	if (!t)
+		return NULL;
+	outputs_canonical_free(t->canonical);
+	if (t->writer)
+		t->format->free(t->writer);
+	outfile_free(t->out);
+	free(t);
+	return NULL;
+}
+
+static int target_check(const char *path, const struct format *format, const struct format_options *opt, struct err *err)
+{
+	const char *refused = format_option_name(format_options_given(opt) & ~format->takes);
+
+	if (refused)
+		return err_set(err, ERR_USAGE, "--%s has no meaning for %s", refused, format->name);
+	if (format->kind == FORMAT_NOTHING && path) {
+		err_set(err, ERR_USAGE, "%s writes nothing, and an output is given", format->name);
+		return err_add_hint(err, "leave out -o, or give another --format");
+	}
+	if (format->kind != FORMAT_NOTHING && !path)
+		return err_set(err, ERR_USAGE, "%s needs an output", format->name);
+	return 0;
+}
+
+int outputs_add(struct outputs *run, const char *path, const struct format *format, const struct format_options *opt,
+		struct err *err)
+{
+	int r = target_check(path, format, opt, err);
+	struct outputs_target *t = r ? NULL : calloc(1, sizeof(*t));
+
+	if (!r && run->opt.tiled)
+		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
+				 outputs_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
+	run->positions |= run->opt.tiled;
+	if (r || run->opt.tiled) {
+		free(t);
+		return r && path ? err_add_file(err, path) : r;
+	}
+	if (!t)
+		return err_set(err, ERR_NOMEM, "no memory for an output");
+	t->format = format;
+	t->opt = *opt;
+	if (path)
+		r = outfile_new(path, opt->no_clobber, &t->out, err);
+	if (!r && run->opt.changes && !run->change) {
+		r = outputs_change_new(t->out, path, opt, &run->change, err);
+		run->positions |= !r && path;
+	}
+	if (!r)
+		r = format->open(t->out, opt, &t->writer, err);
+	if (!r && opt->canonical)
+		r = outputs_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
+	if (r) {
+		if (path)
+			err_add_file(err, path);
+		target_free(t);
+		return r;
+	}
+	run->positions |= format->positions || opt->canonical;
+	*run->end = t;
+	run->end = &t->next;
+	return 0;
+}
+
+static int run_head(void *ctx, const struct acut_mesh_head *head)
+{
+	struct outputs *run = ctx;
+	int r = outputs_edge_init(&run->edge, head, &run->opt, &run->err);
+
+	if (!r && outputs_keep_goes_on(run))
+		return outputs_keep_head(run, head, &run->err);
+	for (struct outputs_target *t = run->target; t && !r; t = t->next)
+		r = t->format->head(t->writer, head, &run->err);
+	if (!r && run->change)
+		r = outputs_change_head(run->change, head, &run->err);
+	return r || !run->tiles ? r : outputs_tiles_head(run->tiles, head, &run->err);
+}
+
+static int run_block(void *ctx, const struct acut_mesh_block *b)
+{
+	struct outputs *run = ctx;
+	struct acut_mesh_block kept;
+	struct format_block block = {b, NULL};
+	int r = 0;
+
+	if (run->positions || run->edge.gather)
+		r = outputs_front_block(&run->front, b, &block.position, &run->err);
+	if (!r && run->change)
+		r = outputs_change_block(run->change, &block, &run->err);
+	if (!r && (run->edge.limited || run->edge.gather)) {
+		r = outputs_edge_block(&run->edge, b, block.position, &kept, &run->err);
+		block.mesh = &kept;
+	}
+	for (struct outputs_target *t = run->target; t && !r; t = t->next)
+		r = t->canonical ? outputs_canonical_block(t->canonical, &block, &run->err) :
+				   t->format->block(t->writer, &block, &run->err);
+	return r || !run->tiles ? r : outputs_tiles_block(run->tiles, &block, &run->err);
+}
+
+static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
+{
+	struct outputs *run = ctx;
+	int r = 0;
+
+	outputs_front_done(&run->front);
+	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
+		if (t->canonical)
+			r = outputs_canonical_finish(t->canonical, &run->err);
+		t->canonical = outputs_canonical_free(t->canonical);
+		if (!r)
+			r = t->format->finish(t->writer, tail, &run->err);
+	}
+	if (!r && run->change)
+		r = outputs_change_tail(run->change, &run->err);
+	if (!r && run->tiles)
+		r = outputs_tiles_tail(run->tiles, tail, &run->err);
+	run->finished = !r;
+	return r;
+}
+
+static int run_base(void *ctx, const struct acut_mesh_base *base)
+{
+	struct outputs *run = ctx;
+
+	return outputs_change_base(run->change, base, &run->err);
+}
+
+static int run_gone(void *ctx, const struct acut_mesh_region *region)
+{
+	struct outputs *run = ctx;
+
+	return outputs_change_gone(run->change, region, &run->err);
+}
+
+struct acut_changes_sink outputs_changes(struct outputs *run)
+{
+	return (struct acut_changes_sink){.mesh = outputs_sink(run), .base = run_base, .gone = run_gone};
+}
+
+struct acut_mesh_sink outputs_sink(struct outputs *run)
+{
+	return (struct acut_mesh_sink){.head = run_head, .block = run_block, .tail = run_tail, .ctx = run};
+}
+
+const struct err *outputs_error(const struct outputs *run)
+{
+	return &run->err;
+}
+
+int outputs_publish(struct outputs *run, struct err *err)
+{
+	if (run->err.code) {
+		*err = run->err;
+		return -err->code;
+	}
+	if (!run->finished)
+		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
+	if (run->change && outputs_change_publish(run->change, &run->bytes, err))
+		return -err->code;
+	for (struct outputs_target *t = run->target; t; t = t->next) {
+		int r = t->out ? outfile_publish(t->out, err) : 0;
+		if (r)
+			return r;
+		run->bytes += t->out ? outfile_size(t->out) : 0;
+	}
+	outputs_keep_done(run);
+	return run->tiles ? outputs_tiles_publish(run->tiles, run->edge.left_out, &run->bytes, err) : 0;
+}
+
+void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint64_t generation)
+{
+	if (run->tiles)
+		outputs_tiles_about(run->tiles, job, dataset, generation);
+	if (run->change)
+		outputs_change_about(run->change, job, dataset, generation);
+}
+
+void outputs_report(const struct outputs *run, struct outputs_report *ret)
+{
+	*ret = (struct outputs_report){
+		.bytes = run->bytes,
+		.left_out = run->edge.left_out,
+		.left_out_area = outputs_edge_area(&run->edge),
+		.tiles = run->tiles ? outputs_tiles_count(run->tiles) : 0,
+		.longest_edge = outputs_edge_longest(&run->edge),
+		.median_edge = outputs_edge_median(&run->edge),
+		.long_share = outputs_edge_share(&run->edge, OUTPUTS_LONG_EDGE * outputs_edge_median(&run->edge)),
+	};
+	if (run->change)
+		ret->changes = *outputs_change_counts(run->change);
+	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));
+}
+
+struct outputs *outputs_free(struct outputs *run)
+{
+	if (!run)
+		return NULL;
+	outputs_keep_discard(run);
+	for (struct outputs_target *t = run->target, *next; t; t = next) {
+		next = t->next;
+		target_free(t);
+	}
+	outputs_tiles_free(run->tiles);
+	outputs_change_free(run->change);
+	outputs_front_done(&run->front);
+	outputs_edge_done(&run->edge);
+	outputs_keep_free(run->kept);
+	free(run);
+	return NULL;
+}

@@ -1,0 +1,81 @@
+/*
+ * The outputs of a mesh stream: one stream to several formats.
+ *
+ * The caller adds outputs, passes the sink to acut_fetch, and publishes after the fetch has succeeded. Until then no final
+ * name exists; outputs that are freed unpublished leave nothing.
+ */
+#ifndef OUTPUTS_H
+#define OUTPUTS_H
+
+#include "format.h"
+
+struct outputs_options {
+	bool has_max_edge;
+	struct decimal max_edge;       /* triangles with a longer xy edge are left out */
+	const char *max_edge_unit;     /* name of its unit; NULL: that of the file */
+	bool edges;                    /* gather edge statistics */
+	uint64_t sort_memory;          /* for canonical and tiles; 0 = 64 MiB */
+	bool changes;                  /* the stream is one of changes: NAME.changes.geojson is written beside the first output */
+	bool tiled;                    /* the one output is a folder of tiles */
+	struct decimal tile;           /* their side, in file units: above zero */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while tiles are made; may be NULL */
+	void *ctx;
+};
+
+/* The most tiles that the triangles of a mesh may be in. */
+#define OUTPUTS_TILES 100000u
+#define OUTPUTS_LONG_EDGE 50 /* times the median: not of the spacing of the survey any more */
+#define OUTPUTS_CHANGES ".changes.geojson"
+#define OUTPUTS_TILES_INDEX "index.geojson"
+
+/* Regions with triangles. */
+struct outputs_changes_counts {
+	uint64_t since, old_job; /* generation and job of the old mesh; 0: none came */
+	uint64_t gone, gone_triangles, kept, kept_triangles, new_regions, new_triangles;
+};
+
+/* The result at the end of the stream. Lengths and areas are in file units. */
+struct outputs_report {
+	uint64_t bytes;       /* of all outputs */
+	uint64_t left_out;    /* triangles, by max_edge */
+	double left_out_area; /* NAN where the unit of x and y is no known length */
+	char unit_xy[16];     /* of the file */
+	struct outputs_changes_counts changes;
+	uint64_t tiles;                   /* files of tiles; 0 without tiles */
+	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
+	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
+};
+
+struct outputs;
+int outputs_new(const struct outputs_options *, struct outputs **ret, struct err *err);
+/* Opens an output: "-" is standard output; for tiles, their folder, which is made; NULL for a format that writes nothing.
+ * -ERR_USAGE: a wrong combination. */
+int outputs_add(struct outputs *, const char *path, const struct format *, const struct format_options *, struct err *err);
+/* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */
+struct acut_mesh_sink outputs_sink(struct outputs *);
+/* The same of a run of changes, for acut_fetch_changes. */
+struct acut_changes_sink outputs_changes(struct outputs *);
+/* The failure of a callback of the sink; code ERR_NONE if none failed. */
+const struct err *outputs_error(const struct outputs *);
+/* Keeps the received part of the job's mesh in files beside the outputs (NAME.part, NAME.part.faces, and NAME.part.state
+ * beside the first), so that later outputs with the same names and options can continue. After the adds, before the sink is
+ * used. `on`: continues what was kept, or fails: -ERR_GONE: nothing is kept; -ERR_USAGE: it is of another job, or of other
+ * outputs or options, or one of them cannot be kept; -ERR_CORRUPT: it is damaged; -ERR_BUSY: another process has it. Else
+ * kept files are replaced, and nothing is kept if one output cannot be. */
+int outputs_keep(struct outputs *, uint64_t job, bool on, struct err *err);
+/* The kept state of the fetch; NULL: it starts at the beginning. */
+const void *outputs_kept(const struct outputs *, size_t *ret_size);
+/* It is time to save: after the first block, every 64 MiB ($ACUT_FETCH_SYNC) or 5 seconds. */
+bool outputs_due(const struct outputs *);
+/* Makes durable what the run has, with the state of the fetch (acut_fetch_state) as of the last block. Does nothing
+ * where nothing is kept. */
+int outputs_save(struct outputs *, const void *state, size_t size, struct err *err);
+bool outputs_saved(const struct outputs *); /* a later run can go on */
+/* The origin of the mesh for the index of tiles or changes; before publishing. `dataset` is read only then. */
+void outputs_about(struct outputs *, uint64_t job, const char *dataset, uint64_t generation);
+/* After the tail: makes all outputs durable and gives them their names. */
+int outputs_publish(struct outputs *, struct err *err);
+void outputs_report(const struct outputs *, struct outputs_report *ret);
+struct outputs *outputs_free(struct outputs *);
+
+#endif

@@ -1,0 +1,249 @@
+/*
+ * --changed-since: the regions that are gone and those that are new, as GeoJSON beside the output with the new triangles.
+ *
+ * A region is a box of circumcentres. A triangle belongs to the region of its circumcentre; on a border its corners decide
+ * (geom_cut_side; STREAM.md, "Changes"). Borders lie halfway between lattice numbers and are written as exact decimals; null
+ * is infinite. The polygon of a feature is the part of the region in the box of the dataset, for display. New regions come
+ * with the blocks, gone ones before them; facts about the job are at the end, where they are known.
+ */
+#include "outputs_change.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "digest.h"
+#include "err.h"
+#include "outputs_geojson.h"
+
+struct outputs_change {
+	struct outfile *out; /* NULL: nothing is written */
+	struct format_options opt;
+	struct acut_mesh_head head; /* its texts are in here: */
+	char *lattice, *crs, unit_xy[64], unit_z[64];
+	struct decimal half; /* of the lattice's xy scale */
+	char digest[4][DIGEST_HEX_SIZE];
+	struct outputs_changes_counts counts;
+	bool any;  /* a feature is written */
+	bool open; /* a new region is being counted: */
+	uint64_t index, triangles;
+	int64_t box[4];
+	struct digest sum;
+	uint64_t job, generation;
+	char *dataset;
+};
+
+int outputs_change_new(const struct outfile *out, const char *path, const struct format_options *opt, struct outputs_change **ret,
+		       struct err *err)
+{
+	struct outputs_change *c = calloc(1, sizeof(*c));
+	char *name = NULL;
+	int r = 0;
+
+	if (!c || (path && asprintf(&name, "%s" OUTPUTS_CHANGES, path) < 0))
+		r = err_set(err, ERR_NOMEM, "no memory for changes");
+	if (!r && out && !outfile_base(out)) {
+		r = err_set(err, ERR_USAGE, "changes need a file to stand beside: not standard output, a pipe or a device");
+		err_add_file(err, outfile_name(out));
+		err_add_hint(err, "give a file, as in -o new.ply");
+	}
+	if (!r) {
+		c->opt = *opt;
+		r = name ? outfile_new(name, opt->no_clobber, &c->out, err) : 0;
+	}
+	free(name);
+	if (r) {
+		outputs_change_free(c);
+		return r;
+	}
+	*ret = c;
+	return 0;
+}
+
+struct outputs_change *outputs_change_free(struct outputs_change *c)
+{
+	if (!c)
+		return NULL;
+	outfile_free(c->out);
+	free(c->lattice);
+	free(c->crs);
+	free(c->dataset);
+	free(c);
+	return NULL;
+}
+
+void outputs_change_about(struct outputs_change *c, uint64_t job, const char *dataset, uint64_t generation)
+{
+	free(c->dataset);
+	c->dataset = dataset ? strdup(dataset) : NULL;
+	c->job = job;
+	c->generation = generation;
+}
+
+int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *head, struct err *err)
+{
+	c->head = *head;
+	c->lattice = strdup(head->lattice ? head->lattice : "");
+	c->crs = strdup(head->crs ? head->crs : "");
+	if (!c->lattice || !c->crs)
+		return err_set(err, ERR_NOMEM, "no memory for changes");
+	snprintf(c->unit_xy, sizeof(c->unit_xy), "%s", head->unit_xy ? head->unit_xy : "");
+	snprintf(c->unit_z, sizeof(c->unit_z), "%s", head->unit_z ? head->unit_z : "");
+	c->head.lattice = c->lattice;
+	c->head.crs = c->crs;
+	c->head.unit_xy = c->unit_xy;
+	c->head.unit_z = c->unit_z;
+	if (!decimal_parse(head->scale_xy, &c->half) || c->half.mantissa <= 0 || c->half.mantissa > INT64_MAX / 5)
+		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
+	c->half.mantissa *= 5;
+	c->half.exponent--;
+	return 0;
+}
+
+/* ---- features ---- */
+
+/* A border, in doubled lattice numbers. */
+static const char *border(const struct outputs_change *c, unsigned side, int64_t n, char buf[DECIMAL_TEXT_SIZE])
+{
+	return decimal_scaled_text(c->half, n + 2 * c->head.k[side & 1], buf);
+}
+
+static int64_t clipped(const struct outputs_change *c, unsigned side, int64_t n)
+{
+	int64_t low = 2 * (int64_t)c->head.box[side & 1], high = 2 * (int64_t)c->head.box[3 + (side & 1)];
+
+	return n < low ? low : n > high ? high : n;
+}
+
+static int feature(struct outputs_change *c, const char *change, const int64_t box[4], uint64_t triangles, const char *digest,
+		   struct err *err)
+{
+	char text[4][DECIMAL_TEXT_SIZE];
+	struct outputs_page p;
+	int r = c->out ? outputs_page_start(&p, err) : 1;
+
+	if (r)
+		return r < 0 ? r : 0;
+	fputs(c->any ? ",\n" : "\n", p.f);
+	c->any = true;
+	fputs("{\"type\":\"Feature\",\"geometry\":", p.f);
+	for (unsigned i = 0; i < 4; i++)
+		border(c, i, clipped(c, i, box[i]), text[i]);
+	outputs_geojson_square(p.f, text[0], text[1], text[2], text[3]);
+	fprintf(p.f, ",\"properties\":{\"change\":\"%s\",\"region\":[", change);
+	for (unsigned i = 0; i < 4; i++)
+		fprintf(p.f, "%s%s", i ? "," : "",
+			box[i] == INT64_MIN || box[i] == INT64_MAX ? "null" : border(c, i, box[i], text[i]));
+	fprintf(p.f, "],\"triangles\":%llu,\"digest\":\"%s\"}}", (unsigned long long)triangles, digest);
+	return outputs_page_end(&p, c->out, err);
+}
+
+int outputs_change_base(struct outputs_change *c, const struct acut_mesh_base *b, struct err *err)
+{
+	const char *const digest[4] = {b->old_digest, b->old_vertex_digest, b->digest, b->vertex_digest};
+	struct outputs_page p;
+	int r;
+
+	for (unsigned i = 0; i < 4; i++)
+		snprintf(c->digest[i], sizeof(c->digest[i]), "%s", digest[i]);
+	c->counts = (struct outputs_changes_counts){.since = b->generation,
+						    .old_job = b->job,
+						    .gone = b->gone,
+						    .gone_triangles = b->gone_triangles,
+						    .kept = b->kept,
+						    .kept_triangles = b->kept_triangles};
+	r = c->out ? outputs_page_start(&p, err) : 1;
+	if (r)
+		return r < 0 ? r : 0;
+	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-changes\",\n", p.f);
+	outputs_geojson_crs(p.f, c->crs);
+	fputs("\"features\":[", p.f);
+	return outputs_page_end(&p, c->out, err);
+}
+
+int outputs_change_gone(struct outputs_change *c, const struct acut_mesh_region *g, struct err *err)
+{
+	return feature(c, "gone", g->box, g->triangles, g->digest, err);
+}
+
+static int close_region(struct outputs_change *c, struct err *err)
+{
+	char digest[DIGEST_HEX_SIZE];
+
+	if (!c->open)
+		return 0;
+	c->open = false;
+	c->counts.new_regions++;
+	c->counts.new_triangles += c->triangles;
+	return feature(c, "new", c->box, c->triangles, digest_hex(c->sum, digest), err);
+}
+
+/* Pieces of one domain follow each other and are one region. */
+int outputs_change_block(struct outputs_change *c, const struct format_block *block, struct err *err)
+{
+	const struct acut_mesh_block *b = block->mesh;
+	int r = c->open && (b->index != c->index || memcmp(b->box, c->box, sizeof(c->box))) ? close_region(c, err) : 0;
+
+	if (!c->open) {
+		c->index = b->index;
+		c->triangles = 0;
+		c->sum = (struct digest){0};
+		memcpy(c->box, b->box, sizeof(c->box));
+	}
+	c->open = true;
+	c->triangles += b->ntriangle;
+	for (uint32_t i = 0; i < b->ntriangle && c->out; i++) {
+		uint64_t place[1][3];
+
+		for (int j = 0; j < 3; j++) {
+			const int32_t *p = block->position[b->triangle[i][j]];
+			place[0][j] = digest_place(p[0], p[1]);
+		}
+		digest_add_triangles(&c->sum, (const uint64_t(*)[3])place, 1, c->head.k);
+	}
+	return r;
+}
+
+int outputs_change_tail(struct outputs_change *c, struct err *err)
+{
+	return close_region(c, err);
+}
+
+static int foot(struct outputs_change *c, struct err *err)
+{
+	const struct outputs_changes_counts *n = &c->counts;
+	struct outputs_page p;
+	int r = outputs_page_start(&p, err);
+
+	if (r)
+		return r;
+	fprintf(p.f, "\n],\n\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)c->job);
+	outputs_geojson_text(p.f, c->dataset);
+	fprintf(p.f, ",\"generation\":%llu,\"since\":%llu,\"old_job\":%llu,", (unsigned long long)c->generation,
+		(unsigned long long)n->since, (unsigned long long)n->old_job);
+	fprintf(p.f,
+		"\"gone\":%llu,\"gone_triangles\":%llu,\"kept\":%llu,\"kept_triangles\":%llu,\"new\":%llu,"
+		"\"new_triangles\":%llu,",
+		(unsigned long long)n->gone, (unsigned long long)n->gone_triangles, (unsigned long long)n->kept,
+		(unsigned long long)n->kept_triangles, (unsigned long long)n->new_regions, (unsigned long long)n->new_triangles);
+	fprintf(p.f, "\"old_digest\":\"%s\",\"old_vertex_digest\":\"%s\",\"digest\":\"%s\",\"vertex_digest\":\"%s\",",
+		c->digest[0], c->digest[1], c->digest[2], c->digest[3]);
+	outputs_geojson_head(p.f, &c->head, &c->opt);
+	fputs("}}\n", p.f);
+	return outputs_page_end(&p, c->out, err);
+}
+
+int outputs_change_publish(struct outputs_change *c, uint64_t *bytes, struct err *err)
+{
+	int r = c->out ? foot(c, err) : 0;
+
+	if (!r && c->out)
+		r = outfile_publish(c->out, err);
+	if (!r && c->out)
+		*bytes += outfile_size(c->out);
+	return r;
+}
+
+const struct outputs_changes_counts *outputs_change_counts(const struct outputs_change *c)
+{
+	return &c->counts;
+}

@@ -1,0 +1,74 @@
+/* See outputs_geojson.h. */
+#include "outputs_geojson.h"
+
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+
+int outputs_page_start(struct outputs_page *p, struct err *err)
+{
+	p->text = NULL;
+	p->f = open_memstream(&p->text, &p->size);
+	return p->f ? 0 : err_set(err, ERR_NOMEM, "no memory for an index");
+}
+
+int outputs_page_end(struct outputs_page *p, struct outfile *to, struct err *err)
+{
+	int r = fclose(p->f) ? err_set(err, ERR_NOMEM, "no memory for an index") : 0;
+
+	for (size_t at = 0; at < p->size && !r; at += 65536)
+		r = outfile_write(to, p->text + at, p->size - at < 65536 ? p->size - at : 65536, err);
+	free(p->text);
+	return r;
+}
+
+void outputs_geojson_text(FILE *f, const char *text)
+{
+	if (!text || !*text) {
+		fputs("null", f);
+		return;
+	}
+	fputc('"', f);
+	for (const unsigned char *at = (const unsigned char *)text; *at; at++) {
+		if (*at == '"' || *at == '\\')
+			fprintf(f, "\\%c", *at);
+		else if (*at < ' ' || *at == 0x7f)
+			fprintf(f, "\\u%04x", *at);
+		else
+			fputc(*at, f);
+	}
+	fputc('"', f);
+}
+
+void outputs_geojson_crs(FILE *f, const char *crs)
+{
+	unsigned n = 0;
+
+	if (!crs || strncmp(crs, "EPSG:", 5))
+		return;
+	for (const char *at = crs + 5; isdigit((unsigned char)*at) && n < 100000000; at++)
+		n = n * 10 + (unsigned)(*at - '0');
+	if (n)
+		fprintf(f, "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::%u\"}},\n", n);
+}
+
+void outputs_geojson_head(FILE *f, const struct acut_mesh_head *h, const struct format_options *opt)
+{
+	fputs("\"lattice\":", f);
+	outputs_geojson_text(f, h->lattice);
+	fputs(",\"crs\":", f);
+	outputs_geojson_text(f, h->crs);
+	fputs(",\"units\":[", f);
+	outputs_geojson_text(f, h->unit_xy);
+	fputc(',', f);
+	outputs_geojson_text(f, opt->z_unit ? opt->z_unit : h->unit_z);
+	fputc(']', f);
+}
+
+void outputs_geojson_square(FILE *f, const char *x0, const char *y0, const char *x1, const char *y1)
+{
+	fprintf(f, "{\"type\":\"Polygon\",\"coordinates\":[[[%s,%s],[%s,%s],[%s,%s],[%s,%s],[%s,%s]]]}", x0, y0, x1, y0, x1, y1,
+		x0, y1, x0, y0);
+}

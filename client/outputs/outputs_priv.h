@@ -1,0 +1,122 @@
+/* Shared by the files of this room: outputs (outputs.c, outputs_keep.c), and the steps between the stream and the writers. */
+#ifndef OUTPUTS_PRIV_H
+#define OUTPUTS_PRIV_H
+
+#include "err.h"
+#include "outfile.h"
+#include "outputs.h"
+
+struct outputs_change;
+struct outputs_tiles;
+
+/* ---- positions of open vertices: outputs_front.c ---- */
+
+struct outputs_front {
+	struct outputs_front_slot {
+		uint64_t number;
+		int32_t at[3];
+		uint32_t used;
+	} * slot;
+	size_t size, used;      /* size a power of two */
+	int32_t (*position)[3]; /* of the current block */
+	size_t room;
+};
+/* Positions of all local vertices of the block; afterwards the table holds what later blocks may use. */
+int outputs_front_block(struct outputs_front *, const struct acut_mesh_block *, const int32_t (**ret)[3], struct err *err);
+void outputs_front_done(struct outputs_front *);
+enum { OUTPUTS_FRONT_SAVED = 20 }; /* bytes a vertex, and 8 */
+void outputs_front_save(const struct outputs_front *, struct packer *);
+/* Into an empty one. -ERR_NOMEM; the cursor is bad where it is damaged. */
+int outputs_front_load(struct outputs_front *, struct cursor *, struct err *err);
+
+/* ---- --max-edge and edge statistics: outputs_edge.c ---- */
+
+#define OUTPUTS_EDGE_BUCKETS (70 * 16)
+struct outputs_edge {
+	bool limited, none_longer; /* none_longer: the limit is beyond every edge */
+	unsigned __int128 limit;   /* squared lattice length: longer edges are left out */
+	bool gather;
+	double scale;
+	char unit[16]; /* of x and y */
+	uint64_t left_out;
+	unsigned __int128 left_out_area2;             /* twice the area, lattice units */
+	double longest;                               /* squared, lattice units */
+	uint64_t count, bucket[OUTPUTS_EDGE_BUCKETS]; /* of the squared length, 16 from one power of two to the next */
+	double area[OUTPUTS_EDGE_BUCKETS];            /* of triangles, lattice units, by their longest edge */
+	uint32_t (*triangle)[3];
+	size_t room;
+};
+/* limit * num / den / scale as p / q in lowest terms; false if it does not fit 64 bits. */
+bool outputs_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q);
+int outputs_edge_init(struct outputs_edge *, const struct acut_mesh_head *, const struct outputs_options *, struct err *err);
+/* *ret is the block without the triangles left out; it points into the filter and the block. */
+int outputs_edge_block(struct outputs_edge *, const struct acut_mesh_block *, const int32_t (*position)[3],
+		       struct acut_mesh_block *ret, struct err *err);
+double outputs_edge_median(const struct outputs_edge *);
+double outputs_edge_longest(const struct outputs_edge *);
+/* The part of the area of all triangles that is in triangles with an edge longer than `length` (file units): 0 to 1. */
+double outputs_edge_share(const struct outputs_edge *, double length);
+double outputs_edge_area(const struct outputs_edge *);
+void outputs_edge_done(struct outputs_edge *);
+void outputs_edge_save(const struct outputs_edge *, struct packer *); /* what was counted */
+void outputs_edge_load(struct outputs_edge *, struct cursor *);
+void outputs_edge_load_1(struct outputs_edge *, struct cursor *);
+
+/* ---- external sort of small records of 64-bit words: outputs_sort.c ---- */
+
+struct outputs_sort;
+/* Records of `words` words; the first `keys` of them are the order. At most `memory` bytes. */
+int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct outputs_sort **ret,
+		     struct err *err);
+int outputs_sort_add(struct outputs_sort *, const uint64_t *record, struct err *err);
+int outputs_sort_start(struct outputs_sort *, struct err *err);
+/* *ret: the next record, valid until the next call; NULL at the end. */
+int outputs_sort_next(struct outputs_sort *, const uint64_t **ret, struct err *err);
+struct outputs_sort *outputs_sort_free(struct outputs_sort *);
+
+/* ---- --canonical: outputs_canonical.c ---- */
+
+struct outputs_canonical;
+int outputs_canonical_new(const struct format *, void *writer, const struct outfile *beside, uint64_t memory,
+			  struct outputs_canonical **ret, struct err *err);
+/* Vertices come once for each triangle that has them, and are written once. */
+void outputs_canonical_merge(struct outputs_canonical *);
+int outputs_canonical_block(struct outputs_canonical *, const struct format_block *, struct err *err);
+/* Sends everything to the writer, in order, as blocks; the caller finishes the writer. */
+int outputs_canonical_finish(struct outputs_canonical *, struct err *err);
+struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *);
+
+/* ---- outputs ---- */
+
+struct outputs_target {
+	const struct format *format;
+	struct format_options opt;
+	struct outfile *out;
+	void *writer;
+	struct outputs_canonical *canonical;
+	struct outputs_target *next;
+};
+
+struct outputs {
+	struct outputs_options opt;
+	struct outputs_target *target, **end;
+	bool positions;                /* an output needs them; so does the gathering of edges */
+	struct outputs_change *change; /* NULL: the stream is of a mesh */
+	struct outputs_tiles *tiles;   /* NULL: one file an output */
+	bool finished;
+	struct outputs_front front;
+	struct outputs_edge edge;
+	struct err err;
+	uint64_t bytes;
+	struct outputs_kept *kept; /* NULL: nothing is */
+};
+
+/* outputs_keep.c: called in place of the heads of the writers if outputs are continued. */
+bool outputs_keep_goes_on(const struct outputs *);
+int outputs_keep_head(struct outputs *, const struct acut_mesh_head *, struct err *err);
+/* All outputs have their names. */
+void outputs_keep_done(struct outputs *);
+void outputs_keep_discard(struct outputs *); /* a run that ends with nothing to go on with leaves nothing */
+struct outputs_kept *outputs_keep_free(struct outputs_kept *);
+
+#endif

@@ -1,0 +1,61 @@
+/* Tiles, for the files that work on them: triangles into tiles (outputs_tile.c), a file a tile (outputs_tile_make.c),
+ * the index (outputs_tile_index.c), the folder (outfile_folder.c). */
+#ifndef OUTPUTS_TILE_H
+#define OUTPUTS_TILE_H
+
+#include "digest.h"
+#include "outputs_priv.h"
+
+struct outputs_tile {
+	uint64_t number; /* row << 32 | column, from the first ones of the box */
+	uint64_t triangles, vertices, bytes;
+	int32_t box[6]; /* of the vertices of its triangles */
+	struct digest digest, vertex_digest;
+};
+
+struct outputs_tiles {
+	const struct format *format;
+	struct format_options opt;
+	struct outputs_options run;
+	struct decimal size; /* exponent not above 0 */
+	struct outfile_folder *place;
+	struct outfile *index;
+	struct outputs_sort *sort;  /* the triangles, by tile */
+	struct acut_mesh_head head; /* its texts are this object's */
+	char *text[8];
+	unsigned ntext;
+	struct acut_mesh_tail tail;
+	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	uint64_t p, q;             /* side of a tile over the lattice's scale */
+	int64_t first[2];          /* numbers of the first column and row */
+	uint64_t count[2];         /* columns and rows that the box has */
+	struct outputs_tile *tile; /* those with triangles: as they came, then by number */
+	size_t ntile;
+	uint32_t *slot; /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
+	size_t nslot;
+	uint64_t job, generation;
+	char *dataset;
+};
+
+int outputs_tiles_new(const char *dir, const struct format *, const struct format_options *, const struct outputs_options *,
+		      struct outputs_tiles **ret, struct err *err);
+int outputs_tiles_head(struct outputs_tiles *, const struct acut_mesh_head *, struct err *err);
+int outputs_tiles_block(struct outputs_tiles *, const struct format_block *, struct err *err);
+int outputs_tiles_tail(struct outputs_tiles *, const struct acut_mesh_tail *, struct err *err);
+void outputs_tiles_about(struct outputs_tiles *, uint64_t job, const char *dataset, uint64_t generation);
+/* Makes all tiles and the index and moves them to their places. *bytes grows by theirs. */
+int outputs_tiles_publish(struct outputs_tiles *, uint64_t left_out, uint64_t *bytes, struct err *err);
+uint64_t outputs_tiles_count(const struct outputs_tiles *); /* with triangles */
+struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *);
+
+const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME]);
+void outputs_tiles_order(struct outputs_tiles *); /* when all triangles have come: the tiles by number, row by row */
+void outputs_tiles_number(const struct outputs_tiles *, size_t i, int64_t ret[2]);
+/* outputs_tile_make.c: a file for each, in the inner folder. */
+int outputs_tiles_make(struct outputs_tiles *, struct err *err);
+/* outputs_tile_index.c */
+int outputs_tiles_index(struct outputs_tiles *, uint64_t left_out, struct err *err);
+
+enum { OUTPUTS_TILE_WORDS = 6 }; /* of a record: tile, three corners, heights 0 and 1, height 2 */
+
+#endif

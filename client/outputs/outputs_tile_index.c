@@ -1,0 +1,97 @@
+/*
+ * index.geojson: a feature for each tile.
+ *
+ * Geometries are the squares of the grid in the plane of the dataset, exact decimals, not projected. GeoJSON means degrees by
+ * its standard, so the system is named, in the old member "crs" if it has an EPSG number (which readers of files look for),
+ * and as text. Each feature has the box of its vertices, since triangles cross the border of a tile.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "outputs_geojson.h"
+#include "outputs_tile.h"
+#include "format_axis.h"
+
+static void put_origin(FILE *f, const struct outputs_tiles *t)
+{
+	char text[FORMAT_COMMENT], x[64], y[64], z[64];
+
+	if (sscanf(format_axis_origin(&t->head, &t->opt, text, sizeof(text)), "acut-origin %63s %63s %63s", x, y, z) == 3)
+		fprintf(f, "[%s,%s,%s]", x, y, z);
+	else
+		fputs("null", f);
+}
+
+static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
+{
+	const struct acut_mesh_head *h = &t->head;
+	char size[DECIMAL_TEXT_SIZE];
+
+	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-tiles\",\n", f);
+	outputs_geojson_crs(f, h->crs);
+	fprintf(f, "\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)t->job);
+	outputs_geojson_text(f, t->dataset);
+	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,\"left_out\":%llu,",
+		(unsigned long long)t->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
+		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
+	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
+	outputs_geojson_head(f, h, &t->opt);
+	fputs(",\"origin\":", f);
+	put_origin(f, t);
+	fputs("},\n\"features\":[", f);
+}
+
+static void put_square(FILE *f, const struct outputs_tiles *t, const int64_t at[2])
+{
+	char x[2][DECIMAL_TEXT_SIZE], y[2][DECIMAL_TEXT_SIZE];
+
+	for (int i = 0; i < 2; i++) {
+		decimal_scaled_text(t->size, at[0] + i, x[i]);
+		decimal_scaled_text(t->size, at[1] + i, y[i]);
+	}
+	outputs_geojson_square(f, x[0], y[0], x[1], y[1]);
+}
+
+static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
+{
+	const struct outputs_tile *tile = &t->tile[i];
+	char name[OUTFILE_NAME], hex[DIGEST_HEX_SIZE], number[DECIMAL_TEXT_SIZE];
+	int64_t at[2];
+
+	outputs_tiles_number(t, i, at);
+	fputs("\n{\"type\":\"Feature\",\"geometry\":", f);
+	put_square(f, t, at);
+	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[", outputs_tiles_name(t, i, name),
+		(long long)at[0], (long long)at[1]);
+	for (int k = 0; k < 6; k++)
+		fprintf(f, "%s%s", k ? "," : "", acut_coordinate_text(&t->head, k % 3, tile->box[k], number));
+	fprintf(f, "],\"vertices\":%llu,\"triangles\":%llu,\"bytes\":%llu,\"digest\":\"%s\"", (unsigned long long)tile->vertices,
+		(unsigned long long)tile->triangles, (unsigned long long)tile->bytes, digest_hex(tile->digest, hex));
+	fprintf(f, ",\"vertex_digest\":\"%s\",\"job\":%llu,\"generation\":%llu}}", digest_hex(tile->vertex_digest, hex),
+		(unsigned long long)t->job, (unsigned long long)t->generation);
+}
+
+int outputs_tiles_index(struct outputs_tiles *t, uint64_t left_out, struct err *err)
+{
+	struct outputs_page p;
+	bool first = true;
+	int r = outputs_page_start(&p, err);
+
+	if (!r) {
+		put_head(p.f, t, left_out);
+		r = outputs_page_end(&p, t->index, err);
+	}
+	for (size_t i = 0; i < t->ntile && !r; i++) {
+		r = outputs_page_start(&p, err);
+		if (r)
+			break;
+		if (!first)
+			fputc(',', p.f);
+		first = false;
+		put_tile(p.f, t, i);
+		r = outputs_page_end(&p, t->index, err);
+	}
+	return r ? r : outfile_write(t->index, "\n]}\n", 4, err);
+}

@@ -1,0 +1,49 @@
+/* Reports on jobs, pushes and files, for people and as JSON. */
+#ifndef CTL_REPORT_H
+#define CTL_REPORT_H
+
+#include "ctl_stage.h"
+
+/* ---- parts of JSON objects ---- */
+
+/* lattice as an object, null if the text is not one */
+void ctl_report_lattice(struct term_json *, const char *lattice);
+void ctl_report_units(struct term_json *, const char *crs, const char *unit_xy, const char *unit_z);
+/* The keys of a report, from "points" to "most"; all null without one. */
+void ctl_report_mesh(struct term_json *, const struct acut_report * /* or NULL */);
+/* The position that most points share, as "most". */
+void ctl_report_most(struct term_json *, uint64_t points, const double at[2]);
+/* "notes": the sentences of a report, none without one. */
+void ctl_report_notes(struct term_json *, const struct acut_report * /* or NULL */);
+/* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
+void ctl_report_heights_json(struct term_json *, const struct ctl_staged *, const struct ctl_staged_file *);
+
+/* ---- jobs ---- */
+
+void ctl_report_job(struct console *, const struct acut_job *); /* a line, or as JSON */
+void ctl_report_job_json(struct console *, const struct acut_job *);
+/* Exit status of a job that is over; prints why it failed. */
+int ctl_report_job_status(struct session *, const struct acut_job *);
+/* "12 of 340 domains made", or "340 domains". Returns buf. */
+char *ctl_report_domains(const struct acut_report *, char *buf, size_t size);
+/* Whether so many points at one position, of all at so many positions, are worth a word. */
+bool ctl_report_crowded(uint64_t at_one, uint64_t points, uint64_t positions);
+/* A warning of many points at one position, where that is worth it. */
+void ctl_report_warn_crowded(struct console *, const struct acut_report *);
+
+/* ---- pushes ---- */
+
+/* Each file and the sum. moved_to: where each file is now, NULL where it was; NULL itself: of a push, which moves nothing. Prints
+ * its failure; exit status. */
+int ctl_report_push(struct session *, const struct ctl_staged *, const char *const *moved_to);
+/* Shifted heights, and inputs whose records were overridden. */
+void ctl_report_heights(struct console *, const struct ctl_staged *);
+void ctl_report_overridden(struct console *, const struct ctl_staged * /* or NULL */);
+
+/* ---- the records of a file ---- */
+
+void ctl_report_inspected(struct console *, const struct acut_inspected *);
+/* Its keys; NULL: the records were not read, so all are null. */
+void ctl_report_inspected_json(struct term_json *, const struct acut_inspected *);
+
+#endif

@@ -1,0 +1,202 @@
+/*
+ * Areas of --crop and --polygon (ctl_area.h): reading the file, and writing its polygons as a view has them: every corner as
+ * whole numbers of one power of ten, as a step from the corner before. Nothing is rounded here: the daemon
+ * rounds to the lattice of the dataset.
+ */
+#include "ctl_area.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "area_code.h"
+#include "err.h"
+
+enum { FILE_MOST = 64 << 20, EXPONENT_MOST = 40 };
+
+static int no_memory(struct err *err)
+{
+	return err_set(err, ERR_NOMEM, "no memory for an area");
+}
+
+int ctl_area_ring(struct ctl_area *a, bool shell, struct err *err)
+{
+	if (a->nring == a->rings_room) {
+		size_t room = a->rings_room ? 2 * a->rings_room : 16;
+		void *more = realloc(a->ring, room * sizeof(*a->ring));
+
+		if (!more)
+			return no_memory(err);
+		a->ring = more;
+		a->rings_room = room;
+	}
+	a->ring[a->nring++] = (struct ctl_area_ring){a->ncorner, shell};
+	return 0;
+}
+
+int ctl_area_corner(struct ctl_area *a, struct decimal x, struct decimal y, struct err *err)
+{
+	if (a->ncorner == a->corners_room) {
+		size_t room = a->corners_room ? 2 * a->corners_room : 256;
+		void *more = realloc(a->corner, room * sizeof(*a->corner));
+
+		if (!more)
+			return no_memory(err);
+		a->corner = more;
+		a->corners_room = room;
+	}
+	a->corner[a->ncorner][0] = x;
+	a->corner[a->ncorner++][1] = y;
+	return 0;
+}
+
+void ctl_area_done(struct ctl_area *a)
+{
+	free(a->ring);
+	free(a->corner);
+	*a = (struct ctl_area){0};
+}
+
+/* ---- the file ---- */
+
+static int read_text(const char *file, char **ret, size_t *ret_size, struct err *err)
+{
+	int fd = open(file, O_RDONLY | O_CLOEXEC);
+	struct stat st;
+	size_t got = 0;
+	ssize_t n = 1;
+	char *text;
+
+	if (fd < 0 || fstat(fd, &st)) {
+		err_sys(err, errno, "the area cannot be read");
+		if (fd >= 0)
+			close(fd);
+		return err_add_hint(err, "an area is X1,Y1,X2,Y2 or a file of GeoJSON or WKT");
+	}
+	if (!S_ISREG(st.st_mode) || st.st_size > FILE_MOST) {
+		close(fd);
+		return err_set(err, ERR_INPUT, "it is not a file of at most %d MiB, so not an area", FILE_MOST >> 20);
+	}
+	text = malloc((size_t)st.st_size + 1);
+	while (text && got < (size_t)st.st_size && (n = read(fd, text + got, (size_t)st.st_size - got)) > 0)
+		got += (size_t)n;
+	if (text && n < 0)
+		err_sys(err, errno, "the area cannot be read");
+	close(fd);
+	if (!text || err->code) {
+		free(text);
+		return err->code ? -(int)err->code : no_memory(err);
+	}
+	text[got] = '\0';
+	*ret = text;
+	*ret_size = got;
+	return 0;
+}
+
+int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err)
+{
+	struct ctl_area a = {0};
+	char *text = NULL, *start;
+	size_t size = 0;
+	int r = read_text(file, &text, &size, err);
+
+	if (r)
+		goto out;
+	start = text + (size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0);
+	start += strspn(start, " \t\r\n");
+	if (*start == '{')
+		r = ctl_area_json(text, size, &a, err);
+	else
+		r = ctl_area_wkt(text, size, &a, err);
+	if (!r && !a.ncorner) {
+		r = err_set(err, ERR_INPUT, "there is no polygon in it");
+		err_add_hint(err, "an area is made of polygons and multipolygons");
+	}
+	free(text);
+out:
+	if (r) {
+		ctl_area_done(&a);
+		return err_add_file(err, file);
+	}
+	*ret = a;
+	return 0;
+}
+
+/* ---- the text ---- */
+
+/* The largest power of ten that all corners are whole numbers of; 0 is one of any. */
+static int32_t common_exponent(const struct ctl_area *a)
+{
+	int32_t e = EXPONENT_MOST;
+
+	for (size_t i = 0; i < a->ncorner; i++)
+		for (int k = 0; k < 2; k++)
+			if (a->corner[i][k].mantissa && a->corner[i][k].exponent < e)
+				e = a->corner[i][k].exponent;
+	return e;
+}
+
+static bool whole(struct decimal d, int32_t exponent, __int128 *ret)
+{
+	__int128 v = d.mantissa;
+
+	for (int32_t e = d.exponent; v && e > exponent; e--)
+		if (__builtin_mul_overflow(v, (__int128)10, &v))
+			return false;
+	*ret = v;
+	return v <= AREA_CODE_MOST / 4 && v >= -(AREA_CODE_MOST / 4);
+}
+
+static int corner_is_wild(const struct ctl_area *a, size_t i, struct err *err)
+{
+	char x[DECIMAL_TEXT_SIZE], y[DECIMAL_TEXT_SIZE];
+
+	err_set(err, ERR_INPUT, "the corner %s %s and the others have no common unit to be kept exactly in",
+		decimal_text(a->corner[i][0], x), decimal_text(a->corner[i][1], y));
+	return err_add_hint(err, "give all corners with about the same digits after the point");
+}
+
+/* The last corner of a ring usually repeats the first one, and is left out then. */
+static size_t ring_end(const struct ctl_area *a, size_t r)
+{
+	size_t first = a->ring[r].first, end = r + 1 < a->nring ? a->ring[r + 1].first : a->ncorner;
+	const struct decimal *from, *to;
+
+	if (end - first < 2) /* GeoJSON can have a ring without corners, and an area of such rings only has none to point at */
+		return end;
+	from = a->corner[first];
+	to = a->corner[end - 1];
+	return !decimal_compare(from[0], to[0]) && !decimal_compare(from[1], to[1]) ? end - 1 : end;
+}
+
+int ctl_area_print(const struct ctl_area *a, FILE *out, struct err *err)
+{
+	int32_t exponent = common_exponent(a);
+	__int128 at[2] = {0, 0}, to[2];
+	char code[2 * AREA_CODE_SIZE];
+	size_t bytes = 0;
+
+	fprintf(out, "area@%d:", (int)exponent);
+	for (size_t r = 0; r < a->nring; r++) {
+		fputc(a->ring[r].shell ? '+' : '-', out);
+		for (size_t i = a->ring[r].first; i < ring_end(a, r); i++) {
+			size_t n;
+
+			if (exponent < -EXPONENT_MOST || !whole(a->corner[i][0], exponent, &to[0]) ||
+			    !whole(a->corner[i][1], exponent, &to[1]))
+				return corner_is_wild(a, i, err);
+			n = area_code_put(to[0] - at[0], code);
+			n += area_code_put(to[1] - at[1], code + n);
+			bytes += fwrite(code, 1, n, out);
+			memcpy(at, to, sizeof(at));
+		}
+	}
+	if (bytes + a->nring <= AREA_TEXT_MAX - 512)
+		return 0;
+	err_set(err, ERR_LIMIT, "the area has %zu corners, too many for one view (%zu bytes of %d)", a->ncorner, bytes + a->nring,
+		AREA_TEXT_MAX - 512);
+	return err_add_hint(err, "simplify it (ogr2ogr -simplify), or give fewer digits after the point");
+}

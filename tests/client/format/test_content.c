@@ -1,0 +1,732 @@
+/*
+ * What the writers write: read back by code of its own and held against the mesh that went in.
+ */
+#include <fcntl.h>
+#include <inttypes.h>
+#include <math.h>
+#include <png.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "format_axis.h"
+#include "format_digits.h"
+#include "format_raster.h"
+#include "meshes.h"
+#include "outfile.h"
+#include "outputs_priv.h"
+
+static char dir[] = "/tmp/acut-content-XXXXXX";
+static char out[512];
+
+static const struct meshes_spec grid = {.columns = 50,
+					.rows = 33,
+					.strip = 5,
+					.x0 = -7000,
+					.y0 = 123,
+					.step = 100,
+					.slope_x = 10,
+					.slope_y = -7,
+					.scale_xy = "0.01",
+					.scale_z = "0.001",
+					.k = {50000000, 400000000, -12}};
+
+static int write_as(const char *name, const struct meshes *m, const struct format_options *opt,
+		    const struct outputs_options *ropt, struct outputs_report *report, struct err *err)
+{
+	const struct outputs_options plain = {0};
+	struct outputs *run = NULL;
+	struct acut_mesh_sink sink;
+	int r = outputs_new(ropt ? ropt : &plain, &run, err);
+
+	snprintf(out, sizeof(out), "%s/out.%s", dir, name);
+	if (!r)
+		r = outputs_add(run, out, format_find(name), opt, err);
+	if (!r) {
+		sink = outputs_sink(run);
+		r = meshes_send(m, &sink, SIZE_MAX);
+		if (r)
+			*err = *outputs_error(run);
+		else
+			r = outputs_publish(run, err);
+	}
+	if (!r && report)
+		outputs_report(run, report);
+	outputs_free(run);
+	return r;
+}
+
+static char *slurp(size_t *ret_size)
+{
+	FILE *f = fopen(out, "rb");
+	struct stat st;
+	char *text;
+
+	assert_non_null(f);
+	fstat(fileno(f), &st);
+	text = calloc(1, (size_t)st.st_size + 1);
+	assert_int_equal(fread(text, 1, (size_t)st.st_size, f), st.st_size);
+	fclose(f);
+	*ret_size = (size_t)st.st_size;
+	return text;
+}
+
+struct ply {
+	char *text;
+	uint64_t nvertex, nface;
+	const double *v;
+	const uint8_t *f;
+};
+
+static struct ply read_ply(void)
+{
+	struct ply p;
+	size_t size, header;
+	const char *at;
+	double *v;
+
+	p.text = slurp(&size);
+	assert_memory_equal(p.text, "ply\nformat binary_little_endian 1.0\n", 36);
+	at = strstr(p.text, "element vertex ");
+	assert_non_null(at);
+	p.nvertex = strtoull(at + 15, NULL, 10);
+	at = strstr(p.text, "element face ");
+	p.nface = strtoull(at + 13, NULL, 10);
+	at = strstr(at, "property list uchar int vertex_indices\n");
+	assert_non_null(at);
+	at = strstr(at, "\nend_header\n");
+	assert_non_null(at);
+	header = (size_t)(at + 12 - p.text);
+	assert_int_equal(size, header + p.nvertex * 24 + p.nface * 13);
+	v = malloc(p.nvertex * 24 + 1);
+	memcpy(v, p.text + header, p.nvertex * 24);
+	p.v = v;
+	p.f = (const uint8_t *)p.text + header + p.nvertex * 24;
+	return p;
+}
+
+static void done_ply(struct ply *p)
+{
+	free((void *)p->v);
+	free(p->text);
+}
+
+/* Every vertex and face of the mesh, in the order of the stream. */
+static void test_ply(void **state)
+{
+	const struct format_options opt = {0};
+	struct meshes m;
+	struct ply p;
+	struct err err = ERR_INIT;
+	uint64_t v = 0, f = 0;
+
+	meshes_make(&m, &grid);
+	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
+	p = read_ply();
+	assert_int_equal(p.nvertex, m.tail.vertices);
+	assert_int_equal(p.nface, m.tail.triangles);
+	for (size_t i = 0; i < m.nblock; i++) {
+		const struct acut_mesh_block *b = &m.block[i];
+		for (uint32_t j = 0; j < b->nnew; j++, v++) {
+			assert_true(p.v[3 * v] == (b->vertex[j][0] + 50000000) / 100.0);
+			assert_true(p.v[3 * v + 1] == (b->vertex[j][1] + 400000000) / 100.0);
+			assert_true(p.v[3 * v + 2] == (b->vertex[j][2] - 12) / 1000.0);
+		}
+		for (uint32_t j = 0; j < b->ntriangle; j++, f++) {
+			assert_int_equal(p.f[13 * f], 3);
+			for (int c = 0; c < 3; c++) {
+				uint32_t l = b->triangle[j][c];
+				int32_t got;
+				memcpy(&got, p.f + 13 * f + 1 + 4 * c, 4);
+				assert_int_equal(got, l < b->nforeign ? b->foreign[l] : b->first + l - b->nforeign);
+			}
+		}
+	}
+	assert_non_null(strstr(p.text, "comment acut-lattice 0.01 0.001 50000000 400000000 -12\n"));
+	assert_non_null(strstr(p.text, "comment acut-crs EPSG:26910 second line\n"));
+	assert_non_null(strstr(p.text, "comment acut-units metre metre\n"));
+	assert_non_null(strstr(p.text, "comment acut-digest 0123456789abcdef0123456789abcdef "
+				       "fedcba9876543210fedcba9876543210\n"));
+	done_ply(&p);
+	meshes_done(&m);
+}
+
+/* OBJ and PLY say the same; OBJ's decimals are exact. */
+static void test_obj(void **state)
+{
+	const struct format_options opt = {0};
+	struct meshes m;
+	struct err err = ERR_INIT;
+	size_t size;
+	char *text, *line, *rest;
+	uint64_t v = 0, f = 0;
+
+	meshes_make(&m, &grid);
+	assert_int_equal(write_as("obj", &m, &opt, NULL, NULL, &err), 0);
+	text = slurp(&size);
+	assert_non_null(strstr(text, "\nv 499930.00 4000001.23 -0.012\n"));
+	for (line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
+		unsigned a, b, c;
+		v += line[0] == 'v';
+		if (line[0] == 'f') {
+			assert_int_equal(sscanf(line, "f %u %u %u", &a, &b, &c), 3);
+			assert_true(a && b && c && a <= v && b <= v && c <= v);
+			f++;
+		}
+	}
+	assert_int_equal(v, m.tail.vertices);
+	assert_int_equal(f, m.tail.triangles);
+	free(text);
+	meshes_done(&m);
+}
+
+/* Two orders of one mesh give the same bytes, whether the sort fits its memory or not. */
+static void test_canonical(void **state)
+{
+	const char *const name[] = {"ply", "obj"};
+	const struct format_options opt = {.canonical = true};
+
+	for (int n = 0; n < 2; n++) {
+		char *first = NULL;
+		size_t first_size = 0;
+
+		for (int i = 0; i < 4; i++) {
+			const struct outputs_options ropt = {.sort_memory = i & 2 ? 200000 : 0};
+			struct meshes_spec spec = grid;
+			struct meshes m;
+			struct err err = ERR_INIT;
+			size_t size;
+			char *text;
+
+			spec.columns = 170;
+			spec.rows = 90;
+			spec.shuffle = i & 1;
+			spec.strip = i & 1 ? 11 : 4;
+			meshes_make(&m, &spec);
+			assert_int_equal(write_as(name[n], &m, &opt, &ropt, NULL, &err), 0);
+			text = slurp(&size);
+			if (!first) {
+				first = text;
+				first_size = size;
+			} else {
+				assert_int_equal(size, first_size);
+				assert_memory_equal(text, first, size);
+				free(text);
+			}
+			meshes_done(&m);
+		}
+		free(first);
+	}
+}
+
+/* Vertices by (x, y); triangles start at their smallest number, sorted, still counter-clockwise. */
+static void test_canonical_order(void **state)
+{
+	const struct format_options opt = {.canonical = true};
+	const struct outputs_options ropt = {.sort_memory = 200000};
+	struct meshes_spec spec = grid;
+	struct meshes m;
+	struct err err = ERR_INIT;
+	struct ply p;
+	uint32_t before[3] = {0, 0, 0};
+
+	spec.shuffle = 1;
+	spec.columns = 200;
+	spec.rows = 150;
+	meshes_make(&m, &spec);
+	assert_int_equal(write_as("ply", &m, &opt, &ropt, NULL, &err), 0);
+	p = read_ply();
+	assert_int_equal(p.nvertex, m.tail.vertices);
+	assert_int_equal(p.nface, m.tail.triangles);
+	for (uint64_t i = 1; i < p.nvertex; i++) {
+		const double *a = p.v + 3 * (i - 1), *b = a + 3;
+		assert_true(a[0] < b[0] || (a[0] == b[0] && a[1] < b[1]));
+	}
+	for (uint64_t i = 0; i < p.nface; i++) {
+		uint32_t t[3];
+		const double *a, *b, *c;
+		memcpy(t, p.f + 13 * i + 1, 12);
+		assert_true(t[0] < t[1] && t[0] < t[2]);
+		if (i) {
+			assert_true(memcmp(t, before, 12));
+			assert_true(t[0] > before[0] ||
+				    (t[0] == before[0] && (t[1] > before[1] || (t[1] == before[1] && t[2] > before[2]))));
+		}
+		memcpy(before, t, 12);
+		a = p.v + 3 * t[0], b = p.v + 3 * t[1], c = p.v + 3 * t[2];
+		assert_true((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0);
+	}
+	done_ply(&p);
+	meshes_done(&m);
+}
+
+/* Positions on a line: their vertices, in order, and no face. */
+static void test_line(void **state)
+{
+	const struct outputs_options ropt = {.edges = true};
+	struct meshes_spec spec = {.columns = 1,
+				   .rows = 300,
+				   .strip = 299,
+				   .x0 = 5,
+				   .y0 = -9,
+				   .step = 700,
+				   .slope_y = 1,
+				   .scale_xy = "0.01",
+				   .scale_z = "1"};
+	struct outputs_report report;
+	struct meshes m;
+	struct err err = ERR_INIT;
+
+	meshes_make(&m, &spec);
+	for (unsigned canonical = 0; canonical < 2; canonical++) {
+		const struct format_options opt = {.canonical = canonical};
+		struct ply p;
+
+		assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+		assert_true(report.median_edge == 0 && report.longest_edge == 0 && report.long_share == 0);
+		p = read_ply();
+		assert_int_equal(p.nvertex, 300);
+		assert_int_equal(p.nface, 0);
+		assert_true(p.v[0] == 0.05 && p.v[3 * 299 + 1] == 299 * 7 - 0.09 && p.v[3 * 299 + 2] == 299);
+		done_ply(&p);
+	}
+	meshes_done(&m);
+}
+
+/* One vertex far from a grid of 3.00: its triangles are most of the area, and only then. A stream may say two of one position. */
+static void test_long_share(void **state)
+{
+	const struct format_options opt = {0};
+	const struct outputs_options ropt = {.edges = true};
+	static const struct {
+		int32_t by;
+		double share;
+	} row[] = {{0, 0}, {-300, 0}, {14000, 0}, {16000, 0.017}, {30000000, 0.96}};
+	struct meshes_spec spec = grid;
+	struct err err = ERR_INIT;
+
+	spec.step = 300;
+	spec.strip = spec.rows - 1;
+	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
+		struct outputs_report report;
+		struct meshes m;
+
+		meshes_make(&m, &spec);
+		((int32_t(*)[3])(uintptr_t)m.block[0].vertex)[spec.columns * spec.rows - 1][0] += row[i].by;
+		assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+		assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
+		assert_true(report.long_share >= row[i].share && report.long_share <= row[i].share + 0.03);
+		assert_true(row[i].share > 0 || report.long_share == 0);
+		meshes_done(&m);
+	}
+}
+
+/* The limit is exact: an edge of just that length stays, a shorter limit by one digit drops it. */
+static void test_max_edge(void **state)
+{
+	const struct format_options opt = {0};
+	struct outputs_options ropt = {.has_max_edge = true, .edges = true};
+	struct meshes_spec spec = grid;
+	struct outputs_report report;
+	struct meshes m;
+	struct err err = ERR_INIT;
+	uint64_t all;
+
+	spec.step = 300; /* squares of 3.00; diagonal sqrt(18) = 4.2426406871... */
+	meshes_make(&m, &spec);
+	all = m.tail.triangles;
+	assert_true(decimal_parse("4.2426406872", &ropt.max_edge));
+	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_int_equal(report.left_out, 0);
+	assert_true(fabs(report.longest_edge - sqrt(18)) < 1e-9);
+	assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
+	assert_true(decimal_parse("4.2426406871", &ropt.max_edge));
+	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_int_equal(report.left_out, all);
+	assert_true(fabs(report.left_out_area - (double)all * 4.5) < 1e-6);
+	assert_true(decimal_parse("1e300", &ropt.max_edge) == false || write_as("ply", &m, &opt, &ropt, &report, &err) == 0);
+	meshes_done(&m);
+	spec.step = 500; /* 5.00 and 7.0710678: rational limits */
+	meshes_make(&m, &spec);
+	assert_true(decimal_parse("8", &ropt.max_edge));
+	assert_int_equal(write_as("obj", &m, &opt, &ropt, &report, &err), 0);
+	assert_int_equal(report.left_out, 0);
+	assert_true(decimal_parse("-1", &ropt.max_edge));
+	assert_int_equal(write_as("obj", &m, &opt, &ropt, &report, &err), -ERR_USAGE);
+	meshes_done(&m);
+}
+
+/* Two triangles with the same hull: only the one with the long edge goes. */
+static void test_max_edge_equal(void **state)
+{
+	static const int32_t v[][3] = {{0, 0, 0}, {300, 0, 0}, {0, 400, 0}, {-4000, 200, 0}};
+	static const uint32_t t[][3] = {{0, 1, 2}, {0, 2, 3}};
+	static const uint8_t final[] = {15};
+	struct acut_mesh_block b = {.nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final};
+	const struct format_options opt = {0};
+	struct outputs_options ropt = {.has_max_edge = true};
+	struct outputs_report report;
+	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
+	struct meshes m;
+	struct err err = ERR_INIT;
+	struct ply p;
+
+	meshes_make(&m, &spec);
+	m.block = &b;
+	m.nblock = 1;
+	assert_true(decimal_parse("5", &ropt.max_edge)); /* the hypotenuse is 5.00 exactly */
+	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_int_equal(report.left_out, 1);
+	assert_true(fabs(report.left_out_area - 80) < 1e-9);
+	p = read_ply();
+	assert_int_equal(p.nvertex, 4);
+	assert_int_equal(p.nface, 1);
+	done_ply(&p);
+	assert_true(decimal_parse("4.999999999", &ropt.max_edge));
+	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_int_equal(report.left_out, 2);
+}
+
+static void test_origin(void **state)
+{
+	struct format_options opt = {.has_origin = true};
+	struct meshes m;
+	struct err err = ERR_INIT;
+	struct ply p;
+
+	meshes_make(&m, &grid);
+	assert_true(decimal_parse("500000.005", &opt.origin[0]));
+	assert_true(decimal_parse("4000000", &opt.origin[1]));
+	assert_true(decimal_parse("-1.5", &opt.origin[2]));
+	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
+	p = read_ply();
+	assert_true(p.v[0] == -70.005);
+	assert_true(p.v[1] == 1.23);
+	assert_true(p.v[2] == 1.488);
+	assert_non_null(strstr(p.text, "comment acut-origin 500000.005 4000000 -1.5\n"));
+	done_ply(&p);
+	opt = (struct format_options){.origin_auto = true};
+	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
+	p = read_ply();
+	/* x from -7000 to -2100, middle -4550; z from -100000 to 100000, middle 0 */
+	assert_true(p.v[0] == -24.5);
+	assert_true(p.v[2] == 0);
+	assert_non_null(strstr(p.text, "comment acut-origin 499954.5 "));
+	done_ply(&p);
+	opt = (struct format_options){.has_origin = true};
+	assert_true(decimal_parse("0.0000000000000000001", &opt.origin[0]));
+	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), -ERR_USAGE);
+	meshes_done(&m);
+}
+
+/* The fast conversion against the slow one, at many scales and ends of the range. */
+static void expect_digits(uint64_t n)
+{
+	char want[32], got[40];
+
+	snprintf(want, sizeof(want), "%" PRIu64, n);
+	*format_digits_put(n, got) = 0;
+	assert_string_equal(got, want);
+	for (int i = 1; i <= 8; i++) {
+		snprintf(want, sizeof(want), "%08" PRIu64, n % 100000000);
+		*format_digits_last((uint32_t)(n % 100000000), i, got) = 0;
+		assert_string_equal(got, want + 8 - i);
+	}
+}
+
+static void test_digits(void **state)
+{
+	uint64_t n = 1;
+
+	for (uint64_t i = 0; i < 100000; i++)
+		expect_digits(i);
+	for (uint64_t power = 1, i = 0; i < 20; i++, power *= 10) {
+		expect_digits(power - 1);
+		expect_digits(power);
+		expect_digits(power + 1);
+	}
+	expect_digits(UINT64_MAX);
+	for (int i = 0; i < 200000; i++) {
+		n = n * 6364136223846793005u + 1442695040888963407u;
+		expect_digits(n >> n % 64);
+	}
+}
+
+static void test_axis(void **state)
+{
+	static const char *const scale[] = {
+		"1", "0.1", "0.01", "0.001", "1e-7", "0.00025", "0.0003048006096", "25", "1e-22", "1e5", "0.333333333333333"};
+	static const int64_t k[] = {0, 1, -1, 6000000000, -123456789012345, 12345678901234567, 4611686018427387904};
+
+	for (unsigned i = 0; i < sizeof(scale) / sizeof(*scale); i++) {
+		for (unsigned j = 0; j < sizeof(k) / sizeof(*k); j++) {
+			struct acut_mesh_head head = {.scale_xy = scale[i], .scale_z = scale[i], .k = {k[j], k[j], k[j]}};
+			const struct format_options opt = {0};
+			struct format_axis axis[3];
+			struct err err = ERR_INIT;
+			struct decimal s;
+
+			assert_true(decimal_parse(scale[i], &s));
+			assert_int_equal(format_axis_init(axis, &head, &opt, &err), 0);
+			for (int n = 0; n < 200; n++) {
+				int32_t x = n == 0 ? INT32_MIN :
+					    n == 1 ? INT32_MAX :
+					    n == 2 ? 0 :
+						     (int32_t)(random() * 2 - RAND_MAX);
+				int32_t v[1][3] = {{x, x, x}};
+				double want = decimal_scaled_double(s, x + k[j]), got[3];
+				char text[FORMAT_COORDINATE * 2], *end;
+
+				assert_true(format_axis_value(&axis[0], x) == want);
+				format_axis_values(axis, (const int32_t(*)[3])v, 1, got);
+				assert_true(got[0] == want && got[2] == want);
+				*format_axis_text(&axis[0], x, text) = 0;
+				assert_true(strtod(text, &end) == want && !*end);
+				assert_true(strlen(text) < FORMAT_COORDINATE);
+			}
+		}
+	}
+}
+
+/* Open vertices under numbers that collide, against a plain list: all are found until they are final. */
+static void test_open(void **state)
+{
+	enum { LIVE = 3000, ROUNDS = 20000 };
+	static uint64_t number[LIVE];
+	struct outputs_front table = {0};
+	size_t live = 0;
+
+	srandom(7);
+	for (int round = 0; round < ROUNDS; round++) {
+		uint64_t foreign[4], used[4];
+		int32_t v[2][3];
+		uint8_t final[1] = {0};
+		struct acut_mesh_block b = {.foreign = foreign, .vertex = (const int32_t(*)[3])v, .final = final, .nnew = 2};
+		const int32_t(*position)[3];
+		struct err err = ERR_INIT;
+
+		b.first = ((uint64_t)random() << 31 | (uint64_t)random()) << 1;
+		for (int i = 0; i < 2; i++)
+			v[i][0] = v[i][1] = v[i][2] = (int32_t)(b.first + (uint64_t)i);
+		for (; b.nforeign < 4 && b.nforeign < live; b.nforeign++) {
+			size_t at = (size_t)random() % live;
+			foreign[b.nforeign] = number[at];
+			used[b.nforeign] = at;
+			number[at] = number[--live]; /* out of the list, so that it is not taken twice */
+			if (live < LIVE / 2 || random() % 2)
+				used[b.nforeign] = UINT64_MAX; /* stays */
+			else
+				final[0] |= (uint8_t)(1u << b.nforeign);
+		}
+		assert_int_equal(outputs_front_block(&table, &b, &position, &err), 0);
+		for (uint32_t i = 0; i < b.nforeign; i++) {
+			assert_int_equal(position[i][2], (int32_t)foreign[i]);
+			if (used[i] == UINT64_MAX)
+				number[live++] = foreign[i];
+		}
+		for (uint64_t i = 0; i < 2 && live < LIVE; i++)
+			number[live++] = b.first + i;
+	}
+	outputs_front_done(&table);
+}
+
+struct image {
+	uint32_t w, h;
+	uint8_t *p;
+};
+
+static struct image read_png(void)
+{
+	png_image im = {.version = PNG_IMAGE_VERSION};
+	struct image r;
+
+	assert_true(png_image_begin_read_from_file(&im, out));
+	im.format = PNG_FORMAT_RGBA;
+	r.p = malloc(PNG_IMAGE_SIZE(im));
+	assert_true(png_image_finish_read(&im, NULL, r.p, 0, NULL));
+	r.w = im.width;
+	r.h = im.height;
+	return r;
+}
+
+/* A rectangle of triangles covers every pixel; a plane has one shade, that of the formula. */
+static void test_png_cover(void **state)
+{
+	static const uint32_t width[] = {1, 7, 48, 333, 800};
+	struct meshes_spec spec = grid;
+
+	spec.scale_z = "0.01";
+	spec.slope_x = 100; /* rises to the east by 45 degrees: away from the light in the north-west */
+	spec.slope_y = 0;
+	for (unsigned i = 0; i < 5; i++) {
+		const struct format_options opt = {.width = width[i]};
+		struct meshes m;
+		struct err err = ERR_INIT;
+		struct image im;
+		int want = (int)lrint(255 * (0.5 + M_SQRT1_2) / sqrt(2));
+
+		meshes_make(&m, &spec);
+		assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
+		im = read_png();
+		assert_int_equal(im.w, width[i]);
+		assert_int_equal(im.h, width[i] < 2 ? 1 : (uint32_t)(3200.0 / 4900 * width[i] + 0.5));
+		for (uint32_t k = 0; k < im.w * im.h; k++) {
+			assert_int_equal(im.p[4 * k + 3], 255);
+			if (width[i] > 1)
+				assert_in_range(im.p[4 * k], (unsigned)want - 1, (unsigned)want + 1);
+		}
+		free(im.p);
+		meshes_done(&m);
+	}
+}
+
+/* Slopes towards and away from the light; level ground. */
+static void test_png_light(void **state)
+{
+	static const struct {
+		int sx, sy, low, high;
+	} row[] = {
+		{0, 0, 180, 181},
+		{100, -100, 245, 255},
+		{-100, 100, 0, 2},
+		{100, 100, 100, 110},
+	};
+
+	for (unsigned i = 0; i < 4; i++) {
+		struct meshes_spec spec = grid;
+		const struct format_options opt = {.width = 100};
+		struct meshes m;
+		struct err err = ERR_INIT;
+		struct image im;
+
+		spec.scale_z = "0.01";
+		spec.slope_x = row[i].sx;
+		spec.slope_y = row[i].sy;
+		meshes_make(&m, &spec);
+		assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
+		im = read_png();
+		assert_in_range(im.p[4 * (im.w * (im.h / 2) + im.w / 2)], row[i].low, row[i].high);
+		free(im.p);
+		meshes_done(&m);
+	}
+}
+
+/* Outside the mesh it is transparent, inside there is no hole: a disc of random triangles round a centre. */
+static void test_png_fan(void **state)
+{
+	enum { N = 997 };
+	static int32_t v[N + 1][3];
+	static uint32_t t[N][3];
+	static uint8_t final[N / 8 + 1];
+	struct acut_mesh_block b = {.nnew = N + 1,
+				    .ntriangle = N,
+				    .vertex = (const int32_t(*)[3])v,
+				    .triangle = (const uint32_t(*)[3])t,
+				    .final = final};
+	const struct format_options opt = {.width = 500};
+	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
+	struct meshes m;
+	struct err err = ERR_INIT;
+	struct image im;
+	const int32_t box[6] = {-1000, -1000, 0, 1000, 1000, 0};
+
+	v[0][0] = v[0][1] = 3;
+	for (int i = 0; i < N; i++) {
+		v[i + 1][0] = (int32_t)lrint(1000 * cos(2 * M_PI * i / N));
+		v[i + 1][1] = (int32_t)lrint(1000 * sin(2 * M_PI * i / N));
+		memcpy(t[i], (uint32_t[3]){0, (uint32_t)i + 1, (uint32_t)(i + 1) % N + 1}, 12);
+	}
+	meshes_make(&m, &spec);
+	m.block = &b;
+	m.nblock = 1;
+	memcpy(m.head.box, box, sizeof(box));
+	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
+	im = read_png();
+	assert_int_equal(im.w, 500);
+	for (uint32_t y = 0; y < im.h; y++) {
+		for (uint32_t x = 0; x < im.w; x++) {
+			double r = hypot(x + 0.5 - 250, y + 0.5 - 250);
+			if (r < 249)
+				assert_int_equal(im.p[4 * (y * im.w + x) + 3], 255);
+			if (r > 251)
+				assert_int_equal(im.p[4 * (y * im.w + x) + 3], 0);
+		}
+	}
+	free(im.p);
+	/* a box that is too wide costs its margins only */
+	m.head.box[3] = 3000;
+	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
+	im = read_png();
+	assert_in_range(im.w, 249, 251);
+	assert_in_range(im.h, 249, 251);
+	free(im.p);
+}
+
+/* Each region has its colour; north is up. */
+static void test_png_domains(void **state)
+{
+	struct meshes_spec spec = grid;
+	struct format_options opt = {.width = 100, .color = FORMAT_DOMAIN};
+	struct meshes m;
+	struct err err = ERR_INIT;
+	struct image im;
+	unsigned colours = 0;
+
+	spec.slope_x = spec.slope_y = 0;
+	meshes_make(&m, &spec);
+	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
+	im = read_png();
+	for (uint32_t y = 1; y < im.h; y++)
+		colours += memcmp(im.p + 4 * im.w * y, im.p + 4 * im.w * (y - 1), 3) != 0;
+	assert_int_equal(colours + 1, m.nblock);
+	free(im.p);
+	meshes_done(&m);
+	spec.slope_y = 50; /* higher to the north: white above, green below */
+	opt.color = FORMAT_ELEVATION;
+	meshes_make(&m, &spec);
+	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
+	im = read_png();
+	assert_true(im.p[0] > im.p[4 * im.w * (im.h - 1)] + 60);
+	free(im.p);
+	meshes_done(&m);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_digits),
+		cmocka_unit_test(test_ply),
+		cmocka_unit_test(test_obj),
+		cmocka_unit_test(test_canonical),
+		cmocka_unit_test(test_canonical_order),
+		cmocka_unit_test(test_line),
+		cmocka_unit_test(test_long_share),
+		cmocka_unit_test(test_max_edge),
+		cmocka_unit_test(test_max_edge_equal),
+		cmocka_unit_test(test_origin),
+		cmocka_unit_test(test_axis),
+		cmocka_unit_test(test_open),
+		cmocka_unit_test(test_png_cover),
+		cmocka_unit_test(test_png_light),
+		cmocka_unit_test(test_png_fan),
+		cmocka_unit_test(test_png_domains),
+	};
+	int failed;
+
+	if (!mkdtemp(dir))
+		return 99;
+	failed = cmocka_run_group_tests(tests, NULL, NULL);
+	unlink(out);
+	for (int i = 0; i < 3; i++) {
+		snprintf(out, sizeof(out), "%s/out.%s", dir, i == 0 ? "ply" : i == 1 ? "obj" : "png");
+		unlink(out);
+	}
+	rmdir(dir);
+	return failed;
+}

@@ -1,0 +1,239 @@
+/* Tiles: the same files whatever the memory, also of a tile that does not fit it; what comes back from the sort is what
+ * went in; the folder is as it was when nothing was published; a stream that does not keep to its own box. */
+#include <dirent.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "outputs.h"
+#include "meshes.h"
+
+static char dir[] = "/tmp/acut-tiles-XXXXXX";
+
+static const struct meshes_spec many = {.columns = 60,
+					.rows = 41,
+					.strip = 7,
+					.x0 = -500,
+					.y0 = 900,
+					.step = 25,
+					.slope_x = 3,
+					.slope_y = 4,
+					.scale_xy = "0.01",
+					.scale_z = "0.01",
+					.k = {-700, 400000000, 0}};
+
+static char *path_of(const char *name, char buf[512])
+{
+	snprintf(buf, 512, "%s/%s", dir, name);
+	return buf;
+}
+
+static int count(const char *path)
+{
+	DIR *d = opendir(path);
+	struct dirent *e;
+	int n = 0;
+
+	while (d && (e = readdir(d)))
+		n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
+	if (d)
+		closedir(d);
+	return d ? n : -1;
+}
+
+static int stop_after;
+
+static int stop(void *ctx)
+{
+	return stop_after >= 0 && stop_after-- == 0;
+}
+
+static int write_tiles(const struct meshes *m, const char *out, const char *format, const char *side, uint64_t memory,
+		       struct outputs_report *report, struct err *err)
+{
+	struct outputs_options ropt = {.tiled = true, .sort_memory = memory, .interrupted = stop};
+	const struct format_options opt = {.width = strcmp(format, "png") ? 0 : 50};
+	struct outputs *run = NULL;
+	struct acut_mesh_sink sink;
+	int r;
+
+	assert_true(decimal_parse(side, &ropt.tile));
+	r = outputs_new(&ropt, &run, err);
+	if (!r)
+		r = outputs_add(run, out, format_find(format), &opt, err);
+	if (!r) {
+		sink = outputs_sink(run);
+		r = meshes_send(m, &sink, SIZE_MAX);
+		if (r)
+			*err = *outputs_error(run);
+	}
+	if (!r)
+		r = outputs_publish(run, err);
+	if (!r)
+		outputs_report(run, report);
+	outputs_free(run);
+	return r;
+}
+
+static char *read_all(const char *folder, const char *name, size_t *ret)
+{
+	char path[1024], *text;
+	FILE *f;
+
+	snprintf(path, sizeof(path), "%s/%s", folder, name);
+	f = fopen(path, "rb");
+	assert_non_null(f);
+	fseek(f, 0, SEEK_END);
+	*ret = (size_t)ftell(f);
+	rewind(f);
+	text = calloc(1, *ret + 1);
+	assert_int_equal(fread(text, 1, *ret, f), *ret);
+	fclose(f);
+	return text;
+}
+
+static void same_folder(const char *a, const char *b)
+{
+	DIR *d = opendir(a);
+	struct dirent *e;
+
+	assert_int_equal(count(a), count(b));
+	while ((e = readdir(d))) {
+		size_t na, nb;
+		char *ta, *tb;
+
+		if (e->d_name[0] == '.')
+			continue;
+		ta = read_all(a, e->d_name, &na);
+		tb = read_all(b, e->d_name, &nb);
+		assert_int_equal(na, nb);
+		assert_memory_equal(ta, tb, na);
+		free(ta);
+		free(tb);
+	}
+	closedir(d);
+}
+
+static void test_memory(void **state)
+{
+	static const char *const side[] = {"1000", "3.2", "1.9"};
+	static const char *const format[] = {"ply", "obj", "png"};
+	struct meshes m;
+
+	meshes_make(&m, &many);
+	for (unsigned i = 0; i < 7; i++) {
+		struct outputs_report large, little;
+		struct err err = ERR_INIT;
+		char a[512], b[512], name[16];
+
+		stop_after = -1;
+		snprintf(name, sizeof(name), "large%u", i);
+		assert_int_equal(write_tiles(&m, path_of(name, a), format[i % 3], side[i / 3], 0, &large, &err), 0);
+		snprintf(name, sizeof(name), "little%u", i);
+		assert_int_equal(write_tiles(&m, path_of(name, b), format[i % 3], side[i / 3], 256 << 10, &little, &err), 0);
+		assert_int_equal(large.tiles + 1, count(a));
+		assert_int_equal(large.bytes, little.bytes);
+		assert_true(i / 3 == 0 ? large.tiles == 2 : large.tiles > 10);
+		same_folder(a, b);
+	}
+	meshes_done(&m);
+}
+
+/* Asked between tiles: a folder that was made goes again, at each of the first moments. */
+static void test_interrupted(void **state)
+{
+	struct outputs_report report;
+	struct meshes m;
+	char a[512];
+
+	meshes_make(&m, &many);
+	for (int n = 0; n < 12; n++) {
+		struct err err = ERR_INIT;
+
+		stop_after = n;
+		assert_int_equal(write_tiles(&m, path_of("stopped", a), "ply", "3.2", 0, &report, &err), -ERR_CANCELLED);
+		assert_int_equal(count(a), -1);
+	}
+	stop_after = -1;
+	meshes_done(&m);
+}
+
+static void test_outside(void **state)
+{
+	struct outputs_report report;
+	struct err err = ERR_INIT;
+	struct meshes m;
+	char a[512];
+
+	meshes_make(&m, &many);
+	m.head.box[3] -= 1000;
+	assert_int_equal(write_tiles(&m, path_of("outside", a), "ply", "1", 0, &report, &err), -ERR_PROTO);
+	assert_non_null(strstr(err.message, "outside of the box"));
+	assert_int_equal(count(a), -1);
+	meshes_done(&m);
+}
+
+/* A mesh may not have two heights in one place; welding would hide it. */
+static void test_two_heights(void **state)
+{
+	struct outputs_report report;
+	struct err err = ERR_INIT;
+	struct meshes m;
+	char a[512];
+	int32_t(*v)[3];
+
+	meshes_make(&m, &many);
+	v = (int32_t(*)[3])m.block[1].vertex;
+	v[1][0] = v[0][0];
+	v[1][1] = v[0][1];
+	v[1][2] = v[0][2] + 1;
+	assert_int_equal(write_tiles(&m, path_of("heights", a), "ply", "1000", 0, &report, &err), -ERR_PROTO);
+	assert_non_null(strstr(err.message, "two heights"));
+	meshes_done(&m);
+}
+
+static void test_numbers(void **state)
+{
+	struct meshes_spec far = many;
+	struct outputs_report report;
+	struct err err = ERR_INIT;
+	struct meshes m;
+	char a[512], *text;
+	size_t n;
+
+	/* The ends of what a lattice may have: no sum is cut off. */
+	far.k[0] = INT64_MAX / 2;
+	far.k[1] = -(INT64_MAX / 2);
+	far.scale_xy = "1";
+	far.step = 1;
+	meshes_make(&m, &far);
+	assert_int_equal(write_tiles(&m, path_of("far", a), "obj", "4611686018427387904", 0, &report, &err), 0);
+	assert_int_equal(report.tiles, 1);
+	text = read_all(a, "index.geojson", &n);
+	assert_non_null(strstr(text, "\"column\":0,\"row\":-1"));
+	free(text);
+	assert_int_equal(write_tiles(&m, path_of("small", a), "obj", "0.000000001", 0, &report, &err), -ERR_USAGE);
+	meshes_done(&m);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_memory),      cmocka_unit_test(test_interrupted), cmocka_unit_test(test_outside),
+		cmocka_unit_test(test_two_heights), cmocka_unit_test(test_numbers),
+	};
+	char command[128];
+	int r;
+
+	if (!mkdtemp(dir))
+		return 1;
+	r = cmocka_run_group_tests(tests, NULL, NULL);
+	snprintf(command, sizeof(command), "rm -r %s", dir);
+	return system(command) || r;
+}

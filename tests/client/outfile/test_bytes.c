@@ -1,0 +1,287 @@
+/*
+ * Outputs and their annexes: the same bytes whatever way they take to the file, past the page cache or through it,
+ * behind a hole of the same file or copied from another; and errors of each way.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/magic.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/vfs.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "outfile.h"
+#include "io.h"
+
+#define FRONT 24
+#define BACK 13
+
+static char dir[] = "/tmp/acut-bytes-XXXXXX";
+static char path[64];
+static struct io_table table;
+static unsigned far_sizes;
+static unsigned direct_writes, writes, fail_at;
+static off_t furthest;
+
+static bool is_direct(int fd)
+{
+	return fcntl(fd, F_GETFL) & O_DIRECT;
+}
+
+static ssize_t count_pwrite(int fd, const void *buf, size_t n, off_t off)
+{
+	direct_writes += is_direct(fd);
+	writes++;
+	furthest = off > furthest ? off : furthest;
+	if (fail_at && writes >= fail_at) {
+		errno = ENOSPC;
+		return -1;
+	}
+	return pwrite(fd, buf, n, off);
+}
+
+static ssize_t no_direct_pwrite(int fd, const void *buf, size_t n, off_t off)
+{
+	if (is_direct(fd)) {
+		errno = EINVAL;
+		return -1;
+	}
+	return count_pwrite(fd, buf, n, off);
+}
+
+static int no_far_ftruncate(int fd, off_t size)
+{
+	if (size > 1ll << 36) {
+		errno = EFBIG;
+		return -1;
+	}
+	return ftruncate(fd, size);
+}
+
+static void record(uint8_t *to, size_t size, uint64_t number)
+{
+	memset(to, (int)(number % 251), size);
+	memcpy(to, &number, sizeof(number));
+}
+
+/* Records of both kinds in turns, as a mesh brings them. */
+
+static int count_far_ftruncate(int fd, off_t size)
+{
+	far_sizes += size > 1ll << 36;
+	return ftruncate(fd, size);
+}
+
+static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
+{
+	struct outfile *o = NULL, *annex = NULL;
+	uint64_t f = 0, b = 0;
+	uint8_t bytes[32];
+	int r = outfile_new(path, false, &o, err);
+
+	if (!r)
+		r = outfile_annex(o, &annex, err);
+	while (!r && (f < nfront || b < nback)) {
+		for (unsigned i = 0; i < 1000 && f < nfront && !r; i++) {
+			record(bytes, FRONT, f++);
+			r = outfile_write(o, bytes, FRONT, err);
+		}
+		for (unsigned i = 0; i < 2100 && b < nback && !r; i++) {
+			void *to = outfile_room(annex, BACK, err);
+
+			record(bytes, BACK, b++);
+			if (to)
+				memcpy(to, bytes, BACK);
+			else
+				r = -err->code;
+			outfile_used(annex, to ? BACK : 0);
+		}
+	}
+	if (!r)
+		r = outfile_join(o, annex, BACK, err);
+	if (!r)
+		r = outfile_patch(o, 8, "patched!", 8, err);
+	if (!r)
+		r = outfile_publish(o, err);
+	outfile_free(annex);
+	outfile_free(o);
+	return r;
+}
+
+static void expect_file(uint64_t nfront, uint64_t nback)
+{
+	uint64_t size = nfront * FRONT + nback * BACK, moved = 0;
+	struct stat st;
+	FILE *f = fopen(path, "rb");
+	uint8_t *got = malloc(size + 1), want[32];
+
+	assert_non_null(f);
+	assert_int_equal(fstat(fileno(f), &st), 0);
+	assert_int_equal(st.st_size, size);
+	assert_true((uint64_t)st.st_blocks * 512 < size + (64 << 10)); /* nothing else is kept */
+	assert_int_equal(fread(got, 1, size + 1, f), size);
+	fclose(f);
+	for (uint64_t i = 0; i < nfront; i++) {
+		record(want, FRONT, i);
+		if (i == 0)
+			memcpy(want + 8, "patched!", 8);
+		assert_memory_equal(got + i * FRONT, want, FRONT);
+	}
+	if (nback * BACK > OUTFILE_BUFFER)
+		while ((nfront * FRONT + moved * BACK) % 4096)
+			moved++;
+	for (uint64_t i = 0; i < nback; i++) {
+		record(want, BACK, (i + nback - moved) % nback);
+		assert_memory_equal(got + nfront * FRONT + i * BACK, want, BACK);
+	}
+	free(got);
+	assert_int_equal(unlink(path), 0);
+}
+
+static const uint64_t size[][2] = {
+	{1, 0},         {1, 1},      {10, 80659},      {10, 80660},      {10, 80661},      {43690, 90000},
+	{43691, 81000}, {100000, 7}, {150000, 300000}, {150001, 300001}, {149848, 299999},
+};
+
+static void each_size(void)
+{
+	for (size_t i = 0; i < sizeof(size) / sizeof(*size); i++) {
+		struct err err = ERR_INIT;
+
+		assert_int_equal(write_both(size[i][0], size[i][1], &err), 0);
+		expect_file(size[i][0], size[i][1]);
+	}
+}
+
+static void start(void)
+{
+	table = io_system;
+	table.pwrite = count_pwrite;
+	io = &table;
+	direct_writes = writes = fail_at = 0;
+	furthest = 0;
+}
+
+static bool extents(void)
+{
+	struct statfs fs;
+
+	return !statfs(dir, &fs) && fs.f_type == EXT4_SUPER_MAGIC;
+}
+
+static void test_inside(void **state)
+{
+	start();
+	each_size();
+	if (extents()) {
+		assert_true(direct_writes > 10);
+		assert_true((uint64_t)furthest > OUTFILE_ANNEX_AT);
+	}
+	io = &io_system;
+}
+
+static void test_through_cache(void **state)
+{
+	start();
+	table.pwrite = no_direct_pwrite;
+	each_size();
+	assert_int_equal(direct_writes, 0);
+	io = &io_system;
+}
+
+static void test_apart(void **state)
+{
+	struct rlimit was, limit;
+
+	start();
+	table.ftruncate = no_far_ftruncate;
+	each_size();
+	assert_true((uint64_t)furthest < OUTFILE_ANNEX_AT);
+	table.ftruncate = ftruncate;
+	/* a limit that the file keeps and the hole would not */
+	assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
+	limit = (struct rlimit){1 << 30, was.rlim_max};
+	assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+	each_size();
+	assert_int_equal(setrlimit(RLIMIT_FSIZE, &was), 0);
+	assert_true((uint64_t)furthest < OUTFILE_ANNEX_AT);
+	io = &io_system;
+}
+
+/* Where a hole may not be one (a memory stick, a share) no file is ever made so large. */
+static void test_elsewhere(void **state)
+{
+	char here[sizeof(path)], there[] = "/dev/shm/acut-bytes-XXXXXX";
+	struct statfs fs;
+
+	if (!mkdtemp(there))
+		skip();
+	if (statfs(there, &fs) || fs.f_type != TMPFS_MAGIC) {
+		rmdir(there);
+		skip();
+	}
+	memcpy(here, path, sizeof(here));
+	snprintf(path, sizeof(path), "%s/out", there);
+	start();
+	table.ftruncate = count_far_ftruncate;
+	far_sizes = 0;
+	each_size();
+	assert_int_equal(far_sizes, 0);
+	rmdir(there);
+	memcpy(path, here, sizeof(here));
+	io = &io_system;
+}
+
+/* Each write in its turn is the one that finds the disk full. */
+static void test_full(void **state)
+{
+	unsigned n;
+
+	start();
+	for (n = 1; n < 100; n++) {
+		struct err err = ERR_INIT;
+		struct dirent *e;
+		DIR *d;
+		int r;
+
+		writes = 0;
+		fail_at = n;
+		r = write_both(150000, 300000, &err);
+		if (!r)
+			break;
+		assert_int_equal(r, -ERR_NOSPACE);
+		assert_non_null(strstr(err.file, "out"));
+		d = opendir(dir);
+		while ((e = readdir(d)))
+			assert_true(e->d_name[0] == '.' && strlen(e->d_name) <= 2);
+		closedir(d);
+	}
+	assert_in_range(n, 8, 99);
+	unlink(path);
+	io = &io_system;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_inside),    cmocka_unit_test(test_through_cache), cmocka_unit_test(test_apart),
+		cmocka_unit_test(test_elsewhere), cmocka_unit_test(test_full),
+	};
+	int failed;
+
+	if (!mkdtemp(dir))
+		return 99;
+	snprintf(path, sizeof(path), "%s/out", dir);
+	failed = cmocka_run_group_tests(tests, NULL, NULL);
+	unlink(path);
+	rmdir(dir);
+	return failed;
+}

@@ -1,0 +1,183 @@
+/*
+ * Files of areas: what is read is what was written, corner by corner, in every form that is taken; and texts
+ * damaged at random give an area or an error with its reason, never a crash. What is read goes through the
+ * request into a view.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "ctl_area.h"
+#include "lattice.h"
+#include "view.h"
+#include "view_area.h"
+
+typedef int read_fn(const char *text, size_t size, struct ctl_area *, struct err *);
+
+static const struct lattice lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {0, 0, 0}};
+
+static uint64_t seed = 3;
+
+static uint64_t roll(uint64_t n)
+{
+	seed ^= seed << 13;
+	seed ^= seed >> 7;
+	seed ^= seed << 17;
+	return seed % n;
+}
+
+static int read_text(const char *text, struct ctl_area *a, struct err *err)
+{
+	const char *start = text + strspn(text, " \t\r\n");
+
+	*a = (struct ctl_area){0};
+	return *start == '{' ? ctl_area_json(text, strlen(text), a, err) : ctl_area_wkt(text, strlen(text), a, err);
+}
+
+/* The request of an area, NULL if it cannot be written. */
+static char *request_of(const struct ctl_area *a, struct err *err)
+{
+	char *text;
+	size_t n;
+	FILE *out = open_memstream(&text, &n);
+	int r;
+
+	fputs("ask 1 crop=", out);
+	r = ctl_area_print(a, out, err);
+	fclose(out);
+	if (!r)
+		return text;
+	free(text);
+	return NULL;
+}
+
+static void test_forms(void **state)
+{
+	static const char *const same[] = {
+		"POLYGON ((0 0, 10.5 0, 10.5 10.25, 0 0), (7 1, 9 1, 9 2, 7 1))",
+		"polygon((0 0,1.05e1 0,10.5 10.250,0.00 0e3),(7 1,9 1,9 2,7.0 10e-1))",
+		"\xef\xbb\xbfPOLYGON Z ((0 0 5, 10.5 0 5, 10.5 10.25 -5, 0 0 5), (7 1 0, 9 1 0, 9 2 0, 7 1 0))",
+		"POLYGONZM ((0 0 5 6, 10.5 0 5 6, 10.5 10.25 5 6), (7 1 0 0, 9 1 0 0, 9 2 0 0));\n",
+		"MULTIPOLYGON M (((0 0 1, 10.5 0 1, 10.5 10.25 1), (7 1 1, 9 1 1, 9 2 1)))",
+		"\n POLYGON EMPTY\tMULTIPOLYGON EMPTY; POLYGON ((+0 -0, 10.5 0,\r\n10.5 10.25, 0 0), (7 1, 9 1, 9 2, 7 1)) ",
+		"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[10.5,0],[10.5,10.25],[0,0]],[[7,1],[9,1],[9,2],[7,1]]]}",
+		"{\"coordinates\":[[[[0,0,9],[10.50,0],[1.05e1,10.25]],[[7,1],[9,1],[9,2]]]],\"type\":\"MultiPolygon\"}",
+		"{\"type\":\"Feature\",\"properties\":{\"type\":\"Point\"},\"geometry\":{\"type\":\"GeometryCollection\","
+		"\"geometries\":[{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[10.5,0],[10.5,10.25],[0,0]],[[7,1],[9,1],[9,2]]]}]}}",
+	};
+	char *first = NULL;
+
+	for (size_t i = 0; i < sizeof(same) / sizeof(*same); i++) {
+		struct err err = ERR_INIT;
+		struct ctl_area a;
+		char *request;
+
+		if (read_text(same[i], &a, &err))
+			print_error("%s: %s\n", same[i], err.message);
+		assert_int_equal(err.code, 0);
+		((unsigned char *)&a.corner[0][0])[sizeof(struct decimal) - 1] ^= 0x55; /* behind its members: means nothing */
+		request = request_of(&a, &err);
+		if (!first)
+			first = strdup(request);
+		assert_string_equal(request, first);
+		free(request);
+		ctl_area_done(&a);
+	}
+	/* Written by a few lines of Python after PROTOCOL.md. */
+	assert_string_equal(first, "ask 1 crop=area@-2:+AA0hCAAigC-7V55BwMAAoG");
+	free(first);
+}
+
+/* Digits of both kinds of numbers come through json-c as they stood. */
+static void test_exact(void **state)
+{
+	static const char *const numbers[] = {"635000.2500000001",
+					      "0.30000000000000004",
+					      "123456789012345678",
+					      "-1e-12",
+					      "9007199254740993",
+					      "1E3",
+					      "-0",
+					      "0.1e+2"};
+
+	for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers); i++) {
+		char json[200], wkt[200];
+		struct err err = ERR_INIT;
+		struct ctl_area a, b;
+		struct decimal want;
+
+		snprintf(json, sizeof(json), "{\"type\":\"Polygon\",\"coordinates\":[[[%s,0],[1,1],[2,%s]]]}", numbers[i],
+			 numbers[i]);
+		snprintf(wkt, sizeof(wkt), "POLYGON((%s 0,1 1,2 %s))", numbers[i], numbers[i]);
+		assert_true(decimal_parse(numbers[i], &want));
+		assert_int_equal(read_text(json, &a, &err), 0);
+		assert_int_equal(read_text(wkt, &b, &err), 0);
+		assert_int_equal(decimal_compare(a.corner[0][0], want), 0);
+		assert_int_equal(decimal_compare(a.corner[2][1], want), 0);
+		assert_int_equal(decimal_compare(b.corner[0][0], want), 0);
+		assert_int_equal(decimal_compare(b.corner[2][1], want), 0);
+		ctl_area_done(&a);
+		ctl_area_done(&b);
+	}
+}
+
+static void test_damaged(void **state)
+{
+	static const char *const good[] = {
+		"MULTIPOLYGON (((0 0, 10.5 0, 10.5 10.25, 0 0), (7 1, 9 1, 9 2, 7 1)), ((20 20, 30 20, 30 30)))",
+		"{\"type\":\"FeatureCollection\",\"features\":[{\"type\":\"Feature\",\"geometry\":{\"type\":\"Polygon\","
+		"\"coordinates\":[[[0,0],[10.5,0],[10.5,10.25],[0,0]]]}},{\"type\":\"Feature\",\"geometry\":null}]}",
+	};
+	static const char bytes[] = "(){}[],.0123456789eE+-\" \n:;PNZnul\\\x80\xff";
+	unsigned read = 0, views = 0;
+
+	for (unsigned run = 0; run < 40000; run++) {
+		char text[400];
+		struct ctl_area a;
+		struct err err = ERR_INIT;
+		size_t n;
+
+		strcpy(text, good[run % 2]);
+		n = strlen(text);
+		for (uint64_t times = 1 + roll(4); times; times--) {
+			size_t at = roll(n), from = roll(n), len = roll(12);
+
+			if (roll(6) == 0)
+				text[n = at ? at : 1] = '\0';
+			else if (roll(3) == 0 && at + len <= n && from + len <= n)
+				memmove(text + at, text + from, len);
+			else
+				text[at] = bytes[roll(sizeof(bytes) - 1)];
+		}
+		if (read_text(text, &a, &err)) {
+			assert_true(err.code == ERR_INPUT && *err.message);
+		} else if (a.ncorner) {
+			char *request = request_of(&a, &err);
+			struct view v;
+
+			read++;
+			if (request && view_resolve(request, &lattice, "metre", &v, &err) == 0) {
+				views++;
+				view_done(&v);
+			}
+			assert_true(err.code == 0 || err.code == ERR_INPUT || err.code == ERR_USAGE);
+			free(request);
+		}
+		ctl_area_done(&a);
+	}
+	print_message("%u of 40000 were areas, %u views\n", read, views);
+	assert_true(read > 1000 && views > 500);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms), cmocka_unit_test(test_exact),
+					   cmocka_unit_test(test_damaged)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
