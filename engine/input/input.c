@@ -5,6 +5,7 @@
  * whatever the file says. The descriptor is borrowed and only ever read at explicit offsets. Not here: threads, paths, anything
  * but regular files.
  */
+#include "input.h"
 #include "input_las.h"
 #include "input_table.h"
 #include "input_text.h"
@@ -52,7 +53,7 @@ bool input_has_extension(const char *name, const char *extensions)
 static bool is_named_otherwise(const struct input *in)
 {
 	for (size_t i = 0; i < input_n_rows; i++)
-		if (!input_rows[i].reader->plain_text && input_has_extension(in->name, input_rows[i].text->extensions))
+		if (!input_rows[i].reader->plain_text && input_has_extension(in->name, input_rows[i].extensions))
 			return true;
 	return false;
 }
@@ -65,7 +66,7 @@ static const struct input_row *recognise(const struct input *in, size_t n)
 		if (input_rows[i].reader->matches(in->buffer, n) && !(input_rows[i].reader->plain_text && is_named_otherwise(in)))
 			return &input_rows[i];
 	for (size_t i = 0; i < input_n_rows; i++)
-		if (input_has_extension(in->name, input_rows[i].text->extensions))
+		if (input_has_extension(in->name, input_rows[i].extensions))
 			return &input_rows[i];
 	return n ? NULL : &input_rows[input_n_rows - 1]; /* nothing but the mark of an encoding */
 }
@@ -74,7 +75,7 @@ static const struct input_row *recognise(const struct input *in, size_t n)
 static int choose_empty(struct input *in, const struct input_row **ret, struct err *err)
 {
 	for (size_t i = 0; i < input_n_rows; i++)
-		if (input_rows[i].reader->plain_text && input_has_extension(in->name, input_rows[i].text->extensions))
+		if (input_rows[i].reader->plain_text && input_has_extension(in->name, input_rows[i].extensions))
 			*ret = &input_rows[i];
 	if (*ret)
 		return 0;
@@ -87,7 +88,7 @@ static int check_forced(struct input *in, const struct input_row *row, size_t n,
 {
 	if (!row->reader->plain_text || !input_ptx_reader.matches(in->buffer, n))
 		return 0;
-	input_fail(in, err, ERR_INPUT, 0, NULL, "this is PTX, and --input-format says that it is %s", row->text->name);
+	input_fail(in, err, ERR_INPUT, 0, NULL, "this is PTX, and --input-format says that it is %s", row->name);
 	return err_add_hint(err, "leave --input-format out, or say ptx");
 }
 
@@ -97,7 +98,7 @@ static int choose_row(struct input *in, const char *format, const struct input_r
 	int rc;
 
 	for (size_t i = 0; format && !*ret && i < input_n_rows; i++)
-		if (!strcmp(format, input_rows[i].text->name))
+		if (!strcmp(format, input_rows[i].name))
 			*ret = &input_rows[i];
 	if (format && !*ret) {
 		err_set(err, ERR_USAGE, "there is no input format \"%s\"", format);
@@ -137,12 +138,12 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	in->reader = row->reader;
 	if (!in->size && in->reader->plain_text)
 		input_warn(in, "the file is empty (0 bytes)");
-	in->info.format = row->text->name;
+	in->info.format = row->name;
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
 	in->info.bytes = in->info.bytes_selected = in->info.accounted = in->has_pipe ? 0 : in->size;
 	if (in->has_pipe && !in->reader->forwards)
-		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "%s cannot be read from a pipe", row->text->name);
+		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "%s cannot be read from a pipe", row->name);
 	rc = in->reader->open(in, err);
 	in->bytes_read = 0;
 	return rc;

@@ -37,10 +37,4 @@ struct input *input_close(struct input *);
 /* Bytes of the file that were read for points so far, by this reader. */
 uint64_t input_bytes_read(const struct input *);
 
-/* The table, in the order in which formats are looked for. `title`: what is read, for messages. */
-struct input_format_row {
-	const char *name, *title, *help, *extensions;
-};
-const struct input_format_row *input_formats(size_t *ret_n);
-
 #endif

@@ -404,7 +404,7 @@ static void list_titles(char *ret, size_t size)
 				      !n                   ? "" :
 				      i + 1 < input_n_rows ? ", " :
 							     " and ",
-				      input_rows[i].text->title);
+				      input_rows[i].title);
 }
 
 int input_foreign_check(struct input *in, size_t n, struct err *err)

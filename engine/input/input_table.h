@@ -2,11 +2,10 @@
 #ifndef INPUT_TABLE_H
 #define INPUT_TABLE_H
 
-#include "input.h"
 #include "input_reader.h"
 
 struct input_row {
-	const struct input_format_row *text; /* extensions: ".las .laz" */
+	const char *name, *title, *extensions; /* ".las .laz" */
 	const struct input_reader *reader;
 };
 

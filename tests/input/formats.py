@@ -1,4 +1,4 @@
-"""The table of input formats (engine/input/input_table.c) against the lists elsewhere: acutctl's own, the manual, README and guide."""
+"""The table of input formats (base/input_format.def) against the lists elsewhere: acutctl's own, the manual, README and guide."""
 import json
 import os
 import re
@@ -29,20 +29,20 @@ def compare(what, got, wanted):
 
 
 def table():
-    text = find("the table", r"texts\[ROWS\] = \{(.*?)\n\};", read("engine/input/input_table.c"))
-    rows = [re.findall(r'"([^"]*)"', row) for row in re.findall(r"\] = \{(.*?)\}", text, re.S)]
-    if len(rows) < 4 or any(len(r) != 4 for r in rows):
+    """Name, title, extensions, those of folders, help."""
+    rows = [[name] + re.findall(r'"([^"]*)"', rest) for name, rest in re.findall(r"^INPUT_FORMAT\((\w+),(.*?)\)$", read("base/input_format.def"), re.M | re.S)]
+    if len(rows) < 4 or any(len(r) != 5 for r in rows):
         sys.exit("the table cannot be read: %s" % rows)
     return rows
 
 
 rows = table()
 names = [r[0] for r in rows]
-extensions = [e for r in rows for e in r[3].split()]
+extensions = [e for r in rows for e in r[2].split()]
 
 listed = [json.loads(line) for line in subprocess.run([ACUTCTL, "formats", "--json"], stdout=subprocess.PIPE, check=True).stdout.splitlines()]
 compare("acutctl formats", [[j["format"], j["help"], j["extensions"]] for j in listed if j["direction"] == "in" and j["format"] not in PACKED],
-        [[r[0], r[2], r[3]] for r in rows])
+        [[r[0], r[4], r[2]] for r in rows])
 
 page = read("man/acutctl.1.scd")
 option = find("--input-format", r"\*--input-format\* _FORMAT_\n\t([^\n]*)", page)
@@ -50,14 +50,12 @@ compare("acutctl(1), --input-format", sorted(re.findall(r"\*(\w+)\*", option)), 
 compare("acutctl-json(7), format", re.findall(r"\*(\w+)\*", find("format of a file", r"\*file\*, \*format\* \(_text_\)\n\t([^\n]*)",
                                                                 read("man/acutctl-json.7.scd"))), names)
 
-# What a folder is searched for, as acutctl says it of an empty one: no format without an extension of its own.
+# What a folder is searched for, as acutctl says it of an empty one.
 with tempfile.TemporaryDirectory() as folder:
     said = subprocess.run([ACUTCTL, "mesh", folder, "-o", os.path.join(folder, "o.ply")], stdout=subprocess.PIPE, stderr=subprocess.PIPE).stderr.decode()
-searched = sorted(set(re.findall(r"\.[a-z]+\b", find("what a folder is searched for", r"files ending in ([^\n]*)", said))) - {".zip", ".gz"})
-compare("acutctl(1), folders", sorted(re.findall(r"\.[a-z]+\b", find("folders", r"the files ending in ([^)]*?), packed", page))), searched)
-for r in rows:
-    if not set(searched) & set(r[3].split()):
-        wrong.append("folders are searched for no file of the format %s: %s" % (r[0], searched))
+folders = sorted(e for r in rows for e in r[3].split())
+compare("what a folder is searched for", sorted(set(re.findall(r"\.[a-z]+\b", find("the hint", r"files ending in ([^\n]*)", said))) - {".zip", ".gz"}), folders)
+compare("acutctl(1), folders", sorted(re.findall(r"\.[a-z]+\b", find("folders", r"the files ending in ([^)]*?), packed", page))), folders)
 
 for name, pattern in (("README.md", r"\nInputs: (.*?)\. Outputs:"), ("docs/guide.md", r"\nInputs: (.*?)\n\n")):
     text = find("the inputs of " + name, pattern, read(name))

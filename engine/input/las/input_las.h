@@ -4,7 +4,6 @@
 
 #include "input_reader.h"
 
-extern const struct input_reader input_las_reader;
 /* From its first bytes: how many bytes must be there before a LAS file can be read forwards; see input_forward_head. */
 enum { INPUT_LAS_LOOK = 227 };
 uint64_t input_las_forward_head(const uint8_t *bytes, size_t n);

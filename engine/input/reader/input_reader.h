@@ -79,4 +79,9 @@ int input_check_unchanged(struct input *in, struct err *err);
 /* Up to n bytes of a pipe's input at place `at`, which only goes forwards. *ret_n 0: its end, or in->dry. */
 int input_pipe_read(struct input *in, uint64_t at, void *buf, size_t n, size_t *ret_n, struct err *err);
 
+/* The readers, input_las_reader and so on. */
+#define INPUT_FORMAT(name, ...) extern const struct input_reader input_##name##_reader;
+#include "input_format.def"
+#undef INPUT_FORMAT
+
 #endif

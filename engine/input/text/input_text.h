@@ -4,8 +4,6 @@
 
 #include "input_reader.h"
 
-extern const struct input_reader input_xyz_reader, input_pts_reader, input_ptx_reader;
-
 /* The letters of --columns; NULL is fine. -ERR_USAGE. */
 int input_columns_check(const char *text, struct err *err);
 /* The first bytes of a file: those of UTF-16 become UTF-8, which takes at most half as many more. Returns how many they are. */

@@ -438,31 +438,6 @@ static void changes_while_read(void **state)
 	free(b.at);
 }
 
-static void formats_by_content_and_name(void **state)
-{
-	struct input_options forced = {.format = "xyz"}, wrong = {.format = "e57"};
-	static const char binary[] = "\x7f"
-				     "ELF\2\1\1\0\0\0";
-	struct las_spec s = {.minor = 2, .n = 3};
-	struct bytes b = fixture_las(&s);
-	size_t n;
-
-	assert_string_equal(fixture_read(b.at, b.size, "data.bin", &defaults, 9).info.format, "las");
-	assert_string_equal(fixture_read("1 2 3\n", 6, "data.bin", &defaults, 9).info.format, "xyz");
-	assert_int_equal(fixture_read(b.at, b.size, "a.las", &forced, 9).code, ERR_INPUT);
-	assert_int_equal(fixture_read(b.at, b.size, "a.las", &wrong, 9).code, ERR_USAGE);
-	assert_int_equal(fixture_read(binary, sizeof binary, "a.bin", &defaults, 9).code, ERR_INPUT);
-	assert_string_equal(fixture_read("1 2 3\n", 6, "a.LAS", &defaults, 9).err.field, "file signature");
-	assert_int_equal(fixture_read("", 0, "a.las", &defaults, 9).code, ERR_TRUNCATED);
-	assert_int_equal(fixture_read("", 0, "a.xyz", &defaults, 9).code, 0);
-	assert_string_equal(input_formats(&n)[0].name, "las");
-	assert_int_equal(n, 4);
-	assert_string_equal(fixture_read("1\n1 2 3\n", 8, "a.txt", &defaults, 9).info.format, "pts");
-	assert_string_equal(fixture_read("1 2 3\n", 6, "a.pts", &defaults, 9).info.format, "xyz");
-	assert_string_equal(fixture_read("", 0, "a.pts", &defaults, 9).info.format, "pts");
-	free(b.at);
-}
-
 /* Each part by a reader of its own, the last one first: the points of the whole, each once. */
 static void parts(void **state)
 {
@@ -612,7 +587,6 @@ int main(void)
 		cmocka_unit_test(points_end_at_the_records_behind),
 		cmocka_unit_test(legacy_count_alone),
 		cmocka_unit_test(changes_while_read),
-		cmocka_unit_test(formats_by_content_and_name),
 		cmocka_unit_test(parts),
 		cmocka_unit_test(shows_what_it_reads),
 		cmocka_unit_test(endless_pipe),
