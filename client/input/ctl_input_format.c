@@ -1,7 +1,4 @@
-/*
- * Formats of inputs. The daemon reads the files, so this is its table (engine/input/input_table.c) as the client has it: for
- * help, completion and the search of folders. A test compares the two.
- */
+/* Formats of inputs: the table that the daemon's readers have, for help, completion and the search of folders. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -9,11 +6,9 @@
 #include "ctl_input_priv.h"
 
 const struct ctl_input_format ctl_input_formats[] = {
-	{"las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10", ".las .laz"},
-	{"ptx", ".ptx", "scans of a scanner that stands (Leica, FARO): cells by column and row, each scan with its matrix",
-	 ".ptx"},
-	{"pts", ".pts", "text with the number of points in its first line, then as xyz", ".pts"},
-	{"xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon", ".xyz"},
+#define INPUT_FORMAT(name, title, extensions, folders, help) {#name, extensions, help, folders},
+#include "input_format.def"
+#undef INPUT_FORMAT
 	{0},
 };
 
