@@ -1,6 +1,6 @@
 /*
- * The connection: made, greeted, closed; its error; the small questions. HELLO goes first both ways and
- * settles the version of the messages.
+ * The connection: connect, greet, close; its error; the short requests. Both sides send HELLO first, which settles the
+ * version of the messages.
  */
 #include "call.h"
 
@@ -116,8 +116,8 @@ int acut_attach(int fd, const struct acut_options *options, struct acut **ret)
 	return attach(*ret, fd);
 }
 
-/* Where the daemon's queue of connections is full: waits in the kernel's own queue for a place in it, and looks now and then
- * whether it is to go on. Who asks again and again instead finds others there each time. */
+/* While the daemon's queue of connections is full, this waits in the kernel's queue and checks now and then whether it was
+ * asked to stop. A client that connected again and again would lose its turn each time. */
 static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 {
 	const struct timeval now_and_then = {.tv_usec = 50000};
@@ -294,9 +294,9 @@ static int status_rows(struct acut *a, const Acut__V1__Status *s)
 
 int acut_status(struct acut *a, const struct acut_status **ret)
 {
-	Acut__V1__StatusRequest question = ACUT__V1__STATUS_REQUEST__INIT;
+	Acut__V1__StatusRequest req = ACUT__V1__STATUS_REQUEST__INIT;
 	const Acut__V1__Status *s;
-	int r = call_ask(a, FRAME_MESSAGE(STATUS_REQUEST, status_request, &question), -1, ACUT__V1__MESSAGE__BODY_STATUS);
+	int r = call_ask(a, FRAME_MESSAGE(STATUS_REQUEST, status_request, &req), -1, ACUT__V1__MESSAGE__BODY_STATUS);
 
 	if (r < 0)
 		return r;

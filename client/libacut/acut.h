@@ -62,7 +62,7 @@ struct acut_options {
 	void *ctx;
 };
 
-/* Of this library, as "0.1.0". Structs of releases with the same first two numbers have the same layout. */
+/* The version of this library, as "0.1.0". Structs of releases with the same first two numbers have the same layout. */
 const char *acut_version(void);
 
 /* ---- connection ---- */
@@ -72,7 +72,7 @@ int acut_connect(const char *socket_path, const struct acut_options *, struct ac
  * acut_error; close it (NULL only if there is no memory even for that). */
 int acut_attach(int fd, const struct acut_options *, struct acut **ret);
 struct acut *acut_close(struct acut *);
-/* Of the last call; valid until the next one. Of NULL: out of memory. */
+/* The error of the last call; valid until the next one. With NULL: out of memory. */
 const struct acut_failure *acut_error(const struct acut *);
 int acut_fd(const struct acut *);                   /* to poll for POLLIN between calls */
 int acut_dispatch(struct acut *);                   /* read what is there; runs callbacks, never waits */
@@ -95,7 +95,7 @@ struct acut_holder {
 };
 /* The file system of one of the daemon's folders, and what counts there. */
 struct acut_side {
-	bool known, has_quota;           /* an older daemon says nothing of it */
+	bool known, has_quota;           /* false: an older daemon does not report it */
 	uint64_t used, quota;            /* of the daemon's, that the quota is about */
 	uint64_t total, free, keep_free; /* of the file system; of it, what stays free */
 };
@@ -106,22 +106,22 @@ struct acut_status {
 	double uptime_seconds;
 	const struct acut_ledger_entry *ledger;
 	size_t nledger;
-	const struct acut_holder *holders;        /* those that hold the most; what nobody holds is the daemon's own */
+	const struct acut_holder *holders;        /* those that hold the most; memory without a holder is the daemon's own */
 	size_t nholders, holders_more;            /* that were left out */
 	uint64_t pipe_capacity;                   /* of the kernel's pipes of open streams: beside `memory` */
 	uint64_t ledger_peak;                     /* the most that all names together held */
 	uint64_t rss_bytes;                       /* resident now */
-	const char *disk_limit, *keep_free_limit; /* as the daemon was told: "80%", "200 GB" */
+	const char *disk_limit, *keep_free_limit; /* as they were set: "80%", "200 GB" */
 	struct acut_side state_side, cache_side;
 	bool one_file_system; /* both are the same then */
 };
 /* Results stay valid until the next call on this connection. */
 int acut_status(struct acut *, const struct acut_status **ret);
 
-/* A setting of the daemon, as acutd.conf would say it. */
+/* A setting of the daemon, as it is written in acutd.conf. */
 struct acut_setting {
 	const char *name, *value; /* "": unset */
-	const char *preset;       /* what it is where nobody sets it; "": preset_told says */
+	const char *preset;       /* the default; "": see preset_told */
 	const char *preset_told;
 	const char *unit, *help;
 	const char *origin; /* "default", "environment", "control_group", "file", "command_line" */
@@ -144,10 +144,10 @@ typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 struct acut_push_options {
 	const char *dataset;                     /* NULL: one-step */
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
-	const char *columns;    /* of texts, a letter each ("xyzc", "_" skips one); NULL: as they say themselves */
-	const char *assume_crs; /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
+	const char *columns;    /* of text inputs, a letter each ("xyzc", "_" skips one); NULL: from their headers */
+	const char *assume_crs; /* for inputs without a system: "EPSG:n", a WKT, or a name; NULL: nothing */
 	const char *assume_unit_xy, *assume_unit_z; /* "m", "ft", "ftUS"; NULL: nothing */
-	const char *override_crs;                   /* in place of what the inputs say, likewise; not beside assume_* */
+	const char *override_crs;                   /* in place of the system of the inputs, likewise; not beside assume_* */
 	const char *override_unit_xy, *override_unit_z;
 	const char *utm;       /* zone that degrees are projected to: "32N", "UPS-S"; NULL: of the middle of all */
 	const char *geoid;     /* a grid that the daemon keeps, to shift the heights; NULL: they stay */
@@ -164,15 +164,15 @@ struct acut_push_options {
 };
 struct acut_probe {
 	const char *name, *format, *variant, *crs, *unit_xy, *unit_z, *plane, *warning;
-	const char *datum;                /* "": not said */
+	const char *datum;                /* "": unknown */
 	const char *crs_name;             /* names of the numbers, "A", "A + B"; "": none */
 	uint64_t left_out, left_out_line; /* of a text: lines without a value for a coordinate, and the first of them */
-	uint32_t epsg, epsg_z;            /* numbers of the systems of x and y, and of z; 0: not said */
+	uint32_t epsg, epsg_z;            /* EPSG numbers of the systems of x and y, and of z; 0: unknown */
 	uint64_t points;
 	double min[3], max[3];
 	const char *scale[3], *offset[3];
-	uint32_t replaced; /* files of the dataset, in the place of which one comes that is taken up */
-	int known;         /* not 0: the push needs no file for it, and nothing but its points is said here */
+	uint32_t replaced; /* files of the dataset that an adopted file replaces */
+	int known;         /* not 0: the push needs no file for it, and only its number of points is given here */
 };
 enum {
 	ACUT_KNOWN = 1,        /* the dataset has it, or this push has it twice */
@@ -189,10 +189,10 @@ struct acut_file_result {
 	uint64_t bytes_read, bytes;       /* for its points; of the file */
 	uint64_t left_out, left_out_line; /* as of the probe */
 	bool partial;                     /* points outside of the push's crop were not read */
-	uint32_t replaced;                /* files of the dataset, in the place of which it comes */
-	const char *overridden;           /* what its records said of its coordinates, where the push overrode that; else "" */
+	uint32_t replaced;                /* files of the dataset that it replaces */
+	const char *overridden;           /* the system in its records that the push overrode; else "" */
 };
-/* What acut_push_plan fixed beside the lattice. */
+/* Beside the lattice, what acut_push_plan fixed. */
 struct acut_push_planned {
 	const char *lattice, *crs;
 	const char *zone, *datum; /* that degrees are projected to, and theirs; "": there are none */
@@ -210,12 +210,12 @@ struct acut_push;
  * caller closes it). A failed probe or file names the input and does not end the push. */
 int acut_push_begin(struct acut *, const struct acut_push_options *, struct acut_push **ret);
 int acut_push_probe(struct acut_push *, int fd, const char *name, const struct acut_probe **ret);
-/* An input that comes through a pipe: probe and file of that name take fd -1 then. *ret_fd, the writing end, is
- * the caller's, who must fill and close it while the calls for this input wait: from a thread or a process of
- * its own. LAS is read forwards; everything else the daemon keeps in a file first. */
+/* An input through a pipe: probe and file of that name then take fd -1. *ret_fd, the writing end, is the caller's, who must
+ * fill and close it in another thread or process while the calls for this input wait. LAS is read as it arrives; the daemon
+ * first spools every other format to a file. */
 int acut_push_stream(struct acut_push *, const char *name, int *ret_fd);
 int acut_push_plan(struct acut_push *, const char **ret_lattice);
-/* Of the last acut_push_plan, until the next call. */
+/* The result of the last acut_push_plan, until the next call. */
 const struct acut_push_planned *acut_push_planned(const struct acut_push *);
 int acut_push_file(struct acut_push *, int fd, const char *name, const struct acut_file_result **ret);
 int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
@@ -224,22 +224,22 @@ int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
 struct acut_push_input {
 	int fd; /* an open regular file; the library closes it */
 	const char *name;
-	const char *path; /* absolute: who it is; NULL: unknown, always taken. Only read while sending. */
-	/* Of a stream (fd -1): what will come, so that it is told by path and content as a file is with `checksum`: known,
-	 * adopted, replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; what comes otherwise is refused. NULL: not
-	 * said. */
+	const char *path; /* absolute: the identity of the input; NULL: unknown, always taken. Only read while sending. */
+	/* For a stream (fd -1): the hash of its content, so that path and content identify it as a file is identified with
+	 * `checksum`: known, adopted, replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; a stream with another
+	 * hash is refused. NULL: unknown. */
 	const char *hash;
 	uint64_t size; /* and how many */
 };
-/* acut_push_probe and acut_push_file with what tells who the input is. Its descriptor stays the caller's here. */
+/* acut_push_probe and acut_push_file with the identity of the input. Its descriptor stays the caller's here. */
 int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);
 int acut_push_file_input(struct acut_push *, const struct acut_push_input *, const struct acut_file_result **ret);
 /* Callbacks for each of n inputs, in their order. They must not call on the connection. */
 struct acut_push_each {
 	/* Opens input i. 1: it is left out; negative: the call ends. */
 	int (*open)(void *ctx, size_t i, struct acut_push_input *ret);
-	/* What became of it: `why` NULL, or the failure, which concerns this input alone if it is one of the
-	 * input. Non-zero ends the call, with that failure. */
+	/* The result for one input: `why` NULL, or the failure, which concerns this input alone if it is one of the input.
+	 * Non-zero ends the call, with that failure. */
 	int (*probed)(void *ctx, size_t i, const struct acut_failure *why, const struct acut_probe *);
 	int (*staged)(void *ctx, size_t i, const struct acut_failure *why, const struct acut_file_result *);
 	void *ctx;
@@ -248,22 +248,22 @@ struct acut_push_each {
  * answer each. */
 int acut_push_probe_each(struct acut_push *, size_t n, const struct acut_push_each *);
 int acut_push_file_each(struct acut_push *, size_t n, const struct acut_push_each *);
-/* What became of an interrupted push of this user into this dataset, in words; "" if there was none. */
+/* The fate of an interrupted push of this user into this dataset, in words; "" if there was none. */
 const char *acut_push_note(const struct acut_push *);
 /* Nothing was pushed into its dataset before: what is not known of the coordinates is worth telling. */
 bool acut_push_first(const struct acut_push *);
-/* Files 1..n lie safely on the daemon's disk and outlive this connection (counted as they were sent). */
+/* Files 1..n are durable on the daemon's disk and outlive this connection (counted as they were sent). */
 uint64_t acut_push_durable(const struct acut_push *);
 struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed; NULL is fine; gives NULL */
 /* Forgets a push without aborting it: what is durable stays pending with the daemon. */
 struct acut_push *acut_push_leave(struct acut_push *);
 
-/* Of texts that are pushed, or asked about, from now on: 123,45 is a number, and columns are not separated by commas. */
+/* For text inputs from now on: 123,45 is a number, and columns are not separated by commas. */
 int acut_decimal_comma(struct acut *, bool);
-/* `columns`: of a text, a letter each; NULL: as it says itself. */
+/* `columns`: of a text input, a letter each; NULL: from its header. */
 int acut_info(struct acut *, int fd, const char *name, const char *format, const char *columns, const struct acut_probe **ret);
 
-/* What is in the records of a file: all of it is read. */
+/* The content of the records of a file: reads all of it. */
 struct acut_inspected {
 	struct acut_probe header;
 	uint64_t points, distinct; /* read; distinct xy positions */
@@ -281,10 +281,10 @@ struct acut_inspected {
 	const char *mgrs;                /* of the middle, a square of 1 km; "": none */
 	char *const *difference;         /* between header and records, in words */
 	size_t ndifference;
-	double inner_min[3],
-		inner_max[3]; /* of 99.9 % of the records at least: beyond each side lie no more than a 6,000th; NAN: not known */
-	uint64_t most_points; /* at the position that most records share; 0: each has one, or it is not known */
-	double most_at[2];    /* that position, x and y */
+	double inner_min[3], inner_max[3]; /* bounds of 99.9 % of the records at least: no more than a 6,000th lies beyond each
+					      side; NAN: unknown */
+	uint64_t most_points;              /* at the position that most records share; 0: each has one, or it is not known */
+	double most_at[2];                 /* that position, x and y */
 };
 int acut_inspect(struct acut *, int fd, const char *name, const char *format, const char *columns,
 		 const struct acut_inspected **ret);
@@ -296,7 +296,7 @@ struct acut_geoid {
 	uint32_t width, height, uid;
 	uint64_t bytes;
 	double min, max;             /* metres above the ellipsoid */
-	double rms_error, max_error; /* of the interpolation, as its author says; NAN: not said */
+	double rms_error, max_error; /* of the interpolation, as its author states them; NAN: unknown */
 };
 /* A checked copy of GeographicLib's PGM `file` (an open regular file, borrowed) under `name`. */
 int acut_geoid_add(struct acut *, int fd, const char *name, const char *file, const struct acut_geoid **ret);
@@ -333,7 +333,7 @@ struct acut_cache_verified {
  * "version"). progress->points are bytes. */
 int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut_cache_damage *), acut_progress_fn progress,
 		      void *ctx, struct acut_cache_verified *ret);
-/* all: everything derived goes. */
+/* all: removes everything derived. */
 int acut_cache_gc(struct acut *, bool all, uint64_t *ret_bytes, uint64_t *ret_entries);
 
 /* ---- watching ---- */
@@ -345,14 +345,14 @@ struct acut_metric {
 	size_t nlabel;                  /* pairs */
 	double value;
 };
-/* Samples of one name may come apart; whoever writes the format gathers them. */
+/* Samples of one name may come apart; the caller gathers them. */
 int acut_metrics(struct acut *, void (*each)(void *ctx, const struct acut_metric *), void *ctx);
 
 struct acut_check {
 	const char *name, *state;   /* state: "ok", "warning", "wrong", "unknown" */
 	const char *message, *hint; /* hint: what to do, "": nothing */
 };
-/* What the daemon can see of whether all is well. */
+/* The health check of the daemon. */
 int acut_doctor(struct acut *, void (*each)(void *ctx, const struct acut_check *), void *ctx);
 
 /* ---- jobs ---- */
@@ -371,7 +371,7 @@ struct acut_report {
 	uint64_t points_read, cells_read;                   /* records, from the cache; cells, for halos */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	bool window;      /* of some triangles of a mesh: used, hull, halo and removed mean nothing; points were read for it */
-	const char *note; /* "" or a sentence that whoever reads the mesh should know */
+	const char *note; /* "" or a sentence for readers of the mesh */
 	uint64_t most_points; /* of the view, at the position that most of them share; 0: each has one, or it is not known */
 	double most_at[2];    /* that position, x and y */
 };
@@ -412,12 +412,12 @@ struct acut_dataset {
 	uint64_t generation, points, bytes;
 	uint32_t files, uid;
 	int64_t created_us, pushed_us;
-	double min[3], max[3];        /* NAN where the daemon does not say */
+	double min[3], max[3];        /* NAN: unknown */
 	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
 	bool pinned;
 	uint32_t gid; /* its group; ACUT_NO_GROUP: none */
 	uint64_t id;
-	uint64_t oldest;   /* generation that can be read; 0: not said */
+	uint64_t oldest;   /* generation that can be read; 0: unknown */
 	uint32_t segments; /* files that hold its points; 0: not known */
 	bool merging;      /* some of them become one now */
 	uint32_t mode;     /* as of a file: 0640 */
@@ -503,7 +503,7 @@ int acut_plan(struct acut *, const char *dataset, uint64_t generation, const cha
 
 struct acut_backup_ready {
 	uint64_t files, bytes;
-	uint64_t damaged;           /* datasets whose list of files is damaged: all of their files are there as they are */
+	uint64_t damaged;           /* datasets whose list of files is damaged: all of their files are kept */
 	struct acut_failure damage; /* if there are any: what is wrong with the first */
 	const char *identity;       /* of the store and the dataset: no two have the same, whatever their names; "": not known */
 	uint64_t state_device, state_inode, cache_device, cache_inode; /* of the daemon's folders; zeros: not known */
@@ -573,14 +573,14 @@ int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
  * PROTOCOL.md), of jobs that run too; the tail is then of these. NULL: of all again. Copied; ACUT_E_NOMEM. */
 int acut_fetch_window(struct acut *, const char *area);
 /*
- * What differs between two meshes of a dataset under one view: that of generation `since`, as its newest job that is done
- * made it, and that of `job`, which must be done. Regions are those of the blocks (`box`). A reader who keeps the old
- * mesh by region takes out those that are gone and puts in the blocks that come; who does not, takes out every triangle
- * whose circumcentre lies in a region that is gone (low < c < high on both axes, in doubled lattice numbers). Where it
- * lies on a border, let p be the corner with the greatest x (of two such, the greater y), and q and r the next ones,
- * counter-clockwise: beside a border in x it counts as greater if q.y > r.y and as less if q.y < r.y, beside one in y as
- * greater if q.x < r.x and as less if q.x > r.x; of equal ones p is the greatest of the two others instead. Vertices
- * are numbered within this stream. A region of which only heights have changed is gone and comes again.
+ * The difference between two meshes of a dataset under one view: that of generation `since`, as its newest finished job made
+ * it, and that of `job`, which must be done. Regions are those of the blocks (`box`). A reader that keeps the old mesh by
+ * region removes the regions that are gone and adds the blocks that come. Any other reader removes each triangle whose
+ * circumcentre is in a region that is gone (low < c < high on both axes, in doubled lattice numbers). For a circumcentre on a
+ * border, let p be the corner with the greatest x (of two such, the greater y), and q and r the next ones, counter-clockwise:
+ * on a border in x it counts as greater if q.y > r.y and as less if q.y < r.y, on one in y as greater if q.x < r.x and as
+ * less if q.x > r.x; if they are equal, p is the greatest of the two others instead. Vertices are numbered within this
+ * stream. A region of which only heights have changed is gone and comes again.
  */
 struct acut_mesh_base {
 	uint64_t generation, job;                                            /* of the old mesh */
@@ -597,26 +597,25 @@ struct acut_changes_sink {
 	int (*base)(void *ctx, const struct acut_mesh_base *);
 	int (*gone)(void *ctx, const struct acut_mesh_region *);
 };
-/* Callbacks get the ctx of `mesh`. The old digest without what is gone and with what came was checked to be the new
- * one before `tail` comes ("digest-mismatch"). "stream-gone": nothing is known of the old mesh's regions. Such a fetch
- * cannot be gone on with (acut_fetch_state). */
+/* Callbacks get the ctx of `mesh`. Before `tail` the digests are checked: the old one without the regions that are gone and
+ * with the blocks that came is the new one ("digest-mismatch"). "stream-gone": the regions of the old mesh are unknown. Such
+ * a fetch cannot be continued (acut_fetch_state). */
 int acut_fetch_changes(struct acut *, uint64_t job, uint64_t since, const struct acut_changes_sink *);
-/* What it takes to go on with a fetch later, on this connection or another one: bytes of a size that grows with the
- * vertices that are not final yet. Inside of the sink's `block` it is as of that block, which the callback must then
- * take; after a failed fetch, until the next call, as of the last block that was taken (ACUT_E_USAGE where there is
- * none). *ret goes to free(). */
+/* The state from which a fetch can be continued, on this connection or another one; its size grows with the vertices that are
+ * not final yet. Inside of the sink's `block` it is as of that block, which the callback must then take; after a failed
+ * fetch, until the next call, as of the last block that was taken (ACUT_E_USAGE if there is none). The caller frees *ret with
+ * free(). */
 int acut_fetch_state(struct acut *, void **ret, size_t *ret_size);
-/* Goes on with that: `head` comes again, then the block behind those of the state; `tail` is of the whole mesh,
+/* Continues from a state: `head` comes again, then the first block after those of the state; `tail` is of the whole mesh,
  * digests included. "stream-gone": the job's mesh does not come in these blocks any more; fetch it from the start. */
 int acut_fetch_from(struct acut *, const void *state, size_t size, const struct acut_mesh_sink *);
 
 /*
- * The same fetches piece by piece, for a caller who wants to be asked rather than called: begin, then step until it gives
- * 0. A step waits for the next frame, hands it to the sink, and gives 1; what the sink got, but for the texts of a tail
- * and of the structs of `base` and `gone`, stays valid until the next call on the connection. Any other call ends the
- * fetch, and so does acut_fetch_end (of one that is over or never was: nothing happens).
- * `state` (size bytes; NULL: from the start) as acut_fetch_from takes it, with job 0. since 0: the whole mesh, and then
- * only sink->mesh counts. The sink itself stays the caller's until the end.
+ * The same fetches for a caller with a loop of its own: begin, then step until it gives 0. A step waits for the next frame,
+ * hands it to the sink, and gives 1. The data in the sink stays valid until the next call on the connection, except the texts
+ * of a tail and of the structs of `base` and `gone`. Any other call ends the fetch, and so does acut_fetch_end (without a
+ * fetch it does nothing). `state` (size bytes; NULL: from the start) as acut_fetch_from takes it, with job 0. since 0: the
+ * whole mesh, and only sink->mesh is used. The caller keeps the sink until the end.
  */
 int acut_fetch_begin(struct acut *, uint64_t job, uint64_t since, const void *state, size_t size,
 		     const struct acut_changes_sink *);

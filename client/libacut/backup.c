@@ -1,10 +1,10 @@
-/* Backups, exports, imports: one descriptor after the other, each a question with one answer. */
+/* Backups, exports, imports: one descriptor after the other, each a request with one answer. */
 #include <string.h>
 #include <unistd.h>
 
 #include "call.h"
 
-/* Relative, of plain parts: a daemon that lies must not lead a client out of its folder. */
+/* Relative, of plain parts: a malicious daemon must not lead a client out of its folder. */
 static bool name_ok(const char *name)
 {
 	size_t n = strlen(name);
@@ -17,17 +17,17 @@ static bool name_ok(const char *name)
 	return true;
 }
 
-/* 0: *ret_more says whether there was one. */
+/* 0: *ret_more is whether there was one. */
 static int one(struct acut *a, uint64_t backup, const struct acut_backup_sink *sink, bool *ret_more)
 {
-	Acut__V1__BackupNext question = ACUT__V1__BACKUP_NEXT__INIT;
+	Acut__V1__BackupNext req = ACUT__V1__BACKUP_NEXT__INIT;
 	struct acut_backup_file f;
 	Acut__V1__Message *m;
 	int fd = -1, r;
 	uint32_t id;
 
-	question.backup = backup;
-	r = call_send(a, FRAME_MESSAGE(BACKUP_NEXT, backup_next, &question), -1, &id);
+	req.backup = backup;
+	r = call_send(a, FRAME_MESSAGE(BACKUP_NEXT, backup_next, &req), -1, &id);
 	if (r == 0)
 		r = call_next(a, id, &m, &fd);
 	if (r < 0)
@@ -52,7 +52,7 @@ static int one(struct acut *a, uint64_t backup, const struct acut_backup_sink *s
 
 int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_sink *sink)
 {
-	Acut__V1__Backup question = ACUT__V1__BACKUP__INIT;
+	Acut__V1__Backup req = ACUT__V1__BACKUP__INIT;
 	Acut__V1__BackupEnd end = ACUT__V1__BACKUP_END__INIT;
 	struct acut_backup_ready ready;
 	Acut__V1__Message *m;
@@ -65,8 +65,8 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 		r = call_begin(a);
 		return r < 0 ? r : err_set(&a->err, ERR_NOTFOUND, "there is no dataset \"\"");
 	}
-	question.dataset = call_text(dataset);
-	r = call_ask(a, FRAME_MESSAGE(BACKUP, backup, &question), -1, ACUT__V1__MESSAGE__BODY_BACKUP_READY);
+	req.dataset = call_text(dataset);
+	r = call_ask(a, FRAME_MESSAGE(BACKUP, backup, &req), -1, ACUT__V1__MESSAGE__BODY_BACKUP_READY);
 	if (r < 0)
 		return r;
 	end.backup = a->answer->backup_ready->backup;
@@ -88,7 +88,7 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 		r = sink->ready(sink->ctx, &ready);
 	while (!r && more)
 		r = one(a, end.backup, sink, &more);
-	/* After a failure too, as far as that goes: else the daemon keeps it until the connection ends. */
+	/* After a failure too, as far as possible: otherwise the daemon keeps it until the connection ends. */
 	if (a->dead.code)
 		return r;
 	if (r) {
@@ -103,23 +103,23 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 
 static int send_files(struct acut *a, uint64_t import, int (*next)(void *ctx, const char **ret_name, int *ret_fd), void *ctx)
 {
-	Acut__V1__ImportFile question = ACUT__V1__IMPORT_FILE__INIT;
+	Acut__V1__ImportFile req = ACUT__V1__IMPORT_FILE__INIT;
 	Acut__V1__Message *m;
 	const char *name;
 	uint32_t id;
 	int fd, r;
 
-	question.import = import;
+	req.import = import;
 	for (;;) {
 		name = NULL;
 		r = next(ctx, &name, &fd);
 		if (r || !name)
 			return r;
 		r = call_file(a, fd, name);
-		question.name = (char *)name;
+		req.name = (char *)name;
 		if (r == 0)
-			r = call_again(a, FRAME_MESSAGE(IMPORT_FILE, import_file, &question), fd, ACUT__V1__MESSAGE__BODY_DONE,
-				       &id, &m);
+			r = call_again(a, FRAME_MESSAGE(IMPORT_FILE, import_file, &req), fd, ACUT__V1__MESSAGE__BODY_DONE, &id,
+				       &m);
 		if (r)
 			return r;
 		frame_message_free(m);
@@ -129,16 +129,16 @@ static int send_files(struct acut *a, uint64_t import, int (*next)(void *ctx, co
 int acut_import(struct acut *a, const char *dataset, int (*next)(void *ctx, const char **ret_name, int *ret_fd), void *ctx,
 		const struct acut_imported **ret)
 {
-	Acut__V1__Import question = ACUT__V1__IMPORT__INIT;
+	Acut__V1__Import req = ACUT__V1__IMPORT__INIT;
 	Acut__V1__ImportCommit commit = ACUT__V1__IMPORT_COMMIT__INIT;
 	Acut__V1__BackupEnd end = ACUT__V1__BACKUP_END__INIT;
 	Acut__V1__Message *m = NULL;
 	uint32_t id;
 	int r;
 
-	question.mode = call_mode(a);
-	question.dataset = call_text(dataset);
-	r = call_ask(a, FRAME_MESSAGE(IMPORT, import, &question), -1, ACUT__V1__MESSAGE__BODY_IMPORTING);
+	req.mode = call_mode(a);
+	req.dataset = call_text(dataset);
+	r = call_ask(a, FRAME_MESSAGE(IMPORT, import, &req), -1, ACUT__V1__MESSAGE__BODY_IMPORTING);
 	if (r < 0)
 		return r;
 	commit.import = end.import = a->answer->importing->import;

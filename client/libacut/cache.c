@@ -1,4 +1,4 @@
-/* What lies on the daemon's disk: how much, whether it is sound, and removing what can be made again. */
+/* The daemon's disk: its use, whether it is sound, and removing what can be made again. */
 #include <stdlib.h>
 
 #include "call.h"
@@ -18,11 +18,10 @@ void call_side(const Acut__V1__CacheSide *s, struct acut_side *ret)
 
 int acut_cache_stat(struct acut *a, const struct acut_cache_stat **ret)
 {
-	Acut__V1__CacheStatRequest question = ACUT__V1__CACHE_STAT_REQUEST__INIT;
+	Acut__V1__CacheStatRequest req = ACUT__V1__CACHE_STAT_REQUEST__INIT;
 	const Acut__V1__CacheStat *s;
 	struct acut_cache_kind *rows;
-	int r = call_ask(a, FRAME_MESSAGE(CACHE_STAT_REQUEST, cache_stat_request, &question), -1,
-			 ACUT__V1__MESSAGE__BODY_CACHE_STAT);
+	int r = call_ask(a, FRAME_MESSAGE(CACHE_STAT_REQUEST, cache_stat_request, &req), -1, ACUT__V1__MESSAGE__BODY_CACHE_STAT);
 
 	if (r < 0)
 		return r;
@@ -61,12 +60,12 @@ static void tell_damage(const Acut__V1__CacheDamage *d, void (*damage)(void *ctx
 int acut_cache_verify(struct acut *a, void (*damage)(void *ctx, const struct acut_cache_damage *), acut_progress_fn progress,
 		      void *ctx, struct acut_cache_verified *ret)
 {
-	Acut__V1__CacheVerify question = ACUT__V1__CACHE_VERIFY__INIT;
+	Acut__V1__CacheVerify req = ACUT__V1__CACHE_VERIFY__INIT;
 	uint32_t id;
 	int r = call_begin(a);
 
 	if (r == 0)
-		r = call_send(a, FRAME_MESSAGE(CACHE_VERIFY, cache_verify, &question), -1, &id);
+		r = call_send(a, FRAME_MESSAGE(CACHE_VERIFY, cache_verify, &req), -1, &id);
 	a->progress = progress;
 	a->progress_ctx = ctx;
 	while (r == 0) {
@@ -98,11 +97,11 @@ int acut_cache_verify(struct acut *a, void (*damage)(void *ctx, const struct acu
 
 int acut_cache_gc(struct acut *a, bool all, uint64_t *ret_bytes, uint64_t *ret_entries)
 {
-	Acut__V1__CacheGc question = ACUT__V1__CACHE_GC__INIT;
+	Acut__V1__CacheGc req = ACUT__V1__CACHE_GC__INIT;
 	int r;
 
-	question.all = all;
-	r = call_ask(a, FRAME_MESSAGE(CACHE_GC, cache_gc, &question), -1, ACUT__V1__MESSAGE__BODY_CACHE_FREED);
+	req.all = all;
+	r = call_ask(a, FRAME_MESSAGE(CACHE_GC, cache_gc, &req), -1, ACUT__V1__MESSAGE__BODY_CACHE_FREED);
 	if (r < 0)
 		return r;
 	*ret_bytes = a->answer->cache_freed->bytes;

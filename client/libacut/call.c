@@ -1,11 +1,10 @@
 /*
- * A call: one question with a number of its own, and the waiting for its answers. What comes in between
- * is sorted here: progress of the call goes to its callback, news of a push to that push, and late answers
- * of calls that gave up are dropped, their descriptors closed.
+ * A call: one request with a number of its own, and the wait for its answers. Other messages are sorted here: progress of the
+ * call goes to its callback, news of a push to that push, and late answers to abandoned calls are dropped, their descriptors
+ * closed.
  *
- * Errors are of two kinds. Those of one call (the daemon refuses, time is up, somebody interrupts)
- * leave the connection whole. Those of the connection (the daemon is gone, the protocol is broken) are kept
- * in acut->dead and meet every later call.
+ * Errors are of two kinds. Those of one call (refused, timeout, interrupted) leave the connection whole. Those of the
+ * connection (the daemon is gone, the protocol is broken) are kept in acut->dead and fail every later call.
  */
 #include "call.h"
 
@@ -101,7 +100,7 @@ static int stray(struct acut *a, uint32_t id, const Acut__V1__Message *m)
 	return 0;
 }
 
-/* An answer to a question of the window, which takes it over; false: it is none. */
+/* An answer to a request of the window, which takes it over; false: it is none. */
 static bool window_take(struct acut *a, uint32_t id, Acut__V1__Message *m)
 {
 	struct acut_progress progress;
@@ -136,7 +135,7 @@ int call_pump(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 	r = frame_conn_flush(a->conn, &a->err);
 	if (r < 0)
 		return die(a);
-	/* If the daemon is gone, it may have said why: read on. */
+	/* If the daemon is gone, it may have sent the reason before: read on. */
 	r = frame_conn_recv(a->conn, &got, &m, &fd, &a->err);
 	if (r == FRAME_E_AGAIN)
 		return r;
@@ -244,14 +243,14 @@ int call_unexpected(struct acut *a, const Acut__V1__Message *m)
 		       (int)m->body_case);
 }
 
-int call_again(struct acut *a, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
+int call_again(struct acut *a, const Acut__V1__Message *req, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
 	       Acut__V1__Message **ret)
 {
 	Acut__V1__Message *m;
 	uint32_t id;
 	int r;
 
-	r = call_send(a, question, fd, &id);
+	r = call_send(a, req, fd, &id);
 	if (r == 0)
 		r = call_next(a, id, &m, NULL);
 	if (r < 0)
@@ -266,10 +265,10 @@ int call_again(struct acut *a, const Acut__V1__Message *question, int fd, Acut__
 	return 0;
 }
 
-int call_ask(struct acut *a, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want)
+int call_ask(struct acut *a, const Acut__V1__Message *req, int fd, Acut__V1__Message__BodyCase want)
 {
 	uint32_t id;
 	int r = call_begin(a);
 
-	return r < 0 ? r : call_again(a, question, fd, want, &id, &a->answer);
+	return r < 0 ? r : call_again(a, req, fd, want, &id, &a->answer);
 }

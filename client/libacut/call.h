@@ -1,4 +1,4 @@
-/* Inside libacut: the connection, and how a call sends its question and waits for the answers. */
+/* Inside libacut: the connection, and how a call sends its request and waits for the answers. */
 #ifndef CALL_H
 #define CALL_H
 
@@ -11,7 +11,7 @@
 struct acut_push {
 	struct acut *acut;
 	struct acut_push *next; /* on acut->pushes */
-	uint32_t request_id;    /* of PushBegin: Durable comes on it */
+	uint32_t request_id;    /* of PushBegin: Durable is sent under it */
 	uint64_t push, durable;
 	char *format, *columns, *note;
 	bool decimal_comma;
@@ -70,37 +70,36 @@ struct acut {
 	struct acut_imported imported;
 };
 
-/* What older daemons would ignore in a question: where their Hello.features lack it, the call fails before it asks. */
+/* Features that older daemons would ignore in a request: without them in its Hello.features the call fails before it is sent. */
 enum call_feature { CALL_MODE = 1, CALL_DECIMAL_COMMA = 2, CALL_OVERRIDE = 4 };
 int call_needs(struct acut *, enum call_feature);
-/* The mode for a dataset that comes to be; "": the daemon's. Until the next call. */
+/* The mode for a dataset that the call creates; "": the daemon's. Until the next call. */
 char *call_mode(struct acut *);
 /* Starts a call: forgets the last one's error and results. Negative if the connection is dead. */
 int call_begin(struct acut *);
-/* Sends a question. `fd` (-1: none) stays the caller's. */
+/* Sends a request. `fd` (-1: none) stays the caller's. */
 int call_send(struct acut *, const Acut__V1__Message *, int fd, uint32_t *ret_id);
-/* Waits for the next answer to `id`, other than Progress, which goes to acut->progress. *ret is the
- * caller's (frame_message_free); an Error becomes the call's failure. ret_fd NULL: no descriptor is expected.
- */
+/* Waits for the next answer to `id` other than Progress, which goes to acut->progress. The caller frees *ret
+ * (frame_message_free); an Error becomes the call's failure. ret_fd NULL: no descriptor is expected. */
 int call_next(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
 /* begin, send, next; the answer must be `want` and is kept as acut->answer. */
 int call_ask(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want);
-/* Same without begin, for the second and later questions of one call. *ret is the caller's. */
+/* Same without begin, for the second and later requests of one call. *ret is the caller's. */
 int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
 	       Acut__V1__Message **ret);
 /* A list, page by page (call_list.c). */
 struct call_list {
-	const Acut__V1__Message *question; /* of the first page; then as `next` left it */
+	const Acut__V1__Message *req; /* of the first page; then as `next` left it */
 	Acut__V1__Message__BodyCase want;
 	bool asks; /* `rows` asks the daemon itself: the next page is asked for only then */
 	void *ctx;
-	/* Sets the question to what comes after this page; false: it is the last. */
+	/* Sets the request to the page after this one; false: it is the last. */
 	bool (*next)(void *ctx, const Acut__V1__Message *page);
 	/* Hands it out. The page before it is still there. Negative ends the list. */
 	int (*rows)(void *ctx, const Acut__V1__Message *page);
 };
 int call_list(struct acut *, const struct call_list *);
-/* 0, or the failure of a list whose keys do not rise. */
+/* -ERR: the keys of a list do not rise. */
 int call_rises(struct acut *, bool rises, const char *what);
 /* As many rows as the daemon puts into one page. */
 enum { CALL_PAGE = 1000 };
@@ -112,8 +111,8 @@ int call_unexpected(struct acut *, const Acut__V1__Message *);
 /* Reads one message without waiting. 0: one was taken (if it answers `id` and is not Progress: *ret is set,
  * else NULL); FRAME_E_AGAIN; negative. */
 int call_pump(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
-/* Waits for the connection or for `other` (NULL: none), at most a tenth of a second at a time if somebody
- * wants to be asked. `since`: clock_mono_ns of the last sign of life. */
+/* Waits for the connection or for `other` (NULL: none), at most a tenth of a second at a time if there is an interrupt
+ * callback. `since`: clock_mono_ns of the last sign of life. */
 int call_pause(struct acut *, uint64_t since, struct pollfd *other);
 
 /* fetch.c. NULL is fine; gives NULL. */
@@ -121,7 +120,7 @@ struct fetch *fetch_free(struct fetch *);
 
 /* ---- messages to results ---- */
 
-/* Text as it goes into a message; NULL: "". */
+/* Text for a message; NULL: "". */
 char *call_text(const char *text);
 void call_failure(const struct err *err, struct acut_failure *ret);
 void call_wire_failure(const Acut__V1__Error *, struct acut_failure *ret);

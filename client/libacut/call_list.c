@@ -6,9 +6,9 @@
 
 static int list_ask(struct acut *a, const struct call_list *l, uint32_t *ret_id)
 {
-	int r = call_send(a, l->question, -1, ret_id);
+	int r = call_send(a, l->req, -1, ret_id);
 
-	/* Off at once, not when the answer is waited for, which meets whatever goes wrong here. */
+	/* Sent now; an error of the connection is met by the wait for the answer. */
 	if (r == 0)
 		frame_conn_flush(a->conn, &a->err);
 	return r;
@@ -16,7 +16,7 @@ static int list_ask(struct acut *a, const struct call_list *l, uint32_t *ret_id)
 
 int call_list(struct acut *a, const struct call_list *l)
 {
-	Acut__V1__Message *last = NULL, *page; /* last: keys of rows handed out may lie in it */
+	Acut__V1__Message *last = NULL, *page; /* last: may hold the keys of rows handed out */
 	bool more = true;
 	uint32_t id;
 	int r = list_ask(a, l, &id);

@@ -1,8 +1,7 @@
 /*
- * Checking a mesh as it streams by. Both digests are sums, so blocks need no order and nothing is kept of
- * a block but the positions of vertices that later blocks may name: those not yet final. They stand in a hash
- * table by number (open addressing, linear probing, deletion by shifting back), which grows with the open
- * vertices and not with the mesh.
+ * Checking a mesh as it streams by. Both digests are sums, so blocks need no order. All that is kept of a block are the
+ * positions of vertices that later blocks may use: those not yet final. They are in a hash table by number (open addressing,
+ * linear probing, deletion by shifting back), which grows with the open vertices and not with the mesh.
  */
 #include "check.h"
 
@@ -20,7 +19,7 @@ struct slot {
 struct check {
 	int64_t k[3];
 	struct digest digest, vertex_digest;
-	struct digest gone; /* of regions that are; they come before all blocks, again where a stream goes on */
+	struct digest gone; /* of regions that are gone; they come before all blocks, also in a continued stream */
 
 	struct slot *slot;
 	unsigned bits; /* log2 of the slots */
@@ -109,7 +108,7 @@ static int insert(struct check *c, uint64_t number, const int32_t position[3], s
 	return 0;
 }
 
-/* Frees the slot and moves up those behind it that would no longer be found. */
+/* Frees the slot and moves up those after it that would no longer be found. */
 static void erase(struct check *c, struct slot *at)
 {
 	uint64_t mask = ((uint64_t)1 << c->bits) - 1;

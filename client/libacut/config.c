@@ -3,9 +3,9 @@
 
 int acut_config(struct acut *a, void (*each)(void *ctx, const struct acut_setting *), void *ctx)
 {
-	Acut__V1__SettingsRequest question = ACUT__V1__SETTINGS_REQUEST__INIT;
+	Acut__V1__SettingsRequest req = ACUT__V1__SETTINGS_REQUEST__INIT;
 	const Acut__V1__Settings *s;
-	int r = call_ask(a, FRAME_MESSAGE(SETTINGS_REQUEST, settings_request, &question), -1, ACUT__V1__MESSAGE__BODY_SETTINGS);
+	int r = call_ask(a, FRAME_MESSAGE(SETTINGS_REQUEST, settings_request, &req), -1, ACUT__V1__MESSAGE__BODY_SETTINGS);
 
 	if (r < 0)
 		return r;

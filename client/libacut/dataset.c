@@ -57,7 +57,7 @@ static const char *path_text(const ProtobufCBinaryData *path, char buf[PATH_BYTE
 /* The files of a generation, and the generations: each row of these may ask for its files. */
 struct files_list {
 	struct acut *acut;
-	Acut__V1__FilesRequest question;
+	Acut__V1__FilesRequest req;
 	uint32_t last; /* handed out */
 	const struct acut_log_sink *sink;
 };
@@ -68,7 +68,7 @@ static bool files_next(void *ctx, const Acut__V1__Message *page)
 	const Acut__V1__Files *files = page->files;
 
 	if (files->n_files)
-		l->question.after = files->files[files->n_files - 1]->source;
+		l->req.after = files->files[files->n_files - 1]->source;
 	return files->more && files->n_files;
 }
 
@@ -99,12 +99,12 @@ static int files_rows(void *ctx, const Acut__V1__Message *page)
 
 static int files_of(struct acut *a, const char *dataset, uint64_t generation, const struct acut_log_sink *sink)
 {
-	struct files_list l = {.acut = a, .question = ACUT__V1__FILES_REQUEST__INIT, .sink = sink};
+	struct files_list l = {.acut = a, .req = ACUT__V1__FILES_REQUEST__INIT, .sink = sink};
 
-	l.question.dataset = call_text(dataset);
-	l.question.generation = generation;
-	l.question.limit = CALL_PAGE;
-	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(FILES_REQUEST, files_request, &l.question),
+	l.req.dataset = call_text(dataset);
+	l.req.generation = generation;
+	l.req.limit = CALL_PAGE;
+	return call_list(a, &(struct call_list){.req = FRAME_MESSAGE(FILES_REQUEST, files_request, &l.req),
 						.want = ACUT__V1__MESSAGE__BODY_FILES,
 						.ctx = &l,
 						.next = files_next,
@@ -113,7 +113,7 @@ static int files_of(struct acut *a, const char *dataset, uint64_t generation, co
 
 struct log_list {
 	struct acut *acut;
-	Acut__V1__LogRequest question;
+	Acut__V1__LogRequest req;
 	const char *dataset;
 	uint64_t last; /* handed out */
 	const struct acut_log_sink *sink;
@@ -149,7 +149,7 @@ static bool log_next(void *ctx, const Acut__V1__Message *page)
 	const Acut__V1__Log *log = page->log;
 
 	if (log->n_generations)
-		l->question.after = log->generations[log->n_generations - 1]->number;
+		l->req.after = log->generations[log->n_generations - 1]->number;
 	return log->more && log->n_generations;
 }
 
@@ -171,14 +171,14 @@ static int log_rows(void *ctx, const Acut__V1__Message *page)
 
 int acut_dataset_log(struct acut *a, const char *dataset, const struct acut_log_sink *sink)
 {
-	struct log_list l = {.acut = a, .question = ACUT__V1__LOG_REQUEST__INIT, .dataset = dataset, .sink = sink};
+	struct log_list l = {.acut = a, .req = ACUT__V1__LOG_REQUEST__INIT, .dataset = dataset, .sink = sink};
 	int r = call_begin(a);
 
-	l.question.dataset = call_text(dataset);
-	l.question.limit = CALL_PAGE;
+	l.req.dataset = call_text(dataset);
+	l.req.limit = CALL_PAGE;
 	if (r < 0)
 		return r;
-	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(LOG_REQUEST, log_request, &l.question),
+	return call_list(a, &(struct call_list){.req = FRAME_MESSAGE(LOG_REQUEST, log_request, &l.req),
 						.want = ACUT__V1__MESSAGE__BODY_LOG,
 						.asks = true,
 						.ctx = &l,
@@ -190,7 +190,7 @@ int acut_dataset_log(struct acut *a, const char *dataset, const struct acut_log_
 
 struct datasets_list {
 	struct acut *acut;
-	Acut__V1__DatasetsRequest question;
+	Acut__V1__DatasetsRequest req;
 	const char *last; /* handed out: by name */
 	uint64_t last_id; /* by number, those that were removed */
 	void (*each)(void *ctx, const struct acut_dataset *);
@@ -202,10 +202,10 @@ static bool datasets_next(void *ctx, const Acut__V1__Message *page)
 	struct datasets_list *l = ctx;
 	const Acut__V1__Datasets *d = page->datasets;
 
-	if (d->n_datasets && l->question.removed)
-		l->question.after_id = d->datasets[d->n_datasets - 1]->id;
+	if (d->n_datasets && l->req.removed)
+		l->req.after_id = d->datasets[d->n_datasets - 1]->id;
 	else if (d->n_datasets)
-		l->question.after = d->datasets[d->n_datasets - 1]->name;
+		l->req.after = d->datasets[d->n_datasets - 1]->name;
 	return d->more && d->n_datasets;
 }
 
@@ -218,7 +218,7 @@ static int datasets_rows(void *ctx, const Acut__V1__Message *page)
 		struct acut_dataset d;
 
 		call_dataset(page->datasets->datasets[i], &d);
-		r = call_rises(l->acut, l->question.removed ? d.id > l->last_id : strcmp(d.name, l->last) > 0, "datasets");
+		r = call_rises(l->acut, l->req.removed ? d.id > l->last_id : strcmp(d.name, l->last) > 0, "datasets");
 		if (r == 0)
 			l->each(l->ctx, &d);
 		l->last = d.name;
@@ -230,8 +230,8 @@ static int datasets_rows(void *ctx, const Acut__V1__Message *page)
 static int datasets_list(struct datasets_list *l)
 {
 	l->last = "";
-	l->question.limit = CALL_PAGE;
-	return call_list(l->acut, &(struct call_list){.question = FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &l->question),
+	l->req.limit = CALL_PAGE;
+	return call_list(l->acut, &(struct call_list){.req = FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &l->req),
 						      .want = ACUT__V1__MESSAGE__BODY_DATASETS,
 						      .ctx = l,
 						      .next = datasets_next,
@@ -240,25 +240,25 @@ static int datasets_list(struct datasets_list *l)
 
 int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
 {
-	struct datasets_list l = {.acut = a, .question = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
+	struct datasets_list l = {.acut = a, .req = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
 	int r = call_begin(a);
 
-	l.question.name = call_text(name);
+	l.req.name = call_text(name);
 	return r < 0 ? r : datasets_list(&l);
 }
 
 int acut_datasets_removed(struct acut *a, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
 {
-	struct datasets_list l = {.acut = a, .question = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
+	struct datasets_list l = {.acut = a, .req = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
 	int r = call_begin(a);
 
-	l.question.removed = true;
+	l.req.removed = true;
 	return r < 0 ? r : datasets_list(&l);
 }
 
 int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, struct acut_dataset *ret)
 {
-	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
+	Acut__V1__DatasetsRequest req = ACUT__V1__DATASETS_REQUEST__INIT;
 	int r;
 
 	/* On the wire no name is all of them. */
@@ -266,9 +266,9 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 		r = call_begin(a);
 		return r < 0 ? r : err_set(&a->err, ERR_NOTFOUND, "there is no dataset \"\"");
 	}
-	question.name = call_text(dataset);
-	question.generation = generation;
-	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
+	req.name = call_text(dataset);
+	req.generation = generation;
+	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &req), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
 	if (r == 0 && a->answer->datasets->n_datasets != 1)
 		r = err_set(&a->err, ERR_PROTO, "the daemon did not say what the dataset is");
 	if (r == 0)
@@ -278,13 +278,13 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 
 /* ---- changes ---- */
 
-static int change(struct acut *a, Acut__V1__DatasetChange *question, const char *verb, const char *name, struct acut_dataset *ret)
+static int change(struct acut *a, Acut__V1__DatasetChange *req, const char *verb, const char *name, struct acut_dataset *ret)
 {
 	int r;
 
-	question->verb = call_text(verb);
-	question->name = call_text(name);
-	r = call_ask(a, FRAME_MESSAGE(DATASET_CHANGE, dataset_change, question), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
+	req->verb = call_text(verb);
+	req->name = call_text(name);
+	r = call_ask(a, FRAME_MESSAGE(DATASET_CHANGE, dataset_change, req), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
 	if (r == 0 && a->answer->datasets->n_datasets != 1)
 		r = err_set(&a->err, ERR_PROTO, "the daemon did not say what the dataset is");
 	if (r == 0)
@@ -294,35 +294,35 @@ static int change(struct acut *a, Acut__V1__DatasetChange *question, const char 
 
 int acut_dataset_change(struct acut *a, const char *verb, const char *name, uint64_t id, const char *as, struct acut_dataset *ret)
 {
-	Acut__V1__DatasetChange question = ACUT__V1__DATASET_CHANGE__INIT;
+	Acut__V1__DatasetChange req = ACUT__V1__DATASET_CHANGE__INIT;
 
-	question.id = id;
-	question.as = call_text(as);
-	return change(a, &question, verb, name, ret);
+	req.id = id;
+	req.as = call_text(as);
+	return change(a, &req, verb, name, ret);
 }
 
 int acut_dataset_chmod(struct acut *a, const char *name, const char *mode, struct acut_dataset *ret)
 {
-	Acut__V1__DatasetChange question = ACUT__V1__DATASET_CHANGE__INIT;
+	Acut__V1__DatasetChange req = ACUT__V1__DATASET_CHANGE__INIT;
 
-	question.mode = call_text(mode);
-	return change(a, &question, "chmod", name, ret);
+	req.mode = call_text(mode);
+	return change(a, &req, "chmod", name, ret);
 }
 
 int acut_dataset_chgrp(struct acut *a, const char *name, uint32_t gid, struct acut_dataset *ret)
 {
-	Acut__V1__DatasetChange question = ACUT__V1__DATASET_CHANGE__INIT;
+	Acut__V1__DatasetChange req = ACUT__V1__DATASET_CHANGE__INIT;
 
-	question.gid = gid;
-	return change(a, &question, "chgrp", name, ret);
+	req.gid = gid;
+	return change(a, &req, "chgrp", name, ret);
 }
 
 int acut_dataset_chown(struct acut *a, const char *name, uint32_t uid, struct acut_dataset *ret)
 {
-	Acut__V1__DatasetChange question = ACUT__V1__DATASET_CHANGE__INIT;
+	Acut__V1__DatasetChange req = ACUT__V1__DATASET_CHANGE__INIT;
 
-	question.uid = uid;
-	return change(a, &question, "chown", name, ret);
+	req.uid = uid;
+	return change(a, &req, "chown", name, ret);
 }
 
 /* ---- the mode of new ones ---- */
@@ -340,7 +340,7 @@ int acut_dataset_mode(struct acut *a, const char *mode)
 	return r;
 }
 
-/* umask(2) tells it by changing it, which other threads would feel: the kernel's text says it as well. */
+/* umask(2) would change it to read it, which other threads would see: /proc has it as well. */
 char *call_mode(struct acut *a)
 {
 	char line[256];
@@ -362,13 +362,13 @@ char *call_mode(struct acut *a)
 
 int acut_dataset_revert(struct acut *a, const char *dataset, uint64_t generation, struct acut_reverted *ret)
 {
-	Acut__V1__Revert question = ACUT__V1__REVERT__INIT;
+	Acut__V1__Revert req = ACUT__V1__REVERT__INIT;
 	const Acut__V1__Reverted *d;
 	int r;
 
-	question.dataset = call_text(dataset);
-	question.generation = generation;
-	r = call_ask(a, FRAME_MESSAGE(REVERT, revert, &question), -1, ACUT__V1__MESSAGE__BODY_REVERTED);
+	req.dataset = call_text(dataset);
+	req.generation = generation;
+	r = call_ask(a, FRAME_MESSAGE(REVERT, revert, &req), -1, ACUT__V1__MESSAGE__BODY_REVERTED);
 	if (r < 0)
 		return r;
 	d = a->answer->reverted;
@@ -384,14 +384,14 @@ int acut_dataset_revert(struct acut *a, const char *dataset, uint64_t generation
 
 int acut_dataset_prune(struct acut *a, const char *dataset, uint64_t keep, uint64_t before, struct acut_pruned *ret)
 {
-	Acut__V1__Prune question = ACUT__V1__PRUNE__INIT;
+	Acut__V1__Prune req = ACUT__V1__PRUNE__INIT;
 	const Acut__V1__Pruned *d;
 	int r;
 
-	question.dataset = call_text(dataset);
-	question.keep = keep;
-	question.before = before;
-	r = call_ask(a, FRAME_MESSAGE(PRUNE, prune, &question), -1, ACUT__V1__MESSAGE__BODY_PRUNED);
+	req.dataset = call_text(dataset);
+	req.keep = keep;
+	req.before = before;
+	r = call_ask(a, FRAME_MESSAGE(PRUNE, prune, &req), -1, ACUT__V1__MESSAGE__BODY_PRUNED);
 	if (r < 0)
 		return r;
 	d = a->answer->pruned;

@@ -1,8 +1,7 @@
 /*
- * Fetching a mesh: the daemon hands over the reading end of a pipe, the bytes go through the stream reader,
- * each block is checked and then given to the sink. The socket is watched meanwhile, since progress and
- * errors come there. Closing the pipe is all it takes to give up.
- * fetch_state.c begins it where an earlier one ended, fetch_step.c stops it behind each frame.
+ * Fetching a mesh: the daemon hands over the reading end of a pipe, the bytes go through the stream reader, each block is
+ * checked and then given to the sink. The socket is watched meanwhile, since progress and errors come there. Closing the pipe
+ * is enough to give up. fetch_state.c continues an earlier fetch, fetch_step.c stops after each frame.
  */
 #include "fetch.h"
 
@@ -16,7 +15,7 @@
 #include "clock.h"
 #include "parse.h"
 
-enum { READS_A_LOOK = 32 }; /* reads from the pipe between two looks at the socket */
+enum { READS_A_LOOK = 32 }; /* reads from the pipe between two polls of the socket */
 
 static int from_sink(struct fetch *f, int r)
 {
@@ -52,7 +51,7 @@ static int get_lattice(struct fetch *f, const char *text)
 
 /* ---- frames ---- */
 
-/* Another head is good only before a tail that says why. */
+/* Another head is valid only before a tail with a reason. */
 static bool is_same(const struct fetch *f, const struct stream_head *head)
 {
 	return digest_equal(head->id, f->id) && memcmp(f->head.k, f->k, sizeof f->k) == 0;
@@ -86,7 +85,7 @@ static int on_head(struct fetch *f)
 
 	if (r < 0)
 		return r;
-	/* A stream that failed before it knew better has another kind, and a tail that says why. */
+	/* A stream that failed early has another kind, and a tail with a reason. */
 	f->unasked = (head->kind == STREAM_CHANGES) != (f->changes != NULL);
 	f->check = check_new(f->head.k);
 	if (!f->check)
@@ -265,7 +264,7 @@ static int check_socket(struct fetch *f)
 	return r == FRAME_E_AGAIN ? 0 : r;
 }
 
-/* The pipe ended before the tail: the daemon may have said why. */
+/* The pipe ended before the tail: the daemon may have sent the reason. */
 static int ended_early(struct fetch *f)
 {
 	struct acut *a = f->acut;
@@ -306,7 +305,7 @@ static int read_some(struct fetch *f)
 	return on_event(f, event);
 }
 
-/* The pipe is dry. 0: look again. */
+/* The pipe is empty. 0: try again. */
 static int wait_for_bytes(struct fetch *f, uint64_t since)
 {
 	struct pollfd pipe = {.fd = f->fd, .events = POLLIN};
@@ -405,19 +404,19 @@ struct fetch *fetch_new(struct acut *a, const struct acut_mesh_sink *sink)
 
 int fetch_begin(struct fetch *f)
 {
-	Acut__V1__Fetch question = ACUT__V1__FETCH__INIT;
+	Acut__V1__Fetch req = ACUT__V1__FETCH__INIT;
 	struct acut *a = f->acut;
 	char id[DIGEST_HEX_SIZE];
 	int fd = -1, r;
 
-	question.job = f->job;
-	question.area = call_text(f->acut->area);
-	question.changed_since = f->since;
+	req.job = f->job;
+	req.area = call_text(f->acut->area);
+	req.changed_since = f->since;
 	if (f->continued) {
-		question.from_block = f->from.blocks;
-		question.stream_id = digest_hex(f->id, id);
+		req.from_block = f->from.blocks;
+		req.stream_id = digest_hex(f->id, id);
 	}
-	r = call_send(a, FRAME_MESSAGE(FETCH, fetch, &question), -1, &f->request);
+	r = call_send(a, FRAME_MESSAGE(FETCH, fetch, &req), -1, &f->request);
 	if (r == 0)
 		r = call_next(a, f->request, &a->answer, &fd);
 	if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_FETCHING)

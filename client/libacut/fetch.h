@@ -16,9 +16,9 @@ struct fetch {
 	bool continued;
 	bool other;   /* the head is not of the stream that is to go on */
 	bool unasked; /* nor of the kind that was asked for */
-	bool stepped; /* acut_fetch_step: stop behind each frame */
+	bool stepped; /* acut_fetch_step: stop after each frame */
 	bool given;   /* a frame was whole with the last read */
-	bool over;    /* nothing comes any more */
+	bool over;    /* no more frames come */
 	unsigned reads;
 	struct stream_reader_state from;
 	struct digest id;    /* of the stream; when continued, that of the state */
@@ -39,13 +39,13 @@ struct fetch {
 struct fetch *fetch_new(struct acut *, const struct acut_mesh_sink *);
 /* Asks, and has the pipe. */
 int fetch_begin(struct fetch *);
-/* To the end: 0. Or, if it goes by steps, behind the next frame: 1. */
+/* Reads to the end: 0. A stepped fetch reads to the next frame: 1. */
 int fetch_stream(struct fetch *);
-/* The pipe goes, what acut_fetch_state needs stays. Gives r. */
+/* Closes the pipe, keeps what acut_fetch_state needs. Returns r. */
 int fetch_end(struct fetch *, int r);
 /* All three. */
 int fetch_run(struct fetch *);
-/* Of acut_fetch_state; false: they are damaged. The bytes are borrowed until the head has come. */
+/* From acut_fetch_state; false: the bytes are damaged. They are borrowed until the head has come. */
 bool fetch_read_state(struct fetch *, const uint8_t *bytes, size_t size);
 
 #endif

@@ -24,7 +24,7 @@ static void get_geoid(const Acut__V1__Geoid *g, struct acut_geoid *ret)
 
 int acut_geoid_add(struct acut *a, int fd, const char *name, const char *file, const struct acut_geoid **ret)
 {
-	Acut__V1__GeoidAdd question = ACUT__V1__GEOID_ADD__INIT;
+	Acut__V1__GeoidAdd req = ACUT__V1__GEOID_ADD__INIT;
 	char *named, *called;
 	uint32_t id;
 	int r = call_begin(a);
@@ -40,9 +40,9 @@ int acut_geoid_add(struct acut *a, int fd, const char *name, const char *file, c
 		free(called);
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a name");
 	}
-	question.name = frame_text_clean(named);
-	question.file = frame_text_clean(called);
-	r = call_again(a, FRAME_MESSAGE(GEOID_ADD, geoid_add, &question), fd, ACUT__V1__MESSAGE__BODY_GEOIDS, &id, &a->answer);
+	req.name = frame_text_clean(named);
+	req.file = frame_text_clean(called);
+	r = call_again(a, FRAME_MESSAGE(GEOID_ADD, geoid_add, &req), fd, ACUT__V1__MESSAGE__BODY_GEOIDS, &id, &a->answer);
 	free(named);
 	free(called);
 	if (r < 0)
@@ -56,9 +56,9 @@ int acut_geoid_add(struct acut *a, int fd, const char *name, const char *file, c
 
 int acut_geoids(struct acut *a, void (*each)(void *ctx, const struct acut_geoid *), void *ctx)
 {
-	Acut__V1__GeoidsRequest question = ACUT__V1__GEOIDS_REQUEST__INIT;
+	Acut__V1__GeoidsRequest req = ACUT__V1__GEOIDS_REQUEST__INIT;
 	struct acut_geoid g;
-	int r = call_ask(a, FRAME_MESSAGE(GEOIDS_REQUEST, geoids_request, &question), -1, ACUT__V1__MESSAGE__BODY_GEOIDS);
+	int r = call_ask(a, FRAME_MESSAGE(GEOIDS_REQUEST, geoids_request, &req), -1, ACUT__V1__MESSAGE__BODY_GEOIDS);
 
 	for (size_t i = 0; r == 0 && i < a->answer->geoids->n_geoids; i++) {
 		get_geoid(a->answer->geoids->geoids[i], &g);
@@ -69,8 +69,8 @@ int acut_geoids(struct acut *a, void (*each)(void *ctx, const struct acut_geoid 
 
 int acut_geoid_remove(struct acut *a, const char *name)
 {
-	Acut__V1__GeoidRemove question = ACUT__V1__GEOID_REMOVE__INIT;
+	Acut__V1__GeoidRemove req = ACUT__V1__GEOID_REMOVE__INIT;
 
-	question.name = call_text(name);
-	return call_ask(a, FRAME_MESSAGE(GEOID_REMOVE, geoid_remove, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
+	req.name = call_text(name);
+	return call_ask(a, FRAME_MESSAGE(GEOID_REMOVE, geoid_remove, &req), -1, ACUT__V1__MESSAGE__BODY_DONE);
 }

@@ -1,4 +1,4 @@
-/* What is in the records of a file. */
+/* The content of the records of a file. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -50,7 +50,7 @@ static void get_inspected(const Acut__V1__Inspected *m, struct acut_inspected *r
 int acut_inspect(struct acut *a, int fd, const char *name, const char *format, const char *columns,
 		 const struct acut_inspected **ret)
 {
-	Acut__V1__Inspect question = ACUT__V1__INSPECT__INIT;
+	Acut__V1__Inspect req = ACUT__V1__INSPECT__INIT;
 	char *named, *formed;
 	uint32_t id;
 	int r = call_begin(a);
@@ -66,11 +66,11 @@ int acut_inspect(struct acut *a, int fd, const char *name, const char *format, c
 		free(formed);
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a name");
 	}
-	question.name = frame_text_clean(named);
-	question.format = frame_text_clean(formed);
-	question.columns = call_text(columns);
-	question.decimal_comma = a->decimal_comma;
-	r = call_again(a, FRAME_MESSAGE(INSPECT, inspect, &question), fd, ACUT__V1__MESSAGE__BODY_INSPECTED, &id, &a->answer);
+	req.name = frame_text_clean(named);
+	req.format = frame_text_clean(formed);
+	req.columns = call_text(columns);
+	req.decimal_comma = a->decimal_comma;
+	r = call_again(a, FRAME_MESSAGE(INSPECT, inspect, &req), fd, ACUT__V1__MESSAGE__BODY_INSPECTED, &id, &a->answer);
 	free(named);
 	free(formed);
 	if (r < 0)

@@ -22,8 +22,8 @@ void call_wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
 	};
 }
 
-/* What each rule removed: with its name, or as numbers alone, of which the page that the job is on has the names (NULL: it is on
- * none). */
+/* The points that each rule removed: with its name, or as numbers alone, whose names are in the page that the job is on
+ * (NULL: none). */
 static int get_removed(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_removed **ret,
 		       size_t *ret_n)
 {
@@ -122,9 +122,9 @@ static int take_job(struct acut *a, const Acut__V1__Job *j, const Acut__V1__Jobs
 	return r;
 }
 
-static int job_ask(struct acut *a, const Acut__V1__Message *question, const struct acut_job **ret)
+static int job_ask(struct acut *a, const Acut__V1__Message *req, const struct acut_job **ret)
 {
-	int r = call_ask(a, question, -1, ACUT__V1__MESSAGE__BODY_JOB);
+	int r = call_ask(a, req, -1, ACUT__V1__MESSAGE__BODY_JOB);
 
 	if (r == 0)
 		r = take_job(a, a->answer->job, NULL, &a->job, &a->rows);
@@ -135,15 +135,15 @@ static int job_ask(struct acut *a, const Acut__V1__Message *question, const stru
 
 int acut_submit_job(struct acut *a, const struct acut_submission *what, const struct acut_job **ret)
 {
-	Acut__V1__Submit question = ACUT__V1__SUBMIT__INIT;
+	Acut__V1__Submit req = ACUT__V1__SUBMIT__INIT;
 
-	question.dataset = call_text(what->dataset);
-	question.generation = what->generation;
-	question.view = call_text(what->view);
-	question.bound = what->bound;
-	question.fresh = what->fresh;
-	question.priority = call_text(what->priority);
-	return job_ask(a, FRAME_MESSAGE(SUBMIT, submit, &question), ret);
+	req.dataset = call_text(what->dataset);
+	req.generation = what->generation;
+	req.view = call_text(what->view);
+	req.bound = what->bound;
+	req.fresh = what->fresh;
+	req.priority = call_text(what->priority);
+	return job_ask(a, FRAME_MESSAGE(SUBMIT, submit, &req), ret);
 }
 
 int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound, bool fresh,
@@ -156,31 +156,31 @@ int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const 
 
 int acut_job_cancel(struct acut *a, uint64_t id, const struct acut_job **ret)
 {
-	Acut__V1__Cancel question = ACUT__V1__CANCEL__INIT;
+	Acut__V1__Cancel req = ACUT__V1__CANCEL__INIT;
 
-	question.job = id;
-	return job_ask(a, FRAME_MESSAGE(CANCEL, cancel, &question), ret);
+	req.job = id;
+	return job_ask(a, FRAME_MESSAGE(CANCEL, cancel, &req), ret);
 }
 
 int acut_job_remove(struct acut *a, uint64_t id)
 {
-	Acut__V1__Remove question = ACUT__V1__REMOVE__INIT;
+	Acut__V1__Remove req = ACUT__V1__REMOVE__INIT;
 
-	question.job = id;
-	return call_ask(a, FRAME_MESSAGE(REMOVE, remove, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
+	req.job = id;
+	return call_ask(a, FRAME_MESSAGE(REMOVE, remove, &req), -1, ACUT__V1__MESSAGE__BODY_DONE);
 }
 
 int acut_job_wait(struct acut *a, uint64_t id, bool follow, void (*changed)(void *ctx, const struct acut_job *), void *ctx,
 		  const struct acut_job **ret)
 {
-	Acut__V1__Wait question = ACUT__V1__WAIT__INIT;
+	Acut__V1__Wait req = ACUT__V1__WAIT__INIT;
 	uint32_t request;
 	int r = call_begin(a);
 
-	question.job = id;
-	question.watch = follow;
+	req.job = id;
+	req.watch = follow;
 	if (r == 0)
-		r = call_send(a, FRAME_MESSAGE(WAIT, wait, &question), -1, &request);
+		r = call_send(a, FRAME_MESSAGE(WAIT, wait, &req), -1, &request);
 	while (r == 0) {
 		a->answer = frame_message_free(a->answer);
 		free(a->rows);
@@ -204,7 +204,7 @@ int acut_job_wait(struct acut *a, uint64_t id, bool follow, void (*changed)(void
 
 struct jobs_list {
 	struct acut *acut;
-	Acut__V1__JobsRequest question;
+	Acut__V1__JobsRequest req;
 	uint64_t last; /* handed out */
 	void (*each)(void *ctx, const struct acut_job *);
 	void *ctx;
@@ -216,7 +216,7 @@ static bool jobs_next(void *ctx, const Acut__V1__Message *page)
 	const Acut__V1__Jobs *jobs = page->jobs;
 
 	if (jobs->n_jobs)
-		l->question.after = jobs->jobs[jobs->n_jobs - 1]->id;
+		l->req.after = jobs->jobs[jobs->n_jobs - 1]->id;
 	return jobs->more && jobs->n_jobs;
 }
 
@@ -243,14 +243,14 @@ static int jobs_rows(void *ctx, const Acut__V1__Message *page)
 
 int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), void *ctx)
 {
-	struct jobs_list l = {.acut = a, .question = ACUT__V1__JOBS_REQUEST__INIT, .each = each, .ctx = ctx};
+	struct jobs_list l = {.acut = a, .req = ACUT__V1__JOBS_REQUEST__INIT, .each = each, .ctx = ctx};
 	int r = call_begin(a);
 
-	l.question.limit = CALL_PAGE;
-	l.question.counts = true;
+	l.req.limit = CALL_PAGE;
+	l.req.counts = true;
 	if (r < 0)
 		return r;
-	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &l.question),
+	return call_list(a, &(struct call_list){.req = FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &l.req),
 						.want = ACUT__V1__MESSAGE__BODY_JOBS,
 						.ctx = &l,
 						.next = jobs_next,
@@ -259,31 +259,31 @@ int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), 
 
 int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, const char *scale_z, const char *crs)
 {
-	Acut__V1__DatasetCreate question = ACUT__V1__DATASET_CREATE__INIT;
+	Acut__V1__DatasetCreate req = ACUT__V1__DATASET_CREATE__INIT;
 	uint32_t id;
 	int r = call_begin(a);
 
 	if (r < 0)
 		return r;
-	question.name = call_text(name);
-	question.scale_xy = call_text(scale_xy);
-	question.scale_z = call_text(scale_z);
-	question.crs = call_text(crs);
-	question.mode = call_mode(a);
-	return call_again(a, FRAME_MESSAGE(DATASET_CREATE, dataset_create, &question), -1, ACUT__V1__MESSAGE__BODY_DONE, &id,
+	req.name = call_text(name);
+	req.scale_xy = call_text(scale_xy);
+	req.scale_z = call_text(scale_z);
+	req.crs = call_text(crs);
+	req.mode = call_mode(a);
+	return call_again(a, FRAME_MESSAGE(DATASET_CREATE, dataset_create, &req), -1, ACUT__V1__MESSAGE__BODY_DONE, &id,
 			  &a->answer);
 }
 
 int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view, const struct acut_plan **ret)
 {
-	Acut__V1__PlanRequest question = ACUT__V1__PLAN_REQUEST__INIT;
+	Acut__V1__PlanRequest req = ACUT__V1__PLAN_REQUEST__INIT;
 	const Acut__V1__Plan *p;
 	int r;
 
-	question.dataset = call_text(dataset);
-	question.generation = generation;
-	question.view = call_text(view);
-	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &question), -1, ACUT__V1__MESSAGE__BODY_PLAN);
+	req.dataset = call_text(dataset);
+	req.generation = generation;
+	req.view = call_text(view);
+	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &req), -1, ACUT__V1__MESSAGE__BODY_PLAN);
 	if (r < 0)
 		return r;
 	p = a->answer->plan;

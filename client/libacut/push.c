@@ -1,7 +1,6 @@
 /*
- * Pushes, and the headers of single files. The caller opens the files; here each goes to the daemon as a
- * descriptor with one question and comes back as one answer. Durable comes unasked on the push's own request
- * and is kept until somebody asks.
+ * Pushes, and the headers of single files. The caller opens the files; each goes to the daemon as a descriptor with one
+ * request and comes back as one answer. Durable comes unasked under the push's own request and is kept until the caller asks.
  */
 #include "call.h"
 
@@ -26,7 +25,7 @@ char *call_text(const char *text)
 	return text ? (char *)text : (char *)protobuf_c_empty_string;
 }
 
-/* The daemon takes regular files only; say so here, where the name is known, before it refuses. */
+/* The daemon takes regular files only; fail here, where the name is known, before it refuses. */
 int call_file(struct acut *a, int fd, const char *name)
 {
 	struct stat st;
@@ -96,13 +95,13 @@ void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 
 int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct acut_push **ret)
 {
-	Acut__V1__PushBegin question = ACUT__V1__PUSH_BEGIN__INIT;
+	Acut__V1__PushBegin req = ACUT__V1__PUSH_BEGIN__INIT;
 	struct acut_push *push;
 	int r = call_begin(a);
 
 	if (r < 0)
 		return r;
-	/* On the wire no name is one step: what goes with its connection, which nobody means who gives a name. */
+	/* On the wire, no name means a push that ends with its connection: an empty name from the caller is not that. */
 	if (o->dataset && !*o->dataset) {
 		err_set(&a->err, ERR_USAGE, "\"\" cannot name a dataset");
 		return err_add_hint(&a->err, "use up to 64 letters, digits, '_', '-' and '.', not starting with '.' or '-'");
@@ -124,27 +123,27 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 		free(push);
 		return -(int)a->err.code;
 	}
-	question.dataset = call_text(o->dataset);
-	question.mode = call_mode(a);
-	question.scale_xy = call_text(o->scale_xy);
-	question.scale_z = call_text(o->scale_z);
-	question.assume_crs = call_text(o->assume_crs);
-	question.assume_unit_xy = call_text(o->assume_unit_xy);
-	question.assume_unit_z = call_text(o->assume_unit_z);
-	question.override_crs = call_text(o->override_crs);
-	question.override_unit_xy = call_text(o->override_unit_xy);
-	question.override_unit_z = call_text(o->override_unit_z);
-	question.utm = call_text(o->utm);
-	question.geoid = call_text(o->geoid);
-	question.geoid_way = call_text(o->geoid_way);
-	question.planar = o->planar;
-	question.accept_truncated = o->accept_truncated;
-	question.strict = o->strict;
-	question.format = push->format;
-	question.crop = (double *)o->crop;
-	question.n_crop = o->crop ? 4 : 0;
-	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_BEGUN,
-		       &push->request_id, &a->answer);
+	req.dataset = call_text(o->dataset);
+	req.mode = call_mode(a);
+	req.scale_xy = call_text(o->scale_xy);
+	req.scale_z = call_text(o->scale_z);
+	req.assume_crs = call_text(o->assume_crs);
+	req.assume_unit_xy = call_text(o->assume_unit_xy);
+	req.assume_unit_z = call_text(o->assume_unit_z);
+	req.override_crs = call_text(o->override_crs);
+	req.override_unit_xy = call_text(o->override_unit_xy);
+	req.override_unit_z = call_text(o->override_unit_z);
+	req.utm = call_text(o->utm);
+	req.geoid = call_text(o->geoid);
+	req.geoid_way = call_text(o->geoid_way);
+	req.planar = o->planar;
+	req.accept_truncated = o->accept_truncated;
+	req.strict = o->strict;
+	req.format = push->format;
+	req.crop = (double *)o->crop;
+	req.n_crop = o->crop ? 4 : 0;
+	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &req), -1, ACUT__V1__MESSAGE__BODY_PUSH_BEGUN, &push->request_id,
+		       &a->answer);
 	if (r < 0) {
 		free(push->format);
 		free(push->columns);
@@ -169,8 +168,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	return 0;
 }
 
-/* A question about the push: what went wrong unasked comes first. */
-static int push_ask(struct acut_push *push, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want)
+/* A request about the push: a failure that came unasked is reported first. */
+static int push_ask(struct acut_push *push, const Acut__V1__Message *req, int fd, Acut__V1__Message__BodyCase want)
 {
 	struct acut *a = push->acut;
 	uint32_t id;
@@ -184,12 +183,12 @@ static int push_ask(struct acut_push *push, const Acut__V1__Message *question, i
 	}
 	a->progress = push->progress;
 	a->progress_ctx = push->ctx;
-	return call_again(a, question, fd, want, &id, &a->answer);
+	return call_again(a, req, fd, want, &id, &a->answer);
 }
 
 /* ---- files: Probe and File ---- */
 
-/* One question about an open file, sent. What went wrong unasked comes first. */
+/* One request about an open file, sent. A failure that came unasked is reported first. */
 static int file_send(struct acut_push *push, bool probe, const struct acut_push_input *in, uint32_t *ret_id)
 {
 	Acut__V1__Probe p = ACUT__V1__PROBE__INIT;
@@ -230,7 +229,7 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 	return r;
 }
 
-/* What the daemon answered to it, taken over as acut->answer: a->probe or a->file, or the call's failure. */
+/* The daemon's answer to it, kept as acut->answer: a->probe or a->file, or the call's failure. */
 static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 {
 	const Acut__V1__FileDone *done;
@@ -340,7 +339,7 @@ static int tell(const struct many *m, size_t i, bool failed)
 	return r ? -(int)a->err.code : 0;
 }
 
-/* The next input goes out, unless the caller leaves it out or there is no way to ask about it. */
+/* Sends the next input, unless the caller leaves it out or no request can be sent. */
 static int many_send(const struct many *m, size_t i)
 {
 	struct call_window *w = m->push->acut->window;
@@ -418,7 +417,7 @@ int acut_push_file_each(struct acut_push *push, size_t n, const struct acut_push
 int acut_push_stream(struct acut_push *push, const char *name, int *ret_fd)
 {
 	struct acut *a = push->acut;
-	Acut__V1__Stream question = ACUT__V1__STREAM__INIT;
+	Acut__V1__Stream req = ACUT__V1__STREAM__INIT;
 	int fd = -1, r = call_begin(a);
 	uint32_t id;
 	char *copy;
@@ -428,9 +427,9 @@ int acut_push_stream(struct acut_push *push, const char *name, int *ret_fd)
 	copy = clean_copy(a, name);
 	if (!copy)
 		return -(int)a->err.code;
-	question.push = push->push;
-	question.name = copy;
-	r = call_send(a, FRAME_MESSAGE(STREAM, stream, &question), -1, &id);
+	req.push = push->push;
+	req.name = copy;
+	r = call_send(a, FRAME_MESSAGE(STREAM, stream, &req), -1, &id);
 	free(copy);
 	if (r == 0)
 		r = call_next(a, id, &a->answer, &fd);
@@ -449,11 +448,11 @@ int acut_push_stream(struct acut_push *push, const char *name, int *ret_fd)
 
 int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 {
-	Acut__V1__PushPlan question = ACUT__V1__PUSH_PLAN__INIT;
+	Acut__V1__PushPlan req = ACUT__V1__PUSH_PLAN__INIT;
 	int r;
 
-	question.push = push->push;
-	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
+	req.push = push->push;
+	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &req), -1, ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
 	if (r == 0) {
 		const Acut__V1__PushPlanned *p = push->acut->answer->push_planned;
 
@@ -476,12 +475,12 @@ const struct acut_push_planned *acut_push_planned(const struct acut_push *push)
 int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret)
 {
 	struct acut *a = push->acut;
-	Acut__V1__PushCommit question = ACUT__V1__PUSH_COMMIT__INIT;
+	Acut__V1__PushCommit req = ACUT__V1__PUSH_COMMIT__INIT;
 	const Acut__V1__PushCommitted *c;
 	int r;
 
-	question.push = push->push;
-	r = push_ask(push, FRAME_MESSAGE(PUSH_COMMIT, push_commit, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_COMMITTED);
+	req.push = push->push;
+	r = push_ask(push, FRAME_MESSAGE(PUSH_COMMIT, push_commit, &req), -1, ACUT__V1__MESSAGE__BODY_PUSH_COMMITTED);
 	if (r < 0)
 		return r;
 	push->committed = true;
@@ -526,7 +525,7 @@ struct acut_push *acut_push_leave(struct acut_push *push)
 
 struct acut_push *acut_push_end(struct acut_push *push)
 {
-	Acut__V1__PushAbort question = ACUT__V1__PUSH_ABORT__INIT;
+	Acut__V1__PushAbort req = ACUT__V1__PUSH_ABORT__INIT;
 
 	if (!push)
 		return NULL;
@@ -536,8 +535,8 @@ struct acut_push *acut_push_end(struct acut_push *push)
 		struct acut *a = push->acut;
 		struct err why = a->err;
 
-		question.push = push->push;
-		call_ask(a, FRAME_MESSAGE(PUSH_ABORT, push_abort, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
+		req.push = push->push;
+		call_ask(a, FRAME_MESSAGE(PUSH_ABORT, push_abort, &req), -1, ACUT__V1__MESSAGE__BODY_DONE);
 		if (why.code)
 			a->err = why;
 	}
@@ -557,7 +556,7 @@ int acut_decimal_comma(struct acut *a, bool decimal_comma)
 
 int acut_info(struct acut *a, int fd, const char *name, const char *format, const char *columns, const struct acut_probe **ret)
 {
-	Acut__V1__InfoRequest question = ACUT__V1__INFO_REQUEST__INIT;
+	Acut__V1__InfoRequest req = ACUT__V1__INFO_REQUEST__INIT;
 	char *copy;
 	uint32_t id;
 	int r = call_begin(a);
@@ -569,12 +568,11 @@ int acut_info(struct acut *a, int fd, const char *name, const char *format, cons
 	copy = clean_copy(a, name);
 	if (!copy)
 		return -(int)a->err.code;
-	question.name = copy;
-	question.format = call_text(format);
-	question.columns = call_text(columns);
-	question.decimal_comma = a->decimal_comma;
-	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd, ACUT__V1__MESSAGE__BODY_PROBED, &id,
-		       &a->answer);
+	req.name = copy;
+	req.format = call_text(format);
+	req.columns = call_text(columns);
+	req.decimal_comma = a->decimal_comma;
+	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &req), fd, ACUT__V1__MESSAGE__BODY_PROBED, &id, &a->answer);
 	free(copy);
 	if (r < 0)
 		return r;

@@ -1,10 +1,10 @@
-/* For who watches the daemon: its metrics, page by page, and what it can see of whether all is well. */
+/* Monitoring: the daemon's metrics, page by page, and its health check. */
 #include <string.h>
 
 #include "call.h"
 #include "clock.h"
 
-enum { LABELS = 8 }; /* of a sample; more are not told */
+enum { LABELS = 8 }; /* of a sample; further ones are left out */
 
 static void tell_family(const Acut__V1__MetricFamily *f, void (*each)(void *ctx, const struct acut_metric *), void *ctx)
 {
@@ -24,18 +24,18 @@ static void tell_family(const Acut__V1__MetricFamily *f, void (*each)(void *ctx,
 
 int acut_metrics(struct acut *a, void (*each)(void *ctx, const struct acut_metric *), void *ctx)
 {
-	Acut__V1__MetricsRequest question = ACUT__V1__METRICS_REQUEST__INIT;
+	Acut__V1__MetricsRequest req = ACUT__V1__METRICS_REQUEST__INIT;
 	char cursor[256] = "";
 	bool more = true;
 	uint32_t id;
 	int r = call_begin(a);
 
-	question.cursor = cursor;
+	req.cursor = cursor;
 	while (r == 0 && more) {
 		Acut__V1__Message *page;
 
-		r = call_again(a, FRAME_MESSAGE(METRICS_REQUEST, metrics_request, &question), -1, ACUT__V1__MESSAGE__BODY_METRICS,
-			       &id, &page);
+		r = call_again(a, FRAME_MESSAGE(METRICS_REQUEST, metrics_request, &req), -1, ACUT__V1__MESSAGE__BODY_METRICS, &id,
+			       &page);
 		if (r < 0)
 			break;
 		for (size_t i = 0; i < page->metrics->n_families; i++)
@@ -53,11 +53,11 @@ int acut_metrics(struct acut *a, void (*each)(void *ctx, const struct acut_metri
 
 int acut_doctor(struct acut *a, void (*each)(void *ctx, const struct acut_check *), void *ctx)
 {
-	Acut__V1__DoctorRequest question = ACUT__V1__DOCTOR_REQUEST__INIT;
+	Acut__V1__DoctorRequest req = ACUT__V1__DOCTOR_REQUEST__INIT;
 	int r;
 
-	question.now_us = clock_real_us();
-	r = call_ask(a, FRAME_MESSAGE(DOCTOR_REQUEST, doctor_request, &question), -1, ACUT__V1__MESSAGE__BODY_DOCTOR);
+	req.now_us = clock_real_us();
+	r = call_ask(a, FRAME_MESSAGE(DOCTOR_REQUEST, doctor_request, &req), -1, ACUT__V1__MESSAGE__BODY_DOCTOR);
 	for (size_t i = 0; r == 0 && i < a->answer->doctor->n_checks; i++) {
 		const Acut__V1__DoctorCheck *c = a->answer->doctor->checks[i];
 

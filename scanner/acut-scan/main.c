@@ -16,7 +16,7 @@ int main(int argc, char **argv)
 	if (argc >= 3 && !strcmp(argv[1], "complete"))
 		return cli_complete(&cli, argc, argv, &args, scan_offer);
 	scan_signal_init();
-	/* What is asked for in JSON is answered so, whatever is wrong with the rest. */
+	/* An error is printed as JSON if --json is among the arguments, even if others are wrong. */
 	for (int i = 1; i < argc && strcmp(argv[i], "--"); i++)
 		args.console.json |= !strcmp(argv[i], "--json");
 	status = cli_parse(&cli, argc, argv, &args, &args.line, &err);

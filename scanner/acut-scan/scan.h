@@ -21,15 +21,15 @@ struct program {
 	struct console console;
 	struct cli_line line;
 	bool all;
-	bool watch;                /* --watch: list goes on with what comes and leaves */
+	bool watch;                /* --watch: list prints devices as they come and leave */
 	bool udev;                 /* --udev: profiles as rules for udev */
 	struct cli_texts profiles; /* --profiles DIR, in place of the built-in folders */
 	const char *device;        /* --device WHICH: serial:..., port:..., VENDOR:PRODUCT, a profile's name */
 	const char *output;        /* -o FILE */
 	const char *folder;        /* --folder DIR: record makes PROFILE-SERIAL-TIME.spool in it */
 	const char *from;          /* --from FILE|-: record takes the bytes of a file or pipe, not those of a device */
-	bool resume;               /* --continue: record goes on in the spool -o that has no END */
-	bool reconnect;            /* --reconnect: goes on in the same spool when the device comes back */
+	bool resume;               /* --continue: record continues the spool -o that has no END */
+	bool reconnect;            /* --reconnect: continue in the same spool when the device comes back */
 	double seconds;            /* --for SECONDS; 0: until stopped */
 	uint64_t bytes;            /* --bytes SIZE; 0 */
 	double sync_s;             /* --sync SECONDS */
@@ -37,8 +37,8 @@ struct program {
 	/* push */
 	const char *socket, *into, *pose, *crs, *utm, *name;
 	const char *pose_clock;      /* --pose-clock utc|gps */
-	double gap_s, pose_offset_s; /* gap 0: not said */
-	const char *heading;         /* --heading true|grid: what headings are from; NULL: as the columns of positions say */
+	double gap_s, pose_offset_s; /* gap 0: not given */
+	const char *heading;         /* --heading true|grid: the reference of headings; NULL: from the columns of positions */
 	const char *geoid;           /* --geoid NAME: a grid of the daemon */
 	bool grid_scale, replace;
 	/* replay */

@@ -1,4 +1,4 @@
-/* Which device a command means, and how devices are told, to people and in JSON. */
+/* Finds the device of a command; prints devices to people and in JSON. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,18 +1,18 @@
-/* Devices as commands ask for them and tell of them. */
+/* Devices: found for a command, printed. */
 #ifndef SCAN_DEVICE_H
 #define SCAN_DEVICE_H
 
 #include "scan_profile.h"
 #include "usb.h"
 
-/* What a command that has to do with one device works on. */
+/* The device that a command works on. */
 struct scan_device {
 	struct profile_set *set;
 	struct usb *usb;
 	struct usb_device device;
 	struct scan_profile profile; /* --profile, or that which matches */
 };
-/* Which one is meant: --device or the word behind the command. -ERR_USAGE also where no profile is for it. */
+/* Finds it by --device or the argument. -ERR_USAGE also if there is no profile for it. */
 int scan_device_open(struct program *, struct scan_device *ret, struct err *);
 void scan_device_done(struct scan_device *);
 

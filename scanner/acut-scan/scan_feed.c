@@ -1,9 +1,9 @@
 /*
- * The bytes of a source into the daemon's pipe, while the calls that wait for its answers wait: a thread for each.
+ * Writes the bytes of a source into the daemon's pipe, in a thread for each, while calls wait for the daemon's answers.
  *
- * The model: a thread writes until its source ends, the daemon closes its side, or it is told to stop; it never blocks in a
- * write, so that it can be told. Sources on the ground share the poses: such a thread writes the head, which is all that a
- * probe needs, and waits for its turn.
+ * The model: a thread writes until its source ends, the daemon closes its side, or it is stopped; it never blocks in a write,
+ * so that it can be stopped. Sources on the ground share the poses: such a thread writes the head, which is all that a probe
+ * needs, and waits for its turn.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -71,7 +71,7 @@ static bool stops(void *ctx)
 	return atomic_load(&f->stop);
 }
 
-/* The head goes out by itself. */
+/* The head is written on its own. */
 static void *run(void *ctx)
 {
 	struct scan_feed *f = ctx;

@@ -1,6 +1,6 @@
 /*
- * list: what is plugged in, known scanners or everything. Nothing is opened for it. --watch goes on with a line for each
- * device that comes or leaves, for scripts: mass storage among them, which acut-scan itself never touches.
+ * list: the devices that are plugged in, known scanners or everything. No device is opened. --watch prints a line for each
+ * device that comes or leaves, for scripts, mass storage included, which acut-scan itself never touches.
  */
 #include <errno.h>
 #include <poll.h>
@@ -73,7 +73,7 @@ static void print_change(struct program *args, enum usb_change change, const str
 	fflush(stdout);
 }
 
-/* Until it is stopped, or nobody reads any more. */
+/* Runs until it is stopped or its reader is gone. */
 static int watch(struct program *args, struct usb *usb, const struct profile_set *set, struct err *err)
 {
 	struct pollfd p[] = {{.fd = scan_stop_fd(), .events = POLLIN}, {.fd = usb_watch_fd(usb), .events = POLLIN}, {.fd = 1}};

@@ -1,6 +1,6 @@
 /*
- * probe: opens a scanner, has it begin, listens for a second (--for), has it stop, and says what came and whether it is
- * what the profile says: bytes, telegrams, the first sweep. Nothing is kept.
+ * probe: opens a scanner, starts it, listens for a second (--for), stops it, and reports what came and whether it matches the
+ * profile: bytes, telegrams, the first sweep. Nothing is kept.
  */
 #include <errno.h>
 #include <math.h>

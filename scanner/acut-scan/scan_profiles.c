@@ -1,8 +1,8 @@
 /*
- * profiles: which kinds of scanners are known, what one of them says, and whether files of them are right. A word with a
- * slash or that ends in .conf is a file, wherever it is; another one is the name of a profile in the folders.
+ * profiles: lists the known kinds of scanners, shows one profile, and checks files of profiles. A word with a slash or with
+ * the ending .conf is a file, wherever it is; any other word is the name of a profile in the folders.
  *
- * A broken file ends nothing: it is listed with its fault, and the status is that of bad input.
+ * A broken file does not end the command: it is listed with its error, and the status is that of bad input.
  */
 #include <stdio.h>
 #include <string.h>
@@ -202,7 +202,7 @@ static bool is_file(const char *word)
 	return strchr(word, '/') || (n > 5 && !strcmp(word + n - 5, ".conf"));
 }
 
-/* One that was asked for. A file is told as right in a line, a name is shown. */
+/* Prints one profile: a file that is right gets a line, a name is shown in full. */
 static int one(struct program *args, const struct profile_set *set, const char *word, struct term_json *j)
 {
 	struct profile_entry *own = NULL;

@@ -1,10 +1,10 @@
 /*
  * push: spools into a dataset.
  *
- * The model: each spool becomes sources (scan_source.h), whose hash is known before anything is sent. They go through pipes in
- * pushes of at most eight, each said beforehand (path "spool:ID", hash, size): what the dataset has is not sent, what an
- * interrupted push left whole is taken up, and with --replace the new points take the place of the old ones in one generation. So
- * the same command again, after whatever happened, leaves each spool in the dataset exactly once. A spool that cannot be used
+ * The model: each spool becomes sources (scan_source.h), whose hash is known before anything is sent. They go through pipes
+ * in pushes of at most eight, each announced (path "spool:ID", hash, size): a source that the dataset has is not sent, one
+ * that an interrupted push left whole is adopted, and with --replace the new points replace the old ones in one generation.
+ * So the same command, repeated after any failure, leaves each spool in the dataset exactly once. A spool that cannot be used
  * does not hold up the others.
  */
 #include <errno.h>
@@ -220,7 +220,7 @@ static int find_all(struct pushing *p, struct err *err)
 		struct err why = ERR_INIT;
 		int r = find_one(p, i, &why);
 
-		/* What is wrong with the poses, or how the command was called, is wrong with all. */
+		/* An error of the poses or of the call concerns all spools. */
 		if (r && (!refusal(why.code) || p->poses_failed || refuse_spool(p, i, &why))) {
 			*err = why;
 			return r;
@@ -253,7 +253,7 @@ static void progress(void *ctx, const struct acut_progress *now)
 		console_progress(&p->args->console, "%s: %s, %llu points", p->args->into, now->phase, (unsigned long long)points);
 }
 
-/* What one source may be left out for. */
+/* The errors for which a single source is left out. */
 static int refuse(struct batch *b, size_t i, struct err *err)
 {
 	struct scan_result *r = b->result[i];
@@ -403,7 +403,7 @@ static int push_batch(struct batch *b, struct err *err)
 		refused += b->result[i]->state == SCAN_REFUSED;
 	if (!r && refused < b->n)
 		r = commit(b, err);
-	/* What is durable of a push that failed stays, for the same command again. */
+	/* The durable part of a push that failed is kept for the same command again. */
 	if (r || refused < b->n)
 		acut_push_leave(b->push);
 	else
@@ -415,14 +415,14 @@ static int push_batch(struct batch *b, struct err *err)
 	return r;
 }
 
-/* What goes into one push is read in one way. */
+/* All inputs of one push are read in one way. */
 static bool together(const struct scan_source *a, const struct scan_source *b)
 {
 	return a->kind == b->kind &&
 	       (a->kind != SCAN_TEXT_LINES || !strcmp(a->spool->profile.columns, b->spool->profile.columns));
 }
 
-/* Streams of one push are told apart by their names. */
+/* The streams of one push are identified by their names. */
 static bool name_free(const struct batch *b, const struct scan_source *s)
 {
 	for (size_t i = 0; i < b->n; i++)

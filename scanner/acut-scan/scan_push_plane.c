@@ -1,10 +1,10 @@
 /*
  * The plane of a push's points (scan_push_plane.h).
  *
- * The model: a dataset that has a system decides, units included; then --crs may only say the same, or what the degrees of the
- * poses are. A new one gets the plane that --crs names, whose datum the degrees are then of; else the UTM zone of the poses, or
- * nothing but metres. Nothing is brought from one datum or plane to another. Ranges are metres: where a plane's unit is not
- * known, they are not laid into it by a guess.
+ * The model: a dataset with a system decides, units included; then --crs may only be the same, or the system of the degrees
+ * of the poses. A new dataset gets the plane of --crs, whose datum the degrees are then of; else the UTM zone of the poses,
+ * or only metres. Nothing is transformed from one datum or plane to another. Ranges are metres: in a plane of unknown unit
+ * they are refused, as their unit would be a guess.
  */
 #include <stdio.h>
 #include <string.h>
@@ -35,7 +35,7 @@ static bool same_plane(const struct crs_info *a, const struct crs_info *b)
 	return !strcmp(x.text, y.text);
 }
 
-/* The geographic system that a plane stands on. */
+/* The geographic base of a plane. */
 static void base_of(const struct crs_info *plane, struct crs_info *ret)
 {
 	crs_info_clear(ret);
@@ -62,7 +62,7 @@ static int check_units(struct program *args, const struct scan_target *t, struct
 	return err_add_file(err, args->into);
 }
 
-/* What a dataset is in. Heights that a geoid makes are said by the push, not by its points. */
+/* The plane of a dataset. Heights from a geoid are set by the push, not by its points. */
 static int of_dataset(struct program *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
 {
 	struct crs_info said = ret->to;
@@ -92,7 +92,7 @@ static int of_dataset(struct program *args, const struct scan_target *t, struct 
 	return t->empty ? 0 : check_units(args, t, err);
 }
 
-/* Of a new one: metres, unless the plane has another unit, whose heights must then be said. */
+/* For a new dataset: metres, unless the plane has another unit, whose heights must then be given. */
 static int of_new(struct scan_plane *p, struct err *err)
 {
 	if (!p->has_to || known(p->to.unit_z))

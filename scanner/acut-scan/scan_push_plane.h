@@ -1,4 +1,4 @@
-/* Which plane a push goes to: what the dataset has, what --crs says, what the poses are. */
+/* The plane of a push: from the dataset, --crs, or the poses. */
 #ifndef SCAN_PUSH_PLANE_H
 #define SCAN_PUSH_PLANE_H
 

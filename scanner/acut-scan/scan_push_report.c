@@ -1,4 +1,4 @@
-/* What a push says: a sentence or two a spool for people, an object a spool for programs. */
+/* Reports of a push: a sentence or two a spool for people, an object a spool in JSON. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>

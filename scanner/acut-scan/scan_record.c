@@ -1,8 +1,8 @@
 /*
- * record: from a device, a file or a pipe into a spool. Every buffer is appended first; counting its telegrams comes
- * after, and whatever it finds changes nothing. fsync has a thread of its own (spool_flush_start). What ends a capture by
- * our own will (a signal, --for, --bytes, the end of a file) is a good end: END is written and the status is 0. An unplug
- * is one, too, for the spool; the status (3) tells it.
+ * record: from a device, a file or a pipe into a spool. Every buffer is appended first; its telegrams are counted after that,
+ * and the result changes nothing. fsync has a thread of its own (spool_flush_start). A capture that is ended by a signal,
+ * --for, --bytes or the end of a file is complete: END is written and the status is 0. So is, for the spool, one that an
+ * unplug ends; its status is 3.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -236,7 +236,7 @@ static void hint_safe(struct record *r, struct err *err)
 		     r->args->from ? "" : ", and record --continue goes on in it");
 }
 
-/* What came before a write failed is made durable; what the writing failed of is the error. */
+/* The data before a failed write is made durable; the error is that of the write. */
 static int finish(struct record *r, struct err *err)
 {
 	struct err ignored = ERR_INIT;
@@ -316,8 +316,8 @@ static int record_device(struct program *args)
 	return status;
 }
 
-/* Bytes of a file: what they are only the profile says. A named pipe is not waited for here, where no signal and no
- * --for would be seen, but with its bytes. */
+/* The bytes of a file; only the profile defines their meaning. A named pipe is not waited for here, where no signal and no
+ * --for would be seen, but when its bytes are read. */
 static int record_import(struct program *args)
 {
 	struct scan_profile profile = {0};

@@ -1,6 +1,6 @@
 /*
- * What record says: to people one line that is written over, and a summary; with --json a line of JSON a second, one for
- * each thing that happens, and one at the end; to systemd that it is ready, and where it stands.
+ * Reports of record: to people one line that is overwritten, and a summary; with --json a line a second, one for each event,
+ * and one at the end; to systemd readiness and status.
  */
 #include <stdio.h>
 #include <string.h>

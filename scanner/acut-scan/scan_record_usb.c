@@ -1,7 +1,7 @@
 /*
- * record from a device: buffers of the capture into the spool, each given back as soon as it is appended. What the bus
- * says beside bytes becomes events. With --reconnect a device that leaves is waited for: the same serial number, or where
- * it has none the same numbers at the same port.
+ * record from a device: buffers of the capture into the spool, each released as soon as it is appended. Other news of the bus
+ * becomes events. With --reconnect a device that leaves is waited for: the same serial number, or without one the same
+ * numbers at the same port.
  */
 #include <errno.h>
 #include <poll.h>
@@ -74,8 +74,8 @@ static int keep(struct record *r, const struct usb_buffer *b, struct err *err)
 	return event(r, b, err);
 }
 
-/* What is there, but no more than TAKES at once: a device that is faster than the disk must not keep a stop from being
- * seen. 1: it was the last. After a failure the rest is only let go. */
+/* Appends the buffers that are there, but no more than TAKES at once: a device that is faster than the disk must not delay a
+ * stop. 1: it was the last. After a failure the rest is only released. */
 static int take_all(struct record *r, enum usb_end *ret_end, char ret_text[USB_LINE_SIZE], struct err *err)
 {
 	struct usb_buffer b;
@@ -167,7 +167,7 @@ static int come_back(struct record *r, struct scan_device *d, struct err *err)
 					       -(int)err->code :
 					       0;
 			}
-			/* Rights that udev has not given yet, a device that is still starting up: said once. */
+			/* The reason why the device cannot be opened yet (no rights from udev, still starting): printed once. */
 			if (why.code != ERR_CANCELLED && strcmp(last, why.message)) {
 				snprintf(last, sizeof(last), "%s", why.message);
 				record_report_event(r, "error", why.message);

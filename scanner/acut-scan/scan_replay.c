@@ -1,8 +1,8 @@
 /*
- * replay: goes over spools again. Always all of it is checked: records, the hash that the END record has, telegrams, sweeps.
- * What is damaged is said with its place and gone over; nothing of it ends a replay, since field data is not made again.
+ * replay: reads spools again. Always all of it is checked: records, the hash of the END record, telegrams, sweeps. Damage is
+ * reported with its place and skipped; it never ends a replay, since field data cannot be recorded again.
  *
- * Raw bytes need no profile, so that a spool whose profile is broken still gives them.
+ * Raw bytes need no profile, so that a spool with a broken profile still gives them.
  */
 #include "scan_replay.h"
 
@@ -106,7 +106,7 @@ static void count_event(struct scan_found *f, const struct spool_record *rec)
 	for (i = 0; i < f->n_events && strcmp(f->events[i].word, word); i++)
 		;
 	if (i == SCAN_EVENTS)
-		i--; /* the last stands for all others */
+		i--; /* the last counts all others */
 	if (i == f->n_events) {
 		memcpy(f->events[i].word, i + 1 == SCAN_EVENTS ? "others" : word, i + 1 == SCAN_EVENTS ? 7 : n + 1);
 		f->n_events++;
@@ -222,7 +222,7 @@ static int open_reader(struct run *r, const char *file, struct err *err)
 	return spool_open(fd, file, &r->reader, err);
 }
 
-/* Without a profile only raw bytes are there; whoever asked for more is told. */
+/* Without a profile only raw bytes are there; any other request fails. */
 static int open_replay(struct run *r, struct err *err)
 {
 	struct replay_sinks sinks = {r, on_telegram, on_sweep, on_points, on_fault};
@@ -321,7 +321,7 @@ int scan_replay(struct program *args)
 	}
 	if (out && scan_out_free(out, !rc, &err) < 0)
 		rc = -1;
-	if (rc && err.sys == EPIPE) /* whoever reads has enough */
+	if (rc && err.sys == EPIPE) /* the reader has enough */
 		return PIPE;
 	return rc ? scan_fail(args, &err) : status;
 }

@@ -1,5 +1,5 @@
-/* What the files of replay share: scan_replay.c goes over the records, scan_replay_out.c writes out what is in them,
- * scan_replay_report.c says what was found. */
+/* Shared by the files of replay: scan_replay.c reads the records, scan_replay_out.c writes their content,
+ * scan_replay_report.c reports the findings. */
 #ifndef SCAN_REPLAY_H
 #define SCAN_REPLAY_H
 
@@ -16,7 +16,7 @@ struct scan_fault {
 	char text[160];
 };
 
-/* What was found in one spool. */
+/* The findings in one spool. */
 struct scan_found {
 	const char *file;
 	struct spool_head head;

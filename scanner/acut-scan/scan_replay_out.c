@@ -24,7 +24,7 @@ struct scan_out {
 	FILE *file;      /* NULL: none is open */
 	char path[PATH]; /* of it; "": standard output */
 	unsigned files;  /* LAS: that were begun */
-	bool begun;      /* CSV: the names of the columns stand there */
+	bool begun;      /* CSV: the names of the columns are written */
 	struct err err;
 };
 
@@ -168,7 +168,7 @@ int scan_out_telegram(struct scan_out *o, const struct telegram *t, double utc_s
 	return ferror(o->file) ? fail(o) : 0;
 }
 
-/* Six digits behind the point: a micrometre, and less than any scanner knows of an intensity. */
+/* Six decimals: a micrometre, and finer than any scanner's intensity. */
 static void put_value(FILE *f, float v, const char *none)
 {
 	if (isnan(v))

@@ -1,4 +1,4 @@
-/* What replay found in a spool, for people and for programs. */
+/* Reports what replay found in a spool, to people and in JSON. */
 #include <stdio.h>
 #include <string.h>
 #include <time.h>

@@ -1,7 +1,7 @@
 /*
- * Signals that ask for an end. The handler notes the signal and makes a descriptor readable, for whoever waits in
- * poll. It serves once a signal: who asks twice does not want to wait for a good end, and gets the kernel's. What is
- * in a spool by then stays valid, as after a kill.
+ * Signals that ask for an end. The handler notes the signal and makes a descriptor readable, for poll. It handles each signal
+ * once: a second one has the kernel's action, for a user who does not want to wait for a good end. The spool is valid then,
+ * as after a kill.
  */
 #include <errno.h>
 #include <fcntl.h>

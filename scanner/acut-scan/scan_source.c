@@ -1,9 +1,9 @@
 /*
  * Sources out of spools (scan_source.h).
  *
- * The model: what is written depends on the records of the spool, its profile and the poses, and on nothing else: no clock, no
- * chance, no name of a file. So the same spool with the same poses is the same bytes, whose hash tells a dataset that it has
- * them. Memory does not grow with the spool.
+ * The model: the bytes depend on the records of the spool, its profile and the poses, and on nothing else: no clock, no
+ * random number, no file name. So the same spool with the same poses is the same bytes, whose hash identifies it in a
+ * dataset. Memory does not grow with the spool.
  */
 #include "scan_source.h"
 
@@ -55,7 +55,7 @@ struct making {
 	bool (*stop)(void *ctx);
 	void *ctx; /* of the stop */
 	struct err *err;
-	struct err far; /* the first that lies too far */
+	struct err far; /* the first that is too far */
 	uint64_t lines;
 };
 
@@ -68,8 +68,7 @@ static int point(void *ctx, const struct ground_point *p)
 
 	struct err why = ERR_INIT;
 
-	/* A digit of a pose is damaged, or a range: it has no place, as a shot without a pose has none, and nothing goes by it.
-	 */
+	/* A pose or a range with a damaged digit: it has no place, as a shot without a pose has none, and is not used. */
 	if (m->measures && !m->has_frame)
 		m->frame = las_frame_of(p->at);
 	r = las_place(&m->frame, p->at, at, &why);

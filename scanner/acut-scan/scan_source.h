@@ -21,13 +21,13 @@ struct scan_spool {
 	char id[33];
 	struct profile profile;
 	const struct decoder *decoder;
-	/* of the first pass; those behind it read no further */
+	/* of the first pass; later passes read no further */
 	bool passed;
 	uint64_t records, damaged; /* damaged: bytes in its middle that are no records */
 	struct spool_tail tail;
 	struct replay_counts counts;
 };
-/* Reads its head, and the profile that says what is in it. */
+/* Reads its head, and its profile. */
 int scan_spool_open(struct program *, const char *file, struct scan_spool *ret, struct err *);
 void scan_spool_clear(struct scan_spool *);
 /* A pass over the records. 0, what a sink answered, or -ERR. `stop` is asked now and then: -ERR_CANCELLED. */
@@ -40,7 +40,7 @@ struct scan_source {
 	enum scan_kind kind;
 	uint64_t file;              /* LAS_FILE: its number in the spool */
 	char name[256];             /* that the dataset keeps */
-	char path[64];              /* who it is: "spool:ID", "spool:ID/2" */
+	char path[64];              /* identity: "spool:ID", "spool:ID/2" */
 	char hash[DIGEST_HEX_SIZE]; /* of its bytes */
 	uint64_t size;
 	uint64_t points; /* 0 of LAS_FILE: not counted */
@@ -49,7 +49,7 @@ struct scan_source {
 	uint8_t head[LAS_HEAD_MAX];
 	size_t head_size;
 };
-/* What a spool is, with the passes that it takes: a malloced array. -ERR_INPUT: nothing that could be points is in it. */
+/* The sources of a spool, one for each pass that it takes: a malloced array. -ERR_INPUT: it has no points. */
 int scan_source_find(struct program *, struct scan_spool *, struct pose_track *, struct scan_source **ret, size_t *ret_n,
 		     struct err *);
 /* Its bytes into a sink, in order; the sink's non-zero answer ends it. */
@@ -65,8 +65,8 @@ struct scan_feed;
 /* Takes `fd`. Of points that take the track it writes the head at once, and the rest after scan_feed_go. */
 int scan_feed_new(const struct scan_source *, int fd, struct scan_feed **ret, struct err *);
 void scan_feed_go(struct scan_feed *);
-/* Waits for its end; where it was not gone through, it is stopped. 0, also where the daemon closed its side (it has said why);
- * -ERR: the spool or the poses could not be read. NULL is fine. */
+/* Waits for its end; if it was not read to its end, it is stopped. 0, also if the daemon closed its side (its answer has the
+ * reason); -ERR: the spool or the poses could not be read. NULL is fine. */
 int scan_feed_free(struct scan_feed *, bool stop, struct err *);
 
 /* ---- scan_push_report.c ---- */
@@ -85,7 +85,7 @@ struct scan_result {
 void scan_push_print(struct program *, const struct scan_result *);
 /* At the end: the dataset. */
 void scan_push_print_all(struct program *, uint64_t generation, uint64_t points, double seconds);
-/* What is known of the poses, before anything is sent. */
+/* The properties of the poses, before anything is sent. */
 void scan_push_print_poses(struct program *, const struct pose_track *);
 
 #endif

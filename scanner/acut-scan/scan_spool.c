@@ -10,7 +10,7 @@
 #include "scan_profile.h"
 #include "scan_source.h"
 
-enum { ASK_EVERY = 256 }; /* records between two looks whether it is to stop */
+enum { ASK_EVERY = 256 }; /* records between two checks for a stop */
 
 /* ---- the head ---- */
 

@@ -1,9 +1,9 @@
 /*
- * udev rules out of profiles: "profiles --udev". The rules that are installed are made so when acut is built, and those of
- * a profile that an administrator adds are made so too: there is one place that says which device is which scanner.
+ * udev rules out of profiles: "profiles --udev". The installed rules are made so when acut is built, and an administrator
+ * makes those of an added profile so: there is one source for which device is which scanner.
  *
- * A rule may only say what udev knows of a device at that moment, which is less than what a profile may ask for but never
- * wider than the vendor: a profile that names none (all devices of a class, as it were) gets no rule, and is for --profile.
+ * A rule may only use what udev knows of a device at that moment, which is less than what a profile may ask for but never
+ * wider than the vendor: a profile without a vendor (all devices of a class) gets no rule, and is for --profile.
  */
 #include <ctype.h>
 #include <string.h>
@@ -21,7 +21,7 @@ static const char head[] =
 	"\n";
 
 /* Mass storage is never captured, whatever a profile says. The alias gives the unit a device to be bound to that has the same
- * name, BUS-PORT: / is written - there. */
+ * name, BUS-PORT: a unit's name has - for /. */
 static const char tail[] = "\n"
 			   "ENV{ACUT_SCANNER}==\"\", GOTO=\"acut_scanner_end\"\n"
 			   "ENV{ACUT_SCANNER}==\"none\", GOTO=\"acut_scanner_end\"\n"
@@ -31,7 +31,7 @@ static const char tail[] = "\n"
 			   "ENV{ACUT_SCANNER_START}!=\"no\", ENV{SYSTEMD_WANTS}+=\"acut-scan@$kernel.service\"\n"
 			   "LABEL=\"acut_scanner_end\"\n";
 
-/* A value in a rule: what means something to udev there, and is not to, stands for any one character. */
+/* A value in a rule: a character that is special to udev is replaced by one that matches any character. */
 static void print_glob(FILE *out, const char *glob)
 {
 	for (; *glob; glob++)
