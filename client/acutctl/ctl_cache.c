@@ -74,7 +74,7 @@ static const struct term_column columns[] = {
 	{"KIND"},
 	{"SIZE", .right = true},
 	{"ENTRIES", .right = true},
-	{"WHAT IT IS", .spare = true},
+	{"DESCRIPTION", .spare = true},
 };
 
 static int stat_run(struct program *ctl)
@@ -104,7 +104,7 @@ static int stat_run(struct program *ctl)
 	term_table_free(t);
 	ctl_cache_sides(out, s->one_file_system, &s->state, &s->cache, s->disk_limit, s->keep_free_limit);
 	if (!s->measured)
-		term_line(out, "what was in the cache before the start is not counted yet");
+		term_line(out, "the cache from before the start is not counted yet");
 	term_field(out, "evicted", "%s in %llu domains and selections since the start", parse_size_text(s->evicted_bytes, size),
 		   (unsigned long long)s->evicted_entries);
 	return SESSION_DONE;
@@ -224,8 +224,8 @@ static int gc_run(struct program *ctl)
 }
 
 const struct cli_verb ctl_cache_verbs[] = {
-	{"stat", "stat", "what lies on the daemon's disk, by kind", 0, 0, NULL, stat_run},
-	{"verify", "verify", "read all of it and say what is damaged", 0, 0, NULL, verify_run},
-	{"gc", "gc", "remove what is beyond the quota, or all that can be made again", 0, 0, "all", gc_run},
+	{"stat", "stat", "use of the daemon's disk, by kind", 0, 0, NULL, stat_run},
+	{"verify", "verify", "read all of it and report damage", 0, 0, NULL, verify_run},
+	{"gc", "gc", "remove what exceeds the quota, or all that can be made again", 0, 0, "all", gc_run},
 	{0},
 };

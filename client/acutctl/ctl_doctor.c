@@ -118,18 +118,18 @@ static void report_unreachable(struct doctor *d, const char *path, const struct 
 	struct stat st;
 
 	if (!path)
-		result(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or say with --socket where it listens",
-		       "%s", why->message);
+		result(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or give its socket with --socket", "%s",
+		       why->message);
 	else if (stat(path, &st) < 0 && errno == ENOENT)
 		result(d, "socket", "wrong", start, "there is no socket %s: acutd does not run, or listens elsewhere", path);
 	else if (stat(path, &st) < 0)
-		result(d, "socket", "wrong", "look at the rights of its folder", "the socket %s cannot be looked at: %s", path,
+		result(d, "socket", "wrong", "check the rights of its folder", "cannot examine the socket %s: %s", path,
 		       strerror(errno));
 	else if (!S_ISSOCK(st.st_mode))
 		result(d, "socket", "wrong", "give the path of acutd's socket with --socket or ACUT_SOCKET", "%s is no socket",
 		       path);
 	else if (why->code == ERR_NODAEMON)
-		result(d, "socket", "wrong", start, "nobody listens at %s: acutd has ended and left its socket behind", path);
+		result(d, "socket", "wrong", start, "no process listens at %s: acutd has ended and left its socket", path);
 	else
 		result(d, "socket", "wrong", why->hint, "%s", why->message);
 }
@@ -148,7 +148,7 @@ static void check_build(struct doctor *d)
 		result(d, "answer", "wrong", "journalctl -t acutd", "acutd does not answer: %s",
 		       acut_error(d->session->acut)->message);
 	else if (seconds > 1)
-		result(d, "answer", "warning", "look at the load of the machine and the health of its disk",
+		result(d, "answer", "warning", "check the load of the machine and the health of its disk",
 		       "acutd took %.1f seconds to answer", seconds);
 	else
 		result(d, "answer", "ok", "", "acutd answered in %.1f ms", 1e3 * seconds);

@@ -5,7 +5,7 @@ static const struct term_column columns[] = {
 	{"FORMAT"},
 	{"DIRECTION"},
 	{"EXTENSIONS"},
-	{"WHAT IT IS", .tail = true},
+	{"DESCRIPTION", .tail = true},
 };
 
 static void row(const struct console_list *l, const char *direction, const char *name, const char *extensions, const char *help)

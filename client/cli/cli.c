@@ -83,7 +83,7 @@ int cli_unknown_verb(const struct cli *cli, const struct cli_command *c, const c
 	if (*word)
 		err_set(err, ERR_USAGE, "there is no command %s %s", c->name, word);
 	else
-		err_set(err, ERR_USAGE, "%s needs a word that says what to do", c->name);
+		err_set(err, ERR_USAGE, "%s needs a verb", c->name);
 	return err_add_hint(err, "%s%s %s %s", cli_guess_text(&g, "", buf), cli->program, c->name, all);
 }
 

@@ -47,8 +47,8 @@ static void help_all(const struct cli *cli, FILE *out)
 		fprintf(out, "  %s %-*s %s\n", cli->program, width, cli->command[i].usage, cli->command[i].help);
 	fputs("\noptions of every command:\n", out);
 	put_options(cli, NULL, true, out);
-	fprintf(out, "\n%s help COMMAND tells a command's options, examples and exit status; man %s tells all.\n", cli->program,
-		cli->program);
+	fprintf(out, "\n%s help COMMAND prints options, examples and exit status of a command; the manual is man %s.\n",
+		cli->program, cli->program);
 }
 
 static void help_one(const struct cli *cli, const struct cli_command *c, FILE *out)

@@ -117,7 +117,7 @@ static bool can_go_on(const struct feed *f, const struct err *err)
 /* A failed fetch keeps the blocks that came, and prints how to go on. */
 static int feed_failed(struct feed *f, uint64_t id)
 {
-	static const char way[] = "acutctl fetch %llu --resume, with the same outputs and options, goes on with what came";
+	static const char way[] = "acutctl fetch %llu --resume, with the same outputs and options, continues it";
 	struct session *session = f->session;
 	struct err err;
 	int status;

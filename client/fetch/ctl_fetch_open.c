@@ -85,7 +85,7 @@ static const struct format *format_of(const struct ctl_fetch_options *a, const c
 	} else if (!f && !strcmp(path, "-")) {
 		f = format_find("ply"); /* the default, as for tiles */
 	} else if (!f) {
-		err_set(err, ERR_USAGE, "the name does not say in which format to write");
+		err_set(err, ERR_USAGE, "the name does not give a format");
 		err_add_file(err, path);
 		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
 	}
@@ -123,7 +123,7 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 
 	if (!a->out.n && !ctl_fetch_nothing(a)) {
 		err_set(err, ERR_USAGE, "no output given");
-		return err_add_hint(err, "say where to write with -o OUT, as in -o mesh.ply");
+		return err_add_hint(err, "name the output with -o OUT, as in -o mesh.ply");
 	}
 	for (unsigned i = 0; i < a->out.n; i++) {
 		standard += !strcmp(a->out.text[i], "-");
@@ -134,7 +134,7 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 	if (a->tile && a->out.n != 1) {
 		err_set(err, ERR_USAGE,
 			a->out.n ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder", a->out.n);
-		return err_add_hint(err, "say where to write with one -o DIR/, as in -o tiles/");
+		return err_add_hint(err, "name the folder with one -o DIR/, as in -o tiles/");
 	}
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }

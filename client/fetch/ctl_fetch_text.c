@@ -134,12 +134,12 @@ static void place(const struct ctl_mesh *m, FILE *out)
 
 	term_field(out, "crs", "%s%s", known ? job->crs : "unknown",
 		   !known || !staged ? "" :
-		   a->assume_crs     ? " (--assume-crs, where the inputs say none)" :
+		   a->assume_crs     ? " (--assume-crs, for inputs without one)" :
 		   a->override_crs   ? " (--override-crs)" :
 				       "");
 	term_field(out, "units", "%s, heights %s%s", job->unit_xy, m->opt->z_unit ? m->opt->z_unit : job->unit_z,
 		   !staged           ? "" :
-		   a->assume_units   ? " (--assume-units, where the inputs say none)" :
+		   a->assume_units   ? " (--assume-units, for inputs without any)" :
 		   a->override_units ? " (--override-units)" :
 				       "");
 	if (staged && staged->zone[0])

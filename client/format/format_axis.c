@@ -94,7 +94,7 @@ static int axis_convert(struct format_axis *ax, const struct acut_mesh_head *hea
 	if (!format_unit_ratio(head->unit_z, opt->z_unit, &num, &den)) {
 		err_set(err, ERR_USAGE, "--z-unit cannot convert heights: the unit of z is %.30s",
 			head->unit_z && *head->unit_z ? head->unit_z : "unknown");
-		return err_add_hint(err, "stage the inputs with --assume-units ,m or ,ft or ,ftUS, where they do not say it");
+		return err_add_hint(err, "stage the inputs with --assume-units ,m or ,ft or ,ftUS, for inputs without units");
 	}
 	ax->k = head->k[2];
 	ax->whole = axis_whole(ax, NULL);

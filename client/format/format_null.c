@@ -41,7 +41,7 @@ static int null_finish(void *writer, const struct acut_mesh_tail *tail, struct e
 	const struct null *n = writer;
 
 	if (n->nvertex != tail->vertices || n->nface > tail->triangles)
-		return err_set(err, ERR_PROTO, "%llu vertices and %llu triangles came, but the daemon says %llu and %llu",
+		return err_set(err, ERR_PROTO, "%llu vertices and %llu triangles came, but the daemon has sent %llu and %llu",
 			       (unsigned long long)n->nvertex, (unsigned long long)n->nface, (unsigned long long)tail->vertices,
 			       (unsigned long long)tail->triangles);
 	return 0;

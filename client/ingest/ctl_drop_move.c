@@ -121,7 +121,7 @@ static int move_to(int from, const char *name, int to, const char *as)
 static int changed(const struct ctl_input *in, struct err *err)
 {
 	err_set(err, ERR_CHANGED, "it changed while it was pushed, and stays where it is");
-	err_add_hint(err, "it is looked at again in the next pass");
+	err_add_hint(err, "the next pass tries it again");
 	return err_add_file(err, in->name);
 }
 

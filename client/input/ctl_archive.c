@@ -393,7 +393,7 @@ static int unpack_gzip(struct unpacking *u, int from, struct err *err)
 		return drop_cut_line(u, err);
 	}
 	if (!r && trailing)
-		console_warn(&u->inputs->session->console, "%s: %llu bytes behind its end in the gzip file belong to nothing",
+		console_warn(&u->inputs->session->console, "%s: %llu bytes after its end in the gzip file are ignored",
 			     u->in->name, (unsigned long long)trailing);
 	return r;
 }
@@ -420,7 +420,7 @@ static int check_not_packed(const struct unpacking *u, const struct ctl_archive 
 		err_set(err, ERR_INPUT, "this is %s within %s, and only the outer one is unpacked",
 			kind == CTL_UNPACK_GZIP ? "a gzip file" : "a zip archive",
 			a->kind == CTL_UNPACK_GZIP ? "a gzip file" : "a zip archive");
-		return err_add_hint(err, "unpack it: %s %s, and name what comes out",
+		return err_add_hint(err, "unpack it: %s %s, and name the result",
 				    a->kind == CTL_UNPACK_GZIP ? "gunzip -k" : "unzip", in_command(a->file.name));
 	}
 	if (a->kind != CTL_UNPACK_GZIP || pread(u->to, magic, sizeof(magic), 257) != sizeof(magic) ||
@@ -470,8 +470,8 @@ static int open_archive(struct ctl_inputs *in, struct ctl_archive *a, int *ret_f
 	if (r || (!fstat(*ret_fd, &st) && ctl_input_unchanged(&a->file, &st)))
 		return r;
 	close(*ret_fd);
-	err_set(err, ERR_CHANGED, "the archive has changed since it was looked at");
-	return err_add_hint(err, "name it again when nobody writes to it");
+	err_set(err, ERR_CHANGED, "the archive has changed since it was examined");
+	return err_add_hint(err, "name it again when no program writes to it");
 }
 
 int ctl_archive_keep(struct ctl_inputs *inputs, struct ctl_input *in, struct err *err)

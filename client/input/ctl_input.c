@@ -198,10 +198,10 @@ static int know_pipes(struct ctl_inputs *in, struct err *err)
 	if (pipe->nhead >= 4 && ctl_pipe_check(in, pipe, err))
 		return -(int)err->code;
 	err_set(err, ERR_USAGE,
-		in->n == 1 ? "what %s holds is not known: it does not begin as LAS and LAZ do" :
-			     "what %s holds is not known, beside other inputs",
+		in->n == 1 ? "the format of %s is unknown: it does not begin as LAS and LAZ do" :
+			     "the format of %s is unknown, beside other inputs",
 		pipe->name);
-	return err_add_hint(err, "say it with --input-format, as in --input-format xyz");
+	return err_add_hint(err, "name it with --input-format, as in --input-format xyz");
 }
 
 /* --name is of one input. A file is known by its path, so the same one pushed again is known by any name. */
@@ -281,7 +281,7 @@ static int open_entry(const struct ctl_input *in, int *ret_fd, struct err *err)
 	}
 	if (fd >= 0)
 		close(fd);
-	err_set(err, ERR_CHANGED, fd < 0 ? "it is not there any more" : "it has changed since it was looked at");
+	err_set(err, ERR_CHANGED, fd < 0 ? "it is not there any more" : "it has changed since it was examined");
 	return err_add_file(err, in->name);
 }
 
@@ -313,7 +313,7 @@ int ctl_input_open(struct ctl_inputs *inputs, struct ctl_input *in, int *ret_fd,
 	if (in->verified && !in->archive && (fstat(fd, &st) || !ctl_input_same(in, &st))) {
 		close(fd);
 		err_set(err, ERR_CHANGED, "it is another file than the one that was verified");
-		err_add_hint(err, "push it again when nobody writes to it");
+		err_add_hint(err, "push it again when no program writes to it");
 		return err_add_file(err, in->name);
 	}
 	*ret_fd = fd;

@@ -13,8 +13,8 @@ const struct ctl_input_format ctl_input_formats[] = {
 };
 
 const struct ctl_input_format ctl_input_archives[] = {
-	{"gz", ".gz", "a file packed by gzip: unpacked, then as what is in it"},
-	{"zip", ".zip", "an archive: the survey files in it, each unpacked, then as what it is"},
+	{"gz", ".gz", "a file packed by gzip: unpacked, then read by its own format"},
+	{"zip", ".zip", "an archive: each survey file in it is unpacked and read by its own format"},
 	{0},
 };
 

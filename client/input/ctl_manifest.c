@@ -248,7 +248,7 @@ static int compare(const struct manifest *m, const struct line *key, const unsig
 			continue;
 		hex(sum, is);
 		hex(at->sum, want);
-		err_set(err, ERR_INPUT, "its SHA-256 is %s, but %.200s says %s", is, m->path, want);
+		err_set(err, ERR_INPUT, "its SHA-256 is %s, but %.200s has %s", is, m->path, want);
 		return err_add_hint(err, "copy it again from where it comes from");
 	}
 	return 0;
@@ -291,7 +291,7 @@ static int check_archive(const struct manifest *m, struct ctl_archive *a, struct
 		if (r)
 			return r;
 		if (fstat(fd, &st) || !ctl_input_unchanged(&a->file, &st))
-			r = err_set(err, ERR_CHANGED, "the archive has changed since it was looked at");
+			r = err_set(err, ERR_CHANGED, "the archive has changed since it was examined");
 		if (!r)
 			r = sum_still(m->in->session, fd, &st, a->sum, err);
 		io_close(fd);
@@ -307,7 +307,7 @@ static int check_file(const struct manifest *m, struct ctl_input *in, int fd, co
 	struct line key;
 
 	if (fstat(fd, &st))
-		return err_sys(err, errno, "it cannot be looked at");
+		return err_sys(err, errno, "it cannot be examined");
 	key = member ? *member : key_of(st.st_dev, st.st_ino, NULL);
 	if (!listed(m, &key))
 		return unlisted(m, err);
@@ -326,7 +326,7 @@ static int check_input(const struct manifest *m, struct ctl_input *in, struct er
 	int fd, r;
 
 	if (in->fd >= 0) {
-		err_set(err, ERR_USAGE, "what comes through a pipe cannot be held against a list of sums");
+		err_set(err, ERR_USAGE, "input from a pipe cannot be compared with a list of sums");
 		return err_add_file(err, in->name);
 	}
 	if (a && !a->why.code)

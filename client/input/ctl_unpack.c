@@ -119,7 +119,7 @@ static int not_whole(struct err *err)
 static int damaged(struct err *err)
 {
 	err_set(err, ERR_INPUT, "the zip archive is damaged");
-	return err_add_hint(err, "copy it again; unzip -t says more");
+	return err_add_hint(err, "copy it again; unzip -t has details");
 }
 
 static int open_zip(int fd, struct source **ret_source, unzFile *ret_zip, struct err *err)
@@ -251,7 +251,7 @@ int ctl_unpack_zip(int fd, const struct ctl_unpack_member *m, ctl_unpack_sink *s
 		r = copy_member(zip, m->size, sink, ctx, err);
 		if (unzCloseCurrentFile(zip) && !r) {
 			err_set(err, ERR_INPUT, "its checksum is not the one in the archive");
-			r = err_add_hint(err, "copy the archive again; unzip -t says more");
+			r = err_add_hint(err, "copy the archive again; unzip -t has details");
 		}
 	}
 	close_zip(s, zip);
@@ -290,14 +290,14 @@ static int refill(struct gzip *g, unsigned least, struct err *err)
 static int bad_gzip(struct err *err)
 {
 	err_set(err, ERR_INPUT, "the gzip file is damaged");
-	return err_add_hint(err, "copy it again; gzip -t says more");
+	return err_add_hint(err, "copy it again; gzip -t has details");
 }
 
 static int cut_gzip(bool *ret_cut, struct err *err)
 {
 	*ret_cut = true;
 	err_set(err, ERR_TRUNCATED, "the gzip file ends before its last byte: it is not whole");
-	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
+	return err_add_hint(err, "copy it again, or accept the rest with --accept-truncated");
 }
 
 /* Whether another stream follows; zeros that pad are skipped. */

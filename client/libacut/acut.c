@@ -41,7 +41,7 @@ static const struct {
 } features[] = {
 	{CALL_MODE, "mode", "a mode for new datasets (--mode)"},
 	{CALL_DECIMAL_COMMA, "decimal-comma", "decimal commas (--decimal-comma)"},
-	{CALL_OVERRIDE, "override", "systems and units in place of what files say (--override-crs, --override-units)"},
+	{CALL_OVERRIDE, "override", "systems and units in place of those of files (--override-crs, --override-units)"},
 };
 enum { FEATURES = sizeof features / sizeof *features };
 
@@ -130,7 +130,7 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 			return 0;
 		if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR || errno == ENOTSOCK) {
 			err_set(&a->err, ERR_NODAEMON, "no daemon answers at %s: %s", address->sun_path, strerror(errno));
-			return err_add_hint(&a->err, "start acutd, or say with --socket where it listens");
+			return err_add_hint(&a->err, "start acutd, or give its socket with --socket");
 		}
 		if (errno != EAGAIN && errno != EINTR)
 			return err_sys(&a->err, errno, "cannot connect to %s", address->sun_path);

@@ -29,7 +29,7 @@ static int die(struct acut *a)
 static int die_gone(struct acut *a)
 {
 	err_set(&a->err, ERR_NODAEMON, "the daemon closed the connection");
-	err_add_hint(&a->err, "look into the daemon's log; what was acknowledged is kept");
+	err_add_hint(&a->err, "see the daemon's log; all that was acknowledged is kept");
 	return die(a);
 }
 
@@ -60,7 +60,7 @@ int call_send(struct acut *a, const Acut__V1__Message *message, int fd, uint32_t
 	}
 	r = frame_conn_send(a->conn, id, message, copy, &a->err);
 	if (r == FRAME_E_FULL)
-		return err_set(&a->err, ERR_BUSY, "the daemon does not read what it is asked");
+		return err_set(&a->err, ERR_BUSY, "the daemon does not read its requests");
 	if (r < 0)
 		return r;
 	a->last_id = id;

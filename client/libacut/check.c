@@ -147,7 +147,7 @@ static int look_up_foreign(struct check *c, const struct stream_block *b, struct
 		struct slot *slot = find(c, b->foreign[i] + 1);
 
 		if (slot->key == 0)
-			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which an earlier block said to be final",
+			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which was final in an earlier block",
 				       (unsigned long long)b->index, (unsigned long long)b->foreign[i]);
 		memcpy(c->foreign[i], slot->xy, sizeof slot->xy);
 		if (is_final(b, i))
@@ -210,7 +210,7 @@ static int compare(const char *what, struct digest came, struct digest said, str
 
 	if (digest_equal(came, said))
 		return 0;
-	err_set(err, ERR_DIGEST, "the mesh that came has the %s %s, but the daemon says %s", what, digest_hex(came, a),
+	err_set(err, ERR_DIGEST, "the mesh has the %s %s, but the daemon's is %s", what, digest_hex(came, a),
 		digest_hex(said, b));
 	return err_add_hint(err, "fetch it again; if it stays so, the daemon or its machine is at fault: please report it");
 }
@@ -244,7 +244,7 @@ int check_changes(const struct check *c, const struct stream_base *base, const s
 	digest_add(&sum, c->digest);
 	if (digest_equal(sum, base->digest))
 		return 0;
-	err_set(err, ERR_DIGEST, "the mesh of generation %llu with these changes has the digest %s, but the daemon says %s",
+	err_set(err, ERR_DIGEST, "the mesh of generation %llu with these changes has the digest %s, but the daemon's is %s",
 		(unsigned long long)base->generation, digest_hex(sum, a), digest_hex(base->digest, b));
 	return err_add_hint(err, "fetch the whole mesh; the daemon or its machine is at fault: please report it");
 }

@@ -270,7 +270,7 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 	req.generation = generation;
 	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &req), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
 	if (r == 0 && a->answer->datasets->n_datasets != 1)
-		r = err_set(&a->err, ERR_PROTO, "the daemon did not say what the dataset is");
+		r = err_set(&a->err, ERR_PROTO, "the daemon's answer has no dataset");
 	if (r == 0)
 		call_dataset(a->answer->datasets->datasets[0], ret);
 	return r;
@@ -286,7 +286,7 @@ static int change(struct acut *a, Acut__V1__DatasetChange *req, const char *verb
 	req->name = call_text(name);
 	r = call_ask(a, FRAME_MESSAGE(DATASET_CHANGE, dataset_change, req), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
 	if (r == 0 && a->answer->datasets->n_datasets != 1)
-		r = err_set(&a->err, ERR_PROTO, "the daemon did not say what the dataset is");
+		r = err_set(&a->err, ERR_PROTO, "the daemon's answer has no dataset");
 	if (r == 0)
 		call_dataset(a->answer->datasets->datasets[0], ret);
 	return r;

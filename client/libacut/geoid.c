@@ -48,7 +48,7 @@ int acut_geoid_add(struct acut *a, int fd, const char *name, const char *file, c
 	if (r < 0)
 		return r;
 	if (a->answer->geoids->n_geoids != 1)
-		return err_set(&a->err, ERR_PROTO, "the daemon did not say which geoid grid it has added");
+		return err_set(&a->err, ERR_PROTO, "the daemon's answer has no geoid grid");
 	get_geoid(a->answer->geoids->geoids[0], &a->geoid);
 	*ret = &a->geoid;
 	return 0;

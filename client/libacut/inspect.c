@@ -76,7 +76,7 @@ int acut_inspect(struct acut *a, int fd, const char *name, const char *format, c
 	if (r < 0)
 		return r;
 	if (!a->answer->inspected->header)
-		return err_set(&a->err, ERR_PROTO, "the daemon does not say what the header is");
+		return err_set(&a->err, ERR_PROTO, "the daemon's answer has no header");
 	get_inspected(a->answer->inspected, &a->inspected);
 	*ret = &a->inspected;
 	return 0;

@@ -31,7 +31,7 @@ int call_file(struct acut *a, int fd, const char *name)
 	struct stat st;
 
 	if (fstat(fd, &st) < 0) {
-		err_sys(&a->err, errno, "cannot look at the file");
+		err_sys(&a->err, errno, "cannot examine the file");
 		return err_add_file(&a->err, name);
 	}
 	if (!S_ISREG(st.st_mode)) {

@@ -114,7 +114,7 @@ static int part_open(const struct outfile *o, const char *suffix, bool on, int *
 	r = io_open(o->dirfd, part_name(o, suffix, name), O_RDWR | O_NOFOLLOW | (on ? 0 : O_CREAT), 0666, &fd, err);
 	if (r && on && err->sys == ENOENT) {
 		*err = ERR_INIT;
-		r = err_set(err, ERR_CORRUPT, "what an earlier fetch has kept is not there any more");
+		r = err_set(err, ERR_CORRUPT, "the part of an earlier fetch is gone");
 		err_add_hint(err, "fetch it without --resume: it is replaced then");
 	}
 	if (!r && (io->fstat(fd, &st) || !S_ISREG(st.st_mode))) {
@@ -149,7 +149,7 @@ static int part_verify(struct outfile *o, const struct outfile *named, const cha
 	int r = 0;
 
 	if (io->fstat(o->fd, &st) < 0 || end < want->from || (uint64_t)st.st_size < end)
-		return corrupt(named, suffix, "it is shorter than what an earlier fetch has kept", err);
+		return corrupt(named, suffix, "it is shorter than the part of an earlier fetch", err);
 	p->from = want->from;
 	while (!r && p->size < want->size) {
 		size_t n = want->size - p->size < OUTFILE_BUFFER ? (size_t)(want->size - p->size) : OUTFILE_BUFFER;
@@ -162,9 +162,9 @@ static int part_verify(struct outfile *o, const struct outfile *named, const cha
 		return r;
 	got = sum_of(p);
 	if (got.chain != want->chain || got.part != want->part)
-		return corrupt(named, suffix, "it is not what an earlier fetch has kept", err);
+		return corrupt(named, suffix, "it is not the part of an earlier fetch", err);
 	if (io->ftruncate(o->fd, (off_t)end) < 0) {
-		err_sys(err, errno, "it cannot be cut to what was kept");
+		err_sys(err, errno, "it cannot be cut to the kept part");
 		return err_add_file(err, o->label);
 	}
 	o->at = end;
@@ -215,7 +215,7 @@ int outfile_part_begin(struct outfile *o, bool on, struct err *err)
 	/* The annex and the state first: they mean nothing without it. */
 	outfile_part_clean(o);
 	if (io->ftruncate(o->fd, 0) < 0) {
-		err_sys(err, errno, "what an earlier fetch has kept cannot be replaced");
+		err_sys(err, errno, "the part of an earlier fetch cannot be replaced");
 		return err_add_file(err, o->label);
 	}
 	return 0;
@@ -293,7 +293,7 @@ void outfile_part_name_state(const struct outfile *o, struct err *err)
 
 int outfile_part_damaged(const struct outfile *o, struct err *err)
 {
-	return corrupt(o, ".state", "what an earlier fetch has kept is damaged, or of another version", err);
+	return corrupt(o, ".state", "the part of an earlier fetch is damaged, or of another version", err);
 }
 
 int outfile_part_load(const struct outfile *o, uint8_t **ret, size_t *ret_size, struct err *err)
@@ -312,7 +312,7 @@ int outfile_part_load(const struct outfile *o, uint8_t **ret, size_t *ret_size, 
 	if (r)
 		return r;
 	if (io->fstat(fd, &st) < 0)
-		r = err_sys(err, errno, "cannot look at %s", name);
+		r = err_sys(err, errno, "cannot examine %s", name);
 	else if (!S_ISREG(st.st_mode) || (uint64_t)st.st_size > STATE_MOST)
 		r = outfile_part_damaged(o, err);
 	else if (!(bytes = malloc((size_t)st.st_size + 1)))

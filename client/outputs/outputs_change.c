@@ -42,7 +42,7 @@ int outputs_change_new(const struct outfile *out, const char *path, const struct
 	if (!c || (path && asprintf(&name, "%s" OUTPUTS_CHANGES, path) < 0))
 		r = err_set(err, ERR_NOMEM, "no memory for changes");
 	if (!r && out && !outfile_base(out)) {
-		r = err_set(err, ERR_USAGE, "changes need a file to stand beside: not standard output, a pipe or a device");
+		r = err_set(err, ERR_USAGE, "changes need a regular file as output: not standard output, a pipe or a device");
 		err_add_file(err, outfile_name(out));
 		err_add_hint(err, "give a file, as in -o new.ply");
 	}

@@ -141,7 +141,7 @@ static int parse_state(struct outputs *run, size_t size, struct err *err)
 		return outfile_part_damaged(first, err);
 	if (n == strlen(k->options) && !memcmp(options, k->options, n))
 		return 0;
-	err_set(err, ERR_USAGE, "what is kept is of another job, or of other outputs or options");
+	err_set(err, ERR_USAGE, "the kept part is of another job, or of other outputs or options");
 	outfile_part_name_state(first, err);
 	return err_add_hint(err, "resume with the outputs and options of the earlier fetch, or fetch without --resume");
 }

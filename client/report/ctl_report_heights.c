@@ -101,5 +101,5 @@ void ctl_report_overridden(struct console *c, const struct ctl_staged *staged)
 		return;
 	if (n > 1)
 		snprintf(more, sizeof(more), ", and those of %u more input%s", n - 1, n == 2 ? "" : "s");
-	console_line(c, "overridden: what the records of %s say (%s)%s", first->name, first->overridden, more);
+	console_line(c, "overridden: the system in the records of %s (%s)%s", first->name, first->overridden, more);
 }

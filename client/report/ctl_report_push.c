@@ -122,7 +122,7 @@ static void file_text(struct console *c, const struct ctl_staged_file *f)
 	else
 		console_line(c, "%s: %s points", f->name, term_count(f->points, a));
 	if (f->overridden)
-		console_line(c, "%s: overridden: its records say %s", f->name, f->overridden);
+		console_line(c, "%s: overridden: its records have %s", f->name, f->overridden);
 	if (f->replaced)
 		console_line(c, "%s: in place of %u file%s of the dataset", f->name, f->replaced, f->replaced == 1 ? "" : "s");
 }

@@ -49,7 +49,7 @@ void session_refusals_end(struct session *session, int status)
 	/* Where none was good JSON has the failure alone. */
 	term_line(stderr, "%s: %llu more inputs were refused, %llu in all%s", session->console.program,
 		  session->refusals - REFUSALS_MOST, session->refusals,
-		  status == SESSION_SOME_REFUSED ? ": --json tells each" : "");
+		  status == SESSION_SOME_REFUSED ? ": --json lists each" : "");
 }
 
 void session_failure_of(const struct acut_failure *f, struct err *ret)

@@ -75,7 +75,7 @@ static int check_own(const char *path, struct err *err)
 	struct stat st;
 
 	if (lstat(path, &st)) {
-		err_sys(err, errno, "the folder of the private daemon cannot be looked at");
+		err_sys(err, errno, "the folder of the private daemon cannot be examined");
 		return err_add_file(err, path);
 	}
 	if (!S_ISDIR(st.st_mode) || st.st_uid != getuid() || (st.st_mode & 077)) {

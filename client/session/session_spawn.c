@@ -121,7 +121,7 @@ static int find_acutd(char *buf, size_t size, struct err *err)
 		path += len + (path[len] == ':');
 	}
 	err_set(err, ERR_NODAEMON, "acutd is not installed beside acutctl, nor in PATH");
-	return err_add_hint(err, "say with --socket where a daemon listens, or with ACUT_ACUTD where the program is");
+	return err_add_hint(err, "give the socket of a daemon with --socket, or the path of the program with ACUT_ACUTD");
 }
 
 /* In the child: descriptors, environment, and off. Only calls that are safe after fork in one thread. */

@@ -80,7 +80,7 @@ static int read_units(const char *units, const char *option, struct ctl_assume *
 	if (good)
 		return 0;
 	err_set(err, ERR_USAGE, "%s is not UNIT[,UNIT] of m, ft and ftUS: \"%s\"", option, units);
-	return err_add_hint(err, "the first is of x and y, the second of z; ,ft says z alone");
+	return err_add_hint(err, "the first is of x and y, the second of z; ,ft is z alone");
 }
 
 int ctl_assume_read(const struct ctl_stage_options *a, struct ctl_assume *ret, struct err *err)
@@ -91,10 +91,10 @@ int ctl_assume_read(const struct ctl_stage_options *a, struct ctl_assume *ret, s
 	*ret = (struct ctl_assume){.overrides = over};
 	if (over && (a->assume_crs || a->assume_units)) {
 		err_set(err, ERR_USAGE,
-			"%s is for inputs that say nothing, %s is in place of what they say: both at once contradict",
+			"%s is for inputs without a system, %s replaces the system of all: both at once contradict",
 			a->assume_crs ? "--assume-crs" : "--assume-units",
 			a->override_crs ? "--override-crs" : "--override-units");
-		return err_add_hint(err, "what overrides holds for all inputs, also for those that say nothing");
+		return err_add_hint(err, "an override holds for all inputs, also for those without a system");
 	}
 	if (units && read_units(units, over ? "--override-units" : "--assume-units", ret, err))
 		return -(int)err->code;
@@ -139,10 +139,10 @@ void ctl_assume_warn(struct console *c, const struct ctl_assume *a)
 		what[n++] = "the unit of z";
 	if (!n)
 		return;
-	console_warn(c, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
+	console_warn(c, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs note it; %s", what[0],
 		     n == 3 ? ", " :
 		     n == 2 ? " and " :
 			      "",
 		     n > 1 ? what[1] : "", n == 3 ? " and " : "", n == 3 ? what[2] : "", n == 1 ? "is" : "are",
-		     a->no_crs ? "--assume-crs and --assume-units say what they are" : "--assume-units says it");
+		     a->no_crs ? "set them with --assume-crs and --assume-units" : "set it with --assume-units");
 }

@@ -146,7 +146,7 @@ static int thing(struct reader *r, struct json_object *o, size_t index)
 
 	if (!json_object_is_type(o, json_type_object) || !json_object_object_get_ex(o, "type", &type) ||
 	    !json_object_is_type(type, json_type_string))
-		return bad(r, "what stands here is no GeoJSON: it has no type");
+		return bad(r, "this is no GeoJSON: it has no type");
 	name = json_object_get_string(type);
 	if (!strcmp(name, "Polygon")) {
 		size_t before = enter(r, "%scoordinates", r->n ? "." : "");

@@ -27,7 +27,7 @@ static int bad(struct wkt *w, const char *what)
 	if (w->at == w->end)
 		err_set(w->err, ERR_INPUT, "line %u: the text ends where %s should be", line, what);
 	else
-		err_set(w->err, ERR_INPUT, "line %u: \"%.*s\" stands where %s should be", line, (int)(end - w->at), w->at, what);
+		err_set(w->err, ERR_INPUT, "line %u: \"%.*s\", where %s should be", line, (int)(end - w->at), w->at, what);
 	return err_add_place(w->err, (uint64_t)(w->at - w->text), NULL);
 }
 

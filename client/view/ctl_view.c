@@ -54,7 +54,7 @@ static bool is(const char *text, const char *word)
 static int check_words(const struct ctl_view_options *a, struct err *err)
 {
 	if (a->thin_pick && !a->thin) {
-		err_set(err, ERR_USAGE, "--thin-pick says which point of a cell is taken, and there are no cells");
+		err_set(err, ERR_USAGE, "--thin-pick chooses the point of a cell, and there are no cells");
 		return err_add_hint(err, "give --thin CELL too");
 	}
 	return 0;

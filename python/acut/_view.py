@@ -201,7 +201,7 @@ def _polygons(thing: Any, at: str) -> List[Ring]:
         if kind == "GeometryCollection":
             return [r for i, g in enumerate(thing["geometries"]) for r in _polygons(g, "%s.geometries[%d]" % (at, i))]
         if kind not in ("Polygon", "MultiPolygon"):
-            raise bad("a %s is no area" % kind if kind else "what stands here is no GeoJSON: it has no type")
+            raise bad("a %s is no area" % kind if kind else "this is no GeoJSON: it has no type")
         many = [thing["coordinates"]] if kind == "Polygon" else thing["coordinates"]
         return [(i == 0, [(_decimal(c[0], "a coordinate"), _decimal(c[1], "a coordinate")) for c in ring])
                 for polygon in many for i, ring in enumerate(polygon)]

@@ -15,7 +15,7 @@ static int profile_of(struct program *args, struct scan_device *d, struct err *e
 	if (d->device.profile >= 0)
 		return scan_profile_copy(profile_set_at(d->set, (size_t)d->device.profile), &d->profile, err);
 	err_set(err, ERR_USAGE, "no profile is for %s", scan_device_text(&d->device, words, sizeof(words)));
-	return err_add_hint(err, "say which with --profile, or write one: man acut-scanners.d");
+	return err_add_hint(err, "name one with --profile, or write one: man acut-scanners.d");
 }
 
 int scan_device_open(struct program *args, struct scan_device *ret, struct err *err)

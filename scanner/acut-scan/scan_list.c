@@ -81,7 +81,7 @@ static int watch(struct program *args, struct usb *usb, const struct profile_set
 	enum usb_change change;
 
 	if (usb_polls(usb))
-		console_note(&args->console, "%s; the list is looked at each second", usb_polls(usb));
+		console_note(&args->console, "%s; the list is read each second", usb_polls(usb));
 	while (!scan_stopped() && !ferror(stdout)) {
 		if (poll(p, 3, -1) < 0 && errno != EINTR)
 			return err_sys(err, errno, "cannot wait");

@@ -188,14 +188,14 @@ static int judge(const struct probe *p, struct err *err)
 				    pr->name);
 	}
 	if (!p->counts.framer.telegrams) {
-		err_set(err, ERR_INPUT, "%s: no telegram in what came, as profile %s frames them; it begins with %s", words,
+		err_set(err, ERR_INPUT, "%s: no telegram in the data, as profile %s frames them; it begins with %s", words,
 			pr->name, begin);
 		return err_add_hint(err, "the profile is for another device, or its framer is wrong: man acut-scanners.d");
 	}
 	if (!p->swept && !p->counts.points) {
 		err_set(err, ERR_INPUT, "%s: none of the telegrams carries measurements, as profile %s decodes them%s%s", words,
 			pr->name, p->fault[0] ? ": " : "", p->fault);
-		return err_add_hint(err, "the device sends something else than its profile says; the first bytes are %s", begin);
+		return err_add_hint(err, "the device's data does not match its profile; the first bytes are %s", begin);
 	}
 	return 0;
 }
@@ -260,7 +260,7 @@ static void as_text(const struct probe *p)
 		if (p->returns)
 			snprintf(range, sizeof(range), ", %.3f to %.3f m", p->nearest, p->farthest);
 		term_field(stdout, "sweeps", "%llu%s", (unsigned long long)c->sweeps,
-			   p->dirty ? "; the device says that its window is dirty" : "");
+			   p->dirty ? "; the device reports a dirty window" : "");
 		term_field(stdout, "the first", "%u shots from %.1f to %.1f degrees, %u with a range%s", p->shots, p->from, p->to,
 			   p->returns, range);
 	}

@@ -70,7 +70,7 @@ static int of_acut(const struct pushing *p, struct err *err)
 		err_set(err, ERR_INTERNAL, "the daemon gave no reason");
 	/* Whatever was answered or not: the same command finds out. */
 	if ((err->code == ERR_NODAEMON || err->code == ERR_TIMEOUT) && p->acut)
-		err_add_hint(err, "push again when it answers: what it has already is not taken twice");
+		err_add_hint(err, "push again when it answers: points that it has are not taken twice");
 	return -(int)err->code;
 }
 
@@ -87,7 +87,7 @@ static int connect_daemon(struct pushing *p, struct err *err)
 		path = SYSTEM_SOCKET;
 	if (!path) {
 		err_set(err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s", SYSTEM_SOCKET);
-		return err_add_hint(err, "start acutd, or say where it listens");
+		return err_add_hint(err, "start acutd, or give its socket with --socket");
 	}
 	r = acut_connect(path, &options, &p->acut);
 	if (r) {
@@ -265,7 +265,7 @@ static int refuse(struct batch *b, size_t i, struct err *err)
 			 b->p->args->into);
 		err->field[0] = err->hint[0] = 0;
 		err_add_hint(err,
-			     "the spool has grown, or its poses are others now: --replace takes it in place of what is there");
+			     "the spool has grown, or its poses have changed: --replace takes it in place of the old points");
 	}
 	if (scan_stopped() || !refusal(err->code))
 		return -(int)err->code;
@@ -481,7 +481,7 @@ static int check(struct program *a, struct err *err)
 {
 	if (!a->into == !a->output) {
 		err_set(err, ERR_USAGE,
-			a->into ? "--into pushes, -o writes a file: one of the two" : "nothing says where to: --into DATASET");
+			a->into ? "--into pushes, -o writes a file: one of the two" : "no dataset is given: --into DATASET");
 		return err_add_hint(err, "acut-scan push SPOOL... --pose FILE --into DATASET");
 	}
 	if (a->name && (a->line.nword != 1 || strchr(a->name, '/')))

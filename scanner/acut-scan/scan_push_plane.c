@@ -58,7 +58,7 @@ static int check_units(struct program *args, const struct scan_target *t, struct
 	err_set(err, ERR_UNSUPPORTED,
 		"nothing says which unit the dataset's %s in: ranges are metres, and how many of its units that is would be a guess",
 		what);
-	err_add_hint(err, "use another dataset, or make this one anew: acutctl push --assume-units says it");
+	err_add_hint(err, "use another dataset, or make this one anew: acutctl push set it with --assume-units");
 	return err_add_file(err, args->into);
 }
 
@@ -76,11 +76,11 @@ static int of_dataset(struct program *args, const struct scan_target *t, struct 
 	crs_info_settle(&ret->to);
 	ret->has_to = true;
 	if (had && !same_plane(&said, &ret->to)) {
-		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs says %.150s", args->into, t->crs, said.text);
+		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs is %.150s", args->into, t->crs, said.text);
 		return err_add_hint(err, "a dataset has one plane: leave --crs out, or use another dataset");
 	}
 	if (had && said.system.epsg_z && said.system.epsg_z != ret->to.system.epsg_z) {
-		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs says %.150s", args->into, t->crs, said.text);
+		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs is %.150s", args->into, t->crs, said.text);
 		return err_add_hint(err, "a dataset has heights of one kind: leave --crs out, or use another dataset");
 	}
 	if (had) {
@@ -102,11 +102,10 @@ static int of_new(struct scan_plane *p, struct err *err)
 			"which unit the plane %.200s has is not known: ranges are metres, and how many of its units that is "
 			"would be a guess",
 			p->to.text);
-		return err_add_hint(
-			err, "a dataset that has a file of this plane already says its unit (acutctl push --assume-units)");
+		return err_add_hint(err, "a dataset with a file of this plane has its unit (acutctl push --assume-units)");
 	}
 	if (known(p->to.unit_xy) && strcmp(p->to.unit_xy, "metre")) {
-		err_set(err, ERR_USAGE, "the plane %.200s is in %s, and what its heights are in is not said", p->to.text,
+		err_set(err, ERR_USAGE, "the plane %.200s is in %s, and the unit of its heights is unknown", p->to.text,
 			p->to.unit_xy);
 		return err_add_hint(err, "name the vertical system too: --crs \"EPSG:n + EPSG:m\"");
 	}
@@ -169,7 +168,7 @@ int scan_push_poses(struct program *args, const struct scan_plane *plane, int fd
 	if (!r && args->geoid && !pose_track_span(*ret)->ellipsoidal) {
 		*ret = pose_track_free(*ret);
 		err_set(err, ERR_USAGE, "--geoid makes ellipsoidal heights orthometric, and the poses have a column height");
-		err_add_hint(err, "name the column ellipsoidal_height if that is what its heights are, or leave --geoid out");
+		err_add_hint(err, "name the column ellipsoidal_height if its heights are that, or leave --geoid out");
 		r = err_add_file(err, args->pose);
 	}
 	return r;

@@ -165,7 +165,7 @@ static void print_spool(struct program *args, const struct scan_spool *s)
 			     "time of then",
 			     s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
 	if (!s->tail.ended && !s->tail.torn)
-		console_note(&args->console, "%s: it has no end yet: what was recorded until now was taken", s->file);
+		console_note(&args->console, "%s: it has no end yet: the points until now were taken", s->file);
 }
 
 void scan_push_print(struct program *args, const struct scan_result *r)
@@ -228,5 +228,5 @@ void scan_push_print_poses(struct program *args, const struct pose_track *t)
 		     s->last - s->first, gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
 		     s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
 	if (s->degrees && *s->zone && !args->crs)
-		console_note(&args->console, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);
+		console_note(&args->console, "%s: its degrees are taken as WGS 84; --crs sets another datum", args->pose);
 }

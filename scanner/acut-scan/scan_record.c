@@ -103,7 +103,7 @@ static int create_in_folder(struct record *r, struct err *err)
 	plain(profile);
 	plain(serial);
 	if (!gmtime_r(&now, &tm) || !strftime(stamp, sizeof(stamp), "%Y%m%dT%H%M%SZ", &tm))
-		return err_set(err, ERR_INTERNAL, "the wall clock says no time");
+		return err_set(err, ERR_INTERNAL, "the wall clock has no time");
 	for (unsigned i = 1; i <= NAMES; i++) {
 		char more[16] = "";
 
@@ -195,7 +195,7 @@ static void head_of_device(struct spool_head *h, const struct usb_device *d)
 static int check_args(struct program *a, struct err *err)
 {
 	if (!a->output == !a->folder) {
-		err_set(err, ERR_USAGE, a->output ? "-o and --folder are both given" : "record is not told where to write");
+		err_set(err, ERR_USAGE, a->output ? "-o and --folder are both given" : "record has no output");
 		return err_add_hint(err, "give -o FILE, or --folder DIR for a name of its own");
 	}
 	if (a->output && !strcmp(a->output, "-")) {
@@ -207,7 +207,7 @@ static int check_args(struct program *a, struct err *err)
 	if (a->from && (a->resume || a->reconnect))
 		return err_set(err, ERR_USAGE, "--%s is for devices, not for --from", a->resume ? "continue" : "reconnect");
 	if (a->resume && (a->folder || a->profile))
-		return err_set(err, ERR_USAGE, "--continue goes on in -o FILE with the profile that is in it");
+		return err_set(err, ERR_USAGE, "--continue continues -o FILE with the profile in it");
 	return 0;
 }
 
@@ -233,7 +233,7 @@ static void hint_safe(struct record *r, struct err *err)
 	spool_totals(r->spool, &t);
 	err_add_hint(err, "%s%llu of %llu bytes are safe in the spool%s", err->code == ERR_NOSPACE ? "make room; " : "",
 		     (unsigned long long)t.durable, (unsigned long long)t.bytes,
-		     r->args->from ? "" : ", and record --continue goes on in it");
+		     r->args->from ? "" : ", and record --continue continues it");
 }
 
 /* The data before a failed write is made durable; the error is that of the write. */

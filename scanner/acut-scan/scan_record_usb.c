@@ -214,7 +214,7 @@ int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 		}
 		if (!r->args->reconnect) {
 			err_set(err, ERR_IO, "%s does not answer any more: %s", words, text);
-			return err_add_hint(err, "plug it in again; what came until now is in the spool");
+			return err_add_hint(err, "plug it in again; the data until now is in the spool");
 		}
 		rc = come_back(r, d, err);
 		if (rc) {

@@ -94,7 +94,7 @@ int scan_out_new(struct program *args, struct scan_out **ret, struct err *err)
 		if (!strcmp(args->to, words[i]))
 			o->to = (enum scan_to)i;
 	if (args->output && !o->to)
-		err_set(&o->err, ERR_USAGE, "-o %.100s: --to says what is to be written there", args->output);
+		err_set(&o->err, ERR_USAGE, "-o %.100s needs --to", args->output);
 	else if (o->to == SCAN_TO_RAW && standard && isatty(STDOUT_FILENO))
 		err_set(&o->err, ERR_USAGE, "raw bytes are not for a terminal; -o names a file");
 	else if (o->to && standard)

@@ -37,7 +37,7 @@ static void print_records(FILE *out, const struct scan_found *f)
 		   parse_size_text(f->bytes, size), (unsigned long long)f->transfers, f->transfers == 1 ? "" : "s",
 		   seconds > 0 ? ", " : "", seconds > 0 ? parse_size_text((uint64_t)((double)f->bytes / seconds), rate) : "",
 		   seconds > 0 ? "/s" : "");
-	term_field(out, "sha256", "%s%s", f->sha256, f->sha_differs ? " (its end says another)" : "");
+	term_field(out, "sha256", "%s%s", f->sha256, f->sha_differs ? " (its end has another)" : "");
 	for (size_t i = 0; i < f->n_events; i++)
 		term_field(out, i ? "" : "events", "%s: %llu", f->events[i].word, (unsigned long long)f->events[i].n);
 	if (f->damaged)
@@ -93,7 +93,7 @@ static void print_sweeps(FILE *out, const struct scan_found *f)
 		term_field(out, "lost", "%llu by the device's counter; came twice: %llu; device started anew: %llu",
 			   (unsigned long long)c->lost, (unsigned long long)c->repeated, (unsigned long long)c->restarts);
 		if (c->dirty)
-			term_field(out, "dirty", "%llu sweep%s: the device says that its window is dirty, or that it fails",
+			term_field(out, "dirty", "%llu sweep%s: the device reports a dirty window or a failure",
 				   (unsigned long long)c->dirty, c->dirty == 1 ? "" : "s");
 	}
 	if (c->has_times)

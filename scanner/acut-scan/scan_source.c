@@ -218,7 +218,7 @@ static int no_time(const struct scan_source *s, struct err *err)
 			"say --pose-clock gps");
 	if (fabs(apart - adjust) < 30 * day || fabs(apart + epoch) < 30 * day)
 		return err_add_hint(err,
-				    "they look like seconds since 1980-01-06: take 1000000000 away, and say --pose-clock gps");
+				    "they look like seconds since 1980-01-06: take 1000000000 away, and give --pose-clock gps");
 	return err_add_hint(err, "--pose-clock gps if their times are GPS time; --pose-offset if one of the clocks was wrong");
 }
 
@@ -231,7 +231,7 @@ static int no_points(const struct scan_source *s, struct err *err)
 	if (!c->sweeps) {
 		err_set(err, ERR_INPUT, "there is no sweep in it: %llu telegrams, %llu bad",
 			(unsigned long long)c->framer.telegrams, (unsigned long long)(c->framer.bad + c->undecoded));
-		err_add_hint(err, "acut-scan replay says what is in it; --profile decodes it by another profile");
+		err_add_hint(err, "acut-scan replay reports its content; --profile decodes it by another profile");
 	} else if (g->before + g->after + g->gap) {
 		err_set(err, ERR_INPUT,
 			"no shot has a pose: its sweeps are from %.3f to %.3f, the poses from %.3f to %.3f (UTC, seconds "
@@ -377,7 +377,7 @@ static int needs_pose(const struct scan_spool *s, struct err *err)
 		*s->profile.title ? s->profile.title : s->profile.name);
 	err_add_hint(
 		err,
-		"say where the scanner was with --pose FILE, see acut-pose(5); acut-scan replay --to sweeps shows the ranges");
+		"give the places of the scanner with --pose FILE, see acut-pose(5); acut-scan replay --to sweeps shows the ranges");
 	return err_add_file(err, s->file);
 }
 

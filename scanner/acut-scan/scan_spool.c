@@ -61,8 +61,8 @@ static int find_profile(struct program *args, struct scan_spool *s, struct err *
 	if (args->profile)
 		return named(args, &s->profile, err);
 	if (!h->profile_size) {
-		err_set(err, ERR_INPUT, "the spool has no profile: nothing says what its bytes are");
-		err_add_hint(err, "say it with --profile NAME");
+		err_set(err, ERR_INPUT, "the spool has no profile, which defines its bytes");
+		err_add_hint(err, "name it with --profile NAME");
 		return err_add_file(err, s->file);
 	}
 	snprintf(name, sizeof name, "%s (in the spool)", h->profile_name);

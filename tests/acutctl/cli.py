@@ -66,7 +66,7 @@ def usage(base):
     expect(["mesh", survey, "--rubbish"], 2, "no option --rubbish")
     expect(["mesh", survey, "-o", out, "--quiet=1"], 2, "takes no value")
     expect(["mesh", survey, "-o", out, "--class", "2", "--class", "3"], 2, "given twice")
-    expect(["mesh", survey, "-o", base + "/m.foo"], 2, "in which format", "--format")
+    expect(["mesh", survey, "-o", base + "/m.foo"], 2, "does not give a format", "--format")
     expect(["mesh", survey, "-o", out, "--format", "stl"], 2, "no output format stl")
     expect(["mesh", survey, "-o", out, "-o", out], 2, "given twice")
     expect(["mesh", survey, "-o", "-"], 69)
@@ -129,7 +129,7 @@ def areas(base, survey, out):
     ring = "[[0,0],[9,0],[9,9],[0,0]]"
     for text, *said in (
             ("", "line 1", "text ends"), ("POINT (1 2)", "POLYGON or MULTIPOLYGON"), ("POLYGON ((0 0, 1 1, 2", "ends where a number"),
-            ("POLYGON ((0 0, 1 1,\n 2 x))", "line 2", '"x))" stands where a number', "byte 23"), ("POLYGON EMPTY", "no polygon"),
+            ("POLYGON ((0 0, 1 1,\n 2 x))", "line 2", '"x))", where a number', "byte 23"), ("POLYGON EMPTY", "no polygon"),
             ("POLYGON ((0 0, 1 0, 1 1, 0 0)) x", "POLYGON"), ("SRID=1;POLYGON ((0 0))", "SRID"),
             ("POLYGON ((0 0, 1 0, 1.2345678901234567891 1))", "18 digits"), ("POLYGON (0 0, 1 0, 1 1)", "start of a ring"),
             ("POLYGON ((0 0, 1e-39 0, 1e9 1))", "common unit"), ("POLYGON ((1 2 3 4 5, 1 2))", '"," or ")"'),

@@ -262,7 +262,7 @@ def overridden():
         expect("zone" in j.out or "longitude" in j.err, j.out + j.err)
 
         r = d.ctl("push", "d", earth, f["utm"], "--override-crs", "EPSG:25832", "--override-units", "m,m").ok()
-        expect("earth.las: overridden: its records say EPSG:4978" in r.out + r.err, r.out + r.err)
+        expect("earth.las: overridden: its records have EPSG:4978" in r.out + r.err, r.out + r.err)
         d.ctl("push", "d", degrees, "--override-crs", "EPSG:25832", "--override-units", "m,m", "--json").ok()
         d.stop()
         d.start()

@@ -135,7 +135,7 @@ def a_flood_of_refusals():
     # Where others are good JSON has each, and the last line says so.
     e2e.run([e2e.SYNTH, "--points", "1000", os.path.join(f, "failed", "good.las")]).ok()
     r = D.ctl("push", "flood", *(os.path.join(f, "failed", n) for n in holds(f, "failed") if n.endswith(".las")))
-    expect(r.status == 3 and r.err.splitlines()[-1].endswith("30 more inputs were refused, 130 in all: --json tells each"), r.err[-600:])
+    expect(r.status == 3 and r.err.splitlines()[-1].endswith("30 more inputs were refused, 130 in all: --json lists each"), r.err[-600:])
 
 
 def delivered_again():

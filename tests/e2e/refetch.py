@@ -244,12 +244,12 @@ def refused():
         says(d.ctl("fetch", "1", "-o", out, "-o", base + "/m.obj", "--resume"), 2, "outputs")
         expect({n: read(os.path.join(base, n)) for n in parts(base)} == kept, "a refusal has changed what was kept")
         size = os.path.getsize(out + ".part")
-        for name, harm, text in ((".part", lambda p: flip(p, size // 2), "not what an earlier fetch has kept"),
+        for name, harm, text in ((".part", lambda p: flip(p, size // 2), "not the part of an earlier fetch"),
                                  (".part", lambda p: os.truncate(p, 10000), "shorter"),
-                                 (".part", os.unlink, "not there any more"),
-                                 (".part.faces", lambda p: flip(p, 100), "not what an earlier fetch has kept"),
+                                 (".part", os.unlink, "is gone"),
+                                 (".part.faces", lambda p: flip(p, 100), "not the part of an earlier fetch"),
                                  (".part.faces", lambda p: os.truncate(p, 100), "shorter"),
-                                 (".part.faces", os.unlink, "not there any more"),
+                                 (".part.faces", os.unlink, "is gone"),
                                  (".part.state", lambda p: flip(p, -30), "damaged"),
                                  (".part.state", lambda p: flip(p, 5), "damaged"),
                                  (".part.state", lambda p: os.truncate(p, 40), "damaged")):

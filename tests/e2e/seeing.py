@@ -305,7 +305,7 @@ def doctor_finds_the_socket():
         s = socket.socket(socket.AF_UNIX)
         s.bind(sock)
         s.close()
-        expect("nobody listens" in doctor(d, 69, socket="wrong")["socket"]["message"], "stale")
+        expect("no process listens" in doctor(d, 69, socket="wrong")["socket"]["message"], "stale")
         os.unlink(sock)
         open(sock, "w").close()
         expect("is no socket" in doctor(d, 69, socket="wrong")["socket"]["message"], "file")

@@ -137,7 +137,7 @@ def manifest_of_sums():
         with open(c, "r+b") as f:
             f.seek(-1, 2)
             f.write(b"\x01")
-        got = says(d.ctl("push", "s", a, c, b, "--manifest", binary), 1, "t00003.las: its SHA-256 is", "BINARY says")
+        got = says(d.ctl("push", "s", a, c, b, "--manifest", binary), 1, "t00003.las: its SHA-256 is", "BINARY has")
         expect("t00001" not in got.err, got.err)
         says(d.ctl("push", "new", a, c, b, "--manifest", binary), 1, "t00003.las")
         gone(d, "new")

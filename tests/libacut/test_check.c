@@ -153,12 +153,9 @@ static void test_faults(void **state)
 		enum err_code code;
 		const char *text;
 	} row[] = {
-		{MOVED, ERR_DIGEST, "the digest"},
-		{HEIGHT, ERR_DIGEST, "the vertex digest"},
-		{TURNED, ERR_DIGEST, "the digest"},
-		{MISSING, ERR_DIGEST, "the digest"},
-		{EARLY_FINAL, ERR_PROTO, "said to be final"},
-		{LATE_FINAL, ERR_PROTO, "never became final"},
+		{MOVED, ERR_DIGEST, "the digest"},           {HEIGHT, ERR_DIGEST, "the vertex digest"},
+		{TURNED, ERR_DIGEST, "the digest"},          {MISSING, ERR_DIGEST, "the digest"},
+		{EARLY_FINAL, ERR_PROTO, "which was final"}, {LATE_FINAL, ERR_PROTO, "never became final"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {

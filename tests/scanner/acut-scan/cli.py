@@ -17,7 +17,7 @@ def options_of(command):
 
 
 def refused():
-    for args, status, text in ((([]), 2, "no command"), (["lst"], 2, "did you mean acut-scan list"), (["record"], 2, "where to write"),
+    for args, status, text in ((([]), 2, "no command"), (["lst"], 2, "did you mean acut-scan list"), (["record"], 2, "has no output"),
                                (["record", "-o", "x", "--folder", "."], 2, "both"), (["record", "-o", "-"], 2, "standard output"),
                                (["record", "-o", "x", "--for", "soon"], 2, "not a time"), (["record", "-o", "x", "--for", "0"], 2, "not a time"),
                                (["record", "-o", "x", "--bytes", "12Q"], 2, "not a size"), (["record", "-o", "x", "-o", "y"], 2, "twice"),
