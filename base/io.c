@@ -151,7 +151,7 @@ int io_sync(int fd, const char *name, struct err *err)
 		progress_step();
 		return 0;
 	}
-	err_sys(err, errno, "cannot bring to disk (fsync)");
+	err_sys(err, errno, "cannot fsync");
 	return err_add_file(err, name);
 }
 

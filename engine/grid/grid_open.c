@@ -45,7 +45,7 @@ static int read_sources(const struct grid *g, uint32_t segment, const struct dis
 		bool live = grid_live(g, totals[i].id);
 
 		if (!find_source(g, totals[i].id))
-			rc = grid_segment_damaged(p, h->sources_place, "the manifest lacks one of its sources", err);
+			rc = grid_segment_damaged(p, h->sources_place, "one of its sources is not in the manifest", err);
 		l->points += live ? totals[i].points : 0;
 		if (live)
 			digest_add(&l->sum, (struct digest){totals[i].sum_hi, totals[i].sum_lo});

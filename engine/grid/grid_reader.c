@@ -215,8 +215,7 @@ static int advance(struct grid_reader *r, struct grid_cursor *c, const struct gr
 	r->stats.cells++;
 	if (c->check == c->cell.check)
 		return 0;
-	return grid_segment_damaged(&r->grid->segments[c->segment], c->cell.place, "a cell is not the one that the index means",
-				    err);
+	return grid_segment_damaged(&r->grid->segments[c->segment], c->cell.place, "a cell differs from its index entry", err);
 }
 
 /* Keeps the live records, in place, and clears the source index of all. */

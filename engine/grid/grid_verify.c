@@ -27,7 +27,7 @@ enum { RUN_BLOCKS = 4 };
 _Static_assert(GRID_VERIFY_BYTES >= DISK_LEVELS * DISK_PAGE + 2 * (DISK_BLOCK_MAX + 16) + ALIGN_LINE, "pages and two blocks");
 _Static_assert(GRID_VERIFY_BYTES >= RUN_BLOCKS * DISK_RUN_BLOCK, "blocks of a run");
 
-static const char SMALL_CELL[] = "a cell is not as large as it may be";
+static const char SMALL_CELL[] = "a cell is smaller than it must be";
 
 struct verify {
 	const struct grid_verify_params *p;
@@ -173,13 +173,13 @@ static int check_block(struct verify *v, const struct grid_cell *cell, uint64_t 
 	if (rc)
 		return rc;
 	if (!tables_match(v, &b, &info))
-		return grid_segment_damaged(&v->segment, place, "the tables of a block are not those of its records", err);
+		return grid_segment_damaged(&v->segment, place, "the tables of a block do not match its records", err);
 	if (!records_ordered(v, cell, &b))
-		return grid_segment_damaged(&v->segment, place, "a record lies where its cell has none", err);
+		return grid_segment_damaged(&v->segment, place, "a record is outside of its cell, or out of order", err);
 	if (sum->blocks + 1 < cell->blocks && b.head->records != GRID_CELL_RECORDS)
 		return grid_segment_damaged(&v->segment, place, "a block is not full, and not the last of its cell", err);
 	if (!count_block(v, &b))
-		return grid_segment_damaged(&v->segment, place, "a block has a source that the segment has not", err);
+		return grid_segment_damaged(&v->segment, place, "a block has a source that is not in the segment's table", err);
 	if (!sum->blocks++) {
 		sum->head_bytes = (uint32_t)info.head_bytes;
 		sum->source = info.source;
@@ -249,7 +249,7 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk
 	int rc = grid_cell_of(&v->segment, 0, leaf, &cell, err);
 
 	if (rc == 0 && !cell_follows(v, leaf, &cell))
-		rc = grid_segment_damaged(&v->segment, leaf->place, "a cell is not behind the one before", err);
+		rc = grid_segment_damaged(&v->segment, leaf->place, "a cell does not follow the previous one", err);
 	if (rc == 0 && !check_maximal(v, leaf))
 		rc = grid_segment_damaged(&v->segment, leaf->place, SMALL_CELL, err);
 	if (rc == 0) {
@@ -259,7 +259,7 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk
 	for (uint32_t i = 0; rc == 0 && i < leaf->blocks; i++)
 		rc = check_block(v, &cell, leaf->place + is.bytes, leaf->place + leaf->bytes, &is, err);
 	if (rc == 0 && memcmp(&is, leaf, sizeof is))
-		rc = grid_segment_damaged(&v->segment, leaf->place, "a cell is not the one that the index means", err);
+		rc = grid_segment_damaged(&v->segment, leaf->place, "a cell differs from its index entry", err);
 	v->cells++;
 	v->bytes += leaf->bytes;
 	if (rc == 0) {
@@ -291,7 +291,7 @@ static int open_page(struct verify *v, unsigned level, const struct disk_inner *
 	uint8_t *page = v->pages + level * (size_t)DISK_PAGE;
 	const struct disk_page *head = (const struct disk_page *)page;
 	int rc = up->place > v->end || v->end - up->place < DISK_PAGE || up->place % DISK_ALIGN ?
-			 grid_segment_damaged(&v->segment, up->place, "an index page lies where none can be", err) :
+			 grid_segment_damaged(&v->segment, up->place, "an index page has an impossible place", err) :
 			 grid_segment_read(&v->segment, page, DISK_PAGE, up->place, err);
 
 	if (rc == 0 && (head->check != up->check || up->check != grid_check(page + 8, DISK_PAGE - 8, up->place)))
@@ -299,7 +299,7 @@ static int open_page(struct verify *v, unsigned level, const struct disk_inner *
 	if (rc == 0 && (!entries_valid(v, head, level, last) || head->zero[0] || head->zero[1] ||
 			!zeros(page + sizeof *head + head->entries * (size_t)DISK_ENTRY,
 			       DISK_PAGE - sizeof *head - head->entries * (size_t)DISK_ENTRY)))
-		rc = grid_segment_damaged(&v->segment, up->place, "an index page is not what it should be", err);
+		rc = grid_segment_damaged(&v->segment, up->place, "an index page has invalid fields", err);
 	return rc;
 }
 
@@ -328,9 +328,7 @@ static int read_page(struct verify *v, unsigned level, const struct disk_inner *
 	add_entry(sum, &is);
 	if (level + 1 < v->segment.height && memcmp(&is, up, sizeof is))
 		rc = report_damage(
-			v,
-			grid_segment_damaged(&v->segment, up->place, "the index says something else of a page than it has", err),
-			err);
+			v, grid_segment_damaged(&v->segment, up->place, "an index entry does not agree with its page", err), err);
 	if (up->place < v->at)
 		rc = report_damage(v, grid_segment_damaged(&v->segment, up->place, "an index page lies before its cells", err),
 				   err);
@@ -347,10 +345,10 @@ static int check_header(struct verify *v, const struct disk_segment *head, const
 	if (all->sum_hi != head->sum_hi || all->sum_lo != head->sum_lo || memcmp(all->box, head->box, sizeof all->box) ||
 	    memcmp(v->classes, head->classes, sizeof v->classes) || !zeros(head->zero, sizeof head->zero) ||
 	    (!head->cells && (head->root || head->root_check)))
-		return grid_segment_damaged(&v->segment, 0, "its header says something else than its cells", err);
+		return grid_segment_damaged(&v->segment, 0, "its header does not agree with its cells", err);
 	if (v->ntotals && memcmp(v->found, v->totals, v->ntotals * sizeof *v->totals))
 		return grid_segment_damaged(&v->segment, head->sources_place,
-					    "its table of sources says something else than its cells", err);
+					    "its table of sources does not agree with its cells", err);
 	return 0;
 }
 
@@ -366,7 +364,8 @@ static int check_sources(struct verify *v, const struct disk_segment *head, cons
 		qsort(ids, m->nsources, sizeof *ids, order_u32);
 	for (size_t i = 0; rc == 0 && i < v->ntotals; i++)
 		if (!bsearch(&v->totals[i].id, ids, m->nsources, sizeof *ids, order_u32))
-			rc = grid_segment_damaged(&v->segment, head->sources_place, "the manifest lacks one of its sources", err);
+			rc = grid_segment_damaged(&v->segment, head->sources_place, "one of its sources is not in the manifest",
+						  err);
 	free(ids);
 	return rc;
 }
@@ -410,7 +409,7 @@ int grid_verify_segment(const struct grid_verify_params *p, const struct grid_ma
 	v.pages = v.expected + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
 	rc = grid_segment_open(&v.segment, p->dirfd, &m->segments[segment], &head, err);
 	if (rc == 0 && head.sources > m->nsources)
-		rc = grid_segment_damaged(&v.segment, head.sources_place, "the manifest lacks one of its sources", err);
+		rc = grid_segment_damaged(&v.segment, head.sources_place, "one of its sources is not in the manifest", err);
 	if (rc == 0)
 		rc = verify_all(&v, &head, m, err);
 	rc = report_damage(&v, rc, err);

@@ -72,7 +72,7 @@ int verify_points(const struct verify_mesh *m, const struct view *view, struct p
 	struct point *vertex = malloc((m->nvertex ? m->nvertex : 1) * sizeof *vertex);
 
 	if (!scratch || !vertex) {
-		err_set(err, ERR_NOMEM, "no memory to compare_points %zu vertices with %zu points", m->nvertex, n);
+		err_set(err, ERR_NOMEM, "no memory to compare %zu vertices with %zu points", m->nvertex, n);
 		goto out;
 	}
 	for (size_t v = 0; v < m->nvertex; v++)

@@ -59,8 +59,8 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 			return 0;
 		}
 	}
-	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, %s are left of the memory",
-		parse_size_text(pipe_budget_min(grid), need), parse_size_text(memory, have));
+	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, and %s are free", parse_size_text(pipe_budget_min(grid), need),
+		parse_size_text(memory, have));
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 

@@ -190,7 +190,7 @@ static int no_unit(struct request *q, struct view_word w, bool degrees)
 		err_set(q->err, ERR_INPUT, "a length of %.*s has no meaning in a plane of degrees", n, w.at);
 		return err_add_hint(q->err, "project the points, or give --thin a bare number of degrees");
 	}
-	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be told: the unit of the dataset is unknown", n, w.at);
+	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be converted: the unit of the dataset is unknown", n, w.at);
 	return err_add_hint(q->err, "give --thin a bare number in the units of the files, or push with --assume-units");
 }
 

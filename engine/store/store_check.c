@@ -82,7 +82,7 @@ static int newer(const char *name, const uint8_t header[STORE_HEADER], struct er
 	struct cursor c = cursor_of(header, STORE_HEADER);
 
 	cursor_skip(&c, 4);
-	err_set(err, ERR_VERSION, "a finished domain of version %u; this acut reads none so new", cursor_u32(&c));
+	err_set(err, ERR_VERSION, "a finished domain of version %u; this acut is too old to read it", cursor_u32(&c));
 	return err_add_file(err, name);
 }
 
@@ -98,7 +98,7 @@ static int check_corners(int fd, const char *name, const struct store_front *f, 
 		some = e.triangle - done < size ? e.triangle - done : size;
 		r = io_read_at(fd, memory, some, e.triangle_at + done, name, err);
 		if (!r && !store_corners_fit(&h->code, memory, some / h->code.triangle, f->domain.nvertex))
-			r = wrong(name, "a triangle has a corner that is none of its vertices", err);
+			r = wrong(name, "a corner of a triangle is not a vertex", err);
 	}
 	return r;
 }
@@ -129,11 +129,11 @@ int store_check(int dirfd, const char *name, void *memory, size_t size, struct e
 	if (!r)
 		is = store_header_unpack(header, &id, &f, &h);
 	if (!r && (is == STORE_HEADER_OLD || is == STORE_HEADER_DAMAGED))
-		r = wrong(name, "its header is not one", err);
+		r = wrong(name, "its header is invalid", err);
 	if (!r && is == STORE_HEADER_NEWER)
 		r = newer(name, header, err);
 	if (!r && (uint64_t)st.st_size != f.bytes)
-		r = wrong(name, "it has another size than its header says", err);
+		r = wrong(name, "its size differs from its header", err);
 	if (!r)
 		r = check_sums(fd, name, &f, &h, memory, size, err);
 	if (!r)

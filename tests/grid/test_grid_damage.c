@@ -358,7 +358,7 @@ static void test_out_of_place(void **state)
 		reseal(b, leaf);
 		store(&f, info.file, b.at, b.n);
 		assert_string_equal(verified(&f, &info, message),
-				    way ? "the segment is damaged: a record lies where its cell has none" : "");
+				    way ? "the segment is damaged: a record is outside of its cell, or out of order" : "");
 		free(b.at);
 		set_free(&s);
 		folder_remove(&f);

@@ -301,11 +301,11 @@ static void test_order(void **state)
 	pts[0] = pts[100];
 	pts[100] = first;
 	seal_block(&f, leaf, leaf->place);
-	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a record lies where its cell has none");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a record is outside of its cell, or out of order");
 	memcpy(f.bytes, f.good, f.n);
 	pts[0].tag = (uint16_t)(point_flags(&pts[0]) | SOURCES << POINT_SOURCE_SHIFT);
 	seal_block(&f, leaf, leaf->place);
-	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: the tables of a block are not those of its records");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: the tables of a block do not match its records");
 	end(&f);
 }
 
@@ -322,17 +322,17 @@ static void test_places(void **state)
 	*leaf_of(&f, f.page, 0) = *leaf_of(&f, f.page, 1);
 	*leaf_of(&f, f.page, 1) = leaf;
 	seal_page(&f, f.page);
-	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell does not follow the previous one");
 	memcpy(f.bytes, f.good, f.n);
 	*inner_of(&f, 1) = *inner_of(&f, 0);
 	seal_page(&f, head_of(&f)->root);
-	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell does not follow the previous one");
 	memcpy(f.bytes, f.good, f.n);
 	while (leaf_of(&f, f.page, wide)->lo >> leaf_of(&f, f.page, wide)->bits & 1)
 		wide++;
 	leaf_of(&f, f.page, wide)->bits++; /* the neighbouring keys belong to another cell */
 	seal_page(&f, f.page);
-	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell does not follow the previous one");
 	end(&f);
 }
 
@@ -389,7 +389,7 @@ static void test_few(void **state)
 			assert_int_equal(leaf_of(&f, head_of(&f)->root, 0)->bits, 64);
 			leaf_of(&f, head_of(&f)->root, 0)->bits = 62;
 			seal_page(&f, head_of(&f)->root);
-			assert_string_equal(verify(&f, 1), "the segment is damaged: a cell is not as large as it may be");
+			assert_string_equal(verify(&f, 1), "the segment is damaged: a cell is smaller than it must be");
 		} else {
 			head_of(&f)->root = DISK_HEADER;
 			seal_header(&f);
@@ -451,10 +451,10 @@ static void test_manifest_lacks(void **state)
 
 	(void)state;
 	begin(&f);
-	assert_string_equal(verify(&f, SOURCES - 1), "the segment is damaged: the manifest lacks one of its sources");
+	assert_string_equal(verify(&f, SOURCES - 1), "the segment is damaged: one of its sources is not in the manifest");
 	((struct disk_total *)(f.bytes + head_of(&f)->sources_place))[SOURCES - 1].id = 77;
 	seal_sources(&f);
-	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: the manifest lacks one of its sources");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: one of its sources is not in the manifest");
 	end(&f);
 }
 

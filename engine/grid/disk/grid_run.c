@@ -196,13 +196,13 @@ static int read_header(struct grid_run *r, struct err *err)
 	}
 	if (h->check != grid_check(u.bytes + 8, sizeof u - 8, 0) || memcmp(h->magic, DISK_RUN_MAGIC, sizeof h->magic) ||
 	    h->version != DISK_RUN_VERSION || h->block_bytes != DISK_RUN_BLOCK)
-		return grid_run_damaged(r, 0, "its header is not one", err);
+		return grid_run_damaged(r, 0, "its header is invalid", err);
 	if (io->fstat(r->fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		return err_add_file(err, r->name);
 	}
 	if ((uint64_t)st.st_size != h->bytes || h->blocks != h->bytes / DISK_RUN_BLOCK - 1)
-		return grid_run_damaged(r, 0, "its size is not what its header says", err);
+		return grid_run_damaged(r, 0, "its size differs from its header", err);
 	r->records = h->records;
 	r->blocks = h->blocks;
 	return 0;

@@ -58,7 +58,7 @@ static int read_header(int fd, const char *name, bool *ret_older, uint64_t *ret_
 	if (rc)
 		return rc;
 	if (got < OLD_HEADER || memcmp(u.head.magic, DISK_RUN_MAGIC, sizeof u.head.magic))
-		return damaged(name, 0, "its header is not one", err);
+		return damaged(name, 0, "its header is invalid", err);
 	whole = got == sizeof u && u.head.check == grid_check(u.bytes + 8, sizeof u - 8, 0);
 	first = u.head.check == grid_check(u.bytes + 8, OLD_HEADER - 8, 0);
 	if (u.head.version > DISK_RUN_VERSION && (whole || first)) {
@@ -68,13 +68,13 @@ static int read_header(int fd, const char *name, bool *ret_older, uint64_t *ret_
 	}
 	*ret_older = first && u.head.version == 1;
 	if (!*ret_older)
-		return whole && u.head.version == DISK_RUN_VERSION ? 0 : damaged(name, 0, "its header is not one", err);
+		return whole && u.head.version == DISK_RUN_VERSION ? 0 : damaged(name, 0, "its header is invalid", err);
 	if (io->fstat(fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		return err_add_file(err, name);
 	}
 	if ((uint64_t)st.st_size != u.head.bytes || u.head.block_bytes != OLD_RECORDS)
-		return damaged(name, 0, "its size is not what its header says", err);
+		return damaged(name, 0, "its size differs from its header", err);
 	*ret_records = u.head.records;
 	*ret_bytes = u.head.bytes;
 	return 0;
@@ -150,7 +150,7 @@ static int copy(struct converter *c, struct grid_run_writer *w, bool durable, st
 		memmove(c->ids, c->ids + taken, c->n * sizeof *c->ids);
 	}
 	if (rc == 0 && seen != c->records)
-		rc = damaged(c->name, c->at, "it has not as many records as its header says", err);
+		rc = damaged(c->name, c->at, "the number of its records differs from its header", err);
 	return rc || !w ? rc : grid_run_finish(w, durable, &written, err);
 }
 

@@ -24,7 +24,7 @@ int grid_segment_damaged(const struct grid_segment *p, uint64_t place, const cha
 int grid_segment_read(const struct grid_segment *p, void *buf, size_t n, uint64_t place, struct err *err)
 {
 	if (place > p->bytes || n > p->bytes - place)
-		return grid_segment_damaged(p, place, "something reaches beyond its end", err);
+		return grid_segment_damaged(p, place, "a part extends beyond its end", err);
 	int rc = io_read_at(p->fd, buf, n, place, p->name, err);
 
 	if (rc != -ERR_TRUNCATED)
@@ -49,7 +49,7 @@ static int check_header(const struct grid_segment *p, const struct disk_segment 
 
 	if (h->check != grid_check((const uint8_t *)h + 8, DISK_HEADER - 8, 0) ||
 	    memcmp(h->magic, DISK_SEGMENT_MAGIC, sizeof h->magic))
-		return grid_segment_damaged(p, 0, "its header is not one", err);
+		return grid_segment_damaged(p, 0, "its header is invalid", err);
 	if (h->version != DISK_VERSION || h->header_bytes != DISK_HEADER || h->page_bytes != DISK_PAGE ||
 	    h->cell_records != GRID_CELL_RECORDS) {
 		err_set(err, ERR_VERSION, "a segment of version %u; this acut reads version %u", h->version, DISK_VERSION);
@@ -58,13 +58,13 @@ static int check_header(const struct grid_segment *p, const struct disk_segment 
 	if (h->points != info->points || h->cells != info->cells || h->bytes != info->bytes || h->sum_hi != info->sum.hi ||
 	    h->sum_lo != info->sum.lo || memcmp(h->box, info->box, sizeof h->box) ||
 	    memcmp(h->classes, info->classes, sizeof h->classes))
-		return grid_segment_damaged(p, 0, "it is not the one that the manifest means", err);
+		return grid_segment_damaged(p, 0, "it is not the segment that the manifest describes", err);
 	if (io->fstat(p->fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		return err_add_file(err, p->name);
 	}
 	if ((uint64_t)st.st_size != h->bytes)
-		return grid_segment_damaged(p, 0, "its size is not what its header says", err);
+		return grid_segment_damaged(p, 0, "its size differs from its header", err);
 	if (h->height != grid_index_levels(h->cells) || !h->points != !h->cells || h->cells > h->points ||
 	    h->sources > h->points || h->sources_place > h->bytes || h->sources_place < DISK_HEADER ||
 	    h->bytes - h->sources_place != h->sources * sizeof(struct disk_total))
@@ -135,7 +135,7 @@ int grid_segment_page(const struct grid_segment *p, unsigned level, uint64_t pla
 	if (head->check != check || check != grid_check(page + 8, DISK_PAGE - 8, place))
 		return grid_segment_damaged(p, place, "the checksum of an index page does not agree", err);
 	if (head->magic != DISK_PAGE_MAGIC || head->level != level || !head->entries || head->entries > DISK_ENTRIES)
-		return grid_segment_damaged(p, place, "an index page is not what it should be", err);
+		return grid_segment_damaged(p, place, "an index page has invalid fields", err);
 	return 0;
 }
 
@@ -144,6 +144,6 @@ int grid_segment_check_leaf(const struct grid_segment *p, const struct disk_leaf
 	if (leaf->bits > 64 || (leaf->lo & disk_range_end(0, leaf->bits)) || leaf->place % DISK_ALIGN || !leaf->blocks ||
 	    !leaf->count || leaf->head_bytes > DISK_HEAD_MAX || leaf->count > (uint64_t)leaf->blocks * GRID_CELL_RECORDS ||
 	    leaf->place > p->bytes || leaf->bytes > p->bytes - leaf->place)
-		return grid_segment_damaged(p, leaf->place, "an index entry is not what it should be", err);
+		return grid_segment_damaged(p, leaf->place, "an index entry has invalid fields", err);
 	return 0;
 }

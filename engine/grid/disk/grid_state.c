@@ -95,7 +95,7 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_s
 		return err_add_file(err, name);
 	}
 	if (cursor_left(&c) != 4 * (ret->nruns + ret->nsources))
-		return damaged(name, "it says more than it holds", err);
+		return damaged(name, "its counts exceed its size", err);
 	ret->memory = to = malloc(cursor_left(&c) + 1);
 	if (!to)
 		return err_set(err, ERR_NOMEM, "no memory for the state of a stage");
@@ -147,7 +147,7 @@ int grid_state_read(int dirfd, const char *stem, struct grid_state *ret, struct 
 		err_sys(err, errno, "cannot look at");
 		rc = err_add_file(err, name);
 	} else if (st.st_size < HEAD_BYTES + CHECK_BYTES || (uint64_t)st.st_size > STATE_MOST) {
-		rc = damaged(name, "no such file has this size", err);
+		rc = damaged(name, "its size is impossible", err);
 	} else if (!(bytes = malloc((size_t)st.st_size))) {
 		rc = err_set(err, ERR_NOMEM, "no memory for the state of a stage");
 	}

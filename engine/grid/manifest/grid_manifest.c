@@ -319,7 +319,7 @@ static const char *alloc_texts(const struct cursor *c, uint32_t version, struct 
 					    (version < 5 ? 0 : SOURCE_READ - 2);
 
 	if (m->nsources > cursor_left(c) / each)
-		return "it says more than it holds";
+		return "its counts exceed its size";
 	*ret_room = cursor_left(c) - m->nsources * each;
 	m->texts = malloc(*ret_room + 1);
 	return NULL;
@@ -371,7 +371,7 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 
 	*ret_nomem = false;
 	if (!unpack_counts(c, version, m, &spans))
-		return "it says more than it holds";
+		return "its counts exceed its size";
 	if (!unpack_text(c, lattice, sizeof lattice) || !unpack_text(c, m->crs, sizeof m->crs) ||
 	    !unpack_text(c, m->unit_xy, sizeof m->unit_xy) || !unpack_text(c, m->unit_z, sizeof m->unit_z))
 		return "a text in it is malformed";
@@ -401,7 +401,7 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 	if (fault || *ret_nomem)
 		return fault ? fault : "no memory";
 	if (cursor_left(c))
-		return "there is something behind its end";
+		return "there are bytes after its end";
 	return grid_manifest_check(m, ret_nomem);
 }
 
@@ -421,7 +421,7 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_m
 	bool nomem = false;
 
 	if (c.bad || n < HEAD_BYTES + CHECK_BYTES || memcmp(magic, DISK_MANIFEST_MAGIC, 8) || zero)
-		return damaged(name, "it does not begin like one", err);
+		return damaged(name, "it does not begin like a manifest", err);
 	memcpy(&check, bytes + n - CHECK_BYTES, sizeof check);
 	if (size != n || check != grid_check(bytes, n - CHECK_BYTES, 0))
 		return damaged(name, "its checksum does not agree", err);
@@ -478,7 +478,7 @@ static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret,
 	}
 	if (nsegments > size / SEGMENT_LEAST || nsources > size / SOURCE_LEAST || nspans > size / SPAN_BYTES ||
 	    (version >= 4 && ngenerations > size / GENERATION_LEAST))
-		return damaged(name, "it says more than it holds", err);
+		return damaged(name, "its counts exceed its size", err);
 	*ret = sizeof(struct grid_manifest) + 2 * size + nsegments * sizeof(struct grid_segment_info) +
 	       nsources * sizeof(struct grid_source) + 2 * (nsegments + nsources + 1) * sizeof(char *) +
 	       ngenerations * sizeof(struct grid_generation) + nspans * sizeof(struct grid_span);
@@ -523,7 +523,7 @@ int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struc
 		err_sys(err, errno, "cannot look at");
 		rc = err_add_file(err, name);
 	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES + HEAD_MORE || (uint64_t)st.st_size > MANIFEST_MOST) {
-		rc = damaged(name, "no manifest has this size", err);
+		rc = damaged(name, "its size is impossible", err);
 	} else if (ledger && ((rc = bytes_to_read(fd, name, (uint64_t)st.st_size, &charged, err)) ||
 			      (rc = charge(ledger, charged, name, err)))) {
 		charged = 0;

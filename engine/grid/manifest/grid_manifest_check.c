@@ -33,19 +33,19 @@ static const char *segment_fault(const struct grid_segment_info *s)
 	if (classes != s->points || !s->points != !s->cells || s->cells > s->points || s->bytes < DISK_HEADER)
 		return "the numbers of a segment contradict each other";
 	if (s->points && (s->box[0] > s->box[2] || s->box[1] > s->box[3]))
-		return "the box of a segment is inside out";
+		return "the box of a segment is inverted";
 	return NULL;
 }
 
 static const char *spans_fault(const struct grid_source *s)
 {
 	if (s->nearlier > UINT16_MAX)
-		return "a source came and went too often";
+		return "a source has too many spans";
 	for (size_t i = 0; i < s->nearlier; i++) {
 		uint64_t next = i + 1 < s->nearlier ? s->earlier[i + 1].added : s->added;
 
 		if (s->earlier[i].removed <= s->earlier[i].added || s->earlier[i].removed >= next)
-			return "the lives of a source overlap";
+			return "the spans of a source overlap";
 	}
 	return NULL;
 }
@@ -59,11 +59,11 @@ static const char *source_fault(const struct grid_manifest *m, const struct grid
 	if (s->path && !text_ok(s->path, GRID_SOURCE_PATH))
 		return "the path of a source is too long";
 	if (s->overridden && !text_ok(s->overridden, GRID_SOURCE_OVERRIDDEN))
-		return "what a source said of its coordinates is too long";
+		return "the overridden coordinate system of a source is too long";
 	if (s->reading && !text_ok(s->reading, GRID_SOURCE_READING))
-		return "how a source was read is too long";
+		return "the reading of a source is too long";
 	if (s->added > m->generation || s->removed > m->generation)
-		return "a source belongs to a generation that is not there yet";
+		return "a source belongs to a generation that does not exist yet";
 	if (s->removed && s->removed < s->added)
 		return "a source was removed before it was added";
 	return spans_fault(s);
@@ -78,7 +78,7 @@ static const char *generation_fault(const struct grid_manifest *m, size_t i)
 	if (g->kind < GRID_PUSH || g->kind >= GRID_KINDS)
 		return "a generation is of no known kind";
 	if (g->undoes > g->number)
-		return "a generation undoes one that is not there yet";
+		return "a generation undoes one that does not exist yet";
 	if (g->user && !text_ok(g->user, GRID_USER))
 		return "the name of a user is too long";
 	return NULL;
@@ -105,7 +105,7 @@ static const char *find_repeats(const struct grid_manifest *m, bool *ret_nomem)
 	qsort(ids, m->nsources, sizeof *ids, order_u32);
 	for (size_t i = 1; i < m->nsources; i++)
 		if (ids[i] == ids[i - 1])
-			fault = "two sources have one number";
+			fault = "two sources have the same number";
 	free(names);
 	return fault;
 }
@@ -121,7 +121,7 @@ const char *grid_manifest_check(const struct grid_manifest *m, bool *ret_nomem)
 	    !text_ok(m->geoid, sizeof m->geoid) || !text_ok(m->choices, sizeof m->choices))
 		return "a text is too long";
 	if (!lattice_parse(lattice_text(&m->lattice, text), &back))
-		return "the lattice is not one";
+		return "the lattice is invalid";
 	for (size_t i = 0; !fault && i < m->nsegments; i++)
 		fault = segment_fault(&m->segments[i]);
 	for (size_t i = 0; !fault && i < m->nsources; i++)
@@ -129,6 +129,6 @@ const char *grid_manifest_check(const struct grid_manifest *m, bool *ret_nomem)
 	for (size_t i = 0; !fault && i < m->ngenerations; i++)
 		fault = generation_fault(m, i);
 	if (!fault && m->oldest > m->generation)
-		fault = "its oldest generation is not there yet";
+		fault = "its oldest generation does not exist yet";
 	return fault ? fault : find_repeats(m, ret_nomem);
 }

@@ -149,7 +149,7 @@ static int read_block(struct grid_pass *p, struct grid_block *ret, struct err *e
 	p->check += ret->head->check;
 	p->place += ret->bytes;
 	if (++p->block == p->leaf.blocks && p->check != p->leaf.check)
-		return grid_segment_damaged(&p->segment, p->leaf.place, "a cell is not the one that the index means", err);
+		return grid_segment_damaged(&p->segment, p->leaf.place, "a cell differs from its index entry", err);
 	p->cells += p->block == p->leaf.blocks;
 	p->points += ret->head->records;
 	return 0;
@@ -203,6 +203,6 @@ int grid_pass_next(void *pass, const struct point **ret_pts, size_t *ret_n, cons
 		*ret_table = p->ids;
 	}
 	if (rc == 0 && end && (p->points != p->expected || p->cells != p->segment.cells))
-		return grid_segment_damaged(&p->segment, 0, "it has not as many records as its header says", err);
+		return grid_segment_damaged(&p->segment, 0, "the number of its records differs from its header", err);
 	return rc;
 }

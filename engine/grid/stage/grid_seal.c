@@ -341,7 +341,7 @@ static int check_all(struct grid_seal *z, struct err *err)
 {
 	for (size_t i = 0; i < z->slices.nruns; i++)
 		if (z->seen[i] != z->slices.run[i].records)
-			return grid_run_damaged(&z->slices.run[i], 0, "it has not as many records as its header says", err);
+			return grid_run_damaged(&z->slices.run[i], 0, "the number of its records differs from its header", err);
 	if (z->placed == z->slices.n && z->seg.head.points + z->omitted == z->slices.records)
 		return 0;
 	return err_set(err, ERR_INTERNAL, "of %llu points %llu were sealed", (unsigned long long)z->slices.records,

@@ -108,7 +108,7 @@ static int close_all(struct run_merge *o, int rc, struct err *err)
 {
 	for (size_t i = 0; i < o->n; i++) {
 		if (rc == 0 && o->seen[i] != o->run[i].records)
-			rc = grid_run_damaged(&o->run[i], 0, "it has not as many records as its header says", err);
+			rc = grid_run_damaged(&o->run[i], 0, "the number of its records differs from its header", err);
 		grid_run_close(&o->run[i]);
 	}
 	return rc;

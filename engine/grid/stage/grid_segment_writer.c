@@ -158,7 +158,7 @@ static int total_add(struct grid_segment_writer *s, const struct disk_source *so
 			to = mid;
 	}
 	if (from == s->ntotals || s->totals[from].id != source->id)
-		return err_set(err, ERR_INTERNAL, "a record of source %u, which was never announced", source->id);
+		return err_set(err, ERR_INTERNAL, "a record of source %u, which was not added", source->id);
 	s->total = from;
 	s->totals[from].points += source->records;
 	s->totals[from].sum_hi += source->sum_hi;
