@@ -81,17 +81,9 @@ void cut_box_keys(const int32_t box[4], uint64_t *ret_lo, uint64_t *ret_hi)
 
 const struct grid_sum *cut_trace_find(const struct cut_trace *t, uint64_t from)
 {
-	uint32_t lo = 0, hi = t->nrange;
+	size_t i = grid_sum_find(t->range, t->nrange, from);
 
-	while (lo < hi) {
-		uint32_t mid = lo + (hi - lo) / 2;
-
-		if (t->range[mid].hi < from)
-			lo = mid + 1;
-		else
-			hi = mid;
-	}
-	return lo < t->nrange ? &t->range[lo] : NULL;
+	return i < t->nrange ? &t->range[i] : NULL;
 }
 
 bool cut_trace_contains(const struct cut_trace *t, uint64_t from, uint64_t to)

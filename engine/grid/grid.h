@@ -98,4 +98,20 @@ struct grid_sum {
 };
 int grid_sums(struct grid_reader *, struct grid_sum *range, size_t n, struct err *);
 
+/* The first of these ranges that ends at `key` or later; n if there is none. */
+static inline size_t grid_sum_find(const struct grid_sum *range, size_t n, uint64_t key)
+{
+	size_t lo = 0, hi = n;
+
+	while (lo < hi) {
+		size_t mid = lo + (hi - lo) / 2;
+
+		if (range[mid].hi < key)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo;
+}
+
 #endif

@@ -199,14 +199,6 @@ int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_co
 
 /* ---- content sum ---- */
 
-static bool sum_inner(struct descent *d, const struct disk_inner *e)
-{
-	if (!inside(d, e->lo, e->hi) || !d->r->grid->live[d->segment].all)
-		return true;
-	digest_add(d->ctx, (struct digest){e->sum_hi, e->sum_lo});
-	return false;
-}
-
 /* Sums a cell that has live and dead sources from the heads of its blocks, without reading its records. */
 static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err *err)
 {
@@ -225,30 +217,6 @@ static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err
 	return 0;
 }
 
-static int sum_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf, struct err *err)
-{
-	struct grid_cursor cursor;
-	struct point *pts;
-	size_t n;
-
-	if (inside(d, cell->lo, cell->hi)) {
-		if (!cell->source && !d->r->grid->live[d->segment].all)
-			return sum_heads(d, cell, err);
-		digest_add(d->ctx, (struct digest){leaf->sum_hi, leaf->sum_lo});
-		return 0;
-	}
-	for (grid_cursor_cell(&cursor, cell); cursor.block < cell->blocks;) {
-		int rc = grid_cursor_block(d->r, &cursor, &pts, &n, err);
-
-		if (rc)
-			return rc;
-		grid_trim(&pts, &n, d->lo, d->hi);
-		for (size_t i = 0; i < n; i++)
-			digest_add(d->ctx, grid_record_hash(&pts[i]));
-	}
-	return 0;
-}
-
 /*
  * Sums of many ranges. All keys of a cell or subtree are between the keys of its box's corners, which is often a
  * smaller interval than its own range. So a range that was drawn around a box contains whole cells more often.
@@ -258,28 +226,12 @@ struct sums {
 	size_t n;
 };
 
-/* The first range that ends at `key` or later; n: none. */
-static size_t sums_find(const struct sums *s, uint64_t key)
-{
-	size_t lo = 0, hi = s->n;
-
-	while (lo < hi) {
-		size_t mid = lo + (hi - lo) / 2;
-
-		if (s->range[mid].hi < key)
-			lo = mid + 1;
-		else
-			hi = mid;
-	}
-	return lo;
-}
-
 enum relation { OUTSIDE, ACROSS, INSIDE };
 
 static enum relation sums_relation(const struct sums *s, const int32_t box[4], struct digest **ret)
 {
 	uint64_t lo = point_morton(box[0], box[1]), hi = point_morton(box[2], box[3]);
-	size_t i = sums_find(s, lo);
+	size_t i = grid_sum_find(s->range, s->n, lo);
 
 	if (i == s->n || s->range[i].lo > hi)
 		return OUTSIDE;
@@ -319,7 +271,7 @@ static int sums_records(struct descent *d, const struct grid_cell *cell, struct 
 			return rc;
 		for (size_t i = 0; i < n; i++) {
 			uint64_t key = point_morton(pts[i].x, pts[i].y);
-			size_t k = sums_find(s, key);
+			size_t k = grid_sum_find(s->range, s->n, key);
 
 			if (k < s->n && s->range[k].lo <= key)
 				digest_add(&s->range[k].sum, grid_record_hash(&pts[i]));
@@ -366,11 +318,10 @@ int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct er
 
 int grid_sum(struct grid_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)
 {
-	struct digest sum = {0, 0};
-	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &sum, .enter = meets_range, .inner = sum_inner, .cell = sum_cell};
-	int rc = descend(&d, err);
+	struct grid_sum range = {.lo = lo, .hi = hi};
+	int rc = grid_sums(r, &range, 1, err);
 
 	if (rc == 0)
-		*ret = sum;
+		*ret = range.sum;
 	return rc;
 }

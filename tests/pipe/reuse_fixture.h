@@ -126,23 +126,29 @@ static void keep(struct generation *g, int store, const struct cut_region *r, st
 	assert_int_equal(ret->triangles, d.ntriangle);
 }
 
+static struct pipe_reuse_params reuse_params(const struct generation *g, int storefd, const struct cut_region *r, void *memory)
+{
+	return (struct pipe_reuse_params){.storefd = storefd,
+					  .grid = g->reader.grid,
+					  .view = &view,
+					  .key = &g->key,
+					  .region = r,
+					  .cap = CAP,
+					  .memory = memory,
+					  .size = g->budget.domain_bytes};
+}
+
 static int reuse_as(struct generation *g, int store, const struct cut_region *r, void *memory, bool light, bool sums,
 		    struct mesh_domain *ret, struct pipe_stored *ret_stored)
 {
-	const struct pipe_reuse_params p = {.storefd = store,
-					    .grid = g->reader.grid,
-					    .view = &view,
-					    .key = &g->key,
-					    .region = r,
-					    .cap = CAP,
-					    .memory = memory,
-					    .size = g->budget.domain_bytes,
-					    .light = light,
-					    .sums = sums};
+	struct pipe_reuse_params p = reuse_params(g, store, r, memory);
 	struct err err = ERR_INIT;
 	size_t held = 0;
-	int rc = pipe_reuse(&p, ret, ret_stored, &held, &err);
+	int rc;
 
+	p.light = light;
+	p.sums = sums;
+	rc = pipe_reuse(&p, ret, ret_stored, &held, &err);
 	if (rc < 0)
 		fail_msg("%s", err.message);
 	assert_true(rc || held <= g->budget.domain_bytes);

@@ -207,23 +207,29 @@ static void make(struct generation *g, const struct cut_region *r, struct mesh_d
 	CHECK(pipe_domain(g->reader.grid, &view, r, NULL, &g->budget, g->memory, ret, &need, &err));
 }
 
+static struct pipe_reuse_params reuse_params(const struct generation *g, int storefd, const struct cut_region *r, void *memory)
+{
+	return (struct pipe_reuse_params){.storefd = storefd,
+					  .grid = g->reader.grid,
+					  .view = &view,
+					  .key = &g->key,
+					  .region = r,
+					  .cap = CAP,
+					  .memory = memory,
+					  .size = g->budget.domain_bytes};
+}
+
 static bool reuse(struct generation *g, const struct cut_region *r, bool light, struct mesh_domain *ret)
 {
-	const struct pipe_reuse_params p = {.storefd = store.fd,
-					    .grid = g->reader.grid,
-					    .view = &view,
-					    .key = &g->key,
-					    .region = r,
-					    .cap = CAP,
-					    .memory = g->other,
-					    .size = g->budget.domain_bytes,
-					    .light = light};
+	struct pipe_reuse_params p = reuse_params(g, store.fd, r, g->other);
 	struct err err = ERR_INIT;
 	struct pipe_stored as;
 	size_t held;
-	int rc = pipe_reuse(&p, ret, &as, &held, &err);
 	struct store_front front;
+	int rc;
 
+	p.light = light;
+	rc = pipe_reuse(&p, ret, &as, &held, &err);
 	if (rc < 0)
 		fail_msg("%s", err.message);
 	if (rc)
@@ -237,14 +243,7 @@ static bool reuse(struct generation *g, const struct cut_region *r, bool light, 
 static bool make_known(struct generation *g, const struct cut_plan *plan, unsigned i, struct mesh_domain *ret)
 {
 	const struct cut_region *r = &plan->leaf[i].region;
-	const struct pipe_reuse_params p = {.storefd = store.fd,
-					    .grid = g->reader.grid,
-					    .view = &view,
-					    .key = &g->key,
-					    .region = r,
-					    .cap = CAP,
-					    .memory = g->other,
-					    .size = g->budget.domain_bytes};
+	const struct pipe_reuse_params p = reuse_params(g, store.fd, r, g->other);
 	struct pipe_before before;
 	struct pipe_known known = {.sites = plan->leaf[i].known && rnd(4) ? plan->sites : NULL};
 	struct err err = ERR_INIT;

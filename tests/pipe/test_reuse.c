@@ -69,14 +69,7 @@ static void test_generations(void **state)
 
 static bool before_of(struct generation *g, int store, const struct cut_region *r, struct pipe_before *ret)
 {
-	const struct pipe_reuse_params p = {.storefd = store,
-					    .grid = g->reader.grid,
-					    .view = &view,
-					    .key = &g->key,
-					    .region = r,
-					    .cap = CAP,
-					    .memory = g->memory,
-					    .size = g->budget.domain_bytes};
+	const struct pipe_reuse_params p = reuse_params(g, store, r, g->memory);
 
 	return pipe_before(&p, ret);
 }
@@ -173,20 +166,14 @@ static void test_refine(void **state)
 	new = generation_of(&s, 2, 0);
 	for (unsigned round = 0; round < 2; round++) {
 		struct generation *g = round ? &new : &old;
-		struct pipe_reuse_params p = {.storefd = store.fd,
-					      .grid = g->reader.grid,
-					      .view = &view,
-					      .key = &g->key,
-					      .load = LOAD,
-					      .cap = CAP,
-					      .memory = g->memory,
-					      .size = g->budget.domain_bytes};
+		struct pipe_reuse_params p = reuse_params(g, store.fd, NULL, g->memory);
 		struct cut_plan plan = plan_of(g), again;
 		size_t before = plan.n, made = 0, fits = 0, there = 0;
 		struct err err = ERR_INIT;
 		struct pipe_stored as;
 		uint64_t points = 0, told = 0;
 
+		p.load = LOAD;
 		p.there = count_there;
 		p.ctx = &told;
 		CHECK(pipe_refine(&p, &plan, &err));
@@ -256,15 +243,9 @@ static void test_refine_much(void **state)
 			keep(&g[i], store.fd, &plan.leaf[k].region, &as);
 		}
 		if (i) {
-			struct pipe_reuse_params p = {.storefd = store.fd,
-						      .grid = g[i].reader.grid,
-						      .view = &view,
-						      .key = &g[i].key,
-						      .load = LOAD,
-						      .cap = CAP,
-						      .memory = g[i].memory,
-						      .size = g[i].budget.domain_bytes};
+			struct pipe_reuse_params p = reuse_params(&g[i], store.fd, NULL, g[i].memory);
 
+			p.load = LOAD;
 			CHECK(pipe_refine(&p, &plan, &err));
 			assert_int_equal(plan.n, before);
 		}
@@ -367,18 +348,7 @@ static struct dirent *count_readdir(void *dir)
 
 static int reuse_hinted(struct generation *g, int store, const struct cut_region *r, int64_t after_ns, struct pipe_stored *ret)
 {
-	const struct pipe_reuse_params p = {.storefd = store,
-					    .grid = g->reader.grid,
-					    .view = &view,
-					    .key = &g->key,
-					    .region = r,
-					    .cap = CAP,
-					    .memory = g->memory,
-					    .size = g->budget.domain_bytes,
-					    .sums = true,
-					    .light = true,
-					    .hint = give_hint,
-					    .after_ns = after_ns};
+	struct pipe_reuse_params p = reuse_params(g, store, r, g->memory);
 	const struct io_table *before = io;
 	struct io_table counting = *io;
 	struct err err = ERR_INIT;
@@ -386,6 +356,10 @@ static int reuse_hinted(struct generation *g, int store, const struct cut_region
 	size_t held;
 	int rc;
 
+	p.sums = true;
+	p.light = true;
+	p.hint = give_hint;
+	p.after_ns = after_ns;
 	counting.readdir = count_readdir;
 	hints.asked = hints.listed = 0;
 	io = &counting;

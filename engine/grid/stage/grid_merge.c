@@ -83,18 +83,22 @@ static int refill(struct grid_merge_input *in, struct err *err)
 	return 0;
 }
 
+/* Counts the new input at the end of the list if it has records. */
+static int add_input(struct grid_merge *m, struct grid_merge_input in, struct err *err)
+{
+	assert(m->n < m->cap);
+	m->input[m->n] = in;
+	int rc = refill(&m->input[m->n], err);
+
+	if (rc == 0 && !m->input[m->n].done)
+		m->n++;
+	return rc;
+}
+
 int grid_merge_run(struct grid_merge *m, const struct grid_run_reader *run, uint64_t lo, uint64_t hi, uint64_t *seen,
 		   struct err *err)
 {
-	struct grid_merge_input *in = &m->input[m->n];
-
-	assert(m->n < m->cap);
-	*in = (struct grid_merge_input){.run = *run, .lo = lo, .hi = hi, .seen = seen};
-	int rc = refill(in, err);
-
-	if (rc == 0 && !in->done)
-		m->n++;
-	return rc;
+	return add_input(m, (struct grid_merge_input){.run = *run, .lo = lo, .hi = hi, .seen = seen}, err);
 }
 
 int grid_merge_stream(struct grid_merge *m,
@@ -102,15 +106,7 @@ int grid_merge_stream(struct grid_merge *m,
 				  struct err *err),
 		      void *ctx, struct err *err)
 {
-	struct grid_merge_input *in = &m->input[m->n];
-
-	assert(m->n < m->cap);
-	*in = (struct grid_merge_input){.next = next, .ctx = ctx, .hi = UINT64_MAX};
-	int rc = refill(in, err);
-
-	if (rc == 0 && !in->done)
-		m->n++;
-	return rc;
+	return add_input(m, (struct grid_merge_input){.next = next, .ctx = ctx, .hi = UINT64_MAX}, err);
 }
 
 void grid_merge_memory(struct grid_merge *m, const struct point *pts, size_t n, const uint32_t *table, uint64_t lo, uint64_t hi)
