@@ -7,6 +7,7 @@
 #include <ctype.h>
 #include <math.h>
 #include <string.h>
+#include <time.h>
 
 #include "ground.h"
 #include "parse.h"
@@ -80,23 +81,13 @@ static bool parse_char(const char **at, const char *of)
 	return true;
 }
 
-/* Days since 1970-01-01 of the Gregorian calendar. */
-static long days_of(int y, int m, int d)
+/* The start of a day, in seconds since 1970; false if the calendar does not have that day. */
+static bool day_start(int y, int m, int d, time_t *ret)
 {
-	long era, doe;
+	struct tm tm = {.tm_year = y - 1900, .tm_mon = m - 1, .tm_mday = d};
 
-	y -= m <= 2;
-	era = y / 400;
-	doe = (y - era * 400) * 365L + (y - era * 400) / 4 - (y - era * 400) / 100 + (153 * (m + (m > 2 ? -3 : 9)) + 2) / 5 + d -
-	      1;
-	return era * 146097 + doe - 719468;
-}
-
-static int days_in(int y, int m)
-{
-	static const int days[] = {31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31};
-
-	return days[m - 1] + (m == 2 && (y % 4 == 0 && (y % 100 != 0 || y % 400 == 0)));
+	*ret = timegm(&tm);
+	return tm.tm_year == y - 1900 && tm.tm_mon == m - 1 && tm.tm_mday == d; /* timegm normalizes */
 }
 
 /* The fraction of a second, with any number of digits. */
@@ -131,6 +122,7 @@ static bool parse_iso(const char *text, double *ret, bool *ret_zone)
 {
 	const char *at = text;
 	int y, mo, d, h, mi, s = 0, off;
+	time_t day;
 	double part = 0;
 
 	if (!parse_digits(&at, 4, &y) || !parse_char(&at, "-") || !parse_digits(&at, 2, &mo) || !parse_char(&at, "-") ||
@@ -146,9 +138,9 @@ static bool parse_iso(const char *text, double *ret, bool *ret_zone)
 	}
 	if (!parse_zone(&at, &off, ret_zone) || *at)
 		return false;
-	if (y < 1970 || mo < 1 || mo > 12 || d < 1 || d > days_in(y, mo) || h > 23 || mi > 59 || s > 60)
+	if (y < 1970 || !day_start(y, mo, d, &day) || h > 23 || mi > 59 || s > 60)
 		return false;
-	*ret = (double)(days_of(y, mo, d) * 86400L + h * 3600 + mi * 60 + s - off) + part;
+	*ret = (double)(day + h * 3600 + mi * 60 + s - off) + part;
 	return true;
 }
 
