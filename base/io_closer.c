@@ -54,7 +54,7 @@ static struct {
 static _Atomic size_t pending; /* in the list or in a thread */
 static _Atomic uint32_t owner_of[NUMBERS];
 static _Thread_local bool must_not_wait;
-static _Thread_local uint32_t whose;
+static _Thread_local uint32_t current_owner;
 
 static bool is_closing(uint32_t owner)
 {
@@ -161,9 +161,9 @@ void io_close_foreground(void)
 
 uint32_t io_close_owner(uint32_t owner)
 {
-	uint32_t before = whose;
+	uint32_t before = current_owner;
 
-	whose = owner;
+	current_owner = owner;
 	return before;
 }
 
@@ -226,7 +226,7 @@ static bool room(void)
 bool io_closer(int fd)
 {
 	/* After the close the number can belong to another file. */
-	uint32_t owner = fd < NUMBERS && owner_of[fd] ? atomic_exchange(&owner_of[fd], 0) : whose;
+	uint32_t owner = fd < NUMBERS && owner_of[fd] ? atomic_exchange(&owner_of[fd], 0) : current_owner;
 	bool kept;
 
 	if (!must_not_wait || at_once(fd))

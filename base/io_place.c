@@ -25,33 +25,33 @@
 
 enum { LINKS_MOST = 40 };
 
-struct way {
+struct path_walk {
 	const char *path; /* as given by the caller */
 	int dirfd;
 	char rest[PATH_MAX]; /* rest of the path, from dirfd on */
 	unsigned links;
 };
 
-static int failed(const struct way *w, int sys, struct err *err)
+static int failed(const struct path_walk *w, int sys, struct err *err)
 {
 	err_sys(err, sys, "cannot open");
 	return err_add_file(err, w->path);
 }
 
-static int no_folder(const struct way *w, int sys, struct err *err)
+static int no_folder(const struct path_walk *w, int sys, struct err *err)
 {
 	err_sys(err, sys, "the folder that it is to lie in cannot be opened");
 	return err_add_file(err, w->path);
 }
 
-static void continue_from(struct way *w, int fd)
+static void continue_from(struct path_walk *w, int fd)
 {
 	io_close(w->dirfd);
 	w->dirfd = fd;
 }
 
 /* Opens the root, the current folder, or the parent folder: these are no links. */
-static int step_into(struct way *w, const char *name, struct err *err)
+static int step_into(struct path_walk *w, const char *name, struct err *err)
 {
 	struct err why = ERR_INIT;
 	int fd;
@@ -63,7 +63,7 @@ static int step_into(struct way *w, const char *name, struct err *err)
 }
 
 /* Sets the rest of the path, which begins at the root or in the current folder. */
-static int set_rest(struct way *w, const char *first, const char *then, struct err *err)
+static int set_rest(struct path_walk *w, const char *first, const char *then, struct err *err)
 {
 	char all[PATH_MAX];
 	int n = snprintf(all, sizeof all, "%s%s%s", first, *then ? "/" : "", then);
@@ -74,7 +74,7 @@ static int set_rest(struct way *w, const char *first, const char *then, struct e
 	return *w->rest == '/' ? step_into(w, "/", err) : 0;
 }
 
-static int refuse_link(const struct way *w, const char *name, uid_t owner, struct err *err)
+static int refuse_link(const struct path_walk *w, const char *name, uid_t owner, struct err *err)
 {
 	err_set(err, ERR_PERM,
 		"\"%.100s\" is a link that the user with id %u has put into a folder that everybody may write into: "
@@ -84,7 +84,7 @@ static int refuse_link(const struct way *w, const char *name, uid_t owner, struc
 	return err_add_file(err, w->path);
 }
 
-static int may_follow(const struct way *w, const char *name, const struct stat *link, struct err *err)
+static int may_follow(const struct path_walk *w, const char *name, const struct stat *link, struct err *err)
 {
 	struct stat dir;
 
@@ -105,7 +105,7 @@ static bool is_proc(int fd)
 enum found { FOUND_NOTHING, FOUND_OTHER, FOUND_FOLDER, FOUND_LINK, FOUND_OPAQUE };
 
 /* *ret_fd: the folder if it is one, else -1. For a link: its text, after checking that it may be followed. */
-static int inspect(struct way *w, const char *name, char text[PATH_MAX], enum found *ret, int *ret_fd, struct err *err)
+static int inspect(struct path_walk *w, const char *name, char text[PATH_MAX], enum found *ret, int *ret_fd, struct err *err)
 {
 	int fd = openat(w->dirfd, name, O_PATH | O_NOFOLLOW | O_CLOEXEC), r = 0;
 	struct stat st;
@@ -138,7 +138,7 @@ static int inspect(struct way *w, const char *name, char text[PATH_MAX], enum fo
 }
 
 /* Removes the first component of the rest; *ret_more: something follows it, if only a slash. */
-static void take_name(struct way *w, char name[NAME_MAX + 2], bool *ret_more)
+static void take_component(struct path_walk *w, char name[NAME_MAX + 2], bool *ret_more)
 {
 	const char *from = w->rest + strspn(w->rest, "/");
 	size_t n = strcspn(from, "/"), k = n <= NAME_MAX ? n : NAME_MAX + 1;
@@ -152,7 +152,7 @@ static void take_name(struct way *w, char name[NAME_MAX + 2], bool *ret_more)
 }
 
 /* `name` is the last component of the path. */
-static int found_place(struct way *w, const char *name, bool opaque, struct io_place *ret, struct err *err)
+static int found_place(struct path_walk *w, const char *name, bool opaque, struct io_place *ret, struct err *err)
 {
 	char *copy = strdup(name);
 
@@ -163,7 +163,7 @@ static int found_place(struct way *w, const char *name, bool opaque, struct io_p
 	return 0;
 }
 
-static int resolve(struct way *w, bool follow, struct io_place *ret, struct err *err)
+static int resolve(struct path_walk *w, bool follow, struct io_place *ret, struct err *err)
 {
 	char name[NAME_MAX + 2], text[PATH_MAX];
 	enum found found;
@@ -171,7 +171,7 @@ static int resolve(struct way *w, bool follow, struct io_place *ret, struct err 
 	int r, fd;
 
 	for (;;) {
-		take_name(w, name, &more);
+		take_component(w, name, &more);
 		if (!*name)
 			return found_place(w, "", false, ret, err);
 		if (!strcmp(name, ".") || !strcmp(name, "..")) {
@@ -203,7 +203,7 @@ static int resolve(struct way *w, bool follow, struct io_place *ret, struct err 
 
 int io_place_find(const char *path, bool follow, struct io_place *ret, struct err *err)
 {
-	struct way w = {.path = path, .dirfd = AT_FDCWD};
+	struct path_walk w = {.path = path, .dirfd = AT_FDCWD};
 	int r = *path ? 0 : failed(&w, ENOENT, err);
 
 	/* The current folder may be inaccessible; a path from the root does not need it. */

@@ -218,14 +218,15 @@ static unsigned flood_limit(enum log_event event)
 static struct lock flood_lock = LOCK_STATIC(LOG);
 static struct flood {
 	uint64_t since_ns, hidden;
-	unsigned told;
+	unsigned logged;
 } floods[LOG_EVENTS];
 
 static void report_hidden(const struct log_place *place, enum log_event event, uint64_t hidden, double seconds)
 {
 	if (hidden)
-		log_line_at(place, events[event].level, "%s: %llu more times within %.0f seconds, which are not told one by one",
-			    events[event].subject, (unsigned long long)hidden, seconds);
+		log_line_at(place, events[event].level,
+			    "%s: %llu more times within %.0f seconds, which are not logged one by one", events[event].subject,
+			    (unsigned long long)hidden, seconds);
 }
 
 void log_report_suppressed(bool all)
@@ -260,8 +261,8 @@ static bool is_suppressed(const struct log_place *place, enum log_event event)
 		seconds = f->since_ns ? clock_since(f->since_ns) : 0;
 		*f = (struct flood){.since_ns = clock_mono_ns()};
 	}
-	over = f->told >= most;
-	f->told += !over;
+	over = f->logged >= most;
+	f->logged += !over;
 	f->hidden += over;
 	lock_give(&flood_lock);
 	report_hidden(place, event, hidden, seconds);

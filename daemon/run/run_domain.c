@@ -399,7 +399,7 @@ struct run_domain *run_domain_start(struct run *w, size_t index, enum sched_prio
 	d->region = w->plan.leaf[index].region;
 	d->sites = w->plan.leaf[index].known ? w->plan.sites : NULL;
 	d->count = w->plan.leaf[index].count;
-	d->looked = w->plan.leaf[index].looked && !w->plan.leaf[index].there;
+	d->looked = w->plan.leaf[index].checked && !w->plan.leaf[index].there;
 	d->changed = w->plan.leaf[index].changed;
 	d->flat = w->plan.leaf[index].flat;
 	run_domain_restart(d, priority);

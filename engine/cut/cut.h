@@ -94,13 +94,13 @@ struct cut_leaf {
 	struct cut_region region;
 	uint64_t count; /* upper bound of its own positions, before the view (their number if `exact`) */
 	bool exact;
-	bool known;         /* its halo is in the plan's sites */
-	bool looked, there; /* set by pipe_refine: the store was searched for it; it is stored, and valid */
-	bool changed;       /* set by pipe_refine: it is stored, but for other points */
-	bool fits;          /* own + halo fitted when it was last made, so the probe skips it */
-	bool flat;          /* the whole plan has no triangles (cut_plan_flat), so the leaf has no halo */
-	uint8_t stuck;      /* consecutive levels above it without progress */
-	uint64_t above;     /* own + halo of the region from which it was split because they did not fit; else 0 */
+	bool known;          /* its halo is in the plan's sites */
+	bool checked, there; /* set by pipe_refine: the store was searched for it; it is stored, and valid */
+	bool changed;        /* set by pipe_refine: it is stored, but for other points */
+	bool fits;           /* own + halo fitted when it was last made, so the probe skips it */
+	bool flat;           /* the whole plan has no triangles (cut_plan_flat), so the leaf has no halo */
+	uint8_t stuck;       /* consecutive levels above it without progress */
+	uint64_t above;      /* own + halo of the region from which it was split because they did not fit; else 0 */
 };
 struct cut_plan {
 	struct cut_leaf *leaf;

@@ -336,7 +336,7 @@ int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct 
 			    (t->triangles && t->triangles != 2 * t->vertices - 2 - t->hull)))
 		return err_set(
 			err, ERR_INTERNAL,
-			"the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull (%llu told)",
+			"the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull (%llu counted)",
 			(unsigned long long)t->counts.used, (unsigned long long)t->vertices, (unsigned long long)t->triangles,
 			(unsigned long long)t->hull, (unsigned long long)e->hull);
 	*ret = *t;

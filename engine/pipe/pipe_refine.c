@@ -33,7 +33,7 @@ static int state_of(const struct pipe_reuse_params *p, struct cut_leaf *leaf, en
 	if (r < 0)
 		return r;
 	leaf->fits |= f.fits;
-	leaf->looked = true;
+	leaf->checked = true;
 	leaf->there = r == 0;
 	leaf->changed = r != 0 && f.versions;
 	*ret = r == 0 ? THERE : f.versions ? CHANGED : NEW;

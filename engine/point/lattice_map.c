@@ -124,10 +124,10 @@ static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], si
 	return err_set(err, ERR_INTERNAL, "a point is out of range, but none was found");
 }
 
-/* For one axis: round(raw * slope + base) is the number or a neighbour; if `sure`, it is the number. */
+/* For one axis: round(raw * slope + base) is the number or a neighbour; if `certain`, it is the number. */
 struct estimate {
 	double slope, base;
-	bool serves, sure;
+	bool serves, certain;
 };
 
 /* The error of the double is less than 10 * 2^-53 of its terms, which are below 2^45: less than 1/16. So the remainder
@@ -140,8 +140,8 @@ static struct estimate estimate_of(__int128 a, __int128 b, __int128 d, int64_t l
 	const double part = fmax(fabs(base), fmax(fabs((double)lo * slope), fabs((double)hi * slope)));
 	struct estimate e = {slope, base, .serves = d < (__int128)1 << 61 && part < 0x1p45};
 
-	e.sure = e.serves && (part + 1) * 0x1p-49 * (double)d < 0.125;
-	if (e.sure)
+	e.certain = e.serves && (part + 1) * 0x1p-49 * (double)d < 0.125;
+	if (e.certain)
 		e.base += 0.25 / (double)d;
 	return e;
 }
@@ -213,7 +213,7 @@ static uint64_t bits_of(double x)
 
 /* One axis of a block; sets moved[i] if a number is rounded. Returns the largest distance, as in map_one. */
 static inline __attribute__((always_inline)) uint64_t round_axis(const struct lattice_map *m, const struct estimate *e,
-								 unsigned k, bool sure, const int64_t (*restrict raw)[3],
+								 unsigned k, bool certain, const int64_t (*restrict raw)[3],
 								 size_t n, int32_t (*restrict ret)[3], uint8_t *restrict moved)
 {
 	/* added to a double below 2^51, this makes the last bit a one: the bits of the sum then count whole numbers */
@@ -226,7 +226,7 @@ static inline __attribute__((always_inline)) uint64_t round_axis(const struct la
 		int64_t q = (int64_t)(bits_of(((double)raw[i][k] * slope + base) + whole) - zero);
 		int64_t t = (int64_t)((uint64_t)raw[i][k] * a + b - (uint64_t)q * (uint64_t)d);
 
-		if (!sure) {
+		if (!certain) {
 			int64_t up = 2 * t >= d, down = 2 * t < -d;
 
 			q += up - down;
@@ -240,8 +240,8 @@ static inline __attribute__((always_inline)) uint64_t round_axis(const struct la
 	return 2 * (uint64_t)(high > -low ? high : -low);
 }
 
-static uint64_t round_axis_sure(const struct lattice_map *m, const struct estimate *e, unsigned k, const int64_t (*raw)[3],
-				size_t n, int32_t (*ret)[3], uint8_t *moved)
+static uint64_t round_axis_certain(const struct lattice_map *m, const struct estimate *e, unsigned k, const int64_t (*raw)[3],
+				   size_t n, int32_t (*ret)[3], uint8_t *moved)
 {
 	return round_axis(m, e, k, true, raw, n, ret, moved);
 }
@@ -292,8 +292,8 @@ static void apply_rounding(const struct lattice_map *m, const struct estimate e[
 
 			if (m->axis[k].a % m->axis[k].d == 0)
 				off = shift_axis(m, k, raw + at, part, ret + at, moved);
-			else if (e[k].sure)
-				off = round_axis_sure(m, &e[k], k, raw + at, part, ret + at, moved);
+			else if (e[k].certain)
+				off = round_axis_certain(m, &e[k], k, raw + at, part, ret + at, moved);
 			else if (e[k].serves)
 				off = round_axis_near(m, &e[k], k, raw + at, part, ret + at, moved);
 			else

@@ -208,7 +208,7 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 
 /* ---- finding ---- */
 
-struct looking {
+struct search {
 	int dirfd;
 	char folder[STORE_FOLDER], prefix[2 + 32 + 2];
 	struct store_version *version;
@@ -217,7 +217,7 @@ struct looking {
 
 static int inspect_entry(void *ctx, const struct dirent *e, struct err *err)
 {
-	struct looking *l = ctx;
+	struct search *l = ctx;
 	struct store_version v;
 	char name[STORE_NAME];
 	struct stat st;
@@ -243,7 +243,7 @@ static int inspect_entry(void *ctx, const struct dirent *e, struct err *err)
 
 int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err)
 {
-	struct looking l = {.dirfd = dirfd, .version = ret, .most = most};
+	struct search l = {.dirfd = dirfd, .version = ret, .most = most};
 	char hex[DIGEST_HEX_SIZE];
 	struct stat st;
 	int r;

@@ -191,12 +191,12 @@ static int channels(struct words *w, unsigned n, size_t digits, const struct pro
 /* Skips a text with its length, which may contain blanks. */
 static void skip_text(struct words *w, size_t most)
 {
-	uint32_t said = read_number(w, 4), n;
+	uint32_t present = read_number(w, 4), n;
 
-	if (w->bad || !said)
+	if (w->bad || !present)
 		return;
-	n = said == 1 ? read_number(w, 4) : 0;
-	if (said != 1 || n > most || n > (size_t)(w->end - w->at))
+	n = present == 1 ? read_number(w, 4) : 0;
+	if (present != 1 || n > most || n > (size_t)(w->end - w->at))
 		w->bad = true;
 	if (w->bad || (!n && (w->at == w->end || *w->at != ' ')))
 		return; /* an empty text is missing, or is between two blanks */
@@ -208,11 +208,11 @@ static void skip_text(struct words *w, size_t most)
 /* Skips an optional block of n words; if it is the last, it may be missing entirely. */
 static void skip_block(struct words *w, unsigned n)
 {
-	uint32_t said = w->at < w->end ? read_number(w, 4) : 0;
+	uint32_t present = w->at < w->end ? read_number(w, 4) : 0;
 
-	if (said == 1)
+	if (present == 1)
 		skip(w, n);
-	else if (said)
+	else if (present)
 		w->bad = true;
 }
 

@@ -57,10 +57,10 @@ struct framer *framer_free(struct framer *f)
 	return NULL;
 }
 
-void framer_on_bad(struct framer *f, void (*told)(void *, enum framer_reason, uint64_t, uint64_t), void *ctx)
+void framer_on_bad(struct framer *f, void (*on_bad)(void *, enum framer_reason, uint64_t, uint64_t), void *ctx)
 {
-	f->told = told;
-	f->told_ctx = ctx;
+	f->on_bad = on_bad;
+	f->on_bad_ctx = ctx;
 }
 
 /* ---- results of a cut ---- */
@@ -70,8 +70,8 @@ static void report_garbage(struct framer *f)
 	if (!f->garbage)
 		return;
 	f->counts.by[FRAMER_GARBAGE]++;
-	if (f->told)
-		f->told(f->told_ctx, FRAMER_GARBAGE, f->garbage_at, f->garbage);
+	if (f->on_bad)
+		f->on_bad(f->on_bad_ctx, FRAMER_GARBAGE, f->garbage_at, f->garbage);
 	f->garbage = 0;
 }
 
@@ -91,8 +91,8 @@ void framer_bad(struct framer *f, enum framer_reason reason, uint64_t offset, ui
 	f->counts.by[reason]++;
 	f->counts.bad++;
 	f->counts.skipped += size;
-	if (f->told)
-		f->told(f->told_ctx, reason, offset, size);
+	if (f->on_bad)
+		f->on_bad(f->on_bad_ctx, reason, offset, size);
 }
 
 /* The time of the byte at this offset. */
@@ -205,7 +205,7 @@ int framer_feed(struct framer *f, const void *bytes, size_t size, int64_t time_n
 		f->at += f->n + size;
 		f->counts.skipped += f->n + size;
 		f->n = 0;
-		f->looked = 0;
+		f->examined = 0;
 	}
 	drop_marks(f);
 	return f->result;
@@ -221,7 +221,7 @@ static void drop_begun(struct framer *f, enum framer_reason reason)
 	}
 	f->at += f->n;
 	f->n = 0;
-	f->looked = 0;
+	f->examined = 0;
 	f->lost = false;
 	report_garbage(f);
 }
@@ -243,7 +243,7 @@ int framer_end(struct framer *f)
 			framer_emit(f, f->held, size, f->at, f->n);
 			f->at += f->n;
 			f->n = 0;
-			f->looked = 0;
+			f->examined = 0;
 		}
 	}
 	drop_begun(f, FRAMER_END);

@@ -61,7 +61,7 @@ struct framer_counts {
 int framer_new(const struct profile *, framer_sink, void *ctx, struct framer **ret, struct err *);
 struct framer *framer_free(struct framer *);
 /* Called for each bad telegram and each stretch of garbage, once it has ended, in the order of the stream. */
-void framer_on_bad(struct framer *, void (*told)(void *ctx, enum framer_reason, uint64_t offset, uint64_t size), void *ctx);
+void framer_on_bad(struct framer *, void (*on_bad)(void *ctx, enum framer_reason, uint64_t offset, uint64_t size), void *ctx);
 int framer_feed(struct framer *, const void *at, size_t size, int64_t time_ns);
 /* Bytes are missing here (an overflow, an unplug): the incomplete telegram is bad, and so is the rest of a LINE. */
 int framer_gap(struct framer *);

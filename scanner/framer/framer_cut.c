@@ -21,13 +21,13 @@ static size_t find(const uint8_t *at, uint8_t byte, size_t from, size_t to)
 
 size_t framer_cut_stx_etx(struct framer *f, const uint8_t *at, size_t size)
 {
-	size_t pos = 0, etx = 0, looked = f->looked;
+	size_t pos = 0, etx = 0, examined = f->examined;
 
-	f->looked = 0;
+	f->examined = 0;
 	while (pos < size) {
-		size_t from = pos + (looked ? looked : 1), limit, stx;
+		size_t from = pos + (examined ? examined : 1), limit, stx;
 
-		looked = 0;
+		examined = 0;
 		if (at[pos] != STX) {
 			stx = find(at, STX, pos, size);
 			framer_garbage(f, f->at + pos, stx - pos);
@@ -51,7 +51,7 @@ size_t framer_cut_stx_etx(struct framer *f, const uint8_t *at, size_t size)
 			framer_bad(f, FRAMER_LONG, f->at + pos, limit - pos);
 			pos = limit;
 		} else {
-			f->looked = size - pos;
+			f->examined = size - pos;
 			return pos;
 		}
 	}
@@ -60,14 +60,14 @@ size_t framer_cut_stx_etx(struct framer *f, const uint8_t *at, size_t size)
 
 size_t framer_cut_line(struct framer *f, const uint8_t *at, size_t size)
 {
-	size_t pos = 0, looked = f->looked, most = (size_t)f->p.telegram_max + 2;
+	size_t pos = 0, examined = f->examined, most = (size_t)f->p.telegram_max + 2;
 
-	f->looked = 0;
+	f->examined = 0;
 	while (pos < size) {
 		size_t limit = size - pos > most && !f->skipping ? pos + most : size;
-		size_t end = find(at, '\n', pos + looked, limit), start = pos, length;
+		size_t end = find(at, '\n', pos + examined, limit), start = pos, length;
 
-		looked = 0;
+		examined = 0;
 		if (f->skipping) {
 			pos = end < size ? end + 1 : size;
 			f->skipping = end == size;
@@ -75,7 +75,7 @@ size_t framer_cut_line(struct framer *f, const uint8_t *at, size_t size)
 			continue;
 		}
 		if (end == limit && limit - pos < most) {
-			f->looked = size - pos;
+			f->examined = size - pos;
 			return pos;
 		}
 		pos = end < limit ? end + 1 : limit;

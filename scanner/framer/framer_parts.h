@@ -21,15 +21,15 @@ struct framer {
 	struct profile p;
 	framer_sink sink;
 	void *ctx;
-	void (*told)(void *ctx, enum framer_reason, uint64_t offset, uint64_t size);
-	void *told_ctx;
+	void (*on_bad)(void *ctx, enum framer_reason, uint64_t offset, uint64_t size);
+	void *on_bad_ctx;
 	size_t (*cut)(struct framer *, const uint8_t *at, size_t size);
 
-	uint64_t at;   /* offset in the stream of the first byte passed to cut */
-	size_t looked; /* from there on: cut has examined so many bytes, and they contain no end */
-	bool skipping; /* LINE: until the next line end */
-	bool lost;     /* LENGTH without sync: no telegram was found since an impossible length */
-	int result;    /* the result of the sink */
+	uint64_t at;     /* offset in the stream of the first byte passed to cut */
+	size_t examined; /* from there on: cut has examined so many bytes, and they contain no end */
+	bool skipping;   /* LINE: until the next line end */
+	bool lost;       /* LENGTH without sync: no telegram was found since an impossible length */
+	int result;      /* the result of the sink */
 	struct las_file las;
 	uint64_t garbage_at, garbage; /* garbage that has not ended */
 

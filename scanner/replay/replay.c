@@ -27,7 +27,7 @@ struct replay {
 	struct sweep *sweep;
 	struct replay_counts counts;
 	struct replay_time time;
-	bool has_counter, after_gap, gap_told, ended;
+	bool has_counter, after_gap, gap_counted, ended;
 	bool boot_unknown;  /* monotonic times may be of another boot, until a CLOCK comes */
 	uint32_t counter;   /* of the last sweep */
 	struct digest hash; /* of its telegram */
@@ -186,15 +186,15 @@ int replay_feed(struct replay *r, const void *at, size_t size, int64_t monotonic
 {
 	r->counts.transfers++;
 	r->counts.bytes += size;
-	r->gap_told = false;
+	r->gap_counted = false;
 	return framer_feed(r->framer, at, size, monotonic_ns);
 }
 
 int replay_gap(struct replay *r)
 {
-	if (r->gap_told) /* an event and the flag of the next record are the same gap */
+	if (r->gap_counted) /* an event and the flag of the next record are the same gap */
 		return 0;
-	r->gap_told = r->after_gap = true;
+	r->gap_counted = r->after_gap = true;
 	r->counts.gaps++;
 	return framer_gap(r->framer);
 }
