@@ -19,12 +19,12 @@ struct cut_sites {
 	struct point *pt;
 };
 
-static void widen(int32_t box[4], const int32_t other[4], bool first)
+static void join(int32_t box[4], const int32_t other[4], bool first)
 {
-	for (unsigned k = 0; k < 2; k++) {
-		box[k] = first || other[k] < box[k] ? other[k] : box[k];
-		box[k + 2] = first || other[k + 2] > box[k + 2] ? other[k + 2] : box[k + 2];
-	}
+	if (first)
+		memcpy(box, other, sizeof(int32_t[4]));
+	else
+		point_box_join(box, other);
 }
 
 struct cut_sites *cut_sites_new(const struct point *pts, uint32_t n, struct ledger *ledger)
@@ -48,9 +48,9 @@ struct cut_sites *cut_sites_new(const struct point *pts, uint32_t n, struct ledg
 	s->tree = s->cell + ncell;
 	memcpy(s->pt, pts, n * sizeof(*pts));
 	for (uint32_t i = 0; i < n; i++)
-		widen(s->cell[i / CELL], (const int32_t[4]){pts[i].x, pts[i].y, pts[i].x, pts[i].y}, i % CELL == 0);
+		join(s->cell[i / CELL], (const int32_t[4]){pts[i].x, pts[i].y, pts[i].x, pts[i].y}, i % CELL == 0);
 	for (uint32_t i = 0; i < s->ncell; i++)
-		widen(s->tree[i / TREE], s->cell[i], i % TREE == 0);
+		join(s->tree[i / TREE], s->cell[i], i % TREE == 0);
 	return s;
 }
 
@@ -119,7 +119,7 @@ static bool sites_box(void *ctx, int32_t ret_box[4])
 	const struct cut_sites *s = ctx;
 
 	for (uint32_t t = 0; t < s->ntree; t++)
-		widen(ret_box, s->tree[t], t == 0);
+		join(ret_box, s->tree[t], t == 0);
 	return s->n > 0;
 }
 

@@ -268,10 +268,7 @@ bool grid_box(const struct grid *g, int32_t ret_box[4])
 		if (!s->points)
 			continue;
 		any = true;
-		box[0] = s->box[0] < box[0] ? s->box[0] : box[0];
-		box[1] = s->box[1] < box[1] ? s->box[1] : box[1];
-		box[2] = s->box[2] > box[2] ? s->box[2] : box[2];
-		box[3] = s->box[3] > box[3] ? s->box[3] : box[3];
+		point_box_join(box, s->box);
 	}
 	if (any)
 		memcpy(ret_box, box, sizeof box);

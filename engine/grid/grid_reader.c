@@ -41,14 +41,6 @@ size_t grid_reader_bytes(const struct grid *g)
 	       merge_buffers(g) * align_line(GRID_CELL_RECORDS * sizeof(struct point));
 }
 
-static void *carve(uint8_t **at, size_t n)
-{
-	void *piece = *at;
-
-	*at += align_line(n);
-	return piece;
-}
-
 int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid_reader **ret, struct err *err)
 {
 	uint8_t *at = (uint8_t *)align_line((uintptr_t)memory);
@@ -56,17 +48,17 @@ int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid
 
 	if (size < grid_reader_bytes(g))
 		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g), size);
-	r = carve(&at, sizeof *r);
+	r = align_carve(&at, sizeof *r);
 	*r = (struct grid_reader){.grid = g, .nleaves = leaf_pages(g)};
-	r->pages = carve(&at, page_bytes(g));
-	r->block = carve(&at, DISK_BLOCK_MAX);
-	r->piece = carve(&at, GRID_CELL_RECORDS * sizeof *r->piece);
-	r->flags = carve(&at, GRID_CELL_RECORDS);
-	r->cursors = carve(&at, (g->active + 1) * sizeof *r->cursors);
-	r->heap = carve(&at, (g->active + 1) * sizeof *r->heap);
+	r->pages = align_carve(&at, page_bytes(g));
+	r->block = align_carve(&at, DISK_BLOCK_MAX);
+	r->piece = align_carve(&at, GRID_CELL_RECORDS * sizeof *r->piece);
+	r->flags = align_carve(&at, GRID_CELL_RECORDS);
+	r->cursors = align_carve(&at, (g->active + 1) * sizeof *r->cursors);
+	r->heap = align_carve(&at, (g->active + 1) * sizeof *r->heap);
 	memset(r->cursors, 0, (g->active + 1) * sizeof *r->cursors);
 	for (uint32_t i = 0; i < merge_buffers(g); i++)
-		r->cursors[i].pts = carve(&at, GRID_CELL_RECORDS * sizeof(struct point));
+		r->cursors[i].pts = align_carve(&at, GRID_CELL_RECORDS * sizeof(struct point));
 	assert(at <= (uint8_t *)memory + size);
 	*ret = r;
 	return 0;

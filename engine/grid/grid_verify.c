@@ -224,22 +224,12 @@ static bool check_maximal(struct verify *v, const struct disk_leaf *leaf)
 	return !fits;
 }
 
-static void add_entry(struct disk_inner *sum, const struct disk_inner *more)
+static void add_entry(struct disk_inner *sum, const struct disk_inner *next)
 {
-	if (!sum->cells) {
-		*sum = *more;
-		return;
-	}
-	sum->hi = more->hi;
-	sum->count += more->count;
-	sum->distinct += more->distinct;
-	sum->cells += more->cells;
-	sum->sum_hi += more->sum_hi;
-	sum->sum_lo += more->sum_lo;
-	for (unsigned i = 0; i < 2; i++) {
-		sum->box[i] = more->box[i] < sum->box[i] ? more->box[i] : sum->box[i];
-		sum->box[2 + i] = more->box[2 + i] > sum->box[2 + i] ? more->box[2 + i] : sum->box[2 + i];
-	}
+	if (sum->cells)
+		grid_inner_add(sum, next);
+	else
+		*sum = *next;
 }
 
 static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk_inner *sum, struct err *err)

@@ -43,6 +43,15 @@ static inline unsigned point_source(const struct point *p)
 	return p->tag >> POINT_SOURCE_SHIFT;
 }
 
+/* Extends a box (min x, min y, max x, max y) so that it contains another one. */
+static inline void point_box_join(int32_t box[4], const int32_t other[4])
+{
+	box[0] = other[0] < box[0] ? other[0] : box[0];
+	box[1] = other[1] < box[1] ? other[1] : box[1];
+	box[2] = other[2] > box[2] ? other[2] : box[2];
+	box[3] = other[3] > box[3] ? other[3] : box[3];
+}
+
 /* Morton key of x + 2^31 and y + 2^31: bit i of x at 2i + 1, of y at 2i (algorithm.md 3). */
 static inline uint64_t point_morton(int32_t x, int32_t y);
 void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y);

@@ -110,14 +110,6 @@ static bool segment_read(struct segment *s, void *buf, size_t n, uint64_t place)
 	return false;
 }
 
-static void widen(int32_t box[4], int32_t x, int32_t y)
-{
-	box[0] = x < box[0] ? x : box[0];
-	box[1] = y < box[1] ? y : box[1];
-	box[2] = x > box[2] ? x : box[2];
-	box[3] = y > box[3] ? y : box[3];
-}
-
 static void add_total(struct segment *s, const struct disk_source *source, uint64_t place)
 {
 	for (uint32_t i = 0; i < s->head.sources; i++) {
@@ -176,7 +168,7 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 		sum->count++;
 		sum->sum_hi += h.hi;
 		sum->sum_lo += h.lo;
-		widen(sum->box, p->x, p->y);
+		point_box_join(sum->box, (const int32_t[4]){p->x, p->y, p->x, p->y});
 		derived[k].records++;
 		derived[k].sum_hi += h.hi;
 		derived[k].sum_lo += h.lo;
@@ -268,8 +260,7 @@ static void add_inner(struct disk_inner *sum, const struct disk_inner *by)
 	sum->cells += by->cells;
 	sum->sum_hi += by->sum_hi;
 	sum->sum_lo += by->sum_lo;
-	widen(sum->box, by->box[0], by->box[1]);
-	widen(sum->box, by->box[2], by->box[3]);
+	point_box_join(sum->box, by->box);
 }
 
 static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check, struct disk_inner *ret);

@@ -147,3 +147,14 @@ int grid_segment_check_leaf(const struct grid_segment *p, const struct disk_leaf
 		return grid_segment_damaged(p, leaf->place, "an index entry has invalid fields", err);
 	return 0;
 }
+
+void grid_inner_add(struct disk_inner *sum, const struct disk_inner *next)
+{
+	sum->hi = next->hi;
+	sum->count += next->count;
+	sum->distinct += next->distinct;
+	sum->cells += next->cells;
+	sum->sum_hi += next->sum_hi;
+	sum->sum_lo += next->sum_lo;
+	point_box_join(sum->box, next->box);
+}

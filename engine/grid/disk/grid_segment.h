@@ -38,6 +38,9 @@ int grid_segment_damaged(const struct grid_segment *, uint64_t place, const char
 
 /* ---- index pages ---- */
 
+/* Adds the totals of another entry of the same level, which follows. */
+void grid_inner_add(struct disk_inner *sum, const struct disk_inner *next);
+
 /* Levels of an index of so many cells. */
 unsigned grid_index_levels(uint64_t cells);
 

@@ -83,14 +83,6 @@ size_t grid_rewrite_min_bytes(const struct grid_segment_info *segments, size_t n
 	       segments_bytes(segments, n, GRID_PASS_WINDOW);
 }
 
-static void *carve(uint8_t **at, size_t n)
-{
-	void *piece = *at;
-
-	*at += align_line(n);
-	return piece;
-}
-
 /* ---- beginning ---- */
 
 /* Adds the sources of a segment that are not dropped. */
@@ -128,7 +120,7 @@ static int open_all(struct grid_rewrite *w, const struct grid_rewrite_params *in
 
 		w->info[i] = in->segments[i];
 		rc = grid_pass_open(&w->pass[i], in->dirfd, &w->info[i], &w->dropped,
-				    carve(at, grid_pass_bytes(w->info[i].cells, window)), window, &totals, &n, err);
+				    align_carve(at, grid_pass_bytes(w->info[i].cells, window)), window, &totals, &n, err);
 		if (rc)
 			return rc;
 		w->npass++;
@@ -150,13 +142,13 @@ static int begin(struct grid_rewrite *w, const struct grid_rewrite_params *in, s
 	void *merging;
 	int rc;
 
-	w->pass = carve(&at, n * sizeof *w->pass);
-	w->info = carve(&at, n * sizeof *w->info);
-	merging = carve(&at, grid_merge_bytes((unsigned)n));
-	pages = carve(&at, grid_segment_writer_bytes());
-	w->window = carve(&at, WINDOW * (sizeof *w->window + sizeof *w->ids));
+	w->pass = align_carve(&at, n * sizeof *w->pass);
+	w->info = align_carve(&at, n * sizeof *w->info);
+	merging = align_carve(&at, grid_merge_bytes((unsigned)n));
+	pages = align_carve(&at, grid_segment_writer_bytes());
+	w->window = align_carve(&at, WINDOW * (sizeof *w->window + sizeof *w->ids));
 	w->ids = (uint32_t *)(w->window + WINDOW);
-	grid_cells_begin(&w->cells, carve(&at, cells_bytes()), cells_bytes(), 0, UINT64_MAX);
+	grid_cells_begin(&w->cells, align_carve(&at, cells_bytes()), cells_bytes(), 0, UINT64_MAX);
 	rc = open_all(w, in, &at, window, err);
 	if (rc)
 		return rc;

@@ -46,29 +46,14 @@ void grid_segment_writer_abort(struct grid_segment_writer *s)
 
 /* ---- index ---- */
 
-static void widen(int32_t box[4], const int32_t by[4])
-{
-	box[0] = by[0] < box[0] ? by[0] : box[0];
-	box[1] = by[1] < box[1] ? by[1] : box[1];
-	box[2] = by[2] > box[2] ? by[2] : box[2];
-	box[3] = by[3] > box[3] ? by[3] : box[3];
-}
-
 /* Adds an entry to the page of this level that is being filled. `sum`: its totals. */
 static void level_put(struct grid_segment_writer_level *l, const void *bytes, const struct disk_inner *sum)
 {
 	memcpy(l->page + sizeof(struct disk_page) + l->entries * (size_t)DISK_ENTRY, bytes, DISK_ENTRY);
-	if (l->entries++ == 0) {
+	if (l->entries++ == 0)
 		l->sum = *sum;
-		return;
-	}
-	l->sum.hi = sum->hi;
-	l->sum.count += sum->count;
-	l->sum.distinct += sum->distinct;
-	l->sum.cells += sum->cells;
-	l->sum.sum_hi += sum->sum_hi;
-	l->sum.sum_lo += sum->sum_lo;
-	widen(l->sum.box, sum->box);
+	else
+		grid_inner_add(&l->sum, sum);
 }
 
 /* Writes the page of level i; *ret is its entry in the level above. */
@@ -224,7 +209,7 @@ static int cell_end(struct grid_segment_writer *s, struct err *err)
 	memcpy(sum.box, c->box, sizeof sum.box);
 	if (s->head.cells++ == 0)
 		memcpy(s->head.box, c->box, sizeof s->head.box);
-	widen(s->head.box, c->box);
+	point_box_join(s->head.box, c->box);
 	s->head.points += c->count;
 	s->head.sum_hi += c->sum_hi;
 	s->head.sum_lo += c->sum_lo;
