@@ -38,7 +38,7 @@ static void stop(struct daemon *d);
 
 static bool busy(struct daemon *d)
 {
-	return server_connections(d->server) || service_active(d->service);
+	return server_connection_count(d->server) || service_active(d->service);
 }
 
 /* Nobody can connect while the lock of the socket is held, so a last look is the last. */
@@ -50,7 +50,7 @@ static void end_if_idle(struct daemon *d)
 		d->idle_ns = clock_mono_ns();
 		return;
 	}
-	if (server_accept_last(d->server)) {
+	if (server_accept_remaining(d->server)) {
 		io_close(lock);
 		return;
 	}
@@ -68,7 +68,7 @@ static void end_if_idle(struct daemon *d)
 static double idle_wait(const struct daemon *d)
 {
 	/* Without a listening socket nobody can come any more. */
-	if (!server_listens(d->server))
+	if (!server_is_listening(d->server))
 		return 0;
 	return d->config.idle_exit > 0 ? d->config.idle_exit : -1;
 }
@@ -164,7 +164,7 @@ static int on_round(sd_event_source *source, void *ctx)
 	heap_trim(d);
 	service_work(d->service, &work);
 	notify_round(&d->notify, &work);
-	if (d->stopping && service_parked(d->service) && !server_connections(d->server)) {
+	if (d->stopping && service_parked(d->service) && !server_connection_count(d->server)) {
 		d->over = true;
 		sd_event_exit(d->event, 0);
 	}

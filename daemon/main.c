@@ -384,7 +384,7 @@ static void turn_away(const struct err *why)
 
 	for (int i = 0; i < n && i < HAND_OVER_MAX; i++)
 		if (sd_is_socket_unix(SD_LISTEN_FDS_START + i, SOCK_STREAM, 1, NULL, 0) > 0)
-			server_turn_away(SD_LISTEN_FDS_START + i, why);
+			server_refuse_waiting(SD_LISTEN_FDS_START + i, why);
 }
 
 int main(int argc, char **argv)

@@ -41,7 +41,7 @@ bool settings_tell(void *ctx, unsigned i, struct server_setting *ret)
 	*ret = (struct server_setting){
 		.name = s->name,
 		.preset = s->preset ? s->preset : "",
-		.preset_told = s->preset ? "" : s->preset_told,
+		.preset_text = s->preset ? "" : s->preset_text,
 		.unit = s->unit,
 		.help = s->help,
 		.origin = origin_name(&c->origin[i]),

@@ -102,7 +102,7 @@ struct config_setting {
 	uint64_t least, most;
 	const char *unit;
 	const char *preset;      /* NULL: none, or found out at the start */
-	const char *preset_told; /* for people */
+	const char *preset_text; /* for people */
 	enum config_scope scope;
 	const char *argument; /* NULL: a flag */
 	const char *help, *more;

@@ -52,7 +52,7 @@ static void put_conf_setting(int id)
 	const struct config_setting *s = &config_settings[id];
 	char text[1024];
 
-	snprintf(text, sizeof text, "%s%s%s%s%s", s->help, s->preset ? "" : " Unset: ", s->preset ? "" : s->preset_told,
+	snprintf(text, sizeof text, "%s%s%s%s%s", s->help, s->preset ? "" : " Unset: ", s->preset ? "" : s->preset_text,
 		 s->preset ? "" : ".", s->scope == CONFIG_RELOAD ? "" : " Changed by a restart only.");
 	putchar('\n');
 	put_lines("# ", text);
@@ -124,7 +124,7 @@ static void put_setting(const struct config_setting *s, bool key)
 	put_more(s->more);
 	if (s->argument) {
 		printf("\n\tDefault: ");
-		put_plain(s->preset ? s->preset : s->preset_told);
+		put_plain(s->preset ? s->preset : s->preset_text);
 		printf(".");
 		if (key)
 			printf(" Changed by a %s.", s->scope == CONFIG_RELOAD ? "reload" : "restart only");

@@ -41,7 +41,7 @@ static void put_option(FILE *to, const char *name, const char *argument, const c
 
 static void put_setting(FILE *to, const struct config_setting *s)
 {
-	const char *preset = s->preset ? s->preset : s->argument ? s->preset_told : NULL;
+	const char *preset = s->preset ? s->preset : s->argument ? s->preset_text : NULL;
 	char text[512];
 	size_t n = strlen(s->help);
 

@@ -45,6 +45,6 @@ void config_show(const struct config *c, FILE *to)
 		if (*value)
 			fprintf(to, "%s = %s  (%s)\n", s->name, value, config_origin_text(c, (enum config_id)i, origin));
 		else
-			fprintf(to, "%s is unset: %s\n", s->name, s->preset_told);
+			fprintf(to, "%s is unset: %s\n", s->name, s->preset_text);
 	}
 }

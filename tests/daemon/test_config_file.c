@@ -255,7 +255,7 @@ static void table(void **state)
 
 		for (int k = 0; k < i; k++)
 			assert_string_not_equal(s->name, config_settings[k].name);
-		assert_true(s->preset || s->preset_told);
+		assert_true(s->preset || s->preset_text);
 		assert_true(!s->preset || config_value_parse(s, s->preset, &c, &wanted));
 		assert_true(*s->help && *s->more);
 		assert_int_equal(s->help[strlen(s->help) - 1], '.');
