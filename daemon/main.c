@@ -100,7 +100,7 @@ static int take_sockets(struct daemon *d, struct err *err)
 }
 
 /* Somebody has removed the cache's folder: again, with its lock. */
-static int cache_again(void *ctx, int *ret_fd, struct err *err)
+static int remake_cache(void *ctx, int *ret_fd, struct err *err)
 {
 	struct daemon *d = ctx;
 	int lock, r = place_cache(d->config.cache, ret_fd, &lock, err);
@@ -184,7 +184,7 @@ static int open_catalogue(const char *path, struct daemon *d, struct err *err)
 }
 
 /* Whoever has started it has asked what he wants to know. */
-#define REST_SECONDS 2.0
+#define DEFER_SECONDS 2.0
 
 static int make_service(struct daemon *d, struct err *err)
 {
@@ -216,13 +216,13 @@ static int make_service(struct daemon *d, struct err *err)
 				.disk = d->config.disk,
 				.keep_free = d->config.keep_free,
 				.space_wait = d->config.space_wait,
-				.rest = REST_SECONDS,
+				.defer_seconds = DEFER_SECONDS,
 				.keep_removed = d->config.keep_removed,
 				.user = {.jobs = d->config.user_jobs,
 					 .memory = d->config.user_memory,
 					 .datasets = d->config.user_datasets,
 					 .disk = d->config.user_disk},
-				.cache_again = cache_again,
+				.remake_cache = remake_cache,
 				.cache_ctx = d,
 			},
 		.changed = server_job_changed,

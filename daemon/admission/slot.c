@@ -215,7 +215,7 @@ void slots_settle(struct admission *a)
 	struct slot *p;
 
 	THREAD_LOOP_ONLY();
-	if (!a->slots || a->granting || a->core->parking)
+	if (!a->slots || a->granting || a->core->stopping)
 		return;
 	a->granting = true;
 	for (p = a->slots; p; p = p->next)

@@ -227,7 +227,7 @@ static void removal_done(struct sched_task *t)
 {
 	struct removal *rm = (struct removal *)t;
 
-	core_background_over(rm->datasets->core);
+	core_background_done(rm->datasets->core);
 	free(rm);
 }
 
@@ -313,7 +313,7 @@ struct dataset *dataset_find(struct datasets *ds, const char *name, const struct
 
 	for (d = ds->first; d; d = d->next)
 		if (!d->removed_us && !strcmp(d->name, name))
-			return !d->onestep || rights_as(peer, d->uid) ? d : NULL;
+			return !d->onestep || rights_acts_as(peer, d->uid) ? d : NULL;
 	return NULL;
 }
 
@@ -501,7 +501,7 @@ static void charge_texts(struct dataset *d)
 int datasets_load(void *datasets, const struct catalogue_dataset *row, struct err *err)
 {
 	struct datasets *ds = datasets;
-	const struct peer owner = rights_stored(row->uid, 0);
+	const struct peer owner = rights_of_user(row->uid, 0);
 	struct dataset *d = dataset_new(ds, row->name, &owner, false, err);
 
 	if (!d)

@@ -25,5 +25,5 @@ void datasets_count(struct datasets *ds)
 	space_set(ds->core->space, SPACE_REMOVED, bytes[SPACE_REMOVED]);
 	space_set(ds->core->space, SPACE_ONESTEP, bytes[SPACE_ONESTEP]);
 	space_set(ds->core->space, SPACE_PENDING, bytes[SPACE_PENDING]);
-	limit_count(ds->core);
+	limit_recount(ds->core);
 }

@@ -137,7 +137,7 @@ static void finish(struct dataset_rewrite *w)
 		dataset_close(d);
 	w->opened = false;
 	w->olds = dataset_old_free(w->olds);
-	core_background_over(w->datasets->core);
+	core_background_done(w->datasets->core);
 	w->over(w, w->r ? &w->err : NULL);
 	dataset_release(d);
 }
@@ -257,7 +257,7 @@ static void changed(struct dataset_change *c, const struct err *why)
 {
 	struct dataset_rewrite *w = of_change(c);
 
-	if (why && why->code == ERR_BUSY && !w->stop && !w->datasets->core->parking) {
+	if (why && why->code == ERR_BUSY && !w->stop && !w->datasets->core->stopping) {
 		w->again = true; /* no memory for manifests now */
 		return;
 	}

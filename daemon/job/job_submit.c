@@ -162,7 +162,7 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 	unsigned open = 0, own = 0;
 	int r;
 
-	if (j->core->parking)
+	if (j->core->stopping)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	for (job = j->jobs; job; job = job->next) {
 		open += !job_state_final(job->state);

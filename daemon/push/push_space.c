@@ -81,13 +81,13 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 void push_space_claim(struct push *p, const struct pending *q)
 {
 	p->space.own = datasets_points_bytes(q->points);
-	limit_count_given(p->pushes->core, p->peer.uid, -(int64_t)p->space.own, 0, 0);
+	limit_release_and_recount(p->pushes->core, p->peer.uid, -(int64_t)p->space.own, 0, 0);
 	datasets_count(p->pushes->datasets);
 }
 
 void push_space_unclaim(struct push *p)
 {
-	limit_count_given(p->pushes->core, p->peer.uid, (int64_t)p->space.own, 0, 0);
+	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)p->space.own, 0, 0);
 	p->space.own = 0;
 }
 
@@ -168,7 +168,7 @@ void push_space_end(struct push *p)
 
 	space_promise(p->pushes->core->space, kind_of(p), -(int64_t)s->promised);
 	space_give(p->pushes->core->space, kind_of(p), atomic_load(&s->taken));
-	limit_count_given(p->pushes->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
+	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
 	s->promised = s->own = s->owed = 0;
 	atomic_store(&s->taken, 0);
 	datasets_count(p->pushes->datasets);

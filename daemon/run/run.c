@@ -69,7 +69,7 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	THREAD_LOOP_ONLY();
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a job");
-	disk_mend(p->runs->core);
+	disk_restore_folders(p->runs->core);
 	w->view_text = strdup(p->view_text);
 	if (!w->view_text) {
 		free(w);

@@ -293,7 +293,7 @@ static void discard_done(struct sched_task *t)
 {
 	struct discard *d = (struct discard *)t;
 
-	core_background_over(d->runs->core);
+	core_background_done(d->runs->core);
 	free(d);
 }
 

@@ -365,7 +365,7 @@ static int conn_peer(struct server *s, int fd, struct peer *ret, struct err *err
 	r = rights_groups(fd, s->p.ledger, ret, err);
 	if (r)
 		return r;
-	rights_look(&s->p.rights, ret);
+	rights_set_admin(&s->p.rights, ret);
 	r = rights_connect(&s->p.rights, ret, err);
 	if (!r)
 		r = quota_connection(s, ret, err);

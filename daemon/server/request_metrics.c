@@ -358,7 +358,7 @@ static void user_page(struct metrics_page *p, struct server *s, const struct pee
 	if (n == USERS)
 		snprintf(p->next, sizeof p->next, "u%" PRIu64, (uint64_t)p->user[n - 1].uid + 1);
 	for (size_t i = 0; i < n; i++)
-		if (rights_as(peer, p->user[i].uid))
+		if (rights_acts_as(peer, p->user[i].uid))
 			p->user[shown++] = p->user[i];
 	for (size_t i = 0; i < shown; i++)
 		snprintf(p->uid[i], TEXT, "%" PRIu32, p->user[i].uid);

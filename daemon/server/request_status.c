@@ -69,7 +69,7 @@ static void add_holder(void *ctx, const struct core_holder *h)
 			return;
 	}
 	to->h = *h;
-	if (!rights_as(a->peer, h->peer.uid)) {
+	if (!rights_acts_as(a->peer, h->peer.uid)) {
 		to->h.id = 0;
 		to->h.dataset = "";
 	}

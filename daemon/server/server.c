@@ -73,7 +73,7 @@ void server_set_rights(struct server *s, const struct rights *rights, unsigned u
 
 		if (c->closed)
 			continue;
-		rights_look(rights, &c->peer);
+		rights_set_admin(rights, &c->peer);
 		if (rights_connect(rights, &c->peer, &err)) {
 			refusal_log(s, &c->peer, &err);
 			conn_send_error(c, 0, &err);

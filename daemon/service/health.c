@@ -100,7 +100,7 @@ static void check_done(struct sched_task *t)
 	struct health_state *state = l->service->health;
 	struct err err = ERR_INIT;
 
-	core_background_over(l->service->core);
+	core_background_done(l->service->core);
 	state->now = NULL;
 	if (!t->ran) {
 		err_set(&err, ERR_CANCELLED, "the daemon is stopping");
@@ -157,7 +157,7 @@ void health_check(struct service *service, const struct peer *peer,
 		answer(token, &err, NULL);
 		return;
 	}
-	*w = (struct check_wait){.peer = rights_kept(peer), .answer = answer, .token = token};
+	*w = (struct check_wait){.peer = rights_without_groups(peer), .answer = answer, .token = token};
 	to = state->now && !is_stale(state->now) ? &state->now->waits : &state->next;
 	w->next = *to;
 	*to = w;

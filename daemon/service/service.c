@@ -106,7 +106,7 @@ int service_new(const struct service_params *p, struct service **ret, struct err
 	}
 	s->core->last_push = last[2];
 	deferred_begin(s->core);
-	core_clear(s->core);
+	core_sweep_cache(s->core);
 	jobs_loaded(s->jobs, last[1]);
 	datasets_count(s->datasets); /* the first who asks is held against it */
 	*ret = s;
@@ -118,7 +118,7 @@ struct service *service_free(struct service *s)
 	if (!s)
 		return NULL;
 	if (s->core)
-		deferred_drop(s->core);
+		deferred_cancel_all(s->core);
 	health_free(s->health);
 	maintenance_free(s->maintenance);
 	copies_free(s->copies);
@@ -150,7 +150,7 @@ void service_settle(struct service *s)
 {
 	THREAD_LOOP_ONLY();
 	settle(s);
-	if (charge_make_room(s->core))
+	if (charge_reclaim(s->core))
 		settle(s);
 }
 
@@ -185,10 +185,10 @@ void service_tick(struct service *s)
 		datasets_count(s->datasets);
 		count_running(s);
 	}
-	if (deferred_over(s->core, begun(s)))
-		disk_look(s->core, service_active(s));
+	if (deferred_tick(s->core, begun(s)))
+		disk_tick(s->core, service_active(s));
 	else
-		disk_mend(s->core);
+		disk_restore_folders(s->core);
 	datasets_tick(s->datasets);
 	service_settle(s);
 }
@@ -204,13 +204,13 @@ static bool anything(const struct service *s, unsigned background, bool queued)
 
 bool service_resting(const struct service *s)
 {
-	return deferred_waits(s->core);
+	return deferred_is_pending(s->core);
 }
 
 bool service_active(const struct service *s)
 {
 	/* That the file systems are asked is no work: a daemon that ends when it is idle would never be. */
-	return anything(s, s->core->disk.asking, true);
+	return anything(s, disk_is_querying(s->core), true);
 }
 
 /* ---- stopping ---- */
@@ -218,8 +218,8 @@ bool service_active(const struct service *s)
 void service_park(struct service *s)
 {
 	THREAD_LOOP_ONLY();
-	s->core->parking = true;
-	deferred_end(s->core);
+	s->core->stopping = true;
+	deferred_submit_all(s->core);
 	datasets_park(s->datasets);
 	jobs_park(s->jobs);
 	service_settle(s);
@@ -227,7 +227,7 @@ void service_park(struct service *s)
 
 bool service_parked(const struct service *s)
 {
-	return s->core->parking && !anything(s, 0, false);
+	return s->core->stopping && !anything(s, 0, false);
 }
 
 void service_abandon(struct service *s)
@@ -256,5 +256,5 @@ void service_set_limits(struct service *s, const struct service_limits *limits)
 void service_set_user_limits(struct service *s, const struct user_limits *user)
 {
 	s->core->p.user = *user;
-	limit_count(s->core);
+	limit_recount(s->core);
 }

@@ -13,7 +13,7 @@ enum { HUNDRED = 100 };
 
 static struct job *submit_as(uint32_t uid, struct dataset *d, const char *view, const char *priority)
 {
-	struct job_params p = {.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = rights_stored(uid, 1)};
+	struct job_params p = {.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = rights_of_user(uid, 1)};
 	int before = accepts;
 
 	job_submit(h.service->jobs, &p, accepted, NULL);
@@ -32,7 +32,7 @@ static void submit_many(uint32_t uid, struct dataset *d, struct job **jobs, unsi
 {
 	for (unsigned i = 0; i < n; i++) {
 		char view[64];
-		struct job_params p = {.dataset = d, .view = view, .priority = priority, .peer = rights_stored(uid, 1)};
+		struct job_params p = {.dataset = d, .view = view, .priority = priority, .peer = rights_of_user(uid, 1)};
 
 		snprintf(view, sizeof view, "view 1 zmin=%u", 1 + i);
 		jobs[i] = NULL;
@@ -46,7 +46,7 @@ static void submit_many(uint32_t uid, struct dataset *d, struct job **jobs, unsi
 static struct job *one_step(uint32_t uid, struct dataset *d, const char *priority, struct reader *r)
 {
 	struct job_params p = {
-		.dataset = d, .view = "view 1 zmin=777", .bound = true, .priority = priority, .peer = rights_stored(uid, 1)};
+		.dataset = d, .view = "view 1 zmin=777", .bound = true, .priority = priority, .peer = rights_of_user(uid, 1)};
 	struct job *job = NULL;
 
 	*r = (struct reader){.output.calls = &reader_calls};
