@@ -543,7 +543,7 @@ void dataset_unhold(struct dataset *d)
 
 bool dataset_is_read(const struct dataset *d)
 {
-	return d->readers || admission_opening(d->datasets->admission, d);
+	return d->readers || admission_opens(d->datasets->admission, d);
 }
 
 bool dataset_commit_begin(struct dataset *d, const void *by)

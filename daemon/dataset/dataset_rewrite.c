@@ -130,7 +130,7 @@ static void finish(struct dataset_rewrite *w)
 
 	if (w->bytes)
 		sched_give(w->datasets->core->p.sched, LEDGER_STAGE, w->bytes);
-	admission_rewriting(w->datasets->admission, -(int64_t)w->bytes);
+	admission_add_rewrite(w->datasets->admission, -(int64_t)w->bytes);
 	give_space(w);
 	w->bytes = 0;
 	if (w->opened)
@@ -442,11 +442,12 @@ static bool take(struct dataset_rewrite *w)
 {
 	uint64_t least = rewrite_bytes(w), want = share(w->datasets) > least ? share(w->datasets) : least;
 
-	if (admission_stage_waits(w->datasets->admission) || slots_sought(w->datasets->admission) ||
-	    !admission_stage_room(w->datasets->admission, want) || !ledger_take(w->datasets->core->p.ledger, LEDGER_STAGE, want))
+	if (admission_stage_is_awaited(w->datasets->admission) || slots_requested(w->datasets->admission) ||
+	    !admission_stage_available(w->datasets->admission, want) ||
+	    !ledger_take(w->datasets->core->p.ledger, LEDGER_STAGE, want))
 		return false;
 	w->bytes = want;
-	admission_rewriting(w->datasets->admission, (int64_t)want);
+	admission_add_rewrite(w->datasets->admission, (int64_t)want);
 	return true;
 }
 

@@ -64,7 +64,7 @@ struct job *job_free(struct job *job)
 {
 	if (!job)
 		return NULL;
-	slot_leave(job->jobs->admission, &job->slot);
+	slot_withdraw(job->jobs->admission, &job->slot);
 	run_free(job->run);
 	history_remove(job);
 	job_done_with(job);
@@ -192,11 +192,11 @@ static enum job_state job_state_queued(struct job *job)
 
 	job->placed = false;
 	if (job->stop || job->removed || job->jobs->core->stopping) {
-		slot_leave(job->jobs->admission, &job->slot);
+		slot_withdraw(job->jobs->admission, &job->slot);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}
 	if (!placed) {
-		slot_seek(job->jobs->admission, &job->slot, 0);
+		slot_request(job->jobs->admission, &job->slot, 0);
 		return JOB_queued;
 	}
 	switch (run_new(&p, &job->run, &err)) {
@@ -425,7 +425,7 @@ static void look_waiting(struct job *job)
 	struct job_info info = {.waiting = ""};
 
 	job->looked_ns = clock_mono_ns();
-	if (job->slot.seeks && slots_sought(job->jobs->admission) > MANY)
+	if (job->slot.requested && slots_requested(job->jobs->admission) > MANY)
 		return;
 	job_waiting(job, &info);
 	if (!strcmp(info.waiting, job->waited))

@@ -168,8 +168,8 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	p->token = token;
 	p->next = j->plans;
 	j->plans = p;
-	slot_seek(j->admission, &p->slot, 0);
-	slots_settle(j->admission);
+	slot_request(j->admission, &p->slot, 0);
+	slots_grant(j->admission);
 }
 
 /* ---- plans that are kept ---- */

@@ -517,7 +517,7 @@ static bool stage_fits(const struct admission_stage *s)
 {
 	const struct push *p = push_of(s);
 
-	return admission_user_room(p->pushes->admission, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
+	return admission_user_available(p->pushes->admission, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
 }
 
 static void stage_retry(struct admission_stage *s)

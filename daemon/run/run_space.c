@@ -102,7 +102,7 @@ void run_space_tick(struct run *w)
 	}
 	s->waits = false;
 	s->resumed_ns = clock_mono_ns();
-	slot_seek(w->runs->admission, w->slot, 0);
+	slot_request(w->runs->admission, w->slot, 0);
 }
 
 uint64_t run_space_lacks(const struct run *w)

@@ -138,10 +138,10 @@ struct service *service_free(struct service *s)
 static void settle(struct service *s)
 {
 	jobs_settle(s->jobs);
-	admission_stages(s->admission);
+	admission_grant_stages(s->admission);
 	datasets_settle(s->datasets);
 	pushes_settle(s->pushes);
-	slots_settle(s->admission);
+	slots_grant(s->admission);
 	jobs_tidy(s->jobs);
 	admission_relieve(s->admission);
 }
