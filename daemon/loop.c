@@ -85,7 +85,7 @@ static void look_idle(struct daemon *d)
  * and to see whether others have filled the disk; both at once. */
 static uint64_t sleep_usec(struct daemon *d)
 {
-	bool soon = service_active(d->service) || service_resting(d->service) || d->stopping;
+	bool soon = service_active(d->service) || service_is_deferring(d->service) || d->stopping;
 	uint64_t usec = soon ? TICK_USEC : QUIET_TICK_USEC, most = notify_wait(&d->notify);
 	double wait = idle_wait(d);
 
@@ -164,7 +164,7 @@ static int on_round(sd_event_source *source, void *ctx)
 	heap_trim(d);
 	service_work(d->service, &work);
 	notify_round(&d->notify, &work);
-	if (d->stopping && service_parked(d->service) && !server_connection_count(d->server)) {
+	if (d->stopping && service_is_stopped(d->service) && !server_connection_count(d->server)) {
 		d->over = true;
 		sd_event_exit(d->event, 0);
 	}
@@ -204,7 +204,7 @@ static void stop(struct daemon *d)
 	if (d->bound)
 		place_unbind(d->sockets[0]);
 	server_stop(d->server);
-	service_park(d->service);
+	service_stop(d->service);
 	if (sd_event_add_time_relative(d->event, &d->last, CLOCK_MONOTONIC, PARK_USEC, 0, on_last, d) < 0)
 		log_warning("no timer: the stop takes as long as the work");
 }

@@ -179,17 +179,17 @@ static void add_quota(struct quota_text *l, uint64_t has, uint64_t most, bool by
 static void check_limits(struct doctor *v, const struct conn *c, const struct health *h)
 {
 	struct quota_text l = {.n = 0};
-	struct service_own own;
+	struct service_usage usage;
 
-	service_own(c->server->service, &c->peer, h->state.total, &own);
-	if (own.exempt) {
+	service_usage(c->server->service, &c->peer, h->state.total, &usage);
+	if (usage.exempt) {
 		add_check(v, "limits", OK, "", "an administrator has no limits");
 		return;
 	}
-	add_quota(&l, own.jobs, own.jobs_most, false, "unfinished jobs");
-	add_quota(&l, own.datasets, own.datasets_most, false,
-		  own.removed ? "datasets (removed ones count until they are gone)" : "datasets");
-	add_quota(&l, own.disk, own.disk_most, true, "on the disk");
+	add_quota(&l, usage.jobs, usage.jobs_most, false, "unfinished jobs");
+	add_quota(&l, usage.datasets, usage.datasets_most, false,
+		  usage.removed ? "datasets (removed ones count until they are gone)" : "datasets");
+	add_quota(&l, usage.disk, usage.disk_most, true, "on the disk");
 	add_quota(&l, conn_count(c->server, c->peer.uid), c->server->p.user_connections, false, "connections");
 	if (!l.n)
 		add_check(v, "limits", OK, "", "no limits are set for users");
@@ -298,14 +298,14 @@ static void check_catalogue(struct doctor *v, const struct service_numbers *n)
 	static const char hint[] =
 		"look at the space and the health of the disk with the state folder, then: systemctl restart acutd";
 
-	if (n->unsure)
+	if (n->catalogue_failed)
 		add_check(v, "catalogue", WRONG, hint, "the catalogue cannot be written: no change is acknowledged");
 	else if (event_count(LOG_EVENT_CATALOGUE_FAILED))
 		add_check(v, "catalogue", WARNING, hint, "the catalogue could not be written %llu times since the start",
 			  event_count(LOG_EVENT_CATALOGUE_FAILED));
 	else
 		add_check(v, "catalogue", OK, "", "it can be written; datasets: %llu, jobs: %llu",
-			  (unsigned long long)n->datasets, (unsigned long long)n->kept);
+			  (unsigned long long)n->datasets, (unsigned long long)n->jobs_listed);
 }
 
 static void check_pushes(struct doctor *v, const struct service_numbers *n)

@@ -185,7 +185,7 @@ static void add_jobs(struct metrics_page *p, const struct service_numbers *n)
 	for (int i = 0; i < JOB_STATES; i++)
 		if (!job_state_final((enum job_state)i))
 			sample(p, (double)n->states[i], "state", job_state_text((enum job_state)i));
-	gauge(p, "acut_jobs_kept", "Jobs in the list, finished ones included.", (double)n->kept);
+	gauge(p, "acut_jobs_kept", "Jobs in the list, finished ones included.", (double)n->jobs_listed);
 	gauge(p, "acut_job_oldest_waiting_seconds", "Waiting time of the oldest job that has not begun; 0: none waits.",
 	      n->oldest_waiting);
 	gauge(p, "acut_jobs_waiting_for_space", "Jobs that wait for room on the disk.", (double)n->waiting_space);
@@ -224,7 +224,7 @@ static void add_health(struct metrics_page *p, const struct service_numbers *n)
 	       "How often damage was found since the start, in pushed data and in derived files.");
 	sample(p, (double)log_event_count(LOG_EVENT_DAMAGE), "data", "pushed");
 	sample(p, (double)log_event_count(LOG_EVENT_DAMAGE_DERIVED), "data", "derived");
-	gauge(p, "acut_catalogue_unsure", "1: the catalogue cannot be written.", n->unsure);
+	gauge(p, "acut_catalogue_unsure", "1: the catalogue cannot be written.", n->catalogue_failed);
 	gauge(p, "acut_datasets", "Named datasets.", (double)n->datasets);
 	gauge(p, "acut_datasets_removed", "Datasets that were removed and can be restored.", (double)n->removed);
 	gauge(p, "acut_last_verify_timestamp_seconds", "Time of the last complete verification, in seconds since 1970; 0: never.",

@@ -338,7 +338,7 @@ static bool left(const char *name, bool make)
  * when its jobs go without that. */
 static void rests(void **state)
 {
-	assert_false(service_resting(h.service));
+	assert_false(service_is_deferring(h.service));
 	assert_true(left("tmp", true));
 	close_service();
 	service_defer = 1e6;
@@ -346,7 +346,7 @@ static void rests(void **state)
 	open_service(UINT64_C(64) << 20, 1);
 	for (int i = 0; i < 20; i++)
 		turn(10);
-	assert_true(service_resting(h.service));
+	assert_true(service_is_deferring(h.service));
 	assert_false(service_active(h.service));
 	assert_false(h.service->core->priv->disk.measured);
 	assert_true(left("gone-0", false));
@@ -358,7 +358,7 @@ static void rests(void **state)
 	open_service(UINT64_C(64) << 20, 1);
 	turn_until(!left("gone-0", false));
 	turn_until(h.service->core->priv->disk.measured);
-	assert_false(service_resting(h.service));
+	assert_false(service_is_deferring(h.service));
 	close_service();
 
 	service_defer = 1e6;

@@ -102,8 +102,8 @@ static void open_service(uint64_t memory, unsigned threads)
 
 static void close_service(void)
 {
-	service_park(h.service);
-	turn_until(service_parked(h.service));
+	service_stop(h.service);
+	turn_until(service_is_stopped(h.service));
 	sched_free(h.sched);
 	catalogue_free(h.catalogue);
 	service_free(h.service);
