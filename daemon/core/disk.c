@@ -39,8 +39,8 @@ static void cache_work_run(struct sched_task *t)
 	int r = x->measure ? space_measure(x->core->space, &err) : 0;
 
 	if (!r)
-		space_ask(x->core->space);
-	if (!r && space_over(x->core->space))
+		space_query(x->core->space);
+	if (!r && space_is_exceeded(x->core->space))
 		r = space_evict(x->core->space, false, &bytes, &entries, &err);
 	if (r)
 		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "the cache cannot be examined", &err);
@@ -76,7 +76,7 @@ static void submit_cache_work(struct core *core, bool measure)
 
 static void query_run(struct sched_task *t)
 {
-	space_ask(((struct disk_query *)t)->core->space);
+	space_query(((struct disk_query *)t)->core->space);
 }
 
 static void query_done(struct sched_task *t)
@@ -87,7 +87,7 @@ static void query_done(struct sched_task *t)
 	assert(d->querying);
 	core_background_done(core);
 	d->querying = false;
-	if (t->ran && !core->stopping && d->measured && !d->working && space_over(core->space))
+	if (t->ran && !core->stopping && d->measured && !d->working && space_is_exceeded(core->space))
 		submit_cache_work(core, false);
 }
 
@@ -115,7 +115,7 @@ void disk_query_now(struct core *core)
 		submit_query(core);
 	/* The wait counts from the start of the query: one that takes longer delays the loop only once. */
 	if (d->querying)
-		space_ask_wait(core->space, d->queried_ns, d->queried_ns + ANSWER_NS);
+		space_query_wait(core->space, d->queried_ns, d->queried_ns + ANSWER_NS);
 }
 
 /* ---- folders ---- */

@@ -119,7 +119,7 @@ static void give_space(struct dataset_rewrite *w)
 {
 	if (!w->space)
 		return;
-	space_promise(w->datasets->core->space, SPACE_MERGES, -(int64_t)w->space);
+	space_add_unwritten(w->datasets->core->space, SPACE_MERGES, -(int64_t)w->space);
 	space_give(w->datasets->core->space, SPACE_MERGES, w->space);
 	w->space = 0;
 }
@@ -334,7 +334,7 @@ static int take_space(struct dataset_rewrite *w, struct err *err)
 	r = space_take(w->datasets->core->space, SPACE_MERGES, w->read, w->always ? SPACE_MUST : SPACE_MAY, w->what, err);
 	if (!r) {
 		w->space = w->read;
-		space_promise(w->datasets->core->space, SPACE_MERGES, (int64_t)w->space);
+		space_add_unwritten(w->datasets->core->space, SPACE_MERGES, (int64_t)w->space);
 	}
 	if (r != -ERR_NOSPACE || !w->always || io->fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
 	    (uint64_t)vfs.f_bavail * vfs.f_frsize < w->read + w->read / 8)

@@ -36,7 +36,7 @@ void request_cache_stat(struct conn *c, struct request *q, Acut__V1__Message *m,
 	out.kinds = rows;
 	out.state = &state;
 	out.cache = &cache;
-	out.one_file_system = st.space.one;
+	out.one_file_system = st.space.one_fs;
 	out.disk_limit = st.disk;
 	out.keep_free_limit = st.keep_free;
 	out.measured = st.space.measured;

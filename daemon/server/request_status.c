@@ -184,7 +184,7 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	status.keep_free_limit = disk.keep_free;
 	status.state_space = &state;
 	status.cache_space = &cache;
-	status.one_file_system = disk.space.one;
+	status.one_file_system = disk.space.one_fs;
 	while (status.n_holders && frame_message_size(FRAME_MESSAGE(STATUS, status, &status)) > FRAME_MAX) {
 		status.n_holders--;
 		status.holders_more++;
