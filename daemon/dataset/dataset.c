@@ -260,7 +260,7 @@ static void removal_row_gone(void *ctx, int r, const struct err *why)
 {
 	struct removal *rm = ctx;
 
-	removal_go(rm, !r && !catalogue_unsure(rm->datasets->core->p.catalogue));
+	removal_go(rm, !r && !catalogue_is_uncertain(rm->datasets->core->p.catalogue));
 }
 
 /* ---- in memory ---- */
@@ -291,7 +291,7 @@ void dataset_drop(struct dataset *d)
 	*at = d->next;
 	/* First the row, then what it names. */
 	if (!d->row) {
-		removal_go(rm, d->onestep || !catalogue_unsure(d->datasets->core->p.catalogue));
+		removal_go(rm, d->onestep || !catalogue_is_uncertain(d->datasets->core->p.catalogue));
 	} else if (catalogue_drop_dataset(d->datasets->core->p.catalogue, d->id, rm ? removal_row_gone : NULL, rm, &err)) {
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 		removal_go(rm, false);

@@ -133,7 +133,7 @@ static void tidy_run(struct sched_task *t)
 {
 	struct dataset_change *c = (struct dataset_change *)t;
 
-	if (c->r && catalogue_unsure(c->datasets->core->p.catalogue))
+	if (c->r && catalogue_is_uncertain(c->datasets->core->p.catalogue))
 		return;
 	if (c->r)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);

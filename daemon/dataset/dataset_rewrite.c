@@ -173,7 +173,7 @@ static void tidy_run(struct sched_task *t)
 
 	w->rewrite = grid_rewrite_free(w->rewrite);
 	/* The catalogue may name the manifest that names them. */
-	if (catalogue_unsure(w->datasets->core->p.catalogue)) {
+	if (catalogue_is_uncertain(w->datasets->core->p.catalogue)) {
 		w->has_row = false;
 		return;
 	}

@@ -45,7 +45,7 @@ void service_numbers(const struct service *s, struct service_numbers *ret)
 		.oldest_waiting = stat.oldest_waiting,
 		.waiting_space = stat.waiting_space,
 		.pushes = pushes_open(s->pushes),
-		.catalogue_failed = catalogue_unsure(s->core->p.catalogue),
+		.catalogue_failed = catalogue_is_uncertain(s->core->p.catalogue),
 	};
 	memcpy(ret->states, stat.states, sizeof ret->states);
 	count_datasets(s, ret);
