@@ -23,8 +23,7 @@
 
 #include "catalogue.h"
 #include "config.h"
-#include "config_log.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "err.h"
 #include "io.h"
 #include "service.h"
@@ -198,7 +197,7 @@ static int make_service(struct daemon *d, struct err *err)
 		.memory = d->config.memory,
 		.threads = d->config.threads,
 		.user_connections = d->config.user_connections,
-		.setting = settings_tell,
+		.setting = settings_get,
 		.settings = CONFIG_SETTINGS,
 		.setting_ctx = &d->config,
 		.memory_most = config_cgroup_limit(""),
@@ -390,7 +389,7 @@ static void turn_away(const struct err *why)
 int main(int argc, char **argv)
 {
 	struct daemon d = {.statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1};
-	struct config_told told = {.tell = config_log};
+	struct config_report report = {.emit = config_report_log};
 	struct err err = ERR_INIT;
 	char size[32];
 	int what, r;
@@ -400,9 +399,9 @@ int main(int argc, char **argv)
 	journal_open("acutd");
 	tame_malloc();
 	raise_files();
-	r = config_parse(argc, argv, &d.config, &what, &told, &err);
+	r = config_parse(argc, argv, &d.config, &what, &report, &err);
 	if (what == CONFIG_CHECK)
-		return config_check(&d.config, &told);
+		return config_check(&d.config, &report);
 	if (!r && what == CONFIG_EXIT)
 		return 0;
 	if (!r) {

@@ -1,6 +1,4 @@
-/*
- * A configuration for people: each setting as it would be written in the file, and who said it.
- */
+/* A configuration as text: each setting as it would be written in the file, and where it comes from. */
 #include <stdio.h>
 #include <string.h>
 
