@@ -1,10 +1,9 @@
 /*
- * The journal (journal.h): each entry of the log becomes one of the journal, with the fields that journalctl can
- * filter by.
+ * The journal (journal.h): each entry of the log becomes an entry of the journal, with fields that journalctl can filter by.
  *
- * The model: only where stderr is the journal already ($JOURNAL_STREAM), so that whoever redirects the log gets all
- * of it. Where the journal's socket cannot be reached (a root of its own, a journald that is gone) the entry goes to
- * stderr with its level, and the journal has its text at least. It takes no memory of its own: fields lie on the stack.
+ * The model: only if stderr is the journal ($JOURNAL_STREAM), so that redirecting stderr redirects the whole log. If the
+ * journal's socket cannot be reached (a chroot, a journald that does not run), the entry goes to stderr with its level. Fields
+ * are on the stack: no memory is allocated.
  */
 #include "journal.h"
 
@@ -13,7 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/uio.h>
-#define SD_JOURNAL_SUPPRESS_LOCATION /* the place is that of who told it */
+#define SD_JOURNAL_SUPPRESS_LOCATION /* the caller gives the location */
 #include <systemd/sd-journal.h>
 #include <unistd.h>
 
@@ -30,23 +29,23 @@ struct fields {
 	char texts[TEXTS];
 };
 
-static void add(struct fields *f, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-static void add(struct fields *f, const char *fmt, ...)
+static void add_field(struct fields *f, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+static void add_field(struct fields *f, const char *fmt, ...)
 {
-	size_t room = sizeof f->texts - f->used;
+	size_t left = sizeof f->texts - f->used;
 	char *at = f->texts + f->used;
 	va_list ap;
 	int n;
 
-	if (f->n == FIELDS || room < 2)
+	if (f->n == FIELDS || left < 2)
 		return;
 	va_start(ap, fmt);
-	n = vsnprintf(at, room, fmt, ap);
+	n = vsnprintf(at, left, fmt, ap);
 	va_end(ap);
 	if (n < 0)
 		return;
-	if ((size_t)n >= room)
-		n = (int)room - 1;
+	if ((size_t)n >= left)
+		n = (int)left - 1;
 	f->iov[f->n++] = (struct iovec){.iov_base = at, .iov_len = (size_t)n};
 	f->used += (size_t)n;
 }
@@ -54,24 +53,24 @@ static void add(struct fields *f, const char *fmt, ...)
 static void add_about(struct fields *f, const struct log_about *a)
 {
 	if (a->job)
-		add(f, "ACUT_JOB=%" PRIu64, a->job);
+		add_field(f, "ACUT_JOB=%" PRIu64, a->job);
 	if (a->push)
-		add(f, "ACUT_PUSH=%" PRIu64, a->push);
+		add_field(f, "ACUT_PUSH=%" PRIu64, a->push);
 	if (a->dataset)
-		add(f, "ACUT_DATASET=%s", a->dataset);
+		add_field(f, "ACUT_DATASET=%s", a->dataset);
 	if (a->generation)
-		add(f, "ACUT_GENERATION=%" PRIu64, a->generation);
+		add_field(f, "ACUT_GENERATION=%" PRIu64, a->generation);
 	if (a->has_user)
-		add(f, "ACUT_USER=%" PRIu32, a->uid);
+		add_field(f, "ACUT_USER=%" PRIu32, a->uid);
 	if (a->pid)
-		add(f, "ACUT_PID=%" PRIu32, a->pid);
+		add_field(f, "ACUT_PID=%" PRIu32, a->pid);
 	if (a->file)
-		add(f, "ACUT_FILE=%s", a->file);
+		add_field(f, "ACUT_FILE=%s", a->file);
 	if (a->code)
-		add(f, "ACUT_CODE=%s", a->code);
+		add_field(f, "ACUT_CODE=%s", a->code);
 }
 
-/* The compiler is called in the build folder. */
+/* Paths are relative to the build folder; those of entries to the root of the tree. */
 static const char *from_root(const char *file)
 {
 	while (strncmp(file, "../", 3) == 0)
@@ -87,20 +86,20 @@ static bool journal_send(void *name, const struct log_entry *e)
 	};
 	struct fields f;
 
-	/* libsystemd calls an entry sent where there is no socket. */
+	/* libsystemd reports success if there is no socket. */
 	if (access(journal_socket, W_OK) != 0)
 		return false;
 	f.n = 0;
 	f.used = 0;
-	add(&f, "MESSAGE=%s", e->message);
-	add(&f, "PRIORITY=%d", priorities[e->level]);
-	add(&f, "SYSLOG_IDENTIFIER=%s", (const char *)name);
-	add(&f, "CODE_FILE=%s", from_root(e->place->file));
-	add(&f, "CODE_LINE=%d", e->place->line);
-	add(&f, "CODE_FUNC=%s", e->place->function);
+	add_field(&f, "MESSAGE=%s", e->message);
+	add_field(&f, "PRIORITY=%d", priorities[e->level]);
+	add_field(&f, "SYSLOG_IDENTIFIER=%s", (const char *)name);
+	add_field(&f, "CODE_FILE=%s", from_root(e->place->file));
+	add_field(&f, "CODE_LINE=%d", e->place->line);
+	add_field(&f, "CODE_FUNC=%s", e->place->function);
 	if (e->event >= 0) {
-		add(&f, "MESSAGE_ID=%s", log_event_id((enum log_event)e->event));
-		add(&f, "ACUT_EVENT=%s", log_event_name((enum log_event)e->event));
+		add_field(&f, "MESSAGE_ID=%s", log_event_id((enum log_event)e->event));
+		add_field(&f, "ACUT_EVENT=%s", log_event_name((enum log_event)e->event));
 	}
 	add_about(&f, e->about);
 	return sd_journal_sendv(f.iov, f.n) >= 0;

@@ -4,7 +4,7 @@
 #ifndef JOURNAL_H
 #define JOURNAL_H
 
-/* After log_init and before threads. Nothing where stderr is not the journal. `name`: SYSLOG_IDENTIFIER, kept. */
+/* After log_init, before other threads exist. No effect if stderr is not the journal. name: SYSLOG_IDENTIFIER, borrowed. */
 void journal_open(const char *name);
 
 #endif

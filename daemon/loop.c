@@ -1,8 +1,8 @@
 /*
- * The loop of acutd: its tick, its signals, when it is idle, when it stops.
+ * The event loop of acutd: its timer, signals, idle exit and stop.
  *
- * The model: the tick runs only while there is something to look at; a round that took long is told in the log. A stop ends
- * connections and what is bound to them, and waits for the workers for as long as main.c says.
+ * The model: one timer wakes the loop, ten times a second only while there is work. A round that takes long is logged. A stop
+ * closes connections, with what is bound to them, and waits for the workers for a limited time.
  */
 #include <malloc.h>
 #include <signal.h>
@@ -28,20 +28,20 @@
 #include "settings.h"
 
 #define TICK_USEC 100000
-#define QUIET_TICK_USEC 30000000 /* whether others have filled the disk */
-#define PARK_USEC 9000000
-#define STOP_SPARE_USEC 20000000 /* beyond that, for what was on its way to the disk */
+#define QUIET_TICK_USEC 30000000 /* notices a disk that other programs have filled */
+#define STOP_USEC 9000000
+#define STOP_SPARE_USEC 20000000 /* in addition, for writes that are on their way to the disk */
 #define SLOW_NS UINT64_C(1000000000)
 #define HEAP_SLACK (UINT64_C(1) << 20)
 
-static void stop(struct daemon *d);
+static void stop_daemon(struct daemon *d);
 
-static bool busy(struct daemon *d)
+static bool is_busy(struct daemon *d)
 {
-	return server_connections(d->server) || service_active(d->service);
+	return server_connection_count(d->server) || service_active(d->service);
 }
 
-/* Nobody can connect while the lock of the socket is held, so a last look is the last. */
+/* While the lock of the socket is held, nobody can connect. So after one more accept nobody is left. */
 static void end_if_idle(struct daemon *d)
 {
 	int lock = -1;
@@ -50,46 +50,46 @@ static void end_if_idle(struct daemon *d)
 		d->idle_ns = clock_mono_ns();
 		return;
 	}
-	if (server_accept_last(d->server)) {
+	if (server_accept_remaining(d->server)) {
 		io_close(lock);
 		return;
 	}
 	if (d->nsockets)
-		log_event(LOG_EVENT_STOP, NULL, "idle for %.0f seconds: the end", d->config.idle_exit);
+		log_event(LOG_EVENT_STOP, NULL, "acutd was idle for %.0f seconds, and stops", d->config.idle_exit);
 	else
-		log_event(LOG_EVENT_STOP, NULL, "the only client is gone: the end");
+		log_event(LOG_EVENT_STOP, NULL, "the only client is gone, and acutd stops");
 	for (int i = 0; i < d->nsockets; i++)
 		place_unbind(d->sockets[i]);
 	io_close(lock);
-	stop(d);
+	stop_daemon(d);
 }
 
-/* Seconds that a private daemon stays without work and clients; less than 0: for ever. */
+/* Seconds that the daemon stays without work and clients; negative: for ever. */
 static double idle_wait(const struct daemon *d)
 {
-	/* Without a listening socket nobody can come any more. */
-	if (!server_listens(d->server))
+	/* Without a listening socket no client can connect any more. */
+	if (!server_is_listening(d->server))
 		return 0;
 	return d->config.idle_exit > 0 ? d->config.idle_exit : -1;
 }
 
-static void look_idle(struct daemon *d)
+static void check_idle(struct daemon *d)
 {
 	double wait = idle_wait(d);
 
-	if (!d->stopping && wait >= 0 && d->idle_ns && !busy(d) && clock_since(d->idle_ns) >= wait)
+	if (!d->stopping && wait >= 0 && d->idle_ns && !is_busy(d) && clock_since(d->idle_ns) >= wait)
 		end_if_idle(d);
 }
 
-/* Until when the loop may sleep: while there is work ten times a second, else until the service manager wants a sign of life,
- * and to see whether others have filled the disk; both at once. */
+/* How long the loop may sleep: with work a tenth of a second; otherwise until the watchdog of the service manager is due, or the
+ * disk is to be checked. */
 static uint64_t sleep_usec(struct daemon *d)
 {
-	bool soon = service_active(d->service) || service_resting(d->service) || d->stopping;
+	bool soon = service_active(d->service) || service_is_deferring(d->service) || d->stopping;
 	uint64_t usec = soon ? TICK_USEC : QUIET_TICK_USEC, most = notify_wait(&d->notify);
 	double wait = idle_wait(d);
 
-	if (wait < 0 || busy(d)) {
+	if (wait < 0 || is_busy(d)) {
 		d->idle_ns = 0;
 	} else {
 		if (!d->idle_ns)
@@ -101,7 +101,7 @@ static uint64_t sleep_usec(struct daemon *d)
 	return most < usec ? most : usec;
 }
 
-static void tick_wanted(struct daemon *d)
+static void set_timer(struct daemon *d)
 {
 	uint64_t usec = sleep_usec(d);
 
@@ -120,12 +120,12 @@ static int on_tick(sd_event_source *source, uint64_t usec, void *ctx)
 	d->ticking = false;
 	service_tick(d->service);
 	log_report_suppressed(false);
-	look_idle(d);
+	check_idle(d);
 	return 0;
 }
 
-/* Small things are freed in any order, and the heap gives back its end only: what lies free between goes back to the
- * kernel here, so that nobody has what the ledger gives to others. */
+/* free() returns only the end of the heap to the kernel. After many small blocks were freed, this returns the rest, so that the
+ * resident size follows the ledger. */
 static void heap_trim(struct daemon *d)
 {
 	const unsigned small = 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_FILES | 1u << LEDGER_MANIFEST |
@@ -140,9 +140,8 @@ static void heap_trim(struct daemon *d)
 	}
 }
 
-/* After each round: what was freed, finished or asked in it may let something else start. */
-/* Everybody waited meanwhile; told at most once a minute. */
-static void look_slow(struct daemon *d)
+/* Logs a round that took long, since all clients waited for it; at most once a minute. */
+static void check_slow(struct daemon *d)
 {
 	uint64_t began, now = clock_mono_ns();
 
@@ -154,6 +153,7 @@ static void look_slow(struct daemon *d)
 		  (double)(now - 1000 * began) / 1e9);
 }
 
+/* After each round: what happened in it may let other work start. */
 static int on_round(sd_event_source *source, void *ctx)
 {
 	struct daemon *d = ctx;
@@ -164,12 +164,12 @@ static int on_round(sd_event_source *source, void *ctx)
 	heap_trim(d);
 	service_work(d->service, &work);
 	notify_round(&d->notify, &work);
-	if (d->stopping && service_parked(d->service) && !server_connections(d->server)) {
+	if (d->stopping && service_is_stopped(d->service) && !server_connection_count(d->server)) {
 		d->over = true;
 		sd_event_exit(d->event, 0);
 	}
-	tick_wanted(d);
-	look_slow(d);
+	set_timer(d);
+	check_slow(d);
 	return 0;
 }
 
@@ -185,34 +185,34 @@ int loop_on_catalogue(sd_event_source *source, int fd, uint32_t events, void *ct
 	return 0;
 }
 
-/* Work did not end in time. What is durable is so already; the rest is removed by name. */
-static int on_last(sd_event_source *source, uint64_t usec, void *ctx)
+/* Work did not end in time. Durable data is complete; temporary files are removed. */
+static int on_stop_timeout(sd_event_source *source, uint64_t usec, void *ctx)
 {
 	struct daemon *d = ctx;
 
-	log_event(LOG_EVENT_STOP_CUT, NULL, "work did not stop in time: it is cut off");
+	log_event(LOG_EVENT_STOP_CUT, NULL, "work did not stop in time, and is cut off");
 	service_abandon(d->service);
 	_exit(0);
 }
 
-static void stop(struct daemon *d)
+static void stop_daemon(struct daemon *d)
 {
 	if (d->stopping)
 		return;
 	d->stopping = true;
-	notify_stopping(&d->notify, PARK_USEC + STOP_SPARE_USEC);
+	notify_stopping(&d->notify, STOP_USEC + STOP_SPARE_USEC);
 	if (d->bound)
 		place_unbind(d->sockets[0]);
 	server_stop(d->server);
-	service_park(d->service);
-	if (sd_event_add_time_relative(d->event, &d->last, CLOCK_MONOTONIC, PARK_USEC, 0, on_last, d) < 0)
+	service_stop(d->service);
+	if (sd_event_add_time_relative(d->event, &d->stop_timeout, CLOCK_MONOTONIC, STOP_USEC, 0, on_stop_timeout, d) < 0)
 		log_warning("no timer: the stop takes as long as the work");
 }
 
 static int on_signal(sd_event_source *source, const struct signalfd_siginfo *si, void *ctx)
 {
-	log_event(LOG_EVENT_STOP, NULL, "signal %u: the end", si->ssi_signo);
-	stop(ctx);
+	log_event(LOG_EVENT_STOP, NULL, "signal %u: acutd stops", si->ssi_signo);
+	stop_daemon(ctx);
 	return 0;
 }
 
@@ -229,7 +229,7 @@ int loop_watch(struct daemon *d, int fd, sd_event_io_handler_t handler, struct e
 {
 	int r = sd_event_add_io(d->event, NULL, fd, EPOLLIN, handler, d);
 
-	return r < 0 ? err_sys(err, -r, "cannot loop_watch a descriptor") : 0;
+	return r < 0 ? err_sys(err, -r, "cannot watch a descriptor") : 0;
 }
 
 int loop_make(struct daemon *d, struct err *err)
@@ -244,7 +244,7 @@ int loop_make(struct daemon *d, struct err *err)
 	sigaddset(&set, SIGHUP);
 	sigprocmask(SIG_BLOCK, &set, NULL);
 	signal(SIGPIPE, SIG_IGN);
-	signal(SIGXFSZ, SIG_IGN); /* a limit of file sizes is an error of who meets it */
+	signal(SIGXFSZ, SIG_IGN); /* the write fails instead */
 	r = sd_event_default(&d->event);
 	for (size_t i = 0; r >= 0 && i < sizeof signals / sizeof signals[0]; i++)
 		r = sd_event_add_signal(d->event, NULL, signals[i], on_signal, d);

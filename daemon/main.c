@@ -1,10 +1,10 @@
 /*
- * acutd: start and end. (What goes on between: loop.c.)
+ * acutd: start and end. (The time between: loop.c.)
  *
- * The order of a start: options, locks on the folders, the budget, workers, catalogue, jobs (which clean up
- * after a crash), sockets, READY. A stop (SIGTERM, SIGINT, or idleness of a private daemon) ends connections
- * and what is bound to them, waits for the workers, and leaves folders without temporary files; after nine
- * seconds it removes those and goes, which is safe at any moment.
+ * The order of a start: configuration, locks on the folders, the budget, workers, catalogue, service (which sweeps what a crash
+ * left), sockets, READY. A stop (SIGTERM, SIGINT, or idle exit) closes connections with what is bound to them, waits for the
+ * workers, and leaves folders without temporary files. After nine seconds it removes these files and exits, which is safe at any
+ * moment.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -23,8 +23,7 @@
 
 #include "catalogue.h"
 #include "config.h"
-#include "config_log.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "err.h"
 #include "io.h"
 #include "service.h"
@@ -44,11 +43,11 @@
 
 /* ---- the start ---- */
 
-static int adopt(struct daemon *d, int fd, struct err *err)
+static int adopt_socket(struct daemon *d, int fd, struct err *err)
 {
 	int r, flags = fcntl(fd, F_GETFL);
 
-	/* The service manager hands over blocking ones. */
+	/* systemd and acutctl pass blocking sockets: an accept without a client would stop the loop. */
 	if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
 		return err_sys(err, errno, "descriptor %d that was handed over cannot be used", fd);
 	if (sd_is_socket(fd, AF_UNIX, SOCK_STREAM, 1) > 0) {
@@ -62,23 +61,16 @@ static int adopt(struct daemon *d, int fd, struct err *err)
 	return err_set(err, ERR_USAGE, "descriptor %d that was handed over is not a Unix stream socket", fd);
 }
 
-static int take_sockets(struct daemon *d, struct err *err)
+static int open_sockets(struct daemon *d, struct err *err)
 {
 	int n = sd_listen_fds(1), r = 0;
 
-	if (n > HAND_OVER_MAX)
-		return err_set(err, ERR_USAGE, "more than %d sockets were handed over", HAND_OVER_MAX);
-	for (int i = 0; !r && i < n; i++) {
-		/* systemd and acutctl hand over blocking sockets: an accept with nobody waiting would stop
-		 * the loop. */
-		int flags = fcntl(SD_LISTEN_FDS_START + i, F_GETFL);
-
-		if (flags < 0 || fcntl(SD_LISTEN_FDS_START + i, F_SETFL, flags | O_NONBLOCK) < 0)
-			return err_sys(err, errno, "cannot use descriptor %d that was handed over", SD_LISTEN_FDS_START + i);
-		r = adopt(d, SD_LISTEN_FDS_START + i, err);
-	}
+	if (n > PASSED_SOCKETS_MAX)
+		return err_set(err, ERR_USAGE, "more than %d sockets were handed over", PASSED_SOCKETS_MAX);
+	for (int i = 0; !r && i < n; i++)
+		r = adopt_socket(d, SD_LISTEN_FDS_START + i, err);
 	if (!r && n > 0 && *d->config.socket) {
-		err_set(err, ERR_USAGE, "--socket, but %d socket(s) were handed over", n);
+		err_set(err, ERR_USAGE, "--socket is given, but %d socket(s) were handed over", n);
 		return err_add_hint(err, "leave --socket out");
 	}
 	if (!r && *d->config.socket) {
@@ -99,8 +91,8 @@ static int take_sockets(struct daemon *d, struct err *err)
 	return r;
 }
 
-/* Somebody has removed the cache's folder: again, with its lock. */
-static int cache_again(void *ctx, int *ret_fd, struct err *err)
+/* Makes the removed folder of the cache again, with its lock. */
+static int remake_cache(void *ctx, int *ret_fd, struct err *err)
 {
 	struct daemon *d = ctx;
 	int lock, r = place_cache(d->config.cache, ret_fd, &lock, err);
@@ -112,35 +104,30 @@ static int cache_again(void *ctx, int *ret_fd, struct err *err)
 	return 0;
 }
 
-static uint64_t part(uint64_t total, unsigned of, uint64_t least, uint64_t most)
+static uint64_t part_of(uint64_t total, unsigned of, uint64_t least, uint64_t most)
 {
 	uint64_t bytes = total / of;
 
 	return bytes < least ? least : bytes > most ? most : bytes;
 }
 
-/* What is small and cannot wait has its part whatever domains and stages take, and what clients can make grow has a
- * bound. Stacks are there as long as the threads. */
+/* Sets memory aside for small things that cannot wait, whatever domains and stages take; and limits what clients can make grow.
+ * Stacks, with that of the catalogue's thread, are charged as long as the threads exist; config_resolve has checked that they
+ * fit. */
 static int make_budget(struct daemon *d, struct err *err)
 {
 	const uint64_t kib = 1 << 10, mib = 1 << 20, total = d->config.memory;
-	uint64_t stacks = sched_thread_bytes(d->config.threads + 1); /* and the catalogue's */
 	struct ledger *l = d->ledger = ledger_new(total);
-	char need[32], have[32];
 
 	if (!l)
 		return err_set(err, ERR_NOMEM, "no memory for the ledger");
 	if (!ledger_reserve(l, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, CATALOGUE_HEAP + 4 * CATALOGUE_QUEUE) ||
-	    !ledger_reserve(l, LEDGER_MESSAGE, part(total, 32, 768 * kib, 16 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
-	    !ledger_reserve(l, LEDGER_JOBS, part(total, 64, 384 * kib, 32 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
-	    !ledger_reserve(l, LEDGER_PIPE, part(total, 64, 256 * kib, 16 * mib), total / 8) ||
-	    !ledger_reserve(l, LEDGER_PLAN, part(total, 128, 192 * kib, 32 * mib), 0))
+	    !ledger_reserve(l, LEDGER_MESSAGE, part_of(total, 32, 768 * kib, 16 * mib), part_of(total, 8, 2 * mib, 256 * mib)) ||
+	    !ledger_reserve(l, LEDGER_JOBS, part_of(total, 64, 384 * kib, 32 * mib), part_of(total, 8, 2 * mib, 256 * mib)) ||
+	    !ledger_reserve(l, LEDGER_PIPE, part_of(total, 64, 256 * kib, 16 * mib), total / 8) ||
+	    !ledger_reserve(l, LEDGER_PLAN, part_of(total, 128, 192 * kib, 32 * mib), 0) ||
+	    !ledger_take(l, LEDGER_THREAD, sched_thread_bytes(d->config.threads + 1)))
 		return err_set(err, ERR_LIMIT, "the memory is too little for a daemon");
-	if (stacks > total / 4 || !ledger_take(l, LEDGER_THREAD, stacks)) {
-		err_set(err, ERR_LIMIT, "%u threads take %s of stacks, more than a quarter of the memory, %s", d->config.threads,
-			parse_size_text(stacks, need), parse_size_text(total, have));
-		return err_add_hint(err, "give fewer --threads, or --memory %s", parse_size_text(4 * stacks, need));
-	}
 	return 0;
 }
 
@@ -149,9 +136,9 @@ static uint64_t tasks_most(void)
 	return config_cgroup_tasks("");
 }
 
-/* One that an earlier acutd made, or that was copied from a backup. Before SQLite has it: to close it here would give up its
- * locks. */
-static void close_to_others(const char *path)
+/* Removes the permissions of others from a catalogue that an earlier acutd made, or that came from a backup. Before SQLite opens
+ * it: closing the descriptor here would release its locks. */
+static void restrict_mode(const char *path)
 {
 	static const char *const ends[] = {"", "-wal", "-shm"};
 	char name[620];
@@ -170,21 +157,21 @@ static void close_to_others(const char *path)
 	}
 }
 
-/* It names what rights.c tells not everybody, and the folder may be one that somebody made with another mode: SQLite goes by the
- * umask, its other files by this one's mode. */
+/* The catalogue has data of all users, and the folder may have any mode. SQLite makes the file by the umask, and its other files
+ * with the mode of this one. */
 static int open_catalogue(const char *path, struct daemon *d, struct err *err)
 {
 	mode_t mask = umask(0077);
 	int r;
 
-	close_to_others(path);
+	restrict_mode(path);
 	r = catalogue_new(path, d->ledger, &d->catalogue, err);
 	umask(mask);
 	return r;
 }
 
-/* Whoever has started it has asked what he wants to know. */
-#define REST_SECONDS 2.0
+/* By then a client that started the daemon has had its first answer. */
+#define DEFER_SECONDS 2.0
 
 static int make_service(struct daemon *d, struct err *err)
 {
@@ -198,7 +185,7 @@ static int make_service(struct daemon *d, struct err *err)
 		.memory = d->config.memory,
 		.threads = d->config.threads,
 		.user_connections = d->config.user_connections,
-		.setting = settings_tell,
+		.setting = settings_get,
 		.settings = CONFIG_SETTINGS,
 		.setting_ctx = &d->config,
 		.memory_most = config_cgroup_limit(""),
@@ -216,13 +203,13 @@ static int make_service(struct daemon *d, struct err *err)
 				.disk = d->config.disk,
 				.keep_free = d->config.keep_free,
 				.space_wait = d->config.space_wait,
-				.rest = REST_SECONDS,
+				.defer_seconds = DEFER_SECONDS,
 				.keep_removed = d->config.keep_removed,
 				.user = {.jobs = d->config.user_jobs,
 					 .memory = d->config.user_memory,
 					 .datasets = d->config.user_datasets,
 					 .disk = d->config.user_disk},
-				.cache_again = cache_again,
+				.remake_cache = remake_cache,
 				.cache_ctx = d,
 			},
 		.changed = server_job_changed,
@@ -251,9 +238,9 @@ static int make_service(struct daemon *d, struct err *err)
 	return r;
 }
 
-/* Of a disk that others have filled: the catalogue cannot even be opened then, and nobody would be there to evict.
- * What keep-free says is seen to later. */
-static void make_room(struct daemon *d)
+/* If other programs have filled the disk, the catalogue cannot be opened. So the start evicts derived data until there is enough
+ * space for that; keep-free is enforced later. */
+static void evict_if_full(struct daemon *d)
 {
 	const uint64_t least = 1 << 20;
 	const struct space_params p = {.statefd = d->statefd, .cachefd = d->cachefd, .keep_free = {SPACE_BYTES, 2 * least}};
@@ -274,8 +261,8 @@ static void make_room(struct daemon *d)
 		log_event_err(LOG_EVENT_DISK_FULL, NULL, "nothing can be evicted", &err);
 }
 
-/* Where it works, but not as it should. */
-static void look_places(struct daemon *d)
+/* Folders that work, but not well. */
+static void check_folders(struct daemon *d)
 {
 	const uint32_t tmpfs = 0x01021994, ramfs = 0x858458f6;
 	struct err err = ERR_INIT;
@@ -288,13 +275,13 @@ static void look_places(struct daemon *d)
 		snprintf(d->warning, sizeof d->warning, "the cache is on a network file system: it is slow, and not made for it");
 }
 
-/* A connection was handed over: acutctl has this daemon for one command, with a state that goes with it. */
+/* A connection was passed: acutctl uses this daemon for one command, with a temporary state. */
 static bool has_one_client(void)
 {
 	return sd_listen_fds(0) > 0 && sd_is_socket(SD_LISTEN_FDS_START, AF_UNIX, SOCK_STREAM, 0) > 0;
 }
 
-static int start(struct daemon *d, struct err *err)
+static int start_daemon(struct daemon *d, struct err *err)
 {
 	bool init = d->config.init || (d->config.init_first && place_cache_unused(d->config.cache));
 	int r = place_apart(d->config.state, d->config.cache, has_one_client(), err);
@@ -304,7 +291,7 @@ static int start(struct daemon *d, struct err *err)
 	if (!r)
 		r = place_cache(d->config.cache, &d->cachefd, &d->cache_lock, err);
 	if (!r)
-		make_room(d);
+		evict_if_full(d);
 	if (!r)
 		r = place_cache_serves(d->cachefd, d->config.cache, &d->store, err);
 	if (!r)
@@ -314,11 +301,11 @@ static int start(struct daemon *d, struct err *err)
 	if (!r)
 		r = make_budget(d, err);
 	if (!r)
-		look_places(d);
+		check_folders(d);
 	if (!r)
 		r = make_service(d, err);
 	if (!r)
-		r = take_sockets(d, err);
+		r = open_sockets(d, err);
 	if (r == -ERR_NOSPACE)
 		err_add_hint(err, "make room on the disk of state and cache, and start acutd again");
 	return r;
@@ -326,17 +313,16 @@ static int start(struct daemon *d, struct err *err)
 
 enum { FILES_WANTED = 16384, STATUS_CONFIG = 78 /* EX_CONFIG */ };
 
-/* The heap gives back what is freed, and few arenas keep little: what the ledger counts is what the process
- * has. */
-static void tame_malloc(void)
+/* Few arenas, and early return of freed memory: the resident size follows the ledger. */
+static void set_up_malloc(void)
 {
 	mallopt(M_ARENA_MAX, 2);
 	mallopt(M_MMAP_THRESHOLD, 64 << 10);
 	mallopt(M_TRIM_THRESHOLD, 128 << 10);
 }
 
-/* Sealing opens as many runs as it merges, several pushes at once. To no avail: those that do not fit fail. */
-static void raise_files(void)
+/* Sealing opens as many runs as it merges, for several pushes at once. If the limit cannot be raised, some pushes may fail. */
+static void raise_file_limit(void)
 {
 	struct rlimit files;
 
@@ -346,7 +332,7 @@ static void raise_files(void)
 	setrlimit(RLIMIT_NOFILE, &files);
 }
 
-static void finish(struct daemon *d)
+static void free_daemon(struct daemon *d)
 {
 	io_close_foreground(); /* in this order */
 	server_free(d->server);
@@ -355,8 +341,7 @@ static void finish(struct daemon *d)
 	service_free(d->service);
 	sd_event_unref(d->event);
 	if (d->ledger) {
-		/* A start that failed early has not taken it. All the rest must have come back: ledger_free
-		 * asserts that. */
+		/* A start that failed early has not charged it. ledger_free asserts that everything else was given back. */
 		ledger_give(d->ledger, LEDGER_THREAD, ledger_held(d->ledger, LEDGER_THREAD));
 		ledger_free(d->ledger);
 	}
@@ -368,29 +353,29 @@ static void finish(struct daemon *d)
 	io_close(d->state_lock);
 }
 
-/* Of a start that failed. What no other start mends has a status of its own, of which the unit knows (RestartPreventExitStatus=):
- * a folder that is no store (an error of ours, not one of the disk), damage, too little memory. */
+/* The exit status of a failed start. Errors that no later start can avoid have a status that the unit knows
+ * (RestartPreventExitStatus=): a folder that is no store (not an error of the disk), damage, too little memory. */
 static int start_status(const struct err *err)
 {
-	bool told_wrong = (err->code == ERR_IO && !err->sys) || err->code == ERR_CORRUPT || err->code == ERR_LIMIT;
+	bool is_permanent = (err->code == ERR_IO && !err->sys) || err->code == ERR_CORRUPT || err->code == ERR_LIMIT;
 
-	return told_wrong ? STATUS_CONFIG : err_exit_status(err->code);
+	return is_permanent ? STATUS_CONFIG : err_exit_status(err->code);
 }
 
-/* Who waits in the sockets of the service manager would have it start acutd again and again: he is told why not. */
-static void turn_away(const struct err *why)
+/* Clients that wait in the sockets of the service manager would make it start acutd again and again. They get the error. */
+static void refuse_clients(const struct err *why)
 {
 	int n = sd_listen_fds(0);
 
-	for (int i = 0; i < n && i < HAND_OVER_MAX; i++)
+	for (int i = 0; i < n && i < PASSED_SOCKETS_MAX; i++)
 		if (sd_is_socket_unix(SD_LISTEN_FDS_START + i, SOCK_STREAM, 1, NULL, 0) > 0)
-			server_turn_away(SD_LISTEN_FDS_START + i, why);
+			server_refuse_waiting(SD_LISTEN_FDS_START + i, why);
 }
 
 int main(int argc, char **argv)
 {
 	struct daemon d = {.statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1};
-	struct config_told told = {.tell = config_log};
+	struct config_report report = {.emit = config_report_log};
 	struct err err = ERR_INIT;
 	char size[32];
 	int what, r;
@@ -398,23 +383,23 @@ int main(int argc, char **argv)
 	io_reserve_standard();
 	log_init("acutd", LOG_LEVEL_INFO);
 	journal_open("acutd");
-	tame_malloc();
-	raise_files();
-	r = config_parse(argc, argv, &d.config, &what, &told, &err);
+	set_up_malloc();
+	raise_file_limit();
+	r = config_parse(argc, argv, &d.config, &what, &report, &err);
 	if (what == CONFIG_CHECK)
-		return config_check(&d.config, &told);
+		return config_check(&d.config, &report);
 	if (!r && what == CONFIG_EXIT)
 		return 0;
 	if (!r) {
 		log_init("acutd", d.config.level);
 		log_event(LOG_EVENT_START, NULL, "acutd %s starts", ACUT_VERSION);
 		notify_start(&d.notify);
-		r = start(&d, &err);
+		r = start_daemon(&d, &err);
 	}
 	if (r) {
 		log_event_err(LOG_EVENT_START_FAILED, NULL, "acutd cannot start", &err);
-		turn_away(&err);
-		finish(&d);
+		refuse_clients(&err);
+		free_daemon(&d);
 		return start_status(&err);
 	}
 	log_event(LOG_EVENT_READY, NULL, "acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
@@ -423,11 +408,11 @@ int main(int argc, char **argv)
 	notify_ready(&d.notify);
 	r = sd_event_loop(d.event);
 	if (r < 0) {
-		/* Workers are busy: as after a crash, the next start cleans up. */
+		/* Workers still run. As after a crash, the next start sweeps. */
 		log_event(LOG_EVENT_LOOP_FAILED, NULL, "the event loop failed: %s", strerror(-r));
 		_exit(1);
 	}
-	finish(&d);
+	free_daemon(&d);
 	log_report_suppressed(true);
 	return 0;
 }

@@ -1,9 +1,9 @@
 /*
- * sd_notify, from the loop's thread alone.
+ * sd_notify, from the loop's thread only.
  *
- * The watchdog is fed by rounds of the loop and by steps within one, not by a clock of its own: a loop that hangs is not alive,
- * whatever its threads do. What can take longer than a watchdog waits (fsync above all) is on other threads. A start is given
- * more time by steps that it has made (base/progress.h): one that hangs makes none, and is ended.
+ * The watchdog is fed by rounds of the loop and by steps within one, not by a clock: a loop that hangs is not alive, whatever
+ * other threads do. Work that may take longer than a watchdog interval (fsync above all) is on other threads. A start gets more
+ * time for each step of progress (base/progress.h); one that hangs makes none, and is ended.
  */
 #include "notify.h"
 
@@ -18,16 +18,16 @@
 #include "progress.h"
 
 #define SECOND_NS UINT64_C(1000000000)
-/* What a single step of a start may take. */
+/* The longest time for one step of a start. */
 #define STEP_USEC UINT64_C(90000000)
-/* A start tells nothing in its first second: most are over then. */
-#define TOLD_EVERY 1.0
+/* Seconds between two texts of status. A start sends none in its first second, since most have ended by then. */
+#define STATUS_SECONDS 1.0
 
 static void on_step(void *ctx)
 {
 	struct notify *n = ctx;
 
-	if (clock_since(n->extended_ns) < TOLD_EVERY)
+	if (clock_since(n->extended_ns) < STATUS_SECONDS)
 		return;
 	n->extended_ns = clock_mono_ns();
 	sd_notifyf(0, "EXTEND_TIMEOUT_USEC=%" PRIu64 "\nSTATUS=Starting: reading the catalogue, and what was interrupted",
@@ -42,7 +42,7 @@ void notify_start(struct notify *n)
 	progress_listen(on_step, n);
 }
 
-static void ping(struct notify *n)
+static void feed_watchdog(struct notify *n)
 {
 	if (!n->watchdog_usec || clock_since(n->pinged_ns) * 4e6 < (double)n->watchdog_usec)
 		return;
@@ -50,15 +50,15 @@ static void ping(struct notify *n)
 	sd_notify(0, "WATCHDOG=1");
 }
 
-/* Within a round that waits for room in the catalogue again and again, as a flood of jobs before a slow disk makes it. */
+/* A round may wait repeatedly for the queue of the catalogue, if many jobs meet a slow disk. */
 static void on_step_serving(void *ctx)
 {
-	ping(ctx);
+	feed_watchdog(ctx);
 }
 
-/* Appends, as far as there is room. */
-static void add(char text[NOTIFY_TEXT], const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-static void add(char text[NOTIFY_TEXT], const char *fmt, ...)
+/* Appends as much as fits. */
+static void append(char text[NOTIFY_TEXT], const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+static void append(char text[NOTIFY_TEXT], const char *fmt, ...)
 {
 	size_t n = strlen(text);
 	va_list args;
@@ -68,31 +68,31 @@ static void add(char text[NOTIFY_TEXT], const char *fmt, ...)
 	va_end(args);
 }
 
-/* Without work it says only that acutd serves. */
-static void text_of(const struct service_work *work, char text[NOTIFY_TEXT])
+/* "Serving", and what work there is. */
+static void status_text(const struct service_work *work, char text[NOTIFY_TEXT])
 {
 	strcpy(text, "Serving");
 	if (work->running || work->waiting)
-		add(text, "; jobs: %" PRIu32 " running, %" PRIu32 " waiting", work->running, work->waiting);
+		append(text, "; jobs: %" PRIu32 " running, %" PRIu32 " waiting", work->running, work->waiting);
 	if (work->domains_total)
-		add(text, "; domains: %" PRIu64 " of %" PRIu64, work->domains_done, work->domains_total);
+		append(text, "; domains: %" PRIu64 " of %" PRIu64, work->domains_done, work->domains_total);
 	if (work->pushes)
-		add(text, "; pushes: %" PRIu32, work->pushes);
+		append(text, "; pushes: %" PRIu32, work->pushes);
 }
 
 void notify_ready(struct notify *n)
 {
 	progress_listen(on_step_serving, n);
-	text_of(&(struct service_work){0}, n->told);
+	status_text(&(struct service_work){0}, n->status);
 	n->serving = true;
-	n->told_ns = n->pinged_ns = clock_mono_ns();
-	sd_notifyf(0, "READY=1\nSTATUS=%s", n->told);
+	n->status_ns = n->pinged_ns = clock_mono_ns();
+	sd_notifyf(0, "READY=1\nSTATUS=%s", n->status);
 }
 
 void notify_stopping(struct notify *n, uint64_t usec)
 {
 	n->serving = false;
-	n->behind = false;
+	n->stale = false;
 	sd_notifyf(0, "STOPPING=1\nSTATUS=Stopping\nEXTEND_TIMEOUT_USEC=%" PRIu64, usec);
 }
 
@@ -100,16 +100,16 @@ void notify_round(struct notify *n, const struct service_work *work)
 {
 	char text[NOTIFY_TEXT];
 
-	ping(n);
+	feed_watchdog(n);
 	if (!n->serving)
 		return;
-	text_of(work, text);
-	n->behind = strcmp(text, n->told) != 0;
-	if (!n->behind || clock_since(n->told_ns) < TOLD_EVERY)
+	status_text(work, text);
+	n->stale = strcmp(text, n->status) != 0;
+	if (!n->stale || clock_since(n->status_ns) < STATUS_SECONDS)
 		return;
-	n->behind = false;
-	n->told_ns = clock_mono_ns();
-	memcpy(n->told, text, sizeof text);
+	n->stale = false;
+	n->status_ns = clock_mono_ns();
+	memcpy(n->status, text, sizeof text);
 	sd_notifyf(0, "STATUS=%s", text);
 }
 
@@ -117,5 +117,5 @@ uint64_t notify_wait(const struct notify *n)
 {
 	uint64_t usec = n->watchdog_usec ? n->watchdog_usec / 2 : UINT64_MAX;
 
-	return n->behind && usec > SECOND_NS / 1000 ? SECOND_NS / 1000 : usec;
+	return n->stale && usec > SECOND_NS / 1000 ? SECOND_NS / 1000 : usec;
 }

@@ -1,6 +1,6 @@
 /*
- * The configuration of a daemon that runs. A reload reads the command line and the files as a start would; settings that
- * can be changed while jobs run go to who keeps them, the others stay as they are and are named in a warning.
+ * The configuration of a running daemon. A reload reads the command line and the files as a start would. Settings that can change
+ * while jobs run go to the rooms that use them. The others stay as they are, and a warning names them.
  */
 #include "settings.h"
 
@@ -11,15 +11,14 @@
 
 #include "clock.h"
 #include "config.h"
-#include "config_log.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "err.h"
 #include "service.h"
 #include "log.h"
 #include "rights.h"
 #include "server.h"
 
-/* ---- telling ---- */
+/* ---- reporting ---- */
 
 static const char *origin_name(const struct config_origin *o)
 {
@@ -31,7 +30,7 @@ static const char *origin_name(const struct config_origin *o)
 	return names[o->by];
 }
 
-bool settings_tell(void *ctx, unsigned i, struct server_setting *ret)
+bool settings_get(void *ctx, unsigned i, struct server_setting *ret)
 {
 	const struct config *c = ctx;
 	const struct config_setting *s = &config_settings[i];
@@ -41,7 +40,7 @@ bool settings_tell(void *ctx, unsigned i, struct server_setting *ret)
 	*ret = (struct server_setting){
 		.name = s->name,
 		.preset = s->preset ? s->preset : "",
-		.preset_told = s->preset ? "" : s->preset_told,
+		.preset_text = s->preset ? "" : s->preset_text,
 		.unit = s->unit,
 		.help = s->help,
 		.origin = origin_name(&c->origin[i]),
@@ -65,8 +64,8 @@ void settings_rights(const struct config *c, struct rights *ret)
 
 /* ---- reading again ---- */
 
-/* Takes from `running` what a reload cannot change. Gives how many settings are other ones. */
-static unsigned compare(const struct config *running, struct config *next)
+/* Restores in `next` what a reload cannot change. Returns how many settings change. */
+static unsigned merge_changes(const struct config *running, struct config *next)
 {
 	char was[CONFIG_PATH_SIZE], is[CONFIG_PATH_SIZE], where[CONFIG_ORIGIN_SIZE];
 	unsigned changed = 0;
@@ -92,7 +91,7 @@ static unsigned compare(const struct config *running, struct config *next)
 	return changed;
 }
 
-static void apply(const struct config *c, struct service *service, struct server *server)
+static void apply_settings(const struct config *c, struct service *service, struct server *server)
 {
 	const struct service_limits limits = {
 		.disk = c->disk,
@@ -113,17 +112,17 @@ static void apply(const struct config *c, struct service *service, struct server
 
 void settings_reload(struct config *c, struct service *service, struct server *server)
 {
-	struct config_told told = {.tell = config_log};
+	struct config_report report = {.emit = config_report_log};
 	struct err err = ERR_INIT;
 	struct config next;
 	unsigned changed;
 
 	sd_notifyf(0, "RELOADING=1\nMONOTONIC_USEC=%llu", (unsigned long long)(clock_mono_ns() / 1000));
-	if (config_again(c, &next, &told, &err)) {
+	if (config_again(c, &next, &report, &err)) {
 		log_event_err(LOG_EVENT_CONFIG_REFUSED, NULL, "the configuration stays as it was", &err);
 	} else {
-		changed = compare(c, &next);
-		apply(&next, service, server);
+		changed = merge_changes(c, &next);
+		apply_settings(&next, service, server);
 		*c = next;
 		log_event(LOG_EVENT_CONFIG_RELOADED, NULL, "the configuration was read again: %u settings changed", changed);
 	}

@@ -1,4 +1,4 @@
-/* The configuration of a daemon that runs: telling it, and reading it again. */
+/* The configuration of a running daemon: reporting it, and reading it again. Loop. */
 #ifndef SETTINGS_H
 #define SETTINGS_H
 
@@ -10,11 +10,11 @@ struct rights;
 struct server;
 struct server_setting;
 
-/* For server_params.setting; ctx is the struct config. */
-bool settings_tell(void *config, unsigned i, struct server_setting *ret);
+/* For server_params.setting. */
+bool settings_get(void *config, unsigned i, struct server_setting *ret);
 void settings_rights(const struct config *, struct rights *ret);
-/* Reads all again, tells the service manager, and lets hold what can be changed; the rest is told to need a restart. With
- * errors nothing changes. */
+/* Reads everything again, and applies what a reload can change; a warning names what needs a restart. Notifies the service
+ * manager. If there are errors, nothing changes. */
 void settings_reload(struct config *, struct service *, struct server *);
 
 #endif

@@ -1,9 +1,9 @@
 /*
  * Admission: which run or push may hold how much of the memory, and when.
  *
- * The model: runs and pushes register here. A run seeks a slot and is granted one, with its share of the memory; a push waits for
- * the memory of its stage. What admission must know of a run or stage, or ask of it, is in a table of calls that its room gives.
- * Loop.
+ * The model: runs and pushes register here. A run requests a slot, which includes its share of the memory. A push waits for the
+ * memory of its stage. A run or push gives a table of calls, by which admission reads its state and asks it to release memory.
+ * All functions belong to the loop thread. Amounts are bytes.
  */
 #ifndef ADMISSION_H
 #define ADMISSION_H
@@ -19,15 +19,15 @@ struct admission *admission_free(struct admission *); /* NULL is fine; returns N
 
 /* ---- runs ---- */
 
-/* What a run has and needs now. */
+/* State of a run, as admission sees it. */
 struct admission_view {
 	uint32_t uid;
-	bool placed;     /* it has a slot */
-	bool stalled;    /* it waits for its reader only */
-	bool yields;     /* it is about to give its slot back */
-	bool can_yield;  /* it can, and nothing waits for it with a slot in hand */
-	uint64_t task;   /* bytes of its largest task: a domain, the selection, what it came back for; 0: not known */
-	uint64_t points; /* emitted */
+	bool has_slot;
+	bool stalled;        /* it waits for its reader only */
+	bool yielding;       /* it is about to release its slot */
+	bool can_yield;      /* it can, and nothing that holds a slot waits for it */
+	uint64_t task_bytes; /* of its largest task: a domain or a selection, or what it needs to start again; 0: not known */
+	uint64_t points;     /* emitted */
 };
 struct admission_run {
 	struct admission_run *next;
@@ -36,65 +36,84 @@ struct admission_run {
 struct admission_calls {
 	struct admission_view (*view)(const struct admission_run *);
 	uint64_t (*held)(const struct admission_run *); /* of its user's share: what it has, or may take without asking */
-	bool (*opens)(const struct admission_run *, const struct dataset *); /* it is about to open the newest manifest of it */
-	void (*relieve)(struct admission_run *, bool urgent);                /* others lack memory: give what can be given */
-	void (*yield)(struct admission_run *);
+	/* True: it is about to open the newest manifest of that dataset. */
+	bool (*opens)(const struct admission_run *, const struct dataset *);
+	void (*relieve)(struct admission_run *, bool urgent); /* others lack memory: release what it can */
+	void (*yield)(struct admission_run *);                /* release the slot, and start again later */
 };
-/* From its beginning until it has ended. */
+/* Adds a run at its begin, and removes it at its end. Borrowed in between. */
 void admission_add_run(struct admission *, struct admission_run *);
-void admission_remove_run(struct admission *, struct admission_run *); /* nothing if it is not there */
+void admission_remove_run(struct admission *, struct admission_run *); /* no effect if it was not added */
+/* `fn` may remove the run that it is called with. */
 void admission_each_run(struct admission *, void (*fn)(struct admission_run *, void *), void *ctx);
 
-/* Of the runs, of those that have slots. */
+/* Counts of the runs with slots. */
 struct admission_tally {
 	unsigned runs, running;    /* running: not stalled */
 	unsigned own, own_running; /* of one user */
-	uint64_t largest;          /* task of any of them */
+	uint64_t largest;          /* task_bytes of any of them */
 };
 struct admission_tally admission_tally(struct admission *, uint32_t uid);
-bool admission_opening(struct admission *, const struct dataset *); /* some run is about to open its manifest */
+bool admission_opens(struct admission *, const struct dataset *); /* `opens` of any run */
 
-/* ---- slots (slot.c): a job, stream or plan seeks one before it runs ---- */
+/* ---- slots (slot.c) ---- */
 
-enum slot_wait { SLOT_READY, SLOT_TURN, SLOT_USER, SLOT_SHARE, SLOT_FULL, SLOT_MEMORY };
+/* What a requested slot waits for. */
+enum slot_wait {
+	SLOT_READY,
+	SLOT_QUEUED,      /* for its place in the queue */
+	SLOT_USER,        /* its user has as many runs as one user may have */
+	SLOT_USER_MEMORY, /* its user's share of the memory is used up */
+	SLOT_FULL,        /* all slots are in use */
+	SLOT_MEMORY,      /* for free memory */
+};
+/* Embedded in a job, stream or plan, which fills in the first part. */
 struct slot {
-	struct slot *next; /* of those that are sought, by number */
 	struct sched_owner owner;
 	bool reader;                    /* its run waits for a client that reads its output */
-	void (*granted)(struct slot *); /* it is no longer sought: the run begins now */
+	void (*granted)(struct slot *); /* the request is fulfilled: begin the run now */
 	/* of slot.c */
-	bool seeks, skip, seen, keeps;
+	struct slot *next; /* of the requests, by number */
+	bool requested, skip, seen;
+	bool keeps; /* memory is kept free beside it */
 	enum slot_wait wait;
-	uint64_t number, need, lacks, free;
-	unsigned passed, held;
-	int64_t service;
+	uint64_t number;       /* age of the request */
+	uint64_t need;         /* of its largest task */
+	uint64_t needed, free; /* of the last attempt, for slot_wait_text */
+	unsigned passed;       /* grants to others while it waited for memory */
+	unsigned held;         /* running runs of its user */
+	int64_t service;       /* of its user (sched_service) */
 };
-/* Seeks a slot for a run whose tasks need so many bytes; 0: not known. Nothing if it seeks already. */
-void slot_seek(struct admission *, struct slot *, uint64_t need);
-void slot_leave(struct admission *, struct slot *); /* it is sought no longer */
-void slots_settle(struct admission *);              /* grants what can be granted */
-unsigned slots_sought(const struct admission *);
-unsigned slot_position(const struct admission *, const struct slot *);                  /* 1: next; 0: it is not sought */
-char *slot_text(const struct admission *, const struct slot *, char *buf, size_t size); /* what it waits for */
+/* Requests a slot for a run whose largest task takes `need`; 0: not known. No effect if it is requested already. A slot that was
+ * granted and is requested again keeps its age. */
+void slot_request(struct admission *, struct slot *, uint64_t need);
+void slot_withdraw(struct admission *, struct slot *); /* no effect if it is not requested */
+void slots_grant(struct admission *);                  /* grants what can be granted */
+unsigned slots_requested(const struct admission *);
+/* 1: next; 0: it is not requested. */
+unsigned slot_position(const struct admission *, const struct slot *);
+/* What it waits for, as a phrase. Returns buf. */
+char *slot_wait_text(const struct admission *, const struct slot *, char *buf, size_t size);
 
 /* ---- memory of runs (admission.c) ---- */
 
-enum { ADMISSION_OUTPUT = 64 << 10 }; /* buffer of a slow reader, in the share of a run */
-/* What each run at work holds beside its tasks: a table of unfinished vertices, index pages, the buffer of a slow reader. */
+enum { ADMISSION_OUTPUT = 64 << 10 }; /* buffer of a slow reader; part of the share of a run */
+/* What each run with a slot holds beside its tasks: a table of unfinished vertices, index pages, the buffer of a slow reader. */
 uint64_t admission_share(const struct admission *);
 uint64_t admission_emitter_share(const struct admission *);
 uint64_t admission_index_share(const struct admission *);
-uint64_t admission_domain_memory(struct admission *);  /* that a plan may count on now */
-uint64_t admission_domain_largest(struct admission *); /* task of the runs that have slots */
-uint64_t admission_alone(const struct admission *);    /* what the tasks of the only run can have */
-bool admission_only(struct admission *);               /* at most one run has a slot, and nothing is staged */
-uint64_t admission_least(void);                        /* what the smallest plan needs */
-/* The smallest `memory` whose domains carry that many positions; 0: none does. */
+uint64_t admission_domain_memory(struct admission *);     /* for the tasks of runs, as it is now */
+uint64_t admission_domain_largest(struct admission *);    /* the largest task of the runs with slots */
+uint64_t admission_alone_bytes(const struct admission *); /* for the tasks of a run that is the only one */
+bool admission_is_alone(struct admission *);              /* at most one run has a slot, and nothing is staged */
+uint64_t admission_plan_min(void);                        /* for the smallest plan */
+/* The smallest setting `memory` whose domains hold that many positions; 0: none does. */
 uint64_t admission_memory_for(struct admission *, const struct grid *, uint64_t positions);
-/* -ERR_LIMIT if a task of so many bytes could never start, with the memory that would do. */
-int admission_never(struct admission *, uint64_t bytes, const char *what, struct err *err);
-void admission_relieve(struct admission *);       /* asks runs for memory if the first task in the queue lacks some */
-bool admission_awaited(const struct admission *); /* somebody waits for memory: a run, a stage, the first task in the queue */
+/* -ERR_LIMIT, with the sufficient setting, if a task of that size could never start. `what` is a noun for the message. */
+int admission_check_size(struct admission *, uint64_t bytes, const char *what, struct err *err);
+void admission_relieve(struct admission *); /* asks runs for memory if the first task in the queue lacks some */
+/* True: a run, a stage, or the first task in the queue waits for memory. */
+bool admission_memory_is_awaited(const struct admission *);
 
 /* ---- stages of pushes (stage.c) ---- */
 
@@ -105,31 +124,33 @@ struct admission_stage {
 };
 struct admission_stage_calls {
 	uint64_t (*bytes)(const struct admission_stage *); /* of the stage, and of what the push keeps of its files */
-	uint64_t (*held)(const struct admission_stage *);  /* of its user's share, with the stage; 0 without */
+	uint64_t (*held)(const struct admission_stage *);  /* of its user's share, if it has a stage; otherwise 0 */
 	bool (*wants)(const struct admission_stage *);     /* it waits for a stage */
-	bool (*fits)(const struct admission_stage *);      /* into its user's share */
-	void (*retry)(struct admission_stage *);           /* asks again; may remove it */
+	bool (*fits)(const struct admission_stage *);      /* its stage fits its user's share */
+	void (*retry)(struct admission_stage *);           /* it may take a stage now; may remove it */
 };
 void admission_add_stage(struct admission *, struct admission_stage *);
 void admission_remove_stage(struct admission *, struct admission_stage *);
-uint64_t admission_staged(const struct admission *);               /* held by stages, merges and prunes */
-uint64_t admission_stage_share(const struct admission *);          /* all that stages may hold */
-uint64_t admission_stage_room(struct admission *, uint64_t least); /* what a stage may have now; 0: less than `least` */
-void admission_rewriting(struct admission *, int64_t bytes);       /* merge and prune hold so much more (negative: less) */
-void admission_stages(struct admission *);                         /* the next that waits for a stage asks again */
-bool admission_stage_waits(const struct admission *);              /* somebody waits for a stage */
-bool admission_stage_other(const struct admission *, const struct admission_stage *); /* somebody else is next for one */
-bool admission_stage_awaited(const struct admission *, uint32_t uid);                 /* by another user who has none */
+uint64_t admission_staged_bytes(const struct admission *);              /* of all stages, merges and prunes */
+uint64_t admission_stage_share(const struct admission *);               /* the most that all stages together may have */
+uint64_t admission_stage_available(struct admission *, uint64_t least); /* for one stage now; 0: less than `least` */
+void admission_add_rewrite(struct admission *, int64_t bytes);          /* of a merge or prune; negative: released */
+void admission_grant_stages(struct admission *);                        /* lets the next one that waits try again */
+bool admission_stage_is_awaited(const struct admission *);
+/* A push other than this one is next for a stage. */
+bool admission_stage_other_is_next(const struct admission *, const struct admission_stage *);
+/* The next one is of another user, who has no stage. */
+bool admission_stage_other_needs(const struct admission *, uint32_t uid);
 
 /* ---- the share of one user (user.c), user-memory ---- */
 
-/* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
+/* For the jobs, pushes and plans of that user; UINT64_MAX: no limit. */
 uint64_t admission_user_limit(const struct admission *, const struct sched_owner *);
-/* By runs and stages of that user, but for one run. */
-uint64_t admission_user_held(struct admission *, uint32_t uid, const struct admission_run *but);
-/* What is left of it; for tasks of a run that has its slot, `but` is that run. */
-uint64_t admission_user_room(struct admission *, const struct sched_owner *, const struct admission_run *but);
-/* -ERR_LIMIT if so much could never be had. */
-int admission_user_never(struct admission *, const struct sched_owner *, uint64_t bytes, const char *what, struct err *err);
+/* By runs and stages of that user, except one run. */
+uint64_t admission_user_held(struct admission *, uint32_t uid, const struct admission_run *except);
+/* What is left of the limit. For tasks of a run that has its slot, `except` is that run. */
+uint64_t admission_user_available(struct admission *, const struct sched_owner *, const struct admission_run *except);
+/* -ERR_LIMIT, with the sufficient setting, if so much is beyond the limit. `what` is a noun for the message. */
+int admission_user_check_size(struct admission *, const struct sched_owner *, uint64_t bytes, const char *what, struct err *err);
 
 #endif

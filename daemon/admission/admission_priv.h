@@ -1,4 +1,4 @@
-/* What the files of this room share. */
+/* Shared by the files of this room, and by its tests. Amounts are bytes. */
 #ifndef ADMISSION_PRIV_H
 #define ADMISSION_PRIV_H
 
@@ -6,17 +6,19 @@
 
 struct admission {
 	struct core *core;
-	struct admission_run *runs;
-	struct admission_stage *stages; /* the youngest first */
-	struct admission_stage *turn;   /* has the next stage; NULL: nobody waits for one */
-	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
-	uint64_t rewriting; /* memory that merge and prune hold */
+	struct admission_run *runs;         /* the oldest first */
+	struct admission_stage *stages;     /* the youngest first */
+	struct admission_stage *next_stage; /* has the next memory for a stage; NULL: none waits */
+	uint64_t emitter_share, index_share, stage_share;
+	uint64_t fixed;              /* service_bytes */
+	uint64_t fixed_proportional; /* the part of it that grows with the total */
+	uint64_t rewrite_bytes;      /* held by merges and prunes */
 	unsigned runs_max;
-	struct slot *slots; /* that are sought */
+	struct slot *slots; /* that are requested, by number */
 	unsigned nslots;
 	bool granting;
 	uint64_t last_slot, grants;
-	uint64_t starved_ns; /* since when the first in the queue lacks memory; 0: it does not */
+	uint64_t starved_ns; /* since when the first task in the queue lacks memory; 0: it does not */
 };
 
 #endif

@@ -1,18 +1,20 @@
 /*
  * Slots: which job, stream or plan runs next.
  *
- * The model: whoever wants to run over a mesh seeks a slot, and is called when it is granted. Next is who has the highest
- * priority; of those, whose user has the fewest runs at work; then whose user was served least; then who came first. One user has
- * at most half of the slots, and gets a further one only where the memory left carries two runs of others: so there is a slot for
- * somebody else. Where there is none all the same, a run of the user who has most of them yields: its finished domains are in the
- * store, and it begins again later.
+ * The model: a job, stream or plan requests a slot before it runs over a mesh, and is called when it is granted. The order of
+ * requests: the highest priority; then the user with the fewest running runs; then the user who was served least; then the
+ * oldest. A user has at most half of the slots, and gets a further one only if the memory left suffices for two runs of others.
+ * So there is usually a slot for another user. If there is none, a run of the user with the most runs yields: its finished
+ * domains are in the store, and it starts again later.
  *
- * What does not fit now waits. A seeker whose grid needs more than most is passed by those that fit, but only PASSES times; then
- * nobody gets a slot before it. One grant in sixteen goes by priority from the lowest, so that nobody waits for ever.
+ * A request that does not fit now waits. One whose grid needs more than most is passed by requests that fit, but only PASSES
+ * times; then nobody gets a slot before it. One grant in LOWEST_EVERY goes by priority from the lowest, so that no request waits
+ * for ever.
  *
- * A run that finds out how much it needs, and that this is not there now, gives its slot back and seeks again (run_retreat):
- * nobody waits for memory with a slot in hand.
+ * A run that finds out that it needs more memory than is free releases its slot and requests another (run_retreat). So nobody
+ * waits for memory while holding a slot.
  */
+#include <assert.h>
 #include <stdio.h>
 
 #include "admission_priv.h"
@@ -20,23 +22,27 @@
 #include "parse.h"
 #include "pipe.h"
 
-enum { PASSES = 8, LOWER_TURN = 16, OTHERS = 2 };
+enum {
+	PASSES = 8,
+	LOWEST_EVERY = 16,
+	OTHERS = 2, /* runs of other users, for whose shares memory is left */
+};
 
-/* ---- the list ---- */
+/* ---- the list of requests ---- */
 
-void slot_seek(struct admission *a, struct slot *p, uint64_t need)
+void slot_request(struct admission *a, struct slot *p, uint64_t need)
 {
 	struct slot **at;
 
 	THREAD_LOOP_ONLY();
-	if (p->seeks)
+	if (p->requested)
 		return;
-	/* Whoever comes back keeps its turn. */
+	/* A run that starts again keeps its age. */
 	if (!p->number)
 		p->number = ++a->last_slot;
-	p->seeks = true;
+	p->requested = true;
 	p->need = need;
-	p->wait = SLOT_TURN;
+	p->wait = SLOT_QUEUED;
 	p->held = 0;
 	p->service = 0;
 	for (at = &a->slots; *at && (*at)->number < p->number; at = &(*at)->next)
@@ -46,17 +52,17 @@ void slot_seek(struct admission *a, struct slot *p, uint64_t need)
 	a->nslots++;
 }
 
-void slot_leave(struct admission *a, struct slot *p)
+void slot_withdraw(struct admission *a, struct slot *p)
 {
 	struct slot **at;
 
 	THREAD_LOOP_ONLY();
-	if (!p->seeks)
+	if (!p->requested)
 		return;
 	for (at = &a->slots; *at != p; at = &(*at)->next)
 		;
 	*at = p->next;
-	p->seeks = false;
+	p->requested = false;
 	a->nslots--;
 }
 
@@ -69,7 +75,7 @@ static unsigned rank_order(const struct slot *p, bool lowest)
 	return lowest ? 2 - order[p->owner.rank] : order[p->owner.rank];
 }
 
-static bool before(const struct slot *a, const struct slot *b, bool lowest)
+static bool is_before(const struct slot *a, const struct slot *b, bool lowest)
 {
 	unsigned ra = rank_order(a, lowest), rb = rank_order(b, lowest);
 
@@ -82,8 +88,8 @@ static bool before(const struct slot *a, const struct slot *b, bool lowest)
 	return a->number < b->number;
 }
 
-/* What users have now; asked once for all seekers of a user. */
-static void look_at_users(struct admission *a)
+/* Reads the state of each user once, for all of its requests. */
+static void update_users(struct admission *a)
 {
 	struct slot *p, *first;
 
@@ -107,38 +113,38 @@ static void look_at_users(struct admission *a)
 	}
 }
 
-static struct slot *next_of(struct admission *a)
+static struct slot *next_request(struct admission *a)
 {
-	bool lowest = a->grants % LOWER_TURN == LOWER_TURN - 1;
+	bool lowest = a->grants % LOWEST_EVERY == LOWEST_EVERY - 1;
 	struct slot *p, *best = NULL;
 
 	for (p = a->slots; p; p = p->next)
-		if (!p->skip && (!best || before(p, best, lowest)))
+		if (!p->skip && (!best || is_before(p, best, lowest)))
 			best = p;
 	return best;
 }
 
-/* ---- room ---- */
+/* ---- what fits ---- */
 
-static enum slot_wait room_for(struct admission *a, struct slot *p)
+static enum slot_wait check_fit(struct admission *a, struct slot *p)
 {
 	struct admission_tally t = admission_tally(a, p->owner.uid);
 	uint64_t free = admission_domain_memory(a), share = admission_share(a), must = t.largest, keep = 0;
 	unsigned own;
 
 	must = must > p->need ? must : p->need;
-	must = must > admission_least() ? must : admission_least();
-	/* What a push and a job need must not be held by readers who do not read. */
+	must = must > admission_plan_min() ? must : admission_plan_min();
+	/* Readers that do not read must not hold the memory that a push and a job need. */
 	if (p->reader && t.runs != t.running)
 		keep = GRID_STAGE_MIN + pipe_ingest_bytes() + share;
 	p->keeps = keep > 0;
-	p->lacks = must + share + keep;
+	p->needed = must + share + keep;
 	p->free = free;
-	/* Streams that wait for whoever reads them hold memory, but do no work: they count against other streams. */
-	if (admission_user_room(a, &p->owner, NULL) < share + must && admission_user_held(a, p->owner.uid, NULL)) {
-		p->lacks = share + must;
-		p->free = admission_user_room(a, &p->owner, NULL);
-		return SLOT_SHARE;
+	/* A stream that waits for its reader holds memory but does no work. It counts against other streams only. */
+	if (admission_user_available(a, &p->owner, NULL) < share + must && admission_user_held(a, p->owner.uid, NULL)) {
+		p->needed = share + must;
+		p->free = admission_user_available(a, &p->owner, NULL);
+		return SLOT_USER_MEMORY;
 	}
 	own = p->reader ? t.own : t.own_running;
 	if (own) {
@@ -149,30 +155,32 @@ static enum slot_wait room_for(struct admission *a, struct slot *p)
 	} else if (t.running >= 2 * a->runs_max) {
 		return SLOT_FULL;
 	}
-	/* The only one finds out itself whether it fits. */
-	return free < must + share + keep && (t.runs || admission_staged(a)) ? SLOT_MEMORY : SLOT_READY;
+	/* A run that is the only one finds out itself whether it fits. */
+	return free < must + share + keep && (t.runs || admission_staged_bytes(a)) ? SLOT_MEMORY : SLOT_READY;
 }
 
-/* All that cannot have what this one cannot: of its user, or all streams, for which more is kept free. */
+/* Skips all requests that fail for the same reason: those of the user, or all streams, since more memory is kept free beside
+ * them. */
 static void skip_like(struct admission *a, const struct slot *like)
 {
 	for (struct slot *p = a->slots; p; p = p->next)
 		if (p->reader == like->reader &&
-		    (p->owner.uid == like->owner.uid || (like->wait != SLOT_USER && like->wait != SLOT_SHARE))) {
+		    (p->owner.uid == like->owner.uid || (like->wait != SLOT_USER && like->wait != SLOT_USER_MEMORY))) {
 			p->skip = true;
 			p->wait = like->wait;
-			p->lacks = like->lacks;
+			p->needed = like->needed;
 			p->free = like->free;
 		}
 }
 
-static void grant(struct admission *a, struct slot *p)
+static void grant_slot(struct admission *a, struct slot *p)
 {
 	struct slot *q;
 
 	for (q = a->slots; q; q = q->next)
 		q->passed += q->skip && q->wait == SLOT_MEMORY;
-	slot_leave(a, p);
+	assert(p->requested && p->wait == SLOT_READY);
+	slot_withdraw(a, p);
 	p->passed = 0;
 	a->grants++;
 	p->granted(p);
@@ -180,8 +188,8 @@ static void grant(struct admission *a, struct slot *p)
 
 /* ---- yielding ---- */
 
-/* Of the user with the most runs, the run that loses least. */
-static void make_way(struct admission *a)
+/* Lets a run of the user with the most runs yield: the one with the fewest points emitted. */
+static void yield_one(struct admission *a)
 {
 	struct admission_run *best = NULL;
 	uint64_t points = 0;
@@ -191,7 +199,7 @@ static void make_way(struct admission *a)
 		struct admission_view view = r->calls->view(r);
 		unsigned held;
 
-		if (view.yields)
+		if (view.yielding)
 			return;
 		if (!view.can_yield)
 			continue;
@@ -206,63 +214,63 @@ static void make_way(struct admission *a)
 		best->calls->yield(best);
 }
 
-unsigned slots_sought(const struct admission *a)
+unsigned slots_requested(const struct admission *a)
 {
 	return a->nslots;
 }
 
-void slots_settle(struct admission *a)
+void slots_grant(struct admission *a)
 {
 	struct slot *p;
 
 	THREAD_LOOP_ONLY();
-	if (!a->slots || a->granting || a->core->parking)
+	if (!a->slots || a->granting || a->core->stopping)
 		return;
 	a->granting = true;
 	for (p = a->slots; p; p = p->next)
 		p->skip = false;
-	look_at_users(a);
-	while ((p = next_of(a))) {
-		p->wait = room_for(a, p);
+	update_users(a);
+	while ((p = next_request(a))) {
+		p->wait = check_fit(a, p);
 		if (p->wait == SLOT_READY) {
-			grant(a, p);
-			look_at_users(a);
-		} else if (p->wait == SLOT_USER || p->wait == SLOT_SHARE || (p->wait == SLOT_MEMORY && p->keeps)) {
+			grant_slot(a, p);
+			update_users(a);
+		} else if (p->wait == SLOT_USER || p->wait == SLOT_USER_MEMORY || (p->wait == SLOT_MEMORY && p->keeps)) {
 			skip_like(a, p);
-		} else if (p->wait == SLOT_MEMORY && p->need > admission_least() && p->passed < PASSES) {
+		} else if (p->wait == SLOT_MEMORY && p->need > admission_plan_min() && p->passed < PASSES) {
 			p->skip = true;
 		} else {
 			if (!p->held)
-				make_way(a);
+				yield_one(a);
 			break;
 		}
 	}
 	a->granting = false;
 }
 
-/* ---- what others ask ---- */
+/* ---- reports ---- */
 
 unsigned slot_position(const struct admission *a, const struct slot *p)
 {
 	unsigned n = 1;
 
-	if (!p->seeks)
+	if (!p->requested)
 		return 0;
 	for (const struct slot *q = a->slots; q; q = q->next)
-		n += q != p && before(q, p, false);
+		n += q != p && is_before(q, p, false);
 	return n;
 }
 
-char *slot_text(const struct admission *a, const struct slot *p, char *buf, size_t size)
+char *slot_wait_text(const struct admission *a, const struct slot *p, char *buf, size_t size)
 {
 	unsigned n = slot_position(a, p);
-	char lacks[32], free[32];
+	char needed[32], free[32];
 
 	if (p->wait == SLOT_MEMORY)
-		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(p->lacks, lacks),
+		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(p->needed, needed),
 			 parse_size_text(p->free, free));
-	else if (p->wait == SLOT_SHARE)
-		snprintf(buf, size, "this user's share of the memory: needs %s, %s are free", parse_size_text(p->lacks, lacks),
+	else if (p->wait == SLOT_USER_MEMORY)
+		snprintf(buf, size, "this user's share of the memory: needs %s, %s are free", parse_size_text(p->needed, needed),
 			 parse_size_text(p->free, free));
 	else if (n > 1)
 		snprintf(buf, size, "its turn: %u before it", n - 1);

@@ -1,9 +1,11 @@
 /*
- * Stages of pushes: who gets the next one.
+ * Stages of pushes: which push gets the next one.
  *
- * Next is the push whose user has the fewest stages; then whose user was served least; then the oldest. What does not fit its
- * user's share is passed over.
+ * The order: the user with the fewest stages; then the user who was served least; then the oldest push. A push that does not fit
+ * its user's share is skipped.
  */
+#include <assert.h>
+
 #include "admission_priv.h"
 
 void admission_add_stage(struct admission *a, struct admission_stage *s)
@@ -21,13 +23,13 @@ void admission_remove_stage(struct admission *a, struct admission_stage *s)
 	for (at = &a->stages; *at != s; at = &(*at)->next)
 		;
 	*at = s->next;
-	if (a->turn == s)
-		a->turn = NULL;
+	if (a->next_stage == s)
+		a->next_stage = NULL;
 }
 
-uint64_t admission_staged(const struct admission *a)
+uint64_t admission_staged_bytes(const struct admission *a)
 {
-	uint64_t bytes = a->rewriting;
+	uint64_t bytes = a->rewrite_bytes;
 
 	for (const struct admission_stage *s = a->stages; s; s = s->next)
 		bytes += s->calls->bytes(s);
@@ -39,23 +41,26 @@ uint64_t admission_stage_share(const struct admission *a)
 	return a->stage_share;
 }
 
-void admission_rewriting(struct admission *a, int64_t bytes)
+void admission_add_rewrite(struct admission *a, int64_t bytes)
 {
-	a->rewriting += (uint64_t)bytes;
+	THREAD_LOOP_ONLY();
+	assert(bytes >= 0 || a->rewrite_bytes >= (uint64_t)-bytes);
+	a->rewrite_bytes += (uint64_t)bytes;
 }
 
-uint64_t admission_stage_room(struct admission *a, uint64_t least)
+uint64_t admission_stage_available(struct admission *a, uint64_t least)
 {
 	uint64_t left = admission_domain_memory(a), head = 2 * admission_domain_largest(a);
 
-	/* A job that runs, or comes, must be able to finish beside it, one domain at a time. */
-	head = head > admission_least() ? head : admission_least();
+	THREAD_LOOP_ONLY();
+	/* A job must be able to finish beside the stage, one domain at a time. */
+	head = head > admission_plan_min() ? head : admission_plan_min();
 	left = left > head ? left - head : 0;
 	left = left < a->stage_share ? left : a->stage_share;
 	return left >= least ? left : 0;
 }
 
-static unsigned stages_of(const struct admission *a, uint32_t uid)
+static unsigned count_stages(const struct admission *a, uint32_t uid)
 {
 	unsigned n = 0;
 
@@ -64,7 +69,7 @@ static unsigned stages_of(const struct admission *a, uint32_t uid)
 	return n;
 }
 
-static struct admission_stage *stage_next(struct admission *a)
+static struct admission_stage *find_next_stage(struct admission *a)
 {
 	struct admission_stage *s, *best = NULL;
 	unsigned have = 0;
@@ -76,9 +81,9 @@ static struct admission_stage *stage_next(struct admission *a)
 
 		if (!s->calls->wants(s) || !s->calls->fits(s))
 			continue;
-		n = stages_of(a, s->uid);
+		n = count_stages(a, s->uid);
 		served = sched_service(a->core->p.sched, s->uid);
-		/* The list is by age, the youngest first. */
+		/* The list is by age, the youngest first, so of equals the last is the oldest. */
 		if (best && (n > have || (n == have && served > service)))
 			continue;
 		best = s;
@@ -88,27 +93,27 @@ static struct admission_stage *stage_next(struct admission *a)
 	return best;
 }
 
-void admission_stages(struct admission *a)
+void admission_grant_stages(struct admission *a)
 {
 	THREAD_LOOP_ONLY();
 	do {
-		a->turn = stage_next(a);
-		if (a->turn)
-			a->turn->calls->retry(a->turn);
-	} while (a->turn && !a->turn->calls->wants(a->turn));
+		a->next_stage = find_next_stage(a);
+		if (a->next_stage)
+			a->next_stage->calls->retry(a->next_stage);
+	} while (a->next_stage && !a->next_stage->calls->wants(a->next_stage));
 }
 
-bool admission_stage_waits(const struct admission *a)
+bool admission_stage_is_awaited(const struct admission *a)
 {
-	return a->turn != NULL;
+	return a->next_stage != NULL;
 }
 
-bool admission_stage_other(const struct admission *a, const struct admission_stage *s)
+bool admission_stage_other_is_next(const struct admission *a, const struct admission_stage *s)
 {
-	return a->turn && a->turn != s;
+	return a->next_stage && a->next_stage != s;
 }
 
-bool admission_stage_awaited(const struct admission *a, uint32_t uid)
+bool admission_stage_other_needs(const struct admission *a, uint32_t uid)
 {
-	return a->turn && a->turn->uid != uid && !stages_of(a, a->turn->uid);
+	return a->next_stage && a->next_stage->uid != uid && !count_stages(a, a->next_stage->uid);
 }

@@ -1,9 +1,9 @@
 /*
- * The share of the memory that one user may have (user-memory). No limit holds for admins.
+ * The share of the memory that one user may have (user-memory). Administrators have no limit.
  *
- * The model: runs and stages of a user are added up when one of them wants more. A run gets a slot, a plan its budget and a push
- * its stage only within the user's share; domains start one after the other where more at once would go beyond it. What could not
- * even begin alone is refused with the numbers.
+ * The model: what a user's runs and stages hold is added up when one of them wants more. A run gets a slot, a plan its budget,
+ * and a push its stage only within the share; if several domains at once would exceed it, they start one after the other. What
+ * exceeds the share even alone is refused with the numbers.
  */
 #include "admission_priv.h"
 #include "parse.h"
@@ -15,16 +15,17 @@ uint64_t admission_user_limit(const struct admission *a, const struct sched_owne
 	return ledger_total(a->core->p.ledger) / 100 * a->core->p.user.memory;
 }
 
-uint64_t admission_user_held(struct admission *a, uint32_t uid, const struct admission_run *but)
+uint64_t admission_user_held(struct admission *a, uint32_t uid, const struct admission_run *except)
 {
 	const struct admission_stage *s;
 	const struct admission_run *r;
 	uint64_t bytes = 0;
 
+	THREAD_LOOP_ONLY();
 	for (r = a->runs; r; r = r->next) {
 		struct admission_view view = r->calls->view(r);
 
-		if (view.placed && r != but && view.uid == uid)
+		if (view.has_slot && r != except && view.uid == uid)
 			bytes += r->calls->held(r);
 	}
 	for (s = a->stages; s; s = s->next)
@@ -33,21 +34,23 @@ uint64_t admission_user_held(struct admission *a, uint32_t uid, const struct adm
 	return bytes;
 }
 
-uint64_t admission_user_room(struct admission *a, const struct sched_owner *owner, const struct admission_run *but)
+uint64_t admission_user_available(struct admission *a, const struct sched_owner *owner, const struct admission_run *except)
 {
 	uint64_t limit = admission_user_limit(a, owner), used;
 
 	if (limit == UINT64_MAX)
 		return limit;
-	used = admission_user_held(a, owner->uid, but) + (but ? admission_share(a) : 0);
+	used = admission_user_held(a, owner->uid, except) + (except ? admission_share(a) : 0);
 	return used < limit ? limit - used : 0;
 }
 
-int admission_user_never(struct admission *a, const struct sched_owner *owner, uint64_t bytes, const char *what, struct err *err)
+int admission_user_check_size(struct admission *a, const struct sched_owner *owner, uint64_t bytes, const char *what,
+			      struct err *err)
 {
 	uint64_t limit = admission_user_limit(a, owner), total = ledger_total(a->core->p.ledger);
 	char need[32], may[32];
 
+	THREAD_LOOP_ONLY();
 	if (bytes <= limit)
 		return 0;
 	err_set(err, ERR_LIMIT, "%s needs %s of memory, and %s are all that one user may have (user-memory, %u%%)", what,

@@ -1,13 +1,11 @@
 /*
  * The catalogue on SQLite.
  *
- * The model: before catalogue_start the calling thread owns the database, afterwards only the catalogue's
- * thread does. A change is a row of the statement table with its values copied, so that a caller's texts may
- * go at once. Changes are made in the order in which they were queued; each is a transaction and is on disk
- * when its `done` is called. The heap of SQLite is bounded, and charged whole; the catalogue never caches for
- * readers.
- * A row that could not be removed is removed before the next change: it may keep a
- * name from others. What is still owed at the end the next start finds without anything that belongs to it.
+ * The model: before catalogue_start the calling thread owns the database, afterwards only the catalogue's thread does. A change
+ * is a row of the statement table with copies of its values. Changes are made in the order in which they were queued. Each is a
+ * transaction, and durable when its `done` is called. The heap of SQLite is bounded and charged as a whole; nothing is cached for
+ * readers. A row that could not be removed is removed before the next change, since it may occupy a name. If that never succeeds,
+ * the next start finds the row without any files.
  */
 #include "catalogue_priv.h"
 
@@ -23,7 +21,7 @@
 #include "log.h"
 #include "thread.h"
 
-static int take_heap(struct catalogue *c, struct err *err)
+static int charge_heap(struct catalogue *c, struct err *err)
 {
 	c->heap = c->ledger && ledger_take(c->ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP);
 	return !c->ledger || c->heap ? 0 : err_set(err, ERR_LIMIT, "the memory has no room for the catalogue");
@@ -38,16 +36,16 @@ int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **re
 		return err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	lock_init(&c->lock, LOCK_CATALOGUE);
 	pthread_cond_init(&c->wake, NULL);
-	pthread_cond_init(&c->room, NULL);
+	pthread_cond_init(&c->written, NULL);
 	c->ledger = ledger;
 	c->path = strdup(path);
-	c->todo_end = &c->todo;
-	c->over_end = &c->over;
+	c->queued_end = &c->queued;
+	c->ended_end = &c->ended;
 	c->event = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
 	if (c->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
 	else
-		r = c->path ? take_heap(c, err) : err_set(err, ERR_NOMEM, "no memory for the catalogue");
+		r = c->path ? charge_heap(c, err) : err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	if (!r)
 		r = catalogue_open(c, path, err);
 	if (r) {
@@ -59,13 +57,13 @@ int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **re
 	return 0;
 }
 
-/* Of a start that failed: what it queued nobody writes. */
-static void drop_todo(struct catalogue *c)
+/* After a start that failed, nobody writes what was queued. */
+static void discard_queued(struct catalogue *c)
 {
 	struct change *ch;
 
-	while ((ch = c->todo)) {
-		c->todo = ch->next;
+	while ((ch = c->queued)) {
+		c->queued = ch->next;
 		if (ch->charged)
 			ledger_give(c->ledger, LEDGER_CATALOGUE, ch->charged);
 		catalogue_change_free(ch);
@@ -74,6 +72,7 @@ static void drop_todo(struct catalogue *c)
 
 struct catalogue *catalogue_free(struct catalogue *c)
 {
+	THREAD_LOOP_ONLY();
 	if (!c)
 		return NULL;
 	if (c->started) {
@@ -84,14 +83,14 @@ struct catalogue *catalogue_free(struct catalogue *c)
 		pthread_join(c->thread, NULL);
 		catalogue_dispatch(c);
 	}
-	drop_todo(c);
+	discard_queued(c);
 	catalogue_close(c);
 	if (c->event >= 0)
 		close(c->event);
 	if (c->heap)
 		ledger_give(c->ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP);
 	pthread_cond_destroy(&c->wake);
-	pthread_cond_destroy(&c->room);
+	pthread_cond_destroy(&c->written);
 	lock_done(&c->lock);
 	free(c->path);
 	free(c);
@@ -143,38 +142,38 @@ static int make_change(struct catalogue *c, struct change *ch, struct err *err)
 	return r;
 }
 
-static bool drops(const struct change *ch)
+static bool is_drop(const struct change *ch)
 {
 	return ch->sql == CATALOGUE_DROP_DATASET || ch->sql == CATALOGUE_DROP_PUSH || ch->sql == CATALOGUE_DROP_JOB;
 }
 
-static void owe(struct catalogue *c, const struct change *ch, const struct err *why)
+static void add_failed_drop(struct catalogue *c, const struct change *ch, const struct err *why)
 {
-	if (!c->nowed)
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "a row that is not wanted any more stays for now", why);
-	if (c->nowed < OWED)
-		c->owed[c->nowed++] = (struct owed){ch->sql, ch->value[0].number};
+	if (!c->nfailed_drops)
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "a row cannot be removed now", why);
+	if (c->nfailed_drops < FAILED_DROPS)
+		c->failed_drop[c->nfailed_drops++] = (struct failed_drop){ch->sql, ch->value[0].number};
 }
 
-/* In their order, until one fails again. */
-static void pay(struct catalogue *c)
+/* Removes these rows in order, until one fails again. */
+static void retry_failed_drops(struct catalogue *c)
 {
-	struct err ignored = ERR_INIT; /* it was told once, and stays owed */
+	struct err ignored = ERR_INIT; /* it was logged when the row was added to the list */
 	unsigned n = 0;
 
-	while (n < c->nowed) {
-		const struct value id = {.kind = VALUE_NUMBER, .number = c->owed[n].id};
+	while (n < c->nfailed_drops) {
+		const struct value id = {.kind = VALUE_NUMBER, .number = c->failed_drop[n].id};
 
-		if (bind_and_step(c, c->stmt[c->owed[n].sql], &id, 1, &ignored))
+		if (bind_and_step(c, c->stmt[c->failed_drop[n].sql], &id, 1, &ignored))
 			break;
 		n++;
 	}
-	c->nowed -= n;
-	memmove(c->owed, c->owed + n, c->nowed * sizeof *c->owed);
+	c->nfailed_drops -= n;
+	memmove(c->failed_drop, c->failed_drop + n, c->nfailed_drops * sizeof *c->failed_drop);
 }
 
-/* What was written needs its texts no more: only the answer waits for the loop. */
-static void written(struct catalogue *c, struct change *ch, const struct err *why)
+/* Once written, a change needs no texts; only its result waits for the loop. */
+static void finish_change(struct catalogue *c, struct change *ch, const struct err *why)
 {
 	for (unsigned i = 0; i < ch->n; i++)
 		free(ch->value[i].text);
@@ -185,14 +184,14 @@ static void written(struct catalogue *c, struct change *ch, const struct err *wh
 		ledger_give(c->ledger, LEDGER_CATALOGUE, ch->charged);
 }
 
-static void *work(void *arg)
+static void *catalogue_main(void *arg)
 {
 	struct catalogue *c = arg;
 
 	thread_mark_helper();
 	lock_take(&c->lock);
 	for (;;) {
-		struct change *ch = c->todo;
+		struct change *ch = c->queued;
 		uint64_t one = 1;
 
 		if (!ch) {
@@ -201,30 +200,30 @@ static void *work(void *arg)
 			lock_wait(&c->lock, &c->wake);
 			continue;
 		}
-		c->todo = ch->next;
-		if (!c->todo)
-			c->todo_end = &c->todo;
+		c->queued = ch->next;
+		if (!c->queued)
+			c->queued_end = &c->queued;
 		c->writing = true;
 		lock_give(&c->lock);
 		struct err why = ERR_INIT;
 
-		ch->r = catalogue_again(c, &why);
+		ch->r = catalogue_reopen(c, &why);
 		if (!ch->r) {
-			pay(c);
+			retry_failed_drops(c);
 			ch->r = make_change(c, ch, &why);
 			if (c->io_failed)
 				catalogue_after_error(c, ch, &why);
 		}
-		if (ch->r && drops(ch))
-			owe(c, ch, &why);
-		written(c, ch, &why);
+		if (ch->r && is_drop(ch))
+			add_failed_drop(c, ch, &why);
+		finish_change(c, ch, &why);
 		lock_take(&c->lock);
 		c->writing = false;
-		pthread_cond_signal(&c->room);
+		pthread_cond_signal(&c->written);
 		ch->next = NULL;
-		*c->over_end = ch;
-		c->over_end = &ch->next;
-		/* A full counter is readable anyway. */
+		*c->ended_end = ch;
+		c->ended_end = &ch->next;
+		/* If the counter is full, it is readable anyway. */
 		if (write(c->event, &one, sizeof one) < 0)
 			continue;
 	}
@@ -234,12 +233,13 @@ static void *work(void *arg)
 
 int catalogue_start(struct catalogue *c, struct err *err)
 {
+	THREAD_LOOP_ONLY();
 	sigset_t all, old;
 	int r;
 
 	sigfillset(&all);
 	pthread_sigmask(SIG_SETMASK, &all, &old);
-	r = pthread_create(&c->thread, NULL, work, c);
+	r = pthread_create(&c->thread, NULL, catalogue_main, c);
 	pthread_sigmask(SIG_SETMASK, &old, NULL);
 	if (r)
 		return err_sys(err, r, "cannot start the catalogue's thread");
@@ -258,6 +258,7 @@ unsigned catalogue_dispatch(struct catalogue *c)
 	unsigned n = 0;
 	uint64_t count;
 
+	THREAD_LOOP_ONLY();
 	err_set(&nomem, ERR_NOMEM, "the catalogue cannot be written, and there is no memory to say why");
 	if (read(c->event, &count, sizeof count) < 0)
 		count = 0;
@@ -265,11 +266,11 @@ unsigned catalogue_dispatch(struct catalogue *c)
 		struct change *ch;
 
 		lock_take(&c->lock);
-		ch = c->over;
+		ch = c->ended;
 		if (ch) {
-			c->over = ch->next;
-			if (!c->over)
-				c->over_end = &c->over;
+			c->ended = ch->next;
+			if (!c->ended)
+				c->ended_end = &c->ended;
 			c->busy--;
 		}
 		lock_give(&c->lock);

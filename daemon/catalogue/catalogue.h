@@ -1,7 +1,7 @@
 /*
- * The catalogue: what must outlive the daemon about datasets, jobs and pushes that are not committed. SQLite
- * (WAL, synchronous=FULL) on a thread of its own: the loop queues a change and is told when it is on disk.
- * Nothing is read after the start: the loop keeps what it was told.
+ * The catalogue: the durable state of datasets, jobs and uncommitted pushes. SQLite (WAL, synchronous=FULL) on a thread of its
+ * own: the loop queues a change, and its `done` is called when the change is durable. Nothing is read after the start, since the
+ * loop keeps the state in memory. Functions belong to the loop thread unless they say "any thread".
  */
 #ifndef CATALOGUE_H
 #define CATALOGUE_H
@@ -13,25 +13,25 @@ struct err;
 struct catalogue;
 struct ledger;
 
-/* What it takes of the ledger (LEDGER_CATALOGUE): all that SQLite may ever have, and changes that wait for the disk.
- * Set that much aside; who queues more waits until some of it is written. */
+/* Bytes of LEDGER_CATALOGUE: the whole heap of SQLite, and what is set aside for changes that wait for the disk. If more are
+ * queued, the caller waits until some are written. */
 enum { CATALOGUE_HEAP = 1 << 20, CATALOGUE_QUEUE = 512 << 10 };
 
-/* Texts are copied by whoever receives such a struct. Times: microseconds since 1970. */
+/* Texts are borrowed: the receiver copies them. Times: microseconds since 1970. */
 struct catalogue_dataset {
 	uint64_t id;
 	const char *name;
-	uint32_t uid, gid, mode; /* gid UINT32_MAX: none, as of what is older than groups */
+	uint32_t uid, gid, mode; /* gid UINT32_MAX: none (a dataset older than groups) */
 	int64_t created_us, pushed_us;
-	const char *manifest; /* file name in the dataset's folder, "" if there is no generation */
+	const char *manifest; /* file name in the dataset's folder; "": there is no generation */
 	uint64_t generation, points, bytes;
 	uint32_t files;
 	const char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
-	int64_t removed_us; /* 0: it is there; names differ among those that are */
+	int64_t removed_us; /* 0: not removed; the names of these datasets differ */
 	bool pinned;
-	uint64_t oldest;   /* generation that can be read; 0: 1 */
-	uint32_t segments; /* 0: not known */
+	uint64_t oldest;   /* oldest generation that can be read; 0: 1 */
+	uint32_t segments; /* 0: unknown */
 };
 
 struct catalogue_job {
@@ -39,24 +39,24 @@ struct catalogue_job {
 	const char *view, *state; /* name of the state, daemon/job/job_state.def */
 	uint32_t uid, pid;
 	int64_t submitted_us, finished_us;
-	const char *report; /* text of job_report_text, "" if none */
+	const char *report; /* job_report_text; "": none */
 	const char *error_code, *error_message, *error_file, *error_field, *error_hint;
 	int64_t error_offset; /* -1: none */
 	uint32_t priority;
-	const char *area; /* "": all */
-	bool admin;       /* of who submitted it: no limit of users holds it */
+	const char *area; /* "": everything */
+	bool admin;       /* the job's user was an administrator: has no quota */
 };
 
 struct catalogue_push {
 	uint64_t id, dataset;
-	uint32_t uid, files; /* files: durable ones */
+	uint32_t uid, files; /* files: durable */
 	int64_t begun_us;
 };
 
-/* Opens or makes `path`. `ledger` is borrowed (NULL: not charged). -ERR_VERSION: made by a newer acutd;
- * -ERR_CORRUPT: not a catalogue, damaged; -ERR_LIMIT: the ledger has no room. */
+/* Opens the database, or makes it. `ledger` is borrowed; NULL: not charged. -ERR_VERSION: a newer acutd wrote it. -ERR_CORRUPT:
+ * it is damaged, or not a catalogue. -ERR_LIMIT: the ledger has too little memory. */
 int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **ret, struct err *err);
-/* Ends the thread after everything queued is on disk. NULL is fine; returns NULL. */
+/* Writes all queued changes, then ends the thread. NULL is fine; returns NULL. */
 struct catalogue *catalogue_free(struct catalogue *);
 
 struct catalogue_reader {
@@ -65,22 +65,23 @@ struct catalogue_reader {
 	int (*job)(void *ctx, const struct catalogue_job *, struct err *err);
 	int (*push)(void *ctx, const struct catalogue_push *, struct err *err);
 };
-/* Everything, by id; before catalogue_start. ret_last: the largest id ever given: dataset, job, push. */
+/* Calls the reader for every row, by id; before catalogue_start. ret_last: the largest ids of a dataset, job and push that were
+ * ever used. */
 int catalogue_load(struct catalogue *, const struct catalogue_reader *, uint64_t ret_last[3], struct err *err);
 int catalogue_start(struct catalogue *, struct err *err);
 
-/* Readable when catalogue_dispatch has something to call. */
+/* Readable if catalogue_dispatch has something to call. */
 int catalogue_fd(const struct catalogue *);
 unsigned catalogue_dispatch(struct catalogue *);
-/* After an error of the disk it is not known whether some change was made: what a change that failed is about must stay
- * until the next start. */
-bool catalogue_unsure(struct catalogue *);
-unsigned catalogue_busy(struct catalogue *); /* changes whose `done` has not been called */
+/* True: after a disk error it is unknown whether some change was made. The objects of a change that failed must stay until the
+ * next start. Any thread. */
+bool catalogue_is_uncertain(struct catalogue *);
+unsigned catalogue_busy(struct catalogue *); /* number of changes whose `done` was not called */
 
-/* Changes; `done` (may be NULL) comes from catalogue_dispatch, r as functions return it. -ERR_NOMEM: not
- * queued, done is not called. put replaces the row of that id. */
+/* Changes. `done` (may be NULL) is called by catalogue_dispatch, with 0 or a negative error. -ERR_NOMEM, -ERR_BUSY: the change is
+ * not queued, and `done` is not called. put replaces the row with that id. Texts are copied. */
 typedef void (*catalogue_done_fn)(void *ctx, int r, const struct err *why);
-/* push: the push that this commits, whose row goes in the same transaction; 0: none. */
+/* push: the row of this push is removed in the same transaction; 0: none. */
 int catalogue_put_dataset(struct catalogue *, const struct catalogue_dataset *, uint64_t push, catalogue_done_fn done, void *ctx,
 			  struct err *err);
 int catalogue_put_job(struct catalogue *, const struct catalogue_job *, catalogue_done_fn done, void *ctx, struct err *err);
@@ -89,15 +90,16 @@ int catalogue_drop_dataset(struct catalogue *, uint64_t id, catalogue_done_fn do
 int catalogue_drop_job(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 int catalogue_drop_push(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 
-/* PRAGMA integrity_check: `done` gets -ERR_CORRUPT with what is wrong first. */
+/* PRAGMA integrity_check. `done` gets -ERR_CORRUPT with the first finding. */
 int catalogue_check(struct catalogue *, catalogue_done_fn done, void *ctx, struct err *err);
 
 /* ---- catalogue_copy.c: any thread ---- */
 
-/* The catalogue at the path `from`, as of one moment, into a new file `to`; pushes that are not committed are not in
- * it. Whoever owns `from` goes on meanwhile. */
+/* Copies the catalogue at the path `from`, as of one moment, into a new file `to`. Uncommitted pushes are left out. The catalogue
+ * may be in use. */
 int catalogue_copy(const char *from, const char *to, struct err *err);
-/* The datasets that have a manifest, by id; what `each` returns ends it, if not 0. Nobody may have `path` open. */
+/* Calls `each` for the datasets that have a manifest, by id, until it returns other than 0, and returns that. The catalogue at
+ * `path` must not be in use. */
 int catalogue_manifests(const char *path, int (*each)(void *ctx, uint64_t dataset, const char *manifest, struct err *), void *ctx,
 			struct err *err);
 

@@ -1,6 +1,6 @@
 /*
- * Changes of the catalogue: their values are copied, so that a caller's texts may go at once. Those that wait are
- * charged: who queues more than there is room for waits for the disk.
+ * Changes of the catalogue. Values are copied. Changes that wait are charged: if the account is full, the caller waits for the
+ * disk.
  */
 #include "catalogue_priv.h"
 
@@ -11,6 +11,7 @@
 #include "err.h"
 #include "ledger.h"
 #include "progress.h"
+#include "thread.h"
 
 enum { MALLOC_OVERHEAD = 24 };
 
@@ -40,16 +41,16 @@ static void add_number(struct change *ch, int64_t number)
 		ch->value[ch->n++] = (struct value){.kind = VALUE_NUMBER, .number = number};
 }
 
-/* A text without memory leaves the change unusable: change_queue looks for it. */
+/* If there is no memory for the text, change_queue refuses the change. */
 static void add_text(struct change *ch, const char *t)
 {
 	if (ch)
 		ch->value[ch->n++] = (struct value){.kind = VALUE_TEXT, .text = strdup(t ? t : "")};
 }
 
-/* Room among the changes that wait for the disk. It comes when some are written: a slow disk slows down who asks for more than it
- * carries. */
-static bool take_room(struct catalogue *c, struct change *ch)
+/* Charges a change. If the account is full, waits until others are written: a slow disk slows down whoever makes more changes
+ * than it can take. */
+static bool charge_change(struct catalogue *c, struct change *ch)
 {
 	size_t bytes = sizeof *ch;
 
@@ -59,10 +60,10 @@ static bool take_room(struct catalogue *c, struct change *ch)
 	for (unsigned i = 0; i < ch->n; i++)
 		bytes += ch->value[i].kind == VALUE_TEXT ? strlen(ch->value[i].text) + MALLOC_OVERHEAD : 0;
 	while (!ledger_take(c->ledger, LEDGER_CATALOGUE, bytes)) {
-		if (!c->started || (!c->todo && !c->writing))
+		if (!c->started || (!c->queued && !c->writing))
 			return false;
-		lock_wait(&c->lock, &c->room);
-		progress_step(); /* the disk is slow, and answers */
+		lock_wait(&c->lock, &c->written);
+		progress_step(); /* the disk is slow, but it answers */
 	}
 	ch->charged = bytes;
 	return true;
@@ -77,14 +78,15 @@ static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
 			catalogue_change_free(ch);
 			return err_set(err, ERR_NOMEM, "no memory for a change of the catalogue");
 		}
+	THREAD_LOOP_ONLY();
 	lock_take(&c->lock);
-	if (!take_room(c, ch)) {
+	if (!charge_change(c, ch)) {
 		lock_give(&c->lock);
 		catalogue_change_free(ch);
-		return err_set(err, ERR_BUSY, "the memory has no room for a change of the catalogue");
+		return err_set(err, ERR_BUSY, "there is no memory left for a change of the catalogue");
 	}
-	*c->todo_end = ch;
-	c->todo_end = &ch->next;
+	*c->queued_end = ch;
+	c->queued_end = &ch->next;
 	c->busy++;
 	pthread_cond_signal(&c->wake);
 	lock_give(&c->lock);
@@ -161,7 +163,8 @@ int catalogue_put_push(struct catalogue *c, const struct catalogue_push *p, cata
 	return change_queue(c, ch, err);
 }
 
-static int drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
+static int queue_drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalogue_done_fn done, void *ctx,
+		      struct err *err)
 {
 	struct change *ch = change_new(sql, done, ctx);
 
@@ -171,17 +174,17 @@ static int drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalo
 
 int catalogue_drop_dataset(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
 {
-	return drop(c, CATALOGUE_DROP_DATASET, id, done, ctx, err);
+	return queue_drop(c, CATALOGUE_DROP_DATASET, id, done, ctx, err);
 }
 
 int catalogue_drop_job(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
 {
-	return drop(c, CATALOGUE_DROP_JOB, id, done, ctx, err);
+	return queue_drop(c, CATALOGUE_DROP_JOB, id, done, ctx, err);
 }
 
 int catalogue_drop_push(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
 {
-	return drop(c, CATALOGUE_DROP_PUSH, id, done, ctx, err);
+	return queue_drop(c, CATALOGUE_DROP_PUSH, id, done, ctx, err);
 }
 
 int catalogue_check(struct catalogue *c, catalogue_done_fn done, void *ctx, struct err *err)

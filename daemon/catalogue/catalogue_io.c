@@ -1,12 +1,11 @@
 /*
- * The catalogue after an error of the disk, or without memory in the middle of a change.
+ * The catalogue after a disk error, or without memory within a change.
  *
- * The model: a commit whose fsync failed may be there or not, and a second fsync would say that all is well either
- * way. So nothing is tried again on that connection. It is closed, which throws away what was not committed, and the
- * database is opened anew; a checkpoint writes all that counts afresh and brings it to the disk. Then the change that failed is
- * looked for: if it is there, it was made; if it is not, it has failed for good. Where even that cannot be told, the catalogue is
- * unsure: nobody may remove what the change was about (the next start sees what it says), and every change after it fails, or
- * begins by opening the database.
+ * The model: a commit whose fsync failed may or may not be durable, and a second fsync would report success either way. So
+ * nothing is tried again on that connection. It is closed, which discards what was not committed, and the database is opened
+ * again. A checkpoint rewrites everything that counts, and syncs it. Then the failed change is looked up: if it is there, it was
+ * made; otherwise it has failed. If even that fails, the catalogue is uncertain: the objects of the change must stay, since the
+ * next start follows the catalogue. Every later change fails, or begins by opening the database.
  */
 #include "catalogue_priv.h"
 
@@ -23,13 +22,13 @@ static int reopen(struct catalogue *c, struct err *err)
 	c->io_failed = false;
 	r = catalogue_open(c, c->path, err);
 	if (!r && c->io_failed)
-		r = err_set(err, ERR_IO, "the catalogue cannot be brought to the disk");
+		r = err_set(err, ERR_IO, "the catalogue cannot be written to the disk");
 	if (r)
 		catalogue_close(c);
 	return r;
 }
 
-static const char *row_of(enum catalogue_sql sql)
+static const char *select_row(enum catalogue_sql sql)
 {
 	switch (sql) {
 	case CATALOGUE_PUT_DATASET:
@@ -46,8 +45,8 @@ static const char *row_of(enum catalogue_sql sql)
 	}
 }
 
-/* Columns are in the order of a change's values; behind them is their checksum. */
-static bool equal(sqlite3_stmt *s, const struct change *ch)
+/* Columns are in the order of a change's values, followed by their checksum. */
+static bool row_equals(sqlite3_stmt *s, const struct change *ch)
 {
 	if ((unsigned)sqlite3_column_count(s) != ch->n + 1)
 		return false;
@@ -61,10 +60,10 @@ static bool equal(sqlite3_stmt *s, const struct change *ch)
 	return true;
 }
 
-/* Whether the change is in the database. */
-static int look(struct catalogue *c, const struct change *ch, bool *ret_made, struct err *err)
+/* Looks up whether the database has the change. */
+static int find_change(struct catalogue *c, const struct change *ch, bool *ret_made, struct err *err)
 {
-	const char *sql = row_of(ch->sql);
+	const char *sql = select_row(ch->sql);
 	sqlite3_stmt *s;
 	int step;
 
@@ -76,7 +75,7 @@ static int look(struct catalogue *c, const struct change *ch, bool *ret_made, st
 	sqlite3_bind_int64(s, 1, ch->value[0].number);
 	step = sqlite3_step(s);
 	if (step == SQLITE_ROW)
-		*ret_made = ch->n > 1 && equal(s, ch);
+		*ret_made = ch->n > 1 && row_equals(s, ch);
 	else if (step == SQLITE_DONE)
 		*ret_made = ch->n == 1;
 	sqlite3_finalize(s);
@@ -90,37 +89,35 @@ void catalogue_after_error(struct catalogue *c, struct change *ch, struct err *w
 	int r;
 
 	log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL,
-		      why->code == ERR_NOMEM ? "no memory for the catalogue: it is opened anew" :
-					       "an error of the disk: the catalogue is opened anew",
+		      why->code == ERR_NOMEM ? "no memory for the catalogue: it is opened again" :
+					       "an error of the disk: the catalogue is opened again",
 		      why);
 	r = reopen(c, &err);
 	if (!r && ch->r)
-		r = look(c, ch, &made, &err);
+		r = find_change(c, ch, &made, &err);
 	if (r) {
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue is closed", &err);
 		if (ch->r)
-			atomic_store(&c->unsure, true);
+			atomic_store(&c->uncertain, true);
 		catalogue_close(c);
-		err_add_hint(why,
-			     "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
+		err_add_hint(why, "check the disk of the state folder, then start acutd again: what was acknowledged is there");
 		return;
 	}
 	if (ch->r && made)
 		ch->r = 0;
 }
 
-int catalogue_again(struct catalogue *c, struct err *err)
+int catalogue_reopen(struct catalogue *c, struct err *err)
 {
 	struct err why = ERR_INIT;
 
 	if (c->db || !reopen(c, &why))
 		return 0;
 	err_set(err, ERR_IO, "the catalogue is closed after an error of the disk: %.300s", why.message);
-	return err_add_hint(err,
-			    "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
+	return err_add_hint(err, "check the disk of the state folder, then start acutd again: what was acknowledged is there");
 }
 
-bool catalogue_unsure(struct catalogue *c)
+bool catalogue_is_uncertain(struct catalogue *c)
 {
-	return atomic_load(&c->unsure);
+	return atomic_load(&c->uncertain);
 }

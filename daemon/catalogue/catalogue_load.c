@@ -1,4 +1,4 @@
-/* Reading the catalogue, before it starts: each row is handed over, its texts borrowed. */
+/* Reading the catalogue before it starts. Each row is passed to the reader, with borrowed texts. */
 #include "catalogue_priv.h"
 
 #include <stdbool.h>
@@ -6,12 +6,13 @@
 
 #include "err.h"
 #include "progress.h"
+#include "thread.h"
 
-/* So many rows are worth a word. */
+/* Rows between two steps of progress. */
 enum { ROWS_STEP = 16 };
 
-/* Ten thousand rows of twenty columns are read at a start: each value is looked up once, and a text asked for only where there
- * is one. (The connection is SQLITE_OPEN_NOMUTEX, so the values of columns are as good as protected ones.) */
+/* A start reads ten thousand rows of twenty columns. So each value is fetched once, and its text only if it has one. (Values of
+ * columns are unprotected, which is safe with SQLITE_OPEN_NOMUTEX.) */
 static bool read_column(sqlite3_stmt *s, int i, struct column *ret)
 {
 	sqlite3_value *v = sqlite3_column_value(s, i);
@@ -24,7 +25,7 @@ static bool read_column(sqlite3_stmt *s, int i, struct column *ret)
 	ret->bytes = (size_t)sqlite3_value_bytes(v);
 	if (ret->bytes)
 		ret->text = (const char *)sqlite3_value_text(v);
-	return ret->text; /* or there is no memory for it */
+	return ret->text; /* NULL: no memory for it */
 }
 
 static bool read_columns(sqlite3_stmt *s, int n, struct column *ret)
@@ -116,7 +117,7 @@ static int read_last(const struct column *c, const struct catalogue_reader *to, 
 	return 0;
 }
 
-/* `table`: its rows have checksums; NULL: not. */
+/* table: the name of a table whose rows have checksums; NULL: they have none. */
 static int read_all(struct catalogue *c, const char *table, const char *sql,
 		    int (*row)(const struct column *, const struct catalogue_reader *, struct err *),
 		    const struct catalogue_reader *to, struct err *err)
@@ -148,6 +149,7 @@ int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint6
 	struct catalogue_reader last = {.ctx = ret_last};
 	int r;
 
+	THREAD_LOOP_ONLY();
 	ret_last[0] = ret_last[1] = ret_last[2] = 0;
 	r = read_all(c, NULL, "SELECT name, seq FROM sqlite_sequence", read_last, &last, err);
 	if (!r)

@@ -1,9 +1,9 @@
 /*
  * The database of the catalogue: opening, older versions, errors.
  *
- * An older version is brought to this one step by step, each step a transaction: what is cut short is as it was. A
- * newer one is refused before anything is written to it. The heap of SQLite is bounded, so what a step of many rows has to
- * remember to be undone goes to a temporary file.
+ * An older version is converted step by step. Each step is a transaction, so an interrupted one has no effect. A newer version is
+ * refused before anything is written. The heap of SQLite is bounded, so the undo data of a step with many rows goes to a
+ * temporary file.
  */
 #include "catalogue_priv.h"
 
@@ -16,19 +16,34 @@
 
 enum { CHECKPOINT_PAGES = 256 };
 
+enum err_code catalogue_err_code(int code)
+{
+	switch (code & 0xff) {
+	case SQLITE_FULL:
+		return ERR_NOSPACE;
+	case SQLITE_CORRUPT:
+	case SQLITE_NOTADB:
+		return ERR_CORRUPT;
+	case SQLITE_NOMEM:
+		return ERR_NOMEM;
+	case SQLITE_BUSY:
+	case SQLITE_LOCKED:
+		return ERR_BUSY;
+	case SQLITE_PERM:
+	case SQLITE_READONLY:
+		return ERR_PERM;
+	default:
+		return ERR_IO;
+	}
+}
+
 int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 {
 	int code = sqlite3_extended_errcode(c->db) & 0xff;
-	enum err_code as = code == SQLITE_FULL                             ? ERR_NOSPACE :
-			   code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT :
-			   code == SQLITE_NOMEM                            ? ERR_NOMEM :
-			   code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY :
-			   code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM :
-									     ERR_IO;
-
+	enum err_code as = catalogue_err_code(code);
 	int sys = code == SQLITE_IOERR ? sqlite3_system_errno(c->db) : 0;
 
-	/* Without memory SQLite ends a commit anywhere, also behind what makes it durable. */
+	/* Without memory SQLite may fail anywhere in a commit, also after it became durable. */
 	c->io_failed |= code == SQLITE_IOERR || code == SQLITE_NOMEM;
 	if (sys == ENOSPC || sys == EDQUOT)
 		as = ERR_NOSPACE;
@@ -57,26 +72,26 @@ static int user_version(struct catalogue *c, int *ret, struct err *err)
 	return 0;
 }
 
-/* Pages whose cells do not add up: rows that are not found would be taken for rows that are not there. */
+/* Finds pages with inconsistent cells: rows on them would not be found, and be taken for absent. */
 static int check_pages(struct catalogue *c, struct err *err)
 {
-	const char *said = "";
+	const char *answer = "";
 	sqlite3_stmt *s;
 	int r = 0;
 
 	if (sqlite3_prepare_v2(c->db, "PRAGMA quick_check(1)", -1, &s, NULL) != SQLITE_OK || sqlite3_step(s) != SQLITE_ROW)
 		r = catalogue_failed(c, err, "the catalogue cannot be read");
 	else
-		said = (const char *)sqlite3_column_text(s, 0);
-	if (!r && (!said || strcmp(said, "ok"))) {
-		err_set(err, ERR_CORRUPT, "the catalogue is damaged: %.200s", said ? said : "");
+		answer = (const char *)sqlite3_column_text(s, 0);
+	if (!r && (!answer || strcmp(answer, "ok"))) {
+		err_set(err, ERR_CORRUPT, "the catalogue is damaged: %.200s", answer ? answer : "");
 		r = err_add_hint(err, "take the state from a backup");
 	}
 	sqlite3_finalize(s);
 	return r;
 }
 
-static int bring_up(struct catalogue *c, int version, struct err *err)
+static int convert(struct catalogue *c, int version, struct err *err)
 {
 	int r = 0;
 
@@ -91,7 +106,7 @@ static int bring_up(struct catalogue *c, int version, struct err *err)
 	return r ? r : catalogue_run(c, "PRAGMA temp_store = MEMORY", err);
 }
 
-/* A checkpoint that fails is no silent matter. */
+/* SQLite ignores errors of automatic checkpoints. This hook makes the checkpoint, and records its error. */
 static int on_wal(void *ctx, sqlite3 *db, const char *name, int pages)
 {
 	struct catalogue *c = ctx;
@@ -102,20 +117,20 @@ static int on_wal(void *ctx, sqlite3 *db, const char *name, int pages)
 	return SQLITE_OK;
 }
 
-/* So many instructions of the database are worth a word: a conversion of many rows takes its time. */
+/* Instructions of the database between two steps of progress: converting many rows takes its time. */
 enum { STEP_INSTRUCTIONS = 100000 };
 
 static int on_instructions(void *ctx)
 {
 	progress_step();
-	return 0; /* go on */
+	return 0; /* continue */
 }
 
 int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 {
 	int r, version = 0;
 
-	/* Cached pages go before the heap is full; statements and texts of one change need far less than the rest. */
+	/* Cached pages are released before the heap is full; statements and texts of one change need far less than the rest. */
 	sqlite3_soft_heap_limit64(CATALOGUE_HEAP - (CATALOGUE_HEAP >> 2));
 	sqlite3_hard_heap_limit64(CATALOGUE_HEAP);
 	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL) != SQLITE_OK)
@@ -136,8 +151,8 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 	if (!r && version)
 		r = check_pages(c, err);
 	if (!r)
-		r = bring_up(c, version, err);
-	/* What is read from here on is on the disk, whatever became of the last fsync before. */
+		r = convert(c, version, err);
+	/* Whatever an earlier fsync did, what is read from here on is durable. */
 	if (!r)
 		r = catalogue_run(c, "PRAGMA wal_checkpoint(TRUNCATE)", err);
 	if (!r)
@@ -157,7 +172,7 @@ void catalogue_close(struct catalogue *c)
 	c->db = NULL;
 }
 
-/* The first line of an answer. */
+/* Keeps the first line of an answer. */
 static int first_line(void *ctx, int n, char **value, char **name)
 {
 	char *line = ctx;
@@ -167,8 +182,8 @@ static int first_line(void *ctx, int n, char **value, char **name)
 	return 0;
 }
 
-/* Within the heap that SQLite has: the thorough check needs a little for each page of the database, the quick one does
- * not look at indices. */
+/* Within the bounded heap: the thorough check needs some memory for each page of the database; the quick one does not check
+ * indices. */
 int catalogue_verify(struct catalogue *c, struct err *err)
 {
 	static const char *const checks[] = {"PRAGMA integrity_check(1)", "PRAGMA quick_check(1)"};

@@ -1,4 +1,4 @@
-/* What the files of this room share. */
+/* Shared by the files of this room. */
 #ifndef CATALOGUE_PRIV_H
 #define CATALOGUE_PRIV_H
 
@@ -9,12 +9,13 @@
 
 #include "catalogue.h"
 #include "catalogue_sql.h"
+#include "err.h"
 #include "lock.h"
 
-/* values of one change, at most: columns of the widest table */
+/* Values of one change, at most: the columns of the widest table. */
 enum { VALUES = 22 };
-/* Rows that could not be removed, which are remembered. */
-enum { OWED = 256 };
+/* Rows that could not be removed and are tried again, at most. */
+enum { FAILED_DROPS = 256 };
 
 struct value {
 	enum { VALUE_NUMBER, VALUE_TEXT } kind;
@@ -29,7 +30,7 @@ struct change {
 	catalogue_done_fn done;
 	void *ctx;
 	int r;
-	struct err *err; /* if r; NULL: not even memory for that */
+	struct err *err; /* if r is not 0; NULL: there was no memory for it */
 	size_t charged;
 	struct change *next;
 	struct value value[VALUES];
@@ -38,50 +39,51 @@ struct change {
 struct catalogue {
 	sqlite3 *db; /* NULL: closed, after an error of the disk */
 	char *path;
-	bool io_failed; /* since it was opened a change ended in the middle; of the thread */
-	atomic_bool unsure;
+	bool io_failed; /* of the thread: a change was interrupted by an error since the database was opened */
+	atomic_bool uncertain;
 	sqlite3_stmt *stmt[CATALOGUE_SQLS];
 	struct lock lock;
-	pthread_cond_t wake, room; /* for the thread; for who waits to queue */
+	pthread_cond_t wake, written; /* for the thread; for callers that wait for memory */
 	pthread_t thread;
 	struct ledger *ledger;
-	bool heap; /* charged */
+	bool heap; /* it is charged */
 	bool started, stop, writing;
-	struct change *todo, **todo_end, *over, **over_end;
+	struct change *queued, **queued_end, *ended, **ended_end;
 	unsigned busy;
 	int event;
-	struct owed {
+	struct failed_drop {
 		enum catalogue_sql sql;
 		int64_t id;
-	} owed[OWED]; /* the thread's */
-	unsigned nowed;
+	} failed_drop[FAILED_DROPS]; /* of the thread */
+	unsigned nfailed_drops;
 };
 
-/* catalogue_open.c: the database. */
+/* catalogue_open.c: the database. All but catalogue_open are for its owner. */
 int catalogue_open(struct catalogue *, const char *path, struct err *err);
 void catalogue_close(struct catalogue *);
-/* Raises what SQLite said last. */
+enum err_code catalogue_err_code(int sqlite_code);
+/* Sets the last error of SQLite. */
 int catalogue_failed(struct catalogue *, struct err *err, const char *what);
-int catalogue_verify(struct catalogue *, struct err *err); /* -ERR_CORRUPT: what is wrong first */
+int catalogue_verify(struct catalogue *, struct err *err); /* -ERR_CORRUPT, with the first finding */
 int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 
-/* catalogue_sum.c: what the last column of a row is, from those before it. */
+/* catalogue_sum.c: the checksum in the last column of a row, of the values before it. */
 int64_t catalogue_sum(const struct value *, unsigned n);
-/* For the steps from older versions: row_sum(column, ...). */
+/* Defines row_sum(column, ...) for the steps from older versions. */
 int catalogue_sum_function(struct catalogue *, struct err *err);
-/* A value of a row that was read: as a number and as a text, whatever it is. */
+/* A value of a row that was read, as a number and as a text. */
 struct column {
 	int type; /* SQLITE_INTEGER, ... */
 	size_t bytes;
 	int64_t number;
-	const char *text; /* borrowed, up to the next row; of a number: NULL */
+	const char *text; /* borrowed, until the next row; NULL: a number */
 };
-/* A row, its last column the sum. -ERR_CORRUPT: it is not what was written. */
+/* Checks a row whose last column is its checksum. -ERR_CORRUPT. */
 int catalogue_sum_check(const struct column *, unsigned n, const char *table, struct err *err);
 
-/* catalogue_io.c, the thread's: after an error of the disk, and before a change. `ch->r` is what became of it. */
+/* catalogue_io.c, of the thread: after a disk error, and before a change. Sets `ch->r` to the result of the change. */
 void catalogue_after_error(struct catalogue *, struct change *ch, struct err *why);
-int catalogue_again(struct catalogue *, struct err *err); /* it is open, or cannot be */
+int catalogue_reopen(struct catalogue *, struct err *err); /* opens the database if it is closed */
 
 void catalogue_change_free(struct change *);
 

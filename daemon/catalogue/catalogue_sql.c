@@ -1,6 +1,6 @@
 /*
- * The schema and statements of the catalogue. AUTOINCREMENT only so that an id is never given twice: SQLite
- * remembers the largest in sqlite_sequence, also for rows whose id was chosen by us.
+ * The schema and statements of the catalogue. AUTOINCREMENT makes SQLite remember the largest id in sqlite_sequence, also for
+ * rows whose id we chose, so an id is never used twice.
  */
 #include "catalogue_sql.h"
 
@@ -11,9 +11,9 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 				   "PRAGMA mmap_size = 0;"
 				   "PRAGMA cache_size = -256;";
 
-/* The last column of each table is a checksum of the others (catalogue_sum.c); NULL in rows that an older version wrote. */
+/* The last column of each table is a checksum of the others (catalogue_sum.c). It is NULL in rows that an older version wrote. */
 
-/* A dataset that was removed keeps its row for a while, and its name is free: names differ among the others. */
+/* A removed dataset keeps its row for a while, but not its name: the names of the other datasets differ. */
 #define DATASET_COLUMNS(more)                                                                                    \
 	"(id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, uid INTEGER NOT NULL,"                       \
 	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"                      \
@@ -41,16 +41,16 @@ const char catalogue_sql_schema[] = "BEGIN IMMEDIATE;"
 	"PRAGMA user_version = 4;"
 	"COMMIT;";
 
-/* Columns that have to do with sums, as they were in version 3. */
+/* Columns of the checksums, as they were in version 3. */
 #define DATASET_3                                                                                                          \
 	"id, name, uid, created_us, pushed_us, manifest, generation, points, bytes, files, lattice, crs, unit_xy, unit_z," \
 	" box_min, box_max, removed_us, pinned, oldest, segments"
 #define JOB_3                                                                                                           \
 	"id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, error_code, error_message," \
 	" error_file, error_field, error_hint, error_offset, priority, area"
-/* A row that is what was written gets the sum of what it is now; one that is not keeps one that does not fit. */
+/* A row with a valid checksum gets the checksum of its new form. Any other row keeps one that does not match. */
 #define SUM(was, is) "CASE WHEN sum IS row_sum(" was ") THEN row_sum(" is ") ELSE sum END"
-/* Of what is older than groups: none, and what everybody could do: rw-r--r--. */
+/* A row older than groups gets no group, and the mode that everybody had: rw-r--r--. */
 #define OLD_RIGHTS "4294967295, 420"
 #define MADE_ANEW(table)                                                            \
 	"DELETE FROM sqlite_sequence WHERE name = '" table "_4';"                   \
@@ -63,7 +63,7 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 	      "ALTER TABLE job ADD COLUMN priority INTEGER NOT NULL DEFAULT 0;"
 	      "PRAGMA user_version = 2;"
 	      "COMMIT;",
-	/* A column cannot lose its UNIQUE: the table is made again, and keeps its place in sqlite_sequence. */
+	/* A column cannot lose its UNIQUE. So the table is made again, and keeps its entry in sqlite_sequence. */
 	[2] = "BEGIN IMMEDIATE;"
 	      "CREATE TABLE dataset_3 " DATASET_COLUMNS(
 		      "") "INSERT INTO dataset_3 SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes,"
@@ -77,7 +77,7 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 			  "ALTER TABLE push ADD COLUMN sum INTEGER;"
 			  "PRAGMA user_version = 3;"
 			  "COMMIT;",
-	/* The sum stays the last column. */
+	/* The checksum stays the last column. */
 	[3] = "BEGIN IMMEDIATE;"
 	      "CREATE TABLE dataset_4 " DATASET_COLUMNS(
 		      DATASET_RIGHTS) "INSERT INTO dataset_4 SELECT " DATASET_3 ", " OLD_RIGHTS
@@ -88,7 +88,7 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 								      "COMMIT;",
 };
 
-/* Of a name that another dataset has nothing is put: REPLACE would remove that one. */
+/* If another dataset has the name, nothing is written: REPLACE would remove that dataset. */
 const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_PUT_DATASET] =
 		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"

@@ -14,13 +14,13 @@ enum catalogue_sql {
 	CATALOGUE_DROP_JOB,
 	CATALOGUE_DROP_PUSH,
 	CATALOGUE_SQLS,
-	CATALOGUE_CHECK = CATALOGUE_SQLS /* no statement of the table: catalogue_verify */
+	CATALOGUE_CHECK = CATALOGUE_SQLS /* has no statement: catalogue_verify */
 };
 
 extern const char *const catalogue_sql_text[CATALOGUE_SQLS];
 extern const char catalogue_sql_setup[], catalogue_sql_schema[];
-extern const char *const catalogue_sql_step[CATALOGUE_VERSION]; /* [n]: from version n to the next */
-/* Columns as catalogue_load.c reads them. */
+extern const char *const catalogue_sql_step[CATALOGUE_VERSION]; /* [n]: from version n to n + 1 */
+/* With the columns that catalogue_load.c reads. */
 extern const char catalogue_sql_datasets[], catalogue_sql_jobs[], catalogue_sql_pushes[];
 
 #endif

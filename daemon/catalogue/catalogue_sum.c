@@ -1,6 +1,6 @@
 /*
- * Checksums of rows. SQLite's pages have none: a bit that changed in a digest or a view would be served as it is. A row
- * that an older version wrote has none until it is written again.
+ * Checksums of rows. SQLite's pages have none, so a changed bit in a digest or a view would not be noticed. A row that an older
+ * version wrote has no checksum until it is written again.
  */
 #include "catalogue_priv.h"
 
@@ -19,7 +19,7 @@ static void add_hashed(struct digest *sum, int kind, struct digest value, size_t
 	*sum = digest_hash(&all, sizeof all);
 }
 
-/* Each value by itself, with its kind, so that nothing moves from one column to the next. */
+/* Each value is hashed by itself, with its kind, so that bytes cannot move between columns. */
 static void add(struct digest *sum, int kind, const void *bytes, size_t n)
 {
 	add_hashed(sum, kind, digest_hash(bytes, n), n);
@@ -46,7 +46,7 @@ int64_t catalogue_sum(const struct value *v, unsigned n)
 	return fold(&sum);
 }
 
-/* As the columns of a row are summed: a number, else a text. */
+/* Numbers as numbers, everything else as texts, as for the columns of a row. */
 static void row_sum(sqlite3_context *ctx, int n, sqlite3_value **v)
 {
 	struct digest sum = {0};

@@ -1,6 +1,6 @@
 /*
- * The configuration of a start: what the command line says, below it what the files say, below that defaults.
- * config_table.def has the settings; the options that are none stand here.
+ * The configuration of a start: the command line, then the files, then defaults. config_table.def has the settings; the options
+ * that are no settings are here.
  */
 #include "config.h"
 
@@ -9,18 +9,18 @@
 #include <string.h>
 
 #include "config_file.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "err.h"
 
-/* Numbers of what is no setting, after those. */
+/* Options that are no settings have the numbers after those. */
 enum { OPTION_FILE = CONFIG_SETTINGS, OPTION_NO_FILE, OPTION_CHECK, OPTION_VERSION, OPTION_HELP, OPTIONS };
 
-/* The command line, read and not applied yet: files go first. */
-struct words {
+/* The parsed command line. It is applied after the files. */
+struct command_line {
 	const char *value[CONFIG_SETTINGS]; /* "" of a flag */
 	const char *file;
 	bool no_file, check;
-	int answer; /* OPTION_VERSION, OPTION_HELP, or 0 */
+	int print; /* OPTION_VERSION, OPTION_HELP, or 0 */
 };
 
 static void list_options(struct option *to)
@@ -39,17 +39,17 @@ static void list_options(struct option *to)
 	memcpy(to + CONFIG_SETTINGS, more, sizeof more);
 }
 
-static int read_words(int argc, char **argv, struct words *ret, struct err *err)
+static int parse_command_line(int argc, char **argv, struct command_line *ret, struct err *err)
 {
 	struct option options[OPTIONS + 1];
 	int option;
 
-	*ret = (struct words){0};
+	*ret = (struct command_line){0};
 	list_options(options);
-	optind = 0; /* from the start: they are read again at a reload */
-	while (!ret->answer && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
+	optind = 0; /* restarts getopt: a reload parses again */
+	while (!ret->print && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
 		if (option == OPTION_VERSION || option == OPTION_HELP) {
-			ret->answer = option;
+			ret->print = option;
 		} else if (option == OPTION_FILE) {
 			ret->file = optarg;
 		} else if (option == OPTION_NO_FILE) {
@@ -59,11 +59,11 @@ static int read_words(int argc, char **argv, struct words *ret, struct err *err)
 		} else if (option >= 0 && option < CONFIG_SETTINGS) {
 			ret->value[option] = optarg ? optarg : "";
 		} else {
-			err_set(err, ERR_USAGE, "the command line is not understood");
+			err_set(err, ERR_USAGE, "the command line has an error");
 			return err_add_hint(err, "acutd --help lists the options");
 		}
 	}
-	if (!ret->answer && optind < argc)
+	if (!ret->print && optind < argc)
 		return err_set(err, ERR_USAGE, "\"%.100s\" is not an option", argv[optind]);
 	if (ret->file && ret->no_file)
 		return err_set(err, ERR_USAGE, "--config and --no-config exclude each other");
@@ -72,7 +72,7 @@ static int read_words(int argc, char **argv, struct words *ret, struct err *err)
 	return 0;
 }
 
-static void read_files(const struct words *w, struct config *c, struct config_told *told)
+static void read_files(const struct command_line *w, struct config *c, struct config_report *report)
 {
 	char folder[CONFIG_PATH_SIZE];
 
@@ -80,11 +80,11 @@ static void read_files(const struct words *w, struct config *c, struct config_to
 		return;
 	snprintf(c->file, sizeof c->file - 2, "%s", w->file ? w->file : ACUT_CONFIG_FILE);
 	snprintf(folder, sizeof folder, "%.*s.d", CONFIG_PATH_SIZE - 3, c->file);
-	config_file(c->file, w->file, c, told);
-	config_folder(folder, c, told);
+	config_file(c->file, w->file, c, report);
+	config_folder(folder, c, report);
 }
 
-static void apply_words(const struct words *w, struct config *c, struct config_told *told)
+static void apply_command_line(const struct command_line *w, struct config *c, struct config_report *report)
 {
 	const char *wanted;
 
@@ -97,38 +97,38 @@ static void apply_words(const struct words *w, struct config *c, struct config_t
 		if (config_value_parse(&config_settings[i], w->value[i], c, &wanted))
 			continue;
 		err_set(&err, ERR_USAGE, "--%s %.100s: %s is wanted", config_settings[i].name, w->value[i], wanted);
-		config_told_error(told, &err);
+		config_report_error(report, &err);
 	}
 }
 
-int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struct config_told *told, struct err *err)
+int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struct config_report *report, struct err *err)
 {
-	struct words words;
-	int r = read_words(argc, argv, &words, err);
+	struct command_line words;
+	int r = parse_command_line(argc, argv, &words, err);
 
-	*ret_what = r ? CONFIG_RUN : words.answer ? CONFIG_EXIT : words.check ? CONFIG_CHECK : CONFIG_RUN;
+	*ret_what = r ? CONFIG_RUN : words.print ? CONFIG_EXIT : words.check ? CONFIG_CHECK : CONFIG_RUN;
 	if (r)
 		return r;
 	if (words.check)
-		told->tell = config_check_tell;
-	if (words.answer == OPTION_VERSION)
+		report->emit = config_check_print;
+	if (words.print == OPTION_VERSION)
 		printf("acutd %s\n", ACUT_VERSION);
-	else if (words.answer)
+	else if (words.print)
 		config_help(stdout);
-	if (words.answer)
+	if (words.print)
 		return 0;
 	config_presets(ret);
 	ret->argc = argc;
 	ret->argv = argv;
-	read_files(&words, ret, told);
-	apply_words(&words, ret, told);
-	config_resolve(ret, told);
-	return config_told_end(told, err);
+	read_files(&words, ret, report);
+	apply_command_line(&words, ret, report);
+	config_resolve(ret, report);
+	return config_report_end(report, err);
 }
 
-int config_again(const struct config *c, struct config *ret, struct config_told *told, struct err *err)
+int config_again(const struct config *c, struct config *ret, struct config_report *report, struct err *err)
 {
 	int what;
 
-	return config_parse(c->argc, c->argv, ret, &what, told, err);
+	return config_parse(c->argc, c->argv, ret, &what, report, err);
 }

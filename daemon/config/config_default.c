@@ -1,6 +1,6 @@
 /*
- * What nobody said: folders, memory, threads; and the numbers of groups. What cannot be found out, or cannot be as it was
- * said, is told, with where it was said.
+ * Values that are not set: folders, memory, threads; and the numbers of groups. Errors are reported with the place where the
+ * setting is set.
  */
 #include <errno.h>
 #include <grp.h>
@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "config.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "err.h"
 #include "parse.h"
 #include "sched_pool.h"
@@ -20,9 +20,9 @@
 static const uint64_t MEMORY_LEAST = UINT64_C(24) << 20;
 enum { THREADS_MAX = 256, GROUP_BUFFER = 64 << 10 };
 
-/* An error about a setting; of one of a file with its place. */
-__attribute__((format(printf, 5, 6))) static void wrong(const struct config *c, struct config_told *told, enum config_id id,
-							const char *hint, const char *fmt, ...)
+/* Reports an error about a setting, with file and line if it comes from a file. */
+__attribute__((format(printf, 5, 6))) static void report_error(const struct config *c, struct config_report *report,
+							       enum config_id id, const char *hint, const char *fmt, ...)
 {
 	const struct config_origin *o = &c->origin[id];
 	struct err err = ERR_INIT;
@@ -36,7 +36,7 @@ __attribute__((format(printf, 5, 6))) static void wrong(const struct config *c, 
 	if (o->by == CONFIG_BY_FILE)
 		err_add_file(&err, config_origin_text(c, id, place));
 	err_add_hint(&err, "%s", hint);
-	config_told_error(told, &err);
+	config_report_error(report, &err);
 }
 
 /* ---- folders ---- */
@@ -63,56 +63,57 @@ static bool default_folder(char *to, const char *by_systemd, const char *system,
 	return true;
 }
 
-/* A folder that nobody configured is the user's own: it is made when it is needed. */
-static bool own_folder(void)
+/* The default folder is the user's own: it is made when it is needed. */
+static bool is_own_folder(void)
 {
 	const char *dir = getenv("STATE_DIRECTORY");
 
 	return geteuid() != 0 && !(dir && *dir);
 }
 
-static void resolve_folders(struct config *c, struct config_told *told)
+static void resolve_folders(struct config *c, struct config_report *report)
 {
-	/* A folder that somebody chose is no first one. */
+	/* --init-first is only for the default folder of a service. */
 	if (*c->state || !getenv("STATE_DIRECTORY"))
 		c->init_first = false;
-	if (!*c->state && own_folder())
+	if (!*c->state && is_own_folder())
 		c->init = true;
 	if (!*c->state && !default_folder(c->state, "STATE_DIRECTORY", "/var/lib/acut", "XDG_STATE_HOME", ".local/state",
 					  &c->origin[CONFIG_state]))
-		wrong(c, told, CONFIG_state, "give --state", "there is no home folder to keep data in");
+		report_error(c, report, CONFIG_state, "give --state", "there is no home folder to keep data in");
 	if (!*c->cache &&
 	    !default_folder(c->cache, "CACHE_DIRECTORY", "/var/cache/acut", "XDG_CACHE_HOME", ".cache", &c->origin[CONFIG_cache]))
-		wrong(c, told, CONFIG_cache, "give --cache", "there is no home folder for the cache");
+		report_error(c, report, CONFIG_cache, "give --cache", "there is no home folder for the cache");
 }
 
 /* ---- memory and threads ---- */
 
-static void resolve_memory(struct config *c, struct config_told *told)
+static void resolve_memory(struct config *c, struct config_report *report)
 {
-	bool said = c->memory, private = c->idle_exit > 0;
+	bool is_set = c->memory, private = c->idle_exit > 0;
 	uint64_t most;
 	char text[32], limit[32], left[32];
 
 	c->cgroup_limit = config_cgroup_limit("");
 	most = config_memory_most(c->cgroup_limit, private);
-	if (!said) {
+	if (!is_set) {
 		c->memory = config_memory(c->cgroup_limit, config_machine_memory(), private);
 		c->origin[CONFIG_memory].by =
 			c->memory == config_memory_most(c->cgroup_limit, false) ? CONFIG_BY_CGROUP : CONFIG_BY_DEFAULT;
 	}
 	if (c->memory < MEMORY_LEAST)
-		wrong(c, told, CONFIG_memory, "set memory, or give the service a higher limit",
-		      "%s of memory are too little, acutd needs 24 MB at least", parse_size_text(c->memory, text));
-	else if (said && c->memory > most)
-		wrong(c, told, CONFIG_memory,
-		      private ? "give less --memory, or the control group a higher limit" :
-				"leave memory out, and set the limit alone (MemoryMax= of the unit): acutd takes what it leaves",
-		      "memory is %s, but the control group has a limit of %s, which leaves %s", parse_size_text(c->memory, text),
-		      parse_size_text(c->cgroup_limit, limit), parse_size_text(most, left));
+		report_error(c, report, CONFIG_memory, "set memory, or give the service a higher limit",
+			     "%s of memory are too little, acutd needs 24 MB at least", parse_size_text(c->memory, text));
+	else if (is_set && c->memory > most)
+		report_error(c, report, CONFIG_memory,
+			     private ? "give less --memory, or the control group a higher limit" :
+				       "do not set memory, only the limit (MemoryMax= of the unit): acutd takes what it leaves",
+			     "memory is %s, but the control group has a limit of %s, which leaves %s",
+			     parse_size_text(c->memory, text), parse_size_text(c->cgroup_limit, limit),
+			     parse_size_text(most, left));
 }
 
-static unsigned processors(void)
+static unsigned count_processors(void)
 {
 	cpu_set_t set;
 
@@ -121,26 +122,26 @@ static unsigned processors(void)
 	return CPU_COUNT(&set) > THREADS_MAX ? THREADS_MAX : (unsigned)CPU_COUNT(&set);
 }
 
-static void resolve_threads(struct config *c, struct config_told *told)
+static void resolve_threads(struct config *c, struct config_report *report)
 {
 	char need[32], have[32], hint[96];
 	uint64_t stacks;
 
-	/* Not told: no more than an eighth of the memory for their stacks. */
+	/* The default: their stacks take no more than an eighth of the memory. */
 	if (!c->threads)
-		for (c->threads = processors(); c->threads > 1 && sched_thread_bytes(c->threads) > c->memory / 8;)
+		for (c->threads = count_processors(); c->threads > 1 && sched_thread_bytes(c->threads) > c->memory / 8;)
 			c->threads--;
-	stacks = sched_thread_bytes(c->threads + 1); /* and the catalogue's */
+	stacks = sched_thread_bytes(c->threads + 1); /* with the catalogue's thread */
 	if (c->memory < MEMORY_LEAST || stacks <= c->memory / 4)
 		return;
 	snprintf(hint, sizeof hint, "give fewer threads, or memory = %s", parse_size_text(4 * stacks, need));
-	wrong(c, told, CONFIG_threads, hint, "%u threads take %s of stacks, more than a quarter of the memory, %s", c->threads,
-	      parse_size_text(stacks, need), parse_size_text(c->memory, have));
+	report_error(c, report, CONFIG_threads, hint, "%u threads take %s of stacks, more than a quarter of the memory, %s",
+		     c->threads, parse_size_text(stacks, need), parse_size_text(c->memory, have));
 }
 
 /* ---- groups ---- */
 
-static void resolve_group(struct config *c, enum config_id id, const char *name, int64_t *gid, struct config_told *told)
+static void resolve_group(struct config *c, enum config_id id, const char *name, int64_t *gid, struct config_report *report)
 {
 	struct group group, *found = NULL;
 	char *buffer, hint[160];
@@ -162,17 +163,17 @@ static void resolve_group(struct config *c, enum config_id id, const char *name,
 	snprintf(hint, sizeof hint, "make it (groupadd --system %.64s, or systemd-sysusers), or set %s to one that is there",
 		 name, config_settings[id].name);
 	if (r && r != ENOENT && r != ESRCH)
-		wrong(c, told, id, "getent group tells whether groups can be read", "group %s cannot be looked up: %s", name,
-		      strerror(r));
+		report_error(c, report, id, "getent group tells whether groups can be read", "group %s cannot be looked up: %s",
+			     name, strerror(r));
 	else
-		wrong(c, told, id, hint, "there is no group %s", name);
+		report_error(c, report, id, hint, "there is no group %s", name);
 }
 
-void config_resolve(struct config *c, struct config_told *told)
+void config_resolve(struct config *c, struct config_report *report)
 {
-	resolve_folders(c, told);
-	resolve_memory(c, told);
-	resolve_threads(c, told);
-	resolve_group(c, CONFIG_group, c->group, &c->group_gid, told);
-	resolve_group(c, CONFIG_admin_group, c->admin_group, &c->admin_group_gid, told);
+	resolve_folders(c, report);
+	resolve_memory(c, report);
+	resolve_threads(c, report);
+	resolve_group(c, CONFIG_group, c->group, &c->group_gid, report);
+	resolve_group(c, CONFIG_admin_group, c->admin_group, &c->admin_group_gid, report);
 }

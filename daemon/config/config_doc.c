@@ -1,5 +1,5 @@
 /*
- * config-doc: the documents that are made of the table of settings. Part of the build, not installed.
+ * config-doc: makes documents from the table of settings. Part of the build, not installed.
  *
  *	config-doc conf               etc/acutd.conf
  *	config-doc options < PAGE     a manual page whose line @SETTINGS@ becomes the options of acutd
@@ -13,7 +13,7 @@
 
 enum { WIDTH = 112 };
 
-/* What the file that comes with acut sets: on a box with several users the groups decide. */
+/* Settings of the installed file: on a machine with several users the groups decide. */
 static const struct {
 	enum config_id id;
 	const char *value;
@@ -27,7 +27,7 @@ static const char *shipped_value(int id)
 	return NULL;
 }
 
-/* `text` in lines that begin with `head`. */
+/* Wraps `text` into lines that begin with `head`. */
 static void put_lines(const char *head, const char *text)
 {
 	size_t at = 0;
@@ -52,7 +52,7 @@ static void put_conf_setting(int id)
 	const struct config_setting *s = &config_settings[id];
 	char text[1024];
 
-	snprintf(text, sizeof text, "%s%s%s%s%s", s->help, s->preset ? "" : " Unset: ", s->preset ? "" : s->preset_told,
+	snprintf(text, sizeof text, "%s%s%s%s%s", s->help, s->preset ? "" : " Unset: ", s->preset ? "" : s->preset_text,
 		 s->preset ? "" : ".", s->scope == CONFIG_RELOAD ? "" : " Changed by a restart only.");
 	putchar('\n');
 	put_lines("# ", text);
@@ -64,10 +64,10 @@ static void put_conf_setting(int id)
 
 static void put_conf(void)
 {
-	puts("# The configuration of acutd: acutd.conf(5) explains it. What is commented out is the default.");
-	puts("# Own settings go into a file of their own, acutd.conf.d/NAME.conf beside this one; of a setting that is set twice the");
-	puts("# last holds, files in the order of their names. acutd --check-config tells whether it can be used, systemctl reload acutd");
-	puts("# makes it hold, acutctl config show --origin tells what holds and who said it.");
+	puts("# The configuration of acutd, see acutd.conf(5). Settings that are commented out show the default.");
+	puts("# Put own settings into a file of their own, acutd.conf.d/NAME.conf beside this one. If a setting is set twice, the last");
+	puts("# value holds, with the files in the order of their names. acutd --check-config checks them, systemctl reload acutd applies");
+	puts("# them, acutctl config show --origin shows the values in use and where they come from.");
 	for (int i = 0; i < CONFIG_SETTINGS; i++)
 		if (config_settings[i].scope != CONFIG_LINE)
 			put_conf_setting(i);
@@ -75,7 +75,7 @@ static void put_conf(void)
 
 /* ---- manual pages ---- */
 
-/* Plain text as scdoc takes it for that. */
+/* Escapes plain text for scdoc. */
 static void put_plain(const char *text)
 {
 	for (; *text; text++) {
@@ -85,7 +85,7 @@ static void put_plain(const char *text)
 	}
 }
 
-/* "SIZE|N%": the words in capitals are to be replaced. */
+/* "SIZE|N%": underlines the words in capitals. */
 static void put_argument(const char *argument)
 {
 	bool word = false;
@@ -102,7 +102,7 @@ static void put_argument(const char *argument)
 		putchar('_');
 }
 
-/* Each line of `more` into the block of its setting. */
+/* Indents each line of `more`. */
 static void put_more(const char *more)
 {
 	while (*more) {
@@ -124,7 +124,7 @@ static void put_setting(const struct config_setting *s, bool key)
 	put_more(s->more);
 	if (s->argument) {
 		printf("\n\tDefault: ");
-		put_plain(s->preset ? s->preset : s->preset_told);
+		put_plain(s->preset ? s->preset : s->preset_text);
 		printf(".");
 		if (key)
 			printf(" Changed by a %s.", s->scope == CONFIG_RELOAD ? "reload" : "restart only");

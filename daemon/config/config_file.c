@@ -1,9 +1,8 @@
 /*
- * The files of the configuration: FILE, then FILE.d/NAME.conf in the order of names. `key = value` lines; what is wrong is
- * told with file and line, all of it, and nothing is guessed. Of a key that is set more than once the last one holds.
+ * The files of the configuration: FILE, then FILE.d/NAME.conf in the order of their names. Lines are `key = value`. Every error
+ * is reported with file and line, and nothing is guessed. If a key is set more than once, the last value holds.
  *
- * A file is read whole and is small; the reader of its text knows nothing of files, so that it can be tested with any
- * bytes.
+ * Files are small and read as a whole. The reader of the text does not know of files, so tests can pass any bytes.
  */
 #include "config_file.h"
 
@@ -18,21 +17,21 @@
 #include <unistd.h>
 
 #include "config.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "err.h"
 
 enum { FILE_MOST = 64 << 10, FILES_MOST = 256, LINE_MOST = 2048 };
 
-struct reading {
+struct file_reader {
 	const char *path;
 	unsigned line;
 	struct config *to;
-	struct config_told *told;
-	unsigned set[CONFIG_SETTINGS]; /* by which line of this file */
+	struct config_report *report;
+	unsigned set[CONFIG_SETTINGS]; /* line of this file that set it */
 };
 
-/* "FILE:LINE", of a long path its end. */
-static void place_of(const struct reading *r, char *buf, size_t size)
+/* "FILE:LINE", with the end of a long path. */
+static void location_text(const struct file_reader *r, char *buf, size_t size)
 {
 	size_t n = strlen(r->path), room = size - 16;
 
@@ -43,7 +42,7 @@ static void place_of(const struct reading *r, char *buf, size_t size)
 }
 
 /* `hint` may be NULL. */
-__attribute__((format(printf, 3, 4))) static void wrong(struct reading *r, const char *hint, const char *fmt, ...)
+__attribute__((format(printf, 3, 4))) static void report_error(struct file_reader *r, const char *hint, const char *fmt, ...)
 {
 	struct err err = ERR_INIT;
 	char place[sizeof err.file], text[sizeof err.message];
@@ -52,12 +51,12 @@ __attribute__((format(printf, 3, 4))) static void wrong(struct reading *r, const
 	va_start(ap, fmt);
 	vsnprintf(text, sizeof text, fmt, ap);
 	va_end(ap);
-	place_of(r, place, sizeof place);
+	location_text(r, place, sizeof place);
 	err_set(&err, ERR_USAGE, "%s", text);
 	err_add_file(&err, place);
 	if (hint)
 		err_add_hint(&err, "%s", hint);
-	config_told_error(r->told, &err);
+	config_report_error(r->report, &err);
 }
 
 /* ---- names ---- */
@@ -67,7 +66,7 @@ static char plain(char c)
 	return c == '_' ? '-' : c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c;
 }
 
-/* How many letters must come, go or change (Levenshtein), of at most 31. */
+/* Levenshtein distance. UINT32_MAX: b is longer than 31 letters. */
 static unsigned distance(const char *a, const char *b)
 {
 	unsigned row[32], n = (unsigned)strlen(b);
@@ -92,7 +91,7 @@ static unsigned distance(const char *a, const char *b)
 	return row[n];
 }
 
-/* The setting that a mistyped name is likely to mean, NULL: none. */
+/* The setting with the most similar name; NULL: none is similar. */
 static const char *nearest(const char *name)
 {
 	unsigned best = UINT32_MAX, d;
@@ -111,7 +110,7 @@ static const char *nearest(const char *name)
 	return best <= 1 + strlen(name) / 3 ? found : NULL;
 }
 
-static int setting_of(const char *name)
+static int find_setting(const char *name)
 {
 	for (int i = 0; i < CONFIG_SETTINGS; i++)
 		if (!strcmp(name, config_settings[i].name))
@@ -119,7 +118,7 @@ static int setting_of(const char *name)
 	return -1;
 }
 
-static void unknown(struct reading *r, const char *name)
+static void report_unknown(struct file_reader *r, const char *name)
 {
 	const char *near = nearest(name);
 	char hint[96];
@@ -128,12 +127,12 @@ static void unknown(struct reading *r, const char *name)
 		snprintf(hint, sizeof hint, "is %s meant?", near);
 	else
 		snprintf(hint, sizeof hint, "acutd --help and acutd.conf(5) list the settings");
-	wrong(r, hint, "there is no setting \"%.60s\"", name);
+	report_error(r, hint, "there is no setting \"%.60s\"", name);
 }
 
 /* ---- lines ---- */
 
-static bool blank(char c)
+static bool is_blank(char c)
 {
 	return c == ' ' || c == '\t' || c == '\r' || c == '\f' || c == '\v';
 }
@@ -142,24 +141,24 @@ static char *trim(char *text)
 {
 	size_t n;
 
-	while (blank(*text))
+	while (is_blank(*text))
 		text++;
-	for (n = strlen(text); n && blank(text[n - 1]); n--)
+	for (n = strlen(text); n && is_blank(text[n - 1]); n--)
 		;
 	text[n] = 0;
 	return text;
 }
 
-/* Of a value in quotes what is in them; false: that was told. */
-static bool unquote(struct reading *r, char **value)
+/* Of a value in quotes what is in them; false: that was report. */
+static bool unquote(struct file_reader *r, char **value)
 {
 	char *v = *value, quote = *v;
 	size_t n = strlen(v);
 
 	if (quote == '"' || quote == '\'') {
 		if (n < 2 || v[n - 1] != quote || memchr(v + 1, quote, n - 2)) {
-			wrong(r, "a value in quotes ends with the quote that it began with", "the quotes of %.100s do not pair",
-			      v);
+			report_error(r, "a value in quotes ends with the quote that it began with",
+				     "the quotes of %.100s do not pair", v);
 			return false;
 		}
 		v[n - 1] = 0;
@@ -167,19 +166,19 @@ static bool unquote(struct reading *r, char **value)
 		return true;
 	}
 	for (size_t i = 1; i < n; i++)
-		if ((v[i] == '#' || v[i] == ';') && blank(v[i - 1])) {
-			wrong(r, "a comment stands on a line of its own; a value with such a character stands in quotes",
-			      "there is a comment behind the value: %.100s", v);
+		if ((v[i] == '#' || v[i] == ';') && is_blank(v[i - 1])) {
+			report_error(r, "a comment stands on a line of its own; a value with such a character stands in quotes",
+				     "there is a comment behind the value: %.100s", v);
 			return false;
 		}
 	if (n && v[n - 1] == '\\') {
-		wrong(r, "write it on one line", "a value does not go on in the next line");
+		report_error(r, "write it on one line", "a value does not go on in the next line");
 		return false;
 	}
 	return true;
 }
 
-static void back_to_preset(struct reading *r, int id)
+static void reset_setting(struct file_reader *r, int id)
 {
 	const struct config_setting *s = &config_settings[id];
 	struct config presets;
@@ -189,7 +188,7 @@ static void back_to_preset(struct reading *r, int id)
 	r->to->origin[id] = (struct config_origin){.by = CONFIG_BY_DEFAULT};
 }
 
-static void set(struct reading *r, int id, const char *value)
+static void set_value(struct file_reader *r, int id, const char *value)
 {
 	const struct config_setting *s = &config_settings[id];
 	const char *wanted;
@@ -198,47 +197,47 @@ static void set(struct reading *r, int id, const char *value)
 		struct err err = ERR_INIT;
 		char place[sizeof err.file];
 
-		place_of(r, place, sizeof place);
+		location_text(r, place, sizeof place);
 		err_set(&err, ERR_USAGE, "%s was set in line %u already; this line holds", s->name, r->set[id]);
 		err_add_file(&err, place);
-		config_told_warning(r->told, &err);
+		config_report_warning(r->report, &err);
 	}
 	r->set[id] = r->line;
 	if (!*value) {
-		back_to_preset(r, id);
+		reset_setting(r, id);
 		return;
 	}
 	if (s->type == CONFIG_TYPE_PATH && *value != '/') {
-		wrong(r, "begin it with /: a service has no folder of its own to start from",
-		      "%s = %.100s is not an absolute path", s->name, value);
+		report_error(r, "begin it with /: a service has no folder of its own to start from",
+			     "%s = %.100s is not an absolute path", s->name, value);
 		return;
 	}
 	if (!config_value_parse(s, value, r->to, &wanted)) {
-		wrong(r, NULL, "%s = %.100s: %s is wanted", s->name, value, wanted);
+		report_error(r, NULL, "%s = %.100s: %s is wanted", s->name, value, wanted);
 		return;
 	}
 	r->to->origin[id] = (struct config_origin){.by = CONFIG_BY_FILE, .line = r->line};
 	snprintf(r->to->origin[id].file, sizeof r->to->origin[id].file, "%s", r->path);
 }
 
-static void no_value(struct reading *r, const char *line)
+static void report_no_value(struct file_reader *r, const char *line)
 {
 	char first[32], hint[96];
 	size_t n = strcspn(line, " \t:");
 
 	if (*line == '[') {
-		wrong(r, "leave this line out", "there are no sections here: %.60s", line);
+		report_error(r, "leave this line out", "there are no sections here: %.60s", line);
 		return;
 	}
 	snprintf(first, sizeof first, "%.*s", (int)n, line);
-	if (setting_of(first) >= 0)
+	if (find_setting(first) >= 0)
 		snprintf(hint, sizeof hint, "write %s = VALUE", first);
 	else
 		snprintf(hint, sizeof hint, "a line is \"key = value\", or a comment that begins with #");
-	wrong(r, hint, "there is no \"=\" in \"%.60s\"", line);
+	report_error(r, hint, "there is no \"=\" in \"%.60s\"", line);
 }
 
-static void take_line(struct reading *r, char *line)
+static void read_line(struct file_reader *r, char *line)
 {
 	char *key = trim(line), *value;
 	int id;
@@ -247,7 +246,7 @@ static void take_line(struct reading *r, char *line)
 		return;
 	value = strchr(key, '=');
 	if (!value) {
-		no_value(r, key);
+		report_no_value(r, key);
 		return;
 	}
 	*value++ = 0;
@@ -255,22 +254,22 @@ static void take_line(struct reading *r, char *line)
 	value = trim(value);
 	if (!unquote(r, &value))
 		return;
-	id = setting_of(key);
+	id = find_setting(key);
 	if (id < 0)
-		unknown(r, key);
+		report_unknown(r, key);
 	else if (config_settings[id].scope == CONFIG_LINE)
-		wrong(r, "leave it out", "%s is an option of the command line, not of a file", key);
+		report_error(r, "leave it out", "%s is an option of the command line, not of a file", key);
 	else
-		set(r, id, value);
+		set_value(r, id, value);
 }
 
-void config_text(const char *path, const char *text, size_t n, struct config *to, struct config_told *told)
+void config_text(const char *path, const char *text, size_t n, struct config *to, struct config_report *report)
 {
-	struct reading r = {.path = path, .to = to, .told = told};
+	struct file_reader r = {.path = path, .to = to, .report = report};
 	char line[LINE_MOST];
 	const char *at = text, *end = text + n;
 
-	if (n >= 3 && !memcmp(at, "\xef\xbb\xbf", 3)) /* a byte order mark, of an editor elsewhere */
+	if (n >= 3 && !memcmp(at, "\xef\xbb\xbf", 3)) /* a byte order mark, which some editors write */
 		at += 3;
 	while (at < end) {
 		const char *stop = memchr(at, '\n', (size_t)(end - at));
@@ -278,15 +277,15 @@ void config_text(const char *path, const char *text, size_t n, struct config *to
 
 		r.line++;
 		if (memchr(at, 0, length)) {
-			wrong(&r, "write it again as plain text", "there is a zero byte in it");
+			report_error(&r, "write it again as plain text", "there is a zero byte in it");
 			return;
 		}
 		if (length >= sizeof line) {
-			wrong(&r, NULL, "a line of %zu bytes is too long, %d are the most", length, LINE_MOST - 1);
+			report_error(&r, NULL, "a line of %zu bytes is too long, %d are the most", length, LINE_MOST - 1);
 		} else {
 			memcpy(line, at, length);
 			line[length] = 0;
-			take_line(&r, line);
+			read_line(&r, line);
 		}
 		at = stop ? stop + 1 : end;
 	}
@@ -294,7 +293,7 @@ void config_text(const char *path, const char *text, size_t n, struct config *to
 
 /* ---- files ---- */
 
-static void cannot(const char *path, struct config_told *told, int sys, const char *hint)
+static void report_unreadable(const char *path, struct config_report *report, int sys, const char *hint)
 {
 	struct err err = ERR_INIT;
 
@@ -302,10 +301,10 @@ static void cannot(const char *path, struct config_told *told, int sys, const ch
 	err_add_file(&err, path);
 	if (hint)
 		err_add_hint(&err, "%s", hint);
-	config_told_error(told, &err);
+	config_report_error(report, &err);
 }
 
-/* Until its end, or `size`. */
+/* Reads until the end of the file, or `size` bytes. */
 static ssize_t read_whole(int fd, char *buf, size_t size)
 {
 	size_t have = 0;
@@ -324,46 +323,46 @@ static ssize_t read_whole(int fd, char *buf, size_t size)
 	return (ssize_t)have;
 }
 
-static void read_open(const char *path, int fd, struct config *to, struct config_told *told)
+static void read_fd(const char *path, int fd, struct config *to, struct config_report *report)
 {
-	struct reading r = {.path = path, .to = to, .told = told};
+	struct file_reader r = {.path = path, .to = to, .report = report};
 	struct stat st;
 	char *text;
 	ssize_t n;
 
 	if (fstat(fd, &st) != 0) {
-		cannot(path, told, errno, NULL);
+		report_unreadable(path, report, errno, NULL);
 		return;
 	}
 	if (!S_ISREG(st.st_mode)) {
-		wrong(&r, "put a plain text file there, or remove it", "this is not a regular file");
+		report_error(&r, "put a plain text file there, or remove it", "this is not a regular file");
 		return;
 	}
 	text = malloc(FILE_MOST + 1);
 	n = text ? read_whole(fd, text, FILE_MOST + 1) : -1;
 	if (!text || n < 0)
-		cannot(path, told, text ? errno : ENOMEM, NULL);
+		report_unreadable(path, report, text ? errno : ENOMEM, NULL);
 	else if (n > FILE_MOST)
-		wrong(&r, "is it a configuration at all?", "it is larger than %d KiB", FILE_MOST >> 10);
+		report_error(&r, "is it a configuration at all?", "it is larger than %d KiB", FILE_MOST >> 10);
 	else
-		config_text(path, text, (size_t)n, to, told);
+		config_text(path, text, (size_t)n, to, report);
 	free(text);
 }
 
-bool config_file(const char *path, bool must, struct config *to, struct config_told *told)
+bool config_file(const char *path, bool must, struct config *to, struct config_report *report)
 {
-	/* Something else than a file is not waited for. */
+	/* O_NONBLOCK: a pipe or device must not block. */
 	int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 
 	if (fd < 0) {
 		if (errno == ENOENT && !must)
 			return false;
-		cannot(path, told, errno,
-		       errno == ENOENT ? "make it, or leave --config out" :
-					 "the user that acutd runs as must be able to read it");
+		report_unreadable(path, report, errno,
+				  errno == ENOENT ? "make it, or leave --config out" :
+						    "the user that acutd runs as must be able to read it");
 		return true;
 	}
-	read_open(path, fd, to, told);
+	read_fd(path, fd, to, report);
 	close(fd);
 	return true;
 }
@@ -375,30 +374,30 @@ static int is_drop_in(const struct dirent *e)
 	return n > 5 && e->d_name[0] != '.' && !strcmp(e->d_name + n - 5, ".conf");
 }
 
-static int by_name(const struct dirent **a, const struct dirent **b)
+static int compare_names(const struct dirent **a, const struct dirent **b)
 {
 	return strcmp((*a)->d_name, (*b)->d_name);
 }
 
-void config_folder(const char *path, struct config *to, struct config_told *told)
+void config_folder(const char *path, struct config *to, struct config_report *report)
 {
-	struct reading r = {.path = path, .to = to, .told = told};
+	struct file_reader r = {.path = path, .to = to, .report = report};
 	struct dirent **list = NULL;
 	char file[CONFIG_PATH_SIZE];
-	int n = scandir(path, &list, is_drop_in, by_name);
+	int n = scandir(path, &list, is_drop_in, compare_names);
 
 	if (n < 0) {
 		if (errno != ENOENT)
-			cannot(path, told, errno, "the user that acutd runs as must be able to read the folder");
+			report_unreadable(path, report, errno, "the user that acutd runs as must be able to read the folder");
 		return;
 	}
 	if (n > FILES_MOST)
-		wrong(&r, NULL, "there are %d files in it, %d are the most", n, FILES_MOST);
+		report_error(&r, NULL, "there are %d files in it, %d are the most", n, FILES_MOST);
 	for (int i = 0; i < n; i++) {
 		if (n <= FILES_MOST && (size_t)snprintf(file, sizeof file, "%s/%s", path, list[i]->d_name) < sizeof file)
-			config_file(file, true, to, told);
+			config_file(file, true, to, report);
 		else if (n <= FILES_MOST)
-			wrong(&r, "use shorter names", "the path of %.100s is too long", list[i]->d_name);
+			report_error(&r, "use shorter names", "the path of %.100s is too long", list[i]->d_name);
 		free(list[i]);
 	}
 	free(list);

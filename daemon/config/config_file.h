@@ -1,4 +1,4 @@
-/* Files of settings. Names of the room: config_. */
+/* Files of settings. */
 #ifndef CONFIG_FILE_H
 #define CONFIG_FILE_H
 
@@ -6,13 +6,13 @@
 #include <stddef.h>
 
 struct config;
-struct config_told;
+struct config_report;
 
-/* The lines of a file into *to; errors and warnings are told with `path` and line, and the other lines taken. Any bytes. */
-void config_text(const char *path, const char *text, size_t n, struct config *to, struct config_told *);
-/* One file. `must`: an error if it is not there. False: it is not there. */
-bool config_file(const char *path, bool must, struct config *to, struct config_told *);
-/* All *.conf in a folder, by name; none if there is no folder. Hidden files and other names are left. */
-void config_folder(const char *path, struct config *to, struct config_told *);
+/* Reads the text of a file into *to. Errors and warnings are reported with path and line; the other lines are used. */
+void config_text(const char *path, const char *text, size_t n, struct config *to, struct config_report *);
+/* Reads one file. must: its absence is an error. False: it does not exist. */
+bool config_file(const char *path, bool must, struct config *to, struct config_report *);
+/* Reads all *.conf of a folder in the order of their names, except hidden ones. The folder may be absent. */
+void config_folder(const char *path, struct config *to, struct config_report *);
 
 #endif

@@ -1,6 +1,4 @@
-/*
- * acutd --help: the options that are settings from the table, the others from here. Lines of at most 110 columns.
- */
+/* acutd --help: settings from the table, the other options from here. Lines of at most 110 columns. */
 #include <stdio.h>
 #include <string.h>
 
@@ -8,7 +6,7 @@
 
 enum { LEFT = 23, RIGHT = 110 };
 
-/* `text` in lines, each after the left column; the first goes on at `at`. */
+/* Wraps `text` right of the left column. at: the column that the first line has reached. */
 static void put_text(FILE *to, int at, const char *text)
 {
 	while (*text) {
@@ -41,7 +39,7 @@ static void put_option(FILE *to, const char *name, const char *argument, const c
 
 static void put_setting(FILE *to, const struct config_setting *s)
 {
-	const char *preset = s->preset ? s->preset : s->argument ? s->preset_told : NULL;
+	const char *preset = s->preset ? s->preset : s->argument ? s->preset_text : NULL;
 	char text[512];
 	size_t n = strlen(s->help);
 
@@ -64,7 +62,7 @@ void config_help(FILE *to)
 	fputc('\n', to);
 	put_option(to, "config", "FILE", "Read this file, and *.conf in the folder FILE.d");
 	put_option(to, "no-config", NULL, "Read no file");
-	put_option(to, "check-config", NULL, "Read all that as a start would, and tell what holds, or what is wrong (status 2)");
-	put_option(to, "version", NULL, "Print and end");
-	put_option(to, "help", NULL, "Print and end");
+	put_option(to, "check-config", NULL, "Read the configuration as a start would, and print it, or its errors (status 2)");
+	put_option(to, "version", NULL, "Print and exit");
+	put_option(to, "help", NULL, "Print and exit");
 }

@@ -1,8 +1,8 @@
 /*
- * The memory rule. Not told how much: the smallest limit of the own cgroup and its ancestors, less 48 MiB; where there is
- * none, or for a private daemon (--idle-exit), the lesser of that and a quarter of the machine, at most 2 GiB. Told: no
- * more than the limit leaves, which is 48 MiB less again for a service (32 MiB that a process has beside its memory, and
- * the kernel's pipes of its clients), and 32 MiB less for a private daemon, which has one client.
+ * The memory rule. The default is the smallest limit of the process's control group and its ancestors, less 48 MiB. Without a
+ * limit, and for a private daemon (--idle-exit), it is the smaller of that and a quarter of the machine, and at most 2 GiB. A
+ * value that is set may be at most the limit less 48 MiB for a service (32 MiB that the process has beside its memory, and the
+ * kernel's pipes of its clients), or less 32 MiB for a private daemon, which has one client.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,29 +12,29 @@
 #include "config.h"
 #include "parse.h"
 
-static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_BESIDE = UINT64_C(32) << 20,
+static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_PROCESS = UINT64_C(32) << 20,
 		      MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
 
 uint64_t config_memory(uint64_t limit, uint64_t machine, bool private)
 {
-	uint64_t quarter = machine / 4, mine;
+	uint64_t quarter = machine / 4, by_limit;
 
-	mine = limit == UINT64_MAX ? UINT64_MAX : limit > MEMORY_SPARE ? limit - MEMORY_SPARE : 0;
+	by_limit = limit == UINT64_MAX ? UINT64_MAX : limit > MEMORY_SPARE ? limit - MEMORY_SPARE : 0;
 	if (limit != UINT64_MAX && !private)
-		return mine;
+		return by_limit;
 	if (quarter > MEMORY_DEFAULT_MOST)
 		quarter = MEMORY_DEFAULT_MOST;
-	return quarter < mine ? quarter : mine;
+	return quarter < by_limit ? quarter : by_limit;
 }
 
 uint64_t config_memory_most(uint64_t limit, bool private)
 {
-	uint64_t spare = private ? MEMORY_BESIDE : MEMORY_SPARE;
+	uint64_t spare = private ? MEMORY_PROCESS : MEMORY_SPARE;
 
 	return limit == UINT64_MAX ? UINT64_MAX : limit > spare ? limit - spare : 0;
 }
 
-static uint64_t limit_of(const char *path)
+static uint64_t read_limit(const char *path)
 {
 	uint64_t limit = UINT64_MAX;
 	char line[64];
@@ -44,7 +44,7 @@ static uint64_t limit_of(const char *path)
 		return UINT64_MAX;
 	if (fgets(line, sizeof line, f)) {
 		line[strcspn(line, "\n")] = 0;
-		/* "max", and what version 1 writes for none (the largest page-rounded number). */
+		/* No limit: "max", or in version 1 the largest page-rounded number. */
 		if (!parse_u64(line, &limit) || limit >= UINT64_C(1) << 62)
 			limit = UINT64_MAX;
 	}
@@ -52,8 +52,8 @@ static uint64_t limit_of(const char *path)
 	return limit;
 }
 
-/* The group's folder, then each above it. */
-static uint64_t climb(const char *root, const char *mount, const char *group, const char *file)
+/* The smallest limit of a group and its ancestors. */
+static uint64_t smallest_limit(const char *root, const char *mount, const char *group, const char *file)
 {
 	char at[1024], path[2048];
 	uint64_t least = UINT64_MAX, limit;
@@ -63,7 +63,7 @@ static uint64_t climb(const char *root, const char *mount, const char *group, co
 		char *slash;
 
 		snprintf(path, sizeof path, "%s%s%s/%s", root, mount, strcmp(at, "/") ? at : "", file);
-		limit = limit_of(path);
+		limit = read_limit(path);
 		if (limit < least)
 			least = limit;
 		slash = strrchr(at, '/');
@@ -89,10 +89,10 @@ static uint64_t limit_of_line(const char *root, char *line, const struct control
 	*controllers++ = 0;
 	*group++ = 0;
 	if (!*controllers)
-		return climb(root, "/sys/fs/cgroup", group, what->file);
+		return smallest_limit(root, "/sys/fs/cgroup", group, what->file);
 	for (c = strtok_r(controllers, ",", &save); c; c = strtok_r(NULL, ",", &save))
 		if (!strcmp(c, what->name))
-			return climb(root, what->mount, group, what->file1);
+			return smallest_limit(root, what->mount, group, what->file1);
 	return UINT64_MAX;
 }
 

@@ -1,6 +1,4 @@
-/*
- * A configuration for people: each setting as it would be written in the file, and who said it.
- */
+/* A configuration as text: each setting as it would be written in the file, and where it comes from. */
 #include <stdio.h>
 #include <string.h>
 
@@ -45,6 +43,6 @@ void config_show(const struct config *c, FILE *to)
 		if (*value)
 			fprintf(to, "%s = %s  (%s)\n", s->name, value, config_origin_text(c, (enum config_id)i, origin));
 		else
-			fprintf(to, "%s is unset: %s\n", s->name, s->preset_told);
+			fprintf(to, "%s is unset: %s\n", s->name, s->preset_text);
 	}
 }

@@ -1,6 +1,6 @@
 /*
- * The table of settings, and their values: from text, to text, and where two configurations differ. A value's text is
- * the same on the command line, in a file, and where the daemon tells it.
+ * The table of settings, and their values: from a text, to a text, and compared. A value has the same text on the command line,
+ * in a file, and in reports.
  */
 #include <math.h>
 #include <stdio.h>
@@ -21,23 +21,23 @@ void config_presets(struct config *ret)
 }
 
 const struct config_setting config_settings[CONFIG_SETTINGS] = {
-#define SETTING(name, field, type, least, most, unit, preset, told, scope, argument, help, more) \
-	{name,                                                                                   \
-	 CONFIG_TYPE_##type,                                                                     \
-	 offsetof(struct config, field),                                                         \
-	 least,                                                                                  \
-	 most,                                                                                   \
-	 unit,                                                                                   \
-	 preset,                                                                                 \
-	 told,                                                                                   \
-	 CONFIG_##scope,                                                                         \
-	 argument,                                                                               \
-	 help,                                                                                   \
+#define SETTING(name, field, type, least, most, unit, preset, report, scope, argument, help, more) \
+	{name,                                                                                     \
+	 CONFIG_TYPE_##type,                                                                       \
+	 offsetof(struct config, field),                                                           \
+	 least,                                                                                    \
+	 most,                                                                                     \
+	 unit,                                                                                     \
+	 preset,                                                                                   \
+	 report,                                                                                   \
+	 CONFIG_##scope,                                                                           \
+	 argument,                                                                                 \
+	 help,                                                                                     \
 	 more},
 #include "config_table.def"
 };
 
-static void *field(const struct config_setting *s, struct config *c)
+static void *mutable_field(const struct config_setting *s, struct config *c)
 {
 	return (char *)c + s->offset;
 }
@@ -77,7 +77,7 @@ static bool parse_percent(const struct config_setting *s, const char *text, unsi
 	return parse_count(s, digits, ret);
 }
 
-/* Nothing of it is no limit where the table allows that of a size. */
+/* 0 means no limit if the preset of the setting is 0. */
 static bool parse_limit(const struct config_setting *s, const char *text, struct space_limit *ret)
 {
 	struct space_limit limit;
@@ -110,7 +110,7 @@ static bool parse_bytes(const struct config_setting *s, const char *text, uint64
 	return true;
 }
 
-static const char *wanted(const struct config_setting *s)
+static const char *expected(const struct config_setting *s)
 {
 	switch (s->type) {
 	case CONFIG_TYPE_PATH:
@@ -138,9 +138,9 @@ static const char *wanted(const struct config_setting *s)
 
 bool config_value_parse(const struct config_setting *s, const char *text, struct config *to, const char **ret_wanted)
 {
-	void *at = field(s, to);
+	void *at = mutable_field(s, to);
 
-	*ret_wanted = wanted(s);
+	*ret_wanted = expected(s);
 	switch (s->type) {
 	case CONFIG_TYPE_PATH:
 		return parse_text(text, CONFIG_PATH_SIZE, at);
@@ -165,7 +165,7 @@ bool config_value_parse(const struct config_setting *s, const char *text, struct
 	return false;
 }
 
-/* The largest unit that says it exactly. */
+/* With the largest unit that is exact. */
 static void size_text(uint64_t bytes, char *buf, size_t size)
 {
 	static const char units[] = {0, 'K', 'M', 'G', 'T', 'P', 0};
@@ -188,7 +188,7 @@ static void seconds_text(double seconds, char *buf, size_t size)
 			snprintf(buf, size, "%.0f%c", seconds / units[i].in, units[i].unit);
 			return;
 		}
-	/* As short as it can be and is read again as what it is: 5000.1 days take all digits. */
+	/* The shortest text that reads back as the same number: 5000.1 days need all digits. */
 	snprintf(buf, size, "%.15gs", seconds);
 	if (strtod(buf, NULL) != seconds)
 		snprintf(buf, size, "%.17gs", seconds);
@@ -218,7 +218,7 @@ char *config_value_text(const struct config_setting *s, const struct config *c, 
 		snprintf(buf, CONFIG_PATH_SIZE, "%u%%", *(const unsigned *)at);
 		break;
 	case CONFIG_TYPE_SECONDS:
-		/* 0 of a setting that must be more is: unset. */
+		/* 0 means unset if the setting must be larger. */
 		if (*(const double *)at > 0 || !s->least)
 			seconds_text(*(const double *)at, buf, CONFIG_PATH_SIZE);
 		break;
@@ -248,7 +248,7 @@ void config_value_copy(const struct config_setting *s, const struct config *from
 		[CONFIG_TYPE_LEVEL] = sizeof(enum log_level),
 	};
 
-	memcpy(field(s, to), field_of(s, from), sizes[s->type]);
+	memcpy(mutable_field(s, to), field_of(s, from), sizes[s->type]);
 }
 
 bool config_value_equal(const struct config_setting *s, const struct config *a, const struct config *b)

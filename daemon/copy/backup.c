@@ -358,7 +358,7 @@ static void end_done(struct sched_task *t)
 	*at = b->other;
 	io_close(b->listfd);
 	io_close(b->dirfd);
-	core_background_over(b->copies->core);
+	core_background_done(b->copies->core);
 	uncharge(b->copies->core, sizeof *b);
 	free(b);
 }
@@ -490,7 +490,7 @@ void backup_begin(struct copies *c, const char *dataset, const struct peer *peer
 	struct err err = ERR_INIT;
 	struct backup *b = NULL;
 
-	if (c->core->parking)
+	if (c->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (*dataset)
 		d = exported(c, dataset, peer, &err);

@@ -80,7 +80,7 @@ static void gone(struct import *i)
 	    catalogue_drop_push(i->copies->core->p.catalogue, i->push, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	dataset_push_end(i->dataset);
-	core_background_over(i->copies->core);
+	core_background_done(i->copies->core);
 	dataset_release(i->dataset);
 	grid_manifest_free(i->m);
 	grid_manifest_free(i->made);
@@ -141,7 +141,7 @@ static int make(struct copies *c, const char *name, const struct peer *peer, str
 {
 	struct import *i;
 
-	if (c->core->parking)
+	if (c->core->stopping)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	if (!dataset_name_valid(name)) {
 		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
@@ -182,7 +182,7 @@ void import_begin(struct copies *c, const char *name, uint32_t mode, const struc
 	i->copies = c;
 	i->id = ++c->last_import;
 	i->push = row.id = ++c->core->last_push;
-	i->peer = rights_kept(peer);
+	i->peer = rights_without_groups(peer);
 	i->owner = (struct sched_owner){.uid = peer->uid, .flow = ++c->core->last_flow};
 	i->begun = begun;
 	i->token = token;

@@ -1,18 +1,18 @@
 /*
- * Memory of what the daemon keeps of datasets, jobs, pushes, runs and their views. Each is small, but users decide how many there
- * are: all of it is charged before it is kept, and refused, with a sentence, when the part of the memory for it is used up.
+ * Memory that the daemon keeps for datasets, jobs, pushes, runs and their views. Each is small, but users decide how many there
+ * are. So each is charged to one account before it is kept, and refused with a message if the account is full.
  *
- * What lasts does not get all of that part: datasets leave some to jobs, and these to runs and pushes, or no job could end and be
- * forgotten. Finished jobs are forgotten first of the user who has most of them, the oldest first.
+ * What lasts does not get the whole account: datasets leave a part to jobs, and both leave a part to runs and pushes. Otherwise
+ * no job could end and be dropped. Finished jobs are dropped if memory is needed, the oldest of the user who has the most first.
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "core.h"
+#include "core_priv.h"
 
-enum { FORGOTTEN_MAX = 64 }; /* at a time: each is a change of the catalogue */
+enum { FORGOTTEN_MAX = 64 }; /* in one call: each is a change of the catalogue */
 
-static int full(struct core *core, const char *what, struct err *err)
+static int refuse_charge(struct core *core, const char *what, struct err *err)
 {
 	err_set(err, ERR_BUSY, "no memory is left for %s: %llu KiB are held for datasets, jobs and pushes", what,
 		(unsigned long long)ledger_held(core->p.ledger, LEDGER_JOBS) >> 10);
@@ -24,29 +24,28 @@ int charge(struct core *core, uint64_t bytes, const char *what, struct err *err)
 	THREAD_LOOP_ONLY();
 	if (ledger_take(core->p.ledger, LEDGER_JOBS, bytes))
 		return 0;
-	core->lacks = bytes > core->lacks ? bytes : core->lacks;
-	return full(core, what, err);
+	core->priv->refused_bytes = bytes > core->priv->refused_bytes ? bytes : core->priv->refused_bytes;
+	return refuse_charge(core, what, err);
 }
 
-bool charge_make_room(struct core *core)
+bool charge_reclaim(struct core *core)
 {
 	uint64_t held = ledger_held(core->p.ledger, LEDGER_JOBS), most = ledger_limit(core->p.ledger, LEDGER_JOBS),
-		 lacks = core->lacks;
+		 need = core->priv->refused_bytes;
 	unsigned n = 0;
 
 	THREAD_LOOP_ONLY();
-	/* Some at a time, as those that are too old (history). */
-	if (!lacks || catalogue_busy(core->p.catalogue))
+	if (!need || catalogue_busy(core->p.catalogue))
 		return false;
-	core->lacks = 0;
-	/* Not where domains have the memory, nor where it would not be enough. */
-	if (held + lacks <= most || held - core->history.bytes(core->history.ctx) + lacks > most)
+	core->priv->refused_bytes = 0;
+	/* Dropping jobs does not help if domains hold the memory, or if all finished jobs hold too little. */
+	if (held + need <= most || held - core->history.bytes(core->history.ctx) + need > most)
 		return false;
-	while (n < FORGOTTEN_MAX && ledger_held(core->p.ledger, LEDGER_JOBS) + lacks > most &&
+	while (n < FORGOTTEN_MAX && ledger_held(core->p.ledger, LEDGER_JOBS) + need > most &&
 	       core->history.forget(core->history.ctx, 0, 0))
 		n++;
 	if (n == FORGOTTEN_MAX)
-		core->lacks = lacks;
+		core->priv->refused_bytes = need;
 	return n;
 }
 
@@ -59,8 +58,8 @@ int charge_lasting(struct core *core, enum charge_lasting_kind kind, uint32_t ui
 	most -= most / kind;
 	while (ledger_held(core->p.ledger, LEDGER_JOBS) + bytes > most || !ledger_take(core->p.ledger, LEDGER_JOBS, bytes))
 		if (!core->history.forget(core->history.ctx, uid, bytes))
-			/* What is loaded at the start exists already. */
-			return core->loading ? charge(core, bytes, what, err) : full(core, what, err);
+			/* Rows of the catalogue exist already, so at the start they may fill the account. */
+			return core->loading ? charge(core, bytes, what, err) : refuse_charge(core, what, err);
 	return 0;
 }
 
@@ -73,8 +72,8 @@ void uncharge(struct core *core, uint64_t bytes)
 
 uint64_t charge_view_bytes(const char *text, unsigned areas)
 {
-	/* Two copies of the text; of an area a corner for each four bytes at most: itself (with what a growing array
-	 * has in hand), its edge, its place in lists of edges, and 40 KiB of cells and strips (view_area.c). */
+	/* Two copies of the text. For an area: at most one corner per four bytes of text, each with its edge, its entries in
+	 * lists of edges and the slack of a growing array; and 40 KiB of cells and strips (view_area.c). */
 	const uint64_t corner = 32 + 40 + 16, fixed = 40 << 10;
 	uint64_t n = strlen(text) + 1;
 

@@ -6,7 +6,7 @@
 #include "core.h"
 #include "io.h"
 
-/* A client's descriptor must not be able to make a worker wait, nor to change what it is: regular files only. */
+/* Only regular files: a descriptor of a client must not be able to block a worker, nor to become something else later. */
 int client_file_check(int fd, const char *name, struct client_file *ret, struct err *err)
 {
 	struct stat st;

@@ -1,18 +1,20 @@
 /*
- * The shared state: made before all rooms above it, freed after them. Opens the folders; renames away what no daemon leaves to
- * the next one, and removes it when the new daemon already serves.
+ * The core: made before all rooms above it, and freed after them.
+ *
+ * Opens the folders. cache/one-step and cache/tmp start empty: the old folders are renamed at the start, and removed by a task
+ * while the daemon already serves.
  */
-#include "core.h"
+#include "core_priv.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "core_priv.h"
 #include "io.h"
 
-static const char aside[] = "gone-";
+static const char old_prefix[] = "gone-";
 
 int core_folder(int dirfd, const char *name, int *ret_fd, struct err *err)
 {
@@ -26,14 +28,14 @@ int core_selected_folder(const struct core *core, int *ret_fd, struct err *err)
 	return core_folder(core->p.cachefd, "selected", ret_fd, err);
 }
 
-/* A new folder; what was in the old one goes later. */
-static int folder_anew(struct core *core, const char *name, int *ret_fd, struct err *err)
+/* Opens an empty folder. The old one is renamed, for core_sweep_cache. If that is impossible, it is emptied now. */
+static int open_empty(struct core *core, const char *name, int *ret_fd, struct err *err)
 {
 	char to[32];
 	int r = -1;
 
 	for (unsigned i = 0; r != 0 && i < 1000; i++) {
-		snprintf(to, sizeof to, "%s%u", aside, i);
+		snprintf(to, sizeof to, "%s%u", old_prefix, i);
 		r = io->renameat(core->p.cachefd, name, core->p.cachefd, to);
 		if (r != 0 && errno != ENOTEMPTY && errno != EEXIST)
 			break;
@@ -49,11 +51,11 @@ static int open_folders(struct core *core, struct err *err)
 	int r = core_folder(core->p.statefd, "datasets", &core->datafd, err);
 
 	if (!r)
-		r = folder_anew(core, "one-step", &core->onestepfd, err);
+		r = open_empty(core, "one-step", &core->onestepfd, err);
 	if (!r)
 		r = core_folder(core->p.cachefd, "domains", &core->domainsfd, err);
 	if (!r)
-		r = folder_anew(core, "tmp", &core->tempfd, err);
+		r = open_empty(core, "tmp", &core->tempfd, err);
 	if (!r)
 		r = core_folder(core->p.statefd, "plans", &core->plansfd, err);
 	return r;
@@ -66,9 +68,14 @@ int core_new(const struct core_params *p, struct core **ret, struct err *err)
 
 	if (!core)
 		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	core->priv = calloc(1, sizeof *core->priv);
+	if (!core->priv) {
+		free(core);
+		return err_set(err, ERR_NOMEM, "no memory for the daemon");
+	}
 	core->p = *p;
 	core->datafd = core->onestepfd = core->domainsfd = core->tempfd = core->plansfd = -1;
-	limit_init(core);
+	limit_init(core->priv);
 	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &core->space, err);
 	if (!r)
 		r = open_folders(core, err);
@@ -83,26 +90,30 @@ struct core *core_free(struct core *core)
 {
 	if (!core)
 		return NULL;
-	deferred_drop(core);
+	deferred_cancel_all(core);
 	io_close(core->datafd);
 	io_close(core->onestepfd);
 	io_close(core->domainsfd);
 	io_close(core->tempfd);
 	io_close(core->plansfd);
 	space_free(core->space);
-	limit_done(core);
+	limit_done(core->priv);
+	free(core->priv);
 	free(core);
 	return NULL;
 }
 
 void core_background(struct core *core, struct sched_task *t)
 {
+	THREAD_LOOP_ONLY();
 	core->background++;
 	sched_submit(core->p.sched, t);
 }
 
-void core_background_over(struct core *core)
+void core_background_done(struct core *core)
 {
+	THREAD_LOOP_ONLY();
+	assert(core->background);
 	core->background--;
 }
 
@@ -114,37 +125,37 @@ void core_task_held(const struct core *core, const struct sched_task *t, uint64_
 		held[t->name] += bytes;
 }
 
-/* ---- what an earlier daemon left in the cache ---- */
+/* ---- sweeping what an earlier daemon left in the cache ---- */
 
-struct clearing {
+struct sweep {
 	struct sched_task task;
 	struct core *core;
 };
 
-static void clearing_run(struct sched_task *t)
+static void sweep_run(struct sched_task *t)
 {
 	struct err err = ERR_INIT;
 
-	if (io_folder_sweep(((struct clearing *)t)->core->p.cachefd, aside, &err))
+	if (io_folder_sweep(((struct sweep *)t)->core->p.cachefd, old_prefix, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start",
 			      &err);
 }
 
-static void clearing_done(struct sched_task *t)
+static void sweep_done(struct sched_task *t)
 {
-	core_background_over(((struct clearing *)t)->core);
+	core_background_done(((struct sweep *)t)->core);
 	free(t);
 }
 
-void core_clear(struct core *core)
+void core_sweep_cache(struct core *core)
 {
-	struct clearing *c = calloc(1, sizeof *c);
+	struct sweep *w = calloc(1, sizeof *w);
 
-	if (!c)
+	if (!w)
 		return;
-	c->task = (struct sched_task){.run = clearing_run, .done = clearing_done, .priority = SCHED_LAST};
-	c->core = core;
-	deferred_submit(core, &c->task);
+	w->task = (struct sched_task){.run = sweep_run, .done = sweep_done, .priority = SCHED_LAST};
+	w->core = core;
+	deferred_submit(core, &w->task);
 }
 
 /* ---- events and counts ---- */

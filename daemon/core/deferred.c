@@ -1,52 +1,66 @@
 /*
- * Work after a start that can wait: removing what an earlier daemon left, and measuring the cache.
+ * Work of a start that may wait: removal of what an earlier daemon left, and measuring the cache.
  *
- * The model: whoever starts a daemon wants an answer first, and these tasks look at a hundred thousand files of a large cache. So
- * they are kept back until the time for that is over, somebody begins something (which may want the room that they make), or the
- * daemon stops.
+ * The model: these tasks examine up to a hundred thousand files of a large cache, and whoever starts a daemon wants a quick first
+ * answer. So the tasks wait until the time of deferral is over, until a client begins work (which may need the space that they
+ * free), or until the daemon stops.
  */
+#include <assert.h>
+
 #include "clock.h"
-#include "core.h"
+#include "core_priv.h"
 
 void deferred_begin(struct core *core)
 {
-	core->deferred.from_ns = clock_mono_ns();
-	core->deferred.over = core->p.rest <= 0;
+	struct deferred *d = &core->priv->deferred;
+
+	THREAD_LOOP_ONLY();
+	assert(!d->since_ns && !d->n);
+	d->since_ns = clock_mono_ns();
+	d->ended = core->p.defer_seconds <= 0;
 }
 
 void deferred_submit(struct core *core, struct sched_task *t)
 {
+	struct deferred *d = &core->priv->deferred;
+
 	THREAD_LOOP_ONLY();
-	if (core->deferred.over || core->deferred.n == sizeof core->deferred.task / sizeof core->deferred.task[0])
+	if (d->ended || d->n == sizeof d->task / sizeof d->task[0])
 		core_background(core, t);
 	else
-		core->deferred.task[core->deferred.n++] = t;
+		d->task[d->n++] = t;
 }
 
-void deferred_end(struct core *core)
+void deferred_submit_all(struct core *core)
 {
-	core->deferred.over = true;
-	while (core->deferred.n)
-		core_background(core, core->deferred.task[--core->deferred.n]);
+	struct deferred *d = &core->priv->deferred;
+
+	THREAD_LOOP_ONLY();
+	d->ended = true;
+	while (d->n)
+		core_background(core, d->task[--d->n]);
 }
 
-bool deferred_over(struct core *core, bool active)
+bool deferred_tick(struct core *core, bool client_work)
 {
-	if (!core->deferred.over && (active || clock_since(core->deferred.from_ns) >= core->p.rest))
-		deferred_end(core);
-	return core->deferred.over;
+	struct deferred *d = &core->priv->deferred;
+
+	if (!d->ended && (client_work || clock_since(d->since_ns) >= core->p.defer_seconds))
+		deferred_submit_all(core);
+	return d->ended;
 }
 
-bool deferred_waits(const struct core *core)
+bool deferred_is_pending(const struct core *core)
 {
-	return !core->deferred.over;
+	return !core->priv->deferred.ended;
 }
 
-/* The tasks do not run any more; each gives back what it has. */
-void deferred_drop(struct core *core)
+void deferred_cancel_all(struct core *core)
 {
-	while (core->deferred.n) {
-		struct sched_task *t = core->deferred.task[--core->deferred.n];
+	struct deferred *d = &core->priv->deferred;
+
+	while (d->n) {
+		struct sched_task *t = d->task[--d->n];
 
 		core->background++;
 		t->done(t);

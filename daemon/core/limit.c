@@ -1,49 +1,39 @@
 /*
- * Bytes on the disk that one user may have (user-disk). No limit holds for admins.
+ * Bytes on the disk that one user may have (user-disk). Administrators have no limit.
  *
- * The model: each user who has something has a row: what the lists of datasets and interrupted pushes say (counted by the loop
- * when they change, and now and then), and what open pushes and imports have taken beside it (by workers, under the lock). What
- * is pushed counts with the owner of the dataset, as a file does; until it is published, with the user who pushes, and with both
- * while the push goes on. So pushes at the same time never have more together than there is. What was taken is given back and
- * counted in one step (limit_count_given): nobody finds room, or none, between the two. A geoid grid counts with each user who
- * gave it a name.
+ * The model: each user who has something has a row with two parts. `counted` comes from the lists of datasets and interrupted
+ * pushes; the loop counts it again when they change. `taken` is what open pushes and imports have charged beside it; workers
+ * change it, under the lock. Pushed data counts for the owner of the dataset, as a file does. Until it is published it counts for
+ * the pushing user, and during the push for both, so concurrent pushes never exceed the limit together. Releasing a charge and
+ * counting again is one step (limit_release_and_recount), so nobody sees the sum in between. A geoid grid counts for each user
+ * who gave it a name.
  */
 #include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/statvfs.h>
 
-#include "core.h"
 #include "core_priv.h"
 #include "io.h"
 #include "parse.h"
 
-struct limit_row {
-	uint32_t uid;
-	uint64_t counted, taken, geoids;
-};
-
-int limit_refused(const char *setting, struct err *err)
+void limit_init(struct core_private *priv)
 {
-	err_add_hint(err, "ask an administrator for more, or make room first");
-	return err_add_place(err, ERR_NO_OFFSET, setting);
+	lock_init(&priv->limits.lock, LOCK_LIMITS);
 }
 
-void limit_init(struct core *core)
+void limit_done(struct core_private *priv)
 {
-	lock_init(&core->limits.lock, LOCK_LIMITS);
+	free(priv->limits.row);
+	lock_done(&priv->limits.lock);
 }
 
-void limit_done(struct core *core)
-{
-	free(core->limits.row);
-	lock_done(&core->limits.lock);
-}
-
+/* The row of the user, made if it is missing. NULL: no memory. */
 static struct limit_row *row_of(struct limits *l, uint32_t uid)
 {
 	struct limit_row *more;
 
+	assert(lock_held(LOCK_LIMITS));
 	for (size_t i = 0; i < l->n; i++)
 		if (l->row[i].uid == uid)
 			return &l->row[i];
@@ -58,7 +48,7 @@ static struct limit_row *row_of(struct limits *l, uint32_t uid)
 	return &l->row[l->n++];
 }
 
-static void count(void *to, uint32_t uid, uint64_t bytes)
+static void add_usage(void *to, uint32_t uid, uint64_t bytes)
 {
 	struct limit_row *row = bytes ? row_of(to, uid) : NULL;
 
@@ -66,14 +56,14 @@ static void count(void *to, uint32_t uid, uint64_t bytes)
 		row->counted += bytes;
 }
 
-static bool limits_disk(const struct core *core)
+static bool is_limited(const struct core *core)
 {
 	return core->p.user.disk.unit != SPACE_UNLIMITED && core->p.user.disk.n;
 }
 
-static void count_all(struct core *core)
+static void recount_locked(struct core *core)
 {
-	struct limits *l = &core->limits;
+	struct limits *l = &core->priv->limits;
 	size_t n = 0;
 
 	assert(lock_held(LOCK_LIMITS));
@@ -83,43 +73,43 @@ static void count_all(struct core *core)
 			l->row[n++] = l->row[i];
 	}
 	l->n = n;
-	core->used.each(core->used.ctx, count, l);
+	core->usage.each(core->usage.ctx, add_usage, l);
 }
 
-void limit_count(struct core *core)
+void limit_recount(struct core *core)
 {
 	THREAD_LOOP_ONLY();
-	limit_count_given(core, 0, 0, 0, 0);
+	limit_release_and_recount(core, 0, 0, 0, 0);
 }
 
-/* An account that there was no memory for has taken nothing. */
-static uint64_t given(uint64_t taken, int64_t bytes)
+/* Not below 0: if there was no memory for the row, its charges are missing. */
+static uint64_t release(uint64_t taken, int64_t bytes)
 {
 	if (bytes < 0)
 		return taken + (uint64_t)-bytes;
 	return taken > (uint64_t)bytes ? taken - (uint64_t)bytes : 0;
 }
 
-void limit_count_given(struct core *core, uint32_t uid, int64_t bytes, uint32_t other, int64_t others)
+void limit_release_and_recount(struct core *core, uint32_t uid, int64_t bytes, uint32_t other_uid, int64_t other_bytes)
 {
-	struct limits *l = &core->limits;
+	struct limits *l = &core->priv->limits;
 	struct limit_row *row;
 
 	lock_take(&l->lock);
 	row = bytes ? row_of(l, uid) : NULL;
 	if (row)
-		row->taken = given(row->taken, bytes);
-	row = others ? row_of(l, other) : NULL;
+		row->taken = release(row->taken, bytes);
+	row = other_bytes ? row_of(l, other_uid) : NULL;
 	if (row)
-		row->taken = given(row->taken, others);
-	if (limits_disk(core))
-		count_all(core);
+		row->taken = release(row->taken, other_bytes);
+	if (is_limited(core))
+		recount_locked(core);
 	lock_give(&l->lock);
 }
 
 void limit_geoids(struct core *core, const struct limit_geoid *all, size_t n)
 {
-	struct limits *l = &core->limits;
+	struct limits *l = &core->priv->limits;
 	struct limit_row *row;
 
 	lock_take(&l->lock);
@@ -138,10 +128,10 @@ static uint64_t disk_limit(const struct core *core)
 	const struct space_limit *limit = &core->p.user.disk;
 	struct statvfs vfs;
 
-	if (limits_disk(core) && limit->unit == SPACE_BYTES)
+	if (is_limited(core) && limit->unit == SPACE_BYTES)
 		return limit->n;
-	/* What cannot be found out limits nothing here: whoever writes next meets the reason. */
-	if (!limits_disk(core) || io->fstatvfs(core->p.statefd, &vfs) != 0)
+	/* If the size is unknown, there is no limit here: the next write fails with the reason. */
+	if (!is_limited(core) || io->fstatvfs(core->p.statefd, &vfs) != 0)
 		return UINT64_MAX;
 	return (uint64_t)((double)vfs.f_blocks * (double)vfs.f_frsize / 100 * (double)limit->n);
 }
@@ -151,24 +141,25 @@ static uint64_t disk_of(const struct limit_row *row)
 	return row ? row->counted + row->taken + row->geoids : 0;
 }
 
-static int disk_refused(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t limit, const char *what, struct err *err)
+static int refuse_disk(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t limit, const char *what, struct err *err)
 {
 	char need[32], have[32], may[32];
 
 	err_set(err, ERR_LIMIT,
 		"%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)", what,
 		parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
-	return limit_refused("user-disk", err);
+	err_add_hint(err, "ask an administrator for more, or make room first");
+	return err_add_place(err, ERR_NO_OFFSET, "user-disk");
 }
 
 int limit_disk_take(struct core *core, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err)
 {
-	uint64_t limit = admin || rights_stored(uid, 0).admin ? UINT64_MAX : disk_limit(core), has;
+	uint64_t limit = admin || rights_of_user(uid, 0).admin ? UINT64_MAX : disk_limit(core), has;
 	struct limit_row *row;
 	int r = 0;
 
-	lock_take(&core->limits.lock);
-	row = row_of(&core->limits, uid);
+	lock_take(&core->priv->limits.lock);
+	row = row_of(&core->priv->limits, uid);
 	has = disk_of(row);
 	if (!row)
 		r = err_set(err, ERR_NOMEM, "no memory for the account of a user");
@@ -176,8 +167,8 @@ int limit_disk_take(struct core *core, uint32_t uid, bool admin, uint64_t bytes,
 		r = -ERR_LIMIT;
 	else
 		row->taken += bytes;
-	lock_give(&core->limits.lock);
-	return r == -ERR_LIMIT ? disk_refused(uid, bytes, has, limit, what, err) : r;
+	lock_give(&core->priv->limits.lock);
+	return r == -ERR_LIMIT ? refuse_disk(uid, bytes, has, limit, what, err) : r;
 }
 
 void limit_disk_give(struct core *core, uint32_t uid, uint64_t bytes)
@@ -186,11 +177,11 @@ void limit_disk_give(struct core *core, uint32_t uid, uint64_t bytes)
 
 	if (!bytes)
 		return;
-	lock_take(&core->limits.lock);
-	row = row_of(&core->limits, uid);
+	lock_take(&core->priv->limits.lock);
+	row = row_of(&core->priv->limits, uid);
 	if (row)
-		row->taken -= bytes;
-	lock_give(&core->limits.lock);
+		row->taken = release(row->taken, (int64_t)bytes);
+	lock_give(&core->priv->limits.lock);
 }
 
 void limit_disk_of(struct core *core, uint32_t uid, uint64_t state_bytes, uint64_t *ret_has, uint64_t *ret_most)
@@ -198,12 +189,12 @@ void limit_disk_of(struct core *core, uint32_t uid, uint64_t state_bytes, uint64
 	const struct space_limit *limit = &core->p.user.disk;
 
 	*ret_has = *ret_most = 0;
-	if (!limits_disk(core))
+	if (!is_limited(core))
 		return;
 	*ret_most = limit->unit == SPACE_BYTES ? limit->n : (uint64_t)((double)state_bytes / 100 * (double)limit->n);
-	lock_take(&core->limits.lock);
-	for (size_t i = 0; i < core->limits.n; i++)
-		if (core->limits.row[i].uid == uid)
-			*ret_has = disk_of(&core->limits.row[i]);
-	lock_give(&core->limits.lock);
+	lock_take(&core->priv->limits.lock);
+	for (size_t i = 0; i < core->priv->limits.n; i++)
+		if (core->priv->limits.row[i].uid == uid)
+			*ret_has = disk_of(&core->priv->limits.row[i]);
+	lock_give(&core->priv->limits.lock);
 }

@@ -1,9 +1,8 @@
 /*
- * Who may do what.
+ * Permissions.
  *
- * The model: a connection's peer is looked at once, when it comes, and again when the rules change. All questions are
- * answered from that and from the owner, group and mode of what is asked for; what was decided when something was asked
- * holds until it is done, also when its connection has gone.
+ * The model: a peer is examined when it connects, and again when the rules change. Decisions follow from the peer and from owner,
+ * group and mode of the object. What is decided at a request holds until it is done, even if its connection is closed.
  */
 #include "rights.h"
 
@@ -19,7 +18,7 @@
 
 /* ---- peers ---- */
 
-static int by_number(const void *a, const void *b)
+static int compare_groups(const void *a, const void *b)
 {
 	uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
 
@@ -35,9 +34,9 @@ int rights_groups(int fd, struct ledger *ledger, struct peer *peer, struct err *
 
 	peer->groups = NULL;
 	peer->ngroups = 0;
-	/* ENODATA: the socket was never that of a process. */
+	/* ENODATA: no process made the socket. */
 	if (r != 0 && errno != ERANGE)
-		return errno == ENODATA ? 0 : err_sys(err, errno, "the client's groups cannot be found out");
+		return errno == ENODATA ? 0 : err_sys(err, errno, "the client's groups cannot be read");
 	if (!size)
 		return 0;
 	if (!ledger_take(ledger, LEDGER_MESSAGE, size))
@@ -47,18 +46,18 @@ int rights_groups(int fd, struct ledger *ledger, struct peer *peer, struct err *
 		ledger_give(ledger, LEDGER_MESSAGE, size);
 		return err_set(err, ERR_NOMEM, "no memory for the groups of a client");
 	}
-	/* Those of a connection do not change: the second answer is as long as the first said. */
+	/* The groups of a connection do not change, so the second answer has the size that the first one reported. */
 	if (r == 0) {
 		memcpy(all, few, size);
 	} else if (getsockopt(fd, SOL_SOCKET, SO_PEERGROUPS, all, &size) != 0) {
-		r = err_sys(err, errno, "the client's groups cannot be found out");
+		r = err_sys(err, errno, "the client's groups cannot be read");
 		ledger_give(ledger, LEDGER_MESSAGE, size);
 		free(all);
 		return r;
 	}
 	peer->groups = all;
 	peer->ngroups = size / sizeof *all;
-	qsort(all, peer->ngroups, sizeof *all, by_number);
+	qsort(all, peer->ngroups, sizeof *all, compare_groups);
 	return 0;
 }
 
@@ -76,10 +75,11 @@ bool rights_in_group(const struct peer *peer, uint32_t gid)
 {
 	if (gid == RIGHTS_NOBODY)
 		return false;
-	return peer->gid == gid || (peer->ngroups && bsearch(&gid, peer->groups, peer->ngroups, sizeof *peer->groups, by_number));
+	return peer->gid == gid ||
+	       (peer->ngroups && bsearch(&gid, peer->groups, peer->ngroups, sizeof *peer->groups, compare_groups));
 }
 
-void rights_look(const struct rights *rules, struct peer *peer)
+void rights_set_admin(const struct rights *rules, struct peer *peer)
 {
 	peer->admin = !peer->uid || peer->uid == rules->self || rights_in_group(peer, rules->admin_gid);
 }
@@ -92,7 +92,7 @@ int rights_connect(const struct rights *rules, const struct peer *peer, struct e
 	return err_add_hint(err, "ask an administrator to add you to it (usermod -aG %s NAME), and log in again", rules->group);
 }
 
-struct peer rights_kept(const struct peer *peer)
+struct peer rights_without_groups(const struct peer *peer)
 {
 	struct peer kept = *peer;
 
@@ -101,7 +101,7 @@ struct peer rights_kept(const struct peer *peer)
 	return kept;
 }
 
-struct peer rights_stored(uint32_t uid, uint32_t pid)
+struct peer rights_of_user(uint32_t uid, uint32_t pid)
 {
 	return (struct peer){.uid = uid, .pid = pid, .gid = RIGHTS_NOBODY, .admin = !uid || uid == geteuid()};
 }
@@ -111,12 +111,12 @@ bool rights_admin(const struct peer *peer)
 	return peer->admin || !peer->uid;
 }
 
-bool rights_as(const struct peer *peer, uint32_t uid)
+bool rights_acts_as(const struct peer *peer, uint32_t uid)
 {
 	return rights_admin(peer) || peer->uid == uid;
 }
 
-/* ---- what is owned ---- */
+/* ---- datasets ---- */
 
 bool rights_allow(const struct peer *peer, enum right right, uint32_t uid, uint32_t gid, uint32_t mode)
 {
@@ -124,7 +124,7 @@ bool rights_allow(const struct peer *peer, enum right right, uint32_t uid, uint3
 
 	if (rights_admin(peer))
 		return true;
-	if (right == RIGHT_OWN || right == RIGHT_GIVE)
+	if (right == RIGHT_OWN || right == RIGHT_CHOWN)
 		return right == RIGHT_OWN && peer->uid == uid;
 	if (peer->uid == uid)
 		return mode & bit << 6;

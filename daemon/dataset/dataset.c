@@ -227,7 +227,7 @@ static void removal_done(struct sched_task *t)
 {
 	struct removal *rm = (struct removal *)t;
 
-	core_background_over(rm->datasets->core);
+	core_background_done(rm->datasets->core);
 	free(rm);
 }
 
@@ -260,7 +260,7 @@ static void removal_row_gone(void *ctx, int r, const struct err *why)
 {
 	struct removal *rm = ctx;
 
-	removal_go(rm, !r && !catalogue_unsure(rm->datasets->core->p.catalogue));
+	removal_go(rm, !r && !catalogue_is_uncertain(rm->datasets->core->p.catalogue));
 }
 
 /* ---- in memory ---- */
@@ -291,7 +291,7 @@ void dataset_drop(struct dataset *d)
 	*at = d->next;
 	/* First the row, then what it names. */
 	if (!d->row) {
-		removal_go(rm, d->onestep || !catalogue_unsure(d->datasets->core->p.catalogue));
+		removal_go(rm, d->onestep || !catalogue_is_uncertain(d->datasets->core->p.catalogue));
 	} else if (catalogue_drop_dataset(d->datasets->core->p.catalogue, d->id, rm ? removal_row_gone : NULL, rm, &err)) {
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 		removal_go(rm, false);
@@ -313,7 +313,7 @@ struct dataset *dataset_find(struct datasets *ds, const char *name, const struct
 
 	for (d = ds->first; d; d = d->next)
 		if (!d->removed_us && !strcmp(d->name, name))
-			return !d->onestep || rights_as(peer, d->uid) ? d : NULL;
+			return !d->onestep || rights_acts_as(peer, d->uid) ? d : NULL;
 	return NULL;
 }
 
@@ -501,7 +501,7 @@ static void charge_texts(struct dataset *d)
 int datasets_load(void *datasets, const struct catalogue_dataset *row, struct err *err)
 {
 	struct datasets *ds = datasets;
-	const struct peer owner = rights_stored(row->uid, 0);
+	const struct peer owner = rights_of_user(row->uid, 0);
 	struct dataset *d = dataset_new(ds, row->name, &owner, false, err);
 
 	if (!d)
@@ -543,7 +543,7 @@ void dataset_unhold(struct dataset *d)
 
 bool dataset_is_read(const struct dataset *d)
 {
-	return d->readers || admission_opening(d->datasets->admission, d);
+	return d->readers || admission_opens(d->datasets->admission, d);
 }
 
 bool dataset_commit_begin(struct dataset *d, const void *by)

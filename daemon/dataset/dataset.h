@@ -179,7 +179,7 @@ struct dataset_wanted {
 	struct peer peer;
 };
 typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset *);
-/* RIGHT_OWN, a new owner RIGHT_GIVE; a new group is one that the owner is in. A removed dataset is hidden, its name free, and
+/* RIGHT_OWN, a new owner RIGHT_CHOWN; a new group is one that the owner is in. A removed dataset is hidden, its name free, and
  * kept for core_params.keep_removed; what is pinned can be neither removed nor pruned. -ERR_USAGE, -ERR_BUSY (a push is open),
  * -ERR_NOTFOUND. */
 void dataset_verb(struct datasets *, const struct dataset_wanted *, dataset_verb_fn *answer, void *token);

@@ -133,7 +133,7 @@ static void tidy_run(struct sched_task *t)
 {
 	struct dataset_change *c = (struct dataset_change *)t;
 
-	if (c->r && catalogue_unsure(c->datasets->core->p.catalogue))
+	if (c->r && catalogue_is_uncertain(c->datasets->core->p.catalogue))
 		return;
 	if (c->r)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
@@ -153,7 +153,7 @@ static void finish(struct dataset_change *c)
 		d->committer = NULL;
 	c->made = grid_manifest_free(c->made);
 	dataset_next_clear(&c->becomes);
-	core_background_over(c->datasets->core);
+	core_background_done(c->datasets->core);
 	c->over(c, c->r ? &c->err : NULL);
 	dataset_release(d);
 }
@@ -232,7 +232,7 @@ void dataset_change_start(struct dataset_change *c)
 
 	c->datasets = ds;
 	c->err = ERR_INIT;
-	if (ds->core->parking)
+	if (ds->core->stopping)
 		err_set(&c->err, ERR_BUSY, "the daemon is stopping");
 	else if (!d->generation)
 		err_set(&c->err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);

@@ -21,9 +21,9 @@ void datasets_count(struct datasets *ds)
 		for (q = d->pending; q; q = q->next)
 			bytes[SPACE_PENDING] += datasets_points_bytes(q->points);
 	}
-	space_set(ds->core->space, SPACE_DATASETS, bytes[SPACE_DATASETS]);
-	space_set(ds->core->space, SPACE_REMOVED, bytes[SPACE_REMOVED]);
-	space_set(ds->core->space, SPACE_ONESTEP, bytes[SPACE_ONESTEP]);
-	space_set(ds->core->space, SPACE_PENDING, bytes[SPACE_PENDING]);
-	limit_count(ds->core);
+	space_set_counted(ds->core->space, SPACE_DATASETS, bytes[SPACE_DATASETS]);
+	space_set_counted(ds->core->space, SPACE_REMOVED, bytes[SPACE_REMOVED]);
+	space_set_counted(ds->core->space, SPACE_ONESTEP, bytes[SPACE_ONESTEP]);
+	space_set_counted(ds->core->space, SPACE_PENDING, bytes[SPACE_PENDING]);
+	limit_recount(ds->core);
 }

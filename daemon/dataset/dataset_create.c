@@ -118,7 +118,7 @@ void dataset_create(struct datasets *ds, const struct dataset_wish *w, void (*cr
 
 	if (!c)
 		err_set(&err, ERR_NOMEM, "no memory for a request");
-	else if (ds->core->parking)
+	else if (ds->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	if (err.code || make(ds, w, &c->dataset, &err)) {
 		free(c);

@@ -17,7 +17,7 @@ struct loaded {
 	struct dataset *dataset;
 };
 
-/* Bytes on the disk by user (struct core_used). */
+/* Bytes on the disk by user (struct core_usage). */
 static void used(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
 {
 	for (const struct dataset *d = ((struct datasets *)ctx)->first; d; d = d->next) {
@@ -35,7 +35,7 @@ int datasets_new(struct core *core, struct admission *admission, struct datasets
 		return err_set(err, ERR_NOMEM, "no memory for the daemon");
 	ds->core = core;
 	ds->admission = admission;
-	core->used = (struct core_used){ds, used};
+	core->usage = (struct core_usage){ds, used};
 	*ret = ds;
 	return 0;
 }

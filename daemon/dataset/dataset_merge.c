@@ -150,7 +150,7 @@ static void start(struct datasets *ds, struct dataset *d)
 	}
 	g->begun_ns = clock_mono_ns();
 	g->rewrite.dataset = d;
-	g->rewrite.peer = rights_stored(d->uid, 0);
+	g->rewrite.peer = rights_of_user(d->uid, 0);
 	g->rewrite.what = "a merge";
 	g->rewrite.choose = choose;
 	g->rewrite.over = merge_over;
@@ -183,13 +183,14 @@ void dataset_merge_settle(struct datasets *ds)
 	struct dataset *d;
 
 	if (ds->merge) {
-		if (admission_awaited(ds->admission) && ds->merge->dataset->segments < MANY)
+		if (admission_memory_is_awaited(ds->admission) && ds->merge->dataset->segments < MANY)
 			dataset_rewrite_cancel(ds->merge);
 		else
 			dataset_rewrite_settle(ds->merge);
 		return;
 	}
-	if (ds->core->parking || ds->prunes || admission_awaited(ds->admission) || clock_mono_ns() < ds->merge_after_ns)
+	if (ds->core->stopping || ds->prunes || admission_memory_is_awaited(ds->admission) ||
+	    clock_mono_ns() < ds->merge_after_ns)
 		return;
 	d = due(ds);
 	if (d)

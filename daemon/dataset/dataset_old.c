@@ -87,7 +87,7 @@ static void old_done(struct sched_task *t)
 	struct datasets *ds = o->dataset->datasets;
 	struct err err = ERR_INIT;
 
-	core_background_over(ds->core);
+	core_background_done(ds->core);
 	if (t->ran && !o->failed && o->row && catalogue_drop_push(ds->core->p.catalogue, o->row, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	dataset_release(o->dataset);

@@ -124,7 +124,7 @@ static void drop_done(struct sched_task *t)
 	struct datasets *ds = x->dataset->datasets;
 	struct err err = ERR_INIT;
 
-	core_background_over(ds->core);
+	core_background_done(ds->core);
 	/* Else its row tells the next start. */
 	if (t->ran && !x->r && catalogue_drop_push(ds->core->p.catalogue, x->pending->id, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);

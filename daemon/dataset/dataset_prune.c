@@ -273,7 +273,7 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 	struct prune *p = NULL, **at;
 
 	THREAD_LOOP_ONLY();
-	if (ds->core->parking)
+	if (ds->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (!dataset_rights(d, peer, RIGHT_OWN, &err) && !charge(ds->core, sizeof *p, "a prune", &err) &&
 		 !(p = calloc(1, sizeof *p))) {
@@ -285,7 +285,7 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 		return NULL;
 	}
 	p->rewrite.dataset = dataset_hold(d);
-	p->rewrite.peer = rights_kept(peer);
+	p->rewrite.peer = rights_without_groups(peer);
 	p->rewrite.what = "a prune";
 	p->rewrite.choose = choose;
 	p->rewrite.alter = alter;

@@ -34,7 +34,7 @@ static void reading_done(struct sched_task *t)
 	struct dataset *d = x->dataset;
 	struct datasets *ds = d->datasets;
 
-	core_background_over(ds->core);
+	core_background_done(ds->core);
 	dataset_read_end(d);
 	if (!t->ran)
 		x->r = err_set(&x->err, ERR_BUSY, "the daemon is stopping");

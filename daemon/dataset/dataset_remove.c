@@ -143,7 +143,7 @@ static int check_wanted(struct datasets *ds, const struct dataset_wanted *w, str
 			r = no_dataset(w->name, false, err);
 	}
 	if (!r)
-		r = dataset_rights(d, &w->peer, w->verb == DATASET_CHOWN ? RIGHT_GIVE : RIGHT_OWN, err);
+		r = dataset_rights(d, &w->peer, w->verb == DATASET_CHOWN ? RIGHT_CHOWN : RIGHT_OWN, err);
 	if (!r && restores)
 		r = check_name(ds, *w->as ? w->as : d->name, &w->peer, err);
 	if (!r && w->verb == DATASET_REMOVE)
@@ -259,7 +259,7 @@ static void wait_for_row(struct datasets *ds, struct verb *v, const struct datas
 	snprintf(v->text, sizeof v->text, "%s", w->name);
 	snprintf(v->as, sizeof v->as, "%s", w->mode ? w->mode : w->as);
 	v->wanted = *w;
-	v->wanted.peer = rights_kept(&w->peer);
+	v->wanted.peer = rights_without_groups(&w->peer);
 	v->wanted.name = v->text;
 	v->wanted.as = w->mode ? "" : v->as;
 	v->wanted.mode = w->mode ? v->as : NULL;
@@ -284,7 +284,7 @@ static void run(struct datasets *ds, struct verb *v, const struct dataset_wanted
 		free(v);
 	} else {
 		v->wanted.verb = w->verb;
-		v->wanted.peer = rights_kept(&w->peer);
+		v->wanted.peer = rights_without_groups(&w->peer);
 		dataset_row(v->dataset, &row);
 		if (catalogue_put_dataset(ds->core->p.catalogue, &row, 0, row_done, v, &err))
 			finish(v, &err);
@@ -393,7 +393,7 @@ void datasets_expire(struct datasets *ds)
 	int64_t now = datasets_trusted_us(ds);
 
 	THREAD_LOOP_ONLY();
-	for (d = ds->first; d && !ds->core->parking; d = next) {
+	for (d = ds->first; d && !ds->core->stopping; d = next) {
 		next = d->next;
 		if (!d->removed_us || now < dataset_until_us(d) || d->pushes || d->committer)
 			continue;
@@ -416,7 +416,7 @@ static void expire(struct datasets *ds)
 	ds->expired_ns = clock_mono_ns();
 	datasets_expire(ds);
 	/* What holds an interrupted push goes with it, and may be the dataset's last. */
-	for (struct dataset *d = ds->first, *next; d && !ds->core->parking; d = next) {
+	for (struct dataset *d = ds->first, *next; d && !ds->core->stopping; d = next) {
 		next = d->next;
 		if (!d->readers)
 			pending_expire(d);

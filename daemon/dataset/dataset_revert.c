@@ -225,7 +225,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *p
 		return;
 	}
 	v->change.dataset = d;
-	v->change.peer = rights_kept(peer);
+	v->change.peer = rights_without_groups(peer);
 	v->change.make = revert_make;
 	v->change.over = revert_over;
 	v->change.kind = GRID_REVERT;

@@ -120,7 +120,7 @@ static void give_space(struct dataset_rewrite *w)
 {
 	if (!w->space)
 		return;
-	space_promise(w->datasets->core->space, SPACE_MERGES, -(int64_t)w->space);
+	space_add_unwritten(w->datasets->core->space, SPACE_MERGES, -(int64_t)w->space);
 	space_give(w->datasets->core->space, SPACE_MERGES, w->space);
 	w->space = 0;
 }
@@ -131,14 +131,14 @@ static void finish(struct dataset_rewrite *w)
 
 	if (w->bytes)
 		sched_give(w->datasets->core->p.sched, LEDGER_STAGE, w->bytes);
-	admission_rewriting(w->datasets->admission, -(int64_t)w->bytes);
+	admission_add_rewrite(w->datasets->admission, -(int64_t)w->bytes);
 	give_space(w);
 	w->bytes = 0;
 	if (w->opened)
 		dataset_close(d);
 	w->opened = false;
 	w->olds = dataset_old_free(w->olds);
-	core_background_over(w->datasets->core);
+	core_background_done(w->datasets->core);
 	w->over(w, w->r ? &w->err : NULL);
 	dataset_release(d);
 }
@@ -174,7 +174,7 @@ static void tidy_run(struct sched_task *t)
 
 	w->rewrite = grid_rewrite_free(w->rewrite);
 	/* The catalogue may name the manifest that names them. */
-	if (catalogue_unsure(w->datasets->core->p.catalogue)) {
+	if (catalogue_is_uncertain(w->datasets->core->p.catalogue)) {
 		w->has_row = false;
 		return;
 	}
@@ -258,7 +258,7 @@ static void changed(struct dataset_change *c, const struct err *why)
 {
 	struct dataset_rewrite *w = of_change(c);
 
-	if (why && why->code == ERR_BUSY && !w->stop && !w->datasets->core->parking) {
+	if (why && why->code == ERR_BUSY && !w->stop && !w->datasets->core->stopping) {
 		w->again = true; /* no memory for manifests now */
 		return;
 	}
@@ -335,7 +335,7 @@ static int take_space(struct dataset_rewrite *w, struct err *err)
 	r = space_take(w->datasets->core->space, SPACE_MERGES, w->read, w->always ? SPACE_MUST : SPACE_MAY, w->what, err);
 	if (!r) {
 		w->space = w->read;
-		space_promise(w->datasets->core->space, SPACE_MERGES, (int64_t)w->space);
+		space_add_unwritten(w->datasets->core->space, SPACE_MERGES, (int64_t)w->space);
 	}
 	if (r != -ERR_NOSPACE || !w->always || io->fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
 	    (uint64_t)vfs.f_bavail * vfs.f_frsize < w->read + w->read / 8)
@@ -443,11 +443,12 @@ static bool take(struct dataset_rewrite *w)
 {
 	uint64_t least = rewrite_bytes(w), want = share(w->datasets) > least ? share(w->datasets) : least;
 
-	if (admission_stage_waits(w->datasets->admission) || slots_sought(w->datasets->admission) ||
-	    !admission_stage_room(w->datasets->admission, want) || !ledger_take(w->datasets->core->p.ledger, LEDGER_STAGE, want))
+	if (admission_stage_is_awaited(w->datasets->admission) || slots_requested(w->datasets->admission) ||
+	    !admission_stage_available(w->datasets->admission, want) ||
+	    !ledger_take(w->datasets->core->p.ledger, LEDGER_STAGE, want))
 		return false;
 	w->bytes = want;
-	admission_rewriting(w->datasets->admission, (int64_t)want);
+	admission_add_rewrite(w->datasets->admission, (int64_t)want);
 	return true;
 }
 

@@ -9,7 +9,7 @@ int dataset_rights(const struct dataset *d, const struct peer *peer, enum right 
 
 	if (rights_allow(peer, right, d->uid, d->gid, d->onestep ? 0600 : d->mode))
 		return 0;
-	if (right == RIGHT_GIVE) {
+	if (right == RIGHT_CHOWN) {
 		err_set(err, ERR_PERM, "only an administrator may give the dataset %s another owner", d->name);
 		return err_add_hint(err, "ask whoever runs the daemon; acutctl dataset chgrp gives it another group");
 	}

@@ -219,7 +219,7 @@ static void remove_run(struct ask *a)
 		a->r = 0;
 		g = (struct geoid_info){.uid = a->peer.uid};
 	}
-	if (!a->r && !rights_as(&a->peer, g.uid))
+	if (!a->r && !rights_acts_as(&a->peer, g.uid))
 		a->r = err_set(&a->err, ERR_PERM, "the geoid grid %s was added by the user with id %u", a->name, g.uid);
 	if (!a->r) {
 		geoids_file(a->name, file);
@@ -266,7 +266,7 @@ static void ask_done(struct sched_task *t)
 		sched_give(a->geoids->core->p.sched, t->name, t->bytes);
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
-	core_background_over(a->geoids->core);
+	core_background_done(a->geoids->core);
 	if (a->kind != ASK_LIST)
 		a->geoids->changes++;
 	if (!a->r && a->kind != ASK_LIST)
@@ -307,7 +307,7 @@ static void ask(struct geoids *g, enum ask_kind kind, int fd, const char *name, 
 	};
 	a->geoids = g;
 	a->kind = kind;
-	a->peer = rights_kept(peer);
+	a->peer = rights_without_groups(peer);
 	a->err = ERR_INIT;
 	a->answer = answer;
 	a->token = token;

@@ -299,7 +299,7 @@ static void inspect_done(struct sched_task *t)
 		sched_submit(core->p.sched, &a->task);
 		return;
 	}
-	core_background_over(core);
+	core_background_done(core);
 	a->answer(a->token, a->r ? &a->err : NULL, a->r ? NULL : a->result);
 	inspect_free(a);
 }

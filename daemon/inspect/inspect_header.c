@@ -55,7 +55,7 @@ static void info_done(struct sched_task *t)
 		sched_give(a->core->p.sched, t->name, t->bytes);
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
-	core_background_over(a->core);
+	core_background_done(a->core);
 	a->probed(a->token, a->r ? &a->err : NULL, a->name, a->r ? NULL : &a->info);
 	io_close(a->fd);
 	free(a->name);

@@ -64,7 +64,7 @@ struct job *job_free(struct job *job)
 {
 	if (!job)
 		return NULL;
-	slot_leave(job->jobs->admission, &job->slot);
+	slot_withdraw(job->jobs->admission, &job->slot);
 	run_free(job->run);
 	history_remove(job);
 	job_done_with(job);
@@ -191,12 +191,12 @@ static enum job_state job_state_queued(struct job *job)
 	struct err err = ERR_INIT;
 
 	job->placed = false;
-	if (job->stop || job->removed || job->jobs->core->parking) {
-		slot_leave(job->jobs->admission, &job->slot);
+	if (job->stop || job->removed || job->jobs->core->stopping) {
+		slot_withdraw(job->jobs->admission, &job->slot);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}
 	if (!placed) {
-		slot_seek(job->jobs->admission, &job->slot, 0);
+		slot_request(job->jobs->admission, &job->slot, 0);
 		return JOB_queued;
 	}
 	switch (run_new(&p, &job->run, &err)) {
@@ -220,7 +220,7 @@ static enum job_state end_of(struct job *job);
 
 static enum job_state job_state_planning(struct job *job)
 {
-	if (job->stop || job->jobs->core->parking)
+	if (job->stop || job->jobs->core->stopping)
 		return JOB_cancelling;
 	if (job->run_ended)
 		return end_of(job);
@@ -229,7 +229,7 @@ static enum job_state job_state_planning(struct job *job)
 
 static enum job_state job_state_meshing(struct job *job)
 {
-	if (job->stop || job->jobs->core->parking)
+	if (job->stop || job->jobs->core->stopping)
 		return JOB_cancelling;
 	return job->run_ended ? end_of(job) : JOB_meshing;
 }
@@ -239,7 +239,7 @@ static enum job_state job_state_cancelling(struct job *job)
 	if (!job->run_ended)
 		return JOB_cancelling;
 	/* A daemon that stops leaves it for the next start. */
-	return job->jobs->core->parking && !job->bound && !job->stop ? JOB_queued : end_of(job);
+	return job->jobs->core->stopping && !job->bound && !job->stop ? JOB_queued : end_of(job);
 }
 
 static enum job_state job_state_done(struct job *job)
@@ -425,7 +425,7 @@ static void look_waiting(struct job *job)
 	struct job_info info = {.waiting = ""};
 
 	job->looked_ns = clock_mono_ns();
-	if (job->slot.seeks && slots_sought(job->jobs->admission) > MANY)
+	if (job->slot.requested && slots_requested(job->jobs->admission) > MANY)
 		return;
 	job_waiting(job, &info);
 	if (!strcmp(info.waiting, job->waited))
@@ -471,7 +471,7 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct peer *
 	memset(job, 0, sizeof *job);
 	job->charged = bytes;
 	job->view = view;
-	job->peer = rights_kept(peer);
+	job->peer = rights_without_groups(peer);
 	job->jobs = j;
 	job->id = id;
 	job->err = ERR_INIT;
@@ -484,7 +484,7 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct peer *
 
 static bool may_see(const struct job *job, const struct peer *peer)
 {
-	return !job->removed && !job->waiting_row && rights_as(peer, job->peer.uid);
+	return !job->removed && !job->waiting_row && rights_acts_as(peer, job->peer.uid);
 }
 
 struct job *job_find(struct jobs *j, uint64_t id, const struct peer *peer)
@@ -567,7 +567,7 @@ void job_leave(struct job *job)
 int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 {
 	char *view = strdup(row->view);
-	struct peer peer = rights_stored(row->uid, row->pid);
+	struct peer peer = rights_of_user(row->uid, row->pid);
 	struct job *job = NULL;
 	struct dataset *d = dataset_loaded(j->datasets, row->dataset);
 	int s;

@@ -24,7 +24,7 @@ static void fetch_free(struct job_fetch *f)
 	for (at = &f->job->fetches; *at != f; at = &(*at)->next)
 		;
 	*at = f->next;
-	slot_leave(f->job->jobs->admission, &f->slot);
+	slot_withdraw(f->job->jobs->admission, &f->slot);
 	run_free(f->run);
 	if (f->window)
 		uncharge(f->job->jobs->core, strlen(f->window) + 1);
@@ -264,7 +264,7 @@ static void begin(struct job_fetch *f)
 	}
 	p.since = f->output->since ? &f->since : NULL;
 	if (!f->placed) {
-		slot_seek(job->jobs->admission, &f->slot, 0);
+		slot_request(job->jobs->admission, &f->slot, 0);
 		return;
 	}
 	f->placed = false;
@@ -342,8 +342,8 @@ static void look_waiting(struct job_fetch *f)
 
 	if (!output || !output->calls->waits)
 		return;
-	if (f->slot.seeks)
-		slot_text(f->job->jobs->admission, &f->slot, waits, sizeof waits);
+	if (f->slot.requested)
+		slot_wait_text(f->job->jobs->admission, &f->slot, waits, sizeof waits);
 	else if (f->run && !f->run_ended)
 		run_waiting(f->run, waits, sizeof waits);
 	if (!strcmp(waits, f->waited))

@@ -147,7 +147,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	THREAD_LOOP_ONLY();
 	if (!p)
 		err_set(&err, ERR_NOMEM, "no memory for a plan");
-	else if (j->core->parking)
+	else if (j->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (!dataset_check_generation(d, generation, &err) && !job_view(view, d, &text, &err)) {
 		params.view_text = text;
@@ -160,7 +160,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		return;
 	}
 	p->jobs = j;
-	p->peer = rights_kept(peer);
+	p->peer = rights_without_groups(peer);
 	p->slot.owner = params.owner;
 	p->slot.granted = plan_granted;
 	p->err = ERR_INIT;
@@ -168,8 +168,8 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	p->token = token;
 	p->next = j->plans;
 	j->plans = p;
-	slot_seek(j->admission, &p->slot, 0);
-	slots_settle(j->admission);
+	slot_request(j->admission, &p->slot, 0);
+	slots_grant(j->admission);
 }
 
 /* ---- plans that are kept ---- */
@@ -201,7 +201,7 @@ static void drop_done(struct sched_task *t)
 {
 	struct drop *d = (struct drop *)t;
 
-	core_background_over(d->jobs->core);
+	core_background_done(d->jobs->core);
 	plan_file_free(d->plan);
 	free(d);
 }
@@ -267,7 +267,7 @@ static void sweep_done(struct sched_task *t)
 {
 	struct sweep *s = (struct sweep *)t;
 
-	core_background_over(s->jobs->core);
+	core_background_done(s->jobs->core);
 	uncharge(s->jobs->core, s->n * sizeof *s->job);
 	free(s);
 }

@@ -162,7 +162,7 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 	unsigned open = 0, own = 0;
 	int r;
 
-	if (j->core->parking)
+	if (j->core->stopping)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	for (job = j->jobs; job; job = job->next) {
 		open += !job_state_final(job->state);
@@ -268,7 +268,7 @@ void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(voi
 	if (job->bound) {
 		accept(job, NULL);
 		job_step(job);
-		slots_settle(j->admission);
+		slots_grant(j->admission);
 		return;
 	}
 	job->waiting_row = true;
@@ -278,5 +278,5 @@ void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(voi
 	}
 	/* It begins at once, and is promised, shown and told when its row is there. */
 	job_step(job);
-	slots_settle(j->admission);
+	slots_grant(j->admission);
 }

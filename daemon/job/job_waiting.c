@@ -55,8 +55,8 @@ void job_waiting(const struct job *job, struct job_info *ret)
 {
 	ret->priority = job->priority;
 	ret->position = slot_position(job->jobs->admission, &job->slot);
-	if (job->slot.seeks)
-		slot_text(job->jobs->admission, &job->slot, ret->waiting, sizeof ret->waiting);
+	if (job->slot.requested)
+		slot_wait_text(job->jobs->admission, &job->slot, ret->waiting, sizeof ret->waiting);
 	else if (job->run && !job->run_ended)
 		run_waiting(job->run, ret->waiting, sizeof ret->waiting);
 	ret->lacks_space = job->run ? run_space_lacks(job->run) : 0;

@@ -24,9 +24,9 @@ void cache_stat(struct maintenance *m, struct cache_stat *ret)
 	const struct pending *q;
 	const struct dataset *d;
 
-	disk_look(m->core, true); /* nothing else may be going on */
+	disk_tick(m->core, true); /* nothing else may be going on */
 	datasets_count(m->datasets);
-	disk_ask_now(m->core);
+	disk_query_now(m->core);
 	space_stat(m->core->space, &ret->space);
 	for (d = datasets_first(m->datasets); d; d = d->next) {
 		ret->space.kind[d->onestep    ? SPACE_ONESTEP :
@@ -77,7 +77,7 @@ static void gc_done(struct sched_task *t)
 
 	if (!t->ran)
 		g->r = err_set(&g->err, ERR_CANCELLED, "the daemon is stopping");
-	core_background_over(g->maintenance->core);
+	core_background_done(g->maintenance->core);
 	cache_gone_free(g->gone);
 	g->freed(g->token, g->r ? &g->err : NULL, g->bytes, g->entries);
 	free(g);

@@ -92,7 +92,7 @@ static int drop(void *ctx, const struct plan_done *d, struct err *err)
 	}
 	if (set == BITS_EACH)
 		return 0;
-	r = space_drop_domain(g->maintenance->core->space, g->maintenance->core->domainsfd, &id, &bytes, err);
+	r = space_remove_domain(g->maintenance->core->space, g->maintenance->core->domainsfd, &id, &bytes, err);
 	if (!r && bytes) {
 		g->bytes += bytes;
 		g->entries++;

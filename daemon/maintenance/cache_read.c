@@ -251,7 +251,7 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 
 		if (removed) {
 			space_give(v->maintenance->core->space, SPACE_SELECTIONS, bytes);
-			space_count(v->maintenance->core->space, SPACE_SELECTIONS, -1);
+			space_count_entries(v->maintenance->core->space, SPACE_SELECTIONS, -1);
 		}
 		cache_found(v, "selection", true, removed, &v->err);
 		err_clear(&v->err);
@@ -304,7 +304,7 @@ static int read_domain(struct folder *f, const char *name, const struct stat *st
 	removed = why.code != ERR_VERSION && io->unlinkat(f->fd, name, 0) == 0;
 	if (removed) {
 		space_give(v->maintenance->core->space, SPACE_DOMAINS, (uint64_t)st->st_size);
-		space_count(v->maintenance->core->space, SPACE_DOMAINS, -1);
+		space_count_entries(v->maintenance->core->space, SPACE_DOMAINS, -1);
 	}
 	add_folder(&why, f->path);
 	cache_found(v, "domain", true, removed, &why);

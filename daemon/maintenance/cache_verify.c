@@ -132,7 +132,7 @@ static void over(struct cache_verify *v, const struct err *why)
 	v->found.files = atomic_load(&v->files);
 	tell_end(v, why);
 	v->maintenance->verify = NULL;
-	core_background_over(v->maintenance->core);
+	core_background_done(v->maintenance->core);
 	v->calls->over(v->token, why, &v->found);
 	lock_done(&v->lock);
 	pthread_cond_destroy(&v->room);
@@ -259,7 +259,7 @@ static void go_on(struct cache_verify *v)
 	struct err err = ERR_INIT;
 
 	v->wait_ns = 0;
-	if (cache_ended(v) || v->maintenance->core->parking) {
+	if (cache_ended(v) || v->maintenance->core->stopping) {
 		err_set(&err, ERR_CANCELLED, "it was ended before all was read");
 		over(v, &err);
 		return;
@@ -286,7 +286,7 @@ void cache_verify_tick(struct maintenance *m)
 
 	if (!v)
 		return;
-	if (m->core->parking)
+	if (m->core->stopping)
 		cache_verify_end(v);
 	tell(v, false);
 	if (!v->busy && v->wait_ns && clock_since(v->wait_ns) >= AGAIN_SECONDS)
@@ -304,7 +304,7 @@ int cache_verify(struct maintenance *m, const struct peer *peer, const struct ca
 	THREAD_LOOP_ONLY();
 	if (r)
 		return r;
-	if (m->verify || m->core->parking)
+	if (m->verify || m->core->stopping)
 		return err_set(err, ERR_BUSY,
 			       m->verify ? "it is being done already, for somebody else" : "the daemon is stopping");
 	v = calloc(1, sizeof *v);

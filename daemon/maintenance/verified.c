@@ -74,7 +74,7 @@ static void note_done(struct sched_task *t)
 {
 	struct noting *x = (struct noting *)t;
 
-	core_background_over(x->maintenance->core);
+	core_background_done(x->maintenance->core);
 	free(x);
 }
 

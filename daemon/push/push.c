@@ -306,7 +306,7 @@ void push_begin(struct pushes *pushes, const struct push_params *in, void *token
 	struct err err = ERR_INIT;
 
 	THREAD_LOOP_ONLY();
-	disk_mend(pushes->core);
+	disk_restore_folders(pushes->core);
 	if (p) {
 		lock_init(&p->space.lock, LOCK_PUSH_SPACE);
 		push_guard_init(&p->row_guard);
@@ -329,7 +329,7 @@ void push_begin(struct pushes *pushes, const struct push_params *in, void *token
 		;
 	else if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way || !p->last)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
-	else if (pushes->core->parking)
+	else if (pushes->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (too_many(pushes, &in->peer))
 		err_set(&err, ERR_BUSY,
@@ -360,7 +360,7 @@ void push_begin(struct pushes *pushes, const struct push_params *in, void *token
 		(struct sched_owner){.uid = in->peer.uid, .flow = ++pushes->core->last_flow, .exempt = rights_admin(&in->peer)};
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
-	p->peer = rights_kept(&in->peer);
+	p->peer = rights_without_groups(&in->peer);
 	p->space.owner = p->dataset->uid;
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
@@ -517,7 +517,7 @@ static bool stage_fits(const struct admission_stage *s)
 {
 	const struct push *p = push_of(s);
 
-	return admission_user_room(p->pushes->admission, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
+	return admission_user_available(p->pushes->admission, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
 }
 
 static void stage_retry(struct admission_stage *s)

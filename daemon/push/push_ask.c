@@ -216,14 +216,15 @@ static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others
 	 * from. */
 	p->read_bytes = push_read_bytes(p);
-	if (admission_never(pushes->admission, GRID_STAGE_MIN + p->read_bytes + admission_least(), "staging, beside a mesh,",
-			    err) ||
-	    admission_user_never(pushes->admission, &p->owner, GRID_STAGE_MIN + p->read_bytes + push_keeps(p), "staging", err))
+	if (admission_check_size(pushes->admission, GRID_STAGE_MIN + p->read_bytes + admission_plan_min(),
+				 "staging, beside a mesh,", err) ||
+	    admission_user_check_size(pushes->admission, &p->owner, GRID_STAGE_MIN + p->read_bytes + push_keeps(p), "staging",
+				      err))
 		return -(int)err->code;
-	if (admission_stage_other(pushes->admission, &p->admission))
+	if (admission_stage_other_is_next(pushes->admission, &p->admission))
 		return PUSH_WAIT;
-	size = admission_stage_room(pushes->admission, GRID_STAGE_MIN + p->read_bytes);
-	room = admission_user_room(pushes->admission, &p->owner, NULL);
+	size = admission_stage_available(pushes->admission, GRID_STAGE_MIN + p->read_bytes);
+	room = admission_user_available(pushes->admission, &p->owner, NULL);
 	room = room > push_keeps(p) ? room - push_keeps(p) : 0;
 	size = size < room ? size : room;
 	if (size < GRID_STAGE_MIN + p->read_bytes)
@@ -305,7 +306,7 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 		return 0;
 	}
 	/* A user who has no stage at all gets a turn between two files. */
-	if (clock_since(p->stage_ns) > TURN_SECONDS && admission_stage_awaited(p->pushes->admission, p->peer.uid))
+	if (clock_since(p->stage_ns) > TURN_SECONDS && admission_stage_other_needs(p->pushes->admission, p->peer.uid))
 		return push_ask_new(p, PUSH_PARK, NULL, true) ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 	/* Of a file that was probed after the stage had its memory, and takes more than was put aside. */
 	if (pipe_ingest_bytes() + input_bytes() + probe->read_bytes > p->read_bytes)

@@ -52,7 +52,7 @@ void push_close_run(struct push *p, struct push_ask *a)
 	struct err err = ERR_INIT;
 
 	push_end_run(p);
-	if (p->made && !p->committed && !catalogue_unsure(p->pushes->core->p.catalogue)) {
+	if (p->made && !p->committed && !catalogue_is_uncertain(p->pushes->core->p.catalogue)) {
 		/* The catalogue does not name them. */
 		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
 		io->unlinkat(p->dataset->dirfd, p->made_name, 0);

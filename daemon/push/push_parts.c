@@ -210,7 +210,7 @@ static unsigned count_members(struct push *p, const struct input_info *info)
 {
 	struct pushes *pushes = p->pushes;
 	uint64_t left = admission_domain_memory(pushes->admission), head = 2 * admission_domain_largest(pushes->admission), n,
-		 room = admission_user_room(pushes->admission, &p->owner, NULL);
+		 room = admission_user_available(pushes->admission, &p->owner, NULL);
 
 	n = left > head ? (left - head) / push_helper_bytes(info) : 0;
 	if (n > room / push_helper_bytes(info))

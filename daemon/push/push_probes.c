@@ -45,7 +45,7 @@ static int check_share(const struct push *p, uint64_t step, struct err *err)
 
 	for (const struct push *q = p->pushes->first; q; q = q->next)
 		bytes += q->peer.uid == p->peer.uid ? q->table_bytes : 0;
-	return admission_user_never(p->pushes->admission, &p->owner, bytes, "what is kept of so many files", err);
+	return admission_user_check_size(p->pushes->admission, &p->owner, bytes, "what is kept of so many files", err);
 }
 
 /* Loop. */
@@ -65,7 +65,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	/* A job that runs, or comes, must be able to finish beside it, one domain at a time; and the stage itself must
 	 * come. So those who wait for a stage holding tables never wait for each other alone. */
 	head = admission_domain_largest(pushes->admission);
-	head = head > admission_least() ? head : admission_least();
+	head = head > admission_plan_min() ? head : admission_plan_min();
 	head += p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p);
 	if (left >= head + step && ledger_take(pushes->core->p.ledger, LEDGER_FILES, step)) {
 		p->table_bytes += step;
@@ -77,7 +77,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	/* With a stage in hand nobody waits: others may wait for that. */
 	if (!p->stage_bytes && !push_waits_in_vain(p))
 		return PUSH_WAIT;
-	if (!admission_tally(pushes->admission, 0).runs && admission_staged(pushes->admission) == push_staged_bytes(p))
+	if (!admission_tally(pushes->admission, 0).runs && admission_staged_bytes(pushes->admission) == push_staged_bytes(p))
 		return too_many(p, err);
 	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");

@@ -72,7 +72,7 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 	}
 	s->own += own;
 	s->owed += owed;
-	space_promise(p->pushes->core->space, kind_of(p), (int64_t)bytes);
+	space_add_unwritten(p->pushes->core->space, kind_of(p), (int64_t)bytes);
 	s->promised += bytes;
 	atomic_store(&s->taken, all);
 	return 0;
@@ -81,13 +81,13 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 void push_space_claim(struct push *p, const struct pending *q)
 {
 	p->space.own = datasets_points_bytes(q->points);
-	limit_count_given(p->pushes->core, p->peer.uid, -(int64_t)p->space.own, 0, 0);
+	limit_release_and_recount(p->pushes->core, p->peer.uid, -(int64_t)p->space.own, 0, 0);
 	datasets_count(p->pushes->datasets);
 }
 
 void push_space_unclaim(struct push *p)
 {
-	limit_count_given(p->pushes->core, p->peer.uid, (int64_t)p->space.own, 0, 0);
+	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)p->space.own, 0, 0);
 	p->space.own = 0;
 }
 
@@ -156,7 +156,7 @@ void push_space_tick(struct push *p)
 	open = atomic_load(&s->taken);
 	open = open > written ? open - written : 0;
 	if (open < s->promised) {
-		space_promise(p->pushes->core->space, kind_of(p), -(int64_t)(s->promised - open));
+		space_add_unwritten(p->pushes->core->space, kind_of(p), -(int64_t)(s->promised - open));
 		s->promised = open;
 	}
 	lock_give(&s->lock);
@@ -166,9 +166,9 @@ void push_space_end(struct push *p)
 {
 	struct push_space *s = &p->space;
 
-	space_promise(p->pushes->core->space, kind_of(p), -(int64_t)s->promised);
+	space_add_unwritten(p->pushes->core->space, kind_of(p), -(int64_t)s->promised);
 	space_give(p->pushes->core->space, kind_of(p), atomic_load(&s->taken));
-	limit_count_given(p->pushes->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
+	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
 	s->promised = s->own = s->owed = 0;
 	atomic_store(&s->taken, 0);
 	datasets_count(p->pushes->datasets);

@@ -69,7 +69,7 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	THREAD_LOOP_ONLY();
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a job");
-	disk_mend(p->runs->core);
+	disk_restore_folders(p->runs->core);
 	w->view_text = strdup(p->view_text);
 	if (!w->view_text) {
 		free(w);
@@ -296,7 +296,7 @@ static void finish_done(struct sched_task *t)
 static void over(struct run *w)
 {
 	w->state = RUN_OVER;
-	slot_leave(w->runs->admission, w->slot);
+	slot_withdraw(w->runs->admission, w->slot);
 	run_shut(w);
 	if (w->why.code == ERR_CORRUPT)
 		run_select_discard(w);
@@ -487,7 +487,7 @@ static bool run_window(const struct run *w)
 bool run_crowded(const struct run *w)
 {
 	/* Who waits for a place gets none as long as a reader who has stopped keeps domains in memory. */
-	return w->keep || slots_sought(w->runs->admission) || (w->next_start < run_reach(w) && !run_window(w));
+	return w->keep || slots_requested(w->runs->admission) || (w->next_start < run_reach(w) && !run_window(w));
 }
 
 /* It is there, or being made, or nothing of it is to be made. */

@@ -23,12 +23,12 @@ static struct admission_view view(const struct admission_run *r)
 
 	return (struct admission_view){
 		.uid = w->owner.uid,
-		.placed = w->placed,
+		.has_slot = w->placed,
 		.stalled = run_stalled(w),
-		.yields = w->giving,
+		.yielding = w->giving,
 		/* A stream that follows it would wait for it with a slot in hand. */
 		.can_yield = run_can_yield(w) && !(w->calls->followed && w->calls->followed(w->ctx)),
-		.task = task_bytes(w),
+		.task_bytes = task_bytes(w),
 		.points = w->points,
 	};
 }

@@ -454,8 +454,8 @@ void run_plan_start(struct run *w)
 {
 	struct runs *runs = w->runs;
 	uint64_t all = admission_domain_memory(runs->admission),
-		 room = admission_user_room(runs->admission, &w->owner, &w->admission),
-		 limit = admission_user_limit(runs->admission, &w->owner), alone = admission_alone(runs->admission),
+		 room = admission_user_available(runs->admission, &w->owner, &w->admission),
+		 limit = admission_user_limit(runs->admission, &w->owner), alone = admission_alone_bytes(runs->admission),
 		 least = pipe_budget_min(w->grid);
 	struct err err = ERR_INIT;
 
@@ -474,13 +474,13 @@ void run_plan_start(struct run *w)
 			return;
 		}
 	}
-	if (admission_never(runs->admission, least, "meshing", &err) ||
-	    admission_user_never(runs->admission, &w->owner, least + admission_share(runs->admission), "meshing", &err)) {
+	if (admission_check_size(runs->admission, least, "meshing", &err) ||
+	    admission_user_check_size(runs->admission, &w->owner, least + admission_share(runs->admission), "meshing", &err)) {
 		run_fail(w, &err);
 	} else if (!pipe_budget(all, runs->core->p.threads, w->grid, &w->budget, &err)) {
 		narrow_leaves(w);
 		begin(w);
-	} else if (admission_only(runs->admission)) {
+	} else if (admission_is_alone(runs->admission)) {
 		/* What the service keeps in mind takes the rest: waiting would not mend it. */
 		run_fail(w, &err);
 	} else {

@@ -191,7 +191,7 @@ static void select_done(struct sched_task *t)
 static bool memory_of(struct run *w)
 {
 	uint64_t left = admission_domain_memory(w->runs->admission), least = selection_memory_min(w->grid), bytes = left / 4,
-		 room = admission_user_room(w->runs->admission, &w->owner, &w->admission);
+		 room = admission_user_available(w->runs->admission, &w->owner, &w->admission);
 	struct err err = ERR_INIT;
 
 	bytes = bytes > admission_stage_share(w->runs->admission) ? admission_stage_share(w->runs->admission) : bytes;
@@ -202,11 +202,11 @@ static bool memory_of(struct run *w)
 		w->select.bytes = bytes;
 		return true;
 	}
-	if (admission_never(w->runs->admission, least, "the selection of points", &err) ||
-	    admission_user_never(w->runs->admission, &w->owner, least + admission_share(w->runs->admission),
-				 "the selection of points", &err)) {
+	if (admission_check_size(w->runs->admission, least, "the selection of points", &err) ||
+	    admission_user_check_size(w->runs->admission, &w->owner, least + admission_share(w->runs->admission),
+				      "the selection of points", &err)) {
 		run_fail(w, &err);
-	} else if (admission_only(w->runs->admission)) {
+	} else if (admission_is_alone(w->runs->admission)) {
 		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
 			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
 		err_add_hint(&err, "remove datasets and jobs that nobody needs (acutctl rm), or give acutd more memory");
@@ -293,7 +293,7 @@ static void discard_done(struct sched_task *t)
 {
 	struct discard *d = (struct discard *)t;
 
-	core_background_over(d->runs->core);
+	core_background_done(d->runs->core);
 	free(d);
 }
 

@@ -94,7 +94,7 @@ void run_space_tick(struct run *w)
 	if (clock_since(s->looked_ns) < s->wait)
 		return;
 	s->looked_ns = clock_mono_ns();
-	if (s->lacks && !space_would(w->runs->core->space, SPACE_TEMPORARY, s->need, &lacks)) {
+	if (s->lacks && !space_would_fit(w->runs->core->space, SPACE_TEMPORARY, s->need, &lacks)) {
 		s->lacks = lacks;
 		if (w->calls->moved)
 			w->calls->moved(w->ctx);
@@ -102,7 +102,7 @@ void run_space_tick(struct run *w)
 	}
 	s->waits = false;
 	s->resumed_ns = clock_mono_ns();
-	slot_seek(w->runs->admission, w->slot, 0);
+	slot_request(w->runs->admission, w->slot, 0);
 }
 
 uint64_t run_space_lacks(const struct run *w)
@@ -182,11 +182,11 @@ bool run_space_domain(struct run *w, uint64_t bytes)
 
 void run_space_stored(struct run *w, uint64_t taken, uint64_t bytes)
 {
-	space_change(w->runs->core->space, kind_of(w, SPACE_DOMAINS), taken, bytes);
+	space_commit(w->runs->core->space, kind_of(w, SPACE_DOMAINS), taken, bytes);
 	if (w->dataset->onestep)
 		atomic_fetch_add(&w->dataset->derived, bytes);
 	else if (bytes)
-		space_count(w->runs->core->space, SPACE_DOMAINS, 1);
+		space_count_entries(w->runs->core->space, SPACE_DOMAINS, 1);
 }
 
 /* ---- a selection that is being made ---- */
@@ -230,12 +230,12 @@ void run_space_select_end(struct run *w, uint64_t bytes)
 {
 	/* No more than was taken: it may be gone already. */
 	bytes = bytes < w->space.selecting ? bytes : w->space.selecting;
-	space_change(w->runs->core->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting, bytes);
+	space_commit(w->runs->core->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting, bytes);
 	w->space.selecting = 0;
 	if (bytes && w->dataset->onestep)
 		atomic_fetch_add(&w->dataset->derived, bytes);
 	else if (bytes)
-		space_count(w->runs->core->space, SPACE_SELECTIONS, 1);
+		space_count_entries(w->runs->core->space, SPACE_SELECTIONS, 1);
 }
 
 void run_space_select_hold(struct run *w)

@@ -37,7 +37,7 @@ static void reset(struct run *w)
 void run_retreat(struct run *w, uint64_t need)
 {
 	reset(w);
-	slot_seek(w->runs->admission, w->slot, need);
+	slot_request(w->runs->admission, w->slot, need);
 }
 
 bool run_can_yield(const struct run *w)

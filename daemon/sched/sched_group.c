@@ -2,21 +2,22 @@
  * Task groups: a task and its helpers work on the same steps (sched_group.h).
  *
  * The model: the task takes steps until none is left, then waits for the helpers that are in a step. Helpers are tasks of
- * priority SCHED_LAST without memory: they start where a thread is idle, and now and then elsewhere (sched_queue.c). After a
- * step a helper returns to the queue if a task of another flow waits, or if HELP_SECONDS have passed. A helper that finds no
- * step left ends.
+ * priority SCHED_LAST without memory: they run on idle threads, and occasionally on others (sched_queue.c). After a step a helper
+ * returns to the queue if a task of another flow waits, or if HELP_SECONDS have passed. A helper that finds no step left ends.
  */
 #include "sched_group.h"
 
+#include <assert.h>
 #include <stddef.h>
 #include <stdlib.h>
 
 #include "clock.h"
 #include "err.h"
 #include "lock.h"
+#include "thread.h"
 
 /* Passing through the queue costs as much as a short step, so helpers do not do it after each step. They must do it at times:
- * only the queue accounts the time that a helper used, and only there a spare thread is given back. */
+ * only there the queue accounts for the time that a helper used, and a spare thread is released. */
 #define HELP_SECONDS 0.02
 
 struct helper {
@@ -62,7 +63,7 @@ struct sched_group *sched_group_free(struct sched_group *g)
 
 /* ---- workers ---- */
 
-static bool step(struct sched_group *g, unsigned member)
+static bool take_step(struct sched_group *g, unsigned member)
 {
 	bool more;
 
@@ -82,7 +83,7 @@ static bool step(struct sched_group *g, unsigned member)
 
 void sched_group_run(struct sched_group *g)
 {
-	while (step(g, 0))
+	while (take_step(g, 0))
 		;
 	lock_take(&g->lock);
 	g->closed = true;
@@ -91,14 +92,14 @@ void sched_group_run(struct sched_group *g)
 	lock_give(&g->lock);
 }
 
-static void help(struct sched_task *t)
+static void helper_run(struct sched_task *t)
 {
 	struct helper *h = (struct helper *)t;
 	uint64_t begun_ns = clock_mono_ns();
 	bool more;
 
 	do
-		more = step(h->group, h->member);
+		more = take_step(h->group, h->member);
 	while (more && !atomic_load(&t->cancel) && clock_since(begun_ns) < HELP_SECONDS &&
 	       !sched_others_wait(h->group->p.sched, t->owner.flow));
 	if (!more)
@@ -107,13 +108,14 @@ static void help(struct sched_task *t)
 
 /* ---- loop ---- */
 
-static void leave(struct sched_group *g)
+static void end_member(struct sched_group *g)
 {
+	assert(g->running);
 	if (!--g->running)
 		g->p.over(g->p.ctx);
 }
 
-static void helped(struct sched_task *t)
+static void helper_done(struct sched_task *t)
 {
 	struct sched_group *g = ((struct helper *)t)->group;
 
@@ -123,24 +125,27 @@ static void helped(struct sched_task *t)
 		return;
 	}
 	t->run = NULL;
-	leave(g);
+	end_member(g);
 }
 
 void sched_group_start(struct sched_group *g)
 {
+	THREAD_LOOP_ONLY();
 	g->running = g->p.members;
 	for (unsigned i = 0; i + 1 < g->p.members; i++) {
-		g->helper[i] = (struct helper){.task = {.run = help, .done = helped, .owner = g->p.owner, .priority = SCHED_LAST},
-					       .group = g,
-					       .member = i + 1};
+		g->helper[i] = (struct helper){
+			.task = {.run = helper_run, .done = helper_done, .owner = g->p.owner, .priority = SCHED_LAST},
+			.group = g,
+			.member = i + 1};
 		sched_submit(g->p.sched, &g->helper[i].task);
 	}
 }
 
 void sched_group_end(struct sched_group *g)
 {
+	THREAD_LOOP_ONLY();
 	for (unsigned i = 0; i + 1 < g->p.members; i++)
 		if (g->helper[i].task.run)
 			sched_cancel(g->p.sched, &g->helper[i].task);
-	leave(g);
+	end_member(g);
 }

@@ -1,4 +1,4 @@
-/* A task group: one task, and helpers that take steps of the same work where threads are idle. */
+/* A task group: one task, and helpers that take steps of the same work on idle threads. */
 #ifndef SCHED_GROUP_H
 #define SCHED_GROUP_H
 
@@ -14,7 +14,7 @@ struct sched_group_params {
 	struct sched *sched;
 	struct sched_owner owner;
 	unsigned members; /* the task, which is member 0, and its helpers */
-	/* Workers, concurrently: one step of the work. False: no step is left to begin. */
+	/* Workers, concurrently: takes one step of the work. False: no step is left to begin. */
 	bool (*step)(void *ctx, unsigned member);
 	/* Loop, once, after sched_group_end: no member runs any more, and the group may be freed. */
 	void (*over)(void *ctx);

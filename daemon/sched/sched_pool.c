@@ -1,17 +1,18 @@
 /*
- * The scheduler: worker threads on one queue (sched_queue.c), and one list of tasks that are over.
+ * The scheduler: worker threads on one queue (sched_queue.c), and one list of tasks that have ended.
  *
- * The model: a task waits, or runs, or is over, or is its submitter's. The mutex guards all of it. A worker takes
- * the task that the queue says is next; memory is taken from the ledger under the same mutex, so that the first in
- * the queue cannot lose a race for bytes that were just given back. The loop hears of ends and of starvation
- * through an eventfd. Sched never waits for memory while holding some.
+ * The model: a task belongs to its submitter, or it waits, runs, or has ended. One lock guards these states. A worker takes the
+ * task that the queue says is next. Memory is taken from the ledger under the same lock, so the first task in the queue cannot
+ * lose a race for bytes that just came free. An eventfd wakes the loop when a task ends or lacks memory. The scheduler never
+ * waits for memory while holding some.
  *
- * Tasks are not interrupted. Where all workers are busy with lengthy ones (a file that is read, a segment that is
- * sealed), a few spare threads take what is short, and one task of each user who has no worker: the machine shares
- * its cores between them then, which is better than waiting for hours.
+ * Tasks are not interrupted. If all workers run lengthy tasks (reading a file, sealing a segment), a few spare threads run short
+ * tasks, and one task of each user without a running one. The machine then shares its cores, which is better than waiting for
+ * hours.
  */
 #include "sched_pool.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -27,8 +28,8 @@
 
 enum { SPARES = 2 };
 
-/* Tasks do not recurse: what of a stack is ever touched is less than half of it (the largest frames are some tens of
- * kilobytes). A sanitizer's are many times that, and not the product's. */
+/* Tasks do not recurse, and touch less than half of their stack (the largest frames have some tens of kilobytes). Frames of a
+ * sanitizer are many times as large. */
 #if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
 enum { STACK_BYTES = 8 << 20 };
 #else
@@ -41,10 +42,10 @@ struct sched {
 	pthread_cond_t wake, wake_spare;
 	struct ledger *ledger;
 	struct sched_queue *queue;
-	struct sched_task *over, **over_end;
+	struct sched_task *ended, **ended_end;
 	pthread_t *thread;
-	unsigned threads, started; /* started: with spares, which come after the others */
-	unsigned lengthy;          /* workers that are not spare and have such a task */
+	unsigned threads, started; /* threads; started: includes the spare ones, which are the last */
+	unsigned lengthy;          /* regular workers that run a lengthy task */
 	unsigned busy;
 	uint64_t starved;
 	int event;
@@ -54,10 +55,10 @@ struct sched {
 struct worker {
 	struct sched *sched;
 	bool spare;
-	bool tells; /* the loop, what it has not been told yet */
+	bool pending_notice; /* something that the loop is not yet notified of */
 };
 
-static void notify(struct sched *s)
+static void notify_loop(struct sched *s)
 {
 	uint64_t one = 1;
 
@@ -66,16 +67,18 @@ static void notify(struct sched *s)
 		return;
 }
 
-/* The loop is told by whoever calls, once the lock is open. */
-static void over_add(struct sched *s, struct sched_task *t)
+/* The caller notifies the loop when it has released the lock. */
+static void add_ended(struct sched *s, struct sched_task *t)
 {
+	assert(lock_held(LOCK_SCHED) && (t->state == SCHED_TASK_WAITING || t->state == SCHED_TASK_RUNNING));
+	t->state = SCHED_TASK_ENDED;
 	t->next = NULL;
-	*s->over_end = t;
-	s->over_end = &t->next;
+	*s->ended_end = t;
+	s->ended_end = &t->next;
 }
 
-/* Unlocks, then wakes regular and spare workers. */
-static void leave_waking_all(struct sched *s)
+/* Releases the lock, then wakes regular and spare workers. */
+static void unlock_and_wake_all(struct sched *s)
 {
 	bool spare = s->lengthy == s->threads;
 
@@ -85,7 +88,7 @@ static void leave_waking_all(struct sched *s)
 		pthread_cond_broadcast(&s->wake_spare);
 }
 
-static struct sched_task *take(struct worker *w)
+static struct sched_task *take_task(struct worker *w)
 {
 	struct sched *s = w->sched;
 	struct sched_task *t;
@@ -95,29 +98,31 @@ static struct sched_task *take(struct worker *w)
 		return NULL;
 	t = sched_queue_take(s->queue, w->spare && !s->stop);
 	starved = sched_queue_starved(s->queue);
-	w->tells |= starved && s->starved != starved;
+	w->pending_notice |= starved && s->starved != starved;
 	s->starved = starved;
 	return t;
 }
 
-/* Opens the lock. Whoever is woken wants it first of all. */
-static void leave(struct worker *w)
+/* Releases the lock before it wakes the loop, which takes it first. */
+static void unlock_and_notify(struct worker *w)
 {
 	lock_give(&w->sched->lock);
-	if (w->tells)
-		notify(w->sched);
-	w->tells = false;
+	if (w->pending_notice)
+		notify_loop(w->sched);
+	w->pending_notice = false;
 }
 
-static void run(struct worker *w, struct sched_task *t)
+static void run_task(struct worker *w, struct sched_task *t)
 {
 	struct sched *s = w->sched;
 	bool lengthy = t->lengthy && !w->spare, spare;
 	uint64_t begun;
 
+	assert(t->state == SCHED_TASK_WAITING);
+	t->state = SCHED_TASK_RUNNING;
 	s->lengthy += lengthy;
 	spare = lengthy && s->lengthy == s->threads;
-	leave(w);
+	unlock_and_notify(w);
 	if (spare)
 		pthread_cond_broadcast(&s->wake_spare);
 	begun = clock_mono_ns();
@@ -126,11 +131,11 @@ static void run(struct worker *w, struct sched_task *t)
 	lock_take(&s->lock);
 	s->lengthy -= lengthy;
 	sched_queue_over(s->queue, t, clock_mono_ns() - begun);
-	over_add(s, t);
-	w->tells = true;
+	add_ended(s, t);
+	w->pending_notice = true;
 }
 
-static void *work(void *arg)
+static void *worker_main(void *arg)
 {
 	struct worker w = *(struct worker *)arg;
 	struct sched *s = w.sched;
@@ -139,13 +144,13 @@ static void *work(void *arg)
 	thread_mark_helper();
 	lock_take(&s->lock);
 	for (;;) {
-		struct sched_task *t = take(&w);
+		struct sched_task *t = take_task(&w);
 
 		if (t) {
-			run(&w, t);
-		} else if (w.tells) {
-			/* Before it sleeps; something may have come meanwhile. */
-			leave(&w);
+			run_task(&w, t);
+		} else if (w.pending_notice) {
+			/* Notify before sleeping; a task may have come meanwhile, so look again. */
+			unlock_and_notify(&w);
 			lock_take(&s->lock);
 		} else if (s->stop && sched_queue_empty(s->queue)) {
 			break;
@@ -162,8 +167,8 @@ uint64_t sched_thread_bytes(unsigned threads)
 	return (uint64_t)(threads + SPARES) * (STACK_TOUCHED + BUFFER_BYTES);
 }
 
-/* Signals are the loop's: workers are started with all of them blocked. */
-static int start(struct sched *s, struct err *err)
+/* Workers block all signals, so the loop gets them. */
+static int start_threads(struct sched *s, struct err *err)
 {
 	pthread_attr_t attr;
 	sigset_t all, old;
@@ -181,7 +186,7 @@ static int start(struct sched *s, struct err *err)
 			break;
 		}
 		*w = (struct worker){.sched = s, .spare = s->started >= s->threads};
-		r = pthread_create(&s->thread[s->started], &attr, work, w);
+		r = pthread_create(&s->thread[s->started], &attr, worker_main, w);
 		if (r) {
 			free(w);
 			break;
@@ -208,7 +213,7 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 	pthread_cond_init(&s->wake, NULL);
 	pthread_cond_init(&s->wake_spare, NULL);
 	s->ledger = ledger;
-	s->over_end = &s->over;
+	s->ended_end = &s->ended;
 	s->threads = threads;
 	s->thread = calloc(threads + SPARES, sizeof *s->thread);
 	s->queue = sched_queue_new(ledger);
@@ -218,7 +223,7 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 	else if (s->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
 	else
-		r = start(s, err);
+		r = start_threads(s, err);
 	if (r) {
 		sched_free(s);
 		return r;
@@ -235,18 +240,19 @@ static void cancel_all(struct sched *s)
 	while ((t = sched_queue_first(s->queue))) {
 		sched_queue_remove(s->queue, t);
 		atomic_store(&t->cancel, true);
-		over_add(s, t);
+		add_ended(s, t);
 	}
 	for (t = sched_queue_running(s->queue); t; t = t->next)
 		atomic_store(&t->cancel, true);
 	lock_give(&s->lock);
-	notify(s);
+	notify_loop(s);
 }
 
 struct sched *sched_free(struct sched *s)
 {
 	unsigned i;
 
+	THREAD_LOOP_ONLY();
 	if (!s)
 		return NULL;
 	if (s->queue)
@@ -273,20 +279,23 @@ struct sched *sched_free(struct sched *s)
 
 void sched_submit(struct sched *s, struct sched_task *t)
 {
-	bool over, spare;
+	bool refused, spare;
 
+	THREAD_LOOP_ONLY();
 	lock_take(&s->lock);
+	assert(t->state == SCHED_TASK_IDLE);
+	t->state = SCHED_TASK_WAITING;
 	t->ran = t->took = false;
 	s->busy++;
-	over = s->stop || atomic_load(&t->cancel);
+	refused = s->stop || atomic_load(&t->cancel);
 	spare = s->lengthy == s->threads;
-	if (over)
-		over_add(s, t);
+	if (refused)
+		add_ended(s, t);
 	else
 		sched_queue_add(s->queue, t);
 	lock_give(&s->lock);
-	if (over) {
-		notify(s);
+	if (refused) {
+		notify_loop(s);
 		return;
 	}
 	pthread_cond_signal(&s->wake);
@@ -298,6 +307,7 @@ void sched_cancel(struct sched *s, struct sched_task *t)
 {
 	bool waited;
 
+	THREAD_LOOP_ONLY();
 	lock_take(&s->lock);
 	atomic_store(&t->cancel, true);
 	waited = sched_queue_remove(s->queue, t);
@@ -305,10 +315,10 @@ void sched_cancel(struct sched *s, struct sched_task *t)
 		lock_give(&s->lock);
 		return;
 	}
-	over_add(s, t);
-	/* Others may have waited behind it. */
-	leave_waking_all(s);
-	notify(s);
+	add_ended(s, t);
+	/* Tasks may have waited behind it. */
+	unlock_and_wake_all(s);
+	notify_loop(s);
 }
 
 int sched_fd(const struct sched *s)
@@ -321,18 +331,21 @@ unsigned sched_dispatch(struct sched *s)
 	unsigned n = 0;
 	uint64_t count;
 
+	THREAD_LOOP_ONLY();
 	if (read(s->event, &count, sizeof count) < 0)
 		count = 0;
 	for (;;) {
 		struct sched_task *t;
 
 		lock_take(&s->lock);
-		t = s->over;
+		t = s->ended;
 		if (t) {
-			s->over = t->next;
-			if (!s->over)
-				s->over_end = &s->over;
+			s->ended = t->next;
+			if (!s->ended)
+				s->ended_end = &s->ended;
 			s->busy--;
+			assert(t->state == SCHED_TASK_ENDED);
+			t->state = SCHED_TASK_IDLE;
 		}
 		lock_give(&s->lock);
 		if (!t)
@@ -358,7 +371,7 @@ void sched_give(struct sched *s, enum ledger_name name, uint64_t bytes)
 	lock_take(&s->lock);
 	if (bytes)
 		ledger_give(s->ledger, name, bytes);
-	leave_waking_all(s);
+	unlock_and_wake_all(s);
 }
 
 uint64_t sched_starved(struct sched *s)
@@ -375,6 +388,7 @@ int64_t sched_service(struct sched *s, uint32_t uid)
 {
 	int64_t service;
 
+	THREAD_LOOP_ONLY();
 	lock_take(&s->lock);
 	service = sched_queue_service(s->queue, uid);
 	lock_give(&s->lock);
@@ -383,6 +397,7 @@ int64_t sched_service(struct sched *s, uint32_t uid)
 
 void sched_flow(struct sched *s, uint64_t flow, struct sched_flow *ret)
 {
+	THREAD_LOOP_ONLY();
 	lock_take(&s->lock);
 	sched_queue_flow(s->queue, flow, ret);
 	lock_give(&s->lock);

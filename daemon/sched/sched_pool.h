@@ -1,12 +1,12 @@
 /*
- * Tasks on worker threads, admitted under the budget. Knows no geometry and no jobs.
- * (Not called sched.h: that is a header of the C library.)
+ * Tasks on worker threads, admitted under the memory budget. Knows no geometry and no jobs. (Not called sched.h: that is a header
+ * of the C library.)
  *
- * A task says which ledger name it takes and how many bytes; they are taken when it starts and belong to
- * whoever submitted it from then on (given back with sched_give). Workers are shared by rank, then fairly by
- * users, then by the flows of a user; in a flow by priority, then in the order of submission (sched_queue.c).
- * Where the first task that needs memory cannot have it, no later one that needs memory overtakes it; tasks
- * that need none do. All calls are for the loop thread, except those said to be for workers.
+ * A task names an account of the ledger and a number of bytes. They are taken when it starts, and then belong to its submitter,
+ * who returns them by sched_give. Workers are shared by rank, then fairly between users, then between the flows of a user; within
+ * a flow by priority, then in the order of submission (sched_queue.c). If the first task that needs memory cannot have it, no
+ * later task that needs memory overtakes it; tasks without memory do. Functions belong to the loop thread unless they say "any
+ * thread".
  */
 #ifndef SCHED_POOL_H
 #define SCHED_POOL_H
@@ -20,36 +20,40 @@
 struct err;
 struct sched;
 
-/* In a flow: small numbers first. SCHED_LAST: after everything of everybody, on what is left over. */
+/* Order within a flow. SCHED_LAST: after all other tasks of all users, with idle memory only. */
 enum sched_priority { SCHED_FIRST, SCHED_NORMAL, SCHED_LAST };
 enum sched_rank { SCHED_RANK_NORMAL, SCHED_RANK_LOW, SCHED_RANK_HIGH };
 
-/* For whom a task runs. */
+/* The user and the flow that a task belongs to. */
 struct sched_owner {
 	uint32_t uid;
 	enum sched_rank rank;
 	uint64_t flow; /* one job, stream or push */
-	bool exempt;   /* an admin: no limit of users holds it (daemon/admission; the scheduler serves all alike) */
+	bool exempt;   /* an administrator: has no quota (daemon/admission; the scheduler treats all users alike) */
 };
 
-/* What a flow does now. */
+/* State of a flow. */
 struct sched_flow {
 	unsigned running, waiting; /* tasks */
-	uint64_t bytes;            /* that one of them waits for; 0: not for memory */
+	uint64_t bytes;            /* that one of its tasks waits for; 0: none waits for memory */
 };
+
+/* A task is idle before sched_submit and from the call of its `done` on. */
+enum sched_task_state { SCHED_TASK_IDLE, SCHED_TASK_WAITING, SCHED_TASK_RUNNING, SCHED_TASK_ENDED };
 
 struct sched_task {
 	void (*run)(struct sched_task *);  /* on a worker; not called for a task cancelled before it started */
-	void (*done)(struct sched_task *); /* on the loop, once, from sched_dispatch; may free the task */
+	void (*done)(struct sched_task *); /* on the loop, once, in sched_dispatch; may free the task */
 	struct sched_owner owner;
 	enum sched_priority priority;
-	bool lengthy; /* may take longer than a domain: while only such run, others get a thread beside them */
-	bool reads;   /* a client's file: one worker a user while others wait */
+	bool lengthy; /* may take longer than a domain: if only such tasks run, spare threads run others */
+	bool reads;   /* reads a client's file: while tasks of other users wait, one such task a user runs */
 	enum ledger_name name;
 	uint64_t bytes;     /* taken before run; 0: none */
-	atomic_bool cancel; /* workers look at it; set by sched_cancel */
+	atomic_bool cancel; /* set by sched_cancel; long tasks poll it */
 	bool ran;           /* in done: run was called, and `bytes` are the submitter's */
-	/* of sched only */
+	/* of the scheduler only */
+	enum sched_task_state state;
 	bool took; /* its bytes, and done was not called */
 	uint64_t order;
 	int64_t charged;
@@ -57,37 +61,37 @@ struct sched_task {
 	struct sched_task *next;
 };
 
-/* What so many threads have beside what their tasks take: stacks, and small buffers of a task (64 KiB to read through).
- * For whoever makes the ledger to charge. */
+/* Bytes that so many threads use beside the memory of their tasks: stacks, and small buffers of a task (64 KiB to read through).
+ * The owner of the ledger charges them. */
 uint64_t sched_thread_bytes(unsigned threads);
-/* `ledger` is borrowed. Starts `threads` threads. */
+/* The ledger is borrowed. Starts the threads, and some spare ones. */
 int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struct err *err);
-/* Cancels what has not started, waits for what runs, calls every done. NULL is fine; returns NULL. */
+/* Cancels waiting tasks, waits for running ones, calls every `done`. NULL is fine; returns NULL. */
 struct sched *sched_free(struct sched *);
 
 void sched_submit(struct sched *, struct sched_task *);
-/* A waiting task will not run; a running one finds task->cancel set. done comes in any case. */
+/* A waiting task does not run; a running one finds task->cancel set. `done` is called in either case. */
 void sched_cancel(struct sched *, struct sched_task *);
 
-/* Readable when something is to be dispatched. */
+/* Readable if sched_dispatch has something to call. */
 int sched_fd(const struct sched *);
-/* Calls the done of every task that is over; returns how many. */
+/* Calls `done` of every task that has ended; returns how many. */
 unsigned sched_dispatch(struct sched *);
 
-/* Bytes that the task has taken and that its `done` has not heard of yet. */
+/* Bytes that the task has taken, until its `done` is called. */
 uint64_t sched_taken(struct sched *, const struct sched_task *);
-/* Gives bytes back to the ledger and starts what fits now. Any thread. */
+/* Returns bytes to the ledger, and starts what fits now. Any thread. */
 void sched_give(struct sched *, enum ledger_name, uint64_t bytes);
-/* The bytes that the first waiting task lacks memory for; 0 if none waits for memory. Any thread. Any change of the
- * answer to non-zero makes sched_fd readable. */
+/* The bytes that the first waiting task lacks; 0: none waits for memory. sched_fd becomes readable when this changes to another
+ * value that is not 0. Any thread. */
 uint64_t sched_starved(struct sched *);
-/* What the user was served beyond who was served least, in nanoseconds of workers. */
+/* Worker time that the user got, beyond that of the user who got the least; in nanoseconds. */
 int64_t sched_service(struct sched *, uint32_t uid);
 void sched_flow(struct sched *, uint64_t flow, struct sched_flow *ret);
 unsigned sched_threads(const struct sched *);
-/* Some task of another flow is not begun, for whatever reason. Any thread. */
+/* A task of another flow waits, for whatever reason. Any thread. */
 bool sched_others_wait(struct sched *, uint64_t flow);
-/* Tasks submitted whose done has not been called. */
+/* Number of submitted tasks whose `done` was not called. */
 unsigned sched_busy(struct sched *);
 
 #endif

@@ -1,54 +1,54 @@
 /*
  * The order of the scheduler: fair between users, then between the flows (jobs, streams, pushes) of a user.
  *
- * The model: start-time fair queueing on two floors (Goyal, Vin, Cheng 1996). Each user has a tag, the time that
- * workers gave to the user's tasks; the next task is of the user with the smallest tag, in it of the flow with the
- * smallest tag, in that the most urgent, then the oldest. Who comes (back) begins at the smallest tag of those that
- * have tasks, so that being away earns nothing and being new costs nothing. A task is charged what its flow's tasks took on
- * average when it starts, and the difference when it is over: so several at a time count at once.
+ * The model: hierarchical start-time fair queueing (Goyal, Vin, Cheng 1996). Each user has a tag, the worker time that the user's
+ * tasks got; so has each flow. The next task is of the user with the smallest tag; of this user's flows, of the one with the
+ * smallest tag; in this flow the most urgent, then the oldest. A user or flow that was idle begins at the smallest tag of those
+ * that have tasks, so idle time earns nothing, and a new user has no disadvantage. A task is charged the average time of its flow
+ * when it starts, and the difference when it ends, so several running tasks count at once.
  *
- * Ranks are strict but for one start in sixteen, which goes to a lower one: what is put off still ends.
- * SCHED_LAST is below all of them. Tags are kept for each rank: what came from one is not held against another.
+ * Ranks are strict, except that one start in LOWER_EVERY goes to a lower rank: deferred work still ends. SCHED_LAST is below all
+ * ranks. Each rank has its own tags.
  *
- * Memory: the first task that lacks it has a claim on all that comes free: no task that needs memory starts before
- * it, whoever comes and with whatever rank. So a large one gets its memory after at most what is out now has come
- * back, and the order above decides only who has the next claim. Tasks that need none, which are those that give
- * memory back (a domain is emitted, stored, spooled), pass by. SCHED_LAST never has a claim: its tasks use what is
- * left over.
+ * Memory: the first task that lacks memory has a claim on all that comes free. Until it starts, no other task that needs memory
+ * starts, whatever its rank. So a large task gets its memory at the latest when everything that is taken now has come back; the
+ * order above only decides which task has the next claim. Tasks that need no memory pass. They are the ones that release memory:
+ * a domain is emitted, stored, spooled. SCHED_LAST never has a claim: its tasks use idle memory.
  *
  * Not here: threads, clocks, what a task does.
  */
 #include "sched_queue.h"
 
+#include <assert.h>
 #include <stdlib.h>
 
 #include "ledger.h"
 
-/* Nanoseconds that a task takes until better is known. */
+/* Nanoseconds that a task is expected to take, until one has ended. */
 enum { MEAN_FIRST = 1000000 };
-enum { CLASSES = 4, CLASS_LAST = 3, LOWER_TURN = 16, MEAN_PARTS = 4, ACCOUNTS_KEPT = 64 };
+enum { CLASSES = 4, CLASS_LAST = 3, LOWER_EVERY = 16, MEAN_PARTS = 4, ACCOUNTS_KEPT = 64 };
 
-/* What a user, or a flow of one, was served. */
+/* Worker time of a user, or of a flow of a user. */
 struct sched_account {
-	struct sched_account *next, *user; /* user: of a flow; NULL: this is a user's */
+	struct sched_account *next, *user; /* user: the account of the flow's user; NULL: this is a user's */
 	uint32_t uid;
 	unsigned class;
-	uint64_t flow, number; /* number: in order of making, to break ties */
+	uint64_t flow, number; /* number: order of creation, breaks ties */
 	int64_t tag, mean;
-	bool known;     /* mean is its own */
-	int64_t now;    /* of a user: where flows that come begin */
-	unsigned tasks; /* that wait or run */
+	bool known;     /* mean is measured for this account */
+	int64_t now;    /* of a user: the tag that new flows begin at */
+	unsigned tasks; /* waiting or running */
 };
 
 struct sched_queue {
 	struct ledger *ledger;
 	struct sched_task *waiting, **waiting_end, *running;
-	struct sched_task *claim; /* one of `waiting`: has the next memory */
+	struct sched_task *claim; /* one of `waiting`: has the claim on memory */
 	struct sched_account *accounts, common;
 	unsigned naccounts, sweep_at;
-	int64_t now[CLASSES]; /* where users that come begin */
+	int64_t now[CLASSES]; /* the tag that new users begin at */
 	uint64_t order, number, starts;
-	int64_t mean; /* of all tasks, for users whose own is not known */
+	int64_t mean; /* of all tasks; expected of new users */
 };
 
 struct sched_queue *sched_queue_new(struct ledger *ledger)
@@ -86,12 +86,12 @@ static unsigned class_of(const struct sched_task *t)
 	return t->priority == SCHED_LAST ? CLASS_LAST : of_rank[t->owner.rank];
 }
 
-static int64_t later(int64_t a, int64_t b)
+static int64_t max_tag(int64_t a, int64_t b)
 {
 	return a > b ? a : b;
 }
 
-/* NULL user: the user's own. Without memory for a new one it is everybody's, which is fair to nobody, but works. */
+/* user NULL: the account of the task's user. Without memory for a new account it is a common one: not fair, but it works. */
 static struct sched_account *account_of(struct sched_queue *q, const struct sched_task *t, struct sched_account *user)
 {
 	unsigned class = class_of(t);
@@ -117,36 +117,37 @@ static struct sched_account *account_of(struct sched_queue *q, const struct sche
 	return a;
 }
 
-static void charge(struct sched_account *flow, int64_t ns)
+static void charge_time(struct sched_account *flow, int64_t ns)
 {
 	flow->tag += ns;
 	if (flow->user)
 		flow->user->tag += ns;
 }
 
-/* Of those that have tasks, the least that one was served; where none has, as it was. */
-static int64_t least(const struct sched_queue *q, const struct sched_account *user, unsigned class, int64_t was)
+/* The smallest tag of the accounts that have tasks; `otherwise` if none has. */
+static int64_t smallest_tag(const struct sched_queue *q, const struct sched_account *user, unsigned class, int64_t otherwise)
 {
 	const struct sched_account *a;
+	int64_t found = otherwise;
 	bool any = false;
 
 	for (a = q->accounts; a; a = a->next) {
 		if (!a->tasks || a->user != user || a->class != class)
 			continue;
-		was = any && was < a->tag ? was : a->tag;
+		found = any && found < a->tag ? found : a->tag;
 		any = true;
 	}
-	return was;
+	return found;
 }
 
-/* Idle accounts say nothing once others were served as much. A user's go after all of its flows. */
-static void accounts_sweep(struct sched_queue *q)
+/* Removes accounts without tasks whose tag others have passed. A user's account goes after those of its flows. */
+static void sweep_accounts(struct sched_queue *q)
 {
 	for (int users = 0; users < 2; users++) {
 		struct sched_account **at = &q->accounts, *a;
 
 		while ((a = *at)) {
-			int64_t now = least(q, a->user, a->class, a->user ? a->user->now : q->now[a->class]);
+			int64_t now = smallest_tag(q, a->user, a->class, a->user ? a->user->now : q->now[a->class]);
 			bool used = a->tasks > 0 || a->tag > now || (a->user == NULL) != (users > 0);
 
 			for (struct sched_account *f = q->accounts; users && !used && f; f = f->next)
@@ -163,8 +164,8 @@ static void accounts_sweep(struct sched_queue *q)
 	q->sweep_at = 2 * q->naccounts + ACCOUNTS_KEPT;
 }
 
-/* Nothing waits and nothing runs: nobody owes anything. */
-static void accounts_clear(struct sched_queue *q)
+/* Nothing waits and nothing runs, so past time does not count. */
+static void clear_accounts(struct sched_queue *q)
 {
 	struct sched_account *a;
 
@@ -180,16 +181,16 @@ static void accounts_clear(struct sched_queue *q)
 
 /* ---- the lists ---- */
 
-static void account_leave(struct sched_queue *q, struct sched_task *t)
+static void leave_account(struct sched_queue *q, struct sched_task *t)
 {
 	t->account->tasks--;
 	if (t->account->user)
 		t->account->user->tasks--;
 	t->account = NULL;
 	if (!q->waiting && !q->running)
-		accounts_clear(q);
+		clear_accounts(q);
 	else if (q->naccounts > q->sweep_at)
-		accounts_sweep(q);
+		sweep_accounts(q);
 }
 
 void sched_queue_add(struct sched_queue *q, struct sched_task *t)
@@ -197,12 +198,12 @@ void sched_queue_add(struct sched_queue *q, struct sched_task *t)
 	struct sched_account *user = account_of(q, t, NULL), *flow = account_of(q, t, user);
 
 	if (!user->tasks) {
-		q->now[user->class] = least(q, NULL, user->class, q->now[user->class]);
-		user->tag = later(user->tag, q->now[user->class]);
+		q->now[user->class] = smallest_tag(q, NULL, user->class, q->now[user->class]);
+		user->tag = max_tag(user->tag, q->now[user->class]);
 	}
 	if (!flow->tasks && flow->user) {
-		user->now = least(q, user, user->class, user->now);
-		flow->tag = later(flow->tag, user->now);
+		user->now = smallest_tag(q, user, user->class, user->now);
+		flow->tag = max_tag(flow->tag, user->now);
 	}
 	flow->tasks++;
 	if (flow->user)
@@ -235,11 +236,11 @@ bool sched_queue_remove(struct sched_queue *q, struct sched_task *t)
 		return false;
 	if (q->claim == t)
 		q->claim = NULL;
-	account_leave(q, t);
+	leave_account(q, t);
 	return true;
 }
 
-static struct sched_task *start(struct sched_queue *q, struct sched_task *t)
+static struct sched_task *start_task(struct sched_queue *q, struct sched_task *t)
 {
 	struct sched_account *flow = t->account;
 
@@ -251,7 +252,7 @@ static struct sched_task *start(struct sched_queue *q, struct sched_task *t)
 	q->running = t;
 	q->starts++;
 	t->charged = flow->mean;
-	charge(flow, t->charged);
+	charge_time(flow, t->charged);
 	return t;
 }
 
@@ -259,26 +260,29 @@ void sched_queue_over(struct sched_queue *q, struct sched_task *t, uint64_t ns)
 {
 	struct sched_account *flow = t->account;
 
-	if (!unlink_task(&q->running, NULL, t))
+	bool running = unlink_task(&q->running, NULL, t);
+
+	assert(running && t->account == flow);
+	if (!running)
 		return;
-	charge(flow, (int64_t)ns - t->charged);
+	charge_time(flow, (int64_t)ns - t->charged);
 	flow->mean = flow->known ? flow->mean + ((int64_t)ns - flow->mean) / MEAN_PARTS : (int64_t)ns;
 	flow->known = true;
 	q->mean = flow->mean;
 	if (flow->user)
 		flow->user->mean = flow->mean;
-	account_leave(q, t);
+	leave_account(q, t);
 }
 
-/* ---- the next ---- */
+/* ---- which task is next ---- */
 
-/* What may start now, besides having its memory. */
-struct rules {
+/* What may start now, apart from its memory. */
+struct start_rules {
 	bool spare, no_memory, one_reader;
-	unsigned first; /* this class goes before all others */
+	unsigned first; /* this class goes before the others */
 };
 
-static bool runs(const struct sched_queue *q, uint32_t uid, bool reads)
+static bool has_running(const struct sched_queue *q, uint32_t uid, bool reads)
 {
 	for (const struct sched_task *t = q->running; t; t = t->next)
 		if (t->owner.uid == uid && (t->reads || !reads))
@@ -286,18 +290,18 @@ static bool runs(const struct sched_queue *q, uint32_t uid, bool reads)
 	return false;
 }
 
-static bool eligible(const struct sched_queue *q, const struct sched_task *t, const struct rules *r)
+static bool is_eligible(const struct sched_queue *q, const struct sched_task *t, const struct start_rules *r)
 {
 	if (t->bytes && r->no_memory)
 		return false;
 	if (t->bytes && t->priority == SCHED_LAST && t->bytes > ledger_available(q->ledger, t->name))
 		return false;
-	if (r->spare && t->lengthy && runs(q, t->owner.uid, false))
+	if (r->spare && t->lengthy && has_running(q, t->owner.uid, false))
 		return false;
-	return !r->one_reader || !t->reads || !runs(q, t->owner.uid, true);
+	return !r->one_reader || !t->reads || !has_running(q, t->owner.uid, true);
 }
 
-static bool before(const struct sched_task *a, const struct sched_task *b, const struct rules *r)
+static bool is_before(const struct sched_task *a, const struct sched_task *b, const struct start_rules *r)
 {
 	const struct sched_account *f = a->account, *g = b->account;
 	const struct sched_account *u = f->user ? f->user : f, *v = g->user ? g->user : g;
@@ -313,34 +317,34 @@ static bool before(const struct sched_task *a, const struct sched_task *b, const
 
 unsigned (*sched_queue_choice)(unsigned n);
 
-static struct sched_task *chosen(const struct sched_queue *q, const struct rules *r)
+static struct sched_task *choose_by_test(const struct sched_queue *q, const struct start_rules *r)
 {
 	struct sched_task *t;
 	unsigned n = 0;
 
 	for (t = q->waiting; t; t = t->next)
-		n += eligible(q, t, r);
+		n += is_eligible(q, t, r);
 	if (!n)
 		return NULL;
 	n = sched_queue_choice(n) + 1;
-	for (t = q->waiting; !eligible(q, t, r) || --n; t = t->next)
+	for (t = q->waiting; !is_eligible(q, t, r) || --n; t = t->next)
 		;
 	return t;
 }
 
-static struct sched_task *best(const struct sched_queue *q, const struct rules *r)
+static struct sched_task *find_next(const struct sched_queue *q, const struct start_rules *r)
 {
 	struct sched_task *t, *found = NULL;
 
 	if (sched_queue_choice)
-		return chosen(q, r);
+		return choose_by_test(q, r);
 	for (t = q->waiting; t; t = t->next)
-		if (eligible(q, t, r) && (!found || before(t, found, r)))
+		if (is_eligible(q, t, r) && (!found || is_before(t, found, r)))
 			found = t;
 	return found;
 }
 
-/* Tasks of more than one user wait, or of another one than those that run. */
+/* A task of one user waits while a task of another user reads a file. */
 static bool other_users_wait(const struct sched_queue *q)
 {
 	for (const struct sched_task *t = q->waiting; t; t = t->next)
@@ -350,39 +354,39 @@ static bool other_users_wait(const struct sched_queue *q)
 	return false;
 }
 
-static bool memory_for(struct sched_queue *q, const struct sched_task *t)
+static bool take_memory(struct sched_queue *q, const struct sched_task *t)
 {
 	return !t->bytes || ledger_take(q->ledger, t->name, t->bytes);
 }
 
 struct sched_task *sched_queue_take(struct sched_queue *q, bool spare)
 {
-	struct rules r = {
+	struct start_rules r = {
 		.spare = spare,
 		.no_memory = q->claim != NULL,
 		.one_reader = other_users_wait(q),
-		.first = q->starts % LOWER_TURN < LOWER_TURN - 1 ? 0 : 1 + q->starts / LOWER_TURN % (CLASSES - 1),
+		.first = q->starts % LOWER_EVERY < LOWER_EVERY - 1 ? 0 : 1 + q->starts / LOWER_EVERY % (CLASSES - 1),
 	};
 	struct sched_task *t = q->claim;
 
-	if (t && eligible(q, t, &(struct rules){.spare = spare}) && memory_for(q, t))
-		return start(q, t);
+	if (t && is_eligible(q, t, &(struct start_rules){.spare = spare}) && take_memory(q, t))
+		return start_task(q, t);
 	for (;;) {
-		t = best(q, &r);
+		t = find_next(q, &r);
 		if (!t && r.one_reader) {
-			/* Nobody else can use the worker. */
+			/* No other user can use the worker. */
 			r.one_reader = false;
 			continue;
 		}
-		if (!t || memory_for(q, t))
-			return t ? start(q, t) : NULL;
+		if (!t || take_memory(q, t))
+			return t ? start_task(q, t) : NULL;
 		if (t->priority != SCHED_LAST)
 			q->claim = t;
 		r.no_memory = true;
 	}
 }
 
-/* ---- what others ask ---- */
+/* ---- state ---- */
 
 bool sched_queue_empty(const struct sched_queue *q)
 {
@@ -420,7 +424,7 @@ int64_t sched_queue_service(const struct sched_queue *q, uint32_t uid)
 
 	for (a = q->accounts; a; a = a->next)
 		if (!a->user && a->uid == uid && a->class != CLASS_LAST)
-			most = later(most, a->tag - least(q, NULL, a->class, q->now[a->class]));
+			most = max_tag(most, a->tag - smallest_tag(q, NULL, a->class, q->now[a->class]));
 	return most;
 }
 

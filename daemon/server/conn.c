@@ -1,11 +1,11 @@
 /*
- * A connection: frames in, answers out, and what ends with it.
+ * A connection: it receives requests, sends answers, and owns what ends with it.
  *
- * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs,
- * one-step datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with
- * keep the memory of the connection until they are answered (into nothing). A client that does not read is
- * cut off when its answers reach the cap of its queue, or when others lack the memory that it has (room.c). The socket keeps
- * little of them. All else is charged: frames as they come and wait, requests with what is kept until they are answered.
+ * The model: everything that a client began is in lists of its connection: unanswered requests, pushes, bound jobs, one-step
+ * datasets, streams. conn_close releases all of them at once. A request that a worker is processing keeps the connection in
+ * memory until it is answered; the answer is then discarded. A client that does not read is disconnected when its queued answers
+ * reach their limit, or when others need the memory that it holds (quota.c). The socket buffers little. Everything else is
+ * charged: partial frames, queued answers, and requests with what is kept for them.
  */
 #include <errno.h>
 #include <stdlib.h>
@@ -21,26 +21,27 @@
 #include "server_priv.h"
 
 enum {
-	CONN_BYTES = 2 << 10,    /* of a connection, beside its frames: itself, its event source */
-	REQUEST_BYTES = 4 << 10, /* of a request, beside its texts: what is kept until it is answered */
-	SOCKET_BYTES = 16 << 10, /* of answers that the kernel keeps for a client (it doubles them for its own needs): they count
-				    with the control group and stand in no ledger, so a crowd that does not read must not
-				    have much. What is large goes through pipes. */
-	COMFORT = 2 * FRAME_MAX, /* room for a frame that comes and its message */
-	FIELDS_MAX = 1000,       /* of a request: the largest has 30, and each costs some ten nanoseconds of the loop */
-	TURN_REQUESTS = 16,      /* at most, one after the other, */
-	TURN_NS = 200000,        /* and no further one after so long */
+	CONN_BYTES = 2 << 10,    /* of a connection and its event source, without its frames */
+	REQUEST_BYTES = 4 << 10, /* of a request and what is kept until it is answered, without its texts */
+	SOCKET_BYTES = 16 << 10, /* the send buffer of the socket (the kernel doubles it for its own needs): it counts in the
+				    control group but in no account of the ledger, so many clients that do not read must not have
+				    much. Large data goes through pipes. */
+	RECEIVE_BYTES = 2 * FRAME_MAX, /* a frame that is being received, and its message */
+	FIELDS_MAX = 1000,             /* of a request: the largest has 30, and each costs some ten nanoseconds of the loop */
+	SLICE_REQUESTS = 16,           /* of one time slice, at most */
+	SLICE_NS = 200000,             /* after which no further request is processed */
 };
 
-void conn_watch(struct conn *c)
+void conn_update_events(struct conn *c)
 {
-	uint32_t but = c->waits ? EPOLLIN : 0;
+	uint32_t ignored = c->paused ? EPOLLIN : 0;
 
+	THREAD_LOOP_ONLY();
 	if (c->io && c->frame)
-		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame) & ~but);
+		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame) & ~ignored);
 }
 
-static void flush(struct conn *c)
+static void flush_answers(struct conn *c)
 {
 	struct err err = ERR_INIT;
 	size_t before = frame_conn_queued(c->frame);
@@ -54,22 +55,22 @@ static void flush(struct conn *c)
 	if (r == FRAME_E_EOF || r < 0)
 		conn_close(c);
 	else
-		conn_watch(c);
+		conn_update_events(c);
 }
 
-static void sent(struct conn *c, int r, const struct err *err)
+static void after_send(struct conn *c, int r, const struct err *err)
 {
 	if (r == FRAME_E_FULL) {
-		if (refusal_cut(c->server))
+		if (refusal_may_log_cut(c->server))
 			log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
 				  "a client (pid %u) does not read its answers and is cut off", c->peer.pid);
 		conn_close(c);
 	} else if (r < 0) {
-		if (refusal_cut(c->server))
+		if (refusal_may_log_cut(c->server))
 			log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "an answer cannot be sent", err);
 		conn_close(c);
 	} else {
-		flush(c);
+		flush_answers(c);
 	}
 }
 
@@ -77,29 +78,31 @@ void conn_send(struct conn *c, uint32_t id, const Acut__V1__Message *m, int fd)
 {
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (c->closed) {
 		io_close(fd);
 		return;
 	}
-	/* As a rule there is room for the largest. */
-	if (ledger_available(c->server->p.ledger, LEDGER_MESSAGE) < FRAME_MAX + COMFORT / 16)
-		room_make(c->server, frame_message_size(m) + COMFORT / 16, c->peer.uid, c);
-	sent(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
+	/* Usually there is memory for the largest message. */
+	if (ledger_available(c->server->p.ledger, LEDGER_MESSAGE) < FRAME_MAX + RECEIVE_BYTES / 16)
+		quota_reclaim(c->server, frame_message_size(m) + RECEIVE_BYTES / 16, c->peer.uid, c);
+	after_send(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
 }
 
 void conn_send_error(struct conn *c, uint32_t id, const struct err *why)
 {
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (c->closed)
 		return;
-	room_make(c->server, COMFORT / 16, c->peer.uid, c);
-	sent(c, frame_conn_send_error(c->frame, id, why, &err), &err);
+	quota_reclaim(c->server, RECEIVE_BYTES / 16, c->peer.uid, c);
+	after_send(c, frame_conn_send_error(c->frame, id, why, &err), &err);
 }
 
 void conn_fail(struct conn *c, const struct err *why)
 {
-	if (refusal_cut(c->server))
+	if (refusal_may_log_cut(c->server))
 		log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client is cut off", why);
 	conn_send_error(c, 0, why);
 	conn_close(c);
@@ -112,8 +115,9 @@ struct request *request_new(struct conn *c, uint32_t id, size_t bytes, struct er
 	struct ledger *ledger = c->server->p.ledger;
 	struct request *q;
 
+	THREAD_LOOP_ONLY();
 	bytes += REQUEST_BYTES;
-	room_make(c->server, bytes, c->peer.uid, c);
+	quota_reclaim(c->server, bytes, c->peer.uid, c);
 	if (!ledger_take(ledger, LEDGER_MESSAGE, bytes)) {
 		err_set(err, ERR_BUSY, "there is no memory left for a request");
 		err_add_hint(err, "try again when other clients are done, or give acutd more memory");
@@ -140,6 +144,7 @@ struct request *request_free(struct request *q)
 	struct conn *c;
 	struct request **at;
 
+	THREAD_LOOP_ONLY();
 	if (!q)
 		return NULL;
 	c = q->conn;
@@ -165,6 +170,31 @@ void request_answer(struct request *q, const Acut__V1__Message *m)
 	conn_send(c, id, m, -1);
 }
 
+void request_finish(struct request *q, const struct err *why)
+{
+	if (why)
+		request_refuse(q, why);
+	else
+		request_answer_done(q);
+}
+
+void request_answer_done(struct request *q)
+{
+	Acut__V1__Done done = ACUT__V1__DONE__INIT;
+
+	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
+}
+
+void request_progress(struct request *q, const char *phase, uint64_t done, uint64_t total)
+{
+	Acut__V1__Progress m = ACUT__V1__PROGRESS__INIT;
+
+	m.phase = (char *)phase;
+	m.points = done;
+	m.points_total = total;
+	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &m), -1);
+}
+
 void request_answer_page(struct request *q, Acut__V1__Message__BodyCase list, const struct frame_page *page, bool more)
 {
 	struct conn *c = q->conn;
@@ -174,8 +204,8 @@ void request_answer_page(struct request *q, Acut__V1__Message__BodyCase list, co
 	request_free(q);
 	if (c->closed)
 		return;
-	room_make(c->server, page->n + COMFORT / 16, c->peer.uid, c);
-	sent(c, frame_conn_send_page(c->frame, id, list, page, more, &err), &err);
+	quota_reclaim(c->server, page->n + RECEIVE_BYTES / 16, c->peer.uid, c);
+	after_send(c, frame_conn_send_page(c->frame, id, list, page, more, &err), &err);
 }
 
 void request_refuse(struct request *q, const struct err *why)
@@ -183,7 +213,7 @@ void request_refuse(struct request *q, const struct err *why)
 	struct conn *c = q->conn;
 	uint32_t id = q->id;
 
-	if (refusal_worth(why))
+	if (refusal_is_logged(why))
 		refusal_log(c->server, &c->peer, why);
 	request_free(q);
 	conn_send_error(c, id, why);
@@ -196,21 +226,21 @@ uint64_t conn_held(const struct conn *c)
 
 /* ---- reading ---- */
 
-static void receive(struct conn *c)
+static void receive_message(struct conn *c)
 {
 	struct err err = ERR_INIT;
 	Acut__V1__Message *m = NULL;
 	uint32_t id = 0;
 	int got = -1, r;
-	bool later = false;
+	bool pause = false;
 
-	if (!c->cut && (room_files(&c->peer, &later, &err) || (later && room_wait(c, &err)))) {
+	if (!c->cut && (quota_closing_files(&c->peer, &pause, &err) || (pause && quota_pause(c, &err)))) {
 		conn_fail(c, &err);
 		return;
 	}
-	if (later)
+	if (pause)
 		return;
-	room_make(c->server, COMFORT, c->peer.uid, c);
+	quota_reclaim(c->server, RECEIVE_BYTES, c->peer.uid, c);
 	r = frame_conn_recv(c->frame, &id, &m, &got, &err);
 	if (r == FRAME_E_AGAIN) {
 		c->dry = true;
@@ -219,60 +249,60 @@ static void receive(struct conn *c)
 	} else if (r < 0) {
 		conn_fail(c, &err);
 	} else {
-		io_close_assign(got, room_owner(&c->peer));
+		io_close_assign(got, quota_owner(&c->peer));
 		request_handle(c, id, m, got);
 		frame_message_free(m);
 	}
 }
 
-/* Whether its user had so much of the loop that others come first. */
-static bool comes_later(struct conn *c, uint64_t now)
+/* True: its user is over the fair share. */
+static bool update_priority(struct conn *c, uint64_t now)
 {
-	bool later = turn_later(c->server, c->peer.uid, now);
+	bool behind = fair_is_behind(c->server, c->peer.uid, now);
 
-	if (later != c->later)
-		sd_event_source_set_priority(c->io, later ? TURN_LATER : TURN_NOW);
-	c->later = later;
-	return later;
+	if (behind != c->behind)
+		sd_event_source_set_priority(c->io, behind ? FAIR_BEHIND : FAIR_REQUESTS);
+	c->behind = behind;
+	return behind;
 }
 
-/* A turn: a few requests, or a short time. What is left keeps the source ready. */
-static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
+/* One time slice: a few requests, or a short time. If messages are left, the source stays ready. */
+static int on_socket(sd_event_source *source, int fd, uint32_t events, void *ctx)
 {
 	struct conn *c = ctx;
 	uint64_t start = clock_mono_ns(), now = start;
-	uint64_t most = TURN_NS;
-	bool was_later = c->later;
+	uint64_t slice_ns = SLICE_NS;
+	bool was_behind = c->behind;
 
 	if (c->closed)
 		return 0;
-	/* What it asked for last waits with it. */
-	if (c->waits && events & (EPOLLHUP | EPOLLERR)) {
+	/* What the client requested last is paused with it, and would not notice that the client is gone. */
+	if (c->paused && events & (EPOLLHUP | EPOLLERR)) {
 		conn_close(c);
 		return 0;
 	}
-	if (comes_later(c, start)) {
-		/* Who is gone makes room at once. */
-		if (!was_later && !(events & (EPOLLHUP | EPOLLERR)))
+	if (update_priority(c, start)) {
+		/* A client that is gone is closed at once, which frees its memory. */
+		if (!was_behind && !(events & (EPOLLHUP | EPOLLERR)))
 			return 0;
-		most /= 4;
+		slice_ns /= 4;
 	}
-	io_close_owner(room_owner(&c->peer));
+	io_close_owner(quota_owner(&c->peer));
 	if (events & EPOLLOUT)
-		flush(c);
+		flush_answers(c);
 	c->dry = false;
-	for (int i = 0; i < TURN_REQUESTS && now - start < most && !c->closed && !c->dry && !c->waits; i++) {
-		receive(c);
+	for (int i = 0; i < SLICE_REQUESTS && now - start < slice_ns && !c->closed && !c->dry && !c->paused; i++) {
+		receive_message(c);
 		now = clock_mono_ns();
 	}
 	io_close_owner(0);
-	turn_used(c->server, c->peer.uid, start);
+	fair_charge(c->server, c->peer.uid, start);
 	if (!c->closed)
-		conn_watch(c);
+		conn_update_events(c);
 	return 0;
 }
 
-/* Takes over the peer's groups, if it succeeds. */
+/* Takes over the peer's groups if it succeeds. */
 static int conn_make(struct server *s, int fd, const struct peer *peer, struct err *err)
 {
 	struct conn *c = calloc(1, sizeof *c);
@@ -294,10 +324,10 @@ static int conn_make(struct server *s, int fd, const struct peer *peer, struct e
 		free(c);
 		return r;
 	}
-	r = sd_event_add_io(s->p.event, &c->io, frame_conn_fd(c->frame), EPOLLIN, conn_ready, c);
+	r = sd_event_add_io(s->p.event, &c->io, frame_conn_fd(c->frame), EPOLLIN, on_socket, c);
 	if (r < 0) {
-		/* The descriptor went to the frame_conn, and goes with it. */
-		if (refusal_away(s))
+		/* The frame_conn has taken the descriptor over, and closes it. */
+		if (refusal_may_log_turned_away(s))
 			log_event(LOG_EVENT_CLIENT_TURNED_AWAY, ABOUT_CONN(c), "cannot wait for a client: %s", strerror(-r));
 		frame_conn_free(c->frame);
 		rights_groups_free(s->p.ledger, &c->peer);
@@ -313,7 +343,7 @@ static int conn_make(struct server *s, int fd, const struct peer *peer, struct e
 	return 0;
 }
 
-unsigned conns_of(const struct server *s, uint32_t uid)
+unsigned conn_count(const struct server *s, uint32_t uid)
 {
 	unsigned n = 0;
 
@@ -322,7 +352,7 @@ unsigned conns_of(const struct server *s, uint32_t uid)
 	return n;
 }
 
-/* Who it is, and whether he is served: before anything is kept for him. */
+/* Identifies the client and checks its permission and quota, before anything is kept for it. */
 static int conn_peer(struct server *s, int fd, struct peer *ret, struct err *err)
 {
 	struct ucred cred;
@@ -335,10 +365,10 @@ static int conn_peer(struct server *s, int fd, struct peer *ret, struct err *err
 	r = rights_groups(fd, s->p.ledger, ret, err);
 	if (r)
 		return r;
-	rights_look(&s->p.rights, ret);
+	rights_set_admin(&s->p.rights, ret);
 	r = rights_connect(&s->p.rights, ret, err);
 	if (!r)
-		r = room_place(s, ret, err);
+		r = quota_connection(s, ret, err);
 	if (!r)
 		return 0;
 	refusal_log(s, ret, err);
@@ -351,9 +381,10 @@ int conn_new(struct server *s, int fd, struct err *err)
 	struct peer peer;
 	int r = conn_peer(s, fd, &peer, err);
 
+	THREAD_LOOP_ONLY();
 	if (r)
 		return r;
-	room_make(s, CONN_BYTES + COMFORT, peer.uid, NULL);
+	quota_reclaim(s, CONN_BYTES + RECEIVE_BYTES, peer.uid, NULL);
 	if (ledger_take(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES)) {
 		r = conn_make(s, fd, &peer, err);
 		if (r)
@@ -388,7 +419,7 @@ static void leave_jobs(struct conn *c)
 	}
 }
 
-/* Each is answered, and so freed, before it is over. */
+/* Cancelling a prune answers its request, which frees the request. */
 static void leave_prunes(struct conn *c)
 {
 	struct request *q, *next;
@@ -405,6 +436,7 @@ void conn_close(struct conn *c)
 	struct push_ref *p;
 	uint32_t before;
 
+	THREAD_LOOP_ONLY();
 	if (c->closed)
 		return;
 	c->closed = true;
@@ -412,9 +444,9 @@ void conn_close(struct conn *c)
 	c->server->nconns--;
 	log_debug("client gone: pid %u", c->peer.pid);
 	c->io = sd_event_source_disable_unref(c->io);
-	/* Where messages lie unread the close may wait for the files in them: its peer is not to. */
+	/* Closing a socket with unread messages may wait for the files in them. The peer must not wait for that. */
 	shutdown(frame_conn_fd(c->frame), SHUT_RDWR);
-	before = io_close_owner(room_owner(&c->peer));
+	before = io_close_owner(quota_owner(&c->peer));
 	c->frame = frame_conn_free(c->frame);
 	io_close_owner(before);
 	stream_out_leave(c);
@@ -432,7 +464,8 @@ bool conn_reap(struct conn *c)
 	struct request *q, *next;
 	struct push_ref *p;
 
-	/* Waits are nobody's but ours. */
+	THREAD_LOOP_ONLY();
+	/* Only the connection refers to a request of Wait. */
 	for (q = c->requests; q; q = next) {
 		next = q->next;
 		if (q->wait)

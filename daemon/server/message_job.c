@@ -1,7 +1,4 @@
-/*
- * Jobs as messages, and their report as JSON. A message here points into the job, and is sent before the job
- * can change.
- */
+/* Jobs as messages, and their report as JSON. A message points into the job: send it before the job can change. */
 #include <stdio.h>
 #include <string.h>
 
@@ -137,7 +134,7 @@ bool message_job_rules(struct frame_page *page)
 	return fits;
 }
 
-/* Rule names and the note hold no character that JSON would escape. */
+/* Rule names and the note contain no character that JSON would have to escape. */
 char *message_report_json(const struct job_report *r, char *buf, size_t size)
 {
 	size_t at;

@@ -1,10 +1,10 @@
 /*
- * Clients and requests that are refused by who asks, and clients that are cut off: what they are told, and what the log is.
+ * Refusals: how a client learns that it is not served, and how often the log reports refusals and disconnections.
  *
- * The model: a surplus or strange client costs nothing but the answer: it is written into the socket that is closed next,
- * and nothing of it is kept. In the log each refusal, each cut and each client that there was nothing left for is an event,
- * up to a number in a while; of more than that the log gets the number when the while is over. The timer for that runs
- * only if there is something to tell.
+ * The model: a client over its quota, or without permission, costs one answer: the error is written into its socket, which is
+ * closed, and nothing is kept. Each refusal, each disconnection and each client for which a resource was missing is an event of
+ * the log, up to LOGGED_MAX in a period. Further ones are only counted, and one event reports their number when the period is
+ * over. The timer for that runs only if there is a number to report.
  */
 #include <fcntl.h>
 #include <string.h>
@@ -15,16 +15,16 @@
 #include "log.h"
 #include "server_priv.h"
 
-enum { TOLD_MAX = 20, TURNED_AWAY_MAX = 10000 };
-#define WHILE_SECONDS 30
+enum { LOGGED_MAX = 20, REFUSED_MAX = 10000 };
+#define PERIOD_SECONDS 30
 
-void refusal_tell(int fd, const struct err *why)
+void refusal_send(int fd, const struct err *why)
 {
 	struct frame_conn *frame;
 	struct err err = ERR_INIT;
 	char bytes[4096];
 
-	/* What it has asked already: of a socket that is closed over unread bytes the other side may lose the answer. */
+	/* If a socket is closed while it has unread bytes, its peer may lose the answer. So what was sent is read first. */
 	while (recv(fd, bytes, sizeof bytes, MSG_DONTWAIT) == (ssize_t)sizeof bytes)
 		;
 	if (frame_conn_new(fd, NULL, &frame, &err)) {
@@ -36,63 +36,65 @@ void refusal_tell(int fd, const struct err *why)
 	frame_conn_free(frame);
 }
 
-void server_turn_away(int fd, const struct err *why)
+void server_refuse_waiting(int fd, const struct err *why)
 {
 	int flags = fcntl(fd, F_GETFL), client;
 
 	if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
 		return;
-	for (unsigned i = 0; i < TURNED_AWAY_MAX && (client = accept4(fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK)) >= 0; i++)
-		refusal_tell(client, why);
+	for (unsigned i = 0; i < REFUSED_MAX && (client = accept4(fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK)) >= 0; i++)
+		refusal_send(client, why);
 }
 
-bool refusal_worth(const struct err *why)
+bool refusal_is_logged(const struct err *why)
 {
 	return why->code == ERR_PERM || !strncmp(why->field, "user-", 5);
 }
 
-static void tell_hidden(struct refusals *r)
+static void log_suppressed(struct log_limit *r)
 {
 	const char *what = r->event == LOG_EVENT_REFUSED    ? "clients or requests were refused" :
 			   r->event == LOG_EVENT_CLIENT_CUT ? "clients were cut off" :
 							      "clients were turned away";
 
-	if (r->hidden)
-		log_event(r->event, NULL, "%llu more %s within %.0f seconds", (unsigned long long)r->hidden, what,
+	if (r->suppressed)
+		log_event(r->event, NULL, "%llu more %s within %.0f seconds", (unsigned long long)r->suppressed, what,
 			  clock_since(r->since_ns));
-	r->hidden = r->told = 0;
+	r->suppressed = r->logged = 0;
 	r->since_ns = clock_mono_ns();
 }
 
-static int while_over(sd_event_source *source, uint64_t usec, void *ctx)
+static int on_period_end(sd_event_source *source, uint64_t usec, void *ctx)
 {
-	tell_hidden(ctx);
+	log_suppressed(ctx);
 	return 0;
 }
 
-static void hide(struct server *s, struct refusals *r)
+static void suppress(struct server *s, struct log_limit *r)
 {
-	if (r->hidden++)
+	THREAD_LOOP_ONLY();
+	if (r->suppressed++)
 		return;
 	if (!r->timer)
-		sd_event_add_time_relative(s->p.event, &r->timer, CLOCK_MONOTONIC, WHILE_SECONDS * UINT64_C(1000000), 1000000,
-					   while_over, r);
-	else if (sd_event_source_set_time_relative(r->timer, WHILE_SECONDS * UINT64_C(1000000)) >= 0)
+		sd_event_add_time_relative(s->p.event, &r->timer, CLOCK_MONOTONIC, PERIOD_SECONDS * UINT64_C(1000000), 1000000,
+					   on_period_end, r);
+	else if (sd_event_source_set_time_relative(r->timer, PERIOD_SECONDS * UINT64_C(1000000)) >= 0)
 		sd_event_source_set_enabled(r->timer, SD_EVENT_ONESHOT);
 }
 
-/* One more: is it told, or counted until the while is over? */
-static bool tellable(struct server *s, struct refusals *r, enum log_event event)
+/* Counts one. False: the limit of this period is reached, and it is only counted. */
+static bool is_within_limit(struct server *s, struct log_limit *r, enum log_event event)
 {
+	THREAD_LOOP_ONLY();
 	r->event = event;
 	r->total++;
-	if (!r->since_ns || clock_since(r->since_ns) >= WHILE_SECONDS)
-		tell_hidden(r);
-	if (r->told >= TOLD_MAX) {
-		hide(s, r);
+	if (!r->since_ns || clock_since(r->since_ns) >= PERIOD_SECONDS)
+		log_suppressed(r);
+	if (r->logged >= LOGGED_MAX) {
+		suppress(s, r);
 		return false;
 	}
-	r->told++;
+	r->logged++;
 	return true;
 }
 
@@ -100,26 +102,26 @@ void refusal_log(struct server *s, const struct peer *peer, const struct err *wh
 {
 	struct log_about about = {ABOUT_USER(peer->uid), .pid = peer->pid, .code = err_wire_name(why->code)};
 
-	if (tellable(s, &s->refusals, LOG_EVENT_REFUSED))
+	if (is_within_limit(s, &s->refused, LOG_EVENT_REFUSED))
 		log_event(LOG_EVENT_REFUSED, &about, "refused to uid %u, pid %u: %s", peer->uid, peer->pid, why->message);
 }
 
-bool refusal_cut(struct server *s)
+bool refusal_may_log_cut(struct server *s)
 {
-	return tellable(s, &s->cuts, LOG_EVENT_CLIENT_CUT);
+	return is_within_limit(s, &s->cut, LOG_EVENT_CLIENT_CUT);
 }
 
-bool refusal_away(struct server *s)
+bool refusal_may_log_turned_away(struct server *s)
 {
-	return tellable(s, &s->aways, LOG_EVENT_CLIENT_TURNED_AWAY);
+	return is_within_limit(s, &s->turned_away, LOG_EVENT_CLIENT_TURNED_AWAY);
 }
 
-void refusals_end(struct server *s)
+void refusals_flush(struct server *s)
 {
-	tell_hidden(&s->aways);
-	s->aways.timer = sd_event_source_disable_unref(s->aways.timer);
-	tell_hidden(&s->refusals);
-	tell_hidden(&s->cuts);
-	s->refusals.timer = sd_event_source_disable_unref(s->refusals.timer);
-	s->cuts.timer = sd_event_source_disable_unref(s->cuts.timer);
+	log_suppressed(&s->turned_away);
+	s->turned_away.timer = sd_event_source_disable_unref(s->turned_away.timer);
+	log_suppressed(&s->refused);
+	log_suppressed(&s->cut);
+	s->refused.timer = sd_event_source_disable_unref(s->refused.timer);
+	s->cut.timer = sd_event_source_disable_unref(s->cut.timer);
 }

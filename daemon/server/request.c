@@ -1,6 +1,4 @@
-/*
- * The table of requests: what a message of a client sets off, and whether a descriptor goes with it.
- */
+/* The table of requests: the handler of each message, and whether a descriptor comes with it. */
 #include "io.h"
 #include "server_priv.h"
 
@@ -28,9 +26,7 @@ static void request_hello(struct conn *c, struct request *q, Acut__V1__Message *
 
 static void request_ping(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	Acut__V1__Done done = ACUT__V1__DONE__INIT;
-
-	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
+	request_answer_done(q);
 }
 
 static const struct {
@@ -86,8 +82,8 @@ static const struct {
 #undef ROW
 };
 
-/* A breach of the protocol that the frames cannot see. */
-static bool breach(struct conn *c, uint32_t id, const Acut__V1__Message *m, struct err *err)
+/* A violation of the protocol that the frames do not show. */
+static bool is_violation(struct conn *c, uint32_t id, const Acut__V1__Message *m, struct err *err)
 {
 	struct request *q;
 
@@ -107,7 +103,7 @@ static bool breach(struct conn *c, uint32_t id, const Acut__V1__Message *m, stru
 	return false;
 }
 
-static bool too_many(const struct conn *c, bool file, struct err *err)
+static bool has_too_many(const struct conn *c, bool file, struct err *err)
 {
 	if (c->nrequests >= CONN_REQUESTS_MAX)
 		err_set(err, ERR_BUSY, "more than %d requests are not answered yet", CONN_REQUESTS_MAX);
@@ -118,7 +114,7 @@ static bool too_many(const struct conn *c, bool file, struct err *err)
 	return true;
 }
 
-/* Closes the descriptor unless the handler is one that takes it. */
+/* Closes the descriptor unless the handler takes one. */
 void request_handle(struct conn *c, uint32_t id, Acut__V1__Message *m, int fd)
 {
 	const size_t rows = sizeof table / sizeof table[0];
@@ -126,16 +122,17 @@ void request_handle(struct conn *c, uint32_t id, Acut__V1__Message *m, int fd)
 	struct request *q;
 	size_t i;
 
+	THREAD_LOOP_ONLY();
 	for (i = 0; i < rows && table[i].body != m->body_case; i++)
 		;
-	if (breach(c, id, m, &err)) {
+	if (is_violation(c, id, m, &err)) {
 		io_close(fd);
 		conn_fail(c, &err);
 		return;
 	}
 	if (i == rows)
 		err_set(&err, ERR_UNSUPPORTED, "this acutd does not know the request");
-	else if (too_many(c, table[i].file, &err))
+	else if (has_too_many(c, table[i].file, &err))
 		;
 	else if (table[i].file && fd < 0 && m->body_case == ACUT__V1__MESSAGE__BODY_INFO_REQUEST)
 		err_set(&err, ERR_INPUT, "no descriptor came with the file");

@@ -1,6 +1,6 @@
 /*
- * Requests about backups, exports and imports. Each open one belongs to its connection and ends with it; its client asks
- * one question after the other.
+ * Requests about backups, exports and imports. Each open one belongs to its connection and ends with it. A client sends one
+ * request about it at a time.
  */
 #include <stdlib.h>
 
@@ -28,8 +28,8 @@ void conn_copies_end(struct conn *c)
 	}
 }
 
-/* What was made for a client that has left meanwhile ends at once. */
-static bool keep(struct conn *c, struct backup *b, struct import *i)
+/* Adds an open copy to its connection. If the client has left meanwhile, or there is no memory, the copy ends at once. */
+static bool add_copy(struct conn *c, struct backup *b, struct import *i)
 {
 	struct conn_copy *o = c->closed ? NULL : calloc(1, sizeof *o);
 
@@ -45,7 +45,7 @@ static bool keep(struct conn *c, struct backup *b, struct import *i)
 	return true;
 }
 
-static struct conn_copy **find(struct conn *c, uint64_t backup, uint64_t import)
+static struct conn_copy **find_copy(struct conn *c, uint64_t backup, uint64_t import)
 {
 	struct conn_copy **at;
 
@@ -55,9 +55,10 @@ static struct conn_copy **find(struct conn *c, uint64_t backup, uint64_t import)
 	return at;
 }
 
-static struct conn_copy *asked(struct conn *c, struct request *q, uint64_t backup, uint64_t import)
+/* NULL: there is no such copy, and the request is refused. */
+static struct conn_copy *open_copy(struct conn *c, struct request *q, uint64_t backup, uint64_t import)
 {
-	struct conn_copy *o = *find(c, backup, import);
+	struct conn_copy *o = *find_copy(c, backup, import);
 	struct err err = ERR_INIT;
 
 	if (!o) {
@@ -68,14 +69,7 @@ static struct conn_copy *asked(struct conn *c, struct request *q, uint64_t backu
 	return o;
 }
 
-static void answer_done(struct request *q)
-{
-	Acut__V1__Done done = ACUT__V1__DONE__INIT;
-
-	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
-}
-
-static void no_room(struct request *q)
+static void refuse_no_memory(struct request *q)
 {
 	struct err err = ERR_INIT;
 
@@ -85,7 +79,7 @@ static void no_room(struct request *q)
 
 /* ---- out ---- */
 
-static void ready(void *token, const struct err *why, const struct backup_ready *r)
+static void on_ready(void *token, const struct err *why, const struct backup_ready *r)
 {
 	Acut__V1__BackupReady m = ACUT__V1__BACKUP_READY__INIT;
 	struct request *q = token;
@@ -106,18 +100,18 @@ static void ready(void *token, const struct err *why, const struct backup_ready 
 	m.identity = (char *)r->identity;
 	m.n_places = 4;
 	m.places = (uint64_t *)r->place;
-	if (keep(q->conn, r->backup, NULL))
+	if (add_copy(q->conn, r->backup, NULL))
 		request_answer(q, FRAME_MESSAGE(BACKUP_READY, backup_ready, &m));
 	else
-		no_room(q);
+		refuse_no_memory(q);
 }
 
 void request_backup(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	backup_begin(c->server->service->copies, m->backup->dataset, &c->peer, ready, q);
+	backup_begin(c->server->service->copies, m->backup->dataset, &c->peer, on_ready, q);
 }
 
-static void next(void *token, const struct err *why, const struct backup_file *f)
+static void on_next(void *token, const struct err *why, const struct backup_file *f)
 {
 	Acut__V1__BackupFile m = ACUT__V1__BACKUP_FILE__INIT;
 	struct request *q = token;
@@ -140,17 +134,17 @@ static void next(void *token, const struct err *why, const struct backup_file *f
 
 void request_backup_next(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct conn_copy *o = asked(c, q, m->backup_next->backup, 0);
+	struct conn_copy *o = open_copy(c, q, m->backup_next->backup, 0);
 
 	if (o)
-		backup_next(o->backup, next, q);
+		backup_next(o->backup, on_next, q);
 }
 
 void request_backup_end(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct conn_copy **at = find(c, m->backup_end->backup, m->backup_end->import), *o;
+	struct conn_copy **at = find_copy(c, m->backup_end->backup, m->backup_end->import), *o;
 
-	if (!asked(c, q, m->backup_end->backup, m->backup_end->import))
+	if (!open_copy(c, q, m->backup_end->backup, m->backup_end->import))
 		return;
 	o = *at;
 	*at = o->next;
@@ -159,12 +153,12 @@ void request_backup_end(struct conn *c, struct request *q, Acut__V1__Message *m,
 	else
 		import_end(o->import);
 	free(o);
-	answer_done(q);
+	request_answer_done(q);
 }
 
 /* ---- in ---- */
 
-static void begun(void *token, const struct err *why, struct import *i)
+static void on_begun(void *token, const struct err *why, struct import *i)
 {
 	Acut__V1__Importing m = ACUT__V1__IMPORTING__INIT;
 	struct request *q = token;
@@ -174,10 +168,10 @@ static void begun(void *token, const struct err *why, struct import *i)
 		return;
 	}
 	m.import = import_id(i);
-	if (keep(q->conn, NULL, i))
+	if (add_copy(q->conn, NULL, i))
 		request_answer(q, FRAME_MESSAGE(IMPORTING, importing, &m));
 	else
-		no_room(q);
+		refuse_no_memory(q);
 }
 
 void request_import(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
@@ -189,28 +183,25 @@ void request_import(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	if (request_mode(m->import->mode, &has, &mode, &err))
 		request_refuse(q, &err);
 	else
-		import_begin(c->server->service->copies, m->import->dataset, mode, &c->peer, begun, q);
+		import_begin(c->server->service->copies, m->import->dataset, mode, &c->peer, on_begun, q);
 }
 
-static void filed(void *token, const struct err *why)
+static void on_file(void *token, const struct err *why)
 {
-	if (why)
-		request_refuse(token, why);
-	else
-		answer_done(token);
+	request_finish(token, why);
 }
 
 void request_import_file(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct conn_copy *o = asked(c, q, 0, m->import_file->import);
+	struct conn_copy *o = open_copy(c, q, 0, m->import_file->import);
 
 	if (o)
-		import_file(o->import, m->import_file->name, fd, filed, q);
+		import_file(o->import, m->import_file->name, fd, on_file, q);
 	else
 		io_close(fd);
 }
 
-static void imported(void *token, const struct err *why, const struct imported *i)
+static void on_imported(void *token, const struct err *why, const struct imported *i)
 {
 	Acut__V1__Imported m = ACUT__V1__IMPORTED__INIT;
 
@@ -226,8 +217,8 @@ static void imported(void *token, const struct err *why, const struct imported *
 
 void request_import_commit(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct conn_copy *o = asked(c, q, 0, m->import_commit->import);
+	struct conn_copy *o = open_copy(c, q, 0, m->import_commit->import);
 
 	if (o)
-		import_commit(o->import, imported, q);
+		import_commit(o->import, on_imported, q);
 }

@@ -1,4 +1,4 @@
-/* Requests about the disk: what lies there, whether it is sound, and removing what is derived. */
+/* Requests about the disk: its use, verification, and removal of derived files. */
 #include <string.h>
 
 #include "server_priv.h"
@@ -36,7 +36,7 @@ void request_cache_stat(struct conn *c, struct request *q, Acut__V1__Message *m,
 	out.kinds = rows;
 	out.state = &state;
 	out.cache = &cache;
-	out.one_file_system = st.space.one;
+	out.one_file_system = st.space.one_fs;
 	out.disk_limit = st.disk;
 	out.keep_free_limit = st.keep_free;
 	out.measured = st.space.measured;
@@ -47,7 +47,7 @@ void request_cache_stat(struct conn *c, struct request *q, Acut__V1__Message *m,
 
 /* ---- verify ---- */
 
-static void verify_damage(void *token, const struct cache_damage *d)
+static void on_verify_damage(void *token, const struct cache_damage *d)
 {
 	struct request *q = token;
 	Acut__V1__CacheDamage out = ACUT__V1__CACHE_DAMAGE__INIT;
@@ -62,18 +62,12 @@ static void verify_damage(void *token, const struct cache_damage *d)
 	conn_send(q->conn, q->id, FRAME_MESSAGE(CACHE_DAMAGE, cache_damage, &out), -1);
 }
 
-static void verify_progress(void *token, const char *phase, uint64_t bytes, uint64_t total)
+static void on_verify_progress(void *token, const char *phase, uint64_t bytes, uint64_t total)
 {
-	struct request *q = token;
-	Acut__V1__Progress out = ACUT__V1__PROGRESS__INIT;
-
-	out.phase = (char *)phase;
-	out.points = bytes;
-	out.points_total = total;
-	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &out), -1);
+	request_progress(token, phase, bytes, total);
 }
 
-static void verify_over(void *token, const struct err *why, const struct cache_verified *v)
+static void on_verify_over(void *token, const struct err *why, const struct cache_verified *v)
 {
 	struct request *q = token;
 	Acut__V1__CacheVerified out = ACUT__V1__CACHE_VERIFIED__INIT;
@@ -94,7 +88,7 @@ static void verify_over(void *token, const struct err *why, const struct cache_v
 
 void request_cache_verify(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	static const struct cache_verify_calls calls = {verify_damage, verify_progress, verify_over};
+	static const struct cache_verify_calls calls = {on_verify_damage, on_verify_progress, on_verify_over};
 	struct err err = ERR_INIT;
 
 	if (cache_verify(c->server->service->maintenance, &c->peer, &calls, q, &c->verify, &err))
@@ -103,7 +97,7 @@ void request_cache_verify(struct conn *c, struct request *q, Acut__V1__Message *
 
 /* ---- gc ---- */
 
-static void freed(void *token, const struct err *why, uint64_t bytes, uint64_t entries)
+static void on_freed(void *token, const struct err *why, uint64_t bytes, uint64_t entries)
 {
 	Acut__V1__CacheFreed out = ACUT__V1__CACHE_FREED__INIT;
 
@@ -118,5 +112,5 @@ static void freed(void *token, const struct err *why, uint64_t bytes, uint64_t e
 
 void request_cache_gc(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	cache_gc(c->server->service->maintenance, &c->peer, m->cache_gc->all, freed, q);
+	cache_gc(c->server->service->maintenance, &c->peer, m->cache_gc->all, on_freed, q);
 }

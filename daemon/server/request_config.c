@@ -1,16 +1,14 @@
-/*
- * The settings of the daemon, for whoever is served. The server knows none of them: it asks who made it.
- */
+/* The settings of the daemon, for every client. The server gets them by a callback of its parameters. */
 #include <stdlib.h>
 
 #include "server_priv.h"
 
-struct row {
+struct setting_row {
 	struct server_setting setting;
 	Acut__V1__Setting message;
 };
 
-static void fill(struct row *r)
+static void setting_message(struct setting_row *r)
 {
 	const struct server_setting *s = &r->setting;
 	Acut__V1__Setting *m = &r->message;
@@ -19,7 +17,7 @@ static void fill(struct row *r)
 	m->name = (char *)s->name;
 	m->value = (char *)s->value;
 	m->preset = (char *)s->preset;
-	m->preset_told = (char *)s->preset_told;
+	m->preset_told = (char *)s->preset_text;
 	m->unit = (char *)s->unit;
 	m->help = (char *)s->help;
 	m->origin = (char *)s->origin;
@@ -32,14 +30,14 @@ void request_config(struct conn *c, struct request *q, Acut__V1__Message *m, int
 {
 	const struct server_params *p = &c->server->p;
 	Acut__V1__Settings answer = ACUT__V1__SETTINGS__INIT;
-	struct row *rows = calloc(p->settings + 1, sizeof *rows);
+	struct setting_row *rows = calloc(p->settings + 1, sizeof *rows);
 	Acut__V1__Setting **list = calloc(p->settings + 1, sizeof *list);
 	struct err err = ERR_INIT;
 
 	if (rows && list) {
 		while (answer.n_settings < p->settings &&
 		       p->setting(p->setting_ctx, (unsigned)answer.n_settings, &rows[answer.n_settings].setting)) {
-			fill(&rows[answer.n_settings]);
+			setting_message(&rows[answer.n_settings]);
 			list[answer.n_settings] = &rows[answer.n_settings].message;
 			answer.n_settings++;
 		}

@@ -1,6 +1,4 @@
-/*
- * Requests about datasets, and plans.
- */
+/* Requests about datasets, and plans. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,7 +17,7 @@ struct message_dataset {
 	char pending[160];
 };
 
-/* In words: an open push, an interrupted one. */
+/* A sentence about open and interrupted pushes. */
 static void message_pending(const struct dataset_info *info, struct message_dataset *m)
 {
 	time_t until = (time_t)(info->pending_until_us / 1000000);
@@ -80,8 +78,8 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.max = m->max;
 }
 
-/* One, as a list. */
-static void answer_one(struct request *q, struct message_dataset *m)
+/* A list of one. */
+static void answer_dataset(struct request *q, struct message_dataset *m)
 {
 	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
 	Acut__V1__Dataset *one = &m->dataset;
@@ -106,10 +104,10 @@ void request_dataset_state(struct request *q, const struct dataset *d, const str
 	for (size_t i = 0; then && i < then->ngenerations; i++)
 		if (then->generations[i].number <= generation && then->generations[i].time_us)
 			m.dataset.pushed_us = then->generations[i].time_us;
-	answer_one(q, &m);
+	answer_dataset(q, &m);
 }
 
-static void one_dataset(struct conn *c, struct request *q, const char *name)
+static void answer_named(struct conn *c, struct request *q, const char *name)
 {
 	struct message_dataset m;
 	struct err err = ERR_INIT;
@@ -120,11 +118,11 @@ static void one_dataset(struct conn *c, struct request *q, const char *name)
 		return;
 	}
 	message_dataset(d, &m);
-	answer_one(q, &m);
+	answer_dataset(q, &m);
 }
 
-/* What was removed, by number. */
-static void removed_datasets(struct conn *c, struct request *q, uint64_t after, unsigned limit)
+/* A page of the datasets that were removed, by number. */
+static void answer_removed(struct conn *c, struct request *q, uint64_t after, unsigned limit)
 {
 	struct message_dataset row;
 	struct frame_page page;
@@ -155,13 +153,13 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 		return;
 	}
 	if (*m->datasets_request->name) {
-		one_dataset(c, q, m->datasets_request->name);
+		answer_named(c, q, m->datasets_request->name);
 		return;
 	}
 	if (!limit || limit > PAGE_MAX)
 		limit = PAGE_MAX;
 	if (m->datasets_request->removed) {
-		removed_datasets(c, q, m->datasets_request->after_id, limit);
+		answer_removed(c, q, m->datasets_request->after_id, limit);
 		return;
 	}
 	page.n = 0;
@@ -174,7 +172,7 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 	request_answer_page(q, ACUT__V1__MESSAGE__BODY_DATASETS, &page, more);
 }
 
-static void verb_done(void *token, const struct err *why, struct dataset *d)
+static void on_changed(void *token, const struct err *why, struct dataset *d)
 {
 	struct message_dataset m;
 
@@ -183,7 +181,7 @@ static void verb_done(void *token, const struct err *why, struct dataset *d)
 		return;
 	}
 	message_dataset(d, &m);
-	answer_one(token, &m);
+	answer_dataset(token, &m);
 }
 
 void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
@@ -212,17 +210,12 @@ void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message
 		request_refuse(q, &err);
 		return;
 	}
-	dataset_verb(c->server->service->datasets, &w, verb_done, q);
+	dataset_verb(c->server->service->datasets, &w, on_changed, q);
 }
 
-static void created(void *token, const struct err *why)
+static void on_created(void *token, const struct err *why)
 {
-	Acut__V1__Done m = ACUT__V1__DONE__INIT;
-
-	if (why)
-		request_refuse(token, why);
-	else
-		request_answer(token, FRAME_MESSAGE(DONE, done, &m));
+	request_finish(token, why);
 }
 
 int request_mode(const char *text, bool *ret_has, uint32_t *ret, struct err *err)
@@ -246,10 +239,10 @@ void request_dataset_create(struct conn *c, struct request *q, Acut__V1__Message
 	if (request_mode(in->mode, &wish.has_mode, &wish.mode, &err))
 		request_refuse(q, &err);
 	else
-		dataset_create(c->server->service->datasets, &wish, created, q);
+		dataset_create(c->server->service->datasets, &wish, on_created, q);
 }
 
-static void planned(void *token, const struct err *why, const struct job_plan *p)
+static void on_planned(void *token, const struct err *why, const struct job_plan *p)
 {
 	Acut__V1__Plan m = ACUT__V1__PLAN__INIT;
 
@@ -278,5 +271,5 @@ void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		request_refuse(q, &err);
 		return;
 	}
-	job_plan(c->server->service->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned, q);
+	job_plan(c->server->service->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, on_planned, q);
 }

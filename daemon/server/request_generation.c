@@ -1,6 +1,4 @@
-/*
- * Requests about the generations of a dataset: a worker reads the manifest, and a page of it is the answer.
- */
+/* Requests about the generations of a dataset. A worker reads the manifest; the answer is a page of it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,18 +8,19 @@
 
 enum { PAGE_MAX = 64 };
 
-struct page_ask {
+struct page_request {
 	struct request *request;
 	uint64_t generation, after;
 	unsigned limit;
 };
 
-static void ask_page(struct conn *c, struct request *q, const char *name, const struct page_ask *what, dataset_read_fn *answer)
+static void read_page(struct conn *c, struct request *q, const char *name, const struct page_request *what,
+		      dataset_read_fn *answer)
 {
 	struct dataset *d = NULL;
 	struct err err = ERR_INIT;
 	int r = dataset_ask(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err);
-	struct page_ask *ask = r ? NULL : malloc(sizeof *ask);
+	struct page_request *ask = r ? NULL : malloc(sizeof *ask);
 
 	if (!ask) {
 		if (!r)
@@ -57,7 +56,7 @@ static void message_generation(const struct grid_generation *g, Acut__V1__Genera
 	m->content = digest_hex(g->content, hex);
 }
 
-static void answer_log(const struct page_ask *ask, const struct grid_manifest *m)
+static void answer_log(const struct page_request *ask, const struct grid_manifest *m)
 {
 	Acut__V1__Log log = ACUT__V1__LOG__INIT;
 	Acut__V1__Generation row[PAGE_MAX], *rows[PAGE_MAX];
@@ -81,9 +80,9 @@ static void answer_log(const struct page_ask *ask, const struct grid_manifest *m
 	request_answer(ask->request, FRAME_MESSAGE(LOG, log, &log));
 }
 
-static void log_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+static void on_log(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
 {
-	struct page_ask *ask = token;
+	struct page_request *ask = token;
 
 	if (why)
 		request_refuse(ask->request, why);
@@ -94,15 +93,15 @@ static void log_read(void *token, const struct err *why, const struct dataset *d
 
 void request_log(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	const struct page_ask what = {.after = m->log_request->after, .limit = m->log_request->limit};
+	const struct page_request what = {.after = m->log_request->after, .limit = m->log_request->limit};
 
-	ask_page(c, q, m->log_request->dataset, &what, log_read);
+	read_page(c, q, m->log_request->dataset, &what, on_log);
 }
 
 /* ---- the files of a generation ---- */
 
-/* 1: the generation added it, -1: it removed it, 0: neither. */
-static int done_to(const struct grid_source *s, uint64_t g)
+/* 1: the generation added the source, -1: it removed it, 0: neither. */
+static int source_change(const struct grid_source *s, uint64_t g)
 {
 	for (size_t i = 0; i < s->nearlier; i++)
 		if (s->earlier[i].added == g || s->earlier[i].removed == g)
@@ -112,15 +111,15 @@ static int done_to(const struct grid_source *s, uint64_t g)
 	return s->added == g ? 1 : -1;
 }
 
-/* The source of the lowest number after `after`. */
-static const struct grid_source *next_file(const struct grid_manifest *m, uint64_t g, uint64_t after)
+/* The source with the lowest number after `after` that the generation changed. */
+static const struct grid_source *next_changed(const struct grid_manifest *m, uint64_t g, uint64_t after)
 {
 	const struct grid_source *best = NULL;
 
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		if (s->id > after && (!best || s->id < best->id) && done_to(s, g))
+		if (s->id > after && (!best || s->id < best->id) && source_change(s, g))
 			best = s;
 	}
 	return best;
@@ -144,12 +143,12 @@ static void message_file(const struct grid_source *s, uint64_t g, bool owner, st
 	m->file.size = s->size;
 	if (!digest_is_zero(s->hash))
 		m->file.hash = digest_hex(s->hash, m->hash);
-	m->file.removed = done_to(s, g) < 0;
+	m->file.removed = source_change(s, g) < 0;
 	snprintf(m->overridden, sizeof m->overridden, "%s", s->overridden);
 	m->file.overridden = frame_text_clean(m->overridden);
 }
 
-static void answer_files(const struct page_ask *ask, bool owner, const struct grid_manifest *m)
+static void answer_files(const struct page_request *ask, bool owner, const struct grid_manifest *m)
 {
 	struct message_file *page = calloc(PAGE_MAX, sizeof *page);
 	Acut__V1__DatasetFile *rows[PAGE_MAX];
@@ -165,7 +164,7 @@ static void answer_files(const struct page_ask *ask, bool owner, const struct gr
 		return;
 	}
 	files.files = rows;
-	while (m && (s = next_file(m, ask->generation, after))) {
+	while (m && (s = next_changed(m, ask->generation, after))) {
 		files.more = n == ask->limit;
 		if (files.more)
 			break;
@@ -184,9 +183,9 @@ static void answer_files(const struct page_ask *ask, bool owner, const struct gr
 	free(page);
 }
 
-static void files_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+static void on_files(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
 {
-	struct page_ask *ask = token;
+	struct page_request *ask = token;
 	struct dataset_info info;
 	bool owner;
 
@@ -202,16 +201,16 @@ static void files_read(void *token, const struct err *why, const struct dataset 
 void request_files(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const Acut__V1__FilesRequest *in = m->files_request;
-	const struct page_ask what = {.generation = in->generation, .after = in->after, .limit = in->limit};
+	const struct page_request what = {.generation = in->generation, .after = in->after, .limit = in->limit};
 
-	ask_page(c, q, in->dataset, &what, files_read);
+	read_page(c, q, in->dataset, &what, on_files);
 }
 
-/* ---- a dataset as it was ---- */
+/* ---- a dataset in an earlier generation ---- */
 
-static void state_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+static void on_state(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
 {
-	struct page_ask *ask = token;
+	struct page_request *ask = token;
 	struct err err = ERR_INIT;
 
 	if (!why && dataset_check_generation(d, ask->generation, &err))
@@ -225,14 +224,14 @@ static void state_read(void *token, const struct err *why, const struct dataset 
 
 void request_dataset_at(struct conn *c, struct request *q, const char *name, uint64_t generation)
 {
-	const struct page_ask what = {.generation = generation};
+	const struct page_request what = {.generation = generation};
 
-	ask_page(c, q, name, &what, state_read);
+	read_page(c, q, name, &what, on_state);
 }
 
 /* ---- reverts ---- */
 
-static void reverted(void *token, const struct err *why, const struct reverted *r)
+static void on_reverted(void *token, const struct err *why, const struct reverted *r)
 {
 	Acut__V1__Reverted m = ACUT__V1__REVERTED__INIT;
 
@@ -258,12 +257,12 @@ void request_revert(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	if (dataset_ask(c->server->service->datasets, m->revert->dataset, &c->peer, RIGHT_WRITE, &d, &err))
 		request_refuse(q, &err);
 	else
-		dataset_revert(d, m->revert->generation, &c->peer, reverted, q);
+		dataset_revert(d, m->revert->generation, &c->peer, on_reverted, q);
 }
 
 /* ---- prune ---- */
 
-static void pruned(void *token, const struct err *why, const struct pruned *p)
+static void on_pruned(void *token, const struct err *why, const struct pruned *p)
 {
 	Acut__V1__Pruned m = ACUT__V1__PRUNED__INIT;
 
@@ -290,7 +289,7 @@ void request_prune(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 		request_refuse(q, &err);
 		return;
 	}
-	prune = dataset_prune(d, m->prune->keep, m->prune->before, &c->peer, pruned, q);
+	prune = dataset_prune(d, m->prune->keep, m->prune->before, &c->peer, on_pruned, q);
 	if (prune)
 		q->prune = prune;
 }

@@ -1,10 +1,10 @@
-/* Requests about geoid grids: each goes to its room with its `struct request` as token, and comes back once. */
+/* Requests about geoid grids. The `struct request` is the token of the call, whose answer comes once. */
 #include "io.h"
 #include "server_priv.h"
 
 enum { LIST_MAX = 64 };
 
-static void listed(void *token, const struct err *why, const struct geoid_info *list, size_t n)
+static void on_list(void *token, const struct err *why, const struct geoid_info *list, size_t n)
 {
 	Acut__V1__Geoids m = ACUT__V1__GEOIDS__INIT;
 	Acut__V1__Geoid row[LIST_MAX], *rows[LIST_MAX];
@@ -36,27 +36,22 @@ static void listed(void *token, const struct err *why, const struct geoid_info *
 	request_answer(token, FRAME_MESSAGE(GEOIDS, geoids, &m));
 }
 
-static void removed(void *token, const struct err *why, const struct geoid_info *list, size_t n)
+static void on_removed(void *token, const struct err *why, const struct geoid_info *list, size_t n)
 {
-	Acut__V1__Done m = ACUT__V1__DONE__INIT;
-
-	if (why)
-		request_refuse(token, why);
-	else
-		request_answer(token, FRAME_MESSAGE(DONE, done, &m));
+	request_finish(token, why);
 }
 
 void request_geoid_add(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	geoid_add(c->server->service->geoids, fd, m->geoid_add->name, m->geoid_add->file, &c->peer, listed, q);
+	geoid_add(c->server->service->geoids, fd, m->geoid_add->name, m->geoid_add->file, &c->peer, on_list, q);
 }
 
 void request_geoids(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	geoid_list(c->server->service->geoids, &c->peer, listed, q);
+	geoid_list(c->server->service->geoids, &c->peer, on_list, q);
 }
 
 void request_geoid_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	geoid_remove(c->server->service->geoids, m->geoid_remove->name, &c->peer, removed, q);
+	geoid_remove(c->server->service->geoids, m->geoid_remove->name, &c->peer, on_removed, q);
 }

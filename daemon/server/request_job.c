@@ -1,12 +1,11 @@
-/*
- * Requests about jobs.
- */
+/* Requests about jobs. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "server_priv.h"
 
-static struct job *find(struct conn *c, struct request *q, uint64_t id)
+/* NULL: there is no such job, and the request is refused. */
+static struct job *find_job(struct conn *c, struct request *q, uint64_t id)
 {
 	struct err err = ERR_INIT;
 	struct job *job = job_find(c->server->service->jobs, id, &c->peer);
@@ -27,7 +26,7 @@ static void answer_job(struct request *q, const struct job *job)
 	request_answer(q, FRAME_MESSAGE(JOB, job, &m.job));
 }
 
-static void accepted(void *token, const struct err *why, struct job *job)
+static void on_submitted(void *token, const struct err *why, struct job *job)
 {
 	struct request *q = token;
 	struct conn *c = q->conn;
@@ -69,15 +68,15 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_refuse(q, &err);
 		return;
 	}
-	job_submit(c->server->service->jobs, &p, accepted, q);
+	job_submit(c->server->service->jobs, &p, on_submitted, q);
 }
 
 void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	uint32_t id = q->id; /* find answers, and frees the request, where there is no such job */
+	uint32_t id = q->id; /* find_job frees the request if there is no such job */
 	uint64_t from = m->fetch->from_block, since = m->fetch->changed_since;
 	bool wants = *m->fetch->stream_id != 0;
-	struct job *job = find(c, q, m->fetch->job);
+	struct job *job = find_job(c, q, m->fetch->job);
 	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
 	struct err err = ERR_INIT;
 	struct stream_out *out;
@@ -106,7 +105,7 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	}
 	request_free(q);
 	stream_out_from(out, from, wants ? &want : NULL, since);
-	/* A client who is gone, or has no memory left for the answer, is closed by it, and the stream goes with him. */
+	/* If the client is gone, or there is no memory for the answer, this closes the connection and with it the stream. */
 	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
 	if (!c->closed)
 		stream_out_start(out, job, window);
@@ -116,7 +115,7 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 
 void request_wait(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct job *job = find(c, q, m->wait->job);
+	struct job *job = find_job(c, q, m->wait->job);
 	struct message_job out;
 	struct job_info info;
 
@@ -133,8 +132,7 @@ void request_wait(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 	conn_send(c, q->id, FRAME_MESSAGE(JOB, job, &out.job), -1);
 }
 
-/* Those who watch it hear of it; the last answer ends their request. */
-void request_job_told(struct conn *c, struct job *job)
+void request_job_changed(struct conn *c, struct job *job)
 {
 	struct message_job m;
 	struct request *q, *next;
@@ -153,7 +151,7 @@ void request_job_told(struct conn *c, struct job *job)
 
 void request_cancel(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct job *job = find(c, q, m->cancel->job);
+	struct job *job = find_job(c, q, m->cancel->job);
 
 	if (!job)
 		return;
@@ -163,8 +161,7 @@ void request_cancel(struct conn *c, struct request *q, Acut__V1__Message *m, int
 
 void request_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct job *job = find(c, q, m->remove->job);
-	Acut__V1__Done done = ACUT__V1__DONE__INIT;
+	struct job *job = find_job(c, q, m->remove->job);
 	struct err err = ERR_INIT;
 
 	if (!job)
@@ -172,10 +169,10 @@ void request_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	if (job_remove(job, &err))
 		request_refuse(q, &err);
 	else
-		request_answer(q, FRAME_MESSAGE(DONE, done, &done));
+		request_answer_done(q);
 }
 
-/* As many as a frame holds, and not so many that others wait. */
+/* Fits a frame, and does not keep others waiting. */
 enum { PAGE_MAX = 128 };
 
 void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)

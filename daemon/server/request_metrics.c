@@ -1,10 +1,10 @@
 /*
- * Metrics: numbers for who watches the daemon, in pages.
+ * Metrics for monitoring, in pages. The client writes them in Prometheus' text format.
  *
- * The model: a page is built in one piece of memory, families with their samples behind one another. The first page is
- * of the daemon; then come datasets by name ("d" and the last name is the cursor), then users by number ("u" and the
- * next one). Counters are since the start of the daemon. Who is no admin sees datasets that he may read, and himself.
- * Names keep the rules of Prometheus: base units, _total of counters, nothing twice; what a number means stands with it.
+ * The model: a page is one allocation with families and their samples. The first page has the metrics of the daemon, the next
+ * ones those of datasets by name (cursor "d" and the last name), then those of users by number (cursor "u" and the next number).
+ * Counters are since the start of the daemon. A user who is no administrator sees the datasets that he may read, and himself.
+ * Names follow the rules of Prometheus: base units, _total for counters, a help text each.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -28,7 +28,7 @@ enum {
 	TEXT = 24, /* of a number */
 };
 
-struct page {
+struct metrics_page {
 	Acut__V1__Metrics metrics;
 	Acut__V1__MetricFamily family[FAMILIES], *families[FAMILIES];
 	Acut__V1__MetricSample sample[SAMPLES], *samples[SAMPLES];
@@ -41,8 +41,8 @@ struct page {
 	char next[128];
 };
 
-/* What follows, until the next one, are its samples. */
-static void family(struct page *p, const char *name, const char *type, const char *help)
+/* Begins a family. The samples that follow are its samples. */
+static void family(struct metrics_page *p, const char *name, const char *type, const char *help)
 {
 	Acut__V1__MetricFamily *f = &p->family[p->metrics.n_families];
 
@@ -56,7 +56,7 @@ static void family(struct page *p, const char *name, const char *type, const cha
 	p->families[p->metrics.n_families++] = f;
 }
 
-static void label(struct page *p, Acut__V1__MetricSample *s, const char *name, const char *value)
+static void label(struct metrics_page *p, Acut__V1__MetricSample *s, const char *name, const char *value)
 {
 	Acut__V1__MetricLabel *l = &p->label[p->nlabels];
 
@@ -67,8 +67,9 @@ static void label(struct page *p, Acut__V1__MetricSample *s, const char *name, c
 	s->n_labels++;
 }
 
-/* Labels: NULL, "" are none. */
-static void sample2(struct page *p, double value, const char *name, const char *text, const char *name2, const char *text2)
+/* name, name2: labels; NULL: none. */
+static void sample2(struct metrics_page *p, double value, const char *name, const char *text, const char *name2,
+		    const char *text2)
 {
 	Acut__V1__MetricSample *s = &p->sample[p->nsamples];
 
@@ -85,63 +86,64 @@ static void sample2(struct page *p, double value, const char *name, const char *
 	p->family[p->metrics.n_families - 1].n_samples++;
 }
 
-static void sample(struct page *p, double value, const char *name, const char *text)
+static void sample(struct metrics_page *p, double value, const char *name, const char *text)
 {
 	sample2(p, value, name, text, NULL, NULL);
 }
 
-static void gauge(struct page *p, const char *name, const char *help, double value)
+static void gauge(struct metrics_page *p, const char *name, const char *help, double value)
 {
 	family(p, name, "gauge", help);
 	sample(p, value, NULL, NULL);
 }
 
-static void counter(struct page *p, const char *name, const char *help, uint64_t value)
+static void counter(struct metrics_page *p, const char *name, const char *help, uint64_t value)
 {
 	family(p, name, "counter", help);
 	sample(p, (double)value, NULL, NULL);
 }
 
-/* ---- the first page ---- */
+/* ---- the daemon ---- */
 
-static void add_process(struct page *p, struct server *s)
+static void add_process(struct metrics_page *p, struct server *s)
 {
 	struct ledger *l = s->p.ledger;
 
 	family(p, "acut_build_info", "gauge", "1, with the version of acutd.");
 	sample(p, 1, "version", s->p.version);
-	gauge(p, "acut_start_time_seconds", "When acutd was started, in seconds since 1970. Counters begin then.",
+	gauge(p, "acut_start_time_seconds", "Start of acutd, in seconds since 1970. Counters begin then.",
 	      (double)clock_real_us() / 1e6 - clock_since(s->started_ns));
-	gauge(p, "acut_threads", "Domains that are triangulated at once, at most.", s->p.threads);
+	gauge(p, "acut_threads", "The most domains that are triangulated at once.", s->p.threads);
 	gauge(p, "acut_memory_limit_bytes", "The memory that acutd may use.", (double)s->p.memory);
 	gauge(p, "acut_resident_memory_bytes", "Resident memory of acutd.", (double)process_rss());
 	gauge(p, "acut_resident_memory_peak_bytes", "The most resident memory of acutd since its start.",
 	      (double)process_peak_rss());
-	family(p, "acut_ledger_bytes", "gauge", "Memory that is taken of the budget, by what it is for.");
+	family(p, "acut_ledger_bytes", "gauge", "Memory charged to the budget, by account.");
 	for (int i = 0; i < LEDGER_NAMES; i++)
 		sample(p, (double)ledger_held(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
-	family(p, "acut_ledger_peak_bytes", "gauge", "The most that was taken of the budget since the start, by what it is for.");
+	family(p, "acut_ledger_peak_bytes", "gauge", "The most memory charged to the budget since the start, by account.");
 	for (int i = 0; i < LEDGER_NAMES; i++)
 		sample(p, (double)ledger_peak(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
-	gauge(p, "acut_connections_open", "Clients that are connected.", server_connections(s));
+	gauge(p, "acut_connections_open", "Clients that are connected.", server_connection_count(s));
 	counter(p, "acut_connections_total", "Clients that were served since the start.", s->last_conn);
 	counter(p, "acut_refusals_total",
-		"Clients and requests that were refused for rights or limits of a user since the start.", s->refusals.total);
+		"Clients and requests that were refused for rights or limits of a user since the start.", s->refused.total);
 }
 
-/* One of state and cache; the same file system is told once for each. */
-static void add_sides(struct page *p, const struct space_stat *st)
+/* Of state and cache, even if both are on one file system. */
+static void add_folders(struct metrics_page *p, const struct space_stat *st)
 {
 	static const struct {
 		const char *name, *help;
 		size_t at;
 	} rows[] = {
 		{"acut_filesystem_size_bytes", "Size of the file system of state and cache.", offsetof(struct space_side, total)},
-		{"acut_filesystem_free_bytes", "What is free on the file system of state and cache.",
+		{"acut_filesystem_free_bytes", "Free space on the file system of state and cache.",
 		 offsetof(struct space_side, free)},
-		{"acut_filesystem_keep_free_bytes", "What has to stay free there (keep-free).",
+		{"acut_filesystem_keep_free_bytes", "Space that has to stay free there (keep-free).",
 		 offsetof(struct space_side, keep_free)},
-		{"acut_disk_used_bytes", "What acutd holds there and the quota is about.", offsetof(struct space_side, used)},
+		{"acut_disk_used_bytes", "Space that acutd uses there and that the quota limits.",
+		 offsetof(struct space_side, used)},
 	};
 
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
@@ -151,61 +153,61 @@ static void add_sides(struct page *p, const struct space_stat *st)
 	}
 	if (st->state.quota == UINT64_MAX && st->cache.quota == UINT64_MAX)
 		return;
-	family(p, "acut_disk_quota_bytes", "gauge", "What acutd may hold there (disk).");
+	family(p, "acut_disk_quota_bytes", "gauge", "The most that acutd may use there (disk).");
 	if (st->state.quota != UINT64_MAX)
 		sample(p, (double)st->state.quota, "side", "state");
 	if (st->cache.quota != UINT64_MAX)
 		sample(p, (double)st->cache.quota, "side", "cache");
 }
 
-static void add_disk(struct page *p, struct server *s)
+static void add_disk(struct metrics_page *p, struct server *s)
 {
 	struct cache_stat st;
 
 	cache_stat(s->service->maintenance, &st);
-	add_sides(p, &st.space);
-	family(p, "acut_stored_bytes", "gauge", "What lies on the disk, by what it is.");
+	add_folders(p, &st.space);
+	family(p, "acut_stored_bytes", "gauge", "Bytes stored on the disk, by kind.");
 	for (int k = 0; k < SPACE_KINDS; k++)
 		sample(p, (double)st.space.kind[k].bytes, "kind", space_kind_text((enum space_kind)k));
-	family(p, "acut_stored_entries", "gauge", "How many there are, by what it is.");
+	family(p, "acut_stored_entries", "gauge", "Entries stored on the disk, by kind.");
 	for (int k = 0; k < SPACE_KINDS; k++)
 		if (st.space.kind[k].entries || k == SPACE_DOMAINS || k == SPACE_SELECTIONS)
 			sample(p, (double)st.space.kind[k].entries, "kind", space_kind_text((enum space_kind)k));
-	counter(p, "acut_evicted_bytes_total", "What was removed of the cache to make room since the start.",
+	counter(p, "acut_evicted_bytes_total", "Bytes that were removed from the cache to make room since the start.",
 		st.space.evicted_bytes);
 	counter(p, "acut_evicted_entries_total", "Domains and selections that were removed to make room since the start.",
 		st.space.evicted_files);
 }
 
-static void add_jobs(struct page *p, const struct service_numbers *n)
+static void add_jobs(struct metrics_page *p, const struct service_numbers *n)
 {
-	family(p, "acut_jobs", "gauge", "Jobs that are not over, by state.");
+	family(p, "acut_jobs", "gauge", "Unfinished jobs, by state.");
 	for (int i = 0; i < JOB_STATES; i++)
 		if (!job_state_final((enum job_state)i))
 			sample(p, (double)n->states[i], "state", job_state_text((enum job_state)i));
-	gauge(p, "acut_jobs_kept", "Jobs that are known, over ones included.", (double)n->kept);
-	gauge(p, "acut_job_oldest_waiting_seconds", "How long the oldest job that has not begun waits; 0: none waits.",
+	gauge(p, "acut_jobs_kept", "Jobs in the list, finished ones included.", (double)n->jobs_listed);
+	gauge(p, "acut_job_oldest_waiting_seconds", "Waiting time of the oldest job that has not begun; 0: none waits.",
 	      n->oldest_waiting);
 	gauge(p, "acut_jobs_waiting_for_space", "Jobs that wait for room on the disk.", (double)n->waiting_space);
 	family(p, "acut_jobs_ended_total", "counter", "Jobs that ended since the start, by result.");
 	sample(p, (double)log_event_count(LOG_EVENT_JOB_DONE), "result", "done");
 	sample(p, (double)log_event_count(LOG_EVENT_JOB_FAILED), "result", "failed");
 	sample(p, (double)log_event_count(LOG_EVENT_JOB_CANCELLED), "result", "cancelled");
-	counter(p, "acut_triangles_made_total", "Triangles that domains were triangulated to since the start.",
+	counter(p, "acut_triangles_made_total", "Triangles of the domains that were triangulated since the start.",
 		n->tally.triangles);
 	counter(p, "acut_domains_made_total", "Domains that were triangulated since the start.", n->tally.domains_made);
-	counter(p, "acut_domains_reused_total", "Domains that were found finished since the start.", n->tally.domains_reused);
+	counter(p, "acut_domains_reused_total", "Finished domains that were reused since the start.", n->tally.domains_reused);
 }
 
-static void add_pushes(struct page *p, const struct service_numbers *n)
+static void add_pushes(struct metrics_page *p, const struct service_numbers *n)
 {
-	gauge(p, "acut_pushes_open", "Pushes that go on.", (double)n->pushes);
-	gauge(p, "acut_pushes_pending", "Interrupted pushes that can be taken up.", (double)n->pending);
+	gauge(p, "acut_pushes_open", "Open pushes.", (double)n->pushes);
+	gauge(p, "acut_pushes_pending", "Interrupted pushes that can be resumed.", (double)n->pending);
 	family(p, "acut_pushes_total", "counter", "Pushes that ended since the start, by result.");
 	sample(p, (double)log_event_count(LOG_EVENT_PUSH_COMMITTED), "result", "committed");
 	sample(p, (double)log_event_count(LOG_EVENT_PUSH_FAILED), "result", "failed");
 	sample(p, (double)log_event_count(LOG_EVENT_PUSH_PENDING), "result", "interrupted");
-	counter(p, "acut_files_staged_total", "Files that pushes have read whole since the start.", n->tally.files_staged);
+	counter(p, "acut_files_staged_total", "Files that pushes have read completely since the start.", n->tally.files_staged);
 	counter(p, "acut_files_refused_total", "Files that were refused since the start.",
 		log_event_count(LOG_EVENT_FILE_REFUSED));
 	counter(p, "acut_points_staged_total", "Points that pushes have read since the start.", n->tally.points_staged);
@@ -214,28 +216,28 @@ static void add_pushes(struct page *p, const struct service_numbers *n)
 	counter(p, "acut_merged_bytes_total", "Bytes that merges have written since the start.", n->tally.merged_bytes);
 }
 
-static void add_health(struct page *p, const struct service_numbers *n)
+static void add_health(struct metrics_page *p, const struct service_numbers *n)
 {
 	const struct verified *v = &n->verified;
 
 	family(p, "acut_checksum_errors_total", "counter",
-	       "Damaged things that were met since the start, each time: of what was pushed, and of what is made again.");
+	       "How often damage was found since the start, in pushed data and in derived files.");
 	sample(p, (double)log_event_count(LOG_EVENT_DAMAGE), "data", "pushed");
 	sample(p, (double)log_event_count(LOG_EVENT_DAMAGE_DERIVED), "data", "derived");
-	gauge(p, "acut_catalogue_unsure", "1: the catalogue cannot be written.", n->unsure);
+	gauge(p, "acut_catalogue_unsure", "1: the catalogue cannot be written.", n->catalogue_failed);
 	gauge(p, "acut_datasets", "Named datasets.", (double)n->datasets);
 	gauge(p, "acut_datasets_removed", "Datasets that were removed and can be restored.", (double)n->removed);
-	gauge(p, "acut_last_verify_timestamp_seconds",
-	      "When all that is stored was verified last, in seconds since 1970; 0: never.", (double)v->at_us / 1e6);
+	gauge(p, "acut_last_verify_timestamp_seconds", "Time of the last complete verification, in seconds since 1970; 0: never.",
+	      (double)v->at_us / 1e6);
 	if (v->at_us) {
 		gauge(p, "acut_last_verify_files", "Files that the last verification read.", (double)v->files);
 		gauge(p, "acut_last_verify_bytes", "Bytes that the last verification read.", (double)v->bytes);
 		family(p, "acut_last_verify_damaged", "gauge",
-		       "Damaged things that the last verification found: of what was pushed, and of what is made again.");
+		       "Damaged files that the last verification found, in pushed data and in derived files.");
 		sample(p, (double)v->damaged, "data", "pushed");
 		sample(p, (double)v->derived, "data", "derived");
 		gauge(p, "acut_last_verify_newer",
-		      "Things of what was pushed that are of a newer version of acut, as the last verification found.",
+		      "Files of pushed data that a newer version of acut wrote, as the last verification found.",
 		      (double)v->newer);
 	}
 	family(p, "acut_events_total", "counter", "Events of the log since the start, by name.");
@@ -249,7 +251,7 @@ static void add_health(struct page *p, const struct service_numbers *n)
 	}
 }
 
-static void first_page(struct page *p, struct server *s)
+static void first_page(struct metrics_page *p, struct server *s)
 {
 	struct service_numbers n;
 
@@ -290,19 +292,19 @@ static double dataset_pending(const struct dataset_info *i)
 	return i->pending;
 }
 
-static void dataset_page(struct page *p, struct server *s, const struct peer *peer, const char *after)
+static void dataset_page(struct metrics_page *p, struct server *s, const struct peer *peer, const char *after)
 {
 	static const struct {
 		const char *name, *help;
 		double (*of)(const struct dataset_info *);
 	} rows[] = {
-		{"acut_dataset_bytes", "Bytes on the disk of what was pushed into a dataset.", dataset_bytes},
+		{"acut_dataset_bytes", "Bytes of a dataset on the disk.", dataset_bytes},
 		{"acut_dataset_points", "Points of a dataset.", dataset_points},
 		{"acut_dataset_files", "Files that were pushed into a dataset.", dataset_files},
 		{"acut_dataset_generation", "Number of the newest generation of a dataset.", dataset_generation},
 		{"acut_dataset_last_push_timestamp_seconds",
-		 "When a push into a dataset was done last, in seconds since 1970; 0: never.", dataset_pushed},
-		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be taken up.", dataset_pending},
+		 "Time of the last push into a dataset, in seconds since 1970; 0: never.", dataset_pushed},
+		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be resumed.", dataset_pending},
 	};
 	struct dataset *list[DATASETS + 1];
 	size_t found = dataset_list(s->service->datasets, after, peer, DATASETS + 1, list),
@@ -340,7 +342,7 @@ static double user_jobs(const struct service_user *u)
 	return u->jobs;
 }
 
-static void user_page(struct page *p, struct server *s, const struct peer *peer, uint64_t from)
+static void user_page(struct metrics_page *p, struct server *s, const struct peer *peer, uint64_t from)
 {
 	static const struct {
 		const char *name, *help;
@@ -348,15 +350,15 @@ static void user_page(struct page *p, struct server *s, const struct peer *peer,
 	} rows[] = {
 		{"acut_user_bytes", "Bytes on the disk of the datasets of a user, removed ones included.", user_bytes},
 		{"acut_user_points", "Points of the datasets of a user, removed ones included.", user_points},
-		{"acut_user_pending_bytes", "Bytes of interrupted pushes of a user, at most.", user_pending},
-		{"acut_user_jobs", "Jobs of a user that are not over.", user_jobs},
+		{"acut_user_pending_bytes", "Upper bound of the bytes of a user's interrupted pushes.", user_pending},
+		{"acut_user_jobs", "Unfinished jobs of a user.", user_jobs},
 	};
 	size_t n = service_users(s->service, from, p->user, USERS), shown = 0;
 
 	if (n == USERS)
 		snprintf(p->next, sizeof p->next, "u%" PRIu64, (uint64_t)p->user[n - 1].uid + 1);
 	for (size_t i = 0; i < n; i++)
-		if (rights_as(peer, p->user[i].uid))
+		if (rights_acts_as(peer, p->user[i].uid))
 			p->user[shown++] = p->user[i];
 	for (size_t i = 0; i < shown; i++)
 		snprintf(p->uid[i], TEXT, "%" PRIu32, p->user[i].uid);
@@ -370,7 +372,7 @@ static void user_page(struct page *p, struct server *s, const struct peer *peer,
 void request_metrics(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const char *cursor = m->metrics_request->cursor;
-	struct page *p = calloc(1, sizeof *p);
+	struct metrics_page *p = calloc(1, sizeof *p);
 	struct err err = ERR_INIT;
 
 	if (!p) {

@@ -1,6 +1,4 @@
-/*
- * Requests of a push. Each goes to its room with its `struct request` as token, and comes back once.
- */
+/* Requests of a push. The `struct request` is the token of the call, whose answer comes once. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -17,7 +15,7 @@ enum { STREAM_PIPE = 1 << 20 };
 
 /* ---- answers ---- */
 
-static void push_over(struct push_ref *ref)
+static void push_ref_end(struct push_ref *ref)
 {
 	if (ref && ref->push) {
 		struct push *p = ref->push;
@@ -28,7 +26,7 @@ static void push_over(struct push_ref *ref)
 	}
 }
 
-static void begun(void *token, const struct err *why, const struct push_begun *b)
+static void on_begun(void *token, const struct err *why, const struct push_begun *b)
 {
 	struct request *q = token;
 	struct push_ref *ref = q->push;
@@ -45,143 +43,21 @@ static void begun(void *token, const struct err *why, const struct push_begun *b
 	begun_msg.lattice = (char *)b->lattice;
 	begun_msg.note = (char *)b->note;
 	if (q->conn->closed)
-		push_over(ref);
+		push_ref_end(ref);
 	request_answer(q, FRAME_MESSAGE(PUSH_BEGUN, push_begun, &begun_msg));
 }
 
-/* The texts of a Probed: numbers as they are in the header, scales and offsets as exact decimals. */
-struct message_probed {
-	Acut__V1__Probed probed;
-	char scale[3][DECIMAL_TEXT_SIZE], offset[3][DECIMAL_TEXT_SIZE], *scales[3], *offsets[3];
-	struct input_info info;
-	char name[256], crs_name[256], warning[704];
-};
-
-/* The names of the numbers: "A", "A + B" with heights. */
-static void crs_name(const struct crs_system *s, char *ret, size_t size)
-{
-	const char *plane = crs_epsg_name(s->epsg), *heights = crs_epsg_name(s->epsg_z);
-
-	snprintf(ret, size, "%s%s%s", plane, *plane && *heights ? " + " : "", heights);
-}
-
-static void warning(const struct input_info *info, char *ret, size_t size)
-{
-	char remark[400];
-
-	crs_epsg_remark(&info->crs, remark, sizeof remark);
-	snprintf(ret, size, "%s%s%s", info->warning, *info->warning && *remark ? "; " : "", remark);
-}
-
-static void message_probed(const char *name, const struct input_info *info, struct message_probed *m)
-{
-	static const char *const planes[] = {"unknown", "projected", "geographic", "geocentric"};
-	int k;
-
-	acut__v1__probed__init(&m->probed);
-	m->info = *info;
-	strncpy(m->name, name, sizeof m->name - 1);
-	m->name[sizeof m->name - 1] = 0;
-	for (k = 0; k < 3; k++) {
-		m->scales[k] = decimal_text(info->coords.scale[k], m->scale[k]);
-		m->offsets[k] = decimal_text(info->coords.offset[k], m->offset[k]);
-	}
-	m->probed.name = frame_text_clean(m->name);
-	m->probed.format = (char *)info->format;
-	m->probed.variant = frame_text_clean(m->info.variant);
-	m->probed.points = info->claimed;
-	m->probed.left_out = info->left_out;
-	m->probed.left_out_line = info->left_out_line;
-	m->probed.n_min = m->probed.n_max = m->probed.n_scale = m->probed.n_offset = 3;
-	m->probed.min = m->info.coords.min;
-	m->probed.max = m->info.coords.max;
-	m->probed.scale = m->scales;
-	m->probed.offset = m->offsets;
-	m->probed.crs = frame_text_clean(m->info.crs.text);
-	m->probed.unit_xy = frame_text_clean(m->info.crs.unit_xy);
-	m->probed.unit_z = frame_text_clean(m->info.crs.unit_z);
-	m->probed.datum = frame_text_clean(m->info.crs.system.datum);
-	m->probed.epsg = info->crs.system.epsg;
-	m->probed.epsg_z = info->crs.system.epsg_z;
-	m->probed.plane = (char *)planes[info->crs.plane];
-	crs_name(&info->crs.system, m->crs_name, sizeof m->crs_name);
-	m->probed.crs_name = frame_text_clean(m->crs_name);
-	warning(info, m->warning, sizeof m->warning);
-	m->probed.warning = frame_text_clean(m->warning);
-}
-
-static void described(void *token, const struct err *why, const char *name, const struct input_info *info)
-{
-	struct message_probed m;
-
-	if (why) {
-		request_refuse(token, why);
-		return;
-	}
-	message_probed(name, info, &m);
-	request_answer(token, FRAME_MESSAGE(PROBED, probed, &m.probed));
-}
-
-static void inspected(void *token, const struct err *why, const struct inspect_result *res)
-{
-	Acut__V1__Inspected m = ACUT__V1__INSPECTED__INIT;
-	char lattice[LATTICE_TEXT_SIZE], difference[INSPECT_DIFFERENCES][sizeof res->difference[0]];
-	char *differences[INSPECT_DIFFERENCES];
-	struct message_probed header;
-
-	if (why) {
-		request_refuse(token, why);
-		return;
-	}
-	message_probed(res->name, &res->info, &header);
-	m.header = &header.probed;
-	m.points = res->in.points;
-	m.distinct = res->in.distinct;
-	m.n_min = m.n_max = res->in.points ? 3 : 0;
-	m.min = (double *)res->in.min;
-	m.max = (double *)res->in.max;
-	m.n_inner_min = m.n_inner_max = m.n_min;
-	m.inner_min = (double *)res->in.inner_min;
-	m.inner_max = (double *)res->in.inner_max;
-	m.most_points = res->in.most.points;
-	m.most_x = res->in.most_at[0];
-	m.most_y = res->in.most_at[1];
-	m.n_classes = 256;
-	m.classes = (uint64_t *)res->in.classes;
-	m.n_returns = m.n_return_counts = 16;
-	m.returns = (uint64_t *)res->in.returns;
-	m.return_counts = (uint64_t *)res->in.return_counts;
-	m.n_flags = 4;
-	m.flags = (uint64_t *)res->in.flags;
-	m.hull_corners = (uint32_t)res->in.nhull;
-	m.hull_thinned = res->in.hull_thinned;
-	m.hull_area = res->in.hull_area;
-	m.lattice = lattice_text(&res->lattice, lattice);
-	m.has_place = res->has_place;
-	m.no_place = (char *)res->no_place;
-	m.area = res->area;
-	m.perimeter = res->perimeter;
-	m.south = res->south;
-	m.west = res->west;
-	m.north = res->north;
-	m.east = res->east;
-	m.mgrs = (char *)res->mgrs;
-	m.n_differences = res->ndifferences;
-	m.differences = differences;
-	for (unsigned i = 0; i < res->ndifferences; i++) {
-		memcpy(difference[i], res->difference[i], sizeof difference[i]);
-		differences[i] = frame_text_clean(difference[i]);
-	}
-	request_answer(token, FRAME_MESSAGE(INSPECTED, inspected, &m));
-}
-
-static void probed(void *token, const struct err *why, const struct push_probe_result *result)
+static void on_probed(void *token, const struct err *why, const struct push_probe_result *result)
 {
 	Acut__V1__Probed known = ACUT__V1__PROBED__INIT;
 	char name[256];
 
-	if (why || result->info) {
-		described(token, why, why ? NULL : result->name, why ? NULL : result->info);
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	if (result->info) {
+		request_answer_probed(token, result->name, result->info);
 		return;
 	}
 	strncpy(name, result->name, sizeof name - 1);
@@ -193,7 +69,7 @@ static void probed(void *token, const struct err *why, const struct push_probe_r
 	request_answer(token, FRAME_MESSAGE(PROBED, probed, &known));
 }
 
-static void planned(void *token, const struct err *why, const struct push_planned *p)
+static void on_planned(void *token, const struct err *why, const struct push_planned *p)
 {
 	Acut__V1__PushPlanned m = ACUT__V1__PUSH_PLANNED__INIT;
 	char note[512];
@@ -212,7 +88,7 @@ static void planned(void *token, const struct err *why, const struct push_planne
 	request_answer(token, FRAME_MESSAGE(PUSH_PLANNED, push_planned, &m));
 }
 
-static void staged(void *token, const struct err *why, const struct push_file *file)
+static void on_staged(void *token, const struct err *why, const struct push_file *file)
 {
 	Acut__V1__FileDone m = ACUT__V1__FILE_DONE__INIT;
 	struct pipe_ingested in;
@@ -249,7 +125,7 @@ static void staged(void *token, const struct err *why, const struct push_file *f
 	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
 }
 
-static void committed(void *token, const struct err *why, const struct push_committed *done)
+static void on_committed(void *token, const struct err *why, const struct push_committed *done)
 {
 	struct request *q = token;
 	struct conn *c = q->conn;
@@ -275,20 +151,19 @@ static void committed(void *token, const struct err *why, const struct push_comm
 	m.points = done->points;
 	m.unchanged = done->unchanged;
 	request_answer(q, FRAME_MESSAGE(PUSH_COMMITTED, push_committed, &m));
-	push_over(ref);
+	push_ref_end(ref);
 }
 
-static void aborted(void *token)
+static void on_aborted(void *token)
 {
 	struct request *q = token;
 	struct push_ref *ref = q->push;
-	Acut__V1__Done m = ACUT__V1__DONE__INIT;
 
-	request_answer(q, FRAME_MESSAGE(DONE, done, &m));
-	push_over(ref);
+	request_answer_done(q);
+	push_ref_end(ref);
 }
 
-static void durable(void *ctx, uint64_t files)
+static void on_durable(void *ctx, uint64_t files)
 {
 	struct push_ref *ref = ctx;
 	Acut__V1__Durable m = ACUT__V1__DURABLE__INIT;
@@ -298,26 +173,20 @@ static void durable(void *ctx, uint64_t files)
 		conn_send(ref->conn, ref->request, FRAME_MESSAGE(DURABLE, durable, &m), -1);
 }
 
-static void progress(void *token, const char *phase, uint64_t points, uint64_t total)
+static void on_progress(void *token, const char *phase, uint64_t points, uint64_t total)
 {
-	struct request *q = token;
-	Acut__V1__Progress m = ACUT__V1__PROGRESS__INIT;
-
-	m.phase = (char *)phase;
-	m.points = points;
-	m.points_total = total;
-	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &m), -1);
+	request_progress(token, phase, points, total);
 }
 
 /* ---- pipes of inputs ---- */
 
-static int pipe_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
+static int on_input_pipe(sd_event_source *source, int fd, uint32_t events, void *ctx)
 {
 	push_stream_ready(ctx);
 	return 0;
 }
 
-static int watch(void *ctx, struct push_stream *stream, int fd, void **slot, struct err *err)
+static int on_watch(void *ctx, struct push_stream *stream, int fd, void **slot, struct err *err)
 {
 	struct push_ref *ref = ctx;
 	sd_event_source *source = *slot;
@@ -326,44 +195,43 @@ static int watch(void *ctx, struct push_stream *stream, int fd, void **slot, str
 	if (source) {
 		r = sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
 	} else {
-		r = sd_event_add_io(ref->conn->server->p.event, &source, fd, EPOLLIN, pipe_ready, stream);
+		r = sd_event_add_io(ref->conn->server->p.event, &source, fd, EPOLLIN, on_input_pipe, stream);
 		if (r >= 0) {
 			*slot = source;
-			/* Requests before bulk. */
-			sd_event_source_set_priority(source, TURN_BULK);
+			sd_event_source_set_priority(source, FAIR_STREAMS);
 			r = sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
 		}
 	}
 	return r < 0 ? err_sys(err, -r, "cannot watch a pipe") : 0;
 }
 
-static void unwatch(void *slot)
+static void on_unwatch(void *slot)
 {
 	sd_event_source_disable_unref(slot);
 }
 
 static const struct push_calls calls = {
-	.begun = begun,
-	.probed = probed,
-	.planned = planned,
-	.staged = staged,
-	.committed = committed,
-	.aborted = aborted,
-	.durable = durable,
-	.progress = progress,
-	.watch = watch,
-	.unwatch = unwatch,
+	.begun = on_begun,
+	.probed = on_probed,
+	.planned = on_planned,
+	.staged = on_staged,
+	.committed = on_committed,
+	.aborted = on_aborted,
+	.durable = on_durable,
+	.progress = on_progress,
+	.watch = on_watch,
+	.unwatch = on_unwatch,
 };
 
 /* ---- requests ---- */
 
 void push_ref_leave(struct push_ref *ref)
 {
-	push_over(ref);
+	push_ref_end(ref);
 }
 
-/* A push that is over leaves its reference behind: the oldest of them is used again. */
-static struct push_ref *ref_new(struct conn *c, struct err *err)
+/* The reference of a push that has ended is used again. */
+static struct push_ref *push_ref_new(struct conn *c, struct err *err)
 {
 	struct push_ref *ref;
 	unsigned n = 0;
@@ -416,7 +284,7 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 	struct err err = ERR_INIT;
 
 	if (!request_mode(in->mode, &p.has_mode, &p.mode, &err))
-		q->push = ref_new(c, &err);
+		q->push = push_ref_new(c, &err);
 	if (!q->push) {
 		request_refuse(q, &err);
 		return;
@@ -426,8 +294,8 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 	push_begin(c->server->service->pushes, &p, q);
 }
 
-/* Answers if there is no such push. */
-static struct push *find(struct conn *c, struct request *q, uint64_t id)
+/* NULL: there is no such push, and the request is refused. */
+static struct push *find_push(struct conn *c, struct request *q, uint64_t id)
 {
 	struct err err = ERR_INIT;
 	struct push_ref *ref;
@@ -445,7 +313,7 @@ static struct push *find(struct conn *c, struct request *q, uint64_t id)
 void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const Acut__V1__Probe *probe = m->probe;
-	struct push *p = find(c, q, probe->push);
+	struct push *p = find_push(c, q, probe->push);
 	struct push_input in = {
 		.name = probe->name,
 		.format = probe->format,
@@ -482,7 +350,7 @@ void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		.columns = m->file->columns,
 		.decimal_comma = m->file->decimal_comma,
 	};
-	struct push *p = find(c, q, m->file->push);
+	struct push *p = find_push(c, q, m->file->push);
 
 	if (p)
 		push_file(p, fd, &in, q);
@@ -493,7 +361,7 @@ void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 void request_stream(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	Acut__V1__Streaming answer = ACUT__V1__STREAMING__INIT;
-	struct push *p = find(c, q, m->stream->push);
+	struct push *p = find_push(c, q, m->stream->push);
 	struct err err = ERR_INIT;
 	int ends[2];
 
@@ -504,7 +372,7 @@ void request_stream(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_refuse(q, &err);
 		return;
 	}
-	/* Ours never waits; the client's does. A larger pipe saves wake-ups. */
+	/* The daemon's end does not block; the client's does. A larger pipe saves wake-ups. */
 	fcntl(ends[0], F_SETFL, O_NONBLOCK);
 	fcntl(ends[1], F_SETPIPE_SZ, STREAM_PIPE);
 	if (push_stream(p, ends[0], m->stream->name, &err)) {
@@ -519,7 +387,7 @@ void request_stream(struct conn *c, struct request *q, Acut__V1__Message *m, int
 
 void request_push_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct push *p = find(c, q, m->push_plan->push);
+	struct push *p = find_push(c, q, m->push_plan->push);
 
 	if (p)
 		push_plan(p, q);
@@ -527,7 +395,7 @@ void request_push_plan(struct conn *c, struct request *q, Acut__V1__Message *m, 
 
 void request_push_commit(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct push *p = find(c, q, m->push_commit->push);
+	struct push *p = find_push(c, q, m->push_commit->push);
 
 	if (p)
 		push_commit(p, q);
@@ -535,20 +403,8 @@ void request_push_commit(struct conn *c, struct request *q, Acut__V1__Message *m
 
 void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct push *p = find(c, q, m->push_abort->push);
+	struct push *p = find_push(c, q, m->push_abort->push);
 
 	if (p)
 		push_abort(p, q);
-}
-
-void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
-{
-	inspect_header(c->server->service->core, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
-		       m->info_request->decimal_comma, &c->peer, described, q);
-}
-
-void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
-{
-	inspect_file(c->server->service->core, fd, m->inspect->name, m->inspect->format, m->inspect->columns,
-		     m->inspect->decimal_comma, &c->peer, inspected, q);
 }

@@ -1,9 +1,9 @@
 /*
- * Status: what the daemon is, and who holds its memory.
+ * Status: the daemon's parameters, and the holders of its memory.
  *
- * The model: the ledger has the sums by name; the service reports what each job, stream, plan and push holds, the
- * connections are known here. An answer is one frame, so that of very many holders only those with the most go in. Of
- * what others do, who is no admin sees the user and the bytes, but neither number nor dataset.
+ * The model: the ledger has the sums by account. The service reports what each job, stream, plan and push holds; the server knows
+ * the connections. An answer is one frame, so if there are very many holders, only the largest are listed. A user who is no
+ * administrator sees of the holders of others the user and the bytes, but neither number nor dataset.
  */
 #include <stdlib.h>
 #include <unistd.h>
@@ -22,9 +22,9 @@ struct holder {
 	Acut__V1__LedgerEntry entry[LEDGER_NAMES], *list[LEDGER_NAMES];
 };
 
-/* The first of holders is the one with the least, so that it gives way: a heap. */
+/* A heap of the largest holders. The first is the smallest of them, and the next to be replaced. */
 struct answer {
-	const struct peer *peer; /* who asks */
+	const struct peer *peer; /* of the request */
 	size_t n, more;
 	struct holder *heap[HOLDERS_MAX];
 	struct holder holder[HOLDERS_MAX];
@@ -51,7 +51,7 @@ static void sift_down(struct answer *a, size_t i)
 	}
 }
 
-static void add(void *ctx, const struct core_holder *h)
+static void add_holder(void *ctx, const struct core_holder *h)
 {
 	struct answer *a = ctx;
 	struct holder *to;
@@ -69,7 +69,7 @@ static void add(void *ctx, const struct core_holder *h)
 			return;
 	}
 	to->h = *h;
-	if (!rights_as(a->peer, h->peer.uid)) {
+	if (!rights_acts_as(a->peer, h->peer.uid)) {
 		to->h.id = 0;
 		to->h.dataset = "";
 	}
@@ -88,7 +88,7 @@ static void add_conns(struct answer *a, const struct server *s)
 
 		h.held[LEDGER_MESSAGE] = conn_held(c);
 		h.held[LEDGER_PIPE] = stream_out_held(c);
-		add(a, &h);
+		add_holder(a, &h);
 		a->pipes += stream_out_pipes(c);
 	}
 }
@@ -151,12 +151,12 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_refuse(q, &err);
 		return;
 	}
-	/* Workers take and the loop gives back: who holds, and what is resident, is asked before how much is held. So neither is
-	 * ever more than what it is compared with only because a worker took something in between. */
+	/* Workers take memory meanwhile, and only the loop gives it back. So the holders and the resident size are read before
+	 * the sums of the ledger. Otherwise they could exceed the sums. */
 	status.peak_rss_bytes = process_peak_rss();
 	status.rss_bytes = process_rss();
 	a->peer = &c->peer;
-	service_holders(s->service, add, a);
+	service_holders(s->service, add_holder, a);
 	add_conns(a, s);
 	ledger_message(a, s->p.ledger, &status);
 	qsort(a->heap, a->n, sizeof *a->heap, most_first);
@@ -174,7 +174,7 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	status.holders = a->list;
 	status.holders_more = (uint32_t)a->more;
 	jobs_count(s->service->jobs, &status.jobs_running, &status.jobs_waiting);
-	status.connections = server_connections(s);
+	status.connections = server_connection_count(s);
 	status.state_dir = (char *)s->p.state_dir;
 	status.cache_dir = (char *)s->p.cache_dir;
 	cache_stat(s->service->maintenance, &disk);
@@ -184,7 +184,7 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	status.keep_free_limit = disk.keep_free;
 	status.state_space = &state;
 	status.cache_space = &cache;
-	status.one_file_system = disk.space.one;
+	status.one_file_system = disk.space.one_fs;
 	while (status.n_holders && frame_message_size(FRAME_MESSAGE(STATUS, status, &status)) > FRAME_MAX) {
 		status.n_holders--;
 		status.holders_more++;

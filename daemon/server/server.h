@@ -1,5 +1,6 @@
 /*
- * Connections, requests, rights: the wire side of the daemon. One thread, the loop (sd-event).
+ * The server: connections, requests and permissions, on the side of the wire. It knows the protocol, and no geometry. One thread,
+ * the loop (sd-event); functions belong to it, and assert that.
  */
 #ifndef SERVER_H
 #define SERVER_H
@@ -16,26 +17,27 @@ struct service;
 struct ledger;
 struct server;
 
-/* A setting of the daemon, for clients. */
+/* A setting of the daemon, as clients see it. */
 struct server_setting {
-	const char *name, *preset, *preset_told, *unit, *help;
+	const char *name, *preset, *preset_text, *unit, *help;
 	const char *origin; /* as acut.proto says */
 	bool reload;
 	unsigned line;
 	char value[512], file[512];
 };
 
+/* Pointers are borrowed, until server_free. */
 struct server_params {
-	sd_event *event; /* borrowed */
+	sd_event *event;
 	struct ledger *ledger;
 	const char *version, *state_dir, *cache_dir;
-	uint64_t memory;
+	uint64_t memory; /* the budget, in bytes */
 	unsigned threads;
-	struct rights rights;         /* who is served */
-	uint64_t memory_most;         /* that the control group leaves to all of the process; UINT64_MAX: no limit */
-	uint64_t (*tasks_most)(void); /* likewise of tasks, as it is now */
-	const char *warning;          /* that the start found, and a doctor repeats; NULL: none */
-	unsigned user_connections;    /* of one user who is no admin, at once; 0: no limit */
+	struct rights rights;
+	uint64_t memory_most;         /* bytes that the control group allows the process; UINT64_MAX: no limit */
+	uint64_t (*tasks_most)(void); /* likewise tasks, as it is now; NULL: no limit */
+	const char *warning;          /* of the start, which a doctor repeats; NULL: none */
+	unsigned user_connections;    /* open connections of one user who is no administrator; 0: no limit */
 	/* The settings, by number from 0; false: there are no more. */
 	bool (*setting)(void *ctx, unsigned i, struct server_setting *ret);
 	unsigned settings;
@@ -43,26 +45,26 @@ struct server_params {
 };
 
 int server_new(const struct server_params *, struct server **ret, struct err *err);
-/* Closes what is open. NULL is fine; returns NULL. */
+/* Closes listening sockets and connections. NULL is fine; returns NULL. */
 struct server *server_free(struct server *);
-/* Before any connection. */
+/* Before the first connection. Borrowed. */
 void server_set_service(struct server *, struct service *);
-/* Other rules, also for who is connected: who is not served any more is cut off. */
+/* New rules and limits. Clients that are not served under them any more are disconnected. */
 void server_set_rights(struct server *, const struct rights *, unsigned user_connections);
-/* Takes over a listening or a connected stream socket. */
+/* Both take over the descriptor if they succeed: a listening socket; a connected one. */
 int server_listen(struct server *, int fd, struct err *err);
 int server_adopt(struct server *, int fd, struct err *err);
 /* For service_params.changed (ctx is the server). */
 void server_job_changed(void *server, struct job *);
-/* After every round of the loop: what was closed goes. */
+/* Frees closed connections. After every round of the loop. */
 void server_settle(struct server *);
-/* Whoever waits at a listening socket that nobody will serve is told why. Needs no server. */
-void server_turn_away(int fd, const struct err *why);
-/* No new connections; those that are there end, their pushes and bound jobs with them. */
+/* Sends the error to all clients that wait at a listening socket. For a start that failed: needs no server. */
+void server_refuse_waiting(int fd, const struct err *why);
+/* Closes listening sockets and connections; pushes and bound jobs end with their connections. */
 void server_stop(struct server *);
-/* One round of accept on all listening sockets; true if somebody came. */
-bool server_accept_last(struct server *);
-unsigned server_connections(const struct server *);
-bool server_listens(const struct server *);
+/* Accepts one client of each listening socket. False: none waits. */
+bool server_accept_remaining(struct server *);
+unsigned server_connection_count(const struct server *);
+bool server_is_listening(const struct server *);
 
 #endif

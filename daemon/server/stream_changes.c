@@ -1,8 +1,8 @@
 /*
- * What a stream of changes says between its head and its blocks (STREAM.md, "Changes"). It is copied from the run, so
- * that what is told does not wait for a slow pipe, and goes out through one frame that is filled again and again.
+ * The frames of a stream of changes between its head and its blocks (STREAM.md, "Changes"). The changes are copied from the run,
+ * so the run does not wait for a slow pipe. They are sent through one frame, which is filled again and again.
  */
-#include "stream_changes.h"
+#include "stream_priv.h"
 
 #include <stdlib.h>
 #include <string.h>

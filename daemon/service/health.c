@@ -1,10 +1,11 @@
 /*
- * What a worker sees of file systems, geoid grids and this process. By a worker, since a disk may take its time.
+ * Health checks: a worker examines file systems, geoid grids and this process, since a disk may take its time.
  *
- * The model: one check at a time, and one a second. Whoever asks while one is under way gets what it sees, and so does whoever
- * asks within a second of its beginning: many who ask at once cost no more than one. A grid that is added or removed makes what
- * was seen worthless; whoever asks next waits for another check.
+ * The model: one check at a time, and at most one a second. A request that comes while a check is running, or within a second of
+ * its begin, gets its result. So many requests at once cost no more than one. If a grid is added or removed, results of earlier
+ * checks are stale, and the next request waits for another check.
  */
+#include <assert.h>
 #include <errno.h>
 #include <stdlib.h>
 #include <sys/statvfs.h>
@@ -15,9 +16,9 @@
 #include "process.h"
 #include "service.h"
 
-#define LASTS_NS UINT64_C(1000000000)
+#define FRESH_NS UINT64_C(1000000000)
 
-/* Somebody who waits for a check. */
+/* A request that waits for a check. */
 struct check_wait {
 	struct check_wait *next;
 	struct peer peer;
@@ -41,12 +42,12 @@ struct check {
 	struct sched_task task;
 	struct service *service;
 	uint64_t begun_ns;
-	uint64_t changes; /* of geoid grids, when it began */
+	uint64_t changes; /* geoids_changes, when it began */
 	struct health found;
-	struct check_wait *waits;
+	struct check_wait *waiting; /* requests that it answers */
 };
 
-static void side_of(int fd, struct health_side *ret)
+static void query_side(int fd, struct health_side *ret)
 {
 	struct statvfs vfs;
 
@@ -64,15 +65,15 @@ static void side_of(int fd, struct health_side *ret)
 
 static void check_run(struct sched_task *t)
 {
-	struct check *l = (struct check *)t;
+	struct check *c = (struct check *)t;
 	struct err err = ERR_INIT;
 
-	side_of(l->service->core->p.statefd, &l->found.state);
-	side_of(l->service->core->p.cachefd, &l->found.cache);
-	l->found.open_files = process_open_files();
-	l->found.threads = process_threads();
-	if (geoids_check(l->service->geoids, &l->found.geoids, &l->found.geoids_bad, &err) || err.code)
-		err_format(&err, l->found.geoid_why, sizeof l->found.geoid_why);
+	query_side(c->service->core->p.statefd, &c->found.state);
+	query_side(c->service->core->p.cachefd, &c->found.cache);
+	c->found.open_files = process_open_files();
+	c->found.threads = process_threads();
+	if (geoids_check(c->service->geoids, &c->found.geoids, &c->found.geoids_bad, &err) || err.code)
+		err_format(&err, c->found.geoid_why, sizeof c->found.geoid_why);
 }
 
 static void answer_all(struct check_wait *w, const struct err *why, const struct health *found)
@@ -87,57 +88,59 @@ static void answer_all(struct check_wait *w, const struct err *why, const struct
 }
 
 /* Grids were added or removed since it began. */
-static bool is_stale(const struct check *l)
+static bool is_stale(const struct check *c)
 {
-	return l->changes != geoids_changes(l->service->geoids);
+	return c->changes != geoids_changes(c->service->geoids);
 }
 
-static void check(struct service *service);
+static void start_check(struct service *service);
 
 static void check_done(struct sched_task *t)
 {
-	struct check *l = (struct check *)t;
-	struct health_state *state = l->service->health;
+	struct check *c = (struct check *)t;
+	struct health_state *state = c->service->health;
 	struct err err = ERR_INIT;
 
-	core_background_over(l->service->core);
-	state->now = NULL;
+	core_background_done(c->service->core);
+	assert(state->running == c);
+	state->running = NULL;
 	if (!t->ran) {
 		err_set(&err, ERR_CANCELLED, "the daemon is stopping");
-	} else if (!is_stale(l)) {
-		state->last = l->found;
-		state->last_ns = l->begun_ns;
-		state->changes = l->changes;
+	} else if (!is_stale(c)) {
+		state->last = c->found;
+		state->last_ns = c->begun_ns;
+		state->last_changes = c->changes;
 	}
-	answer_all(l->waits, err.code ? &err : NULL, &l->found);
-	if (state->next && !state->now)
-		check(l->service);
-	free(l);
+	answer_all(c->waiting, err.code ? &err : NULL, &c->found);
+	if (state->waiting && !state->running)
+		start_check(c->service);
+	free(c);
 }
 
-/* For all who wait. */
-static void check(struct service *service)
+/* For all requests that wait. */
+static void start_check(struct service *service)
 {
-	struct check *l = calloc(1, sizeof *l);
-	struct check_wait *waits = service->health->next;
+	struct check *c = calloc(1, sizeof *c);
+	struct check_wait *waiting = service->health->waiting;
 	struct err err = ERR_INIT;
 
-	service->health->next = NULL;
-	if (!l) {
+	service->health->waiting = NULL;
+	if (!c) {
 		err_set(&err, ERR_NOMEM, "no memory for a health check");
-		answer_all(waits, &err, NULL);
+		answer_all(waiting, &err, NULL);
 		return;
 	}
-	l->task = (struct sched_task){.run = check_run,
+	c->task = (struct sched_task){.run = check_run,
 				      .done = check_done,
 				      .priority = SCHED_FIRST,
-				      .owner = {.uid = waits->peer.uid, .flow = ++service->core->last_flow}};
-	l->service = service;
-	l->begun_ns = clock_mono_ns();
-	l->changes = geoids_changes(service->geoids);
-	l->waits = waits;
-	service->health->now = l;
-	core_background(service->core, &l->task);
+				      .owner = {.uid = waiting->peer.uid, .flow = ++service->core->last_flow}};
+	c->service = service;
+	c->begun_ns = clock_mono_ns();
+	c->changes = geoids_changes(service->geoids);
+	c->waiting = waiting;
+	assert(!service->health->running && waiting);
+	service->health->running = c;
+	core_background(service->core, &c->task);
 }
 
 void health_check(struct service *service, const struct peer *peer,
@@ -147,7 +150,9 @@ void health_check(struct service *service, const struct peer *peer,
 	struct err err = ERR_INIT;
 	struct check_wait *w, **to;
 
-	if (state->last_ns && clock_mono_ns() - state->last_ns < LASTS_NS && state->changes == geoids_changes(service->geoids)) {
+	THREAD_LOOP_ONLY();
+	if (state->last_ns && clock_mono_ns() - state->last_ns < FRESH_NS &&
+	    state->last_changes == geoids_changes(service->geoids)) {
 		answer(token, NULL, &state->last);
 		return;
 	}
@@ -157,10 +162,10 @@ void health_check(struct service *service, const struct peer *peer,
 		answer(token, &err, NULL);
 		return;
 	}
-	*w = (struct check_wait){.peer = rights_kept(peer), .answer = answer, .token = token};
-	to = state->now && !is_stale(state->now) ? &state->now->waits : &state->next;
+	*w = (struct check_wait){.peer = rights_without_groups(peer), .answer = answer, .token = token};
+	to = state->running && !is_stale(state->running) ? &state->running->waiting : &state->waiting;
 	w->next = *to;
 	*to = w;
-	if (!state->now)
-		check(service);
+	if (!state->running)
+		start_check(service);
 }

@@ -1,4 +1,4 @@
-/* Of this room only: the state of health checks. */
+/* The state of health checks: of this room and its tests. */
 #ifndef HEALTH_H
 #define HEALTH_H
 
@@ -8,11 +8,11 @@ struct check;
 struct check_wait;
 
 struct health_state {
-	struct check *now;       /* is under way; NULL: none is */
-	struct check_wait *next; /* wait for another one */
+	struct check *running;      /* NULL: none is */
+	struct check_wait *waiting; /* for the next check */
 	struct health last;
-	uint64_t last_ns; /* when that check began; 0: there was none */
-	uint64_t changes; /* of geoid grids, then */
+	uint64_t last_ns;      /* when that check began; 0: there was none */
+	uint64_t last_changes; /* geoids_changes, then */
 };
 
 int health_new(struct health_state **ret, struct err *err);

@@ -1,4 +1,4 @@
-/* Makes the rooms, gives each its turn, and stops them. */
+/* Makes the rooms, calls them in the loop, and stops them. */
 #include "service.h"
 
 #include <stdlib.h>
@@ -27,8 +27,8 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 	return datasets_load_push(((struct service *)ctx)->datasets, row, err);
 }
 
-/* Selections that a crash cut short. */
-static int sweep_selected(const struct core *core, struct err *err)
+/* Removes selections that a crash left unfinished. */
+static int sweep_selections(const struct core *core, struct err *err)
 {
 	int fd, r = core_selected_folder(core, &fd, err);
 
@@ -61,22 +61,22 @@ static int make_rooms(struct service *s, const struct service_params *p, struct 
 		r = geoids_new(s->core, &s->geoids, err);
 	if (!r)
 		r = pushes_new(s->core, s->admission, s->datasets, s->geoids, &s->pushes, err);
-	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
+	/* An earlier start may have made the folder and ended before it was synced. */
 	if (!r)
 		r = io_sync(s->core->p.statefd, "the state folder", err);
-	/* Stored domains of versions that nobody reads any more. */
+	/* Removes stored domains of versions that are not read any more. */
 	if (!r)
 		r = store_sweep(s->core->domainsfd, err);
 	if (!r)
 		r = copies_new(s->core, s->datasets, &s->copies, err);
 	if (!r)
-		r = sweep_selected(s->core, err);
+		r = sweep_selections(s->core, err);
 	if (!r)
 		r = maintenance_new(s->core, s->datasets, s->jobs, &s->maintenance, err);
 	return r ? r : health_new(&s->health, err);
 }
 
-static int load(struct service *s, uint64_t last[3], struct err *err)
+static int load_catalogue(struct service *s, uint64_t last[3], struct err *err)
 {
 	const struct catalogue_reader reader = {.dataset = load_dataset, .job = load_job, .push = load_push, .ctx = s};
 	int r;
@@ -99,16 +99,16 @@ int service_new(const struct service_params *p, struct service **ret, struct err
 		return err_set(err, ERR_NOMEM, "no memory for the daemon");
 	r = make_rooms(s, p, err);
 	if (!r)
-		r = load(s, last, err);
+		r = load_catalogue(s, last, err);
 	if (r) {
 		service_free(s);
 		return r;
 	}
 	s->core->last_push = last[2];
 	deferred_begin(s->core);
-	core_clear(s->core);
+	core_sweep_cache(s->core);
 	jobs_loaded(s->jobs, last[1]);
-	datasets_count(s->datasets); /* the first who asks is held against it */
+	datasets_count(s->datasets); /* limits of users hold from the first request on */
 	*ret = s;
 	return 0;
 }
@@ -118,7 +118,7 @@ struct service *service_free(struct service *s)
 	if (!s)
 		return NULL;
 	if (s->core)
-		deferred_drop(s->core);
+		deferred_cancel_all(s->core);
 	health_free(s->health);
 	maintenance_free(s->maintenance);
 	copies_free(s->copies);
@@ -135,13 +135,13 @@ struct service *service_free(struct service *s)
 
 /* ---- running ---- */
 
-static void settle(struct service *s)
+static void settle_rooms(struct service *s)
 {
 	jobs_settle(s->jobs);
-	admission_stages(s->admission);
+	admission_grant_stages(s->admission);
 	datasets_settle(s->datasets);
 	pushes_settle(s->pushes);
-	slots_settle(s->admission);
+	slots_grant(s->admission);
 	jobs_tidy(s->jobs);
 	admission_relieve(s->admission);
 }
@@ -149,21 +149,21 @@ static void settle(struct service *s)
 void service_settle(struct service *s)
 {
 	THREAD_LOOP_ONLY();
-	settle(s);
-	if (charge_make_room(s->core))
-		settle(s);
+	settle_rooms(s);
+	if (charge_reclaim(s->core))
+		settle_rooms(s);
 }
 
-/* Domains that were used since then are those of jobs that run. */
-static void count_running(const struct service *s)
+/* Domains that were used since the longest running job began count as in use. */
+static void update_running_since(const struct service *s)
 {
 	double longest = jobs_longest(s->jobs);
 
 	space_running_since(s->core->space, longest < 0 ? INT64_MAX : clock_real_us() - (int64_t)(longest * 1e6));
 }
 
-/* Somebody has begun something. */
-static bool begun(const struct service *s)
+/* A client has begun something. */
+static bool has_client_work(const struct service *s)
 {
 	uint32_t running, waiting;
 
@@ -174,7 +174,7 @@ static bool begun(const struct service *s)
 void service_tick(struct service *s)
 {
 	THREAD_LOOP_ONLY();
-	/* Index pages are given back without a word. */
+	/* Readers release index pages without waking the tasks that wait for memory. */
 	if (sched_starved(s->core->p.sched))
 		sched_give(s->core->p.sched, LEDGER_INDEX, 0);
 	jobs_tick(s->jobs);
@@ -183,18 +183,18 @@ void service_tick(struct service *s)
 	if (clock_since(s->counted_ns) >= COUNT_SECONDS) {
 		s->counted_ns = clock_mono_ns();
 		datasets_count(s->datasets);
-		count_running(s);
+		update_running_since(s);
 	}
-	if (deferred_over(s->core, begun(s)))
-		disk_look(s->core, service_active(s));
+	if (deferred_tick(s->core, has_client_work(s)))
+		disk_tick(s->core, service_active(s));
 	else
-		disk_mend(s->core);
+		disk_restore_folders(s->core);
 	datasets_tick(s->datasets);
 	service_settle(s);
 }
 
-/* More than so many tasks in the background, or anything else. */
-static bool anything(const struct service *s, unsigned background, bool queued)
+/* More than so many background tasks, or other work. */
+static bool has_work(const struct service *s, unsigned background, bool queued)
 {
 	const struct core *core = s->core;
 
@@ -202,49 +202,51 @@ static bool anything(const struct service *s, unsigned background, bool queued)
 	       catalogue_busy(core->p.catalogue) || jobs_busy(s->jobs, queued);
 }
 
-bool service_resting(const struct service *s)
+bool service_is_deferring(const struct service *s)
 {
-	return deferred_waits(s->core);
+	return deferred_is_pending(s->core);
 }
 
 bool service_active(const struct service *s)
 {
-	/* That the file systems are asked is no work: a daemon that ends when it is idle would never be. */
-	return anything(s, s->core->disk.asking, true);
+	/* The periodic query of the file systems does not count, or a daemon with idle-exit would never be idle. */
+	return has_work(s, disk_is_querying(s->core), true);
 }
 
 /* ---- stopping ---- */
 
-void service_park(struct service *s)
+void service_stop(struct service *s)
 {
 	THREAD_LOOP_ONLY();
-	s->core->parking = true;
-	deferred_end(s->core);
+	s->core->stopping = true;
+	deferred_submit_all(s->core);
 	datasets_park(s->datasets);
 	jobs_park(s->jobs);
 	service_settle(s);
 }
 
-bool service_parked(const struct service *s)
+bool service_is_stopped(const struct service *s)
 {
-	return s->core->parking && !anything(s, 0, false);
+	return s->core->stopping && !has_work(s, 0, false);
 }
 
 void service_abandon(struct service *s)
 {
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	pushes_abandon(s->pushes);
 	if (io_folder_empty(s->core->onestepfd, &err) || io_folder_empty(s->core->tempfd, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "temporary files stay behind until the next start", &err);
 }
 
-/* ---- limits that change while it is at work: they hold from the next look at them on ---- */
+/* ---- limits ---- */
 
 void service_set_limits(struct service *s, const struct service_limits *limits)
 {
 	struct core *core = s->core;
 
+	THREAD_LOOP_ONLY();
 	core->p.disk = limits->disk;
 	core->p.keep_free = limits->keep_free;
 	core->p.keep_removed = limits->keep_removed;
@@ -255,6 +257,7 @@ void service_set_limits(struct service *s, const struct service_limits *limits)
 
 void service_set_user_limits(struct service *s, const struct user_limits *user)
 {
+	THREAD_LOOP_ONLY();
 	s->core->p.user = *user;
-	limit_count(s->core);
+	limit_recount(s->core);
 }

@@ -1,4 +1,4 @@
-/* The service in numbers: what goes on, what it holds, by user. Looks through the lists; keeps nothing. */
+/* Numbers of the service: work, holders of memory, what each user has. Computed from the lists when requested. */
 #include <string.h>
 
 #include "clock.h"
@@ -41,35 +41,35 @@ void service_numbers(const struct service *s, struct service_numbers *ret)
 	*ret = (struct service_numbers){
 		.tally = s->core->tally,
 		.verified = *maintenance_verified(s->maintenance),
-		.kept = stat.kept,
+		.jobs_listed = stat.kept,
 		.oldest_waiting = stat.oldest_waiting,
 		.waiting_space = stat.waiting_space,
 		.pushes = pushes_open(s->pushes),
-		.unsure = catalogue_unsure(s->core->p.catalogue),
+		.catalogue_failed = catalogue_is_uncertain(s->core->p.catalogue),
 	};
 	memcpy(ret->states, stat.states, sizeof ret->states);
 	count_datasets(s, ret);
 }
 
-void service_own(const struct service *s, const struct peer *peer, uint64_t state_bytes, struct service_own *ret)
+void service_usage(const struct service *s, const struct peer *peer, uint64_t state_bytes, struct service_usage *ret)
 {
 	const struct user_limits *may = &s->core->p.user;
-	struct service_own own = {.exempt = rights_admin(peer), .jobs_most = may->jobs, .datasets_most = may->datasets};
+	struct service_usage usage = {.exempt = rights_admin(peer), .jobs_most = may->jobs, .datasets_most = may->datasets};
 
-	own.jobs = jobs_owned(s->jobs, peer->uid);
-	own.datasets = dataset_owned(s->datasets, peer->uid, &own.removed);
-	limit_disk_of(s->core, peer->uid, state_bytes, &own.disk, &own.disk_most);
-	*ret = own;
+	usage.jobs = jobs_owned(s->jobs, peer->uid);
+	usage.datasets = dataset_owned(s->datasets, peer->uid, &usage.removed);
+	limit_disk_of(s->core, peer->uid, state_bytes, &usage.disk, &usage.disk_most);
+	*ret = usage;
 }
 
-/* ---- who holds memory ---- */
+/* ---- holders of memory ---- */
 
 struct holders {
 	void (*each)(void *ctx, const struct core_holder *);
 	void *ctx;
 };
 
-static void report(void *ctx, const struct core_holder *h)
+static void report_holder(void *ctx, const struct core_holder *h)
 {
 	const struct holders *to = ctx;
 
@@ -84,14 +84,14 @@ void service_holders(const struct service *s, void (*each)(void *ctx, const stru
 {
 	struct holders to = {each, ctx};
 
-	jobs_held(s->jobs, report, &to);
-	pushes_held(s->pushes, report, &to);
+	jobs_held(s->jobs, report_holder, &to);
+	pushes_held(s->pushes, report_holder, &to);
 }
 
 /* ---- by user ---- */
 
-/* The n smallest that are not below `from`; `n` of them are kept in order. */
-static void keep_uid(struct service_user *list, size_t *n, size_t room, uint64_t from, uint32_t uid)
+/* Adds a user to the sorted list of the `cap` smallest uids from `from` on. */
+static void add_uid(struct service_user *list, size_t *n, size_t cap, uint64_t from, uint32_t uid)
 {
 	size_t at = 0;
 
@@ -99,9 +99,9 @@ static void keep_uid(struct service_user *list, size_t *n, size_t room, uint64_t
 		return;
 	while (at < *n && list[at].uid < uid)
 		at++;
-	if (at == room || (at < *n && list[at].uid == uid))
+	if (at == cap || (at < *n && list[at].uid == uid))
 		return;
-	*n += *n < room;
+	*n += *n < cap;
 	memmove(list + at + 1, list + at, (*n - at - 1) * sizeof *list);
 	list[at] = (struct service_user){.uid = uid};
 }
@@ -125,15 +125,15 @@ static struct service_user *find_uid(struct service_user *list, size_t n, uint32
 
 struct users {
 	struct service_user *list;
-	size_t n, room;
+	size_t n, cap;
 	uint64_t from;
 };
 
-static void keep(void *ctx, uint32_t uid)
+static void add_user(void *ctx, uint32_t uid)
 {
 	struct users *u = ctx;
 
-	keep_uid(u->list, &u->n, u->room, u->from, uid);
+	add_uid(u->list, &u->n, u->cap, u->from, uid);
 }
 
 static void count_job(void *ctx, uint32_t uid)
@@ -145,19 +145,19 @@ static void count_job(void *ctx, uint32_t uid)
 		user->jobs++;
 }
 
-size_t service_users(const struct service *s, uint64_t from, struct service_user *ret, size_t room)
+size_t service_users(const struct service *s, uint64_t from, struct service_user *ret, size_t cap)
 {
-	struct users users = {.list = ret, .room = room, .from = from};
+	struct users users = {.list = ret, .cap = cap, .from = from};
 	const struct pending *q;
 	struct service_user *u;
 
 	for (const struct dataset *d = datasets_first(s->datasets); d; d = d->next) {
 		if (!d->onestep)
-			keep(&users, d->uid);
+			add_user(&users, d->uid);
 		for (q = d->pending; q; q = q->next)
-			keep(&users, q->uid);
+			add_user(&users, q->uid);
 	}
-	jobs_unfinished(s->jobs, keep, &users);
+	jobs_unfinished(s->jobs, add_user, &users);
 	for (const struct dataset *d = datasets_first(s->datasets); d; d = d->next) {
 		u = d->onestep ? NULL : find_uid(ret, users.n, d->uid);
 		if (u) {

@@ -1,14 +1,14 @@
 /*
  * The accounts of the disk.
  *
- * The model: a sum for each kind, of what was taken and of what others keep count of (datasets: the catalogue). The
- * sums are held against the quota, and what the file system says is free, less what was promised and is not written
- * yet, against keep-free. Whoever takes asks the file system first, so what other programs write counts; it may never
- * answer, so nobody asks under the lock, and the loop goes by the last answer. Nothing is scanned at a
- * start: state is known from the catalogue, and of the cache only what is derived is measured, later, by a worker.
+ * The model: for each kind a sum of what was taken, and one of what other rooms count (datasets: from the catalogue). The sums
+ * are compared with the quota. The free space of the file system, less what was taken and is not written yet, is compared with
+ * keep-free. Taking queries the file system first, so the writes of other programs count. A file system may never answer: it is
+ * queried without the lock, and the loop uses the last answer. Nothing is scanned at a start: the catalogue knows the size of the
+ * state, and a worker measures the cache later.
  *
- * Sizes are lengths of files: manifests, the catalogue and what the file system itself needs are in what is free, not
- * in the sums.
+ * Sizes are lengths of files. Manifests, the catalogue and the overhead of the file system are not in the sums, but they reduce
+ * the free space.
  */
 #include "space.h"
 
@@ -61,17 +61,17 @@ int space_new(const struct space_params *p, struct space **ret, struct err *err)
 	struct space *s;
 
 	if (io->fstat(p->statefd, &state) != 0 || io->fstat(p->cachefd, &cache) != 0)
-		return err_sys(err, errno, "the folders of the daemon cannot be looked at");
+		return err_sys(err, errno, "the folders of the daemon cannot be examined");
 	s = calloc(1, sizeof *s);
 	if (!s)
 		return err_set(err, ERR_NOMEM, "no memory for the accounts of the disk");
 	s->p = *p;
-	s->one = state.st_dev == cache.st_dev;
-	s->since_us = INT64_MAX;
+	s->one_fs = state.st_dev == cache.st_dev;
+	s->running_since_us = INT64_MAX;
 	lock_init(&s->lock, LOCK_SPACE);
 	lock_init(&s->evicting, LOCK_EVICT);
 	pthread_cond_init(&s->answered, NULL);
-	space_ask(s);
+	space_query(s);
 	*ret = s;
 	return 0;
 }
@@ -81,7 +81,7 @@ void space_set_limits(struct space *s, struct space_limit disk, struct space_lim
 	lock_take(&s->lock);
 	s->p.disk = disk;
 	s->p.keep_free = keep_free;
-	memset(s->in_vain_ns, 0, sizeof s->in_vain_ns); /* more may be to be found now */
+	memset(s->futile_ns, 0, sizeof s->futile_ns); /* there may be more to evict now */
 	lock_give(&s->lock);
 }
 
@@ -102,10 +102,10 @@ struct space *space_free(struct space *s)
 	return NULL;
 }
 
-/* ---- what there is ---- */
+/* ---- file systems ---- */
 
-/* Of a file system that cannot be asked nothing is refused: writing will tell. */
-static struct space_fs fs_of(const struct space *s, int side)
+/* A file system that cannot be queried refuses nothing: the write will fail. */
+static struct space_fs query_fs(const struct space *s, int side)
 {
 	struct space_fs fs = {UINT64_MAX / 128, UINT64_MAX / 128, clock_mono_ns()};
 	struct statvfs v;
@@ -117,31 +117,31 @@ static struct space_fs fs_of(const struct space *s, int side)
 	return fs;
 }
 
-void space_ask_side(struct space *s, int side)
+void space_query_side(struct space *s, int side)
 {
-	struct space_fs fs = fs_of(s, side);
+	struct space_fs fs = query_fs(s, side);
 
 	lock_take(&s->lock);
 	for (int i = 0; i < SPACE_SIDES; i++)
-		if ((i == side || s->one) && fs.asked_ns >= s->fs[i].asked_ns)
+		if ((i == side || s->one_fs) && fs.queried_ns >= s->fs[i].queried_ns)
 			s->fs[i] = fs;
 	pthread_cond_broadcast(&s->answered);
 	lock_give(&s->lock);
 }
 
-void space_ask(struct space *s)
+void space_query(struct space *s)
 {
-	space_ask_side(s, SPACE_ON_STATE);
-	if (!s->one)
-		space_ask_side(s, SPACE_ON_CACHE);
+	space_query_side(s, SPACE_ON_STATE);
+	if (!s->one_fs)
+		space_query_side(s, SPACE_ON_CACHE);
 }
 
-void space_ask_wait(struct space *s, uint64_t since_ns, uint64_t until_ns)
+void space_query_wait(struct space *s, uint64_t since_ns, uint64_t until_ns)
 {
 	bool time_left = true;
 
 	lock_take(&s->lock);
-	while (time_left && (s->fs[SPACE_ON_STATE].asked_ns < since_ns || s->fs[SPACE_ON_CACHE].asked_ns < since_ns))
+	while (time_left && (s->fs[SPACE_ON_STATE].queried_ns < since_ns || s->fs[SPACE_ON_CACHE].queried_ns < since_ns))
 		time_left = lock_wait_until(&s->lock, &s->answered, until_ns);
 	lock_give(&s->lock);
 }
@@ -153,10 +153,11 @@ static uint64_t limit_of(const struct space_limit *limit, uint64_t total, uint64
 					      none;
 }
 
-/* One number for both, or one for each. */
-static bool shared(const struct space *s)
+/* State and cache share one quota. */
+static bool is_quota_shared(const struct space *s)
 {
-	return s->one || s->p.disk.unit != SPACE_PERCENT;
+	assert(lock_held(LOCK_SPACE));
+	return s->one_fs || s->p.disk.unit != SPACE_PERCENT;
 }
 
 static uint64_t used_on(const struct space *s, int side)
@@ -164,57 +165,58 @@ static uint64_t used_on(const struct space *s, int side)
 	uint64_t sum = 0;
 
 	for (int k = 0; k < SPACE_KINDS; k++)
-		if (shared(s) || side_of((enum space_kind)k) == side)
-			sum += s->taken[k] + s->set[k];
+		if (is_quota_shared(s) || side_of((enum space_kind)k) == side)
+			sum += s->taken[k] + s->counted[k];
 	return sum;
 }
 
-static uint64_t promised_on(const struct space *s, int side)
+static uint64_t unwritten_on(const struct space *s, int side)
 {
-	return s->one ? s->promised[0] + s->promised[1] : s->promised[side];
+	return s->one_fs ? s->unwritten[0] + s->unwritten[1] : s->unwritten[side];
 }
 
-static uint64_t less(uint64_t a, uint64_t b)
+static uint64_t subtract(uint64_t a, uint64_t b)
 {
 	return a > b ? a - b : 0;
 }
 
-struct space_lack space_lack_of(struct space *s, int side, uint64_t bytes)
+struct space_shortage space_shortage_of(struct space *s, int side, uint64_t bytes)
 {
 	const struct space_fs fs = s->fs[side];
-	struct space_lack l = {
+	struct space_shortage l = {
 		.used = used_on(s, side),
 		.quota = limit_of(&s->p.disk, fs.total, UINT64_MAX),
-		.free = less(fs.free, promised_on(s, side)),
+		.free = subtract(fs.free, unwritten_on(s, side)),
 		.keep_free = limit_of(&s->p.keep_free, fs.total, 0),
 	};
 
 	assert(lock_held(LOCK_SPACE));
-	l.by_quota = less(bytes, less(l.quota, l.used)) + less(l.used, l.quota);
-	l.by_free = less(bytes, less(l.free, l.keep_free)) + less(l.keep_free, l.free);
+	l.by_quota = subtract(bytes, subtract(l.quota, l.used)) + subtract(l.used, l.quota);
+	l.by_free = subtract(bytes, subtract(l.free, l.keep_free)) + subtract(l.keep_free, l.free);
 	l.bytes = l.by_quota > l.by_free ? l.by_quota : l.by_free;
 	return l;
 }
 
-/* ---- asking ---- */
+/* ---- accounts ---- */
 
-/* Which bound it is that does not hold, in its numbers; of two the one that lacks more decides. */
-static int refuse(struct space *s, int side, uint64_t bytes, const char *what, const struct space_lack *l, struct err *err)
+/* Names the limit that is exceeded, with its numbers; of two the one with the larger shortage. */
+static int refuse_bytes(struct space *s, int side, uint64_t bytes, const char *what, const struct space_shortage *l,
+			struct err *err)
 {
 	char need[32], left[32], limit[32], most[32], used[32];
-	const char *where = s->one ? "" : side == SPACE_ON_STATE ? " of --state" : " of --cache";
+	const char *where = s->one_fs ? "" : side == SPACE_ON_STATE ? " of --state" : " of --cache";
 	struct space_limit disk, keep_free;
 	bool both;
 
 	lock_take(&s->lock);
 	disk = s->p.disk;
 	keep_free = s->p.keep_free;
-	both = shared(s);
+	both = is_quota_shared(s);
 	lock_give(&s->lock);
 	parse_size_text(bytes, need);
 	if (l->by_quota && l->by_quota >= l->by_free) {
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are left of the quota%s: %s of %s are used (--disk %s)", what, need,
-			parse_size_text(less(l->quota, l->used), left), both ? "" : where, parse_size_text(l->used, used),
+			parse_size_text(subtract(l->quota, l->used), left), both ? "" : where, parse_size_text(l->used, used),
 			parse_size_text(l->quota, most), space_limit_text(&disk, limit));
 		err_add_hint(err, "give acutd a larger --disk, or remove datasets that nobody needs (acutctl dataset rm): "
 				  "they count until they cannot be restored any more (--keep-removed)");
@@ -228,53 +230,53 @@ static int refuse(struct space *s, int side, uint64_t bytes, const char *what, c
 	return -ERR_NOSPACE;
 }
 
-uint64_t space_by_cache(const struct space *s, int side, const struct space_lack *l)
+uint64_t space_evictable(const struct space *s, int side, const struct space_shortage *l)
 {
-	if (s->one || side == SPACE_ON_CACHE)
+	if (s->one_fs || side == SPACE_ON_CACHE)
 		return l->bytes;
-	return shared(s) ? l->by_quota : 0;
+	return is_quota_shared(s) ? l->by_quota : 0;
 }
 
-/* Removing derived data mends it; in part: makes it better. */
-static bool helps(const struct space *s, int side, const struct space_lack *l, enum space_need need, bool in_part)
+/* Eviction removes the shortage; in_part: a part of it. */
+static bool can_evict(const struct space *s, int side, const struct space_shortage *l, enum space_need need, bool in_part)
 {
 	enum { AGAIN_SECONDS = 2 };
 	uint64_t derived = s->taken[SPACE_DOMAINS] + s->taken[SPACE_SELECTIONS];
 
 	if (!derived && s->measured)
 		return false;
-	if (s->in_vain_ns[need] && clock_since(s->in_vain_ns[need]) < AGAIN_SECONDS)
+	if (s->futile_ns[need] && clock_since(s->futile_ns[need]) < AGAIN_SECONDS)
 		return false;
-	if (!in_part && (space_by_cache(s, side, l) < l->bytes || (s->measured && derived < l->bytes)))
+	if (!in_part && (space_evictable(s, side, l) < l->bytes || (s->measured && derived < l->bytes)))
 		return false;
-	return space_by_cache(s, side, l) > 0;
+	return space_evictable(s, side, l) > 0;
 }
 
 int space_take(struct space *s, enum space_kind kind, uint64_t bytes, enum space_need need, const char *what, struct err *err)
 {
 	int side = side_of(kind), r = 0;
-	struct space_lack l;
+	struct space_shortage l;
 
-	/* What a lying header claims. */
+	/* A wrong header may claim any size. */
 	if (bytes > UINT64_MAX / 16)
 		bytes = UINT64_MAX / 16;
 	for (bool tried = false;; tried = true) {
 		uint64_t gone, files;
-		bool evicts;
+		bool evict;
 
-		space_ask_side(s, side);
+		space_query_side(s, side);
 		lock_take(&s->lock);
-		l = space_lack_of(s, side, bytes);
+		l = space_shortage_of(s, side, bytes);
 		if (!l.bytes) {
 			s->taken[kind] += bytes;
-			s->open[kind] += bytes;
+			s->uncommitted[kind] += bytes;
 		}
-		evicts = l.bytes && !tried && helps(s, side, &l, need, false);
+		evict = l.bytes && !tried && can_evict(s, side, &l, need, false);
 		lock_give(&s->lock);
 		if (!l.bytes)
 			return 0;
-		if (!evicts)
-			return refuse(s, side, bytes, what, &l, err);
+		if (!evict)
+			return refuse_bytes(s, side, bytes, what, &l, err);
 		r = space_evict_for(s, side, bytes, need, &gone, &files, err);
 		if (r)
 			return r;
@@ -284,73 +286,72 @@ int space_take(struct space *s, enum space_kind kind, uint64_t bytes, enum space
 void space_give(struct space *s, enum space_kind kind, uint64_t bytes)
 {
 	lock_take(&s->lock);
-	s->taken[kind] = less(s->taken[kind], bytes);
+	s->taken[kind] = subtract(s->taken[kind], bytes);
 	lock_give(&s->lock);
 }
 
-void space_change(struct space *s, enum space_kind kind, uint64_t taken, uint64_t bytes)
+void space_commit(struct space *s, enum space_kind kind, uint64_t taken, uint64_t bytes)
 {
 	lock_take(&s->lock);
-	s->taken[kind] = less(s->taken[kind], taken) + bytes;
-	s->open[kind] = less(s->open[kind], taken);
-	s->come[kind] += bytes;
+	s->taken[kind] = subtract(s->taken[kind], taken) + bytes;
+	s->uncommitted[kind] = subtract(s->uncommitted[kind], taken);
+	s->committed[kind] += bytes;
 	lock_give(&s->lock);
 }
 
-void space_count(struct space *s, enum space_kind kind, int entries)
+void space_count_entries(struct space *s, enum space_kind kind, int entries)
 {
 	lock_take(&s->lock);
 	s->entries[kind] =
-		entries < 0 ? less(s->entries[kind], (uint64_t) - (int64_t)entries) : s->entries[kind] + (uint64_t)entries;
+		entries < 0 ? subtract(s->entries[kind], (uint64_t) - (int64_t)entries) : s->entries[kind] + (uint64_t)entries;
 	lock_give(&s->lock);
 }
 
-void space_promise(struct space *s, enum space_kind kind, int64_t bytes)
+void space_add_unwritten(struct space *s, enum space_kind kind, int64_t bytes)
 {
-	uint64_t *to = &s->promised[side_of(kind)];
+	uint64_t *to = &s->unwritten[side_of(kind)];
 
 	lock_take(&s->lock);
-	*to = bytes < 0 ? less(*to, (uint64_t)-bytes) : *to + (uint64_t)bytes;
+	*to = bytes < 0 ? subtract(*to, (uint64_t)-bytes) : *to + (uint64_t)bytes;
 	lock_give(&s->lock);
 }
 
-void space_set(struct space *s, enum space_kind kind, uint64_t bytes)
+void space_set_counted(struct space *s, enum space_kind kind, uint64_t bytes)
 {
 	lock_take(&s->lock);
-	s->set[kind] = bytes;
+	s->counted[kind] = bytes;
 	lock_give(&s->lock);
 }
 
-bool space_would(struct space *s, enum space_kind kind, uint64_t bytes, uint64_t *ret_lacks)
+bool space_would_fit(struct space *s, enum space_kind kind, uint64_t bytes, uint64_t *ret_missing)
 {
 	int side = side_of(kind);
-	struct space_lack l;
+	struct space_shortage l;
 
 	lock_take(&s->lock);
-	l = space_lack_of(s, side, bytes);
-	if (helps(s, side, &l, SPACE_MUST, false))
+	l = space_shortage_of(s, side, bytes);
+	if (can_evict(s, side, &l, SPACE_MUST, false))
 		l.bytes = 0;
 	lock_give(&s->lock);
-	*ret_lacks = l.bytes;
+	*ret_missing = l.bytes;
 	return !l.bytes;
 }
 
-bool space_over(struct space *s)
+bool space_is_exceeded(struct space *s)
 {
-	bool over;
+	bool exceeded = false;
 
 	lock_take(&s->lock);
-	over = false;
 	for (int side = 0; side < SPACE_SIDES; side++) {
-		struct space_lack l = space_lack_of(s, side, 0);
+		struct space_shortage l = space_shortage_of(s, side, 0);
 
-		over |= l.bytes && helps(s, side, &l, SPACE_MUST, true);
+		exceeded |= l.bytes && can_evict(s, side, &l, SPACE_MUST, true);
 	}
 	lock_give(&s->lock);
-	return over;
+	return exceeded;
 }
 
-/* ---- what goes last ---- */
+/* ---- entries in use ---- */
 
 void space_hold(struct space *s, struct digest selection)
 {
@@ -359,7 +360,7 @@ void space_hold(struct space *s, struct digest selection)
 	lock_take(&s->lock);
 	for (h = s->held; h && !digest_equal(h->selection, selection); h = h->next)
 		;
-	/* Without memory for that it may be evicted as any other: its reader has it open. */
+	/* Without memory the selection is not marked and may be evicted. Its reader has the files open. */
 	if (!h && (h = calloc(1, sizeof *h))) {
 		h->selection = selection;
 		h->next = s->held;
@@ -399,22 +400,22 @@ bool space_is_held(struct space *s, const char *selection)
 void space_running_since(struct space *s, int64_t us)
 {
 	lock_take(&s->lock);
-	s->since_us = us;
+	s->running_since_us = us;
 	lock_give(&s->lock);
 }
 
-/* ---- telling ---- */
+/* ---- reports ---- */
 
 void space_stat(struct space *s, struct space_stat *ret)
 {
-	*ret = (struct space_stat){.one = s->one};
+	*ret = (struct space_stat){.one_fs = s->one_fs};
 	lock_take(&s->lock);
 	for (int k = 0; k < SPACE_KINDS; k++) {
-		ret->kind[k].bytes = s->taken[k] + s->set[k];
+		ret->kind[k].bytes = s->taken[k] + s->counted[k];
 		ret->kind[k].entries = k == SPACE_DOMAINS || k == SPACE_SELECTIONS ? s->entries[k] : 0;
 	}
 	for (int side = 0; side < SPACE_SIDES; side++) {
-		struct space_lack l = space_lack_of(s, side, 0);
+		struct space_shortage l = space_shortage_of(s, side, 0);
 
 		*(side == SPACE_ON_STATE ? &ret->state : &ret->cache) = (struct space_side){
 			.used = l.used,

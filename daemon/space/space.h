@@ -1,9 +1,9 @@
 /*
- * The disk: what state and cache hold, what they may hold, and the one question that everybody asks before writing
- * much. What was pushed is never evicted; what is derived goes, least recently used first, when there is too much.
+ * Disk space: what state and cache use, and what they may use. Whoever writes much takes the bytes first. Pushed data is never
+ * evicted; derived data is evicted if there is too little space, least recently used first.
  *
- * Whoever is about to write takes the bytes (space_take), as of the ledger: they stay taken as long as what was written
- * lies there, and are given back when it goes or was never written. Any thread may call all of it.
+ * Bytes are taken as from the ledger of the memory: before they are written, until the file is removed or was not written. All
+ * functions may be called by any thread; those that read folders or query file systems may wait, and are for workers.
  */
 #ifndef SPACE_H
 #define SPACE_H
@@ -15,13 +15,14 @@
 
 struct err;
 struct space;
+struct store_id;
 
-/* What it is for. Wire and JSON names: space_kind_text. */
+/* What the bytes are for. space_kind_text has the names in messages and JSON. */
 enum space_kind {
 	/* state */
 	SPACE_DATASETS, /* segments of named datasets, as the catalogue says */
-	SPACE_REMOVED,  /* of datasets that were removed and can be restored */
-	SPACE_PENDING,  /* pushes that go on or were interrupted */
+	SPACE_REMOVED,  /* of removed datasets that can be restored */
+	SPACE_PENDING,  /* open and interrupted pushes */
 	SPACE_MERGES,   /* segments that a merge or prune is making */
 	SPACE_PLANS,    /* plans of jobs, geoid grids */
 	/* cache */
@@ -32,97 +33,97 @@ enum space_kind {
 	SPACE_KINDS
 };
 const char *space_kind_text(enum space_kind);
-bool space_kind_state(enum space_kind); /* below --state; else below --cache */
+bool space_kind_state(enum space_kind); /* true: below --state; false: below --cache */
 
-/* A size, or hundredths of the file system. */
+/* Bytes, or per cent of the file system. */
 struct space_limit {
 	enum { SPACE_UNLIMITED, SPACE_BYTES, SPACE_PERCENT } unit;
 	uint64_t n;
 };
-/* "20G" (parse_size) or "80%", of at most `most` percent. */
+/* "20G" (parse_size) or "80%". most: per cent that are allowed. */
 bool space_limit_parse(const char *text, unsigned most, struct space_limit *ret);
-char *space_limit_text(const struct space_limit *, char *buf); /* 32 bytes */
+/* buf: 32 bytes. Returns buf. */
+char *space_limit_text(const struct space_limit *, char *buf);
 
 struct space_params {
 	int statefd, cachefd; /* borrowed */
-	/* Of state and cache together. Percent: of each one's file system, where these differ a share for each. */
+	/* The quota of state and cache together. Per cent: if they are on two file systems, each has that share of its own. */
 	struct space_limit disk;
 	struct space_limit keep_free; /* of each file system */
 };
+/* Queries the file systems. */
 int space_new(const struct space_params *, struct space **ret, struct err *err);
-struct space *space_free(struct space *);
+struct space *space_free(struct space *); /* NULL is fine; returns NULL */
 void space_set_limits(struct space *, struct space_limit disk, struct space_limit keep_free);
 
-/* ---- asking ---- */
+/* ---- accounts ---- */
 
-/* How much it matters: what may be evicted to make room. */
+/* What may be evicted for the bytes. */
 enum space_need {
-	SPACE_MAY,  /* derived data that can be left out: evicts what nobody uses now */
-	SPACE_MUST, /* pushed data, and what a job cannot go on without: evicts domains and selections in use too */
+	SPACE_MAY,  /* for derived data, which need not be written: data that is not in use */
+	SPACE_MUST, /* for pushed data, and what a job needs: domains and selections in use, too */
 };
 /*
- * Takes `bytes` if quota and keep-free allow it, after evicting if that helps (reads the cache's folders then: workers
- * only). -ERR_NOSPACE: "WHAT needs N, M are free: by which limit"; err->need is what is lacking, in bytes.
+ * Takes bytes if quota and keep-free allow it. Evicts first, if that helps. Queries the file system, and may read the cache's
+ * folders: workers. -ERR_NOSPACE: "WHAT needs N, M are free: by which limit"; err->need has the missing bytes.
  */
 int space_take(struct space *, enum space_kind, uint64_t bytes, enum space_need, const char *what, struct err *err);
 void space_give(struct space *, enum space_kind, uint64_t bytes);
-/* What was taken so has come to so many, under its name. To be called for all that is taken of domains and selections,
- * also when nothing comes of it: until then it is not looked for in the folders. */
-void space_change(struct space *, enum space_kind, uint64_t taken, uint64_t bytes);
-void space_count(struct space *, enum space_kind, int entries); /* that came, or went */
-/* Bytes that were taken and are not on the disk yet: to be called with what was taken, and with less (negative) as it
- * is written or given back. Only of what takes long, so that others do not count on the same free bytes. */
-void space_promise(struct space *, enum space_kind, int64_t bytes);
+/* Replaces taken bytes by the size of the file that now has its final name; 0: nothing came of it. Must follow each taking of
+ * domains and selections: until then a pass over the folders does not count them. */
+void space_commit(struct space *, enum space_kind, uint64_t taken, uint64_t bytes);
+void space_count_entries(struct space *, enum space_kind, int entries); /* added; negative: removed */
+/* Taken bytes that are not written yet; negative: they were written or given back. For writing that takes long: others do not
+ * count on the same free bytes meanwhile. */
+void space_add_unwritten(struct space *, enum space_kind, int64_t bytes);
+/* Bytes of a kind that another room counts, beside those that were taken. */
+void space_set_counted(struct space *, enum space_kind, uint64_t bytes);
 /*
- * What the file systems have is asked by workers, and kept: a file system may never answer. Whoever takes or evicts has just
- * asked; space_would, space_over and space_stat go by the last answer, so the loop can call them.
+ * Queries the free space of the file systems. One may never answer: workers. space_take and eviction query by themselves;
+ * space_would_fit, space_is_exceeded and space_stat use the last answer, so the loop can call them.
  */
-void space_ask(struct space *);
-/* Waits until a question that began at `since_ns` (clock_mono_ns) or later is answered, or that time has come. */
-void space_ask_wait(struct space *, uint64_t since_ns, uint64_t until_ns);
-/* Beside what was taken there is so much of it that others keep count of. */
-void space_set(struct space *, enum space_kind, uint64_t bytes);
-/* Whether space_take would succeed, without evicting anything yet; *ret_lacks: bytes that it lacks, 0 if so. */
-bool space_would(struct space *, enum space_kind, uint64_t bytes, uint64_t *ret_lacks);
+void space_query(struct space *);
+/* Waits for the answers of a query that began at `since_ns` (clock_mono_ns) or later, until `until_ns` at most. */
+void space_query_wait(struct space *, uint64_t since_ns, uint64_t until_ns);
+/* Whether space_take would succeed, with eviction if necessary. *ret_missing: bytes, 0 if true. */
+bool space_would_fit(struct space *, enum space_kind, uint64_t bytes, uint64_t *ret_missing);
+/* Quota or keep-free are exceeded, and eviction helps. */
+bool space_is_exceeded(struct space *);
 
-/* Folders in which a selection is being made, or removed, have names that begin so. */
+/* Temporary names in cache/selected, of selections that are being made or removed, begin so. */
 #define SPACE_SELECTION_TEMP "tmp-"
-/* A selection that somebody reads is evicted last. Balanced. */
+/* Marks a selection as in use. Each hold needs a release. */
 void space_hold(struct space *, struct digest selection);
 void space_release(struct space *, struct digest selection);
-/* Domains that were used since then (realtime, microseconds) are of jobs that run: they go last. INT64_MAX: none. */
+/* Domains used since then (realtime, microseconds) are in use by running jobs. INT64_MAX: none. */
 void space_running_since(struct space *, int64_t us);
 
-/* ---- evicting and measuring: workers ---- */
+/* ---- eviction and measuring: workers ---- */
 
-/* A stored domain in that folder goes. *ret_bytes: 0 = it was not there. */
-struct store_id;
-int space_drop_domain(struct space *, int domainsfd, const struct store_id *, uint64_t *ret_bytes, struct err *err);
-/* Evicts until quota and keep-free hold again, if they do not; all_derived: everything derived goes.
- * *ret_bytes, *ret_files: what went. */
+/* Removes a stored domain from that folder. *ret_bytes: its size, 0: it was not there. */
+int space_remove_domain(struct space *, int domainsfd, const struct store_id *, uint64_t *ret_bytes, struct err *err);
+/* Evicts until quota and keep-free hold; all_derived: everything derived. *ret_bytes, *ret_files: what was removed. */
 int space_evict(struct space *, bool all_derived, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err);
-/* Reads sizes and numbers of what is derived; until then it counts as far as it was written since the start. */
+/* Counts derived files. Until then the accounts have what was written since the start. */
 int space_measure(struct space *, struct err *err);
-bool space_over(struct space *); /* quota or keep-free do not hold: space_evict has work */
-
-/* Removes what was cut short and nobody works at any more. */
+/* Removes temporary files that nobody has written to for a day. */
 int space_sweep(struct space *, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err);
-/* Lengths of the files in a folder. */
+/* Sum of the lengths of the files in a folder. */
 uint64_t space_folder_bytes(int parent, const char *name);
 
-/* ---- telling ---- */
+/* ---- reports ---- */
 
 struct space_side {
-	uint64_t used, quota; /* of what counts there; quota UINT64_MAX: none */
+	uint64_t used, quota; /* quota UINT64_MAX: none */
 	uint64_t total, free; /* of the file system */
 	uint64_t keep_free;
 };
 struct space_stat {
 	struct {
 		uint64_t bytes, entries;
-	} kind[SPACE_KINDS]; /* entries: of DOMAINS and SELECTIONS; else 0 */
+	} kind[SPACE_KINDS]; /* entries: of domains and selections, otherwise 0 */
 	struct space_side state, cache;
-	bool one; /* both lie on one file system: the two are the same */
+	bool one_fs; /* both are on one file system, and have the same figures */
 	bool measured;
 	uint64_t evicted_bytes, evicted_files; /* since the start */
 };

@@ -1,15 +1,16 @@
 /*
- * What goes when there is too much: stored domains and selections, least recently used first.
+ * Eviction of stored domains and selections, least recently used first.
  *
- * The model: last use is the time of change of a domain's file, or of a selection's `manifest`. A pass reads the folders
- * and keeps the oldest few hundred in a heap of fixed size, removes them oldest first until there is room and some
- * more (so that the next who asks need not read the folders again), and is repeated where these were not enough.
- * Each pass sees all that is there, so it also mends the accounts: what somebody else removed is not there any more.
- * A selection is renamed before it is removed, so nobody opens half of one; who has it open reads on.
+ * The model: the time of the last use is the modification time of a domain's file, or of a selection's `manifest`. A pass reads
+ * the folders and keeps the oldest few hundred entries in a heap of fixed size. They are removed, the oldest first, until there
+ * is enough space and a reserve, so that the next writer need not read the folders again. If that was not enough, there is
+ * another pass. Each pass counts everything, so it also corrects the accounts for files that somebody else removed. A selection
+ * is renamed before it is removed, so nobody opens an incomplete one; readers that have it open continue.
  *
- * What is in use goes last, and only for what must be written: selections that are held (space_hold), and domains that
- * were used since the oldest running job began.
+ * Entries in use are evicted last, and only for data that must be written: selections that are held (space_hold), and domains
+ * that were used since the oldest running job began.
  */
+#include <assert.h>
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -28,33 +29,33 @@
 
 enum { OLDEST_MAX = 320, PATH_SIZE = 176, DEPTH_MAX = 4, PASSES_MAX = 4096 };
 
-#define WRITTEN_NS (INT64_C(60) * 1000000000) /* a domain takes a few milliseconds */
+#define WRITTEN_NS (INT64_C(60) * 1000000000) /* writing a domain takes milliseconds */
 
-struct old {
+struct old_entry {
 	int64_t used_ns;
 	uint64_t bytes;
 	bool selection;
 	char path[PATH_SIZE]; /* below `domains` or `selected` */
 };
 
-struct pass {
+struct evict_pass {
 	struct space *space;
 	void *ctx;
 	enum space_need need;
 	int64_t since_ns;  /* domains used since then are in use */
 	int64_t before_ns; /* temporary files changed since then are being written */
 	size_t n;
-	struct old *heap;              /* the youngest first */
+	struct old_entry *heap;        /* the youngest is the first */
 	uint64_t bytes[2], entries[2]; /* of domains, selections */
 };
 
 /* ---- the oldest ---- */
 
-static void sift_down(struct pass *p, size_t i)
+static void sift_down(struct evict_pass *p, size_t i)
 {
 	for (;;) {
 		size_t young = i;
-		struct old o;
+		struct old_entry o;
 
 		for (size_t k = 2 * i + 1; k <= 2 * i + 2 && k < p->n; k++)
 			if (p->heap[k].used_ns > p->heap[young].used_ns)
@@ -68,16 +69,16 @@ static void sift_down(struct pass *p, size_t i)
 	}
 }
 
-static void remember(struct pass *p, const char *path, bool selection, int64_t used_ns, uint64_t bytes)
+static void keep_old(struct evict_pass *p, const char *path, bool selection, int64_t used_ns, uint64_t bytes)
 {
-	struct old *to;
+	struct old_entry *to;
 
 	if (!p->heap || strlen(path) >= PATH_SIZE)
 		return;
 	if (p->n == OLDEST_MAX && used_ns >= p->heap[0].used_ns)
 		return;
 	to = p->n < OLDEST_MAX ? &p->heap[p->n++] : &p->heap[0];
-	*to = (struct old){.used_ns = used_ns, .bytes = bytes, .selection = selection};
+	*to = (struct old_entry){.used_ns = used_ns, .bytes = bytes, .selection = selection};
 	memcpy(to->path, path, strlen(path) + 1);
 	if (p->n == OLDEST_MAX)
 		for (size_t i = to == &p->heap[0] ? 1 : OLDEST_MAX / 2; i-- > 0;)
@@ -86,7 +87,7 @@ static void remember(struct pass *p, const char *path, bool selection, int64_t u
 
 static int oldest_first(const void *a, const void *b)
 {
-	int64_t x = ((const struct old *)a)->used_ns, y = ((const struct old *)b)->used_ns;
+	int64_t x = ((const struct old_entry *)a)->used_ns, y = ((const struct old_entry *)b)->used_ns;
 
 	return x < y ? -1 : x > y;
 }
@@ -98,23 +99,23 @@ static int64_t used_of(const struct stat *st)
 
 /* ---- reading the folders ---- */
 
-typedef void found_fn(struct pass *, int dirfd, const char *name, const char *path, const struct stat *);
+typedef void found_fn(struct evict_pass *, int dirfd, const char *name, const char *path, const struct stat *);
 
-enum { NAME_MOST = 170 }; /* of an entry; longer ones are nobody's */
+enum { NAME_MOST = 170 }; /* of an entry; entries with longer names are not ours */
 
 struct reading {
-	struct pass *pass;
+	struct evict_pass *pass;
 	int fd;
-	char path[2 * PATH_SIZE]; /* of that folder, below the one that was read first; then of one of its entries */
-	size_t length;            /* of the folder's, with the / behind it */
-	unsigned depth;           /* of folders that are read too */
+	char path[2 * PATH_SIZE]; /* of the folder, below the one that the pass began with; then of one of its entries */
+	size_t length;            /* of the folder's path, with its last / */
+	unsigned depth;           /* of subfolders that are read */
 	found_fn *found;
 };
 
-static int folder_read(struct pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
+static int folder_read(struct evict_pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
 		       struct err *err);
 
-/* What goes away meanwhile is not there. */
+/* An entry that is removed meanwhile is skipped. */
 static int entry_read(void *ctx, const struct dirent *e, struct err *err)
 {
 	struct reading *r = ctx;
@@ -132,8 +133,8 @@ static int entry_read(void *ctx, const struct dirent *e, struct err *err)
 	return 0;
 }
 
-/* Every entry below. */
-static int folder_read(struct pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
+/* Calls `found` for every file below. */
+static int folder_read(struct evict_pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
 		       struct err *err)
 {
 	struct reading reading = {.pass = p, .depth = depth, .found = found};
@@ -180,31 +181,32 @@ uint64_t space_folder_bytes(int parent, const char *name)
 	return sum.bytes;
 }
 
-static bool temporary(const char *name)
+static bool is_temporary(const char *name)
 {
 	size_t n = strlen(name);
 
 	return n >= 4 && !strcmp(name + n - 4, ".tmp");
 }
 
-/* What is being written is in the accounts by what its writer took, and is not there yet. What a crash left counts later. */
-static void domain_found(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
+/* A file that is being written is in the accounts by what its writer took, so it is not counted. One that a crash left is counted
+ * later. */
+static void domain_found(struct evict_pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
-	if (!S_ISREG(st->st_mode) || (temporary(name) && used_of(st) >= p->before_ns))
+	if (!S_ISREG(st->st_mode) || (is_temporary(name) && used_of(st) >= p->before_ns))
 		return;
 	p->bytes[0] += (uint64_t)st->st_size;
 	p->entries[0]++;
 	if (p->need == SPACE_MUST || used_of(st) < p->since_ns)
-		remember(p, path, false, used_of(st), (uint64_t)st->st_size);
+		keep_old(p, path, false, used_of(st), (uint64_t)st->st_size);
 }
 
-static void selection_found(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
+static void selection_found(struct evict_pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
 	char manifest[PATH_SIZE + 16];
 	struct stat last;
 	uint64_t bytes;
 
-	/* What is being made is not in the accounts of what is there. */
+	/* Selections that are being made are in the accounts by what was taken. */
 	if (!S_ISDIR(st->st_mode) || !strncmp(name, SPACE_SELECTION_TEMP, strlen(SPACE_SELECTION_TEMP)))
 		return;
 	snprintf(manifest, sizeof manifest, "%.170s/manifest", name);
@@ -214,24 +216,25 @@ static void selection_found(struct pass *p, int dirfd, const char *name, const c
 	p->bytes[1] += bytes;
 	p->entries[1]++;
 	if (p->need == SPACE_MUST || !space_is_held(p->space, name))
-		remember(p, path, true, used_of(&last), bytes);
+		keep_old(p, path, true, used_of(&last), bytes);
 }
 
-/* One look at all that is there, which the accounts then say. */
-static int look(struct pass *p, struct err *err)
+/* Reads all folders once, and corrects the accounts. */
+static int read_all(struct evict_pass *p, struct err *err)
 {
 	struct space *s = p->space;
 	uint64_t before[2];
 	int r;
 
+	assert(lock_held(LOCK_EVICT));
 	p->n = 0;
 	p->before_ns = clock_real_us() * 1000 - WRITTEN_NS;
 	memset(p->bytes, 0, sizeof p->bytes);
 	memset(p->entries, 0, sizeof p->entries);
 	lock_take(&s->lock);
 	for (int k = 0; k < 2; k++)
-		before[k] = s->come[SPACE_DOMAINS + k];
-	p->since_ns = s->since_us > INT64_MAX / 1000 ? INT64_MAX : s->since_us * 1000;
+		before[k] = s->committed[SPACE_DOMAINS + k];
+	p->since_ns = s->running_since_us > INT64_MAX / 1000 ? INT64_MAX : s->running_since_us * 1000;
 	lock_give(&s->lock);
 	r = folder_read(p, s->p.cachefd, "domains", "", DEPTH_MAX, domain_found, err);
 	if (!r)
@@ -240,9 +243,10 @@ static int look(struct pass *p, struct err *err)
 		return r;
 	lock_take(&s->lock);
 	for (int k = 0; k < 2; k++) {
-		/* What came meanwhile may or may not have been seen: the next pass knows. What is being written was not,
-		 * and its writer will give back all that it took. */
-		s->taken[SPACE_DOMAINS + k] = p->bytes[k] + s->come[SPACE_DOMAINS + k] - before[k] + s->open[SPACE_DOMAINS + k];
+		/* Files that were committed meanwhile may or may not have been seen: they count here, and the next pass corrects
+		 * that. Files that are being written were not seen, and their writers will give back all that they took. */
+		s->taken[SPACE_DOMAINS + k] =
+			p->bytes[k] + s->committed[SPACE_DOMAINS + k] - before[k] + s->uncommitted[SPACE_DOMAINS + k];
 		s->entries[SPACE_DOMAINS + k] = p->entries[k];
 	}
 	s->measured = true;
@@ -260,7 +264,7 @@ static int remove_selection(struct space *s, const char *name, struct err *err)
 	if (r)
 		return r;
 	snprintf(temp, sizeof temp, "%sgone-%.160s", SPACE_SELECTION_TEMP, name);
-	/* What an attempt that failed has left there. */
+	/* A failed attempt may have left that name. */
 	r = io_folder_remove(fd, temp, err);
 	if (!r && io->renameat(fd, name, fd, temp) != 0)
 		r = errno == ENOENT ? 0 : err_sys(err, errno, "cannot rename a selection");
@@ -281,17 +285,17 @@ static int remove_domain(struct space *s, const char *path, struct err *err)
 	return r;
 }
 
-static void removed(struct space *s, enum space_kind kind, uint64_t bytes)
+static void count_removed(struct space *s, enum space_kind kind, uint64_t bytes)
 {
 	space_give(s, kind, bytes);
-	space_count(s, kind, -1);
+	space_count_entries(s, kind, -1);
 	lock_take(&s->lock);
 	s->evicted_bytes += bytes;
 	s->evicted_files++;
 	lock_give(&s->lock);
 }
 
-int space_drop_domain(struct space *s, int domainsfd, const struct store_id *id, uint64_t *ret_bytes, struct err *err)
+int space_remove_domain(struct space *s, int domainsfd, const struct store_id *id, uint64_t *ret_bytes, struct err *err)
 {
 	int r = 0;
 
@@ -300,43 +304,43 @@ int space_drop_domain(struct space *s, int domainsfd, const struct store_id *id,
 	if (*ret_bytes)
 		r = store_remove(domainsfd, id, err);
 	if (*ret_bytes && !r)
-		removed(s, SPACE_DOMAINS, *ret_bytes);
+		count_removed(s, SPACE_DOMAINS, *ret_bytes);
 	lock_give(&s->evicting);
 	return r;
 }
 
-static int remove_old(struct space *s, const struct old *o, struct err *err)
+static int remove_old(struct space *s, const struct old_entry *o, struct err *err)
 {
 	enum space_kind kind = o->selection ? SPACE_SELECTIONS : SPACE_DOMAINS;
 	int r = o->selection ? remove_selection(s, o->path, err) : remove_domain(s, o->path, err);
 
 	if (r)
 		return r;
-	removed(s, kind, o->bytes);
+	count_removed(s, kind, o->bytes);
 	return 0;
 }
 
-/* What has to go so that there is room; *ret_more: and some more, so that not each who asks reads the folders. */
-static uint64_t to_go(struct space *s, int side, uint64_t bytes, uint64_t *ret_more)
+/* Bytes to evict for `bytes` more; *ret_more: a reserve, so that not every writer reads the folders. */
+static uint64_t bytes_to_evict(struct space *s, int side, uint64_t bytes, uint64_t *ret_more)
 {
-	struct space_lack l;
-	uint64_t lacks;
+	struct space_shortage l;
+	uint64_t missing;
 
-	space_ask_side(s, side);
+	space_query_side(s, side);
 	lock_take(&s->lock);
-	l = space_lack_of(s, side, bytes);
-	lacks = space_by_cache(s, side, &l);
+	l = space_shortage_of(s, side, bytes);
+	missing = space_evictable(s, side, &l);
 	lock_give(&s->lock);
 	*ret_more = l.by_quota ? l.quota / 32 : l.keep_free / 8;
-	return lacks;
+	return missing;
 }
 
-/* The oldest, up to so many bytes. *ret_any: something was there that may go. */
-static int round_of(struct pass *p, uint64_t goal, uint64_t *bytes, uint64_t *files, bool *ret_any, struct err *err)
+/* Removes the oldest entries, up to so many bytes. *ret_any: there was something that may be removed. */
+static int evict_round(struct evict_pass *p, uint64_t goal, uint64_t *bytes, uint64_t *files, bool *ret_any, struct err *err)
 {
 	uint64_t gone = 0, before = *files;
 	struct err why = ERR_INIT;
-	int r = look(p, err);
+	int r = read_all(p, err);
 
 	*ret_any = !r && p->n > 0;
 	if (r)
@@ -353,7 +357,7 @@ static int round_of(struct pass *p, uint64_t goal, uint64_t *bytes, uint64_t *fi
 		}
 	}
 	*bytes += gone;
-	/* One that cannot be removed keeps the others' place only when there are no others. */
+	/* Entries that cannot be removed are an error only if nothing was removed. */
 	if (why.code && *files == before) {
 		*err = why;
 		return -(int)why.code;
@@ -361,30 +365,30 @@ static int round_of(struct pass *p, uint64_t goal, uint64_t *bytes, uint64_t *fi
 	return 0;
 }
 
-static int evict_all(struct pass *p, uint64_t *bytes, uint64_t *files, struct err *err)
+static int evict_all(struct evict_pass *p, uint64_t *bytes, uint64_t *files, struct err *err)
 {
 	bool any = true;
 	int r = 0;
 
 	p->need = SPACE_MUST;
 	while (!r && any)
-		r = round_of(p, UINT64_MAX, bytes, files, &any, err);
+		r = evict_round(p, UINT64_MAX, bytes, files, &any, err);
 	return r;
 }
 
-/* First what nobody uses, and some more; then, if it must be, what is in use, as much as is lacking. */
-static int evict(struct pass *p, int side, uint64_t need_bytes, enum space_need need, uint64_t *bytes, uint64_t *files,
-		 struct err *err)
+/* First entries that are not in use, with a reserve. Then, if necessary and allowed, entries in use, without one. */
+static int evict_on_side(struct evict_pass *p, int side, uint64_t need_bytes, enum space_need need, uint64_t *bytes,
+			 uint64_t *files, struct err *err)
 {
-	uint64_t more, lacks = to_go(p->space, side, need_bytes, &more), all = lacks + more;
+	uint64_t more, missing = bytes_to_evict(p->space, side, need_bytes, &more), all = missing + more;
 	int r = 0;
 
 	p->need = SPACE_MAY;
-	while (!r && lacks) {
+	while (!r && missing) {
 		bool any, last = p->need == SPACE_MUST || *bytes >= all;
 
-		r = round_of(p, last ? lacks : all - *bytes, bytes, files, &any, err);
-		lacks = to_go(p->space, side, need_bytes, &more);
+		r = evict_round(p, last ? missing : all - *bytes, bytes, files, &any, err);
+		missing = bytes_to_evict(p->space, side, need_bytes, &more);
 		if (!any && p->need == need)
 			break;
 		if (!any)
@@ -392,23 +396,23 @@ static int evict(struct pass *p, int side, uint64_t need_bytes, enum space_need 
 	}
 	if (!r) {
 		lock_take(&p->space->lock);
-		p->space->in_vain_ns[need] = lacks ? clock_mono_ns() : 0;
+		p->space->futile_ns[need] = missing ? clock_mono_ns() : 0;
 		lock_give(&p->space->lock);
 	}
 	return r;
 }
 
-/* A heap's worth of memory, and the turn to read the folders. */
-static int begin(struct pass *p, struct space *s, struct err *err)
+/* Allocates the heap, and takes the lock for reading the folders. */
+static int begin_pass(struct evict_pass *p, struct space *s, struct err *err)
 {
-	*p = (struct pass){.space = s, .heap = malloc(OLDEST_MAX * sizeof *p->heap)};
+	*p = (struct evict_pass){.space = s, .heap = malloc(OLDEST_MAX * sizeof *p->heap)};
 	if (!p->heap)
-		return err_set(err, ERR_NOMEM, "no memory to look for what can be evicted");
+		return err_set(err, ERR_NOMEM, "no memory to find what can be evicted");
 	lock_take(&s->evicting);
 	return 0;
 }
 
-static void end(struct pass *p)
+static void end_pass(struct evict_pass *p)
 {
 	lock_give(&p->space->evicting);
 	free(p->heap);
@@ -417,14 +421,14 @@ static void end(struct pass *p)
 int space_evict_for(struct space *s, int side, uint64_t bytes, enum space_need need, uint64_t *ret_bytes, uint64_t *ret_files,
 		    struct err *err)
 {
-	struct pass p;
-	int r = begin(&p, s, err);
+	struct evict_pass p;
+	int r = begin_pass(&p, s, err);
 
 	*ret_bytes = *ret_files = 0;
 	if (r)
 		return r;
-	r = evict(&p, side, bytes, need, ret_bytes, ret_files, err);
-	end(&p);
+	r = evict_on_side(&p, side, bytes, need, ret_bytes, ret_files, err);
+	end_pass(&p);
 	if (*ret_files)
 		log_event(LOG_EVENT_EVICTED, NULL, "the cache makes room: %llu domains and selections of %llu bytes are removed",
 			  (unsigned long long)*ret_files, (unsigned long long)*ret_bytes);
@@ -434,16 +438,16 @@ int space_evict_for(struct space *s, int side, uint64_t bytes, enum space_need n
 int space_evict(struct space *s, bool all_derived, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err)
 {
 	uint64_t bytes = 0, files = 0;
-	struct pass p;
+	struct evict_pass p;
 	int r = 0;
 
 	*ret_bytes = *ret_files = 0;
 	if (all_derived) {
-		r = begin(&p, s, err);
+		r = begin_pass(&p, s, err);
 		if (r)
 			return r;
 		r = evict_all(&p, ret_bytes, ret_files, err);
-		end(&p);
+		end_pass(&p);
 		return r;
 	}
 	for (int side = SPACE_SIDES; !r && side-- > 0;) {
@@ -456,33 +460,33 @@ int space_evict(struct space *s, bool all_derived, uint64_t *ret_bytes, uint64_t
 
 int space_measure(struct space *s, struct err *err)
 {
-	struct pass p;
-	int r = begin(&p, s, err);
+	struct evict_pass p;
+	int r = begin_pass(&p, s, err);
 
 	if (r)
 		return r;
 	p.need = SPACE_MUST;
-	r = look(&p, err);
-	end(&p);
+	r = read_all(&p, err);
+	end_pass(&p);
 	return r;
 }
 
-/* ---- what was cut short ---- */
+/* ---- leftovers ---- */
 
-#define LEFT_NS (INT64_C(86400) * 1000000000) /* nobody has written to it for so long */
+#define LEFT_NS (INT64_C(86400) * 1000000000) /* a temporary file without writes for so long is a leftover */
 
-struct left {
+struct leftovers {
 	int64_t before_ns;
 	uint64_t bytes, files;
 	struct err err;
 };
 
-/* Temporary names of stored domains. */
-static void left_domain(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
+/* Removes temporary files of stored domains. */
+static void sweep_domain(struct evict_pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
-	struct left *left = p->ctx;
+	struct leftovers *left = p->ctx;
 
-	if (!S_ISREG(st->st_mode) || !temporary(name) || used_of(st) >= left->before_ns)
+	if (!S_ISREG(st->st_mode) || !is_temporary(name) || used_of(st) >= left->before_ns)
 		return;
 	if (!io_remove(dirfd, name, &left->err)) {
 		left->bytes += (uint64_t)st->st_size;
@@ -490,9 +494,9 @@ static void left_domain(struct pass *p, int dirfd, const char *name, const char 
 	}
 }
 
-static void left_selection(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
+static void sweep_selection(struct evict_pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
-	struct left *left = p->ctx;
+	struct leftovers *left = p->ctx;
 	uint64_t bytes;
 
 	if (!S_ISDIR(st->st_mode) || strncmp(name, SPACE_SELECTION_TEMP, strlen(SPACE_SELECTION_TEMP)) ||
@@ -507,18 +511,18 @@ static void left_selection(struct pass *p, int dirfd, const char *name, const ch
 
 int space_sweep(struct space *s, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err)
 {
-	struct left left = {.before_ns = clock_real_us() * 1000 - LEFT_NS, .err = ERR_INIT};
-	struct pass p;
-	int r = begin(&p, s, err);
+	struct leftovers left = {.before_ns = clock_real_us() * 1000 - LEFT_NS, .err = ERR_INIT};
+	struct evict_pass p;
+	int r = begin_pass(&p, s, err);
 
 	*ret_bytes = *ret_files = 0;
 	if (r)
 		return r;
 	p.ctx = &left;
-	r = folder_read(&p, s->p.cachefd, "domains", "", DEPTH_MAX, left_domain, err);
+	r = folder_read(&p, s->p.cachefd, "domains", "", DEPTH_MAX, sweep_domain, err);
 	if (!r)
-		r = folder_read(&p, s->p.cachefd, "selected", "", 0, left_selection, err);
-	end(&p);
+		r = folder_read(&p, s->p.cachefd, "selected", "", 0, sweep_selection, err);
+	end_pass(&p);
 	*ret_bytes = left.bytes;
 	*ret_files = left.files;
 	return r;

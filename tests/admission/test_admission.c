@@ -13,7 +13,7 @@ enum { HUNDRED = 100 };
 
 static struct job *submit_as(uint32_t uid, struct dataset *d, const char *view, const char *priority)
 {
-	struct job_params p = {.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = rights_stored(uid, 1)};
+	struct job_params p = {.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = rights_of_user(uid, 1)};
 	int before = accepts;
 
 	job_submit(h.service->jobs, &p, accepted, NULL);
@@ -32,7 +32,7 @@ static void submit_many(uint32_t uid, struct dataset *d, struct job **jobs, unsi
 {
 	for (unsigned i = 0; i < n; i++) {
 		char view[64];
-		struct job_params p = {.dataset = d, .view = view, .priority = priority, .peer = rights_stored(uid, 1)};
+		struct job_params p = {.dataset = d, .view = view, .priority = priority, .peer = rights_of_user(uid, 1)};
 
 		snprintf(view, sizeof view, "view 1 zmin=%u", 1 + i);
 		jobs[i] = NULL;
@@ -46,7 +46,7 @@ static void submit_many(uint32_t uid, struct dataset *d, struct job **jobs, unsi
 static struct job *one_step(uint32_t uid, struct dataset *d, const char *priority, struct reader *r)
 {
 	struct job_params p = {
-		.dataset = d, .view = "view 1 zmin=777", .bound = true, .priority = priority, .peer = rights_stored(uid, 1)};
+		.dataset = d, .view = "view 1 zmin=777", .bound = true, .priority = priority, .peer = rights_of_user(uid, 1)};
 	struct job *job = NULL;
 
 	*r = (struct reader){.output.calls = &reader_calls};
@@ -205,7 +205,7 @@ static void way_is_made(void **state)
 	assert_int_equal(info_of(jobs[2]).state, JOB_done);
 	/* One of the two has none now, and waits for it. */
 	for (int i = 0; i < 2; i++)
-		without += jobs[i]->run && !jobs[i]->run->placed && jobs[i]->slot.seeks;
+		without += jobs[i]->run && !jobs[i]->run->placed && jobs[i]->slot.requested;
 	assert_int_equal(without, 1);
 	h.service->admission->runs_max = 4;
 	gate_open();
@@ -296,7 +296,7 @@ static void never_and_the_number(void **state)
 	unsigned long long mega = 0;
 	const char *number;
 
-	assert_int_equal(admission_never(h.service->admission, bytes, "a test", &err), -ERR_LIMIT);
+	assert_int_equal(admission_check_size(h.service->admission, bytes, "a test", &err), -ERR_LIMIT);
 	number = strstr(err.hint, "memory=");
 	assert_non_null(number);
 	assert_int_equal(sscanf(number, "memory=%lluM", &mega), 1);
@@ -305,7 +305,7 @@ static void never_and_the_number(void **state)
 	for (int i = 0; i < 2; i++) {
 		close_service();
 		open_service((i ? mega : mega - mega / 16) << 20, 2);
-		assert_int_equal(admission_never(h.service->admission, bytes, "a test", &err), i ? 0 : -ERR_LIMIT);
+		assert_int_equal(admission_check_size(h.service->admission, bytes, "a test", &err), i ? 0 : -ERR_LIMIT);
 	}
 }
 
@@ -379,7 +379,7 @@ static void leaves_before_its_place(void **state)
 	run_output_gone(&r.output, r_freed);
 	assert_true(r.freed);
 	/* Another request, before the round of the loop ends. */
-	slots_settle(h.service->admission);
+	slots_grant(h.service->admission);
 	turn_until(!service_active(h.service));
 	assert_int_equal(r.heads + r.ends, 0);
 	dataset_release(d);

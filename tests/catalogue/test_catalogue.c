@@ -380,7 +380,7 @@ static void sync_fails(void **state)
 
 		if (told_r)
 			assert_int_equal(told_r, -ERR_IO);
-		assert_false(catalogue_unsure(c) && !told_r);
+		assert_false(catalogue_is_uncertain(c) && !told_r);
 		fail_to = 0;
 		/* The connection before is not used any more; this change is a new one. */
 		struct catalogue_push p = {.id = (uint64_t)at, .dataset = 7};
@@ -388,7 +388,7 @@ static void sync_fails(void **state)
 		assert_int_equal(catalogue_put_push(c, &p, tell, NULL, &err), 0);
 		settle(c);
 		assert_int_equal(told_r, 0);
-		bool unsure = catalogue_unsure(c);
+		bool unsure = catalogue_is_uncertain(c);
 
 		catalogue_free(c);
 		fake(false);
@@ -419,7 +419,7 @@ static void disk_stays_broken(void **state)
 		assert_int_equal(catalogue_put_dataset(c, &d, 0, tell, NULL, &err), 0);
 		settle(c);
 		assert_int_equal(told_r, -ERR_IO);
-		assert_true(catalogue_unsure(c));
+		assert_true(catalogue_is_uncertain(c));
 	}
 	fail_to = 0;
 	d.generation = 3;

@@ -6,7 +6,6 @@
 
 #include <cmocka.h>
 
-#include "core.h"
 #include "core_priv.h"
 
 enum { ANNA = 1001, BERT = 1002, PENDING = 82000 };
@@ -38,19 +37,20 @@ static void whose_disk(void **state)
 {
 	const struct limit_geoid grids[] = {{BERT, 1000}, {BERT, 500}, {ANNA, 7}};
 	struct listed listed = {.dataset = 5000, .pending = PENDING};
-	struct core core = {.p.user.disk = {.n = 100000, .unit = SPACE_BYTES}, .used = {&listed, each}};
+	struct core_private priv = {0};
+	struct core core = {.p.user.disk = {.n = 100000, .unit = SPACE_BYTES}, .usage = {&listed, each}, .priv = &priv};
 	const uint64_t pending = PENDING;
 	struct err err = ERR_INIT;
 
-	limit_init(&core);
-	limit_count(&core);
+	limit_init(&priv);
+	limit_recount(&core);
 	limit_geoids(&core, grids, 3);
 	assert_int_equal(has(&core, ANNA), 5007);
 	assert_int_equal(has(&core, BERT), pending + 1500);
 	/* Rows outlive a count by what it does not know. */
 	assert_int_equal(limit_disk_take(&core, BERT, false, 10, "it", &err), 0);
 	listed.pending = 0;
-	limit_count(&core);
+	limit_recount(&core);
 	assert_int_equal(has(&core, BERT), 1510);
 	/* There is room to the last byte, and what is refused takes nothing. */
 	assert_int_equal(limit_disk_take(&core, BERT, false, 100000 - 1509, "it", &err), -ERR_LIMIT);
@@ -60,22 +60,22 @@ static void whose_disk(void **state)
 	limit_disk_give(&core, BERT, 100000 - 1510);
 	/* What was taken and lies there now: in one step. And back. */
 	listed.pending = PENDING;
-	limit_count_given(&core, BERT, 10, ANNA, 0);
+	limit_release_and_recount(&core, BERT, 10, ANNA, 0);
 	assert_int_equal(has(&core, BERT), pending + 1500);
 	listed.pending = 0;
-	limit_count_given(&core, BERT, -(int64_t)pending, ANNA, -5);
+	limit_release_and_recount(&core, BERT, -(int64_t)pending, ANNA, -5);
 	assert_int_equal(has(&core, BERT), pending + 1500);
 	assert_int_equal(has(&core, ANNA), 5012);
 	/* Also while there is no limit: what was taken under one is given back. */
 	core.p.user.disk.unit = SPACE_UNLIMITED;
-	limit_count_given(&core, BERT, (int64_t)pending, ANNA, 5);
+	limit_release_and_recount(&core, BERT, (int64_t)pending, ANNA, 5);
 	core.p.user.disk.unit = SPACE_BYTES;
-	limit_count(&core);
+	limit_recount(&core);
 	limit_geoids(&core, grids, 0);
-	limit_count(&core);
+	limit_recount(&core);
 	assert_int_equal(has(&core, BERT), 0);
-	assert_int_equal(core.limits.n, 1);
-	limit_done(&core);
+	assert_int_equal(priv.limits.n, 1);
+	limit_done(&priv);
 }
 
 int main(void)

@@ -40,9 +40,9 @@ static void datasets(void **state)
 		/* Nobody is in no group. */
 		assert_int_equal(rights_allow(&first, RIGHT_READ, OWNER, RIGHTS_NOBODY, mode), mode >> 2 & 1);
 		assert_true(rights_allow(&owner, RIGHT_OWN, OWNER, GROUP, mode));
-		assert_false(rights_allow(&owner, RIGHT_GIVE, OWNER, GROUP, mode));
+		assert_false(rights_allow(&owner, RIGHT_CHOWN, OWNER, GROUP, mode));
 		assert_false(rights_allow(&more, RIGHT_OWN, OWNER, GROUP, mode));
-		for (int right = RIGHT_READ; right <= RIGHT_GIVE; right++)
+		for (int right = RIGHT_READ; right <= RIGHT_CHOWN; right++)
 			assert_true(rights_allow(&root, (enum right)right, OWNER, GROUP, mode));
 	}
 }
@@ -65,17 +65,17 @@ static void admins(void **state)
 		struct peer p = row[i].peer, kept;
 		struct err err = ERR_INIT;
 
-		rights_look(&rules, &p);
+		rights_set_admin(&rules, &p);
 		assert_int_equal(p.admin, row[i].admin);
 		assert_int_equal(rights_connect(&rules, &p, &err), row[i].served ? 0 : -ERR_PERM);
 		assert_true(row[i].served || strstr(err.message, "acut"));
-		kept = rights_kept(&p);
+		kept = rights_without_groups(&p);
 		assert_null(kept.groups);
 		assert_int_equal(rights_admin(&kept), row[i].admin);
-		assert_int_equal(rights_as(&kept, OWNER), row[i].admin);
-		assert_true(rights_as(&kept, p.uid));
+		assert_int_equal(rights_acts_as(&kept, OWNER), row[i].admin);
+		assert_true(rights_acts_as(&kept, p.uid));
 		/* Without a group whoever comes is served, and only root and the daemon's own user are admins. */
-		rights_look(&open, &p);
+		rights_set_admin(&open, &p);
 		assert_int_equal(p.admin, !p.uid || p.uid == SELF);
 		assert_int_equal(rights_connect(&open, &p, &err), 0);
 	}

@@ -15,7 +15,7 @@
 
 #include "config.h"
 #include "config_file.h"
-#include "config_told.h"
+#include "config_report.h"
 
 #define MIB (UINT64_C(1) << 20)
 
@@ -32,16 +32,16 @@ static void note(void *ctx, bool warning, const struct err *err)
 /* The settings of a text; errors and warnings in `all`. */
 static struct config read_bytes(const char *text, size_t n, unsigned errors)
 {
-	struct config_told told = {.tell = note};
+	struct config_report report = {.emit = note};
 	struct config c;
 
 	all[0] = 0;
 	config_presets(&c);
-	config_text("f", text, n, &c, &told);
-	if (told.errors == 1)
-		note(NULL, false, &told.first);
-	if (told.errors != errors)
-		fail_msg("%u errors, %u expected:\n%s", told.errors, errors, all);
+	config_text("f", text, n, &c, &report);
+	if (report.errors == 1)
+		note(NULL, false, &report.first);
+	if (report.errors != errors)
+		fail_msg("%u errors, %u expected:\n%s", report.errors, errors, all);
 	return c;
 }
 
@@ -100,11 +100,11 @@ static void taken(void **state)
 static void taken_back(void **state)
 {
 	struct config c = read_text("keep-free = 50%\ngroup = acut\nmemory = 1G\n", 0), d;
-	struct config_told told = {.tell = note};
+	struct config_report report = {.emit = note};
 
 	d = c;
-	config_text("g", "keep-free =\ngroup=\nmemory = \n", 28, &d, &told);
-	assert_int_equal(told.errors, 0);
+	config_text("g", "keep-free =\ngroup=\nmemory = \n", 28, &d, &report);
+	assert_int_equal(report.errors, 0);
 	assert_int_equal(d.keep_free.n, 5);
 	assert_string_equal(d.group, "");
 	assert_int_equal(d.memory, 0);
@@ -255,7 +255,7 @@ static void table(void **state)
 
 		for (int k = 0; k < i; k++)
 			assert_string_not_equal(s->name, config_settings[k].name);
-		assert_true(s->preset || s->preset_told);
+		assert_true(s->preset || s->preset_text);
 		assert_true(!s->preset || config_value_parse(s, s->preset, &c, &wanted));
 		assert_true(*s->help && *s->more);
 		assert_int_equal(s->help[strlen(s->help) - 1], '.');
@@ -277,17 +277,17 @@ static void put(const char *name, const char *text)
 
 static struct config parse(unsigned errors, char **words, unsigned n)
 {
-	struct config_told told = {.tell = note};
+	struct config_report report = {.emit = note};
 	struct err err = ERR_INIT;
 	struct config c = {0};
 	int what;
 
 	all[0] = 0;
-	config_parse((int)n, words, &c, &what, &told, &err);
+	config_parse((int)n, words, &c, &what, &report, &err);
 	if (errors == 1)
 		note(NULL, false, &err);
-	if (told.errors != errors)
-		fail_msg("%u errors, %u expected:\n%s", told.errors, errors, all);
+	if (report.errors != errors)
+		fail_msg("%u errors, %u expected:\n%s", report.errors, errors, all);
 	return c;
 }
 

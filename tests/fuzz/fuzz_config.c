@@ -5,7 +5,7 @@
 
 #include "config.h"
 #include "config_file.h"
-#include "config_told.h"
+#include "config_report.h"
 #include "fuzz_input.h"
 
 static const char *const texts[] = {
@@ -32,7 +32,7 @@ static void tell(void *ctx, bool warning, const struct err *err)
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
-	struct config_told told = {.tell = tell};
+	struct config_report report = {.emit = tell};
 	struct config c, again;
 	char *text = malloc(size + 1), value[CONFIG_PATH_SIZE];
 	const char *wanted;
@@ -41,9 +41,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 		abort();
 	memcpy(text, bytes, size);
 	config_presets(&c);
-	config_text("/f", text, size, &c, &told);
-	if (told.errors)
-		tell(NULL, false, &told.first);
+	config_text("/f", text, size, &c, &report);
+	if (report.errors)
+		tell(NULL, false, &report.first);
 	config_presets(&again);
 	for (int i = 0; i < CONFIG_SETTINGS; i++) {
 		const struct config_setting *s = &config_settings[i];

@@ -2,6 +2,7 @@
  * Jobs that are over: ten thousand of them are listed as they were, in a memory of 64 MiB; those of more than 30 days
  * go, with their plans; one that is looked for can be removed. What is kept is the report to the last digit.
  */
+#include "core_priv.h"
 #include "fixture.h"
 #include "dataset_priv.h"
 
@@ -337,30 +338,30 @@ static bool left(const char *name, bool make)
  * when its jobs go without that. */
 static void rests(void **state)
 {
-	assert_false(service_resting(h.service));
+	assert_false(service_is_deferring(h.service));
 	assert_true(left("tmp", true));
 	close_service();
-	service_rest = 1e6;
+	service_defer = 1e6;
 	assert_true(left("tmp", true));
 	open_service(UINT64_C(64) << 20, 1);
 	for (int i = 0; i < 20; i++)
 		turn(10);
-	assert_true(service_resting(h.service));
+	assert_true(service_is_deferring(h.service));
 	assert_false(service_active(h.service));
-	assert_false(h.service->core->disk.begun);
+	assert_false(h.service->core->priv->disk.measured);
 	assert_true(left("gone-0", false));
 	close_service();
 	assert_false(left("gone-0", false));
 
-	service_rest = 0.05;
+	service_defer = 0.05;
 	assert_true(left("tmp", true));
 	open_service(UINT64_C(64) << 20, 1);
 	turn_until(!left("gone-0", false));
-	turn_until(h.service->core->disk.begun);
-	assert_false(service_resting(h.service));
+	turn_until(h.service->core->priv->disk.measured);
+	assert_false(service_is_deferring(h.service));
 	close_service();
 
-	service_rest = 1e6;
+	service_defer = 1e6;
 	assert_true(left("tmp", true));
 	open_service(UINT64_C(64) << 20, 1);
 	sched_free(h.sched);
@@ -369,7 +370,7 @@ static void rests(void **state)
 	ledger_free(h.ledger);
 	close(h.statefd);
 	close(h.cachefd);
-	service_rest = 0;
+	service_defer = 0;
 	open_service(UINT64_C(64) << 20, 1);
 }
 

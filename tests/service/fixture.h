@@ -74,11 +74,11 @@ static void turn(int ms)
  * nothing. */
 static uint64_t service_most, service_aside;
 
-static double service_rest; /* core_params.rest */
+static double service_defer; /* core_params.defer_seconds */
 
 static void open_service(uint64_t memory, unsigned threads)
 {
-	struct service_params p = {.core = {.threads = threads, .rest = service_rest}};
+	struct service_params p = {.core = {.threads = threads, .defer_seconds = service_defer}};
 	struct err err = ERR_INIT;
 	char path[128];
 
@@ -102,8 +102,8 @@ static void open_service(uint64_t memory, unsigned threads)
 
 static void close_service(void)
 {
-	service_park(h.service);
-	turn_until(service_parked(h.service));
+	service_stop(h.service);
+	turn_until(service_is_stopped(h.service));
 	sched_free(h.sched);
 	catalogue_free(h.catalogue);
 	service_free(h.service);

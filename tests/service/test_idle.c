@@ -1,4 +1,5 @@
 /* A service without work: what it asks of the file systems from time to time does not keep it busy, however long they take. */
+#include "core_priv.h"
 #include "fixture.h"
 
 #include <stdatomic.h>
@@ -38,12 +39,12 @@ static int teardown_slow(void **state)
 
 static void asking_is_no_work(void **state)
 {
-	turn_until(!service_active(h.service) && !h.service->core->disk.asking);
+	turn_until(!service_active(h.service) && !h.service->core->priv->disk.querying);
 	holds = true;
 	held = 0;
-	h.service->core->disk.asked_ns = 0;
+	h.service->core->priv->disk.queried_ns = 0;
 	turn_until(held);
-	assert_true(h.service->core->disk.asking && sched_busy(h.sched) == 1);
+	assert_true(h.service->core->priv->disk.querying && sched_busy(h.sched) == 1);
 	assert_false(service_active(h.service));
 	h.service->core->background++; /* other work is */
 	assert_true(service_active(h.service));

@@ -140,19 +140,19 @@ static void quota_is_refused_with_numbers(void **state)
 	uint64_t lacks;
 
 	open_with("1M", "");
-	space_set(s, SPACE_DATASETS, 600 * KIB);
+	space_set_counted(s, SPACE_DATASETS, 600 * KIB);
 	assert_int_equal(space_take(s, SPACE_PENDING, 400 * KIB, SPACE_MUST, "the push", &err), 0);
 	assert_int_equal(space_take(s, SPACE_PENDING, 100 * KIB, SPACE_MUST, "the push", &err), -ERR_NOSPACE);
 	assert_int_equal(err.need, 76 * KIB);
 	assert_non_null(strstr(err.message, "the push needs 100"));
 	assert_non_null(strstr(err.message, "24"));
 	assert_non_null(strstr(err.message, "--disk 1"));
-	assert_false(space_would(s, SPACE_PENDING, 100 * KIB, &lacks));
+	assert_false(space_would_fit(s, SPACE_PENDING, 100 * KIB, &lacks));
 	assert_int_equal(lacks, 76 * KIB);
 	/* Of state and cache together. */
-	assert_false(space_would(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
+	assert_false(space_would_fit(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
 	space_give(s, SPACE_PENDING, 400 * KIB);
-	assert_true(space_would(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
+	assert_true(space_would_fit(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
 	err = ERR_INIT;
 	/* What a lying header claims does not come round. */
 	assert_int_equal(space_take(s, SPACE_PENDING, UINT64_MAX, SPACE_MUST, "the push", &err), -ERR_NOSPACE);
@@ -175,10 +175,10 @@ static void keep_free_counts_what_is_promised(void **state)
 	open_with("", limit);
 	assert_int_equal(space_take(s, SPACE_PENDING, promised, SPACE_MUST, "a push", &err), 0);
 	/* Not written yet: the file system still has it. */
-	space_promise(s, SPACE_PENDING, (int64_t)promised);
+	space_add_unwritten(s, SPACE_PENDING, (int64_t)promised);
 	assert_int_equal(space_take(s, SPACE_PENDING, promised, SPACE_MUST, "a push", &err), -ERR_NOSPACE);
 	assert_non_null(strstr(err.message, "--keep-free"));
-	space_promise(s, SPACE_PENDING, -(int64_t)promised);
+	space_add_unwritten(s, SPACE_PENDING, -(int64_t)promised);
 	err = ERR_INIT;
 	assert_int_equal(space_take(s, SPACE_PENDING, promised, SPACE_MUST, "a push", &err), 0);
 }
@@ -260,9 +260,9 @@ static void over_the_quota(void **state)
 		put(name, 4 * KIB, 10000 - i);
 	}
 	assert_int_equal(space_measure(s, &err), 0);
-	assert_true(space_over(s));
+	assert_true(space_is_exceeded(s));
 	assert_int_equal(space_evict(s, false, &bytes, &files, &err), 0);
-	assert_false(space_over(s));
+	assert_false(space_is_exceeded(s));
 	/* With some to spare: 1 M is 256 of them, less a thirty-second of the quota. */
 	assert_in_range(files, 700 - 256, 700 - 256 + 8);
 	assert_false(is_there("domains/d-440"));
@@ -307,8 +307,8 @@ static void a_look_beside_what_is_written(void **state)
 	assert_int_equal(space_measure(s, &err), 0);
 	assert_int_equal(renameat(fd, "domains/new.tmp", fd, "domains/new"), 0);
 	put("domains/new", 80 * KIB, 0);
-	space_change(s, SPACE_DOMAINS, 90 * KIB, 80 * KIB);
-	space_change(s, SPACE_SELECTIONS, 500 * KIB, 0);
+	space_commit(s, SPACE_DOMAINS, 90 * KIB, 80 * KIB);
+	space_commit(s, SPACE_SELECTIONS, 500 * KIB, 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 380 * KIB);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
 	assert_int_equal(space_measure(s, &err), 0);
@@ -398,13 +398,13 @@ static void a_file_system_that_hangs(void **state)
 		pthread_cond_wait(&hang.changed, &hang.lock);
 	pthread_mutex_unlock(&hang.lock);
 	alarm(20); /* a hang of this thread */
-	space_set(s, SPACE_DATASETS, 10 * KIB);
-	assert_false(space_over(s));
-	assert_true(space_would(s, SPACE_TEMPORARY, KIB, &lacks));
+	space_set_counted(s, SPACE_DATASETS, 10 * KIB);
+	assert_false(space_is_exceeded(s));
+	assert_true(space_would_fit(s, SPACE_TEMPORARY, KIB, &lacks));
 	space_stat(s, &st);
 	assert_int_equal(st.state.total, was.state.total);
 	assert_int_equal(st.state.used, 10 * KIB);
-	space_ask_wait(s, clock_mono_ns(), clock_mono_ns() + 1000000);
+	space_query_wait(s, clock_mono_ns(), clock_mono_ns() + 1000000);
 	assert_int_equal(taken, 1);
 	alarm(0);
 	pthread_mutex_lock(&hang.lock);

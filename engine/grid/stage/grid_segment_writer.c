@@ -11,6 +11,7 @@
 
 #include "err.h"
 #include "grid_block.h"
+#include "grid_segment.h"
 #include "io.h"
 
 size_t grid_segment_writer_bytes(void)
