@@ -123,7 +123,7 @@ void push_becomes_pending(struct push *p)
 		q->files++;
 		q->points += p->sources[i].points;
 	}
-	q->left_us = clock_real_us();
+	q->interrupted_us = clock_real_us();
 	pending_add(p->dataset, q);
 	log_event(LOG_EVENT_PUSH_PENDING, ABOUT_PENDING(q, p->dataset), "push %llu of user %u into %s is pending: %u files",
 		  (unsigned long long)q->id, q->uid, p->dataset->name, q->files);
