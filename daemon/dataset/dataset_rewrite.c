@@ -550,6 +550,9 @@ void dataset_rewrite_cancel(struct dataset_rewrite *w)
 	w->cancelled = true;
 	if (w->busy && w->state != REWRITE_UNDOING)
 		sched_cancel(w->datasets->core->p.sched, &w->task);
-	dataset_rewrite_settle(w);
-	dataset_rewrite_tick(w);
+	/* Either of them may end the rewrite. */
+	if (w->state == REWRITE_WAITING)
+		dataset_rewrite_settle(w);
+	else
+		dataset_rewrite_tick(w);
 }

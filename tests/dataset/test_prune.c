@@ -229,17 +229,41 @@ static void prune_cancelled(void **state)
 	folder_is_tidy("give");
 }
 
+/* A prune that waits for memory can be cancelled, too. */
+static void prune_cancelled_while_it_waits(void **state)
+{
+	struct prune *p;
+	uint64_t taken;
+	int before;
+
+	dataset_release(push("wait", 30000, 1));
+	revert("wait", 1);
+	idle();
+	taken = ledger_room(h.ledger, LEDGER_STAGE) - (512 << 10); /* enough for a manifest */
+	assert_true(ledger_take(h.ledger, LEDGER_STAGE, taken));
+	before = got.answers;
+	p = dataset_prune(named("wait"), 1, 0, &me, pruned, NULL);
+	assert_non_null(p);
+	for (int i = 0; i < 20; i++)
+		turn(5);
+	assert_int_equal(got.answers, before);
+	dataset_prune_cancel(p);
+	assert_int_equal(got.answers, before + 1);
+	assert_int_equal(got.why.code, ERR_CANCELLED);
+	ledger_give(h.ledger, LEDGER_STAGE, taken);
+	idle();
+	assert_int_equal(dataset_of("wait").oldest, 1);
+	folder_is_tidy("wait");
+}
+
 int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, gate_teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(prune_all),
-		TEST(prune_last),
-		TEST(prune_refused),
-		TEST(prune_under_a_reader),
-		TEST(prune_cancelled),
-		TEST(prune_of_merged),
-		TEST(old_files_stay_while_named),
+		TEST(prune_all),       TEST(prune_last),
+		TEST(prune_refused),   TEST(prune_under_a_reader),
+		TEST(prune_cancelled), TEST(prune_cancelled_while_it_waits),
+		TEST(prune_of_merged), TEST(old_files_stay_while_named),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
