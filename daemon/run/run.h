@@ -145,7 +145,7 @@ void run_settle(struct run *); /* start what can start */
 void run_tick(struct run *);
 /* What keeps it from getting on, in words: "memory: needs 134M, 20M are free"; "": nothing. */
 char *run_waiting(const struct run *, char *buf, size_t size);
-uint64_t run_space_lacks(const struct run *);     /* bytes of disk that it waits for; 0: it does not */
+uint64_t run_space_missing(const struct run *);   /* bytes of disk that it waits for; 0: it does not */
 double run_seconds_left(const struct run *);      /* at the pace of late, without waiting; 0: not known */
 double run_worked(const struct run *);            /* seconds in which a task of it ran */
 void run_set_rank(struct run *, enum sched_rank); /* of its tasks from now on */

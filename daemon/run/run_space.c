@@ -105,7 +105,7 @@ void run_space_tick(struct run *w)
 	slot_seek(w->runs->admission, w->slot, 0);
 }
 
-uint64_t run_space_lacks(const struct run *w)
+uint64_t run_space_missing(const struct run *w)
 {
 	return w->space.waits ? w->space.lacks : 0;
 }

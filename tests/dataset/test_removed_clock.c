@@ -112,15 +112,7 @@ static void while_it_did_not_run(void **state)
 /* A push with one durable file, whose client left. */
 static void interrupt_push(void)
 {
-	const struct push_input input = {.name = "a.xyz"};
-	int fd = text_file(500, 3);
-
-	begin("p");
-	ask(push_probe(got.push, dup(fd), &input, NULL));
-	ask(push_plan(got.push, NULL));
-	ask(push_file(got.push, fd, &input, NULL));
-	assert_int_equal(got.why.code, 0);
-	push_leave(got.push);
+	push_leave(stage_file_as("p", "a.xyz", text_file(500, 3)));
 	turn_until(!pushes_open(h.service->pushes));
 }
 
