@@ -18,11 +18,11 @@ int deletions_add(struct jobs *j, uint64_t id, struct err *err)
 
 	if (j->ndeletions == j->deletions_room) {
 		if (!ledger_take(j->core->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more))
-			return err_set(err, ERR_BUSY, "the memory has no room for the numbers of jobs that give way");
+			return err_set(err, ERR_BUSY, "there is no memory for the numbers of dropped jobs");
 		more = realloc(j->deletions, (j->deletions_room + CHUNK) * sizeof *more);
 		if (!more) {
 			ledger_give(j->core->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more);
-			return err_set(err, ERR_NOMEM, "no memory for the numbers of jobs that give way");
+			return err_set(err, ERR_NOMEM, "no memory for the numbers of dropped jobs");
 		}
 		j->deletions = more;
 		j->deletions_room += CHUNK;

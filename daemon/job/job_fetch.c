@@ -40,7 +40,7 @@ static void fetch_ended(void *ctx, const struct err *why)
 		f->why = *why;
 }
 
-static void fetch_unread(void *ctx, const struct err *why)
+static void fetch_abandoned(void *ctx, const struct err *why)
 {
 	struct job_fetch *f = ctx;
 
@@ -65,7 +65,7 @@ static void forget_output(struct run_output *output)
 	output->waiting = NULL;
 }
 
-static const struct run_calls calls = {.unread = fetch_unread, .ended = fetch_ended, .reach = fetch_reach};
+static const struct run_calls calls = {.abandoned = fetch_abandoned, .ended = fetch_ended, .reach = fetch_reach};
 
 /* The whole mesh, from its first block. */
 static bool is_whole_stream(const struct run_output *output)
@@ -190,7 +190,7 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 				.oldest = dataset_oldest(job->dataset),
 				.newest = job->dataset->generation};
 	if (job->bound)
-		return err_set(err, ERR_USAGE, "changes are those of a submitted job, not of a mesh of one step");
+		return err_set(err, ERR_USAGE, "changes exist for submitted jobs, not for one-step meshes");
 	if (!digest_parse(job->report.digest, &s->digest) || !digest_parse(job->report.vertex_digest, &s->vertex_digest))
 		return err_set(err, ERR_GONE, "the digests of job %llu are not known", (unsigned long long)job->id);
 	for (other = history_next(job->jobs, job->dataset, 0); other; other = history_next(job->jobs, job->dataset, other->id)) {
@@ -221,7 +221,7 @@ static int check_meshable(const struct job *job, struct err *err)
 		return 0;
 	err_set(err, ERR_GONE, "job %llu was done by an older acutd, which left positions without triangles out of the mesh",
 		(unsigned long long)job->id);
-	return err_add_hint(err, "submit %s again: its mesh has them", job->dataset->name);
+	return err_add_hint(err, "submit %s again: the new mesh has them", job->dataset->name);
 }
 
 static void fetch_begin(struct job_fetch *f)

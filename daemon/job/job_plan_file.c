@@ -33,7 +33,7 @@ static void removal_run(struct sched_task *t)
 	struct err err = ERR_INIT;
 
 	if (plan_file_remove(((struct plan_removal *)t)->plan, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the plan of a job that is gone stays until the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the plan of a removed job stays until the next start", &err);
 }
 
 static void removal_done(struct sched_task *t)
@@ -91,7 +91,7 @@ static bool jobs_keep(void *ctx, uint64_t job)
 static void sweep_log(int r, const struct err *err)
 {
 	if (r)
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "plans of jobs that are not there stay until the next start", err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "plans of removed jobs stay until the next start", err);
 }
 
 static void sweep_run(struct sched_task *t)

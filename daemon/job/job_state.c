@@ -64,7 +64,7 @@ static void run_planned(void *ctx)
 	job_step(job);
 }
 
-static void run_moved(void *ctx)
+static void run_progressed(void *ctx)
 {
 	((struct job *)ctx)->progressed = true;
 }
@@ -86,7 +86,8 @@ static bool run_followed(void *ctx)
 	return ((const struct job *)ctx)->fetches != NULL;
 }
 
-static const struct run_calls calls = {.planned = run_planned, .moved = run_moved, .ended = run_ended, .followed = run_followed};
+static const struct run_calls calls = {
+	.planned = run_planned, .progressed = run_progressed, .ended = run_ended, .followed = run_followed};
 
 /* ---- the end of a job ---- */
 

@@ -92,7 +92,7 @@ static int reserve_view(struct jobs *j, const struct peer *peer, const char *vie
 	history_views(j, peer->uid, &v);
 	if (v.own_busy + n > views_limit(peer, &v)) {
 		err_set(err, ERR_BUSY,
-			"its area takes %llu KiB, and those of this user's unfinished jobs %llu of the %llu KiB that they may have",
+			"its area takes %llu KiB; the areas of this user's unfinished jobs take %llu of at most %llu KiB",
 			(unsigned long long)(n + 1023) >> 10, (unsigned long long)(v.own_busy + 1023) >> 10,
 			(unsigned long long)views_limit(peer, &v) >> 10);
 		return err_add_hint(err, "submit it again when some of them are done, or crop to a simpler area");
@@ -101,7 +101,7 @@ static int reserve_view(struct jobs *j, const struct peer *peer, const char *vie
 		history_views(j, peer->uid, &v);
 	if (v.all + n <= JOBS_VIEWS_MAX)
 		return 0;
-	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them", JOBS_VIEWS_MAX >> 20);
+	err_set(err, ERR_BUSY, "the areas of unfinished jobs take all of the %d MiB for areas", JOBS_VIEWS_MAX >> 20);
 	return err_add_hint(err, "submit it again when some of them are done");
 }
 
@@ -141,7 +141,7 @@ static void change_priority(struct job *job, const struct job_params *p, enum jo
 		return;
 	job_set_priority(job, priority);
 	if (job_put_row(job, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a priority is forgotten at the next start", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a new priority is lost at the next start", &err);
 }
 
 /* The limit does not apply to administrators. */
@@ -155,8 +155,7 @@ static int limit_jobs(const struct jobs *j, const struct peer *peer, struct err 
 	own = jobs_owned(j, peer->uid);
 	if (own < j->core->p.user.jobs)
 		return 0;
-	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run, and %u are all that one user may have (user-jobs)", own,
-		j->core->p.user.jobs);
+	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run; one user may have %u (user-jobs)", own, j->core->p.user.jobs);
 	err_add_hint(err, "submit it again when some of them are done, or cancel some");
 	return err_add_place(err, ERR_NO_OFFSET, "user-jobs");
 }

@@ -18,8 +18,8 @@ static int check_partial(const struct dataset *d, const struct lattice *l, const
 	}
 	if (!d->partial || inside)
 		return 0;
-	err_set(err, ERR_USAGE, "of the inputs of the dataset %s only the points in the box %.15g,%.15g,%.15g,%.15g were read",
-		d->name, d->crop[0], d->crop[1], d->crop[2], d->crop[3]);
+	err_set(err, ERR_USAGE, "the dataset %s has only the points in the box %.15g,%.15g,%.15g,%.15g of its inputs", d->name,
+		d->crop[0], d->crop[1], d->crop[2], d->crop[3]);
 	return err_add_hint(err, "push them into a named dataset: it takes them whole and serves any view");
 }
 
@@ -52,6 +52,6 @@ int job_window(const struct job *job, const char *area, char **ret, struct err *
 	if (!job->dataset)
 		return err_set(err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
 	if (strstr(job->view, " window="))
-		return err_set(err, ERR_USAGE, "the mesh of job %llu is that of a window already", (unsigned long long)job->id);
+		return err_set(err, ERR_USAGE, "the mesh of job %llu is already that of a window", (unsigned long long)job->id);
 	return view_of(job->view, area, job->dataset, ret, err);
 }

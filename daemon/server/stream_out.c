@@ -97,7 +97,7 @@ static void drop(struct stream_out *o)
 	if (o->ended)
 		stream_free(o);
 	else
-		run_output_gone(&o->output, freed);
+		run_output_close(&o->output, freed);
 }
 
 /* ---- writing ---- */
@@ -206,7 +206,7 @@ static void pump(struct stream_out *o)
 		drop(o);
 	} else if (r == 2) {
 		wait_for_room(o, false);
-		run_output_dry(&o->output);
+		run_output_drained(&o->output);
 	} else if (r == 1) {
 		wait_for_room(o, true);
 	} else if (o->ended) {

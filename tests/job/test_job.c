@@ -96,7 +96,7 @@ static void many_slow_readers(void **state)
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_done);
 	for (int i = 0; i < READERS; i++)
-		run_output_gone(&r[i].output, r_freed);
+		run_output_close(&r[i].output, r_freed);
 	turn_until(!service_active(h.service));
 	dataset_release(other);
 	dataset_release(d);
@@ -137,7 +137,7 @@ static void reader_gone(void **state)
 
 	job_fetch(job, &r.output);
 	turn_until(r.sending);
-	run_output_gone(&r.output, r_freed);
+	run_output_close(&r.output, r_freed);
 	turn_until(r.freed);
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_done);
