@@ -404,7 +404,7 @@ static struct dataset *exported(struct copies *c, const char *name, const struct
 {
 	struct dataset *d;
 
-	if (dataset_ask(c->datasets, name, peer, RIGHT_READ, &d, err))
+	if (dataset_access(c->datasets, name, peer, RIGHT_READ, &d, err))
 		return NULL;
 	if (d->onestep)
 		err_set(err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);

@@ -473,7 +473,7 @@ static void row_done(void *ctx, int r, const struct err *why)
 	dataset_row_written(i->dataset);
 	i->committed = !r;
 	if (!r)
-		dataset_become(i->dataset, &i->becomes, false);
+		dataset_next_install(i->dataset, &i->becomes, false);
 	answer(i, r ? why : NULL);
 }
 

@@ -1,10 +1,8 @@
 /*
- * Datasets: their rows in memory, their folders on disk.
+ * One dataset: its life in memory, its row, and what pushes and jobs change of it.
  *
- * The model: a dataset is in the list as long as it has a generation or a user. A one-step dataset, and a
- * named one that never got a generation, goes with its last user, folder and all. The folder is opened when
- * first needed, by a worker, and closed with the last who opened it (the only state here that workers touch,
- * under its own lock).
+ * The model: a dataset is in the list as long as it has a generation or a user. The last user removes a one-step dataset, and a
+ * named one that never got a generation, with its folder (dataset_folder.c).
  */
 #include <assert.h>
 #include <dirent.h>
@@ -21,25 +19,15 @@
 #include "lock.h"
 #include "log.h"
 
-/* Itself, and the longest texts that a manifest may give it. */
+/* The struct, and the longest texts that a manifest may give it. */
 enum { DATASET_BYTES = sizeof(struct dataset) + LATTICE_TEXT_SIZE + 512 + 2 * 16 + 5 * 24 };
-
-static struct lock folder_lock = LOCK_STATIC(DATASET_FOLDER);
-
-bool dataset_name_valid(const char *name)
-{
-	static const char more[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_.-";
-	size_t n = strlen(name);
-
-	return n && n <= DATASET_NAME_MAX && strspn(name, more) == n && *name != '.' && *name != '-';
-}
 
 struct dataset *dataset_new(struct datasets *ds, const char *name, const struct peer *owner, bool onestep, struct err *err)
 {
 	struct dataset *d, **at;
 
 	THREAD_LOOP_ONLY();
-	/* One of a single step goes with its mesh. */
+	/* A one-step dataset goes with its mesh, so it is not charged as lasting. */
 	if (onestep ? charge(ds->core, DATASET_BYTES, "another dataset", err) :
 		      charge_lasting(ds->core, CHARGE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
 		return NULL;
@@ -102,168 +90,7 @@ struct dataset *dataset_free(struct dataset *d)
 	return NULL;
 }
 
-/* ---- folders ---- */
-
-static int parent_of(const struct dataset *d)
-{
-	return d->onestep ? d->datasets->core->onestepfd : d->datasets->core->datafd;
-}
-
-int dataset_open(struct dataset *d, struct err *err)
-{
-	char name[32];
-	bool unnamed;
-	int r = 0;
-
-	snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
-	lock_take(&folder_lock);
-	if (d->dirfd < 0) {
-		r = io_make_dir(parent_of(d), name, 0700, err);
-		if (!r)
-			r = io_open(parent_of(d), name, O_RDONLY | O_DIRECTORY, 0, &d->dirfd, err);
-	}
-	unnamed = !r && !d->onestep && !d->named;
-	if (!r)
-		d->opened++;
-	lock_give(&folder_lock);
-	if (!unnamed)
-		return r;
-	/* The folder's own name must outlive a power cut as its files do. Without the lock, which the loop takes to close. */
-	r = io_sync(parent_of(d), "the folder of datasets", err);
-	lock_take(&folder_lock);
-	d->named |= !r;
-	lock_give(&folder_lock);
-	if (r)
-		dataset_close(d);
-	return r;
-}
-
-void dataset_close(struct dataset *d)
-{
-	lock_take(&folder_lock);
-	if (!--d->opened)
-		d->dirfd = io_close(d->dirfd);
-	lock_give(&folder_lock);
-}
-
-/* ---- leftovers ---- */
-
-struct keep {
-	int dirfd;
-	const char *manifest;
-	const struct grid_manifest *m;
-	const struct pending *pending;
-	unsigned removed;
-};
-
-static int remove_unnamed(void *ctx, const struct dirent *e, struct err *err)
-{
-	struct keep *keep = ctx;
-	const struct pending *q;
-	char stem[32];
-	size_t i;
-
-	if (!strcmp(e->d_name, keep->manifest))
-		return 0;
-	for (i = 0; keep->m && i < keep->m->nsegments; i++)
-		if (!strcmp(e->d_name, keep->m->segments[i].file))
-			return 0;
-	for (q = keep->pending; q; q = q->next) {
-		snprintf(stem, sizeof stem, "push-%llu.", (unsigned long long)q->id);
-		if (!strncmp(e->d_name, stem, strlen(stem)) && strcmp(e->d_name + strlen(stem), "seg"))
-			return 0;
-	}
-	keep->removed++;
-	return io_remove(keep->dirfd, e->d_name, err);
-}
-
-int dataset_sweep(struct dataset *d, bool again, struct err *err)
-{
-	struct keep keep = {.manifest = d->manifest, .pending = d->pending};
-	struct grid_manifest *m = NULL;
-	int r = dataset_open(d, err);
-
-	if (r)
-		return r;
-	if (*d->manifest)
-		r = grid_manifest_load(d->dirfd, d->manifest, d->datasets->core->p.ledger, &m, err);
-	keep.m = m;
-	keep.dirfd = d->dirfd;
-	if (!r)
-		r = io_list(d->dirfd, ".", remove_unnamed, &keep, err);
-	/* Where nobody looks again what was removed must not come back. */
-	if (!r && (keep.removed || !again))
-		r = io_sync(d->dirfd, d->name, err);
-	grid_manifest_free(m);
-	dataset_close(d);
-	return r;
-}
-
-struct removal {
-	struct sched_task task;
-	struct datasets *datasets;
-	int parent;
-	char name[32];
-};
-
-static void removal_run(struct sched_task *t)
-{
-	struct removal *rm = (struct removal *)t;
-	struct err err = ERR_INIT;
-	int fd, r;
-
-	r = io_open(rm->parent, rm->name, O_RDONLY | O_DIRECTORY, 0, &fd, &err);
-	if (r)
-		return; /* never made */
-	r = io_folder_empty(fd, &err);
-	io_close(fd);
-	if (!r && io->unlinkat(rm->parent, rm->name, AT_REMOVEDIR) != 0)
-		r = err_sys(&err, errno, "cannot remove the folder of a dataset");
-	if (r)
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &err);
-}
-
-static void removal_done(struct sched_task *t)
-{
-	struct removal *rm = (struct removal *)t;
-
-	core_background_done(rm->datasets->core);
-	free(rm);
-}
-
-/* NULL: without memory for it the folder stays, and is removed at the next start. */
-static struct removal *removal_new(struct dataset *d)
-{
-	struct removal *rm = calloc(1, sizeof *rm);
-
-	if (!rm)
-		return NULL;
-	rm->task =
-		(struct sched_task){.run = removal_run, .done = removal_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
-	rm->datasets = d->datasets;
-	rm->parent = parent_of(d);
-	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);
-	d->datasets->core->background++;
-	return rm;
-}
-
-/* Loop: the folder goes in the background, or stays where a row may still lead to it. */
-static void removal_go(struct removal *rm, bool goes)
-{
-	if (rm && goes)
-		sched_submit(rm->datasets->core->p.sched, &rm->task);
-	else if (rm)
-		removal_done(&rm->task);
-}
-
-static void removal_row_gone(void *ctx, int r, const struct err *why)
-{
-	struct removal *rm = ctx;
-
-	removal_go(rm, !r && !catalogue_is_uncertain(rm->datasets->core->p.catalogue));
-}
-
-/* ---- in memory ---- */
+/* ---- users and rows ---- */
 
 struct dataset *dataset_hold(struct dataset *d)
 {
@@ -275,130 +102,12 @@ struct dataset *dataset_hold(struct dataset *d)
 void dataset_release(struct dataset *d)
 {
 	THREAD_LOOP_ONLY();
+	assert(d->users);
 	if (!--d->users && (d->onestep || (!d->generation && !dataset_created(d))))
 		dataset_drop(d);
 }
 
-void dataset_drop(struct dataset *d)
-{
-	struct removal *rm = removal_new(d);
-	struct err err = ERR_INIT;
-	struct dataset **at;
-
-	THREAD_LOOP_ONLY();
-	for (at = &d->datasets->first; *at != d; at = &(*at)->next)
-		;
-	*at = d->next;
-	/* First the row, then what it names. */
-	if (!d->row) {
-		removal_go(rm, d->onestep || !catalogue_is_uncertain(d->datasets->core->p.catalogue));
-	} else if (catalogue_drop_dataset(d->datasets->core->p.catalogue, d->id, rm ? removal_row_gone : NULL, rm, &err)) {
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
-		removal_go(rm, false);
-	}
-	if (atomic_load(&d->derived))
-		space_give(d->datasets->core->space, SPACE_ONESTEP, atomic_load(&d->derived));
-	datasets_count(d->datasets);
-	dataset_free(d);
-}
-
-struct dataset *datasets_first(const struct datasets *ds)
-{
-	return ds->first;
-}
-
-struct dataset *dataset_find(struct datasets *ds, const char *name, const struct peer *peer)
-{
-	struct dataset *d;
-
-	for (d = ds->first; d; d = d->next)
-		if (!d->removed_us && !strcmp(d->name, name))
-			return !d->onestep || rights_acts_as(peer, d->uid) ? d : NULL;
-	return NULL;
-}
-
-int dataset_ask(struct datasets *ds, const char *name, const struct peer *peer, enum right right, struct dataset **ret,
-		struct err *err)
-{
-	struct dataset *d = dataset_find(ds, name, peer);
-	int r;
-
-	if (!d) {
-		err_set(err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
-		return err_add_hint(err, "acutctl datasets lists them");
-	}
-	r = dataset_rights(d, peer, right, err);
-	if (!r)
-		*ret = d;
-	return r;
-}
-
-static bool is_listed(const struct dataset *d, const struct peer *peer)
-{
-	return !d->onestep && !d->removed_us && (d->generation || d->pending || dataset_created(d)) &&
-	       rights_allow(peer, RIGHT_READ, d->uid, d->gid, d->mode);
-}
-
-unsigned dataset_list(const struct datasets *ds, const char *name, const struct peer *peer, unsigned max, struct dataset **ret)
-{
-	struct dataset *d;
-	unsigned n = 0;
-
-	/* Those that are found stay in order; as a rule a page is full soon, and the others come after its last. */
-	for (d = ds->first; d && max; d = d->next) {
-		unsigned i;
-
-		if (strcmp(d->name, name) <= 0 || (n == max && strcmp(d->name, ret[n - 1]->name) > 0) || !is_listed(d, peer))
-			continue;
-		n += n < max;
-		for (i = n - 1; i && strcmp(d->name, ret[i - 1]->name) < 0; i--)
-			ret[i] = ret[i - 1];
-		ret[i] = d;
-	}
-	return n;
-}
-
-void dataset_info(const struct dataset *d, struct dataset_info *ret)
-{
-	const struct pending *q;
-
-	*ret = (struct dataset_info){
-		.name = d->name,
-		.id = d->id,
-		.generation = d->generation,
-		.points = d->points,
-		.bytes = d->bytes,
-		.files = d->files,
-		.uid = d->uid,
-		.gid = d->gid,
-		.mode = d->mode,
-		.lattice = d->lattice,
-		.crs = d->crs,
-		.unit_xy = d->unit_xy,
-		.unit_z = d->unit_z,
-		.created_us = d->created_us,
-		.pushed_us = d->pushed_us,
-		.pushes = d->pushes,
-		.oldest = d->oldest,
-		.segments = d->segments,
-		.merging = merge_at_work(d),
-		.removed_us = d->removed_us,
-		.until_us = dataset_until_us(d),
-		.pinned = d->pinned,
-	};
-	memcpy(ret->box, d->box, sizeof ret->box);
-	for (q = d->pending; q; q = q->next)
-		ret->pending++;
-	q = d->pending;
-	if (q) {
-		ret->pending_files = q->files;
-		ret->pending_uid = q->uid;
-		ret->pending_points = q->points;
-		ret->pending_until_us = pending_until_us(q);
-	}
-}
-
-static bool replace(char **to, const char *with)
+bool dataset_set_text(char **to, const char *with)
 {
 	char *copy;
 
@@ -469,75 +178,20 @@ int dataset_put_row(struct dataset *d, struct err *err)
 	int r;
 
 	THREAD_LOOP_ONLY();
-	if (d->row || d->generation)
+	if (d->has_row || d->generation)
 		return 0;
 	dataset_row(d, &row);
 	r = catalogue_put_dataset(d->datasets->core->p.catalogue, &row, 0, NULL, NULL, err);
-	d->row = !r;
+	d->has_row = !r;
 	return r;
 }
 
-/* At the start waiting helps nobody. */
-static int full(struct err *err)
-{
-	err->code = ERR_LIMIT;
-	return -ERR_LIMIT;
-}
-
-/* Of the room for texts, what they do not take. */
-static void charge_texts(struct dataset *d)
-{
-	const char *const texts[] = {d->lattice, d->crs, d->unit_xy, d->unit_z};
-	size_t bytes = sizeof *d + 64;
-
-	for (size_t i = 0; i < 4; i++)
-		bytes += strlen(texts[i]) + 24;
-	if (bytes >= d->charged)
-		return;
-	uncharge(d->datasets->core, d->charged - bytes);
-	d->charged = bytes;
-}
-
-int datasets_load(void *datasets, const struct catalogue_dataset *row, struct err *err)
-{
-	struct datasets *ds = datasets;
-	const struct peer owner = rights_of_user(row->uid, 0);
-	struct dataset *d = dataset_new(ds, row->name, &owner, false, err);
-
-	if (!d)
-		return err->code == ERR_BUSY ? full(err) : -(int)err->code;
-	ds->last_loaded = d;
-	d->id = row->id;
-	d->row = true;
-	d->gid = row->gid;
-	d->mode = row->mode;
-	d->files = row->files;
-	d->created_us = row->created_us;
-	d->pushed_us = row->pushed_us;
-	snprintf(d->manifest, sizeof d->manifest, "%s", row->manifest);
-	d->generation = row->generation;
-	d->removed_us = row->removed_us;
-	d->pinned = row->pinned;
-	d->named = row->generation > 0;
-	d->points = row->points;
-	d->bytes = row->bytes;
-	d->oldest = row->oldest || !row->generation ? row->oldest : 1;
-	d->segments = row->segments;
-	d->merge_due = merge_due_likely(row->segments);
-	d->datasets->merges_due |= d->merge_due;
-	memcpy(d->box, row->box, sizeof d->box);
-	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) || !replace(&d->unit_xy, row->unit_xy) ||
-	    !replace(&d->unit_z, row->unit_z))
-		return err_set(err, ERR_NOMEM, "no memory for a dataset");
-	charge_texts(d);
-	return 0;
-}
-
-/* ---- what others change ---- */
+/* ---- changes by other rooms ---- */
 
 void dataset_unhold(struct dataset *d)
 {
 	THREAD_LOOP_ONLY();
+	assert(d->users);
 	d->users--;
 }
 
@@ -565,8 +219,8 @@ void dataset_commit_end(struct dataset *d, const void *by)
 void dataset_row_written(struct dataset *d)
 {
 	THREAD_LOOP_ONLY();
-	assert(d->rows);
-	d->rows--;
+	assert(d->rows_queued);
+	d->rows_queued--;
 }
 
 bool dataset_plan_begin(struct dataset *d, struct push *p)
@@ -600,28 +254,46 @@ void dataset_push_end(struct dataset *d)
 
 void dataset_set_mode(struct dataset *d, uint32_t mode)
 {
+	THREAD_LOOP_ONLY();
 	d->mode = mode;
 }
 
 void dataset_set_partial(struct dataset *d, const double crop[4])
 {
+	THREAD_LOOP_ONLY();
 	d->partial = true;
 	memcpy(d->crop, crop, sizeof d->crop);
 }
 
 void dataset_set_seconds(struct dataset *d, double stage, double seal)
 {
+	THREAD_LOOP_ONLY();
 	d->stage_seconds = stage;
 	d->seal_seconds = seal;
 }
 
 uint32_t dataset_next_source(struct dataset *d)
 {
+	THREAD_LOOP_ONLY();
 	return d->next_source++;
 }
 
 void dataset_sources_from(struct dataset *d, uint32_t number)
 {
+	THREAD_LOOP_ONLY();
 	if (number > d->next_source)
 		d->next_source = number;
+}
+
+void dataset_read_begin(struct dataset *d)
+{
+	THREAD_LOOP_ONLY();
+	d->readers++;
+}
+
+void dataset_read_end(struct dataset *d)
+{
+	THREAD_LOOP_ONLY();
+	assert(d->readers);
+	d->readers--;
 }

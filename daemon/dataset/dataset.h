@@ -1,8 +1,11 @@
 /*
- * Datasets: generations of points, their rows in memory and in the catalogue, their folders, interrupted pushes into them, and
- * the rewriting of their segments (merge, prune). Loop, but where a function says otherwise.
+ * Datasets: generations of points, their rows in memory and in the catalogue, their folders, pending pushes into them, and
+ * background changes of their segments (merge, prune).
  *
- * Other rooms read the fields of struct dataset; they change it by the functions here only.
+ * All functions belong to the loop thread unless they say "worker" or "any thread". A function that takes `answer` and `token`
+ * calls answer(token, ...) exactly once, perhaps before it returns; `why` is NULL on success and is valid during the call only.
+ * Functions that return int give 0 or -ERR_X. Other rooms may read the fields of struct dataset; only the functions below change
+ * them.
  */
 #ifndef DATASET_H
 #define DATASET_H
@@ -18,207 +21,227 @@ enum { DATASET_NAME_MAX = 64 };
 struct datasets;
 struct push;
 
-/* A push that was interrupted, until somebody takes it up. Holds its dataset. */
+/* A pending push: it was interrupted, and waits until its user pushes again. It holds its dataset. */
 struct pending {
 	struct pending *next;
 	uint64_t id, points;
 	uint32_t uid, files;
-	int64_t left_us;
+	int64_t interrupted_us; /* real time */
 };
 
 struct dataset {
-	struct dataset *next; /* named: by id; one-step ones follow in no order */
+	struct dataset *next; /* named datasets in the order of their ids, then one-step datasets in any order */
 	struct datasets *datasets;
 	uint64_t id;
 	char name[DATASET_NAME_MAX + 1];
 	uint32_t uid, gid, mode, files;
-	int64_t created_us, pushed_us;
-	char manifest[64]; /* "": no generation yet */
+	int64_t created_us, pushed_us; /* real time */
+	char manifest[64];             /* file name of the newest manifest; "": no generation yet */
 	uint64_t generation, points, bytes;
-	uint64_t oldest;    /* generation that can be read; 0: there is none */
-	uint32_t segments;  /* of the newest manifest; 0: not known yet */
-	bool merge_due;     /* there may be something to merge */
-	uint64_t prune_to;  /* a prune is at work: what is before that will go; 0: none is */
-	unsigned reverting; /* reverts that were asked for and are not over: no prune begins */
-	unsigned rows;      /* that name another manifest, on their way to the catalogue: no other row of it may follow them */
-	int64_t removed_us; /* 0: it is there */
+	uint64_t oldest;      /* oldest generation that can be read; 0: there is no generation */
+	uint32_t segments;    /* of the newest manifest; 0: not known yet */
+	bool merge_due;       /* some segments may have to be merged */
+	uint64_t prune_to;    /* a prune removes the generations before this one; 0: no prune runs */
+	unsigned reverts;     /* requested and not finished; no prune starts before they are */
+	unsigned rows_queued; /* rows with a new manifest on their way to the catalogue; no other row is queued meanwhile */
+	int64_t removed_us;   /* when it was removed; 0: it was not */
 	bool pinned;
-	char *lattice, *crs, *unit_xy, *unit_z;
+	char *lattice, *crs, *unit_xy, *unit_z; /* texts; "" without a generation */
 	int32_t box[4];
 	bool onestep;
-	bool partial; /* only views inside of this box can be served: more was not read */
+	bool partial; /* only the points in `crop` were read, so only views inside of it are served */
 	double crop[4];
-	unsigned users;  /* pushes, runs, jobs and holders; a one-step dataset goes with the last */
-	unsigned opened; /* users of dirfd */
-	int dirfd;
-	bool named; /* its folder's name is on the disk */
-	unsigned pushes;
-	struct push *planner;  /* fixes the lattice */
-	const void *committer; /* publishes the next manifest: a push, or a rewriting (merge, prune) */
-	unsigned readers;      /* of its newest manifest by name: dataset_read_begin */
+	unsigned users;        /* pushes, runs, jobs and other holders; a one-step dataset is removed with the last one */
+	unsigned dirfd_users;  /* under the lock of dataset_folder.c, as dirfd and folder_durable */
+	int dirfd;             /* -1: closed */
+	bool folder_durable;   /* the name of the folder survives a power cut */
+	unsigned pushes;       /* open */
+	struct push *planner;  /* the push that chooses the lattice; NULL: none */
+	const void *committer; /* who writes the next manifest: a push, an import or a change; NULL: nobody */
+	unsigned readers;      /* between dataset_read_begin and dataset_read_end */
 	uint32_t next_source;
-	struct pending *pending;
-	bool tidied;                        /* by dataset_tidy */
-	bool row;                           /* the catalogue has one */
-	bool sweep;                         /* at the start: pushes left something */
-	bool swept_once;                    /* and the row that says so goes */
-	bool unswept;                       /* what they left cannot be read: it stays */
-	double stage_seconds, seal_seconds; /* of the last push; the second is a part of the first */
-	size_t charged;                     /* of LEDGER_JOBS */
-	atomic_uint_fast64_t derived;       /* of a one-step one: domains and selections in its folder, bytes */
+	struct pending *pending; /* the newest first */
+	bool tidied;             /* by dataset_tidy */
+	bool has_row;            /* the catalogue has its row */
+	/* At the start: */
+	bool needs_sweep;                   /* interrupted pushes left files */
+	bool sweep_ends;                    /* the rows of these pushes are dropped, so no later start sweeps again */
+	bool keeps_leftovers;               /* what a push left cannot be read; it stays as it is */
+	double stage_seconds, seal_seconds; /* of the last push; the first includes the second */
+	size_t charged;                     /* bytes of LEDGER_JOBS */
+	atomic_uint_fast64_t derived;       /* bytes of domains and selections in the folder of a one-step dataset */
 };
 
-/* ---- all of them ---- */
+/* ---- all datasets ---- */
 
-/* What datasets ask of jobs. */
+/* What this room asks of jobs. */
 struct datasets_calls {
-	/* -ERR_BUSY names the unfinished jobs of generations before `oldest`. */
+	/* -ERR_BUSY, with their numbers: unfinished jobs need generations before `oldest`. */
 	int (*needed)(void *ctx, const struct dataset *, uint64_t oldest, struct err *err);
-	/* Finished jobs forget it, by dataset_unhold: their meshes can then not be made again. */
+	/* Finished jobs drop their reference to the dataset (dataset_unhold); their meshes cannot be made again. */
 	void (*forget)(void *ctx, struct dataset *);
 };
 int datasets_new(struct core *, struct admission *, struct datasets **ret, struct err *err);
-struct datasets *datasets_free(struct datasets *); /* NULL is fine; returns NULL */
-void datasets_set_calls(struct datasets *, const struct datasets_calls *, void *ctx);
-struct dataset *datasets_first(const struct datasets *); /* ->next: named ones by number, then one-step ones */
-/* The start, before the loop runs: rows of the catalogue, then datasets_loaded with the largest number that it has given. */
+struct datasets *datasets_free(struct datasets *);                                    /* NULL is fine; returns NULL */
+void datasets_set_calls(struct datasets *, const struct datasets_calls *, void *ctx); /* `calls` is borrowed */
+struct dataset *datasets_first(const struct datasets *);                              /* NULL: none; continue with ->next */
+
+/* The start, before the loop runs: all rows of the catalogue, then datasets_loaded with the largest id that the catalogue has
+ * given out. Reads the disk. */
 int datasets_load(void *datasets, const struct catalogue_dataset *, struct err *err);
 int datasets_load_push(void *datasets, const struct catalogue_push *, struct err *err);
 int datasets_loaded(struct datasets *, uint64_t last, struct err *err);
-struct dataset *dataset_loaded(struct datasets *, uint64_t id); /* while rows are loaded; NULL: there is none */
-void datasets_settle(struct datasets *);
-void datasets_tick(struct datasets *);
-void datasets_park(struct datasets *); /* merge and prune end soon */
-/* What was removed too long ago goes. */
-void datasets_expire(struct datasets *);
-/* By which what was pushed may go: a clock that does not jump ahead. */
-int64_t datasets_trusted_us(struct datasets *);
-void datasets_count(struct datasets *); /* reports to the accounts of the disk what datasets and interrupted pushes have */
-uint64_t datasets_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
+struct dataset *dataset_loaded(struct datasets *, uint64_t id); /* until datasets_loaded; NULL: none has that id */
 
-/* ---- one of them ---- */
+void datasets_settle(struct datasets *); /* each round of the loop: starts the changes that can start now */
+void datasets_tick(struct datasets *);   /* each timer tick */
+void datasets_park(struct datasets *);   /* the daemon stops: cancels merge and prunes */
+void datasets_expire(struct datasets *); /* removes for good what was removed longer ago than core_params.keep_removed */
+void datasets_count(struct datasets *);  /* updates the disk accounts of datasets and pending pushes */
+/* Largest size in bytes of a segment of that many points, with its index. */
+uint64_t datasets_points_bytes(uint64_t points);
+/* Drops the row of a push from the catalogue, or logs that it could not. */
+void datasets_drop_push(struct datasets *, uint64_t push);
+
+/* ---- one dataset ---- */
 
 #define ABOUT_DATASET(d) (&(const struct log_about){.dataset = (d)->name, .generation = (d)->generation, ABOUT_USER((d)->uid)})
 
-bool dataset_name_valid(const char *name);
-/* -ERR_LIMIT: the user has as many as one user may have. */
+bool dataset_name_valid(const char *name);                 /* any thread */
+int dataset_name_check(const char *name, struct err *err); /* the same; -ERR_USAGE. Any thread */
+/* -ERR_LIMIT: the user owns as many datasets as one user may (user-datasets). */
 int dataset_limit(struct datasets *, const struct peer *, struct err *err);
 unsigned dataset_owned(const struct datasets *, uint32_t uid, unsigned *ret_removed); /* removed ones included */
-/* Of this owner and his first group; its mode is DATASET_MODE. */
+
+enum { DATASET_MODE = 0640 }; /* the default mode */
+/* A dataset in memory only, with no users; its group is the owner's first one. NULL: err says why. */
 struct dataset *dataset_new(struct datasets *, const char *name, const struct peer *owner, bool onestep, struct err *err);
-/* Its folder; balanced by dataset_close. Opens (and makes) it on a worker's or the starting thread. */
+/* Puts the row of a dataset without a generation into the catalogue, once; queued, so before any later row of a push. */
+int dataset_put_row(struct dataset *, struct err *err);
+bool dataset_created(const struct dataset *); /* it was made by dataset_create and has no generation yet */
+
+/* Holds a reference. The last release removes a one-step dataset, and a named one that never got a generation. */
+struct dataset *dataset_hold(struct dataset *);
+void dataset_release(struct dataset *);
+void dataset_unhold(struct dataset *); /* releases without removing: for the removal itself */
+
+/* Opens the folder as d->dirfd, and makes it if it is missing. Worker, or the start. Balanced by dataset_close (any thread). */
 int dataset_open(struct dataset *, struct err *err);
 void dataset_close(struct dataset *);
-/* A dataset that has nothing yet is in the catalogue before its first push promises anything. */
-int dataset_put_row(struct dataset *, struct err *err);
-bool dataset_created(const struct dataset *); /* before its first push, by dataset_create */
-void dataset_unhold(struct dataset *);        /* as dataset_release; the caller sees to it that it goes */
-/* rights_allow, with a sentence. -ERR_PERM. */
-int dataset_rights(const struct dataset *, const struct peer *, enum right, struct err *err);
-/* From taking d->manifest until a worker has opened what it names, or has given up; runs that open count without it. No file of
- * the newest manifest of that time goes meanwhile. */
+/* Between these two the files of what is now the newest manifest stay: from reading d->manifest until a worker has opened the
+ * manifest and its segments, or has failed. Runs that open a dataset need not call them. */
 void dataset_read_begin(struct dataset *);
 void dataset_read_end(struct dataset *);
-bool dataset_is_read(const struct dataset *); /* somebody is about to open its newest manifest */
+bool dataset_is_read(const struct dataset *); /* somebody is about to open the newest manifest */
 
-enum { DATASET_MODE = 0640 }; /* of one that nobody gave a mode */
+/* NULL: no dataset of that name. Only their owners find one-step datasets. Checks no permission. */
+struct dataset *dataset_find(struct datasets *, const char *name, const struct peer *);
+/* -ERR_PERM, with a message that names the missing permission. */
+int dataset_rights(const struct dataset *, const struct peer *, enum right, struct err *err);
+/* dataset_find and dataset_rights. -ERR_NOTFOUND, -ERR_PERM. */
+int dataset_access(struct datasets *, const char *name, const struct peer *, enum right, struct dataset **ret, struct err *err);
+/* Named datasets that the peer may read, sorted by name: at most `max` of those after `name`. Returns their number. */
+unsigned dataset_list(const struct datasets *, const char *name, const struct peer *, unsigned max, struct dataset **ret);
+/* Removed datasets that the peer may restore: the one with the smallest id above `id`; NULL: there are no more. */
+struct dataset *dataset_removed_after(struct datasets *, uint64_t id, const struct peer *);
 
+/* Texts are borrowed from the dataset. */
 struct dataset_info {
 	const char *name;
 	uint64_t id, generation, points, bytes;
-	uint32_t files, uid, gid, mode;               /* of its owner, its group (RIGHTS_NOBODY: none), as of a file */
-	const char *lattice, *crs, *unit_xy, *unit_z; /* "" while there is no generation */
+	uint32_t files, uid, gid, mode;               /* gid RIGHTS_NOBODY: no group */
+	const char *lattice, *crs, *unit_xy, *unit_z; /* "" without a generation */
 	int64_t created_us, pushed_us;
 	int32_t box[4];
-	uint64_t oldest;              /* generation that can be read */
+	uint64_t oldest;              /* oldest generation that can be read */
 	uint32_t segments;            /* 0: not known */
-	bool merging;                 /* some of them become one now */
-	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
+	bool merging;                 /* a merge works on it */
+	int64_t removed_us, until_us; /* removed then, and restorable until then; 0: not removed */
 	bool pinned;
-	unsigned pushes;  /* open now */
-	unsigned pending; /* interrupted; the next five are of the newest */
+	unsigned pushes;  /* open */
+	unsigned pending; /* number of pending pushes; the next four fields are those of the newest one */
 	uint32_t pending_files, pending_uid;
 	uint64_t pending_points;
 	int64_t pending_until_us;
 };
-/* NULL: none. One-step datasets are seen by their owner only. That it is there says nothing about what one may do. */
-struct dataset *dataset_find(struct datasets *, const char *name, const struct peer *);
-/* The one of that name, for who has that right on it. -ERR_NOTFOUND, -ERR_PERM. */
-int dataset_ask(struct datasets *, const char *name, const struct peer *, enum right, struct dataset **ret, struct err *err);
-/* Named datasets that this peer may read, by name: the first after `name`, at most `max`. Says how many. */
-unsigned dataset_list(const struct datasets *, const char *name, const struct peer *, unsigned max, struct dataset **ret);
 void dataset_info(const struct dataset *, struct dataset_info *ret);
-/* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed.
- */
-struct dataset *dataset_hold(struct dataset *);
-void dataset_release(struct dataset *);
 
-/* A dataset before its first push. Texts are "" where the inputs choose. */
-struct dataset_wish {
+/* The oldest generation that can be read, or that will be after the prune that runs. */
+uint64_t dataset_oldest(const struct dataset *);
+/* -ERR_NOTFOUND, with the range of generations. 0 means the newest. */
+int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
+
+/* ---- requests ---- */
+
+/* A dataset before its first push. A text "" leaves the choice to the first inputs. */
+struct dataset_create_params {
 	const char *name, *scale_xy, *scale_z;
 	const char *crs; /* a coordinate system as text */
-	bool has_mode;   /* else DATASET_MODE */
+	bool has_mode;   /* otherwise DATASET_MODE */
 	uint32_t mode;
 	struct peer peer;
 };
-/* Answered when the catalogue has it. -ERR_USAGE: there is one of that name. */
-void dataset_create(struct datasets *, const struct dataset_wish *, void (*created)(void *token, const struct err *why),
+/* Answers when the catalogue has the row. -ERR_USAGE; -ERR_CONFLICT: the name is in use. */
+void dataset_create(struct datasets *, const struct dataset_create_params *, void (*created)(void *token, const struct err *why),
 		    void *token);
 
-/* The oldest generation that can be read, also while others are being pruned. */
-uint64_t dataset_oldest(const struct dataset *);
-/* -ERR_NOTFOUND, with the range that there is; 0 is the newest. */
-int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
-enum dataset_verb { DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN, DATASET_CHMOD, DATASET_CHGRP, DATASET_CHOWN };
-struct dataset_wanted {
-	enum dataset_verb verb;
-	const char *name, *as; /* to restore under another name; "": its own */
-	uint64_t id;           /* to restore, where no removed dataset has the name; 0: none */
-	const char *mode;      /* as mode_parse takes it; NULL: none */
-	uint32_t gid, uid;     /* the new group, the new owner */
+enum dataset_action { DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN, DATASET_CHMOD, DATASET_CHGRP, DATASET_CHOWN };
+struct dataset_action_params {
+	enum dataset_action action;
+	const char *name;
+	const char *as;    /* RESTORE: the new name; "": the old one */
+	uint64_t id;       /* RESTORE: used if no removed dataset has the name; 0: none */
+	const char *mode;  /* CHMOD: as mode_parse takes it; otherwise NULL */
+	uint32_t gid, uid; /* CHGRP: the new group, which the owner must be in; CHOWN: the new owner */
 	struct peer peer;
 };
-typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset *);
-/* RIGHT_OWN, a new owner RIGHT_CHOWN; a new group is one that the owner is in. A removed dataset is hidden, its name free, and
- * kept for core_params.keep_removed; what is pinned can be neither removed nor pruned. -ERR_USAGE, -ERR_BUSY (a push is open),
- * -ERR_NOTFOUND. */
-void dataset_verb(struct datasets *, const struct dataset_wanted *, dataset_verb_fn *answer, void *token);
-/* Removed ones that this peer can restore, by number: the first after `id`; NULL at the end. */
-struct dataset *dataset_removed_after(struct datasets *, uint64_t id, const struct peer *);
+typedef void dataset_action_fn(void *token, const struct err *why, struct dataset *);
+/*
+ * Changes what the row of a dataset says. Needs RIGHT_OWN, DATASET_CHOWN needs RIGHT_CHOWN. A removed dataset is hidden and its
+ * name is free; it can be restored for core_params.keep_removed. A pinned dataset can be neither removed nor pruned. -ERR_USAGE,
+ * -ERR_PERM, -ERR_NOTFOUND, -ERR_CONFLICT, -ERR_BUSY: a push is open.
+ */
+void dataset_act(struct datasets *, const struct dataset_action_params *, dataset_action_fn *answer, void *token);
 
 struct reverted {
 	struct dataset *dataset;
-	uint64_t generation, undone, points; /* the new one; the one that it undoes; of the dataset now */
-	const struct grid_generation *did;   /* without the user */
+	uint64_t generation;                /* the new one */
+	uint64_t undone;                    /* the generation that it undoes */
+	uint64_t points;                    /* of the dataset now */
+	const struct grid_generation *made; /* what the new generation changed; valid during the call; its user is NULL */
 };
 typedef void revert_answer_fn(void *token, const struct err *why, const struct reverted *);
-/* A new generation that undoes another one; 0: the newest. -ERR_USAGE: what it did was changed since. */
+/* Makes a generation that undoes `generation` (0: the newest). -ERR_CONFLICT: a later generation changed the same files.
+ * -ERR_PERM, -ERR_NOTFOUND, -ERR_BUSY, -ERR_USAGE: a one-step dataset. */
 void dataset_revert(struct dataset *, uint64_t generation, const struct peer *, revert_answer_fn *answer, void *token);
 
-/* The newest manifest of a dataset (NULL: there is none yet), which is the service's, and the callback's while it is
- * called. */
+/* Reads the newest manifest. The manifest is NULL if there is no generation, and is freed after the call of `answer`. */
 typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
 void dataset_read(struct dataset *, const struct peer *, dataset_read_fn *answer, void *token);
 
 struct pruned {
 	struct dataset *dataset;
-	uint64_t oldest;                            /* generation that can be read now */
-	uint64_t generations, files, points, bytes; /* that went; of files: points and what they took on the disk */
-	uint64_t segments;                          /* that were made anew, or went */
+	uint64_t oldest;                            /* oldest generation that can be read now */
+	uint64_t generations, files, points, bytes; /* removed; points of the files, bytes on the disk */
+	uint64_t segments;                          /* rewritten or removed */
 };
 typedef void prune_answer_fn(void *token, const struct err *why, const struct pruned *);
 struct prune;
 /*
- * Generations go: all but the newest `keep`, or all before generation `before`; the other one is 0. -ERR_BUSY: jobs
- * of these are not done. Answered when the catalogue has it; NULL: answered already. The handle is good until then.
+ * Removes all generations but the newest `keep`, or all before generation `before`; the other argument is 0. Answers when the
+ * catalogue has the change. -ERR_BUSY: unfinished jobs need them. -ERR_CONFLICT: the dataset is pinned. Returns a handle that is
+ * valid until the answer, or NULL if it has answered already.
  */
 struct prune *dataset_prune(struct dataset *, uint64_t keep, uint64_t before, const struct peer *, prune_answer_fn *answer,
 			    void *token);
-void dataset_prune_cancel(struct prune *); /* answered with -ERR_CANCELLED, if it is not too late */
+void dataset_prune_cancel(struct prune *); /* answers soon with -ERR_CANCELLED, unless the change is committed already */
 
-/* ---- the next generation, by a push or an import ---- */
+/* ---- the next generation, made by a push or an import ---- */
 
-/* What the next manifest makes of a dataset. */
+/*
+ * The state of a dataset after its next manifest. dataset_next_make does all that can fail; dataset_next_put queues the row;
+ * dataset_next_install, which cannot fail, is called when the row is durable.
+ */
 struct dataset_next {
 	char *lattice, *crs, *unit_xy, *unit_z, manifest[64];
 	uint64_t generation, oldest, points, bytes;
@@ -226,52 +249,58 @@ struct dataset_next {
 	int64_t pushed_us;
 	int32_t box[4];
 	bool merge_due;
-	struct dataset_old *old; /* names the manifest that was the newest until then */
+	struct dataset_obsolete *obsolete; /* names the manifest that is replaced */
 };
-/* All that can fail, before the catalogue is asked. */
 int dataset_next_make(const struct dataset *, const struct grid_manifest *, const char *manifest, int64_t pushed_us,
 		      struct dataset_next *ret, struct err *err);
-void dataset_next_clear(struct dataset_next *);
-/* Queues the row; with it goes the row of `push` (0: of none). */
+void dataset_next_clear(struct dataset_next *); /* frees what it has; an empty one is fine */
+/* Also drops the row of `push` in the same transaction; 0: of no push. `done` must call dataset_row_written. */
 int dataset_next_put(struct dataset *, const struct dataset_next *, uint64_t push, catalogue_done_fn done, void *ctx,
 		     struct err *err);
-/* The row is durable. Clears `next`. old_is_read: somebody opens the manifest before it, which goes later. */
-void dataset_become(struct dataset *, struct dataset_next *next, bool old_is_read);
+void dataset_row_written(struct dataset *);
+/* Clears `next`. old_in_use: somebody is about to open the manifest that is replaced; its file is removed later. Otherwise the
+ * caller removes it. */
+void dataset_next_install(struct dataset *, struct dataset_next *next, bool old_in_use);
 
-/* A worker, with the folder open and before a manifest is made: once, what a crash left of others goes. */
+/* Removes manifests that an earlier daemon left, once a start; `newest` is that of the dataset. Worker, with the folder open,
+ * before a manifest is written. */
 void dataset_tidy(struct dataset *, const char *newest);
-/* m->generations becomes the base's (NULL: there is none) and m->generation, as its sources have it; to be freed. Workers. */
+/* Sets m->generations to those of `base` (NULL: none) and one for m->generation, with the sums of its sources; the caller frees
+ * it. Worker. */
 int dataset_note_generation(struct grid_manifest *m, const struct grid_manifest *base, const struct peer *,
 			    enum grid_generation_kind kind, uint64_t undoes, struct err *err);
-/* One publishes the next manifest at a time. False: another one does. */
+/* Only one `by` at a time writes the next manifest. False: another one does. The end does nothing for others than the committer.
+ */
 bool dataset_commit_begin(struct dataset *, const void *by);
-void dataset_commit_end(struct dataset *, const void *by); /* nothing if it is another's turn */
-void dataset_row_written(struct dataset *);                /* the answer to dataset_next_put has come */
-/* One push plans the lattice of a dataset that has none. False: another one does. */
+void dataset_commit_end(struct dataset *, const void *by);
+/* Only one push at a time chooses the lattice of a dataset that has none. Likewise. */
 bool dataset_plan_begin(struct dataset *, struct push *);
 void dataset_plan_end(struct dataset *, const struct push *);
-void dataset_push_begin(struct dataset *); /* is open */
+/* Counts open pushes. */
+void dataset_push_begin(struct dataset *);
 void dataset_push_end(struct dataset *);
 void dataset_set_mode(struct dataset *, uint32_t mode);
 void dataset_set_partial(struct dataset *, const double crop[4]);
 void dataset_set_seconds(struct dataset *, double stage, double seal);
-uint32_t dataset_next_source(struct dataset *);               /* a number for a source, given once */
-void dataset_sources_from(struct dataset *, uint32_t number); /* none below it is given any more */
+uint32_t dataset_next_source(struct dataset *);               /* the next number of a source; each is given once */
+void dataset_sources_from(struct dataset *, uint32_t number); /* numbers below this one are not given any more */
 
-/* ---- interrupted pushes (dataset_pending.c) ---- */
+/* ---- pending pushes (dataset_pending.c) ---- */
 
 #define ABOUT_PENDING(q, d) (&(const struct log_about){.push = (q)->id, .dataset = (d)->name, ABOUT_USER((q)->uid)})
 struct pending *pending_new(struct datasets *, uint32_t uid, struct err *err); /* NULL: err says why */
-struct pending *pending_free(struct datasets *, struct pending *);
-void pending_add(struct dataset *, struct pending *);         /* holds the dataset */
-struct pending *pending_take(struct dataset *, uint32_t uid); /* the newest of that user; still holds the dataset. NULL: none */
-void pending_put_back(struct dataset *, struct pending *);
-void pending_expire(struct dataset *);
-int64_t pending_until_us(const struct pending *);
+struct pending *pending_free(struct datasets *, struct pending *);             /* NULL is fine; returns NULL */
+void pending_add(struct dataset *, struct pending *);                          /* holds the dataset */
+/* Takes the newest pending push of that user out of the list; the reference to the dataset goes with it. NULL: there is none. */
+struct pending *pending_take(struct dataset *, uint32_t uid);
+void pending_put_back(struct dataset *, struct pending *); /* what pending_take gave */
+void pending_expire(struct dataset *);                     /* drops those that are older than 7 days */
+int64_t pending_until_us(const struct pending *);          /* it can be taken up until then */
+uint64_t pending_points(const struct grid_manifest *);     /* points of all sources; NULL: 0. Any thread */
+/* File names in the dataset's folder. Any thread. */
 void pending_manifest_name(uint64_t id, char name[64]);
 void pending_stage_name(uint64_t id, char name[48]);
-/* Worker. What the push left goes, first what says that it is there. */
+/* Removes the files of a pending push: first the manifest by which a start finds them. Worker, with the folder open. */
 int pending_discard(struct dataset *, uint64_t id, struct err *err);
-uint64_t pending_points(const struct grid_manifest *); /* of its sources; NULL: 0 */
 
 #endif

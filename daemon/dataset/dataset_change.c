@@ -1,14 +1,15 @@
 /*
- * Changes of a dataset that are no push: a revert, for one.
+ * Changes of a dataset that are no push, such as a revert.
  *
- * The model: one manifest after the other. Who makes the next one is the dataset's `committer`; a change that finds
- * another one there waits in the service's list. A worker reads the newest manifest, lets `make` say what becomes of it,
- * and writes the new one, durable; then the row of the catalogue names it, and only then does the dataset in memory.
- * What a crash leaves of one is a manifest that nothing names, or half of one; no row leads the next start to it. Whoever
- * publishes the dataset's next manifest, a push or a change, removes it first.
+ * The model: manifests are made one after the other. Whoever makes the next one is the dataset's `committer`; a change that finds
+ * another committer waits in a queue. A worker reads the newest manifest, lets `make` change a copy, and writes it durably. Then
+ * the row of the catalogue names it, and then the dataset in memory. A crash may leave a manifest that no row names, complete or
+ * not, and no row leads the next start to it. So whoever publishes the next manifest, a push or a change, first removes what a
+ * crash left (dataset_tidy).
  */
 #include "dataset_change.h"
 
+#include <assert.h>
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +22,7 @@
 
 /* ---- worker ---- */
 
-static void *copy(const void *from, size_t n, size_t size)
+static void *copy_array(const void *from, size_t n, size_t size)
 {
 	void *to = calloc(n + 1, size);
 
@@ -30,8 +31,8 @@ static void *copy(const void *from, size_t n, size_t size)
 	return to;
 }
 
-/* With the copy, what is written, and room to write it. */
-static int take_room(struct dataset_change *c, uint64_t bytes, struct err *err)
+/* For the copy, the written manifest, and the buffer to write it. */
+static int charge_manifest(struct dataset_change *c, uint64_t bytes, struct err *err)
 {
 	if (ledger_take(c->datasets->core->p.ledger, LEDGER_MANIFEST, bytes))
 		return 0;
@@ -44,7 +45,7 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 {
 	struct grid_manifest m = *base;
 	uint64_t bytes = 4 * base->charged;
-	int dirfd = c->dataset->dirfd, r = take_room(c, bytes, err);
+	int dirfd = c->dataset->dirfd, r = charge_manifest(c, bytes, err);
 
 	if (r)
 		return r;
@@ -53,19 +54,19 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 	m.ledger = NULL;
 	m.charged = 0;
 	m.generations = NULL;
-	m.segments = copy(base->segments, base->nsegments, sizeof *m.segments);
-	m.sources = copy(base->sources, base->nsources, sizeof *m.sources);
+	m.segments = copy_array(base->segments, base->nsegments, sizeof *m.segments);
+	m.sources = copy_array(base->sources, base->nsources, sizeof *m.sources);
 	if (!m.segments || !m.sources)
 		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
 	else
 		r = c->make(c, base, &m, err);
 	if (!r && m.generation != base->generation)
 		r = dataset_note_generation(&m, base, &c->peer, c->kind, c->undoes, err);
-	else if (!r && !(m.generations = copy(base->generations, base->ngenerations, sizeof *m.generations)))
+	else if (!r && !(m.generations = copy_array(base->generations, base->ngenerations, sizeof *m.generations)))
 		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
 	if (!r && m.generation != base->generation) {
-		c->did = m.generations[m.ngenerations - 1];
-		c->did.user = NULL;
+		c->made_generation = m.generations[m.ngenerations - 1];
+		c->made_generation.user = NULL;
 	}
 	if (!r)
 		r = grid_manifest_write(dirfd, c->made_name, &m, err);
@@ -92,7 +93,7 @@ static void change_run(struct sched_task *t)
 		c->r = grid_manifest_load(c->dataset->dirfd, c->base_name, c->datasets->core->p.ledger, &base, &c->err);
 	if (!c->r)
 		c->r = write_made(c, base, &c->err);
-	/* What was not committed is named by nothing. */
+	/* Nothing names a manifest that was not committed. */
 	if (c->r && base)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
 	grid_manifest_free(base);
@@ -112,7 +113,7 @@ static int remove_other(void *ctx, const struct dirent *e, struct err *err)
 	return io_remove(o->dataset->dirfd, e->d_name, err);
 }
 
-/* Nobody reads by another name, and nobody else makes a manifest now: what another name has is of a time before. */
+/* Nobody reads another manifest and nobody else writes one now, so any other is left over. */
 static void remove_others(const struct dataset *d, const char *keep)
 {
 	struct err err = ERR_INIT;
@@ -123,7 +124,7 @@ static void remove_others(const struct dataset *d, const char *keep)
 
 void dataset_tidy(struct dataset *d, const char *newest)
 {
-	/* Where the newest is gone, whoever looks into the folder finds all that there is. */
+	/* Without the newest manifest nothing is removed: somebody may want to repair the folder. */
 	if (!d->tidied && !d->onestep && *newest && faccessat(d->dirfd, newest, F_OK, 0) == 0)
 		remove_others(d, newest);
 	d->tidied = true;
@@ -143,27 +144,26 @@ static void tidy_run(struct sched_task *t)
 
 /* ---- loop ---- */
 
-static void finish(struct dataset_change *c)
+static void change_finish(struct dataset_change *c)
 {
 	struct dataset *d = c->dataset;
 
 	if (c->opened)
 		dataset_close(d);
-	if (d->committer == c)
-		d->committer = NULL;
+	dataset_commit_end(d, c);
 	c->made = grid_manifest_free(c->made);
-	dataset_next_clear(&c->becomes);
+	dataset_next_clear(&c->new_state);
 	core_background_done(c->datasets->core);
-	c->over(c, c->r ? &c->err : NULL);
+	c->done(c, c->r ? &c->err : NULL);
 	dataset_release(d);
 }
 
 static void tidy_done(struct sched_task *t)
 {
-	finish((struct dataset_change *)t);
+	change_finish((struct dataset_change *)t);
 }
 
-static void task(struct dataset_change *c, void (*run)(struct sched_task *), void (*done)(struct sched_task *))
+static void change_submit(struct dataset_change *c, void (*run)(struct sched_task *), void (*done)(struct sched_task *))
 {
 	c->task = (struct sched_task){.run = run,
 				      .done = done,
@@ -172,23 +172,24 @@ static void task(struct dataset_change *c, void (*run)(struct sched_task *), voi
 	sched_submit(c->datasets->core->p.sched, &c->task);
 }
 
-static void row_done(void *ctx, int r, const struct err *why)
+static void row_written(void *ctx, int r, const struct err *why)
 {
 	struct dataset_change *c = ctx;
 	struct dataset *d = c->dataset;
-	bool read = dataset_is_read(d);
+	bool in_use = dataset_is_read(d);
 
-	d->rows--;
+	assert(d->committer == c);
+	dataset_row_written(d);
 	c->r = r;
 	if (r)
 		c->err = *why;
 	else
-		dataset_become(d, &c->becomes, read);
-	/* The old one stays while somebody opens it. */
-	if (!r && read)
-		finish(c);
+		dataset_next_install(d, &c->new_state, in_use);
+	/* The old manifest stays while somebody opens it. */
+	if (!r && in_use)
+		change_finish(c);
 	else
-		task(c, tidy_run, tidy_done);
+		change_submit(c, tidy_run, tidy_done);
 }
 
 static void change_done(struct sched_task *t)
@@ -199,29 +200,30 @@ static void change_done(struct sched_task *t)
 	if (!t->ran)
 		c->r = err_set(&c->err, ERR_CANCELLED, "the daemon is stopping");
 	if (!c->r)
-		c->r = dataset_next_make(c->dataset, c->made, c->made_name, c->dataset->pushed_us, &c->becomes, &c->err);
+		c->r = dataset_next_make(c->dataset, c->made, c->made_name, c->dataset->pushed_us, &c->new_state, &c->err);
 	if (!c->r)
-		c->r = dataset_next_put(c->dataset, &c->becomes, 0, row_done, c, &c->err);
+		c->r = dataset_next_put(c->dataset, &c->new_state, 0, row_written, c, &c->err);
 	if (!c->r)
 		return;
 	if (c->made)
-		task(c, tidy_run, tidy_done);
+		change_submit(c, tidy_run, tidy_done);
 	else
-		finish(c);
+		change_finish(c);
 }
 
-/* Its turn has come. */
-static void begin(struct dataset_change *c)
+/* The dataset has no committer. */
+static void change_begin(struct dataset_change *c)
 {
 	struct dataset *d = c->dataset;
 
-	d->committer = c;
+	assert(!d->committer);
+	dataset_commit_begin(d, c);
 	memcpy(c->base_name, d->manifest, sizeof c->base_name);
-	/* The name of no other manifest, whichever daemon made it. */
+	/* The time makes the name unique, also among those of earlier daemons. */
 	snprintf(c->made_name, sizeof c->made_name, "manifest-%llu-c%llu", (unsigned long long)d->generation + 1,
 		 (unsigned long long)clock_real_us());
 	dataset_read_begin(d);
-	task(c, change_run, change_done);
+	change_submit(c, change_run, change_done);
 }
 
 void dataset_change_start(struct dataset_change *c)
@@ -230,6 +232,7 @@ void dataset_change_start(struct dataset_change *c)
 	struct dataset_change **at;
 	struct datasets *ds = d->datasets;
 
+	THREAD_LOOP_ONLY();
 	c->datasets = ds;
 	c->err = ERR_INIT;
 	if (ds->core->stopping)
@@ -237,7 +240,7 @@ void dataset_change_start(struct dataset_change *c)
 	else if (!d->generation)
 		err_set(&c->err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
 	if (c->err.code) {
-		c->over(c, &c->err);
+		c->done(c, &c->err);
 		return;
 	}
 	dataset_hold(d);
@@ -259,7 +262,7 @@ void dataset_changes_settle(struct datasets *ds)
 			continue;
 		}
 		*at = c->next;
-		begin(c);
+		change_begin(c);
 		at = &ds->changes;
 	}
 }

@@ -1,10 +1,8 @@
 /*
- * Datasets that come to be before their first push, with what that push has to keep to: a scale, a coordinate
- * system.
+ * Datasets that exist before their first push, with what that push has to respect: a scale, a coordinate system.
  *
- * The model: such a dataset is a row without a generation whose lattice says "scale XY Z", "-" for what the inputs
- * choose. It stays until its first push makes it like all others. What it does not say (heights, often) is
- * open until then.
+ * The model: such a dataset is a row without a generation whose lattice is "scale XY Z", with "-" for what the inputs choose. It
+ * becomes a usual dataset with its first push. What it does not define (often the heights) is open until then.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -36,33 +34,18 @@ static int check_scale(const char *text, const char *field, struct err *err)
 	return err_add_place(err, ERR_NO_OFFSET, field);
 }
 
-static bool set(char **to, const char *text)
-{
-	char *copy = strdup(text);
-
-	if (!copy)
-		return false;
-	free(*to);
-	*to = copy;
-	return true;
-}
-
-static int make(struct datasets *ds, const struct dataset_wish *w, struct dataset **ret, struct err *err)
+static int create(struct datasets *ds, const struct dataset_create_params *w, struct dataset **ret, struct err *err)
 {
 	char lattice[2 * DECIMAL_TEXT_SIZE + 16];
 	struct crs_info crs;
 	struct dataset *d;
-	int r = 0;
+	int r;
 
-	if (!dataset_name_valid(w->name)) {
-		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", w->name);
-		return err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
-				    DATASET_NAME_MAX);
-	}
-	if (dataset_find(ds, w->name, &w->peer))
-		return err_set(err, ERR_CONFLICT, "there is a dataset %s already", w->name);
+	r = dataset_name_check(w->name, err);
+	if (!r && dataset_find(ds, w->name, &w->peer))
+		r = err_set(err, ERR_CONFLICT, "there is a dataset %s already", w->name);
 	crs_info_clear(&crs);
-	if (*w->crs)
+	if (!r && *w->crs)
 		r = crs_assume_text(w->crs, strlen(w->crs), &crs, err);
 	if (!r)
 		r = check_scale(w->scale_xy, "scale_xy", err);
@@ -79,9 +62,9 @@ static int make(struct datasets *ds, const struct dataset_wish *w, struct datase
 	d->mode = w->has_mode ? w->mode & MODE_ALL : DATASET_MODE;
 	dataset_hold(d);
 	snprintf(lattice, sizeof lattice, "scale %s %s", *w->scale_xy ? w->scale_xy : "-", *w->scale_z ? w->scale_z : "-");
-	if (!set(&d->crs, crs.text) || !set(&d->unit_xy, crs.unit_xy) || !set(&d->unit_z, crs.unit_z) ||
-	    !set(&d->lattice, lattice)) {
-		set(&d->lattice, "");
+	if (!dataset_set_text(&d->crs, crs.text) || !dataset_set_text(&d->unit_xy, crs.unit_xy) ||
+	    !dataset_set_text(&d->unit_z, crs.unit_z) || !dataset_set_text(&d->lattice, lattice)) {
+		dataset_set_text(&d->lattice, "");
 		dataset_release(d);
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
 	}
@@ -89,13 +72,13 @@ static int make(struct datasets *ds, const struct dataset_wish *w, struct datase
 	return 0;
 }
 
-static void finish(struct creation *c, const struct err *why)
+static void creation_finish(struct creation *c, const struct err *why)
 {
-	/* What is not on disk never was. */
+	/* Without its row the dataset does not exist. */
 	if (why)
 		c->dataset->lattice[0] = 0;
 	else
-		c->dataset->row = true;
+		c->dataset->has_row = true;
 	if (!why)
 		log_event(LOG_EVENT_DATASET_MADE, ABOUT_DATASET(c->dataset), "the dataset %s was made by user %u",
 			  c->dataset->name, c->dataset->uid);
@@ -104,23 +87,24 @@ static void finish(struct creation *c, const struct err *why)
 	free(c);
 }
 
-static void row_done(void *ctx, int r, const struct err *why)
+static void row_written(void *ctx, int r, const struct err *why)
 {
-	finish(ctx, r ? why : NULL);
+	creation_finish(ctx, r ? why : NULL);
 }
 
-void dataset_create(struct datasets *ds, const struct dataset_wish *w, void (*created)(void *token, const struct err *why),
-		    void *token)
+void dataset_create(struct datasets *ds, const struct dataset_create_params *w,
+		    void (*created)(void *token, const struct err *why), void *token)
 {
 	struct creation *c = calloc(1, sizeof *c);
 	struct catalogue_dataset row;
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (!c)
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	else if (ds->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	if (err.code || make(ds, w, &c->dataset, &err)) {
+	if (err.code || create(ds, w, &c->dataset, &err)) {
 		free(c);
 		created(token, &err);
 		return;
@@ -128,6 +112,6 @@ void dataset_create(struct datasets *ds, const struct dataset_wish *w, void (*cr
 	c->created = created;
 	c->token = token;
 	dataset_row(c->dataset, &row);
-	if (catalogue_put_dataset(ds->core->p.catalogue, &row, 0, row_done, c, &err))
-		finish(c, &err);
+	if (catalogue_put_dataset(ds->core->p.catalogue, &row, 0, row_written, c, &err))
+		creation_finish(c, &err);
 }

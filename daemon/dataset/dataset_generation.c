@@ -1,6 +1,6 @@
 /*
- * What a manifest keeps of each generation: when it came, by whom, and what it did (grid.h). Whoever writes a
- * manifest with a new generation notes it here; what was noted before goes along as it is.
+ * The note that a manifest keeps of each generation: time, user, and what it changed (grid.h). Whoever writes a manifest with a
+ * new generation adds its note here; earlier notes are copied.
  */
 #include <pwd.h>
 #include <stdio.h>
@@ -10,7 +10,7 @@
 #include "clock.h"
 #include "dataset_priv.h"
 
-/* The name of a user, "" where it is not known. Asks the system's lists: workers only. */
+/* The name of the user, or "" if it is unknown. Reads the user database: workers only. */
 static void user_name(uint32_t uid, char ret[GRID_USER])
 {
 	struct passwd entry, *found = NULL;
@@ -25,7 +25,7 @@ int dataset_note_generation(struct grid_manifest *m, const struct grid_manifest 
 			    enum grid_generation_kind kind, uint64_t undoes, struct err *err)
 {
 	size_t n = base ? base->ngenerations : 0;
-	/* The name behind the list: one block, which whoever frees the list frees too. */
+	/* The name lies behind the list in the same block, so whoever frees the list frees both. */
 	struct grid_generation *all = malloc((n + 1) * sizeof *all + GRID_USER);
 	char *user = all ? (char *)(all + n + 1) : NULL;
 

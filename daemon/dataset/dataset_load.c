@@ -1,12 +1,13 @@
 /*
- * The start: rows of the catalogue become datasets and interrupted pushes, and what a crash left in their folders goes. Before
- * the loop runs; reads the disk.
+ * The start: rows of the catalogue become datasets and pending pushes, and what a crash left in their folders is removed. Runs
+ * before the loop does, and reads the disk.
  */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "dataset_change.h"
 #include "dataset_priv.h"
@@ -16,51 +17,6 @@ struct loaded {
 	uint64_t id;
 	struct dataset *dataset;
 };
-
-/* Bytes on the disk by user (struct core_usage). */
-static void used(void *ctx, void (*add)(void *to, uint32_t uid, uint64_t bytes), void *to)
-{
-	for (const struct dataset *d = ((struct datasets *)ctx)->first; d; d = d->next) {
-		add(to, d->uid, d->bytes);
-		for (const struct pending *q = d->pending; q; q = q->next)
-			add(to, q->uid, datasets_points_bytes(q->points));
-	}
-}
-
-int datasets_new(struct core *core, struct admission *admission, struct datasets **ret, struct err *err)
-{
-	struct datasets *ds = calloc(1, sizeof *ds);
-
-	if (!ds)
-		return err_set(err, ERR_NOMEM, "no memory for the daemon");
-	ds->core = core;
-	ds->admission = admission;
-	core->usage = (struct core_usage){ds, used};
-	*ret = ds;
-	return 0;
-}
-
-struct datasets *datasets_free(struct datasets *ds)
-{
-	struct dataset *d;
-
-	if (!ds)
-		return NULL;
-	dataset_old_forget(ds);
-	while ((d = ds->first)) {
-		ds->first = d->next;
-		dataset_free(d);
-	}
-	free(ds->loaded);
-	free(ds);
-	return NULL;
-}
-
-void datasets_set_calls(struct datasets *ds, const struct datasets_calls *calls, void *ctx)
-{
-	ds->calls = calls;
-	ds->ctx = ctx;
-}
 
 static int by_id(const void *a, const void *b)
 {
@@ -82,7 +38,7 @@ struct dataset *dataset_loaded(struct datasets *ds, uint64_t id)
 	for (d = n && ds->loaded ? ds->first : NULL; d; d = d->next)
 		ds->loaded[ds->nloaded++] = (struct loaded){d->id, d};
 	if (ds->loaded) {
-		/* Where none was removed they stand by their numbers. */
+		/* If none was removed, the entry's index follows from its id. */
 		n = (size_t)(id - ds->loaded[0].id);
 		if (n < ds->nloaded && ds->loaded[n].id == id)
 			return ds->loaded[n].dataset;
@@ -94,7 +50,7 @@ struct dataset *dataset_loaded(struct datasets *ds, uint64_t id)
 	return d;
 }
 
-/* A push that a crash ended: what was durable of it waits to be taken up, the rest is removed (sweep_all). */
+/* A push that a crash interrupted. What was durable of it becomes a pending push; the rest is removed (sweep_all). */
 int datasets_load_push(void *ctx, const struct catalogue_push *row, struct err *err)
 {
 	struct datasets *ds = ctx;
@@ -105,8 +61,8 @@ int datasets_load_push(void *ctx, const struct catalogue_push *row, struct err *
 	if (d) {
 		struct err why = ERR_INIT;
 
-		d->sweep = true;
-		r = rewrite_row(row) ? 0 : pending_load(d, row, &stays, &why);
+		d->needs_sweep = true;
+		r = rewrite_owns_row(row) ? 0 : pending_load(d, row, &stays, &why);
 		if (r == -ERR_NOMEM || r == -ERR_BUSY || r == -ERR_LIMIT) {
 			*err = why;
 			return r;
@@ -114,11 +70,11 @@ int datasets_load_push(void *ctx, const struct catalogue_push *row, struct err *
 		if (r) {
 			log_event_err(LOG_EVENT_UNREADABLE,
 				      &(struct log_about){.push = row->id, .dataset = d->name, ABOUT_USER(row->uid)},
-				      "what an interrupted push left cannot be read: it stays as it is", &why);
-			d->unswept = stays = true;
+				      "files of an interrupted push cannot be read: they stay", &why);
+			d->keeps_leftovers = stays = true;
 			r = 0;
 		}
-		d->swept_once |= !stays;
+		d->sweep_ends |= !stays;
 	}
 	if (row->dataset > ds->last_dataset)
 		ds->last_dataset = row->dataset;
@@ -127,37 +83,37 @@ int datasets_load_push(void *ctx, const struct catalogue_push *row, struct err *
 	return r;
 }
 
-/* A dataset that is damaged keeps nobody from the others. */
-static int sweep_one(struct dataset *d, bool goes, struct err *err)
+/* A damaged dataset does not keep the daemon from serving the others. */
+static int sweep_one(struct dataset *d, bool unused, struct err *err)
 {
 	struct err why = ERR_INIT;
-	int r = dataset_sweep(d, !d->swept_once && !goes, &why);
+	int r = dataset_sweep(d, !d->sweep_ends && !unused, &why);
 
 	if (!r || r == -ERR_NOMEM || r == -ERR_BUSY || r == -ERR_LIMIT) {
 		*err = why;
 		return r;
 	}
 	log_event_err(LOG_EVENT_UNREADABLE, ABOUT_DATASET(d),
-		      "what interrupted pushes left in a dataset stays: it cannot be told from what belongs to it", &why);
-	return goes ? (*err = why, r) : 0;
+		      "files that interrupted pushes left in a dataset stay: they cannot be told from its own files", &why);
+	return unused ? (*err = why, r) : 0;
 }
 
-/* Folders that a push left something in. A dataset without a generation and without a pending push never
- * was, unless it was created so. */
+/* Sweeps folders in which a push left something. A dataset without a generation or a pending push is dropped, unless
+ * dataset_create made it. */
 static int sweep_all(struct datasets *ds, struct err *err)
 {
 	struct dataset **at = &ds->first, *d;
-	bool gone = false;
+	bool dropped = false;
 	char name[32];
 	int r = 0;
 
 	while (!r && (d = *at)) {
-		bool goes = !d->generation && !d->pending && !dataset_created(d);
+		bool unused = !d->generation && !d->pending && !dataset_created(d);
 
-		goes = goes && !d->unswept;
-		if ((d->sweep || goes) && !d->unswept)
-			r = sweep_one(d, goes, err);
-		if (r || !goes) {
+		unused = unused && !d->keeps_leftovers;
+		if ((d->needs_sweep || unused) && !d->keeps_leftovers)
+			r = sweep_one(d, unused, err);
+		if (r || !unused) {
 			at = &d->next;
 			continue;
 		}
@@ -166,12 +122,12 @@ static int sweep_all(struct datasets *ds, struct err *err)
 			r = err_sys(err, errno, "cannot remove the folder of a dataset");
 		else
 			r = catalogue_drop_dataset(ds->core->p.catalogue, d->id, NULL, NULL, err);
-		gone = true;
+		dropped = true;
 		*at = d->next;
 		dataset_free(d);
 	}
-	/* Rows go when the catalogue starts, by which time folders cannot come back. */
-	return !r && gone ? io_sync(ds->core->datafd, "the folder of datasets", err) : r;
+	/* The catalogue drops these rows when it starts, so the folders must be gone for good before. */
+	return !r && dropped ? io_sync(ds->core->datafd, "the folder of datasets", err) : r;
 }
 
 struct orphans {
@@ -179,8 +135,8 @@ struct orphans {
 	uint64_t last;
 };
 
-/* Of a dataset that was removed when its folder could not be. Numbers that this catalogue has not given are not its own:
- * whoever lost the catalogue has not lost the points. */
+/* Removes the folder of a dataset that was removed while its folder could not be. Only ids that this catalogue has given out
+ * count: if the catalogue was lost, the points are not. */
 static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 {
 	const struct orphans *o = ctx;
@@ -193,7 +149,7 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	if (dataset_loaded(o->datasets, id))
 		return 0;
-	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes",
+	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of the removed dataset number %llu is deleted",
 		  (unsigned long long)id);
 	if (io_folder_remove(o->datasets->core->datafd, e->d_name, &why))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &why);
@@ -213,4 +169,60 @@ int datasets_loaded(struct datasets *ds, uint64_t last, struct err *err)
 	if (last > ds->last_dataset)
 		ds->last_dataset = last;
 	return r;
+}
+
+/* At the start nothing would free memory, so waiting is no use. */
+static int memory_full(struct err *err)
+{
+	err->code = ERR_LIMIT;
+	return -ERR_LIMIT;
+}
+
+/* Returns what was charged for longer texts than the dataset has. */
+static void charge_texts(struct dataset *d)
+{
+	const char *const texts[] = {d->lattice, d->crs, d->unit_xy, d->unit_z};
+	size_t bytes = sizeof *d + 64;
+
+	for (size_t i = 0; i < 4; i++)
+		bytes += strlen(texts[i]) + 24;
+	if (bytes >= d->charged)
+		return;
+	uncharge(d->datasets->core, d->charged - bytes);
+	d->charged = bytes;
+}
+
+int datasets_load(void *datasets, const struct catalogue_dataset *row, struct err *err)
+{
+	struct datasets *ds = datasets;
+	const struct peer owner = rights_of_user(row->uid, 0);
+	struct dataset *d = dataset_new(ds, row->name, &owner, false, err);
+
+	if (!d)
+		return err->code == ERR_BUSY ? memory_full(err) : -(int)err->code;
+	ds->last_loaded = d;
+	d->id = row->id;
+	d->has_row = true;
+	d->gid = row->gid;
+	d->mode = row->mode;
+	d->files = row->files;
+	d->created_us = row->created_us;
+	d->pushed_us = row->pushed_us;
+	snprintf(d->manifest, sizeof d->manifest, "%s", row->manifest);
+	d->generation = row->generation;
+	d->removed_us = row->removed_us;
+	d->pinned = row->pinned;
+	d->folder_durable = row->generation > 0;
+	d->points = row->points;
+	d->bytes = row->bytes;
+	d->oldest = row->oldest || !row->generation ? row->oldest : 1;
+	d->segments = row->segments;
+	d->merge_due = merge_due_likely(row->segments);
+	d->datasets->merges_due |= d->merge_due;
+	memcpy(d->box, row->box, sizeof d->box);
+	if (!dataset_set_text(&d->lattice, row->lattice) || !dataset_set_text(&d->crs, row->crs) ||
+	    !dataset_set_text(&d->unit_xy, row->unit_xy) || !dataset_set_text(&d->unit_z, row->unit_z))
+		return err_set(err, ERR_NOMEM, "no memory for a dataset");
+	charge_texts(d);
+	return 0;
 }

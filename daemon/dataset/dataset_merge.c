@@ -1,12 +1,14 @@
 /*
- * Merging: few segments instead of many.
+ * Merging: keeps the number of segments small.
  *
- * The model: a segment belongs to a class by its number of points, each class four times the one below (the first has
- * all below 4,096). Where a class has four, all of its segments become one, which is of a higher class, but for the
- * first. So of n points there are at most three segments a class, 3 log4 n, and a point is written once a class, log4 n
- * times, plus, while its segment is small, a few times at less than what a segment takes beside its points. One merge at a time
- * in the service, when workers have nothing else to do; it is given up where others wait for memory, unless
- * there are so many segments that reading suffers. The generation stays, and so does every sum.
+ * The model: a segment belongs to a class by its number of points. Each class is four times the one below; the first has all
+ * below 4,096 points. Where a class has four segments, all of them become one segment, which belongs to a higher class (or, in
+ * the first class, perhaps to the same one). So n points have at most three segments a class, 3 log4 n, and a point is rewritten
+ * once a class, log4 n times. In the first class a point may be rewritten a few times more, which costs less than the fixed part
+ * of a segment.
+ *
+ * One merge runs at a time, when workers have nothing else to do. It is given up when others wait for memory, unless there are so
+ * many segments that reading suffers. Generation and content sums stay.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -16,16 +18,16 @@
 #include "log.h"
 
 enum {
-	SMALLEST = 4096, /* points: what is smaller is of one class */
+	SMALL_POINTS = 4096, /* smaller segments are all in the first class */
 	CLASSES = 32,
-	ENOUGH = 4, /* of a class: they are merged */
-	FAN = 32,   /* at most at once */
-	MANY = 40,  /* segments: merging gives way to nobody */
+	MERGE_LEAST = 4,      /* segments of a class */
+	MERGE_MOST = 32,      /* segments at once */
+	SEGMENTS_URGENT = 40, /* segments: a merge is not given up for others any more */
 };
 
-/* After one that was given up; where there was no space, twice as long each time. */
-#define AGAIN_SECONDS 1.0
-#define LONGEST_SECONDS 64.0
+/* Delay after a merge that was given up; doubled each time that there is no disk space. */
+#define DELAY_SECONDS 1.0
+#define DELAY_SECONDS_MAX 64.0
 
 struct merge {
 	struct dataset_rewrite rewrite;
@@ -36,19 +38,19 @@ static unsigned class_of(const struct grid_segment_info *s)
 {
 	unsigned c = 0;
 
-	for (uint64_t n = s->points / SMALLEST; n; n /= 4)
+	for (uint64_t n = s->points / SMALL_POINTS; n; n /= 4)
 		c++;
 	return c;
 }
 
-/* The lowest class with enough; CLASSES: there is none. */
+/* The lowest class that is full; CLASSES: none is. */
 static unsigned class_due(const struct grid_manifest *m)
 {
 	unsigned count[CLASSES] = {0}, c = 0;
 
 	for (size_t i = 0; i < m->nsegments; i++)
 		count[class_of(&m->segments[i])]++;
-	while (c < CLASSES && count[c] < ENOUGH)
+	while (c < CLASSES && count[c] < MERGE_LEAST)
 		c++;
 	return c;
 }
@@ -60,31 +62,31 @@ bool merge_due(const struct grid_manifest *m)
 
 bool merge_due_likely(uint32_t segments)
 {
-	return segments >= 2 * ENOUGH;
+	return segments >= 2 * MERGE_LEAST;
 }
 
-/* ---- one ---- */
+/* ---- one merge ---- */
 
-static int choose(struct dataset_rewrite *w, const struct grid_manifest *m, struct err *err)
+static int merge_choose(struct dataset_rewrite *w, const struct grid_manifest *m, struct err *err)
 {
-	const struct grid_segment_info *some[FAN];
+	const struct grid_segment_info *some[MERGE_MOST];
 	unsigned c = class_due(m);
 	size_t n = 0;
 
-	for (size_t i = 0; i < m->nsegments && n < FAN; i++)
+	for (size_t i = 0; i < m->nsegments && n < MERGE_MOST; i++)
 		if (c < CLASSES && class_of(&m->segments[i]) == c)
 			some[n++] = &m->segments[i];
-	for (; n >= ENOUGH; n--) {
+	for (; n >= MERGE_LEAST; n--) {
 		int r = rewrite_add(w, some, n, false, err);
 
-		if (r || rewrite_bytes(w) <= w->most)
+		if (r || rewrite_bytes(w) <= w->memory_max)
 			return r;
 		rewrite_drop_last(w);
 	}
 	return 0;
 }
 
-static void say(const struct merge *g)
+static void log_merge(const struct merge *g)
 {
 	const struct dataset_rewrite *w = &g->rewrite;
 
@@ -93,25 +95,25 @@ static void say(const struct merge *g)
 		  (unsigned long long)w->read, (unsigned long long)w->written, w->dataset->segments);
 }
 
-/* For the time being: memory, disk, somebody waits, or it was cut short. */
-static bool passes(const struct err *why)
+/* The reason may pass: no memory or disk now, others wait, or it was cancelled. */
+static bool is_temporary(const struct err *why)
 {
 	return why->code == ERR_BUSY || why->code == ERR_CANCELLED || why->code == ERR_NOSPACE || why->code == ERR_NOMEM;
 }
 
-static void put_off(struct datasets *ds, const struct err *why)
+static void postpone(struct datasets *ds, const struct err *why)
 {
-	double seconds = AGAIN_SECONDS;
+	double seconds = DELAY_SECONDS;
 
 	if (why && why->code == ERR_NOSPACE) {
-		seconds = ds->merge_wait > 0 ? 2 * ds->merge_wait : AGAIN_SECONDS;
-		seconds = seconds < LONGEST_SECONDS ? seconds : LONGEST_SECONDS;
-		ds->merge_wait = seconds;
+		seconds = ds->merge_delay > 0 ? 2 * ds->merge_delay : DELAY_SECONDS;
+		seconds = seconds < DELAY_SECONDS_MAX ? seconds : DELAY_SECONDS_MAX;
+		ds->merge_delay = seconds;
 	}
 	ds->merge_after_ns = clock_mono_ns() + (uint64_t)(seconds * 1e9);
 }
 
-static void merge_over(struct dataset_rewrite *w, const struct err *why)
+static void merge_done(struct dataset_rewrite *w, const struct err *why)
 {
 	struct merge *g = (struct merge *)w;
 	struct datasets *ds = w->datasets;
@@ -119,15 +121,15 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 
 	ds->merge = NULL;
 	if (!why && w->nunits) {
-		say(g);
-		ds->merge_wait = 0;
+		log_merge(g);
+		ds->merge_delay = 0;
 		ds->core->tally.merges++;
 		ds->core->tally.merged_bytes += w->written;
 	} else if (!why) {
-		d->merge_due = false; /* not with this memory */
-	} else if (passes(why)) {
+		d->merge_due = false; /* impossible with this memory */
+	} else if (is_temporary(why)) {
 		log_debug("%s: no merge now: %s", d->name, why->message);
-		put_off(ds, why);
+		postpone(ds, why);
 	} else {
 		log_event_err(LOG_EVENT_MERGE_FAILED, ABOUT_DATASET(d), "segments cannot be merged", why);
 		d->merge_due = false;
@@ -137,7 +139,7 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 	free(g);
 }
 
-static void start(struct datasets *ds, struct dataset *d)
+static void merge_start(struct datasets *ds, struct dataset *d)
 {
 	struct err err = ERR_INIT;
 	struct merge *g = NULL;
@@ -145,24 +147,24 @@ static void start(struct datasets *ds, struct dataset *d)
 	if (!charge(ds->core, sizeof *g, "a merge", &err) && !(g = calloc(1, sizeof *g)))
 		uncharge(ds->core, sizeof *g);
 	if (!g) {
-		put_off(ds, NULL);
+		postpone(ds, NULL);
 		return;
 	}
 	g->begun_ns = clock_mono_ns();
 	g->rewrite.dataset = d;
 	g->rewrite.peer = rights_of_user(d->uid, 0);
 	g->rewrite.what = "a merge";
-	g->rewrite.choose = choose;
-	g->rewrite.over = merge_over;
-	g->rewrite.priority = d->segments < MANY ? SCHED_LAST : SCHED_NORMAL;
+	g->rewrite.choose = merge_choose;
+	g->rewrite.done = merge_done;
+	g->rewrite.priority = d->segments < SEGMENTS_URGENT ? SCHED_LAST : SCHED_NORMAL;
 	ds->merge = &g->rewrite;
 	dataset_rewrite_start(&g->rewrite);
 }
 
-/* ---- when ---- */
+/* ---- scheduling ---- */
 
-/* Looked for in every round of the loop: where no dataset has anything, they are not gone through. */
-static struct dataset *due(struct datasets *ds)
+/* Called in every round of the loop, so it is cheap where no dataset has anything to merge. */
+static struct dataset *most_segments_due(struct datasets *ds)
 {
 	struct dataset *d, *most = NULL;
 	bool any = false;
@@ -183,7 +185,7 @@ void dataset_merge_settle(struct datasets *ds)
 	struct dataset *d;
 
 	if (ds->merge) {
-		if (admission_memory_is_awaited(ds->admission) && ds->merge->dataset->segments < MANY)
+		if (admission_memory_is_awaited(ds->admission) && ds->merge->dataset->segments < SEGMENTS_URGENT)
 			dataset_rewrite_cancel(ds->merge);
 		else
 			dataset_rewrite_settle(ds->merge);
@@ -192,9 +194,9 @@ void dataset_merge_settle(struct datasets *ds)
 	if (ds->core->stopping || ds->prunes || admission_memory_is_awaited(ds->admission) ||
 	    clock_mono_ns() < ds->merge_after_ns)
 		return;
-	d = due(ds);
+	d = most_segments_due(ds);
 	if (d)
-		start(ds, d);
+		merge_start(ds, d);
 }
 
 bool merge_at_work(const struct dataset *d)

@@ -1,17 +1,18 @@
 /*
- * What the next manifest makes of a dataset.
+ * The state of a dataset after its next manifest.
  *
  * The model: a commit has two halves. All that can fail comes first: texts are copied, sums are made, the row is queued
- * (dataset_next_make, dataset_next_put). When the catalogue has the row the dataset takes over what was made
- * (dataset_become), and nothing of that can fail: what is durable counts.
+ * (dataset_next_make, dataset_next_put). When the row is durable, the dataset takes over the new state (dataset_next_install),
+ * and nothing of that can fail.
  */
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "dataset_priv.h"
 
-/* Box and sizes of all segments. */
+/* Box and bytes of all segments. */
 static void sum_segments(struct dataset_next *n, const struct grid_manifest *m)
 {
 	bool any = false;
@@ -64,10 +65,10 @@ int dataset_next_make(const struct dataset *d, const struct grid_manifest *m, co
 	n.crs = strdup(m->crs);
 	n.unit_xy = strdup(m->unit_xy);
 	n.unit_z = strdup(m->unit_z);
-	n.old = dataset_old_new(1);
-	if (n.old && *d->manifest)
-		dataset_old_add(n.old, d->manifest);
-	if (n.lattice && n.crs && n.unit_xy && n.unit_z && n.old) {
+	n.obsolete = dataset_obsolete_new(1);
+	if (n.obsolete && *d->manifest)
+		dataset_obsolete_add(n.obsolete, d->manifest);
+	if (n.lattice && n.crs && n.unit_xy && n.unit_z && n.obsolete) {
 		*ret = n;
 		return 0;
 	}
@@ -81,7 +82,7 @@ void dataset_next_clear(struct dataset_next *n)
 	free(n->crs);
 	free(n->unit_xy);
 	free(n->unit_z);
-	dataset_old_free(n->old);
+	dataset_obsolete_free(n->obsolete);
 	*n = (struct dataset_next){0};
 }
 
@@ -91,6 +92,8 @@ int dataset_next_put(struct dataset *d, const struct dataset_next *n, uint64_t p
 	struct catalogue_dataset row;
 	int r;
 
+	THREAD_LOOP_ONLY();
+	assert(!*n->manifest == !n->generation);
 	dataset_row(d, &row);
 	row.pushed_us = n->pushed_us;
 	row.manifest = n->manifest;
@@ -106,23 +109,25 @@ int dataset_next_put(struct dataset *d, const struct dataset_next *n, uint64_t p
 	row.segments = n->segments;
 	memcpy(row.box, n->box, sizeof row.box);
 	r = catalogue_put_dataset(d->datasets->core->p.catalogue, &row, push, done, ctx, err);
-	d->rows += !r;
+	d->rows_queued += !r;
 	return r;
 }
 
-static void take(char **to, char **from)
+static void move_text(char **to, char **from)
 {
 	free(*to);
 	*to = *from;
 	*from = NULL;
 }
 
-void dataset_become(struct dataset *d, struct dataset_next *n, bool old_is_read)
+void dataset_next_install(struct dataset *d, struct dataset_next *n, bool old_in_use)
 {
-	take(&d->lattice, &n->lattice);
-	take(&d->crs, &n->crs);
-	take(&d->unit_xy, &n->unit_xy);
-	take(&d->unit_z, &n->unit_z);
+	THREAD_LOOP_ONLY();
+	assert(*n->manifest && n->generation >= d->generation);
+	move_text(&d->lattice, &n->lattice);
+	move_text(&d->crs, &n->crs);
+	move_text(&d->unit_xy, &n->unit_xy);
+	move_text(&d->unit_z, &n->unit_z);
 	memcpy(d->manifest, n->manifest, sizeof d->manifest);
 	memcpy(d->box, n->box, sizeof d->box);
 	d->generation = n->generation;
@@ -136,9 +141,9 @@ void dataset_become(struct dataset *d, struct dataset_next *n, bool old_is_read)
 	d->datasets->merges_due |= n->merge_due;
 	if (n->next_source > d->next_source)
 		d->next_source = n->next_source;
-	if (old_is_read) {
-		dataset_old_goes(n->old, d, 0);
-		n->old = NULL;
+	if (old_in_use) {
+		dataset_obsolete_queue(n->obsolete, d, 0);
+		n->obsolete = NULL;
 	}
 	dataset_next_clear(n);
 }

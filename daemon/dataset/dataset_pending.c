@@ -1,9 +1,9 @@
 /*
- * Interrupted pushes of a dataset.
+ * Pending pushes: pushes that were interrupted.
  *
- * The model: a push leaves its stage in the dataset's folder and beside it a manifest without segments, push-ID.pending
- * (push_pending.c). When its connection ends or its daemon dies it is pending: in memory an entry of its dataset, which it holds,
- * in the catalogue its row. It stays for some days, until a push of the same user takes it up.
+ * The model: a push leaves its stage in the dataset's folder, and beside it a manifest without segments, push-ID.pending
+ * (push_pending.c). When its connection or its daemon ends, the push is pending: an entry of its dataset in memory, which holds
+ * the dataset, and a row in the catalogue. It stays for 7 days, or until a push of the same user takes it up.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -59,6 +59,7 @@ struct pending *pending_take(struct dataset *d, uint32_t uid)
 {
 	struct pending **at, *q;
 
+	THREAD_LOOP_ONLY();
 	for (at = &d->pending; *at && (*at)->uid != uid; at = &(*at)->next)
 		;
 	q = *at;
@@ -69,11 +70,12 @@ struct pending *pending_take(struct dataset *d, uint32_t uid)
 
 void pending_put_back(struct dataset *d, struct pending *q)
 {
+	THREAD_LOOP_ONLY();
 	q->next = d->pending;
 	d->pending = q;
 }
 
-/* Worker. What the push left goes, first what says that it is there. */
+/* Worker. */
 int pending_discard(struct dataset *d, uint64_t id, struct err *err)
 {
 	char manifest[64], stage[48];
@@ -84,7 +86,7 @@ int pending_discard(struct dataset *d, uint64_t id, struct err *err)
 	r = io_remove(d->dirfd, manifest, err);
 	if (!r)
 		r = grid_stage_discard(d->dirfd, stage, err);
-	/* Before the row goes that says that they are there. */
+	/* Durable before the row is dropped that leads to the files. */
 	return r ? r : io_sync(d->dirfd, "the folder of a dataset", err);
 }
 
@@ -97,16 +99,16 @@ uint64_t pending_points(const struct grid_manifest *m)
 	return points;
 }
 
-struct dropping {
+struct discard {
 	struct sched_task task;
 	int r;
 	struct dataset *dataset;
 	struct pending *pending;
 };
 
-static void drop_run(struct sched_task *t)
+static void discard_run(struct sched_task *t)
 {
-	struct dropping *x = (struct dropping *)t;
+	struct discard *x = (struct discard *)t;
 	struct err err = ERR_INIT;
 
 	x->r = dataset_open(x->dataset, &err);
@@ -118,25 +120,24 @@ static void drop_run(struct sched_task *t)
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an interrupted push left cannot be removed", &err);
 }
 
-static void drop_done(struct sched_task *t)
+static void discard_done(struct sched_task *t)
 {
-	struct dropping *x = (struct dropping *)t;
+	struct discard *x = (struct discard *)t;
 	struct datasets *ds = x->dataset->datasets;
-	struct err err = ERR_INIT;
 
 	core_background_done(ds->core);
-	/* Else its row tells the next start. */
-	if (t->ran && !x->r && catalogue_drop_push(ds->core->p.catalogue, x->pending->id, NULL, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+	/* Otherwise the row stays, and the next start removes the files. */
+	if (t->ran && !x->r)
+		datasets_drop_push(ds, x->pending->id);
 	pending_free(ds, x->pending);
 	dataset_release(x->dataset);
 	free(x);
 }
 
-/* Loop. `q` is not in the list any more; goes in the background, or without memory for that at the next start. */
-static void drop(struct dataset *d, struct pending *q, const char *why)
+/* Drops `q`, which is out of the list: in the background, or at the next start if there is no memory for a task. */
+static void discard(struct dataset *d, struct pending *q, const char *why)
 {
-	struct dropping *x = calloc(1, sizeof *x);
+	struct discard *x = calloc(1, sizeof *x);
 
 	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PENDING(q, d),
 		  "the interrupted push %llu of user %u into %s is dropped with its %u files: %s", (unsigned long long)q->id,
@@ -146,7 +147,7 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 		dataset_release(d);
 		return;
 	}
-	x->task = (struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
+	x->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
 	x->dataset = d;
 	x->pending = q;
 	core_background(d->datasets->core, &x->task);
@@ -158,24 +159,22 @@ void pending_expire(struct dataset *d)
 	struct pending **at = &d->pending, *q;
 
 	while ((q = *at)) {
-		if (now - q->left_us <= PENDING_US) {
+		if (now - q->interrupted_us <= PENDING_US) {
 			at = &q->next;
 			continue;
 		}
 		*at = q->next;
-		drop(d, q, "it is older than 7 days");
+		discard(d, q, "it is older than 7 days");
 	}
 }
 
 void pending_forget(struct dataset *d)
 {
-	struct err err = ERR_INIT;
 	struct pending *q;
 
 	while ((q = d->pending)) {
 		d->pending = q->next;
-		if (catalogue_drop_push(d->datasets->core->p.catalogue, q->id, NULL, NULL, &err))
-			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+		datasets_drop_push(d->datasets, q->id);
 		pending_free(d->datasets, q);
 		dataset_unhold(d);
 	}
@@ -183,7 +182,7 @@ void pending_forget(struct dataset *d)
 
 int64_t pending_until_us(const struct pending *q)
 {
-	return q->left_us + PENDING_US;
+	return q->interrupted_us + PENDING_US;
 }
 
 static bool was_committed(const struct dataset *d, const struct grid_manifest *base, const struct grid_manifest *m, uint64_t id)
@@ -201,7 +200,7 @@ static bool was_committed(const struct dataset *d, const struct grid_manifest *b
 	return false;
 }
 
-/* A row of the catalogue; before the loop runs. *ret_stays: it is pending, or else its row goes. */
+/* A row of the catalogue, before the loop runs. *ret_stays: the push is pending; otherwise its row goes. */
 int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_stays, struct err *err)
 {
 	struct grid_manifest *m = NULL, *base = NULL;
@@ -221,7 +220,7 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 	pending_manifest_name(row->id, name);
 	if (!r) {
 		r = grid_manifest_load(d->dirfd, name, d->datasets->core->p.ledger, &m, &absent);
-		/* What cannot be read now is not dropped for that. */
+		/* A push that cannot be read now is kept. */
 		if (r && (absent.sys == ENOENT || r == -ERR_CORRUPT))
 			r = 0;
 		else if (r)
@@ -230,13 +229,13 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 	dataset_close(d);
 	committed = !r && was_committed(d, base, m, row->id);
 	if (!r && m && !committed) {
-		*q = (struct pending){.id = row->id, .uid = row->uid, .left_us = row->begun_us};
+		*q = (struct pending){.id = row->id, .uid = row->uid, .interrupted_us = row->begun_us};
 		q->files = (uint32_t)m->nsources;
 		q->points = pending_points(m);
 		for (size_t i = 0; i < m->nsources; i++)
 			dataset_sources_from(d, m->sources[i].id + 1);
 	}
-	/* Whatever the clock says now (pending_expire). */
+	/* Its age is judged later, by the trusted clock (pending_expire). */
 	if (!r && m && !committed) {
 		*ret_stays = true;
 		q->next = d->pending;

@@ -1,11 +1,10 @@
 /*
- * Prune: generations before one go, and with them the points that no remaining one has.
+ * Prune: removes the oldest generations, and the points that no remaining generation has.
  *
- * The model: a source whose lives all end by the oldest generation that stays is dead. Segments that hold records of dead
- * sources are made anew without them, or go if they hold nothing else; the next manifest lacks these sources, and says
- * which generation is the oldest that can be read; what each of the others did is told still. Nothing that can be read afterwards
- * has changed: the same records, and the same sums of contents. A job of a generation that would go, and is not done, stops it:
- * nobody takes away what somebody waits for.
+ * The model: a source is dead if all of its lives end by the oldest generation that stays. Segments with records of dead sources
+ * are rewritten without them, or removed if they have no others. The next manifest omits these sources and names the oldest
+ * generation that can be read; it keeps the notes of all generations. The remaining generations keep their records and their
+ * content sums. A prune is refused while an unfinished job needs a generation that would go.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,25 +17,25 @@
 struct prune {
 	struct dataset_rewrite rewrite;
 	struct prune *next;
-	uint64_t keep, before; /* as asked */
-	uint64_t oldest;       /* that stays */
-	uint64_t bytes;        /* of the dataset's segments, before */
+	uint64_t keep, before; /* as requested */
+	uint64_t oldest;       /* the oldest generation that stays */
+	uint64_t bytes;        /* of the dataset's segments before the prune */
 	uint32_t *dead;
 	size_t ndead;
-	struct pruned done;
+	struct pruned result;
 	bool running;
 	prune_answer_fn *answer;
 	void *token;
 };
 
-/* ---- which ---- */
+/* ---- dead sources ---- */
 
 static bool ends_by(uint64_t added, uint64_t removed, uint64_t oldest)
 {
 	return removed && (removed <= oldest || removed <= added);
 }
 
-/* Whether it is in none of the generations from `oldest` on. Its last life comes last. */
+/* The source is in no generation from `oldest` on. Its last life is the latest. */
 static bool is_dead(const struct grid_source *s, uint64_t oldest)
 {
 	return ends_by(s->added, s->removed, oldest) &&
@@ -65,13 +64,13 @@ static int find_dead(struct prune *p, const struct grid_manifest *m, struct err 
 	return 0;
 }
 
-static int choose(struct dataset_rewrite *w, const struct grid_manifest *m, struct err *err)
+static int prune_choose(struct dataset_rewrite *w, const struct grid_manifest *m, struct err *err)
 {
 	struct prune *p = (struct prune *)w;
 	int r = find_dead(p, m, err);
 
 	p->bytes = 0;
-	p->done.points = 0;
+	p->result.points = 0;
 	for (size_t i = 0; !r && i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
 		uint64_t points = 0;
@@ -81,13 +80,13 @@ static int choose(struct dataset_rewrite *w, const struct grid_manifest *m, stru
 			r = grid_segment_count_sources(w->dataset->dirfd, s, p->dead, p->ndead, &points, err);
 		if (!r && points)
 			r = rewrite_add(w, &s, 1, points == s->points, err);
-		p->done.points += points;
+		p->result.points += points;
 	}
 	w->drop = p->dead;
 	w->ndrop = p->ndead;
-	if (!r && rewrite_bytes(w) > w->most) {
+	if (!r && rewrite_bytes(w) > w->memory_max) {
 		err_set(err, ERR_LIMIT, "pruning %s takes %llu KiB of memory, it may have %llu KiB", w->dataset->name,
-			(unsigned long long)(rewrite_bytes(w) >> 10), (unsigned long long)(w->most >> 10));
+			(unsigned long long)(rewrite_bytes(w) >> 10), (unsigned long long)(w->memory_max >> 10));
 		return err_add_hint(err, "run with memory=%lluM or more", (unsigned long long)(rewrite_bytes(w) >> 17) + 1);
 	}
 	return r;
@@ -95,12 +94,12 @@ static int choose(struct dataset_rewrite *w, const struct grid_manifest *m, stru
 
 /* ---- the manifest ---- */
 
-static bool dropped(const struct prune *p, uint32_t id)
+static bool is_dropped(const struct prune *p, uint32_t id)
 {
 	return p->ndead && bsearch(&id, p->dead, p->ndead, sizeof id, by_number);
 }
 
-/* Lives that ended before what can be read are not told any more. */
+/* Drops lives that ended before the oldest generation. */
 static void forget_lives(struct grid_source *s, uint64_t oldest)
 {
 	while (s->nearlier && ends_by(s->earlier->added, s->earlier->removed, oldest)) {
@@ -109,7 +108,7 @@ static void forget_lives(struct grid_source *s, uint64_t oldest)
 	}
 }
 
-static int alter(struct dataset_rewrite *w, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
+static int prune_alter(struct dataset_rewrite *w, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
 {
 	struct prune *p = (struct prune *)w;
 	uint32_t last = 0;
@@ -117,30 +116,30 @@ static int alter(struct dataset_rewrite *w, const struct grid_manifest *base, st
 
 	for (size_t i = 0; i < m->nsources; i++)
 		last = m->sources[i].id > last ? m->sources[i].id : last;
-	p->done.files = 0;
+	p->result.files = 0;
 	for (size_t i = 0; i < m->nsources; i++)
-		if (dropped(p, m->sources[i].id) && !is_dead(&m->sources[i], p->oldest))
+		if (is_dropped(p, m->sources[i].id) && !is_dead(&m->sources[i], p->oldest))
 			return err_set(err, ERR_INTERNAL, "source %u of %s came back while it was pruned", m->sources[i].id,
 				       w->dataset->name);
 	for (size_t i = 0; i < m->nsources; i++) {
 		struct grid_source *s = &m->sources[i];
 
-		p->done.files += dropped(p, s->id);
-		/* A number is never given twice: the last one stays, without points. */
-		if (dropped(p, s->id) && s->id != last)
+		p->result.files += is_dropped(p, s->id);
+		/* No source number is given twice, so the source with the last number stays, without points. */
+		if (is_dropped(p, s->id) && s->id != last)
 			continue;
-		if (dropped(p, s->id))
+		if (is_dropped(p, s->id))
 			s->points = 0;
 		forget_lives(s, p->oldest);
 		m->sources[n++] = *s;
 	}
 	m->nsources = n;
-	p->done.generations = p->oldest - grid_manifest_oldest(base);
+	p->result.generations = p->oldest - grid_manifest_oldest(base);
 	m->oldest = p->oldest;
 	return 0;
 }
 
-/* ---- who needs it ---- */
+/* ---- jobs ---- */
 
 static int check_needed(const struct prune *p, struct err *err)
 {
@@ -150,12 +149,12 @@ static int check_needed(const struct prune *p, struct err *err)
 	return ds->calls ? ds->calls->needed(ds->ctx, d, p->oldest, err) : 0;
 }
 
-static int last_look(struct dataset_rewrite *w, struct err *err)
+static int prune_check(struct dataset_rewrite *w, struct err *err)
 {
 	return check_needed((struct prune *)w, err);
 }
 
-/* ---- asking ---- */
+/* ---- requests ---- */
 
 static struct prune *prune_free(struct prune *p)
 {
@@ -166,7 +165,7 @@ static struct prune *prune_free(struct prune *p)
 	return NULL;
 }
 
-static void answer(struct prune *p, const struct err *why)
+static void prune_answer(struct prune *p, const struct err *why)
 {
 	struct dataset *d = p->rewrite.dataset;
 	struct prune **at;
@@ -175,20 +174,20 @@ static void answer(struct prune *p, const struct err *why)
 		;
 	*at = p->next;
 	if (!why) {
-		p->done.dataset = d;
-		p->done.oldest = d->oldest;
+		p->result.dataset = d;
+		p->result.oldest = d->oldest;
 		log_event(LOG_EVENT_DATASET_PRUNED, ABOUT_DATASET(d),
-			  "%s: %llu generations before %llu went, with %llu points of %llu files, %llu bytes", d->name,
-			  (unsigned long long)p->done.generations, (unsigned long long)d->oldest,
-			  (unsigned long long)p->done.points, (unsigned long long)p->done.files,
-			  (unsigned long long)p->done.bytes);
+			  "%s: %llu generations before %llu were pruned, with %llu points of %llu files, %llu bytes", d->name,
+			  (unsigned long long)p->result.generations, (unsigned long long)d->oldest,
+			  (unsigned long long)p->result.points, (unsigned long long)p->result.files,
+			  (unsigned long long)p->result.bytes);
 	}
-	p->answer(p->token, why, why ? NULL : &p->done);
+	p->answer(p->token, why, why ? NULL : &p->result);
 	dataset_release(d);
 	prune_free(p);
 }
 
-static void prune_over(struct dataset_rewrite *w, const struct err *why)
+static void prune_done(struct dataset_rewrite *w, const struct err *why)
 {
 	struct prune *p = (struct prune *)w;
 	uint64_t old = 0;
@@ -196,12 +195,12 @@ static void prune_over(struct dataset_rewrite *w, const struct err *why)
 	w->dataset->prune_to = 0;
 	for (size_t i = 0; i < w->nold; i++)
 		old += w->old[i].bytes;
-	p->done.bytes = old > w->written ? old - w->written : 0;
-	p->done.segments = w->nold;
-	answer(p, why);
+	p->result.bytes = old > w->written ? old - w->written : 0;
+	p->result.segments = w->nold;
+	prune_answer(p, why);
 }
 
-static int decide(struct prune *p, struct err *err)
+static int prune_decide(struct prune *p, struct err *err)
 {
 	const struct dataset *d = p->rewrite.dataset;
 	uint64_t oldest = p->before;
@@ -213,30 +212,31 @@ static int decide(struct prune *p, struct err *err)
 		return err_add_hint(err, "acutctl dataset unpin %s", d->name);
 	}
 	if (!p->keep == !p->before)
-		return err_set(err, ERR_USAGE, "either how many generations stay, or before which they go");
+		return err_set(err, ERR_USAGE,
+			       "give either the number of generations to keep, or the generation to prune before");
 	if (p->keep)
 		oldest = p->keep < d->generation ? d->generation - p->keep + 1 : 1;
 	if (oldest > d->generation) {
-		err_set(err, ERR_NOTFOUND, "generation %llu of %s is not there, the newest is %llu", (unsigned long long)oldest,
-			d->name, (unsigned long long)d->generation);
+		err_set(err, ERR_NOTFOUND, "%s has no generation %llu, the newest is %llu", d->name, (unsigned long long)oldest,
+			(unsigned long long)d->generation);
 		return err_add_hint(err, "the newest generation always stays");
 	}
 	p->oldest = oldest > d->oldest ? oldest : d->oldest;
 	return check_needed(p, err);
 }
 
-/* Its turn has come: nobody else rewrites. */
-static void begin(struct prune *p)
+/* The first in the queue, and no merge runs. */
+static void prune_begin(struct prune *p)
 {
 	struct dataset_rewrite *w = &p->rewrite;
 	struct err err = ERR_INIT;
 
-	if (decide(p, &err)) {
-		answer(p, &err);
+	if (prune_decide(p, &err)) {
+		prune_answer(p, &err);
 		return;
 	}
 	if (p->oldest == w->dataset->oldest) {
-		answer(p, NULL);
+		prune_answer(p, NULL);
 		return;
 	}
 	p->running = true;
@@ -254,9 +254,9 @@ void dataset_prune_settle(struct datasets *ds)
 		dataset_rewrite_settle(&p->rewrite);
 	else if (ds->merge)
 		dataset_rewrite_cancel(ds->merge);
-	/* What a revert brings back is not dead: which files are is looked at when it is over. */
-	else if (!p->rewrite.dataset->reverting)
-		begin(p);
+	/* A revert may revive sources, so dead ones are chosen when it is over. */
+	else if (!p->rewrite.dataset->reverts)
+		prune_begin(p);
 }
 
 void dataset_prune_tick(struct datasets *ds)
@@ -287,10 +287,10 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 	p->rewrite.dataset = dataset_hold(d);
 	p->rewrite.peer = rights_without_groups(peer);
 	p->rewrite.what = "a prune";
-	p->rewrite.choose = choose;
-	p->rewrite.alter = alter;
-	p->rewrite.last_look = last_look;
-	p->rewrite.over = prune_over;
+	p->rewrite.choose = prune_choose;
+	p->rewrite.alter = prune_alter;
+	p->rewrite.check = prune_check;
+	p->rewrite.done = prune_done;
 	p->rewrite.priority = SCHED_NORMAL;
 	p->rewrite.patient = p->rewrite.always = true;
 	p->keep = keep;
@@ -311,8 +311,8 @@ void dataset_prune_cancel(struct prune *p)
 		dataset_rewrite_cancel(&p->rewrite);
 		return;
 	}
-	err_set(&err, ERR_CANCELLED, "it was ended");
-	answer(p, &err);
+	err_set(&err, ERR_CANCELLED, "it was cancelled");
+	prune_answer(p, &err);
 }
 
 void dataset_prunes_park(struct datasets *ds)

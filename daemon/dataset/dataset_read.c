@@ -1,12 +1,13 @@
 /*
- * The newest manifest of a dataset for whoever lists what is in it: read by a worker, looked at on the loop, and gone.
+ * Reads the newest manifest of a dataset for a list of its contents: a worker reads it, the loop passes it to the caller and
+ * frees it.
  */
 #include <stdlib.h>
 #include <string.h>
 
 #include "dataset_priv.h"
 
-struct reading {
+struct manifest_read {
 	struct sched_task task;
 	struct dataset *dataset;
 	struct grid_manifest *manifest;
@@ -17,9 +18,9 @@ struct reading {
 	void *token;
 };
 
-static void reading_run(struct sched_task *t)
+static void read_run(struct sched_task *t)
 {
-	struct reading *x = (struct reading *)t;
+	struct manifest_read *x = (struct manifest_read *)t;
 
 	x->r = dataset_open(x->dataset, &x->err);
 	if (x->r)
@@ -28,9 +29,9 @@ static void reading_run(struct sched_task *t)
 	dataset_close(x->dataset);
 }
 
-static void reading_done(struct sched_task *t)
+static void read_done(struct sched_task *t)
 {
-	struct reading *x = (struct reading *)t;
+	struct manifest_read *x = (struct manifest_read *)t;
 	struct dataset *d = x->dataset;
 	struct datasets *ds = d->datasets;
 
@@ -48,9 +49,10 @@ static void reading_done(struct sched_task *t)
 void dataset_read(struct dataset *d, const struct peer *peer, dataset_read_fn *answer, void *token)
 {
 	struct datasets *ds = d->datasets;
-	struct reading *x = NULL;
+	struct manifest_read *x = NULL;
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (!*d->manifest) {
 		answer(token, NULL, d, NULL);
 		return;
@@ -63,8 +65,8 @@ void dataset_read(struct dataset *d, const struct peer *peer, dataset_read_fn *a
 		answer(token, &err, d, NULL);
 		return;
 	}
-	x->task = (struct sched_task){.run = reading_run,
-				      .done = reading_done,
+	x->task = (struct sched_task){.run = read_run,
+				      .done = read_done,
 				      .priority = SCHED_FIRST,
 				      .owner = {.uid = peer->uid, .flow = ++ds->core->last_flow}};
 	x->dataset = dataset_hold(d);

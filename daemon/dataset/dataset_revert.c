@@ -1,10 +1,9 @@
 /*
- * Reverts: a new generation without what another one added, and with what it removed.
+ * Reverts: a new generation that undoes an earlier one.
  *
- * The model: a generation is undone as a whole or not at all. What it added must be there, what it removed must
- * be gone, and no other file may have come in its place since. What is brought back are the same
- * records: their source gets another life. Nothing is read or written but the manifest, and content sums follow
- * from the sums that blocks keep of their sources.
+ * The model: a generation is undone as a whole or not at all. The files that it added must still be there, those that it removed
+ * must be absent, and no other file may have taken their place since. A file that comes back has the same records: its source
+ * gets another life. Only the manifest is read and written; content sums follow from the sums that blocks keep of their sources.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,13 +15,13 @@
 struct revert {
 	struct dataset_change change;
 	uint64_t generation;
-	bool owner; /* he may know where its files were */
+	bool owner; /* the peer may see the paths of the files */
 	revert_answer_fn *answer;
 	void *token;
 };
 
-/* A life of the source that began in that generation, or ended then. */
-static bool began(const struct grid_source *s, uint64_t g)
+/* A life of the source began in generation `g`. */
+static bool life_began(const struct grid_source *s, uint64_t g)
 {
 	for (size_t i = 0; i < s->nearlier; i++)
 		if (s->earlier[i].added == g)
@@ -30,7 +29,7 @@ static bool began(const struct grid_source *s, uint64_t g)
 	return s->added == g && s->removed != g;
 }
 
-static bool ended(const struct grid_source *s, uint64_t g)
+static bool life_ended(const struct grid_source *s, uint64_t g)
 {
 	for (size_t i = 0; i < s->nearlier; i++)
 		if (s->earlier[i].removed == g)
@@ -38,7 +37,7 @@ static bool ended(const struct grid_source *s, uint64_t g)
 	return s->removed == g && s->added != g;
 }
 
-/* Where others have their files is for the owner alone, as in a list of files. */
+/* Only the owner may see the paths of files, as in a list of files. */
 static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner, struct err *err)
 {
 	err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,
@@ -47,7 +46,7 @@ static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const 
 	return err_add_file(err, owner && *s->path ? s->path : s->name);
 }
 
-static const struct grid_generation *note_of(const struct grid_manifest *m, uint64_t g)
+static const struct grid_generation *generation_note(const struct grid_manifest *m, uint64_t g)
 {
 	for (size_t i = 0; i < m->ngenerations; i++)
 		if (m->generations[i].number == g)
@@ -57,7 +56,7 @@ static const struct grid_generation *note_of(const struct grid_manifest *m, uint
 
 static int check_number(const struct grid_manifest *m, uint64_t g, const char *name, struct err *err)
 {
-	const struct grid_generation *note = note_of(m, g);
+	const struct grid_generation *note = generation_note(m, g);
 	uint64_t oldest = grid_manifest_oldest(m), first = oldest > 1 ? oldest + 1 : 1;
 
 	if (g > m->generation)
@@ -73,17 +72,17 @@ static int check_number(const struct grid_manifest *m, uint64_t g, const char *n
 	return 0;
 }
 
-/* What the generation added is there, and what it removed is not; whatever came and was undone between. */
+/* Files that the generation added are there, and files that it removed are not, whatever happened in between. */
 static int check_source(const struct grid_source *s, uint64_t g, bool owner, struct err *err)
 {
-	if (began(s, g) && s->removed)
+	if (life_began(s, g) && s->removed)
 		return conflict(s, g, s->removed, "removed", owner, err);
-	if (ended(s, g) && !s->removed)
+	if (life_ended(s, g) && !s->removed)
 		return conflict(s, g, s->added, "brought back", owner, err);
 	return 0;
 }
 
-/* A file in place of what comes back. Those that stood beside it before may stay. */
+/* No other file has taken the place of one that comes back. Files that were beside it before may stay. */
 static int check_place(const struct grid_manifest *m, const struct names *paths, const struct grid_source *s, uint64_t g,
 		       bool owner, struct err *err)
 {
@@ -99,21 +98,21 @@ static int check_place(const struct grid_manifest *m, const struct names *paths,
 	return 0;
 }
 
-static int check(const struct grid_manifest *m, uint64_t g, bool owner, struct err *err)
+static int check_sources(const struct grid_manifest *m, uint64_t g, bool owner, struct err *err)
 {
 	struct names paths = {0};
 	bool any = false;
 	int r = 0;
 
 	for (size_t i = 0; !r && i < m->nsources; i++)
-		if (!m->sources[i].removed && *m->sources[i].path && !began(&m->sources[i], g))
+		if (!m->sources[i].removed && *m->sources[i].path && !life_began(&m->sources[i], g))
 			r = names_put(&paths, m->sources[i].path, (uint32_t)i, err);
 	for (size_t i = 0; !r && i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		any = any || began(s, g) || ended(s, g);
+		any = any || life_began(s, g) || life_ended(s, g);
 		r = check_source(s, g, owner, err);
-		if (!r && ended(s, g))
+		if (!r && life_ended(s, g))
 			r = check_place(m, &paths, s, g, owner, err);
 	}
 	names_free(&paths);
@@ -123,8 +122,8 @@ static int check(const struct grid_manifest *m, uint64_t g, bool owner, struct e
 	return r;
 }
 
-/* Another life of a source, behind those that it had. */
-static int live_again(struct grid_source *s, uint64_t generation, struct grid_span *lives, struct err *err)
+/* Appends a life to those that the source had. */
+static int add_life(struct grid_source *s, uint64_t generation, struct grid_span *lives, struct err *err)
 {
 	if (s->nearlier >= UINT16_MAX)
 		return err_set(err, ERR_LIMIT, "a file was removed and brought back too often");
@@ -146,11 +145,11 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 	int r = check_number(base, g, c->dataset->name, err);
 
 	if (!r)
-		r = check(base, g, v->owner, err);
+		r = check_sources(base, g, v->owner, err);
 	if (r)
 		return r;
 	for (size_t i = 0; i < base->nsources; i++)
-		lives += ended(&base->sources[i], g) ? base->sources[i].nearlier + 1 : 0;
+		lives += life_ended(&base->sources[i], g) ? base->sources[i].nearlier + 1 : 0;
 	m->spans = calloc(lives + 1, sizeof *m->spans);
 	if (!m->spans)
 		return err_set(err, ERR_NOMEM, "no memory for a manifest");
@@ -158,17 +157,17 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 	for (size_t i = 0; !r && i < m->nsources; i++) {
 		struct grid_source *s = &m->sources[i];
 
-		if (began(s, g)) {
+		if (life_began(s, g)) {
 			s->removed = m->generation;
-		} else if (ended(s, g)) {
+		} else if (life_ended(s, g)) {
 			used += s->nearlier + 1;
-			r = live_again(s, m->generation, m->spans + used - s->nearlier - 1, err);
+			r = add_life(s, m->generation, m->spans + used - s->nearlier - 1, err);
 		}
 	}
 	return r;
 }
 
-static void revert_over(struct dataset_change *c, const struct err *why)
+static void revert_done(struct dataset_change *c, const struct err *why)
 {
 	struct revert *v = (struct revert *)c;
 	struct reverted done = {
@@ -176,10 +175,10 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 		.generation = c->dataset->generation,
 		.undone = v->generation,
 		.points = c->dataset->points,
-		.did = &c->did,
+		.made = &c->made_generation,
 	};
 
-	c->dataset->reverting--;
+	c->dataset->reverts--;
 	if (!why)
 		log_event(LOG_EVENT_DATASET_REVERTED,
 			  &(struct log_about){.dataset = c->dataset->name,
@@ -193,7 +192,7 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 	free(v);
 }
 
-/* What a prune is taking away cannot be brought back meanwhile. */
+/* Refuses to revive what a running prune removes. */
 static int check_prune(const struct dataset *d, uint64_t generation, struct err *err)
 {
 	generation = generation ? generation : d->generation;
@@ -211,7 +210,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *p
 
 	THREAD_LOOP_ONLY();
 	if (d->onestep)
-		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
+		err_set(&err, ERR_USAGE, "a one-step dataset has exactly one generation");
 	else if (!dataset_rights(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) &&
 		 !charge(d->datasets->core, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
@@ -227,13 +226,13 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *p
 	v->change.dataset = d;
 	v->change.peer = rights_without_groups(peer);
 	v->change.make = revert_make;
-	v->change.over = revert_over;
+	v->change.done = revert_done;
 	v->change.kind = GRID_REVERT;
 	v->owner = rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	v->generation = generation ? generation : d->generation;
 	v->change.undoes = v->generation;
 	v->answer = answer;
 	v->token = token;
-	d->reverting++;
+	d->reverts++;
 	dataset_change_start(&v->change);
 }

@@ -1,16 +1,16 @@
 /*
- * Rewriting segments of a dataset, for a merge or a prune.
+ * Rewrites segments of a dataset, for a merge or a prune.
  *
- * The model: a worker reads the newest manifest and chooses. Then a row of the catalogue says that something is being
- * made in that folder, so that the next start looks there and nowhere else; a worker makes the new segments, in pieces of
- * a few hundredths of a second, after everybody else; each is durable when it has its name. Only then comes the
- * dataset's turn for a new manifest (dataset_change.c): it takes the place of the newest one, whatever was committed
- * meanwhile, and differs in these segments only. The old ones go when nobody opens them any more (dataset_old.c), and with
- * them the row. Until the catalogue has the new manifest nothing has happened: what was made is removed, by us or by the
- * next start. Memory is taken once, for all of it.
+ * The model: a worker reads the newest manifest and chooses segments. A row in the catalogue then says that something is made in
+ * that folder, so the next start sweeps it. A worker makes the new segments at the lowest priority, in pieces of some hundredths
+ * of a second; each is durable when it has its name. Then a change (dataset_change.c) makes the next manifest from the newest
+ * one, whatever was committed meanwhile; it differs in these segments only. The old segments are removed when nobody opens them
+ * (dataset_obsolete.c), and the row with them. Until the catalogue has the new manifest nothing has changed: the new segments are
+ * removed, now or by the next start. Memory is charged once for the whole rewrite.
  */
 #include "dataset_rewrite.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,41 +33,57 @@ static struct dataset_rewrite *of_change(struct dataset_change *c)
 	return (struct dataset_rewrite *)((char *)c - offsetof(struct dataset_rewrite, change));
 }
 
+static void set_state(struct dataset_rewrite *w, enum rewrite_state next)
+{
+	static const unsigned allowed[] = {
+		[REWRITE_CHOOSING] =
+			1 << REWRITE_CHOOSING | 1 << REWRITE_WAITING | 1 << REWRITE_COMMITTING | 1 << REWRITE_UNDOING,
+		[REWRITE_WAITING] = 1 << REWRITE_WRITING | 1 << REWRITE_UNDOING,
+		[REWRITE_WRITING] = 1 << REWRITE_COMMITTING | 1 << REWRITE_UNDOING,
+		[REWRITE_COMMITTING] = 1 << REWRITE_COMMITTING | 1 << REWRITE_UNDOING,
+		[REWRITE_UNDOING] = 0,
+	};
+
+	THREAD_LOOP_ONLY();
+	assert(allowed[w->state] >> next & 1);
+	w->state = next;
+}
+
 /* ---- choosing ---- */
 
 static bool grow(struct dataset_rewrite *w, size_t n)
 {
-	size_t room = 2 * (w->room + n);
+	size_t room = 2 * (w->cap + n);
 	struct grid_segment_info *old, *made;
 	size_t *unit;
-	bool *gone;
+	bool *empty;
 
-	if (w->nold + n <= w->room)
+	if (w->nold + n <= w->cap)
 		return true;
 	if ((old = realloc(w->old, room * sizeof *old)))
 		w->old = old;
 	if ((made = realloc(w->made, room * sizeof *made)))
 		w->made = made;
-	if ((unit = realloc(w->unit, room * sizeof *unit)))
-		w->unit = unit;
-	if ((gone = realloc(w->gone, room * sizeof *gone)))
-		w->gone = gone;
-	if (!old || !made || !unit || !gone)
+	if ((unit = realloc(w->unit_end, room * sizeof *unit)))
+		w->unit_end = unit;
+	if ((empty = realloc(w->unit_empty, room * sizeof *empty)))
+		w->unit_empty = empty;
+	if (!old || !made || !unit || !empty)
 		return false;
-	w->room = room;
+	w->cap = room;
 	return true;
 }
 
-int rewrite_add(struct dataset_rewrite *w, const struct grid_segment_info *const *segments, size_t n, bool gone, struct err *err)
+int rewrite_add(struct dataset_rewrite *w, const struct grid_segment_info *const *segments, size_t n, bool empty, struct err *err)
 {
 	if (!grow(w, n))
 		return err_set(err, ERR_NOMEM, "no memory for a list of segments");
 	for (size_t i = 0; i < n; i++) {
-		w->read += gone ? 0 : segments[i]->bytes;
+		w->read += empty ? 0 : segments[i]->bytes;
 		w->old[w->nold++] = *segments[i];
 	}
-	w->gone[w->nunits] = gone;
-	w->unit[w->nunits++] = w->nold;
+	w->unit_empty[w->nunits] = empty;
+	w->unit_end[w->nunits++] = w->nold;
 	return 0;
 }
 
@@ -75,12 +91,12 @@ void rewrite_drop_last(struct dataset_rewrite *w)
 {
 	w->nold--;
 	w->read -= w->old[w->nold].bytes;
-	w->unit[w->nunits - 1] = w->nold;
+	w->unit_end[w->nunits - 1] = w->nold;
 }
 
 static size_t unit_first(const struct dataset_rewrite *w, size_t unit)
 {
-	return unit ? w->unit[unit - 1] : 0;
+	return unit ? w->unit_end[unit - 1] : 0;
 }
 
 uint64_t rewrite_bytes(const struct dataset_rewrite *w)
@@ -89,14 +105,15 @@ uint64_t rewrite_bytes(const struct dataset_rewrite *w)
 
 	for (size_t i = 0; i < w->nunits; i++) {
 		size_t first = unit_first(w, i);
-		uint64_t bytes = w->gone[i] ? 0 : grid_rewrite_min_bytes(w->old + first, w->unit[i] - first, w->nsources);
+		uint64_t bytes =
+			w->unit_empty[i] ? 0 : grid_rewrite_min_bytes(w->old + first, w->unit_end[i] - first, w->nsources);
 
 		most = bytes > most ? bytes : most;
 	}
-	return most + w->room * (2 * sizeof *w->old + sizeof *w->unit);
+	return most + w->cap * (2 * sizeof *w->old + sizeof *w->unit_end);
 }
 
-static void look_run(struct sched_task *t)
+static void choose_run(struct sched_task *t)
 {
 	struct dataset_rewrite *w = of_task(t);
 	struct dataset *d = w->dataset;
@@ -116,7 +133,7 @@ static void look_run(struct sched_task *t)
 
 /* ---- the end ---- */
 
-static void give_space(struct dataset_rewrite *w)
+static void release_space(struct dataset_rewrite *w)
 {
 	if (!w->space)
 		return;
@@ -125,21 +142,21 @@ static void give_space(struct dataset_rewrite *w)
 	w->space = 0;
 }
 
-static void finish(struct dataset_rewrite *w)
+static void rewrite_finish(struct dataset_rewrite *w)
 {
 	struct dataset *d = w->dataset;
 
 	if (w->bytes)
 		sched_give(w->datasets->core->p.sched, LEDGER_STAGE, w->bytes);
 	admission_add_rewrite(w->datasets->admission, -(int64_t)w->bytes);
-	give_space(w);
+	release_space(w);
 	w->bytes = 0;
 	if (w->opened)
 		dataset_close(d);
 	w->opened = false;
-	w->olds = dataset_old_free(w->olds);
+	w->obsolete = dataset_obsolete_free(w->obsolete);
 	core_background_done(w->datasets->core);
-	w->over(w, w->r ? &w->err : NULL);
+	w->done(w, w->r ? &w->err : NULL);
 	dataset_release(d);
 }
 
@@ -147,15 +164,15 @@ void dataset_rewrite_clear(struct dataset_rewrite *w)
 {
 	free(w->old);
 	free(w->made);
-	free(w->unit);
-	free(w->gone);
+	free(w->unit_end);
+	free(w->unit_empty);
 	w->old = w->made = NULL;
-	w->unit = NULL;
-	w->gone = NULL;
+	w->unit_end = NULL;
+	w->unit_empty = NULL;
 }
 
-static void task(struct dataset_rewrite *w, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
-		 enum sched_priority priority)
+static void rewrite_submit(struct dataset_rewrite *w, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
+			   enum sched_priority priority)
 {
 	w->task = (struct sched_task){.run = run,
 				      .done = done,
@@ -166,14 +183,14 @@ static void task(struct dataset_rewrite *w, void (*run)(struct sched_task *), vo
 	sched_submit(w->datasets->core->p.sched, &w->task);
 }
 
-static void tidy_run(struct sched_task *t)
+static void undo_run(struct sched_task *t)
 {
 	struct dataset_rewrite *w = of_task(t);
 	struct err err = ERR_INIT;
 	int r = 0;
 
 	w->rewrite = grid_rewrite_free(w->rewrite);
-	/* The catalogue may name the manifest that names them. */
+	/* The catalogue may name the manifest that names these files. */
 	if (catalogue_is_uncertain(w->datasets->core->p.catalogue)) {
 		w->has_row = false;
 		return;
@@ -185,40 +202,39 @@ static void tidy_run(struct sched_task *t)
 		r = io_sync(w->dataset->dirfd, "the folder of a dataset", &err);
 	if (!r)
 		return;
-	log_event_err(LOG_EVENT_LEFTOVER, NULL, "what was made of segments is removed again at the next start", &err);
+	log_event_err(LOG_EVENT_LEFTOVER, NULL, "new segments of a merge or prune that ended stay until the next start", &err);
 	w->has_row = false;
 }
 
-static void tidy_done(struct sched_task *t)
+static void undo_done(struct sched_task *t)
 {
 	struct dataset_rewrite *w = of_task(t);
-	struct err err = ERR_INIT;
 
 	w->busy = false;
-	/* Where no worker came to it the row stays. */
-	if (t->ran && w->has_row && catalogue_drop_push(w->datasets->core->p.catalogue, w->row, NULL, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+	/* If no worker ran it, the row stays. */
+	if (t->ran && w->has_row)
+		datasets_drop_push(w->datasets, w->row_id);
 	if (!t->ran)
 		w->rewrite = grid_rewrite_free(w->rewrite);
-	finish(w);
+	rewrite_finish(w);
 }
 
-/* w->err says why. */
-static void fail(struct dataset_rewrite *w)
+/* w->err is set. */
+static void rewrite_fail(struct dataset_rewrite *w)
 {
-	w->state = REWRITE_TIDYING;
+	set_state(w, REWRITE_UNDOING);
 	if (w->has_row || w->nmade || w->rewrite)
-		task(w, tidy_run, tidy_done, SCHED_FIRST);
+		rewrite_submit(w, undo_run, undo_done, SCHED_FIRST);
 	else
-		finish(w);
+		rewrite_finish(w);
 }
 
-static bool stopped(struct dataset_rewrite *w)
+static bool is_cancelled(struct dataset_rewrite *w)
 {
-	if (!w->stop)
+	if (!w->cancelled)
 		return false;
 	if (!w->r)
-		w->r = err_set(&w->err, ERR_CANCELLED, "it was ended");
+		w->r = err_set(&w->err, ERR_CANCELLED, "it was cancelled");
 	return true;
 }
 
@@ -232,8 +248,8 @@ static bool is_old(const struct dataset_rewrite *w, const char *file)
 	return false;
 }
 
-/* The new segments stand where the first of their old ones stood; the others move up. */
-static int make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
+/* A new segment takes the place of the first of its old ones. */
+static int make_manifest(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
 {
 	struct dataset_rewrite *w = of_change(c);
 	size_t n = 0, found = 0;
@@ -249,83 +265,84 @@ static int make(struct dataset_change *c, const struct grid_manifest *base, stru
 				m->segments[n++] = w->made[u];
 	}
 	if (found != w->nold)
-		return err_set(err, ERR_INTERNAL, "of %zu segments of %s %zu are there still", w->nold, w->dataset->name, found);
+		return err_set(err, ERR_INTERNAL, "%s has %zu of the %zu segments that were rewritten", w->dataset->name, found,
+			       w->nold);
 	m->nsegments = n;
 	return w->alter ? w->alter(w, base, m, err) : 0;
 }
 
-static void changed(struct dataset_change *c, const struct err *why)
+static void change_done(struct dataset_change *c, const struct err *why)
 {
 	struct dataset_rewrite *w = of_change(c);
 
-	if (why && why->code == ERR_BUSY && !w->stop && !w->datasets->core->stopping) {
-		w->again = true; /* no memory for manifests now */
+	if (why && why->code == ERR_BUSY && !w->cancelled && !w->datasets->core->stopping) {
+		w->retry = true; /* no memory for manifests now */
 		return;
 	}
 	if (why) {
 		w->r = -(int)why->code;
 		w->err = *why;
-		fail(w);
+		rewrite_fail(w);
 		return;
 	}
 	if (w->has_row || w->nold) {
-		dataset_old_goes(w->olds, w->dataset, w->has_row ? w->row : 0);
-		w->olds = NULL;
+		dataset_obsolete_queue(w->obsolete, w->dataset, w->has_row ? w->row_id : 0);
+		w->obsolete = NULL;
 	}
-	finish(w);
+	rewrite_finish(w);
 }
 
-/* Beforehand: when the catalogue has the new manifest, nothing may fail. */
-static int list_old(struct dataset_rewrite *w, struct err *err)
+/* Prepared now: nothing may fail once the catalogue has the new manifest. */
+static int list_obsolete(struct dataset_rewrite *w, struct err *err)
 {
-	if (w->olds)
+	if (w->obsolete)
 		return 0;
-	w->olds = dataset_old_new(w->nold);
-	if (!w->olds)
+	w->obsolete = dataset_obsolete_new(w->nold);
+	if (!w->obsolete)
 		return err_set(err, ERR_NOMEM, "no memory for a list of segments");
 	for (size_t i = 0; i < w->nold; i++)
-		dataset_old_add(w->olds, w->old[i].file);
+		dataset_obsolete_add(w->obsolete, w->old[i].file);
 	return 0;
 }
 
-static void change(struct dataset_rewrite *w)
+static void commit_start(struct dataset_rewrite *w)
 {
-	w->state = REWRITE_CHANGING;
-	w->again = false;
-	w->r = w->last_look ? w->last_look(w, &w->err) : 0;
+	set_state(w, REWRITE_COMMITTING);
+	w->retry = false;
+	w->r = w->check ? w->check(w, &w->err) : 0;
 	if (!w->r)
-		w->r = list_old(w, &w->err);
+		w->r = list_obsolete(w, &w->err);
 	if (w->r) {
-		fail(w);
+		rewrite_fail(w);
 		return;
 	}
-	w->change = (struct dataset_change){.dataset = w->dataset, .peer = w->peer, .make = make, .over = changed};
+	w->change = (struct dataset_change){.dataset = w->dataset, .peer = w->peer, .make = make_manifest, .done = change_done};
 	dataset_change_start(&w->change);
 }
 
 /* ---- the segments ---- */
 
-/* The next unit's; *ret_more: there is one. */
-static int begin(struct dataset_rewrite *w, struct err *err)
+/* Starts the next unit. */
+static int unit_begin(struct dataset_rewrite *w, struct err *err)
 {
 	size_t unit = w->nmade, first = unit_first(w, unit);
 	struct grid_rewrite_params p = {
 		.dirfd = w->dataset->dirfd,
 		.segments = w->old + first,
-		.nsegments = w->unit[unit] - first,
+		.nsegments = w->unit_end[unit] - first,
 		.nsources = w->nsources,
 		.name = w->new_name,
 		.drop = w->drop,
 		.ndrop = w->ndrop,
-		.memory = w->bytes - w->room * (2 * sizeof *w->old + sizeof *w->unit),
+		.memory = w->bytes - w->cap * (2 * sizeof *w->old + sizeof *w->unit_end),
 	};
 
-	snprintf(w->new_name, sizeof w->new_name, "merge-%llu-%zu", (unsigned long long)w->row, unit);
+	snprintf(w->new_name, sizeof w->new_name, "merge-%llu-%zu", (unsigned long long)w->row_id, unit);
 	return grid_rewrite_new(&p, &w->rewrite, err);
 }
 
-/* Of the disk, once: the new segments are no larger than the old ones. */
-static int take_space(struct dataset_rewrite *w, struct err *err)
+/* Reserves disk space once, for all units: the new segments are not larger than the old ones. */
+static int reserve_space(struct dataset_rewrite *w, struct err *err)
 {
 	struct statvfs vfs;
 	int r;
@@ -340,23 +357,23 @@ static int take_space(struct dataset_rewrite *w, struct err *err)
 	if (r != -ERR_NOSPACE || !w->always || io->fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
 	    (uint64_t)vfs.f_bavail * vfs.f_frsize < w->read + w->read / 8)
 		return r;
-	/* What frees disk in the end may for a while take what is kept free of others. */
+	/* A rewrite that frees disk in the end may use what is kept free otherwise. */
 	err_clear(err);
 	return 0;
 }
 
-static int piece(struct dataset_rewrite *w, struct err *err)
+static int write_piece(struct dataset_rewrite *w, struct err *err)
 {
-	int r = take_space(w, err);
+	int r = reserve_space(w, err);
 
 	if (r)
 		return r;
-	if (w->gone[w->nmade]) {
+	if (w->unit_empty[w->nmade]) {
 		w->made[w->nmade++] = (struct grid_segment_info){0};
 		return 0;
 	}
 	if (!w->rewrite)
-		r = begin(w, err);
+		r = unit_begin(w, err);
 	if (!r)
 		r = grid_rewrite_step(w->rewrite, err);
 	if (r != GRID_REWRITE_DONE)
@@ -369,36 +386,36 @@ static int piece(struct dataset_rewrite *w, struct err *err)
 	return 0;
 }
 
-static void work_run(struct sched_task *t)
+static void write_run(struct sched_task *t)
 {
 	struct dataset_rewrite *w = of_task(t);
 	uint64_t begun = clock_mono_ns();
 
 	while (!w->r && w->nmade < w->nunits && !atomic_load(&t->cancel) && clock_since(begun) < PIECE_SECONDS)
-		w->r = piece(w, &w->err);
+		w->r = write_piece(w, &w->err);
 }
 
-static void work(struct dataset_rewrite *w);
+static void write_start(struct dataset_rewrite *w);
 
-static void work_done(struct sched_task *t)
+static void write_done(struct sched_task *t)
 {
 	struct dataset_rewrite *w = of_task(t);
 
 	w->busy = false;
-	if (stopped(w) || w->r)
-		fail(w);
+	if (is_cancelled(w) || w->r)
+		rewrite_fail(w);
 	else if (w->nmade < w->nunits)
-		work(w);
+		write_start(w);
 	else
-		change(w);
+		commit_start(w);
 }
 
-static void work(struct dataset_rewrite *w)
+static void write_start(struct dataset_rewrite *w)
 {
-	task(w, work_run, work_done, w->priority);
+	rewrite_submit(w, write_run, write_done, w->priority);
 }
 
-static void row_done(void *ctx, int r, const struct err *why)
+static void row_written(void *ctx, int r, const struct err *why)
 {
 	struct dataset_rewrite *w = ctx;
 
@@ -407,41 +424,41 @@ static void row_done(void *ctx, int r, const struct err *why)
 		w->r = r;
 		w->err = *why;
 	}
-	if (stopped(w) || w->r)
-		fail(w);
+	if (is_cancelled(w) || w->r)
+		rewrite_fail(w);
 	else
-		work(w);
+		write_start(w);
 }
 
-static void put_row(struct dataset_rewrite *w)
+static void row_put(struct dataset_rewrite *w)
 {
-	/* Of a push no row has the time 0 (rewrite_row). */
+	/* The time 0 distinguishes it from the row of a push (rewrite_owns_row). */
 	struct catalogue_push row = {.dataset = w->dataset->id, .uid = w->dataset->uid};
 
-	w->state = REWRITE_WORKING;
-	row.id = w->row = ++w->datasets->core->last_push;
-	w->r = catalogue_put_push(w->datasets->core->p.catalogue, &row, row_done, w, &w->err);
+	set_state(w, REWRITE_WRITING);
+	row.id = w->row_id = ++w->datasets->core->last_push;
+	w->r = catalogue_put_push(w->datasets->core->p.catalogue, &row, row_written, w, &w->err);
 	if (w->r)
-		fail(w);
+		rewrite_fail(w);
 }
 
-bool rewrite_row(const struct catalogue_push *row)
+bool rewrite_owns_row(const struct catalogue_push *row)
 {
 	return !row->begun_us;
 }
 
 /* ---- memory ---- */
 
-static uint64_t share(const struct datasets *ds)
+static uint64_t memory_share(const struct datasets *ds)
 {
 	uint64_t part = ledger_total(ds->core->p.ledger) / 32;
 
 	return part < 1 << 20 ? 1 << 20 : part > 8 << 20 ? 8 << 20 : part;
 }
 
-static bool take(struct dataset_rewrite *w)
+static bool charge_memory(struct dataset_rewrite *w)
 {
-	uint64_t least = rewrite_bytes(w), want = share(w->datasets) > least ? share(w->datasets) : least;
+	uint64_t least = rewrite_bytes(w), want = memory_share(w->datasets) > least ? memory_share(w->datasets) : least;
 
 	if (admission_stage_is_awaited(w->datasets->admission) || slots_requested(w->datasets->admission) ||
 	    !admission_stage_available(w->datasets->admission, want) ||
@@ -456,17 +473,17 @@ void dataset_rewrite_settle(struct dataset_rewrite *w)
 {
 	if (w->state != REWRITE_WAITING)
 		return;
-	if (stopped(w)) {
-		fail(w);
-	} else if (take(w)) {
-		put_row(w);
+	if (is_cancelled(w)) {
+		rewrite_fail(w);
+	} else if (charge_memory(w)) {
+		row_put(w);
 	} else if (!w->patient) {
 		w->r = err_set(&w->err, ERR_BUSY, "no memory is free to merge segments");
-		fail(w);
+		rewrite_fail(w);
 	}
 }
 
-static void look_done(struct sched_task *t)
+static void choose_done(struct sched_task *t)
 {
 	struct dataset_rewrite *w = of_task(t);
 
@@ -474,68 +491,71 @@ static void look_done(struct sched_task *t)
 	dataset_read_end(w->dataset);
 	if (!t->ran)
 		w->r = err_set(&w->err, ERR_CANCELLED, "the daemon is stopping");
-	if (w->r == -ERR_BUSY && w->patient && !w->stop) {
+	if (w->r == -ERR_BUSY && w->patient && !w->cancelled) {
 		w->r = 0;
 		w->err = ERR_INIT;
-		w->again = true;
+		w->retry = true;
 	}
-	if (stopped(w) || w->r) {
-		fail(w);
+	if (is_cancelled(w) || w->r) {
+		rewrite_fail(w);
 		return;
 	}
-	if (w->again)
+	if (w->retry)
 		return;
 	if (!w->nunits && !w->always) {
-		finish(w);
+		rewrite_finish(w);
 		return;
 	}
 	if (!w->nunits) {
-		change(w);
+		commit_start(w);
 		return;
 	}
-	w->state = REWRITE_WAITING;
+	set_state(w, REWRITE_WAITING);
 	dataset_rewrite_settle(w);
 }
 
-/* ---- from outside ---- */
+/* ---- for the owner ---- */
 
-static void look(struct dataset_rewrite *w)
+static void choose_start(struct dataset_rewrite *w)
 {
 	memcpy(w->base_name, w->dataset->manifest, sizeof w->base_name);
 	dataset_read_begin(w->dataset);
-	w->state = REWRITE_LOOKING;
-	w->again = false;
-	task(w, look_run, look_done, w->priority);
+	set_state(w, REWRITE_CHOOSING);
+	w->retry = false;
+	rewrite_submit(w, choose_run, choose_done, w->priority);
 }
 
 void dataset_rewrite_start(struct dataset_rewrite *w)
 {
 	w->datasets = w->dataset->datasets;
 	w->err = ERR_INIT;
-	w->most = ledger_total(w->datasets->core->p.ledger) / 8;
+	w->memory_max = ledger_total(w->datasets->core->p.ledger) / 8;
 	dataset_hold(w->dataset);
 	w->datasets->core->background++;
-	look(w);
+	choose_start(w);
 }
 
 void dataset_rewrite_tick(struct dataset_rewrite *w)
 {
-	if (!w->again)
+	if (!w->retry)
 		return;
-	w->again = false;
-	if (stopped(w))
-		fail(w);
-	else if (w->state == REWRITE_CHANGING)
-		change(w);
+	w->retry = false;
+	if (is_cancelled(w))
+		rewrite_fail(w);
+	else if (w->state == REWRITE_COMMITTING)
+		commit_start(w);
 	else
-		look(w);
+		choose_start(w);
 }
 
 void dataset_rewrite_cancel(struct dataset_rewrite *w)
 {
-	w->stop = true;
-	if (w->busy && w->state != REWRITE_TIDYING)
+	w->cancelled = true;
+	if (w->busy && w->state != REWRITE_UNDOING)
 		sched_cancel(w->datasets->core->p.sched, &w->task);
-	dataset_rewrite_settle(w);
-	dataset_rewrite_tick(w);
+	/* Either of them may end the rewrite. */
+	if (w->state == REWRITE_WAITING)
+		dataset_rewrite_settle(w);
+	else
+		dataset_rewrite_tick(w);
 }

@@ -1,10 +1,10 @@
 /*
- * Rows of jobs that gave way while the catalogue was loaded.
+ * Rows of jobs that were dropped while the catalogue was loaded.
  *
- * The model: with little memory a start keeps fewer jobs than there are, thousands may give way, and each row that goes is a
- * change that waits for the disk. Their numbers are kept, charged as such changes are, and the rows go some at a time when the
- * catalogue has nothing else to write: nobody waits behind them. What a crash leaves of them the next start finds again. Their
- * plans go with those of all jobs that are not there (job_plan_sweep).
+ * The model: with little memory a start keeps fewer jobs than the catalogue has. It may drop thousands, and the deletion of each
+ * row waits for the disk. So their numbers are collected (charged as queued changes are), and rows are deleted in small groups
+ * when the catalogue has nothing else to write. After a crash the next start drops the rest again. Their plans are removed with
+ * those of all jobs that do not exist (job_plan_file_sweep).
  */
 #include <stdlib.h>
 
@@ -18,11 +18,11 @@ int deletions_add(struct jobs *j, uint64_t id, struct err *err)
 
 	if (j->ndeletions == j->deletions_room) {
 		if (!ledger_take(j->core->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more))
-			return err_set(err, ERR_BUSY, "the memory has no room for the numbers of jobs that give way");
+			return err_set(err, ERR_BUSY, "there is no memory for the numbers of dropped jobs");
 		more = realloc(j->deletions, (j->deletions_room + CHUNK) * sizeof *more);
 		if (!more) {
 			ledger_give(j->core->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more);
-			return err_set(err, ERR_NOMEM, "no memory for the numbers of jobs that give way");
+			return err_set(err, ERR_NOMEM, "no memory for the numbers of dropped jobs");
 		}
 		j->deletions = more;
 		j->deletions_room += CHUNK;
@@ -33,7 +33,7 @@ int deletions_add(struct jobs *j, uint64_t id, struct err *err)
 
 void deletions_settle(struct jobs *j)
 {
-	struct err ignored = ERR_INIT; /* next round */
+	struct err ignored = ERR_INIT; /* it is tried again in the next round */
 
 	if (!j->ndeletions || catalogue_busy(j->core->p.catalogue))
 		return;

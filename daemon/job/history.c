@@ -1,154 +1,65 @@
 /*
- * Jobs by number, and how those that are over are kept.
+ * All jobs by number, finished ones packed.
  *
- * The model: an array by number, each entry a job at work or what is kept of one that is over. That is the job as it
- * lies in memory, words that are zero left out, and of the others the bytes that are zero: most of a job is. Texts that
- * it owns stay where they are. 10,000 such jobs take less than 3 MiB, and no loop over jobs at work comes by them.
+ * The model: a sorted array; each entry is an active job or a packed one. A packed job is struct job without its zero bytes
+ * (history_image.c); the texts that it owns stay where they are. 10,000 packed jobs take less than 3 MiB, and no loop over active
+ * jobs sees them.
  *
- * What all users share here is bounded: jobs, bytes, texts of views. Of each user who has a job it is known how much of that is
- * his, so that who has most gives way first, with the oldest of his that is over.
+ * What all users share here is bounded: jobs, bytes, texts of views. An account a user says how much of it is his. When something
+ * has to be dropped, it is the oldest packed job of the user who has most.
  */
 #include "history.h"
 
-#include <endian.h>
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "history_image.h"
 #include "job_priv.h"
 #include "plan_file.h"
 
-_Static_assert(sizeof(struct job) % 8 == 0, "packed by words");
-/* GUESTS: that a caller may have in hand at once, and more; few, so that the heap has them and the kernel need not clear them. */
-enum {
-	GUESTS = 16,
-	WORDS = (sizeof(struct job) + 7) / 8,
-	MAP = (WORDS + 7) / 8,
-	SLACK = 8,
-	IMAGE_MAX = MAP + 9 * WORDS + SLACK,
-	ENTRY_BYTES = 48
-};
+/* COPIES: more than a caller uses at once. Few, so that the heap reuses their memory and the kernel need not clear it. */
+enum { COPIES = 16, ENTRY_BYTES = 48 };
 
-struct kept {
+struct packed_job {
 	int64_t finished_us;
 	const struct dataset *dataset;
 	uint32_t uid;
-	size_t view_bytes, charged; /* of it, and not in the image */
-	/* A bit for each word that is not zero; of each such word a bit for each byte, and the bytes. SLACK more are there to be
-	 * read. */
+	size_t view_bytes, charged; /* they are not in the image */
+	/* as history_image_pack makes it */
 	uint8_t image[];
 };
 
 struct entry {
 	uint64_t id;
-	struct job *job; /* at work; NULL: kept */
-	struct kept *kept;
+	struct job *job; /* active; NULL: packed */
+	struct packed_job *packed;
 };
 
-/* Of one user who has a job. */
+/* What one user with jobs has. */
 struct account {
 	uint32_t uid;
-	uint64_t has[HISTORY_KINDS], kept_jobs, kept_views;
+	uint64_t has[HISTORY_KINDS], packed_jobs, packed_views;
 };
 
 struct history {
-	struct entry *all; /* ascending */
-	size_t n, room;
-	uint64_t view_bytes, kept_views;
+	struct entry *all; /* ascending by id */
+	size_t n, cap;
+	uint64_t view_bytes, packed_views;
 	struct account *account;
-	size_t naccounts, accounts_room;
-	struct job *guests; /* GUESTS that take turns, and one that is about to go */
-	unsigned guest;     /* that comes next; of this round */
+	size_t naccounts, accounts_cap;
+	struct job *copies; /* COPIES in turn, and one more for entry_victim; NULL: no memory, or not used lately */
+	unsigned next_copy; /* counts up in a round of the loop; beyond COPIES it wraps */
 };
 
-/* ---- packing ---- */
+/* ---- entries ---- */
 
-/* A bit for each byte that is not zero. */
-static uint8_t bytes_set(uint64_t word)
+static uint64_t packed_bytes(size_t image, size_t view)
 {
-	const uint64_t low = UINT64_C(0x7f7f7f7f7f7f7f7f);
-	uint64_t high = (((word & low) + low) | word) & ~low;
-
-	return (uint8_t)((high >> 7) * UINT64_C(0x0102040810204080) >> 56);
+	return sizeof(struct packed_job) + image + view + ENTRY_BYTES;
 }
 
-/* Whether any of eight words is not zero. */
-static bool any_word(const uint8_t *at)
-{
-	uint64_t w[8];
-
-	memcpy(w, at, sizeof w);
-	return (w[0] | w[1] | w[2] | w[3]) | (w[4] | w[5] | w[6] | w[7]);
-}
-
-/* The size that it takes, SLACK included. */
-static size_t pack(const struct job *job, uint8_t out[IMAGE_MAX])
-{
-	size_t n = MAP;
-
-	memset(out, 0, MAP);
-	for (size_t i = 0; i < WORDS; i++) {
-		uint64_t word;
-		unsigned mask, first, run;
-
-		if (i % 8 == 0 && i + 8 <= WORDS && !any_word((const uint8_t *)job + 8 * i)) {
-			i += 7;
-			continue;
-		}
-		memcpy(&word, (const uint8_t *)job + 8 * i, 8);
-		if (!word)
-			continue;
-		word = htole64(word);
-		out[i / 8] |= (uint8_t)(1u << i % 8);
-		mask = out[n++] = bytes_set(word);
-		first = (unsigned)__builtin_ctz(mask);
-		run = mask >> first;
-		if (!(run & (run + 1))) { /* they stand together */
-			word = htole64(word >> 8 * first);
-			memcpy(out + n, &word, 8);
-			n += (unsigned)__builtin_ctz(run + 1);
-		} else {
-			for (unsigned m = mask; m; m &= m - 1)
-				out[n++] = (uint8_t)(word >> 8 * __builtin_ctz(m));
-		}
-	}
-	memset(out + n, 0, SLACK);
-	return n + SLACK;
-}
-
-static void unpack(const uint8_t *in, struct job *ret)
-{
-	size_t n = MAP;
-
-	memset(ret, 0, sizeof *ret);
-	for (size_t g = 0; g < MAP; g++) {
-		for (unsigned set = in[g]; set; set &= set - 1) {
-			size_t i = 8 * g + (size_t)__builtin_ctz(set);
-			uint64_t word = 0;
-
-			unsigned m = in[n++], first = (unsigned)__builtin_ctz(m), run = m >> first;
-
-			if (!(run & (run + 1))) { /* of most, those that are not zero stand together */
-				unsigned bytes = (unsigned)__builtin_ctz(run + 1);
-
-				memcpy(&word, in + n, 8);
-				n += bytes;
-				word = (le64toh(word) & (UINT64_MAX >> (64 - 8 * bytes))) << 8 * first;
-			} else {
-				for (; m; m &= m - 1)
-					word |= (uint64_t)in[n++] << 8 * __builtin_ctz(m);
-			}
-			word = le64toh(word);
-			memcpy((uint8_t *)ret + 8 * i, &word, 8);
-		}
-	}
-}
-
-static uint64_t kept_bytes(size_t image, size_t view)
-{
-	return sizeof(struct kept) + image + view + ENTRY_BYTES;
-}
-
-/* ---- who has how much ---- */
+/* ---- accounts of users ---- */
 
 static struct account *account_of(const struct history *p, uint32_t uid)
 {
@@ -161,22 +72,22 @@ static struct account *account_of(const struct history *p, uint32_t uid)
 static struct account *account_make(struct history *p, uint32_t uid)
 {
 	struct account *a = account_of(p, uid), *more;
-	size_t room = p->accounts_room ? 2 * p->accounts_room : 8;
+	size_t cap = p->accounts_cap ? 2 * p->accounts_cap : 8;
 
 	if (a)
 		return a;
-	if (p->naccounts == p->accounts_room) {
-		more = realloc(p->account, room * sizeof *more);
+	if (p->naccounts == p->accounts_cap) {
+		more = realloc(p->account, cap * sizeof *more);
 		if (!more)
 			return NULL;
 		p->account = more;
-		p->accounts_room = room;
+		p->accounts_cap = cap;
 	}
 	p->account[p->naccounts] = (struct account){.uid = uid};
 	return &p->account[p->naccounts++];
 }
 
-static void account_gone(struct history *p, uint32_t uid, uint64_t view)
+static void account_drop_job(struct history *p, uint32_t uid, uint64_t view)
 {
 	struct account *a = account_of(p, uid);
 
@@ -186,20 +97,20 @@ static void account_gone(struct history *p, uint32_t uid, uint64_t view)
 		*a = p->account[--p->naccounts];
 }
 
-/* It is kept from now on, or (less) no longer. */
-static void account_kept(struct history *p, const struct kept *k, bool less)
+/* Counts a job as packed, or (less) no longer. */
+static void account_packed(struct history *p, const struct packed_job *k, bool less)
 {
 	struct account *a = account_of(p, k->uid);
 
 	if (less) {
-		p->kept_views -= k->view_bytes;
-		a->kept_views -= k->view_bytes;
-		a->kept_jobs--;
+		p->packed_views -= k->view_bytes;
+		a->packed_views -= k->view_bytes;
+		a->packed_jobs--;
 		a->has[HISTORY_BYTES] -= k->charged;
 	} else {
-		p->kept_views += k->view_bytes;
-		a->kept_views += k->view_bytes;
-		a->kept_jobs++;
+		p->packed_views += k->view_bytes;
+		a->packed_views += k->view_bytes;
+		a->packed_jobs++;
 		a->has[HISTORY_BYTES] += k->charged;
 	}
 }
@@ -212,18 +123,18 @@ void history_views(const struct jobs *j, uint32_t uid, struct history_views *ret
 	*ret = (struct history_views){0};
 	if (p) {
 		ret->all = p->view_bytes;
-		ret->busy = p->view_bytes - p->kept_views;
+		ret->busy = p->view_bytes - p->packed_views;
 	}
 	if (a) {
 		ret->own = a->has[HISTORY_VIEWS];
-		ret->own_busy = ret->own - a->kept_views;
+		ret->own_busy = ret->own - a->packed_views;
 	}
 }
 
 /* ---- the array ---- */
 
-/* Of the first entry whose number is not below. */
-static size_t place_of(const struct history *p, uint64_t id)
+/* Index of the first entry with that number or a larger one. */
+static size_t entry_index(const struct history *p, uint64_t id)
 {
 	size_t lo = 0, hi = p ? p->n : 0;
 
@@ -240,25 +151,25 @@ static size_t place_of(const struct history *p, uint64_t id)
 
 static struct entry *entry_of(const struct jobs *j, uint64_t id)
 {
-	size_t i = place_of(j->history, id);
+	size_t i = entry_index(j->history, id);
 
 	return j->history && i < j->history->n && j->history->all[i].id == id ? &j->history->all[i] : NULL;
 }
 
-static int make_room(struct history *p, struct err *err)
+static int grow(struct history *p, struct err *err)
 {
-	size_t room = p->room ? p->room + p->room / 2 : 64;
-	struct entry *all = p->n < p->room ? p->all : realloc(p->all, room * sizeof *all);
+	size_t cap = p->cap ? p->cap + p->cap / 2 : 64;
+	struct entry *all = p->n < p->cap ? p->all : realloc(p->all, cap * sizeof *all);
 
 	if (!all)
 		return err_set(err, ERR_NOMEM, "no memory for another job");
-	if (p->n == p->room)
-		p->room = room;
+	if (p->n == p->cap)
+		p->cap = cap;
 	p->all = all;
 	return 0;
 }
 
-/* Among those at work, by number. */
+/* Inserts it into the list of active jobs, which is sorted by id. */
 static void link_job(struct job *job)
 {
 	struct job **at;
@@ -287,12 +198,12 @@ int history_add(struct job *job, struct err *err)
 
 	if (!j->history && !(j->history = calloc(1, sizeof *j->history)))
 		return err_set(err, ERR_NOMEM, "no memory for jobs");
-	if (make_room(j->history, err))
+	if (grow(j->history, err))
 		return -(int)err->code;
 	a = account_make(j->history, job->peer.uid);
 	if (!a)
 		return err_set(err, ERR_NOMEM, "no memory for the account of a user");
-	i = place_of(j->history, job->id);
+	i = entry_index(j->history, job->id);
 	memmove(&j->history->all[i + 1], &j->history->all[i], (j->history->n - i) * sizeof j->history->all[0]);
 	j->history->all[i] = (struct entry){.id = job->id, .job = job};
 	j->history->n++;
@@ -307,7 +218,7 @@ static void entry_remove(struct jobs *j, struct entry *e, const struct job *job)
 {
 	size_t i = (size_t)(e - j->history->all);
 
-	account_gone(j->history, job->peer.uid, strlen(job->view));
+	account_drop_job(j->history, job->peer.uid, strlen(job->view));
 	j->history->n--;
 	memmove(e, e + 1, (j->history->n - i) * sizeof *e);
 }
@@ -321,28 +232,29 @@ void history_remove(struct job *job)
 		entry_remove(job->jobs, e, job);
 }
 
-bool history_keep(struct job *job)
+bool history_pack(struct job *job)
 {
 	struct jobs *j = job->jobs;
 	struct entry *e = entry_of(j, job->id);
-	struct kept all = {.finished_us = job->finished_us,
-			   .dataset = job->dataset,
-			   .uid = job->peer.uid,
-			   .view_bytes = strlen(job->view),
-			   .charged = job->charged},
-		    *k;
+	struct packed_job all = {.finished_us = job->finished_us,
+				 .dataset = job->dataset,
+				 .uid = job->peer.uid,
+				 .view_bytes = strlen(job->view),
+				 .charged = job->charged},
+			  *k;
 	struct plan_file *plan = job->plan;
 	struct job *next = job->next;
-	uint8_t image[IMAGE_MAX];
+	uint8_t image[HISTORY_IMAGE_MAX];
 	uint64_t bytes;
 	size_t n;
 
 	THREAD_LOOP_ONLY();
-	/* history_awake makes another plan. */
+	assert(job_state_final(job->state) && !job->unpacked && !job->run && !job->fetches);
+	/* Not packed: history_activate makes another plan file. */
 	job->plan = NULL;
 	job->next = NULL;
 	job->charged = 0;
-	n = pack(job, image);
+	n = history_image_pack(job, image);
 	k = e ? malloc(sizeof *k + n) : NULL;
 	if (!k) {
 		job->plan = plan;
@@ -353,16 +265,16 @@ bool history_keep(struct job *job)
 	job->next = next;
 	unlink_job(job);
 	plan_file_free(plan);
-	bytes = kept_bytes(n, all.view_bytes);
+	bytes = packed_bytes(n, all.view_bytes);
 	if (all.charged > bytes) {
 		uncharge(j->core, all.charged - bytes);
 		all.charged = (size_t)bytes;
 	}
 	*k = all;
 	memcpy(k->image, image, n);
-	e->kept = k;
+	e->packed = k;
 	e->job = NULL;
-	account_kept(j->history, k, false);
+	account_packed(j->history, k, false);
 	if (j->core->loading && !j->spare)
 		j->spare = job;
 	else
@@ -371,133 +283,136 @@ bool history_keep(struct job *job)
 }
 
 /* NULL: no memory. */
-static struct job *guests_of(struct history *p)
+static struct job *copies_of(struct history *p)
 {
-	if (!p->guests)
-		p->guests = calloc(GUESTS + 1, sizeof *p->guests);
-	return p->guests;
+	if (!p->copies)
+		p->copies = calloc(COPIES + 1, sizeof *p->copies);
+	return p->copies;
 }
 
-static struct job *guest_in(const struct entry *e, struct job *g)
+static struct job *unpack_into(const struct entry *e, struct job *g)
 {
-	unpack(e->kept->image, g);
-	g->charged = e->kept->charged;
-	g->guest = true;
+	history_image_unpack(e->packed->image, g);
+	g->charged = e->packed->charged;
+	g->unpacked = true;
 	return g;
 }
 
-static struct job *guest_of(struct jobs *j, const struct entry *e)
+static struct job *entry_job(struct jobs *j, const struct entry *e)
 {
 	struct history *p = j->history;
-	struct job *g = e->job ? NULL : guests_of(p);
+	struct job *g = e->job ? NULL : copies_of(p);
 
 	if (!g)
 		return e->job;
-	g += p->guest % GUESTS;
-	p->guest = p->guest + 1 < 2 * GUESTS ? p->guest + 1 : GUESTS;
-	return guest_in(e, g);
+	g += p->next_copy % COPIES;
+	p->next_copy = p->next_copy + 1 < 2 * COPIES ? p->next_copy + 1 : COPIES;
+	return unpack_into(e, g);
 }
 
-/* The same, for a job that is about to go: however many do, whoever makes room for a guest in hand does not lose it. */
-static struct job *goer_of(struct jobs *j, const struct entry *e)
+/* A copy of a job that is about to be dropped. It has a place of its own, so that the copies in use by callers stay valid. */
+static struct job *entry_victim(struct jobs *j, const struct entry *e)
 {
-	struct job *g = e->job ? NULL : guests_of(j->history);
+	struct job *g = e->job ? NULL : copies_of(j->history);
 
-	return g ? guest_in(e, g + GUESTS) : e->job;
+	return g ? unpack_into(e, g + COPIES) : e->job;
 }
 
-int history_awake(struct job *guest, struct job **ret, struct err *err)
+int history_activate(struct job *copy, struct job **ret, struct err *err)
 {
-	struct jobs *j = guest->jobs;
-	struct entry *e = entry_of(j, guest->id);
+	struct jobs *j = copy->jobs;
+	struct entry *e = entry_of(j, copy->id);
 	uint64_t more = 0;
 	struct job *job;
 
-	if (!guest->guest || !e || e->job) {
-		*ret = e && e->job ? e->job : guest;
+	THREAD_LOOP_ONLY();
+	if (!copy->unpacked || !e || e->job) {
+		*ret = e && e->job ? e->job : copy;
 		return 0;
 	}
-	more = job_bytes(strlen(guest->view));
-	more = more > guest->charged ? more - guest->charged : 0;
-	if (charge_lasting(j->core, CHARGE_JOB, guest->peer.uid, more, "another job", err))
+	more = job_bytes(strlen(copy->view));
+	more = more > copy->charged ? more - copy->charged : 0;
+	if (charge_lasting(j->core, CHARGE_JOB, copy->peer.uid, more, "another job", err))
 		return -(int)err->code;
-	/* Others may have made room, by going. */
-	e = entry_of(j, guest->id);
+	/* Making room may have dropped jobs, and moved entries. */
+	e = entry_of(j, copy->id);
 	job = e ? malloc(sizeof *job) : NULL;
 	if (!job) {
 		uncharge(j->core, more);
 		return err_set(err, e ? ERR_NOMEM : ERR_NOTFOUND, e ? "no memory for a job" : "the job is gone");
 	}
-	unpack(e->kept->image, job);
-	job->charged = e->kept->charged + (size_t)more;
-	account_kept(j->history, e->kept, true);
-	free(e->kept);
-	e->kept = NULL;
+	history_image_unpack(e->packed->image, job);
+	job->charged = e->packed->charged + (size_t)more;
+	account_packed(j->history, e->packed, true);
+	free(e->packed);
+	e->packed = NULL;
 	e->job = job;
 	link_job(job);
-	if (job_plan_new(job, err))
-		return -(int)err->code; /* kept again, next round */
+	if (job_plan_file_new(job, err))
+		return -(int)err->code; /* it is packed again in the next round */
 	*ret = job;
 	return 0;
 }
 
-void history_drop(struct job *guest)
+void history_delete(struct job *copy)
 {
-	struct jobs *j = guest->jobs;
-	struct entry *e = entry_of(j, guest->id);
+	struct jobs *j = copy->jobs;
+	struct entry *e = entry_of(j, copy->id);
 	struct err ignored = ERR_INIT;
-	struct kept *k;
+	struct packed_job *k;
 
-	if (!e || !e->kept)
+	THREAD_LOOP_ONLY();
+	assert(copy->unpacked);
+	if (!e || !e->packed)
 		return;
-	k = e->kept;
-	account_kept(j->history, k, true);
-	entry_remove(j, e, guest);
+	k = e->packed;
+	account_packed(j->history, k, true);
+	entry_remove(j, e, copy);
 	free(k);
-	if (!j->core->loading && !job_plan_new(guest, &ignored))
-		job_plan_drop(guest);
-	job_done_with(guest);
+	if (!j->core->loading && !job_plan_file_new(copy, &ignored))
+		job_plan_file_drop(copy);
+	job_release(copy);
 }
 
-/* ---- looking ---- */
+/* ---- searching ---- */
 
 struct job *history_find(struct jobs *j, uint64_t id)
 {
 	struct entry *e = entry_of(j, id);
 
-	return e ? guest_of(j, e) : NULL;
+	return e ? entry_job(j, e) : NULL;
 }
 
 struct job *history_next(struct jobs *j, const struct dataset *of, uint64_t after)
 {
-	size_t i = after == UINT64_MAX || !j->history ? SIZE_MAX : place_of(j->history, after + 1);
+	size_t i = after == UINT64_MAX || !j->history ? SIZE_MAX : entry_index(j->history, after + 1);
 
 	for (; j->history && i < j->history->n; i++) {
 		const struct entry *e = &j->history->all[i];
 
-		if (!of || (e->job ? e->job->dataset : e->kept->dataset) == of)
-			return guest_of(j, e);
+		if (!of || (e->job ? e->job->dataset : e->packed->dataset) == of)
+			return entry_job(j, e);
 	}
 	return NULL;
 }
 
 struct job *history_before(struct jobs *j, uint64_t id)
 {
-	size_t i = place_of(j->history, id);
+	size_t i = entry_index(j->history, id);
 
-	return i ? guest_of(j, &j->history->all[i - 1]) : NULL;
+	return i ? entry_job(j, &j->history->all[i - 1]) : NULL;
 }
 
 struct job *history_oldest(struct jobs *j, int64_t finished_us)
 {
 	for (size_t i = 0; j->history && i < j->history->n; i++)
-		if (j->history->all[i].kept && j->history->all[i].kept->finished_us <= finished_us)
-			return goer_of(j, &j->history->all[i]);
+		if (j->history->all[i].packed && j->history->all[i].packed->finished_us <= finished_us)
+			return entry_victim(j, &j->history->all[i]);
 	return NULL;
 }
 
-/* Who asks gives way to those who have as much. */
-struct job *history_of_most(struct jobs *j, enum history_kind kind, uint32_t uid, uint64_t more)
+/* Of users who have equally much, the one who asks comes first. */
+struct job *history_oldest_of_largest(struct jobs *j, enum history_kind kind, uint32_t uid, uint64_t more)
 {
 	const struct account *most = NULL;
 	uint64_t n = 0;
@@ -506,14 +421,14 @@ struct job *history_of_most(struct jobs *j, enum history_kind kind, uint32_t uid
 		const struct account *a = &j->history->account[i];
 		uint64_t has = a->has[kind] + (a->uid == uid ? more : 0);
 
-		if (a->kept_jobs && (!most || has > n || (has == n && a->uid == uid))) {
+		if (a->packed_jobs && (!most || has > n || (has == n && a->uid == uid))) {
 			most = a;
 			n = has;
 		}
 	}
 	for (size_t i = 0; most && i < j->history->n; i++)
-		if (j->history->all[i].kept && j->history->all[i].kept->uid == most->uid)
-			return goer_of(j, &j->history->all[i]);
+		if (j->history->all[i].packed && j->history->all[i].packed->uid == most->uid)
+			return entry_victim(j, &j->history->all[i]);
 	return NULL;
 }
 
@@ -525,24 +440,24 @@ bool history_has(const struct jobs *j, uint64_t id)
 void history_forget_dataset(struct jobs *j, struct dataset *d)
 {
 	struct history *p = j->history;
-	uint8_t image[IMAGE_MAX];
+	uint8_t image[HISTORY_IMAGE_MAX];
 	struct job job;
 
 	for (size_t i = 0; p && i < p->n; i++) {
-		struct kept *k = p->all[i].kept;
+		struct packed_job *k = p->all[i].packed;
 
 		if (!k || k->dataset != d)
 			continue;
-		/* With a word less it takes no more than before. */
-		unpack(k->image, &job);
+		/* The image does not grow: one word less is not zero. */
+		history_image_unpack(k->image, &job);
 		job.dataset = NULL;
-		memcpy(k->image, image, pack(&job, image));
+		memcpy(k->image, image, history_image_pack(&job, image));
 		k->dataset = NULL;
 		dataset_unhold(d);
 	}
-	for (unsigned i = 0; p && p->guests && i <= GUESTS; i++)
-		if (p->guests[i].dataset == d)
-			p->guests[i].dataset = NULL;
+	for (unsigned i = 0; p && p->copies && i <= COPIES; i++)
+		if (p->copies[i].dataset == d)
+			p->copies[i].dataset = NULL;
 }
 
 uint64_t history_bytes(const struct jobs *j)
@@ -568,31 +483,31 @@ void history_numbers(const struct jobs *j, uint64_t *ret)
 size_t history_list(const struct jobs *j, uint64_t *ret)
 {
 	const struct history *p = j->history;
-	size_t there = 0, gone = p ? p->n : 0;
+	size_t with = 0, without = p ? p->n : 0;
 
 	for (size_t i = 0; p && i < p->n; i++) {
 		const struct entry *e = &p->all[i];
 
-		if (e->job ? e->job->dataset : e->kept->dataset)
-			ret[there++] = e->id;
+		if (e->job ? e->job->dataset : e->packed->dataset)
+			ret[with++] = e->id;
 		else
-			ret[--gone] = e->id;
+			ret[--without] = e->id;
 	}
-	return there;
+	return with;
 }
 
 void history_round(struct jobs *j)
 {
 	struct history *p = j->history;
 
-	if (!p || !p->guests)
+	if (!p || !p->copies)
 		return;
-	/* Who goes through a list is here again next round. */
-	if (!p->guest) {
-		free(p->guests);
-		p->guests = NULL;
+	/* Freed only after a round without copies: a list is often read over several rounds. */
+	if (!p->next_copy) {
+		free(p->copies);
+		p->copies = NULL;
 	}
-	p->guest = 0;
+	p->next_copy = 0;
 }
 
 void history_free(struct jobs *j)
@@ -602,15 +517,15 @@ void history_free(struct jobs *j)
 	if (!p)
 		return;
 	for (size_t i = 0; i < p->n; i++) {
-		struct job *g = p->all[i].kept ? goer_of(j, &p->all[i]) : NULL;
+		struct job *g = p->all[i].packed ? entry_victim(j, &p->all[i]) : NULL;
 
 		if (g) {
 			g->dataset = NULL;
-			job_done_with(g);
+			job_release(g);
 		}
-		free(p->all[i].kept);
+		free(p->all[i].packed);
 	}
-	free(p->guests);
+	free(p->copies);
 	free(p->account);
 	free(p->all);
 	free(p);

@@ -1,11 +1,8 @@
 /*
- * Jobs: a table of states, each a function that says which comes next.
+ * One job: its life in memory, its row, searches, and requests about it.
  *
- * The model: events (the run planned, moved, ended; a cancel; the owner left) only set what the job knows
- * and then call job_step, which runs state functions until one waits. A job's mesh is made by its own run;
- * later streams of it are runs of their own (job_fetch.c). Final states never change. Unbound jobs have a
- * row in the catalogue from their submission on, so that they go on after a restart; bound ones end with
- * their owner.
+ * The model: an unbound job has a row in the catalogue from its submission on, and continues after a restart. A bound job has no
+ * row, and ends with its client. Its states: job_state.c.
  */
 #include <assert.h>
 #include <stdio.h>
@@ -19,39 +16,7 @@
 #include "history.h"
 #include "plan_file.h"
 
-#define TELL_SECONDS 0.2
-#define LOOK_SECONDS 0.5
-/* A bound job's first block waits so long for its owner to fetch it. */
-#define PATIENCE_SECONDS 2.0
-
-typedef enum job_state job_state_fn(struct job *);
-#define JOB_STATE(name, wire, next) static job_state_fn job_state_##name;
-#include "job_state.def"
-#undef JOB_STATE
-
-static const struct {
-	const char *wire;
-	unsigned next; /* bits of states that may follow */
-	job_state_fn *step;
-} states[JOB_STATES] = {
-#define NEXT(name) (1u << JOB_##name)
-#define JOB_STATE(name, wire, next) {wire, next, job_state_##name},
-#include "job_state.def"
-#undef JOB_STATE
-#undef NEXT
-};
-
-const char *job_state_text(enum job_state state)
-{
-	return states[state].wire;
-}
-
-bool job_state_final(enum job_state state)
-{
-	return !states[state].next;
-}
-
-void job_done_with(struct job *job)
+void job_release(struct job *job)
 {
 	plan_file_free(job->plan);
 	if (job->dataset)
@@ -62,22 +27,16 @@ void job_done_with(struct job *job)
 
 struct job *job_free(struct job *job)
 {
+	THREAD_LOOP_ONLY();
 	if (!job)
 		return NULL;
+	assert(!job->unpacked);
 	slot_withdraw(job->jobs->admission, &job->slot);
 	run_free(job->run);
 	history_remove(job);
-	job_done_with(job);
+	job_release(job);
 	free(job);
 	return NULL;
-}
-
-static void tell(struct job *job)
-{
-	job->told_ns = clock_mono_ns();
-	job->moved = false;
-	if (job->jobs->changed && !job->waiting_row)
-		job->jobs->changed(job->jobs->changed_ctx, job);
 }
 
 /* ---- the row ---- */
@@ -91,7 +50,7 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 		.dataset = job->dataset ? job->dataset->id : 0,
 		.generation = job->generation,
 		.view = job->view,
-		/* Whatever it does now, after a restart it is queued. */
+		/* A job that is not finished is queued again after a restart. */
 		.state = job_state_text(final ? job->state : JOB_queued),
 		.uid = job->peer.uid,
 		.pid = job->peer.pid,
@@ -111,344 +70,9 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 	return catalogue_put_job(job->jobs->core->p.catalogue, &row, done, job, err);
 }
 
-static void run_planned(void *ctx)
-{
-	struct job *job = ctx;
+/* ---- making, searching, requests ---- */
 
-	job->planned = true;
-	job_step(job);
-}
-
-static void run_moved(void *ctx)
-{
-	((struct job *)ctx)->moved = true;
-}
-
-static void run_ended(void *ctx, const struct err *why)
-{
-	struct job *job = ctx;
-
-	job->run_ended = true;
-	if (why && !job->has_error) {
-		job->has_error = true;
-		job->err = *why;
-	}
-}
-
-/* A stream that ends early ends nothing else. */
-static bool run_followed(void *ctx)
-{
-	return ((const struct job *)ctx)->fetches != NULL;
-}
-
-static const struct run_calls calls = {.planned = run_planned, .moved = run_moved, .ended = run_ended, .followed = run_followed};
-
-/* ---- the states ---- */
-
-static void fail(struct job *job, const struct err *why)
-{
-	job->has_error = true;
-	job->err = *why;
-}
-
-static void granted(struct slot *slot)
-{
-	struct job *job = (struct job *)((char *)slot - offsetof(struct job, slot));
-
-	if (job->run) {
-		run_begin(job->run);
-		return;
-	}
-	job->placed = true;
-	job_step(job);
-}
-
-void job_slot_init(struct job *job)
-{
-	job->slot.owner = (struct sched_owner){
-		.uid = job->peer.uid, .rank = (enum sched_rank)job->priority, .exempt = rights_admin(&job->peer)};
-	job->slot.granted = granted;
-}
-
-static enum job_state job_state_queued(struct job *job)
-{
-	bool placed = job->placed;
-	struct run_params p = {
-		.job = job->id,
-		.runs = job->jobs->runs,
-		.dataset = job->dataset,
-		.generation = job->generation,
-		.view_text = job->view,
-		.keep = !job->bound,
-		.client = job->bound,
-		.patience = job->bound ? PATIENCE_SECONDS : 0,
-		.owner = job->slot.owner,
-		.slot = &job->slot,
-		.plan = job->plan,
-		.calls = &calls,
-		.ctx = job,
-	};
-	struct err err = ERR_INIT;
-
-	job->placed = false;
-	if (job->stop || job->removed || job->jobs->core->stopping) {
-		slot_withdraw(job->jobs->admission, &job->slot);
-		return job->stop ? JOB_cancelled : JOB_queued;
-	}
-	if (!placed) {
-		slot_request(job->jobs->admission, &job->slot, 0);
-		return JOB_queued;
-	}
-	switch (run_new(&p, &job->run, &err)) {
-	case 0:
-		break;
-	case -ERR_BUSY:
-		return JOB_queued; /* no memory for its view now */
-	default:
-		fail(job, &err);
-		return JOB_failed;
-	}
-	job->run_ended = job->planned = false;
-	if (!job->begun_ns)
-		job->begun_ns = clock_mono_ns();
-	job_fetch_attach(job);
-	run_begin(job->run);
-	return JOB_planning;
-}
-
-static enum job_state end_of(struct job *job);
-
-static enum job_state job_state_planning(struct job *job)
-{
-	if (job->stop || job->jobs->core->stopping)
-		return JOB_cancelling;
-	if (job->run_ended)
-		return end_of(job);
-	return job->planned ? JOB_meshing : JOB_planning;
-}
-
-static enum job_state job_state_meshing(struct job *job)
-{
-	if (job->stop || job->jobs->core->stopping)
-		return JOB_cancelling;
-	return job->run_ended ? end_of(job) : JOB_meshing;
-}
-
-static enum job_state job_state_cancelling(struct job *job)
-{
-	if (!job->run_ended)
-		return JOB_cancelling;
-	/* A daemon that stops leaves it for the next start. */
-	return job->jobs->core->stopping && !job->bound && !job->stop ? JOB_queued : end_of(job);
-}
-
-static enum job_state job_state_done(struct job *job)
-{
-	return JOB_done;
-}
-
-static enum job_state job_state_failed(struct job *job)
-{
-	return JOB_failed;
-}
-
-static enum job_state job_state_cancelled(struct job *job)
-{
-	return JOB_cancelled;
-}
-
-/* ---- the end of a job ---- */
-
-/* Every point was left out, and --ground was asked for. */
-static void no_ground(struct job *job, const struct mesh_counts *counts)
-{
-	struct err err = ERR_INIT;
-
-	/* What lies outside a crop is not judged by its class. */
-	if (counts->removed[VIEW_BY_CLASS] == counts->points || (counts->removed[VIEW_BY_CLASS] && run_unclassified(job->run))) {
-		err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
-		err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf), "
-				   "LAStools (lasground) or CloudCompare (CSF), or leave --ground out");
-	} else {
-		err_set(&err, ERR_INPUT, "what else the view asks for leaves no ground points");
-		err_add_hint(&err, "leave out --ground, or some of the other options that choose points");
-	}
-	fail(job, &err);
-}
-
-/* Vegetation in a terrain mesh is seldom meant. */
-static void note_classes(struct job *job, const struct view *view)
-{
-	uint64_t ground, other;
-	bool exact = run_classes(job->run, &ground, &other);
-
-	if (*job->report.note || !ground || !other || view->ground || view->has_classes ||
-	    view->not_classes[0] | view->not_classes[1] | view->not_classes[2] | view->not_classes[3] ||
-	    view_normal(view).duplicates == VIEW_HIGHEST)
-		return;
-	snprintf(job->report.note, sizeof job->report.note,
-		 "points of all classes are meshed, %s%llu of the ground (class 2) and %s%llu others: "
-		 "--ground takes the ground alone",
-		 exact ? "" : "at least ", (unsigned long long)ground, exact ? "" : "at least ", (unsigned long long)other);
-}
-
-static void make_report(struct job *job)
-{
-	const struct pipe_totals *totals = run_totals(job->run);
-	uint64_t first = run_first_ns(job->run);
-	const struct view *view = run_view(job->run);
-
-	if (view->ground && !view->window && !totals->counts.used && totals->counts.points) {
-		no_ground(job, &totals->counts);
-		return;
-	}
-	report_make(totals, &job->report);
-	if (view->window)
-		report_window(&job->report);
-	job->report.points_read += run_plan(job->run)->points_read;
-	job->report.cells_read += run_plan(job->run)->cells_read;
-	job->report.domains_reused = run_reused(job->run);
-	note_classes(job, view);
-	job->report.seconds = clock_since(job->begun_ns);
-	job->report.worked_seconds = run_worked(job->run);
-	job->report.stage_seconds = job->dataset->stage_seconds;
-	job->report.seal_seconds = job->dataset->seal_seconds;
-	run_seconds(job->run, &job->report.plan_seconds, &job->report.domains_seconds);
-	job->report.first_triangle_seconds = first ? (double)(first - job->begun_ns) / 1e9 : 0;
-	job->has_report = true;
-}
-
-/* The run is over: its output hears how, then it goes. */
-static enum job_state end_of(struct job *job)
-{
-	struct run_output *output;
-
-	if (!job->has_error)
-		make_report(job);
-	output = run_detach(job->run);
-	if (output)
-		output->calls->end(output, job->has_error ? &job->err : NULL, run_totals(job->run), &job->report);
-	if (!job->has_error)
-		return JOB_done;
-	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
-}
-
-/* Its first row is there, or there is to be none. One whose first row did not come was never there (job_submit.c). */
-void job_over(struct job *job)
-{
-	struct err err = ERR_INIT;
-
-	if (!job->bound && job->removed)
-		return;
-	if (!job->bound && job_put_row(job, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "the catalogue", &err);
-	job_tell_end(job);
-}
-
-static void ended(struct job *job)
-{
-	struct err err = ERR_INIT;
-
-	job->finished_us = clock_real_us();
-	if (job->state == JOB_cancelled && !job->has_error) {
-		err_set(&err, ERR_CANCELLED, "the job was cancelled");
-		fail(job, &err);
-	}
-	job->run = run_free(job->run);
-	if (!job->waiting_row)
-		job_over(job);
-}
-
-static void stop_run(struct job *job)
-{
-	struct err err = ERR_INIT;
-
-	if (job->stop)
-		err_set(&err, ERR_CANCELLED, "the job was cancelled");
-	else
-		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	if (!job->run_ended)
-		run_stop(job->run, &err);
-}
-
-static void requeue(struct job *job)
-{
-	struct run_output *output = run_detach(job->run);
-
-	if (output)
-		output->calls->end(output, &job->err, NULL, NULL);
-	job->run = run_free(job->run);
-	job->has_error = false;
-	job->err = ERR_INIT;
-}
-
-void job_step(struct job *job)
-{
-	enum job_state before = job->state, next;
-
-	THREAD_LOOP_ONLY();
-	if (job_state_final(before))
-		return;
-	for (;;) {
-		next = states[job->state].step(job);
-		if (next == job->state)
-			break;
-		assert(states[job->state].next >> next & 1);
-		job->state = next;
-		if (next == JOB_cancelling)
-			stop_run(job);
-		if (next == JOB_queued) {
-			requeue(job);
-			break;
-		}
-		if (job_state_final(next)) {
-			ended(job);
-			break;
-		}
-	}
-	if (job->state != before)
-		tell(job);
-}
-
-void job_settle(struct job *job)
-{
-	if (job->run && !job->run_ended)
-		run_settle(job->run);
-	job_step(job);
-	job_fetch_settle(job);
-}
-
-/* Whoever watches it hears why it stands still. Of very many that wait, only when they get on. */
-static void look_waiting(struct job *job)
-{
-	enum { MANY = 256 };
-	struct job_info info = {.waiting = ""};
-
-	job->looked_ns = clock_mono_ns();
-	if (job->slot.requested && slots_requested(job->jobs->admission) > MANY)
-		return;
-	job_waiting(job, &info);
-	if (!strcmp(info.waiting, job->waited))
-		return;
-	memcpy(job->waited, info.waiting, sizeof job->waited);
-	job->moved = true;
-}
-
-void job_tick(struct job *job)
-{
-	if (job->run && !job->run_ended)
-		run_tick(job->run);
-	job_step(job);
-	if (clock_since(job->looked_ns) >= LOOK_SECONDS && !job_state_final(job->state))
-		look_waiting(job);
-	if (job->moved && clock_since(job->told_ns) >= TELL_SECONDS)
-		tell(job);
-	job_fetch_tick(job);
-}
-
-/* ---- what is asked ---- */
-
-/* With what its connection, its plan's file and its dataset keep of it. */
+/* With what its connection, its plan file and its dataset keep for it. */
 size_t job_bytes(size_t view)
 {
 	return sizeof(struct job) + view + 512;
@@ -482,7 +106,7 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct peer *
 	return NULL;
 }
 
-static bool may_see(const struct job *job, const struct peer *peer)
+static bool is_visible(const struct job *job, const struct peer *peer)
 {
 	return !job->removed && !job->waiting_row && rights_acts_as(peer, job->peer.uid);
 }
@@ -491,14 +115,16 @@ struct job *job_find(struct jobs *j, uint64_t id, const struct peer *peer)
 {
 	struct job *job = history_find(j, id);
 
-	return job && may_see(job, peer) ? job : NULL;
+	THREAD_LOOP_ONLY();
+	return job && is_visible(job, peer) ? job : NULL;
 }
 
 struct job *job_after(struct jobs *j, uint64_t id, const struct peer *peer)
 {
 	struct job *job;
 
-	while ((job = history_next(j, NULL, id)) && !may_see(job, peer))
+	THREAD_LOOP_ONLY();
+	while ((job = history_next(j, NULL, id)) && !is_visible(job, peer))
 		id = job->id;
 	return job;
 }
@@ -532,9 +158,9 @@ void job_info(const struct job *job, struct job_info *ret)
 void job_cancel(struct job *job)
 {
 	THREAD_LOOP_ONLY();
-	if (job_state_final(job->state) || job->stop)
+	if (job_state_final(job->state) || job->cancel)
 		return;
-	job->stop = true;
+	job->cancel = true;
 	job_step(job);
 }
 
@@ -542,8 +168,9 @@ int job_remove(struct job *job, struct err *err)
 {
 	struct err ignored = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (!job_state_final(job->state)) {
-		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id, states[job->state].wire);
+		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id, job_state_text(job->state));
 		return err_add_hint(err, "cancel it first");
 	}
 	job->removed = true;
@@ -551,15 +178,14 @@ int job_remove(struct job *job, struct err *err)
 		    deletions_add(job->jobs, job->id, &ignored) :
 		    !job->bound && catalogue_drop_job(job->jobs->core->p.catalogue, job->id, NULL, NULL, &ignored))
 		return err_set(err, ERR_NOMEM, "no memory to remove a job");
-	if (job->guest)
-		history_drop(job);
+	if (job->unpacked)
+		history_delete(job);
 	return 0;
 }
 
 void job_leave(struct job *job)
 {
 	THREAD_LOOP_ONLY();
-	job->left = true;
 	job_cancel(job);
 	job->removed = true;
 }
@@ -587,10 +213,10 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	job_slot_init(job);
 	job->submitted_us = row->submitted_us;
 	job->finished_us = row->finished_us;
-	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)
+	for (s = 0; s < JOB_STATES && strcmp(job_state_text((enum job_state)s), row->state); s++)
 		;
 	job->state = s < JOB_STATES ? (enum job_state)s : JOB_failed;
-	s = job_state_final(job->state) ? 0 : job_plan_new(job, err);
+	s = job_state_final(job->state) ? 0 : job_plan_file_new(job, err);
 	if (s)
 		return s;
 	job->has_report = *row->report != 0;
@@ -611,6 +237,6 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		err_set(&job->err, ERR_NOTFOUND, "its dataset is gone");
 	}
 	if (job_state_final(job->state))
-		history_keep(job);
+		history_pack(job);
 	return 0;
 }

@@ -1,6 +1,9 @@
 /*
- * Jobs: the mesh of a generation through a view; the stream of a job's mesh; plans without a job. Loop; a run calls `encode`,
- * `spool` and `refill` of an output on workers.
+ * Jobs: the mesh of a generation through a view; streams of such meshes; plans without a job.
+ *
+ * Loop thread; only the calls encode, spool and refill of an output (run.h) come from workers. A function that takes `token`
+ * answers exactly once, perhaps before it returns; `why` is NULL on success and valid during the call only. Functions that return
+ * int give 0 or -ERR_X.
  */
 #ifndef JOB_H
 #define JOB_H
@@ -15,130 +18,131 @@ struct datasets;
 struct job;
 struct jobs;
 
-/* ---- jobs ---- */
-
 enum job_state {
 #define JOB_STATE(name, wire, next) JOB_##name,
 #include "job_state.def"
 #undef JOB_STATE
 	JOB_STATES
 };
-const char *job_state_text(enum job_state);
-bool job_state_final(enum job_state);
+const char *job_state_text(enum job_state); /* its name on the wire */
+bool job_state_final(enum job_state);       /* the job is finished */
 
-/* ---- all of them ---- */
+/* ---- all jobs ---- */
 
 struct jobs_params {
 	struct core *core;
 	struct admission *admission;
 	struct datasets *datasets;
 	struct runs *runs;
-	/* A job came to be, went on, or ended. */
+	/* A job was accepted, has progressed, or ended. */
 	void (*changed)(void *ctx, struct job *);
 	void *ctx;
 };
 int jobs_new(const struct jobs_params *, struct jobs **ret, struct err *err);
 struct jobs *jobs_free(struct jobs *); /* NULL is fine; returns NULL */
-/* The start, before the loop runs: rows of the catalogue, then jobs_loaded with the largest number that it has given. */
+/* The start, before the loop runs: all rows of the catalogue, then jobs_loaded with the largest number that it has given out. */
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 void jobs_loaded(struct jobs *, uint64_t last);
-void jobs_settle(struct jobs *); /* starts what can start */
-void jobs_tidy(struct jobs *);   /* forgets what is too old or too much */
-void jobs_tick(struct jobs *);
-void jobs_park(struct jobs *);                    /* bound jobs end, unbound jobs stay queued for the next start */
-bool jobs_busy(const struct jobs *, bool queued); /* a run, stream or plan is at work; queued: or a job is not over */
-double jobs_longest(const struct jobs *);         /* seconds that the oldest run is at work; negative: none is */
-void jobs_count(const struct jobs *, uint32_t *ret_running, uint32_t *ret_waiting);
+
+void jobs_settle(struct jobs *); /* each round of the loop: starts what can start */
+void jobs_tidy(struct jobs *);   /* each round, last: packs and forgets finished jobs. Ends what job_find gave */
+void jobs_tick(struct jobs *);   /* each timer tick */
+void jobs_park(struct jobs *);   /* the daemon stops: bound jobs end, unbound ones stay queued for the next start */
+
+bool jobs_busy(const struct jobs *, bool queued); /* a run, stream or plan is active; `queued`: or a job is unfinished */
+double jobs_longest(const struct jobs *);         /* seconds since the oldest active run began; negative: there is none */
+void jobs_count(const struct jobs *, uint32_t *ret_running, uint32_t *ret_waiting);          /* unfinished jobs */
+unsigned jobs_owned(const struct jobs *, uint32_t uid);                                      /* unfinished jobs of that user */
+void jobs_unfinished(const struct jobs *, void (*each)(void *ctx, uint32_t uid), void *ctx); /* the user of each */
 struct jobs_stat {
-	uint64_t states[JOB_STATES]; /* jobs that are not over */
-	uint64_t kept;               /* jobs, over ones included */
-	uint64_t waiting_space;
-	double oldest_waiting;                /* seconds since the oldest job that has not begun was submitted; 0: none waits */
-	uint64_t domains_done, domains_total; /* of those that run; total 0: not planned yet */
+	uint64_t states[JOB_STATES];          /* unfinished jobs */
+	uint64_t kept;                        /* all jobs */
+	uint64_t waiting_space;               /* jobs that wait for disk space */
+	double oldest_waiting;                /* seconds since the oldest queued job was submitted; 0: none is queued */
+	uint64_t domains_done, domains_total; /* of running jobs; total 0: not planned yet */
 };
 void jobs_stat(const struct jobs *, struct jobs_stat *ret);
-unsigned jobs_owned(const struct jobs *, uint32_t uid); /* unfinished ones of that user */
-void jobs_unfinished(const struct jobs *, void (*each)(void *ctx, uint32_t uid), void *ctx);
 void jobs_held(const struct jobs *, void (*each)(void *ctx, const struct core_holder *), void *ctx);
-size_t jobs_kept(const struct jobs *); /* jobs, over ones included */
-/* Their numbers, first those whose dataset is there: gives how many these are. */
+size_t jobs_kept(const struct jobs *); /* number of all jobs */
+/* Numbers of all jobs (room for jobs_kept), those with a dataset first. Returns how many have one. */
 size_t jobs_list(const struct jobs *, uint64_t *ret);
 
-/* ---- one of them ---- */
+/* ---- one job ---- */
 
 enum job_priority { JOB_PRIORITY_NORMAL, JOB_PRIORITY_LOW, JOB_PRIORITY_HIGH, JOB_PRIORITIES };
 const char *job_priority_text(enum job_priority);
 
 struct job_report {
 	uint64_t points, used, vertices, triangles, hull, domains, halo;
-	uint64_t domains_reused; /* of `domains`: not triangulated for this job */
-	uint64_t removed[VIEW_RULES];
+	uint64_t domains_reused;      /* of `domains`: not triangulated for this job */
+	uint64_t removed[VIEW_RULES]; /* points that each rule of the view removed */
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
-	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
-	uint64_t points_read, cells_read;                      /* records, by the plan and by domains; cells, for halos */
-	uint64_t window;                                       /* 1: of a view with one; what is of a whole mesh means nothing */
-	double worked_seconds;                                 /* in which a worker or the disk was at it */
-	double seal_seconds, plan_seconds, domains_seconds;    /* of staging; up to the plan; from there to the end */
-	uint64_t peak_rss;
-	char most[96];  /* the position that most points of the view share: "POINTS X Y", in coordinates; "": each has one */
-	char note[160]; /* "" or a sentence, as for a mesh without triangles */
+	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 without triangles */
+	uint64_t points_read, cells_read;                      /* records read for plan and domains; cells read for halos */
+	uint64_t window;                                       /* 1: of a window; sums of a whole mesh mean nothing then */
+	double worked_seconds;                                 /* in which a task of it ran */
+	double seal_seconds, plan_seconds, domains_seconds;    /* of the staging; up to the plan; from there to the end */
+	uint64_t peak_rss;                                     /* bytes, of the daemon */
+	char most[96];  /* the position that most points of the view share: "POINTS X Y", in coordinates; "": none is shared */
+	char note[160]; /* a sentence, for example about a mesh without triangles; "": none */
 };
+/* Texts and pointers are borrowed from the job. */
 struct job_info {
 	uint64_t id, generation;
-	struct dataset *dataset; /* NULL: it is gone */
+	struct dataset *dataset; /* NULL: it was deleted */
 	const char *dataset_name, *view;
 	enum job_state state;
 	struct peer peer;
 	bool bound;
 	int64_t submitted_us, finished_us;
 	enum job_priority priority;
-	char waiting[96];     /* for what, in words; "": it does not */
-	uint64_t lacks_space; /* bytes of disk that it waits for; 0: it does not */
-	unsigned position;    /* among those that wait for their turn, from 1; 0: it has had it */
-	double seconds_left;  /* at the pace of late, without waiting; 0: not known */
-	const char *phase;    /* "select" (of points, for a view that selects) or "mesh" */
+	char waiting[96];       /* what it waits for, in words; "": nothing */
+	uint64_t space_missing; /* bytes of disk that it waits for; 0: it does not wait for disk */
+	unsigned position;      /* in the queue for a slot, from 1; 0: it is not in the queue */
+	double seconds_left;    /* estimate, without waiting; 0: unknown */
+	const char *phase;      /* "select" (the view selects points) or "mesh" */
 	uint64_t points_done, points_total, domains_done, domains_total;
 	const struct job_report *report; /* NULL unless done */
 	const struct err *err;           /* NULL unless failed or cancelled */
 };
 struct job_params {
 	struct dataset *dataset;
-	uint64_t generation;  /* 0 = the newest */
-	const char *view;     /* canonical text; "" = the default view */
-	const char *priority; /* its text; NULL, "": normal, or that of the earlier job. Above normal: -ERR_PERM, but
-			       * for root and the daemon's own user */
-	bool bound, fresh;
+	uint64_t generation;  /* 0: the newest */
+	const char *view;     /* canonical text; "": the default view */
+	const char *priority; /* its word; NULL or "": normal, or that of the earlier job. "high": administrators only */
+	bool bound;           /* the job belongs to its client: job_leave ends it, and no restart continues it */
+	bool fresh;           /* a new job even if there is one with the same generation and view */
 	struct peer peer;
 };
-/* Unbound jobs: `accepted` comes when the catalogue has it. */
+/* Answers with a new job, or with an earlier one of the same mesh. An unbound job is accepted when the catalogue has it.
+ * -ERR_USAGE, -ERR_PERM, -ERR_NOTFOUND, -ERR_LIMIT, -ERR_BUSY. */
 void job_submit(struct jobs *, const struct job_params *, void (*accepted)(void *token, const struct err *why, struct job *),
 		void *token);
-/* NULL: none that this peer may see. One that is over is there until the next jobs_settle: it is looked for again then. */
+/* NULL: no job that this peer may see. A finished job is valid until the next jobs_tidy; search for it again then. */
 struct job *job_find(struct jobs *, uint64_t id, const struct peer *);
-struct job *job_after(struct jobs *, uint64_t id, const struct peer *);
+struct job *job_after(struct jobs *, uint64_t id, const struct peer *); /* the next number above `id` */
 void job_info(const struct job *, struct job_info *ret);
-void job_cancel(struct job *);
-/* -ERR_BUSY: it is not over. */
-int job_remove(struct job *, struct err *err);
-/* The owner of a bound job is gone. */
-void job_leave(struct job *);
+void job_cancel(struct job *);                 /* nothing if it is finished */
+int job_remove(struct job *, struct err *err); /* -ERR_BUSY: it is not finished */
+void job_leave(struct job *);                  /* the client of a bound job has left: cancels and removes it */
 
 /* ---- the mesh of a job ---- */
 
-/* The view of the job with a window, to be freed: `area` as PROTOCOL.md has it. */
+/* The text of the job's view with a window; the caller frees it. `area`: as in PROTOCOL.md. -ERR_USAGE, -ERR_GONE. */
 int job_window(const struct job *, const char *area, char **ret, struct err *err);
-/* Streams the mesh of `job` into `output`: a bound one that has just begun as it is made; one that runs as far as
- * it is stored, and on as it gets there; else when the job has begun or is done. */
+/* Streams the mesh of the job into `output`; output->calls->end comes once. A new bound job sends its own blocks as it makes
+ * them. A running unbound job is followed through the store. Otherwise the stream waits until the job is done. */
 void job_fetch(struct job *, struct run_output *output);
 
 /* ---- plans ---- */
 
 struct job_plan {
 	uint64_t points, domains, domains_reused, memory_bytes, disk_bytes;
-	bool exact;
+	bool exact; /* numbers of points are exact */
 	uint32_t load, threads;
-	double seconds; /* at the pace of the newest finished job; 0: there is none to go by */
+	double seconds; /* estimate, from the newest suitable job; 0: there is none */
 };
+/* Plans a mesh without making it. The errors of job_submit. */
 void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *view, const struct peer *,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token);
 

@@ -1,9 +1,9 @@
-/* What the log hears of the ends of jobs. */
+/* Events of the ends of jobs. */
 #include <stdio.h>
 
 #include "job_priv.h"
 
-void job_tell_end(const struct job *job)
+void job_event_end(const struct job *job)
 {
 	const struct job_report *r = &job->report;
 	const char *dataset = job->dataset ? job->dataset->name : "";

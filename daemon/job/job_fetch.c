@@ -1,10 +1,9 @@
 /*
  * Streams of a job's mesh.
  *
- * The model: the first stream of a bound job is the output of the job's own run, so that triangles leave as
- * soon as their domain is done. Every other stream is a run of its own over the job's plan: of a job that is done
- * at once; of an unbound one that runs as far as the job has come, since its domains are in the store when they are
- * emitted, and on as it gets on. What is missing in the store is made again. The digests must be those of the job.
+ * The model: the first stream of a bound job is the output of the job's own run, so triangles are sent as soon as their domain is
+ * made. Every other stream has a run of its own over the job's plan. The stream of a running unbound job follows the job: domains
+ * that the job has emitted are in the store. What is missing there is made again. The digests must be those of the job.
  */
 #include "job_fetch.h"
 
@@ -15,7 +14,7 @@
 #include "job_priv.h"
 #include "history.h"
 
-#define LOOK_SECONDS 0.5 /* what begins sooner did not wait */
+#define WAITING_SECONDS 0.5 /* a stream that begins sooner reports no waiting */
 
 static void fetch_free(struct job_fetch *f)
 {
@@ -41,7 +40,7 @@ static void fetch_ended(void *ctx, const struct err *why)
 		f->why = *why;
 }
 
-static void fetch_unread(void *ctx, const struct err *why)
+static void fetch_abandoned(void *ctx, const struct err *why)
 {
 	struct job_fetch *f = ctx;
 
@@ -66,17 +65,17 @@ static void forget_output(struct run_output *output)
 	output->waiting = NULL;
 }
 
-static const struct run_calls calls = {.unread = fetch_unread, .ended = fetch_ended, .reach = fetch_reach};
+static const struct run_calls calls = {.abandoned = fetch_abandoned, .ended = fetch_ended, .reach = fetch_reach};
 
-/* From the start. */
-static bool fresh(const struct run_output *output)
+/* The whole mesh, from its first block. */
+static bool is_whole_stream(const struct run_output *output)
 {
 	return !output->from && !output->wants && !output->window && !output->since;
 }
 
-static void begin(struct job_fetch *f);
+static void fetch_begin(struct job_fetch *f);
 
-static void granted(struct slot *slot)
+static void on_slot_granted(struct slot *slot)
 {
 	struct job_fetch *f = (struct job_fetch *)((char *)slot - offsetof(struct job_fetch, slot));
 
@@ -84,9 +83,9 @@ static void granted(struct slot *slot)
 		run_begin(f->run);
 		return;
 	}
-	/* At once: whoever asks next for a place must find this one taken. */
-	f->placed = true;
-	begin(f);
+	/* At once: the slot counts as taken only when its run exists. */
+	f->slot_granted = true;
+	fetch_begin(f);
 }
 
 void job_fetch(struct job *job, struct run_output *output)
@@ -98,11 +97,11 @@ void job_fetch(struct job *job, struct run_output *output)
 	THREAD_LOOP_ONLY();
 	output->run = NULL;
 	output->waiting = NULL;
-	if (history_awake(job, &job, &err)) {
+	if (history_activate(job, &job, &err)) {
 		output->calls->end(output, &err, NULL, NULL);
 		return;
 	}
-	if (job->bound && fresh(output) && job->run && !job->run_ended && run_attach(job->run, output))
+	if (job->bound && is_whole_stream(output) && job->run && !job->run_ended && run_attach(job->run, output))
 		return;
 	f = calloc(1, sizeof *f);
 	output->window = NULL;
@@ -122,7 +121,7 @@ void job_fetch(struct job *job, struct run_output *output)
 	f->why = ERR_INIT;
 	f->begun_ns = clock_mono_ns();
 	f->slot.owner = job->slot.owner;
-	f->slot.granted = granted;
+	f->slot.granted = on_slot_granted;
 	f->slot.reader = true;
 	output->waiting = f;
 	output->forget = forget_output;
@@ -136,13 +135,13 @@ void job_fetch_attach(struct job *job)
 {
 	struct job_fetch *f = job->fetches;
 
-	if (!job->bound || !f || !f->output || f->window || !fresh(f->output) || !run_attach(job->run, f->output))
+	if (!job->bound || !f || !f->output || f->window || !is_whole_stream(f->output) || !run_attach(job->run, f->output))
 		return;
 	f->output->waiting = NULL;
 	fetch_free(f);
 }
 
-static void end(struct job_fetch *f, struct run_output *output, const struct err *why)
+static void fetch_end(struct job_fetch *f, struct run_output *output, const struct err *why)
 {
 	struct job_report report;
 
@@ -164,12 +163,12 @@ static void end(struct job_fetch *f, struct run_output *output, const struct err
 	fetch_free(f);
 }
 
-static uint64_t apart(uint64_t a, uint64_t b)
+static uint64_t distance(uint64_t a, uint64_t b)
 {
 	return a < b ? b - a : a - b;
 }
 
-static int never_was(const struct run_since *s, struct err *err)
+static int refuse_future(const struct run_since *s, struct err *err)
 {
 	err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu: it has %llu to %llu", s->dataset,
 		(unsigned long long)s->generation, (unsigned long long)s->oldest, (unsigned long long)s->newest);
@@ -178,7 +177,7 @@ static int never_was(const struct run_since *s, struct err *err)
 			 err_add_hint(err, "fetch the whole mesh, without --changed-since");
 }
 
-/* The newest jobs that are done with the mesh of the output's generation. */
+/* Finds the newest finished jobs with the mesh of that generation, for a stream of changes. */
 static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 {
 	enum { MOST = sizeof f->since.base / sizeof *f->since.base };
@@ -191,7 +190,7 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 				.oldest = dataset_oldest(job->dataset),
 				.newest = job->dataset->generation};
 	if (job->bound)
-		return err_set(err, ERR_USAGE, "changes are those of a submitted job, not of a mesh of one step");
+		return err_set(err, ERR_USAGE, "changes exist for submitted jobs, not for one-step meshes");
 	if (!digest_parse(job->report.digest, &s->digest) || !digest_parse(job->report.vertex_digest, &s->vertex_digest))
 		return err_set(err, ERR_GONE, "the digests of job %llu are not known", (unsigned long long)job->id);
 	for (other = history_next(job->jobs, job->dataset, 0); other; other = history_next(job->jobs, job->dataset, other->id)) {
@@ -203,7 +202,7 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 			continue;
 		if (other->generation != generation) {
 			if (other->generation != job->generation &&
-			    (!s->near || apart(other->generation, generation) <= apart(s->near, generation)))
+			    (!s->near || distance(other->generation, generation) <= distance(s->near, generation)))
 				s->near = other->generation;
 			continue;
 		}
@@ -211,10 +210,10 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 		s->base[0] = base;
 		s->n += s->n < MOST;
 	}
-	return generation > s->newest ? never_was(s, err) : 0;
+	return generation > s->newest ? refuse_future(s, err) : 0;
 }
 
-static int cannot_be_made(const struct job *job, struct err *err)
+static int check_meshable(const struct job *job, struct err *err)
 {
 	if (!job->dataset)
 		return err_set(err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
@@ -222,10 +221,10 @@ static int cannot_be_made(const struct job *job, struct err *err)
 		return 0;
 	err_set(err, ERR_GONE, "job %llu was done by an older acutd, which left positions without triangles out of the mesh",
 		(unsigned long long)job->id);
-	return err_add_hint(err, "submit %s again: its mesh has them", job->dataset->name);
+	return err_add_hint(err, "submit %s again: the new mesh has them", job->dataset->name);
 }
 
-static void begin(struct job_fetch *f)
+static void fetch_begin(struct job_fetch *f)
 {
 	struct job *job = f->job;
 	struct run_params p = {
@@ -246,49 +245,49 @@ static void begin(struct job_fetch *f)
 	struct err err = ERR_INIT;
 
 	if (!f->output) {
-		/* Its client has left since it sought a place: it goes when the job is settled. */
-		f->placed = false;
+		/* Its client has left while it waited for a slot. job_fetch_settle frees it. */
+		f->slot_granted = false;
 		return;
 	}
 	if (job_state_final(job->state) && job->state != JOB_done) {
-		end(f, f->output, &job->err);
+		fetch_end(f, f->output, &job->err);
 		return;
 	}
-	if (cannot_be_made(job, &err)) {
-		end(f, f->output, &err);
+	if (check_meshable(job, &err)) {
+		fetch_end(f, f->output, &err);
 		return;
 	}
 	if (f->output->since && !f->since.generation && find_base(f, f->output->since, &err)) {
-		end(f, f->output, &err);
+		fetch_end(f, f->output, &err);
 		return;
 	}
 	p.since = f->output->since ? &f->since : NULL;
-	if (!f->placed) {
+	if (!f->slot_granted) {
 		slot_request(job->jobs->admission, &f->slot, 0);
 		return;
 	}
-	f->placed = false;
+	f->slot_granted = false;
 	switch (run_new(&p, &f->run, &err)) {
 	case 0:
 		break;
 	case -ERR_BUSY:
 		return; /* no memory for its view now */
 	default:
-		end(f, f->output, &err);
+		fetch_end(f, f->output, &err);
 		return;
 	}
 	f->output->waiting = NULL;
 	if (!run_attach(f->run, f->output)) {
 		err_set(&err, ERR_INTERNAL, "a new stream cannot be attached");
-		end(f, f->output, &err);
+		fetch_end(f, f->output, &err);
 		return;
 	}
 	f->output = NULL;
 	run_begin(f->run);
 }
 
-/* Same job, same mesh: anything else is a fault, and the client must not keep it. */
-static void finish(struct job_fetch *f)
+/* The stream of a job must be the job's mesh. If not, the client must not keep it. */
+static void fetch_finish(struct job_fetch *f)
 {
 	struct run_output *output = run_detach(f->run);
 	char hex[DIGEST_HEX_SIZE];
@@ -299,13 +298,13 @@ static void finish(struct job_fetch *f)
 		run_change_agrees(f->run, &f->why);
 	else if (!f->why.code && !f->window && strcmp(digest_hex(run_totals(f->run)->digest, hex), f->job->report.digest))
 		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex, f->job->report.digest);
-	end(f, output, f->why.code ? &f->why : NULL);
+	fetch_end(f, output, f->why.code ? &f->why : NULL);
 }
 
-/* It is over, or has a plan and puts its domains into the store. */
+/* The job is finished, or has a plan and puts its domains into the store. */
 static bool can_begin(const struct job *job, const struct job_fetch *f)
 {
-	/* Which of its regions hold is known when all of them are. */
+	/* Changes can be computed only when all regions are known. */
 	if (f->output && f->output->since && !job_state_final(job->state))
 		return false;
 	return job_state_final(job->state) || (job->state == JOB_meshing && !job->bound && job->planned && !job->run_ended);
@@ -322,23 +321,23 @@ void job_fetch_settle(struct job *job)
 			run_stop(f->run, &job->err);
 		if (f->run && !f->run_ended)
 			run_settle(f->run);
-		/* Whole, but the job has not said so yet. */
+		/* The mesh is complete, but the job has not ended yet. */
 		if (f->run && f->run_ended && !f->why.code && !job_state_final(job->state) && !f->window)
 			continue;
 		if (f->run && f->run_ended)
-			finish(f);
+			fetch_finish(f);
 		else if (!f->run && !f->output)
 			fetch_free(f);
 		else if (!f->run && (can_begin(job, f) || f->window)) /* a window needs nothing that the job makes */
-			begin(f);
+			fetch_begin(f);
 	}
 }
 
-/* Whoever reads it hears why nothing comes. */
-static void look_waiting(struct job_fetch *f)
+/* Tells the client why no data comes. */
+static void check_waiting(struct job_fetch *f)
 {
 	struct run_output *output = f->run ? run_output(f->run) : f->output;
-	char waits[sizeof f->waited] = "";
+	char waits[sizeof f->waiting_text] = "";
 
 	if (!output || !output->calls->waits)
 		return;
@@ -346,9 +345,9 @@ static void look_waiting(struct job_fetch *f)
 		slot_wait_text(f->job->jobs->admission, &f->slot, waits, sizeof waits);
 	else if (f->run && !f->run_ended)
 		run_waiting(f->run, waits, sizeof waits);
-	if (!strcmp(waits, f->waited))
+	if (!strcmp(waits, f->waiting_text))
 		return;
-	memcpy(f->waited, waits, sizeof waits);
+	memcpy(f->waiting_text, waits, sizeof waits);
 	output->calls->waits(output, waits);
 }
 
@@ -356,10 +355,11 @@ void job_fetch_tick(struct job *job)
 {
 	struct job_fetch *f;
 
-	/* Of a job that is not over, its own news are told. First: who is at the end of his patience hears why. */
+	/* While the job is unfinished, its own progress is reported. The reason comes first, before run_tick may end the
+	 * stream. */
 	for (f = job->fetches; f; f = f->next)
-		if (job_state_final(job->state) && clock_since(f->begun_ns) >= LOOK_SECONDS)
-			look_waiting(f);
+		if (job_state_final(job->state) && clock_since(f->begun_ns) >= WAITING_SECONDS)
+			check_waiting(f);
 	for (f = job->fetches; f; f = f->next)
 		if (f->run && !f->run_ended)
 			run_tick(f->run);
@@ -375,7 +375,7 @@ void job_fetch_park(struct job *job)
 	for (f = job->fetches; f; f = next) {
 		next = f->next;
 		if (!f->run)
-			end(f, f->output, &err);
+			fetch_end(f, f->output, &err);
 		else if (!f->run_ended)
 			run_stop(f->run, &err);
 	}

@@ -1,4 +1,4 @@
-/* What the files of this room share. */
+/* What the files of this room share. Loop unless a function says otherwise. */
 #ifndef JOB_PRIV_H
 #define JOB_PRIV_H
 
@@ -10,57 +10,63 @@
 #include "run.h"
 
 enum { JOBS_OPEN_MAX = 4096 };
-/* But for the texts of views with large areas, which are counted: of all jobs, and one text has up to VIEW_TEXT_MAX. */
+/* Bytes of the texts of all jobs' views. Large areas make them large: one text has up to VIEW_TEXT_MAX. */
 enum { JOBS_VIEWS_MAX = 4 << 20 };
 
 struct job {
-	struct job *next; /* of those at work, by id */
+	struct job *next; /* in jobs.jobs, by id */
 	struct jobs *jobs;
-	bool guest; /* history.c: to be read, until the next round of the loop */
+	bool unpacked; /* a copy of a packed job (history.h) */
 	uint64_t id, generation;
-	struct dataset *dataset;
-	char *view;
-	size_t charged; /* of LEDGER_JOBS */
+	struct dataset *dataset; /* held; NULL: it was deleted */
+	char *view;              /* canonical text */
+	size_t charged;          /* bytes of LEDGER_JOBS */
 	enum job_state state;
 	struct peer peer;
 	enum job_priority priority;
-	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
+	bool bound;   /* it ends with its client, and has no row */
+	bool planned; /* its run has a plan */
+	bool has_report, has_error;
+	bool cancel;      /* requested */
+	bool waiting_row; /* its first row is on its way to the catalogue */
+	bool removed;     /* nobody finds it; it is freed when nothing uses it */
 	int64_t submitted_us, finished_us;
-	uint64_t begun_ns; /* monotonic, of this run of the daemon */
+	uint64_t begun_ns; /* monotonic, in this daemon */
 	struct slot slot;
-	bool placed; /* granted, and not begun */
-	struct run *run;
+	bool slot_granted; /* and the run not made yet */
+	struct run *run;   /* NULL: none */
 	bool run_ended;
 	struct plan_file *plan;
 	struct job_report report;
 	struct err err;
 	struct job_fetch *fetches;
-	uint64_t told_ns;   /* when `changed` last told progress */
-	uint64_t looked_ns; /* when it was last seen what it waits for */
-	char waited[96];    /* as told */
-	bool moved;
+	uint64_t reported_ns;        /* when `changed` was called last */
+	uint64_t waiting_checked_ns; /* when waiting_text was compared last */
+	char waiting_text[96];       /* what it waits for, as reported */
+	bool progressed;             /* since reported_ns */
 	void (*accepted)(void *token, const struct err *why, struct job *);
 	void *token;
 };
 
-/* A stream of a mesh that is not the job's own run. */
+/* A stream of a mesh that is not the output of the job's own run. */
 struct job_fetch {
 	struct job_fetch *next;
 	struct job *job;
-	struct run_output *output;
+	struct run_output *output; /* NULL: the run has it, or its client left */
 	struct slot slot;
-	bool placed;
+	bool slot_granted;
 	struct run *run;
 	bool run_ended;
 	struct err why;
-	char *window; /* the view, of a window of the job's mesh; else NULL */
+	char *window; /* the view, for a window of the job's mesh; otherwise NULL */
 	uint64_t begun_ns;
-	struct run_since since; /* of a stream of changes */
-	char waited[96];        /* for what, as its client was told */
+	struct run_since since; /* for a stream of changes */
+	char waiting_text[96];  /* what it waits for, as reported */
 };
 
-struct job_asked_plan {
-	struct job_asked_plan *next;
+/* A plan that was asked for without a job. */
+struct job_plan_request {
+	struct job_plan_request *next;
 	struct jobs *jobs;
 	struct slot slot;
 	struct run *run;
@@ -79,17 +85,16 @@ struct jobs {
 	void (*changed)(void *ctx, struct job *);
 	void *changed_ctx;
 	struct runs *runs;
-	struct job *jobs; /* at work: not over, or read, or about to go. All: history.h */
+	struct job *jobs; /* active ones; all jobs: history.h */
 	struct history *history;
-	int64_t aged_us;     /* when jobs that are too old were looked for */
+	int64_t aged_us;     /* when no job was too old; real time */
 	uint64_t *deletions; /* deletions.c */
 	size_t ndeletions, deletions_room;
-	struct job *spare; /* while jobs are loaded: what the one before was made in */
-	struct job_asked_plan *plans;
+	struct job *spare; /* memory for the next job, while jobs are loaded */
+	struct job_plan_request *plans;
 	uint64_t last_job;
 };
 
-/* What log_event is told. */
 #define ABOUT_JOB(j)                                                                    \
 	(&(const struct log_about){.job = (j)->id,                                      \
 				   .dataset = (j)->dataset ? (j)->dataset->name : NULL, \
@@ -97,54 +102,59 @@ struct jobs {
 				   ABOUT_USER((j)->peer.uid),                           \
 				   .pid = (j)->peer.pid})
 
-/* job_event.c */
-void job_tell_end(const struct job *);
+/* jobs.c */
+void jobs_pack_finished(struct jobs *); /* all active jobs that can be packed */
+/* Removes the oldest finished job of the user who has most of `kind`, with `more` added for `uid`. False: there is none. */
+bool jobs_forget_one(struct jobs *, enum history_kind, uint32_t uid, uint64_t more);
 
 /* job.c */
-void job_step(struct job *);
-void job_tick(struct job *);
-/* `view` becomes the job's, unless there is no memory: then NULL. */
+/* A new, active job. It owns `view` from here on. NULL: err says why, and `view` stays the caller's. */
 struct job *job_add(struct jobs *, uint64_t id, char *view, const struct peer *, struct err *err);
+struct job *job_free(struct job *); /* NULL is fine; returns NULL */
+void job_release(struct job *);     /* frees what it owns, but not itself */
+size_t job_bytes(size_t view);      /* charged for an active job whose view's text has that many bytes */
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
-void job_over(struct job *); /* its last row, and the log */
-struct job *job_free(struct job *);
-void job_done_with(struct job *); /* all of it but itself goes */
-size_t job_bytes(size_t view);    /* charged for one at work */
-/* Where its plan is kept. */
-int job_plan_new(struct job *, struct err *err);
-/* Its plan's file goes, later. */
-void job_plan_drop(struct job *);
-/* Plans of jobs that are not there any more go, later. */
-void job_plan_sweep(struct jobs *);
-/* deletions.c: rows of jobs that gave way while the catalogue was loaded. */
+
+/* job_state.c */
+void job_step(struct job *); /* steps through the states until one waits */
+void job_settle(struct job *);
+void job_tick(struct job *);
+void job_slot_init(struct job *);  /* when peer and priority are known */
+void job_record_end(struct job *); /* writes the last row, and logs the end */
+
+/* job_event.c */
+void job_event_end(const struct job *);
+
+/* job_view.c */
+/* The canonical text of a view that was asked of this dataset, which has a generation. The caller frees it. */
+int job_view(const char *text, const struct dataset *, char **ret, struct err *err);
+
+/* job_waiting.c */
+/* Reads the word of a priority; "" and NULL leave *ret. -ERR_USAGE, -ERR_PERM. */
+int job_priority_read(const char *text, const struct peer *, enum job_priority *ret, struct err *err);
+void job_set_priority(struct job *, enum job_priority);
+void job_waiting(const struct job *, struct job_info *ret); /* sets the fields about waiting */
+
+/* job_plan_file.c */
+int job_plan_file_new(struct job *, struct err *err); /* sets job->plan; no file is touched */
+void job_plan_file_drop(struct job *);                /* removes the file in the background */
+void job_plan_file_sweep(struct jobs *);              /* removes, later, the plans of jobs that do not exist */
+
+/* job_plan.c */
+void job_plans_settle(struct jobs *);
+void job_plans_park(struct jobs *);
+
+/* deletions.c: rows to delete, of jobs that were dropped while the catalogue was loaded */
 int deletions_add(struct jobs *, uint64_t id, struct err *err);
 void deletions_settle(struct jobs *);
 void deletions_free(struct jobs *);
-void job_settle(struct job *);
-void job_slot_init(struct job *); /* when its peer and priority are known */
-void job_plans_settle(struct jobs *);
-void job_plans_park(struct jobs *);
-/* The canonical text, to be freed, of a view asked of this dataset, which has a generation. */
-int job_view(const char *text, const struct dataset *, char **ret, struct err *err);
-
-/* job_waiting.c: what a job waits for, and what it asks to go before */
-/* -ERR_USAGE: no such word; -ERR_PERM. "" leaves *ret. */
-int job_priority_read(const char *text, const struct peer *, enum job_priority *ret, struct err *err);
-void job_set_priority(struct job *, enum job_priority);
-void job_waiting(const struct job *, struct job_info *ret); /* its fields about that */
 
 /* report.c */
 char *report_text(const struct job_report *, char *buf, size_t size);
 void report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
-void report_window(struct job_report *); /* made so, but it is that of a window */
-/* By an acutd that left positions without triangles out of the mesh: it says nothing of the mesh as it is made now. */
+void report_window(struct job_report *); /* turns it into the report of a window */
+/* It is of an older acutd that left positions without triangles out of the mesh, so the mesh cannot be made again. */
 bool report_without_flat(const struct job_report *);
-
-/* jobs.c */
-void jobs_put_away(struct jobs *); /* those that are over and that nobody looks at: history_keep */
-/* A job that is over and that nobody looks at goes: the oldest of the user who has most of that (`more` counted with
- * those of `uid`). False: there is none. */
-bool jobs_forget_one(struct jobs *, enum history_kind, uint32_t uid, uint64_t more);
 
 #endif

@@ -1,7 +1,8 @@
 /*
- * Jobs that are asked for: the view as it was asked, the limits, whether there is such a job already, and the
- * row that makes an unbound one outlive the daemon. Planning need not wait for that row: what a job does before it is promised is
- * derived, and a crash leaves a plan at most, of a number that another job will get.
+ * Submission of jobs: permissions and limits, earlier jobs with the same mesh, and the first row.
+ *
+ * An unbound job begins before its row is written. What it makes until then is derived data; after a crash at most a plan
+ * remains, under a number that another job gets.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,18 +14,19 @@
 #include "history.h"
 #include "plan_file.h"
 
-static void accept(struct job *job, const struct err *why)
+static void submit_answer(struct job *job, const struct err *why)
 {
 	void (*accepted)(void *token, const struct err *why, struct job *) = job->accepted;
 
+	THREAD_LOOP_ONLY();
 	job->waiting_row = false;
 	job->accepted = NULL;
 	if (accepted)
 		accepted(job->token, why, why ? NULL : job);
 }
 
-/* Without a row it was never there, however far it has come. */
-static void refuse(struct job *job, const struct err *why)
+/* The row failed: the job is refused, whatever it has made. */
+static void submit_refuse(struct job *job, const struct err *why)
 {
 	char what[128];
 
@@ -32,7 +34,7 @@ static void refuse(struct job *job, const struct err *why)
 		 job->dataset->name);
 	log_event_err(LOG_EVENT_JOB_FAILED, ABOUT_JOB(job), what, why);
 	job->removed = true;
-	accept(job, why);
+	submit_answer(job, why);
 	job_cancel(job);
 }
 
@@ -41,118 +43,65 @@ static void submit_row_done(void *ctx, int r, const struct err *why)
 	struct job *job = ctx;
 
 	if (r) {
-		refuse(job, why);
+		submit_refuse(job, why);
 		return;
 	}
-	accept(job, NULL);
-	/* It was faster than its row. */
+	submit_answer(job, NULL);
+	/* The job finished before its row was written. */
 	if (job_state_final(job->state))
-		job_over(job);
+		job_record_end(job);
 	else
 		job_step(job);
 }
 
-/* ---- the run's calls ---- */
-
-/* Of a dataset that was read in part, a view must lie in what was read. A unit more or less is what rounding
- * makes of the corners, and reading took two more. */
-static int check_partial(const struct dataset *d, const struct lattice *l, const struct view *view, struct err *err)
-{
-	double unit = decimal_double(l->scale_xy);
-	bool inside = view->crop != VIEW_CROP_NONE;
-
-	for (int i = 0; d->partial && inside && i < 4; i++) {
-		double at = (double)view->crop_box[i] * unit;
-
-		inside = i < 2 ? at >= d->crop[i] - unit : at <= d->crop[i] + unit;
-	}
-	if (!d->partial || inside)
-		return 0;
-	err_set(err, ERR_USAGE, "of the inputs of the dataset %s only the points in the box %.15g,%.15g,%.15g,%.15g were read",
-		d->name, d->crop[0], d->crop[1], d->crop[2], d->crop[3]);
-	return err_add_hint(err, "push them into a named dataset: it takes them whole and serves any view");
-}
-
-static int view_of(const char *text, const char *window, const struct dataset *d, char **ret, struct err *err)
-{
-	struct lattice lattice;
-	struct view view;
-	int r;
-
-	if (!lattice_parse(d->lattice, &lattice))
-		return err_set(err, ERR_INTERNAL, "the lattice of the dataset %s cannot be read", d->name);
-	r = view_resolve_window(text, window, &lattice, d->unit_xy, &view, err);
-	if (r)
-		return r;
-	r = check_partial(d, &lattice, &view, err);
-	*ret = r ? NULL : view_text(&view);
-	view_done(&view);
-	if (r)
-		return r;
-	return *ret ? 0 : err_set(err, ERR_NOMEM, "no memory for a view");
-}
-
-int job_view(const char *text, const struct dataset *d, char **ret, struct err *err)
-{
-	return view_of(text, "", d, ret, err);
-}
-
-int job_window(const struct job *job, const char *area, char **ret, struct err *err)
-{
-	if (!job->dataset)
-		return err_set(err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
-	if (strstr(job->view, " window="))
-		return err_set(err, ERR_USAGE, "the mesh of job %llu is that of a window already", (unsigned long long)job->id);
-	return view_of(job->view, area, job->dataset, ret, err);
-}
-
-/* The same generation and view: the same job, unless it came to nothing or to another mesh than now. */
+/* An earlier job with the same generation and view, unless it failed, was cancelled, or made another mesh than today's version
+ * would. */
 static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation, const char *view)
 {
 	struct job *job;
 
 	for (uint64_t id = 0; (job = history_next(j, p->dataset, id)); id = job->id)
-		if (job->generation == generation && !job->bound && !job->removed && !job->stop && job->peer.uid == p->peer.uid &&
-		    job->state != JOB_failed && job->state != JOB_cancelled && !strcmp(job->view, view) &&
-		    !report_without_flat(&job->report))
+		if (job->generation == generation && !job->bound && !job->removed && !job->cancel &&
+		    job->peer.uid == p->peer.uid && job->state != JOB_failed && job->state != JOB_cancelled &&
+		    !strcmp(job->view, view) && !report_without_flat(&job->report))
 			return job;
 	return NULL;
 }
 
 /*
- * Jobs that are over keep theirs, for later streams, until others need the room: then the oldest go of the user who has most
- * of it. What is not over cannot go, so a user may fill at most half of what the unfinished jobs of others leave: however
- * many users take what they may, something is left for the next.
+ * Finished jobs keep the texts of their views for later streams. When room is needed, the oldest of the user who has most are
+ * dropped. Unfinished jobs cannot be dropped, so a user may have at most half of what other users' unfinished jobs leave:
+ * something is always left for the next user.
  */
-static uint64_t views_most(const struct peer *peer, const struct history_views *v)
+static uint64_t views_limit(const struct peer *peer, const struct history_views *v)
 {
 	uint64_t others = v->busy - v->own_busy, left = others < JOBS_VIEWS_MAX ? JOBS_VIEWS_MAX - others : 0;
 
 	return rights_admin(peer) ? left : left / 2;
 }
 
-static int take_view(struct jobs *j, const struct peer *peer, const char *view, struct err *err)
+static int reserve_view(struct jobs *j, const struct peer *peer, const char *view, struct err *err)
 {
 	uint64_t n = strlen(view);
 	struct history_views v;
 
 	history_views(j, peer->uid, &v);
-	if (v.own_busy + n <= views_most(peer, &v) && v.all + n <= JOBS_VIEWS_MAX)
+	if (v.own_busy + n <= views_limit(peer, &v) && v.all + n <= JOBS_VIEWS_MAX)
 		return 0;
-	jobs_put_away(j); /* what is over is not busy */
+	jobs_pack_finished(j); /* finished jobs count as unfinished until they are packed */
 	history_views(j, peer->uid, &v);
-	if (v.own_busy + n > views_most(peer, &v)) {
+	if (v.own_busy + n > views_limit(peer, &v)) {
 		err_set(err, ERR_BUSY,
-			"its area takes %llu KiB, and those of this user's unfinished jobs %llu of the %llu KiB that they may have",
+			"its area takes %llu KiB; the areas of this user's unfinished jobs take %llu of at most %llu KiB",
 			(unsigned long long)(n + 1023) >> 10, (unsigned long long)(v.own_busy + 1023) >> 10,
-			(unsigned long long)views_most(peer, &v) >> 10);
+			(unsigned long long)views_limit(peer, &v) >> 10);
 		return err_add_hint(err, "submit it again when some of them are done, or crop to a simpler area");
 	}
 	while (v.all + n > JOBS_VIEWS_MAX && jobs_forget_one(j, HISTORY_VIEWS, peer->uid, n))
 		history_views(j, peer->uid, &v);
 	if (v.all + n <= JOBS_VIEWS_MAX)
 		return 0;
-	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them", JOBS_VIEWS_MAX >> 20);
+	err_set(err, ERR_BUSY, "the areas of unfinished jobs take all of the %d MiB for areas", JOBS_VIEWS_MAX >> 20);
 	return err_add_hint(err, "submit it again when some of them are done");
 }
 
@@ -183,7 +132,7 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 	return job_view(p->view, p->dataset, ret_view, err);
 }
 
-/* Asked for again, with another priority: that is how it is changed. */
+/* Submitting a job again with another priority changes it. */
 static void change_priority(struct job *job, const struct job_params *p, enum job_priority priority)
 {
 	struct err err = ERR_INIT;
@@ -192,10 +141,10 @@ static void change_priority(struct job *job, const struct job_params *p, enum jo
 		return;
 	job_set_priority(job, priority);
 	if (job_put_row(job, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a priority is forgotten at the next start", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a new priority is lost at the next start", &err);
 }
 
-/* No limit holds for admins. */
+/* The limit does not apply to administrators. */
 static int limit_jobs(const struct jobs *j, const struct peer *peer, struct err *err)
 {
 	unsigned own;
@@ -206,77 +155,84 @@ static int limit_jobs(const struct jobs *j, const struct peer *peer, struct err 
 	own = jobs_owned(j, peer->uid);
 	if (own < j->core->p.user.jobs)
 		return 0;
-	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run, and %u are all that one user may have (user-jobs)", own,
-		j->core->p.user.jobs);
+	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run; one user may have %u (user-jobs)", own, j->core->p.user.jobs);
 	err_add_hint(err, "submit it again when some of them are done, or cancel some");
 	return err_add_place(err, ERR_NO_OFFSET, "user-jobs");
+}
+
+/* Takes `view` if it succeeds. */
+static struct job *make_job(struct jobs *j, const struct job_params *p, char *view, enum job_priority priority, struct err *err)
+{
+	struct job *job = NULL;
+
+	if (!limit_jobs(j, &p->peer, err) && !reserve_view(j, &p->peer, view, err))
+		job = job_add(j, ++j->last_job, view, &p->peer, err);
+	if (!job)
+		return NULL;
+	job->dataset = dataset_hold(p->dataset);
+	job->generation = p->generation ? p->generation : p->dataset->generation;
+	job->priority = priority;
+	job->bound = p->bound;
+	job_slot_init(job);
+	job->submitted_us = clock_real_us();
+	job->begun_ns = clock_mono_ns();
+	return job;
+}
+
+/* An unbound job begins at once. It is answered, listed and reported when the catalogue has its row. */
+static void start_job(struct job *job)
+{
+	struct err err = ERR_INIT;
+
+	if (job->bound) {
+		submit_answer(job, NULL);
+	} else {
+		job->waiting_row = true;
+		if (job_put_row(job, submit_row_done, &err)) {
+			submit_refuse(job, &err);
+			return;
+		}
+	}
+	job_step(job);
+	slots_grant(job->jobs->admission);
 }
 
 void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(void *token, const struct err *why, struct job *),
 		void *token)
 {
 	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
+	enum job_priority priority = JOB_PRIORITY_NORMAL;
 	struct err err = ERR_INIT;
 	struct job *job = NULL;
-	enum job_priority priority = JOB_PRIORITY_NORMAL;
 	char *view = NULL;
 	int r = job_priority_read(p->priority, &p->peer, &priority, &err);
 
 	THREAD_LOOP_ONLY();
 	if (!r)
 		r = check_submit(j, p, generation, &view, &err);
-
-	if (!r && !p->bound && !p->fresh) {
+	if (!r && !p->bound && !p->fresh)
 		job = find_same(j, p, generation, view);
-		/* One that is not in the catalogue yet is not promised yet. */
-		if (job && !job->waiting_row) {
-			free(view);
-			change_priority(job, p, priority);
-			accepted(token, NULL, job);
-			return;
-		}
+	/* A job without a row may still be refused, so it is not reused. */
+	if (job && !job->waiting_row) {
+		free(view);
+		change_priority(job, p, priority);
+		accepted(token, NULL, job);
+		return;
 	}
-	if (!r)
-		r = limit_jobs(j, &p->peer, &err);
-	if (!r)
-		r = take_view(j, &p->peer, view, &err);
-	if (!r) {
-		job = job_add(j, ++j->last_job, view, &p->peer, &err);
-		r = job ? 0 : -(int)err.code;
-	}
-	if (r) {
+	job = r ? NULL : make_job(j, p, view, priority, &err);
+	if (!job) {
 		free(view);
 		accepted(token, &err, NULL);
 		return;
 	}
-	job->dataset = dataset_hold(p->dataset);
-	job->generation = generation;
-	job->priority = priority;
-	job_slot_init(job);
-	job->bound = p->bound;
-	if (job_plan_new(job, &err)) {
+	if (job_plan_file_new(job, &err)) {
 		accepted(token, &err, NULL);
 		job->state = JOB_failed;
 		job->removed = true;
 		return;
 	}
 	plan_file_fresh(job->plan);
-	job->submitted_us = clock_real_us();
-	job->begun_ns = clock_mono_ns();
 	job->accepted = accepted;
 	job->token = token;
-	if (job->bound) {
-		accept(job, NULL);
-		job_step(job);
-		slots_grant(j->admission);
-		return;
-	}
-	job->waiting_row = true;
-	if (job_put_row(job, submit_row_done, &err)) {
-		refuse(job, &err);
-		return;
-	}
-	/* It begins at once, and is promised, shown and told when its row is there. */
-	job_step(job);
-	slots_grant(j->admission);
+	start_job(job);
 }

@@ -1,6 +1,6 @@
 /*
- * What a job waits for, in words, and its priority: as of nice, anybody may lower it, only administrators
- * may raise it above normal.
+ * What a job waits for, in words, and its priority. As with nice, anybody may lower a priority, but only administrators may raise
+ * it above normal.
  */
 #include <stdio.h>
 #include <string.h>
@@ -59,7 +59,7 @@ void job_waiting(const struct job *job, struct job_info *ret)
 		slot_wait_text(job->jobs->admission, &job->slot, ret->waiting, sizeof ret->waiting);
 	else if (job->run && !job->run_ended)
 		run_waiting(job->run, ret->waiting, sizeof ret->waiting);
-	ret->lacks_space = job->run ? run_space_lacks(job->run) : 0;
+	ret->space_missing = job->run ? run_space_missing(job->run) : 0;
 	if (job->run)
 		ret->seconds_left = run_seconds_left(job->run);
 }

@@ -1,5 +1,5 @@
 /*
- * All jobs: those at work in a list, the others in history.h; which are forgotten, and when.
+ * All jobs: what is done with each in a round of the loop, how many finished jobs are kept, and for how long.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,15 +10,15 @@
 #include "job_fetch.h"
 #include "job_priv.h"
 
-/* Of jobs that are over: so many, for so long. */
-enum { JOBS_KEPT = 20000, JOBS_DAYS = 30, AGED_MAX = 64 };
-/* Of jobs that are over so many stay as they are. */
-enum { JOBS_WARM = 64 };
+/* Finished jobs: how many are kept, and for how long. */
+enum { JOBS_KEPT = 20000, JOBS_DAYS = 30, OLD_AT_ONCE = 64 };
+/* Number of finished jobs kept unpacked. */
+enum { JOBS_UNPACKED_MAX = 64 };
 enum { JOBS_NAMED = 8 }; /* in a message */
 #define DAY_US INT64_C(86400000000)
-#define AGE_US INT64_C(3600000000) /* how often the oldest are looked for */
+#define AGE_US INT64_C(3600000000) /* how often jobs that are too old are searched for */
 
-/* ---- what the core asks ---- */
+/* ---- called by the core ---- */
 
 static uint64_t history_held(void *ctx)
 {
@@ -30,9 +30,9 @@ static bool forget_finished(void *ctx, uint32_t uid, uint64_t more)
 	return jobs_forget_one(ctx, HISTORY_BYTES, uid, more);
 }
 
-/* ---- what datasets ask ---- */
+/* ---- called by datasets ---- */
 
-static int jobs_need(void *ctx, const struct dataset *d, uint64_t oldest, struct err *err)
+static int jobs_needed(void *ctx, const struct dataset *d, uint64_t oldest, struct err *err)
 {
 	const struct jobs *j = ctx;
 	char list[160] = "";
@@ -64,7 +64,7 @@ static void jobs_forget_dataset(void *ctx, struct dataset *d)
 	history_forget_dataset(j, d);
 }
 
-static const struct datasets_calls dataset_calls = {.needed = jobs_need, .forget = jobs_forget_dataset};
+static const struct datasets_calls dataset_calls = {.needed = jobs_needed, .forget = jobs_forget_dataset};
 
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
@@ -89,7 +89,7 @@ void jobs_loaded(struct jobs *j, uint64_t last)
 	free(j->spare);
 	j->spare = NULL;
 	j->last_job = last;
-	job_plan_sweep(j);
+	job_plan_file_sweep(j);
 }
 
 struct jobs *jobs_free(struct jobs *j)
@@ -99,7 +99,7 @@ struct jobs *jobs_free(struct jobs *j)
 	if (!j)
 		return NULL;
 	while ((job = j->jobs)) {
-		/* The datasets go next, whoever uses them. */
+		/* The datasets are freed next, with or without users. */
 		job->dataset = NULL;
 		job_free(job);
 	}
@@ -110,34 +110,34 @@ struct jobs *jobs_free(struct jobs *j)
 	return NULL;
 }
 
-/* ---- forgetting ---- */
+/* ---- forgetting finished jobs ---- */
 
-/* Removes it for good. Not of those at work. */
-static bool forget(struct jobs *j, struct job *job)
+/* Removes a packed job for good. */
+static bool forget_job(struct jobs *j, struct job *job)
 {
 	struct err err = ERR_INIT;
 
-	return job && job->guest && !job_remove(job, &err);
+	return job && job->unpacked && !job_remove(job, &err);
 }
 
-static bool idle(const struct job *job)
+static bool is_idle(const struct job *job)
 {
 	return !job->run && !job->fetches && !job->waiting_row;
 }
 
-static bool over(const struct job *job)
+static bool can_be_packed(const struct job *job)
 {
-	return job_state_final(job->state) && idle(job) && !job->removed && !job->bound;
+	return job_state_final(job->state) && is_idle(job) && !job->removed && !job->bound;
 }
 
-void jobs_put_away(struct jobs *j)
+void jobs_pack_finished(struct jobs *j)
 {
 	struct job *job, *next;
 
 	for (job = j->jobs; job; job = next) {
 		next = job->next;
-		if (over(job))
-			history_keep(job);
+		if (can_be_packed(job))
+			history_pack(job);
 	}
 }
 
@@ -146,69 +146,71 @@ bool jobs_forget_one(struct jobs *j, enum history_kind kind, uint32_t uid, uint6
 	struct err err = ERR_INIT;
 	struct job *job;
 
-	for (job = j->jobs; job && !(job->removed && idle(job) && job_state_final(job->state)); job = job->next)
+	THREAD_LOOP_ONLY();
+	for (job = j->jobs; job && !(job->removed && is_idle(job) && job_state_final(job->state)); job = job->next)
 		;
-	/* Whose they are counts, not where they lie: those that are warm as well. */
+	/* Count jobs by owner, including those still unpacked. */
 	if (!job)
-		jobs_put_away(j);
-	if (!job && forget(j, history_of_most(j, kind, uid, more)))
+		jobs_pack_finished(j);
+	if (!job && forget_job(j, history_oldest_of_largest(j, kind, uid, more)))
 		return true;
 	for (job = job ? job : j->jobs; job; job = job->next)
-		if (job_state_final(job->state) && idle(job) && !job->bound && (job->removed || !job_remove(job, &err)))
+		if (job_state_final(job->state) && is_idle(job) && !job->bound && (job->removed || !job_remove(job, &err)))
 			break;
 	if (!job)
 		return false;
-	job_plan_drop(job);
+	job_plan_file_drop(job);
 	job_free(job);
 	return true;
 }
 
-/* Jobs that are over are listed for so long, and so many of them. */
-static void forget_old(struct jobs *j)
+/* By number and by age. */
+static void forget_old_jobs(struct jobs *j)
 {
 	int64_t now = clock_real_us();
 	unsigned n = 0;
 
-	while (history_count(j) > JOBS_KEPT && forget(j, history_of_most(j, HISTORY_JOBS, 0, 0)))
+	while (history_count(j) > JOBS_KEPT && forget_job(j, history_oldest_of_largest(j, HISTORY_JOBS, 0, 0)))
 		;
 	if (now - j->aged_us < AGE_US && now >= j->aged_us)
 		return;
-	/* Some at a time, and no more until these are written: each is a change of the catalogue, which has room for so many,
-	 * and whoever comes then would wait for the disk, with all others behind him. */
+	/* A few at a time, and no more until they are written: each is a change of the catalogue, whose queue is short. A client
+	 * whose change finds the queue full waits for the disk. */
 	if (catalogue_busy(j->core->p.catalogue))
 		return;
-	while (n < AGED_MAX && forget(j, history_oldest(j, now - JOBS_DAYS * DAY_US)))
+	while (n < OLD_AT_ONCE && forget_job(j, history_oldest(j, now - JOBS_DAYS * DAY_US)))
 		n++;
-	if (n < AGED_MAX)
+	if (n < OLD_AT_ONCE)
 		j->aged_us = now;
 }
 
-/* Removed jobs go when nothing of theirs is left; the oldest that are over leave the ones at work. */
-static void put_away(struct jobs *j)
+/* Frees removed jobs that nothing uses, and packs the oldest finished ones. */
+static void tidy_jobs(struct jobs *j)
 {
 	struct job *job, *next;
-	unsigned warm = 0;
+	unsigned unpacked = 0;
 
 	for (job = j->jobs; job; job = next) {
 		next = job->next;
-		if (job->removed && idle(job) && (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
-			job_plan_drop(job);
+		if (job->removed && is_idle(job) && (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
+			job_plan_file_drop(job);
 			job_free(job);
-		} else if (over(job)) {
-			warm++;
+		} else if (can_be_packed(job)) {
+			unpacked++;
 		}
 	}
-	for (job = j->jobs; warm > JOBS_WARM && job; job = next) {
+	for (job = j->jobs; unpacked > JOBS_UNPACKED_MAX && job; job = next) {
 		next = job->next;
-		if (over(job) && history_keep(job))
-			warm--;
+		if (can_be_packed(job) && history_pack(job))
+			unpacked--;
 	}
-	forget_old(j);
+	forget_old_jobs(j);
 	history_round(j);
 }
 
 void jobs_settle(struct jobs *j)
 {
+	THREAD_LOOP_ONLY();
 	for (struct job *job = j->jobs; job; job = job->next)
 		job_settle(job);
 	job_plans_settle(j);
@@ -216,18 +218,21 @@ void jobs_settle(struct jobs *j)
 
 void jobs_tidy(struct jobs *j)
 {
-	put_away(j);
+	THREAD_LOOP_ONLY();
+	tidy_jobs(j);
 	deletions_settle(j);
 }
 
 void jobs_tick(struct jobs *j)
 {
+	THREAD_LOOP_ONLY();
 	for (struct job *job = j->jobs; job; job = job->next)
 		job_tick(job);
 }
 
 void jobs_park(struct jobs *j)
 {
+	THREAD_LOOP_ONLY();
 	job_plans_park(j);
 	for (struct job *job = j->jobs; job; job = job->next) {
 		if (job->bound)
@@ -315,12 +320,12 @@ void jobs_stat(const struct jobs *j, struct jobs_stat *ret)
 		ret->states[job->state]++;
 		if (job->state == JOB_queued && job->submitted_us < oldest)
 			oldest = job->submitted_us;
-		ret->waiting_space += job->run && run_space_lacks(job->run) > 0;
+		ret->waiting_space += job->run && run_space_missing(job->run) > 0;
 	}
 	ret->oldest_waiting = (double)(now - oldest) / 1e6;
 }
 
-static void held_by(const struct run *w, struct core_holder h, void (*each)(void *ctx, const struct core_holder *), void *ctx)
+static void each_holder(const struct run *w, struct core_holder h, void (*each)(void *ctx, const struct core_holder *), void *ctx)
 {
 	if (!w)
 		return;
@@ -332,10 +337,10 @@ static void held_by(const struct run *w, struct core_holder h, void (*each)(void
 void jobs_held(const struct jobs *j, void (*each)(void *ctx, const struct core_holder *), void *ctx)
 {
 	for (const struct job *job = j->jobs; job; job = job->next) {
-		held_by(job->run, (struct core_holder){.kind = "job", .id = job->id, .peer = job->peer}, each, ctx);
+		each_holder(job->run, (struct core_holder){.kind = "job", .id = job->id, .peer = job->peer}, each, ctx);
 		for (const struct job_fetch *f = job->fetches; f; f = f->next)
-			held_by(f->run, (struct core_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each, ctx);
+			each_holder(f->run, (struct core_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each, ctx);
 	}
-	for (const struct job_asked_plan *plan = j->plans; plan; plan = plan->next)
-		held_by(plan->run, (struct core_holder){.kind = "plan", .peer = plan->peer}, each, ctx);
+	for (const struct job_plan_request *plan = j->plans; plan; plan = plan->next)
+		each_holder(plan->run, (struct core_holder){.kind = "plan", .peer = plan->peer}, each, ctx);
 }

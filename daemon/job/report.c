@@ -1,6 +1,6 @@
 /*
- * The report of a job: made from the totals of its run, and kept in the catalogue as lines of "name value".
- * Names are only ever added; unknown ones are ignored, missing ones are zero.
+ * The report of a job: made from the totals of its run, and kept in the catalogue as lines of "name value". Names are only added,
+ * never changed; unknown names are ignored, missing ones are zero.
  */
 #include <stddef.h>
 #include <stdio.h>
@@ -73,7 +73,7 @@ char *report_text(const struct job_report *r, char *buf, size_t size)
 	return buf;
 }
 
-/* ---- reading: at each start for thousands of jobs, so nothing is copied, and numbers are read as they were written ---- */
+/* ---- parsing: each start parses thousands of reports, so nothing is copied and the usual format is read directly ---- */
 
 /* A part of the text. */
 struct part {
@@ -86,7 +86,7 @@ static bool is(const struct part *p, const char *name)
 	return !strncmp(p->at, name, p->n) && !name[p->n];
 }
 
-/* Digits, as many as fit without a look. */
+/* Digits only, few enough not to overflow. */
 static bool few_digits(const char *at, size_t n, uint64_t *ret)
 {
 	uint64_t v = 0;
@@ -100,13 +100,13 @@ static bool few_digits(const char *at, size_t n, uint64_t *ret)
 	return n > 0;
 }
 
-/* Behind the name, of n bytes, and the space that the line begins with; NULL: it begins with something else. */
+/* The value in a line that begins with `name` (n bytes) and a space; NULL: it begins otherwise. */
 static const char *after_name(const char *line, const char *name, size_t n)
 {
 	return strncmp(line, name, n) || line[n] != ' ' ? NULL : line + n + 1;
 }
 
-/* Adds digits to *v, gives what is behind them. How many there were is for the caller to judge. */
+/* Appends digits to *v. Returns the end; the caller checks how many there were. */
 static const char *more_digits(const char *at, uint64_t *v)
 {
 	uint64_t n = *v;
@@ -117,8 +117,8 @@ static const char *more_digits(const char *at, uint64_t *v)
 	return at;
 }
 
-/* A number or (`seconds`) one with six digits behind the point, in millionths, as report_text writes them: gives the end of the
- * line, NULL: it is something else, or so large that it needs a look. */
+/* Parses a number, or (`seconds`) a decimal with six digits after the point, in millionths, as report_text writes it. Returns the
+ * next line; NULL: another format, or so many digits that they may overflow. */
 static const char *number_line(const char *value, bool seconds, uint64_t *ret)
 {
 	uint64_t v = 0;
@@ -139,7 +139,7 @@ static const char *number_line(const char *value, bool seconds, uint64_t *ret)
 	return at + 1;
 }
 
-/* As much of it as there is room for. */
+/* As much of it as fits. */
 static const char *text_line(const char *value, char *place, size_t size)
 {
 	const char *end = strchrnul(value, '\n');
@@ -163,7 +163,7 @@ static void get_number(const struct part *value, uint64_t *ret)
 	free(copy);
 }
 
-/* Seconds have six digits behind the point. Up to 2^53 of millionths are divided exactly as strtod would round. */
+/* Six digits after the point. Up to 2^53 millionths, the division rounds exactly as strtod does. */
 static void get_seconds(const struct part *value, double *ret)
 {
 	uint64_t whole, millionths;
@@ -193,7 +193,7 @@ static void get_removed(const struct part *rule, const struct part *value, size_
 	}
 }
 
-/* `at`, `at_rule`: where the field and the rule before were found; they stand in the order of their tables. */
+/* `at`, `at_rule`: where to continue in the tables; reports have the order of the tables. */
 static void get_field(const struct part *name, const struct part *value, size_t *at, size_t *at_rule, struct job_report *ret)
 {
 	if (name->n > 8 && !memcmp(name->at, "removed-", 8)) {
@@ -231,7 +231,7 @@ static const char *next_rule(const char *text, size_t *at_rule, struct job_repor
 	return end;
 }
 
-/* The line that comes next where this version wrote them all. NULL: it is another, or not as it is written today. */
+/* The line that follows if this version wrote the report. NULL: another line, or another format. */
 static const char *next_line(const char *text, size_t *at, size_t *at_rule, struct job_report *ret)
 {
 	const char *value = *at < FIELDS ? after_name(text, fields[*at].name, fields[*at].length) : NULL, *end;

@@ -37,7 +37,7 @@ static int not_a_head(const char *name, const uint8_t record[PLAN_RECORD], struc
 	unsigned version = newer_version(record);
 
 	if (!version)
-		return damaged(name, 0, "its header is invalid", err);
+		return damaged(name, 0, "its header is not one", err);
 	err_set(err, ERR_VERSION, "the plan of a job of version %u; this acut reads version %u", version, PLAN_VERSION);
 	return err_add_file(err, name);
 }

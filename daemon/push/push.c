@@ -289,7 +289,7 @@ static int check_crop(const struct push_params *in, struct err *err)
 		return 0;
 	if (in->ncrop != 4 || !(c[0] <= c[2] && c[1] <= c[3]) || !isfinite(c[0]) || !isfinite(c[1]) || !isfinite(c[2]) ||
 	    !isfinite(c[3])) {
-		err_set(err, ERR_PROTO, "a crop that is not x1, y1, x2, y2, the smaller ones first");
+		err_set(err, ERR_PROTO, "a crop must be x1, y1, x2, y2, with the smaller ones first");
 		return err_add_place(err, ERR_NO_OFFSET, "crop");
 	}
 	if (*in->dataset) {
@@ -332,8 +332,7 @@ void push_begin(struct pushes *pushes, const struct push_params *in, void *token
 	else if (pushes->core->stopping)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (too_many(pushes, &in->peer))
-		err_set(&err, ERR_BUSY,
-			"so many pushes are open already, of all users or of this one, that there can be no other now");
+		err_set(&err, ERR_BUSY, "too many pushes are open, of all users or of this one");
 	else if (!push_assume_read(p, in, &err) && !check_crop(in, &err))
 		p->dataset = target(pushes, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
@@ -554,7 +553,7 @@ void push_remove_files(struct push *p)
 	pending_stage_name(p->id, name);
 	strcat(name, ".");
 	if (io_folder_sweep(p->dataset->dirfd, name, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the files of a push cannot be removed", &err);
 	dataset_close(p->dataset);
 }
 

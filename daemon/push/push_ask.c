@@ -168,11 +168,11 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 	if (r || p->has_lattice)
 		return r;
 	if (*p->dataset->manifest) {
-		err_set(err, ERR_BUSY, "another push has just fixed the lattice of %s", p->dataset->name);
+		err_set(err, ERR_BUSY, "another push has just chosen the lattice of %s", p->dataset->name);
 		return err_add_hint(err, "push again");
 	}
 	if (!dataset_plan_begin(p->dataset, p)) {
-		err_set(err, ERR_BUSY, "another push is fixing the lattice of %s", p->dataset->name);
+		err_set(err, ERR_BUSY, "another push is choosing the lattice of %s", p->dataset->name);
 		return err_add_hint(err, "push again when that one is committed");
 	}
 	return 0;

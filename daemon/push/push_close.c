@@ -61,7 +61,7 @@ void push_close_run(struct push *p, struct push_ask *a)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
 	/* Its row, by which the next start would know of them, goes only when they cannot come back. */
 	if (p->opened && !p->kept && p->row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left is removed again at the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "files of a push stay until the next start", &err);
 		p->row = false;
 	}
 }

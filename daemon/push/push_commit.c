@@ -268,7 +268,7 @@ static void commit_answer(struct push *p, const struct err *why)
 	if (!why && p->made) {
 		dataset_set_seconds(d, clock_since(p->begun_ns), p->commit_ns ? clock_since(p->commit_ns) : 0);
 		p->old_goes = !dataset_is_read(d);
-		dataset_become(d, &p->becomes, !p->old_goes && *p->base_name);
+		dataset_next_install(d, &p->becomes, !p->old_goes && *p->base_name);
 	}
 	p->committed = !why;
 	if (!why)

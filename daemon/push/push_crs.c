@@ -72,8 +72,8 @@ int push_assume_read(struct push *p, const struct push_params *in, struct err *e
 	p->overrides = *override[0] || *override[1] || *override[2];
 	if (p->assumes && p->overrides) {
 		err_set(err, ERR_USAGE,
-			"a system for inputs that say none, and one in place of what they say: both at once contradict");
-		return err_add_hint(err, "leave --assume-crs and --assume-units out: what overrides holds for all inputs");
+			"a system for inputs without one, and a system that replaces that of all inputs, contradict each other");
+		return err_add_hint(err, "leave out --assume-crs and --assume-units: an override applies to all inputs");
 	}
 	if (p->overrides)
 		return read_system(override, override_fields, &p->assume, err);
@@ -231,7 +231,7 @@ static int refuse(const struct difference *d, const char *name, const char *othe
 {
 	err_set(err, ERR_INPUT, "%s is %.100s, but that of %.200s is %.100s", d->what, d->mine, other, d->theirs);
 	if (!d->option)
-		err_add_hint(err, "they have one name and different definitions; convert one of them first");
+		err_add_hint(err, "they have the same name and different definitions; convert one of them first");
 	else if (known(d->mine) && known(d->theirs))
 		err_add_hint(err,
 			     "a dataset has one coordinate system: convert one of them, or use two datasets; where what a file "

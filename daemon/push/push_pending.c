@@ -95,7 +95,7 @@ void push_end_run(struct push *p)
 		if (p->on_disk && write_manifest(p, &err))
 			log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "an interrupted push", &err);
 	} else if (!p->aborted && p->stage && p->row && !p->broken && (p->files > p->durable) && push_leave_pending(p, &err)) {
-		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "what a push staged last cannot be kept", &err);
+		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "the files that a push staged last cannot be kept", &err);
 	}
 	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) && (p->files || p->adopt || p->durable);
 	if (p->kept) {
@@ -105,7 +105,7 @@ void push_end_run(struct push *p)
 	p->stage = grid_stage_free(p->stage);
 	err_clear(&err);
 	if (p->on_disk && p->opened && pending_discard(p->dataset, p->id, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the files of a push cannot be removed", &err);
 	p->on_disk = false;
 }
 
@@ -123,7 +123,7 @@ void push_becomes_pending(struct push *p)
 		q->files++;
 		q->points += p->sources[i].points;
 	}
-	q->left_us = clock_real_us();
+	q->interrupted_us = clock_real_us();
 	pending_add(p->dataset, q);
 	log_event(LOG_EVENT_PUSH_PENDING, ABOUT_PENDING(q, p->dataset), "push %llu of user %u into %s is pending: %u files",
 		  (unsigned long long)q->id, q->uid, p->dataset->name, q->files);
@@ -163,9 +163,9 @@ static const char *misfit(const struct push *p, const struct grid_manifest *m)
 
 	choices_text(p, choices, sizeof choices);
 	if (p->base && !lattice_equal(&p->base->lattice, &m->lattice))
-		return "the dataset has got another lattice meanwhile";
+		return "the dataset now has another lattice";
 	if (other_scale(p->scale_xy, m->lattice.scale_xy) || other_scale(p->scale_z, m->lattice.scale_z))
-		return "another --scale is wanted now";
+		return "--scale is another one now";
 	if (!reading || strncmp(choices, m->choices, (size_t)(reading - m->choices) + strlen(" reading=")))
 		return "its files were read with other options";
 	return NULL;
@@ -207,7 +207,7 @@ int push_adopt(struct push *p, struct err *err)
 	}
 	if (r) {
 		log_event_err(LOG_EVENT_DAMAGE, ABOUT_PUSH(p), "an interrupted push", &ignored);
-		why = "what it left is damaged";
+		why = "its files are damaged";
 		r = 0;
 	} else {
 		why = misfit(p, m);
@@ -228,7 +228,7 @@ int push_adopt(struct push *p, struct err *err)
 		p->drops = p->pending->id;
 		p->drops_row = !pending_discard(p->dataset, p->pending->id, &ignored);
 		if (!p->drops_row)
-			log_event_err(LOG_EVENT_LEFTOVER, NULL, "what it left cannot be removed", &ignored);
+			log_event_err(LOG_EVENT_LEFTOVER, NULL, "files of an interrupted push cannot be removed", &ignored);
 	}
 	grid_manifest_free(m);
 	return r;

@@ -18,13 +18,13 @@
 static int parse_way(struct push *p, struct err *err)
 {
 	if (*p->geoid_way && !*p->geoid)
-		return err_set(err, ERR_USAGE, "--geoid-way means nothing without --geoid");
+		return err_set(err, ERR_USAGE, "--geoid-way needs --geoid");
 	if (!*p->geoid_way || !strcmp(p->geoid_way, "orthometric"))
 		p->plane.way = CRS_TO_ORTHOMETRIC;
 	else if (!strcmp(p->geoid_way, "ellipsoidal"))
 		p->plane.way = CRS_TO_ELLIPSOIDAL;
 	else
-		return err_set(err, ERR_USAGE, "\"%.40s\" is no way of a geoid: orthometric or ellipsoidal", p->geoid_way);
+		return err_set(err, ERR_USAGE, "\"%.40s\" is not a way of a geoid: orthometric or ellipsoidal", p->geoid_way);
 	return 0;
 }
 
@@ -59,11 +59,11 @@ int push_plane_begin(struct push *p, struct err *err)
 	int r = 0;
 
 	if (*p->utm && !crs_zone_parse(p->utm, &p->plane.wanted)) {
-		err_set(err, ERR_USAGE, "\"%.40s\" is no zone", p->utm);
+		err_set(err, ERR_USAGE, "\"%.40s\" is not a zone", p->utm);
 		return err_add_hint(err, "name a UTM zone as in --utm 32N, or --utm UPS-N or UPS-S");
 	}
 	if (*p->utm && p->planar)
-		return err_set(err, ERR_USAGE, "--planar takes degrees as they are, --utm projects them: one of the two");
+		return err_set(err, ERR_USAGE, "--planar takes degrees as they are, --utm projects them: use one of them");
 	r = parse_way(p, err);
 	if (!r && *p->geoid) {
 		r = geoids_find(p->pushes->geoids, p->geoid, &found, err);

@@ -79,7 +79,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 		return PUSH_WAIT;
 	if (!admission_tally(pushes->admission, 0).runs && admission_staged_bytes(pushes->admission) == push_staged_bytes(p))
 		return too_many(p, err);
-	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
+	err_set(err, ERR_BUSY, "there is no memory now to keep track of %zu files", p->nprobes + 1);
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");
 }
 
@@ -254,7 +254,7 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	if (!crs)
 		return no_memory(err);
 	if (strcmp(at->path, ask->path)) {
-		err_set(err, ERR_INPUT, "another file of this push has the same name, as far as names are text");
+		err_set(err, ERR_INPUT, "another file of this push has the same name in UTF-8");
 		err_add_place(err, ERR_NO_OFFSET, "name");
 		err_add_hint(err, "bytes that are not UTF-8 count as '?' in names: rename one of them, or push it alone");
 		return err_add_file(err, at->name);

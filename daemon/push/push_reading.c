@@ -235,7 +235,7 @@ int push_reading_refuse(const struct push *p, struct push_ask *a, const struct g
 	err_add_place(&a->err, ERR_NO_OFFSET, "reading");
 	return err_add_hint(
 		&a->err,
-		"--replace reads it again, in place of what is there%s; --add takes it beside that; else push it with the "
+		"--replace reads it again, in place of the old one%s; --add takes it beside the old one; otherwise push it with the "
 		"options that it was read with",
 		strcmp(s->path, a->path) ? " of its path" : "");
 }

@@ -1,7 +1,10 @@
 /*
- * A run over the plan of one mesh: opens the grid, plans, makes the domains (or takes them from the store),
- * emits them in plan order, and hands their blocks to an output if there is one. A job is such a run, and so
- * is each later stream of its mesh. Loop only.
+ * A run over the plan of one mesh: opens the generation, plans, makes the domains (or takes them from the store), emits them in
+ * plan order, and passes their blocks to an output, if there is one. A job makes its mesh by a run; each later stream of the mesh
+ * is another run.
+ *
+ * Loop thread unless a call says "worker". `why` and texts are valid during a call only. Functions that return int give 0 or
+ * -ERR_X.
  */
 #ifndef RUN_H
 #define RUN_H
@@ -19,162 +22,162 @@ struct plan_file;
 struct run;
 struct runs;
 
-/* What runs share: recency of stored domains, and a number for each selection. */
+/* What runs share: which domains were stored last, and the number of the next selection. */
 int runs_new(struct core *, struct admission *, struct runs **ret, struct err *err);
 struct runs *runs_free(struct runs *); /* NULL is fine; returns NULL */
 
 /* ---- outputs ---- */
 
-/* A region of an older mesh that no longer holds. */
+/* A region of an older mesh that differs now. */
 struct run_region {
-	int64_t box[4]; /* as of a block */
+	int64_t box[4]; /* as that of a block */
 	uint64_t triangles;
 	struct digest digest;
 };
-/* What a stream of changes is against. Regions count where they have triangles. */
+/* The difference between an older mesh and the job's. Only regions with triangles count. */
 struct run_changes {
-	uint64_t generation, job;
+	uint64_t generation, job;                                           /* of the older mesh */
 	struct digest old_digest, old_vertex_digest, digest, vertex_digest; /* of both meshes, whole */
-	uint64_t gone, gone_triangles, kept, kept_triangles;
-	const struct run_region *region; /* those that are gone */
+	uint64_t removed, removed_triangles, kept, kept_triangles;
+	const struct run_region *region; /* the removed ones */
 };
 struct run_head {
 	const struct grid_manifest *manifest;
 	const char *view;
-	struct digest id;                  /* generation, view, plan, kernel version */
+	struct digest id;                  /* of the stream: generation, view, plan, version of the kernel */
 	bool window;                       /* the triangles of the view's window, not the whole mesh */
-	const struct run_changes *changes; /* NULL: the whole mesh; valid during the call */
-	int32_t box[6];                    /* holds all vertices; heights are not known yet: all of int32 */
+	const struct run_changes *changes; /* NULL: the whole mesh */
+	int32_t box[6];                    /* of all vertices; heights are not known yet: all of int32 */
 };
 struct run_output;
+/* What a run asks of its output. */
 struct run_output_calls {
-	/* Loop. */
 	void (*head)(struct run_output *, const struct run_head *);
-	void (*send)(struct run_output *);      /* what was encoded; run_output_sent when all of it is written */
-	void (*pause)(struct run_output *);     /* a worker gets it next; `send` comes when it is back */
-	double (*stalled)(struct run_output *); /* seconds since bytes last moved, 0 if none wait */
-	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
+	void (*send)(struct run_output *);      /* write what was encoded, then call run_output_sent */
+	void (*pause)(struct run_output *);     /* stop writing: a worker uses it until the next `send` */
+	double (*stalled)(struct run_output *); /* seconds since bytes were written last; 0: none wait */
+	/* Once: the mesh is complete (`why` NULL), or ended. The run is detached. `totals` and `report` are NULL with `why`. */
 	void (*end)(struct run_output *, const struct err *why, const struct pipe_totals *, const struct job_report *);
-	/* Workers, never two at once, and the loop sends nothing meanwhile. The block's arrays stay until
-	 * sent or spooled. */
+	/* Worker, one at a time, while the loop writes nothing. The arrays of the block are valid until it is sent or spooled. */
 	void (*encode)(struct run_output *, const struct mesh_block *);
-	int (*spool)(struct run_output *, int dirfd, struct err *err); /* the rest of the block into a file */
-	int (*refill)(struct run_output *, struct err *err);           /* the next bytes of that file */
-	/* Loop. What a stream of its own waits for, in words, has changed; "": nothing. May be NULL. */
+	int (*spool)(struct run_output *, int dirfd, struct err *err); /* writes the rest of the block into a file */
+	int (*refill)(struct run_output *, struct err *err);           /* reads the next bytes of that file */
+	/* What its own stream waits for has changed; "": nothing. May be NULL. */
 	void (*waits)(struct run_output *, const char *text);
 };
 struct run_output {
 	const struct run_output_calls *calls;
-	struct run *run;                     /* that it is attached to; of this room */
-	void *waiting;                       /* who waits with it for a run; NULL: nobody */
-	void (*forget)(struct run_output *); /* whoever waits forgets it */
-	bool spooled;                        /* set by spool: the block's memory is not needed any more; encode takes it back */
-	/* Set before job_fetch: go on at this block, of the stream `want`. What cannot be is -ERR_GONE. */
-	char *window;   /* a view of job_window: the triangles of its window; NULL: those of the job. Freed by the room of jobs */
-	uint64_t since; /* what differs from the mesh of this generation; 0: the whole mesh */
-	uint64_t from;
-	bool wants;
-	struct digest want;
+	struct run *run;                     /* the run that it is attached to; of this room */
+	void *waiting;                       /* a stream that waits for a run, of the caller's room; NULL: none */
+	void (*forget)(struct run_output *); /* that stream drops the output */
+	bool spooled;                        /* set by spool: the block is not needed any more; encode clears it */
+	/* Set before job_fetch. A stream that cannot be resumed ends with -ERR_GONE. */
+	char *window;       /* a view of job_window: the triangles of its window; NULL: the mesh. Freed by the room of jobs */
+	uint64_t since;     /* only what differs from the mesh of this generation; 0: the whole mesh */
+	uint64_t from;      /* the block to resume at */
+	bool wants;         /* resume this stream only: */
+	struct digest want; /* run_head.id */
 };
-enum { RUN_OUTPUT_BUFFER = ADMISSION_OUTPUT }; /* what refill may hold; charged by the run */
-void run_output_sent(struct run_output *);
-void run_output_dry(struct run_output *); /* the refilled bytes are written, and there are more */
-/* Nobody reads any more. No call comes for this output after this; a worker may still be in one, so `freed`
- * is called when none is. */
-void run_output_gone(struct run_output *, void (*freed)(struct run_output *));
+enum { RUN_OUTPUT_BUFFER = ADMISSION_OUTPUT }; /* bytes that refill may hold; the run charges them */
+void run_output_sent(struct run_output *);     /* all that was encoded is written */
+void run_output_drained(struct run_output *);  /* the refilled bytes are written, and there are more */
+/* Nobody reads any more. No call comes after this one; `freed` comes when no worker uses the output any more, perhaps at once. */
+void run_output_close(struct run_output *, void (*freed)(struct run_output *));
 
 /* ---- runs ---- */
 
+/* What a run reports to its caller. NULL: not wanted, but for `ended`. */
 struct run_calls {
 	void (*planned)(void *ctx);
-	void (*moved)(void *ctx);                         /* progress */
-	void (*unread)(void *ctx, const struct err *why); /* the output is gone; may call run_stop */
-	void (*ended)(void *ctx, const struct err *why);  /* once; then run_free */
-	/* It follows another run of the same plan: only domains before this one may be taken; NULL: all. */
+	void (*progressed)(void *ctx);
+	void (*abandoned)(void *ctx, const struct err *why); /* the output closed; may call run_stop */
+	void (*ended)(void *ctx, const struct err *why);     /* once; then run_free */
+	/* It follows another run of the same plan, and may take only domains before this one. */
 	size_t (*reach)(void *ctx);
-	bool (*followed)(void *ctx); /* another run follows it; NULL: none */
+	bool (*followed)(void *ctx); /* another run follows it */
 };
 
-/* The run is to give what its job's mesh has and an older one has not. */
+/* The older mesh of a run that gives changes only. */
 struct run_since {
-	uint64_t generation, job;            /* of the old mesh; of the run */
+	uint64_t generation;                 /* of the older mesh */
+	uint64_t job;                        /* of the run */
 	struct digest digest, vertex_digest; /* of the run's job */
-	const char *dataset;                 /* for messages, and so are */
-	uint64_t oldest, newest;             /* the generations that it has */
-	uint64_t near;                       /* the one next to `generation` of which a job has made such a mesh; 0: none */
-	unsigned n;                          /* jobs that made the old mesh, the newest first */
+	/* for messages: */
+	const char *dataset;
+	uint64_t oldest, newest; /* generations of the dataset */
+	uint64_t near;           /* the closest generation of which a job has made such a mesh; 0: none */
+	unsigned n;              /* jobs that made the older mesh, the newest first: */
 	struct run_base {
 		uint64_t job;
 		struct digest digest, vertex_digest;
 	} base[4];
 };
 
+/* Pointers are borrowed until run_free; view_text is copied. */
 struct run_params {
 	uint64_t job; /* for the log; 0: none */
 	struct runs *runs;
 	struct dataset *dataset;
 	uint64_t generation;
-	const char *view_text;
-	bool client;                   /* who asked waits for it: it does not lack disk space for ever */
+	const char *view_text;         /* canonical */
+	bool client;                   /* a client waits for it, so it does not wait for disk space for ever */
 	bool keep;                     /* every finished domain goes to the store */
 	bool plan_only;                /* ends after the plan */
-	struct sched_owner owner;      /* for whom it runs; its flow is the run's own */
-	struct slot *slot;             /* of its caller, who calls run_begin when it is granted */
-	bool lazy;                     /* takes no domain as long as its reader is slow: they are in the store */
-	struct plan_file *plan;        /* that it goes by, and keeps; borrowed; NULL: its own, of now */
-	double patience;               /* seconds to wait for an output before the domains go to the store */
-	const struct run_since *since; /* borrowed; NULL: the whole mesh */
+	struct sched_owner owner;      /* whose tasks; the run has a flow of its own */
+	struct slot *slot;             /* the caller calls run_begin when it is granted */
+	bool lazy;                     /* takes no domain while its reader is slow: they are in the store */
+	struct plan_file *plan;        /* holds the plan, or takes it; NULL: the run has a plan of its own */
+	double patience;               /* seconds to wait for an output before the first domains go to the store */
+	const struct run_since *since; /* NULL: the whole mesh */
 	const struct run_calls *calls;
 	void *ctx;
 };
 
-/* `ended` comes in any case, later. -ERR_PROTO: the view. */
+/* Holds the dataset. -ERR_BUSY: no memory for the view now; -ERR_PROTO: the view. */
 int run_new(const struct run_params *, struct run **ret, struct err *err);
-/* Only after `ended`, or before run_begin. NULL is fine; returns NULL. */
-struct run *run_free(struct run *);
-/* It has its place. May come again: a run that gives its slot back seeks it by itself. */
+struct run *run_free(struct run *); /* only after `ended`, or before run_begin. NULL is fine; returns NULL */
+/* Its slot was granted. Again, if the run has released its slot and sought another. */
 void run_begin(struct run *);
-/* `ended` comes with `why` as soon as no worker is busy with it. */
-void run_stop(struct run *, const struct err *why);
-/* True if the run has emitted nothing and has no output: it is its output then. */
+void run_stop(struct run *, const struct err *why); /* `ended` comes with `why` as soon as no worker is busy with it */
+void run_settle(struct run *);                      /* each round of the loop: starts what can start */
+void run_tick(struct run *);                        /* each timer tick */
+void run_set_rank(struct run *, enum sched_rank);   /* of its next tasks */
+
+/* False: the run has an output, or is too far for one. */
 bool run_attach(struct run *, struct run_output *);
-/* The output is the caller's again. */
 struct run_output *run_output(const struct run *); /* NULL: none is attached */
-struct run_output *run_detach(struct run *);
-void run_settle(struct run *); /* start what can start */
-void run_tick(struct run *);
-/* What keeps it from getting on, in words: "memory: needs 134M, 20M are free"; "": nothing. */
+struct run_output *run_detach(struct run *);       /* the output is the caller's again; NULL: there was none */
+
+/* ---- its progress ---- */
+
+/* Why it makes no progress, for example "memory: needs 134M, 20M are free"; "": it does. Returns buf. */
 char *run_waiting(const struct run *, char *buf, size_t size);
-uint64_t run_space_lacks(const struct run *);     /* bytes of disk that it waits for; 0: it does not */
-double run_seconds_left(const struct run *);      /* at the pace of late, without waiting; 0: not known */
-double run_worked(const struct run *);            /* seconds in which a task of it ran */
-void run_set_rank(struct run *, enum sched_rank); /* of its tasks from now on */
+uint64_t run_space_missing(const struct run *); /* bytes of disk that it waits for; 0: it does not wait for disk */
+double run_seconds_left(const struct run *);    /* estimate, without waiting; 0: unknown */
+double run_worked(const struct run *);          /* seconds in which a task of it ran */
+const char *run_phase(const struct run *);      /* "select" or "mesh" */
+void run_progress(const struct run *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
+		  uint64_t *ret_domains_total);
+size_t run_emitted(const struct run *);                                      /* domains, from the first */
+void run_seconds(const struct run *, double *ret_plan, double *ret_domains); /* up to the plan; from there on */
+uint64_t run_first_ns(const struct run *);                                   /* when the first triangles were there; 0: not yet */
+void run_held(const struct run *, uint64_t held[LEDGER_NAMES]);              /* adds the bytes that it holds */
 
-/* After `ended` without why, of a run with `since`: the old mesh with its changes is the new one, or -ERR_DIGEST. */
-int run_change_agrees(const struct run *, struct err *err);
+/* ---- its plan and its result ---- */
 
-const char *run_phase(const struct run *);                /* "select" or "mesh" */
-const struct pipe_totals *run_totals(const struct run *); /* after `ended` without why */
-/* Of its domains, how many were not triangulated for it; of one that plans only, how many need not be. */
-uint64_t run_reused(const struct run *);
-size_t run_emitted(const struct run *); /* domains, from the first */
 const struct cut_plan *run_plan(const struct run *);
 const struct pipe_budget *run_budget(const struct run *);
 const struct dataset *run_dataset(const struct run *);
 const struct view *run_view(const struct run *);
-/* Points of the ground (class 2) and of other classes that are no noise to the view, in the segments of the
- * generation. False: there are at least so many, since segments have records of other generations too. After `ended`
- * without why. */
-bool run_classes(const struct run *, uint64_t *ret_ground, uint64_t *ret_other);
-/* None of them is of class 2 or 8. */
-bool run_unclassified(const struct run *);
+const struct pipe_totals *run_totals(const struct run *); /* after `ended` without why */
+/* Domains that were not triangulated for it; of one that only plans, domains that need not be. */
+uint64_t run_reused(const struct run *);
 uint64_t run_grid_points(const struct run *);
-void run_progress(const struct run *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
-		  uint64_t *ret_domains_total);
-/* Up to the plan, and from there on. */
-void run_seconds(const struct run *, double *ret_plan, double *ret_domains);
-/* What it holds of the budget, by name: adds to `held`. */
-void run_held(const struct run *, uint64_t held[LEDGER_NAMES]);
-uint64_t run_first_ns(const struct run *); /* when the first triangles were there, 0: not yet */
+/* Points of class 2 (ground), and of others that the view does not take for noise, in the generation. False: lower bounds, since
+ * segments also have records of other generations. After `ended` without why. */
+bool run_classes(const struct run *, uint64_t *ret_ground, uint64_t *ret_other);
+bool run_unclassified(const struct run *); /* no point of the generation has class 2 or 8 */
+/* After `ended` without why, of a run with `since`: -ERR_DIGEST unless the older mesh with the changes is the job's mesh. */
+int run_change_agrees(const struct run *, struct err *err);
 
 #endif

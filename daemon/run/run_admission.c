@@ -6,35 +6,35 @@ static struct run *run_of(const struct admission_run *r)
 	return (struct run *)((char *)r - offsetof(struct run, admission));
 }
 
-/* Bytes of one of its tasks: a domain, or the selection. 0: not known yet. */
+/* Bytes of its largest task: a domain or the selection. 0: not known yet. */
 static uint64_t task_bytes(const struct run *w)
 {
 	if (w->state == RUN_SELECTING)
 		return w->select.bytes;
 	if (w->state == RUN_PLANNING || w->state == RUN_RUNNING)
 		return w->budget.domain_bytes;
-	/* It has come back for so much, and has no plan yet. */
+	/* Without a plan: what its slot was granted for. */
 	return w->state < RUN_PLANNING ? w->slot->need : 0;
 }
 
-static struct admission_view view(const struct admission_run *r)
+static struct admission_view run_admission_view(const struct admission_run *r)
 {
 	const struct run *w = run_of(r);
 
 	return (struct admission_view){
 		.uid = w->owner.uid,
-		.has_slot = w->placed,
+		.has_slot = w->has_slot,
 		.stalled = run_stalled(w),
-		.yielding = w->giving,
-		/* A stream that follows it would wait for it with a slot in hand. */
+		.yielding = w->yielding,
+		/* A run that follows this one would wait for it while holding a slot. */
 		.can_yield = run_can_yield(w) && !(w->calls->followed && w->calls->followed(w->ctx)),
 		.task_bytes = task_bytes(w),
 		.points = w->points,
 	};
 }
 
-/* What a run has or may yet ask for without being asked whether it may: its share; its plan, or two domains, one of them for when
- * the other is split. */
+/* What the run has or may take without asking: its share, and the memory of its plan or of two domains (the second one for a
+ * split). */
 static uint64_t claim(const struct run *w)
 {
 	uint64_t least = pipe_budget_min(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
@@ -54,7 +54,7 @@ static uint64_t held(const struct admission_run *r)
 	if (w->state == RUN_SELECTING)
 		bytes += w->select.bytes;
 	for (d = w->domains; d; d = d->next)
-		/* What is mapped of one that is being made is its worker's to know. */
+		/* Only the worker knows how much of a domain in the making is mapped. */
 		bytes += d->state == DOMAIN_MAKING || d->state == DOMAIN_SPLIT ? w->budget.domain_bytes : d->size;
 	return bytes > claimed ? bytes : claimed;
 }
@@ -77,7 +77,7 @@ static void yield(struct admission_run *r)
 }
 
 const struct admission_calls run_admission_calls = {
-	.view = view, .held = held, .opens = opens, .relieve = relieve, .yield = yield};
+	.view = run_admission_view, .held = held, .opens = opens, .relieve = relieve, .yield = yield};
 
 bool run_may_start(const struct run *w)
 {
@@ -89,20 +89,20 @@ bool run_may_start(const struct run *w)
 	for (d = w->domains; d && d->state != DOMAIN_MAKING && d->state != DOMAIN_SPLIT; d = d->next)
 		;
 	if (!d)
-		return true; /* what it claims */
-	/* One more domain, and one for when it is split. */
+		return true; /* one domain is part of its claim */
+	/* One more domain, and a second one in case it is split. */
 	return admission_user_held(w->runs->admission, w->owner.uid, &w->admission) + held(&w->admission) + 2 * each <= limit;
 }
 
-struct same {
+struct same_selection {
 	const struct run *run;
 	bool found;
 };
 
-static void look_same(struct admission_run *r, void *ctx)
+static void compare_selection(struct admission_run *r, void *ctx)
 {
 	const struct run *w = run_of(r);
-	struct same *s = ctx;
+	struct same_selection *s = ctx;
 
 	s->found |= w != s->run && w->state == RUN_SELECTING && digest_equal(w->select.key, s->run->select.key) &&
 		    (w->dataset == s->run->dataset || (!w->dataset->onestep && !s->run->dataset->onestep));
@@ -110,8 +110,8 @@ static void look_same(struct admission_run *r, void *ctx)
 
 bool run_selected_elsewhere(const struct run *w)
 {
-	struct same s = {.run = w};
+	struct same_selection s = {.run = w};
 
-	admission_each_run(w->runs->admission, look_same, &s);
+	admission_each_run(w->runs->admission, compare_selection, &s);
 	return s.found;
 }

@@ -1,8 +1,9 @@
 /*
- * What is different in the run of a window: its domains are the pieces of the window (window_area.c), which engine/pipe
- * makes by itself where the view has one. A piece is not kept in the store: it is made again as fast as it is read,
- * and nobody else would ask for it. In which order its triangles come depends on how cells lie in segments, so the stream
- * of a window is gone when these were merged.
+ * What is special about the run of a window.
+ *
+ * Its domains are the pieces of the window (window_area.c), which engine/pipe makes when the view has one. Pieces are not stored:
+ * making one again costs no more than reading it, and nobody else would need it. The order of its triangles depends on how cells
+ * lie in segments, so a merge ends its stream.
  */
 #include "run_priv.h"
 
@@ -13,7 +14,7 @@ void run_area_id(const struct run *w, struct digest *id)
 
 	if (!w->view.window)
 		return;
-	/* A window that was fetched of a job has no plan that is kept. */
+	/* A window that was fetched of a job has no kept plan. */
 	digest_add(id, digest_hash(budget, sizeof budget));
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t segment[4] = {i, m->segments[i].points, m->segments[i].sum.hi, m->segments[i].sum.lo};

@@ -1,21 +1,22 @@
 /*
- * The memory of domains of which only sums are wanted: it goes from one to the next, among the workers that make them.
+ * Arenas: the memory of domains of which only sums are needed. It passes from one domain to the next.
  *
- * The model: as many domains as the run has threads bring an arena, and its charge; the others are lent one, and ask the
- * scheduler for no memory. Who is made then mostly finds one free, as others that are made have one each. Not where one was given
- * up because others lack memory, where who is to bring one waits for his memory still, or where there are more workers than the
- * run is to have: a domain that finds none asks for one of its own, and what is too many then goes. So an arena stays where its
- * pages are in memory already, and mostly in the cache of that worker; with two for each worker a third of the page faults of a
- * small job were theirs.
+ * The model: as many domains as the run has threads bring an arena, with its charge. The other domains borrow one, and take no
+ * memory from the scheduler. A domain usually finds a free arena, because every other domain in the making has one. It finds none
+ * if an arena was unmapped because others lack memory, if the domain that brings one still waits for memory, or if there are more
+ * workers than the run may have. Then it asks for an arena of its own, and surplus arenas are unmapped later.
  *
- * Which are free is for any thread; how many there are, and what is charged for them, is the loop's to know.
+ * So an arena stays where its pages are resident, and mostly in the cache of its worker. With two arenas a worker, they caused a
+ * third of the page faults of a small job.
+ *
+ * Any thread may take a free arena; the loop alone counts arenas and what is charged for them.
  */
 #include <sys/mman.h>
 
 #include "lock.h"
 #include "run_priv.h"
 
-/* A free one, at its own start. */
+/* A free arena; the link lies at its start. */
 struct arena {
 	struct arena *next;
 };
@@ -53,7 +54,7 @@ void run_arena_put(struct run_domain *d)
 	lock_give(&arenas_lock);
 	d->memory = NULL;
 	d->size = 0;
-	d->put = true;
+	d->returned_arena = true;
 }
 
 /* ---- loop ---- */
@@ -62,27 +63,27 @@ uint64_t run_arena_ask(struct run_domain *d, bool own)
 {
 	struct run_arenas *all = &d->run->arenas;
 
-	d->put = d->bare = false;
-	d->lent = !own && all->owned >= d->run->budget.threads;
-	all->owned += !d->lent;
-	return d->lent ? 0 : arena_bytes(d->run);
+	d->returned_arena = d->no_arena = false;
+	d->borrows_arena = !own && all->owned >= d->run->budget.threads;
+	all->owned += !d->borrows_arena;
+	return d->borrows_arena ? 0 : arena_bytes(d->run);
 }
 
-void run_arena_back(struct run_domain *d)
+void run_arena_settle(struct run_domain *d)
 {
 	struct run_arenas *all = &d->run->arenas;
 
-	if (d->lent && d->memory) {
+	if (d->borrows_arena && d->memory) {
 		all->owned--;
 		all->charged -= d->size;
-	} else if (!d->lent && d->put) {
+	} else if (!d->borrows_arena && d->returned_arena) {
 		all->charged += d->task.bytes;
-	} else if (!d->lent) {
+	} else if (!d->borrows_arena) {
 		all->owned--;
 	}
 }
 
-/* As many as can be made at once, of those that are to be. */
+/* As many as can be in use at once. */
 static unsigned arenas_most(const struct run *w)
 {
 	const struct run_domain *d;
@@ -93,7 +94,7 @@ static unsigned arenas_most(const struct run *w)
 	return making < w->budget.threads ? making : w->budget.threads;
 }
 
-void run_arenas_fit(struct run *w)
+void run_arenas_trim(struct run *w)
 {
 	struct run_domain one = {.run = w};
 	unsigned most = arenas_most(w);

@@ -1,22 +1,23 @@
 /*
- * What differs between the mesh of a run's job and that of an earlier one, by the records of finished domains in the
- * files of their plans.
+ * The difference between the mesh of a run's job and an older mesh, from the records of finished domains in their plan files.
  *
- * The model: each leaf of a plan is a region with its triangles, and the record of the last domain that was finished
- * there says what they are. A region holds in both meshes if both have it, with the same content (heights included).
- * The others of the old plan are gone, the others of the new one are sent: the run skips what holds. The sums of the
- * old records must be the old job's digest, so that what is missing or damaged there cannot make a wrong stream; a
- * region of the new plan without a record is sent, which is never wrong. Worker, but for run_change_skips and _agrees.
+ * The model: each leaf of a plan is a region, and the last record of a domain that was finished there identifies its triangles. A
+ * region is kept if both meshes have it with the same content, heights included. All other regions of the old plan are removed,
+ * all others of the new plan are sent; the run skips what is kept. The sums of the old records must give the old job's digest, so
+ * missing or damaged records there cannot make a wrong stream. A region of the new plan without a record is sent, which is always
+ * right.
+ *
+ * Worker, except run_change_skips, run_change_fails_split and run_change_agrees.
  */
 #include <stdlib.h>
 #include <string.h>
 
 #include "run_priv.h"
 
-/* The leaves of one plan, and what is recorded of them. */
+/* The leaves of one plan, and their records. */
 struct leaves {
 	const struct cut_plan *plan;
-	uint32_t *order; /* leaves by region */
+	uint32_t *order; /* numbers of leaves, sorted by region */
 	struct record {
 		struct digest digest, base, list;
 		uint64_t payload, triangles;
@@ -41,8 +42,8 @@ static int compare_leaves(const void *a, const void *b, void *ctx)
 	return compare(&plan->leaf[*(const uint32_t *)a].region, &plan->leaf[*(const uint32_t *)b].region);
 }
 
-/* The leaf's number, or SIZE_MAX. */
-static size_t find(const struct leaves *l, const struct cut_region *region)
+/* The number of the leaf; SIZE_MAX: there is none. */
+static size_t find_leaf(const struct leaves *l, const struct cut_region *region)
 {
 	size_t low = 0, high = l->plan->n;
 
@@ -60,10 +61,10 @@ static size_t find(const struct leaves *l, const struct cut_region *region)
 	return SIZE_MAX;
 }
 
-static int take_record(void *ctx, const struct plan_done *done, struct err *err)
+static int read_record(void *ctx, const struct plan_done *done, struct err *err)
 {
 	struct leaves *l = ctx;
-	size_t at = find(l, &done->region);
+	size_t at = find_leaf(l, &done->region);
 
 	if (at != SIZE_MAX)
 		l->record[at] = (struct record){done->digest, done->base, done->list, done->payload, done->triangles, true};
@@ -84,12 +85,12 @@ static int leaves_read(struct leaves *l, const struct cut_plan *plan, int plansf
 	for (size_t i = 0; i < plan->n; i++)
 		l->order[i] = (uint32_t)i;
 	qsort_r(l->order, plan->n, sizeof *l->order, compare_leaves, (void *)plan);
-	return plan_file_each_done(plansfd, job, take_record, l, err);
+	return plan_file_each_done(plansfd, job, read_record, l, err);
 }
 
 /* ---- memory ---- */
 
-/* A lists of leaves are short-lived, what comes of them stays with the run; all is taken at once. */
+/* The two lists of leaves are freed soon, the result stays with the run. All is charged at once. */
 static uint64_t bytes_of(size_t n, size_t old)
 {
 	return sizeof(struct run_change) + (n + old + 2) * (sizeof(uint32_t) + sizeof(struct record)) + n +
@@ -137,7 +138,7 @@ struct run_change *run_change_free(struct run *w, struct run_change *c)
 
 /* ---- comparing ---- */
 
-/* All triangles of the old mesh are in its records. */
+/* The records hold all triangles of the old mesh. */
 static bool is_whole(const struct leaves *old, struct digest digest)
 {
 	struct digest sum = {0};
@@ -147,28 +148,28 @@ static bool is_whole(const struct leaves *old, struct digest digest)
 	return digest_equal(sum, digest);
 }
 
-/* Made of the same points under the same view: one domain, in whatever version of the store's format it was noted. */
+/* Both were made of the same points under the same view, whatever the version of the store's format. */
 static bool same_input(const struct record *a, const struct record *b)
 {
 	return !digest_is_zero(a->base) && digest_equal(a->base, b->base) && digest_equal(a->list, b->list);
 }
 
-/* The digest knows no heights: the bytes of the domain do, and what it was made of. */
-static bool same(const struct record *a, const struct record *b)
+/* The digest does not include heights; the checksum of the stored arrays, and the input, do. */
+static bool is_same(const struct record *a, const struct record *b)
 {
 	return a->known && b->known && a->triangles == b->triangles && digest_equal(a->digest, b->digest) &&
 	       (a->payload == b->payload || same_input(a, b));
 }
 
-static void add_gone(struct run_change *c, const struct cut_region *region, const struct record *record)
+static void add_removed(struct run_change *c, const struct cut_region *region, const struct record *record)
 {
-	struct run_region *r = &c->region[c->told.gone++];
+	struct run_region *r = &c->region[c->summary.removed++];
 
 	cut_region_box(region, r->box);
 	r->triangles = record->triangles;
 	r->digest = record->digest;
-	c->told.gone_triangles += record->triangles;
-	digest_add(&c->gone, record->digest);
+	c->summary.removed_triangles += record->triangles;
+	digest_add(&c->removed, record->digest);
 }
 
 static void compare_plans(struct run_change *c, const struct leaves *new, const struct leaves *old)
@@ -177,31 +178,31 @@ static void compare_plans(struct run_change *c, const struct leaves *new, const 
 
 	for (size_t i = 0; i < old->plan->n; i++) {
 		const struct record *was = &old->record[i];
-		size_t at = find(new, &old->plan->leaf[i].region);
+		size_t at = find_leaf(new, &old->plan->leaf[i].region);
 
 		if (!was->triangles)
 			continue;
-		if (at == SIZE_MAX || !same(was, &new->record[at])) {
-			add_gone(c, &old->plan->leaf[i].region, was);
+		if (at == SIZE_MAX || !is_same(was, &new->record[at])) {
+			add_removed(c, &old->plan->leaf[i].region, was);
 			continue;
 		}
 		c->skip[at] = true;
-		c->told.kept++;
-		c->told.kept_triangles += was->triangles;
+		c->summary.kept++;
+		c->summary.kept_triangles += was->triangles;
 	}
 	for (size_t i = 0; i < new->plan->n; i++)
 		c->skip[i] |= new->plan->leaf[i].flat || (new->record[i].known && !new->record[i].triangles);
-	c->told.region = c->region;
-	/* Another base, or other regions that hold: another stream. */
+	c->summary.region = c->region;
+	/* With another base, or other kept regions, it is another stream. */
 	c->id = digest_hash(c->skip, new->plan->n);
-	id = digest_hash(&c->told.old_digest, sizeof c->told.old_digest);
+	id = digest_hash(&c->summary.old_digest, sizeof c->summary.old_digest);
 	digest_add(&c->id, id);
-	digest_add(&c->id, digest_hash(&c->told.generation, sizeof c->told.generation));
-	digest_add(&c->id, c->gone);
+	digest_add(&c->id, digest_hash(&c->summary.generation, sizeof c->summary.generation));
+	digest_add(&c->id, c->removed);
 }
 
-/* Against one job's mesh. RUN_E_ABSENT: too little is kept of it. */
-static int against(struct run *w, const struct run_base *base, struct err *err)
+/* Compares with the mesh of one job. RUN_E_ABSENT: its records are incomplete. */
+static int compare_with(struct run *w, const struct run_base *base, struct err *err)
 {
 	struct plan_file *file = plan_file_new(w->runs->core->plansfd, base->job, w->since->generation, false, NULL);
 	struct cut_plan plan = {.ledger = w->runs->core->p.ledger};
@@ -212,7 +213,7 @@ static int against(struct run *w, const struct run_base *base, struct err *err)
 	int r = file ? plan_file_read(file, &plan, &kept, &seen, err) : err_set(err, ERR_NOMEM, "no memory for a plan");
 
 	if (r == PLAN_FILE_ABSENT)
-		r = digest_is_zero(base->digest) ? 0 : RUN_E_ABSENT; /* a mesh of nothing may have none */
+		r = digest_is_zero(base->digest) ? 0 : RUN_E_ABSENT; /* a mesh without points has no plan */
 	if (!r) {
 		c = change_new(w, plan.n, err);
 		r = c ? 0 : -(int)err->code;
@@ -224,12 +225,12 @@ static int against(struct run *w, const struct run_base *base, struct err *err)
 	if (!r)
 		r = leaves_read(&new, &w->plan, w->runs->core->plansfd, w->since->job, err);
 	if (!r) {
-		c->told = (struct run_changes){.generation = w->since->generation,
-					       .job = base->job,
-					       .old_digest = base->digest,
-					       .old_vertex_digest = base->vertex_digest,
-					       .digest = w->since->digest,
-					       .vertex_digest = w->since->vertex_digest};
+		c->summary = (struct run_changes){.generation = w->since->generation,
+						  .job = base->job,
+						  .old_digest = base->digest,
+						  .old_vertex_digest = base->vertex_digest,
+						  .digest = w->since->digest,
+						  .vertex_digest = w->since->vertex_digest};
 		compare_plans(c, &new, &old);
 		w->change = c;
 	} else {
@@ -242,8 +243,8 @@ static int against(struct run *w, const struct run_base *base, struct err *err)
 	return r;
 }
 
-/* None of its jobs will do: is there something that does? */
-static int no_base(const struct run_since *s, struct err *err)
+/* None of the jobs will do; the hint names what can be had. */
+static int refuse_base(const struct run_since *s, struct err *err)
 {
 	const unsigned long long wanted = s->generation, near = s->near, oldest = s->oldest, newest = s->newest;
 
@@ -272,9 +273,9 @@ int run_change_read(struct run *w, struct err *err)
 	if (!w->since)
 		return 0;
 	if (w->view.window)
-		return err_set(err, ERR_USAGE, "changes are those of a whole mesh, not of an area");
+		return err_set(err, ERR_USAGE, "changes exist for whole meshes, not for areas");
 	pipe_emitter_part(w->emitter);
-	/* One that gave its place back goes on with what it has told. */
+	/* It has begun again, and its head was sent already. */
 	if (w->change)
 		return 0;
 	if (!w->planned && !digest_is_zero(w->since->digest)) {
@@ -282,10 +283,10 @@ int run_change_read(struct run *w, struct err *err)
 		return err_add_hint(err, "fetch the whole mesh");
 	}
 	for (unsigned i = 0; i < w->since->n && r == RUN_E_ABSENT; i++)
-		r = against(w, &w->since->base[i], err);
+		r = compare_with(w, &w->since->base[i], err);
 	if (r != RUN_E_ABSENT)
 		return r;
-	return no_base(w->since, err);
+	return refuse_base(w->since, err);
 }
 
 bool run_change_skips(const struct run *w, size_t index)
@@ -293,7 +294,7 @@ bool run_change_skips(const struct run *w, size_t index)
 	return w->change && w->change->skip[index];
 }
 
-bool run_change_torn(struct run *w)
+bool run_change_fails_split(struct run *w)
 {
 	struct err err = ERR_INIT;
 
@@ -307,13 +308,14 @@ bool run_change_torn(struct run *w)
 
 int run_change_agrees(const struct run *w, struct err *err)
 {
-	struct digest sum = w->change->told.old_digest;
+	struct digest sum = w->change->summary.old_digest;
 	char have[DIGEST_HEX_SIZE], want[DIGEST_HEX_SIZE];
 
-	digest_sub(&sum, w->change->gone);
+	digest_sub(&sum, w->change->removed);
 	digest_add(&sum, w->totals.digest);
-	if (digest_equal(sum, w->change->told.digest))
+	if (digest_equal(sum, w->change->summary.digest))
 		return 0;
 	return err_set(err, ERR_DIGEST, "the mesh of job %llu with the changes has digest %s, the job had %s",
-		       (unsigned long long)w->change->told.job, digest_hex(sum, have), digest_hex(w->change->told.digest, want));
+		       (unsigned long long)w->change->summary.job, digest_hex(sum, have),
+		       digest_hex(w->change->summary.digest, want));
 }

@@ -1,10 +1,11 @@
 /*
- * The domains of a run: their memory, and the tasks that make, split, store and emit them.
+ * The domains of a run: the list, and the tasks that make and split them.
  *
- * The model: a domain's memory is mapped by the worker that makes it, of the size that was charged; when it
- * is done, what its result does not need is unmapped and given back. A task owns its run_domain from submit
- * to done; the plan belongs to the worker while `splitting` is set.
+ * The model: a table of states (enum run_domain_state). The worker that makes a domain maps its memory, of the size that was
+ * charged; afterwards the part that the result does not need is unmapped and returned. A task owns its run_domain from its
+ * submission until `done`. While `splitting` is set, the plan belongs to a worker.
  */
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -15,63 +16,28 @@
 #include "store.h"
 #include "run_priv.h"
 
-#define HUGE_PAGE ((size_t)2 << 20)
-#define PAGE ((size_t)4096)
-/* Positions from which on an arena fills its huge pages. */
+/* ---- the list ---- */
+
+/* An arena for that many positions fills its huge pages. */
 #define HUGE_COUNT ((uint64_t)1 << 17)
-/* Domains that are made one after the other in the same arenas, from which on that is so too. */
+/* So do arenas that this many domains use in turn. */
 #define HUGE_DOMAINS 64
 
-static struct run_domain *domain_of(struct sched_task *t)
+void run_domain_set_state(struct run_domain *d, enum run_domain_state next)
 {
-	return (struct run_domain *)((char *)t - offsetof(struct run_domain, task));
+	static const unsigned allowed[] = {
+		[DOMAIN_MAKING] = 1 << DOMAIN_MAKING | 1 << DOMAIN_SPLIT | 1 << DOMAIN_READY,
+		[DOMAIN_SPLIT] = 1 << DOMAIN_MAKING,
+		[DOMAIN_READY] = 1 << DOMAIN_MAKING | 1 << DOMAIN_STORING | 1 << DOMAIN_EMITTING,
+		[DOMAIN_STORING] = 1 << DOMAIN_READY,
+		[DOMAIN_EMITTING] = 1 << DOMAIN_SENDING,
+		[DOMAIN_SENDING] = 0,
+	};
+
+	THREAD_LOOP_ONLY();
+	assert(allowed[d->state] >> next & 1);
+	d->state = next;
 }
-
-/* ---- memory ---- */
-
-size_t run_page_round(size_t n)
-{
-	return (n + PAGE - 1) & ~(PAGE - 1);
-}
-
-/* Huge pages save the kernel of the triangulation most of its TLB misses; the mapping starts on one and ends
- * with the budget, so that no page beyond it can become resident. Of a small domain they would clear far more
- * memory than it uses: each of the arena's arrays begins on pages of its own. */
-static void *memory_map(size_t size, bool huge)
-{
-	size_t whole = run_page_round(size) + HUGE_PAGE, head;
-	uint8_t *base = mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-
-	if (base == MAP_FAILED)
-		return NULL;
-	head = -(uintptr_t)base & (HUGE_PAGE - 1);
-	if (head)
-		munmap(base, head);
-	munmap(base + head + run_page_round(size), HUGE_PAGE - head);
-	madvise(base + head, run_page_round(size), huge ? MADV_HUGEPAGE : MADV_NOHUGEPAGE);
-	return base + head;
-}
-
-/* Keeps the first `held` bytes. */
-static void memory_trim(struct run_domain *d, size_t held)
-{
-	size_t keep = run_page_round(held);
-
-	if (!d->memory || keep >= d->size)
-		return;
-	munmap((uint8_t *)d->memory + keep, d->size - keep);
-	sched_give(d->run->runs->core->p.sched, LEDGER_DOMAIN, d->size - keep);
-	d->size = keep;
-	if (!keep)
-		d->memory = NULL;
-}
-
-static void run_domain_unmap(struct run_domain *d)
-{
-	memory_trim(d, 0);
-}
-
-/* ---- the list ---- */
 
 static struct run_domain *domain_add(struct run *w, size_t index)
 {
@@ -107,8 +73,8 @@ void run_domain_release(struct run_domain *d)
 	free(d);
 }
 
-static void submit(struct run_domain *d, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
-		   enum sched_priority priority, uint64_t bytes)
+void run_domain_submit(struct run_domain *d, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
+		       enum sched_priority priority, uint64_t bytes)
 {
 	d->task = (struct sched_task){
 		.run = run,
@@ -124,142 +90,8 @@ static void submit(struct run_domain *d, void (*run)(struct sched_task *), void 
 
 /* ---- making ---- */
 
-/* Domains of a one-step dataset go with it. */
-int run_store(const struct run *w)
-{
-	return w->dataset->onestep ? w->dataset->dirfd : w->runs->core->domainsfd;
-}
-
-bool run_recent(void *run, struct digest base, struct digest *ret_list)
-{
-	struct store_id id;
-	bool is = recency_find(((const struct run *)run)->runs->recency, base, &id);
-
-	if (is)
-		*ret_list = id.list;
-	return is;
-}
-
-bool run_recall(void *run, struct digest base, struct pipe_summary *ret)
-{
-	return recency_find(((const struct run *)run)->runs->summaries, base, ret);
-}
-
-void run_remember(void *run, const struct pipe_summary *summary)
-{
-	const struct run *w = run;
-
-	if (!w->dataset->onestep)
-		recency_note(w->runs->summaries, summary);
-}
-
-void run_used(const struct run *w, const struct pipe_stored *as, int64_t now_ns)
-{
-	recency_note(w->runs->recency, &as->id);
-	if (as->used_ns < now_ns - STORE_TOUCH_NS)
-		store_touch(run_store(w), &as->id, now_ns - STORE_TOUCH_NS);
-}
-
-/* Of the job's own run: later streams give the same domains. */
-static void tell(struct run_domain *d)
-{
-	struct run *w = d->run;
-	struct plan_done done = {.region = d->region,
-				 .base = d->as.id.base,
-				 .list = d->as.id.list,
-				 .digest = d->as.digest,
-				 .payload = d->as.payload,
-				 .triangles = d->as.triangles,
-				 .bytes = d->as.bytes};
-	struct err err = ERR_INIT;
-
-	if (w->file && w->keep && !w->lazy && plan_file_done(w->file, &done, 1, &err))
-		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
-}
-
-/* Any thread. Each of them, so that they are counted. */
-void run_tell_damaged(const struct run *w, unsigned n)
-{
-	while (n--)
-		log_event(LOG_EVENT_DAMAGE_DERIVED, ABOUT_RUN(w), "a stored domain of %s was damaged: it is made again",
-			  w->dataset->name);
-}
-
-static struct pipe_reuse_params reuse_params(struct run_domain *d)
-{
-	struct run *w = d->run;
-
-	return (struct pipe_reuse_params){.storefd = run_store(w),
-					  .grid = w->grid,
-					  .view = &w->rest,
-					  .key = &w->key,
-					  .region = &d->region,
-					  .cap = w->budget.cap,
-					  .memory = d->memory,
-					  .size = d->size,
-					  .light = d->front,
-					  .sums = w->sums,
-					  .after_ns = d->looked ? w->there.looked_ns : 0,
-					  .hint = run_recent,
-					  .recall = run_recall,
-					  .remember = w->sums ? run_remember : NULL,
-					  .ctx = w};
-}
-
-static bool load(struct run_domain *d)
-{
-	struct run *w = d->run;
-	unsigned damaged = 0;
-	struct pipe_reuse_params p = reuse_params(d);
-	struct err err = ERR_INIT;
-	int r;
-
-	p.damaged = &damaged;
-	r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
-
-	run_tell_damaged(w, damaged);
-
-	if (r < 0)
-		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_RUN(w), "a stored domain cannot be read, it is made again", &err);
-	d->stored = !r;
-	if (!r)
-		run_used(w, &d->as, 1000 * clock_real_us());
-	return !r;
-}
-
-static void keep(struct run_domain *d)
-{
-	struct run *w = d->run;
-	struct pipe_summary summary;
-	struct err err = ERR_INIT;
-	int r;
-
-	d->unstorable = !run_space_domain(w, d->held);
-	if (d->unstorable)
-		return;
-	r = pipe_store(run_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &summary, &err);
-
-	d->stored = !r;
-	d->unstorable = r != 0;
-	run_space_stored(w, d->held, r ? 0 : d->as.bytes);
-	if (!r) {
-		recency_note(w->runs->recency, &d->as.id);
-		run_remember(w, &summary);
-		return;
-	}
-	log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_RUN(w), "a finished domain cannot be stored", &err);
-}
-
-static void map(struct run_domain *d, uint64_t bytes)
-{
-	d->size = run_page_round(bytes);
-	d->memory = memory_map(d->size, d->huge);
-	if (!d->memory)
-		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
-}
-
-/* What is left of a domain whose sums are all that is wanted. */
-static void strip(struct run_domain *d)
+/* Only the sums are needed. */
+static void drop_result(struct run_domain *d)
 {
 	d->domain.triangle = NULL;
 	d->domain.link = NULL;
@@ -268,17 +100,17 @@ static void strip(struct run_domain *d)
 	d->held = 0;
 }
 
-/* Beside the survey and far from it a region has few points, and reads many others for its halo. */
-static int make(struct run_domain *d)
+/* A region beside the survey, far from its points, has few of them, and reads many others for its halo. */
+static int triangulate(struct run_domain *d)
 {
 	struct run *w = d->run;
-	const struct pipe_reuse_params p = reuse_params(d);
+	const struct pipe_reuse_params p = run_domain_reuse(d);
 	struct pipe_known known = {.sites = d->sites, .flat = d->flat};
 	struct pipe_before before;
 
-	if (d->changed && !w->rest.window && pipe_before(&p, &before))
+	if (d->changed && !w->grid_view.window && pipe_before(&p, &before))
 		known.before = &before;
-	return pipe_domain(w->grid, &w->rest, &d->region, &known, &w->budget, d->memory, &d->domain, &d->need, &d->err);
+	return pipe_domain(w->grid, &w->grid_view, &d->region, &known, &w->budget, d->memory, &d->domain, &d->need, &d->err);
 }
 
 static void make_or_load(struct run_domain *d)
@@ -286,40 +118,40 @@ static void make_or_load(struct run_domain *d)
 	struct run *w = d->run;
 
 	d->made = false;
-	if (!w->rest.window && !d->flat && load(d)) {
-		tell(d);
+	if (!w->grid_view.window && !d->flat && run_domain_load(d)) {
+		run_domain_record(d);
 		return;
 	}
 	d->made = true;
-	d->r = make(d);
+	d->r = triangulate(d);
 	if (d->r)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);
-	d->unstorable = w->rest.window || d->flat;
+	d->unstorable = w->grid_view.window || d->flat;
 	if (!d->unstorable && w->keep && !atomic_load(&d->task.cancel))
-		keep(d);
+		run_domain_keep(d);
 	if (d->stored)
-		tell(d);
+		run_domain_record(d);
 }
 
 static void make_run(struct sched_task *t)
 {
-	struct run_domain *d = domain_of(t);
+	struct run_domain *d = run_domain_of(t);
 	struct run *w = d->run;
 
 	d->err = ERR_INIT;
 	d->r = 0;
-	if (!d->lent)
-		map(d, t->bytes);
+	if (!d->borrows_arena)
+		run_domain_map(d, t->bytes);
 	else
-		d->bare = !run_arena_take(d);
-	if (d->r || d->bare)
+		d->no_arena = !run_arena_take(d);
+	if (d->r || d->no_arena)
 		return;
 	make_or_load(d);
-	if (d->r || !w->sums)
+	if (d->r || !w->sums_only)
 		return;
-	strip(d);
-	/* Not for the next one where somebody else waits for memory. */
+	drop_result(d);
+	/* If others wait for memory, it is unmapped instead. */
 	if (!sched_starved(w->runs->core->p.sched))
 		run_arena_put(d);
 }
@@ -330,23 +162,24 @@ static void make_submit(struct run_domain *d, enum sched_priority priority, bool
 {
 	const struct run *w = d->run;
 
-	/* An arena that serves many domains fills its huge pages; of those it serves some may be larger than this. */
-	d->huge = (w->sums ? w->budget.load : d->count) >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
-	submit(d, make_run, make_done, priority,
-	       d->run->sums ? run_arena_ask(d, own) : run_page_round(d->run->budget.domain_bytes));
+	/* An arena is used by many domains, of which some may be larger than this one. */
+	d->huge = (w->sums_only ? w->budget.load : d->count) >= HUGE_COUNT ||
+		  (w->sums_only && w->plan_n > w->stored_leaves.leaves + HUGE_DOMAINS);
+	run_domain_submit(d, make_run, make_done, priority,
+			  d->run->sums_only ? run_arena_ask(d, own) : run_page_round(d->run->budget.domain_bytes));
 }
 
 static void make_done(struct sched_task *t)
 {
-	struct run_domain *d = domain_of(t);
+	struct run_domain *d = run_domain_of(t);
 	struct run *w = d->run;
 
 	w->tasks--;
-	if (w->sums)
-		run_arena_back(d);
-	if (t->ran && !d->memory && !d->put)
+	if (w->sums_only)
+		run_arena_settle(d);
+	if (t->ran && !d->memory && !d->returned_arena)
 		sched_give(w->runs->core->p.sched, t->name, t->bytes);
-	if (d->bare && t->ran && !w->stopping) {
+	if (d->no_arena && t->ran && !w->stopping) {
 		make_submit(d, t->priority, true);
 		return;
 	}
@@ -356,37 +189,37 @@ static void make_done(struct sched_task *t)
 	}
 	if (d->r == PIPE_E_SPLIT) {
 		run_domain_unmap(d);
-		d->state = DOMAIN_SPLIT;
+		run_domain_set_state(d, DOMAIN_SPLIT);
 	} else if (d->r) {
 		run_fail(w, &d->err);
 		run_domain_release(d);
 	} else {
-		memory_trim(d, d->held);
+		run_domain_trim(d, d->held);
 		w->made += d->made;
 		if (d->made)
 			tally_domain(w->runs->core, d->domain.ntriangle);
 		else
 			w->runs->core->tally.domains_reused++;
-		d->state = DOMAIN_READY;
+		run_domain_set_state(d, DOMAIN_READY);
 	}
 	run_settle(w);
 }
 
-/* Whether its block will not be asked for. */
-static bool passes(const struct run_domain *d)
+/* Its block will not be asked for. */
+static bool is_numbering_only(const struct run_domain *d)
 {
 	const struct run *w = d->run;
 
-	/* A block has no higher number than its domain has in the plan. */
+	/* The number of a block is at most the index of its domain in the plan. */
 	return w->output ? d->index < w->output->from : w->keep;
 }
 
-static void run_domain_restart(struct run_domain *d, enum sched_priority priority)
+void run_domain_restart(struct run_domain *d, enum sched_priority priority)
 {
 	run_domain_unmap(d);
-	d->state = DOMAIN_MAKING;
+	run_domain_set_state(d, DOMAIN_MAKING);
 	d->stored = false;
-	d->front = passes(d);
+	d->numbering_only = is_numbering_only(d);
 	make_submit(d, priority, false);
 }
 
@@ -399,7 +232,7 @@ struct run_domain *run_domain_start(struct run *w, size_t index, enum sched_prio
 	d->region = w->plan.leaf[index].region;
 	d->sites = w->plan.leaf[index].known ? w->plan.sites : NULL;
 	d->count = w->plan.leaf[index].count;
-	d->looked = w->plan.leaf[index].checked && !w->plan.leaf[index].there;
+	d->searched = w->plan.leaf[index].checked && !w->plan.leaf[index].there;
 	d->changed = w->plan.leaf[index].changed;
 	d->flat = w->plan.leaf[index].flat;
 	run_domain_restart(d, priority);
@@ -410,7 +243,7 @@ struct run_domain *run_domain_start(struct run *w, size_t index, enum sched_prio
 
 static void split_run(struct sched_task *t)
 {
-	struct run_domain *d = domain_of(t);
+	struct run_domain *d = run_domain_of(t);
 	struct run *w = d->run;
 	struct grid_reader *reader = NULL;
 	size_t size = grid_reader_bytes(w->grid);
@@ -423,8 +256,8 @@ static void split_run(struct sched_task *t)
 	}
 	d->r = grid_reader_new(w->grid, memory, size, &reader, &d->err);
 	if (!d->r)
-		d->r = pipe_plan_split(&w->plan, d->index, reader, &w->rest, d->need, w->budget.cap, &d->err);
-	/* Before a half of it is made, for good. */
+		d->r = pipe_plan_split(&w->plan, d->index, reader, &w->grid_view, d->need, w->budget.cap, &d->err);
+	/* Durable before a half of it is made. */
 	if (!d->r && w->file)
 		d->r = plan_file_split(w->file, &d->region, &w->plan.leaf[d->index], &d->err);
 	grid_reader_free(reader);
@@ -433,7 +266,7 @@ static void split_run(struct sched_task *t)
 
 static void split_done(struct sched_task *t)
 {
-	struct run_domain *d = domain_of(t), *other;
+	struct run_domain *d = run_domain_of(t), *other;
 	struct run *w = d->run;
 	size_t at = d->index;
 
@@ -455,7 +288,7 @@ static void split_done(struct sched_task *t)
 	w->next_start += at < w->next_start;
 	d->region = w->plan.leaf[at].region;
 	d->sites = NULL;
-	d->looked = d->changed = false;
+	d->searched = d->changed = false;
 	d->count = w->plan.leaf[at].count;
 	run_domain_restart(d, SCHED_FIRST);
 	run_domain_start(w, at + 1, SCHED_FIRST);
@@ -465,148 +298,10 @@ static void split_done(struct sched_task *t)
 void run_domain_split(struct run_domain *d)
 {
 	d->run->splitting = d;
-	submit(d, split_run, split_done, SCHED_FIRST, grid_reader_bytes(d->run->grid));
+	run_domain_submit(d, split_run, split_done, SCHED_FIRST, grid_reader_bytes(d->run->grid));
 }
 
-/* ---- storing ---- */
-
-static void store_run(struct sched_task *t)
+bool run_leaf_is_stored(const struct run *w, size_t index)
 {
-	struct run_domain *d = domain_of(t);
-
-	if (!d->stored)
-		keep(d);
-}
-
-static void store_done(struct sched_task *t)
-{
-	struct run_domain *d = domain_of(t);
-	struct run *w = d->run;
-
-	w->tasks--;
-	d->state = DOMAIN_READY;
-	if (d->stored || w->stopping)
-		run_domain_release(d);
-	run_settle(w);
-}
-
-void run_domain_store(struct run_domain *d)
-{
-	if (d->stored) {
-		run_domain_release(d);
-		return;
-	}
-	d->state = DOMAIN_STORING;
-	submit(d, store_run, store_done, SCHED_FIRST, 0);
-}
-
-/* ---- emitting ---- */
-
-static int take_block(void *ctx, const struct mesh_block *block, struct err *err)
-{
-	struct run *w = ctx;
-
-	w->blocks = block->index + 1;
-	/* Blocks that its reader has already are passed only. */
-	if (w->output && block->index < w->output->from)
-		return 0;
-	w->emitting->block = true;
-	if (w->output)
-		w->output->calls->encode(w->output, block);
-	return 0;
-}
-
-static void emit_run(struct sched_task *t)
-{
-	struct run_domain *d = domain_of(t);
-	struct run *w = d->run;
-	struct mesh_sink sink = {.ctx = w, .block = take_block};
-
-	d->err = ERR_INIT;
-	d->r = run_space_spill(w, &d->err);
-	if (!d->r)
-		d->r = pipe_emit(w->emitter, &d->domain, &d->region, d->domain.triangle ? &sink : NULL, &d->err);
-	if (!d->domain.triangle) {
-		w->blocks++;
-		d->block = !w->output;
-	}
-}
-
-static void emit_done(struct sched_task *t)
-{
-	struct run_domain *d = domain_of(t);
-	struct run *w = d->run;
-	bool block = d->block;
-
-	w->tasks--;
-	w->emitting = NULL;
-	w->output_working = false;
-	if (w->output_freed)
-		run_output_drop(w);
-	if (!t->ran || d->r) {
-		if (t->ran)
-			run_fail(w, &d->err);
-		run_domain_release(d);
-		run_settle(w);
-		return;
-	}
-	w->next_emit++;
-	w->points += d->domain.counts.points;
-	if (d->domain.ntriangle && !w->first_ns)
-		w->first_ns = clock_mono_ns();
-	if (block && w->output) {
-		d->state = DOMAIN_SENDING;
-		w->sending = d;
-		w->output_busy = true;
-		w->sending_ns = clock_mono_ns();
-		w->output->calls->send(w->output);
-	} else {
-		run_domain_release(d);
-	}
-	if (w->calls->moved)
-		w->calls->moved(w->ctx);
-	run_settle(w);
-}
-
-/* Counted only: too little to ask a worker. */
-static void count(struct run_domain *d)
-{
-	struct run *w = d->run;
-	struct err err = ERR_INIT;
-	int r = pipe_emit(w->emitter, &d->domain, &d->region, NULL, &err);
-
-	if (r)
-		run_fail(w, &err);
-	w->blocks += d->domain.nvertex > 0;
-	if (d->domain.ntriangle && !w->first_ns)
-		w->first_ns = clock_mono_ns();
-	w->next_emit++;
-	w->points += d->domain.counts.points;
-	run_domain_release(d);
-	if (w->sums && w->calls->moved)
-		w->calls->moved(w->ctx);
-}
-
-bool run_is_there(const struct run *w, size_t index)
-{
-	return w->sums && w->plan.leaf[index].there;
-}
-
-void run_domain_emit(struct run_domain *d)
-{
-	struct run *w = d->run;
-
-	if (!d->domain.nvertex || w->sums) {
-		count(d);
-		return;
-	}
-	if (!d->domain.triangle && w->output && w->blocks >= w->output->from) {
-		/* Its reader came, or the plan was split before it: the rest is needed too. */
-		run_domain_restart(d, SCHED_FIRST);
-		return;
-	}
-	d->state = DOMAIN_EMITTING;
-	w->emitting = d;
-	w->output_working = w->output != NULL;
-	submit(d, emit_run, emit_done, SCHED_FIRST, 0);
+	return w->sums_only && w->plan.leaf[index].there;
 }

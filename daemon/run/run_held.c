@@ -1,8 +1,8 @@
 /*
- * What a run holds of the budget.
+ * What a run holds of the budget, for `acutctl status`.
  *
- * The bytes of a task are its own until the loop hears of its end, then they are where the loop keeps them. What a worker is
- * about to change is left out: it is the task's.
+ * The bytes of a task are counted with the task until the loop takes over its result. What a worker is about to change is not
+ * counted.
  */
 #include "run_priv.h"
 
@@ -19,15 +19,15 @@ void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 	for (d = w->domains; d; d = d->next) {
 		uint64_t taken = sched_taken(s, &d->task);
 
-		/* A lent arena is the run's. */
-		held[LEDGER_DOMAIN] += taken ? taken : d->lent && d->state == DOMAIN_MAKING ? 0 : d->size;
+		/* A borrowed arena is counted with the run's. */
+		held[LEDGER_DOMAIN] += taken ? taken : d->borrows_arena && d->state == DOMAIN_MAKING ? 0 : d->size;
 	}
 	held[LEDGER_DOMAIN] += w->arenas.charged;
-	/* Workers have it in these states. */
+	/* Otherwise a worker has the plan. */
 	if (!w->splitting && w->state >= RUN_RUNNING)
 		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf + cut_sites_bytes(w->plan.sites);
 	held[LEDGER_JOBS] += w->charged;
-	/* Workers open and close it in these states. */
+	/* Otherwise a worker opens or closes the grid. */
 	if (w->grid && w->state != RUN_OPENING && w->state != RUN_SELECTING) {
 		held[LEDGER_INDEX] += grid_charged(w->grid);
 		held[LEDGER_MANIFEST] += grid_manifest(w->grid)->charged;

@@ -1,19 +1,19 @@
 /*
- * A run and its output: when the head goes out, what happens when the reader is slow, and when it is gone.
+ * A run and its output: the head, slow readers, and the end.
  *
- * The model: output_busy from the moment a block was encoded until run_output_sent; output_working while a
- * worker is inside one of the output's calls. A block whose reader has taken nothing for a while is spooled
- * into a file without a name, so that its memory is free; it comes back through one small buffer.
+ * The model: output_busy lasts from the encoding of a block until run_output_sent; output_working while a worker is in a call of
+ * the output. A block whose reader takes nothing for a while is spooled into a file without a name, which frees its memory; it is
+ * read back through one small buffer.
  */
+#include <assert.h>
 #include <string.h>
 
 #include "clock.h"
 #include "log.h"
 #include "run_priv.h"
 
-#define STALL_SECONDS 0.25
 #define SPOOL_AGAIN_SECONDS 5.0
-/* A block whose reader takes it, but slowly, is spooled when others lack memory, or at last. */
+/* A block whose reader is slow but not stalled is spooled when others lack memory, or after the longer time. */
 #define SLOW_SECONDS 0.5
 #define SLOWEST_SECONDS 5.0
 
@@ -24,7 +24,8 @@ static struct run *run_of_output_task(struct sched_task *t)
 
 bool run_attach(struct run *w, struct run_output *output)
 {
-	if (w->output || w->sums || w->next_emit || w->emitting || w->stopping || w->state >= RUN_FINISHING)
+	THREAD_LOOP_ONLY();
+	if (w->output || w->sums_only || w->next_emit || w->emitting || w->stopping || w->state >= RUN_FINISHING)
 		return false;
 	w->output = output;
 	output->run = w;
@@ -50,8 +51,8 @@ struct run_output *run_detach(struct run *w)
 	return output;
 }
 
-/* Same generation, view and plan, made by the same kernel: the same blocks in the same order. Splits follow from
- * the plan and its cap, so they need not be in it. */
+/* The same generation, view and plan, and the same version of the kernel, give the same blocks in the same order. Splits follow
+ * from the plan and its cap. */
 static struct digest stream_id(const struct run *w)
 {
 	struct digest id = digest_hash(w->view_text, strlen(w->view_text)), key;
@@ -70,8 +71,8 @@ static struct digest stream_id(const struct run *w)
 	return digest_hash(&id, sizeof id);
 }
 
-/* False: another stream was to go on; the run fails. */
-static bool is_wanted(struct run *w, struct digest id)
+/* False: another stream was to be resumed, and the run fails. */
+static bool check_stream(struct run *w, struct digest id)
 {
 	char have[DIGEST_HEX_SIZE], want[DIGEST_HEX_SIZE];
 	struct err err = ERR_INIT;
@@ -85,7 +86,7 @@ static bool is_wanted(struct run *w, struct digest id)
 	return false;
 }
 
-bool run_output_enough(struct run *w)
+bool run_output_check_end(struct run *w)
 {
 	struct err err = ERR_INIT;
 
@@ -111,23 +112,23 @@ void run_output_head(struct run *w)
 		return;
 	head.id = stream_id(w);
 	if (w->output_head) {
-		/* It has begun again: what follows must be of the same stream. */
+		/* The run has begun again: it must be the same stream. */
 		if (!digest_equal(head.id, w->head_id)) {
 			struct err err = ERR_INIT;
 
-			err_set(&err, ERR_GONE, "the mesh had to be begun again, and is made of other regions now");
-			err_add_hint(&err, "ask for it again");
+			err_set(&err, ERR_GONE, "the mesh had to be started again, and has other regions now");
+			err_add_hint(&err, "request it again");
 			run_fail(w, &err);
 		}
 		return;
 	}
-	if (!is_wanted(w, head.id))
+	if (!check_stream(w, head.id))
 		return;
 	w->output_head = true;
 	w->head_id = head.id;
 	head.window = w->view.window;
 	head.manifest = grid_manifest(w->grid);
-	head.changes = w->change ? &w->change->told : NULL;
+	head.changes = w->change ? &w->change->summary : NULL;
 	if (grid_box(w->grid, box)) {
 		head.box[0] = box[0];
 		head.box[1] = box[1];
@@ -139,7 +140,7 @@ void run_output_head(struct run *w)
 	w->output->calls->head(w->output, &head);
 }
 
-static void buffer_give(struct run *w)
+static void release_buffer(struct run *w)
 {
 	if (w->output_buffer)
 		sched_give(w->runs->core->p.sched, LEDGER_PIPE, RUN_OUTPUT_BUFFER);
@@ -147,7 +148,7 @@ static void buffer_give(struct run *w)
 	run_space_unspool(w);
 }
 
-static void sending_release(struct run *w)
+static void release_sending(struct run *w)
 {
 	if (w->sending)
 		run_domain_release(w->sending);
@@ -194,7 +195,7 @@ static void output_task_done(struct sched_task *t)
 		w->output->calls->send(w->output);
 	} else if (t->ran) {
 		if (!refill)
-			sending_release(w);
+			release_sending(w);
 		w->output->calls->send(w->output);
 	}
 	run_settle(w);
@@ -210,6 +211,7 @@ static void output_submit(struct run *w, void (*run)(struct sched_task *), uint6
 		.name = LEDGER_PIPE,
 		.bytes = bytes,
 	};
+	assert(!w->output_working);
 	w->output->calls->pause(w->output);
 	w->output_working = true;
 	w->tasks++;
@@ -225,8 +227,8 @@ static bool can_spool(const struct run *w)
 
 void run_output_tick(struct run *w)
 {
-	if (can_spool(w) && run_crowded(w) &&
-	    (w->output->calls->stalled(w->output) > STALL_SECONDS || clock_since(w->sending_ns) > SLOWEST_SECONDS))
+	if (can_spool(w) && run_must_store(w) &&
+	    (w->output->calls->stalled(w->output) > RUN_STALL_SECONDS || clock_since(w->sending_ns) > SLOWEST_SECONDS))
 		output_submit(w, spool_run, 0);
 }
 
@@ -236,16 +238,17 @@ void run_output_relieve(struct run *w)
 		output_submit(w, spool_run, 0);
 }
 
-void run_output_dry(struct run_output *output)
+void run_output_drained(struct run_output *output)
 {
 	struct run *w = output->run;
 
+	THREAD_LOOP_ONLY();
 	if (!w || w->output_working)
 		return;
 	output_submit(w, refill_run, w->output_buffer ? 0 : RUN_OUTPUT_BUFFER);
 }
 
-/* ---- ends ---- */
+/* ---- closing ---- */
 
 void run_output_sent(struct run_output *output)
 {
@@ -255,31 +258,33 @@ void run_output_sent(struct run_output *output)
 	if (!w || !w->output_busy)
 		return;
 	w->output_busy = false;
-	buffer_give(w);
-	sending_release(w);
+	release_buffer(w);
+	release_sending(w);
 	run_settle(w);
 }
 
-/* The output goes for good; a worker that was in it has left. */
+/* No worker uses the output any more. */
 void run_output_drop(struct run *w)
 {
 	struct run_output *output = w->output;
 	void (*freed)(struct run_output *) = w->output_freed;
 
+	assert(!w->output_working);
 	w->output = NULL;
 	w->output_freed = NULL;
 	w->output_busy = false;
-	buffer_give(w);
-	sending_release(w);
+	release_buffer(w);
+	release_sending(w);
 	output->run = NULL;
 	freed(output);
 }
 
-void run_output_gone(struct run_output *output, void (*freed)(struct run_output *))
+void run_output_close(struct run_output *output, void (*freed)(struct run_output *))
 {
 	struct run *w = output->run;
 	struct err why = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (!w) {
 		if (output->forget)
 			output->forget(output);
@@ -289,8 +294,8 @@ void run_output_gone(struct run_output *output, void (*freed)(struct run_output 
 	w->output_freed = freed;
 	if (!w->output_working)
 		run_output_drop(w);
-	err_set(&why, ERR_CANCELLED, "nobody reads the stream any more");
-	if (w->calls->unread)
-		w->calls->unread(w->ctx, &why);
+	err_set(&why, ERR_CANCELLED, "the stream has no reader any more");
+	if (w->calls->abandoned)
+		w->calls->abandoned(w->ctx, &why);
 	run_settle(w);
 }

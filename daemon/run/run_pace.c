@@ -1,9 +1,9 @@
 /*
- * How fast a run is, and what it waits for.
+ * The pace of a run, and what it waits for.
  *
- * The model: a run works while a task of it runs. The pace is points emitted a second of work, in which what lies
- * FADE_SECONDS of work back counts a third: so a pause (for memory, for a reader, for others) changes nothing, and a
- * dense part after a sparse one shows soon. Domains come in steps; nothing is said before there are a few seconds.
+ * The model: a run works while one of its tasks runs. The pace is points emitted a second of work; work that is FADE_SECONDS ago
+ * counts a third. So a pause (for memory, a reader, other users) changes nothing, and a dense part after a sparse one shows soon.
+ * Domains come in steps, so there is no estimate in the first seconds.
  */
 #include <math.h>
 #include <stdio.h>
@@ -27,12 +27,12 @@ void run_pace_tick(struct run *w)
 {
 	struct run_pace *p = &w->pace;
 	uint64_t now = clock_mono_ns(), points = points_of(w);
-	double seconds = p->looked_ns ? (double)(now - p->looked_ns) / 1e9 : 0, fade;
+	double seconds = p->checked_ns ? (double)(now - p->checked_ns) / 1e9 : 0, fade;
 	struct sched_flow flow;
 
 	sched_flow(w->runs->core->p.sched, w->owner.flow, &flow);
-	p->looked_ns = now;
-	/* What a phase began with is not its pace. */
+	p->checked_ns = now;
+	/* A phase starts with a pace of its own. */
 	if (w->state != RUN_RUNNING && w->state != RUN_SELECTING) {
 		p->seen = points;
 		p->points = p->seconds = 0;

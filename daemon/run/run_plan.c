@@ -1,11 +1,10 @@
 /*
- * The plan of a run: read from the job's file, or made and kept there before the first domain is.
+ * The plan of a run: read from the job's file, or made and written there before the first domain.
  *
- * The model: the same plan and cap give the same blocks, whatever the memory and the threads, since they decide
- * every split. So a run of a plan that was kept takes its cap, and the memory decides only how many domains run at
- * once. Where not even one of them would fit if nothing else ran, the plan gets a smaller cap, in the file first:
- * then it stands for another stream, and what was promised of the old one is gone. A run that follows another
- * takes over the splits of that one.
+ * The model: the same plan and cap give the same blocks with any memory and any number of threads, because they decide every
+ * split. So a run with a kept plan uses its cap, and the memory decides only how many domains are made at once. If not even one
+ * domain would fit an idle daemon, the plan gets a smaller cap, first in the file: then it stands for another stream, and the old
+ * one cannot be resumed. A run that follows another applies its splits.
  */
 #include <stdlib.h>
 
@@ -16,21 +15,16 @@
 #include "store.h"
 #include "run_priv.h"
 
-/* Positions of a leaf of a dataset that is kept: so little is made again after a push, and all of it for a tenth more.
- * What its arena carries stays that of the rung. */
+/* Positions of a leaf of a named dataset. Small leaves: little is made again after a push, and making all of them costs a tenth
+ * more. The arena's capacity does not depend on it. */
 enum { KEPT_LOAD = 1 << 16 };
-/* Leaves from which on a plan is worth a second worker. */
-enum { LOOK_TOGETHER = 32 };
-#define LOOK_SECONDS 0.005
+/* Leaves that make a second worker worthwhile for the search. */
+enum { SEARCH_TOGETHER = 32 };
+#define SEARCH_SECONDS 0.005
 
-static struct lock leaves_lock = LOCK_STATIC(LEAVES); /* of those who look at leaves */
+static struct lock leaves_lock = LOCK_STATIC(LEAVES); /* guards run_planning.damaged and .err, and run.stored_leaves */
 
 static void plan_over(void *run);
-
-static struct run *run_of_task(struct sched_task *t)
-{
-	return (struct run *)((char *)t - offsetof(struct run, task));
-}
 
 int run_plan_read(struct run *w, struct err *err)
 {
@@ -45,13 +39,13 @@ int run_plan_read(struct run *w, struct err *err)
 	return r == PLAN_FILE_ABSENT ? 0 : r;
 }
 
-static int keep(struct run *w)
+static int plan_keep(struct run *w)
 {
 	w->kept = (struct plan_kept){.load = w->budget.load, .cap = w->budget.cap};
 	if (!w->file)
 		return 0;
-	/* Nobody has a block of it: no domain waits for the disk. */
-	return (w->sums && !w->planned ? plan_file_write_later : plan_file_write)(w->file, &w->plan, &w->kept, &w->err);
+	/* No block of it was sent, so nothing has to wait for the disk. */
+	return (w->sums_only && !w->planned ? plan_file_write_later : plan_file_write)(w->file, &w->plan, &w->kept, &w->err);
 }
 
 static struct pipe_reuse_params reuse_params(const struct run *w, void *memory, size_t size)
@@ -59,7 +53,7 @@ static struct pipe_reuse_params reuse_params(const struct run *w, void *memory, 
 	return (struct pipe_reuse_params){
 		.storefd = run_store(w),
 		.grid = w->grid,
-		.view = &w->rest,
+		.view = &w->grid_view,
 		.key = &w->key,
 		.load = w->budget.load,
 		.cap = w->budget.cap,
@@ -73,18 +67,20 @@ static struct pipe_reuse_params reuse_params(const struct run *w, void *memory, 
 	};
 }
 
-/* A leaf that is there: its sums at once; its place among the finished ones when there is a plan to note it in. Any of those who
- * look. */
-static void take_there(void *ctx, const struct cut_region *region, const struct mesh_domain *domain, const struct pipe_stored *as)
+/* A leaf that the store has: adds its sums at once, and keeps its record until there is a plan to write it to. Any member of the
+ * search. */
+static void take_stored_leaf(void *ctx, const struct cut_region *region, const struct mesh_domain *domain,
+			     const struct pipe_stored *as)
 {
 	struct run *w = ctx;
-	struct run_there *t = &w->there;
+	struct run_stored_leaves *t = &w->stored_leaves;
 	struct mesh_domain d = *domain;
 	struct err err = ERR_INIT;
 
 	lock_take(&leaves_lock);
 	if (pipe_emit(w->emitter, &d, region, NULL, &err))
-		log_err(LOG_LEVEL_ERROR, "the sums of a stored domain are not taken", &err); /* the mesh will not be whole */
+		log_err(LOG_LEVEL_ERROR, "the sums of a stored domain cannot be added",
+			&err); /* the totals will not agree, and the run fails */
 	t->leaves++;
 	t->points += domain->counts.points;
 	t->triangles |= domain->ntriangle > 0;
@@ -97,17 +93,17 @@ static void take_there(void *ctx, const struct cut_region *region, const struct 
 						     .triangles = as->triangles,
 						     .bytes = as->bytes};
 	lock_give(&leaves_lock);
-	run_used(w, as, t->looked_ns + STORE_LOOK_NS);
+	run_used(w, as, t->searched_ns + STORE_LOOK_NS);
 }
 
-/* Those that no memory is left for are missed by comparisons only. */
-static void there_room(struct run *w)
+/* Without memory for the records, later comparisons find these regions changed. */
+static void stored_leaves_init(struct run *w)
 {
-	struct run_there *t = &w->there;
+	struct run_stored_leaves *t = &w->stored_leaves;
 	uint64_t bytes = (uint64_t)w->plan.n * sizeof *t->done;
 
-	run_there_free(w);
-	*t = (struct run_there){.looked_ns = 1000 * clock_real_us() - STORE_LOOK_NS};
+	run_stored_leaves_free(w);
+	*t = (struct run_stored_leaves){.searched_ns = 1000 * clock_real_us() - STORE_LOOK_NS};
 	if (!ledger_take(w->runs->core->p.ledger, LEDGER_PLAN, bytes))
 		return;
 	t->charged = bytes;
@@ -115,9 +111,9 @@ static void there_room(struct run *w)
 	t->room = t->done ? w->plan.n : 0;
 }
 
-void run_there_free(struct run *w)
+void run_stored_leaves_free(struct run *w)
 {
-	struct run_there *t = &w->there;
+	struct run_stored_leaves *t = &w->stored_leaves;
 
 	free(t->done);
 	if (t->charged)
@@ -127,29 +123,29 @@ void run_there_free(struct run *w)
 	t->charged = 0;
 }
 
-static void tell_there(struct run *w)
+static void record_stored_leaves(struct run *w)
 {
 	struct err err = ERR_INIT;
 
-	if (w->file && plan_file_done(w->file, w->there.done, w->there.n, &err))
-		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
-	run_there_free(w);
+	if (w->file && plan_file_done(w->file, w->stored_leaves.done, w->stored_leaves.n, &err))
+		log_err(LOG_LEVEL_DEBUG, "a finished domain is not recorded in the plan", &err);
+	run_stored_leaves_free(w);
 }
 
-/* ---- what the store has of earlier generations ---- */
+/* ---- the search for stored leaves ---- */
 
-/* One of so many that share the memory. */
-static struct pipe_reuse_params look_params(struct run *w, unsigned member, unsigned members)
+/* The members share the memory. */
+static struct pipe_reuse_params search_params(struct run *w, unsigned member, unsigned members)
 {
 	size_t each = w->planning.bytes / members & ~(size_t)63;
 	struct pipe_reuse_params p = reuse_params(w, (uint8_t *)w->planning.memory + member * each, each);
 
-	if (w->sums)
-		p.there = take_there;
+	if (w->sums_only)
+		p.there = take_stored_leaf;
 	return p;
 }
 
-static void looked(struct run *w, unsigned damaged, int r, const struct err *err)
+static void search_result(struct run *w, unsigned damaged, int r, const struct err *err)
 {
 	struct run_planning *m = &w->planning;
 
@@ -160,11 +156,11 @@ static void looked(struct run *w, unsigned damaged, int r, const struct err *err
 	lock_give(&leaves_lock);
 }
 
-/* Some leaves, for as long as others may wait for a helper's thread; false: there are no others, or it failed. */
-static bool look(void *ctx, unsigned member)
+/* Searches for some leaves, no longer than others may wait for a thread. False: all leaves are done, or it failed. */
+static bool search_step(void *ctx, unsigned member)
 {
 	struct run *w = ctx;
-	struct pipe_reuse_params p = look_params(w, member, w->planning.members);
+	struct pipe_reuse_params p = search_params(w, member, w->planning.members);
 	uint64_t begun_ns = clock_mono_ns();
 	struct err err = ERR_INIT;
 	unsigned damaged = 0;
@@ -176,54 +172,54 @@ static bool look(void *ctx, unsigned member)
 	w->planning.reader[member] = p.reader;
 	do
 		r = r ? r : pipe_refine_step(w->planning.refine, &p, &err);
-	while (!r && clock_since(begun_ns) < LOOK_SECONDS && !atomic_load(&w->task.cancel));
-	looked(w, damaged, r, &err);
+	while (!r && clock_since(begun_ns) < SEARCH_SECONDS && !atomic_load(&w->task.cancel));
+	search_result(w, damaged, r, &err);
 	return !r && !atomic_load(&w->task.cancel);
 }
 
-/* Without it the plan is as good. */
-static int cut(struct run *w)
+/* A failure only makes the plan less good. */
+static int refine_cut(struct run *w)
 {
 	struct run_planning *m = &w->planning;
-	struct pipe_reuse_params p = look_params(w, 0, 1);
+	struct pipe_reuse_params p = search_params(w, 0, 1);
 	struct err err = ERR_INIT;
 	int r;
 
-	p.damaged = &m->damaged; /* nobody else is at it */
+	p.damaged = &m->damaged; /* no other member runs */
 	p.reader = m->reader[0];
 	if (!m->err.code) {
 		r = pipe_refine_split(m->refine, &p, &err);
-		looked(w, 0, r, &err);
+		search_result(w, 0, r, &err);
 	}
-	run_tell_damaged(w, m->damaged);
+	run_event_damaged(w, m->damaged);
 	if (m->err.code == ERR_BUSY || m->err.code == ERR_NOMEM) {
 		w->err = m->err;
 		return -(int)m->err.code;
 	}
 	if (m->err.code)
-		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_RUN(w), "the store of finished domains cannot be looked at", &m->err);
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_RUN(w), "the store of finished domains cannot be searched", &m->err);
 	return 0;
 }
 
-/* As many as have something to do, and memory. */
-static unsigned look_members(const struct run *w)
+/* As many as have work and memory. */
+static unsigned search_members(const struct run *w)
 {
 	size_t most = w->planning.bytes / pipe_refine_bytes(w->grid), threads = sched_threads(w->runs->core->p.sched);
 
 	threads = threads < most ? threads : most;
-	return threads > 1 && w->plan.n >= LOOK_TOGETHER ? (unsigned)threads : 1;
+	return threads > 1 && w->plan.n >= SEARCH_TOGETHER ? (unsigned)threads : 1;
 }
 
-static int look_begin(struct run *w)
+static int search_begin(struct run *w)
 {
 	struct run_planning *m = &w->planning;
 	struct sched_group_params group = {
-		.sched = w->runs->core->p.sched, .owner = w->owner, .step = look, .over = plan_over, .ctx = w};
+		.sched = w->runs->core->p.sched, .owner = w->owner, .step = search_step, .over = plan_over, .ctx = w};
 	int r;
 
-	if (w->sums)
-		there_room(w);
-	group.members = m->members = look_members(w);
+	if (w->sums_only)
+		stored_leaves_init(w);
+	group.members = m->members = search_members(w);
 	m->reader = calloc(m->members, sizeof *m->reader);
 	if (!m->reader)
 		return err_set(&w->err, ERR_NOMEM, "no memory for %u workers", m->members);
@@ -231,7 +227,7 @@ static int look_begin(struct run *w)
 	return r || m->members < 2 ? r : sched_group_new(&group, &m->group, &w->err);
 }
 
-/* Only told: what cannot be read counts as not there. */
+/* Only a number: what cannot be read counts as absent. */
 static void count_reusable(struct run *w, void *memory, size_t size)
 {
 	w->reusable = 0;
@@ -246,29 +242,29 @@ static void count_reusable(struct run *w, void *memory, size_t size)
 		p.region = &w->plan.leaf[i].region;
 		p.damaged = &damaged;
 		w->reusable += w->plan.leaf[i].there || pipe_reuse(&p, &d, &as, &held, &err) == 0;
-		run_tell_damaged(w, damaged);
+		run_event_damaged(w, damaged);
 	}
 }
 
-/* Nobody looks at a leaf any more. */
-static void plan_rest(struct run *w)
+/* No member of the search runs any more. */
+static void plan_finish(struct run *w)
 {
 	struct run_planning *m = &w->planning;
 
 	if (!w->r && m->refine)
-		w->r = cut(w);
+		w->r = refine_cut(w);
 	if (!w->r)
-		w->r = pipe_plan_probe(w->grid, &w->rest, &w->budget, m->memory, &w->plan, &w->err);
+		w->r = pipe_plan_probe(w->grid, &w->grid_view, &w->budget, m->memory, &w->plan, &w->err);
 	if (!w->r && w->plan_only)
 		count_reusable(w, m->memory, m->bytes);
 	free(m->memory);
 	m->memory = NULL;
 	if (!w->r)
-		w->r = keep(w);
+		w->r = plan_keep(w);
 	if (!w->r)
-		tell_there(w);
+		record_stored_leaves(w);
 	if (w->r == PIPE_E_EMPTY) {
-		/* No domains, but the counts of what was read. */
+		/* No points, so no domains; only the counts of what was read. */
 		pipe_emit_empty(w->emitter, &m->empty);
 		w->r = 0;
 	}
@@ -285,75 +281,76 @@ static void plan_run(struct sched_task *t)
 		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
 		return;
 	}
-	w->r = pipe_plan_make(w->grid, &w->rest, &w->budget, m->memory, &w->plan, &m->empty, &w->err);
+	w->r = pipe_plan_make(w->grid, &w->grid_view, &w->budget, m->memory, &w->plan, &m->empty, &w->err);
 	m->bytes = t->bytes;
-	if (!w->r && (w->keep || w->plan_only) && pipe_refine_applies(&w->rest, &w->plan))
-		w->r = look_begin(w);
+	if (!w->r && (w->keep || w->plan_only) && pipe_refine_applies(&w->grid_view, &w->plan))
+		w->r = search_begin(w);
 	if (!w->r && m->group)
 		return;
-	while (!w->r && m->refine && look(w, 0))
+	while (!w->r && m->refine && search_step(w, 0))
 		;
-	plan_rest(w);
+	plan_finish(w);
 }
 
-/* The rest of it, with helpers. */
-static void look_run(struct sched_task *t)
+/* The rest of the search, with helpers. */
+static void search_run(struct sched_task *t)
 {
 	struct run *w = run_of_task(t);
 
 	sched_group_run(w->planning.group);
-	/* Else the run has stopped. */
+	/* Otherwise the run has stopped. */
 	if (!atomic_load(&t->cancel))
-		plan_rest(w);
+		plan_finish(w);
 }
 
-/* The memory is less than that of the plan: the regions stay, the cap does not. */
+/* The memory is smaller than that of the plan: its regions stay, its cap does not. */
 static void narrow_run(struct sched_task *t)
 {
 	struct run *w = run_of_task(t);
 
 	w->err = ERR_INIT;
-	w->r = keep(w);
+	w->r = plan_keep(w);
 }
 
-static void run(struct run *w)
+static void run_domains_begin(struct run *w)
 {
 	w->plan_n = w->plan.n;
-	w->points += w->there.points;
-	w->blocks += w->there.triangles;
-	w->runs->core->tally.domains_reused += w->there.leaves;
-	if (w->there.triangles && !w->first_ns)
+	w->points += w->stored_leaves.points;
+	w->blocks += w->stored_leaves.triangles;
+	w->runs->core->tally.domains_reused += w->stored_leaves.leaves;
+	if (w->stored_leaves.triangles && !w->first_ns)
 		w->first_ns = clock_mono_ns();
 	w->grid_total = grid_points(w->grid);
-	w->state = RUN_RUNNING;
+	run_set_state(w, RUN_RUNNING);
 	w->started_ns = clock_mono_ns();
 	if (w->calls->planned)
 		w->calls->planned(w->ctx);
 	if (w->plan_only)
-		w->state = RUN_FINISHING;
+		run_set_state(w, RUN_FINISHING);
 	else
 		run_output_head(w);
 }
 
-/* Other plans hold what this one needs: from the start, at the next tick. Where none does, waiting would not mend it. */
-static bool waits_for_plans(struct run *w)
+/* Other plans hold the memory that this one needs: it begins again at the next tick. If none does, waiting is no use, and it
+ * fails. */
+static bool retry_later(struct run *w)
 {
 	struct runs *runs = w->runs;
 
 	if (w->r != -ERR_BUSY || w->stopping)
 		return false;
 	cut_plan_done(&w->plan);
-	run_there_free(w);
-	w->there = (struct run_there){0};
+	run_stored_leaves_free(w);
+	w->stored_leaves = (struct run_stored_leaves){0};
 	if (!ledger_held(runs->core->p.ledger, LEDGER_PLAN)) {
 		w->err.code = ERR_LIMIT;
-		w->err.hint[0] = 0; /* which speaks of other jobs */
+		w->err.hint[0] = 0; /* the hint is about other jobs */
 		err_add_hint(&w->err, "start the daemon with more memory");
 		return false;
 	}
-	run_shut(w);
+	run_close(w);
 	w->select.open = false;
-	w->state = RUN_NEW;
+	run_set_state(w, RUN_NEW);
 	return true;
 }
 
@@ -370,17 +367,17 @@ static void plan_over(void *ctx)
 	free(m.memory);
 	if (m.ran) {
 		sched_give(w->runs->core->p.sched, LEDGER_DOMAIN, m.bytes);
-		if (waits_for_plans(w))
+		if (retry_later(w))
 			return;
 		if (w->r)
 			run_fail(w, &w->err);
 	}
 	if (!w->stopping)
-		run(w);
+		run_domains_begin(w);
 	run_settle(w);
 }
 
-static void look_done(struct sched_task *t)
+static void search_done(struct sched_task *t)
 {
 	sched_group_end(run_of_task(t)->planning.group);
 }
@@ -397,14 +394,14 @@ static void plan_done(struct sched_task *t)
 		return;
 	}
 	w->task = (struct sched_task){
-		.run = look_run, .done = look_done, .owner = w->owner, .lengthy = true, .priority = SCHED_FIRST};
+		.run = search_run, .done = search_done, .owner = w->owner, .lengthy = true, .priority = SCHED_FIRST};
 	sched_submit(w->runs->core->p.sched, &w->task);
 	sched_group_start(m->group);
 }
 
-static void start(struct run *w, void (*task)(struct sched_task *), uint64_t bytes)
+static void plan_submit(struct run *w, void (*task)(struct sched_task *), uint64_t bytes)
 {
-	w->state = RUN_PLANNING;
+	run_set_state(w, RUN_PLANNING);
 	w->task = (struct sched_task){
 		.run = task,
 		.done = plan_done,
@@ -418,38 +415,38 @@ static void start(struct run *w, void (*task)(struct sched_task *), uint64_t byt
 	sched_submit(w->runs->core->p.sched, &w->task);
 }
 
-/* Of a job that is nobody's stream: who fetches it has a run of his own. */
+/* For a job without a reader. A later fetch has a run of its own. */
 static void sums_choose(struct run *w)
 {
-	w->sums = w->keep && !w->plan_only && !w->lazy && !w->output && !w->since && !w->view.window;
-	if (w->sums)
+	w->sums_only = w->keep && !w->plan_only && !w->lazy && !w->output && !w->since && !w->view.window;
+	if (w->sums_only)
 		pipe_emitter_sums(w->emitter, true);
 }
 
-/* Within its budget. */
-static void begin(struct run *w)
+/* The budget is set. */
+static void plan_begin(struct run *w)
 {
 	sums_choose(w);
-	if (w->planned && run_change_torn(w))
+	if (w->planned && run_change_fails_split(w))
 		return;
 	if (w->planned)
-		start(w, narrow_run, 0);
+		plan_submit(w, narrow_run, 0);
 	else if (grid_points(w->grid))
-		start(w, plan_run, w->budget.domain_bytes);
+		plan_submit(w, plan_run, w->budget.domain_bytes);
 	else
 		/* No points, no domains. */
-		run(w);
+		run_domains_begin(w);
 }
 
-/* What of it is made again later follows the size of what changed. */
+/* Small leaves keep what is made again after a push in proportion to the change. */
 static void narrow_leaves(struct run *w)
 {
 	if (!w->dataset->onestep && w->budget.load > KEPT_LOAD)
 		w->budget.load = KEPT_LOAD;
 }
 
-/* With what is left beside stages that are held now; where that is too little, later, and its place goes back.
- * Called by run_settle, which goes on with what came of it. */
+/* Plans with the memory that stages leave now. If that is too little, it releases its slot and tries again later. Called by
+ * run_settle, which continues in the new state. */
 void run_plan_start(struct run *w)
 {
 	struct runs *runs = w->runs;
@@ -466,11 +463,11 @@ void run_plan_start(struct run *w)
 	if (w->planned) {
 		if (!pipe_budget_kept(all, runs->core->p.threads, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
 			sums_choose(w);
-			run(w);
+			run_domains_begin(w);
 			return;
 		}
 		if (!pipe_budget_kept(alone, 1, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
-			run_retreat(w, 2 * w->budget.domain_bytes);
+			run_requeue(w, 2 * w->budget.domain_bytes);
 			return;
 		}
 	}
@@ -479,12 +476,12 @@ void run_plan_start(struct run *w)
 		run_fail(w, &err);
 	} else if (!pipe_budget(all, runs->core->p.threads, w->grid, &w->budget, &err)) {
 		narrow_leaves(w);
-		begin(w);
+		plan_begin(w);
 	} else if (admission_is_alone(runs->admission)) {
-		/* What the service keeps in mind takes the rest: waiting would not mend it. */
+		/* The service itself holds the rest, so waiting is no use. */
 		run_fail(w, &err);
 	} else {
-		run_retreat(w, least);
+		run_requeue(w, least);
 	}
 }
 

@@ -1,15 +1,14 @@
 /*
- * The selection of a run whose view crops, takes every so many, or thins: made once, kept in the cache, opened in
+ * The selection of a view with crop, every or thin: a grid of the points that remain, made once, kept in the cache, and opened in
  * place of the generation's grid.
  *
- * The model: a selection is a folder cache/selected/KEY (of a one-step dataset: in its own folder, so that it goes
- * with it). KEY is of the generation's content, what it says of its coordinates, and the rules that select,
- * so a later job with the same ones stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N
- * and renamed when whole; what a crash left of those is swept at the next start. Whatever cannot be read there is removed and
- * made again.
+ * The model: a selection is a folder cache/selected/KEY (that of a one-step dataset lies in the dataset's folder, and is removed
+ * with it). KEY depends on the content of the generation, its coordinate system, and the rules that select. A later job with the
+ * same key stages nothing, and finds the counts for its report there. It is made in a folder tmp-N and renamed when complete; the
+ * next start removes what a crash left. What cannot be read is removed and made again.
  *
- * Memory: a selection is to the others what a domain is: bytes that are taken at once before it starts, and come
- * back without waiting for anybody. Of two runs that want the same one, the second waits for the first.
+ * Memory: as for a domain, all bytes are taken before the task starts, and are returned without waiting for anybody. Of two runs
+ * that need the same selection, the second waits for the first.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -21,15 +20,10 @@
 #include "log.h"
 #include "run_priv.h"
 
-/* More would make no pass faster, and keeps others waiting. */
+/* More would not make it faster, and others would wait. */
 #define SELECT_MOST (UINT64_C(256) << 20)
 
-static struct run *run_of_task(struct sched_task *t)
-{
-	return (struct run *)((char *)t - offsetof(struct run, task));
-}
-
-/* Where the run's selection lies. */
+/* The folder of the run's selections. */
 static int parent_open(struct run *w, int *ret_fd, struct err *err)
 {
 	if (w->dataset->onestep)
@@ -39,7 +33,7 @@ static int parent_open(struct run *w, int *ret_fd, struct err *err)
 
 /* ---- opening ---- */
 
-/* Its counts and its grid. The index of the generation is closed first: a run has memory for one. */
+/* Reads its counts and opens its grid. The generation's index is closed first: a run has memory for one. */
 static int selected_open(struct run *w, int dirfd, struct err *err)
 {
 	int r = selection_counts_read(dirfd, &w->select.counts, err);
@@ -61,7 +55,7 @@ static int open_in(struct run *w, int parent, const char *name, struct err *err)
 	r = selected_open(w, dirfd, &why);
 	io_close(dirfd);
 	if (!r) {
-		w->rest = view_rest(&w->view);
+		w->grid_view = view_rest(&w->view);
 		w->select.open = true;
 		run_space_select_hold(w);
 		return 0;
@@ -91,23 +85,23 @@ int run_select_open(struct run *w, struct err *err)
 
 /* ---- making ---- */
 
-struct making {
+struct selection_task {
 	struct run *run;
 	int parent;
 	const char *temp;
-	struct err full; /* the disk has no room for it */
+	struct err full; /* set if the disk has no room for it */
 };
 
 static int select_progress(void *ctx, uint64_t points)
 {
-	struct making *m = ctx;
+	struct selection_task *m = ctx;
 
 	atomic_store(&m->run->select.judged, points);
 	return atomic_load(&m->run->task.cancel) || run_space_select_grow(m->run, m->parent, m->temp, false, &m->full);
 }
 
-/* The points into the folder `temp`; what it holds then is taken of the disk. */
-static int fill(struct making *m, uint64_t bytes, struct err *err)
+/* Writes the points into the folder `temp`, and reserves the disk space that they take. */
+static int selection_fill(struct selection_task *m, uint64_t bytes, struct err *err)
 {
 	struct selection_params p = {
 		.grid = m->run->grid,
@@ -134,13 +128,13 @@ static int fill(struct making *m, uint64_t bytes, struct err *err)
 
 static int make_in(struct run *w, int parent, const char *temp, const char *name, uint64_t bytes, struct err *err)
 {
-	struct making m = {.run = w, .parent = parent, .temp = temp, .full = ERR_INIT};
+	struct selection_task m = {.run = w, .parent = parent, .temp = temp, .full = ERR_INIT};
 	struct err ignored = ERR_INIT;
 	int r = run_space_select_begin(w, bytes, err);
 
 	if (r)
 		return r;
-	r = fill(&m, bytes, err);
+	r = selection_fill(&m, bytes, err);
 	if (!r && io->renameat(parent, temp, parent, name) != 0)
 		r = err_sys(err, errno, "cannot rename a selection");
 	run_space_select_end(w, r ? 0 : space_folder_bytes(parent, name));
@@ -161,14 +155,14 @@ static void select_run(struct sched_task *t)
 	w->r = parent_open(w, &parent, &w->err);
 	if (w->r)
 		return;
-	/* Whoever was faster has made it. */
+	/* Another run may have made it meanwhile. */
 	w->r = open_in(w, parent, name, &w->err);
 	if (w->r == RUN_E_ABSENT) {
 		w->r = make_in(w, parent, temp, name, t->bytes, &w->err);
 		if (!w->r)
 			w->r = open_in(w, parent, name, &w->err);
 		if (w->r == RUN_E_ABSENT)
-			w->r = err_sys(&w->err, ENOENT, "a selection went away as soon as it was made");
+			w->r = err_sys(&w->err, ENOENT, "a selection disappeared as soon as it was made");
 	}
 	io_close(parent);
 }
@@ -186,9 +180,9 @@ static void select_done(struct sched_task *t)
 	run_opened(w);
 }
 
-/* A quarter of what is left beside the stages that are held now: a push that comes meanwhile gets its stage, since that
- * leaves room for two more of these. False: later, or never (then the run fails). */
-static bool memory_of(struct run *w)
+/* A quarter of what stages leave now: a push that comes meanwhile still gets a stage. False: it begins again later, or the run
+ * fails. */
+static bool selection_memory(struct run *w)
 {
 	uint64_t left = admission_domain_memory(w->runs->admission), least = selection_memory_min(w->grid), bytes = left / 4,
 		 room = admission_user_available(w->runs->admission, &w->owner, &w->admission);
@@ -209,22 +203,22 @@ static bool memory_of(struct run *w)
 	} else if (admission_is_alone(w->runs->admission)) {
 		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
 			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
-		err_add_hint(&err, "remove datasets and jobs that nobody needs (acutctl rm), or give acutd more memory");
+		err_add_hint(&err, "remove datasets and jobs that are not needed (acutctl rm), or give acutd more memory");
 		run_fail(w, &err);
 	} else {
-		run_retreat(w, least);
+		run_requeue(w, least);
 	}
 	return false;
 }
 
 void run_select_start(struct run *w)
 {
-	if (run_selected_elsewhere(w) || !memory_of(w))
+	if (run_selected_elsewhere(w) || !selection_memory(w))
 		return;
-	w->state = RUN_SELECTING;
+	run_set_state(w, RUN_SELECTING);
 	w->select.number = ++w->runs->last_select;
 	atomic_store(&w->select.judged, 0);
-	w->select.told = 0;
+	w->select.reported = 0;
 	w->task = (struct sched_task){
 		.run = select_run,
 		.done = select_done,
@@ -238,7 +232,7 @@ void run_select_start(struct run *w)
 	sched_submit(w->runs->core->p.sched, &w->task);
 }
 
-/* ---- what others ask ---- */
+/* ---- its progress and counts ---- */
 
 bool run_selecting(const struct run *w)
 {
@@ -255,7 +249,7 @@ int run_select_count(struct run *w, struct err *err)
 	struct mesh_counts *counts = &w->totals.counts;
 	const struct selection_counts *selected = &w->select.counts;
 
-	/* A window and a stream of changes do not count the points of the whole. */
+	/* A window, or a stream of changes, does not count all points. */
 	if (!w->select.open || w->view.window || w->since)
 		return 0;
 	if (counts->points != selected->kept)
@@ -303,7 +297,7 @@ void run_select_discard(struct run *w)
 
 	if (!w->select.open || w->dataset->onestep || !(d = calloc(1, sizeof *d)))
 		return;
-	w->why.hint[0] = 0; /* nothing is to be pushed again */
+	w->why.hint[0] = 0; /* the hint asks to push the data again */
 	err_add_hint(&w->why, "the damaged selection is removed: the same again makes it new");
 	d->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = w->owner, .priority = SCHED_FIRST};
 	d->runs = w->runs;

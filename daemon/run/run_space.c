@@ -1,13 +1,12 @@
 /*
- * A run for which the disk has no room.
+ * A run for which there is no disk space.
  *
- * The model: what a run writes is asked for first (space_take), and whatever fails for lack of space, there or in a
- * write, does not end it: it gives its slot back, with memory, files and plan, as one that yields, and seeks another
- * when what it lacked is there. What it made is in the store, and blocks that its reader has pass the emitter unsent, so
- * it goes on where it was. What a client waits for ends after a while; a submitted job waits as long as it takes. A
- * run under whose hands the cache was removed begins again likewise, at once.
+ * The model: space is reserved before it is written (space_take). A lack of space, there or in a write, does not end a run: it
+ * releases its slot, memory, files and plan, as one that yields, and seeks a slot again when there is space. What it made is in
+ * the store, and blocks that its reader has pass the emitter unsent, so it continues where it was. A run that a client waits for
+ * fails after a while; a submitted job waits as long as it takes. A run whose cache was removed begins again at once.
  *
- * What is stored but need not be (finished domains) is left out instead.
+ * What need not be stored (finished domains) is left out instead.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -17,14 +16,14 @@
 #include "parse.h"
 #include "run_priv.h"
 
-/* Between two looks whether there is room; more after each that was in vain. */
-#define LOOK_SECONDS 2.0
-#define LOOK_SECONDS_MOST 30.0
-/* Who lacks space again so soon has not got on. */
+/* Seconds between two checks for space; doubled after each failure. */
+#define CHECK_SECONDS 2.0
+#define CHECK_SECONDS_MAX 30.0
+/* A run that lacks space again within this time has made no progress. */
 #define SOON_SECONDS 10.0
 enum { VANISHED_MAX = 5, UNKNOWN_BYTES = 1 << 20 };
 
-/* Something of the cache was gone when it was needed. What was pushed lies elsewhere, and does not go by itself. */
+/* A part of the cache was missing when it was needed. Pushed data lies elsewhere, and is not removed while it is used. */
 static bool vanished(struct run *w, const struct err *why)
 {
 	bool cached = why->code == ERR_IO || (why->code == ERR_CORRUPT && w->dataset->onestep);
@@ -32,35 +31,35 @@ static bool vanished(struct run *w, const struct err *why)
 	return cached && why->sys == ENOENT && w->space.vanished < VANISHED_MAX;
 }
 
-bool run_space_met(struct run *w, const struct err *why)
+bool run_space_suspend(struct run *w, const struct err *why)
 {
 	struct run_space *s = &w->space;
 
-	if (s->over || (why->code != ERR_NOSPACE && !vanished(w, why)))
+	if (s->given_up || (why->code != ERR_NOSPACE && !vanished(w, why)))
 		return false;
 	if (why->code != ERR_NOSPACE) {
 		s->vanished++;
-		s->lacks = 0;
+		s->missing = 0;
 		s->wait = 0;
 	} else {
 		bool again = s->since_ns && clock_since(s->resumed_ns) < SOON_SECONDS;
 
-		s->wait = again && s->wait > 0 ? s->wait * 2 : LOOK_SECONDS;
-		s->wait = s->wait > LOOK_SECONDS_MOST ? LOOK_SECONDS_MOST : s->wait;
+		s->wait = again && s->wait > 0 ? s->wait * 2 : CHECK_SECONDS;
+		s->wait = s->wait > CHECK_SECONDS_MAX ? CHECK_SECONDS_MAX : s->wait;
 		s->need = atomic_exchange(&s->asked, 0);
-		/* The file system, or its quota, knows better than the accounts: no number is known. */
+		/* The file system or its quota refused: the number is unknown. */
 		s->need = s->need ? s->need : UNKNOWN_BYTES;
-		s->lacks = why->need ? why->need : s->need;
+		s->missing = why->need ? why->need : s->need;
 		if (!again)
 			s->since_ns = clock_mono_ns();
 	}
 	s->why = *why;
-	s->looked_ns = clock_mono_ns();
+	s->checked_ns = clock_mono_ns();
 	s->waits = true;
-	if (s->lacks)
+	if (s->missing)
 		log_event_err(LOG_EVENT_JOB_WAITS_SPACE, ABOUT_RUN(w), "a job waits for space", why);
 	else
-		log_event_err(LOG_EVENT_JOB_AGAIN, ABOUT_RUN(w), "a job begins again: the cache was removed", why);
+		log_event_err(LOG_EVENT_JOB_AGAIN, ABOUT_RUN(w), "a job starts again: the cache was removed", why);
 	return true;
 }
 
@@ -69,35 +68,35 @@ bool run_space_waits(const struct run *w)
 	return w->space.waits;
 }
 
-void run_space_forget(struct run *w)
+void run_space_give_up(struct run *w)
 {
 	w->space.waits = false;
-	w->space.over = true;
+	w->space.given_up = true;
 }
 
-/* It has given everything back: all that it holds is its turn. */
+/* It holds nothing, so this is the only place where it continues. */
 void run_space_tick(struct run *w)
 {
 	struct run_space *s = &w->space;
 	struct err why;
-	uint64_t lacks;
+	uint64_t missing;
 
 	if (!s->waits)
 		return;
-	if (w->client && s->lacks && clock_since(s->since_ns) >= w->runs->core->p.space_wait) {
+	if (w->client && s->missing && clock_since(s->since_ns) >= w->runs->core->p.space_wait) {
 		why = s->why;
-		run_space_forget(w);
+		run_space_give_up(w);
 		run_fail(w, &why);
 		run_settle(w);
 		return;
 	}
-	if (clock_since(s->looked_ns) < s->wait)
+	if (clock_since(s->checked_ns) < s->wait)
 		return;
-	s->looked_ns = clock_mono_ns();
-	if (s->lacks && !space_would_fit(w->runs->core->space, SPACE_TEMPORARY, s->need, &lacks)) {
-		s->lacks = lacks;
-		if (w->calls->moved)
-			w->calls->moved(w->ctx);
+	s->checked_ns = clock_mono_ns();
+	if (s->missing && !space_would_fit(w->runs->core->space, SPACE_TEMPORARY, s->need, &missing)) {
+		s->missing = missing;
+		if (w->calls->progressed)
+			w->calls->progressed(w->ctx);
 		return;
 	}
 	s->waits = false;
@@ -105,14 +104,14 @@ void run_space_tick(struct run *w)
 	slot_request(w->runs->admission, w->slot, 0);
 }
 
-uint64_t run_space_lacks(const struct run *w)
+uint64_t run_space_missing(const struct run *w)
 {
-	return w->space.waits ? w->space.lacks : 0;
+	return w->space.waits ? w->space.missing : 0;
 }
 
-/* ---- what it writes ---- */
+/* ---- space for its files ---- */
 
-static int take(struct run *w, enum space_kind kind, uint64_t bytes, const char *what, struct err *err)
+static int reserve(struct run *w, enum space_kind kind, uint64_t bytes, const char *what, struct err *err)
 {
 	int r = space_take(w->runs->core->space, kind, bytes, SPACE_MUST, what, err);
 
@@ -121,7 +120,7 @@ static int take(struct run *w, enum space_kind kind, uint64_t bytes, const char 
 	return r;
 }
 
-/* Before each emission: what the ones before have spilled, and as much again for the table to grow. */
+/* For what earlier emissions have spilled, and as much again for the table to grow. */
 int run_space_spill(struct run *w, struct err *err)
 {
 	uint64_t bytes = 2 * pipe_emitter_spilled(w->emitter);
@@ -129,7 +128,7 @@ int run_space_spill(struct run *w, struct err *err)
 
 	if (bytes <= w->space.spilled)
 		return 0;
-	r = take(w, SPACE_TEMPORARY, bytes - w->space.spilled, "the table of unfinished vertices", err);
+	r = reserve(w, SPACE_TEMPORARY, bytes - w->space.spilled, "the table of unfinished vertices", err);
 	if (!r)
 		w->space.spilled = bytes;
 	return r;
@@ -151,7 +150,7 @@ void run_space_unspool(struct run *w)
 	w->space.spooled = 0;
 }
 
-void run_space_shut(struct run *w)
+void run_space_release(struct run *w)
 {
 	run_space_unspool(w);
 	if (w->space.spilled)
@@ -162,7 +161,7 @@ void run_space_shut(struct run *w)
 	w->space.holds = false;
 }
 
-/* ---- what it stores ---- */
+/* ---- space in the store ---- */
 
 static enum space_kind kind_of(const struct run *w, enum space_kind kind)
 {
@@ -175,7 +174,7 @@ bool run_space_domain(struct run *w, uint64_t bytes)
 
 	if (!space_take(w->runs->core->space, kind_of(w, SPACE_DOMAINS), bytes, SPACE_MAY, "a finished domain", &err))
 		return true;
-	if (!atomic_exchange(&w->space.told, true))
+	if (!atomic_exchange(&w->space.reported, true))
 		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_RUN(w), "finished domains are not stored", &err);
 	return false;
 }
@@ -189,7 +188,7 @@ void run_space_stored(struct run *w, uint64_t taken, uint64_t bytes)
 		space_count_entries(w->runs->core->space, SPACE_DOMAINS, 1);
 }
 
-/* ---- a selection that is being made ---- */
+/* ---- space for a selection ---- */
 
 #define SELECT_SECONDS 0.2
 
@@ -198,37 +197,36 @@ int run_space_select_begin(struct run *w, uint64_t memory, struct err *err)
 	uint64_t most = grid_points(w->grid) * sizeof(struct point);
 	int r;
 
-	/* At first it is in memory, and written at the end. */
+	/* It is in memory at first, and written at the end. */
 	w->space.selecting = most < memory ? most : memory;
-	r = take(w, kind_of(w, SPACE_SELECTIONS), w->space.selecting, "the selection of points", err);
+	r = reserve(w, kind_of(w, SPACE_SELECTIONS), w->space.selecting, "the selection of points", err);
 	if (r)
 		w->space.selecting = 0;
-	w->space.looked_ns = clock_mono_ns();
+	w->space.checked_ns = clock_mono_ns();
 	return r;
 }
 
-/* What of it lies in the folder now will be there twice when it is sealed. */
+/* Its runs exist twice while they are sealed. */
 int run_space_select_grow(struct run *w, int parent, const char *name, bool sealed, struct err *err)
 {
 	uint64_t bytes;
 	int r;
 
-	if (!sealed && clock_since(w->space.looked_ns) < SELECT_SECONDS)
+	if (!sealed && clock_since(w->space.checked_ns) < SELECT_SECONDS)
 		return 0;
-	w->space.looked_ns = clock_mono_ns();
+	w->space.checked_ns = clock_mono_ns();
 	bytes = space_folder_bytes(parent, name) * (sealed ? 1 : 2);
 	if (bytes <= w->space.selecting)
 		return 0;
-	r = take(w, kind_of(w, SPACE_SELECTIONS), bytes - w->space.selecting, "the selection of points", err);
+	r = reserve(w, kind_of(w, SPACE_SELECTIONS), bytes - w->space.selecting, "the selection of points", err);
 	if (!r)
 		w->space.selecting = bytes;
 	return r;
 }
 
-/* `bytes` of it stay; 0: nothing. */
 void run_space_select_end(struct run *w, uint64_t bytes)
 {
-	/* No more than was taken: it may be gone already. */
+	/* At most what was reserved: it may have been evicted already. */
 	bytes = bytes < w->space.selecting ? bytes : w->space.selecting;
 	space_commit(w->runs->core->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting, bytes);
 	w->space.selecting = 0;
@@ -247,8 +245,8 @@ void run_space_select_hold(struct run *w)
 
 char *run_space_text(const struct run *w, char *buf, size_t size)
 {
-	if (w->space.waits && w->space.lacks)
-		snprintf(buf, size, "waiting-space: %llu", (unsigned long long)w->space.lacks);
+	if (w->space.waits && w->space.missing)
+		snprintf(buf, size, "waiting-space: %llu", (unsigned long long)w->space.missing);
 	else if (w->space.waits)
 		snprintf(buf, size, "the cache, which was removed");
 	return buf;

@@ -81,8 +81,8 @@ static void job_message(const struct job *job, bool counts, struct message_job *
 	m->job.dataset = (char *)info.dataset_name;
 	m->job.generation = info.generation;
 	m->job.view = (char *)info.view;
-	m->job.state = (char *)(info.lacks_space ? "waiting-space" : job_state_text(info.state));
-	m->job.lacks_space = info.lacks_space;
+	m->job.state = (char *)(info.space_missing ? "waiting-space" : job_state_text(info.state));
+	m->job.lacks_space = info.space_missing;
 	m->job.uid = info.peer.uid;
 	m->job.pid = info.peer.pid;
 	m->job.submitted_us = info.submitted_us;

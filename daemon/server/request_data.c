@@ -113,7 +113,7 @@ static void answer_named(struct conn *c, struct request *q, const char *name)
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err)) {
+	if (dataset_access(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}
@@ -190,7 +190,7 @@ void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message
 		[DATASET_REMOVE] = "remove", [DATASET_RESTORE] = "restore", [DATASET_PIN] = "pin",    [DATASET_UNPIN] = "unpin",
 		[DATASET_CHMOD] = "chmod",   [DATASET_CHGRP] = "chgrp",     [DATASET_CHOWN] = "chown"};
 	const Acut__V1__DatasetChange *in = m->dataset_change;
-	struct dataset_wanted w = {.name = in->name, .as = in->as, .id = in->id, .peer = c->peer};
+	struct dataset_action_params w = {.name = in->name, .as = in->as, .id = in->id, .peer = c->peer};
 	struct err err = ERR_INIT;
 	unsigned i = 0;
 
@@ -201,16 +201,16 @@ void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message
 		request_refuse(q, &err);
 		return;
 	}
-	w.verb = (enum dataset_verb)i;
-	w.mode = w.verb == DATASET_CHMOD ? in->mode : NULL;
+	w.action = (enum dataset_action)i;
+	w.mode = w.action == DATASET_CHMOD ? in->mode : NULL;
 	w.gid = in->gid;
 	w.uid = in->uid;
-	if ((w.verb == DATASET_CHGRP ? w.gid : w.uid) == RIGHTS_NOBODY) {
+	if ((w.action == DATASET_CHGRP ? w.gid : w.uid) == RIGHTS_NOBODY) {
 		err_set(&err, ERR_USAGE, "nobody has the number %u", RIGHTS_NOBODY);
 		request_refuse(q, &err);
 		return;
 	}
-	dataset_verb(c->server->service->datasets, &w, on_changed, q);
+	dataset_act(c->server->service->datasets, &w, on_changed, q);
 }
 
 static void on_created(void *token, const struct err *why)
@@ -227,7 +227,7 @@ int request_mode(const char *text, bool *ret_has, uint32_t *ret, struct err *err
 void request_dataset_create(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const Acut__V1__DatasetCreate *in = m->dataset_create;
-	struct dataset_wish wish = {
+	struct dataset_create_params wish = {
 		.name = in->name,
 		.scale_xy = in->scale_xy,
 		.scale_z = in->scale_z,
@@ -267,7 +267,7 @@ void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->service->datasets, m->plan_request->dataset, &c->peer, RIGHT_READ, &d, &err)) {
+	if (dataset_access(c->server->service->datasets, m->plan_request->dataset, &c->peer, RIGHT_READ, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

@@ -19,7 +19,7 @@ static void read_page(struct conn *c, struct request *q, const char *name, const
 {
 	struct dataset *d = NULL;
 	struct err err = ERR_INIT;
-	int r = dataset_ask(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err);
+	int r = dataset_access(c->server->service->datasets, name, &c->peer, RIGHT_READ, &d, &err);
 	struct page_request *ask = r ? NULL : malloc(sizeof *ask);
 
 	if (!ask) {
@@ -242,10 +242,10 @@ static void on_reverted(void *token, const struct err *why, const struct reverte
 	m.generation = r->generation;
 	m.undone = r->undone;
 	m.points = r->points;
-	m.files = r->did->files;
-	m.files_removed = r->did->files_removed;
-	m.points_added = r->did->points_added;
-	m.points_removed = r->did->points_removed;
+	m.files = r->made->files;
+	m.files_removed = r->made->files_removed;
+	m.points_added = r->made->points_added;
+	m.points_removed = r->made->points_removed;
 	request_answer(token, FRAME_MESSAGE(REVERTED, reverted, &m));
 }
 
@@ -254,7 +254,7 @@ void request_revert(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->service->datasets, m->revert->dataset, &c->peer, RIGHT_WRITE, &d, &err))
+	if (dataset_access(c->server->service->datasets, m->revert->dataset, &c->peer, RIGHT_WRITE, &d, &err))
 		request_refuse(q, &err);
 	else
 		dataset_revert(d, m->revert->generation, &c->peer, on_reverted, q);
@@ -285,7 +285,7 @@ void request_prune(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	struct prune *prune;
 	struct dataset *d;
 
-	if (dataset_ask(c->server->service->datasets, m->prune->dataset, &c->peer, RIGHT_OWN, &d, &err)) {
+	if (dataset_access(c->server->service->datasets, m->prune->dataset, &c->peer, RIGHT_OWN, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

@@ -64,7 +64,7 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	};
 	struct err err = ERR_INIT;
 
-	if (dataset_ask(c->server->service->datasets, in->dataset, &c->peer, RIGHT_READ, &p.dataset, &err)) {
+	if (dataset_access(c->server->service->datasets, in->dataset, &c->peer, RIGHT_READ, &p.dataset, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

@@ -13,7 +13,7 @@
 int out_changes_new(const struct run_changes *in, struct ledger *ledger, size_t *charged, struct out_changes **ret,
 		    struct err *err)
 {
-	size_t size = sizeof(struct out_changes) + in->gone * sizeof(struct stream_region);
+	size_t size = sizeof(struct out_changes) + in->removed * sizeof(struct stream_region);
 	const struct stream_base base = {
 		.generation = in->generation,
 		.job = in->job,
@@ -21,8 +21,8 @@ int out_changes_new(const struct run_changes *in, struct ledger *ledger, size_t 
 		.old_vertex_digest = in->old_vertex_digest,
 		.digest = in->digest,
 		.vertex_digest = in->vertex_digest,
-		.gone = in->gone,
-		.gone_triangles = in->gone_triangles,
+		.gone = in->removed,
+		.gone_triangles = in->removed_triangles,
 		.kept = in->kept,
 		.kept_triangles = in->kept_triangles,
 	};
@@ -34,7 +34,7 @@ int out_changes_new(const struct run_changes *in, struct ledger *ledger, size_t 
 	c = calloc(1, size);
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory for the regions of a stream");
-	c->n = in->gone;
+	c->n = in->removed;
 	for (uint64_t i = 0; i < c->n; i++) {
 		memcpy(c->region[i].box, in->region[i].box, sizeof c->region[i].box);
 		c->region[i].triangles = in->region[i].triangles;

@@ -60,7 +60,7 @@ void stream_drop(struct stream_out *o)
 	if (o->ended)
 		stream_free(o);
 	else
-		run_output_gone(&o->output, on_output_gone);
+		run_output_close(&o->output, on_output_gone);
 }
 
 /* ---- what the server calls ---- */

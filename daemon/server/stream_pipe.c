@@ -124,7 +124,7 @@ void stream_pump(struct stream_out *o)
 	}
 	stream_wait_writable(o, r == WRITE_FULL);
 	if (r == WRITE_REFILL) {
-		run_output_dry(&o->output);
+		run_output_drained(&o->output);
 	} else if (r == WRITE_BLOCK) {
 		stream_spool_close(o);
 		run_output_sent(&o->output);

@@ -205,7 +205,7 @@ static void way_is_made(void **state)
 	assert_int_equal(info_of(jobs[2]).state, JOB_done);
 	/* One of the two has none now, and waits for it. */
 	for (int i = 0; i < 2; i++)
-		without += jobs[i]->run && !jobs[i]->run->placed && jobs[i]->slot.requested;
+		without += jobs[i]->run && !jobs[i]->run->has_slot && jobs[i]->slot.requested;
 	assert_int_equal(without, 1);
 	h.service->admission->runs_max = 4;
 	gate_open();
@@ -357,7 +357,7 @@ static void all_kinds_in_little(void **state)
 	turn_until(planned_n == 4 && inspected_n == 4 && r[1].ends && r[2].ends && r[3].ends);
 	for (int i = 1; i < 4; i++)
 		assert_false(r[i].failed);
-	run_output_gone(&r[0].output, r_freed);
+	run_output_close(&r[0].output, r_freed);
 	turn_until(!service_active(h.service));
 	assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
 	assert_int_equal(ledger_held(h.ledger, LEDGER_EMITTER), 0);
@@ -376,7 +376,7 @@ static void leaves_before_its_place(void **state)
 	turn_until_final(job);
 	r = (struct reader){.output.calls = &reader_calls};
 	job_fetch(job, &r.output);
-	run_output_gone(&r.output, r_freed);
+	run_output_close(&r.output, r_freed);
 	assert_true(r.freed);
 	/* Another request, before the round of the loop ends. */
 	slots_grant(h.service->admission);

@@ -1,6 +1,5 @@
 /*
- * What becomes of a dataset as a whole, in one process: who may, whose turn it is, what a failure leaves, what is waited
- * for before points go.
+ * Requests about a whole dataset, in one process: permissions, turns of committers, failures, and what is kept for jobs.
  */
 #include "fixture.h"
 #include "job_priv.h"
@@ -14,45 +13,45 @@ static const struct peer other = {.uid = 1001, .pid = 2}, root = {.uid = 0, .pid
 static struct {
 	int answers;
 	struct err why;
-	struct reverted did;
+	struct reverted reverted;
 	struct grid_generation generation;
 	struct dataset *dataset;
-} told;
+} result;
 
 static void reverted(void *token, const struct err *why, const struct reverted *r)
 {
-	told.answers++;
-	told.why = why ? *why : ERR_INIT;
+	result.answers++;
+	result.why = why ? *why : ERR_INIT;
 	if (!r)
 		return;
-	told.did = *r;
-	told.generation = *r->did; /* it goes with the answer */
+	result.reverted = *r;
+	result.generation = *r->made; /* valid during the call only */
 }
 
 static void changed(void *token, const struct err *why, struct dataset *d)
 {
-	told.answers++;
-	told.why = why ? *why : ERR_INIT;
-	told.dataset = d;
+	result.answers++;
+	result.why = why ? *why : ERR_INIT;
+	result.dataset = d;
 }
 
 static enum err_code revert(struct dataset *d, uint64_t generation, const struct peer *peer)
 {
-	int before = told.answers;
+	int before = result.answers;
 
 	dataset_revert(d, generation, peer, reverted, NULL);
-	turn_until(told.answers > before);
-	return told.why.code;
+	turn_until(result.answers > before);
+	return result.why.code;
 }
 
-static enum err_code verb(enum dataset_verb what, const char *name, const struct peer *peer)
+static enum err_code act(enum dataset_action what, const char *name, const struct peer *peer)
 {
-	struct dataset_wanted w = {.verb = what, .name = name, .as = "", .peer = *peer};
-	int before = told.answers;
+	struct dataset_action_params w = {.action = what, .name = name, .as = "", .peer = *peer};
+	int before = result.answers;
 
-	dataset_verb(h.service->datasets, &w, changed, NULL);
-	turn_until(told.answers > before);
-	return told.why.code;
+	dataset_act(h.service->datasets, &w, changed, NULL);
+	turn_until(result.answers > before);
+	return result.why.code;
 }
 
 static unsigned manifests(const struct dataset *d)
@@ -71,49 +70,49 @@ static unsigned manifests(const struct dataset *d)
 	return n;
 }
 
-/* The owner's and root's; another user sees it, and changes nothing. */
+/* The owner and root may change a dataset; another user sees it and may not. */
 static void test_rights(void **state)
 {
 	struct dataset *d = push("s", 100, 1);
 
 	assert_int_equal(revert(d, 0, &other), ERR_PERM);
-	for (enum dataset_verb v = DATASET_REMOVE; v <= DATASET_UNPIN; v++)
-		assert_int_equal(verb(v, "s", &other), v == DATASET_RESTORE ? ERR_NOTFOUND : ERR_PERM);
+	for (enum dataset_action v = DATASET_REMOVE; v <= DATASET_UNPIN; v++)
+		assert_int_equal(act(v, "s", &other), v == DATASET_RESTORE ? ERR_NOTFOUND : ERR_PERM);
 	assert_int_equal(d->generation, 1);
 	assert_int_equal(revert(d, 0, &root), 0);
-	assert_int_equal(told.did.generation, 2);
-	assert_int_equal(told.did.undone, 1);
-	assert_int_equal(told.generation.files_removed, 1);
-	assert_int_equal(verb(DATASET_PIN, "s", &root), 0);
-	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_CONFLICT);
-	assert_int_equal(verb(DATASET_UNPIN, "s", &me), 0);
+	assert_int_equal(result.reverted.generation, 2);
+	assert_int_equal(result.reverted.undone, 1);
+	assert_int_equal(result.generation.files_removed, 1);
+	assert_int_equal(act(DATASET_PIN, "s", &root), 0);
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), ERR_CONFLICT);
+	assert_int_equal(act(DATASET_UNPIN, "s", &me), 0);
 	dataset_release(d);
-	assert_int_equal(verb(DATASET_REMOVE, "s", &me), 0);
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), 0);
 	assert_null(dataset_removed_after(h.service->datasets, 0, &other));
 	assert_ptr_equal(dataset_removed_after(h.service->datasets, 0, &me), d);
 	assert_ptr_equal(dataset_removed_after(h.service->datasets, 0, &root), d);
-	assert_int_equal(verb(DATASET_RESTORE, "s", &other), ERR_NOTFOUND);
-	assert_int_equal(verb(DATASET_RESTORE, "s", &root), 0);
+	assert_int_equal(act(DATASET_RESTORE, "s", &other), ERR_NOTFOUND);
+	assert_int_equal(act(DATASET_RESTORE, "s", &root), 0);
 	assert_int_equal(d->uid, me.uid);
 }
 
-/* A revert waits while somebody else makes the next manifest, and a removal is refused. */
+/* A revert waits for another committer; a removal is refused meanwhile. */
 static void test_turns(void **state)
 {
 	struct dataset *d = push("s", 100, 1);
-	int before = told.answers, x;
+	int before = result.answers, x;
 
 	d->committer = &x;
 	dataset_revert(d, 0, &me, reverted, NULL);
 	dataset_revert(d, 2, &me, reverted, NULL);
 	for (int i = 0; i < 20; i++)
 		turn(1);
-	assert_int_equal(told.answers, before);
-	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_BUSY);
-	assert_int_equal(told.answers, ++before);
+	assert_int_equal(result.answers, before);
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), ERR_BUSY);
+	assert_int_equal(result.answers, ++before);
 	d->committer = NULL;
-	turn_until(told.answers == before + 2);
-	assert_int_equal(told.why.code, 0); /* the second one undoes the first */
+	turn_until(result.answers == before + 2);
+	assert_int_equal(result.why.code, 0); /* the second revert undoes the first */
 	assert_int_equal(d->generation, 3);
 	assert_int_equal(d->files, 1);
 	assert_null(d->committer);
@@ -121,7 +120,7 @@ static void test_turns(void **state)
 	dataset_release(d);
 }
 
-/* The manifest that somebody has the name of, and has not opened, stays. */
+/* A manifest whose name somebody is about to open stays. */
 static void test_readers(void **state)
 {
 	struct dataset *d = push("s", 100, 1);
@@ -141,7 +140,7 @@ static int fails(int fd)
 	return -1;
 }
 
-/* What could not be written never was. */
+/* A generation that could not be written does not exist. */
 static void test_failure(void **state)
 {
 	struct dataset *d = push("s", 100, 1);
@@ -149,7 +148,7 @@ static void test_failure(void **state)
 	const struct io_table *whole = io;
 
 	broken.fsync = fails;
-	/* No worker is in it: what the push ends with is done. */
+	/* The push has ended and no worker runs. */
 	turn_until(!service_active(h.service));
 	io = &broken;
 	assert_int_equal(revert(d, 0, &me), ERR_IO);
@@ -163,7 +162,7 @@ static void test_failure(void **state)
 	dataset_release(d);
 }
 
-/* The points of a removed dataset are there as long as a job needs them, and no longer. */
+/* The points of a removed dataset stay as long as a job needs them, and no longer. */
 static void test_expiry(void **state)
 {
 	struct dataset *d = push("s", 40000, 1);
@@ -177,7 +176,7 @@ static void test_expiry(void **state)
 	job_fetch(job, &slow.output);
 	turn_until(slow.sending);
 	dataset_release(d);
-	assert_int_equal(verb(DATASET_REMOVE, "s", &me), 0);
+	assert_int_equal(act(DATASET_REMOVE, "s", &me), 0);
 	usleep(5000);
 	datasets_expire(h.service->datasets);
 	snprintf(path, sizeof path, "%s/datasets/%llu", h.folder, (unsigned long long)id);

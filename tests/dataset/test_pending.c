@@ -1,10 +1,10 @@
-/* What a push left on the disk, and others that go on beside it: nobody else takes it away. */
+/* What pushes leave on the disk: each removes only its own files. */
 #include "fixture.h"
+#include "grid_verify.h"
 
 #include <stdatomic.h>
 
 #include "grid.h"
-#include "grid_verify.h"
 
 static atomic_llong ahead_ns;
 static atomic_bool hold, held;
@@ -28,7 +28,7 @@ int __wrap_grid_verify_stage(const struct grid_verify_params *p, const char *ste
 	return __real_grid_verify_stage(p, stem, err);
 }
 
-/* The first of a service has no dataset to be beside. */
+/* Without it the push of a new service has a new dataset. */
 static void push_base(void)
 {
 	struct dataset *d = push("s", 500, 1);
@@ -37,7 +37,7 @@ static void push_base(void)
 	dataset_release(d);
 }
 
-/* A push of one file, up to where it is staged. */
+/* A push of one file, staged and not committed. */
 static struct push *stage_file(const char *name, int fd)
 {
 	const struct push_input input = {.name = name, .path = name};
@@ -88,7 +88,7 @@ static void push_file_of(const char *name)
 	close(fd);
 }
 
-/* A daemon that cannot wait for its pushes removes what they have not promised, of each its own. */
+/* A daemon that cannot wait for its pushes removes the files of those that promised nothing, and no others. */
 static void test_abandoned_beside(void **state)
 {
 	int fda = text_file(500, 2), fdb = text_file(500, 3);
@@ -112,7 +112,7 @@ static void test_abandoned_beside(void **state)
 	close(fdb);
 }
 
-/* What a crash left of a revert, half a manifest or a whole one that nothing names, goes when the next manifest is made. */
+/* Manifests of a revert that a crash left, complete or not, are removed with the next manifest. */
 static void test_half_a_manifest(void **state)
 {
 	static const char *const left[] = {"manifest-2-c1.tmp", "manifest-2-c1", "manifest-2-c2"};
@@ -150,7 +150,7 @@ static void verified(void *token, const struct err *why, const struct cache_veri
 	overs++;
 }
 
-/* What is taken up and committed while it is read for `cache verify` is not damaged; what lacks a file without that is. */
+/* A push that is taken up and committed during `cache verify` is not damaged; one that lacks a file otherwise is. */
 static void test_verified_meanwhile(void **state)
 {
 	const struct cache_verify_calls verify_calls = {damage, verifying, verified};

@@ -1,5 +1,4 @@
-/* Removed datasets, interrupted pushes and clocks that are wrong: what can be restored, or taken up, does not go because somebody
- * says that it is next year. */
+/* Removed datasets, pending pushes and wrong clocks: nothing expires because a clock jumps ahead. */
 #include "fixture.h"
 #include "dataset_priv.h"
 
@@ -31,16 +30,16 @@ static void changed(void *token, const struct err *why, struct dataset *d)
 	assert_null(why);
 }
 
-/* In state/datasets; removed now. */
+/* A dataset that is removed now, and its folder. */
 static void remove_s(char path[128])
 {
 	struct dataset *d = push("s", 100, 1);
-	struct dataset_wanted w = {.verb = DATASET_REMOVE, .name = "s", .as = "", .peer = me};
+	struct dataset_action_params w = {.action = DATASET_REMOVE, .name = "s", .as = "", .peer = me};
 	bool answered = false;
 
 	snprintf(path, 128, "%s/datasets/%llu", h.folder, (unsigned long long)d->id);
 	dataset_release(d);
-	dataset_verb(h.service->datasets, &w, changed, &answered);
+	dataset_act(h.service->datasets, &w, changed, &answered);
 	turn_until(answered);
 }
 
@@ -85,7 +84,7 @@ static void a_year_ahead_for_a_minute(void **state)
 	assert_true(is_there(path));
 	pass(6 * DAY);
 	assert_true(is_there(path));
-	/* Nor does a jump back. */
+	/* Neither does a jump back delay it. */
 	atomic_fetch_add(&real_ahead, -365 * DAY);
 	assert_true(is_there(path));
 	atomic_fetch_add(&real_ahead, 365 * DAY);
@@ -94,7 +93,7 @@ static void a_year_ahead_for_a_minute(void **state)
 	assert_false(is_there(path));
 }
 
-/* A daemon that starts has the stamps of its datasets, and a clock to believe or not. */
+/* A new daemon has the recorded times of its datasets, and a clock that may be wrong. */
 static void while_it_did_not_run(void **state)
 {
 	char path[128];
@@ -110,18 +109,10 @@ static void while_it_did_not_run(void **state)
 	assert_false(is_there(path));
 }
 
-/* A push with one file that is durable, whose client went. */
+/* A push with one durable file, whose client left. */
 static void interrupt_push(void)
 {
-	const struct push_input input = {.name = "a.xyz"};
-	int fd = text_file(500, 3);
-
-	begin("p");
-	ask(push_probe(got.push, dup(fd), &input, NULL));
-	ask(push_plan(got.push, NULL));
-	ask(push_file(got.push, fd, &input, NULL));
-	assert_int_equal(got.why.code, 0);
-	push_leave(got.push);
+	push_leave(stage_file_as("p", "a.xyz", text_file(500, 3)));
 	turn_until(!pushes_open(h.service->pushes));
 }
 
@@ -140,7 +131,7 @@ static void an_interrupted_push(void **state)
 	assert_true(is_pending());
 	atomic_fetch_add(&real_ahead, 365 * DAY);
 	assert_true(is_pending());
-	/* Nor does it go where a daemon starts with that clock. */
+	/* Neither does it expire when a daemon starts with that clock. */
 	close_service();
 	open_service(UINT64_C(32) << 20, 2);
 	assert_true(is_pending());

@@ -190,11 +190,11 @@ static void push_one(const char *name, unsigned seed)
 	push_end();
 }
 
-static void verb(enum dataset_verb what, const char *name)
+static void verb(enum dataset_action what, const char *name)
 {
-	struct dataset_wanted w = {.verb = what, .name = name, .as = "", .peer = me};
+	struct dataset_action_params w = {.action = what, .name = name, .as = "", .peer = me};
 
-	ask(dataset_verb(h.service->datasets, &w, verbed, NULL));
+	ask(dataset_act(h.service->datasets, &w, verbed, NULL));
 	must(!got.why.code);
 }
 

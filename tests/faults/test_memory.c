@@ -261,11 +261,11 @@ static enum err_code do_import(void)
 	return got.why.code;
 }
 
-static enum err_code change(enum dataset_verb what, const char *as, const char *mode)
+static enum err_code change(enum dataset_action what, const char *as, const char *mode)
 {
-	struct dataset_wanted w = {.verb = what, .name = "a", .as = as, .mode = mode, .peer = me};
+	struct dataset_action_params w = {.action = what, .name = "a", .as = as, .mode = mode, .peer = me};
 
-	ask(dataset_verb(h.service->datasets, &w, verbed, NULL));
+	ask(dataset_act(h.service->datasets, &w, verbed, NULL));
 	return got.why.code;
 }
 
@@ -304,7 +304,7 @@ static void created(void *token, const struct err *why)
 
 static enum err_code do_create(void)
 {
-	struct dataset_wish w = {.name = "a", .scale_xy = "0.01", .scale_z = "0.01", .crs = "EPSG:25832", .peer = me};
+	struct dataset_create_params w = {.name = "a", .scale_xy = "0.01", .scale_z = "0.01", .crs = "EPSG:25832", .peer = me};
 
 	ask(dataset_create(h.service->datasets, &w, created, NULL));
 	return got.why.code;

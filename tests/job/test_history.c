@@ -1,9 +1,9 @@
 /*
- * Jobs that are over: ten thousand of them are listed as they were, in a memory of 64 MiB; those of more than 30 days
- * go, with their plans; one that is looked for can be removed. What is kept is the report to the last digit.
+ * Finished jobs: ten thousand are listed unchanged in a memory of 64 MiB; those older than 30 days are removed with their plans;
+ * a job that was searched for can be removed. Reports are kept to the last digit.
  */
-#include "core_priv.h"
 #include "fixture.h"
+#include "core_priv.h"
 #include "dataset_priv.h"
 
 #include "job_priv.h"
@@ -98,9 +98,9 @@ static void many(void **state)
 	assert_int_equal(listed(), JOBS);
 	print_message("%llu KiB for %u jobs\n", (unsigned long long)ledger_held(h.ledger, LEDGER_JOBS) >> 10, JOBS);
 	assert_true(ledger_held(h.ledger, LEDGER_JOBS) < UINT64_C(8) << 20);
-	/* None of them is at work: no loop comes by. */
+	/* No job is active, so no loop visits them. */
 	assert_null(h.service->jobs->jobs);
-	/* Those that are too old go, a few at a time, and from the disk: never so many that others would wait long for it. */
+	/* Jobs that are too old are removed a few at a time, also from the disk, so that others do not wait long for it. */
 	while (history_count(h.service->jobs) > JOBS - OLD) {
 		turn(10);
 		assert_true(catalogue_busy(h.catalogue) <= AT_ONCE);
@@ -110,16 +110,16 @@ static void many(void **state)
 	turn_until(access(plan, F_OK) != 0);
 	turn_until(!service_active(h.service));
 	assert_int_equal(listed(), JOBS - OLD);
-	/* Another user sees none; one is removed; one is awake, and put back among the others. */
+	/* Another user sees none of them. One is removed; one is activated and packed again. */
 	assert_null(job_find(h.service->jobs, 7777, &(struct peer){.uid = 2000}));
 	job = job_find(h.service->jobs, 7777, &me);
 	assert_non_null(job);
 	assert_int_equal(job_remove(job, &err), 0);
 	assert_null(job_find(h.service->jobs, 7777, &me));
 	job = job_find(h.service->jobs, 7778, &me);
-	assert_int_equal(history_awake(job, &job, &err), 0);
+	assert_int_equal(history_activate(job, &job, &err), 0);
 	assert_ptr_equal(job_find(h.service->jobs, 7778, &me), job);
-	assert_true(history_keep(job));
+	assert_true(history_pack(job));
 	assert_int_equal(listed(), JOBS - OLD - 1);
 	turn_until(!catalogue_busy(h.catalogue));
 	close_service();
@@ -127,7 +127,7 @@ static void many(void **state)
 	assert_int_equal(listed(), JOBS - OLD - 1);
 }
 
-/* Where there is no room for all the oldest give way. */
+/* Without memory the oldest jobs are dropped. */
 static void little_memory(void **state)
 {
 	close_service();
@@ -137,8 +137,8 @@ static void little_memory(void **state)
 	assert_true(history_count(h.service->jobs) > 0);
 }
 
-/* What a push left is taken up, however many jobs are over: these fill the memory, and give way, with their rows and plans, some
- * at a time. */
+/* A pending push is taken up however many finished jobs there are: they fill the memory and are dropped, with rows and plans, a
+ * few at a time. */
 static void little_memory_push(void **state)
 {
 	enum { PUSHES = 100, TAKEN_UP = 20000 };
@@ -169,7 +169,7 @@ static void little_memory_push(void **state)
 	}
 	turn_until(access(plan, F_OK) != 0);
 	turn_until(!service_active(h.service));
-	/* As many pushes as take more than the jobs left over. */
+	/* As many pushes as need more memory than the jobs leave. */
 	left = history_count(h.service->jobs);
 	h.service->core->loading = true;
 	for (unsigned i = 0; i < TAKEN_UP; i++)
@@ -187,7 +187,7 @@ static void little_memory_push(void **state)
 	assert_int_equal(history_count(h.service->jobs), left);
 }
 
-/* However many jobs are over, or wait, there is room for one to be at work: none holds what another needs to end. */
+/* However many jobs are finished or queued, there is memory for one to run: no job holds what another needs. */
 static void all_get_done(void **state)
 {
 	enum { ASKED = 1200 };
@@ -214,7 +214,7 @@ static void all_get_done(void **state)
 	dataset_release(p.dataset);
 }
 
-/* Views of all lengths: what a job is packed into is as large as it, whatever its numbers are (seen by the sanitizer). */
+/* Views of all lengths and extreme numbers: an image has room for any job (a sanitizer would see it). */
 static void lengths(void **state)
 {
 	enum { LENGTHS = 600 };
@@ -236,7 +236,7 @@ static void lengths(void **state)
 	assert_null(h.service->jobs->jobs);
 }
 
-/* What is read of a report is what was written, as strtod reads it. */
+/* A parsed report is what was written, as strtod reads it. */
 static void reports(void **state)
 {
 	static const double seconds[] = {0,     0.000001, 0.025279, 0.999999, 1.25, 86400.000001, 123456789.123456, 12345678901.5,
@@ -270,7 +270,7 @@ static void reports(void **state)
 	}
 }
 
-/* Of an older version, or by another hand: lines that are missing, in another order, not as they are written today. */
+/* Reports of older versions or other hands: missing lines, another order, other formats. */
 static void old_reports(void **state)
 {
 	struct job_report r;
@@ -292,7 +292,7 @@ static void old_reports(void **state)
 	assert_int_equal(r.window, 1);
 }
 
-/* Pages of datasets: by name, each once, whatever order they were made in; others' private and removed ones are not there. */
+/* Pages of datasets: sorted by name, each once; private datasets of others and removed ones are absent. */
 static void listing(void **state)
 {
 	enum { ALL = 500 };
@@ -321,7 +321,7 @@ static void listing(void **state)
 	assert_int_equal(seen, ALL * 8 / 10);
 }
 
-/* What an earlier daemon left in the cache. */
+/* Folders that an earlier daemon left in the cache. */
 static bool left(const char *name, bool make)
 {
 	char path[128], file[160];
@@ -334,8 +334,8 @@ static bool left(const char *name, bool make)
 	return !stat(path, &st);
 }
 
-/* What a start has to sweep waits, and the loop is told; it is swept when the time is over, when a daemon stops before, and
- * when its jobs go without that. */
+/* Deferred sweeps wait, and the loop knows it. They begin when the time is over, when the daemon stops before, and with the first
+ * job. */
 static void rests(void **state)
 {
 	assert_false(service_is_deferring(h.service));

@@ -1,6 +1,6 @@
 /*
- * A job whose row is on its way to the disk: it goes on, and nobody sees it; when the row is there it is promised, as far as it
- * has come; and without a row it was never there. The test holds the row.
+ * A job whose first row is on its way to the disk: it runs, and nobody sees it. With the row it is accepted, whatever its state;
+ * without the row it is refused. The test holds the row.
  */
 #include "fixture.h"
 #include "job_priv.h"
@@ -30,7 +30,7 @@ int __wrap_catalogue_put_job(struct catalogue *c, const struct catalogue_job *ro
 	put.hold = false;
 	put.held = true;
 	put.catalogue = c;
-	put.row = *row; /* its texts are the job's, or do not change */
+	put.row = *row; /* its texts are those of the job, or constant */
 	put.done = done;
 	put.ctx = ctx;
 	return 0;
@@ -54,7 +54,7 @@ static void refuse_row(void)
 	put.done(put.ctx, -ERR_NOSPACE, &full);
 }
 
-/* Asked for, and its row held. */
+/* A job was submitted and its row is held. */
 static struct job *begin_job(struct dataset *d)
 {
 	struct job_params p = {.dataset = d, .view = VIEW, .peer = me};
@@ -78,7 +78,7 @@ static void test_goes_on(void **state)
 	assert_int_equal(info_of(job).state, JOB_done);
 	assert_int_equal(accepts, 0);
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told);
-	assert_int_equal(put.puts, 1); /* what it came to follows its first row */
+	assert_int_equal(put.puts, 1); /* its final row follows the first one */
 	assert_null(job_find(h.service->jobs, id, &me));
 	let_row();
 	turn_until(accepts);
@@ -87,7 +87,7 @@ static void test_goes_on(void **state)
 	assert_int_equal(put.puts, 2);
 	assert_string_equal(put.last, "done");
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told + 1);
-	/* The next start knows how it ended. */
+	/* The row for the next start has the result. */
 	dataset_release(d);
 	close_service();
 	open_service(UINT64_C(32) << 20, 2);
@@ -111,14 +111,14 @@ static void test_refused(void **state)
 		assert_null(job_find(h.service->jobs, id, &me));
 		turn_until(!h.service->jobs->jobs);
 		assert_int_equal(put.puts, 1); /* it has no row */
-		/* The log says why it is not there, once, and nothing else of it. */
+		/* The log says once why it was refused, and nothing else about it. */
 		assert_int_equal(log_event_count(LOG_EVENT_JOB_FAILED), failed + 1);
 		assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE) + log_event_count(LOG_EVENT_JOB_CANCELLED), otherwise);
 		dataset_release(d);
 	}
 }
 
-/* A crash before the row was there left a plan of the number that the next job gets. */
+/* A crash before the row was written left a plan under the number that the next job gets. */
 static void test_others_plan(void **state)
 {
 	struct dataset *d = push("a", 5000, 3);
@@ -143,7 +143,7 @@ static void test_others_plan(void **state)
 	dataset_release(d);
 }
 
-/* Of a test that failed, too: the service waits for the row. */
+/* Also after a failed test: the service waits for the row. */
 static int end(void **state)
 {
 	put.hold = false;

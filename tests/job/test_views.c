@@ -1,7 +1,7 @@
 /*
- * The texts of views, which all users share: who has many of them, in jobs that are over or are not, keeps nobody from
- * submitting, and what he himself may have of unfinished ones has an end. The loop turns only where it says so, so no job gets
- * on.
+ * The texts of views share one limit. A user with many of them, in finished or unfinished jobs, keeps nobody from submitting, and
+ * what one user may have in unfinished jobs is limited. The loop turns only where a test says so; jobs make no progress
+ * otherwise.
  */
 #include "fixture.h"
 
@@ -24,7 +24,7 @@ static void sql(const char *text)
 	sqlite3_close(db);
 }
 
-/* Of a dataset that is not there any more; numbers from `from` on. */
+/* Finished jobs of a deleted dataset, numbered from `from` on. */
 static void jobs_over(unsigned from, unsigned n, uint32_t uid, unsigned bytes)
 {
 	char text[1024];
@@ -76,11 +76,11 @@ static struct job *want(struct dataset *d, const struct peer *peer, const char *
 	int before = accepts;
 
 	job_submit(h.service->jobs, &p, accepted, NULL);
-	/* Refused: at once. */
+	/* The submission is refused at once. */
 	return accepts > before && accepted_err.code ? NULL : h.service->jobs->jobs;
 }
 
-/* Jobs of one user that are over take all that there is; those of the others stay. */
+/* Finished jobs of one user take all of the limit; those of others stay. */
 static void over(void **state)
 {
 	struct history_views v;
@@ -100,7 +100,7 @@ static void over(void **state)
 	assert_int_equal(count(&hog), MANY + 1);
 	assert_non_null(submit(d, false, VIEW));
 	assert_int_equal(accepted_err.code, 0);
-	/* His oldest went, and nothing else; with one large view of hers as many of his as it takes. */
+	/* His oldest jobs are dropped and no others, as many as one large view of hers needs. */
 	assert_int_equal(count(&me), 6);
 	assert_int_equal(count(&hog), MANY);
 	assert_null(job_find(h.service->jobs, 10, &hog));
@@ -122,7 +122,7 @@ static void over(void **state)
 	turn_until(!service_active(h.service));
 }
 
-/* Whoever has most gives way himself, and what gives way is the oldest. */
+/* A submission by the user who has most drops his own oldest job. */
 static void own(void **state)
 {
 	struct dataset *d;
@@ -141,7 +141,7 @@ static void own(void **state)
 	free(view);
 }
 
-/* What is asked for counts as his who asks: with it he would have most. */
+/* The new view counts as his, and with it he has most. */
 static void wanted(void **state)
 {
 	char *view = comb(TEETH, 0);
@@ -161,7 +161,7 @@ static void wanted(void **state)
 	free(view);
 }
 
-/* Jobs that are not over cannot go: a user may have half of what those of the others leave. */
+/* Unfinished jobs cannot be dropped: a user may have half of what those of others leave. */
 static void unfinished(void **state)
 {
 	struct dataset *d = push("d", 100, 1);
@@ -169,7 +169,7 @@ static void unfinished(void **state)
 	unsigned n = 0, m = 0;
 	char *view;
 
-	/* Of all: administrators are not held by it. */
+	/* Administrators are not limited. */
 	d->mode = 0644;
 	for (;; n++) {
 		view = comb(TEETH, n);
@@ -193,7 +193,7 @@ static void unfinished(void **state)
 	}
 	free(view);
 	assert_true(m >= n / 2 - 1 && m <= n / 2 + 1);
-	/* A third one, and an administrator, who may have all that is left. */
+	/* A third user, and an administrator, who may have all that is left. */
 	view = comb(TEETH, 5000);
 	assert_non_null(want(d, &(struct peer){.uid = 9}, view));
 	for (m = 0; want(d, &root, view); m++) {
@@ -204,7 +204,7 @@ static void unfinished(void **state)
 	free(view);
 	history_views(h.service->jobs, 0, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX && v.all > JOBS_VIEWS_MAX - VIEW_TEXT_MAX);
-	/* When they are over he may again, and all of it came to its end. */
+	/* When his jobs are finished he may submit again, and all of them finish. */
 	turn_until(!service_active(h.service));
 	view = comb(TEETH, 7000);
 	assert_non_null(want(d, &hog, view));
@@ -212,7 +212,7 @@ static void unfinished(void **state)
 	free(view);
 }
 
-/* Jobs that were just over count as well, though they lie elsewhere as yet. */
+/* Finished jobs count even before they are packed. */
 static void warm(void **state)
 {
 	struct dataset *d;
@@ -233,7 +233,7 @@ static void warm(void **state)
 	assert_int_equal(count(&me), 5);
 }
 
-/* The same where it is the memory for jobs, or their number, that is used up. */
+/* The same where memory for jobs, or their number, is the limit. */
 static void memory(void **state)
 {
 	struct job *job;
@@ -246,11 +246,11 @@ static void memory(void **state)
 	open_service(UINT64_C(24) << 20, 1);
 	n = count(&hog);
 	print_message("%u of 3000 jobs are kept\n", n);
-	while ((job = history_of_most(h.service->jobs, HISTORY_BYTES, me.uid, 0)) && n-- > 100)
+	while ((job = history_oldest_of_largest(h.service->jobs, HISTORY_BYTES, me.uid, 0)) && n-- > 100)
 		assert_int_equal(info_of(job).peer.uid, hog.uid),
 			assert_true(jobs_forget_one(h.service->jobs, HISTORY_BYTES, me.uid, 0));
 	assert_int_equal(count(&me), 40);
-	/* Equally many: who asks gives way. */
+	/* Equal numbers: those of the submitting user are dropped. */
 	while (count(&hog) > 40)
 		assert_true(jobs_forget_one(h.service->jobs, HISTORY_JOBS, 0, 0));
 	assert_int_equal(count(&hog), 40);
@@ -260,7 +260,7 @@ static void memory(void **state)
 	turn_until(!catalogue_busy(h.catalogue));
 }
 
-/* What a large area needs while it is looked at: jobs that are over give way to that as well. */
+/* Finished jobs are dropped, too, for the memory that a large area needs while it is parsed. */
 static void memory_of_a_run(void **state)
 {
 	struct dataset *d;

@@ -1,6 +1,6 @@
 /*
- * A push whose row is on its way to the disk: what reads, and puts points into memory, goes on, what writes waits for the row,
- * and a row that cannot be written ends the push. The test holds the row.
+ * A push whose row is on its way to the disk. Requests that read, or put points into memory, continue; those that write wait for
+ * the row; a row that cannot be written ends the push. The test holds the row.
  */
 #include "fixture.h"
 #include "dataset_priv.h"
@@ -39,6 +39,16 @@ static void let_row(void)
 	assert_int_equal(__real_catalogue_put_push(put.catalogue, &put.row, put.done, put.ctx, &err), 0);
 }
 
+/* The row cannot be written. */
+static void fail_row(void)
+{
+	struct err full = ERR_INIT;
+
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+}
+
 static const struct push_input input = {.name = "a.xyz"};
 
 static void plan_a_file(int fd)
@@ -53,7 +63,7 @@ static void plan_a_file(int fd)
 	assert_int_equal(got.why.code, 0);
 }
 
-/* Up to the commit, which is asked and cannot be answered. */
+/* Until a commit is requested and waits. */
 static void ask_a_commit(void)
 {
 	int fd = text_file(500, 3), answers;
@@ -64,7 +74,7 @@ static void ask_a_commit(void)
 	assert_int_equal(got.file.in.points, 500);
 	answers = got.answers;
 	push_commit(got.push, NULL);
-	/* Nobody is at work for it, and nothing that is on its way wakes anybody. */
+	/* No task runs for it, and nothing that is on its way wakes one. */
 	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
 	turn(0);
 	assert_false(sched_busy(h.sched));
@@ -87,16 +97,13 @@ static void test_waits(void **state)
 
 static void test_fails(void **state)
 {
-	struct err full = ERR_INIT;
 	int answers;
 
 	ask_a_commit();
 	answers = got.answers;
-	put.hold = put.held = false;
-	err_set(&full, ERR_NOSPACE, "the disk is full");
-	put.done(put.ctx, -ERR_NOSPACE, &full);
+	fail_row();
 	turn_until(got.answers > answers);
-	/* The file has no part in it. */
+	/* The error is not about the file. */
 	assert_int_equal(got.why.code, ERR_NOSPACE);
 	assert_string_equal(got.why.file, "");
 	assert_string_equal(got.why.field, "push");
@@ -108,10 +115,9 @@ static void test_fails(void **state)
 	turn_until(!pushes_open(h.service->pushes));
 }
 
-/* What it had in memory is gone: no start would know of it. */
+/* Without a row, points in memory are lost: no start would find them. */
 static void test_leaves_without_a_row(void **state)
 {
-	struct err full = ERR_INIT;
 	int fd = text_file(500, 3);
 
 	plan_a_file(fd);
@@ -119,9 +125,7 @@ static void test_leaves_without_a_row(void **state)
 	assert_int_equal(got.why.code, 0);
 	push_leave(got.push);
 	turn(0);
-	put.hold = put.held = false;
-	err_set(&full, ERR_NOSPACE, "the disk is full");
-	put.done(put.ctx, -ERR_NOSPACE, &full);
+	fail_row();
 	turn_until(!pushes_open(h.service->pushes));
 	assert_null(datasets_first(h.service->datasets) ? datasets_first(h.service->datasets)->pending : NULL);
 }
@@ -141,7 +145,7 @@ static int look_openat(int dirfd, const char *path, int flags, mode_t mode)
 
 enum { MANY = 400000 };
 
-/* Its File, whose worker has a run to write and waits. */
+/* Requests a File whose worker has to write a run, and waits for the row. */
 static void ask_many(void)
 {
 	int fd = text_file(MANY, 3), answers;
@@ -151,7 +155,7 @@ static void ask_many(void)
 	real_io = io;
 	held_io = *io;
 	held_io.openat = look_openat;
-	io = &held_io; /* no thread reads it between the two */
+	io = &held_io; /* no other thread reads `io` now */
 	open_service(UINT64_C(24) << 20, 2);
 	plan_a_file(fd);
 	answers = got.answers;
@@ -181,14 +185,11 @@ static void test_runs_wait(void **state)
 
 static void test_runs_fail(void **state)
 {
-	struct err full = ERR_INIT;
 	int answers;
 
 	ask_many();
 	answers = got.answers;
-	put.hold = put.held = false;
-	err_set(&full, ERR_NOSPACE, "the disk is full");
-	put.done(put.ctx, -ERR_NOSPACE, &full);
+	fail_row();
 	turn_until(got.answers > answers);
 	assert_int_equal(got.why.code, ERR_NOSPACE);
 	assert_int_equal(runs, 0);
@@ -196,7 +197,7 @@ static void test_runs_fail(void **state)
 	turn_until(!pushes_open(h.service->pushes));
 }
 
-/* Whoever goes while the row is still on its way has the worker back at once. */
+/* A push that leaves before the row is written gets its worker back at once. */
 static void test_runs_leave(void **state)
 {
 	int answers;
@@ -211,19 +212,13 @@ static void test_runs_leave(void **state)
 	assert_int_equal(runs, 0);
 }
 
-/* None of its files is what an interrupted push left, which would be given up; but it is none. */
+/* The push names no file of a pending push, which it would drop; but without a row it does not. */
 static void test_fails_beside_a_pending_one(void **state)
 {
 	const struct push_input other = {.name = "b.xyz"};
-	struct err full = ERR_INIT;
-	int fd = text_file(500, 3), answers;
+	int answers;
 
-	begin("a");
-	ask(push_probe(got.push, dup(fd), &input, NULL));
-	ask(push_plan(got.push, NULL));
-	ask(push_file(got.push, fd, &input, NULL));
-	assert_int_equal(got.why.code, 0);
-	push_leave(got.push);
+	push_leave(stage_file_as("a", input.name, text_file(500, 3)));
 	turn_until(!pushes_open(h.service->pushes));
 	assert_non_null(datasets_first(h.service->datasets)->pending);
 	put.hold = true;
@@ -236,9 +231,7 @@ static void test_fails_beside_a_pending_one(void **state)
 	push_plan(got.push, NULL);
 	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
 	turn(0);
-	put.hold = put.held = false;
-	err_set(&full, ERR_NOSPACE, "the disk is full");
-	put.done(put.ctx, -ERR_NOSPACE, &full);
+	fail_row();
 	turn_until(got.answers > answers);
 	assert_int_equal(got.why.code, ERR_NOSPACE);
 	push_leave(got.push);
@@ -260,14 +253,14 @@ static void test_leaves(void **state)
 	answers = got.answers;
 	push_leave(got.push);
 	turn(0);
-	assert_int_equal(got.answers, answers); /* its end waits too: it removes the row */
+	assert_int_equal(got.answers, answers); /* its end waits for the row, to drop it */
 	let_row();
 	turn_until(got.answers > answers);
 	assert_int_equal(got.why.code, ERR_CANCELLED);
 	turn_until(!pushes_open(h.service->pushes));
 }
 
-/* Of a test that failed, too: the service waits for the row. */
+/* Also after a failed test: the service waits for the row. */
 static int end(void **state)
 {
 	struct err err = ERR_INIT;

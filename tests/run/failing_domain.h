@@ -1,5 +1,5 @@
 /*
- * One domain that a worker makes does not fit into what it got, another cannot be read.
+ * Lets one domain that a worker makes exceed its memory, and another one fail to be read.
  *
  * Linked with --wrap=pipe_domain.
  */
@@ -12,8 +12,8 @@
 #include "pipe.h"
 
 static struct {
-	atomic_uint made;              /* begun to be made */
-	atomic_uint split_at, fail_at; /* of these numbers; 0: none */
+	atomic_uint made;              /* domains started */
+	atomic_uint split_at, fail_at; /* the domains with these numbers; 0: none */
 } making;
 
 int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region,

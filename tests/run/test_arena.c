@@ -1,8 +1,8 @@
 /*
- * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others
- * lack memory, and given back at the end, however that comes. That all was given back is asserted where a service is closed.
+ * Arenas: as many as threads, however many domains; unmapped when others lack memory, and at the end of a run, however it ends.
+ * The end of the service asserts that all is returned.
  *
- * Linked with --wrap of what run_domain.c asks of run_arena.c, run_free, and failing_domain.h.
+ * Linked with --wrap of what run_domain.c calls in run_arena.c, of run_free, and failing_domain.h.
  */
 #include "failing_domain.h"
 #include "fixture.h"
@@ -14,9 +14,9 @@ enum { THREADS = 2, POINTS = 400000 };
 
 static struct {
 	atomic_uint asked, own, put, bare;
-	atomic_bool want; /* somebody else is to lack memory from the first one on that is put back */
+	atomic_bool want; /* from the first returned arena on, somebody else lacks memory */
 	struct sched_task hungry;
-	atomic_uint fed, fed_at; /* it had its memory; when so many had been asked for */
+	atomic_uint fed, fed_at; /* it has its memory; and how many had been asked for then */
 } seen;
 
 uint64_t __real_run_arena_ask(struct run_domain *d, bool own);
@@ -60,7 +60,7 @@ void __wrap_run_arena_put(struct run_domain *d)
 {
 	seen.put++;
 	if (atomic_exchange(&seen.want, false)) {
-		/* All that is free, and a little of what this run has. */
+		/* All that is free, and a little that the run holds. */
 		seen.hungry = (struct sched_task){.run = eat,
 						  .done = eaten,
 						  .owner = {.uid = 1001, .flow = UINT64_MAX},
@@ -75,7 +75,7 @@ void __wrap_run_arena_put(struct run_domain *d)
 struct run *__real_run_free(struct run *w);
 struct run *__wrap_run_free(struct run *w);
 
-/* None is left behind by whatever became of the run. */
+/* No arena is left, however the run ended. */
 struct run *__wrap_run_free(struct run *w)
 {
 	if (w) {
@@ -110,7 +110,7 @@ static void go_round(void **state)
 	dataset_release(d);
 }
 
-/* The same survey in a service that has nothing stored. */
+/* The same survey in a service with an empty store. */
 static void given_up(void **state)
 {
 	char digest[2][DIGEST_HEX_SIZE];
@@ -132,7 +132,7 @@ static void given_up(void **state)
 		snprintf(digest[i], sizeof digest[i], "%s", info_of(job).report->digest);
 		dataset_release(d);
 	}
-	/* While there was more to be made; and that was made with memory of its own again. */
+	/* Memory was taken away while domains were still to be made, and they took memory of their own again. */
 	assert_int_equal(seen.fed, 1);
 	assert_true(seen.fed_at < seen.asked);
 	assert_true(seen.bare > 0 && seen.own > THREADS);
@@ -142,7 +142,7 @@ static void given_up(void **state)
 
 static void stopped(void **state)
 {
-	/* From before the first has run. */
+	/* From before the first domain has run. */
 	for (unsigned puts = 0; puts < 6; puts++) {
 		char name[16];
 		struct dataset *d;
@@ -162,7 +162,7 @@ static void stopped(void **state)
 	}
 }
 
-/* Whoever has the arena then, whether he brought it or was lent it. */
+/* It holds the arena, its own or a borrowed one. */
 static void split_or_failed(void **state)
 {
 	char whole[DIGEST_HEX_SIZE] = "";

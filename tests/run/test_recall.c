@@ -1,6 +1,6 @@
 /*
- * What is remembered of stored domains: a push of a point makes planning read few of their files, and what was removed or damaged
- * behind the daemon's back costs time only.
+ * What is remembered of stored domains: after a push of one point, planning reads few of their files. Files that were removed or
+ * damaged by others only cost time.
  *
  * Linked with --wrap of store_proof, by which planning reads a file.
  */
@@ -21,7 +21,7 @@ int __wrap_store_proof(int dirfd, const struct store_id *id, void *memory, size_
 	return __real_store_proof(dirfd, id, memory, size, ret, err);
 }
 
-/* The first push has the survey, the others a point each. */
+/* The first push has the survey, each other one a point. */
 static struct job *grow(unsigned pushes, bool job)
 {
 	struct dataset *d = push("valley", pushes ? 1 : POINTS, 1 + pushes);
@@ -45,7 +45,7 @@ static int remove_file(const char *path, const struct stat *st, int kind, struct
 	return kind == FTW_F ? remove(path) : 0;
 }
 
-/* A byte of the header, and the time as it was. */
+/* Damages a byte of the header, and restores the time. */
 static int rot_file(const char *path, const struct stat *st, int kind, struct FTW *ftw)
 {
 	const struct timespec times[2] = {st->st_atim, st->st_mtim};
@@ -72,7 +72,7 @@ static void each_stored(int (*what)(const char *, const struct stat *, int, stru
 	assert_int_equal(nftw(path, what, 16, FTW_PHYS), 0);
 }
 
-/* The digest of what is made of that many pushes with nothing stored. */
+/* The digest of the mesh of that many pushes, made with an empty store. */
 static void check(void **state, const struct job *job, unsigned pushes)
 {
 	char digest[2][DIGEST_HEX_SIZE];
@@ -119,7 +119,7 @@ static void gone(void **state)
 	check(state, job, 3);
 }
 
-/* The sums are those that it had. */
+/* The sums are unchanged. */
 static void rotten(void **state)
 {
 	struct job *job;

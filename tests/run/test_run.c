@@ -1,6 +1,6 @@
 /*
- * How a run of which only sums are wanted goes about its leaves: several look at what is stored of them, and of those that are to
- * be made the last ones are made by size. What comes of it is what comes of it otherwise.
+ * A run of which only sums are needed: several workers search the store for its leaves, and the last leaves are made by size. The
+ * result is that of any other run.
  *
  * Linked with --wrap of run_domain_start, pipe_refine_step, pipe_plan_probe and pipe_store, and failing_domain.h.
  */
@@ -12,22 +12,23 @@
 
 enum { THREADS = 2, POINTS = 1000000, MORE = 20000 };
 
-/* ---- what is seen, and done to it ---- */
+/* ---- what is observed and changed ---- */
 
 static struct {
-	/* Of the loop. */
-	unsigned begun, last, turned; /* domains; of these among the last ones; of these not the first of those left */
-	unsigned again;               /* that had been begun before */
-	bool light, first_last;       /* the plan says that its first leaf is smaller than all others; it came last */
-	atomic_bool full;             /* nothing can be stored */
-	/* Of workers that look. */
+	/* On the loop: */
+	unsigned begun, last,
+		turned; /* domains; those among the last ones; of these, those that were not the first of the remaining ones */
+	unsigned again; /* started again */
+	bool light, first_last; /* by the plan its first leaf is the smallest; it was started last */
+	atomic_bool full;       /* nothing can be stored */
+	/* On workers that search: */
 	pthread_mutex_t lock;
 	pthread_cond_t came;
-	const void *memory[THREADS]; /* theirs */
+	const void *memory[THREADS]; /* of each member */
 	unsigned members, looks;
-	bool together; /* nobody begins before two have come */
-	bool closed;   /* nobody begins at all */
-	int fails;     /* the third one does, so */
+	bool together; /* no search begins before two members have come */
+	bool closed;   /* no search begins at all */
+	int fails;     /* the error of the third search; 0: none */
 } seen = {.lock = PTHREAD_MUTEX_INITIALIZER, .came = PTHREAD_COND_INITIALIZER};
 
 struct run_domain *__real_run_domain_start(struct run *w, size_t index, enum sched_priority priority);
@@ -49,7 +50,7 @@ struct run_domain *__wrap_run_domain_start(struct run *w, size_t index, enum sch
 	uint64_t most = 0;
 	bool changed = false;
 
-	/* One that was finished, and gave way to others, comes back from the store. */
+	/* A domain that was finished and released for others comes back from the store. */
 	seen.again += index < w->next_start;
 	if (index < w->next_start)
 		return __real_run_domain_start(w, index, priority);
@@ -90,7 +91,7 @@ int __wrap_pipe_store(int storefd, const struct pipe_key *key, const struct cut_
 			   __real_pipe_store(storefd, key, region, domain, memory, ret, summary, err);
 }
 
-/* Planning has come to its end. */
+/* The search has ended. */
 int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
 			   struct cut_plan *plan, struct err *err)
 {
@@ -152,7 +153,7 @@ static unsigned lookers(void)
 	return n;
 }
 
-/* ---- a survey, and a little more of it in one corner ---- */
+/* ---- a survey, and a small change in one corner ---- */
 
 static int corner_file(unsigned seed)
 {
@@ -192,7 +193,7 @@ static void last_by_size(void **state)
 	dataset_release(d);
 }
 
-/* Returns how many domains it has. */
+/* Returns the number of its domains. */
 static uint64_t mesh_crowded(void **state, unsigned most, unsigned split_at, char digest[DIGEST_HEX_SIZE])
 {
 	struct job_info info;
@@ -213,7 +214,8 @@ static uint64_t mesh_crowded(void **state, unsigned most, unsigned split_at, cha
 	return info.report->domains;
 }
 
-/* As many as the window holds wait for one that is made last, being the smallest, and counted first; and one does not fit. */
+/* As many domains as the window holds wait for one that is the smallest, is made last and counted first; and one has to be
+ * split. */
 static void crowded(void **state)
 {
 	char whole[DIGEST_HEX_SIZE], digest[DIGEST_HEX_SIZE];
@@ -230,8 +232,7 @@ static void crowded(void **state)
 		}
 }
 
-/* Two that lack memory, and cannot store what they have made: what is finished and has no memory is not given up for the other.
- */
+/* Two runs lack memory and cannot store what they made: a finished domain without memory is not released for the other. */
 static void side_by_side(void **state)
 {
 	uint64_t domains = 0;
@@ -260,7 +261,7 @@ static void side_by_side(void **state)
 	assert_int_equal(making.made, domains);
 }
 
-/* Each in a generation of its own, which has something to make; the same at last as from nothing. */
+/* Each in a generation of its own with something to make; in the end the result is the same as without a store. */
 static void together(void **state)
 {
 	static const int fails[] = {0, -ERR_IO, -ERR_BUSY};
@@ -277,7 +278,7 @@ static void together(void **state)
 		dataset_release(d);
 		d = push_file_as("valley", name, corner_file(i));
 		look_anew(true, false, fails[i]);
-		/* Another's plan, which it waits for. */
+		/* It waits for the memory of another plan. */
 		assert_true(ledger_take(h.ledger, LEDGER_PLAN, 4096));
 		info = mesh(d);
 		ledger_give(h.ledger, LEDGER_PLAN, 4096);
@@ -286,7 +287,7 @@ static void together(void **state)
 		assert_true(info.report->domains_reused > info.report->domains / 2);
 		snprintf(digest, sizeof digest, "%s", info.report->digest);
 	}
-	/* Stopped while they look; and then done, as if nothing had been. */
+	/* Stopped during the search, and then finished as if nothing had happened. */
 	dataset_release(d);
 	d = push_file_as("valley", "stopped", corner_file(TIMES));
 	look_anew(false, true, 0);

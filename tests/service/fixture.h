@@ -239,8 +239,8 @@ static void begin(const char *dataset)
 	ask(push_begin(h.service->pushes, &p, NULL));
 }
 
-/* The file is closed. */
-static struct dataset *push_file_as(const char *dataset, const char *file, int fd)
+/* A push with one file, staged and not committed. The file is closed. */
+static struct push *stage_file_as(const char *dataset, const char *file, int fd)
 {
 	const struct push_input input = {.name = file};
 
@@ -252,6 +252,13 @@ static struct dataset *push_file_as(const char *dataset, const char *file, int f
 	assert_int_equal(got.why.code, 0);
 	ask(push_file(got.push, fd, &input, NULL));
 	assert_int_equal(got.why.code, 0);
+	return got.push;
+}
+
+/* The file is closed. */
+static struct dataset *push_file_as(const char *dataset, const char *file, int fd)
+{
+	stage_file_as(dataset, file, fd);
 	ask(push_commit(got.push, NULL));
 	if (got.why.code)
 		fail_msg("%s %s", got.why.file, got.why.message);

@@ -1,4 +1,4 @@
-/* What others ask of a run: its plan, its sums, how far it is. Loop. */
+/* What other rooms ask of a run: its plan, its sums, its progress. */
 #include "clock.h"
 #include "run_priv.h"
 
