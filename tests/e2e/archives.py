@@ -151,7 +151,7 @@ def damaged():
     for name, end in (("crc", b"abcd" + packed_text[-4:]), ("length", packed_text[-8:-4] + b"abcd")):
         expect("damaged" in mesh(write(name + ".xyz.gz", packed_text[:-8] + end), status=1)["message"], "another " + name)
     r = D.ctl("mesh", "-o", path_of("out.ply"), write("tail.xyz.gz", gzip.compress(good.encode()) + b"garbage")).ok()
-    expect("7 bytes behind its end" in r.err, r.err)
+    expect("7 bytes after its end" in r.err, r.err)
     for name in ("none.gz", "none.zip", "none.laz", "none.xyz.gz"):
         got = mesh(write(name, b""), status=1)
         expect((got["code"], got["message"], got["file"]) == ("truncated", "the file is empty (0 bytes)", path_of(name)), got)

@@ -392,7 +392,7 @@ def z_unit():
             said(r, *parts)
         r = d.ctl("mesh", low, "-o", base + "/x.png", "--z-unit", "m", "--assume-units", "m,m")
         expect(r.status == 2, r.err)
-        said(r, "--z-unit has no meaning for a picture")
+        said(r, "--z-unit has no meaning for png")
 
 
 def lengths():
