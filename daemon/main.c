@@ -284,7 +284,7 @@ static bool has_one_client(void)
 static int start_daemon(struct daemon *d, struct err *err)
 {
 	bool init = d->config.init || (d->config.init_first && place_cache_unused(d->config.cache));
-	int r = place_apart(d->config.state, d->config.cache, has_one_client(), err);
+	int r = place_check_separate(d->config.state, d->config.cache, has_one_client(), err);
 
 	if (!r)
 		r = place_state(d->config.state, init, &d->statefd, &d->state_lock, &d->store, err);
@@ -293,7 +293,7 @@ static int start_daemon(struct daemon *d, struct err *err)
 	if (!r)
 		evict_if_full(d);
 	if (!r)
-		r = place_cache_serves(d->cachefd, d->config.cache, &d->store, err);
+		r = place_cache_claim(d->cachefd, d->config.cache, &d->store, err);
 	if (!r)
 		r = loop_make(d, err);
 	if (!r)

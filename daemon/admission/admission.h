@@ -41,7 +41,7 @@ struct admission_calls {
 	void (*relieve)(struct admission_run *, bool urgent); /* others lack memory: release what it can */
 	void (*yield)(struct admission_run *);                /* release the slot, and start again later */
 };
-/* Adds a run at its begin, and removes it at its end. Borrowed in between. */
+/* Adds a run when it begins, and removes it at its end. Borrowed in between. */
 void admission_add_run(struct admission *, struct admission_run *);
 void admission_remove_run(struct admission *, struct admission_run *); /* no effect if it was not added */
 /* `fn` may remove the run that it is called with. */

@@ -61,7 +61,7 @@ static void check_folders(const struct config *c, struct config_report *report, 
 	struct stat st;
 
 	*ret_new = false;
-	if (*c->state && place_state_look(c->state, &err)) {
+	if (*c->state && place_state_check(c->state, &err)) {
 		*ret_new = err.code == ERR_IO && may_make_store(c);
 		if (!*ret_new)
 			config_report_error(report, &err);
@@ -74,7 +74,7 @@ static void check_folders(const struct config *c, struct config_report *report, 
 		config_report_error(report, &err);
 	}
 	err_clear(&err);
-	if (place_apart(c->state, c->cache, false, &err))
+	if (place_check_separate(c->state, c->cache, false, &err))
 		config_report_error(report, &err);
 	if (*c->socket)
 		check_parent(c->socket, report);

@@ -1,7 +1,9 @@
 /*
- * Inspection of one file, for `acutctl info`: its header by one task, then, when it is known what reading takes,
- * its records by another (pipe_inspect), which stages their positions into the cache's folder for temporary
- * files and leaves nothing there. What follows from both, and what does not agree, is worked out here.
+ * Inspection of one file, for `acutctl info`.
+ *
+ * The model: one task reads the header, and so finds out how much memory reading takes. A second task, if requested, reads the
+ * records (pipe_inspect). It stages their positions in the cache's folder for temporary files, and leaves nothing there. Then it
+ * computes area and location, and compares header and records.
  */
 #include <math.h>
 #include <stdarg.h>
@@ -16,23 +18,25 @@
 enum { STAGE_BYTES = 8 << 20, RIM = 512 };
 
 struct inspect {
-	struct sched_task task;
+	struct sched_task task; /* first: a task is cast to its inspection */
 	struct core *core;
 	int fd, r;
-	char *name, *format, *columns, info_format[16];
+	char *name, *format, *columns;
 	bool decimal_comma;
-	bool read; /* the header is: now the records */
-	size_t read_bytes;
+	bool header_read; /* the second task runs */
 	struct client_file id;
+	struct input_info info;
+	char info_format[16]; /* that info points to */
 	struct inspect_result *result;
 	struct err err;
-	inspect_answer_fn *answer;
+	inspect_header_fn *on_header; /* or */
+	inspect_result_fn *on_result;
 	void *token;
 };
 
 static struct input_options options_of(const struct inspect *a)
 {
-	/* It is described only, so its plane does not matter, nor that it ends early. */
+	/* The file is only described, so an unknown plane is no error, nor a file that ends early. */
 	return (struct input_options){
 		.format = *a->format ? a->format : NULL,
 		.columns = *a->columns ? a->columns : NULL,
@@ -42,11 +46,9 @@ static struct input_options options_of(const struct inspect *a)
 	};
 }
 
-static void take_info(struct inspect *a, const struct input *in)
+/* Copies what `in` has of the header. */
+static void keep_info(struct inspect *a, const struct input *in, struct input_info *info)
 {
-	struct input_info *info = &a->result->info;
-
-	a->result->name = a->name;
 	*info = *input_info(in);
 	snprintf(a->info_format, sizeof a->info_format, "%s", info->format);
 	info->format = a->info_format;
@@ -63,16 +65,16 @@ static void header_run(struct sched_task *t)
 	if (!a->r)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (!a->r)
-		a->read_bytes = input_info(in)->read_bytes;
+		keep_info(a, in, &a->info);
 	input_close(in);
 	if (a->r)
 		err_add_file(&a->err, a->name);
 }
 
-/* ---- the earth ---- */
+/* ---- area and location ---- */
 
-/* The rim of the hull, its long sides cut, since a straight line of the plane is not one on the earth. */
-static size_t rim_of(const struct pipe_inspected *in, double ret[PIPE_HULL_MOST + RIM][2])
+/* The boundary of the hull, with its long sides divided: a straight line in the plane is none on the earth. */
+static size_t divide_hull(const struct pipe_inspected *in, double ret[PIPE_HULL_MOST + RIM][2])
 {
 	double around = 0;
 	size_t n = 0;
@@ -92,7 +94,7 @@ static size_t rim_of(const struct pipe_inspected *in, double ret[PIPE_HULL_MOST 
 	return n;
 }
 
-static int box_of(const struct crs_geo *g, const double (*rim)[2], size_t n, struct inspect_result *res, struct err *err)
+static int geographic_box(const struct crs_geo *g, const double (*rim)[2], size_t n, struct inspect_result *res, struct err *err)
 {
 	double lat, lon, first = 0;
 	int r = 0;
@@ -103,7 +105,7 @@ static int box_of(const struct crs_geo *g, const double (*rim)[2], size_t n, str
 		r = crs_geo_reverse(g, rim[i][0], rim[i][1], &lat, &lon, err);
 		if (r)
 			return r;
-		/* Across 180 degrees east and west go on counting. */
+		/* Across the 180th meridian longitudes continue. */
 		if (!i)
 			first = lon;
 		lon = lon > first + 180 ? lon - 360 : lon < first - 180 ? lon + 360 : lon;
@@ -117,7 +119,7 @@ static int box_of(const struct crs_geo *g, const double (*rim)[2], size_t n, str
 	return 0;
 }
 
-static int place(struct inspect_result *res, struct err *err)
+static int locate(struct inspect_result *res, struct err *err)
 {
 	const struct pipe_inspected *in = &res->in;
 	double(*rim)[2] = malloc((PIPE_HULL_MOST + RIM) * sizeof *rim), lat, lon;
@@ -130,8 +132,8 @@ static int place(struct inspect_result *res, struct err *err)
 		free(rim);
 		return r;
 	}
-	n = rim_of(in, rim);
-	r = box_of(g, (const double(*)[2])rim, n, res, err);
+	n = divide_hull(in, rim);
+	r = geographic_box(g, (const double(*)[2])rim, n, res, err);
 	if (!r)
 		r = crs_geo_area(g, (const double(*)[2])rim, n, &res->area, &res->perimeter, err);
 	if (!r)
@@ -143,9 +145,9 @@ static int place(struct inspect_result *res, struct err *err)
 	return r;
 }
 
-/* ---- what does not agree ---- */
+/* ---- differences between header and records ---- */
 
-__attribute__((format(printf, 2, 3))) static void differs(struct inspect_result *res, const char *fmt, ...)
+__attribute__((format(printf, 2, 3))) static void add_difference(struct inspect_result *res, const char *fmt, ...)
 {
 	va_list ap;
 
@@ -163,12 +165,12 @@ static void compare_box(struct inspect_result *res)
 	for (int k = 0; k < 3; k++) {
 		double half = decimal_double(c->scale[k]) / 2;
 
-		/* A box that is none was told with the header. Text has no header: its box was read off the points. */
+		/* An invalid box is reported with the header. A text file has no header; its box comes from the points. */
 		if (!(c->min[k] <= c->max[k]))
 			continue;
 		if (!(fabs(c->min[k] - res->in.min[k]) <= half) || !(fabs(c->max[k] - res->in.max[k]) <= half))
-			differs(res, "the header has %c from %.10g to %.10g, the points from %.10g to %.10g", "xyz"[k],
-				c -> min[k], c -> max[k], res -> in.min[k], res->in.max[k]);
+			add_difference(res, "the header has %c from %.10g to %.10g, the points from %.10g to %.10g", "xyz"[k],
+				       c -> min[k], c -> max[k], res -> in.min[k], res->in.max[k]);
 	}
 }
 
@@ -179,10 +181,10 @@ static void compare(struct inspect_result *res)
 	char said[80] = "", are[80] = "";
 	bool same = true;
 
-	/* said with the header already, or not */
+	/* unless it is reported with the header */
 	if (info->claimed != in->points && !info->miscounted)
-		differs(res, "the header says %llu points, %llu are there", (unsigned long long)info->claimed,
-			(unsigned long long)in->points);
+		add_difference(res, "the header says %llu points, %llu are there", (unsigned long long)info->claimed,
+			       (unsigned long long)in->points);
 	if (in->points)
 		compare_box(res);
 	for (int i = 1; info->has_returns && !info->miscounted && i < 16; i++) {
@@ -195,30 +197,30 @@ static void compare(struct inspect_result *res)
 		}
 	}
 	if (!same)
-		differs(res, "the header counts the returns %s; the points are %s", said, are);
+		add_difference(res, "the header counts the returns %s; the points are %s", said, are);
 	if (in->returns[0])
-		differs(res, "%llu points have the return number 0, which is none", (unsigned long long)in->returns[0]);
+		add_difference(res, "%llu points have the return number 0, which is invalid", (unsigned long long)in->returns[0]);
 	if (info->has_trailing && info->trailing)
-		differs(res, "%llu bytes behind the last record belong to nothing", (unsigned long long)info->trailing);
+		add_difference(res, "%llu bytes behind the last record belong to nothing", (unsigned long long)info->trailing);
 }
 
 /* ---- the records ---- */
 
-static int cancelled(void *ctx, uint64_t points)
+static int on_progress(void *ctx, uint64_t points)
 {
 	struct inspect *a = ctx;
 
 	return atomic_load(&a->task.cancel);
 }
 
-static int records(struct inspect *a, struct input *in)
+static int inspect_records(struct inspect *a, struct input *in)
 {
 	static atomic_ullong number;
 	struct inspect_result *res = a->result;
 	char name[40];
 	struct grid_stage_params stage = {.dirfd = a->core->tempfd, .name = name, .memory = STAGE_BYTES};
 	struct pipe_inspect_params params = {
-		.lattice = &res->lattice, .dirfd = a->core->tempfd, .name = name, .progress = cancelled, .ctx = a};
+		.lattice = &res->lattice, .dirfd = a->core->tempfd, .name = name, .progress = on_progress, .ctx = a};
 	struct err none = ERR_INIT;
 	int r = lattice_choose(&res->info.coords, 1, NULL, NULL, &res->lattice, &a->err);
 
@@ -231,7 +233,7 @@ static int records(struct inspect *a, struct input *in)
 	if (r)
 		return r;
 	compare(res);
-	res->has_place = res->in.points && !place(res, &none);
+	res->has_place = res->in.points && !locate(res, &none);
 	if (!res->has_place)
 		snprintf(res->no_place, sizeof res->no_place, "%.250s", res->in.points ? none.message : "there are no points");
 	return 0;
@@ -244,15 +246,16 @@ static void records_run(struct sched_task *t)
 	struct client_file id;
 	struct input *in = NULL;
 
-	/* Large, so it is there only while its memory is. */
+	/* Large, so it is allocated only while its memory is charged. */
 	a->result = calloc(1, sizeof *a->result);
 	if (!a->result)
-		a->r = err_set(&a->err, ERR_NOMEM, "no memory to look at a file");
+		a->r = err_set(&a->err, ERR_NOMEM, "no memory to inspect a file");
 	else
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (!a->r) {
-		take_info(a, in);
-		a->r = records(a, in);
+		a->result->name = a->name;
+		keep_info(a, in, &a->result->info);
+		a->r = inspect_records(a, in);
 	}
 	if (!a->r)
 		a->r = client_file_check(a->fd, a->name, &id, &a->err);
@@ -265,68 +268,77 @@ static void records_run(struct sched_task *t)
 
 /* ---- loop ---- */
 
-static void inspect_free(struct inspect *a)
+static struct inspect *inspect_free(struct inspect *a)
 {
+	if (!a)
+		return NULL;
 	io_close(a->fd);
 	free(a->name);
 	free(a->format);
 	free(a->columns);
 	free(a->result);
 	free(a);
+	return NULL;
+}
+
+static void inspect_done(struct sched_task *t);
+
+static void submit_records(struct inspect *a)
+{
+	a->task = (struct sched_task){
+		.run = records_run,
+		.done = inspect_done,
+		.owner = a->task.owner,
+		.lengthy = true,
+		.reads = true,
+		.priority = SCHED_NORMAL,
+		.name = LEDGER_STAGE,
+		.bytes = STAGE_BYTES + sizeof *a->result + pipe_inspect_bytes() + input_bytes() + a->info.read_bytes,
+	};
+	sched_submit(a->core->p.sched, &a->task);
 }
 
 static void inspect_done(struct sched_task *t)
 {
 	struct inspect *a = (struct inspect *)t;
-	struct core *core = a->core;
+	const struct err *why;
 
 	if (t->ran)
-		sched_give(core->p.sched, t->name, t->bytes);
+		sched_give(a->core->p.sched, t->name, t->bytes);
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
-	if (!a->r && !a->read) {
-		a->read = true;
-		a->task = (struct sched_task){
-			.run = records_run,
-			.done = inspect_done,
-			.owner = a->task.owner,
-			.lengthy = true,
-			.reads = true,
-			.priority = SCHED_NORMAL,
-			.name = LEDGER_STAGE,
-			.bytes = STAGE_BYTES + sizeof *a->result + pipe_inspect_bytes() + input_bytes() + a->read_bytes,
-		};
-		sched_submit(core->p.sched, &a->task);
+	if (!a->r && a->on_result && !a->header_read) {
+		a->header_read = true;
+		submit_records(a);
 		return;
 	}
-	core_background_done(core);
-	a->answer(a->token, a->r ? &a->err : NULL, a->r ? NULL : a->result);
+	core_background_done(a->core);
+	why = a->r ? &a->err : NULL;
+	if (a->on_result)
+		a->on_result(a->token, why, why ? NULL : a->result);
+	else
+		a->on_header(a->token, why, a->name, why ? NULL : &a->info);
 	inspect_free(a);
 }
 
-void inspect_file(struct core *core, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
-		  const struct peer *peer, inspect_answer_fn *answer, void *token)
+/* NULL: no memory; err says so. */
+static struct inspect *inspect_new(struct core *core, const struct inspect_input *in, const struct peer *peer, struct err *err)
 {
 	struct inspect *a = calloc(1, sizeof *a);
-	struct err err = ERR_INIT;
 
 	THREAD_LOOP_ONLY();
-	if (a) {
-		a->fd = fd;
-		a->name = strdup(name);
-		a->format = strdup(format);
-		a->columns = strdup(columns);
-		a->decimal_comma = decimal_comma;
+	if (!a) {
+		io_close(in->fd);
+		err_set(err, ERR_NOMEM, "no memory for a request");
+		return NULL;
 	}
-	if (!a || !a->name || !a->format || !a->columns) {
-		if (a)
-			inspect_free(a);
-		else
-			io_close(fd);
-		err_set(&err, ERR_NOMEM, "no memory for a request");
-		answer(token, &err, NULL);
-		return;
-	}
+	a->core = core;
+	a->fd = in->fd;
+	a->name = strdup(in->name);
+	a->format = strdup(in->format);
+	a->columns = strdup(in->columns);
+	a->decimal_comma = in->decimal_comma;
+	a->err = ERR_INIT;
 	a->task = (struct sched_task){
 		.run = header_run,
 		.done = inspect_done,
@@ -336,9 +348,38 @@ void inspect_file(struct core *core, int fd, const char *name, const char *forma
 		.name = LEDGER_INPUT,
 		.bytes = input_bytes(),
 	};
-	a->core = core;
-	a->err = ERR_INIT;
-	a->answer = answer;
+	if (a->name && a->format && a->columns)
+		return a;
+	err_set(err, ERR_NOMEM, "no memory for a request");
+	return inspect_free(a);
+}
+
+void inspect_header(struct core *core, const struct inspect_input *in, const struct peer *peer, inspect_header_fn *answer,
+		    void *token)
+{
+	struct err err = ERR_INIT;
+	struct inspect *a = inspect_new(core, in, peer, &err);
+
+	if (!a) {
+		answer(token, &err, in->name, NULL);
+		return;
+	}
+	a->on_header = answer;
+	a->token = token;
+	core_background(core, &a->task);
+}
+
+void inspect_file(struct core *core, const struct inspect_input *in, const struct peer *peer, inspect_result_fn *answer,
+		  void *token)
+{
+	struct err err = ERR_INIT;
+	struct inspect *a = inspect_new(core, in, peer, &err);
+
+	if (!a) {
+		answer(token, &err, NULL);
+		return;
+	}
+	a->on_result = answer;
 	a->token = token;
 	core_background(core, &a->task);
 }

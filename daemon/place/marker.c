@@ -1,8 +1,8 @@
 /*
- * The marker of a folder: 64 bytes, little-endian, checked whole before any of it is believed.
+ * The marker of a folder: 64 bytes, little-endian, checked as a whole before it is used.
  *
- * It is what tells a store from an empty mount point. It never changes: versions of what lies beside it are in those
- * files; its own is raised when an older acutd must not touch the folder at all.
+ * The marker tells a store from an empty mount point. It never changes: the versions of other files are in those files. Its own
+ * version is raised if an older acutd must not use the folder at all.
  */
 #include "marker.h"
 
@@ -30,11 +30,11 @@ static const struct {
 
 struct disk_marker {
 	char magic[8];
-	uint32_t version, byte_order; /* the latter as the writer's machine has it */
+	uint32_t version, byte_order; /* byte_order: native, so a reader of the other order sees it swapped */
 	uint8_t id[16];
 	int64_t made_us;
 	uint8_t zero[16];
-	uint64_t check; /* low half of the digest of the bytes before */
+	uint64_t check; /* low half of the digest of the bytes before it */
 };
 _Static_assert(sizeof(struct disk_marker) == 64, "FORMAT.md");
 
@@ -51,7 +51,7 @@ static int damaged(enum marker_kind kind, const char *reason, struct err *err)
 
 static int judge(const struct disk_marker *d, enum marker_kind kind, size_t n, struct err *err)
 {
-	/* Of a newer version no more is known than where its number stands. */
+	/* A newer version may differ in everything behind its number. */
 	if (n < 16 || memcmp(d->magic, kinds[kind].magic, sizeof d->magic) != 0)
 		return damaged(kind, "this is no marker of a store", err);
 	if (d->byte_order == __builtin_bswap32(MARKER_BYTE_ORDER)) {

@@ -1,6 +1,8 @@
 /*
- * Locks on folders and sockets, by flock: they go with the process, however it ends. Lock files stay where
- * they are, since one that is removed could be locked twice.
+ * The folders of state and cache: made, checked, locked.
+ *
+ * Locks are by flock, so they end with the process, however it ends. Lock files stay: a file that was removed could be locked
+ * twice.
  */
 #include "place.h"
 
@@ -11,9 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
-#include <sys/socket.h>
 #include <sys/stat.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 #include "err.h"
@@ -21,8 +21,9 @@
 #include "log.h"
 #include "marker.h"
 #include "place_fs.h"
+#include "place_priv.h"
 
-/* A name is on the disk when its folder is. Above what acut made, as far as it may look. */
+/* Syncs a folder, so that a new name in it is durable. A folder above those of acut may be unreadable, which is no error. */
 static int sync_dir(const char *path, struct err *err)
 {
 	struct err ignored = ERR_INIT;
@@ -75,7 +76,7 @@ static long holder_of(int fd)
 	return n > 0 ? strtol(text, NULL, 10) : 0;
 }
 
-static int lock_file(int dirfd, const char *name, int *ret_lock, struct err *err)
+int place_lock(int dirfd, const char *name, int *ret_lock, struct err *err)
 {
 	char text[32];
 	int fd, r, n;
@@ -91,7 +92,7 @@ static int lock_file(int dirfd, const char *name, int *ret_lock, struct err *err
 		io_close(fd);
 		return r;
 	}
-	/* Whose it is, is for messages only: a full disk keeps nobody from starting. */
+	/* The process number is for messages only, so a full disk does not prevent a start. */
 	n = snprintf(text, sizeof text, "%ld\n", (long)getpid());
 	if (io->ftruncate(fd, 0) != 0 || io->pwrite(fd, text, (size_t)n, 0) != n)
 		log_warning("the number of this process cannot be written into %s: %s", name, strerror(errno));
@@ -104,7 +105,7 @@ static int open_locked(const char *path, int *ret_fd, int *ret_lock, struct err 
 	int fd = -1, r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
 
 	if (!r)
-		r = lock_file(fd, "lock", ret_lock, err);
+		r = place_lock(fd, "lock", ret_lock, err);
 	if (r) {
 		io_close(fd);
 		if (err->code == ERR_BUSY)
@@ -123,7 +124,7 @@ static int not_a_store(const char *what, struct err *err)
 	return err_add_hint(err, "mount the disk that holds the store; to make a new one here, start acutd once with --init");
 }
 
-/* What is beside a store before it is one: what an attempt that was cut short left, and what mkfs leaves. */
+/* Finds an entry that does not belong into a new store. Allowed are what an interrupted attempt left, and what mkfs makes. */
 static int is_stranger(void *ctx, const struct dirent *e, struct err *err)
 {
 	const char *name = e->d_name;
@@ -134,7 +135,7 @@ static int is_stranger(void *ctx, const struct dirent *e, struct err *err)
 	return 0;
 }
 
-/* Older versions made no marker: their catalogue tells that it is a store. */
+/* Older versions made no marker; their stores are recognised by the catalogue. */
 static int is_store(int fd, bool *ret, struct err *err)
 {
 	struct stat st;
@@ -146,8 +147,8 @@ static int is_store(int fd, bool *ret, struct err *err)
 	return errno == ENOENT ? 0 : err_sys(err, errno, "cannot look into the folder");
 }
 
-/* Nothing is written to a folder before this. */
-static int may_begin(const char *path, bool init, struct err *err)
+/* Checks a folder before anything is written to it. */
+static int check_state(const char *path, bool init, struct err *err)
 {
 	char first[256] = "";
 	bool store;
@@ -184,14 +185,14 @@ static int may_begin(const char *path, bool init, struct err *err)
 	return r;
 }
 
-/* A store whose catalogue is gone is no new one. */
-static int catalogue_gone(int fd, struct err *err)
+/* A store with datasets and without a catalogue has lost it, and is not a new one. */
+static int check_catalogue(int fd, struct err *err)
 {
 	struct stat st;
 	char first[256] = "";
 	int r;
 
-	/* An empty file is a new database to SQLite, and no catalogue that has ever had a dataset. */
+	/* To SQLite an empty file is a new database. A catalogue that ever had a dataset is not empty. */
 	if (io->fstatat(fd, "catalogue.db", &st, 0) == 0 && st.st_size)
 		return 0;
 	if (io->fstatat(fd, "datasets", &st, 0) != 0)
@@ -203,8 +204,8 @@ static int catalogue_gone(int fd, struct err *err)
 	return err_add_hint(err, "bring it back from a backup");
 }
 
-/* What is about a file of the folder is told with its whole path. */
-static int of_folder(const char *path, struct err *err)
+/* Completes the path of a file in an error. */
+static int add_folder(const char *path, struct err *err)
 {
 	char file[sizeof err->file];
 
@@ -215,8 +216,8 @@ static int of_folder(const char *path, struct err *err)
 	return err_add_file(err, path);
 }
 
-/* The folder is a copy of a backup, and no daemon has been on it: what acutctl notes beside a backup (FORMAT.md) came along, and
- * names the very store that the marker does. */
+/* Whether the folder is a copy of a backup that no daemon has used yet: then it has the note that acutctl leaves beside a backup
+ * (FORMAT.md), with the identity of the marker. */
 static bool is_restored(int fd, const struct marker *m)
 {
 	char text[640] = "", identity[64] = "\nidentity ", *at = identity + strlen(identity);
@@ -237,11 +238,11 @@ static bool is_restored(int fd, const struct marker *m)
 }
 
 /*
- * What the store gave out after the backup is lost here, and its numbers are given out again, for other datasets, generations and
- * jobs. So it is another store from here on: whatever goes by identity, such as the next backup into the folder of the old ones,
- * or an export, takes neither for the other, also where the one that it was copied of goes on elsewhere.
+ * What the store gave out after the backup is lost here, and its numbers will be used again, for other datasets, generations and
+ * jobs. So the copy is a new store. Otherwise the next backup into the same folder, or an export, would take one for the other,
+ * also if the original store is still in use elsewhere.
  */
-static int part(int fd, const char *path, struct marker *m, struct err *err)
+static int separate_restored(int fd, const char *path, struct marker *m, struct err *err)
 {
 	struct marker new;
 	int r = marker_new(&new, err);
@@ -257,16 +258,16 @@ static int part(int fd, const char *path, struct marker *m, struct err *err)
 	return 0;
 }
 
-static int take_marker(int fd, const char *path, struct marker *ret, struct err *err)
+static int read_or_make_marker(int fd, const char *path, struct marker *ret, struct err *err)
 {
 	struct stat st;
 	int r = marker_read(fd, MARKER_STATE, ret, err);
 
 	if (!r || r == MARKER_E_ABSENT) {
-		int gone = catalogue_gone(fd, err);
+		int lost = check_catalogue(fd, err);
 
-		if (gone || !r)
-			return gone ? gone : is_restored(fd, ret) ? part(fd, path, ret, err) : 0;
+		if (lost || !r)
+			return lost ? lost : is_restored(fd, ret) ? separate_restored(fd, path, ret, err) : 0;
 	}
 	if (r != MARKER_E_ABSENT)
 		return r;
@@ -280,33 +281,33 @@ static int take_marker(int fd, const char *path, struct marker *ret, struct err 
 	return r;
 }
 
-int place_state_look(const char *path, struct err *err)
+int place_state_check(const char *path, struct err *err)
 {
 	struct marker marker;
-	int fd = -1, r = may_begin(path, false, err);
+	int fd = -1, r = check_state(path, false, err);
 
 	if (!r)
 		r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
 	if (!r)
 		r = marker_read(fd, MARKER_STATE, &marker, err);
 	if (!r || r == MARKER_E_ABSENT)
-		r = catalogue_gone(fd, err);
+		r = check_catalogue(fd, err);
 	io_close(fd);
-	return r ? of_folder(path, err) : 0;
+	return r ? add_folder(path, err) : 0;
 }
 
 int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err)
 {
-	int fd = -1, lock = -1, r = may_begin(path, init, err);
+	int fd = -1, lock = -1, r = check_state(path, init, err);
 
 	if (!r)
 		r = open_locked(path, &fd, &lock, err);
 	if (!r)
-		r = take_marker(fd, path, ret, err);
+		r = read_or_make_marker(fd, path, ret, err);
 	if (r) {
 		io_close(fd);
 		io_close(lock);
-		return of_folder(path, err);
+		return add_folder(path, err);
 	}
 	*ret_fd = fd;
 	*ret_lock = lock;
@@ -326,7 +327,7 @@ int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err)
 
 bool place_cache_unused(const char *path)
 {
-	struct err ignored = ERR_INIT; /* what cannot be read is not taken for unused */
+	struct err ignored = ERR_INIT; /* an unreadable cache counts as used */
 	struct marker m;
 	int fd, r;
 
@@ -337,7 +338,7 @@ bool place_cache_unused(const char *path)
 	return r == MARKER_E_ABSENT;
 }
 
-int place_cache_serves(int fd, const char *path, const struct marker *state, struct err *err)
+int place_cache_claim(int fd, const char *path, const struct marker *state, struct err *err)
 {
 	struct marker m;
 	struct err why = ERR_INIT;
@@ -347,97 +348,9 @@ int place_cache_serves(int fd, const char *path, const struct marker *state, str
 		return 0;
 	if (r < 0 && r != -ERR_CORRUPT) {
 		*err = why;
-		return of_folder(path, err);
+		return add_folder(path, err);
 	}
 	if (!r)
-		log_notice("the cache served another store: what is in it goes by content, and stays");
-	return marker_write(fd, MARKER_CACHE, state, err) ? of_folder(path, err) : 0;
-}
-
-/* ---- sockets ---- */
-
-static int address_of(const char *path, struct sockaddr_un *ret, struct err *err)
-{
-	*ret = (struct sockaddr_un){.sun_family = AF_UNIX};
-	if (strlen(path) >= sizeof ret->sun_path) {
-		err_set(err, ERR_USAGE, "a socket's path has at most %zu bytes", sizeof ret->sun_path - 1);
-		return err_add_file(err, path);
-	}
-	strcpy(ret->sun_path, path);
-	return 0;
-}
-
-static int bind_at(int fd, const struct sockaddr_un *a, struct err *err)
-{
-	struct stat st;
-	mode_t mask;
-	int r;
-
-	/* Nobody holds the lock, so whoever made it is gone. Only a socket is ever removed. */
-	if (lstat(a->sun_path, &st) == 0 && S_ISSOCK(st.st_mode) && unlink(a->sun_path) != 0)
-		return err_sys(err, errno, "cannot remove the stale socket");
-	mask = umask(0117); /* 0660 from the first moment */
-	r = bind(fd, (const struct sockaddr *)a, sizeof *a);
-	umask(mask);
-	if (r != 0)
-		return err_sys(err, errno, "cannot bind the socket");
-	/* As in acutd.socket: who waits longer than these take waits in the kernel's other queue, of connect(). */
-	return listen(fd, 1024) != 0 ? err_sys(err, errno, "cannot listen") : 0;
-}
-
-static int lock_of(const char *path, int *ret_lock, struct err *err)
-{
-	char name[sizeof(struct sockaddr_un) + 8];
-
-	snprintf(name, sizeof name, "%s.lock", path);
-	return lock_file(AT_FDCWD, name, ret_lock, err);
-}
-
-int place_bind(const char *path, int *ret_fd, int *ret_lock, struct err *err)
-{
-	struct sockaddr_un a;
-	int lock = -1, fd = -1, r = address_of(path, &a, err);
-
-	if (!r)
-		r = lock_of(path, &lock, err);
-	if (!r) {
-		fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-		r = fd < 0 ? err_sys(err, errno, "cannot make a socket") : bind_at(fd, &a, err);
-	}
-	if (r) {
-		io_close(fd);
-		io_close(lock);
-		return err_add_file(err, path);
-	}
-	*ret_fd = fd;
-	*ret_lock = lock;
-	return 0;
-}
-
-static bool name_of(int fd, char *path, size_t size)
-{
-	struct sockaddr_un a = {0};
-	socklen_t n = sizeof a;
-
-	if (getsockname(fd, (struct sockaddr *)&a, &n) != 0 || a.sun_family != AF_UNIX || !a.sun_path[0])
-		return false;
-	snprintf(path, size, "%s", a.sun_path);
-	return true;
-}
-
-bool place_lock_socket(int fd, int *ret_lock)
-{
-	char path[sizeof(struct sockaddr_un)];
-	struct err err = ERR_INIT;
-
-	*ret_lock = -1;
-	return !name_of(fd, path, sizeof path) || lock_of(path, ret_lock, &err) == 0;
-}
-
-void place_unbind(int fd)
-{
-	char path[sizeof(struct sockaddr_un)];
-
-	if (name_of(fd, path, sizeof path))
-		unlink(path);
+		log_notice("the cache served another store: files that are named by content stay");
+	return marker_write(fd, MARKER_CACHE, state, err) ? add_folder(path, err) : 0;
 }

@@ -1,8 +1,7 @@
 /*
- * File systems that several machines share hold no store: locks, the order of what gets to the disk, and whether a
- * rename is seen at once are other there, and SQLite's WAL does not work on them at all. They are known by the
- * number that statfs tells (linux/magic.h and the systems' own sources), those of FUSE by the type of their mount.
- * What is not in the tables is taken for local.
+ * Network file systems hold no store: locks, the order of writes, and the visibility of renames differ there, and SQLite's WAL
+ * does not work at all. They are recognised by the number that statfs reports (linux/magic.h and the sources of the systems),
+ * FUSE file systems by the type of their mount. Unknown file systems count as local.
  */
 #include "place_fs.h"
 

@@ -1,4 +1,4 @@
-/* Which file systems may hold a store: those of this machine. */
+/* Which file systems may hold a store: local ones. */
 #ifndef PLACE_FS_H
 #define PLACE_FS_H
 
@@ -6,12 +6,12 @@
 
 struct err;
 
-/* The name of a file system that other machines have too, by statfs's f_type; NULL: of this machine, or unknown.
- * `mount_type` is as in mountinfo ("fuse.sshfs"), NULL if not known: only for those of FUSE. */
+/* The name of a network file system, by statfs's f_type; NULL: local or unknown. mount_type: for FUSE, as in mountinfo
+ * ("fuse.sshfs"); NULL: unknown. */
 const char *place_fs_network(uint64_t magic, const char *mount_type);
-/* The type of the mount with that device number, of a file as /proc/self/mountinfo; "" if it is not there. */
+/* The type of the mount with that device number, from a file like /proc/self/mountinfo; "": it is not there. */
 void place_fs_mount_type(const char *mountinfo, unsigned major, unsigned minor, char *ret, unsigned long size);
-/* -ERR_UNSUPPORTED: the folder is on a network file system, by name, and what to do. */
+/* -ERR_UNSUPPORTED: the folder is on a network file system. */
 int place_fs_check(int dirfd, struct err *err);
 
 #endif

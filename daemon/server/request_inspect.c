@@ -5,7 +5,7 @@
 #include "inspect.h"
 #include "server_priv.h"
 
-/* The texts of a Probed: numbers as they are in the header, scales and offsets as exact decimals. */
+/* A Probed with its texts. Scales and offsets are exact decimals. */
 struct message_probed {
 	Acut__V1__Probed probed;
 	char scale[3][DECIMAL_TEXT_SIZE], offset[3][DECIMAL_TEXT_SIZE], *scales[3], *offsets[3];
@@ -13,15 +13,15 @@ struct message_probed {
 	char name[256], crs_name[256], warning[704];
 };
 
-/* The names of the numbers: "A", "A + B" with heights. */
-static void crs_name(const struct crs_system *s, char *ret, size_t size)
+/* The names of the EPSG codes: "PLANE", or "PLANE + HEIGHTS". */
+static void crs_name_text(const struct crs_system *s, char *ret, size_t size)
 {
 	const char *plane = crs_epsg_name(s->epsg), *heights = crs_epsg_name(s->epsg_z);
 
 	snprintf(ret, size, "%s%s%s", plane, *plane && *heights ? " + " : "", heights);
 }
 
-static void warning(const struct input_info *info, char *ret, size_t size)
+static void warning_text(const struct input_info *info, char *ret, size_t size)
 {
 	char remark[400];
 
@@ -60,9 +60,9 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.epsg = info->crs.system.epsg;
 	m->probed.epsg_z = info->crs.system.epsg_z;
 	m->probed.plane = (char *)planes[info->crs.plane];
-	crs_name(&info->crs.system, m->crs_name, sizeof m->crs_name);
+	crs_name_text(&info->crs.system, m->crs_name, sizeof m->crs_name);
 	m->probed.crs_name = frame_text_clean(m->crs_name);
-	warning(info, m->warning, sizeof m->warning);
+	warning_text(info, m->warning, sizeof m->warning);
 	m->probed.warning = frame_text_clean(m->warning);
 }
 
@@ -137,12 +137,16 @@ static void on_inspected(void *token, const struct err *why, const struct inspec
 
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_header(c->server->service->core, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
-		       m->info_request->decimal_comma, &c->peer, on_header, q);
+	const Acut__V1__InfoRequest *r = m->info_request;
+	const struct inspect_input in = {fd, r->name, r->format, r->columns, r->decimal_comma};
+
+	inspect_header(c->server->service->core, &in, &c->peer, on_header, q);
 }
 
 void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_file(c->server->service->core, fd, m->inspect->name, m->inspect->format, m->inspect->columns,
-		     m->inspect->decimal_comma, &c->peer, on_inspected, q);
+	const Acut__V1__Inspect *r = m->inspect;
+	const struct inspect_input in = {fd, r->name, r->format, r->columns, r->decimal_comma};
+
+	inspect_file(c->server->service->core, &in, &c->peer, on_inspected, q);
 }

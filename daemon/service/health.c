@@ -2,8 +2,8 @@
  * Health checks: a worker examines file systems, geoid grids and this process, since a disk may take its time.
  *
  * The model: one check at a time, and at most one a second. A request that comes while a check is running, or within a second of
- * its begin, gets its result. So many requests at once cost no more than one. If a grid is added or removed, results of earlier
- * checks are stale, and the next request waits for another check.
+ * its beginning, gets its result. So many requests at once cost no more than one. If a grid is added or removed, results of
+ * earlier checks are stale, and the next request waits for another check.
  */
 #include <assert.h>
 #include <errno.h>

@@ -347,7 +347,8 @@ static void all_kinds_in_little(void **state)
 		jobs[i] = submit_as(peer.uid, d[i % 4 == 3], view[i % 5], i % 7 ? NULL : "low");
 		if (i % 5 == 0) {
 			job_plan(h.service->jobs, d[0], 0, view[i % 4], &peer, plan_told, NULL);
-			inspect_file(h.service->core, text_file(2000, i), "a.xyz", "", "", false, &peer, inspect_told, NULL);
+			inspect_file(h.service->core, &(struct inspect_input){text_file(2000, i), "a.xyz", "", "", false}, &peer,
+				     inspect_told, NULL);
 			r[i / 5] = (struct reader){.output.calls = &reader_calls, .slow = i == 0};
 			job_fetch(jobs[i], &r[i / 5].output);
 		}

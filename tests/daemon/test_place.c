@@ -266,10 +266,10 @@ static void cache_knows_whom(void **state)
 	assert_memory_not_equal(a.id, b.id, sizeof a.id);
 	assert_int_equal(place_cache(cache_path, &fd, &lock, &err), 0);
 	assert_int_equal(marker_read(fd, MARKER_CACHE, &seen, &err), MARKER_E_ABSENT);
-	assert_int_equal(place_cache_serves(fd, root, &a, &err), 0);
+	assert_int_equal(place_cache_claim(fd, root, &a, &err), 0);
 	assert_int_equal(marker_read(fd, MARKER_CACHE, &seen, &err), 0);
 	assert_memory_equal(seen.id, a.id, sizeof a.id);
-	assert_int_equal(place_cache_serves(fd, root, &b, &err), 0);
+	assert_int_equal(place_cache_claim(fd, root, &b, &err), 0);
 	assert_int_equal(marker_read(fd, MARKER_CACHE, &seen, &err), 0);
 	assert_memory_equal(seen.id, b.id, sizeof b.id);
 	/* A state's marker is no cache's. */
@@ -287,7 +287,7 @@ static void apart(const char *state, const char *cache, const char *words)
 
 	snprintf(a, sizeof a, "%s/%s", root, state);
 	snprintf(b, sizeof b, "%s/%s", root, cache);
-	r = place_apart(a, b, false, &err);
+	r = place_check_separate(a, b, false, &err);
 	if (!words && r)
 		fail_msg("%s, %s: %s", state, cache, err.message);
 	if (words && (r != -ERR_USAGE || !strstr(err.message, words) || !strstr(err.file, cache)))
@@ -345,8 +345,8 @@ static void cache_is_apart(void **state)
 	/* A daemon of one command has a state that goes with it. */
 	snprintf(path, sizeof path, "%s/c/new", root);
 	snprintf(to, sizeof to, "%s/c", root);
-	assert_int_equal(place_apart(path, to, true, &err), 0);
-	assert_int_equal(place_apart(to, to, true, &err), -ERR_USAGE);
+	assert_int_equal(place_check_separate(path, to, true, &err), 0);
+	assert_int_equal(place_check_separate(to, to, true, &err), -ERR_USAGE);
 }
 
 /* The folder is named: there are two, and each has a marker. */
@@ -360,12 +360,12 @@ static void newer_cache_is_named(void **state)
 
 	assert_int_equal(marker_new(&m, &err), 0);
 	assert_int_equal(place_cache(cache_path, &fd, &lock, &err), 0);
-	assert_int_equal(place_cache_serves(fd, cache_path, &m, &err), 0);
+	assert_int_equal(place_cache_claim(fd, cache_path, &m, &err), 0);
 	snprintf(path, sizeof path, "%s/acut-cache", cache_path);
 	file = open(path, O_WRONLY);
 	assert_int_equal(pwrite(file, &version, sizeof version, 8), (ssize_t)sizeof version);
 	close(file);
-	assert_int_equal(place_cache_serves(fd, cache_path, &m, &err), -ERR_VERSION);
+	assert_int_equal(place_cache_claim(fd, cache_path, &m, &err), -ERR_VERSION);
 	assert_string_equal(err.file, path);
 	assert_non_null(strstr(err.message, "a newer acutd"));
 	close(fd);
