@@ -289,7 +289,7 @@ int push_commit_start(struct push *, struct push_ask *, struct err *err);
 void push_commit_run(struct push *, struct push_ask *);
 bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
 
-/* tell.c */
+/* push_event.c */
 #define ABOUT_PUSH(p)                                                                            \
 	(&(const struct log_about){.push = (p)->id,                                              \
 				   .dataset = (p)->dataset->onestep ? NULL : (p)->dataset->name, \
