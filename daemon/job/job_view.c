@@ -52,6 +52,6 @@ int job_window(const struct job *job, const char *area, char **ret, struct err *
 	if (!job->dataset)
 		return err_set(err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
 	if (strstr(job->view, " window="))
-		return err_set(err, ERR_USAGE, "the mesh of job %llu is already that of a window", (unsigned long long)job->id);
+		return err_set(err, ERR_USAGE, "the mesh of job %llu is that of a window already", (unsigned long long)job->id);
 	return view_of(job->view, area, job->dataset, ret, err);
 }

@@ -1,14 +1,15 @@
 /*
- * Pushes: what was asked, one after the other.
+ * The queue of requests of a push.
  *
- * The model: a push is a queue of asks, of which the first is being done, by a worker or by the loop; each is
- * answered exactly once, in order. What an ask does is a row of push_rows (push_ask.c). A push whose caller
- * has left answers what is queued with "cancelled" and closes itself; it is gone when its PUSH_CLOSE is done.
- * Points are visible only after a commit. What a push wrote without one is removed by its close, or by the
- * next start, or stays as a pending push (push_pending.c).
+ * The model: a push is a queue of requests. The first one is being handled, by a worker or by the loop; each is answered exactly
+ * once, in order. A table has the handlers of each kind (push_handlers). When the caller of a push leaves, queued requests are
+ * answered with "cancelled", and the push closes itself; it is freed when its PUSH_CLOSE is done.
+ *
+ * Points are visible only after a commit. What a push wrote without one is removed by its close or by the next start, or stays as
+ * a pending push (push_pending.c).
  */
+#include <assert.h>
 #include <fcntl.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,14 +17,12 @@
 #include "clock.h"
 #include "io.h"
 #include "log.h"
-#include "mode.h"
 #include "push_priv.h"
 
 #define PROGRESS_SECONDS 0.2
-#define DURABLE_SECONDS 5.0
-#define IDLE_SECONDS 5.0 /* without a question: others may have the stage's memory */
+#define IDLE_SECONDS 5.0 /* without a request: others may have the stage's memory */
 
-static struct push *push_free(struct push *p)
+struct push *push_free(struct push *p)
 {
 	if (!p)
 		return NULL;
@@ -32,7 +31,7 @@ static struct push *push_free(struct push *p)
 	push_streams_free(p);
 	names_free(&p->adopt_paths);
 	grid_manifest_free(p->adopt);
-	free(p->adopt_taken);
+	free(p->adopt_named);
 	push_replace_free(p);
 	if (p->pushes) {
 		pending_free(p->pushes->datasets, p->pending);
@@ -45,66 +44,68 @@ static struct push *push_free(struct push *p)
 	free(p->utm);
 	free(p->geoid);
 	free(p->geoid_way);
-	free(p->last);
+	free(p->close_request);
 	lock_done(&p->space.lock);
 	push_guard_free(&p->row_guard);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
-	dataset_next_clear(&p->becomes);
+	dataset_next_clear(&p->new_state);
 	free(p);
 	return NULL;
 }
 
-static void ask_free(struct push_ask *a)
+static void request_free(struct push_request *rq)
 {
-	push_hash_free(&a->hashing);
-	io_close(a->fd);
-	free(a->name);
-	free(a->format);
-	free(a->columns);
-	free(a->path);
-	free(a->replaces);
-	free(a);
+	push_hash_free(&rq->hashing);
+	io_close(rq->fd);
+	free(rq->name);
+	free(rq->format);
+	free(rq->columns);
+	free(rq->path);
+	free(rq->replaces);
+	free(rq);
 }
 
-struct push_ask *push_ask_new(struct push *p, enum push_kind kind, void *token, bool front)
+struct push_request *push_request_new(struct push *p, enum push_kind kind, void *token, bool front)
 {
-	struct push_ask *a = calloc(1, sizeof *a);
+	struct push_request *rq = calloc(1, sizeof *rq);
 
-	if (!a)
+	if (!rq)
 		return NULL;
-	a->push = p;
-	a->kind = kind;
-	a->token = token;
-	a->fd = -1;
-	a->err = ERR_INIT;
+	rq->push = p;
+	rq->kind = kind;
+	rq->token = token;
+	rq->fd = -1;
+	rq->err = ERR_INIT;
 	if (front) {
-		a->next = p->asks;
-		p->asks = a;
-		if (!a->next)
-			p->asks_end = &a->next;
+		rq->next = p->requests;
+		p->requests = rq;
+		if (!rq->next)
+			p->requests_end = &rq->next;
 	} else {
-		*p->asks_end = a;
-		p->asks_end = &a->next;
+		*p->requests_end = rq;
+		p->requests_end = &rq->next;
 	}
-	return a;
+	return rq;
 }
 
-void push_ask_over(struct push *p)
+void push_request_end(struct push *p)
 {
-	struct push_ask *a = p->asks;
+	struct push_request *rq = p->requests;
 
-	p->asks = a->next;
-	if (!p->asks)
-		p->asks_end = &p->asks;
-	if (a->kind == PUSH_FILE || a->kind == PUSH_PROBE)
+	THREAD_LOOP_ONLY();
+	assert(rq);
+	p->requests = rq->next;
+	if (!p->requests)
+		p->requests_end = &p->requests;
+	if (rq->kind == PUSH_FILE || rq->kind == PUSH_PROBE)
 		p->unanswered--;
-	ask_free(a);
+	request_free(rq);
 	p->busy = false;
 	p->asked_ns = clock_mono_ns();
 }
 
-static void close_done(struct push *p)
+static void push_closed(struct push *p)
 {
 	struct push **at;
 
@@ -115,30 +116,31 @@ static void close_done(struct push *p)
 	dataset_plan_end(p->dataset, p);
 	dataset_commit_end(p->dataset, p);
 	dataset_release(p->dataset);
-	while (p->asks)
-		push_ask_over(p);
+	while (p->requests)
+		push_request_end(p);
 	push_free(p);
 }
 
-/* True if the push is still there. */
-static bool finish_first(struct push *p, const struct err *why)
+/* True if the push still exists. */
+static bool end_first(struct push *p, const struct err *why)
 {
-	struct push_ask *a = p->asks;
-	bool last = a->kind == PUSH_CLOSE;
+	struct push_request *rq = p->requests;
+	bool last = rq->kind == PUSH_CLOSE;
 
-	if (!push_rows[a->kind].done(p, a, why))
+	if (!push_handlers[rq->kind].done(p, rq, why))
 		return true;
-	push_ask_over(p);
+	push_request_end(p);
 	if (last) {
-		close_done(p);
+		push_closed(p);
 		return false;
 	}
 	return true;
 }
 
-void push_task_over(struct push *p)
+void push_request_done(struct push *p)
 {
-	if (finish_first(p, p->asks->r ? &p->asks->err : NULL))
+	assert(p->busy);
+	if (end_first(p, p->requests->r ? &p->requests->err : NULL))
 		push_pump(p);
 }
 
@@ -146,32 +148,32 @@ static void task_run(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
 
-	push_rows[p->asks->kind].run(p, p->asks);
+	push_handlers[p->requests->kind].run(p, p->requests);
 }
 
 static void task_done(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
-	struct push_ask *a = p->asks;
+	struct push_request *rq = p->requests;
 
-	if (t->ran && t->bytes && a->kind != PUSH_STAGE)
+	if (t->ran && t->bytes && rq->kind != PUSH_STAGE)
 		sched_give(p->pushes->core->p.sched, t->name, t->bytes);
 	if (!t->ran) {
-		a->r = -ERR_CANCELLED;
-		err_set(&a->err, ERR_CANCELLED, "the push was ended");
+		rq->r = -ERR_CANCELLED;
+		err_set(&rq->err, ERR_CANCELLED, "the push was ended");
 	}
-	push_task_over(p);
+	push_request_done(p);
 }
 
-/* What is asked from here on is answered with this, and may be about a file that has no part in it: so it says what it is about.
- */
+/* Later requests are answered with this error, also those about files that have no part in it. So it says what it is about. */
 void push_break(struct push *p, const struct err *why)
 {
 	struct err *err = &p->broken_err;
 
+	THREAD_LOOP_ONLY();
 	if (p->broken)
 		return;
-	push_tell_failed(p, why);
+	push_event_failed(p, why);
 	p->broken = true;
 	*err = *why;
 	snprintf(err->message, sizeof err->message, "the push%s%s cannot go on: %.400s", p->dataset->onestep ? "" : " into ",
@@ -179,18 +181,18 @@ void push_break(struct push *p, const struct err *why)
 	err_add_place(err, ERR_NO_OFFSET, "push");
 }
 
-/* What is asked of a push that is closing, or whose stage broke, is answered with the reason. */
-static const struct err *refusal(const struct push *p, const struct push_ask *a, struct err *err)
+/* Why a request of a push that closes, was cancelled, or is broken is not handled. */
+static const struct err *refuse_reason(const struct push *p, const struct push_request *rq, struct err *err)
 {
-	if (a->kind == PUSH_CLOSE || a->kind == PUSH_ABORT)
+	if (rq->kind == PUSH_CLOSE || rq->kind == PUSH_ABORT)
 		return NULL;
 	if (p->left) {
 		err_set(err, ERR_CANCELLED, "the push was ended");
 		return err;
 	}
-	if (p->broken && a->kind != PUSH_BEGIN)
+	if (p->broken && rq->kind != PUSH_BEGIN)
 		return &p->broken_err;
-	/* Aborted: what waits for a pipe or for memory before the abort would keep it waiting too. */
+	/* Aborted: requests before the abort that wait for a pipe or for memory would keep it waiting. */
 	if (atomic_load(&p->cancel)) {
 		err_set(err, ERR_CANCELLED, "the push was ended");
 		return err;
@@ -198,34 +200,35 @@ static const struct err *refusal(const struct push *p, const struct push_ask *a,
 	return NULL;
 }
 
-/* What writes nothing need not wait until the next start would know of the push. Points go into memory; who runs out of that
- * waits then (push_row_wait). A plan may give up what an interrupted push left, and a stage goes on from there: not for a push
- * that may never be one. */
-static bool before_row(const struct push_ask *a)
+/* Requests that write nothing need not wait for the push's row. Points go into memory, and a worker that runs out of it waits
+ * then (push_row_wait). But a plan may drop a pending push, and a stage continues its files: not before this push is sure to
+ * exist. */
+static bool may_precede_row(const struct push_request *rq)
 {
-	return a->kind == PUSH_PROBE ||
-	       (!a->push->adopt && (a->kind == PUSH_PLAN || a->kind == PUSH_STAGE || a->kind == PUSH_FILE));
+	return rq->kind == PUSH_PROBE ||
+	       (!rq->push->adopt && (rq->kind == PUSH_PLAN || rq->kind == PUSH_STAGE || rq->kind == PUSH_FILE));
 }
 
 void push_pump(struct push *p)
 {
-	while (p->asks && !p->busy && !p->waiting_row && (!p->row_comes || before_row(p->asks))) {
-		struct push_ask *a = p->asks;
+	THREAD_LOOP_ONLY();
+	while (p->requests && !p->busy && !p->commit_row_queued && (!p->row_queued || may_precede_row(p->requests))) {
+		struct push_request *rq = p->requests;
 		struct err err = ERR_INIT;
-		const struct err *why = refusal(p, a, &err);
+		const struct err *why = refuse_reason(p, rq, &err);
 		int r = 0;
 
 		p->busy = true;
 		p->task = (struct sched_task){
 			.run = task_run, .done = task_done, .owner = p->owner, .priority = SCHED_NORMAL, .lengthy = true};
-		if (!why && push_rows[a->kind].start)
-			r = push_rows[a->kind].start(p, a, &err);
+		if (!why && push_handlers[rq->kind].start)
+			r = push_handlers[rq->kind].start(p, rq, &err);
 		if (r == PUSH_WAIT) {
 			p->busy = false;
 			return;
 		}
-		if (p->asks != a) {
-			/* Something of our own goes before it. */
+		if (p->requests != rq) {
+			/* An internal request goes first. */
 			p->busy = false;
 			continue;
 		}
@@ -233,178 +236,39 @@ void push_pump(struct push *p)
 			sched_submit(p->pushes->core->p.sched, &p->task);
 			return;
 		}
-		if (!finish_first(p, why ? why : r < 0 ? &err : NULL))
+		if (!end_first(p, why ? why : r < 0 ? &err : NULL))
 			return;
 	}
 }
 
-/* ---- what is asked ---- */
+/* ---- requests ---- */
 
-static char *copy(const char *text)
+/* False: no memory, and no answer yet. */
+static bool request_file(struct push *p, enum push_kind kind, int fd, const struct push_input *in, void *token)
 {
-	return strdup(text ? text : "");
-}
+	struct push_request *rq = push_request_new(p, kind, token, false);
 
-static struct dataset *target(struct pushes *pushes, const struct push_params *in, struct err *err)
-{
-	struct dataset *d;
-
-	if (!*in->dataset)
-		return dataset_new(pushes->datasets, "", &in->peer, true, err);
-	if (!dataset_name_valid(in->dataset)) {
-		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", in->dataset);
-		err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
-			     DATASET_NAME_MAX);
-		return NULL;
-	}
-	d = dataset_find(pushes->datasets, in->dataset, &in->peer);
-	if (d)
-		return dataset_rights(d, &in->peer, RIGHT_WRITE, err) ? NULL : d;
-	if (dataset_limit(pushes->datasets, &in->peer, err))
-		return NULL;
-	d = dataset_new(pushes->datasets, in->dataset, &in->peer, false, err);
-	if (d)
-		dataset_set_mode(d, in->has_mode ? in->mode & MODE_ALL : DATASET_MODE);
-	return d;
-}
-
-/* One user may have half of what others leave: something is left for the next, and for administrators. */
-static bool too_many(const struct pushes *pushes, const struct peer *peer)
-{
-	const struct push *p;
-	unsigned n = 0, own = 0;
-
-	for (p = pushes->first; p; p = p->next) {
-		n++;
-		own += p->peer.uid == peer->uid;
-	}
-	return n >= PUSHES_MAX || (!rights_admin(peer) && own >= (PUSHES_MAX - (n - own)) / 2);
-}
-
-static int check_crop(const struct push_params *in, struct err *err)
-{
-	const double *c = in->crop;
-
-	if (!in->ncrop)
-		return 0;
-	if (in->ncrop != 4 || !(c[0] <= c[2] && c[1] <= c[3]) || !isfinite(c[0]) || !isfinite(c[1]) || !isfinite(c[2]) ||
-	    !isfinite(c[3])) {
-		err_set(err, ERR_PROTO, "a crop must be x1, y1, x2, y2, with the smaller ones first");
-		return err_add_place(err, ERR_NO_OFFSET, "crop");
-	}
-	if (*in->dataset) {
-		err_set(err, ERR_USAGE, "a named dataset is pushed whole: its views are not known beforehand");
-		err_add_hint(err, "crop the view, not the push");
-		return err_add_place(err, ERR_NO_OFFSET, "crop");
-	}
-	return 0;
-}
-
-void push_begin(struct pushes *pushes, const struct push_params *in, void *token)
-{
-	struct push *p = calloc(1, sizeof *p);
-	struct err err = ERR_INIT;
-
-	THREAD_LOOP_ONLY();
-	disk_restore_folders(pushes->core);
-	if (p) {
-		lock_init(&p->space.lock, LOCK_PUSH_SPACE);
-		push_guard_init(&p->row_guard);
-		p->space.why = ERR_INIT;
-		p->asks_end = &p->asks;
-		p->scale_xy = copy(in->scale_xy);
-		p->scale_z = copy(in->scale_z);
-		p->format = copy(in->format);
-		p->utm = copy(in->utm);
-		p->geoid = copy(in->geoid);
-		p->geoid_way = copy(in->geoid_way);
-		p->last = calloc(1, sizeof *p->last);
-		p->pushes = pushes;
-		if (!charge(pushes->core, PUSH_BYTES, "another push", &err)) {
-			p->charged = PUSH_BYTES;
-			p->pending = pending_new(pushes->datasets, in->peer.uid, &err);
-		}
-	}
-	if (err.code)
-		;
-	else if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way || !p->last)
-		err_set(&err, ERR_NOMEM, "no memory for a push");
-	else if (pushes->core->stopping)
-		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (too_many(pushes, &in->peer))
-		err_set(&err, ERR_BUSY, "too many pushes are open, of all users or of this one");
-	else if (!push_assume_read(p, in, &err) && !check_crop(in, &err))
-		p->dataset = target(pushes, in, &err);
-	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
-		err_set(&err, ERR_NOMEM, "no memory for a push");
-	if (err.code) {
-		if (p && p->dataset) {
-			dataset_hold(p->dataset);
-			dataset_release(p->dataset);
-		}
-		if (p)
-			free(p->asks);
-		push_free(p);
-		in->calls->begun(token, &err, NULL);
-		return;
-	}
-	p->last->push = p;
-	p->last->kind = PUSH_CLOSE;
-	p->last->fd = -1;
-	p->last->err = ERR_INIT;
-	dataset_hold(p->dataset);
-	dataset_push_begin(p->dataset);
-	p->id = ++pushes->core->last_push;
-	p->owner =
-		(struct sched_owner){.uid = in->peer.uid, .flow = ++pushes->core->last_flow, .exempt = rights_admin(&in->peer)};
-	p->calls = *in->calls;
-	p->ctx = in->ctx;
-	p->peer = rights_without_groups(&in->peer);
-	p->space.owner = p->dataset->uid;
-	p->planar = in->planar;
-	p->accept_truncated = in->accept_truncated;
-	p->strict = in->strict;
-	p->has_crop = in->ncrop > 0;
-	if (p->has_crop)
-		memcpy(p->crop, in->crop, sizeof p->crop);
-	p->begun_ns = p->synced_ns = p->asked_ns = clock_mono_ns();
-	snprintf(p->crs, sizeof p->crs, "unknown");
-	snprintf(p->unit_xy, sizeof p->unit_xy, "unknown");
-	snprintf(p->unit_z, sizeof p->unit_z, "unknown");
-	p->next = pushes->first;
-	pushes->first = p;
-	p->admission.calls = &push_stage_calls;
-	p->admission.uid = p->peer.uid;
-	admission_add_stage(pushes->admission, &p->admission);
-	push_pump(p);
-}
-
-/* False: answered already. */
-static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct push_input *in, void *token)
-{
-	struct push_ask *a = push_ask_new(p, kind, token, false);
-
-	if (!a) {
+	if (!rq) {
 		io_close(fd);
 		return false;
 	}
 	p->unanswered++;
-	a->fd = fd;
-	a->name = copy(in->name);
-	a->format = copy(in->format && *in->format ? in->format : p->format);
-	a->columns = copy(in->columns);
-	a->decimal_comma = in->decimal_comma;
-	/* One that is too long to be kept is nobody's. */
-	a->path = copy(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
-	a->checksum = in->checksum;
-	a->add = in->add;
-	a->replace = in->replace;
-	a->replaces = copy(in->replaces);
-	a->stream = fd < 0 ? push_stream_find(p, in->name) : NULL;
-	a->told = a->stream && in->told;
-	a->told_size = in->size;
-	if (a->told)
-		a->hash = in->hash;
+	rq->fd = fd;
+	rq->name = push_copy_text(in->name);
+	rq->format = push_copy_text(in->format && *in->format ? in->format : p->format);
+	rq->columns = push_copy_text(in->columns);
+	rq->decimal_comma = in->decimal_comma;
+	/* Paths too long for the manifest are not recorded. */
+	rq->path = push_copy_text(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
+	rq->checksum = in->checksum;
+	rq->add = in->add;
+	rq->replace = in->replace;
+	rq->replaces = push_copy_text(in->replaces);
+	rq->stream = fd < 0 ? push_stream_find(p, in->name) : NULL;
+	rq->announced = rq->stream && in->announced;
+	rq->announced_size = in->size;
+	if (rq->announced)
+		rq->hash = in->hash;
 	push_pump(p);
 	return true;
 }
@@ -421,7 +285,7 @@ void push_probe(struct push *p, int fd, const struct push_input *in, void *token
 	struct err err;
 
 	THREAD_LOOP_ONLY();
-	if (!ask_file(p, PUSH_PROBE, fd, in, token))
+	if (!request_file(p, PUSH_PROBE, fd, in, token))
 		p->calls.probed(token, no_memory(&err), NULL);
 }
 
@@ -430,7 +294,7 @@ void push_file(struct push *p, int fd, const struct push_input *in, void *token)
 	struct err err;
 
 	THREAD_LOOP_ONLY();
-	if (!ask_file(p, PUSH_FILE, fd, in, token))
+	if (!request_file(p, PUSH_FILE, fd, in, token))
 		p->calls.staged(token, no_memory(&err), NULL);
 }
 
@@ -439,7 +303,7 @@ void push_plan(struct push *p, void *token)
 	struct err err;
 
 	THREAD_LOOP_ONLY();
-	if (!push_ask_new(p, PUSH_PLAN, token, false))
+	if (!push_request_new(p, PUSH_PLAN, token, false))
 		p->calls.planned(token, no_memory(&err), NULL);
 	else
 		push_pump(p);
@@ -450,7 +314,7 @@ void push_commit(struct push *p, void *token)
 	struct err err;
 
 	THREAD_LOOP_ONLY();
-	if (!push_ask_new(p, PUSH_COMMIT, token, false))
+	if (!push_request_new(p, PUSH_COMMIT, token, false))
 		p->calls.committed(token, no_memory(&err), NULL);
 	else
 		push_pump(p);
@@ -462,7 +326,7 @@ void push_abort(struct push *p, void *token)
 	atomic_store(&p->cancel, true);
 	push_streams_wake(p);
 	push_row_wake(p);
-	if (!push_ask_new(p, PUSH_ABORT, token, false))
+	if (!push_request_new(p, PUSH_ABORT, token, false))
 		p->calls.aborted(token);
 	else
 		push_pump(p);
@@ -475,17 +339,17 @@ void push_leave(struct push *p)
 		return;
 	p->left = true;
 	dataset_push_end(p->dataset);
-	/* A commit that is under way is carried through. */
-	if (!p->busy || p->asks->kind != PUSH_COMMIT) {
+	/* A commit that runs is completed. */
+	if (!p->busy || p->requests->kind != PUSH_COMMIT) {
 		atomic_store(&p->cancel, true);
 		push_streams_wake(p);
 		push_row_wake(p);
 		if (p->busy)
 			sched_cancel(p->pushes->core->p.sched, &p->task);
 	}
-	*p->asks_end = p->last;
-	p->asks_end = &p->last->next;
-	p->last = NULL;
+	*p->requests_end = p->close_request;
+	p->requests_end = &p->close_request->next;
+	p->close_request = NULL;
 	push_pump(p);
 }
 
@@ -499,12 +363,12 @@ static uint64_t stage_bytes(const struct admission_stage *s)
 	return push_staged_bytes(push_of(s));
 }
 
-/* What it keeps of its files does not count while it waits for its stage: pushes of one user would wait for each other. */
+/* The table of its files does not count while it waits for a stage: pushes of one user would wait for each other. */
 static uint64_t stage_held(const struct admission_stage *s)
 {
 	const struct push *p = push_of(s);
 
-	return p->stage_bytes ? p->stage_bytes + push_keeps(p) : 0;
+	return p->stage_bytes ? p->stage_bytes + push_kept_bytes(p) : 0;
 }
 
 static bool stage_wants(const struct admission_stage *s)
@@ -516,7 +380,8 @@ static bool stage_fits(const struct admission_stage *s)
 {
 	const struct push *p = push_of(s);
 
-	return admission_user_available(p->pushes->admission, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
+	return admission_user_available(p->pushes->admission, &p->owner, NULL) >=
+	       GRID_STAGE_MIN + p->read_bytes + push_kept_bytes(p);
 }
 
 static void stage_retry(struct admission_stage *s)
@@ -531,23 +396,23 @@ void push_retry(struct push *p)
 {
 	struct err err = ERR_INIT;
 
-	if (p->lacks && !p->again) {
-		p->lacks = false;
-		if (!finish_first(p, refusal(p, p->asks, &err)))
+	if (p->waits_memory && !p->retry) {
+		p->waits_memory = false;
+		if (!end_first(p, refuse_reason(p, p->requests, &err)))
 			return;
 	}
 	push_pump(p);
 }
 
-/* For a stop that cannot wait: its own files and no others. What others have in that folder may be promised, or be named by a row
- * that is on its way to the disk; the next start knows all of it. */
+/* For a stop that cannot wait: removes only its own files. Files of others in the folder may have been promised, or may belong to
+ * a row that is on its way; the next start handles them. */
 void push_remove_files(struct push *p)
 {
 	struct err err = ERR_INIT;
 	char name[64];
 
-	/* What the next start can go on with stays. */
-	if (p->committed || p->on_disk || p->dataset->onestep || (p->busy && p->asks->kind == PUSH_COMMIT) ||
+	/* What the next start can continue stays. */
+	if (p->committed || p->on_disk || p->dataset->onestep || (p->busy && p->requests->kind == PUSH_COMMIT) ||
 	    dataset_open(p->dataset, &err))
 		return;
 	pending_stage_name(p->id, name);
@@ -557,35 +422,48 @@ void push_remove_files(struct push *p)
 	dataset_close(p->dataset);
 }
 
-static void tell_progress(struct push *p, const struct push_ask *a)
+static void report_progress(struct push *p, const struct push_request *rq)
 {
 	uint64_t hash_end = atomic_load(&p->hash_end), done = atomic_load(&p->progress), all = atomic_load(&p->claimed);
 
-	if (a->kind != PUSH_FILE && a->kind != PUSH_COMMIT && !hash_end)
+	if (rq->kind != PUSH_FILE && rq->kind != PUSH_COMMIT && !hash_end)
 		return;
-	p->told_ns = clock_mono_ns();
+	p->progress_ns = clock_mono_ns();
 	if (hash_end)
-		p->calls.progress(a->token, "hash", atomic_load(&p->hashed), hash_end);
-	else if (a->kind == PUSH_FILE)
-		p->calls.progress(a->token, "stage", done, all);
+		p->calls.progress(rq->token, "hash", atomic_load(&p->hashed), hash_end);
+	else if (rq->kind == PUSH_FILE)
+		p->calls.progress(rq->token, "stage", done, all);
 	else
-		p->calls.progress(a->token, "seal", a->sealing ? done : 0, a->sealing ? all : 0);
+		p->calls.progress(rq->token, "seal", rq->sealing ? done : 0, rq->sealing ? all : 0);
 }
 
 void push_tick(struct push *p)
 {
-	struct push_ask *a = p->asks;
+	struct push_request *rq = p->requests;
 
 	push_space_tick(p);
-	/* Once a tick: a worker is asked each time. */
-	if (p->again)
-		p->again = p->lacks = p->busy = false;
-	if (a && p->busy && !p->left && clock_since(p->told_ns) >= PROGRESS_SECONDS)
-		tell_progress(p, a);
-	if (!a && p->stage && !p->dataset->onestep && p->durable < p->files && !p->broken &&
-	    clock_since(p->synced_ns) >= DURABLE_SECONDS)
-		push_ask_new(p, PUSH_SYNC, NULL, false);
-	else if (!a && p->stage && !p->broken && clock_since(p->asked_ns) >= IDLE_SECONDS)
-		push_ask_new(p, PUSH_PARK, NULL, false);
+	/* Once a tick, because each attempt needs a worker. */
+	if (p->retry)
+		p->retry = p->waits_memory = p->busy = false;
+	if (rq && p->busy && !p->left && clock_since(p->progress_ns) >= PROGRESS_SECONDS)
+		report_progress(p, rq);
+	if (!rq && p->stage && !p->dataset->onestep && p->durable < p->files && !p->broken &&
+	    clock_since(p->synced_ns) >= PUSH_DURABLE_SECONDS)
+		push_request_new(p, PUSH_SYNC, NULL, false);
+	else if (!rq && p->stage && !p->broken && clock_since(p->asked_ns) >= IDLE_SECONDS)
+		push_request_new(p, PUSH_PARK, NULL, false);
 	push_pump(p);
 }
+
+const struct push_handler push_handlers[PUSH_KINDS] = {
+	[PUSH_BEGIN] = {push_begin_start, push_begin_run, push_begin_done},
+	[PUSH_PROBE] = {push_probe_start, push_probe_run, push_probe_done},
+	[PUSH_PLAN] = {push_plan_start, push_plan_run, push_plan_done},
+	[PUSH_STAGE] = {push_stage_start, push_stage_run, push_stage_done},
+	[PUSH_FILE] = {push_file_start, push_file_run, push_file_done},
+	[PUSH_SYNC] = {push_sync_start, push_sync_run, push_sync_done},
+	[PUSH_PARK] = {push_park_start, push_park_run, push_park_done},
+	[PUSH_COMMIT] = {push_commit_start, push_commit_run, push_commit_done},
+	[PUSH_ABORT] = {push_abort_start, push_close_run, push_abort_done},
+	[PUSH_CLOSE] = {push_close_start, push_close_run, push_close_done},
+};

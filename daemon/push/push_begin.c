@@ -1,33 +1,38 @@
 /*
- * The beginning of a push: what the dataset is already, and what an interrupted push of the same user has left of
- * it; then its row in the catalogue, so that whatever it writes is known to the next start. Nobody waits for the row: it comes to
- * the disk while headers are read, and points into memory. What writes comes after it (push_pump, push_row_wait).
+ * The beginning of a push: the newest manifest of the dataset, a pending push of the same user, and then the push's row in the
+ * catalogue, so that the next start finds what the push writes.
+ *
+ * Nobody waits for the row: it reaches the disk while headers are read, and points go into memory. Whatever writes comes after it
+ * (push_pump, push_row_wait).
  */
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "clock.h"
+#include "mode.h"
 #include "push_priv.h"
 
-int push_begin_start(struct push *p, struct push_ask *a, struct err *err)
+int push_begin_start(struct push *p, struct push_request *rq, struct err *err)
 {
 	const struct push *other;
 
-	/* One that was just interrupted is taken up when it lies there. */
+	/* A push of the same user is just ending: it may be pending in a moment. */
 	for (other = p->pushes->first; other; other = other->next)
 		if (other != p && other->dataset == p->dataset && other->left && other->peer.uid == p->peer.uid)
 			return PUSH_WAIT;
 	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
-	if (!p->reads)
+	if (!p->reading_base)
 		dataset_read_begin(p->dataset);
-	p->reads = true;
-	if (!p->claims)
+	p->reading_base = true;
+	if (!p->has_claim)
 		push_claim(p);
 	return 0;
 }
 
-/* No memory for a manifest now: from the start, later. */
-static void undo(struct push *p)
+/* There is no memory for a manifest now: it begins again later. */
+static void release_base(struct push *p)
 {
 	names_free(&p->base_paths);
 	p->base = grid_manifest_free(p->base);
@@ -36,46 +41,46 @@ static void undo(struct push *p)
 	p->opened = false;
 }
 
-void push_begin_run(struct push *p, struct push_ask *a)
+void push_begin_run(struct push *p, struct push_request *rq)
 {
-	a->err = ERR_INIT;
-	a->r = dataset_open(p->dataset, &a->err);
-	p->opened = !a->r;
-	if (!a->r && *p->base_name)
-		a->r = grid_manifest_load(p->dataset->dirfd, p->base_name, p->pushes->core->p.ledger, &p->base, &a->err);
-	if (!a->r)
-		a->r = push_plane_begin(p, &a->err);
-	if (!a->r && p->base)
-		a->r = push_known_index(p->base, &p->base_paths, &a->err);
-	if (!a->r)
-		a->r = push_adopt(p, &a->err);
-	if (a->r == -ERR_BUSY)
-		undo(p);
+	rq->err = ERR_INIT;
+	rq->r = dataset_open(p->dataset, &rq->err);
+	p->opened = !rq->r;
+	if (!rq->r && *p->base_name)
+		rq->r = grid_manifest_load(p->dataset->dirfd, p->base_name, p->pushes->core->p.ledger, &p->base, &rq->err);
+	if (!rq->r)
+		rq->r = push_plane_begin(p, &rq->err);
+	if (!rq->r && p->base)
+		rq->r = push_known_index(p->base, &p->base_paths, &rq->err);
+	if (!rq->r)
+		rq->r = push_adopt(p, &rq->err);
+	if (rq->r == -ERR_BUSY)
+		release_base(p);
 }
 
-static void answer(struct push *p, const struct err *why)
+static void begin_answer(struct push *p, const struct err *why)
 {
 	struct push_begun begun = {.push = p, .id = p->id, .lattice = "", .note = p->note};
 	char lattice[LATTICE_TEXT_SIZE];
 	const struct push_calls calls = p->calls;
-	const struct err copy = why ? *why : ERR_INIT; /* it may be of the ask, which goes first */
-	void *token = p->asks->token;
+	const struct err copy = why ? *why : ERR_INIT; /* `why` may be in the request, which is freed first */
+	void *token = p->requests->token;
 
 	if (p->has_lattice)
 		begun.lattice = lattice_text(&p->lattice, lattice);
-	push_ask_over(p);
+	push_request_end(p);
 	if (why)
 		push_leave(p);
 	calls.begun(token, why ? &copy : NULL, why ? NULL : &begun);
 }
 
-static void row_done(void *ctx, int r, const struct err *why)
+static void row_written(void *ctx, int r, const struct err *why)
 {
 	struct push *p = ctx;
 
 	push_guard_lock(&p->row_guard);
-	p->row_comes = false;
-	p->row = !r;
+	p->row_queued = false;
+	p->has_row = !r;
 	if (r && !p->left)
 		push_break(p, why);
 	push_guard_wake(&p->row_guard);
@@ -89,14 +94,14 @@ int push_row_wait(void *push, struct err *err)
 	int r;
 
 	push_guard_lock(&p->row_guard);
-	while (p->row_comes && !atomic_load(&p->cancel)) {
+	while (p->row_queued && !atomic_load(&p->cancel)) {
 		p->row_awaited = true;
 		push_guard_wait(&p->row_guard);
 	}
-	/* Who leaves when it is there writes what is to stay. */
-	if (!p->row_comes && (p->row || p->dataset->onestep))
+	/* A push that leaves when the row is there still writes what is to stay. */
+	if (!p->row_queued && (p->has_row || p->dataset->onestep))
 		r = 0;
-	else if (!p->row_comes && p->broken)
+	else if (!p->row_queued && p->broken)
 		r = -(int)(*err = p->broken_err).code;
 	else
 		r = err_set(err, ERR_CANCELLED, "the push was ended");
@@ -111,7 +116,7 @@ void push_row_wake(struct push *p)
 	push_guard_unlock(&p->row_guard);
 }
 
-static int settle_base(struct push *p, struct err *err)
+static int take_lattice(struct push *p, struct err *err)
 {
 	const struct grid_manifest *m = p->base;
 	size_t i;
@@ -134,7 +139,7 @@ static int settle_base(struct push *p, struct err *err)
 	return 0;
 }
 
-/* The manifests that the push found, and what the commit makes of them. */
+/* The manifests that it has read, and what the commit makes of them. */
 static uint64_t manifest_bytes(const struct push *p)
 {
 	const struct grid_manifest *all[] = {p->base, p->adopt};
@@ -147,21 +152,21 @@ static uint64_t manifest_bytes(const struct push *p)
 	return bytes;
 }
 
-/* Once: what was there is the push's own from here on. */
-static int settle(struct push *p, const struct err *why, struct err *err)
+/* Once: takes over the base and the pending push. */
+static int take_base(struct push *p, const struct err *why, struct err *err)
 {
 	if (!why)
-		push_adopted(p);
+		push_adopt_done(p);
 	push_unclaim(p);
 	if (dataset_created(p->dataset))
 		snprintf(p->plane.created, sizeof p->plane.created, "%s", p->dataset->crs);
-	p->settled = true;
-	if (!why && p->base && settle_base(p, err))
+	p->base_settled = true;
+	if (!why && p->base && take_lattice(p, err))
 		return -(int)err->code;
 	return why ? 0 : push_created_scale(p, err);
 }
 
-bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
+bool push_begin_done(struct push *p, struct push_request *rq, const struct err *why)
 {
 	struct err err = ERR_INIT;
 	struct catalogue_push row = {
@@ -171,31 +176,188 @@ bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 	};
 	int r = 0;
 
-	if (p->reads)
+	if (p->reading_base)
 		dataset_read_end(p->dataset);
-	p->reads = false;
-	if (why && why->code == ERR_BUSY && p->task.ran && !p->left && !push_waits_in_vain(p)) {
-		p->lacks = p->again = true;
+	p->reading_base = false;
+	if (why && why->code == ERR_BUSY && p->task.ran && !p->left && !push_must_refuse(p)) {
+		p->waits_memory = p->retry = true;
 		return false;
 	}
-	if (!p->settled)
-		r = settle(p, why, &err);
+	if (!p->base_settled)
+		r = take_base(p, why, &err);
 	if (!why && !r)
-		r = push_room(p, manifest_bytes(p), &err);
-	p->lacks = r == PUSH_WAIT;
-	if (p->lacks)
+		r = push_table_reserve(p, manifest_bytes(p), &err);
+	p->waits_memory = r == PUSH_WAIT;
+	if (p->waits_memory)
 		return false;
 	if (!why && r)
 		why = &err;
 	if (!why && !p->dataset->onestep) {
 		row.id = p->id;
-		p->row_comes = true;
+		p->row_queued = true;
 		if (dataset_put_row(p->dataset, &err) ||
-		    catalogue_put_push(p->pushes->core->p.catalogue, &row, row_done, p, &err)) {
-			p->row_comes = false;
+		    catalogue_put_push(p->pushes->core->p.catalogue, &row, row_written, p, &err)) {
+			p->row_queued = false;
 			why = &err;
 		}
 	}
-	answer(p, why);
+	begin_answer(p, why);
 	return false;
+}
+
+char *push_copy_text(const char *text)
+{
+	return strdup(text ? text : "");
+}
+
+static struct dataset *find_or_make_dataset(struct pushes *pushes, const struct push_params *in, struct err *err)
+{
+	struct dataset *d;
+
+	if (!*in->dataset)
+		return dataset_new(pushes->datasets, "", &in->peer, true, err);
+	if (dataset_name_check(in->dataset, err))
+		return NULL;
+	d = dataset_find(pushes->datasets, in->dataset, &in->peer);
+	if (d)
+		return dataset_rights(d, &in->peer, RIGHT_WRITE, err) ? NULL : d;
+	if (dataset_limit(pushes->datasets, &in->peer, err))
+		return NULL;
+	d = dataset_new(pushes->datasets, in->dataset, &in->peer, false, err);
+	if (d)
+		dataset_set_mode(d, in->has_mode ? in->mode & MODE_ALL : DATASET_MODE);
+	return d;
+}
+
+/* One user may have half of what others leave, so something is left for the next user, and for administrators. */
+static bool too_many_pushes(const struct pushes *pushes, const struct peer *peer)
+{
+	const struct push *p;
+	unsigned n = 0, own = 0;
+
+	for (p = pushes->first; p; p = p->next) {
+		n++;
+		own += p->peer.uid == peer->uid;
+	}
+	return n >= PUSHES_MAX || (!rights_admin(peer) && own >= (PUSHES_MAX - (n - own)) / 2);
+}
+
+static int check_crop(const struct push_params *in, struct err *err)
+{
+	const double *c = in->crop;
+
+	if (!in->ncrop)
+		return 0;
+	if (in->ncrop != 4 || !(c[0] <= c[2] && c[1] <= c[3]) || !isfinite(c[0]) || !isfinite(c[1]) || !isfinite(c[2]) ||
+	    !isfinite(c[3])) {
+		err_set(err, ERR_PROTO, "a crop must be x1, y1, x2, y2, with the smaller ones first");
+		return err_add_place(err, ERR_NO_OFFSET, "crop");
+	}
+	if (*in->dataset) {
+		err_set(err, ERR_USAGE, "a named dataset is pushed whole: its views are not known beforehand");
+		err_add_hint(err, "crop the view, not the push");
+		return err_add_place(err, ERR_NO_OFFSET, "crop");
+	}
+	return 0;
+}
+
+/* NULL: err says why. */
+static struct push *push_new(struct pushes *pushes, const struct push_params *in, struct err *err)
+{
+	struct push *p = calloc(1, sizeof *p);
+
+	if (!p) {
+		err_set(err, ERR_NOMEM, "no memory for a push");
+		return NULL;
+	}
+	lock_init(&p->space.lock, LOCK_PUSH_SPACE);
+	push_guard_init(&p->row_guard);
+	p->space.why = ERR_INIT;
+	p->requests_end = &p->requests;
+	p->scale_xy = push_copy_text(in->scale_xy);
+	p->scale_z = push_copy_text(in->scale_z);
+	p->format = push_copy_text(in->format);
+	p->utm = push_copy_text(in->utm);
+	p->geoid = push_copy_text(in->geoid);
+	p->geoid_way = push_copy_text(in->geoid_way);
+	p->close_request = calloc(1, sizeof *p->close_request);
+	p->pushes = pushes;
+	if (!charge(pushes->core, PUSH_BYTES, "another push", err)) {
+		p->charged = PUSH_BYTES;
+		p->pending = pending_new(pushes->datasets, in->peer.uid, err);
+	}
+	if (!err->code &&
+	    (!p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way || !p->close_request))
+		err_set(err, ERR_NOMEM, "no memory for a push");
+	return err->code ? push_free(p) : p;
+}
+
+static int check_begin(struct pushes *pushes, struct push *p, const struct push_params *in, struct err *err)
+{
+	int r;
+
+	if (pushes->core->stopping)
+		return err_set(err, ERR_BUSY, "the daemon is stopping");
+	if (too_many_pushes(pushes, &in->peer))
+		return err_set(err, ERR_BUSY, "too many pushes are open, of all users or of this one");
+	r = push_assume_read(p, in, err);
+	return r ? r : check_crop(in, err);
+}
+
+static void push_init(struct push *p, const struct push_params *in)
+{
+	struct pushes *pushes = p->pushes;
+
+	p->close_request->push = p;
+	p->close_request->kind = PUSH_CLOSE;
+	p->close_request->fd = -1;
+	p->close_request->err = ERR_INIT;
+	p->id = ++pushes->core->last_push;
+	p->owner =
+		(struct sched_owner){.uid = in->peer.uid, .flow = ++pushes->core->last_flow, .exempt = rights_admin(&in->peer)};
+	p->calls = *in->calls;
+	p->ctx = in->ctx;
+	p->peer = rights_without_groups(&in->peer);
+	p->space.owner = p->dataset->uid;
+	p->planar = in->planar;
+	p->accept_truncated = in->accept_truncated;
+	p->strict = in->strict;
+	p->has_crop = in->ncrop > 0;
+	if (p->has_crop)
+		memcpy(p->crop, in->crop, sizeof p->crop);
+	p->begun_ns = p->synced_ns = p->asked_ns = clock_mono_ns();
+	snprintf(p->crs, sizeof p->crs, "unknown");
+	snprintf(p->unit_xy, sizeof p->unit_xy, "unknown");
+	snprintf(p->unit_z, sizeof p->unit_z, "unknown");
+	p->next = pushes->first;
+	pushes->first = p;
+	p->admission.calls = &push_stage_calls;
+	p->admission.uid = p->peer.uid;
+	admission_add_stage(pushes->admission, &p->admission);
+}
+
+void push_begin(struct pushes *pushes, const struct push_params *in, void *token)
+{
+	struct err err = ERR_INIT;
+	struct push *p;
+
+	THREAD_LOOP_ONLY();
+	disk_restore_folders(pushes->core);
+	p = push_new(pushes, in, &err);
+	if (p && !check_begin(pushes, p, in, &err))
+		p->dataset = find_or_make_dataset(pushes, in, &err);
+	if (p && p->dataset)
+		dataset_hold(p->dataset);
+	if (!err.code && !push_request_new(p, PUSH_BEGIN, token, false))
+		err_set(&err, ERR_NOMEM, "no memory for a push");
+	if (err.code) {
+		if (p && p->dataset)
+			dataset_release(p->dataset); /* removes a new one */
+		push_free(p);
+		in->calls->begun(token, &err, NULL);
+		return;
+	}
+	dataset_push_begin(p->dataset);
+	push_init(p, in);
+	push_pump(p);
 }

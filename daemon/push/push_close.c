@@ -1,9 +1,8 @@
 /*
- * How a push ends without a commit: it parks (what was staged goes to the disk, and stays for a while), is aborted, or its
- * caller is gone.
+ * The end of a push without a commit: it parks (what was staged goes to the disk), it is aborted, or its caller leaves.
  *
- * The model: parked and closed are rows of push_rows like every other ask (push_ask.c), so they come after what was asked before.
- * What the catalogue does not name is removed here; its row goes last, so that the next start finds what this one could not.
+ * The model: these are requests in the queue, so they come after earlier ones. Files that the catalogue does not name are
+ * removed; then the push's row is dropped, so that the next start finds what could not be removed.
  */
 #include "io.h"
 #include "log.h"
@@ -11,19 +10,19 @@
 
 /* ---- park ---- */
 
-int push_park_start(struct push *p, struct push_ask *a, struct err *err)
+int push_park_start(struct push *p, struct push_request *rq, struct err *err)
 {
 	return p->stage ? 0 : PUSH_NOW;
 }
 
-void push_park_run(struct push *p, struct push_ask *a)
+void push_park_run(struct push *p, struct push_request *rq)
 {
-	a->r = push_leave_pending(p, &a->err);
-	if (!a->r)
+	rq->r = push_pending_write(p, &rq->err);
+	if (!rq->r)
 		p->stage = grid_stage_detach(p->stage);
 }
 
-bool push_park_done(struct push *p, struct push_ask *a, const struct err *why)
+bool push_park_done(struct push *p, struct push_request *rq, const struct err *why)
 {
 	if (!p->stage)
 		push_stage_give(p);
@@ -34,39 +33,39 @@ bool push_park_done(struct push *p, struct push_ask *a, const struct err *why)
 
 /* ---- abort, close ---- */
 
-int push_close_start(struct push *p, struct push_ask *a, struct err *err)
+int push_close_start(struct push *p, struct push_request *rq, struct err *err)
 {
 	return push_streams_busy(p) ? PUSH_WAIT : 0;
 }
 
-int push_abort_start(struct push *p, struct push_ask *a, struct err *err)
+int push_abort_start(struct push *p, struct push_request *rq, struct err *err)
 {
-	int r = push_close_start(p, a, err);
+	int r = push_close_start(p, rq, err);
 
 	p->aborted |= r != PUSH_WAIT && !p->committed;
 	return r;
 }
 
-void push_close_run(struct push *p, struct push_ask *a)
+void push_close_run(struct push *p, struct push_request *rq)
 {
 	struct err err = ERR_INIT;
 
-	push_end_run(p);
+	push_end_files(p);
 	if (p->made && !p->committed && !catalogue_is_uncertain(p->pushes->core->p.catalogue)) {
-		/* The catalogue does not name them. */
+		/* The catalogue does not name these files. */
 		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
 		io->unlinkat(p->dataset->dirfd, p->made_name, 0);
 	}
-	if (p->old_goes && *p->base_name)
+	if (p->removes_old_manifest && *p->base_name)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
-	/* Its row, by which the next start would know of them, goes only when they cannot come back. */
-	if (p->opened && !p->kept && p->row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
+	/* The row leads the next start to the files, so it is dropped only when their removal is durable. */
+	if (p->opened && !p->kept && p->has_row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "files of a push stay until the next start", &err);
-		p->row = false;
+		p->has_row = false;
 	}
 }
 
-bool push_abort_done(struct push *p, struct push_ask *a, const struct err *why)
+bool push_abort_done(struct push *p, struct push_request *rq, const struct err *why)
 {
 	if (!p->stage)
 		push_stage_give(p);
@@ -77,23 +76,21 @@ bool push_abort_done(struct push *p, struct push_ask *a, const struct err *why)
 		p->files = p->durable = 0;
 	}
 	push_streams_free(p);
-	p->calls.aborted(a->token);
+	p->calls.aborted(rq->token);
 	return true;
 }
 
-bool push_close_done(struct push *p, struct push_ask *a, const struct err *why)
+bool push_close_done(struct push *p, struct push_request *rq, const struct err *why)
 {
-	struct err err = ERR_INIT;
-
 	if (!p->task.ran)
-		push_end_run(p); /* no worker came to it: the daemon ends */
+		push_end_files(p); /* the daemon ends, and no worker ran it */
 	push_stage_give(p);
-	push_room_give(p);
+	push_table_release(p);
 	if (p->kept)
-		push_becomes_pending(p);
-	else if (p->row && catalogue_drop_push(p->pushes->core->p.catalogue, p->id, NULL, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
-	push_space_end(p); /* what is pending counts now */
+		push_pending_keep(p);
+	else if (p->has_row)
+		datasets_drop_push(p->pushes->datasets, p->id);
+	push_space_end(p); /* the pending push counts now */
 	if (p->opened)
 		dataset_close(p->dataset);
 	return true;

@@ -1,4 +1,4 @@
-/* What a dataset that was created beforehand (dataset_create.c) asks of its first push: a scale, a coordinate system. */
+/* What a dataset that dataset_create made requires of its first push: a scale, a coordinate system. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -6,7 +6,7 @@
 #include "decimal.h"
 #include "push_priv.h"
 
-static int take_scale(struct push *p, char **mine, const char *wanted, struct err *err)
+static int require_scale(struct push *p, char **mine, const char *wanted, struct err *err)
 {
 	struct decimal a, b;
 
@@ -36,11 +36,11 @@ int push_created_scale(struct push *p, struct err *err)
 		return 0;
 	if (sscanf(p->dataset->lattice, "scale %47s %47s", xy, z) != 2)
 		return err_set(err, ERR_CORRUPT, "the catalogue has \"%.60s\" as a lattice", p->dataset->lattice);
-	r = take_scale(p, &p->scale_xy, xy, err);
-	return r ? r : take_scale(p, &p->scale_z, z, err);
+	r = require_scale(p, &p->scale_xy, xy, err);
+	return r ? r : require_scale(p, &p->scale_z, z, err);
 }
 
-static int keep_to(const struct push *p, const char *what, const char *wanted, const char *got, struct err *err)
+static int require_text(const struct push *p, const char *what, const char *wanted, const char *got, struct err *err)
 {
 	if (!*wanted || !strcmp(wanted, "unknown") || !strcmp(wanted, got))
 		return 0;
@@ -60,10 +60,10 @@ int push_created_crs(const struct push *p, struct err *err)
 
 	if (!dataset_created(d) || !p->has_crs)
 		return 0;
-	/* One that was created without heights takes any. */
+	/* A dataset that was created without heights accepts any. */
 	crs_text_plane(p->crs, plane);
-	r = keep_to(p, "its coordinate system", d->crs, crs_text_heights(d->crs) ? p->crs : plane, err);
+	r = require_text(p, "its coordinate system", d->crs, crs_text_heights(d->crs) ? p->crs : plane, err);
 	if (!r)
-		r = keep_to(p, "the unit of its x and y", d->unit_xy, p->unit_xy, err);
-	return r ? r : keep_to(p, "the unit of its z", d->unit_z, p->unit_z, err);
+		r = require_text(p, "the unit of its x and y", d->unit_xy, p->unit_xy, err);
+	return r ? r : require_text(p, "the unit of its z", d->unit_z, p->unit_z, err);
 }

@@ -1,25 +1,22 @@
 /*
- * Whether the inputs of a dataset go together: coordinate system and units.
+ * Coordinate systems and units: do the inputs of a dataset agree?
  *
- * The model: what an input says, filled up with what the push assumes for inputs that say nothing, is its
- * system. Within a dataset all systems must be one: same texts, same units, and where two records define what
- * they name, the same definition. Known beside unknown is a difference like any other, so whether a set is
- * refused does not depend on its order. A dataset in a system of EPSG is the exception: its number says the units, also
- * where an older table did not have them, so neither the dataset nor an input of the same number differs for a unit that
- * it leaves unknown. An assumption that contradicts an input refuses that input; who knows better than the file overrides
- * it, and the source keeps what the file said. Meshing needs no unit: a dataset that is unknown throughout is taken as it is.
+ * The model: the system of an input is what its records say, completed by what the push assumes for inputs that say nothing. All
+ * systems in a dataset must be the same: same texts, same units, and where two records define the system, the same definition.
+ * Known and unknown differ, so whether a set of files is refused does not depend on their order.
+ *
+ * Systems of EPSG are an exception: the number implies the units, also where an older table did not have them. So a unit that an
+ * input or the dataset leaves unknown does not count as a difference.
+ *
+ * An assumption that contradicts an input refuses the input. An override replaces what the input says, and the source records
+ * what that was. Meshing needs no unit: a dataset without any is accepted.
  */
 #include <stdio.h>
 #include <string.h>
 
 #include "push_priv.h"
 
-static bool known(const char *text)
-{
-	return *text && strcmp(text, "unknown");
-}
-
-/* ---- what is assumed, or put in place of what the inputs say ---- */
+/* ---- assumptions and overrides of the push ---- */
 
 static int read_unit(const char *text, const char *field, const char *alike, char ret[CRS_UNIT_SIZE], struct err *err)
 {
@@ -31,7 +28,7 @@ static int read_unit(const char *text, const char *field, const char *alike, cha
 		err_set(err, ERR_USAGE, "\"%.40s\" is not a unit: m, ft or ftUS", text);
 		return err_add_place(err, ERR_NO_OFFSET, field);
 	}
-	if (known(ret) && strcmp(ret, unit)) {
+	if (push_crs_known(ret) && strcmp(ret, unit)) {
 		err_set(err, ERR_USAGE, "the unit of %s is to be %s, but the coordinate system that is given has it in %s", alike,
 			unit, ret);
 		return err_add_place(err, ERR_NO_OFFSET, field);
@@ -80,9 +77,9 @@ int push_assume_read(struct push *p, const struct push_params *in, struct err *e
 	return read_system(assume, assume_fields, &p->assume, err);
 }
 
-/* ---- what an input says, and what is assumed for it ---- */
+/* ---- applied to an input ---- */
 
-/* The two halves of a text; heights that it does not name are "unknown". */
+/* Divides a text at its vertical part; "unknown" if it has none. */
 static void halves(const char *text, char ret_plane[CRS_TEXT_SIZE], const char **ret_heights)
 {
 	const char *heights = crs_text_heights(text);
@@ -91,8 +88,8 @@ static void halves(const char *text, char ret_plane[CRS_TEXT_SIZE], const char *
 	*ret_heights = heights ? heights + 3 : "unknown";
 }
 
-static int contradicts(const char *name, const char *what, const char *says, const char *assumed, const char *option,
-		       struct err *err)
+static int refuse_contradiction(const char *name, const char *what, const char *says, const char *assumed, const char *option,
+				struct err *err)
 {
 	err_set(err, ERR_INPUT, "%s is %.100s by its own records, and %s assumes %.100s", what, says, option, assumed);
 	err_add_hint(err, "leave %s out for this file, or override what it says with %s", option,
@@ -103,15 +100,15 @@ static int contradicts(const char *name, const char *what, const char *says, con
 static int assume_unit(const char *name, const char *what, char mine[CRS_UNIT_SIZE], const char *assumed, const char *option,
 		       struct err *err)
 {
-	if (!known(assumed) || !strcmp(mine, assumed))
+	if (!push_crs_known(assumed) || !strcmp(mine, assumed))
 		return 0;
-	if (known(mine))
-		return contradicts(name, what, mine, assumed, option, err);
+	if (push_crs_known(mine))
+		return refuse_contradiction(name, what, mine, assumed, option, err);
 	snprintf(mine, CRS_UNIT_SIZE, "%s", assumed);
 	return 0;
 }
 
-/* A plane that the input does not know of itself: what its reader would have said of it. */
+/* A plane that was assumed gets the check that the reader would have made. */
 static int check_plane(const char *name, const struct crs_info *info, struct err *err)
 {
 	if (info->plane == CRS_PLANE_GEOCENTRIC) {
@@ -128,11 +125,11 @@ static int check_plane(const char *name, const struct crs_info *info, struct err
 	return err_add_file(err, name);
 }
 
-static int assume(const struct push *p, const char *name, struct crs_info *info, struct err *err)
+static int assume_system(const struct push *p, const char *name, struct crs_info *info, struct err *err)
 {
 	const struct crs_info *a = &p->assume;
 	char plane[CRS_TEXT_SIZE], assumed_plane[CRS_TEXT_SIZE], text[CRS_TEXT_SIZE] = "";
-	const char *heights, *assumed_heights, *option = known(a->text) ? "--assume-crs" : "--assume-units";
+	const char *heights, *assumed_heights, *option = push_crs_known(a->text) ? "--assume-crs" : "--assume-units";
 	struct crs_info made = *info;
 	int r = 0;
 
@@ -140,20 +137,20 @@ static int assume(const struct push *p, const char *name, struct crs_info *info,
 		return 0;
 	halves(info->text, plane, &heights);
 	halves(a->text, assumed_plane, &assumed_heights);
-	if (known(plane) && known(assumed_plane) && strcmp(plane, assumed_plane))
-		return contradicts(name, "its coordinate system", plane, assumed_plane, option, err);
-	if (known(heights) && known(assumed_heights) && strcmp(heights, assumed_heights))
-		return contradicts(name, "its vertical system", heights, assumed_heights, option, err);
-	if (!known(plane) && known(assumed_plane)) {
+	if (push_crs_known(plane) && push_crs_known(assumed_plane) && strcmp(plane, assumed_plane))
+		return refuse_contradiction(name, "its coordinate system", plane, assumed_plane, option, err);
+	if (push_crs_known(heights) && push_crs_known(assumed_heights) && strcmp(heights, assumed_heights))
+		return refuse_contradiction(name, "its vertical system", heights, assumed_heights, option, err);
+	if (!push_crs_known(plane) && push_crs_known(assumed_plane)) {
 		if (made.plane != CRS_PLANE_UNKNOWN && a->plane != CRS_PLANE_UNKNOWN && made.plane != a->plane)
-			return contradicts(name, "the kind of its plane", "another", assumed_plane, option, err);
+			return refuse_contradiction(name, "the kind of its plane", "another", assumed_plane, option, err);
 		if (a->plane != CRS_PLANE_UNKNOWN)
 			made.plane = a->plane;
 		made.system = a->system;
 		made.system.epsg_z = info->system.epsg_z;
 		snprintf(plane, sizeof plane, "%s", assumed_plane);
 	}
-	if (!known(heights) && known(assumed_heights)) {
+	if (!push_crs_known(heights) && push_crs_known(assumed_heights)) {
 		heights = assumed_heights;
 		made.system.epsg_z = a->system.epsg_z;
 	}
@@ -162,7 +159,8 @@ static int assume(const struct push *p, const char *name, struct crs_info *info,
 		r = assume_unit(name, "the unit of its z", made.unit_z, a->unit_z, option, err);
 	if (r)
 		return r;
-	snprintf(text, sizeof text, "%.250s%s%.250s", plane, known(heights) ? " + " : "", known(heights) ? heights : "");
+	snprintf(text, sizeof text, "%.250s%s%.250s", plane, push_crs_known(heights) ? " + " : "",
+		 push_crs_known(heights) ? heights : "");
 	memcpy(made.text, text, sizeof made.text);
 	crs_info_settle(&made);
 	r = info->plane == made.plane || p->planar ? 0 : check_plane(name, &made, err);
@@ -176,63 +174,65 @@ static bool same_words(const struct crs_info *a, const struct crs_info *b)
 	return !strcmp(a->text, b->text) && !strcmp(a->unit_xy, b->unit_xy) && !strcmp(a->unit_z, b->unit_z);
 }
 
-/* A system replaces all that the input says, also of heights: what it leaves open is unknown. Units alone replace units. */
-static int override(const struct push *p, struct push_ask *a)
+/* An override of the system replaces all that the input says, also of heights; what it leaves open is unknown. An override of
+ * units replaces only units. */
+static int override_system(const struct push *p, struct push_request *rq)
 {
-	struct crs_info *info = &a->info.crs;
+	struct crs_info *info = &rq->info.crs;
 	const struct crs_info *new = &p->assume, said = *info;
 
-	if (known(new->text)) {
+	if (push_crs_known(new->text)) {
 		*info = *new;
-	} else if (known(new->unit_xy) && said.plane == CRS_PLANE_GEOGRAPHIC) {
-		err_set(&a->err, ERR_INPUT, "its coordinates are degrees by its own records (%.200s), which have no length",
+	} else if (push_crs_known(new->unit_xy) && said.plane == CRS_PLANE_GEOGRAPHIC) {
+		err_set(&rq->err, ERR_INPUT, "its coordinates are degrees by its own records (%.200s), which have no length",
 			said.text);
-		err_add_hint(&a->err, "name the system that they really have with --override-crs");
-		return err_add_file(&a->err, a->name);
+		err_add_hint(&rq->err, "name the system that they really have with --override-crs");
+		return err_add_file(&rq->err, rq->name);
 	} else {
-		if (known(new->unit_xy))
+		if (push_crs_known(new->unit_xy))
 			memcpy(info->unit_xy, new->unit_xy, sizeof info->unit_xy);
-		if (known(new->unit_z))
+		if (push_crs_known(new->unit_z))
 			memcpy(info->unit_z, new->unit_z, sizeof info->unit_z);
 		crs_info_settle(info);
 	}
-	if (!same_words(info, &said) && (known(said.text) || known(said.unit_xy) || known(said.unit_z)))
-		snprintf(a->overridden, sizeof a->overridden, "%.400s, x and y in %s, z in %s", said.text, said.unit_xy,
+	if (!same_words(info, &said) &&
+	    (push_crs_known(said.text) || push_crs_known(said.unit_xy) || push_crs_known(said.unit_z)))
+		snprintf(rq->overridden, sizeof rq->overridden, "%.400s, x and y in %s, z in %s", said.text, said.unit_xy,
 			 said.unit_z);
-	return p->planar ? 0 : check_plane(a->name, info, &a->err);
+	return p->planar ? 0 : check_plane(rq->name, info, &rq->err);
 }
 
-int push_assume(const struct push *p, struct push_ask *a)
+int push_assume(const struct push *p, struct push_request *rq)
 {
-	*a->overridden = 0;
+	*rq->overridden = 0;
 	if (p->overrides)
-		return override(p, a);
-	return assume(p, a->name, &a->info.crs, &a->err);
+		return override_system(p, rq);
+	return assume_system(p, rq->name, &rq->info.crs, &rq->err);
 }
 
-/* ---- do they go together ---- */
+/* ---- agreement ---- */
 
 struct difference {
 	const char *what, *mine, *theirs;
-	const char *option; /* that would say what is unknown */
+	const char *option; /* that would define what is unknown; NULL: none */
 };
 
 static bool differ(const char *what, const char *mine, const char *theirs, const char *option, struct difference *ret)
 {
-	if (!known(mine))
+	if (!push_crs_known(mine))
 		mine = "unknown";
-	if (!known(theirs))
+	if (!push_crs_known(theirs))
 		theirs = "unknown";
 	*ret = (struct difference){what, mine, theirs, option};
 	return strcmp(mine, theirs) != 0;
 }
 
-static int refuse(const struct difference *d, const char *name, const char *other, struct err *err)
+static int refuse_difference(const struct difference *d, const char *name, const char *other, struct err *err)
 {
 	err_set(err, ERR_INPUT, "%s is %.100s, but that of %.200s is %.100s", d->what, d->mine, other, d->theirs);
 	if (!d->option)
-		err_add_hint(err, "they have the same name and different definitions; convert one of them first");
-	else if (known(d->mine) && known(d->theirs))
+		err_add_hint(err, "they have one name and different definitions; convert one of them first");
+	else if (push_crs_known(d->mine) && push_crs_known(d->theirs))
 		err_add_hint(err,
 			     "a dataset has one coordinate system: convert one of them, or use two datasets; where what a file "
 			     "says is wrong, --override-crs and --override-units say what holds");
@@ -256,8 +256,7 @@ static bool definitions_differ(const struct crs_info *a, const struct crs_info *
 		!crs_system_same(&a->system, &b->system));
 }
 
-/* Of two inputs that do not go together, the one that sorts first is told about: the sentence is the same in
- * whatever order they came. */
+/* The error is about the input that sorts first, so it does not depend on the order of the inputs. */
 static int refuse_pair(const char *a, const struct crs_info *ca, const char *b, const struct crs_info *cb, struct err *err)
 {
 	static const struct difference definition = {"the definition of its coordinate system", "one thing", "another", NULL};
@@ -267,16 +266,16 @@ static int refuse_pair(const char *a, const struct crs_info *ca, const char *b, 
 		return refuse_pair(b, cb, a, ca, err);
 	if (!texts_differ(ca, cb->text, cb->unit_xy, cb->unit_z, &d))
 		d = definition;
-	return refuse(&d, a, b, err);
+	return refuse_difference(&d, a, b, err);
 }
 
 static void fill_unit(char unit[CRS_UNIT_SIZE], const char *other)
 {
-	if (!known(unit))
+	if (!push_crs_known(unit))
 		snprintf(unit, CRS_UNIT_SIZE, "%s", other);
 }
 
-/* The units that the numbers of EPSG in `text` have, where they are unknown. */
+/* Units that the EPSG numbers in `text` imply, where they are unknown. */
 static void settle_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE])
 {
 	struct err ignored = ERR_INIT;
@@ -290,7 +289,7 @@ static void settle_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char uni
 		fill_unit(unit_z, by_number.unit_z);
 }
 
-/* A unit that an input leaves unknown is the dataset's, if the number of both is one. */
+/* An input with the dataset's EPSG number also has its units. */
 static struct crs_info as_numbered(const struct push *p, const struct crs_info *crs)
 {
 	static const char number[] = "EPSG:";
@@ -313,7 +312,7 @@ int push_compatible(struct push *p, const char *name, const struct crs_info *crs
 
 	if (!p->has_crs || !texts_differ(&mine, p->crs, p->unit_xy, p->unit_z, &d))
 		return 0;
-	return refuse(&d, name, p->crs_of, err);
+	return refuse_difference(&d, name, p->crs_of, err);
 }
 
 bool push_crs_is(const struct push *p, const struct grid_manifest *m)
@@ -326,11 +325,11 @@ bool push_crs_is(const struct push *p, const struct grid_manifest *m)
 	return !strcmp(m->crs, p->crs) && !strcmp(unit_xy, p->unit_xy) && !strcmp(unit_z, p->unit_z);
 }
 
-static void decide(struct push *p, const char *text, const char *unit_xy, const char *unit_z, const char *of)
+static void set_system(struct push *p, const char *text, const char *unit_xy, const char *unit_z, const char *of)
 {
-	snprintf(p->crs, sizeof p->crs, "%s", known(text) ? text : "unknown");
-	snprintf(p->unit_xy, sizeof p->unit_xy, "%s", known(unit_xy) ? unit_xy : "unknown");
-	snprintf(p->unit_z, sizeof p->unit_z, "%s", known(unit_z) ? unit_z : "unknown");
+	snprintf(p->crs, sizeof p->crs, "%s", push_crs_known(text) ? text : "unknown");
+	snprintf(p->unit_xy, sizeof p->unit_xy, "%s", push_crs_known(unit_xy) ? unit_xy : "unknown");
+	snprintf(p->unit_z, sizeof p->unit_z, "%s", push_crs_known(unit_z) ? unit_z : "unknown");
 	snprintf(p->crs_of, sizeof p->crs_of, "%s", of);
 	p->has_crs = true;
 }
@@ -340,7 +339,7 @@ void push_crs_of_dataset(struct push *p, const char *text, const char *unit_xy, 
 	char of[sizeof p->crs_of];
 
 	snprintf(of, sizeof of, "the dataset %s", p->dataset->name);
-	decide(p, text, unit_xy, unit_z, of);
+	set_system(p, text, unit_xy, unit_z, of);
 	settle_units(p->crs, p->unit_xy, p->unit_z);
 }
 
@@ -353,7 +352,7 @@ int push_crs_agree(struct push *p, struct err *err)
 	for (size_t i = 0; !r && i < p->nprobes; i++) {
 		const struct push_probed *one = &p->probes[i];
 
-		if (one->why)
+		if (one->excluded)
 			continue;
 		if (p->has_crs) {
 			r = push_compatible(p, one->name, one->plane, err);
@@ -366,6 +365,6 @@ int push_crs_agree(struct push *p, struct err *err)
 			r = refuse_pair(one->name, one->plane, first->name, first->plane, err);
 	}
 	if (!r && first)
-		decide(p, first->plane->text, first->plane->unit_xy, first->plane->unit_z, first->name);
+		set_system(p, first->plane->text, first->plane->unit_xy, first->plane->unit_z, first->name);
 	return r;
 }

@@ -1,9 +1,9 @@
-/* What the log hears of the ends of pushes, and of files that they refuse. */
+/* Events of the ends of pushes, and of files that they refuse. */
 #include <stdio.h>
 
 #include "push_priv.h"
 
-void push_tell_committed(const struct push *p)
+void push_event_committed(const struct push *p)
 {
 	const struct dataset *d = p->dataset;
 	struct log_about about = *ABOUT_PUSH(p);
@@ -11,17 +11,17 @@ void push_tell_committed(const struct push *p)
 	about.generation = d->generation;
 	log_event(LOG_EVENT_PUSH_COMMITTED, &about,
 		  "push %llu of user %u into %s is done: %zu files, generation %llu, %llu points", (unsigned long long)p->id,
-		  p->peer.uid, d->onestep ? "a dataset of one step" : d->name, p->nsources + p->ntaken,
+		  p->peer.uid, d->onestep ? "a dataset of one step" : d->name, p->nsources + p->nadopt_named,
 		  (unsigned long long)d->generation, (unsigned long long)d->points);
 }
 
-/* Whoever ends a push himself knows it. */
+/* A cancelled push is no event. */
 static bool is_news(const struct push *p, const struct err *why)
 {
 	return !p->broken && why->code != ERR_CANCELLED;
 }
 
-void push_tell_failed(const struct push *p, const struct err *why)
+void push_event_failed(const struct push *p, const struct err *why)
 {
 	char what[160];
 
@@ -33,7 +33,7 @@ void push_tell_failed(const struct push *p, const struct err *why)
 	event_damage(ABOUT_PUSH(p), why);
 }
 
-void push_tell_refused(const struct push *p, const char *file, const struct err *why)
+void push_event_refused(const struct push *p, const char *file, const struct err *why)
 {
 	struct log_about about = *ABOUT_PUSH(p);
 	char what[160];

@@ -1,6 +1,6 @@
 /*
- * The lock under which workers share a stage (push_guard.h). It is held for as long as lists and places are
- * changed, never while points are read, sorted or merged.
+ * The lock under which workers share a stage (push_guard.h). It is held only while lists and offsets change, never while points
+ * are read, sorted or merged.
  */
 #include "push_guard.h"
 

@@ -1,4 +1,4 @@
-/* Several workers at one stage: a lock, and waiting for the others. */
+/* Several workers share a stage: a lock, and a condition to wait for the others. Any thread. */
 #ifndef PUSH_GUARD_H
 #define PUSH_GUARD_H
 
@@ -12,8 +12,8 @@ struct push_guard {
 };
 
 void push_guard_init(struct push_guard *);
-void push_guard_free(struct push_guard *); /* what it holds */
-/* What the engine is told to do; valid as long as the guard. */
+void push_guard_free(struct push_guard *); /* destroys lock and condition */
+/* The calls that the engine makes; valid as long as the guard. */
 struct grid_guard push_guard_of(struct push_guard *);
 
 static inline void push_guard_lock(struct push_guard *g)

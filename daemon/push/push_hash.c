@@ -1,10 +1,9 @@
 /*
- * The sum of an input's bytes, by which a dataset knows it again.
+ * The hash of an input, by which a dataset recognises it.
  *
- * The model: it is that of the whole file, whatever the file's records are, as any tool would make it. What is read for points is
- * shown to it; the rest is read for it alone, and while that takes long it is what the push tells of its progress. So a file
- * may be only so much larger than what its header tells of: a sparse one of terabytes would be read for hours for
- * nothing but its sum. One-step meshes make no sum, and take any file.
+ * The model: the hash covers the whole file, so any tool can make it. What is read for points is hashed on the way; the rest is
+ * read only for the hash, with its own progress reports. So a file may be only a little longer than its header accounts for: a
+ * sparse file of terabytes would be read for hours for its hash alone. One-step meshes make no hash, and accept any file.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -13,17 +12,17 @@
 #include "parse.h"
 #include "push_priv.h"
 
-enum { HASH_BUFFER = 64 << 10, TOLD = 64 << 20 /* what takes a while */ };
+enum { HASH_BUFFER = 64 << 10, REPORTED_LEAST = 64 << 20 /* bytes that take long enough for progress */ };
 
-/* From where the sum has come to, to `end` or the end of the file. */
+/* Hashes up to `end`, or to the end of the file. */
 static int hash_to(struct push_hashing *h, uint64_t end, struct err *err)
 {
 	uint8_t *buf = malloc(HASH_BUFFER);
 	size_t n = 1;
 	int r = h->sum && buf ? 0 : err_set(err, ERR_NOMEM, "no memory to read a file");
-	bool told = end > h->at && end - h->at >= TOLD;
+	bool reported = end > h->at && end - h->at >= REPORTED_LEAST;
 
-	if (told)
+	if (reported)
 		atomic_store(&h->push->hash_end, end);
 	while (!r && h->at < end && n) {
 		n = end - h->at < HASH_BUFFER ? (size_t)(end - h->at) : HASH_BUFFER;
@@ -32,12 +31,12 @@ static int hash_to(struct push_hashing *h, uint64_t end, struct err *err)
 			break;
 		digest_stream_add(h->sum, buf, n);
 		h->at += n;
-		if (told)
+		if (reported)
 			atomic_store(&h->push->hashed, h->at);
 		if (atomic_load(&h->push->cancel))
 			r = err_set(err, ERR_CANCELLED, "the push was ended");
 	}
-	if (told) {
+	if (reported) {
 		atomic_store(&h->push->hash_end, 0);
 		atomic_store(&h->push->hashed, 0);
 	}
@@ -53,7 +52,7 @@ void push_hash_begin(struct push_hashing *h, struct push *p, int fd, const char 
 void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n)
 {
 	struct push_hashing *h = ctx;
-	struct err ignored = ERR_INIT; /* what cannot be read is found, and told, when the rest is */
+	struct err ignored = ERR_INIT; /* an error comes again, and is reported, when the rest is read */
 
 	if (!h->sum || h->missed)
 		return;
@@ -109,21 +108,21 @@ int push_hash_bounded(const struct input_info *info, uint64_t size, const char *
 	return err_add_file(err, name);
 }
 
-int push_hash_look(struct push_ask *a, const struct input_options *options, struct err *err)
+int push_hash_look(struct push_request *rq, const struct input_options *options, struct err *err)
 {
 	struct input *in = NULL;
 	uint8_t head[4] = {0};
 	size_t n;
 	int r;
 
-	if (a->id.size <= PUSH_TRAILING_MOST)
+	if (rq->id.size <= PUSH_TRAILING_MOST)
 		return 0;
-	r = io_read_some(a->fd, head, sizeof head, 0, a->name, &n, err);
-	if (r || memcmp(head, "LASF", sizeof head)) /* text is all records, and would be read whole for this */
+	r = io_read_some(rq->fd, head, sizeof head, 0, rq->name, &n, err);
+	if (r || memcmp(head, "LASF", sizeof head)) /* a text is all records, and would be read whole for this check */
 		return r;
-	r = input_open(a->fd, a->name, options, &in, err);
+	r = input_open(rq->fd, rq->name, options, &in, err);
 	if (!r)
-		r = push_hash_bounded(input_info(in), a->id.size, a->name, err);
+		r = push_hash_bounded(input_info(in), rq->id.size, rq->name, err);
 	input_close(in);
 	return r;
 }

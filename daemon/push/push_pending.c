@@ -1,14 +1,16 @@
 /*
- * Pushes that were interrupted, and are taken up again.
+ * Pending pushes: how a push leaves one, and how a later one continues it.
  *
- * The model: at each durable point a push leaves its stage (grid_stage_suspend) and beside it a manifest without
- * segments, push-ID.pending, that says which of its files lie there whole, on which lattice, and how they were
- * read. These two files are all: a crash at any moment leaves a push with them, or one that never promised
- * anything. When its connection ends or its daemon dies it is pending: in memory an entry of its dataset, in the
- * catalogue its row. A later push of the same user into the same dataset becomes that push, number and all; of
- * its files those count that the client names again, the rest is dropped by the commit. After a commit the
- * sources are in the dataset's manifest, which is how a start knows one whose row is there still.
+ * The model: at each durable point a push writes its stage (grid_stage_suspend), and beside it a manifest without segments,
+ * push-ID.pending, which says which files are staged whole, on which lattice, and how they were read. These files are all that is
+ * needed: after a crash a push has them, or it never promised anything. When its connection or its daemon ends, the push is
+ * pending: an entry of its dataset in memory, a row in the catalogue.
+ *
+ * A later push of the same user into the same dataset takes over its number and continues it. Files that the client names again
+ * count; the commit drops the others. After a commit the sources are in the dataset's manifest, which tells the next start that a
+ * push with a remaining row was committed.
  */
+#include <assert.h>
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,7 +21,7 @@
 #include "log.h"
 #include "push_priv.h"
 
-/* What was assumed, all of it: two systems may differ in the last word of a long name, or have one name. */
+/* A hash of all assumptions: two systems may have one name, or differ only at the end of long names. */
 static void assume_text(const struct crs_info *a, char ret[DIGEST_HEX_SIZE])
 {
 	const struct crs_system *s = &a->system;
@@ -31,8 +33,8 @@ static void assume_text(const struct crs_info *a, char ret[DIGEST_HEX_SIZE])
 	digest_hex(digest_hash(all, strlen(all)), ret);
 }
 
-/* How the files were read: what is not the same does not go together. The reading of each file comes last, since
- * a push does not know it at its beginning. */
+/* How the files were read; pushes that differ in it do not match. The reading comes last, because a push does not know it at its
+ * beginning. */
 static void choices_text(const struct push *p, char *buf, size_t size)
 {
 	char assume[DIGEST_HEX_SIZE];
@@ -45,7 +47,7 @@ static void choices_text(const struct push *p, char *buf, size_t size)
 
 /* ---- leaving ---- */
 
-/* What was adopted, asked for again or not, and what was added. */
+/* All adopted sources, named again or not, and the new ones. */
 static int write_manifest(struct push *p, struct err *err)
 {
 	size_t old = p->adopt ? p->adopt->nsources : 0, added = p->aborted ? 0 : p->nsources;
@@ -70,8 +72,8 @@ static int write_manifest(struct push *p, struct err *err)
 	return r;
 }
 
-/* Worker. Whatever becomes of the push, all files that were staged until now can be taken up. */
-int push_leave_pending(struct push *p, struct err *err)
+/* Worker. From here on, whatever becomes of the push, all files that were staged so far can be continued. */
+int push_pending_write(struct push *p, struct err *err)
 {
 	int r = grid_stage_suspend(p->stage, err);
 
@@ -82,8 +84,8 @@ int push_leave_pending(struct push *p, struct err *err)
 	return r;
 }
 
-/* Worker: the end of a push. p->kept: it stays as a pending one. */
-void push_end_run(struct push *p)
+/* Worker: the end of a push. Sets p->kept if it stays as a pending one. */
+void push_end_files(struct push *p)
 {
 	struct err err = ERR_INIT;
 	bool named = !p->dataset->onestep;
@@ -91,10 +93,11 @@ void push_end_run(struct push *p)
 	if (p->committed || !named || !p->opened) {
 		p->stage = grid_stage_free(p->stage);
 	} else if (p->aborted && p->adopt) {
-		/* What was there before stays. */
+		/* The pending push that it had adopted stays. */
 		if (p->on_disk && write_manifest(p, &err))
 			log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "an interrupted push", &err);
-	} else if (!p->aborted && p->stage && p->row && !p->broken && (p->files > p->durable) && push_leave_pending(p, &err)) {
+	} else if (!p->aborted && p->stage && p->has_row && !p->broken && (p->files > p->durable) &&
+		   push_pending_write(p, &err)) {
 		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "the files that a push staged last cannot be kept", &err);
 	}
 	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) && (p->files || p->adopt || p->durable);
@@ -109,11 +112,12 @@ void push_end_run(struct push *p)
 	p->on_disk = false;
 }
 
-/* Loop: the push is over, and stays as a pending one. */
-void push_becomes_pending(struct push *p)
+/* Loop: the push has ended, and stays as a pending one. */
+void push_pending_keep(struct push *p)
 {
 	struct pending *q = p->pending;
 
+	assert(q && !p->has_claim);
 	p->pending = NULL;
 	q->id = p->id;
 	q->uid = p->peer.uid;
@@ -129,9 +133,9 @@ void push_becomes_pending(struct push *p)
 		  (unsigned long long)q->id, q->uid, p->dataset->name, q->files);
 }
 
-/* ---- taking up ---- */
+/* ---- continuing ---- */
 
-/* Loop: the newest one of this user becomes p's. */
+/* Loop: takes the newest pending push of this user. */
 void push_claim(struct push *p)
 {
 	struct pending *q;
@@ -144,7 +148,7 @@ void push_claim(struct push *p)
 		return;
 	pending_free(p->pushes->datasets, p->pending);
 	p->pending = q;
-	p->claims = true;
+	p->has_claim = true;
 	push_space_claim(p, q);
 }
 
@@ -155,8 +159,8 @@ static bool other_scale(const char *text, struct decimal scale)
 	return *text && (!decimal_parse(text, &d) || decimal_compare(d, scale));
 }
 
-/* NULL, or why what lies there cannot be gone on with. */
-static const char *misfit(const struct push *p, const struct grid_manifest *m)
+/* NULL, or why the pending push cannot be continued. */
+static const char *mismatch(const struct push *p, const struct grid_manifest *m)
 {
 	const char *reading = strstr(m->choices, " reading=");
 	char choices[sizeof m->choices];
@@ -165,13 +169,13 @@ static const char *misfit(const struct push *p, const struct grid_manifest *m)
 	if (p->base && !lattice_equal(&p->base->lattice, &m->lattice))
 		return "the dataset now has another lattice";
 	if (other_scale(p->scale_xy, m->lattice.scale_xy) || other_scale(p->scale_z, m->lattice.scale_z))
-		return "--scale is another one now";
+		return "another --scale is wanted now";
 	if (!reading || strncmp(choices, m->choices, (size_t)(reading - m->choices) + strlen(" reading=")))
 		return "its files were read with other options";
 	return NULL;
 }
 
-static void take_up(struct push *p, struct grid_manifest *m)
+static void adopt_manifest(struct push *p, struct grid_manifest *m)
 {
 	p->adopt = m;
 	p->id = p->pending->id;
@@ -192,14 +196,14 @@ int push_adopt(struct push *p, struct err *err)
 	char name[64], stage[48];
 	int r = 0;
 
-	if (!p->claims)
+	if (!p->has_claim)
 		return 0;
 	pending_manifest_name(p->pending->id, name);
 	pending_stage_name(p->pending->id, stage);
 	r = grid_manifest_load(p->dataset->dirfd, name, p->pushes->core->p.ledger, &m, &ignored);
 	if (!r)
 		r = grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored);
-	/* What cannot be read now, or not by this version, stays for later: only what is damaged is dropped. */
+	/* A push that cannot be read now, or not by this version, is kept; only a damaged one is dropped. */
 	if (r && r != -ERR_CORRUPT && r != -ERR_TRUNCATED && ignored.sys != ENOENT) {
 		grid_manifest_free(m);
 		*err = ignored;
@@ -210,24 +214,24 @@ int push_adopt(struct push *p, struct err *err)
 		why = "its files are damaged";
 		r = 0;
 	} else {
-		why = misfit(p, m);
+		why = mismatch(p, m);
 	}
 	if (!why) {
 		r = push_known_index(m, &p->adopt_paths, err);
-		p->adopt_taken = calloc(m->nsources + 1, sizeof *p->adopt_taken);
-		if (!r && !p->adopt_taken)
+		p->adopt_named = calloc(m->nsources + 1, sizeof *p->adopt_named);
+		if (!r && !p->adopt_named)
 			r = err_set(err, ERR_NOMEM, "no memory for a push");
 		if (!r) {
-			take_up(p, m);
+			adopt_manifest(p, m);
 			return 0;
 		}
 	} else {
 		snprintf(p->note, sizeof p->note, "the push that was interrupted is dropped with its %u files: %s",
 			 p->pending->files, why);
-		p->claims = false;
-		p->drops = p->pending->id;
-		p->drops_row = !pending_discard(p->dataset, p->pending->id, &ignored);
-		if (!p->drops_row)
+		p->has_claim = false;
+		p->dropped = p->pending->id;
+		p->dropped_row = !pending_discard(p->dataset, p->pending->id, &ignored);
+		if (!p->dropped_row)
 			log_event_err(LOG_EVENT_LEFTOVER, NULL, "files of an interrupted push cannot be removed", &ignored);
 	}
 	grid_manifest_free(m);
@@ -235,18 +239,17 @@ int push_adopt(struct push *p, struct err *err)
 }
 
 /* Loop, after push_adopt. */
-void push_adopted(struct push *p)
+void push_adopt_done(struct push *p)
 {
 	const struct grid_manifest *m = p->adopt;
-	struct err err = ERR_INIT;
 
-	if (p->drops) {
+	if (p->dropped) {
 		log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: %s", p->dataset->name, p->note);
-		if (p->drops_row && catalogue_drop_push(p->pushes->core->p.catalogue, p->drops, NULL, NULL, &err))
-			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+		if (p->dropped_row)
+			datasets_drop_push(p->pushes->datasets, p->dropped);
 	}
-	if (p->drops || m)
-		dataset_release(p->dataset); /* what held it is p's now, which holds it too */
+	if (p->dropped || m)
+		dataset_release(p->dataset); /* the reference of the pending push; this push has its own */
 	if (!m)
 		return;
 	push_space_adopted(p);
@@ -256,16 +259,16 @@ void push_adopted(struct push *p)
 		dataset_plan_begin(p->dataset, p);
 	if (!p->has_crs)
 		push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
-	/* The stage may also hold points of files that were not read whole: nobody gets their numbers. */
+	/* The stage may also have points of files that were not read whole, and their numbers are not given again. */
 	dataset_sources_from(p->dataset, p->adopt_last + 1);
-	p->claims = false;
+	p->has_claim = false;
 }
 
-/* Loop, when all is probed: of an interrupted push none of whose files were named, neither the lattice nor the
- * coordinate system counts. What the stage holds of it is dropped by the commit. */
-void push_adopt_nothing(struct push *p)
+/* Loop, when all files are probed. If none of the pending push's files was named again, neither its lattice nor its system
+ * counts; the commit drops its points. */
+void push_adopt_drop(struct push *p)
 {
-	if (!p->adopt || p->ntaken || p->base)
+	if (!p->adopt || p->nadopt_named || p->base)
 		return;
 	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p),
 		  "%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
@@ -276,12 +279,12 @@ void push_adopt_nothing(struct push *p)
 	p->reading[0] = 0;
 }
 
-/* Loop: the push ends before it could take it up. */
+/* Loop: the push ends before it could continue it. */
 void push_unclaim(struct push *p)
 {
-	if (!p->claims)
+	if (!p->has_claim)
 		return;
-	p->claims = false;
+	p->has_claim = false;
 	pending_put_back(p->dataset, p->pending);
 	p->pending = NULL;
 	push_space_unclaim(p);

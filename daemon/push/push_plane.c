@@ -1,11 +1,10 @@
 /*
- * The plane and the heights that a push's points get.
+ * The plane and the heights of a push's points.
  *
- * The model: degrees become metres of one UTM or UPS zone, which is the dataset's own once it has one, else the
- * one that the push asks for, else that of a projected input that lies on such a zone of the degrees' datum, else
- * the zone of the middle of all headers; none of this depends on the order of files. A file in the dataset's
- * own plane is taken as it is. A geoid changes heights only, of all files of the dataset alike, so what was done
- * is kept in the manifest and asked of every later push.
+ * The model: degrees become metres of one UTM or UPS zone: the dataset's own zone; or the one that the push asks for; or that of
+ * a projected input on a zone of the same datum; or the zone in the middle of all headers. None of this depends on the order of
+ * files. A file in the dataset's own plane is not changed. A geoid changes heights only, and those of all files of a dataset
+ * alike, so the manifest records it and later pushes must agree.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +12,7 @@
 
 #include "push_priv.h"
 
-/* ---- what the push asks for ---- */
+/* ---- parameters of the push ---- */
 
 static int parse_way(struct push *p, struct err *err)
 {
@@ -28,7 +27,7 @@ static int parse_way(struct push *p, struct err *err)
 	return 0;
 }
 
-/* The text that the manifest keeps: the hash says which grid, the name is for people. */
+/* The text in the manifest has a hash, which identifies the grid, and a name for people. */
 static bool same_heights(const char *a, const char *b)
 {
 	char kind[2][16] = {"", ""}, hash[2][DIGEST_HEX_SIZE] = {"", ""};
@@ -59,7 +58,7 @@ int push_plane_begin(struct push *p, struct err *err)
 	int r = 0;
 
 	if (*p->utm && !crs_zone_parse(p->utm, &p->plane.wanted)) {
-		err_set(err, ERR_USAGE, "\"%.40s\" is not a zone", p->utm);
+		err_set(err, ERR_USAGE, "\"%.40s\" is no zone", p->utm);
 		return err_add_hint(err, "name a UTM zone as in --utm 32N, or --utm UPS-N or UPS-S");
 	}
 	if (*p->utm && p->planar)
@@ -78,20 +77,15 @@ int push_plane_begin(struct push *p, struct err *err)
 
 /* ---- the zone ---- */
 
-static bool known(const char *text)
-{
-	return *text && strcmp(text, "unknown");
-}
-
-/* The plane that the dataset has, or was created to have; NULL: the files decide. */
+/* The plane that the dataset has, or was created with; NULL: the files decide. */
 static const char *own_plane(const struct push *p)
 {
-	if (push_settled(p))
-		return push_settled(p)->crs;
-	return known(p->plane.created) ? p->plane.created : NULL;
+	if (push_reference(p))
+		return push_reference(p)->crs;
+	return push_crs_known(p->plane.created) ? p->plane.created : NULL;
 }
 
-/* A text as a step has it: what a geoid makes of heights is no longer what the file's vertical system says. */
+/* Removes the vertical system from the text if a geoid changes heights: it does not hold any more. */
 static void without_heights(const struct push *p, char *text)
 {
 	char *heights = strstr(text, " + ");
@@ -100,16 +94,16 @@ static void without_heights(const struct push *p, char *text)
 		*heights = 0;
 }
 
-/* A dataset that was created without heights takes any. */
+/* A dataset that was created without heights accepts any. */
 static void any_heights(const struct push *p, const char *base, char *text)
 {
 	char *heights = strstr(text, " + ");
 
-	if (!push_settled(p) && heights && !strstr(base, " + "))
+	if (!push_reference(p) && heights && !strstr(base, " + "))
 		*heights = 0;
 }
 
-/* And with what they are then. */
+/* Adds the heights that the geoid makes. */
 static void with_heights(const struct push *p, char text[CRS_TEXT_SIZE])
 {
 	size_t n = strlen(text);
@@ -119,7 +113,7 @@ static void with_heights(const struct push *p, char text[CRS_TEXT_SIZE])
 			 p->plane.way == CRS_TO_ORTHOMETRIC ? "orthometric" : "ellipsoidal", p->geoid);
 }
 
-/* Degrees that are not the dataset's own plane. */
+/* Degrees, unless they are the dataset's own plane. */
 static bool to_project(const struct push *p, const struct crs_info *crs)
 {
 	char base[CRS_TEXT_SIZE] = "", own[CRS_TEXT_SIZE];
@@ -141,14 +135,15 @@ static const struct push_probed *first_of(const struct push *p, bool projected)
 	for (size_t i = 0; i < p->nprobes; i++) {
 		const struct push_probed *probe = &p->probes[i];
 
-		if (!probe->why &&
-		    (projected ? probe->crs->plane == CRS_PLANE_PROJECTED && known(probe->crs->text) : to_project(p, probe->crs)))
+		if (!probe->excluded &&
+		    (projected ? probe->crs->plane == CRS_PLANE_PROJECTED && push_crs_known(probe->crs->text) :
+				 to_project(p, probe->crs)))
 			return probe;
 	}
 	return NULL;
 }
 
-/* The middle of all boxes. Those that are no degrees at all are left out, unless nothing else is there. */
+/* From the boxes of all inputs. Inputs whose numbers are no degrees are excluded, unless there are no others. */
 static int zone_of_boxes(struct push *p, struct err *err)
 {
 	struct lattice_input *boxes = calloc(p->nprobes, sizeof *boxes);
@@ -158,15 +153,15 @@ static int zone_of_boxes(struct push *p, struct err *err)
 	if (!boxes)
 		return err_set(err, ERR_NOMEM, "no memory to choose a zone");
 	for (i = 0; i < p->nprobes; i++)
-		left += !p->probes[i].why;
+		left += !p->probes[i].excluded;
 	for (i = 0; i < p->nprobes; i++) {
 		struct push_probed *probe = &p->probes[i];
 		struct crs_zone any;
 		struct err bad = ERR_INIT;
 
-		if (probe->why || !to_project(p, probe->crs))
+		if (probe->excluded || !to_project(p, probe->crs))
 			continue;
-		if (crs_zone_choose(&probe->coords, 1, &any, &bad) && *bad.file && left > 1 && !push_leave_out(probe, &bad)) {
+		if (crs_zone_choose(&probe->coords, 1, &any, &bad) && *bad.file && left > 1 && !push_exclude(probe, &bad)) {
 			left--;
 			continue;
 		}
@@ -197,7 +192,7 @@ static int zone_of_base(struct push *p, const struct crs_info *degrees, struct e
 	return 0;
 }
 
-static int choose(struct push *p, struct err *err)
+static int choose_zone(struct push *p, struct err *err)
 {
 	const struct push_probed *degrees = first_of(p, false), *projected = first_of(p, true);
 	struct crs_info from;
@@ -242,7 +237,7 @@ static int choose(struct push *p, struct err *err)
 static int check_heights(const struct push *p, const struct crs_info *crs, struct err *err)
 {
 	unsigned z = crs->system.epsg_z;
-	/* EPSG's numbers for heights above an ellipsoid, as GeoTIFF keys have them. */
+	/* EPSG numbers of heights above an ellipsoid, as in GeoTIFF keys. */
 	bool ellipsoidal = z >= 5001 && z <= 5035;
 
 	if (!*p->plane.geoid || !z || ellipsoidal == (p->plane.way == CRS_TO_ORTHOMETRIC))
@@ -279,25 +274,25 @@ int push_plane_coords(struct push *p, struct push_probed *probe, struct err *err
 	struct push_plane_step step;
 	int r;
 
-	if (probe->stepped)
+	if (probe->on_plane)
 		return 0;
 	r = push_plane_of(p, probe->crs, &step, err);
 	step.params.coords = &probe->coords;
 	if (!r && step.needed)
 		r = crs_step_coords(&step.params, &probe->coords, err);
-	probe->stepped = !r;
+	probe->on_plane = !r;
 	return r ? err_add_file(err, probe->name) : 0;
 }
 
 int push_plane_choose(struct push *p, struct err *err)
 {
 	struct push_plane_step step;
-	int r = choose(p, err);
+	int r = choose_zone(p, err);
 
 	for (size_t i = 0; !r && i < p->nprobes; i++) {
 		struct push_probed *probe = &p->probes[i];
 
-		if (probe->why)
+		if (probe->excluded)
 			continue;
 		r = push_plane_of(p, probe->crs, &step, err);
 		if (!r && !(probe->plane = push_keep_crs(p, &step.plane)))

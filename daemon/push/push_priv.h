@@ -1,6 +1,8 @@
-/* The insides of a push, shared by push.c (the queue of what was asked) and push_ask.c (what each asks). */
+/* What the files of this room share. Loop unless a function says "worker" or "any thread". */
 #ifndef PUSH_PRIV_H
 #define PUSH_PRIV_H
+
+#include <string.h>
 
 #include "admission.h"
 #include "dataset.h"
@@ -20,17 +22,18 @@ struct pushes {
 	struct push *first; /* the youngest first */
 };
 
+/* What a request asks for. Those without a comment come from the client. */
 enum push_kind {
 	PUSH_BEGIN,
 	PUSH_PROBE,
 	PUSH_PLAN,
-	PUSH_STAGE, /* of our own: memory for the stage */
+	PUSH_STAGE, /* internal: memory for the stage */
 	PUSH_FILE,
-	PUSH_SYNC, /* of our own: what was staged becomes durable */
-	PUSH_PARK, /* of our own: the stage goes to disk and gives its memory back */
+	PUSH_SYNC, /* internal: what was staged becomes durable */
+	PUSH_PARK, /* internal: the stage goes to the disk and returns its memory */
 	PUSH_COMMIT,
 	PUSH_ABORT,
-	PUSH_CLOSE, /* of our own, the last */
+	PUSH_CLOSE, /* internal, the last one */
 	PUSH_KINDS
 };
 
@@ -39,56 +42,58 @@ struct push_stream {
 	struct push_stream *next;
 	struct push *push;
 	char *name;
-	int fd, spool; /* the pipe's reading end; the file of what is kept, -1: none yet */
+	int fd, spool; /* the pipe's reading end; the file of spooled bytes, -1: none yet */
 	void *watch;   /* of whoever watches the pipe */
 	struct sched_task task;
-	bool busy; /* a worker keeps bytes */
-	bool text; /* that can be read forwards */
-	bool kept; /* the worker has kept all that it must, or err says why not; the loop: ready */
-	bool ready;
-	bool forward, ended; /* the rest is read from the pipe; the pipe has ended */
-	bool asks;           /* its File waits for the pipe */
-	uint8_t look[INPUT_FORWARD_LOOK];
-	size_t nlook;
-	uint64_t size, room; /* kept; bytes of the disk taken for that */
-	uint64_t claimed;    /* points, as its header says */
-	bool told;           /* the client has said what will come: */
+	bool busy;                        /* `task` spools bytes */
+	bool text;                        /* of a text that can be read forwards */
+	bool spooled;                     /* the worker has spooled all that it must, or has set err */
+	bool ready;                       /* the same, for the loop */
+	bool forward;                     /* the rest is read from the pipe */
+	bool ended;                       /* the pipe has ended */
+	bool request_waits;               /* its File waits for the pipe */
+	uint8_t head[INPUT_FORWARD_LOOK]; /* the first bytes */
+	size_t nhead;
+	uint64_t size;     /* spooled */
+	uint64_t reserved; /* bytes of the disk */
+	uint64_t claimed;  /* points, by its header */
+	bool announced;    /* the client has said what will come: */
 	struct digest hash;
-	uint64_t told_size;
-	struct digest_stream *seen; /* what came of it to a File that reads forwards */
+	uint64_t announced_size;
+	struct digest_stream *seen; /* hash of what a File that reads forwards has got */
 	uint64_t seen_size;
 	struct err err;
-	struct input *input; /* of its File, while that goes on */
+	struct input *input; /* of its File, while that runs */
 	struct pipe_ingested in;
 };
 
 enum { PUSH_READING_SIZE = 64 };
 
-/* The sum of a file's bytes, while they are read. */
+/* The hash of a file, made while it is read. */
 struct push_hashing {
 	struct push *push;
 	struct digest_stream *sum; /* NULL: not begun */
-	uint64_t at;               /* of the file, up to there */
+	uint64_t at;               /* bytes of the file so far */
 	int fd;
 	const char *name;
-	bool missed; /* something was shown that does not follow: all is read once more */
+	bool missed; /* bytes came out of order: the file is read once more */
 };
 
-struct push_ask {
-	struct push_ask *next;
+struct push_request {
+	struct push_request *next;
 	struct push *push;
 	enum push_kind kind;
 	void *token;
 	int fd;
 	char *name, *format, *columns, *path;
-	char *replaces; /* file of the dataset, by path or name; "": none */
+	char *replaces; /* a file of the dataset, by path or name; "": none */
 	bool checksum, add, replace, projected, decimal_comma;
-	bool told; /* hash and size of what a stream will bring were said */
-	uint64_t told_size;
-	bool sealing;               /* a commit, by several workers now */
-	struct push_stream *stream; /* it comes from there */
+	bool announced; /* the client has said hash and size of a stream */
+	uint64_t announced_size;
+	bool sealing;               /* a commit that several workers seal */
+	struct push_stream *stream; /* where it comes from; NULL: a file */
 	/* of the worker */
-	bool dry; /* the stream's pipe is: the ask goes on later */
+	bool stream_dry; /* the pipe is empty: the request continues later */
 	int r;
 	struct err err;
 	struct input_info info;
@@ -98,37 +103,38 @@ struct push_ask {
 	uint32_t source;
 	struct pipe_ingested in;
 	struct digest hash;
-	struct push_hashing hashing; /* of a file */
+	struct push_hashing hashing;
 	enum push_known_as known;
-	size_t target;       /* 1 + which source of push.base `replaces` means; 0: none */
-	struct input *whole; /* a file that several workers read; closed by the loop */
-	struct push_helpers *crew;
-	size_t adopted; /* which source of push.adopt it is */
+	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
+	struct input *whole; /* a file that several workers read; the loop closes it */
+	struct push_helpers *helpers;
+	size_t adopted; /* index of the source in push.adopt */
 };
 
+/* What is kept of a file that was probed. */
 struct push_probed {
 	char *name;
-	const char *path;                 /* behind the name */
+	const char *path;                 /* in the memory of `name` */
 	const char *overridden, *reading; /* as grid_source has them; of push.texts */
 	struct client_file id;
 	struct lattice_input coords;
-	const struct crs_info *crs;   /* what it says; one of push.crs_seen, as the next */
-	const struct crs_info *plane; /* what it becomes in the dataset; NULL: not decided */
-	size_t read_bytes;            /* what decoding it takes */
-	uint64_t claimed;             /* points, as it says; 0: it does not */
-	struct push_why *why;         /* it was left out of the plan; NULL: it was not */
-	bool replace;                 /* what the dataset has of its path goes, */
-	size_t target;                /* and this one, as push_ask.target */
-	bool stepped;                 /* `coords` are those on the dataset's plane */
+	const struct crs_info *crs;     /* what it says; of push.crs_seen, as the next */
+	const struct crs_info *plane;   /* what it becomes in the dataset; NULL: not decided yet */
+	size_t read_bytes;              /* memory to decode it */
+	uint64_t claimed;               /* points, by its header; 0: it does not say */
+	struct push_excluded *excluded; /* why it is not part of the plan; NULL: it is */
+	bool replace;                   /* it replaces the sources of its path ... */
+	size_t target;                  /* ... and this one, as push_request.target */
+	bool on_plane;                  /* `coords` are on the dataset's plane */
 };
 
-/* push_plane.c: where degrees and heights go */
+/* Where degrees and heights go (push_plane.c). */
 struct push_plane {
-	bool projects; /* there are degrees, and they go to `zone` */
+	bool projects; /* some inputs are degrees, which are projected to `zone` */
 	struct crs_zone zone, wanted;
 	char datum[64];                         /* of the degrees */
-	char created[512];                      /* plane that the dataset was created with; "": it was not */
-	char geoid_path[64], geoid[GRID_GEOID]; /* as the manifest keeps it; "": heights stay */
+	char created[512];                      /* plane that the dataset was created with; "": none */
+	char geoid_path[64], geoid[GRID_GEOID]; /* the second as in the manifest; "": heights stay */
 	enum crs_geoid_way way;
 };
 
@@ -136,7 +142,7 @@ struct push {
 	struct push *next;
 	struct pushes *pushes;
 	struct admission_stage admission;
-	size_t charged; /* of LEDGER_JOBS */
+	size_t charged; /* bytes of LEDGER_JOBS */
 	struct dataset *dataset;
 	uint64_t id;
 	struct push_calls calls;
@@ -146,68 +152,78 @@ struct push {
 	bool planar, accept_truncated, strict, has_crop;
 	double crop[4];
 
+	/* The queue. */
 	struct sched_task task;
-	struct sched_owner owner;          /* of all its tasks */
-	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
-	bool busy, waiting_row, row, left, committed, opened;
-	bool row_comes;              /* its row is on its way to the disk: nothing is written before it is there */
-	struct push_guard row_guard; /* around row_comes, and broken_err of a row that did not come, for workers */
+	struct sched_owner owner;                      /* of all its tasks */
+	struct push_request *requests, **requests_end; /* the first one is being handled while `busy` */
+	bool busy;
+	bool left;                   /* its caller is gone: what is queued is cancelled */
+	bool committed, opened;      /* opened: the dataset's folder */
+	bool commit_row_queued;      /* the row of its commit is on its way */
+	bool has_row;                /* the catalogue has its row, or will */
+	bool row_queued;             /* its row is on its way: nothing is written before it is there */
+	struct push_guard row_guard; /* around row_queued, and the broken_err of a row that failed, for workers */
 	_Atomic bool row_awaited;    /* a worker has something to write */
-	bool reads;                  /* the dataset's newest manifest, by name */
-	bool settled;                /* what was there is known, and the push's own (push_begin_done) */
-	/* The first ask waits for memory: its worker is done and `done` is asked again, or all of it is (again). */
-	bool lacks, again;
-	bool old_goes; /* the manifest before this push's is used by nobody */
+	bool reading_base;           /* between dataset_read_begin and _end */
+	bool base_settled;           /* what the dataset had is known (push_begin_done) */
+	/* The first request waits for memory: its worker is done, and `done` is called again; with `retry` all of it is. */
+	bool waits_memory, retry;
+	bool removes_old_manifest; /* nobody opens the manifest before its commit */
 	struct push_stream *streams;
-	struct push_ask *last; /* made beforehand, so that closing needs no memory */
-	unsigned unanswered;
+	struct push_request *close_request; /* made at the beginning, so that closing needs no memory */
+	unsigned unanswered;                /* PROBE and FILE requests */
 
-	struct grid_manifest *base; /* as the push found it; NULL: none */
-	uint64_t base_generation;   /* of that */
+	/* The dataset as the push found it. */
+	struct grid_manifest *base; /* NULL: no generation */
+	uint64_t base_generation;
 	char base_name[64];
+	struct names base_paths; /* live sources of `base` */
 	bool has_lattice;
 	struct lattice lattice;
-	char lattice_note[512]; /* what it does to inputs that did not ask for it; "" */
+	char lattice_note[512]; /* what the lattice does to inputs that did not ask for it; "" */
 	struct push_plane plane;
 	char crs[512], unit_xy[16], unit_z[16];
 	char crs_of[256]; /* who says so: the dataset, or an input */
 	bool has_crs, assumes;
-	bool overrides;         /* `assume` is in place of what the inputs say */
+	bool overrides;         /* `assume` replaces what the inputs say */
 	struct crs_info assume; /* for inputs that say nothing */
+
+	/* Its files (push_table.c). */
 	struct push_probed *probes;
 	size_t nprobes;
 	struct names probe_names, probe_paths;
-	char **texts; /* what is kept of many files alike, each once */
+	char **texts; /* that many files share, each once */
 	size_t ntexts;
 	struct names text_keys;
-	struct push_crs **crs_seen; /* what the probes say, each once */
+	struct push_crs **crs_seen; /* coordinate systems of the files, each once */
 	size_t ncrs;
 	struct names crs_keys;
-	struct names base_paths; /* live sources of `base` */
-	/* Sources of `base` that go with the commit: which, and their numbers; NULL: nothing is replaced. */
-	bool *goes;
-	uint32_t *gone;
-	size_t ngone;
-	struct grid_manifest *adopt; /* of the interrupted push that this one goes on with; NULL: none */
+	uint64_t table_bytes, table_used; /* charged, and needed, for all that */
+	/* Sources of `base` that the commit replaces: a flag for each, and their numbers. NULL: nothing is replaced. */
+	bool *is_replaced;
+	uint32_t *replaced;
+	size_t nreplaced;
+
+	/* The pending push that it continues, or becomes (push_pending.c). */
+	struct grid_manifest *adopt; /* NULL: none */
 	struct names adopt_paths;
-	bool *adopt_taken; /* the client named that source again */
-	size_t ntaken;
-	uint32_t adopt_last;     /* the largest number of a source in its stage */
-	struct pending *pending; /* what it claims, or becomes */
-	bool claims;             /* pending was taken out of the dataset's list */
-	uint64_t drops;          /* the number of an interrupted push that did not fit; 0: none */
-	bool drops_row;          /* ... and its row may go: nothing of it is left */
+	bool *adopt_named; /* by source: the client named it again */
+	size_t nadopt_named;
+	uint32_t adopt_last;     /* largest number of a source in its stage */
+	struct pending *pending; /* what it continues, or will become */
+	bool has_claim;          /* `pending` was taken out of the dataset's list */
+	uint64_t dropped;        /* id of a pending push that did not match; 0: none */
+	bool dropped_row;        /* its files are gone, so its row can go */
 	char note[160];
-	char reading[PUSH_READING_SIZE]; /* of all its files; "": there is none yet */
-	bool on_disk;                    /* its files say that it can be gone on with */
-	bool aborted, kept;
-	uint64_t table_bytes, table_used; /* charged, and needed, for what is kept of each file */
+	char reading[PUSH_READING_SIZE]; /* how all its files are read; "": no file yet */
+	bool on_disk;                    /* its files on the disk suffice to continue it */
+	bool aborted, kept;              /* kept: it stays as a pending push */
 
 	struct grid_stage *stage;
 	uint64_t stage_bytes;         /* charged */
 	uint64_t stage_ns;            /* since when */
-	struct push_sealing *sealing; /* of the commit, while it goes on */
-	size_t read_bytes;            /* in it, for decoding one file at a time */
+	struct push_sealing *sealing; /* of the commit, while it runs */
+	size_t read_bytes;            /* part of stage_bytes, to decode one file at a time */
 	bool broken;
 	struct err broken_err;
 	struct grid_source *sources;
@@ -215,79 +231,95 @@ struct push {
 	uint32_t files; /* staged whole */
 	uint32_t durable;
 	uint64_t unsynced_points;
-	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* the last: when the commit was asked for first */
+	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* asked: the last request; commit: the first commit request */
 
-	struct grid_manifest *made;  /* by the commit */
-	struct dataset_next becomes; /* by `made` */
+	struct grid_manifest *made; /* by the commit */
+	struct dataset_next new_state;
 	char made_name[64];
 
-	struct push_space {
-		struct lock lock;               /* of what is not atomic */
+	struct push_space {                     /* push_space.c */
+		struct lock lock;               /* guards what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
 		uint64_t promised;              /* of `taken`, not written yet */
-		uint64_t own, owed;             /* of user-disk, taken of who pushes; of the owner, if that is another one */
+		uint64_t own, owed;             /* of user-disk: of the pushing user; of the owner, if that is another user */
 		uint32_t owner;                 /* of the dataset, when the push began */
-		struct err why;                 /* there is no room for more */
+		struct err why;                 /* set: there is no space for more */
 	} space;
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
-	_Atomic uint64_t hashed, hash_end;  /* bytes of the file that is read for its sum alone; 0: none is */
-	uint64_t told_ns;
+	_Atomic uint64_t hashed, hash_end;  /* bytes of a file that is read only for its hash; 0: none is */
+	uint64_t progress_ns;               /* when progress was reported last */
 	atomic_bool cancel;
 };
 
-/* Charged for an open push: itself, its last ask, its texts. */
-enum { PUSH_BYTES = sizeof(struct push) + sizeof(struct push_ask) + 512 };
+/* Charged for an open push: itself, its last request, its texts. */
+enum { PUSH_BYTES = sizeof(struct push) + sizeof(struct push_request) + 512 };
 
-/* Each kind: `start` (loop) says 0: submit p->task (prepared there) for `run`; PUSH_NOW: nothing for a
- * worker, `done` at once; PUSH_WAIT: ask again later; negative: err says why, `done` at once with it. */
+/* ---- handlers of requests ---- */
+
+/*
+ * `start` (loop) returns 0: submit push.task, which it may change, for `run`; PUSH_NOW: no task, `done` at once; PUSH_WAIT: call
+ * it again later; negative: `done` at once with err. `run` (worker). `done` (loop) answers, and returns true if the request ends;
+ * false: it ends later by push_request_end, or starts again.
+ */
 enum { PUSH_NOW = 1, PUSH_WAIT = 2 };
-struct push_row {
-	int (*start)(struct push *, struct push_ask *, struct err *err);
-	void (*run)(struct push *, struct push_ask *);
-	/* Answers and tidies up. True: the ask is over; false: it is answered later (push_ask_over), or asked again. */
-	bool (*done)(struct push *, struct push_ask *, const struct err *why);
+struct push_handler {
+	int (*start)(struct push *, struct push_request *, struct err *err);
+	void (*run)(struct push *, struct push_request *);
+	bool (*done)(struct push *, struct push_request *, const struct err *why);
 };
-extern const struct push_row push_rows[PUSH_KINDS];
+extern const struct push_handler push_handlers[PUSH_KINDS];
+#define PUSH_HANDLER(name)                                                              \
+	int push_##name##_start(struct push *, struct push_request *, struct err *err); \
+	void push_##name##_run(struct push *, struct push_request *);                   \
+	bool push_##name##_done(struct push *, struct push_request *, const struct err *why)
+PUSH_HANDLER(begin);  /* push_begin.c */
+PUSH_HANDLER(probe);  /* push_probe.c */
+PUSH_HANDLER(plan);   /* push_probe.c */
+PUSH_HANDLER(stage);  /* push_stage.c */
+PUSH_HANDLER(file);   /* push_file.c */
+PUSH_HANDLER(sync);   /* push_stage.c */
+PUSH_HANDLER(park);   /* push_close.c */
+PUSH_HANDLER(commit); /* push_commit.c */
+PUSH_HANDLER(close);  /* push_close.c; its `run` is that of an abort, too */
+int push_abort_start(struct push *, struct push_request *, struct err *err);
+bool push_abort_done(struct push *, struct push_request *, const struct err *why);
+
+/* push.c */
 extern const struct admission_stage_calls push_stage_calls;
-void push_stage_give(struct push *); /* the stage's memory; the stage is gone */
+struct push *push_free(struct push *); /* NULL is fine; returns NULL */
+/* Adds a request to the queue, or (front) before all others. NULL: no memory. */
+struct push_request *push_request_new(struct push *, enum push_kind, void *token, bool front);
+void push_request_end(struct push *);  /* the first one: frees it */
+void push_request_done(struct push *); /* the first one: its task is over; request->r and ->err say how */
+void push_pump(struct push *);         /* handles requests as far as possible */
+void push_retry(struct push *);
+void push_tick(struct push *);
+void push_break(struct push *, const struct err *why); /* nothing can be staged or committed any more */
+void push_remove_files(struct push *);
+static inline void push_task_bytes(struct push *p, enum ledger_name name, uint64_t bytes)
+{
+	p->task.name = name;
+	p->task.bytes = bytes;
+}
 
-struct input_options push_options(const struct push *, const struct push_ask *); /* push_ask.c */
-
-/* push_stream.c */
-struct push_stream *push_stream_find(const struct push *, const char *name);
-/* What came through the pipe so far takes the place of a descriptor. Loop. */
-int push_stream_open(struct push_ask *, struct err *err);
-/* The next piece of its points into the stage: a->in is what came so far, a->dry that there is more to come. */
-void push_stream_run(struct push *, struct push_ask *);
-/* Worker: push_known of a stream, and what came of one that was kept whole: is it what was said? */
-int push_stream_known(struct push *, struct push_ask *);
-int push_stream_kept(struct push_ask *);
-void push_stream_wait(struct push_stream *); /* the push's task is submitted again when the pipe has bytes */
-void push_streams_wake(struct push *);       /* cancelled: nobody waits any longer */
-bool push_streams_busy(const struct push *);
-void push_streams_free(struct push *);
-
-/* push_begin.c: the row of PUSH_BEGIN; and that in the catalogue, which a worker waits for. It ends with the push's cancel. */
+/* push_begin.c */
+char *push_copy_text(const char *text); /* NULL counts as ""; NULL: no memory. Any thread */
+/* Worker: waits for the push's row in the catalogue. Ends with the push's cancel. */
 int push_row_wait(void *push, struct err *err);
 void push_row_wake(struct push *);
-int push_begin_start(struct push *, struct push_ask *, struct err *err);
-void push_begin_run(struct push *, struct push_ask *);
-bool push_begin_done(struct push *, struct push_ask *, const struct err *why);
 
-/* push_close.c: the rows of PUSH_PARK, PUSH_ABORT and PUSH_CLOSE (whose worker's part is that of both) */
-int push_park_start(struct push *, struct push_ask *, struct err *err);
-void push_park_run(struct push *, struct push_ask *);
-bool push_park_done(struct push *, struct push_ask *, const struct err *why);
-int push_close_start(struct push *, struct push_ask *, struct err *err);
-int push_abort_start(struct push *, struct push_ask *, struct err *err);
-void push_close_run(struct push *, struct push_ask *);
-bool push_abort_done(struct push *, struct push_ask *, const struct err *why);
-bool push_close_done(struct push *, struct push_ask *, const struct err *why);
+/* push_probe.c */
+struct input_options push_options(const struct push *, const struct push_request *); /* any thread */
+void push_remember_info(struct push_request *, const struct input *);                /* worker: into request->info */
 
-/* push_commit.c: the row of PUSH_COMMIT */
-int push_commit_start(struct push *, struct push_ask *, struct err *err);
-void push_commit_run(struct push *, struct push_ask *);
-bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
+/* push_file.c. Worker: all is read: makes its hash, and checks that the file has not changed. */
+int push_file_finish(struct push *, struct push_request *);
+
+/* push_stage.c */
+/* A push becomes durable after that many seconds, or points. */
+#define PUSH_DURABLE_SECONDS 5.0
+#define PUSH_DURABLE_POINTS ((UINT64_C(1) << 30) / sizeof(struct point))
+void push_stage_give(struct push *); /* returns the memory of a stage that was freed */
 
 /* push_event.c */
 #define ABOUT_PUSH(p)                                                                            \
@@ -295,161 +327,164 @@ bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
 				   .dataset = (p)->dataset->onestep ? NULL : (p)->dataset->name, \
 				   ABOUT_USER((p)->peer.uid),                                    \
 				   .pid = (p)->peer.pid})
-void push_tell_committed(const struct push *);
-void push_tell_failed(const struct push *, const struct err *why);                    /* before it is broken */
-void push_tell_refused(const struct push *, const char *file, const struct err *why); /* one file of it */
+void push_event_committed(const struct push *);
+void push_event_failed(const struct push *, const struct err *why);                    /* before it is broken */
+void push_event_refused(const struct push *, const char *file, const struct err *why); /* one file */
+
+/* ---- reading files ---- */
+
+/* push_stream.c */
+struct push_stream *push_stream_find(const struct push *, const char *name);
+int push_stream_open(struct push_request *, struct err *err); /* the spooled bytes become the request's descriptor */
+/* Worker: stages the next piece. request->in: points so far; request->stream_dry: more will come. */
+void push_stream_run(struct push *, struct push_request *);
+int push_stream_known(struct push *, struct push_request *); /* worker: push_known, for a stream */
+int push_stream_kept(struct push_request *);                 /* worker: a stream that was spooled whole is what was announced */
+void push_stream_wait(struct push_stream *);                 /* submits push.task again when the pipe has bytes */
+void push_streams_wake(struct push *);                       /* the push is cancelled: nothing waits any more */
+bool push_streams_busy(const struct push *);
+void push_streams_free(struct push *);
+
+/* push_helpers.c: request->whole by several workers; push_request_done when all are done */
+int push_helpers_start(struct push *, struct push_request *, struct err *err);
+struct push_helpers *push_helpers_free(struct push_helpers *);
+uint64_t push_helpers_held(const struct push_helpers *);      /* bytes of LEDGER_INPUT; NULL: 0 */
+uint64_t push_helpers_step(uint64_t parts, unsigned members); /* parts of a batch */
+
+/* push_hash.c. Worker. XXH3-128 of the first `size` bytes of a file. */
+int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
+/* The same for a file that somebody else reads (input_options.seen): only the rest is read here. */
+void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *name);
+void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
+int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* also frees */
+void push_hash_free(struct push_hashing *);                                                   /* any thread */
+/* A pushed file may have that many bytes behind those that its header accounts for. */
+enum { PUSH_TRAILING_MOST = 1 << 30 };
+int push_hash_bounded(const struct input_info *, uint64_t size, const char *name, struct err *err); /* -ERR_INPUT: it has more */
+/* The same, for a hash that is made before the header is read. */
+int push_hash_look(struct push_request *, const struct input_options *, struct err *err);
 
 /* push_seal.c: the stage becomes a segment */
 struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker; NULL: err says why */
-struct push_sealing *push_sealing_free(struct push_sealing *);
-void push_sealing_start(struct push_sealing *); /* loop: helpers, for a task that finishes ... */
+struct push_sealing *push_sealing_free(struct push_sealing *);         /* NULL is fine; returns NULL */
+void push_sealing_start(struct push_sealing *);                        /* submits helpers, beside a task that calls: */
 int push_sealing_finish(struct push_sealing *, struct grid_segment_info *ret, struct err *err); /* worker */
-void push_sealing_end(struct push_sealing *); /* loop: that is over; push_task_over when all are */
+void push_sealing_end(struct push_sealing *); /* that task is over; push_request_done when the helpers are */
 
-/* push.c */
-void push_tick(struct push *);
-void push_retry(struct push *);
-void push_remove_files(struct push *);
+/* ---- what is known of files ---- */
 
-struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
-void push_break(struct push *, const struct err *why); /* nothing can be staged or committed any more */
-void push_ask_over(struct push *);                     /* the first one */
-void push_pump(struct push *);
-
-/* Loop: the ask is over, as a->r and a->err say. */
-void push_task_over(struct push *);
-
-/* push_parts.c: a->whole by several workers; push_task_over when all are done */
-int push_helpers_start(struct push *, struct push_ask *, struct err *err);
-struct push_helpers *push_helpers_free(struct push_helpers *);
-uint64_t push_helpers_held(const struct push_helpers *);      /* of LEDGER_INPUT, by those who help; NULL: none */
-uint64_t push_helpers_step(uint64_t parts, unsigned members); /* parts that are read at a time */
-/* push_ask.c: when all was read: hash it, and see that it is still the same file. */
-int push_file_finish(struct push *, struct push_ask *);
-
-/* push_input.c: descriptors and what their inputs say */
-int push_choose_lattice(struct push *, struct err *err);
-
-/* push_plane.c */
-struct push_plane_step {
-	struct crs_info from, to; /* params points to these: do not move it */
-	struct crs_info plane;    /* as the dataset has it: with what a geoid makes of the heights */
-	bool projects, needed;
-	struct crs_step_params params;
-};
-int push_plane_begin(struct push *, struct err *err);  /* worker: what was asked for, against the base */
-int push_plane_choose(struct push *, struct err *err); /* from all probes */
-/* The heights of the base are those that the push makes. -ERR_USAGE. */
-int push_plane_heights(const struct push *, struct err *err);
-/* What an input that says this of itself becomes. */
-int push_plane_of(const struct push *, const struct crs_info *, struct push_plane_step *ret, struct err *err);
-int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* worker */
-
-/* push_probes.c: what is kept of each file */
+/* push_table.c */
 const struct crs_info *push_keep_crs(struct push *, const struct crs_info *); /* NULL: no memory */
-int push_remember_probe(struct push *, const struct push_ask *, struct err *err);
-/* Memory to read any of them, one at a time. */
-size_t push_read_bytes(const struct push *);
+int push_remember_probe(struct push *, const struct push_request *, struct err *err);
+size_t push_read_bytes(const struct push *);                                /* memory to read any of them */
 struct push_probed *push_find_probe(const struct push *, const char *name); /* NULL: not probed */
-/* `why` is of that file. -ERR_NOMEM. */
-int push_leave_out(struct push_probed *, const struct err *why);
-void push_left_out(const struct push_probed *, struct err *ret); /* that it was left out for */
+int push_exclude(struct push_probed *, const struct err *why);              /* from the plan; -ERR_NOMEM */
+void push_exclusion(const struct push_probed *, struct err *ret);           /* why it was excluded */
 void push_forget_probes(struct push *);
-/* Memory for that; PUSH_WAIT: there is none now (whoever asked sets `lacks`); -ERR_LIMIT, -ERR_BUSY. */
-int push_room(struct push *, uint64_t bytes, struct err *err);
-void push_room_give(struct push *);
-bool push_waits_in_vain(const struct push *);
-/* What it keeps while it waits for its stage, and beside it. */
+/* Charges bytes for the table. PUSH_WAIT: no memory now (the caller sets waits_memory). -ERR_LIMIT, -ERR_BUSY. */
+int push_table_reserve(struct push *, uint64_t bytes, struct err *err);
+void push_table_release(struct push *);
+/* It waits for memory that nobody will release, and is the youngest that does: its request must be refused. */
+bool push_must_refuse(const struct push *);
 static inline uint64_t push_staged_bytes(const struct push *p)
 {
 	return p->stage_bytes + p->table_bytes;
 }
-static inline bool push_wants_stage(const struct push *p) /* and waits for it */
-{
-	return p->asks && p->asks->kind == PUSH_STAGE && !p->busy && !p->left && !p->waiting_row;
-}
-static inline uint64_t push_keeps(const struct push *p)
+static inline uint64_t push_kept_bytes(const struct push *p) /* beside its stage */
 {
 	return p->charged + p->table_bytes;
 }
+static inline bool push_wants_stage(const struct push *p) /* and waits for it */
+{
+	return p->requests && p->requests->kind == PUSH_STAGE && !p->busy && !p->left && !p->commit_row_queued;
+}
 
-/* What decided about plane and lattice before this push's files: the dataset, an interrupted push; NULL: nothing. */
-static inline const struct grid_manifest *push_settled(const struct push *p)
+/* push_known.c. Worker. */
+int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err); /* paths of live sources */
+/* Sets request->known, and request->in.points of a known file. Refuses another file with the same path. */
+int push_known(struct push *, struct push_request *);
+
+/* push_replace.c */
+int push_replace_target(struct push *, struct push_request *);                            /* worker: sets request->target */
+int push_replace_room(struct push *, const struct push_request *, struct err *err);       /* memory for it */
+bool push_replace_means(const struct grid_source *target, const struct grid_source *);    /* a target means this source, too */
+uint32_t push_replace_note(struct push *, const char *path, bool replace, size_t target); /* returns how many it replaces */
+int push_replace_apply(struct push *, struct grid_manifest *, struct err *err);           /* worker: in the next manifest */
+void push_replace_nothing(struct push *);
+void push_replace_free(struct push *);
+
+/* push_reading.c: how files are read */
+/* Worker: the text for the manifest; info and overridden are set. */
+void push_reading_text(const struct push *, const struct push_request *, char ret[GRID_SOURCE_READING]);
+/* This push would read the source as it was read; and the error if not. */
+bool push_reading_same(const struct push *, const struct push_request *, const struct grid_source *);
+int push_reading_refuse(const struct push *, struct push_request *, const struct grid_source *);
+/* The same for a pending push, whose files all have one reading. */
+void push_note_reading(struct push *, const struct push_request *);
+bool push_same_reading(const struct push *, const struct push_request *);
+
+/* ---- lattice, plane, coordinate system ---- */
+
+int push_choose_lattice(struct push *, struct err *err); /* push_lattice.c; worker */
+
+/* push_plane.c */
+struct push_plane_step {
+	struct crs_info from, to; /* params points to them, so the struct may not move */
+	struct crs_info plane;    /* as the dataset has it, with the heights that a geoid makes */
+	bool projects, needed;
+	struct crs_step_params params;
+};
+int push_plane_begin(struct push *, struct err *err);         /* worker: checks the parameters against the base */
+int push_plane_choose(struct push *, struct err *err);        /* from all probes */
+int push_plane_heights(const struct push *, struct err *err); /* -ERR_USAGE: the base has other heights */
+/* What an input with that system becomes. */
+int push_plane_of(const struct push *, const struct crs_info *, struct push_plane_step *ret, struct err *err);
+int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* worker */
+
+/* push_crs.c */
+static inline bool push_crs_known(const char *text)
+{
+	return *text && strcmp(text, "unknown");
+}
+int push_assume_read(struct push *, const struct push_params *, struct err *err);
+/* Worker: completes request->info.crs, and sets overridden. -ERR_INPUT: the input says something else. */
+int push_assume(const struct push *, struct push_request *);
+void push_crs_of_dataset(struct push *, const char *text, const char *unit_xy, const char *unit_z);
+bool push_crs_is(const struct push *, const struct grid_manifest *); /* both are in the same system */
+/* All probed inputs, and the dataset, must have one system; sets the push's texts. The error names two inputs. */
+int push_crs_agree(struct push *, struct err *err);
+int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
+
+/* push_created.c: what dataset_create asks of the first push */
+int push_created_scale(struct push *, struct err *err);
+int push_created_crs(const struct push *, struct err *err);
+
+/* The manifest that has fixed plane and lattice: of the dataset, or of a pending push; NULL: neither. */
+static inline const struct grid_manifest *push_reference(const struct push *p)
 {
 	return p->base ? p->base : p->adopt;
 }
 
-/* push_space.c: room on the disk */
-void push_space_claim(struct push *, const struct pending *); /* loop: it is not in the list any more, and counts as before */
-void push_space_unclaim(struct push *);                       /* loop: it is in the list again */
-int push_space_plan(struct push *, struct err *err);          /* worker: for all that was probed */
-bool push_space_staged(struct push *, uint64_t points);       /* worker: so many of a file more; false: there is no room */
+/* ---- disk, and pending pushes ---- */
+
+/* push_space.c */
+void push_space_claim(struct push *, const struct pending *); /* it left the dataset's list, and counts as before */
+void push_space_unclaim(struct push *);                       /* it is in the list again */
+int push_space_plan(struct push *, struct err *err);          /* worker: for all probed files */
+bool push_space_staged(struct push *, uint64_t points);       /* worker: for points of a file; false: no space */
 void push_space_adopted(struct push *);
-const struct err *push_space_full(const struct push *); /* NULL: there was room so far */
+const struct err *push_space_full(const struct push *); /* NULL: there was space so far */
 void push_space_tick(struct push *);
-void push_space_end(struct push *); /* loop */
+void push_space_end(struct push *);
 
-/* push_pending.c: pushes that were interrupted */
-int push_leave_pending(struct push *, struct err *err);
-void push_end_run(struct push *);
-void push_becomes_pending(struct push *);
-void push_claim(struct push *);
-int push_adopt(struct push *, struct err *err);
-void push_adopted(struct push *);
-void push_adopt_nothing(struct push *);
-void push_unclaim(struct push *);
-
-/* push_reading.c: how files are read */
-/* For the manifest; what it is and what its records say is known. */
-void push_reading_text(const struct push *, const struct push_ask *, char ret[GRID_SOURCE_READING]);
-/* Whether this push would read a source of the dataset as it was read; and the error that it would not. */
-bool push_reading_same(const struct push *, const struct push_ask *, const struct grid_source *);
-int push_reading_refuse(const struct push *, struct push_ask *, const struct grid_source *);
-/* The same of an interrupted push: format and columns that were asked for all its files; are they those of this one? */
-void push_note_reading(struct push *, const struct push_ask *);
-bool push_same_reading(const struct push *, const struct push_ask *);
-
-/* push_hash.c: sums of inputs */
-/* XXH3-128 of the first `size` bytes. */
-int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
-/* The same, of what somebody else reads anyway (input_options.seen): only the rest is read for it. */
-void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *name);
-void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
-int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* and frees */
-void push_hash_free(struct push_hashing *);                                                   /* what was begun */
-/* Bytes behind what a header tells of that a pushed file may have. */
-enum { PUSH_TRAILING_MOST = 1 << 30 };
-/* ERR_INPUT if it has more. */
-int push_hash_bounded(const struct input_info *, uint64_t size, const char *name, struct err *err);
-/* The same, before a sum that is made before the header is read. */
-int push_hash_look(struct push_ask *, const struct input_options *, struct err *err);
-
-/* push_known.c: what the dataset has already */
-int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err);
-/* Sets a->known, and a->in.points of what is known; refuses another file of a name that is there. */
-int push_known(struct push *, struct push_ask *);
-
-/* push_replace.c: what it puts others in the place of */
-int push_replace_target(struct push *, struct push_ask *);
-int push_replace_room(struct push *, const struct push_ask *, struct err *err);
-bool push_replace_means(const struct grid_source *target, const struct grid_source *); /* whether it goes with the target */
-uint32_t push_replace_note(struct push *, const char *path, bool replace, size_t target);
-int push_replace_apply(struct push *, struct grid_manifest *, struct err *err);
-void push_replace_nothing(struct push *);
-void push_replace_free(struct push *);
-
-/* push_crs.c: coordinate systems and units */
-int push_assume_read(struct push *, const struct push_params *, struct err *err);
-/* Fills what the input `name` leaves open. -ERR_INPUT: it says something else. */
-int push_assume(const struct push *, struct push_ask *); /* into its info.crs, overridden and err */
-/* What the dataset is in decides for every further input. */
-void push_crs_of_dataset(struct push *, const char *text, const char *unit_xy, const char *unit_z);
-bool push_crs_is(const struct push *, const struct grid_manifest *); /* what it is in is what the push is in */
-/* All that were probed, and the dataset, must be one; the push's texts are decided. The error names two. */
-int push_crs_agree(struct push *, struct err *err);
-/* push_created.c: what a dataset that was created beforehand asks of its first push */
-int push_created_scale(struct push *, struct err *err);
-int push_created_crs(const struct push *, struct err *err);
-int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
+/* push_pending.c */
+int push_pending_write(struct push *, struct err *err); /* worker: what was staged so far can be continued */
+void push_end_files(struct push *);                     /* worker: the files of a push that ends; sets push.kept */
+void push_pending_keep(struct push *);                  /* the push has ended, and is pending */
+void push_claim(struct push *);                         /* takes the newest pending push of its user */
+void push_unclaim(struct push *);                       /* puts it back */
+int push_adopt(struct push *, struct err *err);         /* worker: continues what it has claimed */
+void push_adopt_done(struct push *);
+void push_adopt_drop(struct push *); /* none of its files was named again: its lattice and system do not count */
 
 #endif

@@ -1,25 +1,25 @@
 /*
  * How files are read, and whether a file that the dataset has was read as this push would read it.
  *
- * The model: the same bytes give other points as another format, with other columns, or as of another coordinate system. So what
- * the manifest keeps of a source says how it was read: its reading (FORMAT.md), which system its records said, where that was
- * overridden, and how many lines were left out. Only what a file gives is compared: columns are those of texts, and a system that
- * is assumed or overridden needs only be the one that the file has in the dataset. A source of an older manifest counts
- * as read by default, of a format and in a system that are not known.
+ * The model: the same bytes give other points with another format, other columns, or another coordinate system. So the manifest
+ * records how each source was read: its reading (FORMAT.md), the system that its records said if that was overridden, and how
+ * many lines were left out. Only what affects a file is compared: columns matter for texts only, and an assumed or overridden
+ * system only has to be the one that the file has in the dataset. A source of an older manifest counts as read by default, with
+ * unknown format and system.
  */
 #include <stdio.h>
 #include <string.h>
 
 #include "push_priv.h"
 
-#define COLUMNS_MOST 100 /* of letters, that are kept */
-#define SYSTEM_MOST 400  /* of a coordinate system's text */
+#define COLUMNS_MOST 100 /* letters that are recorded */
+#define SYSTEM_MOST 400  /* characters of a system's text that are recorded */
 
 struct system {
 	char text[SYSTEM_MOST + 1], unit_xy[CRS_UNIT_SIZE], unit_z[CRS_UNIT_SIZE];
 };
 
-/* What GRID_SOURCE_READING keeps. */
+/* GRID_SOURCE_READING in parts. */
 struct reading {
 	char format[16], columns[COLUMNS_MOST + 1];
 	bool decimal_comma;
@@ -27,39 +27,34 @@ struct reading {
 	struct system system;
 };
 
-/* How they differ, in words: of the source, of the push. */
+/* The difference in words: of the source, of the push. */
 enum { DIFFERENCE_SIZE = 600 };
 struct difference {
 	char was[DIFFERENCE_SIZE], is[DIFFERENCE_SIZE];
 };
-
-static bool known(const char *text)
-{
-	return *text && strcmp(text, "unknown");
-}
 
 static bool is_text(const char *format)
 {
 	return !strcmp(format, "xyz");
 }
 
-/* ---- what is kept ---- */
+/* ---- the recorded text ---- */
 
-/* Degrees are projected, and a geoid goes by where a point lies: then the dataset's system is not the file's. */
+/* After a projection, or a shift by a geoid, the dataset's system is not the file's. */
 static bool needs_system(const struct push *p, const struct crs_info *crs)
 {
 	return crs->plane == CRS_PLANE_GEOGRAPHIC || *p->plane.geoid;
 }
 
-void push_reading_text(const struct push *p, const struct push_ask *a, char ret[GRID_SOURCE_READING])
+void push_reading_text(const struct push *p, const struct push_request *rq, char ret[GRID_SOURCE_READING])
 {
-	const struct crs_info *crs = &a->info.crs;
-	bool text = is_text(a->info.format);
-	int n = snprintf(ret, GRID_SOURCE_READING, "%.15s", a->info.format);
+	const struct crs_info *crs = &rq->info.crs;
+	bool text = is_text(rq->info.format);
+	int n = snprintf(ret, GRID_SOURCE_READING, "%.15s", rq->info.format);
 
-	if (text && *a->columns)
-		n += snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " columns=%.*s", COLUMNS_MOST, a->columns);
-	if (text && a->decimal_comma)
+	if (text && *rq->columns)
+		n += snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " columns=%.*s", COLUMNS_MOST, rq->columns);
+	if (text && rq->decimal_comma)
 		n += snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " decimal-comma");
 	if (needs_system(p, crs))
 		snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " of %.*s, x and y in %s, z in %s", SYSTEM_MOST, crs->text,
@@ -82,8 +77,8 @@ static void parse_system(const char *text, struct system *ret)
 	snprintf(ret->unit_z, sizeof ret->unit_z, "%s", z + strlen(before_z));
 }
 
-/* Words of another version are passed over. */
-static void parse(const char *text, struct reading *ret)
+/* Ignores words of other versions. */
+static void reading_parse(const char *text, struct reading *ret)
 {
 	static const char columns[] = "columns=", comma[] = "decimal-comma", of[] = "of ";
 	size_t n = strcspn(text, " ");
@@ -105,25 +100,25 @@ static void parse(const char *text, struct reading *ret)
 	}
 }
 
-/* ---- points of a text ---- */
+/* ---- format and columns ---- */
 
-static bool letters_differ(const struct push *p, const struct push_ask *a, const struct grid_source *s, const struct reading *r,
-			   struct difference *ret)
+static bool letters_differ(const struct push *p, const struct push_request *rq, const struct grid_source *s,
+			   const struct reading *r, struct difference *ret)
 {
 	const char *was = *s->reading ? "the columns that it says itself" :
 					"the columns that it says itself (an older acut kept no others)";
 	bool text = is_text(r->format) || !*r->format;
 
-	if (*a->format && *r->format && strcmp(a->format, r->format)) {
+	if (*rq->format && *r->format && strcmp(rq->format, r->format)) {
 		snprintf(ret->was, sizeof ret->was, "format %s", r->format);
-		snprintf(ret->is, sizeof ret->is, "--input-format %.15s", a->format);
-	} else if (text && strncmp(a->columns, r->columns, COLUMNS_MOST)) {
+		snprintf(ret->is, sizeof ret->is, "--input-format %.15s", rq->format);
+	} else if (text && strncmp(rq->columns, r->columns, COLUMNS_MOST)) {
 		snprintf(ret->was, sizeof ret->was, "%s%s", *r->columns ? "--columns " : was, r->columns);
-		snprintf(ret->is, sizeof ret->is, "%s%.*s", *a->columns ? "--columns " : "the columns that it says itself",
-			 COLUMNS_MOST, a->columns);
-	} else if (text && a->decimal_comma != r->decimal_comma) {
+		snprintf(ret->is, sizeof ret->is, "%s%.*s", *rq->columns ? "--columns " : "the columns that it says itself",
+			 COLUMNS_MOST, rq->columns);
+	} else if (text && rq->decimal_comma != r->decimal_comma) {
 		snprintf(ret->was, sizeof ret->was, "decimal %s", r->decimal_comma ? "commas" : "points");
-		snprintf(ret->is, sizeof ret->is, "decimal %s", a->decimal_comma ? "commas" : "points");
+		snprintf(ret->is, sizeof ret->is, "decimal %s", rq->decimal_comma ? "commas" : "points");
 	} else if (p->strict && s->left_out) {
 		snprintf(ret->was, sizeof ret->was, "%llu of its lines left out", (unsigned long long)s->left_out);
 		snprintf(ret->is, sizeof ret->is, "--strict, which leaves none out");
@@ -133,7 +128,7 @@ static bool letters_differ(const struct push *p, const struct push_ask *a, const
 	return true;
 }
 
-/* ---- its coordinate system ---- */
+/* ---- coordinate system ---- */
 
 static void describe(const struct system *s, const char *how, char ret[DIFFERENCE_SIZE])
 {
@@ -147,15 +142,15 @@ static void set_system(struct system *s, const char *text, const char *unit_xy, 
 	snprintf(s->unit_z, sizeof s->unit_z, "%.*s", CRS_UNIT_SIZE - 1, unit_z);
 }
 
-static bool same(const char *a, const char *b)
+static bool texts_same(const char *a, const char *b)
 {
-	return known(a) == known(b) && (!known(a) || !strcmp(a, b));
+	return push_crs_known(a) == push_crs_known(b) && (!push_crs_known(a) || !strcmp(a, b));
 }
 
-/* What is said is what the file has already. */
-static bool holds(const char *said, const char *has)
+/* What is assumed is what the file already has. */
+static bool is_consistent(const char *said, const char *has)
 {
-	return !known(said) || !strcmp(said, has);
+	return !push_crs_known(said) || !strcmp(said, has);
 }
 
 static bool halves_hold(const char *said, const char *has)
@@ -165,22 +160,24 @@ static bool halves_hold(const char *said, const char *has)
 
 	crs_text_plane(said, planes[0]);
 	crs_text_plane(has, planes[1]);
-	return holds(planes[0], planes[1]) && holds(heights[0] ? heights[0] : "", heights[1] ? heights[1] : "");
+	return is_consistent(planes[0], planes[1]) && is_consistent(heights[0] ? heights[0] : "", heights[1] ? heights[1] : "");
 }
 
-/* With what the push says of systems the file would have the one that it has. */
+/* With this push's assumptions or overrides the file would have the system that it has. */
 static bool system_holds(const struct push *p, const struct system *said, const struct system *has)
 {
-	if (p->overrides && known(said->text))
-		return same(said->text, has->text) && same(said->unit_xy, has->unit_xy) && same(said->unit_z, has->unit_z);
-	return halves_hold(said->text, has->text) && holds(said->unit_xy, has->unit_xy) && holds(said->unit_z, has->unit_z);
+	if (p->overrides && push_crs_known(said->text))
+		return texts_same(said->text, has->text) && texts_same(said->unit_xy, has->unit_xy) &&
+		       texts_same(said->unit_z, has->unit_z);
+	return halves_hold(said->text, has->text) && is_consistent(said->unit_xy, has->unit_xy) &&
+	       is_consistent(said->unit_z, has->unit_z);
 }
 
 static bool system_differs(const struct push *p, const struct grid_source *s, const struct reading *r, struct difference *ret)
 {
 	struct system said, has = r->system;
 
-	/* What degrees of older manifests were is not known. */
+	/* Older manifests do not record the system of degrees. */
 	if (!*s->reading && (*p->plane.geoid || p->assume.plane == CRS_PLANE_GEOGRAPHIC))
 		return false;
 	set_system(&said, p->assume.text, p->assume.unit_xy, p->assume.unit_z);
@@ -195,7 +192,7 @@ static bool system_differs(const struct push *p, const struct grid_source *s, co
 	return (p->overrides || p->assumes) && !system_holds(p, &said, &has);
 }
 
-/* Degrees that were projected, and are to stay. */
+/* Degrees were projected, and --planar would not project them. */
 static bool plane_differs(const struct push *p, const struct reading *r, struct difference *ret)
 {
 	char planes[2][CRS_TEXT_SIZE];
@@ -209,61 +206,61 @@ static bool plane_differs(const struct push *p, const struct reading *r, struct 
 	return true;
 }
 
-static bool differs(const struct push *p, const struct push_ask *a, const struct grid_source *s, struct difference *ret)
+static bool differs(const struct push *p, const struct push_request *rq, const struct grid_source *s, struct difference *ret)
 {
 	struct reading r;
 
-	parse(s->reading, &r);
-	return letters_differ(p, a, s, &r, ret) || plane_differs(p, &r, ret) || system_differs(p, s, &r, ret);
+	reading_parse(s->reading, &r);
+	return letters_differ(p, rq, s, &r, ret) || plane_differs(p, &r, ret) || system_differs(p, s, &r, ret);
 }
 
-bool push_reading_same(const struct push *p, const struct push_ask *a, const struct grid_source *s)
+bool push_reading_same(const struct push *p, const struct push_request *rq, const struct grid_source *s)
 {
 	struct difference unused;
 
-	return !differs(p, a, s, &unused);
+	return !differs(p, rq, s, &unused);
 }
 
-int push_reading_refuse(const struct push *p, struct push_ask *a, const struct grid_source *s)
+int push_reading_refuse(const struct push *p, struct push_request *rq, const struct grid_source *s)
 {
 	struct difference d = {"", ""};
 
-	differs(p, a, s, &d);
-	err_set(&a->err, ERR_INPUT,
+	differs(p, rq, s, &d);
+	err_set(&rq->err, ERR_INPUT,
 		"the dataset %s has this file already, as %.100s, read with %.125s; this push would read it with %.125s",
 		p->dataset->name, s->name, d.was, d.is);
-	err_add_place(&a->err, ERR_NO_OFFSET, "reading");
+	err_add_place(&rq->err, ERR_NO_OFFSET, "reading");
 	return err_add_hint(
-		&a->err,
+		&rq->err,
 		"--replace reads it again, in place of the old one%s; --add takes it beside the old one; otherwise push it with the "
 		"options that it was read with",
-		strcmp(s->path, a->path) ? " of its path" : "");
+		strcmp(s->path, rq->path) ? " of its path" : "");
 }
 
-/* ---- of an interrupted push ---- */
+/* ---- the reading of a pending push ---- */
 
-/* How one file is to be read, where that is said for each. */
-static void reading_text(const struct push_ask *a, char ret[PUSH_READING_SIZE])
+/* The reading of one file, from the parameters of its request. */
+static void reading_text(const struct push_request *rq, char ret[PUSH_READING_SIZE])
 {
-	snprintf(ret, PUSH_READING_SIZE, "%.16s:%.40s%s%s", a->format, a->columns, a->decimal_comma ? ":," : "",
-		 a->push->strict ? ":!" : "");
+	snprintf(ret, PUSH_READING_SIZE, "%.16s:%.40s%s%s", rq->format, rq->columns, rq->decimal_comma ? ":," : "",
+		 rq->push->strict ? ":!" : "");
 }
 
-void push_note_reading(struct push *p, const struct push_ask *a)
+void push_note_reading(struct push *p, const struct push_request *rq)
 {
 	char text[PUSH_READING_SIZE];
 
-	reading_text(a, text);
+	reading_text(rq, text);
 	if (!*p->reading)
 		memcpy(p->reading, text, sizeof text);
 	else if (strcmp(p->reading, text))
-		snprintf(p->reading, sizeof p->reading, "several"); /* no file's */
+		snprintf(p->reading, sizeof p->reading, "several"); /* matches no file */
 }
 
-bool push_same_reading(const struct push *p, const struct push_ask *a)
+bool push_same_reading(const struct push *p, const struct push_request *rq)
 {
 	char text[PUSH_READING_SIZE];
 
-	reading_text(a, text);
+	reading_text(rq, text);
 	return !strcmp(p->reading, text);
 }

@@ -1,5 +1,5 @@
 /*
- * Sealing what was staged, by several workers at once (sched_group.h); they need no memory but the stage's.
+ * Sealing: several workers make a segment of what was staged (sched_group.h). They need no memory but the stage's.
  */
 #include <stdlib.h>
 
@@ -9,14 +9,14 @@
 struct push_sealing {
 	struct push *push;
 	struct grid_seal *seal;
-	struct push_guard guard; /* the engine's */
+	struct push_guard guard; /* for the engine */
 	struct sched_group *group;
 };
 
-static bool step(void *ctx, unsigned member)
+static bool seal_step(void *ctx, unsigned member)
 {
 	struct push_sealing *s = ctx;
-	struct err err = ERR_INIT; /* of whoever comes first, which the seal keeps */
+	struct err err = ERR_INIT; /* the seal keeps the first error */
 	uint64_t done, all;
 	int r = grid_seal_step(s->seal, &err);
 
@@ -26,9 +26,9 @@ static bool step(void *ctx, unsigned member)
 	return r == 0;
 }
 
-static void over(void *ctx)
+static void sealing_over(void *ctx)
 {
-	push_task_over(((struct push_sealing *)ctx)->push);
+	push_request_done(((struct push_sealing *)ctx)->push);
 }
 
 struct push_sealing *push_sealing_new(struct push *p, struct err *err)
@@ -36,7 +36,7 @@ struct push_sealing *push_sealing_new(struct push *p, struct err *err)
 	unsigned threads = sched_threads(p->pushes->core->p.sched);
 	struct push_sealing *s = calloc(1, sizeof *s);
 	struct sched_group_params group = {
-		.sched = p->pushes->core->p.sched, .owner = p->owner, .step = step, .over = over, .ctx = s};
+		.sched = p->pushes->core->p.sched, .owner = p->owner, .step = seal_step, .over = sealing_over, .ctx = s};
 	struct grid_guard guard;
 
 	if (!s) {

@@ -1,13 +1,14 @@
 /*
- * What a push takes of the disk.
+ * Disk space of a push.
  *
- * The model: before its first point is staged, a push is held against what its probes claim: its runs and its segment,
- * both of which lie there until the commit (of a one-step dataset the runs give way as the segment grows). Headers
- * may lie and pipes do not tell, so what was really staged is held against it too, and more is taken in steps. What is
- * taken and not written yet is promised, so that two pushes do not count on the same free bytes. A crop of a one-step
- * mesh reads an unknown part: of such only what was staged counts. All of it counts with who pushes; what will lie there
- * after the commit, with the owner of the dataset too (limit.c). Both have it back when the push ends, however it does:
- * then what it left counts, a new generation with the owner, an interrupted push with who pushed.
+ * The model: before its first point is staged, a push reserves what its probes claim: its runs and its segment, which both exist
+ * until the commit (for a one-step dataset, runs shrink as the segment grows). Headers may be wrong, and pipes say nothing, so
+ * more is reserved in steps as points are staged. What is reserved and not written yet is promised, so that two pushes do not
+ * count on the same free bytes. With a crop the part that will be read is unknown, and only staged points count.
+ *
+ * All of it counts for the pushing user; what will remain after the commit also counts for the owner of the dataset (limit.c).
+ * Both are released when the push ends. Then what it left counts: a new generation for the owner, a pending push for the pushing
+ * user.
  */
 #include <assert.h>
 #include <stdio.h>
@@ -16,8 +17,8 @@
 
 enum { TEXT_POINT_BYTES = 24, STEP_LEAST = 1 << 20 };
 
-/* Of so many points in all, while runs and segment lie there. */
-static uint64_t bytes_of(const struct push *p, uint64_t points)
+/* For that many points in all, with runs and segment. */
+static uint64_t needed_bytes(const struct push *p, uint64_t points)
 {
 	uint64_t bytes = datasets_points_bytes(points);
 
@@ -29,7 +30,7 @@ static enum space_kind kind_of(const struct push *p)
 	return p->dataset->onestep ? SPACE_ONESTEP : SPACE_PENDING;
 }
 
-static uint64_t adopted(const struct push *p)
+static uint64_t adopted_points(const struct push *p)
 {
 	uint64_t points = 0;
 
@@ -38,23 +39,23 @@ static uint64_t adopted(const struct push *p)
 	return points;
 }
 
-static uint64_t beyond(uint64_t want, uint64_t has)
+static uint64_t excess(uint64_t want, uint64_t has)
 {
 	return want > has ? want - has : 0;
 }
 
-static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err)
+static int reserve(struct push *p, uint64_t bytes, uint64_t points, struct err *err)
 {
 	struct push_space *s = &p->space;
-	uint64_t all = atomic_load(&s->taken) + bytes, own = beyond(all, s->own), owed = 0;
+	uint64_t all = atomic_load(&s->taken) + bytes, own = excess(all, s->own), owed = 0;
 	char what[64];
 	int r = 0;
 
 	assert(lock_held(LOCK_PUSH_SPACE));
 	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
-	/* When it is published it is the owner's: the segment, without the runs. */
+	/* After the commit the segment, without the runs, counts for the owner. */
 	if (s->owner != p->peer.uid) {
-		owed = beyond(all / 2, s->owed);
+		owed = excess(all / 2, s->owed);
 		r = limit_disk_take(p->pushes->core, s->owner, p->peer.admin, owed, what, err);
 	}
 	if (r)
@@ -93,7 +94,7 @@ void push_space_unclaim(struct push *p)
 
 int push_space_plan(struct push *p, struct err *err)
 {
-	uint64_t points = adopted(p), need;
+	uint64_t points = adopted_points(p), need;
 	int r = 0;
 
 	if (p->has_crop)
@@ -102,20 +103,20 @@ int push_space_plan(struct push *p, struct err *err)
 		const struct push_probed *probe = &p->probes[i];
 		uint64_t claimed = probe->claimed ? probe->claimed : probe->id.size / TEXT_POINT_BYTES;
 
-		if (!probe->why && __builtin_add_overflow(points, claimed, &points))
+		if (!probe->excluded && __builtin_add_overflow(points, claimed, &points))
 			points = UINT64_MAX / 64;
 	}
-	need = bytes_of(p, points);
+	need = needed_bytes(p, points);
 	lock_take(&p->space.lock);
 	if (need > atomic_load(&p->space.taken))
-		r = take(p, need - atomic_load(&p->space.taken), points, err);
+		r = reserve(p, need - atomic_load(&p->space.taken), points, err);
 	lock_give(&p->space.lock);
 	return r;
 }
 
 bool push_space_staged(struct push *p, uint64_t points)
 {
-	uint64_t all = atomic_load(&p->space.staged) + points, need = bytes_of(p, all), taken;
+	uint64_t all = atomic_load(&p->space.staged) + points, need = needed_bytes(p, all), taken;
 	struct err err = ERR_INIT;
 
 	if (need <= atomic_load(&p->space.taken))
@@ -125,9 +126,9 @@ bool push_space_staged(struct push *p, uint64_t points)
 	if (need > taken && !p->space.why.code) {
 		uint64_t step = taken / 16 > STEP_LEAST ? taken / 16 : STEP_LEAST;
 
-		/* In steps, unless only what is needed is left. */
-		if (take(p, need - taken + step, all, &err))
-			take(p, need - taken, all, &p->space.why);
+		/* In steps, or if that fails, only what is needed now. */
+		if (reserve(p, need - taken + step, all, &err))
+			reserve(p, need - taken, all, &p->space.why);
 	}
 	lock_give(&p->space.lock);
 	return !p->space.why.code;
@@ -135,7 +136,7 @@ bool push_space_staged(struct push *p, uint64_t points)
 
 void push_space_adopted(struct push *p)
 {
-	atomic_fetch_add(&p->space.staged, adopted(p));
+	atomic_fetch_add(&p->space.staged, adopted_points(p));
 }
 
 const struct err *push_space_full(const struct push *p)
@@ -148,9 +149,9 @@ void push_space_tick(struct push *p)
 	uint64_t points = atomic_load(&p->space.staged) + atomic_load(&p->progress), written = points * 16, open;
 	struct push_space *s = &p->space;
 
-	/* What is in memory is not written. */
+	/* Points in memory are not written. */
 	written = written > p->stage_bytes ? written - p->stage_bytes : 0;
-	/* A worker that holds it may be waiting for the file system; the next tick comes soon. */
+	/* A worker may wait for the file system while it holds the lock. The next tick comes soon. */
 	if (!lock_try(&s->lock))
 		return;
 	open = atomic_load(&s->taken);
@@ -166,6 +167,7 @@ void push_space_end(struct push *p)
 {
 	struct push_space *s = &p->space;
 
+	THREAD_LOOP_ONLY();
 	space_add_unwritten(p->pushes->core->space, kind_of(p), -(int64_t)s->promised);
 	space_give(p->pushes->core->space, kind_of(p), atomic_load(&s->taken));
 	limit_release_and_recount(p->pushes->core, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);

@@ -1,12 +1,12 @@
 /*
- * Inputs of a push that come through a pipe.
+ * Inputs that come through a pipe.
  *
- * The model: the loop watches the pipe's reading end; when it has bytes, a worker takes them, never waiting.
- * First they go into a file without a name in the cache's folder: of LAS, which is read forwards, what lies
- * before the points; of a text whose lattice is known, its beginning; of everything else all of it, because it must be read twice
- * (text: digits and extent) or out of order (LAZ, COPC: the table of chunks is behind them). Probe and File of the stream's name
- * then work on that file; the File of a LAS stream goes on with the pipe, and gives its worker back whenever the pipe is dry. So
- * a slow client costs a watched descriptor.
+ * The model: the loop watches the reading end of the pipe. When it has bytes, a worker reads them without ever waiting, into a
+ * spool: a file without a name in the cache. LAS is read forwards, so only what precedes the points is spooled; of a text whose
+ * lattice is known, only its beginning. Everything else is spooled whole, because it is read twice (text: digits and extent) or
+ * out of order (LAZ, COPC: the table of chunks follows them). Probe and File requests of that name then use the spool. The File
+ * of a LAS stream continues with the pipe, and releases its worker whenever the pipe is empty. So a slow client costs a watched
+ * descriptor.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -21,9 +21,9 @@
 enum {
 	STREAMS_MAX = 8,
 	PIECE = 64 << 10,
-	ROUND = 64 << 20, /* a worker's turn */
+	ROUND = 64 << 20, /* bytes that a worker reads in one turn */
 	STEP_LEAST = 1 << 20,
-	STEP_MOST = 64 << 20, /* of room on the disk that is taken at once */
+	STEP_MOST = 64 << 20, /* disk space that is reserved at once */
 };
 
 static struct push_stream *stream_of(struct sched_task *t)
@@ -41,14 +41,14 @@ static struct push_stream *stream_free(struct push_stream *s)
 	io_close(s->fd);
 	io_close(s->spool);
 	digest_stream_free(s->seen);
-	if (s->room)
-		space_give(s->push->pushes->core->space, SPACE_TEMPORARY, s->room);
+	if (s->reserved)
+		space_give(s->push->pushes->core->space, SPACE_TEMPORARY, s->reserved);
 	free(s->name);
 	free(s);
 	return NULL;
 }
 
-static void watch(struct push_stream *s)
+static void start_watch(struct push_stream *s)
 {
 	struct err err = ERR_INIT;
 
@@ -58,21 +58,21 @@ static void watch(struct push_stream *s)
 	}
 }
 
-/* ---- the first bytes, or all ---- */
+/* ---- spooling ---- */
 
-/* For n bytes more. In steps, the larger the more there is. */
-static int room_for(struct push_stream *s, size_t n, struct err *err)
+/* Reserves space for n more bytes, in growing steps. */
+static int reserve(struct push_stream *s, size_t n, struct err *err)
 {
 	uint64_t step = s->size < STEP_LEAST ? STEP_LEAST : s->size < STEP_MOST ? s->size : STEP_MOST;
 	struct space *space = s->push->pushes->core->space;
 	struct err why = ERR_INIT;
 	char what[96];
 
-	if (s->size + n <= s->room)
+	if (s->size + n <= s->reserved)
 		return 0;
 	snprintf(what, sizeof what, "an input from a pipe, of which %llu bytes are kept already,", (unsigned long long)s->size);
 	if (!space_take(space, SPACE_TEMPORARY, step, SPACE_MUST, what, &why)) {
-		s->room += step;
+		s->reserved += step;
 		return 0;
 	}
 	*err = why;
@@ -80,29 +80,29 @@ static int room_for(struct push_stream *s, size_t n, struct err *err)
 	return err_add_hint(err, "write it to a file and push that: files are read where they are");
 }
 
-/* True when what is kept is enough. */
-static bool enough(struct push_stream *s)
+/* Nothing more has to be spooled. */
+static bool spooled_enough(struct push_stream *s)
 {
-	uint64_t need = input_forward_head(s->look, s->nlook);
+	uint64_t need = input_forward_head(s->head, s->nhead);
 
-	/* A text whose lattice is known otherwise need not be read twice; a short one may be, all the same. */
+	/* A text whose lattice is known is not read twice. A short one is spooled whole anyway. */
 	if (!need && s->text && !s->ended)
 		need = INPUT_FORWARD_TEXT;
-	s->forward = need > 0 && s->nlook >= INPUT_FORWARD_LOOK;
+	s->forward = need > 0 && s->nhead >= INPUT_FORWARD_LOOK;
 	return s->ended || (s->forward && s->size >= need);
 }
 
-static int keep_piece(struct push_stream *s, const uint8_t *piece, size_t n, struct err *err)
+static int spool_piece(struct push_stream *s, const uint8_t *piece, size_t n, struct err *err)
 {
 	int r;
 
-	if (s->nlook < sizeof s->look) {
-		size_t k = sizeof s->look - s->nlook < n ? sizeof s->look - s->nlook : n;
+	if (s->nhead < sizeof s->head) {
+		size_t k = sizeof s->head - s->nhead < n ? sizeof s->head - s->nhead : n;
 
-		memcpy(s->look + s->nlook, piece, k);
-		s->nlook += k;
+		memcpy(s->head + s->nhead, piece, k);
+		s->nhead += k;
 	}
-	r = room_for(s, n, err);
+	r = reserve(s, n, err);
 	if (r)
 		return r;
 	r = io_write_at(s->spool, piece, n, s->size, "an input from a pipe", err);
@@ -111,9 +111,9 @@ static int keep_piece(struct push_stream *s, const uint8_t *piece, size_t n, str
 	return r;
 }
 
-static int keep(struct push_stream *s, uint8_t *piece, struct err *err)
+static int spool_bytes(struct push_stream *s, uint8_t *piece, struct err *err)
 {
-	for (uint64_t done = 0; done < ROUND && !enough(s);) {
+	for (uint64_t done = 0; done < ROUND && !spooled_enough(s);) {
 		ssize_t n = atomic_load(&s->push->cancel) ? 0 : io->read(s->fd, piece, PIECE);
 		int r;
 
@@ -126,16 +126,16 @@ static int keep(struct push_stream *s, uint8_t *piece, struct err *err)
 		if (n < 0)
 			return err_sys(err, errno, "the pipe cannot be read");
 		s->ended = n == 0;
-		r = n ? keep_piece(s, piece, (size_t)n, err) : 0;
+		r = n ? spool_piece(s, piece, (size_t)n, err) : 0;
 		if (r)
 			return r;
 		done += (uint64_t)n;
 	}
-	s->kept = enough(s);
+	s->spooled = spooled_enough(s);
 	return 0;
 }
 
-static void keep_run(struct sched_task *t)
+static void spool_run(struct sched_task *t)
 {
 	struct push_stream *s = stream_of(t);
 	uint8_t *piece = malloc(PIECE);
@@ -146,21 +146,21 @@ static void keep_run(struct sched_task *t)
 	if (!r && s->spool < 0)
 		r = io_open(s->push->pushes->core->tempfd, ".", O_TMPFILE | O_RDWR, 0600, &s->spool, &s->err);
 	if (!r)
-		r = keep(s, piece, &s->err);
+		r = spool_bytes(s, piece, &s->err);
 	free(piece);
 	if (r) {
 		err_add_file(&s->err, s->name);
-		s->kept = true;
+		s->spooled = true;
 	}
 }
 
-static void keep_done(struct sched_task *t)
+static void spool_done(struct sched_task *t)
 {
 	struct push_stream *s = stream_of(t);
 	struct push *p = s->push;
 
 	s->busy = false;
-	s->ready = s->kept;
+	s->ready = s->spooled;
 	if (t->ran) {
 		sched_give(p->pushes->core->p.sched, t->name, t->bytes);
 	} else {
@@ -168,15 +168,15 @@ static void keep_done(struct sched_task *t)
 		s->ready = true;
 	}
 	if (!s->ready)
-		watch(s);
+		start_watch(s);
 	push_pump(p);
 }
 
-static void keep_more(struct push_stream *s)
+static void spool_more(struct push_stream *s)
 {
 	s->task = (struct sched_task){
-		.run = keep_run,
-		.done = keep_done,
+		.run = spool_run,
+		.done = spool_done,
 		.owner = s->push->owner,
 		.priority = SCHED_NORMAL,
 		.name = LEDGER_INPUT,
@@ -188,25 +188,26 @@ static void keep_more(struct push_stream *s)
 
 static void push_stream_resume(struct push_stream *s)
 {
-	s->asks = false;
+	s->request_waits = false;
 	sched_submit(s->push->pushes->core->p.sched, &s->push->task);
 }
 
 void push_stream_ready(struct push_stream *s)
 {
-	if (s->asks)
+	THREAD_LOOP_ONLY();
+	if (s->request_waits)
 		push_stream_resume(s);
 	else if (!s->ready && !s->busy && !s->push->left && !atomic_load(&s->push->cancel))
-		/* A push that closes must find no worker here. */
-		keep_more(s);
+		/* No worker may run when the push closes. */
+		spool_more(s);
 }
 
 /* ---- a File that waits for its pipe ---- */
 
 void push_stream_wait(struct push_stream *s)
 {
-	s->asks = true;
-	watch(s);
+	s->request_waits = true;
+	start_watch(s);
 	if (s->err.code)
 		push_stream_resume(s);
 }
@@ -216,7 +217,7 @@ void push_streams_wake(struct push *p)
 	for (struct push_stream *s = p->streams; s; s = s->next) {
 		if (s->busy)
 			sched_cancel(p->pushes->core->p.sched, &s->task);
-		else if (s->asks)
+		else if (s->request_waits)
 			push_stream_resume(s);
 	}
 }
@@ -245,59 +246,60 @@ static int progress(void *ctx, uint64_t points)
 	return atomic_load(&s->push->cancel) || !push_space_staged(s->push, s->in.points + points);
 }
 
-int push_stream_open(struct push_ask *a, struct err *err)
+int push_stream_open(struct push_request *rq, struct err *err)
 {
-	if (a->stream->err.code)
-		return -(int)(*err = a->stream->err).code;
-	if (a->fd < 0)
-		a->fd = fcntl(a->stream->spool, F_DUPFD_CLOEXEC, 3);
-	return a->fd < 0 ? err_sys(err, errno, "no descriptor for an input from a pipe") : 0;
+	if (rq->stream->err.code)
+		return -(int)(*err = rq->stream->err).code;
+	if (rq->fd < 0)
+		rq->fd = fcntl(rq->stream->spool, F_DUPFD_CLOEXEC, 3);
+	return rq->fd < 0 ? err_sys(err, errno, "no descriptor for an input from a pipe") : 0;
 }
 
-/* ---- what the client says that will come ---- */
+/* ---- content that the client announced ---- */
 
-/* By its content, as it was said: nothing else is known before it comes. */
-int push_stream_known(struct push *p, struct push_ask *a)
+/* It is recognised by the announced content: nothing else is known before it comes. */
+int push_stream_known(struct push *p, struct push_request *rq)
 {
-	struct client_file kept = a->id;
+	struct client_file kept = rq->id;
 	int r;
 
-	if (!a->told)
-		*a->path = 0;
-	a->checksum = a->told;
-	if (a->told) {
-		a->stream->told = true;
-		a->stream->hash = a->hash;
-		a->stream->told_size = a->told_size;
-		a->id = (struct client_file){.size = a->told_size};
+	if (!rq->announced)
+		*rq->path = 0;
+	rq->checksum = rq->announced;
+	if (rq->announced) {
+		rq->stream->announced = true;
+		rq->stream->hash = rq->hash;
+		rq->stream->announced_size = rq->announced_size;
+		rq->id = (struct client_file){.size = rq->announced_size};
 	}
-	r = push_known(p, a);
-	a->id = kept;
+	r = push_known(p, rq);
+	rq->id = kept;
 	return r;
 }
 
-static int check_told(const struct push_stream *s, struct digest hash, uint64_t size, struct err *err)
+static int check_announced(const struct push_stream *s, struct digest hash, uint64_t size, struct err *err)
 {
-	if (size == s->told_size && digest_equal(hash, s->hash))
+	if (size == s->announced_size && digest_equal(hash, s->hash))
 		return 0;
 	err_set(err, ERR_CHANGED, "what came through the pipe (%llu bytes) is not what was announced (%llu bytes)%s",
-		(unsigned long long)size, (unsigned long long)s->told_size, size == s->told_size ? ": its hash is another" : "");
+		(unsigned long long)size, (unsigned long long)s->announced_size,
+		size == s->announced_size ? ": its hash is another" : "");
 	err_add_hint(err, "push it again when nobody writes to what it is made of");
 	return err_add_file(err, s->name);
 }
 
-int push_stream_kept(struct push_ask *a)
+int push_stream_kept(struct push_request *rq)
 {
-	const struct push_stream *s = a->stream;
-	int r = s->told ? check_told(s, a->hash, a->id.size, &a->err) : 0;
+	const struct push_stream *s = rq->stream;
+	int r = s->announced ? check_announced(s, rq->hash, rq->id.size, &rq->err) : 0;
 
-	/* A file of ours: its times say nothing of the input. */
-	if (s->told)
-		a->id.mtime_ns = 0;
+	/* The spool is our own file: its times say nothing about the input. */
+	if (s->announced)
+		rq->id.mtime_ns = 0;
 	return r;
 }
 
-static void see(void *ctx, const void *bytes, size_t n)
+static void hash_bytes(void *ctx, const void *bytes, size_t n)
 {
 	struct push_stream *s = ctx;
 
@@ -305,8 +307,8 @@ static void see(void *ctx, const void *bytes, size_t n)
 	s->seen_size += n;
 }
 
-/* What lies in the file of first bytes; the rest is seen when it is read. */
-static int see_first(struct push_stream *s, struct err *err)
+/* Hashes the spooled head; the rest is hashed as it is read. */
+static int hash_head(struct push_stream *s, struct err *err)
 {
 	uint8_t *piece = malloc(PIECE);
 	size_t got = 1;
@@ -321,24 +323,24 @@ static int see_first(struct push_stream *s, struct err *err)
 
 		r = io_read_some(s->spool, piece, left < PIECE ? (size_t)left : PIECE, s->seen_size, s->name, &got, err);
 		if (!r)
-			see(s, piece, got);
+			hash_bytes(s, piece, got);
 	}
 	free(piece);
 	return r;
 }
 
-static int check_seen(struct push_ask *a)
+static int check_hash(struct push_request *rq)
 {
-	struct push_stream *s = a->stream;
+	struct push_stream *s = rq->stream;
 
-	a->hash = digest_stream_end(s->seen);
-	a->id = (struct client_file){.size = s->seen_size};
-	return check_told(s, a->hash, s->seen_size, &a->err);
+	rq->hash = digest_stream_end(s->seen);
+	rq->id = (struct client_file){.size = s->seen_size};
+	return check_announced(s, rq->hash, s->seen_size, &rq->err);
 }
 
-void push_stream_run(struct push *p, struct push_ask *a)
+void push_stream_run(struct push *p, struct push_request *rq)
 {
-	struct push_stream *s = a->stream;
+	struct push_stream *s = rq->stream;
 	struct pipe_ingest_params params = {
 		.lattice = &p->lattice,
 		.stage = p->stage,
@@ -346,43 +348,44 @@ void push_stream_run(struct push *p, struct push_ask *a)
 		.progress = progress,
 		.ctx = s,
 	};
-	struct input_options options = push_options(p, a);
+	struct input_options options = push_options(p, rq);
 	struct push_plane_step step;
 
-	a->info.crs = *push_find_probe(p, a->name)->crs;
-	a->r = push_plane_of(p, &a->info.crs, &step, &a->err);
-	if (!a->r)
-		a->r = push_compatible(p, a->name, &step.plane, &a->err);
+	rq->info.crs = *push_find_probe(p, rq->name)->crs;
+	rq->r = push_plane_of(p, &rq->info.crs, &step, &rq->err);
+	if (!rq->r)
+		rq->r = push_compatible(p, rq->name, &step.plane, &rq->err);
 	params.step = step.needed ? &step.params : NULL;
-	a->projected = step.projects;
-	if (!a->r && !s->input) {
-		a->r = grid_stage_source(p->stage, a->source, &a->err);
+	rq->projected = step.projects;
+	if (!rq->r && !s->input) {
+		rq->r = grid_stage_source(p->stage, rq->source, &rq->err);
 		atomic_store(&p->claimed, s->claimed);
-		if (!a->r && s->told)
-			a->r = see_first(s, &a->err);
+		if (!rq->r && s->announced)
+			rq->r = hash_head(s, &rq->err);
 	}
-	if (s->told) {
-		options.pipe_seen = see;
+	if (s->announced) {
+		options.pipe_seen = hash_bytes;
 		options.pipe_ctx = s;
 	}
-	if (!a->r && atomic_load(&p->cancel))
-		a->r = err_set(&a->err, ERR_CANCELLED, "the push was ended");
-	if (!a->r)
-		a->r = stage_piece(s, &options, &params, &a->dry, &a->err);
-	if (!a->r && !a->dry && s->told)
-		a->r = check_seen(a);
-	if (a->r)
-		err_add_file(&a->err, a->name);
-	a->in = s->in;
+	if (!rq->r && atomic_load(&p->cancel))
+		rq->r = err_set(&rq->err, ERR_CANCELLED, "the push was ended");
+	if (!rq->r)
+		rq->r = stage_piece(s, &options, &params, &rq->stream_dry, &rq->err);
+	if (!rq->r && !rq->stream_dry && s->announced)
+		rq->r = check_hash(rq);
+	if (rq->r)
+		err_add_file(&rq->err, rq->name);
+	rq->in = s->in;
 }
 
-/* ---- asked ---- */
+/* ---- calls of the client's side ---- */
 
 int push_stream(struct push *p, int fd, const char *name, struct err *err)
 {
 	struct push_stream *s;
 	unsigned n = 0;
 
+	THREAD_LOOP_ONLY();
 	for (s = p->streams; s; s = s->next, n++)
 		if (!strcmp(s->name, name))
 			err_set(err, ERR_USAGE, "the push has a stream of that name already");
@@ -399,14 +402,15 @@ int push_stream(struct push *p, int fd, const char *name, struct err *err)
 		return err->code ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a stream");
 	}
 	s->push = p;
-	/* The lattice of an interrupted push none of whose files has come yet may not stay: then the text decides. */
-	s->text = !strcmp(p->format, "xyz") && (*p->scale_xy || (p->has_lattice && (p->base || !p->adopt || p->ntaken)));
+	/* The lattice of a pending push may be dropped as long as none of its files was named: then the text decides, and has to
+	 * be read twice. */
+	s->text = !strcmp(p->format, "xyz") && (*p->scale_xy || (p->has_lattice && (p->base || !p->adopt || p->nadopt_named)));
 	s->fd = fd;
 	s->spool = -1;
 	s->err = ERR_INIT;
 	s->next = p->streams;
 	p->streams = s;
-	watch(s);
+	start_watch(s);
 	return 0;
 }
 

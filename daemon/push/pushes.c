@@ -1,4 +1,5 @@
-/* All open pushes: the list, the loop's turns, and what they hold of the budget. */
+/* All open pushes: the list, its turns in the loop, and what they hold of the budget. */
+#include <assert.h>
 #include <stdlib.h>
 
 #include "push_priv.h"
@@ -17,6 +18,7 @@ int pushes_new(struct core *core, struct admission *admission, struct datasets *
 
 struct pushes *pushes_free(struct pushes *pushes)
 {
+	assert(!pushes || !pushes->first);
 	free(pushes);
 	return NULL;
 }
@@ -34,6 +36,7 @@ void pushes_settle(struct pushes *pushes)
 {
 	struct push *p, *next;
 
+	THREAD_LOOP_ONLY();
 	for (p = pushes->first; p; p = next) {
 		next = p->next;
 		push_retry(p);
@@ -44,6 +47,7 @@ void pushes_tick(struct pushes *pushes)
 {
 	struct push *p, *next;
 
+	THREAD_LOOP_ONLY();
 	for (p = pushes->first; p; p = next) {
 		next = p->next;
 		push_tick(p);
@@ -63,17 +67,17 @@ static void held_by(const struct push *p, uint64_t held[LEDGER_NAMES])
 
 	held[LEDGER_JOBS] += p->charged;
 	core_task_held(core, &p->task, held);
-	/* A stage that is about to be made is known to plans, but taken only by its task. */
-	if (p->stage_bytes && !(p->busy && p->asks && p->asks->kind == PUSH_STAGE))
+	/* Plans already count a stage that is about to be made, but its bytes are still the task's. */
+	if (p->stage_bytes && !(p->busy && p->requests && p->requests->kind == PUSH_STAGE))
 		held[LEDGER_STAGE] += p->stage_bytes;
 	held[LEDGER_FILES] += p->table_bytes;
-	/* Workers read and free these in some asks. */
-	if (!p->busy || p->lacks) {
+	/* During some requests a worker reads or frees these. */
+	if (!p->busy || p->waits_memory) {
 		held[LEDGER_MANIFEST] += p->base ? p->base->charged : 0;
 		held[LEDGER_MANIFEST] += p->adopt ? p->adopt->charged : 0;
 	}
-	if (p->asks && p->asks->crew)
-		held[LEDGER_INPUT] += push_helpers_held(p->asks->crew);
+	if (p->requests && p->requests->helpers)
+		held[LEDGER_INPUT] += push_helpers_held(p->requests->helpers);
 	for (s = p->streams; s; s = s->next)
 		core_task_held(core, &s->task, held);
 }

@@ -59,7 +59,7 @@ bool run_space_suspend(struct run *w, const struct err *why)
 	if (s->missing)
 		log_event_err(LOG_EVENT_JOB_WAITS_SPACE, ABOUT_RUN(w), "a job waits for space", why);
 	else
-		log_event_err(LOG_EVENT_JOB_AGAIN, ABOUT_RUN(w), "a job starts again: the cache was removed", why);
+		log_event_err(LOG_EVENT_JOB_AGAIN, ABOUT_RUN(w), "a job begins again: the cache was removed", why);
 	return true;
 }
 

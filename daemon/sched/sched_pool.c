@@ -281,7 +281,6 @@ void sched_submit(struct sched *s, struct sched_task *t)
 {
 	bool refused, spare;
 
-	THREAD_LOOP_ONLY();
 	lock_take(&s->lock);
 	assert(t->state == SCHED_TASK_IDLE);
 	t->state = SCHED_TASK_WAITING;

@@ -69,7 +69,7 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 /* Cancels waiting tasks, waits for running ones, calls every `done`. NULL is fine; returns NULL. */
 struct sched *sched_free(struct sched *);
 
-void sched_submit(struct sched *, struct sched_task *);
+void sched_submit(struct sched *, struct sched_task *); /* any thread */
 /* A waiting task does not run; a running one finds task->cancel set. `done` is called in either case. */
 void sched_cancel(struct sched *, struct sched_task *);
 

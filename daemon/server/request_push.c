@@ -329,8 +329,8 @@ void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 
 	in.path = path;
 	in.size = probe->size;
-	in.told = *probe->hash != 0;
-	if (p && in.told && !digest_parse(probe->hash, &in.hash)) {
+	in.announced = *probe->hash != 0;
+	if (p && in.announced && !digest_parse(probe->hash, &in.hash)) {
 		err_set(&err, ERR_USAGE, "the hash of a stream is not 32 hexadecimal digits");
 		request_refuse(q, &err);
 		p = NULL;

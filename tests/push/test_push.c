@@ -37,7 +37,7 @@ static void refused_descriptors(void **state)
 static void kept_of_files_is_charged(void **state)
 {
 	enum { FILES = 64 };
-	static struct push_ask a; /* static: it is large */
+	static struct push_request a; /* static: it is large */
 	struct push_probed out = {.name = (char *)"out.las"};
 	struct err err = ERR_INIT, again;
 	char name[16];
@@ -47,11 +47,11 @@ static void kept_of_files_is_charged(void **state)
 	err_add_place(&err, 227, "box");
 	err_add_hint(&err, "leave it %0100d", 2);
 	err_add_file(&err, out.name);
-	assert_int_equal(push_leave_out(&out, &err), 0);
+	assert_int_equal(push_exclude(&out, &err), 0);
 	/* No larger than the source that the file would have become. */
-	assert_in_range(malloc_usable_size(out.why), 1, 3 * sizeof(struct grid_source) + 240);
-	push_left_out(&out, &again);
-	free(out.why);
+	assert_in_range(malloc_usable_size(out.excluded), 1, 3 * sizeof(struct grid_source) + 240);
+	push_exclusion(&out, &again);
+	free(out.excluded);
 	assert_int_equal(again.code, err.code);
 	assert_int_equal(again.offset, 227);
 	assert_string_equal(again.file, err.file);
@@ -60,7 +60,7 @@ static void kept_of_files_is_charged(void **state)
 	assert_string_equal(again.hint, err.hint);
 
 	begin("");
-	a = (struct push_ask){.name = name, .path = (char *)"", .columns = (char *)"yxz", .info = {.format = "xyz"}};
+	a = (struct push_request){.name = name, .path = (char *)"", .columns = (char *)"yxz", .info = {.format = "xyz"}};
 	for (unsigned i = 0; i < 2 * FILES; i++) {
 		err = ERR_INIT;
 		snprintf(name, sizeof name, "%u.las", i);
@@ -85,7 +85,7 @@ static void kept_of_files_is_charged(void **state)
 static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
 {
 	static const char *const names[] = {"0.las", "1.las", "2.las"};
-	static struct push_ask a;
+	static struct push_request a;
 	struct err err = ERR_INIT;
 
 	for (unsigned cancelled = 0; cancelled < 2; cancelled++) {
@@ -93,7 +93,7 @@ static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
 
 		begin("");
 		for (unsigned i = 0; i < 3; i++) {
-			a = (struct push_ask){.name = (char *)names[i], .path = (char *)"", .info = {.format = "las"}};
+			a = (struct push_request){.name = (char *)names[i], .path = (char *)"", .info = {.format = "las"}};
 			for (unsigned k = 0; k < 3; k++)
 				a.info.coords.scale[k] = (struct decimal){0, 0};
 			err = ERR_INIT;
@@ -103,7 +103,7 @@ static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
 		err = ERR_INIT;
 		assert_int_equal(push_choose_lattice(got.push, &err), -ERR_INPUT);
 		for (unsigned i = 0; i < 3; i++)
-			out += push_find_probe(got.push, names[i])->why != NULL;
+			out += push_find_probe(got.push, names[i])->excluded != NULL;
 		assert_int_equal(out, cancelled ? 0 : 2);
 		push_leave(got.push);
 	}

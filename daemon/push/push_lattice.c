@@ -1,5 +1,5 @@
 /*
- * What a push knows of its inputs: which descriptors it takes, and what their headers say of the lattice.
+ * The lattice of a push, chosen from the headers of all probed files.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -21,8 +21,8 @@ static int scale_of(const char *text, const char *field, struct decimal *ret, st
 	return 0;
 }
 
-/* Inputs that do not fit do not go on; the others may. Each is answered with its error when its File comes. The last one's
- * error is the push's. */
+/* Excludes, one by one, inputs that do not fit one lattice with the others. Each gets its error as the answer to its File; the
+ * last error is the push's. */
 static int choose_of_fewer(struct push *p, const struct lattice_input *inputs, struct push_probed **probes, size_t n,
 			   const struct decimal *xy, const struct decimal *z, struct err *err)
 {
@@ -34,7 +34,7 @@ static int choose_of_fewer(struct push *p, const struct lattice_input *inputs, s
 	if (!set)
 		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
 	while ((r = lattice_set_choose(set, xy, z, &p->lattice, &which, err))) {
-		if (which == n || lattice_set_left(set) == 1 || atomic_load(&p->cancel) || push_leave_out(probes[which], err))
+		if (which == n || lattice_set_left(set) == 1 || atomic_load(&p->cancel) || push_exclude(probes[which], err))
 			break;
 		lattice_set_remove(set, which);
 		err_clear(err);
@@ -43,7 +43,7 @@ static int choose_of_fewer(struct push *p, const struct lattice_input *inputs, s
 	return r;
 }
 
-/* Degrees that are taken as a plane may be rounded less than lengths. */
+/* Degrees that are taken as a plane are rounded less than lengths. */
 static void limit_rounding(const struct push_probed *probe, struct lattice_input *c)
 {
 	static const struct decimal degrees = {1, -9};
@@ -58,10 +58,11 @@ static bool rounds(const struct push_probed *probe, unsigned axis, struct decima
 {
 	const struct lattice_input *c = &probe->coords;
 
-	return !probe->why && (c->rounds[axis] || (c->coarsest[axis].mantissa && decimal_compare(c->scale[axis], scale) < 0));
+	return !probe->excluded &&
+	       (c->rounds[axis] || (c->coarsest[axis].mantissa && decimal_compare(c->scale[axis], scale) < 0));
 }
 
-/* Which scale was chosen, where nobody asked for it and inputs have more digits. */
+/* Notes the chosen scale if nobody asked for it and inputs have more digits. */
 static void note_rounding(struct push *p)
 {
 	char more[48] = "", xy[DECIMAL_TEXT_SIZE], z[DECIMAL_TEXT_SIZE];
@@ -92,8 +93,7 @@ static void note_rounding(struct push *p)
 		 any_z ? decimal_text(p->lattice.scale_z, z) : "");
 }
 
-/* From all headers that were probed, so that it does not depend on their order; those that cannot be on one
- * lattice with the others are left out one by one. Worker. */
+/* Worker. From all headers, so the order of files does not matter. */
 int push_choose_lattice(struct push *p, struct err *err)
 {
 	struct decimal xy, z;
@@ -115,7 +115,7 @@ int push_choose_lattice(struct push *p, struct err *err)
 	if (!inputs || !probes)
 		r = err_set(err, ERR_NOMEM, "no memory to choose a lattice");
 	for (i = 0; !r && i < p->nprobes; i++) {
-		if (p->probes[i].why)
+		if (p->probes[i].excluded)
 			continue;
 		r = push_plane_coords(p, &p->probes[i], err);
 		limit_rounding(&p->probes[i], &p->probes[i].coords);

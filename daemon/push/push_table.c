@@ -1,10 +1,9 @@
 /*
- * What a push keeps of each of its files, between the probe and the commit.
+ * What a push keeps of each file between its probe and the commit.
  *
- * The model: a few hundred bytes a file, found by name and by path in tables; of a coordinate system, which
- * most files of a survey share, each is kept once. All of it is charged to the ledger, in steps, beyond what a
- * handful of files takes: a push of more files than the memory carries is refused before it costs the others
- * anything; one for which there is none now waits, as for its stage.
+ * The model: some hundred bytes a file, found by name and by path. Coordinate systems, which most files of a survey share, are
+ * kept once each. Beyond a small free part, all of it is charged in steps. A push of more files than the memory can hold is
+ * refused before it costs others anything; one for which there is no memory now waits, as for its stage.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,18 +13,17 @@
 
 enum { TABLE_FREE = 4096, TABLE_STEP = 64 << 10, SOURCE_FILE_BYTES = 80 };
 
-/* Nobody is at work who would leave memory: of those who wait for some, the youngest is refused, and what it holds helps
- * the others. */
-bool push_waits_in_vain(const struct push *p)
+/* No run will release memory. Of the pushes that wait for it, the youngest is refused, which helps the others. */
+bool push_must_refuse(const struct push *p)
 {
-	bool younger = true; /* the list is by age, the youngest first */
+	bool younger = true; /* the list has the youngest first */
 
 	if (admission_tally(p->pushes->admission, 0).runs)
 		return false;
 	for (const struct push *q = p->pushes->first; q; q = q->next) {
 		if (q == p)
 			younger = false;
-		else if (q->lacks ? younger : q->stage_bytes || (q->table_bytes && !push_wants_stage(q)))
+		else if (q->waits_memory ? younger : q->stage_bytes || (q->table_bytes && !push_wants_stage(q)))
 			return false;
 	}
 	return true;
@@ -38,7 +36,7 @@ static int too_many(const struct push *p, struct err *err)
 			    (unsigned long long)(ledger_total(p->pushes->core->p.ledger) >> 19));
 }
 
-/* What the pushes of this user keep of their files: none of them waits for another one's, so more is refused. */
+/* The tables of this user's pushes. None of them waits for another one, so more is refused. */
 static int check_share(const struct push *p, uint64_t step, struct err *err)
 {
 	uint64_t bytes = step;
@@ -48,12 +46,12 @@ static int check_share(const struct push *p, uint64_t step, struct err *err)
 	return admission_user_check_size(p->pushes->admission, &p->owner, bytes, "what is kept of so many files", err);
 }
 
-/* Loop. */
-int push_room(struct push *p, uint64_t bytes, struct err *err)
+int push_table_reserve(struct push *p, uint64_t bytes, struct err *err)
 {
 	struct pushes *pushes = p->pushes;
 	uint64_t used = p->table_used + bytes, left, head, step;
 
+	THREAD_LOOP_ONLY();
 	if (used <= p->table_bytes + TABLE_FREE) {
 		p->table_used = used;
 		return 0;
@@ -62,8 +60,8 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	if (check_share(p, step, err))
 		return -(int)err->code;
 	left = admission_domain_memory(pushes->admission);
-	/* A job that runs, or comes, must be able to finish beside it, one domain at a time; and the stage itself must
-	 * come. So those who wait for a stage holding tables never wait for each other alone. */
+	/* A job that runs or comes must be able to finish beside it, one domain at a time, and the push must still get its stage.
+	 * So pushes with tables never wait only for each other. */
 	head = admission_domain_largest(pushes->admission);
 	head = head > admission_plan_min() ? head : admission_plan_min();
 	head += p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p);
@@ -74,8 +72,8 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	}
 	if (p->table_bytes + step > ledger_total(pushes->core->p.ledger) / 2)
 		return too_many(p, err);
-	/* With a stage in hand nobody waits: others may wait for that. */
-	if (!p->stage_bytes && !push_waits_in_vain(p))
+	/* A push with a stage does not wait: others may wait for that stage. */
+	if (!p->stage_bytes && !push_must_refuse(p))
 		return PUSH_WAIT;
 	if (!admission_tally(pushes->admission, 0).runs && admission_staged_bytes(pushes->admission) == push_staged_bytes(p))
 		return too_many(p, err);
@@ -83,7 +81,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");
 }
 
-void push_room_give(struct push *p)
+void push_table_release(struct push *p)
 {
 	if (p->table_bytes)
 		sched_give(p->pushes->core->p.sched, LEDGER_FILES, p->table_bytes);
@@ -97,7 +95,7 @@ size_t push_read_bytes(const struct push *p)
 	for (size_t i = 0; i < p->nprobes; i++)
 		if (p->probes[i].read_bytes > most)
 			most = p->probes[i].read_bytes;
-	/* a part is read by an input of its own beside the file's */
+	/* a part is read by an input of its own, beside the file's */
 	return pipe_ingest_bytes() + input_bytes() + most;
 }
 
@@ -109,7 +107,7 @@ struct push_probed *push_find_probe(const struct push *p, const char *name)
 	return names_next(&p->probe_names, name, &at, &i) ? &p->probes[i] : NULL;
 }
 
-/* Found by what it is: each file may have one of its own. */
+/* Found by its content, because each file may have one of its own. */
 struct push_crs {
 	struct crs_info crs;
 	char key[DIGEST_HEX_SIZE];
@@ -158,15 +156,15 @@ static int no_memory(struct err *err)
 	return err_set(err, ERR_NOMEM, "no memory to remember a file");
 }
 
-/* A new entry, with its name and path in one allocation. */
-static int add(struct push *p, const char *name, const char *path, struct push_probed **ret, struct err *err)
+/* A new entry; name and path share an allocation. */
+static int table_add(struct push *p, const char *name, const char *path, struct push_probed **ret, struct err *err)
 {
 	size_t n = strlen(name) + 1, m = strlen(path) + 1;
 	struct push_probed *at;
-	/* Itself, what the commit makes of it (tables, and a manifest written and read), its places in tables of names. */
+	/* The entry, what the commit makes of it (tables, a manifest written and read), and its places in tables of names. */
 	uint64_t bytes =
 		sizeof *at + 3 * sizeof(struct grid_source) + 3 * (SOURCE_FILE_BYTES + n + m) + 8 * sizeof(struct name_slot);
-	int r = push_room(p, bytes, err);
+	int r = push_table_reserve(p, bytes, err);
 
 	if (r)
 		return r;
@@ -188,13 +186,13 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 	r = names_put(&p->probe_names, at->name, (uint32_t)p->nprobes, err);
 	if (!r && *path)
 		r = names_put(&p->probe_paths, at->path, (uint32_t)p->nprobes, err);
-	/* In the tables, so it stays, even if only half. */
+	/* It stays even if it is incomplete, because tables refer to it. */
 	p->nprobes++;
 	*ret = at;
 	return r;
 }
 
-/* One of push.texts, which stay for the sources that are made of the files. NULL: no memory. */
+/* One of push.texts, which live as long as the push. NULL: no memory. */
 static const char *share_text(struct push *p, const char *text)
 {
 	struct err ignored = ERR_INIT;
@@ -216,7 +214,7 @@ static const char *share_text(struct push *p, const char *text)
 	return p->texts[p->ntexts++] = copy;
 }
 
-/* A text of the manifest, in *at. */
+/* Keeps a text for the manifest in *at. */
 static int keep_text(struct push *p, const char *text, const char **at, struct err *err)
 {
 	const char *kept;
@@ -224,8 +222,8 @@ static int keep_text(struct push *p, const char *text, const char **at, struct e
 
 	if (*at && !strcmp(*at, text))
 		return 0;
-	/* As often as a path: kept, and in what the commit writes and reads. */
-	r = push_room(p, 4 * (strlen(text) + 1), err);
+	/* As often as a path: kept here, and in what the commit writes and reads. */
+	r = push_table_reserve(p, 4 * (strlen(text) + 1), err);
 	if (r)
 		return r;
 	kept = share_text(p, text);
@@ -235,53 +233,53 @@ static int keep_text(struct push *p, const char *text, const char **at, struct e
 	return 0;
 }
 
-int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
+int push_remember_probe(struct push *p, const struct push_request *rq, struct err *err)
 {
-	struct push_probed *at = push_find_probe(p, ask->name);
+	struct push_probed *at = push_find_probe(p, rq->name);
 	char key[DIGEST_HEX_SIZE], reading[GRID_SOURCE_READING];
-	const struct crs_info *crs = find_crs(p, &ask->info.crs, key);
+	const struct crs_info *crs = find_crs(p, &rq->info.crs, key);
 	int r = 0;
 
-	/* Each but the first, and what it becomes in the dataset. */
+	/* Each system but the first, and what it becomes in the dataset. */
 	if (!crs && p->ncrs)
-		r = push_room(p, 2 * (sizeof(struct push_crs) + sizeof crs + 4 * sizeof(struct name_slot)), err);
+		r = push_table_reserve(p, 2 * (sizeof(struct push_crs) + sizeof crs + 4 * sizeof(struct name_slot)), err);
 	if (!r && !crs)
-		crs = push_keep_crs(p, &ask->info.crs);
+		crs = push_keep_crs(p, &rq->info.crs);
 	if (!r && !at)
-		r = add(p, ask->name, ask->path, &at, err);
+		r = table_add(p, rq->name, rq->path, &at, err);
 	if (r)
 		return r;
 	if (!crs)
 		return no_memory(err);
-	if (strcmp(at->path, ask->path)) {
+	if (strcmp(at->path, rq->path)) {
 		err_set(err, ERR_INPUT, "another file of this push has the same name in UTF-8");
 		err_add_place(err, ERR_NO_OFFSET, "name");
 		err_add_hint(err, "bytes that are not UTF-8 count as '?' in names: rename one of them, or push it alone");
 		return err_add_file(err, at->name);
 	}
-	push_reading_text(p, ask, reading);
-	r = keep_text(p, ask->overridden, &at->overridden, err);
+	push_reading_text(p, rq, reading);
+	r = keep_text(p, rq->overridden, &at->overridden, err);
 	if (!r)
 		r = keep_text(p, reading, &at->reading, err);
 	if (r)
 		return r;
-	at->id = ask->id;
-	at->coords = ask->info.coords;
+	at->id = rq->id;
+	at->coords = rq->info.coords;
 	at->coords.name = at->name;
 	at->crs = crs;
 	at->plane = NULL;
-	at->stepped = false;
-	at->read_bytes = ask->info.read_bytes;
-	at->replace = ask->replace;
-	at->target = ask->target;
-	at->claimed = ask->info.claimed;
-	if (ask->info.most && at->claimed > ask->info.most)
-		at->claimed = ask->info.most;
+	at->on_plane = false;
+	at->read_bytes = rq->info.read_bytes;
+	at->replace = rq->replace;
+	at->target = rq->target;
+	at->claimed = rq->info.claimed;
+	if (rq->info.most && at->claimed > rq->info.most)
+		at->claimed = rq->info.most;
 	return 0;
 }
 
-/* An error of the file, as short as its texts are: one behind the other. */
-struct push_why {
+/* An error about the file, with its texts one after the other. */
+struct push_excluded {
 	enum err_code code;
 	int sys, src_line;
 	uint64_t need, offset;
@@ -289,35 +287,35 @@ struct push_why {
 	char text[]; /* message, field, hint */
 };
 
-static char *put(char *at, const char *text)
+static char *put_text(char *at, const char *text)
 {
 	return stpcpy(at, text) + 1;
 }
 
-int push_leave_out(struct push_probed *probe, const struct err *why)
+int push_exclude(struct push_probed *probe, const struct err *why)
 {
-	/* It makes no source, and has the room that was taken for one. */
+	/* The file becomes no source, so there is room for its error. */
 	const size_t room = 3 * (sizeof(struct grid_source) + SOURCE_FILE_BYTES);
-	size_t bytes = sizeof *probe->why + strlen(why->message) + strlen(why->field) + 3;
+	size_t bytes = sizeof *probe->excluded + strlen(why->message) + strlen(why->field) + 3;
 	const char *hint = bytes + strlen(why->hint) <= room ? why->hint : "";
-	struct push_why *w = malloc(bytes + strlen(hint));
+	struct push_excluded *w = malloc(bytes + strlen(hint));
 
 	if (!w)
 		return -ERR_NOMEM;
-	*w = (struct push_why){.code = why->code,
-			       .sys = why->sys,
-			       .src_line = why->src_line,
-			       .need = why->need,
-			       .offset = why->offset,
-			       .src_file = why->src_file};
-	put(put(put(w->text, why->message), why->field), hint);
-	probe->why = w;
+	*w = (struct push_excluded){.code = why->code,
+				    .sys = why->sys,
+				    .src_line = why->src_line,
+				    .need = why->need,
+				    .offset = why->offset,
+				    .src_file = why->src_file};
+	put_text(put_text(put_text(w->text, why->message), why->field), hint);
+	probe->excluded = w;
 	return 0;
 }
 
-void push_left_out(const struct push_probed *probe, struct err *ret)
+void push_exclusion(const struct push_probed *probe, struct err *ret)
 {
-	const struct push_why *w = probe->why;
+	const struct push_excluded *w = probe->excluded;
 	const char *field = w->text + strlen(w->text) + 1, *hint = field + strlen(field) + 1;
 
 	*ret = (struct err){.code = w->code,
@@ -336,7 +334,7 @@ void push_forget_probes(struct push *p)
 {
 	for (size_t i = 0; i < p->nprobes; i++) {
 		free(p->probes[i].name);
-		free(p->probes[i].why);
+		free(p->probes[i].excluded);
 	}
 	free(p->probes);
 	for (size_t i = 0; i < p->ntexts; i++)

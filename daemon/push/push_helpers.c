@@ -1,39 +1,39 @@
 /*
  * One file that can be read in parts, staged by several workers at once.
  *
- * The model: parts are taken in order, some at a time, by whoever is free: the task of the push itself, whose
- * memory is there already, and helpers that start only where a thread and memory are idle, take one helping
- * each and queue up again behind everybody else. All put points into the stage at once, which is split; who
- * finds it full sorts a part and writes it out. When a helping fails, later ones are given up and earlier ones
- * finished; the error of the first part that fails is the file's, whoever came to it and when.
+ * The model: batches of parts are taken in order by whoever is free: by the task of the push, which has its memory, and by
+ * helpers. A helper starts only if a thread and memory are idle, reads one batch, and queues again behind all other work. All put
+ * points into the stage at once, each into its own lane; a worker that finds its lane full sorts and writes a part. When a batch
+ * fails, later ones are skipped and earlier ones finished. The error of the first part that fails is the file's, so it does not
+ * depend on timing.
  *
- * Not here: what is done with a file that failed; opening and checking it.
+ * Not here: opening and checking the file, and what a failure means for the push.
  */
 #include <stdlib.h>
 #include <string.h>
 
 #include "push_priv.h"
 
-enum { MEMBERS_MAX = GRID_LANES - 1, STEP_MAX = 16, STEPS = 8, HELPINGS_MAX = 128 };
+enum { MEMBERS_MAX = GRID_LANES - 1, STEP_MAX = 16, BATCHES_EACH = 8, BATCHES_MAX = 128 };
 
 struct member {
-	struct sched_task task; /* of helpers; the first has the push's */
-	struct push_helpers *crew;
-	uint64_t begin; /* of its helping */
-	uint64_t told;  /* points of it */
+	struct sched_task task; /* for helpers; member 0 has push.task */
+	struct push_helpers *helpers;
+	uint64_t begin;    /* first part of its batch */
+	uint64_t reported; /* points of its batch, added to push.progress */
 };
 
 struct push_helpers {
 	struct push *push;
-	struct push_ask *ask;
+	struct push_request *request;
 	const struct input *whole;
 	struct push_plane_step plane;
 	struct push_guard guard;
-	enum { WHOLE, SPLIT, GONE } state; /* of the stage */
+	enum { STAGE_WHOLE, STAGE_SPLIT, STAGE_CLOSED } state; /* of the stage */
 	uint64_t parts, step;
-	_Atomic uint64_t next;   /* part */
-	_Atomic uint64_t failed; /* first part of the lowest helping that failed; `parts`: none */
-	struct err err;          /* of it */
+	_Atomic uint64_t next;   /* the next part that nobody has taken */
+	_Atomic uint64_t failed; /* first part of the lowest batch that failed; `parts`: none */
+	struct err err;          /* of that batch */
 	struct pipe_ingested sum;
 	unsigned members, running;
 	struct member member[];
@@ -47,17 +47,17 @@ static uint64_t push_helper_bytes(const struct input_info *info)
 static int progress(void *ctx, uint64_t points)
 {
 	struct member *m = ctx;
-	struct push *p = m->crew->push;
+	struct push *p = m->helpers->push;
 
-	atomic_fetch_add(&p->progress, points - m->told);
-	m->told = points;
+	atomic_fetch_add(&p->progress, points - m->reported);
+	m->reported = points;
 	return atomic_load(&p->cancel) || !push_space_staged(p, atomic_load(&p->progress)) ||
-	       atomic_load(&m->crew->failed) < m->begin;
+	       atomic_load(&m->helpers->failed) < m->begin;
 }
 
-static void helping_over(struct member *m, int r, const struct err *err, const struct pipe_ingested *in)
+static void batch_done(struct member *m, int r, const struct err *err, const struct pipe_ingested *in)
 {
-	struct push_helpers *c = m->crew;
+	struct push_helpers *c = m->helpers;
 
 	push_guard_lock(&c->guard);
 	if (!r) {
@@ -69,10 +69,10 @@ static void helping_over(struct member *m, int r, const struct err *err, const s
 	push_guard_unlock(&c->guard);
 }
 
-/* Worker: the next helping; false: there is none. */
-static bool help(struct member *m)
+/* Worker: reads the next batch. False: there is none. */
+static bool read_batch(struct member *m)
 {
-	struct push_helpers *c = m->crew;
+	struct push_helpers *c = m->helpers;
 	const struct pipe_ingest_params params = {
 		.lattice = &c->push->lattice,
 		.stage = c->push->stage,
@@ -88,7 +88,7 @@ static bool help(struct member *m)
 	int r;
 
 	m->begin = atomic_fetch_add(&c->next, c->step);
-	m->told = 0;
+	m->reported = 0;
 	if (m->begin >= c->parts || m->begin >= atomic_load(&c->failed))
 		return false;
 	end = c->parts - m->begin < c->step ? c->parts : m->begin + c->step;
@@ -96,28 +96,28 @@ static bool help(struct member *m)
 	if (!r)
 		r = pipe_ingest(part, &params, &in, &err);
 	input_close(part);
-	helping_over(m, r, &err, &in);
+	batch_done(m, r, &err, &in);
 	return true;
 }
 
-static bool over(struct push_helpers *c)
+static bool is_finished(struct push_helpers *c)
 {
 	return atomic_load(&c->next) >= c->parts || atomic_load(&c->failed) < c->parts;
 }
 
-/* Loop: the last one gone answers. */
-static void leave(struct push_helpers *c)
+/* Loop: the last member to end answers. */
+static void helpers_leave(struct push_helpers *c)
 {
-	struct push_ask *a = c->ask;
+	struct push_request *rq = c->request;
 
 	if (--c->running)
 		return;
-	a->in = c->sum;
+	rq->in = c->sum;
 	if (atomic_load(&c->failed) < c->parts) {
-		a->r = -(int)c->err.code;
-		a->err = c->err;
+		rq->r = -(int)c->err.code;
+		rq->err = c->err;
 	}
-	push_task_over(c->push);
+	push_request_done(c->push);
 }
 
 static void set_state(struct push_helpers *c, int state)
@@ -128,8 +128,8 @@ static void set_state(struct push_helpers *c, int state)
 	push_guard_unlock(&c->guard);
 }
 
-/* Worker: a lane for each. */
-static void split(struct push_helpers *c)
+/* Worker: gives each member a lane. */
+static void split_stage(struct push_helpers *c)
 {
 	const struct grid_guard guard = push_guard_of(&c->guard);
 	struct err err = ERR_INIT;
@@ -138,74 +138,74 @@ static void split(struct push_helpers *c)
 		c->err = err;
 		atomic_store(&c->failed, 0);
 	}
-	set_state(c, SPLIT);
+	set_state(c, STAGE_SPLIT);
 }
 
 static void first_run(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
-	struct push_ask *a = p->asks;
+	struct push_request *rq = p->requests;
 
-	if (a->crew->members > 1)
-		split(a->crew);
-	while (help(&a->crew->member[0]))
+	if (rq->helpers->members > 1)
+		split_stage(rq->helpers);
+	while (read_batch(&rq->helpers->member[0]))
 		;
-	/* Others may still be at work; what they find comes first. */
-	if (atomic_load(&a->crew->failed) == a->crew->parts)
-		a->r = push_file_finish(p, a);
+	/* Other members may still run; an error of theirs takes precedence. */
+	if (atomic_load(&rq->helpers->failed) == rq->helpers->parts)
+		rq->r = push_file_finish(p, rq);
 }
 
 static void first_done(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
-	struct push_helpers *c = p->asks->crew;
+	struct push_helpers *c = p->requests->helpers;
 
 	if (t->ran && t->bytes)
 		sched_give(p->pushes->core->p.sched, t->name, t->bytes);
 	if (!t->ran) {
-		c->ask->r = -ERR_CANCELLED;
-		err_set(&c->ask->err, ERR_CANCELLED, "the push was ended");
+		c->request->r = -ERR_CANCELLED;
+		err_set(&c->request->err, ERR_CANCELLED, "the push was ended");
 	}
-	set_state(c, GONE);
+	set_state(c, STAGE_CLOSED);
 	for (unsigned i = 1; i < c->members; i++)
 		if (c->member[i].task.run)
 			sched_cancel(p->pushes->core->p.sched, &c->member[i].task);
-	leave(c);
+	helpers_leave(c);
 }
 
 static void helper_run(struct sched_task *t)
 {
-	struct push_helpers *c = ((struct member *)t)->crew;
+	struct push_helpers *c = ((struct member *)t)->helpers;
 	bool ready;
 
 	push_guard_lock(&c->guard);
-	while (c->state == WHOLE)
+	while (c->state == STAGE_WHOLE)
 		push_guard_wait(&c->guard);
-	ready = c->state == SPLIT;
+	ready = c->state == STAGE_SPLIT;
 	push_guard_unlock(&c->guard);
 	if (ready)
-		help((struct member *)t);
+		read_batch((struct member *)t);
 }
 
 static void helper_done(struct sched_task *t)
 {
 	struct member *m = (struct member *)t;
-	struct push_helpers *c = m->crew;
+	struct push_helpers *c = m->helpers;
 
 	if (t->ran)
 		sched_give(c->push->pushes->core->p.sched, t->name, t->bytes);
-	if (t->ran && !over(c) && !atomic_load(&t->cancel)) {
+	if (t->ran && !is_finished(c) && !atomic_load(&t->cancel)) {
 		t->ran = false;
 		sched_submit(c->push->pushes->core->p.sched, t);
 		return;
 	}
 	t->run = NULL;
-	leave(c);
+	helpers_leave(c);
 }
 
 _Static_assert(offsetof(struct member, task) == 0, "a task is its member");
 
-/* Those that idle threads and memory allow: a job that runs must be able to finish beside them. */
+/* As many as there are idle threads, and memory beside a job that runs. */
 static unsigned count_members(struct push *p, const struct input_info *info)
 {
 	struct pushes *pushes = p->pushes;
@@ -224,19 +224,19 @@ static unsigned count_members(struct push *p, const struct input_info *info)
 	return 1 + (n < MEMBERS_MAX ? (unsigned)n : MEMBERS_MAX);
 }
 
-/* Small ones, so that nobody waits long for the last; but each goes through the list of all parts to find its own,
- * so of many parts there are not more than HELPINGS_MAX, unless so many members want theirs. */
+/* Small batches keep the wait for the last one short. But each batch searches the list of all parts, so there are at most
+ * BATCHES_MAX, unless more members need one each. */
 uint64_t push_helpers_step(uint64_t parts, unsigned members)
 {
-	uint64_t step = parts / (members * STEPS), most = parts / HELPINGS_MAX;
+	uint64_t step = parts / (members * BATCHES_EACH), most = parts / BATCHES_MAX;
 
 	most = most < STEP_MAX ? STEP_MAX : most;
 	return step < 1 ? 1 : step > most ? most : step;
 }
 
-int push_helpers_start(struct push *p, struct push_ask *a, struct err *err)
+int push_helpers_start(struct push *p, struct push_request *rq, struct err *err)
 {
-	const struct input_info *info = input_info(a->whole);
+	const struct input_info *info = input_info(rq->whole);
 	unsigned n = count_members(p, info);
 	struct push_helpers *c = calloc(1, sizeof *c + n * sizeof *c->member);
 
@@ -244,21 +244,21 @@ int push_helpers_start(struct push *p, struct push_ask *a, struct err *err)
 
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory to read a file");
-	r = push_plane_of(p, &a->info.crs, &c->plane, err);
+	r = push_plane_of(p, &rq->info.crs, &c->plane, err);
 	if (r) {
 		free(c);
 		return r;
 	}
 	c->push = p;
-	c->ask = a;
-	c->whole = a->whole;
+	c->request = rq;
+	c->whole = rq->whole;
 	c->parts = info->parts;
 	c->step = push_helpers_step(c->parts, n);
 	atomic_store(&c->failed, c->parts);
 	c->err = ERR_INIT;
 	push_guard_init(&c->guard);
 	c->members = c->running = n;
-	a->crew = c;
+	rq->helpers = c;
 	p->task = (struct sched_task){.run = first_run,
 				      .done = first_done,
 				      .owner = p->owner,
@@ -268,7 +268,7 @@ int push_helpers_start(struct push *p, struct push_ask *a, struct err *err)
 				      .name = p->task.name,
 				      .bytes = p->task.bytes};
 	for (unsigned i = 0; i < n; i++)
-		c->member[i].crew = c;
+		c->member[i].helpers = c;
 	sched_submit(p->pushes->core->p.sched, &p->task);
 	for (unsigned i = 1; i < n; i++) {
 		c->member[i].task = (struct sched_task){.run = helper_run,

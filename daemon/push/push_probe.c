@@ -1,0 +1,189 @@
+/* The requests Probe and PushPlan: what each file is, and the lattice of all files. */
+#include <stdio.h>
+#include <string.h>
+
+#include "io.h"
+#include "push_priv.h"
+
+/* ---- probe ---- */
+
+/* Points that rounding moves into the crop lie at most half a unit outside of it. */
+static void widen(const struct push *p, double crop[4])
+{
+	double unit = p->has_lattice ? decimal_double(p->lattice.scale_xy) : 0;
+
+	for (int i = 0; i < 4; i++)
+		crop[i] = p->crop[i] + (i < 2 ? -unit : unit);
+}
+
+/* The unit to which a text's numbers are rounded. Numbers that are projected or shifted pass through doubles, and keep their
+ * precision. */
+static void lattice_of(const struct push *p, const struct push_request *rq, struct input_options *ret)
+{
+	static const struct decimal finest = {1, -9};
+	const struct push_probed *probe = push_find_probe(p, rq->name);
+	struct push_plane_step step = {.projects = false};
+	struct err ignored = ERR_INIT;
+
+	ret->lattice_later = true;
+	if (p->has_lattice) {
+		ret->scale_xy = p->lattice.scale_xy;
+		ret->scale_z = p->lattice.scale_z;
+	} else if ((*p->scale_xy && !decimal_parse(p->scale_xy, &ret->scale_xy)) ||
+		   (*p->scale_z && !decimal_parse(p->scale_z, &ret->scale_z))) {
+		ret->scale_xy = ret->scale_z = (struct decimal){0, 0}; /* PushPlan reports the error */
+	}
+	if (probe && !push_plane_of(p, probe->crs, &step, &ignored) && step.projects)
+		ret->scale_xy = finest;
+	if (*p->plane.geoid)
+		ret->scale_z = finest;
+}
+
+struct input_options push_options(const struct push *p, const struct push_request *rq)
+{
+	struct input_options options = {
+		.format = rq->format && *rq->format ? rq->format : NULL,
+		.columns = *rq->columns ? rq->columns : NULL,
+		.decimal_comma = rq->decimal_comma,
+		.strict = p->strict,
+		.accept_truncated = p->accept_truncated,
+		.planar = p->planar,
+		.degrees = true,
+		.any_plane = p->overrides,
+		.has_pipe = rq->stream && rq->stream->forward,
+		.pipe = rq->stream ? rq->stream->fd : -1,
+		/* the crop is in the dataset's coordinates, which are not the file's if it is projected */
+		.has_crop = p->has_crop && !p->plane.projects && !(p->overrides && p->assume.plane == CRS_PLANE_GEOGRAPHIC),
+	};
+
+	widen(p, options.crop);
+	lattice_of(p, rq, &options);
+	return options;
+}
+
+int push_probe_start(struct push *p, struct push_request *rq, struct err *err)
+{
+	if (rq->stream && !rq->stream->ready)
+		return PUSH_WAIT;
+	if (rq->stream && push_stream_open(rq, err))
+		return -(int)err->code;
+	p->task.reads = true;
+	push_task_bytes(p, LEDGER_INPUT, input_bytes());
+	return rq->name && rq->format && rq->columns && rq->path && rq->replaces ?
+		       0 :
+		       err_set(err, ERR_NOMEM, "no memory for a request");
+}
+
+void push_probe_run(struct push *p, struct push_request *rq)
+{
+	struct input_options options = push_options(p, rq);
+	struct input *in = NULL;
+
+	rq->r = client_file_check(rq->fd, rq->name, &rq->id, &rq->err);
+	if (!rq->r && !rq->stream && !p->dataset->onestep && (rq->checksum || rq->replace || *rq->replaces))
+		rq->r = push_hash_look(rq, &options, &rq->err);
+	if (!rq->r)
+		rq->r = rq->stream ? push_stream_known(p, rq) : push_known(p, rq);
+	if (!rq->r && rq->known == PUSH_NEW)
+		rq->r = input_open(rq->fd, rq->name, &options, &in, &rq->err);
+	if (rq->r)
+		err_add_file(&rq->err, rq->name);
+	if (!in)
+		return;
+	push_remember_info(rq, in);
+	if (rq->stream)
+		rq->stream->claimed = rq->info.claimed;
+	rq->r = push_assume(p, rq);
+	if (!rq->r && !p->dataset->onestep)
+		rq->r = push_hash_bounded(&rq->info, rq->id.size, rq->name, &rq->err);
+	input_close(in);
+}
+
+bool push_probe_done(struct push *p, struct push_request *rq, const struct err *why)
+{
+	struct push_probe_result result = {.name = rq->name, .known = rq->known, .points = rq->in.points};
+	struct err err = ERR_INIT;
+	int r;
+
+	if (!why && push_replace_room(p, rq, &err))
+		why = &err;
+	if (!why && rq->known == PUSH_ADOPTED) {
+		p->adopt_named[rq->adopted] = true;
+		p->nadopt_named++;
+		result.replaced = push_replace_note(p, rq->path, rq->replace, rq->target);
+	}
+	if (!why && rq->known == PUSH_NEW) {
+		result.info = &rq->info;
+		r = push_remember_probe(p, rq, &err);
+		p->waits_memory = r == PUSH_WAIT;
+		if (p->waits_memory)
+			return false;
+		if (r)
+			why = &err;
+	}
+	if (why)
+		push_event_refused(p, rq->name, why);
+	p->calls.probed(rq->token, why, why ? NULL : &result);
+	return true;
+}
+
+/* ---- plan ---- */
+
+int push_plan_start(struct push *p, struct push_request *rq, struct err *err)
+{
+	int r;
+
+	push_adopt_drop(p);
+	r = push_plane_choose(p, err);
+	if (!r)
+		r = push_crs_agree(p, err);
+	if (!r)
+		r = push_created_crs(p, err);
+	if (r || p->has_lattice)
+		return r;
+	if (*p->dataset->manifest) {
+		err_set(err, ERR_BUSY, "another push has just chosen the lattice of %s", p->dataset->name);
+		return err_add_hint(err, "push again");
+	}
+	if (!dataset_plan_begin(p->dataset, p)) {
+		err_set(err, ERR_BUSY, "another push is choosing the lattice of %s", p->dataset->name);
+		return err_add_hint(err, "push again when that one is committed");
+	}
+	return 0;
+}
+
+void push_plan_run(struct push *p, struct push_request *rq)
+{
+	if (!p->has_lattice)
+		rq->r = push_choose_lattice(p, &rq->err);
+	if (!rq->r)
+		rq->r = push_space_plan(p, &rq->err);
+}
+
+bool push_plan_done(struct push *p, struct push_request *rq, const struct err *why)
+{
+	char lattice[LATTICE_TEXT_SIZE] = "", zone[8] = "";
+	struct push_planned planned = {
+		.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "", .geoid = p->plane.geoid, .note = p->lattice_note};
+
+	if (!why) {
+		p->has_lattice = true;
+		lattice_text(&p->lattice, lattice);
+		if (p->plane.projects) {
+			crs_zone_text(p->plane.zone, zone);
+			planned.datum = p->plane.datum;
+		}
+	} else if (!p->has_lattice) {
+		dataset_plan_end(p->dataset, p);
+	}
+	p->calls.planned(rq->token, why, why ? NULL : &planned);
+	return true;
+}
+
+void push_remember_info(struct push_request *rq, const struct input *in)
+{
+	rq->info = *input_info(in);
+	snprintf(rq->info_format, sizeof rq->info_format, "%s", rq->info.format);
+	rq->info.format = rq->info_format;
+	rq->info.coords.name = rq->name;
+}
