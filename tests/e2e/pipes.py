@@ -58,7 +58,7 @@ def las_forwards():
         expect(code == 0 and json.loads(text)["digest"] == want[0], "without --input-format: %d %s" % (code, err))
         for pieces, words in (([b"1 2 3\n"], ()), ([b"LAS"], ()), ([b""], ()), ([data], (path,))):
             code, _, err = feed(d, pieces, "mesh", "-", *words, "-o", out + "x.ply")
-            expect(code == 2 and "what standard input holds is not known" in err, "%d %s" % (code, err))
+            expect(code == 2 and "the format of standard input is unknown" in err, "%d %s" % (code, err))
         # Files of others are named as they are where a file is named.
         for first, what in ((gzip.compress(data[:9000]), "a gzip file"), (b"PK\3\4" + bytes(100), "a zip archive"), (b"ASTM-E57" + bytes(9000), "E57"),
                             (b"ply\nformat ascii 1.0\n", "PLY"), (b"ncols 2\nnrows 1\n1 2\n", "an ESRI ASCII grid")):
