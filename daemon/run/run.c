@@ -375,9 +375,13 @@ void run_stop(struct run *w, const struct err *why)
 void run_settle_stopping(struct run *w)
 {
 	struct run_domain *d, *next;
+	bool farewell;
 
+	/* What its caller did may have ended it: an output whose reader has gone is closed within a call to it. */
+	if (w->state == RUN_OVER)
+		return;
 	run_arenas_trim(w);
-	bool farewell = w->sending && w->output && clock_since(w->stopped_ns) < FAREWELL_SECONDS;
+	farewell = w->sending && w->output && clock_since(w->stopped_ns) < FAREWELL_SECONDS;
 
 	/* A suspended run resumes behind this block. */
 	farewell |= w->output && w->output_busy && w->yielding && run_space_waits(w);
