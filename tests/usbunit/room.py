@@ -145,7 +145,9 @@ def replug():
             r = b.tool("--again")
             b.whole(r)
             expect(r.events.count("started") == 3 and r.events.count("GONE") == 3, r.out)
-            expect(r.events.count("CAME") == 2 and r.events.count("LEFT") == 2, r.out)
+            # A device that is looked at while the bus still adds it comes without its strings, leaves, and comes whole.
+            seen = [e for e in r.events if e in ("CAME", "LEFT")]
+            expect(len(seen) >= 4 and seen == ["LEFT", "CAME"] * (len(seen) // 2), r.out)
 
 
 def commands():
