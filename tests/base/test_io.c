@@ -25,8 +25,9 @@
 #include "clock.h"
 #include "err.h"
 #include "io.h"
+#include "repeat.h"
 
-static char folder[] = "/tmp/acut-test-io-XXXXXX";
+static char folder[64];
 static int dir = -1;
 static pthread_t loop; /* the thread that must not wait */
 
@@ -145,7 +146,8 @@ static int set_up(void **state)
 	if (pthread_create(&first, NULL, nothing, NULL) || pthread_join(first, NULL))
 		return -1;
 	alone = threads();
-	dir = mkdtemp(folder) ? open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+	repeat_folder(folder, sizeof folder, "io");
+	dir = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	return dir < 0;
 }
 

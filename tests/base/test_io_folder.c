@@ -17,13 +17,14 @@
 
 #include "err.h"
 #include "io.h"
+#include "repeat.h"
 
-static char folder[] = "/tmp/acut-folder-XXXXXX";
+static char folder[64];
 static int dirfd;
 
 static int setup(void **state)
 {
-	assert_non_null(mkdtemp(folder));
+	repeat_folder(folder, sizeof folder, "folder");
 	dirfd = open(folder, O_RDONLY | O_DIRECTORY);
 	return dirfd < 0;
 }

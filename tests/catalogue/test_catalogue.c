@@ -21,14 +21,13 @@
 #include "catalogue.h"
 #include "err.h"
 #include "ledger.h"
+#include "repeat.h"
 
 static char folder[64], path[128];
 
 static int setup(void **state)
 {
-	snprintf(folder, sizeof folder, "/tmp/acut-catalogue-XXXXXX");
-	if (!mkdtemp(folder))
-		return -1;
+	repeat_folder(folder, sizeof folder, "catalogue");
 	snprintf(path, sizeof path, "%s/catalogue.db", folder);
 	return 0;
 }

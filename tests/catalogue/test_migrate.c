@@ -17,6 +17,7 @@
 
 #include "catalogue.h"
 #include "err.h"
+#include "repeat.h"
 
 static char folder[64], path[128];
 
@@ -76,9 +77,7 @@ static const char *const old[] = {
 
 static int setup(void **state)
 {
-	snprintf(folder, sizeof folder, "/tmp/acut-migrate-XXXXXX");
-	if (!mkdtemp(folder))
-		return -1;
+	repeat_folder(folder, sizeof folder, "migrate");
 	snprintf(path, sizeof path, "%s/catalogue.db", folder);
 	return 0;
 }

@@ -20,6 +20,7 @@
 #include "cut_sites.h"
 #include "err.h"
 #include "sets.h"
+#include "repeat.h"
 
 enum { MAX_N = SETS_MAX_N, MAX_RECORDS = SETS_MAX_RECORDS, MAX_LEAVES = 64, MAX_TRIANGLES = 4 * BRUTE_POINTS };
 
@@ -330,8 +331,7 @@ static void one_case(uint64_t seed)
 
 static void fuzz(void **state)
 {
-	const char *want = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
-	uint64_t n = want ? strtoull(want, NULL, 10) : 20000, from = first ? strtoull(first, NULL, 10) : 1;
+	uint64_t n = repeat_cases(10000), from = repeat_first();
 
 	scratch_size = cut_load_scratch_bytes(MAX_N);
 	assert_true(cut_bound_bytes() <= scratch_size);

@@ -17,6 +17,7 @@
 #include "cut_valid.h"
 #include "err.h"
 #include "tiling.h"
+#include "repeat.h"
 
 enum { MOST = 400, LEAVES = 48, SOURCES = 6 };
 
@@ -383,8 +384,7 @@ struct fuzz {
 
 static void run(const struct fuzz *f)
 {
-	const char *cases = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
-	uint64_t n = (cases ? strtoull(cases, NULL, 10) : 2000) / f->cases, at = first ? strtoull(first, NULL, 10) : 1;
+	uint64_t n = repeat_cases(5000) / f->cases, at = repeat_first();
 
 	judged = same = found = changed = boxes = bounded = bounded_changed = bounded_read = all_read = 0;
 	scratch_size = cut_load_scratch_bytes(MOST);

@@ -394,7 +394,7 @@ def never_read_stream():
     """A client that asks for its mesh and never reads it: other jobs go on within the budget, and when it reads at last,
     its mesh is whole."""
     with Folder() as base, Daemon(base, memory="24M") as d:
-        path = survey(base, 700000)
+        path = survey(base, 250000)
         with Client(d.socket, timeout=60) as slow:
             done = slow.push([path])
             job = slow.ask("submit", pb.Submit(dataset=done.dataset, bound=True))

@@ -16,6 +16,7 @@
 #include <cmocka.h>
 
 #include "config.h"
+#include "repeat.h"
 
 #define MIB (UINT64_C(1) << 20)
 #define GIB (UINT64_C(1) << 30)
@@ -41,8 +42,8 @@ static void put(const char *path, const char *text)
 
 static int setup(void **state)
 {
-	snprintf(root, sizeof root, "/tmp/acut-config-XXXXXX");
-	return mkdtemp(root) ? 0 : -1;
+	repeat_folder(root, sizeof root, "config");
+	return 0;
 }
 
 static int teardown(void **state)

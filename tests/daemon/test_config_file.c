@@ -16,6 +16,7 @@
 #include "config.h"
 #include "config_file.h"
 #include "config_report.h"
+#include "repeat.h"
 
 #define MIB (UINT64_C(1) << 20)
 
@@ -344,8 +345,8 @@ static void memory(void **state)
 
 static int setup(void **state)
 {
-	snprintf(root, sizeof root, "/tmp/acut-config-XXXXXX");
-	return mkdtemp(root) ? 0 : -1;
+	repeat_folder(root, sizeof root, "config");
+	return 0;
 }
 
 static int teardown(void **state)

@@ -22,6 +22,7 @@
 #include "marker.h"
 #include "place.h"
 #include "place_fs.h"
+#include "repeat.h"
 
 static char root[64], state_path[128], cache_path[128];
 static uint32_t magic;
@@ -44,9 +45,7 @@ static int setup(void **state)
 	table.fstatfs = fake_fstatfs;
 	io = &table;
 	magic = 0;
-	snprintf(root, sizeof root, "/tmp/acut-place-XXXXXX");
-	if (!mkdtemp(root))
-		return -1;
+	repeat_folder(root, sizeof root, "place");
 	snprintf(state_path, sizeof state_path, "%s/a/b/state", root);
 	snprintf(cache_path, sizeof cache_path, "%s/cache", root);
 	return 0;

@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "io.h"
+#include "repeat.h"
 
 void check_ok(int rc, const struct err *err, const char *what, const char *file, int line)
 {
@@ -43,10 +44,8 @@ void skip_fsync(void)
 struct folder folder_new(void)
 {
 	struct folder f;
-	const char *base = getenv("TMPDIR");
 
-	snprintf(f.path, sizeof f.path, "%.40s/acut-grid-XXXXXX", base && *base ? base : "/tmp");
-	assert_non_null(mkdtemp(f.path));
+	repeat_folder(f.path, sizeof f.path, "grid");
 	f.fd = open(f.path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	assert_true(f.fd >= 0);
 	return f;

@@ -2,7 +2,7 @@
  * The history of a dataset in small: pushes, removals, restored sources, merges and prunes in any order, against a
  * model that is a list of records with sources. After each step everything that can be read must agree with the model:
  * all live records of a generation, in order, and counts and content sums of any range. There are few coordinates, so
- * positions, cells and sources collide. ACUT_HISTORY_ROUNDS for more.
+ * positions, cells and sources collide. ACUT_FUZZ_CASES: how many.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,6 +18,7 @@
 #include "grid_block.h"
 #include "grid_fixture.h"
 #include "grid_rewrite.h"
+#include "repeat.h"
 
 enum { SOURCES = 400, SEGMENTS = 64, RECORDS = 200000 };
 
@@ -332,8 +333,7 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 
 static void test_lives(void **state)
 {
-	const char *rounds = getenv("ACUT_HISTORY_ROUNDS");
-	unsigned n = rounds ? (unsigned)atoi(rounds) : 30;
+	unsigned n = (unsigned)repeat_cases(30);
 	uint64_t done[3] = {0};
 
 	for (unsigned i = 0; i < n; i++)

@@ -25,6 +25,7 @@
 #include "pipe.h"
 #include "pipe_priv.h"
 #include "store.h"
+#include "repeat.h"
 
 /* From this family on sources are separate. */
 enum { LOCAL = 5 };
@@ -393,8 +394,7 @@ static void one_case(uint64_t seed)
 
 static void test_chains(void **state)
 {
-	const char *cases = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
-	uint64_t n = cases ? strtoull(cases, NULL, 10) : 300, at = first ? strtoull(first, NULL, 10) : 1;
+	uint64_t n = repeat_cases(300), at = repeat_first();
 
 	(void)state;
 	skip_fsync();

@@ -27,6 +27,7 @@
 #include "pipe_priv.h"
 #include "tri.h"
 #include "verify.h"
+#include "repeat.h"
 
 static uint64_t seed;
 static char folder[64];
@@ -255,8 +256,7 @@ static void check_most(const struct mesh *m, const struct point *pts, size_t n)
 
 static void test_fuzz(void **state)
 {
-	const char *cases = getenv("ACUT_FUZZ_CASES");
-	uint64_t n = cases ? strtoull(cases, NULL, 10) : 2000, meshes = 0;
+	uint64_t n = repeat_cases(2000), meshes = 0;
 	struct point pts[256];
 
 	(void)state;

@@ -22,15 +22,16 @@
 #include "io.h"
 #include "log.h"
 #include "plan_file.h"
+#include "repeat.h"
 
 enum { RECORD = 104 };
 
 static int dirfd;
-static char folder[] = "/tmp/acut-plan-XXXXXX";
+static char folder[64];
 
 static int setup(void **state)
 {
-	assert_non_null(mkdtemp(folder));
+	repeat_folder(folder, sizeof folder, "plan");
 	dirfd = open(folder, O_RDONLY | O_DIRECTORY);
 	return dirfd < 0;
 }

@@ -15,6 +15,7 @@
 #include "io.h"
 #include "selection_fixture.h"
 #include "view_area.h"
+#include "repeat.h"
 
 /* ---- the expected result, by sorting everything ---- */
 
@@ -262,8 +263,7 @@ static void one_case(uint64_t seed)
 
 static void test_random(void **state)
 {
-	const char *asked = getenv("ACUT_FUZZ_CASES");
-	uint64_t cases = asked ? strtoull(asked, NULL, 10) : 3000;
+	uint64_t cases = repeat_cases(3000);
 
 	for (uint64_t i = 0; i < cases; i++)
 		one_case(i + 1);

@@ -34,6 +34,7 @@
 #include "push_priv.h"
 #include "sched_pool.h"
 #include "service.h"
+#include "repeat.h"
 
 #define VIEW "view 1"
 
@@ -119,9 +120,7 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
 
 static int setup(void **state)
 {
-	snprintf(h.folder, sizeof h.folder, "/tmp/acut-job-XXXXXX");
-	if (!mkdtemp(h.folder))
-		return -1;
+	repeat_folder(h.folder, sizeof h.folder, "job");
 	open_service(UINT64_C(32) << 20, 2);
 	return 0;
 }

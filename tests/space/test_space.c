@@ -24,6 +24,7 @@
 #include "err.h"
 #include "io.h"
 #include "space.h"
+#include "repeat.h"
 
 #define KIB UINT64_C(1024)
 
@@ -45,9 +46,7 @@ static void open_with(const char *disk, const char *keep_free)
 
 static int setup(void **state)
 {
-	snprintf(folder, sizeof folder, "/tmp/acut-space-XXXXXX");
-	if (!mkdtemp(folder))
-		return -1;
+	repeat_folder(folder, sizeof folder, "space");
 	fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	return fd < 0 || mkdirat(fd, "domains", 0700) || mkdirat(fd, "domains/a", 0700) || mkdirat(fd, "domains/a/b", 0700) ||
 	       mkdirat(fd, "selected", 0700) || mkdirat(fd, "datasets", 0700);

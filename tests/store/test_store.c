@@ -18,11 +18,12 @@
 #include "err.h"
 #include "io.h"
 #include "store.h"
+#include "repeat.h"
 
 static const struct store_id ID = {{UINT64_C(0xab00000000001234), 5}, {6, 7}};
 enum { HEADER = 384, PROOF = 44 };
 
-static char path[] = "/tmp/acut-test-store-XXXXXX";
+static char path[64];
 static int dirfd = -1;
 
 static void check(int r, const struct err *err)
@@ -447,7 +448,8 @@ static int begin(void **state)
 {
 	(void)state;
 	srand(5);
-	dirfd = mkdtemp(path) ? open(path, O_RDONLY | O_DIRECTORY) : -1;
+	repeat_folder(path, sizeof path, "store");
+	dirfd = open(path, O_RDONLY | O_DIRECTORY);
 	return dirfd < 0;
 }
 

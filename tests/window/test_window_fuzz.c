@@ -18,6 +18,7 @@
 #include "sets.h"
 #include "view_area.h"
 #include "window_area.h"
+#include "repeat.h"
 
 enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096 };
 
@@ -389,8 +390,7 @@ static void one_case(uint64_t seed)
 
 static void fuzz(void **state)
 {
-	const char *most = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
-	uint64_t n = most ? strtoull(most, NULL, 10) : 20000, from = first ? strtoull(first, NULL, 10) : 1;
+	uint64_t n = repeat_cases(20000), from = repeat_first();
 
 	(void)state;
 	memory = aligned_alloc(64, (tri_bytes(CAP_MOST) + window_area_tables(CAP_MOST) + 4096) & ~(size_t)63);

@@ -20,12 +20,13 @@
 #include "err.h"
 #include "outfile.h"
 #include "io.h"
+#include "repeat.h"
 
 #define FRONT 24
 #define BACK 13
 
-static char dir[] = "/tmp/acut-bytes-XXXXXX";
-static char path[64];
+static char dir[64];
+static char path[80];
 static struct io_table table;
 static unsigned far_sizes;
 static unsigned direct_writes, writes, fail_at;
@@ -277,8 +278,7 @@ int main(void)
 	};
 	int failed;
 
-	if (!mkdtemp(dir))
-		return 99;
+	repeat_folder(dir, sizeof dir, "bytes");
 	snprintf(path, sizeof(path), "%s/out", dir);
 	failed = cmocka_run_group_tests(tests, NULL, NULL);
 	unlink(path);

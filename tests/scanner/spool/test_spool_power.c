@@ -12,6 +12,7 @@
 
 #include "disk_states.h"
 #include "io.h"
+#include "repeat.h"
 
 enum { RECORDS = 120, EVERY = 17 };
 
@@ -127,9 +128,7 @@ static void test_controls(void **state)
 
 static int setup(void **state)
 {
-	strcpy(folder, "/tmp/acut-spool-power-XXXXXX");
-	if (!mkdtemp(folder))
-		return -1;
+	repeat_folder(folder, sizeof folder, "spool-power");
 	fault_io_start();
 	play();
 	return 0;
