@@ -1,5 +1,5 @@
 /*
- * The code of whole numbers in areas, in the text of a view (PROTOCOL.md, "Views"). Small numbers take few characters,
+ * The code of whole numbers in areas, in the text of a view (protocol.md, "Views"). Small numbers take few characters,
  * because corners are given as differences.
  *
  * v >= 0 is coded as 2v, v < 0 as -2v - 1, in groups of five bits, the lowest first. A group that is not the last has

@@ -1,5 +1,5 @@
 /*
- * Digests that identify meshes (STREAM.md, "Digests"). A digest is two 64-bit sums, modulo 2^64, of the high and the
+ * Digests that identify meshes (stream.md, "Digests"). A digest is two 64-bit sums, modulo 2^64, of the high and the
  * low halves of XXH3-128 hashes (seed 0). So it does not depend on the order, and digests of parts add up to the digest
  * of the whole.
  */

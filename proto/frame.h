@@ -1,5 +1,5 @@
 /*
- * Frames: control messages on a Unix stream socket (PROTOCOL.md). Used by acutd and by libacut.
+ * Frames: control messages on a Unix stream socket (protocol.md). Used by acutd and by libacut.
  *
  * A frame is a header of 16 bytes and a protobuf Message; together at most 64 KiB. At most one descriptor goes with a
  * frame, sent with its first byte. A frame_conn never reads beyond the end of a frame, so a descriptor always belongs

@@ -1,5 +1,5 @@
 /*
- * The mesh stream: the bytes that acutd writes to a pipe and a client reads (STREAM.md). Encoding returns pieces to be
+ * The mesh stream: the bytes that acutd writes to a pipe and a client reads (stream.md). Encoding returns pieces to be
  * written one after the other, so that nothing large is copied; decoding is incremental. Only bytes, no descriptors.
  */
 #ifndef STREAM_H

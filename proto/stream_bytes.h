@@ -1,4 +1,4 @@
-/* What writer and reader of the mesh stream share (STREAM.md). Internal. */
+/* What writer and reader of the mesh stream share (stream.md). Internal. */
 #ifndef STREAM_BYTES_H
 #define STREAM_BYTES_H
 

@@ -22,7 +22,7 @@
 
 #define MARK "acut-copy"
 #define STORE "acut-state"
-enum { SAMPLE = 4096, STEP = 1 << 20, PATH = 320, ID_AT = 16, ID_BYTES = 16 }; /* ID: of STORE, FORMAT.md */
+enum { SAMPLE = 4096, STEP = 1 << 20, PATH = 320, ID_AT = 16, ID_BYTES = 16 }; /* ID: of STORE, format.md */
 
 static int failed(struct err *err, const char *what, const char *name)
 {

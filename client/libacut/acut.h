@@ -570,7 +570,7 @@ struct acut_mesh_sink {
  * during the callback; until the tail came, it is not yet known to be whole. */
 int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
 /* From now on fetches are of those triangles only that meet this area ("box:X1,Y1,X2,Y2" or "area@E:RINGS",
- * PROTOCOL.md), of jobs that run too; the tail is then of these. NULL: of all again. Copied; ACUT_E_NOMEM. */
+ * protocol.md), of jobs that run too; the tail is then of these. NULL: of all again. Copied; ACUT_E_NOMEM. */
 int acut_fetch_window(struct acut *, const char *area);
 /*
  * The difference between two meshes of a dataset under one view: that of generation `since`, as its newest finished job made

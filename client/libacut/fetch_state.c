@@ -1,5 +1,5 @@
 /*
- * Going on with a fetch: what reader and check know between two blocks, as bytes (FORMAT.md, "State of a fetch"), and a
+ * Going on with a fetch: what reader and check know between two blocks, as bytes (format.md, "State of a fetch"), and a
  * fetch that begins with them. A block that was checked but not taken, or half of it, spoils that (`torn`).
  */
 #include "fetch.h"

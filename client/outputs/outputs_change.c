@@ -2,7 +2,7 @@
  * --changed-since: the regions that are gone and those that are new, as GeoJSON beside the output with the new triangles.
  *
  * A region is a box of circumcentres. A triangle belongs to the region of its circumcentre; on a border its corners decide
- * (geom_cut_side; STREAM.md, "Changes"). Borders lie halfway between lattice numbers and are written as exact decimals; null
+ * (geom_cut_side; stream.md, "Changes"). Borders lie halfway between lattice numbers and are written as exact decimals; null
  * is infinite. The polygon of a feature is the part of the region in the box of the dataset, for display. New regions come
  * with the blocks, gone ones before them; facts about the job are at the end, where they are known.
  */

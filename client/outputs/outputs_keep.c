@@ -4,7 +4,7 @@
  * The state is written between two blocks, when everything that it describes is on the disk: the options and the job, the
  * size and the hashes of each output's file (outfile_part.c), the counts of writers, edges and open vertices, and the state
  * of the fetch. It replaces the last one as a whole, so however the process ends there is a state, and files that have at
- * least its bytes. FORMAT.md, "State of a fetch", describes the bytes.
+ * least its bytes. format.md, "State of a fetch", describes the bytes.
  */
 #include <stdio.h>
 #include <stdlib.h>

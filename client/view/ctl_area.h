@@ -30,7 +30,7 @@ void ctl_area_done(struct ctl_area *);
 int ctl_area_ring(struct ctl_area *, bool shell, struct err *err);
 int ctl_area_corner(struct ctl_area *, struct decimal x, struct decimal y, struct err *err);
 
-/* "area@EXPONENT:" and the rings (PROTOCOL.md, "Views"). -ERR_LIMIT: too long for a view. */
+/* "area@EXPONENT:" and the rings (protocol.md, "Views"). -ERR_LIMIT: too long for a view. */
 int ctl_area_print(const struct ctl_area *, FILE *out, struct err *err);
 
 /* `text` is what the file holds, ended by a zero byte. */

@@ -1,5 +1,5 @@
 /*
- * The view options as a request (PROTOCOL.md, "Views"): "ask 1", then a word for each option. Errors that can be found
+ * The view options as a request (protocol.md, "Views"): "ask 1", then a word for each option. Errors that can be found
  * without the dataset are found here, before a daemon is asked. Numbers are sent as they were typed, as exact decimals: only
  * the daemon knows the lattice and the unit of the dataset.
  */

@@ -1,4 +1,4 @@
-/* Options of a view as the request that the daemon resolves (PROTOCOL.md, "Views"). */
+/* Options of a view as the request that the daemon resolves (protocol.md, "Views"). */
 #ifndef CTL_VIEW_H
 #define CTL_VIEW_H
 

@@ -128,7 +128,7 @@ void job_leave(struct job *);                  /* the client of a bound job has 
 
 /* ---- the mesh of a job ---- */
 
-/* The text of the job's view with a window; the caller frees it. `area`: as in PROTOCOL.md. -ERR_USAGE, -ERR_GONE. */
+/* The text of the job's view with a window; the caller frees it. `area`: as in protocol.md. -ERR_USAGE, -ERR_GONE. */
 int job_window(const struct job *, const char *area, char **ret, struct err *err);
 /* Streams the mesh of the job into `output`; output->calls->end comes once. A new bound job sends its own blocks as it makes
  * them. A running unbound job is followed through the store. Otherwise the stream waits until the job is done. */

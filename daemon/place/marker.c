@@ -36,7 +36,7 @@ struct disk_marker {
 	uint8_t zero[16];
 	uint64_t check; /* low half of the digest of the bytes before it */
 };
-_Static_assert(sizeof(struct disk_marker) == 64, "FORMAT.md");
+_Static_assert(sizeof(struct disk_marker) == 64, "format.md");
 
 static uint64_t check_of(const struct disk_marker *d)
 {

@@ -1,6 +1,6 @@
 /*
  * The marker of a folder: a small file that identifies it. That of the state folder is made with the store, and again when a
- * backup is restored. That of the cache names the store that it served last. FORMAT.md has its bytes.
+ * backup is restored. That of the cache names the store that it served last. format.md has its bytes.
  */
 #ifndef MARKER_H
 #define MARKER_H

@@ -217,7 +217,7 @@ static int add_folder(const char *path, struct err *err)
 }
 
 /* Whether the folder is a copy of a backup that no daemon has used yet: then it has the note that acutctl leaves beside a backup
- * (FORMAT.md), with the identity of the marker. */
+ * (format.md), with the identity of the marker. */
 static bool is_restored(int fd, const struct marker *m)
 {
 	char text[640] = "", identity[64] = "\nidentity ", *at = identity + strlen(identity);

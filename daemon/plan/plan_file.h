@@ -1,5 +1,5 @@
 /*
- * The plan of a job in a file (FORMAT.md, "Plans"): the regions of its mesh, their order, and the cap that decides
+ * The plan of a job in a file (format.md, "Plans"): the regions of its mesh, their order, and the cap that decides
  * whether a region is split. Two runs of a job with the same plan and cap emit the same blocks. A list in memory has
  * the splits made since the daemon started, for a run that follows another one.
  */

@@ -1,5 +1,5 @@
 /*
- * Records of a plan's file, to bytes and back (FORMAT.md, "Plans").
+ * Records of a plan's file, to bytes and back (format.md, "Plans").
  *
  * Every record has PLAN_RECORD bytes, begins with magic, version and kind, and ends with its own checksum. Unpacking a
  * record that is damaged, or of another kind or version, fails and leaves the output untouched.
@@ -13,7 +13,7 @@
 #include "io.h"
 
 enum { TEXT_AT = 32 };
-_Static_assert(TEXT_AT + CUT_REGION_TEXT_SIZE + 8 == PLAN_RECORD, "FORMAT.md, \"Plans\"");
+_Static_assert(TEXT_AT + CUT_REGION_TEXT_SIZE + 8 == PLAN_RECORD, "format.md, \"Plans\"");
 
 static void seal(uint8_t record[PLAN_RECORD])
 {

@@ -1,4 +1,4 @@
-/* The records of a plan's file (FORMAT.md, "Plans"), shared by the files of this room. */
+/* The records of a plan's file (format.md, "Plans"), shared by the files of this room. */
 #ifndef PLAN_RECORD_H
 #define PLAN_RECORD_H
 

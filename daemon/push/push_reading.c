@@ -2,7 +2,7 @@
  * How files are read, and whether a file that the dataset has was read as this push would read it.
  *
  * The model: the same bytes give other points with another format, other columns, or another coordinate system. So the manifest
- * records how each source was read: its reading (FORMAT.md), the system that its records said if that was overridden, and how
+ * records how each source was read: its reading (format.md), the system that its records said if that was overridden, and how
  * many lines were left out. Only what affects a file is compared: columns matter for texts only, and an assumed or overridden
  * system only has to be the one that the file has in the dataset. A source of an older manifest counts as read by default, with
  * unknown format and system.

@@ -9,7 +9,7 @@
 #include "stream.h"
 
 enum {
-	CONN_FILES_MAX = 8,     /* unanswered Probe and File, as PROTOCOL.md says */
+	CONN_FILES_MAX = 8,     /* unanswered Probe and File, as protocol.md says */
 	CONN_REQUESTS_MAX = 64, /* unanswered requests */
 	CONN_PUSHES_MAX = 64,   /* open at once */
 	CONN_STREAMS_MAX = 64,

@@ -1,5 +1,5 @@
 /*
- * The frames of a stream of changes between its head and its blocks (STREAM.md, "Changes"). The changes are copied from the run,
+ * The frames of a stream of changes between its head and its blocks (stream.md, "Changes"). The changes are copied from the run,
  * so the run does not wait for a slow pipe. They are sent through one frame, which is filled again and again.
  */
 #include "stream_priv.h"

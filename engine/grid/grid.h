@@ -1,6 +1,6 @@
 /*
  * Reading one generation of a dataset: its live records, by Morton range and by cell, merged over all segments.
- * Thread-safe: all mutable state is in the caller's reader. FORMAT.md describes the files.
+ * Thread-safe: all mutable state is in the caller's reader. format.md describes the files.
  */
 #ifndef GRID_H
 #define GRID_H
@@ -89,7 +89,7 @@ int grid_cell_read(struct grid_reader *, const struct grid_cell *, grid_points_f
 int grid_scan(struct grid_reader *, uint64_t lo, uint64_t hi, grid_points_fn, void *ctx, struct err *);
 /* Upper bound of the number of live records in the range; *ret_exact if it is the number itself. */
 int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
-/* Content sum (FORMAT.md) of the live records in the range, over all segments; always exact. */
+/* Content sum (format.md) of the live records in the range, over all segments; always exact. */
 int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
 /* The same for many ranges, ascending and disjoint, in one descent of the index; sets the sum of each. */
 struct grid_sum {

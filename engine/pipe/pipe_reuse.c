@@ -36,7 +36,7 @@ enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PA
 #define PROOF_MOST                                                                                          \
 	(PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE + \
 	 CUT_TRACE_PARTS * PROOF_PART)
-_Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "FORMAT.md");
+_Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "format.md");
 _Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
 
 /* ---- keys ---- */

@@ -14,7 +14,7 @@ struct point {
 	uint16_t tag;    /* flags (low 4 bits); index into the block's table of sources (high 12 bits) */
 };
 
-_Static_assert(sizeof(struct point) == 16, "the record of FORMAT.md");
+_Static_assert(sizeof(struct point) == 16, "the record of format.md");
 
 enum {
 	POINT_WITHHELD = 1,

@@ -87,7 +87,7 @@ struct view view_normal(const struct view *);
 int view_check(const struct view *, struct err *err);
 
 /* A view has two texts. The canonical text has whole lattice numbers; its hash identifies the view. A request has the
- * decimals and lengths that a user typed, because a user does not know the lattice. PROTOCOL.md has both grammars. Both
+ * decimals and lengths that a user typed, because a user does not know the lattice. protocol.md has both grammars. Both
  * are at most VIEW_TEXT_MAX bytes long. */
 #define VIEW_TEXT_MAX AREA_TEXT_MAX
 

@@ -2,7 +2,7 @@
  * The store of finished domains.
  *
  * A file is a header, the proof (the data that the domain depends on, in the caller's encoding), and the domain: links
- * and open vertices as in memory, closed vertices and triangles in fewer bytes (store_format.c, FORMAT.md). Open
+ * and open vertices as in memory, closed vertices and triangles in fewer bytes (store_format.c, format.md). Open
  * vertices come first, so everything that is needed without the mesh itself is one read from the start: the front.
  * Header, proof, front and rest each have a checksum. A file gets its name only when it is complete (rename), in one of
  * 256 folders by the first byte of its base. A damaged file is removed and reported as absent, because it can be made

@@ -1,7 +1,7 @@
 /*
  * Stored domains, by what they depend on: one checksummed file for each domain, published by temporary name and rename.
  * They are derived data: losing one costs only time, so nothing is fsynced; a file that a power cut damaged fails its
- * checksum and counts as absent. FORMAT.md, "Finished domains", has the bytes.
+ * checksum and counts as absent. format.md, "Finished domains", has the bytes.
  */
 #ifndef STORE_H
 #define STORE_H

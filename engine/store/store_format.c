@@ -19,7 +19,7 @@
 #if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "stored domains are written as they lie in memory: little-endian only"
 #endif
-_Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 12, "FORMAT.md");
+_Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 12, "format.md");
 
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
 enum { VERSION = 6, NO_MOST = 5, NO_CODE = 4, OLDEST = 4, WIDE = 4, NARROW = 2 };

@@ -1,5 +1,5 @@
 /*
- * The bytes of a stored domain. Internal. FORMAT.md, "Finished domains".
+ * The bytes of a stored domain. Internal. format.md, "Finished domains".
  */
 #ifndef STORE_FORMAT_H
 #define STORE_FORMAT_H

@@ -1,4 +1,4 @@
-"""Views from keyword arguments, in the words of the command line (acutctl(1), "Views"; PROTOCOL.md, "Views").
+"""Views from keyword arguments, in the words of the command line (acutctl(1), "Views"; protocol.md, "Views").
 
 What is typed goes as it stands, as an exact decimal: the daemon knows the lattice and the unit. Here only what
 contradicts itself is refused, as acutctl does, and areas become text.
@@ -288,7 +288,7 @@ def _rings_text(rings: List[Ring]) -> str:
 
 
 def _code(step: int) -> str:
-    """PROTOCOL.md, "RINGS": five bits a character, the lowest first, 32 added to all but the last."""
+    """protocol.md, "RINGS": five bits a character, the lowest first, 32 added to all but the last."""
     n = 2 * step if step >= 0 else -2 * step - 1
     text = ""
     while n >> 5:

@@ -1,6 +1,6 @@
 /*
  * The spool: the bytes from the wire, with the time and number of each transfer. It is written while a scanner is
- * captured, before the bytes are decoded; decoding reads spools only. SPOOL.md describes the bytes.
+ * captured, before the bytes are decoded; decoding reads spools only. spool.md describes the bytes.
  *
  * A spool is one file that only grows: a head, then records, each with its own checksum. What a power cut leaves is a
  * valid prefix: a reader stops before the first incomplete record and reports how many bytes follow it.

@@ -1,4 +1,4 @@
-/* The bytes of a spool (SPOOL.md), and the writer, as several files share them. */
+/* The bytes of a spool (spool.md), and the writer, as several files share them. */
 #ifndef SPOOL_PRIV_H
 #define SPOOL_PRIV_H
 

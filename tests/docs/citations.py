@@ -10,7 +10,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 SOURCE = (".c", ".h", ".cpp", ".def")
 COMMENT = re.compile(r'"(?:\\.|[^"\\\n])*"|(/\*.*?\*/)', re.S)
 SECTION = re.compile(r"algorithm\.md (\d+(?:(?:, | to | and )\d+)*)")
-HEADING = re.compile(r'\b([A-Z]+\.md), "([^"]+)"')
+HEADING = re.compile(r'\b([\w-]+\.md), "([^"]+)"')
 # Headers of the C library.
 FOREIGN = {"sched.h"}
 FILE = re.compile(r"(?<![\w/.%-])([a-z][a-z0-9_]*\.(?:c|h|cpp|def))\b")

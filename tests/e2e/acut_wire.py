@@ -1,4 +1,4 @@
-"""A second implementation of acut's protocol, written from proto/PROTOCOL.md, proto/STREAM.md and acut.proto alone,
+"""A second implementation of acut's protocol, written from docs/formats/protocol.md, docs/formats/stream.md and acut.proto alone,
 with the official protobuf library. For tests; it checks everything that those pages promise and takes nothing on trust.
 """
 import array

@@ -1,5 +1,5 @@
 // An oracle that acut did not write: CGAL's Delaunay triangulation of a LAS file's records, and the digest of its
-// triangles as STREAM.md defines it, written a second time.
+// triangles as stream.md defines it, written a second time.
 // usage: cgal_digest FILE.las [X,Y,X,Y...]... -> "TRIANGLES DIGEST", of all triangles, and on a line for each polygon given by
 // its corners (whole numbers, simple, not closed; one or two corners are a point or a segment) of those that meet it, closed.
 // The file's offsets must be zero and its x and y scales equal,

@@ -100,7 +100,7 @@ def pushed(d, *paths):
 
 
 def noted_otherwise(path):
-    """The same domains as another version of the store would have them: the check of their bytes is another (FORMAT.md, Plans)."""
+    """The same domains as another version of the store would have them: the check of their bytes is another (format.md, Plans)."""
     with open(path, "rb") as f:
         data = bytearray(f.read())
     count = 0

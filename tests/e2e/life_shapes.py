@@ -159,7 +159,7 @@ def higher(t, along):
 
 
 def centre_in(t, regions):
-    """Whether t is in one of the regions (x0, y0, x1, y1, doubled; None: without end) by its circumcentre, as STREAM.md says."""
+    """Whether t is in one of the regions (x0, y0, x1, y1, doubled; None: without end) by its circumcentre, as stream.md says."""
     (ax, ay), (bx, by), (cx, cy) = (p[:2] for p in t)
     bx, by, cx, cy = bx - ax, by - ay, cx - ax, cy - ay
     d = 2 * (bx * cy - by * cx)

@@ -1,4 +1,4 @@
-/* Frames: what is written is read again; every violation of PROTOCOL.md has its own error; a descriptor never leaks. */
+/* Frames: what is written is read again; every violation of protocol.md has its own error; a descriptor never leaks. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

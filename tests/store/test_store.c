@@ -236,7 +236,7 @@ static void header_set(uint32_t version, const uint64_t *rest)
 	close(fd);
 }
 
-/* FORMAT.md, version 4: everything as in memory. */
+/* format.md, version 4: everything as in memory. */
 static void write_4(const struct made *m, uint64_t *ret_payload, uint64_t *ret_bytes)
 {
 	const struct mesh_domain *d = &m->d;

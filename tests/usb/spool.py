@@ -1,4 +1,4 @@
-"""Spools read by SPOOL.md alone: a second reader, which shares no line with the first."""
+"""Spools read by spool.md alone: a second reader, which shares no line with the first."""
 import hashlib
 import struct
 

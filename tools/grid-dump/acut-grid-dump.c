@@ -3,7 +3,7 @@
  *
  * --check reads every byte and derives every number again from the records: checksums, sums, boxes, counts, the order
  * of records, and that every cell is as large as possible. The segments of a manifest are checked with it. The bytes
- * are parsed by FORMAT.md, not by the reader of engine/grid. Exit status: 0, 1 damage, 2 usage, 74 I/O.
+ * are parsed by format.md, not by the reader of engine/grid. Exit status: 0, 1 damage, 2 usage, 74 I/O.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -528,7 +528,7 @@ static void dump_file(int dirfd, const char *name, const char *shown)
 static int usage(FILE *to, int rc)
 {
 	fputs("usage: acut-grid-dump [--check] [--cells] [--records] FILE...\n"
-	      "Shows manifests, segments and sorted runs of the grid cache (FORMAT.md).\n"
+	      "Shows manifests, segments and sorted runs of the grid cache (format.md).\n"
 	      "  --check    read everything, and derive every number again from the records\n"
 	      "  --cells    one line for each cell\n"
 	      "  --records  one line for each record\n",

@@ -1,5 +1,5 @@
 /*
- * Digests from their description alone (proto/STREAM.md): XXH3-128 of 48 bytes for each triangle and 24 for each
+ * Digests from their description alone (docs/formats/stream.md): XXH3-128 of 48 bytes for each triangle and 24 for each
  * vertex, both halves summed separately. Uses the library directly and no code of base/digest.c.
  */
 #include <xxhash.h>

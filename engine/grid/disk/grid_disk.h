@@ -1,5 +1,5 @@
 /*
- * The layout of runs and segments as structs (FORMAT.md describes them). Only for the rooms of engine/grid and for
+ * The layout of runs and segments as structs (format.md describes them). Only for the rooms of engine/grid and for
  * acut-grid-dump. All numbers are little-endian, as on the host; no struct has padding.
  */
 #ifndef GRID_DISK_H
@@ -57,14 +57,14 @@ struct disk_segment {
 _Static_assert(sizeof(struct disk_segment) == DISK_HEADER && offsetof(struct disk_segment, box) == 56 &&
 		       offsetof(struct disk_segment, root) == 88 && offsetof(struct disk_segment, sources_place) == 112 &&
 		       offsetof(struct disk_segment, classes) == 128,
-	       "FORMAT.md");
+	       "format.md");
 
 /* One source of a segment, in its table of sources; ascending by id. */
 struct disk_total {
 	uint32_t id, zero;
 	uint64_t points, sum_hi, sum_lo;
 };
-_Static_assert(sizeof(struct disk_total) == 32, "FORMAT.md");
+_Static_assert(sizeof(struct disk_total) == 32, "format.md");
 
 /* A block: this, disk_source[sources], disk_class[classes], zeros to a multiple of 16, records. */
 struct disk_block {
@@ -74,19 +74,19 @@ struct disk_block {
 	uint16_t classes, sources;
 	uint64_t zero;
 };
-_Static_assert(sizeof(struct disk_block) == 32, "FORMAT.md");
+_Static_assert(sizeof(struct disk_block) == 32, "format.md");
 
 struct disk_source { /* ascending by id */
 	uint32_t id, records;
 	uint64_t sum_hi, sum_lo;
 };
-_Static_assert(sizeof(struct disk_source) == 24, "FORMAT.md");
+_Static_assert(sizeof(struct disk_source) == 24, "format.md");
 
 struct disk_class { /* ascending by cls */
 	uint8_t cls, zero;
 	uint16_t records;
 };
-_Static_assert(sizeof(struct disk_class) == 4, "FORMAT.md");
+_Static_assert(sizeof(struct disk_class) == 4, "format.md");
 
 #define DISK_HEAD_MAX (sizeof(struct disk_block) + GRID_CELL_RECORDS * sizeof(struct disk_source) + 256 * 4)
 #define DISK_BLOCK_MAX (DISK_HEAD_MAX + GRID_CELL_RECORDS * sizeof(struct point))
@@ -105,7 +105,7 @@ struct disk_page {
 	uint16_t level, entries; /* level 0: its entries are cells */
 	uint64_t zero[2];
 };
-_Static_assert(sizeof(struct disk_page) == 32, "FORMAT.md");
+_Static_assert(sizeof(struct disk_page) == 32, "format.md");
 
 struct disk_leaf { /* a cell */
 	uint64_t lo, place, bytes, count;
@@ -119,16 +119,16 @@ struct disk_leaf { /* a cell */
 	uint8_t bits; /* the range has 2^bits keys, 0..64 */
 	uint8_t zero;
 };
-_Static_assert(sizeof(struct disk_leaf) == 88 && offsetof(struct disk_leaf, box) == 56, "FORMAT.md");
+_Static_assert(sizeof(struct disk_leaf) == 88 && offsetof(struct disk_leaf, box) == 56, "format.md");
 
 struct disk_inner { /* a page of the level below */
 	uint64_t lo, hi, place, check, count, distinct, cells, sum_hi, sum_lo;
 	int32_t box[4];
 };
-_Static_assert(sizeof(struct disk_inner) == 88 && offsetof(struct disk_inner, box) == 72, "FORMAT.md");
+_Static_assert(sizeof(struct disk_inner) == 88 && offsetof(struct disk_inner, box) == 72, "format.md");
 
 enum { DISK_ENTRY = 88, DISK_ENTRIES = (DISK_PAGE - sizeof(struct disk_page)) / DISK_ENTRY };
-_Static_assert(DISK_ENTRIES == 185, "FORMAT.md");
+_Static_assert(DISK_ENTRIES == 185, "format.md");
 
 static inline uint64_t disk_range_end(uint64_t lo, unsigned bits)
 {
@@ -143,7 +143,7 @@ struct disk_run {
 	uint32_t version, block_bytes;
 	uint64_t records, blocks, bytes, zero[2];
 };
-_Static_assert(sizeof(struct disk_run) == 64, "FORMAT.md");
+_Static_assert(sizeof(struct disk_run) == 64, "format.md");
 
 /* Block i is at (i + 1) * DISK_RUN_BLOCK: this, records, uint32 ids[sources] ascending, zeros. */
 struct disk_run_block {
@@ -151,7 +151,7 @@ struct disk_run_block {
 	uint16_t records, sources;
 	uint32_t zero;
 };
-_Static_assert(sizeof(struct disk_run_block) == 16, "FORMAT.md");
+_Static_assert(sizeof(struct disk_run_block) == 16, "format.md");
 
 static inline size_t disk_run_used(unsigned records, unsigned sources)
 {

@@ -22,7 +22,7 @@ struct old_block {
 	uint64_t check; /* of the other bytes of the block; seed: its place */
 	uint32_t records, sources;
 };
-_Static_assert(sizeof(struct old_block) == 16, "FORMAT.md");
+_Static_assert(sizeof(struct old_block) == 16, "format.md");
 
 struct converter {
 	int fd;

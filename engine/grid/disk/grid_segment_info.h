@@ -13,7 +13,7 @@ struct grid_segment_info {
 	uint64_t points, cells, bytes;
 	int32_t box[4];        /* min x, min y, max x, max y; meaningless if points == 0 */
 	uint64_t classes[256]; /* points of each class */
-	struct digest sum;     /* content sum of all records, without their sources (FORMAT.md) */
+	struct digest sum;     /* content sum of all records, without their sources (format.md) */
 };
 
 #endif

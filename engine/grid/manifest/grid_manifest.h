@@ -1,6 +1,6 @@
 /*
  * Manifests: one file that describes a dataset completely. It names the segments, the sources (the files that were
- * pushed) and the generations, and says in which generations each source counts. FORMAT.md describes the bytes.
+ * pushed) and the generations, and says in which generations each source counts. format.md describes the bytes.
  */
 #ifndef GRID_MANIFEST_H
 #define GRID_MANIFEST_H
@@ -35,7 +35,7 @@ struct grid_source {
 	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
 	const char *overridden; /* the coordinate system that its header named and the push replaced; NULL is "": none */
 	uint64_t left_out;      /* lines of a text that have no value for a coordinate */
-	const char *reading;    /* how it was read (FORMAT.md); NULL is "": unknown */
+	const char *reading;    /* how it was read (format.md); NULL is "": unknown */
 };
 /* Sizes of these texts, with the zero at the end. */
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN = 512, GRID_SOURCE_READING = 1024 };

@@ -1,6 +1,6 @@
 /*
  * Making a segment: a stage takes points in any order, sorts them into runs on disk, and a seal merges the runs into
- * one immutable segment. FORMAT.md describes the files.
+ * one immutable segment. format.md describes the files.
  */
 #ifndef GRID_STAGE_H
 #define GRID_STAGE_H

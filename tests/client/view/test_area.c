@@ -88,7 +88,7 @@ static void test_forms(void **state)
 		free(request);
 		ctl_area_done(&a);
 	}
-	/* Written by a few lines of Python after PROTOCOL.md. */
+	/* Written by a few lines of Python after protocol.md. */
 	assert_string_equal(first, "ask 1 crop=area@-2:+AA0hCAAigC-7V55BwMAAoG");
 	free(first);
 }

@@ -1,4 +1,4 @@
-"""acut-scan as tests run it, and spools read by SPOOL.md alone (with xxhash and hashlib, none of acut's code)."""
+"""acut-scan as tests run it, and spools read by spool.md alone (with xxhash and hashlib, none of acut's code)."""
 import hashlib
 import os
 import shutil

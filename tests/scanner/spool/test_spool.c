@@ -417,7 +417,7 @@ static void test_tails(void **state)
 	free(inner);
 }
 
-/* The check of a head as in SPOOL.md. */
+/* The check of a head as in spool.md. */
 static void set_check(uint8_t *head, size_t size)
 {
 	uint64_t check;
