@@ -79,6 +79,9 @@ struct cli ctl_cli(void)
 			    .ncommand = sizeof(commands) / sizeof(*commands),
 			    .option = ctl_options,
 			    .noption = ctl_noptions,
+			    .scope_at = offsetof(struct program, fetch.output),
+			    .scope_size = sizeof(struct ctl_fetch_output),
+			    .scopes = CTL_FETCH_OUTPUTS + 1,
 			    .words = words,
 			    .statuses = statuses};
 }

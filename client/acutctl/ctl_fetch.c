@@ -18,7 +18,7 @@ int ctl_fetch_run(struct program *ctl)
 	opt->window = ctl->view.bbox ? "bbox" : ctl->view.polygon ? "polygon" : NULL;
 	if (ctl_job_id(ctl->line.word[0], &id, &err))
 		return session_error(session, &err);
-	if (!opt->out.n && !ctl_fetch_nothing(opt)) { /* refused before a daemon is looked for */
+	if (!ctl_fetch_count(opt) && !ctl_fetch_nothing(opt)) { /* refused before a daemon is looked for */
 		ctl_fetch_open(session, opt, &run, &err);
 		return session_error(session, &err);
 	}

@@ -35,6 +35,7 @@ int ctl_mesh_run(struct program *ctl)
 	struct session *session = &ctl->session;
 	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct outputs *run = NULL;
+	const char *path[CTL_FETCH_OUTPUTS + 1];
 	char *view = NULL;
 	double box[4];
 	bool cropped = false;
@@ -46,7 +47,7 @@ int ctl_mesh_run(struct program *ctl)
 		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
 	in.crop = cropped ? box : NULL;
 	if (!r)
-		r = ctl_inputs_not_outputs(&in, ctl->fetch.out.text, &err);
+		r = ctl_inputs_not_outputs(&in, ctl_fetch_paths(&ctl->fetch, path), &err);
 	if (!r)
 		r = ctl_fetch_open(session, &ctl->fetch, &run, &err);
 	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run);

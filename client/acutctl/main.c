@@ -31,11 +31,11 @@ int main(int argc, char **argv)
 		status = session_check(&ctl.session, &err);
 	if (ctl_fetch_to_standard(&ctl.fetch)) {
 		ctl.session.console.report = stderr;
-		ctl.session.for_reader = ctl.fetch.out.n == 1;
+		ctl.session.for_reader = ctl_fetch_count(&ctl.fetch) == 1;
 	}
 	if (ctl.input.format && (format = ctl_input_format_of(ctl.input.format)))
 		ctl.input.format = format->name; /* laz is read as las */
-	ctl.session.writes = ctl.fetch.out.n > 0;
+	ctl.session.writes = ctl_fetch_count(&ctl.fetch) > 0;
 	ctl.session.starts = ctl.line.command && ctl.line.command->groups & CTL_OWN;
 	if (!status)
 		status = cli_run(&cli, &ctl.line, &ctl, stdout, &err);

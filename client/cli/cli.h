@@ -28,6 +28,7 @@ enum cli_kind {
 	CLI_TEXT,    /* const char *; NULL: not given */
 	CLI_WORD,    /* likewise, and not empty */
 	CLI_LIST,    /* struct cli_texts */
+	CLI_SCOPE,   /* const char *; opens the next scope (struct cli) */
 	CLI_SECONDS, /* double, above zero */
 	CLI_SIZE,    /* uint64_t, above zero */
 	CLI_NUMBER,  /* double */
@@ -70,6 +71,11 @@ struct cli {
 	size_t ncommand;
 	const struct cli_option *option;
 	size_t noption;
+	/* Options that may be given once a scope: those whose place is in the first of `scopes` structs of `scope_size` bytes at
+	 * `scope_at` in struct program. The first struct has those before any option of kind CLI_SCOPE; each of these opens the
+	 * next. */
+	size_t scope_at, scope_size;
+	unsigned scopes;
 	/* Paragraphs of the help of a command: what kinds of words it takes, and its exit statuses. */
 	const char *(*words)(const struct cli_command *);
 	const char *(*statuses)(const struct cli_command *);

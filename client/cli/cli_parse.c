@@ -2,7 +2,8 @@
  * Reads a command line into options, command, verb and words.
  *
  * Options may come before and after the command; "--" ends them. An option that is given twice is an error, unless it is a
- * list. Options of a later version are refused by name, never ignored: a script that asks for a part must not get the whole.
+ * list, or of two scopes. Options of a later version are refused by name, never ignored: a script that asks for a part must not
+ * get the whole.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -19,8 +20,11 @@ struct reader {
 	char **argv;
 	struct program *program;
 	const struct cli_command *command; /* NULL: it has not come yet, or there is none of that name */
-	bool *seen;                        /* a flag for each option */
+	uint8_t *seen;                     /* for each option: SEEN, SEEN_IN_SCOPE */
+	unsigned scope;
 };
+
+enum { SEEN = 1, SEEN_IN_SCOPE = 2 };
 
 /* ---- values ---- */
 
@@ -85,15 +89,33 @@ static int add_text(const struct cli_option *o, const char *value, struct cli_te
 	return 0;
 }
 
+static bool is_scoped(const struct cli *cli, const struct cli_option *o)
+{
+	return cli->scopes && o->at >= cli->scope_at && o->at < cli->scope_at + cli->scope_size;
+}
+
+static int open_scope(struct reader *r, const struct cli_option *o, struct err *err)
+{
+	if (r->scope + 1 >= r->cli->scopes)
+		return err_set(err, ERR_USAGE, "--%s is given more than %u times", o->name, r->cli->scopes - 1);
+	r->scope++;
+	for (size_t i = 0; i < r->cli->noption; i++)
+		if (is_scoped(r->cli, &r->cli->option[i]))
+			r->seen[i] &= (uint8_t)~SEEN_IN_SCOPE;
+	return 0;
+}
+
 static int set(struct reader *r, const struct cli_option *o, char *value, struct err *err)
 {
-	void *to = (char *)r->program + o->at;
-	bool *seen = &r->seen[o - r->cli->option];
-	char name[64];
+	uint8_t *seen = &r->seen[o - r->cli->option];
+	char name[64], *to;
 
-	if (*seen && o->value && o->kind != CLI_LIST)
+	if (o->kind == CLI_SCOPE && open_scope(r, o, err))
+		return -ERR_USAGE;
+	if (*seen & SEEN_IN_SCOPE && o->value && o->kind != CLI_LIST)
 		return err_set(err, ERR_USAGE, "--%s is given twice", o->name);
-	*seen = true;
+	*seen = SEEN | SEEN_IN_SCOPE;
+	to = (char *)r->program + o->at + (is_scoped(r->cli, o) ? r->scope * r->cli->scope_size : 0);
 	if (has_choices(o) && check_choice(o, value, err))
 		return -ERR_USAGE;
 	switch (o->kind) {
@@ -104,20 +126,23 @@ static int set(struct reader *r, const struct cli_option *o, char *value, struct
 		if (!*value)
 			return err_set(err, ERR_USAGE, "--%s is empty", o->name);
 		/* fall through */
+	case CLI_SCOPE:
 	case CLI_TEXT:
 		*(const char **)to = value;
 		return 0;
 	case CLI_LIST:
-		return add_text(o, value, to, err);
+		return add_text(o, value, (struct cli_texts *)to, err);
 	case CLI_SECONDS:
-		return set_seconds(o, value, to, err);
+		return set_seconds(o, value, (double *)to, err);
 	case CLI_SIZE:
-		return set_size(o, value, to, err);
+		return set_size(o, value, (uint64_t *)to, err);
 	case CLI_NUMBER:
-		return parse_double(value, to) ? 0 : err_set(err, ERR_USAGE, "--%s is not a number: \"%s\"", o->name, value);
+		return parse_double(value, (double *)to) ?
+			       0 :
+			       err_set(err, ERR_USAGE, "--%s is not a number: \"%s\"", o->name, value);
 	case CLI_COUNT:
 		snprintf(name, sizeof(name), "--%s", o->name);
-		return cli_number(name, value, 1, UINT64_MAX, to, err);
+		return cli_number(name, value, 1, UINT64_MAX, (uint64_t *)to, err);
 	case CLI_LATER:
 		break;
 	}

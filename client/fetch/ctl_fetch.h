@@ -6,15 +6,32 @@
 #include "ctl_report.h"
 #include "outputs.h"
 
+/* One output; NULL, 0: not given. */
+struct ctl_fetch_output {
+	const char *path, *format, *origin, *z_unit, *color;
+	uint64_t width;
+	bool canonical;
+};
+
+enum { CTL_FETCH_OUTPUTS = 16 };
+
 struct ctl_fetch_options {
-	struct cli_texts out;
-	const char *format, *tile, *origin, *max_edge, *z_unit, *color; /* NULL: not given */
-	uint64_t since, width;                                          /* 0: not given */
-	bool canonical, no_clobber;
+	struct ctl_fetch_output
+		output[CTL_FETCH_OUTPUTS + 1]; /* as given; the first has the options before any -o, and no path */
+	const char *tile, *max_edge;           /* NULL: not given */
+	uint64_t since;                        /* 0: not given */
+	bool no_clobber;
 	bool gaps;          /* the view leaves gaps: of the ground or the surface */
 	const char *window; /* "bbox", "polygon": only that area of the mesh; NULL: all of it */
 };
 
+unsigned ctl_fetch_count(const struct ctl_fetch_options *); /* of outputs */
+/* Their paths, a NULL at the end. */
+const char *const *ctl_fetch_paths(const struct ctl_fetch_options *, const char *ret[CTL_FETCH_OUTPUTS + 1]);
+/* Output i (from 1; 0 without outputs) with the options that are of all. */
+struct ctl_fetch_output ctl_fetch_output(const struct ctl_fetch_options *, unsigned i);
+/* The unit that all outputs convert heights to; NULL: none, or not the same. */
+const char *ctl_fetch_z_unit(const struct ctl_fetch_options *);
 /* Names standard output "-" however it is named; whether it is one of the outputs. */
 bool ctl_fetch_to_standard(struct ctl_fetch_options *);
 /* --format names one that writes nothing, and no OUT is given: that is complete. */
@@ -27,6 +44,10 @@ int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, 
 void ctl_fetch_summary(struct console *, const struct acut_job *);
 
 /* ---- for the files of this room ---- */
+
+/* Each option must be of use for the output that it is of, or, of all, for one of them. */
+int ctl_fetch_check_used(const struct ctl_fetch_options *, const struct format *const format[CTL_FETCH_OUTPUTS + 1],
+			 struct err *);
 
 /* A mesh that was written. */
 struct ctl_mesh {

@@ -66,7 +66,7 @@ static void changes_json(struct term_json *j, const struct ctl_mesh *m)
 
 static void tiles_json(struct term_json *j, const struct ctl_mesh *m)
 {
-	const char *dir = m->opt->out.text[0];
+	const char *dir = m->opt->output[1].path;
 	size_t n = m->opt->tile ? strlen(dir) : 0;
 	char *index;
 
@@ -89,7 +89,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 {
 	const struct acut_job *job = m->job;
 	const struct acut_report *p = &job->report;
-	const char *z = m->opt->z_unit;
+	const char *z = ctl_fetch_z_unit(m->opt);
 	struct term_json j = console_json(m->console);
 
 	term_json_u64(&j, "job", job->id);

@@ -4,20 +4,6 @@
 
 #include "ctl_fetch.h"
 
-bool ctl_fetch_to_standard(struct ctl_fetch_options *opt)
-{
-	static const char *const name[] = {"/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-"};
-	bool any = false;
-
-	for (unsigned i = 0; i < opt->out.n; i++)
-		for (unsigned k = 0; k < 4; k++)
-			if (!strcmp(opt->out.text[i], name[k])) {
-				opt->out.text[i] = "-";
-				any = true;
-			}
-	return any;
-}
-
 static int parse_origin(const char *text, struct format_options *opt, struct err *err)
 {
 	char part[3 * DECIMAL_TEXT_SIZE], *at = part, *rest;
@@ -44,96 +30,84 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 }
 
 /* The given options that a format takes. */
-static int options_of(const struct ctl_fetch_options *a, unsigned takes, struct format_options *opt, struct err *err)
+static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct format_options *opt, struct err *err)
 {
-	*opt = (struct format_options){.no_clobber = a->no_clobber, .canonical = a->canonical && (takes & FORMAT_CANONICAL)};
-	if (takes & FORMAT_SIZED && a->width > FORMAT_WIDTH_MAX)
+	opt->canonical = o->canonical && (takes & FORMAT_CANONICAL);
+	if (takes & FORMAT_SIZED && o->width > FORMAT_WIDTH_MAX)
 		return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
 	if (takes & FORMAT_SIZED)
-		opt->width = (uint32_t)a->width;
-	if (takes & FORMAT_COLORED && a->color)
-		format_parse_color(a->color, &opt->color);
-	if (takes & FORMAT_Z_UNIT && a->z_unit)
-		opt->z_unit = format_unit_of_word(a->z_unit, strlen(a->z_unit));
-	return takes & FORMAT_ORIGIN && a->origin ? parse_origin(a->origin, opt, err) : 0;
+		opt->width = (uint32_t)o->width;
+	if (takes & FORMAT_COLORED && o->color)
+		format_parse_color(o->color, &opt->color);
+	if (takes & FORMAT_Z_UNIT && o->z_unit)
+		opt->z_unit = format_unit_of_word(o->z_unit, strlen(o->z_unit));
+	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
-/* An option must be of use for one of the outputs. */
-static int check_used(const struct ctl_fetch_options *a, unsigned takes, const char *format, struct err *err)
+static const struct format *format_of(const struct ctl_fetch_options *a, const struct ctl_fetch_output *o, struct err *err)
 {
-	unsigned given = (a->canonical ? FORMAT_CANONICAL : 0) | (a->origin ? FORMAT_ORIGIN : 0) |
-			 (a->z_unit ? FORMAT_Z_UNIT : 0) | (a->width ? FORMAT_SIZED : 0) | (a->color ? FORMAT_COLORED : 0);
-	unsigned useless = given & ~takes;
+	const char *tile = o->format ? o->format : "ply";
+	const struct format *by_path = strcmp(o->path, "-") ? format_by_path(o->path) : NULL, *f = by_path;
 
-	if (useless & (FORMAT_SIZED | FORMAT_COLORED))
-		return err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one",
-			       format_option_name(useless & (FORMAT_SIZED | FORMAT_COLORED)));
-	return useless ? err_set(err, ERR_USAGE, "--%s has no meaning for %s", format_option_name(useless), format) : 0;
-}
-
-static const struct format *format_of(const struct ctl_fetch_options *a, const char *path, struct err *err)
-{
-	const char *tile = a->format ? a->format : "ply";
-	const struct format *by_path = strcmp(path, "-") ? format_by_path(path) : NULL, *f = by_path;
-
-	if (a->tile || (a->format && (a->out.n == 1 || !by_path))) {
-		f = format_find(a->tile ? tile : a->format);
+	if (a->tile || (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
+		f = format_find(a->tile ? tile : o->format);
 		if (!f) {
-			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : a->format);
+			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : o->format);
 			err_add_hint(err, "acutctl formats lists them");
 		}
-	} else if (!f && !strcmp(path, "-")) {
+	} else if (!f && !strcmp(o->path, "-")) {
 		f = format_find("ply"); /* the default, as for tiles */
 	} else if (!f) {
 		err_set(err, ERR_USAGE, "the name does not give a format");
-		err_add_file(err, path);
+		err_add_file(err, o->path);
 		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
 	}
 	return f;
 }
 
-static int add_output(const struct ctl_fetch_options *a, const char *path, struct outputs *run, unsigned *takes,
-		      const char **ret_format, struct err *err)
+static int add_output(const struct ctl_fetch_options *a, unsigned i, struct outputs *run, const struct format **ret_format,
+		      struct err *err)
 {
-	const struct format *f = path ? format_of(a, path, err) : format_find(a->format);
-	struct format_options opt;
-	int r = f ? options_of(a, f->takes, &opt, err) : -(int)err->code;
+	struct ctl_fetch_output o = ctl_fetch_output(a, i);
+	const struct format *f = o.path ? format_of(a, &o, err) : format_find(o.format);
+	struct format_options opt = {.no_clobber = a->no_clobber};
+	int r = f ? options_of(&o, f->takes, &opt, err) : -(int)err->code;
 
 	if (r)
 		return r;
-	if (path && !a->tile && f->kind != FORMAT_NOTHING && !strcmp(path, "-") && isatty(STDOUT_FILENO)) {
+	if (o.path && !a->tile && f->kind != FORMAT_NOTHING && !strcmp(o.path, "-") && isatty(STDOUT_FILENO)) {
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
-	*takes |= f->takes;
-	*ret_format = f->name;
-	return outputs_add(run, path, f, &opt, err);
+	*ret_format = f;
+	return outputs_add(run, o.path, f, &opt, err);
 }
 
 bool ctl_fetch_nothing(const struct ctl_fetch_options *a)
 {
-	const struct format *f = a->format ? format_find(a->format) : NULL;
+	const char *name = a->output[0].format;
+	const struct format *f = name ? format_find(name) : NULL;
 
-	return !a->out.n && f && f->kind == FORMAT_NOTHING;
+	return !ctl_fetch_count(a) && f && f->kind == FORMAT_NOTHING;
 }
 
 static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 {
-	unsigned standard = 0;
+	unsigned standard = 0, n = ctl_fetch_count(a);
 
-	if (!a->out.n && !ctl_fetch_nothing(a)) {
+	if (!n && !ctl_fetch_nothing(a)) {
 		err_set(err, ERR_USAGE, "no output given");
 		return err_add_hint(err, "name the output with -o OUT, as in -o mesh.ply");
 	}
-	for (unsigned i = 0; i < a->out.n; i++) {
-		standard += !strcmp(a->out.text[i], "-");
-		for (unsigned j = 0; j < i; j++)
-			if (!strcmp(a->out.text[i], a->out.text[j]))
-				return err_set(err, ERR_USAGE, "the output %s is given twice", a->out.text[i]);
+	for (unsigned i = 1; i <= n; i++) {
+		standard += !strcmp(a->output[i].path, "-");
+		for (unsigned j = 1; j < i; j++)
+			if (!strcmp(a->output[i].path, a->output[j].path))
+				return err_set(err, ERR_USAGE, "the output %s is given twice", a->output[i].path);
 	}
-	if (a->tile && a->out.n != 1) {
-		err_set(err, ERR_USAGE,
-			a->out.n ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder", a->out.n);
+	if (a->tile && n != 1) {
+		err_set(err, ERR_USAGE, n ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder",
+			n);
 		return err_add_hint(err, "name the folder with one -o DIR/, as in -o tiles/");
 	}
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
@@ -172,8 +146,8 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 {
 	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
 	struct outputs *run = NULL;
-	const char *format = NULL;
-	unsigned takes = 0;
+	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
+	unsigned n = ctl_fetch_count(a);
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -188,12 +162,10 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = parse_tile(session, a->tile, &opt, err);
 	if (!r)
 		r = outputs_new(&opt, &run, err);
-	if (!r && ctl_fetch_nothing(a))
-		r = add_output(a, NULL, run, &takes, &format, err);
-	for (unsigned i = 0; i < a->out.n && !r; i++)
-		r = add_output(a, a->out.text[i], run, &takes, &format, err);
+	for (unsigned i = n > 0; i <= n && !r; i++)
+		r = add_output(a, i, run, &format[i], err);
 	if (!r)
-		r = check_used(a, takes, format, err);
+		r = ctl_fetch_check_used(a, format, err);
 	if (r)
 		outputs_free(run);
 	else

@@ -85,18 +85,18 @@ static void files(const struct ctl_mesh *m, FILE *out)
 	char size[32], count[32];
 	struct stat st;
 
-	for (unsigned i = 0; i < m->opt->out.n; i++) {
-		const char *name = m->opt->out.text[i];
+	for (unsigned i = 1; i <= ctl_fetch_count(m->opt); i++) {
+		const char *name = m->opt->output[i].path;
 
 		if (m->opt->tile)
-			term_field(out, i ? "" : "written", "%s: %s tile%s and " OUTPUTS_TILES_INDEX ", %s", name,
+			term_field(out, i > 1 ? "" : "written", "%s: %s tile%s and " OUTPUTS_TILES_INDEX ", %s", name,
 				   term_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
 		else if (!strcmp(name, "-"))
-			term_field(out, i ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
+			term_field(out, i > 1 ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
 		else if (!stat(name, &st) && S_ISREG(st.st_mode))
-			term_field(out, i ? "" : "written", "%s, %s", name, parse_size_text((uint64_t)st.st_size, size));
+			term_field(out, i > 1 ? "" : "written", "%s, %s", name, parse_size_text((uint64_t)st.st_size, size));
 		else
-			term_field(out, i ? "" : "written", "%s", name);
+			term_field(out, i > 1 ? "" : "written", "%s", name);
 	}
 }
 
@@ -137,7 +137,8 @@ static void place(const struct ctl_mesh *m, FILE *out)
 		   a->assume_crs     ? " (--assume-crs, for inputs without one)" :
 		   a->override_crs   ? " (--override-crs)" :
 				       "");
-	term_field(out, "units", "%s, heights %s%s", job->unit_xy, m->opt->z_unit ? m->opt->z_unit : job->unit_z,
+	term_field(out, "units", "%s, heights %s%s", job->unit_xy,
+		   ctl_fetch_z_unit(m->opt) ? ctl_fetch_z_unit(m->opt) : job->unit_z,
 		   !staged           ? "" :
 		   a->assume_units   ? " (--assume-units, for inputs without any)" :
 		   a->override_units ? " (--override-units)" :
@@ -205,12 +206,12 @@ static void written(const struct ctl_mesh *m)
 {
 	char count[32];
 
-	for (unsigned i = 0; i < m->opt->out.n; i++)
+	for (unsigned i = 1; i <= ctl_fetch_count(m->opt); i++)
 		if (m->opt->tile)
 			console_line(m->console, "wrote %s tile%s and " OUTPUTS_TILES_INDEX " into %s",
-				     term_count(m->out->tiles, count), m->out->tiles == 1 ? "" : "s", m->opt->out.text[i]);
-		else if (strcmp(m->opt->out.text[i], "-"))
-			console_line(m->console, "wrote %s", m->opt->out.text[i]);
+				     term_count(m->out->tiles, count), m->out->tiles == 1 ? "" : "s", m->opt->output[i].path);
+		else if (strcmp(m->opt->output[i].path, "-"))
+			console_line(m->console, "wrote %s", m->opt->output[i].path);
 }
 
 static void lines(const struct ctl_mesh *m)

@@ -137,6 +137,18 @@ def outputs(p):
         status, _, err = p.ctl("mesh", las, other, "-o", "-", "--format", "ply", "--canonical", "--quiet", stdout=f)
     head, nv2, nf2, body = read_ply(p.path("s.ply"))
     check("standard output", status == 0 and err == "" and body == read_ply(files[0])[3], "%d %s" % (status, err))
+    # Options behind an -o are of that output; before the first, and given once, of all.
+    one, two, three = p.path("one.ply"), p.path("two.obj"), p.path("three.png")
+    p.json("mesh", las, other, "--origin", "1,2,3", "-o", one, "--canonical", "-o", two, "--canonical", "--origin", "4,5,6", "-o", three,
+           "--width", "40", "-o", p.path("four.png"), "--width", "50")
+    origin = re.compile(r"acut-origin (.*)$", re.M)
+    check("an origin each", (origin.search(read_ply(one)[0]).group(1), origin.search(open(two).read()).group(1)) == ("1 2 3", "4 5 6"))
+    widths = [struct.unpack(">I", open(x, "rb").read()[16:20])[0] for x in (three, p.path("four.png"))]
+    check("a width each", widths[0] <= 40 < widths[1] <= 50, str(widths))
+    check("in canonical order", read_ply(one)[3][24 * nv:] == read_ply(files[0])[3][24 * nv:])
+    p.json("mesh", las, other, "-o", one, "-o", two, "--canonical", "--origin", "auto")
+    check("given once, of all", origin.search(read_ply(one)[0]) and origin.search(open(two).read()) and
+          read_ply(one)[3][24 * nv:] == read_ply(files[0])[3][24 * nv:])
     # Filters.
     left = p.json("mesh", las, other, "-o", p.path("e.ply"), "--max-edge", "2.5")
     check("--max-edge leaves the mesh whole", left["digest"] == got["digest"] and left["triangles"] == nf)
