@@ -53,10 +53,10 @@ struct view view_normal(const struct view *v)
 		w.classes[i] = w.has_classes ? w.classes[i] & ~w.not_classes[i] : 0;
 	if (w.has_classes)
 		memset(w.not_classes, 0, sizeof w.not_classes);
-	if (!w.has_zmin)
-		w.zmin = 0;
-	if (!w.has_zmax)
-		w.zmax = 0;
+#define VIEW_HEIGHT(field, ...) \
+	if (!w.has_##field)     \
+		w.field = 0;
+#include "view_option.def"
 	if (w.every <= 1)
 		w.every = 0;
 	if (!w.thin.cell)
