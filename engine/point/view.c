@@ -178,6 +178,11 @@ bool view_selects(const struct view *v)
 	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell;
 }
 
+bool view_rule_selects(enum view_rule rule)
+{
+	return rule == VIEW_BY_CROP || rule == VIEW_BY_EVERY || rule == VIEW_BY_THIN;
+}
+
 struct view view_rest(const struct view *v)
 {
 	struct view rest = VIEW_INIT, normal = view_normal(v);

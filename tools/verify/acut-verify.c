@@ -250,9 +250,10 @@ static void print_json(const struct verdict *v)
 		printf(",\"points\":%llu,\"used\":%llu,\"positions\":%llu,\"rounded\":%llu,\"removed\":{",
 		       (unsigned long long)v->points.read, (unsigned long long)v->points.n, (unsigned long long)r->positions,
 		       (unsigned long long)v->points.rounded);
-		for (int rule = VIEW_KEPT + 1; rule < VIEW_BY_DUPLICATE; rule++)
-			printf("%s\"%s\":%llu", rule > 1 ? "," : "", view_rule_text((enum view_rule)rule),
-			       (unsigned long long)v->points.removed[rule]);
+		for (int rule = VIEW_KEPT + 1; rule < VIEW_RULES; rule++)
+			if (rule != VIEW_BY_DUPLICATE) /* verify_points has these */
+				printf("%s\"%s\":%llu", rule > VIEW_KEPT + 1 ? "," : "", view_rule_text((enum view_rule)rule),
+				       (unsigned long long)v->points.removed[rule]);
 		printf("}");
 	} else {
 		printf(",\"points\":null,\"used\":null,\"positions\":null,\"rounded\":null,\"removed\":null");
