@@ -109,7 +109,9 @@ def killed_in_a_window():
         expect(read(out) == read(want), "what was joined differs")
         expect(not parts(base), "left behind: %s" % parts(base))
         # Another area is another stream.
-        held(d, gate, 1, "fetch", "1", box, "-o", out).kill()
+        p = held(d, gate, 1, "fetch", "1", box, "-o", out)
+        p.kill()
+        p.communicate()
         gate.open()
         says(d.ctl("fetch", "1", "-o", out, "--resume"), 1, "cannot be continued")
 
