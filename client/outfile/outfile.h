@@ -28,7 +28,8 @@ int outfile_write(struct outfile *, const void *bytes, size_t n, struct err *err
 /* Overwrite bytes written before; only if the output can seek. */
 int outfile_patch(struct outfile *, uint64_t at, const void *bytes, size_t n, struct err *err);
 /* Appends all of a spool or annex. Of an annex larger than OUTFILE_BUFFER to an output that can seek, up to 4095
- * records of `record` bytes (an odd number) come from its end to its front. */
+ * records of `record` bytes (an odd number; -ERR_INTERNAL: it is not) come from its end to its front, so that nothing need be
+ * copied. With 0 the annex is copied in its order: for records of several sizes, as lines of text. */
 int outfile_join(struct outfile *, struct outfile *from, size_t record, struct err *err);
 /* Reads back from a spool: n bytes at `at`. */
 int outfile_read(struct outfile *, uint64_t at, void *bytes, size_t n, struct err *err);

@@ -24,7 +24,7 @@ struct mesh_link {
 	uint32_t edges;  /* number of triangles in the sum */
 };
 
-#define MESH_RULES 12 /* at least VIEW_RULES */
+#define MESH_RULES 12 /* at least VIEW_RULES; part of the format of stored domains */
 
 /* Of the positions with at least two points in the view, the one with the most points; if several have as many, the
  * first by x, then y. */

@@ -12,6 +12,7 @@ from e2e import Daemon, Folder, expect
 
 SMALL = {"memory": "24M", "threads": 2}
 POINTS = 500000
+RESUMABLE = ("ply", "obj")  # tests/client/format/formats.py
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 
 
@@ -48,10 +49,10 @@ def killed_client():
         gate = e2e.Gate(base)
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()
-        for n, options in enumerate((["ply"], ["obj"], ["ply", "obj", "--max-edge", "4"], ["ply", "--origin", "auto"])):
+        for n, options in enumerate([[kind] for kind in RESUMABLE] + [[*RESUMABLE, "--max-edge", "4"], ["ply", "--origin", "auto"]]):
             want = os.path.join(base, "want%d." % n)
             got = os.path.join(base, "got%d." % n)
-            kinds, rest = [o for o in options if o in ("ply", "obj")], [o for o in options if o not in ("ply", "obj")]
+            kinds, rest = [o for o in options if o in RESUMABLE], [o for o in options if o not in RESUMABLE]
             outs = lambda stem: [w for k in kinds for w in ("-o", stem + k)]
             full = d.ctl("fetch", "1", "--json", *outs(want), *rest).ok().json()
             # What it does when it is killed: it writes a part, its faces or its state, or gives the state its name, for the n-th time
@@ -109,7 +110,9 @@ def killed_in_a_window():
         expect(read(out) == read(want), "what was joined differs")
         expect(not parts(base), "left behind: %s" % parts(base))
         # Another area is another stream.
-        held(d, gate, 1, "fetch", "1", box, "-o", out).kill()
+        p = held(d, gate, 1, "fetch", "1", box, "-o", out)
+        p.kill()
+        p.communicate()
         gate.open()
         says(d.ctl("fetch", "1", "-o", out, "--resume"), 1, "cannot be continued")
 

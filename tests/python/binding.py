@@ -4,6 +4,7 @@ import contextlib
 import gc
 import grp
 import gzip
+import inspect
 import io
 import json
 import os
@@ -151,6 +152,8 @@ def same_views():
             ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]),
         ]
+        known = set(inspect.signature(acut._view.view_text).parameters)
+        expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
         for words, options in rows:
             job = c.submit("s", **words)
             r = d.ctl("submit", "s", "--json", *options).ok().json()

@@ -23,8 +23,11 @@ static const char help[] = "Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
 			   "digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
 			   "\n"
 			   "What the mesh was made of, as for acutctl:\n"
-			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface, --keep-withheld,\n"
-			   "  --keep-noise, --drop-overlap, --duplicates lowest|highest; --planar is always meant\n"
+			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface,\n"
+			   "  --duplicates lowest|highest"
+#define VIEW_FLAG(field, word, help) ", --" word
+#include "view_option.def"
+			   "; --planar is always meant\n"
 			   "  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
 			   "\n"
 			   "  --json             one JSON object\n"
@@ -55,9 +58,8 @@ enum {
 	OPT_RETURNS,
 	OPT_GROUND,
 	OPT_SURFACE,
-	OPT_WITHHELD,
-	OPT_NOISE,
-	OPT_OVERLAP,
+#define VIEW_FLAG(field, ...) OPT_##field,
+#include "view_option.def"
 	OPT_DUPLICATES,
 	OPT_VIEW,
 	OPT_PLANAR,
@@ -70,8 +72,9 @@ enum {
 static const struct option long_options[] = {
 	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
 	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
-	{"surface", 0, NULL, OPT_SURFACE},       {"keep-withheld", 0, NULL, OPT_WITHHELD},
-	{"keep-noise", 0, NULL, OPT_NOISE},      {"drop-overlap", 0, NULL, OPT_OVERLAP},
+	{"surface", 0, NULL, OPT_SURFACE},
+#define VIEW_FLAG(field, word, help) {word, 0, NULL, OPT_##field},
+#include "view_option.def"
 	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
 	{"planar", 0, NULL, OPT_PLANAR},         {"json", 0, NULL, OPT_JSON},
 	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
@@ -114,15 +117,11 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 	case OPT_SURFACE:
 		v->view.surface = true;
 		break;
-	case OPT_WITHHELD:
-		v->view.keep_withheld = true;
+#define VIEW_FLAG(field, ...)         \
+	case OPT_##field:             \
+		v->view.field = true; \
 		break;
-	case OPT_NOISE:
-		v->view.keep_noise = true;
-		break;
-	case OPT_OVERLAP:
-		v->view.drop_overlap = true;
-		break;
+#include "view_option.def"
 	case OPT_PLANAR:
 		break;
 	case OPT_JSON:
@@ -251,9 +250,10 @@ static void print_json(const struct verdict *v)
 		printf(",\"points\":%llu,\"used\":%llu,\"positions\":%llu,\"rounded\":%llu,\"removed\":{",
 		       (unsigned long long)v->points.read, (unsigned long long)v->points.n, (unsigned long long)r->positions,
 		       (unsigned long long)v->points.rounded);
-		for (int rule = VIEW_KEPT + 1; rule < VIEW_BY_DUPLICATE; rule++)
-			printf("%s\"%s\":%llu", rule > 1 ? "," : "", view_rule_text((enum view_rule)rule),
-			       (unsigned long long)v->points.removed[rule]);
+		for (int rule = VIEW_KEPT + 1; rule < VIEW_RULES; rule++)
+			if (rule != VIEW_BY_DUPLICATE) /* verify_points has these */
+				printf("%s\"%s\":%llu", rule > VIEW_KEPT + 1 ? "," : "", view_rule_text((enum view_rule)rule),
+				       (unsigned long long)v->points.removed[rule]);
 		printf("}");
 	} else {
 		printf(",\"points\":null,\"used\":null,\"positions\":null,\"rounded\":null,\"removed\":null");
