@@ -22,24 +22,29 @@
 #include "space.h"
 #include "thread.h"
 
-/* Pointers and descriptors are borrowed, until core_free. */
-struct core_params {
-	struct ledger *ledger;
-	struct sched *sched;
-	struct catalogue *catalogue;        /* not started */
-	int statefd, cachefd;               /* folders */
-	const uint8_t *store;               /* the 16 bytes that identify this store (its marker); NULL: zeros */
-	unsigned threads;                   /* domains at once, at most */
+/* Settings that a reload changes (daemon/settings.c). */
+struct core_limits {
 	struct space_limit disk, keep_free; /* as in space_params */
 	double keep_removed;                /* seconds that a removed dataset can be restored; 0: 7 days */
 	double space_wait;                  /* seconds that work for a waiting client may wait for disk space */
-	double defer_seconds;               /* after the start, without client work, before deferred tasks run; 0: none */
 	struct user_limits {                /* of one user who is no administrator; 0, SPACE_UNLIMITED: no limit */
 		unsigned jobs;              /* unfinished */
 		unsigned memory;            /* per cent of the memory, for jobs, pushes and plans */
 		unsigned datasets;          /* that the user owns, removed ones included */
 		struct space_limit disk;    /* of datasets and pushes; per cent: of the state's file system */
 	} user;
+};
+
+/* Pointers and descriptors are borrowed, until core_free. */
+struct core_params {
+	struct ledger *ledger;
+	struct sched *sched;
+	struct catalogue *catalogue; /* not started */
+	int statefd, cachefd;        /* folders */
+	const uint8_t *store;        /* the 16 bytes that identify this store (its marker); NULL: zeros */
+	unsigned threads;            /* domains at once, at most */
+	double defer_seconds;        /* after the start, without client work, before deferred tasks run; 0: none */
+	struct core_limits limits;
 	/* Makes the removed folder of the cache again; *ret_fd is the caller's. NULL: it stays removed. */
 	int (*remake_cache)(void *ctx, int *ret_fd, struct err *err);
 	void *cache_ctx;

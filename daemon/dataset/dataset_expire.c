@@ -15,7 +15,7 @@
 
 static double keep_seconds(const struct datasets *ds)
 {
-	return ds->core->p.keep_removed > 0 ? ds->core->p.keep_removed : KEEP_SECONDS;
+	return ds->core->p.limits.keep_removed > 0 ? ds->core->p.limits.keep_removed : KEEP_SECONDS;
 }
 
 int64_t dataset_until_us(const struct dataset *d)

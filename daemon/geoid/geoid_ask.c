@@ -2,7 +2,7 @@
  * What clients ask of the store of geoid grids: to add one, to list them, to remove a name.
  *
  * The model: an ask is a task of its own. Adding copies the grid first and checks the copy. Names appear and go under one
- * lock, each time for as long as it takes to look and to rename or unlink; the grid itself was copied before.
+ * lock, which is held while a grid and its text get their names; the grid itself was copied before.
  */
 #include "geoid_priv.h"
 
@@ -21,7 +21,7 @@
 enum { COPY_BUFFER = 256 * 1024, GEOIDS_PART = 4 };
 #define GRID_MOST (UINT64_C(512) << 20) /* the finest published, of one minute, has 445 MiB */
 
-/* Of names that appear and go; each use is short. */
+/* Of names that appear and go. Held during an fsync, so workers only. */
 static struct lock geoids_lock = LOCK_STATIC(GEOIDS);
 
 enum ask_kind { ASK_ADD, ASK_LIST, ASK_REMOVE };

@@ -36,8 +36,8 @@ void cache_stat(struct maintenance *m, struct cache_stat *ret)
 		for (q = d->pending; q; q = q->next)
 			ret->space.kind[SPACE_PENDING].entries++;
 	}
-	space_limit_text(&m->core->p.disk, ret->disk);
-	space_limit_text(&m->core->p.keep_free, ret->keep_free);
+	space_limit_text(&m->core->p.limits.disk, ret->disk);
+	space_limit_text(&m->core->p.limits.keep_free, ret->keep_free);
 }
 
 struct gc {

@@ -83,7 +83,7 @@ void run_space_tick(struct run *w)
 
 	if (!s->waits)
 		return;
-	if (w->client && s->missing && clock_since(s->since_ns) >= w->runs->core->p.space_wait) {
+	if (w->client && s->missing && clock_since(s->since_ns) >= w->runs->core->p.limits.space_wait) {
 		why = s->why;
 		run_space_give_up(w);
 		run_fail(w, &why);

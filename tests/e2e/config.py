@@ -203,6 +203,14 @@ def documents_are_of_the_table():
     with open(source + "/etc/acutd.conf") as f:
         conf = f.read()
     expect(run([doc, "conf"]).ok().out == conf, "etc/acutd.conf is not of the table: run config-doc conf > etc/acutd.conf")
+    with open(source + "/daemon/config/config_table.def") as f:
+        scopes = re.findall(r'^SETTING\("[a-z-]+", (\w+),.*?\b(RELOAD|RESTART|LINE),', f.read(), re.M | re.S)
+    reload = [field for field, scope in scopes if scope == "RELOAD"]
+    with open(source + "/daemon/settings.c") as f:
+        applied = set(re.findall(r"\bc->(\w+)", f.read()))
+    expect(len(reload) > 10, "%s" % reload)
+    rest = [field for field in reload if not applied & {field, field + "_gid"}]
+    expect(not rest, "a reload changes these by their scope, and daemon/settings.c does not read them: %s" % rest)
     settings = [line.lstrip("#") for line in conf.splitlines() if line.lstrip("#")[:1].isalpha() and " =" in line
                 and not line.startswith("# ")]
     expect(len(settings) == len(re.findall(r"^SETTING", open(source + "/daemon/config/config_table.def").read(), re.M)) - 3, "%s" % settings)

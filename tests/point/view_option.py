@@ -39,7 +39,7 @@ compare("protocol.md, the canonical text", [w for w in dict.fromkeys(listed) if 
 rules = re.findall(r'\[VIEW_(?:BY_\w+)\] = "([^"]+)"', read("engine/point/view.c"))
 if len(rules) < 10:
     sys.exit("the rules cannot be read: %s" % rules)
-compare("protocol.md, the rules", sorted(re.findall(r"`([a-z-]+)`", find("the rules", r"Rules apply in the order (.*?);", views))), sorted(rules))
+compare("protocol.md, the rules", sorted(re.findall(r"`([a-z-]+)`", find("the rules", r"Rules apply in the order (.*?)\.", views))), sorted(rules))
 
 text = read("python/acut/_view.py")
 function = next(f for f in ast.walk(ast.parse(text)) if isinstance(f, ast.FunctionDef) and f.name == "view_text")
