@@ -27,7 +27,8 @@ enum view_pick { VIEW_PICK_LOWEST, VIEW_PICK_HIGHEST, VIEW_PICK_MEDIAN }; /* med
 enum view_crop { VIEW_CROP_NONE, VIEW_CROP_BOX, VIEW_CROP_AREA };
 
 /* The first rule that removes a point counts it; view_judge has their order. The crop is first, so that points outside need not
- * be read to be counted. Stored domains have counts by these numbers (docs/formats/format.md), so they stay: a new rule comes last. */
+ * be read to be counted. Stored domains have counts by these numbers (docs/formats/format.md), so they stay: a new rule comes
+ * last. */
 enum view_rule {
 	VIEW_KEPT,
 	VIEW_BY_CROP,
