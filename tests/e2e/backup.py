@@ -425,7 +425,7 @@ def damaged_imports():
         tried(lambda: os.remove(os.path.join(bad, segments[1])), 1, "missing", segments[1])
         tried(lambda: os.truncate(os.path.join(bad, segments[0]), size - 16), 1, "the manifest says", segments[0])
         for at in (9, 200, 4096 + 9, 4096 + 100, size // 2, size - 40):
-            tried(lambda: flip(segments[0], at), 74, segments[0] + ": ", "exported again")
+            tried(lambda: flip(segments[0], at), 74, segments[0] + ": ", "export the dataset again")
         tried(lambda: flip("manifest", 40), 74, "manifest")
         tried(lambda: shutil.copy(os.path.join(good, segments[0]), os.path.join(bad, "other.seg")), 1,
               "does not name")
