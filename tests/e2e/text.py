@@ -94,7 +94,7 @@ def more_digits_than_fit():
         expect(any("rounded to 0.00000001" in w for w in alone["warnings"]) and alone["moved"] > 300, "%s" % alone)
         got = [mesh(d, base, a, b, c) for a, b, c in ((e18, d8, mm), (mm, e18, d8), (d8, mm, e18))]
         expect(len({g["digest"] for g in got}) == 1 and all(g["moved"] == got[0]["moved"] for g in got), "%s" % got)
-        expect(all("and 1 more: more digits" in str(g["warnings"]) for g in got), "%s" % got[0]["warnings"])
+        expect(all("and 1 more: the coordinates have more digits" in str(g["warnings"]) for g in got), "%s" % got[0]["warnings"])
         wide = write(base, "wide.txt", ["%.18e 0 0" % (x * 1e6 / 7) for x in range(40)])
         error(d.ctl("mesh", "--json", "-o", os.path.join(base, "out.ply"), wide), "bad-input", 1, "does not fit into 32 bits")
         expect(mesh(d, base, wide, "--scale", "0.01")["moved"] > 20, "with a scale it is read")
@@ -118,7 +118,7 @@ def neighbouring_tiles():
         for form, size, scale in (("%.17g", 1000, "0.0001"), ("%.6f", 1000, "0.0001"), ("%.17g", 10000, "0.0005"), ("%.17g", 10, "0.0001")):
             name = "d%s-%d" % (form[2:], size)
             got = d.ctl("push", name, tile(form, 0, 0, size)).ok()
-            expect("with room for what is pushed later: x and y are rounded to %s, z to 0.0001," % scale in got.err, got.err)
+            expect("with room for later pushes: x and y are rounded to %s, z to 0.0001," % scale in got.err, got.err)
             for x, y in ((1, 0), (-1, -1), (40, 40)):
                 d.ctl("push", name, tile(form, x, y, size)).ok()
             expect(d.ctl("submit", name, "--wait", "--json").ok().json()["points"] == 4 * 49, name)
