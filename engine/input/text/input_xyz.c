@@ -235,6 +235,15 @@ static int check_odd(struct input *in, uint64_t points, const struct err *first_
 	return rc;
 }
 
+static void probe_begin(struct input *in, struct probe *probe)
+{
+	input_guess_begin(in, &probe->guess);
+	for (int i = 0; i < 3; i++) {
+		probe->axis[i].min = INFINITY;
+		probe->axis[i].max = -INFINITY;
+	}
+}
+
 static int probe_text(struct input *in, struct probe *probe, struct err *err)
 {
 	struct input_xyz *xyz = input_xyz_of(in);
@@ -243,11 +252,7 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
-	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	probe_begin(in, probe);
 	xyz->counting = true;
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
@@ -330,11 +335,7 @@ static int probe_head(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
-	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	probe_begin(in, probe);
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
 		if (rc)
