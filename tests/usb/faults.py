@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""acut-scan record on a bus where things go wrong: what is in the spool is what the device gave, byte for byte."""
+"""acut-scan record on a faulty bus: the spool has exactly the bytes that the device delivered."""
 import os
 import random
 import signal
@@ -37,7 +37,7 @@ def record(b, *more, size="64K", transfers=8, commands="", patience=bus.PATIENCE
 
 
 def whole(b, r, ended=True, gaps=True):
-    """The spool holds what the model gave; says where bytes are missing; nothing was left in the kernel."""
+    """The spool has the bytes that the model delivered and marks where bytes are missing; no bytes were left in the kernel."""
     s, m, d = Spool(b.path("out.spool")), r.model(), r.devices[0]
     expect(s.sha256() == m["sha256"],
            "%d bytes in the spool, %d were given: %s; events %s; %s" % (len(s.bytes()), m["delivered"], m["rows"][:6], s.events()[:20], r.err))
@@ -57,7 +57,7 @@ LONG = bool(os.environ.get("ACUT_USB_LONG"))
 
 
 def kernels(i):
-    """Both ways in which an unplug looks; by turns where time is short."""
+    """Both ways in which an unplug looks to the program; one of them, in turns, unless ACUT_USB_LONG is set."""
     return ("mock", "real") if LONG else (("mock", "real")[i % 2],)
 
 

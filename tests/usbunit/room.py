@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""scanner/usb on umockdev's bus: every byte that the device gave comes once and in order, whatever goes wrong; a capture
-always ends, once; refusals say what to do."""
+"""scanner/usb on umockdev's bus: every byte that the device delivered comes once and in order, whatever the faults; a capture ends
+exactly once; refusals say what to do."""
 import os
 import re
 import signal
@@ -40,7 +40,7 @@ answer = \\x02sEA LMDscandata 0
 
 
 class Run(Bus):
-    """The tool on a bus; `profile` as words of PROFILE."""
+    """The tool on a bus, with a profile made from PROFILE."""
 
     def tool(self, *args, commands="", size="64K", transfers=8, timeout=bus.PATIENCE, fail=None, wait=True):
         folder = self.path("profiles")
@@ -76,7 +76,7 @@ def scanner(**words):
 
 
 def each_fault():
-    # What ends transfers is further apart than what is in flight: each is an episode of its own, however late it is seen.
+    # Faults that end transfers are further apart than the bytes in flight, so each is seen on its own.
     faults = ["at 1 MB stall", "at 1500000 short 100", "at 1600000 short 0", "at 2 MB babble 700", "at 3 MB error 512", "at 3200000 garbage 1000",
               "at 3300000 duplicate", "at 3400000 delay 0.1 s", "at 3500000 lose 1000", "at 4 MB stall", "at 4200000 stall", "at end stop"]
     for kernel, poll in KERNELS:
@@ -89,7 +89,7 @@ def each_fault():
 
 
 def caps():
-    """Without gathering, and without any help of the kernel's: transfers are cut into several."""
+    """The kernel lacks scatter-gather, and then more capabilities: transfers are cut into several."""
     for off in (8, 8 + 4, 8 + 4 + 2):
         with Run(scanner(source="pattern 3 MB", caps_off=off, faults=["at 1 MB stall", "at 1500000 short 5000", "at 2 MB error 100", "at end stop"])) as b:
             b.whole(b.tool())
@@ -113,7 +113,7 @@ def unplug_at_each_step():
 
 
 def any_end(b, *args, **kw):
-    """It may have started or not; what it says fits that."""
+    """A run that may have started or not; its output fits that."""
     try:
         r = b.tool(*args, **kw)
     except bus.Fault as e:
