@@ -1,6 +1,5 @@
-"""Generations: what a dataset was at any time is what a dataset is that never got the later pushes; a revert and a
-replaced file leave nothing behind but their line in the log. Everything is compared, both digests, with a build from
-nothing of the files that are then live."""
+"""Generations: the mesh of each generation is that of a dataset that never got the later pushes. Reverts and replaced files leave
+nothing but their entries in the log. All digests are compared with a build from scratch of the files that are live."""
 import json
 import os
 import random
@@ -42,7 +41,7 @@ def mesh(d, name, *options):
 
 
 class Fresh:
-    """What a build from nothing gives of some files: on the lattice of the first push."""
+    """Builds from scratch of some files, on the lattice of the first push."""
 
     def __init__(self, d, options=((),)):
         self.d, self.n, self.options, self.known = d, 0, options, {}
@@ -74,7 +73,7 @@ def names(d):
 
 
 def revert_and_at():
-    """Pushes, reverts, reverts of reverts: every state at every time, in one daemon and after a restart."""
+    """Pushes, reverts, and reverts of reverts: every state is compared at every time, in one daemon and after a restart."""
     with e2e.Folder() as base:
         a = cloud(base, "a.las", 1, 0, 0, 4000, ties=300)
         b = cloud(base, "b.las", 2, 2000, 1000, 3000, ties=300)
@@ -114,7 +113,7 @@ def revert_and_at():
 
 
 def replaced():
-    """A corrected delivery in place of the old one: a file, a folder, another name; what is unchanged is skipped."""
+    """A corrected delivery replaces the old one: a file, a folder, another name; unchanged files are skipped."""
     with e2e.Folder() as base:
         new = os.path.join(base, "new")
         os.mkdir(new)
@@ -183,8 +182,8 @@ def replaced():
             expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
 
 
-def all_of_a_path():
-    """--add has brought several files of one path: --replaces means all of them by it, and none by their name."""
+def replace_all_files_of_one_path():
+    """--add has brought several files of one path: --replaces by the path means all of them, by their name none."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
         fresh = Fresh(d)
         a, e = cloud(base, "a.las", 1, 0, 0, 500, ties=50), cloud(base, "e.las", 2, 500, 500, 600, ties=100)
@@ -205,7 +204,7 @@ def all_of_a_path():
 
 
 def nothing_to_commit():
-    """What brings no point and takes none makes no generation, and no dataset; an empty delivery in the place of points does."""
+    """A push that neither adds nor removes points makes no generation and no dataset; an empty file that replaces points does."""
     with e2e.Folder() as base:
         full, empty, gone = (os.path.join(base, n) for n in ("full.xyz", "empty.xyz", "was.xyz"))
         for path, text in ((full, "1.00 2.00 3.00\n2.00 3.00 4.00\n5.00 1.00 1.00\n"), (empty, ""), (gone, "9.00 9.00 9.00\n")):
@@ -249,7 +248,7 @@ def nothing_to_commit():
 
 
 def an_interrupted_replacement():
-    """A push that is cut off replaces nothing; the same again does, with what it had read."""
+    """An interrupted push replaces nothing. The same push again does, with the files that were read."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, b = cloud(base, "a.las", 1, 0, 0, 500, ties=50), cloud(base, "b.las", 2, 0, 0, 400, ties=50)
         fresh = Fresh(d)
@@ -276,7 +275,7 @@ def an_interrupted_replacement():
 
 
 def two_replace_one():
-    """Two clients replace one file at once: one is done, the other hears of it. Of files of one path all are replaced."""
+    """Two clients replace one file at once: one succeeds, the other gets an error. Of files with one path all are replaced."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, other = cloud(base, "a.las", 1, 0, 0, 500), os.path.join(base, "other")
         os.mkdir(other)
@@ -321,7 +320,7 @@ def two_replace_one():
 
 
 def live_of(rows):
-    """The files that are live after all generations, by what each says that it did."""
+    """The live files after all generations, by the log of each."""
     live = {}
     for r in rows:
         for f in r["files"]:
@@ -336,7 +335,7 @@ def live_of(rows):
 
 
 def many_at_once():
-    """Four clients push at once, one of them is killed in the midst, others revert: nothing that was said to be done is lost."""
+    """Four clients push at once, one of them is killed, others revert: nothing that was acknowledged is lost."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="48M") as d:
         files = {who: [cloud(base, "f%d%d.las" % (who, i), 10 * who + i, 700 * who, 900 * i, 3000, ties=200) for i in range(5)]
                  for who in range(4)}
@@ -392,7 +391,7 @@ def many_at_once():
 
 
 def jobs_keep_their_generation():
-    """A job that waits, runs or is fetched later has the points that it was submitted with, over a restart of the daemon."""
+    """A job that waits, runs or is fetched later has the points of its submission, also after a restart."""
     with e2e.Folder() as base:
         a, b = cloud(base, "a.las", 1, 0, 0, 250000, side=2000000), cloud(base, "b.las", 2, 5000, 0, 20000, side=500000)
         with e2e.Daemon(base, memory="24M", threads=1) as d:
@@ -416,8 +415,9 @@ def jobs_keep_their_generation():
             expect(mesh(d, "s", "--at", "4") == mesh(d, "both"), "generation 4")
 
 
-def killed_in_the_midst():
-    """kill -9 at any instant of reverts, replacements and removals: what was answered is there, all else is whole or not."""
+def killed_at_any_time():
+    """kill -9 at random times during reverts, replacements and removals: acknowledged changes are there, others are complete or
+    absent."""
     with e2e.Folder() as base:
         a, b = cloud(base, "a.las", 1, 0, 0, 400, ties=50), cloud(base, "b.las", 2, 0, 0, 300, ties=50)
         d, rng, told, count = e2e.Daemon(base), random.Random(7), {"generation": 0, "there": True}, 0
@@ -481,7 +481,7 @@ def killed_in_the_midst():
 
 
 def pinned_while_pushed():
-    """Whatever is asked of a dataset while a push commits, the catalogue never names an older manifest again: it may be gone."""
+    """Whatever changes a dataset during a commit, the catalogue never names an older manifest again: the file may be gone."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="48M") as d:
         d.ctl("push", "s", cloud(base, "p.las", 1, 0, 0, 200)).ok()
         over, asked, seen = threading.Event(), [0], []
@@ -517,7 +517,7 @@ def pinned_while_pushed():
 
 
 def conflicts():
-    """What cannot be undone without taking something else along says so, and changes nothing."""
+    """A revert that would affect other generations is refused, and changes nothing."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, b = cloud(base, "a.las", 1, 0, 0, 50), cloud(base, "b.las", 2, 0, 0, 60)
         says(d.ctl("dataset", "revert", "s"), 4, "there is no dataset")
@@ -540,5 +540,5 @@ def conflicts():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, all_of_a_path, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
+    e2e.main(revert_and_at, replaced, replace_all_files_of_one_path, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_at_any_time, jobs_keep_their_generation,
              pinned_while_pushed, conflicts)

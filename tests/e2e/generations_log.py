@@ -11,8 +11,8 @@ from survey import says, show
 import xxhash  # after generations.py, which skips if it is not there
 
 
-def classes_of_now():
-    """What a report says of classes is of the generation that was meshed, not of files that were replaced."""
+def classes_of_the_generation():
+    """The report counts classes of the generation that was meshed, not of replaced files."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, rng = os.path.join(base, "a.xyz"), random.Random(3)
 
@@ -52,7 +52,8 @@ def classes_of_now():
         expect("others" not in job(), job())
 
 
-def what_the_log_says():
+def entries_of_the_log():
+    """The log of a dataset: files, numbers, content hashes and names."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, b, c = (cloud(base, n, i, 0, 0, 50 + i) for i, n in enumerate(("a.las", "b.las", "c.las")))
         d.ctl("push", "s", a, b).ok()
@@ -86,7 +87,7 @@ def what_the_log_says():
 
 
 def content_of_a_large_file():
-    """The hash of a file that several workers read is that of its bytes: by it the file is known again."""
+    """The hash of a file that several workers read is that of its bytes."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="1G", threads=4) as d:
         path = os.path.join(base, "a.las")
         e2e.run([e2e.SYNTH, "--points", "3M", path]).ok()
@@ -118,4 +119,4 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(classes_of_now, what_the_log_says, content_of_a_large_file, long_lists)
+    e2e.main(classes_of_the_generation, entries_of_the_log, content_of_a_large_file, long_lists)

@@ -68,8 +68,9 @@ def remove_and_restore():
             expect(mesh(d, "t")["digest"] == whole, "a restored dataset takes no push")
 
 
-def gone_after_a_while():
-    """After its time a removed dataset goes, and its disk space with it; not what was restored, nor while a job needs it."""
+def deleted_after_a_time():
+    """After its time a removed dataset is deleted, and its disk space is free; not if it was restored, and not while a job uses
+    it."""
     with e2e.Folder() as base:
         a = cloud(base, "a.las", 1, 0, 0, 30000)
         with e2e.Daemon(base, args=["--keep-removed", "2s"]) as d:
@@ -103,4 +104,4 @@ def gone_after_a_while():
 
 
 if __name__ == "__main__":
-    e2e.main(remove_and_restore, gone_after_a_while)
+    e2e.main(remove_and_restore, deleted_after_a_time)

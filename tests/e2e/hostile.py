@@ -1,6 +1,6 @@
-"""Clients that do wrong, by carelessness or on purpose: broken frames, wrong descriptors, silence, and a connection that
-ends at every step of a push, a job and a fetch. After each of them a quiet client, connected all the while, and a new
-one are served at once; at the end the daemon holds no descriptor and no memory that it did not hold before."""
+"""Hostile or faulty clients: broken frames, wrong descriptors, silence, and a connection that ends at each step of a push, a job
+and a fetch. After each, a quiet client that is connected all the time and a new client are served at once. At the end the daemon
+has no more descriptors and no more memory than before."""
 import fcntl
 import os
 import select
@@ -28,14 +28,14 @@ def ping():
 
 
 def others_are_served():
-    """The quiet client and a new one get their answers before their time-outs."""
+    """The quiet client and a new one get their answers in time."""
     QUIET.ping()
     with Client(DAEMON.socket, timeout=5) as fresh:
         fresh.ping()
 
 
 def expect_cut_off(wire, code="protocol"):
-    """The daemon says why (perhaps) and closes."""
+    """The daemon may send an error with the reason, and closes the connection."""
     try:
         while True:
             _, message, _ = wire.recv()
@@ -225,7 +225,7 @@ def one_byte_at_a_time():
 
 
 def never_reads():
-    """Asks for ever and reads nothing: cut off, the others do not notice."""
+    """A client that sends requests and never reads is disconnected; the others do not notice."""
     wire = greeted()
     wire.sock.setblocking(False)
     question = pack(7, pb.Message(status_request=pb.StatusRequest()))
@@ -273,14 +273,14 @@ def many_connections():
 
 
 def vanish(step):
-    """Goes as far as `step` and is gone, without a word."""
+    """A client that does the first `step` steps and leaves without a word."""
     dataset = "vanish-%d-%d" % (step, time.monotonic_ns()) if step % 2 else ""
     c = Client(DAEMON.socket)
     at = iter(range(step))
     gone = object()
 
     def go(kind, *args, **kw):
-        """Sends; waits for the answer unless this is the last step."""
+        """Sends, and waits for the answer unless this is the last step."""
         if next(at, gone) is gone:
             raise StopIteration
         if next(at, gone) is gone:
@@ -317,7 +317,7 @@ def vanish(step):
 
 
 def push_again(dataset):
-    """What somebody left half-way is in nobody's way for long. (A commit that was asked for is carried through.)"""
+    """A push that was left half-way does not block the next for long. (A requested commit is completed.)"""
     deadline = time.monotonic() + 5
     while True:
         try:
@@ -373,7 +373,7 @@ def the_whole_way_still_works():
 
 
 def nothing_leaks():
-    """Everything above once more: descriptors and resident memory end where they were."""
+    """Runs the cases again: descriptors and resident memory end where they were."""
     def descriptors():
         return sorted(os.readlink("/proc/%d/fd/%s" % (DAEMON.process.pid, n))
                       for n in os.listdir("/proc/%d/fd" % DAEMON.process.pid))

@@ -14,7 +14,7 @@ from acut_wire import Breach, Client, Gone, Refused, Wire, pb
 
 
 def whole_way_as(uid):
-    """Seconds that another user's push and mesh take; its process ends with what went wrong."""
+    """The seconds that another user's push and mesh take; fails if they fail."""
     start = time.monotonic()
     pid = os.fork()
     if not pid:
@@ -32,8 +32,8 @@ def whole_way_as(uid):
 
 
 def files_whose_reads_block():
-    """Regular files, by all that a descriptor tells, on a file system that takes 3 s for each read: eight of them, of one user. They
-    keep workers; another user's push and mesh do not wait for them, and who goes is not waited for either."""
+    """Eight regular files of one user on a file system that takes 3 s for each read. They block workers, but another user's push
+    and mesh do not wait for them, and neither does the end of a connection."""
     if os.geteuid() or not all(map(shutil.which, ("nbdkit", "nbdfuse", "fusermount3"))):
         print("     not tried: needs root, nbdkit and nbdfuse")
         return
@@ -72,7 +72,8 @@ def files_whose_reads_block():
 
 
 def passes_files(path, name, uid, status):
-    """In another process, as that user: files until he is cut off, and why he is not let in again then. Into `status`: how many, and both."""
+    """A process of that user that passes files until it is disconnected, and then connects again. Writes to `status`: the number
+    of files, and both reasons."""
     pid = os.fork()
     if pid:
         return pid
@@ -108,8 +109,9 @@ def passes_files(path, name, uid, status):
 
 
 def files_that_never_close():
-    """Of a file system that does not answer when a file is closed: who passes them is cut off at a number of them, with the reason; those
-    of others are closed meanwhile, and when it answers he is served again. Where it is slow only he waits."""
+    """A file system does not answer when files are closed. A client that passes such files is disconnected, with the reason,
+    after a number of them; files of others are closed meanwhile; once it answers, the client is served again. If it is only slow,
+    only that client waits."""
     if os.geteuid():
         print("     not tried: needs root")
         return
@@ -156,7 +158,7 @@ def files_that_never_close():
 
 
 def slow_close(few, gate, hangs, status):
-    """Who passes files until he has to wait: his process. The gate is closed."""
+    """Starts a process that passes files until it has to wait. The gate is closed."""
     gate.close("close", "/hangs.las")
     pid = passes_files(few.socket, hangs, 65534, status)
     try:
@@ -172,7 +174,7 @@ def slow_close(few, gate, hangs, status):
 
 
 def files_of(daemon):
-    """What its descriptors are, those that are still there when they are looked at."""
+    """The paths of the daemon's open descriptors."""
     folder, found = "/proc/%d/fd/" % daemon.process.pid, []
     for n in os.listdir(folder):
         try:
@@ -196,7 +198,8 @@ def cpu_seconds(pid):
 
 
 def descriptors_run_out():
-    """A daemon with few descriptors: more clients than fit wait at the door, nobody spins, those inside are served."""
+    """A daemon with few descriptors: excess clients wait in the queue of the socket, nothing spins, and connected clients are
+    served."""
     with Folder() as base, e2e.Daemon(base, memory="64M", threads=1,
                                       prefix=("sh", "-c", 'ulimit -n 32; exec "$@"', "sh")) as few:
         with Client(few.socket) as inside:

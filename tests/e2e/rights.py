@@ -1,5 +1,5 @@
-"""Who may do what: users and groups as the kernel tells them (setpriv; numbers need no accounts), against datasets of all
-modes, jobs of others, the daemon's group and admin-group, and the limits of one user. Rows 13 and 14 of the plan of tests."""
+"""Permissions: users and groups as the kernel reports them (setpriv; the numbers need no accounts), with datasets of all modes,
+jobs of others, and the settings group and admin-group."""
 import json
 import os
 import shutil
@@ -40,7 +40,7 @@ def become(who):
 
 
 class Box:
-    """A daemon that others reach, and acutctl where they can run it."""
+    """A daemon that other users can connect to, and an acutctl that they can run."""
 
     def __init__(self, base, **kw):
         os.chmod(base, 0o755)
@@ -92,7 +92,7 @@ GROUPS = ("--group", str(USERS), "--admin-group", str(ADMINS))
 
 
 def datasets():
-    """All of who, by what is asked, by modes: as a file of that owner, group and mode would have it."""
+    """All users, operations and modes: permitted is what a file of that owner, group and mode would permit."""
     n = 0
     with Folder() as base, Box(base, args=GROUPS) as box:
         survey, place = box.survey(), os.path.join(base, "out")
@@ -131,7 +131,7 @@ def datasets():
 
 
 def owners():
-    """What the owner alone may, whatever the mode, and whom he may give it to."""
+    """Operations of the owner only, whatever the mode, and to whom a dataset may be given."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         box.good("anna", "push", "d", box.survey())
         box.good("anna", "dataset", "chmod", "666", "d")
@@ -188,7 +188,7 @@ def owners():
 
 
 def jobs():
-    """One's own jobs only, and those of all for administrators; also on a dataset of another one."""
+    """Users have access to their own jobs, administrators to all, whoever owns the dataset."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         box.good("anna", "push", "d", box.survey())
         anna = box.good("anna", "submit", "d", "--wait").split()[0]
@@ -222,7 +222,7 @@ def jobs():
 
 
 def served():
-    """The daemon's group: others are told so and cut off, and the log has who it was, but no flood of it."""
+    """The setting group: other users are told so and disconnected. The log names them, and is not flooded."""
     nobody = (NOBODY, OTHERS, ())
     with Folder() as base, Box(base, args=GROUPS) as box:
         for who in WHO:
@@ -277,7 +277,7 @@ def served():
 
 
 def many_groups():
-    """As many groups as a process can be in: all count, and the memory for them is the connection's."""
+    """A process in as many groups as possible: all count, and the memory for them is charged to the connection."""
     try:
         most = int(open("/proc/sys/kernel/ngroups_max").read())
     except OSError:
@@ -310,8 +310,9 @@ def many_groups():
         expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "of %d groups the last does not count" % most)
 
 
-def no_process_is_asked():
-    """A connection is its maker's, also when root has it by then and its maker is gone, whose number may be another's."""
+def peer_of_the_socket():
+    """A connection belongs to the user who made it, also if root has it later and its maker is gone, whose pid may be
+    another's."""
     try:
         import acut_wire
         from acut_wire import pb
@@ -340,8 +341,8 @@ def no_process_is_asked():
 
 
 def rights_of_open_connections():
-    """A reload: who is not served any more is told so and closed, the connections of others go on, and with it come and go
-    the rights of administrators, also of who is connected already. Errors change nothing."""
+    """A reload applies to open connections: clients that are no longer served are told so and disconnected; others continue, with
+    or without the rights of administrators. A setting with an error changes nothing."""
     try:
         import acut_wire
         from acut_wire import pb
@@ -407,8 +408,8 @@ def rights_of_open_connections():
                 wire.sock.close()
 
 
-def who_holds_what():
-    """Status: all see who holds how much, but what others do, by number and dataset, only administrators."""
+def holders_in_the_status():
+    """All users see who holds how much memory; only administrators see the numbers and datasets of others."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         fifo = os.path.join(base, "fifo")
         os.mkfifo(fifo)
@@ -437,8 +438,8 @@ def who_holds_what():
         push.communicate(timeout=e2e.PATIENCE)
 
 
-def nobody_looks_into_the_state():
-    """Whatever the mode of the folder that it was given, the umask, and the mode that the catalogue had."""
+def state_is_private():
+    """State and cache are private, whatever the mode of their folder, the umask, and the earlier mode of the catalogue."""
     with e2e.Folder() as base:
         box = Box(base)
         for folder in (box.daemon.state, box.daemon.cache):
@@ -478,5 +479,5 @@ def main_as_root(*cases):
 
 
 if __name__ == "__main__":
-    main_as_root(datasets, owners, jobs, served, many_groups, no_process_is_asked, rights_of_open_connections, who_holds_what,
-             nobody_looks_into_the_state)
+    main_as_root(datasets, owners, jobs, served, many_groups, peer_of_the_socket, rights_of_open_connections, holders_in_the_status,
+             state_is_private)

@@ -11,8 +11,8 @@ from rights import CARL, OTHERS, Box, main_as_root
 
 
 def passed_descriptors():
-    """Files that their owner writes to, truncates or maps while they are read: an error or the bytes of one moment, never a
-    fault of the daemon; and what was taken does not change afterwards."""
+    """Files that their owner writes to, truncates or maps while they are read: an error or consistent bytes, never a crash of the
+    daemon. Points that were read do not change afterwards."""
     with Folder() as base:
         gate = e2e.Gate(base)
         with Box(base, env=gate.env) as box:
@@ -95,8 +95,9 @@ def passed_descriptors_of(box, gate, base):
         expect(n > 0, "nothing was handed out")
 
 
-def links_that_others_planted():
-    """In a sticky folder that everybody may write into. Whoever writes there, root too, keeps what the link leads to."""
+def links_of_others():
+    """In a sticky folder that everybody may write into, the target of a link of another user is never overwritten, not even by
+    root."""
     with Folder() as base, Box(base) as box:
         good = box.survey()
         shared, mine = os.path.join(base, "shared"), os.path.join(base, "mine")
@@ -126,4 +127,4 @@ def links_that_others_planted():
 
 
 if __name__ == "__main__":
-    main_as_root(passed_descriptors, links_that_others_planted)
+    main_as_root(passed_descriptors, links_of_others)

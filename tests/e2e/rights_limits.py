@@ -12,7 +12,7 @@ from rights import ADMINS, ANNA, CARL, GIS, GROUPS, Box, become, main_as_root
 
 
 def limit_of_exports():
-    """Exports that are open: one user has two at most, and administrators always one."""
+    """Open exports: one user may have two, and administrators always get one."""
     try:
         from acut_wire import Wire, pb
     except ImportError as e:
@@ -153,8 +153,8 @@ def limit_of_connections():
 
 
 def limit_of_memory():
-    """Jobs of one user hold no more than her share, one after the other where need be; the same mesh comes of it. What can
-    never fit is refused with the number."""
+    """The jobs of one user hold no more than the user's share of the memory, one after the other if necessary; the mesh is the
+    same. A job that can never fit is refused, with the number."""
     with Folder() as base:
         gate = e2e.Gate(base)
         with Box(base, memory="96M", args=("--user-memory", "25%", "--admin-group", str(ADMINS)), env=gate.env) as box:

@@ -1,5 +1,5 @@
-"""What an administrator sees: metrics that Prometheus' own parser reads and that move with what happens, doctor that tells each
-thing that is broken, and a journal entry with fields for each event."""
+"""Monitoring: metrics that Prometheus' parser reads and that change with events, and journal entries with fields for each
+event."""
 import ctypes
 import json
 import os
@@ -31,7 +31,8 @@ def survey(base, name="survey.las", points=20000, *options):
 # ---- metrics ----
 
 def rows(text):
-    """{(name, labels): value} by hand, so that the format is checked without the package, too; every rule of the text format."""
+    """{(name, labels): value}, by a parser of its own, so that all rules of the text format are checked without the package,
+    too."""
     got, helps, types, closed, now = {}, {}, {}, set(), None
     for line in text.splitlines():
         m = re.fullmatch(r"# (HELP|TYPE) ([a-zA-Z_:][a-zA-Z0-9_:]*) (.*)", line)
@@ -113,7 +114,7 @@ def metrics_tell_what_is_there():
 
 
 def manual_has_every_metric():
-    """acut-metrics(7) and the daemon say the same names."""
+    """acut-metrics(7) and the daemon have the same names."""
     man = os.path.join(os.environ.get("ACUT_MAN") or os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../man"), "acut-metrics.7.scd")
     with open(man) as f:
         told = set(re.findall(r"\*(acut_[a-z_]+)\*", f.read()))
@@ -141,7 +142,7 @@ MOVING = ("acut_jobs_ended_total", "acut_pushes_total", "acut_files_refused_tota
 
 
 def moved(d, what, **want):
-    """Runs `what`; only the counters named in `want` may move, by so much. Labels after two underscores."""
+    """Runs `what`. Only the counters named in `want` may change, by these numbers. Labels follow two underscores."""
     def counts():
         return {k: v for k, v in metrics(d).items() if k[0] in MOVING}
     before = counts()
@@ -157,7 +158,7 @@ def moved(d, what, **want):
 
 
 def told(log, *want):
-    """Each is said in exactly one line, and nothing else is a warning or an error."""
+    """Each text is in exactly one line of the log, and there is no other warning or error."""
     lines = log.splitlines()
     for w in want:
         expect(len([l for l in lines if w in l]) == 1, "%r is not said once:\n%s" % (w, log))

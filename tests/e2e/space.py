@@ -1,6 +1,5 @@
-"""The disk: quota and keep-free, what is evicted and what never is, jobs that wait for space, a cache that is removed
-under the daemon's hands, and `cache verify` finding what was damaged. With tiny quotas everywhere; on a small file
-system where one can be mounted."""
+"""The disk: quota and keep-free, eviction, jobs that wait for space, and a cache that is removed while the daemon runs. With very
+small quotas."""
 import json
 import os
 import shutil
@@ -101,7 +100,7 @@ def options():
 
 
 def push_is_refused_beforehand():
-    """With what it needs, what is left, and by which limit; what is there stays; a smaller one goes."""
+    """The refusal names the need, the remaining space and the limit. Existing data stays, and a smaller push succeeds."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "8M"]) as d:
         big = synth(os.path.join(base, "big.las"), 300000)
         small = synth(os.path.join(base, "small.las"), 50000, 2)
@@ -134,7 +133,7 @@ def push_is_refused_beforehand():
 
 
 def pipes_are_held_against_it():
-    """Text from a pipe is kept first, in steps; beyond the quota it is refused, and what it held is free again."""
+    """Text from a pipe is kept first, and charged in steps. Beyond the quota it is refused, and its space is free again."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "4M"]) as d:
         line = b"123456.78 654321.98 100.25\n"
         p = subprocess.Popen([e2e.ACUTCTL, "push", "p", "-", "--input-format", "xyz"], stdin=subprocess.PIPE,
@@ -186,7 +185,7 @@ def derived_goes_first_and_pushed_never():
 
 
 def gc_knows_what_is_gone():
-    """Finished domains of a dataset that is gone for good go with gc, those of others stay, also what they have in common."""
+    """gc removes the finished domains of deleted datasets, but not those that they share with others."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M", args=["--keep-removed", "1s"]) as d:
         one, two = synth(os.path.join(base, "1.las"), 50000, 1), synth(os.path.join(base, "2.las"), 50000, 2)
         for name, path in (("a", one), ("b", two), ("same", one)):
@@ -224,8 +223,8 @@ def gc_knows_what_is_gone():
 
 
 def a_job_waits_for_space():
-    """A selection for which there is no room: the job says so, others go on, and it ends by itself when there is some. A
-    mesh that is bound to its client ends with 74."""
+    """A selection does not fit on the disk: the job reports it, others continue, and it ends by itself when there is space. A
+    mesh that is bound to its client fails with 74."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "12M", "--space-wait", "2"]) as d:
         d.ctl("push", "a", synth(os.path.join(base, "a.las"), 200000)).ok()
         small = synth(os.path.join(base, "b.las"), 20000, 2)
@@ -280,7 +279,7 @@ def a_job_waits_for_space():
 
 
 def the_cache_is_removed():
-    """rm -rf of the whole cache, again and again, in the middle of jobs: the same digests."""
+    """rm -rf of the whole cache, again and again, during jobs: the digests are the same."""
     with e2e.Folder() as base:
         gate = e2e.Gate(base)
         with e2e.Daemon(base, memory="24M", env=gate.env) as d:

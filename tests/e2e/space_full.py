@@ -37,7 +37,7 @@ def with_disk_of(size, memory, *args):
 
 @with_disk_of("12m", "24M", "--disk", "100%", "--keep-free", "0%")
 def a_file_system_that_is_full(base, at, d):
-    """A real one of a few megabytes: the push fails with 74, the daemon lives, and works again when there is room."""
+    """A push to a full file system fails with 74; the daemon keeps running, and works again when there is space."""
     d.ctl("push", "a", synth(os.path.join(base, "a.las"), 100000)).ok()
     want = digests(d, "a")
     # Another program takes the rest.
@@ -60,7 +60,7 @@ def a_file_system_that_is_full(base, at, d):
 
 @with_disk_of("32m", "64M", "--disk", "100%", "--keep-free", "2M", "--space-wait", "9")
 def room_that_others_give_back(base, at, d):
-    """A stream waits for room that another program has: what the file system has free is asked for as long as somebody waits."""
+    """A stream waits for space that another program has: the free space is measured again as long as a job waits."""
     d.ctl("push", "a", synth(os.path.join(base, "a.las"), 400000)).ok()
     job = d.ctl("submit", "a", "--every", "2", "--wait", "--json").ok().json()["job"]
     d.ctl("cache", "gc", "--all").ok()
@@ -79,7 +79,7 @@ def room_that_others_give_back(base, at, d):
 
 @with_disk_of("12m", "24M", "--disk", "100%", "--keep-free", "0%")
 def a_start_on_a_full_disk(base, at, d):
-    """Other programs have taken the last byte: the daemon starts, what is derived makes room, and nothing is lost."""
+    """Other programs have filled the disk: the daemon starts, removes derived data, and loses nothing."""
     d.ctl("push", "a", synth(os.path.join(base, "a.las"), 60000)).ok()
     want = digests(d, "a")
     d.stop()
@@ -108,8 +108,8 @@ def digests_or_none(d, dataset):
 
 
 def state_and_cache_on_two_file_systems():
-    """Nothing is moved or linked between the two folders: staging, merging, meshing, backup and removal go as on one disk, also
-    through a kill in mid-push."""
+    """Nothing is moved or linked between the two folders: staging, merging, meshing, backup and removal work as on one disk, also
+    after a kill during a push."""
     with e2e.Folder() as base:
         memory = os.environ.get("XDG_RUNTIME_DIR") or "/dev/shm"
         if not os.path.isdir(memory) or os.stat(memory).st_dev == os.stat(base).st_dev:
@@ -138,7 +138,7 @@ def state_and_cache_on_two_file_systems():
 
 
 def a_file_system_that_hangs():
-    """Whoever writes waits until it says what it has; everybody else is served, and what cannot be known is told as it was last."""
+    """Writers wait until the file system answers. Everybody else is served, with the numbers of the last measurement."""
     with e2e.Folder() as base:
         gate = e2e.Gate(base)
         with e2e.Daemon(base, memory="64M", threads=1, env=gate.env) as d:

@@ -102,7 +102,7 @@ def verify_names_damage():
 
 
 def a_client_of_verify_goes():
-    """While it is told what is damaged, also when that is more than its socket takes: the daemon lives."""
+    """A client leaves while damage is reported to it, and another does not read its reports: the daemon keeps running."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         junk = os.path.join(d.cache, "domains")
         names = [os.path.join(junk, "%0120d" % i) for i in range(2500)]
