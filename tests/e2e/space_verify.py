@@ -102,7 +102,8 @@ def verify_names_damage():
 
 
 def a_client_of_verify_goes():
-    """A client leaves while damage is reported to it, and another does not read its reports: the daemon keeps running."""
+    """A client that does not read the reports of damage is disconnected; the daemon keeps running, and the next verification
+    succeeds."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         junk = os.path.join(d.cache, "domains")
         names = [os.path.join(junk, "%0120d" % i) for i in range(2500)]

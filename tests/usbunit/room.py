@@ -195,7 +195,7 @@ def rights():
 
 
 def drivers():
-    """A driver of the kernel is sent away from the profile's interface and called back; nothing else is touched."""
+    """A driver of the kernel is detached from the profile's interface and attached again; others are left alone."""
     with Run(scanner(source="pattern 1 MB", driver="cdc_acm", faults=["at end stop"])) as b:
         r = b.tool()
         b.whole(r)
@@ -208,7 +208,7 @@ def drivers():
 
 
 def without_udev():
-    """It comes and nobody says so: the list is looked at; libusb does not list it: its node is opened."""
+    """No event announces the device: the list is polled. libusb does not list it: its node is opened."""
     for kernel in ("mock", "real"):
         with Run(udev=False) as b:
             b.script = scanner(source="pattern 1 MB", appear="with " + b.path("waits"), unheard=True, poll="file", kernel=kernel,
@@ -219,7 +219,8 @@ def without_udev():
 
 
 def dropped():
-    """Freed with all in flight, nothing taken and nothing given back; then the context, with devices that come and go."""
+    """The capture is freed with all transfers in flight, nothing taken and nothing given back; then the context, with devices
+    that come and go."""
     for kernel, poll in KERNELS:
         with Run(scanner(source="pattern 8 MB", kernel=kernel, poll=poll, faults=["every 1 MB stall"])) as b:
             b.tool("--bytes", "1500000", "--drop", "--hold", "2")
@@ -242,7 +243,7 @@ def storage():
 
 
 def listed_or_told():
-    """What came before the list was made is in it, and not told as come."""
+    """Devices that came before the list was made are in it, and not announced again."""
     with Run() as b:
         b.script = scanner() + device("b", id="1234:5678", port="1-2", appear="with " + b.path("waits"))
         r = b.run([TOOL, "--list", "--wait", "--waits", b.path("waits")])
@@ -266,7 +267,8 @@ def which():
 
 
 def parked():
-    """One who is slow (he keeps each buffer until all others are full, and 2 ms more) gets all, and transfers wait for him."""
+    """A slow receiver (it keeps each buffer until all others are full, and 2 ms more) gets all bytes, and transfers wait for
+    it."""
     with Run(scanner(source="pattern 2 MB", faults=["at 1 MB stall", "at end stop"])) as b:
         r = b.tool("--slow", "2", size="16K", transfers=4)
         b.whole(r)
@@ -279,7 +281,7 @@ def parked():
 
 
 def half_filled():
-    """What a transfer has when it is cancelled, at a stop and by a stall, is data."""
+    """The bytes of a transfer that is cancelled, by a stop or a stall, are data."""
     with Run(scanner(source="pattern 1 MB", rate="10 KB", faults=["at 3000 stall", "at %d stop" % (3000 + 2 * 512)])) as b:
         r = b.tool()
         b.whole(r)
