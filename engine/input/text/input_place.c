@@ -196,7 +196,8 @@ int input_places_choose(struct input *in, const struct input_extent axis[3], str
 	return 0;
 }
 
-/* What its digits are is not known: who knows no lattice takes nine decimals, of all. */
+/* The digits of a text that is read forwards are not known beforehand: without a lattice, nine decimals are taken for all axes.
+ */
 int input_places_forward(struct input *in, const struct input_extent axis[3], struct err *err)
 {
 	for (unsigned i = 0; i < 2; i++) {
