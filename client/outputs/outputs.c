@@ -192,7 +192,7 @@ int outputs_publish(struct outputs *run, struct err *err)
 	}
 	if (!run->finished)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
-	if (run->change && outputs_change_publish(run->change, &run->bytes, err))
+	if (run->change && outputs_change_publish(run->change, &run->origin, &run->bytes, err))
 		return -err->code;
 	for (struct outputs_target *t = run->target; t; t = t->next) {
 		int r = t->out ? outfile_publish(t->out, err) : 0;
@@ -201,15 +201,13 @@ int outputs_publish(struct outputs *run, struct err *err)
 		run->bytes += t->out ? outfile_size(t->out) : 0;
 	}
 	outputs_keep_done(run);
-	return run->tiles ? outputs_tiles_publish(run->tiles, run->edge.left_out, &run->bytes, err) : 0;
+	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, run->edge.left_out, &run->bytes, err) : 0;
 }
 
 void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint64_t generation)
 {
-	if (run->tiles)
-		outputs_tiles_about(run->tiles, job, dataset, generation);
-	if (run->change)
-		outputs_change_about(run->change, job, dataset, generation);
+	free(run->origin.dataset);
+	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
 }
 
 void outputs_report(const struct outputs *run, struct outputs_report *ret)
@@ -242,6 +240,7 @@ struct outputs *outputs_free(struct outputs *run)
 	outputs_front_done(&run->front);
 	outputs_edge_done(&run->edge);
 	outputs_keep_free(run->kept);
+	free(run->origin.dataset);
 	free(run);
 	return NULL;
 }

@@ -71,7 +71,7 @@ bool outputs_due(const struct outputs *);
  * where nothing is kept. */
 int outputs_save(struct outputs *, const void *state, size_t size, struct err *err);
 bool outputs_saved(const struct outputs *); /* a later run can go on */
-/* The origin of the mesh for the index of tiles or changes; before publishing. `dataset` is read only then. */
+/* The origin of the mesh, for the index of tiles or changes; before publishing. Copies `dataset`. */
 void outputs_about(struct outputs *, uint64_t job, const char *dataset, uint64_t generation);
 /* After the tail: makes all outputs durable and gives them their names. */
 int outputs_publish(struct outputs *, struct err *err);

@@ -9,6 +9,12 @@
 struct outputs_change;
 struct outputs_tiles;
 
+/* Where a mesh is from, for the indexes of tiles and changes. */
+struct outputs_origin {
+	uint64_t job, generation;
+	char *dataset; /* NULL: not known */
+};
+
 /* ---- positions of open vertices: outputs_front.c ---- */
 
 struct outputs_front {
@@ -108,7 +114,8 @@ struct outputs {
 	struct outputs_edge edge;
 	struct err err;
 	uint64_t bytes;
-	struct outputs_kept *kept; /* NULL: nothing is */
+	struct outputs_origin origin; /* owns its text */
+	struct outputs_kept *kept;    /* NULL: nothing is */
 };
 
 /* outputs_keep.c: called in place of the heads of the writers if outputs are continued. */

@@ -12,7 +12,7 @@ int dataset_rights(const struct dataset *d, const struct peer *peer, enum right 
 		return 0;
 	if (right == RIGHT_CHOWN) {
 		err_set(err, ERR_PERM, "only an administrator may give the dataset %s another owner", d->name);
-		return err_add_hint(err, "ask whoever runs the daemon; acutctl dataset chgrp gives it another group");
+		return err_add_hint(err, "ask an administrator of the daemon; acutctl dataset chgrp gives it another group");
 	}
 	if (right == RIGHT_OWN || d->onestep)
 		return err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);

@@ -1,5 +1,5 @@
 /*
- * What a person says in place of a file that says nothing.
+ * Coordinate systems that the user states for a file without one.
  */
 #include <stdio.h>
 #include <string.h>

@@ -337,7 +337,7 @@ static void read_datum(const struct wkt_system *s, const struct wkt_node *n, str
 		crs_datum_of_name(ret, whole ? n->arg[0] : s->base);
 }
 
-/* What the number defines and the text leaves open. */
+/* Fills in properties that the EPSG number defines and the text lacks. */
 static void read_number(unsigned epsg, struct crs_info *info)
 {
 	struct crs_system *s = &info->system;

@@ -17,7 +17,7 @@
 
 #include "io.h"
 
-/* Of the state of any reader. */
+/* The largest state of any reader. */
 static size_t state_bytes(void)
 {
 	size_t most = 0;
@@ -71,7 +71,7 @@ static const struct input_row *recognise(const struct input *in, size_t n)
 	return n ? NULL : &input_rows[input_n_rows - 1]; /* nothing but the mark of an encoding */
 }
 
-/* Of no bytes only the name says what they are: a text of no points is one, any other format has at least a head. */
+/* The format of an empty file is known only by its name: a text may have no points, other formats have at least a head. */
 static int choose_empty(struct input *in, const struct input_row **ret, struct err *err)
 {
 	for (size_t i = 0; i < input_n_rows; i++)

@@ -1,5 +1,5 @@
-"""The configuration of a daemon: --check-config, files and what beats them, a reload by SIGHUP that has its effect, and
-acutctl config show, which tells where each setting comes from."""
+"""The configuration of a daemon: --check-config, files and what overrides them, a reload by SIGHUP, and acutctl config show,
+which tells the source of each setting."""
 import json
 import os
 import re
@@ -25,7 +25,7 @@ def without(command, option):
 
 
 class Configured(Daemon):
-    """A daemon with a file of settings, and a socket for what it tells the service manager."""
+    """A daemon with a configuration file, and a socket for its messages to the service manager."""
 
     def __init__(self, base, text, args=()):
         super().__init__(base, memory="64M", args=args)
@@ -42,7 +42,7 @@ class Configured(Daemon):
         return {s["name"]: s for s in map(json.loads, lines)}
 
     def told(self):
-        """What the service manager was told next."""
+        """The next message to the service manager."""
         return self.notify.recv(4096).decode()
 
     def reload(self, text=None):
@@ -92,7 +92,7 @@ def show_tells_where_from():
 
 
 def memory_by_cgroup_is_told():
-    """Where nobody sets it, it is the limit of the control group, or the default."""
+    """An unset memory is the limit of the control group, or the default."""
     with Folder() as base:
         with Configured(base, "") as d:
             pass
@@ -197,7 +197,7 @@ def check_config():
 
 
 def documents_are_of_the_table():
-    """etc/acutd.conf is what the table says, and what it says are the defaults; the manual has every key and option."""
+    """etc/acutd.conf and the manual agree with the table, and the file has the defaults."""
     doc = os.environ["ACUT_CONFIG_DOC"]
     source = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../..")
     with open(source + "/etc/acutd.conf") as f:
@@ -234,7 +234,7 @@ def documents_are_of_the_table():
 
 
 def more_memory_than_the_control_group_has():
-    """The kernel would end what acutd promises: refused, with the numbers."""
+    """A memory beyond the limit of the control group is refused, with the numbers: the kernel would kill the daemon."""
     # A limit by a folder that looks like /proc and /sys would need root; the rule is in tests/daemon/test_config_file.c.
     # Here a real control group, where one can be made.
     with open("/proc/self/cgroup") as f:

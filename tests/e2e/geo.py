@@ -1,8 +1,6 @@
-"""Degrees that are projected, heights that a geoid shifts, the store of grids, and what `info` tells of files.
-
-The projection is checked against Krueger's series, written here (Karney, "Transverse Mercator with an accuracy of a
-few nanometers", 2011, equations 7 to 12 and 35), and the polar stereographic of EPSG's guidance note 7-2.
-"""
+"""Degrees that are projected, heights that a geoid shifts, the store of geoid grids, and the output of `info`. The projection is
+checked against Krueger's series, written here (Karney, "Transverse Mercator with an accuracy of a few nanometers", 2011,
+equations 7 to 12 and 35), and the polar stereographic of EPSG's guidance note 7-2."""
 import json
 import math
 import os
@@ -246,7 +244,7 @@ def one_zone_a_dataset():
 
 
 def zone_of_a_created_dataset():
-    """Degrees go to the plane that the dataset was created with, and stay degrees if it is that."""
+    """Degrees are projected to the plane of the created dataset, and stay degrees if it has degrees."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         tile = las(base + "/t.las", cloud(50, 5.9), geographic())
         for name, crs in (("next", "EPSG:32632"), ("degrees", "EPSG:4326")):

@@ -1,5 +1,5 @@
-"""--tile: every triangle of the mesh in exactly one file, and all files welded by position are the mesh again, triangle by
-triangle, heights included. The same tiles whatever the memory; the index last; nothing appears when something fails."""
+"""--tile: every triangle of the mesh is in exactly one file, and all files joined by position are the mesh again, with heights.
+The tiles do not depend on the memory. The index comes last. Nothing appears after a failure."""
 import json
 import os
 import signal
@@ -64,7 +64,7 @@ def sum_of(digests):
 
 
 def check_tiles(folder, whole, read, exact=None):
-    """All files are of the index, all triangles of the mesh are in them, once. `exact` makes Fractions of a corner."""
+    """The index names all files, and together they have each triangle of the mesh once. `exact` turns a corner into Fractions."""
     index = index_of(folder)
     files = sorted(n for n in os.listdir(folder) if n != "index.geojson")
     listed = [f["properties"] for f in index["features"]]

@@ -1,6 +1,6 @@
-"""fetch --resume: the client killed at random instants, interrupted, or left by its daemon, which comes back with other
-memory, without its cache; the file is that of a fetch that nothing interrupted. What was kept and is damaged, of another
-job or of other options is refused."""
+"""fetch --resume: the client is killed at random times, interrupted, or loses its daemon, which comes back with another memory or
+without its cache. The file is that of an uninterrupted fetch. Kept state that is damaged, or of another job or other options, is
+refused."""
 import os
 import random
 import shutil
@@ -28,7 +28,7 @@ def begin(d, *args, env=OFTEN, gate=None):
 
 
 def held(d, gate, states, *args):
-    """A fetch that stands still when it has kept its state so often; None: it came to its end before that."""
+    """A fetch that is stopped after it has kept its state so often; None: it ended before."""
     gate.close("renameat", ".part.state", states)
     p = begin(d, *args, gate=gate)
     return p if gate.wait(lambda: p.poll() is not None) else p.communicate() and None
@@ -79,8 +79,8 @@ def killed_client():
 
 
 def killed_in_a_window():
-    """A stream of an area that is cut into pieces: its client is killed after each block in turn, the daemon at times too; what is joined
-    is the file of a fetch that nobody disturbed."""
+    """The stream of an area that is cut into pieces: its client is killed after each block in turn, sometimes the daemon, too.
+    The joined file is that of an undisturbed fetch."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         gate = e2e.Gate(base)
         want, out = base + "/want.ply", base + "/m.ply"
@@ -118,8 +118,8 @@ def killed_in_a_window():
 
 
 def gone_window():
-    """The pieces of an area follow from the memory that the daemon has, and their order from how the segments lie: with other memory, or when
-    segments were merged, what is kept of it cannot be continued, and is still there."""
+    """The pieces of an area depend on the memory of the daemon, their order on the segments. With another memory, or after a
+    merge, kept state cannot be continued; it is not removed."""
     with Folder() as base:
         out, want = base + "/m.ply", base + "/want.ply"
         gate = e2e.Gate(base)
@@ -202,7 +202,7 @@ def says(run, status, *texts):
 
 
 def interrupted(d, gate, out, *args):
-    """A fetch that ends by Ctrl-C, with something kept."""
+    """A fetch that is ended by Ctrl-C keeps its state."""
     for n in parts(os.path.dirname(out)):
         os.unlink(os.path.join(os.path.dirname(out), n))
     p = held(d, gate, 2, "fetch", "1", "-o", out, *args)
@@ -294,7 +294,7 @@ def refused():
 
 
 def full_disk():
-    """No room for more: what came is kept, and it goes on when there is."""
+    """The disk is full: what came is kept, and the fetch goes on when there is space."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()

@@ -1,5 +1,5 @@
-"""A survey that never was: a vehicle with a scanner on a road over analytic terrain, its poses and its spool; and where each shot must
-land, by formulas that share nothing with acut's own: rotation vectors in place of quaternions, Krueger's series in place of
+"""A simulated survey: a vehicle with a scanner on a road over analytic terrain, its poses and its spool; and the expected place
+of each shot, by formulas that share nothing with acut's: rotation vectors instead of quaternions, Krueger's series instead of
 GeographicLib."""
 import math
 import os
@@ -56,7 +56,7 @@ def flip(m):
 
 
 def attitude(roll, pitch, heading):
-    """Body (ahead, right, down) to north, east, down."""
+    """The rotation from the body (ahead, right, down) to north, east, down."""
     r, p, h = (math.radians(a) for a in (roll, pitch, heading))
     rx = [[1, 0, 0], [0, math.cos(r), -math.sin(r)], [0, math.sin(r), math.cos(r)]]
     ry = [[math.cos(p), 0, math.sin(p)], [0, 1, 0], [-math.sin(p), 0, math.cos(p)]]
@@ -65,7 +65,7 @@ def attitude(roll, pitch, heading):
 
 
 def between(a, b, t):
-    """From a to b by turning about one axis (Rodrigues)."""
+    """The rotation from a to b, about one axis (Rodrigues)."""
     d = mul(flip(a), b)
     c = max(-1.0, min(1.0, (d[0][0] + d[1][1] + d[2][2] - 1) / 2))
     axis = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]]
@@ -171,7 +171,7 @@ MOUNT = attitude(SENSOR["roll"], SENSOR["pitch"], SENSOR["heading"])
 
 
 def land(pose, angle, distance, s=SENSOR):
-    """Where a shot lands; the sensor looks ahead at 0, to the left at 90."""
+    """The place of a shot; the sensor looks ahead at angle 0, to the left at 90."""
     at, ned = pose
     mount = MOUNT
     ray = turn(mount, [math.cos(angle), -math.sin(angle), 0])
@@ -180,7 +180,7 @@ def land(pose, angle, distance, s=SENSOR):
 
 
 class Survey:
-    """Sweeps of a drive: ranges to the terrain, as raw numbers, and the point of each shot that has a pose."""
+    """Sweeps of a drive: ranges to the terrain as raw numbers, and the point of each shot that has a pose."""
 
     def __init__(self, drive, sweeps, zone=None, first=0.05, flat=None):
         s = SENSOR

@@ -46,7 +46,7 @@ def files_of(dataset):
 
 
 def settle(seconds):
-    """Of the passes from now on."""
+    """Sets the --settle time of later passes."""
     with open(ETC + "/ingest/valley.conf", "w") as f:
         f.write("settle=%s\noptions=--assume-crs \"EPSG:25832\" --no-progress\n" % seconds)
 
@@ -66,7 +66,7 @@ def the_folder_comes_with_the_units():
 
 
 def a_user_delivers():
-    """Dropped by a member of the group, in the dataset, and meshed."""
+    """A member of the group drops a file; it is in the dataset, and is meshed."""
     sh("useradd", "-m", "-G", "acut-ingest", "alice").ok()
     write_las("/srv/a.las", some_points(3000, 1))
     os.chmod("/srv/a.las", 0o644)
@@ -82,7 +82,7 @@ def a_user_delivers():
 
 
 def what_a_path_unit_cannot_see():
-    """A slow copy: the path unit fires when it begins and when it ends, and takes it whole."""
+    """A slow copy: the path unit fires when it begins and when it ends, and the file is pushed complete."""
     write_las("/srv/slow.las", some_points(4000, 2))
     with open("/srv/slow.las", "rb") as f:
         data = f.read()
@@ -146,7 +146,7 @@ def broken_files_and_an_absent_daemon():
 
 
 def a_folder_at_rest_stays_at_rest():
-    """Files that remain (not ours, not regular) do not make the units turn in circles."""
+    """Files that remain (foreign or not regular) do not trigger the units again and again."""
     os.remove("/run/systemd/system/acut-ingest@valley.timer.d/test.conf")
     sh("systemctl", "daemon-reload").ok()
     sh("systemctl", "restart", "acut-ingest@valley.timer").ok()
@@ -166,7 +166,7 @@ def a_folder_at_rest_stays_at_rest():
 
 
 def a_stop_is_no_failure():
-    """Of a pass that waits for a file to settle: the file stays, and systemctl --failed has nothing."""
+    """A pass that waits for a file is stopped: the file stays, and systemctl --failed lists nothing."""
     sh("systemctl", "stop", "acut-ingest@valley.timer", "acut-ingest@valley.path").ok()
     with open(ETC + "/ingest/valley.conf", "w") as f:
         f.write("settle=60\n")

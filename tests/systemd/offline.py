@@ -1,5 +1,5 @@
-"""The units, without a running systemd: they are well formed as installed, what they may do is as little as is promised,
-and users and folders come to be. No privileges are needed."""
+"""The units without a running systemd: they are well formed as installed, their permissions are as small as promised, and users
+and folders are created. No privileges are needed."""
 import os
 import re
 import shutil
@@ -21,7 +21,7 @@ if os.environ.get("ACUT_SCAN"):
 
 
 def staged(base):
-    """A copy of the installed tree, with what the units name of the system."""
+    """A copy of the installed tree, with the system's programs that the units name."""
     stage = subprocess.run([os.path.join(HERE, "stage"), os.environ["BUILD"]], stdout=subprocess.PIPE, check=True, timeout=1800)
     root = base + "/root"
     shutil.copytree(stage.stdout.decode().strip(), root, symlinks=True)
@@ -104,7 +104,7 @@ def users_and_folders():
 
 
 def matches(path):
-    """What a profile asks for, read by another reader than acut-scan's: {attribute: value} as udev has them."""
+    """The match of a profile, by another reader than acut-scan's: {attribute: value} as udev has them."""
     names = {"vendor": ("ATTR{idVendor}", "%04x"), "product": ("ATTR{idProduct}", "%04x"), "device-class": ("ATTR{bDeviceClass}", "%02x"),
              "interface-class": ("ENV{ID_USB_INTERFACES}", "*:%02x*"), "serial": ("ATTR{serial}", "%s")}
     found, section = {}, ""
@@ -121,7 +121,7 @@ def matches(path):
 
 
 def rules_are_those_of_the_profiles():
-    """Each profile that names a vendor has one rule with all that it asks for and nothing else; no rule is of anything else."""
+    """Each profile that names a vendor has one rule with exactly its match; there are no other rules."""
     with Folder() as base:
         with open(find(staged(base), "70-acut-scanner.rules")) as f:
             lines = [line for line in f.read().splitlines() if line and not line.startswith("#")]
@@ -144,7 +144,7 @@ def rules_are_those_of_the_profiles():
 
 
 def rule_of_a_profile_of_ones_own():
-    """A line for udev that stands alone, whatever a serial number has in it; none for a profile that would match anything."""
+    """One line for udev, whatever a serial number contains; none for a profile that would match any device."""
     with Folder() as base:
         text = "[match]\nvendor = 0x1209\nserial = A|B[*]\n[usb]\nendpoint-in = 0x81\n[framer]\nkind = stream\n[decoder]\nname = xyz\n"
         for name, have in (("own", text), ("any", text.replace("vendor = 0x1209\nserial = A|B[*]", "interface-class = 0xff"))):

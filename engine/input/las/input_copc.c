@@ -159,7 +159,7 @@ static void add_chunk(struct digest *sum, const struct laz_chunk *chunk)
 	digest_add(sum, digest_hash(numbers, sizeof numbers));
 }
 
-/* What the table says of all chunks. */
+/* Totals of all chunks in the table. */
 static int sum_table(struct laz_table *table, struct digest *ret, struct err *err)
 {
 	struct laz_chunk chunk;

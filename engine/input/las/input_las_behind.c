@@ -19,7 +19,7 @@
 
 enum { EVLR_HEAD = 60, USER = 2, USER_BYTES = 16, USER_LEAST = 3, LENGTH = 20, CHAIN_MAX = 4096 };
 
-/* What is read as the head of a record. */
+/* The bytes that are read for the head of a record. */
 struct record {
 	bool whole, named,
 		filled; /* its head is in the file; its user ID is text, up to the end or a zero; and zeros from there on */
@@ -87,7 +87,7 @@ static int has_records(struct input *in, uint64_t at, uint32_t n, bool *ret, str
 	return rc;
 }
 
-/* Where the points end, as the header counts them; 0: the file has no room for so many. */
+/* The end of the points by the count of the header; 0: the file is too small for so many. */
 static uint64_t counted_end(const struct input *in, const struct input_las_header *h)
 {
 	const struct input_las *las = input_las_of(in);
@@ -97,7 +97,7 @@ static uint64_t counted_end(const struct input *in, const struct input_las_heade
 	return las->point_offset + h->count * las->length;
 }
 
-/* Where compressed points end at the latest: at their chunk table, or the end of the file where its address is none. */
+/* The last possible end of compressed points: their chunk table, or without a valid address of it the end of the file. */
 static int compressed_end(struct input *in, uint64_t *ret, struct err *err)
 {
 	uint64_t begin = input_las_of(in)->point_offset, address;

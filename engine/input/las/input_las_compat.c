@@ -44,7 +44,7 @@ static bool name_is(const uint8_t *name, const char *wanted)
 	return !memcmp(name, wanted, n) && !name[n];
 }
 
-/* Where the fields begin in a record; 0: it has none of that name. */
+/* The offset of the fields in a record; 0: it has no fields of that name. */
 static void find_fields(const struct input_las *las, const uint8_t *attributes, size_t n, unsigned ret[FIELDS])
 {
 	static const char *const names[FIELDS] = {

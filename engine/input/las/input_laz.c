@@ -53,7 +53,7 @@ static enum laz_fields fields(const struct input_las *las)
 	return las->watch ? LAZ_ALL : LAZ_TERRAIN;
 }
 
-/* What says where the chunks are; the same whether all of them are read. */
+/* Memory for the chunk table or the hierarchy of COPC; the larger one, whether or not all chunks are read. */
 static size_t table_bytes(void)
 {
 	return sizeof(struct input_copc_walk) > laz_table_bytes() ? sizeof(struct input_copc_walk) : laz_table_bytes();
@@ -64,8 +64,8 @@ static size_t read_bytes(const struct input_las *las)
 	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes()) + up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
 }
 
-/* Of a header that counts no points: how many its chunks hold. The table lies in the read buffer; without one only the
- * points tell, when they are read. *end: where they end. */
+/* Counts the points by the chunks, since the header has no count. The table is in the read buffer; without a table, only reading
+ * the points gives their number. *end: the end of the points. */
 static int find_uncounted(struct input *in, const struct laz_source *source, uint64_t *end, struct err *err)
 {
 	struct input_las *las = input_las_of(in);

@@ -218,7 +218,7 @@ static int read_head(struct laz_layered *l, struct laz_window *head, uint64_t at
 	return 0;
 }
 
-/* Of a chunk of one point no layer has anything to say. */
+/* In a chunk of one point all layers are empty. */
 static int begin_layer(struct laz_layered *l, struct layer *layer, uint64_t points, struct err *err)
 {
 	int rc;

@@ -170,7 +170,7 @@ static void begin_v2(void *state, const uint8_t *first, unsigned size)
 	laz_models_reset(model(p->angle), 256, 2);
 }
 
-/* What the symbol `changed` names, but for flags and intensity. */
+/* The fields named by the symbol `changed`, except flags and intensity. */
 LAZ_INLINE void read_changed(struct laz_coder *c, struct point10 *p, unsigned changed)
 {
 	if (changed & 8)

@@ -9,7 +9,7 @@
 
 enum { EXPONENT_MOST = 9999 };
 
-/* What stands in front of an exponent: digits from `first` to `end`, the point among them at `point` or behind them. */
+/* The part before an exponent: digits from `first` to `end`, the point among them at `point` or behind them. */
 struct digits {
 	const char *first, *end, *point;
 	unsigned n;

@@ -241,7 +241,8 @@ __attribute__((noinline, cold)) static int odd_column(struct input *in, struct i
 	return in->strict ? input_wrong_strict(err) : INPUT_E_LEFT_OUT;
 }
 
-/* What goes on where a number ended, without a separator: 1.#QNAN, or a class that is a text. *ret_next: behind the separator. */
+/* A column that continues after its number without a separator: 1.#QNAN, or a class that is a text. *ret_next: behind the
+ * separator. */
 __attribute__((noinline, cold)) static int odd_end(struct input *in, struct input_line line, char *kind, bool last, unsigned role,
 						   const char *column, const char **ret_next, struct input_number *ret,
 						   struct err *err)

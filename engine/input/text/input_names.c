@@ -96,7 +96,7 @@ static enum input_unit unit_of(const char *token)
 	return INPUT_UNIT_NONE;
 }
 
-/* Of single letters x, y and z alone: "Punkte" is no easting. */
+/* A single letter counts only as x, y or z: "Punkte" is no easting. */
 static enum input_field field_beside_noise(const char *rest)
 {
 	return rest[1] || strchr("xyz", *rest) ? field_of(rest) : INPUT_FIELD_NONE;

@@ -141,7 +141,7 @@ static bool rounds_to(const struct input *in, const struct input_extent axis[3],
 	return unit->rounding == INPUT_NEAREST || (unit->rounding == INPUT_EXACT && decimal_compare(*ret, unit->scale) != 0);
 }
 
-/* Of who opens it for itself. */
+/* Warns about rounding if the file is opened on its own; in a push, the daemon tells which scale it chose. */
 static void warn(struct input *in, const struct input_extent axis[3])
 {
 	char text[2][DECIMAL_TEXT_SIZE];
@@ -153,10 +153,14 @@ static void warn(struct input *in, const struct input_extent axis[3])
 		decimal_text(scale[i], text[i]);
 	}
 	if (any[0] && any[1])
-		input_warn(in, "more digits than 32 bits hold: x and y are rounded to %s, z to %s, unless --scale says otherwise",
+		input_warn(in,
+			   "the coordinates have more digits than fit into 32 bits: x and y are rounded to %s, z to %s; to use "
+			   "another scale, give --scale XY,Z",
 			   text[0], text[1]);
 	else if (any[0] || any[1])
-		input_warn(in, "more digits than 32 bits hold: %s rounded to %s, unless --scale says otherwise",
+		input_warn(in,
+			   "the coordinates have more digits than fit into 32 bits: %s rounded to %s; to use another scale, give "
+			   "--scale XY,Z",
 			   any[0] ? "x and y are" : "z is", text[any[1]]);
 }
 
@@ -192,7 +196,8 @@ int input_places_choose(struct input *in, const struct input_extent axis[3], str
 	return 0;
 }
 
-/* What its digits are is not known: who knows no lattice takes nine decimals, of all. */
+/* The digits of a text that is read forwards are not known beforehand: without a lattice, nine decimals are taken for all axes.
+ */
 int input_places_forward(struct input *in, const struct input_extent axis[3], struct err *err)
 {
 	for (unsigned i = 0; i < 2; i++) {

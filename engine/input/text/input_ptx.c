@@ -308,7 +308,7 @@ static int read_points(struct input *in, struct input_points *pts, struct err *e
 			return rc;
 		if (!point) {
 			input_fail(in, err, ERR_CHANGED, text->line, "line", "the file changed while it was read");
-			return err_add_hint(err, "wait until whoever writes it is done, then push it again");
+			return err_add_hint(err, "wait until it is completely written, then push it again");
 		}
 		pts->cls[pts->n] = pts->flags[pts->n] = 0;
 		pts->ret[pts->n++] = 0x11;

@@ -219,7 +219,7 @@ static int check_left_out(struct input *in, uint64_t points, const struct err *f
 	return 0;
 }
 
-/* What was counted, when all was read. `first_left_out`: as for check_left_out. */
+/* Warnings and errors by the counts, after all was read. `first_left_out`: as for check_left_out. */
 static int check_odd(struct input *in, uint64_t points, const struct err *first_left_out, struct err *err)
 {
 	const struct input_xyz *xyz = input_xyz_of(in);
@@ -235,6 +235,15 @@ static int check_odd(struct input *in, uint64_t points, const struct err *first_
 	return rc;
 }
 
+static void probe_begin(struct input *in, struct probe *probe)
+{
+	input_guess_begin(in, &probe->guess);
+	for (int i = 0; i < 3; i++) {
+		probe->axis[i].min = INFINITY;
+		probe->axis[i].max = -INFINITY;
+	}
+}
+
 static int probe_text(struct input *in, struct probe *probe, struct err *err)
 {
 	struct input_xyz *xyz = input_xyz_of(in);
@@ -243,11 +252,7 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
-	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	probe_begin(in, probe);
 	xyz->counting = true;
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
@@ -285,7 +290,7 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 	}
 }
 
-/* Those that count; all that are written, where not all are kept. */
+/* The number of decimals: the significant ones, or, if they are rounded, all that are written. */
 static unsigned decimals(const struct input *in, const struct probe *probe, unsigned from, unsigned to)
 {
 	const struct input_place *unit = &input_xyz_of(in)->place[from / 2];
@@ -330,11 +335,7 @@ static int probe_head(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
-	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	probe_begin(in, probe);
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
 		if (rc)
@@ -403,7 +404,7 @@ static int open_pts(struct input *in, struct err *err)
 	return open_text(in, err);
 }
 
-/* Of a file: it is not the one that was probed. */
+/* The error for a line that does not fit the probe: the file has changed. */
 static int changed(struct input *in, struct err *err)
 {
 	if (in->has_pipe) {
@@ -415,11 +416,11 @@ static int changed(struct input *in, struct err *err)
 				    "mend the line, or write it to a file first: its digits are looked at before it is read");
 	}
 	input_fail(in, err, ERR_CHANGED, input_xyz_of(in)->line, "line", "the file changed while it was read");
-	return err_add_hint(err, "wait until whoever writes it is done, then push it again");
+	return err_add_hint(err, "wait until it is completely written, then push it again");
 }
 
-/* What the next line was: a point; none, but a line of .pts with their number, or one that is left out; or there is none, since
- * a pipe has ended or has nothing now. */
+/* Kind of the next line. LINE_OTHER: the number of points of a .pts, or a line that is left out. LINE_NONE: a pipe has ended, or
+ * has no bytes now. */
 enum line_kind { LINE_POINT, LINE_OTHER, LINE_NONE };
 
 static int read_point(struct input *in, struct input_points *pts, enum line_kind *ret, struct err *err)

@@ -15,8 +15,9 @@
 #include "err.h"
 #include "meshes.h"
 #include "outputs.h"
+#include "repeat.h"
 
-static char dir[] = "/tmp/acut-resume-XXXXXX", out[64];
+static char dir[64], out[80];
 
 /* The faces of a block fill the buffer of an output (OUTFILE_BUFFER), so they are joined as those of large meshes are. */
 static const struct meshes_spec grid = {.columns = 900,
@@ -135,8 +136,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume)};
 	int failed;
 
-	if (!mkdtemp(dir))
-		return 99;
+	repeat_folder(dir, sizeof dir, "resume");
 	snprintf(out, sizeof(out), "%s/out", dir);
 	failed = cmocka_run_group_tests(tests, NULL, NULL);
 	if (!failed)
