@@ -118,7 +118,7 @@ int quota_pause(struct conn *c, struct err *err)
 
 /* ---- connections ---- */
 
-/* Of all users; at most half of the descriptors. */
+/* The limit for all users together: at most half of the descriptors. */
 static unsigned connections_max(const struct server *s)
 {
 	uint64_t n = ledger_total(s->p.ledger) / CONNECTION_BYTES;

@@ -134,7 +134,7 @@ static void add_process(struct metrics_page *p, struct server *s)
 		"Clients and requests that were refused for rights or limits of a user since the start.", s->refused.total);
 }
 
-/* Of state and cache, even if both are on one file system. */
+/* Separate samples of state and cache, even if both are on one file system. */
 static void add_folders(struct metrics_page *p, const struct space_stat *st)
 {
 	static const struct {

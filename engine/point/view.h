@@ -115,7 +115,7 @@ int view_set_not_classes(struct view *, const char *list, struct err *err);
 enum view_rule view_judge(const struct view *, const struct point *);
 /* Whether view_judge uses only class, returns and flags of a point. */
 bool view_by_kind(const struct view *);
-/* Of two kept points of one position: whether a is preferred to b. False if they are equal (the source never decides). */
+/* True: of two kept points at one position, a is preferred to b. False if they are equal (the source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);
 const char *view_rule_text(enum view_rule);
 /* Whether the points that it removes are left out by the selection (view_selects), so that they are never meshed. */

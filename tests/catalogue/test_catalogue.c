@@ -251,7 +251,7 @@ static void newer_and_broken(void **state)
 	assert_string_equal(err.file, path);
 }
 
-/* Whoever queues more than there is room for waits for the disk; all of it gets there, and all memory comes back. */
+/* A caller that exceeds the room of the queue waits for the disk. All rows are written, and all memory is released. */
 static void queue_is_charged(void **state)
 {
 	enum { ROOM = 8 << 10, ROWS = 200 };

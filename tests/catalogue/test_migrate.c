@@ -219,7 +219,7 @@ static void damaged(void **state)
 	}
 }
 
-/* Of 10,000 jobs, in the memory that SQLite has. */
+/* A catalogue with 10,000 jobs is converted within SQLite's memory. */
 static void large(void **state)
 {
 	struct err err = ERR_INIT;

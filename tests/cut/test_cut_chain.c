@@ -21,7 +21,7 @@ static unsigned below(unsigned n)
 	return (unsigned)(random_next(&seed) % n);
 }
 
-/* Of any magnitude, or just inside an end of the lattice. */
+/* A random number of any magnitude, or one close to an end of the lattice. */
 static int32_t number(void)
 {
 	int32_t n = (int32_t)(random_next(&seed) >> 33 >> below(31));

@@ -272,7 +272,7 @@ static void play(struct scene_digests *ret)
 
 #define has(m) (marks >= (m))
 
-/* Of play_on. */
+/* Checks the results of play_on. */
 static void check_on(uint64_t marks, const struct scene_digests *want)
 {
 	char digest[DIGEST_HEX_SIZE];

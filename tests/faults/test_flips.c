@@ -76,7 +76,7 @@ static int collect(const char *path, const struct stat *st, int kind, struct FTW
 	return 0;
 }
 
-/* Of the same kind and size, for blocks that are old. */
+/* Finds for each victim another file of the same kind, as a source of old blocks. */
 static void find_old(void)
 {
 	for (unsigned i = 0; i < nvictims; i++)

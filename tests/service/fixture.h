@@ -71,8 +71,7 @@ static void turn(int ms)
 		}                                                          \
 	} while (0)
 
-/* Of what datasets, jobs and pushes are charged: no more than this; so much is kept for them. 0: no bound but the memory;
- * nothing. */
+/* Memory for datasets, jobs and pushes: the most that they may be charged (0: no limit), and the part that is kept for them. */
 static uint64_t service_most, service_aside;
 
 static double service_defer; /* core_params.defer_seconds */

@@ -148,7 +148,7 @@ static void quota_is_refused_with_numbers(void **state)
 	assert_non_null(strstr(err.message, "--disk 1"));
 	assert_false(space_would_fit(s, SPACE_PENDING, 100 * KIB, &lacks));
 	assert_int_equal(lacks, 76 * KIB);
-	/* Of state and cache together. */
+	/* Temporary files count on the disk of state and cache together. */
 	assert_false(space_would_fit(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
 	space_give(s, SPACE_PENDING, 400 * KIB);
 	assert_true(space_would_fit(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
@@ -377,7 +377,7 @@ static void *take_one(void *ret)
 	return NULL;
 }
 
-/* Who writes waits for it; who only looks at the accounts does not, and has the figures of before. */
+/* Writers wait for the file system. Readers of the accounts do not: they get the figures of the last measurement. */
 static void a_file_system_that_hangs(void **state)
 {
 	struct io_table table = *io;

@@ -114,7 +114,7 @@ static int hash_points(struct input *in, uint64_t most, XXH64_state_t *state, ui
 	return rc;
 }
 
-/* Of a file in memory; *ret_rc says how it ended. */
+/* Reads a file in memory; returns the hash of its points. *ret_rc: the result of the last read. */
 static uint64_t hash_bytes(const struct bytes *b, const struct input_options *options, uint64_t most, uint64_t *ret_n,
 			   int *ret_rc, uint64_t *ret_parts)
 {
