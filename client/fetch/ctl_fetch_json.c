@@ -108,6 +108,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 		term_json_open(&j, "left_out", '{');
 		term_json_u64(&j, "triangles", m->out->left_out);
 		term_json_number(&j, "area", m->out->left_out_area);
+		term_json_text(&j, "written_digest", m->out->written);
 		term_json_close(&j, '}');
 	} else {
 		term_json_null(&j, "left_out");

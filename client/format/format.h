@@ -41,6 +41,8 @@ struct format_options {
 	const char *z_unit;       /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
 	uint32_t width;           /* pictures: pixels; 0 = FORMAT_WIDTH */
 	enum format_color color;
+	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
+	const char *trimmed;
 };
 
 #define FORMAT_WIDTH 1600
@@ -54,7 +56,8 @@ struct format_block {
 };
 
 /* One format. `open` makes the writer; `head`, any number of `block`, `finish` follow in this order, `free` comes last, also
- * after a failure, and returns NULL. Writers write to their output and nowhere else. */
+ * after a failure, and returns NULL. Writers write to their output and nowhere else. The tail
+ * has the digest of the triangles that came. */
 struct format {
 	const char *name, *extensions, *help; /* extensions: ".a .b" */
 	enum format_kind kind;

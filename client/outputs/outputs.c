@@ -6,6 +6,7 @@
  * fetch, and makes publishing impossible. Outputs are published one after the other when the stream has
  * ended well: with several of them, a failure between two leaves the earlier ones, each of them whole.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,6 +16,24 @@
 #include "outputs_tile.h"
 
 #define SORT_MEMORY (64ull << 20)
+
+/* What the run leaves out of each file. */
+static void trimmed_text(const struct outputs_options *opt, char *buf, size_t size)
+{
+	char number[DECIMAL_TEXT_SIZE];
+	size_t n = 0;
+
+	buf[0] = 0;
+	if (opt->has_max_edge)
+		n += (size_t)snprintf(buf + n, size - n, "max-edge=%s%s%s ", decimal_text(opt->max_edge, number),
+				      opt->max_edge_unit ? "," : "", opt->max_edge_unit ? opt->max_edge_unit : "");
+	if (opt->tiled)
+		n += (size_t)snprintf(buf + n, size - n, "tile=%s ", decimal_text(opt->tile, number));
+	if (opt->changes)
+		n += (size_t)snprintf(buf + n, size - n, "changes ");
+	if (n)
+		buf[n - 1] = 0;
+}
 
 int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct err *err)
 {
@@ -26,6 +45,7 @@ int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct 
 	if (!run->opt.sort_memory)
 		run->opt.sort_memory = SORT_MEMORY;
 	run->positions = opt->has_max_edge;
+	trimmed_text(opt, run->trimmed, sizeof(run->trimmed));
 	run->end = &run->target;
 	run->err = ERR_INIT;
 	*ret = run;
@@ -59,12 +79,14 @@ static int target_check(const char *path, const struct format *format, const str
 	return 0;
 }
 
-int outputs_add(struct outputs *run, const char *path, const struct format *format, const struct format_options *opt,
+int outputs_add(struct outputs *run, const char *path, const struct format *format, const struct format_options *given,
 		struct err *err)
 {
+	struct format_options own = *given, *opt = &own;
 	int r = target_check(path, format, opt, err);
 	struct outputs_target *t = r ? NULL : calloc(1, sizeof(*t));
 
+	own.trimmed = run->trimmed[0] ? run->trimmed : NULL;
 	if (!r && run->opt.tiled)
 		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
 				 outputs_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
@@ -137,15 +159,22 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct outputs *run = ctx;
+	struct acut_mesh_tail written = *tail;
+	struct digest sum;
 	int r = 0;
 
 	outputs_front_done(&run->front);
+	if (!digest_parse(tail->digest, &sum))
+		return err_set(&run->err, ERR_PROTO, "the digest of the mesh is no digest");
+	digest_sub(&sum, run->edge.left_out_digest);
+	written.digest = digest_hex(sum, run->written);
+	written.triangles -= run->edge.left_out;
 	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
 		if (t->canonical)
 			r = outputs_canonical_finish(t->canonical, &run->err);
 		t->canonical = outputs_canonical_free(t->canonical);
 		if (!r)
-			r = t->format->finish(t->writer, tail, &run->err);
+			r = t->format->finish(t->writer, &written, &run->err);
 	}
 	if (!r && run->change)
 		r = outputs_change_tail(run->change, &run->err);
@@ -224,6 +253,7 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
 	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));
+	memcpy(ret->written, run->written, sizeof(run->written));
 }
 
 struct outputs *outputs_free(struct outputs *run)

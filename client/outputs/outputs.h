@@ -38,6 +38,7 @@ struct outputs_changes_counts {
 struct outputs_report {
 	uint64_t bytes;       /* of all outputs */
 	uint64_t left_out;    /* triangles, by max_edge */
+	char written[40];     /* digest of the triangles that the files have */
 	double left_out_area; /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];     /* of the file */
 	struct outputs_changes_counts changes;

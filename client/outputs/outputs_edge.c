@@ -64,6 +64,7 @@ int outputs_edge_init(struct outputs_edge *ed, const struct acut_mesh_head *head
 	snprintf(ed->unit, sizeof(ed->unit), "%s", head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
 	ed->gather = opt->edges;
 	ed->limited = opt->has_max_edge;
+	memcpy(ed->k, head->k, sizeof(ed->k));
 	if (!ed->limited)
 		return 0;
 	if (opt->max_edge.mantissa < 0)
@@ -138,6 +139,13 @@ static u128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
 	return (u128)(s < 0 ? -s : s);
 }
 
+static void add_digest(struct outputs_edge *ed, const int32_t *a, const int32_t *b, const int32_t *c)
+{
+	const uint64_t place[1][3] = {{digest_place(a[0], a[1]), digest_place(b[0], b[1]), digest_place(c[0], c[1])}};
+
+	digest_add_triangles(&ed->left_out_digest, place, 1, ed->k);
+}
+
 /* *ret is the block without triangles that have edges longer than the limit. */
 static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		     struct acut_mesh_block *ret, struct err *err)
@@ -163,6 +171,7 @@ static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, c
 		if (most > ed->limit) {
 			ed->left_out++;
 			ed->left_out_area2 += area2(pos[t[0]], pos[t[1]], pos[t[2]]);
+			add_digest(ed, pos[t[0]], pos[t[1]], pos[t[2]]);
 			continue;
 		}
 		memcpy(ed->triangle[kept++], t, sizeof(*ed->triangle));
@@ -246,6 +255,8 @@ static u128 load128(struct cursor *c)
 void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 {
 	packer_u64(p, ed->left_out);
+	packer_u64(p, ed->left_out_digest.hi);
+	packer_u64(p, ed->left_out_digest.lo);
 	save128(p, ed->left_out_area2);
 	packer_f64(p, ed->longest);
 	packer_u64(p, ed->count);
@@ -255,18 +266,11 @@ void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 		packer_f64(p, ed->area[i]);
 }
 
-/* Version 1: edges were gathered by no fetch, and are not from there on. */
-void outputs_edge_load_1(struct outputs_edge *ed, struct cursor *c)
-{
-	ed->left_out = cursor_u64(c);
-	ed->left_out_area2 = load128(c);
-	cursor_skip(c, 16 + 8 + 8 * OUTPUTS_EDGE_BUCKETS);
-	ed->gather = false;
-}
-
 void outputs_edge_load(struct outputs_edge *ed, struct cursor *c)
 {
 	ed->left_out = cursor_u64(c);
+	ed->left_out_digest.hi = cursor_u64(c);
+	ed->left_out_digest.lo = cursor_u64(c);
 	ed->left_out_area2 = load128(c);
 	ed->longest = cursor_f64(c);
 	ed->count = cursor_u64(c);

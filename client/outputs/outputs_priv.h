@@ -2,6 +2,7 @@
 #ifndef OUTPUTS_PRIV_H
 #define OUTPUTS_PRIV_H
 
+#include "digest.h"
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
@@ -40,11 +41,13 @@ int outputs_front_load(struct outputs_front *, struct cursor *, struct err *err)
 #define OUTPUTS_EDGE_BUCKETS (70 * 16)
 struct outputs_edge {
 	bool limited, none_longer; /* none_longer: the limit is beyond every edge */
+	int64_t k[2];              /* of the head */
 	unsigned __int128 limit;   /* squared lattice length: longer edges are left out */
 	bool gather;
 	double scale;
 	char unit[16]; /* of x and y */
 	uint64_t left_out;
+	struct digest left_out_digest;
 	unsigned __int128 left_out_area2;             /* twice the area, lattice units */
 	double longest;                               /* squared, lattice units */
 	uint64_t count, bucket[OUTPUTS_EDGE_BUCKETS]; /* of the squared length, 16 from one power of two to the next */
@@ -66,7 +69,6 @@ double outputs_edge_area(const struct outputs_edge *);
 void outputs_edge_done(struct outputs_edge *);
 void outputs_edge_save(const struct outputs_edge *, struct packer *); /* what was counted */
 void outputs_edge_load(struct outputs_edge *, struct cursor *);
-void outputs_edge_load_1(struct outputs_edge *, struct cursor *);
 
 /* ---- external sort of small records of 64-bit words: outputs_sort.c ---- */
 
@@ -110,6 +112,8 @@ struct outputs {
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	bool finished;
+	char trimmed[128];             /* of the options of formats */
+	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_front front;
 	struct outputs_edge edge;
 	struct err err;

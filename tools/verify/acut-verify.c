@@ -180,7 +180,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
 	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle, v->mesh.nvertex,
-				 v->mesh.ntriangle};
+				 v->mesh.ntriangle, v->mesh.trimmed};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
@@ -242,7 +242,8 @@ static void print_json(const struct verdict *v)
 	       "\"hull\":%llu",
 	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->inner,
 	       (unsigned long long)r->ties, (unsigned long long)r->hull);
-	printf(",\"lattice\":\"%s\",\"crs\":", lattice_text(&v->mesh.lattice, lattice));
+	printf(",\"trimmed\":%s,\"lattice\":\"%s\",\"crs\":", v->mesh.trimmed ? "true" : "false",
+	       lattice_text(&v->mesh.lattice, lattice));
 	print_string(stdout, v->mesh.crs[0] ? v->mesh.crs : "unknown");
 	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s", digest_hex(v->digest, hex[0]),
 	       digest_hex(v->vertex_digest, hex[1]), v->mesh.has_digest ? "true" : "false");
@@ -276,8 +277,10 @@ static void print_text(const struct verdict *v)
 	}
 	printf("%s: good\n", v->name);
 	if (v->mesh.ntriangle)
-		printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n",
-		       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+		printf("  shape     %zu vertices, %zu triangles, %llu edges; %s of %llu %s\n", v->mesh.nvertex, v->mesh.ntriangle,
+		       (unsigned long long)r->edges,
+		       v->mesh.trimmed ? "a part of a mesh, with boundaries" : "one convex boundary", (unsigned long long)r->hull,
+		       v->mesh.trimmed ? "edges" : "vertices");
 	else
 		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
@@ -285,9 +288,10 @@ static void print_text(const struct verdict *v)
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
 	       v->mesh.has_digest ? "as the file says" : "not in the file");
 	if (v->with_points)
-		printf("  points    %llu read, %zu in the view, %llu positions: each a vertex with its "
-		       "height, and no other\n",
-		       (unsigned long long)v->points.read, v->points.n, (unsigned long long)r->positions);
+		printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read,
+		       v->points.n, (unsigned long long)r->positions,
+		       v->mesh.trimmed ? "each vertex is one of them, with its height" :
+					 "each a vertex with its height, and no other");
 }
 
 static int print_result(const struct err *err)
