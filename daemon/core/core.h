@@ -100,8 +100,8 @@ void core_background_done(struct core *);
 
 /* A holder of memory, for reports. */
 struct core_holder {
-	const char *kind; /* "job", "fetch", "plan", "push" */
-	uint64_t id;      /* of the job or push; 0: none */
+	const char *kind; /* "job", "fetch" (a later stream of a job), "plan", "push", "connection" */
+	uint64_t id;      /* of the job or push; a serial number for a connection; 0: none */
 	struct peer peer;
 	const char *dataset;         /* "": none; borrowed */
 	uint64_t held[LEDGER_NAMES]; /* bytes by account */

@@ -269,7 +269,7 @@ def served():
         expect(2 <= len(told) <= 20, "%d lines" % len(told))
         status = box.daemon.ctl("status", "--json").ok().json()
         expect(status["connections"] == 1, "%s" % status["connections"])
-    # No group: whoever reaches the socket.
+    # Without a group everybody who can connect to the socket is served.
     with Folder() as base, Box(base) as box:
         box.good(nobody, "push", "mine", box.survey())
         status, _, err = box.ask((ADMIN, ADMINS, ()), "dataset", "rm", "mine")
