@@ -468,7 +468,7 @@ static void scene_begin(void)
 
 static void scene_end(void)
 {
-	nftw(base, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	repeat_remove(base);
 }
 
 static void new_folder(unsigned long i)
@@ -480,7 +480,7 @@ static void new_folder(unsigned long i)
 
 static void drop_folder(void)
 {
-	nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	repeat_remove(h.folder);
 }
 
 static long setting(const char *name, long otherwise)
