@@ -1,9 +1,9 @@
 /*
- * What the rooms of the daemon share: parameters, folders, charged memory, disk space by user, background work.
+ * Shared by the rooms of the daemon: parameters, folders, charged memory, disk space by user, background work.
  *
  * The model: one `struct core` per daemon. A room above keeps its own state and a pointer to the core. The core calls no room
- * above it: what it needs of one is a callback in `struct core`, which that room sets when it is made. Functions belong to the
- * loop thread, and assert that, unless they say "any thread".
+ * above it, except by callbacks in `struct core`, which a room sets when it is made. Functions belong to the loop thread, and
+ * assert that, unless they say "any thread".
  */
 #ifndef CORE_H
 #define CORE_H

@@ -1,7 +1,7 @@
 /*
- * What happens in the tests of faults: a service (tests/service/fixture.h) into which three files are pushed, one at a time and
- * with an interruption, and jobs of each generation, with a mark in the log for each thing that was acknowledged; and what
- * must be there when a service is opened over what a fault left.
+ * The work of the tests of faults: three files are pushed into a service (tests/service/fixture.h), one at a time and with an
+ * interruption; each generation has jobs; the log has a mark for each acknowledgement. And the checks of a service that is opened
+ * on the store after a fault.
  */
 #ifndef SCENE_H
 #define SCENE_H
