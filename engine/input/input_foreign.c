@@ -216,7 +216,7 @@ static bool is_terrascan(const struct head *h)
 	return h->n >= 16 && !memcmp(h->at + 8, "\xa1\xce\x0e", 4);
 }
 
-/* Pairs of group code and value, each alone on its line: comments (999), then the begin of a section (0). */
+/* Pairs of group code and value, each alone on its line: comments (999), then the start of a section (0). */
 static bool is_dxf(const struct head *h)
 {
 	const char *p = first_line(h, 0);

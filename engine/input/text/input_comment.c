@@ -21,7 +21,7 @@ static const char *skip_blanks(const char *p, const char *end)
 	return p;
 }
 
-/* The text after a semicolon at the begin of a line is not a row whose first column is empty. */
+/* The text after a semicolon at the start of a line is not a row whose first column is empty. */
 static bool is_remark(const char *p, const char *end)
 {
 	p = skip_blanks(p, end);

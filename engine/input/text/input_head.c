@@ -141,7 +141,7 @@ struct rows {
 	} row[ROWS];
 };
 
-/* The numbers at the begin of a line, and the rest of it as one word. */
+/* The numbers at the start of a line, and the rest of it as one word. */
 static unsigned width(const struct row *r)
 {
 	return r->words.leading + (r->words.words > r->words.leading);
