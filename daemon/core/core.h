@@ -1,9 +1,9 @@
 /*
- * What the rooms of the daemon share: parameters, folders, charged memory, disk space by user, background work.
+ * Shared by the rooms of the daemon: parameters, folders, charged memory, disk space by user, background work.
  *
  * The model: one `struct core` per daemon. A room above keeps its own state and a pointer to the core. The core calls no room
- * above it: what it needs of one is a callback in `struct core`, which that room sets when it is made. Functions belong to the
- * loop thread, and assert that, unless they say "any thread".
+ * above it, except by callbacks in `struct core`, which a room sets when it is made. Functions belong to the loop thread, and
+ * assert that, unless they say "any thread".
  */
 #ifndef CORE_H
 #define CORE_H
@@ -100,8 +100,8 @@ void core_background_done(struct core *);
 
 /* A holder of memory, for reports. */
 struct core_holder {
-	const char *kind; /* "job", "fetch", "plan", "push" */
-	uint64_t id;      /* of the job or push; 0: none */
+	const char *kind; /* "job", "fetch" (a later stream of a job), "plan", "push", "connection" */
+	uint64_t id;      /* of the job or push; a serial number for a connection; 0: none */
 	struct peer peer;
 	const char *dataset;         /* "": none; borrowed */
 	uint64_t held[LEDGER_NAMES]; /* bytes by account */

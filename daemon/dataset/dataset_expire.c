@@ -41,7 +41,7 @@ static int64_t latest_us(const struct datasets *ds)
 }
 
 /*
- * What expires is lost, and clocks are wrong at times: a machine without a battery-backed clock starts with an arbitrary date
+ * Expired data is lost, and a clock may be wrong: a machine without a battery-backed clock starts with an arbitrary date
  * until the network sets it. So time that the daemon did not see pass, between two calls or since the latest recorded time,
  * counts only after the clock has stayed ahead for an hour.
  */

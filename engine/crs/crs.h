@@ -1,7 +1,7 @@
 /*
- * What a file says of its coordinate system: what kind of plane, which units, which name. Read off the
- * file's own records, never guessed: what no record says, or what two parts of one record contradict, is
- * "unknown". Nothing here fails: any bytes give an answer, at worst "unknown" for all of it.
+ * The coordinate system of a file: kind of plane, units, name. All of it comes from the records of the file and is never guessed.
+ * A property that no record has, or on which two parts of a record disagree, is "unknown". Nothing here fails: for invalid bytes
+ * everything is "unknown".
  */
 #ifndef CRS_H
 #define CRS_H

@@ -1,6 +1,6 @@
-"""The names of acutctl's JSON: what every command prints against acutctl-json(7), both ways, with the types of the values.
+"""Compares the names and types of values in the JSON of every command with acutctl-json(7), in both directions.
 
-With --write it prints what it saw, for whoever adds a name to the page.
+--write prints all names that were seen, as a help for adding one to the page.
 """
 import json
 import os
@@ -16,7 +16,7 @@ SOURCE = os.path.join(os.environ["ACUT_MAN"], "..")
 # Commands that print no JSON.
 NO_JSON = {"geoid rm", "help"}
 BASIC = {"text", "number", "boolean", "list", "object", "null"}
-# Objects whose names are not fixed: what they are of is said by the page as name.*.
+# Objects without fixed names: the page describes their values as name.*.
 MAPS = {"removed", "classes", "returns", "return_counts", "ledger", "ledger_peak", "held", "kinds", "labels"}
 
 
@@ -49,7 +49,7 @@ def inside(v, name, key, seen):
 
 
 class Seen:
-    """What was printed, by kind of object."""
+    """The printed names, by kind of object."""
 
     def __init__(self):
         self.kinds = {}
@@ -70,7 +70,7 @@ class Seen:
 
 
 def page_kinds():
-    """kind -> {path: types}, of the page; the types of shared objects are put in."""
+    """kind -> {path: types}, from the page; shared objects are replaced by their names."""
     kinds, shared, now = {}, {}, None
     with open(PAGE) as f:
         for line in f:
@@ -217,7 +217,7 @@ def fits(seen, page, write):
             if path not in said:
                 faults.append("%s: %s (%s) is not in the page" % (kind, path, ", ".join(sorted(got[path]))))
             elif path not in got:
-                # what is inside a thing that may be null, or in an empty list, need not have been seen
+                # names within an object that may be null, or within an empty list, may be missing
                 if "." not in path and "[" not in path:
                     faults.append("%s: %s of the page was not printed" % (kind, path))
             elif got[path] - said[path]:
@@ -226,7 +226,7 @@ def fits(seen, page, write):
 
 
 def all_commands():
-    """The commands, those with verbs as "dataset show", of their tables."""
+    """The commands in their tables, those with verbs as "dataset show"."""
     def rows(file):
         with open(os.path.join(SOURCE, "client/acutctl", file)) as f:
             return re.findall(r'^\t\{"(\w+)", "([^{]*)\}', f.read(), re.M)
@@ -258,7 +258,7 @@ def names_of_all():
 
 
 def words_of_tables():
-    """Codes of errors and states of jobs: the page has those of the source, and no other; jobs.md has each state."""
+    """The page has the same codes of errors and states of jobs as the source; jobs.md has each state."""
     with open(PAGE) as f:
         page = f.read()
     for name, table, after in (("codes", "base/err.def", r"\*code\* .*\n((?:\t.*\n)+)"), ("states", "daemon/job/job_state.def", r"\*state\* .*\n((?:\t.*\n)+)")):
@@ -269,7 +269,7 @@ def words_of_tables():
             with open(os.path.join(SOURCE, "docs/design/jobs.md")) as f:
                 drawn = set(re.findall(r"[a-z-]+", re.search(r"```(.*?)```", f.read(), re.S).group(1)))
             expect(not source - drawn, "states of %s that the picture of docs/design/jobs.md lacks: %s" % (table, sorted(source - drawn)))
-        source |= {"waiting-space"} if name == "states" else set()  # of any state, told in its place
+        source |= {"waiting-space"} if name == "states" else set()  # printed in place of any state
         expect(len(source) > 1, "no %s in %s" % (name, table))
         expect(not source - said, "%s of %s that acutctl-json(7) lacks: %s" % (name, table, sorted(source - said)))
         expect(not said - source, "%s of acutctl-json(7) that %s lacks: %s" % (name, table, sorted(said - source)))

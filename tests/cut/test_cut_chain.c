@@ -1,6 +1,6 @@
 /*
- * What is read because of a chain, against what belongs to it: a point that is not above E is a hit, alone and in any
- * box, at every magnitude of lattice numbers. E is exact, hits are in doubles.
+ * Hits of a chain, compared with the points that belong to it: a point that is not above E is a hit, alone and in any box, at
+ * every magnitude of lattice numbers. E is exact, hits are in doubles.
  */
 #include <stdarg.h>
 #include <stddef.h>

@@ -352,10 +352,7 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
-	char command[128];
-
-	snprintf(command, sizeof command, "rm -rf '%s'", root);
-	return system(command);
+	return repeat_remove(root);
 }
 
 int main(void)

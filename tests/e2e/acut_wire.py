@@ -17,7 +17,7 @@ U64 = (1 << 64) - 1
 
 
 class Fault(AssertionError):
-    """What the tests' runner counts as a failure."""
+    """A failure of a test."""
 
 
 class Breach(Fault):
@@ -320,7 +320,7 @@ class JobFailed(Fault):
 
 
 class Base:
-    """What changes are against."""
+    """The mesh to which changes are applied."""
 
 
 class Mesh:

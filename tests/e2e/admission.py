@@ -48,7 +48,7 @@ def priorities_of(base, d, gate):
     for bad in ("urgent", ""):
         expect(d.ctl("submit", "s", "--priority", bad).status == 2, "--priority %r" % bad)
     expect(d.ctl("plan", "s", "--priority", "low").status == 2, "plan takes --priority")
-    # Nobody gets a point to mesh before all are submitted.
+    # No job reads a point before all are submitted.
     gate.close("pread", ".seg")
     # All that one user may have at work; the others wait.
     huge = [submit(d, "huge", "--zmin", str(i)) for i in range(2)]

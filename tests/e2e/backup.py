@@ -269,7 +269,7 @@ def another_of_the_same_name():
         d.ctl("push", "a", tile(base, 3)).ok()
         says(d.ctl("dataset", "export", "a", out), 2, "another dataset a", "give another folder")
         expect(files_of(out) == held, "the older export is changed")
-        # Of another daemon.
+        # The backup of another daemon.
         with e2e.Daemon(base, name="other") as other:
             other.ctl("push", "a", tile(base, 1)).ok()
             says(other.ctl("dataset", "export", "a", out), 2, "another dataset a")
@@ -389,7 +389,7 @@ def export_and_import():
         other.ctl("dataset", "import", os.path.join(base, "out", "c"), "c2").ok()
         other.ctl("push", "c", tile(base, 990, n=400)).ok()
         expect(digests(other, "c2", 3) == want["c", 3] == digests(other, "c", 3), "two imports of one export")
-        # What it had is known.
+        # The files that it had are known.
         says(other.ctl("push", "c", os.path.join(base, "t00200.las")), 0, "there already")
         other.stop(signal.SIGKILL)
         other.start()

@@ -139,7 +139,7 @@ def follows():
         check(c, first, 1, third, three)
         b, changes, _ = check(c, third, 3, third, three)
         expect(not b.gone and not changes.triangles and not changes.indexes and b.kept, "nothing has changed")
-        # What is stored of domains, and the daemon, may go.
+        # The stored domains may be removed, and the daemon restarted.
         d.stop()
         shutil.rmtree(os.path.join(base, "cache"), ignore_errors=True)
         noted_otherwise(os.path.join(d.state, "plans", "plan-%d" % one))

@@ -37,7 +37,7 @@ def mesh_is_complete():
             expect(f.read(8) == b"\x89PNG\r\n\x1a\n", "not a PNG")
         e2e.run([e2e.VERIFY, out, path]).ok()
         expect(not [n for n in os.listdir(base) if ".part" in n or ".tmp" in n], str(os.listdir(base)))
-        # Nothing of a one-step dataset stays.
+        # No file of a one-step dataset remains.
         left = [n for _, _, files in os.walk(d.cache) for n in files if n.startswith("s")]
         expect(not left, "left in the cache: %s" % left)
 
@@ -192,7 +192,7 @@ def refusals():
         status(d.ctl("nonsense"), 2)
         status(d.ctl("show", "424242"), 4)
         status(d.ctl("submit", "nobody"), 4)
-        # What a variable that is not set makes of a name is no other thing than a dataset.
+        # An empty name, as from an unset variable, is an error and not another dataset.
         status(d.ctl("push", "", path), 2, 'cannot name a dataset')
         status(d.ctl("dataset", "show", ""), 4, 'no dataset ""')
         status(d.ctl("dataset", "export", "", os.path.join(base, "export")), 4, 'no dataset ""')

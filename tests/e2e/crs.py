@@ -148,7 +148,7 @@ def unknown():
         expect("comment acut-crs unknown\n" in head and "comment acut-units unknown unknown\n" in head, head)
         head = open(base + "/m.obj").read(2000)
         expect("# acut-crs unknown\n" in head and "# acut-units unknown unknown\n" in head, head)
-        # Of one that knows its plane, the heights alone.
+        # If the plane is known, only the heights.
         j = d.ctl("mesh", f["utm"], "-o", base + "/m.ply", "--json").ok().json()
         expect(j["crs"] == "EPSG:25832" and j["units"] == {"xy": "metre", "z": None}, str(j))
         expect(any(w.startswith("the unit of z is unknown") for w in j["warnings"]), str(j["warnings"]))
@@ -244,12 +244,12 @@ def overridden():
         expect([i["overridden"] for i in j["inputs"]] ==
                ["EPSG:25832, x and y in metre, z in unknown", "EPSG:4978, x and y in metre, z in metre",
                 "EPSG:4326, x and y in degree, z in unknown", None, None], str(j["inputs"]))
-        # What the system that is given does not say of heights is unknown; units alone replace units.
+        # The heights are unknown if the given system has none; units alone replace units.
         j = d.ctl("mesh", f["height"], "-o", out, "--override-crs", "EPSG:32632", "--json").ok().json()
         expect(j["crs"] == "EPSG:32632" and j["units"] == {"xy": "metre", "z": None}, str(j))
         j = d.ctl("mesh", f["feet"], "-o", out, "--override-units", ",m", "--json").ok().json()
         expect(j["crs"] == "EPSG:25832 + EPSG:6360" and j["units"] == {"xy": "metre", "z": "metre"}, str(j))
-        # Nothing is overridden by what the file says itself.
+        # The same system as that of the file overrides nothing.
         j = d.ctl("mesh", f["utm"], "-o", out, "--override-crs", "EPSG:25832", "--json").ok().json()
         expect(j["inputs"][0]["overridden"] is None, str(j["inputs"]))
         # Projected numbers that are degrees are projected as such.
@@ -310,7 +310,7 @@ def numbers():
         said(r, "odd.las", "x and y are taken as metre, but EPSG:2229 (NAD83 / California zone 5 (ftUS)) is in the unit us-survey-foot")
         r = d.ctl("mesh", las(base + "/link.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 2314)]), "-o", base + "/m.ply").ok()
         said(r, "EPSG:2314 (Trinidad 1903 / Trinidad Grid (ftCla)) is in the unit Clarke's foot", "the unit of x and y")
-        # What is not known of a dataset is said when it comes to be, not again.
+        # Unknown units are reported when a dataset is created, and not again.
         said(d.ctl("push", "d", path).ok(), "the unit of z is unknown")
         r = d.ctl("push", "d", las(base + "/more.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 6514)], x0=500200)).ok()
         expect("unknown" not in r.err, r.err)

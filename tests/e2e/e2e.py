@@ -19,7 +19,7 @@ DOMAIN = os.environ.get("ACUT_DOMAIN", "acut-domain")
 GATE = os.environ.get("ACUT_TEST_GATE")
 # How long anything may take before the test says that it hangs. No test compares with it, and none waits for it where all is well.
 PATIENCE = 240
-# Who starts a program in the background may have it ignore these; what the tests start must hear of them.
+# A program in the background may inherit that these signals are ignored; programs of the tests must get them.
 for _sig in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT):
     if signal.getsignal(_sig) == signal.SIG_IGN:
         signal.signal(_sig, signal.default_int_handler if _sig == signal.SIGINT else signal.SIG_DFL)

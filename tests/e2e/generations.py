@@ -160,7 +160,7 @@ def replaced():
             expect(state(d, "s") == fresh.of([a, f, c, e]), "replaced by name")
             d.ctl("push", "s", old[a], "--replaces", a).ok()
             expect(state(d, "s") == fresh.of([old[a], f, c, e]), "replaced by path")
-            # What is there beside it cannot take its place, and says so.
+            # A file whose content is in the dataset already cannot replace another one, and the message says so.
             says(d.ctl("push", "s", e, "--replaces", "c.las"), 1, "has this content already, as", "e.las")
             kept = shutil.copy2(c, os.path.join(base, "c.kept"))
             shutil.copy(e, c)
@@ -233,7 +233,7 @@ def nothing_to_commit():
             expect(show(d, "s") == before and len(log(d, "s")) == 1, "%s" % log(d, "s"))
             left = [n for _, _, names in os.walk(os.path.join(d.state, "datasets")) for n in names]
             expect(len(left) == 2 and not [n for n in left if "pending" in n or ".stage" in n or ".run" in n], "it stays behind: %s" % left)
-            # Where others bring points it is one of the files.
+            # If other files have points, it is one of the files.
             with open(os.path.join(base, "more.xyz"), "w") as f:
                 f.write("7.00 7.00 7.00\n")
             expect([f["state"] for f in push("s", os.path.join(base, "more.xyz"), empty)] == ["staged"] * 2, "with others")

@@ -1,4 +1,4 @@
-"""What is reported about generations: the log, hashes of content, classes of points."""
+"""Reports about generations: the log, hashes of content, classes of points."""
 import os
 import random
 import shutil
@@ -44,7 +44,7 @@ def classes_of_the_generation():
         os.truncate(b, 0)
         d.ctl("push", "t", b, "--columns", "xyzc", "--replace").ok()
         expect("at least 100 of the ground" in job() and "at least 160 others" in job(), job())
-        # Where that is not sure, nothing is said.
+        # If it is not certain, there is no message.
         os.truncate(c, 0)
         with open(b, "w") as f:
             f.write("1.25 1.5 1 2\n2.25 1.5 1 2\n2.25 9.5 1 2\n")
@@ -76,7 +76,7 @@ def entries_of_the_log():
         text = d.ctl("dataset", "log", "s").ok().out
         expect("3\trevert of 1\t" in text and "\t0\t0\t101\t2\t" in text, text)
         expect(log(d, "s")[0]["files"] is None, "files without --files")
-        # What came through a pipe has the name that it was given, and no path.
+        # A file from a pipe has the given name, and no path.
         with open(a, "rb") as f:
             p = subprocess.run([e2e.ACUTCTL, "--socket", d.socket, "push", "v", "-", "--input-format", "las", "--checksum", "--name", "T7"],
                                input=f.read(), stderr=subprocess.PIPE, timeout=60)

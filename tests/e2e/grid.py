@@ -170,7 +170,7 @@ def edges_of_the_rule():
         expect(16 < len(index["features"]) < 60, "%d tiles" % len(index["features"]))
         index, _ = small_ones(d, base, grid + "9000000.5 9000000 7\n", "--tile=3", "--crop=-9,-9,9,9")
         expect(len(index["features"]) == 16, "%d tiles" % len(index["features"]))
-        # Nothing, and nothing but a line.
+        # No point, and points on a line only.
         index, got = small_ones(d, base, "0 0 0\n1 1 1\n2 2 2\n", "--tile=1")
         expect(index["features"] == [] and got["tiles"]["files"] == 0 and index["type"] == "FeatureCollection", index)
         index, got = small_ones(d, base, grid, "--tile=3", "--max-edge=1.2")

@@ -132,7 +132,7 @@ def a_flood_of_refusals():
         most = 100 * (1 + int((time.monotonic() - begun) / 30))
         expect(100 <= len(log) <= most, "%d lines in the log, and %d at most" % (len(log), most))
         expect("acut_files_refused_total" in d.ctl("metrics").ok().out, "the count")
-    # Where others are good JSON has each, and the last line says so.
+    # If other files are good, JSON has each file, and the last line has the number of refused ones.
     e2e.run([e2e.SYNTH, "--points", "1000", os.path.join(f, "failed", "good.las")]).ok()
     r = D.ctl("push", "flood", *(os.path.join(f, "failed", n) for n in holds(f, "failed") if n.endswith(".las")))
     expect(r.status == 3 and r.err.splitlines()[-1].endswith("30 more inputs were refused, 130 in all: --json lists each"), r.err[-600:])
@@ -196,7 +196,7 @@ def twins():
     shutil.copy(broken, os.path.join(f, "b.laz"))
     las(os.path.join(f, "new0.las"), seed=11)
     las(os.path.join(f, "zz3.las"), seed=11)
-    # What is no LAS may be a text: the name says of which kind it is.
+    # A file that is not LAS may be a text: the name decides its kind.
     for n in ("p0.las", "p1.las", "pz.xyz"):
         with open(os.path.join(f, n), "w") as out:
             out.write("1 2 3\n400 5 6\n7 800 9\n")

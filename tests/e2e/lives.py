@@ -22,7 +22,7 @@ STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 40
 SEEDS = [int(s) for s in sys.argv[2:]] or [1, 2, 3]
 VIEWS = generations_model.VIEWS + (("--ground",), ("--class", "1"), ("--every", "7", "--surface"), ("--thin", "0.5", "--thin-pick", "median"),
                                    ("--thin", "3", "--thin-pick", "highest"), ("--crop", "-9,20,90,40", "--thin", "2"))
-# What a client may hear that did no wrong: another one was there, or the daemon went away.
+# Errors that a correct client may get: another client was there, or the daemon ended.
 AGAIN = (69, 74, 75)
 
 

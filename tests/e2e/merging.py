@@ -149,7 +149,7 @@ def prune():
         tidy(d, "s")
         says(d.ctl("submit", "s", "--at", "3"), 4, "pruned")
         expect(digests(d, "s") == was, "what stays is not what it was")
-        # Nothing that was found finished is made again.
+        # No finished domain is made again.
         report = d.ctl("submit", "s", "--wait", "--new", "--json").ok().json()
         expect(report["digest"] == was[0], "%s" % report)
         d.ctl("dataset", "prune", "s", "--keep", "1").ok()

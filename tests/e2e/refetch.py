@@ -55,7 +55,7 @@ def killed_client():
             kinds, rest = [o for o in options if o in RESUMABLE], [o for o in options if o not in RESUMABLE]
             outs = lambda stem: [w for k in kinds for w in ("-o", stem + k)]
             full = d.ctl("fetch", "1", "--json", *outs(want), *rest).ok().json()
-            # What it does when it is killed: it writes a part, its faces or its state, or gives the state its name, for the n-th time
+            # The call at which it is killed: the n-th write of a part, faces or state, or the n-th rename of the state
             # since it began. The first kills come before any state is kept.
             resume, kills = [], 0
             for call, text, most in (("pwrite", ".part", 1), ("pwrite", ".part.state", 1), ("renameat", ".part.state", 3), ("pwrite", ".part", 9),
@@ -280,7 +280,7 @@ def refused():
         interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()
         expect(read(out) == read(want) and not parts(base), "a leftover")
-        # What the daemon cannot go on with: said, and nothing is lost by it.
+        # A state that the daemon cannot continue: there is a message, and nothing is lost.
         interrupted(d, gate, out)
         before = parts(base)
         d.stop()

@@ -28,7 +28,7 @@ def jobs_go_on():
         expect(want["domains"] >= 8, "the test wants many domains: %d" % want["domains"])
         d.stop()
         for part in (0.2, 0.5, 0.8):
-            # Nothing of the jobs before serves this one.
+            # This job uses no domains of earlier jobs.
             subprocess.run(["rm", "-rf", d.cache], check=True)
             d.start()
             # So many domains get their names in the store, and no more.

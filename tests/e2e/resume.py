@@ -160,7 +160,7 @@ def vanished_client():
         got = d.ctl("push", "u", paths[1], "--json").ok()
         expect(states(got) == ["adopted"], str(states(got)))
         expect(show(d, "u")["points"] == 3000 and digests(d, "u")[2] == 3000, str(show(d, "u")))
-        # Nothing staged: nothing pending, and no dataset.
+        # Without a staged file there is no pending push, and no dataset.
         Half(d, "v", paths, 0, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "v").status == 4, "a dataset of nothing")
         wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
@@ -288,7 +288,7 @@ def what_does_not_fit():
         Half(d, "h", paths, 2, wait=False, assume_crs=system + "1998").vanish()
         says(d.ctl("push", "h", *paths, "--assume-crs", system + "2017"), 0, "other options")
         expect(show(d, "h")["crs"] == system + "2017" and show(d, "h")["points"] == 9000, str(show(d, "h")))
-        # What is assumed is not what overrides; the same again is taken up.
+        # An assumed system is not an overriding one; a push with the same options continues.
         Half(d, "o", paths, 2, wait=False, override_crs="EPSG:25832").vanish()
         says(d.ctl("push", "o", *paths, "--assume-crs", "EPSG:25832"), 0, "other options")
         Half(d, "q", paths, 2, wait=False, override_crs="EPSG:25832").vanish()

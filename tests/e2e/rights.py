@@ -14,7 +14,7 @@ from e2e import Daemon, Folder, expect
 
 ANNA, BERT, CARL, ADMIN, NOBODY = 3001, 3002, 3003, 3009, 3099
 USERS, GIS, OTHERS, ADMINS = 5000, 5100, 5200, 5001  # groups: served; of the dataset; of nothing; admin-group
-# Who asks: user, first group, the others.
+# The clients: user, first group, other groups.
 WHO = {
     "anna": (ANNA, GIS, (USERS,)),
     "anna, now in other groups": (ANNA, OTHERS, (USERS,)),
@@ -206,7 +206,7 @@ def jobs():
         status, _, err = box.ask("anna", "submit", "d", "--priority", "high", "--new")
         expect(status == 77, "priority: %d %s" % (status, err))
         box.good("an administrator", "submit", "d", "--priority", "high", "--wait")
-        # What was submitted goes on, whatever becomes of the mode.
+        # Submitted jobs go on, even if the mode changes.
         box.good("anna", "dataset", "chmod", "600", "d")
         box.good("carl", "fetch", carl, "--format", "null")
         status, _, err = box.ask("carl", "submit", "d", "--new")
@@ -269,7 +269,7 @@ def served():
         expect(2 <= len(told) <= 20, "%d lines" % len(told))
         status = box.daemon.ctl("status", "--json").ok().json()
         expect(status["connections"] == 1, "%s" % status["connections"])
-    # No group: whoever reaches the socket.
+    # Without a group everybody who can connect to the socket is served.
     with Folder() as base, Box(base) as box:
         box.good(nobody, "push", "mine", box.survey())
         status, _, err = box.ask((ADMIN, ADMINS, ()), "dataset", "rm", "mine")
@@ -391,7 +391,7 @@ def rights_of_open_connections():
             expect((sees(admin), sees(carl), sees(anna)) == (False, False, True), "no group")
             box.daemon.reload("group = %d\nadmin-group = nobody-has-this\n" % GIS)
             expect((sees(admin), sees(carl), sees(anna)) == (False, False, True), "an error")
-            # Of the group of the dataset only; anna is in it.
+            # Only for the group of the dataset; anna is in it.
             box.daemon.reload("group = %d\n" % GIS)
             expect(sees(anna), "anna is served")
             for who, wire in (("admin", admin), ("carl", carl)):

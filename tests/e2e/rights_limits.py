@@ -62,7 +62,7 @@ def limit_of_jobs():
 
 def limit_of_jobs_in(box, gate):
     box.good("anna", "push", "--mode", "666", "d", box.survey(20000))
-    # Whoever reads the survey waits: no job is over before the fourth comes.
+    # Reading the survey is held: no job ends before the fourth is submitted.
     gate.close("pread", ".seg")
     mine = [box.good("anna", "submit", "d", "--new", "--every", i + 2).split()[0] for i in range(3)]
     p = box.start("anna", "submit", "d", "--new", "--every", "9")
@@ -93,7 +93,7 @@ def limit_of_disk():
         box.good("carl", "push", "c", box.survey(20000, seed=2))
         for i in range(2):
             box.good("an administrator", "push", "big%d" % i, box.survey(30000, seed=3 + i))
-        # What goes into a dataset counts with its owner.
+        # The data of a dataset counts for its owner.
         box.good("root", "dataset", "chown", ANNA, "big0")
         status, _, err = box.ask("anna", "push", "b", box.survey(20000, seed=5))
         expect(status == 1 and "user-disk" in err, "what she was given does not count: %d %s" % (status, err))

@@ -52,7 +52,7 @@ def rows(text):
         expect((m[1], labels) not in got, "twice: %s" % line)
         got[m[1], labels] = float(m[4])
     expect(set(helps) == set(types) == {n for n, _ in got}, "HELP, TYPE and samples: %s" % (set(helps) ^ {n for n, _ in got}))
-    # What promtool's linter asks for.
+    # The rules of promtool's linter.
     for n, t in types.items():
         expect(t in ("counter", "gauge"), "%s is a %s" % (n, t))
         expect(n.endswith("_total") == (t == "counter"), "%s and its type, %s" % (n, t))
@@ -189,7 +189,7 @@ def counters_move():
         log = moved(d, lambda: d.ctl("fetch", "2", "-o", os.path.join(base, "m.ply")).ok(), domains_made_total=1,
                     checksum_errors_total__derived=1)
         told(log, "a stored domain of vol was damaged: it is made again")
-        # What was pushed is damaged: the job fails, and the damage is told.
+        # Pushed data is damaged: the job fails, and the damage is reported.
         for p in files_below(d.state, lambda n: n.endswith(".seg")):
             flip(p, 40000)
         log = moved(d, lambda: expect(d.ctl("submit", "vol", "--wait", "--every", "2").status == 74, "done"), jobs_ended_total__failed=1,

@@ -139,7 +139,7 @@ def doctor_remembers_the_verification():
             expect(total(d, "acut_last_verify_damaged", data="pushed") == 1 == total(d, "acut_checksum_errors_total", data="pushed"), "")
             d.stop()
             d.start()
-            # Nothing was met since, but it is known.
+            # There was no new damage since, but the old one is known.
             doctor(d, 1, verify="wrong", damage="ok")
             # A line that is cut short counts as none.
             d.stop()

@@ -170,7 +170,7 @@ def disk_of_groups():
         # Dora has nothing, and keeps nothing of it.
         box.good(DORA, "push", "shared", box.survey(20000, seed=2))
         box.good(DORA, "push", "own2", large)
-        # Now anna has no room, whoever pushes.
+        # Now anna has no room, also for pushes of others.
         other = (3011, OTHERS, (USERS, GIS))
         box.good(other, "push", "shared", box.survey(20000, seed=3))
         status, _, err = box.ask(other, "push", "shared", box.survey(24000, seed=4))
@@ -492,7 +492,7 @@ def reloaded():
         reload()
         refused("an administrator", 77, "", "dataset", "rm", "d")
 
-        # What was removed goes for good.
+        # Removed datasets are deleted.
         def removed():
             return " 1\n" in next(line + "\n" for line in box.good("root", "metrics").splitlines() if line.startswith("acut_datasets_removed "))
         expect(removed(), "e is gone already")

@@ -294,7 +294,7 @@ def files_below(folder):
 
 
 def held(d):
-    """What must be the same at the end as at the beginning."""
+    """The numbers that must be the same at the end as at the beginning."""
     status = d.ctl("status", "--json").ok().json()
     cache, state = files_below(d.cache), files_below(d.state)
     jobs = {"plans/plan-%d" % j["job"] for j in rows(d, "jobs")}

@@ -247,7 +247,7 @@ def a_job_waits_for_space():
         s = shown()
         expect(s["lacks_space"] > 0 and s["waiting"] == "waiting-space: %d" % s["lacks_space"], s)
         expect("disk space" in d.ctl("jobs").ok().out, d.ctl("jobs").out)
-        # Whoever waits for it hears why it does not get on.
+        # A waiting client gets the reason why the job waits.
         waiter = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "wait", str(job)], stdout=subprocess.DEVNULL,
                                   stderr=subprocess.PIPE)
         told = waiter.stderr.readline().decode()
@@ -263,7 +263,7 @@ def a_job_waits_for_space():
         r = d.ctl("mesh", small, "--every", "2", "--format", "null")
         expect(r.status == 74 and "selection" in r.err and "--disk" in r.err, "%d %s" % (r.status, r.err))
         expect(2 <= time.monotonic() - begun, "after %.1f s" % (time.monotonic() - begun))
-        # What needs no space goes on.
+        # Jobs that need no space go on.
         expect(d.ctl("mesh", small, "--format", "null").status == 0, "a mesh without a selection fails")
         expect(shown()["state"] == "waiting-space", shown())
         # There is room: it goes on by itself.

@@ -87,7 +87,7 @@ def verify_names_damage():
             os.rename(segment, segment + ".away")
             r = d.ctl("cache", "verify", "--json")
             expect(r.status == 1 and os.path.basename(segment) in r.out, r.out)
-            # Who needs it hears that, at once, and not of the cache; so does the log. A stream's end names the file, too.
+            # A job that needs it fails at once with that error, and not one about the cache. The log and the end of a stream have it, too.
             jobs = d.ctl("submit", "a", "--wait"), d.ctl("submit", "a", "--new", "--wait")
             fetched = d.ctl("fetch", jobs[0].ok().out.split()[0], "--format", "null", "--json")
             expect(fetched.json()["error"]["code"] == "corrupt", fetched.out)

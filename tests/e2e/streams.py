@@ -234,7 +234,7 @@ def first_block(gate, s):
     got, n = [], 0
     while len(got) < 2:
         gate.wait()
-        # Where this is too short for a slow machine, one more is let by than need be, of many.
+        # If this is too short on a slow machine, one more than necessary passes, of many.
         while len(got) < 2 and select_ready(s.fd, 0.3):
             got.append(s.frame())
             expect(got[-1] and got[-1][0] != 3, "the stream is over: all came at the end")
@@ -389,7 +389,7 @@ def splits_while_it_runs():
         expect(os.path.exists(os.path.join(d.state, "plans", "plan-%d" % job)), "no plan")
         d.stop(signal.SIGKILL)
         shutil.rmtree(d.cache)
-        # What no job has goes after the start.
+        # Files without a job are removed after the start.
         stray = os.path.join(d.state, "plans", "plan-%d" % gone)
         shutil.copy(os.path.join(d.state, "plans", "plan-%d" % job), stray)
         d = Daemon(base, **SMALL).start()

@@ -211,14 +211,14 @@ def verify_skips_newer_versions():
                 return lines, got["files"]
 
             _, files = verify(0, 0)
-            # What is made again is no failure, and stays for the one who wrote it.
+            # Data that can be made again is no failure, and is kept for the version that wrote it.
             raise_sum(domain, 384, "<I", 4)
             raise_sum(plan, 104, "<H", 4)
             lines, now = verify(0, 2)
             expect(now == files and {line["damaged"] for line in lines} == {"domain", "plan"}, lines)
             expect(all(line["derived"] and not line["removed"] for line in lines), lines)
             expect(os.path.exists(domain) and os.path.exists(plan), "what is newer was removed")
-            # What was pushed: each is named, and what comes behind it is read, damage included.
+            # For pushed data each file is named, and the files after it are read, including damage.
             raise_header(segment, 4096)
             for path in (manifest, stage):
                 raise_tail(path)

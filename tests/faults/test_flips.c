@@ -5,7 +5,7 @@
  *   - the readers of the rooms, thousands of times: manifests and segments (all points of all cells), stored domains, plan
  *     files: what is read is what was written, or an error is raised;
  *   - a service over the damaged store: its answers are right, or errors.
- * What is not served is no finding; a crash or a wrong mesh is.
+ * Data that is not served is not a failure; a crash or a wrong mesh is.
  *
  * ACUT_FAULT_FLIPS: how many for the readers (10000), a twentieth of it for houses; ACUT_FAULT_SEED.
  */

@@ -10,7 +10,7 @@ import e2e
 
 SCAN = os.environ.get("ACUT_SCAN", "acut-scan")
 WRITE = os.environ.get("SPOOL_WRITE", "spool-write")
-START = 1700000000.0  # UTC of monotonic 0
+START = 1700000000.0  # UTC at monotonic time 0
 DATA, EVENT, CLOCK = 1, 2, 3
 
 PROFILE = """title = A scanner of the tests
@@ -124,7 +124,7 @@ class Drive:
                     5 * math.sin(1.3 * t + seed), 3 * math.sin(0.9 * t), (358 + 9 * math.sin(t) + 80 * seed) % 360]
             if where:
                 pose[1:3] = [where[0] + 4e-5 * t, where[1] + 6e-5 * math.sin(t / 2)]
-            # what stands in the file is what is known
+            # the poses are rounded as in the file
             digits = (6, 10, 10, 4, 6, 6, 6) if where else (6, 4, 4, 4, 6, 6, 6)
             self.poses.append([round(v, d) for v, d in zip(pose, digits)])
 

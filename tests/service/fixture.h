@@ -11,7 +11,6 @@
 
 #include <dirent.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <poll.h>
 #include <setjmp.h>
 #include <stdatomic.h>
@@ -112,11 +111,6 @@ static void close_service(void)
 	ledger_free(h.ledger); /* asserts that all was given back */
 }
 
-static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)
-{
-	return remove(path);
-}
-
 static int setup(void **state)
 {
 	repeat_folder(h.folder, sizeof h.folder, "job");
@@ -127,7 +121,7 @@ static int setup(void **state)
 static int teardown(void **state)
 {
 	close_service();
-	return nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	return repeat_remove(h.folder);
 }
 
 /* ---- inputs ---- */

@@ -4,7 +4,6 @@
  */
 #include <dirent.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -52,16 +51,11 @@ static int setup(void **state)
 	       mkdirat(fd, "selected", 0700) || mkdirat(fd, "datasets", 0700);
 }
 
-static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)
-{
-	return remove(path);
-}
-
 static int teardown(void **state)
 {
 	s = space_free(s);
 	close(fd);
-	return nftw(folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	return repeat_remove(folder);
 }
 
 /* A file that was last used so many seconds ago. */

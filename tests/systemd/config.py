@@ -84,7 +84,7 @@ def shipped():
     for name, row in s.items():
         expect(name in ("group", "admin-group") or row["origin"] != "file", "%s" % row)
     expect(s["state"]["origin"] == "environment" and s["init-first"]["value"] == "yes", "%s" % s["state"])
-    # A user in no group is told so, one of the group is served.
+    # A user in no group gets an error, a member of the group is served.
     run(["useradd", "--system", "stranger"]).ok()
     run(["useradd", "--system", "-G", "acut", "surveyor"]).ok()
     got = run(["runuser", "-u", "stranger", "--", e2e.ACUTCTL, "config", "show"], timeout=e2e.PATIENCE)
@@ -117,12 +117,12 @@ def disk_for_the_data():
         survey = "/srv/config.las"
         run([e2e.SYNTH, "--points", "20000", survey]).ok()
         run([e2e.ACUTCTL, "push", "kept", survey], timeout=e2e.PATIENCE).ok()
-    # A folder that is not mounted yet is no store, and nothing is made there.
+    # Without the mount the folder is not a store, and no file is made there.
     os.makedirs("/srv/data")
     with With(conf, unit):
         not_started("")
         expect(not os.listdir("/srv/data"), "it made something where no disk is mounted")
-    # Nor where somebody has made the folders below the mount point.
+    # The same if somebody has made the folders below the mount point.
     run(["install", "-d", "-o", "acut", "-g", "acut", "-m", "0700", "/srv/data/acut", "/srv/data/acut/state", "/srv/data/acut/cache"]).ok()
     with With(conf, unit):
         not_started("an unmounted disk is not an empty store")
@@ -139,7 +139,7 @@ def disk_for_the_data():
         not_started("Read-only file system")
 
 
-# What is installed is not to be written to: another folder above it.
+# The installed files are read-only, so a copy is mounted over them.
 run(["cp", "-a", ETC, "/run/etc-acut"]).ok()
 run(["mount", "--bind", "/run/etc-acut", ETC]).ok()
 systemctl("start", "acutd.socket").ok()

@@ -12,7 +12,7 @@ from e2e import expect, main
 from protocol import some_points, write_las
 
 FOLDER = "/var/lib/acut-ingest/valley"
-# The settings lie where those of acutd do, below what it is installed to.
+# The settings are beside those of acutd, below the prefix.
 ETC = next(d for d in ("/etc/acut", "/usr/local/etc/acut") if os.path.exists(d + "/acutd.conf"))
 
 
@@ -60,7 +60,7 @@ def the_folder_comes_with_the_units():
     st = os.stat(FOLDER)
     user = sh("id", "-u", "acut-ingest").out.strip()
     expect(st.st_mode & 0o7777 == 0o2770 and str(st.st_uid) == user, "%o of %d" % (st.st_mode, st.st_uid))
-    # Nothing to do: acutd was not woken for it.
+    # Without files acutd is not started.
     until("the first pass", lambda: property_of("acut-ingest@valley.service", "ActiveState") == "inactive")
     expect(property_of("acutd.service", "ActiveState") == "inactive", "acutd was started for an empty folder")
 
@@ -87,7 +87,7 @@ def what_a_path_unit_cannot_see():
     with open("/srv/slow.las", "rb") as f:
         data = f.read()
     until("rest", lambda: property_of("acut-ingest@valley.service", "ActiveState") == "inactive")
-    settle(6) # for longer than a moment in which the copy itself stands still
+    settle(6) # longer than a pause within the copy
     with open(FOLDER + "/slow.las", "wb", buffering=0) as out:
         for at in range(0, len(data), len(data) // 25 + 1):
             out.write(data[at:at + len(data) // 25 + 1])
@@ -95,7 +95,7 @@ def what_a_path_unit_cannot_see():
         expect("slow.las" not in names("done") + names("failed"), "half a file was taken")
     until("slow.las in done/", lambda: "slow.las" in names("done"))
     settle(0.5)
-    # A file that comes while a pass runs, found by the timer at the latest: shortened here.
+    # A file that comes while a pass runs is found by the timer at the latest, whose period is shortened here.
     os.makedirs("/run/systemd/system/acut-ingest@valley.timer.d", exist_ok=True)
     with open("/run/systemd/system/acut-ingest@valley.timer.d/test.conf", "w") as f:
         f.write("[Timer]\nOnUnitInactiveSec=\nOnUnitInactiveSec=2s\nAccuracySec=100ms\n")
@@ -124,12 +124,12 @@ def broken_files_and_an_absent_daemon():
     log = passes()
     for i, line in enumerate(log.splitlines()):
         expect("Starting" not in line and "Deactivated" not in line, "every pass is in the journal: " + line)
-    # acutd killed: the socket starts it again, nothing is lost.
+    # After a kill of acutd the socket starts it again, and nothing is lost.
     sh("systemctl", "kill", "-s", "KILL", "acutd.service")
     write_las("/srv/b.las", some_points(500, 3))
     shutil.move("/srv/b.las", FOLDER + "/b.las")
     until("b.las in done/", lambda: "b.las" in names("done"))
-    # No socket at all: it stays, and goes when there is one again.
+    # Without a socket the file stays; it is pushed when there is one again.
     sh("systemctl", "stop", "acutd.socket", "acutd.service").ok()
     os.makedirs("/run/systemd/system/acut-ingest@valley.service.d", exist_ok=True)
     with open("/run/systemd/system/acut-ingest@valley.service.d/test.conf", "w") as f:
@@ -178,7 +178,7 @@ def a_stop_is_no_failure():
     expect("stay.las" in names(""), "%s" % names(""))
 
 
-# What is installed is not to be written to: another folder above it.
+# The installed files are read-only, so a copy is mounted over them.
 sh("cp", "-a", ETC, "/run/etc-acut").ok()
 sh("mount", "--bind", "/run/etc-acut", ETC).ok()
 main(the_folder_comes_with_the_units, a_user_delivers, what_a_path_unit_cannot_see, broken_files_and_an_absent_daemon,

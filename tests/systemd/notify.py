@@ -15,7 +15,7 @@ import e2e
 from e2e import Daemon, Folder, expect, main, run, unavailable, until
 from held import Held
 
-SIGNS = int(os.environ.get("ACUT_SLOW_FSYNC", 6)) # of life while an fsync does not come back
+SIGNS = int(os.environ.get("ACUT_SLOW_FSYNC", 6)) # watchdog messages while an fsync does not return
 WATCHDOG = 2.0
 IDLE_CLIENTS = 10
 
@@ -80,7 +80,7 @@ def switches(pid):
     for task in os.listdir("/proc/%d/task" % pid):
         with open("/proc/%d/task/%s/status" % (pid, task)) as f:
             lines = dict(line.split(":", 1) for line in f if ":" in line)
-        counts[task] = int(lines["voluntary_ctxt_switches"]) # those who sleep; a preemption is no wake-up
+        counts[task] = int(lines["voluntary_ctxt_switches"]) # threads that sleep; a preemption is no wake-up
     return counts
 
 
@@ -96,7 +96,7 @@ def says_what_it_does():
         m, begun = Manager(base), time.monotonic()
         with Daemon(base, env=m.env(), threads=1) as d:
             m.wait("READY=1")
-            # A start that is long says so before.
+            # A long start asks for more time before it is ready.
             first = until(lambda: [x for x in m.all("STATUS=") if not x[1].startswith("Starting")], "nothing is told")
             expect(first[0][1] == "Serving", "at first: %s" % m.all("STATUS="))
             path = survey(base, 300000)
@@ -138,7 +138,7 @@ def start_gets_more_time():
             early = [x for x in m.all("EXTEND_TIMEOUT_USEC=") if x[0] < ready]
             expect(early and int(early[0][1]) >= 10e6, "no more time was asked for: %s" % m.told)
             once_a_second(early, begun)
-        e2e.end_daemons(base) # what has ended is strace
+        e2e.end_daemons(base) # the process that ended is strace
         m = Manager(base, "hung")
         trace = base + "/trace"
         d = Daemon(base, env=m.env(), prefix=["strace", "-f", "-qq", "-o", trace, "-e", "trace=fsync,fdatasync", "-e",

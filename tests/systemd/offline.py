@@ -10,7 +10,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "e2e"))
 from e2e import Folder, expect, main, run, unavailable
 
-# Exposure by systemd-analyze security, times ten: 0.4, and 1.0 for what has USB devices and udev's events.
+# Exposure by systemd-analyze security, times ten: 0.4, and 1.0 for units with USB devices and udev's events.
 THRESHOLD = 4
 THRESHOLDS = {"acut-scan@1-2.4.service": 10}
 SCANNERS = os.path.join(HERE, "..", "..", "etc", "scanners.d")
@@ -50,11 +50,11 @@ def installed_units_are_well_formed():
         for unit in sorted(set(here) | set(UNITS)):
             got = analyze("verify", "--root=" + root, "--recursive-errors=no", "--man=no", unit)
             expect(got.status == 0 and not got.err.strip(), "%s: %d %s" % (unit, got.status, got.err))
-        # Settings of drop folders lie beside those of acutd, wherever it is installed to.
+        # Settings of drop folders are beside those of acutd, whatever the prefix is.
         etc = os.path.dirname(find(root, "acutd.conf"))[len(root):]
         with open(find(root, "acut-ingest@.service")) as f:
             expect("EnvironmentFile=-%s/ingest/%%i.conf\n" % etc in f.read(), "acut-ingest@.service does not read %s/ingest" % etc)
-        # The judge judges.
+        # The check itself finds an error.
         path = find(root, "acutd.service")
         with open(path, "a") as f:
             f.write("[Service]\nPrivateDevice=yes\n")
@@ -93,7 +93,7 @@ def users_and_folders():
         expect("acut" in groups and "acut-admin" in groups, str(groups))
         expect("acut-ingest" in users and groups["acut"][3] == "acut-ingest", str(groups))
         if os.environ.get("ACUT_SCAN"):
-            # Who captures has no right to datasets; acut-scan-push.service takes it.
+            # The user of the capture has no right to datasets; acut-scan-push.service has it.
             expect("acut-scan" in users and users["acut-scan"][5] == "/var/lib/acut-scan" and "acut-scan" in groups, str(users))
         if os.geteuid():
             return
@@ -136,7 +136,7 @@ def rules_are_those_of_the_profiles():
     wanted = {name: found for name, found in wanted.items() if "ATTR{idVendor}" in found}
     expect(wanted and rules == wanted, "rules %s, profiles %s" % (rules, wanted))
     print("     %d rules: %s" % (len(rules), " ".join(sorted(rules))))
-    # Rights, and a unit whose name is that of the port; both to a device, not to its interfaces, and not when it goes.
+    # The rule gives rights, and starts a unit named by the port: for a device, not for its interfaces or its removal.
     text = "\n".join(lines)
     for part in ('ENV{DEVTYPE}!="usb_device", GOTO=', 'ACTION=="remove", GOTO=', 'GROUP="acut-scan", MODE="0660", TAG+="systemd"',
                  'ENV{ID_USB_INTERFACES}=="*:08????:*", GOTO=', 'ENV{SYSTEMD_WANTS}+="acut-scan@$kernel.service"'):

@@ -93,7 +93,7 @@ def captures_within_its_sandbox():
             while part:
                 part = part[os.write(writer, part):]
         until(lambda: spools() and os.path.getsize(spools()[0]) >= len(data))
-        # A stop is an end: the spool has its END, and the unit has not failed.
+        # After a stop the spool has its END, and the unit has not failed.
         begun = time.monotonic()
         systemctl("stop", unit).ok()
         print("     stop of a capture: %.2f s" % (time.monotonic() - begun))
@@ -118,7 +118,7 @@ def without_a_device():
     expect(got.status != 0, "it runs without a device")
     expect(show("JobTimeoutUSec", "acut-scan@9-9.service") == "15s", "told after " + show("JobTimeoutUSec", "acut-scan@9-9.service"))
     print("     %.1f s: %s" % (took, got.err.strip().splitlines()[0]))
-    # The program itself, under the same sandbox, bound to nothing.
+    # The program itself, in the same sandbox, bound to no device.
     with Copy("none", "--device port:9-9") as unit:
         systemctl("start", unit)
         text = journal(unit)

@@ -80,7 +80,7 @@ def started_by_a_connect():
     asked = time.monotonic()
     ctl("ping").ok()
     print("     connect to answer at the very first start: %.2f s" % (time.monotonic() - asked))
-    until(lambda: show("ActiveState") == "active" and show("StatusText") == "Serving") # the manager may hear of it after the client
+    until(lambda: show("ActiveState") == "active" and show("StatusText") == "Serving") # systemd may notice it after the client
     expect(os.path.exists("/var/lib/acut/acut-state"), "no store was made")
     expect(os.stat("/var/lib/acut").st_mode & 0o777 == 0o700 and os.stat("/var/cache/acut").st_mode & 0o777 == 0o700,
            "folders that others look into")
@@ -150,13 +150,13 @@ def killed_and_started_again():
 def stopped_with_work():
     """A stop during jobs takes seconds. The next client starts acutd again, and the jobs continue."""
     ctl("push", "large", survey(1500000)).ok()
-    # Of several views, so that none is made of another's domains: work for longer than any moment between here and the stop.
+    # Several views, so that no job uses the domains of another: they must take longer than the time until the stop.
     jobs = [ctl("submit", "large", "--zmin", str(-1000 - i), "--json").ok().json()["job"] for i in range(40)]
     until(lambda: "running" in show("StatusText"))
     begun = time.monotonic()
     systemctl("stop", "acutd.service").ok()
     took = time.monotonic() - begun
-    # Not cut off by TimeoutStopSec, which would be another result.
+    # If TimeoutStopSec had ended it, the result would be another.
     expect(show("Result") == "success" and show("ActiveState") == "inactive", "stopped in %.1f s: %s" % (took, show("Result")))
     state = ctl("show", str(jobs[-1]), "--json").ok().json()["state"]
     expect(state != "done", "the last job was done before the stop")
@@ -320,7 +320,7 @@ def missing_disk_is_no_first_start():
     got = systemctl("start", "acutd.service")
     expect(got.status != 0 and not os.listdir("/var/lib/acut"), "it starts: %s" % os.listdir("/var/lib/acut"))
     until(lambda: [e for e in journal("SYSLOG_IDENTIFIER=acutd") if "unmounted disk" in str(e.get("MESSAGE"))])
-    # It is not tried again by itself, and clients hear why, one start for each.
+    # It is not restarted by itself. Each client starts it once, and gets the reason.
     expect(show("NRestarts") == "0" and show("ExecMainStatus") == "78", "%s restarts, status %s" % (show("NRestarts"), show("ExecMainStatus")))
     systemctl("reset-failed")
     systemctl("start", "acutd.socket").ok()

@@ -1,4 +1,4 @@
-"""acut-verify: good meshes pass, with what was checked; every way to spoil the file is named."""
+"""acut-verify: good meshes pass, with a list of the checks; each kind of damage is named."""
 import json
 import os
 import struct
@@ -94,7 +94,7 @@ def good(folder):
     expect(got["edges"] == got["inner_edges"] + got["hull"] and got["points"] is None, str(got))
     digest = got["digest"] + " " + got["vertex_digest"]
     expect(report(ply(digest=digest))["digest_in_file"], "the digest")
-    # Another K is another file of the same mesh; so is another order, and uint for int.
+    # Another origin K, another order, or uint in place of int: other files of the same mesh.
     moved = report(ply(lattice="0.01 0.01 50000000 -540000050 0", digest=digest, triangles=list(faces())[::-1], index="uint"))
     expect(moved["digest"] == got["digest"] and moved["good"], str(moved))
     shifted = [tuple((c - o) / 1000 for c, o in zip((10 * v[0], 10 * v[1], 10 * v[2]), (500000005, -5400000000, 0)))

@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "repeat.h"
 #include "usb_priv.h"
 
 /* A device of two configurations: the first with a vendor interface of two settings and a mass storage one behind it,
@@ -126,14 +127,6 @@ static void put_device(const char *folder, const char *port, const char *address
 	put_text(folder, port, "bConfigurationValue", "2\n");
 }
 
-static void remove_folder(const char *folder)
-{
-	char command[300];
-
-	snprintf(command, sizeof(command), "rm -r '%s'", folder);
-	assert_int_equal(system(command), 0);
-}
-
 static void folder_of_the_kernel(void **state)
 {
 	char folder[] = "/tmp/acut-usb-XXXXXX", driver[32], path[400];
@@ -171,7 +164,7 @@ static void folder_of_the_kernel(void **state)
 	assert_string_equal(driver, "usb-storage");
 	usb_sysfs_driver(folder, "3-2.4", 2, 0, driver, sizeof(driver));
 	assert_string_equal(driver, "");
-	remove_folder(folder);
+	assert_int_equal(repeat_remove(folder), 0);
 	assert_int_equal(usb_sysfs_list(folder, &list, &n, &err), 0); /* no USB at all */
 	assert_int_equal(n, 0);
 	free(list);
@@ -195,7 +188,7 @@ static void texts_are_cut_at_characters(void **state)
 	assert_int_equal(strlen(list[0].serial), 126); /* of 127: half a character is cut off */
 	assert_string_equal(list[0].model, "\xe2\x82\xac???????????");
 	free(list);
-	remove_folder(folder);
+	assert_int_equal(repeat_remove(folder), 0);
 }
 
 /* ---- memory ---- */
