@@ -114,20 +114,19 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 }
 
 /* A number with an optional unit. */
-static int parse_length(const char *text, struct outputs_options *opt, struct err *err)
+static int parse_length(const char *option, const char *text, struct outputs_length *ret, struct err *err)
 {
 	char number[DECIMAL_TEXT_SIZE];
 	size_t n = strlen(text), m = n;
 
 	while (m && ((text[m - 1] | 32) >= 'a' && (text[m - 1] | 32) <= 'z'))
 		m--;
-	opt->has_max_edge = true;
-	opt->max_edge_unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
+	ret->given = true;
+	ret->unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
 	snprintf(number, sizeof(number), "%.*s", (int)m, text);
-	if (m < sizeof(number) && (m == n || opt->max_edge_unit) && decimal_parse(number, &opt->max_edge) &&
-	    opt->max_edge.mantissa > 0)
+	if (m < sizeof(number) && (m == n || ret->unit) && decimal_parse(number, &ret->value) && ret->value.mantissa > 0)
 		return 0;
-	err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"", text);
+	err_set(err, ERR_USAGE, "--%s is not a length above zero: \"%s\"", option, text);
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
@@ -151,7 +150,14 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
-		r = parse_length(a->max_edge, &opt, err);
+		r = parse_length("max-edge", a->max_edge, &opt.max_edge, err);
+	if (!r && a->trim_hull)
+		r = parse_length("trim-hull", a->trim_hull, &opt.trim_hull, err);
+	if (!r && a->trim_hull && (a->since || a->window)) {
+		r = err_set(err, ERR_USAGE, "--trim-hull needs a whole mesh, not %s%s", a->since ? "changes" : "the window of --",
+			    a->since ? "" : a->window);
+		err_add_hint(err, "--max-edge leaves out triangles wherever they are");
+	}
 	if (!r && a->since && a->window)
 		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->window);
 	if (!r && a->tile && a->since) {

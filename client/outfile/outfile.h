@@ -14,7 +14,7 @@ struct outfile;
 /* Takes the place of `path` when published. Regular files are written under a temporary name beside it;
  * standard output ("-"), pipes and devices are written as they are. */
 int outfile_new(const char *path, bool no_clobber, struct outfile **ret, struct err *err);
-/* A nameless file on the same file system (for standard output: in $TMPDIR, else /var/tmp). */
+/* A nameless file on the same file system (for standard output, and NULL: in $TMPDIR, else /var/tmp). */
 int outfile_spool(const struct outfile *, struct outfile **ret, struct err *err);
 /* A second place to append, for bytes that come after the whole output but are written meanwhile. */
 int outfile_annex(struct outfile *, struct outfile **ret, struct err *err);

@@ -62,10 +62,10 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 
 	if (f) {
 		fprintf(f, "job %llu", (unsigned long long)job);
-		if (run->opt.has_max_edge)
-			put_decimal(f, "max-edge", run->opt.max_edge);
-		if (run->opt.has_max_edge && run->opt.max_edge_unit)
-			fprintf(f, " %s", run->opt.max_edge_unit);
+		if (run->opt.max_edge.given)
+			put_decimal(f, "max-edge", run->opt.max_edge.value);
+		if (run->opt.max_edge.given && run->opt.max_edge.unit)
+			fprintf(f, " %s", run->opt.max_edge.unit);
 		for (const struct outputs_target *t = run->target; t; t = t->next) {
 			fprintf(f, "\n%s%s", t->format->name, t->opt.origin_auto ? " origin=auto" : "");
 			for (int i = 0; i < 3 && t->opt.has_origin; i++)
@@ -100,6 +100,10 @@ static int cannot(const struct outputs *run, const struct outputs_target *t, str
 	}
 	if (run->tiles) {
 		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
+	if (run->hull) {
+		err_set(err, ERR_USAGE, "--trim-hull decides at the end: a fetch cannot be resumed with it");
 		return err_add_hint(err, "fetch it again, without --resume");
 	}
 	if (!t)
@@ -194,7 +198,7 @@ int outputs_keep(struct outputs *run, uint64_t job, bool on, struct err *err)
 	struct outputs_kept *k;
 	int r;
 
-	if (not || !run->target || run->change)
+	if (not || !run->target || run->change || run->hull)
 		return on ? cannot(run, not, err) : 0;
 	k = calloc(1, sizeof(*k));
 	if (!k)

@@ -46,7 +46,7 @@ def options_of(command):
 COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
 LATER = {
     "mesh": ["--mask"],
-    "fetch": ["--trim"],
+    "fetch": ["--mask"],
     "submit": ["--constraints"],
 }
 
@@ -88,6 +88,7 @@ def usage(base):
                         (("--crop", "5,0,0,5"), "is empty"), (("--crop", "0,0,5,-1e-3"), "is empty")):
         expect(["mesh", survey, "-o", out, *words], 74 if words[1] == "0,0,5,x" else 2, said)
     expect(["mesh", survey, "-o", out, "--max-edge", "-3"], 2, "--max-edge")
+    expect(["mesh", survey, "-o", out, "--trim-hull", "0"], 2, "--trim-hull is not a length")
     expect(["mesh", survey, "-o", out, "--origin", "1,2"], 2, "--origin")
     expect(["mesh", survey, "-o", out, "--origin", "1,2,3,4"], 2, "--origin")
     expect(["mesh", survey, "-o", out, "--width", "100"], 2, "--width is for pictures")

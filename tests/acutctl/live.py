@@ -331,7 +331,7 @@ def terminal(p):
         if seen is None:
             return
         check("the page fits %d" % width, wide(seen.split("acutctl: note")[0]) <= width, repr(seen))
-        for said in ("written", "page.ply", "MB", "points", "left out", "by withheld", "mesh", "triangles in", "max-edge", "crs", "EPSG:32633",
+        for said in ("written", "page.ply", "MB", "points", "left out", "by withheld", "mesh", "triangles in", "trimmed", "crs", "EPSG:32633",
                      "units", "metre", "time", "points a second", "memory", "digest"):
             check("the page says " + said, said in seen, repr(seen))
         check("progress is gone before the page", "\r\x1b[K" in seen and "%" not in seen[seen.rindex("\r\x1b[K"):], repr(seen))

@@ -289,7 +289,7 @@ static void test_long_share(void **state)
 static void test_max_edge(void **state)
 {
 	const struct format_options opt = {0};
-	struct outputs_options ropt = {.has_max_edge = true, .edges = true};
+	struct outputs_options ropt = {.max_edge.given = true, .edges = true};
 	struct meshes_spec spec = written_grid;
 	struct outputs_report report;
 	struct meshes m;
@@ -299,23 +299,24 @@ static void test_max_edge(void **state)
 	spec.step = 300; /* squares of 3.00; diagonal sqrt(18) = 4.2426406871... */
 	meshes_make(&m, &spec);
 	all = m.tail.triangles;
-	assert_true(decimal_parse("4.2426406872", &ropt.max_edge));
+	assert_true(decimal_parse("4.2426406872", &ropt.max_edge.value));
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 0);
 	assert_true(fabs(report.longest_edge - sqrt(18)) < 1e-9);
 	assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
-	assert_true(decimal_parse("4.2426406871", &ropt.max_edge));
+	assert_true(decimal_parse("4.2426406871", &ropt.max_edge.value));
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, all);
 	assert_true(fabs(report.left_out_area - (double)all * 4.5) < 1e-6);
-	assert_true(decimal_parse("1e300", &ropt.max_edge) == false || written_as("ply", &m, &opt, &ropt, &report, &err) == 0);
+	assert_true(decimal_parse("1e300", &ropt.max_edge.value) == false ||
+		    written_as("ply", &m, &opt, &ropt, &report, &err) == 0);
 	meshes_done(&m);
 	spec.step = 500; /* 5.00 and 7.0710678: rational limits */
 	meshes_make(&m, &spec);
-	assert_true(decimal_parse("8", &ropt.max_edge));
+	assert_true(decimal_parse("8", &ropt.max_edge.value));
 	assert_int_equal(written_as("obj", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 0);
-	assert_true(decimal_parse("-1", &ropt.max_edge));
+	assert_true(decimal_parse("-1", &ropt.max_edge.value));
 	assert_int_equal(written_as("obj", &m, &opt, &ropt, &report, &err), -ERR_USAGE);
 	meshes_done(&m);
 }
@@ -328,7 +329,7 @@ static void test_max_edge_equal(void **state)
 	static const uint8_t final[] = {15};
 	struct acut_mesh_block b = {.nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final};
 	const struct format_options opt = {0};
-	struct outputs_options ropt = {.has_max_edge = true};
+	struct outputs_options ropt = {.max_edge.given = true};
 	struct outputs_report report;
 	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
 	struct meshes m;
@@ -338,7 +339,7 @@ static void test_max_edge_equal(void **state)
 	meshes_make(&m, &spec);
 	m.block = &b;
 	m.nblock = 1;
-	assert_true(decimal_parse("5", &ropt.max_edge)); /* the hypotenuse is 5.00 exactly */
+	assert_true(decimal_parse("5", &ropt.max_edge.value)); /* the hypotenuse is 5.00 exactly */
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 1);
 	assert_true(fabs(report.left_out_area - 80) < 1e-9);
@@ -346,7 +347,7 @@ static void test_max_edge_equal(void **state)
 	assert_int_equal(p.nvertex, 4);
 	assert_int_equal(p.nface, 1);
 	done_ply(&p);
-	assert_true(decimal_parse("4.999999999", &ropt.max_edge));
+	assert_true(decimal_parse("4.999999999", &ropt.max_edge.value));
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 2);
 }

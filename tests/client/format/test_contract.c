@@ -467,7 +467,7 @@ static void test_table(void **state)
 static void test_nothing(void **state)
 {
 	const struct format_options opt = {0};
-	const struct outputs_options ropt = {.has_max_edge = true, .max_edge = {26, -2}, .edges = true};
+	const struct outputs_options ropt = {.max_edge = {.given = true, .value = {26, -2}}, .edges = true};
 	struct meshes m;
 	size_t n, nothing = 0;
 	const struct format *const *row = format_rows(&n);
