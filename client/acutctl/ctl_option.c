@@ -22,6 +22,7 @@ const struct cli_option ctl_options[] = {
 	{"width", 0, "PIXELS", CLI_COUNT, AT(fetch.output[0].width), CTL_OUT, "width of a picture (1600)"},
 	{"color", 0, "hillshade|elevation|domain", CLI_TEXT, AT(fetch.output[0].color), CTL_OUT,
 	 "colors of a picture (hillshade)"},
+	{"polyface", 0, NULL, CLI_FLAG, AT(fetch.output[0].polyface), CTL_OUT, "DXF: polyface meshes in place of single faces"},
 	{"resume", 0, NULL, CLI_FLAG, AT(opt.resume), CTL_FETCH, "continue an earlier fetch from its OUT.part"},
 	{"tile", 0, "SIZE", CLI_TEXT, AT(fetch.tile), CTL_OUT,
 	 "one file a square of a grid of this side (file units); OUT is their folder"},

@@ -29,6 +29,7 @@ enum {
 	FORMAT_Z_UNIT = 4,
 	FORMAT_SIZED = 8, /* --width */
 	FORMAT_COLORED = 16,
+	FORMAT_POLYFACE = 32,
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
@@ -43,6 +44,7 @@ struct format_options {
 	enum format_color color;
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
+	bool polyface; /* DXF: polyface meshes in place of single faces */
 };
 
 #define FORMAT_WIDTH 1600
