@@ -299,11 +299,12 @@ def cancel():
     """A cancelled job is final, and a client that fetches it is told so, in the stream or beside it."""
     path = os.path.join(BASE, "cancel.las")
     e2e.run([e2e.SYNTH, "--points", "600k", "--distribution", "uniform", path]).ok()
-    gate = e2e.Gate(BASE)
-    with Folder() as base, e2e.Daemon(base, memory="32M", env=gate.env) as small:
-        with Client(small.socket) as c:
-            c.push([path], dataset="cancelled")
-        outcomes = [fetch_and_cancel(small.socket, gate, reads) for reads in (0, 50, 200)]
+    with Folder() as base:
+        gate = e2e.Gate(base) # a daemon in its sandbox writes below its own base only
+        with e2e.Daemon(base, memory="32M", env=gate.env) as small:
+            with Client(small.socket) as c:
+                c.push([path], dataset="cancelled")
+            outcomes = [fetch_and_cancel(small.socket, gate, reads) for reads in (0, 50, 200)]
     print("     " + ", ".join(outcomes))
     expect(all(o.startswith("cancelled") for o in outcomes), "nothing was cancelled: %s" % outcomes)
 
