@@ -12,7 +12,7 @@ SCRIPTS = ["commands", "pipes", "text"]
 UNIT = "/usr/local/lib/systemd/system/acutd.service"
 
 names = sys.argv[1:] or SCRIPTS
-failed, cases = 0, 0
+failed, cases = [], 0
 env = dict(os.environ, ACUT_UNIT_DAEMON=UNIT)
 for name in names:
     start = time.monotonic()
@@ -21,12 +21,14 @@ for name in names:
     out = p.stdout.decode(errors="replace")
     passed = len(re.findall(r"^ok ", out, re.M))
     cases += passed
-    failed += p.returncode != 0 or not passed
     print("%-4s %-12s %2d cases %6.1f s" % ("FAIL" if p.returncode or not passed else "ok", name, passed, time.monotonic() - start), flush=True)
     if p.returncode or not passed:
         print(out, flush=True)
+        failed += ["%s: %s" % (name, line) for line in out.split("\n") if line.startswith(("FAIL", "Fault"))] or ["%s: status %d, %d cases" % (name, p.returncode, passed)]
 journal = subprocess.run(["journalctl", "--no-pager", "-o", "cat", "_PID=1"], stdout=subprocess.PIPE).stdout.decode(errors="replace")
 daemons = len(re.findall(r"^Started acutd-test-", journal, re.M))
 killed = [line for line in journal.split("\n") if "status=31/SYS" in line]
 print("%d cases of %d scripts, %d daemons under seccomp, %d killed for a call" % (cases, len(names), daemons, len(killed)))
+for line in failed + killed:
+    print(line)
 sys.exit(1 if failed or killed or not daemons else 0)
