@@ -11,7 +11,7 @@ SOURCE = (".c", ".h", ".cpp", ".def")
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]', re.M)
 TOPS = ("base", "client", "daemon", "engine", "proto", "scanner", "tools")
 # What a row may name beside rooms.
-LIBRARIES = {"libc", "xxHash", "SQLite", "GeographicLib", "nettle", "libusb", "zlib", "minizip"}
+LIBRARIES = {"libc", "xxHash", "SQLite", "GeographicLib", "nettle", "libusb", "zlib", "minizip", "libdeflate"}
 
 
 def table():
