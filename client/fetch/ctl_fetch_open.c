@@ -29,6 +29,27 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 	return 0;
 }
 
+/* A number above zero with an optional unit. */
+static bool length_of(const char *text, struct decimal *ret, const char **ret_unit)
+{
+	char number[DECIMAL_TEXT_SIZE];
+	size_t n = strlen(text), m = n;
+
+	while (m && ((text[m - 1] | 32) >= 'a' && (text[m - 1] | 32) <= 'z'))
+		m--;
+	*ret_unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
+	snprintf(number, sizeof(number), "%.*s", (int)m, text);
+	return m < sizeof(number) && (m == n || *ret_unit) && decimal_parse(number, ret) && ret->mantissa > 0;
+}
+
+static int parse_cell(const char *text, struct format_options *opt, struct err *err)
+{
+	if (length_of(text, &opt->cell, &opt->cell_unit))
+		return 0;
+	err_set(err, ERR_USAGE, "--cell is not a length above zero: \"%s\"", text);
+	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 1m");
+}
+
 /* The given options that a format takes. */
 static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct format_options *opt, struct err *err)
 {
@@ -41,6 +62,10 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 		format_parse_color(o->color, &opt->color);
 	if (takes & FORMAT_Z_UNIT && o->z_unit)
 		opt->z_unit = format_unit_of_word(o->z_unit, strlen(o->z_unit));
+	if (takes & FORMAT_RASTERED && o->raster && !format_parse_raster(o->raster, &opt->raster))
+		return err_set(err, ERR_USAGE, "--raster is not elevation, slope or hillshade: \"%s\"", o->raster);
+	if (takes & FORMAT_CELL && o->cell && parse_cell(o->cell, opt, err))
+		return -err->code;
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
@@ -113,19 +138,10 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
-/* A number with an optional unit. */
-static int parse_length(const char *text, struct outputs_options *opt, struct err *err)
+static int parse_max_edge(const char *text, struct outputs_options *opt, struct err *err)
 {
-	char number[DECIMAL_TEXT_SIZE];
-	size_t n = strlen(text), m = n;
-
-	while (m && ((text[m - 1] | 32) >= 'a' && (text[m - 1] | 32) <= 'z'))
-		m--;
 	opt->has_max_edge = true;
-	opt->max_edge_unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
-	snprintf(number, sizeof(number), "%.*s", (int)m, text);
-	if (m < sizeof(number) && (m == n || opt->max_edge_unit) && decimal_parse(number, &opt->max_edge) &&
-	    opt->max_edge.mantissa > 0)
+	if (length_of(text, &opt->max_edge, &opt->max_edge_unit))
 		return 0;
 	err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"", text);
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
@@ -151,7 +167,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
-		r = parse_length(a->max_edge, &opt, err);
+		r = parse_max_edge(a->max_edge, &opt, err);
 	if (!r && a->since && a->window)
 		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->window);
 	if (!r && a->tile && a->since) {

@@ -19,6 +19,7 @@ struct packer;
 enum format_kind {
 	FORMAT_MESH,    /* vertices and triangles */
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
+	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of tiles or changes */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -29,9 +30,12 @@ enum {
 	FORMAT_Z_UNIT = 4,
 	FORMAT_SIZED = 8, /* --width */
 	FORMAT_COLORED = 16,
+	FORMAT_CELL = 32,     /* --cell, which such a format needs */
+	FORMAT_RASTERED = 64, /* --raster */
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
+enum format_rasters { FORMAT_HEIGHTS, FORMAT_SLOPES, FORMAT_SHADES };
 
 struct format_options {
 	bool canonical;  /* vertices by (x, y), triangles by their numbers */
@@ -41,6 +45,9 @@ struct format_options {
 	const char *z_unit;       /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
 	uint32_t width;           /* pictures: pixels; 0 = FORMAT_WIDTH */
 	enum format_color color;
+	struct decimal cell;   /* rasters: side of a pixel; zero: not given */
+	const char *cell_unit; /* name of its unit; NULL: that of the file */
+	enum format_rasters raster;
 };
 
 #define FORMAT_WIDTH 1600
@@ -76,6 +83,7 @@ const struct format *const *format_rows(size_t *ret_n);
 const struct format *format_find(const char *name);    /* NULL: no such format */
 const struct format *format_by_path(const char *path); /* by extension; NULL: unknown */
 bool format_parse_color(const char *text, enum format_color *ret);
+bool format_parse_raster(const char *text, enum format_rasters *ret);
 unsigned format_options_given(const struct format_options *); /* FORMAT_CANONICAL ... */
 /* The name of the first of some options on the command line ("canonical"); NULL: there is none. */
 const char *format_option_name(unsigned options);
