@@ -2,7 +2,8 @@
  * GeoKeys: what the mesh says of its system ("EPSG:2154", "EPSG:2154 + EPSG:5720", a name, "unknown") and of its units.
  *
  * A number is written only where it is certain: the plane's kind follows from its unit, and the vertical number is that of the
- * heights as they are written. All else is a citation, with the units that are known.
+ * heights as they are written. All else is a citation, with the units that are known. The directory is that of GeoTIFF 1.1: GDAL
+ * reads vertical systems of no earlier one.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -62,7 +63,7 @@ void dem_keys_make(struct dem_keys *k, const struct dem *d)
 	unsigned vertical = plus && system && !d->opt.z_converted ? epsg_of(plus + 3, strlen(plus + 3)) : 0;
 	bool degrees = unit == 9102;
 
-	*k = (struct dem_keys){.key = {1, 1, 0, 0}, .n = 4};
+	*k = (struct dem_keys){.key = {1, 1, 1, 0}, .n = 4};
 	snprintf(k->text, sizeof(k->text), "%s|", *d->crs ? d->crs : "unknown");
 	for (char *at = k->text; at[1]; at++)
 		*at = *at == '|' ? '/' : *at;

@@ -5,7 +5,7 @@
  * else (about one pixel in a million, and exact ties) whole numbers decide. So the result has no rounding but the last, and the
  * order of corners, triangles and pixels does not count.
  *
- * With the places of a pixel relative to the least corner a, and the others as lattice vectors b and c from there,
+ * With the places of a pixel relative to the corner a, and the others as lattice vectors b and c from there,
  *
  *     Z = Z_a + (x * (b.z c.y - c.z b.y) + y * (b.x c.z - c.x b.z)) / (2q * area),  area = b.x c.y - c.x b.y
  *
@@ -21,20 +21,11 @@
 void dem_plane_init(struct dem_plane *f, const struct dem_scale *scale, const struct dem_grid *g,
 		    const struct dem_corner corner[3], dem_i128 area, int64_t x0, int64_t y0)
 {
-	int least = 0;
-	const int32_t *a, *b, *c;
+	const int32_t *a = corner[0].at, *b = corner[1].at, *c = corner[2].at;
 	double whole, gx, gy, ex = 0, ey = 0;
 
-	for (int i = 1; i < 3; i++) {
-		const int32_t *p = corner[i].at, *m = corner[least].at;
-		if (p[0] < m[0] || (p[0] == m[0] && p[1] < m[1]))
-			least = i;
-	}
-	a = corner[least].at;
-	b = corner[(least + 1) % 3].at;
-	c = corner[(least + 2) % 3].at;
 	*f = (struct dem_plane){
-		.scale = scale, .step = 2 * g->p, .a = corner[least], .area = area, .q2 = 2 * g->q, .x0 = x0, .y0 = y0};
+		.scale = scale, .step = 2 * g->p, .a = corner[0], .area = area, .q2 = 2 * g->q, .x0 = x0, .y0 = y0};
 	f->east = (dem_i128)((int64_t)b[2] - a[2]) * ((int64_t)c[1] - a[1]) -
 		  (dem_i128)((int64_t)c[2] - a[2]) * ((int64_t)b[1] - a[1]);
 	f->north = (dem_i128)((int64_t)b[0] - a[0]) * ((int64_t)c[2] - a[2]) -

@@ -82,8 +82,8 @@ struct dem_corner {
 };
 struct dem_plane {
 	const struct dem_scale *scale;
-	int64_t step;         /* places a pixel */
-	struct dem_corner a;  /* the least of the corners: the same whichever comes first */
+	int64_t step; /* places a pixel */
+	struct dem_corner a;
 	dem_i128 east, north; /* gradients: times area a place of 1 / 2q */
 	dem_i128 area;        /* twice the triangle's, lattice units */
 	int64_t q2;           /* 2q */
