@@ -23,13 +23,16 @@ enum dem_kind {
 /* Where a ratio is meant, num / den. */
 struct dem_options {
 	enum dem_kind kind;
-	struct decimal cell;          /* side of a pixel: cell * cell_num / cell_den units of the file */
-	int64_t cell_num, cell_den;   /* below 2^31 */
-	int64_t z_num, z_den;         /* heights are written times this; below 2^31 */
-	double steep;                 /* units of x and y in one unit of z: for slopes */
-	const char *unit_xy, *unit_z; /* names of units that are written ("metre"); NULL: unknown */
-	bool z_converted;             /* the vertical system of the mesh is not that of the heights */
-	unsigned cache;               /* tiles in memory; 0: DEM_CACHE */
+	struct decimal cell;           /* side of a pixel: cell * cell_num / cell_den units of the file */
+	int64_t cell_num, cell_den;    /* below 2^31 */
+	int64_t z_num, z_den;          /* heights are written times this; below 2^31 */
+	double steep;                  /* units of x and y in one unit of z: for slopes */
+	const char *unit_xy, *unit_z;  /* names of units that are written ("metre"); NULL: unknown */
+	bool z_converted;              /* the vertical system of the mesh is not that of the heights */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while the file is made; may be NULL */
+	void *ctx;
+	bool big;       /* BigTIFF also below 4 GiB, for tests */
+	unsigned cache; /* tiles in memory; 0: DEM_CACHE */
 };
 enum { DEM_TILE = 256, DEM_CACHE = 64 };
 #define DEM_TILES_MAX (1u << 17) /* that a raster may have: 8.6 thousand million pixels */

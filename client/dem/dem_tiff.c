@@ -240,7 +240,7 @@ int dem_tiff_write(const struct dem *d, const struct dem_pyramid *pyramid, const
 
 	dem_keys_make(&f.keys, d);
 	place(&f, d, rect);
-	if (lay_out(&f) > UINT32_MAX) {
+	if (d->opt.big || lay_out(&f) > UINT32_MAX) {
 		f.big = true;
 		lay_out(&f);
 	}

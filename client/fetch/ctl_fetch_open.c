@@ -90,12 +90,12 @@ static const struct format *format_of(const struct ctl_fetch_options *a, const s
 	return f;
 }
 
-static int add_output(const struct ctl_fetch_options *a, unsigned i, struct outputs *run, const struct format **ret_format,
-		      struct err *err)
+static int add_output(struct session *session, const struct ctl_fetch_options *a, unsigned i, struct outputs *run,
+		      const struct format **ret_format, struct err *err)
 {
 	struct ctl_fetch_output o = ctl_fetch_output(a, i);
 	const struct format *f = o.path ? format_of(a, &o, err) : format_find(o.format);
-	struct format_options opt = {.no_clobber = a->no_clobber};
+	struct format_options opt = {.no_clobber = a->no_clobber, .interrupted = session_interrupted, .ctx = session};
 	int r = f ? options_of(&o, f->takes, &opt, err) : -(int)err->code;
 
 	if (r)
@@ -179,7 +179,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	if (!r)
 		r = outputs_new(&opt, &run, err);
 	for (unsigned i = n > 0; i <= n && !r; i++)
-		r = add_output(a, i, run, &format[i], err);
+		r = add_output(session, a, i, run, &format[i], err);
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);
 	if (r)

@@ -48,6 +48,8 @@ struct format_options {
 	struct decimal cell;   /* rasters: side of a pixel; zero: not given */
 	const char *cell_unit; /* name of its unit; NULL: that of the file */
 	enum format_rasters raster;
+	int (*interrupted)(void *ctx); /* not 0: give up; of rasters, while the file is made; may be NULL */
+	void *ctx;
 };
 
 #define FORMAT_WIDTH 1600

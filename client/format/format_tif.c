@@ -92,6 +92,8 @@ static int tif_head(void *writer, const struct acut_mesh_head *head, struct err 
 		.steep = steep(head),
 		.unit_xy = head->unit_xy,
 		.unit_z = head->unit_z,
+		.interrupted = w->opt.interrupted,
+		.ctx = w->opt.ctx,
 	};
 	int r = cell_units(&w->opt, head, &to, err);
 

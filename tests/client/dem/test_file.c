@@ -228,9 +228,10 @@ static void check_levels(TIFF *t, struct image m)
 	free(m.pixel);
 }
 
-static void test_read_back(void **state)
+static void read_back(bool big)
 {
 	struct grid *g = calloc(1, sizeof(*g));
+	struct dem_options opt = usual;
 	struct err err = ERR_INIT;
 	double *scale = NULL, *tie = NULL;
 	uint32_t n = 0;
@@ -240,7 +241,8 @@ static void test_read_back(void **state)
 	TIFF *t;
 
 	make(g);
-	assert_int_equal(write_file(g, &head, &usual, "out.tif", &err), 0);
+	opt.big = big;
+	assert_int_equal(write_file(g, &head, &opt, "out.tif", &err), 0);
 	t = open_file("out.tif");
 	m = read_level(t);
 	/* 649400 to 661000 and 6800003.1 to 6807603.1 */
@@ -267,6 +269,42 @@ static void test_read_back(void **state)
 	assert_string_equal(text, "-9999");
 	check_levels(t, m);
 	TIFFClose(t);
+	free(g);
+}
+
+static void test_read_back(void **state)
+{
+	uint8_t version[2][4] = {{0}};
+
+	for (int big = 0; big < 2; big++) {
+		FILE *f;
+
+		read_back(big);
+		f = fopen(path_of("out.tif"), "r");
+		assert_int_equal(fread(version[big], 1, 4, f), 4);
+		fclose(f);
+	}
+	assert_memory_equal(version, "II*\0II+\0", 8);
+}
+
+static int give_up(void *ctx)
+{
+	return ++*(int *)ctx == 3;
+}
+
+static void test_interrupted(void **state)
+{
+	struct grid *g = calloc(1, sizeof(*g));
+	struct dem_options opt = usual;
+	struct err err = ERR_INIT;
+	int asked = 0;
+
+	make(g);
+	opt.interrupted = give_up;
+	opt.ctx = &asked;
+	assert_int_equal(write_file(g, &head, &opt, "given-up.tif", &err), -ERR_CANCELLED);
+	assert_int_equal(asked, 3);
+	assert_int_equal(access(path_of("given-up.tif"), F_OK), -1);
 	free(g);
 }
 
@@ -466,7 +504,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_read_back), cmocka_unit_test(test_order_and_memory), cmocka_unit_test(test_windows),
 		cmocka_unit_test(test_empty),     cmocka_unit_test(test_slopes),           cmocka_unit_test(test_refused),
-		cmocka_unit_test(test_no_space),
+		cmocka_unit_test(test_no_space),  cmocka_unit_test(test_interrupted),
 	};
 	char command[300];
 	int failed;
