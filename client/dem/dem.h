@@ -34,7 +34,7 @@ struct dem_options {
 	bool big;       /* BigTIFF also below 4 GiB, for tests */
 	unsigned cache; /* tiles in memory; 0: DEM_CACHE */
 };
-enum { DEM_TILE = 256, DEM_CACHE = 64 };
+enum { DEM_TILE = 256, DEM_CACHE = 40 };
 #define DEM_TILES_MAX (1u << 17) /* that a raster may have: 8.6 thousand million pixels */
 
 struct dem;

@@ -20,7 +20,7 @@
 #include "outfile.h"
 
 enum { PIXELS = DEM_TILE * DEM_TILE, HALF = DEM_TILE / 2, BYTES = PIXELS * 4, HIGHER_CACHE = 16, DEFLATE = 2 };
-enum { BATCH = 16, HELPERS = 3 };
+enum { BATCH = 8, HELPERS = 3 };
 
 /* A tile on its way to the file. */
 struct job {
