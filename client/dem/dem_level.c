@@ -52,24 +52,37 @@ struct work {
 
 /* ---- compression, by helpers ---- */
 
+static uint32_t bits_of(float v)
+{
+	uint32_t bits;
+
+	memcpy(&bits, &v, sizeof(bits));
+	return bits;
+}
+
 /* TIFF's floating point predictor: the bytes of a row by their weight, then differences. */
 static void predict(struct job *job, uint8_t *plane)
 {
+	const uint32_t none = bits_of(DEM_NODATA);
+
 	for (size_t y = 0; y < DEM_TILE; y++) {
-		uint8_t *row = plane + y * DEM_TILE * 4;
+		const float *v = job->pixel + y * DEM_TILE;
+		uint8_t *to = plane + y * DEM_TILE * 4, row[DEM_TILE * 4];
+		unsigned found = 0;
+		uint32_t bits[DEM_TILE];
 
+		memcpy(bits, v, sizeof(bits));
 		for (size_t x = 0; x < DEM_TILE; x++) {
-			float v = job->pixel[y * DEM_TILE + x];
-			uint32_t bits;
-
-			job->is_none |= v == DEM_NODATA;
-			v = isnan(v) ? DEM_NODATA : v;
-			memcpy(&bits, &v, sizeof(bits));
-			for (int k = 0; k < 4; k++)
-				row[DEM_TILE * k + x] = (uint8_t)(bits >> (24 - 8 * k));
+			found |= bits[x] == none;
+			bits[x] = isnan(v[x]) ? none : bits[x];
 		}
-		for (size_t i = DEM_TILE * 4; --i;)
-			row[i] = (uint8_t)(row[i] - row[i - 1]);
+		job->is_none |= found;
+		for (unsigned k = 0; k < 4; k++)
+			for (size_t x = 0; x < DEM_TILE; x++)
+				row[DEM_TILE * k + x] = (uint8_t)(bits[x] >> (24 - 8 * k));
+		to[0] = row[0];
+		for (size_t i = 1; i < DEM_TILE * 4; i++)
+			to[i] = (uint8_t)(row[i] - row[i - 1]);
 	}
 }
 
