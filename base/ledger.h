@@ -1,7 +1,7 @@
 /*
  * The memory budget: one number of bytes for the whole daemon, charged by name before the memory is used. Thread-safe.
- * Nothing allocates after ledger_new. The ledger keeps only sums for each name; the callers know their shares (job.h:
- * job_holders).
+ * Nothing allocates after ledger_new. The ledger keeps only sums for each name; the callers know their shares (service.h:
+ * service_holders).
  */
 #ifndef LEDGER_H
 #define LEDGER_H

@@ -3,9 +3,9 @@
  * ..."; or entries to a sink. Engine rooms never log above debug; the outermost function of the daemon logs a failure
  * once. Preserves errno.
  *
- * What an administrator may filter, count or be alerted by is an event: a row of log_event.def with a message id,
- * logged with its subject. Everything else is a line. Control characters (names from clients may have them), and bytes
- * that are not UTF-8, are shown as '?'.
+ * Messages that an administrator may filter, count or get alerts from are events: rows of log_event.def with a message id,
+ * logged with their subject. All others are lines. Control characters (names from clients may have them), and bytes that
+ * are not UTF-8, are shown as '?'.
  */
 #ifndef LOG_H
 #define LOG_H

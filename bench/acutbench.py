@@ -1,7 +1,7 @@
-"""What bench/run, bench/compare and bench/large share: result lines, a daemon of one's own, and what runs cost.
+"""Shared by the programs of bench: result lines, private daemons, and the costs of runs.
 
-A result line is seven words: NAME VALUE UNIT RATIO N MIN MAX. VALUE is the median of N, MIN and MAX its range, RATIO
-what NAME's peer or predecessor makes of it, - if there is none. Lines that begin with # are words for people.
+A result line has seven words: NAME VALUE UNIT RATIO N MIN MAX. VALUE is the median of N measurements, MIN and MAX their range,
+RATIO the ratio to a peer or predecessor, - if there is none. Lines that begin with # are comments.
 """
 import json
 import os
@@ -208,7 +208,7 @@ def proc_hwm(pid):
 
 
 class Ended:
-    """A process that has been waited for: what it said, and what it cost."""
+    """A finished process: its output and its costs."""
 
     def __init__(self, args, status, out, err, wall, cpu, hwm):
         self.args, self.status, self.out, self.err, self.wall, self.cpu, self.hwm = args, status, out, err, wall, cpu, hwm
@@ -220,7 +220,7 @@ class Ended:
 
 
 class Watched:
-    """A process whose peak memory is looked at now and then (wait4 tells that of whoever forked, too)."""
+    """A process whose peak memory is sampled (wait4 would include that of the parent before exec)."""
 
     def __init__(self, args, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, env=None):
         self.args = [str(a) for a in args]
@@ -277,7 +277,7 @@ class Tools:
         return os.path.exists(self.path(name))
 
     def make(self, targets):
-        """Builds what is asked for, one target at a time: those that this build cannot have are left out."""
+        """Builds the targets one by one; those that this build lacks are left out."""
         for target in targets:
             r = subprocess.run(["ninja", "-C", self.build] + target.split(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
             text = r.stdout.decode(errors="replace")
@@ -341,7 +341,7 @@ class Daemon:
 
 
 class Folder:
-    """A folder below `where` that goes away."""
+    """A temporary folder below `where`."""
 
     def __init__(self, where):
         self.where = where
@@ -360,7 +360,7 @@ def null_format(tools):
 
 
 class Piped:
-    """A survey from acut-synth through a pipe into one mesh of a daemon, with what each side cost."""
+    """A survey from acut-synth through a pipe into one mesh of a daemon, with the costs of each side."""
 
     def __init__(self, daemon, points, options, folder, extra=()):
         tools, head = daemon.tools, os.path.join(folder, "head-%d" % points)
@@ -392,7 +392,7 @@ class Piped:
 
 
 def main(body):
-    """Runs a program's body; a failure is told in one sentence, and interrupted is quiet."""
+    """Runs a program's body. A failure is printed in one sentence; an interrupt prints nothing."""
     try:
         sys.exit(body())
     except Failed as e:

@@ -200,15 +200,7 @@ static int make_service(struct daemon *d, struct err *err)
 				.cachefd = d->cachefd,
 				.store = d->store.id,
 				.threads = d->config.threads,
-				.disk = d->config.disk,
-				.keep_free = d->config.keep_free,
-				.space_wait = d->config.space_wait,
 				.defer_seconds = DEFER_SECONDS,
-				.keep_removed = d->config.keep_removed,
-				.user = {.jobs = d->config.user_jobs,
-					 .memory = d->config.user_memory,
-					 .datasets = d->config.user_datasets,
-					 .disk = d->config.user_disk},
 				.remake_cache = remake_cache,
 				.cache_ctx = d,
 			},
@@ -217,6 +209,7 @@ static int make_service(struct daemon *d, struct err *err)
 	int r;
 
 	settings_rights(&d->config, &server.rights);
+	settings_limits(&d->config, &service.core.limits);
 	snprintf(path, sizeof path, "%s/catalogue.db", d->config.state);
 	r = sched_new(d->ledger, d->config.threads, &d->sched, err);
 	if (!r)

@@ -62,6 +62,17 @@ void settings_rights(const struct config *c, struct rights *ret)
 	snprintf(ret->group, sizeof ret->group, "%s", c->group);
 }
 
+void settings_limits(const struct config *c, struct core_limits *ret)
+{
+	*ret = (struct core_limits){
+		.disk = c->disk,
+		.keep_free = c->keep_free,
+		.keep_removed = c->keep_removed,
+		.space_wait = c->space_wait,
+		.user = {.jobs = c->user_jobs, .memory = c->user_memory, .datasets = c->user_datasets, .disk = c->user_disk},
+	};
+}
+
 /* ---- reading again ---- */
 
 /* Restores in `next` what a reload cannot change. Returns how many settings change. */
@@ -93,20 +104,13 @@ static unsigned merge_changes(const struct config *running, struct config *next)
 
 static void apply_settings(const struct config *c, struct service *service, struct server *server)
 {
-	const struct service_limits limits = {
-		.disk = c->disk,
-		.keep_free = c->keep_free,
-		.keep_removed = c->keep_removed,
-		.space_wait = c->space_wait,
-	};
-	const struct user_limits user = {
-		.jobs = c->user_jobs, .memory = c->user_memory, .datasets = c->user_datasets, .disk = c->user_disk};
+	struct core_limits limits;
 	struct rights rights;
 
 	settings_rights(c, &rights);
+	settings_limits(c, &limits);
 	log_set_level(c->level);
 	service_set_limits(service, &limits);
-	service_set_user_limits(service, &user);
 	server_set_rights(server, &rights, c->user_connections);
 }
 

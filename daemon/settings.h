@@ -5,6 +5,7 @@
 #include <stdbool.h>
 
 struct config;
+struct core_limits;
 struct service;
 struct rights;
 struct server;
@@ -12,7 +13,9 @@ struct server_setting;
 
 /* For server_params.setting. */
 bool settings_get(void *config, unsigned i, struct server_setting *ret);
+/* What a start and a reload set. */
 void settings_rights(const struct config *, struct rights *ret);
+void settings_limits(const struct config *, struct core_limits *ret);
 /* Reads everything again, and applies what a reload can change; a warning names what needs a restart. Notifies the service
  * manager. If there are errors, nothing changes. */
 void settings_reload(struct config *, struct service *, struct server *);

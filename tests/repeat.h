@@ -3,6 +3,7 @@
 #define REPEAT_H
 
 #include <assert.h>
+#include <ftw.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -42,6 +43,18 @@ static inline void repeat_folder(char *ret, size_t size, const char *name)
 		perror(ret);
 		abort();
 	}
+}
+
+static inline int repeat_remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)
+{
+	(void)st, (void)kind, (void)ftw;
+	return remove(path);
+}
+
+/* Removes a folder with everything in it. */
+static inline int repeat_remove(const char *folder)
+{
+	return nftw(folder, repeat_remove_one, 16, FTW_DEPTH | FTW_PHYS);
 }
 
 #endif

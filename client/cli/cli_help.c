@@ -14,7 +14,7 @@ static void put_head(FILE *out, const char *text)
 	fprintf(out, "%s%s%s\n", term_tint(&term, TERM_BOLD), text, term_tint(&term, TERM_PLAIN));
 }
 
-/* Those of every command, or those that the command takes beside. */
+/* Prints the options of every command (`all`), or the others that this command takes. */
 static void put_options(const struct cli *cli, const struct cli_command *c, bool all, FILE *out)
 {
 	for (const struct cli_option *o = cli->option; o < cli->option + cli->noption; o++) {

@@ -17,9 +17,9 @@ enum { CTL_FETCH_OUTPUTS = 16 };
 
 struct ctl_fetch_options {
 	struct ctl_fetch_output
-		output[CTL_FETCH_OUTPUTS + 1]; /* as given; the first has the options before any -o, and no path */
-	const char *tile, *max_edge;           /* NULL: not given */
-	uint64_t since;                        /* 0: not given */
+		output[CTL_FETCH_OUTPUTS + 1];   /* as given; the first has the options before any -o, and no path */
+	const char *tile, *max_edge, *trim_hull; /* NULL: not given */
+	uint64_t since;                          /* 0: not given */
 	bool no_clobber;
 	bool gaps;          /* the view leaves gaps: of the ground or the surface */
 	const char *window; /* "bbox", "polygon": only that area of the mesh; NULL: all of it */

@@ -104,10 +104,11 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 	inputs_json(&j, m->staged);
 	term_json_u64(&j, "output_bytes", m->out->bytes);
 	ctl_mesh_edges_json(&j, m);
-	if (m->opt->max_edge) {
+	if (m->opt->max_edge || m->opt->trim_hull) {
 		term_json_open(&j, "left_out", '{');
 		term_json_u64(&j, "triangles", m->out->left_out);
 		term_json_number(&j, "area", m->out->left_out_area);
+		term_json_text(&j, "written_digest", m->out->written);
 		term_json_close(&j, '}');
 	} else {
 		term_json_null(&j, "left_out");

@@ -138,12 +138,12 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
-static int parse_max_edge(const char *text, struct outputs_options *opt, struct err *err)
+static int parse_length(const char *option, const char *text, struct outputs_length *ret, struct err *err)
 {
-	opt->has_max_edge = true;
-	if (length_of(text, &opt->max_edge, &opt->max_edge_unit))
+	ret->given = true;
+	if (length_of(text, &ret->value, &ret->unit))
 		return 0;
-	err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"", text);
+	err_set(err, ERR_USAGE, "--%s is not a length above zero: \"%s\"", option, text);
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
@@ -167,7 +167,14 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
-		r = parse_max_edge(a->max_edge, &opt, err);
+		r = parse_length("max-edge", a->max_edge, &opt.max_edge, err);
+	if (!r && a->trim_hull)
+		r = parse_length("trim-hull", a->trim_hull, &opt.trim_hull, err);
+	if (!r && a->trim_hull && (a->since || a->window)) {
+		r = err_set(err, ERR_USAGE, "--trim-hull needs a whole mesh, not %s%s", a->since ? "changes" : "the window of --",
+			    a->since ? "" : a->window);
+		err_add_hint(err, "--max-edge leaves out triangles wherever they are");
+	}
 	if (!r && a->since && a->window)
 		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->window);
 	if (!r && a->tile && a->since) {

@@ -65,6 +65,18 @@ static void changes_text(const struct ctl_mesh *m)
 			     c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
 }
 
+/* "12 triangles with edges longer than 30m". */
+static const char *left_out_text(const struct ctl_mesh *m, char buf[256])
+{
+	char count[32];
+
+	snprintf(buf, 256, "%s triangles%s%s%s%s%s", term_count(m->out->left_out, count),
+		 m->opt->max_edge ? " with edges longer than " : "", m->opt->max_edge ? m->opt->max_edge : "",
+		 m->opt->max_edge && m->opt->trim_hull ? " or" : "",
+		 m->opt->trim_hull ? " at the hull, behind edges longer than " : "", m->opt->trim_hull ? m->opt->trim_hull : "");
+	return buf;
+}
+
 /* PREFIX and "12.5 square metres"; nothing where the unit is not a known length. Returns buf. */
 static const char *area_text(const struct outputs_report *f, const char *prefix, char buf[64])
 {
@@ -179,7 +191,7 @@ static void page(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	FILE *out = m->console->report;
-	char count[32], area[64];
+	char area[64], text[256];
 
 	if (m->console->quiet)
 		return;
@@ -188,9 +200,8 @@ static void page(const struct ctl_mesh *m)
 		changes_text(m);
 	points(out, p, m->staged);
 	mesh(out, p);
-	if (m->opt->max_edge)
-		term_field(out, "max-edge", "%s triangles with edges above %s are not in the file%s",
-			   term_count(m->out->left_out, count), m->opt->max_edge, area_text(m->out, ", ", area));
+	if (m->opt->max_edge || m->opt->trim_hull)
+		term_field(out, "trimmed", "%s%s", left_out_text(m, text), area_text(m->out, ", ", area));
 	place(m, out);
 	if (m->staged)
 		ctl_report_heights(m->console, m->staged);
@@ -218,7 +229,7 @@ static void lines(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	struct console *c = m->console;
-	char a[32], b[96], d[64];
+	char a[32], b[96], d[64], text[256];
 	double shift[3];
 	uint64_t moved = ctl_mesh_moved(m->staged, shift);
 
@@ -242,9 +253,8 @@ static void lines(const struct ctl_mesh *m)
 	console_line(c, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a), ctl_report_domains(p, b, sizeof b),
 		     p->seconds, p->digest);
 	console_note(c, "%s", p->note);
-	if (m->opt->max_edge)
-		console_line(c, "%s triangles with edges longer than %s were left out%s", term_count(m->out->left_out, a),
-			     m->opt->max_edge, area_text(m->out, ", an area of ", d));
+	if (m->opt->max_edge || m->opt->trim_hull)
+		console_line(c, "%s were left out%s", left_out_text(m, text), area_text(m->out, ", an area of ", d));
 }
 
 void ctl_mesh_text(const struct ctl_mesh *m)

@@ -50,6 +50,8 @@ struct format_options {
 	enum format_rasters raster;
 	int (*interrupted)(void *ctx); /* not 0: give up; of rasters, while the file is made; may be NULL */
 	void *ctx;
+	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
+	const char *trimmed;
 };
 
 #define FORMAT_WIDTH 1600
@@ -63,7 +65,8 @@ struct format_block {
 };
 
 /* One format. `open` makes the writer; `head`, any number of `block`, `finish` follow in this order, `free` comes last, also
- * after a failure, and returns NULL. Writers write to their output and nowhere else. */
+ * after a failure, and returns NULL. Writers write to their output and nowhere else. The tail
+ * has the digest of the triangles that came. */
 struct format {
 	const char *name, *extensions, *help; /* extensions: ".a .b" */
 	enum format_kind kind;

@@ -15,6 +15,16 @@ static void make_line(char *text)
 			*text = ' ';
 }
 
+/* "acut-trimmed ..." of a file that has a part of the mesh, else "". */
+static void trimmed_text(const struct acut_mesh_head *head, const struct format_options *opt, char *buf, size_t size)
+{
+	const char *window = head->view && strstr(head->view, " window=") ? " window" : "";
+
+	buf[0] = 0;
+	if (opt->trimmed || *window)
+		snprintf(buf, size, "acut-trimmed%s%s%s", opt->trimmed ? " " : "", opt->trimmed ? opt->trimmed : "", window);
+}
+
 int format_comment_head(const struct acut_mesh_head *head, const struct format_options *opt,
 			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err)
 {
@@ -43,5 +53,8 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 	if (!r && text[0])
 		r = line(ctx, text, err);
 	format_axis_origin(head, opt, text, sizeof(text));
+	if (!r && text[0])
+		r = line(ctx, text, err);
+	trimmed_text(head, opt, text, sizeof(text));
 	return r || !text[0] ? r : line(ctx, text, err);
 }

@@ -99,7 +99,7 @@ static int by_name(const void *a, const void *b)
 	return strcmp(((const struct ctl_archive_member *)a)->name, ((const struct ctl_archive_member *)b)->name);
 }
 
-/* Those that are no survey files go. One file alone is named with its archive, and never judged by its extension. */
+/* Drops members that are not survey files. An archive with one member is used whatever its extension, and named by both. */
 static void choose(struct ctl_archive *a, bool from_folder)
 {
 	size_t kept = 0;

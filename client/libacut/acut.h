@@ -85,7 +85,7 @@ struct acut_ledger_entry {
 	uint64_t bytes; /* held now */
 	uint64_t peak;  /* the most since the start; 0 in a holder's list */
 };
-/* A job, a later stream of one ("fetch"), a plan, a push, a reading of a file ("info") or a connection. */
+/* Memory that is held by a job, a later stream of one ("fetch"), a plan, a push or a connection. */
 struct acut_holder {
 	const char *kind, *what;              /* what: the dataset, "" if there is none */
 	uint64_t id;                          /* of the job or push; of a connection a running number */

@@ -1,5 +1,6 @@
 /*
- * What a block means: lattice numbers as coordinates, local numbers as those of the mesh. Nothing here talks to a daemon.
+ * Converts the numbers of a block: lattice numbers to coordinates, local numbers of vertices to those of the mesh. Nothing here
+ * talks to a daemon.
  */
 #include "acut.h"
 #include "decimal.h"

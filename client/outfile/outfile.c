@@ -190,14 +190,14 @@ int outfile_nameless(int dirfd, int *ret_fd, struct err *err)
 
 int outfile_spool(const struct outfile *beside, struct outfile **ret, struct err *err)
 {
-	struct outfile *o = outfile_alloc(beside->label, err);
+	struct outfile *o = outfile_alloc(beside ? beside->label : "a temporary file", err);
 	int r;
 
 	if (!o)
 		return -err->code;
-	r = outfile_nameless(beside->dirfd, &o->fd, err);
+	r = outfile_nameless(beside ? beside->dirfd : -1, &o->fd, err);
 	if (r) {
-		err_add_file(err, beside->label);
+		err_add_file(err, o->label);
 		outfile_free(o);
 		return r;
 	}

@@ -14,7 +14,7 @@ struct outfile;
 /* Takes the place of `path` when published. Regular files are written under a temporary name beside it;
  * standard output ("-"), pipes and devices are written as they are. */
 int outfile_new(const char *path, bool no_clobber, struct outfile **ret, struct err *err);
-/* A nameless file on the same file system (for standard output: in $TMPDIR, else /var/tmp). */
+/* A nameless file on the same file system (for standard output, and NULL: in $TMPDIR, else /var/tmp). */
 int outfile_spool(const struct outfile *, struct outfile **ret, struct err *err);
 /* A second place to append, for bytes that come after the whole output but are written meanwhile. */
 int outfile_annex(struct outfile *, struct outfile **ret, struct err *err);
@@ -28,7 +28,8 @@ int outfile_write(struct outfile *, const void *bytes, size_t n, struct err *err
 /* Overwrite bytes written before; only if the output can seek. */
 int outfile_patch(struct outfile *, uint64_t at, const void *bytes, size_t n, struct err *err);
 /* Appends all of a spool or annex. Of an annex larger than OUTFILE_BUFFER to an output that can seek, up to 4095
- * records of `record` bytes (an odd number) come from its end to its front. */
+ * records of `record` bytes (an odd number; -ERR_INTERNAL: it is not) come from its end to its front, so that nothing need be
+ * copied. With 0 the annex is copied in its order: for records of several sizes, as lines of text. */
 int outfile_join(struct outfile *, struct outfile *from, size_t record, struct err *err);
 /* Reads back from a spool: n bytes at `at`. */
 int outfile_read(struct outfile *, uint64_t at, void *bytes, size_t n, struct err *err);

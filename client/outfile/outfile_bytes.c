@@ -348,7 +348,7 @@ static bool collapse(struct outfile *o, const struct outfile *annex)
 static int join_annex(struct outfile *o, struct outfile *annex, size_t record, struct err *err)
 {
 	uint64_t total = outfile_size(annex);
-	uint64_t tail = total > OUTFILE_BUFFER ? records_before(outfile_size(o), record) * record : 0;
+	uint64_t tail = record && total > OUTFILE_BUFFER ? records_before(outfile_size(o), record) * record : 0;
 	int r = outfile_flush(annex, err);
 
 	if (!r)
@@ -373,6 +373,10 @@ int outfile_join(struct outfile *o, struct outfile *from, size_t record, struct 
 {
 	int r;
 
+	/* Found with any annex, however small, since only a large one would be torn, or never end. */
+	if (from->host && record && (record % 2 == 0 || outfile_size(from) % record))
+		return err_set(err, ERR_INTERNAL, "an annex of %llu bytes has not records of one odd size (%zu)",
+			       (unsigned long long)outfile_size(from), record);
 	if (from->fd < 0)
 		return outfile_write(o, from->buf, from->used, err);
 	if (from->host && o->seekable)

@@ -1,11 +1,13 @@
 /*
  * One stream to several outputs.
  *
- * The order inside: positions of local vertices (only if an output needs them), triangles left out by
+ * The order inside: positions of local vertices (only if an output needs them), triangles held back by --trim-hull, those left
+ * out by
  * --max-edge, then each output, through the canonical order if asked. The first failure is kept, ends the
  * fetch, and makes publishing impossible. Outputs are published one after the other when the stream has
  * ended well: with several of them, a failure between two leaves the earlier ones, each of them whole.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,6 +18,28 @@
 
 #define SORT_MEMORY (64ull << 20)
 
+static size_t add_length(char *buf, size_t size, const char *name, const struct outputs_length *l)
+{
+	char number[DECIMAL_TEXT_SIZE];
+
+	return !l->given ? 0 :
+			   (size_t)snprintf(buf, size, "%s=%s%s%s ", name, decimal_text(l->value, number), l->unit ? "," : "",
+					    l->unit ? l->unit : "");
+}
+
+/* What the run leaves out of each file. */
+static void trimmed_text(const struct outputs_options *opt, char *buf, size_t size)
+{
+	const struct outputs_length tile = {.given = opt->tiled, .value = opt->tile};
+	size_t n = add_length(buf, size, "max-edge", &opt->max_edge);
+
+	n += add_length(buf + n, size - n, "trim-hull", &opt->trim_hull);
+	n += add_length(buf + n, size - n, "tile", &tile);
+	if (opt->changes)
+		n += (size_t)snprintf(buf + n, size - n, "changes ");
+	buf[n ? n - 1 : 0] = 0;
+}
+
 int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct err *err)
 {
 	struct outputs *run = calloc(1, sizeof(*run));
@@ -25,7 +49,8 @@ int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct 
 	run->opt = *opt;
 	if (!run->opt.sort_memory)
 		run->opt.sort_memory = SORT_MEMORY;
-	run->positions = opt->has_max_edge;
+	run->positions = opt->max_edge.given || opt->trim_hull.given;
+	trimmed_text(opt, run->trimmed, sizeof(run->trimmed));
 	run->end = &run->target;
 	run->err = ERR_INIT;
 	*ret = run;
@@ -64,16 +89,26 @@ static int target_check(const char *path, const struct format *format, const str
 	return 0;
 }
 
-int outputs_add(struct outputs *run, const char *path, const struct format *format, const struct format_options *opt,
+/* The trimmer of the run, once there is an output that its files may stand beside. */
+static int trim(struct outputs *run, const struct outfile *beside, struct err *err)
+{
+	return run->opt.trim_hull.given && !run->hull ? outputs_hull_new(beside, &run->hull, err) : 0;
+}
+
+int outputs_add(struct outputs *run, const char *path, const struct format *format, const struct format_options *given,
 		struct err *err)
 {
+	struct format_options own = *given, *opt = &own;
 	int r = target_check(path, format, opt, run->opt.changes, err);
 	struct outputs_target *t = r ? NULL : calloc(1, sizeof(*t));
 
+	own.trimmed = run->trimmed[0] ? run->trimmed : NULL;
 	if (!r && run->opt.tiled)
 		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
 				 outputs_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
 	run->positions |= run->opt.tiled;
+	if (!r && run->opt.tiled)
+		r = trim(run, run->tiles->index, err);
 	if (r || run->opt.tiled) {
 		free(t);
 		return r && path ? err_add_file(err, path) : r;
@@ -101,7 +136,7 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	run->positions |= format->positions || opt->canonical;
 	*run->end = t;
 	run->end = &t->next;
-	return 0;
+	return trim(run, t->out, err);
 }
 
 static int run_head(void *ctx, const struct acut_mesh_head *head)
@@ -109,6 +144,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 	struct outputs *run = ctx;
 	int r = outputs_edge_init(&run->edge, head, &run->opt, &run->err);
 
+	if (!r && run->hull)
+		r = outputs_hull_head(run->hull, head, &run->opt.trim_hull, &run->err);
 	if (!r && outputs_keep_goes_on(run))
 		return outputs_keep_head(run, head, &run->err);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
@@ -116,6 +153,24 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 	if (!r && run->change)
 		r = outputs_change_head(run->change, head, &run->err);
 	return r || !run->tiles ? r : outputs_tiles_head(run->tiles, head, &run->err);
+}
+
+/* Triangles to the outputs, those left out that have long edges. */
+static int run_write(void *ctx, const struct format_block *given)
+{
+	struct outputs *run = ctx;
+	struct acut_mesh_block kept;
+	struct format_block block = *given;
+	int r = 0;
+
+	if (run->edge.limited || run->edge.gather) {
+		r = outputs_edge_block(&run->edge, given->mesh, given->position, &kept, &run->err);
+		block.mesh = &kept;
+	}
+	for (struct outputs_target *t = run->target; t && !r; t = t->next)
+		r = t->canonical ? outputs_canonical_block(t->canonical, &block, &run->err) :
+				   t->format->block(t->writer, &block, &run->err);
+	return r || !run->tiles ? r : outputs_tiles_block(run->tiles, &block, &run->err);
 }
 
 static int run_block(void *ctx, const struct acut_mesh_block *b)
@@ -129,28 +184,60 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 		r = outputs_front_block(&run->front, b, &block.position, &run->err);
 	if (!r && run->change)
 		r = outputs_change_block(run->change, &block, &run->err);
-	if (!r && (run->edge.limited || run->edge.gather)) {
-		r = outputs_edge_block(&run->edge, b, block.position, &kept, &run->err);
+	if (!r && run->hull) {
+		r = outputs_hull_block(run->hull, b, block.position, &kept, &run->err);
 		block.mesh = &kept;
 	}
-	for (struct outputs_target *t = run->target; t && !r; t = t->next)
-		r = t->canonical ? outputs_canonical_block(t->canonical, &block, &run->err) :
-				   t->format->block(t->writer, &block, &run->err);
-	return r || !run->tiles ? r : outputs_tiles_block(run->tiles, &block, &run->err);
+	return r ? r : run_write(run, &block);
+}
+
+/* All triangles that the run leaves out. */
+static struct outputs_left left_out(const struct outputs *run)
+{
+	struct outputs_left sum = run->edge.left;
+
+	if (run->hull) {
+		const struct outputs_left *more = outputs_hull_left(run->hull);
+
+		sum.triangles += more->triangles;
+		sum.area2 += more->area2;
+		digest_add(&sum.digest, more->digest);
+	}
+	return sum;
+}
+
+/* The tail of what is written. */
+static int tail_of(struct outputs *run, const struct acut_mesh_tail *tail, struct acut_mesh_tail *ret)
+{
+	struct outputs_left left = left_out(run);
+	struct digest sum;
+
+	if (!digest_parse(tail->digest, &sum))
+		return err_set(&run->err, ERR_PROTO, "the digest of the mesh is no digest");
+	digest_sub(&sum, left.digest);
+	*ret = *tail;
+	ret->digest = digest_hex(sum, run->written);
+	ret->triangles -= left.triangles;
+	return 0;
 }
 
 static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct outputs *run = ctx;
+	struct acut_mesh_tail written;
 	int r = 0;
 
 	outputs_front_done(&run->front);
+	if (run->hull)
+		r = outputs_hull_rest(run->hull, run_write, run, &run->err);
+	if (!r)
+		r = tail_of(run, tail, &written);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
 		if (t->canonical)
 			r = outputs_canonical_finish(t->canonical, &run->err);
 		t->canonical = outputs_canonical_free(t->canonical);
 		if (!r)
-			r = t->format->finish(t->writer, tail, &run->err);
+			r = t->format->finish(t->writer, &written, &run->err);
 	}
 	if (!r && run->change)
 		r = outputs_change_tail(run->change, &run->err);
@@ -197,7 +284,7 @@ int outputs_publish(struct outputs *run, struct err *err)
 	}
 	if (!run->finished)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
-	if (run->change && outputs_change_publish(run->change, &run->bytes, err))
+	if (run->change && outputs_change_publish(run->change, &run->origin, &run->bytes, err))
 		return -err->code;
 	for (struct outputs_target *t = run->target; t; t = t->next) {
 		int r = t->out ? outfile_publish(t->out, err) : 0;
@@ -206,23 +293,23 @@ int outputs_publish(struct outputs *run, struct err *err)
 		run->bytes += t->out ? outfile_size(t->out) : 0;
 	}
 	outputs_keep_done(run);
-	return run->tiles ? outputs_tiles_publish(run->tiles, run->edge.left_out, &run->bytes, err) : 0;
+	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, left_out(run).triangles, &run->bytes, err) : 0;
 }
 
 void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint64_t generation)
 {
-	if (run->tiles)
-		outputs_tiles_about(run->tiles, job, dataset, generation);
-	if (run->change)
-		outputs_change_about(run->change, job, dataset, generation);
+	free(run->origin.dataset);
+	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
 }
 
 void outputs_report(const struct outputs *run, struct outputs_report *ret)
 {
+	const struct outputs_left left = left_out(run);
+
 	*ret = (struct outputs_report){
 		.bytes = run->bytes,
-		.left_out = run->edge.left_out,
-		.left_out_area = outputs_edge_area(&run->edge),
+		.left_out = left.triangles,
+		.left_out_area = outputs_edge_area(&run->edge, left.area2),
 		.tiles = run->tiles ? outputs_tiles_count(run->tiles) : 0,
 		.longest_edge = outputs_edge_longest(&run->edge),
 		.median_edge = outputs_edge_median(&run->edge),
@@ -231,6 +318,7 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
 	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));
+	memcpy(ret->written, run->written, sizeof(run->written));
 }
 
 struct outputs *outputs_free(struct outputs *run)
@@ -245,8 +333,10 @@ struct outputs *outputs_free(struct outputs *run)
 	outputs_tiles_free(run->tiles);
 	outputs_change_free(run->change);
 	outputs_front_done(&run->front);
+	outputs_hull_free(run->hull);
 	outputs_edge_done(&run->edge);
 	outputs_keep_free(run->kept);
+	free(run->origin.dataset);
 	free(run);
 	return NULL;
 }

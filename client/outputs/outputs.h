@@ -9,12 +9,18 @@
 
 #include "format.h"
 
+/* A length above zero, if it is given. */
+struct outputs_length {
+	bool given;
+	struct decimal value;
+	const char *unit; /* its name; NULL: that of the file */
+};
+
 struct outputs_options {
-	bool has_max_edge;
-	struct decimal max_edge;       /* triangles with a longer xy edge are left out */
-	const char *max_edge_unit;     /* name of its unit; NULL: that of the file */
-	bool edges;                    /* gather edge statistics */
-	uint64_t sort_memory;          /* for canonical and tiles; 0 = 64 MiB */
+	struct outputs_length max_edge;  /* triangles with a longer xy edge are left out */
+	struct outputs_length trim_hull; /* and those that are reached from outside through edges that are longer than this */
+	bool edges;                      /* gather edge statistics */
+	uint64_t sort_memory;            /* for canonical and tiles; 0 = 64 MiB */
 	bool changes;                  /* the stream is one of changes: NAME.changes.geojson is written beside the first output */
 	bool tiled;                    /* the one output is a folder of tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
@@ -37,7 +43,8 @@ struct outputs_changes_counts {
 /* The result at the end of the stream. Lengths and areas are in file units. */
 struct outputs_report {
 	uint64_t bytes;       /* of all outputs */
-	uint64_t left_out;    /* triangles, by max_edge */
+	uint64_t left_out;    /* triangles, by max_edge and trim_hull */
+	char written[40];     /* digest of the triangles that the files have */
 	double left_out_area; /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];     /* of the file */
 	struct outputs_changes_counts changes;
@@ -71,7 +78,7 @@ bool outputs_due(const struct outputs *);
  * where nothing is kept. */
 int outputs_save(struct outputs *, const void *state, size_t size, struct err *err);
 bool outputs_saved(const struct outputs *); /* a later run can go on */
-/* The origin of the mesh for the index of tiles or changes; before publishing. `dataset` is read only then. */
+/* The origin of the mesh, for the index of tiles or changes; before publishing. Copies `dataset`. */
 void outputs_about(struct outputs *, uint64_t job, const char *dataset, uint64_t generation);
 /* After the tail: makes all outputs durable and gives them their names. */
 int outputs_publish(struct outputs *, struct err *err);

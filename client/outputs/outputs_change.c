@@ -28,8 +28,6 @@ struct outputs_change {
 	uint64_t index, triangles;
 	int64_t box[4];
 	struct digest sum;
-	uint64_t job, generation;
-	char *dataset;
 };
 
 int outputs_change_new(const struct outfile *out, const char *path, const struct format_options *opt, struct outputs_change **ret,
@@ -66,17 +64,8 @@ struct outputs_change *outputs_change_free(struct outputs_change *c)
 	outfile_free(c->out);
 	free(c->lattice);
 	free(c->crs);
-	free(c->dataset);
 	free(c);
 	return NULL;
-}
-
-void outputs_change_about(struct outputs_change *c, uint64_t job, const char *dataset, uint64_t generation)
-{
-	free(c->dataset);
-	c->dataset = dataset ? strdup(dataset) : NULL;
-	c->job = job;
-	c->generation = generation;
 }
 
 int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *head, struct err *err)
@@ -208,7 +197,7 @@ int outputs_change_tail(struct outputs_change *c, struct err *err)
 	return close_region(c, err);
 }
 
-static int foot(struct outputs_change *c, struct err *err)
+static int foot(struct outputs_change *c, const struct outputs_origin *origin, struct err *err)
 {
 	const struct outputs_changes_counts *n = &c->counts;
 	struct outputs_page p;
@@ -216,9 +205,9 @@ static int foot(struct outputs_change *c, struct err *err)
 
 	if (r)
 		return r;
-	fprintf(p.f, "\n],\n\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)c->job);
-	outputs_geojson_text(p.f, c->dataset);
-	fprintf(p.f, ",\"generation\":%llu,\"since\":%llu,\"old_job\":%llu,", (unsigned long long)c->generation,
+	fprintf(p.f, "\n],\n\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)origin->job);
+	outputs_geojson_text(p.f, origin->dataset);
+	fprintf(p.f, ",\"generation\":%llu,\"since\":%llu,\"old_job\":%llu,", (unsigned long long)origin->generation,
 		(unsigned long long)n->since, (unsigned long long)n->old_job);
 	fprintf(p.f,
 		"\"gone\":%llu,\"gone_triangles\":%llu,\"kept\":%llu,\"kept_triangles\":%llu,\"new\":%llu,"
@@ -232,9 +221,9 @@ static int foot(struct outputs_change *c, struct err *err)
 	return outputs_page_end(&p, c->out, err);
 }
 
-int outputs_change_publish(struct outputs_change *c, uint64_t *bytes, struct err *err)
+int outputs_change_publish(struct outputs_change *c, const struct outputs_origin *origin, uint64_t *bytes, struct err *err)
 {
-	int r = c->out ? foot(c, err) : 0;
+	int r = c->out ? foot(c, origin, err) : 0;
 
 	if (!r && c->out)
 		r = outfile_publish(c->out, err);

@@ -13,8 +13,7 @@ int outputs_change_base(struct outputs_change *, const struct acut_mesh_base *, 
 int outputs_change_gone(struct outputs_change *, const struct acut_mesh_region *, struct err *err);
 int outputs_change_block(struct outputs_change *, const struct format_block *, struct err *err);
 int outputs_change_tail(struct outputs_change *, struct err *err);
-void outputs_change_about(struct outputs_change *, uint64_t job, const char *dataset, uint64_t generation);
-int outputs_change_publish(struct outputs_change *, uint64_t *bytes, struct err *err);
+int outputs_change_publish(struct outputs_change *, const struct outputs_origin *, uint64_t *bytes, struct err *err);
 const struct outputs_changes_counts *outputs_change_counts(const struct outputs_change *);
 struct outputs_change *outputs_change_free(struct outputs_change *);
 

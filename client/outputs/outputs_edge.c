@@ -50,43 +50,64 @@ bool outputs_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct d
 	return true;
 }
 
-int outputs_edge_init(struct outputs_edge *ed, const struct acut_mesh_head *head, const struct outputs_options *opt,
-		      struct err *err)
+void outputs_left_add(struct outputs_left *left, const int32_t *a, const int32_t *b, const int32_t *c)
+{
+	const uint64_t place[1][3] = {{digest_place(a[0], a[1]), digest_place(b[0], b[1]), digest_place(c[0], c[1])}};
+	__int128 bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1];
+	__int128 cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1], s = bx * cy - by * cx;
+
+	left->triangles++;
+	left->area2 += (u128)(s < 0 ? -s : s);
+	digest_add_triangles(&left->digest, place, 1, left->k);
+}
+
+int outputs_limit_init(struct outputs_limit *limit, const struct acut_mesh_head *head, const struct outputs_length *length,
+		       const char *option, struct err *err)
 {
 	struct decimal scale;
 	int64_t num = 1, den = 1;
 	uint64_t p, q;
+
+	*limit = (struct outputs_limit){.none_longer = false};
+	if (!decimal_parse(head->scale_xy, &scale) || scale.mantissa <= 0)
+		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
+	if (length->value.mantissa < 0)
+		return err_set(err, ERR_USAGE, "--%s is less than zero", option);
+	if (length->unit && !format_unit_ratio(length->unit, head->unit_xy, &num, &den)) {
+		err_set(err, ERR_USAGE, "--%s is in %s, but the unit of x and y is %.30s", option, length->unit,
+			head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
+		return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with "
+					 "--assume-units");
+	}
+	/* the longest edge of all is below 2^33 lattice units */
+	if (decimal_double(length->value) * (double)num / (double)den / decimal_double(scale) >= 0x1p34) {
+		limit->none_longer = true;
+	} else if (outputs_edge_ratio(length->value, num, den, scale, &p, &q)) {
+		limit->square = (u128)p * p / ((u128)q * q);
+	} else {
+		err_set(err, ERR_USAGE, "--%s has too many digits beside the scale %s", option, head->scale_xy);
+		return err_add_hint(err, "give --%s with fewer decimals", option);
+	}
+	return 0;
+}
+
+int outputs_edge_init(struct outputs_edge *ed, const struct acut_mesh_head *head, const struct outputs_options *opt,
+		      struct err *err)
+{
+	struct decimal scale;
 
 	memset(ed, 0, sizeof(*ed));
 	if (!decimal_parse(head->scale_xy, &scale) || scale.mantissa <= 0)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
 	ed->scale = decimal_double(scale);
 	snprintf(ed->unit, sizeof(ed->unit), "%s", head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
+	memcpy(ed->left.k, head->k, sizeof(ed->left.k));
 	ed->gather = opt->edges;
-	ed->limited = opt->has_max_edge;
-	if (!ed->limited)
-		return 0;
-	if (opt->max_edge.mantissa < 0)
-		return err_set(err, ERR_USAGE, "--max-edge is less than zero");
-	if (opt->max_edge_unit && !format_unit_ratio(opt->max_edge_unit, head->unit_xy, &num, &den)) {
-		err_set(err, ERR_USAGE, "--max-edge is in %s, but the unit of x and y is %.30s", opt->max_edge_unit,
-			head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
-		return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with "
-					 "--assume-units");
-	}
-	/* the longest edge of all is below 2^33 lattice units */
-	if (decimal_double(opt->max_edge) * (double)num / (double)den / ed->scale >= 0x1p34) {
-		ed->none_longer = true;
-	} else if (outputs_edge_ratio(opt->max_edge, num, den, scale, &p, &q)) {
-		ed->limit = (u128)p * p / ((u128)q * q);
-	} else {
-		err_set(err, ERR_USAGE, "--max-edge has too many digits beside the scale %s", head->scale_xy);
-		return err_add_hint(err, "give --max-edge with fewer decimals");
-	}
-	return 0;
+	ed->limited = opt->max_edge.given;
+	return ed->limited ? outputs_limit_init(&ed->limit, head, &opt->max_edge, "max-edge", err) : 0;
 }
 
-static u128 edge_square(const int32_t *a, const int32_t *b)
+u128 outputs_edge_square(const int32_t *a, const int32_t *b)
 {
 	int64_t dx = (int64_t)a[0] - b[0], dy = (int64_t)a[1] - b[1];
 
@@ -130,14 +151,6 @@ static void gather_all(struct outputs_edge *ed, const uint32_t (*triangle)[3], u
 		gather(ed, pos[triangle[i][0]], pos[triangle[i][1]], pos[triangle[i][2]]);
 }
 
-static u128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
-{
-	__int128 bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1];
-	__int128 cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1], s = bx * cy - by * cx;
-
-	return (u128)(s < 0 ? -s : s);
-}
-
 /* *ret is the block without triangles that have edges longer than the limit. */
 static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		     struct acut_mesh_block *ret, struct err *err)
@@ -156,13 +169,12 @@ static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, c
 		u128 d2, most = 0;
 
 		for (int j = 0; j < 3; j++) {
-			d2 = edge_square(pos[t[j]], pos[t[j == 2 ? 0 : j + 1]]);
+			d2 = outputs_edge_square(pos[t[j]], pos[t[j == 2 ? 0 : j + 1]]);
 			if (d2 > most)
 				most = d2;
 		}
-		if (most > ed->limit) {
-			ed->left_out++;
-			ed->left_out_area2 += area2(pos[t[0]], pos[t[1]], pos[t[2]]);
+		if (most > ed->limit.square) {
+			outputs_left_add(&ed->left, pos[t[0]], pos[t[1]], pos[t[2]]);
 			continue;
 		}
 		memcpy(ed->triangle[kept++], t, sizeof(*ed->triangle));
@@ -179,7 +191,7 @@ int outputs_edge_block(struct outputs_edge *ed, const struct acut_mesh_block *b,
 	int r = 0;
 
 	*ret = *b;
-	if (ed->limited && !ed->none_longer)
+	if (ed->limited && !ed->limit.none_longer)
 		r = leave_out(ed, b, pos, ret, err);
 	if (!r && ed->gather)
 		gather_all(ed, ret->triangle, ret->ntriangle, pos);
@@ -214,14 +226,14 @@ double outputs_edge_share(const struct outputs_edge *ed, double length)
 	return all > 0 ? longer / all : 0;
 }
 
-double outputs_edge_area(const struct outputs_edge *ed)
+double outputs_edge_area(const struct outputs_edge *ed, u128 area2)
 {
 	int64_t num, den;
 
 	/* Square degrees are not an area, and the unit may be unknown. */
 	if (!format_unit_ratio(ed->unit, "metre", &num, &den))
 		return NAN;
-	return (double)ed->left_out_area2 / 2 * ed->scale * ed->scale;
+	return (double)area2 / 2 * ed->scale * ed->scale;
 }
 
 void outputs_edge_done(struct outputs_edge *ed)
@@ -245,8 +257,10 @@ static u128 load128(struct cursor *c)
 
 void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 {
-	packer_u64(p, ed->left_out);
-	save128(p, ed->left_out_area2);
+	packer_u64(p, ed->left.triangles);
+	packer_u64(p, ed->left.digest.hi);
+	packer_u64(p, ed->left.digest.lo);
+	save128(p, ed->left.area2);
 	packer_f64(p, ed->longest);
 	packer_u64(p, ed->count);
 	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
@@ -255,19 +269,12 @@ void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 		packer_f64(p, ed->area[i]);
 }
 
-/* Version 1: edges were gathered by no fetch, and are not from there on. */
-void outputs_edge_load_1(struct outputs_edge *ed, struct cursor *c)
-{
-	ed->left_out = cursor_u64(c);
-	ed->left_out_area2 = load128(c);
-	cursor_skip(c, 16 + 8 + 8 * OUTPUTS_EDGE_BUCKETS);
-	ed->gather = false;
-}
-
 void outputs_edge_load(struct outputs_edge *ed, struct cursor *c)
 {
-	ed->left_out = cursor_u64(c);
-	ed->left_out_area2 = load128(c);
+	ed->left.triangles = cursor_u64(c);
+	ed->left.digest.hi = cursor_u64(c);
+	ed->left.digest.lo = cursor_u64(c);
+	ed->left.area2 = load128(c);
 	ed->longest = cursor_f64(c);
 	ed->count = cursor_u64(c);
 	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)

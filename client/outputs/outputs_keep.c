@@ -24,7 +24,7 @@
 
 enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
 static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
-static const uint32_t VERSION = 2, OLDEST = 1;
+static const uint32_t VERSION = 3;
 
 struct outputs_kept {
 	char *options;
@@ -32,7 +32,6 @@ struct outputs_kept {
 	uint64_t saved_ns, saved_size;
 	bool saved;
 	uint8_t *state;     /* that is continued */
-	uint32_t version;   /* of it */
 	struct cursor rest; /* of it, after the state of the fetch */
 	const uint8_t *fetch;
 	size_t fetch_size;
@@ -63,10 +62,10 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 
 	if (f) {
 		fprintf(f, "job %llu", (unsigned long long)job);
-		if (run->opt.has_max_edge)
-			put_decimal(f, "max-edge", run->opt.max_edge);
-		if (run->opt.has_max_edge && run->opt.max_edge_unit)
-			fprintf(f, " %s", run->opt.max_edge_unit);
+		if (run->opt.max_edge.given)
+			put_decimal(f, "max-edge", run->opt.max_edge.value);
+		if (run->opt.max_edge.given && run->opt.max_edge.unit)
+			fprintf(f, " %s", run->opt.max_edge.unit);
 		for (const struct outputs_target *t = run->target; t; t = t->next) {
 			fprintf(f, "\n%s%s", t->format->name, t->opt.origin_auto ? " origin=auto" : "");
 			for (int i = 0; i < 3 && t->opt.has_origin; i++)
@@ -103,6 +102,10 @@ static int cannot(const struct outputs *run, const struct outputs_target *t, str
 		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
 		return err_add_hint(err, "fetch it again, without --resume");
 	}
+	if (run->hull) {
+		err_set(err, ERR_USAGE, "--trim-hull decides at the end: a fetch cannot be resumed with it");
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
 	if (!t)
 		return err_set(err, ERR_USAGE, "there is no output to go on with");
 	if (t->canonical)
@@ -125,13 +128,16 @@ static int parse_state(struct outputs *run, size_t size, struct err *err)
 	struct outputs_kept *k = run->kept;
 	struct cursor c = cursor_of(k->state, size), sum = cursor_of(k->state + size - 8, 8);
 	const uint8_t *options;
-	uint32_t n;
+	uint32_t n, version;
 
 	if (cursor_u64(&sum) != XXH3_64bits(k->state, size - 8) || cursor_u32(&c) != MAGIC)
 		return outfile_part_damaged(first, err);
-	k->version = cursor_u32(&c);
-	if (k->version < OLDEST || k->version > VERSION)
-		return outfile_part_damaged(first, err);
+	version = cursor_u32(&c);
+	if (version != VERSION) {
+		err_set(err, ERR_USAGE, "the kept part is of another version of acutctl");
+		outfile_part_name_state(first, err);
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
 	n = cursor_u32(&c);
 	options = cursor_bytes(&c, n);
 	k->fetch_size = cursor_u64(&c);
@@ -192,7 +198,7 @@ int outputs_keep(struct outputs *run, uint64_t job, bool on, struct err *err)
 	struct outputs_kept *k;
 	int r;
 
-	if (not || !run->target || run->change)
+	if (not || !run->target || run->change || run->hull)
 		return on ? cannot(run, not, err) : 0;
 	k = calloc(1, sizeof(*k));
 	if (!k)
@@ -238,10 +244,7 @@ int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, st
 		r = t->format->resume(t->writer, head, &saved, err);
 	}
 	if (!r) {
-		if (run->kept->version == VERSION)
-			outputs_edge_load(&run->edge, &c);
-		else
-			outputs_edge_load_1(&run->edge, &c);
+		outputs_edge_load(&run->edge, &c);
 		r = outputs_front_load(&run->front, &c, err);
 	}
 	if (!r && (c.bad || cursor_left(&c) != 8))

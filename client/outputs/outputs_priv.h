@@ -2,12 +2,19 @@
 #ifndef OUTPUTS_PRIV_H
 #define OUTPUTS_PRIV_H
 
+#include "digest.h"
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
 
 struct outputs_change;
 struct outputs_tiles;
+
+/* Where a mesh is from, for the indexes of tiles and changes. */
+struct outputs_origin {
+	uint64_t job, generation;
+	char *dataset; /* NULL: not known */
+};
 
 /* ---- positions of open vertices: outputs_front.c ---- */
 
@@ -31,15 +38,33 @@ int outputs_front_load(struct outputs_front *, struct cursor *, struct err *err)
 
 /* ---- --max-edge and edge statistics: outputs_edge.c ---- */
 
+/* Triangles that are left out. */
+struct outputs_left {
+	uint64_t triangles;
+	unsigned __int128 area2; /* twice their area, lattice units */
+	struct digest digest;
+	int64_t k[2]; /* of the head */
+};
+void outputs_left_add(struct outputs_left *, const int32_t *a, const int32_t *b, const int32_t *c);
+
+/* A length in lattice units. */
+struct outputs_limit {
+	bool none_longer; /* no edge can be longer */
+	unsigned __int128 square;
+};
+/* `option` is the name in messages. -ERR_USAGE: its unit cannot be converted, or it has too many digits. */
+int outputs_limit_init(struct outputs_limit *, const struct acut_mesh_head *, const struct outputs_length *, const char *option,
+		       struct err *err);
+unsigned __int128 outputs_edge_square(const int32_t *a, const int32_t *b); /* squared xy length, lattice units */
+
 #define OUTPUTS_EDGE_BUCKETS (70 * 16)
 struct outputs_edge {
-	bool limited, none_longer; /* none_longer: the limit is beyond every edge */
-	unsigned __int128 limit;   /* squared lattice length: longer edges are left out */
+	bool limited;
+	struct outputs_limit limit; /* longer edges are left out */
 	bool gather;
 	double scale;
 	char unit[16]; /* of x and y */
-	uint64_t left_out;
-	unsigned __int128 left_out_area2;             /* twice the area, lattice units */
+	struct outputs_left left;
 	double longest;                               /* squared, lattice units */
 	uint64_t count, bucket[OUTPUTS_EDGE_BUCKETS]; /* of the squared length, 16 from one power of two to the next */
 	double area[OUTPUTS_EDGE_BUCKETS];            /* of triangles, lattice units, by their longest edge */
@@ -56,11 +81,25 @@ double outputs_edge_median(const struct outputs_edge *);
 double outputs_edge_longest(const struct outputs_edge *);
 /* The part of the area of all triangles that is in triangles with an edge longer than `length` (file units): 0 to 1. */
 double outputs_edge_share(const struct outputs_edge *, double length);
-double outputs_edge_area(const struct outputs_edge *);
+/* An area in the unit of the file; NAN where that is not a length. */
+double outputs_edge_area(const struct outputs_edge *, unsigned __int128 area2);
 void outputs_edge_done(struct outputs_edge *);
 void outputs_edge_save(const struct outputs_edge *, struct packer *); /* what was counted */
 void outputs_edge_load(struct outputs_edge *, struct cursor *);
-void outputs_edge_load_1(struct outputs_edge *, struct cursor *);
+
+/* ---- --trim-hull: outputs_hull.c ---- */
+
+struct outputs_hull;
+int outputs_hull_new(const struct outfile *beside, struct outputs_hull **ret, struct err *err);
+/* -ERR_USAGE: a window has no hull. */
+int outputs_hull_head(struct outputs_hull *, const struct acut_mesh_head *, const struct outputs_length *, struct err *err);
+/* *ret is the block without the triangles that have long edges; it points into the trimmer and the block. */
+int outputs_hull_block(struct outputs_hull *, const struct acut_mesh_block *, const int32_t (*position)[3],
+		       struct acut_mesh_block *ret, struct err *err);
+/* After the last block: those of them that stay, as blocks of triangles whose vertices came before. */
+int outputs_hull_rest(struct outputs_hull *, int (*each)(void *ctx, const struct format_block *), void *ctx, struct err *err);
+const struct outputs_left *outputs_hull_left(const struct outputs_hull *);
+struct outputs_hull *outputs_hull_free(struct outputs_hull *);
 
 /* ---- external sort of small records of 64-bit words: outputs_sort.c ---- */
 
@@ -104,11 +143,15 @@ struct outputs {
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	bool finished;
+	char trimmed[128];             /* of the options of formats */
+	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_front front;
+	struct outputs_hull *hull; /* NULL: nothing is trimmed */
 	struct outputs_edge edge;
 	struct err err;
 	uint64_t bytes;
-	struct outputs_kept *kept; /* NULL: nothing is */
+	struct outputs_origin origin; /* owns its text */
+	struct outputs_kept *kept;    /* NULL: nothing is */
 };
 
 /* outputs_keep.c: called in place of the heads of the writers if outputs are continued. */

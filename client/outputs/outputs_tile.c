@@ -85,17 +85,8 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 		free(t->text[i]);
 	free(t->tile);
 	free(t->slot);
-	free(t->dataset);
 	free(t);
 	return NULL;
-}
-
-void outputs_tiles_about(struct outputs_tiles *t, uint64_t job, const char *dataset, uint64_t generation)
-{
-	free(t->dataset);
-	t->dataset = dataset ? strdup(dataset) : NULL;
-	t->job = job;
-	t->generation = generation;
 }
 
 /* ---- the grid ---- */
@@ -341,10 +332,12 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 	return r ? r : outfile_folder_sync(t->place, err);
 }
 
-int outputs_tiles_publish(struct outputs_tiles *t, uint64_t left_out, uint64_t *bytes, struct err *err)
+int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, uint64_t left_out, uint64_t *bytes,
+			  struct err *err)
 {
 	int r = outputs_tiles_make(t, err);
 
+	t->origin = origin;
 	if (!r)
 		r = outputs_tiles_index(t, left_out, err);
 	if (!r)

@@ -33,8 +33,7 @@ struct outputs_tiles {
 	size_t ntile;
 	uint32_t *slot; /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
 	size_t nslot;
-	uint64_t job, generation;
-	char *dataset;
+	const struct outputs_origin *origin; /* while it is published */
 };
 
 int outputs_tiles_new(const char *dir, const struct format *, const struct format_options *, const struct outputs_options *,
@@ -42,9 +41,9 @@ int outputs_tiles_new(const char *dir, const struct format *, const struct forma
 int outputs_tiles_head(struct outputs_tiles *, const struct acut_mesh_head *, struct err *err);
 int outputs_tiles_block(struct outputs_tiles *, const struct format_block *, struct err *err);
 int outputs_tiles_tail(struct outputs_tiles *, const struct acut_mesh_tail *, struct err *err);
-void outputs_tiles_about(struct outputs_tiles *, uint64_t job, const char *dataset, uint64_t generation);
 /* Makes all tiles and the index and moves them to their places. *bytes grows by theirs. */
-int outputs_tiles_publish(struct outputs_tiles *, uint64_t left_out, uint64_t *bytes, struct err *err);
+int outputs_tiles_publish(struct outputs_tiles *, const struct outputs_origin *, uint64_t left_out, uint64_t *bytes,
+			  struct err *err);
 uint64_t outputs_tiles_count(const struct outputs_tiles *); /* with triangles */
 struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *);
 

@@ -31,10 +31,10 @@ static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
 
 	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-tiles\",\n", f);
 	outputs_geojson_crs(f, h->crs);
-	fprintf(f, "\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)t->job);
-	outputs_geojson_text(f, t->dataset);
+	fprintf(f, "\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)t->origin->job);
+	outputs_geojson_text(f, t->origin->dataset);
 	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,\"left_out\":%llu,",
-		(unsigned long long)t->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
+		(unsigned long long)t->origin->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
 		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
 	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
 	outputs_geojson_head(f, h, &t->opt);
@@ -70,7 +70,7 @@ static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 	fprintf(f, "],\"vertices\":%llu,\"triangles\":%llu,\"bytes\":%llu,\"digest\":\"%s\"", (unsigned long long)tile->vertices,
 		(unsigned long long)tile->triangles, (unsigned long long)tile->bytes, digest_hex(tile->digest, hex));
 	fprintf(f, ",\"vertex_digest\":\"%s\",\"job\":%llu,\"generation\":%llu}}", digest_hex(tile->vertex_digest, hex),
-		(unsigned long long)t->job, (unsigned long long)t->generation);
+		(unsigned long long)t->origin->job, (unsigned long long)t->origin->generation);
 }
 
 int outputs_tiles_index(struct outputs_tiles *t, uint64_t left_out, struct err *err)

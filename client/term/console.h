@@ -1,6 +1,6 @@
 /*
- * What a program prints, and where: results for people or as JSON, notes, warnings, errors, and one progress line, which is
- * removed before anything else is printed.
+ * The output of a program: results for people or as JSON, notes, warnings, errors, and one progress line, which is removed before
+ * anything else is printed.
  */
 #ifndef CONSOLE_H
 #define CONSOLE_H

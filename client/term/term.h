@@ -1,9 +1,8 @@
 /*
- * What a terminal is and can take: its width, its colours, and texts that are safe to show on it.
+ * The terminal: its width, its colours, and texts that are safe to show on it.
  *
- * Texts that come from files, users or the daemon may hold anything. Nothing is printed for people but through
- * here: control characters (escape sequences too) and bytes that are no UTF-8 are shown as \n, \t, \x1b,
- * whether the reader is a terminal or not.
+ * Texts that come from files, users or the daemon may contain any bytes. All output for people goes through these functions:
+ * control characters (escape sequences too) and bytes that are not UTF-8 are shown as \n, \t, \x1b, on a terminal or not.
  */
 #ifndef TERM_H
 #define TERM_H

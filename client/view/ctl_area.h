@@ -26,7 +26,7 @@ struct ctl_area {
 int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err);
 void ctl_area_done(struct ctl_area *);
 
-/* For the readers. A shell begins a polygon; a ring is ended by the next or by ctl_area_end. */
+/* For the readers. A shell begins a polygon; a ring ends where the next one begins. */
 int ctl_area_ring(struct ctl_area *, bool shell, struct err *err);
 int ctl_area_corner(struct ctl_area *, struct decimal x, struct decimal y, struct err *err);
 

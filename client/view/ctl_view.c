@@ -86,17 +86,20 @@ static int check_sense(const struct ctl_view_options *a, struct err *err)
 
 static int check_heights(const struct ctl_view_options *a, struct err *err)
 {
-	struct decimal low, high;
+	struct decimal low, high, any;
 
-	if (a->zmin && !decimal_parse(a->zmin, &low))
-		err_set(err, ERR_USAGE, "--zmin is not a height: \"%s\"", a->zmin);
-	else if (a->zmax && !decimal_parse(a->zmax, &high))
-		err_set(err, ERR_USAGE, "--zmax is not a height: \"%s\"", a->zmax);
-	else if (a->zmin && a->zmax && decimal_compare(low, high) > 0) {
+#define VIEW_HEIGHT(field, word, ...)                                                                \
+	if (a->field && !decimal_parse(a->field, &any)) {                                            \
+		err_set(err, ERR_USAGE, "--" word " is not a height: \"%s\"", a->field);             \
+		return err_add_hint(err, "give a decimal in the units of the files, as in 1250.75"); \
+	}
+#include "view_option.def"
+	if (a->zmin && a->zmax && decimal_parse(a->zmin, &low) && decimal_parse(a->zmax, &high) &&
+	    decimal_compare(low, high) > 0) {
 		err_set(err, ERR_USAGE, "--zmin %s is above --zmax %s: no height is left", a->zmin, a->zmax);
 		return err_add_hint(err, "swap them");
 	}
-	return err->code ? err_add_hint(err, "give a decimal in the units of the files, as in 1250.75") : 0;
+	return 0;
 }
 
 /* A number, alone or with the name of a unit of length. */
@@ -251,15 +254,18 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fprintf(out, " class=%s", a->classes);
 	if (a->not_classes)
 		fprintf(out, " not-class=%s", a->not_classes);
-	fprintf(out, "%s%s%s%s%s%s", a->ground ? " ground" : "", first ? " returns=first" : "",
-		is(a->returns, "last") ? " returns=last" : "", a->keep_withheld ? " keep-withheld" : "",
-		a->keep_noise ? " keep-noise" : "", a->drop_overlap ? " drop-overlap" : "");
-	if (a->zmin)
-		fprintf(out, " zmin=%s", a->zmin);
-	if (a->zmax)
-		fprintf(out, " zmax=%s", a->zmax);
-	if (a->every)
-		fprintf(out, " every=%llu", (unsigned long long)a->every);
+	fprintf(out, "%s%s%s", a->ground ? " ground" : "", first ? " returns=first" : "",
+		is(a->returns, "last") ? " returns=last" : "");
+#define VIEW_FLAG(field, word, ...) \
+	if (a->field)               \
+		fputs(" " word, out);
+#define VIEW_COUNT(field, word, ...) \
+	if (a->field)                \
+		fprintf(out, " " word "=%llu", (unsigned long long)a->field);
+#define VIEW_HEIGHT(field, word, ...) \
+	if (a->field)                 \
+		fprintf(out, " " word "=%s", a->field);
+#include "view_option.def"
 	/* Unless --thin-pick is given, a cell keeps the point that a position would keep. */
 	if (a->thin)
 		fprintf(out, " thin=%s:%s", a->thin,

@@ -7,12 +7,15 @@
 
 struct err;
 
-/* Texts are NULL, and `every` is 0, if not given. */
+/* Texts are NULL, and counts are 0, if not given. */
 struct ctl_view_options {
-	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
+	bool ground, surface;
 	const char *classes, *not_classes, *returns, *duplicates;
-	const char *zmin, *zmax, *crop, *bbox, *polygon, *thin, *thin_pick;
-	uint64_t every;
+	const char *crop, *bbox, *polygon, *thin, *thin_pick;
+#define VIEW_FLAG(field, ...) bool field;
+#define VIEW_COUNT(field, ...) uint64_t field;
+#define VIEW_HEIGHT(field, ...) const char *field; /* a decimal */
+#include "view_option.def"
 };
 
 /* The request, to be freed. Reads the files of --crop and --polygon. */

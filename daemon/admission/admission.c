@@ -8,8 +8,8 @@
  * Claim: the first task in the queue can always run at some time. Memory is held in two ways.
  * - For long: the fixed part, the shares of runs with slots, the stages of pushes. Nobody waits for these while holding other
  *   memory. A run gets its slot, with its whole share, at once, and releases it before it waits for more than its plan can have
- *   (run_retreat). A push that waits for a stage, or for memory for more names, holds only the names of its files; if only such
- *   pushes are left, the youngest is refused (push_room).
+ *   (run_requeue). A push that waits for a stage, or for memory for more names, holds only the names of its files; if only such
+ *   pushes are left, the youngest is refused (push_must_refuse).
  * - For a while: what a task takes when it starts (a domain, a plan, a selection, buffers to read a file). It ends without asking
  *   for more. What it leaves in memory, a finished domain, goes to the store when others lack memory, by tasks that need no
  *   memory and so never wait behind one that does. A plan is made by two tasks, of which the second needs no memory.

@@ -11,7 +11,7 @@
  * times; then nobody gets a slot before it. One grant in LOWEST_EVERY goes by priority from the lowest, so that no request waits
  * for ever.
  *
- * A run that finds out that it needs more memory than is free releases its slot and requests another (run_retreat). So nobody
+ * A run that finds out that it needs more memory than is free releases its slot and requests another (run_requeue). So nobody
  * waits for memory while holding a slot.
  */
 #include <assert.h>

@@ -10,9 +10,9 @@
 
 uint64_t admission_user_limit(const struct admission *a, const struct sched_owner *owner)
 {
-	if (!a->core->p.user.memory || owner->exempt)
+	if (!a->core->p.limits.user.memory || owner->exempt)
 		return UINT64_MAX;
-	return ledger_total(a->core->p.ledger) / 100 * a->core->p.user.memory;
+	return ledger_total(a->core->p.ledger) / 100 * a->core->p.limits.user.memory;
 }
 
 uint64_t admission_user_held(struct admission *a, uint32_t uid, const struct admission_run *except)
@@ -54,7 +54,7 @@ int admission_user_check_size(struct admission *a, const struct sched_owner *own
 	if (bytes <= limit)
 		return 0;
 	err_set(err, ERR_LIMIT, "%s needs %s of memory, and %s are all that one user may have (user-memory, %u%%)", what,
-		parse_size_text(bytes, need), parse_size_text(limit, may), a->core->p.user.memory);
+		parse_size_text(bytes, need), parse_size_text(limit, may), a->core->p.limits.user.memory);
 	err_add_hint(err, "ask an administrator for user-memory = %llu%%, or for more memory",
 		     (unsigned long long)(bytes / (total / 100) + 1));
 	return err_add_place(err, ERR_NO_OFFSET, "user-memory");

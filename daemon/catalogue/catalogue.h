@@ -39,7 +39,7 @@ struct catalogue_job {
 	const char *view, *state; /* name of the state, daemon/job/job_state.def */
 	uint32_t uid, pid;
 	int64_t submitted_us, finished_us;
-	const char *report; /* job_report_text; "": none */
+	const char *report; /* report_text (report.c); "": none */
 	const char *error_code, *error_message, *error_file, *error_field, *error_hint;
 	int64_t error_offset; /* -1: none */
 	uint32_t priority;

@@ -26,7 +26,7 @@ struct value {
 struct change {
 	enum catalogue_sql sql;
 	unsigned n;
-	uint64_t drop_push; /* of put_dataset */
+	uint64_t drop_push; /* with the row of a dataset: this push goes with the same change */
 	catalogue_done_fn done;
 	void *ctx;
 	int r;

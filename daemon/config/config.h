@@ -48,7 +48,7 @@ struct config {
 	/* Names or numbers of groups, "": unset; and their numbers, -1: unset. */
 	char group[CONFIG_GROUP_SIZE], admin_group[CONFIG_GROUP_SIZE];
 	int64_t group_gid, admin_group_gid;
-	/* Of one user who is no administrator. 0, SPACE_UNLIMITED: no limit. */
+	/* Limits of each user who is not an administrator. 0, SPACE_UNLIMITED: no limit. */
 	unsigned user_jobs;           /* unfinished jobs */
 	unsigned user_memory;         /* per cent of `memory`, for jobs, pushes and plans */
 	struct space_limit user_disk; /* data and pending pushes */

@@ -149,7 +149,7 @@ static char *trim(char *text)
 	return text;
 }
 
-/* Of a value in quotes what is in them; false: that was report. */
+/* Removes the quotes of a value. False: they are wrong, which was reported. */
 static bool unquote(struct file_reader *r, char **value)
 {
 	char *v = *value, quote = *v;

@@ -1,18 +1,18 @@
 /*
- * Backups and exports: a folder of hard links, state/backup-N, that no push, merge or removal can take away, and a list of
- * what is in it. The client gets one descriptor after the other and copies or links for itself.
+ * Backups and exports: a folder of hard links, state/backup-N, and a list of its files. No push, merge or removal can take these
+ * files away. The client gets one descriptor after the other, and copies or links for itself.
  *
- * The model: files of the state are immutable once they are named, but for plans, which grow, and the catalogue. So
- * the catalogue is copied first, and every manifest that this copy names is linked with the segments that it
- * names. Where one of these is gone already (a push or a merge came between) the catalogue is copied
- * again: what it names then is younger. Links that are there stay, so this ends. Plans are copied: what was appended
- * to one while it was copied is like what a crash leaves of it.
+ * The model: files of the state are immutable once they have their names, except plans, which grow, and the catalogue. So the
+ * catalogue is copied first. Then each manifest that this copy names is linked, with the segments that the manifest names. If one
+ * of these is gone already, because a push or a merge came between, the catalogue is copied again. Links that were made stay, so
+ * a retry needs only newer files, and this ends. Plans are copied: a plan that grows while it is copied looks as after a crash,
+ * which its readers allow.
  *
- * The list has a line a file, "L PATH" of lasting ones, "C PATH" of those that change; the catalogue is the last: a
- * copy that is cut short still has the old one, and all that the old one names.
+ * The list has a line for each file: "L PATH" for immutable files, "C PATH" for files that change. The catalogue is the last: a
+ * client that updates an older copy and is interrupted still has the old catalogue, and all that it names.
  *
- * Where the owner of a dataset has his files is nobody else's business (request_generation.c): who may read the dataset, and no
- * more, gets a manifest of his own, the same but for the paths of its sources.
+ * Only the owner of a dataset may see the paths of his source files (request_generation.c). Another user who may read the dataset
+ * gets a copy of the manifest without these paths.
  */
 
 #include <dirent.h>
@@ -34,18 +34,21 @@ enum { E_GONE = 1 };
 
 struct backup {
 	struct sched_task task;
-	struct backup *other; /* of those that are open */
+	struct backup *other; /* the next open one */
 	struct copies *copies;
 	uint64_t id, dataset; /* 0: all */
 	char name[32], manifest[64];
 	struct sched_owner owner;
 	int dirfd, listfd;
 	uint64_t list_size, at, files, bytes;
-	bool pathless;             /* the paths of the sources are not for him */
-	bool busy, ended, telling; /* a task is under way; nobody wants it; its client is being told */
-	uint64_t ndamaged;         /* datasets whose files were taken as they are */
+	bool pathless;     /* the user may not see the paths of the sources */
+	bool busy;         /* a task is under way */
+	bool ended;        /* backup_end was called */
+	bool telling;      /* a callback is being called */
+	uint64_t ndamaged; /* datasets whose manifest is damaged: all their files were taken */
 	struct err damaged;
-	char line[LINE], gone[LINE]; /* of the list; what was not there any more */
+	char line[LINE]; /* of the list */
+	char gone[LINE]; /* the file that was missing in the last attempt */
 	struct backup_file file;
 	int r;
 	struct err err;
@@ -80,9 +83,9 @@ struct copies *copies_free(struct copies *c)
 	return NULL;
 }
 
-/* ---- making it, by a worker ---- */
+/* ---- taking it, by a worker ---- */
 
-static int list(struct backup *b, char kind, const char *path, uint64_t bytes, struct err *err)
+static int add_line(struct backup *b, char kind, const char *path, uint64_t bytes, struct err *err)
 {
 	char line[LINE];
 	int n = snprintf(line, sizeof line, "%c %s\n", kind, path), r;
@@ -114,7 +117,7 @@ static int gone(struct backup *b, const char *path)
 	return E_GONE;
 }
 
-/* E_GONE: it is not there any more. */
+/* E_GONE: the file is not there any more. */
 static int take_link(struct backup *b, int from, const char *name, const char *path, struct err *err)
 {
 	uint64_t bytes = 0;
@@ -124,10 +127,10 @@ static int take_link(struct backup *b, int from, const char *name, const char *p
 		if (errno == ENOENT)
 			return gone(b, path);
 		err_sys(err, errno, "cannot make a hard link of %s", name);
-		return err_add_hint(err, "a backup needs a file system that has them for --state");
+		return err_add_hint(err, "for backups, the file system of --state must have hard links");
 	}
 	r = size_of(b->dirfd, path, &bytes, err);
-	return r ? r : list(b, 'L', path, bytes, err);
+	return r ? r : add_line(b, 'L', path, bytes, err);
 }
 
 static int take_copy(struct backup *b, int from, const char *name, const char *path, struct err *err)
@@ -152,7 +155,7 @@ static int take_copy(struct backup *b, int from, const char *name, const char *p
 	io_close(in);
 	io_close(out);
 	free(buf);
-	return r ? r : list(b, 'C', path, at, err);
+	return r ? r : add_line(b, 'C', path, at, err);
 }
 
 static int take_pathless(struct backup *b, struct grid_manifest *m, const char *path, struct err *err)
@@ -165,10 +168,10 @@ static int take_pathless(struct backup *b, struct grid_manifest *m, const char *
 	r = grid_manifest_write(b->dirfd, path, m, err);
 	if (!r)
 		r = size_of(b->dirfd, path, &bytes, err);
-	return r ? r : list(b, 'C', path, bytes, err);
+	return r ? r : add_line(b, 'C', path, bytes, err);
 }
 
-/* All files of a folder, linked or copied; `fd` is closed. One that has just gone is not missed. */
+/* Links or copies all files of a folder, and closes `fd`. Files that are removed meanwhile are skipped. */
 static int take_files(struct backup *b, int fd, const char *prefix, bool copy, struct err *err)
 {
 	DIR *dir = fdopendir(fd);
@@ -189,14 +192,14 @@ static int take_files(struct backup *b, int fd, const char *prefix, bool copy, s
 		r = copy ? take_copy(b, fd, e->d_name, path, err) : take_link(b, fd, e->d_name, path, err);
 		r = r == E_GONE ? 0 : r;
 	}
-	/* What is not listed would be missing from the backup. */
+	/* An incomplete list would be an incomplete backup. */
 	if (!r && errno)
 		r = err_sys(err, errno, "cannot list the folder %s", prefix);
 	closedir(dir);
 	return r;
 }
 
-/* Links of one manifest and its segments, below `prefix`. */
+/* Links one manifest and its segments, below `prefix`. */
 static int take_dataset(struct backup *b, uint64_t id, const char *manifest, const char *prefix, const char *as, struct err *err)
 {
 	struct grid_manifest *m = NULL;
@@ -224,7 +227,7 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	return r;
 }
 
-/* A dataset whose manifest is damaged: which of its files it names nobody can say, so all of them. */
+/* Takes all files of a dataset whose manifest is damaged: which of them it named is not known. */
 static int take_damaged(struct backup *b, uint64_t id, const char *prefix, const struct err *why, struct err *err)
 {
 	char name[32];
@@ -255,7 +258,7 @@ static int each_dataset(void *ctx, uint64_t id, const char *manifest, struct err
 		struct err why = *err;
 
 		*err = ERR_INIT;
-		/* Whose it is: manifests of all datasets have such names. */
+		/* With the folder: manifests of different datasets have the same names. */
 		snprintf(why.file, sizeof why.file, "%s%s", prefix, manifest);
 		r = take_damaged(b, id, prefix, &why, err);
 	}
@@ -276,14 +279,14 @@ static int take_folder(struct backup *b, const char *folder, bool copy, struct e
 	return r ? r : take_files(b, fd, prefix, copy, err);
 }
 
-/* Whatever else lies in the state folder itself and is a file: what says whose it is. */
-static int take_marks(struct backup *b, struct err *err)
+/* The files of the state folder itself that are part of a backup: the one that identifies the store. */
+static int take_top_files(struct backup *b, struct err *err)
 {
-	static const char *const mark[] = {"acut-state"};
+	static const char *const top[] = {"acut-state"};
 	int r = 0;
 
-	for (size_t i = 0; !r && i < sizeof mark / sizeof *mark; i++) {
-		r = take_copy(b, b->copies->core->p.statefd, mark[i], mark[i], err);
+	for (size_t i = 0; !r && i < sizeof top / sizeof *top; i++) {
+		r = take_copy(b, b->copies->core->p.statefd, top[i], top[i], err);
 		r = r == E_GONE ? 0 : r;
 	}
 	return r;
@@ -300,9 +303,9 @@ static int take_all(struct backup *b, struct err *err)
 	r = io_remove(b->dirfd, "catalogue.db", err);
 	if (!r)
 		r = catalogue_copy(from, to, err);
-	/* First, so that whoever takes it sees whose it is before a file of another store gives way. */
+	/* First in the list: a client learns which store this is before it replaces files of an older copy. */
 	if (!r)
-		r = take_marks(b, err);
+		r = take_top_files(b, err);
 	if (!r)
 		r = io_make_dir(b->dirfd, "datasets", 0700, err);
 	if (!r)
@@ -313,7 +316,7 @@ static int take_all(struct backup *b, struct err *err)
 		r = take_folder(b, "plans", true, err);
 	if (!r)
 		r = size_of(b->dirfd, "catalogue.db", &bytes, err);
-	return r ? r : list(b, 'C', "catalogue.db", bytes, err);
+	return r ? r : add_line(b, 'C', "catalogue.db", bytes, err);
 }
 
 static void begin_run(struct sched_task *t)
@@ -321,7 +324,7 @@ static void begin_run(struct sched_task *t)
 	struct backup *b = (struct backup *)t;
 	unsigned tries = 0;
 
-	/* Both are open where a commit came between the last time. */
+	/* Both are open already if this is another attempt, after a commit. */
 	b->r = io_make_dir(b->copies->core->p.statefd, b->name, 0700, &b->err);
 	if (!b->r && b->dirfd < 0)
 		b->r = io_open(b->copies->core->p.statefd, b->name, O_RDONLY | O_DIRECTORY, 0, &b->dirfd, &b->err);
@@ -332,7 +335,7 @@ static void begin_run(struct sched_task *t)
 	do {
 		b->list_size = b->files = b->bytes = b->ndamaged = 0;
 		b->r = b->dataset ? take_dataset(b, b->dataset, b->manifest, "", "manifest", &b->err) : take_all(b, &b->err);
-		/* A single dataset is looked at anew by the loop. */
+		/* For a single dataset, begin_done retries with its newest manifest. */
 	} while (b->r == E_GONE && !b->dataset && ++tries < TRIES && !atomic_load(&t->cancel));
 }
 
@@ -363,7 +366,7 @@ static void end_done(struct sched_task *t)
 	free(b);
 }
 
-/* With bytes: the making of it. The next file is a few system calls. */
+/* `bytes`: memory of the task; 0: it is a few system calls. */
 static void submit(struct backup *b, void (*run)(struct sched_task *), void (*done)(struct sched_task *), uint64_t bytes)
 {
 	b->task = (struct sched_task){.run = run,
@@ -393,7 +396,7 @@ void backup_end(struct backup *b)
 {
 	b->ended = true;
 	if (b->telling)
-		return; /* and whoever tells looks at `ended` next */
+		return; /* the caller of the callback checks `ended` next */
 	if (b->busy)
 		sched_cancel(b->copies->core->p.sched, &b->task);
 	else
@@ -441,7 +444,7 @@ static void begin_done(struct sched_task *t)
 
 	give(t);
 	if (t->ran && b->r == E_GONE && b->dataset && !b->ended) {
-		/* A commit came between: as it is now. */
+		/* A commit came between: retry with the newest manifest. */
 		for (d = datasets_first(b->copies->datasets); d && (d->onestep || d->id != b->dataset); d = d->next)
 			;
 		if (d && *d->manifest && strcmp(d->manifest, b->manifest)) {
@@ -451,8 +454,8 @@ static void begin_done(struct sched_task *t)
 		}
 	}
 	if (b->r == E_GONE) {
-		err_set(&b->err, ERR_BUSY, "a file of the state was not there, however often it was looked for");
-		err_add_hint(&b->err, "try again; if it is the same file then, acutctl cache verify says what is missing");
+		err_set(&b->err, ERR_BUSY, "a file of the state was missing in every attempt");
+		err_add_hint(&b->err, "try again; if the same file is missing then, run acutctl cache verify");
 		b->r = err_add_file(&b->err, b->gone);
 	}
 	ready.files = b->files;
@@ -467,7 +470,7 @@ static void begin_done(struct sched_task *t)
 		submit(b, end_run, end_done, 0);
 }
 
-/* The last one is for administrators, and nobody else has all of the others. */
+/* The last one is kept for administrators, and no other user may have all of the rest. */
 static int check_count(const struct copies *c, const struct peer *peer, struct err *err)
 {
 	unsigned own = 0, all = 0, most = BACKUPS_MAX - !rights_admin(peer);
@@ -478,7 +481,7 @@ static int check_count(const struct copies *c, const struct peer *peer, struct e
 	}
 	if (own >= BACKUPS_OWN && !rights_admin(peer)) {
 		err_set(err, ERR_BUSY, "%u exports of this user are being taken already", own);
-		return err_add_hint(err, "try again when one of them is done");
+		return err_add_hint(err, "try again when one of them has ended");
 	}
 	return all >= most ? err_set(err, ERR_BUSY, "%u backups or exports are being taken already", all) : 0;
 }
@@ -580,13 +583,13 @@ void backup_next(struct backup *b, void (*next)(void *token, const struct err *w
 	struct err err = ERR_INIT;
 
 	if (b->busy || b->ended) {
-		err_set(&err, ERR_USAGE, "the last question about this backup is not answered yet");
+		err_set(&err, ERR_USAGE, "the last request for this backup is not answered yet");
 		next(token, &err, NULL);
 		return;
 	}
 	b->next = next;
 	b->token = token;
-	/* The last one is not ours any more, even if no worker comes to this. */
+	/* The callee owns the last descriptor: forget it here, since next_run may never run. */
 	b->file = (struct backup_file){.fd = -1};
 	submit(b, next_run, next_done, 0);
 }

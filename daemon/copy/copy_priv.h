@@ -1,4 +1,4 @@
-/* What the files of this room share. */
+/* Shared by the files of this room. */
 #ifndef COPY_PRIV_H
 #define COPY_PRIV_H
 
@@ -8,7 +8,7 @@
 struct copies {
 	struct core *core;
 	struct datasets *datasets;
-	struct backup *backups; /* and exports, that are open */
+	struct backup *backups; /* open backups and exports */
 	uint64_t last_backup, last_import;
 };
 

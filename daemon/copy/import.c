@@ -1,11 +1,10 @@
 /*
- * Imports: a dataset that was written out elsewhere (dataset export) becomes one of this daemon.
+ * Imports: a dataset that was exported, here or elsewhere, becomes a dataset of this daemon.
  *
- * The model: an import is a push whose segments come ready. It has a row of the catalogue's pushes, so that a crash
- * leaves nothing behind, and its dataset has no generation until the commit. The manifest comes first and
- * is believed only when the segments that it names have come, agree with it, and every block of theirs was read and
- * checked. Files get names that no push of this daemon has ever had or will have, so a manifest of those names is
- * written. The generations, with their times, are those of where they came from.
+ * The model: an import is a push whose segments are finished already. It has a row among the catalogue's pushes, so that a crash
+ * leaves nothing behind. Its dataset has no generation until the commit. The manifest comes first. It is trusted only after all
+ * segments that it names have come, agree with it, and have been checked block by block. The files get new names, which no push
+ * of this daemon ever has, so a new manifest with these names is written. Generations and their times are those of the export.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -30,13 +29,15 @@ struct import {
 	struct dataset *dataset;
 	struct peer peer;
 	struct sched_owner owner;
-	bool opened, busy, ended, row, committed, telling; /* telling: its client, who may end it */
-	struct grid_manifest *m, *made;
+	bool opened, busy, ended, committed;
+	bool row;                       /* the catalogue has a row of it */
+	bool telling;                   /* a callback is being called, which may end the import */
+	struct grid_manifest *m, *made; /* as it came; as it is written here */
 	struct dataset_next becomes;
-	bool *have;
+	bool *have; /* for each segment */
 	char name[NAME], made_name[NAME];
 	int fd;
-	uint64_t taken; /* of the disk */
+	uint64_t taken; /* space on the disk */
 	int r;
 	struct err err;
 	void (*begun)(void *token, const struct err *why, struct import *);
@@ -66,9 +67,9 @@ static void submit(struct import *i, void (*run)(struct sched_task *), void (*do
 	sched_submit(i->copies->core->p.sched, &i->task);
 }
 
-/* What it wrote goes with its dataset, which never had a generation. Where a push keeps that, the row stays and makes the
- * next start look there. */
-static void gone(struct import *i)
+/* Frees the import. Without a commit, its files are removed with the dataset, which has no generation. If a push keeps the
+ * dataset, the row stays: the next start then removes the files. */
+static void import_free(struct import *i)
 {
 	struct err err = ERR_INIT;
 
@@ -99,16 +100,16 @@ void import_end(struct import *i)
 	if (i->busy)
 		sched_cancel(i->copies->core->p.sched, &i->task);
 	else
-		gone(i);
+		import_free(i);
 }
 
-/* A question that comes too early. */
+/* True, with the error: a request that comes too early or too late. */
 static bool refuse(const struct import *i, struct err *err)
 {
 	if (i->busy || i->ended)
-		err_set(err, ERR_USAGE, "the last question about this import is not answered yet");
+		err_set(err, ERR_USAGE, "the last request for this import is not answered yet");
 	else if (i->committed)
-		err_set(err, ERR_USAGE, "this import is committed");
+		err_set(err, ERR_USAGE, "this import is committed already");
 	return err->code != 0;
 }
 
@@ -134,7 +135,7 @@ static void begin_done(void *ctx, int r, const struct err *why)
 	i->begun(i->token, r ? why : NULL, i);
 	i->telling = false;
 	if (failed || i->ended)
-		gone(i);
+		import_free(i);
 }
 
 static int make(struct copies *c, const char *name, const struct peer *peer, struct import **ret, struct err *err)
@@ -143,11 +144,8 @@ static int make(struct copies *c, const char *name, const struct peer *peer, str
 
 	if (c->core->stopping)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
-	if (!dataset_name_valid(name)) {
-		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
-		return err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
-				    DATASET_NAME_MAX);
-	}
+	if (dataset_name_check(name, err))
+		return -(int)err->code;
 	if (dataset_find(c->datasets, name, peer)) {
 		err_set(err, ERR_CONFLICT, "there is a dataset %s already", name);
 		return err_add_hint(err, "import under another name");
@@ -199,8 +197,8 @@ void import_begin(struct copies *c, const char *name, uint32_t mode, const struc
 
 /* ---- files ---- */
 
-/* Of `bytes`, as it was looked at: its owner may still write to it. */
-static int copy(struct import *i, const char *as, uint64_t bytes, struct err *err)
+/* Copies the file, which must still have `bytes`: its owner may write to it meanwhile. */
+static int copy_file(struct import *i, const char *as, uint64_t bytes, struct err *err)
 {
 	uint8_t *buf = malloc(COPY);
 	char temp[NAME + 8];
@@ -218,7 +216,7 @@ static int copy(struct import *i, const char *as, uint64_t bytes, struct err *er
 			r = io_read_some(i->fd, buf, COPY, at, i->name, &n, err);
 		at += n;
 		if (!r && (at > bytes || (n < COPY && at < bytes))) {
-			err_set(err, ERR_INPUT, "it was written to while it was read");
+			err_set(err, ERR_INPUT, "the file was written to while it was read");
 			r = err_add_file(err, i->name);
 		}
 		if (!r && n)
@@ -238,7 +236,7 @@ static void segment_name(const struct import *i, size_t k, char buf[NAME])
 	snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
 }
 
-/* Room on the disk, before it is written. */
+/* Reserves space on the disk, before the file is written. */
 static int take_space(struct import *i, uint64_t bytes)
 {
 	int r = limit_disk_take(i->copies->core, i->peer.uid, i->peer.admin, bytes, "the import", &i->err);
@@ -258,15 +256,15 @@ static int take_manifest(struct import *i, uint64_t bytes)
 	int r;
 
 	if (i->m)
-		return err_set(&i->err, ERR_USAGE, "the manifest came already");
+		return err_set(&i->err, ERR_USAGE, "this import has a manifest already");
 	snprintf(as, sizeof as, "import-%llu", (unsigned long long)i->push);
 	r = take_space(i, bytes);
 	if (!r)
-		r = copy(i, as, bytes, &i->err);
+		r = copy_file(i, as, bytes, &i->err);
 	if (!r)
 		r = grid_manifest_load(i->dataset->dirfd, as, i->copies->core->p.ledger, &i->m, &i->err);
 	if (!r && !i->m->generation)
-		r = err_set(&i->err, ERR_INPUT, "this manifest is not of a dataset");
+		r = err_set(&i->err, ERR_INPUT, "this is not the manifest of a dataset");
 	if (!r) {
 		i->have = calloc(i->m->nsegments + 1, sizeof *i->have);
 		r = i->have ? 0 : err_set(&i->err, ERR_NOMEM, "no memory for an import");
@@ -296,23 +294,23 @@ static void file_run(struct sched_task *t)
 		return;
 	}
 	if (!i->m) {
-		i->r = err_set(&i->err, ERR_USAGE, "the manifest comes first");
+		i->r = err_set(&i->err, ERR_USAGE, "the manifest must come first");
 		return;
 	}
 	for (k = 0; k < i->m->nsegments && strcmp(i->m->segments[k].file, i->name); k++)
 		;
 	if (k == i->m->nsegments) {
-		err_set(&i->err, ERR_INPUT, "the manifest does not name it");
+		err_set(&i->err, ERR_INPUT, "the manifest does not name this file");
 		i->r = err_add_file(&i->err, i->name);
 	} else if (id.size != i->m->segments[k].bytes) {
-		err_set(&i->err, ERR_INPUT, "it has %llu bytes, the manifest says %llu", (unsigned long long)id.size,
+		err_set(&i->err, ERR_INPUT, "the file has %llu bytes, the manifest says %llu", (unsigned long long)id.size,
 			(unsigned long long)i->m->segments[k].bytes);
 		i->r = err_add_file(&i->err, i->name);
 	} else if (!i->have[k]) {
 		segment_name(i, k, as);
 		i->r = take_space(i, id.size);
 		if (!i->r)
-			i->r = copy(i, as, id.size, &i->err);
+			i->r = copy_file(i, as, id.size, &i->err);
 		i->have[k] = !i->r;
 	}
 }
@@ -327,7 +325,7 @@ static void file_done(struct sched_task *t)
 	i->filed(i->token, i->r ? &i->err : NULL);
 	i->telling = false;
 	if (i->ended)
-		gone(i);
+		import_free(i);
 }
 
 void import_file(struct import *i, const char *name, int fd, void (*done)(void *token, const struct err *why), void *token)
@@ -335,7 +333,7 @@ void import_file(struct import *i, const char *name, int fd, void (*done)(void *
 	struct err err = ERR_INIT;
 
 	if (!refuse(i, &err) && strlen(name) >= sizeof i->name)
-		err_set(&err, ERR_INPUT, "\"%.60s\" is no file of a dataset", name);
+		err_set(&err, ERR_INPUT, "\"%.60s\" is not a file of a dataset", name);
 	if (err.code) {
 		io_close(fd);
 		done(token, &err);
@@ -350,50 +348,51 @@ void import_file(struct import *i, const char *name, int fd, void (*done)(void *
 
 /* ---- commit ---- */
 
-struct checking {
+struct check_ctx {
 	struct import *i;
 	struct err *first; /* damage */
 };
 
-static int go_on(void *ctx, uint64_t bytes)
+static int check_cancelled(void *ctx, uint64_t bytes)
 {
-	return atomic_load(&((struct checking *)ctx)->i->task.cancel);
+	return atomic_load(&((struct check_ctx *)ctx)->i->task.cancel);
 }
 
-static void damaged(void *ctx, const struct err *why)
+static void note_damage(void *ctx, const struct err *why)
 {
-	struct checking *c = ctx;
+	struct check_ctx *c = ctx;
 
 	if (!c->first->code)
 		*c->first = *why;
 }
 
-/* Whoever sent it knows its file by the name that it has there. */
-static int as_sent(const struct import *i, size_t k, struct err *err)
+/* Names the file in the error as the client knows it. */
+static int use_sent_name(const struct import *i, size_t k, struct err *err)
 {
 	snprintf(err->file, sizeof err->file, "%s", i->m->segments[k].file);
 	*err->hint = 0;
-	return err_add_hint(err, "bring the folder here once more, or have the dataset exported again");
+	return err_add_hint(err, "copy the folder here again, or export the dataset again");
 }
 
-/* Every page and block, through its checksum, and all that index, header and manifest say of the records. */
-static int check(struct import *i, struct err *err)
+/* Checks every page and block against its checksum, and the records against index, header and manifest. */
+static int check_segments(struct import *i, struct err *err)
 {
 	struct err first = ERR_INIT;
-	struct checking c = {i, &first};
-	struct grid_verify_params p = {.dirfd = i->dataset->dirfd, .damaged = damaged, .progress = go_on, .ctx = &c};
+	struct check_ctx c = {i, &first};
+	struct grid_verify_params p = {
+		.dirfd = i->dataset->dirfd, .damaged = note_damage, .progress = check_cancelled, .ctx = &c};
 	struct ledger *ledger = i->copies->core->p.ledger;
 	int r = 0;
 
 	if (!ledger_take(ledger, LEDGER_INPUT, GRID_VERIFY_BYTES))
-		return err_set(err, ERR_BUSY, "there is no memory now to check what is imported");
+		return err_set(err, ERR_BUSY, "there is no memory now to check the import");
 	p.memory = aligned_alloc(64, GRID_VERIFY_BYTES);
 	if (!p.memory)
 		r = err_set(err, ERR_NOMEM, "no memory to check a segment");
 	for (size_t k = 0; !r && !first.code && k < i->made->nsegments; k++) {
 		r = grid_verify_segment(&p, i->made, k, err);
 		if (first.code)
-			as_sent(i, k, &first);
+			use_sent_name(i, k, &first);
 	}
 	free(p.memory);
 	sched_give(i->copies->core->p.sched, LEDGER_INPUT, GRID_VERIFY_BYTES);
@@ -404,7 +403,7 @@ static int check(struct import *i, struct err *err)
 	return r;
 }
 
-/* The manifest with the names that the segments have here. */
+/* Writes the manifest with the names that the segments have here. */
 static int write_manifest(struct import *i, struct err *err)
 {
 	char(*sent)[sizeof i->m->segments->file] = calloc(i->m->nsegments + 1, sizeof *sent);
@@ -428,22 +427,22 @@ static void commit_run(struct sched_task *t)
 	struct import *i = (struct import *)t;
 
 	if (!i->m) {
-		i->r = err_set(&i->err, ERR_INPUT, "no manifest came");
+		i->r = err_set(&i->err, ERR_INPUT, "this import has no manifest yet");
 		return;
 	}
 	for (size_t k = 0; k < i->m->nsegments; k++) {
 		if (!i->have[k]) {
-			err_set(&i->err, ERR_INPUT, "it is missing");
+			err_set(&i->err, ERR_INPUT, "the file is missing");
 			i->r = err_add_file(&i->err, i->m->segments[k].file);
 			return;
 		}
 	}
 	i->r = write_manifest(i, &i->err);
-	i->made = grid_manifest_free(i->made); /* of a commit that failed */
+	i->made = grid_manifest_free(i->made); /* left by a commit that failed */
 	if (!i->r)
 		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->copies->core->p.ledger, &i->made, &i->err);
 	if (!i->r)
-		i->r = check(i, &i->err);
+		i->r = check_segments(i, &i->err);
 }
 
 static void answer(struct import *i, const struct err *why)
@@ -463,7 +462,7 @@ static void answer(struct import *i, const struct err *why)
 	i->done(i->token, why, why ? NULL : &done);
 	i->telling = false;
 	if (i->ended)
-		gone(i);
+		import_free(i);
 }
 
 static void row_done(void *ctx, int r, const struct err *why)
@@ -477,12 +476,12 @@ static void row_done(void *ctx, int r, const struct err *why)
 	answer(i, r ? why : NULL);
 }
 
-/* The dataset itself changes when the row is on disk. */
-static int put(struct import *i, struct err *err)
+/* Writes the row of the new generation. row_done then changes the dataset. */
+static int put_row(struct import *i, struct err *err)
 {
 	int r;
 
-	dataset_next_clear(&i->becomes); /* of a commit that failed */
+	dataset_next_clear(&i->becomes); /* left by a commit that failed */
 	r = dataset_next_make(i->dataset, i->made, i->made_name, clock_real_us(), &i->becomes, err);
 	return r ? r : dataset_next_put(i->dataset, &i->becomes, i->push, row_done, i, err);
 }
@@ -493,7 +492,7 @@ static void commit_done(struct sched_task *t)
 
 	give(i, t);
 	i->busy = true;
-	if (i->r || put(i, &i->err))
+	if (i->r || put_row(i, &i->err))
 		answer(i, &i->err);
 }
 
@@ -504,7 +503,7 @@ void import_commit(struct import *i, void (*done)(void *token, const struct err 
 	struct dataset *d = i->dataset;
 
 	if (!refuse(i, &err) && (d->generation || d->committer || d->pushes > 1)) {
-		err_set(&err, ERR_BUSY, "something is being pushed into the dataset %s", d->name);
+		err_set(&err, ERR_BUSY, "files are being pushed into the dataset %s", d->name);
 		err_add_hint(&err, "import under another name");
 	}
 	if (err.code) {

@@ -2,8 +2,9 @@
  * Memory that the daemon keeps for datasets, jobs, pushes, runs and their views. Each is small, but users decide how many there
  * are. So each is charged to one account before it is kept, and refused with a message if the account is full.
  *
- * What lasts does not get the whole account: datasets leave a part to jobs, and both leave a part to runs and pushes. Otherwise
- * no job could end and be dropped. Finished jobs are dropped if memory is needed, the oldest of the user who has the most first.
+ * Lasting entries do not get the whole account: datasets leave a part to jobs, and both leave a part to runs and pushes.
+ * Otherwise no job could end and be dropped. Finished jobs are dropped if memory is needed, the oldest of the user who has the
+ * most first.
  */
 #include <stdlib.h>
 #include <string.h>

@@ -76,7 +76,7 @@ int core_new(const struct core_params *p, struct core **ret, struct err *err)
 	core->p = *p;
 	core->datafd = core->onestepfd = core->domainsfd = core->tempfd = core->plansfd = -1;
 	limit_init(core->priv);
-	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &core->space, err);
+	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->limits.disk, p->limits.keep_free}, &core->space, err);
 	if (!r)
 		r = open_folders(core, err);
 	if (r)

@@ -1,9 +1,9 @@
 /*
- * What the rooms of the daemon share: parameters, folders, charged memory, disk space by user, background work.
+ * Shared by the rooms of the daemon: parameters, folders, charged memory, disk space by user, background work.
  *
  * The model: one `struct core` per daemon. A room above keeps its own state and a pointer to the core. The core calls no room
- * above it: what it needs of one is a callback in `struct core`, which that room sets when it is made. Functions belong to the
- * loop thread, and assert that, unless they say "any thread".
+ * above it, except by callbacks in `struct core`, which a room sets when it is made. Functions belong to the loop thread, and
+ * assert that, unless they say "any thread".
  */
 #ifndef CORE_H
 #define CORE_H
@@ -22,24 +22,29 @@
 #include "space.h"
 #include "thread.h"
 
-/* Pointers and descriptors are borrowed, until core_free. */
-struct core_params {
-	struct ledger *ledger;
-	struct sched *sched;
-	struct catalogue *catalogue;        /* not started */
-	int statefd, cachefd;               /* folders */
-	const uint8_t *store;               /* the 16 bytes that identify this store (its marker); NULL: zeros */
-	unsigned threads;                   /* domains at once, at most */
+/* Settings that a reload changes (daemon/settings.c). */
+struct core_limits {
 	struct space_limit disk, keep_free; /* as in space_params */
 	double keep_removed;                /* seconds that a removed dataset can be restored; 0: 7 days */
 	double space_wait;                  /* seconds that work for a waiting client may wait for disk space */
-	double defer_seconds;               /* after the start, without client work, before deferred tasks run; 0: none */
 	struct user_limits {                /* of one user who is no administrator; 0, SPACE_UNLIMITED: no limit */
 		unsigned jobs;              /* unfinished */
 		unsigned memory;            /* per cent of the memory, for jobs, pushes and plans */
 		unsigned datasets;          /* that the user owns, removed ones included */
 		struct space_limit disk;    /* of datasets and pushes; per cent: of the state's file system */
 	} user;
+};
+
+/* Pointers and descriptors are borrowed, until core_free. */
+struct core_params {
+	struct ledger *ledger;
+	struct sched *sched;
+	struct catalogue *catalogue; /* not started */
+	int statefd, cachefd;        /* folders */
+	const uint8_t *store;        /* the 16 bytes that identify this store (its marker); NULL: zeros */
+	unsigned threads;            /* domains at once, at most */
+	double defer_seconds;        /* after the start, without client work, before deferred tasks run; 0: none */
+	struct core_limits limits;
 	/* Makes the removed folder of the cache again; *ret_fd is the caller's. NULL: it stays removed. */
 	int (*remake_cache)(void *ctx, int *ret_fd, struct err *err);
 	void *cache_ctx;
@@ -95,8 +100,8 @@ void core_background_done(struct core *);
 
 /* A holder of memory, for reports. */
 struct core_holder {
-	const char *kind; /* "job", "fetch", "plan", "push" */
-	uint64_t id;      /* of the job or push; 0: none */
+	const char *kind; /* "job", "fetch" (a later stream of a job), "plan", "push", "connection" */
+	uint64_t id;      /* of the job or push; a serial number for a connection; 0: none */
 	struct peer peer;
 	const char *dataset;         /* "": none; borrowed */
 	uint64_t held[LEDGER_NAMES]; /* bytes by account */

@@ -58,7 +58,7 @@ static void add_usage(void *to, uint32_t uid, uint64_t bytes)
 
 static bool is_limited(const struct core *core)
 {
-	return core->p.user.disk.unit != SPACE_UNLIMITED && core->p.user.disk.n;
+	return core->p.limits.user.disk.unit != SPACE_UNLIMITED && core->p.limits.user.disk.n;
 }
 
 static void recount_locked(struct core *core)
@@ -125,7 +125,7 @@ void limit_geoids(struct core *core, const struct limit_geoid *all, size_t n)
 
 static uint64_t disk_limit(const struct core *core)
 {
-	const struct space_limit *limit = &core->p.user.disk;
+	const struct space_limit *limit = &core->p.limits.user.disk;
 	struct statvfs vfs;
 
 	if (is_limited(core) && limit->unit == SPACE_BYTES)
@@ -186,7 +186,7 @@ void limit_disk_give(struct core *core, uint32_t uid, uint64_t bytes)
 
 void limit_disk_of(struct core *core, uint32_t uid, uint64_t state_bytes, uint64_t *ret_has, uint64_t *ret_most)
 {
-	const struct space_limit *limit = &core->p.user.disk;
+	const struct space_limit *limit = &core->p.limits.user.disk;
 
 	*ret_has = *ret_most = 0;
 	if (!is_limited(core))

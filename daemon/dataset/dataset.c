@@ -1,5 +1,5 @@
 /*
- * One dataset: its life in memory, its row, and what pushes and jobs change of it.
+ * One dataset: when it is made and freed in memory, its row, and how pushes and jobs change it.
  *
  * The model: a dataset is in the list as long as it has a generation or a user. The last user removes a one-step dataset, and a
  * named one that never got a generation, with its folder (dataset_folder.c).
@@ -27,7 +27,7 @@ struct dataset *dataset_new(struct datasets *ds, const char *name, const struct 
 	struct dataset *d, **at;
 
 	THREAD_LOOP_ONLY();
-	/* A one-step dataset goes with its mesh, so it is not charged as lasting. */
+	/* A one-step dataset is removed with its mesh, so it is not charged as lasting. */
 	if (onestep ? charge(ds->core, DATASET_BYTES, "another dataset", err) :
 		      charge_lasting(ds->core, CHARGE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
 		return NULL;

@@ -96,7 +96,7 @@ struct dataset *dataset_loaded(struct datasets *, uint64_t id); /* until dataset
 void datasets_settle(struct datasets *); /* each round of the loop: starts the changes that can start now */
 void datasets_tick(struct datasets *);   /* each timer tick */
 void datasets_park(struct datasets *);   /* the daemon stops: cancels merge and prunes */
-void datasets_expire(struct datasets *); /* removes for good what was removed longer ago than core_params.keep_removed */
+void datasets_expire(struct datasets *); /* removes for good what was removed longer ago than core_limits.keep_removed */
 void datasets_count(struct datasets *);  /* updates the disk accounts of datasets and pending pushes */
 /* Largest size in bytes of a segment of that many points, with its index. */
 uint64_t datasets_points_bytes(uint64_t points);
@@ -198,7 +198,7 @@ struct dataset_action_params {
 typedef void dataset_action_fn(void *token, const struct err *why, struct dataset *);
 /*
  * Changes what the row of a dataset says. Needs RIGHT_OWN, DATASET_CHOWN needs RIGHT_CHOWN. A removed dataset is hidden and its
- * name is free; it can be restored for core_params.keep_removed. A pinned dataset can be neither removed nor pruned. -ERR_USAGE,
+ * name is free; it can be restored for core_limits.keep_removed. A pinned dataset can be neither removed nor pruned. -ERR_USAGE,
  * -ERR_PERM, -ERR_NOTFOUND, -ERR_CONFLICT, -ERR_BUSY: a push is open.
  */
 void dataset_act(struct datasets *, const struct dataset_action_params *, dataset_action_fn *answer, void *token);

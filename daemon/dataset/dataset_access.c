@@ -12,7 +12,7 @@ int dataset_rights(const struct dataset *d, const struct peer *peer, enum right 
 		return 0;
 	if (right == RIGHT_CHOWN) {
 		err_set(err, ERR_PERM, "only an administrator may give the dataset %s another owner", d->name);
-		return err_add_hint(err, "ask whoever runs the daemon; acutctl dataset chgrp gives it another group");
+		return err_add_hint(err, "ask an administrator of the daemon; acutctl dataset chgrp gives it another group");
 	}
 	if (right == RIGHT_OWN || d->onestep)
 		return err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
@@ -51,19 +51,19 @@ int dataset_limit(struct datasets *ds, const struct peer *peer, struct err *err)
 	unsigned removed, own;
 
 	THREAD_LOOP_ONLY();
-	if (!ds->core->p.user.datasets || rights_admin(peer))
+	if (!ds->core->p.limits.user.datasets || rights_admin(peer))
 		return 0;
 	own = dataset_owned(ds, peer->uid, &removed);
-	if (own < ds->core->p.user.datasets)
+	if (own < ds->core->p.limits.user.datasets)
 		return 0;
 	if (removed)
 		err_set(err, ERR_LIMIT,
 			"this user has %u datasets, %u of them removed but not deleted yet; one user may have %u "
 			"(user-datasets)",
-			own, removed, ds->core->p.user.datasets);
+			own, removed, ds->core->p.limits.user.datasets);
 	else
 		err_set(err, ERR_LIMIT, "this user has %u datasets; one user may have %u (user-datasets)", own,
-			ds->core->p.user.datasets);
+			ds->core->p.limits.user.datasets);
 	err_add_hint(
 		err,
 		"push into an existing one, remove some (they count until keep-removed is over), or ask an administrator for more");

@@ -1,11 +1,11 @@
 /*
  * Changes of a dataset that are no push, such as a revert.
  *
- * The model: manifests are made one after the other. Whoever makes the next one is the dataset's `committer`; a change that finds
- * another committer waits in a queue. A worker reads the newest manifest, lets `make` change a copy, and writes it durably. Then
- * the row of the catalogue names it, and then the dataset in memory. A crash may leave a manifest that no row names, complete or
- * not, and no row leads the next start to it. So whoever publishes the next manifest, a push or a change, first removes what a
- * crash left (dataset_tidy).
+ * The model: manifests are made one after the other. The push or change that makes the next one is the dataset's `committer`; a
+ * change that finds another committer waits in a queue. A worker reads the newest manifest, lets `make` change a copy, and writes
+ * it durably. Then the row of the catalogue names it, and then the dataset in memory. A crash may leave a manifest that no row
+ * names, complete or not, and no row leads the next start to it. So the push or change that publishes the next manifest first
+ * removes what a crash left (dataset_tidy).
  */
 #include "dataset_change.h"
 
@@ -113,7 +113,7 @@ static int remove_other(void *ctx, const struct dirent *e, struct err *err)
 	return io_remove(o->dataset->dirfd, e->d_name, err);
 }
 
-/* Nobody reads another manifest and nobody else writes one now, so any other is left over. */
+/* No other manifest is being read or written now, so all others are obsolete. */
 static void remove_others(const struct dataset *d, const char *keep)
 {
 	struct err err = ERR_INIT;
@@ -124,7 +124,7 @@ static void remove_others(const struct dataset *d, const char *keep)
 
 void dataset_tidy(struct dataset *d, const char *newest)
 {
-	/* Without the newest manifest nothing is removed: somebody may want to repair the folder. */
+	/* Without the newest manifest nothing is removed, so that the folder can be repaired. */
 	if (!d->tidied && !d->onestep && *newest && faccessat(d->dirfd, newest, F_OK, 0) == 0)
 		remove_others(d, newest);
 	d->tidied = true;

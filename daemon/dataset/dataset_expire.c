@@ -15,7 +15,7 @@
 
 static double keep_seconds(const struct datasets *ds)
 {
-	return ds->core->p.keep_removed > 0 ? ds->core->p.keep_removed : KEEP_SECONDS;
+	return ds->core->p.limits.keep_removed > 0 ? ds->core->p.limits.keep_removed : KEEP_SECONDS;
 }
 
 int64_t dataset_until_us(const struct dataset *d)
@@ -41,7 +41,7 @@ static int64_t latest_us(const struct datasets *ds)
 }
 
 /*
- * What expires is lost, and clocks are wrong at times: a machine without a battery-backed clock starts with an arbitrary date
+ * Expired data is lost, and a clock may be wrong: a machine without a battery-backed clock starts with an arbitrary date
  * until the network sets it. So time that the daemon did not see pass, between two calls or since the latest recorded time,
  * counts only after the clock has stayed ahead for an hour.
  */

@@ -25,7 +25,7 @@ int dataset_note_generation(struct grid_manifest *m, const struct grid_manifest 
 			    enum grid_generation_kind kind, uint64_t undoes, struct err *err)
 {
 	size_t n = base ? base->ngenerations : 0;
-	/* The name lies behind the list in the same block, so whoever frees the list frees both. */
+	/* The name follows the list in the same allocation, so that both are freed together. */
 	struct grid_generation *all = malloc((n + 1) * sizeof *all + GRID_USER);
 	char *user = all ? (char *)(all + n + 1) : NULL;
 

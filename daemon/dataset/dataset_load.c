@@ -50,7 +50,7 @@ struct dataset *dataset_loaded(struct datasets *ds, uint64_t id)
 	return d;
 }
 
-/* A push that a crash interrupted. What was durable of it becomes a pending push; the rest is removed (sweep_all). */
+/* A push that a crash interrupted. Its durable part becomes a pending push; the rest is removed (sweep_all). */
 int datasets_load_push(void *ctx, const struct catalogue_push *row, struct err *err)
 {
 	struct datasets *ds = ctx;

@@ -15,7 +15,7 @@
 struct revert {
 	struct dataset_change change;
 	uint64_t generation;
-	bool owner; /* the peer may see the paths of the files */
+	bool owner; /* the peer is the owner or an administrator: it may see the paths of the files */
 	revert_answer_fn *answer;
 	void *token;
 };
@@ -37,7 +37,7 @@ static bool life_ended(const struct grid_source *s, uint64_t g)
 	return s->removed == g && s->added != g;
 }
 
-/* Only the owner may see the paths of files, as in a list of files. */
+/* Only the owner and administrators may see the paths of files, as in a list of files. */
 static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner, struct err *err)
 {
 	err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,

@@ -1,10 +1,10 @@
 /*
  * The store of geoid grids (geoid.h).
  *
- * The model: a folder of the state folder with two kinds of files. HASH.pgm is a grid, named by the XXH3-128 of
- * its bytes; NAME.geoid is a text that gives a grid a name, and says what is in it. Both appear by rename, the
- * grid first, so a name always has its grid; a grid without a name is a leftover, removed at the next start. A
- * grid is copied first and checked as it lies here (geoid_ask.c), so nobody can change it between check and use.
+ * The model: a folder in the state folder, with two kinds of files. HASH.pgm is a grid, named by the XXH3-128 of its bytes.
+ * NAME.geoid is a short text that names a grid and describes it. Both appear by rename, the grid first: so a name always has its
+ * grid, and a grid without a name is a leftover, which the next start removes. The client's file is copied first, and the copy is
+ * checked (geoid_ask.c): so nobody can change a grid between check and use.
  */
 #include "geoid_priv.h"
 
@@ -88,126 +88,126 @@ int geoids_read(int dirfd, const char *name, struct geoid_info *ret, struct err 
 	snprintf(ret->name, sizeof ret->name, "%s", name);
 	if (read_text(text, ret))
 		return 0;
-	err_set(err, ERR_CORRUPT, "what says which grid %s is, is damaged", name);
+	err_set(err, ERR_CORRUPT, "the description of the geoid grid %s is damaged", name);
 	return err_add_file(err, file);
 }
 
-struct each_name {
+struct name_visitor {
 	int (*each)(const char *name, void *ctx, struct err *err);
 	void *ctx;
 };
 
-static int entry(void *ctx, const struct dirent *e, struct err *err)
+static int visit_entry(void *ctx, const struct dirent *e, struct err *err)
 {
-	const struct each_name *names = ctx;
+	const struct name_visitor *visitor = ctx;
 	size_t n = strlen(e->d_name), end = sizeof ending - 1;
 	char name[DATASET_NAME_MAX + 1];
 
 	if (n <= end || n - end > DATASET_NAME_MAX || strcmp(e->d_name + n - end, ending))
 		return 0;
 	snprintf(name, sizeof name, "%.*s", (int)(n - end), e->d_name);
-	return names->each(name, names->ctx, err);
+	return visitor->each(name, visitor->ctx, err);
 }
 
 int geoids_each(int dirfd, int (*each)(const char *name, void *ctx, struct err *err), void *ctx, struct err *err)
 {
-	struct each_name names = {each, ctx};
+	struct name_visitor visitor = {each, ctx};
 
-	return io_list(dirfd, ".", entry, &names, err);
+	return io_list(dirfd, ".", visit_entry, &visitor, err);
 }
 
-struct look {
+struct health {
 	int dirfd;
 	unsigned n, bad;
 	struct err first;
 };
 
-static int look_one(const char *name, void *ctx, struct err *err)
+static int check_grid(const char *name, void *ctx, struct err *err)
 {
-	struct look *l = ctx;
+	struct health *h = ctx;
 	char grid[DIGEST_HEX_SIZE + 8];
 	struct err why = ERR_INIT;
 	struct geoid_info g;
 	struct stat st;
 
-	l->n++;
-	if (!geoids_read(l->dirfd, name, &g, &why)) {
+	h->n++;
+	if (!geoids_read(h->dirfd, name, &g, &why)) {
 		snprintf(grid, sizeof grid, "%s.pgm", g.hash);
-		if (io->fstatat(l->dirfd, grid, &st, AT_SYMLINK_NOFOLLOW) < 0)
+		if (io->fstatat(h->dirfd, grid, &st, AT_SYMLINK_NOFOLLOW) < 0)
 			err_sys(&why, errno, "the grid %s cannot be read", name);
 		else if ((uint64_t)st.st_size != g.grid.bytes)
 			err_set(&why, ERR_CORRUPT, "the grid %s has %llu bytes, not %llu", name, (unsigned long long)st.st_size,
 				(unsigned long long)g.grid.bytes);
 	}
-	if (why.code && !l->bad++)
-		l->first = why;
+	if (why.code && !h->bad++)
+		h->first = why;
 	return 0;
 }
 
 int geoids_check(const struct geoids *g, unsigned *ret_n, unsigned *ret_bad, struct err *err)
 {
-	struct look l = {.dirfd = g->fd};
-	int r = geoids_each(g->fd, look_one, &l, err);
+	struct health h = {.dirfd = g->fd};
+	int r = geoids_each(g->fd, check_grid, &h, err);
 
 	if (r)
 		return r;
-	*ret_n = l.n;
-	*ret_bad = l.bad;
-	if (l.bad)
-		*err = l.first;
+	*ret_n = h.n;
+	*ret_bad = h.bad;
+	if (h.bad)
+		*err = h.first;
 	return 0;
 }
 
-/* ---- whose disk they take ---- */
+/* ---- charges to users ---- */
 
-struct sums {
+struct charges {
 	int dirfd;
-	struct sum {
+	struct charged_grid {
 		uint32_t uid;
 		char hash[DIGEST_HEX_SIZE];
 		uint64_t bytes;
-	} sum[GEOIDS_MAX];
+	} grid[GEOIDS_MAX];
 	size_t n;
 };
 
-/* A grid with two names of one user lies there once. */
-static int sum_one(const char *name, void *ctx, struct err *err)
+/* A user who gave one grid two names is charged once: there is one file. */
+static int add_charge(const char *name, void *ctx, struct err *err)
 {
-	struct sums *s = ctx;
+	struct charges *s = ctx;
 	struct err ignored = ERR_INIT;
 	struct geoid_info g;
 	size_t i;
 
 	if (s->n == GEOIDS_MAX || geoids_read(s->dirfd, name, &g, &ignored))
 		return 0;
-	for (i = 0; i < s->n && (s->sum[i].uid != g.uid || strcmp(s->sum[i].hash, g.hash)); i++)
+	for (i = 0; i < s->n && (s->grid[i].uid != g.uid || strcmp(s->grid[i].hash, g.hash)); i++)
 		;
 	if (i < s->n)
 		return 0;
-	s->sum[i] = (struct sum){.uid = g.uid, .bytes = g.grid.bytes};
-	memcpy(s->sum[i].hash, g.hash, sizeof g.hash);
+	s->grid[i] = (struct charged_grid){.uid = g.uid, .bytes = g.grid.bytes};
+	memcpy(s->grid[i].hash, g.hash, sizeof g.hash);
 	s->n++;
 	return 0;
 }
 
-int geoids_count(struct geoids *g, struct err *err)
+int geoids_charge(struct geoids *g, struct err *err)
 {
 	struct limit_geoid all[GEOIDS_MAX];
-	struct sums s = {.dirfd = g->fd};
-	int r = geoids_each(g->fd, sum_one, &s, err);
+	struct charges s = {.dirfd = g->fd};
+	int r = geoids_each(g->fd, add_charge, &s, err);
 
 	for (size_t i = 0; i < s.n; i++)
-		all[i] = (struct limit_geoid){.uid = s.sum[i].uid, .bytes = s.sum[i].bytes};
+		all[i] = (struct limit_geoid){.uid = s.grid[i].uid, .bytes = s.grid[i].bytes};
 	if (!r)
 		limit_geoids(g->core, all, s.n);
 	return r;
 }
 
-/* ---- what a grid is used by ---- */
+/* ---- names of a grid ---- */
 
-static int count_user(const char *name, void *ctx, struct err *err)
+static int count_name(const char *name, void *ctx, struct err *err)
 {
-	struct geoids_users *u = ctx;
+	struct geoids_names *u = ctx;
 	struct geoid_info g;
 	struct err ignored = ERR_INIT;
 
@@ -219,10 +219,10 @@ static int count_user(const char *name, void *ctx, struct err *err)
 	return 0;
 }
 
-int geoids_users_of(int dirfd, const char *hash, uint32_t uid, struct geoids_users *ret, struct err *err)
+int geoids_count_names(int dirfd, const char *hash, uint32_t uid, struct geoids_names *ret, struct err *err)
 {
-	*ret = (struct geoids_users){.dirfd = dirfd, .hash = hash, .uid = uid};
-	return geoids_each(dirfd, count_user, ret, err);
+	*ret = (struct geoids_names){.dirfd = dirfd, .hash = hash, .uid = uid};
+	return geoids_each(dirfd, count_name, ret, err);
 }
 
 int geoids_find(const struct geoids *g, const char *name, struct geoids_found *ret, struct err *err)
@@ -252,18 +252,18 @@ static bool is_grid(const char *name, char hash[DIGEST_HEX_SIZE])
 	return digest_parse(hash, &d);
 }
 
-static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
+static int remove_leftover(void *ctx, const struct dirent *e, struct err *err)
 {
 	int dirfd = *(int *)ctx;
 	size_t n = strlen(e->d_name);
 	char hash[DIGEST_HEX_SIZE];
-	struct geoids_users users;
-	struct err ignored = ERR_INIT; /* it stays until the next start */
-	bool goes = n > 4 && !strcmp(e->d_name + n - 4, ".tmp");
+	struct geoids_names names;
+	struct err ignored = ERR_INIT; /* the file stays until the next start */
+	bool leftover = n > 4 && !strcmp(e->d_name + n - 4, ".tmp");
 
-	if (!goes && is_grid(e->d_name, hash))
-		goes = !geoids_users_of(dirfd, hash, 0, &users, &ignored) && !users.n;
-	if (goes)
+	if (!leftover && is_grid(e->d_name, hash))
+		leftover = !geoids_count_names(dirfd, hash, 0, &names, &ignored) && !names.n;
+	if (leftover)
 		io->unlinkat(dirfd, e->d_name, 0);
 	return 0;
 }
@@ -279,9 +279,9 @@ int geoids_new(struct core *core, struct geoids **ret, struct err *err)
 	g->fd = -1;
 	r = core_folder(core->p.statefd, "geoids", &g->fd, err);
 	if (!r)
-		r = io_list(g->fd, ".", sweep_one, &g->fd, err);
+		r = io_list(g->fd, ".", remove_leftover, &g->fd, err);
 	if (!r)
-		r = geoids_count(g, err);
+		r = geoids_charge(g, err);
 	if (r)
 		geoids_free(g);
 	else

@@ -1,8 +1,8 @@
 /*
- * What clients ask of the store of geoid grids: to add one, to list them, to remove a name.
+ * Requests to the store of geoid grids: add one, list them, remove a name.
  *
- * The model: an ask is a task of its own. Adding copies the grid first and checks the copy. Names appear and go under one
- * lock, each time for as long as it takes to look and to rename or unlink; the grid itself was copied before.
+ * The model: each request is a task of its own. To add a grid, the task copies it first and checks the copy. Names are added and
+ * removed under one lock, which is held only while files are looked up, renamed or unlinked, not while a grid is copied.
  */
 #include "geoid_priv.h"
 
@@ -21,7 +21,7 @@
 enum { COPY_BUFFER = 256 * 1024, GEOIDS_PART = 4 };
 #define GRID_MOST (UINT64_C(512) << 20) /* the finest published, of one minute, has 445 MiB */
 
-/* Of names that appear and go; each use is short. */
+/* Held while a name is added or removed. */
 static struct lock geoids_lock = LOCK_STATIC(GEOIDS);
 
 enum ask_kind { ASK_ADD, ASK_LIST, ASK_REMOVE };
@@ -73,14 +73,14 @@ static int write_file(int dirfd, const char *temp, const char *name, const void 
 	return r;
 }
 
-/* The name is free, or is this very grid's. */
+/* Gives the copy its name. Fails if another grid has that name. */
 static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct geoid_info *g)
 {
 	char grid[DIGEST_HEX_SIZE + 8], file[DATASET_NAME_MAX + 8], text[GEOIDS_TEXT_MOST], text_temp[32];
 	struct geoid_info old;
 	struct err none = ERR_INIT;
-	struct geoids_users users;
-	int r = geoids_users_of(dirfd, g->hash, a->peer.uid, &users, &a->err);
+	struct geoids_names names;
+	int r = geoids_count_names(dirfd, g->hash, a->peer.uid, &names, &a->err);
 
 	assert(lock_held(LOCK_GEOIDS));
 	if (r)
@@ -91,14 +91,15 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 		err_set(&a->err, ERR_CONFLICT, "there is another geoid grid %s, with the hash %s", g->name, old.hash);
 		return err_add_hint(&a->err, "give this one another --name, or acutctl geoid rm %s first", g->name);
 	}
-	if (users.all >= GEOIDS_MAX)
+	if (names.all >= GEOIDS_MAX)
 		return err_set(&a->err, ERR_LIMIT, "%d geoid grids are kept already", GEOIDS_MAX);
-	/* Something is left for the next user, and for administrators. */
-	if (!rights_admin(&a->peer) && users.own >= (GEOIDS_MAX - (users.all - users.own)) / GEOIDS_PART) {
+	/* One user may have only a part of the names that others left: so the next user and administrators still get some. */
+	if (!rights_admin(&a->peer) && names.own >= (GEOIDS_MAX - (names.all - names.own)) / GEOIDS_PART) {
 		err_set(&a->err, ERR_LIMIT,
 			"%u geoid grids of this user are kept already, as many as one user may have beside those of others",
-			users.own);
-		return err_add_hint(&a->err, "acutctl geoid rm one that nobody needs, or ask an administrator to add it");
+			names.own);
+		return err_add_hint(&a->err,
+				    "remove one that is not needed (acutctl geoid rm), or ask an administrator to add this one");
 	}
 	snprintf(grid, sizeof grid, "%s.pgm", g->hash);
 	geoids_file(g->name, file);
@@ -109,14 +110,14 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	return r;
 }
 
-/* Locked, so that a later count is taken later. What cannot be listed stays counted as it was. */
-static void count_again(struct ask *a)
+/* Under the lock, so that an older count never replaces a newer one. If the folder cannot be listed, the old charges stay. */
+static void charge_all(struct ask *a)
 {
 	struct err err = ERR_INIT;
 
 	assert(lock_held(LOCK_GEOIDS));
-	if (geoids_count(a->geoids, &err))
-		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "what geoid grids take", &err);
+	if (geoids_charge(a->geoids, &err))
+		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "the space of geoid grids", &err);
 }
 
 static void add_run(struct ask *a)
@@ -128,7 +129,7 @@ static void add_run(struct ask *a)
 	char temp[24];
 
 	a->r = geoids_check_name(a->name, &a->err);
-	/* The answer, beforehand: what has its name is added. */
+	/* Memory for the answer comes first: once the grid has its name, nothing may fail. */
 	if (!a->r && !(a->list = malloc(sizeof g)))
 		a->r = err_set(&a->err, ERR_NOMEM, "no memory for a geoid grid");
 	if (!a->r)
@@ -147,7 +148,7 @@ static void add_run(struct ask *a)
 		io_close(fd);
 		return;
 	}
-	/* What it takes is in what is free as soon as it is written. */
+	/* Reserved only until it is written: then the file system counts it. */
 	a->r = space_take(a->geoids->core->space, SPACE_PLANS, id.size, SPACE_MUST, "a geoid grid", &a->err);
 	if (!a->r) {
 		a->r = copy(a->fd, a->file, id.size, fd, &a->err);
@@ -161,7 +162,7 @@ static void add_run(struct ask *a)
 		lock_take(&geoids_lock);
 		a->r = add_named(a, dirfd, temp, fd, &g);
 		if (!a->r)
-			count_again(a);
+			charge_all(a);
 		lock_give(&geoids_lock);
 	}
 	limit_disk_give(a->geoids->core, a->peer.uid, id.size);
@@ -179,7 +180,7 @@ static int list_one(const char *name, void *ctx, struct err *err)
 
 	if (a->n == GEOIDS_MAX)
 		return 0;
-	/* One that is damaged is told of, and hides no other. */
+	/* A damaged one is logged, and the others are listed. */
 	if (geoids_read(a->geoids->fd, name, &a->list[a->n], err)) {
 		log_event_err(LOG_EVENT_GEOID_BAD, NULL, "a geoid grid", err);
 		err_clear(err);
@@ -207,13 +208,13 @@ static void remove_run(struct ask *a)
 	int dirfd = a->geoids->fd;
 	char grid[DIGEST_HEX_SIZE + 8], file[DATASET_NAME_MAX + 8];
 	struct geoid_info g;
-	struct geoids_users users;
+	struct geoids_names names;
 
 	a->r = geoids_check_name(a->name, &a->err);
 	lock_take(&geoids_lock);
 	if (!a->r)
 		a->r = geoids_read(dirfd, a->name, &g, &a->err);
-	/* A damaged one can go as well. */
+	/* One with a damaged description can be removed, too. */
 	if (a->r == -ERR_CORRUPT) {
 		err_clear(&a->err);
 		a->r = 0;
@@ -229,11 +230,11 @@ static void remove_run(struct ask *a)
 		a->r = io_sync(dirfd, "the folder of geoid grids", &a->err);
 	if (!a->r && *g.hash) {
 		snprintf(grid, sizeof grid, "%s.pgm", g.hash);
-		if (!geoids_users_of(dirfd, g.hash, 0, &users, &a->err) && !users.n)
+		if (!geoids_count_names(dirfd, g.hash, 0, &names, &a->err) && !names.n)
 			a->r = io_remove(dirfd, grid, &a->err);
 	}
 	if (!a->r)
-		count_again(a);
+		charge_all(a);
 	lock_give(&geoids_lock);
 }
 

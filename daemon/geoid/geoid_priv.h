@@ -1,4 +1,4 @@
-/* What the store of geoid grids (geoid.c) and those who ask it (geoid_ask.c) share. */
+/* Shared by the store of geoid grids (geoid.c) and the requests to it (geoid_ask.c). */
 #ifndef GEOID_PRIV_H
 #define GEOID_PRIV_H
 
@@ -14,27 +14,30 @@ struct geoids {
 	uint64_t changes;
 };
 
-/* What grids take of the disks of their users; reads all names. */
-int geoids_count(struct geoids *, struct err *err);
+/* Charges all grids to the quotas of their users. Reads all names. */
+int geoids_charge(struct geoids *, struct err *err);
 
 enum { GEOIDS_TEXT_MOST = 2048, GEOIDS_MAX = 64 };
 
-struct geoids_users {
+struct geoids_names {
 	int dirfd;
 	const char *hash;
 	uint32_t uid;
-	unsigned n, all, own; /* names of the grid, all of them, those that this user added */
+	unsigned n;   /* names of the grid with this hash */
+	unsigned all; /* names of all grids */
+	unsigned own; /* names that this user added */
 };
 
-/* The file that gives a grid this name. */
+/* The name of the file that holds the description. */
 void geoids_file(const char *name, char ret[DATASET_NAME_MAX + 8]);
 int geoids_check_name(const char *name, struct err *err); /* -ERR_USAGE */
-/* The text of that file; its length. */
+/* The description as text. Returns its length. */
 size_t geoids_write(const struct geoid_info *, char text[GEOIDS_TEXT_MOST]);
-/* What the file of the name says: -ERR_NOTFOUND, -ERR_CORRUPT. */
+/* Reads the description: -ERR_NOTFOUND, -ERR_CORRUPT. */
 int geoids_read(int dirfd, const char *name, struct geoid_info *ret, struct err *err);
 /* Calls `each` for every name, until it returns non-zero. */
 int geoids_each(int dirfd, int (*each)(const char *name, void *ctx, struct err *err), void *ctx, struct err *err);
-int geoids_users_of(int dirfd, const char *hash, uint32_t uid, struct geoids_users *ret, struct err *err);
+/* Counts names; those with a damaged description count only in `all`. */
+int geoids_count_names(int dirfd, const char *hash, uint32_t uid, struct geoids_names *ret, struct err *err);
 
 #endif

@@ -411,7 +411,7 @@ struct job *history_oldest(struct jobs *j, int64_t finished_us)
 	return NULL;
 }
 
-/* Of users who have equally much, the one who asks comes first. */
+/* If several users have the same amount, the one who requests more is taken first. */
 struct job *history_oldest_of_largest(struct jobs *j, enum history_kind kind, uint32_t uid, uint64_t more)
 {
 	const struct account *most = NULL;

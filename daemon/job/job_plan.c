@@ -36,9 +36,10 @@ static double seconds_a_point(struct jobs *j)
 
 	/* Points that a selection left out were not meshed. */
 	for (uint64_t id = UINT64_MAX; (job = history_before(j, id)); id = job->id) {
-		const uint64_t *removed = job->report.removed;
-		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] - removed[VIEW_BY_THIN];
+		uint64_t points = job->report.points;
 
+		for (unsigned i = 0; i < VIEW_RULES; i++)
+			points -= view_rule_selects((enum view_rule)i) ? job->report.removed[i] : 0;
 		/* Without waiting, and only of jobs that reused no domains. Reports of older versions do not have
 		 * worked_seconds. */
 		double took = job->report.worked_seconds > 0 ? job->report.worked_seconds : job->report.seconds;

@@ -150,12 +150,13 @@ static int limit_jobs(const struct jobs *j, const struct peer *peer, struct err 
 	unsigned own;
 
 	THREAD_LOOP_ONLY();
-	if (!j->core->p.user.jobs || rights_admin(peer))
+	if (!j->core->p.limits.user.jobs || rights_admin(peer))
 		return 0;
 	own = jobs_owned(j, peer->uid);
-	if (own < j->core->p.user.jobs)
+	if (own < j->core->p.limits.user.jobs)
 		return 0;
-	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run; one user may have %u (user-jobs)", own, j->core->p.user.jobs);
+	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run; one user may have %u (user-jobs)", own,
+		j->core->p.limits.user.jobs);
 	err_add_hint(err, "submit it again when some of them are done, or cancel some");
 	return err_add_place(err, ERR_NO_OFFSET, "user-jobs");
 }

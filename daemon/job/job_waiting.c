@@ -1,6 +1,6 @@
 /*
- * What a job waits for, in words, and its priority. As with nice, anybody may lower a priority, but only administrators may raise
- * it above normal.
+ * The reason why a job waits, as a text, and its priority. As with nice, every user may lower a priority, but only administrators
+ * may raise it above normal.
  */
 #include <stdio.h>
 #include <string.h>

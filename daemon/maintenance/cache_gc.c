@@ -1,8 +1,8 @@
 /*
- * `cache stat` and `cache gc`: what there is, and removing what nobody needs.
+ * `cache stat` and `cache gc`: the use of the disk, and removal of what is not needed.
  *
- * Without --all, what goes is what is beyond the quota, what was cut short, and what was made of datasets that are not
- * there any more, as far as that can be told (cache_gone.c).
+ * Without --all, gc removes what exceeds the quota, leftovers of interrupted work, and finished domains of removed datasets, as
+ * far as these are known (cache_gone.c). With --all it removes everything that can be made again.
  */
 #include <stdlib.h>
 #include <unistd.h>
@@ -16,7 +16,7 @@ int cache_may(const struct peer *peer, const char *what, struct err *err)
 	if (rights_admin(peer))
 		return 0;
 	err_set(err, ERR_PERM, "only administrators may %s", what);
-	return err_add_hint(err, "ask whoever runs the daemon");
+	return err_add_hint(err, "ask an administrator of the daemon");
 }
 
 void cache_stat(struct maintenance *m, struct cache_stat *ret)
@@ -24,7 +24,7 @@ void cache_stat(struct maintenance *m, struct cache_stat *ret)
 	const struct pending *q;
 	const struct dataset *d;
 
-	disk_tick(m->core, true); /* nothing else may be going on */
+	disk_tick(m->core, true); /* the numbers may be old if the daemon was idle */
 	datasets_count(m->datasets);
 	disk_query_now(m->core);
 	space_stat(m->core->space, &ret->space);
@@ -36,15 +36,15 @@ void cache_stat(struct maintenance *m, struct cache_stat *ret)
 		for (q = d->pending; q; q = q->next)
 			ret->space.kind[SPACE_PENDING].entries++;
 	}
-	space_limit_text(&m->core->p.disk, ret->disk);
-	space_limit_text(&m->core->p.keep_free, ret->keep_free);
+	space_limit_text(&m->core->p.limits.disk, ret->disk);
+	space_limit_text(&m->core->p.limits.keep_free, ret->keep_free);
 }
 
 struct gc {
 	struct sched_task task;
 	struct maintenance *maintenance;
 	bool all;
-	struct gone *gone; /* NULL: all */
+	struct gone *gone; /* NULL with `all` */
 	uint64_t bytes, entries;
 	int r;
 	struct err err;
@@ -55,7 +55,6 @@ struct gc {
 static void gc_run(struct sched_task *t)
 {
 	struct gc *g = (struct gc *)t;
-
 	uint64_t bytes = 0, entries = 0;
 
 	g->r = space_sweep(g->maintenance->core->space, &g->bytes, &g->entries, &g->err);

@@ -1,11 +1,11 @@
 /*
- * Finished domains of datasets that are gone: which files of the store they are, and their removal.
+ * Finished domains of removed datasets: finds their files in the store and removes them.
  *
- * The model: the plan of a job lists the domains that its mesh is made of, and a job is listed for some time after its
- * dataset is gone. What such plans name goes, unless the plan of a job whose dataset is there names it too. Those are too
- * many to be kept in mind one by one: each sets a few bits of a table of fixed size, and what finds all of its bits set stays. So
- * now and then one stays that could go; none goes that is in a plan of somebody else. Where no plan tells, time does: what is not
- * used is evicted first.
+ * The model: the plan of a job lists the domains of its mesh, and a job is kept for some time after its dataset is gone. A domain
+ * in such a plan is removed, unless the plan of a job whose dataset exists has it, too. The domains to keep are too many for a
+ * list, so they go into a Bloom filter of fixed size: each sets a few bits, and a domain whose bits are all set is kept. Now and
+ * then this keeps a domain that could go; it never removes one that is in a plan of an existing dataset. Domains that are in no
+ * plan are evicted in time, since they are not used.
  */
 #include <stdlib.h>
 
@@ -17,8 +17,8 @@ enum { TABLE_BYTES = 512 << 10, BITS_EACH = 4 };
 
 struct gone {
 	struct maintenance *maintenance;
-	uint64_t *job; /* first those whose dataset is there */
-	size_t there, n;
+	uint64_t *job; /* numbers; first `nexisting` whose dataset exists */
+	size_t nexisting, n;
 	uint8_t *table;
 	uint64_t bytes, entries; /* removed */
 };
@@ -36,7 +36,7 @@ struct gone *cache_gone_new(struct maintenance *m, struct err *err)
 		*g = (struct gone){
 			.maintenance = m, .job = calloc(n + 1, sizeof *g->job), .table = calloc(1, TABLE_BYTES), .n = n};
 		if (g->job && g->table) {
-			g->there = jobs_list(m->jobs, g->job);
+			g->nexisting = jobs_list(m->jobs, g->job);
 			return g;
 		}
 		free(g->job);
@@ -59,7 +59,7 @@ struct gone *cache_gone_free(struct gone *g)
 	return NULL;
 }
 
-/* Digests are as good as random. */
+/* Digests are uniformly distributed, so their parts serve as hashes. */
 static uint64_t bit_of(const struct plan_done *d, unsigned i)
 {
 	return (d->base.lo + d->list.hi + i * ((d->base.hi ^ d->list.lo) | 1)) % (8 * (uint64_t)TABLE_BYTES);
@@ -104,10 +104,10 @@ int cache_gone_run(struct gone *g, uint64_t *ret_bytes, uint64_t *ret_entries, s
 {
 	int r = 0;
 
-	if (g->there < g->n)
-		for (size_t i = 0; i < g->there && !r; i++)
+	if (g->nexisting < g->n)
+		for (size_t i = 0; i < g->nexisting && !r; i++)
 			r = plan_file_each_done(g->maintenance->core->plansfd, g->job[i], keep, g, err);
-	for (size_t i = g->there; i < g->n && !r; i++)
+	for (size_t i = g->nexisting; i < g->n && !r; i++)
 		r = plan_file_each_done(g->maintenance->core->plansfd, g->job[i], drop, g, err);
 	*ret_bytes = g->bytes;
 	*ret_entries = g->entries;

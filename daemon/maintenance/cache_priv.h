@@ -1,4 +1,4 @@
-/* What cache_verify.c (what comes next) and cache_read.c (reading it) share. */
+/* Shared by cache_verify.c (the order of the steps) and cache_read.c (the reading). */
 #ifndef CACHE_PRIV_H
 #define CACHE_PRIV_H
 
@@ -11,7 +11,7 @@
 
 enum cache_step { CACHE_CATALOGUE, CACHE_DATASETS, CACHE_PLANS, CACHE_SELECTIONS, CACHE_DOMAINS, CACHE_OVER };
 
-/* As many as are told at a time; whoever finds more waits until they are. */
+/* Capacity of the list of damages; a worker that finds more waits until the loop has reported some. */
 enum { CACHE_DAMAGES = 16 };
 
 struct cache_verify {
@@ -20,17 +20,17 @@ struct cache_verify {
 	void *token;
 	struct sched_task task;
 	enum cache_step step;
-	bool busy;               /* a worker, or the catalogue's thread, has it */
-	uint64_t last;           /* dataset that was read last */
-	struct dataset *dataset; /* that is being read */
+	bool busy;               /* a worker, or the catalogue's thread, is at it */
+	uint64_t last;           /* the dataset that was read last */
+	struct dataset *dataset; /* the one that is being read */
 	char manifest[64];
 	uint64_t pending[32]; /* its interrupted pushes */
 	size_t npending;
-	uint64_t wait_ns; /* there was no memory for it then: again later */
-	uint64_t told_ns;
+	uint64_t wait_ns; /* when memory was lacking: it is tried again later; 0: it does not wait */
+	uint64_t told_ns; /* when progress was reported last */
 
-	struct lock lock; /* of what workers and the loop share */
-	pthread_cond_t room;
+	struct lock lock;            /* of the list and `ended` */
+	pthread_cond_t room;         /* the list has room */
 	struct cache_damage *damage; /* CACHE_DAMAGES */
 	size_t ndamage;
 	bool ended;
@@ -42,7 +42,7 @@ struct cache_verify {
 	void *memory; /* of the worker: GRID_VERIFY_BYTES */
 };
 
-/* Finished domains of datasets that are gone (cache_gone.c). On the loop, by a worker, on the loop. */
+/* Finished domains of removed datasets (cache_gone.c). `_new` and `_free` on the loop, `_run` on a worker. */
 struct gone;
 struct gone *cache_gone_new(struct maintenance *, struct err *err);
 int cache_gone_run(struct gone *, uint64_t *ret_bytes, uint64_t *ret_entries, struct err *err);

@@ -1,9 +1,9 @@
 /*
- * The reading of `cache verify`, on workers: files against their checksums, and against what names them.
+ * The reading of `cache verify`, on workers: files are checked against their checksums, and against the manifests that name them.
  *
- * What was pushed is told and stays as it is; what is derived is removed, since it can be made again. A file that went
- * away meanwhile was not damaged. One of a newer version is told and passed over, and stays, derived or not: there is
- * an acutd that can read it.
+ * Damage of pushed data is reported, and the file stays as it is. A damaged derived file is removed, since it can be made again.
+ * A file that was removed meanwhile is not damage. A file of a newer version is reported and stays, derived or not: a newer acutd
+ * can read it.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -20,20 +20,20 @@
 #include "store.h"
 #include "run.h"
 
-/* A file of some dataset or selection that is being read. */
+/* The folder of a dataset or selection that is being read. */
 struct reading {
 	struct cache_verify *v;
-	const char *what, *folder; /* before its name in what is told; "": nothing */
+	const char *what, *folder; /* both for reports; `folder` precedes the file name, unless it is "" */
 	unsigned found;
 	bool derived;
-	/* Of an interrupted push: its number, and its two files that lead to the others, as they were when its reading began. */
+	/* An interrupted push: its number, and its two files that name the others, as they were when the reading began. */
 	uint64_t push;
 	int dirfd;
 	struct stat left[2];
 };
 
-/* Somebody took up the push, or dropped it. Who does writes or removes these before he removes anything that they name. */
-static void look_left(const struct reading *r, struct stat ret[2])
+/* A push that is continued or dropped writes or removes these files before it removes a file that they name. */
+static void stat_left(const struct reading *r, struct stat ret[2])
 {
 	static const char *const ends[] = {"pending", "stage"};
 	char name[64];
@@ -45,11 +45,12 @@ static void look_left(const struct reading *r, struct stat ret[2])
 	}
 }
 
-static bool went_on(const struct reading *r)
+/* True: the push was continued or dropped since its reading began. */
+static bool push_went_on(const struct reading *r)
 {
 	struct stat now[2];
 
-	look_left(r, now);
+	stat_left(r, now);
 	for (int i = 0; i < 2; i++)
 		if (now[i].st_ino != r->left[i].st_ino || now[i].st_ctim.tv_sec != r->left[i].st_ctim.tv_sec ||
 		    now[i].st_ctim.tv_nsec != r->left[i].st_ctim.tv_nsec)
@@ -57,7 +58,7 @@ static bool went_on(const struct reading *r)
 	return false;
 }
 
-/* "folder/file": names in a dataset's folder are the same in each. */
+/* Makes the file "folder/file": different datasets have files of the same name. */
 static void add_folder(struct err *err, const char *folder)
 {
 	char path[sizeof err->file];
@@ -73,14 +74,14 @@ static void damaged(void *ctx, const struct err *why)
 	struct reading *r = ctx;
 	struct err err = *why;
 
-	if (r->push && went_on(r))
+	if (r->push && push_went_on(r))
 		return;
 	add_folder(&err, r->folder);
 	r->found++;
 	if (!r->derived)
 		cache_found(r->v, r->what, false, false, &err);
 	else if (r->found == 1 || (r->v->err.code == ERR_VERSION && err.code != ERR_VERSION))
-		r->v->err = err; /* told when it is removed; damage before what this version does not know */
+		r->v->err = err; /* reported when it is removed; damage is reported rather than a newer version */
 }
 
 static int progress(void *ctx, uint64_t bytes)
@@ -96,7 +97,7 @@ static bool lacks_memory(int r)
 	return r == -ERR_BUSY || r == -ERR_NOMEM;
 }
 
-/* A manifest and all that it names. 0: it was read, whatever was found. */
+/* Reads a manifest and all segments that it names. 0: all was read, damaged or not. */
 static int read_manifest(struct reading *r, int dirfd, const char *name, struct err *err)
 {
 	struct grid_verify_params p = {
@@ -132,7 +133,7 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 	return s;
 }
 
-/* Of a push that was interrupted: its manifest, and the runs of its stage. One that goes on meanwhile is its own. */
+/* Reads the manifest of an interrupted push and the runs of its stage. If the push goes on meanwhile, nothing is reported. */
 static int read_push(struct reading *r, int dirfd, uint64_t id, struct err *err)
 {
 	struct grid_verify_params p = {
@@ -147,7 +148,7 @@ static int read_push(struct reading *r, int dirfd, uint64_t id, struct err *err)
 
 	r->push = id;
 	r->dirfd = dirfd;
-	look_left(r, r->left);
+	stat_left(r, r->left);
 	snprintf(name, sizeof name, "push-%llu.pending", (unsigned long long)id);
 	if (io->faccessat(dirfd, name, F_OK, 0) != 0 && errno == ENOENT)
 		return 0;
@@ -194,7 +195,7 @@ static int read_plan(void *ctx, const struct dirent *e, struct err *err)
 	atomic_fetch_add(&v->bytes, bytes);
 	if (!r)
 		return 0;
-	/* A job that has it open makes it anew only when it is not there. */
+	/* A job that uses this plan makes a new one only if the file is not there. */
 	removed = why.code != ERR_VERSION && io->unlinkat(v->maintenance->core->plansfd, e->d_name, 0) == 0;
 	add_folder(&why, "plans");
 	cache_found(v, "plan", true, removed, &why);
@@ -208,7 +209,7 @@ void cache_read_plans(struct cache_verify *v)
 
 /* ---- selections ---- */
 
-/* That folder has that name. */
+/* True: `name` is still the folder that `fd` has open. */
 static bool is_still(int parent, const char *name, int fd)
 {
 	struct stat named, open;
@@ -239,7 +240,7 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 	s = read_manifest(&r, fd, SELECTION_MANIFEST, err);
 	if (!s && selection_counts_read(fd, &counts, &why))
 		damaged(&r, &why);
-	/* It was evicted while it was read. */
+	/* Evicted while it was read: no damage. */
 	if (r.found && !is_still(parent, e->d_name, fd)) {
 		r.found = 0;
 		err_clear(&v->err);

@@ -1,10 +1,10 @@
 /*
- * `cache verify`: what is read, in which order, and what is told.
+ * `cache verify`: the order of the steps, and the reports.
  *
- * The model: one after the other the catalogue (by its own thread), each dataset with its interrupted pushes, plans,
- * selections, stored domains; each a task of the lowest priority, beside which others get a thread. A dataset's files
- * stay as long as it is read. What a worker finds damaged waits in a short list for the loop to tell it; who finds
- * more waits. Memory for a manifest that is not there now is waited for.
+ * The model: the steps are the catalogue (on its own thread), each dataset with its interrupted pushes, plans, selections, and
+ * stored domains. Each is a task of the lowest priority, so other work comes first. The files of a dataset are kept while it is
+ * read. A worker puts each damage into a short list, which the loop empties and reports; a worker that finds the list full waits.
+ * If memory is lacking, the step is tried again later.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -35,7 +35,6 @@ bool cache_ended(struct cache_verify *v)
 void cache_found(struct cache_verify *v, const char *what, bool derived, bool removed, const struct err *err)
 {
 	struct cache_damage *d;
-
 	const bool newer = err->code == ERR_VERSION;
 
 	lock_take(&v->lock);
@@ -49,19 +48,18 @@ void cache_found(struct cache_verify *v, const char *what, bool derived, bool re
 		d = &v->damage[v->ndamage++];
 		*d = (struct cache_damage){.what = what, .err = *err, .derived = derived, .removed = removed};
 		if (newer)
-			err_add_hint(
-				&d->err,
-				derived ? "it stays for the newer acut that wrote it, and is made again where this one needs it" :
-					  "it stays as it is: install the newer acut that wrote it again, or a later one");
+			err_add_hint(&d->err,
+				     derived ? "it stays for the newer acut that wrote it; this one makes its own if needed" :
+					       "it stays as it is: install the newer acut that wrote it, or a later one");
 		if (v->step == CACHE_DATASETS && v->dataset)
 			memcpy(d->dataset, v->dataset->name, sizeof d->dataset);
 	}
 	lock_give(&v->lock);
 }
 
-/* ---- telling ---- */
+/* ---- reports ---- */
 
-/* Loop. One at a time without the lock: whoever cannot be told ends the whole (cache_verify_end). */
+/* Loop. Takes one damage out of the list: it is reported without the lock, since a callback may call cache_verify_end. */
 static bool next_damage(struct cache_verify *v, struct cache_damage *ret)
 {
 	bool any;
@@ -77,7 +75,7 @@ static bool next_damage(struct cache_verify *v, struct cache_damage *ret)
 	return any;
 }
 
-static void tell(struct cache_verify *v, bool all)
+static void report(struct cache_verify *v, bool all)
 {
 	struct cache_damage damage;
 
@@ -85,11 +83,11 @@ static void tell(struct cache_verify *v, bool all)
 		const struct log_about about = {.dataset = *damage.dataset ? damage.dataset : NULL};
 
 		if (damage.err.code == ERR_VERSION && damage.derived)
-			log_err(LOG_LEVEL_INFO, "of a newer version", &damage.err);
+			log_err(LOG_LEVEL_INFO, "a derived file of a newer version", &damage.err);
 		else if (damage.err.code == ERR_VERSION)
-			log_event_err(LOG_EVENT_NEWER_VERSION, &about, "of a newer version", &damage.err);
+			log_event_err(LOG_EVENT_NEWER_VERSION, &about, "a file of a newer version", &damage.err);
 		else if (damage.derived)
-			log_event_err(LOG_EVENT_DAMAGE_DERIVED, &about, "damaged, and made again when it is needed", &damage.err);
+			log_event_err(LOG_EVENT_DAMAGE_DERIVED, &about, "damaged, and made again when needed", &damage.err);
 		else
 			log_event_err(LOG_EVENT_DAMAGE, &about, "damaged", &damage.err);
 		v->calls->damage(v->token, &damage);
@@ -106,7 +104,7 @@ static void tell(struct cache_verify *v, bool all)
 	}
 }
 
-static void tell_end(struct cache_verify *v, const struct err *why)
+static void report_end(struct cache_verify *v, const struct err *why)
 {
 	if (why)
 		return;
@@ -115,22 +113,23 @@ static void tell_end(struct cache_verify *v, const struct err *why)
 		log_warning("verified: %llu of %llu files are of a newer version of acut, and were not read",
 			    (unsigned long long)v->found.newer, (unsigned long long)v->found.files);
 	if (v->found.damaged)
-		log_event(LOG_EVENT_VERIFY_DAMAGE, NULL, "verified: %llu of %llu files are damaged, and %llu that are made again",
+		log_event(LOG_EVENT_VERIFY_DAMAGE, NULL,
+			  "verified: %llu of %llu files are damaged, and %llu that can be made again",
 			  (unsigned long long)v->found.damaged, (unsigned long long)v->found.files,
 			  (unsigned long long)v->found.derived);
 	else if (!v->found.newer)
-		log_event(LOG_EVENT_VERIFY_DONE, NULL, "verified: %llu files of %llu bytes, %llu damaged ones are made again",
+		log_event(LOG_EVENT_VERIFY_DONE, NULL, "verified: %llu files of %llu bytes, %llu damaged ones can be made again",
 			  (unsigned long long)v->found.files, (unsigned long long)v->found.bytes,
 			  (unsigned long long)v->found.derived);
 }
 
-static void over(struct cache_verify *v, const struct err *why)
+static void finish(struct cache_verify *v, const struct err *why)
 {
 	v->step = CACHE_OVER;
-	tell(v, false);
+	report(v, false);
 	v->found.bytes = atomic_load(&v->bytes);
 	v->found.files = atomic_load(&v->files);
-	tell_end(v, why);
+	report_end(v, why);
 	v->maintenance->verify = NULL;
 	core_background_done(v->maintenance->core);
 	v->calls->over(v->token, why, &v->found);
@@ -142,7 +141,7 @@ static void over(struct cache_verify *v, const struct err *why)
 
 /* ---- steps ---- */
 
-static void go_on(struct cache_verify *v);
+static void next_step(struct cache_verify *v);
 
 static void catalogue_done(void *ctx, int r, const struct err *why)
 {
@@ -158,7 +157,7 @@ static void catalogue_done(void *ctx, int r, const struct err *why)
 	if (r)
 		cache_found(v, "catalogue", false, false, &err);
 	v->step++;
-	go_on(v);
+	next_step(v);
 }
 
 static void step_run(struct sched_task *t)
@@ -181,7 +180,7 @@ static void step_run(struct sched_task *t)
 	free(v->memory);
 }
 
-static void dataset_over(struct cache_verify *v)
+static void release_dataset(struct cache_verify *v)
 {
 	dataset_read_end(v->dataset);
 	dataset_release(v->dataset);
@@ -199,8 +198,8 @@ static void step_done(struct sched_task *t)
 	if (v->dataset && !later)
 		v->last = v->dataset->id;
 	if (v->dataset) {
-		tell(v, true); /* with the dataset's name */
-		dataset_over(v);
+		report(v, true); /* while the name of the dataset is known */
+		release_dataset(v);
 	}
 	if (later && !cache_ended(v)) {
 		v->wait_ns = clock_mono_ns();
@@ -208,14 +207,14 @@ static void step_done(struct sched_task *t)
 	}
 	if (!t->ran || cache_ended(v)) {
 		err_clear(&v->err);
-		err_set(&v->err, ERR_CANCELLED, "it was ended before all was read");
-		over(v, &v->err);
+		err_set(&v->err, ERR_CANCELLED, "the verification was ended before all was read");
+		finish(v, &v->err);
 	} else if (v->r) {
-		over(v, &v->err);
+		finish(v, &v->err);
 	} else {
 		if (v->step != CACHE_DATASETS)
 			v->step++;
-		go_on(v);
+		next_step(v);
 	}
 }
 
@@ -234,7 +233,7 @@ static void submit(struct cache_verify *v)
 	sched_submit(v->maintenance->core->p.sched, &v->task);
 }
 
-/* The next one that has anything; named ones are by number. */
+/* The next dataset that has files. The list of named datasets is sorted by number. */
 static bool next_dataset(struct cache_verify *v)
 {
 	const size_t most = sizeof v->pending / sizeof *v->pending;
@@ -254,28 +253,28 @@ static bool next_dataset(struct cache_verify *v)
 	return true;
 }
 
-static void go_on(struct cache_verify *v)
+static void next_step(struct cache_verify *v)
 {
 	struct err err = ERR_INIT;
 
 	v->wait_ns = 0;
 	if (cache_ended(v) || v->maintenance->core->stopping) {
-		err_set(&err, ERR_CANCELLED, "it was ended before all was read");
-		over(v, &err);
+		err_set(&err, ERR_CANCELLED, "the verification was ended before all was read");
+		finish(v, &err);
 		return;
 	}
 	if (v->step == CACHE_CATALOGUE) {
 		v->busy = true;
 		if (catalogue_check(v->maintenance->core->p.catalogue, catalogue_done, v, &err)) {
 			v->busy = false;
-			over(v, &err);
+			finish(v, &err);
 		}
 		return;
 	}
 	if (v->step == CACHE_DATASETS && !next_dataset(v))
 		v->step++;
 	if (v->step == CACHE_OVER)
-		over(v, NULL);
+		finish(v, NULL);
 	else
 		submit(v);
 }
@@ -288,12 +287,12 @@ void cache_verify_tick(struct maintenance *m)
 		return;
 	if (m->core->stopping)
 		cache_verify_end(v);
-	tell(v, false);
+	report(v, false);
 	if (!v->busy && v->wait_ns && clock_since(v->wait_ns) >= AGAIN_SECONDS)
-		go_on(v);
+		next_step(v);
 }
 
-/* ---- asked ---- */
+/* ---- requests ---- */
 
 int cache_verify(struct maintenance *m, const struct peer *peer, const struct cache_verify_calls *calls, void *token,
 		 struct cache_verify **ret, struct err *err)
@@ -306,7 +305,7 @@ int cache_verify(struct maintenance *m, const struct peer *peer, const struct ca
 		return r;
 	if (m->verify || m->core->stopping)
 		return err_set(err, ERR_BUSY,
-			       m->verify ? "it is being done already, for somebody else" : "the daemon is stopping");
+			       m->verify ? "a verification is running already, for another client" : "the daemon is stopping");
 	v = calloc(1, sizeof *v);
 	if (v)
 		v->damage = calloc(CACHE_DAMAGES, sizeof *v->damage);
@@ -323,7 +322,7 @@ int cache_verify(struct maintenance *m, const struct peer *peer, const struct ca
 	m->verify = v;
 	m->core->background++;
 	*ret = v;
-	/* From the next tick on, so that who asked has it. */
+	/* It begins with the next tick, after the caller has *ret. */
 	v->wait_ns = 1;
 	return 0;
 }

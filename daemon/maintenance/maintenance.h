@@ -1,5 +1,6 @@
 /*
- * Looking after the disk: what is used, verification of all that is stored, removal of what nobody needs. Loop; workers read.
+ * Maintenance of the disk: its use, verification of all files, removal of what is not needed. All functions belong to the loop;
+ * workers read the files.
  */
 #ifndef MAINTENANCE_H
 #define MAINTENANCE_H
@@ -10,31 +11,31 @@ struct datasets;
 struct jobs;
 struct maintenance;
 
-/* Reads what came of the last verification. */
+/* Reads the result of the last verification. */
 int maintenance_new(struct core *, struct datasets *, struct jobs *, struct maintenance **ret, struct err *err);
 struct maintenance *maintenance_free(struct maintenance *); /* NULL is fine; returns NULL */
 void maintenance_tick(struct maintenance *);
 
-/* The last verification that came to its end, beyond a restart. */
+/* The last verification that was completed; kept over restarts. */
 struct verified {
 	int64_t at_us;                                  /* real time; 0: never */
-	uint64_t files, bytes, damaged, derived, newer; /* newer: of what was pushed */
+	uint64_t files, bytes, damaged, derived, newer; /* newer: pushed files of a newer version */
 };
 const struct verified *maintenance_verified(const struct maintenance *);
 
 struct cache_stat {
-	struct space_stat space;      /* with the numbers of datasets, pending pushes, one-step ones */
-	char disk[32], keep_free[32]; /* the limits as they were given; "none" */
+	struct space_stat space;      /* with the numbers of datasets, pending pushes and one-step datasets */
+	char disk[32], keep_free[32]; /* the limits as they were configured; "none" */
 };
 void cache_stat(struct maintenance *, struct cache_stat *ret);
 
-/* One damaged thing; or one of a newer version (err.code is ERR_VERSION), which stays as it is. */
+/* One damaged file; or one of a newer version (err.code is ERR_VERSION), which stays as it is. */
 struct cache_damage {
 	const char *what;     /* "manifest", "segment", "push", "plan", "domain", "selection", "catalogue" */
-	char dataset[64 + 1]; /* "": of none */
+	char dataset[64 + 1]; /* "": none */
 	struct err err;       /* file, place, reason */
-	bool derived;         /* and removed, if that could be done: it is made again */
-	bool removed;
+	bool derived;         /* it can be made again */
+	bool removed;         /* because it is derived */
 };
 struct cache_verified {
 	uint64_t files, bytes, damaged, derived;
@@ -43,15 +44,15 @@ struct cache_verified {
 struct cache_verify_calls {
 	void (*damage)(void *token, const struct cache_damage *);
 	void (*progress)(void *token, const char *phase, uint64_t bytes, uint64_t total); /* total: as far as it is known */
-	/* Once. `why`: it was ended, or could not read on. */
+	/* Called once. `why`: it was ended, or could not go on. */
 	void (*over)(void *token, const struct err *why, const struct cache_verified *);
 };
 struct cache_verify;
-/* Reads all of state and cache, at the lowest priority. -ERR_PERM: not root nor the daemon's user; -ERR_BUSY: it is
- * being done already. */
+/* Reads all of state and cache, at the lowest priority. -ERR_PERM: not an administrator; -ERR_BUSY: a verification is running
+ * already. */
 int cache_verify(struct maintenance *, const struct peer *, const struct cache_verify_calls *, void *token,
 		 struct cache_verify **ret, struct err *err);
-void cache_verify_end(struct cache_verify *); /* soon; `over` comes all the same */
+void cache_verify_end(struct cache_verify *); /* ends it soon; `over` is called all the same */
 /* Removes what is not needed; all: everything derived. -ERR_PERM as above. */
 void cache_gc(struct maintenance *, const struct peer *, bool all,
 	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token);

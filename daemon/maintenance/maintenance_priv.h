@@ -1,4 +1,4 @@
-/* What the files of this room share. */
+/* Shared by the files of this room. */
 #ifndef MAINTENANCE_PRIV_H
 #define MAINTENANCE_PRIV_H
 
@@ -10,14 +10,14 @@ struct maintenance {
 	struct core *core;
 	struct datasets *datasets;
 	struct jobs *jobs;
-	struct cache_verify *verify; /* that goes on; NULL: none */
+	struct cache_verify *verify; /* the one that is running; NULL: none */
 	struct verified verified;
 };
 
 /* cache_verify.c */
 void cache_verify_tick(struct maintenance *);
 /* cache_gc.c */
-int cache_may(const struct peer *, const char *what, struct err *err); /* admins */
+int cache_may(const struct peer *, const char *what, struct err *err); /* -ERR_PERM: not an administrator */
 /* verified.c */
 void verified_load(struct maintenance *); /* reads the disk */
 void verified_note(struct maintenance *, const struct cache_verified *);

@@ -1,6 +1,6 @@
 /*
- * When all that is stored was verified last, and what came of it: a line in the state folder, so that it is known after
- * a restart. It is no part of what is kept: where it cannot be read or written nothing else fails.
+ * Time and result of the last verification: a line in the state folder, so that they are known after a restart. Nothing depends
+ * on it: if it cannot be read or written, nothing else fails.
  */
 #include <fcntl.h>
 #include <inttypes.h>
@@ -15,7 +15,7 @@
 
 static const char *const name = "last-verify";
 #define LINE "acut-verified 1 %" SCNd64 " %" SCNu64 " %" SCNu64 " %" SCNu64 " %" SCNu64
-/* What is of a newer version follows only where there is something. */
+/* The number of files of a newer version follows only if there are some. */
 #define LINE_WHOLE LINE " %c"
 #define LINE_NEWER LINE " %" SCNu64 " %c"
 
@@ -39,7 +39,7 @@ void verified_load(struct maintenance *m)
 	io_close(fd);
 }
 
-struct noting {
+struct note_task {
 	struct sched_task task;
 	struct maintenance *maintenance;
 	struct verified v;
@@ -47,8 +47,8 @@ struct noting {
 
 static void note_run(struct sched_task *t)
 {
-	const struct verified *v = &((struct noting *)t)->v;
-	int dirfd = ((struct noting *)t)->maintenance->core->p.statefd, fd;
+	const struct verified *v = &((struct note_task *)t)->v;
+	int dirfd = ((struct note_task *)t)->maintenance->core->p.statefd, fd;
 	struct err err = ERR_INIT;
 	char text[160], newer[24] = "";
 	int n, r = io_open(dirfd, "last-verify.tmp", O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW, 0600, &fd, &err);
@@ -67,12 +67,12 @@ static void note_run(struct sched_task *t)
 		io_close(fd);
 	}
 	if (r)
-		log_event_err(LOG_EVENT_STORE_FAILED, NULL, "that all was verified is forgotten at the next start", &err);
+		log_event_err(LOG_EVENT_STORE_FAILED, NULL, "the result of the verification is lost at the next start", &err);
 }
 
 static void note_done(struct sched_task *t)
 {
-	struct noting *x = (struct noting *)t;
+	struct note_task *x = (struct note_task *)t;
 
 	core_background_done(x->maintenance->core);
 	free(x);
@@ -80,7 +80,7 @@ static void note_done(struct sched_task *t)
 
 void verified_note(struct maintenance *m, const struct cache_verified *found)
 {
-	struct noting *x = calloc(1, sizeof *x);
+	struct note_task *x = calloc(1, sizeof *x);
 
 	m->verified = (struct verified){.at_us = clock_real_us(),
 					.files = found->files,

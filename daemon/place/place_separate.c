@@ -1,10 +1,10 @@
 /*
- * Whether state and cache are separate folders. Deleting the cache must cost time only, so it may neither be the state folder,
+ * Checks that state and cache are separate folders. Deleting the cache must not lose data, so it may neither be the state folder,
  * nor contain it, nor be inside the folders that the store makes for itself.
  *
- * Links, mounts and ".." hide this in paths. So folders are compared by device and inode, from the folder up to the root. A
- * folder that does not exist yet is described by its nearest existing ancestor and the names below that. A bind mount of a
- * folder in between has other ancestors, and is not noticed.
+ * Paths do not show this because of links, mounts and "..". So folders are compared by device and inode, from the folder up to
+ * the root. A folder that does not exist yet is described by its nearest existing ancestor and the names below that. A bind mount
+ * of a folder in between has other ancestors, and is not noticed.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -193,7 +193,7 @@ int place_check_separate(const char *state, const char *cache, bool temporary, s
 	}
 	if (is_inside(&s, &c) && !temporary) {
 		err_set(err, ERR_USAGE,
-			"the state folder (%s) lies in the cache folder: whoever empties the cache loses what was pushed", state);
+			"the state folder (%s) lies in the cache folder: emptying the cache would delete the pushed data", state);
 		return refuse(cache, "give --cache or --state another folder", err);
 	}
 	in = is_inside(&c, &s) ? find_store_folder(&c, state) : NULL;

@@ -165,7 +165,7 @@ static void task_done(struct sched_task *t)
 	push_request_done(p);
 }
 
-/* Later requests are answered with this error, also those about files that have no part in it. So it says what it is about. */
+/* Later requests are answered with this error, also those about other files. So the error names the push as its subject. */
 void push_break(struct push *p, const struct err *why)
 {
 	struct err *err = &p->broken_err;

@@ -1,5 +1,5 @@
 /*
- * The end of a push without a commit: it parks (what was staged goes to the disk), it is aborted, or its caller leaves.
+ * The end of a push without a commit: it is parked (its staged points are written to disk), it is aborted, or its caller leaves.
  *
  * The model: these are requests in the queue, so they come after earlier ones. Files that the catalogue does not name are
  * removed; then the push's row is dropped, so that the next start finds what could not be removed.

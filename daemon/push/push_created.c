@@ -1,4 +1,4 @@
-/* What a dataset that dataset_create made requires of its first push: a scale, a coordinate system. */
+/* Requirements of a dataset that dataset_create made for its first push: a scale, a coordinate system. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /*
  * Coordinate systems and units: do the inputs of a dataset agree?
  *
- * The model: the system of an input is what its records say, completed by what the push assumes for inputs that say nothing. All
+ * The model: the system of an input comes from its records; what they lack is completed by the assumptions of the push. All
  * systems in a dataset must be the same: same texts, same units, and where two records define the system, the same definition.
  * Known and unknown differ, so whether a set of files is refused does not depend on their order.
  *

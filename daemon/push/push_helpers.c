@@ -1,7 +1,7 @@
 /*
  * One file that can be read in parts, staged by several workers at once.
  *
- * The model: batches of parts are taken in order by whoever is free: by the task of the push, which has its memory, and by
+ * The model: batches of parts are taken in order by the workers that are free: the task of the push, which has its memory, and
  * helpers. A helper starts only if a thread and memory are idle, reads one batch, and queues again behind all other work. All put
  * points into the stage at once, each into its own lane; a worker that finds its lane full sorts and writes a part. When a batch
  * fails, later ones are skipped and earlier ones finished. The error of the first part that fails is the file's, so it does not
@@ -31,7 +31,7 @@ struct push_helpers {
 	struct push_guard guard;
 	enum { STAGE_WHOLE, STAGE_SPLIT, STAGE_CLOSED } state; /* of the stage */
 	uint64_t parts, step;
-	_Atomic uint64_t next;   /* the next part that nobody has taken */
+	_Atomic uint64_t next;   /* the next part to be taken */
 	_Atomic uint64_t failed; /* first part of the lowest batch that failed; `parts`: none */
 	struct err err;          /* of that batch */
 	struct pipe_ingested sum;

@@ -1,10 +1,10 @@
 /*
- * Which inputs the dataset already has.
+ * Recognises inputs that the dataset already has.
  *
  * The model: a file is known if its path, size and time of change are those of a live source, or (on request) if its content has
  * the hash of a live source, whatever its path. A file with a known path that is not known is another file of that name; it is
- * refused unless the client wants it beside the old one or in its place. A file without a path is always new. So is a pipe,
- * unless the client announces its content: then it is recognised by that, and checked against it.
+ * refused unless the client wants to add it or to replace the old one. A file without a path is always new. So is a pipe,
+ * unless the client announces the hash of its content: then it is recognised by the hash, and checked against it.
  *
  * A known file that was read otherwise than this push would read it (push_reading.c) is refused, or treated as another file.
  * Workers call this between requests of one push, so its tables do not change meanwhile.
@@ -128,7 +128,7 @@ static bool same_content(const struct push *p, const struct push_request *rq, co
 	return s->size == rq->id.size && digest_equal(s->hash, rq->hash) && push_reading_same(p, rq, s);
 }
 
-/* The file that it would replace has the same content, whatever its time: nothing changes then. */
+/* The file that it would replace has the same content. Then nothing changes, also if the times differ. */
 static int find_unchanged(struct push *p, struct push_request *rq, const struct grid_source **ret)
 {
 	const struct grid_source *all = p->base->sources;

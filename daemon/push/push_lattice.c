@@ -86,8 +86,9 @@ static void note_rounding(struct push *p)
 	if (n > 1)
 		snprintf(more, sizeof more, " and %zu more", n - 1);
 	snprintf(p->lattice_note, sizeof p->lattice_note,
-		 "%.160s%s: more digits than 32 bits hold%s: %s%s%s%s%s, the finest scale that does; --scale XY,Z says another",
-		 first->name, more, p->dataset->onestep ? " of all inputs" : " with room for what is pushed later",
+		 "%.160s%s: the coordinates have more digits than fit into 32 bits%s: %s%s%s%s%s, the finest scale that fits; "
+		 "to use another, give --scale XY,Z",
+		 first->name, more, p->dataset->onestep ? "" : " with room for later pushes",
 		 any_xy ? "x and y are rounded to " : "", any_xy ? decimal_text(p->lattice.scale_xy, xy) : "",
 		 any_xy && any_z ? ", " : "", any_z ? any_xy ? "z to " : "z is rounded to " : "",
 		 any_z ? decimal_text(p->lattice.scale_z, z) : "");

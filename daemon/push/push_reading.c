@@ -147,7 +147,7 @@ static bool texts_same(const char *a, const char *b)
 	return push_crs_known(a) == push_crs_known(b) && (!push_crs_known(a) || !strcmp(a, b));
 }
 
-/* What is assumed is what the file already has. */
+/* The assumed system is the one that the file already has. */
 static bool is_consistent(const char *said, const char *has)
 {
 	return !push_crs_known(said) || !strcmp(said, has);

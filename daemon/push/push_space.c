@@ -7,7 +7,7 @@
  * count on the same free bytes. With a crop the part that will be read is unknown, and only staged points count.
  *
  * All of it counts for the pushing user; what will remain after the commit also counts for the owner of the dataset (limit.c).
- * Both are released when the push ends. Then what it left counts: a new generation for the owner, a pending push for the pushing
+ * Both are released when the push ends. Then its result counts: a new generation for the owner, a pending push for the pushing
  * user.
  */
 #include <assert.h>

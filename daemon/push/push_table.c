@@ -1,9 +1,10 @@
 /*
- * What a push keeps of each file between its probe and the commit.
+ * The table of a push: an entry for each file from its probe to the commit.
  *
- * The model: some hundred bytes a file, found by name and by path. Coordinate systems, which most files of a survey share, are
- * kept once each. Beyond a small free part, all of it is charged in steps. A push of more files than the memory can hold is
- * refused before it costs others anything; one for which there is no memory now waits, as for its stage.
+ * The model: an entry has some hundred bytes and is found by name and by path. Coordinate systems, which most files of a survey
+ * share, are stored once each. A small part of the table is free; the rest is charged in steps. A push with more files than the
+ * memory can ever hold is refused before it takes memory from others. If there is no memory now, the push waits, as for its
+ * stage.
  */
 #include <stdio.h>
 #include <stdlib.h>

@@ -329,7 +329,7 @@ static void memory_hint(struct run *w)
 		err_add_hint(
 			&w->why,
 			"one user may have %u%% of the memory (user-memory): ask an administrator for more, or leave out points",
-			w->runs->core->p.user.memory);
+			w->runs->core->p.limits.user.memory);
 	else if (memory)
 		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
 	else

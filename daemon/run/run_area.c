@@ -1,9 +1,9 @@
 /*
- * What is special about the run of a window.
+ * The special cases of the run of a window.
  *
  * Its domains are the pieces of the window (window_area.c), which engine/pipe makes when the view has one. Pieces are not stored:
- * making one again costs no more than reading it, and nobody else would need it. The order of its triangles depends on how cells
- * lie in segments, so a merge ends its stream.
+ * making one again costs no more than reading it, and other runs do not need it. The order of its triangles depends on the cells
+ * of the segments, so a merge ends its stream.
  */
 #include "run_priv.h"
 

@@ -1,8 +1,8 @@
 /*
- * What a run holds of the budget, for `acutctl status`.
+ * Sums the memory that a run holds of the budget, for `acutctl status`.
  *
- * The bytes of a task are counted with the task until the loop takes over its result. What a worker is about to change is not
- * counted.
+ * The bytes of a task are counted with the task until the loop takes over its result. Memory that a worker may change meanwhile
+ * is not counted.
  */
 #include "run_priv.h"
 

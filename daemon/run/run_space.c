@@ -6,7 +6,7 @@
  * the store, and blocks that its reader has pass the emitter unsent, so it continues where it was. A run that a client waits for
  * fails after a while; a submitted job waits as long as it takes. A run whose cache was removed begins again at once.
  *
- * What need not be stored (finished domains) is left out instead.
+ * Data that need not be stored (finished domains) is not written then.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -83,7 +83,7 @@ void run_space_tick(struct run *w)
 
 	if (!s->waits)
 		return;
-	if (w->client && s->missing && clock_since(s->since_ns) >= w->runs->core->p.space_wait) {
+	if (w->client && s->missing && clock_since(s->since_ns) >= w->runs->core->p.limits.space_wait) {
 		why = s->why;
 		run_space_give_up(w);
 		run_fail(w, &why);

@@ -276,7 +276,7 @@ static int on_socket(sd_event_source *source, int fd, uint32_t events, void *ctx
 
 	if (c->closed)
 		return 0;
-	/* What the client requested last is paused with it, and would not notice that the client is gone. */
+	/* The last request of the client is paused with the connection, and would not notice that the client has left. */
 	if (c->paused && events & (EPOLLHUP | EPOLLERR)) {
 		conn_close(c);
 		return 0;

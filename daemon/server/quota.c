@@ -5,7 +5,7 @@
  *
  * Connections. A user may have half of the connections that those of other users leave, so some always remain.
  *
- * Files being closed (base/io_aside.c). The number of a user's open closes is limited. Beyond it, nothing is received from this
+ * Files being closed (base/io_closer.c). The number of a user's open closes is limited. Beyond it, nothing is received from this
  * user until there are fewer. If one of them takes longer than CLOSING_SECONDS, its file system does not answer, and the user's
  * connections are closed. The limit of time is generous, since a closing thread may be slower than the next files of a busy
  * client.
@@ -118,7 +118,7 @@ int quota_pause(struct conn *c, struct err *err)
 
 /* ---- connections ---- */
 
-/* Of all users; at most half of the descriptors. */
+/* The limit for all users together: at most half of the descriptors. */
 static unsigned connections_max(const struct server *s)
 {
 	uint64_t n = ledger_total(s->p.ledger) / CONNECTION_BYTES;

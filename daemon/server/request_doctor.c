@@ -73,7 +73,7 @@ static void check_rights(struct doctor *v, const struct server *s, const struct 
 		  peer->ngroups,
 		  rights_admin(peer) ? ", and is an administrator" : ", and sees its own data and what it may read");
 	if (s->p.rights.gid == RIGHTS_NOBODY && !s->p.rights.group[0])
-		add_check(v, "group", OK, "", "no group is set: everybody who reaches the socket may submit");
+		add_check(v, "group", OK, "", "no group is set: everybody who can connect to the socket may submit");
 	else if (s->p.rights.gid == RIGHTS_NOBODY)
 		add_check(v, "group", WRONG, "make the group (addgroup --system NAME), then: systemctl restart acutd",
 			  "the group %s that may submit does not exist", s->p.rights.group);

@@ -26,7 +26,11 @@ enum {
 	DATASETS = 40, /* of a page: each takes 1 KiB at most */
 	USERS = 96,
 	TEXT = 24, /* of a number */
+	EVENT_NAME = 32,
 };
+#define EVENT(name, id, level, subject) _Static_assert(sizeof #name <= EVENT_NAME, "the name of an event is too long");
+#include "log_event.def"
+#undef EVENT
 
 struct metrics_page {
 	Acut__V1__Metrics metrics;
@@ -34,7 +38,7 @@ struct metrics_page {
 	Acut__V1__MetricSample sample[SAMPLES], *samples[SAMPLES];
 	Acut__V1__MetricLabel label[SAMPLES * LABELS], *labels[SAMPLES * LABELS];
 	size_t nsamples, nlabels;
-	char events[LOG_EVENTS][32];
+	char events[LOG_EVENTS][EVENT_NAME];
 	char uid[DATASETS > USERS ? DATASETS : USERS][TEXT];
 	struct dataset_info dataset[DATASETS];
 	struct service_user user[USERS];
@@ -130,7 +134,7 @@ static void add_process(struct metrics_page *p, struct server *s)
 		"Clients and requests that were refused for rights or limits of a user since the start.", s->refused.total);
 }
 
-/* Of state and cache, even if both are on one file system. */
+/* Separate samples of state and cache, even if both are on one file system. */
 static void add_folders(struct metrics_page *p, const struct space_stat *st)
 {
 	static const struct {
@@ -306,6 +310,8 @@ static void dataset_page(struct metrics_page *p, struct server *s, const struct 
 		 "Time of the last push into a dataset, in seconds since 1970; 0: never.", dataset_pushed},
 		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be resumed.", dataset_pending},
 	};
+	_Static_assert(DATASETS * (sizeof rows / sizeof *rows) <= SAMPLES,
+		       "a page of datasets has too many samples: fewer DATASETS");
 	struct dataset *list[DATASETS + 1];
 	size_t found = dataset_list(s->service->datasets, after, peer, DATASETS + 1, list),
 	       n = found < DATASETS ? found : DATASETS;
@@ -353,6 +359,7 @@ static void user_page(struct metrics_page *p, struct server *s, const struct pee
 		{"acut_user_pending_bytes", "Upper bound of the bytes of a user's interrupted pushes.", user_pending},
 		{"acut_user_jobs", "Unfinished jobs of a user.", user_jobs},
 	};
+	_Static_assert(USERS * (sizeof rows / sizeof *rows) <= SAMPLES, "a page of users has too many samples: fewer USERS");
 	size_t n = service_users(s->service, from, p->user, USERS), shown = 0;
 
 	if (n == USERS)

@@ -21,7 +21,7 @@ void stream_wait_writable(struct stream_out *o, bool wait)
 enum write_result {
 	WRITE_OK,
 	WRITE_FULL,   /* the pipe is full */
-	WRITE_CLOSED, /* nobody reads */
+	WRITE_CLOSED, /* there is no reader */
 	WRITE_REFILL, /* a worker must refill the buffer */
 	WRITE_BLOCK,  /* the block is written; the run gives the next one, or the end */
 };

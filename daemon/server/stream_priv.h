@@ -47,7 +47,7 @@ struct stream_out {
 	size_t view_bytes;                     /* charged for it, and for the changes */
 	uint64_t blocks;                       /* number of the next block */
 	uint64_t blocked_ns;                   /* since when bytes wait for the reader; 0: none wait */
-	bool paused;                           /* a worker has the block (run_spool, run_refill) */
+	bool paused;                           /* a worker has the block (on_spool, on_refill) */
 	bool ended;                            /* the run does not call it any more */
 	bool gone;                             /* the pipe is closed */
 

@@ -1,5 +1,5 @@
 /*
- * What the run of a stream calls (struct run_output_calls).
+ * The callbacks of the run of a stream (struct run_output_calls).
  *
  * The model: the run hands over one block at a time, whose pieces point into the domain's memory. If the reader is too slow, the
  * run lets a worker write the rest of the block to a file (`paused` meanwhile: the loop does not touch the block). If an error

@@ -242,22 +242,13 @@ void service_abandon(struct service *s)
 
 /* ---- limits ---- */
 
-void service_set_limits(struct service *s, const struct service_limits *limits)
+void service_set_limits(struct service *s, const struct core_limits *limits)
 {
 	struct core *core = s->core;
 
 	THREAD_LOOP_ONLY();
-	core->p.disk = limits->disk;
-	core->p.keep_free = limits->keep_free;
-	core->p.keep_removed = limits->keep_removed;
-	core->p.space_wait = limits->space_wait;
+	core->p.limits = *limits;
 	space_set_limits(core->space, limits->disk, limits->keep_free);
 	datasets_expire(s->datasets);
-}
-
-void service_set_user_limits(struct service *s, const struct user_limits *user)
-{
-	THREAD_LOOP_ONLY();
-	s->core->p.user = *user;
-	limit_recount(s->core);
+	limit_recount(core);
 }

@@ -40,14 +40,9 @@ struct service_params {
 int service_new(const struct service_params *, struct service **ret, struct err *err);
 /* Only if service_is_stopped. NULL is fine; returns NULL. */
 struct service *service_free(struct service *);
-/* Limits that a reload changes; as in core_params. They hold from the next check on: derived files are evicted, work that waits
- * goes on. */
-struct service_limits {
-	struct space_limit disk, keep_free;
-	double keep_removed, space_wait;
-};
-void service_set_limits(struct service *, const struct service_limits *);
-void service_set_user_limits(struct service *, const struct user_limits *); /* for later requests */
+/* After a reload. They hold from the next check on: derived files are evicted, work that waits goes on. Those of users hold for
+ * later requests. */
+void service_set_limits(struct service *, const struct core_limits *);
 /* Gives memory to starved tasks, and starts what can start. After sched_dispatch and catalogue_dispatch. */
 void service_settle(struct service *);
 /* Periodic work. About ten times a second while service_active or service_is_deferring. */

@@ -53,7 +53,7 @@ void service_numbers(const struct service *s, struct service_numbers *ret)
 
 void service_usage(const struct service *s, const struct peer *peer, uint64_t state_bytes, struct service_usage *ret)
 {
-	const struct user_limits *may = &s->core->p.user;
+	const struct user_limits *may = &s->core->p.limits.user;
 	struct service_usage usage = {.exempt = rights_admin(peer), .jobs_most = may->jobs, .datasets_most = may->datasets};
 
 	usage.jobs = jobs_owned(s->jobs, peer->uid);

@@ -1,7 +1,7 @@
 /*
- * What a file says of its coordinate system: what kind of plane, which units, which name. Read off the
- * file's own records, never guessed: what no record says, or what two parts of one record contradict, is
- * "unknown". Nothing here fails: any bytes give an answer, at worst "unknown" for all of it.
+ * The coordinate system of a file: kind of plane, units, name. All of it comes from the records of the file and is never guessed.
+ * A property that no record has, or on which two parts of a record disagree, is "unknown". Nothing here fails: for invalid bytes
+ * everything is "unknown".
  */
 #ifndef CRS_H
 #define CRS_H
@@ -99,7 +99,7 @@ struct err;
 
 /* What a person says of a file that says nothing: "EPSG:25832", "EPSG:25832 + EPSG:7837", a whole WKT (of `size`
  * bytes), or a name as the records have it. Numbers that this room does not know are taken as they are, their
- * units stay unknown. -ERR_USAGE: empty, a WKT that cannot be read, not printable. */
+ * units stay unknown. -ERR_USAGE: empty, a number alone, a WKT that cannot be read, not printable. */
 int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err);
 /* "m", "ft", "ftUS" (and the names above) to a unit name; NULL: no such unit. */
 const char *crs_assume_unit(const char *text);

@@ -1,5 +1,5 @@
 /*
- * What a person says in place of a file that says nothing.
+ * Coordinate systems that the user states for a file without one.
  */
 #include <stdio.h>
 #include <string.h>
@@ -81,6 +81,14 @@ static void take_part(const char *text, size_t size, bool vertical, struct crs_i
 		crs_set_unit(ret->unit_z, crs_unit_of_remark(text, size));
 }
 
+/* As a name it would be taken, and the dataset be in a system that nobody knows. */
+static bool is_number(const char *text, size_t size)
+{
+	while (size && text[size - 1] >= '0' && text[size - 1] <= '9')
+		size--;
+	return !size;
+}
+
 int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err)
 {
 	const char *plus;
@@ -106,6 +114,10 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 	if (size > 200) {
 		err_set(err, ERR_USAGE, "the coordinate system that is given is neither a WKT nor a name");
 		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
+	}
+	if (is_number(text, size)) {
+		err_set(err, ERR_USAGE, "\"%.*s\" is a number, not a coordinate system", (int)size, text);
+		return err_add_hint(err, "an EPSG number is written EPSG:%.*s", (int)size, text);
 	}
 	plus = memmem(text, size, " + ", 3);
 	take_part(text, plus ? (size_t)(plus - text) : size, false, &made);

@@ -239,7 +239,7 @@ static void read_ellipsoid(const struct crs_records *records, struct crs_system 
 	s->inverse_flattening = e.inverse_flattening;
 }
 
-/* Of the geodetic system that a projected one stands on, or of the geographic one itself. */
+/* Reads the datum: that of the geographic system, or of the one below a projected system. */
 static void read_datum(const struct crs_records *records, struct crs_system *s)
 {
 	struct crs_info geodetic;
@@ -399,7 +399,7 @@ static bool name_of(const struct crs_records *records, bool projected, const cha
 	       (!projected && citation(records, KEY_GEODETIC_CITATION, ret, ret_size));
 }
 
-/* What a number or, where there is none, a name that only one system has, says of the system. */
+/* Completes the system by its EPSG number, or without one by a name that only one system has. */
 static void read_number(const struct crs_records *records, struct crs_info *info)
 {
 	bool projected = info->plane == CRS_PLANE_PROJECTED;

@@ -39,7 +39,7 @@ struct crs_ellipsoid {
 	double a, inverse_flattening;
 };
 
-/* Of a system whose `a` is known, for messages: "the ellipsoid 6378137 m, 1/298.25" or "a sphere of 6371000 m". */
+/* The ellipsoid of a system whose `a` is known, for messages: "the ellipsoid 6378137 m, 1/298.25" or "a sphere of 6371000 m". */
 enum { CRS_ELLIPSOID_TEXT = 80 };
 char *crs_ellipsoid_text(const struct crs_system *, char buf[CRS_ELLIPSOID_TEXT]);
 bool crs_ellipsoid_of_epsg(unsigned code, struct crs_ellipsoid *ret);

@@ -252,7 +252,7 @@ static int project_one(struct crs_step *s, double lat, double lon, double ret[2]
 	return crs_cells_at(&s->forward, d, lat, ret, err);
 }
 
-/* What the geoid adds to the height there, in metres. */
+/* The geoid's shift of the height there, in metres. */
 static int shift_one(struct crs_step *s, double lat, double lon, double *ret, struct err *err)
 {
 	double n[2];

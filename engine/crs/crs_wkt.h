@@ -48,7 +48,7 @@ struct wkt_node {
 	bool cartesian, ellipsoidal;
 };
 
-/* What a horizontal system says beside its own unit and number. */
+/* Properties of a horizontal system other than its unit and number. */
 struct wkt_system {
 	bool has_ellipsoid, has_meridian, has_datum, has_method, derived, odd;
 	double a, inverse_flattening;
@@ -68,7 +68,7 @@ struct wkt_system {
 
 bool wkt_span_is(struct crs_span, const char *word);
 unsigned wkt_span_code(struct crs_span);
-/* Of a unit keyword; `unit->angle` is set beforehand. */
+/* Reads a unit keyword; `unit->angle` must be set. */
 void wkt_unit_read(const struct wkt_node *, struct wkt_unit *unit);
 /* The name of a length (an angle for angular systems), "unknown" where none or the other kind is said. */
 const char *wkt_unit_name(const struct wkt_unit *, enum wkt_kind system);

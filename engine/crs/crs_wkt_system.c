@@ -1,11 +1,10 @@
 /*
- * What the keywords of a horizontal system say, once their brackets are read (crs_wkt.c).
+ * Interprets the keywords of a horizontal system after their brackets were read (crs_wkt.c).
  *
- * Model: what the text says by parameters comes first; a number that EPSG defines is compared with it, and where
- * they differ in more than the unit, no method is named: two answers are none. Lengths of WKT 1 are in the
- * unit of the system, angles in that of the geographic system under it; only degrees are taken there, since
- * writers disagree about all others. A prime meridian other than Greenwich, a derived system, an unknown
- * parameter: no method.
+ * Model: the parameters of the text take precedence. If the text has an EPSG number, its definition is compared with them; if
+ * they differ in more than the unit, there is no method. Lengths of WKT 1 are in the unit of the system, angles in the unit of
+ * the geographic system below it. Angles must be in degrees, since writers disagree about other units. A prime meridian other
+ * than Greenwich, a derived system or an unknown parameter means that there is no method.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -337,7 +336,7 @@ static void read_datum(const struct wkt_system *s, const struct wkt_node *n, str
 		crs_datum_of_name(ret, whole ? n->arg[0] : s->base);
 }
 
-/* What the number defines and the text leaves open. */
+/* Fills in properties that the EPSG number defines and the text lacks. */
 static void read_number(unsigned epsg, struct crs_info *info)
 {
 	struct crs_system *s = &info->system;

@@ -1,5 +1,5 @@
 /*
- * Chains (cut_chain.h has the model). What decides which points belong to the halo (add, flush) is exact: h < 2^67,
+ * Chains (cut_chain.h has the model). The functions that decide which points belong to the halo (add, flush) are exact: h < 2^67,
  * hull orientations < 2^102; doubles are used first where they are certain. What decides which cells to read (hit,
  * limit, reach, peak) is in doubles and errs towards reading: on edges E(U) - U^2 is a sum of non-negative terms, so
  * nothing cancels.

@@ -14,7 +14,8 @@
 #include "cut_valid.h"
 #include "err.h"
 
-_Static_assert(MESH_RULES >= VIEW_RULES, "counts by rule");
+_Static_assert(MESH_RULES >= VIEW_RULES,
+	       "stored domains count by rule: MESH_RULES is part of their format (docs/formats/format.md)");
 
 struct own {
 	struct cut_load *load;

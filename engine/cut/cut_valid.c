@@ -1,5 +1,5 @@
 /*
- * Whether a region would load the same points in another generation, without loading them.
+ * Decides whether a region would load the same points in another generation, without loading them.
  *
  * Model. A trace holds C, sites of the region's border chains (all, or every n-th of them), and R, ranges of Morton
  * keys with the content sums of the live records in them. Let E' be the lower hull of C: C is a part of the sites, so

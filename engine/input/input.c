@@ -1,9 +1,8 @@
 /*
- * The door of the room: which format it is, opening, closing, and the watch over files that change.
+ * The interface of the room: recognising formats, opening, closing, and checking whether files change while they are read.
  *
- * Model: an input is one allocation, its read buffer and the state of its reader included; nothing is allocated afterwards,
- * whatever the file says. The descriptor is borrowed and only ever read at explicit offsets. Not here: threads, paths, anything
- * but regular files.
+ * Model: an input is one allocation, with its read buffer and the state of its reader; nothing is allocated afterwards. The
+ * descriptor is borrowed and only read at explicit offsets. Not here: threads, paths, anything but regular files.
  */
 #include "input.h"
 #include "input_las.h"
@@ -17,7 +16,7 @@
 
 #include "io.h"
 
-/* Of the state of any reader. */
+/* The largest state of any reader. */
 static size_t state_bytes(void)
 {
 	size_t most = 0;
@@ -49,7 +48,7 @@ bool input_has_extension(const char *name, const char *extensions)
 	return false;
 }
 
-/* As a format that is no plain text. */
+/* Recognises formats other than plain text. */
 static bool is_named_otherwise(const struct input *in)
 {
 	for (size_t i = 0; i < input_n_rows; i++)
@@ -58,8 +57,7 @@ static bool is_named_otherwise(const struct input *in)
 	return false;
 }
 
-/* By content; where the content fits no format, by the name, so that the format's own reader says what
- * is wrong with it. */
+/* Recognises a format by content. If no format fits, by the name, so that the reader of that format reports the error. */
 static const struct input_row *recognise(const struct input *in, size_t n)
 {
 	for (size_t i = 0; n && i < input_n_rows; i++)
@@ -71,7 +69,7 @@ static const struct input_row *recognise(const struct input *in, size_t n)
 	return n ? NULL : &input_rows[input_n_rows - 1]; /* nothing but the mark of an encoding */
 }
 
-/* Of no bytes only the name says what they are: a text of no points is one, any other format has at least a head. */
+/* The format of an empty file is known only by its name: a text may have no points, other formats have at least a head. */
 static int choose_empty(struct input *in, const struct input_row **ret, struct err *err)
 {
 	for (size_t i = 0; i < input_n_rows; i++)
@@ -83,7 +81,7 @@ static int choose_empty(struct input *in, const struct input_row **ret, struct e
 	return err_add_hint(err, "copy it again; --input-format xyz takes it as a text without points");
 }
 
-/* A text of scans that is called a list of points: its heads are no points. */
+/* Refuses PTX that --input-format calls a list of points: the heads of its scans are not points. */
 static int check_forced(struct input *in, const struct input_row *row, size_t n, struct err *err)
 {
 	if (!row->reader->plain_text || !input_ptx_reader.matches(in->buffer, n))

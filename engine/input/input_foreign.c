@@ -1,10 +1,10 @@
 /*
- * Files of other programs, told by their first bytes, so that the refusal says what they are and what makes points of them that
+ * Recognises files of other programs by their first bytes, so that the error names the format and how to convert it to one that
  * acut reads.
  *
- * Model: a row a format. Signatures come first; where a format has none, the name has to end as its files do, and the bytes must
- * not contradict. A text that is a row here is never taken for points, unless --input-format says so. In a hint @ stands for the
- * file and & for its name without the last ending.
+ * Model: one row for each format. Signatures come first. A format without a signature is recognised by the extension of the name
+ * and by bytes that do not contradict it. A text that matches a row is never read as points, unless --input-format demands it.
+ * In a hint @ stands for the file and & for its name without the last extension.
  */
 #include "input_table.h"
 #include "input_text.h"
@@ -38,7 +38,7 @@ struct row {
 #define VENDOR "export it as LAS, LAZ or PTX with the program of the scanner's maker"
 #define MAGIC(text, place) .magic = text, .length = sizeof(text) - 1, .at = place
 
-/* ---- what is no fixed signature ---- */
+/* ---- formats without a fixed signature ---- */
 
 /* The place of the first line that is neither blank nor begins with `comment`; NULL: it is not among the first bytes. */
 static const char *first_line(const struct head *h, char comment)
@@ -139,7 +139,7 @@ static bool is_pcd(const struct head *h)
 	       (has_words(h, first_line(h, '#'), "version") && has_text(h, "\nFIELDS "));
 }
 
-/* Its first word is one of those that lines of OBJ begin with. */
+/* The first word of the line is a keyword of OBJ. */
 static bool is_obj_line(struct line l)
 {
 	static const char words[] = " v vn vt vp f l p o g s usemtl mtllib ";
@@ -157,7 +157,7 @@ static bool is_obj_line(struct line l)
 	return strstr(words, word);
 }
 
-/* Vertices or materials, and nothing else: points may have codes that are called as the lines of OBJ are. */
+/* The text has vertices or materials, and no other lines: lists of points may have codes that are also keywords of OBJ. */
 static bool is_obj(const struct head *h)
 {
 	const char *p = first_line(h, '#'), *end = (const char *)h->at + h->n;
@@ -216,7 +216,7 @@ static bool is_terrascan(const struct head *h)
 	return h->n >= 16 && !memcmp(h->at + 8, "\xa1\xce\x0e", 4);
 }
 
-/* Pairs of group code and value, each alone on its line: comments (999), then the begin of a section (0). */
+/* Pairs of group code and value, each alone on its line: comments (999), then the start of a section (0). */
 static bool is_dxf(const struct head *h)
 {
 	const char *p = first_line(h, 0);

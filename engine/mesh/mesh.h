@@ -24,10 +24,9 @@ struct mesh_link {
 	uint32_t edges;  /* number of triangles in the sum */
 };
 
-#define MESH_RULES 12 /* at least VIEW_RULES */
+#define MESH_RULES 12 /* at least VIEW_RULES; part of the format of stored domains */
 
-/* Of the positions with at least two points in the view, the one with the most points; if several have as many, the
- * first by x, then y. */
+/* The position with the most points in the view, at least two; if several have as many, the first by x, then y. */
 struct mesh_most {
 	uint64_t points; /* 0: there is no such position */
 	int32_t x, y;

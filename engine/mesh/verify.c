@@ -158,7 +158,7 @@ static void group_edges(struct check *c)
 					 to(c, list[i]), list[i - 1] / 3, list[i] / 3);
 			return;
 		}
-		if (!n) {
+		if (!n && !m->trimmed) {
 			verify_fault_set(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v), "vertex %zu is in no triangle", v);
 			return;
 		}
@@ -339,10 +339,11 @@ static void check_all(struct check *c)
 	check_edges(c);
 	uint32_t *next = c->first; /* the groups are no longer needed */
 
-	check_loop(c, next);
-	if (!c->report->fault)
+	if (!c->mesh->trimmed)
+		check_loop(c, next);
+	if (!c->report->fault && !c->mesh->trimmed)
 		check_euler(c);
-	if (!c->report->fault)
+	if (!c->report->fault && !c->mesh->trimmed)
 		check_convex(c, next);
 	if (!c->report->fault)
 		check_circles(c);
@@ -369,7 +370,8 @@ int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct e
 	if (m->nvertex >= UINT32_MAX || m->ntriangle >= UINT32_MAX / 3)
 		return err_set(err, ERR_LIMIT, "the verifier takes meshes of up to %u triangles", UINT32_MAX / 3 - 1);
 	if (!m->ntriangle) {
-		check_flat(m, &r);
+		if (!m->trimmed)
+			check_flat(m, &r);
 		*ret = r;
 		return 0;
 	}

@@ -11,6 +11,9 @@
  * - every inner edge is locally Delaunay, exactly; of cocircular vertices the tie rule's diagonal is used (algorithm.md
  *   1: the lexicographically last vertex of a cocircular polygon is cut off as an ear, repeatedly).
  *
+ * Of a trimmed mesh the boundary, the formula, and unused or missing vertices are not checked: each edge that has two
+ * triangles is still one of the whole mesh.
+ *
  * Strict orientation, a disc, and a convex boundary that turns once imply that the triangles cover the hull without
  * overlap. Then local Delaunay of all edges is global.
  */
@@ -47,6 +50,7 @@ struct verify_mesh {
 	const int32_t (*vertex)[3]; /* lattice numbers x, y, z */
 	const uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;
+	bool trimmed; /* triangles of a mesh that were left out, or other vertices, are no fault */
 };
 
 struct verify_report {

@@ -36,7 +36,8 @@ static size_t reduce_points(const struct view *view, struct point *pts, size_t n
 	return kept;
 }
 
-static void compare_points(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, struct verify_report *r)
+static void compare_points(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, bool trimmed,
+			   struct verify_report *r)
 {
 	size_t i = 0, v = 0;
 	int32_t place[3];
@@ -48,6 +49,9 @@ static void compare_points(const struct point *pts, size_t n, const struct point
 		if (q && v > 0 && same_place(q, q - 1)) {
 			place_of(q, place);
 			verify_fault_set(r, VERIFY_EXTRA, place, "two vertices have one position");
+		} else if ((!q || (p && kp < kq)) && trimmed) {
+			i++;
+			continue;
 		} else if (!q || (p && kp < kq)) {
 			place_of(p, place);
 			verify_fault_set(r, VERIFY_MISSING, place, "a point is no vertex of the mesh");
@@ -82,7 +86,7 @@ int verify_points(const struct verify_mesh *m, const struct view *view, struct p
 	r->points = n;
 	n = reduce_points(view, pts, n);
 	r->positions = n;
-	compare_points(pts, n, vertex, m->nvertex, r);
+	compare_points(pts, n, vertex, m->nvertex, m->trimmed, r);
 out:
 	free(scratch);
 	free(vertex);

@@ -1,8 +1,8 @@
 /*
- * Where most points of an input are: the box that contains 99.9 % of them, and the position with the most points.
+ * Finds where most points of an input are: the box that contains 99.9 % of them, and the position with the most points.
  *
- * Of n points, n / 6,000 (rounded down) may be beyond each of the six sides; a side is the outermost coordinate that
- * leaves no more beyond it. So the box contains at least 99.9 % of the points, each side is the coordinate of a point,
+ * At most n / 6,000 (rounded down) of n points are beyond each of the six sides; a side is the outermost coordinate for which
+ * this holds. So the box contains at least 99.9 % of the points, each side is the coordinate of a point,
  * and for up to 5,999 points it is the box of all. Each pass over the points counts those of an interval in buckets,
  * and the bucket that contains the wanted point is the next interval, for all sides at once. At most three passes, in
  * the memory of the buckets. Heights count like x and y, because a bird is as much an outlier as a point at 0,0.

@@ -48,7 +48,7 @@ static int state_of(const struct pipe_reuse_params *p, struct cut_leaf *leaf, en
 	return 0;
 }
 
-/* For a region of which nothing is stored: whether one of the regions just above it is stored. Then it was split from a
+/* For a region that is not stored: whether one of the regions just above it is stored. Then it was split from a
  * leaf that has outgrown the load. */
 static int find_outgrown(const struct pipe_reuse_params *p, const struct cut_region *root, const struct cut_region *region,
 			 bool *ret, struct err *err)

@@ -386,7 +386,7 @@ static bool last_version(const struct pipe_reuse_params *p, struct store_id *ret
 	return true;
 }
 
-/* Reads its trace to the start of `memory`. A file that cannot be read counts as unknown; whoever needs it reports the
+/* Reads its trace to the start of `memory`. A file that cannot be read counts as unknown; the code that needs it reports the
  * error. */
 static bool read_trace(const struct pipe_reuse_params *p, struct cut_trace **ret)
 {

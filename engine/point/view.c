@@ -53,10 +53,10 @@ struct view view_normal(const struct view *v)
 		w.classes[i] = w.has_classes ? w.classes[i] & ~w.not_classes[i] : 0;
 	if (w.has_classes)
 		memset(w.not_classes, 0, sizeof w.not_classes);
-	if (!w.has_zmin)
-		w.zmin = 0;
-	if (!w.has_zmax)
-		w.zmax = 0;
+#define VIEW_HEIGHT(field, ...) \
+	if (!w.has_##field)     \
+		w.field = 0;
+#include "view_option.def"
 	if (w.every <= 1)
 		w.every = 0;
 	if (!w.thin.cell)
@@ -176,6 +176,11 @@ bool view_by_kind(const struct view *v)
 bool view_selects(const struct view *v)
 {
 	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell;
+}
+
+bool view_rule_selects(enum view_rule rule)
+{
+	return rule == VIEW_BY_CROP || rule == VIEW_BY_EVERY || rule == VIEW_BY_THIN;
 }
 
 struct view view_rest(const struct view *v)

@@ -26,8 +26,9 @@ enum view_duplicates { VIEW_LOWEST, VIEW_HIGHEST };
 enum view_pick { VIEW_PICK_LOWEST, VIEW_PICK_HIGHEST, VIEW_PICK_MEDIAN }; /* median: the lower one */
 enum view_crop { VIEW_CROP_NONE, VIEW_CROP_BOX, VIEW_CROP_AREA };
 
-/* Rules in the order in which they apply; the first one that removes a point counts it. The crop is first, so that
- * points outside need not be read to be counted. */
+/* The first rule that removes a point counts it; view_judge has their order. The crop is first, so that points outside need not
+ * be read to be counted. Stored domains have counts by these numbers (docs/formats/format.md), so they stay: a new rule comes
+ * last. */
 enum view_rule {
 	VIEW_KEPT,
 	VIEW_BY_CROP,
@@ -114,9 +115,11 @@ int view_set_not_classes(struct view *, const char *list, struct err *err);
 enum view_rule view_judge(const struct view *, const struct point *);
 /* Whether view_judge uses only class, returns and flags of a point. */
 bool view_by_kind(const struct view *);
-/* Of two kept points of one position: whether a is preferred to b. False if they are equal (the source never decides). */
+/* True: of two kept points at one position, a is preferred to b. False if they are equal (the source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);
 const char *view_rule_text(enum view_rule);
+/* Whether the points that it removes are left out by the selection (view_selects), so that they are never meshed. */
+bool view_rule_selects(enum view_rule);
 
 /* Whether crop, every or thin is set. The mesh of such a view is made from a grid of its selected points, with view_rest. */
 bool view_selects(const struct view *);

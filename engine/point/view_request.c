@@ -4,6 +4,7 @@
  * 1/2), in rationals of 128 bits. The rounding is monotone, like that of points. So a point that is in the requested
  * area or range before both are rounded is in the rounded one.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -82,14 +83,16 @@ static bool to_decimal(struct view_word w, struct decimal *ret)
 	return decimal_parse(text, ret);
 }
 
-static int parse_height(struct request *q, struct view_word w, const char *what, bool *has, int64_t *ret)
+static int parse_height(struct request *q, struct view_word w, const struct view_word_row *row)
 {
+	char option[DECIMAL_MOST];
 	struct decimal d;
 
+	snprintf(option, sizeof option, "--%.*s", (int)strlen(row->word) - 1, row->word);
 	if (!to_decimal(w, &d))
-		return bad_number(w, what, q->err);
-	to_lattice(d.mantissa, d.exponent, 1, 1, q->lattice->scale_z, ret);
-	*has = true;
+		return bad_number(w, option, q->err);
+	to_lattice(d.mantissa, d.exponent, 1, 1, q->lattice->scale_z, view_word_height(q->view, row));
+	*view_word_flag(q->view, row->has) = true;
 	return 0;
 }
 
@@ -268,23 +271,21 @@ static int parse_thin(struct request *q, struct view_word w)
 
 /* ---- words ---- */
 
-static int parse_word(struct request *q, struct view_word w)
+static int parse_word(struct request *q, enum view_word_id id, struct view_word w)
 {
 	struct view *v = q->view;
 
-	if (view_word_after(&w, "crop=")) {
+	if (id == VIEW_WORD_crop) {
 		q->option = "--crop";
 		return parse_place(q, w, &v->crop, v->crop_box, &v->area);
 	}
-	if (view_word_after(&w, "window="))
+	if (id == VIEW_WORD_window)
 		return take_window(q, w);
-	if (view_word_after(&w, "thin="))
+	if (id == VIEW_WORD_thin)
 		return parse_thin(q, w);
-	if (view_word_after(&w, "zmin="))
-		return parse_height(q, w, "--zmin", &v->has_zmin, &v->zmin);
-	if (view_word_after(&w, "zmax="))
-		return parse_height(q, w, "--zmax", &v->has_zmax, &v->zmax);
-	return !view_word_plain(v, w);
+	if (view_word_rows[id].kind == VIEW_KIND_HEIGHT)
+		return parse_height(q, w, &view_word_rows[id]);
+	return !view_word_plain(v, id, w);
 }
 
 static int parse_words(struct request *q, struct view_word all)
@@ -300,9 +301,11 @@ static int parse_words(struct request *q, struct view_word all)
 		w = (struct view_word){all.at, strcspn(all.at, " ")};
 		all.at += w.n;
 		all.n -= w.n;
-		if (!view_word_new(&seen, w))
+		enum view_word_id id = view_word_next(&seen, &w);
+
+		if (id == VIEW_WORDS)
 			return 1;
-		r = parse_word(q, w);
+		r = parse_word(q, id, w);
 		if (r)
 			return r;
 	}

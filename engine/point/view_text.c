@@ -59,7 +59,7 @@ static bool class_bit(const uint64_t classes[4], unsigned cls)
 /* " class=2-5,9" */
 static void put_classes(struct sink *s, const char *word, const uint64_t classes[4])
 {
-	put_text(s, " %s=", word);
+	put_text(s, " %s", word);
 	for (unsigned c = 0, some = 0; c < 256; c++) {
 		unsigned last = c;
 
@@ -76,7 +76,7 @@ static void put_area(struct sink *s, const char *word, const struct view_area *a
 {
 	int64_t x = 0, y = 0;
 
-	put_text(s, " %s=area:", word);
+	put_text(s, " %sarea:", word);
 	for (size_t i = 0; i < view_area_rings(a); i++) {
 		const int64_t(*corner)[2];
 		bool shell;
@@ -98,7 +98,7 @@ static void put_area(struct sink *s, const char *word, const struct view_area *a
 static void put_place(struct sink *s, const char *word, unsigned kind, const int64_t b[4], const struct view_area *a)
 {
 	if (kind == VIEW_CROP_BOX)
-		put_text(s, " %s=box:%lld,%lld,%lld,%lld", word, (long long)b[0], (long long)b[1], (long long)b[2],
+		put_text(s, " %sbox:%lld,%lld,%lld,%lld", word, (long long)b[0], (long long)b[1], (long long)b[2],
 			 (long long)b[3]);
 	else if (kind == VIEW_CROP_AREA)
 		put_area(s, word, a);
@@ -106,33 +106,72 @@ static void put_place(struct sink *s, const char *word, unsigned kind, const int
 
 static const char *const pick_text[] = {"lowest", "highest", "median"};
 
+/* A word that is no row of a kind. */
+static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
+{
+	const char *word = view_word_rows[id].word;
+
+	switch (id) {
+	case VIEW_WORD_classes:
+		if (v->has_classes)
+			put_classes(s, word, v->classes);
+		break;
+	case VIEW_WORD_not_classes:
+		if (v->not_classes[0] | v->not_classes[1] | v->not_classes[2] | v->not_classes[3])
+			put_classes(s, word, v->not_classes);
+		break;
+	case VIEW_WORD_ground:
+		if (v->ground)
+			put_text(s, " %s", word);
+		break;
+	case VIEW_WORD_returns:
+		if (v->returns != VIEW_RETURNS_ALL)
+			put_text(s, " %s%s", word, v->returns == VIEW_RETURNS_FIRST ? "first" : "last");
+		break;
+	case VIEW_WORD_crop:
+		put_place(s, word, v->crop, v->crop_box, v->area);
+		break;
+	case VIEW_WORD_thin:
+		if (v->thin.cell)
+			put_text(s, " %s%lld:%s", word, (long long)v->thin.cell, pick_text[v->thin.pick]);
+		break;
+	case VIEW_WORD_duplicates:
+		if (v->duplicates == VIEW_HIGHEST)
+			put_text(s, " %shighest", word);
+		break;
+	case VIEW_WORD_window:
+		put_place(s, word, v->window, v->window_box, v->window_area);
+		break;
+	default:
+		break;
+	}
+}
+
 static void put_view(struct sink *s, const struct view *view)
 {
 	struct view v = view_normal(view);
 
 	put_text(s, "view 1");
-	if (v.has_classes)
-		put_classes(s, "class", v.classes);
-	if (v.not_classes[0] | v.not_classes[1] | v.not_classes[2] | v.not_classes[3])
-		put_classes(s, "not-class", v.not_classes);
-	put_text(s, "%s%s%s%s%s", v.ground ? " ground" : "",
-		 v.returns == VIEW_RETURNS_FIRST ? " returns=first" :
-		 v.returns == VIEW_RETURNS_LAST  ? " returns=last" :
-						   "",
-		 v.keep_withheld ? " keep-withheld" : "", v.keep_noise ? " keep-noise" : "",
-		 v.drop_overlap ? " drop-overlap" : "");
-	if (v.has_zmin)
-		put_text(s, " zmin=%lld", (long long)v.zmin);
-	if (v.has_zmax)
-		put_text(s, " zmax=%lld", (long long)v.zmax);
-	put_place(s, "crop", v.crop, v.crop_box, v.area);
-	if (v.every)
-		put_text(s, " every=%llu", (unsigned long long)v.every);
-	if (v.thin.cell)
-		put_text(s, " thin=%lld:%s", (long long)v.thin.cell, pick_text[v.thin.pick]);
-	if (v.duplicates == VIEW_HIGHEST)
-		put_text(s, " duplicates=highest");
-	put_place(s, "window", v.window, v.window_box, v.window_area);
+	for (unsigned i = 0; i < VIEW_WORDS; i++) {
+		const struct view_word_row *row = &view_word_rows[i];
+
+		switch (row->kind) {
+		case VIEW_KIND_FLAG:
+			if (*view_word_flag(&v, row->at))
+				put_text(s, " %s", row->word);
+			break;
+		case VIEW_KIND_COUNT:
+			if (*view_word_count(&v, row))
+				put_text(s, " %s%llu", row->word, (unsigned long long)*view_word_count(&v, row));
+			break;
+		case VIEW_KIND_HEIGHT:
+			if (*view_word_flag(&v, row->has))
+				put_text(s, " %s%lld", row->word, (long long)*view_word_height(&v, row));
+			break;
+		default:
+			put_own(s, &v, (enum view_word_id)i);
+		}
+	}
 }
 
 size_t view_text_size(const struct view *view)
@@ -267,19 +306,19 @@ static int parse_thin(struct view *v, struct view_word w)
 	return 1;
 }
 
-static int parse_word(struct view *v, struct view_word w, struct err *err)
+static int parse_word(struct view *v, enum view_word_id id, struct view_word w, struct err *err)
 {
-	if (view_word_after(&w, "crop="))
+	const struct view_word_row *row = &view_word_rows[id];
+
+	if (id == VIEW_WORD_crop)
 		return parse_place(w, &v->crop, v->crop_box, &v->area, err);
-	if (view_word_after(&w, "window="))
+	if (id == VIEW_WORD_window)
 		return parse_place(w, &v->window, v->window_box, &v->window_area, err);
-	if (view_word_after(&w, "thin="))
+	if (id == VIEW_WORD_thin)
 		return parse_thin(v, w);
-	if (view_word_after(&w, "zmin="))
-		return !(v->has_zmin = view_word_i64(w, &v->zmin));
-	if (view_word_after(&w, "zmax="))
-		return !(v->has_zmax = view_word_i64(w, &v->zmax));
-	return !view_word_plain(v, w);
+	if (row->kind == VIEW_KIND_HEIGHT)
+		return !(*view_word_flag(v, row->has) = view_word_i64(w, view_word_height(v, row)));
+	return !view_word_plain(v, id, w);
 }
 
 /* 0, a negative error, or 1: not a text that view_text writes. */
@@ -287,6 +326,7 @@ static int parse(const char *text, struct view *v, struct err *err)
 {
 	struct view_word all = {text, strlen(text)}, w;
 	struct sink same = {.like = text};
+	struct view_seen seen = {0};
 
 	if (all.n > VIEW_TEXT_MAX || !view_word_after(&all, "view 1"))
 		return 1;
@@ -296,7 +336,8 @@ static int parse(const char *text, struct view *v, struct err *err)
 		w = (struct view_word){all.at, strcspn(all.at, " ")};
 		all.at += w.n;
 		all.n -= w.n;
-		int r = parse_word(v, w, err);
+		enum view_word_id id = view_word_next(&seen, &w);
+		int r = id == VIEW_WORDS ? 1 : parse_word(v, id, w, err);
 
 		if (r)
 			return r;

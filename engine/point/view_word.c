@@ -7,6 +7,23 @@
 
 #include "parse.h"
 
+const struct view_word_row view_word_rows[VIEW_WORDS] = {
+#define VIEW_FLAG(field, word, help) {word, VIEW_KIND_FLAG, offsetof(struct view, field), 0},
+#define VIEW_COUNT(field, word, value, help) {word "=", VIEW_KIND_COUNT, offsetof(struct view, field), 0},
+#define VIEW_HEIGHT(field, word, value, help) \
+	{word "=", VIEW_KIND_HEIGHT, offsetof(struct view, field), offsetof(struct view, has_##field)},
+#define VIEW_OWN(field, word) {word, VIEW_KIND_OWN, 0, 0},
+#include "view_option.def"
+};
+
+/* A row is read and written through a pointer of its kind. */
+#define VIEW_FLAG(field, word, help) _Static_assert(_Generic(((struct view *)0)->field, bool : 1, default : 0), "bool " #field);
+#define VIEW_COUNT(field, word, value, help) \
+	_Static_assert(_Generic(((struct view *)0)->field, uint64_t : 1, default : 0), "uint64_t " #field);
+#define VIEW_HEIGHT(field, word, value, help) \
+	_Static_assert(_Generic(((struct view *)0)->field, int64_t : 1, default : 0), "int64_t " #field);
+#include "view_option.def"
+
 bool view_word_is(struct view_word w, const char *text)
 {
 	return w.n == strlen(text) && memcmp(w.at, text, w.n) == 0;
@@ -100,33 +117,31 @@ bool view_word_classes(struct view_word w, uint64_t classes[4])
 	return true;
 }
 
-bool view_word_plain(struct view *v, struct view_word w)
+bool view_word_plain(struct view *v, enum view_word_id id, struct view_word w)
 {
-	if (view_word_after(&w, "class=")) {
+	const struct view_word_row *row = &view_word_rows[id];
+
+	if (row->kind == VIEW_KIND_FLAG)
+		return *view_word_flag(v, row->at) = true;
+	if (row->kind == VIEW_KIND_COUNT)
+		return number_u64(w, view_word_count(v, row)) && *view_word_count(v, row);
+	switch (id) {
+	case VIEW_WORD_classes:
 		v->has_classes = true;
 		return view_word_classes(w, v->classes);
-	}
-	if (view_word_after(&w, "not-class="))
+	case VIEW_WORD_not_classes:
 		return view_word_classes(w, v->not_classes);
-	if (view_word_after(&w, "every="))
-		return number_u64(w, &v->every) && v->every;
-	if (view_word_is(w, "ground"))
-		v->ground = true;
-	else if (view_word_is(w, "returns=first"))
-		v->returns = VIEW_RETURNS_FIRST;
-	else if (view_word_is(w, "returns=last"))
-		v->returns = VIEW_RETURNS_LAST;
-	else if (view_word_is(w, "keep-withheld"))
-		v->keep_withheld = true;
-	else if (view_word_is(w, "keep-noise"))
-		v->keep_noise = true;
-	else if (view_word_is(w, "drop-overlap"))
-		v->drop_overlap = true;
-	else if (view_word_is(w, "duplicates=highest"))
+	case VIEW_WORD_ground:
+		return v->ground = true;
+	case VIEW_WORD_returns:
+		v->returns = view_word_is(w, "first") ? VIEW_RETURNS_FIRST : VIEW_RETURNS_LAST;
+		return view_word_is(w, "first") || view_word_is(w, "last");
+	case VIEW_WORD_duplicates:
 		v->duplicates = VIEW_HIGHEST;
-	else
+		return view_word_is(w, "highest");
+	default:
 		return false;
-	return true;
+	}
 }
 
 int view_word_rings(struct view_word w, const struct view_rings *to)
@@ -156,19 +171,22 @@ int view_word_rings(struct view_word w, const struct view_rings *to)
 	return 0;
 }
 
-bool view_word_new(struct view_seen *seen, struct view_word w)
-{
-	static const char *const kind[] = {
-		"class=", "not-class=", "ground", "returns=", "keep-withheld", "keep-noise",  "drop-overlap",
-		"zmin=",  "zmax=",      "crop=",  "every=",   "thin=",         "duplicates=", "window="};
+_Static_assert(VIEW_WORDS <= 32, "bits of struct view_seen");
 
-	for (unsigned i = 0; i < sizeof kind / sizeof *kind; i++) {
-		if (!view_word_after(&w, kind[i]))
+enum view_word_id view_word_next(struct view_seen *seen, struct view_word *w)
+{
+	for (unsigned i = 0; i < VIEW_WORDS; i++) {
+		const char *word = view_word_rows[i].word;
+		bool valued = word[strlen(word) - 1] == '=';
+
+		if (valued ? !view_word_after(w, word) : !view_word_is(*w, word))
 			continue;
 		if (seen->words >> i & 1)
-			return false;
+			break;
 		seen->words |= 1u << i;
-		return true;
+		if (!valued)
+			*w = (struct view_word){w->at + w->n, 0};
+		return (enum view_word_id)i;
 	}
-	return false;
+	return VIEW_WORDS;
 }

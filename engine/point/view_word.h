@@ -22,8 +22,42 @@ bool view_word_i64(struct view_word, int64_t *ret);
 /* "2-5,9" into a bit set. */
 bool view_word_classes(struct view_word, uint64_t classes[4]);
 
-/* Words without lattice numbers, equal in both texts. */
-bool view_word_plain(struct view *, struct view_word);
+/* The rows of base/view_option.def, in the order of the canonical text. */
+enum view_word_id {
+#define VIEW_FLAG(field, ...) VIEW_WORD_##field,
+#define VIEW_COUNT(field, ...) VIEW_WORD_##field,
+#define VIEW_HEIGHT(field, ...) VIEW_WORD_##field,
+#define VIEW_OWN(field, ...) VIEW_WORD_##field,
+#include "view_option.def"
+	VIEW_WORDS
+};
+struct view_word_row {
+	const char *word; /* "=" ends it if it has a value */
+	enum { VIEW_KIND_FLAG, VIEW_KIND_COUNT, VIEW_KIND_HEIGHT, VIEW_KIND_OWN } kind;
+	size_t at, has; /* places of the field, and of has_FIELD of a height */
+};
+extern const struct view_word_row view_word_rows[VIEW_WORDS];
+static inline bool *view_word_flag(struct view *v, size_t at)
+{
+	return (bool *)((char *)v + at);
+}
+static inline int64_t *view_word_height(struct view *v, const struct view_word_row *row)
+{
+	return (int64_t *)((char *)v + row->at);
+}
+static inline uint64_t *view_word_count(struct view *v, const struct view_word_row *row)
+{
+	return (uint64_t *)((char *)v + row->at);
+}
+
+/* Words of one view, as they are read: removes the word, so that its value is left. VIEW_WORDS: it is no word, or was read
+ * before. */
+struct view_seen {
+	unsigned words;
+};
+enum view_word_id view_word_next(struct view_seen *, struct view_word *);
+/* The value of a word that has no lattice numbers, equal in both texts. False for any other word, and for a wrong value. */
+bool view_word_plain(struct view *, enum view_word_id, struct view_word value);
 
 /* The rings of an area: '+' begins a polygon, '-' a hole; then x and y of each corner as differences to the previous
  * corner, across rings, in the code of area_code.h. `corner` gets the absolute numbers; non-zero ends it. */
@@ -36,11 +70,5 @@ struct view_rings {
 int view_word_rings(struct view_word, const struct view_rings *);
 
 size_t view_text_size(const struct view *); /* of the canonical text, without the terminating zero */
-
-/* Combines words of one view as they are read: no word twice. */
-struct view_seen {
-	unsigned words;
-};
-bool view_word_new(struct view_seen *, struct view_word);
 
 #endif

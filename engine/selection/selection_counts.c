@@ -9,6 +9,7 @@
 
 #include <fcntl.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -44,21 +45,23 @@ struct digest selection_key(const struct grid *grid, const struct view *view)
 	return digest_hash(parts, sizeof parts);
 }
 
-static int counts_text(const struct selection_counts *s, char text[TEXT_MAX])
+/* `rules`: bit set of those that have a line. */
+static int counts_text(const struct selection_counts *s, unsigned rules, char text[TEXT_MAX])
 {
 	int at = snprintf(text, TEXT_MAX, "%spoints %" PRIu64 "\nkept %" PRIu64 "\n", HEAD, s->points, s->kept);
 	char hex[DIGEST_HEX_SIZE];
 
-	for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
-		at += snprintf(text + at, TEXT_MAX - (size_t)at, "%s %" PRIu64 "\n", view_rule_text((enum view_rule)i),
-			       s->removed[i]);
+	for (unsigned i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
+		if (rules >> i & 1)
+			at += snprintf(text + at, TEXT_MAX - (size_t)at, "%s %" PRIu64 "\n", view_rule_text((enum view_rule)i),
+				       s->removed[i]);
 	return at + snprintf(text + at, TEXT_MAX - (size_t)at, "check %s\n", digest_hex(digest_hash(text, (size_t)at), hex));
 }
 
 int selection_counts_write(int dirfd, const struct selection_counts *s, struct err *err)
 {
 	char text[TEXT_MAX];
-	int n = counts_text(s, text), fd, r;
+	int n = counts_text(s, UINT_MAX, text), fd, r;
 
 	r = io_open(dirfd, COUNTS, O_WRONLY | O_CREAT | O_TRUNC, 0640, &fd, err);
 	if (r)
@@ -68,9 +71,11 @@ int selection_counts_write(int dirfd, const struct selection_counts *s, struct e
 	return r;
 }
 
-/* Parses without validation: the caller formats the result again and compares the texts. */
-static void counts_parse(const char *text, struct selection_counts *ret)
+/* Parses without validation: the caller formats the result again and compares the texts. Returns the rules that have a line: a
+ * version that did not know a rule wrote none, and its selections are as good as before. */
+static unsigned counts_parse(const char *text, struct selection_counts *ret)
 {
+	unsigned rules = 0;
 	char name[32];
 	uint64_t n;
 
@@ -81,16 +86,20 @@ static void counts_parse(const char *text, struct selection_counts *ret)
 			ret->points = n;
 		else if (!strcmp(name, "kept"))
 			ret->kept = n;
-		for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
-			if (!strcmp(name, view_rule_text((enum view_rule)i)))
+		for (unsigned i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
+			if (!strcmp(name, view_rule_text((enum view_rule)i))) {
 				ret->removed[i] = n;
+				rules |= 1u << i;
+			}
 	}
+	return rules;
 }
 
 int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *err)
 {
 	char text[TEXT_MAX] = "", again[TEXT_MAX];
 	struct selection_counts s = {0};
+	unsigned rules;
 	size_t n = 0;
 	int fd, r;
 
@@ -102,8 +111,8 @@ int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *e
 	if (r)
 		return r;
 	text[n] = 0;
-	counts_parse(text, &s);
-	counts_text(&s, again);
+	rules = counts_parse(text, &s);
+	counts_text(&s, rules, again);
 	if (strcmp(text, again)) {
 		err_set(err, ERR_CORRUPT, "the counts of a selection are damaged");
 		return err_add_file(err, COUNTS);

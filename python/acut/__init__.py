@@ -1,4 +1,4 @@
-"""acut: terrain meshes from LiDAR, asked from acutd.
+"""acut: terrain meshes from LiDAR, made by acutd.
 
     import acut
 
@@ -8,28 +8,27 @@
         mesh = server.mesh(job)             # waits until it is made
         print(len(mesh.triangles), mesh.digest)
 
-connect() gives a Connection, whose methods are what acutctl(1) can be asked for. All failures are exceptions below Error,
-one class a code; `exit_status` is what acutctl ends with for it. Results are plain objects; times are in UTC.
+connect() returns a Connection, whose methods correspond to the commands of acutctl(1). All failures are subclasses of Error,
+one for each error code; `exit_status` is the exit status of acutctl for that error. Results are plain objects; times are in UTC.
 
-Arrays are memoryviews with a shape, (n, 3) as a rule. numpy is not needed, and takes them without copying:
+Arrays are memoryviews, most of shape (n, 3). numpy is not needed, but can use them without copying:
 
     vertices = numpy.asarray(mesh.vertices)        # float64
     triangles = numpy.asarray(mesh.triangles)      # uint64
 
-Without it, `.tolist()` gives lists of three. A mesh that does not fit into memory comes in blocks:
+Without numpy, `.tolist()` gives lists of three numbers. A mesh that does not fit into memory can be read in blocks:
 
     with server.fetch(job) as blocks:
         for block in blocks:
             use(block.coordinates, block.triangles)
         digest = blocks.tail.digest
 
-Both digests of a mesh are computed on this side and compared (DigestError); until the last block was taken, it is not
-known to be whole.
+Both digests of a mesh are computed here and compared (DigestError). A mesh is complete only after its last block was read.
 
-Threads: a connection is for one thread at a time; open one in each. Ctrl-C ends a call; so does an exception in a progress
-function, which is raised by the call. A connection is closed by close(), by `with`, and when it is dropped.
+Threads: only one thread at a time may use a connection; open one in each. Ctrl-C ends a call. So does an exception in a progress
+function: the call then raises it. A connection is closed by close(), by `with`, and when it is dropped.
 
-It needs libacut.so.0 (the environment's ACUT_LIBRARY names another file) and nothing else.
+The module needs libacut.so.0 (or the file that the environment variable ACUT_LIBRARY names) and nothing else.
 """
 from ._abi import VERSION as __version__
 from ._backup import BackupFile

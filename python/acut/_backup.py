@@ -1,4 +1,4 @@
-"""Files of a backup that come, and files of an export that go."""
+"""Files of a backup, as they come, and of an export that is imported."""
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +32,7 @@ def backup_sink(state: State, each: Any) -> Any:
 
 
 class Giver:
-    """The files of an exported dataset, "manifest" first, one after the other."""
+    """Gives the files of an exported dataset one after the other, "manifest" first."""
 
     def __init__(self, state: State, folder: str) -> None:
         segments = sorted(n for n in os.listdir(folder) if n.endswith(".seg") and not n.startswith("."))

@@ -1,4 +1,4 @@
-"""The connection: what acutctl can be asked for, as methods."""
+"""The connection: the commands of acutctl as methods."""
 import contextlib
 import ctypes
 import functools
@@ -65,7 +65,7 @@ class Connection:
     # ---- itself ----
 
     def close(self) -> None:
-        """Closes it; twice is fine. Jobs go on, but for those that are bound to it."""
+        """Closes it; calling it again is harmless. Jobs continue, except those that are bound to it."""
         self._state.turn(functools.partial(_library.close, self._state), _goes_on)
         self._closed.detach()
 
@@ -84,7 +84,7 @@ class Connection:
 
     @property
     def daemon_build(self) -> str:
-        """Build id of the other side."""
+        """The build id of the daemon."""
         return self._state.alone(lambda: decoded(_library.library().acut_daemon_build(self._state.handle)))
 
     def ping(self) -> float:
@@ -98,15 +98,15 @@ class Connection:
         return self._ask("status", abi.acut_status, convert=results.status)
 
     def config(self) -> List[results.Setting]:
-        """The daemon's settings, and where each comes from."""
+        """The daemon's settings, and the source of each."""
         return self._list("config", abi.acut_setting, convert=functools.partial(take, results.Setting))
 
     def metrics(self) -> List[results.Metric]:
-        """What acutctl metrics prints, see acut-metrics(7); a sample each."""
+        """The samples that acutctl metrics prints, see acut-metrics(7)."""
         return self._list("metrics", abi.acut_metric, convert=results.metric)
 
     def doctor(self) -> List[results.Check]:
-        """What the daemon can see of whether all is well; acutctl doctor looks at this side, too."""
+        """The checks of the daemon's side; acutctl doctor also checks this side."""
         return self._list("doctor", abi.acut_check, convert=functools.partial(take, results.Check))
 
     # ---- how calls are made ----
@@ -115,12 +115,12 @@ class Connection:
         self._state.call(getattr(_library.library(), "acut_" + name), *arguments)
 
     def _ask(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
-        """The answer is a pointer, good until the next call."""
+        """Calls a function whose answer is a pointer that is valid until the next call."""
         ret = ctypes.POINTER(struct)()
         return self._answer(name, ret, arguments, lambda: convert(ret.contents))
 
     def _read(self, name: str, struct: Any, decimal_comma: bool, *arguments: Any, convert: Callable[[Any], T]) -> T:
-        """The same of a file, which may have decimal commas."""
+        """Calls a function that reads a file, with options for decimal commas."""
         lib, state, ret = _library.library(), self._state, ctypes.POINTER(struct)()
 
         def work() -> T:
@@ -130,7 +130,7 @@ class Connection:
         return state.alone(work)
 
     def _fill(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
-        """The answer is put where the caller says."""
+        """Calls a function that fills a struct of the caller."""
         ret = struct()
         return self._answer(name, ret, arguments, lambda: convert(ret))
 
@@ -141,7 +141,7 @@ class Connection:
         return self._state.alone(work)
 
     def _list(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> List[T]:
-        """A function is called for each row."""
+        """Calls a function that calls back for each row."""
         found: List[T] = []
         each = abi.acut_progress_fn(
             guard(self._state, lambda ctx, at: found.append(convert(struct.from_address(at))), 2))
@@ -151,14 +151,14 @@ class Connection:
     # ---- datasets ----
 
     def datasets(self, *, removed: bool = False) -> List[results.Dataset]:
-        """All datasets, by name; or those that were removed and can be restored."""
+        """All datasets, sorted by name; or the removed ones that can be restored."""
         convert = functools.partial(take, results.Dataset)
         if removed:
             return self._list("datasets_removed", abi.acut_dataset, convert=convert)
         return self._list("datasets", abi.acut_dataset, None, convert=convert)
 
     def dataset(self, name: str, *, at: int = 0) -> results.Dataset:
-        """One dataset, now or as it was in a generation. NotFoundError: there is none."""
+        """One dataset, now or as of a generation. NotFoundError: there is none."""
         return self._fill("dataset_at", abi.acut_dataset, encoded(name), at, convert=functools.partial(take, results.Dataset))
 
     def create_dataset(self, name: str, *, scale: Any = None, crs: Optional[str] = None,
@@ -174,7 +174,7 @@ class Connection:
             on._call("dataset_create", encoded(name), encoded(xy), encoded(z or None), encoded(crs))
 
     def dataset_log(self, name: str, *, files: bool = False) -> List[results.Generation]:
-        """The generations of a dataset, oldest first; files: with what each added and removed, as `changes`."""
+        """The generations of a dataset, oldest first; with `files` also what each added and removed, as `changes`."""
         found: List[Any] = []
         changes: List[Any] = []
 
@@ -198,43 +198,43 @@ class Connection:
                           convert=functools.partial(take, results.Dataset))
 
     def remove_dataset(self, name: str) -> results.Dataset:
-        """Hides it; until `until` it can be restored."""
+        """Removes a dataset; it can be restored until the time `until` of the result."""
         return self._change("remove", name)
 
     def restore_dataset(self, name: str, *, as_: Optional[str] = None) -> results.Dataset:
-        """Brings a removed one back, by name or by number (as a text), under another name if `as_` says one."""
+        """Restores a removed dataset, by name or by number (as a text), under the name `as_` if it is given."""
         return self._change("restore", name, int(name) if name.isdigit() else 0, as_)
 
     def pin_dataset(self, name: str) -> results.Dataset:
-        """It can be neither removed nor pruned then."""
+        """Protects a dataset from removal and pruning."""
         return self._change("pin", name)
 
     def unpin_dataset(self, name: str) -> results.Dataset:
-        """Takes the pin away."""
+        """Ends the protection."""
         return self._change("unpin", name)
 
     def chmod_dataset(self, name: str, mode: Union[str, int]) -> results.Dataset:
-        """Who may read it and push into it: 0o640, "640", "g+w,o=". Its owner, and administrators."""
+        """Sets who may read it and push into it: 0o640, "640", "g+w,o=". For its owner and administrators."""
         return self._fill("dataset_chmod", abi.acut_dataset, encoded(name), _mode(mode),
                           convert=functools.partial(take, results.Dataset))
 
     def chgrp_dataset(self, name: str, group: Union[str, int]) -> results.Dataset:
-        """Another group, by name or number, that its owner is in; administrators: any."""
+        """Sets the group, by name or number, to one that its owner is in; administrators may set any."""
         return self._fill("dataset_chgrp", abi.acut_dataset, encoded(name), _number("group", group),
                           convert=functools.partial(take, results.Dataset))
 
     def chown_dataset(self, name: str, user: Union[str, int]) -> results.Dataset:
-        """Another owner, by name or number. Administrators."""
+        """Sets the owner, by name or number. For administrators."""
         return self._fill("dataset_chown", abi.acut_dataset, encoded(name), _number("user", user),
                           convert=functools.partial(take, results.Dataset))
 
     def revert(self, dataset: str, generation: int = 0) -> results.Reverted:
-        """Undoes one generation, the newest if none is said, by a new one."""
+        """Undoes one generation, by default the newest, by a new generation."""
         return self._fill("dataset_revert", abi.acut_reverted, encoded(dataset), generation,
                           convert=functools.partial(take, results.Reverted))
 
     def prune(self, dataset: str, *, keep: int = 0, before: int = 0) -> results.Pruned:
-        """All generations but the newest `keep` go, or all before generation `before`."""
+        """Removes all generations but the newest `keep`, or all before generation `before`."""
         return self._fill("dataset_prune", abi.acut_pruned, encoded(dataset), keep, before,
                           convert=functools.partial(take, results.Pruned))
 
@@ -281,14 +281,14 @@ class Connection:
 
     def info(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None,
              decimal_comma: bool = False) -> results.Info:
-        """What the header of a file says; `file` is a path or an open file."""
+        """Reads the header of a file; `file` is a path or an open file."""
         with _opened(file) as (fd, name):
             return self._read("info", abi.acut_probe, decimal_comma, fd, name, encoded(format), encoded(columns),
                               convert=functools.partial(take, results.Info))
 
     def inspect(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None,
                 decimal_comma: bool = False) -> results.Inspected:
-        """What is in the records of a file: all of it is read."""
+        """Reads all records of a file."""
         with _opened(file) as (fd, name):
             return self._read("inspect", abi.acut_inspected, decimal_comma, fd, name, encoded(format), encoded(columns),
                               convert=results.inspected)
@@ -311,11 +311,12 @@ class Connection:
 
     def wait(self, job: JobOrId, *, changed: Optional[Callable[[results.Job], None]] = None,
              check: bool = True) -> results.Job:
-        """The job when it is over. A failed one raises its error, unless check is False. changed: called at each change."""
+        """Waits until the job is over, and returns it. A failed one raises its error, unless check is False. changed: called at
+        each change."""
         return self._wait(job, True, changed, check)
 
     def job(self, job: JobOrId) -> results.Job:
-        """What is known of a job now."""
+        """The present state of a job."""
         return self._wait(job, False, None, False)
 
     def _wait(self, job: JobOrId, follow: bool, changed: Any, check: bool) -> results.Job:
@@ -336,7 +337,7 @@ class Connection:
         return self._ask("job_cancel", abi.acut_job, _id(job), convert=results.job)
 
     def remove_job(self, job: JobOrId) -> None:
-        """Forgets a job that is over."""
+        """Removes a job that is over."""
         self._call("job_remove", _id(job))
 
     def plan(self, dataset: str, *, at: int = 0, view: Optional[str] = None, **words: Any) -> results.Plan:
@@ -360,7 +361,7 @@ class Connection:
         return Fetch(self._state, _id(job), since, resume, progress)
 
     def mesh(self, job: JobOrId, *, bbox: Any = None, polygon: Optional[Area] = None, progress: OnProgress = None) -> Mesh:
-        """The whole mesh of a job in memory; waits until it is made."""
+        """Waits for the whole mesh of a job, and returns it in memory."""
         fetch = self.fetch(job, bbox=bbox, polygon=polygon, progress=progress)
         try:
             return Mesh(fetch)
@@ -371,26 +372,26 @@ class Connection:
     # ---- geoid grids, disk, backups ----
 
     def geoids(self) -> List[results.Geoid]:
-        """The geoid grids that the daemon keeps, by name."""
+        """The geoid grids that the daemon keeps, sorted by name."""
         return self._list("geoids", abi.acut_geoid, convert=functools.partial(take, results.Geoid))
 
     def add_geoid(self, file: Any, *, name: Optional[str] = None) -> results.Geoid:
-        """A checked copy of GeographicLib's PGM file, under its own name without the ending or `name`."""
+        """Adds a checked copy of a PGM file of GeographicLib, under `name` or its own name without the ending."""
         with _opened(file) as (fd, text):
             stem = os.path.splitext(os.path.basename(os.fsdecode(text)))[0]
             return self._ask("geoid_add", abi.acut_geoid, fd, encoded(name or stem), text,
                              convert=functools.partial(take, results.Geoid))
 
     def remove_geoid(self, name: str) -> None:
-        """Forgets a grid."""
+        """Removes a grid."""
         self._call("geoid_remove", encoded(name))
 
     def cache_stat(self) -> results.CacheStat:
-        """What lies on the daemon's disk."""
+        """The use of the daemon's disk."""
         return self._ask("cache_stat", abi.acut_cache_stat, convert=results.cache_stat)
 
     def cache_verify(self, *, progress: OnProgress = None) -> results.Verified:
-        """Reads everything that the daemon keeps; what is damaged is in the result."""
+        """Reads all files that the daemon keeps; the result has the damaged ones."""
         damages: List[results.Damage] = []
 
         def damage(ctx: int, at: int) -> None:
@@ -402,7 +403,7 @@ class Connection:
                           convert=lambda s: take(results.Verified, s, damages=damages))
 
     def cache_gc(self, *, all: bool = False) -> int:
-        """Makes room; all: everything that can be made again goes. The bytes that went."""
+        """Frees disk space; with `all` everything that can be made again is removed. Returns the number of bytes."""
         gone, entries = ctypes.c_uint64(), ctypes.c_uint64()
         self._call("cache_gc", all, ctypes.byref(gone), ctypes.byref(entries))
         return gone.value
@@ -415,7 +416,7 @@ class Connection:
         self._call("backup", encoded(dataset), ctypes.byref(backup_sink(self._state, each)))
 
     def import_dataset(self, folder: Path, name: Optional[str] = None) -> results.Imported:
-        """A new dataset of the folder that acutctl dataset export has written; named after it, if no name is said."""
+        """Imports a folder that acutctl dataset export has written, as a new dataset; named after it, if no name is given."""
         folder = os.fspath(folder)
         with contextlib.closing(Giver(self._state, folder)) as giver:
             return self._ask("import", abi.acut_imported, encoded(name or os.path.basename(os.path.abspath(folder))),
@@ -431,7 +432,7 @@ def _id(job: JobOrId) -> int:
 
 
 def _mode(mode: Union[str, int]) -> Optional[bytes]:
-    """As libacut reads it: digits are octal, so a number is written in octal."""
+    """As libacut reads it: digits are octal, so a number is formatted as octal."""
     if isinstance(mode, int) and not isinstance(mode, bool):
         if not 0 <= mode <= 0o7777:
             raise UsageError("%s is not a mode" % oct(mode), hint="give it as 0o640 or \"640\"")
@@ -440,7 +441,7 @@ def _mode(mode: Union[str, int]) -> Optional[bytes]:
 
 
 def _number(kind: str, who: Union[str, int]) -> int:
-    """Of a user or a group of this machine; a text of digits that nobody has for a name is a number."""
+    """The number of a user or group of this machine; digits that are not a name are a number."""
     if isinstance(who, str):
         try:
             return pwd.getpwnam(who).pw_uid if kind == "user" else grp.getgrnam(who).gr_gid

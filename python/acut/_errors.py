@@ -1,4 +1,4 @@
-"""Failures, as exceptions: one class a code of base/err.def, all below Error."""
+"""Errors as exceptions: a class for each code of base/err.def, all subclasses of Error."""
 from typing import Dict, Optional, Type
 
 
@@ -84,7 +84,7 @@ class UsageError(Error, ValueError):
 
 
 class UnsupportedError(Error):
-    """This version of acut cannot do that."""
+    """This version of acut does not support that."""
     code, exit_status = "not-in-this-version", 2
 
 
@@ -114,22 +114,22 @@ class CorruptError(Error):
 
 
 class BusyError(Error):
-    """Not now; time alone mends it."""
+    """Not possible now; try again later."""
     code, exit_status = "busy", 75
 
 
 class NoMemoryError(Error, MemoryError):
-    """The system gave no memory."""
+    """The system has no free memory."""
     code, exit_status = "out-of-memory", 75
 
 
 class ProtocolError(Error):
-    """The other side does not keep to the protocol."""
+    """The other side broke the protocol."""
     code, exit_status = "protocol", 76
 
 
 class VersionError(Error):
-    """The versions do not agree."""
+    """The versions are incompatible."""
     code, exit_status = "version", 76
 
 
@@ -144,7 +144,7 @@ class TimedOutError(Error, TimeoutError):
 
 
 class ConflictError(Error):
-    """What is there already does not allow it: a name is taken, a dataset is pinned."""
+    """It conflicts with what exists: a name is taken, a dataset is pinned."""
     code, exit_status = "conflict", 1
 
 
@@ -155,7 +155,7 @@ CLASSES: Dict[str, Type[Error]] = {c.code: c for c in (
 
 
 def from_failure(failure) -> Error:
-    """The exception of a struct acut_failure. A code that this version does not know is an Error of that name."""
+    """The exception for a struct acut_failure. An unknown code gives an Error with that code."""
     def text(raw):
         return raw.decode(errors="replace") if raw else None
 

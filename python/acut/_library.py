@@ -1,13 +1,12 @@
-"""libacut by ctypes: found, checked, and called in a way that loses no exception.
+"""Loads libacut with ctypes, checks its version, and calls it so that no exception is lost.
 
-A Python function that C calls cannot raise: ctypes prints what comes out of it and goes on. A signal's handler (that of
-Ctrl-C raises KeyboardInterrupt) runs where the interpreter next looks, and while C waits that is the first instruction of
-just such a function, before any `try` in it. Therefore C never calls a function of Python here but the `send` of a
-generator that waits inside of its `try` (guard). What it catches is kept, makes the call end as soon as C asks, and is
-raised when the call has come back (State.ask).
+A Python function that C calls cannot raise: ctypes prints the exception and goes on. A signal handler (that of Ctrl-C
+raises KeyboardInterrupt) runs when the interpreter next checks for signals. While C waits, that is at the first instruction
+of such a function, before any `try` in it. Therefore C only calls the `send` of a generator that waits within its `try`
+(guard). The exception is stored, ends the call at the next callback, and is raised when the call has returned (State.ask).
 
-Neither is there a lock that an interrupt could leave taken, between its being taken and the `try`, or before it is given
-back. Who uses a connection does so within a generator, and has it as long as the frame of that runs (State.turn).
+A lock could stay locked after an interrupt, between locking and the `try`, or before unlocking. So there are no locks: a
+connection is used within a generator, and is in use as long as the frame of the generator runs (State.turn).
 """
 import contextlib
 import ctypes
@@ -27,7 +26,7 @@ _library: Optional[ctypes.CDLL] = None
 
 
 def library() -> ctypes.CDLL:
-    """libacut.so.0, or what ACUT_LIBRARY names; loaded when it is first needed."""
+    """libacut.so.0, or the library that ACUT_LIBRARY names; loaded when it is first needed."""
     global _library
     if _library is None:
         with _lock:
@@ -56,7 +55,7 @@ def _load(path: str) -> ctypes.CDLL:
 
 
 def guard(state: "State", function: Callable[..., Any], count: int) -> Callable[..., Any]:
-    """What ctypes may call with `count` addresses: gives 0, or something else to end the call."""
+    """A function that ctypes may call with `count` addresses. It returns 0, or another number to end the call."""
     return _collect(_guarded(state, function, count), count)
 
 
@@ -64,8 +63,8 @@ def _collect(generator, count):
     next(generator)
     if count == 1:
         return generator.send
-    # max() hands one argument after the other to `send` without an instruction of Python, and gives the one with the
-    # greatest answer, the first of equals: 0, the `ctx` that is never used, or the last address where the answer was 1.
+    # max() passes the arguments to `send`, one after the other, without a Python instruction. It returns the argument with
+    # the greatest answer, the first one if they are equal: 0 (the unused `ctx`), or the last address if its answer is 1.
     return functools.partial(max, key=generator.send)
 
 
@@ -84,22 +83,22 @@ def _guarded(state, function, count):
         except BaseException as e:  # also KeyboardInterrupt: raised again by State.call
             state.fail(e)
             answer, arguments = 1, []
-            over = count > 1  # it may have been between two arguments: these are of no use any more
+            over = count > 1  # it may have come between two arguments, so later ones are incomplete
 
 
 NO_LIST = abi.acut_progress_fn()  # a NULL of any function (void *, const struct ... *)
 
 
 class State:
-    """What a connection and its callbacks share. It does not know the connection, which must not wait for the collector
-    of cycles before it is closed."""
+    """Shared by a connection and its callbacks. It has no reference to the connection: with a reference cycle the connection
+    would not be closed before the garbage collector runs."""
 
     def __init__(self) -> None:
         self.handle = ctypes.c_void_p()
-        self.turns: List[Any] = []  # weak references, in the order in which they came; what is over goes with the next
+        self.turns: List[Any] = []  # weak references, in order; those that have ended are removed by the next turn
         self.error: Optional[BaseException] = None
-        self.keep: list = []  # what C has the address of
-        self.fetch: Any = None  # a weak reference to the Fetch that C has, or has had last
+        self.keep: list = []  # objects whose addresses C has
+        self.fetch: Any = None  # a weak reference to the current or last Fetch
 
     def fail(self, error: BaseException) -> None:
         if self.error is None:
@@ -109,18 +108,18 @@ class State:
         return self.error is not None
 
     def turn(self, work: Callable[[], T], refused: Callable[[], T]) -> T:
-        """work() if no other turn goes on, else refused(). A turn goes on in another thread, or further up in this one: around
-        a callback, or what the collector calls."""
+        """work() if no other turn is running, else refused(). Another turn may run in another thread, or further up the stack
+        of this one, which then is in a callback or in a finalizer."""
         mine = _turn(self.turns, work, refused)
-        next(mine)  # up to where it hears of itself
+        next(mine)  # up to the `yield` that gets the reference
         answer, stop = mine.send(weakref.ref(mine))
         if stop is not None:
             raise stop
         return answer
 
     def alone(self, work: Callable[[], T], fetch: Any = None) -> T:
-        """work() as one call on the connection: one thread at a time, and none while a callback runs or a fetch other than
-        `fetch` goes on."""
+        """work() as one call on the connection: only one thread at a time, and not while a callback runs or another fetch than
+        `fetch` is open."""
         def checked() -> T:
             if not self.handle:
                 raise UsageError("this connection is closed")
@@ -134,13 +133,13 @@ class State:
         return self.turn(checked, _in_use)
 
     def call(self, function: Callable[..., int], *arguments: Any) -> int:
-        """Calls it on the connection. What a callback has raised is raised; so is the failure of the call."""
+        """Calls the function on the connection. Raises the exception of a callback, or the failure of the call."""
         return self.alone(lambda: self.ask(function, self.handle, *arguments))
 
     def ask(self, function: Callable[..., int], *arguments: Any) -> int:
-        """The same for whose turn it is; `arguments` are all."""
+        """The same within a turn; `arguments` are all arguments."""
         try:
-            r = function(*arguments) if self.error is None else 0  # else it came while a callback was made ready
+            r = function(*arguments) if self.error is None else 0  # else an interrupt came while a callback was prepared
         finally:
             error, self.error = self.error, None
         if error is not None:
@@ -159,13 +158,13 @@ class State:
 
 
 def _turn(turns, work, refused):
-    """A turn goes on while its frame runs (gi_running), which ends with it however it is left, also by an interrupt at any
-    instruction: there is nothing to be given back. The first of those that run has the connection."""
+    """A turn lasts as long as its frame runs (gi_running). The frame ends however it is left, also by an interrupt at any
+    instruction, so there is nothing to release. The first of the running turns has the connection."""
     me = yield
     turns.append(me)
     for other in tuple(turns):
         if other is me:
-            del turns[:turns.index(me)]  # all of these are over; nobody else takes any away while this one runs
+            del turns[:turns.index(me)]  # all of these have ended; no other turn removes any while this one runs
             break
         running = other()
         if running is not None and running.gi_running:
@@ -174,7 +173,7 @@ def _turn(turns, work, refused):
     running = None
     try:
         answer = work(), None
-    except StopIteration as e:  # of a callback: a generator cannot raise it
+    except StopIteration as e:  # from a callback: a generator cannot raise it
         answer = None, e
     yield answer
 
@@ -185,8 +184,8 @@ def _in_use() -> Any:
 
 
 def close(state: State) -> None:
-    """Of a connection that nobody uses any more; a second time does no harm."""
-    # One call, and all of it in C: no interrupt comes between the end of what the handle is of and the handle's.
+    """Closes a connection that is not in use. May be called again."""
+    # One call, all of it in C, so that no interrupt comes between acut_close and the reset of the handle.
     any(map(functools.partial(setattr, state.handle, "value"), map(library().acut_close, [state.handle])))
     state.keep.clear()
     state.fetch = None
@@ -194,11 +193,11 @@ def close(state: State) -> None:
 
 @contextlib.contextmanager
 def opened(path: Any) -> Iterator[int]:
-    """A descriptor of a file to be read. Not blocking: a named pipe without a writer must not hold up all."""
+    """A descriptor of a file to be read. It does not block, since a named pipe may have no writer."""
     fds: List[int] = []
     closing = map(os.close, fds)
     try:
-        # In one call of C each, so that no interrupt comes between a descriptor and where it is kept.
+        # One call in C, so that no interrupt comes between opening the descriptor and storing it.
         fds.extend(map(os.open, [path], [os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK]))
         yield fds[0]
     finally:

@@ -36,7 +36,7 @@ def _room(size: int) -> Tuple[bytearray, Any]:
 
 
 class Head:
-    """What is known of a mesh before its first block. coordinate = (number + k) * scale."""
+    """Properties of a mesh that are known before its first block. coordinate = (number + k) * scale."""
 
     def __init__(self, struct: Any) -> None:
         self._struct = abi.acut_mesh_head.from_buffer_copy(struct)
@@ -129,7 +129,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Tail:
-    """The end of a stream; both digests were computed here and agreed."""
+    """The end of a stream. Both digests were computed here and matched."""
     blocks: int
     vertices: int
     triangles: int
@@ -142,7 +142,7 @@ class Tail:
 
 @dataclass(frozen=True)
 class Base:
-    """What changes are against."""
+    """The mesh that changes are relative to."""
     generation: int
     job: int
     old_digest: str
@@ -157,7 +157,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Region:
-    """A region that is gone."""
+    """A region that was removed."""
     box: Tuple[int, int, int, int]
     triangles: int
     digest: str
@@ -237,7 +237,7 @@ class Fetch:
         return piece
 
     def state(self) -> bytes:
-        """What it takes to go on with this fetch later, behind the last block that was taken: for fetch(resume=...)."""
+        """The state after the last block that was read, to continue this fetch later: for fetch(resume=...)."""
         if self._pieces:
             raise UsageError("a block has come that was not taken", hint="take it first, by next()")
         state, at, size = self._state, ctypes.c_void_p(), ctypes.c_size_t()
@@ -249,7 +249,7 @@ class Fetch:
             _free(at)
 
     def close(self, keep_state: bool = False) -> None:
-        """Ends it; the daemon sees that nobody reads. `keep_state`: until the next call, state() still answers."""
+        """Ends the fetch. `keep_state`: state() can be called until the next call."""
         if self._kept:
             return
         self._over, self._kept = True, keep_state
@@ -265,7 +265,7 @@ class Fetch:
 
 
 def _end(state: State, ref: Any) -> None:
-    """Of the fetch of this weak reference, which calls it if the fetch was dropped; a second time does no harm."""
+    """Ends the fetch of this weak reference; the reference calls it when the fetch is dropped. Calling it again is harmless."""
     def work() -> None:
         if state.fetch is ref:
             if state.handle:

@@ -16,12 +16,12 @@ from ._library import State, decoded, encoded
 from ._mesh import progress_function
 from ._results import Pushed, PushedFile, take
 
-# A failure of the file itself, not of the way there.
+# Failures of the file itself, not of the connection.
 _REFUSALS = (InputError, TruncatedError, ChangedError, UnsupportedError, LimitError, NotPermittedError)
 
 
 class _Input:
-    """One input: a path that is opened when it is its turn, an open file, or what comes through a pipe."""
+    """One input: a path that is opened when it is needed, an open file, or a pipe."""
 
     def __init__(self, what: Any) -> None:
         self.source, self.path, self.fd, self.result = what, None, -1, None  # type: Any, Optional[bytes], int, Any
@@ -51,7 +51,7 @@ class _Input:
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[Any]:
-        """What libacut is told of it."""
+        """The acut_push_input for libacut, with the file open."""
         fd = -1 if self.streamed else self.fd
         with contextlib.ExitStack() as stack:
             if fd < 0 and not self.streamed:
@@ -66,7 +66,7 @@ class _Input:
             yield abi.acut_push_input(fd, encoded(self.name), self.path)
 
     def start(self, fd: int) -> None:
-        """Copies into the daemon's pipe from a thread, which ends with the input or with the pipe's other end."""
+        """Copies into the daemon's pipe in a thread, which ends at the end of the input, or when the daemon closes the pipe."""
         def copy() -> None:
             with os.fdopen(fd, "wb") as out:
                 try:
@@ -77,7 +77,7 @@ class _Input:
                             shutil.copyfileobj(source, out, 1 << 16)
                 except BrokenPipeError:
                     pass
-                except BaseException as e:  # told by finish, in the caller's thread
+                except BaseException as e:  # raised by finish, in the caller's thread
                     self.failed = e
         self.copier = threading.Thread(target=copy, name="acut " + self.name, daemon=True)
         self.copier.start()
@@ -90,7 +90,7 @@ class _Input:
 
 
 class Push:
-    """One push, from begin to commit. `named`: its files are known again by who they are."""
+    """One push, from begin to commit."""
 
     def __init__(self, state: State, inputs: List[Any], strict: bool, options: Any) -> None:
         self.state, self.strict, self.options = state, strict, options
@@ -120,11 +120,11 @@ class Push:
             result = done.contents
             return take(Pushed, result, files=[i.result for i in self.inputs], note=note)
         finally:
-            # What is there whole stays, for the same push again; a strict one, or one without a name, keeps nothing.
+            # Complete files are kept for a repeated push, but not by a strict push or one without a name.
             if committed or (self.options.dataset and not self.strict):
                 self.lib.acut_push_leave(self.push)
             else:
-                # It waits for an answer: what a signal raises meanwhile is not to be lost.
+                # acut_push_end waits for an answer: an exception of a signal handler meanwhile must not be lost.
                 ask(lambda: self.lib.acut_push_end(self.push) or 0)
 
     def _each(self, step: Any) -> None:
@@ -134,14 +134,14 @@ class Push:
             try:
                 step(i)
             except Error as e:
-                refusal = isinstance(e, _REFUSALS) and e.field != "push"  # of that input; else of the push, or the daemon
+                refusal = isinstance(e, _REFUSALS) and e.field != "push"  # of this input; else of the push, or the daemon
                 if refusal and e.file is None:
                     e.file = i.name
                 if self.strict or not refusal or isinstance(e, NotFoundError):
                     raise
                 i.error, i.result = e, PushedFile(i.name, "refused", error=e)
         if self.inputs and all(i.error is not None for i in self.inputs):
-            raise self.inputs[0].error  # nothing good: the first refusal is the failure
+            raise self.inputs[0].error  # all were refused: the first refusal is the failure
 
     def _probe(self, i: _Input) -> None:
         with i.opened() as what:

@@ -1,4 +1,4 @@
-"""What calls give: plain, frozen objects of their own memory. Names are those of acut.h; times are datetimes in UTC."""
+"""Results of calls: plain, frozen objects with their own memory. Names are those of acut.h; times are datetimes in UTC."""
 import ctypes
 import dataclasses
 import datetime
@@ -66,7 +66,7 @@ class Holder:
 
 @dataclass(frozen=True)
 class Side:
-    """The file system of one of the daemon's folders, and what counts there."""
+    """The file system of one of the daemon's folders, and the use of it."""
     known: bool
     has_quota: bool
     used: int
@@ -140,7 +140,7 @@ def metric(s: Any) -> Metric:
 
 @dataclass(frozen=True)
 class Check:
-    """What the doctor found of one thing."""
+    """The result of one check of the doctor."""
     name: str
     state: str    # "ok", "warning", "wrong", "unknown"
     message: str
@@ -249,7 +249,7 @@ class Imported:
 
 @dataclass(frozen=True)
 class PushedFile:
-    """What became of one input."""
+    """The result for one input."""
     name: str
     state: str  # "staged", "known" (there already), "adopted" (from an interrupted push), "refused"
     points: int = 0
@@ -270,7 +270,7 @@ class PushedFile:
 
 @dataclass(frozen=True)
 class Pushed:
-    """A push that is committed. Where files were refused, the others are in: look at `refused`."""
+    """A committed push. If files were refused (see `refused`), the others are committed."""
     dataset: str
     generation: int  # of the dataset, now: no new one where no point came and none went; 0: it has none
     points: int  # of the dataset, now
@@ -284,13 +284,13 @@ class Pushed:
 
     @property
     def exit_status(self) -> int:
-        """What acutctl push ends with: 0, or 3 where files were refused."""
+        """The exit status of acutctl push: 0, or 3 if files were refused."""
         return 3 if self.refused else 0
 
 
 @dataclass(frozen=True)
 class Info:
-    """What the header of a file says."""
+    """The header of a file."""
     name: str
     format: str
     variant: str
@@ -314,7 +314,7 @@ class Info:
 
 @dataclass(frozen=True)
 class Inspected:
-    """What is in the records of a file."""
+    """Statistics of the records of a file."""
     header: Info
     points: int
     distinct: int

@@ -1,7 +1,7 @@
-"""Views from keyword arguments, in the words of the command line (acutctl(1), "Views"; protocol.md, "Views").
+"""Views from keyword arguments with the names of the options of acutctl (acutctl(1), "Views"; protocol.md, "Views").
 
-What is typed goes as it stands, as an exact decimal: the daemon knows the lattice and the unit. Here only what
-contradicts itself is refused, as acutctl does, and areas become text.
+Numbers are sent as exact decimals, as they were given: the daemon knows the lattice and the unit. As in acutctl, only
+contradictions are refused here, and areas become text.
 """
 import json
 import os
@@ -99,7 +99,7 @@ def window_text(bbox: Any, polygon: Optional[Area]) -> Optional[str]:
 
 
 def area_text(area: Any) -> str:
-    """An area as a view has it: "box:..." or "area@E:RINGS"."""
+    """The text of an area in a view: "box:..." or "area@E:RINGS"."""
     if isinstance(area, Mapping):
         return _rings_text(_polygons(area, ""))
     box = _box(area)

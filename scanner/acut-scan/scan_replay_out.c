@@ -1,8 +1,8 @@
 /*
- * What replay writes out. Bytes as they came; telegrams and sweeps as JSON, a line each; shots as CSV; points as they are, lines
- * of a text or LAS files, of which each is a file of its own (NAME.las, NAME-2.las, ...).
+ * The output of replay: the captured bytes; telegrams and sweeps as JSON, one line each; shots as CSV; points unchanged, as lines
+ * of a text or as LAS files, each in a separate file (NAME.las, NAME-2.las, ...).
  *
- * Files that were there are never written over, and one that could not be written whole does not stay.
+ * Existing files are never overwritten, and incomplete ones are removed.
  */
 #include <errno.h>
 #include <fcntl.h>

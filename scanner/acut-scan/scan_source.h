@@ -1,6 +1,6 @@
 /*
- * What a push makes of spools: sources, each the bytes of a LAS file or of a text, made by passes over the spool. A source is
- * known before it is sent: a first pass finds points and extent, a second one the hash of what the last one writes.
+ * Sources: a push converts spools to sources, each the bytes of a LAS file or of a text, by passes over the spool. The first pass
+ * finds points and extent, the second one the hash of the bytes that the last one writes.
  */
 #ifndef SCAN_SOURCE_H
 #define SCAN_SOURCE_H

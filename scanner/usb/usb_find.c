@@ -1,6 +1,6 @@
 /*
- * Which device is meant. Two that are alike are told apart by their serials, or, where these are the same or missing,
- * by the port they are plugged into; a message that asks for a choice says what to write for each.
+ * Finds the requested device. Devices of the same kind are distinguished by serial number, or, if these are equal or missing,
+ * by port. If several match, the error message has the option for each.
  */
 #include <stdio.h>
 #include <stdlib.h>

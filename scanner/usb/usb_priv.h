@@ -1,6 +1,6 @@
 /*
- * What the files of this room share. Members marked "thread's" are only used by libusb's thread; the others under the
- * lock next to them. Locks are leaves: under them only malloc, free and write are called.
+ * Shared by the files of this room. Members marked "thread's" are only used by the thread of libusb, the others under the lock
+ * beside them. Locks are leaves: while one is held only malloc, free and write are called.
  */
 #ifndef USB_PRIV_H
 #define USB_PRIV_H

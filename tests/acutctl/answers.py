@@ -1,5 +1,5 @@
-"""acutctl against a daemon of a few lines that gives the answers a real one gives rarely: that of an older version, and that
-of a push which failed behind its caller's back."""
+"""acutctl against a fake daemon whose answers are rare: those of an older version, and of a push that failed between two
+requests."""
 import json
 import os
 import socket
@@ -20,7 +20,7 @@ except ImportError as e:
 
 
 class Fake:
-    """One connection at a time. `answers`: by the name of a question, what it is answered with; the rest is answered emptily."""
+    """One connection at a time. `answers`: the answer to each request, by the name of the request; other answers are empty."""
 
     ANSWERS = dict(acut_wire.Client.ANSWERS, datasets_request="datasets")
 
@@ -85,7 +85,7 @@ def scene():
 
 
 def an_older_daemon_makes_a_generation():
-    """Before an empty push made none, and the answer said so, it made one: acutctl goes by the answer."""
+    """In older versions a push without new points made a generation. The answer tells which is true, and acutctl reports that."""
     base, sock, path = scene()
     with base:
         for unchanged in (False, True):
@@ -102,7 +102,7 @@ def an_older_daemon_makes_a_generation():
 
 
 def what_is_about_the_push():
-    """A push that broke answers the next question, whatever that is about: the file of that question has no part in it."""
+    """The error of a failed push is the answer to the next request; acutctl does not attribute it to the file of that request."""
     base, sock, path = scene()
     cases = (
         ("no-space", "push", "the push into s cannot go on: the disk is full", False, 74),

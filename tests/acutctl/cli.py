@@ -46,7 +46,7 @@ def options_of(command):
 COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
 LATER = {
     "mesh": ["--mask"],
-    "fetch": ["--trim"],
+    "fetch": ["--mask"],
     "submit": ["--constraints"],
 }
 
@@ -88,6 +88,7 @@ def usage(base):
                         (("--crop", "5,0,0,5"), "is empty"), (("--crop", "0,0,5,-1e-3"), "is empty")):
         expect(["mesh", survey, "-o", out, *words], 74 if words[1] == "0,0,5,x" else 2, said)
     expect(["mesh", survey, "-o", out, "--max-edge", "-3"], 2, "--max-edge")
+    expect(["mesh", survey, "-o", out, "--trim-hull", "0"], 2, "--trim-hull is not a length")
     expect(["mesh", survey, "-o", out, "--origin", "1,2"], 2, "--origin")
     expect(["mesh", survey, "-o", out, "--origin", "1,2,3,4"], 2, "--origin")
     expect(["mesh", survey, "-o", out, "--width", "100"], 2, "--width is for pictures")
@@ -129,7 +130,7 @@ def usage(base):
 
 
 def areas(base, survey, out):
-    """What is no area is refused with its file and place, before any daemon is asked."""
+    """An invalid area is refused with its file and place, before a daemon is asked."""
     path = base + "/area"
     ring = "[[0,0],[9,0],[9,9],[0,0]]"
     for text, *said in (
@@ -190,7 +191,7 @@ def no_daemon(base):
 
 
 def wrong_daemon(base):
-    """Something that is not acutd, or goes away at once: an error, never a hang."""
+    """A server that is not acutd, or closes the connection at once, leads to an error, never a hang."""
     path = os.path.join(base, "s.sock")
     server = socket.socket(socket.AF_UNIX)
     server.bind(path)
@@ -222,7 +223,7 @@ def wrong_daemon(base):
 
 
 def slow_input(base):
-    """Standard input that never ends: --timeout and signals are heard. With a daemon and folders of its own."""
+    """--timeout and signals work while standard input never ends. With a daemon and folders of its own."""
     env = {k: v for k, v in os.environ.items() if not k.startswith("ACUT_")}
     for what in ("STATE_HOME", "CACHE_HOME", "RUNTIME_DIR"):
         env["XDG_" + what] = os.path.join(base, what)
@@ -266,7 +267,7 @@ def texts():
 
 
 def suggestions():
-    """What was mistyped: the nearest of what there is, and nothing where nothing is near."""
+    """After a typing error acutctl suggests the nearest name, or none if no name is near."""
     for words, said in ((["mehs", "a"], "did you mean acutctl mesh?"), (["datset"], "did you mean acutctl dataset?"),
                         (["statsu"], "did you mean acutctl status?"), (["subm", "x"], "did you mean acutctl submit?"),
                         (["log", "valley"], "did you mean acutctl dataset log?"), (["dataset", "craete", "x"], "did you mean create?"),
@@ -283,7 +284,7 @@ def suggestions():
 
 
 def examples():
-    """The command lines that help shows are command lines: no usage error before a daemon is looked for."""
+    """The command lines in the help are valid: there is no usage error."""
     with tempfile.TemporaryDirectory(prefix="acut-cli-") as base:
         for name in ("monday/a.xyz", "delivery-2/a.xyz", "survey.laz"):
             os.makedirs(os.path.dirname(os.path.join(base, name)), exist_ok=True)
@@ -298,7 +299,7 @@ def examples():
 
 
 def plain():
-    """No escape sequence where nobody looks at a terminal, and none of a name anywhere."""
+    """There are no escape sequences without a terminal, and never those of a name."""
     for words in (["help"], ["help", "mesh"], ["formats"], ["status"], ["mesh", "a\033[31mb\nc.las", "-o", "m.ply"], ["\033]0;x\007"],
                   ["mesh", "--\033[1m"]):
         out, err = run(*words, env={"CLICOLOR_FORCE": "1"})[1:]
@@ -306,7 +307,7 @@ def plain():
 
 
 def man_page():
-    """Every option of --help is in the man page, and the page has none that --help has not."""
+    """--help and the man page have the same options."""
     if not MAN:
         print("skipped: the man pages (ACUT_MAN is not set)")
         return
@@ -326,7 +327,7 @@ def man_page():
         if not os.access(program, os.X_OK):
             print("skipped: the man page of %s, which is not built" % name)
             continue
-        # That of acutd is made of the table of settings.
+        # The page of acutd is made from the table of settings.
         with open(os.path.join(os.path.join(BUILD, "man") if name == "acutd" else MAN, "%s.%d.scd" % (name, section))) as f:
             page = f.read()
         text = subprocess.run([program, "--help"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20).stdout.decode()
@@ -335,7 +336,7 @@ def man_page():
 
 
 def libraries():
-    """What every command would load, and one in a hundred needs, is not linked: it is opened then (ctl_sha.c)."""
+    """A library that few commands need is not linked, but loaded when it is needed (ctl_sha.c)."""
     out = subprocess.run([ACUTCTL], env=dict(os.environ, LD_TRACE_LOADED_OBJECTS="1"), stdout=subprocess.PIPE, timeout=20).stdout
     check("the loader tells the libraries", b"libc.so" in out, repr(out))
     check("libcrypto is not one of them", b"libcrypto" not in out, repr(out))

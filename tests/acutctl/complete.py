@@ -112,11 +112,11 @@ def names_of_the_daemon():
             expect(sorted(ask("submit", "valley", "--at", "")) == ["1", "2"], ask("submit", "valley", "--at", ""))
             expect(sorted(ask("fetch", "1", "--changed-since", "")) == ["1", "2"], ask("fetch", "1", "--changed-since", ""))
             expect(sorted(ask("dataset", "revert", "valley", "")) == ["1", "2"], ask("dataset", "revert", "valley", ""))
-            # The socket that is being typed is the one that is asked.
+            # Completion asks the daemon of the --socket on the command line.
             none = environment(base)
             got = bash(["acutctl", "submit", "--socket", d.socket, "val"], none, base)
             expect(sorted(got) == ["valdez", "valley"], got)
-            # One that does not answer is waited for a second.
+            # It waits a second for a daemon that does not answer.
             del env["ACUT_COMPLETE_SECONDS"]
             os.kill(d.process.pid, signal.SIGSTOP)
             got = ask("submit", "val")
@@ -136,7 +136,7 @@ def without_a_daemon():
 
 
 def in_zsh():
-    """A real zsh on a terminal: a line is typed, Tab is pressed twice, and the line that comes of it is printed."""
+    """A real zsh on a terminal: a line is typed, Tab is pressed twice, and the resulting line is printed."""
     if not shutil.which("zsh"):
         e2e.unavailable("zsh is not installed")
     with Folder() as base:

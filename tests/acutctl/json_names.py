@@ -1,6 +1,6 @@
-"""The names of acutctl's JSON: what every command prints against acutctl-json(7), both ways, with the types of the values.
+"""Compares the names and types of values in the JSON of every command with acutctl-json(7), in both directions.
 
-With --write it prints what it saw, for whoever adds a name to the page.
+--write prints all names that were seen, as a help for adding one to the page.
 """
 import json
 import os
@@ -12,8 +12,11 @@ import e2e  # noqa: E402
 from e2e import ACUTCTL, Daemon, Folder, expect  # noqa: E402
 
 PAGE = os.path.join(os.environ["ACUT_MAN"], "acutctl-json.7.scd")
+SOURCE = os.path.join(os.environ["ACUT_MAN"], "..")
+# Commands that print no JSON.
+NO_JSON = {"geoid rm", "help"}
 BASIC = {"text", "number", "boolean", "list", "object", "null"}
-# Objects whose names are not fixed: what they are of is said by the page as name.*.
+# Objects without fixed names: the page describes their values as name.*.
 MAPS = {"removed", "classes", "returns", "return_counts", "ledger", "ledger_peak", "held", "kinds", "labels"}
 
 
@@ -46,10 +49,11 @@ def inside(v, name, key, seen):
 
 
 class Seen:
-    """What was printed, by kind of object."""
+    """The printed names, by kind of object."""
 
     def __init__(self):
         self.kinds = {}
+        self.commands = set()
         self.missing = []
 
     def add(self, kind, text):
@@ -66,7 +70,7 @@ class Seen:
 
 
 def page_kinds():
-    """kind -> {path: types}, of the page; the types of shared objects are put in."""
+    """kind -> {path: types}, from the page; shared objects are replaced by their names."""
     kinds, shared, now = {}, {}, None
     with open(PAGE) as f:
         for line in f:
@@ -144,6 +148,9 @@ def jobs(d, base, seen, text):
     seen.add("a mesh", j("fetch", first, "-o", base + "/tiles", "--tile", "100").ok().out)
     seen.add("a mesh", j("fetch", third, "-o", base + "/c.ply", "--changed-since", "1").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/w.ply", "--bbox", "0,0,1e6,1e7").out)
+    job = json.loads(j("submit", "text", "--new", "--wait").ok().out)["job"]
+    seen.add("a job", j("cancel", str(job)).ok().out)
+    seen.add("a removed job", j("rm", str(job)).ok().out)
     seen.add("a plan", j("plan", "valley").ok().out + j("plan", "text").ok().out)
     for words in (("show", "999"), ("submit", "nothing"), ("mesh", base + "/none.las", "-o", base + "/x.ply")):
         got = j(*words)
@@ -154,7 +161,9 @@ def jobs(d, base, seen, text):
 
 def datasets(d, base, seen, text):
     j = lambda *words, **kw: d.ctl(*words, "--json", **kw)
-    d.ctl("dataset", "create", "empty").ok()
+    own = str(os.getuid()), str(os.getgid())
+    seen.add("a dataset", j("dataset", "create", "empty").ok().out + j("dataset", "chmod", "660", "empty").ok().out)
+    seen.add("a dataset", j("dataset", "chown", own[0], "empty").ok().out + j("dataset", "chgrp", own[1], "empty").ok().out)
     seen.add("a dataset", j("datasets").ok().out + j("dataset", "show", "valley").ok().out + j("dataset", "show", "valley", "--at", "1").ok().out)
     seen.add("a dataset", j("dataset", "pin", "rough").ok().out + j("dataset", "unpin", "rough").ok().out)
     seen.add("a reverted dataset", j("dataset", "revert", "valley", "2").ok().out)
@@ -191,6 +200,7 @@ def the_rest(d, base, seen):
     seen.add("the version", j("version").ok().out)
     seen.add("a sign of life", j("ping").ok().out)
     seen.add("a format", j("formats").ok().out)
+    expect(not j("geoid", "rm", "flat2").ok().out, "geoid rm prints something")
 
 
 def fits(seen, page, write):
@@ -207,7 +217,7 @@ def fits(seen, page, write):
             if path not in said:
                 faults.append("%s: %s (%s) is not in the page" % (kind, path, ", ".join(sorted(got[path]))))
             elif path not in got:
-                # what is inside a thing that may be null, or in an empty list, need not have been seen
+                # names within an object that may be null, or within an empty list, may be missing
                 if "." not in path and "[" not in path:
                     faults.append("%s: %s of the page was not printed" % (kind, path))
             elif got[path] - said[path]:
@@ -215,28 +225,54 @@ def fits(seen, page, write):
     expect(not faults and not seen.missing, "\n".join(faults + seen.missing))
 
 
+def all_commands():
+    """The commands in their tables, those with verbs as "dataset show"."""
+    def rows(file):
+        with open(os.path.join(SOURCE, "client/acutctl", file)) as f:
+            return re.findall(r'^\t\{"(\w+)", "([^{]*)\}', f.read(), re.M)
+    plain, spoken = set(), set()
+    for name, row in rows("ctl_command.c"):
+        if re.search(r"ctl_\w+_verbs", row):
+            spoken |= {"%s %s" % (name, verb) for verb, _ in rows("ctl_%s.c" % name)}
+        else:
+            plain.add(name)
+    expect(len(plain) > 18 and len(spoken) > 18, "commands: %s %s" % (plain, spoken))
+    return plain | spoken
+
+
 def names_of_all():
     with Folder() as base:
         seen = Seen()
         with Daemon(base, memory="64M") as d:
+            ctl = d.ctl
+            d.ctl = lambda *words, **kw: (seen.commands.update([words[0], " ".join(words[:2])] if "--json" in words else [])
+                                          or ctl(*words, **kw))
             a, b, text = files(d, base, seen)
             jobs(d, base, seen, text)
             datasets(d, base, seen, text)
             the_rest(d, base, seen)
         write = "--write" in sys.argv
         fits(seen, {} if write else page_kinds(), write)
+        missing = all_commands() - NO_JSON - seen.commands
+        expect(not missing, "run by none of this test with --json: %s" % sorted(missing))
 
 
 def words_of_tables():
-    """Codes of errors and states of jobs: the page has those of the source, and no other."""
+    """The page has the same codes of errors and states of jobs as the source; jobs.md has each state."""
     with open(PAGE) as f:
         page = f.read()
     for name, table, after in (("codes", "base/err.def", r"\*code\* .*\n((?:\t.*\n)+)"), ("states", "daemon/job/job_state.def", r"\*state\* .*\n((?:\t.*\n)+)")):
-        with open(os.path.join(os.environ["ACUT_MAN"], "..", table)) as f:
+        with open(os.path.join(SOURCE, table)) as f:
             source = set(re.findall(r'^[A-Z_]+\(\w+, *"([a-z-]+)"', f.read(), re.M))
         said = set(re.findall(r"\*([a-z-]+)\*", re.search(after, page).group(1)))
-        source |= {"waiting-space"} if name == "states" else set()  # of any state, told in its place
-        expect(len(source) > 1 and source == said, "%s: %s" % (name, source ^ said))
+        if name == "states":
+            with open(os.path.join(SOURCE, "docs/design/jobs.md")) as f:
+                drawn = set(re.findall(r"[a-z-]+", re.search(r"```(.*?)```", f.read(), re.S).group(1)))
+            expect(not source - drawn, "states of %s that the picture of docs/design/jobs.md lacks: %s" % (table, sorted(source - drawn)))
+        source |= {"waiting-space"} if name == "states" else set()  # printed in place of any state
+        expect(len(source) > 1, "no %s in %s" % (name, table))
+        expect(not source - said, "%s of %s that acutctl-json(7) lacks: %s" % (name, table, sorted(source - said)))
+        expect(not said - source, "%s of acutctl-json(7) that %s lacks: %s" % (name, table, sorted(said - source)))
 
 
 e2e.main(names_of_all, words_of_tables)

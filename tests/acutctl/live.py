@@ -38,7 +38,7 @@ def check(what, cond, detail=""):
 
 
 class Place:
-    """A user of one's own: folders for everything that a private daemon keeps."""
+    """A user with separate folders for everything that a private daemon keeps."""
 
     def __init__(self, base):
         self.base = base
@@ -127,7 +127,7 @@ def outputs(p):
                                    "output_bytes halo points_read cells_read seal_seconds plan_seconds domains_seconds left_out refused warnings").split() if k not in got], str(got))
     check("phases", 0 < got["seal_seconds"] <= got["stage_seconds"] and 0 < got["plan_seconds"] and 0 < got["domains_seconds"]
           and got["plan_seconds"] + got["domains_seconds"] <= got["seconds"] + 0.001, str(got))
-    # Canonical: the same bytes whatever the order; standard output too.
+    # Canonical files do not depend on the order of inputs; the same on standard output.
     files = [p.path("c%d.ply" % i) for i in range(2)]
     p.json("mesh", las, other, "-o", files[0], "--canonical")
     p.json("mesh", other, las, "-o", files[1], "--canonical", "--memory", "24M", "--threads", "1")
@@ -137,7 +137,7 @@ def outputs(p):
         status, _, err = p.ctl("mesh", las, other, "-o", "-", "--format", "ply", "--canonical", "--quiet", stdout=f)
     head, nv2, nf2, body = read_ply(p.path("s.ply"))
     check("standard output", status == 0 and err == "" and body == read_ply(files[0])[3], "%d %s" % (status, err))
-    # Options behind an -o are of that output; before the first, and given once, of all.
+    # Options after an -o apply to that output. Options before the first -o, or given once, apply to all.
     one, two, three = p.path("one.ply"), p.path("two.obj"), p.path("three.png")
     p.json("mesh", las, other, "--origin", "1,2,3", "-o", one, "--canonical", "-o", two, "--canonical", "--origin", "4,5,6", "-o", three,
            "--width", "40", "-o", p.path("four.png"), "--width", "50")
@@ -154,7 +154,7 @@ def outputs(p):
     check("--max-edge leaves the mesh whole", left["digest"] == got["digest"] and left["triangles"] == nf)
     check("--max-edge counts", read_ply(p.path("e.ply"))[2] == nf - left["left_out"]["triangles"]
           and left["left_out"]["triangles"] > 0 and left["left_out"]["area"] > 0, str(left["left_out"]))
-    # A coarser lattice moves points: counted, the largest shift told; a warning is told once.
+    # A coarser lattice moves points. They are counted, and the largest shift is reported. A warning is printed once.
     coarse = p.json("mesh", las, "-o", p.path("e.ply"), "--scale", "1")
     check("moved points", 0 < coarse["moved"] <= 60000 and 0 < max(coarse["max_shift"][:2]) <= 0.5, str(coarse))
     said = p.ctl("mesh", las, "-o", p.path("e.ply"), "--scale", "1")
@@ -164,7 +164,7 @@ def outputs(p):
         g.write(f.read()[:-7])
     said = p.ctl("mesh", p.path("short.las"), "-o", p.path("e.ply"), "--accept-truncated")[2]
     check("a warning once", said.count("59999 of 60000 points are there") == 1, said)
-    # Of a header with a fault of its own, and bytes behind the points, which are told when all was read.
+    # The same for a header with an error and bytes after the points, which are reported when all was read.
     with open(las, "rb") as f, open(p.path("odd.las"), "wb") as g:
         data = bytearray(f.read())
         data[100:104] = (int.from_bytes(data[100:104], "little") + 1).to_bytes(4, "little")
@@ -212,7 +212,7 @@ def outputs(p):
     check("standard input", q.returncode == 0 and json.loads(q.stdout)["triangles"] == 1, q.stdout)
     status, out, err = p.ctl("info", las, other, "--json")
     check("info", status == 0 and [json.loads(line)["points"] for line in out.splitlines()] == [60000, 60000], out + err)
-    # The reader goes away; the disk is full.
+    # The reader of standard output exits; the disk is full.
     r, w = os.pipe()
     os.close(r)
     check("a closed pipe", p.ctl("mesh", las, "-o", "-", "--format", "obj", "-q", stdout=w)[0] == 141)
@@ -224,7 +224,7 @@ def outputs(p):
 def interruption(p):
     big = p.path("big.las")
     subprocess.run([SYNTH, "--points", "1M", big], check=True)
-    # The shared daemon stands still in the middle of a mesh, one of the client's own while that writes.
+    # The shared daemon is stopped in the middle of a mesh; for a private daemon the client is stopped while it writes.
     gate = e2e.Gate(p.base)
     p.end()
     for sig, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
@@ -248,13 +248,13 @@ def interruption(p):
     status, _, err = p.ctl("mesh", big, "-o", p.path("big.ply"), "--timeout", "0.2", "--memory", "32M", env=gate.env)
     gate.open()
     check("--timeout", status == 124 and "0.2" in err, "%d %s" % (status, err))
-    # The job of a client that is gone ends, bound as it is.
+    # The job ends with its client, since it is bound to it.
     check("no job runs on", wait_for(lambda: p.json("status", "--private")["jobs_running"] == 0))
 
 
 def progress(p):
-    """A line on a terminal, none anywhere else."""
-    # A daemon of its own, which goes on by small steps until the line is there with all that it says.
+    """There is a progress line on a terminal, and none without."""
+    # A daemon of its own, which continues in small steps until the line has all its parts.
     gate = e2e.Gate(p.base)
     slow = ["--memory", "24M", "--threads", "1"]
     for options, wanted in ((slow, True), (slow + ["--no-progress"], False), (slow + ["--quiet"], False), (slow + ["--json"], False)):
@@ -270,7 +270,7 @@ def progress(p):
         seen = b""
         while True:
             if not select.select([main], [], [], 0.5 if wanted is True else None)[0]:
-                gate.close("pread", ".seg", 20) # a rate takes a while, and something that is new
+                gate.close("pread", ".seg", 20) # a rate needs some time and new points
                 continue
             try:
                 part = os.read(main, 4096)
@@ -284,7 +284,7 @@ def progress(p):
                 gate.open()
         os.close(main)
         check("status", q.wait(e2e.PATIENCE) == 0)
-        # The one sentence about classes comes after the last line of progress.
+        # The note about classes comes after the last line of progress.
         seen = re.sub(rb"acutctl: note: points of all classes[^\r\n]*\r\n", b"", seen)
         check("progress with %s" % options, (b"mesh" in seen and b"% " in seen and b"/s" in seen
                                              and seen.endswith(b"\r\x1b[K")) == bool(wanted), repr(seen[-400:]))
@@ -292,7 +292,7 @@ def progress(p):
 
 
 def on_terminal(p, width, *args, env=None, gate=None):
-    """Standard output and error of a run on a terminal so wide; None where there are none. A gate is opened at the first output."""
+    """Standard output and error of a run on a terminal of that width; None without one. A gate is opened at the first output."""
     try:
         main, side = pty.openpty()
     except OSError as e:
@@ -320,18 +320,18 @@ def on_terminal(p, width, *args, env=None, gate=None):
 
 
 def terminal(p):
-    """Lists and the page at the end of a mesh, as people see them: no line is wider than the terminal, and no colour with NO_COLOR."""
+    """In lists and in the report at the end of a mesh no line is wider than the terminal, and NO_COLOR disables colours."""
     las, name = p.path("a.las"), "a-dataset-with-a-rather-long-name-as-scripts-make-them"
     wide = lambda seen: max((len(line) for part in seen.split("\n") for line in re.sub("\x1b\\[[0-9;]*[mK]", "", part).split("\r")), default=0)
     gate = e2e.Gate(p.base)
     for width in (120, 60):
-        # Not over before there was a line of progress to go: acutd tells of a push that takes long, five times a second.
+        # The push must take long enough for a line of progress: acutd reports a long push five times a second.
         gate.close("pwrite", ".seg")
         seen = on_terminal(p, width, "mesh", las, "-o", p.path("page.ply"), "--max-edge", "3m", "--memory", "64M", env=gate.env, gate=gate)
         if seen is None:
             return
         check("the page fits %d" % width, wide(seen.split("acutctl: note")[0]) <= width, repr(seen))
-        for said in ("written", "page.ply", "MB", "points", "left out", "by withheld", "mesh", "triangles in", "max-edge", "crs", "EPSG:32633",
+        for said in ("written", "page.ply", "MB", "points", "left out", "by withheld", "mesh", "triangles in", "trimmed", "crs", "EPSG:32633",
                      "units", "metre", "time", "points a second", "memory", "digest"):
             check("the page says " + said, said in seen, repr(seen))
         check("progress is gone before the page", "\r\x1b[K" in seen and "%" not in seen[seen.rindex("\r\x1b[K"):], repr(seen))
@@ -358,10 +358,10 @@ def private(p):
         f.write("0 0 1\n1 0 2\n0 1 3\n5 5 5\n")
     p.end()
     check("69 without --private", p.ctl("jobs")[0] == 69)
-    # Many at once start one daemon.
+    # Many commands at the same time start one daemon.
     many = [p.start("mesh", small, "-o", p.path("m%d.obj" % i), "-q") for i in range(12)]
     check("many at once", [q.wait(e2e.PATIENCE) for q in many] == [0] * 12, str([q.stderr.read() for q in many]))
-    # Those who found that one runs already are on their way out.
+    # Daemons that found another one running are ending.
     check("one daemon", wait_for(lambda: len(p.daemons()) == 1), str(p.daemons()))
     pid = p.daemons()
     status, out, err = p.ctl("push", "d", small, "--private")
@@ -369,17 +369,17 @@ def private(p):
     check("fetch", p.ctl("fetch", job, "-o", p.path("f.obj"), "--private")[0] == 0)
     check("the same daemon", p.daemons() == pid)
     check("a job that is not there", p.ctl("show", "99999", "--private")[0] == 4)
-    # One that was killed is replaced, and what was pushed is there.
+    # A killed daemon is replaced, and the pushed data is there.
     os.kill(pid[0], signal.SIGKILL)
     check("killed", wait_for(lambda: not p.daemons()))
     check("the dataset is there", p.json("dataset", "show", "d", "--private")["points"] == 4)
-    # Stopping and starting at once: the new one waits for the folders.
+    # A start right after a stop: the new daemon waits for the folders.
     for _ in range(5):
         os.kill(p.daemons()[0], signal.SIGTERM)
         got = p.ctl("ping", "--private")
         check("after a stop", got[0] == 0, str(got))
         check("the one that was stopped is gone", wait_for(lambda: len(p.daemons()) == 1), str(p.daemons()))
-    # It has been told to end, and still lets somebody in.
+    # A daemon that was told to end still accepts a connection.
     pid = p.daemons()[0]
     os.kill(pid, signal.SIGSTOP)
     os.kill(pid, signal.SIGTERM)
@@ -405,7 +405,7 @@ def private(p):
     check("a newer catalogue", status not in (0, 3) and "a newer acutd" in err and "version 99" in err, "%d %s" % (status, err))
     with contextlib.closing(sqlite3.connect(state + "/acut/catalogue.db")) as db:
         db.execute("PRAGMA user_version = %d" % version)
-    # Daemons of a command's own: folders come and go, also of one that was killed.
+    # Daemons of a single command: their folders are made and removed, also those of a killed one.
     cache = p.path("cache/acut")
     check("own", p.ctl("mesh", small, "-o", p.path("o.obj"), "--memory", "24M", "-q")[0] == 0)
     check("own folders are gone", not [n for n in os.listdir(cache) if n.startswith("own-")], str(os.listdir(cache)))
@@ -422,7 +422,7 @@ def private(p):
     check("left folders are swept", not [n for n in os.listdir(cache) if n.startswith("own-")], str(os.listdir(cache)))
     keep = p.path("kept")
     check("--cache", p.ctl("mesh", small, "-o", p.path("o.obj"), "--cache", keep)[0] == 0 and os.path.isdir(keep))
-    # A folder for sockets that is not ours alone is not used.
+    # A folder for sockets is not used if others can enter it.
     os.chmod(p.run + "/acut", 0o755)
     status, _, err = p.ctl("mesh", small, "-o", p.path("o.obj"))
     check("a folder that others can enter", status == 77 and "only you" in err, "%d %s" % (status, err))

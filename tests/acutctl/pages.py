@@ -1,4 +1,4 @@
-"""The manual: pages that groff takes without a word, examples that run, and tables that agree with the source both ways."""
+"""The manual: groff has no warnings, the examples run, and tables agree with the source in both directions."""
 import os
 import re
 import shutil
@@ -40,7 +40,7 @@ def groff_is_silent():
 
 
 def all_pages_are_known():
-    """Each page is listed in acut(7), has an example, and what it names exists."""
+    """Each page is listed in acut(7) and has an example, and all names in it exist."""
     names = {n[:-4] for n in pages()}
     overview = section(text_of("acut.7.scd"), "PAGES")
     listed = {"%s.%s" % m for m in re.findall(r"\*([a-z.-]+)\*\((\d)\)", overview)}
@@ -59,7 +59,7 @@ def statuses_and_environment():
     source |= {0, 3, 130, 143, 129, 141}  # done; some were refused; signals
     said = {int(n) for n in re.findall(r"\*(\d+)\*", "\n".join(line for line in section(page, "EXIT STATUS").splitlines() if line.startswith("*")))}
     expect(said == source, "exit statuses: %s" % (said ^ source))
-    # Each code under its status, and under no other.
+    # Each code is listed under its status only.
     with open(os.path.join(SOURCE, "base/err.def")) as f:
         codes = {code: int(n) for code, n in re.findall(r'^ERR\(\w+, *"([a-z-]+)", *(\d+)', f.read(), re.M)}
     told, status = {}, None
@@ -83,7 +83,7 @@ def statuses_and_environment():
 
 
 def verbs():
-    """Each verb of the commands that have some is in acutctl(1), and no other."""
+    """acutctl(1) has exactly the verbs of the commands."""
     page = section(text_of("acutctl.1.scd"), "COMMANDS")
     for command in re.findall(r"^  acutctl (\S+)", e2e.run([ACUTCTL, "help"]).out, re.M):
         known = set(re.findall(r"^  acutctl %s ([a-z]+)" % command, e2e.run([ACUTCTL, "help", command]).out.split("options")[0], re.M))
@@ -92,7 +92,7 @@ def verbs():
 
 
 def examples_run():
-    """The lines of the pages that begin with "$ acutctl" (or "$ acut-verify", "$ acut-synth"), one after the other, each page with a daemon of its own."""
+    """The lines of the pages that begin with "$ acutctl" (or "$ acut-verify", "$ acut-synth"), in order, each page with a daemon of its own."""
     for name in ("acut.7.scd", "acutctl.1.scd", "acutctl-json.7.scd", "acut-synth.1.scd", "acut-verify.1.scd"):
         lines = re.findall(r"^\t?\$ (acut(?:ctl|-synth|-verify) .*?)(?:\+\+)?$", text_of(name), re.M)
         expect(lines, name + " has no example to run")

@@ -1,6 +1,6 @@
-"""acutctl on the far side of a real ssh: binary streams both ways, exit statuses, and connections that are cut.
+"""acutctl on the remote side of a real ssh: binary streams in both directions, exit statuses, and broken connections.
 
-The server is run by the client's ProxyCommand, on no network, with keys of its own in a temporary folder.
+The client's ProxyCommand runs the server, without a network, with keys in a temporary folder.
 """
 import getpass
 import hashlib
@@ -18,11 +18,11 @@ from e2e import Daemon, Folder, expect  # noqa: E402
 
 SSHD = shutil.which("sshd", path=os.environ.get("PATH", "") + ":/usr/sbin")
 ACUTCTL = os.path.abspath(e2e.ACUTCTL)
-PRIVSEP = "/run/sshd"  # a server started by root wants it to be there; its service makes it
+PRIVSEP = "/run/sshd"  # a server started by root needs this folder; its service makes it
 
 
 class Box:
-    """The far side: an acutd, and an sshd that a client starts."""
+    """The remote side: an acutd, and an sshd that a client starts."""
 
     def __init__(self, base, daemon):
         self.base = base
@@ -38,7 +38,7 @@ class Box:
                         "-o", "StrictHostKeyChecking=no", "-o", "UserKnownHostsFile=/dev/null", "-o", "BatchMode=yes",
                         "-o", "LogLevel=ERROR", "-T"]
         self.words = [getpass.getuser() + "@box", ACUTCTL]
-        # One connection for what is not cut.
+        # One connection for commands that are not interrupted.
         self.master = subprocess.Popen(self.command + self.shared + ["-M", "-N", self.words[0]], stdin=subprocess.DEVNULL,
                                        stdout=subprocess.DEVNULL, stderr=open(base + "/ssh.log", "w"))
         end = time.monotonic() + e2e.PATIENCE
@@ -65,7 +65,7 @@ def survey(path, points=40000, seed=1):
 
 
 def far_end(mark):
-    """Whether the acutctl with this time-out runs on the far side."""
+    """True if the acutctl with this time-out runs on the remote side."""
     for pid in filter(str.isdigit, os.listdir("/proc")):
         try:
             with open("/proc/%s/cmdline" % pid, "rb") as f:
@@ -85,20 +85,20 @@ def wait_until(cond, text):
 
 
 def cut(p, data, mark, d):
-    """Sends what there is, waits until the far side has it, and kills the client."""
+    """Sends the data, waits until the remote side has it, and kills the client."""
     try:
         p.stdin.write(data)
         p.stdin.flush()
     except BrokenPipeError:
         raise e2e.Fault("ended before it was cut: %s %s" % (p.wait(), p.stderr.read()))
-    wait_until(lambda: far_end(mark) or p.poll() is not None, "nothing runs on the far side")
+    wait_until(lambda: far_end(mark) or p.poll() is not None, "nothing runs on the remote side")
     expect(p.poll() is None, "ended before it was cut: %s" % (p.communicate() if p.poll() is not None else "",))
     time.sleep(0.5)
     p.kill()
     p.stdin.close()
     p.wait()
-    wait_until(lambda: not far_end(mark), "acutctl still runs on the far side")
-    # The next one finds a push that is over.
+    wait_until(lambda: not far_end(mark), "acutctl still runs on the remote side")
+    # The next command finds that the push has ended.
     e2e.until(lambda: d.ctl("status", "--json").ok().json()["connections"] == 1, "acutd does not notice that it is gone")
 
 
@@ -108,7 +108,7 @@ def both_ways(base, box, d):
     expect(got[0] == 0 and b"40,000 points" in got[1], "push: %s" % (got,))
     names = [f["name"] for f in d.ctl("dataset", "log", "valley", "--files", "--json").ok().json()["files"]]
     expect(names == ["T1"], "the name of a stream: %s" % names)
-    # The same again is not taken twice by who asks; another of that name takes its place, or is refused.
+    # With a checksum the same file is not pushed twice. Another one with its name is refused, or replaces it.
     for name, more, status in (("S", [], 0), ("S", [], 0), ("S", ["other"], 1), ("S", ["other", "--replace"], 0)):
         data = b"0 0 1\n10 0 2\n0 10 3\n" + (b"5 5 5\n" if more else b"")
         got = box.run("push", "small", "-", "--input-format", "xyz", "--name", name, "--checksum", *more[1:], data=data)
@@ -127,7 +127,7 @@ def both_ways(base, box, d):
     # Without --format it is PLY, as the manual's example has it.
     got = box.run("fetch", str(job["job"]), "-o", "-", "--json")
     expect(got[0] == 0 and got[1] == near and json.loads(got[2])["digest"] == job["digest"], got[2])
-    # One step, without anything that stays there.
+    # One step; nothing remains on the remote side.
     got = box.run("mesh", "-", "--input-format", "las", "-o", "-", "--quiet", data=las)
     expect(got[0] == 0 and got[1].startswith(b"ply\n") and got[2] == "", "mesh: %s %s" % (got[0], got[2]))
 
@@ -164,26 +164,26 @@ def cut_off(base, box, d):
     before, mark = names(), "600.%d" % os.getpid()
     las = survey(base + "/b.las", 400000, 2)
     text = "".join("%d.%02d %d.%02d %d.5\n" % (i % 997, i % 89, i // 997, i % 97, i % 13) for i in range(40000)).encode()
-    # In the middle of a file that says how long it is, and of one that does not: both into a new and an old dataset.
+    # The connection breaks within a file whose length is known, and within one without: into a new and an old dataset.
     for name in ("valley", "new"):
         for kind, data in (("las", las[:len(las) // 2]), ("xyz", text)):
-            # Texts say neither coordinate system nor units, and the old dataset has both.
+            # Texts have neither coordinate system nor units, and the old dataset has both.
             more = ["--assume-crs", "EPSG:32633", "--assume-units", "m,m"] if (name, kind) == ("valley", "xyz") else []
             p = box.start("push", name, "-", "--input-format", kind, "--name", "cut", "--timeout", mark, *more)
             cut(p, data, mark, d)
             got = names()
             expect(got.get("valley") == before["valley"] and got.get("new", 0) == 0, "a half of %s: %s" % (kind, got))
-    # The whole of it later.
+    # Later the whole file is pushed.
     p = box.run("push", "new", "-", "--input-format", "xyz", "--name", "cut", data=text)
     expect(p[0] == 0 and names()["new"] == 1 and d.ctl("dataset", "show", "new", "--json").json()["points"] == 40000, "%s" % (p,))
-    # A stream that nobody takes any more, and a wait of somebody who is gone, end too; the job is there afterwards.
+    # A stream without a reader and a wait without a client end, too; the job is there afterwards.
     d.ctl("push", "big", base + "/b.las").ok()
     job = d.ctl("submit", "big", "--wait", "--json").ok().json()["job"]
     p = box.start("fetch", str(job), "-o", "-", "--timeout", mark)
     p.stdout.read(1000)
     p.send_signal(signal.SIGKILL)
     p.wait()
-    wait_until(lambda: not far_end(mark), "fetch still runs on the far side")
+    wait_until(lambda: not far_end(mark), "fetch still runs on the remote side")
     d.ctl("fetch", str(job), "--format", "null").ok()
     p = box.start("watch", str(job), "--timeout", "60")
     p.wait(e2e.PATIENCE)
@@ -218,7 +218,7 @@ if not SSHD or not shutil.which("ssh") or not shutil.which("ssh-keygen"):
     e2e.unavailable("openssh is not installed")
 if os.getuid() == 0:
     try:
-        os.makedirs(PRIVSEP, 0o755, exist_ok=True)  # and it stays: another test may be using it
+        os.makedirs(PRIVSEP, 0o755, exist_ok=True)  # and remains: another test may be using it
     except OSError as e:
         e2e.unavailable("%s: %s" % (PRIVSEP, e))
 e2e.main(all_of_it)

@@ -1,6 +1,6 @@
 /*
- * Who is next: users, priorities, large and small jobs beside each other, and memory that is short. What is counted is
- * jobs, and the tasks that a gate lets through one by one: never time.
+ * The order of admission: users, priorities, large and small jobs side by side, and short memory. The tests count jobs, and tasks
+ * that a gate lets through one by one, never time.
  */
 #include "gate.h"
 #include "dataset_priv.h"
@@ -198,7 +198,7 @@ static void way_is_made(void **state)
 	h.service->admission->runs_max = 1;
 	jobs[3] = submit_as(1000, small, "", NULL);
 	jobs[2] = one_step(1001, small, NULL, &r);
-	/* Whose user has nothing at work is next, whoever came first. */
+	/* A user without a running job is next, although the other came first. */
 	assert_int_equal(info_of(jobs[2]).position, 1);
 	assert_int_equal(info_of(jobs[3]).position, 2);
 	step_until(job_state_final(info_of(jobs[2]).state));
@@ -239,7 +239,7 @@ static void priorities(void **state)
 	before = count_over(low, 20);
 	assert_int_equal(info_of(high).priority, JOB_PRIORITY_HIGH);
 	step_until(job_state_final(info_of(normal).state) && job_state_final(info_of(high).state));
-	/* Those that had begun, and a start in sixteen. */
+	/* The jobs that had begun, and one start in sixteen. */
 	assert_true(count_over(low, 20) - before <= 2);
 	gate_open();
 	job_leave(normal);
@@ -256,7 +256,7 @@ static void priorities(void **state)
 	assert_int_equal(info_of(low[19]).state, JOB_done);
 }
 
-/* Those that wait say for what, and who is before them. */
+/* Waiting jobs report what they wait for, and their position. */
 static void says_why(void **state)
 {
 	struct dataset *huge = push("huge", 20000, 8);

@@ -4,7 +4,6 @@
  */
 #include <errno.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,6 +19,7 @@
 #include "err.h"
 #include "io.h"
 #include "io_place.h"
+#include "repeat.h"
 
 enum { OTHER = 3001, THIRD = 3002 };
 
@@ -32,14 +32,9 @@ static int setup(void **state)
 	       mkdir("own/sub", 0700);
 }
 
-static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)
-{
-	return remove(path);
-}
-
 static int teardown(void **state)
 {
-	return chdir("/") || nftw(base, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	return chdir("/") || repeat_remove(base);
 }
 
 /* "FOLDER NAME" of the result, relative to `base`, or the error. */

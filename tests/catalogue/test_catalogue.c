@@ -19,30 +19,9 @@
 #include <sqlite3.h>
 
 #include "catalogue.h"
+#include "catalogue_fixture.h"
 #include "err.h"
 #include "ledger.h"
-#include "repeat.h"
-
-static char folder[64], path[128];
-
-static int setup(void **state)
-{
-	repeat_folder(folder, sizeof folder, "catalogue");
-	snprintf(path, sizeof path, "%s/catalogue.db", folder);
-	return 0;
-}
-
-static int teardown(void **state)
-{
-	static const char *const more[] = {"", "-wal", "-shm"};
-	char name[160];
-
-	for (int i = 0; i < 3; i++) {
-		snprintf(name, sizeof name, "%s%s", path, more[i]);
-		unlink(name);
-	}
-	return rmdir(folder);
-}
 
 struct seen {
 	int datasets, jobs, pushes;
@@ -272,7 +251,7 @@ static void newer_and_broken(void **state)
 	assert_string_equal(err.file, path);
 }
 
-/* Whoever queues more than there is room for waits for the disk; all of it gets there, and all memory comes back. */
+/* A caller that exceeds the room of the queue waits for the disk. All rows are written, and all memory is released. */
 static void queue_is_charged(void **state)
 {
 	enum { ROOM = 8 << 10, ROWS = 200 };

@@ -16,10 +16,8 @@
 #include <sqlite3.h>
 
 #include "catalogue.h"
+#include "catalogue_fixture.h"
 #include "err.h"
-#include "repeat.h"
-
-static char folder[64], path[128];
 
 #define DATASET_AND_PUSH                                                                                         \
 	"CREATE TABLE dataset ("                                                                                 \
@@ -74,25 +72,6 @@ static const char *const old[] = {
 													   "INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1,2,'',NULL);"
 													   "PRAGMA user_version = 3; COMMIT;",
 };
-
-static int setup(void **state)
-{
-	repeat_folder(folder, sizeof folder, "migrate");
-	snprintf(path, sizeof path, "%s/catalogue.db", folder);
-	return 0;
-}
-
-static int teardown(void **state)
-{
-	static const char *const more[] = {"", "-wal", "-shm"};
-	char name[160];
-
-	for (int i = 0; i < 3; i++) {
-		snprintf(name, sizeof name, "%s%s", path, more[i]);
-		unlink(name);
-	}
-	return rmdir(folder);
-}
 
 static void run(const char *sql)
 {
@@ -240,7 +219,7 @@ static void damaged(void **state)
 	}
 }
 
-/* Of 10,000 jobs, in the memory that SQLite has. */
+/* A catalogue with 10,000 jobs is converted within SQLite's memory. */
 static void large(void **state)
 {
 	struct err err = ERR_INIT;

@@ -38,7 +38,7 @@ static void whose_disk(void **state)
 	const struct limit_geoid grids[] = {{BERT, 1000}, {BERT, 500}, {ANNA, 7}};
 	struct listed listed = {.dataset = 5000, .pending = PENDING};
 	struct core_private priv = {0};
-	struct core core = {.p.user.disk = {.n = 100000, .unit = SPACE_BYTES}, .usage = {&listed, each}, .priv = &priv};
+	struct core core = {.p.limits.user.disk = {.n = 100000, .unit = SPACE_BYTES}, .usage = {&listed, each}, .priv = &priv};
 	const uint64_t pending = PENDING;
 	struct err err = ERR_INIT;
 
@@ -67,9 +67,9 @@ static void whose_disk(void **state)
 	assert_int_equal(has(&core, BERT), pending + 1500);
 	assert_int_equal(has(&core, ANNA), 5012);
 	/* Also while there is no limit: what was taken under one is given back. */
-	core.p.user.disk.unit = SPACE_UNLIMITED;
+	core.p.limits.user.disk.unit = SPACE_UNLIMITED;
 	limit_release_and_recount(&core, BERT, (int64_t)pending, ANNA, 5);
-	core.p.user.disk.unit = SPACE_BYTES;
+	core.p.limits.user.disk.unit = SPACE_BYTES;
 	limit_recount(&core);
 	limit_geoids(&core, grids, 0);
 	limit_recount(&core);

@@ -37,7 +37,7 @@ static void datasets(void **state)
 		assert_int_equal(rights_allow(&more, RIGHT_WRITE, OWNER, GROUP, mode), mode >> 4 & 1);
 		assert_int_equal(rights_allow(&other, RIGHT_READ, OWNER, GROUP, mode), mode >> 2 & 1);
 		assert_int_equal(rights_allow(&other, RIGHT_WRITE, OWNER, GROUP, mode), mode >> 1 & 1);
-		/* Nobody is in no group. */
+		/* A dataset without a group: no user counts as a member. */
 		assert_int_equal(rights_allow(&first, RIGHT_READ, OWNER, RIGHTS_NOBODY, mode), mode >> 2 & 1);
 		assert_true(rights_allow(&owner, RIGHT_OWN, OWNER, GROUP, mode));
 		assert_false(rights_allow(&owner, RIGHT_CHOWN, OWNER, GROUP, mode));

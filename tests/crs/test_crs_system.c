@@ -371,7 +371,8 @@ static void assumptions(void **state)
 		 {PROJ, "EPSG:32732", "metre", "unknown", TM, 32732, 0, "WGS 84", WGS, 0, 9, 0, 0, .9996, 500000, 1e7}},
 		{"\n" WGS84 "\n", {GEOG, "WGS 84", "degree", "unknown", GEO, 0, 0, "WGS 84", WGS}},
 	};
-	static const char *const bad[] = {"", "  \n", "PROJCS[\"p\"", "FOO[\"x\"]", "[", "na\xc3\xafve", "a\tb"};
+	static const char *const bad[] = {"",     "  \n", "PROJCS[\"p\"", "FOO[\"x\"]", "[", "na\xc3\xafve",
+					  "a\tb", "4326", " 25832\n"};
 	struct err err;
 	struct crs_info info;
 

@@ -1,6 +1,6 @@
 /*
- * What EPSG's numbers say: those of real surveys by hand, and what is said where a file has other units. With --dump
- * all of it, a line a number, for epsg_table.py.
+ * The definitions of EPSG numbers: those of real surveys, checked by hand, and messages about files with other units. --dump
+ * prints all definitions, one line for each number, for epsg_table.py.
  */
 #include <stdarg.h>
 #include <setjmp.h>

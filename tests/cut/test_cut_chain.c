@@ -1,6 +1,6 @@
 /*
- * What is read because of a chain, against what belongs to it: a point that is not above E is a hit, alone and in any
- * box, at every magnitude of lattice numbers. E is exact, hits are in doubles.
+ * Hits of a chain, compared with the points that belong to it: a point that is not above E is a hit, alone and in any box, at
+ * every magnitude of lattice numbers. E is exact, hits are in doubles.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -21,7 +21,7 @@ static unsigned below(unsigned n)
 	return (unsigned)(random_next(&seed) % n);
 }
 
-/* Of any magnitude, or just inside an end of the lattice. */
+/* A random number of any magnitude, or one close to an end of the lattice. */
 static int32_t number(void)
 {
 	int32_t n = (int32_t)(random_next(&seed) >> 33 >> below(31));

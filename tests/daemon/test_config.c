@@ -48,10 +48,7 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
-	char command[128];
-
-	snprintf(command, sizeof command, "rm -rf '%s'", root);
-	return system(command);
+	return repeat_remove(root);
 }
 
 static void version_2(void **state)

@@ -258,9 +258,10 @@ static void table(void **state)
 			assert_string_not_equal(s->name, config_settings[k].name);
 		assert_true(s->preset || s->preset_text);
 		assert_true(!s->preset || config_value_parse(s, s->preset, &c, &wanted));
-		assert_true(*s->help && *s->more);
-		assert_int_equal(s->help[strlen(s->help) - 1], '.');
-		assert_int_equal(s->more[strlen(s->more) - 1], '\n');
+		if (!*s->help || s->help[strlen(s->help) - 1] != '.')
+			fail_msg("the help of %s must be a sentence that ends with '.'", s->name);
+		if (!*s->more || s->more[strlen(s->more) - 1] != '\n')
+			fail_msg("the `more` of %s must be a text for the manual that ends with a line break", s->name);
 	}
 }
 
@@ -351,10 +352,7 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
-	char command[128];
-
-	snprintf(command, sizeof command, "rm -rf '%s'", root);
-	return system(command);
+	return repeat_remove(root);
 }
 
 int main(void)

@@ -53,11 +53,8 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
-	char command[128];
-
 	io = &io_system;
-	snprintf(command, sizeof command, "rm -rf '%s'", root);
-	return system(command);
+	return repeat_remove(root);
 }
 
 static char *below(const char *name)

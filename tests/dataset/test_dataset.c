@@ -171,7 +171,7 @@ static void test_expiry(void **state)
 	struct job *job;
 	char path[128];
 
-	h.service->core->p.keep_removed = 0.001;
+	h.service->core->p.limits.keep_removed = 0.001;
 	job = submit(d, false, VIEW);
 	job_fetch(job, &slow.output);
 	turn_until(slow.sending);

@@ -182,7 +182,7 @@ static void test_verified_meanwhile(void **state)
 		turn_until(overs);
 		assert_int_equal(damages, !taken);
 		close_service();
-		nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+		repeat_remove(h.folder);
 		assert_int_equal(mkdir(h.folder, 0700), 0);
 		open_service(UINT64_C(32) << 20, 2);
 	}

@@ -1,6 +1,5 @@
-"""A second implementation of acut's protocol, written from docs/formats/protocol.md, docs/formats/stream.md and acut.proto alone,
-with the official protobuf library. For tests; it checks everything that those pages promise and takes nothing on trust.
-"""
+"""A second implementation of acut's protocol, written from docs/formats/protocol.md, docs/formats/stream.md and acut.proto alone, with the
+official protobuf library. It is for tests, and checks everything that those pages promise."""
 import array
 import os
 import select
@@ -18,11 +17,11 @@ U64 = (1 << 64) - 1
 
 
 class Fault(AssertionError):
-    """What the tests' runner counts as a failure."""
+    """A failure of a test."""
 
 
 class Breach(Fault):
-    """The other side does not keep to the protocol."""
+    """The other side broke the protocol."""
 
 
 class Gone(Fault):
@@ -162,7 +161,7 @@ class Client:
         return self.last
 
     def answer(self, request_id, *want):
-        """The next answer to the request that is not progress: (value, descriptor)."""
+        """Waits for the answer to the last request, past messages of progress: (value, descriptor)."""
         while True:
             queue = self.waiting.get(request_id)
             got, message, fd = (request_id,) + queue.pop(0) if queue else self.wire.recv()
@@ -321,7 +320,7 @@ class JobFailed(Fault):
 
 
 class Base:
-    """What changes are against."""
+    """The mesh to which changes are applied."""
 
 
 class Mesh:

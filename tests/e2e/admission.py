@@ -1,4 +1,4 @@
-"""Who is next: users, priorities, waiting that is told, and memory that is short. Jobs and domains are counted, not seconds."""
+"""Admission: users, priorities, reported waits, and short memory. The tests count jobs and domains, not seconds."""
 import json
 import os
 import re
@@ -30,7 +30,7 @@ def jobs(d):
 
 
 def before(d, numbers, one):
-    """How many of these jobs ended before that one, as the log has it."""
+    """The number of these jobs that ended before that one, by the log."""
     ended = re.findall(r"job (\d+) of \S+ is done", d.log_text())
     return len([n for n in ended[:ended.index(one)] if n in numbers])
 
@@ -48,7 +48,7 @@ def priorities_of(base, d, gate):
     for bad in ("urgent", ""):
         expect(d.ctl("submit", "s", "--priority", bad).status == 2, "--priority %r" % bad)
     expect(d.ctl("plan", "s", "--priority", "low").status == 2, "plan takes --priority")
-    # Nobody gets a point to mesh before all are submitted.
+    # No job reads a point before all are submitted.
     gate.close("pread", ".seg")
     # All that one user may have at work; the others wait.
     huge = [submit(d, "huge", "--zmin", str(i)) for i in range(2)]
@@ -73,7 +73,7 @@ def priorities_of(base, d, gate):
 
 
 def users():
-    """Forty jobs of root, the first of them large; another user's is done before more than a few of them are."""
+    """Root submits forty jobs, the first of them large. The job of another user is done before more than a few of them."""
     if os.getuid():
         print("     skipped: needs root, to be another user")
         return
@@ -110,8 +110,9 @@ def users_of(base, d, gate):
     expect(n <= 4, "%d of another user's forty came before one" % n)
 
 
-def never_and_the_number():
-    """Half of the points of a parabola must be in memory at once: refused with a number, with which it is meshed."""
+def needs_more_than_the_memory():
+    """Half of the points of a parabola must be in memory at once: the job is refused with the sufficient memory, and with that it
+    is meshed."""
     with Folder() as base:
         path = os.path.join(base, "parabola.las")
         e2e.run([e2e.SYNTH, "--distribution", "parabola", "--points", 200000, "--seed", 3, "--origin", "0,0", path]).ok()
@@ -151,7 +152,7 @@ def all_kinds_in_little():
 
 
 def watched():
-    """Points and domains only grow, nothing is whole before the end, and the time left is told."""
+    """Progress: points and domains only grow, nothing is complete before the end, and the remaining time is reported."""
     with Folder() as base, Daemon(base, memory="32M", threads=1) as d:
         d.ctl("push", "s", survey(base, 1000000)).ok()
         numbers = [submit(d, "s"), submit(d, "s", "--every", "2")]
@@ -175,4 +176,4 @@ def watched():
 
 
 if __name__ == "__main__":
-    e2e.main(priorities, users, never_and_the_number, all_kinds_in_little, watched)
+    e2e.main(priorities, users, needs_more_than_the_memory, all_kinds_in_little, watched)

@@ -1,4 +1,5 @@
-"""Pipes whose content is said beforehand: known, taken up and replaced like files; what comes otherwise is refused, and leaves nothing."""
+"""Pipes with announced content: they are recognised, resumed and replaced like files. Other content is refused and leaves
+nothing."""
 import os
 
 import e2e
@@ -32,7 +33,7 @@ class Push:
         self.push = self.begun.push
 
     def stream(self, data, name="a", path=b"who", known=False, send=None, **probe):
-        """Announces `data`, sends `send`; what the probe said."""
+        """Announces `data`, sends `send`; returns the answer to the probe."""
         fmt = "las" if data[:4] == b"LASF" else "xyz"
         _, fd = self.c.answer(self.c.send("stream", pb.Stream(push=self.push, name=name)), "streaming")
         child = 0
@@ -132,7 +133,7 @@ def held_to_it():
 
 
 def taken_up():
-    """The client goes away when one of two is staged."""
+    """The client leaves when one of two is staged; the next push takes it up."""
     with Folder() as base, Daemon(base) as d:
         first, second = survey(base, 1), survey(base, 2)
         with Client(d.socket) as c:

@@ -1,5 +1,5 @@
-"""gzip files, zip archives and PTX through daemon and client: the mesh of the plain files, members by name, what is damaged
-among what is good, the same archive pushed again, drop folders, lists of sums, and what unpacks to too much."""
+"""gzip files, zip archives and PTX through daemon and client: the mesh of the plain files, members by name, damaged members among
+good ones, the same archive pushed again, drop folders, lists of checksums, and archives that unpack to too much."""
 import gzip
 import hashlib
 import io
@@ -88,7 +88,7 @@ def same_mesh():
 
 
 def scans():
-    """A quarter turn and a shift: what must come out is written as text by integers."""
+    """Scans with a quarter turn and a shift; the expected points are written as text, with integers."""
     r = random.Random(5)
     cells = [(r.randrange(-9000, 9000), r.randrange(-9000, 9000), r.randrange(-900, 900)) for _ in range(200)]
     head = "%d\n%d\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n1000 2000.5 -3 1\n"
@@ -161,7 +161,7 @@ def damaged():
 
 
 def packed_twice():
-    """One packing is undone; what is packed again is named, with a command that can be typed."""
+    """One layer of packing is unpacked. A second layer is refused by name, with a command that unpacks it."""
     points, tar = text(1).encode(), io.BytesIO()
     with tarfile.open(fileobj=tar, mode="w") as t:
         t.addfile(tarfile.TarInfo("a.xyz"))
@@ -180,7 +180,7 @@ def everything(folder):
 
 
 def names_that_lead_away():
-    """A member's name is a text: with dots it is no hidden file, and nothing is written where it leads."""
+    """Names of members with dots: they hide no file, and nothing is written outside of the folder."""
     points, place = text(1), path_of("deep", "er", "x")[:-2]
     temp = path_of("deep", "temp", "x")[:-2]
     names = ["./a.xyz", "../x/a.xyz", "../../../../../../" + BASE + "/deep/b.xyz", BASE + "/deep/c.xyz", "d/../../../e.xyz", "d\\..\\..\\f.xyz"]
@@ -195,7 +195,7 @@ def names_that_lead_away():
 
 
 def without_descriptors():
-    """A program that is started without standard input, output or error takes none of its files for one of these."""
+    """A program that is started without standard input, output or error does not mistake its files for these."""
     path = write("closed.xyz.gz", gzip.compress(text(1).encode()))
     for closed in ([0], [0, 1], [0, 1, 2]):
         out = path_of("closed.ply")
@@ -264,7 +264,7 @@ def sums():
 
 
 def too_much():
-    """400 MB of blanks in 400 KB: neither memory nor more of the disk than there may be."""
+    """400 MB of blanks in 400 KB: limited in memory and on the disk."""
     bomb = path_of("bomb.xyz.gz")
     with gzip.open(bomb, "wb", 9) as f:
         for _ in range(400):
@@ -311,7 +311,7 @@ def holds_file_in(pid, folder):
 
 
 def others():
-    """What opens files itself gets the daemon's word."""
+    """Commands that open files themselves give the error of the daemon."""
     grid = write("grid.asc", "ncols 2\nnrows 1\n1 2\n")
     got = mesh(grid, status=1)
     expect("an ESRI ASCII grid" in got["message"] and "gdal2xyz.py" in got["hint"], "%s" % got)

@@ -1,5 +1,5 @@
-"""Backups of a daemon at work, restored on an empty machine; exports and imports of single datasets: the same
-digests for every generation, and nothing that was not whole."""
+"""Backups of a busy daemon, restored on an empty machine; exports and imports of single datasets. All generations keep their
+digests, and no incomplete backup is taken for a good one."""
 import json
 import os
 import shutil
@@ -43,7 +43,7 @@ def restored(base, folder, name):
 
 
 def files_of(folder):
-    """A daemon that lives in it may take files away meanwhile."""
+    """All files; a daemon that works in the folder may remove some meanwhile."""
     out = {}
     for path, _, names in os.walk(folder):
         for n in names:
@@ -56,9 +56,9 @@ def files_of(folder):
     return out
 
 
-def things_in(folder):
-    """Which files lie there, by name and inode. SQLite's own two are left out, and times: the daemon that lives in it tidies up after
-    a push when it has nothing else to do, and may take files away and write into its catalogue at any time."""
+def inodes_in(folder):
+    """The files in the folder, by name and inode. SQLite's two files and times are left out, since a running daemon may clean up
+    and write its catalogue at any time."""
     return {(n, ino) for n, (ino, _) in files_of(folder).items() if not n.endswith(("-wal", "-shm"))}
 
 
@@ -85,7 +85,7 @@ def whole_state():
 
 
 def again_and_again():
-    """The second time only what is new comes, and what is gone goes."""
+    """A second backup copies only new files, and removes files that are gone."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         names = fill(d, base)
         to = os.path.join(base, "backup")
@@ -130,7 +130,7 @@ def links_or_copies():
 
 
 def while_all_goes_on():
-    """Pushes, jobs and backups at once: each backup is some moment's state, whole."""
+    """Pushes, jobs and backups at once: each backup is a consistent state."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
         n, failed = 12, []
         tiles = [tile(base, i, n=2000) for i in range(n)]
@@ -164,7 +164,7 @@ def while_all_goes_on():
 
 
 def cut_short():
-    """A client that is killed leaves the last backup good, and nothing in the state."""
+    """A killed client leaves the last backup usable, and nothing in the state."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         names = fill(d, base)
         want = meshes(d, names)
@@ -234,17 +234,17 @@ def refused():
 
 
 def not_into_the_daemons_folders():
-    """Whatever the path: the cache is deleted as it pleases, and the state is the daemon's."""
+    """A backup into the state or cache of the daemon is refused, whatever path is given."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "a", tile(base, 1)).ok()
         link = os.path.join(base, "link")
         os.symlink(d.state, link)
         for folder, word in ((d.state, "state"), (d.cache, "cache"), (link, "state"), (os.path.join(d.state, "datasets"), "state")):
-            was = things_in(folder)
+            was = inodes_in(folder)
             says(d.ctl("backup", os.path.join(folder, "mine")), 2, "in the %s folder of the daemon" % word, "elsewhere")
             says(d.ctl("dataset", "export", "a", os.path.join(folder, "mine")), 2, "in the %s folder of the daemon" % word)
             no_links(d)  # The daemon's own, of what it was asked for: taken away once the client is gone.
-            new = things_in(folder) - was
+            new = inodes_in(folder) - was
             expect(not new and not os.path.exists(os.path.join(folder, "mine")), "something stays behind: %s" % new)
         says(d.ctl("backup", d.cache), 2, "in the cache folder")
         deep = os.path.join(d.cache, "deep")
@@ -256,7 +256,7 @@ def not_into_the_daemons_folders():
 
 
 def another_of_the_same_name():
-    """The folder of an export goes by the dataset, not by its name."""
+    """The folder of an export belongs to one dataset, not to its name."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         out = os.path.join(base, "out")
         d.ctl("push", "a", tile(base, 1)).ok()
@@ -269,7 +269,7 @@ def another_of_the_same_name():
         d.ctl("push", "a", tile(base, 3)).ok()
         says(d.ctl("dataset", "export", "a", out), 2, "another dataset a", "give another folder")
         expect(files_of(out) == held, "the older export is changed")
-        # Of another daemon.
+        # The backup of another daemon.
         with e2e.Daemon(base, name="other") as other:
             other.ctl("push", "a", tile(base, 1)).ok()
             says(other.ctl("dataset", "export", "a", out), 2, "another dataset a")
@@ -289,7 +289,8 @@ def another_of_the_same_name():
 
 
 def restored_is_another():
-    """What was given out after the backup is given out again: nothing that goes by the store's identity takes one for the other."""
+    """A restored store gives out numbers again that were used after the backup. So it has another identity, and nothing that
+    depends on the identity confuses the two."""
     with e2e.Folder() as base:
         to, older, out, own = (os.path.join(base, n) for n in ("backup", "older", "out", "own"))
         with e2e.Daemon(base) as d:
@@ -317,7 +318,7 @@ def restored_is_another():
 
 
 def a_file_is_missing():
-    """Not a backup without it: the file is named."""
+    """A missing file fails the backup, and is named."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "a", tile(base, 1)).ok()
         folder = os.path.join(d.state, "datasets", "1")
@@ -330,7 +331,7 @@ def a_file_is_missing():
 
 
 def a_manifest_is_damaged():
-    """It is named, all else is in the backup, and the files of that dataset as they are."""
+    """It is named. All else is in the backup, and so are all files of that dataset."""
     with e2e.Folder() as base:
         with e2e.Daemon(base) as d:
             d.ctl("push", "good", tile(base, 1)).ok()
@@ -356,18 +357,18 @@ def a_manifest_is_damaged():
 
 
 def a_state_is_no_backup():
-    """The folder that was restored is a daemon's now: a backup into it would take its catalogue away."""
+    """A restored folder is the state of a daemon: a backup into it is refused."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "a", tile(base, 1)).ok()
         to = os.path.join(base, "backup")
         d.ctl("backup", to).ok()
         with restored(base, to, "r") as r:
             r.ctl("push", "a", tile(base, 2)).ok()
-            before = things_in(r.state)
+            before = inodes_in(r.state)
             says(r.ctl("backup", r.state), 2, "in the state folder of the daemon")
             says(d.ctl("backup", r.state), 2, "the state of an acutd")
             no_links(r)
-            new = things_in(r.state) - before
+            new = inodes_in(r.state) - before
             expect(not new, f"something was written there: {new}")
         d.ctl("backup", to).ok()
 
@@ -388,7 +389,7 @@ def export_and_import():
         other.ctl("dataset", "import", os.path.join(base, "out", "c"), "c2").ok()
         other.ctl("push", "c", tile(base, 990, n=400)).ok()
         expect(digests(other, "c2", 3) == want["c", 3] == digests(other, "c", 3), "two imports of one export")
-        # What it had is known.
+        # The files that it had are known.
         says(other.ctl("push", "c", os.path.join(base, "t00200.las")), 0, "there already")
         other.stop(signal.SIGKILL)
         other.start()
@@ -396,7 +397,7 @@ def export_and_import():
 
 
 def damaged_imports():
-    """Nothing of a damaged export becomes a dataset, and nothing of it stays on the disk."""
+    """A damaged export does not become a dataset, and leaves nothing on the disk."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "a", tile(base, 1, n=3000)).ok()
         d.ctl("push", "a", tile(base, 2, n=3000)).ok()
@@ -425,7 +426,7 @@ def damaged_imports():
         tried(lambda: os.remove(os.path.join(bad, segments[1])), 1, "missing", segments[1])
         tried(lambda: os.truncate(os.path.join(bad, segments[0]), size - 16), 1, "the manifest says", segments[0])
         for at in (9, 200, 4096 + 9, 4096 + 100, size // 2, size - 40):
-            tried(lambda: flip(segments[0], at), 74, segments[0] + ": ", "exported again")
+            tried(lambda: flip(segments[0], at), 74, segments[0] + ": ", "export the dataset again")
         tried(lambda: flip("manifest", 40), 74, "manifest")
         tried(lambda: shutil.copy(os.path.join(good, segments[0]), os.path.join(bad, "other.seg")), 1,
               "does not name")
@@ -433,7 +434,7 @@ def damaged_imports():
 
 
 def rights():
-    """A backup is for administrators; an export for who may read the dataset."""
+    """Administrators may take backups; users who may read a dataset may export it."""
     if os.geteuid():
         print("     rights: skipped, it takes root to be another user")
         return
@@ -453,7 +454,7 @@ def rights():
 
 
 def left_at_once():
-    """Clients that go before their file comes take nothing else of the daemon's with them."""
+    """Clients that leave before they get their file leak nothing in the daemon."""
     try:
         from acut_wire import Client, pb
     except ImportError as e:

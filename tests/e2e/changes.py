@@ -1,6 +1,6 @@
-"""fetch --changed-since: who holds the old mesh by its regions, takes out those that are gone and puts in what comes, has the
-new mesh, triangle by triangle and with the heights; so has who holds it without regions and goes by circumcentres, on borders
-too. Points that come, heights alone that change, a way back, nothing; going on in the middle; what cannot be."""
+"""fetch --changed-since. A client that holds the old mesh by regions, removes the regions that are gone and adds the new ones,
+has the new mesh, triangle by triangle, with heights. So does a client that holds it without regions and decides by circumcentres,
+also on borders. Cases: new points, changed heights, a revert, no change, a resumed stream, and refusals."""
 import json
 import os
 import random
@@ -100,7 +100,7 @@ def pushed(d, *paths):
 
 
 def noted_otherwise(path):
-    """The same domains as another version of the store would have them: the check of their bytes is another (format.md, Plans)."""
+    """The same domains as another version of the store would have them: with other checksums (format.md, Plans)."""
     with open(path, "rb") as f:
         data = bytearray(f.read())
     count = 0
@@ -139,7 +139,7 @@ def follows():
         check(c, first, 1, third, three)
         b, changes, _ = check(c, third, 3, third, three)
         expect(not b.gone and not changes.triangles and not changes.indexes and b.kept, "nothing has changed")
-        # What is stored of domains, and the daemon, may go.
+        # The stored domains may be removed, and the daemon restarted.
         d.stop()
         shutil.rmtree(os.path.join(base, "cache"), ignore_errors=True)
         noted_otherwise(os.path.join(d.state, "plans", "plan-%d" % one))
@@ -149,7 +149,7 @@ def follows():
 
 
 def selected():
-    """Changes of meshes whose views select points: what is held is not read, and so not counted against the selection."""
+    """Changes of meshes whose views select points. The selections exist, so they are not charged again."""
     with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
         pushed(d, survey(base), corner(base))
         for view in ("--crop=-9,-9,2000,2000",), ("--every", "4"), ("--thin", "1"):
@@ -258,7 +258,7 @@ def doubled(regions):
 
 
 def changed_command(base, d, one, two):
-    """What a holder without regions has of job two, by the changes since generation 1, is its mesh; the file of changes."""
+    """The file of changes: a client without regions applies the changes since generation 1, and has the mesh of job two."""
     old, new, out = (os.path.join(base, n) for n in ("old.obj", "new.obj", "out.obj"))
     d.ctl("fetch", str(one), "-o", old).ok()
     d.ctl("fetch", str(two), "-o", new).ok()
@@ -280,8 +280,8 @@ def changed_command(base, d, one, two):
 
 
 def beside_borders():
-    """Half of a small grid, at random: many circumcentres lie on borders, and the corners say where the triangle is. On the
-    lower side few are: those have holes in the grid, circles round a place on a border with three points on them."""
+    """Parts of a small grid, at random: many circumcentres lie on borders, where the corners decide. On the lower border few do:
+    holes of the grid, whose circles have their centre on the border and three points on them."""
     middle, radius2 = 417, 2210  # doubled
     holes = {(middle, n): ((19, -43), (41, -23), (47, 1)) for n in (101, 201, 301)}
     holes.update({(n, middle): ((47, 1), (41, 23), (19, 43)) for n in (101, 201, 301)})
@@ -353,7 +353,7 @@ def command():
 
 
 def pruned():
-    """A generation that was pruned cannot be made again: what is said is not to make it, but what there is."""
+    """A pruned generation cannot be the base: the error offers the generations that exist."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         pushed(d, survey(base), corner(base))
         pushed(d, corner(base, "third.xyz", 200, 500.0, 9))

@@ -37,7 +37,7 @@ def mesh_is_complete():
             expect(f.read(8) == b"\x89PNG\r\n\x1a\n", "not a PNG")
         e2e.run([e2e.VERIFY, out, path]).ok()
         expect(not [n for n in os.listdir(base) if ".part" in n or ".tmp" in n], str(os.listdir(base)))
-        # Nothing of a one-step dataset stays.
+        # No file of a one-step dataset remains.
         left = [n for _, _, files in os.walk(d.cache) for n in files if n.startswith("s")]
         expect(not left, "left in the cache: %s" % left)
 
@@ -96,7 +96,7 @@ def datasets_and_jobs():
 
 
 def domains_from_files_alone():
-    """acut-domain on every region of a dataset: together the triangles and the digest of the daemon's mesh."""
+    """acut-domain on every region of a dataset: together they have the triangles and the digest of the daemon's mesh."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "valley", survey(base)).ok()
         job = d.ctl("submit", "valley", "--wait").ok().out.split()[0]
@@ -142,7 +142,7 @@ def killed_daemon_resumes():
 
 
 def sigterm_leaves_clean_folders():
-    """Told to end in the middle of a job, it ends there: what it was about to store, and not the rest."""
+    """A daemon that is stopped during a job stores the domain that it works on, and no others."""
     with e2e.Folder() as base:
         gate = e2e.Gate(base)
         d = e2e.Daemon(base, memory="32M", threads=1, env=gate.env).start()
@@ -192,7 +192,7 @@ def refusals():
         status(d.ctl("nonsense"), 2)
         status(d.ctl("show", "424242"), 4)
         status(d.ctl("submit", "nobody"), 4)
-        # What a variable that is not set makes of a name is no other thing than a dataset.
+        # An empty name, as from an unset variable, is an error and not another dataset.
         status(d.ctl("push", "", path), 2, 'cannot name a dataset')
         status(d.ctl("dataset", "show", ""), 4, 'no dataset ""')
         status(d.ctl("dataset", "export", "", os.path.join(base, "export")), 4, 'no dataset ""')
@@ -267,7 +267,7 @@ def private_daemon():
 
 
 def private_daemon_of_another_build():
-    """While it is at work it does, but not with other memory or threads than are asked for."""
+    """A private daemon of another build is used while it works, but not with another memory or number of threads."""
     with e2e.Folder() as base:
         path, out, other = survey(base, points=1000), os.path.join(base, "m.ply"), os.path.join(base, "acutd")
         version = e2e.run([e2e.ACUTD, "--version"]).ok().out.split()[1].encode() + b"\0"
@@ -289,7 +289,7 @@ def private_daemon_of_another_build():
 
 
 def standard_output_by_path():
-    """What stands before the mesh in a file that standard output appends to stays."""
+    """Standard output that appends to a file keeps what the file had."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         path, log = survey(base, points=1000), os.path.join(base, "log")
         meshes = []
@@ -306,7 +306,7 @@ def standard_output_by_path():
 
 
 def named():
-    """--name is what a file is called; who it is stays its path."""
+    """--name changes the name of a file; its identity is its path."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         one, other = survey(base, "a.las", 1000), survey(base, "b.las", 1000, "--seed", "5")
         d.ctl("push", "v", one, "--name", "flight 7").ok()

@@ -1,5 +1,5 @@
-"""The configuration of a daemon: --check-config, files and what beats them, a reload by SIGHUP that has its effect, and
-acutctl config show, which tells where each setting comes from."""
+"""The configuration of a daemon: --check-config, files and what overrides them, a reload by SIGHUP, and acutctl config show,
+which tells the source of each setting."""
 import json
 import os
 import re
@@ -25,7 +25,7 @@ def without(command, option):
 
 
 class Configured(Daemon):
-    """A daemon with a file of settings, and a socket for what it tells the service manager."""
+    """A daemon with a configuration file, and a socket for its messages to the service manager."""
 
     def __init__(self, base, text, args=()):
         super().__init__(base, memory="64M", args=args)
@@ -42,7 +42,7 @@ class Configured(Daemon):
         return {s["name"]: s for s in map(json.loads, lines)}
 
     def told(self):
-        """What the service manager was told next."""
+        """The next message to the service manager."""
         return self.notify.recv(4096).decode()
 
     def reload(self, text=None):
@@ -92,7 +92,7 @@ def show_tells_where_from():
 
 
 def memory_by_cgroup_is_told():
-    """Where nobody sets it, it is the limit of the control group, or the default."""
+    """An unset memory is the limit of the control group, or the default."""
     with Folder() as base:
         with Configured(base, "") as d:
             pass
@@ -197,12 +197,20 @@ def check_config():
 
 
 def documents_are_of_the_table():
-    """etc/acutd.conf is what the table says, and what it says are the defaults; the manual has every key and option."""
+    """etc/acutd.conf and the manual agree with the table, and the file has the defaults."""
     doc = os.environ["ACUT_CONFIG_DOC"]
     source = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../..")
     with open(source + "/etc/acutd.conf") as f:
         conf = f.read()
     expect(run([doc, "conf"]).ok().out == conf, "etc/acutd.conf is not of the table: run config-doc conf > etc/acutd.conf")
+    with open(source + "/daemon/config/config_table.def") as f:
+        scopes = re.findall(r'^SETTING\("[a-z-]+", (\w+),.*?\b(RELOAD|RESTART|LINE),', f.read(), re.M | re.S)
+    reload = [field for field, scope in scopes if scope == "RELOAD"]
+    with open(source + "/daemon/settings.c") as f:
+        applied = set(re.findall(r"\bc->(\w+)", f.read()))
+    expect(len(reload) > 10, "%s" % reload)
+    rest = [field for field in reload if not applied & {field, field + "_gid"}]
+    expect(not rest, "a reload changes these by their scope, and daemon/settings.c does not read them: %s" % rest)
     settings = [line.lstrip("#") for line in conf.splitlines() if line.lstrip("#")[:1].isalpha() and " =" in line
                 and not line.startswith("# ")]
     expect(len(settings) == len(re.findall(r"^SETTING", open(source + "/daemon/config/config_table.def").read(), re.M)) - 3, "%s" % settings)
@@ -226,7 +234,7 @@ def documents_are_of_the_table():
 
 
 def more_memory_than_the_control_group_has():
-    """The kernel would end what acutd promises: refused, with the numbers."""
+    """A memory beyond the limit of the control group is refused, with the numbers: the kernel would kill the daemon."""
     # A limit by a folder that looks like /proc and /sys would need root; the rule is in tests/daemon/test_config_file.c.
     # Here a real control group, where one can be made.
     with open("/proc/self/cgroup") as f:

@@ -1,5 +1,5 @@
-"""COPC: a cropped mesh in one step reads the nodes that meet the crop and no others, and is the mesh of the whole file
-under the same view. What was read in part serves no view beyond."""
+"""COPC: a cropped mesh in one step reads only the nodes that meet the crop, and is the mesh of the whole file under the same
+view. Points that were read in part are not used for a larger view."""
 import os
 import shutil
 

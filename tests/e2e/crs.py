@@ -1,5 +1,5 @@
-"""Coordinate systems and units: what goes together, what is assumed, what is refused and with which words, and what
-every output says of what is unknown."""
+"""Coordinate systems and units: which combinations are accepted, assumptions, refusals and their messages, and how outputs mark
+unknown ones."""
 import itertools
 import json
 import re
@@ -116,7 +116,7 @@ def mixing():
 
 
 def across_pushes():
-    """Refused in the second push whichever of the two was first; what is there stays as it was."""
+    """A second push with another system is refused, whichever was first; the dataset is unchanged."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         f = files(base)
         pairs = [(a, b) for names, _ in MIXED for a, b in itertools.permutations(names[:2]) if "site1" not in names]
@@ -134,7 +134,7 @@ def across_pushes():
 
 
 def unknown():
-    """Taken, said once, null in JSON and `unknown` in the outputs."""
+    """Accepted, with one warning; null in JSON and `unknown` in the outputs."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         f = files(base)
         r = d.ctl("mesh", f["none"], f["text"], "-o", base + "/m.ply", "-o", base + "/m.obj", "--json").ok()
@@ -148,7 +148,7 @@ def unknown():
         expect("comment acut-crs unknown\n" in head and "comment acut-units unknown unknown\n" in head, head)
         head = open(base + "/m.obj").read(2000)
         expect("# acut-crs unknown\n" in head and "# acut-units unknown unknown\n" in head, head)
-        # Of one that knows its plane, the heights alone.
+        # If the plane is known, only the heights.
         j = d.ctl("mesh", f["utm"], "-o", base + "/m.ply", "--json").ok().json()
         expect(j["crs"] == "EPSG:25832" and j["units"] == {"xy": "metre", "z": None}, str(j))
         expect(any(w.startswith("the unit of z is unknown") for w in j["warnings"]), str(j["warnings"]))
@@ -194,7 +194,7 @@ def assumed():
 
 
 def assumed_wrongly():
-    """An assumption does not override what a file says, and nonsense is refused before anything is read."""
+    """An assumption does not override the file. Invalid ones are refused before anything is read."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         f = files(base)
         out = base + "/m.ply"
@@ -228,7 +228,7 @@ GEOCENTRIC = [(1024, 0, 1, 3), (2048, 0, 1, 4978)]
 
 
 def overridden():
-    """A header that is wrong: what is said in its place, in the report, in the log of the dataset, and after an interruption."""
+    """A wrong header is overridden: noted in the report, in the log of the dataset, and after an interruption."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         f = files(base)
         earth = las(base + "/earth.las", keys=GEOCENTRIC, x0=502000)
@@ -244,12 +244,12 @@ def overridden():
         expect([i["overridden"] for i in j["inputs"]] ==
                ["EPSG:25832, x and y in metre, z in unknown", "EPSG:4978, x and y in metre, z in metre",
                 "EPSG:4326, x and y in degree, z in unknown", None, None], str(j["inputs"]))
-        # What the system that is given does not say of heights is unknown; units alone replace units.
+        # The heights are unknown if the given system has none; units alone replace units.
         j = d.ctl("mesh", f["height"], "-o", out, "--override-crs", "EPSG:32632", "--json").ok().json()
         expect(j["crs"] == "EPSG:32632" and j["units"] == {"xy": "metre", "z": None}, str(j))
         j = d.ctl("mesh", f["feet"], "-o", out, "--override-units", ",m", "--json").ok().json()
         expect(j["crs"] == "EPSG:25832 + EPSG:6360" and j["units"] == {"xy": "metre", "z": "metre"}, str(j))
-        # Nothing is overridden by what the file says itself.
+        # The same system as that of the file overrides nothing.
         j = d.ctl("mesh", f["utm"], "-o", out, "--override-crs", "EPSG:25832", "--json").ok().json()
         expect(j["inputs"][0]["overridden"] is None, str(j["inputs"]))
         # Projected numbers that are degrees are projected as such.
@@ -310,7 +310,7 @@ def numbers():
         said(r, "odd.las", "x and y are taken as metre, but EPSG:2229 (NAD83 / California zone 5 (ftUS)) is in the unit us-survey-foot")
         r = d.ctl("mesh", las(base + "/link.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 2314)]), "-o", base + "/m.ply").ok()
         said(r, "EPSG:2314 (Trinidad 1903 / Trinidad Grid (ftCla)) is in the unit Clarke's foot", "the unit of x and y")
-        # What is not known of a dataset is said when it comes to be, not again.
+        # Unknown units are reported when a dataset is created, and not again.
         said(d.ctl("push", "d", path).ok(), "the unit of z is unknown")
         r = d.ctl("push", "d", las(base + "/more.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 6514)], x0=500200)).ok()
         expect("unknown" not in r.err, r.err)
@@ -341,7 +341,7 @@ def read_ply(path):
 
 
 def z_unit():
-    """Every pair of units, against fractions: doubles are the nearest, decimals exact or rounded at the last digit."""
+    """Every pair of units, compared with fractions: doubles are the nearest ones, decimals exact or rounded in the last digit."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         low = las(base + "/low.las", z0=-12345)
         for (a, fa), (b, fb) in itertools.product(METRES.items(), METRES.items()):
@@ -464,7 +464,7 @@ def info():
 
 
 def created():
-    """A dataset before its first push: it stays over a restart, and the push keeps to it."""
+    """A created dataset keeps its system over a restart, before and after its first push."""
     with e2e.Folder() as base:
         with e2e.Daemon(base) as d:
             f = files(base)
@@ -508,7 +508,7 @@ def created():
 
 
 def units_by_number():
-    """A unit that a dataset or an input leaves unknown is that of its EPSG number: older tables did not have all of them."""
+    """A unit that a dataset or an input lacks is looked up by its EPSG number: older tables lacked some of them."""
     number = [(1024, 0, 1, 1), (3072, 0, 1, 2229)]
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         shown = lambda: d.ctl("dataset", "show", "k", "--json").ok().json()

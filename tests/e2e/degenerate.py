@@ -1,5 +1,5 @@
-"""Inputs where designs break: convex position, collinear, thin corridors, one position, two far clusters, grids.
-An exact result (CGAL's, triangle by triangle, where CGAL is quick enough) or a clear refusal, in bounded memory."""
+"""Degenerate inputs: convex position, collinear points, thin corridors, one position, two distant clusters, grids. The result is
+exact (as CGAL's, triangle by triangle, where CGAL is fast enough) or a clear refusal, in bounded memory."""
 import os
 import subprocess
 
@@ -61,7 +61,7 @@ def one_position():
 
 
 def flat_positions():
-    """Positions without triangles are vertices: of any format, with any memory, and verified."""
+    """Positions without triangles become vertices, in all formats and with any memory, and are verified."""
     shapes = {"one": [(-3, 8)], "two": [(1, 2), (3, 9)], "axis": [(7, 31 * i) for i in range(5000)],
               "diagonal": [(3 * i, 7 * i) for i in range(200000)]}
     with e2e.Folder() as base:
@@ -86,7 +86,7 @@ def flat_positions():
 
 
 def tiles_of_no_triangles():
-    """Vertices that no tile has are said, also in JSON."""
+    """Vertices that are in no tile are reported, also in JSON."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         path, tiles = os.path.join(base, "line.xyz"), os.path.join(base, "tiles")
         with open(path, "w") as f:

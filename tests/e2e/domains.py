@@ -1,4 +1,5 @@
-"""Finished domains: what a mesh of one step writes of them, and that how many are in flight does not show."""
+"""Finished domains: what a mesh in one step writes of them, and that the number of domains in flight does not change the
+result."""
 import os
 import re
 import time
@@ -16,7 +17,7 @@ MIB = 1 << 20
 
 
 def written(d):
-    """Bytes that the daemon handed to write calls of any kind, pipes included."""
+    """The bytes that the daemon passed to write calls of any kind, including pipes."""
     with open("/proc/%d/io" % d.process.pid) as f:
         return int(re.search(r"wchar: (\d+)", f.read()).group(1))
 
@@ -28,7 +29,7 @@ def synth(base, name, points, *more):
 
 
 def one_step_writes_no_domains():
-    """What goes to disk is the points, what goes to the client is the stream: nothing else of that size is written."""
+    """A mesh in one step writes its points to the disk and the stream to the client, and nothing else of that size."""
     points = 200000 if SANITIZED else 600000
     with Folder() as base:
         path = synth(base, "s.las", points)
@@ -49,8 +50,8 @@ def one_step_writes_no_domains():
                 print("%s: %.1f bytes a point of one step, %.1f of a job" % (memory, took / points, kept / points))
 
 
-def a_reader_who_stands_still_costs_no_disk():
-    """While all of a mesh of one step fits its window, a reader who does not read makes the daemon write nothing."""
+def a_stopped_reader_costs_no_disk():
+    """While the mesh of one step fits its window, a reader that stops reading makes the daemon write nothing."""
     points = 100000 if SANITIZED else 300000
     with Folder() as base, Daemon(base, memory="256M", threads=2) as d, Client(d.socket, timeout=120) as c:
         path = synth(base, "s.las", points)
@@ -68,7 +69,7 @@ def a_reader_who_stands_still_costs_no_disk():
 
 
 def many_sizes():
-    """Clusters make large and small domains beside each other: the window holds any number of small ones."""
+    """Clusters make large and small domains side by side: the window holds any number of small ones."""
     points = 60000 if SANITIZED else 400000
     with Folder() as base:
         path = synth(base, "c.las", points, "--distribution", "clustered")
@@ -85,7 +86,7 @@ def many_sizes():
 
 
 def a_limit_of_file_sizes():
-    """What a limit of file sizes stops is an error of that push, which says so; nobody else notices."""
+    """A write beyond the limit of file sizes fails that push, with a message; nobody else is affected."""
     limit = 2 * MIB
     with Folder() as base, Daemon(base, prefix=("prlimit", "--fsize=%d" % limit)) as d:
         large = synth(base, "large.las", 300000)
@@ -96,4 +97,4 @@ def a_limit_of_file_sizes():
         d.ctl("mesh", "--format", "null", small).ok()
 
 
-e2e.main(one_step_writes_no_domains, a_reader_who_stands_still_costs_no_disk, many_sizes, a_limit_of_file_sizes)
+e2e.main(one_step_writes_no_domains, a_stopped_reader_costs_no_disk, many_sizes, a_limit_of_file_sizes)

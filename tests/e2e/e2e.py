@@ -1,8 +1,6 @@
-"""What the end-to-end tests share: folders that go away, a daemon of one's own, runs of the programs.
-
-The programs are named by the environment (ACUTD, ACUTCTL, ACUT_SYNTH, ACUT_VERIFY, ACUT_DOMAIN), set by meson.
-A test prints one line a case and ends with exit status 0, 1, or 77 (skipped, with the reason).
-"""
+"""Shared by the end-to-end tests: temporary folders, private daemons, runs of the programs. meson sets the paths of the programs
+(ACUTD, ACUTCTL, ACUT_SYNTH, ACUT_VERIFY, ACUT_DOMAIN). A test prints a line for each case. Its exit status is 0, 1, or 77
+(skipped, with the reason)."""
 import json
 import os
 import shutil
@@ -21,7 +19,7 @@ DOMAIN = os.environ.get("ACUT_DOMAIN", "acut-domain")
 GATE = os.environ.get("ACUT_TEST_GATE")
 # How long anything may take before the test says that it hangs. No test compares with it, and none waits for it where all is well.
 PATIENCE = 240
-# Who starts a program in the background may have it ignore these; what the tests start must hear of them.
+# A program in the background may inherit that these signals are ignored; programs of the tests must get them.
 for _sig in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT):
     if signal.getsignal(_sig) == signal.SIG_IGN:
         signal.signal(_sig, signal.default_int_handler if _sig == signal.SIGINT else signal.SIG_DFL)
@@ -33,7 +31,8 @@ def skip(reason):
 
 
 def unavailable(reason):
-    """What this machine lacks or does not permit: a skipped test, but a failed one where .ci/run has seen that it is there."""
+    """Something that this machine lacks or does not permit: the test is skipped; it fails where .ci/run has found that the
+    machine has it."""
     if os.environ.get("ACUT_TEST_PRIVILEGED"):
         print("FAIL: would be skipped, and must run here:", reason)
         sys.exit(1)
@@ -93,7 +92,7 @@ class Folder:
 
 
 def end_daemons(base):
-    """Kill what runs acutd with folders below `base` (private daemons that would idle for a while)."""
+    """Kills processes of acutd with folders below `base` (private daemons would stay idle for a while)."""
     for pid in filter(str.isdigit, os.listdir("/proc")):
         try:
             with open("/proc/%s/cmdline" % pid, "rb") as f:
@@ -105,7 +104,7 @@ def end_daemons(base):
 
 
 def sanitized():
-    """Whether acutd carries a sanitizer: its memory is then not the product's."""
+    """True if acutd was built with a sanitizer: its memory is then not the product's."""
     try:
         with open(ACUTD, "rb") as f:
             data = f.read()
@@ -115,7 +114,8 @@ def sanitized():
 
 
 def until(cond, text, every=0.02):
-    """The first true value of cond(), which must come; `text` says what did not (a string, or a function that makes it)."""
+    """Waits for the first true value of cond() and returns it; fails after PATIENCE with `text` (a string, or a function that
+    makes it)."""
     deadline = time.monotonic() + PATIENCE
     while True:
         got = cond()
@@ -151,7 +151,7 @@ class Gate:
         os.rename(self.path("new"), self.path("rule"))
 
     def wait(self, other=lambda: False):
-        """Until somebody is held: True; or until other() is true: False."""
+        """Waits until a call is held, and returns True; or until other() is true, and returns False."""
         return until(lambda: (2 if os.path.exists(self.path("held")) else 0) or (1 if other() else 0), "nobody comes to the gate", 0.005) == 2
 
     def open(self):
@@ -230,13 +230,13 @@ class Daemon:
 
 
 def where(e):
-    """The lines of the tests that an error came by, the innermost last, without those of this file."""
+    """The lines of the test that raised an error, the innermost last, without those of this file."""
     frames = [f for f in traceback.extract_tb(e.__traceback__) if f.filename != __file__]
     return "\n".join("  at %s, line %d, in %s: %s" % (os.path.basename(f.filename), f.lineno, f.name, f.line) for f in frames)
 
 
 def main(*cases):
-    """Run the cases in order, each a function; all run, the status says whether one failed."""
+    """Runs all cases in order; each is a function. The exit status tells whether one failed."""
     failed = 0
     for case in cases:
         start = time.monotonic()

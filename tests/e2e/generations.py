@@ -1,6 +1,5 @@
-"""Generations: what a dataset was at any time is what a dataset is that never got the later pushes; a revert and a
-replaced file leave nothing behind but their line in the log. Everything is compared, both digests, with a build from
-nothing of the files that are then live."""
+"""Generations: the mesh of each generation is that of a dataset that never got the later pushes. Reverts and replaced files leave
+nothing but their entries in the log. All digests are compared with a build from scratch of the files that are live."""
 import json
 import os
 import random
@@ -42,7 +41,7 @@ def mesh(d, name, *options):
 
 
 class Fresh:
-    """What a build from nothing gives of some files: on the lattice of the first push."""
+    """Builds from scratch of some files, on the lattice of the first push."""
 
     def __init__(self, d, options=((),)):
         self.d, self.n, self.options, self.known = d, 0, options, {}
@@ -69,8 +68,12 @@ def state(d, name, options=VIEWS, at=None):
     return [mesh(d, name, *more, *o) for o in options]
 
 
+def names(d):
+    return [json.loads(line)["name"] for line in d.ctl("datasets", "--json").ok().out.splitlines()]
+
+
 def revert_and_at():
-    """Pushes, reverts, reverts of reverts: every state at every time, in one daemon and after a restart."""
+    """Pushes, reverts, and reverts of reverts: every state is compared at every time, in one daemon and after a restart."""
     with e2e.Folder() as base:
         a = cloud(base, "a.las", 1, 0, 0, 4000, ties=300)
         b = cloud(base, "b.las", 2, 2000, 1000, 3000, ties=300)
@@ -110,7 +113,7 @@ def revert_and_at():
 
 
 def replaced():
-    """A corrected delivery in place of the old one: a file, a folder, another name; what is unchanged is skipped."""
+    """A corrected delivery replaces the old one: a file, a folder, another name; unchanged files are skipped."""
     with e2e.Folder() as base:
         new = os.path.join(base, "new")
         os.mkdir(new)
@@ -157,7 +160,7 @@ def replaced():
             expect(state(d, "s") == fresh.of([a, f, c, e]), "replaced by name")
             d.ctl("push", "s", old[a], "--replaces", a).ok()
             expect(state(d, "s") == fresh.of([old[a], f, c, e]), "replaced by path")
-            # What is there beside it cannot take its place, and says so.
+            # A file whose content is in the dataset already cannot replace another one, and the message says so.
             says(d.ctl("push", "s", e, "--replaces", "c.las"), 1, "has this content already, as", "e.las")
             kept = shutil.copy2(c, os.path.join(base, "c.kept"))
             shutil.copy(e, c)
@@ -179,8 +182,8 @@ def replaced():
             expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
 
 
-def all_of_a_path():
-    """--add has brought several files of one path: --replaces means all of them by it, and none by their name."""
+def replace_all_files_of_one_path():
+    """--add has brought several files of one path: --replaces by the path means all of them, by their name none."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
         fresh = Fresh(d)
         a, e = cloud(base, "a.las", 1, 0, 0, 500, ties=50), cloud(base, "e.las", 2, 500, 500, 600, ties=100)
@@ -201,7 +204,7 @@ def all_of_a_path():
 
 
 def nothing_to_commit():
-    """What brings no point and takes none makes no generation, and no dataset; an empty delivery in the place of points does."""
+    """A push that neither adds nor removes points makes no generation and no dataset; an empty file that replaces points does."""
     with e2e.Folder() as base:
         full, empty, gone = (os.path.join(base, n) for n in ("full.xyz", "empty.xyz", "was.xyz"))
         for path, text in ((full, "1.00 2.00 3.00\n2.00 3.00 4.00\n5.00 1.00 1.00\n"), (empty, ""), (gone, "9.00 9.00 9.00\n")):
@@ -230,7 +233,7 @@ def nothing_to_commit():
             expect(show(d, "s") == before and len(log(d, "s")) == 1, "%s" % log(d, "s"))
             left = [n for _, _, names in os.walk(os.path.join(d.state, "datasets")) for n in names]
             expect(len(left) == 2 and not [n for n in left if "pending" in n or ".stage" in n or ".run" in n], "it stays behind: %s" % left)
-            # Where others bring points it is one of the files.
+            # If other files have points, it is one of the files.
             with open(os.path.join(base, "more.xyz"), "w") as f:
                 f.write("7.00 7.00 7.00\n")
             expect([f["state"] for f in push("s", os.path.join(base, "more.xyz"), empty)] == ["staged"] * 2, "with others")
@@ -245,7 +248,7 @@ def nothing_to_commit():
 
 
 def an_interrupted_replacement():
-    """A push that is cut off replaces nothing; the same again does, with what it had read."""
+    """An interrupted push replaces nothing. The same push again does, with the files that were read."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, b = cloud(base, "a.las", 1, 0, 0, 500, ties=50), cloud(base, "b.las", 2, 0, 0, 400, ties=50)
         fresh = Fresh(d)
@@ -272,7 +275,7 @@ def an_interrupted_replacement():
 
 
 def two_replace_one():
-    """Two clients replace one file at once: one is done, the other hears of it. Of files of one path all are replaced."""
+    """Two clients replace one file at once: one succeeds, the other gets an error. Of files with one path all are replaced."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, other = cloud(base, "a.las", 1, 0, 0, 500), os.path.join(base, "other")
         os.mkdir(other)
@@ -317,7 +320,7 @@ def two_replace_one():
 
 
 def live_of(rows):
-    """The files that are live after all generations, by what each says that it did."""
+    """The live files after all generations, by the log of each."""
     live = {}
     for r in rows:
         for f in r["files"]:
@@ -332,7 +335,7 @@ def live_of(rows):
 
 
 def many_at_once():
-    """Four clients push at once, one of them is killed in the midst, others revert: nothing that was said to be done is lost."""
+    """Four clients push at once, one of them is killed, others revert: nothing that was acknowledged is lost."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="48M") as d:
         files = {who: [cloud(base, "f%d%d.las" % (who, i), 10 * who + i, 700 * who, 900 * i, 3000, ties=200) for i in range(5)]
                  for who in range(4)}
@@ -388,7 +391,7 @@ def many_at_once():
 
 
 def jobs_keep_their_generation():
-    """A job that waits, runs or is fetched later has the points that it was submitted with, over a restart of the daemon."""
+    """A job that waits, runs or is fetched later has the points of its submission, also after a restart."""
     with e2e.Folder() as base:
         a, b = cloud(base, "a.las", 1, 0, 0, 250000, side=2000000), cloud(base, "b.las", 2, 5000, 0, 20000, side=500000)
         with e2e.Daemon(base, memory="24M", threads=1) as d:
@@ -412,8 +415,9 @@ def jobs_keep_their_generation():
             expect(mesh(d, "s", "--at", "4") == mesh(d, "both"), "generation 4")
 
 
-def killed_in_the_midst():
-    """kill -9 at any instant of reverts, replacements and removals: what was answered is there, all else is whole or not."""
+def killed_at_any_time():
+    """kill -9 at random times during reverts, replacements and removals: acknowledged changes are there, others are complete or
+    absent."""
     with e2e.Folder() as base:
         a, b = cloud(base, "a.las", 1, 0, 0, 400, ties=50), cloud(base, "b.las", 2, 0, 0, 300, ties=50)
         d, rng, told, count = e2e.Daemon(base), random.Random(7), {"generation": 0, "there": True}, 0
@@ -477,7 +481,7 @@ def killed_in_the_midst():
 
 
 def pinned_while_pushed():
-    """Whatever is asked of a dataset while a push commits, the catalogue never names an older manifest again: it may be gone."""
+    """Whatever changes a dataset during a commit, the catalogue never names an older manifest again: the file may be gone."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="48M") as d:
         d.ctl("push", "s", cloud(base, "p.las", 1, 0, 0, 200)).ok()
         over, asked, seen = threading.Event(), [0], []
@@ -512,145 +516,8 @@ def pinned_while_pushed():
         expect(show(d, "s")["generation"] == 13 and mesh(d, "s") == before, "%s" % show(d, "s"))
 
 
-def removed(d, *more):
-    return [json.loads(line) for line in d.ctl("datasets", "--removed", "--json").ok().out.splitlines()]
-
-
-def names(d):
-    return [json.loads(line)["name"] for line in d.ctl("datasets", "--json").ok().out.splitlines()]
-
-
-def remove_and_restore():
-    """A removed dataset frees its name, keeps its jobs and its points, and comes back as it was, over a restart too."""
-    with e2e.Folder() as base:
-        a, b = cloud(base, "a.las", 1, 0, 0, 500), cloud(base, "b.las", 2, 0, 0, 700)
-        with e2e.Daemon(base) as d:
-            d.ctl("push", "s", a).ok()
-            d.ctl("push", "s", b).ok()
-            first = mesh(d, "s", "--at", "1")
-            job = d.ctl("submit", "s", "--wait").ok().out.split()[0]
-            whole = d.ctl("show", job, "--json").ok().json()["digest"]
-            for verb in ("rm", "pin", "unpin"):
-                says(d.ctl("dataset", verb, "nothing"), 4, "there is no dataset", "acutctl datasets lists them")
-            says(d.ctl("dataset", "pin", "s"), 0)
-            says(d.ctl("dataset", "rm", "s"), 1, "pinned", "unpin")
-            expect(show(d, "s")["pinned"] is True, "it is not pinned")
-        with e2e.Daemon(base) as d:
-            says(d.ctl("dataset", "rm", "s"), 1, "pinned")
-            says(d.ctl("dataset", "unpin", "s"), 0)
-            with Client(d.socket) as c:
-                c.ask("push_begin", pb.PushBegin(dataset="s"))
-                says(d.ctl("dataset", "rm", "s"), 75, "a push into the dataset s is open")
-            deadline = time.monotonic() + 10
-            while d.ctl("dataset", "rm", "s").status:
-                expect(time.monotonic() < deadline, "it cannot be removed")
-                time.sleep(0.05)
-            expect(names(d) == [] and [(r["name"], r["files"]) for r in removed(d)] == [("s", 2)], "%s" % removed(d))
-            week = removed(d)[0]
-            expect(week["removed"] < week["restorable_until"], "%s" % week)
-            for words in (("dataset", "show", "s"), ("submit", "s"), ("dataset", "log", "s"), ("dataset", "revert", "s"), ("plan", "s")):
-                says(d.ctl(*words), 4, "there is no dataset")
-            # Its mesh can be had, and the name is free.
-            says(d.ctl("fetch", job, "-o", os.path.join(base, "m.ply")), 0)
-            d.ctl("push", "s", b).ok()
-            expect(show(d, "s")["generation"] == 1, "the name is not free")
-            says(d.ctl("dataset", "restore", "s"), 1, "there is a dataset s already", "--as")
-            number = show(d, "s")["id"]
-            says(d.ctl("dataset", "rm", "s"), 0, "acutctl dataset restore %d brings it back" % number)
-            says(d.ctl("dataset", "restore", "s"), 2, "2 datasets were called s", "restore one by its number")
-            says(d.ctl("dataset", "restore", "99"), 4, "no removed dataset")
-        with e2e.Daemon(base) as d:
-            ids = {r["files"]: r["id"] for r in removed(d)}
-            expect(names(d) == [] and len(ids) == 2, "%s" % removed(d))
-            says(d.ctl("dataset", "restore", str(ids[2])), 0)
-            says(d.ctl("dataset", "restore", "s", "--as", "."), 2, "cannot name a dataset")
-            says(d.ctl("dataset", "restore", "s", "--as", "t"), 0)
-            says(d.ctl("dataset", "rm", "t"), 0, "acutctl dataset restore t brings it back")
-            says(d.ctl("dataset", "restore", "t"), 0)
-            expect(names(d) == ["s", "t"] and removed(d) == [], "%s" % names(d))
-            expect(mesh(d, "s", "--at", "1") == first and mesh(d, "s")["digest"] == whole, "it is not what it was")
-            expect(show(d, "t")["files"] == 1, "%s" % show(d, "t"))
-            d.ctl("push", "t", a).ok()
-            expect(mesh(d, "t")["digest"] == whole, "a restored dataset takes no push")
-
-
-def gone_after_a_while():
-    """After its time a removed dataset goes, and its disk space with it; not what was restored, nor while a job needs it."""
-    with e2e.Folder() as base:
-        a = cloud(base, "a.las", 1, 0, 0, 30000)
-        with e2e.Daemon(base, args=["--keep-removed", "2s"]) as d:
-            for name in ("s", "t"):
-                d.ctl("push", name, a).ok()
-            job = d.ctl("submit", "s", "--wait").ok().out.split()[0]
-            d.ctl("dataset", "rm", "s").ok()
-            d.ctl("dataset", "rm", "t").ok()
-            d.ctl("dataset", "restore", "t").ok()
-            kept = sorted(os.listdir(os.path.join(d.state, "datasets")))
-            expect(len(kept) == 2, "%s" % kept)
-            deadline = time.monotonic() + 40
-            while len(os.listdir(os.path.join(d.state, "datasets"))) > 1:
-                expect(time.monotonic() < deadline, "a removed dataset stays")
-                removed(d)
-                time.sleep(0.2)
-            expect(removed(d) == [] and names(d) == ["t"], "%s" % removed(d))
-            says(d.ctl("dataset", "restore", "s"), 4, "no removed dataset")
-            says(d.ctl("fetch", job, "-o", os.path.join(base, "m.ply")), 1, "dataset of job %s is gone" % job)
-            expect(d.ctl("show", job, "--json").ok().json()["state"] == "done", "its job is gone")
-            expect(mesh(d, "t")["points"] == 30000, "the other one lacks points")
-            d.ctl("dataset", "rm", "t").ok()
-        time.sleep(2)
-        with e2e.Daemon(base, args=["--keep-removed", "2s"]) as d:
-            says(d.ctl("dataset", "restore", "t"), 4, "no removed dataset")
-            deadline = time.monotonic() + 40
-            while os.listdir(os.path.join(d.state, "datasets")):
-                expect(time.monotonic() < deadline, "a removed dataset stays after a restart")
-                removed(d)
-                time.sleep(0.2)
-
-
-def classes_of_now():
-    """What a report says of classes is of the generation that was meshed, not of files that were replaced."""
-    with e2e.Folder() as base, e2e.Daemon(base) as d:
-        a, rng = os.path.join(base, "a.xyz"), random.Random(3)
-
-        def write(classes):
-            with open(a, "w") as f:
-                for i in range(300):
-                    f.write("%d.25 %d.5 %d %d\n" % (rng.randrange(9999), rng.randrange(9999), i, classes[i % len(classes)]))
-
-        def notes(*at):
-            job = d.ctl("submit", "s", "--wait", *at).ok().out.split()[0]
-            return " ".join(d.ctl("show", job, "--json").ok().json()["notes"])
-
-        write((2, 5, 5))
-        d.ctl("push", "s", a, "--columns", "xyzc").ok()
-        expect("100 of the ground" in notes() and "200 others" in notes(), notes())
-        write((2,))
-        d.ctl("push", "s", a, "--columns", "xyzc", "--replace").ok()
-        expect("others" not in notes(), notes())
-        expect("200 others" in notes("--at", "1"), notes("--at", "1"))
-        # Of a segment of which some files do not count any more: as many as there are without them, whatever these had.
-        b, c = os.path.join(base, "b.xyz"), os.path.join(base, "c.xyz")
-        with open(b, "w") as f:
-            f.writelines("%d.75 %d.5 %d 2\n" % (rng.randrange(9999), rng.randrange(9999), i) for i in range(40))
-        write((2, 5, 5))
-        os.rename(a, c)
-        d.ctl("push", "t", c, b, "--columns", "xyzc").ok()
-        job = lambda: " ".join(d.ctl("show", d.ctl("submit", "t", "--wait").ok().out.split()[0], "--json").ok().json()["notes"])
-        expect("140 of the ground" in job() and "200 others" in job(), job())
-        os.truncate(b, 0)
-        d.ctl("push", "t", b, "--columns", "xyzc", "--replace").ok()
-        expect("at least 100 of the ground" in job() and "at least 160 others" in job(), job())
-        # Where that is not sure, nothing is said.
-        os.truncate(c, 0)
-        with open(b, "w") as f:
-            f.write("1.25 1.5 1 2\n2.25 1.5 1 2\n2.25 9.5 1 2\n")
-        d.ctl("push", "t", b, c, "--columns", "xyzc", "--replace").ok()
-        expect("others" not in job(), job())
-
-
 def conflicts():
-    """What cannot be undone without taking something else along says so, and changes nothing."""
+    """A revert that would affect other generations is refused, and changes nothing."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         a, b = cloud(base, "a.las", 1, 0, 0, 50), cloud(base, "b.las", 2, 0, 0, 60)
         says(d.ctl("dataset", "revert", "s"), 4, "there is no dataset")
@@ -672,71 +539,6 @@ def conflicts():
         expect(len(log(d, "s")) == 6, "the log: %s" % log(d, "s"))
 
 
-def what_the_log_says():
-    with e2e.Folder() as base, e2e.Daemon(base) as d:
-        a, b, c = (cloud(base, n, i, 0, 0, 50 + i) for i, n in enumerate(("a.las", "b.las", "c.las")))
-        d.ctl("push", "s", a, b).ok()
-        d.ctl("push", "s", c).ok()
-        d.ctl("dataset", "revert", "s", "1").ok()
-        rows = log(d, "s", "--files")
-        expect([(r["generation"], r["kind"], r["files_added"], r["files_removed"], r["points_added"], r["points_removed"])
-                for r in rows] == [(1, "push", 2, 0, 101, 0), (2, "push", 1, 0, 52, 0), (3, "revert", 0, 2, 0, 101)], "%s" % rows)
-        expect(all(r["uid"] == os.getuid() and r["time"] and r["readable"] for r in rows), "%s" % rows)
-        expect([[(f["path"], f["points"], f["removed"]) for f in r["files"]] for r in rows] == [
-            [(a, 50, False), (b, 51, False)], [(c, 52, False)], [(a, 50, True), (b, 51, True)]], "%s" % rows)
-        # The content of a generation is that of its files, whatever the order in which they came.
-        d.ctl("push", "t", b).ok()
-        d.ctl("push", "u", b, a).ok()
-        expect(log(d, "u")[0]["content"] == rows[0]["content"] != log(d, "t")[0]["content"], "content hashes")
-        expect(rows[2]["content"] == "0" * 32, "a generation that adds nothing has content")
-        expect(all(f["hash"] and len(f["hash"]) == 32 for r in rows for f in r["files"]), "%s" % rows)
-        text = d.ctl("dataset", "log", "s", "--files").ok().out
-        expect("3\trevert of 1\tremoved\t%s\t50\t" % a in text, text)
-        text = d.ctl("dataset", "log", "s").ok().out
-        expect("3\trevert of 1\t" in text and "\t0\t0\t101\t2\t" in text, text)
-        expect(log(d, "s")[0]["files"] is None, "files without --files")
-        # What came through a pipe has the name that it was given, and no path.
-        with open(a, "rb") as f:
-            p = subprocess.run([e2e.ACUTCTL, "--socket", d.socket, "push", "v", "-", "--input-format", "las", "--checksum", "--name", "T7"],
-                               input=f.read(), stderr=subprocess.PIPE, timeout=60)
-        expect(p.returncode == 0, p.stderr)
-        text = d.ctl("dataset", "log", "v", "--files").ok().out
-        expect("\tadded\tT7\t50\t" in text and "stdin" not in text, text)
-        says(d.ctl("dataset", "log", "nothing"), 4, "there is no dataset")
-
-
-def content_of_a_large_file():
-    """The hash of a file that several workers read is that of its bytes: by it the file is known again."""
-    with e2e.Folder() as base, e2e.Daemon(base, memory="1G", threads=4) as d:
-        path = os.path.join(base, "a.las")
-        e2e.run([e2e.SYNTH, "--points", "3M", path]).ok()
-        with open(path, "rb") as f:
-            content = xxhash.xxh3_128_hexdigest(f.read())
-        for i in range(4):
-            name = "s%d" % i
-            d.ctl("push", name, path).ok()
-            expect([f["hash"] for f in log(d, name, "--files")[0]["files"]] == [content], "the hash is not that of %s" % content)
-        says(d.ctl("push", "s0", "--checksum", path, "--json"), 0, '"state":"known"')
-
-
-def long_lists():
-    """A generation with more files than fit into one message, and more generations than that."""
-    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
-        deep = os.path.join(base, *["x" * 200] * 15)
-        os.makedirs(deep)
-        one = cloud(base, "one.las", 1, 0, 0, 9)
-        for i in range(150):
-            shutil.copyfile(one, os.path.join(deep, "f%03d.las" % i))
-        d.ctl("push", "s", deep, timeout=120).ok()
-        rows = log(d, "s", "--files")
-        expect([os.path.basename(f["path"]) for f in rows[0]["files"]] == ["f%03d.las" % i for i in range(150)], "files are missing")
-        for i in range(70):
-            d.ctl("dataset", "revert", "s").ok()
-        rows = log(d, "s")
-        expect([r["generation"] for r in rows] == list(range(1, 72)), "generations are missing: %d" % len(rows))
-        expect(show(d, "s")["files"] == 150 and show(d, "s")["points"] == 1350, "%s" % show(d, "s"))
-
-
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, all_of_a_path, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
-             remove_and_restore, gone_after_a_while, pinned_while_pushed, classes_of_now, conflicts, what_the_log_says, content_of_a_large_file, long_lists)
+    e2e.main(revert_and_at, replaced, replace_all_files_of_one_path, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_at_any_time, jobs_keep_their_generation,
+             pinned_while_pushed, conflicts)

@@ -151,7 +151,7 @@ class Life:
         self.ctl("wait", r.out.split()[0]).ok()
 
     def restore_backup(self):
-        """What was backed up takes the place of the daemon's state, as after a lost disk."""
+        """The backup replaces the daemon's state, as after the loss of a disk."""
         to = os.path.join(self.base, "backup%d" % self.restored)
         self.ctl("backup", to).ok()
         if self.rng.random() < 0.5:

@@ -1,8 +1,6 @@
-"""Degrees that are projected, heights that a geoid shifts, the store of grids, and what `info` tells of files.
-
-The projection is checked against Krueger's series, written here (Karney, "Transverse Mercator with an accuracy of a
-few nanometers", 2011, equations 7 to 12 and 35), and the polar stereographic of EPSG's guidance note 7-2.
-"""
+"""Degrees that are projected, heights that a geoid shifts, the store of geoid grids, and the output of `info`. The projection is
+checked against Krueger's series, written here (Karney, "Transverse Mercator with an accuracy of a few nanometers", 2011,
+equations 7 to 12 and 35), and the polar stereographic of EPSG's guidance note 7-2."""
 import json
 import math
 import os
@@ -225,7 +223,7 @@ def one_zone_a_dataset():
         expect(r["crs"] == "EPSG:32632" and r["points"] == 409, r)
         for p in read_las(flat):
             expect(any(max(abs(a - b) for a, b in zip(p, v)) < 1e-9 for v in vertices), p)
-        # Where a projected file lies on another zone of their datum, degrees go there; two such zones are too many.
+        # If a projected file is in another zone of their datum, degrees are projected to that zone; two such zones are refused.
         far = las(base + "/far.las", [(x + i, y + i * i, 1) for i in range(9)], projected(32633), scale=(0.01,) * 3)
         r, _, _ = meshed(d, base, far, tiles[3])
         expect(r["crs"] == "EPSG:32633" and r["projection"]["zone"] == "33N", r)
@@ -246,7 +244,7 @@ def one_zone_a_dataset():
 
 
 def zone_of_a_created_dataset():
-    """Degrees go to the plane that the dataset was created with, and stay degrees if it is that."""
+    """Degrees are projected to the plane of the created dataset, and stay degrees if it has degrees."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         tile = las(base + "/t.las", cloud(50, 5.9), geographic())
         for name, crs in (("next", "EPSG:32632"), ("degrees", "EPSG:4326")):
@@ -300,7 +298,7 @@ def degrees_refused():
         refused(d.ctl("mesh", las(base + "/odd.las", cloud(40, -90), [(1024, 0, 1, 2)]), *out), 2, "datum", "--assume-crs")
         refused(d.ctl("mesh", las(base + "/geocentric.las", [(4e6 + i, 6e5 + i * i, 4.9e6) for i in range(9)],
                                   [(1024, 0, 1, 3), (2048, 0, 1, 4978)], scale=(0.01,) * 3), *out), 2, "geocentric")
-        # What is said for them.
+        # The messages about them.
         r, _, _ = meshed(d, base, "--assume-crs", "EPSG:4326", las(base + "/none.las", cloud(47, 8)))
         expect(r["crs"] == "EPSG:32632", r)
 
@@ -344,7 +342,7 @@ def store_of_grids():
                 refused(d.ctl("geoid", *words), 2, "geoid")
             expect(sorted(os.listdir(d.state + "/geoids")) == grids, "leftovers")
             d.stop(9)
-        # What a crash leaves is removed, what was added is there.
+        # After a crash temporary files are removed, and the added grid is there.
         open(d.state + "/geoids/7.tmp", "w").close()
         open(d.state + "/geoids/" + "0" * 32 + ".pgm", "w").close()
         with e2e.Daemon(base) as d:
@@ -407,7 +405,7 @@ def heights_refused():
         refused(d.ctl("mesh", place, "--geoid", "flat", "--assume-units", "m,m", *out), 2, "on the earth", "--assume-crs")
         ortho = las(base + "/ortho.las", cloud(47, 8), geographic() + [(4096, 0, 1, 5773)])
         refused(d.ctl("mesh", ortho, "--geoid", "flat", *out), 2, "5773", "already")
-        # What a dataset has, all its pushes have.
+        # All pushes use the grid of the dataset.
         d.ctl("push", "shifted", f, "--geoid", "flat").ok()
         refused(d.ctl("push", "shifted", g), 2, "shifted", "orthometric")
         refused(d.ctl("push", "shifted", g, "--geoid", "low"), 2, "orthometric")

@@ -1,5 +1,5 @@
-"""Every real file, all points and class 2: the triangle counts of the data's own tables, and a
-checker that shares nothing with the engine. The tables are read from the README beside the data."""
+"""Every real file, with all points and with class 2: the triangle counts of the data's tables, and a checker that shares no code
+with the engine. The tables are read from the README beside the data."""
 import os
 import re
 

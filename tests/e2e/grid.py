@@ -1,5 +1,5 @@
-"""--tile: every triangle of the mesh in exactly one file, and all files welded by position are the mesh again, triangle by
-triangle, heights included. The same tiles whatever the memory; the index last; nothing appears when something fails."""
+"""--tile: every triangle of the mesh is in exactly one file, and all files joined by position are the mesh again, with heights.
+The tiles do not depend on the memory. The index comes last. Nothing appears after a failure."""
 import json
 import os
 import signal
@@ -64,7 +64,7 @@ def sum_of(digests):
 
 
 def check_tiles(folder, whole, read, exact=None):
-    """All files are of the index, all triangles of the mesh are in them, once. `exact` makes Fractions of a corner."""
+    """The index names all files, and together they have each triangle of the mesh once. `exact` turns a corner into Fractions."""
     index = index_of(folder)
     files = sorted(n for n in os.listdir(folder) if n != "index.geojson")
     listed = [f["properties"] for f in index["features"]]
@@ -170,7 +170,7 @@ def edges_of_the_rule():
         expect(16 < len(index["features"]) < 60, "%d tiles" % len(index["features"]))
         index, _ = small_ones(d, base, grid + "9000000.5 9000000 7\n", "--tile=3", "--crop=-9,-9,9,9")
         expect(len(index["features"]) == 16, "%d tiles" % len(index["features"]))
-        # Nothing, and nothing but a line.
+        # No point, and points on a line only.
         index, got = small_ones(d, base, "0 0 0\n1 1 1\n2 2 2\n", "--tile=1")
         expect(index["features"] == [] and got["tiles"]["files"] == 0 and index["type"] == "FeatureCollection", index)
         index, got = small_ones(d, base, grid, "--tile=3", "--max-edge=1.2")

@@ -1,7 +1,7 @@
-"""Hostile clients beside a quiet one, which pings, pushes, meshes and comes anew all the while. Each attack goes on in processes
-of its own, as another user where that can be; every answer to the quiet client must be right, the daemon's memory must stay
-within its bound, and afterwards it holds no descriptor and no memory that it did not hold before. How long the quiet
-client waits for answers is printed, before and under each attack: the figures of a loaded machine are no promise."""
+"""Hostile clients beside a quiet one, which pings, pushes, meshes and reconnects all the time. Each attack runs in processes of
+its own, as another user where that is possible. Every answer to the quiet client must be right, the daemon's memory must stay
+within its bound, and afterwards it has no more descriptors and no more memory than before. The waits of the quiet client are
+printed, before and during each attack; on a loaded machine they mean little."""
 import array
 import fcntl
 import json
@@ -68,13 +68,13 @@ def swallow(call, *args):
 # ---- attacks: each is called again and again until its time is over; what it returns is kept open until the next but 200th ----
 
 def connects():
-    """A thousand a second and process."""
+    """A thousand connections a second for each process."""
     swallow(lambda: connect().close())
     time.sleep(0.001)
 
 
 def connects_without_end():
-    """As fast as it goes: the kernel's queue at the door is always full."""
+    """Connects as fast as possible: the kernel's queue of the socket is always full."""
     swallow(lambda: connect().close())
 
 
@@ -96,7 +96,7 @@ def half_frames():
 
 
 def half_messages():
-    """A frame of 64 KiB of which all but a byte comes."""
+    """Sends a frame of 64 KiB without its last byte."""
     s = greeted()
     s.settimeout(0.2)
     swallow(s.sendall, HEADER.pack(0x4341, 1, 65520, 2, 0, b"\0\0\0") + bytes(65519))
@@ -119,7 +119,7 @@ def lengths_of_64_megabytes():
 
 
 def unread_answers():
-    """Asks as fast as it can and reads nothing."""
+    """Sends requests as fast as possible and reads nothing."""
     s = greeted()
     s.settimeout(0.05)
     questions = b"".join(pack(n, message("status_request")) for n in range(2, 66))
@@ -130,7 +130,7 @@ def unread_answers():
 
 
 def deep_queues():
-    """All that a connection may have unanswered, again and again, with the answers read."""
+    """Keeps the greatest permitted number of unanswered requests, again and again, and reads the answers."""
     s = greeted()
     question = b"".join(pack(n, message("ping")) for n in range(2, 66))
     s.sendall(question)
@@ -164,7 +164,7 @@ def huge_texts():
 
 
 def bombs():
-    """Small on the wire, large unpacked: lists of empty messages, nested as deep as a frame is long."""
+    """Messages that are small on the wire and large in memory: lists of empty messages, nested as deep as a frame permits."""
     s = greeted()
     nested = b""
     for _ in range(8000):
@@ -192,8 +192,8 @@ def forty_descriptors():
 
 
 def files_that_are_gone():
-    """The last descriptors of large files without a name, with requests that have no use for them, and in a socket that nobody reads:
-    whoever closes them frees all that they hold."""
+    """The last descriptors of large deleted files, with requests that do not use them, and in a socket that nobody reads: closing
+    them frees their blocks, which takes time."""
     s = greeted()
     for i in range(4):
         fd = os.memfd_create("gone")
@@ -219,7 +219,7 @@ def send_fd(c, body, value, fd):
 
 
 def wrong_descriptors():
-    """A folder, devices, a terminal, ends of pipes, sockets, descriptors that cannot be read, in the place of a file."""
+    """A folder, devices, a terminal, ends of pipes, sockets, and descriptors that cannot be read, in place of a file."""
     pipe, pair, pty = os.pipe(), socket.socketpair(), os.openpty()
     out = os.memfd_create("out")
     fds = {"folder": os.open("/", os.O_RDONLY | os.O_DIRECTORY), "zero": os.open("/dev/zero", os.O_RDONLY),
@@ -239,7 +239,7 @@ def wrong_descriptors():
 
 
 def endless_pipes():
-    """A pipe for an input, filled for ever with what is no survey, or never filled."""
+    """A pipe as an input, filled endlessly with garbage, or never filled."""
     with Client(DAEMON.socket, timeout=5) as c:
         try:
             begun = c.ask("push_begin", pb.PushBegin(format=random.choice(("xyz", "las"))))
@@ -258,7 +258,7 @@ def endless_pipes():
 
 
 def files_that_shrink():
-    """Truncated, and written to, while they are read."""
+    """Files that are truncated and written to while they are read."""
     memory = os.memfd_create("unsealed")
     with open(LAS, "rb") as f:
         data = f.read() * 40
@@ -291,7 +291,7 @@ def files_that_shrink():
 
 
 def streams_that_nobody_reads():
-    """Sixty-four at once of the same job, and gone."""
+    """Sixty-four streams of one job at once; then the client leaves."""
     c = Client(DAEMON.socket, timeout=5)
     try:
         job = c.ask("submit", pb.Submit(view="view 1", dataset="shared"))
@@ -313,7 +313,7 @@ def streams_that_nobody_reads():
 
 
 def jobs_and_gone():
-    """Jobs for one's own, one after the other, and not a look at them."""
+    """Jobs bound to the client, one after the other, without a look at them."""
     c = Client(DAEMON.socket, timeout=5)
     for n in range(20):
         swallow(c.send, "submit", pb.Submit(view="view 1", dataset="shared", fresh=True, bound=True))
@@ -321,7 +321,7 @@ def jobs_and_gone():
 
 
 def ends_in_the_middle():
-    """Goes at a random byte of a push."""
+    """Leaves at a random byte of a push."""
     s = greeted()
     begin = pack(2, message("push_begin", pb.PushBegin()))
     stream = begin + pack(3, message("probe", pb.Probe(push=1, name="x")), 1) + pack(4, message("push_plan", pb.PushPlan(push=1)))
@@ -333,7 +333,8 @@ def ends_in_the_middle():
 # ---- the quiet client ----
 
 class Quiet:
-    """Pings every few milliseconds, and each time somebody new comes too. A process of its own: it waits for acutd alone."""
+    """Pings every few milliseconds, each time also from a new connection. A process of its own, so that it waits for acutd
+    only."""
 
     def __init__(self):
         self.end_in, self.end_out = os.pipe()
@@ -377,7 +378,7 @@ class Quiet:
 
 
 def one_mesh(want):
-    """The whole way, and the right triangles at the end of it."""
+    """A push, a job and a fetch, and the right triangles."""
     if ALONE:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
     start = time.monotonic()
@@ -409,8 +410,9 @@ def figures(name, pings, news, mesh):
 
 
 def attacker(attack, seed, ready, go):
-    """In a process of its own, for SECONDS from when nobody holds the writing end of `go`; says before that it is `ready`. Of 22
-    at once one may come to nothing in SECONDS, as the others take all places: it goes on until it has done one whole round."""
+    """Runs an attack in a process of its own, for SECONDS from when nobody has the writing end of `go` open; reports first that
+    it is `ready`. With 22 at once one may complete no round in SECONDS, since the others take all connections: it goes on until
+    it has completed one."""
     pid = os.fork()
     if pid:
         return pid

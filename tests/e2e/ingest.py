@@ -1,5 +1,5 @@
-"""acutctl ingest: a drop folder filled by people who take no care. What is whole is in the dataset once and in done/, what
-is broken lies in failed/ with its reason, what is not finished or not ours stays, and nothing is ever overwritten or lost."""
+"""acutctl ingest: a drop folder that people fill carelessly. Complete files are in the dataset once and in done/; broken files
+are in failed/ with the reason; unfinished and foreign files stay. Nothing is ever overwritten or lost."""
 import json
 import os
 import shutil
@@ -39,7 +39,7 @@ def holds(folder, sub="."):
 
 
 def files_of(dataset):
-    """Live files and points of the dataset."""
+    """The live files and the points of the dataset."""
     r = D.ctl("dataset", "show", dataset, "--json").ok().json()
     return r["files"], r["points"]
 
@@ -50,7 +50,7 @@ def reason(folder, name):
 
 
 def numbers():
-    """Connections that there were: a push that came to nothing ends with its own."""
+    """The number of connections so far: the leftovers of a failed push are removed when its connection ends."""
     for line in D.ctl("metrics").ok().out.splitlines():
         if line.startswith("acut_connections_total"):
             return int(float(line.split()[-1]))
@@ -113,7 +113,7 @@ def good_and_bad_and_not_ours():
 
 
 def a_flood_of_refusals():
-    """Each refused file is told and moved, up to a hundred lines; then there is a number, here and in the daemon's log."""
+    """Each refused file is reported and moved. After a hundred lines there is only a count, here and in the daemon's log."""
     f = drop("flood")
     for n in range(130):
         with open(os.path.join(f, "%03d.las" % n), "w") as out:
@@ -132,14 +132,14 @@ def a_flood_of_refusals():
         most = 100 * (1 + int((time.monotonic() - begun) / 30))
         expect(100 <= len(log) <= most, "%d lines in the log, and %d at most" % (len(log), most))
         expect("acut_files_refused_total" in d.ctl("metrics").ok().out, "the count")
-    # Where others are good JSON has each, and the last line says so.
+    # If other files are good, JSON has each file, and the last line has the number of refused ones.
     e2e.run([e2e.SYNTH, "--points", "1000", os.path.join(f, "failed", "good.las")]).ok()
     r = D.ctl("push", "flood", *(os.path.join(f, "failed", n) for n in holds(f, "failed") if n.endswith(".las")))
     expect(r.status == 3 and r.err.splitlines()[-1].endswith("30 more inputs were refused, 130 in all: --json lists each"), r.err[-600:])
 
 
 def delivered_again():
-    """The same bytes under the same or another name are not doubled; other bytes under a name that is there are told."""
+    """The same bytes under the same or another name are not added twice; other bytes under a known name are reported."""
     f = drop("again")
     path = os.path.join(f, "scan.las")
     las(path)
@@ -165,7 +165,7 @@ def delivered_again():
 
 
 def twins():
-    """Several files of one content in one pass: it is in the dataset once, whichever of them it takes."""
+    """Several files with the same content in one pass: the content is in the dataset once."""
     f = drop("twins")
     las(os.path.join(f, "old.las"))
     ingest("twins", f)
@@ -196,7 +196,7 @@ def twins():
     shutil.copy(broken, os.path.join(f, "b.laz"))
     las(os.path.join(f, "new0.las"), seed=11)
     las(os.path.join(f, "zz3.las"), seed=11)
-    # What is no LAS may be a text: the name says of which kind it is.
+    # A file that is not LAS may be a text: the name decides its kind.
     for n in ("p0.las", "p1.las", "pz.xyz"):
         with open(os.path.join(f, n), "w") as out:
             out.write("1 2 3\n400 5 6\n7 800 9\n")
@@ -222,7 +222,7 @@ def said(run):
 
 
 def room_where_it_matters():
-    """A pass says how much room the lattice has left only where little is; a push by hand always does."""
+    """A pass reports the room that is left on the lattice only if it is little; a push by hand always does."""
     f = drop("room")
     expect("room left" in said(D.ctl("push", "byhand", las(os.path.join(BASE, "hand.las"), seed=1)).ok()), "a push says nothing")
     las(os.path.join(f, "a.las"), seed=1)
@@ -254,8 +254,8 @@ def odd_names():
 
 
 def half_copied():
-    """Files that grow between any two looks at them are left alone, however long a look takes, and whatever times they are given; they are
-    taken when a pass saw them unchanged for the time of --settle."""
+    """Files that grow between two passes are left alone, however long a pass takes and whatever their times are. They are pushed
+    when they were unchanged for the time of --settle."""
     f = drop("growing")
     whole = las(os.path.join(BASE, "whole.las"), points=20000, seed=3)
     with open(whole, "rb") as src:
@@ -305,7 +305,7 @@ def half_copied():
 
 
 def changed_while_pushed():
-    """A file that is rewritten, or swapped for another, between its push and its move stays; the next pass takes it as it is."""
+    """A file that is rewritten or replaced between its push and its move stays; the next pass pushes it as it is."""
     f = drop("swapped")
     las(os.path.join(f, "a.las"), seed=1)
     las(os.path.join(f, "b.las"), seed=2)
@@ -367,13 +367,13 @@ def killed_between_commit_and_move():
 
 
 def is_locked(folder):
-    """Whether somebody has the lock of a drop folder; taking it to see would keep others from it."""
+    """True if a process has the lock of the drop folder. Does not take the lock, which would keep others from it."""
     with open("/proc/locks") as locks:
         return any(line.split()[5].endswith(":%d" % os.stat(folder).st_ino) for line in locks if "FLOCK" in line and "->" not in line)
 
 
 def nobody_to_push_to():
-    """What time mends leaves the files where they are."""
+    """Temporary failures leave the files where they are."""
     f = drop("away")
     las(os.path.join(f, "a.las"))
     r = e2e.run([ACUTCTL, "ingest", "away", f, "--settle", "0"], env={"ACUT_SOCKET": os.path.join(BASE, "nobody.sock")})

@@ -1,4 +1,4 @@
-"""Compressed files: chunks decoded by several workers at once give what one gives, and fail as one would."""
+"""Compressed files: several workers that decode chunks at once give the same result as one, and fail in the same way."""
 import os
 import shutil
 import struct
@@ -44,7 +44,8 @@ def compressed_or_not():
 
 
 def in_compatibility_mode(path, out):
-    """LAS 1.4 points of format 6 and extra bytes as LASzip writes them for older readers: LAS 1.2, format 1, five bytes more."""
+    """LAS 1.4 points of format 6 with extra bytes, as LASzip writes them for older readers: LAS 1.2, format 1, five bytes
+    more."""
     with open(path, "rb") as f:
         data = f.read()
     at, = struct.unpack("<I", data[96:100])
@@ -84,7 +85,7 @@ def compatibility_mode():
 
 
 def cut_off(base, name, *damages):
-    """A copy of LARGE with bytes turned over."""
+    """A copy of LARGE with flipped bytes."""
     path = os.path.join(base, name)
     shutil.copyfile(LARGE, path)
     os.chmod(path, 0o644)

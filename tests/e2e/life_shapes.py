@@ -1,5 +1,5 @@
-"""What surveyors deliver when nobody looks: grids, strips, one position a thousand times, a circle, a point far away; and what the
-mesh of such points is, by CGAL and by counting: nothing of acut has a part in it."""
+"""Deliveries of careless surveyors: grids, strips, one position a thousand times, a circle, a distant point; and the expected
+meshes, by CGAL and by counting, without any code of acut."""
 import json
 import os
 import random
@@ -20,7 +20,7 @@ CIRCLE = [(x, y) for x in range(-1105, 1106) for y in range(-1105, 1106) if x * 
 
 
 def shape(rng, n):
-    """About n positions, and where they lie."""
+    """About n positions, and their box."""
     side = rng.choice([1, 40, 300, 3000, SIDE])
     x, y = rng.randrange(SIDE - side + 1), rng.randrange(SIDE - side + 1)
     if rng.random() < 0.15:
@@ -56,14 +56,14 @@ def shape(rng, n):
 
 
 def deliver(path, rng, n):
-    """A file; its points (x, y, z, class)."""
+    """Writes a file; returns its points (x, y, z, class)."""
     points = [(x, y, rng.randrange(-1000, 3000), rng.choice((1, 2, 2, 2, 7))) for x, y in shape(rng, n)]
     write(path, points)
     return points
 
 
 def deliver_survey(path, rng, n):
-    """One that needs several regions with little memory."""
+    """Writes a file that needs several regions with little memory."""
     points = [(rng.randrange(SIDE), rng.randrange(SIDE), rng.randrange(-1000, 3000), 2) for _ in range(n)]
     write(path, points)
     return points
@@ -84,7 +84,7 @@ def decimal(v):
 
 
 def select(points, view):
-    """Position: height, of what the words of the manual leave of the points."""
+    """{position: height} of the points that a view leaves, by the words of the manual."""
     o = dict(zip(view, view[1:]))
     if "--crop" in o:
         x0, y0, x1, y1 = (int(v) * 100 for v in o["--crop"].split(","))
@@ -114,7 +114,7 @@ def select(points, view):
 
 
 def oracle(path, heights, polygons=()):
-    """(triangles, digest) of the whole and of what meets each polygon, by CGAL; a file is left at path."""
+    """(triangles, digest) of the whole mesh and of those that meet each polygon, by CGAL; leaves a file at path."""
     las(path, [(x, y, 0) for x, y in heights], scale=(.01, .01, .01))
     args = [CGAL, path] + [",".join("%d,%d" % c for c in p) for p in polygons]
     lines = subprocess.run(args, stdout=subprocess.PIPE, check=True).stdout.decode().splitlines()
@@ -151,7 +151,8 @@ def geojson(path, ring):
 
 
 def higher(t, along):
-    """Whether t (counter-clockwise) is above a border along axis 0, or right of one along axis 1, on which its circumcentre lies."""
+    """True if t (counter-clockwise), whose circumcentre is on a border, is above a border along axis 0, or right of one along
+    axis 1."""
     for p in sorted(range(3), key=lambda i: t[i][:2], reverse=True):
         q, r = (t[(p + n) % 3][along] for n in (1, 2))
         if q != r:
@@ -159,7 +160,8 @@ def higher(t, along):
 
 
 def centre_in(t, regions):
-    """Whether t is in one of the regions (x0, y0, x1, y1, doubled; None: without end) by its circumcentre, as stream.md says."""
+    """True if the circumcentre of t is in one of the regions (x0, y0, x1, y1, doubled; None: unbounded), by the rules of
+    stream.md."""
     (ax, ay), (bx, by), (cx, cy) = (p[:2] for p in t)
     bx, by, cx, cy = bx - ax, by - ay, cx - ax, cy - ay
     d = 2 * (bx * cy - by * cx)

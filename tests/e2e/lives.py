@@ -1,7 +1,7 @@
-"""The life of a dataset among people who do all that can be done: what years.py has, and degenerate deliveries, names used again,
-clients killed in a push, two clients and a backup at once while the daemon dies, damage to what the cache has, a backup restored
-beside. What the mesh is, CGAL and a list of points say. Of each: windows, tiles, changes, resumed fetches, jobs of long ago.
-lives.py [STEPS [SEED...]]. A daemon of each third seed is stopped and goes on at random."""
+"""The life of a dataset under all operations at random: those of years.py, and degenerate deliveries, reused names, clients
+killed during a push, two clients and a backup at once while the daemon dies, damage in the cache, and a restored backup. CGAL and
+a list of points give the expected mesh. Each is checked with windows, tiles, changes, resumed fetches, and old jobs. Usage:
+lives.py [STEPS [SEED...]]. With each third seed, the daemon is stopped and continued at random."""
 import json
 import os
 import random
@@ -22,12 +22,12 @@ STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 40
 SEEDS = [int(s) for s in sys.argv[2:]] or [1, 2, 3]
 VIEWS = generations_model.VIEWS + (("--ground",), ("--class", "1"), ("--every", "7", "--surface"), ("--thin", "0.5", "--thin-pick", "median"),
                                    ("--thin", "3", "--thin-pick", "highest"), ("--crop", "-9,20,90,40", "--thin", "2"))
-# What a client may hear that did no wrong: another one was there, or the daemon went away.
+# Errors that a correct client may get: another client was there, or the daemon ended.
 AGAIN = (69, 74, 75)
 
 
 class Stalls:
-    """Stops the daemon's process now and then, and lets it go on."""
+    """Stops the process of the daemon now and then, and continues it."""
 
     def __init__(self, d, rng):
         self.d, self.rng, self.over = d, rng, threading.Event()
@@ -99,7 +99,7 @@ class Life(generations_model.Life):
         self.next([new], gone)
 
     def back(self):
-        """What was there once, in place of what took its place."""
+        """Restores an earlier content in place of the later one."""
         now = {s.path for s in self.live[-1]}
         once = sorted({s for g in self.live for s in g if s.path in now and s not in self.live[-1]}, key=lambda s: s.kept)
         if not once:
@@ -128,7 +128,7 @@ class Life(generations_model.Life):
         self.name = name
 
     def name_again(self):
-        """The name is somebody else's for a while."""
+        """The name is used by another dataset for a while."""
         number = self.number()
         self.ctl("dataset", "rm", self.name).ok()
         other = self.deliver(self.path("other.las"))
@@ -158,11 +158,11 @@ class Life(generations_model.Life):
         return p.returncode, out
 
     def until_done(self, *args):
-        """Again and again, as a script does; the last answer."""
+        """Repeats a command until it succeeds, as a script does; returns the last answer."""
         return e2e.until(lambda: [r for r in [self.ctl(*args)] if r.status not in AGAIN], "%s: not now, for ever" % (args,))[0].ok()
 
     def client_killed(self):
-        """Several times in one push, then some of the files again, then all."""
+        """Kills the client several times during one push, then pushes some of the files again, then all."""
         new = self.new_files() + self.new_files()
         before = len(self.log())
         for _ in range(self.rng.randrange(1, 4)):
@@ -178,7 +178,7 @@ class Life(generations_model.Life):
         self.learn(before, new, [])
 
     def storm(self):
-        """Two pushes, a replacement, jobs, a backup and an export at once, and the daemon is killed or not."""
+        """Two pushes, a replacement, jobs, a backup and an export at once; the daemon is killed or not."""
         pushes = [(self.new_files(), []), (self.new_files(), [])]
         if self.live[-1] and self.rng.random() < 0.5:
             pushes.append(([self.deliver(self.some().path)], ["--replace"]))
@@ -208,7 +208,7 @@ class Life(generations_model.Life):
         return [json.loads(x) for x in self.d.ctl("dataset", "log", self.name, "--json", "--files").ok().out.splitlines()]
 
     def learn(self, before, new, replaced):
-        """Which generation has brought which of the new files: each once, and nothing else."""
+        """Finds which generation has brought which of the new files: each once, and no others."""
         left = {s.path: s for s in new}
         for row in self.log()[before:]:
             added = [left.pop(f["path"], None) for f in row["files"] if not f["removed"]]
@@ -219,7 +219,7 @@ class Life(generations_model.Life):
         expect(not left, "not there: %s" % sorted(left))
 
     def damage(self):
-        """Some files of the cache have other bytes, are short, or are not there."""
+        """Changes, truncates or removes some files of the cache."""
         files = sorted(os.path.join(top, n) for top, _, names in os.walk(self.d.cache) for n in names if n not in ("lock", "acut-cache"))
         for path in self.rng.sample(files, min(len(files), self.rng.choice([1, 3, 30]))):
             how = self.rng.randrange(3)
@@ -237,7 +237,7 @@ class Life(generations_model.Life):
         self.damaged = True
 
     def restored_beside(self):
-        """A backup, and another daemon that begins with it, has the same."""
+        """Another daemon on a backup has the same datasets."""
         to = self.path("beside%d" % self.restored)
         self.ctl("backup", to, *self.rng.choice([[], ["--copy"]])).ok()
         other = e2e.Daemon(self.base, memory="48M", name="-beside")
@@ -265,7 +265,7 @@ class Life(generations_model.Life):
         return shapes.select([p for s in self.live[generation] for p in s.points], view)
 
     def want(self, generation, view):
-        """Triangles, both digests, points, positions: as CGAL and the list have them."""
+        """Expected triangles, both digests, points and positions, by CGAL and the list."""
         key = (tuple(sorted(s.kept for s in self.live[generation])), view)
         if key not in self.known:
             heights = self.heights(generation, view)
@@ -275,7 +275,7 @@ class Life(generations_model.Life):
         return self.known[key]
 
     def asked(self, *args):
-        """An answer; what was damaged is said once, and then it is whole again."""
+        """The answer to a command. Damage is reported once, and repaired then."""
         r = self.ctl(*args)
         for _ in range(40 if self.damaged else 0):
             if r.status != 74:
@@ -370,7 +370,7 @@ class Life(generations_model.Life):
         os.unlink(out)
 
     def long_ago(self, *unused):
-        """The report and the triangles of a job of any time; what was pruned or has another number now may be refused."""
+        """The report and the triangles of an old job. A pruned or renumbered one may be refused."""
         job, generation, view, name = self.rng.choice(self.jobs)
         r = self.d.ctl("show", str(job), "--json")
         if r.status == 4 or (r.status == 0 and (r.json()["dataset"], r.json()["generation"]) != (self.name, generation)):

@@ -1,5 +1,5 @@
-"""Every file of malformed/ through daemon and client: `info` and `mesh` end as tests/input/malformed.tbl says, with an error
-that names file, byte, field and reason. The daemon lives, and its memory stays bounded."""
+"""Every file of malformed/ through daemon and client: `info` and `mesh` end as tests/input/malformed.tbl says, with an error that
+names file, byte, field and reason. The daemon keeps running, and its memory stays bounded."""
 import json
 import os
 import struct
@@ -26,7 +26,7 @@ def rows():
 
 
 def check(run, path, row):
-    """Exit status and the shape of what it says."""
+    """Checks the exit status and the form of the message."""
     name, options, outcome, offset, field, points = row
     said = json.loads(run.out)
     expect(run.status == STATUS[outcome], "status %d, %s expected: %s" % (run.status, outcome, run.out))
@@ -76,7 +76,7 @@ def every_file():
 
 
 def headers_that_lie():
-    """A disagreement is a warning that has both numbers."""
+    """A wrong count in a header gives a warning with both numbers."""
     says = {"int_extremes.las": ("box is wrong", "-21474836.48"), "bbox_inverted.las": ("1000000000 to 0",),
             "trailing_garbage.las": ("64 bytes behind the last point",), "count14_legacy_disagree.las": ("1024", "7")}
     with e2e.Folder() as base, e2e.Daemon(base) as d:

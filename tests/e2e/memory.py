@@ -92,7 +92,7 @@ NO_GROUPS = groups()
 
 
 class Watcher(threading.Thread):
-    """Asks for the status all the time: the most that was resident beyond what the ledger said."""
+    """Requests the status all the time: records the most that was resident beyond the ledger."""
 
     def __init__(self, d):
         super().__init__(daemon=True)
@@ -167,7 +167,7 @@ class Box:
             self.group.remove()
 
     def load(self, name, what, *args):
-        """Runs it, then looks at what it cost."""
+        """Runs it, then checks its memory."""
         try:
             with open("/proc/%d/clear_refs" % self.d.process.pid, "w") as f:
                 f.write("5")
@@ -287,7 +287,7 @@ def views(b, survey):
 
 
 def areas(b):
-    """Plans and jobs with texts of views that are as long as they may be, waiting at once."""
+    """Plans and jobs with view texts of the greatest length, waiting at once."""
     area = star(2600)
     at_once(6, lambda i: b.ctl("plan", "views", "--crop", area, "--zmax", str(1000 + i)))
     for i in range(60):
@@ -306,7 +306,7 @@ def eight(b, survey):
 
 
 def slow(b, survey, n):
-    """Readers that never read, and one who does."""
+    """Clients that never read, and one that does."""
     clients = []
     try:
         for _ in range(n):
@@ -328,7 +328,7 @@ def slow(b, survey, n):
 
 
 def crowd(b, n):
-    """Connections that ask and never read."""
+    """Connections that send requests and never read."""
     question = pack(7, pb.Message(status_request=pb.StatusRequest()))
     hello = pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="crowd")))
     wires = []
@@ -358,7 +358,7 @@ def crowd(b, n):
 
 
 def lengths(b):
-    """Headers that claim 64 MB, and whole frames of which the last byte never comes."""
+    """Headers that claim 64 MB, and frames without their last byte."""
     wires = []
     hello = pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="hostile")))
     for i in range(150):
@@ -431,7 +431,7 @@ def degrees(b, n):
 
 
 def names(b, n):
-    """What a push keeps of each of its files is charged: a push that is open, of many names."""
+    """Memory that a push keeps for each of its files is charged: an open push of many names."""
     small = os.path.join(BASE, "small.las")
     las(small, [(0, 0, 0), (900, 0, 1), (0, 900, 2)], 0)
     with Client(b.socket, timeout=120) as c, open(small, "rb") as f:
@@ -458,7 +458,7 @@ def names(b, n):
 
 
 def at_rest(b):
-    """Everything came back."""
+    """All memory was released."""
     for _ in range(100):
         held = b.ctl("status", "--json").ok().json()
         if sum(held["ledger"].values()) < 8 * MIB and not held["jobs_running"]:

@@ -1,5 +1,5 @@
-"""Merging and prune: many pushes leave few segments, and every generation stays what it was, whenever the daemon is killed;
-prune takes generations away, and nothing else. ACUT_MERGING_PUSHES=1000 for figures."""
+"""Merging and pruning: many pushes leave few segments, and every generation stays what it was, whenever the daemon is killed.
+Pruning removes generations, and nothing else. ACUT_MERGING_PUSHES=1000 for figures."""
 import os
 import random
 import signal
@@ -26,7 +26,7 @@ def digests(d, name, at=None):
 
 
 def settled(d, name, seconds=20):
-    """Until nothing is merged any more; the number of segments."""
+    """Waits until no merge runs any more; returns the number of segments."""
     last, since = None, time.monotonic()
     until = since + seconds
     while time.monotonic() < until:
@@ -41,7 +41,7 @@ def settled(d, name, seconds=20):
 
 
 def tidy(d, name, seconds=5):
-    """One manifest, and the segments that there should be."""
+    """One manifest, and the expected number of segments."""
     folder = os.path.join(d.state, "datasets", str(show(d, name)["id"]))
     until = time.monotonic() + seconds
     while True:
@@ -83,7 +83,7 @@ def many_pushes():
 
 
 def killed():
-    """kill -9 while segments are merged and pruned: what was pushed is there, and a start leaves nothing behind."""
+    """kill -9 during merges and prunes: pushed points are there, and a start leaves no leftovers."""
     with e2e.Folder() as base:
         d, rng, pushed, was, pruned = e2e.Daemon(base, memory="64M"), random.Random(5), 0, {}, 0
         for kill in range(6):
@@ -149,7 +149,7 @@ def prune():
         tidy(d, "s")
         says(d.ctl("submit", "s", "--at", "3"), 4, "pruned")
         expect(digests(d, "s") == was, "what stays is not what it was")
-        # Nothing that was found finished is made again.
+        # No finished domain is made again.
         report = d.ctl("submit", "s", "--wait", "--new", "--json").ok().json()
         expect(report["digest"] == was[0], "%s" % report)
         d.ctl("dataset", "prune", "s", "--keep", "1").ok()
@@ -158,7 +158,7 @@ def prune():
 
 
 def reverted_while_pruned():
-    """A revert brings back what a prune would take away: one of the two comes first, and what the revert said is true."""
+    """A revert restores what a prune would remove: one of the two is first, and the answer to the revert is true."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
         # The same path, so that the second push takes the place of the first file. The third makes the prune long.
         files = [cloud(base, "%d.las" % i, 70 + i, n) for i, n in enumerate((3000, 4000, 150000))]

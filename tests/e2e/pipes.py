@@ -1,4 +1,4 @@
-"""Inputs that come through pipes: the same mesh as from a file, never a part that looks whole, nobody kept waiting."""
+"""Inputs from pipes: the same mesh as from a file, never a part that is taken for the whole, and nobody else has to wait."""
 import gzip
 import json
 import os
@@ -70,7 +70,7 @@ def las_forwards():
 
 
 def laz_is_kept():
-    """A real file, where there are any: compressed, so that it must be had whole."""
+    """A real file, if there are any: a compressed input must be kept whole before it is read."""
     data = e2e.data_dir()
     if not data:
         print("without real files: no LAZ through a pipe")
@@ -123,7 +123,7 @@ def text_and_fifo():
 
 
 def text_forwards():
-    """Where the lattice is known, a text is read as it comes: nothing of it is kept but its beginning."""
+    """With a known lattice, a text is read as it comes: only its beginning is kept."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M", threads=1) as d:
         out, txt = os.path.join(base, "m.ply"), os.path.join(base, "t.xyz")
         lines = "".join("%d.%03d %d.5 %d\n" % (500000 + i % 997, i % 1000, 4000000 + i // 997, i % 77) for i in range(150000)).encode()
@@ -156,7 +156,7 @@ def text_forwards():
 
 
 def slow_client_costs_nobody():
-    """With one worker: while clients hold half-filled pipes open, others are served."""
+    """With one worker: others are served while clients hold half-filled pipes open."""
     with e2e.Folder() as base, e2e.Daemon(base, threads=1, memory="128M") as d:
         path, out = survey(base), os.path.join(base, "m.ply")
         data, slow = open(path, "rb").read(), []
@@ -187,7 +187,7 @@ def slow_client_costs_nobody():
 
 
 def quiet(d, most=1 << 30):
-    """How many descriptors the daemon has when nobody is connected but who asks, and no more than `most` if it ever has so few."""
+    """The number of the daemon's descriptors when nobody else is connected; waits until it is at most `most`."""
     seen = []
 
     def few():
@@ -221,7 +221,7 @@ def vanished_clients():
 
 
 def aborted_beside_a_quiet_pipe():
-    """A push that is given up ends although another of its inputs has not said a word yet."""
+    """A push can be aborted although another of its inputs has sent nothing yet."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         bad = os.path.join(base, "bad.las")
         open(bad, "wb").write(b"no points at all" * 30)
@@ -238,7 +238,7 @@ def aborted_beside_a_quiet_pipe():
 
 
 def one_that_comes_late():
-    """A pipe that is probed when all was planned is held against the dataset like a file."""
+    """A pipe that is probed after the plan is checked against the dataset like a file."""
     try:
         from acut_wire import Client, Refused, pb
     except ImportError as e:
@@ -264,7 +264,7 @@ def one_that_comes_late():
 
 
 def closed_once():
-    """No descriptor is closed twice: between the two another thread may have got its number for a file of its own."""
+    """No descriptor is closed twice: in between, another thread may have got its number for another file."""
     if not shutil.which("strace"):
         e2e.unavailable("strace is not installed")
     with e2e.Folder() as base, e2e.Daemon(base) as d:

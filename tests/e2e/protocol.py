@@ -1,5 +1,5 @@
-"""The protocol driven by the second implementation (acut_wire.py) against a real acutd: every request, and a mesh that is
-checked here from its bytes up, with a Delaunay test by brute force. No acutctl, no libacut."""
+"""The protocol, driven by the second implementation (acut_wire.py) against a real acutd: every request, and a mesh that is
+checked from its bytes up, with a brute-force Delaunay test. Without acutctl and libacut."""
 import os
 import random
 import struct
@@ -110,7 +110,7 @@ def small_requests():
 
 
 def one_step():
-    """Push, submit, fetch; the mesh against brute force."""
+    """Push, submit, fetch; the mesh is compared with brute force."""
     path = os.path.join(BASE, "small.las")
     points = some_points(400, 1)
     write_las(path, points)
@@ -233,7 +233,7 @@ def bad_inputs():
 
 
 def durable():
-    """A push that stands still is told within seconds that its file is safe."""
+    """A client whose push stalls is told within seconds that its file is durable."""
     path = os.path.join(BASE, "durable.las")
     write_las(path, some_points(1000, 6))
     with client() as c, open(path, "rb") as f:
@@ -252,7 +252,7 @@ def durable():
 
 
 def views():
-    """What a view takes, and texts that are none."""
+    """Valid and invalid texts of views."""
     path = os.path.join(BASE, "classes.las")
     points = some_points(600, 8)
     write_las(path, points, classes=[2 if i % 3 else 7 for i in range(600)])
@@ -272,7 +272,7 @@ def views():
 
 
 def fetch_and_cancel(socket, gate, reads):
-    """How a fetch ends whose job is cancelled before anything is read."""
+    """The end of a fetch whose job is cancelled before anything is read."""
     with Client(socket) as c, Client(socket) as other:
         gate.close("pread", ".seg", reads)
         job = c.ask("submit", pb.Submit(dataset="cancelled", fresh=True))
@@ -296,7 +296,7 @@ def fetch_and_cancel(socket, gate, reads):
 
 
 def cancel():
-    """A cancelled job is final, and who is fetching it is told so, in the stream or beside it."""
+    """A cancelled job is final, and a client that fetches it is told so, in the stream or beside it."""
     path = os.path.join(BASE, "cancel.las")
     e2e.run([e2e.SYNTH, "--points", "600k", "--distribution", "uniform", path]).ok()
     gate = e2e.Gate(BASE)

@@ -1,4 +1,5 @@
-"""Files that a dataset has, pushed again to be read otherwise: nothing is skipped without a word, --replace reads them again."""
+"""Files of a dataset that are pushed again with other options of reading: nothing is skipped silently, and --replace reads them
+again."""
 import json
 import os
 

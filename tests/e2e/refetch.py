@@ -1,6 +1,6 @@
-"""fetch --resume: the client killed at random instants, interrupted, or left by its daemon, which comes back with other
-memory, without its cache; the file is that of a fetch that nothing interrupted. What was kept and is damaged, of another
-job or of other options is refused."""
+"""fetch --resume: the client is killed at random times, interrupted, or loses its daemon, which comes back with another memory or
+without its cache. The file is that of an uninterrupted fetch. Kept state that is damaged, or of another job or other options, is
+refused."""
 import os
 import random
 import shutil
@@ -12,6 +12,7 @@ from e2e import Daemon, Folder, expect
 
 SMALL = {"memory": "24M", "threads": 2}
 POINTS = 500000
+RESUMABLE = ("ply", "obj")  # tests/client/format/formats.py
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 
 
@@ -27,7 +28,7 @@ def begin(d, *args, env=OFTEN, gate=None):
 
 
 def held(d, gate, states, *args):
-    """A fetch that stands still when it has kept its state so often; None: it came to its end before that."""
+    """A fetch that is stopped after it has kept its state so often; None: it ended before."""
     gate.close("renameat", ".part.state", states)
     p = begin(d, *args, gate=gate)
     return p if gate.wait(lambda: p.poll() is not None) else p.communicate() and None
@@ -48,13 +49,13 @@ def killed_client():
         gate = e2e.Gate(base)
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()
-        for n, options in enumerate((["ply"], ["obj"], ["ply", "obj", "--max-edge", "4"], ["ply", "--origin", "auto"])):
+        for n, options in enumerate([[kind] for kind in RESUMABLE] + [[*RESUMABLE, "--max-edge", "4"], ["ply", "--origin", "auto"]]):
             want = os.path.join(base, "want%d." % n)
             got = os.path.join(base, "got%d." % n)
-            kinds, rest = [o for o in options if o in ("ply", "obj")], [o for o in options if o not in ("ply", "obj")]
+            kinds, rest = [o for o in options if o in RESUMABLE], [o for o in options if o not in RESUMABLE]
             outs = lambda stem: [w for k in kinds for w in ("-o", stem + k)]
             full = d.ctl("fetch", "1", "--json", *outs(want), *rest).ok().json()
-            # What it does when it is killed: it writes a part, its faces or its state, or gives the state its name, for the n-th time
+            # The call at which it is killed: the n-th write of a part, faces or state, or the n-th rename of the state
             # since it began. The first kills come before any state is kept.
             resume, kills = [], 0
             for call, text, most in (("pwrite", ".part", 1), ("pwrite", ".part.state", 1), ("renameat", ".part.state", 3), ("pwrite", ".part", 9),
@@ -78,8 +79,8 @@ def killed_client():
 
 
 def killed_in_a_window():
-    """A stream of an area that is cut into pieces: its client is killed after each block in turn, the daemon at times too; what is joined
-    is the file of a fetch that nobody disturbed."""
+    """The stream of an area that is cut into pieces: its client is killed after each block in turn, sometimes the daemon, too.
+    The joined file is that of an undisturbed fetch."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         gate = e2e.Gate(base)
         want, out = base + "/want.ply", base + "/m.ply"
@@ -109,14 +110,16 @@ def killed_in_a_window():
         expect(read(out) == read(want), "what was joined differs")
         expect(not parts(base), "left behind: %s" % parts(base))
         # Another area is another stream.
-        held(d, gate, 1, "fetch", "1", box, "-o", out).kill()
+        p = held(d, gate, 1, "fetch", "1", box, "-o", out)
+        p.kill()
+        p.communicate()
         gate.open()
         says(d.ctl("fetch", "1", "-o", out, "--resume"), 1, "cannot be continued")
 
 
 def gone_window():
-    """The pieces of an area follow from the memory that the daemon has, and their order from how the segments lie: with other memory, or when
-    segments were merged, what is kept of it cannot be continued, and is still there."""
+    """The pieces of an area depend on the memory of the daemon, their order on the segments. With another memory, or after a
+    merge, kept state cannot be continued; it is not removed."""
     with Folder() as base:
         out, want = base + "/m.ply", base + "/want.ply"
         gate = e2e.Gate(base)
@@ -199,7 +202,7 @@ def says(run, status, *texts):
 
 
 def interrupted(d, gate, out, *args):
-    """A fetch that ends by Ctrl-C, with something kept."""
+    """A fetch that is ended by Ctrl-C keeps its state."""
     for n in parts(os.path.dirname(out)):
         os.unlink(os.path.join(os.path.dirname(out), n))
     p = held(d, gate, 2, "fetch", "1", "-o", out, *args)
@@ -277,7 +280,7 @@ def refused():
         interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()
         expect(read(out) == read(want) and not parts(base), "a leftover")
-        # What the daemon cannot go on with: said, and nothing is lost by it.
+        # A state that the daemon cannot continue: there is a message, and nothing is lost.
         interrupted(d, gate, out)
         before = parts(base)
         d.stop()
@@ -291,7 +294,7 @@ def refused():
 
 
 def full_disk():
-    """No room for more: what came is kept, and it goes on when there is."""
+    """The disk is full: what came is kept, and the fetch goes on when there is space."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()

@@ -1,5 +1,5 @@
-"""Incremental re-mesh: whatever was pushed, replaced or taken back, the mesh is the one that is made from nothing, and only
-the domains whose input changed are made."""
+"""Incremental re-meshing: whatever was pushed, replaced or reverted, the mesh is that of a build from scratch, and only domains
+with changed input are made."""
 import os
 import struct
 
@@ -17,7 +17,7 @@ def synth(base, name, points, x, y, seed, *more):
 
 
 def changed(path, to, change):
-    """A copy whose records went through `change`: x, y, z, class, in numbers of the file."""
+    """A copy of a file whose records went through `change`: x, y, z, class, in numbers of the file."""
     with open(path, "rb") as f:
         data = bytearray(f.read())
     offset, = struct.unpack_from("<I", data, 96)
@@ -39,7 +39,7 @@ class Grown:
         self.d, self.name, self.files = d, name, []
 
     def mesh(self, what, most, view=()):
-        """The job's report; at most so many of its domains may have been made, as a share, or a number."""
+        """The job's report. At most this share or number of its domains may have been made."""
         got = self.d.ctl("submit", self.name, "--wait", "--json", *view).ok().json()
         want = self.d.ctl("mesh", "--format", "null", "--json", *view, *self.files).ok().json()
         for key in SAME:
@@ -117,7 +117,7 @@ def small_domains():
 
 
 def of_selections():
-    """Of a view that selects, domains are used again too: by what was selected."""
+    """Domains of a view that selects points are reused, too, by the selected points."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=2) as d:
         g, s = Grown(d, "v"), side(POINTS)
         g.push(synth(base, "whole.las", POINTS, 0, 0, 1))

@@ -1,4 +1,4 @@
-"""A process at rest: what it is woken for, and what comes below it."""
+"""A process at rest: its wake-ups and its child processes."""
 import os
 import time
 
@@ -6,7 +6,7 @@ from e2e import until
 
 
 def children(pid):
-    """Processes below it, nearest first."""
+    """The processes below it, nearest first."""
     parents = {}
     for name in filter(str.isdigit, os.listdir("/proc")):
         try:
@@ -21,7 +21,7 @@ def children(pid):
 
 
 def used(pid):
-    """Wake-ups of all its threads (those of who slept; a preemption is none), and seconds of CPU time."""
+    """Wake-ups of all its threads (voluntary switches, without preemptions), and seconds of CPU time."""
     woken = 0
     for task in os.listdir("/proc/%d/task" % pid):
         with open("/proc/%d/task/%s/status" % (pid, task)) as f:
@@ -32,8 +32,8 @@ def used(pid):
 
 
 def rests(pid, woken, cpu, seconds=1.0):
-    """Comes to rest: a time of that many seconds in which it is woken so often, and uses so much CPU time, at most. What wakes
-    up for nothing never does; what has something to do still is given the time for it."""
+    """Waits for a period of that many seconds with at most so many wake-ups and so much CPU time. A process that wakes up for
+    nothing never has one; a process that still works gets the time to finish."""
     least = None
 
     def at_rest():

@@ -1,4 +1,4 @@
-"""A daemon that was killed: what it starts with, how submitted jobs go on, and what it sweeps away."""
+"""A daemon that was killed: its start, how submitted jobs continue, and which leftovers it removes."""
 import os
 import re
 import signal
@@ -19,7 +19,7 @@ def show(d, job):
 
 
 def jobs_go_on():
-    """Killed at several points of a job: the same digests, and no domain that was stored is made again."""
+    """Killed at several points of a job: the digests are the same, and no stored domain is made again."""
     with Folder() as base:
         gate = e2e.Gate(base)
         d = Daemon(base, memory="24M", env=gate.env).start()
@@ -28,7 +28,7 @@ def jobs_go_on():
         expect(want["domains"] >= 8, "the test wants many domains: %d" % want["domains"])
         d.stop()
         for part in (0.2, 0.5, 0.8):
-            # Nothing of the jobs before serves this one.
+            # This job uses no domains of earlier jobs.
             subprocess.run(["rm", "-rf", d.cache], check=True)
             d.start()
             # So many domains get their names in the store, and no more.
@@ -54,7 +54,7 @@ def jobs_go_on():
 
 
 def leftovers_go():
-    """What a killed one-step mesh and a killed push left is gone soon after the next start."""
+    """The leftovers of a killed one-step mesh and a killed push are removed soon after the next start."""
     with Folder() as base:
         d = Daemon(base).start()
         d.ctl("push", "valley", synth(base + "/a.las", 20000)).ok()

@@ -1,6 +1,6 @@
-"""The same push again after an interruption goes on where that one ended: the daemon killed, the client killed or
-interrupted, in the middle of files and of the commit; on the same lattice, with the digests of a push that nothing
-interrupted. By another user, with other options, or too late: not."""
+"""A push that is repeated after an interruption continues: the daemon or the client was killed or interrupted, during files or
+the commit. The lattice is the same, and the digests are those of an uninterrupted push. It does not continue for another user,
+with other options, or too late."""
 import json
 import os
 import shutil
@@ -22,7 +22,7 @@ except ImportError as e:
 
 
 def tiles(base, count, n=3000):
-    """Tiles that do not start at one offset: the lattice depends on which of them are known."""
+    """Tiles with different offsets: the lattice depends on which of them are known."""
     paths = []
     for i in range(count):
         rng = random.Random(i)
@@ -43,7 +43,7 @@ def connections(d):
 
 
 class Half:
-    """A push by hand that stops when all are probed and the first `n` are safe."""
+    """A push by hand that stops when all files are probed and the first `n` are durable."""
 
     def __init__(self, d, dataset, paths, n, wait=True, **options):
         self.d, self.c = d, Client(d.socket)
@@ -58,7 +58,7 @@ class Half:
             e2e.until(lambda: self.c.ping() and self.c.durable.get(self.number, 0) >= n - sum(map(bool, self.known[:n])), "no Durable")
 
     def vanish(self):
-        """Goes; acutd has heard of it then, where it lives."""
+        """Closes the connection, and waits until acutd has noticed, if it runs."""
         here = self.d.process.poll() is None and connections(self.d)
         self.c.close()
         if here:
@@ -117,7 +117,7 @@ def killed_daemon():
 
 
 def killed_again_and_again():
-    """Into a dataset that has something, killed three times; the client sees each file staged once."""
+    """A push into a dataset with points is killed three times; the client sees each file staged once."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         paths = tiles(base, 8)
         d.ctl("push", "want", *paths[:2]).ok()
@@ -137,7 +137,7 @@ def killed_again_and_again():
 
 
 def vanished_client():
-    """The connection ends: what was staged whole stays, also without a durable point yet; a broken file does not."""
+    """The connection ends: files that were staged completely are kept, even without a durable point; a broken file is not."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         paths = tiles(base, 4)
         d.ctl("push", "want", *paths).ok()
@@ -160,14 +160,14 @@ def vanished_client():
         got = d.ctl("push", "u", paths[1], "--json").ok()
         expect(states(got) == ["adopted"], str(states(got)))
         expect(show(d, "u")["points"] == 3000 and digests(d, "u")[2] == 3000, str(show(d, "u")))
-        # Nothing staged: nothing pending, and no dataset.
+        # Without a staged file there is no pending push, and no dataset.
         Half(d, "v", paths, 0, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "v").status == 4, "a dataset of nothing")
         wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
 
 
 def cut_off_in_a_file():
-    """A file that was half read leaves nothing, also where the daemon starts anew and numbers its files again."""
+    """A half-read file leaves nothing, also if the daemon restarts and numbers its files anew."""
     with e2e.Folder() as base:
         gate = e2e.Gate(base)
         with e2e.Daemon(base, env=gate.env) as d:
@@ -233,7 +233,7 @@ def interrupted_in(base, d, gate):
 
 
 def killed_in_the_commit():
-    """Wherever the daemon dies: the push is either done or pending, and nothing that was promised is lost."""
+    """Wherever the daemon dies, the push is done or pending, and nothing acknowledged is lost."""
     with e2e.Folder() as base:
         gate = e2e.Gate(base)
         with e2e.Daemon(base, memory="24M", env=gate.env) as d:
@@ -288,7 +288,7 @@ def what_does_not_fit():
         Half(d, "h", paths, 2, wait=False, assume_crs=system + "1998").vanish()
         says(d.ctl("push", "h", *paths, "--assume-crs", system + "2017"), 0, "other options")
         expect(show(d, "h")["crs"] == system + "2017" and show(d, "h")["points"] == 9000, str(show(d, "h")))
-        # What is assumed is not what overrides; the same again is taken up.
+        # An assumed system is not an overriding one; a push with the same options continues.
         Half(d, "o", paths, 2, wait=False, override_crs="EPSG:25832").vanish()
         says(d.ctl("push", "o", *paths, "--assume-crs", "EPSG:25832"), 0, "other options")
         Half(d, "q", paths, 2, wait=False, override_crs="EPSG:25832").vanish()
@@ -395,7 +395,7 @@ def another_user():
 
 
 def idle_push_gives_memory():
-    """A push that stands still does not keep its stage, and goes on when it is asked to."""
+    """An idle push releases its stage, and continues when it is asked to."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         paths = tiles(base, 3)
         for dataset in ("s", ""):
@@ -414,7 +414,7 @@ def idle_push_gives_memory():
 
 
 def two_at_once():
-    """Of two pushes that run beside each other the second to commit is held against what the first has committed."""
+    """Of two simultaneous pushes, the second to commit is checked against what the first has committed."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         def late(half, reason):
             try:

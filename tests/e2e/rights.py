@@ -1,14 +1,12 @@
-"""Who may do what: users and groups as the kernel tells them (setpriv; numbers need no accounts), against datasets of all
-modes, jobs of others, the daemon's group and admin-group, and the limits of one user. Rows 13 and 14 of the plan of tests."""
+"""Permissions: users and groups as the kernel reports them (setpriv; the numbers need no accounts), with datasets of all modes,
+jobs of others, and the settings group and admin-group."""
 import json
-import mmap
 import os
 import shutil
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 
 import e2e
@@ -16,7 +14,7 @@ from e2e import Daemon, Folder, expect
 
 ANNA, BERT, CARL, ADMIN, NOBODY = 3001, 3002, 3003, 3009, 3099
 USERS, GIS, OTHERS, ADMINS = 5000, 5100, 5200, 5001  # groups: served; of the dataset; of nothing; admin-group
-# Who asks: user, first group, the others.
+# The clients: user, first group, other groups.
 WHO = {
     "anna": (ANNA, GIS, (USERS,)),
     "anna, now in other groups": (ANNA, OTHERS, (USERS,)),
@@ -33,8 +31,16 @@ ALL = {"an administrator", "an administrator by first group", "root"}
 OWNER = {"anna", "anna, now in other groups"}
 
 
+def become(who):
+    """Makes this process that user: a row of WHO, or (user, first group, other groups)."""
+    uid, gid, groups = WHO[who] if isinstance(who, str) else who
+    os.setgroups(groups)
+    os.setgid(gid)
+    os.setuid(uid)
+
+
 class Box:
-    """A daemon that others reach, and acutctl where they can run it."""
+    """A daemon that other users can connect to, and an acutctl that they can run."""
 
     def __init__(self, base, **kw):
         os.chmod(base, 0o755)
@@ -86,7 +92,7 @@ GROUPS = ("--group", str(USERS), "--admin-group", str(ADMINS))
 
 
 def datasets():
-    """All of who, by what is asked, by modes: as a file of that owner, group and mode would have it."""
+    """All users, operations and modes: permitted is what a file of that owner, group and mode would permit."""
     n = 0
     with Folder() as base, Box(base, args=GROUPS) as box:
         survey, place = box.survey(), os.path.join(base, "out")
@@ -125,7 +131,7 @@ def datasets():
 
 
 def owners():
-    """What the owner alone may, whatever the mode, and whom he may give it to."""
+    """Operations of the owner only, whatever the mode, and to whom a dataset may be given."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         box.good("anna", "push", "d", box.survey())
         box.good("anna", "dataset", "chmod", "666", "d")
@@ -182,7 +188,7 @@ def owners():
 
 
 def jobs():
-    """One's own jobs only, and those of all for administrators; also on a dataset of another one."""
+    """Users have access to their own jobs, administrators to all, whoever owns the dataset."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         box.good("anna", "push", "d", box.survey())
         anna = box.good("anna", "submit", "d", "--wait").split()[0]
@@ -200,7 +206,7 @@ def jobs():
         status, _, err = box.ask("anna", "submit", "d", "--priority", "high", "--new")
         expect(status == 77, "priority: %d %s" % (status, err))
         box.good("an administrator", "submit", "d", "--priority", "high", "--wait")
-        # What was submitted goes on, whatever becomes of the mode.
+        # Submitted jobs go on, even if the mode changes.
         box.good("anna", "dataset", "chmod", "600", "d")
         box.good("carl", "fetch", carl, "--format", "null")
         status, _, err = box.ask("carl", "submit", "d", "--new")
@@ -216,7 +222,7 @@ def jobs():
 
 
 def served():
-    """The daemon's group: others are told so and cut off, and the log has who it was, but no flood of it."""
+    """The setting group: other users are told so and disconnected. The log names them, and is not flooded."""
     nobody = (NOBODY, OTHERS, ())
     with Folder() as base, Box(base, args=GROUPS) as box:
         for who in WHO:
@@ -263,7 +269,7 @@ def served():
         expect(2 <= len(told) <= 20, "%d lines" % len(told))
         status = box.daemon.ctl("status", "--json").ok().json()
         expect(status["connections"] == 1, "%s" % status["connections"])
-    # No group: whoever reaches the socket.
+    # Without a group everybody who can connect to the socket is served.
     with Folder() as base, Box(base) as box:
         box.good(nobody, "push", "mine", box.survey())
         status, _, err = box.ask((ADMIN, ADMINS, ()), "dataset", "rm", "mine")
@@ -271,7 +277,7 @@ def served():
 
 
 def many_groups():
-    """As many groups as a process can be in: all count, and the memory for them is the connection's."""
+    """A process in as many groups as possible: all count, and the memory for them is charged to the connection."""
     try:
         most = int(open("/proc/sys/kernel/ngroups_max").read())
     except OSError:
@@ -284,9 +290,7 @@ def many_groups():
         if not child:
             code = 1
             try:
-                os.setgroups(groups)
-                os.setgid(OTHERS)
-                os.setuid(BERT)
+                become((BERT, OTHERS, groups))
                 held = []
                 for i in range(3):
                     s = socket.socket(socket.AF_UNIX)
@@ -306,8 +310,9 @@ def many_groups():
         expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "of %d groups the last does not count" % most)
 
 
-def no_process_is_asked():
-    """A connection is its maker's, also when root has it by then and its maker is gone, whose number may be another's."""
+def peer_of_the_socket():
+    """A connection belongs to the user who made it, also if root has it later and its maker is gone, whose pid may be
+    another's."""
     try:
         import acut_wire
         from acut_wire import pb
@@ -320,9 +325,7 @@ def no_process_is_asked():
         wire.timeout, wire.sock = e2e.PATIENCE, socket.socket(socket.AF_UNIX)
         child = os.fork()
         if not child:
-            os.setgroups([USERS])
-            os.setgid(OTHERS)
-            os.setuid(CARL)
+            become("carl")
             wire.sock.connect(box.daemon.socket)
             os._exit(0)
         os.waitpid(child, 0)
@@ -338,8 +341,8 @@ def no_process_is_asked():
 
 
 def rights_of_open_connections():
-    """A reload: who is not served any more is told so and closed, the connections of others go on, and with it come and go
-    the rights of administrators, also of who is connected already. Errors change nothing."""
+    """A reload applies to open connections: clients that are no longer served are told so and disconnected; others continue, with
+    or without the rights of administrators. A setting with an error changes nothing."""
     try:
         import acut_wire
         from acut_wire import pb
@@ -355,14 +358,11 @@ def rights_of_open_connections():
             box.good("anna", "push", "--mode", "600", "d", box.survey())
 
             def connect(who):
-                uid, gid, groups = WHO[who]
                 wire = acut_wire.Wire.__new__(acut_wire.Wire)
                 wire.timeout, wire.sock, wire.n = e2e.PATIENCE, socket.socket(socket.AF_UNIX), 0
                 child = os.fork()
                 if not child:
-                    os.setgroups(groups)
-                    os.setgid(gid)
-                    os.setuid(uid)
+                    become(who)
                     wire.sock.connect(box.daemon.socket)
                     os._exit(0)
                 os.waitpid(child, 0)
@@ -391,7 +391,7 @@ def rights_of_open_connections():
             expect((sees(admin), sees(carl), sees(anna)) == (False, False, True), "no group")
             box.daemon.reload("group = %d\nadmin-group = nobody-has-this\n" % GIS)
             expect((sees(admin), sees(carl), sees(anna)) == (False, False, True), "an error")
-            # Of the group of the dataset only; anna is in it.
+            # Only for the group of the dataset; anna is in it.
             box.daemon.reload("group = %d\n" % GIS)
             expect(sees(anna), "anna is served")
             for who, wire in (("admin", admin), ("carl", carl)):
@@ -408,8 +408,8 @@ def rights_of_open_connections():
                 wire.sock.close()
 
 
-def who_holds_what():
-    """Status: all see who holds how much, but what others do, by number and dataset, only administrators."""
+def holders_in_the_status():
+    """All users see who holds how much memory; only administrators see the numbers and datasets of others."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         fifo = os.path.join(base, "fifo")
         os.mkfifo(fifo)
@@ -438,8 +438,8 @@ def who_holds_what():
         push.communicate(timeout=e2e.PATIENCE)
 
 
-def nobody_looks_into_the_state():
-    """Whatever the mode of the folder that it was given, the umask, and the mode that the catalogue had."""
+def state_is_private():
+    """State and cache are private, whatever the mode of their folder, the umask, and the earlier mode of the catalogue."""
     with e2e.Folder() as base:
         box = Box(base)
         for folder in (box.daemon.state, box.daemon.cache):
@@ -467,323 +467,17 @@ def nobody_looks_into_the_state():
                 expect(os.stat(path).st_mode & 0o777 == 0o600, "%s has mode %o" % (path, os.stat(path).st_mode))
 
 
-def limit_of_exports():
-    """Exports that are open: one user has two at most, and administrators always one."""
-    try:
-        from acut_wire import Wire, pb
-    except ImportError as e:
-        print("     skipped: %s" % e)
-        return
-    with Folder() as base, Box(base, args=GROUPS) as box:
-        box.good("anna", "push", "--mode", "644", "d", box.survey())
-        place = os.path.join(base, "out")
-        os.mkdir(place)
-        os.chmod(place, 0o777)
-        parent, there = socket.socketpair()
-        there.settimeout(e2e.PATIENCE)
-        for who, want in (("carl", [0, 0, 1]), ("bert, in the group by his first one", [0, 1, 1])):
-            uid, gid, groups = WHO[who]
-            child = os.fork()
-            if not child:
-                code = 1
-                try:
-                    os.setgroups(groups)
-                    os.setgid(gid)
-                    os.setuid(uid)
-                    wire, got = Wire(box.daemon.socket), []
-                    for n, (body, value) in enumerate([("hello", pb.Hello(version_min=1, version_max=1))] +
-                                                      3 * [("backup", pb.Backup(dataset="d"))]):
-                        m = pb.Message()
-                        getattr(m, body).CopyFrom(value)
-                        wire.send(n + 1, m)
-                        got.append(int(wire.recv()[1].error.code == "busy"))
-                    code = got[1:] != want
-                    there.sendall(b"x")
-                    there.recv(1)
-                finally:
-                    os._exit(code)
-            parent.settimeout(e2e.PATIENCE)
-            parent.recv(1)
-            if who == "carl":
-                first = child
-        box.good("an administrator", "dataset", "export", "d", place + "/d")
-        parent.sendall(b"xx")
-        for n in (first, child):
-            expect(os.waitstatus_to_exitcode(os.waitpid(n, 0)[1]) == 0, "exports that are open")
-
-
-def limit_of_jobs():
-    with Folder() as base:
-        gate = e2e.Gate(base)
-        with Box(base, memory="64M", args=("--user-jobs", "3", "--admin-group", str(ADMINS)), env=gate.env) as box:
-            limit_of_jobs_in(box, gate)
-
-
-def limit_of_jobs_in(box, gate):
-    box.good("anna", "push", "--mode", "666", "d", box.survey(20000))
-    # Whoever reads the survey waits: no job is over before the fourth comes.
-    gate.close("pread", ".seg")
-    mine = [box.good("anna", "submit", "d", "--new", "--every", i + 2).split()[0] for i in range(3)]
-    p = box.start("anna", "submit", "d", "--new", "--every", "9")
-    out, err = p.communicate(timeout=e2e.PATIENCE)
-    expect(p.returncode == 1 and b"3 jobs" in err and b"user-jobs" in err, "%d %s" % (p.returncode, err))
-    expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
-    # The same job again is no new one; others, and administrators, are not held by it.
-    box.good("carl", "submit", "d")
-    for i in range(4):
-        box.good("an administrator", "submit", "d", "--new", "--every", i + 3)
-    box.good("anna", "cancel", mine[0])
-    gate.open()
-    box.good("anna", "wait", mine[1])
-    box.good("anna", "submit", "d", "--new", "--every", "10")
-
-
-def limit_of_disk():
-    with Folder() as base, Box(base, args=("--user-disk", "1M", "--admin-group", str(ADMINS))) as box:
-        box.good("anna", "push", "a", box.survey(20000))
-        p = box.start("anna", "push", "b", box.survey(20000, seed=2))
-        out, err = p.communicate(timeout=e2e.PATIENCE)
-        expect(p.returncode == 1 and b"user-disk" in err and b"1" in err, "%d %s" % (p.returncode, err))
-        expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
-        # The push goes with its connection, and the dataset that it made with the push: soon after the client has ended.
-        e2e.until(lambda: box.ask("anna", "dataset", "show", "b")[0] == 4, "something of it stays")
-        box.good("anna", "push", "b", box.survey(300))
-        # Others have their own; administrators no limit.
-        box.good("carl", "push", "c", box.survey(20000, seed=2))
-        for i in range(2):
-            box.good("an administrator", "push", "big%d" % i, box.survey(30000, seed=3 + i))
-        # What goes into a dataset counts with its owner.
-        box.good("root", "dataset", "chown", ANNA, "big0")
-        status, _, err = box.ask("anna", "push", "b", box.survey(20000, seed=5))
-        expect(status == 1 and "user-disk" in err, "what she was given does not count: %d %s" % (status, err))
-        box.good("root", "dataset", "chown", CARL, "a")
-        box.good("root", "dataset", "chown", CARL, "big0")
-        box.good("anna", "push", "e", box.survey(20000, seed=5))
-
-
-def limit_of_connections():
-    with Folder() as base, Box(base, args=("--user-connections", "4", "--admin-group", str(ADMINS))) as box:
-        ready, go = os.pipe(), os.pipe()
-        child = os.fork()
-        if not child:
-            code = 1
-            try:
-                os.setgroups([])
-                os.setgid(GIS)
-                os.setuid(ANNA)
-                held, busy = [], 0
-                for i in range(60):
-                    s = socket.socket(socket.AF_UNIX)
-                    s.connect(box.daemon.socket)
-                    s.settimeout(e2e.PATIENCE if i >= 4 else 0.05)
-                    try:
-                        got = s.recv(4096)
-                        busy += b"user-connections" in got and b"busy" in got and s.recv(1) == b""
-                        s.close()
-                    except socket.timeout:
-                        held.append(s)
-                code = 0 if (len(held), busy) == (4, 56) else 3
-                if code:
-                    sys.stderr.write("     %d held, %d busy\n" % (len(held), busy))
-                os.write(ready[1], b"x")
-                os.read(go[0], 1)
-            finally:
-                os._exit(code)
-        os.read(ready[0], 1)
-        status, _, err = box.ask("anna", "ping")
-        expect(status == 75 and "user-connections" in err, "%d %s" % (status, err))
-        for who in ("carl", "root"):
-            box.good(who, "ping")
-        held = [box.start("an administrator", "watch") for _ in range(7)]
-        time.sleep(0.3)
-        box.good("an administrator", "ping")
-        for p in held:
-            p.kill()
-            p.wait()
-        count = box.daemon.ctl("status", "--json").ok().json()
-        expect(len([h for h in count["holders"] if h["uid"] == ANNA]) == 4, "%s" % count["holders"])
-        expect("uid %d" % ANNA in box.log(), "log: %s" % box.log())
-        os.write(go[1], b"x")
-        expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "surplus connections")
-        deadline = time.monotonic() + e2e.PATIENCE
-        while box.ask("anna", "ping")[0] and time.monotonic() < deadline:
-            time.sleep(0.05)
-        box.good("anna", "ping")
-
-
-def limit_of_memory():
-    """Jobs of one user hold no more than her share, one after the other where need be; the same mesh comes of it. What can
-    never fit is refused with the number."""
-    with Folder() as base:
-        gate = e2e.Gate(base)
-        with Box(base, memory="96M", args=("--user-memory", "25%", "--admin-group", str(ADMINS)), env=gate.env) as box:
-            limit_of_memory_in(box, gate)
-    with Folder() as base, Box(base, memory="32M", args=("--user-memory", "4%", "--admin-group", str(ADMINS))) as box:
-        box.good("root", "push", "d", box.survey(20000))
-        status, _, err = box.ask("anna", "submit", "d", "--wait")
-        expect(status == 1 and "user-memory" in err and "%" in err, "%d %s" % (status, err))
-        status, _, err = box.ask("anna", "push", "e", box.survey(20000))
-        expect(status == 1 and "user-memory" in err, "%d %s" % (status, err))
-        expect("uid %d" % ANNA in box.log(), "log: %s" % box.log())
-        box.good("root", "submit", "d", "--wait")
-
-
-def limit_of_memory_in(box, gate):
-    survey = box.survey(300000)
-    box.good("anna", "push", "--mode", "644", "d", survey)
-    want = json.loads(box.good("an administrator", "submit", "d", "--wait", "--json"))["digest"]
-    box.daemon.ctl("cache", "gc", "--all").ok()  # hers are made again
-    most, over = 0, threading.Event()
-
-    def look():
-        nonlocal most
-        while not over.is_set():
-            holders = box.daemon.ctl("status", "--json").json()["holders"]
-            most = max(most, sum(sum(h["held"].values()) for h in holders if h["uid"] == ANNA and h["kind"] in ("job", "push", "plan", "fetch")))
-            time.sleep(0.01)
-    watcher = threading.Thread(target=look)
-    watcher.start()
-    try:
-        # What is held is looked at while somebody holds it, at least once.
-        gate.close("renameat", "/domains/")
-        many = [box.good("anna", "submit", "d", "--new").split()[0] for _ in range(3)]
-        e2e.until(lambda: most, "nobody is seen to hold anything")
-        gate.open()
-        push = box.start("anna", "push", "e", box.survey(200000, seed=2))
-        got = [json.loads(box.good("anna", "wait", n, "--json").splitlines()[-1]) for n in many]
-        out, err = push.communicate(timeout=e2e.PATIENCE)
-    finally:
-        over.set()
-        watcher.join()
-    expect(push.returncode == 0, "push: %s" % err)
-    expect([g["digest"] for g in got] == [want] * 3, "digests: %s, not %s" % (got, want))
-    share = 96 * 2**20 * 0.25
-    print("     one user held %.1f of %.1f MiB" % (most / 2**20, share / 2**20))
-    expect(0 < most <= share, "%d bytes, more than %d" % (most, share))
-
-
-def passed_descriptors():
-    """Files that their owner writes to, truncates or maps while they are read: an error or the bytes of one moment, never a
-    fault of the daemon; and what was taken does not change afterwards."""
-    with Folder() as base:
-        gate = e2e.Gate(base)
-        with Box(base, env=gate.env) as box:
-            passed_descriptors_of(box, gate, base)
-
-
-def passed_descriptors_of(box, gate, base):
-    for how, reads, says in [(how, reads, says) for how in ("truncated", "written", "mapped", "opened again")
-                             for reads, says in ((0, "after its header was read"), (12, "while it was read"))]:
-        name = "%s-%d" % (how.split()[0], reads)
-        path = os.path.join(base, name + ".las")
-        shutil.copy(box.survey(200000), path)
-        os.chmod(path, 0o666)
-        size = os.path.getsize(path)
-        # First when some of it was read and more is wanted, then while the push goes on.
-        gate.close("pread", "/%s.las" % name, reads, "acutd")
-        p = box.start("anna", "push", name, path)
-        expect(gate.wait(lambda: p.poll() is not None), "%s: it was not read" % how)
-        with open(path, "r+b") as f:
-            m = mmap.mmap(f.fileno(), size) if how == "mapped" else None
-            end = None
-            while p.poll() is None and (not end or time.monotonic() < end):
-                if how == "truncated":
-                    f.truncate(5000)
-                    time.sleep(0.002)
-                    f.truncate(size)
-                elif how == "mapped":
-                    m[size // 2:size // 2 + 64] = os.urandom(64)
-                elif how == "opened again":
-                    with open(path, "r+b") as again:
-                        again.seek(size // 3)
-                        again.write(b"\xff" * 4096)
-                else:
-                    f.seek(375 + (size // 2) // 30 * 30)
-                    f.write(os.urandom(30))
-                    f.flush()
-                gate.open()
-                end = end or time.monotonic() + 0.5
-            if m:
-                m.close()
-        out, err = p.communicate(timeout=e2e.PATIENCE)
-        # Of a mapped one not every file system says that it changed.
-        expect(p.returncode == 1 or (how == "mapped" and p.returncode in (0, 3)), "%s: %d %s" % (how, p.returncode, err))
-        expect(how in ("truncated", "mapped") or says in err.decode(), "%s: %s, not %s" % (name, err, says))
-        box.daemon.ctl("ping").ok()
-    path = shutil.copy(box.survey(20000), os.path.join(base, "taken.las"))
-    box.good("anna", "push", "taken", path)
-    first = json.loads(box.good("anna", "submit", "taken", "--wait", "--new", "--json"))["digest"]
-    os.truncate(path, 0)
-    second = json.loads(box.good("anna", "submit", "taken", "--wait", "--new", "--json"))["digest"]
-    expect(first == second, "what was taken changed")
-    # The other way: what the daemon hands out cannot be written to.
-    try:
-        from acut_wire import Client, pb
-    except ImportError as e:
-        print("     what is handed out: skipped: %s" % e)
-        return
-    box.good("anna", "push", "kept", box.survey())
-    with Client(box.daemon.socket) as c:
-        m = pb.Message()
-        m.backup.CopyFrom(pb.Backup(dataset="kept"))
-        c.wire.send(100, m)
-        ready = c.wire.recv()[1].backup_ready
-        n = 0
-        while True:
-            m = pb.Message()
-            m.backup_next.CopyFrom(pb.BackupNext(backup=ready.backup))
-            c.wire.send(101 + n, m)
-            _, answer, fd = c.wire.recv()
-            if answer.backup_file.last:
-                break
-            for wrong in (lambda: os.write(fd, b"x"), lambda: os.ftruncate(fd, 0)):
-                try:
-                    wrong()
-                    expect(False, "a file of the state can be written to")
-                except OSError:
-                    pass
-            os.close(fd)
-            n += 1
-        expect(n > 0, "nothing was handed out")
-
-
-def links_that_others_planted():
-    """In a sticky folder that everybody may write into. Whoever writes there, root too, keeps what the link leads to."""
-    with Folder() as base, Box(base) as box:
-        good = box.survey()
-        shared, mine = os.path.join(base, "shared"), os.path.join(base, "mine")
-        os.mkdir(shared)
-        os.chmod(shared, 0o1777)
-        os.mkdir(mine)
-        treasure = os.path.join(mine, "treasure")
-        with open(treasure, "w") as f:
-            f.write("kept")
-        for name, to in (("out.ply", treasure), ("tiles", mine + "/tiles"), ("drop", mine), ("up", mine), ("deep", mine)):
-            os.symlink(to, os.path.join(shared, name))
-            os.lchown(os.path.join(shared, name), CARL, OTHERS)
-        e2e.run([box.acutctl, "push", "a", good], env={"ACUT_SOCKET": box.daemon.socket}).ok()
-        job = e2e.run([box.acutctl, "submit", "a", "--wait", "--json"], env={"ACUT_SOCKET": box.daemon.socket}).ok().json()["job"]
-        # "@" stands for the shared folder.
-        for words in (("mesh", good, "-o", "@/out.ply"), ("fetch", job, "-o", "@/out.ply"), ("fetch", job, "-o", "@/out.ply", "--resume"),
-                      ("fetch", job, "-o", "@/deep/x.ply"), ("fetch", job, "-o", "@/deep/x.ply", "--resume"),
-                      ("fetch", job, "--tile", 100, "-o", "@/tiles/"), ("backup", "@/up/backup"), ("backup", "@/tiles"),
-                      ("dataset", "export", "a", "@/up/export"), ("ingest", "a", "@/drop"), ("metrics", "--textfile", "@/up/m.prom")):
-            status, out, err = box.ask("root", *[str(w).replace("@", shared) for w in words])
-            expect(status == 77 and "is a link that the user with id %d" % CARL in err and "hint: " in err, "%s: %d %s %s" % (words, status, out, err))
-        expect(os.listdir(mine) == ["treasure"] and open(treasure).read() == "kept", "%s" % os.listdir(mine))
-        # His own he may.
-        os.lchown(os.path.join(shared, "out.ply"), 0, 0)
-        status, out, err = box.ask("root", "fetch", job, "-o", os.path.join(shared, "out.ply"))
-        expect(status == 0 and os.path.islink(os.path.join(shared, "out.ply")) and os.path.getsize(treasure) > 1000, "%d %s" % (status, err))
-
-
-if __name__ == "__main__":
+def main_as_root(*cases):
+    """Runs the cases, or skips all if this process cannot become other users."""
     if os.geteuid() != 0:
-        print("to be several users takes root")
+        print("only root can become other users")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
     if not shutil.which("setpriv"):
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
-    e2e.main(datasets, owners, jobs, served, many_groups, no_process_is_asked, rights_of_open_connections, who_holds_what,
-             nobody_looks_into_the_state, limit_of_exports, limit_of_jobs, limit_of_disk, limit_of_connections,
-             limit_of_memory, passed_descriptors, links_that_others_planted)
+    e2e.main(*cases)
+
+
+if __name__ == "__main__":
+    main_as_root(datasets, owners, jobs, served, many_groups, peer_of_the_socket, rights_of_open_connections, holders_in_the_status,
+             state_is_private)

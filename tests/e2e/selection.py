@@ -146,7 +146,7 @@ def same_as_a_selection_of_our_own():
             expect(got["points"] == POINTS, "%d points" % got["points"])
             expect(got["used"] + sum(got["removed"].values()) == POINTS, "the counts of %s do not add up: %s" % (options, got))
             print("%-70s used %6d %s" % (" ".join(options).replace(base, ""), got["used"], got["digest"]), flush=True)
-        # Nothing of a one-step dataset stays, its selection neither.
+        # No file of a one-step dataset remains, nor its selection.
         deadline, left = time.monotonic() + 5, True
         while left and time.monotonic() < deadline:
             left = [n for _, _, files in os.walk(d.cache) for n in files if n not in ("lock", "acut-cache")]

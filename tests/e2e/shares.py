@@ -1,5 +1,5 @@
-"""What users share, and nobody may have alone: the room for areas of jobs, datasets, the disk with pushes into the datasets of
-others and geoid grids, looks at the service. And what is the owner's alone: where his files are, also in an export."""
+"""Shared resources, of which no user may take all: room for areas of jobs, datasets, disk space by pushes into datasets of
+others, geoid grids, requests for the status. And paths of source files, which only the owner sees, also in an export."""
 import json
 import os
 import shutil
@@ -25,7 +25,7 @@ VIEWS = 4 << 20
 
 
 def as_user(who, do):
-    """do() as that user, in a process of its own; what it returns, as JSON."""
+    """Runs do() as that user in a process of its own; returns its result, by way of JSON."""
     uid, gid, groups = WHO[who] if isinstance(who, str) else who
     read, write = os.pipe()
     child = os.fork()
@@ -49,7 +49,7 @@ def as_user(who, do):
 
 
 class Held:
-    """A process of that user that makes what begin() returns, and keeps it until the end of the block; `said` is its length."""
+    """A process of that user that keeps what begin() returns until the end of the block; `said` is its length."""
 
     def __init__(self, who, begin):
         self.who, self.begin = WHO[who] if isinstance(who, str) else who, begin
@@ -85,14 +85,15 @@ class Held:
 
 
 def comb(teeth, down, step=990.0):
-    """A polygon whose corners take about 9 characters a tooth in a view, as WKT."""
+    """A polygon with that many teeth, as WKT; a view takes about 9 characters for each."""
     at = [(i * step, step * (i % 2)) for i in range(teeth)]
     ring = at + [(at[-1][0], -2 * step - down), (at[0][0], -2 * step - down), at[0]]
     return "POLYGON((%s))" % ", ".join("%.2f %.2f" % p for p in ring)
 
 
 def areas_of_jobs():
-    """A user whose jobs with large areas take all the room keeps nobody from submitting; his oldest go, those of others stay."""
+    """A user whose jobs with large areas take all the room cannot keep others from submitting: that user's oldest jobs are
+    removed, those of others stay."""
     if not Client:
         print("     skipped: %s" % missing)
         return
@@ -129,7 +130,7 @@ def areas_of_jobs():
 
 
 def datasets():
-    """So many, and one more is refused however it is made; removed ones count; administrators have no limit."""
+    """A number of datasets for each user, however they are made; removed ones count; administrators have no limit."""
     with Folder() as base, Box(base, args=GROUPS + ("--user-datasets", "3")) as box:
         box.good("anna", "push", "--mode", "666", "a", box.survey())
         box.good("anna", "dataset", "create", "b")
@@ -158,8 +159,8 @@ def datasets():
 
 
 def disk_of_groups():
-    """What is pushed into the dataset of another one counts with who pushes until it is there, and then with the owner, who must
-    have room for it."""
+    """A push into the dataset of another user is charged to the pusher until the commit, and then to the owner, who must have
+    room for it."""
     with Folder() as base, Box(base, args=GROUPS + ("--user-disk", "1M")) as box:
         small, large = box.survey(), box.survey(20000)
         box.good("anna", "push", "--mode", "660", "shared", small)
@@ -169,7 +170,7 @@ def disk_of_groups():
         # Dora has nothing, and keeps nothing of it.
         box.good(DORA, "push", "shared", box.survey(20000, seed=2))
         box.good(DORA, "push", "own2", large)
-        # Now anna has no room, whoever pushes.
+        # Now anna has no room, also for pushes of others.
         other = (3011, OTHERS, (USERS, GIS))
         box.good(other, "push", "shared", box.survey(20000, seed=3))
         status, _, err = box.ask(other, "push", "shared", box.survey(24000, seed=4))
@@ -179,8 +180,8 @@ def disk_of_groups():
 
 
 class Pusher:
-    """A process of a user of his own that pushes one file in steps, each when it is told to: pusher("plan") and so on. What came
-    of it: "ok", or the code of the error and its message."""
+    """A process of a user of its own that pushes one file in steps, on request: pusher("plan") and so on. The result is "ok", or
+    the code and message of the error."""
 
     def __init__(self, box, n, path):
         self.path = path
@@ -242,8 +243,8 @@ class Pusher:
 
 
 def disk_of_many():
-    """Pushes of eight users at once into the dataset of a ninth: together never more than she has room for, whoever comes first.
-    What was cut, refused, given up or killed with the daemon keeps none of it, and what was interrupted counts with who pushed."""
+    """Eight users push at once into the dataset of a ninth: together never more than the owner's quota, whoever is first. Pushes
+    that end early leave no charge; interrupted ones are charged to the pusher."""
     if not Client:
         print("     skipped: %s" % missing)
         return
@@ -260,7 +261,7 @@ def disk_of_many():
             return [p for p in which if got[p] == "ok"]
 
         def one_more(which, why):
-            """One of them is admitted as soon as what another had is given back, and only one."""
+            """One of them is admitted as soon as another has released its share, and only one."""
             deadline = time.monotonic() + 60
             while not (got := all_at_once("plan", which)) and time.monotonic() < deadline:
                 time.sleep(0.01)
@@ -338,7 +339,7 @@ def disk_of_geoids():
 
 
 def number_of_geoids():
-    """A quarter of what those of others leave of 64; administrators add until there are so many."""
+    """A user may have a quarter of the names that others leave of 64; administrators may add until there are 64."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         grid = geo.pgm(base + "/grid.pgm")
         os.chmod(grid, 0o644)
@@ -367,7 +368,7 @@ def number_of_geoids():
 
 
 def exports():
-    """Who may read a dataset exports it without the paths of its owner's files; what comes of it has the same meshes."""
+    """A user who may read a dataset exports it without the paths of its owner's files; an import of that has the same meshes."""
     with Folder() as base, Box(base, args=GROUPS) as box:
         place = os.path.join(base, "out")
         os.mkdir(place)
@@ -409,7 +410,7 @@ def exports():
 
 
 def crowds():
-    """Many connections of users that do nothing, or send half a message each: others are served all the while."""
+    """Many connections of users that do nothing, or send half a message each: others are served all the time."""
     if not Client:
         print("     skipped: %s" % missing)
         return
@@ -454,8 +455,7 @@ def crowds():
 
 
 def reloaded():
-    """Each setting that SIGHUP reloads has its effect from then on, and none any more when it is left out again. disk and log-level:
-    config.py."""
+    """Each setting that SIGHUP reloads takes effect, and none after it is removed again. For disk and log-level see config.py."""
     if not Client:
         print("     skipped: %s" % missing)
         return
@@ -492,7 +492,7 @@ def reloaded():
         reload()
         refused("an administrator", 77, "", "dataset", "rm", "d")
 
-        # What was removed goes for good.
+        # Removed datasets are deleted.
         def removed():
             return " 1\n" in next(line + "\n" for line in box.good("root", "metrics").splitlines() if line.startswith("acut_datasets_removed "))
         expect(removed(), "e is gone already")
@@ -536,8 +536,8 @@ def swallow(send, data):
 
 
 def turned_away():
-    """An administrator, whom no limit holds, fills the memory for messages with halves of messages, of ever shorter ones, and goes on connecting: who
-    comes then is turned away, each with an answer, and the log has some of them and then their number."""
+    """An administrator, who has no limits, fills the memory for messages with half messages, ever shorter ones, and keeps
+    connecting: new clients are refused, each with an answer; the log has some of them and then their number."""
     if not Client:
         print("     skipped: %s" % missing)
         return

@@ -38,7 +38,7 @@ RACES = ((75, "another push"), (1, "interrupted push"), (75, "interrupted push")
 
 
 class World:
-    """Inputs, what their meshes are, and what has been seen."""
+    """Inputs, their expected meshes, and what has been seen."""
 
     def __init__(self, base, rng):
         self.base, self.files, self.digests, self.lock = base, {}, {}, threading.Lock()
@@ -71,7 +71,7 @@ class World:
             self.faults.append(text)
 
     def same(self, key, digest):
-        """Whoever comes first says what it is; all others must agree."""
+        """The first result is recorded; all others must agree."""
         with self.lock:
             want = self.digests.setdefault(key, digest)
         if want != digest:
@@ -108,7 +108,7 @@ class Client:
         return os.path.join(self.folder, name)
 
     def ctl(self, *args):
-        """A command that must end well, or have lost a race; its JSON, or None."""
+        """A command that must succeed or lose a race; its JSON, or None."""
         r = self.daemon.ctl(*args, "--json", "--no-progress", timeout=PATIENCE)
         if r.status == 0:
             lines = r.out.splitlines()
@@ -140,7 +140,7 @@ class Client:
         return self.rng.choice(sorted(self.world.files))
 
     def nap(self, most):
-        """Mostly short: what is interesting happens at the beginning."""
+        """Mostly short, since most happens at the beginning."""
         time.sleep(most * self.rng.random() ** 3)
 
     # ---- one-step meshes ----
@@ -165,7 +165,7 @@ class Client:
         expect(status in (0, 130, -signal.SIGINT), "SIGINT: %d" % status)
 
     def mesh_slow(self):
-        """1 MB/s for some seconds, then it has had enough."""
+        """Reads 1 MB/s for some seconds, then stops."""
         p = self.begin("mesh", self.world.files["a"], "-o", "-", "--format", "obj", stdout=subprocess.PIPE)
         enough = time.monotonic() + self.rng.uniform(1, 6)
         while time.monotonic() < min(enough, self.until + 3):
@@ -176,7 +176,7 @@ class Client:
         self.end(p)
 
     def mesh_dead(self):
-        """Stopped at some point: nothing is read any more, the connection stays."""
+        """Stops reading at some point; the connection stays."""
         p = self.begin("mesh", self.world.files[self.rng.choice("ab")], "-o", self.out("dead.ply"))
         self.nap(0.5)
         p.send_signal(signal.SIGSTOP)
@@ -244,7 +244,7 @@ class Client:
             self.ctl("rm", str(job))
 
     def rude(self):
-        """A connection that says nonsense, or nothing."""
+        """A connection that sends garbage, or nothing."""
         import socket
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as s:
             s.settimeout(5)
@@ -260,7 +260,7 @@ class Client:
 # ---- what the daemon holds ----
 
 def descriptors(pid):
-    """How many of each kind; files that have no name any more are a kind."""
+    """The number of descriptors of each kind; deleted files are a kind."""
     kinds = collections.Counter()
     for fd in os.listdir("/proc/%d/fd" % pid):
         try:
@@ -294,7 +294,7 @@ def files_below(folder):
 
 
 def held(d):
-    """What must be the same at the end as at the beginning."""
+    """The numbers that must be the same at the end as at the beginning."""
     status = d.ctl("status", "--json").ok().json()
     cache, state = files_below(d.cache), files_below(d.state)
     jobs = {"plans/plan-%d" % j["job"] for j in rows(d, "jobs")}
@@ -320,7 +320,7 @@ def rows(d, what):
 
 
 def quiet(d):
-    """Waits until nobody is connected and nothing is to be done; the state then."""
+    """Waits until nobody is connected and nothing is left to do; returns the state."""
     deadline, last = time.monotonic() + PATIENCE, None
     while time.monotonic() < deadline:
         status = d.ctl("status", "--json").ok().json()
@@ -334,7 +334,7 @@ def quiet(d):
 
 
 def warm(world, d):
-    """Each kind of work once and more, so that every worker has done everything."""
+    """Does each kind of work at least once, so that every worker has done everything."""
     d.ctl("push", "base", world.files["a"]).ok()
     for i in range(3):
         d.ctl("push", "survey-%d" % i, world.files["d"]).ok()
@@ -371,7 +371,7 @@ def check_memory(d, samples):
 
 
 def finish_pushes(world, d):
-    """What was interrupted is taken up; then each dataset is its manifests and the segments that they name."""
+    """Continues interrupted pushes; then the files of each dataset are its manifests and the segments that they name."""
     for i in range(3):
         for name in "abdf":
             d.ctl("push", "survey-%d" % i, world.files[name], timeout=PATIENCE).ok()

@@ -1,5 +1,5 @@
-"""Streams that go on: from any block, after the daemon was killed, with other memory, without its cache, byte for byte;
-what cannot go on is refused; live streams of jobs that run; readers that read slowly, not at all, or die."""
+"""Resumed streams: from any block, after the daemon was killed, with another memory, without its cache, byte for byte; refusals;
+live streams of running jobs; readers that are slow, stop, or die."""
 import os
 import shutil
 import signal
@@ -79,7 +79,7 @@ def id_of(frames):
 
 
 def whole(frames):
-    """A whole stream, checked by the second implementation; its digests."""
+    """A complete stream, checked by the second implementation; returns its digests."""
     class Bytes:
         def __init__(self):
             self.left = b"".join(b for _, b in frames)
@@ -93,14 +93,14 @@ def whole(frames):
 
 
 def digests(frames):
-    """What the tail says."""
+    """The digests in the tail."""
     f = acut_wire.Fields(frames[-1][1][32:])
     f.take("8s4Q"), f.take("6i")
     return "%016x%016x" % f.take("QQ"), "%016x%016x" % f.take("QQ")
 
 
 def failure(frames):
-    """The error code in the tail; the stream has no blocks."""
+    """The error code in the tail; the stream must have no blocks."""
     expect([k for k, _ in frames] == [1, 3], "a refused stream has frames %s" % [k for k, _ in frames])
     f = acut_wire.Fields(frames[1][1][32:])
     failed, _ = f.take("B7s")
@@ -117,7 +117,7 @@ def same(got, want, what):
 
 
 def goes_on(d, job, all_frames, blocks, what):
-    """From each of these blocks: the head, then the very bytes of the uninterrupted stream."""
+    """From each of these blocks: the head, then exactly the bytes of the uninterrupted stream."""
     for b in blocks:
         got = fetch(d, job, b, id_of(all_frames))
         same(got, all_frames[:1] + all_frames[1 + b:], "%s, from block %d" % (what, b))
@@ -200,7 +200,7 @@ def what_cannot_go_on():
 
 
 def killed_while_it_streams():
-    """Daemon and reader of a live stream, killed again and again; put together it is the uninterrupted stream."""
+    """Daemon and reader of a live stream are killed again and again; the joined pieces are the uninterrupted stream."""
     with Folder() as base:
         d = Daemon(base, **SMALL).start()
         path = survey(base, 4 * POINTS)
@@ -230,11 +230,11 @@ def state_of(d, job):
 
 
 def first_block(gate, s):
-    """Lets the closed gate's domains by until the head and a block are here: those."""
+    """Opens the gate for one domain after the other until the head and a block have come; returns them."""
     got, n = [], 0
     while len(got) < 2:
         gate.wait()
-        # Where this is too short for a slow machine, one more is let by than need be, of many.
+        # If this is too short on a slow machine, one more than necessary passes, of many.
         while len(got) < 2 and select_ready(s.fd, 0.3):
             got.append(s.frame())
             expect(got[-1] and got[-1][0] != 3, "the stream is over: all came at the end")
@@ -246,8 +246,8 @@ def first_block(gate, s):
 
 
 def live():
-    """The first blocks of a job that runs come before it is done; all of them are those of a later fetch. A fetch of
-    a job that was just submitted waits, and hears of its progress."""
+    """The first blocks of a running job come before it is done; all of them are those of a later fetch. A fetch of a job that was
+    just submitted waits, and gets messages of progress."""
     with Folder() as base:
         gate = e2e.Gate(base)
         with Daemon(base, **SMALL, env=gate.env) as d:
@@ -290,7 +290,7 @@ def temporary(d):
 
 
 def slow_readers():
-    """Readers who stop, die, or take a little at a time: other jobs end meanwhile, and the slow ones get their bytes."""
+    """Readers stop, die, or take a little at a time: other jobs end meanwhile, and slow readers get their bytes."""
     with Folder() as base, Daemon(base, memory="32M", threads=2) as d:
         d.ctl("push", "s", survey(base)).ok()
         job = submit(d, "s")
@@ -336,7 +336,7 @@ def slow_readers():
 
 
 def many():
-    """A connection has at most 64 streams; whoever opens more is told so, and the others go on."""
+    """A connection may have 64 streams. One more is refused, and the others continue."""
     with Folder() as base, Daemon(base, memory="96M", threads=2) as d:
         d.ctl("push", "s", survey(base)).ok()
         job = submit(d, "s")
@@ -359,7 +359,7 @@ def select_ready(fd, seconds=e2e.PATIENCE):
 
 
 def splits(d, job):
-    """How many the plan's file has, and its size."""
+    """The number of splits in the plan's file, and its size."""
     path = os.path.join(d.state, "plans", "plan-%d" % job)
     with open(path, "rb") as f:
         data = f.read()
@@ -372,8 +372,8 @@ def splits(d, job):
 
 
 def splits_while_it_runs():
-    """A plan of much memory, gone on with little: regions are split while the job runs and while a reader follows it;
-    for good, whoever walks then."""
+    """A plan that was made with much memory is continued with little: regions are split while the job runs and a reader follows
+    it. The splits stay for all later readers."""
     with Folder() as base:
         gate = e2e.Gate(base)
         d = Daemon(base, memory="256M", threads=1, env=gate.env).start()
@@ -389,7 +389,7 @@ def splits_while_it_runs():
         expect(os.path.exists(os.path.join(d.state, "plans", "plan-%d" % job)), "no plan")
         d.stop(signal.SIGKILL)
         shutil.rmtree(d.cache)
-        # What no job has goes after the start.
+        # Files without a job are removed after the start.
         stray = os.path.join(d.state, "plans", "plan-%d" % gone)
         shutil.copy(os.path.join(d.state, "plans", "plan-%d" % job), stray)
         d = Daemon(base, **SMALL).start()

@@ -1,5 +1,5 @@
-"""Sums of whole files, by which a dataset knows them: files with much behind their records, among them sparse ones of terabytes,
-end at once by reading little; a sum that takes long is told of."""
+"""Hashes of whole files, by which a dataset recognises them. Files with much data behind their records, among them sparse ones of
+terabytes, take little reading. Progress is reported for a long hash."""
 import os
 import re
 
@@ -35,7 +35,7 @@ def bytes_read(d):
 
 
 def little_is_read(d, *args):
-    """The command, of whose input the daemon reads less than 16 MiB."""
+    """Runs the command; the daemon must read less than 16 MiB of its input."""
     before = bytes_read(d)
     got = d.ctl(*args)
     expect(bytes_read(d) - before < 16 << 20, "%s: %d bytes read" % (args, bytes_read(d) - before))
@@ -80,7 +80,8 @@ def sparse():
 
 
 def a_sum_is_told_of():
-    """Less than the bound is read, and known again; meanwhile the push tells how far it has come, also before it knows the file."""
+    """Less than the bound is read, and the file is recognised again. The push reports its progress meanwhile, also before the
+    file is recognised."""
     with Folder() as base:
         gate = e2e.Gate(base)
         with Daemon(base, env=gate.env) as d:

@@ -49,7 +49,7 @@ def states(run):
 
 
 def gone(d, name):
-    """What a push that came to nothing had made goes with its connection: soon after its client has ended."""
+    """Waits until the dataset of a failed push is removed: with its connection, soon after its client has ended."""
     e2e.until(lambda: d.ctl("dataset", "show", name).status == 4, "the dataset %s stays" % name)
 
 
@@ -109,7 +109,7 @@ def sums(base, name, *paths, binary=False):
 
 
 def manifest_of_sums():
-    """--manifest: all or nothing, before the daemon hears of it."""
+    """--manifest: all files or none, before the daemon is asked."""
     if not shutil.which("sha256sum"):
         print("     skipped: there is no sha256sum")
         return
@@ -158,7 +158,7 @@ def manifest_of_sums():
 
 
 def thousands_of_tiles():
-    """A folder, a list and the files themselves; in any order; memory stays what was promised."""
+    """A folder, a list and the files themselves, in any order; the memory stays within its bound."""
     count = 3000
     with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
         tiles = os.path.join(base, "tiles")
@@ -189,7 +189,7 @@ def thousands_of_tiles():
 
 
 def too_many_for_the_memory():
-    """What a push keeps of its files is charged: beyond the memory they are refused, and the daemon goes on."""
+    """Memory that a push keeps for its files is charged: beyond it they are refused, and the daemon continues."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         tile(base, 1)
         # One file under many long names.
@@ -203,7 +203,7 @@ def too_many_for_the_memory():
 
 
 def broken_among_good():
-    """Whatever is wrong with one file, the others make the mesh that they make alone; --strict keeps nothing."""
+    """The mesh is that of the good files alone; with --strict nothing is kept."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         good = [tile(base, i, n=200) for i in range(4)]
         out = os.path.join(base, "m.ply")
@@ -248,8 +248,8 @@ def broken_among_good():
         gone(d, "none")
 
 
-def who_does_not_fit():
-    """Which inputs are left out of a lattice does not depend on their order."""
+def inputs_that_do_not_fit():
+    """The inputs that do not fit the lattice do not depend on the order."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         points = [(0, 0, 0), (100, 0, 5), (0, 100, 9), (100, 100, 3)]
         paths = [las(os.path.join(base, n), points, **kw) for n, kw in (
@@ -269,7 +269,7 @@ def who_does_not_fit():
 
 
 def names_that_are_no_text():
-    """Two names that differ only in bytes that are not UTF-8: the second one is refused for that, not for a change."""
+    """Two names that differ only in bytes that are not UTF-8: the second is refused for that reason, not as a change."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         os.mkdir(base + "/in")
         for i, name in enumerate((b"caf\xe8.las", b"caf\xe9.las")):
@@ -280,5 +280,5 @@ def names_that_are_no_text():
 
 
 if __name__ == "__main__":
-    e2e.main(manifest_of_sums, the_same_file_again, thousands_of_tiles, too_many_for_the_memory, broken_among_good, who_does_not_fit,
+    e2e.main(manifest_of_sums, the_same_file_again, thousands_of_tiles, too_many_for_the_memory, broken_among_good, inputs_that_do_not_fit,
              names_that_are_no_text)

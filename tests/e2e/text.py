@@ -79,7 +79,8 @@ def what_is_refused():
 
 
 def more_digits_than_fit():
-    """Numbers as numpy writes them: rounded once, to --scale, to the lattice that is there, or to the finest that holds all."""
+    """Numbers as numpy writes them are rounded once: to --scale, to the lattice of the dataset, or to the finest scale that
+    fits."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         rows = [(500000 + x * 1.001 / 7, 5400000 + y * 1.3 / 11, x / 13) for x in range(60) for y in range(6)]
         e18 = write(base, "e18.txt", ["%.18e %.18e %.18e" % p for p in rows])
@@ -94,7 +95,7 @@ def more_digits_than_fit():
         expect(any("rounded to 0.00000001" in w for w in alone["warnings"]) and alone["moved"] > 300, "%s" % alone)
         got = [mesh(d, base, a, b, c) for a, b, c in ((e18, d8, mm), (mm, e18, d8), (d8, mm, e18))]
         expect(len({g["digest"] for g in got}) == 1 and all(g["moved"] == got[0]["moved"] for g in got), "%s" % got)
-        expect(all("and 1 more: more digits" in str(g["warnings"]) for g in got), "%s" % got[0]["warnings"])
+        expect(all("and 1 more: the coordinates have more digits" in str(g["warnings"]) for g in got), "%s" % got[0]["warnings"])
         wide = write(base, "wide.txt", ["%.18e 0 0" % (x * 1e6 / 7) for x in range(40)])
         error(d.ctl("mesh", "--json", "-o", os.path.join(base, "out.ply"), wide), "bad-input", 1, "does not fit into 32 bits")
         expect(mesh(d, base, wide, "--scale", "0.01")["moved"] > 20, "with a scale it is read")
@@ -109,7 +110,8 @@ def more_digits_than_fit():
 
 
 def neighbouring_tiles():
-    """Of numbers with 17 digits, pushed one after the other: the first leaves room for the others, and says to what it is rounded."""
+    """Numbers with 17 digits, in tiles that are pushed one after the other: the first push leaves room for the others, and
+    reports its scale."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         def tile(form, x, y, size):
             rows = [(500000 + (x + i / 7) * size, 5400000 + (y + k / 7) * size, (x * y + i * k) / 13) for i in range(7) for k in range(7)]
@@ -118,7 +120,7 @@ def neighbouring_tiles():
         for form, size, scale in (("%.17g", 1000, "0.0001"), ("%.6f", 1000, "0.0001"), ("%.17g", 10000, "0.0005"), ("%.17g", 10, "0.0001")):
             name = "d%s-%d" % (form[2:], size)
             got = d.ctl("push", name, tile(form, 0, 0, size)).ok()
-            expect("with room for what is pushed later: x and y are rounded to %s, z to 0.0001," % scale in got.err, got.err)
+            expect("with room for later pushes: x and y are rounded to %s, z to 0.0001," % scale in got.err, got.err)
             for x, y in ((1, 0), (-1, -1), (40, 40)):
                 d.ctl("push", name, tile(form, x, y, size)).ok()
             expect(d.ctl("submit", name, "--wait", "--json").ok().json()["points"] == 4 * 49, name)
@@ -126,7 +128,7 @@ def neighbouring_tiles():
 
 
 def many_at_one_position():
-    """Warned of by whoever waits for a mesh, in whichever way."""
+    """All commands that wait for a mesh give the warning."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         path = write(base, "zeros.txt", ["%d %d %d" % p for p in POINTS] + ["0 0 0"] * 100)
         says = "of 136 points (74.2 %) are at one position, 0 0"
@@ -138,7 +140,7 @@ def many_at_one_position():
 
 
 def far_from_the_rest():
-    """One point far away is told by its long edges, with --ground and without, and by the box of nearly all points."""
+    """A distant point is reported by its long edges, with --ground and without, and by the box of nearly all points."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         rest = ["%d.5 %d.5 %d 2" % (x, y, (7 * x + y) % 9) for x in range(80) for y in range(80)]
         near, far = write(base, "near.txt", rest), write(base, "far.txt", rest + ["90000.5 40.5 3 2"])
@@ -188,8 +190,8 @@ def what_is_warned_about():
         expect(info["points"] == 36 and info["units"] == {"xy": None, "z": "metre"}, "%s" % info)
 
 
-def what_is_no_x_y_z():
-    """Refused by info, mesh and push alike; the letters of the hint read it."""
+def columns_that_are_not_x_y_z():
+    """Refused by info, mesh and push alike; with the letters of the hint the file is read."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         out = os.path.join(base, "out.ply")
         rows = ["%d,%d.25,%d.5,%d" % (i + 1, 5400000 + p[1], 500000 + p[0], p[2]) for i, p in enumerate(POINTS)]
@@ -213,7 +215,7 @@ def degrees_by_name():
 
 
 def without_points():
-    """There is no box; in JSON its numbers are null."""
+    """There is no box: its numbers are null in JSON."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         scan = ["0", "0", "0 0 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0 0", "0 1 0 0", "0 0 1 0", "0 0 0 1"]
         for path in (write(base, "a.xyz", ["# nothing"]), write(base, "a.csv", ["x,y,z"]), write(base, "a.pts", ["0"]),
@@ -227,5 +229,5 @@ def without_points():
 
 if __name__ == "__main__":
     main(same_points_however_written, classes_and_returns, what_is_refused, more_digits_than_fit, neighbouring_tiles, many_at_one_position, far_from_the_rest,
-         shapes, what_is_warned_about, what_is_no_x_y_z,
+         shapes, what_is_warned_about, columns_that_are_not_x_y_z,
          degrees_by_name, without_points)

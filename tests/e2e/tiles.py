@@ -1,5 +1,5 @@
-"""The same points give the same mesh, however they are wrapped: files that hold the same records, compressed or not,
-and six abutting tiles as one dataset, pushed together or one by one, in any order."""
+"""The same points give the same mesh in any files: the same records, compressed or not, and six abutting tiles as one dataset,
+pushed together or one by one, in any order."""
 import itertools
 import os
 import re

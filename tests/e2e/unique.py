@@ -1,4 +1,4 @@
-"""One digest and one vertex digest, whatever the memory, the threads, the order of points and files."""
+"""The digest and the vertex digest do not depend on the memory, the threads, or the order of points and files."""
 import os
 import struct
 
@@ -28,7 +28,7 @@ def las_write(path, head, length, records):
 
 
 def shuffled(records, length, count):
-    """The records in another order: strided, so that no neighbours stay neighbours."""
+    """The records in another order: with a stride, so that no neighbours stay neighbours."""
     step = 1000003
     out = bytearray(len(records))
     at = 0

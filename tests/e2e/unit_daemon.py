@@ -1,6 +1,6 @@
-"""A daemon of a test as a unit of the system's manager, with the sandbox of the shipped acutd.service: its own folders, socket and
-options, all else as it is shipped, but that a call which the filter does not allow kills. For containers (tests/systemd): asked
-for by ACUT_UNIT_DAEMON, which names the shipped unit's file."""
+"""A daemon of a test as a unit of the system's manager, with the sandbox of the shipped acutd.service: with its own folders,
+socket and options; otherwise as shipped, except that a forbidden system call kills it. For containers (tests/systemd). Used if
+ACUT_UNIT_DAEMON names the shipped unit's file."""
 import os
 import pwd
 import re
@@ -26,7 +26,7 @@ def quoted(words):
 
 
 class Process:
-    """As subprocess.Popen, of the unit's main process."""
+    """The unit's main process, with the methods of subprocess.Popen."""
 
     def __init__(self, daemon):
         command = list(daemon.command)

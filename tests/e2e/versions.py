@@ -1,5 +1,5 @@
-"""State folders of older versions (tests/fixtures): today's acutd takes them as they are, gives the digests that they
-gave, and goes on from them. What a newer version wrote is refused by name."""
+"""State folders of older versions (tests/fixtures): today's acutd opens them, gives the same digests, and continues with them.
+Data of a newer version is refused by name."""
 import json
 import os
 import signal
@@ -16,7 +16,7 @@ VERSIONS = (1, 2, 3, 4, 5, 6)
 
 
 def unpack(version, base):
-    """The fixture below base: what it expects, and a Daemon on its state, which is of a folder that nobody told --init."""
+    """Unpacks the fixture below base: what it expects, and a Daemon on its state, without --init."""
     with tarfile.open(os.path.join(FIXTURES, "state-%d.tar.gz" % version)) as tar:
         tar.extractall(base)
     with open(base + "/expected.json") as f:
@@ -69,7 +69,8 @@ def older_states():
 
 
 def job_without_triangles():
-    """A job whose report is of an acutd that left positions without triangles out: not the answer to a submission, nor a mesh."""
+    """The report of an acutd that left out positions without triangles: that job neither answers a submission nor gives a
+    mesh."""
     with Folder() as base, Daemon(base) as d:
         with open(base + "/line.xyz", "w") as f:
             f.writelines("%d %d 1\n" % (i, 2 * i) for i in range(10))
@@ -96,7 +97,7 @@ def job_without_triangles():
 
 
 def killed_while_converting():
-    """The daemon dies again and again while it takes up what an older one left: nothing of it is lost."""
+    """The daemon is killed again and again while it converts an older state: nothing is lost."""
     with Folder() as base:
         expected, d = unpack(3, base)
         for delay in (0, .002, .005, .01, .02, .04):
@@ -181,8 +182,8 @@ def raise_sum(path, size, form, at):
         f.write(head)
 
 
-def verify_passes_over_what_is_newer():
-    """`cache verify` names what a newer acut wrote, leaves it, reads all the rest, and ends with 76."""
+def verify_skips_newer_versions():
+    """`cache verify` names files of a newer acut, leaves them, reads all others, and ends with 76."""
     try:
         import xxhash
     except ImportError:
@@ -210,14 +211,14 @@ def verify_passes_over_what_is_newer():
                 return lines, got["files"]
 
             _, files = verify(0, 0)
-            # What is made again is no failure, and stays for the one who wrote it.
+            # Data that can be made again is no failure, and is kept for the version that wrote it.
             raise_sum(domain, 384, "<I", 4)
             raise_sum(plan, 104, "<H", 4)
             lines, now = verify(0, 2)
             expect(now == files and {line["damaged"] for line in lines} == {"domain", "plan"}, lines)
             expect(all(line["derived"] and not line["removed"] for line in lines), lines)
             expect(os.path.exists(domain) and os.path.exists(plan), "what is newer was removed")
-            # What was pushed: each is named, and what comes behind it is read, damage included.
+            # For pushed data each file is named, and the files after it are read, including damage.
             raise_header(segment, 4096)
             for path in (manifest, stage):
                 raise_tail(path)
@@ -248,4 +249,4 @@ def verify_passes_over_what_is_newer():
 
 
 if __name__ == "__main__":
-    e2e.main(older_states, job_without_triangles, killed_while_converting, newer_is_refused, verify_passes_over_what_is_newer)
+    e2e.main(older_states, job_without_triangles, killed_while_converting, newer_is_refused, verify_skips_newer_versions)

@@ -1,5 +1,5 @@
-"""Views through daemon and client: what each option leaves is what a filter written here leaves, meshed unfiltered. The
-filter shares nothing with acut: exact fractions, every edge of every polygon, xxhash from its Python package."""
+"""Views through daemon and client: each option leaves the points that a filter written here leaves, meshed unfiltered. The filter
+shares no code with acut: exact fractions, every edge of every polygon, xxhash from its Python package."""
 import os
 import random
 import struct
@@ -184,12 +184,12 @@ SECOND = [[("635060", "6853060"), ("635099", "6853060"), ("635099.995", "6853099
 
 
 def numbers(polygon):
-    """Rings of lattice numbers; whether the first corner is repeated does not matter."""
+    """Rings of lattice numbers; a repeated first corner makes no difference."""
     return [[(rounded(x), rounded(y)) for x, y in ring] for ring in polygon]
 
 
 def wkt(polygons):
-    """One with heights, which are left aside."""
+    """As WKT with heights, which are ignored."""
     form = "%s %s 7.5" if len(polygons) == 1 else "%s %s"
     texts = ["(" + ", ".join("(" + ", ".join(form % c for c in ring) + ")" for ring in p) + ")" for p in polygons]
     return "POLYGON Z " + texts[0] if len(texts) == 1 else "MULTIPOLYGON (%s)" % ",\n ".join(texts)
@@ -246,7 +246,7 @@ def mesh_of(d, base, points):
 
 
 def each_option():
-    """Pushed once; the file is gone before any view is asked for."""
+    """The file is pushed once, and removed before any view is requested."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         points = make(9000, 1)
         path = las(base + "/survey.las", points)
@@ -290,7 +290,7 @@ def mesh_in_one_step():
 
 
 def one_view_said_twice():
-    """Texts that mean one view give one job; views that leave the same points give the same digests."""
+    """Different texts of one view give one job; views that leave the same points give the same digests."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "s", las(base + "/s.las", make(3000, 3))).ok()
         turned = [POLYGON[0][2:-1] + POLYGON[0][:3], POLYGON[1][::-1]]
@@ -355,7 +355,8 @@ def units():
 
 
 def notes():
-    """Meshing vegetation too is said; a mesh of the ground of a file without any fails and says who classifies."""
+    """A note if vegetation is meshed, too. The ground of a file without ground points fails, with a hint at programs that
+    classify."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las(base + "/classified.las", make(400, 6))
         raw = make(400, 6, classes=(0, 1))
@@ -380,7 +381,8 @@ def notes():
 
 
 def large_areas():
-    """Areas that fill a text go the whole way, through restart and stream; more is refused with its number."""
+    """The largest areas that fit the text of a view work, also after a restart and in streams; larger ones are refused, with the
+    number."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         points = make(4000, 7)
         d.ctl("push", "s", las(base + "/s.las", points)).ok()

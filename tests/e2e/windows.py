@@ -1,5 +1,5 @@
-"""Windows: --bbox and --polygon give the triangles of the whole mesh that meet an area. CGAL's whole triangulation says which,
-triangle by triangle; what is read is counted in cells and records, not in time."""
+"""Windows: --bbox and --polygon give the triangles of the whole mesh that meet an area. CGAL's whole triangulation is compared
+triangle by triangle; reading is counted in cells and records, not in time."""
 import os
 import random
 import struct
@@ -48,7 +48,7 @@ def corners(box):
 
 
 def boxes(rng, box):
-    """In the data, small and large; a point; a segment; over the border; outside; all."""
+    """Boxes in the data, small and large; a point; a segment; over the border; outside; all."""
     x0, y0, x1, y1 = box
     w, h = x1 - x0, y1 - y0
 
@@ -152,8 +152,8 @@ def survey(base, n, seed=1, span=4096):
 
 
 def partition():
-    """The windows of a partition of the plane, welded, are the whole mesh; each is what a filter of the whole leaves. For views
-    too, with a selection and without, and after a second push: several segments, heights of duplicates."""
+    """The windows of a partition of the plane, joined, are the whole mesh; each is a filter of the whole. Also for views with and
+    without a selection, and after a second push: several segments, heights of duplicates."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         out = os.path.join(base, "m.ply")
         for seed in (1, 2):
@@ -176,7 +176,8 @@ def partition():
 
 
 def reads():
-    """What a window reads is of its size, not of the dataset's: also over a lake, beside a corridor and far from all data."""
+    """The reading of a window depends on its size, not on that of the dataset: also over a lake, beside a corridor and far from
+    all data."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
         d.ctl("push", "d", survey(base, 300000, span=40960)).ok()
         side, points = 40960, d.ctl("datasets", "--json").ok().json()["points"]
@@ -197,7 +198,7 @@ def reads():
 
 
 def jobs():
-    """The same area is the same job; a window of a job that waits; one step; what is refused."""
+    """The same area is the same job; a window of a job that waits; one step; refusals."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
         path, out = survey(base, 20000), os.path.join(base, "m.ply")
         d.ctl("push", "d", path).ok()

@@ -1,5 +1,5 @@
-"""The second implementation against the first, without a daemon: a stream that the C code wrote is read here, and every
-byte of it that is changed is missed by neither. STREAM_SAMPLE names the program."""
+"""The second implementation against the first, without a daemon: a stream that the C code wrote is read here, and both detect a
+change of any of its bytes. STREAM_SAMPLE names the program."""
 import io
 import os
 import random

@@ -1,6 +1,6 @@
-"""The life of a dataset, made up: pushes, replaced and reverted files, prunes, removals, lost caches, backups, kills
-of the daemon and restarts, in random order. After each step some generation is meshed with some view, and both digests
-are those of a build from nothing of the files that are live in it, by another daemon. years.py [STEPS [SEED...]]"""
+"""The simulated life of a dataset: pushes, replaced and reverted files, prunes, removals, lost caches, backups, kills of the
+daemon and restarts, in random order. After each step some generation is meshed with some view, and both digests are compared with
+a build from scratch of its live files by another daemon. Usage: years.py [STEPS [SEED...]]"""
 import random
 import sys
 

@@ -1,5 +1,5 @@
 /*
- * What a disk may hold after a power cut, made from the log of fault_io.h. A model of what POSIX promises and no more:
+ * The possible contents of a disk after a power cut, made from the log of fault_io.h. The model has the guarantees of POSIX only:
  *   - the bytes of a file are safe up to its last fsync; of later writes any 512-byte sectors may be there;
  *   - the entries of a folder are safe up to the last fsync of that folder; of later changes a beginning is there. A
  *     file that was synced whose entry was not is lost; a rename between folders is there in both or in neither.

@@ -1,6 +1,6 @@
-"""One system call of a real acutd fails (strace): the N-th write, fsync, rename, removal, opening, reading of a thread of it, once
-and for good. Whoever asked gets an answer; acutd lives; the same can be done again when the fault is gone, with the right
-mesh. test_errors.c does the same in process with every call.
+"""One system call of a real acutd fails (strace): the N-th write, fsync, rename, unlink, open or read of a thread, once or
+always. The client gets an answer, acutd does not end, and when the fault is gone the same work gives the right mesh. test_errors.c
+does this in process for every call.
 
 ACUT_FAULT_CALLS: how many (30); ACUT_FAULT_SEED.
 """
@@ -16,7 +16,7 @@ STATUS = (1, 69, 74, 75)
 
 
 def attempt(store, inputs, name):
-    """All of it with a fault somewhere: what fails says why."""
+    """All the work with a fault somewhere: every failure has a reason."""
     failed = 0
     for args in (("push", name, *inputs.files), ("submit", name, "--wait", "--timeout", "10"), ("push", name + "x", inputs.files[0])):
         for _ in range(2):
@@ -47,7 +47,7 @@ def main():
             except Fault as e:
                 if "acutd ended with 7" not in str(e) and "acutd ended with 1" not in str(e):
                     raise Fault("%s: %s" % (inject, e))
-                refused += 1  # a start that says why it cannot be
+                refused += 1  # the start failed, with a reason
             except subprocess.TimeoutExpired as e:
                 raise Fault("%s: no answer: %s" % (inject, e))
             finally:

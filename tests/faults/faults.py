@@ -1,5 +1,5 @@
-"""What the tests of faults on a real acutd share: a daemon that is started many times and timed, work for it whose
-acknowledgements are remembered, and what must be there after whatever happened. The rest is in ../e2e/e2e.py."""
+"""Shared by the tests of faults on a real acutd: a daemon that is started many times and timed, work whose acknowledgements are
+recorded, and a check of what must be there after a fault. The rest is in ../e2e/e2e.py."""
 import json
 import os
 import shutil
@@ -27,7 +27,7 @@ def need_tools(*names):
 
 
 def need_mounts(base):
-    """Root, mounts, loop devices."""
+    """Skips the test without root, mounts or loop devices."""
     if os.geteuid() != 0:
         unavailable("mounts need root")
     there = os.path.join(base, "try")
@@ -46,20 +46,20 @@ def setting(name, otherwise):
 
 
 class Killed(Exception):
-    """The daemon is gone, as it was meant to be."""
+    """The daemon was killed, as intended."""
 
 
 def cpu_of(pid):
-    """Seconds that it has worked."""
+    """CPU seconds of a process."""
     with open("/proc/%d/stat" % pid) as f:
         fields = f.read().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class Store:
-    """State and cache below `base`, and daemons on them, one after the other."""
+    """State and cache below `base`, and the daemons that use them, one after the other."""
 
-    quiet = False  # the log of a failure is not printed
+    quiet = False  # True: the log of a failure is not printed
 
     def __init__(self, base, memory="24M", args=(), state=None, cache=None):
         self.base, self.args, self.memory = base, list(args), memory
@@ -68,7 +68,7 @@ class Store:
         self.process, self.starts, self.worked = None, [], []
 
     def start(self, prefix=(), env=None, within=100):
-        """Waits for READY=1; remembers how long that took, and what acutd worked, when nothing goes before acutd."""
+        """Starts acutd and waits for READY=1. Without a prefix, records how long that took, and acutd's CPU time."""
         notify = os.path.join(self.base, "notify")
         if os.path.exists(notify):
             os.unlink(notify)
@@ -107,7 +107,7 @@ class Store:
         return self.process.poll() is None
 
     def pid(self):
-        """Of acutd itself, also behind a prefix."""
+        """The process id of acutd itself, also with a prefix."""
         try:
             with open("/proc/%d/task/%d/children" % (self.process.pid, self.process.pid)) as f:
                 inner = f.read().split()
@@ -122,7 +122,7 @@ class Store:
             self.process.wait()
 
     def kill_inner(self):
-        """acutd itself, behind a prefix that follows it."""
+        """Kills acutd itself; a prefix ends with it."""
         os.kill(self.pid(), signal.SIGKILL)
 
     def stop(self):
@@ -147,7 +147,7 @@ class Store:
 
 
 class Inputs:
-    """Two files, and what their meshes are."""
+    """Two files, and the digests of their meshes."""
 
     def __init__(self, base):
         self.files = []
@@ -175,14 +175,14 @@ def digests(job):
 
 
 class Acks:
-    """What the daemon has said is safe."""
+    """All that the daemon has acknowledged."""
 
     def __init__(self):
         self.generation, self.jobs, self.lock = {}, {}, threading.Lock()
         self.checked = 0
 
     def check(self, store):
-        """All of it is there."""
+        """Checks that all of it is there."""
         with self.lock:
             generation, jobs = dict(self.generation), dict(self.jobs)
         have = {d["name"]: d["generation"] for d in store.rows("datasets")}
@@ -191,7 +191,7 @@ class Acks:
         found = {j["job"]: j for j in store.rows("jobs")}
         for number in jobs:
             expect(number in found, "job %d is gone" % number)
-            # What is acknowledged is the job; one whose end was not on disk yet ends again, by itself.
+            # The job is acknowledged, not its end: if the end was not on disk, the job runs again.
             expect(found[number]["state"] not in ("failed", "cancelled"), "job %d was done, is %s" % (number, found[number]["state"]))
         for number in sorted(jobs)[-3:]:
             if found[number]["state"] != "done":
@@ -200,20 +200,20 @@ class Acks:
             expect(digests(got) == jobs[number], "job %d has another mesh" % number)
         self.checked += len(generation) + len(jobs)
         with self.lock:
-            for number in list(jobs)[:-4]:  # the older ones were seen often enough
+            for number in list(jobs)[:-4]:  # older ones were checked often enough
                 self.jobs.pop(number, None)
 
 
 def work(store, inputs, acks, name):
-    """Two pushes, with a job of each view after each, and the mesh of the last one. Killed: the daemon went. It may be
-    done again after that, and what was acknowledged is not done again then."""
+    """Two pushes, a job for each view after each push, and the mesh of the last job. Raises Killed if the daemon has
+    ended. The work can be repeated then; acknowledged parts of it are not done again."""
     def ctl(*args):
         r = store.ctl(*args)
         if r.status and not store.alive():
             raise Killed()
         if r.status in (69, 74) and "closed" in r.out + r.err:
             raise Killed()
-        # Its socket goes before the process does.
+        # The socket is closed before the process ends.
         deadline = time.monotonic() + 30
         while r.status and time.monotonic() < deadline:
             if not store.alive():
@@ -230,7 +230,7 @@ def work(store, inputs, acks, name):
             acks.generation[name] = max(acks.generation.get(name, 0), got[-1]["generation"])
         generation = got[-1]["generation"]
         if n == 1 and generation > 1:
-            continue  # of an earlier time
+            continue  # from an earlier run
         for view in VIEWS:
             job = ctl("submit", name, *view, "--wait", "--json").json()
             whole = 2 if sum(POINTS) == job["points"] else 1
@@ -238,7 +238,7 @@ def work(store, inputs, acks, name):
             with acks.lock:
                 acks.jobs[job["job"]] = digests(job)
     out = os.path.join(store.base, "out.ply")
-    ctl("fetch", str(job["job"]), "-o", out)  # checks its digests
+    ctl("fetch", str(job["job"]), "-o", out)  # checks the digests
     os.unlink(out)
 
 

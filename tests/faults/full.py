@@ -1,5 +1,5 @@
-"""Disks that are full, have no inodes left, or cannot be read in places: who asks gets an error that names it, the daemon lives,
-others go on, and all is right again when the cause is gone."""
+"""Disks that are full, have no inodes left, or have bad blocks: the client gets an error with the reason, the daemon goes on,
+other requests succeed, and all works again when the cause is gone."""
 import os
 import time
 
@@ -11,7 +11,7 @@ NOT_YET = ("--disk", "1G", "--keep-free", "0", "--space-wait", "1")
 
 
 class Mount:
-    """A small file system below `base`; the state and the cache lie on it."""
+    """A small file system below `base`, with the state and the cache."""
 
     def __init__(self, base, args, grow):
         self.path, self.args, self.grow = os.path.join(base, "mnt"), args, grow
@@ -29,12 +29,12 @@ class Mount:
 
 
 def fill(store, inputs, words):
-    """Pushes and jobs until one fails: (how many did not, how it failed). Whatever fails says why."""
+    """Pushes and jobs until one fails: (number of datasets before, the failure). Each failure has a reason."""
     for n in range(200):
         name = "f%d" % n
         for args in (("push", name, *inputs.files), ("submit", name, "--wait", "--timeout", "5")):
             r = store.ctl(*args, timeout=300)
-            # One that is only slow is waited for.
+            # Slow commands are repeated.
             while r.status == 124 and not any(w in r.err for w in words):
                 r = store.ctl(*args, timeout=300)
             if r.status:
@@ -50,7 +50,7 @@ def full(base, inputs, args, grow, words, status=(74, 75, 124), before=lambda m:
         store.start()
         n, r = fill(store, inputs, words)
         expect(r.status in status and any(w in r.err for w in words), "%d: %s" % (r.status, r.err))
-        # Again and again is no worse; questions are answered.
+        # Further attempts fail in the same way; requests are answered.
         for _ in range(3):
             r = store.ctl("push", "more", *inputs.files)
             expect(r.status == 0 or any(w in r.err for w in words), r.err)
@@ -60,7 +60,7 @@ def full(base, inputs, args, grow, words, status=(74, 75, 124), before=lambda m:
         grow(m)
         faults.work(store, inputs, Acks(), "again")
         store.stop()
-        # So is one that is killed there.
+        # A new daemon works, too.
         store.start()
         faults.work(store, inputs, Acks(), "again")
         left = faults.leftovers(store)
@@ -70,13 +70,13 @@ def full(base, inputs, args, grow, words, status=(74, 75, 124), before=lambda m:
 
 
 def filler(m):
-    """Somebody else's file: 8 MB are left."""
+    """A file of another program leaves 8 MB."""
     with open(os.path.join(m.path, "other"), "wb") as f:
         f.write(b"x" * (13 << 20))
 
 
 def bad_blocks(base, inputs):
-    """Reading the disk fails while a flag is up."""
+    """Reading the disk fails while a flag is set."""
     os.mkdir(base)
     flag = os.path.join(base, "flag")
     disk = Disk(base, size=32 << 20, plugin=["--filter=error", "file", os.path.join(base, "disk"), "error=EIO", "error-pread-rate=100%",
@@ -89,7 +89,7 @@ def bad_blocks(base, inputs):
         e2e.run(["umount", disk.mount]).ok()
         e2e.run(["mount", loop, disk.mount]).ok()
         store.start()
-        store.ctl("dataset", "log", "bad").ok()  # the manifest is in memory then
+        store.ctl("dataset", "log", "bad").ok()  # this loads the manifest into memory
         with open(flag, "w"):
             pass
         r = store.ctl("submit", "bad", "--wait")

@@ -1,6 +1,6 @@
-"""kill -9 of a working acutd at random instants, and at the N-th write, fsync, rename, removal of a thread of it (strace):
-after each the next one starts within a second (of a machine that it has for itself), knows all that was acknowledged, and what
-was cut short is done again with the digests of a daemon that nobody disturbed.
+"""kill -9 of a working acutd at random times, and at the N-th write, fsync, rename or unlink of a thread (strace). After each
+kill the next acutd starts within a second (on an idle machine) and has all that was acknowledged. Interrupted work is repeated
+and has the digests of a daemon that was not killed.
 
 ACUT_FAULT_KILLS: how many (60), half of each kind; ACUT_FAULT_SEED.
 """
@@ -32,7 +32,7 @@ class Count:
 
 
 def again(store, inputs, acks, name):
-    """A new daemon on what the killed one left, and the rest of the work."""
+    """A new daemon on the store of the killed one, and the rest of the work."""
     store.start()
     Count.restarts += 1
     acks.check(store)
@@ -72,7 +72,7 @@ def rest(store):
 
 
 def by_call(base, inputs, kills, rng):
-    """N grows until the work comes to its end; then the next call."""
+    """N grows until the work ends without a kill; then the next call."""
     with Store(base) as store:
         acks, dataset, todo = Acks(), 0, {call: rng.randrange(1, 4) for call in CALLS}
         end = Count.kills + kills
@@ -82,7 +82,7 @@ def by_call(base, inputs, kills, rng):
             for call in list(todo):
                 dataset += 1
                 strace = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=" + call, "-e", "inject=%s:signal=KILL:when=%d" % (call, todo[call])]
-                # Opening and reading come with the loader first.
+                # The loader opens and reads files first.
                 todo[call] += rng.randrange(1, 6) + (20 if call in ("openat", "pread64") else 0)
                 try:
                     store.start(prefix=strace)
@@ -119,7 +119,7 @@ def main():
         p99 = faults.percentile(starts, 0.99) * 1000
         print("%d kills, 0 losses, %d restarts: median %.0f ms, p99 %.0f ms, at most %.0f ms of work; %d meshes equal, %.1f s" %
               (Count.kills, len(starts), faults.percentile(starts, 0.5) * 1000, p99, max(worked) * 1000, Count.meshes, time.monotonic() - begun))
-        # What it works, and what it takes when the machine lets it: not how long others keep the machine from it.
+        # The limits are for the CPU time of each start, and for the fastest start: other processes may delay the others.
         expect((max(worked) < 0.25 and min(starts) < 1) or faults.e2e.sanitized(),
                "a restart takes %.2f s, and %.2f s of work" % (min(starts), max(worked)))
 

@@ -1,8 +1,8 @@
-"""No memory: the N-th allocation of acutd fails while it answers one request, N = 1, 2, ... until the request needs no more.
-Whoever asked gets an answer, right or an error that says so; acutd lives, and answers the same request afterwards. After a restart
-all that was acknowledged is there, and every dataset has its mesh. test_memory.c does more of that in process.
+"""No memory: the N-th allocation of acutd fails while it answers one request, for N = 1, 2, ... until the request has fewer
+allocations. The client gets the right answer or an error about memory; acutd does not end, and answers the same request
+afterwards. After a restart all that was acknowledged is there, and every dataset has its mesh. test_memory.c tests more.
 
-ACUT_FAULT_STEP: N grows by so much (2).
+ACUT_FAULT_STEP: N grows by this number (2).
 """
 import mmap
 import os

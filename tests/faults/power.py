@@ -1,10 +1,10 @@
-"""Power cuts under a real acutd: ext4 on a block device that logs every write and flush (write_log.c). After the work, disks
-are made as a cut at a random moment may leave them: all up to the last flush before it, and of each later write a random half
-of its 512-byte sectors, in no order. Each is mounted, and acutd started on it: all that was acknowledged by then is there,
-and the rest can be done again.
+"""Power cuts of a real acutd: ext4 on a block device that logs every write and flush (write_log.c). After the work, disks are
+made as a cut at a random moment may leave them: with all writes up to the last flush before it, and a random half of the
+512-byte sectors of each later write, in any order. Each disk is mounted and acutd started on it: all that was acknowledged by
+then is there, and the rest of the work can be repeated.
 
-Two control runs must lose data: without any fsync, and without fsync of folders (no_sync.c). Images whose file system does
-not mount are counted apart there.
+Two control runs must lose data: without any fsync, and without fsync of folders (no_sync.c). There, images whose file system
+does not mount are counted separately.
 
 ACUT_FAULT_POWER: how many cuts (50), with a tenth of that for each control; ACUT_FAULT_SEED.
 """
@@ -25,7 +25,7 @@ SIZE = 48 << 20
 RECORD = struct.Struct("<IIQ")
 SECTOR = 512
 OPTIONS = "commit=300,noatime"
-LEAST = 6  # times that the work is done, however slow the machine is
+LEAST = 6  # the work is done at least this many times, also on slow machines
 
 
 class Disk:
@@ -89,7 +89,7 @@ class Disk:
 
 
 class Timed(Acks):
-    """Acknowledgements with how long the log was when they came."""
+    """Acknowledgements, each with the length of the log when it came."""
 
     def __init__(self, disk):
         super().__init__()
@@ -100,7 +100,7 @@ class Timed(Acks):
             self.history.append((self.disk.logged(), dict(self.generation), dict(self.jobs)))
 
     def at(self, length):
-        """What was acknowledged when the log had this length."""
+        """The acknowledgements that had come when the log had this length."""
         acks = Acks()
         for at, generation, jobs in self.history:
             if at > length:
@@ -110,14 +110,14 @@ class Timed(Acks):
 
 
 def play(base, inputs, seconds, env=None):
-    """The work on a disk; where cuts may begin, the acknowledgements, the disk's first state."""
+    """The work on a disk. Returns the disk with its first state, the acknowledgements, and the range of the log for cuts."""
     os.mkdir(base)
     disk = Disk(base)
     shutil.copy(disk.image, disk.image + ".0")
     with disk, Store(base, state=os.path.join(disk.mount, "state"), cache=os.path.join(disk.mount, "cache")) as store:
         acks = Timed(disk)
         store.start(env=env)
-        # The log of the catalogue is written from its beginning again after some time, and does not grow any more.
+        # After some time the log of the catalogue is written from its beginning again, and does not grow any more.
         for i in range(90):
             store.ctl("dataset", "create", "c%d" % i, "--scale", "0.01").ok()
         acks.note()
@@ -134,7 +134,7 @@ def work_noted(store, inputs, acks, name):
     plain = store.ctl
 
     def ctl(*args, **kw):
-        acks.note()  # of the one before
+        acks.note()  # what the previous command got
         return plain(*args, **kw)
 
     store.ctl = ctl
@@ -146,7 +146,7 @@ def work_noted(store, inputs, acks, name):
 
 
 def records(path):
-    """(where it begins in the log, kind, offset, bytes)"""
+    """(place in the log, kind, offset, bytes)"""
     with open(path, "rb") as f:
         data = f.read()
     at, out = 0, []
@@ -158,7 +158,7 @@ def records(path):
 
 
 class Images:
-    """Disks after cuts, in the order of time: what is flushed is kept and only added to."""
+    """Disks after cuts, in the order of time: the image of flushed writes is kept, and later ones are added."""
 
     def __init__(self, disk):
         with open(disk.image + ".0", "rb") as f:
@@ -263,7 +263,7 @@ def cuts(base, played, n, rng, quiet=False):
         t.start()
     for t in threads:
         t.join()
-    # What ends a thread ends no test.
+    # An exception in a thread does not fail the test by itself.
     expect(made == n, "%d of %d cuts were made" % (made, n))
     return lost, unmounted, starts, checked
 
@@ -292,7 +292,7 @@ def main():
             played = play(where, inputs, seconds, env)
             played[1].inputs = inputs
             lost, unmounted, starts, checked = cuts(where, played, share, rng, quiet=bool(env))
-            # The file system brings many a folder to the disk on its own: what is lost without fsync of folders is rare.
+            # The file system often writes folders to disk by itself, so losses without fsync of folders are rare.
             made = share
             while env and not lost and made < 10 * share:
                 more = cuts(where, played, share, rng, quiet=True)

@@ -1,7 +1,7 @@
 /*
- * What happens in the tests of faults: a service (tests/service/fixture.h) into which three files are pushed, one at a time and
- * with an interruption, and jobs of each generation, with a mark in the log for each thing that was acknowledged; and what
- * must be there when a service is opened over what a fault left.
+ * The work of the tests of faults: three files are pushed into a service (tests/service/fixture.h), one at a time and with an
+ * interruption; each generation has jobs; the log has a mark for each acknowledgement. And the checks of a service that is opened
+ * on the store after a fault.
  */
 #ifndef SCENE_H
 #define SCENE_H
@@ -272,7 +272,7 @@ static void play(struct scene_digests *ret)
 
 #define has(m) (marks >= (m))
 
-/* Of play_on. */
+/* Checks the results of play_on. */
 static void check_on(uint64_t marks, const struct scene_digests *want)
 {
 	char digest[DIGEST_HEX_SIZE];
@@ -468,7 +468,7 @@ static void scene_begin(void)
 
 static void scene_end(void)
 {
-	nftw(base, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	repeat_remove(base);
 }
 
 static void new_folder(unsigned long i)
@@ -480,7 +480,7 @@ static void new_folder(unsigned long i)
 
 static void drop_folder(void)
 {
-	nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	repeat_remove(h.folder);
 }
 
 static long setting(const char *name, long otherwise)

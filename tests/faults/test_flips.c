@@ -5,7 +5,7 @@
  *   - the readers of the rooms, thousands of times: manifests and segments (all points of all cells), stored domains, plan
  *     files: what is read is what was written, or an error is raised;
  *   - a service over the damaged store: its answers are right, or errors.
- * What is not served is no finding; a crash or a wrong mesh is.
+ * Data that is not served is not a failure; a crash or a wrong mesh is.
  *
  * ACUT_FAULT_FLIPS: how many for the readers (10000), a twentieth of it for houses; ACUT_FAULT_SEED.
  */
@@ -76,7 +76,7 @@ static int collect(const char *path, const struct stat *st, int kind, struct FTW
 	return 0;
 }
 
-/* Of the same kind and size, for blocks that are old. */
+/* Finds for each victim another file of the same kind, as a source of old blocks. */
 static void find_old(void)
 {
 	for (unsigned i = 0; i < nvictims; i++)

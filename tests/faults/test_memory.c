@@ -283,7 +283,7 @@ static void removed_there(void)
 /* Its time is over. Nobody waits to hear that it is gone. */
 static enum err_code do_expire(void)
 {
-	service_set_limits(h.service, &(struct service_limits){.keep_removed = 1e-6});
+	service_set_limits(h.service, &(struct core_limits){.keep_removed = 1e-6});
 	return 0;
 }
 

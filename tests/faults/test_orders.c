@@ -36,7 +36,7 @@ static void remove_below(const char *name)
 
 		snprintf(sub, sizeof sub, "%s/%s", path, e->d_name);
 		if (*e->d_name != '.')
-			nftw(sub, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+			repeat_remove(sub);
 	}
 	if (dir)
 		closedir(dir);

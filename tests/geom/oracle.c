@@ -45,7 +45,7 @@ static void lifts_clear(mpz_t lift[], unsigned n)
 		mpz_clear(lift[i]);
 }
 
-/* Of rows (x, y, 1). */
+/* The determinant of three rows (x, y, 1). */
 static void det3(mpz_t ret, const int32_t a[2], const int32_t b[2], const int32_t c[2])
 {
 	const int32_t *const p[3] = {a, b, c};

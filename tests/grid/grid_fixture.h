@@ -54,7 +54,7 @@ struct ref_cell {
 	struct digest sum;
 };
 
-/* Of a sorted set. The caller frees it. */
+/* The cells of a sorted set. The caller frees them. */
 struct ref_cell *ref_cells(const struct set *, size_t *ret_n);
 
 /* ---- making and opening a dataset ---- */

@@ -333,7 +333,7 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 
 static void test_lives(void **state)
 {
-	unsigned n = (unsigned)repeat_cases(30);
+	unsigned n = (unsigned)repeat_cases(12);
 	uint64_t done[3] = {0};
 
 	for (unsigned i = 0; i < n; i++)

@@ -1,7 +1,7 @@
 /*
- * What a test's program takes from the heap: malloc and its kin are wrapped by the linker (see
- * meson.build), so that it works under the address sanitizer too. Bytes given back are not counted off:
- * account_taken is an upper bound of what was held at any time since account_begin.
+ * Counts the bytes that a test program allocates: malloc and similar functions are wrapped by the linker (see meson.build), so
+ * that it works under the address sanitizer too. Freed bytes are not subtracted: account_taken is an upper bound of the
+ * memory that was held at any time since account_begin.
  */
 #ifndef ACCOUNT_H
 #define ACCOUNT_H

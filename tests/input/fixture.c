@@ -1,5 +1,6 @@
 #include "fixture.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,6 +9,7 @@
 #include <unistd.h>
 
 #include "cursor.h"
+#include "io.h"
 
 unsigned fixture_length(unsigned format)
 {
@@ -19,6 +21,47 @@ unsigned fixture_length(unsigned format)
 size_t fixture_header_size(unsigned minor)
 {
 	return minor < 3 ? 227 : minor == 3 ? 235 : minor == 4 ? 375 : 393;
+}
+
+static const struct io_table *before;
+struct fixture_faults fixture_faults;
+
+static bool fails(void)
+{
+	bool fail = ++fixture_faults.calls == fixture_faults.fail_at;
+
+	if (fail)
+		errno = EIO;
+	return fail;
+}
+
+static ssize_t faulty_pread(int fd, void *buf, size_t n, off_t off)
+{
+	size_t most = fixture_faults.at_most;
+
+	return fails() ? -1 : before->pread(fd, buf, most && n > most ? most : n, off);
+}
+
+static int faulty_fstat(int fd, struct stat *st)
+{
+	return fails() ? -1 : before->fstat(fd, st);
+}
+
+void fixture_faults_begin(void)
+{
+	static struct io_table table;
+
+	before = io;
+	table = *before;
+	table.pread = faulty_pread;
+	table.fstat = faulty_fstat;
+	io = &table;
+	fixture_faults = (struct fixture_faults){0};
+}
+
+void fixture_faults_end(void)
+{
+	io = before;
 }
 
 uint32_t fixture_random(uint64_t *state)

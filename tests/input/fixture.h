@@ -58,4 +58,14 @@ const char *fixture_data(void);
 
 uint32_t fixture_random(uint64_t *state);
 
+/* Faults of pread and fstat, between begin and end. */
+struct fixture_faults {
+	unsigned calls, fail_at; /* calls so far; the call with this number fails with EIO */
+	size_t at_most;          /* bytes that one pread gives; 0: all */
+};
+extern struct fixture_faults fixture_faults;
+
+void fixture_faults_begin(void);
+void fixture_faults_end(void);
+
 #endif

@@ -1,6 +1,6 @@
 /*
- * Which format a file is. Files of other programs: each is refused with its name and what to do, under a telling name and under
- * one that says that it is text or LAS; and texts of points that look a little like them are read.
+ * Recognising formats. Files of other programs are refused with the name of the format and a hint, under a typical name and under
+ * the name of a text or LAS file. Texts of points that are similar to such files are read.
  */
 #include <setjmp.h>
 #include <stdarg.h>

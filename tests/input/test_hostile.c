@@ -2,7 +2,6 @@
  * Files cut at every byte, and with bytes changed at random: every one ends in points or in one clear
  * error, and the memory taken is that of input_bytes(), whatever the file says. Run it under sanitizers.
  */
-#include <errno.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -143,62 +142,34 @@ static void four_gigabytes_of_records(void **state)
 	free(b.at);
 }
 
-/* File calls that fail, once each, or give a few bytes at a time. */
-static struct {
-	struct io_table table;
-	unsigned calls, fail_at;
-	size_t at_most;
-} faults;
-
-static ssize_t faulty_pread(int fd, void *buf, size_t n, off_t off)
-{
-	if (++faults.calls == faults.fail_at) {
-		errno = EIO;
-		return -1;
-	}
-	return pread(fd, buf, faults.at_most && n > faults.at_most ? faults.at_most : n, off);
-}
-
-static int faulty_fstat(int fd, struct stat *st)
-{
-	if (++faults.calls == faults.fail_at) {
-		errno = EIO;
-		return -1;
-	}
-	return fstat(fd, st);
-}
-
 static void file_calls_fail(void **state)
 {
 	static const char text[] = "1 2 3\n4 5 6\n7 8 9\n";
 
-	faults.table = io_system;
-	faults.table.pread = faulty_pread;
-	faults.table.fstat = faulty_fstat;
-	io = &faults.table;
+	fixture_faults_begin();
 	for (int kind = 0; kind <= KINDS; kind++) {
 		struct bytes b = kind < KINDS ? sample(kind) : (struct bytes){(uint8_t *)text, sizeof text - 1};
 		const char *name = kind < KINDS ? "a.las" : "a.xyz";
 		struct outcome out;
 
-		faults.at_most = 0;
-		for (faults.fail_at = 1;; faults.fail_at++) {
-			faults.calls = 0;
+		fixture_faults.at_most = 0;
+		for (fixture_faults.fail_at = 1;; fixture_faults.fail_at++) {
+			fixture_faults.calls = 0;
 			out = fixture_read(b.at, b.size, name, &defaults, BATCH);
-			if (faults.calls < faults.fail_at)
+			if (fixture_faults.calls < fixture_faults.fail_at)
 				break;
 			assert_int_equal(out.code, ERR_IO);
 			assert_string_equal(out.err.file, name);
 		}
 		assert_int_equal(out.code, 0);
-		assert_true(faults.fail_at > 5);
-		faults.fail_at = 0;
-		for (faults.at_most = 1; faults.at_most < 60; faults.at_most += 7)
+		assert_true(fixture_faults.fail_at > 5);
+		fixture_faults.fail_at = 0;
+		for (fixture_faults.at_most = 1; fixture_faults.at_most < 60; fixture_faults.at_most += 7)
 			assert_int_equal(fixture_read(b.at, b.size, name, &defaults, BATCH).points, kind < KINDS ? 20 : 3);
 		if (kind < KINDS)
 			free(b.at);
 	}
-	io = &io_system;
+	fixture_faults_end();
 }
 
 int main(void)

@@ -9,21 +9,10 @@
 #include "job_priv.h"
 #include "log.h"
 #include "history.h"
+#include "job_sql.h"
 
 enum { JOBS = 10000, OLD = 1000, AT_ONCE = 64 };
 #define SMALL (UINT64_C(4) << 20)
-
-static void sql(const char *text)
-{
-	char path[128], *why = NULL;
-	sqlite3 *db;
-
-	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
-	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
-	if (sqlite3_exec(db, text, NULL, NULL, &why) != SQLITE_OK)
-		fail_msg("%s", why);
-	sqlite3_close(db);
-}
 
 static void make_jobs(void)
 {

@@ -8,21 +8,10 @@
 #include "area_code.h"
 #include "job_priv.h"
 #include "history.h"
+#include "job_sql.h"
 
 enum { LARGE = 40000, MANY = 104, STEP = 99000, TEETH = 4500 };
 static const struct peer hog = {.uid = 7, .pid = 7}, root = {.uid = 0, .pid = 8, .admin = true};
-
-static void sql(const char *text)
-{
-	char path[128], *why = NULL;
-	sqlite3 *db;
-
-	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
-	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
-	if (sqlite3_exec(db, text, NULL, NULL, &why) != SQLITE_OK)
-		fail_msg("%s", why);
-	sqlite3_close(db);
-}
 
 /* Finished jobs of a deleted dataset, numbered from `from` on. */
 static void jobs_over(unsigned from, unsigned n, uint32_t uid, unsigned bytes)

@@ -1,9 +1,8 @@
 /*
  * Chains of generations over one store, thousands of cases: real segments; manifests in which sources are added,
  * removed and restored; small ranges with many equal positions; ranges at the ends of the lattice; views; two lattices.
- * What is found in the store for a region must be equal to what making it gives, and a mesh made with stored domains
- * equal to one made without, also if only the fronts are read. What the plan and the earlier sites say about a halo
- * must not change anything.
+ * A stored domain must be equal to one that is made, and a mesh made with stored domains equal to one made without, also if
+ * only the fronts are read. The use of the plan and of earlier sites for a halo must not change the result.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */

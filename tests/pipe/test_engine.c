@@ -7,7 +7,6 @@
  * ACUT_FUZZ_CASES sets the number of random sets (default 2,000).
  */
 #include <fcntl.h>
-#include <ftw.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -290,14 +289,6 @@ static void test_fuzz(void **state)
 	print_message("%llu sets, %llu partitions\n", (unsigned long long)n, (unsigned long long)meshes);
 }
 
-static int remove_entry(const char *path, const struct stat *st, int type, struct FTW *ftw)
-{
-	(void)st;
-	(void)type;
-	(void)ftw;
-	return remove(path);
-}
-
 static int setup(void **state)
 {
 	(void)state;
@@ -313,7 +304,7 @@ static int teardown(void **state)
 {
 	(void)state;
 	close(dirfd_);
-	return nftw(folder, remove_entry, 8, FTW_DEPTH | FTW_PHYS);
+	return repeat_remove(folder);
 }
 
 /*

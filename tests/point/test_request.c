@@ -92,6 +92,28 @@ static void test_words(void **state)
 	(void)state;
 }
 
+/* Each row of base/view_option.def: its word in a request, its canonical text, once, with a value only if it has one. */
+static void test_rows(void **state)
+{
+#define VIEW_FLAG(field, word, help)                                   \
+	becomes("ask 1 " word, &fine, "x", "view 1 " word);            \
+	refused("ask 1 " word " " word, "x", ERR_PROTO, "not a view"); \
+	refused("ask 1 " word "=1", "x", ERR_PROTO, "not a view");
+#define VIEW_COUNT(field, word, value, help)                                  \
+	becomes("ask 1 " word "=7", &fine, "x", "view 1 " word "=7");         \
+	refused("ask 1 " word "=7 " word "=7", "x", ERR_PROTO, "not a view"); \
+	refused("ask 1 " word, "x", ERR_PROTO, "not a view");                 \
+	refused("ask 1 " word "=0", "x", ERR_PROTO, "not a view");            \
+	refused("ask 1 " word "=07", "x", ERR_PROTO, "not a view");
+#define VIEW_HEIGHT(field, word, value, help)                                 \
+	becomes("ask 1 " word "=1.2345", &fine, "x", "view 1 " word "=1235"); \
+	becomes("ask 1 " word "=0", &fine, "x", "view 1 " word "=0");         \
+	refused("ask 1 " word "=1 " word "=1", "x", ERR_PROTO, "not a view"); \
+	refused("ask 1 " word "=high", "x", ERR_USAGE, "--" word ": \"high\" is not a number");
+#include "view_option.def"
+	(void)state;
+}
+
 /* Instead of the view's own; the same text whichever way it was requested. */
 static void test_window(void **state)
 {
@@ -438,9 +460,11 @@ static void test_long(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_words),           cmocka_unit_test(test_window),  cmocka_unit_test(test_lengths),
-		cmocka_unit_test(test_lengths_refused), cmocka_unit_test(test_refused), cmocka_unit_test(test_codes),
-		cmocka_unit_test(test_any_area),        cmocka_unit_test(test_random),  cmocka_unit_test(test_long),
+		cmocka_unit_test(test_words),           cmocka_unit_test(test_rows),
+		cmocka_unit_test(test_window),          cmocka_unit_test(test_lengths),
+		cmocka_unit_test(test_lengths_refused), cmocka_unit_test(test_refused),
+		cmocka_unit_test(test_codes),           cmocka_unit_test(test_any_area),
+		cmocka_unit_test(test_random),          cmocka_unit_test(test_long),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -117,6 +117,7 @@ static void test_places(void **state)
 		int32_t x, y, z;
 		unsigned cls, flags;
 		enum view_rule want;
+		uint8_t ret; /* 0: the only return */
 	} rows[] = {
 		{"ask 1 not-class=3-5", 0, 0, 0, 2, 0, VIEW_KEPT},
 		{"ask 1 not-class=3-5", 0, 0, 0, 3, 0, VIEW_BY_CLASS},
@@ -128,6 +129,8 @@ static void test_places(void **state)
 		{"ask 1", 0, 0, 0, 2, POINT_OVERLAP, VIEW_KEPT},
 		{"ask 1 drop-overlap zmin=5", 0, 0, 0, 2, POINT_OVERLAP | POINT_WITHHELD, VIEW_BY_WITHHELD},
 		{"ask 1 drop-overlap zmin=5", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_OVERLAP},
+		{"ask 1 returns=first drop-overlap", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_RETURNS, 0x32},
+		{"ask 1 returns=first drop-overlap", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_OVERLAP, 0x31},
 		{"ask 1 zmin=5", 0, 0, 4, 2, 0, VIEW_BY_Z},
 		{"ask 1 zmin=5", 0, 0, 5, 2, 0, VIEW_KEPT},
 		{"ask 1 zmax=5", 0, 0, 5, 2, 0, VIEW_KEPT},
@@ -151,12 +154,8 @@ static void test_places(void **state)
 		for (unsigned l = 0; l < 2; l++) {
 			const int64_t *k = lattices[l].k;
 			struct view v = asked(rows[i].request, &lattices[l]);
-			struct point p = {rows[i].x - (int32_t)k[0],
-					  rows[i].y - (int32_t)k[1],
-					  rows[i].z - (int32_t)k[2],
-					  (uint8_t)rows[i].cls,
-					  0x11,
-					  (uint16_t)rows[i].flags};
+			struct point p = {rows[i].x - (int32_t)k[0], rows[i].y - (int32_t)k[1],        rows[i].z - (int32_t)k[2],
+					  (uint8_t)rows[i].cls,      rows[i].ret ? rows[i].ret : 0x11, (uint16_t)rows[i].flags};
 			int32_t box[4] = {p.x, p.y, p.x, p.y};
 			enum view_rule got = view_judge(&v, &p);
 
@@ -436,12 +435,27 @@ static void test_contradictions(void **state)
 	(void)state;
 }
 
+/* Stored domains count by number, reports by name: neither changes. */
+static void test_rules(void **state)
+{
+	static const char *const name[] = {"kept",    "crop", "class", "noise", "returns",  "withheld",
+					   "overlap", "z",    "every", "thin",  "duplicate"};
+
+	for (unsigned i = 0; i < VIEW_RULES; i++) {
+		assert_non_null(view_rule_text((enum view_rule)i));
+		if (i < sizeof name / sizeof *name)
+			assert_string_equal(view_rule_text((enum view_rule)i), name[i]);
+	}
+	(void)state;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_matrix), cmocka_unit_test(test_preference), cmocka_unit_test(test_places),
 		cmocka_unit_test(test_every),  cmocka_unit_test(test_thin),       cmocka_unit_test(test_text_round_trip),
 		cmocka_unit_test(test_text),   cmocka_unit_test(test_bad_texts),  cmocka_unit_test(test_contradictions),
+		cmocka_unit_test(test_rules),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -8,7 +8,7 @@
 
 #include "frame.h"
 
-/* Of this process. */
+/* The number of open descriptors of this process. */
 unsigned open_descriptors(void);
 
 struct pair {

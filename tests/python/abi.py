@@ -1,4 +1,4 @@
-"""What ctypes makes of acut.h is what the compiler makes of it: every struct's size, every field's place. And every code of
+"""ctypes and the compiler have the same size of every struct of acut.h, and the same offset of every field. Every code of
 base/err.def has its exception."""
 import ctypes
 import os
@@ -56,7 +56,7 @@ def codes():
 
 
 def described():
-    """pydoc has a sentence for everything that is public."""
+    """Everything public has a docstring."""
     text = subprocess.run([sys.executable, "-m", "pydoc", "acut"], stdout=subprocess.PIPE, check=True).stdout.decode()
     assert "with acut.connect() as server" in text and "class Connection" in text
     for name in acut.__all__:
@@ -68,7 +68,7 @@ def described():
 
 
 def other_libraries():
-    """A library that is not there, or is not this one, is told before anything of it is called."""
+    """A missing or wrong library is an error before any function of it is called."""
     for path, want in (("/nowhere/libacut.so.0", "ImportError: libacut cannot be loaded"), ("libm.so.6", "VersionError: libm.so.6 is libacut older")):
         p = subprocess.run([sys.executable, "-c", "import acut; acut.connect('/nowhere')"], stderr=subprocess.PIPE,
                            env=dict(os.environ, ACUT_LIBRARY=path))

@@ -1,9 +1,10 @@
-"""The Python module beside acutctl on one daemon: the same views, meshes, changes and errors; callbacks that raise,
-threads; nothing left open. Run under -X dev -W error, where a warning is an exception."""
+"""The Python module and acutctl on one daemon give the same views, meshes, changes and errors. Callbacks that raise, threads,
+and resources that must be closed. Run under -X dev -W error, where a warning is an exception."""
 import contextlib
 import gc
 import grp
 import gzip
+import inspect
 import io
 import json
 import os
@@ -32,7 +33,7 @@ def resident():
 
 
 def read_ply(path):
-    """(vertices, triangles) of what acutctl writes."""
+    """(vertices, triangles) of a file of acutctl."""
     with open(path, "rb") as f:
         data = f.read()
     head, body = data.split(b"end_header\n", 1)
@@ -55,7 +56,7 @@ def read_ply(path):
 
 
 def same_mesh():
-    """Digests, and arrays against the PLY; by blocks the same as whole."""
+    """Digests, and arrays compared with the PLY; blocks are together the same as the whole mesh."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
         files = [synth(os.path.join(base, "%d.las" % i), 22000, i, "--origin", "%d,5400000" % (500000 + 60 * i)) for i in (1, 2)]
         pushed = c.push("s", files)
@@ -73,7 +74,7 @@ def same_mesh():
         ply = os.path.join(base, "m.ply")
         d.ctl("fetch", str(job.id), "-o", ply).ok()
         vertices, triangles = read_ply(ply)
-        # The file's faces are those of the stream, some of them moved to the front.
+        # The file has the triangles of the stream, some of them moved to the front.
         expect(sorted(triangles) == sorted(mesh.triangles.tolist()), "the triangles of the PLY are others")
         expect(vertices == mesh.vertices.tolist(), "the vertices of the PLY are others: %r %r"
                % (vertices[:1], mesh.vertices.tolist()[:1]))
@@ -90,7 +91,7 @@ def same_mesh():
             f, n = b.foreign.tolist(), b.first
             local = [[f[v] if v < len(f) else n + v - len(f) for v in t] for t in b.local_triangles.tolist()]
             expect(local == b.triangles.tolist(), "local numbers")
-        # Going on in the middle.
+        # Resuming in the middle.
         with c.fetch(job) as blocks:
             some = [next(blocks)]
             state = blocks.state()
@@ -98,7 +99,7 @@ def same_mesh():
             some += list(rest)
             expect(rest.tail.digest == r["digest"], "the digest of a fetch that went on")
         expect([b.vertices.tolist() for b in some] == [b.vertices.tolist() for b in got], "blocks of a fetch that went on")
-        # A state is of this fetch, and behind what was taken of it.
+        # A state must be of this fetch, and after the blocks that were taken.
         early = c.fetch(job)
         while not early._pieces:
             early._step()
@@ -111,7 +112,7 @@ def same_mesh():
         list(later)
         later.state()
         raises(acut.UsageError, early.state)
-        # A window, as acutctl has it.
+        # A window gives the mesh that acutctl has for it.
         box = (500070, 5400010, 500090, 5400030)
         w = c.mesh(job, bbox=box)
         out = d.ctl("fetch", str(job.id), "--bbox", ",".join(map(str, box)), "--format", "null", "--json").ok().json()
@@ -120,7 +121,7 @@ def same_mesh():
 
 
 def same_views():
-    """Every word of the command line makes the same canonical view here; what acutctl refuses is refused."""
+    """Every option gives the same canonical view as in acutctl, and the same combinations are refused."""
     geojson = {"type": "FeatureCollection", "features": [
         {"type": "Feature", "properties": {}, "geometry": None},
         {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [
@@ -151,6 +152,8 @@ def same_views():
             ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]),
         ]
+        known = set(inspect.signature(acut._view.view_text).parameters)
+        expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
         for words, options in rows:
             job = c.submit("s", **words)
             r = d.ctl("submit", "s", "--json", *options).ok().json()
@@ -173,7 +176,7 @@ def same_views():
 
 
 def changes():
-    """Who holds the old mesh by regions and follows the changes has the new one."""
+    """The old mesh, kept by regions, with the changes applied is the new mesh."""
     def named(blocks):
         numbers, regions = [], {}
         for b in blocks:
@@ -204,7 +207,7 @@ def changes():
 
 
 def rights():
-    """Owner, group and mode of datasets; samples and checks beside those of acutctl."""
+    """Owner, group and mode of datasets; metrics and checks compared with those of acutctl."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
         a = synth(os.path.join(base, "a.las"), 3000)
 
@@ -255,7 +258,7 @@ def rights():
 
 
 def inputs():
-    """Paths, files, descriptors, pipes, bytes; broken ones beside good ones."""
+    """Paths, files, descriptors, pipes, bytes; broken inputs together with good ones."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
         paths = [synth(os.path.join(base, "%d.las" % i), 5000, i) for i in range(5)]
         with open(paths[1], "rb") as opened, open(paths[2], "rb") as whole:
@@ -379,7 +382,7 @@ def failures():
 
 
 def the_page():
-    """The examples of acut-python(7), one after the other, as they stand there."""
+    """The examples of acut-python(7), run in order and unchanged."""
     with open(os.path.join(os.environ["ACUT_SOURCE"], "man/acut-python.7.scd")) as f:
         examples = f.read().split("```\n")[1::2]
     expect(len(examples) >= 5, "%d examples" % len(examples))
@@ -408,7 +411,7 @@ class Mine(Exception):
 
 
 def callbacks():
-    """What a callback raises comes out of the call, of the same object, and the connection goes on."""
+    """An exception of a callback comes out of the call as the same object, and the connection can be used afterwards."""
     with Folder() as base:
         gate = e2e.Gate(base)
         with Daemon(base, **SMALL, env=gate.env) as d, acut.connect(d.socket) as c:
@@ -423,7 +426,7 @@ def callbacks_of(base, gate, d, c):
         gate.open()
         raise mine
 
-    # Who reads so little tells how far it is only when that takes long.
+    # The progress of a small push is only reported if it takes long.
     gate.close("pwrite", ".seg")
     calls = [lambda: c.push("s", big, progress=fail), lambda: c.backup(fail), lambda: c.cache_verify(progress=fail)]
     expect(raises(Mine, calls[0]) is mine, "push")
@@ -433,7 +436,7 @@ def callbacks_of(base, gate, d, c):
         expect(raises(Mine, call) is mine, "not what was raised")
         expect(c.ping() < e2e.PATIENCE, "the connection is gone")
     expect(raises(StopIteration, c.backup, lambda f: next(iter(()))) is not None, "what a generator cannot raise")
-    # Whose job is over at once is never called.
+    # The callback is not called if the job ends at once.
     gate.close("pread", ".seg")
     job = c.submit("s")
     expect(raises(Mine, c.wait, job, changed=fail) is mine, "wait")
@@ -475,7 +478,7 @@ def threads():
             except acut.UsageError as e:
                 refused.append(e)
 
-        # Whoever of the two comes second is refused, while the first one waits.
+        # The second of the two threads is refused while the first one waits.
         two = [threading.Thread(target=ask) for _ in range(2)]
         for t in two:
             t.start()
@@ -489,7 +492,7 @@ def threads():
 
 
 def nothing_is_left():
-    """1,000 connections, closed, dropped, refused; fetches and pushes that are broken off: no descriptor, no connection."""
+    """1,000 connections, closed, dropped or refused, and unfinished fetches and pushes leave no descriptor and no connection."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         with acut.connect(d.socket) as c:
             c.push("s", [synth(os.path.join(base, "a.las"), 84000)])
@@ -508,7 +511,7 @@ def nothing_is_left():
         expect(len(gc.get_objects()) < objects + 200, "%d objects more" % (len(gc.get_objects()) - objects))
         expect(resident() < memory + (3 << 20), "%d bytes more after 800 connections" % (resident() - memory))
         expect(descriptors() == before, "%d descriptors more after 1,000 connections" % (descriptors() - before))
-        gc.disable()  # dropped is closed at once, not when the collector comes by
+        gc.disable()  # a dropped connection is closed at once, not by the garbage collector
         try:
             for _ in range(50):
                 acut.connect(d.socket).ping()

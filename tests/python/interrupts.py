@@ -1,5 +1,5 @@
-"""Ctrl-C at any moment: it comes out as KeyboardInterrupt, once, and leaves a connection that can be used, or is closed. Signals
-at times that are spread over calls, and an exception at every instruction, one after the other. Run under -X dev -W error."""
+"""Ctrl-C at any moment raises KeyboardInterrupt, once, and leaves a connection that can be used, or is closed. Signals come at
+random times during calls, and exceptions at each instruction in turn. Run under -X dev -W error."""
 import contextlib
 import gc
 import os
@@ -30,7 +30,7 @@ def on_alarm(number, frame):
 
 
 def interrupted(work, seconds):
-    """A signal that long after the call has begun, or soon after its end: whether it came out."""
+    """Sends a signal that many seconds after the start of the call, possibly after its end. True if it was raised."""
     global came
     came = False
     try:
@@ -46,19 +46,19 @@ def interrupted(work, seconds):
 
 
 def in_long_calls():
-    """While a call waits, and in callbacks of long ones."""
+    """Signals while a call waits, and in callbacks of long calls."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
         c.push("s", synth(os.path.join(base, "a.las"), 200000))
         extra = [synth(os.path.join(base, "x%d.las" % i), 1000, i) for i in range(30)]
         done = c.wait(c.submit("s"))
-        # While a call waits for what does not come: an answer of a daemon that is stopped.
+        # While a call waits for an answer that does not come: the daemon is stopped.
         os.kill(d.process.pid, signal.SIGSTOP)
         try:
             threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
             c.ping()
             expect(False, "a stopped daemon has answered")
         except KeyboardInterrupt:
-            pass  # it has ended, and the daemon is still stopped
+            pass  # the call has ended, and the daemon is still stopped
         raises(acut.TimedOutError, acut.connect, d.socket, timeout=0.2)
         os.kill(d.process.pid, signal.SIGCONT)
         expect(c.ping() < e2e.PATIENCE, "the connection is gone")
@@ -75,8 +75,8 @@ def in_long_calls():
 
 
 class Scene:
-    """A daemon with a job that is done, a connection, and calls to be interrupted. None drops what is not closed: what is raised
-    in a finalizer Python prints, whosever it is."""
+    """A daemon with a job that is done, a connection, and calls to be interrupted. None drops an open object: Python prints
+    exceptions of finalizers, also a KeyboardInterrupt of the test."""
 
     def __init__(self, base, d):
         self.d, self.c = d, acut.connect(d.socket)
@@ -132,7 +132,7 @@ class Scene:
             c.close()
 
     def whole(self, text):
-        """That nothing is left of what was interrupted."""
+        """Checks that the connection works, and that no exception was lost."""
         try:
             self.c.ping()
         except acut.Error as e:
@@ -141,7 +141,7 @@ class Scene:
 
 
 def in_short_calls():
-    """Thousands, at times as short as the calls."""
+    """Thousands of signals during short calls."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         scene, rng = Scene(base, d), random.Random(5)
         before = descriptors()
@@ -159,8 +159,9 @@ def in_short_calls():
 
 
 class Instructions:
-    """What is executed of the module, and of those of Python that close things for it: each instruction once for each function that
-    calls its own. KeyboardInterrupt comes before the one that is `chosen`, also where the interpreter never looks for signals."""
+    """The instructions that are executed in the module, and in the standard modules that close resources for it: each instruction
+    once for each calling function. KeyboardInterrupt is raised before the `chosen` one, also where the interpreter never checks
+    for signals."""
 
     files = tuple(os.path.join(os.path.dirname(acut.__file__), n) for n in os.listdir(os.path.dirname(acut.__file__)))
     files += (contextlib.__file__, weakref.__file__)
@@ -173,7 +174,7 @@ class Instructions:
             return None
         frame.f_trace_opcodes, frame.f_trace_lines = True, False
         if event == "exception" and arg[0] is GeneratorExit:
-            # A generator of `guard` goes. It makes no call there, after which the interpreter would look for signals.
+            # A generator of `guard` ends. There it makes no call after which the interpreter would check for signals.
             frame.f_trace_opcodes = False
         elif event == "opcode":
             at = frame.f_code, frame.f_lasti, frame.f_back.f_code
@@ -185,7 +186,7 @@ class Instructions:
 
 
 def run(call, chosen=None, after=lambda: None):
-    """What of it was executed. `after` is called if the interrupt came, while it is still held."""
+    """Returns the executed instructions. `after` is called if the interrupt came, while its exception is still referenced."""
     instructions = Instructions(chosen)
     try:
         sys.settrace(instructions)
@@ -201,11 +202,11 @@ def run(call, chosen=None, after=lambda: None):
 
 
 def at_every_instruction():
-    """Those that an earlier call has had are left out."""
+    """Instructions that an earlier call has executed are skipped."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         scene, had = Scene(base, d), set()
         gc.collect()
-        gc.disable()  # what was interrupted goes by itself
+        gc.disable()  # interrupted objects must be freed without the collector
         before = descriptors()
         for call in scene.calls + [scene.push]:
             new = [at for at in run(call) if at not in had]
@@ -213,12 +214,12 @@ def at_every_instruction():
             had.update(new)
             for at in new:
                 text = "%s, interrupted in %s before %d, called by %s" % (call.__name__, at[0].co_name, at[1], at[2].co_name)
-                # Who holds what was raised may hold a fetch by it, that is all.
+                # Only a fetch may still be referenced by the exception.
                 run(call, at, after=lambda: None if call in scene.fetches else scene.whole(text))
                 scene.whole(text)
                 if descriptors() != before:
-                    gc.collect()  # contextlib's own frames, in a circle
-                # An interrupt just before the call that closes a file, where none comes, is all that may leave it open.
+                    gc.collect()  # frames of contextlib, in a reference cycle
+                # A file may only stay open after an interrupt just before the call that closes it, where no signal is handled.
                 expect(descriptors() == before or at[0].co_name == "opened", text + ": a descriptor is left")
                 before = descriptors()
         gc.enable()

@@ -1,10 +1,10 @@
-"""What tests of the Python module have in common."""
+"""Shared by the tests of the Python module."""
 import sys
 
 import e2e
 
 SMALL = {"memory": "24M", "threads": 2}
-lost = []  # what ctypes or the collector would only have printed
+lost = []  # exceptions that ctypes or the collector would only print
 sys.unraisablehook = lambda u: lost.append("%r in %r" % (u.exc_value, u.object))
 
 

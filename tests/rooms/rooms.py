@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The table of rooms in docs/design/rooms.md against the sources: every folder with sources is a room, a room includes headers of the rooms
-in its row, of all of these and of no other, no row names a room of a higher floor, and the includes of rooms have no circle."""
+in its row, of all of these and of no other, no row names a room of a higher floor, and the includes of rooms have no circle. The same holds
+for the headers of external libraries, and each library that meson.build looks for is known here."""
 import os
 import re
 import sys
@@ -10,8 +11,22 @@ TABLE = "docs/design/rooms.md"
 SOURCE = (".c", ".h", ".cpp", ".def")
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]', re.M)
 TOPS = ("base", "client", "daemon", "engine", "proto", "scanner", "tools")
-# What a row may name beside rooms.
-LIBRARIES = {"libc", "xxHash", "SQLite", "GeographicLib", "nettle", "libusb", "zlib", "minizip", "libdeflate"}
+# What a row may name beside rooms: its name in meson.build, and how its headers begin.
+LIBRARIES = {
+    "libc": ("threads", ()),
+    "xxHash": ("libxxhash", ("xxhash.h",)),
+    "SQLite": ("sqlite3", ("sqlite3.h",)),
+    "protobuf-c": ("libprotobuf-c", ("protobuf-c/", "acut.pb-c.h")),
+    "systemd": ("libsystemd", ("systemd/",)),
+    "GeographicLib": ("geographiclib", ("GeographicLib/",)),
+    "nettle": ("nettle", ("nettle/",)),
+    "json-c": ("json-c", ("json-c/",)),
+    "libpng": ("libpng", ("png.h",)),
+    "libdeflate": ("libdeflate", ("libdeflate.h",)),
+    "libusb": ("libusb-1.0", ("libusb",)),
+    "zlib": ("zlib", ("zlib.h",)),
+    "minizip": ("minizip", ("minizip/",)),
+}
 
 
 def table():
@@ -55,6 +70,31 @@ def sources(name):
     for file in sorted(os.listdir(os.path.join(ROOT, name))):
         if file.endswith(SOURCE):
             yield file, os.path.join(ROOT, name, file)
+
+
+def library_of(header):
+    return next((name for name, (_, begins) in LIBRARIES.items() if begins and header.startswith(begins)), None)
+
+
+def check_libraries(rooms, wrong):
+    """Rows and includes agree about libraries, and meson.build looks for no other one."""
+    for name, (_, words, row) in rooms.items():
+        named = set(words) & set(LIBRARIES) - {"libc"}
+        used = {}
+        for file, path in sources(name):
+            with open(path, encoding="utf-8") as f:
+                used.update({library_of(h): file for h in INCLUDE.findall(f.read()) if library_of(h)})
+        for library in sorted(set(used) - named - ({*used} if "any" in words else set())):
+            wrong.append(f"{name}/{used[library]}: includes a header of {library}, which is not in the row of {name} in {TABLE}")
+        # A row of several rooms names what one of them uses.
+        for library in sorted(named - set(used) if len(row) == 1 else ()):
+            wrong.append(f"{TABLE}: the row of {name} names {library}, of which it includes nothing")
+    with open(os.path.join(ROOT, "meson.build"), encoding="utf-8") as f:
+        found = set(re.findall(r"^\s*\w+ = dependency\('([^']+)'", f.read(), re.M))
+    known = {package for package, _ in LIBRARIES.values()}
+    for package in sorted(found ^ known):
+        where = "LIBRARIES in tests/rooms/rooms.py" if package in found else "meson.build"
+        wrong.append(f"the library {package} is not in {where}")
 
 
 def circle(uses):
@@ -112,9 +152,10 @@ def main():
                                  f"which is not in the row of {name}")
         words = set(rooms[name][1])
         if any(sources(name)) and not any(w == "any" or w.startswith(("all of", "each other")) for w in words):
-            for word in sorted(words - LIBRARIES):
+            for word in sorted(words - set(LIBRARIES)):
                 if not uses[name] & allowed(name, {**rooms, name: (rooms[name][0], [word], rooms[name][2])}, []) - {name}:
                     wrong.append(f"{TABLE}: the row of {name} names {word}, of which it includes nothing")
+    check_libraries(rooms, wrong)
     found = circle(uses)
     if found:
         wrong.append("a circle of includes: " + " -> ".join(found))

@@ -1,6 +1,6 @@
 /*
- * What is remembered of stored domains: after a push of one point, planning reads few of their files. Files that were removed or
- * damaged by others only cost time.
+ * The memory of stored domains: after a push of one point, planning reads few of their files. Files that were removed or damaged
+ * only cost time.
  *
  * Linked with --wrap of store_proof, by which planning reads a file.
  */

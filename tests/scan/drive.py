@@ -1,5 +1,5 @@
-"""A survey that never was: a vehicle with a scanner on a road over analytic terrain, its poses and its spool; and where each shot must
-land, by formulas that share nothing with acut's own: rotation vectors in place of quaternions, Krueger's series in place of
+"""A simulated survey: a vehicle with a scanner on a road over analytic terrain, its poses and its spool; and the expected place
+of each shot, by formulas that share nothing with acut's: rotation vectors instead of quaternions, Krueger's series instead of
 GeographicLib."""
 import math
 import os
@@ -10,7 +10,7 @@ import e2e
 
 SCAN = os.environ.get("ACUT_SCAN", "acut-scan")
 WRITE = os.environ.get("SPOOL_WRITE", "spool-write")
-START = 1700000000.0  # UTC of monotonic 0
+START = 1700000000.0  # UTC at monotonic time 0
 DATA, EVENT, CLOCK = 1, 2, 3
 
 PROFILE = """title = A scanner of the tests
@@ -56,7 +56,7 @@ def flip(m):
 
 
 def attitude(roll, pitch, heading):
-    """Body (ahead, right, down) to north, east, down."""
+    """The rotation from the body (ahead, right, down) to north, east, down."""
     r, p, h = (math.radians(a) for a in (roll, pitch, heading))
     rx = [[1, 0, 0], [0, math.cos(r), -math.sin(r)], [0, math.sin(r), math.cos(r)]]
     ry = [[math.cos(p), 0, math.sin(p)], [0, 1, 0], [-math.sin(p), 0, math.cos(p)]]
@@ -65,7 +65,7 @@ def attitude(roll, pitch, heading):
 
 
 def between(a, b, t):
-    """From a to b by turning about one axis (Rodrigues)."""
+    """The rotation from a to b, about one axis (Rodrigues)."""
     d = mul(flip(a), b)
     c = max(-1.0, min(1.0, (d[0][0] + d[1][1] + d[2][2] - 1) / 2))
     axis = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]]
@@ -124,7 +124,7 @@ class Drive:
                     5 * math.sin(1.3 * t + seed), 3 * math.sin(0.9 * t), (358 + 9 * math.sin(t) + 80 * seed) % 360]
             if where:
                 pose[1:3] = [where[0] + 4e-5 * t, where[1] + 6e-5 * math.sin(t / 2)]
-            # what stands in the file is what is known
+            # the poses are rounded as in the file
             digits = (6, 10, 10, 4, 6, 6, 6) if where else (6, 4, 4, 4, 6, 6, 6)
             self.poses.append([round(v, d) for v, d in zip(pose, digits)])
 
@@ -171,7 +171,7 @@ MOUNT = attitude(SENSOR["roll"], SENSOR["pitch"], SENSOR["heading"])
 
 
 def land(pose, angle, distance, s=SENSOR):
-    """Where a shot lands; the sensor looks ahead at 0, to the left at 90."""
+    """The place of a shot; the sensor looks ahead at angle 0, to the left at 90."""
     at, ned = pose
     mount = MOUNT
     ray = turn(mount, [math.cos(angle), -math.sin(angle), 0])
@@ -180,7 +180,7 @@ def land(pose, angle, distance, s=SENSOR):
 
 
 class Survey:
-    """Sweeps of a drive: ranges to the terrain, as raw numbers, and the point of each shot that has a pose."""
+    """Sweeps of a drive: ranges to the terrain as raw numbers, and the point of each shot that has a pose."""
 
     def __init__(self, drive, sweeps, zone=None, first=0.05, flat=None):
         s = SENSOR

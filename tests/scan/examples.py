@@ -1,4 +1,4 @@
-"""The scripts of etc/examples/scanner, with stand-ins for acut-scan and mount: nothing is left out, nothing done twice."""
+"""The scripts of etc/examples/scanner, with stand-ins for acut-scan and mount: no spool is left out or pushed twice."""
 import os
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""acut-scan's points against the geometry of drive.py, shot for shot, to the rounding of the file."""
+"""acut-scan's points compared with the geometry of drive.py, shot by shot, within the rounding of the file."""
 import os
 
 import drive
@@ -46,7 +46,7 @@ def in_degrees():
 
 
 def without_pose():
-    """Shots before, behind and in a gap of the poses are dropped and counted."""
+    """Shots before, after and in a gap of the poses are dropped and counted."""
     with Folder() as base:
         d = Drive(3.0)
         s = Survey(d, 85, first=-0.2)
@@ -70,7 +70,7 @@ def without_pose():
 
 
 def clocks():
-    """GPS times, and a wall clock that was set while the scanner was captured."""
+    """GPS times, and a wall clock that was set during the capture."""
     with Folder() as base:
         d = Drive(3.0)
         s = Survey(d, 20)

@@ -1,5 +1,5 @@
-"""Spools into datasets: the same mesh as from the LAS file of the same points, exactly once whatever is killed when, corrected poses in place of
-the first ones, texts and LAS files as they are."""
+"""Spools pushed into datasets: the same mesh as from a LAS file of the same points; exactly once, whatever is killed and when;
+corrected poses replace the first ones; texts and LAS files are passed on."""
 import json
 import os
 import random
@@ -136,7 +136,8 @@ def said_clearly():
 
 
 def a_damaged_digit():
-    """A pose that is out of all reach costs the shots beside it, not the spool; where most are, nobody knows which are right."""
+    """One impossible pose costs the shots beside it, not the spool. With many of them the push is refused: it is not known which
+    are right."""
     with Folder() as base, Daemon(base) as d:
         path, poses, _ = survey(base, "a")
         with open(poses) as f:
@@ -165,7 +166,7 @@ def a_damaged_digit():
 
 
 def planes():
-    """The dataset's own plane; what does not go together is refused."""
+    """The dataset's own plane; combinations that do not fit are refused."""
     with Folder() as base, Daemon(base) as d:
         where = Drive(2.0, where=(48.2, 11.6))
         path = spool(base + "/a.spool", Survey(where, 15, 32, flat=300).records)
@@ -190,7 +191,7 @@ def planes():
 
 
 def no_guess():
-    """What nothing says is not guessed: units, ellipsoids; heights of one kind."""
+    """Missing information is not guessed: units, ellipsoids, the kind of heights."""
     with Folder() as base, Daemon(base) as d:
         path, poses, _ = survey(base, "a")
         with open(base + "/u.xyz", "w") as f:
@@ -233,7 +234,7 @@ def geoid(path, height):
 
 
 def heights():
-    """Ellipsoidal heights say so, do not mix with others, and become orthometric on request."""
+    """Ellipsoidal heights are marked, do not mix with others, and become orthometric on request."""
     with Folder() as base, Daemon(base) as d:
         where = Drive(2.0, where=(48.2, 11.6))
         path = spool(base + "/a.spool", Survey(where, 15, 32, flat=300).records)
@@ -262,7 +263,7 @@ def heights():
 
 
 def text_and_las():
-    """What holds points already needs no pose; bad lines are counted and left out."""
+    """Spools with points need no poses; bad lines are counted and left out."""
     with Folder() as base, Daemon(base) as d:
         rng = random.Random(5)
         rows = ["%.3f %.3f %.3f" % (rng.uniform(0, 900), rng.uniform(0, 900), rng.uniform(0, 9)) for _ in range(4000)]
@@ -296,7 +297,7 @@ def text_and_las():
 
 
 def compressed():
-    """LAZ in a stream of LAS is named, with what helps; and that does."""
+    """LAZ in a stream of LAS is refused by name, with a hint that works."""
     with Folder() as base, Daemon(base) as d:
         e2e.run([e2e.SYNTH, "--points", "3000", base + "/1.las"]).ok()
         head = bytearray(open(base + "/1.las", "rb").read())
@@ -312,7 +313,7 @@ def compressed():
 
 
 def growing():
-    """A spool that is not ended, torn at its end, then longer."""
+    """A spool that is unfinished and torn at its end, then longer."""
     with Folder() as base, Daemon(base) as d:
         drive = Drive(2.0, hz=25)
         records = Survey(drive, 25).records
@@ -331,7 +332,7 @@ def growing():
 
 
 def clock_set():
-    """The computer's clock is set in the middle of a capture: said, and the shots behind it have no poses."""
+    """The computer's clock is set during a capture: this is reported, and the later shots have no poses."""
     with Folder() as base:
         drive = Drive(2.0, hz=25)
         records = Survey(drive, 25).records
@@ -347,7 +348,7 @@ def clock_set():
 
 
 def many_spools():
-    """More than go into one push."""
+    """More spools than fit into one push."""
     with Folder() as base, Daemon(base) as d:
         drive = Drive(2.0, hz=25)
         records = Survey(drive, 12).records
@@ -362,9 +363,9 @@ def many_spools():
 
 
 class Cut:
-    """A way to the daemon that ends behind the client's frame number `after`: the daemon has it, its answer is lost. `instead`: what is done
-    there with the way still open, before an answer comes through. `knows`: a way that the same client came along to the end, which
-    has seen what is answered before the client goes on."""
+    """A proxy that cuts the connection to the daemon after the client's frame number `after`: the daemon has the frame, its
+    answer is lost. `instead`: called with the connection still open, before an answer comes through. `knows`: an uncut proxy of
+    the same client, which has seen the answers before the client goes on."""
 
     def __init__(self, d, path, after=0, instead=None, knows=None):
         self.path, self.after, self.frames, self.target, self.instead = path, after, 0, d.socket, instead
@@ -418,7 +419,7 @@ class Cut:
 
 
 def answers_are_lost():
-    """The connection ends behind each message in turn, that of the commit too."""
+    """The connection ends after each message in turn, including the commit."""
     with Folder() as base, Daemon(base) as d:
         made = [Survey(Drive(2.0, hz=25), 14).records[7 * i:7 * i + 7] for i in range(2)]
         poses = Drive(2.0, hz=25).csv(base + "/a.csv")
@@ -446,7 +447,8 @@ def answers_are_lost():
 
 
 def exactly_once():
-    """Client and daemon are killed behind any message, that of the commit too; the same command again, and each spool is there once."""
+    """Client and daemon are killed after any message, including the commit. The command is repeated, and each spool is there
+    once."""
     with Folder() as base:
         poses = os.path.join(base, "all.csv")
         # one file of poses for all three: their times are one after the other

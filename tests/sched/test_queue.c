@@ -147,7 +147,7 @@ static void by_time_not_by_number(void **state)
 	run_out();
 }
 
-/* Who was alone for long owes nothing, and who was away has saved nothing. */
+/* A user who was alone for long has no debt to others, and a user who was idle has no credit. */
 static void the_past_is_past(void **state)
 {
 	unsigned ours = 0;
@@ -245,7 +245,7 @@ static void large_against_small(void **state)
 	run_out();
 }
 
-/* Those that need no memory pass: they are the ones that bring it back. */
+/* Tasks without memory pass those that wait for memory: they may release some. */
 static void none_passes(void **state)
 {
 	struct item *holds, *large, *none;
@@ -264,7 +264,7 @@ static void none_passes(void **state)
 	sim_end();
 }
 
-/* Who takes what is left over has no claim. */
+/* Tasks of the lowest priority get leftover memory, and none is kept for them. */
 static void last_claims_nothing(void **state)
 {
 	struct item *holds, *small;

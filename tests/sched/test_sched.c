@@ -282,7 +282,7 @@ static void spare_for_others(void **state)
 	ledger_free(ledger);
 }
 
-/* Who waits already when the worker takes the lengthy one. */
+/* A short task that already waits when a worker takes a lengthy one. */
 static void spare_for_who_waits(void **state)
 {
 	struct ledger *ledger;

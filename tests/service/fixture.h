@@ -11,7 +11,6 @@
 
 #include <dirent.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <poll.h>
 #include <setjmp.h>
 #include <stdatomic.h>
@@ -71,8 +70,7 @@ static void turn(int ms)
 		}                                                          \
 	} while (0)
 
-/* Of what datasets, jobs and pushes are charged: no more than this; so much is kept for them. 0: no bound but the memory;
- * nothing. */
+/* Memory for datasets, jobs and pushes: the most that they may be charged (0: no limit), and the part that is kept for them. */
 static uint64_t service_most, service_aside;
 
 static double service_defer; /* core_params.defer_seconds */
@@ -113,11 +111,6 @@ static void close_service(void)
 	ledger_free(h.ledger); /* asserts that all was given back */
 }
 
-static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)
-{
-	return remove(path);
-}
-
 static int setup(void **state)
 {
 	repeat_folder(h.folder, sizeof h.folder, "job");
@@ -128,7 +121,7 @@ static int setup(void **state)
 static int teardown(void **state)
 {
 	close_service();
-	return nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	return repeat_remove(h.folder);
 }
 
 /* ---- inputs ---- */

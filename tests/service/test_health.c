@@ -66,7 +66,7 @@ static void looks(void **state)
 	assert_int_equal(answers, ASKERS + 1);
 	turn_until(answers == ASKERS + 2);
 	assert_int_equal(seen.geoids_bad, 1);
-	/* Who asks after a change waits for another look than that which is under way, also if many do. */
+	/* Requests after a change are answered by a new check, not by the one that is under way. */
 	s->health->last_ns = 0;
 	health_check(s, &me, looked, NULL);
 	grid_text("b", "nonsense");

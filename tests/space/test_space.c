@@ -4,7 +4,6 @@
  */
 #include <dirent.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -52,16 +51,11 @@ static int setup(void **state)
 	       mkdirat(fd, "selected", 0700) || mkdirat(fd, "datasets", 0700);
 }
 
-static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)
-{
-	return remove(path);
-}
-
 static int teardown(void **state)
 {
 	s = space_free(s);
 	close(fd);
-	return nftw(folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+	return repeat_remove(folder);
 }
 
 /* A file that was last used so many seconds ago. */
@@ -148,7 +142,7 @@ static void quota_is_refused_with_numbers(void **state)
 	assert_non_null(strstr(err.message, "--disk 1"));
 	assert_false(space_would_fit(s, SPACE_PENDING, 100 * KIB, &lacks));
 	assert_int_equal(lacks, 76 * KIB);
-	/* Of state and cache together. */
+	/* Temporary files count on the disk of state and cache together. */
 	assert_false(space_would_fit(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
 	space_give(s, SPACE_PENDING, 400 * KIB);
 	assert_true(space_would_fit(s, SPACE_TEMPORARY, 100 * KIB, &lacks));
@@ -377,7 +371,7 @@ static void *take_one(void *ret)
 	return NULL;
 }
 
-/* Who writes waits for it; who only looks at the accounts does not, and has the figures of before. */
+/* Writers wait for the file system. Readers of the accounts do not: they get the figures of the last measurement. */
 static void a_file_system_that_hangs(void **state)
 {
 	struct io_table table = *io;

@@ -1,5 +1,5 @@
-"""The configuration of the service: the file that is shipped, a reload with errors, and a disk of its own as acutd.conf(5)
-says. (The limit of the unit: service.py.)"""
+"""The configuration of the service: the shipped file, a reload with errors, and a separate disk as described in acutd.conf(5).
+(The limit of the unit: service.py.)"""
 import json
 import os
 import re
@@ -28,18 +28,18 @@ def settings():
 
 
 def journal():
-    """Of all daemons: whose unit it was the journal finds out from a process that may be gone by then."""
+    """Entries of all daemons: journald finds the unit by the process, which may be gone by then."""
     run(["journalctl", "--sync"])
     return run(["journalctl", "--no-pager", "-o", "cat", "-b", "_SYSTEMD_UNIT=acutd.service", "+", "UNIT=acutd.service", "+", "SYSLOG_IDENTIFIER=acutd"]).out
 
 
 def told(text, before=0):
-    """In the journal, behind what was there before: it comes there by itself."""
+    """Waits until the journal has a text, behind what it had before."""
     until(lambda: text in journal()[before:], lambda: "the journal does not say \"%s\":\n%s" % (text, journal()[-2000:]))
 
 
 def not_started(why):
-    """A start that fails is not tried for ever, and the journal says why it failed."""
+    """A start that fails is not repeated for ever, and the journal has the reason."""
     before = len(journal())
     got = systemctl("start", "acutd.service")
     expect(got.status != 0 and show("ActiveState") != "active", "it started: %s %s" % (got.out, got.err))
@@ -48,7 +48,7 @@ def not_started(why):
 
 
 class With:
-    """Settings in a file of acutd.conf.d, and a drop-in of the unit, for as long as it is held."""
+    """Settings in a file of acutd.conf.d, and a drop-in of the unit, within a block."""
 
     def __init__(self, conf="", unit=""):
         self.conf, self.unit = conf, unit
@@ -77,14 +77,14 @@ class With:
 
 
 def shipped():
-    """The file that comes with acut names the two groups, and nothing else."""
+    """The shipped file names the two groups, and nothing else."""
     s = settings()
     for name, group in (("group", "acut"), ("admin-group", "acut-admin")):
         expect(s[name]["value"] == group and s[name]["file"] == ETC + "/acutd.conf", "%s" % s[name])
     for name, row in s.items():
         expect(name in ("group", "admin-group") or row["origin"] != "file", "%s" % row)
     expect(s["state"]["origin"] == "environment" and s["init-first"]["value"] == "yes", "%s" % s["state"])
-    # A user in no group is told so, one of the group is served.
+    # A user in no group gets an error, a member of the group is served.
     run(["useradd", "--system", "stranger"]).ok()
     run(["useradd", "--system", "-G", "acut", "surveyor"]).ok()
     got = run(["runuser", "-u", "stranger", "--", e2e.ACUTCTL, "config", "show"], timeout=e2e.PATIENCE)
@@ -109,7 +109,7 @@ def reload():
 
 
 def disk_for_the_data():
-    """As the manual says, word by word, with another folder."""
+    """The manual's instructions for a separate disk, literally, with another folder."""
     with open("/opt/acut/tree/man/acutd.conf.5.scd") as f:
         page = f.read().split("# A DISK FOR THE DATA")[1].split("\n# ")[0]
     conf, unit, moved, empty = [b.replace("/data", "/srv/data") for b in re.findall(r"^```\n(.*?)^```$", page, re.M | re.S)]
@@ -117,12 +117,12 @@ def disk_for_the_data():
         survey = "/srv/config.las"
         run([e2e.SYNTH, "--points", "20000", survey]).ok()
         run([e2e.ACUTCTL, "push", "kept", survey], timeout=e2e.PATIENCE).ok()
-    # A folder that is not mounted yet is no store, and nothing is made there.
+    # Without the mount the folder is not a store, and no file is made there.
     os.makedirs("/srv/data")
     with With(conf, unit):
         not_started("")
         expect(not os.listdir("/srv/data"), "it made something where no disk is mounted")
-    # Nor where somebody has made the folders below the mount point.
+    # The same if somebody has made the folders below the mount point.
     run(["install", "-d", "-o", "acut", "-g", "acut", "-m", "0700", "/srv/data/acut", "/srv/data/acut/state", "/srv/data/acut/cache"]).ok()
     with With(conf, unit):
         not_started("an unmounted disk is not an empty store")
@@ -139,7 +139,7 @@ def disk_for_the_data():
         not_started("Read-only file system")
 
 
-# What is installed is not to be written to: another folder above it.
+# The installed files are read-only, so a copy is mounted over them.
 run(["cp", "-a", ETC, "/run/etc-acut"]).ok()
 run(["mount", "--bind", "/run/etc-acut", ETC]).ok()
 systemctl("start", "acutd.socket").ok()

@@ -1,5 +1,4 @@
-"""Calls of a process that do not come back before the test says so: the disk that does not answer, for as long as it takes to see what
-the others do meanwhile."""
+"""Holds system calls of a process until the test releases them: a disk that does not answer."""
 import os
 import signal
 import subprocess
@@ -8,7 +7,8 @@ from e2e import expect, until
 
 
 class Held:
-    """The first fsync of each thread of a process, from here on until let_go(). `more` for strace: -P PATH, to hold those of one path."""
+    """Holds the first fsync of each thread of a process, from now on until let_go(). `more` for strace: -P PATH, to hold those of
+    one path."""
 
     def __init__(self, pid, trace, *more, calls="fsync,fdatasync"):
         self.trace = trace
@@ -25,7 +25,7 @@ class Held:
         return tracers == {str(self.tracer.pid)}
 
     def one(self):
-        """Whether a call is being held."""
+        """True if a call is being held."""
         with open(self.trace) as f:
             return "(DELAYED)" in f.read()
 

@@ -12,7 +12,7 @@ from e2e import expect, main
 from protocol import some_points, write_las
 
 FOLDER = "/var/lib/acut-ingest/valley"
-# The settings lie where those of acutd do, below what it is installed to.
+# The settings are beside those of acutd, below the prefix.
 ETC = next(d for d in ("/etc/acut", "/usr/local/etc/acut") if os.path.exists(d + "/acutd.conf"))
 
 
@@ -46,7 +46,7 @@ def files_of(dataset):
 
 
 def settle(seconds):
-    """Of the passes from now on."""
+    """Sets the --settle time of later passes."""
     with open(ETC + "/ingest/valley.conf", "w") as f:
         f.write("settle=%s\noptions=--assume-crs \"EPSG:25832\" --no-progress\n" % seconds)
 
@@ -60,13 +60,13 @@ def the_folder_comes_with_the_units():
     st = os.stat(FOLDER)
     user = sh("id", "-u", "acut-ingest").out.strip()
     expect(st.st_mode & 0o7777 == 0o2770 and str(st.st_uid) == user, "%o of %d" % (st.st_mode, st.st_uid))
-    # Nothing to do: acutd was not woken for it.
+    # Without files acutd is not started.
     until("the first pass", lambda: property_of("acut-ingest@valley.service", "ActiveState") == "inactive")
     expect(property_of("acutd.service", "ActiveState") == "inactive", "acutd was started for an empty folder")
 
 
 def a_user_delivers():
-    """Dropped by a member of the group, in the dataset, and meshed."""
+    """A member of the group drops a file; it is in the dataset, and is meshed."""
     sh("useradd", "-m", "-G", "acut-ingest", "alice").ok()
     write_las("/srv/a.las", some_points(3000, 1))
     os.chmod("/srv/a.las", 0o644)
@@ -82,12 +82,12 @@ def a_user_delivers():
 
 
 def what_a_path_unit_cannot_see():
-    """A slow copy: the path unit fires when it begins and when it ends, and takes it whole."""
+    """A slow copy: the path unit fires when it begins and when it ends, and the file is pushed complete."""
     write_las("/srv/slow.las", some_points(4000, 2))
     with open("/srv/slow.las", "rb") as f:
         data = f.read()
     until("rest", lambda: property_of("acut-ingest@valley.service", "ActiveState") == "inactive")
-    settle(6) # for longer than a moment in which the copy itself stands still
+    settle(6) # longer than a pause within the copy
     with open(FOLDER + "/slow.las", "wb", buffering=0) as out:
         for at in range(0, len(data), len(data) // 25 + 1):
             out.write(data[at:at + len(data) // 25 + 1])
@@ -95,7 +95,7 @@ def what_a_path_unit_cannot_see():
         expect("slow.las" not in names("done") + names("failed"), "half a file was taken")
     until("slow.las in done/", lambda: "slow.las" in names("done"))
     settle(0.5)
-    # A file that comes while a pass runs, found by the timer at the latest: shortened here.
+    # A file that comes while a pass runs is found by the timer at the latest, whose period is shortened here.
     os.makedirs("/run/systemd/system/acut-ingest@valley.timer.d", exist_ok=True)
     with open("/run/systemd/system/acut-ingest@valley.timer.d/test.conf", "w") as f:
         f.write("[Timer]\nOnUnitInactiveSec=\nOnUnitInactiveSec=2s\nAccuracySec=100ms\n")
@@ -124,12 +124,12 @@ def broken_files_and_an_absent_daemon():
     log = passes()
     for i, line in enumerate(log.splitlines()):
         expect("Starting" not in line and "Deactivated" not in line, "every pass is in the journal: " + line)
-    # acutd killed: the socket starts it again, nothing is lost.
+    # After a kill of acutd the socket starts it again, and nothing is lost.
     sh("systemctl", "kill", "-s", "KILL", "acutd.service")
     write_las("/srv/b.las", some_points(500, 3))
     shutil.move("/srv/b.las", FOLDER + "/b.las")
     until("b.las in done/", lambda: "b.las" in names("done"))
-    # No socket at all: it stays, and goes when there is one again.
+    # Without a socket the file stays; it is pushed when there is one again.
     sh("systemctl", "stop", "acutd.socket", "acutd.service").ok()
     os.makedirs("/run/systemd/system/acut-ingest@valley.service.d", exist_ok=True)
     with open("/run/systemd/system/acut-ingest@valley.service.d/test.conf", "w") as f:
@@ -146,7 +146,7 @@ def broken_files_and_an_absent_daemon():
 
 
 def a_folder_at_rest_stays_at_rest():
-    """Files that remain (not ours, not regular) do not make the units turn in circles."""
+    """Files that remain (foreign or not regular) do not trigger the units again and again."""
     os.remove("/run/systemd/system/acut-ingest@valley.timer.d/test.conf")
     sh("systemctl", "daemon-reload").ok()
     sh("systemctl", "restart", "acut-ingest@valley.timer").ok()
@@ -166,7 +166,7 @@ def a_folder_at_rest_stays_at_rest():
 
 
 def a_stop_is_no_failure():
-    """Of a pass that waits for a file to settle: the file stays, and systemctl --failed has nothing."""
+    """A pass that waits for a file is stopped: the file stays, and systemctl --failed lists nothing."""
     sh("systemctl", "stop", "acut-ingest@valley.timer", "acut-ingest@valley.path").ok()
     with open(ETC + "/ingest/valley.conf", "w") as f:
         f.write("settle=60\n")
@@ -178,7 +178,7 @@ def a_stop_is_no_failure():
     expect("stay.las" in names(""), "%s" % names(""))
 
 
-# What is installed is not to be written to: another folder above it.
+# The installed files are read-only, so a copy is mounted over them.
 sh("cp", "-a", ETC, "/run/etc-acut").ok()
 sh("mount", "--bind", "/run/etc-acut", ETC).ok()
 main(the_folder_comes_with_the_units, a_user_delivers, what_a_path_unit_cannot_see, broken_files_and_an_absent_daemon,

@@ -1,5 +1,5 @@
-"""What acutd tells a service manager, judged by a stand-in of it: ready when it serves, what it does, signs of life while the
-disk does not answer and none when the loop hangs, more time for a start that gets on; and that idleness costs nothing."""
+"""Messages of acutd to a service manager, received by a stand-in: ready when it serves, its status, watchdog messages while the
+disk does not answer but not when the loop hangs, more time for a long start; and no wake-ups while idle."""
 import os
 import shutil
 import signal
@@ -15,13 +15,13 @@ import e2e
 from e2e import Daemon, Folder, expect, main, run, unavailable, until
 from held import Held
 
-SIGNS = int(os.environ.get("ACUT_SLOW_FSYNC", 6)) # of life while an fsync does not come back
+SIGNS = int(os.environ.get("ACUT_SLOW_FSYNC", 6)) # watchdog messages while an fsync does not return
 WATCHDOG = 2.0
 IDLE_CLIENTS = 10
 
 
 class Manager:
-    """Takes the messages of one acutd, with the time of each."""
+    """Receives the messages of one acutd, with the time of each."""
 
     def __init__(self, base, name="notify"):
         self.path = os.path.join(base, name)
@@ -46,11 +46,11 @@ class Manager:
         return [(t, line[len(prefix):]) for t, line in list(self.told) if line.startswith(prefix)]
 
     def wait(self, prefix, n=1):
-        """The n-th of these."""
+        """Waits for the n-th of these messages."""
         return until(lambda: self.all(prefix)[n - 1:], lambda: "%s was not told %d times: %s" % (prefix, n, self.told))[0]
 
     def rests(self, seconds):
-        """Nothing is told for that long; what was told before has been taken."""
+        """No message for that long, after the earlier ones were received."""
         def silent():
             n = len(self.told)
             time.sleep(seconds)
@@ -60,7 +60,7 @@ class Manager:
             expect(time.monotonic() < deadline, "told while there is nothing to tell: %s" % self.told[-20:])
 
     def mark(self):
-        """Takes all that has been told until now."""
+        """Drops all messages received so far."""
         n = len(self.all("MARK=")) + 1
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
             s.sendto(b"MARK=%d" % n, self.path)
@@ -75,12 +75,12 @@ def survey(base, points, seed=1):
 
 
 def switches(pid):
-    """How often threads of a process were woken, for each."""
+    """Voluntary context switches of each thread of a process."""
     counts = {}
     for task in os.listdir("/proc/%d/task" % pid):
         with open("/proc/%d/task/%s/status" % (pid, task)) as f:
             lines = dict(line.split(":", 1) for line in f if ":" in line)
-        counts[task] = int(lines["voluntary_ctxt_switches"]) # those who sleep; a preemption is no wake-up
+        counts[task] = int(lines["voluntary_ctxt_switches"]) # threads that sleep; a preemption is no wake-up
     return counts
 
 
@@ -96,7 +96,7 @@ def says_what_it_does():
         m, begun = Manager(base), time.monotonic()
         with Daemon(base, env=m.env(), threads=1) as d:
             m.wait("READY=1")
-            # A start that is long says so before.
+            # A long start asks for more time before it is ready.
             first = until(lambda: [x for x in m.all("STATUS=") if not x[1].startswith("Starting")], "nothing is told")
             expect(first[0][1] == "Serving", "at first: %s" % m.all("STATUS="))
             path = survey(base, 300000)
@@ -121,12 +121,12 @@ def says_what_it_does():
 
 
 def once_a_second(told, begun):
-    """At most, since before the first of them: each may be taken late here."""
+    """At most one a second since the first: each may be received late."""
     expect(len(told) <= told[-1][0] - begun + 2, "more than once a second: %s" % told)
 
 
 def start_gets_more_time():
-    """Where each fsync of the start takes its time, the start says that it gets on; one that hangs says nothing."""
+    """A start whose fsyncs are slow asks for more time; one that hangs does not."""
     if not shutil.which("strace"):
         unavailable("strace is not installed")
     with Folder() as base:
@@ -138,7 +138,7 @@ def start_gets_more_time():
             early = [x for x in m.all("EXTEND_TIMEOUT_USEC=") if x[0] < ready]
             expect(early and int(early[0][1]) >= 10e6, "no more time was asked for: %s" % m.told)
             once_a_second(early, begun)
-        e2e.end_daemons(base) # what has ended is strace
+        e2e.end_daemons(base) # the process that ended is strace
         m = Manager(base, "hung")
         trace = base + "/trace"
         d = Daemon(base, env=m.env(), prefix=["strace", "-f", "-qq", "-o", trace, "-e", "trace=fsync,fdatasync", "-e",
@@ -156,8 +156,8 @@ def start_gets_more_time():
 
 
 def alive_while_the_disk_is_not():
-    """An fsync that does not come back for six signs of life (ACUT_SLOW_FSYNC=30 for more), in a push and a mesh, with clients that ask all the while;
-    beside it an idle daemon with clients is woken by its watchdog alone."""
+    """An fsync does not return for six watchdog messages (ACUT_SLOW_FSYNC=30 for more), during a push and a mesh, with clients
+    that send requests all the time. Beside it, an idle daemon with clients is woken by its watchdog only."""
     if not shutil.which("strace"):
         unavailable("strace is not installed")
     with Folder() as base:
@@ -193,7 +193,7 @@ def alive_while_the_disk_is_not():
 
 
 def at_rest(manager, pid):
-    """Whether two signs of life are all that a process was woken for; what it had to do before may be going on in the first of these times."""
+    """True if a process was woken for two watchdog messages only; earlier work may still go on at the first."""
     n, woken = len(manager.all("WATCHDOG=1")), switches(pid)
     manager.wait("WATCHDOG=1", n + 2)
     now = switches(pid)
@@ -203,7 +203,7 @@ def at_rest(manager, pid):
 
 
 def new_dataset_stops_nobody():
-    """The name of a new dataset's folder does not come to the disk; the jobs and clients of others do not wait for that."""
+    """The fsync of a new dataset's folder does not return; jobs and clients of others do not wait for it."""
     if not shutil.which("strace"):
         unavailable("strace is not installed")
     with Folder() as base, Daemon(base, threads=2) as d:

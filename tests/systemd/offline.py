@@ -1,5 +1,5 @@
-"""The units, without a running systemd: they are well formed as installed, what they may do is as little as is promised,
-and users and folders come to be. No privileges are needed."""
+"""The units without a running systemd: they are well formed as installed, their permissions are as small as promised, and users
+and folders are created. No privileges are needed."""
 import os
 import re
 import shutil
@@ -10,7 +10,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "e2e"))
 from e2e import Folder, expect, main, run, unavailable
 
-# Exposure by systemd-analyze security, times ten: 0.4, and 1.0 for what has USB devices and udev's events.
+# Exposure by systemd-analyze security, times ten: 0.4, and 1.0 for units with USB devices and udev's events.
 THRESHOLD = 4
 THRESHOLDS = {"acut-scan@1-2.4.service": 10}
 SCANNERS = os.path.join(HERE, "..", "..", "etc", "scanners.d")
@@ -21,7 +21,7 @@ if os.environ.get("ACUT_SCAN"):
 
 
 def staged(base):
-    """A copy of the installed tree, with what the units name of the system."""
+    """A copy of the installed tree, with the system's programs that the units name."""
     stage = subprocess.run([os.path.join(HERE, "stage"), os.environ["BUILD"]], stdout=subprocess.PIPE, check=True, timeout=1800)
     root = base + "/root"
     shutil.copytree(stage.stdout.decode().strip(), root, symlinks=True)
@@ -50,11 +50,11 @@ def installed_units_are_well_formed():
         for unit in sorted(set(here) | set(UNITS)):
             got = analyze("verify", "--root=" + root, "--recursive-errors=no", "--man=no", unit)
             expect(got.status == 0 and not got.err.strip(), "%s: %d %s" % (unit, got.status, got.err))
-        # Settings of drop folders lie beside those of acutd, wherever it is installed to.
+        # Settings of drop folders are beside those of acutd, whatever the prefix is.
         etc = os.path.dirname(find(root, "acutd.conf"))[len(root):]
         with open(find(root, "acut-ingest@.service")) as f:
             expect("EnvironmentFile=-%s/ingest/%%i.conf\n" % etc in f.read(), "acut-ingest@.service does not read %s/ingest" % etc)
-        # The judge judges.
+        # The check itself finds an error.
         path = find(root, "acutd.service")
         with open(path, "a") as f:
             f.write("[Service]\nPrivateDevice=yes\n")
@@ -93,7 +93,7 @@ def users_and_folders():
         expect("acut" in groups and "acut-admin" in groups, str(groups))
         expect("acut-ingest" in users and groups["acut"][3] == "acut-ingest", str(groups))
         if os.environ.get("ACUT_SCAN"):
-            # Who captures has no right to datasets; acut-scan-push.service takes it.
+            # The user of the capture has no right to datasets; acut-scan-push.service has it.
             expect("acut-scan" in users and users["acut-scan"][5] == "/var/lib/acut-scan" and "acut-scan" in groups, str(users))
         if os.geteuid():
             return
@@ -104,7 +104,7 @@ def users_and_folders():
 
 
 def matches(path):
-    """What a profile asks for, read by another reader than acut-scan's: {attribute: value} as udev has them."""
+    """The match of a profile, by another reader than acut-scan's: {attribute: value} as udev has them."""
     names = {"vendor": ("ATTR{idVendor}", "%04x"), "product": ("ATTR{idProduct}", "%04x"), "device-class": ("ATTR{bDeviceClass}", "%02x"),
              "interface-class": ("ENV{ID_USB_INTERFACES}", "*:%02x*"), "serial": ("ATTR{serial}", "%s")}
     found, section = {}, ""
@@ -121,7 +121,7 @@ def matches(path):
 
 
 def rules_are_those_of_the_profiles():
-    """Each profile that names a vendor has one rule with all that it asks for and nothing else; no rule is of anything else."""
+    """Each profile that names a vendor has one rule with exactly its match; there are no other rules."""
     with Folder() as base:
         with open(find(staged(base), "70-acut-scanner.rules")) as f:
             lines = [line for line in f.read().splitlines() if line and not line.startswith("#")]
@@ -136,7 +136,7 @@ def rules_are_those_of_the_profiles():
     wanted = {name: found for name, found in wanted.items() if "ATTR{idVendor}" in found}
     expect(wanted and rules == wanted, "rules %s, profiles %s" % (rules, wanted))
     print("     %d rules: %s" % (len(rules), " ".join(sorted(rules))))
-    # Rights, and a unit whose name is that of the port; both to a device, not to its interfaces, and not when it goes.
+    # The rule gives rights, and starts a unit named by the port: for a device, not for its interfaces or its removal.
     text = "\n".join(lines)
     for part in ('ENV{DEVTYPE}!="usb_device", GOTO=', 'ACTION=="remove", GOTO=', 'GROUP="acut-scan", MODE="0660", TAG+="systemd"',
                  'ENV{ID_USB_INTERFACES}=="*:08????:*", GOTO=', 'ENV{SYSTEMD_WANTS}+="acut-scan@$kernel.service"'):
@@ -144,7 +144,7 @@ def rules_are_those_of_the_profiles():
 
 
 def rule_of_a_profile_of_ones_own():
-    """A line for udev that stands alone, whatever a serial number has in it; none for a profile that would match anything."""
+    """One line for udev, whatever a serial number contains; none for a profile that would match any device."""
     with Folder() as base:
         text = "[match]\nvendor = 0x1209\nserial = A|B[*]\n[usb]\nendpoint-in = 0x81\n[framer]\nkind = stream\n[decoder]\nname = xyz\n"
         for name, have in (("own", text), ("any", text.replace("vendor = 0x1209\nserial = A|B[*]", "interface-class = 0xff"))):

@@ -1,5 +1,5 @@
-"""The Debian packages: they build, lintian has nothing to say, and in a container with a real systemd they install, serve,
-upgrade, go and come back without a dataset lost."""
+"""The Debian packages: they build, lintian has no complaints, and in a container with a real systemd they are installed, used,
+upgraded, removed and installed again without losing a dataset."""
 import glob
 import os
 import shutil

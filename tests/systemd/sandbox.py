@@ -1,5 +1,6 @@
-"""The functional suite under the sandbox of the shipped unit (in a container): sandbox.py SCRIPT... runs those of tests/e2e, whose
-daemons are then units with seccomp on, and a call that is not allowed kills. Without names: those that take a few seconds."""
+"""The functional tests under the sandbox of the shipped unit (in a container): sandbox.py SCRIPT... runs these scripts of
+tests/e2e. Their daemons are units with seccomp, where a forbidden system call kills. Without names: the scripts that take a few
+seconds."""
 import os
 import re
 import subprocess

@@ -1,5 +1,5 @@
-"""The unit of captures in a running systemd (in a container, which has no USB: tests/vm has). Its sandbox lets acut-scan work;
-what it captures is the bytes that came; without a device it fails, soon and in words."""
+"""The capture unit in a running systemd (in a container without USB; tests/vm has USB). acut-scan works in its sandbox, captures
+all bytes, and without a device fails soon with a message."""
 import json
 import os
 import stat
@@ -39,7 +39,7 @@ def until(what, seconds=e2e.PATIENCE):
 
 
 class Copy:
-    """The shipped unit under another name, bound to no device, with another source of bytes: what it may do is the same."""
+    """The shipped unit under another name, bound to no device, with another source of bytes and the same permissions."""
 
     def __init__(self, name, source):
         self.unit, self.source = "acut-test-%s.service" % name, source
@@ -93,7 +93,7 @@ def captures_within_its_sandbox():
             while part:
                 part = part[os.write(writer, part):]
         until(lambda: spools() and os.path.getsize(spools()[0]) >= len(data))
-        # A stop is an end: the spool has its END, and the unit has not failed.
+        # After a stop the spool has its END, and the unit has not failed.
         begun = time.monotonic()
         systemctl("stop", unit).ok()
         print("     stop of a capture: %.2f s" % (time.monotonic() - begun))
@@ -111,14 +111,14 @@ def captures_within_its_sandbox():
 
 
 def without_a_device():
-    """Who starts it where nothing is plugged in is told so, and it is not tried for ever."""
+    """A start without a device fails with a message, and is not repeated for ever."""
     begun = time.monotonic()
     got = systemctl("start", "acut-scan@9-9.service")
     took = time.monotonic() - begun
     expect(got.status != 0, "it runs without a device")
     expect(show("JobTimeoutUSec", "acut-scan@9-9.service") == "15s", "told after " + show("JobTimeoutUSec", "acut-scan@9-9.service"))
     print("     %.1f s: %s" % (took, got.err.strip().splitlines()[0]))
-    # The program itself, under the same sandbox, bound to nothing.
+    # The program itself, in the same sandbox, bound to no device.
     with Copy("none", "--device port:9-9") as unit:
         systemctl("start", unit)
         text = journal(unit)
@@ -128,7 +128,7 @@ def without_a_device():
 
 
 def spools_go_into_a_dataset():
-    """The example of a timer's service, as it is installed: each spool once, what is still written to and what has no poses not yet."""
+    """The example service of a timer, as installed: each spool once; not yet those that are still written to or have no poses."""
     examples = "/usr/local/share/doc/acut-scanner/examples/"
     with open(examples + "acut-scan-push.service") as f:
         text = f.read().replace("/usr/local/lib/acut/", examples)

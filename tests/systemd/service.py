@@ -1,4 +1,4 @@
-"""The shipped units in a running systemd (in a container: tests/systemd/run). Started by a client, within its sandbox, killed,
+"""The shipped units in a running systemd (in a container: tests/systemd/run). Started by a client, within the sandbox, killed,
 stopped, reloaded, hung: clients are answered and no job is lost."""
 import json
 import os
@@ -46,7 +46,7 @@ def journal(*match):
 
 
 class Dropin:
-    """Lines of [Service] for as long as it is held; the service is as it was before, and not running, afterwards."""
+    """Lines of [Service] within a block; afterwards the service is stopped, and as before."""
 
     def __init__(self, *lines):
         self.lines = lines
@@ -80,7 +80,7 @@ def started_by_a_connect():
     asked = time.monotonic()
     ctl("ping").ok()
     print("     connect to answer at the very first start: %.2f s" % (time.monotonic() - asked))
-    until(lambda: show("ActiveState") == "active" and show("StatusText") == "Serving") # the manager may hear of it after the client
+    until(lambda: show("ActiveState") == "active" and show("StatusText") == "Serving") # systemd may notice it after the client
     expect(os.path.exists("/var/lib/acut/acut-state"), "no store was made")
     expect(os.stat("/var/lib/acut").st_mode & 0o777 == 0o700 and os.stat("/var/cache/acut").st_mode & 0o777 == 0o700,
            "folders that others look into")
@@ -120,14 +120,14 @@ def same_mesh_as_outside():
 
 
 def python_finds_it():
-    """The module and the library, as installed below /usr/local, with nothing set."""
+    """The module and the library are found as installed below /usr/local, without settings."""
     code = "import acut\nwith acut.connect() as server: print(*(d.name for d in server.datasets()))"
     got = run(["env", "-i", "-C", "/", "PATH=/usr/bin:/bin", "/usr/bin/python3", "-c", code], timeout=e2e.PATIENCE).ok()
     expect(got.out.split() == ["site"], got.out)
 
 
 def killed_and_started_again():
-    """kill -9 in the middle of jobs, with clients who come at that moment: the socket stays, all are answered."""
+    """kill -9 during jobs, with clients that connect at that moment: the socket stays, and all are answered."""
     path, inode, worst = survey(60000), os.stat(SOCKET).st_ino, 0.0
     restarts = int(show("NRestarts"))
     for _ in range(3):
@@ -148,15 +148,15 @@ def killed_and_started_again():
 
 
 def stopped_with_work():
-    """A stop with jobs under way takes seconds; the next client starts acutd again, and the jobs go on."""
+    """A stop during jobs takes seconds. The next client starts acutd again, and the jobs continue."""
     ctl("push", "large", survey(1500000)).ok()
-    # Of several views, so that none is made of another's domains: work for longer than any moment between here and the stop.
+    # Several views, so that no job uses the domains of another: they must take longer than the time until the stop.
     jobs = [ctl("submit", "large", "--zmin", str(-1000 - i), "--json").ok().json()["job"] for i in range(40)]
     until(lambda: "running" in show("StatusText"))
     begun = time.monotonic()
     systemctl("stop", "acutd.service").ok()
     took = time.monotonic() - begun
-    # Not cut off by TimeoutStopSec, which would be another result.
+    # If TimeoutStopSec had ended it, the result would be another.
     expect(show("Result") == "success" and show("ActiveState") == "inactive", "stopped in %.1f s: %s" % (took, show("Result")))
     state = ctl("show", str(jobs[-1]), "--json").ok().json()["state"]
     expect(state != "done", "the last job was done before the stop")
@@ -178,14 +178,14 @@ def reloaded():
 
 
 def signs_of_life(n):
-    """So many more reach the manager."""
+    """Waits for so many more watchdog messages."""
     for _ in range(n):
         last = show("WatchdogTimestampMonotonic")
         until(lambda: show("WatchdogTimestampMonotonic") != last)
 
 
 def hung_and_killed():
-    """The watchdog ends a loop that hangs, and no other: an idle one says in time that it lives."""
+    """The watchdog ends a loop that hangs, and no idle one."""
     with Dropin("WatchdogSec=10s", "TimeoutAbortSec=2s"):
         ctl("ping").ok()
         before = pid()
@@ -200,7 +200,7 @@ def hung_and_killed():
 
 
 def slow_disk_is_no_hang():
-    """An fsync takes longer than the watchdog waits."""
+    """An fsync that takes longer than the watchdog does not end acutd."""
     path = survey(60000, 2)
     with Dropin("WatchdogSec=8s"):
         ctl("ping").ok()
@@ -224,8 +224,8 @@ def journal_has_it():
 
 
 def memory_is_one_number():
-    """With memory unset it is the limit of the control group less 48 MiB. The container's kernel has no such limit: the tree that
-    acutd reads is one of files."""
+    """An unset memory is the limit of the control group less 48 MiB. The container's kernel has no such limit: acutd reads a tree
+    of files in its place."""
     ctl("ping").ok()
     with open("/proc/%d/cgroup" % pid()) as f:
         group = [line.strip().split(":", 2) for line in f]
@@ -245,7 +245,7 @@ def memory_is_one_number():
 
 
 def strangers_are_refused():
-    """Of the group: may; not of it: 77, told why; both by numbers that the daemon sees as they are."""
+    """Members of the group are served; others end with 77 and the reason. The daemon sees the real numbers of both."""
     gid = run(["getent", "group", "acut"]).out.split(":")[2]
     stranger = ["setpriv", "--reuid=12345", "--regid=12345"]
     with Dropin("ExecStart=", "ExecStart=/usr/local/bin/acutd --init-first --group acut --admin-group acut-admin"):
@@ -265,7 +265,7 @@ def verified_weekly():
 
 
 def found_by_its_fields():
-    """journalctl finds a job by its number, and has the catalogue's text of the event."""
+    """journalctl finds a job by its number, and explains the event from the catalogue."""
     ctl("push", "fields", survey(3000, 7)).ok()
     run([e2e.ACUTCTL, "--socket", SOCKET, "submit", "fields", "--wait", "--ground", "--zmin", "100000", "--json"])
     until(lambda: journal("-t", "acutd", "ACUT_DATASET=fields", "ACUT_EVENT=JOB_FAILED"))
@@ -285,7 +285,8 @@ def found_by_its_fields():
 
 
 def watched_by_a_timer():
-    """The metrics are a file that everybody reads, each minute, also when nobody answers; doctor has nothing that is wrong."""
+    """The metrics are a file that everybody may read, written each minute, also when acutd does not answer. doctor finds nothing
+    wrong."""
     systemctl("start", "acut-metrics.timer").ok()
     systemctl("start", "acut-metrics.service").ok()
     path = "/run/acut-metrics/acut.prom"
@@ -312,14 +313,14 @@ def watched_by_a_timer():
 
 
 def missing_disk_is_no_first_start():
-    """The state folder is empty again, as that of a disk that is not mounted: no new store, a failure that says so, and the store
-    serves when it is back."""
+    """The state folder is empty, as if its disk were not mounted: no new store is made, the start fails with the reason, and the
+    store is served when it is back."""
     systemctl("stop", "acutd.socket", "acutd.service").ok()
     os.rename("/var/lib/acut", "/srv/away")
     got = systemctl("start", "acutd.service")
     expect(got.status != 0 and not os.listdir("/var/lib/acut"), "it starts: %s" % os.listdir("/var/lib/acut"))
     until(lambda: [e for e in journal("SYSLOG_IDENTIFIER=acutd") if "unmounted disk" in str(e.get("MESSAGE"))])
-    # It is not tried again by itself, and clients hear why, one start for each.
+    # It is not restarted by itself. Each client starts it once, and gets the reason.
     expect(show("NRestarts") == "0" and show("ExecMainStatus") == "78", "%s restarts, status %s" % (show("NRestarts"), show("ExecMainStatus")))
     systemctl("reset-failed")
     systemctl("start", "acutd.socket").ok()

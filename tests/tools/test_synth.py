@@ -104,7 +104,7 @@ def survey(folder):
     expect(any(p[6] for p in pts), "withheld points")
     expect(len({p[:2] for p in pts}) < len(pts), "duplicate positions")
     last = None
-    for p in pts:  # returns of a pulse come in order
+    for p in pts:  # the returns of a pulse are in order
         expect(p[3] == 1 or (last and last[3] == p[3] - 1 and last[4] == p[4]), "return %d of %d" % (p[3], p[4]))
         last = p
     # The area is covered: no cell of an 8 x 8 grid is empty.
@@ -145,7 +145,7 @@ def kept_head(folder):
                   [*options, "--density", 9], [*options, "--scale", "0.001"], [*options, "--distribution", "uniform"]):
         got = run(*other, "--head", head, "-")
         expect((got.returncode, got.stdout) == (1, b"") and b"these options" in got.stderr, "%s: %s" % (other, got.stderr))
-    with open(head, "r+b") as f:  # the box of other points
+    with open(head, "r+b") as f:  # a header with the box of other points
         f.seek(180)
         f.write(b"\0\0")
     got = run(*options, "--head", head, "-")

@@ -1,4 +1,4 @@
-"""acut-verify: good meshes pass, with what was checked; every way to spoil the file is named."""
+"""acut-verify: good meshes pass, with a list of the checks; each kind of damage is named."""
 import json
 import os
 import struct
@@ -63,6 +63,30 @@ def report(data, *args, status=0):
     return json.loads(verify(data, "--json", *args, status=status).stdout)
 
 
+def trimmed(folder):
+    """A file that says that it has a part of the mesh: holes and unused vertices are no fault, all else is."""
+    part = [t for i, t in enumerate(faces()) if i not in (12, 13, 14, 30)][2:]
+    mark = ["acut-trimmed max-edge=2.5"]
+    expect(report(ply(triangles=part), status=1)["fault"] in ("boundary", "unused"), "a part that does not say so")
+    got = report(ply(triangles=part, comments=mark))
+    expect(got["good"] and got["trimmed"] and got["triangles"] == len(part), str(got))
+    expect(not report(ply())["trimmed"], "a whole mesh")
+    expect(b"a part of a mesh" in verify(ply(triangles=part, comments=mark), status=0).stdout, "as text")
+    whole = report(ply())
+    wrong = report(ply(triangles=part, comments=mark, digest=whole["digest"] + " " + whole["vertex_digest"]), status=1)
+    expect(wrong["fault"] == "digest", "the digest of the whole mesh in a part: %s" % wrong)
+    a, b = part[6], part[7]
+    flipped = part[:6] + [(a[0], a[1], b[1]), (a[0], b[1], a[2])] + part[8:]
+    expect(report(ply(triangles=flipped, comments=mark), status=1)["fault"] == "tie", "another diagonal")
+    expect(report(ply(triangles=part + part[:1], comments=mark), status=1)["fault"] == "edge", "a triangle twice")
+    expect(report(ply([], [], comments=mark))["good"], "nothing is left")
+    points = os.path.join(folder, "points.xyz")
+    with open(points, "w") as f:
+        f.writelines("%d.%02d -%d.%02d %d.%02d\n" % (x // 100, x % 100, -y // 100, -y % 100, z // 100, z % 100) for x, y, z in numbers() + [(50001000, -540000000, 0)])
+    expect(run("-", points, input=ply(triangles=part, comments=mark)).returncode == 0, "a point that no triangle of the part has")
+    expect(b"(missing)" in run("-", points, input=ply()).stdout, "a whole mesh lacks a point")
+
+
 def good(folder):
     got = report(ply())
     expect(got["good"] and got["fault"] is None and got["vertices"] == W * W and got["digest_in_file"] is False, str(got))
@@ -70,7 +94,7 @@ def good(folder):
     expect(got["edges"] == got["inner_edges"] + got["hull"] and got["points"] is None, str(got))
     digest = got["digest"] + " " + got["vertex_digest"]
     expect(report(ply(digest=digest))["digest_in_file"], "the digest")
-    # Another K is another file of the same mesh; so is another order, and uint for int.
+    # Another origin K, another order, or uint in place of int: other files of the same mesh.
     moved = report(ply(lattice="0.01 0.01 50000000 -540000050 0", digest=digest, triangles=list(faces())[::-1], index="uint"))
     expect(moved["digest"] == got["digest"] and moved["good"], str(moved))
     shifted = [tuple((c - o) / 1000 for c, o in zip((10 * v[0], 10 * v[1], 10 * v[2]), (500000005, -5400000000, 0)))
@@ -160,7 +184,7 @@ def usage(folder):
     expect(run("--help").returncode == 0 and run("--version").stdout.startswith(b"acut-verify "), "--help, --version")
 
 
-for test in (good, wrong, broken, points, usage):
+for test in (good, trimmed, wrong, broken, points, usage):
     with tempfile.TemporaryDirectory() as base:
         test(base)
     print("ok  ", test.__name__)

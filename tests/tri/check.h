@@ -21,7 +21,7 @@ struct check_sum {
 /* One triangle, any rotation, by positions. */
 void check_sum_add(struct check_sum *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
-/* Of all triangles that are not ghosts. */
+/* The sum over all triangles that are not ghosts. */
 struct check_sum check_sum_of(const struct tri_result *);
 
 /*

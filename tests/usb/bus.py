@@ -1,7 +1,7 @@
-"""What the tests of scanners share: a script of devices, a run of a program on their bus, the report of it.
+"""Shared by the tests of scanners: a script of devices, a program that runs on their bus, and its report.
 
-FAKE_USB, PLAIN_CAPTURE, ACUT_SCAN and ACUT_PROFILES are set by meson. ACUT_TEST_PRIVILEGED turns what would be skipped into a
-failure (tests/e2e/e2e.py). A program with sanitizers in it is run so that they bear umockdev's preload.
+meson sets FAKE_USB, PLAIN_CAPTURE, ACUT_SCAN and ACUT_PROFILES. With ACUT_TEST_PRIVILEGED, a test that would be skipped fails
+(tests/e2e/e2e.py). A program with sanitizers gets the options that they need beside umockdev's preload.
 """
 import hashlib
 import json
@@ -21,8 +21,8 @@ FAKE_USB = os.environ.get("FAKE_USB", "fake-usb")
 PLAIN = os.environ.get("PLAIN_CAPTURE", "plain-capture")
 SCAN = os.environ.get("ACUT_SCAN", "acut-scan")
 PROFILES = os.environ.get("ACUT_PROFILES")
-HANG = float(os.environ.get("ACUT_TEST_HANG", "180"))  # a way out of a hang
-PATIENCE = 60  # seconds that commands and answers have where it is not the time that is tested
+HANG = float(os.environ.get("ACUT_TEST_HANG", "180"))  # seconds after which a program is taken as hung
+PATIENCE = 60  # seconds for commands and answers in tests that do not test time limits
 MB = 1 << 20
 
 
@@ -34,8 +34,8 @@ def sanitizer(program):
 
 
 def sanitized_env(program):
-    """What a sanitizer needs to live with a preload: nothing is suppressed. It tells on stderr (with log_path it calls open
-    before the preload is ready for it: the program dies, or sees no bus)."""
+    """The options that a sanitizer needs beside a preload; nothing is suppressed. It reports to stderr: with log_path it would
+    call open before the preload is ready, and the program would die or see no bus."""
     env = {}
     kind = sanitizer(program)
     if kind == "address":
@@ -47,7 +47,7 @@ def sanitized_env(program):
 
 
 def patient_profiles(folder):
-    """The shipped profiles, with time for a scanner whose processor is busy with other things."""
+    """The shipped profiles with longer timeouts, for a machine that is busy."""
     os.makedirs(folder, exist_ok=True)
     for name in os.listdir(PROFILES):
         if name.endswith(".conf"):
@@ -99,7 +99,7 @@ class Bus:
                                 text=True, cwd=self.dir, **kw)
 
     def program(self, process, args0):
-        """The number of the process that runs on the bus."""
+        """The pid of the program that runs on the bus."""
         def find():
             for pid in children(process.pid):
                 try:
@@ -144,7 +144,8 @@ class Result:
 
 
 def device(name="a", **words):
-    """Lines of a script; `faults` is a list of lines, others are `key value` (an underscore is a dash; True: alone)."""
+    """Lines of a script for one device. `faults` is a list of lines; the other words are lines `key value` (an underscore becomes
+    a dash; True: the key alone)."""
     lines = ["device " + name]
     faults = words.pop("faults", [])
     for key, value in words.items():
@@ -162,7 +163,7 @@ def sha256(path):
 
 
 def source_bytes(script, path):
-    """What the first device's source says, without faults."""
+    """The bytes of the first device's source, without faults."""
     with open(path + ".script", "w") as f:
         f.write(script)
     subprocess.run([FAKE_USB, "--source", path + ".script", path], check=True, timeout=HANG)
@@ -171,7 +172,7 @@ def source_bytes(script, path):
 
 
 def run_cases(cases, wanted):
-    """Functions by name; prints a line each."""
+    """Runs the cases, or those that are `wanted` by name. Prints a line for each."""
     failed = 0
     for case in cases:
         name = case.__name__

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""A scanner that is plugged in and pulled out again and again, one that says nothing, and captures begun and ended in a row: descriptors
-and memory end where they began, and nothing is done while there is nothing to do."""
+"""Many cycles of plugging in and unplugging leak neither descriptors nor memory; the counts at the end include all captures; a silent
+scanner costs no processor time."""
 import json
 import os
 import signal
@@ -13,7 +13,8 @@ from rest import rests
 
 
 def plugged_and_unplugged():
-    """ACUT_USB_CYCLES times, half of them as mocks and half as real kernels do it; what the program holds is counted each time the device is away."""
+    """ACUT_USB_CYCLES cycles, half with umockdev's way to unplug and half with that of real kernels. Descriptors and memory of the
+    program are sampled each time the device is away."""
     n = int(os.environ.get("ACUT_USB_CYCLES", "50" if LONG else "20"))
     for kernel in ("mock", "real"):
         step = 40000
@@ -27,15 +28,15 @@ def plugged_and_unplugged():
             expect(s.words().count("back") == n // 2, "it came back %d times" % s.words().count("back"))
             fds, rss = [x[0] for x in samples], [x[1] for x in samples]
             print("   %s: %d cycles, descriptors %d to %d, memory %d to %d KB" % (kernel, plugs - 1, fds[0], fds[-1], rss[0], rss[-1]))
-            # one that is open for a moment is none that is left
+            # A descriptor may be open for a moment, so the smallest of three samples counts.
             expect(min(fds[-3:]) <= min(fds[:3]), "descriptors: %s" % fds)
-            # the first dozen fill libusb's and the allocator's own stores; sanitizers keep freed memory for a while
+            # The first cycles fill caches of libusb and the allocator. Sanitizers keep freed memory for a while.
             if n >= 50 and not bus.sanitizer(bus.SCAN):
                 expect(rss[-1] - rss[len(rss) * 4 // 5] <= 128, "memory: %s KB" % rss)
 
 
-def counted():
-    """What is told at the end is of all captures of the process, not of the last one."""
+def counts_of_all_captures():
+    """The counts at the end are of all captures of the process, not of the last one."""
     for kernel in ("mock", "real"):
         faults = ["every 30000 stall", "every 100000 unplug 0.04 s", "at end stop"]
         with Bus(device(source="pattern 450000", kernel=kernel, after_close=True, faults=faults)) as b:
@@ -50,7 +51,7 @@ def counted():
 
 
 def silent():
-    """A scanner that is silent: nothing is done until it speaks."""
+    """While a scanner is silent, the program rests."""
     with Bus(device(source="pattern 1 MB", faults=["at 64 KB silent"])) as b:
         p = record(b, wait=False)
         until(lambda: os.path.exists(b.path("out.spool")) and os.path.getsize(b.path("out.spool")) > 64 << 10, "it did not come")
@@ -63,7 +64,7 @@ def silent():
         whole(b, r)
 
 
-CASES = [plugged_and_unplugged, counted, silent]
+CASES = [plugged_and_unplugged, counts_of_all_captures, silent]
 
 if __name__ == "__main__":
     bus.need()

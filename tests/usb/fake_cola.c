@@ -1,7 +1,7 @@
 /*
- * CoLa-A as a small line scanner speaks it: commands between STX and ETX are answered, and `sEN LMDscandata 1` starts
- * one telegram a sweep. The head looks straight down from ten metres above hilly ground and is carried along at one
- * metre a sweep; shots that miss the ground say 0. Its clock goes with the script's rate, 15 sweeps a second if there is none.
+ * CoLa-A, the protocol of small line scanners: commands between STX and ETX are answered, and `sEN LMDscandata 1` starts one
+ * telegram per sweep. The scanner looks straight down from ten metres above hilly ground and moves one metre per sweep. Shots
+ * that miss the ground have range 0. Its clock runs at the rate of the script, or at 15 sweeps a second.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 enum { SHOTS = 271, STX = 2, ETX = 3 };
 
-/* Range of shot i in millimetres: the scan plane is across the way, angle 90 degrees looks down. */
+/* Range of shot i in millimetres. The scan plane is across the direction of travel; 90 degrees is down. */
 static unsigned shot_range(uint64_t number, unsigned i, uint64_t seed)
 {
 	double angle = (-45.0 + i) * M_PI / 180, down = sin(angle), side = cos(angle), height;

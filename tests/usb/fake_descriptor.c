@@ -1,4 +1,4 @@
-/* What the device says of itself: descriptors as the wire has them, and the control requests that ask for them. */
+/* Descriptors of the device in the format of the wire, and the control requests that read them. */
 #include <errno.h>
 #include <string.h>
 

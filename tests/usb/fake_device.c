@@ -1,7 +1,7 @@
 /*
- * The model's stream: source bytes go out in packets; where a fault is due the stream is cut there and the fault does
- * its work. All that happens depends on the bytes sent, the steps counted and the time that is handed in, so a run
- * with the same script brings the same faults at the same bytes, however the host asks.
+ * The stream of the model. Bytes of the source are delivered in packets; where a fault is due, the stream is cut and the fault
+ * takes effect. Everything depends only on the bytes sent, the steps counted and the time passed in. So the same script gives the
+ * same faults at the same bytes, whatever the size of the host's transfers.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -143,7 +143,7 @@ static bool source_ended(struct fake_device *d)
 	return c == EOF;
 }
 
-/* ---- books ---- */
+/* ---- records of what was delivered ---- */
 
 static void row_add(struct fake_device *d, enum fake_verb verb, uint64_t lost, uint64_t added)
 {
@@ -213,7 +213,7 @@ static void go_away(struct fake_device *d, const struct fake_fault *f, int64_t n
 	row_add(d, FAKE_UNPLUG, 0, 0);
 }
 
-/* What is a state and moves no bytes. True: it was that. */
+/* Faults that only change the state and move no bytes. True: it was one of them. */
 static bool fault_state(struct fake_device *d, const struct fake_fault *f, int64_t now_ns)
 {
 	switch (f->verb) {
@@ -256,7 +256,7 @@ static bool fault_state(struct fake_device *d, const struct fake_fault *f, int64
 	}
 }
 
-/* Bytes that the device adds, as far as there is room; the rest of it is left out. */
+/* Adds bytes of the device's own, as many as there is room for. */
 static void fault_bytes(struct fake_device *d, const struct fake_fault *f, uint8_t *at, size_t room, struct fake_in *ret)
 {
 	size_t n = f->amount < room ? (size_t)f->amount : room;
@@ -285,7 +285,7 @@ static void fault_bytes(struct fake_device *d, const struct fake_fault *f, uint8
 
 enum due { DUE_NOTHING, DUE_STATE, DUE_BYTES };
 
-/* BYTES: `ret` says what came of it. STATE: one that the caller looks at; more may be due. */
+/* BYTES: the result is in `ret`. STATE: the state has changed; more faults may be due. */
 static enum due fault_next(struct fake_device *d, int64_t now_ns, uint8_t *at, size_t room, struct fake_in *ret)
 {
 	for (size_t i = 0; i < d->n_faults; i++) {
@@ -331,7 +331,7 @@ static void stream_wait(struct fake_in *ret, int64_t when_ns)
 	ret->when_ns = when_ns;
 }
 
-/* With a rate: how many bytes it has made that are not sent yet; drops what its own memory does not hold. */
+/* With a rate: how many bytes have been made and not sent; drops those that exceed the buffer. */
 static uint64_t rate_ready(struct fake_device *d, int64_t now_ns, int64_t *ret_when)
 {
 	double per_s = d->rate;
@@ -489,7 +489,7 @@ void fake_device_plug(struct fake_device *d)
 	d->answer_size = d->answer_sent = 0;
 	d->began_ns = 0;
 	d->in_short = false;
-	if (d->text_sent > 0) { /* the telegram that it was in is over */
+	if (d->text_sent > 0) { /* the telegram that was being sent ends here */
 		uint64_t rest = d->text_size - d->text_sent;
 
 		row_add(d, FAKE_UNPLUG, rest, 0);

@@ -5,13 +5,13 @@
  *   modprobe dummy_hcd is_high_speed=1 num=2; modprobe libcomposite; modprobe usb_f_fs
  *   fake-gadget [--udc dummy_udc.0]... [--report FILE] [--on-stop COMMAND] [--end] SCRIPT
  *
- * Device n of the script goes to the n-th --udc (dummy_udc.N where none is named). It makes the gadget in configfs and
- * takes it away at its end. Binding a UDC is plugging in, unbinding is pulling out. Ends at SIGTERM or SIGINT, or with
- * --end when all sources have ended; the report is written then (and when a source ends).
+ * Device n of the script uses the n-th --udc, or dummy_udc.N. The gadget is made in configfs and removed at the end. To plug in,
+ * its UDC is bound; to unplug, unbound. The program ends at SIGTERM or SIGINT, or with --end when all sources have ended. The
+ * report is written at the end, and whenever a source ends.
  *
- * What a gadget cannot do: babble and errors on the wire lose their bytes, and nothing else of them is seen; `timeout`
- * stops the reading of commands; steps are only `start`. `stop` runs the COMMAND. Every byte that the model gave was taken
- * by the host's controller before the next is asked for, so an unplug in the script loses none in the gadget.
+ * Limits of a gadget: babble and errors on the wire lose their bytes and have no other effect; `timeout` stops the reading of
+ * commands; the only step is `start`; `stop` runs the COMMAND. The host's controller has taken all earlier bytes before the model
+ * is asked for more, so an unplug in the script loses no bytes in the gadget.
  */
 #include <endian.h>
 #include <errno.h>
@@ -242,7 +242,7 @@ static void *events_thread(void *ctx)
 	while (read(g->ep0, &event, sizeof event) == sizeof event) {
 		if (event.type != FUNCTIONFS_SETUP)
 			continue;
-		/* nothing of ours: an answer in the wrong direction halts */
+		/* not known: an answer in the wrong direction makes the endpoint halt */
 		if (event.u.setup.bRequestType & USB_DIR_IN) {
 			if (read(g->ep0, &event, 0) < 0)
 				continue;
@@ -330,7 +330,7 @@ static void *in_thread(void *ctx)
 	return NULL;
 }
 
-/* ---- the whole ---- */
+/* ---- main ---- */
 
 static void on_signal(int n)
 {
@@ -419,7 +419,7 @@ static int gadgets_run(const char *report, const char *on_stop, bool until_end)
 		nanosleep(&(struct timespec){0, 3000000}, NULL);
 	}
 	if (until_end)
-		nanosleep(&(struct timespec){1, 0}, NULL); /* the host takes what it was given */
+		nanosleep(&(struct timespec){1, 0}, NULL); /* the host reads the last bytes */
 	report_write(report);
 	for (size_t i = 0; i < n_gadgets; i++)
 		gadget_remove(&gadgets[i]);

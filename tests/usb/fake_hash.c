@@ -1,7 +1,6 @@
 /*
- * SHA-256 (FIPS 180-4), so that the model needs no library and can be linked into a program that stands alone in a
- * guest. The constants are the first 32 bits of the fractions of square and cube roots of primes, as the standard has
- * them.
+ * SHA-256 (FIPS 180-4), so that the model needs no library and can be linked statically for a guest without libraries. As in the
+ * standard, the constants are the first 32 bits of the fractional parts of square and cube roots of primes.
  */
 #include "fake_hash.h"
 

@@ -1,4 +1,4 @@
-/* SHA-256 of what was given. */
+/* SHA-256 of the delivered bytes. */
 #ifndef FAKE_HASH_H
 #define FAKE_HASH_H
 

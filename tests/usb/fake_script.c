@@ -1,21 +1,21 @@
 /*
- * Scripts: what is plugged in, what it streams and what goes wrong, one thing a line; `#` begins a comment.
+ * Scripts: the devices, their streams and their faults, one statement a line; `#` begins a comment.
  *
- *   device NAME                        begins one
+ *   device NAME                        begins a device
  *   serial|manufacturer|model|port TEXT
  *   id 19a2:5001                       vendor and product
  *   class 255 [0]                      of the interface, of the device; 8 is mass storage
  *   packet 64                          bytes; 512
- *   locked                             its node is for nobody
+ *   locked                             nobody may open its node
  *   busy   driver NAME                 another program, or a driver of the kernel, has its interface
- *   unheard                            udev does not say that it came
- *   appear 0.5 s | with PATH           is not there before: before there is such a file
- *   after-close                        comes back when the program has let go of it, no sooner
+ *   unheard                            udev does not announce it
+ *   appear 0.5 s | with PATH           is plugged in after this time, or once this file exists
+ *   after-close                        comes back only after the program has closed its node
  *   source pattern 5 MB | file PATH | cola 1000
- *   delivered PATH                     the bytes that it gave go there too
+ *   delivered PATH                     a file that gets the delivered bytes, too
  *   seed N   message BYTES   on-command
  *   rate 2 MB                          per second; of cola: telegrams
- *   buffer 64 KB                       with a rate: what it keeps before it drops
+ *   buffer 64 KB                       with a rate: what exceeds it is dropped
  *   kernel mock|real   poll file|fifo  caps-off N
  *   at PLACE VERB [AMOUNT]             PLACE: 3 MB | end | step NAME [N]; amounts are bytes or seconds
  *   every 1 MB VERB [AMOUNT]

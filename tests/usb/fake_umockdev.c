@@ -1,15 +1,15 @@
 /*
- * fake-usb: runs a program, unchanged, on a USB bus of scanners that are not there.
+ * fake-usb: runs an unchanged program on a USB bus with pretended scanners.
  *
  *   umockdev-wrapper fake-usb [--timeout S] [--report FILE] [--udev] SCRIPT -- PROGRAM [ARGUMENT]...
- *   fake-usb --source SCRIPT FILE    what the first device's source says, without faults
+ *   fake-usb --source SCRIPT FILE    writes the bytes of the first device's source, without faults
  *
- * Ends as the program did; 124 when it hung, 125 when the bus could not be made. The report is one JSON object: what
- * each device gave, what was lost and added, what the kernel was asked, how the program ended and what it used.
+ * The exit status is that of the program; 124 if it hung, 125 if the bus could not be made. The report is one JSON object: for
+ * each device the delivered, lost and added bytes and the calls to the kernel, and the exit status and resources of the program.
  *
- * The bus is umockdev's: sysfs, nodes and udev events below a folder that only this process and its children see. A
- * thread moves bytes and time; the main thread plugs, unplugs and waits for the program. --udev: to the program udev seems
- * to run (a /run of its own, where that is permitted), so that it may rely on events.
+ * The bus is umockdev's: sysfs, nodes and udev events in a folder that only this process and its children see. A thread moves
+ * bytes and time; the main thread plugs, unplugs and waits for the program. --udev: the program believes that udev runs, and
+ * relies on its events (it gets a /run of its own, if that is permitted).
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -29,7 +29,7 @@
 
 enum { LEAVING_NS = 30000000, NODES = 512 };
 
-/* What the program holds when a device is about to come (back). */
+/* Resources of the program at the time when a device is about to be plugged in (again). */
 struct sample {
 	unsigned descriptors;
 	long rss_kb;
@@ -120,7 +120,7 @@ static char *device_text(const struct plug *p, unsigned address)
 
 static void signals_send(struct bus *b, struct fake_device *d);
 
-/* A signal goes out before anything more is moved: nobody's turn comes between it and the byte that it is due at. */
+/* Sends a signal before any more bytes are moved, so that it arrives exactly at its byte. */
 static void wake(void *ctx)
 {
 	struct bus *b = ctx;
@@ -187,7 +187,7 @@ static void plug_in(struct bus *b, struct plug *p)
 		g_error("%s: %s", where, strerror(errno));
 	if (p->device->locked && chmod(where, 0) != 0)
 		g_error("%s: %s", where, strerror(errno));
-	if (p->device->unheard) /* a program that is not told by udev reads the node itself */
+	if (p->device->unheard) /* without an event the program must find the node itself */
 		node_write(where, p->device);
 	g_free(where);
 	g_mutex_lock(&b->lock);
@@ -238,7 +238,7 @@ static void plug_out(struct bus *b, struct plug *p, int64_t now_ns)
 	b->old[b->n_old++] = node;
 }
 
-/* Nodes of devices that left go when the program has closed them, as the kernel's do. */
+/* Removes nodes of unplugged devices once the program has closed them, as the kernel does. */
 static void old_sweep(struct bus *b, bool all)
 {
 	for (size_t i = 0; i < b->n_old;) {
@@ -264,7 +264,7 @@ static void old_sweep(struct bus *b, bool all)
 	}
 }
 
-/* Under the lock. Whether the program has a node of it that was unplugged. */
+/* Under the lock. True: the program still has an unplugged node of the device open. */
 static bool held(const struct bus *b, const struct fake_device *d)
 {
 	for (size_t i = 0; i < b->n_old; i++)
@@ -308,7 +308,7 @@ struct pause {
 	int64_t span_ns;
 };
 
-/* A thread of its own, without the lock: a call that holds it may wait for memory of the program that stands still. */
+/* A separate thread, without the lock: a call with the lock may wait for memory of the program, which is stopped. */
 static gpointer pause_program(gpointer ctx)
 {
 	struct pause *p = ctx;
@@ -358,7 +358,7 @@ static gpointer mover(gpointer ctx)
 			}
 			signals_send(b, p->device);
 		}
-		b->woken = false; /* by our own moves */
+		b->woken = false; /* by the bytes that were moved here */
 		if (next - now < 200000)
 			next = now + 200000;
 		while (!b->woken && !b->ending && fake_now() < next)
@@ -396,7 +396,7 @@ static pid_t program_start(struct bus *b, char **argv)
 	prctl(PR_SET_PDEATHSIG, SIGKILL);
 	if (b->udev)
 		pretend_udev();
-	if (locked) { /* root reads all but with this */
+	if (locked) { /* without these capabilities root cannot read everything, either */
 		prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE);
 		prctl(PR_CAPBSET_DROP, CAP_DAC_READ_SEARCH);
 	}

@@ -1,9 +1,9 @@
 /*
- * usbfs as the kernel answers it, as far as libusb asks: transfers (URBs) wait in order of submission; the model puts
- * bytes into the first that waits on its IN endpoint; those that are complete are reaped in order of completion.
+ * The part of the kernel's usbfs that libusb uses. Transfers (URBs) wait in order of submission. The model puts bytes into the
+ * first one of its IN endpoint. Complete transfers are reaped in order of completion.
  *
- * The node is a FIFO that is full while nothing is to be reaped, so that it is writable exactly when a usbfs
- * descriptor is. What cannot be had so is POLLERR of a device that left: libusb learns of it from what it reaps.
+ * The node is a FIFO that is full while there is nothing to reap, so it is writable exactly when a descriptor of usbfs would be.
+ * POLLERR for an unplugged device cannot be imitated so: libusb learns of the unplug from the transfers that it reaps.
  */
 #include "fake_usbfs.h"
 
@@ -17,8 +17,8 @@
 #include <time.h>
 #include <unistd.h>
 
-/* An endpoint that is halted says so a frame after it was asked, no sooner: libusb would miss it while it still submits
- * the rest of a transfer that it had to cut. */
+/* A halted endpoint answers one frame after the submission: an earlier answer would be missed by libusb while it still submits
+ * the rest of a transfer that it cut into several. */
 enum { DYING_NS = 20000000, FRAME_NS = 1000000 };
 
 struct urb {
@@ -42,7 +42,7 @@ struct fake_node {
 	struct fake_node_counts counts;
 	GSList *clients; /* programs that have it open */
 	bool disconnected, disabled_in;
-	int64_t dying_ns; /* a real kernel goes on for a while before it says NO_DEVICE */
+	int64_t dying_ns; /* a real kernel answers NO_DEVICE only after a while */
 	int fifo;
 	bool fifo_full;
 	void (*notify)(void *);
@@ -85,7 +85,7 @@ static void urb_free(struct urb *u)
 	g_free(u);
 }
 
-/* ---- what poll says ---- */
+/* ---- the answer of poll ---- */
 
 static void fifo_writable(struct fake_node *n, bool writable)
 {
@@ -227,7 +227,7 @@ static int submit_control(struct fake_node *n, struct urb *u)
 	return 0;
 }
 
-/* Real kernels take transfers of a device that is being pulled out for a while, and fail them. */
+/* For a while after an unplug, real kernels accept transfers and fail them. */
 static bool is_gone(struct fake_node *n)
 {
 	if (n->device->gone && !n->dying_ns)
@@ -311,7 +311,7 @@ static int reap(struct fake_node *n, UMockdevIoctlClient *client, UMockdevIoctlD
 	return 0;
 }
 
-/* ---- what is asked of a node ---- */
+/* ---- requests to a node ---- */
 
 static int claim(struct fake_node *n)
 {
@@ -322,7 +322,7 @@ static int claim(struct fake_node *n)
 	return n->device->interface_class == 8 || n->device->busy || (n->device->driver[0] && !n->device->detached) ? EBUSY : 0;
 }
 
-/* What libusb does with a driver: it is sent away as the interface is claimed, and called back. */
+/* The driver of an interface is detached when libusb claims it, and attached again at its release. */
 static int driver_move(struct fake_node *n, gulong request, UMockdevIoctlData *data)
 {
 	if (request == USBDEVFS_DISCONNECT_CLAIM) {
@@ -423,7 +423,7 @@ static gboolean on_ioctl(UMockdevIoctlBase *handler, UMockdevIoctlClient *client
 	return TRUE;
 }
 
-/* Under the lock: what a program that has closed the node, or ended, left behind. */
+/* Under the lock: cleans up after a program that has closed the node or ended. */
 static void list_forget(struct fake_node *n, struct list *l, const UMockdevIoctlClient *client)
 {
 	for (struct urb *u = l->first, *next; u; u = next) {
@@ -487,7 +487,7 @@ void fake_node_disconnect(struct fake_node *n)
 	fifo_writable(n, true);
 }
 
-/* umockdev knows when a client has left, and tells nobody. */
+/* umockdev does not report when a client has left. */
 bool fake_node_open(struct fake_node *n)
 {
 	for (GSList *at = n->clients, *next; at; at = next) {

@@ -13,20 +13,20 @@ struct fake_node_counts {
 	uint32_t in_flight, in_flight_max;
 };
 
-/* `pid` is where signals of the script go. `lock` guards the model and all of this. */
+/* `pid` gets the signals of the script. `lock` protects the model and the node. */
 struct fake_node *fake_node_new(struct fake_device *, const char *path, GMutex *lock);
 struct fake_node *fake_node_free(struct fake_node *);
 UMockdevIoctlBase *fake_node_handler(struct fake_node *);
-/* Puts a FIFO in place of the plain file at `where`, so that polls mean something. */
+/* Replaces the plain file at `where` by a FIFO, so that poll works. */
 bool fake_node_fifo(struct fake_node *, const char *where);
-/* Under the lock: moves bytes; when it is worth coming back. */
+/* Under the lock: moves bytes. Returns when to call it again. */
 int64_t fake_node_pump(struct fake_node *, int64_t now_ns);
-/* Under the lock: the device's side is gone for the kernel, too. */
+/* Under the lock: the device is unplugged. */
 void fake_node_disconnect(struct fake_node *);
 struct fake_device *fake_node_device(const struct fake_node *);
 bool fake_node_open(struct fake_node *); /* a program has it open */
 void fake_node_counts(const struct fake_node *, struct fake_node_counts *ret);
-/* Called, under the lock, when the model's state has moved in a call. */
+/* Called under the lock after a request that changed the state of the model. */
 void fake_node_notify(struct fake_node *, void (*fn)(void *), void *ctx);
 int64_t fake_now(void);
 

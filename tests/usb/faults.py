@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""acut-scan record on a bus where things go wrong: what is in the spool is what the device gave, byte for byte."""
+"""acut-scan record on a faulty bus: the spool has exactly the bytes that the device delivered."""
 import os
 import random
 import signal
@@ -37,7 +37,7 @@ def record(b, *more, size="64K", transfers=8, commands="", patience=bus.PATIENCE
 
 
 def whole(b, r, ended=True, gaps=True):
-    """The spool holds what the model gave; says where bytes are missing; nothing was left in the kernel."""
+    """The spool has the bytes that the model delivered and marks where bytes are missing; no bytes were left in the kernel."""
     s, m, d = Spool(b.path("out.spool")), r.model(), r.devices[0]
     expect(s.sha256() == m["sha256"],
            "%d bytes in the spool, %d were given: %s; events %s; %s" % (len(s.bytes()), m["delivered"], m["rows"][:6], s.events()[:20], r.err))
@@ -57,7 +57,7 @@ LONG = bool(os.environ.get("ACUT_USB_LONG"))
 
 
 def kernels(i):
-    """Both ways in which an unplug looks; by turns where time is short."""
+    """Both ways in which an unplug looks to the program; one of them, in turns, unless ACUT_USB_LONG is set."""
     return ("mock", "real") if LONG else (("mock", "real")[i % 2],)
 
 
@@ -99,7 +99,7 @@ def each_fault():
 
 
 def stopped_in_a_transfer():
-    """Bytes of transfers that are filled, or half filled, when they are cancelled."""
+    """Bytes of full and half-filled transfers that are cancelled by a stop."""
     for i, rate in enumerate(("3 MB", "20 MB", "40 MB")):
         for kernel in kernels(i):
             with Bus(device(source="pattern 64 MB", rate=rate, kernel=kernel, faults=["at 500300 stop"])) as b:
@@ -116,7 +116,7 @@ STOPS = [ # and how many commands the device has taken then: of each that it was
 
 
 def stopped_at_any_time():
-    """Also while it starts, comes back or is stopped: a good end, and a scanner that runs is told to stop."""
+    """A stop, also during a start, a return or a stop, ends well, and a started scanner gets its stop command."""
     for i, (faults, commands) in enumerate(STOPS):
         for kernel in kernels(i):
             back = ["--reconnect"] if any("0.1 s" in f for f in faults) else []
@@ -135,7 +135,8 @@ TWO = "[start]\nsend = go\nsend = faster\nanswer = faster it is\n[stop]\nsend = 
 
 
 def start_fails():
-    """At the first, second or third thing that is said to it: what has taken a command is told to stop, and nothing else is; why is told."""
+    """A command of the start is refused, not taken or not answered: a scanner that took a command gets its stop command, and
+    nothing else. The reason is reported."""
     for i, (commands, fault, said, status, word) in enumerate((
             (TWO, "at step start refuse", 0, 74, "refused"), (TWO, "at step start 2 refuse", 2, 74, "refused"),
             (TWO, "at step start 2 timeout", 1, 124, "take a command"), (TWO, "at 1 MB silent", 3, 124, "no answer"),
@@ -161,7 +162,7 @@ def transfers_of_all_sizes():
 
 
 def flood_at_start():
-    """A command is not answered while more comes than is kept meanwhile: refused in its time, as where nothing comes."""
+    """A command is not answered while more bytes come than are kept: it fails at its timeout, as if no bytes came."""
     commands = "[start]\nsend = go\nanswer = never\n"
     with Bus(device(source="pattern 40 MB")) as b:
         r = record(b, commands=commands, patience=1)
@@ -170,7 +171,7 @@ def flood_at_start():
 
 
 def kernels_without():
-    """Older kernels lack what libusb would rather use; the plain file has another poll."""
+    """Older kernels lack capabilities that libusb prefers; a plain file behaves otherwise in poll."""
     for off in ("1", "2", "4", "8", "16", "31") if LONG else ("8", "31"):
         with Bus(device(source="pattern 1 MB", caps_off=off, faults=["at 300000 short 33", "at 500000 short 0", "at end stop"])) as b:
             whole(b, record(b))
@@ -179,7 +180,7 @@ def kernels_without():
 
 
 def back_pressure():
-    """The program stands still for a while: the device drops what it cannot keep, and no more."""
+    """The program is paused: the device drops what exceeds its buffer, and no more."""
     with Bus(device(source="pattern 3 MB", rate="6 MB", buffer="256 KB", faults=["at 1 MB pause 0.3 s", "at end stop"])) as b:
         r = record(b)
         s, m = whole(b, r)
@@ -233,7 +234,7 @@ def unplugged_and_back():
 
 
 def another_comes_back():
-    """Another scanner of the same kind at the same port is not the one that is waited for."""
+    """Another scanner of the same kind at the same port does not continue the capture."""
     faults = ["at 300000 unplug 0.3 s", "at end stop"]
     script = (device(source="pattern 1 MB", port="1-1", serial="1001", faults=faults) +
               device(name="b", source="pattern 1 MB", port="1-2", serial="1002", appear="0.15 s"))

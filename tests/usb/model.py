@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The pretended scanner itself, seen by the least program that captures: its books are right, whatever goes wrong."""
+"""The pretended scanner itself, with a minimal capture program: its report is right, whatever the faults."""
 import sys
 
 import bus

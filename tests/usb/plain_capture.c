@@ -1,7 +1,7 @@
 /*
- * The least that captures: opens VENDOR:PRODUCT, claims, sends a command if one is named, keeps transfers in flight
- * and writes what comes to a file, until SIGINT, BYTES, or the device is gone. It holds the model to account (what it
- * wrote must have the model's hash) where acut-scan is what is tested everywhere else.
+ * A minimal capture program, which tests the model: opens VENDOR:PRODUCT, claims it, sends a command if one is given, keeps
+ * transfers in flight and writes what comes to a file, until SIGINT, BYTES, or an unplug. What it wrote must have the hash of the
+ * model.
  */
 #include <libusb.h>
 #include <signal.h>

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""acut-scan list and probe on a bus, and who is left alone: equal devices are told apart, mass storage is not touched, a device that may
-not be opened is answered with the rule that would let it be."""
+"""acut-scan list and probe on a bus: equal devices are told apart, mass storage is left alone, and a device that may not be
+opened gives the udev rule that permits it."""
 import json
 import sys
 

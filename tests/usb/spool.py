@@ -1,4 +1,4 @@
-"""Spools read by spool.md alone: a second reader, which shares no line with the first."""
+"""A second reader of spools, written from spool.md alone."""
 import hashlib
 import struct
 
@@ -107,7 +107,7 @@ class Spool:
         return hashlib.sha256(self.bytes()).hexdigest()
 
     def gaps(self):
-        """Places in the stream of DATA before which bytes are said to be missing."""
+        """Places in the stream of DATA that are marked as behind a gap."""
         at, places = 0, []
         for r in self.records:
             if r.kind == DATA:
@@ -118,7 +118,7 @@ class Spool:
 
 
 def cut_again(spool, path, pieces):
-    """The same capture with each transfer in several records of the same time: another way in which the bus might have cut it."""
+    """The same capture with each transfer split into several records of the same time, as another bus might have split it."""
     out = bytearray(spool.raw[:2 * spool.size])
     number = transfers = events = 0
     whole = spool.bytes()

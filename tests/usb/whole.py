@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""From the bus to the mesh: what a scanner sent over a bus where things go wrong makes the same telegrams, points and mesh as the same
-bytes read from a file, through acutd."""
+"""From the bus to the mesh, through acutd: what a scanner sends over a faulty bus gives the same telegrams, points and mesh as the same
+bytes from a file."""
 import json
 import os
 import random
@@ -52,7 +52,7 @@ def texts(path):
 
 
 def lines():
-    """A scanner that sends lines: three ways into datasets, one mesh."""
+    """A scanner that sends lines of text: pushed from the bus, from a file and as text, the mesh is the same."""
     rng = random.Random(5)
     text = "".join("%.2f %.2f %.2f\n" % (500000 + x, 5400000 + y, 300 + 0.1 * x + rng.random())
                    for x, y in ((rng.random() * 200, rng.random() * 200) for _ in range(8000))).encode()
@@ -76,7 +76,7 @@ def lines():
 
 
 def torn_lines():
-    """An unplug and losses within lines: every point that comes out is one that went in."""
+    """Unplugs and losses within lines: every line that comes out was sent so."""
     text = "".join("%d.25 %d.5 %d.75\n" % (500000 + i, 5400000 + (i * 7) % 1000, 100 + i % 50) for i in range(6000)).encode()
     faults = ["at 50003 unplug 0.05 s", "at 80017 babble 333", "at 110005 error 100", "at 140001 unplug 0.05 s", "at end stop"]
     with Bus(device(source="file source", faults=faults)) as b:
@@ -97,7 +97,7 @@ def telegrams(b, faults, n=300):
 
 
 def poses(b, s):
-    """One metre ahead in each sweep, eastwards, ten metres above the ground."""
+    """The scanner moves eastwards, one metre in each sweep, ten metres above the ground."""
     start = s.utc_ns * 1e-9 - 20
     with open(b.path("poses.csv"), "w") as f:
         f.write("time,easting,northing,height,roll,pitch,heading\n")
@@ -112,7 +112,8 @@ def heights(path):
 
 
 def sweeps():
-    """A TiM with poses: telegrams are those of the bytes in a file, points where the ground is, the mesh the same however they came."""
+    """A TiM with poses: the telegrams are those of the same bytes in a file, the points are on the ground, and the mesh does not
+    depend on how the bus cut the bytes."""
     with Bus() as b, Daemon(b.path("")) as d:
         r, s = telegrams(b, NOTHING_LOST)
         m = r.model()
@@ -134,7 +135,7 @@ def sweeps():
 
 
 def bad_telegrams():
-    """Garbage, telegrams that come twice or lost pieces cost those that they hit, and no other."""
+    """Garbage, duplicates and losses cost the telegrams that they hit, and no others."""
     with Bus() as b:
         r, s = telegrams(b, ["at 100000 garbage 700", "at 200000 babble 64", "at 300000 lose 3000", "at 360000 duplicate 512"])
         sent = {t.rstrip(b"\x03").decode() for t in bus.source_bytes(b.script, b.path("clean")).split(b"\x02") if t}

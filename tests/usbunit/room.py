@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""scanner/usb on umockdev's bus: every byte that the device gave comes once and in order, whatever goes wrong; a capture
-always ends, once; refusals say what to do."""
+"""scanner/usb on umockdev's bus: every byte that the device delivered comes once and in order, whatever the faults; a capture ends
+exactly once; refusals say what to do."""
 import os
 import re
 import signal
@@ -40,7 +40,7 @@ answer = \\x02sEA LMDscandata 0
 
 
 class Run(Bus):
-    """The tool on a bus; `profile` as words of PROFILE."""
+    """The tool on a bus, with a profile made from PROFILE."""
 
     def tool(self, *args, commands="", size="64K", transfers=8, timeout=bus.PATIENCE, fail=None, wait=True):
         folder = self.path("profiles")
@@ -76,7 +76,7 @@ def scanner(**words):
 
 
 def each_fault():
-    # What ends transfers is further apart than what is in flight: each is an episode of its own, however late it is seen.
+    # Faults that end transfers are further apart than the bytes in flight, so each is seen on its own.
     faults = ["at 1 MB stall", "at 1500000 short 100", "at 1600000 short 0", "at 2 MB babble 700", "at 3 MB error 512", "at 3200000 garbage 1000",
               "at 3300000 duplicate", "at 3400000 delay 0.1 s", "at 3500000 lose 1000", "at 4 MB stall", "at 4200000 stall", "at end stop"]
     for kernel, poll in KERNELS:
@@ -89,7 +89,7 @@ def each_fault():
 
 
 def caps():
-    """Without gathering, and without any help of the kernel's: transfers are cut into several."""
+    """The kernel lacks scatter-gather, and then more capabilities: transfers are cut into several."""
     for off in (8, 8 + 4, 8 + 4 + 2):
         with Run(scanner(source="pattern 3 MB", caps_off=off, faults=["at 1 MB stall", "at 1500000 short 5000", "at 2 MB error 100", "at end stop"])) as b:
             b.whole(b.tool())
@@ -113,7 +113,7 @@ def unplug_at_each_step():
 
 
 def any_end(b, *args, **kw):
-    """It may have started or not; what it says fits that."""
+    """A run that may have started or not; its output fits that."""
     try:
         r = b.tool(*args, **kw)
     except bus.Fault as e:
@@ -197,7 +197,7 @@ def rights():
 
 
 def drivers():
-    """A driver of the kernel is sent away from the profile's interface and called back; nothing else is touched."""
+    """A driver of the kernel is detached from the profile's interface and attached again; others are left alone."""
     with Run(scanner(source="pattern 1 MB", driver="cdc_acm", faults=["at end stop"])) as b:
         r = b.tool()
         b.whole(r)
@@ -210,7 +210,7 @@ def drivers():
 
 
 def without_udev():
-    """It comes and nobody says so: the list is looked at; libusb does not list it: its node is opened."""
+    """No event announces the device: the list is polled. libusb does not list it: its node is opened."""
     for kernel in ("mock", "real"):
         with Run(udev=False) as b:
             b.script = scanner(source="pattern 1 MB", appear="with " + b.path("waits"), unheard=True, poll="file", kernel=kernel,
@@ -221,7 +221,8 @@ def without_udev():
 
 
 def dropped():
-    """Freed with all in flight, nothing taken and nothing given back; then the context, with devices that come and go."""
+    """The capture is freed with all transfers in flight, nothing taken and nothing given back; then the context, with devices
+    that come and go."""
     for kernel, poll in KERNELS:
         with Run(scanner(source="pattern 8 MB", kernel=kernel, poll=poll, faults=["every 1 MB stall"])) as b:
             b.tool("--bytes", "1500000", "--drop", "--hold", "2")
@@ -244,7 +245,7 @@ def storage():
 
 
 def listed_or_told():
-    """What came before the list was made is in it, and not told as come."""
+    """Devices that came before the list was made are in it, and not announced again."""
     with Run() as b:
         b.script = scanner() + device("b", id="1234:5678", port="1-2", appear="with " + b.path("waits"))
         r = b.run([TOOL, "--list", "--wait", "--waits", b.path("waits")])
@@ -268,7 +269,8 @@ def which():
 
 
 def parked():
-    """One who is slow (he keeps each buffer until all others are full, and 2 ms more) gets all, and transfers wait for him."""
+    """A slow receiver (it keeps each buffer until all others are full, and 2 ms more) gets all bytes, and transfers wait for
+    it."""
     with Run(scanner(source="pattern 2 MB", faults=["at 1 MB stall", "at end stop"])) as b:
         r = b.tool("--slow", "2", size="16K", transfers=4)
         b.whole(r)
@@ -281,7 +283,7 @@ def parked():
 
 
 def half_filled():
-    """What a transfer has when it is cancelled, at a stop and by a stall, is data."""
+    """The bytes of a transfer that is cancelled, by a stop or a stall, are data."""
     with Run(scanner(source="pattern 1 MB", rate="10 KB", faults=["at 3000 stall", "at %d stop" % (3000 + 2 * 512)])) as b:
         r = b.tool()
         b.whole(r)

@@ -1,4 +1,4 @@
-/* scanner/usb without a bus: descriptors of strangers, the kernel's folder, the memory for transfers, words of refusals. */
+/* scanner/usb without a bus: unknown descriptors, sysfs, the memory limit of transfers, messages of refusals. */
 #include <errno.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,6 +12,7 @@
 
 #include <cmocka.h>
 
+#include "repeat.h"
 #include "usb_priv.h"
 
 /* A device of two configurations: the first with a vendor interface of two settings and a mass storage one behind it,
@@ -37,7 +38,7 @@ static void device_of_descriptors(void **state)
 	assert_true(usb_descriptor_device(whole, sizeof(whole), 2, &d));
 	assert_int_equal(d.interfaces, 1);
 	assert_int_equal(d.interface_classes[0], 3);
-	assert_true(d.mass_storage); /* in another configuration, but it is */
+	assert_true(d.mass_storage); /* although in another configuration */
 	assert_true(usb_descriptor_device(whole, 43 + 7, 1, &d));
 	assert_false(d.mass_storage);
 	assert_false(usb_descriptor_device(whole, 17, 0, &d));
@@ -64,7 +65,7 @@ static void settings_of_descriptors(void **state)
 	assert_false(usb_descriptor_setting(whole, sizeof(whole), 3, 0, 0, &s));
 }
 
-/* Whatever a device says: nothing is read beyond what is there (under a sanitizer), and the walk ends. */
+/* Random descriptors: nothing is read beyond their end (under a sanitizer), and the parser ends. */
 static void descriptors_of_strangers(void **state)
 {
 	struct usb_setting s;
@@ -126,14 +127,6 @@ static void put_device(const char *folder, const char *port, const char *address
 	put_text(folder, port, "bConfigurationValue", "2\n");
 }
 
-static void remove_folder(const char *folder)
-{
-	char command[300];
-
-	snprintf(command, sizeof(command), "rm -r '%s'", folder);
-	assert_int_equal(system(command), 0);
-}
-
 static void folder_of_the_kernel(void **state)
 {
 	char folder[] = "/tmp/acut-usb-XXXXXX", driver[32], path[400];
@@ -152,7 +145,7 @@ static void folder_of_the_kernel(void **state)
 	put_text(folder, "3-2.4", "product", "  Scanner\n");
 	put(folder, "3-10", "descriptors", "\x12\x01\x00\x02\x09\x00\x00\x40\x6b\x1d\x02\x00\x00\x01\x01\x02\x03\x01", 18);
 	assert_int_equal(usb_sysfs_list(folder, &list, &n, &err), 0);
-	assert_int_equal(n, 1); /* not the hub at 3-10 */
+	assert_int_equal(n, 1); /* without the hub at 3-10 */
 	assert_string_equal(list[0].port, "3-2.4");
 	assert_string_equal(list[0].node, "/dev/bus/usb/003/004");
 	assert_string_equal(list[0].serial, "A\xc3\xa4?[0m? 7");
@@ -171,7 +164,7 @@ static void folder_of_the_kernel(void **state)
 	assert_string_equal(driver, "usb-storage");
 	usb_sysfs_driver(folder, "3-2.4", 2, 0, driver, sizeof(driver));
 	assert_string_equal(driver, "");
-	remove_folder(folder);
+	assert_int_equal(repeat_remove(folder), 0);
 	assert_int_equal(usb_sysfs_list(folder, &list, &n, &err), 0); /* no USB at all */
 	assert_int_equal(n, 0);
 	free(list);
@@ -192,10 +185,10 @@ static void texts_are_cut_at_characters(void **state)
 	put_text(folder, "3-1", "product", "\xe2\x82\xac\xed\xa0\x80\xc0\x80\xf4\x90\x80\x80\xe2\x82");
 	assert_int_equal(usb_sysfs_list(folder, &list, &n, &err), 0);
 	assert_int_equal(n, 1);
-	assert_int_equal(strlen(list[0].serial), 126); /* of 127: half a character is none */
+	assert_int_equal(strlen(list[0].serial), 126); /* of 127: half a character is cut off */
 	assert_string_equal(list[0].model, "\xe2\x82\xac???????????");
 	free(list);
-	remove_folder(folder);
+	assert_int_equal(repeat_remove(folder), 0);
 }
 
 /* ---- memory ---- */
@@ -216,7 +209,7 @@ static void limits(void **state)
 	assert_int_equal(usb_limit_read(path, &limit, &err), 0);
 	assert_int_equal(limit.bytes, 16 << 20);
 	assert_false(limit.assumed);
-	/* 16 of 1 MiB do not go into 16 MiB: the kernel counts what it needs beside them. */
+	/* 16 transfers of 1 MiB do not fit into 16 MiB: the kernel adds its own overhead. */
 	assert_true(usb_limit_need(p.transfers, p.transfer_size) > 16 << 20);
 	assert_int_equal(usb_limit_check(&limit, &p, 0, &err), -ERR_LIMIT);
 	assert_non_null(strstr(err.message, "16777216"));
@@ -239,7 +232,7 @@ static void limits(void **state)
 	assert_int_equal(limit.bytes, 16 << 20);
 }
 
-/* ---- words ---- */
+/* ---- messages ---- */
 
 static const struct usb_device tim = {
 	.vendor = 0x19a2, .product = 0x5001, .port = "1-2", .node = "/dev/bus/usb/001/004", .model = "TiM561", .serial = "1234"};

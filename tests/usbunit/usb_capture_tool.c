@@ -1,17 +1,21 @@
 /*
- * The least that captures through scanner/usb, for its tests: writes what came to a file, prints a line for each thing
- * that happened and one with the counts.
+ * A minimal capture program over scanner/usb, for its tests: writes what came to a file, prints a line for each event and one
+ * with the counts.
  *
  *   usb-capture [--list] [--watch SECONDS] [--changes N] [--device WHICH] [--profile FILE] [--out FILE] [--bytes N] [--slow MS]
  *               [--hold N] [--until-parked] [--again] [--wait] [--waits FILE] [--debug] [--memory MB] [--drop]
  *
- * --changes: watches until so many were told; --slow: each buffer is kept until nothing is in flight for want of one (or a stop
- * is asked for), and so long; --hold: N buffers are never given back; --until-parked: stops once nothing is in flight for want of
- * a buffer;
- * --again: captured again when it comes back; --drop: freed after --bytes, without a stop; --wait: until one comes if there is
- * none;
- * --waits: a file that is made when it begins to wait for one; --memory: what the kernel of umockdev's folder lends. SIGINT
- * stops. Ends with the exit status of the error.
+ * --changes: watch until there were N changes
+ * --slow:    keep each buffer until no transfer is in flight because buffers are lacking (or until a stop), and MS longer
+ * --hold:    never give back N buffers
+ * --until-parked: stop once no transfer is in flight because buffers are lacking
+ * --again:   capture again when the device comes back
+ * --drop:    free the capture after --bytes, without a stop
+ * --wait:    wait for a device if there is none
+ * --waits:   a file that is created when the wait begins
+ * --memory:  the kernel's limit (usbfs_memory_mb) in umockdev's folder
+ *
+ * SIGINT stops it. The exit status is that of the error.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -126,7 +130,7 @@ static unsigned print_changes(struct tool *t)
 	return n;
 }
 
-/* --wait: once something has come, and what is told from then on. */
+/* --wait: once a device has come; the events from then on. */
 static int list(struct tool *t)
 {
 	struct pollfd p = {usb_watch_fd(t->usb), POLLIN, 0};
@@ -154,7 +158,7 @@ static uint64_t parks(struct usb_capture *c)
 	return counts.parked;
 }
 
-/* One who is slower than any device: all other transfers are full before this buffer goes back. */
+/* Slower than any device: all other transfers are full before this buffer is given back. */
 static void dawdle(struct tool *t, struct usb_capture *c)
 {
 	struct pollfd p = {t->stop_fd, POLLIN, 0};
@@ -178,7 +182,7 @@ static void keep(struct tool *t, struct usb_capture *c, struct usb_buffer *b)
 		dawdle(t, c);
 }
 
-/* All that is there; true once it has gone. */
+/* Takes all events; true once the device has gone. */
 static bool take_all(struct tool *t, struct usb_capture *c, enum usb_end *ret)
 {
 	struct usb_buffer b;
@@ -235,7 +239,7 @@ static enum usb_end capture(struct tool *t, struct usb_capture *c)
 	return end;
 }
 
-/* Until something came, or a stop. */
+/* Waits for an event or a stop. */
 static bool wait_for_one(struct tool *t)
 {
 	struct pollfd p[2] = {{usb_watch_fd(t->usb), POLLIN, 0}, {t->stop_fd, POLLIN, 0}};
@@ -298,7 +302,7 @@ static int run(struct tool *t, const struct profile *profile)
 	}
 }
 
-/* The file of the kernel's parameter, in the folder that umockdev shows as /sys. */
+/* The file of the kernel's parameter, in umockdev's folder for /sys. */
 static void set_memory(const char *mb)
 {
 	static const char *const folders[] = {"sys/module", "sys/module/usbcore", "sys/module/usbcore/parameters"};

@@ -54,7 +54,7 @@ def journal(unit):
 
 
 def until(what, seconds=30, every=0.1):
-    """Seconds that it took."""
+    """Returns the seconds that it took."""
     begun = time.monotonic()
     while True:
         got = what()
@@ -87,7 +87,7 @@ def spools():
 
 
 class Device:
-    """A gadget by a script, plugged in for as long as it is held (or as its script says)."""
+    """A gadget with a script. It is plugged in within the block, or as its script says."""
     count = 0
 
     def __init__(self, *scripts, keep=True):
@@ -105,7 +105,7 @@ class Device:
         return self
 
     def unplug(self):
-        """Pulls it out, and says what it gave."""
+        """Pulls it out and returns what it sent."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
             self.process.wait(60)
@@ -133,7 +133,7 @@ class Device:
 
 
 def same_as_given(spool, model):
-    """Read by another reader than acut's; END is there."""
+    """Reads a spool without acut's code; it must have an END."""
     s = Spool(spool)
     expect(s.end and not s.torn, "no END, or %d bytes torn" % s.torn)
     got = len(s.bytes())
@@ -178,12 +178,12 @@ def plugged_in_and_captured():
         expect(sizes[0] < sizes[1] < sizes[2], "the spool does not grow: %s" % sizes)
         until(d.ended, 120, 0.3)
         time.sleep(2)
-        # Silent from now on: nothing wakes it but its own clocks.
+        # Silent from now on: only its own timers wake it.
         pid, before, woken, begun = s["MainPID"], cpu(s["MainPID"]), switches(s["MainPID"]), time.monotonic()
         time.sleep(20)
         span = time.monotonic() - begun
         share, wakes = (cpu(pid) - before) / span, (switches(pid) - woken) / span
-        # Of the processor's time much is the emulator's; a loop that polls would be seen in the switches.
+        # Much of the CPU time is the emulator's, so wake-ups are counted: a loop that polls would have many.
         figure("idle with a silent device", "%.2f %% of an emulated processor, %.1f switches a second", 100 * share, wakes)
         expect(wakes < 10, "it polls: %.1f switches a second" % wakes)
         model = d.unplug()[0]["model"]
@@ -200,7 +200,7 @@ def plugged_in_and_captured():
 
 
 def pulled_out_and_plugged_in():
-    """In the middle of its stream, again and again: a spool each time, each with its END, nothing lost that the bus had taken."""
+    """The device is pulled out within its stream, several times. Each spool has its END and all bytes from the bus."""
     cycles = 5
     faults = "\n".join("at %d MB unplug 6" % (2 * (i + 1)) for i in range(cycles - 1))
     with Device("source pattern %d MB\n%s" % (2 * cycles, faults)) as d:
@@ -247,7 +247,7 @@ def fast():
 
 
 def faults():
-    """Stall, short transfers, what comes twice, what is nobody's, a pause: what the bus took is in the spool."""
+    """Stalls, short transfers, repeated bytes, unexpected bytes, a pause: all bytes from the bus are in the spool."""
     with Device("source pattern 8 MB\nmessage 100000\nat 1 MB short 100\nat 2 MB short 0\nat 3 MB stall\nat 4 MB duplicate 512\n"
                 "at 5 MB garbage 3000\nat 6 MB delay 2\nat 7 MB stall") as d:
         until(d.ended, 120, 0.3)
@@ -264,7 +264,7 @@ def faults():
 
 
 def killed():
-    """kill -9 in the middle: what was written stays readable, and the unit captures again."""
+    """After kill -9 the written bytes are readable, and the unit captures again."""
     with Device("source pattern 400 MB\nrate 2 MB") as d:
         until(active, 60)
         until(lambda: os.path.getsize(spools()[0]) > 4 * MB, 60)
@@ -282,13 +282,13 @@ def killed():
         expect(len(one) > 4 * MB - 65536 and gave.startswith(one), "the first spool is not what the device gave")
         where = gave.find(two, len(one))
         expect(len(two) > MB and where >= 0, "the second spool is not what the device gave")
-        # The transfers that were in flight, and what the queue had.
+        # The transfers in flight, and the bytes in the queue.
         expect(where - len(one) <= 4 * MB, "%d bytes between the two" % (where - len(one)))
         figure("kill -9", "first spool whole to its end, %d bytes gone with the transfers in flight", where - len(one))
 
 
 def stopped_by_hand():
-    """systemctl stop is a clean END, and start by hand goes on while it is plugged in."""
+    """After systemctl stop the spool has its END. A manual start captures again while the device is plugged in."""
     with Device("source pattern 400 MB\nrate 1 MB"):
         until(active, 60)
         until(lambda: os.path.getsize(spools()[0]) > MB, 60)
@@ -360,7 +360,7 @@ class Stick:
 
 
 def mass_storage_is_left_alone():
-    """Though a rule calls it a scanner; and the example of a script for it puts its survey into a drop folder."""
+    """A stick is not captured even if a rule calls it a scanner. The example script puts its survey into a drop folder."""
     examples = "/usr/local/share/doc/acut-scanner/examples/"
     with open(examples + "acut-storage@.service") as f:
         text = f.read().replace("/usr/local/lib/acut/", examples)
@@ -393,7 +393,7 @@ def mass_storage_is_left_alone():
 def prepare():
     run(["modprobe", "dummy_hcd", "is_high_speed=1", "num=2"]).ok()
     run(["modprobe", "-a", "libcomposite", "usb_f_fs"]).ok()
-    # The administrator's own profile, and its rule: as acut-scanners.d(5) says.
+    # A profile of the administrator with its rule, as in acut-scanners.d(5).
     run(["cp", "-a", ETC, "/run/etc-acut"]).ok()
     run(["mount", "--bind", "/run/etc-acut", ETC]).ok()
     os.makedirs(ETC + "/scanners.d", exist_ok=True)

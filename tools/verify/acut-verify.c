@@ -23,8 +23,11 @@ static const char help[] = "Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
 			   "digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
 			   "\n"
 			   "What the mesh was made of, as for acutctl:\n"
-			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface, --keep-withheld,\n"
-			   "  --keep-noise, --drop-overlap, --duplicates lowest|highest; --planar is always meant\n"
+			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface,\n"
+			   "  --duplicates lowest|highest"
+#define VIEW_FLAG(field, word, help) ", --" word
+#include "view_option.def"
+			   "; --planar is always meant\n"
 			   "  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
 			   "\n"
 			   "  --json             one JSON object\n"
@@ -55,9 +58,8 @@ enum {
 	OPT_RETURNS,
 	OPT_GROUND,
 	OPT_SURFACE,
-	OPT_WITHHELD,
-	OPT_NOISE,
-	OPT_OVERLAP,
+#define VIEW_FLAG(field, ...) OPT_##field,
+#include "view_option.def"
 	OPT_DUPLICATES,
 	OPT_VIEW,
 	OPT_PLANAR,
@@ -70,8 +72,9 @@ enum {
 static const struct option long_options[] = {
 	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
 	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
-	{"surface", 0, NULL, OPT_SURFACE},       {"keep-withheld", 0, NULL, OPT_WITHHELD},
-	{"keep-noise", 0, NULL, OPT_NOISE},      {"drop-overlap", 0, NULL, OPT_OVERLAP},
+	{"surface", 0, NULL, OPT_SURFACE},
+#define VIEW_FLAG(field, word, help) {word, 0, NULL, OPT_##field},
+#include "view_option.def"
 	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
 	{"planar", 0, NULL, OPT_PLANAR},         {"json", 0, NULL, OPT_JSON},
 	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
@@ -114,15 +117,11 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 	case OPT_SURFACE:
 		v->view.surface = true;
 		break;
-	case OPT_WITHHELD:
-		v->view.keep_withheld = true;
+#define VIEW_FLAG(field, ...)         \
+	case OPT_##field:             \
+		v->view.field = true; \
 		break;
-	case OPT_NOISE:
-		v->view.keep_noise = true;
-		break;
-	case OPT_OVERLAP:
-		v->view.drop_overlap = true;
-		break;
+#include "view_option.def"
 	case OPT_PLANAR:
 		break;
 	case OPT_JSON:
@@ -181,7 +180,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
 	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle, v->mesh.nvertex,
-				 v->mesh.ntriangle};
+				 v->mesh.ntriangle, v->mesh.trimmed};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
@@ -243,7 +242,8 @@ static void print_json(const struct verdict *v)
 	       "\"hull\":%llu",
 	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->inner,
 	       (unsigned long long)r->ties, (unsigned long long)r->hull);
-	printf(",\"lattice\":\"%s\",\"crs\":", lattice_text(&v->mesh.lattice, lattice));
+	printf(",\"trimmed\":%s,\"lattice\":\"%s\",\"crs\":", v->mesh.trimmed ? "true" : "false",
+	       lattice_text(&v->mesh.lattice, lattice));
 	print_string(stdout, v->mesh.crs[0] ? v->mesh.crs : "unknown");
 	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s", digest_hex(v->digest, hex[0]),
 	       digest_hex(v->vertex_digest, hex[1]), v->mesh.has_digest ? "true" : "false");
@@ -251,9 +251,10 @@ static void print_json(const struct verdict *v)
 		printf(",\"points\":%llu,\"used\":%llu,\"positions\":%llu,\"rounded\":%llu,\"removed\":{",
 		       (unsigned long long)v->points.read, (unsigned long long)v->points.n, (unsigned long long)r->positions,
 		       (unsigned long long)v->points.rounded);
-		for (int rule = VIEW_KEPT + 1; rule < VIEW_BY_DUPLICATE; rule++)
-			printf("%s\"%s\":%llu", rule > 1 ? "," : "", view_rule_text((enum view_rule)rule),
-			       (unsigned long long)v->points.removed[rule]);
+		for (int rule = VIEW_KEPT + 1; rule < VIEW_RULES; rule++)
+			if (rule != VIEW_BY_DUPLICATE) /* verify_points has these */
+				printf("%s\"%s\":%llu", rule > VIEW_KEPT + 1 ? "," : "", view_rule_text((enum view_rule)rule),
+				       (unsigned long long)v->points.removed[rule]);
 		printf("}");
 	} else {
 		printf(",\"points\":null,\"used\":null,\"positions\":null,\"rounded\":null,\"removed\":null");
@@ -276,8 +277,10 @@ static void print_text(const struct verdict *v)
 	}
 	printf("%s: good\n", v->name);
 	if (v->mesh.ntriangle)
-		printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n",
-		       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+		printf("  shape     %zu vertices, %zu triangles, %llu edges; %s of %llu %s\n", v->mesh.nvertex, v->mesh.ntriangle,
+		       (unsigned long long)r->edges,
+		       v->mesh.trimmed ? "a part of a mesh, with boundaries" : "one convex boundary", (unsigned long long)r->hull,
+		       v->mesh.trimmed ? "edges" : "vertices");
 	else
 		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
@@ -285,9 +288,10 @@ static void print_text(const struct verdict *v)
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
 	       v->mesh.has_digest ? "as the file says" : "not in the file");
 	if (v->with_points)
-		printf("  points    %llu read, %zu in the view, %llu positions: each a vertex with its "
-		       "height, and no other\n",
-		       (unsigned long long)v->points.read, v->points.n, (unsigned long long)r->positions);
+		printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read,
+		       v->points.n, (unsigned long long)r->positions,
+		       v->mesh.trimmed ? "each vertex is one of them, with its height" :
+					 "each a vertex with its height, and no other");
 }
 
 static int print_result(const struct err *err)

@@ -23,6 +23,7 @@ struct check_mesh {
 	bool has_digest;
 	struct digest digest, vertex_digest; /* from the file */
 	char crs[512];
+	bool trimmed;         /* the file says that it has a part of the mesh */
 	int32_t (*vertex)[3]; /* lattice numbers */
 	uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;

@@ -1,7 +1,7 @@
 /*
  * A PLY as acutctl writes it: binary little-endian, vertices of three doubles, triangles, and the comments
- * acut-lattice, acut-origin, acut-crs, acut-digest. Coordinates are converted back to lattice numbers: the number whose
- * coordinate is nearest must give exactly the double of the file; nothing is rounded silently.
+ * acut-lattice, acut-origin, acut-crs, acut-digest, acut-trimmed. Coordinates are converted back to lattice numbers: the number
+ * whose coordinate is nearest must give exactly the double of the file; nothing is rounded silently.
  */
 #include <errno.h>
 #include <math.h>
@@ -119,6 +119,8 @@ static bool parse_comment(const char *text, struct ply_header *h, struct check_m
 		return !m->has_digest && (m->has_digest = parse_digests(value, m));
 	if ((value = text_after(text, "acut-origin ")))
 		return parse_origin(value, m);
+	if (text_after(text, "acut-trimmed "))
+		m->trimmed = true;
 	if (text_after(text, "acut-z-unit "))
 		h->converted = true;
 	if ((value = text_after(text, "acut-crs ")))

@@ -1,16 +1,15 @@
 /*
- * COPC: compressed LAS whose chunks are the nodes of an octree, with a hierarchy that says where each node lies in
- * space and in the file (COPC 1.0). A crop box selects the nodes, of all levels, that meet it.
+ * COPC: compressed LAS whose chunks are the nodes of an octree. Its hierarchy has the cube of each node and its place in the file
+ * (COPC 1.0). A crop box selects the nodes, of all levels, that meet it.
  *
- * Model: the hierarchy is walked entry by entry from its root page, through a block of entries and a stack of
- * the pages that were left for a page below; nothing of it is kept. At opening all of it is walked once, and
- * must say of the chunks exactly what the chunk table says, in any order: a hierarchy that leaves out, repeats
- * or moves a chunk is noticed, and is not used at all. Then, and for each part that is read, only the pages
- * under nodes that meet the box are walked.
+ * Model: the hierarchy is read entry by entry from its root page, with a block of entries and a stack of the pages above the
+ * current one; it is not kept. When the file is opened, all of it is read once and compared with the chunk table: both must have
+ * the same chunks, in any order. A hierarchy that omits, repeats or moves a chunk is not used at all. Afterwards, and for each
+ * part that is read, only the pages under nodes that meet the box are read.
  *
- * A hierarchy that cannot be used costs nothing but time: the file is read whole, with a warning.
+ * If a hierarchy cannot be used, the whole file is read, with a warning.
  *
- * Not here: whether the points of a node lie in the node's cube. Nothing in the file could say so but the points.
+ * Not here: a check whether the points of a node are in its cube. It would need the points.
  */
 #include "input_las_parts.h"
 
@@ -74,7 +73,7 @@ static int read_entry(struct input *in, struct input_copc_walk *w, struct input_
 	return 0;
 }
 
-/* Whether it is a node at all, and one under the node that the page belongs to. */
+/* Whether the entry is a valid node below the node of its page. */
 static bool key_fits(const struct input_copc_page *page, const int32_t key[4])
 {
 	if (key[0] < page->key[0] || key[0] > LEVELS)
@@ -85,7 +84,7 @@ static bool key_fits(const struct input_copc_page *page, const int32_t key[4])
 	return true;
 }
 
-/* Into the page at `at`, which belongs to the node `key`. */
+/* Enters the page at `at`, which belongs to the node `key`. */
 static const char *descend(struct input_copc_walk *w, const int32_t key[4], uint64_t at, int32_t bytes)
 {
 	const struct input_copc *c = w->copc;
@@ -159,7 +158,7 @@ static void add_chunk(struct digest *sum, const struct laz_chunk *chunk)
 	digest_add(sum, digest_hash(numbers, sizeof numbers));
 }
 
-/* What the table says of all chunks. */
+/* Totals of all chunks in the table. */
 static int sum_table(struct laz_table *table, struct digest *ret, struct err *err)
 {
 	struct laz_chunk chunk;
@@ -236,7 +235,7 @@ static const char *read_info(struct input *in, struct input_copc *c, const uint8
 	return NULL;
 }
 
-/* Selects, or says why not: the hierarchy that the info record tells of. */
+/* Selects the nodes with the hierarchy of the info record. *ret_why: why it cannot be used. */
 static int select_nodes(struct input *in, struct laz_table *table, const char **ret_why, struct err *err)
 {
 	struct input_copc *c = &input_las_of(in)->copc;
@@ -279,7 +278,7 @@ int input_copc_open(struct input *in, struct laz_table *table, struct err *err)
 
 	if (!in->has_crop || !c->info_at || las->laz.compressor != LAZ_COMPRESSOR_LAYERED)
 		return 0;
-	/* degrees that are going to be projected: the box is not in them */
+	/* the points are degrees that will be projected: the box is in projected coordinates */
 	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->planar && !in->any_plane)
 		return 0;
 	c->data_at = las->point_offset;

@@ -1,14 +1,14 @@
 /*
  * LAS points: from the buffer to points (ASPRS LAS 1.4 R15, tables 7 to 17).
  *
- * Model: the buffer is filled with whole records only, straight from the file, and each record is looked
- * at once. Of a record only xyz, class, returns and flags matter here; what else it holds (time, colour,
- * waveform, extra bytes) is stepped over by the record length of the header.
+ * Model: the buffer is filled with whole records, directly from the file, and each record is read once. Only xyz, class, returns
+ * and flags of a record are used; the other fields (time, colour, waveform, extra bytes) are skipped by the record length of the
+ * header.
  *
- * The class byte of formats 0 to 5 is taken as LAS 1.1 defines it (5 bits of class, 3 of flags) for LAS
- * 1.0 too, as every reader does. Class 12 ("overlap" there) stays class 12 and sets the overlap flag.
+ * The class byte of formats 0 to 5 is read as LAS 1.1 defines it (5 bits of class, 3 of flags), also in LAS 1.0, as all readers
+ * do. Class 12 ("overlap" there) stays class 12 and sets the overlap flag.
  *
- * Compressed points (input_laz.c) come into the same buffer, as records of the same bytes.
+ * Compressed points (input_laz.c) are put into the same buffer, as the same records.
  */
 #include "input_las_parts.h"
 
@@ -131,8 +131,8 @@ static int refill_forward(struct input *in, struct err *err)
 
 enum { DRAIN_BUFFERS = 64 };
 
-/* What follows the points, up to the end: whoever fills the pipe must not be cut off. Now and then it is as if the pipe
- * were dry, so that one who never stops can be ended. */
+/* Reads the bytes after the points, up to the end, so that the writer of the pipe gets no SIGPIPE. From time to time it behaves
+ * as if the pipe had no bytes, so that a pipe without an end can be cancelled. */
 static int drain(struct input *in, struct err *err)
 {
 	struct input_las *las = input_las_of(in);

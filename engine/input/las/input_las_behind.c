@@ -1,13 +1,12 @@
 /*
- * What lies behind the points of a LAS file: extended records, waveform packets, and bytes that belong to nothing.
+ * The data after the points of a LAS file: extended records, waveform packets, and bytes that belong to nothing.
  *
- * Model: the header has a pointer to each. A pointer that leads into the points is believed only where a record is
- * found: tools that rewrite the points often leave the old pointer in the header, and the file's points would be cut
- * there. Compressed points end before their chunk table; where none says that, records that follow each other up to a
- * place in the file are enough, whatever they are called. A pointer that is not believed is warned about, and what it was to lead
- * to is not read.
+ * Model: the header has a pointer to each. A pointer into the points is only valid if it leads to a record: programs that rewrite
+ * the points often leave the old pointer in the header, and it would cut the points. Compressed points end before their chunk
+ * table. Without a valid table, a sequence of records up to a known place in the file proves the pointer, whatever their names.
+ * An invalid pointer leads to a warning, and its data is not read.
  *
- * Not here: what the records say (input_las_vlr.c).
+ * Not here: the content of the records (input_las_vlr.c).
  */
 #include "input_las_parts.h"
 
@@ -19,14 +18,14 @@
 
 enum { EVLR_HEAD = 60, USER = 2, USER_BYTES = 16, USER_LEAST = 3, LENGTH = 20, CHAIN_MAX = 4096 };
 
-/* What is read as the head of a record. */
+/* The bytes that are read for the head of a record. */
 struct record {
 	bool whole, named,
 		filled; /* its head is in the file; its user ID is text, up to the end or a zero; and zeros from there on */
 	uint64_t begin, length; /* of its body, as claimed */
 };
 
-/* Text of a few letters: of 16 bytes of a point not often, and followed by zeros only hardly ever. */
+/* Text of a few letters. 16 bytes of points seldom look like that, and hardly ever with only zeros after it. */
 static void judge_user(const uint8_t *user, struct record *r)
 {
 	size_t n = 0;
@@ -71,8 +70,7 @@ static int record_end(struct input *in, uint64_t at, uint64_t *ret, struct err *
 	return rc;
 }
 
-/* Whether n records begin at byte `at`. Bytes of points that are not compressed may be zeros, which would be records
- * without name and length. */
+/* Whether n records begin at byte `at`. Uncompressed points may be zeros, which would be records without name and length. */
 static int has_records(struct input *in, uint64_t at, uint32_t n, bool *ret, struct err *err)
 {
 	struct record r;
@@ -87,7 +85,7 @@ static int has_records(struct input *in, uint64_t at, uint32_t n, bool *ret, str
 	return rc;
 }
 
-/* Where the points end, as the header counts them; 0: the file has no room for so many. */
+/* The end of the points by the count of the header; 0: the file is too small for so many. */
 static uint64_t counted_end(const struct input *in, const struct input_las_header *h)
 {
 	const struct input_las *las = input_las_of(in);
@@ -97,7 +95,7 @@ static uint64_t counted_end(const struct input *in, const struct input_las_heade
 	return las->point_offset + h->count * las->length;
 }
 
-/* Where compressed points end at the latest: at their chunk table, or the end of the file where its address is none. */
+/* The last possible end of compressed points: their chunk table, or without a valid address of it the end of the file. */
 static int compressed_end(struct input *in, uint64_t *ret, struct err *err)
 {
 	uint64_t begin = input_las_of(in)->point_offset, address;
@@ -127,7 +125,7 @@ static int may_hold_points(struct input *in, const struct input_las_header *h, u
 	return rc;
 }
 
-/* *ret_stale: `at` leads into the points, and no record begins there. Of a pipe nobody can look. */
+/* *ret_stale: `at` leads into the points, and no record begins there. A pipe cannot be checked. */
 static int look(struct input *in, const struct input_las_header *h, uint64_t at, uint32_t n, bool *ret_stale, struct err *err)
 {
 	bool found = false;
@@ -187,7 +185,7 @@ void input_las_account(struct input *in, uint64_t points_end)
 	in->info.accounted = end < in->size ? end : in->size;
 }
 
-/* Packets without a head go on to the end of the file, as far as anybody can know. */
+/* Packets without a head are supposed to go on to the end of the file. */
 static int add_waveforms(struct input *in, const struct input_las_header *h, struct err *err)
 {
 	struct input_las *las = input_las_of(in);
@@ -202,7 +200,7 @@ static int add_waveforms(struct input *in, const struct input_las_header *h, str
 	return rc;
 }
 
-/* Without a table of chunks: further the points cannot go, however badly they are compressed. input_laz_finish knows better. */
+/* Without a chunk table: an upper bound of the end of the points, for the worst compression. input_laz_finish finds the end. */
 static uint64_t most_compressed(const struct input *in)
 {
 	const struct input_las *las = input_las_of(in);
@@ -230,7 +228,7 @@ int input_las_settle_behind(struct input *in, const struct input_las_header *h, 
 	}
 	input_las_account(in, las->point_offset + points);
 	in->info.most = room ? room : 1;
-	/* Behind other records nothing is looked for; points that are not counted were told already. */
+	/* Bytes after other records are not checked; there was a warning about points that are not counted already. */
 	in->info.has_trailing = !h->n_evlrs && !h->waveform && h->count <= room && !las->uncounted;
 	in->info.trailing = in->info.has_trailing ? left - points : 0;
 	return 0;

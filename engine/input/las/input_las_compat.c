@@ -2,11 +2,11 @@
  * LASzip's compatibility mode: points of formats 6 to 10 in records of formats 1, 3, 4 and 5, for readers that know no LAS 1.4
  * (LASzip 2.5 and later; described by what its library writes).
  *
- * Model: a record "lascompatible" says that the file is one, and counts the points by all 15 returns. What does not fit the
- * older record lies in extra bytes behind it, which the record of extra bytes names: what return number and number of
- * returns exceed the older fields by, classes above 31, and the overlap flag. A class or return is the sum of both.
+ * Model: a record "lascompatible" identifies such a file, and counts the points by all 15 returns. Values that do not fit the
+ * older record are in extra bytes after it, which the record of extra bytes names: the excess of return number and number of
+ * returns over the older fields, classes above 31, and the overlap flag. A class or return is the sum of both.
  *
- * Not here: scan angle, scanner channel and near infrared, which lie there too and mean nothing to a terrain.
+ * Not here: scan angle, scanner channel and near infrared, which are also there but not needed for a terrain.
  */
 #include "input_las_parts.h"
 
@@ -44,7 +44,7 @@ static bool name_is(const uint8_t *name, const char *wanted)
 	return !memcmp(name, wanted, n) && !name[n];
 }
 
-/* Where the fields begin in a record; 0: it has none of that name. */
+/* The offset of the fields in a record; 0: it has no fields of that name. */
 static void find_fields(const struct input_las *las, const uint8_t *attributes, size_t n, unsigned ret[FIELDS])
 {
 	static const char *const names[FIELDS] = {
@@ -71,7 +71,7 @@ static void find_fields(const struct input_las *las, const uint8_t *attributes, 
 	}
 }
 
-/* Without near infrared, which makes it the next one; 0: none becomes that format. */
+/* The newer format, without near infrared, which the next one has. 0: no newer format is stored in this one. */
 static unsigned original_format(unsigned format)
 {
 	static const uint8_t original[6] = {0, 6, 0, 7, 9, 9};

@@ -1,10 +1,9 @@
 /*
- * The LAS header (ASPRS LAS 1.4 R15, table 3, and its forerunners), and what is done about its lies.
+ * The LAS header (ASPRS LAS 1.4 R15, table 3, and its predecessors), and how wrong fields are handled.
  *
- * Rule: a claim that matters is checked against the file's size before anything is read by it, and fails
- * with the byte and the name of its field; a claim that does not matter (box, counts of records that hold
- * no points, texts) is never trusted and at most warned about. Sizes and counts of the file never decide
- * how much memory is taken.
+ * Rule: a field that is needed to read the points is checked against the size of the file before it is used; the error names the
+ * byte and the field. Other fields (box, counts of other records, texts) are never trusted; wrong ones lead at most to a warning.
+ * The memory that is allocated never depends on sizes and counts of the file.
  */
 #include "input_las_parts.h"
 
@@ -30,7 +29,7 @@ enum {
 	AT_WAVEFORM = 227,
 };
 
-/* Beyond these no survey lies; decimals of that size only cost time. */
+/* No survey is beyond these limits; decimals of such numbers only take time. */
 static const double SCALE_MIN = 1e-15, SCALE_MAX = 1e15, OFFSET_MAX = 1e18;
 
 enum { HEADER_MAX = 393 };
@@ -51,7 +50,7 @@ static int short_header(struct input *in, uint64_t need, struct err *err)
 			  "the file ends inside its header: %" PRIu64 " of %" PRIu64 " bytes", in->size, need);
 }
 
-/* Signature and version: is it a LAS file that this version knows at all? */
+/* Checks signature and version: whether this is a LAS file of a known version. */
 static int check_kind(struct input *in, size_t n, struct err *err)
 {
 	struct input_las *las = input_las_of(in);
@@ -79,7 +78,7 @@ static int check_kind(struct input *in, size_t n, struct err *err)
 	return 0;
 }
 
-/* LAS 1.4 counts fifteen returns; the five of before hold where a writer filled only those. */
+/* LAS 1.4 counts fifteen returns. If a writer filled only the five older fields, these are used. */
 static void parse_returns(struct cursor *c, struct input_las_header *h)
 {
 	uint64_t many[16] = {0}, all = 0;
@@ -199,7 +198,7 @@ static int check_numbers(struct input *in, const struct input_las_header *h, str
 	return 0;
 }
 
-/* LAS 1.4 has two counts. The large one holds; writers that fill only the small one are understood. */
+/* LAS 1.4 has two counts. The 64-bit one is used, or the 32-bit one if a writer filled only that. */
 static void settle_count(struct input *in, struct input_las_header *h)
 {
 	if (input_las_of(in)->minor >= 4 && h->count != h->legacy_count && h->legacy_count) {

@@ -8,7 +8,7 @@
 #include "input_las.h"
 #include "laz.h"
 
-/* Of a COPC file; see input_copc.c. */
+/* State of a COPC file; see input_copc.c. */
 struct input_copc {
 	uint64_t info_at;   /* body of the record copc/1; 0: the file is no COPC file */
 	uint64_t at, bytes; /* body of the record copc/1000, the hierarchy; 0: there is none */
@@ -38,7 +38,7 @@ struct input_copc_walk {
 
 typedef void input_watch_fn(void *arg, const uint8_t *records, size_t n, size_t length);
 
-/* Of points in LASzip's compatibility mode; see input_las_compat.c. */
+/* Points in LASzip's compatibility mode; see input_las_compat.c. */
 struct input_las_compat {
 	uint64_t record_at; /* body of the record "lascompatible"; 0: there is none */
 	uint64_t extra_at;  /* body of the record of extra bytes; 0: there is none */
@@ -75,7 +75,7 @@ struct input_las {
 	void *watch_arg;
 };
 
-/* Of a LAS header what is wanted only while the file is opened. */
+/* Fields of the LAS header that are needed only while the file is opened. */
 struct input_las_header {
 	unsigned encoding, format_byte;
 	uint32_t point_offset, n_vlrs, n_evlrs, legacy_count;
@@ -95,33 +95,33 @@ int input_las_open(struct input *in, struct err *err);
 int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs, struct err *err);
 /* Whether a record "lascompatible" can have that size. */
 bool input_las_compat_is(uint64_t size);
-/* Where the fields of the original points are, once the records were read. Uses the read buffer. */
+/* After the records were read: finds the fields of the original points. Uses the read buffer. */
 int input_las_compat_open(struct input *in, struct input_las_header *h, struct err *err);
 /* The last n points of `pts`, made of these records as older ones, become the original ones. */
 void input_las_compat_restore(const struct input_las *, const uint8_t *records, size_t n, struct input_points *pts);
-/* Forgets, with a warning, what the header says that begins behind the points where that is inside of them. */
+/* Drops, with a warning, pointers of the header to data behind the points that lead into the points. */
 int input_las_check_behind(struct input *in, struct input_las_header *h, struct err *err);
-/* How many bytes of the file are accounted for, and of the others whether they belong to nothing. */
+/* Finds the bytes of the file that belong to points and records, and whether the others belong to nothing. */
 int input_las_settle_behind(struct input *in, const struct input_las_header *h, struct err *err);
-/* The points end at byte `points_end`: what is accounted for ends there, or at the end of the records behind. */
+/* The points end at byte `points_end`: the known part of the file ends there, or at the end of the records behind them. */
 void input_las_account(struct input *in, uint64_t points_end);
 /* `how`: "" or "up to "; `of`: "", if n are points. */
 void input_las_tell_uncounted(struct input *in, const char *how, uint64_t n, const char *of);
-/* Where the points must end: at what follows them, if the header says where that begins. */
+/* The byte by which the points must have ended: the start of what follows, if the header has it. */
 uint64_t input_las_points_end(const struct input *in, const struct input_las_header *h);
 unsigned input_las_min_length(unsigned format); /* 0: no such format */
 /* Compressed: `points` that the header claims, up to byte `end` of the file. Looks at the chunk table. */
 int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *err);
 /* The next records to the buffer; none are left when n_buffered is 0, and then `left` is. */
 int input_laz_refill(struct input *in, struct err *err);
-/* All was read: without a table it shows only now how far the points go. */
+/* Called after all points were read: without a table, only now their end is known. */
 void input_laz_finish(struct input *in);
 void input_laz_part(struct input *in, uint64_t first, uint64_t last);
-/* Of LAS that is not compressed, so many records are a part; compressed, its chunks are. */
+/* Records in a part of uncompressed LAS. The parts of compressed LAS are its chunks. */
 enum { INPUT_LAS_PART = 1 << 18 };
 void input_laz_close(struct input *in);
 
-/* Of a COPC file, with a crop box: selects the nodes to be read (copc.selects). `table` is at its first chunk. */
+/* For a COPC file with a crop box: selects the nodes to be read (copc.selects). `table` is at its first chunk. */
 int input_copc_open(struct input *in, struct laz_table *table, struct err *err);
 void input_copc_walk_begin(struct input_copc_walk *, const struct input_copc *, bool whole);
 /* The next node with points. *ret_why: the hierarchy cannot be used, static text. */

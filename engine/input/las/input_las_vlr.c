@@ -1,10 +1,10 @@
 /*
- * Variable length records of LAS, before the points (54-byte heads) and after them (60-byte heads): only
- * those that speak of the coordinate system are read, the others are stepped over.
+ * Variable length records of LAS, before the points (54-byte heads) and after them (60-byte heads). Only the records that
+ * describe the coordinate system are read; the others are skipped.
  *
- * Model: the read buffer, not yet needed for points, is cut into one slot for each kind of record; a
- * record larger than its slot is not read. The header's number of records is a wish: the walk ends where
- * a record would not fit before the points (or the end of the file), and after VLR_MAX at the latest.
+ * Model: the read buffer, which is not yet needed for points, is divided into one slot for each kind of record. A record larger
+ * than its slot is not read. The header's number of records is not trusted: reading ends when a record does not fit before the
+ * points (or the end of the file), and after VLR_MAX records at the latest.
  */
 #include "input_las_parts.h"
 
@@ -40,8 +40,8 @@ static bool user_is(const uint8_t *user, const char *name)
 	return !memcmp(user, name, n) && (n == 16 || !user[n]);
 }
 
-/* Which slot the record is for, and how much it counts: the standard's user id more than libLAS' own.
- * Of several of one rank the first is kept. */
+/* The slot of the record and its rank: the user id of the standard ranks above that of libLAS. If several have the same rank, the
+ * first is kept. */
 static bool wanted(const uint8_t *user, unsigned id, enum slot *ret_slot, unsigned *ret_rank)
 {
 	unsigned rank = user_is(user, "LASF_Projection") ? 2 : user_is(user, "liblas") && id == 2112 ? 1 : 0;
@@ -68,7 +68,7 @@ static bool wanted(const uint8_t *user, unsigned id, enum slot *ret_slot, unsign
 	return true;
 }
 
-/* How the points are compressed; more items than fit are more than a record can have. */
+/* Reads how the points are compressed. The slot has room for all items that a record can have. */
 static int take_laszip(struct input *in, uint64_t at, uint64_t size, struct err *err)
 {
 	struct input_las *las = input_las_of(in);

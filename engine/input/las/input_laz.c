@@ -1,13 +1,11 @@
 /*
- * Compressed LAS (LAZ): between the header and the records.
+ * Compressed LAS (LAZ): reads the chunks, and gives their records to input_las.c.
  *
- * Model: at opening only the chunk table is looked at, in the read buffer; it decides how many parts the file
- * has. The first read takes the memory for decoder and table (info.read_bytes) and goes to the first chunk of
- * its part; from then on batches of records are put into the read buffer as if they came from a LAS file.
- * Without a usable table the points are read forwards, as one part.
+ * Model: when the file is opened, only the chunk table is read, in the read buffer; it determines the number of parts. The first
+ * read allocates the memory for decoder and table (info.read_bytes) and goes to the first chunk of its part. Then batches of
+ * records are put into the read buffer as if they came from a LAS file. Without a usable table all points are one part.
  *
- * A decoding error is the file's error; with --accept-truncated a file that was cut short gives the points
- * before the cut.
+ * A decoding error is an error of the file. With --accept-truncated a truncated file gives the points before the cut.
  */
 #include "input_las_parts.h"
 
@@ -53,7 +51,7 @@ static enum laz_fields fields(const struct input_las *las)
 	return las->watch ? LAZ_ALL : LAZ_TERRAIN;
 }
 
-/* What says where the chunks are; the same whether all of them are read. */
+/* Memory for the chunk table or the hierarchy of COPC: always the larger of both. */
 static size_t table_bytes(void)
 {
 	return sizeof(struct input_copc_walk) > laz_table_bytes() ? sizeof(struct input_copc_walk) : laz_table_bytes();
@@ -64,8 +62,8 @@ static size_t read_bytes(const struct input_las *las)
 	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes()) + up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
 }
 
-/* Of a header that counts no points: how many its chunks hold. The table lies in the read buffer; without one only the
- * points tell, when they are read. *end: where they end. */
+/* Counts the points by the chunks, since the header has no count. The table is in the read buffer; without a table, only reading
+ * the points gives their number. *end: the end of the points. */
 static int find_uncounted(struct input *in, const struct laz_source *source, uint64_t *end, struct err *err)
 {
 	struct input_las *las = input_las_of(in);
@@ -107,7 +105,7 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 		err->offset = err->offset == ERR_NO_OFFSET ? las->laszip_at : err->offset + las->laszip_at;
 		return err_add_file(err, in->name);
 	}
-	/* the table may lie behind other records, the points may not */
+	/* the table may come after other records, the points may not */
 	las->place = (struct laz_place){.begin = las->point_offset, .end = in->size, .points = points, .size = in->size};
 	_Static_assert(offsetof(struct input, buffer) % 16 == 0, "the table may lie in the buffer");
 	if (laz_table_bytes() > sizeof in->buffer)

@@ -33,7 +33,7 @@ struct laz_item {
 	uint16_t type, size, version;
 };
 
-/* What the VLR "laszip encoded"/22204 says, checked: the items make up a record of `length` bytes. */
+/* The content of the VLR "laszip encoded"/22204, checked: the items make up a record of `length` bytes. */
 struct laz_format {
 	unsigned compressor;
 	uint32_t chunk_size;     /* points of a chunk; LAZ_VARIABLE: the chunk table says; 0: the same, but where the
@@ -46,7 +46,7 @@ struct laz_format {
  * that in the VLR's body (the caller adds where it lies). */
 int laz_format_parse(const void *vlr, size_t n, unsigned point_format, unsigned length, struct laz_format *ret, struct err *err);
 
-/* Where the bytes come from: `read` fills up to n bytes of place `at` of the file, as pread. */
+/* Source of the bytes: `read` fills up to n bytes of place `at` of the file, as pread. */
 struct laz_source {
 	void *ctx;
 	int (*read)(void *ctx, uint64_t at, void *buf, size_t n, size_t *ret_n, struct err *err);
@@ -77,14 +77,14 @@ int laz_table_open(void *memory, const struct laz_format *, const struct laz_sou
  * and at_most: then all of them end where their bytes do, which is at place->end or before. */
 #define LAZ_UNCOUNTED (UINT64_MAX / 2)
 int laz_table_count(void *memory, const struct laz_format *, const struct laz_source *, struct laz_place *place, struct err *err);
-/* Of a table that was opened and has chunks: the byte behind it, or more (its decoder reads ahead). */
+/* The end of an open table with chunks, or a later byte (its decoder reads ahead). */
 uint64_t laz_table_end(const struct laz_table *);
 /* All points as one chunk of unknown size, for laz_reader_chunk where there are no chunks. */
 struct laz_chunk laz_table_whole(const struct laz_format *, const struct laz_place *);
 /* The next chunk; false at the end. Place, size and points are checked against the file's. */
 int laz_table_next(struct laz_table *, struct laz_chunk *ret, bool *ret_more, struct err *err);
 
-/* What a reader must give. Only layered chunks can leave out anything; what is left out has any value. */
+/* The fields that are wanted. Only layered chunks can skip fields; skipped fields have any value. */
 enum laz_fields { LAZ_TERRAIN, /* x, y, z, returns, class, flags */ LAZ_ALL };
 
 /* Decodes one chunk after the other. */

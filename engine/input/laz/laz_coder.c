@@ -1,9 +1,9 @@
 /*
  * The parts of the arithmetic decoder that run rarely: first states and updates of models.
  *
- * The arithmetic is LASzip's to the last bit (decoder and encoder must go through the same states); what is
- * ours is the layout: borders and counts as 16-bit numbers, which hold them since a model's counts are halved
- * when their sum exceeds 2^15 and at most 8 * (1024 + 6) symbols pass between updates.
+ * The arithmetic is exactly that of LASzip, since decoder and encoder must have the same states. Only the layout differs: borders
+ * and counts are 16-bit numbers. That is enough, because the counts of a model are halved when their sum exceeds 2^15, and at
+ * most 8 * (1024 + 6) symbols come between updates.
  */
 #include "laz_coder.h"
 
@@ -23,8 +23,8 @@ int laz_coder_begin(struct laz_window *w, struct err *err)
 	w->coder.value = (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
 	w->coder.length = UINT32_MAX;
 	w->coder.bad = w->coder.value == UINT32_MAX;
-	/* The value lies in [0, length) from the first symbol on. Once it does not, it runs ever further ahead of the
-	 * length, and symbols are looked for outside of the models: nothing may be decoded from such a stream. */
+	/* The value is in [0, length) from the first symbol on. If it were not, the difference would grow with each symbol, and
+	 * the search for symbols would leave the models. So nothing may be decoded from such a stream. */
 	return laz_window_check(w, err);
 }
 

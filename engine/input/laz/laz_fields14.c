@@ -1,6 +1,6 @@
 /*
  * The layers of POINT14 that follow laz_xyz14.c, but for the GPS time: class, flags, intensity, scan angle, user data,
- * source. Each is the same loop over the records of a batch; they differ in what predicts the next value.
+ * source. All use the same loop over the records of a batch; they differ in how they predict the next value.
  */
 #include "laz_layers.h"
 

@@ -1,9 +1,8 @@
 /*
  * The record "laszip encoded"/22204: compressor, chunk size, and the items that a point record is made of.
  *
- * Rule: what it says must fit the point format and record length of the LAS header exactly, since every item's
- * meaning follows from the point format. The number of special records and the options change nothing about
- * points and are not looked at.
+ * Rule: its items must fit the point format and record length of the LAS header exactly, since the meaning of an item follows
+ * from the point format. The number of special records and the options do not affect points and are ignored.
  */
 #include "laz.h"
 

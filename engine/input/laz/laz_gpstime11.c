@@ -1,9 +1,9 @@
 /*
  * The item GPSTIME11: 8 bytes, versions 1 and 2. The bits of the double are taken as a 64-bit integer.
  *
- * Model: a time is the one before plus a multiple of the last usual difference, corrected; the symbol tells the
- * multiple, that nothing changed, or that the time stands in full. Version 2 keeps four sequences of times and
- * can go over to another one.
+ * Model: a time is the previous one plus a multiple of the usual difference, plus a correction. The symbol gives the multiple, or
+ * means that nothing changed, or that the time is stored in full. Version 2 has four sequences of times and can switch between
+ * them.
  */
 #include "laz_items.h"
 
@@ -197,7 +197,7 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 	struct laz_coder c = *coder;
 	unsigned turns = 0;
 
-	/* an encoder goes over to another sequence once, since there it has what it wants */
+	/* an encoder switches sequences at most once for each time */
 	while (read_time(&c, g)) {
 		if (++turns == 4) {
 			c.bad = 1;

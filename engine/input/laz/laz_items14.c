@@ -1,7 +1,6 @@
 /*
- * The layers of the items beside POINT14: colours (RGB14, RGBNIR14), wave packets, extra bytes. The coding is
- * that of RGB12, WAVEPACKET13 and BYTE; what is new are the scanner channels, and that each layer, and each
- * extra byte, is a stream of its own.
+ * The layers of the items other than POINT14: colours (RGB14, RGBNIR14), wave packets, extra bytes. The coding is that of RGB12,
+ * WAVEPACKET13 and BYTE, but with scanner channels, and with a separate stream for each layer and each extra byte.
  */
 #include "laz_layers.h"
 

@@ -1,13 +1,13 @@
 /*
- * Chunks of compressor 3: the first record raw, the number of points, the size of each layer, then the layers,
- * each an entropy-coded stream of its own.
+ * Chunks of compressor 3: the first record raw, the number of points, the size of each layer, then the layers. Each layer is an
+ * entropy-coded stream of its own.
  *
- * Model: a window for each layer that is wanted; the others are stepped over by their size. Records are decoded
- * in batches, one layer after the other: what is at work at a time, the models and the coder of one layer, stays
- * close. A layer of size 0 says that its field is that of the first record throughout.
+ * Model: each layer that is wanted has a window; the others are skipped by their size. Records are decoded in batches, one layer
+ * after the other, so that the models and the coder of one layer stay in the processor's cache. In a layer of size 0 all records
+ * have the value of the first one.
  *
- * The number of points that the chunk itself gives must be that of the chunk table: they are written by
- * different parts of an encoder, and where they differ nobody knows which points are meant.
+ * The number of points in the chunk must be that of the chunk table. Different parts of an encoder write them, and if they differ
+ * it is not known which is right.
  */
 #include "laz_layers.h"
 #include "laz_parts.h"
@@ -218,7 +218,7 @@ static int read_head(struct laz_layered *l, struct laz_window *head, uint64_t at
 	return 0;
 }
 
-/* Of a chunk of one point no layer has anything to say. */
+/* In a chunk of one point all layers are empty. */
 static int begin_layer(struct laz_layered *l, struct layer *layer, uint64_t points, struct err *err)
 {
 	int rc;

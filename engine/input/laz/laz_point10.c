@@ -1,9 +1,9 @@
 /*
  * The item POINT10: the first 20 bytes of the point formats 0 to 5, versions 1 and 2.
  *
- * Model of version 2: one symbol says which of six fields differ from the record before; x and y are corrections
- * of a median of earlier differences, z of the last height, each kept apart by the kind of return. The number of
- * bits that x took chooses the context of y, both together that of z.
+ * Model of version 2: one symbol gives the fields, of six, that differ from the previous record. x and y are corrections of a
+ * median of earlier differences, z is a correction of the last height; each kind of return has its own. The number of bits of x
+ * chooses the context of y, both together that of z.
  *
  * The tables of contexts are part of the format (LASzip, laszip_common_v2.hpp).
  */
@@ -170,7 +170,7 @@ static void begin_v2(void *state, const uint8_t *first, unsigned size)
 	laz_models_reset(model(p->angle), 256, 2);
 }
 
-/* What the symbol `changed` names, but for flags and intensity. */
+/* The fields named by the symbol `changed`, except flags and intensity. */
 LAZ_INLINE void read_changed(struct laz_coder *c, struct point10 *p, unsigned changed)
 {
 	if (changed & 8)

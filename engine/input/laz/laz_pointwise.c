@@ -2,9 +2,9 @@
  * Chunks of compressors 1 and 2: the first record raw, then all items of each record in one entropy-coded
  * stream.
  *
- * Model: one window, and the state of each item behind each other in the memory that was handed in. Nothing
- * says how many records there are; whoever reads knows. Each record is decoded only when the one before needed
- * no byte behind the stream's end, so that of a batch that fails those before are good.
+ * Model: one window, then the states of the items, in the memory of the caller. A chunk does not have its number of records; the
+ * caller knows it. A record is only decoded if the previous one took no byte after the end of the stream. So if a batch fails,
+ * the records before the failure are good.
  */
 #include "laz_items.h"
 #include "laz_parts.h"

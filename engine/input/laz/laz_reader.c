@@ -1,9 +1,9 @@
 /*
  * The reader: chunks one after the other, by compressor.
  *
- * Model: what it is given as one chunk is either one chunk of the file, held to end where the table says, or all
- * points of a file without a table, which it goes through chunk by chunk. Records are given away when their
- * chunk's decoder has checked them; the last ones of a chunk when its end is right as well.
+ * Model: the caller gives one chunk of the file, which must end where the table says, or all points of a file without a table,
+ * which are read chunk by chunk. Records are returned after the decoder of the chunk has checked them. The last records of a
+ * chunk are only returned if its end is right, too.
  */
 #include "laz.h"
 

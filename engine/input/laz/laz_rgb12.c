@@ -1,7 +1,7 @@
 /*
- * The item RGB12: three colours of 16 bits, versions 1 and 2. A symbol says which of the six bytes differ from
- * the record before; version 2 takes the change of red for that of green, and both for that of blue, and says
- * with one bit more that the three are equal.
+ * The item RGB12: three colours of 16 bits, versions 1 and 2. A symbol gives the bytes, of six, that differ from the previous
+ * record. Version 2 predicts the change of green from that of red, and that of blue from both; one more bit means that the three
+ * are equal.
  */
 #include "laz_items.h"
 

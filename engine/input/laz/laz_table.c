@@ -1,12 +1,12 @@
 /*
  * The chunk table of compressors 2 and 3: where each chunk begins and how many points it has.
  *
- * Model: the table is an entropy-coded list of sizes, which add up from the first chunk on; it is decoded
- * through a small window and never held. laz_table_open goes through it once and checks everything that can be
- * checked without looking at chunks; a table that fails is not used at all. What it then gives is trusted for
- * places and sizes, and each chunk is held to end where it says.
+ * Model: the table is an entropy-coded list of sizes; the place of a chunk is the sum of the sizes before it. The table is
+ * decoded through a small window and not kept. laz_table_open decodes it once and checks everything that can be checked without
+ * reading chunks; a table that fails is not used at all. Afterwards its places and sizes are trusted, and each chunk must end
+ * where the table says.
  *
- * Not here: COPC's hierarchy, which says the same of the same chunks and more.
+ * Not here: the hierarchy of COPC, which has the same information about chunks and more.
  */
 #include "laz.h"
 

@@ -22,7 +22,7 @@ enum { LAZ_GUARD = 256, LAZ_WINDOW_MIN = 4 * LAZ_GUARD };
 #define laz_likely(x) __builtin_expect(!!(x), 1)
 #define laz_unlikely(x) __builtin_expect(!!(x), 0)
 
-/* What the decoder changes with each symbol; a loop over records keeps a copy in registers. */
+/* The part of the decoder's state that each symbol changes; a loop over records keeps a copy in registers. */
 struct laz_coder {
 	const uint8_t *at;
 	uint32_t value, length;

@@ -1,9 +1,9 @@
 /*
- * Inputs that come through a pipe: the head, which lies in a file, then the pipe's bytes, forwards.
+ * Inputs that come through a pipe: the head, which is in a file, then the bytes of the pipe, forwards.
  *
- * Model: whoever opened the pipe has put its first bytes into a file, so that header and variable length
- * records are read as of any file. Points are read where they come; a pipe that has nothing now makes the
- * reader return without points (input_dry), never wait: a worker must not belong to a slow client.
+ * Model: the caller has written the first bytes of the pipe to a file, so that header and variable length records are read as
+ * those of a file. Points are read as they come. If the pipe has no bytes now, the reader returns without points (input_dry) and
+ * does not wait: a slow client must not block a worker.
  */
 #include "input_reader.h"
 

@@ -1,5 +1,5 @@
 /*
- * What all readers say alike: warnings, coordinates that are no plane, and files that change while they are read.
+ * Messages of all readers: warnings, coordinates that are not in a plane, and files that change while they are read.
  */
 #include "input_reader.h"
 
@@ -59,7 +59,7 @@ int input_check_unchanged(struct input *in, struct err *err)
 	if ((uint64_t)st.st_size != in->size || st.st_mtim.tv_sec != in->mtime.tv_sec ||
 	    st.st_mtim.tv_nsec != in->mtime.tv_nsec) {
 		input_fail(in, err, ERR_CHANGED, ERR_NO_OFFSET, NULL, "the file changed while it was read");
-		return err_add_hint(err, "wait until whoever writes it is done, then push it again");
+		return err_add_hint(err, "wait until it is completely written, then push it again");
 	}
 	return 0;
 }

@@ -1,6 +1,6 @@
 /*
- * What the readers of all formats share: an open input with its buffer, and the functions of a format. Not for those who
- * read points: they have input.h.
+ * Shared by the readers of all formats: an open input with its buffer, and the functions of a format. Code that only reads points
+ * includes input.h instead.
  */
 #ifndef INPUT_READER_H
 #define INPUT_READER_H

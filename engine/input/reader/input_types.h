@@ -1,4 +1,4 @@
-/* What is asked of an input, what it says of itself, and its points. */
+/* Options, properties and points of an input. */
 #ifndef INPUT_TYPES_H
 #define INPUT_TYPES_H
 

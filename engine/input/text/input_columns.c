@@ -1,12 +1,14 @@
 /*
- * What the columns of a text are: --columns, else a line of names before the points, else x y z.
+ * Determines the columns of a text: from --columns, else from a line of names before the points, else x y z.
  *
- * Model: before the points may stand: comments; a line of names (a comment or not), with lines of any text before it and
- * a line of units behind it; lines of numbers that are no points; and for .pts the number of points. How they are found is said
- * in input_head.c, what the names mean in input_header.c; with --columns they tell units only. A line of words is one of names if
- * it names two coordinates or has as many words as there are columns, else a title, which may stand alone. A comment is prose
- * until its words fit the columns of the first point. The line of names is looked for in the first hundred lines of text; where
- * there is none, the first of them is taken for a point, and fails as one.
+ * Model: these lines may come before the points: comments; a line of names (a comment or not), with lines of any text before it
+ * and a line of units after it; lines of numbers that are not points; in .pts files the number of points. input_head.c finds
+ * them, input_header.c interprets the names. With --columns, names are only used for their units.
+ *
+ * A line of words is a line of names if it names two coordinates or has as many words as there are columns. Otherwise it is a
+ * title, which may stand alone. A comment counts as a line of names only if its words fit the columns of the first point. The
+ * line of names is looked for in the first hundred lines of text. If there is none, the first of these lines is read as a
+ * point, and fails.
  */
 #include "input_text_parts.h"
 
@@ -18,7 +20,7 @@
 
 enum { NAMES_SHOWN = 60 };
 
-/* The letters of txt2las; a place each for what is read. */
+/* The letters of txt2las, and the place of each column that is read. */
 static const char letters[] = "xyzcrn", skipped[] = "s_-itaupRGB";
 
 static int bad_columns(const char *text, struct err *err, const char *why)
@@ -97,14 +99,14 @@ static void show_names(const char *names, char ret[NAMES_SHOWN])
 	ret[n] = 0;
 }
 
-/* Words that name no coordinates, in another number than there are columns: a title. */
+/* A title: its words name no coordinates, and it does not have as many words as there are columns. */
 static bool is_prose(const struct input_head *h, const struct input_header *header)
 {
 	return header->coordinates < 2 && header->n != h->row.words;
 }
 
-/* Columns without a name have no numbers: a description may go on behind the names. Names without a column are of empty ones at
- * the end of a row; but between blanks an empty one cannot be told, nor a name of several words. */
+/* Columns without a name must not have numbers: a description may have more words than the names. Names without a column belong
+ * to empty columns at the end of a row. With blanks as separators neither empty columns nor names of several words are seen. */
 static bool fits(const struct input_header *header, struct input_words row)
 {
 	if (!row.words) /* there is no point */
@@ -117,7 +119,7 @@ static bool fits(const struct input_header *header, struct input_words row)
 	return header->kind != ' ' && row.kind != ' ';
 }
 
-/* Fits, and the coordinates are numbers. */
+/* The names fit the columns, and the coordinates are numbers. */
 static bool reads(const struct input_header *header, struct input_words row)
 {
 	for (int i = 0; i < 3; i++)
@@ -126,7 +128,7 @@ static bool reads(const struct input_header *header, struct input_words row)
 	return fits(header, row);
 }
 
-/* Up to the first point, and says what is skipped beside the line of names. */
+/* Skips to the first point. Warns about skipped lines other than the line of names. */
 static void skip_head(struct input *in, const struct input_head *h)
 {
 	unsigned texts = h->texts ? h->texts - 1 : 0;
@@ -141,7 +143,7 @@ static void skip_head(struct input *in, const struct input_head *h)
 			   h->numbers, h->numbers == 1 ? "line" : "lines", h->before_line, h->numbers == 1 ? "is" : "are");
 }
 
-/* Names are taken, or refused where nothing else says what the columns are. */
+/* Uses the names. If they are not clear, they are an error, unless --columns is given. */
 static int apply(struct input *in, struct input_head *h, struct input_header *header, uint64_t line, const char *text,
 		 struct err *err)
 {
@@ -179,7 +181,7 @@ static int apply_names(struct input *in, struct input_head *h, struct err *err)
 	int rc = 0;
 
 	input_header_read(line_of(h->names), &header);
-	/* words alone are a text, not points; and where there is no line of names, none may stand before the points */
+	/* a file of words only has no points; and without a line of names, only one line of words may come before the points */
 	if ((!h->first_line && header.state == INPUT_HEADER_LACKING) || (is_prose(h, &header) && h->texts > 1))
 		return 0;
 	if (is_prose(h, &header)) {

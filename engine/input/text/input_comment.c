@@ -1,10 +1,10 @@
 /*
- * Comments: which lines are, and which of these may be points that somebody wanted to be read.
+ * Comments: which lines are comments, and which of them may be points that were meant to be read.
  *
- * Model: a line is a comment by its first characters, and nobody knows whether a `!` or `;` there is a mark or the name of a
- * point. So comments behind the line of names, or the first point, whose words would be numbers where points have their
- * coordinates, are counted and told, refused with --strict, and refused where there is no point but them. They are counted once:
- * of a file while it is opened, of a pipe while it is read.
+ * Model: the first characters make a line a comment, but a `!` or `;` there may also be the name of a point. A comment after the
+ * line of names, or after the first point, is suspicious if it has numbers in the columns of the coordinates. Suspicious comments
+ * are counted and reported. They are an error with --strict, or if the file has no other points. They are counted once: when a
+ * file is opened, or while a pipe is read.
  */
 #include "input_text_parts.h"
 
@@ -21,7 +21,7 @@ static const char *skip_blanks(const char *p, const char *end)
 	return p;
 }
 
-/* Behind a semicolon that begins a line: not columns, of which the first is empty. */
+/* The text after a semicolon at the start of a line is not a row whose first column is empty. */
 static bool is_remark(const char *p, const char *end)
 {
 	p = skip_blanks(p, end);
@@ -75,7 +75,7 @@ bool input_line_is_point(const struct input_columns *c, struct input_line line)
 	return (input_words_of(line).numbers & needed) == needed;
 }
 
-/* As it stands, or without the mark; a quote before that has another one behind the first word. */
+/* Tests the line with and without its mark. If a quote precedes the mark, another one follows the first word. */
 static bool could_be_point(const struct input_columns *c, struct input_line line)
 {
 	struct input_line words = input_comment_words(line);

@@ -1,11 +1,11 @@
 /*
- * Bytes of a text as the reader of lines wants them: UTF-8 with decimal points.
+ * Converts the bytes of a text to what the reader of lines expects: UTF-8 with decimal points.
  *
- * Model: UTF-16 is told by its byte order mark, and becomes UTF-8 piece by piece as it is read; half a character waits for
- * the rest of it. What is no character becomes U+FFFD, which is no digit, so it is refused where numbers are wanted. With
- * decimal commas (--decimal-comma) a comma beside a digit becomes a point when its line is handed out; a point becomes MARK,
- * so that 1.234,5 is not read as a number. Messages turn both back. Not here: other encodings, which differ from ASCII
- * in letters only.
+ * Model: UTF-16 is recognised by its byte order mark. It is converted to UTF-8 piece by piece as it is read; half a character
+ * is kept until the rest of it comes. Invalid characters become U+FFFD, which is not a digit, so that they are an error in place
+ * of a number. With --decimal-comma a comma beside a digit becomes a point when its line is returned, and a point becomes MARK,
+ * so that 1.234,5 is not read as a number. Messages convert both back. Not here: other encodings, which differ from ASCII in
+ * letters only.
  */
 #include "input_text_parts.h"
 

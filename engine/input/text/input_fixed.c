@@ -1,15 +1,15 @@
 /*
- * Numbers of text files as multiples of a fixed place, rounded once where they are written finer.
+ * Numbers of text files as multiples of a fixed decimal place. Numbers with more digits are rounded once.
  *
- * Model: digits from the place on make the integer, the first digit behind it rounds, half away from zero. So the result depends
- * on the number alone, however it is written ("0.1", "1e-1", "0.10000000000000001"), and no double is in between. What is too
- * large is refused, never clamped.
+ * Model: the digits up to the place are the integer. The first digit after it decides how the integer is rounded, half away
+ * from zero. No double is used, so the result depends on the number alone, however it is written ("0.1", "1e-1",
+ * "0.10000000000000001"). Numbers that are too large are an error, never clamped.
  */
 #include "input_text_parts.h"
 
 enum { EXPONENT_MOST = 9999 };
 
-/* What stands in front of an exponent: digits from `first` to `end`, the point among them at `point` or behind them. */
+/* The part before an exponent: digits from `first` to `end`, the point among them at `point` or behind them. */
 struct digits {
 	const char *first, *end, *point;
 	unsigned n;

@@ -1,10 +1,10 @@
 /*
- * Texts without names of columns: is it sure that the first three are not x y z?
+ * Checks texts without column names: are the first three columns certainly not x y z?
  *
- * Model: all rows are looked at (of a pipe, those of its head), and only by what is written. A file is refused where
- * its first column is an index, and what stands behind it looks more like coordinates than what x y z would make of it.
- * Everything else is x y z; a refusal of a survey that is fine costs its user more than a strange list that passes. With
- * --columns, with names that are understood, and in .pts files nothing is asked.
+ * Model: all rows of a file, or those of a pipe's head, are examined, by their digits only. A file is refused if its first
+ * column is an index and the columns after it look more like coordinates than the first three do. All other files are x y z,
+ * because refusing a valid survey does more harm than reading a strange list. Nothing is checked with --columns, with names that
+ * are understood, and in .pts files.
  *
  * Two things may be said of columns P Q R in a row:
  *
@@ -15,7 +15,7 @@
  *             in all rows. Programs write x and y alike, so whole x beside y with decimals is no survey; a line along x has
  *             one y.
  *
- * And what makes the first column A an index:
+ * The first column A is an index under these conditions:
  *
  *   numbers   A is whole and rises at every row, at least half of the steps by one, three rows or more: far or written
  *   classes   A is whole, from 0 to 255: far; any whole: far and written
@@ -29,9 +29,10 @@
  * along an axis and whole numbers of all kinds pass: in a grid x comes again, in a line along x y is one, and small
  * numbers are not far.
  *
- * What is likely only is said in a warning. Of ten rows or more: the first column goes up by exactly
- * one, the next two varying; or it has a few whole values, the next three varying, with decimals. These may be classes before
- * local coordinates, or a grid of few columns, which looks the same. And by the extents of the first three columns:
+ * If an index is only likely, there is a warning. It is likely in ten rows or more if the first column goes up by exactly one
+ * and the next two vary; or if the first column has a few whole values and the next three vary, with decimals. The latter may be
+ * classes before local coordinates, or a grid of few columns, which looks the same. Extents of the first three columns lead to a
+ * warning, too:
  *
  *   no height     the third has decimals and is beyond 30 000 everywhere, one of the others too, and the last one is not: "x z y"
  *   degrees       the first two are written with five decimals, lie within 180 and 90 either way, and the third spans fifty times
@@ -119,7 +120,7 @@ static bool counts(const struct input_guess_column *c)
 	return !c->decimals && !c->falls_or_stays;
 }
 
-/* Something may still come of it. Looking at more than three columns takes time, and most files are out after a few rows. */
+/* Whether the rest of the rows can matter. Reading more than three columns takes time, and a few rows settle most files. */
 static bool is_open(const struct input_guess *g)
 {
 	const struct input_guess_column *a = g->column;
@@ -169,7 +170,7 @@ void input_guess_row(const struct input *in, struct input_guess *g, struct input
 	g->on = is_open(g);
 }
 
-/* ---- what it comes to ---- */
+/* ---- the result ---- */
 
 static bool is_written(const struct input_guess *g)
 {
@@ -273,7 +274,7 @@ static double most(const struct input_extent *e)
 	return fmax(fabs(e->min), fabs(e->max));
 }
 
-/* The first or second column, which may be a height where the third is none; -1: the third may be one. */
+/* The column, first or second, that may be a height if the third cannot be one. -1: the third may be a height. */
 static int height_elsewhere(const struct input_extent axis[3])
 {
 	for (int i = 0; i < 2; i++)
@@ -321,8 +322,8 @@ int input_guess_judge(struct input *in, const struct input_guess *g, const struc
 	return 0;
 }
 
-/* The first three numbers in a row that may be coordinates: of four that begin with a whole one before others with
- * decimals, the last three. -1: there are no three. */
+/* The first three consecutive numbers that may be coordinates. If a whole number precedes three with decimals, these three.
+ * -1: there are no three. */
 static int first_of_three(struct input_words row)
 {
 	uint64_t three = row.numbers & row.numbers >> 1 & row.numbers >> 2;

@@ -1,18 +1,18 @@
 /*
- * What stands before the points of a text: a line of names, a line of units behind it, comments, lines of any text, and lines
- * of numbers that are no points.
+ * The head of a text, before its points: a line of names, a line of units after it, comments, lines of any text, and lines of
+ * numbers that are not points.
  *
- * Model: the first line whose columns are numbers is a point, unless what follows says otherwise, for which a hundred lines
- * are looked at:
+ * Model: the first line whose columns are numbers is a point, with two exceptions. The next hundred lines are examined for
+ * them:
  *
- *   a line of names follows   and the lines of numbers before it are not like the point behind it: in the number of columns, or
- *                             whole where that has decimals. They belong to the head. If they are like it, they stay points,
- *                             and the line of names fails as one.
- *   longer rows follow        two or more, all with columns that the first lines, three at most, do not have: numbers, or
- *                             anything behind whole numbers where the rows have decimals ("2024 05 13"). These belong to the
- *                             head, but not with --columns or a line of names, which say what a point is.
+ *   a line of names follows   The lines of numbers before it belong to the head if they differ from the point after it: in the
+ *                             number of columns, or if they are whole numbers and the point has decimals. Otherwise they are
+ *                             points, and the line of names fails as a point.
+ *   longer rows follow        At most three lines belong to the head if two or more rows follow them, and all of these have
+ *                             more columns: numbers, or anything if the lines are whole numbers and the rows have decimals
+ *                             ("2024 05 13"). With --columns or a line of names this does not apply: they define a point.
  *
- * What is left out in this way is said in a warning (input_columns.c).
+ * Lines of numbers that are skipped lead to a warning (input_columns.c).
  */
 #include "input_text_parts.h"
 
@@ -84,7 +84,7 @@ static void take_comment(struct input_head *h, struct input_line line, uint64_t 
 	h->comment_line = number;
 }
 
-/* A line that is neither comment nor count. False: it is the first of the points. */
+/* Handles a line that is neither a comment nor a count. False: it is the first point. */
 static bool take_text(struct input *in, struct input_head *h, struct input_line line)
 {
 	bool words = is_words(line), names = words && input_head_is_names(line);
@@ -103,7 +103,7 @@ static bool take_text(struct input *in, struct input_head *h, struct input_line 
 	return true;
 }
 
-/* Up to the first point, or as many lines as there may be before it. */
+/* Reads up to the first point, or up to the largest number of lines before it. */
 static int read_texts(struct input *in, struct input_head *h, struct err *err)
 {
 	struct input_line line;
@@ -141,7 +141,7 @@ struct rows {
 	} row[ROWS];
 };
 
-/* Numbers before anything else, and what stands behind them as one. */
+/* The numbers at the start of a line, and the rest of it as one word. */
 static unsigned width(const struct row *r)
 {
 	return r->words.leading + (r->words.words > r->words.leading);
@@ -157,7 +157,7 @@ static bool has_decimals(struct input_words words)
 	return words.numbers & ~words.whole & COORDINATES;
 }
 
-/* The first rows that have fewer columns than all others. */
+/* The number of first rows that have fewer columns than all others. */
 static unsigned count_short(const struct rows *r)
 {
 	unsigned n = 0, most = width(&r->row[r->n - 1]);
@@ -185,7 +185,7 @@ static unsigned count_no_points(const struct rows *r)
 	return n;
 }
 
-/* The first point alone is of whole numbers. */
+/* Only the first point has whole numbers. */
 static bool is_odd(const struct rows *r)
 {
 	for (unsigned i = 1; i < r->n; i++)
@@ -209,7 +209,7 @@ static void leave_numbers_out(struct input *in, struct input_head *h, const stru
 	}
 }
 
-/* The line is one of names, behind the rows. */
+/* The line is a line of names that follows the rows. */
 static int take_names_behind(struct input *in, struct input_head *h, const struct rows *r, struct input_line line,
 			     struct err *err)
 {
@@ -229,7 +229,7 @@ static int take_names_behind(struct input *in, struct input_head *h, const struc
 	return 0;
 }
 
-/* Whether what seems to be the first point is one. */
+/* Whether the supposed first point is a point. */
 static int look_behind(struct input *in, struct input_head *h, struct err *err)
 {
 	const struct input_xyz *xyz = input_xyz_of(in);
@@ -241,7 +241,7 @@ static int look_behind(struct input *in, struct input_head *h, struct err *err)
 
 		if (rc)
 			return rc;
-		/* of a pipe's head the last line may be cut */
+		/* the last line of a pipe's head may be incomplete */
 		if (!line.at || (in->has_pipe && line.end == (const char *)in->buffer + xyz->n_buffered))
 			break;
 		if (input_line_is_comment(line))

@@ -1,22 +1,20 @@
 /*
- * What a line of names says: which columns are x, y, z, class and returns, in which units, and what to do where it leaves
- * that open.
+ * Interprets a line of names: which columns are x, y, z, class and returns, and their units.
  *
- * Model: the names must say for sure which columns are meant, or the file is refused with the letters of --columns that
- * would say it. Which pair of coordinates:
+ * Model: the names must be unambiguous. Otherwise the file is refused, with the letters of --columns that resolve it. A line may
+ * have these pairs of coordinates:
  *
- *   easting and northing  sure, in any order.
- *   X and Y               sure only where X comes first and the height is no word of a language whose surveyors call the
- *                         northing X ("X,Y,Z", "x,y,elevation"), or where all three stand in reverse ("z,y,x"). Lists of
- *                         "Y,X,H", "Y X Z", "X;Y;H" come from programs of both kinds, and the wrong reading is a mesh in
- *                         a mirror. It does not help to look at the numbers: eastings of 5 500 000 beside northings of
- *                         5 600 000 are ordinary.
- *   longitude, latitude   sure, in any order; taken where there is neither of the others. They are degrees.
+ *   easting and northing  clear in any order.
+ *   X and Y               clear only if X comes first and the height is not a word of a language whose surveyors call the
+ *                         northing X ("X,Y,Z", "x,y,elevation"), or if all three are reversed ("z,y,x"). Lists of "Y,X,H",
+ *                         "Y X Z", "X;Y;H" come from programs of both kinds, and the wrong choice mirrors the mesh. The numbers
+ *                         do not help: eastings of 5 500 000 beside northings of 5 600 000 are ordinary.
+ *   longitude, latitude   clear in any order, but only used if the line has none of the others. They are degrees.
  *
- * The first two at once are two planes, and refused. Of heights a column that is named Z goes before others; two others are
- * refused. A name that is not known is no coordinate. Between blanks nothing says where a name of several words ends: those that
- * are known ("Point Number", "GPS Time") are joined where that makes as many names as there are columns. Returns count only with
- * their number, since a return alone does not say which is the last.
+ * A line with both of the first two names two planes, and is refused. A column Z is preferred to other heights; two others are
+ * refused. Unknown names are not coordinates. With blanks as separators the end of a name of several words is not known; known
+ * ones ("Point Number", "GPS Time") are joined if that makes as many names as there are columns. The return is only used together
+ * with the number of returns, since a return alone does not tell whether it is the last.
  */
 #include "input_text_parts.h"
 
@@ -52,7 +50,7 @@ static int only(const struct input_header *h, enum input_field field)
 
 /* ---- reading ---- */
 
-/* "E [m]" is one name, between blanks too. */
+/* "E [m]" is one name, even if blanks separate columns. */
 static bool name_next(const char **at, const char *end, char kind, struct input_line *ret)
 {
 	const char *next, *close;
@@ -69,7 +67,7 @@ static bool name_next(const char **at, const char *end, char kind, struct input_
 	return true;
 }
 
-/* Goes on as far as the words are one name. Single letters are names of their own: "R G B". */
+/* Joins words as long as they are one name. Single letters are separate names: "R G B". */
 static void join(const char **at, const char *end, struct input_line *name)
 {
 	const char *next = *at;
@@ -198,7 +196,7 @@ void input_header_columns(const struct input_header *h, struct input_columns *re
 
 /* ---- units ---- */
 
-/* No letter, of any script: "-", or nothing. */
+/* The word has no letter of any script: "-", or nothing. */
 static bool says_nothing(struct input_line word)
 {
 	for (const char *p = word.at; p < word.end; p++)
@@ -207,7 +205,7 @@ static bool says_nothing(struct input_line word)
 	return true;
 }
 
-/* Units and nothing else; returns how many words there are, 0: other ones. */
+/* Returns the number of words if all of them are units, else 0. */
 static unsigned read_units(struct input_line line, enum input_unit ret[INPUT_COLUMNS])
 {
 	char kind = input_word_kind(line);
@@ -315,7 +313,7 @@ static void spell(const struct input_header *h, const struct input_axes *at, uns
 		ret[cls] = 'c';
 }
 
-/* The name says nothing, or just this. */
+/* The name has no meaning, or only this one. */
 static bool may_be(enum input_field f, int axis)
 {
 	return f == INPUT_FIELD_NONE || (axis == 0 ? f == INPUT_FIELD_X || f == INPUT_FIELD_EAST || f == INPUT_FIELD_LON :
@@ -323,7 +321,7 @@ static bool may_be(enum input_field f, int axis)
 						     is_height(f));
 }
 
-/* Columns for the axes that no name tells. Those that stay without one are in `ret_lacks`. */
+/* Chooses columns for the axes that no name identifies. `ret_lacks` has the axes that remain without one. */
 static void fill(const struct input_header *h, struct input_axes *a, char ret_lacks[4])
 {
 	bool taken[INPUT_COLUMNS] = {false};
@@ -353,7 +351,7 @@ static void show(const char *names, char ret[NAMES_SHOWN + 4])
 	snprintf(ret + n, 4, "%s", names[n] ? "..." : "");
 }
 
-/* Letters for columns that lie `by` behind those of the names. False: not all coordinates are within `width` then. */
+/* Letters for columns that are `by` to the right of those of the names. False: not all coordinates are within `width` then. */
 static bool spell_shifted(const struct input_header *h, int by, unsigned width, char ret[INPUT_LETTERS])
 {
 	struct input_header moved = {.n = 0};

@@ -1,10 +1,10 @@
 /*
  * Lines of text files, and the numbers of a line.
  *
- * Model: lines are seen through one window of the input's buffer. A line has one kind of separator: blanks
- * and tabs, or commas, or semicolons. What breaks that rule is refused, so that decimal commas are never
- * taken for columns; where commas separate whole numbers, but not all in the same way, it is refused too.
- * Behind the last column that is read, a line may go on as it likes.
+ * Model: lines are read through one window, the input's buffer. A line has one kind of separator: blanks and tabs, or commas,
+ * or semicolons. A line with two kinds is refused, so that decimal commas are never taken for separators. A line whose commas
+ * separate whole numbers, some with a blank and some without, is refused too. After the last column that is read, a line may
+ * contain anything.
  */
 #include "input_text_parts.h"
 
@@ -43,7 +43,7 @@ static int read_bytes(struct input *in, void *to, size_t room, size_t *ret_n, st
 	return rc;
 }
 
-/* Moves what is left of the window to its front and reads on behind it. */
+/* Moves the unread bytes to the front of the window and reads more after them. */
 static int fill(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = input_xyz_of(in);
@@ -108,8 +108,8 @@ static inline const char *skip_blanks(const char *p, const char *end)
 	return p;
 }
 
-/* The next line behind the head, a comment or not. Of a pipe, a turn is over after so many without a point, as if the pipe were
- * dry: one that sends nothing else, for ever, can be ended. */
+/* The next line after the head, a comment or not. Reading a pipe stops after a number of lines without a point, as if the pipe
+ * had no bytes, so that a pipe that sends no points can be cancelled. */
 static int next_of_turn(struct input *in, unsigned *lines, struct input_line *ret, struct err *err)
 {
 	int rc;
@@ -122,7 +122,7 @@ static int next_of_turn(struct input *in, unsigned *lines, struct input_line *re
 	rc = input_line_next(in, ret, err);
 	if (rc)
 		return rc;
-	/* a line end of old Macs would hide every point but the first */
+	/* with line ends of old Macs all points but the first would be missed */
 	if (ret->at && memchr(ret->at, '\r', (size_t)(ret->end - ret->at)))
 		return input_bad_line(in, err, ERR_INPUT, "a carriage return inside of a line", *ret);
 	return 0;
@@ -164,8 +164,8 @@ bool input_line_is_count(struct input_line line, uint64_t *ret)
 	return true;
 }
 
-/* Steps over one separator; *kind is that of the line, 0 before the first. NULL if it is another one.
- * Behind the last column a blank is enough in any line. */
+/* Skips one separator. *kind is the separator of the line, 0 before the first one. NULL: it is of another kind. After the last
+ * column a blank is accepted in any line. */
 static inline const char *separator(const char *p, const char *end, bool last, char *kind)
 {
 	const char *after = skip_blanks(p, end);
@@ -179,7 +179,7 @@ static inline const char *separator(const char *p, const char *end, bool last, c
 	return found == ' ' ? after : skip_blanks(after + 1, end);
 }
 
-/* A column that is not read: up to a separator, quotes holding what is between them together. */
+/* Skips a column that is not read, up to a separator. Separators within quotes do not count. */
 static const char *skip_column(const char *p, const char *end, char kind)
 {
 	const char *quote;
@@ -193,7 +193,7 @@ static const char *skip_column(const char *p, const char *end, char kind)
 	return p;
 }
 
-/* Commas between whole numbers, some with a blank behind them and some without: "1,5, 2,5, 3,5". */
+/* Commas between whole numbers, some followed by a blank and some not: "1,5, 2,5, 3,5". */
 static bool uneven_commas(struct input_line line)
 {
 	bool blank = false, tight = false;
@@ -208,10 +208,10 @@ static bool uneven_commas(struct input_line line)
 	return blank && tight;
 }
 
-/* In place of a class or return: what neither can be. */
+/* Stands for a missing class or return: a number that neither can be. */
 static const struct input_number no_number = {.mantissa = -1};
 
-/* A column that does not begin with a number: one in quotes is read, one without a value may leave the line out. */
+/* A column that does not begin with a number. A number in quotes is read. If there is no value, the line may be skipped. */
 __attribute__((noinline, cold)) static int odd_column(struct input *in, struct input_line line, char kind, unsigned role,
 						      enum input_number_state state, const char **at, struct input_number *ret,
 						      struct err *err)
@@ -241,7 +241,8 @@ __attribute__((noinline, cold)) static int odd_column(struct input *in, struct i
 	return in->strict ? input_wrong_strict(err) : INPUT_E_LEFT_OUT;
 }
 
-/* What goes on where a number ended, without a separator: 1.#QNAN, or a class that is a text. *ret_next: behind the separator. */
+/* A column that continues after its number without a separator: 1.#QNAN, or a class that is a text. *ret_next: the place after
+ * the separator. */
 __attribute__((noinline, cold)) static int odd_end(struct input *in, struct input_line line, char *kind, bool last, unsigned role,
 						   const char *column, const char **ret_next, struct input_number *ret,
 						   struct err *err)

@@ -1,13 +1,13 @@
 /*
- * What a column's name says, in the languages that surveys come in: which coordinate it is, and its unit.
+ * Interprets the name of a column, in several languages: which coordinate it is, and its unit.
  *
- * Model: a name is cut into tokens at all that is neither letter nor digit; case, accents, quotes and brackets do not
- * count. A token is a field, a unit, or says nothing here (utm, point, coordinate: noise), and some noise may stand before
- * or behind a field within a token (PointX, xcoord). A name with a token that is none of these is unknown: "z error" is no z.
- * Directions and angles tell more than X and Y, so that "X (East)" is an easting and "Hochwert X" a northing.
+ * Model: a name is split into tokens at everything that is neither letter nor digit; case, accents, quotes and brackets are
+ * ignored. A token is a field, a unit, or noise, which has no meaning here (utm, point, coordinate). Some noise may precede or
+ * follow a field within a token (PointX, xcoord). A name with any other token is unknown: "z error" is not z. Directions and
+ * angles take precedence over X and Y: "X (East)" is an easting and "Hochwert X" a northing.
  *
- * X and Y alone are told from eastings and northings, and heights in languages whose surveyors call the northing X from
- * the other heights: which way round they are is for input_header.c to say.
+ * X and Y alone are a field other than easting and northing. Heights in languages whose surveyors call the northing X are a field
+ * other than the other heights. input_header.c decides the order of X and Y.
  */
 #include "input_text_parts.h"
 
@@ -67,7 +67,7 @@ static const char *const noise[] = {
 	"punt",        "pos",        "pt",         "utm",        "wert",       "deger",  "gps",   "wgs84",
 	"etrs89",      "nad83",      "local",      "grid",       "map",
 };
-/* Tokens that are noise as a whole only; so are those that begin with a digit ("UTM 32N"). */
+/* Tokens that are noise only as a whole, as are tokens that begin with a digit ("UTM 32N"). */
 static const char silent[] =
 	" value msl nn nhn nap ngf navd88 ellipsoidal ellip ell orthometric ortho wgs etrs epsg lv95 lv03 ln02 lambert93 l93 rd gk osgb "
 	"gda94 gda2020 mga dhhn2016 dhhn92 u uber ueber ";
@@ -96,13 +96,13 @@ static enum input_unit unit_of(const char *token)
 	return INPUT_UNIT_NONE;
 }
 
-/* Of single letters x, y and z alone: "Punkte" is no easting. */
+/* A single letter counts only as x, y or z: "Punkte" is no easting. */
 static enum input_field field_beside_noise(const char *rest)
 {
 	return rest[1] || strchr("xyz", *rest) ? field_of(rest) : INPUT_FIELD_NONE;
 }
 
-/* The field in a token with noise before or behind it; *ret_noise: there is nothing else in it. */
+/* The field in a token, with noise before or after it. *ret_noise: the token is only noise. */
 static enum input_field field_in(const char *token, bool *ret_noise)
 {
 	enum input_field field = field_of(token);
@@ -135,8 +135,8 @@ static const char plain[] =
 	"AAAAAAACEEEEIIIIDNOOOOO-OUUUUYTsaaaaaaaceeeeiiiidnooooo-ouuuuyty"
 	"AaAaAaCcCcCcCcDdDdEeEeEeEeEeGgGgGgGgHhHhIiIiIiIiIiIiJjKkkLlLlLlLlLlNnNnNnnNnOoOoOoOoRrRrRrSsSsSsSsTtTtTtUuUuUuUuUuUuWwYyYZzZzZzs";
 
-/* The next letter or digit in small plain ASCII, 0 for what parts tokens, '?' for a letter of another script. UTF-8, and
- * Latin-1 where it is none. */
+/* The next letter or digit as lower-case ASCII, 0 for a separator of tokens, '?' for a letter of another script. Bytes that are
+ * not UTF-8 are read as Latin-1. */
 static char letter_next(const char **at, const char *end)
 {
 	unsigned char c = (unsigned char)*(*at)++;

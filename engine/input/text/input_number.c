@@ -162,7 +162,7 @@ enum input_number_state input_number_read(const char **at, const char *end, stru
 	return INPUT_NUMBER_OK;
 }
 
-/* Of a deep number: the text was read as a number before, so only its digits and its exponent are in it. */
+/* The digits of a deep number. The text was parsed before, so it has only digits and an exponent. */
 static struct input_digits digits_of_text(const char *p, const char *end)
 {
 	struct input_digits d = {.negative = *p == '-'};

@@ -1,15 +1,15 @@
 /*
- * What the raw numbers of a text are multiples of, and numbers as such multiples.
+ * Chooses the unit of the raw numbers of a text, and converts numbers to multiples of it.
  *
- * Model: x and y share one unit, z has one. It is the last place written anywhere, zeros included ("77.890" says
- * millimetres); where that does not leave the extent within 2^31 units, the last place that is not zero. So raw numbers are
- * exact, and the lattice decides whether they are rounded.
+ * Model: x and y share one unit, z has its own. It is the last decimal place of all numbers, zeros included ("77.890" means
+ * millimetres). If the extent is not within 2^31 such units, it is the last place with a digit other than zero. So raw numbers
+ * are exact, and the lattice decides whether they are rounded.
  *
- * Texts of programs have more digits than a raw number holds. Where the scale of the lattice is known, their unit is a
- * millionth of it (a hundredth, where that is too fine for 63 bits), and what lies between two raw numbers becomes the odd
- * one of them. Points of the lattice, and the middles between them, are even numbers of units: so rounding raw numbers to the
- * lattice is rounding the text's, once, and a point that is not on the lattice is seen to be moved. Where no lattice is known
- * (info), the unit is the finest scale that holds the file in 32 bits, and numbers are rounded to it.
+ * Texts from programs may have more digits than a raw number holds. If the scale of the lattice is known, their unit is a
+ * millionth of it (a hundredth, if a millionth is too fine for 63 bits), and a number between two raw numbers becomes the odd one
+ * of them. Points of the lattice, and the middles between them, are even numbers of units. So rounding a raw number to the
+ * lattice gives the same as rounding the number itself, and a point that is not on the lattice counts as moved. If no lattice is
+ * known (info), the unit is the finest scale that holds the file in 32 bits, and numbers are rounded to it.
  */
 #include "input_text_parts.h"
 
@@ -29,8 +29,8 @@ struct group {
 };
 static const struct group groups[2] = {{"x and y", 0, 1}, {"z", 2, 2}};
 
-/* What a scale that is too fine for 32 bits may become: half a millimetre, if the unit is the metre; a tenth of one in degrees.
- */
+/* The coarsest scale that may replace one that is too fine for 32 bits: half a millimetre if the unit is the metre; a tenth of
+ * that in degrees. */
 static struct decimal coarsest(const struct input *in, const struct group *g)
 {
 	return in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !g->from ? (struct decimal){1, -9} : (struct decimal){5, -4};
@@ -94,7 +94,7 @@ static int too_large(struct input *in, const struct input_extent axis[3], const 
 	return err_add_hint(err, "give a coarser --scale, or mend the file: are there numbers in it that are no coordinates?");
 }
 
-/* A millionth of the lattice's scale, or a hundredth where that does not do. */
+/* A millionth of the lattice's scale, or a hundredth if that is too fine. */
 static int unit_below(struct input *in, const struct input_extent axis[3], const struct group *g, struct decimal lattice,
 		      struct input_place *ret, struct err *err)
 {
@@ -141,7 +141,7 @@ static bool rounds_to(const struct input *in, const struct input_extent axis[3],
 	return unit->rounding == INPUT_NEAREST || (unit->rounding == INPUT_EXACT && decimal_compare(*ret, unit->scale) != 0);
 }
 
-/* Of who opens it for itself. */
+/* Warns about rounding if the file is opened on its own; in a push, the daemon tells which scale it chose. */
 static void warn(struct input *in, const struct input_extent axis[3])
 {
 	char text[2][DECIMAL_TEXT_SIZE];
@@ -153,10 +153,14 @@ static void warn(struct input *in, const struct input_extent axis[3])
 		decimal_text(scale[i], text[i]);
 	}
 	if (any[0] && any[1])
-		input_warn(in, "more digits than 32 bits hold: x and y are rounded to %s, z to %s, unless --scale says otherwise",
+		input_warn(in,
+			   "the coordinates have more digits than fit into 32 bits: x and y are rounded to %s, z to %s; to use "
+			   "another scale, give --scale XY,Z",
 			   text[0], text[1]);
 	else if (any[0] || any[1])
-		input_warn(in, "more digits than 32 bits hold: %s rounded to %s, unless --scale says otherwise",
+		input_warn(in,
+			   "the coordinates have more digits than fit into 32 bits: %s rounded to %s; to use another scale, give "
+			   "--scale XY,Z",
 			   any[0] ? "x and y are" : "z is", text[any[1]]);
 }
 
@@ -192,7 +196,7 @@ int input_places_choose(struct input *in, const struct input_extent axis[3], str
 	return 0;
 }
 
-/* What its digits are is not known: who knows no lattice takes nine decimals, of all. */
+/* The digits of a text that is only read forwards are not known beforehand: without a lattice, all axes get nine decimals. */
 int input_places_forward(struct input *in, const struct input_extent axis[3], struct err *err)
 {
 	for (unsigned i = 0; i < 2; i++) {

@@ -1,10 +1,11 @@
 /*
- * PTX: scans one after the other, each a head (input_ptx_head.c) and then a cell a line, x y z intensity and perhaps a colour.
+ * PTX: one scan after the other. A scan is a head (input_ptx_head.c), then one line for each cell: x y z intensity and perhaps a
+ * colour.
  *
- * Model: the file is read twice, as other texts are: opening finds every bad line, the points, their box and the number of
- * cells without a return; reading hands out points. A cell of 0 0 0, or of nan, has no return. Cells are nanometres, matrices
- * have 15 decimals, finer digits are rounded; so a cell times its matrix is a sum of integers, rounded to the raw unit of 0.1 mm:
- * the same on every machine, whatever else is in the file. PTX is in metres by its specification; its plane is not known.
+ * Model: the file is read twice, as other texts are. Opening finds every bad line, the number of points, their box and the number
+ * of cells without a return; reading returns the points. A cell of 0 0 0, or of nan, has no return. Cells are in nanometres and
+ * matrices have 15 decimals; further digits are rounded. So a cell times its matrix is a sum of integers, rounded to the raw unit
+ * of 0.1 mm, which is the same on every machine. PTX is in metres by its specification; its plane is not known.
  *
  * Not here: intensities, colours, the order of cells, reading from a pipe.
  */
@@ -39,7 +40,7 @@ static bool next_of(const char **at, const char *end, struct input_line *ret)
 	return false;
 }
 
-/* So many numbers and nothing else. */
+/* The line has exactly that many numbers. */
 static bool has_numbers(struct input_line line, unsigned n)
 {
 	const char *p = line.at;
@@ -51,8 +52,8 @@ static bool has_numbers(struct input_line line, unsigned n)
 	return p == line.end;
 }
 
-/* Two lines with a number each: in .pts points would follow the first, unless it says that there are none. Then the rest of
- * the head decides. */
+/* Two lines with one number each. In a .pts file points follow the first line, unless its number is 0; then the rest of the head
+ * decides. */
 static bool matches(const uint8_t *bytes, size_t n)
 {
 	const char *at = (const char *)bytes, *end = at + n;
@@ -308,7 +309,7 @@ static int read_points(struct input *in, struct input_points *pts, struct err *e
 			return rc;
 		if (!point) {
 			input_fail(in, err, ERR_CHANGED, text->line, "line", "the file changed while it was read");
-			return err_add_hint(err, "wait until whoever writes it is done, then push it again");
+			return err_add_hint(err, "wait until it is completely written, then push it again");
 		}
 		pts->cls[pts->n] = pts->flags[pts->n] = 0;
 		pts->ret[pts->n++] = 0x11;

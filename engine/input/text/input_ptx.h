@@ -4,7 +4,7 @@
 
 #include "input_text_parts.h"
 
-/* Of a PTX file; see input_ptx.c. */
+/* State of a PTX file; see input_ptx.c. */
 struct input_ptx {
 	struct input_xyz text;        /* first: the reader of lines keeps its place there */
 	int64_t turn[3][3];           /* of the scan's matrix, in 1e-15: a row for x, y, z of a cell */

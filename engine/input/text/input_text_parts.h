@@ -1,11 +1,10 @@
-/* Shared by the files that read text: lines (input_line.c), what the columns are (input_columns.c), points
- * (input_xyz.c). */
+/* Shared by the files that read text: lines (input_line.c), columns (input_columns.c), points (input_xyz.c). */
 #ifndef INPUT_TEXT_PARTS_H
 #define INPUT_TEXT_PARTS_H
 
 #include "input_text.h"
 
-/* What a column of a text is; roles up to INPUT_ROLES are read. */
+/* The meaning of a column; roles below INPUT_ROLES are read. */
 enum input_role { INPUT_X, INPUT_Y, INPUT_Z, INPUT_CLASS, INPUT_RETURN, INPUT_RETURNS, INPUT_ROLES, INPUT_SKIPPED = INPUT_ROLES };
 enum { INPUT_COLUMNS = 64 };
 
@@ -13,11 +12,12 @@ struct input_columns {
 	uint8_t role[INPUT_COLUMNS];
 	unsigned n;        /* up to the last one that is read */
 	bool cls, returns; /* there are columns of them */
-	bool named;        /* a line of names says so, and not --columns */
+	bool named;        /* the columns come from a line of names, not from --columns */
 };
 
-/* What raw numbers are multiples of, and how what lies between becomes one (input_place.c): nothing does; to the nearest, half
- * upwards; or to the odd one of the two beside it, so that rounding it once more to a hundred units or more is rounding once. */
+/* The unit of raw numbers, and the rounding of numbers that are no multiple of it (input_place.c). INPUT_EXACT: there are none.
+ * INPUT_NEAREST: to the nearest, half upwards. INPUT_ODD: to the odd one of the two neighbours, so that a later rounding to a
+ * hundred units or more gives the same result as rounding once. */
 struct input_place {
 	enum { INPUT_EXACT, INPUT_NEAREST, INPUT_ODD } rounding;
 	struct decimal scale;
@@ -37,19 +37,19 @@ struct input_xyz {
 	size_t i_buffered, n_buffered;
 	uint64_t points; /* handed out so far */
 	bool ended;
-	bool head_only;  /* of a pipe: while opening, what is there already is all */
+	bool head_only;  /* of a pipe that is being opened: only the bytes that are there already are read */
 	bool counts;     /* .pts: a line of one number says how many points follow */
 	unsigned commas; /* columns of the first point, if commas separate them; else 0 */
 	uint64_t first;  /* line that should be the first point; 0: there is none */
-	bool guesses;    /* neither names nor --columns say what the columns are */
+	bool guesses;    /* the columns are guessed: there are neither names nor --columns */
 	uint64_t names;  /* the line of names; 0: there is none */
-	bool counting;   /* of what is told at the end: of a file while it is opened, of a pipe while it is read */
-	bool begun;      /* since then a point was seen */
+	bool counting;   /* lines for warnings are counted: of a file while it is opened, of a pipe while it is read */
+	bool begun;      /* a point was seen since counting began */
 	uint64_t commented, commented_line; /* comments that may be points, and the first (input_comment.c) */
-	uint64_t unread, unread_line;       /* lines whose class or return is none */
+	uint64_t unread, unread_line;       /* lines whose class or return is not a number, and the first */
 };
 
-/* Of a PTX file, too, whose state begins with it. */
+/* Also for PTX files: their state begins with it. */
 static inline struct input_xyz *input_xyz_of(const struct input *in)
 {
 	return input_state(in);
@@ -117,21 +117,21 @@ int input_line_next_point(struct input *in, struct input_line *ret, struct err *
 /* The numbers of a line, each at the place of its column's role; ret[role] of roles without a column stays. INPUT_E_LEFT_OUT: a
  * coordinate has no value, as err says; the line is to be left out and counted. */
 enum { INPUT_E_LEFT_OUT = 1 };
-/* Of a class or return that is no number, where that is no error: only a line of names says that it should be one. */
+/* True if a class or return may be something else than a number: only a line of names says that it should be one. */
 static inline bool input_line_may_lack(const struct input *in, unsigned role)
 {
 	return role > INPUT_Z && role < INPUT_ROLES && input_xyz_of(in)->columns.named && !in->strict;
 }
 int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES], struct err *err);
 
-/* Of a column that begins at p and is no number: that there is none, as in an empty field, `*` or `null`. */
+/* True if the column at p, which is not a number, means a missing value: an empty field, `*` or `null`. */
 bool input_line_no_value(struct input_line line, const char *p, char kind);
 /* -ERR_INPUT: what is wrong with a line, or the number at p. */
 int input_wrong_number(struct input *in, struct err *err, enum input_number_state state, struct input_line line, const char *p);
 int input_wrong_separator(struct input *in, struct err *err, struct input_line line, const char *column);
 int input_wrong_commas(struct input *in, struct err *err, struct input_line line);
 int input_wrong_strict(struct err *err);
-/* What to do about a class or return that is no number. */
+/* Adds the hint for a class or return that is not a number. */
 int input_wrong_attribute(const struct input *in, struct err *err);
 
 /* ---- comments (input_comment.c) ---- */
@@ -266,7 +266,7 @@ int input_head_read(struct input *in, struct input_head *ret, struct err *err);
 /* Words that name coordinates. */
 bool input_head_is_names(struct input_line line);
 
-/* Of the numbers of an axis, as far as they were read. */
+/* Range and digits of the numbers of an axis that were read so far. */
 struct input_extent {
 	double min, max;
 	int written, needed; /* places: of the last digit, of the last one that is not zero */
@@ -283,7 +283,7 @@ struct input_guess_column {
 };
 
 enum { INPUT_GUESS_FEW = 9 };
-/* What is known of the first columns, over all rows so far. */
+/* Statistics of the first columns over all rows so far. */
 struct input_guess {
 	bool on;
 	uint64_t rows, line;     /* of the first one */
@@ -306,7 +306,7 @@ int input_guess_hint(const struct input *in, struct input_line line, struct err 
 
 /* ---- numbers as multiples (input_place.c) ---- */
 
-/* What the raw numbers of the axes are multiples of: input_xyz.place and info.coords. -ERR_INPUT: they are too large. */
+/* Sets the units of the raw numbers: input_xyz.place and info.coords. -ERR_INPUT: the numbers are too large. */
 int input_places_choose(struct input *in, const struct input_extent axis[3], struct err *err);
 /* The same of a pipe, of which only the first numbers are known. */
 int input_places_forward(struct input *in, const struct input_extent axis[3], struct err *err);
@@ -331,7 +331,7 @@ static inline bool input_place_raw(const struct input_place *unit, const struct 
 	return true;
 }
 
-/* What the columns are. Reads the first lines. */
+/* Finds the meaning of the columns. Reads the first lines. */
 int input_columns_look(struct input *in, struct err *err);
 /* The line is one whole number and nothing else. */
 bool input_line_is_count(struct input_line line, uint64_t *ret);

@@ -1,6 +1,6 @@
 /*
- * Lines that are no points: which of them have no value where a coordinate should be, and so are left out and counted; and
- * what is wrong with the others.
+ * Lines that are not points. Lines without a value for a coordinate are skipped and counted; the others are errors, and this file
+ * finds what is wrong with them.
  */
 #include "input_text_parts.h"
 
@@ -83,14 +83,14 @@ bool input_line_no_value(struct input_line line, const char *p, char kind)
 	return n > sign + 3 && !memcmp(f.at + sign, "1.#", 3) && isalpha((unsigned char)f.at[sign + 3]);
 }
 
-/* ---- what is wrong ---- */
+/* ---- errors ---- */
 
 static bool is_digit(const char *p, struct input_line line)
 {
 	return p >= line.at && p < line.end && isdigit((unsigned char)*p);
 }
 
-/* Bytes of what may stand between thousands: ' , . _ and the blanks and quotes of UTF-8 for that; 0: it is none. */
+/* The length in bytes of a mark between thousands: ' , . _ and the blanks and quotes of UTF-8 for that. 0: there is none. */
 static size_t mark_at(const char *p, struct input_line line)
 {
 	static const char *const marks[] = {"'",           ",", ".", "_", " ", "\1", "\xc2\xa0", "\xe2\x80\xaf", "\xe2\x80\x89",
@@ -116,9 +116,9 @@ static bool has_separator_beside(struct input_line line, char mark)
 	return false;
 }
 
-/* Groups of three digits with one mark between them, from a digit on that is not behind a decimal point. Commas and blanks
- * separate columns, too, and a point may be the decimal one: behind a group of the first two must be a decimal point, or there
- * must be two groups. *ret_n: bytes. */
+/* Groups of three digits with the same mark between them. The first digit must not follow a decimal point. Commas and blanks
+ * separate columns, too, and a point may be a decimal point. So there must be two groups, or a decimal point after a group that
+ * a comma or blank separates. *ret_n: bytes. */
 static bool thousands_at(struct input_line line, const char *p, size_t *ret_n)
 {
 	const char *first = p;
@@ -159,8 +159,8 @@ static int thousands(struct input *in, struct err *err, struct input_line line)
 	return 0;
 }
 
-/* Decimal points, where --decimal-comma says that there are none: behind a decimal comma in the same run of digits, since there
- * commas separate columns; or one in a number, without a comma in the line. Others separate thousands. */
+/* Finds decimal points that contradict --decimal-comma: a point after a comma in the same run of digits, where the comma
+ * separates columns; or one point in a number, in a line without a comma. Other points separate thousands. */
 static bool has_decimal_points(const struct input *in, struct input_line line)
 {
 	bool comma = false, any = false, several = false, comma_before = false, point_before = false;

@@ -1,9 +1,9 @@
 /*
- * Points as text: one a line, x y z in the first three columns or where --columns or a line of names says.
+ * Points as text: one for each line, with x y z in the first three columns, or in those of --columns or of a line of names.
  *
- * Model: the file is read twice. Opening reads all of it once, for the digits, the extent and the number
- * of points, and finds every bad line before a point is handed out; reading then turns each number into
- * a multiple of the unit that all numbers share (input_place.c). No units and no coordinate system are known.
+ * Model: the file is read twice. Opening reads all of it, for the digits, the extent and the number of points, and finds every
+ * bad line before a point is returned. Reading converts each number to a multiple of the unit that all numbers share
+ * (input_place.c). Units and coordinate system are not known.
  *
  * .pts is the same with lines of one whole number, each saying how many points follow it.
  */
@@ -56,7 +56,7 @@ static bool is_small(struct input_number n, int most, uint8_t *ret)
 	return true;
 }
 
-/* *ret stays, and *lacks is set, where it may be none. */
+/* If the value may be missing and is, *ret is not changed, and *lacks is set. */
 static int attribute(struct input *in, struct input_line line, enum input_role role, const struct input_number *n, uint8_t *ret,
 		     bool *lacks, struct err *err)
 {
@@ -80,7 +80,7 @@ static int attribute(struct input *in, struct input_line line, enum input_role r
 	return input_wrong_attribute(in, err);
 }
 
-/* Class and returns, where there are columns of them; else never classified, the only return. */
+/* Class and returns. Without columns for them: never classified, and the only return. */
 static int attributes(struct input *in, struct input_line line, const struct input_number n[INPUT_ROLES], uint8_t *ret_class,
 		      uint8_t *ret_return, struct err *err)
 {
@@ -105,7 +105,7 @@ static int attributes(struct input *in, struct input_line line, const struct inp
 struct probe {
 	uint64_t points;
 	uint64_t count, count_line; /* .pts: points that the last such line says, and are yet to come */
-	uint64_t more;              /* points that none says */
+	uint64_t more;              /* points that no such line counts */
 	struct input_guess guess;
 	struct err left_out; /* why the first line was, that was */
 	struct input_extent axis[3];
@@ -118,8 +118,8 @@ static double number_double(struct input_number n)
 	return decimal_double(d);
 }
 
-/* Places from -15 to 0 and at most 18 digits: doubles below 2^53 divide exactly rounded; the rest, rare,
- * goes the exact way. Of deep numbers the box need not be exact. */
+/* For places from -15 to 0 and at most 18 digits. The quotient of doubles below 2^53 is rounded exactly; the few other numbers
+ * are converted with integers. Deep numbers may make the box inexact. */
 static double coordinate(struct input_number n)
 {
 	static const double power[] = {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15};
@@ -153,7 +153,7 @@ static void probe_point(struct input *in, struct probe *probe, const struct inpu
 	probe->points++;
 }
 
-/* Points that a .pts file promised and that are not there. */
+/* Points that a .pts file announces but does not have. */
 static int check_count(struct input *in, const struct probe *probe, struct err *err)
 {
 	if (!probe->count)
@@ -182,7 +182,7 @@ static bool take_count(struct input *in, struct input_line line, struct probe *p
 	return true;
 }
 
-/* A line without a value for a coordinate. `why` is gone then. */
+/* Counts a line without a value for a coordinate. Takes `why`. */
 static void leave_out(struct input *in, struct err *why)
 {
 	if (!in->info.left_out++)
@@ -192,7 +192,7 @@ static void leave_out(struct input *in, struct err *why)
 
 enum { MANY_PERCENT = 5 };
 
-/* When all was read. Where nothing is left, that is what is wrong with the file; of a pipe the first line is not kept (NULL). */
+/* Called when all was read. If no point is left, the first skipped line is the error. For a pipe it is not kept (NULL). */
 static int check_left_out(struct input *in, uint64_t points, const struct err *first, struct err *err)
 {
 	uint64_t n = in->info.left_out;
@@ -219,7 +219,7 @@ static int check_left_out(struct input *in, uint64_t points, const struct err *f
 	return 0;
 }
 
-/* What was counted, when all was read. `first_left_out`: as for check_left_out. */
+/* Warnings and errors by the counts, after all was read. `first_left_out`: as for check_left_out. */
 static int check_odd(struct input *in, uint64_t points, const struct err *first_left_out, struct err *err)
 {
 	const struct input_xyz *xyz = input_xyz_of(in);
@@ -235,6 +235,15 @@ static int check_odd(struct input *in, uint64_t points, const struct err *first_
 	return rc;
 }
 
+static void probe_begin(struct input *in, struct probe *probe)
+{
+	input_guess_begin(in, &probe->guess);
+	for (int i = 0; i < 3; i++) {
+		probe->axis[i].min = INFINITY;
+		probe->axis[i].max = -INFINITY;
+	}
+}
+
 static int probe_text(struct input *in, struct probe *probe, struct err *err)
 {
 	struct input_xyz *xyz = input_xyz_of(in);
@@ -243,11 +252,7 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
-	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	probe_begin(in, probe);
 	xyz->counting = true;
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
@@ -285,7 +290,7 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 	}
 }
 
-/* Those that count; all that are written, where not all are kept. */
+/* The number of decimals: the significant ones, or, if they are rounded, all that are written. */
 static unsigned decimals(const struct input *in, const struct probe *probe, unsigned from, unsigned to)
 {
 	const struct input_place *unit = &input_xyz_of(in)->place[from / 2];
@@ -321,8 +326,8 @@ static void describe(struct input *in, const struct probe *probe)
 			xyz->commas);
 }
 
-/* The first points of a pipe, for the box: what is not known of the rest can only lead to a refusal. The last
- * line may be cut, so it does not count. */
+/* The box of the first points of a pipe. Later points outside of it can only lead to an error. The last line may be incomplete,
+ * so it is not used. */
 static int probe_head(struct input *in, struct probe *probe, struct err *err)
 {
 	struct input_xyz *xyz = input_xyz_of(in);
@@ -330,11 +335,7 @@ static int probe_head(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
-	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	probe_begin(in, probe);
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
 		if (rc)
@@ -403,7 +404,7 @@ static int open_pts(struct input *in, struct err *err)
 	return open_text(in, err);
 }
 
-/* Of a file: it is not the one that was probed. */
+/* The error for a line that does not fit the probe: the file has changed. */
 static int changed(struct input *in, struct err *err)
 {
 	if (in->has_pipe) {
@@ -415,11 +416,11 @@ static int changed(struct input *in, struct err *err)
 				    "mend the line, or write it to a file first: its digits are looked at before it is read");
 	}
 	input_fail(in, err, ERR_CHANGED, input_xyz_of(in)->line, "line", "the file changed while it was read");
-	return err_add_hint(err, "wait until whoever writes it is done, then push it again");
+	return err_add_hint(err, "wait until it is completely written, then push it again");
 }
 
-/* What the next line was: a point; none, but a line of .pts with their number, or one that is left out; or there is none, since
- * a pipe has ended or has nothing now. */
+/* The kind of the next line. LINE_OTHER: the number of points of a .pts file, or a line that is skipped. LINE_NONE: a pipe has
+ * ended, or has no bytes now. */
 enum line_kind { LINE_POINT, LINE_OTHER, LINE_NONE };
 
 static int read_point(struct input *in, struct input_points *pts, enum line_kind *ret, struct err *err)
@@ -456,7 +457,7 @@ static int read_point(struct input *in, struct input_points *pts, enum line_kind
 	return 0;
 }
 
-/* A pipe that sends lines without a value for ever can be ended: a turn has so many. */
+/* The most lines without a value in one call, so that a pipe that sends only such lines can be cancelled. */
 enum { LINES_A_TURN = 1 << 16 };
 
 static int read_forward(struct input *in, struct input_points *pts, struct err *err)

@@ -5,6 +5,18 @@
 #include <stdlib.h>
 #include <string.h>
 
+const struct meshes_spec meshes_many = {.columns = 60,
+					.rows = 41,
+					.strip = 7,
+					.x0 = -500,
+					.y0 = 900,
+					.step = 25,
+					.slope_x = 3,
+					.slope_y = 4,
+					.scale_xy = "0.01",
+					.scale_z = "0.01",
+					.k = {50000000, 400000000, 0}};
+
 static char lattice[192];
 
 static int32_t row_of(const struct meshes_spec *s, uint32_t row)

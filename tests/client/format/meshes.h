@@ -22,6 +22,8 @@ struct meshes_spec {
 	int64_t k[3];
 };
 
+extern const struct meshes_spec meshes_many; /* several blocks, of several rows each */
+
 void meshes_make(struct meshes *, const struct meshes_spec *);
 /* Head, the first `nblock` blocks, and the tail if that is all of them; what the sink answered. */
 int meshes_send(const struct meshes *, const struct acut_mesh_sink *, size_t nblock);

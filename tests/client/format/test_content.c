@@ -1,10 +1,7 @@
-/*
- * What the writers write: read back by code of its own and held against the mesh that went in.
- */
+/* Files of the writers, read back by separate code and compared with the mesh; and the parts that writers share. */
 #include <fcntl.h>
 #include <inttypes.h>
 #include <math.h>
-#include <png.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -17,54 +14,12 @@
 #include "err.h"
 #include "format_axis.h"
 #include "format_digits.h"
-#include "format_raster.h"
-#include "meshes.h"
-#include "outfile.h"
 #include "outputs_priv.h"
-
-static char dir[] = "/tmp/acut-content-XXXXXX";
-static char out[512];
-
-static const struct meshes_spec grid = {.columns = 50,
-					.rows = 33,
-					.strip = 5,
-					.x0 = -7000,
-					.y0 = 123,
-					.step = 100,
-					.slope_x = 10,
-					.slope_y = -7,
-					.scale_xy = "0.01",
-					.scale_z = "0.001",
-					.k = {50000000, 400000000, -12}};
-
-static int write_as(const char *name, const struct meshes *m, const struct format_options *opt,
-		    const struct outputs_options *ropt, struct outputs_report *report, struct err *err)
-{
-	const struct outputs_options plain = {0};
-	struct outputs *run = NULL;
-	struct acut_mesh_sink sink;
-	int r = outputs_new(ropt ? ropt : &plain, &run, err);
-
-	snprintf(out, sizeof(out), "%s/out.%s", dir, name);
-	if (!r)
-		r = outputs_add(run, out, format_find(name), opt, err);
-	if (!r) {
-		sink = outputs_sink(run);
-		r = meshes_send(m, &sink, SIZE_MAX);
-		if (r)
-			*err = *outputs_error(run);
-		else
-			r = outputs_publish(run, err);
-	}
-	if (!r && report)
-		outputs_report(run, report);
-	outputs_free(run);
-	return r;
-}
+#include "written.h"
 
 static char *slurp(size_t *ret_size)
 {
-	FILE *f = fopen(out, "rb");
+	FILE *f = fopen(written_path(), "rb");
 	struct stat st;
 	char *text;
 
@@ -126,8 +81,8 @@ static void test_ply(void **state)
 	struct err err = ERR_INIT;
 	uint64_t v = 0, f = 0;
 
-	meshes_make(&m, &grid);
-	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
+	meshes_make(&m, &written_grid);
+	assert_int_equal(written_as("ply", &m, &opt, NULL, NULL, &err), 0);
 	p = read_ply();
 	assert_int_equal(p.nvertex, m.tail.vertices);
 	assert_int_equal(p.nface, m.tail.triangles);
@@ -167,8 +122,8 @@ static void test_obj(void **state)
 	char *text, *line, *rest;
 	uint64_t v = 0, f = 0;
 
-	meshes_make(&m, &grid);
-	assert_int_equal(write_as("obj", &m, &opt, NULL, NULL, &err), 0);
+	meshes_make(&m, &written_grid);
+	assert_int_equal(written_as("obj", &m, &opt, NULL, NULL, &err), 0);
 	text = slurp(&size);
 	assert_non_null(strstr(text, "\nv 499930.00 4000001.23 -0.012\n"));
 	for (line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
@@ -189,16 +144,19 @@ static void test_obj(void **state)
 /* Two orders of one mesh give the same bytes, whether the sort fits its memory or not. */
 static void test_canonical(void **state)
 {
-	const char *const name[] = {"ply", "obj"};
 	const struct format_options opt = {.canonical = true};
+	size_t formats;
+	const struct format *const *row = format_rows(&formats);
 
-	for (int n = 0; n < 2; n++) {
+	for (size_t n = 0; n < formats; n++) {
 		char *first = NULL;
 		size_t first_size = 0;
 
+		if (!(row[n]->takes & FORMAT_CANONICAL))
+			continue;
 		for (int i = 0; i < 4; i++) {
 			const struct outputs_options ropt = {.sort_memory = i & 2 ? 200000 : 0};
-			struct meshes_spec spec = grid;
+			struct meshes_spec spec = written_grid;
 			struct meshes m;
 			struct err err = ERR_INIT;
 			size_t size;
@@ -209,7 +167,7 @@ static void test_canonical(void **state)
 			spec.shuffle = i & 1;
 			spec.strip = i & 1 ? 11 : 4;
 			meshes_make(&m, &spec);
-			assert_int_equal(write_as(name[n], &m, &opt, &ropt, NULL, &err), 0);
+			assert_int_equal(written_as(row[n]->name, &m, &opt, &ropt, NULL, &err), 0);
 			text = slurp(&size);
 			if (!first) {
 				first = text;
@@ -230,7 +188,7 @@ static void test_canonical_order(void **state)
 {
 	const struct format_options opt = {.canonical = true};
 	const struct outputs_options ropt = {.sort_memory = 200000};
-	struct meshes_spec spec = grid;
+	struct meshes_spec spec = written_grid;
 	struct meshes m;
 	struct err err = ERR_INIT;
 	struct ply p;
@@ -240,7 +198,7 @@ static void test_canonical_order(void **state)
 	spec.columns = 200;
 	spec.rows = 150;
 	meshes_make(&m, &spec);
-	assert_int_equal(write_as("ply", &m, &opt, &ropt, NULL, &err), 0);
+	assert_int_equal(written_as("ply", &m, &opt, &ropt, NULL, &err), 0);
 	p = read_ply();
 	assert_int_equal(p.nvertex, m.tail.vertices);
 	assert_int_equal(p.nface, m.tail.triangles);
@@ -288,7 +246,7 @@ static void test_line(void **state)
 		const struct format_options opt = {.canonical = canonical};
 		struct ply p;
 
-		assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+		assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 		assert_true(report.median_edge == 0 && report.longest_edge == 0 && report.long_share == 0);
 		p = read_ply();
 		assert_int_equal(p.nvertex, 300);
@@ -308,7 +266,7 @@ static void test_long_share(void **state)
 		int32_t by;
 		double share;
 	} row[] = {{0, 0}, {-300, 0}, {14000, 0}, {16000, 0.017}, {30000000, 0.96}};
-	struct meshes_spec spec = grid;
+	struct meshes_spec spec = written_grid;
 	struct err err = ERR_INIT;
 
 	spec.step = 300;
@@ -319,7 +277,7 @@ static void test_long_share(void **state)
 
 		meshes_make(&m, &spec);
 		((int32_t(*)[3])(uintptr_t)m.block[0].vertex)[spec.columns * spec.rows - 1][0] += row[i].by;
-		assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+		assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 		assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
 		assert_true(report.long_share >= row[i].share && report.long_share <= row[i].share + 0.03);
 		assert_true(row[i].share > 0 || report.long_share == 0);
@@ -331,8 +289,8 @@ static void test_long_share(void **state)
 static void test_max_edge(void **state)
 {
 	const struct format_options opt = {0};
-	struct outputs_options ropt = {.has_max_edge = true, .edges = true};
-	struct meshes_spec spec = grid;
+	struct outputs_options ropt = {.max_edge.given = true, .edges = true};
+	struct meshes_spec spec = written_grid;
 	struct outputs_report report;
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -341,24 +299,25 @@ static void test_max_edge(void **state)
 	spec.step = 300; /* squares of 3.00; diagonal sqrt(18) = 4.2426406871... */
 	meshes_make(&m, &spec);
 	all = m.tail.triangles;
-	assert_true(decimal_parse("4.2426406872", &ropt.max_edge));
-	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_true(decimal_parse("4.2426406872", &ropt.max_edge.value));
+	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 0);
 	assert_true(fabs(report.longest_edge - sqrt(18)) < 1e-9);
 	assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
-	assert_true(decimal_parse("4.2426406871", &ropt.max_edge));
-	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_true(decimal_parse("4.2426406871", &ropt.max_edge.value));
+	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, all);
 	assert_true(fabs(report.left_out_area - (double)all * 4.5) < 1e-6);
-	assert_true(decimal_parse("1e300", &ropt.max_edge) == false || write_as("ply", &m, &opt, &ropt, &report, &err) == 0);
+	assert_true(decimal_parse("1e300", &ropt.max_edge.value) == false ||
+		    written_as("ply", &m, &opt, &ropt, &report, &err) == 0);
 	meshes_done(&m);
 	spec.step = 500; /* 5.00 and 7.0710678: rational limits */
 	meshes_make(&m, &spec);
-	assert_true(decimal_parse("8", &ropt.max_edge));
-	assert_int_equal(write_as("obj", &m, &opt, &ropt, &report, &err), 0);
+	assert_true(decimal_parse("8", &ropt.max_edge.value));
+	assert_int_equal(written_as("obj", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 0);
-	assert_true(decimal_parse("-1", &ropt.max_edge));
-	assert_int_equal(write_as("obj", &m, &opt, &ropt, &report, &err), -ERR_USAGE);
+	assert_true(decimal_parse("-1", &ropt.max_edge.value));
+	assert_int_equal(written_as("obj", &m, &opt, &ropt, &report, &err), -ERR_USAGE);
 	meshes_done(&m);
 }
 
@@ -370,7 +329,7 @@ static void test_max_edge_equal(void **state)
 	static const uint8_t final[] = {15};
 	struct acut_mesh_block b = {.nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final};
 	const struct format_options opt = {0};
-	struct outputs_options ropt = {.has_max_edge = true};
+	struct outputs_options ropt = {.max_edge.given = true};
 	struct outputs_report report;
 	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
 	struct meshes m;
@@ -380,16 +339,16 @@ static void test_max_edge_equal(void **state)
 	meshes_make(&m, &spec);
 	m.block = &b;
 	m.nblock = 1;
-	assert_true(decimal_parse("5", &ropt.max_edge)); /* the hypotenuse is 5.00 exactly */
-	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_true(decimal_parse("5", &ropt.max_edge.value)); /* the hypotenuse is 5.00 exactly */
+	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 1);
 	assert_true(fabs(report.left_out_area - 80) < 1e-9);
 	p = read_ply();
 	assert_int_equal(p.nvertex, 4);
 	assert_int_equal(p.nface, 1);
 	done_ply(&p);
-	assert_true(decimal_parse("4.999999999", &ropt.max_edge));
-	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+	assert_true(decimal_parse("4.999999999", &ropt.max_edge.value));
+	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, 2);
 }
 
@@ -400,11 +359,11 @@ static void test_origin(void **state)
 	struct err err = ERR_INIT;
 	struct ply p;
 
-	meshes_make(&m, &grid);
+	meshes_make(&m, &written_grid);
 	assert_true(decimal_parse("500000.005", &opt.origin[0]));
 	assert_true(decimal_parse("4000000", &opt.origin[1]));
 	assert_true(decimal_parse("-1.5", &opt.origin[2]));
-	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
+	assert_int_equal(written_as("ply", &m, &opt, NULL, NULL, &err), 0);
 	p = read_ply();
 	assert_true(p.v[0] == -70.005);
 	assert_true(p.v[1] == 1.23);
@@ -412,7 +371,7 @@ static void test_origin(void **state)
 	assert_non_null(strstr(p.text, "comment acut-origin 500000.005 4000000 -1.5\n"));
 	done_ply(&p);
 	opt = (struct format_options){.origin_auto = true};
-	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
+	assert_int_equal(written_as("ply", &m, &opt, NULL, NULL, &err), 0);
 	p = read_ply();
 	/* x from -7000 to -2100, middle -4550; z from -100000 to 100000, middle 0 */
 	assert_true(p.v[0] == -24.5);
@@ -421,7 +380,7 @@ static void test_origin(void **state)
 	done_ply(&p);
 	opt = (struct format_options){.has_origin = true};
 	assert_true(decimal_parse("0.0000000000000000001", &opt.origin[0]));
-	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), -ERR_USAGE);
+	assert_int_equal(written_as("ply", &m, &opt, NULL, NULL, &err), -ERR_USAGE);
 	meshes_done(&m);
 }
 
@@ -536,167 +495,6 @@ static void test_open(void **state)
 	outputs_front_done(&table);
 }
 
-struct image {
-	uint32_t w, h;
-	uint8_t *p;
-};
-
-static struct image read_png(void)
-{
-	png_image im = {.version = PNG_IMAGE_VERSION};
-	struct image r;
-
-	assert_true(png_image_begin_read_from_file(&im, out));
-	im.format = PNG_FORMAT_RGBA;
-	r.p = malloc(PNG_IMAGE_SIZE(im));
-	assert_true(png_image_finish_read(&im, NULL, r.p, 0, NULL));
-	r.w = im.width;
-	r.h = im.height;
-	return r;
-}
-
-/* A rectangle of triangles covers every pixel; a plane has one shade, that of the formula. */
-static void test_png_cover(void **state)
-{
-	static const uint32_t width[] = {1, 7, 48, 333, 800};
-	struct meshes_spec spec = grid;
-
-	spec.scale_z = "0.01";
-	spec.slope_x = 100; /* rises to the east by 45 degrees: away from the light in the north-west */
-	spec.slope_y = 0;
-	for (unsigned i = 0; i < 5; i++) {
-		const struct format_options opt = {.width = width[i]};
-		struct meshes m;
-		struct err err = ERR_INIT;
-		struct image im;
-		int want = (int)lrint(255 * (0.5 + M_SQRT1_2) / sqrt(2));
-
-		meshes_make(&m, &spec);
-		assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
-		im = read_png();
-		assert_int_equal(im.w, width[i]);
-		assert_int_equal(im.h, width[i] < 2 ? 1 : (uint32_t)(3200.0 / 4900 * width[i] + 0.5));
-		for (uint32_t k = 0; k < im.w * im.h; k++) {
-			assert_int_equal(im.p[4 * k + 3], 255);
-			if (width[i] > 1)
-				assert_in_range(im.p[4 * k], (unsigned)want - 1, (unsigned)want + 1);
-		}
-		free(im.p);
-		meshes_done(&m);
-	}
-}
-
-/* Slopes towards and away from the light; level ground. */
-static void test_png_light(void **state)
-{
-	static const struct {
-		int sx, sy, low, high;
-	} row[] = {
-		{0, 0, 180, 181},
-		{100, -100, 245, 255},
-		{-100, 100, 0, 2},
-		{100, 100, 100, 110},
-	};
-
-	for (unsigned i = 0; i < 4; i++) {
-		struct meshes_spec spec = grid;
-		const struct format_options opt = {.width = 100};
-		struct meshes m;
-		struct err err = ERR_INIT;
-		struct image im;
-
-		spec.scale_z = "0.01";
-		spec.slope_x = row[i].sx;
-		spec.slope_y = row[i].sy;
-		meshes_make(&m, &spec);
-		assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
-		im = read_png();
-		assert_in_range(im.p[4 * (im.w * (im.h / 2) + im.w / 2)], row[i].low, row[i].high);
-		free(im.p);
-		meshes_done(&m);
-	}
-}
-
-/* Outside the mesh it is transparent, inside there is no hole: a disc of random triangles round a centre. */
-static void test_png_fan(void **state)
-{
-	enum { N = 997 };
-	static int32_t v[N + 1][3];
-	static uint32_t t[N][3];
-	static uint8_t final[N / 8 + 1];
-	struct acut_mesh_block b = {.nnew = N + 1,
-				    .ntriangle = N,
-				    .vertex = (const int32_t(*)[3])v,
-				    .triangle = (const uint32_t(*)[3])t,
-				    .final = final};
-	const struct format_options opt = {.width = 500};
-	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
-	struct meshes m;
-	struct err err = ERR_INIT;
-	struct image im;
-	const int32_t box[6] = {-1000, -1000, 0, 1000, 1000, 0};
-
-	v[0][0] = v[0][1] = 3;
-	for (int i = 0; i < N; i++) {
-		v[i + 1][0] = (int32_t)lrint(1000 * cos(2 * M_PI * i / N));
-		v[i + 1][1] = (int32_t)lrint(1000 * sin(2 * M_PI * i / N));
-		memcpy(t[i], (uint32_t[3]){0, (uint32_t)i + 1, (uint32_t)(i + 1) % N + 1}, 12);
-	}
-	meshes_make(&m, &spec);
-	m.block = &b;
-	m.nblock = 1;
-	memcpy(m.head.box, box, sizeof(box));
-	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
-	im = read_png();
-	assert_int_equal(im.w, 500);
-	for (uint32_t y = 0; y < im.h; y++) {
-		for (uint32_t x = 0; x < im.w; x++) {
-			double r = hypot(x + 0.5 - 250, y + 0.5 - 250);
-			if (r < 249)
-				assert_int_equal(im.p[4 * (y * im.w + x) + 3], 255);
-			if (r > 251)
-				assert_int_equal(im.p[4 * (y * im.w + x) + 3], 0);
-		}
-	}
-	free(im.p);
-	/* a box that is too wide costs its margins only */
-	m.head.box[3] = 3000;
-	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
-	im = read_png();
-	assert_in_range(im.w, 249, 251);
-	assert_in_range(im.h, 249, 251);
-	free(im.p);
-}
-
-/* Each region has its colour; north is up. */
-static void test_png_domains(void **state)
-{
-	struct meshes_spec spec = grid;
-	struct format_options opt = {.width = 100, .color = FORMAT_DOMAIN};
-	struct meshes m;
-	struct err err = ERR_INIT;
-	struct image im;
-	unsigned colours = 0;
-
-	spec.slope_x = spec.slope_y = 0;
-	meshes_make(&m, &spec);
-	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
-	im = read_png();
-	for (uint32_t y = 1; y < im.h; y++)
-		colours += memcmp(im.p + 4 * im.w * y, im.p + 4 * im.w * (y - 1), 3) != 0;
-	assert_int_equal(colours + 1, m.nblock);
-	free(im.p);
-	meshes_done(&m);
-	spec.slope_y = 50; /* higher to the north: white above, green below */
-	opt.color = FORMAT_ELEVATION;
-	meshes_make(&m, &spec);
-	assert_int_equal(write_as("png", &m, &opt, NULL, NULL, &err), 0);
-	im = read_png();
-	assert_true(im.p[0] > im.p[4 * im.w * (im.h - 1)] + 60);
-	free(im.p);
-	meshes_done(&m);
-}
-
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -712,21 +510,7 @@ int main(void)
 		cmocka_unit_test(test_origin),
 		cmocka_unit_test(test_axis),
 		cmocka_unit_test(test_open),
-		cmocka_unit_test(test_png_cover),
-		cmocka_unit_test(test_png_light),
-		cmocka_unit_test(test_png_fan),
-		cmocka_unit_test(test_png_domains),
 	};
-	int failed;
 
-	if (!mkdtemp(dir))
-		return 99;
-	failed = cmocka_run_group_tests(tests, NULL, NULL);
-	unlink(out);
-	for (int i = 0; i < 3; i++) {
-		snprintf(out, sizeof(out), "%s/out.%s", dir, i == 0 ? "ply" : i == 1 ? "obj" : "png");
-		unlink(out);
-	}
-	rmdir(dir);
-	return failed;
+	return written_run(tests, sizeof tests / sizeof *tests);
 }

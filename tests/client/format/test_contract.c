@@ -22,20 +22,10 @@
 #include "io.h"
 #include "meshes.h"
 #include "outfile.h"
+#include "repeat.h"
 
-static char dir[] = "/tmp/acut-format-XXXXXX";
+static char dir[64];
 
-static const struct meshes_spec many = {.columns = 60,
-					.rows = 41,
-					.strip = 7,
-					.x0 = -500,
-					.y0 = 900,
-					.step = 25,
-					.slope_x = 3,
-					.slope_y = 4,
-					.scale_xy = "0.01",
-					.scale_z = "0.01",
-					.k = {50000000, 400000000, 0}};
 static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .step = 10, .scale_xy = "0.01", .scale_z = "0.01"};
 /* Vertices and no triangle. */
 static const struct meshes_spec line = {
@@ -217,7 +207,7 @@ static void tiled(const struct format *f, const struct format_options *opt)
 	struct meshes m;
 	struct err err = ERR_INIT;
 
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	if (f->kind == FORMAT_RASTER) { /* its pixels are not those of the triangles of a tile */
 		assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 		assert_int_equal(files(), 0);
@@ -237,7 +227,7 @@ static void test_tiles(void **state)
 
 static void meshes_whole(const struct format *f, const struct format_options *opt)
 {
-	const struct meshes_spec *const spec[] = {&none, &line, &one, &many};
+	const struct meshes_spec *const spec[] = {&none, &line, &one, &meshes_many};
 	const struct outputs_options ropt = {0};
 
 	for (unsigned i = 0; i < 4; i++) {
@@ -270,7 +260,7 @@ static void stopped(const struct format *f, const struct format_options *opt)
 
 	fputs("old", old);
 	fclose(old);
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	for (size_t n = 0; n < 4; n++)
 		assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, n, &err), 0);
 	meshes_done(&m);
@@ -295,7 +285,7 @@ static void full_disk(const struct format *f, const struct format_options *opt)
 	struct stat st;
 	struct err err = ERR_INIT;
 
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	assert_int_equal(write_mesh(f, &m, path_of("out"), opt, &ropt, SIZE_MAX, &err), 0);
 	assert_int_equal(stat(path_of("out"), &st), 0);
 	sweep();
@@ -341,7 +331,7 @@ static void to_pipe(const struct format *f, const struct format_options *opt)
 	ssize_t n;
 	pid_t pid;
 
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	fflush(NULL);
 	assert_int_equal(pipe(fd), 0);
 	pid = fork();
@@ -371,7 +361,7 @@ static void to_device(const struct format *f, const struct format_options *opt)
 	struct stat st;
 	struct err err = ERR_INIT;
 
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	assert_int_equal(write_mesh(f, &m, "/dev/full", opt, &ropt, SIZE_MAX, &err), -ERR_NOSPACE);
 	assert_int_equal(stat("/dev/full", &st), 0);
 	assert_true(S_ISCHR(st.st_mode));
@@ -439,7 +429,7 @@ static void test_finished_vertex(void **state)
 	struct meshes m;
 	struct err err = ERR_INIT;
 
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	memset((void *)m.block[0].final, 0xff, (m.block[0].nnew + 7) / 8);
 	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
 	assert_int_equal(files(), 0);
@@ -491,12 +481,12 @@ static void test_table(void **state)
 static void test_nothing(void **state)
 {
 	const struct format_options opt = {0};
-	const struct outputs_options ropt = {.has_max_edge = true, .max_edge = {26, -2}, .edges = true};
+	const struct outputs_options ropt = {.max_edge = {.given = true, .value = {26, -2}}, .edges = true};
 	struct meshes m;
 	size_t n, nothing = 0;
 	const struct format *const *row = format_rows(&n);
 
-	meshes_make(&m, &many);
+	meshes_make(&m, &meshes_many);
 	for (size_t i = 0; i < n; i++) {
 		struct outputs *run;
 		struct outputs_report report;
@@ -575,8 +565,7 @@ int main(void)
 	};
 	int failed;
 
-	if (!mkdtemp(dir))
-		return 99;
+	repeat_folder(dir, sizeof dir, "format");
 	failed = cmocka_run_group_tests(tests, NULL, NULL);
 	sweep();
 	rmdir(dir);

@@ -81,6 +81,8 @@ static int count_far_ftruncate(int fd, off_t size)
 	return ftruncate(fd, size);
 }
 
+static size_t join_by = BACK;
+
 static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 {
 	struct outfile *o = NULL, *annex = NULL;
@@ -107,7 +109,7 @@ static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 		}
 	}
 	if (!r)
-		r = outfile_join(o, annex, BACK, err);
+		r = outfile_join(o, annex, join_by, err);
 	if (!r)
 		r = outfile_patch(o, 8, "patched!", 8, err);
 	if (!r)
@@ -136,7 +138,7 @@ static void expect_file(uint64_t nfront, uint64_t nback)
 			memcpy(want + 8, "patched!", 8);
 		assert_memory_equal(got + i * FRONT, want, FRONT);
 	}
-	if (nback * BACK > OUTFILE_BUFFER)
+	if (join_by && nback * BACK > OUTFILE_BUFFER)
 		while ((nfront * FRONT + moved * BACK) % 4096)
 			moved++;
 	for (uint64_t i = 0; i < nback; i++) {
@@ -270,11 +272,33 @@ static void test_full(void **state)
 	io = &io_system;
 }
 
+/* Without a size of records the order stays; with a wrong one even the smallest annex is refused. */
+static void test_sizes(void **state)
+{
+	static const size_t wrong[] = {BACK + 1, BACK + 2, 2};
+
+	join_by = 0;
+	for (unsigned i = 0; i < sizeof(size) / sizeof(*size); i++) {
+		struct err err = ERR_INIT;
+
+		assert_int_equal(write_both(size[i][0], size[i][1], &err), 0);
+		expect_file(size[i][0], size[i][1]);
+	}
+	for (unsigned i = 0; i < sizeof(wrong) / sizeof(*wrong); i++) {
+		struct err err = ERR_INIT;
+
+		join_by = wrong[i];
+		assert_int_equal(write_both(10, 10, &err), -ERR_INTERNAL);
+		assert_int_equal(access(path, F_OK), -1);
+	}
+	join_by = BACK;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_inside),    cmocka_unit_test(test_through_cache), cmocka_unit_test(test_apart),
-		cmocka_unit_test(test_elsewhere), cmocka_unit_test(test_full),
+		cmocka_unit_test(test_elsewhere), cmocka_unit_test(test_full),          cmocka_unit_test(test_sizes),
 	};
 	int failed;
 

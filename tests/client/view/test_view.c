@@ -75,6 +75,42 @@ static void test_all(void **state)
 					one(c, r, d, flags);
 }
 
+/* Each row of base/view_option.def, as an option and as the word that the engine reads. */
+static void test_rows(void **state)
+{
+	static const struct {
+		struct ctl_view_options option;
+		const char *text;
+	} row[] = {
+#define VIEW_FLAG(name, word, help) {{.name = true}, "view 1 " word},
+#define VIEW_COUNT(name, word, value, help) {{.name = 7}, "view 1 " word "=7"},
+#define VIEW_HEIGHT(name, word, value, help) {{.name = "1.2345"}, "view 1 " word "=1235"},
+#include "view_option.def"
+	};
+
+	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
+		struct view want;
+		struct err err = ERR_INIT;
+		char *asked;
+
+		assert_int_equal(view_parse(row[i].text, &want, &err), 0);
+		assert_int_equal(ctl_view_text(&row[i].option, &asked, &err), 0);
+		assert_same(asked, &want);
+		free(asked);
+	}
+#define VIEW_HEIGHT(name, word, value, help)                                              \
+	{                                                                                 \
+		const struct ctl_view_options high = {.name = "high"};                    \
+		struct err err = ERR_INIT;                                                \
+		char *asked;                                                              \
+                                                                                          \
+		assert_int_equal(ctl_view_text(&high, &asked, &err), -ERR_USAGE);         \
+		assert_string_equal(err.message, "--" word " is not a height: \"high\""); \
+		assert_true(err.hint[0]);                                                 \
+	}
+#include "view_option.def"
+}
+
 static void test_rubbish(void **state)
 {
 	static const char *const bad[] = {
@@ -93,7 +129,8 @@ static void test_rubbish(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rubbish)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rows),
+					   cmocka_unit_test(test_rubbish)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

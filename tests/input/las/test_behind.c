@@ -1,6 +1,6 @@
 /*
- * What a LAS header says of the points' number and of what lies behind them, where it is wrong: pointers that lead into the
- * points, no count, a header that is too short for its version, bytes that belong to nothing.
+ * LAS headers that are wrong about the number of points and the data after them: pointers that lead into the points, no count, a
+ * header that is too short for its version, bytes that belong to nothing.
  */
 #include <setjmp.h>
 #include <stdarg.h>

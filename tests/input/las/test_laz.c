@@ -3,7 +3,6 @@
  * with file calls that fail. Made from the small real ones. Every one ends in points or in one clear error, in
  * the memory that input_info says; what is read of a cut file is the beginning of the whole one.
  */
-#include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
 #include <stdio.h>
@@ -114,7 +113,7 @@ static int hash_points(struct input *in, uint64_t most, XXH64_state_t *state, ui
 	return rc;
 }
 
-/* Of a file in memory; *ret_rc says how it ended. */
+/* Reads a file in memory; returns the hash of its points. *ret_rc: the result of the last read. */
 static uint64_t hash_bytes(const struct bytes *b, const struct input_options *options, uint64_t most, uint64_t *ret_n,
 			   int *ret_rc, uint64_t *ret_parts)
 {
@@ -501,46 +500,27 @@ static void read_parts(const char *name, const struct bytes *whole)
 
 /* --- file calls that fail, or give a few bytes at a time --- */
 
-static struct {
-	struct io_table table;
-	unsigned calls, fail_at;
-	size_t at_most;
-} faults;
-
-static ssize_t faulty_pread(int fd, void *buf, size_t n, off_t off)
-{
-	if (++faults.calls == faults.fail_at) {
-		errno = EIO;
-		return -1;
-	}
-	return pread(fd, buf, faults.at_most && n > faults.at_most ? faults.at_most : n, off);
-}
-
 static void file_calls_fail(const char *name, const struct bytes *whole)
 {
-	const struct io_table *before = io;
 	struct outcome out;
 	uint64_t points;
 
-	faults.table = io_system;
-	faults.table.pread = faulty_pread;
-	faults.at_most = 0;
-	io = &faults.table;
-	for (faults.fail_at = 1;; faults.fail_at++) {
-		faults.calls = 0;
+	fixture_faults_begin();
+	for (fixture_faults.fail_at = 1;; fixture_faults.fail_at++) {
+		fixture_faults.calls = 0;
 		out = fixture_read(whole->at, whole->size, "a.laz", &defaults, BATCH);
-		if (faults.calls < faults.fail_at)
+		if (fixture_faults.calls < fixture_faults.fail_at)
 			break;
-		CHECK(name, out.code == ERR_IO && !strcmp(out.err.file, "a.laz"), "call %u fails: %d, %s", faults.fail_at,
+		CHECK(name, out.code == ERR_IO && !strcmp(out.err.file, "a.laz"), "call %u fails: %d, %s", fixture_faults.fail_at,
 		      out.code, out.err.message);
 	}
 	points = out.points;
 	CHECK(name, !out.code && points, "%s", out.err.message);
-	faults.fail_at = 0;
-	faults.at_most = 61;
+	fixture_faults.fail_at = 0;
+	fixture_faults.at_most = 61;
 	out = fixture_read(whole->at, whole->size, "a.laz", &defaults, BATCH);
 	CHECK(name, !out.code && out.points == points, "in small pieces: %s", out.err.message);
-	io = before;
+	fixture_faults_end();
 }
 
 int main(void)

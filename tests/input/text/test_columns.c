@@ -1,5 +1,5 @@
 /*
- * What the columns of texts are: by their names, and where there are none.
+ * The columns of texts, with names and without.
  */
 #include <setjmp.h>
 #include <stdarg.h>

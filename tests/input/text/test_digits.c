@@ -42,7 +42,7 @@ static void of_decimal(mpq_t ret, struct decimal d)
 	mpq_clear(p);
 }
 
-/* Of "-123.456e-7". */
+/* The rational number of a text such as "-123.456e-7". */
 static void of_text(mpq_t ret, const char *text)
 {
 	char digits[WORD];

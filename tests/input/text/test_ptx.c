@@ -233,7 +233,7 @@ static void told_apart(void **state)
 	}
 }
 
-/* Nobody can have it read as points. */
+/* A PTX file is not read as points of another text format, even if that format is requested. */
 static void never_points(void **state)
 {
 	static const char text[] = "2\n1\n" SAME "1 2 3 4\n5 6 7 8\n", *const formats[] = {"pts", "xyz"};

@@ -226,6 +226,38 @@ static void wide_text(void **state)
 	(void)state;
 }
 
+/* An input from a pipe: its head was read already, the rest is in the pipe. */
+struct piped {
+	struct input *in;
+	struct input_points pts;
+	int fd, pipe;
+};
+
+static struct piped piped_open(const void *head, size_t nhead, const void *rest, size_t nrest, size_t batch)
+{
+	struct piped p = {.fd = fixture_fd(head, nhead)};
+	struct input_options options = {.has_pipe = true};
+	struct err err = ERR_INIT;
+	int ends[2];
+
+	assert_int_equal(pipe(ends), 0);
+	assert_int_equal(write(ends[1], rest, nrest), nrest);
+	close(ends[1]);
+	options.pipe = p.pipe = ends[0];
+	if (input_open(p.fd, "a.xyz", &options, &p.in, &err))
+		fail_msg("head of %zu: %s", nhead, err.message);
+	fixture_points_new(&p.pts, batch);
+	return p;
+}
+
+static void piped_close(struct piped *p)
+{
+	fixture_points_free(&p->pts);
+	input_close(p->in);
+	close(p->pipe);
+	close(p->fd);
+}
+
 /* A pipe's pieces end anywhere, within a character or a pair of them. */
 static void wide_pieces(void **state)
 {
@@ -239,27 +271,14 @@ static void wide_pieces(void **state)
 	memcpy(bytes, "\xff\xfe", 2);
 	n = 2 + utf16(text, false, bytes + 2);
 	for (size_t head = 500; head < 540; head++) {
-		struct input_options options = {.has_pipe = true};
 		struct err err = ERR_INIT;
-		struct input_points pts;
-		struct input *in = NULL;
-		int ends[2], fd = fixture_fd(bytes, head);
+		struct piped p = piped_open(bytes, head, bytes + head, n - head, LINES + 1);
 
-		assert_int_equal(pipe(ends), 0);
-		assert_int_equal(write(ends[1], bytes + head, n - head), n - head);
-		close(ends[1]);
-		options.pipe = ends[0];
-		if (input_open(fd, "a.xyz", &options, &in, &err))
-			fail_msg("%zu: %s", head, err.message);
-		fixture_points_new(&pts, LINES + 1);
-		if (input_read(in, &pts, &err) || pts.n != LINES)
-			fail_msg("%zu: %zu points, %s", head, pts.n, err.message);
+		if (input_read(p.in, &p.pts, &err) || p.pts.n != LINES)
+			fail_msg("%zu: %zu points, %s", head, p.pts.n, err.message);
 		for (int i = 0; i < LINES; i++)
-			assert_int_equal(pts.raw[i][0], (100 + i) * INT64_C(1000000000));
-		fixture_points_free(&pts);
-		input_close(in);
-		close(ends[0]);
-		close(fd);
+			assert_int_equal(p.pts.raw[i][0], (100 + i) * INT64_C(1000000000));
+		piped_close(&p);
 	}
 	(void)state;
 }
@@ -293,34 +312,23 @@ static void left_out_of_a_pipe(void **state)
 {
 	for (int rest = 0; rest < 2; rest++) {
 		const char *head = rest ? "1 2 3\n1 2 nan\n" : "1 2 nan\n", *more = rest ? "4 5 *\n7 8 9\n1 2 nan\n" : "4 5 *\n";
-		struct input_options options = {.has_pipe = true};
 		struct err err = ERR_INIT;
-		struct input_points pts;
-		struct input *in = NULL;
-		int ends[2], fd = fixture_fd(head, strlen(head)), rc;
+		struct piped p = piped_open(head, strlen(head), more, strlen(more), 1);
 		uint64_t n = 0;
+		int rc;
 
-		assert_int_equal(pipe(ends), 0);
-		assert_int_equal(write(ends[1], more, strlen(more)), strlen(more));
-		close(ends[1]);
-		options.pipe = ends[0];
-		assert_int_equal(input_open(fd, "a.xyz", &options, &in, &err), 0);
-		fixture_points_new(&pts, 1);
 		do {
-			rc = input_read(in, &pts, &err);
-			n += pts.n;
-		} while (!rc && pts.n);
+			rc = input_read(p.in, &p.pts, &err);
+			n += p.pts.n;
+		} while (!rc && p.pts.n);
 		assert_int_equal(n, rest ? 2 : 0);
-		assert_int_equal(input_info(in)->left_out, rest ? 3 : 2);
-		assert_int_equal(input_info(in)->left_out_line, rest ? 2 : 1);
+		assert_int_equal(input_info(p.in)->left_out, rest ? 3 : 2);
+		assert_int_equal(input_info(p.in)->left_out_line, rest ? 2 : 1);
 		if (rest)
-			assert_true(!rc && strstr(input_info(in)->warning, "left out"));
+			assert_true(!rc && strstr(input_info(p.in)->warning, "left out"));
 		else
 			assert_true(rc == -ERR_INPUT && strstr(err.message, "no line has a value"));
-		fixture_points_free(&pts);
-		input_close(in);
-		close(ends[0]);
-		close(fd);
+		piped_close(&p);
 	}
 	(void)state;
 }
@@ -332,34 +340,23 @@ static void comments_of_a_pipe(void **state)
 
 	for (int rest = 0; rest < 2; rest++) {
 		const char *head = rest ? "x y z\n! 1 2 3\n" : "! 7 8 9\n1 2 3\n! 1 2 3\n";
-		struct input_options options = {.has_pipe = true};
 		struct err err = ERR_INIT;
-		struct input_points pts;
-		struct input *in = NULL;
-		int ends[2], fd = fixture_fd(head, strlen(head)), rc;
+		struct piped p = piped_open(head, strlen(head), rests[rest], strlen(rests[rest]), 1);
 		uint64_t n = 0;
+		int rc;
 
-		assert_int_equal(pipe(ends), 0);
-		assert_int_equal(write(ends[1], rests[rest], strlen(rests[rest])), strlen(rests[rest]));
-		close(ends[1]);
-		options.pipe = ends[0];
-		assert_int_equal(input_open(fd, "a.xyz", &options, &in, &err), 0);
-		fixture_points_new(&pts, 1);
 		do {
-			rc = input_read(in, &pts, &err);
-			n += pts.n;
-		} while (!rc && pts.n);
+			rc = input_read(p.in, &p.pts, &err);
+			n += p.pts.n;
+		} while (!rc && p.pts.n);
 		assert_int_equal(n, rest ? 0 : 2);
 		if (rest)
 			assert_true(rc == -ERR_INPUT && strstr(err.message, "no points, but 1 comment has") && err.offset == 2);
 		else
 			assert_true(!rc &&
-				    strstr(input_info(in)->warning, "2 comments have the numbers of a point and are not read, "
-								    "the first is line 3"));
-		fixture_points_free(&pts);
-		input_close(in);
-		close(ends[0]);
-		close(fd);
+				    strstr(input_info(p.in)->warning, "2 comments have the numbers of a point and are not read, "
+								      "the first is line 3"));
+		piped_close(&p);
 	}
 	(void)state;
 }

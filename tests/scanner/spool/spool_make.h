@@ -23,7 +23,7 @@ int make_setup(void **state);
 int make_teardown(void **state);
 
 void make_head(struct spool_head *ret);
-/* Of record `seq`: kind, payload. Every third is an event, except with `only_data`. */
+/* Kind and payload of record `seq`. Every third is an event. */
 enum spool_kind make_kind(uint64_t seq);
 size_t make_payload(uint64_t seq, uint8_t at[MAKE_SIZE_MAX]);
 void make_append(struct spool_writer *, uint64_t seq);

@@ -1,0 +1,70 @@
+"""The table of output formats (client/format/format_table.c) against the lists elsewhere: acutctl's own, the manuals, README, guide, the
+picture of ARCHITECTURE, and the test of --resume."""
+import json
+import os
+import re
+import subprocess
+import sys
+
+SOURCE, ACUTCTL = os.environ["ACUT_TEST_SOURCE"], os.environ["ACUTCTL"]
+wrong = []
+
+
+def read(name):
+    with open(os.path.join(SOURCE, name), encoding="utf-8") as f:
+        return f.read()
+
+
+def find(what, pattern, text):
+    found = re.search(pattern, text, re.S)
+    if not found:
+        sys.exit("%s is not where it was" % what)
+    return found.group(1)
+
+
+def compare(what, got, wanted):
+    if got != wanted:
+        wrong.append("%s: %s, but the table has %s" % (what, got, wanted))
+
+
+def row(name):
+    """The members of a row that have one word or text, by name."""
+    folder = os.path.join(SOURCE, "client")
+    for place, _, files in os.walk(folder):
+        for file in files:
+            found = re.search(r"^const struct format format_%s = \{(.*?)^\};" % name, read(os.path.join(place, file)), re.M | re.S)
+            if found:
+                return dict(re.findall(r'\.(\w+) = "?(.*?)"?,$', found.group(1), re.M))
+    sys.exit("format_%s is nowhere below client" % name)
+
+
+names = re.findall(r"&format_(\w+)", find("the table", r"\brow\[\] = \{(.*?)\}", read("client/format/format_table.c")))
+rows = {n: row(n) for n in names}
+if len(rows) < 2 or any(not {"name", "extensions", "help", "kind"} <= set(r) for r in rows.values()):
+    sys.exit("the table cannot be read: %s" % rows)
+written = [n for n in names if rows[n]["kind"] != "FORMAT_NOTHING"]
+meshes = [n for n in names if rows[n]["kind"] == "FORMAT_MESH"]
+resumable = [n for n in names if "resume" in rows[n]]
+
+listed = [json.loads(line) for line in subprocess.run([ACUTCTL, "formats", "--json"], stdout=subprocess.PIPE, check=True).stdout.splitlines()]
+compare("acutctl formats", [j["format"] for j in listed if j["direction"] == "out"], names)
+compare("acutctl formats, extensions", [j["extensions"] for j in listed if j["direction"] == "out"], [rows[n]["extensions"] for n in names])
+
+page = read("man/acutctl.1.scd")
+option = find("--format", r"\n\*--format\* _FORMAT_\n\t(.*?)\n\n", page)
+what, nothing = option.split("does not say it.", 1)
+compare("acutctl(1), --format", re.findall(r"\*(\w+)\*", what), written)
+compare("acutctl(1), --format, that write nothing", re.findall(r"\*(\w+)\*", nothing), [n for n in names if n not in written])
+compare("acutctl(1), --resume", re.findall(r"\*(\w+)\*", find("--resume", r"is replaced\. ([^.]*?) files can be resumed", page)), resumable)
+layout = find("what files have", r"\n(PLY is binary.*?)\n\n", page)
+compare("acutctl(1), what files have", [n for n in written if re.search(r"\b%s\s+(is|holds)\b" % n.upper(), layout)], written)
+compare("acut(7), mesh", [w.lower() for w in re.findall(r"\b[A-Z]{3,}\b", find("mesh", r"It is fetched as (.*?) or tiles", read("man/acut.7.scd")))], meshes)
+for name, pattern in (("README.md", r"\. Outputs: (.*?)\."), ("docs/guide.md", r"\. Outputs: (.*?)\."),
+                      ("ARCHITECTURE.md", r"meshes: ([A-Z, ]*)")):
+    text = find("the outputs of " + name, pattern, read(name))
+    compare(name, [w.lower() for w in re.findall(r"\b[A-Z]{3,}\b", text)], written)
+
+compare("tests/e2e/refetch.py", re.findall(r'"(\w+)"', find("RESUMABLE", r"\nRESUMABLE = \((.*?)\)", read("tests/e2e/refetch.py"))), resumable)
+
+print("\n".join(wrong) or "%d formats" % len(rows))
+sys.exit(1 if wrong else 0)

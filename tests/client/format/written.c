@@ -1,0 +1,71 @@
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "written.h"
+#include "repeat.h"
+
+static char dir[64];
+static char out[512];
+
+const struct meshes_spec written_grid = {.columns = 50,
+					 .rows = 33,
+					 .strip = 5,
+					 .x0 = -7000,
+					 .y0 = 123,
+					 .step = 100,
+					 .slope_x = 10,
+					 .slope_y = -7,
+					 .scale_xy = "0.01",
+					 .scale_z = "0.001",
+					 .k = {50000000, 400000000, -12}};
+
+int written_as(const char *name, const struct meshes *m, const struct format_options *opt, const struct outputs_options *ropt,
+	       struct outputs_report *report, struct err *err)
+{
+	const struct outputs_options plain = {0};
+	struct outputs *run = NULL;
+	struct acut_mesh_sink sink;
+	int r = outputs_new(ropt ? ropt : &plain, &run, err);
+
+	snprintf(out, sizeof(out), "%s/out.%s", dir, name);
+	if (!r)
+		r = outputs_add(run, out, format_find(name), opt, err);
+	if (!r) {
+		sink = outputs_sink(run);
+		r = meshes_send(m, &sink, SIZE_MAX);
+		if (r)
+			*err = *outputs_error(run);
+		else
+			r = outputs_publish(run, err);
+	}
+	if (!r && report)
+		outputs_report(run, report);
+	outputs_free(run);
+	return r;
+}
+
+const char *written_path(void)
+{
+	return out;
+}
+
+int written_run(const struct CMUnitTest *tests, size_t n)
+{
+	static const char *const ending[] = {"ply", "obj", "png"};
+	int failed;
+
+	repeat_folder(dir, sizeof dir, "written");
+	failed = _cmocka_run_group_tests("tests", tests, n, NULL, NULL);
+	for (int i = 0; i < 3; i++) {
+		snprintf(out, sizeof(out), "%s/out.%s", dir, ending[i]);
+		unlink(out);
+	}
+	rmdir(dir);
+	return failed;
+}

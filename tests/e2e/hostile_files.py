@@ -1,0 +1,239 @@
+"""Hostile files and descriptors: reads that block, closes that do not return, and a daemon that runs out of descriptors."""
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+
+import e2e
+import hostile
+from e2e import Folder, expect
+from hostile import others_are_served, the_whole_way_still_works
+from acut_wire import Breach, Client, Gone, Refused, Wire, pb
+
+
+def whole_way_as(uid):
+    """The seconds that another user's push and mesh take; fails if they fail."""
+    start = time.monotonic()
+    pid = os.fork()
+    if not pid:
+        try:
+            os.setgroups([])
+            os.setgid(uid)
+            os.setuid(uid)
+            the_whole_way_still_works()
+            os._exit(0)
+        except BaseException as e:
+            print("     user %d: %s: %s" % (uid, type(e).__name__, e), flush=True)
+            os._exit(1)
+    expect(os.waitpid(pid, 0)[1] == 0, "another user is not served")
+    return time.monotonic() - start
+
+
+def files_whose_reads_block():
+    """Eight regular files of one user on a file system that takes 3 s for each read. They block workers, but another user's push
+    and mesh do not wait for them, and neither does the end of a connection."""
+    if os.geteuid() or not all(map(shutil.which, ("nbdkit", "nbdfuse", "fusermount3"))):
+        print("     not tried: needs root, nbdkit and nbdfuse")
+        return
+    delay = 3
+    with Folder() as base:
+        sock, slow = base + "/sock", base + "/slow.las"
+        open(slow, "w").close()
+        running = [subprocess.Popen(["nbdkit", "-f", "-U", sock, "--filter=delay", "file", hostile.LAS, "rdelay=%d" % delay],
+                                    stderr=subprocess.DEVNULL)]
+        try:
+            wait_until(lambda: os.path.exists(sock), "nbdkit")
+            running.append(subprocess.Popen(["nbdfuse", slow, "--unix", sock], stderr=subprocess.DEVNULL))
+            wait_until(lambda: os.stat(slow).st_size > 0, "nbdfuse")
+            os.chmod(hostile.DAEMON.socket, 0o666)
+            alone = whole_way_as(65534)
+            clients = [Client(hostile.DAEMON.socket) for _ in range(8)]
+            pushes = [c.ask("push_begin", pb.PushBegin()).push for c in clients]
+            fds = [os.open(slow, os.O_RDONLY | os.O_DIRECT) for _ in clients]
+            for c, push, fd in zip(clients, pushes, fds):
+                c.send("probe", pb.Probe(push=push, name="slow"), fd)
+            time.sleep(0.2)
+            beside = whole_way_as(65534)
+            others_are_served()
+            print("     another user's push and mesh: %.2f s alone, %.2f s beside files that block" % (alone, beside))
+            expect(beside < delay * 0.8 + alone, "another user waits for them: %.1f s, alone %.1f" % (beside, alone))
+            for c in clients:
+                c.close()
+            for fd in fds:
+                os.close(fd)
+            others_are_served()
+        finally:
+            subprocess.run(["fusermount3", "-u", "-z", slow], stderr=subprocess.DEVNULL)
+            for p in reversed(running):
+                p.kill()
+                p.wait()
+
+
+def passes_files(path, name, uid, status):
+    """A process of that user that passes files until it is disconnected, and then connects again. Writes to `status`: the number
+    of files, and both reasons."""
+    pid = os.fork()
+    if pid:
+        return pid
+    said = []
+    try:
+        os.setgroups([])
+        os.setgid(uid)
+        os.setuid(uid)
+        sent = 0
+        client = Client(path, timeout=20)
+        try:
+            while sent < 3000:
+                with open(name, "rb") as f:
+                    client.ask("info_request", pb.InfoRequest(name="x"), f.fileno())
+                sent += 1
+        except (Refused, Breach, Gone) as e:
+            said.append("%s: %s" % (type(e).__name__, e))
+            try:
+                client.wire.recv()
+                said.append("he is not cut off")
+            except Gone:
+                pass
+            again = Wire(path, timeout=20)
+            message = again.recv()[1]
+            said.append("%s: %s" % (message.error.code, message.error.message))
+            again.close()
+        said.insert(0, "%d" % sent)
+    except BaseException as e:
+        said.append("%s: %s" % (type(e).__name__, e))
+    with open(status, "w") as f:
+        f.write("\n".join(said))
+    os._exit(0)
+
+
+def files_that_never_close():
+    """A file system does not answer when files are closed. A client that passes such files is disconnected, with the reason,
+    after a number of them; files of others are closed meanwhile; once it answers, the client is served again. If it is only slow,
+    only that client waits."""
+    if os.geteuid():
+        print("     not tried: needs root")
+        return
+    with Folder() as base:
+        os.chmod(base, 0o777)
+        gate = e2e.Gate(base)
+        hangs, plain, status = base + "/hangs.las", base + "/plain.las", base + "/status"
+        shutil.copy(hostile.LAS, hangs)
+        shutil.copy(hostile.LAS, plain)
+        with e2e.Daemon(base, memory="64M", threads=1, env=gate.env,
+                        prefix=("sh", "-c", 'ulimit -n 1024; exec "$@"', "sh")) as few:
+            os.chmod(few.socket, 0o666)
+            gate.close("close", "/hangs.las")
+            os.waitpid(passes_files(few.socket, hangs, 65534, status), 0)
+            with open(status) as f:
+                said = f.read().split("\n")
+            expect(len(said) == 3, "%s" % said)
+            held = files_of(few).count(hangs)
+            expect(64 <= held <= 66, "%d descriptors of them are open: %s" % (held, said))
+            for why in said[1:]:
+                expect("busy" in why and "a file system does not answer" in why, "why he is refused: %s" % said)
+            with Client(few.socket, timeout=20) as other, open(plain, "rb") as f:
+                other.ask("info_request", pb.InfoRequest(name="y"), f.fileno())
+            wait_until(lambda: plain not in files_of(few), "the close of another user's file")
+            gate.open()
+            wait_until(lambda: hangs not in files_of(few), "the close of all")
+            os.waitpid(passes_files(few.socket, plain, 65534, status), 0)
+            with open(status) as f:
+                expect(f.read() == "3000", "he is not served again")
+            told = few.log_text().count("is cut off")
+            gone = slow_close(few, gate, hangs, status)
+            os.kill(gone, signal.SIGKILL)
+            os.waitpid(gone, 0)
+            with Client(few.socket, timeout=20) as other:
+                e2e.until(lambda: other.ask("status_request", pb.StatusRequest()).connections == 1, "who is gone while he waits stays connected")
+            expect(few.log_text().count("is cut off") == told, "who is gone while he waits stays until he is cut off")
+            gate.open()
+            wait_until(lambda: hangs not in files_of(few), "the close of all")
+            slow = slow_close(few, gate, hangs, status)
+            gate.open()
+            os.waitpid(slow, 0)
+            with open(status) as f:
+                expect(f.read() == "3000", "who had to wait for the close of his files is cut off")
+
+
+def slow_close(few, gate, hangs, status):
+    """Starts a process that passes files until it has to wait. The gate is closed."""
+    gate.close("close", "/hangs.las")
+    pid = passes_files(few.socket, hangs, 65534, status)
+    try:
+        wait_until(lambda: files_of(few).count(hangs) >= 64, "files that wait for their close")
+        time.sleep(0.2)
+        held = files_of(few).count(hangs)
+        expect(64 <= held <= 66, "%d descriptors of them are open" % held)
+    except BaseException:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        raise
+    return pid
+
+
+def files_of(daemon):
+    """The paths of the daemon's open descriptors."""
+    folder, found = "/proc/%d/fd/" % daemon.process.pid, []
+    for n in os.listdir(folder):
+        try:
+            found.append(os.readlink(folder + n))
+        except FileNotFoundError:
+            pass
+    return found
+
+
+def wait_until(cond, what):
+    deadline = time.monotonic() + 10
+    while not cond():
+        expect(time.monotonic() < deadline, "%s does not come up" % what)
+        time.sleep(0.02)
+
+
+def cpu_seconds(pid):
+    with open("/proc/%d/stat" % pid) as f:
+        fields = f.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def descriptors_run_out():
+    """A daemon with few descriptors: excess clients wait in the queue of the socket, nothing spins, and connected clients are
+    served."""
+    with Folder() as base, e2e.Daemon(base, memory="64M", threads=1,
+                                      prefix=("sh", "-c", 'ulimit -n 32; exec "$@"', "sh")) as few:
+        with Client(few.socket) as inside:
+            crowd = []
+            for _ in range(60):
+                s = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+                s.settimeout(5)
+                s.connect(few.socket)
+                crowd.append(s)
+            pid = few.process.pid
+            time.sleep(0.3)
+            inside.ping()
+            start = cpu_seconds(pid)
+            time.sleep(2)
+            used = (cpu_seconds(pid) - start) / 2
+            expect(used < 0.05, "%.0f %% CPU while no descriptor is left" % (100 * used))
+            with open(hostile.LAS, "rb") as f:
+                try:
+                    inside.ask("info_request", pb.InfoRequest(name="x"), f.fileno())
+                except Refused as e:
+                    expect(e.code == "busy", "no room for a descriptor: %s" % e)
+            for s in crowd:
+                s.close()
+        deadline = time.monotonic() + 5
+        while True:
+            try:
+                with Client(few.socket, timeout=5) as fresh:
+                    fresh.ping()
+                break
+            except (Gone, Breach, OSError):
+                expect(time.monotonic() < deadline, "nobody is let in afterwards")
+                time.sleep(0.1)
+    others_are_served()
+
+
+if __name__ == "__main__":
+    hostile.whole(files_whose_reads_block, files_that_never_close, descriptors_run_out)
