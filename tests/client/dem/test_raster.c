@@ -37,6 +37,11 @@ static i128 cross(const int32_t *a, const int32_t *b, i128 x, i128 y, i128 unit)
 	return ((i128)b[0] - a[0]) * (y - a[1] * unit) - ((i128)b[1] - a[1]) * (x - a[0] * unit);
 }
 
+static int32_t height_below(int32_t most)
+{
+	return (int32_t)((int64_t)random_below(&seed, 2 * (uint64_t)most + 1) - most);
+}
+
 /* Splits the triangles that have the point. */
 static void insert(struct mesh *m, int32_t x, int32_t y, int32_t z)
 {
@@ -79,7 +84,7 @@ static void make_mesh(struct mesh *m, int32_t range, int32_t unit, int32_t heigh
 	memset(m, 0, sizeof(*m));
 	for (int i = 0; i < 4; i++) {
 		memcpy(m->vertex[i], corner[i], sizeof(corner[i]));
-		m->vertex[i][2] = (int32_t)random_below(&seed, 2 * (uint64_t)height + 1) - height;
+		m->vertex[i][2] = height_below(height);
 	}
 	m->nvertex = 4;
 	memcpy(m->triangle[0], (uint32_t[3]){0, 1, 2}, 12);
@@ -88,7 +93,7 @@ static void make_mesh(struct mesh *m, int32_t range, int32_t unit, int32_t heigh
 	memcpy(m->start, m->triangle, sizeof(m->start));
 	while (points--)
 		insert(m, (int32_t)random_below(&seed, (uint64_t)side + 1), (int32_t)random_below(&seed, (uint64_t)side + 1),
-		       (int32_t)random_below(&seed, 2 * (uint64_t)height + 1) - height);
+		       height_below(height));
 	for (unsigned i = 0; i < m->nvertex; i++) {
 		m->vertex[i][0] = (m->vertex[i][0] - range / 2) * unit;
 		m->vertex[i][1] = (m->vertex[i][1] - range / 2) * unit;
