@@ -26,6 +26,7 @@ const struct cli_option ctl_options[] = {
 	 "side of a pixel of a raster, which needs one: 1 in file units, or 1m, 3ft, 3ftUS"},
 	{"raster", 0, "elevation|slope|hillshade", CLI_TEXT, AT(fetch.output[0].raster), CTL_OUT,
 	 "what the pixels of a raster have (elevation)"},
+	{"polyface", 0, NULL, CLI_FLAG, AT(fetch.output[0].polyface), CTL_OUT, "DXF: polyface meshes in place of single faces"},
 	{"resume", 0, NULL, CLI_FLAG, AT(opt.resume), CTL_FETCH, "continue an earlier fetch from its OUT.part"},
 	{"tile", 0, "SIZE", CLI_TEXT, AT(fetch.tile), CTL_OUT,
 	 "one file a square of a grid of this side (file units); OUT is their folder"},

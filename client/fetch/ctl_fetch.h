@@ -10,7 +10,7 @@
 struct ctl_fetch_output {
 	const char *path, *format, *origin, *z_unit, *color, *cell, *raster;
 	uint64_t width;
-	bool canonical;
+	bool canonical, polyface;
 };
 
 enum { CTL_FETCH_OUTPUTS = 16 };

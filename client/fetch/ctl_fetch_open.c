@@ -54,6 +54,7 @@ static int parse_cell(const char *text, struct format_options *opt, struct err *
 static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct format_options *opt, struct err *err)
 {
 	opt->canonical = o->canonical && (takes & FORMAT_CANONICAL);
+	opt->polyface = o->polyface && (takes & FORMAT_POLYFACE);
 	if (takes & FORMAT_SIZED && o->width > FORMAT_WIDTH_MAX)
 		return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
 	if (takes & FORMAT_SIZED)

@@ -25,6 +25,7 @@ static const struct scoped_option rows[] = {
 	ROW(FORMAT_Z_UNIT, z_unit, true),
 	ROW(FORMAT_SIZED, width, true),
 	ROW(FORMAT_COLORED, color, true),
+	ROW(FORMAT_POLYFACE, polyface, false),
 	ROW(FORMAT_CELL, cell, false),
 	ROW(FORMAT_RASTERED, raster, false),
 };

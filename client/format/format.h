@@ -30,8 +30,9 @@ enum {
 	FORMAT_Z_UNIT = 4,
 	FORMAT_SIZED = 8, /* --width */
 	FORMAT_COLORED = 16,
-	FORMAT_CELL = 32,     /* --cell, which such a format needs */
-	FORMAT_RASTERED = 64, /* --raster */
+	FORMAT_POLYFACE = 32,
+	FORMAT_CELL = 64,      /* --cell, which such a format needs */
+	FORMAT_RASTERED = 128, /* --raster */
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
@@ -52,6 +53,7 @@ struct format_options {
 	void *ctx;
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
+	bool polyface; /* DXF: polyface meshes in place of single faces */
 };
 
 #define FORMAT_WIDTH 1600

@@ -29,8 +29,13 @@ int outfile_write(struct outfile *, const void *bytes, size_t n, struct err *err
 int outfile_patch(struct outfile *, uint64_t at, const void *bytes, size_t n, struct err *err);
 /* Appends all of a spool or annex. Of an annex larger than OUTFILE_BUFFER to an output that can seek, up to 4095
  * records of `record` bytes (an odd number; -ERR_INTERNAL: it is not) come from its end to its front, so that nothing need be
- * copied. With 0 the annex is copied in its order: for records of several sizes, as lines of text. */
+ * copied. With 0 the annex is copied in its order, unless the output was filled up: for records of several sizes, as lines
+ * of text. */
 int outfile_join(struct outfile *, struct outfile *from, size_t record, struct err *err);
+/* For formats that can have bytes without a meaning before an annex: an output of `size` bytes is filled up to this size, at
+ * which nothing of the annex need be copied or moved when it is joined. */
+uint64_t outfile_padded(uint64_t size, const struct outfile *annex);
+int outfile_pad(struct outfile *, const struct outfile *annex, uint8_t byte, struct err *err);
 /* Reads back from a spool: n bytes at `at`. */
 int outfile_read(struct outfile *, uint64_t at, void *bytes, size_t n, struct err *err);
 bool outfile_seekable(const struct outfile *);

@@ -9,8 +9,9 @@
  * An annex is a second place to append, for bytes that must follow the output while it is still being written. Its bytes are
  * in the same file, so far behind that the two never meet, and joining removes the hole between them
  * (FALLOC_FL_COLLAPSE_RANGE) without moving bytes. The hole must be whole blocks: records from the end of the annex are put
- * before its first until the rest starts on a block boundary. On other file systems the annex is a file of its own and is
- * copied, in the same order. An annex that fits its buffer is not a file, and keeps its order.
+ * before its first until the rest starts on a block boundary, unless the output was filled up to one (outfile_pad). On other file
+ * systems the annex is a file of its own and is copied, in the same order. An annex that fits its buffer is not a file, and keeps
+ * its order.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -358,7 +359,7 @@ static int join_annex(struct outfile *o, struct outfile *annex, size_t record, s
 	if (r)
 		return r;
 	total -= tail;
-	if (tail && collapse(o, annex))
+	if (collapse(o, annex))
 		o->at += total;
 	else
 		r = copy(o, annex, 0, total, err);
@@ -367,6 +368,19 @@ static int join_annex(struct outfile *o, struct outfile *annex, size_t record, s
 		r = err_add_file(err, o->label);
 	}
 	return r;
+}
+
+uint64_t outfile_padded(uint64_t size, const struct outfile *annex)
+{
+	return outfile_size(annex) <= OUTFILE_BUFFER ? size : (size + OUTFILE_BLOCK - 1) & ~(uint64_t)(OUTFILE_BLOCK - 1);
+}
+
+int outfile_pad(struct outfile *o, const struct outfile *annex, uint8_t byte, struct err *err)
+{
+	uint8_t fill[OUTFILE_BLOCK];
+
+	memset(fill, byte, sizeof(fill));
+	return outfile_write(o, fill, (size_t)(outfile_padded(outfile_size(o), annex) - outfile_size(o)), err);
 }
 
 int outfile_join(struct outfile *o, struct outfile *from, size_t record, struct err *err)

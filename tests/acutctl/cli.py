@@ -67,7 +67,7 @@ def usage(base):
     expect(["mesh", survey, "-o", out, "--quiet=1"], 2, "takes no value")
     expect(["mesh", survey, "-o", out, "--class", "2", "--class", "3"], 2, "given twice")
     expect(["mesh", survey, "-o", base + "/m.foo"], 2, "does not give a format", "--format")
-    expect(["mesh", survey, "-o", out, "--format", "stl"], 2, "no output format stl")
+    expect(["mesh", survey, "-o", out, "--format", "3mf"], 2, "no output format 3mf")
     expect(["mesh", survey, "-o", out, "-o", out], 2, "given twice")
     expect(["mesh", survey, "-o", "-"], 69)
     expect(["push", "x", survey, survey, "--name", "T1"], 2, "one input, and there are 2")
@@ -91,6 +91,7 @@ def usage(base):
     expect(["mesh", survey, "-o", out, "--trim-hull", "0"], 2, "--trim-hull is not a length")
     expect(["mesh", survey, "-o", out, "--origin", "1,2"], 2, "--origin")
     expect(["mesh", survey, "-o", out, "--origin", "1,2,3,4"], 2, "--origin")
+    expect(["mesh", survey, "-o", out, "--polyface"], 2, "--polyface has no meaning for ply")
     expect(["mesh", survey, "-o", out, "--width", "100"], 2, "--width is for pictures")
     expect(["mesh", survey, "-o", base + "/m.png", "--canonical"], 2, "--canonical has no meaning")
     expect(["mesh", survey, "-o", out, "--canonical", "-o", base + "/m.png", "--canonical"], 2, "--canonical has no meaning for png", "m.png")
@@ -255,9 +256,9 @@ def texts():
     check("help of a verb is that of its command", run("help", "dataset", "chmod")[1] == run("help", "dataset")[1] != "")
     expect(["help", "push", "chmod"], 2, "no word \"chmod\"")
     expect(["help", "push", "a", "b"], 2, "no word \"b\"")
-    expect(["formats"], 0, "ply", "obj", "png", "las", "xyz")
+    expect(["formats"], 0, "ply", "obj", "landxml", "dxf", "glb", "stl", "png", "las", "xyz")
     rows = [json.loads(line) for line in run("formats", "--json")[1].splitlines()]
-    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "png", "null", "las", "xyz"})
+    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "landxml", "dxf", "glb", "stl", "png", "null", "las", "xyz"})
     with open("/dev/full", "w") as full:
         check("a full standard output", run("formats", out=full)[0] == 74)
     r, w = os.pipe()

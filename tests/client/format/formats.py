@@ -42,6 +42,7 @@ names = re.findall(r"&format_(\w+)", find("the table", r"\brow\[\] = \{(.*?)\}",
 rows = {n: row(n) for n in names}
 if len(rows) < 2 or any(not {"name", "extensions", "help", "kind"} <= set(r) for r in rows.values()):
     sys.exit("the table cannot be read: %s" % rows)
+WORD = r"\b(?:Land)?[A-Z]{3,}\b"  # the name of a format
 written = [n for n in names if rows[n]["kind"] != "FORMAT_NOTHING"]
 meshes = [n for n in names if rows[n]["kind"] == "FORMAT_MESH"]
 resumable = [n for n in names if "resume" in rows[n]]
@@ -56,13 +57,13 @@ what, nothing = option.split("does not say it.", 1)
 compare("acutctl(1), --format", re.findall(r"\*(\w+)\*", what), written)
 compare("acutctl(1), --format, that write nothing", re.findall(r"\*(\w+)\*", nothing), [n for n in names if n not in written])
 compare("acutctl(1), --resume", re.findall(r"\*(\w+)\*", find("--resume", r"is replaced\. ([^.]*?) files can be resumed", page)), resumable)
-layout = find("what files have", r"\n(PLY is binary.*?)\n\n", page)
-compare("acutctl(1), what files have", [n for n in written if re.search(r"\b%s\s+(is|holds)\b" % n.upper(), layout)], written)
-compare("acut(7), mesh", [w.lower() for w in re.findall(r"\b[A-Z]{3,}\b", find("mesh", r"It is fetched as (.*?) or tiles", read("man/acut.7.scd")))], meshes)
+layout = find("what files have", r"\n(PLY is binary.*?)\n# ", page)
+compare("acutctl(1), what files have", [n for n in written if re.search(r"\b%s( \(1\.2\))?\s+(is|holds)\b" % n, layout, re.I)], written)
+compare("acut(7), mesh", [w.lower() for w in re.findall(WORD, find("mesh", r"It is fetched as (.*?) or tiles", read("man/acut.7.scd")))], meshes)
 for name, pattern in (("README.md", r"\. Outputs: (.*?)\."), ("docs/guide.md", r"\. Outputs: (.*?)\."),
-                      ("ARCHITECTURE.md", r"meshes: ([A-Z, ]*)")):
+                      ("ARCHITECTURE.md", r"meshes: ([A-Za-z, ]*)")):
     text = find("the outputs of " + name, pattern, read(name))
-    compare(name, [w.lower() for w in re.findall(r"\b[A-Z]{3,}\b", text)], written)
+    compare(name, [w.lower() for w in re.findall(WORD, text)], written)
 
 compare("tests/e2e/refetch.py", re.findall(r'"(\w+)"', find("RESUMABLE", r"\nRESUMABLE = \((.*?)\)", read("tests/e2e/refetch.py"))), resumable)
 

@@ -24,6 +24,8 @@ struct meshes_spec {
 
 extern const struct meshes_spec meshes_many; /* several blocks, of several rows each */
 
+/* What a format needs to take all of these: those of 32-bit floats an origin. */
+struct format_options meshes_options(const struct format *);
 void meshes_make(struct meshes *, const struct meshes_spec *);
 /* Head, the first `nblock` blocks, and the tail if that is all of them; what the sink answered. */
 int meshes_send(const struct meshes *, const struct acut_mesh_sink *, size_t nblock);

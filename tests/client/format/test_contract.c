@@ -178,10 +178,17 @@ static const struct format corners = {
 
 static void each_way(const struct format *f, void (*test)(const struct format *, const struct format_options *))
 {
-	struct format_options opt = {.width = f->takes & FORMAT_SIZED ? 200 : 0, .cell = {f->takes & FORMAT_CELL ? 5 : 0, -1}};
+	struct format_options opt = meshes_options(f);
 
+	opt.width = f->takes & FORMAT_SIZED ? 200 : 0;
 	test(f, &opt);
 	sweep();
+	if (f->takes & FORMAT_POLYFACE) {
+		opt.polyface = true;
+		test(f, &opt);
+		sweep();
+		opt.polyface = false;
+	}
 	if (f->takes & FORMAT_CANONICAL) {
 		opt.canonical = true;
 		test(f, &opt);
@@ -471,7 +478,9 @@ static void test_table(void **state)
 	assert_ptr_equal(format_by_path("mesh.png"), format_find("png"));
 	assert_null(format_by_path("a.ply/mesh"));
 	assert_null(format_by_path("mesh.pl"));
-	assert_null(format_find("stl"));
+	assert_ptr_equal(format_by_path("mesh.xml"), format_find("landxml"));
+	assert_ptr_equal(format_by_path("mesh.landxml"), format_find("landxml"));
+	assert_null(format_find("3mf"));
 	assert_true(format_parse_color("domain", &color));
 	assert_int_equal(color, FORMAT_DOMAIN);
 	assert_false(format_parse_color("domains", &color));

@@ -82,6 +82,8 @@ static int count_far_ftruncate(int fd, off_t size)
 }
 
 static size_t join_by = BACK;
+static bool fill; /* up to a block, with FILL */
+#define FILL 0xee
 
 static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 {
@@ -108,6 +110,8 @@ static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 			outfile_used(annex, to ? BACK : 0);
 		}
 	}
+	if (!r && fill)
+		r = outfile_pad(o, annex, FILL, err);
 	if (!r)
 		r = outfile_join(o, annex, join_by, err);
 	if (!r)
@@ -121,10 +125,15 @@ static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 
 static void expect_file(uint64_t nfront, uint64_t nback)
 {
-	uint64_t size = nfront * FRONT + nback * BACK, moved = 0;
+	uint64_t front = nfront * FRONT, size, moved = 0;
 	struct stat st;
 	FILE *f = fopen(path, "rb");
-	uint8_t *got = malloc(size + 1), want[32];
+	uint8_t *got, want[32];
+
+	if (fill && nback * BACK > OUTFILE_BUFFER)
+		front = (front + 4095) / 4096 * 4096;
+	size = front + nback * BACK;
+	got = malloc(size + 1);
 
 	assert_non_null(f);
 	assert_int_equal(fstat(fileno(f), &st), 0);
@@ -139,11 +148,13 @@ static void expect_file(uint64_t nfront, uint64_t nback)
 		assert_memory_equal(got + i * FRONT, want, FRONT);
 	}
 	if (join_by && nback * BACK > OUTFILE_BUFFER)
-		while ((nfront * FRONT + moved * BACK) % 4096)
+		while ((front + moved * BACK) % 4096)
 			moved++;
+	for (uint64_t i = nfront * FRONT; i < front; i++)
+		assert_int_equal(got[i], FILL);
 	for (uint64_t i = 0; i < nback; i++) {
 		record(want, BACK, (i + nback - moved) % nback);
-		assert_memory_equal(got + nfront * FRONT + i * BACK, want, BACK);
+		assert_memory_equal(got + front + i * BACK, want, BACK);
 	}
 	free(got);
 	assert_int_equal(unlink(path), 0);
@@ -294,11 +305,25 @@ static void test_sizes(void **state)
 	join_by = BACK;
 }
 
+/* Behind an output that is filled up to a block nothing is moved, whatever the records are. */
+static void test_filled(void **state)
+{
+	fill = true;
+	for (join_by = 0; join_by <= BACK; join_by += BACK) {
+		test_inside(state);
+		test_through_cache(state);
+		test_apart(state);
+	}
+	fill = false;
+	join_by = BACK;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_inside),    cmocka_unit_test(test_through_cache), cmocka_unit_test(test_apart),
 		cmocka_unit_test(test_elsewhere), cmocka_unit_test(test_full),          cmocka_unit_test(test_sizes),
+		cmocka_unit_test(test_filled),
 	};
 	int failed;
 

@@ -1,0 +1,67 @@
+/*
+ * Coordinates as 32-bit floats.
+ *
+ * A float has 24 bits: up to 2^24 steps from zero it is off by less than one step of the lattice, beyond that by more. The box of
+ * the head holds all x and y, so it is known before the first byte whether they fit: those of most projected systems do not, and
+ * need an origin near the mesh. Heights nearly always fit. They are looked at as they come, because the daemon knows their range
+ * only at the end.
+ */
+#include <math.h>
+
+#include "err.h"
+#include "format_float.h"
+
+#define FLOAT_STEPS 16777216.0 /* 2^24 */
+
+/* One step of the lattice, as it is written. */
+static double step_of(const struct format_axis *ax)
+{
+	return ax->converted ? (double)ax->value.a / (double)ax->value.q : decimal_scaled_double(ax->scale, 1);
+}
+
+static int refuse(const struct format_float *f, int axis, double most, double step, struct err *err)
+{
+	static const char *const axes[] = {"x", "y", "z"};
+	int exponent;
+
+	frexp(most, &exponent);
+	err_set(err, ERR_USAGE, "%s has 32-bit floats, and %s is up to %.10g%s: off by up to %.2g, with a lattice of %.10g",
+		f->name, axes[axis], most, f->has_origin ? " from the origin" : "", ldexp(1, exponent - 25), step);
+	if (axis == 2) /* of which --origin auto does not know the middle either */
+		return err_add_hint(err, "give --origin X,Y,Z with a height near those of the mesh");
+	if (f->from_auto)
+		return err_add_hint(err, "write PLY or OBJ, which have all digits, or less of the mesh, as with --bbox");
+	return err_add_hint(err, "give --origin auto, which takes the middle of the mesh off the coordinates");
+}
+
+static int check(const struct format_float *f, int axis, int32_t low, int32_t high, struct err *err)
+{
+	const struct format_axis *ax = &f->axis[axis];
+	double most = fmax(fabs(format_axis_value(ax, low)), fabs(format_axis_value(ax, high))), step = step_of(ax);
+
+	return most / step > FLOAT_STEPS ? refuse(f, axis, most, step, err) : 0;
+}
+
+int format_float_init(struct format_float *f, const char *name, const struct acut_mesh_head *head,
+		      const struct format_options *opt, struct err *err)
+{
+	int r = format_axis_init(f->axis, head, opt, err);
+
+	f->name = name;
+	f->has_origin = opt->has_origin || opt->origin_auto;
+	f->from_auto = opt->origin_auto;
+	for (int i = 0; i < 2 && !r; i++)
+		r = check(f, i, head->box[i], head->box[i + 3], err);
+	return r;
+}
+
+int format_float_heights(const struct format_float *f, const int32_t (*vertex)[3], size_t n, struct err *err)
+{
+	int32_t low = INT32_MAX, high = INT32_MIN;
+
+	for (size_t i = 0; i < n; i++) {
+		low = vertex[i][2] < low ? vertex[i][2] : low;
+		high = vertex[i][2] > high ? vertex[i][2] : high;
+	}
+	return n ? check(f, 2, low, high, err) : 0;
+}

@@ -1,0 +1,226 @@
+/* See readback.h. */
+#include <ctype.h>
+#include <dirent.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "cursor.h"
+#include "outfile.h"
+#include "readback.h"
+#include "repeat.h"
+
+static char dir[64];
+
+const struct meshes_spec readback_small = {.columns = 50,
+					   .rows = 33,
+					   .strip = 5,
+					   .x0 = -7000,
+					   .y0 = 123,
+					   .step = 100,
+					   .slope_x = 10,
+					   .slope_y = -7,
+					   .scale_xy = "0.01",
+					   .scale_z = "0.001",
+					   .k = {50000000, 400000000, -12}};
+const struct meshes_spec readback_large = {.columns = 300,
+					   .rows = 300,
+					   .strip = 299,
+					   .x0 = -7000,
+					   .y0 = 123,
+					   .step = 100,
+					   .slope_x = 10,
+					   .slope_y = -7,
+					   .scale_xy = "0.01",
+					   .scale_z = "0.001",
+					   .k = {50000000, 400000000, -12}};
+
+static int write_to(const char *path, const char *format, const struct meshes *m, const struct format_options *opt,
+		    const struct outputs_options *ropt, struct err *err)
+{
+	struct outputs *run = NULL;
+	struct acut_mesh_sink sink;
+	int r = outputs_new(ropt, &run, err);
+
+	if (!r)
+		r = outputs_add(run, path, format_find(format), opt, err);
+	if (!r) {
+		sink = outputs_sink(run);
+		r = meshes_send(m, &sink, SIZE_MAX);
+		if (r)
+			*err = *outputs_error(run);
+		else
+			r = outputs_publish(run, err);
+	}
+	outputs_free(run);
+	return r;
+}
+
+static char *path_of(const char *name, char buf[512])
+{
+	snprintf(buf, 512, "%s/%s", dir, name);
+	return buf;
+}
+
+int readback_write_with(const char *format, const char *name, const struct meshes *m, const struct format_options *opt,
+			const struct outputs_options *ropt, struct err *err)
+{
+	char path[512];
+
+	*err = ERR_INIT;
+	return write_to(path_of(name, path), format, m, opt, ropt, err);
+}
+
+int readback_write(const char *format, const char *name, const struct meshes *m, const struct format_options *opt,
+		   struct err *err)
+{
+	const struct outputs_options plain = {0};
+
+	return readback_write_with(format, name, m, opt, &plain, err);
+}
+
+static char *all_of(FILE *f, size_t *ret_size)
+{
+	char *text = NULL, piece[65536];
+	size_t n;
+
+	*ret_size = 0;
+	while ((n = fread(piece, 1, sizeof(piece), f)) > 0) {
+		text = realloc(text, *ret_size + n + 1);
+		memcpy(text + *ret_size, piece, n);
+		*ret_size += n;
+	}
+	assert_non_null(text);
+	text[*ret_size] = 0;
+	fclose(f);
+	return text;
+}
+
+char *readback_text(const char *name, size_t *ret_size)
+{
+	char path[512];
+	FILE *f = fopen(path_of(name, path), "rb");
+
+	assert_non_null(f);
+	return all_of(f, ret_size);
+}
+
+char *readback_piped(const char *format, const struct meshes *m, const struct format_options *opt, size_t *ret_size)
+{
+	const struct outputs_options plain = {0};
+	struct err err = ERR_INIT;
+	int fd[2], status;
+	char *text;
+	pid_t pid;
+
+	fflush(NULL);
+	assert_int_equal(pipe(fd), 0);
+	pid = fork();
+	if (!pid) {
+		dup2(fd[1], STDOUT_FILENO);
+		close(fd[0]);
+		_exit(-write_to("-", format, m, opt, &plain, &err));
+	}
+	close(fd[1]);
+	text = all_of(fdopen(fd[0], "rb"), ret_size);
+	assert_int_equal(waitpid(pid, &status, 0), pid);
+	assert_int_equal(status, 0);
+	return text;
+}
+
+int readback_late(const char *format, const uint8_t saved[FORMAT_SAVED], const struct meshes *m, const struct format_options *opt,
+		  struct err *err)
+{
+	const struct format *f = format_find(format);
+	struct cursor from = cursor_of(saved, FORMAT_SAVED);
+	struct format_block block = {&m->block[0], m->block[0].vertex};
+	struct outfile *out;
+	char path[512];
+	void *writer;
+	int r;
+
+	*err = ERR_INIT;
+	assert_int_equal(m->block[0].nforeign, 0); /* so that these are all positions */
+	assert_int_equal(outfile_new(path_of("late", path), false, &out, err), 0);
+	assert_int_equal(f->open(out, opt, &writer, err), 0);
+	r = f->resume(writer, &m->head, &from, err);
+	if (!r)
+		r = f->block(writer, &block, err);
+	f->free(writer);
+	outfile_free(out);
+	return r;
+}
+
+struct readback_mesh readback_flat(const struct meshes *m)
+{
+	struct readback_mesh f = {.vertex = calloc(m->tail.vertices + 1, sizeof(*f.vertex)),
+				  .triangle = calloc(m->tail.triangles + 1, sizeof(*f.triangle))};
+
+	for (size_t i = 0; i < m->nblock; i++) {
+		const struct acut_mesh_block *b = &m->block[i];
+
+		if (b->nnew)
+			memcpy(f.vertex + f.nvertex, b->vertex, b->nnew * sizeof(*f.vertex));
+		f.nvertex += b->nnew;
+		for (uint32_t j = 0; j < b->ntriangle; j++, f.ntriangle++) {
+			for (int c = 0; c < 3; c++) {
+				uint32_t l = b->triangle[j][c];
+
+				f.triangle[f.ntriangle][c] = l < b->nforeign ? b->foreign[l] : b->first + l - b->nforeign;
+			}
+		}
+	}
+	assert_int_equal(f.nvertex, m->tail.vertices);
+	assert_int_equal(f.ntriangle, m->tail.triangles);
+	return f;
+}
+
+void readback_flat_done(struct readback_mesh *f)
+{
+	free(f->vertex);
+	free(f->triangle);
+}
+
+int64_t readback_number(const char **at, int decimals)
+{
+	const char *p = *at;
+	bool minus = *p == '-';
+	int64_t n = 0;
+	int behind = -1;
+
+	for (p += minus; isdigit((unsigned char)*p) || (*p == '.' && behind < 0); p++) {
+		if (*p == '.')
+			behind = 0;
+		else
+			n = 10 * n + *p - '0';
+		behind += *p != '.' && behind >= 0;
+	}
+	assert_int_equal(behind < 0 ? 0 : behind, decimals);
+	*at = p;
+	return minus ? -n : n;
+}
+
+int readback_begin(void **state)
+{
+	repeat_folder(dir, sizeof(dir), "readback");
+	return 0;
+}
+
+int readback_end(void **state)
+{
+	DIR *d = opendir(dir);
+	struct dirent *e;
+
+	while (d && (e = readdir(d)))
+		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
+			unlinkat(dirfd(d), e->d_name, 0);
+	if (d)
+		closedir(d);
+	return rmdir(dir);
+}
