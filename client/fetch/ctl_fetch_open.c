@@ -29,6 +29,27 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 	return 0;
 }
 
+/* A number above zero with an optional unit. */
+static bool length_of(const char *text, struct decimal *ret, const char **ret_unit)
+{
+	char number[DECIMAL_TEXT_SIZE];
+	size_t n = strlen(text), m = n;
+
+	while (m && ((text[m - 1] | 32) >= 'a' && (text[m - 1] | 32) <= 'z'))
+		m--;
+	*ret_unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
+	snprintf(number, sizeof(number), "%.*s", (int)m, text);
+	return m < sizeof(number) && (m == n || *ret_unit) && decimal_parse(number, ret) && ret->mantissa > 0;
+}
+
+static int parse_cell(const char *text, struct format_options *opt, struct err *err)
+{
+	if (length_of(text, &opt->cell, &opt->cell_unit))
+		return 0;
+	err_set(err, ERR_USAGE, "--cell is not a length above zero: \"%s\"", text);
+	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 1m");
+}
+
 /* The given options that a format takes. */
 static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct format_options *opt, struct err *err)
 {
@@ -42,6 +63,10 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 		format_parse_color(o->color, &opt->color);
 	if (takes & FORMAT_Z_UNIT && o->z_unit)
 		opt->z_unit = format_unit_of_word(o->z_unit, strlen(o->z_unit));
+	if (takes & FORMAT_RASTERED && o->raster && !format_parse_raster(o->raster, &opt->raster))
+		return err_set(err, ERR_USAGE, "--raster is not elevation, slope or hillshade: \"%s\"", o->raster);
+	if (takes & FORMAT_CELL && o->cell && parse_cell(o->cell, opt, err))
+		return -err->code;
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
@@ -66,12 +91,12 @@ static const struct format *format_of(const struct ctl_fetch_options *a, const s
 	return f;
 }
 
-static int add_output(const struct ctl_fetch_options *a, unsigned i, struct outputs *run, const struct format **ret_format,
-		      struct err *err)
+static int add_output(struct session *session, const struct ctl_fetch_options *a, unsigned i, struct outputs *run,
+		      const struct format **ret_format, struct err *err)
 {
 	struct ctl_fetch_output o = ctl_fetch_output(a, i);
 	const struct format *f = o.path ? format_of(a, &o, err) : format_find(o.format);
-	struct format_options opt = {.no_clobber = a->no_clobber};
+	struct format_options opt = {.no_clobber = a->no_clobber, .interrupted = session_interrupted, .ctx = session};
 	int r = f ? options_of(&o, f->takes, &opt, err) : -(int)err->code;
 
 	if (r)
@@ -114,18 +139,10 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
-/* A number with an optional unit. */
 static int parse_length(const char *option, const char *text, struct outputs_length *ret, struct err *err)
 {
-	char number[DECIMAL_TEXT_SIZE];
-	size_t n = strlen(text), m = n;
-
-	while (m && ((text[m - 1] | 32) >= 'a' && (text[m - 1] | 32) <= 'z'))
-		m--;
 	ret->given = true;
-	ret->unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
-	snprintf(number, sizeof(number), "%.*s", (int)m, text);
-	if (m < sizeof(number) && (m == n || ret->unit) && decimal_parse(number, &ret->value) && ret->value.mantissa > 0)
+	if (length_of(text, &ret->value, &ret->unit))
 		return 0;
 	err_set(err, ERR_USAGE, "--%s is not a length above zero: \"%s\"", option, text);
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
@@ -170,7 +187,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	if (!r)
 		r = outputs_new(&opt, &run, err);
 	for (unsigned i = n > 0; i <= n && !r; i++)
-		r = add_output(a, i, run, &format[i], err);
+		r = add_output(session, a, i, run, &format[i], err);
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);
 	if (r)

@@ -26,6 +26,8 @@ static const struct scoped_option rows[] = {
 	ROW(FORMAT_SIZED, width, true),
 	ROW(FORMAT_COLORED, color, true),
 	ROW(FORMAT_POLYFACE, polyface, false),
+	ROW(FORMAT_CELL, cell, false),
+	ROW(FORMAT_RASTERED, raster, false),
 };
 
 static char *value_of(struct ctl_fetch_output *o, const struct scoped_option *row)

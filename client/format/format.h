@@ -19,6 +19,7 @@ struct packer;
 enum format_kind {
 	FORMAT_MESH,    /* vertices and triangles */
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
+	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of tiles or changes */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -30,9 +31,12 @@ enum {
 	FORMAT_SIZED = 8, /* --width */
 	FORMAT_COLORED = 16,
 	FORMAT_POLYFACE = 32,
+	FORMAT_CELL = 64,      /* --cell, which such a format needs */
+	FORMAT_RASTERED = 128, /* --raster */
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
+enum format_rasters { FORMAT_HEIGHTS, FORMAT_SLOPES, FORMAT_SHADES };
 
 struct format_options {
 	bool canonical;  /* vertices by (x, y), triangles by their numbers */
@@ -42,6 +46,11 @@ struct format_options {
 	const char *z_unit;       /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
 	uint32_t width;           /* pictures: pixels; 0 = FORMAT_WIDTH */
 	enum format_color color;
+	struct decimal cell;   /* rasters: side of a pixel; zero: not given */
+	const char *cell_unit; /* name of its unit; NULL: that of the file */
+	enum format_rasters raster;
+	int (*interrupted)(void *ctx); /* not 0: give up; of rasters, while the file is made; may be NULL */
+	void *ctx;
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
 	bool polyface; /* DXF: polyface meshes in place of single faces */
@@ -81,6 +90,7 @@ const struct format *const *format_rows(size_t *ret_n);
 const struct format *format_find(const char *name);    /* NULL: no such format */
 const struct format *format_by_path(const char *path); /* by extension; NULL: unknown */
 bool format_parse_color(const char *text, enum format_color *ret);
+bool format_parse_raster(const char *text, enum format_rasters *ret);
 unsigned format_options_given(const struct format_options *); /* FORMAT_CANONICAL ... */
 /* The name of the first of some options on the command line ("canonical"); NULL: there is none. */
 const char *format_option_name(unsigned options);

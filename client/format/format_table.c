@@ -7,10 +7,11 @@
 
 #include "format.h"
 
-extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_png, format_null;
+extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_png, format_tif,
+	format_null;
 
-static const struct format *const row[] = {&format_ply, &format_obj, &format_landxml, &format_dxf,
-					   &format_glb, &format_stl, &format_png,     &format_null};
+static const struct format *const row[] = {&format_ply, &format_obj, &format_landxml, &format_dxf, &format_glb,
+					   &format_stl, &format_png, &format_tif,     &format_null};
 
 const struct format *const *format_rows(size_t *ret_n)
 {
@@ -66,16 +67,30 @@ bool format_parse_color(const char *text, enum format_color *ret)
 	return false;
 }
 
+bool format_parse_raster(const char *text, enum format_rasters *ret)
+{
+	static const char *const name[] = {"elevation", "slope", "hillshade"};
+
+	for (unsigned i = 0; i < 3; i++) {
+		if (!strcmp(text, name[i])) {
+			*ret = (enum format_rasters)i;
+			return true;
+		}
+	}
+	return false;
+}
+
 unsigned format_options_given(const struct format_options *opt)
 {
 	return (opt->canonical ? FORMAT_CANONICAL : 0) | (opt->has_origin || opt->origin_auto ? FORMAT_ORIGIN : 0) |
 	       (opt->z_unit ? FORMAT_Z_UNIT : 0) | (opt->width ? FORMAT_SIZED : 0) | (opt->color ? FORMAT_COLORED : 0) |
-	       (opt->polyface ? FORMAT_POLYFACE : 0);
+	       (opt->polyface ? FORMAT_POLYFACE : 0) | (opt->cell.mantissa ? FORMAT_CELL : 0) |
+	       (opt->raster ? FORMAT_RASTERED : 0);
 }
 
 const char *format_option_name(unsigned options)
 {
-	static const char *const name[] = {"canonical", "origin", "z-unit", "width", "color", "polyface"};
+	static const char *const name[] = {"canonical", "origin", "z-unit", "width", "color", "polyface", "cell", "raster"};
 
 	return options ? name[__builtin_ctz(options)] : NULL;
 }

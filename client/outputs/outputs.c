@@ -69,12 +69,17 @@ static struct outputs_target *target_free(struct outputs_target *t)
 	return NULL;
 }
 
-static int target_check(const char *path, const struct format *format, const struct format_options *opt, struct err *err)
+static int target_check(const char *path, const struct format *format, const struct format_options *opt, bool changes,
+			struct err *err)
 {
 	const char *refused = format_option_name(format_options_given(opt) & ~format->takes);
 
 	if (refused)
 		return err_set(err, ERR_USAGE, "--%s has no meaning for %s", refused, format->name);
+	if (format->kind == FORMAT_RASTER && changes) {
+		err_set(err, ERR_USAGE, "--changed-since has no meaning for %s: a raster needs all triangles", format->name);
+		return err_add_hint(err, "fetch it of the whole mesh, or of a window with --bbox");
+	}
 	if (format->kind == FORMAT_NOTHING && path) {
 		err_set(err, ERR_USAGE, "%s writes nothing, and an output is given", format->name);
 		return err_add_hint(err, "leave out -o, or give another --format");
@@ -94,7 +99,7 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		struct err *err)
 {
 	struct format_options own = *given, *opt = &own;
-	int r = target_check(path, format, opt, err);
+	int r = target_check(path, format, opt, run->opt.changes, err);
 	struct outputs_target *t = r ? NULL : calloc(1, sizeof(*t));
 
 	own.trimmed = run->trimmed[0] ? run->trimmed : NULL;

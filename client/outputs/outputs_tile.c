@@ -30,6 +30,11 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 		err_set(err, ERR_USAGE, "tiles are files in a folder and cannot go to standard output");
 		return err_add_hint(err, "give a folder, as in -o tiles/");
 	}
+	if (format->kind == FORMAT_RASTER) {
+		err_set(err, ERR_USAGE, "--tile has no meaning for %s: a tile has the triangles of a square, not its pixels",
+			format->name);
+		return err_add_hint(err, "write one raster, or one a window with --bbox: those side by side share no pixel");
+	}
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
 	if (size.mantissa <= 0)

@@ -22,6 +22,7 @@ LIBRARIES = {
     "nettle": ("nettle", ("nettle/",)),
     "json-c": ("json-c", ("json-c/",)),
     "libpng": ("libpng", ("png.h",)),
+    "libdeflate": ("libdeflate", ("libdeflate.h",)),
     "libusb": ("libusb-1.0", ("libusb",)),
     "zlib": ("zlib", ("zlib.h",)),
     "minizip": ("minizip", ("minizip/",)),

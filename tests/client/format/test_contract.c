@@ -215,12 +215,18 @@ static void tiled(const struct format *f, const struct format_options *opt)
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &meshes_many);
+	if (f->kind == FORMAT_RASTER) { /* its pixels are not those of the triangles of a tile */
+		assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+		assert_int_equal(files(), 0);
+		meshes_done(&m);
+		return;
+	}
 	assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), 0);
 	meshes_done(&m);
 	sweep_folder(path_of("tiles"));
 }
 
-/* Tiles are made of every format, and leave nothing else. */
+/* Tiles are made of every format but rasters, and leave nothing else. */
 static void test_tiles(void **state)
 {
 	each_row(tiled);
@@ -439,7 +445,7 @@ static void test_finished_vertex(void **state)
 
 static void test_wrong_options(void **state)
 {
-	const struct outputs_options ropt = {0};
+	const struct outputs_options ropt = {0}, changes = {.changes = true};
 	struct format_options opt = {.canonical = true};
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -452,6 +458,14 @@ static void test_wrong_options(void **state)
 	opt = (struct format_options){.width = FORMAT_WIDTH_MAX + 1};
 	err = ERR_INIT;
 	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	opt = (struct format_options){.cell = {0, 0}};
+	err = ERR_INIT;
+	assert_int_equal(write_mesh(format_find("tif"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_non_null(strstr(err.hint, "--cell 1m"));
+	opt = (struct format_options){.cell = {1, 0}};
+	err = ERR_INIT;
+	assert_int_equal(write_mesh(format_find("tif"), &m, path_of("out"), &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
+	assert_non_null(strstr(err.message, "--changed-since"));
 	assert_int_equal(files(), 0);
 	meshes_done(&m);
 }

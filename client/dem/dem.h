@@ -1,0 +1,50 @@
+/*
+ * Elevation models: the triangles of a mesh to the pixels of a raster, and the raster to a GeoTIFF.
+ *
+ * Each pixel whose centre is in the mesh has the height of one triangle there, the nearest float32 to the exact one. So the
+ * raster depends on the triangles alone, neither on their order nor on the memory. Memory does not grow with the raster, but
+ * for 16 bytes a touched tile of 256 x 256 pixels.
+ */
+#ifndef DEM_H
+#define DEM_H
+
+#include "acut.h"
+#include "decimal.h"
+
+struct err;
+struct outfile;
+
+enum dem_kind {
+	DEM_ELEVATION,
+	DEM_SLOPE,     /* degrees, of the triangle */
+	DEM_HILLSHADE, /* whole numbers 0 to 255, light from 315 degrees, 45 high */
+};
+
+/* Where a ratio is meant, num / den. */
+struct dem_options {
+	enum dem_kind kind;
+	struct decimal cell;           /* side of a pixel: cell * cell_num / cell_den units of the file */
+	int64_t cell_num, cell_den;    /* below 2^31 */
+	int64_t z_num, z_den;          /* heights are written times this; below 2^31 */
+	double steep;                  /* units of x and y in one unit of z: for slopes */
+	const char *unit_xy, *unit_z;  /* names of units that are written ("metre"); NULL: unknown */
+	bool z_converted;              /* the vertical system of the mesh is not that of the heights */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while the file is made; may be NULL */
+	void *ctx;
+	bool big;       /* BigTIFF also below 4 GiB, for tests */
+	unsigned cache; /* tiles in memory; 0: DEM_CACHE */
+};
+enum { DEM_TILE = 256, DEM_CACHE = 40 };
+#define DEM_TILES_MAX (1u << 17) /* that a raster may have: 8.6 thousand million pixels */
+
+struct dem;
+int dem_new(struct outfile *, struct dem **ret, struct err *err);
+/* -ERR_USAGE: a cell that this lattice cannot have. */
+int dem_head(struct dem *, const struct acut_mesh_head *, const struct dem_options *, struct err *err);
+/* Corners counter-clockwise, in the head's box. */
+int dem_triangle(struct dem *, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err);
+/* Writes the file; `box` is that of the vertices, NULL if there are none. */
+int dem_finish(struct dem *, const int32_t box[6], struct err *err);
+struct dem *dem_free(struct dem *);
+
+#endif

@@ -1,0 +1,253 @@
+"""Elevation models: each pixel against an independent computation with fractions from the PLY of the same mesh, read by GDAL; the
+same bytes whatever the memory, the threads and the pushes; what GDAL says of the file; windows; what is refused."""
+import os
+import struct
+import sys
+from fractions import Fraction
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import e2e
+from e2e import expect
+
+try:
+    from osgeo import gdal, osr
+    from osgeo_utils.samples.validate_cloud_optimized_geotiff import validate
+except ImportError:
+    e2e.unavailable("python3-gdal is not installed")
+gdal.UseExceptions()
+NONE = -9999.0
+
+
+def read_ply(path, scale=100):
+    """Vertices as lattice numbers, and triangles."""
+    with open(path, "rb") as f:
+        b = f.read()
+    end = b.index(b"end_header\n") + 11
+    n, m = (int(w.split()[2]) for w in b[:end].decode().split("\n") if w.startswith("element"))
+    v = [tuple(round(c * scale) for c in struct.unpack_from("<3d", b, end + 24 * i)) for i in range(n)]
+    return v, [struct.unpack_from("<3I", b, end + 24 * n + 13 * i + 1) for i in range(m)]
+
+
+class Raster:
+    def __init__(self, path):
+        self.data = gdal.Open(path)
+        g = self.data.GetGeoTransform()
+        self.w, self.h = self.data.RasterXSize, self.data.RasterYSize
+        self.left, self.top, self.cell = g[0], g[3], g[1]
+        expect(g[2] == g[4] == 0 and g[5] == -g[1], str(g))
+        band = self.data.GetRasterBand(1)
+        expect(band.GetNoDataValue() == NONE, "no data is %s" % band.GetNoDataValue())
+        self.pixel = struct.unpack("<%df" % (self.w * self.h), band.ReadRaster(0, 0, self.w, self.h, buf_type=gdal.GDT_Float32))
+
+    def at(self, x, y):
+        """By column and row."""
+        return self.pixel[y * self.w + x]
+
+
+def float32(v):
+    """The bytes of the nearest float32 to a fraction, ties to even, by whole numbers alone."""
+    if not v:
+        return struct.pack("<f", 0.0)
+    n, d = abs(v.numerator), v.denominator
+    e = n.bit_length() - d.bit_length() - 24
+    while True:
+        num, den = (n << -e, d) if e < 0 else (n, d << e)
+        if num // den < 1 << 24:
+            break
+        e += 1
+    while num // den < 1 << 23:
+        e -= 1
+        num, den = (n << -e, d) if e < 0 else (n, d << e)
+    q, r = divmod(num, den)
+    q += 2 * r > den or (2 * r == den and q & 1)
+    return struct.pack("<f", float(q) * 2.0 ** e * (-1 if v < 0 else 1))
+
+
+def side(a, b, x, y):
+    return (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+
+
+def takes(a, b):
+    """Whether the edge has the centres on it: those that are inside when they are moved to the east and, much less, to the south."""
+    return b[1] < a[1] or (b[1] == a[1] and b[0] < a[0])
+
+
+def heights(vertices, triangles, cell, factor=1, scale=100):
+    """(column, row) of absolute pixels -> bytes of the height; each of them has one owner."""
+    found = {}
+    s = Fraction(cell) * scale  # a pixel in lattice units
+    for t in triangles:
+        p = [vertices[i] for i in t]
+        low = [min(q[k] for q in p) / s for k in (0, 1)]
+        high = [max(q[k] for q in p) / s for k in (0, 1)]
+        for row in range(int(low[1] - 1), int(high[1]) + 1):
+            y = (row + Fraction(1, 2)) * s
+            for column in range(int(low[0] - 1), int(high[0]) + 1):
+                x = (column + Fraction(1, 2)) * s
+                w = [side(p[(i + 1) % 3], p[(i + 2) % 3], x, y) for i in range(3)]
+                if all(v > 0 or (v == 0 and takes(p[(i + 1) % 3], p[(i + 2) % 3])) for i, v in enumerate(w)):
+                    expect((column, row) not in found, "two triangles have a centre")
+                    found[column, row] = float32(sum(v * q[2] for v, q in zip(w, p)) / sum(w) / scale * factor)
+    return found
+
+
+def compare(raster, found, cell):
+    """All pixels of a raster of the whole mesh, bit for bit."""
+    first = round(raster.left / raster.cell), round(raster.top / raster.cell)
+    s = Fraction(cell)
+    expect(abs(raster.left - float(first[0] * s)) < 1e-6 and abs(raster.top - float(first[1] * s)) < 1e-6, "the grid is not aligned")
+    seen = 0
+    for y in range(raster.h):
+        for x in range(raster.w):
+            want = found.get((first[0] + x, first[1] - 1 - y))
+            got = raster.at(x, y)
+            if want is None:
+                expect(got == NONE, "a height outside of the mesh, in column %d, row %d" % (x, y))
+            else:
+                expect(struct.pack("<f", got) == want, "%s in column %d, row %d is not %s" %
+                       (got, x, y, struct.unpack("<f", want)))
+                seen += 1
+    expect(seen == len(found), "%d of %d pixels are in the raster" % (seen, len(found)))
+
+
+def survey(base, points=6000, name="s.las", *options):
+    path = os.path.join(base, name)
+    e2e.run([e2e.SYNTH, "--points", points, "--density", 1, "--seed", 7, *options, path]).ok()
+    return path
+
+
+def pixels():
+    """Elevations of a survey, of a grid whose points are on centres and borders, of other units, with long triangles left out."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, ply, tif = survey(base), os.path.join(base, "m.ply"), os.path.join(base, "m.tif")
+        grid = os.path.join(base, "grid.las")
+        e2e.run([e2e.SYNTH, "--points", 900, "--distribution", "grid", "--step", 50, "--seed", 3, grid]).ok()
+        for path, cell, text, options, factor in ((las, Fraction(1), "1m", (), 1),
+                                                  (las, Fraction(3, 4), "0.75", ("--z-unit", "ft"), Fraction(1250, 381)),
+                                                  (las, Fraction(381, 1250) * 5, "5ft", ("--max-edge", "2"), 1),
+                                                  (las, Fraction(1200, 3937) * 4, "4ftUS", ("--z-unit", "ftUS"), Fraction(3937, 1200)),
+                                                  (grid, Fraction(1), "1", (), 1), (grid, Fraction(1, 4), "0.25", (), 1),
+                                                  (grid, Fraction(3, 10), "0.3", (), 1)):
+            d.ctl("mesh", path, *[o for o in options if "z-unit" not in o and "ft" not in o], "-o", ply).ok()
+            d.ctl("mesh", path, *options, "-o", tif, "--cell", text).ok()
+            found = heights(*read_ply(ply), cell, factor)
+            expect(len(found) > 100, "%d pixels" % len(found))
+            compare(Raster(tif), found, cell)
+            warnings, errors, _ = validate(tif, full_check=True)
+            expect(not warnings and not errors, "as a COG: %s %s" % (warnings, errors))
+
+
+def same_bytes():
+    with e2e.Folder() as base:
+        one, two = survey(base, 150000, "1.las"), survey(base, 150000, "2.las", "--origin", "500200,5400100,0", "--seed", "9")
+        files = []
+        for memory, threads, twice in (("24M", 1, False), ("1G", 4, False), ("64M", 2, True)):
+            folder = os.path.join(base, memory)
+            os.mkdir(folder)
+            out = os.path.join(folder, "d.tif")
+            with e2e.Daemon(folder, memory=memory, threads=threads) as d:
+                for inputs in ((one,), (two,)) if twice else ((one, two),):
+                    d.ctl("push", "s", *inputs).ok()
+                job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+                d.ctl("fetch", job, "-o", out, "--cell", "0.5").ok()
+            with open(out, "rb") as f:
+                files.append(f.read())
+        expect(files[0] == files[1], "memory and threads change the bytes")
+        expect(files[0] == files[2], "two pushes change the bytes")
+        expect(len(files[0]) > 1000000, "the raster is small: %d" % len(files[0]))
+
+
+def systems():
+    """What GDAL says of the place and the system."""
+    import crs
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        def mesh(path, *options):
+            tif = os.path.join(base, "m.tif")
+            d.ctl("mesh", path, "-o", tif, "--cell", "4", *options).ok()
+            r = Raster(tif)
+            return r, r.data.GetSpatialRef()
+
+        r, s = mesh(crs.las(os.path.join(base, "a.las"), crs.compound(crs.UTM32, crs.HEIGHT)))
+        expect((r.left, r.top, r.cell, r.w, r.h) == (500000, 5000020, 4, 5, 5), str(vars(r)))
+        expect(s.IsCompound() and s.GetAuthorityCode("PROJCS") == "25832" and s.GetAuthorityCode("VERT_CS") == "7837", s.ExportToWkt())
+        expect(r.data.GetMetadataItem("AREA_OR_POINT") == "Area", "pixels are points")
+        r, s = mesh(crs.las(os.path.join(base, "a.las"), crs.compound(crs.UTM32, crs.HEIGHT)), "--z-unit", "ft")
+        expect(not s.IsCompound() and s.GetAuthorityCode(None) == "25832", s.ExportToWkt())
+        r, s = mesh(crs.las(os.path.join(base, "b.las"), crs.UTM32))
+        expect(s.IsProjected() and s.GetAuthorityCode(None) == "25832" and s.GetLinearUnits() == 1, s.ExportToWkt())
+        r, s = mesh(crs.xyz(os.path.join(base, "c.xyz")))
+        expect(not s or not s.GetAuthorityCode(None), s and s.ExportToWkt())
+        tif = os.path.join(base, "deg.tif")
+        degrees = os.path.join(base, "d.xyz")
+        with open(degrees, "w") as f:
+            for i in range(25):
+                f.write("%.7f %.7f %.2f\n" % (8 + i % 5 * 1e-4, 50 + i // 5 * 1e-4, 100 + i * 0.37))
+        d.ctl("mesh", degrees, "-o", tif, "--planar", "--assume-crs", "EPSG:4326", "--cell", "0.00001").ok()
+        r = Raster(tif)
+        s = r.data.GetSpatialRef()
+        expect(s.IsGeographic() and s.GetAuthorityCode(None) == "4326", s.ExportToWkt())
+        expect(r.w == 40 and abs(r.left - 8) < 1e-12, str(vars(r)))
+
+
+def windows():
+    """Windows have the pixels of the whole, each of them once, of a mesh and of a fetch."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, whole, part = survey(base, 40000), os.path.join(base, "w.tif"), os.path.join(base, "p.tif")
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("fetch", job, "-o", whole, "--cell", "1").ok()
+        w = Raster(whole)
+        seen = {}
+        for i, (x1, x2) in enumerate(((500000, 500060.5), (500060.5, 500120), (500120, 500300))):
+            box = "%s,5400000,%s,5400300" % (x1, x2)
+            if i == 1:
+                d.ctl("mesh", las, "--bbox", box, "-o", part, "--cell", "1").ok()
+            else:
+                d.ctl("fetch", job, "--bbox", box, "-o", part, "--cell", "1").ok()
+            p = Raster(part)
+            for y in range(p.h):
+                for x in range(p.w):
+                    key = int(p.left - w.left) + x, int(w.top - p.top) + y
+                    if p.at(x, y) != NONE:
+                        expect(key not in seen, "two windows have a pixel")
+                        seen[key] = p.at(x, y)
+        want = {(x, y): w.at(x, y) for y in range(w.h) for x in range(w.w) if w.at(x, y) != NONE}
+        expect(seen == want, "%d pixels of windows, %d of the whole" % (len(seen), len(want)))
+
+
+def refused():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, tif = survey(base), os.path.join(base, "r.tif")
+        area = os.path.join(base, "a.geojson")
+        with open(area, "w") as f:
+            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
+        other = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        for words, args in ((("--cell 1m",), ("mesh", las, "-o", tif)),
+                            (("--cell is not a length",), ("mesh", las, "-o", tif, "--cell", "1x")),
+                            (("--cell is not a length",), ("mesh", las, "-o", tif, "--cell", "0")),
+                            (("--raster is",), ("mesh", las, "-o", tif, "--cell", "1", "--raster", "aspect")),
+                            (("--cell has no meaning for ply",), ("mesh", las, "-o", tif, "--cell", "1", "-o", tif + ".ply", "--cell", "1")),
+                            (("--cell 1m",), ("mesh", las, "-o", tif, "-o", tif + "f", "--cell", "1")),
+                            (("--origin has no meaning for tif",), ("mesh", las, "-o", tif, "--cell", "1", "--origin", "auto")),
+                            (("--canonical has no meaning for tif",), ("mesh", las, "-o", tif, "--cell", "1", "--canonical")),
+                            (("--tile has no meaning for tif", "--bbox"), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "1", "--tile", "50")),
+                            (("--changed-since has no meaning for tif",), ("fetch", other, "-o", tif, "--cell", "1", "--changed-since", "1")),
+                            (("into tif cannot be resumed",), ("fetch", job, "-o", tif, "--cell", "1", "--resume")),
+                            (("--polygon", "--bbox"), ("mesh", las, "-o", tif, "--cell", "1", "--polygon", area)),
+                            (("--polygon", "--bbox"), ("fetch", job, "-o", tif, "--cell", "1", "--polygon", area)),
+                            (("too many digits",), ("mesh", las, "-o", tif, "--cell", "0.12345678901"))):
+            r = d.ctl(*args)
+            expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
+            expect(not os.path.exists(tif), "%s: there is an output" % (args,))
+        low = os.path.join(base, "u.xyz")
+        with open(low, "w") as f:
+            f.write("0 0 1\n10 0 1\n0 10 1\n")
+        r = d.ctl("mesh", low, "-o", tif, "--cell", "1m")
+        expect(r.status == 2 and "--assume-units" in r.err and not os.path.exists(tif), r.err)
+
+
+if __name__ == "__main__":
+    e2e.main(pixels, same_bytes, systems, windows, refused)
