@@ -20,8 +20,10 @@ int dem_new(struct outfile *out, struct dem **ret, struct err *err)
 
 struct dem *dem_free(struct dem *d)
 {
-	if (d)
+	if (d) {
 		dem_store_free(d->store);
+		free(d->description);
+	}
 	free(d);
 	return NULL;
 }
@@ -53,6 +55,17 @@ int dem_head(struct dem *d, const struct acut_mesh_head *head, const struct dem_
 	snprintf(d->unit_z, sizeof(d->unit_z), "%s", opt->unit_z ? opt->unit_z : "");
 	d->opt.unit_xy = d->unit_xy;
 	d->opt.unit_z = d->unit_z;
+	return 0;
+}
+
+int dem_describe(struct dem *d, const char *line, struct err *err)
+{
+	char *text;
+
+	if (asprintf(&text, "%s%s%s", d->description ? d->description : "", d->description ? "\n" : "", line) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for the description of a raster");
+	free(d->description);
+	d->description = text;
 	return 0;
 }
 

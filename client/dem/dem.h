@@ -41,6 +41,8 @@ struct dem;
 int dem_new(struct outfile *, struct dem **ret, struct err *err);
 /* -ERR_USAGE: a cell that this lattice cannot have. */
 int dem_head(struct dem *, const struct acut_mesh_head *, const struct dem_options *, struct err *err);
+/* Adds a line to the description in the file (ImageDescription), before dem_finish. */
+int dem_describe(struct dem *, const char *line, struct err *err);
 /* Corners counter-clockwise, in the head's box. */
 int dem_triangle(struct dem *, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err);
 /* Writes the file; `box` is that of the vertices, NULL if there are none. */

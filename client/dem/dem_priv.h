@@ -118,6 +118,7 @@ struct dem {
 	struct dem_scale scale;
 	double steep; /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
+	char *description;       /* lines; NULL: none */
 	struct dem_store *store; /* rows from the north of the announced box */
 };
 int dem_too_many(const struct dem *, struct err *err);

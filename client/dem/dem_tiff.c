@@ -22,6 +22,7 @@ enum {
 	BITS = 258,
 	COMPRESSION = 259,
 	PHOTOMETRIC = 262,
+	DESCRIPTION = 270,
 	SAMPLES = 277,
 	PLANAR = 284,
 	PREDICTOR = 317,
@@ -48,6 +49,7 @@ struct file {
 	bool big;
 	const struct dem_pyramid *pyramid;
 	struct dem_keys keys;
+	const char *description;
 	double scale[3], tie[6];
 	uint64_t data[DEM_LEVELS]; /* where the tiles of a level begin */
 	struct packer out;
@@ -73,6 +75,7 @@ static unsigned level_entries(const struct file *f, unsigned i, struct entry e[E
 		{BITS, SHORT, 1, NULL, 32},
 		{COMPRESSION, SHORT, 1, NULL, 8}, /* deflate */
 		{PHOTOMETRIC, SHORT, 1, NULL, 1},
+		{DESCRIPTION, BYTE_ASCII, strlen(f->description) + 1, f->description, 0},
 		{SAMPLES, SHORT, 1, NULL, 1},
 		{PLANAR, SHORT, 1, NULL, 1},
 		{PREDICTOR, SHORT, 1, NULL, 3}, /* floating point */
@@ -90,7 +93,7 @@ static unsigned level_entries(const struct file *f, unsigned i, struct entry e[E
 	unsigned n = 0;
 
 	for (unsigned k = 0; k < sizeof(all) / sizeof(*all); k++)
-		if (!i || all[k].tag < PIXEL_SCALE || all[k].tag == NODATA)
+		if (!i || (all[k].tag < PIXEL_SCALE && all[k].tag != DESCRIPTION) || all[k].tag == NODATA)
 			e[n++] = all[k];
 	return n;
 }
@@ -233,7 +236,7 @@ static void place(struct file *f, const struct dem *d, const struct dem_rect *re
 
 int dem_tiff_write(const struct dem *d, const struct dem_pyramid *pyramid, const struct dem_rect *rect, struct err *err)
 {
-	struct file f = {.pyramid = pyramid};
+	struct file f = {.pyramid = pyramid, .description = d->description ? d->description : ""};
 	uint8_t *bytes;
 	size_t size;
 	int r;

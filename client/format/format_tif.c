@@ -2,6 +2,7 @@
  * GeoTIFF: an elevation model of the mesh, or its slopes or hillshade. The room dem draws and writes it; here its options
  * become numbers of the file's units.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -78,6 +79,12 @@ static int z_units(const struct format_options *opt, const struct acut_mesh_head
 	return 0;
 }
 
+/* Pixels are not on the lattice, and its offset depends on how the points were pushed. */
+static int describe(void *ctx, const char *text, struct err *err)
+{
+	return strncmp(text, "acut-lattice ", 13) ? dem_describe(ctx, text, err) : 0;
+}
+
 static int tif_head(void *writer, const struct acut_mesh_head *head, struct err *err)
 {
 	static const enum dem_kind kind[] = {DEM_ELEVATION, DEM_SLOPE, DEM_HILLSHADE};
@@ -99,7 +106,9 @@ static int tif_head(void *writer, const struct acut_mesh_head *head, struct err 
 
 	if (!r)
 		r = z_units(&w->opt, head, &to, err);
-	return r ? r : dem_head(w->dem, head, &to, err);
+	if (!r)
+		r = dem_head(w->dem, head, &to, err);
+	return r ? r : format_comment_head(head, &w->opt, describe, w->dem, err);
 }
 
 static int tif_block(void *writer, const struct format_block *block, struct err *err)
@@ -119,8 +128,12 @@ static int tif_block(void *writer, const struct format_block *block, struct err 
 static int tif_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
 {
 	struct writer *w = writer;
+	char text[128];
+	int r;
 
-	return dem_finish(w->dem, tail->vertices ? tail->box : NULL, err);
+	snprintf(text, sizeof(text), "acut-digest %s %s", tail->digest, tail->vertex_digest);
+	r = dem_describe(w->dem, text, err);
+	return r ? r : dem_finish(w->dem, tail->vertices ? tail->box : NULL, err);
 }
 
 static void *tif_free(void *writer)

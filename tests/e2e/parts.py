@@ -155,6 +155,10 @@ def hull_is_trimmed():
             short = [t for t in kept if all((points[a][0] - points[b][0]) ** 2 + (points[a][1] - points[b][1]) ** 2 <= 6000 ** 2
                                             for a, b in zip(t, t[1:] + t[:1]))]
             expect(read_ply(part)[1] == short and len(short) < len(kept) and verified(part), "with --max-edge")
+            d.ctl("mesh", *names, "-o", base + "/d.tif", "--cell", "5", "--trim-hull", "20", "--max-edge", "60").ok()
+            with open(base + "/d.tif", "rb") as f:
+                said = f.read(8192).decode(errors="replace")
+            expect("acut-trimmed max-edge=60 trim-hull=20\nacut-digest " + comments(part)["acut-digest"] in said, "the raster's description")
             d.ctl("mesh", *names, "-o", base + "/tiles", "--tile", "300", "--trim-hull", "20").ok()
             tiles = [read_ply(t) for t in glob.glob(base + "/tiles/*.ply")]
             expect(sorted(x for t in tiles for x in places(*t)) == places(points, kept), "the tiles together")
