@@ -138,7 +138,9 @@ int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *he
 		if (!ok) {
 			err_set(err, ERR_USAGE, "the %s of --origin has too many digits beside the scale %s", name[i],
 				i < 2 ? head->scale_xy : head->scale_z);
-			return err_add_hint(err, "give --origin with fewer decimals");
+			return err_add_hint(err, opt->origin_auto ?
+							 "stage with a --scale of fewer decimals" :
+							 "give --origin with fewer decimals, or stage with a --scale of fewer");
 		}
 	}
 	return 0;

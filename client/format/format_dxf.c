@@ -6,6 +6,7 @@
  * Triangles are written as they come. $EXTMIN and $EXTMAX are those of the corners, patched at the end: their texts are filled up
  * with zeros behind the decimal point. Where the output cannot seek they are left out: the box of the head is not tight.
  */
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -64,13 +65,24 @@ static char *filled(const struct dxf *d, int axis, int32_t x, char *at)
 
 	if (!memchr(at, '.', (size_t)(end - at)))
 		*end++ = '.';
+	assert(end <= to);
 	while (end < to)
 		*end++ = '0';
 	return end;
 }
 
+static char *zeros(const struct dxf *d, int axis, char *at)
+{
+	memset(at, '0', (size_t)d->width[axis]);
+	at[1] = '.';
+	return at + d->width[axis];
+}
+
+/* Of nothing: zeros. */
 static size_t put_extents(const struct dxf *d, const int32_t box[6], char buf[EXTENTS])
 {
+	bool none = box[0] > box[3];
+
 	char *at = buf;
 
 	for (int i = 0; i < 2; i++) {
@@ -79,14 +91,29 @@ static size_t put_extents(const struct dxf *d, const int32_t box[6], char buf[EX
 			*at++ = (char)('1' + j);
 			*at++ = '0';
 			*at++ = '\n';
-			at = filled(d, j, box[3 * i + j], at);
+			at = none ? zeros(d, j, at) : filled(d, j, box[3 * i + j], at);
 			*at++ = '\n';
 		}
 	}
 	return (size_t)(at - buf);
 }
 
-/* No number of the box is longer than those of its ends, but for a sign. */
+/* The longest text that a number of the axis may have, whatever the mesh: its extents are patched when they are known. */
+static int width_of(const struct format_axis *ax)
+{
+	int decimals = ax->converted ? ax->decimals : ax->whole ? -ax->e : -ax->scale.exponent, whole = 0;
+
+	for (int i = 0; i < 2; i++) {
+		char text[FORMAT_COORDINATE + 8];
+		int n;
+
+		*format_axis_text(ax, i ? INT32_MAX : INT32_MIN, text) = 0;
+		n = (int)strcspn(text, ".");
+		whole = n > whole ? n : whole;
+	}
+	return whole + 2 + (decimals > 0 ? decimals : 1);
+}
+
 static int set_up(struct dxf *d, const struct acut_mesh_head *head, struct err *err)
 {
 	int r = format_axis_init(d->axis, head, &d->opt, err);
@@ -95,12 +122,8 @@ static int set_up(struct dxf *d, const struct acut_mesh_head *head, struct err *
 		d->box[i] = INT32_MAX;
 		d->box[i + 3] = INT32_MIN;
 	}
-	for (int i = 0; i < 6 && !r; i++) {
-		char text[FORMAT_COORDINATE + 8];
-		int n = (int)(format_axis_text(&d->axis[i % 3], head->box[i], text) - text) + 2;
-
-		d->width[i % 3] = n > d->width[i % 3] ? n : d->width[i % 3];
-	}
+	for (int i = 0; i < 3 && !r; i++)
+		d->width[i] = width_of(&d->axis[i]);
 	return r || !d->opt.polyface ? r : format_dxf_polyface_new(&d->polyface, err);
 }
 
@@ -137,7 +160,7 @@ static int dxf_head(void *writer, const struct acut_mesh_head *head, struct err 
 		return r;
 	d->extents = outfile_size(d->out);
 	if (outfile_seekable(d->out))
-		r = outfile_write(d->out, extents, put_extents(d, head->box, extents), err);
+		r = outfile_write(d->out, extents, put_extents(d, d->box, extents), err);
 	if (!r)
 		r = put(d,
 			"0\nENDSEC\n0\nSECTION\n2\nTABLES\n0\nTABLE\n2\nLTYPE\n70\n1\n0\nLTYPE\n2\nCONTINUOUS\n70\n64\n3\nSolid line\n"
@@ -231,7 +254,7 @@ static int dxf_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 		r = put_comment(d, text, err);
 	if (!r)
 		r = put(d, "0\nEOF\n", err);
-	if (r || !outfile_seekable(d->out) || d->box[0] > d->box[3])
+	if (r || !outfile_seekable(d->out))
 		return r;
 	return outfile_patch(d->out, d->extents, extents, put_extents(d, d->box, extents), err);
 }

@@ -28,9 +28,12 @@ static int refuse(const struct format_float *f, int axis, double most, double st
 	err_set(err, ERR_USAGE, "%s has 32-bit floats, and %s is up to %.10g%s: off by up to %.2g, with a lattice of %.10g",
 		f->name, axes[axis], most, f->has_origin ? " from the origin" : "", ldexp(1, exponent - 25), step);
 	if (axis == 2) /* of which --origin auto does not know the middle either */
-		return err_add_hint(err, "give --origin X,Y,Z with a height near those of the mesh");
+		return err_add_hint(
+			err,
+			"give --origin X,Y,Z with a height near those of the mesh, or leave out points far above or below: --zmin, --zmax");
 	if (f->from_auto)
-		return err_add_hint(err, "write PLY or OBJ, which have all digits, or less of the mesh, as with --bbox");
+		return err_add_hint(
+			err, "write PLY or OBJ, which have all digits, or make a mesh of a smaller area: --crop X1,Y1,X2,Y2");
 	return err_add_hint(err, "give --origin auto, which takes the middle of the mesh off the coordinates");
 }
 

@@ -73,7 +73,9 @@ static int put_units(struct outfile *out, const struct acut_mesh_head *head, con
 		i++;
 	if (i == UNITS) {
 		err_set(err, ERR_USAGE, "LandXML must name the unit of x and y, and that is %.30s", xy);
-		return err_add_hint(err, "stage inputs without units with --assume-units m or ft or ftUS");
+		return err_add_hint(err, !strcmp(xy, "degree") ?
+						 "stage without --planar: degrees are projected (--utm names the zone)" :
+						 "stage inputs without units with --assume-units m or ft or ftUS");
 	}
 	if (!strcmp(xy, z))
 		return PUT(out, err, "<Units>\n<", units[i].text, "/>\n</Units>\n");
@@ -90,7 +92,7 @@ static int put_system(struct outfile *out, const struct acut_mesh_head *head, co
 	char code[32] = "", name[TEXT];
 	size_t n;
 
-	if (!head->crs || !*head->crs)
+	if (!head->crs || !*head->crs || !strcmp(head->crs, "unknown"))
 		return 0;
 	n = strncmp(head->crs, "EPSG:", 5) ? 0 : strspn(head->crs + 5, "0123456789");
 	if (n && n < 10 && !shifted)

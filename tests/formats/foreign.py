@@ -59,14 +59,14 @@ def same(got, want, what):
 
 
 class World:
-    """A daemon with the mesh of a survey of 20,000 points, about 39,800 triangles."""
+    """A daemon with the mesh of a survey of 60,000 points, about 119,000 triangles: more than what fits a buffer."""
 
     def __enter__(self):
         self.folder = Folder()
         self.base = self.folder.__enter__()
         self.daemon = Daemon(self.base, memory="64M").start()
         survey = self.path("survey.las")
-        e2e.run([e2e.SYNTH, "--points", "20000", survey]).ok()
+        e2e.run([e2e.SYNTH, "--points", "60000", survey]).ok()
         self.daemon.ctl("push", "s", survey).ok()
         self.daemon.ctl("submit", "s", "--wait").ok()
         return self

@@ -170,7 +170,44 @@ static void test_extents(void **state)
 	assert_int_equal(readback_write("dxf", "m.dxf", &m, &opt, &err), 0);
 	text = readback_text("m.dxf", &size);
 	assert_non_null(strstr(
-		text, "9\n$EXTMIN\n10\n-0.0100\n20\n0.0000\n30\n-5.0\n9\n$EXTMAX\n10\n0.03000\n20\n0.0400\n30\n2.00\n0\n"));
+		text, "9\n$EXTMIN\n10\n-0.0100000000\n20\n0.00000000000\n30\n-5.00000000000\n9\n$EXTMAX\n10\n0.03000000000\n20\n"
+		      "0.04000000000\n30\n2.000000000000\n0\n"));
+	free(text);
+}
+
+/* Texts inside of a mesh may be longer than those of the ends of its box: trailing zeros are dropped. */
+static void test_extents_of_long_scales(void **state)
+{
+	static const int32_t v[][3] = {{-1, 0, 0}, {3, 0, -5}, {0, 7, 2}};
+	static const uint32_t t[][3] = {{0, 1, 2}};
+	static const uint8_t final[] = {7};
+	struct acut_mesh_block b = {.nnew = 3, .ntriangle = 1, .vertex = v, .triangle = t, .final = final};
+	const struct format_options opt = {0};
+	struct meshes m;
+	struct err err;
+	size_t size;
+	char *text, *other;
+
+	meshes_make(&m, &(struct meshes_spec){.scale_xy = "0.3048006096012192", .scale_z = "0.3048006096012192"});
+	memcpy(m.head.box, (int32_t[]){-100000000, 0, -1000000, 100000000, 100000000, 1000000}, sizeof(m.head.box));
+	m.block = &b;
+	m.nblock = 1;
+	assert_int_equal(readback_write("dxf", "m.dxf", &m, &opt, &err), 0);
+	text = readback_text("m.dxf", &size);
+	assert_non_null(strstr(text, "9\n$EXTMIN\n10\n-0.3048006096012192"));
+	assert_non_null(strstr(text, "\n9\n$EXTMAX\n10\n0.9144018288036576"));
+	assert_non_null(strstr(text, "0\n0\nENDSEC\n0\nSECTION\n2\nTABLES\n"));
+	/* They depend on the triangles alone, not on the box of the whole mesh. */
+	memcpy(m.head.box, (int32_t[]){-1, 0, -5, 3, 7, 2}, sizeof(m.head.box));
+	assert_int_equal(readback_write("dxf", "m.dxf", &m, &opt, &err), 0);
+	other = readback_text("m.dxf", &size);
+	assert_string_equal(text, other);
+	free(other);
+	free(text);
+	b.ntriangle = 0;
+	assert_int_equal(readback_write("dxf", "m.dxf", &m, &opt, &err), 0);
+	text = readback_text("m.dxf", &size);
+	assert_non_null(strstr(text, "9\n$EXTMIN\n10\n0.000000"));
 	free(text);
 }
 
@@ -346,6 +383,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_faces),
 		cmocka_unit_test(test_extents),
+		cmocka_unit_test(test_extents_of_long_scales),
 		cmocka_unit_test(test_text),
 		cmocka_unit_test(test_polyface),
 		cmocka_unit_test(test_polyface_vertices),

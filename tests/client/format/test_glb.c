@@ -252,7 +252,7 @@ static void test_floats(void **state)
 		{80000000, 1000, 0, 1, "from the origin: off by", "--origin auto"},
 		{50000000, 1000, 0, 2, NULL, NULL},
 		{50000000, 33554432, 0, 2, NULL, NULL},
-		{50000000, 33554436, 0, 2, "from the origin: off by", "--bbox"},
+		{50000000, 33554436, 0, 2, "from the origin: off by", "--crop"},
 		{0, 1000, 16777216, 0, NULL, NULL},
 		{0, 1000, 16777217, 0, "z is up to 16777.217: off by", "--origin X,Y,Z"},
 	};

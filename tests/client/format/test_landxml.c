@@ -166,7 +166,7 @@ static void test_units(void **state)
 		{"metre", "", NULL, NULL, "--assume-units ,m"},
 		{"", "", NULL, NULL, "--assume-units m"},
 		{NULL, "metre", NULL, NULL, "--assume-units m"},
-		{"degree", "metre", NULL, NULL, "--assume-units m"},
+		{"degree", "metre", NULL, NULL, "--utm"},
 	};
 
 	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
