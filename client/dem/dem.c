@@ -43,6 +43,8 @@ int dem_head(struct dem *d, const struct acut_mesh_head *head, const struct dem_
 	int r = dem_grid_init(&d->grid, head, opt, err);
 
 	d->opt = *opt;
+	d->from[0] = d->from[1] = INT64_MAX;
+	d->to[0] = d->to[1] = INT64_MIN;
 	if (!r)
 		r = scale_init(&d->scale, head, opt, err);
 	if (!r)
@@ -77,7 +79,7 @@ int dem_too_many(const struct dem *d, struct err *err)
 }
 
 /* Tiles without pixels count, too: the file has an entry for each. The side that fits is 1, 2 or 5 times a power of ten. */
-static int check_size(const struct dem *d, const struct dem_rect *rect, struct err *err)
+int dem_check_size(const struct dem *d, const struct dem_rect *rect, struct err *err)
 {
 	double tiles = ceil((double)rect->w / DEM_TILE) * ceil((double)rect->h / DEM_TILE);
 	double side = dem_grid_side(&d->grid) * 1.01 * sqrt(tiles / DEM_TILES_MAX), ten;
@@ -96,7 +98,7 @@ int dem_finish(struct dem *d, const int32_t box[6], struct err *err)
 {
 	struct dem_rect rect = dem_grid_rect(&d->grid, box);
 	struct dem_pyramid p = {0};
-	int r = check_size(d, &rect, err);
+	int r = dem_check_size(d, &rect, err);
 
 	if (!r)
 		r = dem_pyramid_make(&p, d, &rect, err);

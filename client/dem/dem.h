@@ -3,7 +3,7 @@
  *
  * Each pixel whose centre is in the mesh has the height of one triangle there, the nearest float32 to the exact one. So the
  * raster depends on the triangles alone, neither on their order nor on the memory. Memory does not grow with the raster, but
- * for 16 bytes a touched tile of 256 x 256 pixels.
+ * for 48 to 96 bytes a touched tile of 256 x 256 pixels.
  */
 #ifndef DEM_H
 #define DEM_H

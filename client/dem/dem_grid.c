@@ -102,8 +102,8 @@ static int clip_window(struct dem_grid *g, const char *view, struct err *err)
 
 static int too_fine(const struct acut_mesh_head *head, struct err *err)
 {
-	err_set(err, ERR_USAGE, "--cell has too many digits beside the scale %s", head->scale_xy);
-	return err_add_hint(err, "give --cell with fewer decimals, or a multiple of the scale");
+	err_set(err, ERR_USAGE, "--cell is too large, or has too many digits beside the scale %s", head->scale_xy);
+	return err_add_hint(err, "give --cell with fewer digits, or a multiple of the scale");
 }
 
 int dem_grid_init(struct dem_grid *g, const struct acut_mesh_head *head, const struct dem_options *opt, struct err *err)

@@ -60,7 +60,8 @@ void dem_keys_make(struct dem_keys *k, const struct dem *d)
 	const char *plus = strstr(d->crs, " + ");
 	size_t n = plus ? (size_t)(plus - d->crs) : strlen(d->crs);
 	unsigned unit = unit_number(d->unit_xy), unit_z = unit_number(d->unit_z), system = unit ? epsg_of(d->crs, n) : 0;
-	unsigned vertical = plus && system && !d->opt.z_converted ? epsg_of(plus + 3, strlen(plus + 3)) : 0;
+	bool heights = d->opt.kind == DEM_ELEVATION && !d->opt.z_converted;
+	unsigned vertical = heights && plus && system ? epsg_of(plus + 3, strlen(plus + 3)) : 0;
 	bool degrees = unit == 9102;
 
 	*k = (struct dem_keys){.key = {1, 1, 1, 0}, .n = 4};

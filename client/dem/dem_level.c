@@ -150,6 +150,7 @@ static float mean(const float *north, const float *south)
 	const float v[4] = {north[0], north[1], south[0], south[1]};
 	double sum = 0;
 	int n = 0;
+	float m;
 
 	for (int i = 0; i < 4; i++) {
 		if (!isnan(v[i])) {
@@ -157,7 +158,8 @@ static float mean(const float *north, const float *south)
 			n++;
 		}
 	}
-	return n ? (float)(sum / n) : NAN;
+	m = n ? (float)(sum / n) : NAN;
+	return m == DEM_NODATA ? nextafterf(m, 0) : m; /* a mean is a height even where it has the value of no data */
 }
 
 /* The tile's quarter of one of the next level. */

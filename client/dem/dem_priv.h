@@ -119,9 +119,12 @@ struct dem {
 	double steep; /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
 	char *description;       /* lines; NULL: none */
+	int64_t from[2], to[2];  /* of the pixels that triangles met; from is above to at first */
 	struct dem_store *store; /* rows from the north of the announced box */
 };
 int dem_too_many(const struct dem *, struct err *err);
+/* -ERR_USAGE with a cell that fits: a raster of these pixels has too many tiles. */
+int dem_check_size(const struct dem *, const struct dem_rect *, struct err *err);
 
 /* ---- levels of the pyramid, from the whole raster to one tile: dem_level.c ---- */
 

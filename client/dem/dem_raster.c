@@ -105,7 +105,7 @@ static int band_put(struct dem *d, const struct dem_plane *f, float value, struc
 		}
 	}
 	b->n = 0;
-	return 0;
+	return d->opt.interrupted && d->opt.interrupted(d->opt.ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
 static void band_add(struct band *b, int64_t y, int64_t from, int64_t to)
@@ -194,6 +194,24 @@ static int draw(struct dem *d, const struct dem_corner p[3], const int64_t from[
 	return r || !b.n ? r : band_put(d, &f, value, &b, err);
 }
 
+/* A raster that will be too large is refused before anything of it is drawn: the disk would fill first. */
+static int grow(struct dem *d, const int64_t from[2], const int64_t to[2], struct err *err)
+{
+	struct dem_rect all;
+	bool grown = false;
+
+	for (int i = 0; i < 2; i++) {
+		grown |= from[i] < d->from[i] || to[i] > d->to[i];
+		d->from[i] = from[i] < d->from[i] ? from[i] : d->from[i];
+		d->to[i] = to[i] > d->to[i] ? to[i] : d->to[i];
+	}
+	if (!grown)
+		return 0;
+	all = (struct dem_rect){d->from[0], d->from[1], (uint64_t)(d->to[0] - d->from[0]) + 1,
+				(uint64_t)(d->to[1] - d->from[1]) + 1};
+	return dem_check_size(d, &all, err);
+}
+
 int dem_triangle(struct dem *d, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err)
 {
 	const struct dem_grid *g = &d->grid;
@@ -205,6 +223,8 @@ int dem_triangle(struct dem *d, const int32_t a[3], const int32_t b[3], const in
 
 	if (!pixels(d, p, from, to))
 		return 0;
+	if (grow(d, from, to, err))
+		return -(int)err->code;
 	area = area2(a, b, c);
 	return area > 0 ? draw(d, p, from, to, area, err) : 0;
 }

@@ -12,7 +12,7 @@ static void warn_no_tiles(const struct ctl_mesh *m)
 	if (m->opt->tile && !m->out->tiles && p->vertices)
 		console_warn(m->console, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
 			     term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
-			     p->triangles ? " but those that --max-edge leaves out" : "");
+			     p->triangles ? " but those that are left out" : "");
 }
 
 static int publish(struct session *session, const struct ctl_fetch_options *opt, const struct acut_job *job, struct outputs *run,

@@ -30,6 +30,8 @@ unsigned ctl_fetch_count(const struct ctl_fetch_options *); /* of outputs */
 const char *const *ctl_fetch_paths(const struct ctl_fetch_options *, const char *ret[CTL_FETCH_OUTPUTS + 1]);
 /* Output i (from 1; 0 without outputs) with the options that are of all. */
 struct ctl_fetch_output ctl_fetch_output(const struct ctl_fetch_options *, unsigned i);
+/* The output has a --format of its own, which then counts more than its name. */
+bool ctl_fetch_own_format(const struct ctl_fetch_options *, unsigned i);
 /* The unit that all outputs convert heights to; NULL: none, or not the same. */
 const char *ctl_fetch_z_unit(const struct ctl_fetch_options *);
 /* Names standard output "-" however it is named; whether it is one of the outputs. */

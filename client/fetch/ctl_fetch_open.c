@@ -70,12 +70,13 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
-static const struct format *format_of(const struct ctl_fetch_options *a, const struct ctl_fetch_output *o, struct err *err)
+static const struct format *format_of(const struct ctl_fetch_options *a, unsigned i, struct err *err)
 {
+	const struct ctl_fetch_output output = ctl_fetch_output(a, i), *o = &output;
 	const char *tile = o->format ? o->format : "ply";
-	const struct format *by_path = strcmp(o->path, "-") ? format_by_path(o->path) : NULL, *f = by_path;
+	const struct format *by_path = o->path && strcmp(o->path, "-") ? format_by_path(o->path) : NULL, *f = by_path;
 
-	if (a->tile || (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
+	if (a->tile || !o->path || ctl_fetch_own_format(a, i) || (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
 		f = format_find(a->tile ? tile : o->format);
 		if (!f) {
 			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : o->format);
@@ -92,12 +93,12 @@ static const struct format *format_of(const struct ctl_fetch_options *a, const s
 }
 
 static int add_output(struct session *session, const struct ctl_fetch_options *a, unsigned i, struct outputs *run,
-		      const struct format **ret_format, struct err *err)
+		      const struct format *f, unsigned rasters, struct err *err)
 {
 	struct ctl_fetch_output o = ctl_fetch_output(a, i);
-	const struct format *f = o.path ? format_of(a, &o, err) : format_find(o.format);
-	struct format_options opt = {.no_clobber = a->no_clobber, .interrupted = session_interrupted, .ctx = session};
-	int r = f ? options_of(&o, f->takes, &opt, err) : -(int)err->code;
+	struct format_options opt = {
+		.no_clobber = a->no_clobber, .rasters = rasters, .interrupted = session_interrupted, .ctx = session};
+	int r = options_of(&o, f->takes, &opt, err);
 
 	if (r)
 		return r;
@@ -105,7 +106,6 @@ static int add_output(struct session *session, const struct ctl_fetch_options *a
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
-	*ret_format = f;
 	return outputs_add(run, o.path, f, &opt, err);
 }
 
@@ -164,7 +164,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
-	unsigned n = ctl_fetch_count(a);
+	unsigned n = ctl_fetch_count(a), rasters = 0;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -184,12 +184,21 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	}
 	if (!r && a->tile)
 		r = parse_tile(session, a->tile, &opt, err);
+	for (unsigned i = n > 0; i <= n && !r; i++) {
+		format[i] = format_of(a, i, err);
+		r = format[i] ? 0 : -(int)err->code;
+		rasters += format[i] && format[i]->kind == FORMAT_RASTER;
+	}
+	if (!r && rasters && a->window && !strcmp(a->window, "polygon")) {
+		r = err_set(err, ERR_USAGE, "a raster cannot be cut by --polygon");
+		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
+	}
+	if (!r)
+		r = ctl_fetch_check_used(a, format, err);
 	if (!r)
 		r = outputs_new(&opt, &run, err);
 	for (unsigned i = n > 0; i <= n && !r; i++)
-		r = add_output(session, a, i, run, &format[i], err);
-	if (!r)
-		r = ctl_fetch_check_used(a, format, err);
+		r = add_output(session, a, i, run, format[i], rasters, err);
 	if (r)
 		outputs_free(run);
 	else

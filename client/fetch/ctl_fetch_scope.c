@@ -117,6 +117,11 @@ struct ctl_fetch_output ctl_fetch_output(const struct ctl_fetch_options *opt, un
 	return ret;
 }
 
+bool ctl_fetch_own_format(const struct ctl_fetch_options *opt, unsigned i)
+{
+	return is_given(&opt->output[i], &rows[0]) && (ctl_fetch_count(opt) == 1 || !given_once(opt, &rows[0]));
+}
+
 static int refuse(unsigned bit, const char *format, struct err *err)
 {
 	if (!format)

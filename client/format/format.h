@@ -51,6 +51,7 @@ struct format_options {
 	enum format_rasters raster;
 	int (*interrupted)(void *ctx); /* not 0: give up; of rasters, while the file is made; may be NULL */
 	void *ctx;
+	unsigned rasters; /* outputs that share the memory of rasters; 0: one */
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
 	bool polyface; /* DXF: polyface meshes in place of single faces */

@@ -62,7 +62,9 @@ static int cell_units(const struct format_options *opt, const struct acut_mesh_h
 		return 0;
 	err_set(err, ERR_USAGE, "--cell is in %s, but the unit of x and y is %.30s", opt->cell_unit,
 		head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
-	return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with --assume-units");
+	return err_add_hint(err, head->unit_xy && !strcmp(head->unit_xy, "degree") ?
+					 "give a bare number of degrees" :
+					 "give a bare number in the units of the files, or stage the inputs with --assume-units");
 }
 
 static int z_units(const struct format_options *opt, const struct acut_mesh_head *head, struct dem_options *to, struct err *err)
@@ -99,6 +101,7 @@ static int tif_head(void *writer, const struct acut_mesh_head *head, struct err 
 		.steep = steep(head),
 		.unit_xy = head->unit_xy,
 		.unit_z = head->unit_z,
+		.cache = w->opt.rasters > 1 ? (w->opt.rasters < DEM_CACHE / 2 ? DEM_CACHE / w->opt.rasters : 2) : 0,
 		.interrupted = w->opt.interrupted,
 		.ctx = w->opt.ctx,
 	};

@@ -76,8 +76,10 @@ int outputs_limit_init(struct outputs_limit *limit, const struct acut_mesh_head 
 	if (length->unit && !format_unit_ratio(length->unit, head->unit_xy, &num, &den)) {
 		err_set(err, ERR_USAGE, "--%s is in %s, but the unit of x and y is %.30s", option, length->unit,
 			head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
-		return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with "
-					 "--assume-units");
+		return err_add_hint(
+			err, head->unit_xy && !strcmp(head->unit_xy, "degree") ?
+				     "give a bare number of degrees" :
+				     "give a bare number in the units of the files, or stage the inputs with --assume-units");
 	}
 	/* the longest edge of all is below 2^33 lattice units */
 	if (decimal_double(length->value) * (double)num / (double)den / decimal_double(scale) >= 0x1p34) {

@@ -143,7 +143,7 @@ struct outputs {
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	bool finished;
-	char trimmed[128];             /* of the options of formats */
+	char trimmed[256];             /* of the options of formats */
 	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_front front;
 	struct outputs_hull *hull; /* NULL: nothing is trimmed */

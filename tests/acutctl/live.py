@@ -146,6 +146,8 @@ def outputs(p):
     widths = [struct.unpack(">I", open(x, "rb").read()[16:20])[0] for x in (three, p.path("four.png"))]
     check("a width each", widths[0] <= 40 < widths[1] <= 50, str(widths))
     check("in canonical order", read_ply(one)[3][24 * nv:] == read_ply(files[0])[3][24 * nv:])
+    p.json("mesh", las, "-o", p.path("x.ply"), "--format", "obj", "-o", p.path("y.obj"), "--format", "ply")
+    check("a format each", open(p.path("x.ply")).read(1) == "#" and open(p.path("y.obj"), "rb").read(3) == b"ply")
     p.json("mesh", las, other, "-o", one, "-o", two, "--canonical", "--origin", "auto")
     check("given once, of all", origin.search(read_ply(one)[0]) and origin.search(open(two).read()) and
           read_ply(one)[3][24 * nv:] == read_ply(files[0])[3][24 * nv:])

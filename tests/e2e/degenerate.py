@@ -100,7 +100,7 @@ def tiles_of_no_triangles():
         got = d.ctl("mesh", "--planar", "--tile", "5", "-o", tiles, path, "--json").ok().json()
         expect(got["tiles"]["files"] and not any("tile" in w for w in got["warnings"]), str(got))
         got = d.ctl("mesh", "--planar", "--tile", "5", "--max-edge", "0.5", "-o", tiles, path, "--json").ok().json()
-        expect(got["tiles"]["files"] == 0 and any("no triangles but those that --max-edge" in w for w in got["warnings"]), str(got))
+        expect(got["tiles"]["files"] == 0 and any("no triangles but those that are left out" in w for w in got["warnings"]), str(got))
 
 
 def few_positions():

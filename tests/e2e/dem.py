@@ -173,6 +173,8 @@ def systems():
         expect(r.data.GetMetadataItem("AREA_OR_POINT") == "Area", "pixels are points")
         r, s = mesh(crs.las(os.path.join(base, "a.las"), crs.compound(crs.UTM32, crs.HEIGHT)), "--z-unit", "ft")
         expect(not s.IsCompound() and s.GetAuthorityCode(None) == "25832", s.ExportToWkt())
+        r, s = mesh(crs.las(os.path.join(base, "a.las"), crs.compound(crs.UTM32, crs.HEIGHT)), "--raster", "hillshade")
+        expect(not s.IsCompound() and s.GetAuthorityCode(None) == "25832", "light is no height: " + s.ExportToWkt())
         r, s = mesh(crs.las(os.path.join(base, "b.las"), crs.UTM32))
         expect(s.IsProjected() and s.GetAuthorityCode(None) == "25832" and s.GetLinearUnits() == 1, s.ExportToWkt())
         r, s = mesh(crs.xyz(os.path.join(base, "c.xyz")))
@@ -231,6 +233,7 @@ def refused():
                             (("--raster is",), ("mesh", las, "-o", tif, "--cell", "1", "--raster", "aspect")),
                             (("--cell has no meaning for ply",), ("mesh", las, "-o", tif, "--cell", "1", "-o", tif + ".ply", "--cell", "1")),
                             (("--cell 1m",), ("mesh", las, "-o", tif, "-o", tif + "f", "--cell", "1")),
+                            (("--cell has no meaning for ply",), ("mesh", las, "-o", tif, "-o", tif + ".ply", "--cell", "1")),
                             (("--origin has no meaning for tif",), ("mesh", las, "-o", tif, "--cell", "1", "--origin", "auto")),
                             (("--canonical has no meaning for tif",), ("mesh", las, "-o", tif, "--cell", "1", "--canonical")),
                             (("--tile has no meaning for tif", "--bbox"), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "1", "--tile", "50")),
@@ -242,6 +245,18 @@ def refused():
             r = d.ctl(*args)
             expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
             expect(not os.path.exists(tif), "%s: there is an output" % (args,))
+        # Far too many pixels are refused before the disk fills with them, with a cell that fits.
+        big = os.path.join(base, "big.xyz")
+        with open(big, "w") as f:
+            f.write("0 0 1\n100000 0 2\n0 100000 3\n100000 100000 4\n")
+        r = d.ctl("mesh", big, "--assume-units", "m,m", "-o", tif, "--cell", "0.01")
+        expect(r.status == 2 and "--cell 2 fits" in r.err and not os.path.exists(tif), r.err)
+        # A mean of two pixels may have the value of no data.
+        flat = os.path.join(base, "flat.xyz")
+        with open(flat, "w") as f:
+            f.writelines("%d %d %d\n" % (x, y, -9999 + 2 * (x - 3)) for x in range(300) for y in range(4))
+        d.ctl("mesh", flat, "--assume-units", "m,m", "-o", tif, "--cell", "1").ok()
+        os.unlink(tif)
         low = os.path.join(base, "u.xyz")
         with open(low, "w") as f:
             f.write("0 0 1\n10 0 1\n0 10 1\n")
