@@ -6,26 +6,11 @@ import subprocess
 import sys
 import tempfile
 
-SOURCE, ACUTCTL = os.environ["ACUT_TEST_SOURCE"], os.environ["ACUTCTL"]
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
+from tables import compare, find, read, wrong
+
+ACUTCTL = os.environ["ACUTCTL"]
 PACKED = {"gz", "zip"}  # acutctl unpacks these itself
-wrong = []
-
-
-def read(name):
-    with open(os.path.join(SOURCE, name), encoding="utf-8") as f:
-        return f.read()
-
-
-def find(what, pattern, text):
-    found = re.search(pattern, text, re.S)
-    if not found:
-        sys.exit("%s is not where it was" % what)
-    return found.group(1)
-
-
-def compare(what, got, wanted):
-    if got != wanted:
-        wrong.append("%s: %s, but the table has %s" % (what, got, wanted))
 
 
 def table():

@@ -5,25 +5,8 @@ import os
 import re
 import sys
 
-SOURCE = os.environ["ACUT_TEST_SOURCE"]
-wrong = []
-
-
-def read(name):
-    with open(os.path.join(SOURCE, name), encoding="utf-8") as f:
-        return f.read()
-
-
-def find(what, pattern, text):
-    found = re.search(pattern, text, re.S)
-    if not found:
-        sys.exit("%s is not where it was" % what)
-    return found.group(1)
-
-
-def compare(what, got, wanted):
-    if got != wanted:
-        wrong.append("%s: %s, but the table has %s" % (what, ", ".join(got), ", ".join(wanted)))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
+from tables import compare, find, read, wrong
 
 
 rows = re.findall(r'^VIEW_(FLAG|COUNT|HEIGHT|OWN)\(\w+, "([^"=]+)=?"', read("base/view_option.def"), re.M)

@@ -6,25 +6,10 @@ import re
 import subprocess
 import sys
 
-SOURCE, ACUTCTL = os.environ["ACUT_TEST_SOURCE"], os.environ["ACUTCTL"]
-wrong = []
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", ".."))
+from tables import SOURCE, compare, find, read, wrong
 
-
-def read(name):
-    with open(os.path.join(SOURCE, name), encoding="utf-8") as f:
-        return f.read()
-
-
-def find(what, pattern, text):
-    found = re.search(pattern, text, re.S)
-    if not found:
-        sys.exit("%s is not where it was" % what)
-    return found.group(1)
-
-
-def compare(what, got, wanted):
-    if got != wanted:
-        wrong.append("%s: %s, but the table has %s" % (what, got, wanted))
+ACUTCTL = os.environ["ACUTCTL"]
 
 
 def row(name):
