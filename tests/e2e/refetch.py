@@ -12,7 +12,7 @@ from e2e import Daemon, Folder, expect
 
 SMALL = {"memory": "24M", "threads": 2}
 POINTS = 500000
-RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl")  # tests/client/format/formats.py
+RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl", "html")  # tests/client/format/formats.py
 NEAR = {"glb": ["--origin", "auto"], "stl": ["--origin", "auto"]}  # 32-bit floats
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 
