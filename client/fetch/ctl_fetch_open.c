@@ -84,7 +84,7 @@ static const struct format *format_of(const struct ctl_fetch_options *a, unsigne
 		}
 	} else if (!f && !strcmp(o->path, "-")) {
 		f = format_find("ply"); /* the default, as for tiles */
-	} else if (!f) {
+	} else if (!f && !format_elsewhere(o->path, err)) {
 		err_set(err, ERR_USAGE, "the name does not give a format");
 		err_add_file(err, o->path);
 		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
