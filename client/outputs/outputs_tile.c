@@ -35,6 +35,10 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 			format->name);
 		return err_add_hint(err, "write one raster, or one a window with --bbox: those side by side share no pixel");
 	}
+	if (format->kind == FORMAT_LINES) {
+		err_set(err, ERR_USAGE, "--tile has no meaning for %s: lines would end at the triangles of a tile", format->name);
+		return err_add_hint(err, "write one file, or one a window with --bbox: lines are cut there");
+	}
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
 	if (size.mantissa <= 0)
