@@ -6,6 +6,7 @@
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
+#include "sort.h"
 
 struct outputs_change;
 struct outputs_tiles;
@@ -100,18 +101,6 @@ int outputs_hull_block(struct outputs_hull *, const struct acut_mesh_block *, co
 int outputs_hull_rest(struct outputs_hull *, int (*each)(void *ctx, const struct format_block *), void *ctx, struct err *err);
 const struct outputs_left *outputs_hull_left(const struct outputs_hull *);
 struct outputs_hull *outputs_hull_free(struct outputs_hull *);
-
-/* ---- external sort of small records of 64-bit words: outputs_sort.c ---- */
-
-struct outputs_sort;
-/* Records of `words` words; the first `keys` of them are the order. At most `memory` bytes. */
-int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct outputs_sort **ret,
-		     struct err *err);
-int outputs_sort_add(struct outputs_sort *, const uint64_t *record, struct err *err);
-int outputs_sort_start(struct outputs_sort *, struct err *err);
-/* *ret: the next record, valid until the next call; NULL at the end. */
-int outputs_sort_next(struct outputs_sort *, const uint64_t **ret, struct err *err);
-struct outputs_sort *outputs_sort_free(struct outputs_sort *);
 
 /* ---- --canonical: outputs_canonical.c ---- */
 
