@@ -222,7 +222,8 @@ static void *html_free(void *writer)
 const struct format format_html = {
 	.name = "html",
 	.extensions = ".html .htm",
-	.help = "a page that shows the mesh in any browser, without a network; up to 2 million triangles",
+	.help = "a page that shows the mesh, without a network; up to 2 million triangles",
+	.purpose = "any browser, telephones too",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = html_open,
