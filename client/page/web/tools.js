@@ -16,6 +16,7 @@ class Tools {
 		for (const tool of ["distance", "profile"])
 			$(tool).setAttribute("aria-pressed", this.name === tool);
 		$("scene").classList.toggle("picking", Boolean(this.name));
+		this.page.panel(false);
 		if (this.name === "distance")
 			this.close("profile");
 		if (this.name === "profile")
@@ -66,7 +67,7 @@ class Tools {
 	hint() {
 		const n = this.name ? this.corners[this.name].length : 0;
 		const text = {
-			distance: ["Click the first place", "Click the next place"], profile: ["Click where the profile begins", "Click where it goes on, or ends"],
+			distance: ["Pick the first place", "Pick the next place"], profile: ["Pick where the profile begins", "Pick where it goes on, or ends"],
 		}[this.name];
 
 		$("hint").hidden = !text || n > 1;

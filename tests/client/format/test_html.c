@@ -6,11 +6,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <cmocka.h>
 
 #include "cursor.h"
 #include "page.h"
 #include "readback.h"
+#include "repeat.h"
 
 static const struct format_options plain = {0};
 
@@ -365,11 +367,44 @@ static void test_limit(void **state)
 	}
 }
 
+/* A mesh that turns out to be too large is given up: nothing of it is kept for --resume. */
+static void test_given_up(void **state)
+{
+	static const struct meshes_spec line = {
+		.columns = 1, .rows = 2000002, .strip = 1000000, .step = 1, .scale_xy = "0.01", .scale_z = "0.01"};
+	const struct outputs_options ropt = {0};
+	struct outputs *run;
+	struct acut_mesh_sink sink;
+	struct meshes m;
+	struct err err = ERR_INIT;
+	char dir[64], path[80];
+
+	repeat_folder(dir, sizeof(dir), "page");
+	snprintf(path, sizeof(path), "%s/m.html", dir);
+	meshes_make(&m, &line);
+	assert_int_equal(m.nblock, 3);
+	assert_int_equal(outputs_new(&ropt, &run, &err), 0);
+	assert_int_equal(outputs_add(run, path, format_find("html"), &plain, &err), 0);
+	assert_int_equal(outputs_keep(run, 1, false, &err), 0);
+	sink = outputs_sink(run);
+	assert_int_equal(sink.head(sink.ctx, &m.head), 0);
+	assert_int_equal(sink.block(sink.ctx, &m.block[0]), 0);
+	assert_int_equal(outputs_save(run, "state", 5, &err), 0);
+	assert_true(outputs_saved(run));
+	assert_true(sink.block(sink.ctx, &m.block[1]) || sink.block(sink.ctx, &m.block[2]));
+	assert_int_equal(outputs_error(run)->code, ERR_LIMIT);
+	assert_false(outputs_saved(run));
+	outputs_free(run);
+	assert_int_equal(rmdir(dir), 0); /* it is empty */
+	meshes_done(&m);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_mesh),  cmocka_unit_test(test_far),  cmocka_unit_test(test_empty),
-		cmocka_unit_test(test_facts), cmocka_unit_test(test_axes), cmocka_unit_test(test_limit),
+		cmocka_unit_test(test_mesh),     cmocka_unit_test(test_far),  cmocka_unit_test(test_empty),
+		cmocka_unit_test(test_facts),    cmocka_unit_test(test_axes), cmocka_unit_test(test_limit),
+		cmocka_unit_test(test_given_up),
 	};
 
 	return cmocka_run_group_tests(tests, readback_begin, readback_end);
