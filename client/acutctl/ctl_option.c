@@ -14,6 +14,9 @@ const struct cli_option ctl_options[] = {
 	 "leave out triangles with a longer xy edge: 12 in file units, or 12m, 40ft, 40ftUS"},
 	{"trim-hull", 0, "LENGTH", CLI_TEXT, AT(fetch.trim_hull), CTL_OUT,
 	 "leave out what is reached from outside of the mesh through longer edges; holes inside stay closed"},
+	{"mask", 0, "FILE", CLI_LIST, AT(fetch.cut[OUTPUTS_MASK]), CTL_OUT,
+	 "leave out triangles outside of the polygons of a GeoJSON or WKT file; may be repeated"},
+	{"erase", 0, "FILE", CLI_LIST, AT(fetch.cut[OUTPUTS_ERASE]), CTL_OUT, "likewise, those inside"},
 	{"z-unit", 0, "m|ft|ftUS", CLI_TEXT, AT(fetch.output[0].z_unit), CTL_OUT, "convert heights to this unit"},
 	{"origin", 0, "X,Y,Z|auto", CLI_TEXT, AT(fetch.output[0].origin), CTL_OUT, "subtract this point from all coordinates"},
 	{"canonical", 0, NULL, CLI_FLAG, AT(fetch.output[0].canonical), CTL_OUT,
@@ -35,7 +38,6 @@ const struct cli_option ctl_options[] = {
 	{"resume", 0, NULL, CLI_FLAG, AT(opt.resume), CTL_FETCH, "continue an earlier fetch from its OUT.part"},
 	{"tile", 0, "SIZE", CLI_TEXT, AT(fetch.tile), CTL_OUT,
 	 "one file a square of a grid of this side (file units); OUT is their folder"},
-	{"mask", 0, "FILE", CLI_LATER, 0, CTL_OUT, NULL},
 	{"changed-since", 0, "GENERATION", CLI_COUNT, AT(fetch.since), CTL_FETCH,
 	 "only the changes from the mesh of that generation; OUT.changes.geojson lists the regions"},
 

@@ -112,7 +112,7 @@ static const struct format *format_of(const struct ctl_fetch_options *a, unsigne
 		}
 	} else if (!f && !strcmp(o->path, "-")) {
 		f = format_find("ply"); /* the default, as for tiles */
-	} else if (!f) {
+	} else if (!f && !format_elsewhere(o->path, err)) {
 		err_set(err, ERR_USAGE, "the name does not give a format");
 		err_add_file(err, o->path);
 		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
@@ -204,7 +204,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	if (!r && a->trim_hull && (a->since || a->window)) {
 		r = err_set(err, ERR_USAGE, "--trim-hull needs a whole mesh, not %s%s", a->since ? "changes" : "the window of --",
 			    a->since ? "" : a->window);
-		err_add_hint(err, "--max-edge leaves out triangles wherever they are");
+		err_add_hint(err, "--max-edge, --mask and --erase leave out triangles wherever they are");
 	}
 	if (!r && a->since && a->window)
 		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->window);
@@ -228,6 +228,9 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = ctl_fetch_check_used(a, format, err);
 	if (!r)
 		r = outputs_new(&opt, &run, err);
+	for (int k = 0; k < OUTPUTS_CUTS; k++)
+		for (unsigned i = 0; i < a->cut[k].n && !r; i++)
+			r = outputs_cut(run, (enum outputs_cut)k, a->cut[k].text[i], err);
 	for (unsigned i = n > 0; i <= n && !r; i++)
 		r = add_output(session, a, i, run, format[i], rasters, err);
 	if (r)

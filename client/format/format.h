@@ -83,6 +83,7 @@ struct format_block {
  * has the digest of the triangles that came. */
 struct format {
 	const char *name, *extensions, *help; /* extensions: ".a .b" */
+	const char *purpose;                  /* what, or whom, it is for */
 	enum format_kind kind;
 	unsigned takes; /* FORMAT_CANONICAL ... */
 	bool positions; /* blocks come with positions */
@@ -99,8 +100,12 @@ struct format {
 #define FORMAT_SAVED 64
 
 const struct format *const *format_rows(size_t *ret_n);
-const struct format *format_find(const char *name);    /* NULL: no such format */
-const struct format *format_by_path(const char *path); /* by extension; NULL: unknown */
+const struct format *format_find(const char *name);                 /* NULL: no such format */
+const struct format *format_by_path(const char *path);              /* by extension; NULL: unknown */
+const char *format_extension(const char *path);                     /* with its dot; NULL: none */
+bool format_has_extension(const char *list, const char *extension); /* `list`: ".a .b" */
+/* False: nothing is known of the extension. Else `err` says what to write, and which program makes such a file of it. */
+bool format_elsewhere(const char *path, struct err *err);
 bool format_parse_color(const char *text, enum format_color *ret);
 bool format_parse_raster(const char *text, enum format_rasters *ret);
 unsigned format_options_given(const struct format_options *); /* FORMAT_CANONICAL ... */

@@ -143,6 +143,7 @@ const struct format format_dxf_contours = {
 	.name = "dxf-contours",
 	.extensions = "",
 	.help = "DXF R12: contours, a POLYLINE each, on layers by height; of a .dxf with --interval",
+	.purpose = "CAD: contours",
 	.kind = FORMAT_LINES,
 	.takes = FORMAT_LINES_TAKES,
 	.positions = true,

@@ -113,6 +113,7 @@ const struct format format_geojson = {
 	.name = "geojson",
 	.extensions = ".geojson",
 	.help = "GeoJSON: contours, in the coordinates of the mesh (--interval)",
+	.purpose = "scripts, web: contours",
 	.kind = FORMAT_LINES,
 	.takes = FORMAT_LINES_TAKES,
 	.positions = true,

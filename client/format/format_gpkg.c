@@ -326,6 +326,7 @@ const struct format format_gpkg = {
 	.name = "gpkg",
 	.extensions = ".gpkg",
 	.help = "GeoPackage: contours, with their heights (--interval)",
+	.purpose = "QGIS, GIS: contours",
 	.kind = FORMAT_LINES,
 	.takes = FORMAT_LINES_TAKES,
 	.positions = true,

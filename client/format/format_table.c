@@ -28,8 +28,7 @@ const struct format *format_find(const char *name)
 	return NULL;
 }
 
-/* True if `ext` (with its dot) is one of the words of `list`. */
-static bool in_list(const char *list, const char *ext)
+bool format_has_extension(const char *list, const char *ext)
 {
 	size_t n = strlen(ext);
 
@@ -42,15 +41,21 @@ static bool in_list(const char *list, const char *ext)
 	return false;
 }
 
-const struct format *format_by_path(const char *path)
+const char *format_extension(const char *path)
 {
 	const char *base = strrchr(path, '/');
-	const char *dot = strrchr(base ? base : path, '.');
+
+	return strrchr(base ? base : path, '.');
+}
+
+const struct format *format_by_path(const char *path)
+{
+	const char *dot = format_extension(path);
 
 	if (!dot)
 		return NULL;
 	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++)
-		if (in_list(row[i]->extensions, dot))
+		if (format_has_extension(row[i]->extensions, dot))
 			return row[i];
 	return NULL;
 }

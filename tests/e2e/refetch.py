@@ -25,6 +25,15 @@ def survey(base, points=POINTS, name="survey.las", seed=1):
     return path
 
 
+def area(d, base, name="area.wkt", part=0.6):
+    """The path of a triangle in the lower left of the dataset s."""
+    shown, path = d.ctl("dataset", "show", "s", "--json").ok().json(), os.path.join(base, name)
+    x, y, right, top = [float(v) for v in shown["min"][:2] + shown["max"][:2]]
+    with open(path, "w") as f:
+        f.write("POLYGON ((%f %f, %f %f, %f %f))" % (x - 1, y - 1, x + part * (right - x), y, x, y + part * (top - y)))
+    return path
+
+
 def begin(d, *args, env=OFTEN, gate=None):
     return subprocess.Popen([e2e.ACUTCTL] + list(args), env=dict(os.environ, ACUT_SOCKET=d.socket, **env, **(gate.env if gate else {})),
                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -52,8 +61,9 @@ def killed_client():
         gate = e2e.Gate(base)
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()
+        erased = area(d, base)
         for n, options in enumerate([[kind, *NEAR.get(kind, [])] for kind in RESUMABLE] +
-                                    [["ply", "obj", "landxml", "--max-edge", "4"], ["ply", "--origin", "auto"], ["dxf", "--polyface"]]):
+                                    [["ply", "obj", "landxml", "--max-edge", "4"], ["ply", "--erase", erased], ["ply", "--origin", "auto"], ["dxf", "--polyface"]]):
             want = os.path.join(base, "all%d." % n)
             got = os.path.join(base, "got%d." % n)
             kinds, rest = [o for o in options if o in RESUMABLE], [o for o in options if o not in RESUMABLE]
@@ -249,6 +259,7 @@ def refused():
 
         says(d.ctl("fetch", "2", "-o", out, "--resume"), 2, "another job")
         says(d.ctl("fetch", "1", "-o", out, "--resume", "--origin", "auto"), 2, "options")
+        says(d.ctl("fetch", "1", "-o", out, "--resume", "--mask", area(d, base)), 2, "options")
         says(d.ctl("fetch", "1", "-o", out, "-o", base + "/m.obj", "--resume"), 2, "outputs")
         expect({n: read(os.path.join(base, n)) for n in parts(base)} == kept, "a refusal has changed what was kept")
         size = os.path.getsize(out + ".part")
@@ -281,6 +292,13 @@ def refused():
         gate.open()
         _, err = p.communicate()
         expect(p.returncode == 0, "%d %s" % (p.returncode, err))
+        # Another area under the same name.
+        interrupted(d, gate, out, "--mask", area(d, base))
+        area(d, base, part=0.5)
+        says(d.ctl("fetch", "1", "-o", out, "--mask", base + "/area.wkt", "--resume"), 2, "options")
+        area(d, base)
+        d.ctl("fetch", "1", "-o", out, "--mask", base + "/area.wkt", "--resume").ok()
+        expect(os.path.getsize(out) < os.path.getsize(want) and not parts(base), "with the area of the earlier fetch")
         # A leftover is replaced by a fetch that does not go on.
         interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()

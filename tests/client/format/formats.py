@@ -25,7 +25,7 @@ def row(name):
 
 names = re.findall(r"&format_(\w+)", find("the table", r"\brow\[\] = \{(.*?)\}", read("client/format/format_table.c")))
 rows = {n: row(n) for n in names}
-if len(rows) < 2 or any(not {"name", "extensions", "help", "kind"} <= set(r) for r in rows.values()):
+if len(rows) < 2 or any(not {"name", "extensions", "help", "purpose", "kind"} <= set(r) for r in rows.values()):
     sys.exit("the table cannot be read: %s" % rows)
 names = [rows[n]["name"] for n in names]
 rows = {r["name"]: r for r in rows.values()}
