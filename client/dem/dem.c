@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "area.h"
 #include "dem_priv.h"
 #include "err.h"
 
@@ -22,6 +23,7 @@ struct dem *dem_free(struct dem *d)
 {
 	if (d) {
 		dem_store_free(d->store);
+		area_free(d->grid.polygon);
 		free(d->description);
 	}
 	free(d);

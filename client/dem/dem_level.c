@@ -42,6 +42,7 @@ struct work {
 	struct dem *dem;
 	struct dem_store *store, *higher; /* of this level and the next */
 	uint64_t x, y;                    /* of this level in its store */
+	bool whole;                       /* it is the raster, not a smaller one */
 	size_t room;                      /* of a packed tile */
 	struct job *job;
 	unsigned njob;
@@ -192,6 +193,8 @@ static int put_tile(struct work *w, struct dem_level *l, uint32_t column, uint32
 	bool any;
 	int r = dem_store_read(w->store, w->x + x, w->y + y, l->w - x, l->h - y, job->pixel, &any, err);
 
+	if (!r && any && w->whole)
+		dem_clip_tile(&w->dem->grid, (int64_t)(w->x + x), (int64_t)(w->y + y), job->pixel);
 	job->index = (size_t)row * l->columns + column;
 	job->is_none = false;
 	l->offset[job->index] = UINT64_MAX;
@@ -236,6 +239,7 @@ static int make_level(struct work *w, struct dem_level *l, struct err *err)
 	w->store = w->higher;
 	w->higher = NULL;
 	w->x = w->y = 0;
+	w->whole = false;
 	return r;
 }
 
@@ -292,6 +296,7 @@ int dem_pyramid_make(struct dem_pyramid *p, struct dem *d, const struct dem_rect
 	d->store = NULL;
 	w->x = (uint64_t)rect->x;
 	w->y = (uint64_t)d->grid.count[1] - (uint64_t)rect->y - rect->h;
+	w->whole = true;
 	while (w->store && !r) {
 		struct dem_level *l = &p->level[p->n++];
 

@@ -189,10 +189,6 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = format[i] ? 0 : -(int)err->code;
 		rasters += format[i] && format[i]->kind == FORMAT_RASTER;
 	}
-	if (!r && rasters && a->window && !strcmp(a->window, "polygon")) {
-		r = err_set(err, ERR_USAGE, "a raster cannot be cut by --polygon");
-		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
-	}
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);
 	if (!r)

@@ -217,12 +217,60 @@ def windows():
         expect(seen == want, "%d pixels of windows, %d of the whole" % (len(seen), len(want)))
 
 
+def holds(rings, x, y):
+    """Whether a centre is in a polygon: a border is to the west or north of what it belongs to."""
+    def ring_holds(ring):
+        odd = False
+        for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1]):
+            if (ay >= y) != (by >= y):
+                odd ^= x < ax + Fraction(bx - ax) * (y - ay) / (by - ay)
+        return odd
+    return ring_holds(rings[0]) and not any(map(ring_holds, rings[1:]))
+
+
+def polygons():
+    """A raster of a polygon has the pixels of the whole whose centres are in it; of polygons side by side each has its own."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, whole, part, area = survey(base, 40000), base + "/w.tif", base + "/p.tif", base + "/a.wkt"
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        x0, y0 = 500000, 5400000
+        corner = lambda *at: [(Fraction(x) + x0, Fraction(y) + y0) for x, y in at]
+        hole = corner((110, 60), (170, 60), (170, 120), ("140.5", "75.5"))  # borders through centres
+        left = [corner((-10, -10), (100, -10), ("100.5", "20.5"), ("40.5", "80.5"), ("100.5", "140.5"), (100, 400), (-10, 400))]
+        right = [[*left[0][1:6], *corner((400, 400), (400, -10))], hole]
+        islands = [hole]
+        for cell in (Fraction(1), Fraction(3, 10)):
+            d.ctl("fetch", job, "-o", whole, "--cell", str(float(cell))).ok()
+            w, seen = Raster(whole), {}
+            line = lambda n: n * cell  # a border of pixels
+            first = round(Fraction(w.left) / cell), round(Fraction(w.top) / cell)
+            for i, rings in enumerate((left, right, islands)):
+                with open(area, "w") as f:
+                    f.write("POLYGON (%s)" % ",".join("(%s)" % ",".join("%s %s" % (float(x), float(y)) for x, y in r + r[:1]) for r in rings))
+                d.ctl(*(("mesh", las) if i == 1 else ("fetch", job)), "--polygon", area, "-o", part, "--cell", str(float(cell))).ok()
+                p = Raster(part)
+                at = round(Fraction(p.left) / cell) - first[0], first[1] - round(Fraction(p.top) / cell)
+                expect(0 <= at[0] and 0 <= at[1] and at[0] + p.w <= w.w and at[1] + p.h <= w.h, "larger than the whole")
+                for y in range(p.h):
+                    for x in range(p.w):
+                        if p.at(x, y) != NONE:
+                            key = at[0] + x, at[1] + y
+                            expect(key not in seen, "two polygons have a pixel")
+                            seen[key] = i, p.at(x, y)
+            inside = 0
+            for (x, y), (i, _) in list(seen.items())[::7] if cell == 1 else []:
+                rings = (left, right, islands)[i]
+                expect(holds(rings, line(first[0] + x + Fraction(1, 2)), line(first[1] - y - Fraction(1, 2))), "a centre is outside")
+                inside += 1
+            want = {(x, y): w.at(x, y) for y in range(w.h) for x in range(w.w) if w.at(x, y) != NONE}
+            expect({k: v for k, (_, v) in seen.items()} == want, "%d pixels of polygons, %d of the whole" % (len(seen), len(want)))
+            expect({i for i, _ in seen.values()} == {0, 1, 2} and (inside or cell != 1), "a polygon has no pixel")
+
+
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las, tif = survey(base), os.path.join(base, "r.tif")
-        area = os.path.join(base, "a.geojson")
-        with open(area, "w") as f:
-            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
         d.ctl("push", "s", las).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
@@ -239,8 +287,6 @@ def refused():
                             (("--tile has no meaning for tif", "--bbox"), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "1", "--tile", "50")),
                             (("--changed-since has no meaning for tif",), ("fetch", other, "-o", tif, "--cell", "1", "--changed-since", "1")),
                             (("into tif cannot be resumed",), ("fetch", job, "-o", tif, "--cell", "1", "--resume")),
-                            (("--polygon", "--bbox"), ("mesh", las, "-o", tif, "--cell", "1", "--polygon", area)),
-                            (("--polygon", "--bbox"), ("fetch", job, "-o", tif, "--cell", "1", "--polygon", area)),
                             (("too many digits",), ("mesh", las, "-o", tif, "--cell", "0.12345678901"))):
             r = d.ctl(*args)
             expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
@@ -265,4 +311,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(pixels, same_bytes, systems, windows, refused)
+    e2e.main(pixels, same_bytes, systems, windows, polygons, refused)
