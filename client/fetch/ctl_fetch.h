@@ -8,7 +8,7 @@
 
 /* One output; NULL, 0: not given. */
 struct ctl_fetch_output {
-	const char *path, *format, *origin, *z_unit, *color, *cell, *raster;
+	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index;
 	uint64_t width;
 	bool canonical, polyface;
 };

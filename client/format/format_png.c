@@ -186,6 +186,7 @@ const struct format format_png = {
 	.name = "png",
 	.extensions = ".png",
 	.help = "a picture from above: hillshade, elevation or domains (--color, --width)",
+	.purpose = "a look at it",
 	.kind = FORMAT_PICTURE,
 	.takes = FORMAT_SIZED | FORMAT_COLORED,
 	.positions = true,

@@ -153,6 +153,7 @@ const struct format format_tif = {
 	.name = "tif",
 	.extensions = ".tif .tiff",
 	.help = "GeoTIFF of elevations, slopes or hillshade, laid out as a COG (--cell, --raster)",
+	.purpose = "DEM: QGIS (raster layer), GDAL",
 	.kind = FORMAT_RASTER,
 	.takes = FORMAT_Z_UNIT | FORMAT_CELL | FORMAT_RASTERED,
 	.positions = true,

@@ -96,6 +96,10 @@ static int target_check(const char *path, const struct format *format, const str
 		err_set(err, ERR_USAGE, "--changed-since has no meaning for %s: a raster needs all triangles", format->name);
 		return err_add_hint(err, "fetch it of the whole mesh, or of a window with --bbox");
 	}
+	if (format->kind == FORMAT_LINES && changes) {
+		err_set(err, ERR_USAGE, "--changed-since has no meaning for %s: lines need all triangles", format->name);
+		return err_add_hint(err, "fetch them of the whole mesh, or of a window with --bbox");
+	}
 	if (format->kind == FORMAT_NOTHING && path) {
 		err_set(err, ERR_USAGE, "%s writes nothing, and an output is given", format->name);
 		return err_add_hint(err, "leave out -o, or give another --format");

@@ -54,6 +54,16 @@ static void put_decimal(FILE *f, const char *name, struct decimal d)
 	fprintf(f, " %s=%lld:%d", name, (long long)d.mantissa, (int)d.exponent);
 }
 
+static void put_levels(FILE *f, const struct format_options *o)
+{
+	if (!o->interval.mantissa)
+		return;
+	put_decimal(f, "interval", o->interval);
+	put_decimal(f, "base", o->base);
+	fprintf(f, " %s %s index=%u", o->interval_unit ? o->interval_unit : "-", o->base_unit ? o->base_unit : "-",
+		o->has_index ? o->index : FORMAT_INDEX_EACH);
+}
+
 static char *options_text(const struct outputs *run, uint64_t job, struct err *err)
 {
 	char *text = NULL;
@@ -74,6 +84,7 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 				put_decimal(f, "origin", t->opt.origin[i]);
 			if (t->opt.z_unit)
 				fprintf(f, " z-unit=%s", t->opt.z_unit);
+			put_levels(f, &t->opt);
 			fprintf(f, " %s", outfile_base(t->out));
 		}
 	}

@@ -6,6 +6,7 @@
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
+#include "sort.h"
 
 struct outputs_change;
 struct outputs_tiles;
@@ -117,18 +118,6 @@ int outputs_mask_block(struct outputs_mask *, const struct acut_mesh_block *, co
 		       struct acut_mesh_block *ret, struct err *err);
 struct outputs_left *outputs_mask_left(struct outputs_mask *);
 struct outputs_mask *outputs_mask_free(struct outputs_mask *);
-
-/* ---- external sort of small records of 64-bit words: outputs_sort.c ---- */
-
-struct outputs_sort;
-/* Records of `words` words; the first `keys` of them are the order. At most `memory` bytes. */
-int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct outputs_sort **ret,
-		     struct err *err);
-int outputs_sort_add(struct outputs_sort *, const uint64_t *record, struct err *err);
-int outputs_sort_start(struct outputs_sort *, struct err *err);
-/* *ret: the next record, valid until the next call; NULL at the end. */
-int outputs_sort_next(struct outputs_sort *, const uint64_t **ret, struct err *err);
-struct outputs_sort *outputs_sort_free(struct outputs_sort *);
 
 /* ---- --canonical: outputs_canonical.c ---- */
 

@@ -276,7 +276,7 @@ def main():
         needs("assimp", "assimp-utils")
         e2e.main(assimp_reads_floats, far_coordinates_are_refused)
     if reader == "gltf":
-        # No package of Debian: it is tested where NODE_PATH has it.
+        # No package of Debian: ./check installs it where there is npm.
         if not shutil.which("node") or subprocess.run(["node", "-e", 'require("gltf-validator")'], stderr=subprocess.DEVNULL, check=False).returncode:
             e2e.skip("gltf-validator is not installed (npm, NODE_PATH)")
         e2e.main(validator_finds_nothing)
