@@ -96,6 +96,11 @@ int dem_check_size(const struct dem *d, const struct dem_rect *rect, struct err 
 	return err_add_hint(err, "--cell %.10g fits (units of the file), or a part with --bbox", side);
 }
 
+void dem_tiled(struct dem *d)
+{
+	d->tiled = true;
+}
+
 int dem_finish(struct dem *d, const int32_t box[6], struct err *err)
 {
 	struct dem_rect rect = dem_grid_rect(&d->grid, box);

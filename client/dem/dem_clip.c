@@ -68,10 +68,17 @@ int dem_clip_init(struct dem_grid *g, const char *text, int64_t ret_box[4], stru
 	return r ? r : area_end(g->polygon, err);
 }
 
+/* Of a pixel; of one that is further out than any height the next one. */
+static int64_t centre(const struct dem_grid *g, int axis, int64_t pixel)
+{
+	pixel = pixel < -1 ? -1 : pixel > g->count[axis] ? g->count[axis] : pixel;
+	return 2 * g->p * pixel;
+}
+
 /* A square of pixels from local x and y, y from the south and going down. */
 static void cut(const struct dem_grid *g, int64_t x, int64_t y, int64_t size, float *pixel)
 {
-	const int64_t box[4] = {2 * g->p * x, -2 * g->p * y, 2 * g->p * (x + size - 1), -2 * g->p * (y - size + 1)};
+	const int64_t box[4] = {centre(g, 0, x), -centre(g, 1, y), centre(g, 0, x + size - 1), -centre(g, 1, y - size + 1)};
 	enum area_side side = area_box(g->polygon, box);
 
 	if (side == AREA_MIXED && size == 1)

@@ -116,8 +116,9 @@ int dem_store_new(const struct outfile *beside, unsigned cache, struct dem_store
 /* A tile of DEM_TILE rows, valid until the next call. One that is not there is made, all NAN, or with `look` *ret is NULL. */
 int dem_store_tile(struct dem_store *, uint32_t column, uint32_t row, bool look, float **ret, struct err *err);
 /* The pixels from (x, y) on into a tile; those at `w` and `h` and further are NAN. *ret_any: some are not. */
-int dem_store_read(struct dem_store *, uint64_t x, uint64_t y, uint64_t w, uint64_t h, float *tile, bool *ret_any,
-		   struct err *err);
+int dem_store_read(struct dem_store *, int64_t x, int64_t y, uint64_t w, uint64_t h, float *tile, bool *ret_any, struct err *err);
+/* The numbers of all tiles that were asked for, row << 32 | column, to be freed. -ERR_NOMEM. */
+int dem_store_list(const struct dem_store *, uint64_t **ret, size_t *ret_n, struct err *err);
 struct dem_store *dem_store_free(struct dem_store *);
 
 /* ---- triangles to pixels: dem_raster.c ---- */
@@ -127,6 +128,7 @@ struct dem {
 	struct dem_options opt;
 	struct dem_grid grid;
 	struct dem_scale scale;
+	bool tiled;
 	double steep; /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
 	char *description;       /* lines; NULL: none */
@@ -151,7 +153,7 @@ struct dem_pyramid {
 	struct dem_level level[DEM_LEVELS];
 	unsigned n;
 };
-/* Takes the store. */
+/* Takes the store, but of a raster in tiles. */
 int dem_pyramid_make(struct dem_pyramid *, struct dem *, const struct dem_rect *, struct err *err);
 void dem_pyramid_done(struct dem_pyramid *);
 
