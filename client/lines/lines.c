@@ -16,7 +16,8 @@
 #include "io.h"
 
 static const struct lines_reader *const readers[] = {
-	&lines_shape_reader, &lines_csv_reader, /* last, and only if it is asked for: any text may be one */
+	&lines_shape_reader, &lines_geojson_reader,
+	&lines_csv_reader, /* last, and only if it is asked for: any text may be one */
 };
 #define READERS (sizeof readers / sizeof *readers)
 
