@@ -15,9 +15,12 @@
 
 #include "io.h"
 
+/* CSV is the last one, and only tried if it is asked for: any text may be one. */
 static const struct lines_reader *const readers[] = {
-	&lines_shape_reader, &lines_geojson_reader,
-	&lines_csv_reader, /* last, and only if it is asked for: any text may be one */
+	&lines_shape_reader,
+	&lines_geojson_reader,
+	&lines_gpkg_reader,
+	&lines_csv_reader,
 };
 #define READERS (sizeof readers / sizeof *readers)
 

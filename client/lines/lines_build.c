@@ -154,14 +154,20 @@ static void end_part(struct lines *l, struct lines_part *p)
 void lines_end(struct lines *l)
 {
 	struct lines_feature *f = &l->f;
+	size_t kept = 0;
 
 	for (size_t i = 0; i < f->nparts; i++) {
-		l->part[i].n = (i + 1 < f->nparts ? l->part[i + 1].first : f->nvertices) - l->part[i].first;
-		if (!l->part[i].n && f->state == LINES_REFUSED)
-			continue;
-		end_part(l, &l->part[i]);
+		size_t end = i + 1 < f->nparts ? l->part[i + 1].first : f->nvertices;
+		struct lines_part *p = &l->part[kept];
+
+		*p = l->part[i];
+		p->n = end - p->first;
+		kept += p->n > 0; /* an empty one is none */
 	}
-	if (f->state == LINES_USABLE && !f->nparts)
+	f->nparts = kept;
+	for (size_t i = 0; i < kept && f->state != LINES_REFUSED; i++)
+		end_part(l, &l->part[i]);
+	if (f->state == LINES_USABLE && !kept)
 		f->state = LINES_EMPTY;
 	f->part = l->part;
 	f->exact = l->reader->exact ? l->vertex : NULL;

@@ -54,8 +54,10 @@ const char *lines_case_path(const char *name)
 const char *lines_case_file(const char *name, const void *bytes, size_t n)
 {
 	const char *path = lines_case_path(name);
-	FILE *f = fopen(path, "wb");
+	FILE *f;
 
+	unlink(path); /* a file that is overwritten is written to the disk at once by some file systems */
+	f = fopen(path, "wb");
 	assert(f && fwrite(bytes, 1, n, f) == n && !fclose(f));
 	return path;
 }

@@ -9,72 +9,19 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "lines_case.h"
+#include "lines_made.h"
 
 static char text[LINES_CASE_TEXT];
 static struct lines_case_bytes shp, shx;
 
-static void head(struct lines_case_bytes *b, uint32_t type)
-{
-	b->n = 0;
-	lines_case_u32(b, 9994, 1);
-	for (int i = 0; i < 6; i++)
-		lines_case_u32(b, 0, 1);
-	lines_case_u32(b, 1000, 0);
-	lines_case_u32(b, type, 0);
-	for (int i = 0; i < 16; i++)
-		lines_case_u32(b, 0, 0);
-}
-
 static void begin(uint32_t type)
 {
-	head(&shp, type);
-	head(&shx, type);
+	lines_made_shape_begin(&shp, &shx, type);
 }
 
-/* A record: the type, and if it has vertices one part of each of the counts, which a zero ends. Vertex i of the file is i, 10 i,
- * i / 4; a ring ends at its first one. Returns where the record begins. */
-static size_t shape(uint32_t type, const uint32_t *count)
+static void shape(uint32_t type, const uint32_t *count)
 {
-	static uint32_t number;
-	size_t at = shp.n;
-	uint32_t parts = 0, points = 0, first = 0;
-	int has_z = type > 10 && type < 20;
-
-	lines_case_u32(&shx, (uint32_t)at / 2, 1);
-	lines_case_u32(&shp, ++number, 1);
-	lines_case_u32(&shp, 0, 1);
-	lines_case_u32(&shp, type, 0);
-	for (; count && count[parts]; parts++)
-		points += count[parts];
-	if (count) {
-		for (int i = 0; i < 4; i++)
-			lines_case_double(&shp, 0, 0);
-		lines_case_u32(&shp, parts, 0);
-		lines_case_u32(&shp, points, 0);
-		for (uint32_t i = 0; i < parts; first += count[i++])
-			lines_case_u32(&shp, first, 0);
-		for (int axis = 0; axis < (has_z ? 3 : 2); axis++) {
-			if (axis == 2) {
-				lines_case_double(&shp, 0, 0);
-				lines_case_double(&shp, 0, 0);
-			}
-			for (uint32_t p = 0, i = 0; p < parts; p++)
-				for (uint32_t k = 0; k < count[p]; k++, i++) {
-					double v = type % 10 == 5 && k + 1 == count[p] ? i - k : i;
-
-					if (axis == 2)
-						lines_case_double(&shp, v / 4, 0);
-					else if (axis == 0) {
-						lines_case_double(&shp, v, 0);
-						lines_case_double(&shp, 10 * v, 0);
-					}
-				}
-		}
-	}
-	lines_case_set32(&shp, at + 4, (uint32_t)(shp.n - at - 8) / 2, 1);
-	lines_case_u32(&shx, (uint32_t)(shp.n - at - 8) / 2, 1);
-	return at;
+	lines_made_shape(&shp, &shx, type, count);
 }
 
 static const char *read_all(const struct lines_options *opt)
@@ -218,32 +165,11 @@ static void test_index(void **state)
 	unlink(lines_case_path("a.shx"));
 }
 
-/* A table with the fields NAME (8) and KIND_OF_LI (6); the row i is deleted if deleted[i] is '*'. */
 static void table(const char *deleted, uint32_t rows)
 {
 	static struct lines_case_bytes dbf;
-	static const struct {
-		const char *name;
-		unsigned size;
-	} fields[] = {{"NAME", 8}, {"KIND_OF_LI", 6}};
 
-	dbf.n = 0;
-	lines_case_u32(&dbf, 3, 0);
-	lines_case_u32(&dbf, rows, 0);
-	lines_case_u32(&dbf, (32 + 64 + 1) | 15 << 16, 0);
-	for (int i = 0; i < 5; i++)
-		lines_case_u32(&dbf, 0, 0);
-	for (int i = 0; i < 2; i++) {
-		for (unsigned k = 0; k < 32; k++)
-			lines_case_u8(&dbf, k == 11                    ? 'C' :
-					    k == 16                    ? fields[i].size :
-					    k < strlen(fields[i].name) ? (unsigned char)fields[i].name[k] :
-									 0);
-	}
-	lines_case_u8(&dbf, '\r');
-	for (; *deleted; deleted++)
-		for (unsigned k = 0; k < 15; k++)
-			lines_case_u8(&dbf, (unsigned char)(k ? "name    lake  "[k - 1] : *deleted));
+	lines_made_table(&dbf, deleted, rows);
 	lines_case_file("a.dbf", dbf.at, dbf.n);
 }
 

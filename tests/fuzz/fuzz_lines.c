@@ -1,0 +1,240 @@
+/*
+ * Any bytes as a file of lines. Usable features keep what the door promises, all failures have a sentence and a file, and reading
+ * twice gives the same.
+ *
+ * FUZZ_LINES is the format. The bytes of a Shapefile are the sizes of the .shp and the .shx (two bytes each), these, and the
+ * .dbf.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "fuzz_input.h"
+#include "lines_made.h"
+#include "lines_survey.h"
+
+enum { SHAPE, GEOJSON, GPKG, DXF, LANDXML, CSV };
+
+static char folder[64];
+
+static int remove_folder(void)
+{
+	char path[128];
+
+	for (const char *const *p = (const char *const[]){"a.shp", "a.shx", "a.dbf", "a", NULL}; *p; p++) {
+		snprintf(path, sizeof path, "%s/%s", folder, *p);
+		unlink(path);
+	}
+	return rmdir(folder);
+}
+
+static void at_end(void)
+{
+	remove_folder();
+}
+
+/* The path of a file of these bytes. */
+static const char *file_of(const char *name, const uint8_t *bytes, size_t n)
+{
+	static char path[128];
+	FILE *f;
+
+	if (!*folder) {
+		snprintf(folder, sizeof folder, "%s/acut-fuzz-lines-XXXXXX", access("/dev/shm", W_OK) ? "/tmp" : "/dev/shm");
+		if (!mkdtemp(folder) || atexit(at_end))
+			abort();
+	}
+	snprintf(path, sizeof path, "%s/%s", folder, name);
+	f = fopen(path, "wb");
+	if (!f || fwrite(bytes, 1, n, f) != n || fclose(f))
+		abort();
+	return path;
+}
+
+static const char *input(const uint8_t *bytes, size_t size)
+{
+	size_t shp, shx;
+
+	if (FUZZ_LINES != SHAPE)
+		return file_of("a", bytes, size);
+	if (size < 4)
+		return NULL;
+	shp = bytes[0] | (size_t)bytes[1] << 8;
+	shx = bytes[2] | (size_t)bytes[3] << 8;
+	bytes += 4;
+	size -= 4;
+	shp = shp < size ? shp : size;
+	shx = shx < size - shp ? shx : size - shp;
+	file_of("a.shx", bytes + shp, shx);
+	file_of("a.dbf", bytes + shp + shx, size - shp - shx);
+	if (!shx)
+		unlink(file_of("a.shx", bytes, 0));
+	if (shp + shx == size)
+		unlink(file_of("a.dbf", bytes, 0));
+	return file_of("a.shp", bytes, shp);
+}
+
+static void check_feature(const struct lines_feature *f)
+{
+	size_t at = 0;
+
+	if (!f->layer || !f->geometry || f->nvertices > LINES_VERTICES_MOST || f->nparts > LINES_PARTS_MOST ||
+	    (f->state == LINES_REFUSED || f->state == LINES_NO_LINE) != (f->why != NULL))
+		abort();
+	for (size_t i = 0; f->state == LINES_USABLE && i < f->nparts; i++) {
+		if (f->part[i].first < at || f->part[i].n < (f->part[i].ring ? 3 : 2))
+			abort();
+		at = f->part[i].first + f->part[i].n;
+	}
+	if (at > f->nvertices || (f->state == LINES_USABLE && !f->nparts))
+		abort();
+	for (size_t i = 0; f->state == LINES_USABLE && i < f->nvertices; i++)
+		for (unsigned k = 0; k < 3; k++)
+			if (!(fabs(lines_coordinate(f, i, k)) <= 1e12))
+				abort();
+}
+
+/* All features by themselves; how many are usable. */
+static int read_all(const char *path, const struct lines_options *opt, uint64_t *ret, struct err *err)
+{
+	const struct lines_feature *f = NULL;
+	struct lines *l = NULL;
+	int rc = lines_open(path, opt, &l, err);
+
+	*ret = 0;
+	while (!rc && !(rc = lines_next(l, &f, err)) && f) {
+		struct err refused = ERR_INIT;
+
+		check_feature(f);
+		*ret += f->state == LINES_USABLE;
+		if (f->state == LINES_REFUSED && (!lines_refusal(l, f, &refused) || !*refused.message))
+			abort();
+	}
+	lines_close(l);
+	return rc;
+}
+
+static int survey(const char *path, const struct lines_options *opt, uint64_t *ret)
+{
+	struct lines_survey s = {.nlayers = 0};
+	struct err err = ERR_INIT;
+	struct lines *l = NULL;
+	int rc = lines_open(path, opt, &l, &err);
+
+	if (!rc)
+		rc = lines_survey(l, &s, &err);
+	*ret = s.all.usable;
+	fuzz_input_check(rc, &err);
+	lines_survey_done(&s);
+	lines_close(l);
+	return rc;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+	static const struct lines_options plain = {.csv = FUZZ_LINES == CSV},
+					  kinds = {.csv = FUZZ_LINES == CSV, .kind_field = "sort"},
+					  layer = {.csv = FUZZ_LINES == CSV, .layer = "a"};
+	const char *path = input(bytes, size);
+	uint64_t one, two;
+	struct err err = ERR_INIT;
+	int rc;
+
+	if (!path)
+		return 0;
+	rc = read_all(path, &plain, &one, &err);
+	fuzz_input_check(rc, &err);
+	if (rc && !*err.file)
+		abort();
+	if (survey(path, &plain, &two) != rc || one != two)
+		abort();
+	survey(path, &kinds, &two);
+	survey(path, &layer, &two);
+	return 0;
+}
+
+/* ---- seeds ---- */
+
+static const char *const geojson[] = {
+	"{\"type\":\"FeatureCollection\",\"name\":\"a\",\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::25832\"}},"
+	"\"features\":[{\"type\":\"Feature\",\"properties\":{\"sort\":\"lake\",\"b\":[1,null,{\"c\":true}]},\"geometry\":{\"type\":\"LineString\","
+	"\"coordinates\":[[1,2,3],[4.5,5e1,-6]]}},{\"geometry\":{\"coordinates\":[[[[0,0,1],[9,0,1],[9,9,1],[0,0,1]]]],\"type\":\"MultiPolygon\"},"
+	"\"type\":\"Feature\"}]}",
+	"{\"type\":\"GeometryCollection\",\"geometries\":[{\"type\":\"Point\",\"coordinates\":[1,2]},{\"type\":\"MultiLineString\","
+	"\"coordinates\":[[[1,2,3],[4,5,6]],[[NaN,2],[1,1,null]]]}]}",
+	"{\"type\":\"Polygon\",\"coordinates\":[[[0,0,1],[9,0,1],[9,9,1],[0,0,2]]],\"x\":\"\\u00e9\\ud83d\\ude00\\n\"}",
+};
+
+static const char *const csv[] = {
+	"x,y,z,name,sort\n1,2,3,a,lake\n4,5,6,a,lake\n7,8,9,\"b, \"\"c\"\"\",hard\n1,1,1,\"b, \"\"c\"\"\",soft\n",
+	"Line ID;Height [m];Easting;Northing\r\n# no\r\na;0.1;1e3;2\r\na;;3;4\r\n",
+};
+
+static size_t copy(const void *from, size_t n, uint8_t *bytes, size_t room)
+{
+	if (n > room)
+		return 0;
+	memcpy(bytes, from, n);
+	return n;
+}
+
+static size_t shape_seed(unsigned i, uint8_t *bytes, size_t room)
+{
+	static struct lines_case_bytes shp, shx, dbf, all;
+
+	if (i > 3)
+		return 0;
+	lines_made_shape_begin(&shp, &shx, i & 1 ? 15 : 13);
+	lines_made_shape(&shp, &shx, 13, (uint32_t[]){2, 3, 0});
+	lines_made_shape(&shp, &shx, i & 1 ? 15 : 3, (uint32_t[]){4, 5, 0});
+	lines_made_shape(&shp, &shx, 11, NULL);
+	lines_made_table(&dbf, " * ", 3);
+	all.n = 0;
+	lines_case_u32(&all, (uint32_t)(shp.n | (i & 2 ? shx.n << 16 : 0)), 0);
+	memcpy(all.at + all.n, shp.at, shp.n);
+	all.n += shp.n;
+	memcpy(all.at + all.n, shx.at, i & 2 ? shx.n : 0);
+	all.n += i & 2 ? shx.n : 0;
+	memcpy(all.at + all.n, dbf.at, i & 1 ? dbf.n : 0);
+	all.n += i & 1 ? dbf.n : 0;
+	return copy(all.at, all.n, bytes, room);
+}
+
+static size_t gpkg_seed(unsigned i, uint8_t *bytes, size_t room)
+{
+	static const uint32_t codes[] = {1002, 0x80000003, 3002, 1008, 1001, 2};
+	struct lines_case_bytes b = {.n = 0};
+	struct lines_made_row rows[2] = {{"hard", b.at, 0}, {NULL, NULL, 0}};
+	const char *path;
+	size_t n;
+	FILE *f;
+
+	if (i >= sizeof codes / sizeof *codes)
+		return 0;
+	lines_made_gpkg_head(&b, 1 | (i % 5) << 1);
+	lines_made_wkb(&b, i & 1, codes[i], 4);
+	rows[0].n = b.n;
+	path = file_of("a", bytes, 0);
+	lines_made_gpkg(path, rows, 2, NULL);
+	f = fopen(path, "rb");
+	n = f ? fread(bytes, 1, room, f) : 0;
+	if (f)
+		fclose(f);
+	return n;
+}
+
+size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
+{
+	switch (FUZZ_LINES) {
+	case SHAPE:
+		return shape_seed(i, bytes, room);
+	case GPKG:
+		return gpkg_seed(i, bytes, room);
+	case CSV:
+		return fuzz_input_text(csv, sizeof csv / sizeof *csv, i, bytes, room);
+	default:
+		return fuzz_input_text(geojson, sizeof geojson / sizeof *geojson, i, bytes, room);
+	}
+}
