@@ -27,7 +27,7 @@ void lines_geometry(struct lines *l, const char *name)
 
 void lines_refuse(struct lines *l, const char *why)
 {
-	if (l->f.state == LINES_REFUSED)
+	if (l->f.state != LINES_USABLE)
 		return;
 	l->f.state = LINES_REFUSED;
 	l->f.why = why;
@@ -124,6 +124,22 @@ int lines_vertex_number(struct lines *l, const double d[3], struct err *err)
 	for (unsigned k = 0; k < 3; k++)
 		judge(l, d[k]);
 	return 0;
+}
+
+void lines_all_z(struct lines *l, struct decimal z)
+{
+	struct decimal(*d)[3] = l->vertex;
+
+	for (size_t i = 0; i < l->f.nvertices; i++)
+		d[i][2] = z;
+	if (l->f.nvertices)
+		judge(l, decimal_double(z));
+}
+
+void lines_make_ring(struct lines *l)
+{
+	if (l->f.nparts)
+		l->part[0].ring = true;
 }
 
 /* Equal in the axes from..to. */

@@ -69,6 +69,9 @@ void lines_kind(struct lines *, const char *text, size_t n);
 int lines_part(struct lines *, bool ring, struct err *);
 int lines_vertex_exact(struct lines *, const struct decimal[3], struct err *);
 int lines_vertex_number(struct lines *, const double[3], struct err *);
+/* Gives all vertices of the feature this z; makes its one line a ring. */
+void lines_all_z(struct lines *, struct decimal z);
+void lines_make_ring(struct lines *);
 /* Closes rings, and decides on the state. */
 void lines_end(struct lines *);
 

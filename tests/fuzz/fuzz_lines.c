@@ -172,6 +172,15 @@ static const char *const csv[] = {
 	"Line ID;Height [m];Easting;Northing\r\n# no\r\na;0.1;1e3;2\r\na;;3;4\r\n",
 };
 
+static const char *const dxf[] = {
+	"999\nx\n0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1027\n9\n$INSUNITS\n70\n6\n0\nENDSEC\n0\nSECTION\n2\nENTITIES\n0\nLINE\n8\na\n10\n1\n"
+	"20\n2\n30\n3\n11\n4.5\n21\n5e1\n31\n-6\n0\nPOLYLINE\n8\nb\n66\n1\n70\n9\n0\nVERTEX\n8\na\n10\n0\n20\n0\n30\n1\n0\nVERTEX\n10\n9\n20\n0\n"
+	"30\n1\n0\nVERTEX\n10\n9\n20\n9\n30\n1\n42\n0\n0\nSEQEND\n0\nENDSEC\n0\nEOF\n",
+	"0\r\nSECTION\r\n2\r\nENTITIES\r\n0\r\nLWPOLYLINE\r\n8\r\na\r\n90\r\n3\r\n70\r\n1\r\n38\r\n7.5\r\n10\r\n0\r\n20\r\n0\r\n10\r\n9\r\n20\r\n0\r\n10\r\n9"
+	"\r\n20\r\n9\r\n0\r\n3DFACE\r\n8\r\na\r\n10\r\n0\r\n20\r\n0\r\n30\r\n1\r\n11\r\n9\r\n21\r\n0\r\n31\r\n1\r\n12\r\n9\r\n22\r\n9\r\n32\r\n1\r\n13\r\n0\r\n"
+	"23\r\n9\r\n33\r\n1\r\n70\r\n2\r\n0\r\nARC\r\n8\r\nb\r\n0\r\nTEXT\r\n67\r\n1\r\n0\r\nENDSEC\r\n0\r\nEOF\r\n",
+};
+
 static size_t copy(const void *from, size_t n, uint8_t *bytes, size_t room)
 {
 	if (n > room)
@@ -232,6 +241,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 		return shape_seed(i, bytes, room);
 	case GPKG:
 		return gpkg_seed(i, bytes, room);
+	case DXF:
+		return fuzz_input_text(dxf, sizeof dxf / sizeof *dxf, i, bytes, room);
 	case CSV:
 		return fuzz_input_text(csv, sizeof csv / sizeof *csv, i, bytes, room);
 	default:
