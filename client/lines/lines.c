@@ -17,7 +17,8 @@
 
 /* CSV is the last one, and only tried if it is asked for: any text may be one. */
 static const struct lines_reader *const readers[] = {
-	&lines_shape_reader, &lines_geojson_reader, &lines_gpkg_reader, &lines_dxf_reader, &lines_csv_reader,
+	&lines_shape_reader, &lines_geojson_reader, &lines_gpkg_reader,
+	&lines_dxf_reader,   &lines_landxml_reader, &lines_csv_reader,
 };
 #define READERS (sizeof readers / sizeof *readers)
 

@@ -181,6 +181,15 @@ static const char *const dxf[] = {
 	"23\r\n9\r\n33\r\n1\r\n70\r\n2\r\n0\r\nARC\r\n8\r\nb\r\n0\r\nTEXT\r\n67\r\n1\r\n0\r\nENDSEC\r\n0\r\nEOF\r\n",
 };
 
+static const char *const landxml[] = {
+	"<?xml version=\"1.0\"?><LandXML version=\"1.2\" xmlns=\"http://www.landxml.org/schema/LandXML-1.2\"><Units><Metric linearUnit=\"meter\"/>"
+	"</Units><CoordinateSystem name=\"UTM\" epsgCode=\"25832\"/><Surfaces><Surface name=\"a\"><SourceData><Breaklines><Breakline "
+	"sort=\"wall\"><PntList3D>1 2 3 4.5 5e1 -6</PntList3D></Breakline></Breaklines><Boundaries><Boundary><PntList3D>0 0 1 9 0 1 9 9 1 0 0 1"
+	"</PntList3D></Boundary></Boundaries></SourceData><Definition><Pnts><P id=\"1\">1 2 3</P></Pnts></Definition></Surface></Surfaces></LandXML>",
+	"<l:LandXML><l:Surface><l:Breakline><l:PntList2D>1 2 3 4</l:PntList2D></l:Breakline><!-- x --><l:Contour elev=\"1\"/></l:Surface>"
+	"<l:CgPoints/></l:LandXML>",
+};
+
 static size_t copy(const void *from, size_t n, uint8_t *bytes, size_t room)
 {
 	if (n > room)
@@ -243,6 +252,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 		return gpkg_seed(i, bytes, room);
 	case DXF:
 		return fuzz_input_text(dxf, sizeof dxf / sizeof *dxf, i, bytes, room);
+	case LANDXML:
+		return fuzz_input_text(landxml, sizeof landxml / sizeof *landxml, i, bytes, room);
 	case CSV:
 		return fuzz_input_text(csv, sizeof csv / sizeof *csv, i, bytes, room);
 	default:
