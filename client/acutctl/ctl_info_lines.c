@@ -92,6 +92,9 @@ static void print(FILE *out, const char *name, const struct lines_info *info, co
 	reasons_text(out, "  refused", &s->refused, info->place);
 	if (s->left_out.n)
 		list_text(out, "  left out", &s->left_out, 0);
+	if (s->left_out.n && !s->all.usable)
+		term_field(out, "  hint",
+			   "if it has points, these are read after: ogr2ogr -f CSV -lco GEOMETRY=AS_XYZ points.csv FILE");
 	if (s->empty)
 		term_field(out, "  empty", "%s without geometry", term_count(s->empty, a));
 }
@@ -176,9 +179,9 @@ static void print_json(const struct console *console, const char *name, const st
 
 bool ctl_info_is_lines(const struct program *ctl, const struct ctl_input *in)
 {
-	if (in->fd >= 0 || in->archive || in->entry || ctl->input.format)
-		return false;
-	return ctl->opt.lines || lines_recognise(in->name);
+	if (ctl->opt.lines || ctl->opt.layer || ctl->opt.kind_field)
+		return true;
+	return in->fd < 0 && !in->archive && !ctl->input.format && lines_recognise(in->name);
 }
 
 int ctl_info_lines(struct program *ctl, const struct ctl_input *in)
@@ -188,8 +191,14 @@ int ctl_info_lines(struct program *ctl, const struct ctl_input *in)
 	struct lines_survey survey = {.nlayers = 0};
 	struct err err = ERR_INIT;
 	struct lines *lines = NULL;
-	int r = lines_open(in->name, &opt, &lines, &err);
+	int r;
 
+	if (in->fd >= 0 || in->archive) {
+		err_set(&err, ERR_USAGE, "files of lines are read as they are, not from pipes or archives");
+		err_add_file(&err, in->name);
+		return session_error(session, &err);
+	}
+	r = lines_open(in->name, &opt, &lines, &err);
 	if (!r)
 		r = lines_survey(lines, &survey, &err);
 	if (!r && session->console.json)

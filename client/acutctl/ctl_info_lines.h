@@ -4,7 +4,7 @@
 
 #include "ctl.h"
 
-/* A named file that is one of lines by its content, or by --lines. */
+/* A file that is one of lines by its content, or that is to be one: --lines, --layer, --kind-field. */
 bool ctl_info_is_lines(const struct program *, const struct ctl_input *);
 /* Prints what is in it; exit status. */
 int ctl_info_lines(struct program *, const struct ctl_input *);

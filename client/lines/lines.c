@@ -34,11 +34,14 @@ static const struct lines_reader *reader_of(const uint8_t *head, size_t n, bool 
 static int open_file(const char *path, int *ret_fd, uint64_t *ret_size, struct err *err)
 {
 	struct stat st;
-	int fd = -1, rc = io_open(AT_FDCWD, path, O_RDONLY | O_NONBLOCK | O_NOCTTY, 0, &fd, err);
+	int fd = -1, rc = 0;
 
-	if (rc)
+	/* Who opens and closes a pipe disturbs its writer. */
+	if (!io->fstatat(AT_FDCWD, path, &st, 0) && !S_ISREG(st.st_mode))
+		rc = -1;
+	else if (io_open(AT_FDCWD, path, O_RDONLY | O_NONBLOCK | O_NOCTTY, 0, &fd, err))
 		return err_add_file(err, path);
-	if (io->fstat(fd, &st) || !S_ISREG(st.st_mode)) {
+	if (rc || io->fstat(fd, &st) || !S_ISREG(st.st_mode)) {
 		io_close(fd);
 		err_set(err, ERR_INPUT, "it is not a regular file");
 		err_add_hint(err, "lines are read from files only, not from pipes or folders");
@@ -80,7 +83,9 @@ static int take_option(const char *text, const char *what, char ret[LINES_NAME_S
 static int unknown(const struct lines *l, struct err *err)
 {
 	err_set(err, ERR_INPUT, "it is no file of lines that acut reads");
-	err_add_hint(err, "these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML and CSV; ogr2ogr converts others");
+	err_add_hint(
+		err,
+		"these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML, and CSV where it is asked for; ogr2ogr converts others");
 	return err_add_file(err, l->path);
 }
 

@@ -5,6 +5,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <cmocka.h>
 
 #include "lines_case.h"
@@ -83,7 +84,7 @@ static void test_rows(void **state)
 		 "error: line 2: something follows a quoted field (the file is damaged, or no CSV; write it again)\n"},
 		{"x,y,z,name\n", "sort", "error: it has no column \"sort\" (the first line has the names of the columns)\n"},
 		{"", NULL,
-		 "error: it is no file of lines that acut reads (these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML and CSV; ogr2ogr converts others)\n"},
+		 "error: it is no file of lines that acut reads (these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML, and CSV where it is asked for; ogr2ogr converts others)\n"},
 	};
 	static char text[LINES_CASE_TEXT];
 
@@ -125,6 +126,9 @@ static void test_recognise(void **state)
 	assert_null(lines_recognise(lines_case_file("q.csv", "x,y,z,name\n", 11)));
 	assert_null(lines_recognise("/"));
 	assert_null(lines_recognise("/dev/null"));
+	/* A pipe is not opened: its writer would find it closed. */
+	assert_int_equal(mkfifo(lines_case_path("pipe"), 0600), 0);
+	assert_null(lines_recognise(lines_case_path("pipe")));
 	assert_null(lines_recognise("/nowhere/at/all"));
 	assert_string_equal(lines_case_read("/dev/null", NULL, text),
 			    "error: it is not a regular file (lines are read from files only, not from pipes or folders)\n");

@@ -151,8 +151,8 @@ static void test_wrong(void **state)
 			fail_msg("%s: %s", rows[i].entities, text);
 	assert_string_equal(
 		lines_case_read_text("d.dxf", "AutoCAD Binary DXF\r\n\x1a\0", NULL, text),
-		"error: it is no file of lines that acut reads (these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML and CSV; "
-		"ogr2ogr converts others)\n");
+		"error: it is no file of lines that acut reads (these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML, and CSV "
+		"where it is asked for; ogr2ogr converts others)\n");
 	lines_case_file("b.dxf", "AutoCAD Binary DXF\r\n\x1a\0\0\0SECTION\0", 34);
 	assert_string_equal(lines_case_read(lines_case_path("b.dxf"), NULL, text),
 			    "error: it is binary DXF, which is not read (save it as text (ASCII) DXF)\n");
