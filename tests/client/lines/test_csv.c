@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <cmocka.h>
 
+#include "io.h"
 #include "lines_case.h"
 #include "lines_priv.h"
 
@@ -118,6 +119,15 @@ static void test_places(void **state)
 	lines_close(l);
 }
 
+static struct io_table no_open;
+
+static int fail_open(int dirfd, const char *path, int flags, mode_t mode)
+{
+	(void)dirfd, (void)path, (void)flags, (void)mode;
+	fail_msg("%s is opened", path);
+	return -1;
+}
+
 /* A text is a file of lines only where that is asked for; a folder, a pipe and nothing never are. */
 static void test_recognise(void **state)
 {
@@ -128,7 +138,11 @@ static void test_recognise(void **state)
 	assert_null(lines_recognise("/dev/null"));
 	/* A pipe is not opened: its writer would find it closed. */
 	assert_int_equal(mkfifo(lines_case_path("pipe"), 0600), 0);
+	no_open = io_system;
+	no_open.openat = fail_open;
+	io = &no_open;
 	assert_null(lines_recognise(lines_case_path("pipe")));
+	io = &io_system;
 	assert_null(lines_recognise("/nowhere/at/all"));
 	assert_string_equal(lines_case_read("/dev/null", NULL, text),
 			    "error: it is not a regular file (lines are read from files only, not from pipes or folders)\n");

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include <cmocka.h>
+#include <sqlite3.h>
 
 #include "lines_made.h"
 
@@ -237,6 +238,81 @@ static void test_damaged(void **state)
 	assert_true(errors > 100);
 }
 
+static uint8_t pages[1 << 20];
+
+static size_t be16(size_t at)
+{
+	return pages[at] << 8 | pages[at + 1];
+}
+
+static size_t child(size_t page, size_t cell)
+{
+	size_t at = page * 512 + (cell < be16(page * 512 + 3) ? be16(page * 512 + 12 + 2 * cell) : 8);
+
+	return (be16(at) << 16 | be16(at + 2)) - 1;
+}
+
+/* All children of a page inside a tree become this one. */
+static void set_children(size_t page, size_t to)
+{
+	for (size_t i = 0; i <= be16(page * 512 + 3); i++) {
+		size_t at = page * 512 + (i < be16(page * 512 + 3) ? be16(page * 512 + 12 + 2 * i) : 8);
+
+		pages[at] = pages[at + 1] = 0;
+		pages[at + 2] = (uint8_t)((to + 1) >> 8);
+		pages[at + 3] = (uint8_t)(to + 1);
+	}
+}
+
+/* The tree of a table is made a ladder: each rung of it leads to the next one fifty times. */
+static void make_ladder(const char *sql, const char *table)
+{
+	size_t root, rung[16], n = 0, bottom, size;
+	sqlite3_stmt *s;
+	sqlite3 *db;
+	FILE *f;
+
+	make(sql);
+	assert_int_equal(sqlite3_open(lines_case_path("q.gpkg"), &db), SQLITE_OK);
+	assert_int_equal(sqlite3_prepare_v2(db, "SELECT rootpage FROM sqlite_schema WHERE name = ?", -1, &s, NULL), SQLITE_OK);
+	sqlite3_bind_text(s, 1, table, -1, SQLITE_STATIC);
+	assert_int_equal(sqlite3_step(s), SQLITE_ROW);
+	root = (size_t)sqlite3_column_int(s, 0) - 1;
+	sqlite3_finalize(s);
+	sqlite3_close(db);
+	f = fopen(lines_case_path("q.gpkg"), "rb");
+	assert_non_null(f);
+	size = fread(pages, 1, sizeof pages, f);
+	fclose(f);
+	assert_true(size < sizeof pages && pages[root * 512] == 5 && pages[child(root, 0) * 512] == 5);
+	for (size_t i = 0; i <= be16(root * 512 + 3) && n < 16; i++)
+		rung[n++] = child(root, i);
+	bottom = child(rung[0], 0);
+	assert_true(n > 5);
+	assert_int_equal(pages[bottom * 512], 13);
+	set_children(root, rung[0]);
+	for (size_t i = 0; i + 1 < n; i++)
+		set_children(rung[i], rung[i + 1]);
+	set_children(rung[n - 1], bottom);
+	lines_case_file("q.gpkg", pages, size);
+}
+
+/* A tree of pages that leads to the same ones again and again has more rows than anybody can read. */
+static void test_endless(void **state)
+{
+	make_ladder(
+		"WITH RECURSIVE n(i) AS (SELECT 10 UNION ALL SELECT i + 1 FROM n LIMIT 5000) INSERT INTO breaks SELECT i, NULL, "
+		"'0123456789012345678901234567890123456789' FROM n",
+		"breaks");
+	assert_non_null(strstr(read_all(NULL), "error: it is damaged: row "));
+	make_ladder(
+		"DROP TABLE gpkg_spatial_ref_sys; CREATE TABLE gpkg_spatial_ref_sys(srs_name, srs_id, organization, organization_coordsys_id, "
+		"definition); WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 5000) INSERT INTO gpkg_spatial_ref_sys "
+		"SELECT '0123456789012345678901234567890123456789', -7, 0, 0, 0 FROM n",
+		"gpkg_spatial_ref_sys");
+	assert_non_null(strstr(read_all(NULL), "error: it is damaged: its rows have no end"));
+}
+
 /* Nothing appears beside the file. */
 static void test_untouched(void **state)
 {
@@ -257,7 +333,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_geometries), cmocka_unit_test(test_collections), cmocka_unit_test(test_damaged_geometry),
 		cmocka_unit_test(test_layers),     cmocka_unit_test(test_systems),     cmocka_unit_test(test_hostile),
-		cmocka_unit_test(test_damaged),    cmocka_unit_test(test_untouched),
+		cmocka_unit_test(test_damaged),    cmocka_unit_test(test_untouched),   cmocka_unit_test(test_endless),
 	};
 
 	lines_made_gpkg_head(&line, 1);

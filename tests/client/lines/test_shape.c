@@ -10,6 +10,7 @@
 #include <math.h>
 
 #include "lines_made.h"
+#include "lines_priv.h"
 
 static char text[LINES_CASE_TEXT];
 static struct lines_case_bytes shp, shx;
@@ -218,6 +219,41 @@ static void test_projection(void **state)
 	unlink(lines_case_path("a.prj"));
 }
 
+static void test_wkt(void **state)
+{
+	static const struct {
+		const char *wkt, *name, *unit, *unit_z;
+		unsigned epsg, epsg_z;
+		bool degrees;
+	} rows[] = {
+		{"", "", "", "", 0, 0, false},
+		{"GEOGCS[\"WGS 84\",DATUM[\"x\",SPHEROID[\"y\",1,2,AUTHORITY[\"EPSG\",\"7030\"]]],UNIT[\"degree\",0.01],AUTHORITY[\"EPSG\",\"4326\"]]",
+		 "WGS 84", "", "", 4326, 0, true},
+		{"PROJCS[\"NAD83_[2]\",GEOGCS[\"g\",UNIT[\"Degree\",0.01],AUTHORITY[\"EPSG\",\"4269\"]],UNIT[\"Foot_US\",0.3048006]]",
+		 "NAD83_[2]", "us-survey-foot", "", 0, 0, false},
+		{"COMPD_CS[\"both\",PROJCS[\"p\",GEOGCS[\"g\",UNIT[\"degree\",1]],UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"25832\"]],VERT_CS[\"v\","
+		 "UNIT[\"foot\",0.3048],AUTHORITY[\"EPSG\",\"5783\"]],AUTHORITY[\"EPSG\",\"7837\"]]",
+		 "both", "metre", "foot", 25832, 5783, false},
+		{"PROJCRS[\"P\", BASEGEOGCRS[\"g\", ID[\"EPSG\",4258]], CONVERSION[\"c\"], CS[Cartesian,2], LENGTHUNIT[\"metre\",1], ID[\"EPSG\",3035]]",
+		 "P", "metre", "", 3035, 0, false},
+		{"PROJCS(\"round\",UNIT(\"links\",1))", "round", "links", "", 0, 0, false},
+		{"PROJCS[\"cut", "cut", "", "", 0, 0, false},
+		{"]]]]", "", "", "", 0, 0, false},
+	};
+
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+		struct lines_crs crs = {.epsg = 0};
+
+		lines_crs_of_wkt(rows[i].wkt, &crs);
+		assert_string_equal(crs.name, rows[i].name);
+		assert_string_equal(crs.unit, rows[i].unit);
+		assert_string_equal(crs.unit_z, rows[i].unit_z);
+		assert_int_equal(crs.epsg, rows[i].epsg);
+		assert_int_equal(crs.epsg_z, rows[i].epsg_z);
+		assert_int_equal(crs.degrees, rows[i].degrees);
+	}
+}
+
 /* One vertex more than is kept, in a part more than is kept. */
 static void test_limits(void **state)
 {
@@ -248,7 +284,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_types),  cmocka_unit_test(test_numbers), cmocka_unit_test(test_damaged),
 		cmocka_unit_test(test_index),  cmocka_unit_test(test_table),   cmocka_unit_test(test_projection),
-		cmocka_unit_test(test_limits),
+		cmocka_unit_test(test_limits), cmocka_unit_test(test_wkt),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, remove_all);
