@@ -2,7 +2,7 @@
 #include "ctl.h"
 
 static const struct term_column columns[] = {
-	{"FORMAT"}, {"DIRECTION"}, {"EXTENSIONS"}, {"DESCRIPTION", .tail = true}, {"FOR"},
+	{"FORMAT"}, {"DIRECTION"}, {"EXTENSIONS"}, {"DESCRIPTION", .tail = true}, {"FOR", .tail = true, .spare = true},
 };
 
 static void row(const struct console_list *l, const char *direction, const char *name, const char *extensions, const char *help,

@@ -20,6 +20,7 @@ enum format_kind {
 	FORMAT_MESH,    /* vertices and triangles */
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
 	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of tiles or changes */
+	FORMAT_LINES,   /* likewise, lines */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -33,6 +34,9 @@ enum {
 	FORMAT_POLYFACE = 32,
 	FORMAT_CELL = 64,      /* --cell, which such a format needs */
 	FORMAT_RASTERED = 128, /* --raster */
+	FORMAT_INTERVAL = 256, /* --interval, which such a format needs */
+	FORMAT_BASE = 512,
+	FORMAT_INDEX = 1024,
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
@@ -49,7 +53,13 @@ struct format_options {
 	struct decimal cell;   /* rasters: side of a pixel; zero: not given */
 	const char *cell_unit; /* name of its unit; NULL: that of the file */
 	enum format_rasters raster;
-	int (*interrupted)(void *ctx); /* not 0: give up; of rasters, while the file is made; may be NULL */
+	/* Contours: of the levels base + i * interval every `index`th is marked (0: none). Without a unit lengths are in that of
+	 * the heights as they are written. */
+	struct decimal interval, base; /* zero: not given */
+	const char *interval_unit, *base_unit;
+	bool has_base, has_index;
+	uint32_t index;
+	int (*interrupted)(void *ctx); /* not 0: give up; of rasters and lines, while the file is made; may be NULL */
 	void *ctx;
 	unsigned rasters; /* outputs that share the memory of rasters; 0: one */
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
@@ -57,6 +67,7 @@ struct format_options {
 	bool polyface; /* DXF: polyface meshes in place of single faces */
 };
 
+#define FORMAT_INDEX_EACH 5
 #define FORMAT_WIDTH 1600
 #define FORMAT_WIDTH_MAX 32768
 

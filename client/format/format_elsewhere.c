@@ -17,6 +17,8 @@ static const struct elsewhere {
 	{".nc", "write -o @.tif --cell 1m, then run: gdal_translate -of netCDF @.tif @%"},
 	{".vrt", "write -o @.tif --cell 1m, then run: gdalbuildvrt @% @.tif"},
 	{".jpg .jpeg", "write -o @.png, then run: gdal_translate -of JPEG @.png @%"},
+	{".kml", "write -o @.gpkg --interval 1m, contours, then run: ogr2ogr -f KML @% @.gpkg"},
+	{".shp .fgb .gml .tab .mif", "write -o @.gpkg --interval 1m, contours, then run: ogr2ogr @% @.gpkg"},
 	{".gltf", "write -o @.glb --origin auto, then run: assimp export @.glb @%"},
 	{".dae .fbx .x3d", "write -o @.glb --origin auto, then run: assimp export @.glb @%"},
 	{".dwg", "write -o @.dxf: CAD programs save it as DWG"},

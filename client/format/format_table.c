@@ -8,10 +8,11 @@
 #include "format.h"
 
 extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_png, format_tif,
-	format_null;
+	format_gpkg, format_geojson, format_dxf_contours, format_null;
 
-static const struct format *const row[] = {&format_ply, &format_obj, &format_landxml, &format_dxf, &format_glb,
-					   &format_stl, &format_png, &format_tif,     &format_null};
+static const struct format *const row[] = {&format_ply,  &format_obj,     &format_landxml,      &format_dxf,
+					   &format_glb,  &format_stl,     &format_png,          &format_tif,
+					   &format_gpkg, &format_geojson, &format_dxf_contours, &format_null};
 
 const struct format *const *format_rows(size_t *ret_n)
 {
@@ -90,12 +91,14 @@ unsigned format_options_given(const struct format_options *opt)
 	return (opt->canonical ? FORMAT_CANONICAL : 0) | (opt->has_origin || opt->origin_auto ? FORMAT_ORIGIN : 0) |
 	       (opt->z_unit ? FORMAT_Z_UNIT : 0) | (opt->width ? FORMAT_SIZED : 0) | (opt->color ? FORMAT_COLORED : 0) |
 	       (opt->polyface ? FORMAT_POLYFACE : 0) | (opt->cell.mantissa ? FORMAT_CELL : 0) |
-	       (opt->raster ? FORMAT_RASTERED : 0);
+	       (opt->raster ? FORMAT_RASTERED : 0) | (opt->interval.mantissa ? FORMAT_INTERVAL : 0) |
+	       (opt->has_base ? FORMAT_BASE : 0) | (opt->has_index ? FORMAT_INDEX : 0);
 }
 
 const char *format_option_name(unsigned options)
 {
-	static const char *const name[] = {"canonical", "origin", "z-unit", "width", "color", "polyface", "cell", "raster"};
+	static const char *const name[] = {"canonical", "origin", "z-unit",   "width", "color", "polyface",
+					   "cell",      "raster", "interval", "base",  "index"};
 
 	return options ? name[__builtin_ctz(options)] : NULL;
 }

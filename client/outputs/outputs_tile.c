@@ -35,6 +35,10 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 			format->name);
 		return err_add_hint(err, "write one raster, or one a window with --bbox: those side by side share no pixel");
 	}
+	if (format->kind == FORMAT_LINES) {
+		err_set(err, ERR_USAGE, "--tile has no meaning for %s: lines would end at the triangles of a tile", format->name);
+		return err_add_hint(err, "write one file, or one a window with --bbox: lines are cut there");
+	}
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
 	if (size.mantissa <= 0)
@@ -65,7 +69,7 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
 	if (!r)
-		r = outputs_sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+		r = sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
 	if (r) {
 		outputs_tiles_free(t);
 		return r;
@@ -78,7 +82,7 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 {
 	if (!t)
 		return NULL;
-	outputs_sort_free(t->sort);
+	sort_free(t->sort);
 	outfile_free(t->index);
 	outfile_folder_free(t->place);
 	for (unsigned i = 0; i < t->ntext; i++)
@@ -289,7 +293,7 @@ static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3],
 	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
 	digest_add_triangles(&tile->digest, (const uint64_t(*)[3]) & place, 1, t->head.k);
 	tile->triangles++;
-	return outputs_sort_add(t->sort, rec, err);
+	return sort_add(t->sort, rec, err);
 }
 
 int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *block, struct err *err)

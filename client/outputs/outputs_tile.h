@@ -20,7 +20,7 @@ struct outputs_tiles {
 	struct decimal size; /* exponent not above 0 */
 	struct outfile_folder *place;
 	struct outfile *index;
-	struct outputs_sort *sort;  /* the triangles, by tile */
+	struct sort *sort;          /* the triangles, by tile */
 	struct acut_mesh_head head; /* its texts are this object's */
 	char *text[8];
 	unsigned ntext;

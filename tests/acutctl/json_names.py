@@ -150,6 +150,10 @@ def jobs(d, base, seen, text):
     seen.add("a job", j("jobs").ok().out + j("show", first).ok().out + j("watch", first).ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply").ok().out + j("fetch", other, "-o", base + "/f.ply").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/tiles", "--tile", "100").ok().out)
+    with open(base + "/area.wkt", "w") as f:
+        f.write("POLYGON ((0 0, 1e7 0, 0 1e7))")
+    seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--mask", base + "/area.wkt").ok().out)
+    seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--erase", base + "/area.wkt").ok().out)
     seen.add("a mesh", j("fetch", third, "-o", base + "/c.ply", "--changed-since", "1").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/w.ply", "--bbox", "0,0,1e6,1e7").out)
     job = json.loads(j("submit", "text", "--new", "--wait").ok().out)["job"]
