@@ -132,6 +132,7 @@ class Page {
 		else
 			["distance", "profile"].forEach(name => tools.close(name));
 		this.pinned = null;
+		this.update(false);
 	}
 
 	// A control has changed.
@@ -182,7 +183,7 @@ class Page {
 
 	point(pixel) {
 		this.pointer = pixel;
-		this.update();
+		this.update(false);
 	}
 
 	click(pixel) {
@@ -191,6 +192,7 @@ class Page {
 		this.pointer = pixel;
 		if (!this.tools.click(place))
 			this.pinned = place;
+		this.update(false);
 	}
 
 	// ---- the picture ----
@@ -208,16 +210,21 @@ class Page {
 		this.update();
 	}
 
-	// Something has changed: a new picture, once.
-	update() {
+	// Something has changed: a new picture, once. The surface is drawn again only if it looks different, since that takes long where
+	// there is no graphics processor.
+	update(surface = true) {
+		this.stale = this.stale || surface;
 		if (!this.waiting)
-			this.waiting = requestAnimationFrame(() => this.draw());
+			this.waiting = requestAnimationFrame(() => this.draw(this.stale));
 	}
 
-	draw() {
+	draw(surface = true) {
 		cancelAnimationFrame(this.waiting);
 		this.waiting = 0;
-		this.scene.draw(this.camera, this.axes[2]);
+		if (surface) {
+			this.stale = false;
+			this.scene.draw(this.camera, this.axes[2]);
+		}
 		this.overlay.draw(this.camera, this.tools.paths(), this.tools.spot || this.pinned);
 		$("top").setAttribute("aria-pressed", this.camera.parallel);
 		this.showScale();
@@ -289,7 +296,7 @@ function showFacts(mesh) {
 
 	document.title = facts.name;
 	$("title").textContent = $("title").title = facts.name;
-	$("facts-line").textContent = number(facts.triangles, "triangle") + (known["acut-trimmed"] ? " \u00b7 a part of the mesh" : "");
+	$("facts-line").textContent = number(facts.triangles, "triangle") + (known["acut-trimmed"] ? " \u00b7 a part" : "");
 	$("system-line").textContent = $("system-line").title = system || "Coordinate system unknown";
 	$("about-open").addEventListener("click", () => $("about").showModal());
 }

@@ -61,7 +61,7 @@ class Tools {
 		if (chart)
 			this.showProfile();
 		this.hint();
-		this.page.update();
+		this.page.update(false);
 	}
 
 	hint() {
@@ -160,7 +160,7 @@ class Tools {
 		this.spot = point && [point.x, point.y, point.z];
 		$("plot-text").textContent = point ? `${lengthText(point.distance, units.length)} \u00b7 ${axes[2].text(axes[2].local(point.z))}${units.z && "\u00a0" + units.z} \u00b7 ` +
 			`${(100 * point.rise * step[2] / axes[2].step).toFixed(1)}\u00a0%` : "";
-		this.page.update();
+		this.page.update(false);
 	}
 
 	csv() {
