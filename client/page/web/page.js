@@ -56,6 +56,10 @@ class Page {
 		on("height", "input", () => this.changed());
 		on("fit", "click", () => this.view("reset"));
 		on("top", "click", () => this.view(camera.parallel ? "reset" : "top"));
+		on("north", "click", () => {
+			camera.yaw = 0;
+			this.update();
+		});
 		on("closer", "click", () => this.zoom(0.75));
 		on("farther", "click", () => this.zoom(1 / 0.75));
 		for (const tool of ["distance", "profile"])
@@ -227,6 +231,7 @@ class Page {
 		}
 		this.overlay.draw(this.camera, this.tools.paths(), this.tools.spot || this.pinned);
 		$("top").setAttribute("aria-pressed", this.camera.parallel);
+		$("north").firstChild.style.transform = `rotate(${this.camera.yaw}rad)`;
 		this.showScale();
 		this.showCursor();
 	}
