@@ -1,6 +1,6 @@
 /* info of a file of lines: acutctl reads it itself, without the daemon, and counts its features. */
 #include <inttypes.h>
-#include <math.h>
+#include <string.h>
 
 #include "ctl.h"
 #include "ctl_info_lines.h"
@@ -92,9 +92,8 @@ static void print(FILE *out, const char *name, const struct lines_info *info, co
 	reasons_text(out, "  refused", &s->refused, info->place);
 	if (s->left_out.n)
 		list_text(out, "  left out", &s->left_out, 0);
-	if (s->left_out.n && !s->all.usable)
-		term_field(out, "  hint",
-			   "if it has points, these are read after: ogr2ogr -f CSV -lco GEOMETRY=AS_XYZ points.csv FILE");
+	if (s->left_out.n && !s->all.usable && !strcmp(s->left_out.row[0].name, "points"))
+		term_field(out, "  hint", "its points are read after: ogr2ogr -f CSV -lco GEOMETRY=AS_XYZ points.csv FILE");
 	if (s->empty)
 		term_field(out, "  empty", "%s without geometry", term_count(s->empty, a));
 }
