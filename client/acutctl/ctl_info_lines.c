@@ -185,7 +185,11 @@ bool ctl_info_is_lines(const struct program *ctl, const struct ctl_input *in)
 
 int ctl_info_lines(struct program *ctl, const struct ctl_input *in)
 {
-	struct lines_options opt = {.layer = ctl->opt.layer, .kind_field = ctl->opt.kind_field, .csv = ctl->opt.lines};
+	struct lines_options opt = {.layer = ctl->opt.layer,
+				    .kind_field = ctl->opt.kind_field,
+				    .csv = ctl->opt.lines,
+				    .interrupted = session_interrupted,
+				    .ctx = &ctl->session};
 	struct session *session = &ctl->session;
 	struct lines_survey survey = {.nlayers = 0};
 	struct err err = ERR_INIT;

@@ -98,6 +98,8 @@ static int open_it(struct lines *l, const char *path, const struct lines_options
 	if (strlen(path) >= sizeof l->path)
 		return err_set(err, ERR_USAGE, "the name of a file has more than %zu bytes", sizeof l->path - 1);
 	strcpy(l->path, path);
+	l->interrupted = opt->interrupted;
+	l->ctx = opt->ctx;
 	rc = take_option(opt->layer, "layer", l->layer_name, &l->has_layer, err);
 	if (!rc)
 		rc = take_option(opt->kind_field, "field", l->kind_field, &l->has_kind_field, err);
@@ -227,7 +229,8 @@ int lines_next(struct lines *l, const struct lines_feature **ret, struct err *er
 	if (l->failed)
 		return err_set(err, ERR_INPUT, "its reading has failed before");
 	do
-		rc = l->ended ? 0 : l->reader->next(l, &more, err);
+		if (!(rc = lines_interrupted(l, err)) && !l->ended)
+			rc = l->reader->next(l, &more, err);
 	while (!rc && more && !l->f.layer->selected);
 	if (!rc && !more && !l->ended) {
 		l->ended = true;
@@ -239,6 +242,11 @@ int lines_next(struct lines *l, const struct lines_feature **ret, struct err *er
 	}
 	*ret = more ? &l->f : NULL;
 	return 0;
+}
+
+int lines_interrupted(const struct lines *l, struct err *err)
+{
+	return l->interrupted && l->interrupted(l->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
 int lines_bad(const struct lines *l, struct err *err, uint64_t place, const char *fmt, ...)

@@ -24,8 +24,7 @@ extern const struct lines_reader lines_shape_reader, lines_geojson_reader, lines
 
 /* Bytes of a file, forwards, with a place to return to. */
 struct lines_source {
-	int fd;
-	const char *name;
+	const struct lines *lines;
 	uint64_t start, line; /* of the buffer in the file; the line of the next byte, from 1 */
 	size_t i, n;
 	bool ended;
@@ -37,6 +36,8 @@ struct lines_source {
 struct lines {
 	char path[4096], layer_name[LINES_NAME_SIZE], kind_field[LINES_NAME_SIZE];
 	bool has_layer, has_kind_field;
+	int (*interrupted)(void *ctx);
+	void *ctx;
 	int fd;
 	uint64_t size;
 	const struct lines_reader *reader;
@@ -83,6 +84,8 @@ int lines_layer(struct lines *, const char *name, struct lines_layer **ret, stru
 bool lines_wants(const struct lines *, const char *layer);
 /* The file's own name without folder and extension. */
 void lines_stem(const struct lines *, char ret[LINES_NAME_SIZE]);
+/* -ERR_CANCELLED if the caller wants no more. */
+int lines_interrupted(const struct lines *, struct err *err);
 /* -ERR_INPUT with a place like "line 7". */
 __attribute__((format(printf, 4, 5))) int lines_bad(const struct lines *, struct err *, uint64_t place, const char *fmt, ...);
 

@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -119,6 +120,41 @@ static void test_places(void **state)
 	lines_close(l);
 }
 
+static int later(void *ctx)
+{
+	int *left = ctx;
+
+	return --*left < 0;
+}
+
+/* Whenever it is interrupted, it ends, and is not read further. */
+static void test_interrupted(void **state)
+{
+	char rows[2000] = "x,y,z,name\n";
+	unsigned ended = 0;
+
+	for (int i = 0; i < 50; i++)
+		sprintf(rows + strlen(rows), "%d,2,3,%d\n", i, i / 2);
+	lines_case_file("i.csv", rows, strlen(rows));
+	for (int n = 0; n < 40; n++) {
+		int left = n;
+		const struct lines_options opt = {.csv = true, .interrupted = later, .ctx = &left};
+		const struct lines_feature *f = NULL;
+		struct err err = ERR_INIT;
+		struct lines *l = NULL;
+		int rc = lines_open(lines_case_path("i.csv"), &opt, &l, &err);
+
+		while (!rc && !(rc = lines_next(l, &f, &err)) && f)
+			;
+		assert_true(rc == 0 || rc == -ERR_CANCELLED);
+		ended += rc == 0;
+		if (rc && l)
+			assert_int_not_equal(lines_next(l, &f, &err), 0);
+		lines_close(l);
+	}
+	assert_true(ended > 5 && ended < 35);
+}
+
 static struct io_table no_open;
 
 static int fail_open(int dirfd, const char *path, int flags, mode_t mode)
@@ -157,7 +193,8 @@ static int remove_all(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_numbers), cmocka_unit_test(test_rows),
-					   cmocka_unit_test(test_places), cmocka_unit_test(test_recognise)};
+					   cmocka_unit_test(test_places), cmocka_unit_test(test_recognise),
+					   cmocka_unit_test(test_interrupted)};
 
 	return cmocka_run_group_tests(tests, NULL, remove_all);
 }
