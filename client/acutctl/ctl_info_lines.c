@@ -78,8 +78,10 @@ static void print(FILE *out, const char *name, const struct lines_info *info, co
 	if (s->all.usable) {
 		term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", s->min[0], s->min[1], s->min[2], s->max[0],
 			   s->max[1], s->max[2]);
+		term_field(out, "  z", "%.15g to %.15g", s->min[2], s->max[2]);
 	} else {
 		term_field(out, "  box", "none");
+		term_field(out, "  z", "none");
 	}
 	for (size_t i = 0; i < s->nlayers; i++) {
 		if (!s->layer[i].layer)

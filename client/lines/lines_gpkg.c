@@ -201,7 +201,7 @@ static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct er
 	int rc;
 
 	if (g->n == LINES_LAYERS_MOST)
-		return err_set(err, ERR_LIMIT, "it has more than %d layers", LINES_LAYERS_MOST);
+		return lines_too_many_layers(err);
 	if (g->n == g->room) {
 		size_t room = g->room ? 2 * g->room : 16;
 		void *more = realloc(g->layer, room * sizeof(*g->layer));

@@ -42,7 +42,8 @@ struct lines {
 	uint64_t size;
 	const struct lines_reader *reader;
 	struct lines_info info;
-	struct lines_layer **layer; /* those met so far */
+	struct lines_layer **layer;             /* those met so far, */
+	uint32_t layer_hash[LINES_LAYERS_MOST]; /* and of their names: a drawing asks for each entity */
 	size_t nlayers, layers_room;
 	struct lines_feature f;
 	struct lines_part *part;
@@ -80,6 +81,7 @@ void lines_end(struct lines *);
 
 /* The layer of this name, made if it is new. */
 int lines_layer(struct lines *, const char *name, struct lines_layer **ret, struct err *);
+int lines_too_many_layers(struct err *err);
 /* Features of a layer of this name are wanted. */
 bool lines_wants(const struct lines *, const char *layer);
 /* The file's own name without folder and extension. */

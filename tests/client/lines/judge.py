@@ -136,7 +136,7 @@ def what_people_read():
         said = e2e.run([ACUTCTL, "info", "--kind-field", "sort", a]).ok().out
         for want in ("format    GeoJSON", "features  5: 3 usable, 1 refused", "lines     3 (closed: 1), rings: 0, vertices: 9", "geometry  LineString: 4",
                      "kinds     hard: 1, soft: 2, lake: 1", "box       500000.25 5400000.5 -2.25 to 500210 5400210 411.25",
-                     "crs       EPSG:25832, urn:ogc:def:crs:EPSG::25832 (member crs)", "refused   it has no z: 1 (the first is feature 4, at byte ",
+                     "z         -2.25 to 411.25", "crs       EPSG:25832, urn:ogc:def:crs:EPSG::25832 (member crs)", "refused   it has no z: 1 (the first is feature 4, at byte ",
                      "left out  points: 1"):
             expect(want in said, "%s\nis not in\n%s" % (want, said))
         bad = base + "/bad.geojson"

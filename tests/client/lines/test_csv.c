@@ -74,7 +74,7 @@ static void test_rows(void **state)
 		{"x,y,name\n1,2,3\n", NULL,
 		 "error: line 1: there is no column for z (the first line names the columns: x,y,z,name)\n"},
 		{"x,e,y,z,name\n", NULL,
-		 "error: line 1: two columns can be x (the easting) (the file is damaged, or no CSV; write it again)\n"},
+		 "error: line 1: two columns can be x (the easting) (the first line names the columns: x,y,z,name)\n"},
 		{"x,y,z,name\n1,2,3,a\n\n4,5,six,a\n", NULL,
 		 "error: line 4: z is no number: \"six\" (numbers have a decimal point; a comma only separates)\n"},
 		{"x,y,z,name\n1,2,nan,a\n", NULL,
@@ -104,7 +104,7 @@ static void test_places(void **state)
 	struct err err = ERR_INIT;
 	struct lines *l;
 	char buf[1024];
-	static const char rows[] = "x,y,z,name\n1,2,3,a\n1,2,4,a\n\n# b\n1,2,,b\n";
+	static const char rows[] = "x,y,z,name\n1,2,3,a\n1,2,4,a\n\n# b\n1,2,,b\n1,1,1,c\n";
 
 	lines_case_file("p.csv", rows, sizeof rows - 1);
 	assert_int_equal(lines_open(lines_case_path("p.csv"), &opt, &l, &err), 0);
@@ -117,6 +117,12 @@ static void test_places(void **state)
 	assert_string_equal(err_format(&err, buf, sizeof buf),
 			    "line 6, feature 2: rows of layer p cannot be used: it has no z "
 			    "(give its vertices heights before: nothing is draped onto the points)");
+	assert_int_equal(lines_next(l, &f, &err), 0);
+	err = ERR_INIT;
+	lines_refusal(l, f, &err);
+	assert_non_null(strstr(err_format(&err, buf, sizeof buf),
+			       "line 7, feature 3: rows of layer p cannot be used: a line has fewer than "
+			       "two vertices (mend it in the program that wrote it"));
 	lines_close(l);
 }
 
