@@ -157,6 +157,7 @@ static void test_header(void **state)
 
 static void test_wrong(void **state)
 {
+	static const char binary[] = "AutoCAD Binary DXF\r\n\x1a\0\0\0SECTION\0";
 	static const struct {
 		const char *entities, *want;
 	} rows[] = {
@@ -176,7 +177,7 @@ static void test_wrong(void **state)
 		lines_case_read_text("d.dxf", "AutoCAD Binary DXF\r\n\x1a\0", NULL, text),
 		"error: it is no file of lines that acut reads (these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML, and CSV "
 		"where it is asked for; ogr2ogr converts others)\n");
-	lines_case_file("b.dxf", "AutoCAD Binary DXF\r\n\x1a\0\0\0SECTION\0", 34);
+	lines_case_file("b.dxf", binary, sizeof binary);
 	assert_string_equal(lines_case_read(lines_case_path("b.dxf"), NULL, text),
 			    "error: it is binary DXF, which is not read (save it as text (ASCII) DXF)\n");
 	assert_non_null(
