@@ -23,22 +23,17 @@ static int interrupted(const struct contour *c, uint64_t i, struct err *err)
 	return i % 4096 == 0 && contour_interrupted(c) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
-int contour_piece_get(struct contour *c, uint64_t number, struct contour_piece *ret, struct err *err)
+int contour_link(struct contour *c, uint64_t number, int which, bool change, uint64_t **ret, struct err *err)
 {
-	uint64_t *at;
-	int r = contour_array_at(c->link, number * CONTOUR_LINKS + CONTOUR_AT, false, &at, err);
-
-	return r ? r : outfile_read(c->annex, *at, ret, sizeof(*ret), err);
+	return contour_array_at(c->link, number * CONTOUR_LINKS + (uint64_t)which, change, ret, err);
 }
 
-int contour_piece_next(struct contour *c, uint64_t number, uint64_t *ret, struct err *err)
+static int get_piece(struct contour *c, uint64_t number, struct contour_piece *ret, struct err *err)
 {
-	uint64_t *next;
-	int r = contour_array_at(c->link, number * CONTOUR_LINKS + CONTOUR_NEXT, false, &next, err);
+	uint64_t *at;
+	int r = contour_link(c, number, CONTOUR_AT, false, &at, err);
 
-	if (!r)
-		*ret = *next & CONTOUR_NUMBER;
-	return r;
+	return r ? r : outfile_read(c->annex, *at, ret, sizeof(*ret), err);
 }
 
 /* ---- ends ---- */
@@ -62,14 +57,13 @@ static int add_pieces(struct contour *c, uint64_t at, const struct contour_piece
 
 		r = interrupted(c, number, err);
 		if (!r)
-			r = contour_array_at(c->link, number * CONTOUR_LINKS + CONTOUR_AT, true, &link, err);
+			r = contour_link(c, number, CONTOUR_AT, true, &link, err); /* and the three after it: a page has all */
 		if (r)
 			return r;
-		*link = at + i * sizeof(*p);
-		r = contour_array_at(c->link, number * CONTOUR_LINKS + CONTOUR_NEXT, true, &link, err);
-		if (r)
-			return r;
-		*link = p[i].flags & CONTOUR_CLOSED ? (number + 1) | CONTOUR_HAS_PREVIOUS : 0;
+		link[CONTOUR_AT] = at + i * sizeof(*p);
+		link[CONTOUR_NEXT] = p[i].flags & CONTOUR_CLOSED ? (number + 1) | CONTOUR_HAS_PREVIOUS : 0;
+		link[CONTOUR_POINTS_AT] = p[i].at;
+		link[CONTOUR_COUNT] = p[i].count;
 		r = add_ends(&p[i], number, ends, err);
 	}
 	return r;
@@ -106,11 +100,11 @@ static int link_ends(struct contour *c, uint64_t a, uint64_t b, struct err *err)
 
 	if ((a & 1) == (b & 1))
 		return err_set(err, ERR_PROTO, "two triangles are on the same side of an edge of the mesh");
-	r = contour_array_at(c->link, to * CONTOUR_LINKS + CONTOUR_NEXT, true, &link, err);
+	r = contour_link(c, to, CONTOUR_NEXT, true, &link, err);
 	if (r)
 		return r;
 	*link = (*link & ~CONTOUR_NUMBER) | (from + 1);
-	r = contour_array_at(c->link, from * CONTOUR_LINKS + CONTOUR_NEXT, true, &link, err);
+	r = contour_link(c, from, CONTOUR_NEXT, true, &link, err);
 	if (!r)
 		*link |= CONTOUR_HAS_PREVIOUS;
 	return r;
@@ -151,7 +145,7 @@ static int add_line(struct contour *c, const uint64_t rec[LINE_WORDS], struct er
 static int pass(struct contour *c, uint64_t number, uint64_t *ret, struct err *err)
 {
 	uint64_t *link;
-	int r = contour_array_at(c->link, number * CONTOUR_LINKS + CONTOUR_NEXT, true, &link, err);
+	int r = contour_link(c, number, CONTOUR_NEXT, true, &link, err);
 
 	if (r)
 		return r;
@@ -164,7 +158,7 @@ static int open_line(struct contour *c, uint64_t number, struct err *err)
 {
 	struct contour_piece p;
 	uint64_t next = number + 1;
-	int r = contour_piece_get(c, number, &p, err);
+	int r = get_piece(c, number, &p, err);
 
 	if (!r)
 		r = add_line(c, (uint64_t[LINE_WORDS]){(uint64_t)p.level ^ SIGN, p.from[0], p.from[1], number << 1, 0}, err);
@@ -182,7 +176,7 @@ static int closed_line(struct contour *c, uint64_t number, struct err *err)
 		struct contour_piece p;
 		uint64_t at = next - 1;
 
-		r = contour_piece_get(c, at, &p, err);
+		r = get_piece(c, at, &p, err);
 		if (r)
 			return r;
 		if (at == number || p.least[0] < rec[1] || (p.least[0] == rec[1] && p.least[1] < rec[2]))
@@ -203,7 +197,7 @@ static int find_lines(struct contour *c, struct err *err)
 		for (uint64_t i = 0; i < c->pieces && !r; i++) {
 			uint64_t *link;
 
-			r = contour_array_at(c->link, i * CONTOUR_LINKS + CONTOUR_NEXT, false, &link, err);
+			r = contour_link(c, i, CONTOUR_NEXT, false, &link, err);
 			if (r || *link & CONTOUR_SEEN || (!closed && *link & CONTOUR_HAS_PREVIOUS))
 				continue;
 			r = interrupted(c, i, err);

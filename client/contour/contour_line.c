@@ -14,13 +14,15 @@
 static int at_piece(struct contour *c, uint64_t number, uint32_t from, uint32_t to, struct err *err)
 {
 	struct contour_reader *d = &c->reader;
-	struct contour_piece p;
-	int r = contour_piece_get(c, number, &p, err);
+	uint64_t *link;
+	int r = contour_link(c, number, CONTOUR_AT, false, &link, err);
 
+	if (r)
+		return r;
 	d->piece = number;
-	d->at = p.at + from * sizeof(double[2]);
-	d->left = (to ? to : p.count) - from;
-	return r;
+	d->at = link[CONTOUR_POINTS_AT] + from * sizeof(double[2]);
+	d->left = (to ? to : (uint32_t)link[CONTOUR_COUNT]) - from;
+	return 0;
 }
 
 static int rewind_to(struct contour *c, struct err *err)
@@ -36,11 +38,13 @@ static int rewind_to(struct contour *c, struct err *err)
 static int step(struct contour *c, struct err *err)
 {
 	struct contour_reader *d = &c->reader;
-	uint64_t next = 0;
-	int r = d->phase ? 0 : contour_piece_next(c, d->piece, &next, err);
+	uint64_t next = 0, *link;
+	int r = d->phase ? 0 : contour_link(c, d->piece, CONTOUR_NEXT, false, &link, err);
 
 	if (r)
 		return r;
+	if (!d->phase)
+		next = *link & CONTOUR_NUMBER;
 	if (d->phase || !next) {
 		d->ended = d->phase == 2 || !d->closed;
 		d->phase = 2;

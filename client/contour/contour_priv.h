@@ -106,6 +106,7 @@ struct contour_array *contour_array_free(struct contour_array *);
 /* ---- all of it ---- */
 
 enum { CONTOUR_POINTS = 4096 }; /* that are read at once */
+enum { CONTOUR_CELLS = 256 };   /* a side */
 
 /* Where the reader of a line is. */
 struct contour_reader {
@@ -130,11 +131,13 @@ struct contour {
 	struct contour_levels levels;
 	struct contour_window window;
 	struct contour_chains *chains;
-	int64_t *level; /* of the vertices of a block */
-	size_t room;
-	uint64_t pieces; /* in the annex */
+	int64_t *level;  /* of the vertices of a block */
+	uint32_t *order; /* of its triangles */
+	size_t room, order_room;
+	uint32_t cell[CONTOUR_CELLS * CONTOUR_CELLS]; /* where the triangles of a cell begin */
+	uint64_t pieces;                              /* in the annex */
 	/* after contour_join */
-	struct contour_array *link; /* two numbers a piece: where it is in the annex; the next one and marks */
+	struct contour_array *link; /* CONTOUR_LINKS numbers a piece */
 	struct sort *lines;
 	int64_t range[2];
 	bool any;
@@ -147,12 +150,12 @@ int contour_chains_add(struct contour *, const struct contour_crossing *from, co
 /* Pieces to the annex; the table is empty then. */
 int contour_chains_flush(struct contour *, struct err *err);
 
-enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_LINKS };
+/* Where it is in the annex, the next one with marks, where its points are, how many. */
+enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_POINTS_AT, CONTOUR_COUNT, CONTOUR_LINKS };
 #define CONTOUR_HAS_PREVIOUS (1ull << 62)
 #define CONTOUR_SEEN (1ull << 63)
 #define CONTOUR_NUMBER (CONTOUR_HAS_PREVIOUS - 1) /* of the next piece, from 1; 0: there is none */
-int contour_piece_get(struct contour *, uint64_t number, struct contour_piece *ret, struct err *err);
-int contour_piece_next(struct contour *, uint64_t number, uint64_t *ret, struct err *err); /* from 1; 0: none */
+int contour_link(struct contour *, uint64_t number, int which, bool change, uint64_t **ret, struct err *err);
 static inline int contour_interrupted(const struct contour *c)
 {
 	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);

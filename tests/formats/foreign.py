@@ -284,4 +284,5 @@ def main():
         e2e.main(landxml_is_the_mesh, units_are_named_or_refused)
 
 
-main()
+if __name__ == "__main__":
+    main()
