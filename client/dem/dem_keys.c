@@ -55,6 +55,13 @@ static void put(struct dem_keys *k, unsigned key, unsigned tag, unsigned count, 
 	k->key[3]++;
 }
 
+unsigned dem_keys_epsg(const struct dem *d)
+{
+	const char *plus = strstr(d->crs, " + ");
+
+	return epsg_of(d->crs, plus ? (size_t)(plus - d->crs) : strlen(d->crs));
+}
+
 void dem_keys_make(struct dem_keys *k, const struct dem *d)
 {
 	const char *plus = strstr(d->crs, " + ");
