@@ -46,7 +46,7 @@ struct push *push_free(struct push *p)
 	free(p->geoid_way);
 	free(p->close_request);
 	lock_done(&p->space.lock);
-	push_guard_free(&p->row_guard);
+	admission_guard_free(&p->row_guard);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
 	dataset_next_clear(&p->new_state);

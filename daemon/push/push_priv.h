@@ -7,10 +7,12 @@
 #include "admission.h"
 #include "dataset.h"
 #include "geoid.h"
+#include "grid_manifest.h"
+#include "grid_stage.h"
 #include "lock.h"
 #include "names.h"
 #include "push.h"
-#include "push_guard.h"
+#include "admission_guard.h"
 
 enum { PUSHES_MAX = 1024 };
 
@@ -157,15 +159,15 @@ struct push {
 	struct sched_owner owner;                      /* of all its tasks */
 	struct push_request *requests, **requests_end; /* the first one is being handled while `busy` */
 	bool busy;
-	bool left;                   /* its caller is gone: what is queued is cancelled */
-	bool committed, opened;      /* opened: the dataset's folder */
-	bool commit_row_queued;      /* the row of its commit is on its way */
-	bool has_row;                /* the catalogue has its row, or will */
-	bool row_queued;             /* its row is on its way: nothing is written before it is there */
-	struct push_guard row_guard; /* around row_queued, and the broken_err of a row that failed, for workers */
-	_Atomic bool row_awaited;    /* a worker has something to write */
-	bool reading_base;           /* between dataset_read_begin and _end */
-	bool base_settled;           /* what the dataset had is known (push_begin_done) */
+	bool left;                        /* its caller is gone: what is queued is cancelled */
+	bool committed, opened;           /* opened: the dataset's folder */
+	bool commit_row_queued;           /* the row of its commit is on its way */
+	bool has_row;                     /* the catalogue has its row, or will */
+	bool row_queued;                  /* its row is on its way: nothing is written before it is there */
+	struct admission_guard row_guard; /* around row_queued, and the broken_err of a row that failed, for workers */
+	_Atomic bool row_awaited;         /* a worker has something to write */
+	bool reading_base;                /* between dataset_read_begin and _end */
+	bool base_settled;                /* what the dataset had is known (push_begin_done) */
 	/* The first request waits for memory: its worker is done, and `done` is called again; with `retry` all of it is. */
 	bool waits_memory, retry;
 	bool removes_old_manifest; /* nobody opens the manifest before its commit */
