@@ -22,7 +22,7 @@ struct outputs_tiles {
 	struct outfile *index;
 	struct outputs_sort *sort;  /* the triangles, by tile */
 	struct acut_mesh_head head; /* its texts are this object's */
-	char *text[8];
+	char *text[11];
 	unsigned ntext;
 	struct acut_mesh_tail tail;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];

@@ -301,6 +301,8 @@ static int check_begin(struct pushes *pushes, struct push *p, const struct push_
 	if (too_many_pushes(pushes, &in->peer))
 		return err_set(err, ERR_BUSY, "too many pushes are open, of all users or of this one");
 	r = push_assume_read(p, in, err);
+	if (!r && p->assume_wkt && !(r = charge(pushes->core, strlen(p->assume_wkt), "another push", err)))
+		p->charged += strlen(p->assume_wkt);
 	return r ? r : check_crop(in, err);
 }
 

@@ -109,6 +109,9 @@ const char *crs_assume_unit(const char *text);
 const char *crs_text_heights(const char *text);
 void crs_text_plane(const char *text, char ret[CRS_TEXT_SIZE]);
 
+/* Units that the EPSG numbers in a text imply, where they are unknown. */
+void crs_text_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE]);
+
 /* ---- crs_keep.c: the text of a system, to be kept ---- */
 
 enum { CRS_WKT_MAX = 32768 };

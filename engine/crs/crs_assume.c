@@ -127,3 +127,22 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 	*ret = made;
 	return 0;
 }
+
+static void fill(char unit[CRS_UNIT_SIZE], const char *other)
+{
+	if (!*unit || crs_is_unknown(unit))
+		crs_set_unit(unit, other);
+}
+
+void crs_text_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE])
+{
+	struct err ignored = ERR_INIT;
+	struct crs_info by_number;
+
+	if (crs_assume_text(text, strlen(text), &by_number, &ignored))
+		return;
+	if (by_number.system.epsg)
+		fill(unit_xy, by_number.unit_xy);
+	if (by_number.system.epsg || by_number.system.epsg_z)
+		fill(unit_z, by_number.unit_z);
+}
