@@ -124,7 +124,8 @@ struct crs_bytes crs_wkt_holds(const char *wkt, const char *crs, const char *uni
 
 /* The name that EPSG gives the system of a number; "": it is in no table. */
 const char *crs_epsg_name(unsigned code);
-/* Where EPSG has other units for the numbers of a system than it has, or such as have no name here: in words; else "". */
+/* In words, else "": where EPSG has other units for the numbers of a system than it has, or such as have no name here; and
+ * numbers that are in no table, or of a system of another kind. */
 void crs_epsg_remark(const struct crs_info *, char *ret, size_t size);
 
 /* Metres of a length unit by its name; 0: it is none. */

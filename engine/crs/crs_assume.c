@@ -89,6 +89,23 @@ static bool is_number(const char *text, size_t size)
 	return !size;
 }
 
+/* Half of a text: "EPSG:25832+7837" is no name, and nor is a number alone. */
+static int check_half(const char *text, size_t size, struct err *err)
+{
+	while (size && text[0] == ' ')
+		text++, size--;
+	while (size && text[size - 1] == ' ')
+		size--;
+	if (is_number(text, size)) {
+		err_set(err, ERR_USAGE, "\"%.*s\" is a number, not a coordinate system", (int)size, text);
+		return err_add_hint(err, "an EPSG number is written EPSG:%.*s", (int)size, text);
+	}
+	if (size < 5 || strncasecmp(text, "EPSG:", 5) || code_of(text, size))
+		return 0;
+	err_set(err, ERR_USAGE, "\"%.*s\" is not EPSG: and a number", (int)size, text);
+	return err_add_hint(err, "a compound system is written \"EPSG:25832 + EPSG:7837\"");
+}
+
 int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err)
 {
 	const char *plus;
@@ -115,11 +132,10 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 		err_set(err, ERR_USAGE, "the coordinate system that is given is neither a WKT nor a name");
 		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
 	}
-	if (is_number(text, size)) {
-		err_set(err, ERR_USAGE, "\"%.*s\" is a number, not a coordinate system", (int)size, text);
-		return err_add_hint(err, "an EPSG number is written EPSG:%.*s", (int)size, text);
-	}
 	plus = memmem(text, size, " + ", 3);
+	if (check_half(text, plus ? (size_t)(plus - text) : size, err) ||
+	    (plus && check_half(plus + 3, size - (size_t)(plus - text) - 3, err)))
+		return -(int)err->code;
 	take_part(text, plus ? (size_t)(plus - text) : size, false, &made);
 	if (plus)
 		take_part(plus + 3, size - (size_t)(plus - text) - 3, true, &made);
