@@ -30,4 +30,9 @@ double decimal_double(struct decimal d);                 /* nearest double */
 double decimal_scaled_double(struct decimal scale, int64_t n);
 char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT_SIZE]);
 
+/* floor(v * 10^exponent * up / (down * step) + 1/2), clamped to DECIMAL_STEPS_MOST: the nearest multiple of a step. up and down
+ * are below 2^31; step > 0. False: it was clamped. */
+#define DECIMAL_STEPS_MOST (INT64_C(1) << 62)
+bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret);
+
 #endif

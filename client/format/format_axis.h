@@ -52,5 +52,7 @@ char *format_unit_comment(const struct acut_mesh_head *, const struct format_opt
 int format_comment_head(const struct acut_mesh_head *, const struct format_options *,
 			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err);
 #define FORMAT_COMMENT 768
+/* The file's name without its extension, or `without` where it has none. Returns `buf`. */
+char *format_file_name(const struct outfile *, const char *without, char *buf, size_t size);
 
 #endif

@@ -6,6 +6,7 @@
 
 #include "err.h"
 #include "format_axis.h"
+#include "outfile.h"
 
 /* A line must stay a line: control characters become spaces. */
 static void make_line(char *text)
@@ -62,4 +63,16 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 		r = line(ctx, text, err);
 	trimmed_text(head, opt, text, sizeof(text));
 	return r || !text[0] ? r : line(ctx, text, err);
+}
+
+char *format_file_name(const struct outfile *out, const char *without, char *buf, size_t size)
+{
+	const char *base = outfile_base(out);
+	char *dot;
+
+	snprintf(buf, size, "%s", base ? base : without);
+	dot = strrchr(buf, '.');
+	if (dot && dot != buf)
+		*dot = 0;
+	return buf;
 }

@@ -125,19 +125,6 @@ static int put_system(struct outfile *out, const struct acut_mesh_head *head, co
 	return r ? r : PUT(out, err, "/>\n");
 }
 
-/* Of the surface: the file's, without its extension. */
-static char *name_of(const struct outfile *out, char *buf, size_t size)
-{
-	const char *base = outfile_base(out);
-	char *dot;
-
-	snprintf(buf, size, "%s", base ? base : "TIN");
-	dot = strrchr(buf, '.');
-	if (dot && dot != buf)
-		*dot = 0;
-	return buf;
-}
-
 int format_landxml_head(struct outfile *out, const struct acut_mesh_head *head, const struct format_options *opt, struct err *err)
 {
 	char file[300], name[FORMAT_TEXT_GROWTH * sizeof(file)];
@@ -147,7 +134,7 @@ int format_landxml_head(struct outfile *out, const struct acut_mesh_head *head, 
 		r = put_units(out, head, opt, err);
 	if (!r)
 		r = put_system(out, head, opt, err);
-	format_text(FORMAT_TEXT_XML, name_of(out, file, sizeof(file)), name, sizeof(name));
+	format_text(FORMAT_TEXT_XML, format_file_name(out, "TIN", file, sizeof(file)), name, sizeof(name));
 	if (!r)
 		r = PUT(out, err, "<Project name=\"", name, "\">\n<Feature code=\"acut\">\n");
 	if (!r)

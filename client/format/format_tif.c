@@ -107,6 +107,8 @@ static int tif_head(void *writer, const struct acut_mesh_head *head, struct err 
 	};
 	int r = cell_units(&w->opt, head, &to, err);
 
+	if (w->opt.tiled)
+		dem_tiled(w->dem);
 	if (!r)
 		r = z_units(&w->opt, head, &to, err);
 	if (!r)
@@ -139,6 +141,14 @@ static int tif_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 	return r ? r : dem_finish(w->dem, tail->vertices ? tail->box : NULL, err);
 }
 
+/* Without the digest of the mesh: a tile with the same pixels is the same file. */
+static int tif_tiles(void *writer, const struct dem_tiler *tiler, const struct acut_mesh_tail *tail, struct err *err)
+{
+	struct writer *w = writer;
+
+	return tail->vertices ? dem_finish_tiles(w->dem, tiler, err) : 0;
+}
+
 static void *tif_free(void *writer)
 {
 	struct writer *w = writer;
@@ -153,6 +163,7 @@ const struct format format_tif = {
 	.name = "tif",
 	.extensions = ".tif .tiff",
 	.help = "GeoTIFF of elevations, slopes or hillshade, laid out as a COG (--cell, --raster)",
+	.purpose = "DEM: QGIS (raster layer), GDAL",
 	.kind = FORMAT_RASTER,
 	.takes = FORMAT_Z_UNIT | FORMAT_CELL | FORMAT_RASTERED,
 	.positions = true,
@@ -160,5 +171,6 @@ const struct format format_tif = {
 	.head = tif_head,
 	.block = tif_block,
 	.finish = tif_finish,
+	.tiles = tif_tiles,
 	.free = tif_free,
 };

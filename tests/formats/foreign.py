@@ -323,7 +323,7 @@ def main():
         needs("assimp", "assimp-utils")
         e2e.main(assimp_reads_floats, far_coordinates_are_refused)
     if reader == "gltf":
-        # No package of Debian: it is tested where NODE_PATH has it.
+        # No package of Debian: ./check installs it where there is npm.
         if not shutil.which("node") or subprocess.run(["node", "-e", 'require("gltf-validator")'], stderr=subprocess.DEVNULL, check=False).returncode:
             e2e.skip("gltf-validator is not installed (npm, NODE_PATH)")
         e2e.main(validator_finds_nothing)
@@ -331,4 +331,5 @@ def main():
         e2e.main(landxml_is_the_mesh, units_are_named_or_refused)
 
 
-main()
+if __name__ == "__main__":
+    main()
