@@ -52,7 +52,8 @@ struct dem_rect {
 /* The pixels that `box` has a part of, clipped; one pixel if there are none. */
 struct dem_rect dem_grid_rect(const struct dem_grid *, const int32_t box[6]);
 double dem_grid_side(const struct dem_grid *);
-double dem_grid_line(const struct dem_grid *, int axis, int64_t local); /* coordinate of the low border of a local pixel */
+double dem_grid_centre(const struct dem_grid *, int axis, int64_t local); /* coordinate of the centre of a local pixel */
+double dem_grid_line(const struct dem_grid *, int axis, int64_t local);   /* coordinate of the low border of a local pixel */
 
 /* Rounded down and up; d > 0. Quotients of more than 62 bits are cut to them. */
 static inline int64_t dem_div_down(dem_i128 n, dem_i128 d)
@@ -131,6 +132,7 @@ struct dem {
 	bool tiled;
 	double steep; /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
+	char *wkt;               /* of its system; NULL: none */
 	char *description;       /* lines; NULL: none */
 	int64_t from[2], to[2];  /* of the pixels that triangles met; from is above to at first */
 	struct dem_store *store; /* rows from the north of the announced box */
@@ -161,12 +163,13 @@ void dem_pyramid_done(struct dem_pyramid *);
 
 #define DEM_NODATA (-9999.0f)
 #define DEM_NODATA_TEXT "-9999"
-enum { DEM_KEYS = 16, DEM_CITATION = 600 };
+enum { DEM_KEYS = 16, DEM_CITATION = 4096 };
 struct dem_keys {
 	uint16_t key[4 * DEM_KEYS]; /* the directory, its header first */
 	unsigned n;                 /* numbers of it */
-	char text[DEM_CITATION];
+	char text[DEM_CITATION];    /* that of all citations, each with its "|" */
 };
+unsigned dem_keys_epsg(const struct dem *);                /* of the plane; 0: none */
 void dem_keys_make(struct dem_keys *, const struct dem *); /* dem_keys.c */
 int dem_tiff_write(const struct dem *, const struct dem_pyramid *, const struct dem_rect *, struct err *err);
 

@@ -141,7 +141,8 @@ static int keep_text(struct outputs_tiles *t, const char **text, struct err *err
 int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *head, struct err *err)
 {
 	struct acut_mesh_head *h = &t->head;
-	const char **text[] = {&h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view, &h->stream_id};
+	const char **text[] = {&h->lattice, &h->scale_xy,  &h->scale_z, &h->crs,      &h->unit_xy, &h->unit_z,
+			       &h->view,    &h->stream_id, &h->wkt,     &h->vertical, &h->geoid};
 	struct decimal scale;
 	int r = 0;
 

@@ -25,7 +25,7 @@ struct outputs_tiles {
 	struct sort *sort;          /* the triangles, by tile */
 	void *writer;               /* of a raster, in place of the sort */
 	struct acut_mesh_head head; /* its texts are this object's */
-	char *text[8];
+	char *text[11];
 	unsigned ntext;
 	struct acut_mesh_tail tail;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
