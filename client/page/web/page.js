@@ -317,7 +317,7 @@ function showAbout(mesh, page) {
 		const names = page.units.degrees ? ["Longitude", "Latitude", "Heights"] : ["Easting", "Northing", "Heights"];
 		names.forEach((name, axis) => rows.push([name, [page.surface.low, page.surface.high].map(end => page.axes[axis].text(page.axes[axis].local(end[axis]))).join(" to ")]));
 	}
-	for (const [name, key] of [["Origin taken off", "acut-origin"], ["Heights converted", "acut-z-unit"], ["A part of the mesh", "acut-trimmed"], ["Lattice", "acut-lattice"]])
+	for (const [name, key] of [["Origin taken off", "acut-origin"], ["Geoid", "acut-geoid"], ["Heights converted", "acut-z-unit"], ["A part of the mesh", "acut-trimmed"], ["Lattice", "acut-lattice"]])
 		if (known[key])
 			rows.push([name, known[key]]);
 	rows.push(["Digest", digest], ["Digest of vertices", vertexDigest]);
