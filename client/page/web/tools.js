@@ -17,6 +17,7 @@ class Tools {
 			$(tool).setAttribute("aria-pressed", this.name === tool);
 		$("scene").classList.toggle("picking", Boolean(this.name));
 		this.page.panel(false);
+		this.page.pinned = null;
 		if (this.name === "distance")
 			this.close("profile");
 		if (this.name === "profile")
@@ -60,8 +61,20 @@ class Tools {
 		document.body.classList.toggle("charting", chart);
 		if (chart)
 			this.showProfile();
+		this.reveal(chart ? $("chart") : $("measure"), chart ? profile : distance);
 		this.hint();
 		this.page.update(false);
+	}
+
+	// What was picked goes up if a card at the bottom lies over it.
+	reveal(card, corners) {
+		const {camera} = this.page, top = card.hidden ? 0 : card.getBoundingClientRect().top;
+		const lowest = Math.max(0, ...corners.map(c => (camera.project(c) || [0, 0])[1])), most = top - 30;
+
+		if (top > camera.height / 3 && lowest > most && lowest < camera.height) {
+			camera.pan(0, most - lowest);
+			this.page.update();
+		}
 	}
 
 	hint() {
