@@ -25,6 +25,7 @@ struct dem *dem_free(struct dem *d)
 		dem_store_free(d->store);
 		area_free(d->grid.polygon);
 		free(d->description);
+		free(d->wkt);
 	}
 	free(d);
 	return NULL;
@@ -51,6 +52,8 @@ int dem_head(struct dem *d, const struct acut_mesh_head *head, const struct dem_
 		r = scale_init(&d->scale, head, opt, err);
 	if (!r)
 		r = dem_store_new(d->out, opt->cache ? opt->cache : DEM_CACHE, &d->store, err);
+	if (!r && head->wkt && *head->wkt && !(d->wkt = strdup(head->wkt)))
+		r = err_set(err, ERR_NOMEM, "no memory for a coordinate system");
 	if (r)
 		return r;
 	d->steep = opt->steep * decimal_double(d->scale.z) / decimal_double(d->grid.scale);

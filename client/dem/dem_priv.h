@@ -132,6 +132,7 @@ struct dem {
 	bool tiled;
 	double steep; /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
+	char *wkt;               /* of its system; NULL: none */
 	char *description;       /* lines; NULL: none */
 	int64_t from[2], to[2];  /* of the pixels that triangles met; from is above to at first */
 	struct dem_store *store; /* rows from the north of the announced box */
@@ -162,11 +163,11 @@ void dem_pyramid_done(struct dem_pyramid *);
 
 #define DEM_NODATA (-9999.0f)
 #define DEM_NODATA_TEXT "-9999"
-enum { DEM_KEYS = 16, DEM_CITATION = 600 };
+enum { DEM_KEYS = 16, DEM_CITATION = 4096 };
 struct dem_keys {
 	uint16_t key[4 * DEM_KEYS]; /* the directory, its header first */
 	unsigned n;                 /* numbers of it */
-	char text[DEM_CITATION];
+	char text[DEM_CITATION];    /* that of all citations, each with its "|" */
 };
 unsigned dem_keys_epsg(const struct dem *);                /* of the plane; 0: none */
 void dem_keys_make(struct dem_keys *, const struct dem *); /* dem_keys.c */

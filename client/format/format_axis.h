@@ -48,7 +48,7 @@ char *format_unit_comment(const struct acut_mesh_head *, const struct format_opt
 
 /* ---- comments of text headers: format_comment.c ---- */
 
-/* Calls `line` for each comment: acut-lattice, acut-crs, acut-units, acut-origin, acut-trimmed. */
+/* Calls `line` for each comment: acut-lattice, acut-crs, acut-geoid, acut-units, acut-origin, acut-trimmed. */
 int format_comment_head(const struct acut_mesh_head *, const struct format_options *,
 			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err);
 #define FORMAT_COMMENT 768

@@ -40,6 +40,11 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 		make_line(text);
 		r = line(ctx, text, err);
 	}
+	if (!r && head->geoid && *head->geoid) {
+		snprintf(text, sizeof(text), "acut-geoid %s", head->geoid);
+		make_line(text);
+		r = line(ctx, text, err);
+	}
 	if (!r) {
 		snprintf(text, sizeof(text), "acut-units %.64s %.64s",
 			 head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown",

@@ -21,7 +21,8 @@
 int outputs_head_copy(struct outputs_head *to, const struct acut_mesh_head *head, struct err *err)
 {
 	struct acut_mesh_head *h = &to->is;
-	const char **text[] = {&h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view, &h->stream_id};
+	const char **text[] = {&h->lattice, &h->scale_xy,  &h->scale_z, &h->crs,      &h->unit_xy, &h->unit_z,
+			       &h->view,    &h->stream_id, &h->wkt,     &h->vertical, &h->geoid};
 
 	*h = *head;
 	for (unsigned i = 0; i < sizeof(text) / sizeof(text[0]); i++) {

@@ -135,7 +135,7 @@ struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *);
 
 struct outputs_head {
 	struct acut_mesh_head is;
-	char *text[8];
+	char *text[11];
 };
 int outputs_head_copy(struct outputs_head *, const struct acut_mesh_head *, struct err *err);
 void outputs_head_done(struct outputs_head *);

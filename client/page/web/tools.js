@@ -110,7 +110,7 @@ class Tools {
 			const [e, n] = this.between(corners[corners.length - 2], last);
 			rows.push(["On the slope", about + lengthText(slope, units.length)]);
 			rows.push(["Rise", (rise < 0 ? "\u2212" : "+") + lengthText(Math.abs(rise) * this.page.axes[2].step, units.z)]);
-			rows.push(["Gradient", plan > 0 ? (100 * rise * this.page.step[2] / plan).toFixed(2) + "\u00a0%" : "\u2013"]);
+			rows.push(["Gradient", plan > 0 ? (100 * rise * this.page.step[2] / plan).toFixed(2).replace("-", "\u2212") + "\u00a0%" : "\u2013"]);
 			rows.push([corners.length > 2 ? "Direction of the last leg" : "Direction", ((Math.atan2(e, n) * 180 / Math.PI + 360) % 360).toFixed(1) + "°"]);
 		}
 		list.replaceChildren(...pairs(rows));
