@@ -1,6 +1,6 @@
 /*
  * PNG with --cell: a hillshade whose pixels are those of the rasters of this cell (the room dem draws it), in grey, transparent
- * where there is no mesh. A world file and, where the plane has an EPSG number, GDAL's .aux.xml say where it is.
+ * where there is no mesh. A world file and, where the plane has an EPSG number or a WKT, GDAL's .aux.xml say where it is.
  *
  * Memory is that of a raster, not of the picture. Numbers have no place in 8 bits: heights and slopes are written as tif.
  */
@@ -14,6 +14,7 @@
 #include "err.h"
 #include "format_dem.h"
 #include "format_png.h"
+#include "format_text.h"
 #include "outfile.h"
 
 struct format_png_cell {
@@ -176,6 +177,19 @@ static const char *number(double v, char buf[DECIMAL_TEXT_SIZE])
 	return decimal_from_double(v, &d) ? decimal_text(d, buf) : "0";
 }
 
+static int wkt_text(const char *wkt, char **ret, struct err *err)
+{
+	size_t size = strlen(wkt) * FORMAT_TEXT_GROWTH + 1;
+	char *text = malloc(size);
+	int n = -1;
+
+	if (text)
+		n = asprintf(ret, "<PAMDataset>\n  <SRS>%s</SRS>\n</PAMDataset>\n",
+			     format_text(FORMAT_TEXT_XML, wkt, text, size));
+	free(text);
+	return n < 0 ? err_set(err, ERR_NOMEM, "no memory for the system of a picture") : 0;
+}
+
 int format_png_cell_text(const struct format_png_cell *p, unsigned i, char **ret, struct err *err)
 {
 	char side[DECIMAL_TEXT_SIZE], low[DECIMAL_TEXT_SIZE], left[DECIMAL_TEXT_SIZE], top[DECIMAL_TEXT_SIZE];
@@ -185,6 +199,8 @@ int format_png_cell_text(const struct format_png_cell *p, unsigned i, char **ret
 	if (!i)
 		n = asprintf(ret, "%s\n0\n0\n%s\n%s\n%s\n", number(p->frame.side, side), number(-p->frame.side, low),
 			     number(p->frame.left, left), number(p->frame.top, top));
+	else if (!p->frame.epsg && p->frame.wkt)
+		return wkt_text(p->frame.wkt, ret, err);
 	else if (p->frame.epsg)
 		n = asprintf(ret, "<PAMDataset>\n  <SRS>EPSG:%u</SRS>\n</PAMDataset>\n", p->frame.epsg);
 	return n < 0 ? err_set(err, ERR_NOMEM, "no memory for a world file") : 0;

@@ -107,6 +107,12 @@ static void put_mesh(FILE *f, const struct outputs *run, uint64_t left_out)
 	fputs(tail->vertices ? "]" : "null", f);
 }
 
+static void put_text(FILE *f, const char *name, const char *text)
+{
+	fprintf(f, ",\n\"%s\":", name);
+	outputs_geojson_text(f, text);
+}
+
 static int sidecar_text(const struct outputs *run, const struct outputs_target *t, char **ret, struct err *err)
 {
 	struct outputs_report report;
@@ -128,6 +134,9 @@ static int sidecar_text(const struct outputs *run, const struct outputs_target *
 	outputs_geojson_text(f, run->head.is.view);
 	fputs(",\n", f);
 	outputs_geojson_head(f, &run->head.is, &t->opt);
+	put_text(f, "vertical", run->head.is.vertical);
+	put_text(f, "geoid", run->head.is.geoid);
+	put_text(f, "wkt", run->head.is.wkt);
 	outputs_geojson_origin(f, &run->head.is, &t->opt);
 	put_mesh(f, run, report.left_out);
 	fputs(",\n", f);

@@ -369,6 +369,13 @@ def pictures():
         os.unlink(base + "/h.pgw")
         os.unlink(png + ".aux.xml")
         expect(sorted(os.listdir(base)) == sorted(set(before) - {"h.png", "h.pgw", "h.png.aux.xml"} | {"pipe.png"}), str(os.listdir(base)))
+        # A system without a number, by its WKT.
+        import crs
+        odd = crs.UTM32.replace(',AUTHORITY["EPSG","25832"]', "").replace("zone 32N", "zone 32N & more").replace("meridian\",9", "meridian\",9.5")
+        d.ctl("mesh", crs.las(base + "/odd.las", odd), "-o", png, "--cell", "4").ok()
+        got = gdal.Open(png).GetSpatialRef()
+        expect(got and got.IsProjected() and "zone 32N & more" in got.ExportToWkt(), str(got))
+        os.unlink(png + ".aux.xml")
         # Without a system there is a world file alone.
         d.ctl("mesh", crs_xyz(base), "-o", png, "--cell", "1").ok()
         expect(os.path.exists(base + "/h.pgw") and not os.path.exists(png + ".aux.xml"), "a system out of nothing")

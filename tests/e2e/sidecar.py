@@ -40,6 +40,7 @@ def says_what_it_is():
         expect((mine["dataset"], mine["generation"], mine["job"]) == ("s", 1, job), str(mine))
         expect(mine["view"] == d.ctl("show", job, "--json").ok().json()["view"], mine["view"])
         expect((mine["crs"], mine["lattice"], mine["trimmed"]) == (said["acut-crs"], said["acut-lattice"], said["acut-trimmed"]), str(mine))
+        expect((mine["vertical"], mine["geoid"], mine["wkt"]) == (None, None, None), str(mine))
         expect(" ".join(mine["units"]) == said["acut-units"] and mine["units"] == ["metre", "foot"], str(mine["units"]))
         expect("%s %s" % (mine["digest"], mine["vertex_digest"]) == said["acut-digest"], str(mine))
         expect((mine["mesh_digest"], mine["digest"]) == (got["digest"], got["left_out"]["written_digest"]), str(mine))
