@@ -95,7 +95,7 @@ bool decimal_parse(const char *text, struct decimal *ret)
 
 	if (*text == '-' || *text == '+')
 		text++;
-	if (!take_digits(&text, &mantissa, &held, &whole))
+	if (*text != '.' && !take_digits(&text, &mantissa, &held, &whole))
 		return false;
 	if (*text == '.') {
 		text++;

@@ -18,7 +18,7 @@ struct decimal {
 
 /* The shortest decimal that is read back as `v`. False if v is not finite. */
 bool decimal_from_double(double v, struct decimal *ret);
-/* Strict: the whole text is [+-]digits[.digits][(e|E)[+-]digits]. False if it is malformed or out of range. */
+/* Strict: the whole text is [+-](digits[.digits]|.digits)[(e|E)[+-]digits]. False if it is malformed or out of range. */
 bool decimal_parse(const char *text, struct decimal *ret);
 /* Canonical text of a decimal: plain notation for exponents -12..12, otherwise mantissa "e" exponent. */
 char *decimal_text(struct decimal, char buf[DECIMAL_TEXT_SIZE]);

@@ -220,8 +220,8 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		rasters += format[i] && format[i]->kind == FORMAT_RASTER;
 		lines += format[i] && format[i]->kind == FORMAT_LINES;
 	}
-	if (!r && (rasters || lines) && a->window && !strcmp(a->window, "polygon")) {
-		r = err_set(err, ERR_USAGE, "%s cannot be cut by --polygon", rasters ? "a raster" : "contours");
+	if (!r && lines && a->window && !strcmp(a->window, "polygon")) {
+		r = err_set(err, ERR_USAGE, "contours cannot be cut by --polygon");
 		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
 	}
 	if (!r)

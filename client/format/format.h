@@ -12,6 +12,7 @@
 #include "decimal.h"
 
 struct cursor;
+struct dem_tiler;
 struct err;
 struct outfile;
 struct packer;
@@ -19,8 +20,9 @@ struct packer;
 enum format_kind {
 	FORMAT_MESH,    /* vertices and triangles */
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
-	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of tiles or changes */
-	FORMAT_LINES,   /* likewise, lines */
+	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of changes; makes tiles by itself
+			 */
+	FORMAT_LINES,   /* likewise, lines; not of tiles */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -65,6 +67,7 @@ struct format_options {
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
 	bool polyface; /* DXF: polyface meshes in place of single faces */
+	bool tiled;    /* rasters: `tiles` will come */
 };
 
 #define FORMAT_INDEX_EACH 5
@@ -92,6 +95,8 @@ struct format {
 	int (*block)(void *writer, const struct format_block *, struct err *);
 	int (*finish)(void *writer, const struct acut_mesh_tail *, struct err *);
 	void *(*free)(void *writer);
+	/* Of rasters, in place of finish: a file for each tile. */
+	int (*tiles)(void *writer, const struct dem_tiler *, const struct acut_mesh_tail *, struct err *);
 	/* To be resumed later; NULL: it cannot. `save` packs at most FORMAT_SAVED bytes; `resume` is called in place of head,
 	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);

@@ -7,12 +7,12 @@
 
 #include "format.h"
 
-extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_png, format_tif,
-	format_gpkg, format_geojson, format_dxf_contours, format_null;
+extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_html, format_png,
+	format_tif, format_gpkg, format_geojson, format_dxf_contours, format_null;
 
-static const struct format *const row[] = {&format_ply,  &format_obj,     &format_landxml,      &format_dxf,
-					   &format_glb,  &format_stl,     &format_png,          &format_tif,
-					   &format_gpkg, &format_geojson, &format_dxf_contours, &format_null};
+static const struct format *const row[] = {&format_ply,     &format_obj,          &format_landxml, &format_dxf, &format_glb,
+					   &format_stl,     &format_html,         &format_png,     &format_tif, &format_gpkg,
+					   &format_geojson, &format_dxf_contours, &format_null};
 
 const struct format *const *format_rows(size_t *ret_n)
 {

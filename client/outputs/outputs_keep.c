@@ -287,9 +287,10 @@ bool outputs_due(const struct outputs *run)
 	return !k->saved || size_of(run) - k->saved_size >= k->sync_bytes || clock_since(k->saved_ns) >= SYNC_SECONDS;
 }
 
+/* Nothing can go on with outputs that are too small for the mesh. */
 bool outputs_saved(const struct outputs *run)
 {
-	return run->kept && run->kept->saved;
+	return run->kept && run->kept->saved && run->err.code != ERR_LIMIT;
 }
 
 static void put_sum(struct packer *p, const struct outfile_sum *s)
@@ -366,7 +367,7 @@ int outputs_save(struct outputs *run, const void *state, size_t size, struct err
 
 void outputs_keep_discard(struct outputs *run)
 {
-	for (const struct outputs_target *t = run->target; t && run->kept && !run->kept->saved; t = t->next)
+	for (const struct outputs_target *t = run->target; t && run->kept && !outputs_saved(run); t = t->next)
 		if (t->out)
 			outfile_part_discard(t->out);
 }

@@ -86,6 +86,7 @@ void meshes_make(struct meshes *m, const struct meshes_spec *s)
 					  .scale_xy = s->scale_xy,
 					  .scale_z = s->scale_z,
 					  .crs = "EPSG:26910\nsecond line",
+					  .epsg = 26910,
 					  .unit_xy = "metre",
 					  .unit_z = "metre",
 					  .view = "view 1",
