@@ -95,7 +95,7 @@ bool decimal_parse(const char *text, struct decimal *ret)
 
 	if (*text == '-' || *text == '+')
 		text++;
-	if (!take_digits(&text, &mantissa, &held, &whole))
+	if (*text != '.' && !take_digits(&text, &mantissa, &held, &whole))
 		return false;
 	if (*text == '.') {
 		text++;
@@ -245,4 +245,38 @@ char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT
 
 	snprintf(buf, DECIMAL_TEXT_SIZE, "%s%.*se%d", minus ? "-" : "", count, digits, (int)scale.exponent);
 	return buf;
+}
+
+static bool times_tens(__int128 *v, int64_t tens)
+{
+	for (; tens > 0 && *v; tens--)
+		if (__builtin_mul_overflow(*v, (__int128)10, v))
+			return false;
+	return true;
+}
+
+bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret)
+{
+	int64_t tens = exponent - step.exponent;
+	__int128 num, den, q, rest;
+
+	*ret = v < 0 ? -DECIMAL_STEPS_MOST : DECIMAL_STEPS_MOST;
+	if (__builtin_mul_overflow(v, (__int128)up, &num) || !times_tens(&num, tens))
+		return false; /* 10^38 over a mantissa of at most 10^17 and a small number */
+	den = (__int128)step.mantissa * down;
+	if (!times_tens(&den, -tens)) {
+		*ret = 0; /* 10^38 against a number below 10^36 */
+		return true;
+	}
+	q = num / den;
+	rest = num % den;
+	if (rest < 0) {
+		rest += den;
+		q--;
+	}
+	q += rest >= den - rest;
+	if (q > DECIMAL_STEPS_MOST || q < -DECIMAL_STEPS_MOST)
+		return false;
+	*ret = (int64_t)q;
+	return true;
 }

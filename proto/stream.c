@@ -80,7 +80,7 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 {
 	static const uint8_t zeros[8];
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
-	size_t view = head->view ? strnlen(head->view, AREA_TEXT_MAX) : 0;
+	size_t view = head->view ? strnlen(head->view, AREA_TEXT_MAX) : 0, size;
 	unsigned n = 0;
 
 	packer_zero(&p, STREAM_HEADER_SIZE);
@@ -93,10 +93,20 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 	PUT_TEXT(&p, head->unit_xy);
 	PUT_TEXT(&p, head->unit_z);
 	packer_u16(&p, (uint16_t)view);
-	/* The view may be long, so it is not copied. */
+	/* View and WKT may be long, so they are not copied. */
 	n = add_piece(piece, n, scratch, packer_size(&p));
 	n = add_piece(piece, n, head->view, view);
-	n = add_piece(piece, n, zeros, stream_padded(packer_size(&p) + view) - packer_size(&p) - view);
+	size = packer_size(&p) + view;
+	if (head->system) {
+		size_t wkt = head->wkt ? strnlen(head->wkt, STREAM_WKT_MAX) : 0, before = packer_size(&p);
+
+		PUT_TEXT(&p, head->geoid);
+		packer_u16(&p, (uint16_t)wkt);
+		n = add_piece(piece, n, scratch + before, packer_size(&p) - before);
+		n = add_piece(piece, n, head->wkt, wkt);
+		size += packer_size(&p) - before + wkt;
+	}
+	n = add_piece(piece, n, zeros, stream_padded(size) - size);
 	put_header(STREAM_TYPE_HEAD, scratch, piece, n);
 	return n;
 }

@@ -21,6 +21,11 @@ struct stream_head {
 	char lattice[192]; /* "SXY SZ KX KY KZ" */
 	char crs[512], unit_xy[16], unit_z[16];
 	const char *view; /* canonical text; NULL: ""; at most AREA_TEXT_MAX bytes, which outlive the pieces */
+	/* Only for a reader that asked for it (Fetch.system): WAY HASH NAME of the geoid, and the WKT, which outlives the pieces;
+	 * NULL: "". */
+	bool system;
+	char geoid[128];
+	const char *wkt;
 	struct digest id; /* generation, view, plan, kernel version */
 	int32_t box[6];   /* of all vertices: min x y z, max x y z; lattice numbers */
 };
@@ -67,6 +72,7 @@ struct stream_piece {
 	size_t size;
 };
 #define STREAM_PIECES 8
+#define STREAM_WKT_MAX 32768u
 #define STREAM_SCRATCH 16384
 /* Each returns the number of pieces (<= STREAM_PIECES), which point into scratch and the argument. */
 unsigned stream_put_head(const struct stream_head *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);

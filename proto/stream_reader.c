@@ -33,7 +33,7 @@ struct stream_reader {
 	bool has_head, has_base, any_block, done, failed;
 	struct err why; /* if failed */
 	struct stream_head head;
-	char *view; /* of the head */
+	char *view, *wkt; /* of the head */
 	struct stream_base base;
 	const struct stream_region *gone; /* of the current frame */
 	size_t ngone;
@@ -81,6 +81,7 @@ struct stream_reader *stream_reader_free(struct stream_reader *r)
 	if (r) {
 		free(r->payload);
 		free(r->view);
+		free(r->wkt);
 		free(r);
 	}
 	return NULL;
@@ -269,23 +270,32 @@ static int get_end(struct cursor *c, const char *what, struct err *err)
 	return 0;
 }
 
-/* The only text that may be long. */
-static int get_view(struct stream_reader *r, struct cursor *c, struct err *err)
+/* The texts that may be long. */
+static int get_long(struct cursor *c, size_t most, char **ret, struct err *err)
 {
 	size_t n = cursor_u16(c);
 	const uint8_t *bytes = cursor_bytes(c, n);
 
-	if (!bytes || n > AREA_TEXT_MAX || memchr(bytes, 0, n)) {
+	if (!bytes || n > most || memchr(bytes, 0, n)) {
 		c->bad = true;
 		return 0;
 	}
-	r->view = malloc(n + 1);
-	if (!r->view)
+	*ret = malloc(n + 1);
+	if (!*ret)
 		return err_set(err, ERR_NOMEM, "there is no memory for the head of the mesh stream");
-	memcpy(r->view, bytes, n);
-	r->view[n] = '\0';
-	r->head.view = r->view;
+	memcpy(*ret, bytes, n);
+	(*ret)[n] = '\0';
 	return 0;
+}
+
+/* It came later: a head without it ends here, but for less than eight zeros, which are two empty texts. */
+static int get_system(struct stream_reader *r, struct cursor *c, struct err *err)
+{
+	if (c->bad || cursor_left(c) < 4)
+		return 0;
+	r->head.system = true;
+	GET_TEXT(c, r->head.geoid);
+	return get_long(c, STREAM_WKT_MAX, &r->wkt, err);
 }
 
 static int read_head(struct stream_reader *r, struct err *err)
@@ -302,9 +312,13 @@ static int read_head(struct stream_reader *r, struct err *err)
 	GET_TEXT(&c, head->crs);
 	GET_TEXT(&c, head->unit_xy);
 	GET_TEXT(&c, head->unit_z);
-	e = get_view(r, &c, err);
+	e = get_long(&c, AREA_TEXT_MAX, &r->view, err);
+	if (e == 0)
+		e = get_system(r, &c, err);
 	if (e < 0)
 		return e;
+	head->view = r->view;
+	head->wkt = r->wkt;
 	e = get_end(&c, "head", err);
 	if (e < 0)
 		return e;

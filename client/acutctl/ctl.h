@@ -11,11 +11,13 @@
 /* Options of one command or two. Texts are NULL, numbers 0 if not given. */
 struct ctl_options {
 	bool header;    /* info */
+	bool lines;     /* info: texts are lines in CSV */
 	bool all;       /* cache gc */
 	bool origin_of; /* config show */
 	bool wait, fresh, resume, files, removed, copy;
 	uint64_t generation, keep, before;
 	const char *crs, *priority, *as, *settle, *textfile;
+	const char *layer, *kind_field; /* info, of files of lines */
 };
 
 struct program {

@@ -32,6 +32,7 @@ void ctl_dataset_json(const struct console *c, const struct acut_dataset *d)
 	term_json_time(&j, "pushed", d->pushed_us);
 	ctl_report_lattice(&j, d->lattice);
 	ctl_report_units(&j, d->crs, d->unit_xy, d->unit_z);
+	ctl_report_system(&j, d);
 	term_json_numbers(&j, "min", d->min, 3);
 	term_json_numbers(&j, "max", d->max, 3);
 	term_json_known(&j, "pending", d->pending);
@@ -64,6 +65,10 @@ static void show_text(FILE *out, const struct acut_dataset *d)
 	term_field(out, "lattice", "%s", d->lattice);
 	term_field(out, "crs", "%s", d->crs);
 	term_field(out, "units", "%s, heights %s", d->unit_xy, d->unit_z);
+	if (*d->geoid)
+		term_field(out, "geoid", "%s", d->geoid);
+	if (*d->wkt)
+		term_field(out, "wkt", "%s", d->wkt);
 	if (isfinite(d->min[0]) && isfinite(d->min[1]))
 		term_field(out, "box", "%.15g %.15g to %.15g %.15g", d->min[0], d->min[1], d->max[0], d->max[1]);
 	if (d->pinned)

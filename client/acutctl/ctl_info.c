@@ -1,8 +1,9 @@
-/* info: headers of files, as the daemon reads them, and (without --header) their records. */
+/* info: headers of files, as the daemon reads them, and (without --header) their records. Files of lines are read here. */
 #include <math.h>
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_info_lines.h"
 #include "io.h"
 #include "term.h"
 
@@ -122,15 +123,20 @@ int ctl_info_run(struct program *ctl)
 	struct session *session = &ctl->session;
 	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct err err = ERR_INIT;
-	int status, first = 0;
+	int status = 0, first = 0;
+	bool connected = false;
 	size_t good = 0;
 
 	if (ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err))
 		return session_error(session, &err);
-	status = session_connect(session);
 	for (size_t i = 0; i < in.n && !status; i++) {
-		int one = info(&in, &in.input[i], ctl->opt.header);
+		bool lines = ctl_info_is_lines(ctl, &in.input[i]);
+		int one;
 
+		if (!lines && !connected && (status = session_connect(session)))
+			break;
+		connected |= !lines;
+		one = lines ? ctl_info_lines(ctl, &in.input[i]) : info(&in, &in.input[i], ctl->opt.header);
 		first = first ? first : one;
 		good += !one;
 		if (one && session_interrupted(session))

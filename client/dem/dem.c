@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "area.h"
 #include "dem_priv.h"
 #include "err.h"
 
@@ -22,7 +23,9 @@ struct dem *dem_free(struct dem *d)
 {
 	if (d) {
 		dem_store_free(d->store);
+		area_free(d->grid.polygon);
 		free(d->description);
+		free(d->wkt);
 	}
 	free(d);
 	return NULL;
@@ -49,6 +52,8 @@ int dem_head(struct dem *d, const struct acut_mesh_head *head, const struct dem_
 		r = scale_init(&d->scale, head, opt, err);
 	if (!r)
 		r = dem_store_new(d->out, opt->cache ? opt->cache : DEM_CACHE, &d->store, err);
+	if (!r && head->wkt && *head->wkt && !(d->wkt = strdup(head->wkt)))
+		r = err_set(err, ERR_NOMEM, "no memory for a coordinate system");
 	if (r)
 		return r;
 	d->steep = opt->steep * decimal_double(d->scale.z) / decimal_double(d->grid.scale);
@@ -92,6 +97,11 @@ int dem_check_size(const struct dem *d, const struct dem_rect *rect, struct err 
 		(unsigned long long)rect->w, (unsigned long long)rect->h,
 		(unsigned long long)DEM_TILES_MAX * DEM_TILE * DEM_TILE / 1000000);
 	return err_add_hint(err, "--cell %.10g fits (units of the file), or a part with --bbox", side);
+}
+
+void dem_tiled(struct dem *d)
+{
+	d->tiled = true;
 }
 
 int dem_finish(struct dem *d, const int32_t box[6], struct err *err)

@@ -37,6 +37,12 @@ struct dem_options {
 enum { DEM_TILE = 256, DEM_CACHE = 40 };
 #define DEM_TILES_MAX (1u << 17) /* that a raster may have: 8.6 thousand million pixels */
 
+struct dem_tile {
+	bool no_heights;
+	uint64_t width, height;
+	double box[4]; /* x1, y1, x2, y2 */
+};
+
 struct dem;
 int dem_new(struct outfile *, struct dem **ret, struct err *err);
 /* -ERR_USAGE: a cell that this lattice cannot have. */
@@ -47,6 +53,34 @@ int dem_describe(struct dem *, const char *line, struct err *err);
 int dem_triangle(struct dem *, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err);
 /* Writes the file; `box` is that of the vertices, NULL if there are none. */
 int dem_finish(struct dem *, const int32_t box[6], struct err *err);
+/* The files of a raster in tiles: squares of p / q lattice units, from the multiples of it. A tile has the pixels whose centres
+ * are in it, those on its left and lower border included, also where it has no heights for them; it is aligned to the pixels, and
+ * together tiles are the whole. `begin` opens the output of tile `at`, whose numbers are absolute; `end` gets it back, complete,
+ * or with no_heights empty: there is no such tile. In the order of rows and columns. */
+struct dem_tiler {
+	uint64_t p, q;
+	unsigned most; /* tiles */
+	int (*begin)(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err);
+	int (*end)(void *ctx, const int64_t at[2], struct outfile *, const struct dem_tile *, struct err *err);
+	void *ctx;
+};
+/* In place of dem_finish. */
+int dem_finish_tiles(struct dem *, const struct dem_tiler *, struct err *err);
+/* In place of dem_finish, of DEM_HILLSHADE: rows from the north, two bytes a pixel: grey, and 255, or 0 where there is nothing.
+ */
+struct dem_frame {
+	uint64_t width, height;
+	double side, left, top; /* of a pixel; the centre of the one in the north-west */
+	unsigned epsg;          /* of the plane; 0: it has no number */
+};
+struct dem_rows {
+	int (*begin)(void *ctx, const struct dem_frame *, struct err *err);
+	int (*row)(void *ctx, const uint8_t *grey, struct err *err);
+	void *ctx;
+};
+enum { DEM_ROW_MOST = 32768 }; /* pixels; -ERR_USAGE beyond */
+int dem_finish_rows(struct dem *, const int32_t box[6], const struct dem_rows *, struct err *err);
+void dem_tiled(struct dem *); /* before dem_head: dem_finish_tiles will come, so the whole may have any size */
 struct dem *dem_free(struct dem *);
 
 #endif

@@ -70,12 +70,14 @@ static int64_t into(dem_i128 v, int64_t most)
 	return v < -1 ? -1 : v > most ? most : (int64_t)v;
 }
 
-/* Pixels of the window "box:X1,Y1,X2,Y2" (absolute lattice numbers). A centre on its border is drawn if it is inside when it is
- * moved a little to the east and, much less, to the south, as with edges of triangles: windows side by side share no pixel. */
+/* Pixels of the window "box:X1,Y1,X2,Y2" (absolute lattice numbers), or of the box of its polygons. A centre on its border is
+ * drawn if it is inside when it is moved a little to the east and, much less, to the south, as with edges of triangles: windows
+ * side by side share no pixel. */
 static int clip_window(struct dem_grid *g, const char *view, struct err *err)
 {
 	const char *at = strstr(view ? view : "", " window=");
-	long long b[4];
+	long long n[4];
+	int64_t b[4];
 
 	for (int i = 0; i < 2; i++) {
 		g->clip[i][0] = 0;
@@ -83,9 +85,14 @@ static int clip_window(struct dem_grid *g, const char *view, struct err *err)
 	}
 	if (!at)
 		return 0;
-	if (sscanf(at, " window=box:%lld,%lld,%lld,%lld", &b[0], &b[1], &b[2], &b[3]) != 4) {
-		err_set(err, ERR_USAGE, "a raster cannot be cut by --polygon");
-		return err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
+	if (!strncmp(at, " window=area:", 13)) {
+		if (dem_clip_init(g, at + 13, b, err))
+			return -(int)err->code;
+	} else if (sscanf(at, " window=box:%lld,%lld,%lld,%lld", &n[0], &n[1], &n[2], &n[3]) == 4) {
+		for (int i = 0; i < 4; i++)
+			b[i] = n[i];
+	} else {
+		return err_set(err, ERR_PROTO, "the window of the stream's view is none");
 	}
 	for (int i = 0; i < 2; i++) {
 		dem_i128 low = 2 * (dem_i128)g->q * b[i] - g->p, high = 2 * (dem_i128)g->q * b[i + 2] - g->p, d = 2 * g->p;
@@ -127,6 +134,7 @@ int dem_grid_init(struct dem_grid *g, const struct acut_mesh_head *head, const s
 			return err_add_hint(err, "give a larger --cell");
 		}
 		g->base[i] = head->box[i];
+		g->zero[i] = head->k[i];
 		g->first[i] = (int64_t)first;
 		g->count[i] = (int64_t)(last - first) + 1;
 		g->off[i] = (int64_t)(2 * (dem_i128)g->q * low - (2 * first + 1) * g->p);
@@ -155,15 +163,26 @@ double dem_grid_side(const struct dem_grid *g)
 	return dem_big_double((dem_i128)g->p * g->scale.mantissa, g->scale.exponent, (uint64_t)g->q);
 }
 
-double dem_grid_line(const struct dem_grid *g, int axis, int64_t local)
+/* Half pixels from absolute 0, as a coordinate. */
+static double coordinate(const struct dem_grid *g, dem_i128 halves)
 {
-	/* first + local is below 2^53, p below 2^58; the scale's digits come apart so that all fits */
+	/* below 2^55 times p below 2^58; the scale's digits come apart so that all fits */
 	struct decimal s = g->scale;
-	dem_i128 n = (dem_i128)(g->first[axis] + local) * g->p;
+	dem_i128 n = halves * g->p;
 
 	if (s.mantissa == 1)
-		return dem_big_double(n, s.exponent, (uint64_t)g->q);
+		return dem_big_double(n, s.exponent, 2 * (uint64_t)g->q);
 	if (n > -((dem_i128)1 << 63) && n < (dem_i128)1 << 63)
-		return dem_big_double(n * s.mantissa, s.exponent, (uint64_t)g->q);
-	return dem_big_double(n, s.exponent, (uint64_t)g->q) * (double)s.mantissa;
+		return dem_big_double(n * s.mantissa, s.exponent, 2 * (uint64_t)g->q);
+	return dem_big_double(n, s.exponent, 2 * (uint64_t)g->q) * (double)s.mantissa;
+}
+
+double dem_grid_line(const struct dem_grid *g, int axis, int64_t local)
+{
+	return coordinate(g, 2 * (dem_i128)(g->first[axis] + local));
+}
+
+double dem_grid_centre(const struct dem_grid *g, int axis, int64_t local)
+{
+	return coordinate(g, 2 * (dem_i128)(g->first[axis] + local) + 1);
 }

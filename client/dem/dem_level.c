@@ -41,7 +41,8 @@ struct helper {
 struct work {
 	struct dem *dem;
 	struct dem_store *store, *higher; /* of this level and the next */
-	uint64_t x, y;                    /* of this level in its store */
+	int64_t x, y;                     /* of this level in its store */
+	bool whole;                       /* it is the raster, not a smaller one */
 	size_t room;                      /* of a packed tile */
 	struct job *job;
 	unsigned njob;
@@ -190,8 +191,10 @@ static int put_tile(struct work *w, struct dem_level *l, uint32_t column, uint32
 	uint64_t x = (uint64_t)column * DEM_TILE, y = (uint64_t)row * DEM_TILE;
 	struct job *job = &w->job[w->njob];
 	bool any;
-	int r = dem_store_read(w->store, w->x + x, w->y + y, l->w - x, l->h - y, job->pixel, &any, err);
+	int r = dem_store_read(w->store, w->x + (int64_t)x, w->y + (int64_t)y, l->w - x, l->h - y, job->pixel, &any, err);
 
+	if (!r && any && w->whole)
+		dem_clip_tile(&w->dem->grid, w->x + (int64_t)x, w->y + (int64_t)y, job->pixel);
 	job->index = (size_t)row * l->columns + column;
 	job->is_none = false;
 	l->offset[job->index] = UINT64_MAX;
@@ -232,10 +235,12 @@ static int make_level(struct work *w, struct dem_level *l, struct err *err)
 	}
 	if (!r)
 		r = put_batch(w, l, err);
-	dem_store_free(w->store);
+	if (w->store != w->dem->store)
+		dem_store_free(w->store);
 	w->store = w->higher;
 	w->higher = NULL;
 	w->x = w->y = 0;
+	w->whole = false;
 	return r;
 }
 
@@ -249,7 +254,8 @@ static struct work *work_free(struct work *w)
 	}
 	for (unsigned i = 0; i < BATCH && w->job; i++)
 		free(w->job[i].packed);
-	dem_store_free(w->store);
+	if (!w->dem || w->store != w->dem->store)
+		dem_store_free(w->store);
 	dem_store_free(w->higher);
 	free(w->job);
 	free(w);
@@ -289,9 +295,11 @@ int dem_pyramid_make(struct dem_pyramid *p, struct dem *d, const struct dem_rect
 		return err_set(err, ERR_NOMEM, "no memory to compress a raster");
 	w->dem = d;
 	w->store = d->store;
-	d->store = NULL;
-	w->x = (uint64_t)rect->x;
-	w->y = (uint64_t)d->grid.count[1] - (uint64_t)rect->y - rect->h;
+	if (!d->tiled)
+		d->store = NULL;
+	w->x = rect->x;
+	w->y = d->grid.count[1] - rect->y - (int64_t)rect->h;
+	w->whole = true;
 	while (w->store && !r) {
 		struct dem_level *l = &p->level[p->n++];
 

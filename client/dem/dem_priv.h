@@ -1,10 +1,12 @@
-/* Shared by the files of this room: lattice to pixels (dem_grid.c), triangles to pixels (dem_raster.c), heights (dem_plane.c,
- * dem_big.c), tiles in memory and on the disk (dem_store.c), levels (dem_level.c), the file (dem_tiff.c, dem_keys.c). */
+/* Shared by the files of this room: lattice to pixels (dem_grid.c), windows (dem_clip.c), triangles to pixels (dem_raster.c),
+ * heights (dem_plane.c, dem_big.c), tiles in memory and on the disk (dem_store.c), levels (dem_level.c), the file (dem_tiff.c,
+ * dem_keys.c). */
 #ifndef DEM_PRIV_H
 #define DEM_PRIV_H
 
 #include "dem.h"
 
+struct area;
 typedef __int128 dem_i128;
 
 /* ---- numbers: dem_big.c ---- */
@@ -33,7 +35,9 @@ struct dem_grid {
 	int32_t base[2]; /* the box's least lattice numbers */
 	int64_t off[2];  /* their places */
 	int64_t first[2], count[2];
-	int64_t clip[2][2]; /* local pixels that are drawn, from and to, both included */
+	int64_t clip[2][2];   /* local pixels that are drawn, from and to, both included */
+	int64_t zero[2];      /* lattice number 0, absolute */
+	struct area *polygon; /* in places, y negated; NULL: the window has none */
 	struct decimal scale;
 };
 int dem_grid_init(struct dem_grid *, const struct acut_mesh_head *, const struct dem_options *, struct err *err);
@@ -48,7 +52,8 @@ struct dem_rect {
 /* The pixels that `box` has a part of, clipped; one pixel if there are none. */
 struct dem_rect dem_grid_rect(const struct dem_grid *, const int32_t box[6]);
 double dem_grid_side(const struct dem_grid *);
-double dem_grid_line(const struct dem_grid *, int axis, int64_t local); /* coordinate of the low border of a local pixel */
+double dem_grid_centre(const struct dem_grid *, int axis, int64_t local); /* coordinate of the centre of a local pixel */
+double dem_grid_line(const struct dem_grid *, int axis, int64_t local);   /* coordinate of the low border of a local pixel */
 
 /* Rounded down and up; d > 0. Quotients of more than 62 bits are cut to them. */
 static inline int64_t dem_div_down(dem_i128 n, dem_i128 d)
@@ -68,6 +73,13 @@ static inline int64_t dem_div_up(dem_i128 n, dem_i128 d)
 {
 	return -dem_div_down(-n, d);
 }
+
+/* ---- the polygons of a window: dem_clip.c ---- */
+
+/* Of the text of an area; *ret_box has its bounds, absolute lattice numbers. */
+int dem_clip_init(struct dem_grid *, const char *text, int64_t ret_box[4], struct err *err);
+/* Pixels outside become NAN; x counts from the west, row from the north of the announced box. */
+void dem_clip_tile(const struct dem_grid *, int64_t x, int64_t row, float *tile);
 
 /* ---- heights: dem_plane.c ---- */
 
@@ -105,8 +117,9 @@ int dem_store_new(const struct outfile *beside, unsigned cache, struct dem_store
 /* A tile of DEM_TILE rows, valid until the next call. One that is not there is made, all NAN, or with `look` *ret is NULL. */
 int dem_store_tile(struct dem_store *, uint32_t column, uint32_t row, bool look, float **ret, struct err *err);
 /* The pixels from (x, y) on into a tile; those at `w` and `h` and further are NAN. *ret_any: some are not. */
-int dem_store_read(struct dem_store *, uint64_t x, uint64_t y, uint64_t w, uint64_t h, float *tile, bool *ret_any,
-		   struct err *err);
+int dem_store_read(struct dem_store *, int64_t x, int64_t y, uint64_t w, uint64_t h, float *tile, bool *ret_any, struct err *err);
+/* The numbers of all tiles that were asked for, row << 32 | column, to be freed. -ERR_NOMEM. */
+int dem_store_list(const struct dem_store *, uint64_t **ret, size_t *ret_n, struct err *err);
 struct dem_store *dem_store_free(struct dem_store *);
 
 /* ---- triangles to pixels: dem_raster.c ---- */
@@ -116,8 +129,10 @@ struct dem {
 	struct dem_options opt;
 	struct dem_grid grid;
 	struct dem_scale scale;
+	bool tiled;
 	double steep; /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
+	char *wkt;               /* of its system; NULL: none */
 	char *description;       /* lines; NULL: none */
 	int64_t from[2], to[2];  /* of the pixels that triangles met; from is above to at first */
 	struct dem_store *store; /* rows from the north of the announced box */
@@ -140,7 +155,7 @@ struct dem_pyramid {
 	struct dem_level level[DEM_LEVELS];
 	unsigned n;
 };
-/* Takes the store. */
+/* Takes the store, but of a raster in tiles. */
 int dem_pyramid_make(struct dem_pyramid *, struct dem *, const struct dem_rect *, struct err *err);
 void dem_pyramid_done(struct dem_pyramid *);
 
@@ -148,12 +163,13 @@ void dem_pyramid_done(struct dem_pyramid *);
 
 #define DEM_NODATA (-9999.0f)
 #define DEM_NODATA_TEXT "-9999"
-enum { DEM_KEYS = 16, DEM_CITATION = 600 };
+enum { DEM_KEYS = 16, DEM_CITATION = 4096 };
 struct dem_keys {
 	uint16_t key[4 * DEM_KEYS]; /* the directory, its header first */
 	unsigned n;                 /* numbers of it */
-	char text[DEM_CITATION];
+	char text[DEM_CITATION];    /* that of all citations, each with its "|" */
 };
+unsigned dem_keys_epsg(const struct dem *);                /* of the plane; 0: none */
 void dem_keys_make(struct dem_keys *, const struct dem *); /* dem_keys.c */
 int dem_tiff_write(const struct dem *, const struct dem_pyramid *, const struct dem_rect *, struct err *err);
 

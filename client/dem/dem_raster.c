@@ -205,7 +205,7 @@ static int grow(struct dem *d, const int64_t from[2], const int64_t to[2], struc
 		d->from[i] = from[i] < d->from[i] ? from[i] : d->from[i];
 		d->to[i] = to[i] > d->to[i] ? to[i] : d->to[i];
 	}
-	if (!grown)
+	if (!grown || d->tiled)
 		return 0;
 	all = (struct dem_rect){d->from[0], d->from[1], (uint64_t)(d->to[0] - d->from[0]) + 1,
 				(uint64_t)(d->to[1] - d->from[1]) + 1};

@@ -206,27 +206,42 @@ int dem_store_tile(struct dem_store *s, uint32_t column, uint32_t row, bool look
 	return 0;
 }
 
-int dem_store_read(struct dem_store *s, uint64_t x, uint64_t y, uint64_t w, uint64_t h, float *tile, bool *ret_any,
-		   struct err *err)
+int dem_store_list(const struct dem_store *s, uint64_t **ret, size_t *ret_n, struct err *err)
 {
-	uint64_t right = x + (w < DEM_TILE ? w : DEM_TILE), low = y + (h < DEM_TILE ? h : DEM_TILE);
+	uint64_t *list = malloc((s->used + 1) * sizeof(*list));
+	size_t n = 0;
+
+	if (!list)
+		return err_set(err, ERR_NOMEM, "no memory for %zu tiles of a raster", s->used);
+	for (size_t i = 0; i < s->size; i++)
+		if (s->tile[i].used)
+			list[n++] = s->tile[i].number;
+	*ret = list;
+	*ret_n = n;
+	return 0;
+}
+
+int dem_store_read(struct dem_store *s, int64_t x, int64_t y, uint64_t w, uint64_t h, float *tile, bool *ret_any, struct err *err)
+{
+	int64_t right = x + (int64_t)(w < DEM_TILE ? w : DEM_TILE), low = y + (int64_t)(h < DEM_TILE ? h : DEM_TILE);
+	int64_t tx0 = x > 0 ? x / DEM_TILE : 0, ty0 = y > 0 ? y / DEM_TILE : 0;
 
 	*ret_any = false;
 	for (size_t i = 0; i < PIXELS; i++)
 		tile[i] = NAN;
-	for (uint64_t ty = y / DEM_TILE; ty * DEM_TILE < low; ty++) {
-		for (uint64_t tx = x / DEM_TILE; tx * DEM_TILE < right; tx++) {
-			uint64_t x0 = tx * DEM_TILE > x ? tx * DEM_TILE : x, y0 = ty * DEM_TILE > y ? ty * DEM_TILE : y;
-			uint64_t x1 = (tx + 1) * DEM_TILE < right ? (tx + 1) * DEM_TILE : right;
-			uint64_t y1 = (ty + 1) * DEM_TILE < low ? (ty + 1) * DEM_TILE : low;
+	for (int64_t ty = ty0; ty * DEM_TILE < low; ty++) {
+		for (int64_t tx = tx0; tx * DEM_TILE < right; tx++) {
+			int64_t x0 = tx * DEM_TILE > x ? tx * DEM_TILE : x, y0 = ty * DEM_TILE > y ? ty * DEM_TILE : y;
+			int64_t x1 = (tx + 1) * DEM_TILE < right ? (tx + 1) * DEM_TILE : right;
+			int64_t y1 = (ty + 1) * DEM_TILE < low ? (ty + 1) * DEM_TILE : low;
 			float *from;
 
 			if (dem_store_tile(s, (uint32_t)tx, (uint32_t)ty, true, &from, err))
 				return -err->code;
 			*ret_any |= from != NULL;
-			for (uint64_t at = y0; at < y1 && from; at++)
+			for (int64_t at = y0; at < y1 && from; at++)
 				memcpy(tile + (at - y) * DEM_TILE + (x0 - x), from + at % DEM_TILE * DEM_TILE + x0 % DEM_TILE,
-				       (x1 - x0) * sizeof(float));
+				       (size_t)(x1 - x0) * sizeof(float));
 		}
 	}
 	return 0;

@@ -8,7 +8,7 @@
 
 /* One output; NULL, 0: not given. */
 struct ctl_fetch_output {
-	const char *path, *format, *origin, *z_unit, *color, *cell, *raster;
+	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index;
 	uint64_t width;
 	bool canonical, polyface;
 };
@@ -19,6 +19,7 @@ struct ctl_fetch_options {
 	struct ctl_fetch_output
 		output[CTL_FETCH_OUTPUTS + 1];   /* as given; the first has the options before any -o, and no path */
 	const char *tile, *max_edge, *trim_hull; /* NULL: not given */
+	struct cli_texts cut[OUTPUTS_CUTS];      /* files of --mask and --erase */
 	uint64_t since;                          /* 0: not given */
 	bool no_clobber;
 	bool gaps;          /* the view leaves gaps: of the ground or the surface */
@@ -61,6 +62,8 @@ struct ctl_mesh {
 };
 void ctl_mesh_text(const struct ctl_mesh *);
 void ctl_mesh_json(const struct ctl_mesh *);
+/* A rule leaves out triangles. */
+bool ctl_mesh_trims(const struct ctl_fetch_options *);
 /* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
 uint64_t ctl_mesh_moved(const struct ctl_staged *, double ret_shift[3]);
 /* Warnings of long edges; "edges". */

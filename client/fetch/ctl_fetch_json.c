@@ -85,6 +85,36 @@ static void tiles_json(struct term_json *j, const struct ctl_mesh *m)
 	free(index);
 }
 
+static void cut_json(struct term_json *j, const char *name, const struct cli_texts *file, const char *digest)
+{
+	if (!file->n) {
+		term_json_null(j, name);
+		return;
+	}
+	term_json_open(j, name, '{');
+	term_json_open(j, "files", '[');
+	for (unsigned i = 0; i < file->n; i++)
+		term_json_text(j, NULL, file->text[i]);
+	term_json_close(j, ']');
+	term_json_text(j, "digest", digest);
+	term_json_close(j, '}');
+}
+
+static void left_out_json(struct term_json *j, const struct ctl_mesh *m)
+{
+	if (!ctl_mesh_trims(m->opt)) {
+		term_json_null(j, "left_out");
+		return;
+	}
+	term_json_open(j, "left_out", '{');
+	term_json_u64(j, "triangles", m->out->left_out);
+	term_json_number(j, "area", m->out->left_out_area);
+	term_json_text(j, "written_digest", m->out->written);
+	cut_json(j, "mask", &m->opt->cut[OUTPUTS_MASK], m->out->cut[OUTPUTS_MASK]);
+	cut_json(j, "erase", &m->opt->cut[OUTPUTS_ERASE], m->out->cut[OUTPUTS_ERASE]);
+	term_json_close(j, '}');
+}
+
 void ctl_mesh_json(const struct ctl_mesh *m)
 {
 	const struct acut_job *job = m->job;
@@ -104,15 +134,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 	inputs_json(&j, m->staged);
 	term_json_u64(&j, "output_bytes", m->out->bytes);
 	ctl_mesh_edges_json(&j, m);
-	if (m->opt->max_edge || m->opt->trim_hull) {
-		term_json_open(&j, "left_out", '{');
-		term_json_u64(&j, "triangles", m->out->left_out);
-		term_json_number(&j, "area", m->out->left_out_area);
-		term_json_text(&j, "written_digest", m->out->written);
-		term_json_close(&j, '}');
-	} else {
-		term_json_null(&j, "left_out");
-	}
+	left_out_json(&j, m);
 	tiles_json(&j, m);
 	changes_json(&j, m);
 	term_json_open(&j, "refused", '[');

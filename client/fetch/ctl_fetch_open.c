@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include "ctl_fetch.h"
+#include "parse.h"
 
 static int parse_origin(const char *text, struct format_options *opt, struct err *err)
 {
@@ -29,8 +30,8 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 	return 0;
 }
 
-/* A number above zero with an optional unit. */
-static bool length_of(const char *text, struct decimal *ret, const char **ret_unit)
+/* A number with an optional unit. */
+static bool number_of(const char *text, struct decimal *ret, const char **ret_unit)
 {
 	char number[DECIMAL_TEXT_SIZE];
 	size_t n = strlen(text), m = n;
@@ -39,7 +40,12 @@ static bool length_of(const char *text, struct decimal *ret, const char **ret_un
 		m--;
 	*ret_unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
 	snprintf(number, sizeof(number), "%.*s", (int)m, text);
-	return m < sizeof(number) && (m == n || *ret_unit) && decimal_parse(number, ret) && ret->mantissa > 0;
+	return m < sizeof(number) && (m == n || *ret_unit) && decimal_parse(number, ret);
+}
+
+static bool length_of(const char *text, struct decimal *ret, const char **ret_unit)
+{
+	return number_of(text, ret, ret_unit) && ret->mantissa > 0;
 }
 
 static int parse_cell(const char *text, struct format_options *opt, struct err *err)
@@ -48,6 +54,26 @@ static int parse_cell(const char *text, struct format_options *opt, struct err *
 		return 0;
 	err_set(err, ERR_USAGE, "--cell is not a length above zero: \"%s\"", text);
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 1m");
+}
+
+static int parse_levels(const struct ctl_fetch_output *o, struct format_options *opt, struct err *err)
+{
+	uint64_t index = 0;
+
+	if (o->interval && !length_of(o->interval, &opt->interval, &opt->interval_unit)) {
+		err_set(err, ERR_USAGE, "--interval is not a length above zero: \"%s\"", o->interval);
+		return err_add_hint(err, "give a number in the units of the heights, or one with m, ft or ftUS, as in 1m");
+	}
+	opt->has_base = o->base != NULL;
+	if (o->base && !number_of(o->base, &opt->base, &opt->base_unit)) {
+		err_set(err, ERR_USAGE, "--base is not a height: \"%s\"", o->base);
+		return err_add_hint(err, "give a number in the units of the heights, or one with m, ft or ftUS, as in 0.5m");
+	}
+	opt->has_index = o->index != NULL;
+	if (o->index && (!parse_u64(o->index, &index) || index > UINT32_MAX))
+		return err_set(err, ERR_USAGE, "--index is not a number: \"%s\"", o->index);
+	opt->index = (uint32_t)index;
+	return 0;
 }
 
 /* The given options that a format takes. */
@@ -67,6 +93,8 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 		return err_set(err, ERR_USAGE, "--raster is not elevation, slope or hillshade: \"%s\"", o->raster);
 	if (takes & FORMAT_CELL && o->cell && parse_cell(o->cell, opt, err))
 		return -err->code;
+	if (takes & FORMAT_INTERVAL && parse_levels(o, opt, err))
+		return -err->code;
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
@@ -84,10 +112,12 @@ static const struct format *format_of(const struct ctl_fetch_options *a, unsigne
 		}
 	} else if (!f && !strcmp(o->path, "-")) {
 		f = format_find("ply"); /* the default, as for tiles */
-	} else if (!f) {
+	} else if (!f && !format_elsewhere(o->path, err)) {
 		err_set(err, ERR_USAGE, "the name does not give a format");
 		err_add_file(err, o->path);
 		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
+	} else if (o->interval && f == format_find("dxf")) {
+		f = format_find("dxf-contours");
 	}
 	return f;
 }
@@ -164,7 +194,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
-	unsigned n = ctl_fetch_count(a), rasters = 0;
+	unsigned n = ctl_fetch_count(a), rasters = 0, lines = 0;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -174,7 +204,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	if (!r && a->trim_hull && (a->since || a->window)) {
 		r = err_set(err, ERR_USAGE, "--trim-hull needs a whole mesh, not %s%s", a->since ? "changes" : "the window of --",
 			    a->since ? "" : a->window);
-		err_add_hint(err, "--max-edge leaves out triangles wherever they are");
+		err_add_hint(err, "--max-edge, --mask and --erase leave out triangles wherever they are");
 	}
 	if (!r && a->since && a->window)
 		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->window);
@@ -188,15 +218,19 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		format[i] = format_of(a, i, err);
 		r = format[i] ? 0 : -(int)err->code;
 		rasters += format[i] && format[i]->kind == FORMAT_RASTER;
+		lines += format[i] && format[i]->kind == FORMAT_LINES;
 	}
-	if (!r && rasters && a->window && !strcmp(a->window, "polygon")) {
-		r = err_set(err, ERR_USAGE, "a raster cannot be cut by --polygon");
+	if (!r && lines && a->window && !strcmp(a->window, "polygon")) {
+		r = err_set(err, ERR_USAGE, "contours cannot be cut by --polygon");
 		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
 	}
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);
 	if (!r)
 		r = outputs_new(&opt, &run, err);
+	for (int k = 0; k < OUTPUTS_CUTS; k++)
+		for (unsigned i = 0; i < a->cut[k].n && !r; i++)
+			r = outputs_cut(run, (enum outputs_cut)k, a->cut[k].text[i], err);
 	for (unsigned i = n > 0; i <= n && !r; i++)
 		r = add_output(session, a, i, run, format[i], rasters, err);
 	if (r)

@@ -28,6 +28,9 @@ static const struct scoped_option rows[] = {
 	ROW(FORMAT_POLYFACE, polyface, false),
 	ROW(FORMAT_CELL, cell, false),
 	ROW(FORMAT_RASTERED, raster, false),
+	ROW(FORMAT_INTERVAL, interval, false),
+	ROW(FORMAT_BASE, base, false),
+	ROW(FORMAT_INDEX, index, false),
 };
 
 static char *value_of(struct ctl_fetch_output *o, const struct scoped_option *row)

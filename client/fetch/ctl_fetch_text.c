@@ -65,15 +65,32 @@ static void changes_text(const struct ctl_mesh *m)
 			     c->new_regions == 1 ? "" : "s", term_count(c->new_triangles, b));
 }
 
-/* "12 triangles with edges longer than 30m". */
-static const char *left_out_text(const struct ctl_mesh *m, char buf[256])
+bool ctl_mesh_trims(const struct ctl_fetch_options *o)
 {
-	char count[32];
+	return o->max_edge || o->trim_hull || o->cut[OUTPUTS_MASK].n || o->cut[OUTPUTS_ERASE].n;
+}
 
-	snprintf(buf, 256, "%s triangles%s%s%s%s%s", term_count(m->out->left_out, count),
-		 m->opt->max_edge ? " with edges longer than " : "", m->opt->max_edge ? m->opt->max_edge : "",
-		 m->opt->max_edge && m->opt->trim_hull ? " or" : "",
-		 m->opt->trim_hull ? " at the hull, behind edges longer than " : "", m->opt->trim_hull ? m->opt->trim_hull : "");
+/* "12 triangles with edges longer than 30m, at the hull behind edges longer than 60m, or outside of a.geojson". */
+static const char *left_out_text(const struct ctl_mesh *m, char buf[512])
+{
+	const struct ctl_fetch_options *o = m->opt;
+	const struct cli_texts *mask = &o->cut[OUTPUTS_MASK], *erase = &o->cut[OUTPUTS_ERASE];
+	char reason[OUTPUTS_CUTS + 2][160], count[32];
+	unsigned n = 0;
+	int at;
+
+	if (o->max_edge)
+		snprintf(reason[n++], sizeof(*reason), "with edges longer than %s", o->max_edge);
+	if (o->trim_hull)
+		snprintf(reason[n++], sizeof(*reason), "at the hull behind edges longer than %s", o->trim_hull);
+	if (mask->n)
+		snprintf(reason[n++], sizeof(*reason), "outside of %s%s", mask->text[0], mask->n > 1 ? " and other areas" : "");
+	if (erase->n)
+		snprintf(reason[n++], sizeof(*reason), "inside of %s%s", erase->text[0], erase->n > 1 ? " or other areas" : "");
+	at = snprintf(buf, 512, "%s triangles", term_count(m->out->left_out, count));
+	for (unsigned i = 0; i < n && at < 512; i++)
+		at += snprintf(buf + at, 512 - (size_t)at, "%s%s%s", i && n > 2 ? "," : "", i && i == n - 1 ? " or " : " ",
+			       reason[i]);
 	return buf;
 }
 
@@ -191,7 +208,7 @@ static void page(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	FILE *out = m->console->report;
-	char area[64], text[256];
+	char area[64], text[512];
 
 	if (m->console->quiet)
 		return;
@@ -200,7 +217,7 @@ static void page(const struct ctl_mesh *m)
 		changes_text(m);
 	points(out, p, m->staged);
 	mesh(out, p);
-	if (m->opt->max_edge || m->opt->trim_hull)
+	if (ctl_mesh_trims(m->opt))
 		term_field(out, "trimmed", "%s%s", left_out_text(m, text), area_text(m->out, ", ", area));
 	place(m, out);
 	if (m->staged)
@@ -229,7 +246,7 @@ static void lines(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	struct console *c = m->console;
-	char a[32], b[96], d[64], text[256];
+	char a[32], b[96], d[64], text[512];
 	double shift[3];
 	uint64_t moved = ctl_mesh_moved(m->staged, shift);
 
@@ -253,7 +270,7 @@ static void lines(const struct ctl_mesh *m)
 	console_line(c, "%s triangles in %s, %.1f s; digest %s", term_count(p->triangles, a), ctl_report_domains(p, b, sizeof b),
 		     p->seconds, p->digest);
 	console_note(c, "%s", p->note);
-	if (m->opt->max_edge || m->opt->trim_hull)
+	if (ctl_mesh_trims(m->opt))
 		console_line(c, "%s were left out%s", left_out_text(m, text), area_text(m->out, ", an area of ", d));
 }
 

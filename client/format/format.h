@@ -12,6 +12,7 @@
 #include "decimal.h"
 
 struct cursor;
+struct dem_tiler;
 struct err;
 struct outfile;
 struct packer;
@@ -19,7 +20,9 @@ struct packer;
 enum format_kind {
 	FORMAT_MESH,    /* vertices and triangles */
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
-	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of tiles or changes */
+	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of changes; makes tiles by itself
+			 */
+	FORMAT_LINES,   /* likewise, lines; not of tiles */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -33,6 +36,9 @@ enum {
 	FORMAT_POLYFACE = 32,
 	FORMAT_CELL = 64,      /* --cell, which such a format needs */
 	FORMAT_RASTERED = 128, /* --raster */
+	FORMAT_INTERVAL = 256, /* --interval, which such a format needs */
+	FORMAT_BASE = 512,
+	FORMAT_INDEX = 1024,
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
@@ -49,14 +55,22 @@ struct format_options {
 	struct decimal cell;   /* rasters: side of a pixel; zero: not given */
 	const char *cell_unit; /* name of its unit; NULL: that of the file */
 	enum format_rasters raster;
-	int (*interrupted)(void *ctx); /* not 0: give up; of rasters, while the file is made; may be NULL */
+	/* Contours: of the levels base + i * interval every `index`th is marked (0: none). Without a unit lengths are in that of
+	 * the heights as they are written. */
+	struct decimal interval, base; /* zero: not given */
+	const char *interval_unit, *base_unit;
+	bool has_base, has_index;
+	uint32_t index;
+	int (*interrupted)(void *ctx); /* not 0: give up; of rasters and lines, while the file is made; may be NULL */
 	void *ctx;
 	unsigned rasters; /* outputs that share the memory of rasters; 0: one */
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
 	bool polyface; /* DXF: polyface meshes in place of single faces */
+	bool tiled;    /* rasters: `tiles` will come */
 };
 
+#define FORMAT_INDEX_EACH 5
 #define FORMAT_WIDTH 1600
 #define FORMAT_WIDTH_MAX 32768
 
@@ -72,6 +86,7 @@ struct format_block {
  * has the digest of the triangles that came. */
 struct format {
 	const char *name, *extensions, *help; /* extensions: ".a .b" */
+	const char *purpose;                  /* what, or whom, it is for */
 	enum format_kind kind;
 	unsigned takes; /* FORMAT_CANONICAL ... */
 	bool positions; /* blocks come with positions */
@@ -80,6 +95,8 @@ struct format {
 	int (*block)(void *writer, const struct format_block *, struct err *);
 	int (*finish)(void *writer, const struct acut_mesh_tail *, struct err *);
 	void *(*free)(void *writer);
+	/* Of rasters, in place of finish: a file for each tile. */
+	int (*tiles)(void *writer, const struct dem_tiler *, const struct acut_mesh_tail *, struct err *);
 	/* To be resumed later; NULL: it cannot. `save` packs at most FORMAT_SAVED bytes; `resume` is called in place of head,
 	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);
@@ -88,8 +105,12 @@ struct format {
 #define FORMAT_SAVED 64
 
 const struct format *const *format_rows(size_t *ret_n);
-const struct format *format_find(const char *name);    /* NULL: no such format */
-const struct format *format_by_path(const char *path); /* by extension; NULL: unknown */
+const struct format *format_find(const char *name);                 /* NULL: no such format */
+const struct format *format_by_path(const char *path);              /* by extension; NULL: unknown */
+const char *format_extension(const char *path);                     /* with its dot; NULL: none */
+bool format_has_extension(const char *list, const char *extension); /* `list`: ".a .b" */
+/* False: nothing is known of the extension. Else `err` says what to write, and which program makes such a file of it. */
+bool format_elsewhere(const char *path, struct err *err);
 bool format_parse_color(const char *text, enum format_color *ret);
 bool format_parse_raster(const char *text, enum format_rasters *ret);
 unsigned format_options_given(const struct format_options *); /* FORMAT_CANONICAL ... */

@@ -48,9 +48,11 @@ char *format_unit_comment(const struct acut_mesh_head *, const struct format_opt
 
 /* ---- comments of text headers: format_comment.c ---- */
 
-/* Calls `line` for each comment: acut-lattice, acut-crs, acut-units, acut-origin, acut-trimmed. */
+/* Calls `line` for each comment: acut-lattice, acut-crs, acut-geoid, acut-units, acut-origin, acut-trimmed. */
 int format_comment_head(const struct acut_mesh_head *, const struct format_options *,
 			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err);
 #define FORMAT_COMMENT 768
+/* The file's name without its extension, or `without` where it has none. Returns `buf`. */
+char *format_file_name(const struct outfile *, const char *without, char *buf, size_t size);
 
 #endif

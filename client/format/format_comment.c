@@ -6,6 +6,7 @@
 
 #include "err.h"
 #include "format_axis.h"
+#include "outfile.h"
 
 /* A line must stay a line: control characters become spaces. */
 static void make_line(char *text)
@@ -39,6 +40,11 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 		make_line(text);
 		r = line(ctx, text, err);
 	}
+	if (!r && head->geoid && *head->geoid) {
+		snprintf(text, sizeof(text), "acut-geoid %s", head->geoid);
+		make_line(text);
+		r = line(ctx, text, err);
+	}
 	if (!r) {
 		snprintf(text, sizeof(text), "acut-units %.64s %.64s",
 			 head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown",
@@ -57,4 +63,16 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 		r = line(ctx, text, err);
 	trimmed_text(head, opt, text, sizeof(text));
 	return r || !text[0] ? r : line(ctx, text, err);
+}
+
+char *format_file_name(const struct outfile *out, const char *without, char *buf, size_t size)
+{
+	const char *base = outfile_base(out);
+	char *dot;
+
+	snprintf(buf, size, "%s", base ? base : without);
+	dot = strrchr(buf, '.');
+	if (dot && dot != buf)
+		*dot = 0;
+	return buf;
 }

@@ -273,6 +273,7 @@ const struct format format_dxf = {
 	.name = "dxf",
 	.extensions = ".dxf",
 	.help = "DXF R12: a 3DFACE a triangle, or polyface meshes (--polyface); exact decimals",
+	.purpose = "CAD",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT | FORMAT_POLYFACE,
 	.positions = true,

@@ -231,6 +231,7 @@ const struct format format_glb = {
 	.name = "glb",
 	.extensions = ".glb",
 	.help = "glTF 2.0, binary: y up, 32-bit floats, so most meshes need --origin auto",
+	.purpose = "Blender, viewers, browsers",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = glb_open,

@@ -152,6 +152,7 @@ const struct format format_landxml = {
 	.name = "landxml",
 	.extensions = ".xml .landxml",
 	.help = "LandXML 1.2: a TIN surface in exact decimals; units must be known",
+	.purpose = "Civil 3D, road design",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = landxml_open,

@@ -6,6 +6,7 @@
  * required too, and always the same, because the same mesh is the same file.
  */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
@@ -85,33 +86,43 @@ static int put_units(struct outfile *out, const struct acut_mesh_head *head, con
 	return err_add_hint(err, "convert the heights: --z-unit %s", units[i].word);
 }
 
-/* Coordinates less an origin are in no system that has a code. */
+static int put_attribute(struct outfile *out, const char *name, const char *value, struct err *err)
+{
+	size_t size = FORMAT_TEXT_GROWTH * (value ? strlen(value) : 0) + 1;
+	char *text;
+	int r;
+
+	if (size == 1)
+		return 0;
+	text = malloc(size);
+	if (!text)
+		return err_set(err, ERR_NOMEM, "no memory for a coordinate system");
+	format_text(FORMAT_TEXT_XML, value, text, size);
+	r = PUT(out, err, " ", name, "=\"", text, "\"");
+	free(text);
+	return r;
+}
+
+/* Coordinates less an origin are in no system that has a code, and heights in another unit not in the vertical system. */
 static int put_system(struct outfile *out, const struct acut_mesh_head *head, const struct format_options *opt, struct err *err)
 {
 	bool shifted = opt->has_origin || opt->origin_auto;
+	bool converted = opt->z_unit && strcmp(opt->z_unit, known(head->unit_z));
+	bool heights = head->vertical && *head->vertical;
 	char code[32] = "", name[TEXT];
-	size_t n;
+	int r;
 
 	if (!head->crs || !*head->crs || !strcmp(head->crs, "unknown"))
 		return 0;
-	n = strncmp(head->crs, "EPSG:", 5) ? 0 : strspn(head->crs + 5, "0123456789");
-	if (n && n < 10 && !shifted)
-		snprintf(code, sizeof(code), " epsgCode=\"%.*s\"", (int)n, head->crs + 5);
+	if (head->epsg && !shifted)
+		snprintf(code, sizeof(code), " epsgCode=\"%u\"", head->epsg);
 	format_text(FORMAT_TEXT_XML, head->crs, name, sizeof(name));
-	return PUT(out, err, "<CoordinateSystem", code, " desc=\"", name, shifted ? ", less an origin" : "", "\"/>\n");
-}
-
-/* Of the surface: the file's, without its extension. */
-static char *name_of(const struct outfile *out, char *buf, size_t size)
-{
-	const char *base = outfile_base(out);
-	char *dot;
-
-	snprintf(buf, size, "%s", base ? base : "TIN");
-	dot = strrchr(buf, '.');
-	if (dot && dot != buf)
-		*dot = 0;
-	return buf;
+	r = PUT(out, err, "<CoordinateSystem", code, " desc=\"", name, shifted ? ", less an origin" : "", "\"");
+	if (!r && !shifted && !(converted && heights))
+		r = put_attribute(out, "ogcWktCode", head->wkt, err);
+	if (!r && !shifted && !converted)
+		r = put_attribute(out, "verticalDatum", head->vertical, err);
+	return r ? r : PUT(out, err, "/>\n");
 }
 
 int format_landxml_head(struct outfile *out, const struct acut_mesh_head *head, const struct format_options *opt, struct err *err)
@@ -123,7 +134,7 @@ int format_landxml_head(struct outfile *out, const struct acut_mesh_head *head, 
 		r = put_units(out, head, opt, err);
 	if (!r)
 		r = put_system(out, head, opt, err);
-	format_text(FORMAT_TEXT_XML, name_of(out, file, sizeof(file)), name, sizeof(name));
+	format_text(FORMAT_TEXT_XML, format_file_name(out, "TIN", file, sizeof(file)), name, sizeof(name));
 	if (!r)
 		r = PUT(out, err, "<Project name=\"", name, "\">\n<Feature code=\"acut\">\n");
 	if (!r)

@@ -57,6 +57,7 @@ const struct format format_null = {
 	.name = "null",
 	.extensions = "",
 	.help = "nothing is written: the mesh is checked and counted, without -o",
+	.purpose = "checks in scripts",
 	.kind = FORMAT_NOTHING,
 	.open = null_open,
 	.head = null_head,

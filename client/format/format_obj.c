@@ -133,6 +133,7 @@ const struct format format_obj = {
 	.name = "obj",
 	.extensions = ".obj",
 	.help = "Wavefront OBJ: exact decimals as text",
+	.purpose = "modelling programs, scripts",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = obj_open,

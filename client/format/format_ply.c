@@ -251,6 +251,7 @@ const struct format format_ply = {
 	.name = "ply",
 	.extensions = ".ply",
 	.help = "binary little-endian PLY: double x, y, z; triangles counter-clockwise",
+	.purpose = "QGIS (mesh layer), CloudCompare",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.open = ply_open,

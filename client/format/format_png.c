@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "format_domain.h"
 #include "format_raster.h"
 #include "outfile.h"
 
@@ -58,23 +59,11 @@ static int png_head(void *writer, const struct acut_mesh_head *head, struct err 
 	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width, p->opt.color == FORMAT_DOMAIN, err);
 }
 
-/* A hash of a region; neighbours must have different colours. */
-static uint32_t domain_hash(const int64_t box[4])
-{
-	uint64_t h = 0x243f6a8885a308d3u;
-
-	for (int i = 0; i < 4; i++) {
-		h = (h ^ (uint64_t)box[i]) * 0x9e3779b97f4a7c15u;
-		h ^= h >> 29;
-	}
-	return (uint32_t)(h ^ h >> 32);
-}
-
 static int png_block(void *writer, const struct format_block *block, struct err *err)
 {
 	struct picture *p = writer;
 	const struct acut_mesh_block *b = block->mesh;
-	uint32_t domain = domain_hash(b->box);
+	uint32_t domain = format_domain(b->box);
 
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
@@ -186,6 +175,7 @@ const struct format format_png = {
 	.name = "png",
 	.extensions = ".png",
 	.help = "a picture from above: hillshade, elevation or domains (--color, --width)",
+	.purpose = "a look at it",
 	.kind = FORMAT_PICTURE,
 	.takes = FORMAT_SIZED | FORMAT_COLORED,
 	.positions = true,

@@ -182,6 +182,7 @@ const struct format format_stl = {
 	.name = "stl",
 	.extensions = ".stl",
 	.help = "binary STL: 32-bit floats, so most meshes need --origin auto",
+	.purpose = "printing, simulation",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,
 	.positions = true,

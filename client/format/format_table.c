@@ -7,11 +7,12 @@
 
 #include "format.h"
 
-extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_png, format_tif,
-	format_null;
+extern const struct format format_ply, format_obj, format_landxml, format_dxf, format_glb, format_stl, format_html, format_png,
+	format_tif, format_gpkg, format_geojson, format_dxf_contours, format_null;
 
-static const struct format *const row[] = {&format_ply, &format_obj, &format_landxml, &format_dxf, &format_glb,
-					   &format_stl, &format_png, &format_tif,     &format_null};
+static const struct format *const row[] = {&format_ply,     &format_obj,          &format_landxml, &format_dxf, &format_glb,
+					   &format_stl,     &format_html,         &format_png,     &format_tif, &format_gpkg,
+					   &format_geojson, &format_dxf_contours, &format_null};
 
 const struct format *const *format_rows(size_t *ret_n)
 {
@@ -27,8 +28,7 @@ const struct format *format_find(const char *name)
 	return NULL;
 }
 
-/* True if `ext` (with its dot) is one of the words of `list`. */
-static bool in_list(const char *list, const char *ext)
+bool format_has_extension(const char *list, const char *ext)
 {
 	size_t n = strlen(ext);
 
@@ -41,15 +41,21 @@ static bool in_list(const char *list, const char *ext)
 	return false;
 }
 
-const struct format *format_by_path(const char *path)
+const char *format_extension(const char *path)
 {
 	const char *base = strrchr(path, '/');
-	const char *dot = strrchr(base ? base : path, '.');
+
+	return strrchr(base ? base : path, '.');
+}
+
+const struct format *format_by_path(const char *path)
+{
+	const char *dot = format_extension(path);
 
 	if (!dot)
 		return NULL;
 	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++)
-		if (in_list(row[i]->extensions, dot))
+		if (format_has_extension(row[i]->extensions, dot))
 			return row[i];
 	return NULL;
 }
@@ -85,12 +91,14 @@ unsigned format_options_given(const struct format_options *opt)
 	return (opt->canonical ? FORMAT_CANONICAL : 0) | (opt->has_origin || opt->origin_auto ? FORMAT_ORIGIN : 0) |
 	       (opt->z_unit ? FORMAT_Z_UNIT : 0) | (opt->width ? FORMAT_SIZED : 0) | (opt->color ? FORMAT_COLORED : 0) |
 	       (opt->polyface ? FORMAT_POLYFACE : 0) | (opt->cell.mantissa ? FORMAT_CELL : 0) |
-	       (opt->raster ? FORMAT_RASTERED : 0);
+	       (opt->raster ? FORMAT_RASTERED : 0) | (opt->interval.mantissa ? FORMAT_INTERVAL : 0) |
+	       (opt->has_base ? FORMAT_BASE : 0) | (opt->has_index ? FORMAT_INDEX : 0);
 }
 
 const char *format_option_name(unsigned options)
 {
-	static const char *const name[] = {"canonical", "origin", "z-unit", "width", "color", "polyface", "cell", "raster"};
+	static const char *const name[] = {"canonical", "origin", "z-unit",   "width", "color", "polyface",
+					   "cell",      "raster", "interval", "base",  "index"};
 
 	return options ? name[__builtin_ctz(options)] : NULL;
 }

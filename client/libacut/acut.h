@@ -421,6 +421,9 @@ struct acut_dataset {
 	uint32_t segments; /* files that hold its points; 0: not known */
 	bool merging;      /* some of them become one now */
 	uint32_t mode;     /* as of a file: 0640 */
+	/* As in acut_mesh_head. Of a list, wkt and geoid are "". */
+	uint32_t epsg, epsg_z;
+	const char *vertical, *wkt, *geoid;
 };
 #define ACUT_NO_GROUP UINT32_MAX
 /* The mode of datasets that this connection makes, by a push or before it: "640", "g+w" (of 640). Unless called it is what
@@ -540,6 +543,13 @@ struct acut_mesh_head {
 	int32_t box[6];            /* min x y z, max x y z: holds all vertices */
 	int64_t scale_mantissa[2]; /* scale = mantissa * 10^exponent; [0] of x and y, [1] of z */
 	int32_t scale_exponent[2];
+	/* The coordinate system, of which `crs` has both halves, "X and y + heights". From an older daemon the last two are "".
+	 */
+	uint32_t epsg, epsg_z; /* of x and y, and of heights; 0: no number is known */
+	const char *vertical;  /* the half of the heights: "EPSG:5720", a name; "": none is known */
+	/* As an input carried it, in one line of at most 32,768 bytes; "": none did. It may be that of x and y alone. */
+	const char *wkt;
+	const char *geoid; /* "WAY HASH NAME" of the grid that converted the heights; "": none did */
 };
 struct acut_mesh_block {
 	uint64_t index, first;

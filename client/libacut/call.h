@@ -70,6 +70,8 @@ struct acut {
 	struct acut_imported imported;
 };
 
+/* system.c: the EPSG numbers in the text of a coordinate system, 0 if there are none, and its half of the heights, or "". */
+void call_system(const char *crs, uint32_t *ret_epsg, uint32_t *ret_epsg_z, const char **ret_vertical);
 /* Features that older daemons would ignore in a request: without them in its Hello.features the call fails before it is sent. */
 enum call_feature { CALL_MODE = 1, CALL_DECIMAL_COMMA = 2, CALL_OVERRIDE = 4 };
 int call_needs(struct acut *, enum call_feature);

@@ -32,7 +32,10 @@ void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 		.oldest = d->oldest,
 		.segments = d->segments,
 		.merging = d->merging,
+		.wkt = d->wkt,
+		.geoid = d->geoid,
 	};
+	call_system(ret->crs, &ret->epsg, &ret->epsg_z, &ret->vertical);
 	for (size_t i = 0; i < 3; i++) {
 		ret->min[i] = i < d->n_min ? d->min[i] : NAN;
 		ret->max[i] = i < d->n_max ? d->max[i] : NAN;
@@ -268,6 +271,7 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 	}
 	req.name = call_text(dataset);
 	req.generation = generation;
+	req.system = true;
 	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &req), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
 	if (r == 0 && a->answer->datasets->n_datasets != 1)
 		r = err_set(&a->err, ERR_PROTO, "the daemon's answer has no dataset");

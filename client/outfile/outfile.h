@@ -18,6 +18,8 @@ int outfile_new(const char *path, bool no_clobber, struct outfile **ret, struct 
 int outfile_spool(const struct outfile *, struct outfile **ret, struct err *err);
 /* A second place to append, for bytes that come after the whole output but are written meanwhile. */
 int outfile_annex(struct outfile *, struct outfile **ret, struct err *err);
+/* Of one that is not joined, and not used any more: what it has in the output's file is gone. */
+int outfile_annex_drop(struct outfile *annex, struct err *err);
 /* Room for n bytes at the end of the buffer (n <= OUTFILE_BUFFER - OUTFILE_BUFFER_KEPT), NULL on failure; outfile_used tells
  * how many were used. OUTFILE_BUFFER_BEHIND bytes after them may be overwritten, too. */
 void *outfile_room(struct outfile *, size_t n, struct err *err);

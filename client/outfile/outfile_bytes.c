@@ -234,6 +234,18 @@ int outfile_annex(struct outfile *host, struct outfile **ret, struct err *err)
 	return 0;
 }
 
+int outfile_annex_drop(struct outfile *annex, struct err *err)
+{
+	struct outfile *o = annex->host;
+	int r = annex->inside ? outfile_flush(o, err) : 0;
+
+	annex->used = 0;
+	if (r || !annex->inside || !io->ftruncate(o->fd, (off_t)o->at))
+		return r;
+	err_sys(err, errno, "cannot cut the output to its size");
+	return err_add_file(err, o->label);
+}
+
 /* Others (memory sticks, shares) may fill the hole with zeros. */
 static bool has_holes(int fd)
 {

@@ -2,10 +2,11 @@
  * One stream to several outputs.
  *
  * The order inside: positions of local vertices (only if an output needs them), triangles held back by --trim-hull, those left
- * out by
- * --max-edge, then each output, through the canonical order if asked. The first failure is kept, ends the
- * fetch, and makes publishing impossible. Outputs are published one after the other when the stream has
- * ended well: with several of them, a failure between two leaves the earlier ones, each of them whole.
+ * out by --mask and --erase, those by --max-edge, then each output, through the canonical order if asked. What the hull is
+ * depends on the whole mesh, so it is found first; the others look at a triangle alone, so that a triangle is written if no
+ * option leaves it out. The first failure is kept, ends the fetch, and makes publishing impossible. Outputs are published one
+ * after the other when the stream has ended well: with several of them, a failure between two leaves the earlier ones, each of
+ * them whole.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -28,12 +29,18 @@ static size_t add_length(char *buf, size_t size, const char *name, const struct 
 }
 
 /* What the run leaves out of each file. */
-static void trimmed_text(const struct outputs_options *opt, char *buf, size_t size)
+static void trimmed_text(const struct outputs *run, char *buf, size_t size)
 {
+	static const char *const cut[OUTPUTS_CUTS] = {"mask", "erase"};
+	const struct outputs_options *opt = &run->opt;
 	const struct outputs_length tile = {.given = opt->tiled, .value = opt->tile};
 	size_t n = add_length(buf, size, "max-edge", &opt->max_edge);
 
 	n += add_length(buf + n, size - n, "trim-hull", &opt->trim_hull);
+	for (int i = 0; i < OUTPUTS_CUTS; i++)
+		if (*outputs_mask_digest(run->mask, (enum outputs_cut)i))
+			n += (size_t)snprintf(buf + n, size - n, "%s=%s ", cut[i],
+					      outputs_mask_digest(run->mask, (enum outputs_cut)i));
 	n += add_length(buf + n, size - n, "tile", &tile);
 	if (opt->changes)
 		n += (size_t)snprintf(buf + n, size - n, "changes ");
@@ -50,11 +57,20 @@ int outputs_new(const struct outputs_options *opt, struct outputs **ret, struct 
 	if (!run->opt.sort_memory)
 		run->opt.sort_memory = SORT_MEMORY;
 	run->positions = opt->max_edge.given || opt->trim_hull.given;
-	trimmed_text(opt, run->trimmed, sizeof(run->trimmed));
+	trimmed_text(run, run->trimmed, sizeof(run->trimmed));
 	run->end = &run->target;
 	run->err = ERR_INIT;
 	*ret = run;
 	return 0;
+}
+
+int outputs_cut(struct outputs *run, enum outputs_cut cut, const char *file, struct err *err)
+{
+	int r = outputs_mask_add(&run->mask, cut, file, err);
+
+	run->positions = true;
+	trimmed_text(run, run->trimmed, sizeof(run->trimmed));
+	return r;
 }
 
 static struct outputs_target *target_free(struct outputs_target *t)
@@ -79,6 +95,10 @@ static int target_check(const char *path, const struct format *format, const str
 	if (format->kind == FORMAT_RASTER && changes) {
 		err_set(err, ERR_USAGE, "--changed-since has no meaning for %s: a raster needs all triangles", format->name);
 		return err_add_hint(err, "fetch it of the whole mesh, or of a window with --bbox");
+	}
+	if (format->kind == FORMAT_LINES && changes) {
+		err_set(err, ERR_USAGE, "--changed-since has no meaning for %s: lines need all triangles", format->name);
+		return err_add_hint(err, "fetch them of the whole mesh, or of a window with --bbox");
 	}
 	if (format->kind == FORMAT_NOTHING && path) {
 		err_set(err, ERR_USAGE, "%s writes nothing, and an output is given", format->name);
@@ -146,6 +166,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 
 	if (!r && run->hull)
 		r = outputs_hull_head(run->hull, head, &run->opt.trim_hull, &run->err);
+	if (!r && run->mask)
+		r = outputs_mask_head(run->mask, head, &run->err);
 	if (!r && outputs_keep_goes_on(run))
 		return outputs_keep_head(run, head, &run->err);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
@@ -155,16 +177,20 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 	return r || !run->tiles ? r : outputs_tiles_head(run->tiles, head, &run->err);
 }
 
-/* Triangles to the outputs, those left out that have long edges. */
+/* Triangles to the outputs, without those that lie elsewhere or have long edges. */
 static int run_write(void *ctx, const struct format_block *given)
 {
 	struct outputs *run = ctx;
-	struct acut_mesh_block kept;
+	struct acut_mesh_block kept, inside;
 	struct format_block block = *given;
 	int r = 0;
 
-	if (run->edge.limited || run->edge.gather) {
-		r = outputs_edge_block(&run->edge, given->mesh, given->position, &kept, &run->err);
+	if (run->mask) {
+		r = outputs_mask_block(run->mask, given->mesh, given->position, &inside, &run->err);
+		block.mesh = &inside;
+	}
+	if (!r && (run->edge.limited || run->edge.gather)) {
+		r = outputs_edge_block(&run->edge, block.mesh, given->position, &kept, &run->err);
 		block.mesh = &kept;
 	}
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
@@ -196,13 +222,10 @@ static struct outputs_left left_out(const struct outputs *run)
 {
 	struct outputs_left sum = run->edge.left;
 
-	if (run->hull) {
-		const struct outputs_left *more = outputs_hull_left(run->hull);
-
-		sum.triangles += more->triangles;
-		sum.area2 += more->area2;
-		digest_add(&sum.digest, more->digest);
-	}
+	if (run->hull)
+		outputs_left_sum(&sum, outputs_hull_left(run->hull));
+	if (run->mask)
+		outputs_left_sum(&sum, outputs_mask_left(run->mask));
 	return sum;
 }
 
@@ -317,6 +340,8 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 	};
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
+	for (int i = 0; i < OUTPUTS_CUTS; i++)
+		snprintf(ret->cut[i], sizeof(ret->cut[i]), "%s", outputs_mask_digest(run->mask, (enum outputs_cut)i));
 	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));
 	memcpy(ret->written, run->written, sizeof(run->written));
 }
@@ -334,6 +359,7 @@ struct outputs *outputs_free(struct outputs *run)
 	outputs_change_free(run->change);
 	outputs_front_done(&run->front);
 	outputs_hull_free(run->hull);
+	outputs_mask_free(run->mask);
 	outputs_edge_done(&run->edge);
 	outputs_keep_free(run->kept);
 	free(run->origin.dataset);

@@ -16,6 +16,10 @@ struct outputs_length {
 	const char *unit; /* its name; NULL: that of the file */
 };
 
+/* Polygons in a file of GeoJSON or WKT. Of a mesh that is cut, triangles whose centroid is in an area of OUTPUTS_MASK stay, and
+ * those in one of OUTPUTS_ERASE do not. */
+enum outputs_cut { OUTPUTS_MASK, OUTPUTS_ERASE, OUTPUTS_CUTS };
+
 struct outputs_options {
 	struct outputs_length max_edge;  /* triangles with a longer xy edge are left out */
 	struct outputs_length trim_hull; /* and those that are reached from outside through edges that are longer than this */
@@ -42,11 +46,12 @@ struct outputs_changes_counts {
 
 /* The result at the end of the stream. Lengths and areas are in file units. */
 struct outputs_report {
-	uint64_t bytes;       /* of all outputs */
-	uint64_t left_out;    /* triangles, by max_edge and trim_hull */
-	char written[40];     /* digest of the triangles that the files have */
-	double left_out_area; /* NAN where the unit of x and y is no known length */
-	char unit_xy[16];     /* of the file */
+	uint64_t bytes;             /* of all outputs */
+	uint64_t left_out;          /* triangles, by max_edge, trim_hull and cuts */
+	char written[40];           /* digest of the triangles that the files have */
+	char cut[OUTPUTS_CUTS][40]; /* digests of areas; "": not given */
+	double left_out_area;       /* NAN where the unit of x and y is no known length */
+	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
 	uint64_t tiles;                   /* files of tiles; 0 without tiles */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
@@ -55,6 +60,8 @@ struct outputs_report {
 
 struct outputs;
 int outputs_new(const struct outputs_options *, struct outputs **ret, struct err *err);
+/* Cuts by the polygons of a file, too; before the adds. Errors name it. */
+int outputs_cut(struct outputs *, enum outputs_cut, const char *file, struct err *err);
 /* Opens an output: "-" is standard output; for tiles, their folder, which is made; NULL for a format that writes nothing.
  * -ERR_USAGE: a wrong combination. */
 int outputs_add(struct outputs *, const char *path, const struct format *, const struct format_options *, struct err *err);

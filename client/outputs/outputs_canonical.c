@@ -26,7 +26,7 @@ struct page {
 struct outputs_canonical {
 	const struct format *format;
 	void *writer;
-	struct outputs_sort *vertices, *triangles;
+	struct sort *vertices, *triangles;
 	struct outfile *keys;     /* of the vertices, in order */
 	size_t words;             /* of a record of it: 1, or 2 with positions */
 	bool merge;               /* the same vertex comes more than once */
@@ -53,9 +53,9 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 	int r = c ? 0 : err_set(err, ERR_NOMEM, "no memory to sort with");
 
 	if (!r)
-		r = outputs_sort_new(2, 1, memory / 3, beside, &c->vertices, err);
+		r = sort_new(2, 1, memory / 3, beside, &c->vertices, err);
 	if (!r)
-		r = outputs_sort_new(3, 3, memory - memory / 3, beside, &c->triangles, err);
+		r = sort_new(3, 3, memory - memory / 3, beside, &c->triangles, err);
 	if (!r)
 		r = outfile_spool(beside, &c->keys, err);
 	if (!r) {
@@ -90,7 +90,7 @@ int outputs_canonical_block(struct outputs_canonical *c, const struct format_blo
 
 	for (uint32_t i = 0; i < b->nnew && !r; i++) {
 		uint64_t rec[2] = {key_of(b->vertex[i]), (uint32_t)b->vertex[i][2]};
-		r = outputs_sort_add(c->vertices, rec, err);
+		r = sort_add(c->vertices, rec, err);
 	}
 	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
 		uint64_t k[3], rec[3];
@@ -103,7 +103,7 @@ int outputs_canonical_block(struct outputs_canonical *c, const struct format_blo
 		}
 		for (int j = 0; j < 3; j++)
 			rec[j] = k[(low + j) % 3];
-		r = outputs_sort_add(c->triangles, rec, err);
+		r = sort_add(c->triangles, rec, err);
 	}
 	return r;
 }
@@ -141,9 +141,9 @@ static int send_vertices(struct outputs_canonical *c, struct err *err)
 	const uint64_t *rec;
 	uint64_t last[2] = {0};
 	uint32_t n = 0;
-	int r = outputs_sort_start(c->vertices, err);
+	int r = sort_start(c->vertices, err);
 
-	while (!r && !(r = outputs_sort_next(c->vertices, &rec, err))) {
+	while (!r && !(r = sort_next(c->vertices, &rec, err))) {
 		if (c->merge && rec && c->nvertex && rec[0] == last[0]) {
 			if (rec[1] != last[1])
 				r = err_set(err, ERR_PROTO, "the stream has two heights for one vertex");
@@ -164,7 +164,7 @@ static int send_vertices(struct outputs_canonical *c, struct err *err)
 		if (!r)
 			r = outfile_write(c->keys, rec, c->words * sizeof(*rec), err);
 	}
-	c->vertices = outputs_sort_free(c->vertices);
+	c->vertices = sort_free(c->vertices);
 	return r;
 }
 
@@ -223,9 +223,9 @@ static int send_triangles(struct outputs_canonical *c, struct err *err)
 {
 	const uint64_t *rec;
 	uint32_t n = 0;
-	int r = outputs_sort_start(c->triangles, err);
+	int r = sort_start(c->triangles, err);
 
-	while (!r && !(r = outputs_sort_next(c->triangles, &rec, err))) {
+	while (!r && !(r = sort_next(c->triangles, &rec, err))) {
 		if (n == PIECE || (!rec && n)) {
 			struct acut_mesh_block b = {.first = c->nvertex,
 						    .nforeign = 3 * n,
@@ -260,8 +260,8 @@ struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *c)
 {
 	if (!c)
 		return NULL;
-	outputs_sort_free(c->vertices);
-	outputs_sort_free(c->triangles);
+	sort_free(c->vertices);
+	sort_free(c->triangles);
 	outfile_free(c->keys);
 	free(c->first);
 	free(c->page);

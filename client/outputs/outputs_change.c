@@ -81,6 +81,7 @@ int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *h
 	c->head.crs = c->crs;
 	c->head.unit_xy = c->unit_xy;
 	c->head.unit_z = c->unit_z;
+	c->head.vertical = c->head.wkt = c->head.geoid = NULL; /* not kept */
 	if (!decimal_parse(head->scale_xy, &c->half) || c->half.mantissa <= 0 || c->half.mantissa > INT64_MAX / 5)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
 	c->half.mantissa *= 5;

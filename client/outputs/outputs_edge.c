@@ -61,6 +61,31 @@ void outputs_left_add(struct outputs_left *left, const int32_t *a, const int32_t
 	digest_add_triangles(&left->digest, place, 1, left->k);
 }
 
+void outputs_left_sum(struct outputs_left *left, const struct outputs_left *more)
+{
+	left->triangles += more->triangles;
+	left->area2 += more->area2;
+	digest_add(&left->digest, more->digest);
+}
+
+void outputs_left_save(const struct outputs_left *left, struct packer *p)
+{
+	packer_u64(p, left->triangles);
+	packer_u64(p, left->digest.hi);
+	packer_u64(p, left->digest.lo);
+	packer_u64(p, (uint64_t)(left->area2 >> 64));
+	packer_u64(p, (uint64_t)left->area2);
+}
+
+void outputs_left_load(struct outputs_left *left, struct cursor *c)
+{
+	left->triangles = cursor_u64(c);
+	left->digest.hi = cursor_u64(c);
+	left->digest.lo = cursor_u64(c);
+	left->area2 = (u128)cursor_u64(c) << 64;
+	left->area2 |= cursor_u64(c);
+}
+
 int outputs_limit_init(struct outputs_limit *limit, const struct acut_mesh_head *head, const struct outputs_length *length,
 		       const char *option, struct err *err)
 {
@@ -244,25 +269,9 @@ void outputs_edge_done(struct outputs_edge *ed)
 	memset(ed, 0, sizeof(*ed));
 }
 
-static void save128(struct packer *p, u128 n)
-{
-	packer_u64(p, (uint64_t)(n >> 64));
-	packer_u64(p, (uint64_t)n);
-}
-
-static u128 load128(struct cursor *c)
-{
-	u128 high = cursor_u64(c);
-
-	return high << 64 | cursor_u64(c);
-}
-
 void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 {
-	packer_u64(p, ed->left.triangles);
-	packer_u64(p, ed->left.digest.hi);
-	packer_u64(p, ed->left.digest.lo);
-	save128(p, ed->left.area2);
+	outputs_left_save(&ed->left, p);
 	packer_f64(p, ed->longest);
 	packer_u64(p, ed->count);
 	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
@@ -273,10 +282,7 @@ void outputs_edge_save(const struct outputs_edge *ed, struct packer *p)
 
 void outputs_edge_load(struct outputs_edge *ed, struct cursor *c)
 {
-	ed->left.triangles = cursor_u64(c);
-	ed->left.digest.hi = cursor_u64(c);
-	ed->left.digest.lo = cursor_u64(c);
-	ed->left.area2 = load128(c);
+	outputs_left_load(&ed->left, c);
 	ed->longest = cursor_f64(c);
 	ed->count = cursor_u64(c);
 	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)

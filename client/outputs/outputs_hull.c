@@ -70,7 +70,7 @@ int outputs_hull_head(struct outputs_hull *h, const struct acut_mesh_head *head,
 {
 	if (head->view && strstr(head->view, " window=")) {
 		err_set(err, ERR_USAGE, "--trim-hull needs the hull, which a window of a mesh does not have");
-		return err_add_hint(err, "leave out --bbox or --polygon, or use --max-edge");
+		return err_add_hint(err, "fetch the whole mesh, and cut it with --mask FILE, or use --max-edge");
 	}
 	memcpy(h->left.k, head->k, sizeof(h->left.k));
 	h->edges = 1;

@@ -24,7 +24,7 @@
 
 enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
 static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
-static const uint32_t VERSION = 3;
+static const uint32_t VERSION = 4;
 
 struct outputs_kept {
 	char *options;
@@ -54,6 +54,16 @@ static void put_decimal(FILE *f, const char *name, struct decimal d)
 	fprintf(f, " %s=%lld:%d", name, (long long)d.mantissa, (int)d.exponent);
 }
 
+static void put_levels(FILE *f, const struct format_options *o)
+{
+	if (!o->interval.mantissa)
+		return;
+	put_decimal(f, "interval", o->interval);
+	put_decimal(f, "base", o->base);
+	fprintf(f, " %s %s index=%u", o->interval_unit ? o->interval_unit : "-", o->base_unit ? o->base_unit : "-",
+		o->has_index ? o->index : FORMAT_INDEX_EACH);
+}
+
 static char *options_text(const struct outputs *run, uint64_t job, struct err *err)
 {
 	char *text = NULL;
@@ -66,12 +76,15 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 			put_decimal(f, "max-edge", run->opt.max_edge.value);
 		if (run->opt.max_edge.given && run->opt.max_edge.unit)
 			fprintf(f, " %s", run->opt.max_edge.unit);
+		fprintf(f, " mask=%s erase=%s", outputs_mask_digest(run->mask, OUTPUTS_MASK),
+			outputs_mask_digest(run->mask, OUTPUTS_ERASE));
 		for (const struct outputs_target *t = run->target; t; t = t->next) {
 			fprintf(f, "\n%s%s", t->format->name, t->opt.origin_auto ? " origin=auto" : "");
 			for (int i = 0; i < 3 && t->opt.has_origin; i++)
 				put_decimal(f, "origin", t->opt.origin[i]);
 			if (t->opt.z_unit)
 				fprintf(f, " z-unit=%s", t->opt.z_unit);
+			put_levels(f, &t->opt);
 			fprintf(f, " %s", outfile_base(t->out));
 		}
 	}
@@ -230,6 +243,7 @@ const void *outputs_kept(const struct outputs *run, size_t *ret_size)
 int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, struct err *err)
 {
 	struct cursor c = run->kept->rest;
+	struct outputs_left none;
 	int r = 0;
 
 	for (struct outputs_target *t = run->target; t && !r; t = t->next) {
@@ -245,6 +259,7 @@ int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, st
 	}
 	if (!r) {
 		outputs_edge_load(&run->edge, &c);
+		outputs_left_load(run->mask ? outputs_mask_left(run->mask) : &none, &c);
 		r = outputs_front_load(&run->front, &c, err);
 	}
 	if (!r && (c.bad || cursor_left(&c) != 8))
@@ -272,9 +287,10 @@ bool outputs_due(const struct outputs *run)
 	return !k->saved || size_of(run) - k->saved_size >= k->sync_bytes || clock_since(k->saved_ns) >= SYNC_SECONDS;
 }
 
+/* Nothing can go on with outputs that are too small for the mesh. */
 bool outputs_saved(const struct outputs *run)
 {
-	return run->kept && run->kept->saved;
+	return run->kept && run->kept->saved && run->err.code != ERR_LIMIT;
 }
 
 static void put_sum(struct packer *p, const struct outfile_sum *s)
@@ -287,6 +303,7 @@ static void put_sum(struct packer *p, const struct outfile_sum *s)
 
 static void pack(const struct outputs *run, const void *state, size_t size, struct packer *p)
 {
+	const struct outputs_left none = {.triangles = 0};
 	const char *options = run->kept->options;
 
 	packer_u32(p, MAGIC);
@@ -311,13 +328,15 @@ static void pack(const struct outputs *run, const void *state, size_t size, stru
 		packer_bytes(p, bytes, sizeof(bytes));
 	}
 	outputs_edge_save(&run->edge, p);
+	outputs_left_save(run->mask ? outputs_mask_left(run->mask) : &none, p);
 	outputs_front_save(&run->front, p);
 	packer_u64(p, XXH3_64bits(p->start, packer_size(p)));
 }
 
 int outputs_save(struct outputs *run, const void *state, size_t size, struct err *err)
 {
-	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + run->front.used * OUTPUTS_FRONT_SAVED;
+	size_t room =
+		64 + OPTIONS + size + sizeof(run->edge) + sizeof(struct outputs_left) + run->front.used * OUTPUTS_FRONT_SAVED;
 	struct packer p;
 	uint8_t *bytes;
 	int r = 0;
@@ -348,7 +367,7 @@ int outputs_save(struct outputs *run, const void *state, size_t size, struct err
 
 void outputs_keep_discard(struct outputs *run)
 {
-	for (const struct outputs_target *t = run->target; t && run->kept && !run->kept->saved; t = t->next)
+	for (const struct outputs_target *t = run->target; t && run->kept && !outputs_saved(run); t = t->next)
 		if (t->out)
 			outfile_part_discard(t->out);
 }

@@ -6,6 +6,7 @@
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
+#include "sort.h"
 
 struct outputs_change;
 struct outputs_tiles;
@@ -46,6 +47,9 @@ struct outputs_left {
 	int64_t k[2]; /* of the head */
 };
 void outputs_left_add(struct outputs_left *, const int32_t *a, const int32_t *b, const int32_t *c);
+void outputs_left_sum(struct outputs_left *, const struct outputs_left *more);
+void outputs_left_save(const struct outputs_left *, struct packer *);
+void outputs_left_load(struct outputs_left *, struct cursor *);
 
 /* A length in lattice units. */
 struct outputs_limit {
@@ -101,17 +105,19 @@ int outputs_hull_rest(struct outputs_hull *, int (*each)(void *ctx, const struct
 const struct outputs_left *outputs_hull_left(const struct outputs_hull *);
 struct outputs_hull *outputs_hull_free(struct outputs_hull *);
 
-/* ---- external sort of small records of 64-bit words: outputs_sort.c ---- */
+/* ---- --mask and --erase: outputs_mask.c ---- */
 
-struct outputs_sort;
-/* Records of `words` words; the first `keys` of them are the order. At most `memory` bytes. */
-int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct outputs_sort **ret,
-		     struct err *err);
-int outputs_sort_add(struct outputs_sort *, const uint64_t *record, struct err *err);
-int outputs_sort_start(struct outputs_sort *, struct err *err);
-/* *ret: the next record, valid until the next call; NULL at the end. */
-int outputs_sort_next(struct outputs_sort *, const uint64_t **ret, struct err *err);
-struct outputs_sort *outputs_sort_free(struct outputs_sort *);
+struct outputs_mask;
+int outputs_mask_add(struct outputs_mask ** /* NULL at first */, enum outputs_cut, const char *file, struct err *err);
+/* Hexadecimal; "": there is no area of this kind. */
+const char *outputs_mask_digest(const struct outputs_mask *, enum outputs_cut);
+/* -ERR_USAGE: a file is of another coordinate system, or reaches too far out. */
+int outputs_mask_head(struct outputs_mask *, const struct acut_mesh_head *, struct err *err);
+/* *ret is the block without the triangles left out; it points into the mask and the block. */
+int outputs_mask_block(struct outputs_mask *, const struct acut_mesh_block *, const int32_t (*position)[3],
+		       struct acut_mesh_block *ret, struct err *err);
+struct outputs_left *outputs_mask_left(struct outputs_mask *);
+struct outputs_mask *outputs_mask_free(struct outputs_mask *);
 
 /* ---- --canonical: outputs_canonical.c ---- */
 
@@ -143,10 +149,11 @@ struct outputs {
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	bool finished;
-	char trimmed[256];             /* of the options of formats */
+	char trimmed[384];             /* of the options of formats */
 	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_front front;
 	struct outputs_hull *hull; /* NULL: nothing is trimmed */
+	struct outputs_mask *mask; /* NULL: there is neither --mask nor --erase */
 	struct outputs_edge edge;
 	struct err err;
 	uint64_t bytes;

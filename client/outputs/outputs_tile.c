@@ -9,6 +9,8 @@
  * stream was checked (outputs_tile_make.c). Only tiles with triangles are stored, in a hash table by number: the box that a
  * stream announces may have thousands of millions of tiles, since one point far away is enough for that. Memory is that of
  * the sort and some hundred bytes a tile; one nameless file has the rest.
+ *
+ * A raster is drawn as a whole and divides itself: a pixel is in the tile that has its centre (outputs_tile_raster.c).
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,10 +32,9 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 		err_set(err, ERR_USAGE, "tiles are files in a folder and cannot go to standard output");
 		return err_add_hint(err, "give a folder, as in -o tiles/");
 	}
-	if (format->kind == FORMAT_RASTER) {
-		err_set(err, ERR_USAGE, "--tile has no meaning for %s: a tile has the triangles of a square, not its pixels",
-			format->name);
-		return err_add_hint(err, "write one raster, or one a window with --bbox: those side by side share no pixel");
+	if (format->kind == FORMAT_LINES) {
+		err_set(err, ERR_USAGE, "--tile has no meaning for %s: lines would end at the triangles of a tile", format->name);
+		return err_add_hint(err, "write one file, or one a window with --bbox: lines are cut there");
 	}
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
@@ -64,8 +65,11 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 		r = outfile_folder_new(dir, OUTPUTS_TILES_INDEX, opt->no_clobber, &t->place, err);
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
-	if (!r)
-		r = outputs_sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+	t->opt.tiled = true;
+	if (!r && format->tiles)
+		r = format->open(t->index, &t->opt, &t->writer, err);
+	else if (!r)
+		r = sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
 	if (r) {
 		outputs_tiles_free(t);
 		return r;
@@ -78,7 +82,9 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 {
 	if (!t)
 		return NULL;
-	outputs_sort_free(t->sort);
+	sort_free(t->sort);
+	if (t->writer)
+		t->format->free(t->writer);
 	outfile_free(t->index);
 	outfile_folder_free(t->place);
 	for (unsigned i = 0; i < t->ntext; i++)
@@ -135,7 +141,8 @@ static int keep_text(struct outputs_tiles *t, const char **text, struct err *err
 int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *head, struct err *err)
 {
 	struct acut_mesh_head *h = &t->head;
-	const char **text[] = {&h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view, &h->stream_id};
+	const char **text[] = {&h->lattice, &h->scale_xy,  &h->scale_z, &h->crs,      &h->unit_xy, &h->unit_z,
+			       &h->view,    &h->stream_id, &h->wkt,     &h->vertical, &h->geoid};
 	struct decimal scale;
 	int r = 0;
 
@@ -150,7 +157,8 @@ int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *hea
 		err_set(err, ERR_USAGE, "--tile has too many digits beside the scale %s", h->scale_xy);
 		return err_add_hint(err, "give --tile with fewer decimals");
 	}
-	return lay_out(t, err);
+	r = lay_out(t, err);
+	return r || !t->writer ? r : t->format->head(t->writer, head, err);
 }
 
 void outputs_tiles_number(const struct outputs_tiles *t, size_t i, int64_t ret[2])
@@ -159,24 +167,29 @@ void outputs_tiles_number(const struct outputs_tiles *t, size_t i, int64_t ret[2
 	ret[1] = t->first[1] + (int64_t)(t->tile[i].number >> 32);
 }
 
-const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
+const char *outputs_tiles_name_at(const struct outputs_tiles *t, const int64_t at[2], char buf[OUTFILE_NAME])
 {
-	const struct outputs_tiles *t = tiles;
 	int n = (int)strcspn(t->format->extensions, " ");
-	int64_t at[2];
 
-	outputs_tiles_number(t, i, at);
 	snprintf(buf, OUTFILE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n, t->format->extensions);
 	return buf;
 }
 
+const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
+{
+	int64_t at[2];
+
+	outputs_tiles_number(tiles, i, at);
+	return outputs_tiles_name_at(tiles, at, buf);
+}
+
 /* ---- the tiles that have triangles ---- */
 
-static int too_many(const struct outputs_tiles *t, struct err *err)
+int outputs_tiles_too_many(const struct outputs_tiles *t, struct err *err)
 {
 	char size[DECIMAL_TEXT_SIZE];
 
-	err_set(err, ERR_USAGE, "the triangles are in more than %u tiles of %s", OUTPUTS_TILES, decimal_text(t->run.tile, size));
+	err_set(err, ERR_USAGE, "the mesh is in more than %u tiles of %s", OUTPUTS_TILES, decimal_text(t->run.tile, size));
 	return err_add_hint(err, "give a larger --tile");
 }
 
@@ -220,7 +233,7 @@ static int find_tile(struct outputs_tiles *t, uint64_t number, struct outputs_ti
 
 	if (!r && !t->slot[i]) {
 		if (t->ntile == OUTPUTS_TILES)
-			return too_many(t, err);
+			return outputs_tiles_too_many(t, err);
 		t->tile[t->ntile] = (struct outputs_tile){.number = number};
 		t->slot[i] = (uint32_t)++t->ntile;
 	}
@@ -289,7 +302,7 @@ static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3],
 	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
 	digest_add_triangles(&tile->digest, (const uint64_t(*)[3]) & place, 1, t->head.k);
 	tile->triangles++;
-	return outputs_sort_add(t->sort, rec, err);
+	return sort_add(t->sort, rec, err);
 }
 
 int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *block, struct err *err)
@@ -297,6 +310,8 @@ int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *bloc
 	const struct acut_mesh_block *b = block->mesh;
 	int r = 0;
 
+	if (t->writer)
+		return t->format->block(t->writer, block, err);
 	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
 		const int32_t *corner[3];
 
@@ -335,7 +350,7 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, uint64_t left_out, uint64_t *bytes,
 			  struct err *err)
 {
-	int r = outputs_tiles_make(t, err);
+	int r = t->writer ? outputs_tiles_raster(t, err) : outputs_tiles_make(t, err);
 
 	t->origin = origin;
 	if (!r)

@@ -1,5 +1,5 @@
 /* Tiles, for the files that work on them: triangles into tiles (outputs_tile.c), a file a tile (outputs_tile_make.c),
- * the index (outputs_tile_index.c), the folder (outfile_folder.c). */
+ * rasters (outputs_tile_raster.c), the index (outputs_tile_index.c), the folder (outfile_folder.c). */
 #ifndef OUTPUTS_TILE_H
 #define OUTPUTS_TILE_H
 
@@ -9,6 +9,8 @@
 struct outputs_tile {
 	uint64_t number; /* row << 32 | column, from the first ones of the box */
 	uint64_t triangles, vertices, bytes;
+	uint64_t pixels[2]; /* of rasters, which have the two below in place of the rest */
+	double edge[4];
 	int32_t box[6]; /* of the vertices of its triangles */
 	struct digest digest, vertex_digest;
 };
@@ -20,9 +22,10 @@ struct outputs_tiles {
 	struct decimal size; /* exponent not above 0 */
 	struct outfile_folder *place;
 	struct outfile *index;
-	struct outputs_sort *sort;  /* the triangles, by tile */
+	struct sort *sort;          /* the triangles, by tile */
+	void *writer;               /* of a raster, in place of the sort */
 	struct acut_mesh_head head; /* its texts are this object's */
-	char *text[8];
+	char *text[11];
 	unsigned ntext;
 	struct acut_mesh_tail tail;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
@@ -47,11 +50,14 @@ int outputs_tiles_publish(struct outputs_tiles *, const struct outputs_origin *,
 uint64_t outputs_tiles_count(const struct outputs_tiles *); /* with triangles */
 struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *);
 
+const char *outputs_tiles_name_at(const struct outputs_tiles *, const int64_t at[2], char buf[OUTFILE_NAME]);
 const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME]);
+int outputs_tiles_too_many(const struct outputs_tiles *, struct err *err);
 void outputs_tiles_order(struct outputs_tiles *); /* when all triangles have come: the tiles by number, row by row */
 void outputs_tiles_number(const struct outputs_tiles *, size_t i, int64_t ret[2]);
 /* outputs_tile_make.c: a file for each, in the inner folder. */
 int outputs_tiles_make(struct outputs_tiles *, struct err *err);
+int outputs_tiles_raster(struct outputs_tiles *, struct err *err); /* outputs_tile_raster.c: likewise */
 /* outputs_tile_index.c */
 int outputs_tiles_index(struct outputs_tiles *, uint64_t left_out, struct err *err);
 

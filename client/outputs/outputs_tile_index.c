@@ -3,7 +3,8 @@
  *
  * Geometries are the squares of the grid in the plane of the dataset, exact decimals, not projected. GeoJSON means degrees by
  * its standard, so the system is named, in the old member "crs" if it has an EPSG number (which readers of files look for),
- * and as text. Each feature has the box of its vertices, since triangles cross the border of a tile.
+ * and as text. Each feature has the box of its vertices, since triangles cross the border of a tile; of rasters that of
+ * its pixels, which is the square if its side is a multiple of the cell.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -54,10 +55,22 @@ static void put_square(FILE *f, const struct outputs_tiles *t, const int64_t at[
 	outputs_geojson_square(f, x[0], y[0], x[1], y[1]);
 }
 
+/* What the file of a tile has, from its box on. */
+static void put_triangles(FILE *f, const struct outputs_tiles *t, const struct outputs_tile *tile)
+{
+	char number[DECIMAL_TEXT_SIZE], hex[DIGEST_HEX_SIZE];
+
+	for (int k = 0; k < 6; k++)
+		fprintf(f, "%s%s", k ? "," : "", acut_coordinate_text(&t->head, k % 3, tile->box[k], number));
+	fprintf(f, "],\"vertices\":%llu,\"triangles\":%llu,\"bytes\":%llu,\"digest\":\"%s\"", (unsigned long long)tile->vertices,
+		(unsigned long long)tile->triangles, (unsigned long long)tile->bytes, digest_hex(tile->digest, hex));
+	fprintf(f, ",\"vertex_digest\":\"%s\"", digest_hex(tile->vertex_digest, hex));
+}
+
 static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 {
 	const struct outputs_tile *tile = &t->tile[i];
-	char name[OUTFILE_NAME], hex[DIGEST_HEX_SIZE], number[DECIMAL_TEXT_SIZE];
+	char name[OUTFILE_NAME];
 	int64_t at[2];
 
 	outputs_tiles_number(t, i, at);
@@ -65,12 +78,16 @@ static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 	put_square(f, t, at);
 	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[", outputs_tiles_name(t, i, name),
 		(long long)at[0], (long long)at[1]);
-	for (int k = 0; k < 6; k++)
-		fprintf(f, "%s%s", k ? "," : "", acut_coordinate_text(&t->head, k % 3, tile->box[k], number));
-	fprintf(f, "],\"vertices\":%llu,\"triangles\":%llu,\"bytes\":%llu,\"digest\":\"%s\"", (unsigned long long)tile->vertices,
-		(unsigned long long)tile->triangles, (unsigned long long)tile->bytes, digest_hex(tile->digest, hex));
-	fprintf(f, ",\"vertex_digest\":\"%s\",\"job\":%llu,\"generation\":%llu}}", digest_hex(tile->vertex_digest, hex),
-		(unsigned long long)t->origin->job, (unsigned long long)t->origin->generation);
+	if (t->writer) {
+		for (int k = 0; k < 4; k++)
+			fprintf(f, "%s%.17g", k ? "," : "", tile->edge[k]);
+		fprintf(f, "],\"pixels\":[%llu,%llu],\"bytes\":%llu", (unsigned long long)tile->pixels[0],
+			(unsigned long long)tile->pixels[1], (unsigned long long)tile->bytes);
+	} else {
+		put_triangles(f, t, tile);
+	}
+	fprintf(f, ",\"job\":%llu,\"generation\":%llu}}", (unsigned long long)t->origin->job,
+		(unsigned long long)t->origin->generation);
 }
 
 int outputs_tiles_index(struct outputs_tiles *t, uint64_t left_out, struct err *err)

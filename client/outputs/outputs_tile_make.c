@@ -164,7 +164,7 @@ static int make(struct maker *m, const uint64_t **rec, struct err *err)
 		r = add(m, *rec, err);
 		n++;
 		if (!r)
-			r = outputs_sort_next(t->sort, rec, err);
+			r = sort_next(t->sort, rec, err);
 	}
 	if (!r && n != m->tile->triangles)
 		r = err_set(err, ERR_INTERNAL, "a tile lost triangles: %llu of %llu came back from the sort",
@@ -180,16 +180,16 @@ int outputs_tiles_make(struct outputs_tiles *t, struct err *err)
 {
 	struct maker *m = calloc(1, sizeof(*m));
 	const uint64_t *rec = NULL;
-	int r = m ? outputs_sort_start(t->sort, err) : err_set(err, ERR_NOMEM, "no memory to make tiles");
+	int r = m ? sort_start(t->sort, err) : err_set(err, ERR_NOMEM, "no memory to make tiles");
 
 	if (!r)
-		r = outputs_sort_next(t->sort, &rec, err);
+		r = sort_next(t->sort, &rec, err);
 	outputs_tiles_order(t);
 	if (!r)
 		m->tiles = t;
 	while (!r && rec)
 		r = make(m, &rec, err);
-	t->sort = outputs_sort_free(t->sort);
+	t->sort = sort_free(t->sort);
 	free(m);
 	return r;
 }

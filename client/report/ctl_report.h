@@ -9,6 +9,8 @@
 /* lattice as an object, null if the text is not one */
 void ctl_report_lattice(struct term_json *, const char *lattice);
 void ctl_report_units(struct term_json *, const char *crs, const char *unit_xy, const char *unit_z);
+/* The rest of the coordinate system of a dataset: "epsg", "epsg_z", "vertical", "wkt", "geoid". */
+void ctl_report_system(struct term_json *, const struct acut_dataset *);
 /* The keys of a report, from "points" to "most"; all null without one. */
 void ctl_report_mesh(struct term_json *, const struct acut_report * /* or NULL */);
 /* The position that most points share, as "most". */

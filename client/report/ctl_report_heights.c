@@ -38,6 +38,25 @@ static bool split(const char *geoid, char way[16], char hash[40], char name[80])
 	return sscanf(geoid, "%15s %39s %79s", way, hash, name) == 3;
 }
 
+void ctl_report_system(struct term_json *j, const struct acut_dataset *d)
+{
+	char way[16], hash[40], name[80];
+
+	term_json_known_u64(j, "epsg", d->epsg);
+	term_json_known_u64(j, "epsg_z", d->epsg_z);
+	term_json_known(j, "vertical", d->vertical);
+	term_json_known(j, "wkt", d->wkt);
+	if (!split(d->geoid, way, hash, name)) {
+		term_json_null(j, "geoid");
+		return;
+	}
+	term_json_open(j, "geoid", '{');
+	term_json_text(j, "name", name);
+	term_json_text(j, "hash", hash);
+	term_json_text(j, "way", way);
+	term_json_close(j, '}');
+}
+
 static void geoid_json(struct term_json *j, const struct ctl_staged *s, const struct ctl_staged_file *f)
 {
 	char way[16], hash[40], name[80];

@@ -179,15 +179,20 @@ static int each_file(struct staging *s, bool probe)
 
 int ctl_stage_scale(const char *scale, char buf[CTL_SCALE_SIZE], const char **ret_z, struct err *err)
 {
+	const char *z = strchr(scale, ',');
+	size_t n = z ? (size_t)(z++ - scale) : strlen(scale);
 	struct decimal d;
 	char *comma;
+	int size;
 
-	snprintf(buf, CTL_SCALE_SIZE, "%s", scale);
+	/* older daemons take no number that begins with a point */
+	size = snprintf(buf, CTL_SCALE_SIZE, "%s%.*s,%s%s", *scale == '.' ? "0" : "", (int)n, scale, z && *z == '.' ? "0" : "",
+			z ? z : "");
 	comma = strchr(buf, ',');
 	if (comma)
 		*comma++ = 0;
-	*ret_z = comma;
-	if (strlen(scale) < CTL_SCALE_SIZE && decimal_parse(buf, &d) && d.mantissa > 0 &&
+	*ret_z = comma = z ? comma : NULL;
+	if (size < CTL_SCALE_SIZE && decimal_parse(buf, &d) && d.mantissa > 0 &&
 	    (!comma || (decimal_parse(comma, &d) && d.mantissa > 0)))
 		return 0;
 	return err_set(err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", scale);

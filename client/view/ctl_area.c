@@ -74,7 +74,7 @@ static int read_text(const char *file, char **ret, size_t *ret_size, struct err 
 		err_sys(err, errno, "the area cannot be read");
 		if (fd >= 0)
 			close(fd);
-		return err_add_hint(err, "an area is X1,Y1,X2,Y2 or a file of GeoJSON or WKT");
+		return err_add_hint(err, "an area is a file of GeoJSON or WKT; --crop also takes X1,Y1,X2,Y2");
 	}
 	if (!S_ISREG(st.st_mode) || st.st_size > FILE_MOST) {
 		close(fd);

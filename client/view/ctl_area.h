@@ -20,6 +20,7 @@ struct ctl_area {
 	} * ring;
 	struct decimal (*corner)[2];
 	size_t nring, ncorner, rings_room, corners_room;
+	char crs[128]; /* the name of the system that the file declares; "": none */
 };
 
 /* Reads a file of GeoJSON or WKT. Errors name the file and the place in it. */

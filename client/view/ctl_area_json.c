@@ -1,7 +1,8 @@
 /*
  * Areas from GeoJSON (RFC 7946): Polygon, MultiPolygon, GeometryCollection, Feature, FeatureCollection. json-c parses it and
  * keeps the text of numbers with a point or exponent, so they become exact decimals without a double between. Coordinates are
- * in the plane of the dataset, whatever the standard says of degrees. Other geometries are refused: a line is not an area.
+ * in the plane of the dataset, whatever the standard says of degrees. The old member "crs", which names another system, is kept.
+ * Other geometries are refused: a line is not an area.
  */
 #include <json-c/json.h>
 #include <stdarg.h>
@@ -139,6 +140,22 @@ static int feature(struct reader *r, struct json_object *o)
 	return rc;
 }
 
+/* {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::2154"}} */
+static int system_of(struct reader *r, struct json_object *o)
+{
+	struct json_object *crs, *properties, *name;
+	const char *text;
+
+	if (!json_object_object_get_ex(o, "crs", &crs) || !json_object_object_get_ex(crs, "properties", &properties) ||
+	    !json_object_object_get_ex(properties, "name", &name) || !json_object_is_type(name, json_type_string))
+		return 0;
+	text = json_object_get_string(name);
+	if (*r->area->crs && strncmp(r->area->crs, text, sizeof(r->area->crs) - 1))
+		return bad(r, "it names two coordinate systems");
+	snprintf(r->area->crs, sizeof(r->area->crs), "%s", text);
+	return 0;
+}
+
 static int thing(struct reader *r, struct json_object *o, size_t index)
 {
 	struct json_object *type;
@@ -147,6 +164,8 @@ static int thing(struct reader *r, struct json_object *o, size_t index)
 	if (!json_object_is_type(o, json_type_object) || !json_object_object_get_ex(o, "type", &type) ||
 	    !json_object_is_type(type, json_type_string))
 		return bad(r, "this is no GeoJSON: it has no type");
+	if (system_of(r, o))
+		return -(int)r->err->code;
 	name = json_object_get_string(type);
 	if (!strcmp(name, "Polygon")) {
 		size_t before = enter(r, "%scoordinates", r->n ? "." : "");

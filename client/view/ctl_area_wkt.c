@@ -163,8 +163,8 @@ static int geometry(struct wkt *w)
 		}
 	}
 	bad(w, "POLYGON or MULTIPOLYGON");
-	return err_add_hint(w->err, "an area is X1,Y1,X2,Y2 or polygons as GeoJSON or WKT, in the coordinates of the "
-				    "dataset");
+	return err_add_hint(w->err, "an area is polygons as GeoJSON or WKT, in the coordinates of the dataset; --crop also "
+				    "takes X1,Y1,X2,Y2");
 }
 
 int ctl_area_wkt(const char *text, size_t size, struct ctl_area *area, struct err *err)

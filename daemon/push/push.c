@@ -44,9 +44,10 @@ struct push *push_free(struct push *p)
 	free(p->utm);
 	free(p->geoid);
 	free(p->geoid_way);
+	free(p->assume_wkt);
 	free(p->close_request);
 	lock_done(&p->space.lock);
-	push_guard_free(&p->row_guard);
+	admission_guard_free(&p->row_guard);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
 	dataset_next_clear(&p->new_state);
@@ -63,6 +64,7 @@ static void request_free(struct push_request *rq)
 	free(rq->columns);
 	free(rq->path);
 	free(rq->replaces);
+	free(rq->wkt);
 	free(rq);
 }
 

@@ -78,13 +78,13 @@ static void row_written(void *ctx, int r, const struct err *why)
 {
 	struct push *p = ctx;
 
-	push_guard_lock(&p->row_guard);
+	admission_guard_lock(&p->row_guard);
 	p->row_queued = false;
 	p->has_row = !r;
 	if (r && !p->left)
 		push_break(p, why);
-	push_guard_wake(&p->row_guard);
-	push_guard_unlock(&p->row_guard);
+	admission_guard_wake(&p->row_guard);
+	admission_guard_unlock(&p->row_guard);
 	push_pump(p);
 }
 
@@ -93,10 +93,10 @@ int push_row_wait(void *push, struct err *err)
 	struct push *p = push;
 	int r;
 
-	push_guard_lock(&p->row_guard);
+	admission_guard_lock(&p->row_guard);
 	while (p->row_queued && !atomic_load(&p->cancel)) {
 		p->row_awaited = true;
-		push_guard_wait(&p->row_guard);
+		admission_guard_wait(&p->row_guard);
 	}
 	/* A push that leaves when the row is there still writes what is to stay. */
 	if (!p->row_queued && (p->has_row || p->dataset->onestep))
@@ -105,15 +105,15 @@ int push_row_wait(void *push, struct err *err)
 		r = -(int)(*err = p->broken_err).code;
 	else
 		r = err_set(err, ERR_CANCELLED, "the push was ended");
-	push_guard_unlock(&p->row_guard);
+	admission_guard_unlock(&p->row_guard);
 	return r;
 }
 
 void push_row_wake(struct push *p)
 {
-	push_guard_lock(&p->row_guard);
-	push_guard_wake(&p->row_guard);
-	push_guard_unlock(&p->row_guard);
+	admission_guard_lock(&p->row_guard);
+	admission_guard_wake(&p->row_guard);
+	admission_guard_unlock(&p->row_guard);
 }
 
 static int take_lattice(struct push *p, struct err *err)
@@ -271,7 +271,7 @@ static struct push *push_new(struct pushes *pushes, const struct push_params *in
 		return NULL;
 	}
 	lock_init(&p->space.lock, LOCK_PUSH_SPACE);
-	push_guard_init(&p->row_guard);
+	admission_guard_init(&p->row_guard);
 	p->space.why = ERR_INIT;
 	p->requests_end = &p->requests;
 	p->scale_xy = push_copy_text(in->scale_xy);
@@ -301,6 +301,8 @@ static int check_begin(struct pushes *pushes, struct push *p, const struct push_
 	if (too_many_pushes(pushes, &in->peer))
 		return err_set(err, ERR_BUSY, "too many pushes are open, of all users or of this one");
 	r = push_assume_read(p, in, err);
+	if (!r && p->assume_wkt && !(r = charge(pushes->core, strlen(p->assume_wkt), "another push", err)))
+		p->charged += strlen(p->assume_wkt);
 	return r ? r : check_crop(in, err);
 }
 

@@ -150,6 +150,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 		.nsegments = nseg + 1,
 		.nsources = nsrc + p->nsources + p->nadopt_named,
 	};
+	char *wkt = push_wkt_put(p, &m);
 	int r;
 
 	m.segments = calloc(m.nsegments, sizeof *m.segments);
@@ -185,6 +186,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 	free(m.segments);
 	free(m.sources);
 	free(m.generations);
+	free(wkt);
 	return r;
 }
 

@@ -72,6 +72,8 @@ int push_assume_read(struct push *p, const struct push_params *in, struct err *e
 			"a system for inputs without one, and a system that replaces that of all inputs, contradict each other");
 		return err_add_hint(err, "leave out --assume-crs and --assume-units: an override applies to all inputs");
 	}
+	if (push_wkt_given(p, p->overrides ? *override : *assume, err))
+		return -(int)err->code;
 	if (p->overrides)
 		return read_system(override, override_fields, &p->assume, err);
 	return read_system(assume, assume_fields, &p->assume, err);
@@ -275,20 +277,6 @@ static void fill_unit(char unit[CRS_UNIT_SIZE], const char *other)
 		snprintf(unit, CRS_UNIT_SIZE, "%s", other);
 }
 
-/* Units that the EPSG numbers in `text` imply, where they are unknown. */
-static void settle_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE])
-{
-	struct err ignored = ERR_INIT;
-	struct crs_info by_number;
-
-	if (crs_assume_text(text, strlen(text), &by_number, &ignored))
-		return;
-	if (by_number.system.epsg)
-		fill_unit(unit_xy, by_number.unit_xy);
-	if (by_number.system.epsg || by_number.system.epsg_z)
-		fill_unit(unit_z, by_number.unit_z);
-}
-
 /* An input with the dataset's EPSG number also has its units. */
 static struct crs_info as_numbered(const struct push *p, const struct crs_info *crs)
 {
@@ -321,7 +309,7 @@ bool push_crs_is(const struct push *p, const struct grid_manifest *m)
 
 	snprintf(unit_xy, sizeof unit_xy, "%s", m->unit_xy);
 	snprintf(unit_z, sizeof unit_z, "%s", m->unit_z);
-	settle_units(m->crs, unit_xy, unit_z);
+	crs_text_units(m->crs, unit_xy, unit_z);
 	return !strcmp(m->crs, p->crs) && !strcmp(unit_xy, p->unit_xy) && !strcmp(unit_z, p->unit_z);
 }
 
@@ -340,7 +328,7 @@ void push_crs_of_dataset(struct push *p, const char *text, const char *unit_xy, 
 
 	snprintf(of, sizeof of, "the dataset %s", p->dataset->name);
 	set_system(p, text, unit_xy, unit_z, of);
-	settle_units(p->crs, p->unit_xy, p->unit_z);
+	crs_text_units(p->crs, p->unit_xy, p->unit_z);
 }
 
 int push_crs_agree(struct push *p, struct err *err)

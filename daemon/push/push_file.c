@@ -181,6 +181,7 @@ static void source_add(struct push *p, const struct push_request *rq, uint32_t *
 	s->mtime_ns = rq->id.mtime_ns;
 	s->hash = rq->hash;
 	push_note_reading(p, rq);
+	((struct push_crs *)probe->crs)->staged = true;
 	*ret_replaced = push_replace_note(p, probe->path, probe->replace, probe->target);
 }
 

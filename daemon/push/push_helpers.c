@@ -28,7 +28,7 @@ struct push_helpers {
 	struct push_request *request;
 	const struct input *whole;
 	struct push_plane_step plane;
-	struct push_guard guard;
+	struct admission_guard guard;
 	enum { STAGE_WHOLE, STAGE_SPLIT, STAGE_CLOSED } state; /* of the stage */
 	uint64_t parts, step;
 	_Atomic uint64_t next;   /* the next part to be taken */
@@ -59,14 +59,14 @@ static void batch_done(struct member *m, int r, const struct err *err, const str
 {
 	struct push_helpers *c = m->helpers;
 
-	push_guard_lock(&c->guard);
+	admission_guard_lock(&c->guard);
 	if (!r) {
 		pipe_ingested_add(&c->sum, in);
 	} else if (m->begin < atomic_load(&c->failed)) {
 		atomic_store(&c->failed, m->begin);
 		c->err = *err;
 	}
-	push_guard_unlock(&c->guard);
+	admission_guard_unlock(&c->guard);
 }
 
 /* Worker: reads the next batch. False: there is none. */
@@ -122,16 +122,16 @@ static void helpers_leave(struct push_helpers *c)
 
 static void set_state(struct push_helpers *c, int state)
 {
-	push_guard_lock(&c->guard);
+	admission_guard_lock(&c->guard);
 	c->state = state;
-	push_guard_wake(&c->guard);
-	push_guard_unlock(&c->guard);
+	admission_guard_wake(&c->guard);
+	admission_guard_unlock(&c->guard);
 }
 
 /* Worker: gives each member a lane. */
 static void split_stage(struct push_helpers *c)
 {
-	const struct grid_guard guard = push_guard_of(&c->guard);
+	const struct grid_guard guard = admission_guard_of(&c->guard);
 	struct err err = ERR_INIT;
 
 	if (grid_stage_split(c->push->stage, c->members, &guard, &err)) {
@@ -178,11 +178,11 @@ static void helper_run(struct sched_task *t)
 	struct push_helpers *c = ((struct member *)t)->helpers;
 	bool ready;
 
-	push_guard_lock(&c->guard);
+	admission_guard_lock(&c->guard);
 	while (c->state == STAGE_WHOLE)
-		push_guard_wait(&c->guard);
+		admission_guard_wait(&c->guard);
 	ready = c->state == STAGE_SPLIT;
-	push_guard_unlock(&c->guard);
+	admission_guard_unlock(&c->guard);
 	if (ready)
 		read_batch((struct member *)t);
 }
@@ -256,7 +256,7 @@ int push_helpers_start(struct push *p, struct push_request *rq, struct err *err)
 	c->step = push_helpers_step(c->parts, n);
 	atomic_store(&c->failed, c->parts);
 	c->err = ERR_INIT;
-	push_guard_init(&c->guard);
+	admission_guard_init(&c->guard);
 	c->members = c->running = n;
 	rq->helpers = c;
 	p->task = (struct sched_task){.run = first_run,
@@ -295,7 +295,7 @@ uint64_t push_helpers_held(const struct push_helpers *c)
 struct push_helpers *push_helpers_free(struct push_helpers *c)
 {
 	if (c)
-		push_guard_free(&c->guard);
+		admission_guard_free(&c->guard);
 	free(c);
 	return NULL;
 }

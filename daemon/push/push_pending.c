@@ -52,7 +52,7 @@ static int write_manifest(struct push *p, struct err *err)
 {
 	size_t old = p->adopt ? p->adopt->nsources : 0, added = p->aborted ? 0 : p->nsources;
 	struct grid_manifest m = {.lattice = p->lattice, .nsources = old + added};
-	char name[64];
+	char name[64], *wkt;
 	int r;
 
 	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
@@ -67,7 +67,10 @@ static int write_manifest(struct push *p, struct err *err)
 	snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
 	choices_text(p, m.choices, sizeof m.choices);
 	pending_manifest_name(p->id, name);
+	wkt = push_wkt_put(p, &m);
+	m.wkt_since = 0;
 	r = grid_manifest_write(p->dataset->dirfd, name, &m, err);
+	free(wkt);
 	free(m.sources);
 	return r;
 }

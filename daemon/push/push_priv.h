@@ -7,10 +7,12 @@
 #include "admission.h"
 #include "dataset.h"
 #include "geoid.h"
+#include "grid_manifest.h"
+#include "grid_stage.h"
 #include "lock.h"
 #include "names.h"
 #include "push.h"
-#include "push_guard.h"
+#include "admission_guard.h"
 
 enum { PUSHES_MAX = 1024 };
 
@@ -99,6 +101,7 @@ struct push_request {
 	struct input_info info;
 	char info_format[16];
 	char overridden[GRID_SOURCE_OVERRIDDEN]; /* what its records say, where the push overrides that */
+	char *wkt;                               /* of its system; NULL: none */
 	struct client_file id;
 	uint32_t source;
 	struct pipe_ingested in;
@@ -109,6 +112,14 @@ struct push_request {
 	struct input *whole; /* a file that several workers read; the loop closes it */
 	struct push_helpers *helpers;
 	size_t adopted; /* index of the source in push.adopt */
+};
+
+/* The coordinate system of files; each has one of its own at most. */
+struct push_crs {
+	struct crs_info crs;
+	char key[DIGEST_HEX_SIZE];
+	char *wkt;   /* of the first file that carried one; NULL: none did */
+	bool staged; /* a source of the push has it */
 };
 
 /* What is kept of a file that was probed. */
@@ -157,15 +168,15 @@ struct push {
 	struct sched_owner owner;                      /* of all its tasks */
 	struct push_request *requests, **requests_end; /* the first one is being handled while `busy` */
 	bool busy;
-	bool left;                   /* its caller is gone: what is queued is cancelled */
-	bool committed, opened;      /* opened: the dataset's folder */
-	bool commit_row_queued;      /* the row of its commit is on its way */
-	bool has_row;                /* the catalogue has its row, or will */
-	bool row_queued;             /* its row is on its way: nothing is written before it is there */
-	struct push_guard row_guard; /* around row_queued, and the broken_err of a row that failed, for workers */
-	_Atomic bool row_awaited;    /* a worker has something to write */
-	bool reading_base;           /* between dataset_read_begin and _end */
-	bool base_settled;           /* what the dataset had is known (push_begin_done) */
+	bool left;                        /* its caller is gone: what is queued is cancelled */
+	bool committed, opened;           /* opened: the dataset's folder */
+	bool commit_row_queued;           /* the row of its commit is on its way */
+	bool has_row;                     /* the catalogue has its row, or will */
+	bool row_queued;                  /* its row is on its way: nothing is written before it is there */
+	struct admission_guard row_guard; /* around row_queued, and the broken_err of a row that failed, for workers */
+	_Atomic bool row_awaited;         /* a worker has something to write */
+	bool reading_base;                /* between dataset_read_begin and _end */
+	bool base_settled;                /* what the dataset had is known (push_begin_done) */
 	/* The first request waits for memory: its worker is done, and `done` is called again; with `retry` all of it is. */
 	bool waits_memory, retry;
 	bool removes_old_manifest; /* nobody opens the manifest before its commit */
@@ -187,6 +198,7 @@ struct push {
 	bool has_crs, assumes;
 	bool overrides;         /* `assume` replaces what the inputs say */
 	struct crs_info assume; /* for inputs that say nothing */
+	char *assume_wkt;       /* the same as WKT; NULL: none was given */
 
 	/* Its files (push_table.c). */
 	struct push_probed *probes;
@@ -454,6 +466,12 @@ bool push_crs_is(const struct push *, const struct grid_manifest *); /* both are
 /* All probed inputs, and the dataset, must have one system; sets the push's texts. The error names two inputs. */
 int push_crs_agree(struct push *, struct err *err);
 int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
+
+/* push_wkt.c */
+int push_wkt_take(const struct push *, struct push_request *, const struct input *); /* worker: sets request->wkt */
+int push_wkt_given(struct push *, const char *text, struct err *err);                /* by a person; "": nothing */
+/* Worker: sets those of a manifest, whose generation is set. To be freed when it is written; NULL: nothing. */
+char *push_wkt_put(const struct push *, struct grid_manifest *);
 
 /* push_created.c: what dataset_create asks of the first push */
 int push_created_scale(struct push *, struct err *err);

@@ -94,6 +94,8 @@ void push_probe_run(struct push *p, struct push_request *rq)
 	if (rq->stream)
 		rq->stream->claimed = rq->info.claimed;
 	rq->r = push_assume(p, rq);
+	if (!rq->r)
+		rq->r = push_wkt_take(p, rq, in);
 	if (!rq->r && !p->dataset->onestep)
 		rq->r = push_hash_bounded(&rq->info, rq->id.size, rq->name, &rq->err);
 	input_close(in);

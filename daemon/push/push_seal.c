@@ -9,7 +9,7 @@
 struct push_sealing {
 	struct push *push;
 	struct grid_seal *seal;
-	struct push_guard guard; /* for the engine */
+	struct admission_guard guard; /* for the engine */
 	struct sched_group *group;
 };
 
@@ -43,8 +43,8 @@ struct push_sealing *push_sealing_new(struct push *p, struct err *err)
 		err_set(err, ERR_NOMEM, "no memory to seal a push");
 		return NULL;
 	}
-	push_guard_init(&s->guard);
-	guard = push_guard_of(&s->guard);
+	admission_guard_init(&s->guard);
+	guard = admission_guard_of(&s->guard);
 	s->push = p;
 	threads = threads < GRID_LANES ? threads : GRID_LANES;
 	if (grid_seal_begin(p->stage, threads, &guard, &s->seal, err))
@@ -59,7 +59,7 @@ struct push_sealing *push_sealing_free(struct push_sealing *s)
 	if (!s)
 		return NULL;
 	grid_seal_free(s->seal);
-	push_guard_free(&s->guard);
+	admission_guard_free(&s->guard);
 	sched_group_free(s->group);
 	free(s);
 	return NULL;

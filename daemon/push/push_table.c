@@ -109,11 +109,6 @@ struct push_probed *push_find_probe(const struct push *p, const char *name)
 }
 
 /* Found by its content, because each file may have one of its own. */
-struct push_crs {
-	struct crs_info crs;
-	char key[DIGEST_HEX_SIZE];
-};
-
 static const struct crs_info *find_crs(const struct push *p, const struct crs_info *crs, char ret_key[DIGEST_HEX_SIZE])
 {
 	size_t at = NAMES_START;
@@ -139,7 +134,7 @@ const struct crs_info *push_keep_crs(struct push *p, const struct crs_info *crs)
 	if (!more)
 		return NULL;
 	p->crs_seen = more;
-	c = malloc(sizeof *c);
+	c = calloc(1, sizeof *c);
 	if (!c)
 		return NULL;
 	memcpy(&c->crs, crs, sizeof *crs);
@@ -234,6 +229,19 @@ static int keep_text(struct push *p, const char *text, const char **at, struct e
 	return 0;
 }
 
+/* Kept here, and in what the commit writes and reads. */
+static int keep_wkt(struct push *p, struct push_crs *system, const char *wkt, struct err *err)
+{
+	int r;
+
+	if (!wkt || system->wkt)
+		return 0;
+	r = push_table_reserve(p, 4 * (strlen(wkt) + 1), err);
+	if (!r && !(system->wkt = strdup(wkt)))
+		r = no_memory(err);
+	return r;
+}
+
 int push_remember_probe(struct push *p, const struct push_request *rq, struct err *err)
 {
 	struct push_probed *at = push_find_probe(p, rq->name);
@@ -246,6 +254,8 @@ int push_remember_probe(struct push *p, const struct push_request *rq, struct er
 		r = push_table_reserve(p, 2 * (sizeof(struct push_crs) + sizeof crs + 4 * sizeof(struct name_slot)), err);
 	if (!r && !crs)
 		crs = push_keep_crs(p, &rq->info.crs);
+	if (!r && crs)
+		r = keep_wkt(p, (struct push_crs *)crs, rq->wkt, err);
 	if (!r && !at)
 		r = table_add(p, rq->name, rq->path, &at, err);
 	if (r)
@@ -341,8 +351,10 @@ void push_forget_probes(struct push *p)
 	for (size_t i = 0; i < p->ntexts; i++)
 		free(p->texts[i]);
 	free(p->texts);
-	for (size_t i = 0; i < p->ncrs; i++)
+	for (size_t i = 0; i < p->ncrs; i++) {
+		free(p->crs_seen[i]->wkt);
 		free(p->crs_seen[i]);
+	}
 	free(p->crs_seen);
 	names_free(&p->probe_names);
 	names_free(&p->probe_paths);

@@ -139,6 +139,14 @@ struct run *run_free(struct run *w)
 	return NULL;
 }
 
+static void forget_system(struct run *w)
+{
+	free(w->wkt);
+	w->wkt = NULL;
+	ledger_give(w->runs->core->p.ledger, LEDGER_MANIFEST, w->wkt_bytes);
+	w->wkt_bytes = 0;
+}
+
 void run_close(struct run *w)
 {
 	pipe_emitter_free(w->emitter);
@@ -146,6 +154,7 @@ void run_close(struct run *w)
 	run_stored_leaves_free(w);
 	run_space_release(w);
 	w->grid = grid_close(w->grid);
+	forget_system(w);
 	if (w->opened)
 		dataset_close(w->dataset);
 	w->opened = false;
@@ -188,6 +197,23 @@ static void count_classes(struct run *w)
 	}
 }
 
+/* What a selection, whose grid takes the place of this one, has not. */
+static int keep_system(struct run *w)
+{
+	const struct grid_manifest *m = grid_manifest(w->grid);
+	const char *wkt = grid_manifest_wkt(m, w->generation);
+	size_t bytes = strlen(wkt) + 1;
+
+	memcpy(w->geoid, m->geoid, sizeof w->geoid);
+	if (!*wkt)
+		return 0;
+	if (!ledger_take(w->runs->core->p.ledger, LEDGER_MANIFEST, bytes))
+		return err_set(&w->err, ERR_BUSY, "no %zu bytes are free for the coordinate system", bytes);
+	w->wkt_bytes = bytes;
+	w->wkt = strdup(wkt);
+	return w->wkt ? 0 : err_set(&w->err, ERR_NOMEM, "no memory for a coordinate system");
+}
+
 static void open_run(struct sched_task *t)
 {
 	struct run *w = run_of_task(t);
@@ -205,8 +231,10 @@ static void open_run(struct sched_task *t)
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
 	w->grid_view = w->view;
 	count_classes(w);
-	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(runs->admission), runs->core->tempfd,
-				&w->emitter, &w->err);
+	w->r = keep_system(w);
+	if (!w->r)
+		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(runs->admission),
+					runs->core->tempfd, &w->emitter, &w->err);
 	if (!w->r && w->view.window)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)

@@ -43,6 +43,7 @@ struct run_changes {
 };
 struct run_head {
 	const struct grid_manifest *manifest;
+	const char *wkt, *geoid; /* of the dataset, as its manifest has them; "": none */
 	const char *view;
 	struct digest id;                  /* of the stream: generation, view, plan, version of the kernel */
 	bool window;                       /* the triangles of the view's window, not the whole mesh */

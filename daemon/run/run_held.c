@@ -30,6 +30,6 @@ void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 	/* Otherwise a worker opens or closes the grid. */
 	if (w->grid && w->state != RUN_OPENING && w->state != RUN_SELECTING) {
 		held[LEDGER_INDEX] += grid_charged(w->grid);
-		held[LEDGER_MANIFEST] += grid_manifest(w->grid)->charged;
+		held[LEDGER_MANIFEST] += grid_manifest(w->grid)->charged + w->wkt_bytes;
 	}
 }

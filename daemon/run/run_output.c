@@ -128,6 +128,8 @@ void run_output_head(struct run *w)
 	w->head_id = head.id;
 	head.window = w->view.window;
 	head.manifest = grid_manifest(w->grid);
+	head.wkt = w->wkt ? w->wkt : "";
+	head.geoid = w->geoid;
 	head.changes = w->change ? &w->change->summary : NULL;
 	if (grid_box(w->grid, box)) {
 		head.box[0] = box[0];

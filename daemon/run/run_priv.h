@@ -114,6 +114,9 @@ struct run {
 
 	bool opened;       /* the dataset's folder */
 	struct grid *grid; /* of the generation, or of its selection */
+	char *wkt;         /* of the dataset, which a selection does not have; NULL: none */
+	uint64_t wkt_bytes;
+	char geoid[GRID_GEOID];
 	struct run_select {
 		struct digest key;
 		uint64_t number;             /* of the temporary folder */

@@ -14,7 +14,7 @@ enum { PAGE_MAX = 64 };
 struct message_dataset {
 	Acut__V1__Dataset dataset;
 	double min[2], max[2];
-	char pending[160];
+	char pending[160], geoid[GRID_GEOID];
 };
 
 /* A sentence about open and interrupted pushes. */
@@ -78,6 +78,16 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.max = m->max;
 }
 
+/* `then` NULL: there is none. */
+static void add_system(struct message_dataset *m, const struct grid_manifest *then, uint64_t generation)
+{
+	if (!then)
+		return;
+	memcpy(m->geoid, then->geoid, sizeof m->geoid);
+	m->dataset.geoid = frame_text_clean(m->geoid);
+	m->dataset.wkt = (char *)grid_manifest_wkt(then, generation);
+}
+
 /* A list of one. */
 static void answer_dataset(struct request *q, struct message_dataset *m)
 {
@@ -87,6 +97,15 @@ static void answer_dataset(struct request *q, struct message_dataset *m)
 	list.n_datasets = 1;
 	list.datasets = &one;
 	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+}
+
+void request_dataset_system(struct request *q, const struct dataset *d, const struct grid_manifest *now)
+{
+	struct message_dataset m;
+
+	message_dataset(d, &m);
+	add_system(&m, now, m.dataset.generation);
+	answer_dataset(q, &m);
 }
 
 void request_dataset_state(struct request *q, const struct dataset *d, const struct grid_manifest *then, uint64_t generation)
@@ -104,6 +123,7 @@ void request_dataset_state(struct request *q, const struct dataset *d, const str
 	for (size_t i = 0; then && i < then->ngenerations; i++)
 		if (then->generations[i].number <= generation && then->generations[i].time_us)
 			m.dataset.pushed_us = then->generations[i].time_us;
+	add_system(&m, then, generation);
 	answer_dataset(q, &m);
 }
 
@@ -148,7 +168,7 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 	struct frame_page page;
 	bool more = false;
 
-	if (*m->datasets_request->name && m->datasets_request->generation) {
+	if (*m->datasets_request->name && (m->datasets_request->generation || m->datasets_request->system)) {
 		request_dataset_at(c, q, m->datasets_request->name, m->datasets_request->generation);
 		return;
 	}

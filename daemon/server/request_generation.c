@@ -206,16 +206,18 @@ void request_files(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	read_page(c, q, in->dataset, &what, on_files);
 }
 
-/* ---- a dataset in an earlier generation ---- */
+/* ---- a dataset in an earlier generation, or with its coordinate system ---- */
 
 static void on_state(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
 {
 	struct page_request *ask = token;
 	struct err err = ERR_INIT;
 
-	if (!why && dataset_check_generation(d, ask->generation, &err))
+	if (!why && ask->generation && dataset_check_generation(d, ask->generation, &err))
 		why = &err;
-	if (why)
+	if (!ask->generation)
+		request_dataset_system(ask->request, d, m);
+	else if (why)
 		request_refuse(ask->request, why);
 	else
 		request_dataset_state(ask->request, d, m, ask->generation);

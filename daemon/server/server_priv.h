@@ -198,7 +198,9 @@ void message_side(const struct space_side *, Acut__V1__CacheSide *ret);
 int request_mode(const char *text, bool *ret_has, uint32_t *ret, struct err *err);
 /* request_data.c: answers with the dataset as it was in that generation. Manifest NULL: it has no points. */
 void request_dataset_state(struct request *, const struct dataset *, const struct grid_manifest *, uint64_t generation);
-/* request_generation.c: reads the manifest for request_dataset_state. */
+/* The dataset as it is now, with what its manifest says of its coordinate system (NULL: there is none, or it cannot be read). */
+void request_dataset_system(struct request *, const struct dataset *, const struct grid_manifest *);
+/* request_generation.c: reads the manifest for one of these; generation 0: now. */
 void request_dataset_at(struct conn *, struct request *, const char *name, uint64_t generation);
 
 /* ---- message_job.c ---- */
@@ -228,6 +230,7 @@ struct digest;
 struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end, struct err *err);
 /* Before start. from: the first block. want: the id that the stream must have, NULL: any. since: only the changes against the
  * mesh of that generation, 0: the whole mesh. */
+void stream_out_system(struct stream_out *); /* Fetch.system */
 void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want, uint64_t since);
 void stream_out_start(struct stream_out *, struct job *, char *window); /* takes over `window` (job_window); NULL: none */
 void stream_out_leave(struct conn *);                                   /* ends all streams of the connection */

@@ -38,6 +38,7 @@ static void stream_free(struct stream_out *o)
 	io_close(o->fd);
 	stream_spool_close(o);
 	free(o->view);
+	free(o->wkt);
 	free(o->changes);
 	ledger_give(o->conn->server->p.ledger, LEDGER_PIPE, sizeof *o + o->view_bytes);
 	free(o);
@@ -128,6 +129,11 @@ struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request
 	else
 		ledger_give(c->server->p.ledger, LEDGER_PIPE, sizeof *o);
 	return o;
+}
+
+void stream_out_system(struct stream_out *o)
+{
+	o->system = true;
 }
 
 void stream_out_from(struct stream_out *o, uint64_t from, const struct digest *want, uint64_t since)

@@ -43,8 +43,9 @@ struct stream_out {
 	sd_event_source *io;
 	struct out_frame frame[STREAM_FRAMES]; /* that of STREAM_FRAME_CHANGES is not used */
 	struct out_changes *changes;           /* NULL: there are none, or all are sent */
-	char *view;                            /* text that the head points to */
-	size_t view_bytes;                     /* charged for it, and for the changes */
+	char *view, *wkt;                      /* texts that the head points to */
+	size_t view_bytes;                     /* charged for them, and for the changes */
+	bool system;                           /* the head has the coordinate system whole */
 	uint64_t blocks;                       /* number of the next block */
 	uint64_t blocked_ns;                   /* since when bytes wait for the reader; 0: none wait */
 	bool paused;                           /* a worker has the block (on_spool, on_refill) */

@@ -37,6 +37,15 @@ static void send_error(struct stream_out *o, const struct err *why)
 	conn_update_events(c);
 }
 
+/* A copy that the head points to. NULL: no memory. */
+static char *keep_text(struct stream_out *o, const char *text)
+{
+	if (!ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, strlen(text) + 1))
+		return NULL;
+	o->view_bytes += strlen(text) + 1;
+	return strdup(text);
+}
+
 static void on_head(struct run_output *output, const struct run_head *in)
 {
 	struct stream_out *o = stream_of(output);
@@ -50,11 +59,11 @@ static void on_head(struct run_output *output, const struct run_head *in)
 	text_copy(head.crs, sizeof head.crs, in->manifest->crs);
 	text_copy(head.unit_xy, sizeof head.unit_xy, in->manifest->unit_xy);
 	text_copy(head.unit_z, sizeof head.unit_z, in->manifest->unit_z);
-	if (!r && ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, strlen(in->view) + 1)) {
-		o->view_bytes += strlen(in->view) + 1;
-		o->view = strdup(in->view);
-	}
-	if (!o->view) {
+	if (!r)
+		o->view = keep_text(o, in->view);
+	if (o->view && o->system)
+		o->wkt = keep_text(o, in->wkt);
+	if (!o->view || (o->system && !o->wkt)) {
 		if (!r)
 			err_set(&err, ERR_NOMEM, "no memory for the head of a stream");
 		send_error(o, &err);
@@ -62,6 +71,10 @@ static void on_head(struct run_output *output, const struct run_head *in)
 		return;
 	}
 	head.view = o->view;
+	head.system = o->system;
+	head.wkt = o->wkt;
+	text_copy(head.geoid, sizeof head.geoid, in->geoid);
+	frame_text_clean(head.geoid);
 	memcpy(head.box, in->box, sizeof head.box);
 	f->n = stream_put_head(&head, f->scratch, f->piece);
 	f->at = 0;

@@ -109,9 +109,23 @@ const char *crs_assume_unit(const char *text);
 const char *crs_text_heights(const char *text);
 void crs_text_plane(const char *text, char ret[CRS_TEXT_SIZE]);
 
+/* Units that the EPSG numbers in a text imply, where they are unknown. */
+void crs_text_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE]);
+
+/* ---- crs_keep.c: the text of a system, to be kept ---- */
+
+enum { CRS_WKT_MAX = 32768 };
+/* A WKT in one line of UTF-8, without the blanks between its words. Its size; 0: no WKT that can be read, or larger than
+ * CRS_WKT_MAX. The result may take the place of the text. */
+size_t crs_wkt_normal(const void *text, size_t size, char ret[CRS_WKT_MAX + 1]);
+/* Which part of a WKT holds where the system has this text and these units: all of it; its horizontal system alone, where the
+ * heights are others; nothing (size 0). It points into `wkt`. */
+struct crs_bytes crs_wkt_holds(const char *wkt, const char *crs, const char *unit_xy, const char *unit_z);
+
 /* The name that EPSG gives the system of a number; "": it is in no table. */
 const char *crs_epsg_name(unsigned code);
-/* Where EPSG has other units for the numbers of a system than it has, or such as have no name here: in words; else "". */
+/* In words, else "": where EPSG has other units for the numbers of a system than it has, or such as have no name here; and
+ * numbers that are in no table, or of a system of another kind. */
 void crs_epsg_remark(const struct crs_info *, char *ret, size_t size);
 
 /* Metres of a length unit by its name; 0: it is none. */

@@ -89,6 +89,23 @@ static bool is_number(const char *text, size_t size)
 	return !size;
 }
 
+/* Half of a text: "EPSG:25832+7837" is no name, and nor is a number alone. */
+static int check_half(const char *text, size_t size, struct err *err)
+{
+	while (size && text[0] == ' ')
+		text++, size--;
+	while (size && text[size - 1] == ' ')
+		size--;
+	if (is_number(text, size)) {
+		err_set(err, ERR_USAGE, "\"%.*s\" is a number, not a coordinate system", (int)size, text);
+		return err_add_hint(err, "an EPSG number is written EPSG:%.*s", (int)size, text);
+	}
+	if (size < 5 || strncasecmp(text, "EPSG:", 5) || code_of(text, size))
+		return 0;
+	err_set(err, ERR_USAGE, "\"%.*s\" is not EPSG: and a number", (int)size, text);
+	return err_add_hint(err, "a compound system is written \"EPSG:25832 + EPSG:7837\"");
+}
+
 int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err)
 {
 	const char *plus;
@@ -115,15 +132,33 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 		err_set(err, ERR_USAGE, "the coordinate system that is given is neither a WKT nor a name");
 		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
 	}
-	if (is_number(text, size)) {
-		err_set(err, ERR_USAGE, "\"%.*s\" is a number, not a coordinate system", (int)size, text);
-		return err_add_hint(err, "an EPSG number is written EPSG:%.*s", (int)size, text);
-	}
 	plus = memmem(text, size, " + ", 3);
+	if (check_half(text, plus ? (size_t)(plus - text) : size, err) ||
+	    (plus && check_half(plus + 3, size - (size_t)(plus - text) - 3, err)))
+		return -(int)err->code;
 	take_part(text, plus ? (size_t)(plus - text) : size, false, &made);
 	if (plus)
 		take_part(plus + 3, size - (size_t)(plus - text) - 3, true, &made);
 	crs_info_settle(&made);
 	*ret = made;
 	return 0;
+}
+
+static void fill(char unit[CRS_UNIT_SIZE], const char *other)
+{
+	if (!*unit || crs_is_unknown(unit))
+		crs_set_unit(unit, other);
+}
+
+void crs_text_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE])
+{
+	struct err ignored = ERR_INIT;
+	struct crs_info by_number;
+
+	if (crs_assume_text(text, strlen(text), &by_number, &ignored))
+		return;
+	if (by_number.system.epsg)
+		fill(unit_xy, by_number.unit_xy);
+	if (by_number.system.epsg || by_number.system.epsg_z)
+		fill(unit_z, by_number.unit_z);
 }

@@ -220,11 +220,41 @@ static void remark(const struct crs_table_row *row, unsigned at, const char *wha
 			 row->code, crs_table_text + row->name, name);
 }
 
+/* The numbers that GeoTIFF 1.0 has of ellipsoids and vertical datums stand in vertical keys, and in no table of systems. */
+static bool is_of_geotiff(unsigned code)
+{
+	return (code >= 5001 && code <= 5035) || (code >= 5101 && code <= 5299);
+}
+
+/* True: there is a word about it, that it is none, or one of the other kind. */
+static bool wrong_number(unsigned code, bool vertical, char *ret, size_t size)
+{
+	const struct crs_table_row *row = row_of(code);
+	size_t n = strlen(ret);
+
+	/* heights above the ellipsoid of a system with three axes */
+	bool three = row && row->kind == CRS_TABLE_GEOGRAPHIC_3D;
+
+	if (!code || (vertical && (three || is_of_geotiff(code))) || (row && (row->kind == CRS_TABLE_VERTICAL) == vertical))
+		return false;
+	if (row)
+		snprintf(ret + n, size - n, "%sEPSG:%u (%s) is %s", n ? "; " : "", code, crs_table_text + row->name,
+			 vertical ? "no system of heights" : "a system of heights, not of x and y");
+	else
+		snprintf(ret + n, size - n, "%sEPSG:%u is no system that acut knows of EPSG: check the number", n ? "; " : "",
+			 code);
+	return true;
+}
+
 void crs_epsg_remark(const struct crs_info *info, char *ret, size_t size)
 {
 	const struct crs_table_row *plane = row_of(info->system.epsg), *heights = row_of(info->system.epsg_z);
 
 	*ret = 0;
+	if (wrong_number(info->system.epsg, false, ret, size))
+		plane = NULL;
+	if (wrong_number(info->system.epsg_z, true, ret, size))
+		heights = NULL;
 	remark(plane, plane ? plane->unit : 0, "x and y are", info->unit_xy, ret, size);
 	if (heights)
 		remark(heights, heights->unit_z, "z is", info->unit_z, ret, size);

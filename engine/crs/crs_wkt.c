@@ -69,6 +69,7 @@ struct reader {
 	struct crs_info *info;
 	struct wkt_system system; /* the horizontal one that is being read */
 	bool has_horizontal, has_vertical;
+	struct crs_span plane; /* the text of the horizontal one */
 };
 
 static enum wkt_kind keyword(struct crs_span s)
@@ -127,6 +128,7 @@ static void close_horizontal(struct reader *r, struct wkt_node *n)
 	if (r->has_horizontal)
 		return;
 	r->has_horizontal = true;
+	r->plane = (struct crs_span){n->from, (size_t)(r->at + 1 - n->from)};
 	wkt_system_settle(&r->system, n, r->info);
 	append_name(r, n);
 }
@@ -253,7 +255,7 @@ static bool read_word(struct reader *r)
 	if (r->depth == WKT_DEPTH)
 		return false;
 	r->at++;
-	r->stack[r->depth] = (struct wkt_node){.kind = keyword(s)};
+	r->stack[r->depth] = (struct wkt_node){.kind = keyword(s), .from = s.at};
 	r->depth++;
 	return true;
 }
@@ -297,7 +299,7 @@ static bool read_trees(struct reader *r)
 	}
 }
 
-bool crs_read_wkt(const void *text, size_t size, struct crs_info *ret)
+bool wkt_read(const void *text, size_t size, struct crs_info *ret, struct crs_span *ret_all, struct crs_span *ret_plane)
 {
 	struct reader r = {.at = text, .info = ret};
 
@@ -310,5 +312,14 @@ bool crs_read_wkt(const void *text, size_t size, struct crs_info *ret)
 		return false;
 	}
 	crs_info_settle(ret);
+	*ret_all = (struct crs_span){text, (size_t)(r.at - (const char *)text)};
+	*ret_plane = r.plane;
 	return true;
+}
+
+bool crs_read_wkt(const void *text, size_t size, struct crs_info *ret)
+{
+	struct crs_span all, plane;
+
+	return wkt_read(text, size, ret, &all, &plane);
 }

@@ -41,6 +41,7 @@ struct wkt_unit {
 
 struct wkt_node {
 	enum wkt_kind kind;
+	const char *from; /* of its keyword */
 	unsigned n_args, n_axes;
 	struct crs_span arg[WKT_ARGUMENTS]; /* the first ones, quotes taken off */
 	struct wkt_unit unit, axis[WKT_AXES];
@@ -65,6 +66,9 @@ struct wkt_system {
 	} parameter[WKT_PARAMETERS];
 	unsigned n_parameters;
 };
+
+/* crs_read_wkt, and where in the text it stands: all of it, and the horizontal system alone (size 0: there is none). */
+bool wkt_read(const void *text, size_t size, struct crs_info *ret, struct crs_span *ret_all, struct crs_span *ret_plane);
 
 bool wkt_span_is(struct crs_span, const char *word);
 unsigned wkt_span_code(struct crs_span);

@@ -1,7 +1,7 @@
 /*
  * The interface of the room: recognising formats, opening, closing, and checking whether files change while they are read.
  *
- * Model: an input is one allocation, with its read buffer and the state of its reader; nothing is allocated afterwards. The
+ * Model: an input is one allocation, with its read buffer and the state of its reader; beside it only a WKT is allocated. The
  * descriptor is borrowed and only read at explicit offsets. Not here: threads, paths, anything but regular files.
  */
 #include "input.h"
@@ -28,7 +28,7 @@ static size_t state_bytes(void)
 
 size_t input_bytes(void)
 {
-	return sizeof(struct input) + state_bytes();
+	return sizeof(struct input) + state_bytes() + CRS_WKT_MAX + 1;
 }
 
 bool input_has_extension(const char *name, const char *extensions)
@@ -221,6 +221,7 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 	}
 	in->info.coords.name = in->name;
 	in->seen = NULL; /* parts are read at once, and not upwards */
+	in->wkt = NULL;
 	if (in->reader->part)
 		in->reader->part(in, first, last);
 	*ret = in;
@@ -230,6 +231,11 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 const struct input_info *input_info(const struct input *in)
 {
 	return &in->info;
+}
+
+const char *input_wkt(const struct input *in)
+{
+	return in->wkt ? in->wkt : "";
 }
 
 uint64_t input_bytes_read(const struct input *in)
@@ -252,6 +258,8 @@ struct input *input_close(struct input *in)
 {
 	if (in && in->reader && in->reader->close)
 		in->reader->close(in);
+	if (in)
+		free(in->wkt);
 	free(in);
 	return NULL;
 }

@@ -22,6 +22,8 @@ size_t input_bytes(void);
  * whole file, for digits and extent). `name` is copied, for messages. Reading starts at offset 0. */
 int input_open(int fd, const char *name, const struct input_options *, struct input **ret, struct err *err);
 const struct input_info *input_info(const struct input *);
+/* The WKT that its records carry, as crs_wkt_normal makes it; "": none, or of a part. */
+const char *input_wkt(const struct input *);
 /* A reader of parts [first, last) of `whole`, with buffers of its own and the same descriptor, which other
  * threads may read at the same time. `whole` must stay open and is not read itself. */
 int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret, struct err *err);

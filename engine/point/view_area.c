@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "area.h"
 #include "err.h"
 
 enum { CELLS = 128, STRIPS = 2048 };
@@ -268,27 +269,6 @@ static int make_strips(struct view_area *a, struct err *err)
 	return 0;
 }
 
-/* Whether (x, y) is on the edge; *crosses: whether a ray to larger x crosses it (lower end included, upper end not). */
-static inline bool edge_holds(const struct edge *e, int64_t x, int64_t y, bool *crosses)
-{
-	if (y < e->ay || y > e->by)
-		return false;
-	if (e->ay == e->by)
-		return e->ax < e->bx ? x >= e->ax && x <= e->bx : x >= e->bx && x <= e->ax;
-	if (x > e->ax && x > e->bx)
-		return false;
-	if (x < e->ax && x < e->bx) {
-		*crosses ^= y < e->by;
-		return false;
-	}
-	__int128 turn = (__int128)(e->bx - e->ax) * (y - e->ay) - (__int128)(x - e->ax) * (e->by - e->ay);
-
-	if (!turn)
-		return true;
-	*crosses ^= turn > 0 && y < e->by;
-	return false;
-}
-
 static bool strip_has(const struct view_area *a, int64_t x, int64_t y)
 {
 	unsigned s = strip_of(a, y);
@@ -307,7 +287,7 @@ static bool strip_has(const struct view_area *a, int64_t x, int64_t y)
 			polygon = ring->polygon;
 		}
 		for (; at < end && a->edge[*at].ring == number; at++)
-			on |= edge_holds(&a->edge[*at], x, y, &crosses);
+			on |= area_edge_holds(a->edge[*at].ax, a->edge[*at].ay, a->edge[*at].bx, a->edge[*at].by, x, y, &crosses);
 		in = ring->shell ? on || crosses : in && (on || !crosses);
 	}
 	return in;

@@ -25,46 +25,7 @@ struct request {
 	struct err *err;
 };
 
-/* Lattice numbers are clamped to this. */
-static const int64_t number_most = INT64_C(1) << 62;
-
 enum { DECIMAL_MOST = 64 }; /* characters of a number */
-
-static bool scaled(__int128 *v, int64_t tens)
-{
-	for (; tens > 0 && *v; tens--)
-		if (__builtin_mul_overflow(*v, (__int128)10, v))
-			return false;
-	return true;
-}
-
-/* floor(v * 10^exponent * up / (down * scale) + 1/2), clamped to number_most. up and down are small. False: it was
- * clamped. */
-static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal scale, int64_t *ret)
-{
-	int64_t tens = exponent - scale.exponent;
-	__int128 num, den, q, rest;
-
-	*ret = v < 0 ? -number_most : number_most;
-	if (__builtin_mul_overflow(v, (__int128)up, &num) || !scaled(&num, tens))
-		return false; /* 10^38 over a mantissa of at most 10^17 and a small number */
-	den = (__int128)scale.mantissa * down;
-	if (!scaled(&den, -tens)) {
-		*ret = 0; /* 10^38 against a number below 10^36 */
-		return true;
-	}
-	q = num / den;
-	rest = num % den;
-	if (rest < 0) {
-		rest += den;
-		q--;
-	}
-	q += rest >= den - rest;
-	if (q > number_most || q < -number_most)
-		return false;
-	*ret = (int64_t)q;
-	return true;
-}
 
 static int bad_number(struct view_word w, const char *what, struct err *err)
 {
@@ -91,7 +52,7 @@ static int parse_height(struct request *q, struct view_word w, const struct view
 	snprintf(option, sizeof option, "--%.*s", (int)strlen(row->word) - 1, row->word);
 	if (!to_decimal(w, &d))
 		return bad_number(w, option, q->err);
-	to_lattice(d.mantissa, d.exponent, 1, 1, q->lattice->scale_z, view_word_height(q->view, row));
+	decimal_steps(d.mantissa, d.exponent, 1, 1, q->lattice->scale_z, view_word_height(q->view, row));
 	*view_word_flag(q->view, row->has) = true;
 	return 0;
 }
@@ -108,7 +69,7 @@ static int parse_box(struct request *q, struct view_word w, int64_t box[4])
 			return 1;
 		if (!to_decimal(part, &d[i]))
 			return bad_number(part, q->option, q->err);
-		to_lattice(d[i].mantissa, d[i].exponent, 1, 1, q->lattice->scale_xy, &box[i]);
+		decimal_steps(d[i].mantissa, d[i].exponent, 1, 1, q->lattice->scale_xy, &box[i]);
 	}
 	return w.n != 0;
 }
@@ -127,8 +88,8 @@ static int area_corner(void *ctx, __int128 x, __int128 y)
 	int64_t at[2];
 
 	/* A number out of range fails in view_area_end. */
-	to_lattice(x, q->exponent, 1, 1, scale, &at[0]);
-	to_lattice(y, q->exponent, 1, 1, scale, &at[1]);
+	decimal_steps(x, q->exponent, 1, 1, scale, &at[0]);
+	decimal_steps(y, q->exponent, 1, 1, scale, &at[1]);
 	return view_area_corner(q->area, at[0], at[1], q->err);
 }
 
@@ -256,7 +217,7 @@ static int parse_thin(struct request *q, struct view_word w)
 		err_set(q->err, ERR_USAGE, "--thin: \"%.*s\" is not a length", (int)(length.n < 60 ? length.n : 60), length.at);
 		return err_add_hint(q->err, "give a number in the units of the files, or with m, ft or ftUS");
 	}
-	if (!to_lattice(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, &q->view->thin.cell)) {
+	if (!decimal_steps(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, &q->view->thin.cell)) {
 		err_set(q->err, ERR_USAGE, "a cell of %.*s is larger than any dataset", (int)(length.n < 60 ? length.n : 60),
 			length.at);
 		return err_add_hint(q->err, "give --thin a smaller cell");

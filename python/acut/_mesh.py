@@ -42,6 +42,10 @@ class Head:
         self._struct = abi.acut_mesh_head.from_buffer_copy(struct)
         self.lattice, self.scale_xy, self.scale_z = decoded(struct.lattice), decoded(struct.scale_xy), decoded(struct.scale_z)
         self.crs, self.unit_xy, self.unit_z = decoded(struct.crs), decoded(struct.unit_xy), decoded(struct.unit_z)
+        # EPSG numbers of x and y and of heights (0: not known), the system of heights ("EPSG:5720", a name), the whole system as
+        # WKT, the grid that converted the heights ("WAY HASH NAME"); "": none
+        self.epsg, self.epsg_z, self.vertical = struct.epsg, struct.epsg_z, decoded(struct.vertical)
+        self.wkt, self.geoid = decoded(struct.wkt), decoded(struct.geoid)
         self.view, self.stream_id = decoded(struct.view), decoded(struct.stream_id)
         self.k: Tuple[int, int, int] = tuple(struct.k)
         self.box: Tuple[int, ...] = tuple(struct.box)  # of all vertices, in lattice numbers: min x y z, max x y z

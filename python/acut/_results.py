@@ -186,6 +186,11 @@ class Dataset:
     id: int
     oldest: int      # generation that can be read
     segments: int
+    epsg: int        # EPSG number of the system of x and y; 0: not known
+    epsg_z: int      # that of the system of heights
+    vertical: str    # the system of heights, "EPSG:5720" or a name; ""
+    wkt: str         # the system as the first file had it; "": none had one, and of a list
+    geoid: str       # "WAY HASH NAME" of the grid that converted the heights; "": none did, and of a list
 
 
 @dataclass(frozen=True)

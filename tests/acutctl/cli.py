@@ -45,8 +45,6 @@ def options_of(command):
 
 COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
 LATER = {
-    "mesh": ["--mask"],
-    "fetch": ["--mask"],
     "submit": ["--constraints"],
 }
 
@@ -256,9 +254,9 @@ def texts():
     check("help of a verb is that of its command", run("help", "dataset", "chmod")[1] == run("help", "dataset")[1] != "")
     expect(["help", "push", "chmod"], 2, "no word \"chmod\"")
     expect(["help", "push", "a", "b"], 2, "no word \"b\"")
-    expect(["formats"], 0, "ply", "obj", "landxml", "dxf", "glb", "stl", "png", "las", "xyz")
+    expect(["formats"], 0, "ply", "obj", "landxml", "dxf", "glb", "stl", "html", "png", "las", "xyz")
     rows = [json.loads(line) for line in run("formats", "--json")[1].splitlines()]
-    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "landxml", "dxf", "glb", "stl", "png", "null", "las", "xyz"})
+    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "landxml", "dxf", "glb", "stl", "html", "png", "null", "las", "xyz"})
     with open("/dev/full", "w") as full:
         check("a full standard output", run("formats", out=full)[0] == 74)
     r, w = os.pipe()

@@ -57,7 +57,7 @@ def words_of_the_tables():
         expect(ask("mesh", "a.las", "--returns", "") == ["all", "first", "last"], ask("mesh", "a.las", "--returns", ""))
         expect(ask("mesh", "--duplicates", "") == ["highest", "lowest"] or ask("mesh", "--duplicates", "") == ["lowest", "highest"], "")
         expect(ask("mesh", "--duplicates", "=", "h") == ["highest"], ask("mesh", "--duplicates", "=", "h"))
-        contains(ask("mesh", "--format", ""), ["ply", "obj", "landxml", "dxf", "glb", "stl", "png", "null"])
+        contains(ask("mesh", "--format", ""), ["ply", "obj", "landxml", "dxf", "glb", "stl", "html", "png", "null"])
         contains(ask("info", "--input-format", ""), ["las", "ptx", "xyz", "pts"])
         contains(ask("help", ""), ["mesh", "push"], ["complete"])
         contains(ask("help", "dataset", ""), ["export", "log", "revert"], ["mesh", "dataset"])

@@ -108,6 +108,10 @@ def files(d, base, seen):
         f.write("nothing")
     j = lambda *words, **kw: d.ctl(*words, "--json", **kw)
     seen.add("a file", j("info", a, text).ok().out + j("info", a, "--header").ok().out)
+    lines = base + "/l.csv"
+    with open(lines, "w") as f:
+        f.write("x,y,z,name,kind\n1,2,3,a,lake\n2,2,3,a,lake\n1,2,,b,lake\n2,2,3,c,\n1,1,1,c,\n")
+    seen.add("a file of lines", j("info", "--lines", lines).ok().out + j("info", "--lines", lines, "--kind-field", "kind").ok().out)
     seen.add("a pushed file", j("push", "valley", a).ok().out + j("push", "valley", a).ok().out)
     seen.add("a pushed file", j("push", "valley", b, base + "/none.las").out + j("push", "rough", b, "--scale", "0.5").ok().out)
     seen.add("a pushed file", j("push", "text", text).ok().out)
@@ -146,6 +150,10 @@ def jobs(d, base, seen, text):
     seen.add("a job", j("jobs").ok().out + j("show", first).ok().out + j("watch", first).ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply").ok().out + j("fetch", other, "-o", base + "/f.ply").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/tiles", "--tile", "100").ok().out)
+    with open(base + "/area.wkt", "w") as f:
+        f.write("POLYGON ((0 0, 1e7 0, 0 1e7))")
+    seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--mask", base + "/area.wkt").ok().out)
+    seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--erase", base + "/area.wkt").ok().out)
     seen.add("a mesh", j("fetch", third, "-o", base + "/c.ply", "--changed-since", "1").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/w.ply", "--bbox", "0,0,1e6,1e7").out)
     job = json.loads(j("submit", "text", "--new", "--wait").ok().out)["job"]

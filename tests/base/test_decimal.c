@@ -229,6 +229,9 @@ static void test_parse(void **state)
 		int64_t mantissa;
 		int32_t exponent;
 	} good[] = {
+		{".5", 5, -1},
+		{"-.0010", -1, -3},
+		{"+.5e3", 5, 2},
 		{"0", 0, 0},
 		{"-0.000", 0, 0},
 		{"1", 1, 0},
@@ -251,7 +254,9 @@ static void test_parse(void **state)
 		"-",
 		"+",
 		".",
-		".5",
+		".e5",
+		"-.",
+		"1..5",
 		"5.",
 		"1e",
 		"1e+",

@@ -371,8 +371,22 @@ static void assumptions(void **state)
 		 {PROJ, "EPSG:32732", "metre", "unknown", TM, 32732, 0, "WGS 84", WGS, 0, 9, 0, 0, .9996, 500000, 1e7}},
 		{"\n" WGS84 "\n", {GEOG, "WGS 84", "degree", "unknown", GEO, 0, 0, "WGS 84", WGS}},
 	};
-	static const char *const bad[] = {"",     "  \n", "PROJCS[\"p\"", "FOO[\"x\"]", "[", "na\xc3\xafve",
-					  "a\tb", "4326", " 25832\n"};
+	static const char *const bad[] = {"",
+					  "  \n",
+					  "PROJCS[\"p\"",
+					  "FOO[\"x\"]",
+					  "[",
+					  "na\xc3\xafve",
+					  "a\tb",
+					  "4326",
+					  " 25832\n",
+					  "EPSG:25832+7837",
+					  "EPSG:",
+					  "epsg:x",
+					  "EPSG:25832 + 7837",
+					  "EPSG:25832 + EPSG:",
+					  "4326 + EPSG:5773",
+					  "site + EPSG:1 2"};
 	struct err err;
 	struct crs_info info;
 

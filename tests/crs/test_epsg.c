@@ -126,6 +126,22 @@ static void remarks(void **state)
 		{heights, sizeof heights, "metre", "metre",
 		 "z is taken as metre, but EPSG:6360 (NAVD88 height (ftUS)) is in the unit us-survey-foot"},
 	};
+	static const struct {
+		const char *text, *remark;
+	} said[] = {
+		{"EPSG:2154 + EPSG:5720", ""},
+		{"EPSG:2154 + orthometric height (egm96)", ""},
+		{"EPSG:32767", "EPSG:32767 is no system that acut knows of EPSG: check the number"},
+		{"EPSG:99999 + EPSG:5720", "EPSG:99999 is no system that acut knows of EPSG: check the number"},
+		{"EPSG:2154 + EPSG:5000", "EPSG:5000 is no system that acut knows of EPSG: check the number"},
+		{"EPSG:5720", "EPSG:5720 (NGF-IGN69 height) is a system of heights, not of x and y"},
+		{"EPSG:32631 + EPSG:32632", "EPSG:32632 (WGS 84 / UTM zone 32N) is no system of heights"},
+		/* heights above an ellipsoid, as files put them */
+		{"EPSG:32631 + EPSG:4979", "z is taken as unknown, but EPSG:4979 (WGS 84) is in the unit metre"},
+		{"EPSG:32631 + EPSG:5030", ""},
+		{"EPSG:32631 + EPSG:5103", ""},
+	};
+	struct err err = ERR_INIT;
 	char text[384], small[20];
 	struct crs_info info;
 
@@ -138,6 +154,12 @@ static void remarks(void **state)
 		crs_epsg_remark(&info, text, sizeof text);
 		assert_string_equal(text, rows[i].remark);
 	}
+	for (size_t i = 0; i < sizeof said / sizeof *said; i++) {
+		assert_int_equal(crs_assume_text(said[i].text, strlen(said[i].text), &info, &err), 0);
+		crs_epsg_remark(&info, text, sizeof text);
+		assert_string_equal(text, said[i].remark);
+	}
+	crs_read(&(struct crs_records){.keys = {heights, sizeof heights}}, &info);
 	crs_epsg_remark(&info, small, sizeof small);
 	assert_int_equal(strlen(small), sizeof small - 1);
 	crs_info_clear(&info);

@@ -226,9 +226,9 @@ class Client:
             if value.final:
                 return value
 
-    def fetch(self, job, since=0):
+    def fetch(self, job, since=0, system=False):
         """The whole mesh of a job, or what differs from that of generation `since`; checked."""
-        _, fd = self.ask("fetch", pb.Fetch(job=job, changed_since=since))
+        _, fd = self.ask("fetch", pb.Fetch(job=job, changed_since=since, system=system))
         try:
             return Mesh(PipeReader(fd, self.wire.timeout))
         finally:
@@ -307,6 +307,9 @@ class Fields:
         self.at += n
         return self.data[self.at - n:self.at].decode()
 
+    def left(self):
+        return len(self.data) - self.at
+
     def end(self):
         rest = self.data[self.at:]
         if len(rest) >= 8 or any(rest):
@@ -377,6 +380,7 @@ class Mesh:
         self.stream_id = "%016x%016x" % f.take("QQ")
         self.box = f.take("6i")
         self.lattice, self.crs, self.unit_xy, self.unit_z, self.view = (f.text() for _ in range(5))
+        self.geoid, self.wkt = (f.text(), f.text()) if f.left() >= 4 else ("", "")
         f.end()
         words = self.lattice.split(" ")
         self.scales, self.k = words[:2], [int(w) for w in words[2:]]

@@ -145,7 +145,7 @@ def unknown():
         expect("the coordinate system, the unit of x and y and the unit of z are unknown" in warned[0], warned[0])
         expect(r.err.count("unknown") <= 1, r.err)
         head = open(base + "/m.ply", "rb").read(2000).decode(errors="replace")
-        expect("comment acut-crs unknown\n" in head and "comment acut-units unknown unknown\n" in head, head)
+        expect("acut-geoid" not in head and "comment acut-crs unknown\n" in head and "comment acut-units unknown unknown\n" in head, head)
         head = open(base + "/m.obj").read(2000)
         expect("# acut-crs unknown\n" in head and "# acut-units unknown unknown\n" in head, head)
         # If the plane is known, only the heights.
@@ -209,6 +209,9 @@ def assumed_wrongly():
             (2, ["none"], ["--assume-crs", "PROJCS[\"p\"", ], ["no WKT", "PROJCS"]),
             (2, ["none"], ["--assume-crs", "FOO[\"p\"]", ], ["no WKT"]),
             (2, ["none"], ["--assume-crs", ""], ["empty"]),
+            (2, ["none"], ["--assume-crs", "4326"], ["a number", "EPSG:4326"]),
+            (2, ["none"], ["--assume-crs", "EPSG:25832+7837"], ["EPSG:25832 + EPSG:7837"]),
+            (2, ["none"], ["--override-crs", "EPSG:25832 + 7837"], ["a number", "EPSG:7837"]),
             (2, ["none"], ["--assume-units", "feet"], ["--assume-units", "m, ft and ftUS"]),
             (2, ["none"], ["--assume-units", "m,"], ["--assume-units"]),
             (2, ["none"], ["--assume-units", "m,m,m"], ["--assume-units"]),
@@ -218,6 +221,11 @@ def assumed_wrongly():
             r = d.ctl("mesh", *[f[n] for n in names], "-o", out, *options)
             expect(r.status == status, "%s: %d\n%s" % (options, r.status, r.err))
             said(r, *parts)
+        # A number that nobody knows is taken, and a warning says so.
+        for option in ("--assume-crs", "--override-crs"):
+            r = d.ctl("mesh", f["none"], "-o", out, option, "EPSG:99999", "--json").ok()
+            expect(sum("EPSG:99999 is no system that acut knows of EPSG" in w for w in r.json()["warnings"]) == 1, r.out)
+        expect("EPSG:99999" not in d.ctl("mesh", f["none"], "-o", out, "--assume-crs", "EPSG:25832", "--scale", ".5,.25").ok().err, "known")
         # One of several: the others go on, as with any refused input.
         r = d.ctl("mesh", f["utm"], f["none"], f["n32"], "-o", out, "--assume-crs", "EPSG:25832")
         expect(r.status == 3, r.err)
@@ -468,13 +476,14 @@ def created():
     with e2e.Folder() as base:
         with e2e.Daemon(base) as d:
             f = files(base)
-            d.ctl("dataset", "create", "d", "--scale", "0.001,0.01", "--crs", "EPSG:25832").ok()
+            d.ctl("dataset", "create", "d", "--scale", ".001,.01", "--crs", "EPSG:25832").ok()
             d.ctl("dataset", "create", "heights", "--crs", "EPSG:25832 + EPSG:6360").ok()
             d.ctl("dataset", "create", "plain").ok()
             for status, words, parts in [
                 (1, ["d"], ["there is a dataset d already"]),
                 (2, ["e", "--scale", "0"], ["--scale"]),
                 (2, ["e", "--crs", "PROJCS[\"p\""], ["no WKT"]),
+                (2, ["e", "--crs", "4326"], ["a number", "EPSG:4326"]),
                 (2, ["-e"], ["-e"]),
                 (2, [".e"], ["cannot name a dataset"]),
             ]:

@@ -217,12 +217,150 @@ def windows():
         expect(seen == want, "%d pixels of windows, %d of the whole" % (len(seen), len(want)))
 
 
+def holds(rings, x, y):
+    """Whether a centre is in a polygon: a border is to the west or north of what it belongs to."""
+    def ring_holds(ring):
+        odd = False
+        for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1]):
+            if (ay >= y) != (by >= y):
+                odd ^= x < ax + Fraction(bx - ax) * (y - ay) / (by - ay)
+        return odd
+    return ring_holds(rings[0]) and not any(map(ring_holds, rings[1:]))
+
+
+def polygons():
+    """A raster of a polygon has the pixels of the whole whose centres are in it; of polygons side by side each has its own."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, whole, part, area = survey(base, 40000), base + "/w.tif", base + "/p.tif", base + "/a.wkt"
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        x0, y0 = 500000, 5400000
+        corner = lambda *at: [(Fraction(x) + x0, Fraction(y) + y0) for x, y in at]
+        hole = corner((110, 60), (170, 60), (170, 120), ("140.5", "75.5"))  # borders through centres
+        left = [corner((-10, -10), (100, -10), ("100.5", "20.5"), ("40.5", "80.5"), ("100.5", "140.5"), (100, 400), (-10, 400))]
+        right = [[*left[0][1:6], *corner((400, 400), (400, -10))], hole]
+        islands = [hole]
+        for cell in (Fraction(1), Fraction(3, 10)):
+            d.ctl("fetch", job, "-o", whole, "--cell", str(float(cell))).ok()
+            w, seen = Raster(whole), {}
+            line = lambda n: n * cell  # a border of pixels
+            first = round(Fraction(w.left) / cell), round(Fraction(w.top) / cell)
+            for i, rings in enumerate((left, right, islands)):
+                with open(area, "w") as f:
+                    f.write("POLYGON (%s)" % ",".join("(%s)" % ",".join("%s %s" % (float(x), float(y)) for x, y in r + r[:1]) for r in rings))
+                d.ctl(*(("mesh", las) if i == 1 else ("fetch", job)), "--polygon", area, "-o", part, "--cell", str(float(cell))).ok()
+                p = Raster(part)
+                at = round(Fraction(p.left) / cell) - first[0], first[1] - round(Fraction(p.top) / cell)
+                expect(0 <= at[0] and 0 <= at[1] and at[0] + p.w <= w.w and at[1] + p.h <= w.h, "larger than the whole")
+                for y in range(p.h):
+                    for x in range(p.w):
+                        if p.at(x, y) != NONE:
+                            key = at[0] + x, at[1] + y
+                            expect(key not in seen, "two polygons have a pixel")
+                            seen[key] = i, p.at(x, y)
+            inside = 0
+            for (x, y), (i, _) in list(seen.items())[::7] if cell == 1 else []:
+                rings = (left, right, islands)[i]
+                expect(holds(rings, line(first[0] + x + Fraction(1, 2)), line(first[1] - y - Fraction(1, 2))), "a centre is outside")
+                inside += 1
+            want = {(x, y): w.at(x, y) for y in range(w.h) for x in range(w.w) if w.at(x, y) != NONE}
+            expect({k: v for k, (_, v) in seen.items()} == want, "%d pixels of polygons, %d of the whole" % (len(seen), len(want)))
+            expect({i for i, _ in seen.values()} == {0, 1, 2} and (inside or cell != 1), "a polygon has no pixel")
+
+
+def tiles():
+    """The tiles of a raster are the whole, pixel for pixel, wherever their borders are; the same bytes with any memory."""
+    import glob
+    import json
+    with e2e.Folder() as base:
+        las = survey(base, 40000)
+        hole = base + "/hole.wkt"
+        with open(hole, "w") as f:
+            f.write("POLYGON ((500055 5400055, 500170 5400055, 500170 5400170, 500055 5400170))")
+        files = {}
+        for memory, threads in (("24M", 1), ("1G", 4)):
+            with e2e.Daemon(base, memory=memory, threads=threads) as d:
+                d.ctl("push", memory, las).ok()
+                job = d.ctl("submit", memory, "--wait", "--json").ok().json()["job"]
+                for n, (cell, size, options) in enumerate((("1", "50", ()), ("0.7", "33.3", ()), ("1", "7.25", ("--erase", hole)),
+                                                           ("2", "20000", ()), ("1", "64", ("--bbox", "500010.5,5400020,500150,5400123.5")),
+                                                           ("1", "40", ("--raster", "hillshade", "--polygon", hole)))):
+                    whole, folder = base + "/w.tif", "%s/%s-%d" % (base, memory, n)
+                    d.ctl("fetch", job, "-o", whole, "--cell", cell, *options).ok()
+                    j = d.ctl("fetch", job, "-o", folder, "--format", "tif", "--tile", size, "--cell", cell, *options, "--json").ok().json()
+                    names = sorted(glob.glob(folder + "/tile_*.tif"))
+                    files.setdefault(n, []).append([open(name, "rb").read() for name in names])
+                    w, seen, c, s = Raster(whole), {}, Fraction(cell), Fraction(size)
+                    with open(folder + "/index.geojson") as f:
+                        index = {i["properties"]["file"]: i["properties"] for i in json.load(f)["features"]}
+                    expect(len(names) == len(index) == j["tiles"]["files"] and set(os.listdir(folder)) == set(index) | {"index.geojson"}, folder)
+                    for name in names:
+                        p = Raster(name)
+                        row = index[os.path.basename(name)]
+                        at = round(Fraction(p.left) / c), round(Fraction(p.top) / c)  # absolute pixels; the first below the upper border
+                        expect(row["pixels"] == [p.w, p.h] and row["bytes"] == os.path.getsize(name), str(row))
+                        expect(row["box"] == [p.left, p.top - p.h * p.cell, p.left + p.w * p.cell, p.top] or
+                               all(abs(a - b) < 1e-6 for a, b in zip(row["box"], [p.left, p.top - p.h * p.cell, p.left + p.w * p.cell, p.top])), str(row))
+                        for k, (low, many) in enumerate(((at[0], p.w), (at[1] - p.h, p.h))):
+                            tile = row["column" if not k else "row"]
+                            centre = lambda i: (2 * i + 1) * c / 2
+                            expect(tile * s <= centre(low) and centre(low + many - 1) < (tile + 1) * s
+                                   and centre(low - 1) < tile * s and centre(low + many) >= (tile + 1) * s, "a tile has other pixels: %s" % row)
+                        here = {(at[0] + x, at[1] - 1 - y): p.at(x, y) for y in range(p.h) for x in range(p.w) if p.at(x, y) != NONE} \
+                            if p.w * p.h < 1e6 else None
+                        if here is None:  # one tile that has it all
+                            left, top = round(Fraction(w.left) / c) - at[0], at[1] - round(Fraction(w.top) / c)
+                            got = p.data.GetRasterBand(1).ReadRaster(left, top, w.w, w.h, buf_type=gdal.GDT_Float32)
+                            expect(struct.unpack("<%df" % (w.w * w.h), got) == w.pixel, "another tile")
+                            continue
+                        expect(here and not set(here) & set(seen), "a tile without heights, or two have a pixel")
+                        seen.update(here)
+                        if memory == "1G" and not seen.keys() - here.keys():
+                            warnings, errors, _ = validate(name, full_check=True)
+                            expect(not warnings and not errors, "as a COG: %s %s" % (warnings, errors))
+                    first = round(Fraction(w.left) / c), round(Fraction(w.top) / c)
+                    want = {(first[0] + x, first[1] - 1 - y): w.at(x, y) for y in range(w.h) for x in range(w.w) if w.at(x, y) != NONE}
+                    expect(size == "20000" or seen == want, "%s: %d pixels of tiles, %d of the whole" % (folder, len(seen), len(want)))
+                    if n < 2:  # and as GDAL puts them together
+                        vrt = gdal.BuildVRT(base + "/all.vrt", names)
+                        left, top = vrt.GetGeoTransform()[0], vrt.GetGeoTransform()[3]
+                        got = vrt.GetRasterBand(1).ReadRaster(round((w.left - left) / w.cell), round((top - w.top) / w.cell), w.w, w.h,
+                                                              buf_type=gdal.GDT_Float32)
+                        expect(struct.unpack("<%df" % (w.w * w.h), got) == w.pixel, "the mosaic differs")
+        for n, (one, two) in files.items():
+            expect(one == two and (n == 3) == (len(one) == 1), "other tiles with other memory")
+
+
+def memory():
+    """acutctl stays below 64 MiB with a raster of 25 million pixels, in one file, in tiles, cut at a polygon, and three at once."""
+    import subprocess
+    import time
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        d.ctl("push", "s", survey(base, 60000)).ok()
+        job = str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"])
+        area = base + "/a.wkt"
+        with open(area, "w") as f:
+            f.write("POLYGON ((500000 5400000, 500300 5400000, 500000 5400300))")
+        out = lambda n: ("-o", "%s/%d.tif" % (base, n), "--cell", "0.05")
+        for words in (out(0), ("-o", base + "/tiles", "--format", "tif", "--cell", "0.05", "--tile", "20"),
+                      (*out(1), "--polygon", area), (*out(2), *out(3), "--raster", "slope", *out(4), "--raster", "hillshade")):
+            p = subprocess.Popen([e2e.ACUTCTL, "fetch", job, *words], env=dict(os.environ, ACUT_SOCKET=d.socket),
+                                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            peak = 0
+            while p.poll() is None:
+                with open("/proc/%d/status" % p.pid) as f:
+                    peak = max([peak] + [int(line.split()[1]) for line in f if line.startswith("VmHWM")])
+                time.sleep(0.01)
+            expect(p.returncode == 0, p.stderr.read())
+            p.stderr.close()
+            print("     VmHWM of acutctl %.1f MiB with %s" % (peak / 1024, " ".join(w for w in words if w.startswith("--"))))
+            expect(e2e.sanitized() or peak < 64 * 1024, "VmHWM %d KiB with %s" % (peak, words))
+        expect(len(os.listdir(base + "/tiles")) > 100, "%d tiles" % len(os.listdir(base + "/tiles")))
+
+
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las, tif = survey(base), os.path.join(base, "r.tif")
-        area = os.path.join(base, "a.geojson")
-        with open(area, "w") as f:
-            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
         d.ctl("push", "s", las).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
@@ -236,11 +374,11 @@ def refused():
                             (("--cell has no meaning for ply",), ("mesh", las, "-o", tif, "-o", tif + ".ply", "--cell", "1")),
                             (("--origin has no meaning for tif",), ("mesh", las, "-o", tif, "--cell", "1", "--origin", "auto")),
                             (("--canonical has no meaning for tif",), ("mesh", las, "-o", tif, "--cell", "1", "--canonical")),
-                            (("--tile has no meaning for tif", "--bbox"), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "1", "--tile", "50")),
+                            (("--tile is less than --cell",), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "1", "--tile", "0.99")),
+                            (("more than 100000 tiles", "larger --tile"), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "0.1", "--tile", "0.1")),
+                            (("smaller --tile",), ("fetch", job, "-o", tif + "/", "--format", "tif", "--cell", "0.1", "--tile", "100000")),
                             (("--changed-since has no meaning for tif",), ("fetch", other, "-o", tif, "--cell", "1", "--changed-since", "1")),
                             (("into tif cannot be resumed",), ("fetch", job, "-o", tif, "--cell", "1", "--resume")),
-                            (("--polygon", "--bbox"), ("mesh", las, "-o", tif, "--cell", "1", "--polygon", area)),
-                            (("--polygon", "--bbox"), ("fetch", job, "-o", tif, "--cell", "1", "--polygon", area)),
                             (("too many digits",), ("mesh", las, "-o", tif, "--cell", "0.12345678901"))):
             r = d.ctl(*args)
             expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
@@ -265,4 +403,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(pixels, same_bytes, systems, windows, refused)
+    e2e.main(pixels, same_bytes, systems, windows, polygons, tiles, memory, refused)

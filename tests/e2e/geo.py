@@ -365,7 +365,7 @@ def heights_shifted():
             for key in ("min", "mean", "max"):
                 expect(abs(g[key] - sign * 40) < 2e-3, g)
             expect(r["crs"] == "EPSG:32632 + %s height (flat)" % kind, r["crs"])
-            expect("comment acut-crs " + r["crs"] in head, head)
+            expect("comment acut-crs " + r["crs"] in head and "comment acut-geoid %s %s flat" % (kind, g["hash"]) in head, head)
             same_places(points, lambda a, o: utm(32, a, o), vertices, 0.001, lambda p: p[2] + sign * 40, far=2e-3)
         r, _, _ = meshed(d, base, f, "--geoid", "slope")
         expect(r["geoid"]["min"] < r["geoid"]["mean"] < r["geoid"]["max"] and abs(r["geoid"]["mean"] + 34.7001) < 2e-3, r)

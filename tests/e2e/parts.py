@@ -1,4 +1,4 @@
-"""Files with a part of a mesh (--max-edge, --trim-hull, --tile, --bbox, --changed-since) say so, their digest is that of their triangles, and
+"""Files with a part of a mesh (--max-edge, --trim-hull, --mask, --erase, --tile, --bbox, --changed-since) say so, their digest is that of their triangles, and
 acut-verify accepts them as such."""
 import glob
 import os
@@ -175,4 +175,107 @@ def hull_is_trimmed():
             expect(r.status == 2 and "a window of a mesh does not have" in r.err, r.err)
 
 
-main(says_what_it_is, windows_tiles_changes, hull_is_trimmed)
+AREAS = {  # hundredths; the corners are near enough to the points that centroids are on edges
+    "a.geojson": [[[(10000, 10000), (70000, 12000), (70000, 70000), (40000, 50000), (10000, 70000)],
+                   [(20000, 20000), (30000, 20000), (30000, 30000), (20000, 30000)]], [[(80000, 80000), (99000, 80000), (90000, 99000)]]],
+    "b.wkt": [[[(50000, 5000), (95000, 5000), (95000, 60000), (50000, 60000)]]],
+    "c.geojson": [[[(60000, 20000), (85000, 45000), (60000, 70000), (35000, 45000)]]],
+}
+
+
+def write_areas(base):
+    def text(x, y, between):
+        return "%d.%02d%s%d.%02d" % (x // 100, x % 100, between, y // 100, y % 100)
+
+    for name, polygons in AREAS.items():
+        with open(os.path.join(base, name), "w") as f:
+            if name.endswith(".wkt"):
+                f.writelines("POLYGON (%s)\n" % ",".join("(%s)" % ",".join(text(x, y, " ") for x, y in ring + ring[:1]) for ring in rings)
+                             for rings in polygons)
+            else:
+                f.write('{"type":"FeatureCollection","features":[%s]}' % ",".join(
+                    '{"type":"Feature","properties":null,"geometry":{"type":"Polygon","coordinates":[%s]}}' % ",".join(
+                        "[%s]" % ",".join("[%s]" % text(x, y, ",") for x, y in ring + ring[:1]) for ring in rings) for rings in polygons))
+
+
+def inside(name, x3, y3):
+    """x3 and y3 are three times a centroid: an area has its borders to the left and below."""
+    def ring_has(ring):
+        odd = False
+        for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1]):
+            if (3 * ay <= y3) != (3 * by <= y3):
+                side = (x3 - 3 * ax) * (by - ay) - (bx - ax) * (y3 - 3 * ay)  # both sides times by - ay
+                odd ^= side < 0 if by > ay else side > 0
+        return odd
+    return any(ring_has(rings[0]) and not any(map(ring_has, rings[1:])) for rings in AREAS[name])
+
+
+def masks_and_erasures():
+    """What lies inside or outside of polygons, whatever the memory, threads and order, with tiles and the other rules."""
+    with e2e.Folder() as base:
+        write_areas(base)
+        rng, names = random.Random(8), [base + "/%d.xyz" % i for i in range(3)]
+        files = [open(n, "w") for n in names]
+        for i in range(60000):
+            # a coarse grid in one corner, where centroids lie on borders
+            x, y = (250 * rng.randrange(400), 250 * rng.randrange(400)) if i % 2 else (rng.randrange(100000), rng.randrange(100000))
+            files[i % 3].write("%d.%02d %d.%02d 5\n" % (x // 100, x % 100, y // 100, y % 100))
+        for f in files:
+            f.close()
+        cut = ["--mask", base + "/a.geojson", "--mask", base + "/b.wkt", "--erase", base + "/c.geojson"]
+        got, part, whole, rest = [], base + "/part.ply", base + "/whole.ply", base + "/rest.ply"
+        for memory, threads, order in (("24M", 1, names), ("1G", 4, names[::-1])):
+            with e2e.Daemon(base, memory=memory, threads=threads) as d:
+                j = d.ctl("mesh", *order, "-o", part, "--canonical", *cut, "--json", "--assume-units", "m").ok().json()
+                d.ctl("mesh", *order, "-o", whole, "--canonical").ok()
+                expect(memory != "24M" or j["domains"] > 1, "%d domains" % j["domains"])
+                with open(part, "rb") as f:
+                    got.append(f.read())
+        expect(got[0] == got[1], "other bytes with other memory, threads and order")
+        points, faces = read_ply(whole)
+        middle = {t: (sum(points[v][0] for v in t), sum(points[v][1] for v in t)) for t in faces}
+        of = {name: {t for t in faces if inside(name, *middle[t])} for name in AREAS}
+        kept = [t for t in faces if (t in of["a.geojson"] or t in of["b.wkt"]) and t not in of["c.geojson"]]
+        expect(all(of.values()) and read_ply(part)[1] == kept, "not what is inside of a or b and outside of c")
+        expect(any(x == 60000 * 3 or y == 60000 * 3 for x, y in middle.values()), "no centroid is on a border")
+        left = set(faces) - set(kept)
+        area = sum(abs((points[b][0] - points[a][0]) * (points[c][1] - points[a][1]) - (points[c][0] - points[a][0]) * (points[b][1] - points[a][1]))
+                   for a, b, c in left) / 2e4
+        expect(j["left_out"]["triangles"] == len(left) and abs(j["left_out"]["area"] - area) < 1e-6 * area, str(j["left_out"]))
+        expect(j["left_out"]["mask"]["files"] == cut[1:4:2] and j["left_out"]["erase"]["files"] == cut[5:], str(j["left_out"]))
+        said = "mask=%s erase=%s" % (j["left_out"]["mask"]["digest"], j["left_out"]["erase"]["digest"])
+        expect(comments(part)["acut-trimmed"] == said and verified(part, *names)["trimmed"], comments(part)["acut-trimmed"])
+        with e2e.Daemon(base) as d:
+            # One area as mask and as erasure: the whole.
+            d.ctl("mesh", *names, "-o", part, "--canonical", "--mask", base + "/a.geojson").ok()
+            r = d.ctl("mesh", *names, "-o", rest, "--canonical", "--erase", base + "/a.geojson").ok()
+            expect("triangles inside of " + base + "/a.geojson were left out" in r.out + r.err, r.out + r.err)
+            expect(set(read_ply(part)[1]) == of["a.geojson"] and sorted(read_ply(part)[1] + read_ply(rest)[1]) == sorted(faces), "two parts")
+            expect(comments(part)["acut-trimmed"][5:] == comments(rest)["acut-trimmed"][6:], "one area, two digests")
+            # Tiles together; the other rules, which see the whole mesh.
+            d.ctl("mesh", *names, "-o", base + "/tiles", "--tile", "300", *cut).ok()
+            tiles = glob.glob(base + "/tiles/*.ply")
+            expect(sorted(x for t in tiles for x in places(*read_ply(t))) == places(points, kept) and all(verified(t) for t in tiles), "tiles")
+            d.ctl("mesh", *names, "-o", part, "--canonical", "--trim-hull", "7", "--max-edge", "9", *cut).ok()
+            hull = set(trimmed(points, faces, 700))
+            want = [t for t in kept if t in hull and all((points[a][0] - points[b][0]) ** 2 + (points[a][1] - points[b][1]) ** 2 <= 900 ** 2
+                                                         for a, b in zip(t, t[1:] + t[:1]))]
+            expect(read_ply(part)[1] == want and 0 < len(want) < len(kept) and verified(part), "with the other rules")
+            expect(comments(part)["acut-trimmed"] == "max-edge=9 trim-hull=7 " + said, comments(part)["acut-trimmed"])
+            # Windows and changes are cut as well.
+            d.ctl("push", "d", *names[:2]).ok()
+            d.ctl("submit", "d", "--wait").ok()
+            d.ctl("push", "d", names[2]).ok()
+            job = d.ctl("submit", "d", "--wait", "--json").ok().json()["job"]
+            d.ctl("fetch", job, "-o", part, "--canonical", "--bbox", "300,300,500,500", *cut).ok()
+            expect(set(places(*read_ply(part))) < set(places(points, kept)) and verified(part), "a window")
+            d.ctl("fetch", job, "-o", part, "--changed-since", "1", *cut).ok()
+            expect(set(places(*read_ply(part))) <= set(places(points, kept)) and read_ply(part)[1] and verified(part), "changes")
+            for words, status, said in ((["--mask", base + "/none"], 74, "the area cannot be read"),
+                                        (["--erase", names[0]], 1, "where POLYGON or MULTIPOLYGON should be"),
+                                        (["--mask", base], 1, "not a file"), (["--mask"], 2, "--mask needs a value")):
+                r = d.ctl("fetch", job, "-o", base + "/no.ply", *words)
+                expect(r.status == status and said in r.err and not os.path.exists(base + "/no.ply"), "%s: %d %s" % (words, r.status, r.err))
+
+
+main(says_what_it_is, masks_and_erasures, windows_tiles_changes, hull_is_trimmed)

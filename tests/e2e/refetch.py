@@ -12,14 +12,25 @@ from e2e import Daemon, Folder, expect
 
 SMALL = {"memory": "24M", "threads": 2}
 POINTS = 500000
-RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl")  # tests/client/format/formats.py
-NEAR = {"glb": ["--origin", "auto"], "stl": ["--origin", "auto"]}  # 32-bit floats
+RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl", "html", "gpkg", "geojson", "dxf-contours")  # tests/client/format/formats.py
+NEAR = {"glb": ["--origin", "auto"], "stl": ["--origin", "auto"],  # 32-bit floats
+        "gpkg": ["--interval", "1"], "geojson": ["--interval", "0.5", "--base", "0.1"],
+        "dxf-contours": ["--format=dxf-contours", "--interval", "1m"]}
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 
 
 def survey(base, points=POINTS, name="survey.las", seed=1):
     path = os.path.join(base, name)
     e2e.run([e2e.SYNTH, "--points", str(points), "--seed", str(seed), path]).ok()
+    return path
+
+
+def area(d, base, name="area.wkt", part=0.6):
+    """The path of a triangle in the lower left of the dataset s."""
+    shown, path = d.ctl("dataset", "show", "s", "--json").ok().json(), os.path.join(base, name)
+    x, y, right, top = [float(v) for v in shown["min"][:2] + shown["max"][:2]]
+    with open(path, "w") as f:
+        f.write("POLYGON ((%f %f, %f %f, %f %f))" % (x - 1, y - 1, x + part * (right - x), y, x, y + part * (top - y)))
     return path
 
 
@@ -50,8 +61,9 @@ def killed_client():
         gate = e2e.Gate(base)
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()
+        erased = area(d, base)
         for n, options in enumerate([[kind, *NEAR.get(kind, [])] for kind in RESUMABLE] +
-                                    [["ply", "obj", "landxml", "--max-edge", "4"], ["ply", "--origin", "auto"], ["dxf", "--polyface"]]):
+                                    [["ply", "obj", "landxml", "--max-edge", "4"], ["ply", "--erase", erased], ["ply", "--origin", "auto"], ["dxf", "--polyface"]]):
             want = os.path.join(base, "all%d." % n)
             got = os.path.join(base, "got%d." % n)
             kinds, rest = [o for o in options if o in RESUMABLE], [o for o in options if o not in RESUMABLE]
@@ -75,8 +87,11 @@ def killed_client():
             for key in ("digest", "vertex_digest", "triangles", "vertices", "output_bytes", "left_out"):
                 expect(result[key] == full[key], "%s: %s, not %s" % (key, result[key], full[key]))
             for k in kinds:
-                # LandXML has a surface of the file's name.
-                expect(read(got + k).replace(b'name="got', b'name="all') == read(want + k), "%s differs" % (got + k))
+                # LandXML and HTML have the file's name in them.
+                data = read(got + k)
+                for before in (b'name="', b"<title>", b'"name":"'):
+                    data = data.replace(before + b"got", before + b"all")
+                expect(data == read(want + k), "%s differs" % (got + k))
         d.ctl("fetch", "1", "-o", os.path.join(base, "last.ply")).ok()
         expect(not [n for n in parts(base) if not n.startswith("got")], "left behind: %s" % parts(base))
 
@@ -247,6 +262,7 @@ def refused():
 
         says(d.ctl("fetch", "2", "-o", out, "--resume"), 2, "another job")
         says(d.ctl("fetch", "1", "-o", out, "--resume", "--origin", "auto"), 2, "options")
+        says(d.ctl("fetch", "1", "-o", out, "--resume", "--mask", area(d, base)), 2, "options")
         says(d.ctl("fetch", "1", "-o", out, "-o", base + "/m.obj", "--resume"), 2, "outputs")
         expect({n: read(os.path.join(base, n)) for n in parts(base)} == kept, "a refusal has changed what was kept")
         size = os.path.getsize(out + ".part")
@@ -279,6 +295,13 @@ def refused():
         gate.open()
         _, err = p.communicate()
         expect(p.returncode == 0, "%d %s" % (p.returncode, err))
+        # Another area under the same name.
+        interrupted(d, gate, out, "--mask", area(d, base))
+        area(d, base, part=0.5)
+        says(d.ctl("fetch", "1", "-o", out, "--mask", base + "/area.wkt", "--resume"), 2, "options")
+        area(d, base)
+        d.ctl("fetch", "1", "-o", out, "--mask", base + "/area.wkt", "--resume").ok()
+        expect(os.path.getsize(out) < os.path.getsize(want) and not parts(base), "with the area of the earlier fetch")
         # A leftover is replaced by a fetch that does not go on.
         interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()

@@ -13,7 +13,9 @@ import xml.etree.ElementTree as tree
 from collections import Counter
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
+import crs  # noqa: E402
 import e2e  # noqa: E402
+import geo  # noqa: E402
 from e2e import Daemon, Folder, expect  # noqa: E402
 
 
@@ -125,6 +127,50 @@ def gdal_reads_dxf():
                 expect([float(n) for n in numbers[1::2]] == box, "%s: %s, not %s" % (mark, numbers, box))
 
 
+LAMBERT = ('PROJCS["%s",GEOGCS["RGF93",DATUM["Reseau_Geodesique_Francais_1993",SPHEROID["GRS 1980",6378137,298.257222101]],'
+           'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Lambert_Conformal_Conic_2SP"],'
+           'PARAMETER["latitude_of_origin",%s],PARAMETER["central_meridian",3],PARAMETER["standard_parallel_1",49],'
+           'PARAMETER["standard_parallel_2",44],PARAMETER["false_easting",700000],PARAMETER["false_northing",6600000],'
+           'UNIT["metre",1]%s]')
+NGF = 'VERT_CS["NGF-IGN69 height",VERT_DATUM["NGF-IGN69",2005],UNIT["metre",1]%s]'
+
+
+def gdal_reads_systems():
+    """From the records of a file, through the daemon, to what GDAL says of the raster."""
+    code = lambda n: ',AUTHORITY["EPSG","%d"]' % n
+    known, site = LAMBERT % ("RGF93 / Lambert-93", "46.5", code(2154)), LAMBERT % ("quarry", "46.6", "")
+    keys = [(1024, 0, 1, 1), (3072, 0, 1, 2154), (4096, 0, 1, 5720), (4099, 0, 1, 9001)]
+    both = ["COMPOUNDCRS[", 'ID["EPSG",2154]', "NGF-IGN69", 'ID["EPSG",5720]']
+    with Folder() as base, Daemon(base) as d:
+        d.ctl("geoid", "add", geo.pgm(base + "/flat.pgm")).ok()
+        for i, (records, push, fetch, parts, not_parts) in enumerate((
+                (dict(wkt=crs.compound(known, NGF % code(5720))), [], [], both, []),
+                (dict(keys=keys), [], [], both, []),
+                (dict(wkt=known), ["--assume-units", ",m"], [], ['ID["EPSG",2154]'], ["COMPOUNDCRS", "VERTCRS"]),
+                (dict(wkt=crs.compound(known, NGF % code(5720))), [], ["--raster", "slope"], ['ID["EPSG",2154]'], ["COMPOUNDCRS"]),
+                (dict(wkt=crs.compound(known, NGF % code(5720))), [], ["--z-unit", "ft"], ['ID["EPSG",2154]'], ["5720"]),
+                (dict(wkt=crs.compound(known, NGF % "")), [], [], ["COMPOUNDCRS", 'ID["EPSG",2154]', 'VERTCRS["NGF-IGN69 height"'], ["5720"]),
+                (dict(wkt=known), ["--assume-units", ",m", "--geoid", "flat"], [],
+                 ["COMPOUNDCRS", 'ID["EPSG",2154]', 'VERTCRS["orthometric height (flat)"'], []),
+                (dict(wkt=known), ["--assume-units", ",m", "--geoid", "flat", "--geoid-way", "ellipsoidal"], [],
+                 ['ID["EPSG",2154]', "ellipsoidal height (flat)"], ["5720", "5030"]),
+                (dict(wkt=site), [], [], ['PROJCRS["quarry"', '"Latitude of false origin",46.6'], ["COMPOUNDCRS"]),
+                (dict(wkt=crs.compound(site, NGF % code(5720))), [], [],
+                 ["COMPOUNDCRS", 'PROJCRS["quarry"', '"Latitude of false origin",46.6', 'ID["EPSG",5720]'], []),
+                (dict(wkt=crs.compound(site, NGF % code(5720))), [], ["--raster", "slope"], ['["quarry'], ["5720]]"]))):
+            name = "%d" % i
+            d.ctl("push", name, crs.las(base + "/%s.las" % name, x0=700000, **records), *push).ok()
+            job = d.ctl("submit", name, "--wait", "--json").ok().json()["job"]
+            out = base + "/%s.tif" % name
+            d.ctl("fetch", str(job), "-o", out, "--cell", "5", *fetch).ok()
+            info = json.loads(e2e.run(["gdalinfo", "-json", out]).ok().out)
+            said = info["coordinateSystem"]["wkt"]
+            for part in parts:
+                expect(part in said, "%s: no %s in %s" % (name, part, said))
+            for part in not_parts:
+                expect(part not in said, "%s: %s in %s" % (name, part, said))
+
+
 # ---- assimp ----
 
 
@@ -194,7 +240,7 @@ SCHEMA = {
     "Units": ("(Metric|Imperial)", {}),
     "Metric": ("", METRIC),
     "Imperial": ("", IMPERIAL),
-    "CoordinateSystem": ("", {"desc": ".+", "epsgCode?": r"\d{4,6}"}),
+    "CoordinateSystem": ("", {"desc": ".+", "epsgCode?": r"\d{4,6}", "ogcWktCode?": ".+", "verticalDatum?": ".+"}),
     "Project": ("Feature*", {"name": ".+"}),
     "Application": ("", {"name": "acut"}),
     "Surfaces": ("Surface", {}),
@@ -271,12 +317,13 @@ def main():
     reader = sys.argv[1]
     if reader == "gdal":
         needs("ogr2ogr", "gdal-bin")
-        e2e.main(gdal_reads_dxf)
+        needs("gdalinfo", "gdal-bin")
+        e2e.main(gdal_reads_dxf, gdal_reads_systems)
     if reader == "assimp":
         needs("assimp", "assimp-utils")
         e2e.main(assimp_reads_floats, far_coordinates_are_refused)
     if reader == "gltf":
-        # No package of Debian: it is tested where NODE_PATH has it.
+        # No package of Debian: ./check installs it where there is npm.
         if not shutil.which("node") or subprocess.run(["node", "-e", 'require("gltf-validator")'], stderr=subprocess.DEVNULL, check=False).returncode:
             e2e.skip("gltf-validator is not installed (npm, NODE_PATH)")
         e2e.main(validator_finds_nothing)
@@ -284,4 +331,5 @@ def main():
         e2e.main(landxml_is_the_mesh, units_are_named_or_refused)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -25,6 +25,7 @@ static struct grid_segment_info segment(const char *file, uint64_t points)
 	return s;
 }
 
+static char longest_wkt[GRID_WKT];
 static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH], whoever[GRID_USER];
 static const struct grid_span first_lives[] = {{1, 2}, {4, 6}};
 static struct grid_span lives[2];
@@ -63,6 +64,9 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	m.sources[0].nearlier = 2;
 	m.sources[0].added = 7;
 	strcpy(m.choices, "planar=1");
+	memset(longest_wkt, 'w', sizeof longest_wkt - 1);
+	m.wkt = longest_wkt;
+	m.wkt_since = 9;
 	m.oldest = 2;
 	memset(whoever, 'u', sizeof whoever - 1);
 	m.generations = history;
@@ -78,6 +82,8 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 	assert_string_equal(a->unit_z, b->unit_z);
 	assert_string_equal(a->geoid, b->geoid);
 	assert_string_equal(a->choices, b->choices);
+	assert_string_equal(a->wkt ? a->wkt : "", b->wkt);
+	assert_true(a->wkt_since == b->wkt_since);
 	assert_true(a->generation == b->generation && a->nsegments == b->nsegments && a->nsources == b->nsources);
 	for (size_t i = 0; i < a->nsegments; i++) {
 		const struct grid_segment_info *s = &a->segments[i], *t = &b->segments[i];
@@ -128,6 +134,8 @@ static void test_back(void **state)
 	grid_manifest_free(back);
 	m.nsegments = m.nsources = m.ngenerations = 0;
 	m.crs[0] = 0;
+	m.wkt = NULL;
+	m.wkt_since = 0;
 	strcpy(m.geoid, "orthometric 0123456789abcdef0123456789abcdef egm96-5");
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err)); /* replaces the old one */
 	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
@@ -141,20 +149,20 @@ static void test_back(void **state)
 }
 
 /* The file as an older version wrote it: 1 had no paths, sizes and times of sources; 2 no geoid; 3 no oldest
- * generation, earlier spans and list of generations; 4 no overridden systems and readings. Without segments, one
- * source, no list. */
+ * generation, earlier spans and list of generations; 4 no overridden systems and readings; 5 no WKT. Without segments,
+ * one source, no list. */
 static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, uint8_t *ret)
 {
 	const size_t head = 40, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
-	const size_t spans = version < 4 ? 2 : 0, read = 2 + 8 + 2, choices = 4, check = 8, more = version < 4 ? 16 : 0,
-		     from = head + more;
-	size_t at = n - check - choices - read - spans; /* end of the source's path */
+	const size_t spans = version < 4 ? 2 : 0, read = version < 5 ? 2 + 8 + 2 : 0, wkt = 2 + 8, choices = 4, check = 8;
+	const size_t more = version < 4 ? 16 : 0, from = head + more;
+	size_t at = n - check - wkt - choices - read - spans; /* end of the source's path, or of all of it */
 	uint64_t size, sum;
 
 	memcpy(ret, bytes, head);
 	memcpy(ret + head, bytes + from, at - from);
 	at -= more;
-	memcpy(ret + at, bytes + n - check - choices, choices);
+	memcpy(ret + at, bytes + n - check - wkt - choices, choices);
 	size = at + choices - tail + check;
 	memcpy(ret + 8, &version, sizeof version);
 	memcpy(ret + 16, &size, sizeof size);
@@ -201,6 +209,7 @@ static void test_old_versions(void **state)
 	old_version(2);
 	old_version(3);
 	old_version(4);
+	old_version(5);
 }
 
 /* A newer version is rejected by name, whatever else it has. */
@@ -210,7 +219,7 @@ static void test_newer_version(void **state)
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
 	uint8_t bytes[1024];
-	uint32_t version = 6;
+	uint32_t version = 7;
 	uint64_t check;
 	ssize_t n;
 	int fd;
@@ -224,7 +233,7 @@ static void test_newer_version(void **state)
 	assert_int_equal(pwrite(fd, bytes, (size_t)n, 0), n);
 	close(fd);
 	assert_int_equal(grid_manifest_read(f.fd, "m", &back, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "version 6"));
+	assert_non_null(strstr(err.message, "version 7"));
 	free(m.sources);
 	folder_remove(&f);
 }
@@ -298,6 +307,26 @@ static void long_reading(struct grid_manifest *m)
 	m->sources[0].reading = text;
 }
 
+static void long_wkt(struct grid_manifest *m)
+{
+	static char text[GRID_WKT + 1];
+
+	memset(text, 'x', sizeof text - 1);
+	m->wkt = text;
+}
+static void two_lines(struct grid_manifest *m)
+{
+	m->wkt = "LOCAL_CS[\n]";
+}
+static void no_text(struct grid_manifest *m)
+{
+	m->wkt = "LOCAL_CS[\"\xff\"]";
+}
+static void future_wkt(struct grid_manifest *m)
+{
+	m->wkt_since = 10;
+}
+
 static void long_path(struct grid_manifest *m)
 {
 	static char path[GRID_SOURCE_PATH + 1];
@@ -356,9 +385,10 @@ static void scaleless(struct grid_manifest *m)
 static void test_rules(void **state)
 {
 	static const breaker breakers[] = {
-		long_crs,  twice,     zero,       future,    backwards, same_name,       climbing,     nameless,    inside_out,
-		no_sum,    no_cells,  scaleless,  long_name, long_path, long_overridden, long_reading, overlapping, unending,
-		stillborn, unordered, unnumbered, not_yet,   kindless,  prophetic,       long_user,    pruned_all};
+		long_crs,    twice,      zero,      future,    backwards,  same_name, climbing,        nameless,
+		inside_out,  no_sum,     no_cells,  scaleless, long_name,  long_path, long_overridden, long_reading,
+		overlapping, unending,   stillborn, unordered, unnumbered, not_yet,   kindless,        prophetic,
+		long_user,   pruned_all, long_wkt,  two_lines, no_text,    future_wkt};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {
@@ -386,6 +416,7 @@ static void test_rubbish(void **state)
 	size_t accepted = 0;
 	int fd;
 
+	m.wkt = "LOCAL_CS[\"quarry\"]";
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	fd = openat(f.fd, "m", O_RDWR);
 	size_t n = (size_t)pread(fd, bytes, sizeof bytes, 0);

@@ -204,6 +204,11 @@ int model_run(const struct stream_bytes *in, size_t cut, const struct model *wan
 		if (event == STREAM_HEAD) {
 			assert_memory_equal(&want->head.id, &stream_reader_head(r)->id, sizeof want->head.id);
 			assert_string_equal(want->head.view, stream_reader_head(r)->view);
+			assert_string_equal(want->head.system ? want->head.geoid : "", stream_reader_head(r)->geoid);
+			if (want->head.system && *want->head.wkt)
+				assert_string_equal(want->head.wkt, stream_reader_head(r)->wkt);
+			else
+				assert_true(!stream_reader_head(r)->wkt || !*stream_reader_head(r)->wkt);
 			assert_string_equal(want->head.lattice, stream_reader_head(r)->lattice);
 			assert_string_equal(want->head.unit_z, stream_reader_head(r)->unit_z);
 		} else if (event == STREAM_BASE) {

@@ -4,6 +4,7 @@
  */
 #include "stream_model.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -209,6 +210,41 @@ static void test_order_of_frames(void **state)
 	free(in.at);
 }
 
+/* Whatever the padding is; a reader that did not ask gets the bytes that it always got. */
+static void test_system(void **state)
+{
+	static const size_t sizes[] = {0, 1, 5, 300, STREAM_WKT_MAX, STREAM_WKT_MAX + 1};
+	static char wkt[STREAM_WKT_MAX + 2], view[AREA_TEXT_MAX + 1];
+	static struct model m;
+
+	model_init(&m, 1);
+	memcpy(view, m.head.view, sizeof view);
+	m.head.view = view;
+	m.head.wkt = wkt;
+	for (unsigned turn = 0; turn < 8 * 6 * 3; turn++) {
+		size_t size = sizes[turn / 8 % 6];
+		struct stream_bytes with, without;
+		struct err err = ERR_INIT;
+		bool done;
+
+		view[turn % 8] = 0;
+		memset(wkt, 'w', size);
+		wkt[size] = 0;
+		snprintf(m.head.geoid, sizeof m.head.geoid, "%.*s", (int)(turn / 48 * 63), view + sizeof view - 200);
+		m.head.system = false;
+		without = model_bytes(&m);
+		assert_int_equal(model_run(&without, 1 << 20, &m, &done, &err), 0);
+		m.head.system = true;
+		with = model_bytes(&m);
+		wkt[size < STREAM_WKT_MAX ? size : STREAM_WKT_MAX] = 0;
+		assert_int_equal(model_run(&with, 1 << 20, &m, &done, &err), 0);
+		assert_true(with.size >= without.size + size / 8 * 8);
+		free(with.at);
+		free(without.at);
+		view[turn % 8] = 'v';
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -220,6 +256,7 @@ int main(void)
 		cmocka_unit_test(test_broken_rules),
 		cmocka_unit_test(test_kind_of_a_later_version),
 		cmocka_unit_test(test_order_of_frames),
+		cmocka_unit_test(test_system),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -58,7 +58,7 @@ def read_ply(path):
 def same_mesh():
     """Digests, and arrays compared with the PLY; blocks are together the same as the whole mesh."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
-        files = [synth(os.path.join(base, "%d.las" % i), 22000, i, "--origin", "%d,5400000" % (500000 + 60 * i)) for i in (1, 2)]
+        files = [synth(os.path.join(base, "%d.las" % i), 22000, i, "--origin", "%d,5400000" % (500000 + 60 * i), "--format", "6") for i in (1, 2)]
         pushed = c.push("s", files)
         expect(pushed.points == 44000 and pushed.exit_status == 0 and [f.state for f in pushed.files] == ["staged"] * 2, pushed)
         expect([f.state for f in c.push("s", files).files] == ["known"] * 2, "the same files again")
@@ -70,6 +70,10 @@ def same_mesh():
                (job.report.digest, job.report.vertex_digest),
                "digests")
         expect(mesh.vertices.shape == (r["vertices"], 3) and mesh.triangles.shape == (r["triangles"], 3), "shapes")
+        shown, of = d.ctl("dataset", "show", "s", "--json").ok().json(), c.dataset("s")
+        for one in (mesh.head, of):
+            expect((one.wkt, one.epsg, one.epsg_z, one.vertical, one.geoid) ==
+                   (shown["wkt"], 32633, 0, shown["vertical"], "") and one.wkt.startswith("COMPD_CS["), "the system: %s" % shown)
         expect((mesh.vertices.format, mesh.lattice.format, mesh.triangles.format) == ("d", "i", "Q"), "formats")
         ply = os.path.join(base, "m.ply")
         d.ctl("fetch", str(job.id), "-o", ply).ok()

@@ -24,6 +24,7 @@ LIBRARIES = {
     "libpng": ("libpng", ("png.h",)),
     "libdeflate": ("libdeflate", ("libdeflate.h",)),
     "libusb": ("libusb-1.0", ("libusb",)),
+    "expat": ("expat", ("expat.h",)),
     "zlib": ("zlib", ("zlib.h",)),
     "minizip": ("minizip", ("minizip/",)),
 }

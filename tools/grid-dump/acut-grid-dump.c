@@ -433,6 +433,8 @@ static void dump_manifest(int dirfd, const char *name)
 	if (grid_manifest_oldest(m) > 1)
 		printf(", oldest %llu", (unsigned long long)m->oldest);
 	putchar('\n');
+	if (m->wkt && *m->wkt)
+		printf("  wkt since generation %llu: %s\n", (unsigned long long)m->wkt_since, m->wkt);
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
 

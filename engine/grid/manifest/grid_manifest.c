@@ -28,7 +28,7 @@ enum {
 	SOURCE_READ = 2 + 8 + 2,              /* added by version 5 */
 	SPAN_BYTES = 2 * 8,
 	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,
-	TEXTS_MOST = 6 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
+	TEXTS_MOST = 7 * 2 + 8 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
 	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
 	CHECK_BYTES = 8,
 };
@@ -141,6 +141,8 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 		pack_source(&p, &m->sources[i]);
 	pack_text(&p, m->geoid);
 	pack_text(&p, m->choices);
+	pack_text(&p, m->wkt);
+	packer_u64(&p, m->wkt_since);
 	for (size_t i = 0; i < m->ngenerations; i++)
 		pack_generation(&p, &m->generations[i]);
 	bytes = packer_size(&p) + CHECK_BYTES;
@@ -153,7 +155,8 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 /* An upper bound of the file's size. */
 static uint64_t max_bytes(const struct grid_manifest *m)
 {
-	uint64_t bytes = HEAD_BYTES + HEAD_MORE + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
+	uint64_t bytes = HEAD_BYTES + HEAD_MORE + TEXTS_MOST + (m->wkt ? strlen(m->wkt) : 0) +
+			 m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
 
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
@@ -311,6 +314,17 @@ static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t 
 	return unpack_long_text(c, m, room, GRID_USER, &ret->user) && !c->bad;
 }
 
+static bool unpack_wkt(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room)
+{
+	m->wkt = "";
+	if (version < 6)
+		return true;
+	if (!unpack_long_text(c, m, room, GRID_WKT, &m->wkt))
+		return false;
+	m->wkt_since = cursor_u64(c);
+	return !c->bad;
+}
+
 /* Allocates m->texts for the rest of the file: each text takes a zero instead of two bytes of length. */
 static const char *alloc_texts(const struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_room)
 {
@@ -397,6 +411,8 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 		return "its sources have fewer spans than it says";
 	if (version >= 3 && (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
 		return "a text in it is malformed";
+	if (!unpack_wkt(c, m, version, room))
+		return "its coordinate system is malformed";
 	fault = unpack_generations(c, version, m, room, ret_nomem);
 	if (fault || *ret_nomem)
 		return fault ? fault : "no memory";
@@ -548,6 +564,11 @@ int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struc
 int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err)
 {
 	return grid_manifest_load(dirfd, name, NULL, ret, err);
+}
+
+const char *grid_manifest_wkt(const struct grid_manifest *m, uint64_t generation)
+{
+	return m->wkt && m->wkt_since <= generation ? m->wkt : "";
 }
 
 struct grid_manifest *grid_manifest_free(struct grid_manifest *m)

@@ -67,7 +67,7 @@ struct grid_generation {
 	struct digest content; /* sum of the hashes of the files that it added */
 };
 
-enum { GRID_GEOID = 128 };
+enum { GRID_GEOID = 128, GRID_WKT = 32769 };
 
 struct grid_manifest {
 	struct lattice lattice;
@@ -75,6 +75,10 @@ struct grid_manifest {
 	/* How the heights of the sources were converted: "", or "orthometric HASH NAME" or "ellipsoidal HASH NAME" of
 	 * the geoid grid that was used. */
 	char geoid[GRID_GEOID];
+	/* The coordinate system as an input carries it, one line of at most 32,768 bytes; NULL is "": none did. The generation
+	 * from which on it is known. */
+	const char *wkt;
+	uint64_t wkt_since;
 	char choices[256];   /* of a push that is not committed: how its files were read; else "" */
 	uint64_t generation; /* the newest */
 	uint64_t oldest;     /* the oldest that can still be read; 0 is 1 */
@@ -101,6 +105,8 @@ int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, 
  * freed. -ERR_BUSY: the memory is not free now; -ERR_LIMIT: it is more than half of the total. */
 int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+/* The WKT that is known in that generation; "": none. */
+const char *grid_manifest_wkt(const struct grid_manifest *, uint64_t generation);
 uint64_t grid_manifest_oldest(const struct grid_manifest *); /* `oldest`, or 1; 0: no generation can be read */
 /* Sets files, points and content of these generations (ascending by number) from the sources. Correct for all
  * generations after the oldest, and for the oldest if it is 1; earlier sources may have been pruned. */

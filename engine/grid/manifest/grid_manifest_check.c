@@ -8,6 +8,7 @@
 #include "grid_disk.h"
 #include "grid_manifest_priv.h"
 #include "order.h"
+#include "utf8.h"
 
 static bool text_ok(const char *text, size_t size)
 {
@@ -110,11 +111,24 @@ static const char *find_repeats(const struct grid_manifest *m, bool *ret_nomem)
 	return fault;
 }
 
+/* It goes into outputs: one line of UTF-8. */
+static const char *wkt_fault(const struct grid_manifest *m)
+{
+	size_t n = m->wkt ? strnlen(m->wkt, GRID_WKT) : 0, one;
+
+	if (n == GRID_WKT)
+		return "the WKT of its coordinate system is too long";
+	for (size_t i = 0; i < n; i += one)
+		if (!(one = utf8_printable(m->wkt + i, n - i)))
+			return "the WKT of its coordinate system is no line of text";
+	return m->wkt_since > m->generation ? "its WKT is of a generation that does not exist yet" : NULL;
+}
+
 const char *grid_manifest_check(const struct grid_manifest *m, bool *ret_nomem)
 {
 	struct lattice back;
 	char text[LATTICE_TEXT_SIZE];
-	const char *fault = NULL;
+	const char *fault = wkt_fault(m);
 
 	*ret_nomem = false;
 	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) || !text_ok(m->unit_z, sizeof m->unit_z) ||

@@ -164,7 +164,19 @@ static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, b
 	return 0;
 }
 
-static void settle_crs(struct walk *w)
+/* The points will need the buffer. */
+static int keep_wkt(struct walk *w, struct err *err)
+{
+	struct input *in = w->in;
+	char *text = (char *)slot_bytes(w, SLOT_WKT);
+	size_t n = w->size[SLOT_WKT] ? crs_wkt_normal(text, w->size[SLOT_WKT], text) : 0;
+
+	if (n && !(in->wkt = strdup(text)))
+		return input_fail(in, err, ERR_NOMEM, ERR_NO_OFFSET, NULL, "no memory for a coordinate system");
+	return 0;
+}
+
+static int settle_crs(struct walk *w, struct err *err)
 {
 	const struct crs_records records = {
 		.keys = {slot_bytes(w, SLOT_KEYS), w->size[SLOT_KEYS]},
@@ -176,6 +188,7 @@ static void settle_crs(struct walk *w)
 	};
 
 	crs_read(&records, &w->in->info.crs);
+	return keep_wkt(w, err);
 }
 
 int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs, struct err *err)
@@ -198,6 +211,5 @@ int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset,
 		if (seen < n_evlrs)
 			input_warn(in, "%" PRIu32 " extended variable length records claimed, %" PRIu64 " read", n_evlrs, seen);
 	}
-	settle_crs(&w);
-	return 0;
+	return settle_crs(&w, err);
 }

@@ -54,6 +54,7 @@ struct input {
 	struct input_info info;
 	uint64_t bytes_read; /* since it was opened */
 	bool checked;        /* the end was reached, and the file is still the one that was opened */
+	char *wkt;           /* of its system, as crs_wkt_normal makes it; NULL: none */
 	alignas(16) uint8_t buffer[INPUT_BUFFER];
 };
 

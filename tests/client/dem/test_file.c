@@ -287,6 +287,90 @@ static void test_read_back(void **state)
 	assert_memory_equal(version, "II*\0II+\0", 8);
 }
 
+/* The keys as a text: "1024=1", and "1026=c" of a citation. */
+static void keys_text(TIFF *t, char *ret, size_t size)
+{
+	uint32_t n[2] = {0}; /* more than libtiff may write */
+	uint16_t *keys = NULL;
+	char *pool = NULL;
+	size_t at = 0;
+
+	assert_int_equal(TIFFGetField(t, GEO_KEYS, &n[0], &keys), 1);
+	assert_int_equal(TIFFGetField(t, GEO_ASCII, &n[1], &pool), 1);
+	assert_int_equal(n[0], 4 * (keys[3] + 1));
+	for (unsigned i = 1; i <= keys[3]; i++) {
+		const uint16_t *k = keys + 4 * i;
+
+		assert_true(i == 1 || k[0] > k[-4]);
+		if (k[1] == GEO_ASCII)
+			assert_int_equal(pool[k[3] + k[2] - 1], '|');
+		if (k[1] == GEO_ASCII)
+			at += (size_t)snprintf(ret + at, size - at, "%u=%.*s ", k[0], k[2] - 1, pool + k[3]);
+		else
+			at += (size_t)snprintf(ret + at, size - at, "%u=%u ", k[0], k[3]);
+		assert_true(at < size);
+	}
+}
+
+/* A number where one is certain, else a citation. */
+static void test_system(void **state)
+{
+	static char longest[3001];
+	static const struct {
+		const char *crs, *wkt, *unit_xy, *unit_z;
+		enum dem_kind kind;
+		bool converted;
+		const char *want;
+	} row[] = {
+		{"EPSG:2154 + EPSG:5720", "W[]", "metre", "metre", DEM_ELEVATION, false,
+		 "1024=1 1025=1 1026=EPSG:2154 + EPSG:5720 3072=2154 3076=9001 4096=5720 4099=9001 "},
+		{"EPSG:2154 + EPSG:5720", "W[]", "metre", "metre", DEM_SLOPE, false,
+		 "1024=1 1025=1 1026=EPSG:2154 + EPSG:5720 3072=2154 3076=9001 "},
+		{"EPSG:2154 + EPSG:5720", "W[]", "metre", "metre", DEM_ELEVATION, true,
+		 "1024=1 1025=1 1026=EPSG:2154 + EPSG:5720 3072=2154 3076=9001 "},
+		{"EPSG:2154 + orthometric height (egm96)", "", "metre", "foot", DEM_ELEVATION, false,
+		 "1024=1 1025=1 1026=EPSG:2154 + orthometric height (egm96) 3072=2154 3076=9001 4096=32767 "
+		 "4097=orthometric height (egm96) 4099=9002 "},
+		{"EPSG:2154 + ellipsoidal height (a|b)", NULL, "metre", "metre", DEM_ELEVATION, false,
+		 "1024=1 1025=1 1026=EPSG:2154 + ellipsoidal height (a/b) 3072=2154 3076=9001 4097=ellipsoidal height (a/b) 4099=9001 "},
+		{"EPSG:32633 + EPSG:5030", "", "metre", "unknown", DEM_ELEVATION, false,
+		 "1024=1 1025=1 1026=EPSG:32633 + EPSG:5030 3072=32633 3076=9001 4097=EPSG:5030 "},
+		{"EPSG:4326 + EPSG:5773", "", "degree", "metre", DEM_ELEVATION, false,
+		 "1024=2 1025=1 1026=EPSG:4326 + EPSG:5773 2048=4326 2054=9102 4096=5773 4099=9001 "},
+		{"site", "W[\"a\"]", "metre", "metre", DEM_HILLSHADE, false,
+		 "1024=32767 1025=1 1026=site 3073=ESRI PE String = W[\"a\"] 3076=9001 "},
+		{"site + here", "W[]", "metre", "metre", DEM_ELEVATION, false,
+		 "1024=32767 1025=1 1026=site + here 3073=ESRI PE String = W[] 3076=9001 "},
+		{"site + here", "W[]", "metre", "metre", DEM_SLOPE, false, "1024=32767 1025=1 1026=site + here 3076=9001 "},
+		{"site", "W[\"|\"]", "metre", "metre", DEM_ELEVATION, false, "1024=32767 1025=1 1026=site 3076=9001 "},
+		{"site", longest, "metre", "metre", DEM_ELEVATION, false, "1024=32767 1025=1 1026=site 3076=9001 "},
+		{"site", NULL, "metre", "metre", DEM_ELEVATION, false, "1024=32767 1025=1 1026=site 3076=9001 "},
+	};
+	struct grid *g = calloc(1, sizeof(*g));
+
+	memset(longest, 'w', sizeof(longest) - 1);
+	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
+		struct acut_mesh_head h = head;
+		struct dem_options opt = usual;
+		struct err err = ERR_INIT;
+		char text[4096];
+		TIFF *t;
+
+		h.crs = row[i].crs;
+		h.wkt = row[i].wkt;
+		opt.unit_xy = row[i].unit_xy;
+		opt.unit_z = row[i].unit_z;
+		opt.kind = row[i].kind;
+		opt.z_converted = row[i].converted;
+		assert_int_equal(write_file(g, &h, &opt, "out.tif", &err), 0);
+		t = open_file("out.tif");
+		keys_text(t, text, sizeof(text));
+		assert_string_equal(text, row[i].want);
+		TIFFClose(t);
+	}
+	free(g);
+}
+
 static int give_up(void *ctx)
 {
 	return ++*(int *)ctx == 3;
@@ -502,9 +586,9 @@ static void test_refused(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_read_back), cmocka_unit_test(test_order_and_memory), cmocka_unit_test(test_windows),
-		cmocka_unit_test(test_empty),     cmocka_unit_test(test_slopes),           cmocka_unit_test(test_refused),
-		cmocka_unit_test(test_no_space),  cmocka_unit_test(test_interrupted),
+		cmocka_unit_test(test_read_back), cmocka_unit_test(test_system),   cmocka_unit_test(test_order_and_memory),
+		cmocka_unit_test(test_windows),   cmocka_unit_test(test_empty),    cmocka_unit_test(test_slopes),
+		cmocka_unit_test(test_refused),   cmocka_unit_test(test_no_space), cmocka_unit_test(test_interrupted),
 	};
 	char command[300];
 	int failed;

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "dem_priv.h"
+#include "area_code.h"
 #include "err.h"
 #include "outfile.h"
 #include "random.h"
@@ -390,18 +391,39 @@ static void test_big(void **state)
 }
 
 /* What a lattice cannot have is refused, and says so. */
+/* The view of a window that is a triangle with a corner at (far, 0). */
+static const char *far_view(int64_t far, char buf[256])
+{
+	size_t n = (size_t)sprintf(buf, "view 1 window=area:+");
+
+	n += area_code_put(0, buf + n);
+	n += area_code_put(0, buf + n);
+	n += area_code_put(far, buf + n);
+	n += area_code_put(0, buf + n);
+	n += area_code_put(-far, buf + n);
+	n += area_code_put(1, buf + n);
+	buf[n] = 0;
+	return buf;
+}
+
 static void test_refused(void **state)
 {
+	char far[2][256];
 	const struct {
 		struct decimal cell;
 		const char *words, *view;
+		int code;
 	} row[] = {{{0, 0}, "--cell", NULL},
 		   {{-1, 0}, "--cell", NULL},
 		   {{123456789123, -13}, "too many digits", NULL},
 		   {{1, -9}, "too many digits", NULL},
 		   {{1, 30}, "too many digits", NULL},
 		   {{1, -5}, "too small", NULL},
-		   {{1, 0}, "--polygon", "view 1 window=area:+abc"}};
+		   {{3333, -4}, "too far out", far_view(INT64_C(1) << 60, far[0])},
+		   {{1, 0}, "the window of the stream's view", far_view(INT64_C(1) << 62, far[1]), -ERR_PROTO},
+		   {{1, 0}, "the window of the stream's view", "view 1 window=area:+abc", -ERR_PROTO},
+		   {{1, 0}, "the window of the stream's view", "view 1 window=area:", -ERR_PROTO},
+		   {{1, 0}, "the window of the stream's view", "view 1 window=disc:1,2,3", -ERR_PROTO}};
 
 	for (size_t i = 0; i < sizeof(row) / sizeof(*row); i++) {
 		const struct acut_mesh_head head = {.scale_xy = "0.01",
@@ -413,7 +435,7 @@ static void test_refused(void **state)
 		struct err err = ERR_INIT;
 
 		assert_int_equal(dem_new(NULL, &d, &err), 0);
-		assert_int_equal(dem_head(d, &head, &opt, &err), -ERR_USAGE);
+		assert_int_equal(dem_head(d, &head, &opt, &err), row[i].code ? row[i].code : -ERR_USAGE);
 		assert_non_null(strstr(err.message, row[i].words));
 		dem_free(d);
 	}

@@ -25,10 +25,14 @@ def row(name):
 
 names = re.findall(r"&format_(\w+)", find("the table", r"\brow\[\] = \{(.*?)\}", read("client/format/format_table.c")))
 rows = {n: row(n) for n in names}
-if len(rows) < 2 or any(not {"name", "extensions", "help", "kind"} <= set(r) for r in rows.values()):
+if len(rows) < 2 or any(not {"name", "extensions", "help", "purpose", "kind"} <= set(r) for r in rows.values()):
     sys.exit("the table cannot be read: %s" % rows)
-WORD = r"\b(?:Land)?[A-Z]{3,}\b"  # the name of a format
+names = [rows[n]["name"] for n in names]
+rows = {r["name"]: r for r in rows.values()}
+WORD = r"\b(?:Land|Geo(?=JSON))?[A-Z]{3,}\b"  # the name of a format
 written = [n for n in names if rows[n]["kind"] != "FORMAT_NOTHING"]
+lines = [n.split("-")[0] for n in names if rows[n]["kind"] == "FORMAT_LINES"]
+surfaces = [n for n in written if rows[n]["kind"] != "FORMAT_LINES"]
 meshes = [n for n in names if rows[n]["kind"] == "FORMAT_MESH"]
 resumable = [n for n in names if "resume" in rows[n]]
 
@@ -39,18 +43,20 @@ compare("acutctl formats, extensions", [j["extensions"] for j in listed if j["di
 page = read("man/acutctl.1.scd")
 option = find("--format", r"\n\*--format\* _FORMAT_\n\t(.*?)\n\n", page)
 what, nothing = option.split("does not say it.", 1)
-compare("acutctl(1), --format", re.findall(r"\*(\w+)\*", what), written)
+compare("acutctl(1), --format", re.findall(r"\*([\w-]+)\*", what), written)
 compare("acutctl(1), --format, that write nothing", re.findall(r"\*(\w+)\*", nothing), [n for n in names if n not in written])
-compare("acutctl(1), --resume", re.findall(r"\*(\w+)\*", find("--resume", r"is replaced\. ([^.]*?) files can be resumed", page)), resumable)
+compare("acutctl(1), --resume", re.findall(r"\*([\w-]+)\*", find("--resume", r"is replaced\. ([^.]*?) files can be resumed", page)), resumable)
 layout = find("what files have", r"\n(PLY is binary.*?)\n# ", page)
 compare("acutctl(1), what files have", [n for n in written if re.search(r"\b%s( \(1\.2\))?\s+(is|holds)\b" % n, layout, re.I)], written)
 compare("acut(7), mesh", [w.lower() for w in re.findall(WORD, find("mesh", r"It is fetched as (.*?) or tiles", read("man/acut.7.scd")))], meshes)
-for name, pattern in (("README.md", r"\. Outputs: (.*?)\."), ("docs/guide.md", r"\. Outputs: (.*?)\."),
-                      ("ARCHITECTURE.md", r"meshes: ([A-Za-z, ]*)")):
-    text = find("the outputs of " + name, pattern, read(name))
-    compare(name, [w.lower() for w in re.findall(WORD, text)], written)
+for name, pattern, of_lines in (("README.md", r"\. Outputs: (.*?),\ncontours", r"\ncontours as (.*?)\."),
+                                ("docs/guide.md", r"\. Outputs: (.*?); contours", r"; contours as (.*?)\."),
+                                ("ARCHITECTURE.md", r"meshes: ([A-Za-z, ]*)", r"contours: ([A-Za-z, ]*)")):
+    for what, where, wanted in (("outputs", pattern, surfaces), ("contours", of_lines, lines)):
+        text = find("the %s of %s" % (what, name), where, read(name))
+        compare("%s, %s" % (name, what), [w.lower() for w in re.findall(WORD, text)], wanted)
 
-compare("tests/e2e/refetch.py", re.findall(r'"(\w+)"', find("RESUMABLE", r"\nRESUMABLE = \((.*?)\)", read("tests/e2e/refetch.py"))), resumable)
+compare("tests/e2e/refetch.py", re.findall(r'"([\w-]+)"', find("RESUMABLE", r"\nRESUMABLE = \((.*?)\)", read("tests/e2e/refetch.py"))), resumable)
 
 print("\n".join(wrong) or "%d formats" % len(rows))
 sys.exit(1 if wrong else 0)

@@ -71,7 +71,8 @@ static void make_block(struct acut_mesh_block *b, const struct meshes_spec *s, u
 struct format_options meshes_options(const struct format *f)
 {
 	return (struct format_options){.origin_auto = !strcmp(f->name, "glb") || !strcmp(f->name, "stl"),
-				       .cell = {f->takes & FORMAT_CELL ? 5 : 0, -1}};
+				       .cell = {f->takes & FORMAT_CELL ? 5 : 0, -1},
+				       .interval = {f->takes & FORMAT_INTERVAL ? 5 : 0, -1}};
 }
 
 void meshes_make(struct meshes *m, const struct meshes_spec *s)
@@ -85,6 +86,7 @@ void meshes_make(struct meshes *m, const struct meshes_spec *s)
 					  .scale_xy = s->scale_xy,
 					  .scale_z = s->scale_z,
 					  .crs = "EPSG:26910\nsecond line",
+					  .epsg = 26910,
 					  .unit_xy = "metre",
 					  .unit_z = "metre",
 					  .view = "view 1",

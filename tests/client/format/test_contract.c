@@ -215,7 +215,7 @@ static void tiled(const struct format *f, const struct format_options *opt)
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &meshes_many);
-	if (f->kind == FORMAT_RASTER) { /* its pixels are not those of the triangles of a tile */
+	if (f->kind == FORMAT_LINES) { /* they would end at the triangles of a tile */
 		assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 		assert_int_equal(files(), 0);
 		meshes_done(&m);
@@ -226,7 +226,7 @@ static void tiled(const struct format *f, const struct format_options *opt)
 	sweep_folder(path_of("tiles"));
 }
 
-/* Tiles are made of every format but rasters, and leave nothing else. */
+/* Tiles are made of every format but lines, and leave nothing else. */
 static void test_tiles(void **state)
 {
 	each_row(tiled);
@@ -466,6 +466,14 @@ static void test_wrong_options(void **state)
 	err = ERR_INIT;
 	assert_int_equal(write_mesh(format_find("tif"), &m, path_of("out"), &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
 	assert_non_null(strstr(err.message, "--changed-since"));
+	opt = (struct format_options){0};
+	err = ERR_INIT;
+	assert_int_equal(write_mesh(format_find("gpkg"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_non_null(strstr(err.hint, "--interval 1m"));
+	opt = (struct format_options){.interval = {1, 0}};
+	err = ERR_INIT;
+	assert_int_equal(write_mesh(format_find("geojson"), &m, path_of("out"), &opt, &changes, SIZE_MAX, &err), -ERR_USAGE);
+	assert_non_null(strstr(err.message, "--changed-since"));
 	assert_int_equal(files(), 0);
 	meshes_done(&m);
 }
@@ -480,6 +488,9 @@ static void test_table(void **state)
 	assert_null(format_by_path("mesh.pl"));
 	assert_ptr_equal(format_by_path("mesh.xml"), format_find("landxml"));
 	assert_ptr_equal(format_by_path("mesh.landxml"), format_find("landxml"));
+	assert_ptr_equal(format_by_path("c.GeoJSON"), format_find("geojson"));
+	assert_ptr_equal(format_by_path("c.gpkg"), format_find("gpkg"));
+	assert_ptr_equal(format_by_path("c.dxf"), format_find("dxf"));
 	assert_null(format_find("3mf"));
 	assert_true(format_parse_color("domain", &color));
 	assert_int_equal(color, FORMAT_DOMAIN);

@@ -112,22 +112,42 @@ static void test_head(void **state)
 	meshes_done(&m);
 }
 
-/* What the system is when it has no code, and when coordinates are moved. */
+/* What the system is when it has no code, and when coordinates are moved or heights converted. */
 static void test_system(void **state)
 {
+	static const char local[] = "LOCAL_CS[\"a < b\",UNIT[\"metre\",1]]",
+			  escaped[] = " ogcWktCode=\"LOCAL_CS[&quot;a &lt; b&quot;,UNIT[&quot;metre&quot;,1]]\"";
 	static const struct {
-		const char *crs;
+		const char *crs, *vertical, *wkt;
+		uint32_t epsg;
 		bool moved;
-		const char *said;
+		const char *z_unit;
+		const char *said[4];
 	} row[] = {
-		{"EPSG:25832 + EPSG:5941", false, " epsgCode=\"25832\" desc=\"EPSG:25832 + EPSG:5941\"/>"},
-		{"NAD83 <old>\n", false, " desc=\"NAD83 &lt;old&gt; \"/>"},
-		{"EPSG:25832", true, " desc=\"EPSG:25832, less an origin\"/>"},
-		{"", false, NULL},
+		{"EPSG:25832 + EPSG:5941",
+		 "EPSG:5941",
+		 "",
+		 25832,
+		 false,
+		 NULL,
+		 {" epsgCode=\"25832\" desc=\"EPSG:25832 + EPSG:5941\"", " verticalDatum=\"EPSG:5941\"/>"}},
+		{"NAD83 <old>\n", "", NULL, 0, false, NULL, {" desc=\"NAD83 &lt;old&gt; \"/>"}},
+		{"EPSG:25832", "", "", 25832, true, NULL, {" desc=\"EPSG:25832, less an origin\"/>"}},
+		{"EPSG:1 + here", "here", local, 1, true, NULL, {" desc=\"EPSG:1 + here, less an origin\"/>"}},
+		{"site", "", local, 0, false, NULL, {" desc=\"site\"", escaped, "/>"}},
+		{"site", "", local, 0, false, "metre", {" desc=\"site\"", escaped, "/>"}},
+		{"EPSG:1 + a \"b\"",
+		 "a \"b\"",
+		 local,
+		 1,
+		 false,
+		 NULL,
+		 {" epsgCode=\"1\" desc=\"EPSG:1 + a &quot;b&quot;\"", escaped, " verticalDatum=\"a &quot;b&quot;\"/>"}},
+		{"", "", local, 0, false, NULL, {NULL}},
 	};
 
 	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
-		struct format_options opt = {.has_origin = row[i].moved};
+		struct format_options opt = {.has_origin = row[i].moved, .z_unit = row[i].z_unit};
 		struct meshes m;
 		struct err err;
 		size_t size;
@@ -136,15 +156,46 @@ static void test_system(void **state)
 		decimal_parse("500000.5", &opt.origin[0]);
 		meshes_make(&m, &readback_small);
 		m.head.crs = row[i].crs;
+		m.head.epsg = row[i].epsg;
+		m.head.vertical = row[i].vertical;
+		m.head.wkt = row[i].wkt;
 		assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), 0);
 		text = readback_text("m.xml", &size);
 		at = strstr(text, "<CoordinateSystem");
-		assert_int_equal(at == NULL, row[i].said == NULL);
-		if (at)
-			assert_memory_equal(at + strlen("<CoordinateSystem"), row[i].said, strlen(row[i].said));
+		assert_int_equal(at == NULL, row[i].said[0] == NULL);
+		at += at ? strlen("<CoordinateSystem") : 0;
+		for (unsigned k = 0; row[i].said[k]; at += strlen(row[i].said[k++]))
+			assert_memory_equal(at, row[i].said[k], strlen(row[i].said[k]));
 		at = strstr(text, row[i].moved ? "<P id=\"1\">4000001.23 -70.50 -0.012</P>" :
 						 "<P id=\"1\">4000001.23 499930.00 -0.012</P>");
 		assert_non_null(at);
+		free(text);
+		meshes_done(&m);
+	}
+}
+
+/* Heights in another unit are in no vertical system, and a WKT that has one would say what is not so. */
+static void test_converted(void **state)
+{
+	const struct format_options opt = {.z_unit = "metre"};
+	struct meshes m;
+	struct err err;
+	size_t size;
+
+	for (int vertical = 0; vertical < 2; vertical++) {
+		const char *at;
+		char *text;
+
+		meshes_make(&m, &readback_small);
+		m.head.crs = vertical ? "site + feet" : "site";
+		m.head.vertical = vertical ? "feet" : "";
+		m.head.unit_z = "foot";
+		m.head.wkt = "LOCAL_CS[]";
+		m.head.epsg = 0;
+		assert_int_equal(readback_write("landxml", "m.xml", &m, &opt, &err), 0);
+		at = text = readback_text("m.xml", &size);
+		assert_string_equal(between(&at, "<CoordinateSystem ", "/>"),
+				    vertical ? "desc=\"site + feet\"" : "desc=\"site\" ogcWktCode=\"LOCAL_CS[]\"");
 		free(text);
 		meshes_done(&m);
 	}
@@ -253,8 +304,9 @@ static void test_canonical(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_mesh),  cmocka_unit_test(test_head),         cmocka_unit_test(test_system),
-		cmocka_unit_test(test_units), cmocka_unit_test(test_high_numbers), cmocka_unit_test(test_canonical),
+		cmocka_unit_test(test_mesh),      cmocka_unit_test(test_head),  cmocka_unit_test(test_system),
+		cmocka_unit_test(test_converted), cmocka_unit_test(test_units), cmocka_unit_test(test_high_numbers),
+		cmocka_unit_test(test_canonical),
 	};
 
 	return cmocka_run_group_tests(tests, readback_begin, readback_end);

@@ -190,6 +190,34 @@ static void coordinate_systems(void **state)
 	}
 }
 
+/* It outlives the reading of points, which needs the buffer; none of what cannot be read. */
+static void wkt_kept(void **state)
+{
+	struct las_spec s = {.minor = 4, .format = 6, .n = 9, .encoding = 16};
+	const char *const wkts[] = {PROJECTED, "PROJCS[\"no end\"", NULL};
+	struct input_points pts;
+	struct err err = ERR_INIT;
+
+	fixture_points_new(&pts, 16);
+	for (int k = 0; k < 6; k++) {
+		struct input *in;
+		struct bytes b;
+		int fd;
+
+		s.wkt = wkts[k % 3];
+		s.wkt_behind = s.wkt && k / 3;
+		b = fixture_las(&s);
+		fd = fixture_fd(b.at, b.size);
+		assert_int_equal(input_open(fd, "a.las", &defaults, &in, &err), 0);
+		assert_int_equal(input_read(in, &pts, &err), 0);
+		assert_string_equal(input_wkt(in), k % 3 ? "" : PROJECTED);
+		input_close(in);
+		close(fd);
+		free(b.at);
+	}
+	fixture_points_free(&pts);
+}
+
 /* Writes a record of WKT at `at`; returns the byte behind it. */
 static size_t put_record(struct bytes b, size_t at, const char *user, uint16_t size, const char *wkt)
 {
@@ -579,6 +607,7 @@ int main(void)
 		cmocka_unit_test(coordinates),
 		cmocka_unit_test(harmless_quirks),
 		cmocka_unit_test(coordinate_systems),
+		cmocka_unit_test(wkt_kept),
 		cmocka_unit_test(several_records),
 		cmocka_unit_test(records_that_lie_of_their_size),
 		cmocka_unit_test(lies_that_matter),

@@ -9,7 +9,8 @@
 #include <string.h>
 
 #include "err.h"
-#include "outputs_priv.h"
+#include "outfile.h"
+#include "sort.h"
 
 #define SORT_WORDS 6
 #define SORT_RUN_LEAST 4096 /* bytes a run's buffer has at least */
@@ -20,7 +21,7 @@ struct run {
 	size_t next, have; /* records in buf */
 };
 
-struct outputs_sort {
+struct sort {
 	unsigned words, keys;
 	const struct outfile *beside;
 	struct outfile *spool;
@@ -33,7 +34,7 @@ struct outputs_sort {
 	size_t next; /* without runs: the next record of buf */
 };
 
-static int compare(const struct outputs_sort *s, const uint64_t *a, const uint64_t *b)
+static int compare(const struct sort *s, const uint64_t *a, const uint64_t *b)
 {
 	for (unsigned i = 0; i < s->keys; i++)
 		if (a[i] != b[i])
@@ -41,7 +42,7 @@ static int compare(const struct outputs_sort *s, const uint64_t *a, const uint64
 	return 0;
 }
 
-static void insertion(const struct outputs_sort *s, uint64_t *rec, size_t n)
+static void insertion(const struct sort *s, uint64_t *rec, size_t n)
 {
 	size_t size = s->words * sizeof(uint64_t);
 	uint64_t hold[SORT_WORDS];
@@ -62,7 +63,7 @@ static unsigned byte_of(const uint64_t *rec, unsigned byte)
 }
 
 /* Records that agree in all bytes before `byte`: put into 256 places by that byte, each sorted further. */
-static void sort_bytes(const struct outputs_sort *s, uint64_t *rec, size_t n, unsigned byte)
+static void sort_bytes(const struct sort *s, uint64_t *rec, size_t n, unsigned byte)
 {
 	size_t at[256] = {0}, end[256], sum = 0, size = s->words * sizeof(uint64_t);
 	uint64_t hold[SORT_WORDS];
@@ -100,10 +101,9 @@ static void sort_bytes(const struct outputs_sort *s, uint64_t *rec, size_t n, un
 	}
 }
 
-int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct outputs_sort **ret,
-		     struct err *err)
+int sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct sort **ret, struct err *err)
 {
-	struct outputs_sort *s = calloc(1, sizeof(*s));
+	struct sort *s = calloc(1, sizeof(*s));
 
 	if (s) {
 		s->words = words;
@@ -115,7 +115,7 @@ int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struc
 		s->buf = malloc(s->room * words * sizeof(uint64_t));
 	}
 	if (!s || !s->buf) {
-		outputs_sort_free(s);
+		sort_free(s);
 		return err_set(err, ERR_NOMEM, "no memory to sort with");
 	}
 	*ret = s;
@@ -123,7 +123,7 @@ int outputs_sort_new(unsigned words, unsigned keys, uint64_t memory, const struc
 }
 
 /* Sorts the buffer and writes it out as one run. */
-static int spill(struct outputs_sort *s, struct err *err)
+static int spill(struct sort *s, struct err *err)
 {
 	struct run *r;
 	int rc = 0;
@@ -149,7 +149,7 @@ static int spill(struct outputs_sort *s, struct err *err)
 	return rc;
 }
 
-int outputs_sort_add(struct outputs_sort *s, const uint64_t *record, struct err *err)
+int sort_add(struct sort *s, const uint64_t *record, struct err *err)
 {
 	int r = s->used == s->room ? spill(s, err) : 0;
 
@@ -160,7 +160,7 @@ int outputs_sort_add(struct outputs_sort *s, const uint64_t *record, struct err 
 }
 
 /* Fills a run's buffer from the file; have == 0 afterwards: the run has ended. */
-static int refill(struct outputs_sort *s, struct run *r, size_t share, struct err *err)
+static int refill(struct sort *s, struct run *r, size_t share, struct err *err)
 {
 	size_t size = s->words * sizeof(uint64_t);
 	uint64_t left = (r->end - r->at) / size;
@@ -175,14 +175,14 @@ static int refill(struct outputs_sort *s, struct run *r, size_t share, struct er
 	return 0;
 }
 
-static const uint64_t *top_of(const struct outputs_sort *s, size_t heap)
+static const uint64_t *top_of(const struct sort *s, size_t heap)
 {
 	const struct run *r = &s->run[s->heap[heap]];
 
 	return r->buf + r->next * s->words;
 }
 
-static void sift(struct outputs_sort *s, size_t i)
+static void sift(struct sort *s, size_t i)
 {
 	for (;;) {
 		size_t c = 2 * i + 1;
@@ -201,12 +201,12 @@ static void sift(struct outputs_sort *s, size_t i)
 	}
 }
 
-static size_t share_of(const struct outputs_sort *s)
+static size_t share_of(const struct sort *s)
 {
 	return s->room / s->nrun;
 }
 
-int outputs_sort_start(struct outputs_sort *s, struct err *err)
+int sort_start(struct sort *s, struct err *err)
 {
 	int r;
 
@@ -235,7 +235,7 @@ int outputs_sort_start(struct outputs_sort *s, struct err *err)
 }
 
 /* The record handed out last is still the top: step over it. */
-static int step(struct outputs_sort *s, struct err *err)
+static int step(struct sort *s, struct err *err)
 {
 	struct run *r = &s->run[s->heap[0]];
 
@@ -250,7 +250,7 @@ static int step(struct outputs_sort *s, struct err *err)
 	return 0;
 }
 
-int outputs_sort_next(struct outputs_sort *s, const uint64_t **ret, struct err *err)
+int sort_next(struct sort *s, const uint64_t **ret, struct err *err)
 {
 	if (!s->nrun) {
 		*ret = s->next < s->used ? s->buf + s->next++ * s->words : NULL;
@@ -267,7 +267,7 @@ int outputs_sort_next(struct outputs_sort *s, const uint64_t **ret, struct err *
 	return 0;
 }
 
-struct outputs_sort *outputs_sort_free(struct outputs_sort *s)
+struct sort *sort_free(struct sort *s)
 {
 	if (!s)
 		return NULL;

@@ -1,0 +1,81 @@
+/*
+ * Contours: the lines of a mesh on which the height is a level.
+ *
+ * A vertex is up if its height is at the level or above, else down; a line goes through the edges between up and down, with up
+ * on its left. So exactly two triangles share each crossing of an edge inside of the mesh, nothing branches, and a line ends at
+ * the border of the mesh or of the window only. Lines, their order, first points and directions depend on the triangles alone,
+ * not on how these came in blocks. Memory does not grow with the mesh.
+ */
+#ifndef CONTOUR_H
+#define CONTOUR_H
+
+#include "acut.h"
+#include "decimal.h"
+
+struct cursor;
+struct err;
+struct outfile;
+struct packer;
+
+/* A coordinate of lattice number X is (X * a + b) * 10^e; if not `whole`, (X + k) * scale. */
+struct contour_axis {
+	int64_t a, b;
+	int32_t e;
+	bool whole;
+	struct decimal scale;
+	int64_t k;
+};
+
+/* A number times num / den; both below 2^31. */
+struct contour_length {
+	struct decimal value;
+	int64_t num, den;
+};
+
+struct contour_options {
+	struct contour_axis axis[2];
+	struct contour_length interval, base; /* levels are base + i * interval, in the unit of heights as they are written */
+	int64_t z_num, z_den;                 /* that unit: heights of the stream times this */
+	int (*interrupted)(void *ctx);        /* not 0: give up; called while lines are joined; may be NULL */
+	void *ctx;
+	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
+	unsigned pages;    /* in memory when lines are joined; 0: CONTOUR_PAGES */
+};
+enum { CONTOUR_SEGMENTS = 1 << 16, CONTOUR_PAGES = 64 };
+
+struct contour;
+int contour_new(struct outfile *, struct contour **ret, struct err *err);
+/* -ERR_USAGE: an interval that these heights cannot have. */
+int contour_head(struct contour *, const struct acut_mesh_head *, const struct contour_options *, struct err *err);
+/* In place of contour_head; between two blocks nothing is kept but what contour_save packs and the annex of the output. */
+int contour_resume(struct contour *, const struct acut_mesh_head *, const struct contour_options *, struct cursor *,
+		   struct err *err);
+void contour_save(const struct contour *, struct packer *);
+/* `position` is of the block's vertices; corners counter-clockwise. */
+int contour_block(struct contour *, const struct acut_mesh_block *, const int32_t (*position)[3], struct err *err);
+
+/* ---- after the last block ---- */
+
+int contour_join(struct contour *, struct err *err);
+/* The numbers of the lowest and the highest level that has lines; false: there are no lines. */
+bool contour_range(const struct contour *, int64_t ret[2]);
+
+struct contour_line {
+	int64_t level; /* its number: base + level * interval */
+	uint64_t points;
+	bool closed;   /* the last point is the first one again */
+	double box[4]; /* least x y, greatest x y */
+	double length; /* in the plane */
+};
+/* The next line: by level, then by its first edge. ret->points 0: there is none. */
+int contour_next(struct contour *, struct contour_line *ret, struct err *err);
+/* Points of this line, from its first on; *ret is valid until the next call. *ret_n 0: there are no more. */
+int contour_points(struct contour *, const double (**ret)[2], size_t *ret_n, struct err *err);
+/* The height of a level: the nearest double, and as text, which is exact where it is a decimal. */
+double contour_height(const struct contour *, int64_t level);
+char *contour_height_text(const struct contour *, int64_t level, char buf[DECIMAL_TEXT_SIZE]);
+/* After the last line: what is left of them in the output's file is removed. */
+int contour_done(struct contour *, struct err *err);
+struct contour *contour_free(struct contour *);
+
+#endif

@@ -1,0 +1,164 @@
+/* Shared by the files of this room: levels (contour_level.c), triangles to segments (contour.c), the window (contour_clip.c),
+ * segments to pieces of lines (contour_chain.c), pieces to lines (contour_join.c, contour_array.c), points (contour_line.c). */
+#ifndef CONTOUR_PRIV_H
+#define CONTOUR_PRIV_H
+
+#include "contour.h"
+
+typedef __int128 contour_i128;
+
+/* The nearest double to n / d, ties to even; d > 0, below 2^60. */
+double contour_nearest(contour_i128 n, contour_i128 d);
+
+/* ---- levels: contour_level.c ---- */
+
+/* Level i has the lattice number (i * p + r) / q, and 0 <= r < p; its number is i - shift outside of this room. Of a height h the
+ * highest level that is not above it is floor((h * q - r) / p): a vertex is up for this level and all lower ones. */
+struct contour_levels {
+	int64_t p, q, r, shift;
+	bool decimal; /* base and interval are whole multiples of 10^exponent */
+	int64_t base, interval;
+	int32_t exponent;
+	/* else (i * interval_n + base_n) / den */
+	contour_i128 interval_n, base_n, den;
+};
+int contour_levels_init(struct contour_levels *, const struct acut_mesh_head *, const struct contour_options *, struct err *err);
+static inline int64_t contour_levels_of(const struct contour_levels *l, int32_t height)
+{
+	int64_t n = height * l->q - l->r, i = n / l->p;
+
+	return i - (n % l->p < 0);
+}
+
+/* ---- crossings ---- */
+
+/* A point of the plane as one number; they are in the order of (x, y). */
+static inline uint64_t contour_key(const int32_t at[3])
+{
+	return (uint64_t)((uint32_t)at[0] ^ 0x80000000u) << 32 | ((uint32_t)at[1] ^ 0x80000000u);
+}
+static inline int32_t contour_key_x(uint64_t key)
+{
+	return (int32_t)((uint32_t)(key >> 32) ^ 0x80000000u);
+}
+static inline int32_t contour_key_y(uint64_t key)
+{
+	return (int32_t)((uint32_t)key ^ 0x80000000u);
+}
+
+/* Where an edge has a level: at n / d of its way from its lesser end (x, y) to the greater one, whatever triangle it is seen
+ * from. */
+struct contour_crossing {
+	uint64_t end[2];
+	int64_t n, d; /* 0 <= n <= d, d > 0 */
+};
+struct contour_crossing contour_cross(const struct contour_levels *, const int32_t *a, const int32_t *b, int64_t level);
+/* Its coordinates: the nearest doubles, unless the numbers have too many digits. */
+void contour_place(const struct contour_axis axis[2], const struct contour_crossing *, double ret[2]);
+/* Of a place between lattice points. */
+double contour_between(const struct contour_axis *, double number);
+
+/* ---- the window: contour_clip.c ---- */
+
+/* Local lattice numbers low <= c < high: windows side by side have the lines of both once. */
+struct contour_window {
+	bool given;
+	int64_t low[2], high[2];
+};
+int contour_window_init(struct contour_window *, const struct acut_mesh_head *, struct err *err);
+/* -1: nothing of the box is in it, 1: all of it. */
+int contour_window_box(const struct contour_window *, const int32_t low[2], const int32_t high[2]);
+bool contour_window_has(const struct contour_window *, const struct contour_crossing *);
+/* The part of the segment from a to b that is in the window, as numbers; false: there is none. `has` tells which ends are. */
+bool contour_window_cut(const struct contour_window *, const struct contour_crossing *a, const struct contour_crossing *b,
+			const bool has[2], double ret[2][2]);
+
+/* ---- segments to pieces: contour_chain.c ---- */
+
+/* A piece of a line, as it is in the annex; `count` points of two doubles are at `at`. */
+struct contour_piece {
+	int64_t level;
+	uint64_t from[2], to[2]; /* edges of its ends; of one that is closed or cut there, not to be joined */
+	uint64_t least[2];       /* the least of its edges, in which a closed line begins */
+	uint64_t at;
+	uint32_t count, least_index;
+	uint32_t flags, unused;
+};
+enum { CONTOUR_CLOSED = 1, CONTOUR_CUT_FROM = 2, CONTOUR_CUT_TO = 4 };
+/* What is written at once: so many pieces, one behind the other, then their points. */
+struct contour_batch {
+	uint64_t pieces, points;
+};
+
+struct contour_chains;
+int contour_chains_new(unsigned segments, struct contour_chains **ret, struct err *err);
+bool contour_chains_full(const struct contour_chains *);
+struct contour_chains *contour_chains_free(struct contour_chains *);
+
+/* ---- arrays of numbers that may be larger than the memory: contour_array.c ---- */
+
+struct contour_array;
+int contour_array_new(const struct outfile *beside, unsigned pages, struct contour_array **ret, struct err *err);
+/* *ret: the number of this index, 0 if it was never set, valid until the next call. `change`: it will be written. */
+int contour_array_at(struct contour_array *, uint64_t index, bool change, uint64_t **ret, struct err *err);
+struct contour_array *contour_array_free(struct contour_array *);
+
+/* ---- all of it ---- */
+
+enum { CONTOUR_POINTS = 4096 }; /* that are read at once */
+enum { CONTOUR_CELLS = 256 };   /* a side */
+
+/* Where the reader of a line is. */
+struct contour_reader {
+	uint64_t first, piece; /* numbers of pieces */
+	bool closed;
+	uint32_t start; /* of a closed line: the first point's index in its first piece */
+	uint64_t at;    /* of the next point */
+	uint32_t left;  /* points of this piece */
+	unsigned phase; /* of a closed line: 1: its first piece comes again, 2: its first point */
+	bool ended;
+	double last[2]; /* the point before, and whether there is one */
+	bool any;
+	bool whole; /* the buffer has all of the line, and it was not handed out yet */
+	size_t n;
+	double first_point[2];
+	double buffer[CONTOUR_POINTS][2];
+};
+
+struct contour {
+	struct outfile *out, *annex;
+	struct contour_options opt;
+	struct contour_levels levels;
+	struct contour_window window;
+	struct contour_chains *chains;
+	int64_t *level;  /* of the vertices of a block */
+	uint32_t *order; /* of its triangles */
+	size_t room, order_room;
+	uint32_t cell[CONTOUR_CELLS * CONTOUR_CELLS]; /* where the triangles of a cell begin */
+	uint64_t pieces;                              /* in the annex */
+	/* after contour_join */
+	struct contour_array *link; /* CONTOUR_LINKS numbers a piece */
+	struct sort *lines;
+	int64_t range[2];
+	bool any;
+	struct contour_reader reader;
+};
+
+/* A directed segment in the triangle; up is on its left. */
+int contour_chains_add(struct contour *, const struct contour_crossing *from, const struct contour_crossing *to, int64_t level,
+		       bool whole, struct err *err);
+/* Pieces to the annex; the table is empty then. */
+int contour_chains_flush(struct contour *, struct err *err);
+
+/* Where it is in the annex, the next one with marks, where its points are, how many. */
+enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_POINTS_AT, CONTOUR_COUNT, CONTOUR_LINKS };
+#define CONTOUR_HAS_PREVIOUS (1ull << 62)
+#define CONTOUR_SEEN (1ull << 63)
+#define CONTOUR_NUMBER (CONTOUR_HAS_PREVIOUS - 1) /* of the next piece, from 1; 0: there is none */
+int contour_link(struct contour *, uint64_t number, int which, bool change, uint64_t **ret, struct err *err);
+static inline int contour_interrupted(const struct contour *c)
+{
+	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);
+}
+
+#endif

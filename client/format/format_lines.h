@@ -1,0 +1,43 @@
+/*
+ * Contours, for the formats that have them: GeoPackage, GeoJSON, DXF. Their writers are this one, with a function that writes the
+ * file when all lines are known.
+ */
+#ifndef FORMAT_LINES_H
+#define FORMAT_LINES_H
+
+#include "contour.h"
+#include "format_axis.h"
+
+struct format_lines {
+	struct outfile *out;
+	struct format_options opt;
+	struct contour *contour;
+	uint32_t index;            /* every so many levels; 0: none */
+	unsigned epsg;             /* of the plane; 0: the system has no number */
+	bool degrees;              /* x and y are */
+	char name[FORMAT_COMMENT]; /* of the system, one line, "unknown" */
+	char *comments;            /* acut-crs ... acut-digest, lines */
+	int decimals;              /* of coordinates as text */
+	double box[4];             /* that the head announces: least x y, greatest x y */
+};
+
+int format_lines_open(struct outfile *, const struct format_options *, const char *name, void **ret, struct err *err);
+int format_lines_head(void *writer, const struct acut_mesh_head *, struct err *err);
+int format_lines_block(void *writer, const struct format_block *, struct err *err);
+void format_lines_save(const void *writer, struct packer *);
+int format_lines_resume(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *err);
+void *format_lines_free(void *writer);
+/* Joins the lines, has `write` write the file, and removes what is left of the pieces. */
+int format_lines_finish(struct format_lines *, const struct acut_mesh_tail *, int (*write)(struct format_lines *, struct err *),
+			struct err *err);
+
+bool format_lines_is_index(const struct format_lines *, int64_t level);
+/* -ERR_LIMIT: so much output would meet the pieces. Before each line. */
+int format_lines_room(const struct format_lines *, struct err *err);
+enum { FORMAT_LINES_NUMBER = 40 }; /* room for one as text */
+/* A coordinate with the decimals that tell doubles of its size apart, without zeros at the end. Returns the end. */
+char *format_lines_text(const struct format_lines *, double v, char *at);
+
+#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX)
+
+#endif

@@ -1,0 +1,141 @@
+/* Shared by the readers: their table, the feature that is being read, bytes and lines of a file, numbers. */
+#ifndef LINES_PRIV_H
+#define LINES_PRIV_H
+
+#include "lines.h"
+
+#include "err.h"
+
+enum { LINES_HEAD = 4096, LINES_BUFFER = 1 << 16 };
+
+struct lines_reader {
+	const char *name, *title, *place;
+	bool exact; /* vertices are decimals */
+	/* Of the first bytes of a file. */
+	bool (*matches)(const uint8_t *head, size_t n);
+	/* l->state is NULL before; `close` is called after a failure too, also if it is still NULL. */
+	int (*open)(struct lines *, struct err *);
+	/* Reads the next feature between lines_begin and lines_end. *ret_more false: there is none. */
+	int (*next)(struct lines *, bool *ret_more, struct err *);
+	void (*close)(struct lines *);
+};
+extern const struct lines_reader lines_shape_reader, lines_geojson_reader, lines_gpkg_reader, lines_dxf_reader,
+	lines_landxml_reader, lines_csv_reader;
+
+/* Bytes of a file, forwards, with a place to return to. */
+struct lines_source {
+	const struct lines *lines;
+	uint64_t start, line; /* of the buffer in the file; the line of the next byte, from 1 */
+	size_t i, n;
+	bool ended;
+	struct err *err; /* of the call that reads */
+	int rc;          /* 0, or why there are no more bytes */
+	uint8_t buffer[LINES_BUFFER];
+};
+
+struct lines {
+	char path[4096], layer_name[LINES_NAME_SIZE], kind_field[LINES_NAME_SIZE];
+	bool has_layer, has_kind_field;
+	int (*interrupted)(void *ctx);
+	void *ctx;
+	int fd;
+	uint64_t size;
+	const struct lines_reader *reader;
+	struct lines_info info;
+	struct lines_layer **layer;             /* those met so far, */
+	uint32_t layer_hash[LINES_LAYERS_MOST]; /* and of their names: a drawing asks for each entity */
+	size_t nlayers, layers_room;
+	struct lines_feature f;
+	struct lines_part *part;
+	size_t parts_room;
+	void *vertex;
+	size_t vertices_room;
+	uint64_t dropped; /* vertices of this feature beyond what is kept */
+	char kind[LINES_NAME_SIZE];
+	void *state;
+	bool failed, ended;
+};
+
+/* ---- the feature (lines_build.c) ---- */
+
+/* What several readers refuse. */
+extern const char lines_no_z[];
+
+void lines_begin(struct lines *, const struct lines_layer *, uint64_t number, uint64_t place);
+/* Static texts. The first reason stays. */
+void lines_geometry(struct lines *, const char *name);
+void lines_refuse(struct lines *, const char *why);
+void lines_no_line(struct lines *, const char *what); /* for a feature without any line */
+void lines_kind(struct lines *, const char *text, size_t n);
+/* Begins a line. */
+int lines_part(struct lines *, bool ring, struct err *);
+int lines_vertex_exact(struct lines *, const struct decimal[3], struct err *);
+int lines_vertex_number(struct lines *, const double[3], struct err *);
+/* Gives all vertices of the feature this z; makes its one line a ring. */
+void lines_all_z(struct lines *, struct decimal z);
+void lines_make_ring(struct lines *);
+/* Closes rings, and decides on the state. */
+void lines_end(struct lines *);
+
+/* ---- layers (lines.c) ---- */
+
+/* The layer of this name, made if it is new. */
+int lines_layer(struct lines *, const char *name, struct lines_layer **ret, struct err *);
+int lines_too_many_layers(struct err *err);
+/* Features of a layer of this name are wanted. */
+bool lines_wants(const struct lines *, const char *layer);
+/* The file's own name without folder and extension. */
+void lines_stem(const struct lines *, char ret[LINES_NAME_SIZE]);
+/* -ERR_CANCELLED if the caller wants no more. */
+int lines_interrupted(const struct lines *, struct err *err);
+/* -ERR_INPUT with a place like "line 7". */
+__attribute__((format(printf, 4, 5))) int lines_bad(const struct lines *, struct err *, uint64_t place, const char *fmt, ...);
+
+/* ---- texts (lines_text.c) ---- */
+
+void lines_source_begin(struct lines_source *, const struct lines *, struct err *);
+int lines_source_fill(struct lines_source *); /* the next byte, -1 at the end or after a failure */
+void lines_source_seek(struct lines_source *, uint64_t at, uint64_t line);
+
+static inline uint64_t lines_source_at(const struct lines_source *s)
+{
+	return s->start + s->i;
+}
+
+/* The next byte, not taken; -1 at the end or after a failure (s->rc). */
+static inline int lines_peek(struct lines_source *s)
+{
+	return s->i < s->n ? s->buffer[s->i] : lines_source_fill(s);
+}
+
+static inline int lines_take(struct lines_source *s)
+{
+	int c = lines_peek(s);
+
+	s->i += c >= 0;
+	s->line += c == '\n';
+	return c;
+}
+
+/* The next line without its end, and without zero bytes. *ret_n SIZE_MAX: there is none. What does not fit into `room` is left
+ * out, as *ret_cut says. */
+int lines_source_line(struct lines_source *, char *to, size_t room, size_t *ret_n, bool *ret_cut);
+
+/* All of the text is a decimal number. Beyond 18 digits it is rounded so that rounding again to 17 digits or less gives
+ * what rounding once gives (ROUND_05UP). */
+bool lines_number(const char *text, size_t n, struct decimal *ret);
+/* Texts that are not UTF-8 are taken for Latin-1. */
+void lines_utf8(const char *text, size_t n, char *ret, size_t size);
+/* The numbers of "urn:ogc:def:crs:EPSG::25832" and the like: of the plane, and of heights. */
+void lines_crs_of_text(const char *text, struct lines_crs *);
+/* The top of the text of a coordinate system (lines_wkt.c). */
+void lines_crs_of_wkt(const char *wkt, struct lines_crs *);
+/* A unit by its names in these formats, into `ret`; a name that is not known stays. */
+void lines_unit_of(const char *name, char ret[32]);
+
+static inline bool lines_is_blank(char c)
+{
+	return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\f' || c == '\v';
+}
+
+#endif

@@ -1,0 +1,67 @@
+/*
+ * The tiles of a raster.
+ *
+ * The format has drawn all of it and divides it (dem.h): each pixel is in the tile that has its centre, and tiles without a
+ * height are left out, as tiles without triangles are. So tiles together are the whole raster, pixel for pixel.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "dem.h"
+#include "err.h"
+#include "outputs_tile.h"
+
+static int tile_begin(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err)
+{
+	struct outputs_tiles *t = ctx;
+	char name[OUTFILE_NAME];
+
+	if (t->run.interrupted && t->run.interrupted(t->run.ctx))
+		return err_set(err, ERR_CANCELLED, "interrupted");
+	return outfile_folder_file(t->place, outputs_tiles_name_at(t, at, name), ret, err);
+}
+
+static int keep(struct outputs_tiles *t, const struct outputs_tile *tile, struct err *err)
+{
+	if (t->ntile == OUTPUTS_TILES)
+		return outputs_tiles_too_many(t, err);
+	if (t->ntile == t->nslot) {
+		size_t room = t->nslot ? 2 * t->nslot : 64;
+		void *more = realloc(t->tile, room * sizeof(*t->tile));
+
+		if (!more)
+			return err_set(err, ERR_NOMEM, "no memory for %zu tiles", room);
+		t->tile = more;
+		t->nslot = room;
+	}
+	t->tile[t->ntile++] = *tile;
+	return 0;
+}
+
+static int tile_end(void *ctx, const int64_t at[2], struct outfile *out, const struct dem_tile *got, struct err *err)
+{
+	struct outputs_tiles *t = ctx;
+	struct outputs_tile tile = {.pixels = {got->width, got->height}};
+	uint64_t column = (uint64_t)(at[0] - t->first[0]), row = (uint64_t)(at[1] - t->first[1]);
+	int r = 0;
+
+	tile.number = row << 32 | column;
+	memcpy(tile.edge, got->box, sizeof(tile.edge));
+	if (!got->no_heights && (column >= t->count[0] || row >= t->count[1]))
+		r = err_set(err, ERR_INTERNAL, "a tile is outside of the box that the stream announced");
+	if (!r && !got->no_heights)
+		r = outfile_publish(out, err);
+	tile.bytes = outfile_size(out);
+	if (!r && !got->no_heights)
+		r = keep(t, &tile, err);
+	outfile_free(out);
+	return r;
+}
+
+int outputs_tiles_raster(struct outputs_tiles *t, struct err *err)
+{
+	const struct dem_tiler tiler = {
+		.p = t->p, .q = t->q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = tile_end, .ctx = t};
+
+	return t->format->tiles(t->writer, &tiler, &t->tail, err);
+}

@@ -1,0 +1,257 @@
+// The mesh as a surface: exact heights, and what a ray meets.
+//
+// All is in lattice numbers relative to the middle of the mesh, so differences of vertices are whole and without an error. A
+// grid over the plane lists the triangles that meet each cell.
+
+// The box of the vertices that triangles use, of lattice numbers.
+function boxOf(vertices, faces) {
+	const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+
+	for (let i = 0; i < faces.length; i++) {
+		for (let axis = 0, at = 3 * faces[i]; axis < 3; axis++, at++) {
+			const value = vertices[at];
+
+			if (value < low[axis])
+				low[axis] = value;
+			if (value > high[axis])
+				high[axis] = value;
+		}
+	}
+	return {low, high};
+}
+
+class Surface {
+	constructor(mesh) {
+		this.faces = mesh.faces;
+		this.vertices = mesh.vertices;
+		this.count = mesh.faces.length / 3;
+		this.box = boxOf(mesh.vertices, mesh.faces);
+		this.middle = this.box.low.map((low, axis) => low + Math.floor((this.box.high[axis] - low) / 2));
+		this.low = this.box.low.map((n, axis) => n - this.middle[axis]);
+		this.high = this.box.high.map((n, axis) => n - this.middle[axis]);
+		this.corner = new Float64Array(9); // of the triangle that was loaded
+		this.makeGrid();
+	}
+
+	// ---- the grid ----
+
+	makeGrid() {
+		const wide = Math.max(1, this.high[0] - this.low[0]), tall = Math.max(1, this.high[1] - this.low[1]);
+		const cells = Math.max(1, this.count / 3), side = Math.max(1, Math.sqrt(wide * tall / cells));
+
+		this.side = Math.max(side, wide / 4096, tall / 4096);
+		this.perSide = 1 / this.side;
+		this.columns = Math.floor(wide * this.perSide) + 1;
+		this.rows = Math.floor(tall * this.perSide) + 1;
+		const boxes = this.cellBoxes(), start = new Uint32Array(this.columns * this.rows + 1);
+		this.eachCell(boxes, cell => start[cell + 1]++);
+		for (let i = 1; i < start.length; i++)
+			start[i] += start[i - 1];
+		const list = new Uint32Array(start[start.length - 1]), next = start.slice();
+		this.eachCell(boxes, (cell, triangle) => {
+			list[next[cell]++] = triangle;
+		});
+		this.start = start;
+		this.list = list;
+	}
+
+	column(x) {
+		return Math.min(this.columns - 1, Math.max(0, Math.floor((x - this.low[0]) * this.perSide)));
+	}
+
+	row(y) {
+		return Math.min(this.rows - 1, Math.max(0, Math.floor((y - this.low[1]) * this.perSide)));
+	}
+
+	// First and last column, first and last row of each triangle, by the formula of column() and row(). One loop without calls:
+	// most of the time until a page is ready is spent here.
+	cellBoxes() {
+		const {faces, vertices, perSide, count} = this, boxes = new Uint16Array(4 * count);
+
+		for (let axis = 0; axis < 2; axis++) {
+			const low = this.low[axis] + this.middle[axis], last = (axis ? this.rows : this.columns) - 1;
+
+			for (let t = 0, at = 2 * axis; t < count; t++, at += 4) {
+				const a = vertices[3 * faces[3 * t] + axis], b = vertices[3 * faces[3 * t + 1] + axis], c = vertices[3 * faces[3 * t + 2] + axis];
+				const least = a < b ? (a < c ? a : c) : b < c ? b : c, most = a > b ? (a > c ? a : c) : b > c ? b : c;
+
+				boxes[at] = Math.min(last, Math.floor((least - low) * perSide));
+				boxes[at + 1] = Math.min(last, Math.floor((most - low) * perSide));
+			}
+		}
+		return boxes;
+	}
+
+	// Calls visit(cell, triangle) for all cells that triangles meet, and perhaps for some beside them.
+	eachCell(boxes, visit) {
+		const {columns, count} = this;
+
+		for (let t = 0, at = 0; t < count; t++, at += 4) {
+			const c0 = boxes[at], c1 = boxes[at + 1], r0 = boxes[at + 2], r1 = boxes[at + 3];
+
+			if ((r1 - r0) * (c1 - c0) > 4) {
+				this.eachOfMany(this.load(t), r0, r1, cell => visit(cell, t));
+				continue;
+			}
+			for (let row = r0; row <= r1; row++)
+				for (let cell = row * columns + c0; cell <= row * columns + c1; cell++)
+					visit(cell, t);
+		}
+	}
+
+	// Long thin triangles lie in few of the cells of their box.
+	eachOfMany(c, r0, r1, visit) {
+		for (let row = r0; row <= r1; row++) {
+			const [from, to] = this.span(c, row);
+
+			for (let column = from; column <= to; column++)
+				visit(row * this.columns + column);
+		}
+	}
+
+	// The columns of a row that a triangle meets.
+	span(c, row) {
+		const y0 = this.low[1] + row * this.side - 1, y1 = y0 + this.side + 2;
+		let low = Infinity, high = -Infinity;
+
+		for (let i = 0, j = 6; i < 9; j = i, i += 3) {
+			let [ax, ay, bx, by] = [c[i], c[i + 1], c[j], c[j + 1]];
+			if (Math.max(ay, by) < y0 || Math.min(ay, by) > y1)
+				continue;
+			for (const y of [Math.max(y0, Math.min(ay, by)), Math.min(y1, Math.max(ay, by))]) {
+				const x = ay === by ? ax : ax + (bx - ax) * (y - ay) / (by - ay);
+				low = Math.min(low, x, ay === by ? bx : x);
+				high = Math.max(high, x, ay === by ? bx : x);
+			}
+		}
+		return low <= high ? [this.column(low - 1), this.column(high + 1)] : [0, -1];
+	}
+
+	// The corners of a triangle, relative to the middle.
+	load(triangle) {
+		const corner = this.corner, middle = this.middle;
+
+		for (let i = 0, at = 3 * triangle; i < 3; i++, at++) {
+			const v = 3 * this.faces[at];
+
+			corner[3 * i] = this.vertices[v] - middle[0];
+			corner[3 * i + 1] = this.vertices[v + 1] - middle[1];
+			corner[3 * i + 2] = this.vertices[v + 2] - middle[2];
+		}
+		return corner;
+	}
+
+	// ---- heights ----
+
+	// True if (x, y) is in the triangle that was loaded, or on its border. Both triangles of an edge calculate its sign from the
+	// same end, so that no place lies between them.
+	holds(x, y) {
+		const c = this.corner;
+
+		return side(c, 0, 3, x, y) >= 0 && side(c, 3, 6, x, y) >= 0 && side(c, 6, 0, x, y) >= 0;
+	}
+
+	// Height of the plane of the triangle that was loaded: from its first corner, by slopes whose numerators are whole numbers.
+	plane() {
+		const c = this.corner, bx = c[3] - c[0], by = c[4] - c[1], bz = c[5] - c[2], cx = c[6] - c[0], cy = c[7] - c[1], cz = c[8] - c[2];
+		const area = bx * cy - by * cx;
+
+		return {x: c[0], y: c[1], z: c[2], east: (bz * cy - cz * by) / area, north: (cz * bx - bz * cx) / area};
+	}
+
+	// The height at (x, y), relative as all others; NaN outside of the mesh.
+	height(x, y) {
+		if (!(x >= this.low[0] && x <= this.high[0] && y >= this.low[1] && y <= this.high[1]))
+			return NaN;
+		const cell = this.row(y) * this.columns + this.column(x);
+
+		for (let i = this.start[cell]; i < this.start[cell + 1]; i++) {
+			this.load(this.list[i]);
+			if (this.holds(x, y))
+				return heightAt(this.plane(), x, y);
+		}
+		return NaN;
+	}
+
+	// ---- rays ----
+
+	// The first place where from + t * along, t >= 0, meets the surface: [x, y, z], or null.
+	hit(from, along) {
+		const [enter, leave] = this.clip(from, along);
+		let best = Infinity;
+
+		for (const step of this.walk(from, along, enter, leave)) {
+			for (let i = this.start[step.cell]; i < this.start[step.cell + 1]; i++) {
+				this.load(this.list[i]);
+				const t = this.meet(from, along);
+				if (t >= enter && t < best)
+					best = t;
+			}
+			if (best <= step.leave)
+				break;
+		}
+		if (best === Infinity)
+			return null;
+		return [0, 1, 2].map(axis => from[axis] + best * along[axis]);
+	}
+
+	// Where a ray meets the triangle that was loaded: t, or Infinity.
+	meet(from, along) {
+		const p = this.plane();
+		const fall = along[2] - p.east * along[0] - p.north * along[1];
+		const t = (heightAt(p, from[0], from[1]) - from[2]) / fall;
+
+		return Number.isFinite(t) && this.holds(from[0] + t * along[0], from[1] + t * along[1]) ? t : Infinity;
+	}
+
+	// The part of a ray that is in the box of the mesh, one step larger on all sides.
+	clip(from, along) {
+		let enter = 0, leave = Infinity;
+
+		for (let axis = 0; axis < 3; axis++) {
+			const a = (this.low[axis] - 1 - from[axis]) / along[axis], b = (this.high[axis] + 1 - from[axis]) / along[axis];
+
+			if (along[axis] === 0) {
+				if (from[axis] < this.low[axis] - 1 || from[axis] > this.high[axis] + 1)
+					leave = -1;
+			} else {
+				enter = Math.max(enter, Math.min(a, b));
+				leave = Math.min(leave, Math.max(a, b));
+			}
+		}
+		return [enter, leave];
+	}
+
+	// The cells under a ray between two t, in order, each with the t at which the ray leaves it.
+	*walk(from, along, enter, leave) {
+		if (!(enter <= leave))
+			return;
+		let column = this.column(from[0] + enter * along[0]), row = this.row(from[1] + enter * along[1]);
+		const border = (axis, n) => along[axis] === 0 ? Infinity :
+			(this.low[axis] + (along[axis] > 0 ? n + 1 : n) * this.side - from[axis]) / along[axis];
+
+		for (;;) {
+			const x = border(0, column), y = border(1, row);
+			yield {cell: row * this.columns + column, leave: Math.min(x, y, leave)};
+			if (Math.min(x, y) > leave)
+				return;
+			if (x <= y)
+				column += along[0] > 0 ? 1 : -1;
+			else
+				row += along[1] > 0 ? 1 : -1;
+			if (column < 0 || row < 0 || column >= this.columns || row >= this.rows)
+				return;
+		}
+	}
+}
+
+// On which side of the edge between two corners a place is: above 0 on the left.
+function side(c, i, j, x, y) {
+	const ax = c[i], ay = c[i + 1], bx = c[j], by = c[j + 1];
+
+	if (ax < bx || (ax === bx && ay < by))
+		return (bx - ax) * (y - ay) - (by - ay) * (x - ax);
+	return (bx - ax) * (y - by) - (by - ay) * (x - bx);
+}
+
+const heightAt = (p, x, y) => p.z + p.east * (x - p.x) + p.north * (y - p.y);

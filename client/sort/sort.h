@@ -1,0 +1,20 @@
+/* External sort of small records of 64-bit words. */
+#ifndef SORT_H
+#define SORT_H
+
+#include <stdint.h>
+
+struct err;
+struct outfile;
+
+struct sort;
+/* Records of `words` words, at most 6; the first `keys` of them are the order. At most `memory` bytes; what does not fit is in a
+ * nameless file beside the output. */
+int sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct sort **ret, struct err *err);
+int sort_add(struct sort *, const uint64_t *record, struct err *err);
+int sort_start(struct sort *, struct err *err);
+/* *ret: the next record, valid until the next call; NULL at the end. */
+int sort_next(struct sort *, const uint64_t **ret, struct err *err);
+struct sort *sort_free(struct sort *);
+
+#endif

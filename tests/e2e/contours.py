@@ -1,0 +1,374 @@
+"""Contours: each level's length against the triangles of the PLY of the same mesh, by fractions; the three formats have the same lines;
+lines end at the border of the mesh or of the window only; the same bytes whatever the memory, the threads, the pushes and the other
+outputs; the memory of acutctl; what is refused."""
+import json
+import math
+import os
+import sqlite3
+import struct
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from fractions import Fraction
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import e2e
+from e2e import expect
+
+MEMORY = 64 << 20
+PEAK = "import resource, subprocess, sys; subprocess.check_call(sys.argv[1:]); print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+
+
+def read_ply(path, scale=100):
+    """Vertices as lattice numbers, and triangles."""
+    data = read(path)
+    end = data.index(b"end_header\n") + 11
+    n, m = (int(w.split()[2]) for w in data[:end].decode().split("\n") if w.startswith("element"))
+    vertices = [tuple(round(c * scale) for c in v) for v in struct.iter_unpack("<3d", data[end:end + 24 * n])]
+    return vertices, [f[1:] for f in struct.iter_unpack("<B3I", data[end + 24 * n:end + 24 * n + 13 * m])]
+
+
+def survey(base, points=6000, name="s.las", *options):
+    path = os.path.join(base, name)
+    e2e.run([e2e.SYNTH, "--points", points, "--density", 1, "--seed", 7, *options, path]).ok()
+    return path
+
+
+class Line:
+    def __init__(self, height, index, closed, length, points):
+        self.height, self.index, self.closed, self.length, self.points = height, index, closed, length, points
+
+    def key(self):
+        return self.height, self.index, self.closed, [p[:2] for p in self.points]
+
+
+def read_gpkg(path):
+    with sqlite3.connect(path) as base:
+        expect(base.execute("PRAGMA integrity_check").fetchall() == [("ok",)], "SQLite finds faults")
+        expect(not base.execute("PRAGMA foreign_key_check").fetchall(), "foreign keys are wrong")
+        expect(base.execute("SELECT rtreecheck('rtree_contours_geom')").fetchall() == [("ok",)], "the index has faults")
+        boxes = base.execute("SELECT id, minx, maxx, miny, maxy FROM rtree_contours_geom ORDER BY id").fetchall()
+        expect(base.execute("PRAGMA application_id").fetchone() == (1196444487,), "not the number of GeoPackage")
+        rows = base.execute('SELECT elevation, "index", closed, length, geom FROM contours ORDER BY fid').fetchall()
+        box = base.execute("SELECT min_x, min_y, max_x, max_y FROM gpkg_contents WHERE table_name = 'contours'").fetchone()
+    lines = []
+    expect(len(boxes) == len(rows), "%d boxes of %d lines" % (len(boxes), len(rows)))
+    for (height, index, closed, length, geom), box_of in zip(rows, boxes):
+        magic, version, flags, _, x1, x2, y1, y2, order, kind, n = struct.unpack_from("<2sBBi4dBII", geom)
+        expect((magic, version, flags, order, kind) == (b"GP", 0, 3, 1, 1002), "a geometry begins with %s" % geom[:49])
+        expect(len(geom) == 49 + 24 * n, "%d points in %d bytes" % (n, len(geom)))
+        points = list(struct.iter_unpack("<3d", geom[49:]))
+        expect(all(p[2] == height for p in points), "a height is not that of the line")
+        expect([x1, x2, y1, y2] == [f(p[k] for p in points) for k in (0, 1) for f in (min, max)], "the box of a line")
+        expect(box_of[1] <= x1 and x2 <= box_of[2] and box_of[3] <= y1 and y2 <= box_of[4] and box_of[4] - y2 < 2, "a box of the index")
+        lines.append(Line(height, index, closed, length, points))
+    if lines:
+        all_points = [p for line in lines for p in line.points]
+        expect(list(box) == [f(p[k] for p in all_points) for f in (min, max) for k in (0, 1)], "the box of the layer is %s" % (box,))
+    return lines
+
+
+def read_geojson(path):
+    with open(path) as f:
+        features = json.load(f)["features"]
+    return [Line(*(f["properties"][k] for k in ("elevation", "index", "closed", "length")), f["geometry"]["coordinates"]) for f in features]
+
+
+def read_dxf(path):
+    """Lines without a length."""
+    with open(path) as f:
+        text = f.read().split("\n")
+    pairs = list(zip(text[::2], text[1::2]))
+    layers, lines, now = set(), [], None
+    for i, (code, value) in enumerate(pairs):
+        if (code, value) == ("0", "LAYER"):
+            layers.add(pairs[i + 1][1])
+        elif (code, value) == ("0", "POLYLINE"):
+            fields = dict(pairs[i + 1:i + 7])
+            expect(fields["8"] in layers, "there is no layer " + fields["8"])
+            kind, height = fields["8"].split("_", 1)
+            now = Line(float(height.replace("_", ".")), int(kind == "INDEX"), int(fields["70"]) & 1, None, [])
+            expect(int(fields["70"]) & 8 and float(fields["30"]) == now.height, str(fields))
+            lines.append(now)
+        elif (code, value) == ("0", "VERTEX"):
+            fields = dict(pairs[i + 1:i + 6])
+            now.points.append(tuple(float(fields[k]) for k in ("10", "20", "30")))
+    for line in lines:
+        if line.closed:
+            line.points.append(line.points[0])
+    return lines
+
+
+def by_fractions(vertices, triangles, step, base=Fraction(0), scale=100):
+    """Length by level, from each triangle; a vertex at the level is above it."""
+    found = defaultdict(float)
+    for t in triangles:
+        p = [vertices[i] for i in t]
+        heights = [q[2] for q in p]
+        for i in range(math.ceil((min(heights) - base) / step), math.floor((max(heights) - base) / step) + 1):
+            level, ends = i * step + base, []
+            for a, b in ((p[0], p[1]), (p[1], p[2]), (p[2], p[0])):
+                if (a[2] >= level) != (b[2] >= level):
+                    part = (level - a[2]) / (b[2] - a[2])
+                    ends.append([a[k] + (b[k] - a[k]) * part for k in (0, 1)])
+            if ends:
+                dx, dy = (float(ends[0][k] - ends[1][k]) / scale for k in (0, 1))
+                found[i] += math.hypot(dx, dy)
+    return found
+
+
+def near(a, b):
+    return abs(a - b) <= 1e-9 * max(abs(a), abs(b)) + 1e-7
+
+
+def length_of(points):
+    return sum(math.hypot(q[0] - p[0], q[1] - p[1]) for p, q in zip(points, points[1:]))
+
+
+def border(triangles, vertices, scale=100):
+    """Edges of one triangle, by the cell of a metre that they touch, as segments."""
+    edges = Counter()
+    for t in triangles:
+        for k in range(3):
+            edges[tuple(sorted((t[k], t[(k + 1) % 3])))] += 1
+    cells = defaultdict(list)
+    for (a, b), n in edges.items():
+        if n == 1:
+            p, q = vertices[a], vertices[b]
+            low = [min(p[k], q[k]) // scale for k in (0, 1)]
+            high = [max(p[k], q[k]) // scale for k in (0, 1)]
+            for x in range(low[0] - 1, high[0] + 2):
+                for y in range(low[1] - 1, high[1] + 2):
+                    cells[x, y].append((p, q))
+    return cells
+
+
+def on_border(cells, point, scale=100):
+    x, y = point[0] * scale, point[1] * scale
+    for p, q in cells.get((int(x // scale), int(y // scale)), ()):
+        dx, dy = q[0] - p[0], q[1] - p[1]
+        size = math.hypot(dx, dy)
+        if abs((x - p[0]) * dy - (y - p[1]) * dx) < 1e-5 * size and -1e-5 < (x - p[0]) * dx + (y - p[1]) * dy < size * size + 1e-5:
+            return True
+    return False
+
+
+def compare(lines, found, step, base, count, scale=100):
+    """Lengths by level; each attribute."""
+    got = defaultdict(float)
+    for line in lines:
+        number = round((Fraction(line.height).limit_denominator(10 ** 6) * scale - base) / step)
+        expect(abs(line.height - float((number * step + base) / scale)) < 1e-12 * max(1, abs(line.height)), "%s is no level" % line.height)
+        expect(line.index == int(count and number % count == 0), "level %d has the index %d" % (number, line.index))
+        expect(line.closed == (line.points[0] == line.points[-1]), "closed: %s" % line.closed)
+        expect(near(line.length, length_of(line.points)), "a length of %s" % line.length)
+        got[number] += line.length
+    expect(set(got) == {n for n, v in found.items() if v > 0}, "levels %s" % (set(got) ^ set(found)))
+    for number, length in found.items():
+        expect(near(got[number], length), "level %d: %.9f, not %.9f" % (number, got[number], length))
+    expect(lines == sorted(lines, key=lambda line: line.height), "they do not come by height")
+
+
+def lengths():
+    """Between lattice levels and on them, with long triangles left out at the hull and inside, of a flat grid, in other units."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, grid, flat = survey(base), os.path.join(base, "grid.las"), os.path.join(base, "flat.xyz")
+        path = {k: os.path.join(base, "m." + k) for k in ("ply", "gpkg", "geojson", "dxf")}
+        e2e.run([e2e.SYNTH, "--points", 900, "--distribution", "grid", "--step", 50, "--seed", 3, grid]).ok()
+        with open(flat, "w") as f:
+            f.writelines("%d %d %d.00\n" % (x, y, (x // 3 + y // 4) % 3) for x in range(30) for y in range(30))
+        for source, mesh, words, step, start, count in (
+                (las, (), ("1m",), Fraction(100), Fraction(0), 5),
+                (las, ("--max-edge", "2"), ("0.503", "--base", "0.0015"), Fraction(503, 10), Fraction(15, 100), 5),
+                (las, ("--trim-hull", "2.5"), ("1", "--base", "-0.25", "--index", "4"), Fraction(100), Fraction(-25), 4),
+                (las, (), ("3ft", "--index", "0"), Fraction(3 * 3048, 100), Fraction(0), 0),
+                (grid, (), ("0.01",), Fraction(1), Fraction(0), 5),
+                (grid, (), ("0.25",), Fraction(25), Fraction(0), 5),
+                (flat, ("--assume-units", "m,m"), ("1",), Fraction(100), Fraction(0), 5),
+                (flat, ("--assume-units", "m,m"), ("0.5",), Fraction(50), Fraction(0), 5)):
+            outs = [w for k in ("gpkg", "geojson", "dxf") for w in ("-o", path[k], "--interval", *words)]
+            d.ctl("mesh", source, *mesh, "-o", path["ply"], *outs).ok()
+            vertices, triangles = read_ply(path["ply"])
+            lines = read_gpkg(path["gpkg"])
+            expect(len(lines) > 5, "%d lines" % len(lines))
+            compare(lines, by_fractions(vertices, triangles, step, start), step, start, count)
+            cells = border(triangles, vertices)
+            for line in lines:
+                expect(line.closed or (on_border(cells, line.points[0]) and on_border(cells, line.points[-1])),
+                       "a line ends inside of the mesh, at %s or %s" % (line.points[0], line.points[-1]))
+            for other in (read_geojson(path["geojson"]), read_dxf(path["dxf"])):
+                expect(len(other) == len(lines), "%d lines, not %d" % (len(other), len(lines)))
+                for a, b in zip(lines, other):
+                    expect((a.height, a.index, a.closed, len(a.points)) == (b.height, b.index, b.closed, len(b.points)) or
+                           abs(a.height - b.height) < 1e-9 and len(a.points) == len(b.points), "%s is %s" % (a.key(), b.key()))
+                    expect(all(abs(p[k] - q[k]) < 1e-8 for p, q in zip(a.points, b.points) for k in (0, 1)), "points differ")
+
+
+def higher_ground_is_on_the_left():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path = os.path.join(base, "hill.xyz")
+        out = os.path.join(base, "hill.geojson")
+        with open(path, "w") as f:
+            f.writelines("%d %d %.2f\n" % (x, y, 100 - math.hypot(x - 20, y - 21)) for x in range(41) for y in range(41))
+        d.ctl("mesh", path, "--assume-units", "m,m", "-o", out, "--interval", "1.005").ok()
+        lines = [line for line in read_geojson(out) if line.closed]
+        expect(len(lines) > 15, "%d lines around the summit" % len(lines))
+        for line in lines:
+            area = sum(p[0] * q[1] - q[0] * p[1] for p, q in zip(line.points, line.points[1:]))
+            expect(area > 0, "a line around a summit runs clockwise")
+
+
+def read(path):
+    with open(path, "rb") as f:
+        return f.read()
+
+
+def same_bytes():
+    """Memory, threads, pushes, other outputs, standard output."""
+    kinds = (("gpkg", "l.gpkg"), ("geojson", "l.geojson"), ("dxf-contours", "l.dxf"))
+    with e2e.Folder() as base:
+        one, two = survey(base, 40000, "1.las"), survey(base, 40000, "2.las", "--origin", "500100,5400050,0", "--seed", "9")
+        files = []
+        for memory, threads, twice in (("24M", 1, False), ("1G", 4, False), ("64M", 2, True)):
+            folder = os.path.join(base, memory)
+            os.mkdir(folder)
+            with e2e.Daemon(folder, memory=memory, threads=threads) as d:
+                for inputs in ((one,), (two,)) if twice else ((one, two),):
+                    d.ctl("push", "s", *inputs).ok()
+                job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+                outs = [w for _, name in kinds for w in ("-o", os.path.join(folder, name), "--interval", "2")]
+                d.ctl("fetch", job, *outs, "-o", os.path.join(folder, "m.ply"), "-o", os.path.join(folder, "d.tif"), "--cell", "1").ok()
+                files.append([read(os.path.join(folder, name)) for _, name in kinds])
+                if twice:
+                    for (kind, name), want in zip(kinds, files[0]):
+                        path = os.path.join(folder, "alone-" + name)
+                        d.ctl("fetch", job, "-o", path, "--interval", "2").ok()
+                        expect(read(path) == want, "%s: other outputs change the bytes" % kind)
+                        with open(path, "wb") as f:
+                            env = dict(os.environ, ACUT_SOCKET=d.socket)
+                            p = subprocess.run([e2e.ACUTCTL, "fetch", str(job), "-o", "-", "--format", kind, "--interval", "2"], stdout=subprocess.PIPE, env=env, check=True)
+                            f.write(p.stdout)
+                        expect(read(path) == want, "%s: standard output has other bytes" % kind)
+        for got, how in ((files[1], "memory and threads"), (files[2], "two pushes")):
+            for (kind, _), a, b in zip(kinds, files[0], got):
+                expect(a == b, "%s: %s change the bytes" % (kind, how))
+        expect(min(len(f) for f in files[0]) > 1000000, "they are small")
+
+
+def windows():
+    """Windows side by side have the lines of the whole, cut at their borders."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, out = survey(base, 40000), os.path.join(base, "l.gpkg")
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("fetch", job, "-o", out, "--interval", "1").ok()
+        whole = read_gpkg(out)
+        want, got = defaultdict(float), defaultdict(float)
+        for line in whole:
+            want[line.height] += line.length
+        total = 0
+        for i, (x1, x2) in enumerate(((499990, 500060.5), (500060.5, 500120), (500120, 500300))):
+            box = "%s,5399990,%s,5400300" % (x1, x2)
+            if i == 1:
+                d.ctl("mesh", las, "--bbox", box, "-o", out, "--interval", "1").ok()
+            else:
+                d.ctl("fetch", job, "--bbox", box, "-o", out, "--interval", "1").ok()
+            cut = 0
+            for line in read_gpkg(out):
+                got[line.height] += line.length
+                expect(all(x1 <= p[0] <= x2 for p in line.points), "a point outside of the window")
+                cut += sum(p[0] in (x1, x2) for p in (line.points[0], line.points[-1]) if not line.closed)
+            expect(cut > 20, "%d ends at the border of the window" % cut)
+            total += cut
+        for height, length in want.items():
+            expect(near(length, got[height]), "%s: %.9f in windows, %.9f" % (height, got[height], length))
+
+
+def memory():
+    """All three at once of a mesh of millions of triangles, with several levels an edge."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="256M") as d:
+        points = 3000000 if os.environ.get("ACUT_CONTOURS_LONG") else 150000
+        d.ctl("push", "s", survey(base, points)).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "0.5")]
+        # A process of its own, which is small: a child begins with the peak of its parent.
+        p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, "fetch", job, "--quiet", *outs], env={"ACUT_SOCKET": d.socket}).ok()
+        peak = int(p.out.split()[-1]) << 10
+        with sqlite3.connect(os.path.join(base, "l.gpkg")) as lines:
+            n, length = lines.execute("SELECT count(*), sum(length) FROM contours").fetchone()
+        print("     %d lines, %.0f km, %.1f MiB of memory" % (n, length / 1000, peak / (1 << 20)))
+        expect(e2e.sanitized() or peak < MEMORY, "%d bytes of memory" % peak)
+        expect(not [n for n in os.listdir(base) if "part" in n], "left behind: %s" % os.listdir(base))
+
+
+def systems():
+    """What a file says of its system."""
+    import crs
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        def files(path, *options):
+            gpkg, geojson = os.path.join(base, "s.gpkg"), os.path.join(base, "s.geojson")
+            d.ctl("mesh", path, *options, "-o", gpkg, "--interval", "0.1", "-o", geojson, "--interval", "0.1").ok()
+            with sqlite3.connect(gpkg) as f:
+                row = f.execute("SELECT c.srs_id, organization, organization_coordsys_id, g.z, g.srs_id FROM gpkg_contents c JOIN gpkg_spatial_ref_sys "
+                                "USING (srs_id) JOIN gpkg_geometry_columns g USING (table_name)").fetchone()
+            with open(geojson) as f:
+                return row, json.load(f).get("crs", {}).get("properties", {}).get("name")
+
+        utm = (25832, "EPSG", 25832, 1, 25832)
+        both = crs.las(os.path.join(base, "a.las"), crs.compound(crs.UTM32, crs.HEIGHT))
+        expect(files(both) == (utm, "urn:ogc:def:crs:EPSG::25832"), str(files(both)))
+        plain = crs.las(os.path.join(base, "b.las"), crs.UTM32)
+        expect(files(plain)[0] == utm, str(files(plain)))
+        none = crs.xyz(os.path.join(base, "c.xyz"))
+        expect(files(none) == ((-1, "NONE", -1, 1, -1), None), str(files(none)))
+        degrees = os.path.join(base, "d.xyz")
+        with open(degrees, "w") as f:
+            for i in range(25):
+                f.write("%.7f %.7f %.2f\n" % (8 + i % 5 * 1e-4, 50 + i // 5 * 1e-4, 100 + i * 0.37))
+        got = files(degrees, "--planar", "--assume-crs", "EPSG:4326")
+        expect(got == ((4326, "EPSG", 4326, 1, 4326), None), str(got))
+
+
+def refused():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, out = survey(base), os.path.join(base, "r.gpkg")
+        area = os.path.join(base, "a.geojson")
+        with open(area, "w") as f:
+            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
+        other = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        for words, args in ((("--interval 1m",), ("mesh", las, "-o", out)),
+                            (("--interval is not a length",), ("mesh", las, "-o", out, "--interval", "0")),
+                            (("--interval is not a length",), ("mesh", las, "-o", out, "--interval", "1x")),
+                            (("--base is not a height",), ("mesh", las, "-o", out, "--interval", "1", "--base", "x")),
+                            (("--index is not a number",), ("mesh", las, "-o", out, "--interval", "1", "--index", "-1")),
+                            (("--interval has no meaning for ply",), ("mesh", las, "-o", out, "--interval", "1", "-o", out + ".ply", "--interval", "1")),
+                            (("--interval has no meaning for dxf",), ("mesh", las, "-o", out + ".dxf", "--format", "dxf", "--interval", "1")),
+                            (("--polyface has no meaning for dxf-contours",), ("mesh", las, "-o", out + ".dxf", "--interval", "1", "--polyface")),
+                            (("--origin has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--origin", "auto")),
+                            (("--canonical has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--canonical")),
+                            (("--tile has no meaning for gpkg", "--bbox"), ("fetch", job, "-o", out + "/", "--format", "gpkg", "--interval", "1", "--tile", "50")),
+                            (("--changed-since has no meaning for gpkg",), ("fetch", other, "-o", out, "--interval", "1", "--changed-since", "1")),
+                            (("contours cannot be cut by --polygon", "--bbox"), ("mesh", las, "-o", out, "--interval", "1", "--polygon", area)),
+                            (("contours cannot be cut by --polygon", "--bbox"), ("fetch", job, "-o", out, "--interval", "1", "--polygon", area)),
+                            (("too many digits",), ("mesh", las, "-o", out, "--interval", "0.12345678901"))):
+            r = d.ctl(*args)
+            expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
+            expect(not os.path.exists(out), "%s: there is an output" % (args,))
+        low = os.path.join(base, "u.xyz")
+        with open(low, "w") as f:
+            f.write("0 0 1\n10 0 1\n0 10 2\n")
+        r = d.ctl("mesh", low, "-o", out, "--interval", "1m")
+        expect(r.status == 2 and "--assume-units" in r.err and not os.path.exists(out), r.err)
+        # An interval behind one output is not that of another one.
+        dxf = os.path.join(base, "faces.dxf")
+        d.ctl("mesh", las, "-o", out, "--interval", "1", "-o", dxf).ok()
+        expect(b"3DFACE" in read(dxf) and b"POLYLINE" not in read(dxf), "the surface has become contours")
+        d.ctl("mesh", las, "--interval", "1", "-o", out, "-o", dxf).ok()
+        expect(b"3DFACE" not in read(dxf) and b"POLYLINE" in read(dxf), "an interval before all outputs is of all")
+
+
+if __name__ == "__main__":
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, systems, refused)
