@@ -3,15 +3,15 @@
  * (docs/design/constraints.md, "Snap rounding", has the widths).
  */
 #include "geom.h"
-#include "lines_priv.h"
+#include "snap_priv.h"
 
-bool lines_cross(const struct lines_segment *s, const struct lines_segment *t, int32_t ret[2])
+bool snap_cross(const struct snap_segment *s, const struct snap_segment *t, int32_t ret[2])
 {
 	if (geom_orient(s->a, s->b, t->a) * geom_orient(s->a, s->b, t->b) >= 0 ||
 	    geom_orient(t->a, t->b, s->a) * geom_orient(t->a, t->b, s->b) >= 0)
 		return false;
-	ret[0] = lines_cross_height(s, s->a[0], s->b[0], t);
-	ret[1] = lines_cross_height(s, s->a[1], s->b[1], t);
+	ret[0] = snap_cross_height(s, s->a[0], s->b[0], t);
+	ret[1] = snap_cross_height(s, s->a[1], s->b[1], t);
 	return true;
 }
 
@@ -22,7 +22,7 @@ static geom_i128 floor_div(geom_i128 n, geom_i128 d)
 }
 
 /* za + (zb - za) n / d, where n / d is the part of the line before the crossing; halves are rounded up. */
-int32_t lines_cross_height(const struct lines_segment *s, int32_t za, int32_t zb, const struct lines_segment *other)
+int32_t snap_cross_height(const struct snap_segment *s, int32_t za, int32_t zb, const struct snap_segment *other)
 {
 	int64_t dx = (int64_t)s->b[0] - s->a[0], dy = (int64_t)s->b[1] - s->a[1];
 	int64_t ex = (int64_t)other->b[0] - other->a[0], ey = (int64_t)other->b[1] - other->a[1];
@@ -73,7 +73,7 @@ static bool part_cut(struct part *p, int64_t a, int64_t d, int64_t low, int64_t 
 }
 
 /* In doubled numbers, so that the sides of the pixel are integers. */
-bool lines_meet_pixel(const struct lines_segment *s, const int32_t at[2])
+bool snap_meet_pixel(const struct snap_segment *s, const int32_t at[2])
 {
 	struct part p = {.from = 0, .from_of = 1, .to = 1, .to_of = 1};
 	geom_i128 rest;

@@ -3,7 +3,7 @@
  */
 #include <string.h>
 
-#include "lines_priv.h"
+#include "snap_priv.h"
 
 static void sort_byte(const uint64_t *from, uint64_t *to, size_t n, unsigned words, unsigned by, unsigned shift,
 		      size_t count[256])
@@ -20,11 +20,11 @@ static void sort_byte(const uint64_t *from, uint64_t *to, size_t n, unsigned wor
 		memcpy(to + words * count[from[words * i + by] >> shift & 255]++, from + words * i, words * sizeof(*to));
 }
 
-int lines_sort(struct lines_memory *m, uint64_t *record, size_t n, unsigned words, unsigned by)
+int snap_sort(struct snap_memory *m, uint64_t *record, size_t n, unsigned words, unsigned by)
 {
-	struct lines_array scratch = {.size = words * sizeof(*record)};
+	struct snap_array scratch = {.size = words * sizeof(*record)};
 	uint64_t *from = record, *to;
-	int wrong = lines_array_room(m, &scratch, n);
+	int wrong = snap_array_room(m, &scratch, n);
 
 	if (wrong)
 		return wrong;
@@ -43,15 +43,15 @@ int lines_sort(struct lines_memory *m, uint64_t *record, size_t n, unsigned word
 	}
 	if (from != record)
 		memcpy(record, from, n * words * sizeof(*record));
-	lines_array_done(m, &scratch);
+	snap_array_done(m, &scratch);
 	return 0;
 }
 
-int lines_sort_unique(struct lines_memory *m, struct lines_array *word)
+int snap_sort_unique(struct snap_memory *m, struct snap_array *word)
 {
 	uint64_t *w = word->at;
 	size_t left = 0;
-	int wrong = lines_sort(m, w, word->n, 1, 0);
+	int wrong = snap_sort(m, w, word->n, 1, 0);
 
 	if (wrong)
 		return wrong;

@@ -8,11 +8,11 @@
 
 #include "err.h"
 #include "geom.h"
-#include "lines_priv.h"
+#include "snap_priv.h"
 
 /* Distinct positions, in order: as words, as positions, and the lowest and highest height at each. */
 struct places {
-	struct lines_array word, xy, z;
+	struct snap_array word, xy, z;
 };
 
 /* Sorts as two words. */
@@ -21,15 +21,15 @@ struct crossing {
 };
 
 struct round {
-	struct lines_memory memory;
+	struct snap_memory memory;
 	bool highest;
 	struct places vertex, hot; /* of the input; these and the crossings */
-	struct lines_array number; /* of each vertex of the input: its place */
-	struct lines_array end;    /* of each segment: the places of its ends, the smaller one first */
-	struct lines_array crossing;
-	struct lines_array piece; /* two hot places, as a word */
-	struct lines_set segments;
-	struct lines *ret;
+	struct snap_array number;  /* of each vertex of the input: its place */
+	struct snap_array end;     /* of each segment: the places of its ends, the smaller one first */
+	struct snap_array crossing;
+	struct snap_array piece; /* two hot places, as a word */
+	struct snap_set segments;
+	struct snap *ret;
 };
 
 static struct places places_none(void)
@@ -37,31 +37,31 @@ static struct places places_none(void)
 	return (struct places){{.size = sizeof(uint64_t)}, {.size = 2 * sizeof(int32_t)}, {.size = 2 * sizeof(int32_t)}};
 }
 
-static void places_done(struct lines_memory *m, struct places *p)
+static void places_done(struct snap_memory *m, struct places *p)
 {
-	lines_array_done(m, &p->word);
-	lines_array_done(m, &p->xy);
-	lines_array_done(m, &p->z);
+	snap_array_done(m, &p->word);
+	snap_array_done(m, &p->xy);
+	snap_array_done(m, &p->z);
 }
 
 /* From the words in any order. There are no heights yet. */
-static int places_make(struct lines_memory *m, struct places *p)
+static int places_make(struct snap_memory *m, struct places *p)
 {
-	int wrong = lines_sort_unique(m, &p->word);
+	int wrong = snap_sort_unique(m, &p->word);
 	size_t n = p->word.n;
 
 	if (!wrong && n >= UINT32_MAX)
 		wrong = err_set(m->err, ERR_LIMIT, "the lines have more than %u vertices and crossings", UINT32_MAX);
 	if (!wrong)
-		wrong = lines_array_room(m, &p->xy, n);
+		wrong = snap_array_room(m, &p->xy, n);
 	if (!wrong)
-		wrong = lines_array_room(m, &p->z, n);
+		wrong = snap_array_room(m, &p->z, n);
 	for (size_t i = 0; !wrong && i < n; i++) {
 		uint64_t word = ((const uint64_t *)p->word.at)[i];
 		int32_t *xy = ((int32_t(*)[2])p->xy.at)[i], *z = ((int32_t(*)[2])p->z.at)[i];
 
-		xy[0] = lines_word_x(word);
-		xy[1] = lines_word_y(word);
+		xy[0] = snap_word_x(word);
+		xy[1] = snap_word_y(word);
 		z[0] = INT32_MAX;
 		z[1] = INT32_MIN;
 	}
@@ -100,17 +100,17 @@ static int32_t height_at(const struct round *r, const struct places *p, uint32_t
 
 static int take_vertices(struct round *r, const struct mesh_vertex *v, uint32_t n)
 {
-	int wrong = lines_array_room(&r->memory, &r->vertex.word, n);
+	int wrong = snap_array_room(&r->memory, &r->vertex.word, n);
 
 	for (uint32_t i = 0; !wrong && i < n; i++)
-		((uint64_t *)r->vertex.word.at)[i] = lines_word(v[i].x, v[i].y);
+		((uint64_t *)r->vertex.word.at)[i] = snap_word(v[i].x, v[i].y);
 	r->vertex.word.n = wrong ? 0 : n;
 	if (!wrong)
 		wrong = places_make(&r->memory, &r->vertex);
 	if (!wrong)
-		wrong = lines_array_room(&r->memory, &r->number, n);
+		wrong = snap_array_room(&r->memory, &r->number, n);
 	for (uint32_t i = 0; !wrong && i < n; i++) {
-		uint32_t place = places_find(&r->vertex, lines_word(v[i].x, v[i].y));
+		uint32_t place = places_find(&r->vertex, snap_word(v[i].x, v[i].y));
 
 		((uint32_t *)r->number.at)[i] = place;
 		places_height(&r->vertex, place, v[i].z);
@@ -129,9 +129,9 @@ static int take_vertices(struct round *r, const struct mesh_vertex *v, uint32_t 
 }
 
 /* From words of two numbers to pairs. */
-static int pairs_of_words(struct lines_memory *m, const struct lines_array *word, struct lines_array *ret)
+static int pairs_of_words(struct snap_memory *m, const struct snap_array *word, struct snap_array *ret)
 {
-	int wrong = lines_array_room(m, ret, word->n);
+	int wrong = snap_array_room(m, ret, word->n);
 
 	if (!wrong && word->n >= UINT32_MAX)
 		wrong = err_set(m->err, ERR_LIMIT, "the lines have more than %u pieces", UINT32_MAX);
@@ -152,7 +152,7 @@ static uint64_t pair_word(uint32_t a, uint32_t b)
 
 static int take_segments(struct round *r, const uint32_t (*segment)[2], uint32_t n)
 {
-	struct lines_array word = {.size = sizeof(uint64_t)};
+	struct snap_array word = {.size = sizeof(uint64_t)};
 	const uint32_t *number = r->number.at;
 	int wrong = 0;
 
@@ -163,40 +163,40 @@ static int take_segments(struct round *r, const uint32_t (*segment)[2], uint32_t
 		if (a == b)
 			r->ret->points++;
 		else
-			wrong = lines_array_add(&r->memory, &word, &both);
+			wrong = snap_array_add(&r->memory, &word, &both);
 	}
 	r->ret->doubled = (uint32_t)word.n;
 	if (!wrong)
-		wrong = lines_sort_unique(&r->memory, &word);
+		wrong = snap_sort_unique(&r->memory, &word);
 	r->ret->doubled -= (uint32_t)word.n;
 	if (!wrong)
 		wrong = pairs_of_words(&r->memory, &word, &r->end);
-	lines_array_done(&r->memory, &word);
-	lines_array_done(&r->memory, &r->number);
-	r->segments = (struct lines_set){r->vertex.xy.at, r->end.at, (uint32_t)r->end.n};
+	snap_array_done(&r->memory, &word);
+	snap_array_done(&r->memory, &r->number);
+	r->segments = (struct snap_set){r->vertex.xy.at, r->end.at, (uint32_t)r->end.n};
 	return wrong;
 }
 
 static int add_crossing(void *ctx, uint32_t i, uint32_t k, const int32_t at[2])
 {
 	struct round *r = ctx;
-	struct lines_segment s = lines_segment_of(&r->segments, i), t = lines_segment_of(&r->segments, k);
+	struct snap_segment s = snap_segment_of(&r->segments, i), t = snap_segment_of(&r->segments, k);
 	const uint32_t *si = r->segments.end[i], *ti = r->segments.end[k];
-	int32_t a = lines_cross_height(&s, height_at(r, &r->vertex, si[0]), height_at(r, &r->vertex, si[1]), &t);
-	int32_t b = lines_cross_height(&t, height_at(r, &r->vertex, ti[0]), height_at(r, &r->vertex, ti[1]), &s);
-	struct crossing c = {lines_word(at[0], at[1]), a < b ? lines_word(a, b) : lines_word(b, a)};
+	int32_t a = snap_cross_height(&s, height_at(r, &r->vertex, si[0]), height_at(r, &r->vertex, si[1]), &t);
+	int32_t b = snap_cross_height(&t, height_at(r, &r->vertex, ti[0]), height_at(r, &r->vertex, ti[1]), &s);
+	struct crossing c = {snap_word(at[0], at[1]), a < b ? snap_word(a, b) : snap_word(b, a)};
 
 	if (r->crossing.n >= UINT32_MAX)
 		return err_set(r->memory.err, ERR_LIMIT, "the lines cross more than %u times", UINT32_MAX);
-	return lines_array_add(&r->memory, &r->crossing, &c);
+	return snap_array_add(&r->memory, &r->crossing, &c);
 }
 
 static int find_crossings(struct round *r)
 {
-	int wrong = lines_join_pairs(&r->memory, &r->segments, add_crossing, r);
+	int wrong = snap_join_pairs(&r->memory, &r->segments, add_crossing, r);
 
 	for (unsigned by = 2; by-- > 0 && !wrong;)
-		wrong = lines_sort(&r->memory, r->crossing.at, r->crossing.n, 2, by);
+		wrong = snap_sort(&r->memory, r->crossing.at, r->crossing.n, 2, by);
 	return wrong;
 }
 
@@ -205,7 +205,7 @@ static int make_hot(struct round *r)
 {
 	const struct crossing *c = r->crossing.at;
 	size_t nvertex = r->vertex.word.n;
-	int wrong = lines_array_room(&r->memory, &r->hot.word, nvertex + r->crossing.n);
+	int wrong = snap_array_room(&r->memory, &r->hot.word, nvertex + r->crossing.n);
 	uint64_t *word = r->hot.word.at;
 
 	if (wrong)
@@ -223,8 +223,8 @@ static int make_hot(struct round *r)
 	for (size_t i = 0; i < r->crossing.n; i++) {
 		uint32_t place = places_find(&r->hot, c[i].place);
 
-		places_height(&r->hot, place, lines_word_x(c[i].heights));
-		places_height(&r->hot, place, lines_word_y(c[i].heights));
+		places_height(&r->hot, place, snap_word_x(c[i].heights));
+		places_height(&r->hot, place, snap_word_y(c[i].heights));
 	}
 	return 0;
 }
@@ -234,7 +234,7 @@ static int add_meeting(void *ctx, uint32_t i, uint32_t point)
 	void *const *to = ctx;
 	uint64_t word = (uint64_t)i << 32 | point;
 
-	return lines_array_add(to[0], to[1], &word);
+	return snap_array_add(to[0], to[1], &word);
 }
 
 /* The places of one segment, in their order, to that along the segment: by x upwards already, and by y upwards, too. */
@@ -257,15 +257,15 @@ static void order_along(const struct round *r, uint64_t *word, size_t n)
 /* From the pixels that each segment meets to pieces between neighbouring ones. No vertex is on a piece. */
 static int make_pieces(struct round *r)
 {
-	struct lines_array met = {.size = sizeof(uint64_t)};
+	struct snap_array met = {.size = sizeof(uint64_t)};
 	void *to_met[2] = {&r->memory, &met};
-	int wrong = lines_join_pixels(&r->memory, &r->segments, r->hot.xy.at, (uint32_t)r->hot.xy.n, add_meeting, to_met);
+	int wrong = snap_join_pixels(&r->memory, &r->segments, r->hot.xy.at, (uint32_t)r->hot.xy.n, add_meeting, to_met);
 	uint64_t *word = met.at;
 
 	if (!wrong)
-		wrong = lines_sort(&r->memory, word, met.n, 1, 0);
+		wrong = snap_sort(&r->memory, word, met.n, 1, 0);
 	for (size_t from = 0, to; !wrong && from < met.n; from = to) {
-		struct lines_segment s = lines_segment_of(&r->segments, (uint32_t)(word[from] >> 32));
+		struct snap_segment s = snap_segment_of(&r->segments, (uint32_t)(word[from] >> 32));
 
 		for (to = from; to < met.n && word[to] >> 32 == word[from] >> 32; to++)
 			;
@@ -274,28 +274,28 @@ static int make_pieces(struct round *r)
 		for (size_t i = from + 1; i < to && !wrong; i++) {
 			uint64_t piece = pair_word((uint32_t)word[i - 1], (uint32_t)word[i]);
 
-			wrong = lines_array_add(&r->memory, &r->piece, &piece);
+			wrong = snap_array_add(&r->memory, &r->piece, &piece);
 		}
 	}
-	lines_array_done(&r->memory, &met);
-	return wrong ? wrong : lines_sort_unique(&r->memory, &r->piece);
+	snap_array_done(&r->memory, &met);
+	return wrong ? wrong : snap_sort_unique(&r->memory, &r->piece);
 }
 
 static int give_result(struct round *r)
 {
-	struct lines_array vertex = {.size = sizeof(struct mesh_vertex)}, piece = {.size = 2 * sizeof(uint32_t)};
-	struct lines_array crossing = {.size = sizeof(struct lines_crossing)};
+	struct snap_array vertex = {.size = sizeof(struct mesh_vertex)}, piece = {.size = 2 * sizeof(uint32_t)};
+	struct snap_array crossing = {.size = sizeof(struct snap_crossing)};
 	size_t n = r->hot.word.n, ncrossing = r->crossing.n;
 	const int32_t(*xy)[2] = r->hot.xy.at;
-	int wrong = lines_array_room(&r->memory, &vertex, n);
+	int wrong = snap_array_room(&r->memory, &vertex, n);
 
 	if (!wrong)
-		wrong = lines_array_room(&r->memory, &crossing, ncrossing);
+		wrong = snap_array_room(&r->memory, &crossing, ncrossing);
 	if (!wrong)
 		wrong = pairs_of_words(&r->memory, &r->piece, &piece);
 	if (wrong) {
-		lines_array_done(&r->memory, &crossing);
-		lines_array_done(&r->memory, &vertex);
+		snap_array_done(&r->memory, &crossing);
+		snap_array_done(&r->memory, &vertex);
 		return wrong;
 	}
 	r->ret->vertex = vertex.at;
@@ -309,16 +309,16 @@ static int give_result(struct round *r)
 	for (size_t i = 0; i < ncrossing; i++) {
 		const struct crossing *c = (const struct crossing *)r->crossing.at + i;
 
-		r->ret->crossing[i] = (struct lines_crossing){lines_word_x(c->place), lines_word_y(c->place),
-							      lines_word_x(c->heights), lines_word_y(c->heights)};
+		r->ret->crossing[i] = (struct snap_crossing){snap_word_x(c->place), snap_word_y(c->place),
+							     snap_word_x(c->heights), snap_word_y(c->heights)};
 	}
 	return 0;
 }
 
-int lines_round(const struct mesh_vertex *v, uint32_t nvertex, const uint32_t (*segment)[2], uint32_t nsegment, bool highest,
-		uint64_t memory, struct lines *ret, struct err *err)
+int snap_round(const struct mesh_vertex *v, uint32_t nvertex, const uint32_t (*segment)[2], uint32_t nsegment, bool highest,
+	       uint64_t memory, struct snap *ret, struct err *err)
 {
-	struct lines made = {0};
+	struct snap made = {0};
 	struct round r = {.memory = {memory, memory, err},
 			  .highest = highest,
 			  .vertex = places_none(),
@@ -342,19 +342,19 @@ int lines_round(const struct mesh_vertex *v, uint32_t nvertex, const uint32_t (*
 		wrong = give_result(&r);
 	places_done(&r.memory, &r.vertex);
 	places_done(&r.memory, &r.hot);
-	lines_array_done(&r.memory, &r.number);
-	lines_array_done(&r.memory, &r.end);
-	lines_array_done(&r.memory, &r.crossing);
-	lines_array_done(&r.memory, &r.piece);
+	snap_array_done(&r.memory, &r.number);
+	snap_array_done(&r.memory, &r.end);
+	snap_array_done(&r.memory, &r.crossing);
+	snap_array_done(&r.memory, &r.piece);
 	if (!wrong)
 		*ret = made;
 	return wrong;
 }
 
-void lines_done(struct lines *l)
+void snap_done(struct snap *l)
 {
 	free(l->vertex);
 	free(l->piece);
 	free(l->crossing);
-	*l = (struct lines){0};
+	*l = (struct snap){0};
 }

@@ -3,7 +3,7 @@
  * shares nothing with the product, of large numbers their crossings and heights alone; all sets in two orders and directions,
  * against the definition of each crossing, and by the kernel, which refuses pieces that cross.
  *
- *   fuzz-lines [CASES [SEED]]
+ *   fuzz-snap [CASES [SEED]]
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 #include "err.h"
 #include "geom.h"
 #include "inputs.h"
-#include "lines.h"
+#include "snap.h"
 #include "repeat.h"
 
 enum { SEGMENTS_MAX = 16, VERTICES_MAX = 2 * SEGMENTS_MAX, HOT_MAX = VERTICES_MAX + SEGMENTS_MAX * SEGMENTS_MAX };
@@ -244,7 +244,7 @@ static void brute_round(const struct set *s, struct brute *b, bool pieces)
 		brute_segment(b, b->segment[i]);
 }
 
-static const char *brute_wrong(const struct brute *b, const struct lines *l, bool pieces)
+static const char *brute_wrong(const struct brute *b, const struct snap *l, bool pieces)
 {
 	uint32_t at[HOT_MAX], npiece = 0;
 
@@ -271,7 +271,7 @@ static const char *brute_wrong(const struct brute *b, const struct lines *l, boo
 }
 
 /* Sorted, nothing twice, and no crossing left: the kernel takes all pieces. */
-static const char *result_wrong(const struct lines *l)
+static const char *result_wrong(const struct snap *l)
 {
 	const char *wrong = NULL;
 	struct tri_pieces *p;
@@ -285,7 +285,7 @@ static const char *result_wrong(const struct lines *l)
 		if (l->piece[i][0] >= l->piece[i][1] || (i && memcmp(l->piece[i], l->piece[i - 1], sizeof(l->piece[i])) == 0))
 			return "pieces are not in order";
 	for (uint32_t i = 0; i < l->ncrossing; i++) {
-		const struct lines_crossing *c = &l->crossing[i], *before = c - (i > 0);
+		const struct snap_crossing *c = &l->crossing[i], *before = c - (i > 0);
 
 		if (c->lower > c->upper || before->x > c->x || (before->x == c->x && before->y > c->y))
 			return "crossings are not in order";
@@ -305,7 +305,7 @@ static const char *result_wrong(const struct lines *l)
 	return wrong;
 }
 
-static bool same(const struct lines *a, const struct lines *b)
+static bool same(const struct snap *a, const struct snap *b)
 {
 	return a->nvertex == b->nvertex && a->npiece == b->npiece && a->ncrossing == b->ncrossing && a->points == b->points &&
 	       a->doubled == b->doubled && a->uneven == b->uneven && a->widest == b->widest &&
@@ -320,25 +320,25 @@ static const char *run_case(const struct set *s, enum family family, uint64_t *s
 	static struct brute brute;
 	static struct err err;
 	struct set other;
-	struct lines l, again;
+	struct snap l, again;
 	const char *wrong;
 
 	err = ERR_INIT;
-	if (lines_round(s->v, s->nvertex, (const uint32_t(*)[2])s->segment, s->nsegment, s->highest, 1 << 20, &l, &err))
+	if (snap_round(s->v, s->nvertex, (const uint32_t(*)[2])s->segment, s->nsegment, s->highest, 1 << 20, &l, &err))
 		return err.message;
 	wrong = result_wrong(&l);
 	*crossings += l.ncrossing;
 	shuffle(s, &other, state);
-	if (!wrong && lines_round(other.v, other.nvertex, (const uint32_t(*)[2])other.segment, other.nsegment, other.highest,
-				  1 << 20, &again, &err) == 0) {
+	if (!wrong && snap_round(other.v, other.nvertex, (const uint32_t(*)[2])other.segment, other.nsegment, other.highest,
+				 1 << 20, &again, &err) == 0) {
 		if (!same(&l, &again))
 			wrong = "depends on the order";
-		lines_done(&again);
+		snap_done(&again);
 	}
 	brute_round(s, &brute, family <= PARALLEL);
 	if (!wrong)
 		wrong = brute_wrong(&brute, &l, family <= PARALLEL);
-	lines_done(&l);
+	snap_done(&l);
 	return wrong;
 }
 

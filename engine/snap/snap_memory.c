@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "err.h"
-#include "lines_priv.h"
+#include "snap_priv.h"
 
-int lines_array_room(struct lines_memory *m, struct lines_array *a, size_t n)
+int snap_array_room(struct snap_memory *m, struct snap_array *a, size_t n)
 {
 	size_t cap = a->cap ? a->cap : 64, fits = m->left / a->size;
 	void *at;
@@ -37,16 +37,16 @@ int lines_array_room(struct lines_memory *m, struct lines_array *a, size_t n)
 	return 0;
 }
 
-int lines_array_add(struct lines_memory *m, struct lines_array *a, const void *item)
+int snap_array_add(struct snap_memory *m, struct snap_array *a, const void *item)
 {
-	int wrong = lines_array_room(m, a, a->n + 1);
+	int wrong = snap_array_room(m, a, a->n + 1);
 
 	if (!wrong)
 		memcpy((unsigned char *)a->at + a->n++ * a->size, item, a->size);
 	return wrong;
 }
 
-void lines_array_done(struct lines_memory *m, struct lines_array *a)
+void snap_array_done(struct snap_memory *m, struct snap_array *a)
 {
 	m->left += a->cap * a->size;
 	free(a->at);

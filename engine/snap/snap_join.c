@@ -6,7 +6,7 @@
  * other half. So the memory is 4 bytes for each segment and point.
  */
 #include "geom.h"
-#include "lines_priv.h"
+#include "snap_priv.h"
 
 enum {
 	FEW = 12,             /* segments that are compared each with each */
@@ -20,10 +20,10 @@ struct box {
 };
 
 struct join {
-	const struct lines_set *set;
-	lines_pair_fn pair;
+	const struct snap_set *set;
+	snap_pair_fn pair;
 	const int32_t (*point)[2];
-	lines_point_fn found;
+	snap_point_fn found;
 	void *ctx;
 };
 
@@ -63,7 +63,7 @@ static struct box box_half(const struct box *b, unsigned upper)
 	return half;
 }
 
-static struct box box_of_segment(const struct lines_segment *s)
+static struct box box_of_segment(const struct snap_segment *s)
 {
 	struct box b;
 
@@ -75,7 +75,7 @@ static struct box box_of_segment(const struct lines_segment *s)
 }
 
 /* False only if the segment does not meet the pixels of the box: their boxes are apart, or the box is on one side. */
-static bool box_meets(const struct box *b, const struct lines_segment *s)
+static bool box_meets(const struct box *b, const struct snap_segment *s)
 {
 	int64_t dx = (int64_t)s->b[0] - s->a[0], dy = (int64_t)s->b[1] - s->a[1];
 	int64_t x[2], y[2];
@@ -108,7 +108,7 @@ static uint32_t gather_segments(const struct join *j, uint32_t *list, uint32_t n
 	uint32_t front = 0;
 
 	for (uint32_t i = 0; i < n; i++) {
-		struct lines_segment s = lines_segment_of(j->set, list[i]);
+		struct snap_segment s = snap_segment_of(j->set, list[i]);
 
 		if (box_meets(b, &s))
 			swap(&list[front++], &list[i]);
@@ -132,14 +132,14 @@ static int compare_pairs(const struct join *j, const uint32_t *list, uint32_t n,
 	int wrong = 0;
 
 	for (uint32_t i = 0; i < n && !wrong; i++) {
-		struct lines_segment s = lines_segment_of(j->set, list[i]);
+		struct snap_segment s = snap_segment_of(j->set, list[i]);
 		struct box around = box_of_segment(&s);
 
 		for (uint32_t k = i + 1; k < n && !wrong; k++) {
-			struct lines_segment t = lines_segment_of(j->set, list[k]);
+			struct snap_segment t = snap_segment_of(j->set, list[k]);
 			int32_t at[2];
 
-			if (box_meets(&around, &t) && lines_cross(&s, &t, at) && box_has(b, at))
+			if (box_meets(&around, &t) && snap_cross(&s, &t, at) && box_has(b, at))
 				wrong = j->pair(j->ctx, list[i], list[k], at);
 		}
 	}
@@ -195,10 +195,10 @@ static int points_in(const struct join *j, uint32_t *list, uint32_t n, uint32_t 
 		return 0;
 	if (npoint == 1 || (uint64_t)n * npoint <= FEW_COMPARISONS) {
 		for (uint32_t i = 0; i < n && !wrong; i++) {
-			struct lines_segment s = lines_segment_of(j->set, list[i]);
+			struct snap_segment s = snap_segment_of(j->set, list[i]);
 
 			for (uint32_t k = 0; k < npoint && !wrong; k++)
-				if (lines_meet_pixel(&s, j->point[points[k]]))
+				if (snap_meet_pixel(&s, j->point[points[k]]))
 					wrong = j->found(j->ctx, list[i], points[k]);
 		}
 		return wrong;
@@ -212,33 +212,33 @@ static int points_in(const struct join *j, uint32_t *list, uint32_t n, uint32_t 
 	return wrong;
 }
 
-static int list_all(struct lines_memory *m, uint32_t n, struct lines_array *ret)
+static int list_all(struct snap_memory *m, uint32_t n, struct snap_array *ret)
 {
-	int wrong = lines_array_room(m, ret, n);
+	int wrong = snap_array_room(m, ret, n);
 
 	for (uint32_t i = 0; !wrong && i < n; i++)
 		((uint32_t *)ret->at)[i] = i;
 	return wrong;
 }
 
-int lines_join_pairs(struct lines_memory *m, const struct lines_set *set, lines_pair_fn found, void *ctx)
+int snap_join_pairs(struct snap_memory *m, const struct snap_set *set, snap_pair_fn found, void *ctx)
 {
 	struct join j = {.set = set, .pair = found, .ctx = ctx};
-	struct lines_array list = {.size = sizeof(uint32_t)};
+	struct snap_array list = {.size = sizeof(uint32_t)};
 	struct box all = {{INT32_MIN, INT32_MIN}, {INT32_MAX, INT32_MAX}};
 	int wrong = list_all(m, set->n, &list);
 
 	if (!wrong)
 		wrong = pairs_in(&j, list.at, set->n, &all, (struct growth){256, 0});
-	lines_array_done(m, &list);
+	snap_array_done(m, &list);
 	return wrong;
 }
 
-int lines_join_pixels(struct lines_memory *m, const struct lines_set *set, const int32_t (*point)[2], uint32_t npoint,
-		      lines_point_fn found, void *ctx)
+int snap_join_pixels(struct snap_memory *m, const struct snap_set *set, const int32_t (*point)[2], uint32_t npoint,
+		     snap_point_fn found, void *ctx)
 {
 	struct join j = {.set = set, .point = point, .found = found, .ctx = ctx};
-	struct lines_array list = {.size = sizeof(uint32_t)}, points = {.size = sizeof(uint32_t)};
+	struct snap_array list = {.size = sizeof(uint32_t)}, points = {.size = sizeof(uint32_t)};
 	struct box all = box_of(point, npoint);
 	int wrong = list_all(m, set->n, &list);
 
@@ -246,7 +246,7 @@ int lines_join_pixels(struct lines_memory *m, const struct lines_set *set, const
 		wrong = list_all(m, npoint, &points);
 	if (!wrong)
 		wrong = points_in(&j, list.at, set->n, points.at, npoint, &all);
-	lines_array_done(m, &points);
-	lines_array_done(m, &list);
+	snap_array_done(m, &points);
+	snap_array_done(m, &list);
 	return wrong;
 }

@@ -13,19 +13,19 @@
 #include "check.h"
 #include "err.h"
 #include "inputs.h"
-#include "lines.h"
+#include "snap.h"
 
-static struct lines round_of(const struct mesh_vertex *v, uint32_t nv, const uint32_t (*segment)[2], uint32_t n, bool highest)
+static struct snap round_of(const struct mesh_vertex *v, uint32_t nv, const uint32_t (*segment)[2], uint32_t n, bool highest)
 {
 	struct err err = ERR_INIT;
-	struct lines l;
+	struct snap l;
 
-	if (lines_round(v, nv, segment, n, highest, UINT64_C(1) << 30, &l, &err))
+	if (snap_round(v, nv, segment, n, highest, UINT64_C(1) << 30, &l, &err))
 		fail_msg("%s", err.message);
 	return l;
 }
 
-static void expect_vertex(const struct lines *l, uint32_t i, int32_t x, int32_t y, int32_t z)
+static void expect_vertex(const struct snap *l, uint32_t i, int32_t x, int32_t y, int32_t z)
 {
 	assert_true(i < l->nvertex);
 	assert_int_equal(l->vertex[i].x, x);
@@ -35,10 +35,10 @@ static void expect_vertex(const struct lines *l, uint32_t i, int32_t x, int32_t 
 
 static void nothing(void **unused)
 {
-	struct lines l = round_of(NULL, 0, NULL, 0, false);
+	struct snap l = round_of(NULL, 0, NULL, 0, false);
 
 	assert_int_equal(l.nvertex + l.npiece + l.ncrossing, 0);
-	lines_done(&l);
+	snap_done(&l);
 }
 
 /* They cross at (3.5, 2.5), which is rounded up; at 3.5 on one line, rounded up, and at -7.5 on the other. */
@@ -48,7 +48,7 @@ static void heights_at_a_crossing(void **unused)
 	const uint32_t segment[][2] = {{1, 0}, {2, 3}};
 
 	for (unsigned highest = 0; highest < 2; highest++) {
-		struct lines l = round_of(v, 4, segment, 2, highest);
+		struct snap l = round_of(v, 4, segment, 2, highest);
 
 		assert_int_equal(l.nvertex, 5);
 		assert_int_equal(l.npiece, 4);
@@ -58,7 +58,7 @@ static void heights_at_a_crossing(void **unused)
 		assert_int_equal(l.crossing[0].y, 3);
 		assert_int_equal(l.crossing[0].lower, -7);
 		assert_int_equal(l.crossing[0].upper, 4);
-		lines_done(&l);
+		snap_done(&l);
 	}
 }
 
@@ -67,7 +67,7 @@ static void counts(void **unused)
 {
 	const struct mesh_vertex v[] = {{0, 0, 5}, {10, 0, 6}, {10, 0, 9}, {20, 0, 7}, {20, 0, 8}, {0, 0, 5}};
 	const uint32_t segment[][2] = {{0, 1}, {2, 3}, {1, 5}, {3, 4}, {3, 1}};
-	struct lines l = round_of(v, 6, segment, 5, true);
+	struct snap l = round_of(v, 6, segment, 5, true);
 
 	assert_int_equal(l.nvertex, 3);
 	assert_int_equal(l.npiece, 2);
@@ -78,7 +78,7 @@ static void counts(void **unused)
 	assert_int_equal(l.widest, 3);
 	assert_int_equal(l.widest_at[0], 10);
 	expect_vertex(&l, 1, 10, 0, 9);
-	lines_done(&l);
+	snap_done(&l);
 }
 
 /* A vertex on a line divides it; lines on each other become one; the height of a vertex stays. */
@@ -86,13 +86,13 @@ static void touching_and_overlapping(void **unused)
 {
 	const struct mesh_vertex v[] = {{0, 0, 0}, {9, 9, 90}, {3, 3, -1}, {3, 8, 0}, {6, 6, 0}, {12, 12, 0}};
 	const uint32_t segment[][2] = {{0, 1}, {2, 3}, {4, 5}};
-	struct lines l = round_of(v, 6, segment, 3, false);
+	struct snap l = round_of(v, 6, segment, 3, false);
 
 	assert_int_equal(l.nvertex, 6);
 	assert_int_equal(l.npiece, 5);
 	assert_int_equal(l.ncrossing, 0);
 	expect_vertex(&l, 1, 3, 3, -1);
-	lines_done(&l);
+	snap_done(&l);
 }
 
 static void largest_numbers(void **unused)
@@ -102,12 +102,12 @@ static void largest_numbers(void **unused)
 					{INT32_MIN, INT32_MAX, INT32_MAX},
 					{INT32_MAX, INT32_MIN, INT32_MAX}};
 	const uint32_t segment[][2] = {{0, 1}, {2, 3}};
-	struct lines l = round_of(v, 4, segment, 2, false);
+	struct snap l = round_of(v, 4, segment, 2, false);
 
 	assert_int_equal(l.nvertex, 5);
 	expect_vertex(&l, 2, 0, 0, 0); /* at -0.5, rounded up */
 	assert_int_equal(l.crossing[0].upper, INT32_MAX);
-	lines_done(&l);
+	snap_done(&l);
 }
 
 /* About n vertices on lines that wander and cross, in vertices 1,000 apart. */
@@ -139,7 +139,7 @@ static uint32_t wander(uint32_t n, uint32_t per_line, struct mesh_vertex **ret_v
 }
 
 /* The kernel takes all pieces, so none crosses another one or a vertex. */
-static void expect_pieces(const struct lines *l)
+static void expect_pieces(const struct snap *l)
 {
 	struct tri *t = check_tri(l->vertex, l->nvertex);
 	struct tri_pieces *p;
@@ -160,11 +160,11 @@ static void a_million_vertices(void **unused)
 	struct mesh_vertex *v;
 	uint32_t(*segment)[2];
 	uint32_t n = wander(1000000, 100, &v, &segment);
-	struct lines l = round_of(v, 1000000, (const uint32_t(*)[2])segment, n, false);
+	struct snap l = round_of(v, 1000000, (const uint32_t(*)[2])segment, n, false);
 
 	assert_true(l.ncrossing > 100000);
 	expect_pieces(&l);
-	lines_done(&l);
+	snap_done(&l);
 	free(segment);
 	free(v);
 }
@@ -179,7 +179,7 @@ static void stars_and_bundles(void **unused)
 	assert_non_null(v);
 	assert_non_null(segment);
 	for (unsigned bundle = 0; bundle < 2; bundle++) {
-		struct lines l;
+		struct snap l;
 
 		for (uint32_t i = 0; i < n; i++) {
 			v[i] = (struct mesh_vertex){bundle ? -1000000000 : 0, bundle ? (int32_t)i * 3 : 0, 0};
@@ -191,7 +191,7 @@ static void stars_and_bundles(void **unused)
 		l = round_of(v, 2 * n, (const uint32_t(*)[2])segment, n, false);
 		assert_int_equal(l.npiece, n);
 		assert_int_equal(l.ncrossing, 0);
-		lines_done(&l);
+		snap_done(&l);
 	}
 	free(segment);
 	free(v);
@@ -207,11 +207,11 @@ static void memory_is_kept(void **unused)
 
 	for (;; memory += memory / 8) {
 		struct err err = ERR_INIT;
-		struct lines l = {.npiece = 77};
-		int wrong = lines_round(v, 20000, (const uint32_t(*)[2])segment, n, false, memory, &l, &err);
+		struct snap l = {.npiece = 77};
+		int wrong = snap_round(v, 20000, (const uint32_t(*)[2])segment, n, false, memory, &l, &err);
 
 		if (!wrong) {
-			lines_done(&l);
+			snap_done(&l);
 			break;
 		}
 		assert_int_equal(wrong, -ERR_LIMIT);
