@@ -152,7 +152,8 @@ static void sort(struct readback_mesh *m)
 			u[j] = t[(most + j) % 3];
 		memcpy(t, u, sizeof(u));
 	}
-	qsort(m->triangle, m->ntriangle, sizeof(*m->triangle), by_numbers);
+	if (m->ntriangle)
+		qsort(m->triangle, m->ntriangle, sizeof(*m->triangle), by_numbers);
 }
 
 static void expect_mesh(const char *page, const struct meshes *m)
