@@ -17,6 +17,7 @@ struct format_lines {
 	bool degrees;              /* x and y are */
 	char name[FORMAT_COMMENT]; /* of the system, one line, "unknown" */
 	char *comments;            /* acut-crs ... acut-digest, lines */
+	char *wkt;                 /* its definition, where it has no number; NULL: none is known */
 	int decimals;              /* of coordinates as text */
 	double box[4];             /* that the head announces: least x y, greatest x y */
 };
