@@ -102,29 +102,19 @@ static int add_comment(void *ctx, const char *text, struct err *err)
 	return 0;
 }
 
-/* A WKT that has heights is not that of heights in another unit. */
-static bool wkt_fits(const struct format_lines *w, const struct acut_mesh_head *head)
-{
-	bool converted = w->opt.z_unit && (!head->unit_z || strcmp(w->opt.z_unit, head->unit_z));
-
-	return head->wkt && *head->wkt && !(converted && head->vertical && *head->vertical);
-}
-
-static int system_of(struct format_lines *w, const struct acut_mesh_head *head, struct err *err)
+/* The definition is of the heights, too, where it has them: not of converted ones. */
+static int system_of(struct format_lines *w, const struct acut_mesh_head *head, const struct contour_options *o, struct err *err)
 {
 	const char *crs = head->crs && *head->crs ? head->crs : "unknown";
-	unsigned long n = 0;
-	char *end = NULL;
+	bool same = o->z_num == o->z_den || !head->vertical || !*head->vertical;
 
 	snprintf(w->name, sizeof(w->name), "%.*s", (int)strcspn(crs, "\n"), crs);
 	w->degrees = head->unit_xy && !strcmp(head->unit_xy, "degree");
-	if (!strncmp(w->name, "EPSG:", 5))
-		n = strtoul(w->name + 5, &end, 10);
-	if (end && (!*end || !strncmp(end, " + ", 3)) && n > 1000 && n < 1000000)
-		w->epsg = (unsigned)n;
-	else if (wkt_fits(w, head) && !(w->wkt = strdup(head->wkt)))
-		return err_set(err, ERR_NOMEM, "no memory for a coordinate system");
-	return 0;
+	w->epsg = head->epsg;
+	if (w->epsg || !head->wkt || !*head->wkt || !same)
+		return 0;
+	w->wkt = strdup(head->wkt);
+	return w->wkt ? 0 : err_set(err, ERR_NOMEM, "no memory for a coordinate system");
 }
 
 static int set_up(struct format_lines *w, const struct acut_mesh_head *head, struct contour_options *to, struct err *err)
@@ -132,7 +122,7 @@ static int set_up(struct format_lines *w, const struct acut_mesh_head *head, str
 	int r = options_of(w, head, to, err);
 
 	if (!r)
-		r = system_of(w, head, err);
+		r = system_of(w, head, to, err);
 	return r ? r : format_comment_head(head, &w->opt, add_comment, w, err);
 }
 

@@ -111,11 +111,16 @@ void sqlite_text(struct sqlite_record *r, const char *text)
 	add(r, 13 + 2 * n, text, n);
 }
 
+void sqlite_text_later(struct sqlite_record *r, const char *text)
+{
+	r->blob = strlen(text);
+	add(r, 13 + 2 * r->blob, NULL, 0);
+}
+
 void sqlite_blob(struct sqlite_record *r, uint64_t bytes)
 {
 	add(r, 12 + 2 * bytes, NULL, 0);
 	r->blob = bytes;
-	r->has_blob = true;
 }
 
 static uint64_t size_of(const struct sqlite_record *r)

@@ -21,13 +21,15 @@ struct sqlite_record {
 	uint8_t types[64], values[6000];
 	size_t ntype, nvalue;
 	uint64_t blob; /* bytes of the last value, which follow the values; 0: it is none */
-	bool has_blob, bad;
+	bool bad;
 };
 void sqlite_null(struct sqlite_record *);
 void sqlite_integer(struct sqlite_record *, int64_t);
 void sqlite_real(struct sqlite_record *, double);
 void sqlite_text(struct sqlite_record *, const char *);
-void sqlite_blob(struct sqlite_record *, uint64_t bytes); /* the last value; the bytes come with sqlite_bytes */
+/* The last value that is not null; its bytes come with sqlite_bytes. */
+void sqlite_text_later(struct sqlite_record *, const char *);
+void sqlite_blob(struct sqlite_record *, uint64_t bytes); /* likewise */
 
 struct sqlite_level {
 	uint8_t page[SQLITE_PAGE];

@@ -4,6 +4,7 @@ outputs; the memory of acutctl; what is refused."""
 import json
 import math
 import os
+import re
 import sqlite3
 import struct
 import subprocess
@@ -319,6 +320,14 @@ def systems():
         expect(files(both) == (utm, "urn:ogc:def:crs:EPSG::25832"), str(files(both)))
         plain = crs.las(os.path.join(base, "b.las"), crs.UTM32)
         expect(files(plain)[0] == utm, str(files(plain)))
+        # Without a number its definition is there.
+        local = re.sub(r',AUTHORITY\["EPSG","\d+"\]', "", crs.UTM32).replace("ETRS89 / UTM zone 32N", "Local grid").replace('"central_meridian",9', '"central_meridian",9.5')
+        own = crs.las(os.path.join(base, "o.las"), local)
+        expect(files(own) == ((100000, "NONE", 100000, 1, 100000), None), str(files(own)))
+        with sqlite3.connect(os.path.join(base, "s.gpkg")) as f:
+            said = f.execute("SELECT definition FROM gpkg_spatial_ref_sys WHERE srs_id = 100000").fetchone()[0]
+            expect('"Local grid"' in said and '"central_meridian",9.5' in said, said)
+            expect(f.execute("PRAGMA integrity_check").fetchall() == [("ok",)], "SQLite finds faults")
         none = crs.xyz(os.path.join(base, "c.xyz"))
         expect(files(none) == ((-1, "NONE", -1, 1, -1), None), str(files(none)))
         degrees = os.path.join(base, "d.xyz")
