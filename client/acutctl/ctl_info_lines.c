@@ -1,6 +1,6 @@
 /* info of a file of lines: acutctl reads it itself, without the daemon, and counts its features. */
 #include <inttypes.h>
-#include <math.h>
+#include <string.h>
 
 #include "ctl.h"
 #include "ctl_info_lines.h"
@@ -78,8 +78,10 @@ static void print(FILE *out, const char *name, const struct lines_info *info, co
 	if (s->all.usable) {
 		term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", s->min[0], s->min[1], s->min[2], s->max[0],
 			   s->max[1], s->max[2]);
+		term_field(out, "  z", "%.15g to %.15g", s->min[2], s->max[2]);
 	} else {
 		term_field(out, "  box", "none");
+		term_field(out, "  z", "none");
 	}
 	for (size_t i = 0; i < s->nlayers; i++) {
 		if (!s->layer[i].layer)
@@ -92,9 +94,8 @@ static void print(FILE *out, const char *name, const struct lines_info *info, co
 	reasons_text(out, "  refused", &s->refused, info->place);
 	if (s->left_out.n)
 		list_text(out, "  left out", &s->left_out, 0);
-	if (s->left_out.n && !s->all.usable)
-		term_field(out, "  hint",
-			   "if it has points, these are read after: ogr2ogr -f CSV -lco GEOMETRY=AS_XYZ points.csv FILE");
+	if (s->left_out.n && !s->all.usable && !strcmp(s->left_out.row[0].name, "points"))
+		term_field(out, "  hint", "its points are read after: ogr2ogr -f CSV -lco GEOMETRY=AS_XYZ points.csv FILE");
 	if (s->empty)
 		term_field(out, "  empty", "%s without geometry", term_count(s->empty, a));
 }
@@ -186,7 +187,11 @@ bool ctl_info_is_lines(const struct program *ctl, const struct ctl_input *in)
 
 int ctl_info_lines(struct program *ctl, const struct ctl_input *in)
 {
-	struct lines_options opt = {.layer = ctl->opt.layer, .kind_field = ctl->opt.kind_field, .csv = ctl->opt.lines};
+	struct lines_options opt = {.layer = ctl->opt.layer,
+				    .kind_field = ctl->opt.kind_field,
+				    .csv = ctl->opt.lines,
+				    .interrupted = session_interrupted,
+				    .ctx = &ctl->session};
 	struct session *session = &ctl->session;
 	struct lines_survey survey = {.nlayers = 0};
 	struct err err = ERR_INIT;

@@ -66,6 +66,21 @@ struct dem_tiler {
 };
 /* In place of dem_finish. */
 int dem_finish_tiles(struct dem *, const struct dem_tiler *, struct err *err);
+/* In place of dem_finish, of DEM_HILLSHADE: rows from the north, two bytes a pixel: grey, and 255, or 0 where there is nothing.
+ */
+struct dem_frame {
+	uint64_t width, height;
+	double side, left, top; /* of a pixel; the centre of the one in the north-west */
+	unsigned epsg;          /* of the plane; 0: it has no number */
+	const char *wkt;        /* likewise, as long as the model; NULL: none is known */
+};
+struct dem_rows {
+	int (*begin)(void *ctx, const struct dem_frame *, struct err *err);
+	int (*row)(void *ctx, const uint8_t *grey, struct err *err);
+	void *ctx;
+};
+enum { DEM_ROW_MOST = 32768 }; /* pixels; -ERR_USAGE beyond */
+int dem_finish_rows(struct dem *, const int32_t box[6], const struct dem_rows *, struct err *err);
 void dem_tiled(struct dem *); /* before dem_head: dem_finish_tiles will come, so the whole may have any size */
 struct dem *dem_free(struct dem *);
 

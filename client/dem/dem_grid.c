@@ -163,15 +163,26 @@ double dem_grid_side(const struct dem_grid *g)
 	return dem_big_double((dem_i128)g->p * g->scale.mantissa, g->scale.exponent, (uint64_t)g->q);
 }
 
-double dem_grid_line(const struct dem_grid *g, int axis, int64_t local)
+/* Half pixels from absolute 0, as a coordinate. */
+static double coordinate(const struct dem_grid *g, dem_i128 halves)
 {
-	/* first + local is below 2^53, p below 2^58; the scale's digits come apart so that all fits */
+	/* below 2^55 times p below 2^58; the scale's digits come apart so that all fits */
 	struct decimal s = g->scale;
-	dem_i128 n = (dem_i128)(g->first[axis] + local) * g->p;
+	dem_i128 n = halves * g->p;
 
 	if (s.mantissa == 1)
-		return dem_big_double(n, s.exponent, (uint64_t)g->q);
+		return dem_big_double(n, s.exponent, 2 * (uint64_t)g->q);
 	if (n > -((dem_i128)1 << 63) && n < (dem_i128)1 << 63)
-		return dem_big_double(n * s.mantissa, s.exponent, (uint64_t)g->q);
-	return dem_big_double(n, s.exponent, (uint64_t)g->q) * (double)s.mantissa;
+		return dem_big_double(n * s.mantissa, s.exponent, 2 * (uint64_t)g->q);
+	return dem_big_double(n, s.exponent, 2 * (uint64_t)g->q) * (double)s.mantissa;
+}
+
+double dem_grid_line(const struct dem_grid *g, int axis, int64_t local)
+{
+	return coordinate(g, 2 * (dem_i128)(g->first[axis] + local));
+}
+
+double dem_grid_centre(const struct dem_grid *g, int axis, int64_t local)
+{
+	return coordinate(g, 2 * (dem_i128)(g->first[axis] + local) + 1);
 }

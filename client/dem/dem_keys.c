@@ -59,6 +59,13 @@ static void put(struct dem_keys *k, unsigned key, unsigned tag, unsigned count, 
 	k->key[3]++;
 }
 
+unsigned dem_keys_epsg(const struct dem *d)
+{
+	const char *plus = strstr(d->crs, " + ");
+
+	return epsg_of(d->crs, plus ? (size_t)(plus - d->crs) : strlen(d->crs));
+}
+
 static void cite(struct dem_keys *k, unsigned key, const char *head, const char *text)
 {
 	size_t at = strlen(k->text);
@@ -94,6 +101,11 @@ static void put_heights(struct dem_keys *k, const char *heights, const char *uni
 static bool wkt_fits(const struct dem *d, bool heights, bool vertical)
 {
 	return d->wkt && strlen(d->wkt) < WKT_MOST && !strchr(d->wkt, '|') && (heights || !vertical);
+}
+
+const char *dem_keys_wkt(const struct dem *d)
+{
+	return wkt_fits(d, false, strstr(d->crs, " + ") != NULL) ? d->wkt : NULL;
 }
 
 void dem_keys_make(struct dem_keys *k, const struct dem *d)

@@ -52,7 +52,8 @@ struct dem_rect {
 /* The pixels that `box` has a part of, clipped; one pixel if there are none. */
 struct dem_rect dem_grid_rect(const struct dem_grid *, const int32_t box[6]);
 double dem_grid_side(const struct dem_grid *);
-double dem_grid_line(const struct dem_grid *, int axis, int64_t local); /* coordinate of the low border of a local pixel */
+double dem_grid_centre(const struct dem_grid *, int axis, int64_t local); /* coordinate of the centre of a local pixel */
+double dem_grid_line(const struct dem_grid *, int axis, int64_t local);   /* coordinate of the low border of a local pixel */
 
 /* Rounded down and up; d > 0. Quotients of more than 62 bits are cut to them. */
 static inline int64_t dem_div_down(dem_i128 n, dem_i128 d)
@@ -168,6 +169,8 @@ struct dem_keys {
 	unsigned n;                 /* numbers of it */
 	char text[DEM_CITATION];    /* that of all citations, each with its "|" */
 };
+unsigned dem_keys_epsg(const struct dem *);                /* of the plane; 0: none */
+const char *dem_keys_wkt(const struct dem *);              /* NULL: none, or it speaks of heights, too */
 void dem_keys_make(struct dem_keys *, const struct dem *); /* dem_keys.c */
 int dem_tiff_write(const struct dem *, const struct dem_pyramid *, const struct dem_rect *, struct err *err);
 

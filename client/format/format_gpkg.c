@@ -13,8 +13,8 @@
 
 #include "cursor.h"
 #include "err.h"
+#include "format_gpkg_index.h"
 #include "format_lines.h"
-#include "format_sqlite.h"
 #include "outfile.h"
 
 #define APPLICATION 1196444487u /* "GPKG" */
@@ -34,7 +34,7 @@ enum {
 };
 
 /* Tables, and the number of indexes that their constraints make. */
-enum { SYSTEMS, CONTENTS, COLUMNS, FEATURES, TABLES };
+enum { SYSTEMS, CONTENTS, COLUMNS, EXTENSIONS, FEATURES, TABLES };
 static const struct {
 	const char *name, *sql;
 	unsigned indexes;
@@ -55,6 +55,10 @@ static const struct {
 	 "column_name), CONSTRAINT uk_gc_table_name UNIQUE (table_name), CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES "
 	 "gpkg_contents(table_name), CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id))",
 	 2},
+	{"gpkg_extensions",
+	 "CREATE TABLE gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL, definition TEXT NOT NULL, "
+	 "scope TEXT NOT NULL, CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))",
+	 1},
 	{"contours",
 	 "CREATE TABLE contours (fid INTEGER NOT NULL PRIMARY KEY, elevation DOUBLE NOT NULL, \"index\" MEDIUMINT NOT NULL, "
 	 "closed MEDIUMINT NOT NULL, length DOUBLE NOT NULL, geom LINESTRING)",
@@ -66,9 +70,11 @@ struct gpkg {
 	struct sqlite_file file;
 	struct sqlite_table table[TABLES], schema;
 	uint32_t index[TABLES][2]; /* their pages */
-	int32_t system;            /* srs_id */
-	bool own;                  /* it is OWN, a WKT */
-	double box[4];             /* of all lines */
+	struct gpkg_index *boxes;
+	uint32_t box_page[3];
+	int32_t system; /* srs_id */
+	bool own;       /* it is OWN, a WKT */
+	double box[4];  /* of all lines */
 	uint64_t lines;
 };
 
@@ -137,6 +143,8 @@ static int put_line(struct gpkg *g, const struct contour_line *line, struct err 
 	rc = sqlite_row(&g->file, &g->table[FEATURES], ++g->lines, &r, err);
 	if (!rc)
 		rc = sqlite_bytes(&g->file, head, n, err);
+	if (!rc)
+		rc = gpkg_index_add(g->boxes, g->lines, line->box, err);
 	for (int i = 0; i < 4; i++)
 		g->box[i] = i < 2 ? fmin(g->box[i], line->box[i]) : fmax(g->box[i], line->box[i]);
 	return rc ? rc : put_points(g, line, err);
@@ -241,6 +249,27 @@ static int put_columns(struct gpkg *g, struct err *err)
 	return rc ? rc : sqlite_index(&g->file, &one, 1, &g->index[COLUMNS][1], err);
 }
 
+static int put_extensions(struct gpkg *g, struct err *err)
+{
+	struct sqlite_record r = {0}, index = {0};
+	int rc;
+
+	for (int i = 0; i < 2; i++) {
+		struct sqlite_record *to = i ? &index : &r;
+
+		sqlite_text(to, "contours");
+		sqlite_text(to, "geom");
+		sqlite_text(to, GPKG_INDEX_EXTENSION);
+	}
+	sqlite_text(&r, GPKG_INDEX_DEFINITION);
+	sqlite_text(&r, "write-only");
+	sqlite_integer(&index, 1);
+	rc = sqlite_row(&g->file, &g->table[EXTENSIONS], 1, &r, err);
+	if (!rc)
+		rc = sqlite_table_end(&g->file, &g->table[EXTENSIONS], err);
+	return rc ? rc : sqlite_index(&g->file, &index, 1, &g->index[EXTENSIONS][0], err);
+}
+
 static int put_schema_row(struct gpkg *g, uint64_t number, const char *type, const char *name, const char *table, uint32_t page,
 			  const char *sql, struct err *err)
 {
@@ -271,6 +300,11 @@ static int put_schema(struct gpkg *g, struct err *err)
 			r = put_schema_row(g, ++number, "index", name, tables[i].name, g->index[i][k], NULL, err);
 		}
 	}
+	for (int i = 0; i < 10 && !r; i++) {
+		const struct gpkg_index_sql *s = i < 3 ? &gpkg_index_shadows[i] : &gpkg_index_rest[i - 3];
+
+		r = put_schema_row(g, ++number, s->type, s->name, s->table, i < 3 ? g->box_page[i] : 0, s->sql, err);
+	}
 	return r ? r : sqlite_end(&g->file, &g->schema, APPLICATION, VERSION, err);
 }
 
@@ -285,13 +319,19 @@ static int put_file(struct gpkg *g, struct err *err)
 	if (!r)
 		r = sqlite_table_new(&g->schema, err);
 	if (!r)
+		r = gpkg_index_new(g->w->out, g->w->box, &g->boxes, err);
+	if (!r)
 		r = put_lines(g, err);
+	if (!r)
+		r = gpkg_index_write(g->boxes, &g->file, g->box_page, err);
 	if (!r)
 		r = put_systems(g, err);
 	if (!r)
 		r = put_contents(g, err);
 	if (!r)
 		r = put_columns(g, err);
+	if (!r)
+		r = put_extensions(g, err);
 	return r ? r : put_schema(g, err);
 }
 
@@ -316,8 +356,10 @@ static int put_all(struct format_lines *w, struct err *err)
 		r = outfile_join(w->out, spool, 0, err);
 	for (int i = 0; g && i < TABLES; i++)
 		sqlite_table_done(&g->table[i]);
-	if (g)
+	if (g) {
 		sqlite_table_done(&g->schema);
+		gpkg_index_free(g->boxes);
+	}
 	outfile_free(spool);
 	free(g);
 	return r;

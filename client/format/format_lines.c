@@ -80,6 +80,8 @@ static int options_of(struct format_lines *w, const struct acut_mesh_head *head,
 	for (int i = 0; i < 2 && !r; i++) {
 		to->axis[i] = (struct contour_axis){axis[i].a, axis[i].b, axis[i].e, axis[i].whole, axis[i].scale, axis[i].k};
 		w->decimals = -axis[i].scale.exponent + DECIMALS_MORE;
+		w->box[i] = format_axis_value(&axis[i], head->box[i]);
+		w->box[i + 2] = format_axis_value(&axis[i], head->box[i + 3]);
 	}
 	w->decimals = w->decimals < DECIMALS_MORE ? DECIMALS_MORE : w->decimals > DECIMALS_MOST ? DECIMALS_MOST : w->decimals;
 	return r;

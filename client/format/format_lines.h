@@ -19,6 +19,7 @@ struct format_lines {
 	char name[FORMAT_COMMENT]; /* of the system, one line, "unknown" */
 	char *comments;            /* acut-crs ... acut-digest, lines */
 	int decimals;              /* of coordinates as text */
+	double box[4];             /* that the head announces: least x y, greatest x y */
 };
 
 int format_lines_open(struct outfile *, const struct format_options *, const char *name, void **ret, struct err *err);

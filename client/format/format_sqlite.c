@@ -187,7 +187,7 @@ static int level_new(struct sqlite_table *t, unsigned type, struct err *err)
 
 	if (!l)
 		return err_set(err, ERR_NOMEM, "no memory for a database");
-	l->head = t->first ? FILE_HEADER : 0; /* has one page only */
+	l->head = t->first && type == INTERIOR ? FILE_HEADER : 0;
 	level_clear(l, type);
 	t->level[t->depth++] = l;
 	return 0;
@@ -346,7 +346,7 @@ int sqlite_row(struct sqlite_file *f, struct sqlite_table *t, uint64_t number, c
 	n = varint(head, size);
 	n += varint(head + n, number);
 	to = cell(t->level[0], n + local + (local < size ? 4 : 0));
-	if (!to && !t->first) {
+	if (!to) {
 		r = leaf_end(f, t, err);
 		to = r ? NULL : cell(t->level[0], n + local + (local < size ? 4 : 0));
 	}
@@ -420,7 +420,9 @@ int sqlite_end(struct sqlite_file *f, struct sqlite_table *schema, uint32_t appl
 
 	if (r)
 		return r;
-	at = schema->level[0]->page;
+	if (schema->depth != 2 || !schema->level[1]->ncell)
+		return err_set(err, ERR_INTERNAL, "the schema of a database does not fit its pages");
+	at = schema->level[1]->page;
 	memcpy(at, "SQLite format 3", 16);
 	put16(at + 16, SQLITE_PAGE);
 	at[18] = at[19] = 1; /* a rollback journal */

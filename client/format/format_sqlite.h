@@ -39,7 +39,7 @@ struct sqlite_level {
 };
 struct sqlite_table {
 	uint32_t root; /* its page, which exists; 0: the next one, if there is only one */
-	bool first;    /* of the schema: the root is the first page, behind the header of the file */
+	bool first;    /* the schema, of several pages: the root is the first one, behind the header of the file */
 	uint64_t last; /* row */
 	unsigned depth;
 	struct sqlite_level *level[SQLITE_DEPTH]; /* leaves first */
@@ -64,7 +64,7 @@ int sqlite_table_end(struct sqlite_file *, struct sqlite_table *, struct err *er
 void sqlite_table_done(struct sqlite_table *);
 /* An index on one page; entries in order, each with the number of its row as its last value. *ret: the page. */
 int sqlite_index(struct sqlite_file *, const struct sqlite_record *entry, unsigned n, uint32_t *ret, struct err *err);
-/* The schema, a table on the first page, and the header of the file. */
+/* The schema, and the header of the file. */
 int sqlite_end(struct sqlite_file *, struct sqlite_table *schema, uint32_t application, uint32_t version, struct err *err);
 
 #endif

@@ -98,6 +98,8 @@ static int open_it(struct lines *l, const char *path, const struct lines_options
 	if (strlen(path) >= sizeof l->path)
 		return err_set(err, ERR_USAGE, "the name of a file has more than %zu bytes", sizeof l->path - 1);
 	strcpy(l->path, path);
+	l->interrupted = opt->interrupted;
+	l->ctx = opt->ctx;
 	rc = take_option(opt->layer, "layer", l->layer_name, &l->has_layer, err);
 	if (!rc)
 		rc = take_option(opt->kind_field, "field", l->kind_field, &l->has_kind_field, err);
@@ -162,17 +164,34 @@ bool lines_wants(const struct lines *l, const char *layer)
 	return !l->has_layer || !strcasecmp(l->layer_name, layer);
 }
 
+/* FNV-1a. */
+static uint32_t hash_of(const char *name)
+{
+	uint32_t h = 2166136261u;
+
+	for (size_t i = 0; name[i] && i < LINES_NAME_SIZE - 1; i++)
+		h = (h ^ (uint8_t)name[i]) * 16777619u;
+	return h;
+}
+
+int lines_too_many_layers(struct err *err)
+{
+	err_set(err, ERR_LIMIT, "it has more than %d layers", LINES_LAYERS_MOST);
+	return err_add_hint(err, "copy those that are wanted into a file of their own (ogr2ogr)");
+}
+
 int lines_layer(struct lines *l, const char *name, struct lines_layer **ret, struct err *err)
 {
+	uint32_t hash = hash_of(name);
 	struct lines_layer *new;
 
 	for (size_t i = l->nlayers; i > 0; i--)
-		if (!strncmp(l->layer[i - 1]->name, name, LINES_NAME_SIZE - 1)) {
+		if (l->layer_hash[i - 1] == hash && !strncmp(l->layer[i - 1]->name, name, LINES_NAME_SIZE - 1)) {
 			*ret = l->layer[i - 1];
 			return 0;
 		}
 	if (l->nlayers == LINES_LAYERS_MOST)
-		return err_set(err, ERR_LIMIT, "it has more than %d layers", LINES_LAYERS_MOST);
+		return lines_too_many_layers(err);
 	if (l->nlayers == l->layers_room) {
 		size_t room = l->layers_room ? 2 * l->layers_room : 16;
 		void *more = realloc(l->layer, room * sizeof(*l->layer));
@@ -189,6 +208,7 @@ int lines_layer(struct lines *l, const char *name, struct lines_layer **ret, str
 	new->index = (unsigned)l->nlayers;
 	new->selected = lines_wants(l, new->name);
 	new->crs.wkt = new->crs.from = "";
+	l->layer_hash[l->nlayers] = hash;
 	l->layer[l->nlayers++] = *ret = new;
 	return 0;
 }
@@ -227,7 +247,8 @@ int lines_next(struct lines *l, const struct lines_feature **ret, struct err *er
 	if (l->failed)
 		return err_set(err, ERR_INPUT, "its reading has failed before");
 	do
-		rc = l->ended ? 0 : l->reader->next(l, &more, err);
+		if (!(rc = lines_interrupted(l, err)) && !l->ended)
+			rc = l->reader->next(l, &more, err);
 	while (!rc && more && !l->f.layer->selected);
 	if (!rc && !more && !l->ended) {
 		l->ended = true;
@@ -239,6 +260,11 @@ int lines_next(struct lines *l, const struct lines_feature **ret, struct err *er
 	}
 	*ret = more ? &l->f : NULL;
 	return 0;
+}
+
+int lines_interrupted(const struct lines *l, struct err *err)
+{
+	return l->interrupted && l->interrupted(l->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
 int lines_bad(const struct lines *l, struct err *err, uint64_t place, const char *fmt, ...)
@@ -264,6 +290,9 @@ int lines_refusal(const struct lines *l, const struct lines_feature *f, struct e
 		f->why);
 	if (f->why == lines_no_z)
 		err_add_hint(err, "give its vertices heights before: nothing is draped onto the points");
+	else
+		err_add_hint(err,
+			     "mend it in the program that wrote it (curves become lines there), or choose layers by --layer");
 	err_add_place(err, ERR_NO_OFFSET, where);
 	return err_add_file(err, l->path);
 }

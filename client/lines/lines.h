@@ -25,9 +25,11 @@ enum {
 };
 
 struct lines_options {
-	const char *layer;      /* NULL: all of them */
-	const char *kind_field; /* NULL: features have no kind */
-	bool csv;               /* a text that is no other format is CSV; without it such a text is not recognised */
+	const char *layer;             /* NULL: all of them */
+	const char *kind_field;        /* NULL: features have no kind */
+	int (*interrupted)(void *ctx); /* NULL, or asked now and then: not 0 ends the reading, -ERR_CANCELLED */
+	void *ctx;
+	bool csv; /* a text that is no other format is CSV; without it such a text is not recognised */
 };
 
 /* As found in the file, not looked up. Texts are "" and numbers 0 where the file does not say. */

@@ -119,9 +119,9 @@ static void plain_name(const char *name, char ret[64])
 	ret[n] = 0;
 }
 
-static int no_column(struct lines *l, const char *what, uint64_t line, struct err *err)
+static int bad_names(struct lines *l, uint64_t line, const char *how, const char *what, struct err *err)
 {
-	lines_bad(l, err, line, "there is no column for %s", what);
+	lines_bad(l, err, line, "%s %s", how, what);
 	*err->hint = 0;
 	return err_add_hint(err, "the first line names the columns: x,y,z,name");
 }
@@ -145,7 +145,7 @@ static int read_names(struct lines *l, struct csv *c, struct err *err)
 			if (!name[2] || !strstr(role_names[k], name))
 				continue;
 			if (c->at[k] >= 0)
-				return lines_bad(l, err, line, "two columns can be %s", what[k]);
+				return bad_names(l, line, "two columns can be", what[k], err);
 			c->at[k] = (int)i;
 			if (k == 0 && strstr(" lon longitude ", name))
 				c->layer->crs.degrees = true;
@@ -153,7 +153,7 @@ static int read_names(struct lines *l, struct csv *c, struct err *err)
 	}
 	for (size_t k = 0; !rc && k <= LINE_COLUMN; k++)
 		if (c->at[k] < 0)
-			return no_column(l, what[k], line, err);
+			return bad_names(l, line, "there is no column for", what[k], err);
 	if (!rc && l->has_kind_field && c->at[KIND] < 0) {
 		err_set(err, ERR_INPUT, "it has no column \"%s\"", l->kind_field);
 		return err_add_hint(err, "the first line has the names of the columns");

@@ -117,9 +117,12 @@ static int check_size(struct lines *l, struct err *err)
 /* The path as a URI. */
 static void uri_of(const struct lines *l, char *ret, size_t size)
 {
+	const char *path = l->path;
 	size_t n = (size_t)snprintf(ret, size, "file:");
 
-	for (const char *p = l->path; *p && n + 4 < size; p++)
+	while (path[0] == '/' && path[1] == '/') /* two of them begin the name of a machine */
+		path++;
+	for (const char *p = path; *p && n + 4 < size; p++)
 		n += (size_t)snprintf(ret + n, size - n, strchr("%?#", *p) ? "%%%02x" : "%c", (unsigned char)*p);
 	snprintf(ret + n, size - n, "?mode=ro%s", has_log(l, "-wal") || has_log(l, "-journal") ? "" : "&immutable=1");
 }
@@ -198,7 +201,7 @@ static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct er
 	int rc;
 
 	if (g->n == LINES_LAYERS_MOST)
-		return err_set(err, ERR_LIMIT, "it has more than %d layers", LINES_LAYERS_MOST);
+		return lines_too_many_layers(err);
 	if (g->n == g->room) {
 		size_t room = g->room ? 2 * g->room : 16;
 		void *more = realloc(g->layer, room * sizeof(*g->layer));

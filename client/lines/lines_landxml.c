@@ -331,7 +331,9 @@ static int feed(struct landxml *x, enum XML_Status *ret)
 		return err_set(x->err, ERR_NOMEM, "no memory for XML");
 	if (at >= 0 && x->fed > (uint64_t)at + TAG_MOST)
 		return lines_bad(x->l, x->err, XML_GetCurrentLineNumber(x->parser), "a tag or comment has more than 4 MiB");
-	rc = io_read_some(x->l->fd, buffer, PIECE, x->fed, x->l->path, &n, x->err);
+	rc = lines_interrupted(x->l, x->err);
+	if (!rc)
+		rc = io_read_some(x->l->fd, buffer, PIECE, x->fed, x->l->path, &n, x->err);
 	if (rc)
 		return rc;
 	x->fed += n;

@@ -24,8 +24,7 @@ extern const struct lines_reader lines_shape_reader, lines_geojson_reader, lines
 
 /* Bytes of a file, forwards, with a place to return to. */
 struct lines_source {
-	int fd;
-	const char *name;
+	const struct lines *lines;
 	uint64_t start, line; /* of the buffer in the file; the line of the next byte, from 1 */
 	size_t i, n;
 	bool ended;
@@ -37,11 +36,14 @@ struct lines_source {
 struct lines {
 	char path[4096], layer_name[LINES_NAME_SIZE], kind_field[LINES_NAME_SIZE];
 	bool has_layer, has_kind_field;
+	int (*interrupted)(void *ctx);
+	void *ctx;
 	int fd;
 	uint64_t size;
 	const struct lines_reader *reader;
 	struct lines_info info;
-	struct lines_layer **layer; /* those met so far */
+	struct lines_layer **layer;             /* those met so far, */
+	uint32_t layer_hash[LINES_LAYERS_MOST]; /* and of their names: a drawing asks for each entity */
 	size_t nlayers, layers_room;
 	struct lines_feature f;
 	struct lines_part *part;
@@ -79,10 +81,13 @@ void lines_end(struct lines *);
 
 /* The layer of this name, made if it is new. */
 int lines_layer(struct lines *, const char *name, struct lines_layer **ret, struct err *);
+int lines_too_many_layers(struct err *err);
 /* Features of a layer of this name are wanted. */
 bool lines_wants(const struct lines *, const char *layer);
 /* The file's own name without folder and extension. */
 void lines_stem(const struct lines *, char ret[LINES_NAME_SIZE]);
+/* -ERR_CANCELLED if the caller wants no more. */
+int lines_interrupted(const struct lines *, struct err *err);
 /* -ERR_INPUT with a place like "line 7". */
 __attribute__((format(printf, 4, 5))) int lines_bad(const struct lines *, struct err *, uint64_t place, const char *fmt, ...);
 

@@ -14,8 +14,7 @@ enum { DIGITS = 18, EXPONENT_SHOWN = 6 };
 
 void lines_source_begin(struct lines_source *s, const struct lines *l, struct err *err)
 {
-	s->fd = l->fd;
-	s->name = l->path;
+	s->lines = l;
 	s->start = 0;
 	s->line = 1;
 	s->i = s->n = 0;
@@ -30,7 +29,9 @@ int lines_source_fill(struct lines_source *s)
 		return -1;
 	s->start += s->n;
 	s->i = s->n = 0;
-	s->rc = io_read_some(s->fd, s->buffer, sizeof s->buffer, s->start, s->name, &s->n, s->err);
+	s->rc = lines_interrupted(s->lines, s->err);
+	if (!s->rc)
+		s->rc = io_read_some(s->lines->fd, s->buffer, sizeof s->buffer, s->start, s->lines->path, &s->n, s->err);
 	if (s->rc)
 		s->n = 0;
 	s->ended = !s->rc && !s->n;

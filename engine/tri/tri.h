@@ -39,12 +39,11 @@ enum { TRI_E_FULL = 2 };
 int tri_add(struct tri *, const struct mesh_vertex *, uint32_t n, bool highest);
 uint32_t tri_count(const struct tri *); /* number of vertices, also after TRI_E_FLAT */
 
-/* The result. Vertices are renumbered in curve order; `id` is the index in the input. Triangles [0, ntriangle) include
- * ghosts: corner[i] == TRI_GHOST is the infinite vertex. A link is tri << 3
- *
- * side << 1
- *
- * constrained; link[i] is across from corner[i]. */
+/*
+ * The result. Vertices are renumbered in curve order; `id` is the index in the input. Triangles [0, ntriangle) include
+ * ghosts: corner[i] == TRI_GHOST is the infinite vertex. link[i] is across from corner[i]: the other triangle times 8,
+ * its side times 2, and 1 if the edge is constrained (tri_piece.h).
+ */
 #define TRI_GHOST UINT32_MAX
 struct tri_triangle {
 	uint32_t corner[3];

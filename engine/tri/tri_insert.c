@@ -26,27 +26,6 @@ struct spoke {
 	uint32_t vertex;
 };
 
-/* The sides after and before `link`'s, as shifted in a link: 0, 2, 4. */
-static inline uint32_t side_next(uint32_t side2)
-{
-	return 2 * (9 >> side2 & 3);
-}
-
-static inline uint32_t side_prev(uint32_t side2)
-{
-	return 2 * (18 >> side2 & 3);
-}
-
-static inline uint32_t link_of(const struct tri_triangle *t, uint32_t side2)
-{
-	return t->link[side2 >> 1];
-}
-
-static inline uint32_t corner_of(const struct tri_triangle *t, uint32_t side2)
-{
-	return t->corner[side2 >> 1];
-}
-
 static inline struct spoke spoke_to(const int32_t (*xy)[2], uint32_t vertex, const int32_t p[2])
 {
 	struct spoke s = {(int64_t)xy[vertex][0] - p[0], (int64_t)xy[vertex][1] - p[1], 0, vertex};
@@ -161,9 +140,9 @@ static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t
 		bool go;
 
 		t = &tri[link >> 3];
-		v = corner_of(t, side2);
-		left = link_of(t, side_next(side2));
-		right = link_of(t, side_prev(side2));
+		v = tri_corner_of(t, side2);
+		left = tri_link_of(t, tri_side_next(side2));
+		right = tri_link_of(t, tri_side_prev(side2));
 		if (TRI_UNLIKELY(v == TRI_GHOST))
 			return link >> 3;
 		vx = xy[v][0] - px;
@@ -198,7 +177,7 @@ static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], ui
 	for (;;) {
 		struct tri_triangle *t = &tri[link >> 3], *n;
 		uint32_t side2 = link & 6;
-		struct spoke v = {0, 0, 0, corner_of(t, side2)};
+		struct spoke v = {0, 0, 0, tri_corner_of(t, side2)};
 		bool conflict;
 
 		if (TRI_UNLIKELY(careful || v.vertex == TRI_GHOST)) {
@@ -209,9 +188,9 @@ static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], ui
 			conflict = spoke_conflict(&a, &b, &v);
 		}
 		if (conflict) {
-			uint32_t first = side_next(side2), here = link;
+			uint32_t first = tri_side_next(side2), here = link;
 
-			link = link_of(t, first);
+			link = tri_link_of(t, first);
 			t->link[first >> 1] = top;
 			top = (here & ~7u) | first;
 			b = v;
@@ -230,13 +209,13 @@ static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], ui
 
 		a = b;
 		if (top < STACK_LAST) {
-			uint32_t second = side_next(top & 6);
+			uint32_t second = tri_side_next(top & 6);
 
 			slot = top >> 3;
 			t = &tri[slot];
-			top = link_of(t, top & 6);
-			b.vertex = corner_of(t, side_prev(second));
-			link = link_of(t, second);
+			top = tri_link_of(t, top & 6);
+			b.vertex = tri_corner_of(t, tri_side_prev(second));
+			link = tri_link_of(t, second);
 		} else if (top == STACK_FIRST) {
 			t = &tri[root];
 			slot = fresh + 1;

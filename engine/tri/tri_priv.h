@@ -37,6 +37,27 @@ static inline bool tri_narrow(const struct tri_extent *e)
 	return (int64_t)e->max[0] - e->min[0] <= INT32_MAX && (int64_t)e->max[1] - e->min[1] <= INT32_MAX;
 }
 
+/* The sides after and before one, as they are shifted in a link: 0, 2, 4. */
+static inline uint32_t tri_side_next(uint32_t side2)
+{
+	return 2 * (9 >> side2 & 3);
+}
+
+static inline uint32_t tri_side_prev(uint32_t side2)
+{
+	return 2 * (18 >> side2 & 3);
+}
+
+static inline uint32_t tri_link_of(const struct tri_triangle *t, uint32_t side2)
+{
+	return t->link[side2 >> 1];
+}
+
+static inline uint32_t tri_corner_of(const struct tri_triangle *t, uint32_t side2)
+{
+	return t->corner[side2 >> 1];
+}
+
 /* Inserts vertex nvertex - 1, which is in no triangle yet. False: vertex *ret_same has the same position, and nothing
  * has changed. */
 bool tri_insert_one(struct tri *, bool narrow, uint32_t *ret_same);

@@ -46,17 +46,21 @@ def read_gpkg(path):
     with sqlite3.connect(path) as base:
         expect(base.execute("PRAGMA integrity_check").fetchall() == [("ok",)], "SQLite finds faults")
         expect(not base.execute("PRAGMA foreign_key_check").fetchall(), "foreign keys are wrong")
+        expect(base.execute("SELECT rtreecheck('rtree_contours_geom')").fetchall() == [("ok",)], "the index has faults")
+        boxes = base.execute("SELECT id, minx, maxx, miny, maxy FROM rtree_contours_geom ORDER BY id").fetchall()
         expect(base.execute("PRAGMA application_id").fetchone() == (1196444487,), "not the number of GeoPackage")
         rows = base.execute('SELECT elevation, "index", closed, length, geom FROM contours ORDER BY fid').fetchall()
         box = base.execute("SELECT min_x, min_y, max_x, max_y FROM gpkg_contents WHERE table_name = 'contours'").fetchone()
     lines = []
-    for height, index, closed, length, geom in rows:
+    expect(len(boxes) == len(rows), "%d boxes of %d lines" % (len(boxes), len(rows)))
+    for (height, index, closed, length, geom), box_of in zip(rows, boxes):
         magic, version, flags, _, x1, x2, y1, y2, order, kind, n = struct.unpack_from("<2sBBi4dBII", geom)
         expect((magic, version, flags, order, kind) == (b"GP", 0, 3, 1, 1002), "a geometry begins with %s" % geom[:49])
         expect(len(geom) == 49 + 24 * n, "%d points in %d bytes" % (n, len(geom)))
         points = list(struct.iter_unpack("<3d", geom[49:]))
         expect(all(p[2] == height for p in points), "a height is not that of the line")
         expect([x1, x2, y1, y2] == [f(p[k] for p in points) for k in (0, 1) for f in (min, max)], "the box of a line")
+        expect(box_of[1] <= x1 and x2 <= box_of[2] and box_of[3] <= y1 and y2 <= box_of[4] and box_of[4] - y2 < 2, "a box of the index")
         lines.append(Line(height, index, closed, length, points))
     if lines:
         all_points = [p for line in lines for p in line.points]

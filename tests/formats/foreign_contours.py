@@ -8,6 +8,7 @@ import math
 import os
 import re
 import shutil
+import sqlite3
 import subprocess
 import sys
 from collections import defaultdict
@@ -60,6 +61,15 @@ def gdal_reads_lines():
                 for level, length in want.items():
                     expect(near(found[level], length), "%s: level %d: %.9f, not %.9f" % (kind, level, found[level], length))
             expect(len(counts) == 1 and counts.pop() > 1000, "numbers of lines: %s" % counts)
+        # Edited: the triggers keep the index.
+        for what in ("DELETE FROM contours WHERE fid % 3 = 1", "UPDATE contours SET geom = (SELECT geom FROM contours WHERE fid = 2) WHERE fid = 3",
+                     "INSERT INTO contours (elevation, \"index\", closed, length, geom) SELECT elevation, \"index\", closed, length, geom FROM contours"):
+            e2e.run(["ogrinfo", path["gpkg"], "-sql", what]).ok()
+        with sqlite3.connect(path["gpkg"]) as f:
+            n = f.execute("SELECT count(*) FROM contours").fetchone()
+            expect(f.execute("SELECT count(*) FROM rtree_contours_geom").fetchone() == n and n[0] > 1000, "%s lines" % n)
+            expect(f.execute("SELECT rtreecheck('rtree_contours_geom')").fetchone() == ("ok",), "the index has faults")
+        d.ctl("mesh", las, "-o", path["gpkg"], "--interval", "1").ok()
         for kind in ("gpkg", "geojson"):
             said = e2e.run(["ogrinfo", "-so", "-al", path[kind]]).ok().out
             expect("Geometry: 3D Line String" in said and 'ID["EPSG",32633]' in said, said)

@@ -73,21 +73,21 @@ static const char *check_vertices(const struct tri_result *r, const struct mesh_
 }
 
 /* Triangle t, side i: the edge from corner i + 1 to corner i + 2. */
-static const char *check_side(const struct tri_result *r, uint32_t at, unsigned i)
+static const char *check_side(const struct tri_result *r, uint32_t at, unsigned i, bool pieces)
 {
 	const struct tri_triangle *t = &r->triangle[at], *o;
 	uint32_t link = t->link[i], side = link >> 1 & 3, a = t->corner[(i + 1) % 3], b = t->corner[(i + 2) % 3];
 
-	if (link & 1)
+	if (link & 1 && !pieces)
 		return "a link is marked constrained";
 	if (link >> 3 >= r->ntriangle || side > 2)
 		return "a link leads nowhere";
 	o = &r->triangle[link >> 3];
-	if (o->link[side] != (at << 3 | i << 1))
+	if (o->link[side] != (at << 3 | i << 1 | (link & 1)))
 		return "a link is not mutual";
 	if (o->corner[(side + 1) % 3] != b || o->corner[(side + 2) % 3] != a)
 		return "two linked triangles do not share the edge";
-	if (is_ghost(t) || is_ghost(o))
+	if (is_ghost(t) || is_ghost(o) || link & 1)
 		return NULL;
 	if (geom_incircle(r->xy[t->corner[0]], r->xy[t->corner[1]], r->xy[t->corner[2]], r->xy[o->corner[side]]) > 0)
 		return "a circle is not empty";
@@ -110,7 +110,7 @@ static const char *check_hull(const struct tri_result *r, const struct tri_trian
 	return NULL;
 }
 
-const char *check_result(const struct tri_result *r, const struct mesh_vertex *in, uint32_t n)
+static const char *check_triangles(const struct tri_result *r, const struct mesh_vertex *in, uint32_t n, bool pieces)
 {
 	const char *wrong = check_vertices(r, in, n);
 
@@ -124,7 +124,7 @@ const char *check_result(const struct tri_result *r, const struct mesh_vertex *i
 		for (unsigned k = 0; k < 3; k++) {
 			if (t->corner[k] != TRI_GHOST && t->corner[k] >= n)
 				return "a corner is no vertex";
-			if ((wrong = check_side(r, i, k)))
+			if ((wrong = check_side(r, i, k, pieces)))
 				return wrong;
 		}
 		if (is_ghost(t))
@@ -135,6 +135,93 @@ const char *check_result(const struct tri_result *r, const struct mesh_vertex *i
 			return wrong;
 	}
 	return NULL;
+}
+
+const char *check_result(const struct tri_result *r, const struct mesh_vertex *in, uint32_t n)
+{
+	return check_triangles(r, in, n, false);
+}
+
+static int compare_words(const void *a, const void *b)
+{
+	uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+	return (x > y) - (x < y);
+}
+
+static uint64_t edge_word(uint32_t a, uint32_t b)
+{
+	return a < b ? (uint64_t)a << 32 | b : (uint64_t)b << 32 | a;
+}
+
+static uint32_t sort_unique(uint64_t *word, uint32_t n)
+{
+	uint32_t left = 0;
+
+	qsort(word, n, sizeof(*word), compare_words);
+	for (uint32_t i = 0; i < n; i++)
+		if (!i || word[i] != word[i - 1])
+			word[left++] = word[i];
+	return left;
+}
+
+/* The edges that are marked constrained are the pieces. */
+static const char *check_marks(const struct tri_result *r, const uint32_t (*piece)[2], uint32_t npiece)
+{
+	uint64_t *want = malloc(npiece * sizeof(*want) + 1), *have = malloc(3 * (size_t)r->ntriangle * sizeof(*have));
+	uint32_t nhave = 0, nwant;
+	const char *wrong = NULL;
+
+	for (uint32_t i = 0; i < r->ntriangle; i++)
+		for (unsigned k = 0; k < 3; k++) {
+			const uint32_t *c = r->triangle[i].corner, a = c[(k + 1) % 3], b = c[(k + 2) % 3];
+
+			if (r->triangle[i].link[k] & 1 && (a == TRI_GHOST || b == TRI_GHOST))
+				wrong = "an edge to infinity is marked constrained";
+			else if (r->triangle[i].link[k] & 1)
+				have[nhave++] = edge_word(r->id[a], r->id[b]);
+		}
+	for (uint32_t i = 0; i < npiece; i++)
+		want[i] = edge_word(piece[i][0], piece[i][1]);
+	nwant = sort_unique(want, npiece);
+	nhave = sort_unique(have, nhave);
+	if (!wrong && (nwant != nhave || memcmp(want, have, nwant * sizeof(*want))))
+		wrong = "the constrained edges are not the pieces";
+	free(want);
+	free(have);
+	return wrong;
+}
+
+const char *check_constrained(const struct tri_result *r, const struct mesh_vertex *in, uint32_t n, const uint32_t (*piece)[2],
+			      uint32_t npiece)
+{
+	const char *wrong = check_triangles(r, in, n, true);
+
+	return wrong ? wrong : check_marks(r, piece, npiece);
+}
+
+struct tri *check_tri(const struct mesh_vertex *v, uint32_t n)
+{
+	struct tri_result unused;
+	void *arena;
+
+	if (check_run(v, n, &arena, &unused) == 0)
+		return arena;
+	free(arena);
+	return NULL;
+}
+
+struct tri_pieces *check_pieces(struct tri *t, uint32_t most)
+{
+	size_t bytes = (tri_pieces_bytes(tri_count(t), most) + 63) / 64 * 64;
+	void *memory = aligned_alloc(64, bytes);
+
+	if (!memory) {
+		fprintf(stderr, "no memory for pieces, %zu bytes\n", bytes);
+		exit(1);
+	}
+	memset(memory, 0xa5, bytes);
+	return tri_pieces_init(memory, t, most);
 }
 
 int check_run(const struct mesh_vertex *v, uint32_t n, void **ret_arena, struct tri_result *ret)

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "tri.h"
+#include "tri_piece.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -31,8 +32,17 @@ struct check_sum check_sum_of(const struct tri_result *);
  */
 const char *check_result(const struct tri_result *, const struct mesh_vertex *in, uint32_t n);
 
+/* The same with pieces (pairs of ids): circles need not be empty across edges that are marked constrained, and these are
+ * the pieces. Together: it is the constrained Delaunay triangulation. */
+const char *check_constrained(const struct tri_result *, const struct mesh_vertex *in, uint32_t n, const uint32_t (*piece)[2],
+			      uint32_t npiece);
+
 /* Runs the kernel over v[0..n) in a new arena: returns its status; *ret_arena is to be freed. */
 int check_run(const struct mesh_vertex *v, uint32_t n, void **ret_arena, struct tri_result *ret);
+/* The same; NULL if the positions are flat. */
+struct tri *check_tri(const struct mesh_vertex *v, uint32_t n);
+/* Memory for pieces, to be freed. */
+struct tri_pieces *check_pieces(struct tri *, uint32_t most);
 
 #ifdef __cplusplus
 }

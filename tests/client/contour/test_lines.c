@@ -10,6 +10,10 @@
 #include <stdio.h>
 #include <cmocka.h>
 
+#include "contour_priv.h"
+#include "err.h"
+#include "outfile.h"
+#include "repeat.h"
 #include "surface.h"
 
 /* The levels that are tried, in hundredths: base + i * interval of heights + 50. */
@@ -220,7 +224,7 @@ static void test_brute_force(void **ctx)
 {
 	static const int32_t heights[] = {2, 3, 5, 40}, step[] = {1, 1, 2, 3};
 
-	for (unsigned seed = 0; seed < 3000; seed++) {
+	for (unsigned seed = 0; seed < repeat_cases(3000); seed++) {
 		const struct levels *l = &levels[seed % (sizeof(levels) / sizeof(*levels))];
 		struct way way = {.interval = l->interval, .base = l->base};
 		struct lines one, other;
@@ -314,10 +318,92 @@ static void test_heights(void **ctx)
 	}
 }
 
+/* Quotients at and beside the middle between two doubles, of numbers of all sizes. */
+static void test_nearest(void **ctx)
+{
+	surface_seed(5);
+	for (unsigned i = 0; i < 100000; i++) {
+		int64_t d = (int64_t)surface_random(1ull << 31) << (i % 29) | 3, m = (int64_t)surface_random(1ull << 31) << 22;
+		__int128 middle;
+
+		m |= 1ll << 53; /* of two doubles that are 2 apart, m is the even or the odd one */
+		m = (m | (int64_t)surface_random(1ull << 22)) & ~1ll;
+		middle = (__int128)(m + 1) * d;
+		assert_true(contour_nearest(middle + 1, d) == (double)(m + 2));
+		assert_true(contour_nearest(middle - 1, d) == (double)m);
+		assert_true(contour_nearest(middle, d) == (double)(m % 4 ? m + 2 : m));
+		assert_true(contour_nearest(-middle - 1, d) == -(double)(m + 2));
+		assert_true(contour_nearest(m / 3, d) == (double)(m / 3) / (double)d || d >= 1ll << 53);
+	}
+	assert_true(contour_nearest(0, 7) == 0);
+}
+
+static int always(void *ctx)
+{
+	return 1;
+}
+
+static void test_interrupted(void **ctx)
+{
+	const struct acut_mesh_head head = {.scale_xy = "0.01", .scale_z = "0.01"};
+	struct contour_options opt = {
+		.interval = {{1, -2}, 1, 1}, .base = {{0, 0}, 1, 1}, .z_num = 1, .z_den = 1, .interrupted = always};
+	static const int32_t vertex[3][3] = {{0, 0, 0}, {10, 0, 5}, {0, 10, 9}};
+	static const uint32_t triangle[1][3] = {{0, 1, 2}};
+	const struct acut_mesh_block b = {.nnew = 3, .ntriangle = 1, .triangle = triangle};
+	struct err err = ERR_INIT;
+	struct outfile *out;
+	struct contour *c;
+
+	assert_int_equal(outfile_spool(NULL, &out, &err), 0);
+	assert_int_equal(contour_new(out, &c, &err), 0);
+	assert_int_equal(contour_head(c, &head, &opt, &err), 0);
+	assert_int_equal(contour_block(c, &b, vertex, &err), 0);
+	assert_int_equal(contour_join(c, &err), -ERR_CANCELLED);
+	contour_free(c);
+	outfile_free(out);
+}
+
+/* A triangle that comes twice is no mesh. */
+static void test_no_mesh(void **ctx)
+{
+	struct surface s;
+	struct way way = {.interval = {1, -2}};
+
+	for (uint32_t blocks = 1; blocks < 3; blocks++) {
+		const struct acut_mesh_head head = {.scale_xy = "0.01", .scale_z = "0.01"};
+		struct contour_options opt = {.interval = {way.interval, 1, 1}, .base = {{0, 0}, 1, 1}, .z_num = 1, .z_den = 1};
+		struct acut_mesh_block b = {.ntriangle = blocks == 1 ? 2 : 1};
+		struct err err = ERR_INIT;
+		uint32_t twice[2][3];
+		struct outfile *out;
+		struct contour *c;
+		int r = 0;
+
+		surface_make(&s, 2, 2, 1, 1, false);
+		s.vertex[0][2] = 10;
+		for (int i = 0; i < 2; i++)
+			memcpy(twice[i], s.triangle[0], sizeof(*twice));
+		s.vertex[s.triangle[0][0]][2] = 20;
+		b.nnew = s.nvertex;
+		b.triangle = (const uint32_t(*)[3])twice;
+		assert_int_equal(outfile_spool(NULL, &out, &err), 0);
+		assert_int_equal(contour_new(out, &c, &err), 0);
+		assert_int_equal(contour_head(c, &head, &opt, &err), 0);
+		for (uint32_t i = 0; i < blocks && !r; i++)
+			r = contour_block(c, &b, (const int32_t(*)[3])s.vertex, &err);
+		assert_int_equal(r ? r : contour_join(c, &err), -ERR_PROTO);
+		contour_free(c);
+		outfile_free(out);
+		surface_done(&s);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_brute_force), cmocka_unit_test(test_large),
-					   cmocka_unit_test(test_heights)};
+					   cmocka_unit_test(test_heights),     cmocka_unit_test(test_nearest),
+					   cmocka_unit_test(test_interrupted), cmocka_unit_test(test_no_mesh)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <cmocka.h>
 
+#include "repeat.h"
 #include "surface.h"
 
 /* In coordinates: local lattice numbers are 100 times these, from 10000 and 20000 on. */
@@ -89,7 +90,7 @@ static void check(const struct surface *s, const struct lines *whole, int x0, in
 
 static void test_cut(void **ctx)
 {
-	for (unsigned seed = 0; seed < 400; seed++) {
+	for (unsigned seed = 0; seed < repeat_cases(400); seed++) {
 		struct way way = {.interval = {seed % 2 ? 1 : 15, seed % 2 ? -2 : -3}};
 		double a, b, c, d;
 		struct surface s;

@@ -129,6 +129,50 @@ def systems_are_found():
             {"name": "it has no z", "features": 3, "first": 1, "place": "byte", "at": 100}], str(said))
 
 
+def what_people_read():
+    """The report for people, the failures, and files of points beside them."""
+    with Folder() as base:
+        a = geojson(base + "/l.geojson", lines() + [("LineString", "soft", [[1, 2], [3, 4]]), ("Point", "x", [1, 2, 3])])
+        said = e2e.run([ACUTCTL, "info", "--kind-field", "sort", a]).ok().out
+        for want in ("format    GeoJSON", "features  5: 3 usable, 1 refused", "lines     3 (closed: 1), rings: 0, vertices: 9", "geometry  LineString: 4",
+                     "kinds     hard: 1, soft: 2, lake: 1", "box       500000.25 5400000.5 -2.25 to 500210 5400210 411.25",
+                     "z         -2.25 to 411.25", "crs       EPSG:25832, urn:ogc:def:crs:EPSG::25832 (member crs)", "refused   it has no z: 1 (the first is feature 4, at byte ",
+                     "left out  points: 1"):
+            expect(want in said, "%s\nis not in\n%s" % (want, said))
+        bad = base + "/bad.geojson"
+        with open(a) as f, open(bad, "w") as g:
+            g.write(f.read()[:-20])
+        r = e2e.run([ACUTCTL, "info", bad])
+        expect(r.status == 1 and "bad.geojson: byte " in r.err and "hint: the file is damaged" in r.err, r.err)
+        r = e2e.run([ACUTCTL, "info", bad, a])
+        expect(r.status == 3 and "3 usable" in r.out, r.err)
+        r = e2e.run([ACUTCTL, "info", "--layer", "none", a])
+        expect(r.status == 1 and 'no layer "none"' in r.err and "its layers: l" in r.err, r.err)
+        r = subprocess.run([ACUTCTL, "info", "--lines", "--input-format", "xyz", "-"], input=b"1", stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+        expect(r.returncode == 2 and b"not from pipes" in r.stderr, r.stderr.decode())
+        survey = base + "/s.xyz"
+        with open(survey, "w") as f:
+            f.write("0 0 1\n1 0 2\n0 1 3\n")
+        with e2e.Daemon(base) as d:
+            both = [json.loads(line) for line in d.ctl("info", "--json", a, survey).ok().out.splitlines()]
+        expect(both[0]["format"] == "geojson" and both[1]["format"] == "xyz" and both[1]["records"] == 3, str(both))
+
+
+def contours_come_back():
+    """The contours that acutctl writes are files of lines: the same ones in each format."""
+    with Folder() as base:
+        survey = base + "/s.las"
+        e2e.run([e2e.SYNTH, "--points", "3000", survey]).ok()
+        with e2e.Daemon(base) as d:
+            d.ctl("mesh", survey, "--interval", "2", *[w for name in ("k.geojson", "k.gpkg", "k.dxf") for w in ("-o", base + "/" + name)]).ok()
+        texts = [sorted(ring_key(v[:-1] if kind == "open" and v[0] == v[-1] else v) if kind == "ring" or v[0] == v[-1] else v
+                        for _, _, parts in dump(base + name) for kind, v in parts) for name in ("/k.geojson", "/k.dxf")]
+        expect(len(texts[0]) > 20 and texts[0] == texts[1], "%d and %d lines" % tuple(map(len, texts)))
+        said = [json.loads(e2e.run([ACUTCTL, "info", "--json", base + name]).ok().out) for name in ("/k.geojson", "/k.gpkg")]
+        keys = ("features", "usable", "lines", "closed", "vertices")
+        expect([said[0][k] for k in keys] == [said[1][k] for k in keys], str(said))
+
+
 def real_files():
     data = e2e.data_dir()
     if not data:
@@ -177,4 +221,4 @@ def memory_is_bounded():
 
 if not shutil.which("ogr2ogr"):
     e2e.unavailable("ogr2ogr is not installed (gdal-bin)")
-e2e.main(one_set_in_all_formats, a_drawing, a_table_of_points, systems_are_found, real_files, memory_is_bounded)
+e2e.main(one_set_in_all_formats, a_drawing, a_table_of_points, systems_are_found, what_people_read, contours_come_back, real_files, memory_is_bounded)

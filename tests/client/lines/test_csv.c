@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -73,7 +74,7 @@ static void test_rows(void **state)
 		{"x,y,name\n1,2,3\n", NULL,
 		 "error: line 1: there is no column for z (the first line names the columns: x,y,z,name)\n"},
 		{"x,e,y,z,name\n", NULL,
-		 "error: line 1: two columns can be x (the easting) (the file is damaged, or no CSV; write it again)\n"},
+		 "error: line 1: two columns can be x (the easting) (the first line names the columns: x,y,z,name)\n"},
 		{"x,y,z,name\n1,2,3,a\n\n4,5,six,a\n", NULL,
 		 "error: line 4: z is no number: \"six\" (numbers have a decimal point; a comma only separates)\n"},
 		{"x,y,z,name\n1,2,nan,a\n", NULL,
@@ -103,7 +104,7 @@ static void test_places(void **state)
 	struct err err = ERR_INIT;
 	struct lines *l;
 	char buf[1024];
-	static const char rows[] = "x,y,z,name\n1,2,3,a\n1,2,4,a\n\n# b\n1,2,,b\n";
+	static const char rows[] = "x,y,z,name\n1,2,3,a\n1,2,4,a\n\n# b\n1,2,,b\n1,1,1,c\n";
 
 	lines_case_file("p.csv", rows, sizeof rows - 1);
 	assert_int_equal(lines_open(lines_case_path("p.csv"), &opt, &l, &err), 0);
@@ -116,7 +117,48 @@ static void test_places(void **state)
 	assert_string_equal(err_format(&err, buf, sizeof buf),
 			    "line 6, feature 2: rows of layer p cannot be used: it has no z "
 			    "(give its vertices heights before: nothing is draped onto the points)");
+	assert_int_equal(lines_next(l, &f, &err), 0);
+	err = ERR_INIT;
+	lines_refusal(l, f, &err);
+	assert_non_null(strstr(err_format(&err, buf, sizeof buf),
+			       "line 7, feature 3: rows of layer p cannot be used: a line has fewer than "
+			       "two vertices (mend it in the program that wrote it"));
 	lines_close(l);
+}
+
+static int later(void *ctx)
+{
+	int *left = ctx;
+
+	return --*left < 0;
+}
+
+/* Whenever it is interrupted, it ends, and is not read further. */
+static void test_interrupted(void **state)
+{
+	char rows[2000] = "x,y,z,name\n";
+	unsigned ended = 0;
+
+	for (int i = 0; i < 50; i++)
+		sprintf(rows + strlen(rows), "%d,2,3,%d\n", i, i / 2);
+	lines_case_file("i.csv", rows, strlen(rows));
+	for (int n = 0; n < 40; n++) {
+		int left = n;
+		const struct lines_options opt = {.csv = true, .interrupted = later, .ctx = &left};
+		const struct lines_feature *f = NULL;
+		struct err err = ERR_INIT;
+		struct lines *l = NULL;
+		int rc = lines_open(lines_case_path("i.csv"), &opt, &l, &err);
+
+		while (!rc && !(rc = lines_next(l, &f, &err)) && f)
+			;
+		assert_true(rc == 0 || rc == -ERR_CANCELLED);
+		ended += rc == 0;
+		if (rc && l)
+			assert_int_not_equal(lines_next(l, &f, &err), 0);
+		lines_close(l);
+	}
+	assert_true(ended > 5 && ended < 35);
 }
 
 static struct io_table no_open;
@@ -157,7 +199,8 @@ static int remove_all(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_numbers), cmocka_unit_test(test_rows),
-					   cmocka_unit_test(test_places), cmocka_unit_test(test_recognise)};
+					   cmocka_unit_test(test_places), cmocka_unit_test(test_recognise),
+					   cmocka_unit_test(test_interrupted)};
 
 	return cmocka_run_group_tests(tests, NULL, remove_all);
 }

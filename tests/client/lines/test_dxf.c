@@ -100,6 +100,29 @@ static void test_layers(void **state)
 			    "error: it has no layer \"z\" (its layers: b, a, m\xc3\xbcll)\n");
 }
 
+/* As many layers as there may be, and one more. */
+static void test_many_layers(void **state)
+{
+	static const struct lines_options opt = {.layer = "none"};
+
+	for (int n = LINES_LAYERS_MOST; n <= LINES_LAYERS_MOST + 1; n++) {
+		FILE *f = fopen(lines_case_path("m.dxf"), "w");
+
+		fputs("0\nSECTION\n2\nENTITIES\n", f);
+		for (int i = 0; i < 2 * n; i++)
+			fprintf(f, "0\nTEXT\n8\nlayer %d\n", i % n);
+		fputs("0\nENDSEC\n0\nEOF\n", f);
+		assert_int_equal(fclose(f), 0);
+		lines_case_read(lines_case_path("m.dxf"), &opt, text);
+		if (n == LINES_LAYERS_MOST)
+			assert_non_null(strstr(text, "error: it has no layer \"none\" (its layers: layer 0, layer 1, "));
+		else
+			assert_string_equal(
+				text,
+				"error: it has more than 4096 layers (copy those that are wanted into a file of their own (ogr2ogr))\n");
+	}
+}
+
 static void test_header(void **state)
 {
 	static const struct {
@@ -134,6 +157,7 @@ static void test_header(void **state)
 
 static void test_wrong(void **state)
 {
+	static const char binary[] = "AutoCAD Binary DXF\r\n\x1a\0\0\0SECTION\0";
 	static const struct {
 		const char *entities, *want;
 	} rows[] = {
@@ -153,7 +177,7 @@ static void test_wrong(void **state)
 		lines_case_read_text("d.dxf", "AutoCAD Binary DXF\r\n\x1a\0", NULL, text),
 		"error: it is no file of lines that acut reads (these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML, and CSV "
 		"where it is asked for; ogr2ogr converts others)\n");
-	lines_case_file("b.dxf", "AutoCAD Binary DXF\r\n\x1a\0\0\0SECTION\0", 34);
+	lines_case_file("b.dxf", binary, sizeof binary);
 	assert_string_equal(lines_case_read(lines_case_path("b.dxf"), NULL, text),
 			    "error: it is binary DXF, which is not read (save it as text (ASCII) DXF)\n");
 	assert_non_null(
@@ -179,7 +203,8 @@ static int remove_all(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_entities), cmocka_unit_test(test_layers),
-					   cmocka_unit_test(test_header), cmocka_unit_test(test_wrong)};
+					   cmocka_unit_test(test_many_layers), cmocka_unit_test(test_header),
+					   cmocka_unit_test(test_wrong)};
 
 	return cmocka_run_group_tests(tests, NULL, remove_all);
 }

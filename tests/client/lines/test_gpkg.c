@@ -322,6 +322,30 @@ static void test_untouched(void **state)
 	assert_int_not_equal(access(lines_case_path("q.gpkg-wal"), F_OK), 0);
 }
 
+/* What another program has written, but not yet into the file itself, is read. */
+static void test_log(void **state)
+{
+	sqlite3 *db;
+
+	make("PRAGMA journal_mode = wal");
+	assert_int_equal(sqlite3_open(lines_case_path("q.gpkg"), &db), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db, "INSERT INTO lakes SELECT id + 5, geom FROM breaks", NULL, NULL, NULL), SQLITE_OK);
+	assert_non_null(strstr(read_all(NULL), "#3 lakes"));
+	sqlite3_close(db);
+}
+
+static void test_names(void **state)
+{
+	struct lines_made_row row = {NULL, line.at, line.n};
+	char path[600];
+
+	lines_made_gpkg(lines_case_path("a?b#c%41 &mode=rw.gpkg"), &row, 1, NULL);
+	assert_non_null(
+		strstr(lines_case_read(lines_case_path("a?b#c%41 &mode=rw.gpkg"), NULL, text), "#1 breaks LineString: open"));
+	snprintf(path, sizeof path, "/%s", lines_case_path("a?b#c%41 &mode=rw.gpkg"));
+	assert_non_null(strstr(lines_case_read(path, NULL, text), "#1 breaks LineString: open"));
+}
+
 static int remove_all(void **state)
 {
 	lines_case_remove_all();
@@ -334,6 +358,7 @@ int main(void)
 		cmocka_unit_test(test_geometries), cmocka_unit_test(test_collections), cmocka_unit_test(test_damaged_geometry),
 		cmocka_unit_test(test_layers),     cmocka_unit_test(test_systems),     cmocka_unit_test(test_hostile),
 		cmocka_unit_test(test_damaged),    cmocka_unit_test(test_untouched),   cmocka_unit_test(test_endless),
+		cmocka_unit_test(test_log),        cmocka_unit_test(test_names),
 	};
 
 	lines_made_gpkg_head(&line, 1);
