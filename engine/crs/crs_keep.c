@@ -6,6 +6,7 @@
  * were projected, of a system that was overridden, of heights that a geoid shifted. Texts that differ in spelling alone are not
  * compared with each other.
  */
+#include <ctype.h>
 #include <string.h>
 
 #include "crs.h"
@@ -25,11 +26,16 @@ static size_t put_quoted(const char *at, size_t left, char *to)
 	return n ? n : 1;
 }
 
+static bool is_word(char c)
+{
+	return isalnum((unsigned char)c) || (c && strchr("_+-.", c));
+}
+
 size_t crs_wkt_normal(const void *text, size_t size, char ret[CRS_WKT_MAX + 1])
 {
 	struct crs_span all, plane;
 	struct crs_info ignored;
-	bool quoted = false;
+	bool quoted = false, blank = false;
 	size_t n = 0, step;
 
 	if (!wkt_read(text, size, &ignored, &all, &plane))
@@ -39,10 +45,16 @@ size_t crs_wkt_normal(const void *text, size_t size, char ret[CRS_WKT_MAX + 1])
 
 		step = 1;
 		quoted ^= *at == '"';
-		if (!quoted && strchr(" \t\n\r", *at))
+		if (!quoted && strchr(" \t\n\r", *at)) {
+			blank = true;
 			continue;
-		if (n + 4 > CRS_WKT_MAX)
+		}
+		if (n + 5 > CRS_WKT_MAX)
 			return 0;
+		/* two words stay two; there was a blank, so this does not overtake the text */
+		if (!quoted && blank && n && is_word(ret[n - 1]) && is_word(*at))
+			ret[n++] = ' ';
+		blank = false;
 		step = put_quoted(at, all.size - i, ret + n);
 		n += step;
 	}

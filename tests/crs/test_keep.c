@@ -41,6 +41,7 @@ static void normal(void **state)
 		{"LOCAL_CS[\"\xc3\xa9\xff\xc2\x85\",UNIT[\"metre\",1]]", "LOCAL_CS[\"\xc3\xa9???\",UNIT[\"metre\",1]]"},
 		{"LOCAL_CS[\"a \"\" b\",UNIT[\"metre\",1]]", "LOCAL_CS[\"a \"\" b\",UNIT[\"metre\",1]]"},
 		{SITE " and more", SITE},
+		{"x  LOCAL_CS[\"a\" , 1 2,UNIT[\"metre\",1]]", "x LOCAL_CS[\"a\",1 2,UNIT[\"metre\",1]]"},
 		{BOTH, BOTH},
 		{"", ""},
 		{"LOCAL_CS[\"quarry\"", ""},

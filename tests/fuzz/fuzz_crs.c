@@ -46,6 +46,26 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 	return fuzz_input_text(texts, sizeof texts / sizeof *texts, i, bytes, room);
 }
 
+/* A normal text is its own normal form, means the same, and holds for what it says. */
+static void check_normal(const uint8_t *bytes, size_t size, const struct crs_info *said)
+{
+	static char once[CRS_WKT_MAX + 1], twice[CRS_WKT_MAX + 1];
+	size_t n = crs_wkt_normal(bytes, size, once);
+	struct crs_bytes part;
+	struct crs_info info;
+
+	if (!n)
+		return;
+	if (strlen(once) != n || crs_wkt_normal(once, n, twice) != n || memcmp(once, twice, n))
+		abort();
+	crs_read_wkt(once, n, &info);
+	if (info.plane != said->plane || strcmp(info.unit_xy, said->unit_xy) || strcmp(info.unit_z, said->unit_z))
+		abort();
+	part = crs_wkt_holds(once, info.text, info.unit_xy, info.unit_z);
+	if (part.size && (part.size != n || part.at != once))
+		abort();
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	struct crs_records records = {.wkt = {bytes, size}, .prefer_wkt = true};
@@ -56,6 +76,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 
 	crs_read(&records, &info);
 	check(&info);
+	check_normal(bytes, size, &info);
 	text = malloc(size + 1);
 	if (!text)
 		abort();
