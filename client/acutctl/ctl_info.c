@@ -20,6 +20,8 @@ static void print_system(FILE *out, const struct acut_probe *p)
 	term_field(out, "  epsg", "%s", epsg);
 	term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
 	term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
+	if (*p->wkt)
+		term_field(out, "  wkt", "%s", p->wkt);
 }
 
 /* A text without points has none. */
@@ -77,6 +79,7 @@ static void print_json(const struct console *c, const struct acut_probe *p, cons
 	term_json_known(&j, "datum", p->datum);
 	term_json_known_u64(&j, "epsg", p->epsg);
 	term_json_known_u64(&j, "epsg_z", p->epsg_z);
+	term_json_known(&j, "wkt", p->wkt);
 	term_json_u64(&j, "lines_left_out", p->left_out);
 	term_json_known_u64(&j, "first_left_out", p->left_out ? p->left_out_line : 0);
 	term_json_known(&j, "warning", p->warning);

@@ -21,6 +21,7 @@ const struct cli_option ctl_options[] = {
 	{"origin", 0, "X,Y,Z|auto", CLI_TEXT, AT(fetch.output[0].origin), CTL_OUT, "subtract this point from all coordinates"},
 	{"canonical", 0, NULL, CLI_FLAG, AT(fetch.output[0].canonical), CTL_OUT,
 	 "one order of vertices and triangles: the same mesh is the same file"},
+	{"sidecar", 0, NULL, CLI_FLAG, AT(fetch.output[0].sidecar), CTL_OUT, "OUT.json beside OUT says what it is"},
 	{"no-clobber", 0, NULL, CLI_FLAG, AT(fetch.no_clobber), CTL_OUT, "an OUT that exists is an error"},
 	{"width", 0, "PIXELS", CLI_COUNT, AT(fetch.output[0].width), CTL_OUT, "width of a picture (1600)"},
 	{"color", 0, "hillshade|elevation|domain", CLI_TEXT, AT(fetch.output[0].color), CTL_OUT,

@@ -19,20 +19,6 @@ int contour_new(struct outfile *out, struct contour **ret, struct err *err)
 	return 0;
 }
 
-struct contour *contour_free(struct contour *c)
-{
-	if (c) {
-		contour_chains_free(c->chains);
-		contour_array_free(c->link);
-		sort_free(c->lines);
-		outfile_free(c->annex);
-		free(c->level);
-		free(c->order);
-	}
-	free(c);
-	return NULL;
-}
-
 int contour_head(struct contour *c, const struct acut_mesh_head *head, const struct contour_options *opt, struct err *err)
 {
 	int r = contour_levels_init(&c->levels, head, opt, err);
@@ -40,8 +26,6 @@ int contour_head(struct contour *c, const struct acut_mesh_head *head, const str
 	c->opt = *opt;
 	if (!r)
 		r = contour_window_init(&c->window, head, err);
-	if (!r)
-		r = contour_chains_new(opt->segments ? opt->segments : CONTOUR_SEGMENTS, &c->chains, err);
 	return r ? r : outfile_annex(c->out, &c->annex, err);
 }
 
@@ -98,23 +82,6 @@ static int inside(const struct contour_window *w, const int32_t *const v[3])
 
 /* ---- blocks ---- */
 
-static int reserve(struct contour *c, size_t vertices, size_t triangles, struct err *err)
-{
-	void *level = vertices > c->room ? realloc(c->level, vertices * sizeof(*c->level)) : c->level;
-	void *order;
-
-	if (vertices > c->room && !level)
-		return err_set(err, ERR_NOMEM, "no memory for a block of %zu vertices", vertices);
-	c->level = level;
-	c->room = vertices > c->room ? vertices : c->room;
-	order = triangles > c->order_room ? realloc(c->order, triangles * sizeof(*c->order)) : c->order;
-	if (triangles > c->order_room && !order)
-		return err_set(err, ERR_NOMEM, "no memory for a block of %zu triangles", triangles);
-	c->order = order;
-	c->order_room = triangles > c->order_room ? triangles : c->order_room;
-	return 0;
-}
-
 /* Cells of a grid over the block, in the order of a Z. */
 struct cells {
 	int32_t low[2];
@@ -153,52 +120,95 @@ static uint32_t cell_of(const struct cells *g, const int32_t at[3])
 	       spread(((uint32_t)at[1] - (uint32_t)g->low[1]) >> g->shift) << 1;
 }
 
-static bool has_lines(const struct contour *c, const uint32_t t[3])
+/* Whether a triangle has lines, and the levels of its corners. */
+static bool levels_of(const struct contour *c, const uint32_t t[3], const int32_t (*position)[3], int64_t level[3])
 {
-	return c->level[t[0]] != c->level[t[1]] || c->level[t[0]] != c->level[t[2]];
+	for (int i = 0; i < 3; i++)
+		level[i] = contour_levels_of(&c->levels, position[t[i]][2]);
+	return level[0] != level[1] || level[0] != level[2];
+}
+
+static int no_memory(struct err *err)
+{
+	return err_set(err, ERR_NOMEM, "no memory for the contours of a block");
+}
+
+/* The outputs of a stream have a block one after the other, so only one of them has this memory. */
+static void release(struct contour *c)
+{
+	c->chains = contour_chains_free(c->chains);
+	free(c->crossed);
+	free(c->order);
+	c->crossed = NULL;
+	c->order = NULL;
 }
 
 /* Triangles with lines, neighbours near each other: the table of crossings then has whole lines when it is full. The stream has
- * no such order. Returns how many. */
-static uint32_t put_in_order(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3])
+ * no such order. *ret: how many. */
+static int put_in_order(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], uint32_t *ret,
+			struct err *err)
 {
 	const struct cells g = cells_of(position, (size_t)b->nforeign + b->nnew);
 	uint32_t sum = 0;
 
+	c->crossed = calloc((size_t)b->ntriangle / 8 + 1, 1);
+	if (!c->crossed)
+		return no_memory(err);
 	memset(c->cell, 0, sizeof(c->cell));
-	for (uint32_t i = 0; i < b->ntriangle; i++)
-		if (has_lines(c, b->triangle[i]))
-			c->cell[cell_of(&g, position[b->triangle[i][0]])]++;
+	for (uint32_t i = 0; i < b->ntriangle; i++) {
+		int64_t level[3];
+
+		if (!levels_of(c, b->triangle[i], position, level))
+			continue;
+		c->crossed[i >> 3] |= (uint8_t)(1u << (i & 7));
+		c->cell[cell_of(&g, position[b->triangle[i][0]])]++;
+	}
 	for (uint32_t i = 0; i < CONTOUR_CELLS * CONTOUR_CELLS; i++) {
 		uint32_t n = c->cell[i];
 
 		c->cell[i] = sum;
 		sum += n;
 	}
+	c->order = malloc((sum + 1) * sizeof(*c->order));
+	if (!c->order)
+		return no_memory(err);
 	for (uint32_t i = 0; i < b->ntriangle; i++)
-		if (has_lines(c, b->triangle[i]))
+		if (c->crossed[i >> 3] >> (i & 7) & 1)
 			c->order[c->cell[cell_of(&g, position[b->triangle[i][0]])]++] = i;
-	return sum;
+	*ret = sum;
+	return 0;
 }
 
 int contour_block(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], struct err *err)
 {
-	size_t n = (size_t)b->nforeign + b->nnew;
-	int r = b->ntriangle ? reserve(c, n, b->ntriangle, err) : 0;
-	uint32_t found;
+	uint32_t found = 0;
+	int r = b->ntriangle ? put_in_order(c, b, position, &found, err) : 0;
 
-	if (r || !b->ntriangle)
-		return r;
-	for (size_t i = 0; i < n; i++)
-		c->level[i] = contour_levels_of(&c->levels, position[i][2]);
-	found = put_in_order(c, b, position);
+	if (!r && found)
+		r = contour_chains_new(c->opt.segments ? c->opt.segments : CONTOUR_SEGMENTS, &c->chains, err);
 	for (uint32_t i = 0; i < found && !r; i++) {
 		const uint32_t *t = b->triangle[c->order[i]];
-		const int64_t level[3] = {c->level[t[0]], c->level[t[1]], c->level[t[2]]};
 		const int32_t *const v[3] = {position[t[0]], position[t[1]], position[t[2]]};
+		int64_t level[3];
 		int in = inside(&c->window, v);
 
+		levels_of(c, t, position, level);
 		r = in < 0 ? 0 : triangle(c, v, level, in > 0, err);
 	}
-	return r ? r : contour_chains_flush(c, err);
+	if (!r && found)
+		r = contour_chains_flush(c, err);
+	release(c);
+	return r;
+}
+
+struct contour *contour_free(struct contour *c)
+{
+	if (c) {
+		release(c);
+		contour_array_free(c->link);
+		sort_free(c->lines);
+		outfile_free(c->annex);
+	}
+	free(c);
+	return NULL;
 }

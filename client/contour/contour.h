@@ -41,7 +41,7 @@ struct contour_options {
 	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
 	unsigned pages;    /* in memory when lines are joined; 0: CONTOUR_PAGES */
 };
-enum { CONTOUR_SEGMENTS = 1 << 16, CONTOUR_PAGES = 64 };
+enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 16 };
 
 struct contour;
 int contour_new(struct outfile *, struct contour **ret, struct err *err);

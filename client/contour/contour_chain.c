@@ -18,10 +18,11 @@ enum { NONE = -1 };
 struct crossing {
 	uint64_t end[2];
 	int64_t level;
-	double cut[2]; /* of a place on the border of the window */
-	int64_t n, d;
+	union {
+		double cut[2]; /* of a place on the border of the window */
+		int64_t part[2];
+	};
 	int32_t next, previous;
-	bool is_cut;
 };
 
 struct contour_chains {
@@ -29,6 +30,7 @@ struct contour_chains {
 	uint32_t size;       /* of the table, a power of two */
 	struct crossing *crossing;
 	int32_t *slot, *start; /* start: a crossing of each piece */
+	uint8_t *is_cut;
 	uint32_t pieces;
 };
 
@@ -38,6 +40,7 @@ struct contour_chains *contour_chains_free(struct contour_chains *s)
 		free(s->crossing);
 		free(s->slot);
 		free(s->start);
+		free(s->is_cut);
 	}
 	free(s);
 	return NULL;
@@ -60,8 +63,9 @@ int contour_chains_new(unsigned segments, struct contour_chains **ret, struct er
 		s->crossing = malloc(segments * sizeof(*s->crossing));
 		s->slot = malloc(s->size * sizeof(*s->slot));
 		s->start = malloc(segments * sizeof(*s->start));
+		s->is_cut = malloc(segments);
 	}
-	if (!s || !s->crossing || !s->slot || !s->start) {
+	if (!s || !s->crossing || !s->slot || !s->start || !s->is_cut) {
 		contour_chains_free(s);
 		return err_set(err, ERR_NOMEM, "no memory for contours");
 	}
@@ -78,7 +82,8 @@ bool contour_chains_full(const struct contour_chains *s)
 static int32_t add(struct contour_chains *s, const struct contour_crossing *c, int64_t level)
 {
 	s->crossing[s->used] = (struct crossing){
-		.end = {c->end[0], c->end[1]}, .level = level, .n = c->n, .d = c->d, .next = NONE, .previous = NONE};
+		.end = {c->end[0], c->end[1]}, .level = level, .part = {c->n, c->d}, .next = NONE, .previous = NONE};
+	s->is_cut[s->used] = false;
 	return (int32_t)s->used++;
 }
 
@@ -103,7 +108,7 @@ static int32_t cut(struct contour *c, const struct contour_crossing *edge, const
 	int32_t i = add(c->chains, edge, level);
 	struct crossing *to = &c->chains->crossing[i];
 
-	to->is_cut = true;
+	c->chains->is_cut[i] = true;
 	for (int k = 0; k < 2; k++)
 		to->cut[k] = contour_between(&c->opt.axis[k], at[k]);
 	return i;
@@ -156,7 +161,8 @@ static struct contour_piece piece_of(const struct contour_chains *s, int32_t sta
 	} while (c && c != first);
 	memcpy(p.from, first->end, sizeof(p.from));
 	memcpy(p.to, last->end, sizeof(p.to));
-	p.flags = (c ? CONTOUR_CLOSED : 0) | (first->is_cut ? CONTOUR_CUT_FROM : 0) | (last->is_cut ? CONTOUR_CUT_TO : 0);
+	p.flags = (c ? CONTOUR_CLOSED : 0) | (s->is_cut[start] ? CONTOUR_CUT_FROM : 0) |
+		  (s->is_cut[last - s->crossing] ? CONTOUR_CUT_TO : 0);
 	return p;
 }
 
@@ -193,10 +199,11 @@ static int put_points(struct contour *c, int32_t start, struct err *err)
 
 		if (!to)
 			return -err->code;
-		if (at->is_cut)
+		if (s->is_cut[i])
 			memcpy(to, at->cut, sizeof(at->cut));
 		else
-			contour_place(c->opt.axis, &(struct contour_crossing){{at->end[0], at->end[1]}, at->n, at->d}, to);
+			contour_place(c->opt.axis, &(struct contour_crossing){{at->end[0], at->end[1]}, at->part[0], at->part[1]},
+				      to);
 		outfile_used(c->annex, sizeof(double[2]));
 		i = at->next;
 	} while (i != NONE && i != start);

@@ -14,7 +14,7 @@
 #include "outfile.h"
 #include "sort.h"
 
-#define SORT_MEMORY (8ull << 20)
+#define SORT_MEMORY (2ull << 20)
 #define SIGN (1ull << 63) /* levels as unsigned numbers, in their order */
 enum { END_WORDS = 4, LINE_WORDS = 5, KEYS = 3, CHUNK = 256 };
 
@@ -213,7 +213,6 @@ int contour_join(struct contour *c, struct err *err)
 	struct sort *ends = NULL;
 	int r = sort_new(END_WORDS, KEYS, SORT_MEMORY, c->out, &ends, err);
 
-	c->chains = contour_chains_free(c->chains);
 	if (!r)
 		r = contour_array_new(c->out, c->opt.pages ? c->opt.pages : CONTOUR_PAGES, &c->link, err);
 	if (!r)

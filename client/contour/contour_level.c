@@ -136,6 +136,7 @@ int contour_levels_init(struct contour_levels *l, const struct acut_mesh_head *h
 	if (shift > SHIFT_MOST || shift < -SHIFT_MOST)
 		return too_fine(head, err);
 	l->p = (int64_t)p;
+	l->inverse = 1 / (double)l->p;
 	l->q = (int64_t)q;
 	l->r = (int64_t)(r - shift * p);
 	l->shift = (int64_t)shift;

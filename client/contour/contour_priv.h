@@ -16,7 +16,8 @@ double contour_nearest(contour_i128 n, contour_i128 d);
  * highest level that is not above it is floor((h * q - r) / p): a vertex is up for this level and all lower ones. */
 struct contour_levels {
 	int64_t p, q, r, shift;
-	bool decimal; /* base and interval are whole multiples of 10^exponent */
+	double inverse; /* of p */
+	bool decimal;   /* base and interval are whole multiples of 10^exponent */
 	int64_t base, interval;
 	int32_t exponent;
 	/* else (i * interval_n + base_n) / den */
@@ -25,9 +26,13 @@ struct contour_levels {
 int contour_levels_init(struct contour_levels *, const struct acut_mesh_head *, const struct contour_options *, struct err *err);
 static inline int64_t contour_levels_of(const struct contour_levels *l, int32_t height)
 {
-	int64_t n = height * l->q - l->r, i = n / l->p;
+	int64_t n = height * l->q - l->r, i = (int64_t)((double)n * l->inverse); /* near, and a division is slower than this */
 
-	return i - (n % l->p < 0);
+	while (i * l->p > n)
+		i--;
+	while ((i + 1) * l->p <= n)
+		i++;
+	return i;
 }
 
 /* ---- crossings ---- */
@@ -131,9 +136,8 @@ struct contour {
 	struct contour_levels levels;
 	struct contour_window window;
 	struct contour_chains *chains;
-	int64_t *level;  /* of the vertices of a block */
-	uint32_t *order; /* of its triangles */
-	size_t room, order_room;
+	uint8_t *crossed;                             /* bits: triangles of a block that have lines */
+	uint32_t *order;                              /* these triangles */
 	uint32_t cell[CONTOUR_CELLS * CONTOUR_CELLS]; /* where the triangles of a cell begin */
 	uint64_t pieces;                              /* in the annex */
 	/* after contour_join */

@@ -72,6 +72,7 @@ struct dem_frame {
 	uint64_t width, height;
 	double side, left, top; /* of a pixel; the centre of the one in the north-west */
 	unsigned epsg;          /* of the plane; 0: it has no number */
+	const char *wkt;        /* likewise, as long as the model; NULL: none is known */
 };
 struct dem_rows {
 	int (*begin)(void *ctx, const struct dem_frame *, struct err *err);

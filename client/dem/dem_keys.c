@@ -103,6 +103,11 @@ static bool wkt_fits(const struct dem *d, bool heights, bool vertical)
 	return d->wkt && strlen(d->wkt) < WKT_MOST && !strchr(d->wkt, '|') && (heights || !vertical);
 }
 
+const char *dem_keys_wkt(const struct dem *d)
+{
+	return wkt_fits(d, false, strstr(d->crs, " + ") != NULL) ? d->wkt : NULL;
+}
+
 void dem_keys_make(struct dem_keys *k, const struct dem *d)
 {
 	const char *plus = strstr(d->crs, " + ");

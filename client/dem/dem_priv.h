@@ -170,6 +170,7 @@ struct dem_keys {
 	char text[DEM_CITATION];    /* that of all citations, each with its "|" */
 };
 unsigned dem_keys_epsg(const struct dem *);                /* of the plane; 0: none */
+const char *dem_keys_wkt(const struct dem *);              /* NULL: none, or it speaks of heights, too */
 void dem_keys_make(struct dem_keys *, const struct dem *); /* dem_keys.c */
 int dem_tiff_write(const struct dem *, const struct dem_pyramid *, const struct dem_rect *, struct err *err);
 

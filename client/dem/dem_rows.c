@@ -57,7 +57,11 @@ static int put_rows(struct dem *d, const struct dem_rect *rect, float *tile, uin
 int dem_finish_rows(struct dem *d, const int32_t box[6], const struct dem_rows *to, struct err *err)
 {
 	struct dem_rect rect = dem_grid_rect(&d->grid, box);
-	struct dem_frame frame = {.width = rect.w, .height = rect.h, .side = dem_grid_side(&d->grid), .epsg = dem_keys_epsg(d)};
+	struct dem_frame frame = {.width = rect.w,
+				  .height = rect.h,
+				  .side = dem_grid_side(&d->grid),
+				  .epsg = dem_keys_epsg(d),
+				  .wkt = dem_keys_wkt(d)};
 	float *tile;
 	uint8_t *band;
 	int r = dem_check_size(d, &rect, err);

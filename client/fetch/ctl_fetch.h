@@ -10,7 +10,7 @@
 struct ctl_fetch_output {
 	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index;
 	uint64_t width;
-	bool canonical, polyface;
+	bool canonical, polyface, sidecar;
 };
 
 enum { CTL_FETCH_OUTPUTS = 16 };

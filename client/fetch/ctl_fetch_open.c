@@ -79,6 +79,8 @@ static int parse_levels(const struct ctl_fetch_output *o, struct format_options 
 /* The given options that a format takes. */
 static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct format_options *opt, struct err *err)
 {
+	opt->sidecar = o->sidecar;
+	opt->has_raster = o->raster && (takes & FORMAT_RASTERED);
 	opt->canonical = o->canonical && (takes & FORMAT_CANONICAL);
 	opt->polyface = o->polyface && (takes & FORMAT_POLYFACE);
 	if (takes & FORMAT_SIZED && o->width > FORMAT_WIDTH_MAX)
@@ -217,7 +219,8 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	for (unsigned i = n > 0; i <= n && !r; i++) {
 		format[i] = format_of(a, i, err);
 		r = format[i] ? 0 : -(int)err->code;
-		rasters += format[i] && format[i]->kind == FORMAT_RASTER;
+		rasters += format[i] && (format[i]->kind == FORMAT_RASTER ||
+					 (format[i]->kind == FORMAT_PICTURE && ctl_fetch_output(a, i).cell));
 		lines += format[i] && format[i]->kind == FORMAT_LINES;
 	}
 	if (!r && lines && a->window && !strcmp(a->window, "polygon")) {

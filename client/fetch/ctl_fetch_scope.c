@@ -21,6 +21,7 @@ struct scoped_option {
 static const struct scoped_option rows[] = {
 	ROW(0, format, true),
 	ROW(FORMAT_CANONICAL, canonical, true),
+	ROW(0, sidecar, false), /* of any format */
 	ROW(FORMAT_ORIGIN, origin, true),
 	ROW(FORMAT_Z_UNIT, z_unit, true),
 	ROW(FORMAT_SIZED, width, true),

@@ -66,6 +66,8 @@ struct format_options {
 	unsigned rasters; /* outputs that share the memory of rasters; 0: one */
 	/* Why the file is a part of the mesh: "max-edge=2.5", "tile=100"; NULL: it is not, but for the window of its view. */
 	const char *trimmed;
+	bool sidecar; /* a JSON file beside the output says what it is */
+	bool has_raster;
 	bool polyface; /* DXF: polyface meshes in place of single faces */
 	bool tiled;    /* rasters: `tiles` will come */
 };
@@ -95,6 +97,10 @@ struct format {
 	int (*block)(void *writer, const struct format_block *, struct err *);
 	int (*finish)(void *writer, const struct acut_mesh_tail *, struct err *);
 	void *(*free)(void *writer);
+	/* Small files beside the output, by their names: ".pgw" in place of its extension, "+.aux.xml" behind its name; NULL ends
+	 * them. What number i has is asked for after finish, to be freed; NULL: it is not written. Both may be NULL. */
+	const char *const *(*beside)(const struct format_options *);
+	int (*beside_text)(const void *writer, unsigned i, char **ret, struct err *);
 	/* Of rasters, in place of finish: a file for each tile. */
 	int (*tiles)(void *writer, const struct dem_tiler *, const struct acut_mesh_tail *, struct err *);
 	/* To be resumed later; NULL: it cannot. `save` packs at most FORMAT_SAVED bytes; `resume` is called in place of head,

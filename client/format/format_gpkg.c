@@ -24,7 +24,14 @@
 	"GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],"          \
 	"AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433," \
 	"AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]]"
-enum { WGS84 = 4326, FEATURES_PAGE = 2, GEOMETRY_HEAD = 40 + 9, POINTS = 1024 };
+enum {
+	WGS84 = 4326,
+	OWN = 100000 /* srs_id of a system without a number */,
+	WKT_MOST = 4000,
+	FEATURES_PAGE = 2,
+	GEOMETRY_HEAD = 40 + 9,
+	POINTS = 1024
+};
 
 /* Tables, and the number of indexes that their constraints make. */
 enum { SYSTEMS, CONTENTS, COLUMNS, EXTENSIONS, FEATURES, TABLES };
@@ -66,6 +73,7 @@ struct gpkg {
 	struct gpkg_index *boxes;
 	uint32_t box_page[3];
 	int32_t system; /* srs_id */
+	bool own;       /* it is OWN, a WKT */
 	double box[4];  /* of all lines */
 	uint64_t lines;
 };
@@ -183,7 +191,9 @@ static int put_systems(struct gpkg *g, struct err *err)
 		r = put_system(g, own, g->w->name, "EPSG", own, "undefined", err);
 	if (!r)
 		r = put_system(g, WGS84, "WGS 84", "EPSG", WGS84, WGS84_TEXT, err);
-	if (!r && own > WGS84)
+	if (!r && g->own)
+		r = put_system(g, own, g->w->name, "NONE", own, g->w->wkt, err);
+	else if (!r && own > WGS84)
 		r = put_system(g, own, g->w->name, "EPSG", own, "undefined", err);
 	return r ? r : sqlite_table_end(&g->file, &g->table[SYSTEMS], err);
 }
@@ -336,7 +346,8 @@ static int put_all(struct format_lines *w, struct err *err)
 	if (!r) {
 		g->w = w;
 		g->file.out = spool ? spool : w->out;
-		g->system = w->epsg ? (int32_t)w->epsg : w->degrees ? 0 : -1;
+		g->own = w->wkt && strlen(w->wkt) <= WKT_MOST; /* a record holds no more */
+		g->system = g->own ? OWN : w->epsg ? (int32_t)w->epsg : w->degrees ? 0 : -1;
 		g->box[0] = g->box[1] = INFINITY;
 		g->box[2] = g->box[3] = -INFINITY;
 		r = put_file(g, err);

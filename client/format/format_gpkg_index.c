@@ -13,7 +13,7 @@
 #include "outfile.h"
 #include "sort.h"
 
-#define SORT_MEMORY (4ull << 20)
+#define SORT_MEMORY (1ull << 20)
 enum { CELLS = 51, CELL = 24, NODE = 4 + CELLS * CELL, LEVELS = 12, BOX_WORDS = 4, ROW_WORDS = 2, Z_BITS = 16 };
 
 struct node {

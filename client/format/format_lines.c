@@ -44,6 +44,7 @@ void *format_lines_free(void *writer)
 	if (w) {
 		contour_free(w->contour);
 		free(w->comments);
+		free(w->wkt);
 	}
 	free(w);
 	return NULL;
@@ -101,7 +102,15 @@ static int add_comment(void *ctx, const char *text, struct err *err)
 	return 0;
 }
 
-static void system_of(struct format_lines *w, const struct acut_mesh_head *head)
+/* A WKT that has heights is not that of heights in another unit. */
+static bool wkt_fits(const struct format_lines *w, const struct acut_mesh_head *head)
+{
+	bool converted = w->opt.z_unit && (!head->unit_z || strcmp(w->opt.z_unit, head->unit_z));
+
+	return head->wkt && *head->wkt && !(converted && head->vertical && *head->vertical);
+}
+
+static int system_of(struct format_lines *w, const struct acut_mesh_head *head, struct err *err)
 {
 	const char *crs = head->crs && *head->crs ? head->crs : "unknown";
 	unsigned long n = 0;
@@ -113,13 +122,17 @@ static void system_of(struct format_lines *w, const struct acut_mesh_head *head)
 		n = strtoul(w->name + 5, &end, 10);
 	if (end && (!*end || !strncmp(end, " + ", 3)) && n > 1000 && n < 1000000)
 		w->epsg = (unsigned)n;
+	else if (wkt_fits(w, head) && !(w->wkt = strdup(head->wkt)))
+		return err_set(err, ERR_NOMEM, "no memory for a coordinate system");
+	return 0;
 }
 
 static int set_up(struct format_lines *w, const struct acut_mesh_head *head, struct contour_options *to, struct err *err)
 {
 	int r = options_of(w, head, to, err);
 
-	system_of(w, head);
+	if (!r)
+		r = system_of(w, head, err);
 	return r ? r : format_comment_head(head, &w->opt, add_comment, w, err);
 }
 

@@ -14,6 +14,7 @@ struct format_lines {
 	struct contour *contour;
 	uint32_t index;            /* every so many levels; 0: none */
 	unsigned epsg;             /* of the plane; 0: the system has no number */
+	char *wkt;                 /* of a system without a number; NULL: none, or it is not that of the heights */
 	bool degrees;              /* x and y are */
 	char name[FORMAT_COMMENT]; /* of the system, one line, "unknown" */
 	char *comments;            /* acut-crs ... acut-digest, lines */

@@ -3,7 +3,8 @@
  *
  * Memory is the picture's (4 bytes a pixel, 8 with domains), not the mesh's. The picture is laid out over
  * the box that the stream announces; margins that no triangle covers are cut off at the end, because that box
- * may be larger than the mesh (points that the view leaves out count in it).
+ * may be larger than the mesh (points that the view leaves out count in it). With --cell it is another picture
+ * (format_png_cell.c).
  */
 #include <math.h>
 #include <png.h>
@@ -13,10 +14,12 @@
 
 #include "err.h"
 #include "format_domain.h"
+#include "format_png.h"
 #include "format_raster.h"
 #include "outfile.h"
 
 struct picture {
+	struct format_png_cell *cell; /* not NULL: it has all the rest */
 	struct outfile *out;
 	struct format_options opt;
 	struct format_raster raster;
@@ -28,7 +31,10 @@ struct picture {
 static int png_open_writer(struct outfile *out, const struct format_options *opt, void **ret, struct err *err)
 {
 	struct picture *p;
+	int r;
 
+	if (!opt->cell.mantissa && opt->has_raster)
+		return err_set(err, ERR_USAGE, "--raster needs the side of a pixel: --cell");
 	if (opt->width > FORMAT_WIDTH_MAX)
 		return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
 	p = calloc(1, sizeof(*p));
@@ -38,8 +44,12 @@ static int png_open_writer(struct outfile *out, const struct format_options *opt
 	p->opt = *opt;
 	if (!p->opt.width)
 		p->opt.width = FORMAT_WIDTH;
-	*ret = p;
-	return 0;
+	r = opt->cell.mantissa ? format_png_cell_new(out, opt, &p->cell, err) : 0;
+	if (r)
+		free(p);
+	else
+		*ret = p;
+	return r;
 }
 
 static const char *keep(char *to, size_t size, const char *text)
@@ -52,6 +62,8 @@ static int png_head(void *writer, const struct acut_mesh_head *head, struct err 
 {
 	struct picture *p = writer;
 
+	if (p->cell)
+		return format_png_cell_head(p->cell, head, err);
 	p->head.scale_xy = keep(p->scale_xy, sizeof(p->scale_xy), head->scale_xy);
 	p->head.scale_z = keep(p->scale_z, sizeof(p->scale_z), head->scale_z);
 	p->head.unit_xy = keep(p->unit_xy, sizeof(p->unit_xy), head->unit_xy);
@@ -65,6 +77,8 @@ static int png_block(void *writer, const struct format_block *block, struct err 
 	const struct acut_mesh_block *b = block->mesh;
 	uint32_t domain = format_domain(b->box);
 
+	if (p->cell)
+		return format_png_cell_block(p->cell, block, err);
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
 		format_raster_triangle(&p->raster, block->position[t[0]], block->position[t[1]], block->position[t[2]], domain);
@@ -147,11 +161,15 @@ static int png_encode(struct picture *p, const struct format_paint *paint, struc
 static int png_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
 {
 	struct picture *p = writer;
-	struct frame f = covered(&p->raster);
 	struct format_paint paint;
-	uint8_t *row = malloc((size_t)(f.x1 - f.x0) * 4);
+	struct frame f;
+	uint8_t *row;
 	int r;
 
+	if (p->cell)
+		return format_png_cell_finish(p->cell, tail, err);
+	f = covered(&p->raster);
+	row = malloc((size_t)(f.x1 - f.x0) * 4);
 	if (!row)
 		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
 	format_paint_init(&paint, &p->raster, &p->head, p->opt.color);
@@ -165,23 +183,34 @@ static void *png_free_writer(void *writer)
 {
 	struct picture *p = writer;
 
-	if (p)
+	if (p) {
 		format_raster_done(&p->raster);
+		format_png_cell_free(p->cell);
+	}
 	free(p);
 	return NULL;
+}
+
+static int png_beside(const void *writer, unsigned i, char **ret, struct err *err)
+{
+	const struct picture *p = writer;
+
+	return format_png_cell_text(p->cell, i, ret, err);
 }
 
 const struct format format_png = {
 	.name = "png",
 	.extensions = ".png",
-	.help = "a picture from above: hillshade, elevation or domains (--color, --width)",
+	.help = "a picture from above: hillshade, elevation or domains (--color, --width), or aligned to --cell",
 	.purpose = "a look at it",
 	.kind = FORMAT_PICTURE,
-	.takes = FORMAT_SIZED | FORMAT_COLORED,
+	.takes = FORMAT_SIZED | FORMAT_COLORED | FORMAT_CELL | FORMAT_RASTERED,
 	.positions = true,
 	.open = png_open_writer,
 	.head = png_head,
 	.block = png_block,
 	.finish = png_finish,
+	.beside = format_png_cell_beside,
+	.beside_text = png_beside,
 	.free = png_free_writer,
 };

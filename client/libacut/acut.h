@@ -173,6 +173,7 @@ struct acut_probe {
 	const char *scale[3], *offset[3];
 	uint32_t replaced; /* files of the dataset that an adopted file replaces */
 	int known;         /* not 0: the push needs no file for it, and only its number of points is given here */
+	const char *wkt;   /* of its system, in one line; "": none, and of a push */
 };
 enum {
 	ACUT_KNOWN = 1,        /* the dataset has it, or this push has it twice */

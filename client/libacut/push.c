@@ -85,6 +85,7 @@ void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 		.left_out_line = p->left_out_line,
 		.replaced = p->replaced,
 		.points = p->points,
+		.wkt = p->wkt,
 		.known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
 	};
 	get_double3(p->min, p->n_min, ret->min);

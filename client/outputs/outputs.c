@@ -80,6 +80,8 @@ static struct outputs_target *target_free(struct outputs_target *t)
 	outputs_canonical_free(t->canonical);
 	if (t->writer)
 		t->format->free(t->writer);
+	for (unsigned i = 0; i < t->nbeside; i++)
+		outfile_free(t->beside[i]);
 	outfile_free(t->out);
 	free(t);
 	return NULL;
@@ -99,6 +101,10 @@ static int target_check(const char *path, const struct format *format, const str
 	if (format->kind == FORMAT_LINES && changes) {
 		err_set(err, ERR_USAGE, "--changed-since has no meaning for %s: lines need all triangles", format->name);
 		return err_add_hint(err, "fetch them of the whole mesh, or of a window with --bbox");
+	}
+	if (opt->sidecar && (changes || !path)) {
+		err_set(err, ERR_USAGE, "--sidecar has no meaning for %s", changes ? "changes" : format->name);
+		return err_add_hint(err, changes ? "OUT" OUTPUTS_CHANGES " says what they are" : "leave it out");
 	}
 	if (format->kind == FORMAT_NOTHING && path) {
 		err_set(err, ERR_USAGE, "%s writes nothing, and an output is given", format->name);
@@ -139,6 +145,8 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	t->opt = *opt;
 	if (path)
 		r = outfile_new(path, opt->no_clobber, &t->out, err);
+	if (!r && path)
+		r = outputs_beside_open(t, path, err);
 	if (!r && run->opt.changes && !run->change) {
 		r = outputs_change_new(t->out, path, opt, &run->change, err);
 		run->positions |= !r && path;
@@ -168,6 +176,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 		r = outputs_hull_head(run->hull, head, &run->opt.trim_hull, &run->err);
 	if (!r && run->mask)
 		r = outputs_mask_head(run->mask, head, &run->err);
+	if (!r)
+		r = outputs_head_copy(&run->head, head, &run->err);
 	if (!r && outputs_keep_goes_on(run))
 		return outputs_keep_head(run, head, &run->err);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
@@ -266,6 +276,9 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 		r = outputs_change_tail(run->change, &run->err);
 	if (!r && run->tiles)
 		r = outputs_tiles_tail(run->tiles, tail, &run->err);
+	run->tail = *tail;
+	snprintf(run->digest, sizeof(run->digest), "%s", tail->digest);
+	snprintf(run->vertex_digest, sizeof(run->vertex_digest), "%s", tail->vertex_digest);
 	run->finished = !r;
 	return r;
 }
@@ -310,7 +323,11 @@ int outputs_publish(struct outputs *run, struct err *err)
 	if (run->change && outputs_change_publish(run->change, &run->origin, &run->bytes, err))
 		return -err->code;
 	for (struct outputs_target *t = run->target; t; t = t->next) {
-		int r = t->out ? outfile_publish(t->out, err) : 0;
+		int r = outputs_beside_make(run, t, err);
+
+		r = r ? r : outputs_beside_publish(t, &run->bytes, err);
+		if (!r && t->out)
+			r = outfile_publish(t->out, err);
 		if (r)
 			return r;
 		run->bytes += t->out ? outfile_size(t->out) : 0;
@@ -361,6 +378,7 @@ struct outputs *outputs_free(struct outputs *run)
 	outputs_hull_free(run->hull);
 	outputs_mask_free(run->mask);
 	outputs_edge_done(&run->edge);
+	outputs_head_done(&run->head);
 	outputs_keep_free(run->kept);
 	free(run->origin.dataset);
 	free(run);

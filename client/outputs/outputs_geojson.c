@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "format_axis.h"
 
 int outputs_page_start(struct outputs_page *p, struct err *err)
 {
@@ -65,6 +66,16 @@ void outputs_geojson_head(FILE *f, const struct acut_mesh_head *h, const struct 
 	fputc(',', f);
 	outputs_geojson_text(f, opt->z_unit ? opt->z_unit : h->unit_z);
 	fputc(']', f);
+}
+
+void outputs_geojson_origin(FILE *f, const struct acut_mesh_head *h, const struct format_options *opt)
+{
+	char text[FORMAT_COMMENT], x[64], y[64], z[64];
+
+	if (sscanf(format_axis_origin(h, opt, text, sizeof(text)), "acut-origin %63s %63s %63s", x, y, z) == 3)
+		fprintf(f, ",\"origin\":[%s,%s,%s]", x, y, z);
+	else
+		fputs(",\"origin\":null", f);
 }
 
 void outputs_geojson_square(FILE *f, const char *x0, const char *y0, const char *x1, const char *y1)

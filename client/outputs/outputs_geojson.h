@@ -20,6 +20,7 @@ void outputs_geojson_text(FILE *, const char *text); /* quoted; null if it is NU
 void outputs_geojson_crs(FILE *, const char *crs);   /* the member and its comma, or nothing */
 /* "lattice":..., "crs":..., "units":[...] */
 void outputs_geojson_head(FILE *, const struct acut_mesh_head *, const struct format_options *);
+void outputs_geojson_origin(FILE *, const struct acut_mesh_head *, const struct format_options *); /* ,"origin":... */
 /* A closed ring of a Polygon: corners as texts. */
 void outputs_geojson_square(FILE *, const char *x0, const char *y0, const char *x1, const char *y1);
 

@@ -131,13 +131,26 @@ int outputs_canonical_block(struct outputs_canonical *, const struct format_bloc
 int outputs_canonical_finish(struct outputs_canonical *, struct err *err);
 struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *);
 
+/* ---- what a stream says first, with texts of its own: outputs_beside.c ---- */
+
+struct outputs_head {
+	struct acut_mesh_head is;
+	char *text[11];
+};
+int outputs_head_copy(struct outputs_head *, const struct acut_mesh_head *, struct err *err);
+void outputs_head_done(struct outputs_head *);
+
 /* ---- outputs ---- */
+
+enum { OUTPUTS_BESIDE = 4 };
 
 struct outputs_target {
 	const struct format *format;
 	struct format_options opt;
 	struct outfile *out;
 	void *writer;
+	struct outfile *beside[OUTPUTS_BESIDE]; /* those of the format, and the sidecar */
+	unsigned nbeside;
 	struct outputs_canonical *canonical;
 	struct outputs_target *next;
 };
@@ -151,6 +164,9 @@ struct outputs {
 	bool finished;
 	char trimmed[384];             /* of the options of formats */
 	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
+	struct outputs_head head;
+	struct acut_mesh_tail tail; /* with these digests */
+	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	struct outputs_front front;
 	struct outputs_hull *hull; /* NULL: nothing is trimmed */
 	struct outputs_mask *mask; /* NULL: there is neither --mask nor --erase */
@@ -161,6 +177,10 @@ struct outputs {
 	struct outputs_kept *kept;    /* NULL: nothing is */
 };
 
+/* outputs_beside.c: the small files beside an output are opened with it, and made and get their names before it. */
+int outputs_beside_open(struct outputs_target *, const char *path, struct err *err);
+int outputs_beside_make(const struct outputs *, struct outputs_target *, struct err *err);
+int outputs_beside_publish(struct outputs_target *, uint64_t *bytes, struct err *err);
 /* outputs_keep.c: called in place of the heads of the writers if outputs are continued. */
 bool outputs_keep_goes_on(const struct outputs *);
 int outputs_keep_head(struct outputs *, const struct acut_mesh_head *, struct err *err);

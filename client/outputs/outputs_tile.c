@@ -32,6 +32,14 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 		err_set(err, ERR_USAGE, "tiles are files in a folder and cannot go to standard output");
 		return err_add_hint(err, "give a folder, as in -o tiles/");
 	}
+	if (opt->sidecar) {
+		err_set(err, ERR_USAGE, "--sidecar has no meaning for tiles");
+		return err_add_hint(err, OUTPUTS_TILES_INDEX " says what they are");
+	}
+	if (format->kind == FORMAT_PICTURE && opt->cell.mantissa) {
+		err_set(err, ERR_USAGE, "--tile has no meaning for %s with --cell", format->name);
+		return err_add_hint(err, "write tiles of tif, or pictures of windows with --bbox");
+	}
 	if (format->kind == FORMAT_LINES) {
 		err_set(err, ERR_USAGE, "--tile has no meaning for %s: lines would end at the triangles of a tile", format->name);
 		return err_add_hint(err, "write one file, or one a window with --bbox: lines are cut there");
@@ -87,8 +95,7 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 		t->format->free(t->writer);
 	outfile_free(t->index);
 	outfile_folder_free(t->place);
-	for (unsigned i = 0; i < t->ntext; i++)
-		free(t->text[i]);
+	outputs_head_done(&t->copy);
 	free(t->tile);
 	free(t->slot);
 	free(t);
@@ -127,28 +134,13 @@ static int lay_out(struct outputs_tiles *t, struct err *err)
 	return 0;
 }
 
-static int keep_text(struct outputs_tiles *t, const char **text, struct err *err)
-{
-	char *copy = strdup(*text ? *text : "");
-
-	if (!copy)
-		return err_set(err, ERR_NOMEM, "no memory for tiles");
-	t->text[t->ntext++] = copy;
-	*text = copy;
-	return 0;
-}
-
 int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *head, struct err *err)
 {
-	struct acut_mesh_head *h = &t->head;
-	const char **text[] = {&h->lattice, &h->scale_xy,  &h->scale_z, &h->crs,      &h->unit_xy, &h->unit_z,
-			       &h->view,    &h->stream_id, &h->wkt,     &h->vertical, &h->geoid};
+	const struct acut_mesh_head *h = &t->head;
 	struct decimal scale;
-	int r = 0;
+	int r = outputs_head_copy(&t->copy, head, err);
 
-	*h = *head;
-	for (unsigned i = 0; i < sizeof(text) / sizeof(text[0]) && !r; i++)
-		r = keep_text(t, text[i], err);
+	t->head = t->copy.is;
 	if (r)
 		return r;
 	if (!decimal_parse(h->scale_xy, &scale) || scale.mantissa <= 0)

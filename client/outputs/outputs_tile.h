@@ -22,11 +22,10 @@ struct outputs_tiles {
 	struct decimal size; /* exponent not above 0 */
 	struct outfile_folder *place;
 	struct outfile *index;
-	struct sort *sort;          /* the triangles, by tile */
-	void *writer;               /* of a raster, in place of the sort */
-	struct acut_mesh_head head; /* its texts are this object's */
-	char *text[11];
-	unsigned ntext;
+	struct sort *sort; /* the triangles, by tile */
+	void *writer;      /* of a raster, in place of the sort */
+	struct outputs_head copy;
+	struct acut_mesh_head head; /* its texts are the copy's */
 	struct acut_mesh_tail tail;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	uint64_t p, q;             /* side of a tile over the lattice's scale */

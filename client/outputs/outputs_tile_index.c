@@ -13,17 +13,6 @@
 #include "err.h"
 #include "outputs_geojson.h"
 #include "outputs_tile.h"
-#include "format_axis.h"
-
-static void put_origin(FILE *f, const struct outputs_tiles *t)
-{
-	char text[FORMAT_COMMENT], x[64], y[64], z[64];
-
-	if (sscanf(format_axis_origin(&t->head, &t->opt, text, sizeof(text)), "acut-origin %63s %63s %63s", x, y, z) == 3)
-		fprintf(f, "[%s,%s,%s]", x, y, z);
-	else
-		fputs("null", f);
-}
 
 static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
 {
@@ -39,8 +28,7 @@ static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
 		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
 	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
 	outputs_geojson_head(f, h, &t->opt);
-	fputs(",\"origin\":", f);
-	put_origin(f, t);
+	outputs_geojson_origin(f, h, &t->opt);
 	fputs("},\n\"features\":[", f);
 }
 

@@ -22,6 +22,7 @@ struct inspect {
 	struct core *core;
 	int fd, r;
 	char *name, *format, *columns;
+	char *wkt; /* of its system, "": none */
 	bool decimal_comma;
 	bool header_read; /* the second task runs */
 	struct client_file id;
@@ -47,12 +48,15 @@ static struct input_options options_of(const struct inspect *a)
 }
 
 /* Copies what `in` has of the header. */
-static void keep_info(struct inspect *a, const struct input *in, struct input_info *info)
+static int keep_info(struct inspect *a, const struct input *in, struct input_info *info)
 {
 	*info = *input_info(in);
 	snprintf(a->info_format, sizeof a->info_format, "%s", info->format);
 	info->format = a->info_format;
 	info->coords.name = a->name;
+	free(a->wkt);
+	a->wkt = strdup(input_wkt(in));
+	return a->wkt ? 0 : err_set(&a->err, ERR_NOMEM, "no memory for a coordinate system");
 }
 
 static void header_run(struct sched_task *t)
@@ -65,7 +69,7 @@ static void header_run(struct sched_task *t)
 	if (!a->r)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (!a->r)
-		keep_info(a, in, &a->info);
+		a->r = keep_info(a, in, &a->info);
 	input_close(in);
 	if (a->r)
 		err_add_file(&a->err, a->name);
@@ -254,9 +258,11 @@ static void records_run(struct sched_task *t)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (!a->r) {
 		a->result->name = a->name;
-		keep_info(a, in, &a->result->info);
-		a->r = inspect_records(a, in);
+		a->r = keep_info(a, in, &a->result->info);
+		a->result->wkt = a->wkt;
 	}
+	if (!a->r)
+		a->r = inspect_records(a, in);
 	if (!a->r)
 		a->r = client_file_check(a->fd, a->name, &id, &a->err);
 	if (!a->r && (id.size != a->id.size || id.mtime_ns != a->id.mtime_ns))
@@ -276,6 +282,7 @@ static struct inspect *inspect_free(struct inspect *a)
 	free(a->name);
 	free(a->format);
 	free(a->columns);
+	free(a->wkt);
 	free(a->result);
 	free(a);
 	return NULL;
@@ -317,7 +324,7 @@ static void inspect_done(struct sched_task *t)
 	if (a->on_result)
 		a->on_result(a->token, why, why ? NULL : a->result);
 	else
-		a->on_header(a->token, why, a->name, why ? NULL : &a->info);
+		a->on_header(a->token, why, a->name, why ? NULL : &a->info, a->wkt ? a->wkt : "");
 	inspect_free(a);
 }
 
@@ -361,7 +368,7 @@ void inspect_header(struct core *core, const struct inspect_input *in, const str
 	struct inspect *a = inspect_new(core, in, peer, &err);
 
 	if (!a) {
-		answer(token, &err, in->name, NULL);
+		answer(token, &err, in->name, NULL, "");
 		return;
 	}
 	a->on_header = answer;

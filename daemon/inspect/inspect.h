@@ -10,13 +10,14 @@ struct inspect_input {
 	const char *name, *format, *columns; /* format, columns "": by the content */
 	bool decimal_comma;
 };
-/* Reads the header. Answers once; `why` NULL: `info` has it. */
-typedef void inspect_header_fn(void *token, const struct err *why, const char *name, const struct input_info *info);
+/* Reads the header. Answers once; `why` NULL: `info` has it, and `wkt` what input_wkt gives. */
+typedef void inspect_header_fn(void *token, const struct err *why, const char *name, const struct input_info *info,
+			       const char *wkt);
 void inspect_header(struct core *, const struct inspect_input *, const struct peer *, inspect_header_fn *answer, void *token);
 
 enum { INSPECT_DIFFERENCES = 8 };
 struct inspect_result {
-	const char *name;
+	const char *name, *wkt;
 	struct input_info info;
 	struct lattice lattice;
 	struct pipe_inspected in;

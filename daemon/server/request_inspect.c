@@ -29,7 +29,7 @@ static void warning_text(const struct input_info *info, char *ret, size_t size)
 	snprintf(ret, size, "%s%s%s", info->warning, *info->warning && *remark ? "; " : "", remark);
 }
 
-static void message_probed(const char *name, const struct input_info *info, struct message_probed *m)
+static void message_probed(const char *name, const struct input_info *info, const char *wkt, struct message_probed *m)
 {
 	static const char *const planes[] = {"unknown", "projected", "geographic", "geocentric"};
 	int k;
@@ -64,22 +64,23 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.crs_name = frame_text_clean(m->crs_name);
 	warning_text(info, m->warning, sizeof m->warning);
 	m->probed.warning = frame_text_clean(m->warning);
+	m->probed.wkt = (char *)wkt;
 }
 
-void request_answer_probed(struct request *q, const char *name, const struct input_info *info)
+void request_answer_probed(struct request *q, const char *name, const struct input_info *info, const char *wkt)
 {
 	struct message_probed m;
 
-	message_probed(name, info, &m);
+	message_probed(name, info, wkt, &m);
 	request_answer(q, FRAME_MESSAGE(PROBED, probed, &m.probed));
 }
 
-static void on_header(void *token, const struct err *why, const char *name, const struct input_info *info)
+static void on_header(void *token, const struct err *why, const char *name, const struct input_info *info, const char *wkt)
 {
 	if (why)
 		request_refuse(token, why);
 	else
-		request_answer_probed(token, name, info);
+		request_answer_probed(token, name, info, wkt);
 }
 
 static void on_inspected(void *token, const struct err *why, const struct inspect_result *res)
@@ -93,7 +94,7 @@ static void on_inspected(void *token, const struct err *why, const struct inspec
 		request_refuse(token, why);
 		return;
 	}
-	message_probed(res->name, &res->info, &header);
+	message_probed(res->name, &res->info, res->wkt, &header);
 	m.header = &header.probed;
 	m.points = res->in.points;
 	m.distinct = res->in.distinct;

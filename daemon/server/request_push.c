@@ -57,7 +57,7 @@ static void on_probed(void *token, const struct err *why, const struct push_prob
 		return;
 	}
 	if (result->info) {
-		request_answer_probed(token, result->name, result->info);
+		request_answer_probed(token, result->name, result->info, "");
 		return;
 	}
 	strncpy(name, result->name, sizeof name - 1);

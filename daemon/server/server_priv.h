@@ -189,7 +189,7 @@ request_fn request_log, request_files, request_revert, request_prune;
 void push_ref_leave(struct push_ref *); /* request_push.c: the push ends with its connection */
 void conn_copies_end(struct conn *);    /* request_backup.c: likewise backups and imports */
 /* request_inspect.c: answers with the header of a file. */
-void request_answer_probed(struct request *, const char *name, const struct input_info *);
+void request_answer_probed(struct request *, const char *name, const struct input_info *, const char *wkt);
 /* request_job.c: answers those who watch the job. */
 void request_job_changed(struct conn *, struct job *);
 /* request_cache.c */

@@ -304,6 +304,7 @@ class Info:
     crs_name: str  # names that EPSG has for the numbers, "A", "A + B"; "": none
     epsg: int
     epsg_z: int
+    wkt: str       # of its system, in one line; "": none
     unit_xy: str
     unit_z: str
     plane: str

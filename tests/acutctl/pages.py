@@ -47,7 +47,7 @@ def all_pages_are_known():
     expect(listed | {"acut.7"} == names, "acut(7) lists %s" % sorted(listed ^ (names - {"acut.7"})))
     for name in names:
         page = text_of(name + ".scd")
-        expect(re.search(r"^# EXAMPLE|^\t\$ ", page, re.M), "%s has no example" % name)
+        expect(re.search(r"^# EXAMPLE|^\t\$ |^```", page, re.M), "%s has no example" % name)
         for other in re.findall(r"\*(acut[a-z.-]*)\*\((\d)\)", page):
             expect("%s.%s" % other in names, "%s names %s(%s)" % ((name,) + other))
 
@@ -116,6 +116,26 @@ def examples_run():
                     expect(p.returncode == 0, "%s: %s\nended with %d\n%s%s" % (name, line, p.returncode, p.stdout.decode(), p.stderr.decode()))
 
 
+def products_are_made():
+    """The commands of acut-outputs(7), to the letter; "fetch 4" is of the job that there is."""
+    with Folder() as base, Daemon(base, memory="64M") as d:
+        os.mkdir(base + "/tiles")
+        for seed in (1, 2):
+            e2e.run([e2e.SYNTH, "--points", "3000", "--seed", str(seed), "%s/tiles/%d.las" % (base, seed)]).ok()
+        d.ctl("push", "valley", base + "/tiles").ok()
+        job = str(d.ctl("submit", "valley", "--wait", "--json").ok().json()["job"])
+        blocks = re.findall(r"^```\n(.*?)^```", text_of("acut-outputs.7.scd"), re.M | re.S)
+        expect(len(blocks) == 6, "%d sections with commands" % len(blocks))
+        for line in "".join(blocks).splitlines():
+            words = [job if w == "4" else base + "/" + w if w == "tiles/" or before == "-o" else w
+                     for before, w in zip([""] + line.split(), line.split())][1:]
+            outs = [w for before, w in zip(words, words[1:]) if before == "-o"]
+            for out in outs:
+                shutil.rmtree(out, ignore_errors=True)
+            d.ctl(*words).ok()
+            expect(outs and all(os.path.exists(out) for out in outs), line)
+
+
 def protocol_example_runs():
     if not shutil.which("protoc"):
         e2e.unavailable("protoc is not installed")
@@ -130,4 +150,4 @@ def protocol_example_runs():
             expect(len(got) == 2 and got[1] == "done", "%s" % got)
 
 
-e2e.main(groff_is_silent, all_pages_are_known, statuses_and_environment, verbs, examples_run, protocol_example_runs)
+e2e.main(groff_is_silent, all_pages_are_known, statuses_and_environment, verbs, examples_run, products_are_made, protocol_example_runs)

@@ -331,6 +331,62 @@ def tiles():
             expect(one == two and (n == 3) == (len(one) == 1), "other tiles with other memory")
 
 
+def pictures():
+    """A picture with --cell has the pixels of the hillshade of that cell, and GDAL knows where they are."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, png, tif = survey(base, 40000), base + "/h.png", base + "/h.tif"
+        area = base + "/a.wkt"
+        with open(area, "w") as f:
+            f.write("POLYGON ((500000 5400000, 500150 5400000, 500000 5400150))")
+        d.ctl("push", "s", las, "--override-crs", "EPSG:25832").ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        for cell, words in (("1m", ()), ("0.3", ()), ("2ft", ("--raster", "hillshade")), ("1", ("--bbox", "500010.5,5400020,500050.2,5400100")),
+                            ("0.5", ("--polygon", area))):
+            d.ctl("fetch", job, *[w for w in words if w not in ("--raster", "hillshade")], "-o", png, "--cell", cell,
+                  *[w for w in words if w in ("--raster", "hillshade")], "-o", tif, "--cell", cell, "--raster", "hillshade").ok()
+            p, t = gdal.Open(png), Raster(tif)
+            expect((p.RasterXSize, p.RasterYSize, p.RasterCount) == (t.w, t.h, 2), "%d x %d" % (p.RasterXSize, p.RasterYSize))
+            grey, alpha = (p.GetRasterBand(i).ReadRaster() for i in (1, 2))
+            expect(all((a == 255 and g == v) if v != NONE else a == 0 for g, a, v in zip(grey, alpha, t.pixel)), "other pixels")
+            expect(all(abs(a - b) < 1e-7 for a, b in zip(p.GetGeoTransform(), t.data.GetGeoTransform())), "%s %s" %
+                   (p.GetGeoTransform(), t.data.GetGeoTransform()))
+            expect(p.GetSpatialRef().GetAuthorityCode(None) == "25832", p.GetProjection())
+        before = sorted(os.listdir(base))
+        for words, said in ((("--width", "100"), "two sizes"), (("--color", "elevation"), "--color has no meaning"),
+                            (("--raster", "slope"), "holds no heights"), (("--raster", "elevation"), "holds no heights"), (("--no-clobber",), "exists"),
+                            (("--tile", "50"), "--tile has no meaning for png with --cell")):
+            out = base + ("/tiles" if "--tile" in words else "/h.png" if "--no-clobber" in words else "/x.png")
+            r = d.ctl("fetch", job, "-o", out, "--format", "png", "--cell", "1", *words)
+            expect(r.status == 2 and said in r.err, "%s: %d %s" % (words, r.status, r.err))
+        r = d.ctl("fetch", job, "-o", base + "/x.png", "--raster", "hillshade")
+        expect(r.status == 2 and "--cell" in r.err, r.err)
+        os.unlink(png)
+        r = d.ctl("fetch", job, "-o", png, "--cell", "1", "--no-clobber")
+        expect(r.status == 2 and "h.pgw" in r.err and not os.path.exists(png), "a world file that exists: " + r.err)
+        with open(base + "/pipe.png", "wb") as f:
+            e2e.subprocess.run([e2e.ACUTCTL, "fetch", str(job), "-o", "-", "--format", "png", "--cell", "1"], stdout=f, check=True,
+                               env=dict(os.environ, ACUT_SOCKET=d.socket))
+        os.unlink(base + "/h.pgw")
+        os.unlink(png + ".aux.xml")
+        expect(sorted(os.listdir(base)) == sorted(set(before) - {"h.png", "h.pgw", "h.png.aux.xml"} | {"pipe.png"}), str(os.listdir(base)))
+        # A system without a number, by its WKT.
+        import crs
+        odd = crs.UTM32.replace(',AUTHORITY["EPSG","25832"]', "").replace("zone 32N", "zone 32N & more").replace("meridian\",9", "meridian\",9.5")
+        d.ctl("mesh", crs.las(base + "/odd.las", odd), "-o", png, "--cell", "4").ok()
+        got = gdal.Open(png).GetSpatialRef()
+        expect(got and got.IsProjected() and "zone 32N & more" in got.ExportToWkt(), str(got))
+        os.unlink(png + ".aux.xml")
+        # Without a system there is a world file alone.
+        d.ctl("mesh", crs_xyz(base), "-o", png, "--cell", "1").ok()
+        expect(os.path.exists(base + "/h.pgw") and not os.path.exists(png + ".aux.xml"), "a system out of nothing")
+
+
+def crs_xyz(base):
+    with open(base + "/c.xyz", "w") as f:
+        f.writelines("%d %d %d\n" % (i % 5, i // 5, i % 3) for i in range(25))
+    return base + "/c.xyz"
+
+
 def memory():
     """acutctl stays below 64 MiB with a raster of 25 million pixels, in one file, in tiles, cut at a polygon, and three at once."""
     import subprocess
@@ -343,7 +399,8 @@ def memory():
             f.write("POLYGON ((500000 5400000, 500300 5400000, 500000 5400300))")
         out = lambda n: ("-o", "%s/%d.tif" % (base, n), "--cell", "0.05")
         for words in (out(0), ("-o", base + "/tiles", "--format", "tif", "--cell", "0.05", "--tile", "20"),
-                      (*out(1), "--polygon", area), (*out(2), *out(3), "--raster", "slope", *out(4), "--raster", "hillshade")):
+                      (*out(1), "--polygon", area), (*out(2), *out(3), "--raster", "slope", *out(4), "--raster", "hillshade"),
+                      ("-o", base + "/h.png", "--cell", "0.05", "--sidecar")):
             p = subprocess.Popen([e2e.ACUTCTL, "fetch", job, *words], env=dict(os.environ, ACUT_SOCKET=d.socket),
                                  stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
             peak = 0
@@ -403,4 +460,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(pixels, same_bytes, systems, windows, polygons, tiles, memory, refused)
+    e2e.main(pixels, same_bytes, systems, windows, polygons, tiles, pictures, memory, refused)

@@ -165,6 +165,15 @@ def what_holds():
         is_kept(d, "pipe", BOTH)
 
 
+def of_a_file():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        for path, wkt in ((las(base + "/a.las", BOTH.replace(",", ", ")), BOTH), (las(base + "/b.las"), None), (xyz(base + "/c.xyz"), None)):
+            for how in ([], ["--header"]):
+                got = d.ctl("info", path, "--json", *how).ok().json()
+                expect(got["wkt"] == wkt, "%s: %s" % (path, got["wkt"]))
+        expect(BOTH in d.ctl("info", base + "/a.las").ok().out and "wkt" not in d.ctl("info", base + "/b.las").ok().out, "as a text")
+
+
 def known_since():
     """A dataset without one learns it from a later push; what was before stays as it was."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -214,4 +223,4 @@ def who_does_not_ask():
 
 
 if __name__ == "__main__":
-    e2e.main(through_everything, restored, interrupted, what_holds, known_since, who_does_not_ask)
+    e2e.main(through_everything, restored, interrupted, what_holds, of_a_file, known_since, who_does_not_ask)

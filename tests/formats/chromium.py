@@ -12,7 +12,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 from e2e import PATIENCE, Fault, expect, until  # noqa: E402
 
 FLAGS = ["--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
-         "--no-first-run", "--disable-extensions", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+         "--no-first-run", "--disable-dev-shm-usage", "--disable-extensions", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
 class Browser:

@@ -171,6 +171,28 @@ def gdal_reads_systems():
                 expect(part not in said, "%s: %s in %s" % (name, part, said))
 
 
+def gdal_reads_systems_of_contours():
+    quarry = LAMBERT % ("quarry", "46.6", "")
+    both = crs.compound(quarry, NGF % ',AUTHORITY["EPSG","5720"]')
+    long = LAMBERT % ("quarry", "46.6", ',EXTENSION["PROJ4","%s"]' % ("x" * 4000))
+    with Folder() as base, Daemon(base) as d:
+        for i, (wkt, options, parts, not_parts) in enumerate((
+                (LAMBERT % ("RGF93 / Lambert-93", "46.5", ',AUTHORITY["EPSG","2154"]'), [], ['ID["EPSG",2154]'], []),
+                (quarry, [], ['PROJCRS["quarry"', '"Latitude of false origin",46.6'], ["COMPOUNDCRS"]),
+                (both, [], ["COMPOUNDCRS", 'PROJCRS["quarry"', 'ID["EPSG",5720]'], []),
+                (both, ["--z-unit", "m"], ["COMPOUNDCRS"], []),
+                (both, ["--z-unit", "ft"], ["Undefined Cartesian SRS"], ["quarry"]),
+                (long, [], ["Undefined Cartesian SRS"], ["quarry"]))):
+            las, out = crs.las(base + "/%d.las" % i, wkt, x0=700000), base + "/%d.gpkg" % i
+            d.ctl("mesh", las, "-o", out, "--interval", "0.1", *options).ok()
+            said = e2e.run(["ogrinfo", "-so", "-al", out]).ok().out
+            said = said[said.index("Layer SRS WKT"):]
+            for part in parts:
+                expect(part in said, "%d: no %s in %s" % (i, part, said))
+            for part in not_parts:
+                expect(part not in said, "%d: %s in %s" % (i, part, said))
+
+
 # ---- assimp ----
 
 
@@ -318,7 +340,7 @@ def main():
     if reader == "gdal":
         needs("ogr2ogr", "gdal-bin")
         needs("gdalinfo", "gdal-bin")
-        e2e.main(gdal_reads_dxf, gdal_reads_systems)
+        e2e.main(gdal_reads_dxf, gdal_reads_systems, gdal_reads_systems_of_contours)
     if reader == "assimp":
         needs("assimp", "assimp-utils")
         e2e.main(assimp_reads_floats, far_coordinates_are_refused)

@@ -11,9 +11,10 @@ class Chart {
 		canvas.addEventListener("pointerleave", () => this.hover(null));
 	}
 
-	// `line`: [{distance, height}], heights with NaN in gaps; `units`: of both.
-	show(line, units) {
+	// `line`: [{distance, height}], heights with NaN in gaps; `units`: of both; `corners`: the distances of the places that were picked.
+	show(line, units, corners) {
 		this.line = line;
+		this.corners = corners;
 		this.units = units;
 		this.at = null;
 		const heights = line.map(p => p.height).filter(h => !Number.isNaN(h));
@@ -31,7 +32,7 @@ class Chart {
 	layout() {
 		const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
 
-		this.frame = {left: 58, right: width - 12, top: 8, bottom: height - 24};
+		this.frame = {left: 58, right: width - 12, top: 6, bottom: height - 24};
 		this.length = this.line.length ? this.line[this.line.length - 1].distance : 0;
 	}
 
@@ -62,6 +63,7 @@ class Chart {
 			return;
 		g.font = "11px system-ui, sans-serif";
 		this.axes(g, colour);
+		this.legs(g, colour);
 		this.curve(g, colour);
 		if (this.at)
 			this.cross(g, colour);
@@ -88,6 +90,22 @@ class Chart {
 			g.textAlign = last ? "right" : "center";
 			g.fillText(across.text(d) + (d === 0 ? " " + this.units.length : ""), last ? f.right : x, f.bottom + 7);
 		}
+	}
+
+	// Where the profile has a corner, by the letter that it has on the surface.
+	legs(g, colour) {
+		g.fillStyle = g.strokeStyle = colour("--mark");
+		g.textAlign = "left";
+		g.textBaseline = "top";
+		g.setLineDash([3, 4]);
+		this.corners.forEach((distance, i) => {
+			const x = Math.round(this.x(distance)) + 0.5, last = i === this.corners.length - 1;
+			if (i && !last)
+				rule(g, x, this.frame.top, x, this.frame.bottom);
+			g.textAlign = last ? "right" : "left";
+			g.fillText(String.fromCharCode(65 + i % 26), last ? x - 4 : x + 4, this.frame.top);
+		});
+		g.setLineDash([]);
 	}
 
 	curve(g, colour) {

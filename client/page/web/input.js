@@ -74,11 +74,12 @@ class Input {
 		if (this.pointers.size)
 			return;
 		this.drag = null;
-		if (drag && drag.far)
+		if (drag && drag.far) {
 			this.page.camera.refocus();
-		else if (drag && drag.first && whole)
+			this.page.update();
+		} else if (drag && drag.first && whole) {
 			this.page.click([e.offsetX, e.offsetY]);
-		this.page.update();
+		}
 	}
 
 	wheel(e) {

@@ -56,6 +56,10 @@ class Page {
 		on("height", "input", () => this.changed());
 		on("fit", "click", () => this.view("reset"));
 		on("top", "click", () => this.view(camera.parallel ? "reset" : "top"));
+		on("north", "click", () => {
+			camera.yaw = 0;
+			this.update();
+		});
 		on("closer", "click", () => this.zoom(0.75));
 		on("farther", "click", () => this.zoom(1 / 0.75));
 		for (const tool of ["distance", "profile"])
@@ -132,6 +136,7 @@ class Page {
 		else
 			["distance", "profile"].forEach(name => tools.close(name));
 		this.pinned = null;
+		this.update(false);
 	}
 
 	// A control has changed.
@@ -182,7 +187,7 @@ class Page {
 
 	point(pixel) {
 		this.pointer = pixel;
-		this.update();
+		this.update(false);
 	}
 
 	click(pixel) {
@@ -191,6 +196,7 @@ class Page {
 		this.pointer = pixel;
 		if (!this.tools.click(place))
 			this.pinned = place;
+		this.update(false);
 	}
 
 	// ---- the picture ----
@@ -208,18 +214,24 @@ class Page {
 		this.update();
 	}
 
-	// Something has changed: a new picture, once.
-	update() {
+	// Something has changed: a new picture, once. The surface is drawn again only if it looks different, since that takes long where
+	// there is no graphics processor.
+	update(surface = true) {
+		this.stale = this.stale || surface;
 		if (!this.waiting)
-			this.waiting = requestAnimationFrame(() => this.draw());
+			this.waiting = requestAnimationFrame(() => this.draw(this.stale));
 	}
 
-	draw() {
+	draw(surface = true) {
 		cancelAnimationFrame(this.waiting);
 		this.waiting = 0;
-		this.scene.draw(this.camera, this.axes[2]);
+		if (surface) {
+			this.stale = false;
+			this.scene.draw(this.camera, this.axes[2]);
+		}
 		this.overlay.draw(this.camera, this.tools.paths(), this.tools.spot || this.pinned);
 		$("top").setAttribute("aria-pressed", this.camera.parallel);
+		$("north").firstChild.style.transform = `rotate(${this.camera.yaw}rad)`;
 		this.showScale();
 		this.showCursor();
 	}
@@ -289,7 +301,7 @@ function showFacts(mesh) {
 
 	document.title = facts.name;
 	$("title").textContent = $("title").title = facts.name;
-	$("facts-line").textContent = number(facts.triangles, "triangle") + (known["acut-trimmed"] ? " \u00b7 a part of the mesh" : "");
+	$("facts-line").textContent = number(facts.triangles, "triangle") + (known["acut-trimmed"] ? " \u00b7 a part" : "");
 	$("system-line").textContent = $("system-line").title = system || "Coordinate system unknown";
 	$("about-open").addEventListener("click", () => $("about").showModal());
 }
@@ -305,7 +317,7 @@ function showAbout(mesh, page) {
 		const names = page.units.degrees ? ["Longitude", "Latitude", "Heights"] : ["Easting", "Northing", "Heights"];
 		names.forEach((name, axis) => rows.push([name, [page.surface.low, page.surface.high].map(end => page.axes[axis].text(page.axes[axis].local(end[axis]))).join(" to ")]));
 	}
-	for (const [name, key] of [["Origin taken off", "acut-origin"], ["Heights converted", "acut-z-unit"], ["A part of the mesh", "acut-trimmed"], ["Lattice", "acut-lattice"]])
+	for (const [name, key] of [["Origin taken off", "acut-origin"], ["Geoid", "acut-geoid"], ["Heights converted", "acut-z-unit"], ["A part of the mesh", "acut-trimmed"], ["Lattice", "acut-lattice"]])
 		if (known[key])
 			rows.push([name, known[key]]);
 	rows.push(["Digest", digest], ["Digest of vertices", vertexDigest]);

@@ -17,6 +17,7 @@ class Tools {
 			$(tool).setAttribute("aria-pressed", this.name === tool);
 		$("scene").classList.toggle("picking", Boolean(this.name));
 		this.page.panel(false);
+		this.page.pinned = null;
 		if (this.name === "distance")
 			this.close("profile");
 		if (this.name === "profile")
@@ -60,8 +61,20 @@ class Tools {
 		document.body.classList.toggle("charting", chart);
 		if (chart)
 			this.showProfile();
+		this.reveal(chart ? $("chart") : $("measure"), chart ? profile : distance);
 		this.hint();
-		this.page.update();
+		this.page.update(false);
+	}
+
+	// What was picked goes up if a card at the bottom lies over it.
+	reveal(card, corners) {
+		const {camera} = this.page, top = card.hidden ? 0 : card.getBoundingClientRect().top;
+		const lowest = Math.max(0, ...corners.map(c => (camera.project(c) || [0, 0])[1])), most = top - 30;
+
+		if (top > camera.height / 3 && lowest > most && lowest < camera.height) {
+			camera.pan(0, most - lowest);
+			this.page.update();
+		}
 	}
 
 	hint() {
@@ -124,13 +137,15 @@ class Tools {
 		const {surface, step, axes} = this.page, line = [];
 		let before = 0;
 
+		this.legs = [0];
+
 		for (let i = 1; i < corners.length; i++) {
 			const [a, b] = [corners[i - 1], corners[i]], length = Math.hypot((b[0] - a[0]) * step[0], (b[1] - a[1]) * step[1]);
 			for (const p of sectionOf(surface, a[0], a[1], b[0], b[1])) {
 				const x = a[0] + p.t * (b[0] - a[0]), y = a[1] + p.t * (b[1] - a[1]);
 				line.push({distance: before + p.t * length, height: axes[2].base + axes[2].local(p.z), x, y, z: p.z});
 			}
-			before += length;
+			this.legs.push(before += length);
 		}
 		return line;
 	}
@@ -146,7 +161,7 @@ class Tools {
 			low = p.height < low ? p.height : low;
 			high = p.height > high ? p.height : high;
 		});
-		this.chart.show(this.line, {length: units.length, height: units.z});
+		this.chart.show(this.line, {length: units.length, height: units.z}, this.legs);
 		const text = n => n.toFixed(Math.min(2, axes[2].decimals)), unit = units.z && "\u00a0" + units.z;
 		$("chart-facts").textContent = `${units.degrees ? "about " : ""}${lengthText(this.chart.length, units.length)} long \u00b7 heights ${text(low)} to ${text(high)}${unit} \u00b7 ` +
 			`up ${text(climb)}, down ${text(fall)}${unit} \u00b7 heights \u00d7 ${this.chart.exaggeration(this.page.step[2] / axes[2].step).toPrecision(2)}`;
@@ -160,7 +175,7 @@ class Tools {
 		this.spot = point && [point.x, point.y, point.z];
 		$("plot-text").textContent = point ? `${lengthText(point.distance, units.length)} \u00b7 ${axes[2].text(axes[2].local(point.z))}${units.z && "\u00a0" + units.z} \u00b7 ` +
 			`${(100 * point.rise * step[2] / axes[2].step).toFixed(1)}\u00a0%` : "";
-		this.page.update();
+		this.page.update(false);
 	}
 
 	csv() {

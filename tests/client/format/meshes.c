@@ -71,7 +71,7 @@ static void make_block(struct acut_mesh_block *b, const struct meshes_spec *s, u
 struct format_options meshes_options(const struct format *f)
 {
 	return (struct format_options){.origin_auto = !strcmp(f->name, "glb") || !strcmp(f->name, "stl"),
-				       .cell = {f->takes & FORMAT_CELL ? 5 : 0, -1},
+				       .cell = {f->kind == FORMAT_RASTER ? 5 : 0, -1},
 				       .interval = {f->takes & FORMAT_INTERVAL ? 5 : 0, -1}};
 }
 

@@ -1,0 +1,207 @@
+/*
+ * PNG with --cell: a hillshade whose pixels are those of the rasters of this cell (the room dem draws it), in grey, transparent
+ * where there is no mesh. A world file and, where the plane has an EPSG number or a WKT, GDAL's .aux.xml say where it is.
+ *
+ * Memory is that of a raster, not of the picture. Numbers have no place in 8 bits: heights and slopes are written as tif.
+ */
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <png.h>
+
+#include "err.h"
+#include "format_dem.h"
+#include "format_png.h"
+#include "format_text.h"
+#include "outfile.h"
+
+struct format_png_cell {
+	struct outfile *out;
+	struct format_options opt;
+	struct dem *dem;
+	struct dem_frame frame;
+	png_structp png;
+	png_infop info;
+	struct err *err; /* of the running call, for libpng's callbacks */
+};
+
+static int check(const struct format_options *opt, struct err *err)
+{
+	if (opt->width)
+		return err_set(err, ERR_USAGE, "--width and --cell are two sizes of a pixel, and a picture has one");
+	if (opt->color)
+		return err_set(err, ERR_USAGE, "--color has no meaning for a picture with --cell, which is a hillshade");
+	if (opt->has_raster && opt->raster != FORMAT_SHADES) {
+		err_set(err, ERR_USAGE, "a png holds no heights or slopes, but --raster hillshade");
+		return err_add_hint(err, "write tif, which holds numbers");
+	}
+	return 0;
+}
+
+int format_png_cell_new(struct outfile *out, const struct format_options *opt, struct format_png_cell **ret, struct err *err)
+{
+	int r = check(opt, err);
+	struct format_png_cell *p = r ? NULL : calloc(1, sizeof(*p));
+
+	if (r)
+		return r;
+	if (!p)
+		return err_set(err, ERR_NOMEM, "no memory for a writer");
+	p->out = out;
+	p->opt = *opt;
+	r = dem_new(out, &p->dem, err);
+	if (r)
+		free(p);
+	else
+		*ret = p;
+	return r;
+}
+
+int format_png_cell_head(struct format_png_cell *p, const struct acut_mesh_head *head, struct err *err)
+{
+	struct dem_options to;
+	int r = format_dem_options(&p->opt, head, DEM_HILLSHADE, &to, err);
+
+	return r ? r : dem_head(p->dem, head, &to, err);
+}
+
+int format_png_cell_block(struct format_png_cell *p, const struct format_block *block, struct err *err)
+{
+	const struct acut_mesh_block *b = block->mesh;
+	int r = 0;
+
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
+		const uint32_t *t = b->triangle[i];
+
+		r = dem_triangle(p->dem, block->position[t[0]], block->position[t[1]], block->position[t[2]], err);
+	}
+	return r;
+}
+
+/* ---- the picture ---- */
+
+static void put(png_structp png, png_bytep bytes, png_size_t n)
+{
+	struct format_png_cell *p = png_get_io_ptr(png);
+
+	if (outfile_write(p->out, bytes, n, p->err))
+		png_error(png, "output");
+}
+
+static void put_flush(png_structp png) {}
+
+static void fail(png_structp png, png_const_charp text)
+{
+	struct format_png_cell *p = png_get_error_ptr(png);
+
+	if (!p->err->code)
+		err_set(p->err, ERR_INTERNAL, "the picture cannot be encoded: %s", text);
+	png_longjmp(png, 1);
+}
+
+static void warn(png_structp png, png_const_charp text) {}
+
+static int begin(void *ctx, const struct dem_frame *frame, struct err *err)
+{
+	struct format_png_cell *p = ctx;
+
+	p->frame = *frame;
+	p->err = err;
+	p->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, p, fail, warn);
+	p->info = p->png ? png_create_info_struct(p->png) : NULL;
+	if (!p->info)
+		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
+	if (setjmp(png_jmpbuf(p->png)))
+		return -(int)err->code;
+	png_set_write_fn(p->png, p, put, put_flush);
+	png_set_user_limits(p->png, 0x7fffffff, 0x7fffffff);
+	png_set_IHDR(p->png, p->info, (png_uint_32)frame->width, (png_uint_32)frame->height, 8, PNG_COLOR_TYPE_GRAY_ALPHA,
+		     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+	png_set_compression_level(p->png, 4);
+	png_write_info(p->png, p->info);
+	return 0;
+}
+
+static int put_row(void *ctx, const uint8_t *grey, struct err *err)
+{
+	struct format_png_cell *p = ctx;
+
+	p->err = err;
+	if (setjmp(png_jmpbuf(p->png)))
+		return -(int)err->code;
+	png_write_row(p->png, grey);
+	return 0;
+}
+
+int format_png_cell_finish(struct format_png_cell *p, const struct acut_mesh_tail *tail, struct err *err)
+{
+	const struct dem_rows rows = {begin, put_row, p};
+	int r = dem_finish_rows(p->dem, tail->vertices ? tail->box : NULL, &rows, err);
+
+	if (r)
+		return r;
+	p->err = err;
+	if (setjmp(png_jmpbuf(p->png)))
+		return -(int)err->code;
+	png_write_end(p->png, p->info);
+	return 0;
+}
+
+struct format_png_cell *format_png_cell_free(struct format_png_cell *p)
+{
+	if (!p)
+		return NULL;
+	if (p->png)
+		png_destroy_write_struct(&p->png, &p->info);
+	dem_free(p->dem);
+	free(p);
+	return NULL;
+}
+
+/* ---- where it is ---- */
+
+const char *const *format_png_cell_beside(const struct format_options *opt)
+{
+	static const char *const name[] = {".pgw", "+.aux.xml", NULL};
+
+	return opt->cell.mantissa ? name : NULL;
+}
+
+/* The shortest text that is read back as v. */
+static const char *number(double v, char buf[DECIMAL_TEXT_SIZE])
+{
+	struct decimal d;
+
+	return decimal_from_double(v, &d) ? decimal_text(d, buf) : "0";
+}
+
+static int wkt_text(const char *wkt, char **ret, struct err *err)
+{
+	size_t size = strlen(wkt) * FORMAT_TEXT_GROWTH + 1;
+	char *text = malloc(size);
+	int n = -1;
+
+	if (text)
+		n = asprintf(ret, "<PAMDataset>\n  <SRS>%s</SRS>\n</PAMDataset>\n",
+			     format_text(FORMAT_TEXT_XML, wkt, text, size));
+	free(text);
+	return n < 0 ? err_set(err, ERR_NOMEM, "no memory for the system of a picture") : 0;
+}
+
+int format_png_cell_text(const struct format_png_cell *p, unsigned i, char **ret, struct err *err)
+{
+	char side[DECIMAL_TEXT_SIZE], low[DECIMAL_TEXT_SIZE], left[DECIMAL_TEXT_SIZE], top[DECIMAL_TEXT_SIZE];
+	int n = 0;
+
+	*ret = NULL;
+	if (!i)
+		n = asprintf(ret, "%s\n0\n0\n%s\n%s\n%s\n", number(p->frame.side, side), number(-p->frame.side, low),
+			     number(p->frame.left, left), number(p->frame.top, top));
+	else if (!p->frame.epsg && p->frame.wkt)
+		return wkt_text(p->frame.wkt, ret, err);
+	else if (p->frame.epsg)
+		n = asprintf(ret, "<PAMDataset>\n  <SRS>EPSG:%u</SRS>\n</PAMDataset>\n", p->frame.epsg);
+	return n < 0 ? err_set(err, ERR_NOMEM, "no memory for a world file") : 0;
+}

@@ -1,0 +1,199 @@
+/*
+ * Small files beside an output: those of its format, as the world file of a picture, and the sidecar, which says in JSON what the
+ * output is.
+ *
+ * They are opened with the output, so that one that exists is refused at once where nothing may be replaced. They are written
+ * when everything else is complete and get their names just before the output gets its own: where the output is new, they are its
+ * own. An output that is no regular file has none.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "outputs_geojson.h"
+#include "outputs_priv.h"
+
+#define SIDECAR "+.json"
+
+/* ---- the head of the stream ---- */
+
+int outputs_head_copy(struct outputs_head *to, const struct acut_mesh_head *head, struct err *err)
+{
+	struct acut_mesh_head *h = &to->is;
+	const char **text[] = {&h->lattice, &h->scale_xy,  &h->scale_z, &h->crs,      &h->unit_xy, &h->unit_z,
+			       &h->view,    &h->stream_id, &h->wkt,     &h->vertical, &h->geoid};
+
+	*h = *head;
+	for (unsigned i = 0; i < sizeof(text) / sizeof(text[0]); i++) {
+		free(to->text[i]);
+		to->text[i] = strdup(*text[i] ? *text[i] : "");
+		if (!to->text[i])
+			return err_set(err, ERR_NOMEM, "no memory for outputs");
+		*text[i] = to->text[i];
+	}
+	return 0;
+}
+
+void outputs_head_done(struct outputs_head *h)
+{
+	for (unsigned i = 0; i < sizeof(h->text) / sizeof(h->text[0]); i++)
+		free(h->text[i]);
+	memset(h, 0, sizeof(*h));
+}
+
+/* ---- names ---- */
+
+static int open_one(struct outputs_target *t, const char *path, const char *suffix, struct err *err)
+{
+	const char *slash = strrchr(path, '/'), *dot = strrchr(slash ? slash : path, '.');
+	size_t stem = *suffix == '+' || !dot ? strlen(path) : (size_t)(dot - path);
+	char *name;
+	int r;
+
+	if (asprintf(&name, "%.*s%s", (int)stem, path, suffix + (*suffix == '+')) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	r = outfile_new(name, t->opt.no_clobber, &t->beside[t->nbeside], err);
+	t->nbeside += !r;
+	free(name);
+	return r;
+}
+
+int outputs_beside_open(struct outputs_target *t, const char *path, struct err *err)
+{
+	const char *const *suffix = t->format->beside ? t->format->beside(&t->opt) : NULL;
+	int r = 0;
+
+	if (!outfile_base(t->out))
+		return t->opt.sidecar ? err_set(err, ERR_USAGE, "--sidecar needs an output that is a file") : 0;
+	for (; suffix && *suffix && !r; suffix++)
+		r = open_one(t, path, *suffix, err);
+	return r || !t->opt.sidecar ? r : open_one(t, path, SIDECAR, err);
+}
+
+/* ---- the sidecar ---- */
+
+static void put_options(FILE *f, const struct outputs_target *t)
+{
+	static const char *const raster[] = {"elevation", "slope", "hillshade"};
+	const struct format_options *o = &t->opt;
+	char cell[DECIMAL_TEXT_SIZE];
+
+	fprintf(f, "\"options\":{\"canonical\":%s,\"polyface\":%s,\"z_unit\":", o->canonical ? "true" : "false",
+		o->polyface ? "true" : "false");
+	outputs_geojson_text(f, o->z_unit);
+	if (o->cell.mantissa)
+		fprintf(f, ",\"cell\":%s,\"cell_unit\":", decimal_scaled_text(o->cell, 1, cell));
+	else
+		fputs(",\"cell\":null,\"cell_unit\":", f);
+	outputs_geojson_text(f, o->cell_unit);
+	fputs(",\"raster\":", f);
+	outputs_geojson_text(f, !o->cell.mantissa ? NULL : t->format->kind == FORMAT_PICTURE ? "hillshade" : raster[o->raster]);
+	fputs("}", f);
+}
+
+static void put_mesh(FILE *f, const struct outputs *run, uint64_t left_out)
+{
+	const struct acut_mesh_tail *tail = &run->tail;
+	char number[DECIMAL_TEXT_SIZE];
+
+	fprintf(f, ",\n\"vertices\":%llu,\"triangles\":%llu,\"left_out\":%llu,\"trimmed\":", (unsigned long long)tail->vertices,
+		(unsigned long long)(tail->triangles - left_out), (unsigned long long)left_out);
+	outputs_geojson_text(f, run->trimmed);
+	fprintf(f, ",\n\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"mesh_digest\":\"%s\",\n\"box\":", run->written,
+		run->vertex_digest, run->digest);
+	for (int k = 0; k < 6 && tail->vertices; k++)
+		fprintf(f, "%s%s", k ? "," : "[", acut_coordinate_text(&run->head.is, k % 3, tail->box[k], number));
+	fputs(tail->vertices ? "]" : "null", f);
+}
+
+static void put_text(FILE *f, const char *name, const char *text)
+{
+	fprintf(f, ",\n\"%s\":", name);
+	outputs_geojson_text(f, text);
+}
+
+static int sidecar_text(const struct outputs *run, const struct outputs_target *t, char **ret, struct err *err)
+{
+	struct outputs_report report;
+	char *text = NULL;
+	size_t size;
+	FILE *f = open_memstream(&text, &size);
+
+	if (!f)
+		return err_set(err, ERR_NOMEM, "no memory for a sidecar");
+	outputs_report(run, &report);
+	fputs("{\"acut\":", f);
+	outputs_geojson_text(f, ACUT_VERSION);
+	fputs(",\"version\":1,\n\"file\":", f);
+	outputs_geojson_text(f, outfile_base(t->out));
+	fprintf(f, ",\"format\":\"%s\",\"bytes\":%llu,\n\"dataset\":", t->format->name, (unsigned long long)outfile_size(t->out));
+	outputs_geojson_text(f, run->origin.dataset);
+	fprintf(f, ",\"generation\":%llu,\"job\":%llu,\"view\":", (unsigned long long)run->origin.generation,
+		(unsigned long long)run->origin.job);
+	outputs_geojson_text(f, run->head.is.view);
+	fputs(",\n", f);
+	outputs_geojson_head(f, &run->head.is, &t->opt);
+	put_text(f, "vertical", run->head.is.vertical);
+	put_text(f, "geoid", run->head.is.geoid);
+	put_text(f, "wkt", run->head.is.wkt);
+	outputs_geojson_origin(f, &run->head.is, &t->opt);
+	put_mesh(f, run, report.left_out);
+	fputs(",\n", f);
+	put_options(f, t);
+	fputs("}\n", f);
+	if (fclose(f)) {
+		free(text);
+		return err_set(err, ERR_NOMEM, "no memory for a sidecar");
+	}
+	*ret = text;
+	return 0;
+}
+
+/* ---- their contents ---- */
+
+static int write_text(struct outfile *out, const char *text, struct err *err)
+{
+	size_t n = strlen(text);
+	int r = 0;
+
+	for (size_t at = 0; at < n && !r; at += 65536)
+		r = outfile_write(out, text + at, n - at < 65536 ? n - at : 65536, err);
+	return r;
+}
+
+int outputs_beside_make(const struct outputs *run, struct outputs_target *t, struct err *err)
+{
+	unsigned kept = 0;
+
+	for (unsigned i = 0, n = t->nbeside; i < n; i++) {
+		struct outfile *out = t->beside[i];
+		bool sidecar = t->opt.sidecar && i == n - 1;
+		char *text = NULL;
+		int r = sidecar ? sidecar_text(run, t, &text, err) : t->format->beside_text(t->writer, i, &text, err);
+
+		if (!r && text)
+			r = write_text(out, text, err);
+		free(text);
+		if (r)
+			return r;
+		t->beside[i] = NULL;
+		if (text)
+			t->beside[kept++] = out;
+		else
+			outfile_free(out);
+	}
+	t->nbeside = kept;
+	return 0;
+}
+
+int outputs_beside_publish(struct outputs_target *t, uint64_t *bytes, struct err *err)
+{
+	int r = 0;
+
+	for (unsigned i = 0; i < t->nbeside && !r; i++) {
+		r = outfile_publish(t->beside[i], err);
+		*bytes += outfile_size(t->beside[i]);
+	}
+	return r;
+}

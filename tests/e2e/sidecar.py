@@ -1,0 +1,87 @@
+"""The sidecar of an output: it says what the file is, as the file itself and the report do, and appears with it."""
+import json
+import os
+import random
+
+import e2e
+from e2e import expect, main
+
+
+def survey(base):
+    rng, path = random.Random(4), os.path.join(base, "a.xyz")
+    with open(path, "w") as f:
+        f.writelines("%.2f %.2f %.2f\n" % (rng.random() * 400, rng.random() * 300, rng.random() * 20) for _ in range(60000))
+    with open(base + "/area.wkt", "w") as f:
+        f.write("POLYGON ((0 0, 200 0, 200 300, 0 300))")
+    return path
+
+
+def read(path):
+    with open(path) as f:
+        return json.load(f)
+
+
+def comments(path):
+    with open(path, "rb") as f:
+        head = f.read(16384).split(b"end_header")[0].decode(errors="replace")
+    return dict(line.split(" ", 2)[1:] for line in head.splitlines() if line.startswith("comment acut-"))
+
+
+def says_what_it_is():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "s", survey(base), "--assume-units", "m,m", "--assume-crs", "EPSG:25832").ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        ply, obj, tif = base + "/m.ply", base + "/m.obj", base + "/m.tif"
+        got = d.ctl("fetch", job, "-o", ply, "--sidecar", "--canonical", "--z-unit", "ft", "-o", obj, "-o", tif, "--cell", "2m", "--raster", "slope",
+                    "--sidecar", "--mask", base + "/area.wkt", "--json").ok().json()
+        expect(not os.path.exists(obj + ".json"), "a sidecar that nobody asked for")
+        mine, said = read(ply + ".json"), comments(ply)
+        expect((mine["file"], mine["format"], mine["bytes"]) == ("m.ply", "ply", os.path.getsize(ply)), str(mine))
+        expect((mine["dataset"], mine["generation"], mine["job"]) == ("s", 1, job), str(mine))
+        expect(mine["view"] == d.ctl("show", job, "--json").ok().json()["view"], mine["view"])
+        expect((mine["crs"], mine["lattice"], mine["trimmed"]) == (said["acut-crs"], said["acut-lattice"], said["acut-trimmed"]), str(mine))
+        expect((mine["vertical"], mine["geoid"], mine["wkt"]) == (None, None, None), str(mine))
+        expect(" ".join(mine["units"]) == said["acut-units"] and mine["units"] == ["metre", "foot"], str(mine["units"]))
+        expect("%s %s" % (mine["digest"], mine["vertex_digest"]) == said["acut-digest"], str(mine))
+        expect((mine["mesh_digest"], mine["digest"]) == (got["digest"], got["left_out"]["written_digest"]), str(mine))
+        expect((mine["vertices"], mine["triangles"], mine["left_out"]) ==
+               (got["vertices"], got["triangles"] - got["left_out"]["triangles"], got["left_out"]["triangles"]), str(mine))
+        expect(mine["options"] == {"canonical": True, "polyface": False, "z_unit": "foot", "cell": None, "cell_unit": None, "raster": None}
+               and mine["origin"] is None, str(mine["options"]))
+        shown = d.ctl("dataset", "show", "s", "--json").ok().json()
+        expect([mine["box"][i] for i in (0, 1, 3, 4)] == [float(v) for v in shown["min"][:2] + shown["max"][:2]], "%s %s" % (mine["box"], shown))
+        raster = read(tif + ".json")
+        expect((raster["options"]["cell"], raster["options"]["cell_unit"], raster["options"]["raster"]) == (2, "metre", "slope"), str(raster))
+        expect(raster["bytes"] == os.path.getsize(tif) and raster["digest"] == mine["digest"], str(raster))
+        expect(got["output_bytes"] == sum(os.path.getsize(p) for p in (ply, obj, tif, ply + ".json", tif + ".json")), str(got["output_bytes"]))
+        # Before any -o it is of all; the origin that was taken off.
+        d.ctl("fetch", job, "--sidecar", "-o", ply, "--origin", "1,2,3.5", "-o", obj, "--format", "obj").ok()
+        mine = read(ply + ".json")
+        expect(mine["origin"] == [1, 2, 3.5] and mine["trimmed"] is None and mine["digest"] == mine["mesh_digest"] == got["digest"], str(mine))
+        expect(read(obj + ".json")["format"] == "obj", "the second output")
+        # A resumed fetch has one, too; a larger file.
+        d.ctl("mesh", base + "/a.xyz", "-o", base + "/one.ply", "--sidecar").ok()
+        expect(read(base + "/one.ply.json")["bytes"] == os.path.getsize(base + "/one.ply"), "the size of a larger file")
+
+
+def refused():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "s", survey(base)).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        with open(base + "/m.ply.json", "w") as f:
+            f.write("mine")
+        before = sorted(os.listdir(base))
+        for words, said in ((["-o", base + "/m.ply", "--no-clobber"], "m.ply.json"), (["-o", "/dev/null", "--format", "ply"], "needs an output that is a file"),
+                            (["--format", "null"], "--sidecar has no meaning for null"), (["-o", base + "/t", "--tile", "100"], "index.geojson")):
+            r = d.ctl("fetch", job, *words, "--sidecar")
+            expect(r.status == 2 and said in r.err, "%s: %d %s" % (words, r.status, r.err))
+        d.ctl("push", "s", base + "/a.xyz", "--name", "b").ok()
+        other = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        r = d.ctl("fetch", other, "-o", base + "/m.ply", "--sidecar", "--changed-since", "1")
+        expect(r.status == 2 and "--sidecar has no meaning for changes" in r.err, r.err)
+        expect(sorted(os.listdir(base)) == before, str(os.listdir(base)))
+        with open(base + "/m.ply.json") as f:
+            expect(f.read() == "mine", "it was replaced")
+
+
+main(says_what_it_is, refused)
