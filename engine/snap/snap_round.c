@@ -210,7 +210,8 @@ static int make_hot(struct round *r)
 
 	if (wrong)
 		return wrong;
-	memcpy(word, r->vertex.word.at, nvertex * sizeof(*word));
+	if (nvertex)
+		memcpy(word, r->vertex.word.at, nvertex * sizeof(*word));
 	for (size_t i = 0; i < r->crossing.n; i++)
 		word[nvertex + i] = c[i].place;
 	r->hot.word.n = nvertex + r->crossing.n;

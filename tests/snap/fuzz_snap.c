@@ -311,7 +311,7 @@ static bool same(const struct snap *a, const struct snap *b)
 	       a->doubled == b->doubled && a->uneven == b->uneven && a->widest == b->widest &&
 	       !memcmp(a->widest_at, b->widest_at, sizeof(a->widest_at)) &&
 	       !memcmp(a->vertex, b->vertex, a->nvertex * sizeof(*a->vertex)) &&
-	       !memcmp(a->piece, b->piece, a->npiece * sizeof(*a->piece)) &&
+	       (!a->npiece || !memcmp(a->piece, b->piece, a->npiece * sizeof(*a->piece))) &&
 	       (!a->ncrossing || !memcmp(a->crossing, b->crossing, a->ncrossing * sizeof(*a->crossing)));
 }
 

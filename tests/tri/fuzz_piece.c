@@ -217,11 +217,9 @@ static bool sees(const struct set *s, uint32_t v, const uint32_t c[3])
 			if (n <= 0 || d == 0 || (left > 0) == (right > 0) || left == 0 || right == 0)
 				continue;
 			if (k >= 3)
-				blocked = n * ed <= en * d;
+				blocked = en != INT64_MAX && n * ed <= en * d;
 			else if (en == INT64_MAX || n * ed < en * d)
 				en = n, ed = d;
-			if (k >= 3 && en == INT64_MAX)
-				break;
 		}
 		if (en != INT64_MAX && !blocked)
 			return true;
