@@ -242,6 +242,25 @@ def slow_input(base):
         check("input that never ends, " + how, p.returncode == (124 if how == "timeout" else 143), str(p.returncode))
 
 
+def files_of_lines(base):
+    """A layer without features, or one that is not asked for, before one that has some."""
+    def drawing(*layers):
+        path = os.path.join(base, "two.dxf")
+        with open(path, "w") as f:
+            f.write("0\nSECTION\n2\nENTITIES\n")
+            for name in layers:
+                f.write("0\nLINE\n8\n%s\n10\n0\n20\n0\n30\n1\n11\n2\n21\n2\n31\n2\n" % name)
+            f.write("0\nENDSEC\n0\nEOF\n")
+        return path
+
+    two = drawing("A", "B")
+    out, _ = expect(["info", two], 0, "layer     A: 1", "layer     B: 1")
+    check("one system is shown once", out.count("  crs ") == 1, out)
+    for name in ("A", "B"):
+        out, _ = expect(["info", "--layer", name, two], 0, "layer     %s: 1" % name)
+        check("only that layer, with its system", out.count("  layer ") == 1 and out.count("  crs ") == 1, out)
+
+
 def texts():
     expect(["--version"], 0, "acutctl ")
     expect(["version", "--json"], 0, '{"version":"')
@@ -347,6 +366,7 @@ with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
     no_daemon(d)
     wrong_daemon(d)
     slow_input(d)
+    files_of_lines(d)
 texts()
 suggestions()
 examples()
