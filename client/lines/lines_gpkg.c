@@ -21,7 +21,6 @@
 enum {
 	BLOB_MOST = 24 << 20, /* more than the vertices of a feature take, with z and m */
 	LENGTH_MOST = BLOB_MOST + (1 << 20),
-	WKT_MOST = 1 << 16,
 	PROGRESS = 1000, /* steps of SQLite's machine */
 	PROGRESS_MOST = 20000,
 	WKTS_MOST = 4 << 20, /* of all layers */
@@ -180,7 +179,8 @@ static int read_system(struct lines *l, struct gpkg *g, struct gpkg_layer *layer
 		int64_t code = sqlite3_column_int64(s, 1);
 		const char *wkt = text_of(s, 3);
 
-		if (strlen(wkt) <= WKT_MOST && (g->wkt_bytes += strlen(wkt)) <= WKTS_MOST && strcasecmp(wkt, "undefined") != 0) {
+		if (strlen(wkt) <= LINES_WKT_MOST && (g->wkt_bytes += strlen(wkt)) <= WKTS_MOST &&
+		    strcasecmp(wkt, "undefined") != 0) {
 			layer->wkt = strdup(wkt);
 			crs->wkt = layer->wkt ? layer->wkt : "";
 			lines_crs_of_wkt(crs->wkt, crs);

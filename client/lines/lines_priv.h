@@ -6,7 +6,7 @@
 
 #include "err.h"
 
-enum { LINES_HEAD = 4096, LINES_BUFFER = 1 << 16 };
+enum { LINES_HEAD = 4096, LINES_BUFFER = 1 << 16, LINES_WKT_MOST = 1 << 16 /* bytes of the text of a system */ };
 
 struct lines_reader {
 	const char *name, *title, *place;
