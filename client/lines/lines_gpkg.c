@@ -33,6 +33,7 @@ struct gpkg_layer {
 };
 
 struct gpkg {
+	struct lines *lines;
 	sqlite3 *db;
 	sqlite3_stmt *rows;
 	struct gpkg_layer *layer;
@@ -63,6 +64,8 @@ static int failed(struct lines *l, struct gpkg *g, struct err *err)
 		err_set(err, ERR_BUSY, "another program writes to it");
 		return err_add_hint(err, "try again when it has ended");
 	case SQLITE_INTERRUPT:
+		if (lines_interrupted(l, err))
+			return -(int)err->code;
 		err_set(err, ERR_INPUT, "it is damaged: its rows have no end");
 		break;
 	default:
@@ -83,7 +86,7 @@ static int progress(void *ctx)
 {
 	struct gpkg *g = ctx;
 
-	return ++g->steps > PROGRESS_MOST;
+	return ++g->steps > PROGRESS_MOST || (g->lines->interrupted && g->lines->interrupted(g->lines->ctx));
 }
 
 static bool has_log(const struct lines *l, const char *end)
@@ -194,10 +197,30 @@ static int read_system(struct lines *l, struct gpkg *g, struct gpkg_layer *layer
 	return r;
 }
 
+static int no_table(struct lines *l, struct gpkg *g, const char *name, struct err *err)
+{
+	bool view = false;
+	sqlite3_stmt *s;
+	int r;
+
+	if ((sqlite3_errcode(g->db) & 0xff) != SQLITE_ERROR ||
+	    sqlite3_prepare_v2(g->db, "SELECT 1 FROM sqlite_schema WHERE type = 'view' AND name = ? COLLATE NOCASE", -1, &s,
+			       NULL) != SQLITE_OK)
+		return failed(l, g, err);
+	sqlite3_bind_text(s, 1, name, -1, SQLITE_STATIC);
+	r = sqlite3_step(s);
+	view = r == SQLITE_ROW;
+	r = view || r == SQLITE_DONE ? 0 : failed(l, g, err);
+	sqlite3_finalize(s);
+	if (r)
+		return r;
+	err_set(err, ERR_INPUT, "the layer \"%.80s\" is no table%s", name, view ? " but a view" : ": it does not exist");
+	return err_add_hint(err, "copy it into a table: ogr2ogr -f GPKG lines.gpkg FILE LAYER, or choose others by --layer");
+}
+
 static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct err *err)
 {
 	struct gpkg_layer *new;
-	const char *type;
 	int rc;
 
 	if (g->n == LINES_LAYERS_MOST)
@@ -218,13 +241,9 @@ static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct er
 	rc = lines_layer(l, new->table, &new->layer, err);
 	if (rc || !new->layer->selected)
 		return rc;
-	type = text_of(s, 3);
-	if (strcmp(type, "table") != 0) {
-		err_set(err, ERR_INPUT, "the layer \"%.80s\" is no table%s", new->table,
-			*type ? " but a view" : ": it does not exist");
-		return err_add_hint(err,
-				    "copy it into a table: ogr2ogr -f GPKG lines.gpkg FILE LAYER, or choose others by --layer");
-	}
+	/* SQLite has the schema in memory: it is not read once for each layer. */
+	if (sqlite3_table_column_metadata(g->db, "main", new->table, NULL, NULL, NULL, NULL, NULL, NULL) != SQLITE_OK)
+		return no_table(l, g, new->table, err);
 	new->has_kind = l->has_kind_field &&sqlite3_table_column_metadata(g->db, "main", new->table, l->kind_field, NULL, NULL,
 									  NULL, NULL, NULL) == SQLITE_OK;
 	return read_system(l, g, new, sqlite3_column_int64(s, 2), err);
@@ -238,13 +257,13 @@ static int read_layers(struct lines *l, struct gpkg *g, struct err *err)
 	if (sqlite3_table_column_metadata(g->db, "main", "gpkg_geometry_columns", NULL, NULL, NULL, NULL, NULL, NULL) !=
 	    SQLITE_OK)
 		return (sqlite3_errcode(g->db) & 0xff) == SQLITE_ERROR ? no_gpkg(err) : failed(l, g, err);
-	if (sqlite3_prepare_v2(g->db,
-			       "SELECT table_name, column_name, srs_id, (SELECT type FROM sqlite_schema WHERE lower(name) = "
-			       "lower(table_name) AND type IN ('table', 'view')) FROM gpkg_geometry_columns ORDER BY rowid",
-			       -1, &s, NULL) != SQLITE_OK)
+	if (sqlite3_prepare_v2(g->db, "SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns ORDER BY rowid", -1, &s,
+			       NULL) != SQLITE_OK)
 		return failed(l, g, err);
-	while (!rc && (r = sqlite3_step(s)) == SQLITE_ROW)
+	while (!rc && (r = sqlite3_step(s)) == SQLITE_ROW) {
 		rc = add_layer(l, g, s, err);
+		g->steps = 0;
+	}
 	if (!rc && r != SQLITE_DONE)
 		rc = failed(l, g, err);
 	sqlite3_finalize(s);
@@ -270,6 +289,7 @@ static int open_gpkg(struct lines *l, struct err *err)
 
 	if (!g)
 		return err_set(err, ERR_NOMEM, "no memory to read lines");
+	g->lines = l;
 	rc = check_size(l, err);
 	if (!rc)
 		rc = open_database(l, g, err);

@@ -157,6 +157,27 @@ static void test_layers(void **state)
 			    "error: no layer has a field \"sorts\" (ogrinfo -so FILE LAYER lists the fields of a layer)\n");
 }
 
+/* A file of many layers and indices is no damaged one. */
+static void test_many_layers(void **state)
+{
+	enum { LAYERS = 900, INDICES = 10 };
+	static const struct lines_options last = {.layer = "T899"};
+	static char sql[LAYERS * 800];
+	size_t n = (size_t)sprintf(sql, "PRAGMA synchronous = off; BEGIN;");
+
+	for (int i = 0; i < LAYERS; i++) {
+		n += (size_t)sprintf(sql + n,
+				     "CREATE TABLE t%d(id INTEGER PRIMARY KEY, geom);"
+				     "INSERT INTO gpkg_geometry_columns VALUES('t%d', 'geom', '', 0, 1, 0);",
+				     i, i);
+		for (int k = 0; k < INDICES; k++)
+			n += (size_t)sprintf(sql + n, "CREATE INDEX i%d_%d ON t%d(geom);", i, k, i);
+	}
+	sprintf(sql + n, "INSERT INTO t899 SELECT id, geom FROM breaks; COMMIT");
+	make(sql);
+	assert_string_equal(read_all(&last), "#1 t899 LineString" LINE "#2 t899 LineString" LINE "#3 t899 \n");
+}
+
 static void test_systems(void **state)
 {
 	static const struct lines_options opt;
@@ -358,7 +379,7 @@ int main(void)
 		cmocka_unit_test(test_geometries), cmocka_unit_test(test_collections), cmocka_unit_test(test_damaged_geometry),
 		cmocka_unit_test(test_layers),     cmocka_unit_test(test_systems),     cmocka_unit_test(test_hostile),
 		cmocka_unit_test(test_damaged),    cmocka_unit_test(test_untouched),   cmocka_unit_test(test_endless),
-		cmocka_unit_test(test_log),        cmocka_unit_test(test_names),
+		cmocka_unit_test(test_log),        cmocka_unit_test(test_names),       cmocka_unit_test(test_many_layers),
 	};
 
 	lines_made_gpkg_head(&line, 1);
