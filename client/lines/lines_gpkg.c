@@ -2,9 +2,11 @@
  * GeoPackage (OGC 12-128r18): the tables of features of an SQLite file, one layer after the other in the order of
  * gpkg_geometry_columns, rows in the order of their numbers.
  *
- * Model: the file is never written, nor is anything beside it: it is opened as immutable, unless a log of a program that writes
- * to it lies beside it. SQLite is made safe for files of anybody: no views, no triggers, no functions of the schema. Numbers of
- * rows must grow, so a damaged tree of pages cannot be walked for ever; and between two rows only so many steps are done.
+ * Model: the file is never written, nor is anything beside it. It is opened as immutable, unless a log or journal of a program
+ * that writes to it lies beside it. A log is read with the index that the program keeps for it (-shm). Without one SQLite would
+ * make one and leave it; and a transaction that was not ended would have to be undone in the file: such a file is refused. SQLite
+ * is made safe for files of anybody: no views, no triggers, no functions of the schema. Numbers of rows must grow, so a damaged
+ * tree of pages cannot be walked for ever; and between two rows only so many steps are done.
  */
 #include "lines_wkb.h"
 
@@ -49,6 +51,24 @@ static bool matches(const uint8_t *head, size_t n)
 	return n >= 100 && !memcmp(head, "SQLite format 3", 16);
 }
 
+static bool has_log(const struct lines *l, const char *end)
+{
+	char path[sizeof l->path + 16];
+	struct stat st;
+
+	snprintf(path, sizeof path, "%s%s", l->path, end);
+	return !stat(path, &st) && st.st_size > 0;
+}
+
+static int not_closed(const struct lines *l, struct err *err)
+{
+	const char *slash = strrchr(l->path, '/');
+
+	err_set(err, ERR_INPUT, "it was not closed: changes that were made in it are in %.80s%s", slash ? slash + 1 : l->path,
+		has_log(l, "-wal") ? "-wal" : "-journal");
+	return err_add_hint(err, "open it once in the program that made them, and close it there");
+}
+
 static int failed(struct lines *l, struct gpkg *g, struct err *err)
 {
 	int code = g->db ? sqlite3_errcode(g->db) & 0xff : SQLITE_NOMEM;
@@ -59,6 +79,8 @@ static int failed(struct lines *l, struct gpkg *g, struct err *err)
 	case SQLITE_IOERR:
 	case SQLITE_CANTOPEN:
 		return err_set(err, ERR_IO, "it cannot be read: %s", sqlite3_errmsg(g->db));
+	case SQLITE_READONLY:
+		return not_closed(l, err);
 	case SQLITE_BUSY:
 	case SQLITE_LOCKED:
 		err_set(err, ERR_BUSY, "another program writes to it");
@@ -89,15 +111,6 @@ static int progress(void *ctx)
 	return ++g->steps > PROGRESS_MOST || (g->lines->interrupted && g->lines->interrupted(g->lines->ctx));
 }
 
-static bool has_log(const struct lines *l, const char *end)
-{
-	char path[sizeof l->path + 16];
-	struct stat st;
-
-	snprintf(path, sizeof path, "%s%s", l->path, end);
-	return !stat(path, &st) && st.st_size > 0;
-}
-
 /* The head counts the pages. A cut file is known at once, not where its end is missed. */
 static int check_size(struct lines *l, struct err *err)
 {
@@ -126,7 +139,8 @@ static void uri_of(const struct lines *l, char *ret, size_t size)
 		path++;
 	for (const char *p = path; *p && n + 4 < size; p++)
 		n += (size_t)snprintf(ret + n, size - n, strchr("%?#", *p) ? "%%%02x" : "%c", (unsigned char)*p);
-	snprintf(ret + n, size - n, "?mode=ro%s", has_log(l, "-wal") || has_log(l, "-journal") ? "" : "&immutable=1");
+	snprintf(ret + n, size - n, "?mode=ro&%s",
+		 has_log(l, "-wal") || has_log(l, "-journal") ? "readonly_shm=1" : "immutable=1");
 }
 
 static int open_database(struct lines *l, struct gpkg *g, struct err *err)
@@ -139,6 +153,8 @@ static int open_database(struct lines *l, struct gpkg *g, struct err *err)
 		{SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0}, {SQLITE_DBCONFIG_DQS_DML, 0},
 	};
 
+	if (has_log(l, "-wal") && !has_log(l, "-shm"))
+		return not_closed(l, err);
 	uri_of(l, uri, sizeof uri);
 	if (sqlite3_open_v2(uri, &g->db, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI | SQLITE_OPEN_NOMUTEX, NULL) != SQLITE_OK)
 		return failed(l, g, err);
