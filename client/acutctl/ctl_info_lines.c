@@ -149,7 +149,11 @@ static void layers_json(struct term_json *j, const struct lines_survey *s)
 		term_json_known_u64(j, "epsg", c->epsg);
 		term_json_known_u64(j, "epsg_z", c->epsg_z);
 		term_json_known(j, "wkt", c->wkt);
-		term_json_bool(j, "degrees", c->degrees);
+		/* a number alone does not say it */
+		if (c->degrees || *c->unit)
+			term_json_bool(j, "degrees", c->degrees);
+		else
+			term_json_null(j, "degrees");
 		term_json_known(j, "unit", c->unit);
 		term_json_known(j, "unit_z", c->unit_z);
 		term_json_close(j, '}');

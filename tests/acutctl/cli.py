@@ -259,6 +259,19 @@ def files_of_lines(base):
     for name in ("A", "B"):
         out, _ = expect(["info", "--layer", name, two], 0, "layer     %s: 1" % name)
         check("only that layer, with its system", out.count("  layer ") == 1 and out.count("  crs ") == 1, out)
+    # What the file does not say is unknown: a number alone tells no unit.
+    for crs, degrees in (("", True), ('"crs": "EPSG:4326",', True), ('"crs": "EPSG:4258",', None), ('"crs": "EPSG:25832",', None)):
+        path = os.path.join(base, "l.geojson")
+        with open(path, "w") as f:
+            f.write('{%s "type": "LineString", "coordinates": [[1, 2, 3], [4, 5, 6]]}' % crs)
+        layer = json.loads(run("info", "--json", path)[1])["layers"][0]
+        check("degrees of " + crs, layer["degrees"] is degrees, str(layer))
+    with open(two) as f:
+        text = "0\nSECTION\n2\nHEADER\n9\n$INSUNITS\n70\n6\n0\nENDSEC\n" + f.read()
+    with open(two, "w") as f:
+        f.write(text)
+    layer = json.loads(run("info", "--json", two)[1])["layers"][0]
+    check("a drawing in metres", layer["unit"] == "metre" and layer["degrees"] is False, str(layer))
 
 
 def texts():
