@@ -59,7 +59,7 @@ struct lines {
 /* ---- the feature (lines_build.c) ---- */
 
 /* What several readers refuse. */
-extern const char lines_no_z[];
+extern const char lines_no_z[], lines_no_name[];
 
 void lines_begin(struct lines *, const struct lines_layer *, uint64_t number, uint64_t place);
 /* Static texts. The first reason stays. */
