@@ -174,6 +174,16 @@ def heights_in_feet_and_from_an_origin():
     expect(len(mesh.vertices) == len(vertices), "vertices")
 
 
+def degrees_from_an_origin_are_as_long_as_before():
+    with open(world.path("degrees.xyz"), "w") as f:
+        f.write("".join("%.3f %.3f %d\n" % (13 + x / 1000, 52 + y / 1000, 10 + x + y) for x in range(3) for y in range(3)))
+    for name, options in (("degrees", []), ("degrees-from", ["--origin", "13,52,0"])):
+        world.daemon.ctl("mesh", world.path("degrees.xyz"), "--assume-crs", "EPSG:4326", "--planar", "-o", world.path(name + ".html"), *options).ok()
+        step = world.show(world.path(name + ".html")).value("acut.page.step")
+        want = 111.32 * math.cos(math.radians(52.001))
+        expect(math.isclose(step[0], want, rel_tol=1e-4) and math.isclose(step[1], 111.32), "%s: steps of %s, not %s" % (name, step, want))
+
+
 def places_of(b, corners):
     """Pixels of coordinates."""
     return [b.value("acut.pixel(%r, %r)" % c) for c in corners]
@@ -449,8 +459,8 @@ def main():
     with Folder() as base:
         world = World(base)
         try:
-            e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin, a_profile_by_clicks_is_the_section,
-                     a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, light_and_dark, a_telephone,
+            e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin,
+                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, light_and_dark, a_telephone,
                      what_cannot_be_shown_is_said, the_policy_forbids_requests)
         finally:
             world.done()

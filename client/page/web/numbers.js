@@ -44,6 +44,13 @@ const count = n => group(String(n));
 const METRES = {"metre": 1, "foot": 0.3048, "us-survey-foot": 1200 / 3937, "degree": 111320};
 const SHORT = {"metre": "m", "foot": "ft", "us-survey-foot": "ftUS", "degree": "°"};
 
+// What --origin took off the coordinates.
+function originOf(facts) {
+	const words = (facts.comments["acut-origin"] || "0 0 0").split(" ");
+
+	return words.map(Number);
+}
+
 // What a step of x, y and z is in the scene, where slopes and lengths are measured. Its unit is that of x and y; of degrees it is
 // the metre, about: a degree of longitude is as long as in the middle of the mesh. Units that are not known count as equal.
 class Units {
