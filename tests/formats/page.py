@@ -375,6 +375,12 @@ OUTSIDE = """[...document.querySelectorAll(".card")].filter(e => { const r = e.g
     return r.width && (r.left < 0 || r.right > innerWidth || r.top < 0 || r.bottom > innerHeight); }).map(e => e.id)"""
 
 
+def what_the_bar_shows(b, place):
+    """Whether it is that place, and what there is."""
+    said, want = b.value("[document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
+    return said.startswith("E%.2fN%.2f" % tuple(want[:2])), "the bar shows %s, not %s" % (said, want)
+
+
 def a_telephone():
     b = world.browser
     b.size(360, 740, mobile=True)
@@ -406,6 +412,8 @@ def a_telephone():
     b.touch("Start", (180, 380))
     b.touch("End")
     until(lambda: re.search(r"E\s*\d", b.value("document.getElementById('cursor').textContent")), "a touch shows no coordinates")
+    b.value("acut.page.camera.pan(30, -50), acut.page.draw()")
+    expect(*what_the_bar_shows(b, "acut.page.pinned"))
     for button in ("layers", "profile"):
         b.value("document.getElementById('%s').click()" % button)
         expect(b.value(OUTSIDE) == [], "beyond the border: %s" % b.value(OUTSIDE))
@@ -420,6 +428,7 @@ def a_telephone():
     expect(all(y < top for _, y in places_of(b, ends)), "the chart lies over the profile")
     keep("telephone-chart")
     expect(b.value("acut.profile().length") > 2, "no profile by touch")
+    expect(*what_the_bar_shows(b, "acut.page.tools.corners.profile.at(-1)"))
     expect(b.value(OUTSIDE) == [], b.value(OUTSIDE))
     b.size(860, 600)
 

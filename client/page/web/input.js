@@ -10,7 +10,7 @@ class Input {
 		on("pointermove", e => this.move(e));
 		on("pointerup", e => this.up(e, true));
 		on("pointercancel", e => this.up(e, false));
-		on("pointerleave", e => e.pointerType === "mouse" && !this.pointers.size && page.point(null));
+		on("pointerleave", () => !this.pointers.size && page.point(null));
 		on("wheel", e => this.wheel(e));
 		on("contextmenu", e => e.preventDefault());
 		on("dblclick", e => this.twice(e));
@@ -80,6 +80,8 @@ class Input {
 		} else if (drag && drag.first && whole) {
 			this.page.click([e.offsetX, e.offsetY]);
 		}
+		if (e.pointerType !== "mouse")
+			this.page.point(null); // nothing is there any more
 	}
 
 	wheel(e) {

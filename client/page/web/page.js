@@ -245,7 +245,7 @@ class Page {
 
 	showCursor() {
 		const dragging = this.input.drag && this.input.drag.far;
-		const place = dragging ? null : this.tools.spot || (this.pointer && this.placeAt(this.pointer)) || this.pinned;
+		const place = dragging ? null : this.tools.spot || (this.pointer && this.placeAt(this.pointer)) || this.pinned || this.tools.last();
 		const names = this.units.degrees ? ["Lon", "Lat", "H"] : ["E", "N", "H"], units = [this.units.degrees ? "°" : "", this.units.degrees ? "°" : "", this.units.z && " " + this.units.z];
 
 		$("cursor").replaceChildren(...(place || [0, 0, 0]).flatMap((n, axis) => {
