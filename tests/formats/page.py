@@ -357,6 +357,22 @@ def contours_are_at_true_heights():
     print("     %s" % found)
 
 
+def keys_act_after_a_control_was_used():
+    b = world.show(world.page)
+    for control, key, state, want in (("[value=hillshade]", "3", "acut.page.scene.state.mode", 2), ("#interval", "w", "acut.page.scene.state.wire", True),
+                                      ("#height", "t", "acut.page.camera.parallel", True)):
+        b.value("document.querySelector('%s').disabled = false, document.querySelector('%s').focus()" % (control, control))
+        b.key(key)
+        expect(b.value(state) == want, "%s does nothing at %s" % (key, control))
+    target = "acut.page.camera.target.map(String)"
+    before = b.value(target)
+    b.key("ArrowLeft")
+    expect(b.value(target) == before, "an arrow key of a slider moves the mesh")
+    b.value("document.getElementById('scene').focus()")
+    b.key("ArrowLeft")
+    expect(b.value(target) != before, "an arrow key does nothing")
+
+
 def light_and_dark():
     b = world.browser
     backs = []
@@ -469,7 +485,7 @@ def main():
         world = World(base)
         try:
             e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin,
-                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, light_and_dark, a_telephone,
+                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, keys_act_after_a_control_was_used, light_and_dark, a_telephone,
                      what_cannot_be_shown_is_said, the_policy_forbids_requests)
         finally:
             world.done()

@@ -106,7 +106,9 @@ class Input {
 	key(e) {
 		const {page} = this, {camera, tools} = page, far = 40;
 
-		if (e.ctrlKey || e.metaKey || e.altKey || $("about").open || /^(SELECT|INPUT|TEXTAREA)$/.test(e.target.tagName) && e.key !== "Escape")
+		// Controls keep the focus after they were used, and need no other of these keys.
+		const own = /^(SELECT|INPUT)$/.test(e.target.tagName) && e.key.startsWith("Arrow");
+		if (own || e.ctrlKey || e.metaKey || e.altKey || $("about").open)
 			return;
 		const arrow = {ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[e.key];
 		const keys = {
