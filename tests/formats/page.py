@@ -171,6 +171,9 @@ def heights_in_feet_and_from_an_origin():
     worst = max(abs(h - vertices[i][2]) for h, i in zip(got, used))
     expect(worst <= 1e-8, "a height is off by %g" % worst)
     expect("ft" in b.value("document.getElementById('legend-title').textContent"), "the unit")
+    ends = [float(f(v[2] for v in vertices)) for f in (min, max)]
+    said = b.value("document.getElementById('legend-lines').textContent").replace("\u202f", "")
+    expect(said == "%.2f to %.2f ft" % tuple(ends), "%s are said to be %s" % (ends, said))
     expect(len(mesh.vertices) == len(vertices), "vertices")
 
 

@@ -14,6 +14,9 @@ class Axis {
 		this.q = Number(q);
 		this.rest = Number(BigInt(middle) * a + b - BigInt(this.base) * q);
 		this.step = this.a / this.q;
+		// Shown are as many as a step has; a converted one has many, or no end of them, and then those that tell steps apart.
+		const apart = decimalsOf(this.step);
+		this.shown = this.decimals > apart + 2 ? apart : this.decimals;
 	}
 
 	// Of a lattice number relative to the middle one, or of a place between two.
@@ -25,10 +28,8 @@ class Axis {
 		return (local * this.q - this.rest) / this.a;
 	}
 
-	text(local, more = 0) {
-		const digits = Math.min(this.decimals + more, 9);
-
-		return group((this.base + local).toFixed(digits));
+	text(local) {
+		return group((this.base + local).toFixed(Math.min(this.shown, 9)));
 	}
 }
 
