@@ -394,6 +394,37 @@ OUTSIDE = """[...document.querySelectorAll(".card")].filter(e => { const r = e.g
     return r.width && (r.left < 0 || r.right > innerWidth || r.top < 0 || r.bottom > innerHeight); }).map(e => e.id)"""
 
 
+# Cards that one sees and that are beyond the border, or over one another.
+OVERLAPS = """[...document.querySelectorAll(".card")].filter(e => e.checkVisibility({visibilityProperty: true})).flatMap((e, i, all) => {
+    const r = e.getBoundingClientRect(), name = e.id + " " + [r.left, r.top, r.right, r.bottom].map(Math.round);
+    const over = all.slice(i + 1).filter(f => (s => Math.min(r.right, s.right) - Math.max(r.left, s.left) > 0.5 && Math.min(r.bottom, s.bottom) - Math.max(r.top, s.top) > 0.5)(f.getBoundingClientRect()));
+    return [...over.map(f => name + " and " + f.id), ...(r.left < 0 || r.right > innerWidth || r.top < 0 || r.bottom > innerHeight ? [name] : [])];
+})"""
+
+
+def no_card_lies_over_another():
+    b = world.show(world.page)
+    b.value("acut.page.chooseMode(1), acut.page.toggle('contours')")
+    if not KEEP:
+        b.value("acut.page.scene.draw = () => {}") # takes most of the time
+    profile = "tools.corners.profile = [surface.low, surface.high].map(c => c.map(n => n / 2)), tools.changed()"
+    states = {"nothing": "1", "panel": "p.panel(true)", "a tool": "p.panel(false), tools.choose('distance')", "distance": profile.replace("profile", "distance"),
+              "tool profile": "tools.choose('profile')", "profile": profile, "profile and panel": "p.panel(true)"}
+    found = []
+    for width, height in ((960, 540), (1024, 500), (1366, 768), (721, 481), (568, 320), (667, 375), (740, 360), (320, 568), (360, 740)):
+        b.size(width, height, mobile=min(width, height) <= 375)
+        for state, act in states.items():
+            b.value("(({tools, surface, ...p}) => { p = acut.page; %s; })(acut.page)" % act)
+            found += ["%d x %d, %s: %s" % (width, height, state, o) for o in b.value(OVERLAPS)]
+        if height < 600:
+            keep("size-%d-%d" % (width, height))
+            expect(b.value("(e => { e.scrollIntoView(); const r = e.getBoundingClientRect(); return document.elementFromPoint(r.left + r.width / 2, r.top + r.height / 2) === e; })(document.getElementById('height'))"),
+                   "%d x %d: the slider cannot be reached" % (width, height))
+        b.value("acut.page.panel(false), acut.page.escape(), acut.page.escape()")
+    b.size(860, 600)
+    expect(not found, "\n".join(found))
+
+
 def what_the_bar_shows(b, place):
     """Whether it is that place, and what there is."""
     said, want = b.value("[document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
@@ -488,7 +519,7 @@ def main():
         world = World(base)
         try:
             e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin,
-                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, keys_act_after_a_control_was_used, light_and_dark, a_telephone,
+                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, keys_act_after_a_control_was_used, light_and_dark, no_card_lies_over_another, a_telephone,
                      what_cannot_be_shown_is_said, the_policy_forbids_requests)
         finally:
             world.done()
