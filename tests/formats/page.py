@@ -171,7 +171,20 @@ def heights_in_feet_and_from_an_origin():
     worst = max(abs(h - vertices[i][2]) for h, i in zip(got, used))
     expect(worst <= 1e-8, "a height is off by %g" % worst)
     expect("ft" in b.value("document.getElementById('legend-title').textContent"), "the unit")
+    ends = [float(f(v[2] for v in vertices)) for f in (min, max)]
+    said = b.value("document.getElementById('legend-lines').textContent").replace("\u202f", "")
+    expect(said == "%.2f to %.2f ft" % tuple(ends), "%s are said to be %s" % (ends, said))
     expect(len(mesh.vertices) == len(vertices), "vertices")
+
+
+def degrees_from_an_origin_are_as_long_as_before():
+    with open(world.path("degrees.xyz"), "w") as f:
+        f.write("".join("%.3f %.3f %d\n" % (13 + x / 1000, 52 + y / 1000, 10 + x + y) for x in range(3) for y in range(3)))
+    for name, options in (("degrees", []), ("degrees-from", ["--origin", "13,52,0"])):
+        world.daemon.ctl("mesh", world.path("degrees.xyz"), "--assume-crs", "EPSG:4326", "--planar", "-o", world.path(name + ".html"), *options).ok()
+        step = world.show(world.path(name + ".html")).value("acut.page.step")
+        want = 111.32 * math.cos(math.radians(52.001))
+        expect(math.isclose(step[0], want, rel_tol=1e-4) and math.isclose(step[1], 111.32), "%s: steps of %s, not %s" % (name, step, want))
 
 
 def places_of(b, corners):
@@ -347,6 +360,22 @@ def contours_are_at_true_heights():
     print("     %s" % found)
 
 
+def keys_act_after_a_control_was_used():
+    b = world.show(world.page)
+    for control, key, state, want in (("[value=hillshade]", "3", "acut.page.scene.state.mode", 2), ("#interval", "w", "acut.page.scene.state.wire", True),
+                                      ("#height", "t", "acut.page.camera.parallel", True)):
+        b.value("document.querySelector('%s').disabled = false, document.querySelector('%s').focus()" % (control, control))
+        b.key(key)
+        expect(b.value(state) == want, "%s does nothing at %s" % (key, control))
+    target = "acut.page.camera.target.map(String)"
+    before = b.value(target)
+    b.key("ArrowLeft")
+    expect(b.value(target) == before, "an arrow key of a slider moves the mesh")
+    b.value("document.getElementById('scene').focus()")
+    b.key("ArrowLeft")
+    expect(b.value(target) != before, "an arrow key does nothing")
+
+
 def light_and_dark():
     b = world.browser
     backs = []
@@ -363,6 +392,43 @@ def light_and_dark():
 
 OUTSIDE = """[...document.querySelectorAll(".card")].filter(e => { const r = e.getBoundingClientRect();
     return r.width && (r.left < 0 || r.right > innerWidth || r.top < 0 || r.bottom > innerHeight); }).map(e => e.id)"""
+
+
+# Cards that one sees and that are beyond the border, or over one another.
+OVERLAPS = """[...document.querySelectorAll(".card")].filter(e => e.checkVisibility({visibilityProperty: true})).flatMap((e, i, all) => {
+    const r = e.getBoundingClientRect(), name = e.id + " " + [r.left, r.top, r.right, r.bottom].map(Math.round);
+    const over = all.slice(i + 1).filter(f => (s => Math.min(r.right, s.right) - Math.max(r.left, s.left) > 0.5 && Math.min(r.bottom, s.bottom) - Math.max(r.top, s.top) > 0.5)(f.getBoundingClientRect()));
+    return [...over.map(f => name + " and " + f.id), ...(r.left < 0 || r.right > innerWidth || r.top < 0 || r.bottom > innerHeight ? [name] : [])];
+})"""
+
+
+def no_card_lies_over_another():
+    b = world.show(world.page)
+    b.value("acut.page.chooseMode(1), acut.page.toggle('contours')")
+    if not KEEP:
+        b.value("acut.page.scene.draw = () => {}") # takes most of the time
+    profile = "tools.corners.profile = [surface.low, surface.high].map(c => c.map(n => n / 2)), tools.changed()"
+    states = {"nothing": "1", "panel": "p.panel(true)", "a tool": "p.panel(false), tools.choose('distance')", "distance": profile.replace("profile", "distance"),
+              "tool profile": "tools.choose('profile')", "profile": profile, "profile and panel": "p.panel(true)"}
+    found = []
+    for width, height in ((960, 540), (1024, 500), (1366, 768), (721, 481), (568, 320), (667, 375), (740, 360), (320, 568), (360, 740)):
+        b.size(width, height, mobile=min(width, height) <= 375)
+        for state, act in states.items():
+            b.value("(({tools, surface, ...p}) => { p = acut.page; %s; })(acut.page)" % act)
+            found += ["%d x %d, %s: %s" % (width, height, state, o) for o in b.value(OVERLAPS)]
+        if height < 600:
+            keep("size-%d-%d" % (width, height))
+            expect(b.value("(e => { e.scrollIntoView(); const r = e.getBoundingClientRect(); return document.elementFromPoint(r.left + r.width / 2, r.top + r.height / 2) === e; })(document.getElementById('height'))"),
+                   "%d x %d: the slider cannot be reached" % (width, height))
+        b.value("acut.page.panel(false), acut.page.escape(), acut.page.escape()")
+    b.size(860, 600)
+    expect(not found, "\n".join(found))
+
+
+def the_bar_shows(b, place):
+    """With the next frame."""
+    both = lambda: b.value("[document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
+    until(lambda: (lambda said, want: said.startswith("E%.2fN%.2f" % tuple(want[:2])))(*both()), lambda: "the bar shows %s, not %s" % tuple(both()))
 
 
 def a_telephone():
@@ -396,6 +462,8 @@ def a_telephone():
     b.touch("Start", (180, 380))
     b.touch("End")
     until(lambda: re.search(r"E\s*\d", b.value("document.getElementById('cursor').textContent")), "a touch shows no coordinates")
+    b.value("acut.page.camera.pan(30, -50), acut.page.draw()")
+    the_bar_shows(b, "acut.page.pinned")
     for button in ("layers", "profile"):
         b.value("document.getElementById('%s').click()" % button)
         expect(b.value(OUTSIDE) == [], "beyond the border: %s" % b.value(OUTSIDE))
@@ -410,6 +478,7 @@ def a_telephone():
     expect(all(y < top for _, y in places_of(b, ends)), "the chart lies over the profile")
     keep("telephone-chart")
     expect(b.value("acut.profile().length") > 2, "no profile by touch")
+    the_bar_shows(b, "acut.page.tools.corners.profile.at(-1)")
     expect(b.value(OUTSIDE) == [], b.value(OUTSIDE))
     b.size(860, 600)
 
@@ -449,8 +518,8 @@ def main():
     with Folder() as base:
         world = World(base)
         try:
-            e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin, a_profile_by_clicks_is_the_section,
-                     a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, light_and_dark, a_telephone,
+            e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin,
+                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, keys_act_after_a_control_was_used, light_and_dark, no_card_lies_over_another, a_telephone,
                      what_cannot_be_shown_is_said, the_policy_forbids_requests)
         finally:
             world.done()

@@ -10,7 +10,7 @@ class Input {
 		on("pointermove", e => this.move(e));
 		on("pointerup", e => this.up(e, true));
 		on("pointercancel", e => this.up(e, false));
-		on("pointerleave", e => e.pointerType === "mouse" && !this.pointers.size && page.point(null));
+		on("pointerleave", () => !this.pointers.size && page.point(null));
 		on("wheel", e => this.wheel(e));
 		on("contextmenu", e => e.preventDefault());
 		on("dblclick", e => this.twice(e));
@@ -80,6 +80,8 @@ class Input {
 		} else if (drag && drag.first && whole) {
 			this.page.click([e.offsetX, e.offsetY]);
 		}
+		if (e.pointerType !== "mouse")
+			this.page.point(null); // nothing is there any more
 	}
 
 	wheel(e) {
@@ -104,7 +106,9 @@ class Input {
 	key(e) {
 		const {page} = this, {camera, tools} = page, far = 40;
 
-		if (e.ctrlKey || e.metaKey || e.altKey || $("about").open || /^(SELECT|INPUT|TEXTAREA)$/.test(e.target.tagName) && e.key !== "Escape")
+		// Controls keep the focus after they were used, and need no other of these keys.
+		const own = /^(SELECT|INPUT)$/.test(e.target.tagName) && e.key.startsWith("Arrow");
+		if (own || e.ctrlKey || e.metaKey || e.altKey || $("about").open)
 			return;
 		const arrow = {ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[e.key];
 		const keys = {

@@ -14,6 +14,9 @@ class Axis {
 		this.q = Number(q);
 		this.rest = Number(BigInt(middle) * a + b - BigInt(this.base) * q);
 		this.step = this.a / this.q;
+		// Shown are as many as a step has; a converted one has many, or no end of them, and then those that tell steps apart.
+		const apart = decimalsOf(this.step);
+		this.shown = this.decimals > apart + 2 ? apart : this.decimals;
 	}
 
 	// Of a lattice number relative to the middle one, or of a place between two.
@@ -25,10 +28,8 @@ class Axis {
 		return (local * this.q - this.rest) / this.a;
 	}
 
-	text(local, more = 0) {
-		const digits = Math.min(this.decimals + more, 9);
-
-		return group((this.base + local).toFixed(digits));
+	text(local) {
+		return group((this.base + local).toFixed(Math.min(this.shown, 9)));
 	}
 }
 
@@ -43,6 +44,13 @@ const count = n => group(String(n));
 
 const METRES = {"metre": 1, "foot": 0.3048, "us-survey-foot": 1200 / 3937, "degree": 111320};
 const SHORT = {"metre": "m", "foot": "ft", "us-survey-foot": "ftUS", "degree": "°"};
+
+// What --origin took off the coordinates.
+function originOf(facts) {
+	const words = (facts.comments["acut-origin"] || "0 0 0").split(" ");
+
+	return words.map(Number);
+}
 
 // What a step of x, y and z is in the scene, where slopes and lengths are measured. Its unit is that of x and y; of degrees it is
 // the metre, about: a degree of longitude is as long as in the middle of the mesh. Units that are not known count as equal.

@@ -11,7 +11,7 @@ class Page {
 		this.mesh = mesh;
 		this.surface = surface;
 		this.axes = facts.axes.map((fact, axis) => new Axis(fact, surface.middle[axis]));
-		this.units = new Units((facts.comments["acut-units"] || "").split(" "), this.axes[1].base);
+		this.units = new Units((facts.comments["acut-units"] || "").split(" "), this.axes[1].base + originOf(facts)[1]);
 		this.step = this.axes.map((axis, i) => axis.step * this.units.scale[i]);
 		this.camera = new Camera(surface, this.step);
 		this.scene = new Scene($("scene"), mesh, surface, this.step);
@@ -245,7 +245,7 @@ class Page {
 
 	showCursor() {
 		const dragging = this.input.drag && this.input.drag.far;
-		const place = dragging ? null : this.tools.spot || (this.pointer && this.placeAt(this.pointer)) || this.pinned;
+		const place = dragging ? null : this.tools.spot || (this.pointer && this.placeAt(this.pointer)) || this.pinned || this.tools.last();
 		const names = this.units.degrees ? ["Lon", "Lat", "H"] : ["E", "N", "H"], units = [this.units.degrees ? "°" : "", this.units.degrees ? "°" : "", this.units.z && " " + this.units.z];
 
 		$("cursor").replaceChildren(...(place || [0, 0, 0]).flatMap((n, axis) => {

@@ -41,6 +41,11 @@ class Tools {
 		return true;
 	}
 
+	// The corner that was picked last with the tool that is on, or null.
+	last() {
+		return this.name && this.corners[this.name].at(-1) || null;
+	}
+
 	undo() {
 		const corners = this.corners[this.name || (this.corners.profile.length ? "profile" : "distance")];
 
