@@ -41,6 +41,13 @@ void contour_save(const struct contour *c, struct packer *to)
 	packer_u64(to, c->pieces);
 }
 
+static int make_room(struct contour *c, struct err *err)
+{
+	if (!contour_chains_full(c->chains))
+		return 0;
+	return contour_interrupted(c) ? err_set(err, ERR_CANCELLED, "interrupted") : contour_chains_flush(c, err);
+}
+
 /* The segments of one triangle: of each level that is above its lowest corner and not above its highest. */
 static int triangle(struct contour *c, const int32_t *const v[3], const int64_t level[3], bool whole, struct err *err)
 {
@@ -54,7 +61,7 @@ static int triangle(struct contour *c, const int32_t *const v[3], const int64_t 
 		const int32_t *at = v[one], *next = v[(one + 1) % 3], *last = v[(one + 2) % 3];
 		struct contour_crossing from = contour_cross(&c->levels, at, up == 1 ? next : last, l);
 		struct contour_crossing to = contour_cross(&c->levels, at, up == 1 ? last : next, l);
-		int r = contour_chains_full(c->chains) ? contour_chains_flush(c, err) : 0;
+		int r = make_room(c, err);
 
 		if (!r)
 			r = contour_chains_add(c, &from, &to, l, whole, err);
@@ -143,6 +150,21 @@ static void release(struct contour *c)
 	c->order = NULL;
 }
 
+static int check_levels(struct contour *c, const int64_t level[3], struct err *err)
+{
+	int64_t *seen = c->seen_levels;
+
+	for (int i = 0; i < 3; i++) {
+		seen[0] = !c->any_levels || level[i] < seen[0] ? level[i] : seen[0];
+		seen[1] = !c->any_levels || level[i] > seen[1] ? level[i] : seen[1];
+		c->any_levels = true;
+	}
+	if (seen[1] - seen[0] <= CONTOUR_LEVELS)
+		return 0;
+	err_set(err, ERR_USAGE, "with this --interval there are more than %d heights of contours", CONTOUR_LEVELS);
+	return err_add_hint(err, "give a larger --interval");
+}
+
 /* Triangles with lines, neighbours near each other: the table of crossings then has whole lines when it is full. The stream has
  * no such order. *ret: how many. */
 static int put_in_order(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], uint32_t *ret,
@@ -157,8 +179,12 @@ static int put_in_order(struct contour *c, const struct acut_mesh_block *b, cons
 	memset(c->cell, 0, sizeof(c->cell));
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		int64_t level[3];
+		bool lines = levels_of(c, b->triangle[i], position, level);
+		int r = check_levels(c, level, err);
 
-		if (!levels_of(c, b->triangle[i], position, level))
+		if (r)
+			return r;
+		if (!lines)
 			continue;
 		c->crossed[i >> 3] |= (uint8_t)(1u << (i & 7));
 		c->cell[cell_of(&g, position[b->triangle[i][0]])]++;

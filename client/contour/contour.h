@@ -36,12 +36,12 @@ struct contour_options {
 	struct contour_axis axis[2];
 	struct contour_length interval, base; /* levels are base + i * interval, in the unit of heights as they are written */
 	int64_t z_num, z_den;                 /* that unit: heights of the stream times this */
-	int (*interrupted)(void *ctx);        /* not 0: give up; called while lines are joined; may be NULL */
+	int (*interrupted)(void *ctx);        /* not 0: give up; called while blocks come and lines are joined; may be NULL */
 	void *ctx;
 	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
 	unsigned pages;    /* of 4 KiB in memory when lines are joined; 0: CONTOUR_PAGES */
 };
-enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024 };
+enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024, CONTOUR_LEVELS = 1000000 };
 
 struct contour;
 int contour_new(struct outfile *, struct contour **ret, struct err *err);
@@ -51,7 +51,8 @@ int contour_head(struct contour *, const struct acut_mesh_head *, const struct c
 int contour_resume(struct contour *, const struct acut_mesh_head *, const struct contour_options *, struct cursor *,
 		   struct err *err);
 void contour_save(const struct contour *, struct packer *);
-/* `position` is of the block's vertices; corners counter-clockwise. */
+/* `position` is of the block's vertices; corners counter-clockwise. -ERR_USAGE: more than CONTOUR_LEVELS levels from the lowest
+ * to the highest vertex. */
 int contour_block(struct contour *, const struct acut_mesh_block *, const int32_t (*position)[3], struct err *err);
 
 /* ---- after the last block ---- */
@@ -71,7 +72,8 @@ struct contour_line {
 int contour_next(struct contour *, struct contour_line *ret, struct err *err);
 /* Points of this line, from its first on; *ret is valid until the next call. *ret_n 0: there are no more. */
 int contour_points(struct contour *, const double (**ret)[2], size_t *ret_n, struct err *err);
-/* The height of a level: the nearest double, and as text, which is exact where it is a decimal. */
+/* The height of a level as a double and as text: exact where it is a decimal, as without conversion of units; else rounded to six
+ * decimals, or more if levels are less than 0.0001 apart. */
 double contour_height(const struct contour *, int64_t level);
 char *contour_height_text(const struct contour *, int64_t level, char buf[DECIMAL_TEXT_SIZE]);
 /* After the last line: what is left of them in the output's file is removed. */

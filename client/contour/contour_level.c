@@ -20,6 +20,8 @@ typedef unsigned __int128 u128;
 #define DIVISOR_MOST ((i128)1 << 60)
 #define PART_MOST ((i128)1 << 118)
 
+enum { DECIMALS_LEAST = 6, DECIMALS_MOST = 12 }; /* of converted heights: text has no exponent */
+
 struct fraction {
 	i128 n, d;
 };
@@ -86,6 +88,7 @@ static bool heights_init(struct contour_levels *l, const struct contour_options 
 	struct fraction i = {interval.mantissa, 1}, b = {base.mantissa, 1};
 
 	l->decimal = o->interval.num == o->interval.den && (o->base.num == o->base.den || !base.mantissa);
+	l->decimals = DECIMALS_LEAST;
 	l->exponent = base.mantissa && base.exponent < interval.exponent ? base.exponent : interval.exponent;
 	l->interval = interval.mantissa;
 	l->base = base.mantissa;
@@ -98,10 +101,13 @@ static bool heights_init(struct contour_levels *l, const struct contour_options 
 	if (!times(&i, o->interval.num, o->interval.den, interval.exponent) ||
 	    !times(&b, o->base.num, o->base.den, base.exponent))
 		return false;
-	l->den = i.d / gcd(i.d, b.d) * b.d;
-	l->interval_n = l->den / i.d * i.n;
-	l->base_n = l->den / b.d * b.n;
-	return l->den < DIVISOR_MOST && i.n < P_MOST && l->interval_n < P_MOST && l->base_n < PART_MOST && l->base_n > -PART_MOST;
+	if (__builtin_mul_overflow(i.d / gcd(i.d, b.d), b.d, &l->den) || l->den >= DIVISOR_MOST ||
+	    __builtin_mul_overflow(l->den / i.d, i.n, &l->interval_n) || __builtin_mul_overflow(l->den / b.d, b.n, &l->base_n))
+		return false;
+	for (double step = (double)l->interval_n / (double)l->den, ten = 1e6; l->decimals < DECIMALS_MOST && step * ten < 100;
+	     ten *= 10)
+		l->decimals++;
+	return l->interval_n < P_MOST && l->base_n < PART_MOST && l->base_n > -PART_MOST;
 }
 
 static int too_fine(const struct acut_mesh_head *head, struct err *err)
@@ -128,8 +134,8 @@ int contour_levels_init(struct contour_levels *l, const struct acut_mesh_head *h
 	if (interval.d >= Q_MOST || base.d >= Q_MOST)
 		return too_fine(head, err);
 	q = interval.d / gcd(interval.d, base.d) * base.d;
-	p = q < Q_MOST ? q / interval.d * interval.n : P_MOST;
-	if (p >= P_MOST || q >= Q_MOST || base.n > (i128)1 << 90 || base.n < -((i128)1 << 90))
+	if (q >= Q_MOST || __builtin_mul_overflow(q / interval.d, interval.n, &p) || p >= P_MOST || base.n > (i128)1 << 90 ||
+	    base.n < -((i128)1 << 90))
 		return too_fine(head, err);
 	r = q / base.d * base.n - (i128)head->k[2] * q;
 	shift = floor_of(r, p);
@@ -143,32 +149,35 @@ int contour_levels_init(struct contour_levels *l, const struct acut_mesh_head *h
 	return 0;
 }
 
-double contour_height(const struct contour *c, int64_t level)
+static struct decimal height_of(const struct contour_levels *l, int64_t level)
 {
-	const struct contour_levels *l = &c->levels;
 	i128 n = (i128)level * l->interval + l->base;
+	double ten = pow(10, l->decimals), v;
+	struct decimal d = {0, 0};
 
 	if (l->decimal && (int64_t)n == n)
-		return decimal_double((struct decimal){(int64_t)n, l->exponent});
-	return l->decimal ? (double)n * pow(10, l->exponent) : contour_nearest(level * l->interval_n + l->base_n, l->den);
+		return (struct decimal){(int64_t)n, l->exponent};
+	v = l->decimal ? (double)n * pow(10, l->exponent) : contour_nearest(level * l->interval_n + l->base_n, l->den);
+	if (!l->decimal && fabs(v) < 9e15 / ten)
+		return (struct decimal){llrint(v * ten), -l->decimals};
+	decimal_from_double(v, &d);
+	return d;
+}
+
+double contour_height(const struct contour *c, int64_t level)
+{
+	return decimal_double(height_of(&c->levels, level));
 }
 
 char *contour_height_text(const struct contour *c, int64_t level, char buf[DECIMAL_TEXT_SIZE])
 {
-	const struct contour_levels *l = &c->levels;
-	i128 n = (i128)level * l->interval + l->base;
-	struct decimal d = {0, 0};
+	struct decimal d = height_of(&c->levels, level);
 
-	if (l->decimal && (int64_t)n == n) {
-		d = (struct decimal){(int64_t)n, l->exponent};
-		while (d.mantissa && d.mantissa % 10 == 0) {
-			d.mantissa /= 10;
-			d.exponent++;
-		}
-		d.exponent = d.mantissa ? d.exponent : 0;
-	} else {
-		decimal_from_double(contour_height(c, level), &d);
+	while (d.mantissa && d.mantissa % 10 == 0) {
+		d.mantissa /= 10;
+		d.exponent++;
 	}
+	d.exponent = d.mantissa ? d.exponent : 0;
 	return decimal_text(d, buf);
 }
 

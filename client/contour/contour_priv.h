@@ -22,6 +22,7 @@ struct contour_levels {
 	int32_t exponent;
 	/* else (i * interval_n + base_n) / den */
 	contour_i128 interval_n, base_n, den;
+	int decimals; /* of heights that are not decimal */
 };
 int contour_levels_init(struct contour_levels *, const struct acut_mesh_head *, const struct contour_options *, struct err *err);
 static inline int64_t contour_levels_of(const struct contour_levels *l, int32_t height)
@@ -139,7 +140,9 @@ struct contour {
 	uint8_t *crossed;                             /* bits: triangles of a block that have lines */
 	uint32_t *order;                              /* these triangles */
 	uint32_t cell[CONTOUR_CELLS * CONTOUR_CELLS]; /* where the triangles of a cell begin */
-	uint64_t pieces;                              /* in the annex */
+	int64_t seen_levels[2];                       /* of the lowest and the highest corner */
+	bool any_levels;
+	uint64_t pieces; /* in the annex */
 	/* after contour_join */
 	struct contour_array *link; /* CONTOUR_LINKS numbers a piece */
 	struct contour_array *seen; /* while lines are found: a bit a piece */

@@ -1,6 +1,7 @@
 /*
  * GeoJSON: a feature a contour. RFC 7946 is about degrees; for systems that have another number the older "crs" member names it,
- * as GDAL writes it and GDAL and QGIS read it. A system without a number is in a comment member only.
+ * as GDAL writes it and GDAL and QGIS read it. A system without a number is in a comment
+ * member only; "crs" says then that it is unknown, since readers take a file without it for degrees, and GDAL one with null, too.
  */
 #include <stdio.h>
 #include <string.h>
@@ -22,6 +23,8 @@ static int put_head(struct format_lines *w, struct err *err)
 	char text[FORMAT_TEXT_GROWTH * TEXT], buf[FORMAT_TEXT_GROWTH * TEXT + 64];
 	int r = put(w, "{\"type\":\"FeatureCollection\",\"name\":\"contours\",\n", err);
 
+	if (!r && !w->epsg && !w->degrees)
+		r = put(w, "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"LOCAL_CS[\\\"unknown\\\"]\"}},\n", err);
 	if (!r && w->epsg && w->epsg != WGS84) {
 		snprintf(buf, sizeof(buf),
 			 "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::%u\"}},\n", w->epsg);

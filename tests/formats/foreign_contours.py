@@ -74,6 +74,13 @@ def gdal_reads_lines():
             said = e2e.run(["ogrinfo", "-so", "-al", path[kind]]).ok().out
             expect("Geometry: 3D Line String" in said and 'ID["EPSG",32633]' in said, said)
             expect("ERROR" not in said and "Warning" not in said, said)
+        # A plane without a system is not degrees.
+        plain = os.path.join(base, "plain.xyz")
+        with open(plain, "w") as f:
+            f.writelines("%d %d %d\n" % (500000 + i % 5, 5000000 + i // 5, i) for i in range(25))
+        d.ctl("mesh", plain, "-o", path["geojson"], "--interval", "1").ok()
+        said = e2e.run(["ogrinfo", "-so", "-al", path["geojson"]]).ok().out
+        expect('ENGCRS["unknown"' in said and "WGS" not in said, said)
 
 
 # ---- QGIS ----

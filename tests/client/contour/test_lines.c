@@ -318,6 +318,45 @@ static void test_heights(void **ctx)
 	}
 }
 
+/* Heights in other units: rounded, without an exponent, and no two alike. */
+static void test_converted(void **ctx)
+{
+	static const struct {
+		struct decimal interval;
+		const char *text[3]; /* of levels 0, 1 and 181 */
+	} rows[] = {
+		{{1, 0}, {"0", "3.28084", "593.832021"}},
+		{{1, -1}, {"0", "0.328084", "59.383202"}},
+		{{1, -7}, {"0", "0.000000328", "0.000059383"}},
+	};
+	static const int64_t level[] = {0, 1, 181};
+
+	for (unsigned i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
+		const struct acut_mesh_head head = {.scale_xy = "0.01", .scale_z = "0.01", .k = {0, 0, 0}};
+		struct contour_options opt = {
+			.interval = {rows[i].interval, 10000, 3048}, .base = {{0, 0}, 1, 1}, .z_num = 10000, .z_den = 3048};
+		char text[DECIMAL_TEXT_SIZE], before[DECIMAL_TEXT_SIZE] = "";
+		struct err err = ERR_INIT;
+		struct outfile *out;
+		struct contour *c;
+
+		assert_int_equal(outfile_spool(NULL, &out, &err), 0);
+		assert_int_equal(contour_new(out, &c, &err), 0);
+		assert_int_equal(contour_head(c, &head, &opt, &err), 0);
+		for (unsigned k = 0; k < 3; k++) {
+			assert_string_equal(contour_height_text(c, level[k], text), rows[i].text[k]);
+			assert_true(contour_height(c, level[k]) == strtod(text, NULL));
+		}
+		for (int64_t k = -2000; k < 2000; k++) {
+			assert_string_not_equal(contour_height_text(c, k, text), before);
+			assert_null(strchr(text, 'e'));
+			memcpy(before, text, sizeof(text));
+		}
+		contour_free(c);
+		outfile_free(out);
+	}
+}
+
 /* Quotients at and beside the middle between two doubles, of numbers of all sizes. */
 static void test_nearest(void **ctx)
 {
@@ -364,6 +403,42 @@ static void test_interrupted(void **ctx)
 	outfile_free(out);
 }
 
+/* One triangle with many levels: it is interrupted, and too many are refused. */
+static void test_many_levels(void **ctx)
+{
+	static const struct {
+		int32_t high;
+		bool interrupted;
+		int result;
+	} rows[] = {{900, false, 0},
+		    {900, true, -ERR_CANCELLED},
+		    {CONTOUR_LEVELS, false, 0},
+		    {CONTOUR_LEVELS + 1, false, -ERR_USAGE}};
+	const struct acut_mesh_head head = {.scale_xy = "0.01", .scale_z = "0.01"};
+
+	for (unsigned i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
+		struct contour_options opt = {.interval = {{1, -2}, 1, 1},
+					      .base = {{0, 0}, 1, 1},
+					      .z_num = 1,
+					      .z_den = 1,
+					      .segments = 64,
+					      .interrupted = rows[i].interrupted ? always : NULL};
+		const int32_t vertex[3][3] = {{0, 0, 0}, {10, 0, 5}, {0, 10, rows[i].high}};
+		static const uint32_t triangle[1][3] = {{0, 1, 2}};
+		const struct acut_mesh_block b = {.nnew = 3, .ntriangle = 1, .triangle = triangle};
+		struct err err = ERR_INIT;
+		struct outfile *out;
+		struct contour *c;
+
+		assert_int_equal(outfile_spool(NULL, &out, &err), 0);
+		assert_int_equal(contour_new(out, &c, &err), 0);
+		assert_int_equal(contour_head(c, &head, &opt, &err), 0);
+		assert_int_equal(contour_block(c, &b, vertex, &err), rows[i].result);
+		contour_free(c);
+		outfile_free(out);
+	}
+}
+
 /* A triangle that comes twice is no mesh. */
 static void test_no_mesh(void **ctx)
 {
@@ -403,7 +478,8 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_brute_force), cmocka_unit_test(test_large),
 					   cmocka_unit_test(test_heights),     cmocka_unit_test(test_nearest),
-					   cmocka_unit_test(test_interrupted), cmocka_unit_test(test_no_mesh)};
+					   cmocka_unit_test(test_interrupted), cmocka_unit_test(test_no_mesh),
+					   cmocka_unit_test(test_converted),   cmocka_unit_test(test_many_levels)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
