@@ -274,6 +274,8 @@ def a_distance_by_clicks():
     corners = [tuple(middle), (middle[0] + 12, middle[1] - 5)]
     for x, y in places_of(b, corners):
         b.click(x, y)
+        b.click(x, y)
+    expect(b.value("acut.page.tools.corners.distance.length") == 2, "a double click is two corners")
     (ax, ay, az), (bx, by, bz) = (b.value("acut.page.coordinates(acut.page.tools.corners.distance[%d])" % i) for i in range(2))
     plan = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
     said = b.value("document.getElementById('measure-list').innerText").replace("\u00a0", " ").replace("\u202f", "")
@@ -414,6 +416,21 @@ def keys_act_after_a_control_was_used():
     expect(b.value(target) != before, "an arrow key does nothing")
 
 
+def a_window_that_changes_shows_the_whole_mesh():
+    b, camera = world.show(world.page), "(c => [c.distance, ...c.target].map(String))(acut.page.camera)"
+    whole = b.value(camera)
+    b.size(500, 600)
+    until(lambda: b.value("acut.page.camera.width") == 500, "the size")
+    expect(b.value(camera) != whole, "the mesh does not fit")
+    b.value("acut.page.camera.zoom(0.7, null)")
+    mine = b.value(camera)
+    b.size(860, 600)
+    until(lambda: b.value("acut.page.camera.width") == 860, "the size")
+    expect(b.value(camera) == mine, "a view that was chosen is lost")
+    b.key("r")
+    until(lambda: b.value(camera) == whole, "R shows %s, not %s" % (b.value(camera), whole))
+
+
 def light_and_dark():
     b = world.browser
     backs = []
@@ -465,7 +482,7 @@ def no_card_lies_over_another():
 
 def what_the_bar_shows(b, place):
     """Whether it is that place, and what there is."""
-    said, want = b.value("[document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
+    said, want = b.value("acut.page.draw(false), [document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
     return said.startswith("E%.2fN%.2f" % tuple(want[:2])), "the bar shows %s, not %s" % (said, want)
 
 
@@ -526,7 +543,12 @@ def what_cannot_be_shown_is_said():
     text = "document.getElementById('message').innerText"
     b.open(world.fetch("empty.html", "--max-edge", "0.001"))
     expect(not b.ready() and "no triangles" in b.value(text), b.value(text))
-    for script, word in (("HTMLCanvasElement.prototype.getContext = () => null", "WebGL 2"), ("delete window.DecompressionStream", "DecompressionStream")):
+    scheme = "getComputedStyle(document.documentElement).colorScheme"
+    before = b.value(scheme)
+    b.value("document.getElementById('theme').click(), document.getElementById('about-open').click(), document.getElementById('about-close').click()")
+    expect(b.value(scheme) != before and not b.value("document.getElementById('about').open"), "buttons of a page without triangles do nothing")
+    for script, word in (("HTMLCanvasElement.prototype.getContext = () => null", "WebGL 2"), ("delete window.DecompressionStream", "DecompressionStream"),
+                         ("window.DecompressionStream = class { constructor(f) { if (f !== 'gzip') throw new TypeError(f); } }", "deflate-raw")):
         id = b.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
         b.open(world.page)
         expect(not b.ready() and word in b.value(text), b.value(text))
@@ -557,8 +579,10 @@ def main():
         world = World(base)
         try:
             e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin,
-                     degrees_from_an_origin_are_as_long_as_before, shapes_that_are_unlike_a_survey, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, keys_act_after_a_control_was_used, light_and_dark, no_card_lies_over_another, a_telephone,
-                     what_cannot_be_shown_is_said, the_policy_forbids_requests)
+                     degrees_from_an_origin_are_as_long_as_before, shapes_that_are_unlike_a_survey, a_profile_by_clicks_is_the_section,
+                     a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights,
+                     keys_act_after_a_control_was_used, a_window_that_changes_shows_the_whole_mesh, light_and_dark, no_card_lies_over_another,
+                     a_telephone, what_cannot_be_shown_is_said, the_policy_forbids_requests)
         finally:
             world.done()
 
