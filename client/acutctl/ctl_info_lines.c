@@ -64,6 +64,7 @@ static void counts_text(FILE *out, const char *key, const char *name, const stru
 
 static void print(FILE *out, const char *name, const struct lines_info *info, const struct lines_survey *s, bool kinds)
 {
+	const struct lines_crs *shown = NULL;
 	char a[32], b[32], d[32];
 
 	term_line(out, "%s", name);
@@ -88,8 +89,10 @@ static void print(FILE *out, const char *name, const struct lines_info *info, co
 			continue;
 		counts_text(out, "  layer", *s->layer[i].layer->name ? s->layer[i].layer->name : "without a name",
 			    &s->layer[i].counts);
-		if (!i || memcmp(&s->layer[i].layer->crs, &s->layer[i - 1].layer->crs, sizeof(struct lines_crs)) != 0)
+		/* Layers of one system follow each other: it is shown once. Layers without features are not shown. */
+		if (!shown || memcmp(&s->layer[i].layer->crs, shown, sizeof *shown) != 0)
 			crs_text(out, &s->layer[i].layer->crs);
+		shown = &s->layer[i].layer->crs;
 	}
 	reasons_text(out, "  refused", &s->refused, info->place);
 	if (s->left_out.n)
@@ -146,7 +149,11 @@ static void layers_json(struct term_json *j, const struct lines_survey *s)
 		term_json_known_u64(j, "epsg", c->epsg);
 		term_json_known_u64(j, "epsg_z", c->epsg_z);
 		term_json_known(j, "wkt", c->wkt);
-		term_json_bool(j, "degrees", c->degrees);
+		/* a number alone does not say it */
+		if (c->degrees || *c->unit)
+			term_json_bool(j, "degrees", c->degrees);
+		else
+			term_json_null(j, "degrees");
 		term_json_known(j, "unit", c->unit);
 		term_json_known(j, "unit_z", c->unit_z);
 		term_json_close(j, '}');

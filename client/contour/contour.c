@@ -206,6 +206,7 @@ struct contour *contour_free(struct contour *c)
 	if (c) {
 		release(c);
 		contour_array_free(c->link);
+		contour_array_free(c->seen);
 		sort_free(c->lines);
 		outfile_free(c->annex);
 	}

@@ -39,9 +39,9 @@ struct contour_options {
 	int (*interrupted)(void *ctx);        /* not 0: give up; called while lines are joined; may be NULL */
 	void *ctx;
 	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
-	unsigned pages;    /* in memory when lines are joined; 0: CONTOUR_PAGES */
+	unsigned pages;    /* of 4 KiB in memory when lines are joined; 0: CONTOUR_PAGES */
 };
-enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 16 };
+enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024 };
 
 struct contour;
 int contour_new(struct outfile *, struct contour **ret, struct err *err);

@@ -1,4 +1,5 @@
-/* Numbers by index, in pages of which a few are in memory; the others are in a nameless file. */
+/* Numbers by index, in pages of which some are in memory; the others are in a nameless file. Pages are small, since they are
+ * reached in no order. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -6,11 +7,11 @@
 #include "err.h"
 #include "outfile.h"
 
-enum { PAGE = 8192 }; /* numbers */
+enum { PAGE = 512 }; /* numbers */
 
 struct page {
-	uint64_t number, used; /* used: when, by `clock` */
-	bool changed;
+	uint64_t number;
+	bool changed, used; /* used: since `hand` was here */
 	uint64_t *at;
 };
 
@@ -18,8 +19,7 @@ struct contour_array {
 	const struct outfile *beside;
 	struct outfile *spool;
 	struct page *page;
-	unsigned most, pages;
-	uint64_t clock;
+	unsigned most, pages, hand;
 	uint32_t *where; /* by page number: from 1 the page in memory; 0: none; IN_FILE: only there */
 	size_t room;
 };
@@ -73,22 +73,21 @@ static int grow(struct contour_array *a, uint64_t number, struct err *err)
 	return 0;
 }
 
-/* The page that was not used for the longest time leaves the memory. */
+/* A page that was not used for a round of the hand leaves the memory. */
 static int evict(struct contour_array *a, unsigned *ret, struct err *err)
 {
-	unsigned old = 0;
 	struct page *p;
 	int r = a->spool ? 0 : outfile_spool(a->beside, &a->spool, err);
 
-	for (unsigned i = 1; i < a->pages; i++)
-		if (a->page[i].used < a->page[old].used)
-			old = i;
-	p = &a->page[old];
+	for (; a->page[a->hand].used; a->hand = (a->hand + 1) % a->pages)
+		a->page[a->hand].used = false;
+	p = &a->page[a->hand];
 	if (!r && p->changed)
 		r = outfile_patch(a->spool, p->number * PAGE * sizeof(uint64_t), p->at, PAGE * sizeof(uint64_t), err);
 	if (!r)
 		a->where[p->number] = IN_FILE;
-	*ret = old;
+	*ret = a->hand;
+	a->hand = (a->hand + 1) % a->pages;
 	return r;
 }
 
@@ -130,7 +129,7 @@ int contour_array_at(struct contour_array *a, uint64_t index, bool change, uint6
 	if (r)
 		return r;
 	p = &a->page[a->where[number] - 1];
-	p->used = ++a->clock;
+	p->used = true;
 	p->changed |= change;
 	*ret = p->at + index % PAGE;
 	return 0;

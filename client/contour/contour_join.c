@@ -2,10 +2,11 @@
  * Pieces to lines.
  *
  * The ends of all pieces are sorted by level and edge: two that are alike are joined, one that is alone is at the border of the
- * mesh. Which piece comes next is in an array of numbers on the disk; it is followed once from each piece that has none before
- * it, and then around each loop that is left. A line is then a record in a second sort, by level and by its first edge: of an
- * open line the one where it begins, of a closed one the least of all. No two lines of a level share an edge, so the order is
- * complete.
+ * mesh. What they tell of pieces is sorted by piece, and so goes from the front to the end into an array of numbers on the disk,
+ * which has the next piece of each. It is followed once from each piece that has none before it, and then around each loop that
+ * is left. The marks of pieces that were passed are apart, so that following changes no page of the array. A line is then a
+ * record in a second sort, by level and by its first edge: of an open line the one where it begins, of a closed one the least of
+ * all. No two lines of a level share an edge, so the order is complete.
  */
 #include <string.h>
 
@@ -14,9 +15,10 @@
 #include "outfile.h"
 #include "sort.h"
 
+#define ENDS_MEMORY (4ull << 20) /* the blocks' memory is free, and outputs are finished one after the other */
 #define SORT_MEMORY (2ull << 20)
 #define SIGN (1ull << 63) /* levels as unsigned numbers, in their order */
-enum { END_WORDS = 4, LINE_WORDS = 5, KEYS = 3, CHUNK = 256 };
+enum { END_WORDS = 4, LINE_WORDS = 5, NEXT_WORDS = 2, KEYS = 3, CHUNK = 256, SEEN_PAGES = 256 };
 
 static int interrupted(const struct contour *c, uint64_t i, struct err *err)
 {
@@ -93,24 +95,18 @@ static int scan(struct contour *c, struct sort *ends, struct err *err)
 }
 
 /* Of two ends that are alike, one piece ends there and the other one begins. */
-static int link_ends(struct contour *c, uint64_t a, uint64_t b, struct err *err)
+static int link_ends(uint64_t a, uint64_t b, struct sort *next, struct err *err)
 {
-	uint64_t to = a & 1 ? a >> 1 : b >> 1, from = a & 1 ? b >> 1 : a >> 1, *link;
+	uint64_t to = a & 1 ? a >> 1 : b >> 1, from = a & 1 ? b >> 1 : a >> 1;
 	int r;
 
 	if ((a & 1) == (b & 1))
 		return err_set(err, ERR_PROTO, "two triangles are on the same side of an edge of the mesh");
-	r = contour_link(c, to, CONTOUR_NEXT, true, &link, err);
-	if (r)
-		return r;
-	*link = (*link & ~CONTOUR_NUMBER) | (from + 1);
-	r = contour_link(c, from, CONTOUR_NEXT, true, &link, err);
-	if (!r)
-		*link |= CONTOUR_HAS_PREVIOUS;
-	return r;
+	r = sort_add(next, (uint64_t[NEXT_WORDS]){to, from + 1}, err);
+	return r ? r : sort_add(next, (uint64_t[NEXT_WORDS]){from, CONTOUR_HAS_PREVIOUS}, err);
 }
 
-static int match(struct contour *c, struct sort *ends, struct err *err)
+static int match(struct contour *c, struct sort *ends, struct sort *next, struct err *err)
 {
 	uint64_t last[END_WORDS], n = 0;
 	const uint64_t *rec;
@@ -122,10 +118,44 @@ static int match(struct contour *c, struct sort *ends, struct err *err)
 		if (alike > 2)
 			return err_set(err, ERR_PROTO, "an edge of the mesh has more than two triangles");
 		if (alike == 2)
-			r = link_ends(c, last[KEYS], rec[KEYS], err);
+			r = link_ends(last[KEYS], rec[KEYS], next, err);
 		memcpy(last, rec, sizeof(last));
 		r = r ? r : interrupted(c, n++, err);
 	}
+	return r;
+}
+
+static int put_next(struct contour *c, struct sort *next, struct err *err)
+{
+	const uint64_t *rec;
+	uint64_t n = 0, *link;
+	int r = sort_start(next, err);
+
+	while (!r && !(r = sort_next(next, &rec, err)) && rec) {
+		r = contour_link(c, rec[0], CONTOUR_NEXT, true, &link, err);
+		if (r)
+			return r;
+		*link |= rec[1];
+		r = interrupted(c, n++, err);
+	}
+	return r;
+}
+
+static int link_pieces(struct contour *c, struct err *err)
+{
+	struct sort *ends = NULL, *next = NULL;
+	int r = sort_new(END_WORDS, KEYS, ENDS_MEMORY, c->out, &ends, err);
+
+	if (!r)
+		r = scan(c, ends, err);
+	if (!r)
+		r = sort_new(NEXT_WORDS, 1, SORT_MEMORY, c->out, &next, err);
+	if (!r)
+		r = match(c, ends, next, err);
+	sort_free(ends);
+	if (!r)
+		r = put_next(c, next, err);
+	sort_free(next);
 	return r;
 }
 
@@ -144,14 +174,16 @@ static int add_line(struct contour *c, const uint64_t rec[LINE_WORDS], struct er
 /* Marks a piece; *ret: the next one, from 1. */
 static int pass(struct contour *c, uint64_t number, uint64_t *ret, struct err *err)
 {
-	uint64_t *link;
-	int r = contour_link(c, number, CONTOUR_NEXT, true, &link, err);
+	uint64_t *at;
+	int r = contour_array_at(c->seen, number / 64, true, &at, err);
 
 	if (r)
 		return r;
-	*link |= CONTOUR_SEEN;
-	*ret = *link & CONTOUR_NUMBER;
-	return 0;
+	*at |= 1ull << number % 64;
+	r = contour_link(c, number, CONTOUR_NEXT, false, &at, err);
+	if (!r)
+		*ret = *at & CONTOUR_NUMBER;
+	return r;
 }
 
 static int open_line(struct contour *c, uint64_t number, struct err *err)
@@ -195,13 +227,15 @@ static int find_lines(struct contour *c, struct err *err)
 
 	for (int closed = 0; closed < 2; closed++) {
 		for (uint64_t i = 0; i < c->pieces && !r; i++) {
-			uint64_t *link;
+			uint64_t *at;
 
-			r = contour_link(c, i, CONTOUR_NEXT, false, &link, err);
-			if (r || *link & CONTOUR_SEEN || (!closed && *link & CONTOUR_HAS_PREVIOUS))
-				continue;
 			r = interrupted(c, i, err);
 			if (!r)
+				r = contour_array_at(c->seen, i / 64, false, &at, err);
+			if (r || *at >> i % 64 & 1)
+				continue;
+			r = closed ? 0 : contour_link(c, i, CONTOUR_NEXT, false, &at, err);
+			if (!r && (closed || !(*at & CONTOUR_HAS_PREVIOUS)))
 				r = closed ? closed_line(c, i, err) : open_line(c, i, err);
 		}
 	}
@@ -210,20 +244,18 @@ static int find_lines(struct contour *c, struct err *err)
 
 int contour_join(struct contour *c, struct err *err)
 {
-	struct sort *ends = NULL;
-	int r = sort_new(END_WORDS, KEYS, SORT_MEMORY, c->out, &ends, err);
+	unsigned pages = c->opt.pages ? c->opt.pages : CONTOUR_PAGES;
+	int r = contour_array_new(c->out, pages, &c->link, err);
 
 	if (!r)
-		r = contour_array_new(c->out, c->opt.pages ? c->opt.pages : CONTOUR_PAGES, &c->link, err);
+		r = link_pieces(c, err);
 	if (!r)
-		r = scan(c, ends, err);
-	if (!r)
-		r = match(c, ends, err);
-	sort_free(ends);
+		r = contour_array_new(c->out, pages < SEEN_PAGES ? pages : SEEN_PAGES, &c->seen, err);
 	if (!r)
 		r = sort_new(LINE_WORDS, KEYS, SORT_MEMORY, c->out, &c->lines, err);
 	if (!r)
 		r = find_lines(c, err);
+	c->seen = contour_array_free(c->seen);
 	return r ? r : sort_start(c->lines, err);
 }
 

@@ -142,6 +142,7 @@ struct contour {
 	uint64_t pieces;                              /* in the annex */
 	/* after contour_join */
 	struct contour_array *link; /* CONTOUR_LINKS numbers a piece */
+	struct contour_array *seen; /* while lines are found: a bit a piece */
 	struct sort *lines;
 	int64_t range[2];
 	bool any;
@@ -154,10 +155,9 @@ int contour_chains_add(struct contour *, const struct contour_crossing *from, co
 /* Pieces to the annex; the table is empty then. */
 int contour_chains_flush(struct contour *, struct err *err);
 
-/* Where it is in the annex, the next one with marks, where its points are, how many. */
+/* Where it is in the annex, the next one with a mark, where its points are, how many. */
 enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_POINTS_AT, CONTOUR_COUNT, CONTOUR_LINKS };
 #define CONTOUR_HAS_PREVIOUS (1ull << 62)
-#define CONTOUR_SEEN (1ull << 63)
 #define CONTOUR_NUMBER (CONTOUR_HAS_PREVIOUS - 1) /* of the next piece, from 1; 0: there is none */
 int contour_link(struct contour *, uint64_t number, int which, bool change, uint64_t **ret, struct err *err);
 static inline int contour_interrupted(const struct contour *c)

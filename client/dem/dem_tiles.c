@@ -112,10 +112,11 @@ static int add_squares(struct list *l, const struct dem_grid *g, const struct ti
 	last[1] = square_of(t, g->first[1] + north);
 	for (int64_t y = square_of(t, g->first[1] + south); y <= last[1]; y++)
 		for (int64_t x = square_of(t, g->first[0] + west); x <= last[0]; x++) {
-			if (l->n == l->room)
+			if (l->n == l->room) {
 				unique(l);
-			if (l->n > 2 * (size_t)most)
-				return too_many(most, err);
+				if (l->n > 2 * (size_t)most)
+					return too_many(most, err);
+			}
 			l->at[l->n++] = (struct at){y, x};
 		}
 	return 0;

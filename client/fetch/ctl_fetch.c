@@ -28,6 +28,7 @@ static int publish(struct session *session, const struct ctl_fetch_options *opt,
 	outputs_report(run, &out);
 	console_progress_clear(&session->console);
 	ctl_mesh_warn_edges(&mesh);
+	ctl_mesh_warn_trimmed(&mesh);
 	ctl_report_warn_crowded(&session->console, &job->report);
 	warn_no_tiles(&mesh);
 	if (session->console.json)

@@ -68,6 +68,7 @@ bool ctl_mesh_trims(const struct ctl_fetch_options *);
 uint64_t ctl_mesh_moved(const struct ctl_staged *, double ret_shift[3]);
 /* Warnings of long edges; "edges". */
 void ctl_mesh_warn_edges(const struct ctl_mesh *);
+void ctl_mesh_warn_trimmed(const struct ctl_mesh *); /* that nothing is left */
 void ctl_mesh_edges_json(struct term_json *, const struct ctl_mesh *);
 
 /* The report of a window, in memory of its own. */

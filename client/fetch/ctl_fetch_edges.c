@@ -1,4 +1,4 @@
-/* Long edges of a mesh that was written: a warning, and their numbers. No triangle is left out for it. */
+/* What is odd about a mesh that was written: warnings, and the numbers of its edges. No triangle is left out for it. */
 #include <math.h>
 
 #include "ctl_fetch.h"
@@ -29,6 +29,17 @@ void ctl_mesh_warn_edges(const struct ctl_mesh *m)
 			     "the longest edge is %.6g, %.0f times the median of %.3g: gaps are bridged; --max-edge LENGTH "
 			     "leaves such triangles out",
 			     out->longest_edge, out->longest_edge / out->median_edge, out->median_edge);
+}
+
+void ctl_mesh_warn_trimmed(const struct ctl_mesh *m)
+{
+	const struct ctl_fetch_options *o = m->opt;
+
+	if (m->out->all_left_out)
+		console_warn(m->console, "no triangle is left: all were left out%s",
+			     o->cut[OUTPUTS_MASK].n || o->cut[OUTPUTS_ERASE].n ?
+				     "; are the areas in the coordinate system of the dataset, and not in degrees?" :
+				     "");
 }
 
 void ctl_mesh_edges_json(struct term_json *j, const struct ctl_mesh *m)

@@ -130,7 +130,8 @@ static int refuse(unsigned bit, const char *format, struct err *err)
 {
 	if (!format)
 		return err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one", format_option_name(bit));
-	return err_set(err, ERR_USAGE, "--%s has no meaning for %s", format_option_name(bit), format);
+	err_set(err, ERR_USAGE, "--%s has no meaning for %s", format_option_name(bit), format);
+	return bit == FORMAT_INTERVAL ? err_add_hint(err, "contours are gpkg, geojson or dxf-contours") : -ERR_USAGE;
 }
 
 int ctl_fetch_check_used(const struct ctl_fetch_options *opt, const struct format *const format[CTL_FETCH_OUTPUTS + 1],

@@ -16,7 +16,7 @@ static const struct elsewhere {
 	{".bil .flt", "write -o @.tif --cell 1m, then run: gdal_translate -of EHdr @.tif @%"},
 	{".nc", "write -o @.tif --cell 1m, then run: gdal_translate -of netCDF @.tif @%"},
 	{".vrt", "write -o @.tif --cell 1m, then run: gdalbuildvrt @% @.tif"},
-	{".jpg .jpeg", "write -o @.png, then run: gdal_translate -of JPEG @.png @%"},
+	{".jpg .jpeg", "write -o @.png, then run: gdal_translate -of JPEG -b 1 -b 2 -b 3 @.png @%"},
 	{".kml", "write -o @.gpkg --interval 1m, contours, then run: ogr2ogr -f KML @% @.gpkg"},
 	{".shp .fgb .gml .tab .mif", "write -o @.gpkg --interval 1m, contours, then run: ogr2ogr @% @.gpkg"},
 	{".gltf", "write -o @.glb --origin auto, then run: assimp export @.glb @%"},

@@ -130,12 +130,29 @@ static uint64_t size_of(const struct sqlite_record *r)
 
 /* ---- pages ---- */
 
+/* SQLite locks bytes of one page, which has nothing else. */
+static uint32_t page_after(uint32_t page)
+{
+	return page + 1 + (page + 1 == SQLITE_LOCK_PAGE);
+}
+
+static int next_page(struct sqlite_file *f, struct err *err)
+{
+	static const uint8_t zero[SQLITE_PAGE];
+	uint32_t last = f->pages;
+
+	if (last >= UINT32_MAX - 2)
+		return err_set(err, ERR_LIMIT, "a database of SQLite cannot be more than 16 TiB");
+	f->pages = page_after(last);
+	return f->pages == last + 1 ? 0 : outfile_write(f->out, zero, SQLITE_PAGE, err);
+}
+
 static int append(struct sqlite_file *f, const uint8_t page[SQLITE_PAGE], uint32_t *ret, struct err *err)
 {
-	if (f->pages == UINT32_MAX - 1)
-		return err_set(err, ERR_LIMIT, "a database of SQLite cannot be more than 16 TiB");
-	*ret = ++f->pages;
-	return outfile_write(f->out, page, SQLITE_PAGE, err);
+	int r = next_page(f, err);
+
+	*ret = f->pages;
+	return r ? r : outfile_write(f->out, page, SQLITE_PAGE, err);
 }
 
 int sqlite_reserve(struct sqlite_file *f, uint32_t pages, struct err *err)
@@ -289,13 +306,11 @@ static int leaf_end(struct sqlite_file *f, struct sqlite_table *t, struct err *e
 static int overflow_begin(struct sqlite_file *f, struct err *err)
 {
 	uint8_t next[4] = {0};
+	int r = next_page(f, err);
 
-	if (f->pages >= UINT32_MAX - 2)
-		return err_set(err, ERR_LIMIT, "a database of SQLite cannot be more than 16 TiB");
-	f->pages++;
-	put32(next, f->left > OVERFLOW ? f->pages + 1 : 0);
+	put32(next, f->left > OVERFLOW ? page_after(f->pages) : 0);
 	f->in_page = 0;
-	return outfile_write(f->out, next, sizeof(next), err);
+	return r ? r : outfile_write(f->out, next, sizeof(next), err);
 }
 
 /* The rest of the last page of a chain. */
@@ -360,7 +375,7 @@ int sqlite_row(struct sqlite_file *f, struct sqlite_table *t, uint64_t number, c
 	t->last = number;
 	memcpy(to, head, n);
 	if (local < size)
-		put32(to + n + local, f->pages + 1);
+		put32(to + n + local, page_after(f->pages));
 	f->to = to + n;
 	f->here = local;
 	f->left = size;

@@ -13,7 +13,7 @@
 struct err;
 struct outfile;
 
-enum { SQLITE_PAGE = 4096, SQLITE_DEPTH = 10 };
+enum { SQLITE_PAGE = 4096, SQLITE_DEPTH = 10, SQLITE_LOCK_PAGE = (1 << 30) / SQLITE_PAGE + 1 };
 #define SQLITE_ROW_MOST 1000000000ull /* bytes of a row that readers take (SQLITE_MAX_LENGTH) */
 
 /* A record under construction: its header and its values. */

@@ -290,6 +290,8 @@ int lines_refusal(const struct lines *l, const struct lines_feature *f, struct e
 		f->why);
 	if (f->why == lines_no_z)
 		err_add_hint(err, "give its vertices heights before: nothing is draped onto the points");
+	else if (f->why == lines_no_name)
+		err_add_hint(err, "give each row the name of its line: rows of one name, one after the other, are a line");
 	else
 		err_add_hint(err,
 			     "mend it in the program that wrote it (curves become lines there), or choose layers by --layer");

@@ -39,7 +39,7 @@ struct lines_crs {
 	char name[LINES_NAME_SIZE];
 	char unit[32];    /* metre, foot, us-survey-foot, or as the file has it */
 	char unit_z[32];  /* only if the file says so apart from `unit` */
-	bool degrees;     /* x and y are longitude and latitude */
+	bool degrees;     /* x and y are longitude and latitude; false without a unit: unknown */
 	const char *from; /* a static text: where the file says it */
 };
 

@@ -12,7 +12,7 @@
 /* Beyond it no unit is one of a survey: 10^12 mm are a million kilometres. */
 #define ABSURD 1e12
 
-const char lines_no_z[] = "it has no z";
+const char lines_no_z[] = "it has no z", lines_no_name[] = "its row has no name of a line";
 
 void lines_begin(struct lines *l, const struct lines_layer *layer, uint64_t number, uint64_t place)
 {

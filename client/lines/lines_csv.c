@@ -2,8 +2,9 @@
  * CSV with a line's name in each row: consecutive rows of one name are the vertices of one line, in their order.
  *
  * Model: the first line that is neither blank nor a comment (#) has the names of the columns. What separates them there (tab, ;
- * or ,) separates all rows. x is the easting. A field may be quoted ("a ""b"" c"), not over the end of a line. It has no
- * signature, so it is read only where it is asked for: a text of x, y and z is a point cloud otherwise.
+ * or ,) separates all rows. x is the easting. A row without a name belongs to no line: it is a feature that is refused. A field
+ * may be quoted ("a ""b"" c"), not over the end of a line. It has no signature, so it is read only where it is asked for: a text
+ * of x, y and z is a point cloud otherwise.
  */
 #include "lines_priv.h"
 
@@ -241,6 +242,8 @@ static int next_csv(struct lines *l, bool *ret_more, struct err *err)
 	row_name(c, c->name);
 	lines_begin(l, c->layer, ++c->number, line);
 	lines_geometry(l, "rows");
+	if (!*c->name)
+		lines_refuse(l, lines_no_name);
 	rc = lines_part(l, false, err);
 	do {
 		if (!rc)
@@ -249,7 +252,7 @@ static int next_csv(struct lines *l, bool *ret_more, struct err *err)
 			rc = read_row(l, c, &more, &line, err);
 		if (!rc && more) {
 			row_name(c, c->next_name);
-			c->pending = strcmp(c->name, c->next_name);
+			c->pending = !*c->name || strcmp(c->name, c->next_name);
 		}
 	} while (!rc && more && !c->pending);
 	c->pending_line = line;

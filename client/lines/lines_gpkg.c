@@ -2,9 +2,11 @@
  * GeoPackage (OGC 12-128r18): the tables of features of an SQLite file, one layer after the other in the order of
  * gpkg_geometry_columns, rows in the order of their numbers.
  *
- * Model: the file is never written, nor is anything beside it: it is opened as immutable, unless a log of a program that writes
- * to it lies beside it. SQLite is made safe for files of anybody: no views, no triggers, no functions of the schema. Numbers of
- * rows must grow, so a damaged tree of pages cannot be walked for ever; and between two rows only so many steps are done.
+ * Model: the file is never written, nor is anything beside it. It is opened as immutable, unless a log or journal of a program
+ * that writes to it lies beside it. A log is read with the index that the program keeps for it (-shm). Without one SQLite would
+ * make one and leave it; and a transaction that was not ended would have to be undone in the file: such a file is refused. SQLite
+ * is made safe for files of anybody: no views, no triggers, no functions of the schema. Numbers of rows must grow, so a damaged
+ * tree of pages cannot be walked for ever; and between two rows only so many steps are done.
  */
 #include "lines_wkb.h"
 
@@ -21,7 +23,6 @@
 enum {
 	BLOB_MOST = 24 << 20, /* more than the vertices of a feature take, with z and m */
 	LENGTH_MOST = BLOB_MOST + (1 << 20),
-	WKT_MOST = 1 << 16,
 	PROGRESS = 1000, /* steps of SQLite's machine */
 	PROGRESS_MOST = 20000,
 	WKTS_MOST = 4 << 20, /* of all layers */
@@ -34,6 +35,7 @@ struct gpkg_layer {
 };
 
 struct gpkg {
+	struct lines *lines;
 	sqlite3 *db;
 	sqlite3_stmt *rows;
 	struct gpkg_layer *layer;
@@ -49,6 +51,24 @@ static bool matches(const uint8_t *head, size_t n)
 	return n >= 100 && !memcmp(head, "SQLite format 3", 16);
 }
 
+static bool has_log(const struct lines *l, const char *end)
+{
+	char path[sizeof l->path + 16];
+	struct stat st;
+
+	snprintf(path, sizeof path, "%s%s", l->path, end);
+	return !stat(path, &st) && st.st_size > 0;
+}
+
+static int not_closed(const struct lines *l, struct err *err)
+{
+	const char *slash = strrchr(l->path, '/');
+
+	err_set(err, ERR_INPUT, "it was not closed: changes that were made in it are in %.80s%s", slash ? slash + 1 : l->path,
+		has_log(l, "-wal") ? "-wal" : "-journal");
+	return err_add_hint(err, "open it once in the program that made them, and close it there");
+}
+
 static int failed(struct lines *l, struct gpkg *g, struct err *err)
 {
 	int code = g->db ? sqlite3_errcode(g->db) & 0xff : SQLITE_NOMEM;
@@ -59,11 +79,15 @@ static int failed(struct lines *l, struct gpkg *g, struct err *err)
 	case SQLITE_IOERR:
 	case SQLITE_CANTOPEN:
 		return err_set(err, ERR_IO, "it cannot be read: %s", sqlite3_errmsg(g->db));
+	case SQLITE_READONLY:
+		return not_closed(l, err);
 	case SQLITE_BUSY:
 	case SQLITE_LOCKED:
 		err_set(err, ERR_BUSY, "another program writes to it");
 		return err_add_hint(err, "try again when it has ended");
 	case SQLITE_INTERRUPT:
+		if (lines_interrupted(l, err))
+			return -(int)err->code;
 		err_set(err, ERR_INPUT, "it is damaged: its rows have no end");
 		break;
 	default:
@@ -84,16 +108,7 @@ static int progress(void *ctx)
 {
 	struct gpkg *g = ctx;
 
-	return ++g->steps > PROGRESS_MOST;
-}
-
-static bool has_log(const struct lines *l, const char *end)
-{
-	char path[sizeof l->path + 16];
-	struct stat st;
-
-	snprintf(path, sizeof path, "%s%s", l->path, end);
-	return !stat(path, &st) && st.st_size > 0;
+	return ++g->steps > PROGRESS_MOST || (g->lines->interrupted && g->lines->interrupted(g->lines->ctx));
 }
 
 /* The head counts the pages. A cut file is known at once, not where its end is missed. */
@@ -124,7 +139,8 @@ static void uri_of(const struct lines *l, char *ret, size_t size)
 		path++;
 	for (const char *p = path; *p && n + 4 < size; p++)
 		n += (size_t)snprintf(ret + n, size - n, strchr("%?#", *p) ? "%%%02x" : "%c", (unsigned char)*p);
-	snprintf(ret + n, size - n, "?mode=ro%s", has_log(l, "-wal") || has_log(l, "-journal") ? "" : "&immutable=1");
+	snprintf(ret + n, size - n, "?mode=ro&%s",
+		 has_log(l, "-wal") || has_log(l, "-journal") ? "readonly_shm=1" : "immutable=1");
 }
 
 static int open_database(struct lines *l, struct gpkg *g, struct err *err)
@@ -137,6 +153,8 @@ static int open_database(struct lines *l, struct gpkg *g, struct err *err)
 		{SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0}, {SQLITE_DBCONFIG_DQS_DML, 0},
 	};
 
+	if (has_log(l, "-wal") && !has_log(l, "-shm"))
+		return not_closed(l, err);
 	uri_of(l, uri, sizeof uri);
 	if (sqlite3_open_v2(uri, &g->db, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI | SQLITE_OPEN_NOMUTEX, NULL) != SQLITE_OK)
 		return failed(l, g, err);
@@ -180,7 +198,8 @@ static int read_system(struct lines *l, struct gpkg *g, struct gpkg_layer *layer
 		int64_t code = sqlite3_column_int64(s, 1);
 		const char *wkt = text_of(s, 3);
 
-		if (strlen(wkt) <= WKT_MOST && (g->wkt_bytes += strlen(wkt)) <= WKTS_MOST && strcasecmp(wkt, "undefined") != 0) {
+		if (strlen(wkt) <= LINES_WKT_MOST && (g->wkt_bytes += strlen(wkt)) <= WKTS_MOST &&
+		    strcasecmp(wkt, "undefined") != 0) {
 			layer->wkt = strdup(wkt);
 			crs->wkt = layer->wkt ? layer->wkt : "";
 			lines_crs_of_wkt(crs->wkt, crs);
@@ -194,10 +213,30 @@ static int read_system(struct lines *l, struct gpkg *g, struct gpkg_layer *layer
 	return r;
 }
 
+static int no_table(struct lines *l, struct gpkg *g, const char *name, struct err *err)
+{
+	bool view = false;
+	sqlite3_stmt *s;
+	int r;
+
+	if ((sqlite3_errcode(g->db) & 0xff) != SQLITE_ERROR ||
+	    sqlite3_prepare_v2(g->db, "SELECT 1 FROM sqlite_schema WHERE type = 'view' AND name = ? COLLATE NOCASE", -1, &s,
+			       NULL) != SQLITE_OK)
+		return failed(l, g, err);
+	sqlite3_bind_text(s, 1, name, -1, SQLITE_STATIC);
+	r = sqlite3_step(s);
+	view = r == SQLITE_ROW;
+	r = view || r == SQLITE_DONE ? 0 : failed(l, g, err);
+	sqlite3_finalize(s);
+	if (r)
+		return r;
+	err_set(err, ERR_INPUT, "the layer \"%.80s\" is no table%s", name, view ? " but a view" : ": it does not exist");
+	return err_add_hint(err, "copy it into a table: ogr2ogr -f GPKG lines.gpkg FILE LAYER, or choose others by --layer");
+}
+
 static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct err *err)
 {
 	struct gpkg_layer *new;
-	const char *type;
 	int rc;
 
 	if (g->n == LINES_LAYERS_MOST)
@@ -218,13 +257,9 @@ static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct er
 	rc = lines_layer(l, new->table, &new->layer, err);
 	if (rc || !new->layer->selected)
 		return rc;
-	type = text_of(s, 3);
-	if (strcmp(type, "table") != 0) {
-		err_set(err, ERR_INPUT, "the layer \"%.80s\" is no table%s", new->table,
-			*type ? " but a view" : ": it does not exist");
-		return err_add_hint(err,
-				    "copy it into a table: ogr2ogr -f GPKG lines.gpkg FILE LAYER, or choose others by --layer");
-	}
+	/* SQLite has the schema in memory: it is not read once for each layer. */
+	if (sqlite3_table_column_metadata(g->db, "main", new->table, NULL, NULL, NULL, NULL, NULL, NULL) != SQLITE_OK)
+		return no_table(l, g, new->table, err);
 	new->has_kind = l->has_kind_field &&sqlite3_table_column_metadata(g->db, "main", new->table, l->kind_field, NULL, NULL,
 									  NULL, NULL, NULL) == SQLITE_OK;
 	return read_system(l, g, new, sqlite3_column_int64(s, 2), err);
@@ -238,13 +273,13 @@ static int read_layers(struct lines *l, struct gpkg *g, struct err *err)
 	if (sqlite3_table_column_metadata(g->db, "main", "gpkg_geometry_columns", NULL, NULL, NULL, NULL, NULL, NULL) !=
 	    SQLITE_OK)
 		return (sqlite3_errcode(g->db) & 0xff) == SQLITE_ERROR ? no_gpkg(err) : failed(l, g, err);
-	if (sqlite3_prepare_v2(g->db,
-			       "SELECT table_name, column_name, srs_id, (SELECT type FROM sqlite_schema WHERE lower(name) = "
-			       "lower(table_name) AND type IN ('table', 'view')) FROM gpkg_geometry_columns ORDER BY rowid",
-			       -1, &s, NULL) != SQLITE_OK)
+	if (sqlite3_prepare_v2(g->db, "SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns ORDER BY rowid", -1, &s,
+			       NULL) != SQLITE_OK)
 		return failed(l, g, err);
-	while (!rc && (r = sqlite3_step(s)) == SQLITE_ROW)
+	while (!rc && (r = sqlite3_step(s)) == SQLITE_ROW) {
 		rc = add_layer(l, g, s, err);
+		g->steps = 0;
+	}
 	if (!rc && r != SQLITE_DONE)
 		rc = failed(l, g, err);
 	sqlite3_finalize(s);
@@ -270,6 +305,7 @@ static int open_gpkg(struct lines *l, struct err *err)
 
 	if (!g)
 		return err_set(err, ERR_NOMEM, "no memory to read lines");
+	g->lines = l;
 	rc = check_size(l, err);
 	if (!rc)
 		rc = open_database(l, g, err);

@@ -77,7 +77,7 @@ static void take_system(struct landxml *x, const char **attributes)
 	for (size_t i = 0; i < 3 && (!name || !*name); i++)
 		name = attribute(attributes, names[i]);
 	x->crs.from = "CoordinateSystem";
-	if (wkt && strchr(wkt, '[') && !x->wkt) {
+	if (wkt && strlen(wkt) <= LINES_WKT_MOST && strchr(wkt, '[') && !x->wkt) {
 		x->wkt = strdup(wkt);
 		x->crs.wkt = x->wkt ? x->wkt : "";
 		lines_crs_of_wkt(x->crs.wkt, &x->crs);

@@ -6,7 +6,7 @@
 
 #include "err.h"
 
-enum { LINES_HEAD = 4096, LINES_BUFFER = 1 << 16 };
+enum { LINES_HEAD = 4096, LINES_BUFFER = 1 << 16, LINES_WKT_MOST = 1 << 16 /* bytes of the text of a system */ };
 
 struct lines_reader {
 	const char *name, *title, *place;
@@ -59,7 +59,7 @@ struct lines {
 /* ---- the feature (lines_build.c) ---- */
 
 /* What several readers refuse. */
-extern const char lines_no_z[];
+extern const char lines_no_z[], lines_no_name[];
 
 void lines_begin(struct lines *, const struct lines_layer *, uint64_t number, uint64_t place);
 /* Static texts. The first reason stays. */

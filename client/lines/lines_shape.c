@@ -23,7 +23,6 @@ enum {
 	RECORD_HEAD = 8,
 	POLY_HEAD = 44, /* type, box, number of parts, number of points */
 	PIECE = 512,    /* vertices at a time */
-	WKT_MOST = 1 << 16,
 };
 
 struct shape {
@@ -91,8 +90,9 @@ static int read_projection(struct lines *l, struct shape *s, struct err *err)
 
 	if (fd < 0)
 		return 0;
-	s->wkt = calloc(1, WKT_MOST + 1);
-	rc = s->wkt ? io_read_some(fd, s->wkt, WKT_MOST, 0, l->path, &n, err) : err_set(err, ERR_NOMEM, "no memory for a .prj");
+	s->wkt = calloc(1, LINES_WKT_MOST + 1);
+	rc = s->wkt ? io_read_some(fd, s->wkt, LINES_WKT_MOST, 0, l->path, &n, err) :
+		      err_set(err, ERR_NOMEM, "no memory for a .prj");
 	io_close(fd);
 	if (rc)
 		return rc;

@@ -184,16 +184,18 @@ void lines_crs_of_text(const char *text, struct lines_crs *crs)
 		return;
 	}
 	for (const char *at = text; (at = strcasestr(at, "EPSG"));) {
-		char *end;
+		size_t version;
 		unsigned long v;
+		char *end;
 
 		/* "EPSG:25832", "EPSG::25832", "EPSG:9.9:25832", "EPSG/0/25832" */
 		at += 4;
 		if (*at != ':' && *at != '/')
 			continue;
 		at++;
-		if (strchr(":/", at[strcspn(at, ":/,")]) && at[strcspn(at, ":/,")])
-			at += strcspn(at, ":/,") + 1;
+		version = strspn(at, "0123456789.");
+		if (at[version] == ':' || at[version] == '/')
+			at += version + 1;
 		v = isdigit((unsigned char)*at) ? strtoul(at, &end, 10) : 0;
 		if (!v || v > 1000000)
 			continue;

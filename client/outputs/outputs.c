@@ -248,6 +248,7 @@ static int tail_of(struct outputs *run, const struct acut_mesh_tail *tail, struc
 	if (!digest_parse(tail->digest, &sum))
 		return err_set(&run->err, ERR_PROTO, "the digest of the mesh is no digest");
 	digest_sub(&sum, left.digest);
+	run->all_triangles = tail->triangles;
 	*ret = *tail;
 	ret->digest = digest_hex(sum, run->written);
 	ret->triangles -= left.triangles;
@@ -349,6 +350,7 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 	*ret = (struct outputs_report){
 		.bytes = run->bytes,
 		.left_out = left.triangles,
+		.all_left_out = left.triangles && left.triangles == run->all_triangles,
 		.left_out_area = outputs_edge_area(&run->edge, left.area2),
 		.tiles = run->tiles ? outputs_tiles_count(run->tiles) : 0,
 		.longest_edge = outputs_edge_longest(&run->edge),

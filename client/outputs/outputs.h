@@ -48,6 +48,7 @@ struct outputs_changes_counts {
 struct outputs_report {
 	uint64_t bytes;             /* of all outputs */
 	uint64_t left_out;          /* triangles, by max_edge, trim_hull and cuts */
+	bool all_left_out;          /* there were triangles, and none is left */
 	char written[40];           /* digest of the triangles that the files have */
 	char cut[OUTPUTS_CUTS][40]; /* digests of areas; "": not given */
 	double left_out_area;       /* NAN where the unit of x and y is no known length */

@@ -73,6 +73,25 @@ int outputs_beside_open(struct outputs_target *t, const char *path, struct err *
 
 /* ---- the sidecar ---- */
 
+static void put_level(FILE *f, const char *name, struct decimal d, const char *unit)
+{
+	char number[DECIMAL_TEXT_SIZE];
+
+	fprintf(f, ",\"%s\":%s,\"%s_unit\":", name, decimal_scaled_text(d, 1, number), name);
+	outputs_geojson_text(f, unit);
+}
+
+static void put_levels(FILE *f, const struct format_options *o)
+{
+	if (!o->interval.mantissa) {
+		fputs(",\"interval\":null,\"interval_unit\":null,\"base\":null,\"base_unit\":null,\"index\":null", f);
+		return;
+	}
+	put_level(f, "interval", o->interval, o->interval_unit);
+	put_level(f, "base", o->base, o->base_unit);
+	fprintf(f, ",\"index\":%u", o->has_index ? o->index : FORMAT_INDEX_EACH);
+}
+
 static void put_options(FILE *f, const struct outputs_target *t)
 {
 	static const char *const raster[] = {"elevation", "slope", "hillshade"};
@@ -89,6 +108,7 @@ static void put_options(FILE *f, const struct outputs_target *t)
 	outputs_geojson_text(f, o->cell_unit);
 	fputs(",\"raster\":", f);
 	outputs_geojson_text(f, !o->cell.mantissa ? NULL : t->format->kind == FORMAT_PICTURE ? "hillshade" : raster[o->raster]);
+	put_levels(f, o);
 	fputs("}", f);
 }
 

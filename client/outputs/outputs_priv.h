@@ -163,6 +163,7 @@ struct outputs {
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
 	bool finished;
 	char trimmed[384];             /* of the options of formats */
+	uint64_t all_triangles;        /* of the stream, after its tail */
 	char written[DIGEST_HEX_SIZE]; /* digest of the triangles that were written; "" before the tail */
 	struct outputs_head head;
 	struct acut_mesh_tail tail; /* with these digests */

@@ -3,7 +3,8 @@
  *
  * Records gather in one buffer; full, it is sorted in place (by bytes from the top, small pieces by
  * insertion) and written to a nameless file as a run. Reading merges the runs with a heap; their buffers
- * share the same memory. What fits the buffer never touches the disk. Equal keys come out in any order.
+ * share the same memory. Runs that are too many for that are merged to fewer, longer ones in a second file, which takes the
+ * place of the first, as often as needed. What fits the buffer never touches the disk. Equal keys come out in any order.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -31,7 +32,8 @@ struct sort {
 	size_t nrun, run_room;
 	uint32_t *heap;
 	size_t nheap;
-	size_t next; /* without runs: the next record of buf */
+	size_t share; /* records of the buffer that each run has while it is merged */
+	size_t next;  /* without runs: the next record of buf */
 };
 
 static int compare(const struct sort *s, const uint64_t *a, const uint64_t *b)
@@ -160,11 +162,11 @@ int sort_add(struct sort *s, const uint64_t *record, struct err *err)
 }
 
 /* Fills a run's buffer from the file; have == 0 afterwards: the run has ended. */
-static int refill(struct sort *s, struct run *r, size_t share, struct err *err)
+static int refill(struct sort *s, struct run *r, struct err *err)
 {
 	size_t size = s->words * sizeof(uint64_t);
 	uint64_t left = (r->end - r->at) / size;
-	size_t n = left < share ? (size_t)left : share;
+	size_t n = left < s->share ? (size_t)left : s->share;
 	int rc = n ? outfile_read(s->spool, r->at, r->buf, n * size, err) : 0;
 
 	if (rc)
@@ -201,13 +203,74 @@ static void sift(struct sort *s, size_t i)
 	}
 }
 
-static size_t share_of(const struct sort *s)
+/* Begins to merge n runs from `first` on. */
+static int merge(struct sort *s, size_t first, size_t n, struct err *err)
 {
-	return s->room / s->nrun;
+	int r = 0;
+
+	s->share = s->room / n;
+	s->nheap = 0;
+	for (size_t i = 0; i < n && !r; i++) {
+		struct run *run = &s->run[first + i];
+
+		run->buf = s->buf + i * s->share * s->words;
+		r = refill(s, run, err);
+		s->heap[s->nheap++] = (uint32_t)(first + i);
+	}
+	for (size_t i = s->nheap / 2; i-- && !r;)
+		sift(s, i);
+	return r;
+}
+
+/* Past the top of the heap. */
+static int step(struct sort *s, struct err *err)
+{
+	struct run *r = &s->run[s->heap[0]];
+
+	if (++r->next == r->have) {
+		int rc = refill(s, r, err);
+		if (rc)
+			return rc;
+		if (!r->have)
+			s->heap[0] = s->heap[--s->nheap];
+	}
+	sift(s, 0);
+	return 0;
+}
+
+/* Merges runs, `most` to one, into a new file. */
+static int pass(struct sort *s, size_t most, struct err *err)
+{
+	struct outfile *to = NULL;
+	size_t runs = 0;
+	int r = outfile_spool(s->beside, &to, err);
+
+	for (size_t first = 0, n; first < s->nrun && !r; first += n) {
+		struct run merged = {.at = outfile_size(to)};
+
+		n = s->nrun - first < most ? s->nrun - first : most;
+		r = merge(s, first, n, err);
+		while (!r && s->nheap) {
+			r = outfile_write(to, top_of(s, 0), s->words * sizeof(uint64_t), err);
+			if (!r)
+				r = step(s, err);
+		}
+		merged.end = outfile_size(to);
+		s->run[runs++] = merged; /* of runs that have been read */
+	}
+	if (r) {
+		outfile_free(to);
+		return r;
+	}
+	outfile_free(s->spool);
+	s->spool = to;
+	s->nrun = runs;
+	return 0;
 }
 
 int sort_start(struct sort *s, struct err *err)
 {
+	size_t most = s->room * s->words * sizeof(uint64_t) / SORT_RUN_LEAST;
 	int r;
 
 	if (!s->nrun) {
@@ -217,37 +280,15 @@ int sort_start(struct sort *s, struct err *err)
 	r = s->used ? spill(s, err) : 0;
 	if (r)
 		return r;
-	if (share_of(s) * s->words * sizeof(uint64_t) < SORT_RUN_LEAST)
-		return err_set(err, ERR_LIMIT, "too much to sort: %zu runs", s->nrun);
-	s->heap = malloc(s->nrun * sizeof(*s->heap));
+	s->heap = malloc((s->nrun < most ? s->nrun : most) * sizeof(*s->heap));
 	if (!s->heap)
 		return err_set(err, ERR_NOMEM, "no memory to sort with");
-	for (size_t i = 0; i < s->nrun && !r; i++) {
-		s->run[i].buf = s->buf + i * share_of(s) * s->words;
-		s->run[i].next = s->run[i].have = 0;
-		r = refill(s, &s->run[i], share_of(s), err);
-		s->heap[s->nheap++] = (uint32_t)i;
-	}
-	for (size_t i = s->nheap / 2; i-- && !r;)
-		sift(s, i);
+	while (s->nrun > most && !r)
+		r = pass(s, most, err);
+	if (!r)
+		r = merge(s, 0, s->nrun, err);
 	s->next = SIZE_MAX; /* nothing handed out yet */
 	return r;
-}
-
-/* The record handed out last is still the top: step over it. */
-static int step(struct sort *s, struct err *err)
-{
-	struct run *r = &s->run[s->heap[0]];
-
-	if (++r->next == r->have) {
-		int rc = refill(s, r, share_of(s), err);
-		if (rc)
-			return rc;
-		if (!r->have)
-			s->heap[0] = s->heap[--s->nheap];
-	}
-	sift(s, 0);
-	return 0;
 }
 
 int sort_next(struct sort *s, const uint64_t **ret, struct err *err)

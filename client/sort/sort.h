@@ -8,8 +8,8 @@ struct err;
 struct outfile;
 
 struct sort;
-/* Records of `words` words, at most 6; the first `keys` of them are the order. At most `memory` bytes; what does not fit is in a
- * nameless file beside the output. */
+/* Records of `words` words, at most 6; the first `keys` of them are the order. In `memory` bytes, or 1,024
+ * records if these need more; what does not fit is in a nameless file beside the output, of any size. */
 int sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfile *beside, struct sort **ret, struct err *err);
 int sort_add(struct sort *, const uint64_t *record, struct err *err);
 int sort_start(struct sort *, struct err *err);

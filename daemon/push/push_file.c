@@ -165,6 +165,7 @@ static void source_add(struct push *p, const struct push_request *rq, uint32_t *
 {
 	struct grid_source *s = &p->sources[p->nsources++];
 	const struct push_probed *probe = push_find_probe(p, rq->name);
+	struct push_crs *crs = (struct push_crs *)probe->crs;
 	const char *base = strrchr(probe->name, '/');
 
 	base = base ? base + 1 : probe->name;
@@ -181,7 +182,7 @@ static void source_add(struct push *p, const struct push_request *rq, uint32_t *
 	s->mtime_ns = rq->id.mtime_ns;
 	s->hash = rq->hash;
 	push_note_reading(p, rq);
-	((struct push_crs *)probe->crs)->staged = true;
+	crs->wkt = crs->wkt ? crs->wkt : probe->wkt;
 	*ret_replaced = push_replace_note(p, probe->path, probe->replace, probe->target);
 }
 

@@ -118,15 +118,15 @@ struct push_request {
 struct push_crs {
 	struct crs_info crs;
 	char key[DIGEST_HEX_SIZE];
-	char *wkt;   /* of the first file that carried one; NULL: none did */
-	bool staged; /* a source of the push has it */
+	const char *wkt; /* of the first source of the push that carries one; NULL: none does; of push.texts */
 };
 
 /* What is kept of a file that was probed. */
 struct push_probed {
 	char *name;
 	const char *path;                 /* in the memory of `name` */
-	const char *overridden, *reading; /* as grid_source has them; of push.texts */
+	const char *overridden, *reading; /* as grid_source has them; of push.texts, as the next */
+	const char *wkt;                  /* NULL: none */
 	struct client_file id;
 	struct lattice_input coords;
 	const struct crs_info *crs;     /* what it says; of push.crs_seen, as the next */

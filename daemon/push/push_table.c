@@ -229,15 +229,14 @@ static int keep_text(struct push *p, const char *text, const char **at, struct e
 	return 0;
 }
 
-/* Kept here, and in what the commit writes and reads. */
-static int keep_wkt(struct push *p, struct push_crs *system, const char *wkt, struct err *err)
+/* Many files have the same one: it is charged once, as it is kept. */
+static int keep_wkt(struct push *p, const char *wkt, const char **at, struct err *err)
 {
-	int r;
+	size_t slot = NAMES_START;
+	uint32_t i;
+	int r = !wkt || names_next(&p->text_keys, wkt, &slot, &i) ? 0 : push_table_reserve(p, 4 * (strlen(wkt) + 1), err);
 
-	if (!wkt || system->wkt)
-		return 0;
-	r = push_table_reserve(p, 4 * (strlen(wkt) + 1), err);
-	if (!r && !(system->wkt = strdup(wkt)))
+	if (!r && !(*at = wkt ? share_text(p, wkt) : NULL) && wkt)
 		r = no_memory(err);
 	return r;
 }
@@ -254,10 +253,10 @@ int push_remember_probe(struct push *p, const struct push_request *rq, struct er
 		r = push_table_reserve(p, 2 * (sizeof(struct push_crs) + sizeof crs + 4 * sizeof(struct name_slot)), err);
 	if (!r && !crs)
 		crs = push_keep_crs(p, &rq->info.crs);
-	if (!r && crs)
-		r = keep_wkt(p, (struct push_crs *)crs, rq->wkt, err);
 	if (!r && !at)
 		r = table_add(p, rq->name, rq->path, &at, err);
+	if (!r)
+		r = keep_wkt(p, rq->wkt, &at->wkt, err);
 	if (r)
 		return r;
 	if (!crs)
@@ -351,10 +350,8 @@ void push_forget_probes(struct push *p)
 	for (size_t i = 0; i < p->ntexts; i++)
 		free(p->texts[i]);
 	free(p->texts);
-	for (size_t i = 0; i < p->ncrs; i++) {
-		free(p->crs_seen[i]->wkt);
+	for (size_t i = 0; i < p->ncrs; i++)
 		free(p->crs_seen[i]);
-	}
 	free(p->crs_seen);
 	names_free(&p->probe_names);
 	names_free(&p->probe_paths);

@@ -1,5 +1,5 @@
 /*
- * The WKT of a dataset: of the first input that carries one which says what the dataset is in (crs_wkt_holds). It is kept with
+ * The WKT of a dataset: of the first source that carries one which says what the dataset is in (crs_wkt_holds). It is kept with
  * the coordinate system of the inputs (push_table.c). One that a person gave counts for inputs without.
  */
 #include <stdlib.h>
@@ -45,11 +45,11 @@ char *push_wkt_put(const struct push *p, struct grid_manifest *m)
 		m->wkt_since = p->base->wkt_since;
 		return NULL;
 	}
-	/* of the files of an interrupted push, and then of the new ones */
-	if (p->adopt && p->adopt->wkt && *p->adopt->wkt)
+	/* Of the files of an interrupted push: whose it is is not known, so a commit needs all of them. Then of the new ones. */
+	if (p->adopt && (!m->generation || p->nadopt_named == p->adopt->nsources) && p->adopt->wkt && *p->adopt->wkt)
 		found = part_that_holds(p, p->adopt->wkt);
-	for (size_t i = 0; !found && i < p->ncrs; i++)
-		if (p->crs_seen[i]->staged && p->crs_seen[i]->wkt)
+	for (size_t i = 0; !found && !p->aborted && i < p->ncrs; i++)
+		if (p->crs_seen[i]->wkt)
 			found = part_that_holds(p, p->crs_seen[i]->wkt);
 	m->wkt = found;
 	return found;

@@ -35,7 +35,7 @@ size_t crs_wkt_normal(const void *text, size_t size, char ret[CRS_WKT_MAX + 1])
 {
 	struct crs_span all, plane;
 	struct crs_info ignored;
-	bool quoted = false, blank = false;
+	bool quoted = false, blank = false, apart;
 	size_t n = 0, step;
 
 	if (!wkt_read(text, size, &ignored, &all, &plane))
@@ -49,10 +49,12 @@ size_t crs_wkt_normal(const void *text, size_t size, char ret[CRS_WKT_MAX + 1])
 			blank = true;
 			continue;
 		}
-		if (n + 5 > CRS_WKT_MAX)
-			return 0;
 		/* two words stay two; there was a blank, so this does not overtake the text */
-		if (!quoted && blank && n && is_word(ret[n - 1]) && is_word(*at))
+		apart = !quoted && blank && n && is_word(ret[n - 1]) && is_word(*at);
+		step = utf8_printable(at, all.size - i);
+		if (n + apart + (step ? step : 1) > CRS_WKT_MAX)
+			return 0;
+		if (apart)
 			ret[n++] = ' ';
 		blank = false;
 		step = put_quoted(at, all.size - i, ret + n);

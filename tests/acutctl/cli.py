@@ -242,6 +242,38 @@ def slow_input(base):
         check("input that never ends, " + how, p.returncode == (124 if how == "timeout" else 143), str(p.returncode))
 
 
+def files_of_lines(base):
+    """A layer without features, or one that is not asked for, before one that has some."""
+    def drawing(*layers):
+        path = os.path.join(base, "two.dxf")
+        with open(path, "w") as f:
+            f.write("0\nSECTION\n2\nENTITIES\n")
+            for name in layers:
+                f.write("0\nLINE\n8\n%s\n10\n0\n20\n0\n30\n1\n11\n2\n21\n2\n31\n2\n" % name)
+            f.write("0\nENDSEC\n0\nEOF\n")
+        return path
+
+    two = drawing("A", "B")
+    out, _ = expect(["info", two], 0, "layer     A: 1", "layer     B: 1")
+    check("one system is shown once", out.count("  crs ") == 1, out)
+    for name in ("A", "B"):
+        out, _ = expect(["info", "--layer", name, two], 0, "layer     %s: 1" % name)
+        check("only that layer, with its system", out.count("  layer ") == 1 and out.count("  crs ") == 1, out)
+    # What the file does not say is unknown: a number alone tells no unit.
+    for crs, degrees in (("", True), ('"crs": "EPSG:4326",', True), ('"crs": "EPSG:4258",', None), ('"crs": "EPSG:25832",', None)):
+        path = os.path.join(base, "l.geojson")
+        with open(path, "w") as f:
+            f.write('{%s "type": "LineString", "coordinates": [[1, 2, 3], [4, 5, 6]]}' % crs)
+        layer = json.loads(run("info", "--json", path)[1])["layers"][0]
+        check("degrees of " + crs, layer["degrees"] is degrees, str(layer))
+    with open(two) as f:
+        text = "0\nSECTION\n2\nHEADER\n9\n$INSUNITS\n70\n6\n0\nENDSEC\n" + f.read()
+    with open(two, "w") as f:
+        f.write(text)
+    layer = json.loads(run("info", "--json", two)[1])["layers"][0]
+    check("a drawing in metres", layer["unit"] == "metre" and layer["degrees"] is False, str(layer))
+
+
 def texts():
     expect(["--version"], 0, "acutctl ")
     expect(["version", "--json"], 0, '{"version":"')
@@ -347,6 +379,7 @@ with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
     no_daemon(d)
     wrong_daemon(d)
     slow_input(d)
+    files_of_lines(d)
 texts()
 suggestions()
 examples()

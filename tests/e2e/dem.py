@@ -282,7 +282,7 @@ def tiles():
             with e2e.Daemon(base, memory=memory, threads=threads) as d:
                 d.ctl("push", memory, las).ok()
                 job = d.ctl("submit", memory, "--wait", "--json").ok().json()["job"]
-                for n, (cell, size, options) in enumerate((("1", "50", ()), ("0.7", "33.3", ()), ("1", "7.25", ("--erase", hole)),
+                for n, (cell, size, options) in enumerate((("1", "50", ()), ("0.7", "33.3", ()), ("1", "15.25", ("--erase", hole)),
                                                            ("2", "20000", ()), ("1", "64", ("--bbox", "500010.5,5400020,500150,5400123.5")),
                                                            ("1", "40", ("--raster", "hillshade", "--polygon", hole)))):
                     whole, folder = base + "/w.tif", "%s/%s-%d" % (base, memory, n)
@@ -290,6 +290,8 @@ def tiles():
                     j = d.ctl("fetch", job, "-o", folder, "--format", "tif", "--tile", size, "--cell", cell, *options, "--json").ok().json()
                     names = sorted(glob.glob(folder + "/tile_*.tif"))
                     files.setdefault(n, []).append([open(name, "rb").read() for name in names])
+                    if memory == "1G":  # the same bytes, so they are read once
+                        continue
                     w, seen, c, s = Raster(whole), {}, Fraction(cell), Fraction(size)
                     with open(folder + "/index.geojson") as f:
                         index = {i["properties"]["file"]: i["properties"] for i in json.load(f)["features"]}
@@ -315,7 +317,7 @@ def tiles():
                             continue
                         expect(here and not set(here) & set(seen), "a tile without heights, or two have a pixel")
                         seen.update(here)
-                        if memory == "1G" and not seen.keys() - here.keys():
+                        if not seen.keys() - here.keys():
                             warnings, errors, _ = validate(name, full_check=True)
                             expect(not warnings and not errors, "as a COG: %s %s" % (warnings, errors))
                     first = round(Fraction(w.left) / c), round(Fraction(w.top) / c)

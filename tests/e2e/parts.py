@@ -118,6 +118,20 @@ def places(points, faces):
     return sorted(tuple(sorted(points[v] for v in t)) for t in faces)
 
 
+def nothing_left():
+    """An area in degrees beside a mesh in metres leaves nothing: that is said."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "s", survey(base, 1, "s.xyz")).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        with open(base + "/degrees.geojson", "w") as f:
+            f.write('{"type": "Polygon", "coordinates": [[[14, 48], [16, 48], [16, 49], [14, 48]]]}')
+        for words in (("--mask", base + "/degrees.geojson"), ("--max-edge", "0.0001")):
+            r = d.ctl("fetch", job, "-o", base + "/none.ply", *words).ok()
+            expect("no triangle is left" in r.err and ("in degrees" in r.err) == (words[0] == "--mask"), r.err)
+        r = d.ctl("fetch", job, "--format", "null", "--erase", base + "/degrees.geojson", "--json").ok()
+        expect("no triangle" not in r.out and r.json()["left_out"]["triangles"] == 0, r.out)
+
+
 def hull_is_trimmed():
     """A survey around a bay, with a lake and a roof: the bay opens, lake and roof stay closed; whatever the memory, threads, order."""
     with e2e.Folder() as base:
@@ -278,4 +292,4 @@ def masks_and_erasures():
                 expect(r.status == status and said in r.err and not os.path.exists(base + "/no.ply"), "%s: %d %s" % (words, r.status, r.err))
 
 
-main(says_what_it_is, masks_and_erasures, windows_tiles_changes, hull_is_trimmed)
+main(says_what_it_is, nothing_left, masks_and_erasures, windows_tiles_changes, hull_is_trimmed)

@@ -46,7 +46,8 @@ def says_what_it_is():
         expect((mine["mesh_digest"], mine["digest"]) == (got["digest"], got["left_out"]["written_digest"]), str(mine))
         expect((mine["vertices"], mine["triangles"], mine["left_out"]) ==
                (got["vertices"], got["triangles"] - got["left_out"]["triangles"], got["left_out"]["triangles"]), str(mine))
-        expect(mine["options"] == {"canonical": True, "polyface": False, "z_unit": "foot", "cell": None, "cell_unit": None, "raster": None}
+        expect(mine["options"] == {"canonical": True, "polyface": False, "z_unit": "foot", "cell": None, "cell_unit": None, "raster": None,
+                                    "interval": None, "interval_unit": None, "base": None, "base_unit": None, "index": None}
                and mine["origin"] is None, str(mine["options"]))
         shown = d.ctl("dataset", "show", "s", "--json").ok().json()
         expect([mine["box"][i] for i in (0, 1, 3, 4)] == [float(v) for v in shown["min"][:2] + shown["max"][:2]], "%s %s" % (mine["box"], shown))
@@ -54,6 +55,10 @@ def says_what_it_is():
         expect((raster["options"]["cell"], raster["options"]["cell_unit"], raster["options"]["raster"]) == (2, "metre", "slope"), str(raster))
         expect(raster["bytes"] == os.path.getsize(tif) and raster["digest"] == mine["digest"], str(raster))
         expect(got["output_bytes"] == sum(os.path.getsize(p) for p in (ply, obj, tif, ply + ".json", tif + ".json")), str(got["output_bytes"]))
+        lines = os.path.join(base, "lines.geojson")
+        d.ctl("fetch", job, "-o", lines, "--interval", "2m", "--base", "0.5", "--sidecar").ok()
+        options = read(lines + ".json")["options"]
+        expect([options[n] for n in ("interval", "interval_unit", "base", "base_unit", "index")] == [2, "metre", 0.5, None, 5], str(options))
         # Before any -o it is of all; the origin that was taken off.
         d.ctl("fetch", job, "--sidecar", "-o", ply, "--origin", "1,2,3.5", "-o", obj, "--format", "obj").ok()
         mine = read(ply + ".json")

@@ -12,7 +12,7 @@ import geo
 from acut_wire import Client, pb
 from crs import DEGREES, HEIGHT, UTM32, compound, las, xyz
 from e2e import expect
-from resume import Half, pending
+from resume import Half, ask, pending
 
 SPELT = UTM32.replace(",", ", ").replace("ETRS89 / UTM", "ETRS89 / utm")
 BOTH = compound(UTM32, HEIGHT)
@@ -115,6 +115,27 @@ def interrupted():
         expect("1 files" in pending(d, "s"), pending(d, "s"))
         d.ctl("push", "s", *paths).ok()
         is_kept(d, "s", BOTH)
+
+
+def whose_it_is():
+    """Only a source of the dataset gives it its WKT: no file that was probed and then not staged, and no file of an interrupted
+    push that is not pushed again."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a = las(base + "/a.las", BOTH)
+        b = las(base + "/b.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 25832), (4096, 0, 1, 7837), (4099, 0, 1, 9001)], x0=500100)
+        for name, staged, want in (("both", [a, b], BOTH), ("other", [b], ""), ("own", [a], BOTH)):
+            half = Half(d, name, [a, b], 0, wait=False)
+            for path in staged:
+                ask(half.c, "file", path, half.id)
+            half.c.ask("push_commit", pb.PushCommit(push=half.id))
+            half.vanish()
+            is_kept(d, name, want)
+        for name, again, want in (("all", [b, a], BOTH), ("one", [b], "")):
+            half = Half(d, name, [a, b], 2)
+            half.vanish()
+            expect("2 files" in pending(d, name), pending(d, name))
+            d.ctl("push", name, *again).ok()
+            is_kept(d, name, want)
 
 
 # ---- which text holds ----
@@ -223,4 +244,4 @@ def who_does_not_ask():
 
 
 if __name__ == "__main__":
-    e2e.main(through_everything, restored, interrupted, what_holds, of_a_file, known_since, who_does_not_ask)
+    e2e.main(through_everything, restored, interrupted, whose_it_is, what_holds, of_a_file, known_since, who_does_not_ask)

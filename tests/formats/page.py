@@ -480,10 +480,10 @@ def no_card_lies_over_another():
     expect(not found, "\n".join(found))
 
 
-def what_the_bar_shows(b, place):
-    """Whether it is that place, and what there is."""
-    said, want = b.value("acut.page.draw(false), [document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
-    return said.startswith("E%.2fN%.2f" % tuple(want[:2])), "the bar shows %s, not %s" % (said, want)
+def the_bar_shows(b, place):
+    """With the next frame."""
+    both = lambda: b.value("[document.getElementById('cursor').textContent.replace(/\\s/g, ''), acut.page.coordinates(%s)]" % place)
+    until(lambda: (lambda said, want: said.startswith("E%.2fN%.2f" % tuple(want[:2])))(*both()), lambda: "the bar shows %s, not %s" % tuple(both()))
 
 
 def a_telephone():
@@ -518,7 +518,7 @@ def a_telephone():
     b.touch("End")
     until(lambda: re.search(r"E\s*\d", b.value("document.getElementById('cursor').textContent")), "a touch shows no coordinates")
     b.value("acut.page.camera.pan(30, -50), acut.page.draw()")
-    expect(*what_the_bar_shows(b, "acut.page.pinned"))
+    the_bar_shows(b, "acut.page.pinned")
     for button in ("layers", "profile"):
         b.value("document.getElementById('%s').click()" % button)
         expect(b.value(OUTSIDE) == [], "beyond the border: %s" % b.value(OUTSIDE))
@@ -533,7 +533,7 @@ def a_telephone():
     expect(all(y < top for _, y in places_of(b, ends)), "the chart lies over the profile")
     keep("telephone-chart")
     expect(b.value("acut.profile().length") > 2, "no profile by touch")
-    expect(*what_the_bar_shows(b, "acut.page.tools.corners.profile.at(-1)"))
+    the_bar_shows(b, "acut.page.tools.corners.profile.at(-1)")
     expect(b.value(OUTSIDE) == [], b.value(OUTSIDE))
     b.size(860, 600)
 

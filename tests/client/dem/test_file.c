@@ -84,16 +84,14 @@ static const char *path_of(const char *name)
 	return path;
 }
 
-static int write_file(const struct grid *g, const struct acut_mesh_head *h, const struct dem_options *opt, const char *name,
-		      struct err *err)
+/* The triangles to a new model. */
+static int draw(const struct grid *g, const struct acut_mesh_head *h, const struct dem_options *opt, struct outfile *out,
+		struct dem **ret, struct err *err)
 {
-	const int32_t box[6] = {X0, Y0, -50000, X0 + (COLUMNS - 1) * STEP, Y0 + (ROWS - 1) * STEP, 250000};
-	struct outfile *out = NULL;
 	struct dem *d = NULL;
-	int r = outfile_new(path_of(name), false, &out, err);
+	int r = dem_new(out, &d, err);
 
-	if (!r)
-		r = dem_new(out, &d, err);
+	*ret = d;
 	if (!r)
 		r = dem_head(d, h, opt, err);
 	for (unsigned i = 0; i < g->n && !r; i++) {
@@ -103,6 +101,19 @@ static int write_file(const struct grid *g, const struct acut_mesh_head *h, cons
 		corners(g, g->order[i], p);
 		r = dem_triangle(d, p[turn], p[(turn + 1) % 3], p[(turn + 2) % 3], err);
 	}
+	return r;
+}
+
+static int write_file(const struct grid *g, const struct acut_mesh_head *h, const struct dem_options *opt, const char *name,
+		      struct err *err)
+{
+	const int32_t box[6] = {X0, Y0, -50000, X0 + (COLUMNS - 1) * STEP, Y0 + (ROWS - 1) * STEP, 250000};
+	struct outfile *out = NULL;
+	struct dem *d = NULL;
+	int r = outfile_new(path_of(name), false, &out, err);
+
+	if (!r)
+		r = draw(g, h, opt, out, &d, err);
 	if (!r)
 		r = dem_finish(d, g->n ? box : NULL, err);
 	if (!r)
@@ -533,6 +544,39 @@ static void test_slopes(void **state)
 	free(g);
 }
 
+static int begin_tile(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err)
+{
+	return outfile_new(path_of("tile.tif"), false, ret, err);
+}
+
+static int end_tile(void *ctx, const int64_t at[2], struct outfile *out, const struct dem_tile *t, struct err *err)
+{
+	++*(unsigned *)ctx;
+	outfile_free(out);
+	return 0;
+}
+
+/* A square of many stored tiles is counted once. */
+static void test_large_squares(void **state)
+{
+	struct grid *g = calloc(1, sizeof(*g));
+	unsigned tiles = 0;
+	/* 2 km: two squares have all of the raster, 5 by 3 stored tiles. */
+	const struct dem_tiler tiler = {.p = 200000, .q = 1, .most = 2, .begin = begin_tile, .end = end_tile, .ctx = &tiles};
+	struct err err = ERR_INIT;
+	struct outfile *out = NULL;
+	struct dem *d = NULL;
+
+	make(g);
+	assert_int_equal(outfile_new(path_of("whole.tif"), false, &out, &err), 0);
+	assert_int_equal(draw(g, &head, &usual, out, &d, &err), 0);
+	assert_int_equal(dem_finish_tiles(d, &tiler, &err), 0);
+	assert_int_equal(tiles, 2);
+	dem_free(d);
+	outfile_free(out);
+	free(g);
+}
+
 /* No space for the tiles that do not fit the memory, nor for anything after them. */
 static void test_no_space(void **state)
 {
@@ -586,9 +630,10 @@ static void test_refused(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_read_back), cmocka_unit_test(test_system),   cmocka_unit_test(test_order_and_memory),
-		cmocka_unit_test(test_windows),   cmocka_unit_test(test_empty),    cmocka_unit_test(test_slopes),
-		cmocka_unit_test(test_refused),   cmocka_unit_test(test_no_space), cmocka_unit_test(test_interrupted),
+		cmocka_unit_test(test_read_back),   cmocka_unit_test(test_system),        cmocka_unit_test(test_order_and_memory),
+		cmocka_unit_test(test_windows),     cmocka_unit_test(test_empty),         cmocka_unit_test(test_slopes),
+		cmocka_unit_test(test_refused),     cmocka_unit_test(test_large_squares), cmocka_unit_test(test_no_space),
+		cmocka_unit_test(test_interrupted),
 	};
 	char command[300];
 	int failed;

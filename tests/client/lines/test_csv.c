@@ -67,7 +67,11 @@ static void test_rows(void **state)
 		 "#1 c rows [lake]: open 1 2 3, 2 2 3\n#2 c rows [soft] ! its rows have different kinds\n"},
 		{"x,y,z,name\n1,2,3,\"a, \"\"b\"\"\"\n1,3,3,\"a, \"\"b\"\"\" \n", NULL, "#1 c rows: open 1 2 3, 1 3 3\n"},
 		{"x,y,z,name\n1,2,,a\n1,3,3,a\n1,2,3,b\n1,2,3\n2,2,2,\n", NULL,
-		 "#1 c rows ! it has no z\n#2 c rows ! a line has fewer than two vertices\n#3 c rows: open 1 2 3, 2 2 2\n"},
+		 "#1 c rows ! it has no z\n#2 c rows ! a line has fewer than two vertices\n#3 c rows ! its row has no name of a line\n"
+		 "#4 c rows ! its row has no name of a line\n"},
+		/* not joined, over a blank line either */
+		{"x,y,z,name\n1,2,3,\n4,5,,\" \"\n\n1,2,3,b\n4,5,6,b\n", NULL,
+		 "#1 c rows ! its row has no name of a line\n#2 c rows ! its row has no name of a line\n#3 c rows: open 1 2 3, 4 5 6\n"},
 		{"x,y,z,name\n", NULL, ""},
 		{"x,y,z\n1,2,3\n", NULL,
 		 "error: line 1: there is no column for the name of a line (the first line names the columns: x,y,z,name)\n"},
@@ -104,7 +108,7 @@ static void test_places(void **state)
 	struct err err = ERR_INIT;
 	struct lines *l;
 	char buf[1024];
-	static const char rows[] = "x,y,z,name\n1,2,3,a\n1,2,4,a\n\n# b\n1,2,,b\n1,1,1,c\n";
+	static const char rows[] = "x,y,z,name\n1,2,3,a\n1,2,4,a\n\n# b\n1,2,,b\n1,1,1,c\n1,1,1\n";
 
 	lines_case_file("p.csv", rows, sizeof rows - 1);
 	assert_int_equal(lines_open(lines_case_path("p.csv"), &opt, &l, &err), 0);
@@ -123,6 +127,12 @@ static void test_places(void **state)
 	assert_non_null(strstr(err_format(&err, buf, sizeof buf),
 			       "line 7, feature 3: rows of layer p cannot be used: a line has fewer than "
 			       "two vertices (mend it in the program that wrote it"));
+	assert_int_equal(lines_next(l, &f, &err), 0);
+	err = ERR_INIT;
+	lines_refusal(l, f, &err);
+	assert_non_null(strstr(err_format(&err, buf, sizeof buf),
+			       "line 8, feature 4: rows of layer p cannot be used: its row has no name of a line (give each row "
+			       "the name of its line: rows of one name, one after the other, are a line)"));
 	lines_close(l);
 }
 

@@ -101,6 +101,8 @@ static void test_systems(void **state)
 		 "urn:ogc:def:crs,crs:EPSG::27700,crs:EPSG:9.9:5701", "member crs", 27700, 5701, false},
 		{"\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"EPSG:4326\"}},", "EPSG:4326", "member crs", 4326, 0,
 		 true},
+		{"\"crs\":\"EPSG:25832 + EPSG:7837\",", "EPSG:25832 + EPSG:7837", "member crs", 25832, 7837, false},
+		{"\"crs\":\"EPSG:4258, EPSG/0/5621\",", "EPSG:4258, EPSG/0/5621", "member crs", 4258, 5621, false},
 		{"\"crs\":{\"type\":\"EPSG\",\"properties\":{\"code\":2056}},", "", "member crs", 2056, 0, false},
 		{"\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"local grid\"}},", "local grid", "member crs", 0, 0,
 		 false},

@@ -157,6 +157,27 @@ static void test_layers(void **state)
 			    "error: no layer has a field \"sorts\" (ogrinfo -so FILE LAYER lists the fields of a layer)\n");
 }
 
+/* A file of many layers and indices is no damaged one. */
+static void test_many_layers(void **state)
+{
+	enum { LAYERS = 900, INDICES = 10 };
+	static const struct lines_options last = {.layer = "T899"};
+	static char sql[LAYERS * 800];
+	size_t n = (size_t)sprintf(sql, "PRAGMA synchronous = off; BEGIN;");
+
+	for (int i = 0; i < LAYERS; i++) {
+		n += (size_t)sprintf(sql + n,
+				     "CREATE TABLE t%d(id INTEGER PRIMARY KEY, geom);"
+				     "INSERT INTO gpkg_geometry_columns VALUES('t%d', 'geom', '', 0, 1, 0);",
+				     i, i);
+		for (int k = 0; k < INDICES; k++)
+			n += (size_t)sprintf(sql + n, "CREATE INDEX i%d_%d ON t%d(geom);", i, k, i);
+	}
+	sprintf(sql + n, "INSERT INTO t899 SELECT id, geom FROM breaks; COMMIT");
+	make(sql);
+	assert_string_equal(read_all(&last), "#1 t899 LineString" LINE "#2 t899 LineString" LINE "#3 t899 \n");
+}
+
 static void test_systems(void **state)
 {
 	static const struct lines_options opt;
@@ -334,6 +355,72 @@ static void test_log(void **state)
 	sqlite3_close(db);
 }
 
+/* A copy of a file that lies beside q.gpkg, as the same beside r.gpkg. */
+static void copy(const char *end)
+{
+	static uint8_t bytes[1 << 20];
+	char name[64];
+	size_t n;
+	FILE *f;
+
+	snprintf(name, sizeof name, "q.gpkg%s", end);
+	f = fopen(lines_case_path(name), "rb");
+	assert_non_null(f);
+	n = fread(bytes, 1, sizeof bytes, f);
+	assert_true(n > 0 && n < sizeof bytes);
+	fclose(f);
+	snprintf(name, sizeof name, "r.gpkg%s", end);
+	lines_case_file(name, bytes, n);
+}
+
+static bool beside(const char *end)
+{
+	char name[64];
+
+	snprintf(name, sizeof name, "r.gpkg%s", end);
+	return !access(lines_case_path(name), F_OK);
+}
+
+/* What a program left that ended without closing the file: nothing is changed, and nothing appears. */
+static void test_not_closed(void **state)
+{
+	static const char sql[] =
+		"BEGIN; WITH RECURSIVE n(i) AS (SELECT 10 UNION ALL SELECT i + 1 FROM n LIMIT 3000) INSERT INTO "
+		"lakes SELECT i, NULL FROM n";
+	static const char want[] = "error: it was not closed: changes that were made in it are in r.gpkg-%s (open it once in the "
+				   "program that made them, and close it there)\n";
+	char said[400];
+	sqlite3 *db;
+
+	/* with a log and the index of it; without the index */
+	make("PRAGMA journal_mode = wal");
+	assert_int_equal(sqlite3_open(lines_case_path("q.gpkg"), &db), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db, "INSERT INTO lakes SELECT id + 5, geom FROM breaks", NULL, NULL, NULL), SQLITE_OK);
+	copy("");
+	copy("-wal");
+	snprintf(said, sizeof said, want, "wal");
+	assert_string_equal(lines_case_read(lines_case_path("r.gpkg"), NULL, text), said);
+	assert_true(beside("-wal") && !beside("-shm") && !beside("-journal"));
+	copy("-shm");
+	assert_non_null(strstr(lines_case_read(lines_case_path("r.gpkg"), NULL, text), "#3 lakes"));
+	assert_true(beside("-wal") && beside("-shm") && !beside("-journal"));
+	sqlite3_close(db);
+	unlink(lines_case_path("r.gpkg-wal"));
+	unlink(lines_case_path("r.gpkg-shm"));
+
+	/* in the middle of a transaction */
+	make(NULL);
+	assert_int_equal(sqlite3_open(lines_case_path("q.gpkg"), &db), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db, "PRAGMA cache_size = 1", NULL, NULL, NULL), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db, sql, NULL, NULL, NULL), SQLITE_OK);
+	copy("");
+	copy("-journal");
+	snprintf(said, sizeof said, want, "journal");
+	assert_string_equal(lines_case_read(lines_case_path("r.gpkg"), NULL, text), said);
+	assert_true(!beside("-wal") && !beside("-shm") && beside("-journal"));
+	sqlite3_close(db);
+}
+
 static void test_names(void **state)
 {
 	struct lines_made_row row = {NULL, line.at, line.n};
@@ -355,10 +442,11 @@ static int remove_all(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_geometries), cmocka_unit_test(test_collections), cmocka_unit_test(test_damaged_geometry),
-		cmocka_unit_test(test_layers),     cmocka_unit_test(test_systems),     cmocka_unit_test(test_hostile),
-		cmocka_unit_test(test_damaged),    cmocka_unit_test(test_untouched),   cmocka_unit_test(test_endless),
-		cmocka_unit_test(test_log),        cmocka_unit_test(test_names),
+		cmocka_unit_test(test_geometries),  cmocka_unit_test(test_collections), cmocka_unit_test(test_damaged_geometry),
+		cmocka_unit_test(test_layers),      cmocka_unit_test(test_systems),     cmocka_unit_test(test_hostile),
+		cmocka_unit_test(test_damaged),     cmocka_unit_test(test_untouched),   cmocka_unit_test(test_endless),
+		cmocka_unit_test(test_log),         cmocka_unit_test(test_names),       cmocka_unit_test(test_not_closed),
+		cmocka_unit_test(test_many_layers),
 	};
 
 	lines_made_gpkg_head(&line, 1);

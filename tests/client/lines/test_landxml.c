@@ -112,6 +112,34 @@ static void test_systems(void **state)
 	}
 }
 
+/* The text of a system is kept up to 64 KiB, and read in a moment whatever it is. */
+static void test_long_systems(void **state)
+{
+	static const struct lines_options opt;
+	static char xml[400000];
+
+	for (size_t most = 65536; most <= 300000; most += most == 65536 ? 1 : 200000) {
+		const struct lines_feature *f;
+		struct err err = ERR_INIT;
+		struct lines *l;
+		size_t n = (size_t)sprintf(xml, "<LandXML><CoordinateSystem ogcWktCode=\""), begin = n;
+
+		n += (size_t)sprintf(xml + n, "A[&quot;W&quot;");
+		begin += 10; /* two quotes take one byte each in the text */
+		while (n + 8 <= begin + most)
+			n += (size_t)sprintf(xml + n, ",UNIT[]");
+		while (n < begin + most - 1)
+			xml[n++] = ' ';
+		strcpy(xml + n, "]\"/>" SURFACE("s", BREAKLINE("1 1 1 2 2 2")) "</LandXML>");
+		lines_case_file("s.xml", xml, strlen(xml));
+		assert_int_equal(lines_open(lines_case_path("s.xml"), &opt, &l, &err), 0);
+		assert_int_equal(lines_next(l, &f, &err), 0);
+		assert_int_equal(strlen(f->layer->crs.wkt), most == 65536 ? most : 0);
+		assert_string_equal(f->layer->crs.name, most == 65536 ? "W" : "");
+		lines_close(l);
+	}
+}
+
 static void test_wrong(void **state)
 {
 	static const struct {
@@ -199,9 +227,9 @@ static int remove_all(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_layers),
-					   cmocka_unit_test(test_systems), cmocka_unit_test(test_wrong),
-					   cmocka_unit_test(test_large)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_features),     cmocka_unit_test(test_layers),
+					   cmocka_unit_test(test_systems),      cmocka_unit_test(test_wrong),
+					   cmocka_unit_test(test_long_systems), cmocka_unit_test(test_large)};
 
 	return cmocka_run_group_tests(tests, NULL, remove_all);
 }

@@ -236,6 +236,23 @@ static void test_wkt(void **state)
 		 "both", "metre", "foot", 25832, 5783, false},
 		{"PROJCRS[\"P\", BASEGEOGCRS[\"g\", ID[\"EPSG\",4258]], CONVERSION[\"c\"], CS[Cartesian,2], LENGTHUNIT[\"metre\",1], ID[\"EPSG\",3035]]",
 		 "P", "metre", "", 3035, 0, false},
+		/* of ESRI, with heights: a tree of their own */
+		{"PROJCS[\"p\",GEOGCS[\"g\",UNIT[\"Degree\",0.01]],UNIT[\"Meter\",1.0]],VERTCS[\"v\",VDATUM[\"d\"],PARAMETER[\"Vertical_Shift\",0.0],"
+		 "UNIT[\"Foot_US\",0.3],AUTHORITY[\"EPSG\",\"6360\"]]",
+		 "p + v", "metre", "us-survey-foot", 0, 6360, false},
+		{"PROJCS[\"p\",UNIT[\"metre\",1]],GEOGCS[\"q\",UNIT[\"degree\",1],AUTHORITY[\"EPSG\",\"4326\"]]", "p", "metre",
+		 "", 0, 0, false},
+		/* units in the axes */
+		{"PROJCRS[\"P\",BASEGEOGCRS[\"g\"],CONVERSION[\"c\",PARAMETER[\"a\",1,LENGTHUNIT[\"foot\",0.3]]],CS[Cartesian,2],"
+		 "AXIS[\"(E)\",east,ORDER[1],LENGTHUNIT[\"metre\",1]],AXIS[\"(N)\",north,ORDER[2],LENGTHUNIT[\"metre\",1]],ID[\"EPSG\",3035]]",
+		 "P", "metre", "", 3035, 0, false},
+		{"COMPOUNDCRS[\"C\",PROJCRS[\"P\",CS[Cartesian,2],AXIS[\"(E)\",east,LENGTHUNIT[\"metre\",1]]],"
+		 "VERTCRS[\"V\",CS[vertical,1],AXIS[\"height (H)\",up,LENGTHUNIT[\"foot\",0.3048]],ID[\"EPSG\",5783]]]",
+		 "C", "metre", "foot", 0, 5783, false},
+		{"GEOGCRS[\"G\",CS[ellipsoidal,3],AXIS[\"(Lat)\",north,ANGLEUNIT[\"degree\",1]],AXIS[\"h\", up,LENGTHUNIT[\"metre\",1]],ID[\"EPSG\",4979]]",
+		 "G", "", "metre", 4979, 0, true},
+		/* a name stands in quotes */
+		{"PROJCS[\"p\",UNIT[],UNIT[metre,1],AXIS[\"x\",east]]", "p", "", "", 0, 0, false},
 		{"PROJCS(\"round\",UNIT(\"links\",1))", "round", "links", "", 0, 0, false},
 		{"PROJCS[\"cut", "cut", "", "", 0, 0, false},
 		{"]]]]", "", "", "", 0, 0, false},
