@@ -187,6 +187,44 @@ def degrees_from_an_origin_are_as_long_as_before():
         expect(math.isclose(step[0], want, rel_tol=1e-4) and math.isclose(step[1], 111.32), "%s: steps of %s, not %s" % (name, step, want))
 
 
+# How many triangles the grid lists, how many of them the fullest and the usual cell of a vertex has; the edges, and how many differ.
+INDEX = """(() => {
+    const {surface, mesh, scene} = acut.page, {start, list} = surface, gl = scene.gl, found = {triangles: surface.count, list: list.length};
+    const sizes = Array.from({length: mesh.vertices.length / 3}, (_, i) => {
+        const cell = surface.row(mesh.vertices[3 * i + 1] - surface.middle[1]) * surface.columns + surface.column(mesh.vertices[3 * i] - surface.middle[0]);
+        return start[cell + 1] - start[cell];
+    }).sort((a, b) => a - b);
+    found.usual = sizes[sizes.length >> 1];
+    const before = performance.now();
+    acut.page.toggle("wire");
+    acut.page.draw();
+    found.milliseconds = performance.now() - before;
+    const edges = new Uint32Array(scene.edgeBuffer.count);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, scene.edgeBuffer.buffer);
+    gl.getBufferSubData(gl.ELEMENT_ARRAY_BUFFER, 0, edges);
+    found.edges = edges.length / 2;
+    found.different = new Set(Array.from({length: found.edges}, (_, i) => edges[2 * i] * 2 ** 26 + edges[2 * i + 1])).size;
+    found.vertices = mesh.vertices.length / 3;
+    return found;
+})()"""
+
+
+def shapes_that_are_unlike_a_survey():
+    rng, n = random.Random(5), 50000
+    shapes = {"fan": [(i, 0, i % 100) for i in range(n)] + [(n // 3, n // 10, 50)],
+              "outlier": [(0, 0, 0)] + [(500000 + rng.randrange(50000) / 100, 5400000 + rng.randrange(50000) / 100, rng.randrange(100)) for _ in range(n)]}
+    for name, points in shapes.items():
+        with open(world.path(name + ".xyz"), "w") as f:
+            f.writelines("%s %s %s\n" % p for p in points)
+        world.daemon.ctl("mesh", world.path(name + ".xyz"), "-o", world.path(name + ".html")).ok()
+        found = world.show(world.path(name + ".html")).value(INDEX)
+        print("     %s: %s" % (name, found))
+        expect(found["list"] <= 8 * found["triangles"] + 1000, "the grid of %s is too long: %s" % (name, found))
+        expect(found["edges"] == found["different"] == found["triangles"] + found["vertices"] - 1, "edges of %s: %s" % (name, found))
+        expect(found["milliseconds"] < 1200, "edges take long: %s" % found)
+        expect(name == "fan" or found["usual"] < 30, "a cell of %s has too many triangles: %s" % (name, found))
+
+
 def places_of(b, corners):
     """Pixels of coordinates."""
     return [b.value("acut.pixel(%r, %r)" % c) for c in corners]
@@ -236,6 +274,8 @@ def a_distance_by_clicks():
     corners = [tuple(middle), (middle[0] + 12, middle[1] - 5)]
     for x, y in places_of(b, corners):
         b.click(x, y)
+        b.click(x, y)
+    expect(b.value("acut.page.tools.corners.distance.length") == 2, "a double click is two corners")
     (ax, ay, az), (bx, by, bz) = (b.value("acut.page.coordinates(acut.page.tools.corners.distance[%d])" % i) for i in range(2))
     plan = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
     said = b.value("document.getElementById('measure-list').innerText").replace("\u00a0", " ").replace("\u202f", "")
@@ -376,6 +416,21 @@ def keys_act_after_a_control_was_used():
     expect(b.value(target) != before, "an arrow key does nothing")
 
 
+def a_window_that_changes_shows_the_whole_mesh():
+    b, camera = world.show(world.page), "(c => [c.distance, ...c.target].map(String))(acut.page.camera)"
+    whole = b.value(camera)
+    b.size(500, 600)
+    until(lambda: b.value("acut.page.camera.width") == 500, "the size")
+    expect(b.value(camera) != whole, "the mesh does not fit")
+    b.value("acut.page.camera.zoom(0.7, null)")
+    mine = b.value(camera)
+    b.size(860, 600)
+    until(lambda: b.value("acut.page.camera.width") == 860, "the size")
+    expect(b.value(camera) == mine, "a view that was chosen is lost")
+    b.key("r")
+    until(lambda: b.value(camera) == whole, "R shows %s, not %s" % (b.value(camera), whole))
+
+
 def light_and_dark():
     b = world.browser
     backs = []
@@ -488,7 +543,12 @@ def what_cannot_be_shown_is_said():
     text = "document.getElementById('message').innerText"
     b.open(world.fetch("empty.html", "--max-edge", "0.001"))
     expect(not b.ready() and "no triangles" in b.value(text), b.value(text))
-    for script, word in (("HTMLCanvasElement.prototype.getContext = () => null", "WebGL 2"), ("delete window.DecompressionStream", "DecompressionStream")):
+    scheme = "getComputedStyle(document.documentElement).colorScheme"
+    before = b.value(scheme)
+    b.value("document.getElementById('theme').click(), document.getElementById('about-open').click(), document.getElementById('about-close').click()")
+    expect(b.value(scheme) != before and not b.value("document.getElementById('about').open"), "buttons of a page without triangles do nothing")
+    for script, word in (("HTMLCanvasElement.prototype.getContext = () => null", "WebGL 2"), ("delete window.DecompressionStream", "DecompressionStream"),
+                         ("window.DecompressionStream = class { constructor(f) { if (f !== 'gzip') throw new TypeError(f); } }", "deflate-raw")):
         id = b.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
         b.open(world.page)
         expect(not b.ready() and word in b.value(text), b.value(text))
@@ -519,8 +579,10 @@ def main():
         world = World(base)
         try:
             e2e.main(the_page_is_ready_and_asks_for_nothing, heights_are_those_of_the_mesh, heights_in_feet_and_from_an_origin,
-                     degrees_from_an_origin_are_as_long_as_before, a_profile_by_clicks_is_the_section, a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights, keys_act_after_a_control_was_used, light_and_dark, no_card_lies_over_another, a_telephone,
-                     what_cannot_be_shown_is_said, the_policy_forbids_requests)
+                     degrees_from_an_origin_are_as_long_as_before, shapes_that_are_unlike_a_survey, a_profile_by_clicks_is_the_section,
+                     a_distance_by_clicks, each_display_is_another_picture, each_domain_has_a_colour, contours_are_at_true_heights,
+                     keys_act_after_a_control_was_used, a_window_that_changes_shows_the_whole_mesh, light_and_dark, no_card_lies_over_another,
+                     a_telephone, what_cannot_be_shown_is_said, the_policy_forbids_requests)
         finally:
             world.done()
 

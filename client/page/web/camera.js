@@ -53,6 +53,7 @@ class Camera {
 		}
 		this.pan((this.covered[0] - this.covered[1]) / 2, 0);
 		this.farthest = Math.max(this.farthest, this.distance) * 3;
+		this.fitted = true; // and not moved since
 	}
 
 	// How much of half the picture the box takes, at most.
@@ -153,6 +154,7 @@ class Camera {
 	// ---- movements ----
 
 	turn(dx, dy) {
+		this.fitted = false;
 		this.yaw -= dx * 0.006;
 		this.pitch = Math.min(Math.PI / 2, Math.max(LEAST_PITCH, this.pitch + dy * 0.006));
 		if (dy)
@@ -163,6 +165,7 @@ class Camera {
 	pan(dx, dy) {
 		const k = this.pixel(), sy = Math.sin(this.yaw), cy = Math.cos(this.yaw), far = 1 / Math.max(0.3, Math.sin(this.pitch));
 
+		this.fitted = false;
 		this.target[0] -= (dx * cy + dy * sy * far) * k / this.step[0];
 		this.target[1] -= (dx * sy - dy * cy * far) * k / this.step[1];
 		for (let axis = 0; axis < 2; axis++)
@@ -177,6 +180,7 @@ class Camera {
 		if (place)
 			this.target = this.target.map((n, axis) => place[axis] + (n - place[axis]) * part);
 		this.distance = to;
+		this.fitted = false;
 	}
 
 	// Turns are about what is in the middle of the picture: the target moves there, and the picture stays.

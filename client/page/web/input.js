@@ -78,7 +78,8 @@ class Input {
 			this.page.camera.refocus();
 			this.page.update();
 		} else if (drag && drag.first && whole) {
-			this.page.click([e.offsetX, e.offsetY]);
+			const last = this.clicked, now = this.clicked = {x: e.offsetX, y: e.offsetY, time: e.timeStamp};
+			this.page.click([now.x, now.y], last && now.time - last.time < 400 && Math.hypot(now.x - last.x, now.y - last.y) < 10);
 		}
 		if (e.pointerType !== "mouse")
 			this.page.point(null); // nothing is there any more

@@ -73,9 +73,7 @@ class Page {
 		on("chart-close", "click", () => tools.close("profile"));
 		on("chart-copy", "click", () => tools.copy());
 		on("chart-save", "click", () => tools.save());
-		on("theme", "click", () => this.otherTheme());
 		on("layers", "click", () => this.panel(!$("panel").classList.contains("open")));
-		on("about-close", "click", () => $("about").close());
 		on("scene", "pointerdown", () => this.panel(false));
 		scene.state.mode = 1;
 	}
@@ -153,9 +151,7 @@ class Page {
 	}
 
 	otherTheme() {
-		const root = document.documentElement, dark = getComputedStyle(root).colorScheme === "dark";
-
-		root.dataset.theme = dark ? "light" : "dark";
+		otherTheme();
 		this.themed();
 	}
 
@@ -190,10 +186,13 @@ class Page {
 		this.update(false);
 	}
 
-	click(pixel) {
+	// `again`: the second one of a double click, which is no second corner, though the mesh may have moved after the first one.
+	click(pixel, again) {
 		const place = this.placeAt(pixel);
 
 		this.pointer = pixel;
+		if (again && this.tools.name)
+			return;
 		if (!this.tools.click(place))
 			this.pinned = place;
 		this.update(false);
@@ -206,7 +205,9 @@ class Page {
 
 		camera.width = canvas.clientWidth || 1;
 		camera.height = canvas.clientHeight || 1;
-		camera.covered = camera.width > 720 ? [$("panel").offsetWidth + 12, $(camera.width < 1100 ? "legend" : "tools").offsetWidth + 12] : [0, 0];
+		camera.covered = camera.width > 720 && camera.height > 480 ? [$("panel").offsetWidth + 12, $(camera.width < 1100 ? "legend" : "tools").offsetWidth + 12] : [0, 0];
+		if (camera.fitted)
+			camera.fit();
 		canvas.width = Math.round(camera.width * ratio);
 		canvas.height = Math.round(camera.height * ratio);
 		if (this.tools && !$("chart").hidden)
@@ -304,6 +305,8 @@ function showFacts(mesh) {
 	$("facts-line").textContent = number(facts.triangles, "triangle") + (known["acut-trimmed"] ? " \u00b7 a part" : "");
 	$("system-line").textContent = $("system-line").title = system || "Coordinate system unknown";
 	$("about-open").addEventListener("click", () => $("about").showModal());
+	$("about-close").addEventListener("click", () => $("about").close());
+	$("theme").addEventListener("click", () => window.acut.page ? window.acut.page.otherTheme() : otherTheme());
 }
 
 function showAbout(mesh, page) {
@@ -324,7 +327,14 @@ function showAbout(mesh, page) {
 	$("about-list").replaceChildren(...pairs(rows));
 }
 
+function otherTheme() {
+	const root = document.documentElement, dark = getComputedStyle(root).colorScheme === "dark";
+
+	root.dataset.theme = dark ? "light" : "dark";
+}
+
 function fail(text, more) {
+	$("head").hidden = !$("title").textContent; // nothing is known
 	document.body.classList.remove("loading");
 	document.body.classList.add("failed");
 	$("message").hidden = false;
@@ -336,8 +346,11 @@ function fail(text, more) {
 const breathe = () => new Promise(done => setTimeout(done));
 
 async function main() {
-	if (typeof DecompressionStream === "undefined")
-		throw new Missing("DecompressionStream");
+	try {
+		new DecompressionStream("deflate-raw");
+	} catch (error) { // none, or an older one
+		throw new Missing("DecompressionStream for deflate-raw");
+	}
 	await breathe();
 	const mesh = await readMesh();
 

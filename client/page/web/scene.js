@@ -184,35 +184,45 @@ class Scene {
 }
 
 // Each edge once. Inside of the mesh an edge goes up in one of its triangles (to a higher number) and down in the other; of those
-// that go down, only the ones that never go up are added.
+// that go down, only the ones that never go up are added. The work is in proportion to the edges, however many a vertex has.
 function edgesOf(mesh) {
-	const {faces} = mesh, first = new Uint32Array(mesh.vertices.length / 3 + 1), list = [];
-	const each = visit => {
-		for (let i = 0; i < faces.length; i++)
-			visit(faces[i], faces[i % 3 === 2 ? i - 2 : i + 1]);
-	};
+	const count = mesh.vertices.length / 3, up = neighbours(mesh.faces, count, true), down = neighbours(mesh.faces, count, false);
+	const edges = new Uint32Array(2 * (up.to.length + down.to.length)), seen = new Uint32Array(count);
+	let at = 0;
 
-	each((a, b) => a < b && first[a + 1]++);
-	for (let i = 1; i < first.length; i++)
-		first[i] += first[i - 1];
-	const upper = new Uint32Array(first[first.length - 1]), next = first.slice();
-	each((a, b) => {
-		if (a < b)
-			upper[next[a]++] = b;
-	});
-	each((a, b) => {
-		if (a > b && !upper.subarray(first[b], first[b + 1]).includes(a))
-			list.push(b, a);
-	});
-	const edges = new Uint32Array(2 * upper.length + list.length);
-	for (let a = 0, at = 0; a + 1 < first.length; a++) {
-		for (let i = first[a]; i < first[a + 1]; i++) {
-			edges[at++] = a;
-			edges[at++] = upper[i];
+	for (let a = 0; a < count; a++) {
+		for (const {first, to} of [up, down]) {
+			for (let i = first[a]; i < first[a + 1]; i++) {
+				if (seen[to[i]] === a + 1)
+					continue;
+				seen[to[i]] = a + 1;
+				edges[at++] = a;
+				edges[at++] = to[i];
+			}
 		}
 	}
-	edges.set(list, 2 * upper.length);
-	return edges;
+	return edges.slice(0, at);
+}
+
+// The higher ends of edges that go up, or down, by their lower ends: those of vertex a are to[first[a]] to to[first[a + 1] - 1].
+function neighbours(faces, count, up) {
+	const first = new Uint32Array(count + 1);
+	const each = visit => {
+		for (let i = 0; i < faces.length; i++) {
+			const a = faces[i], b = faces[i % 3 === 2 ? i - 2 : i + 1];
+			if (a < b === up)
+				visit(up ? a : b, up ? b : a);
+		}
+	};
+
+	each(a => first[a + 1]++);
+	for (let i = 1; i < first.length; i++)
+		first[i] += first[i - 1];
+	const to = new Uint32Array(first[count]), next = first.slice();
+	each((a, b) => {
+		to[next[a]++] = b;
+	});
+	return {first, to};
 }
 
 // A program with its uniforms by name.

@@ -1,7 +1,11 @@
 // The mesh as a surface: exact heights, and what a ray meets.
 //
 // All is in lattice numbers relative to the middle of the mesh, so differences of vertices are whole and without an error. A
-// grid over the plane lists the triangles that meet each cell.
+// grid over the plane lists the triangles that meet each cell. Its lines are close where there are many vertices.
+
+const ENTRIES = 8; // of the grid's list, of each triangle at most
+const SAMPLE = 1 << 16;
+const GOLDEN = (Math.sqrt(5) - 1) / 2;
 
 // The box of the vertices that triangles use, of lattice numbers.
 function boxOf(vertices, faces) {
@@ -20,6 +24,56 @@ function boxOf(vertices, faces) {
 	return {low, high};
 }
 
+// The lines between columns, or rows, whose numbers are from 0 on: whole numbers, as many places between each two.
+class Lines {
+	// From the sorted places of a sample; `most`: columns.
+	constructor(low, high, places, most) {
+		const at = [low];
+
+		for (let i = 1; i < most; i++) {
+			const place = places[Math.floor(i / most * places.length)];
+			if (place > at[at.length - 1])
+				at.push(place);
+		}
+		this.count = at.length;
+		this.at = Float64Array.of(...at, high + 1);
+		// Equal parts of the whole say between which lines to search.
+		this.low = low;
+		this.parts = 4 * this.count;
+		this.perPart = this.parts / (high + 1 - low);
+		this.first = new Uint16Array(this.parts + 1).fill(this.count - 1);
+		for (let line = this.count - 1; line > 0; line--)
+			this.first.fill(line - 1, 0, this.part(at[line]) + 1);
+	}
+
+	part(n) {
+		return Math.min(this.parts - 1, Math.max(0, Math.floor((n - this.low) * this.perPart)));
+	}
+
+	// The column that a number is in: the last line that it is not below.
+	find(n) {
+		const {at, first} = this, part = this.part(n);
+		let low = first[part], high = first[part + 1];
+
+		while (low < high) {
+			const middle = (low + high + 1) >> 1;
+			if (at[middle] <= n)
+				low = middle;
+			else
+				high = middle - 1;
+		}
+		return low;
+	}
+
+	ofVertices(vertices, axis, middle) {
+		const of = new Uint16Array(vertices.length / 3);
+
+		for (let i = 0, at = axis; i < of.length; i++, at += 3)
+			of[i] = this.find(vertices[at] - middle);
+		return of;
+	}
+}
+
 class Surface {
 	constructor(mesh) {
 		this.faces = mesh.faces;
@@ -35,54 +89,79 @@ class Surface {
 
 	// ---- the grid ----
 
+	// Cells are so large that triangles are in few of them. Long ones are in many, as in a fan: then cells are made larger.
 	makeGrid() {
-		const wide = Math.max(1, this.high[0] - this.low[0]), tall = Math.max(1, this.high[1] - this.low[1]);
-		const cells = Math.max(1, this.count / 3), side = Math.max(1, Math.sqrt(wide * tall / cells));
+		const places = [0, 1].map(axis => this.sample(axis)), most = ENTRIES * this.count + 1000;
 
-		this.side = Math.max(side, wide / 4096, tall / 4096);
-		this.perSide = 1 / this.side;
-		this.columns = Math.floor(wide * this.perSide) + 1;
-		this.rows = Math.floor(tall * this.perSide) + 1;
+		for (let cells = Math.max(1, this.count / 3); !this.fill(places, cells, most);)
+			cells /= 4;
+	}
+
+	// Of one coordinate, from corners of all parts of the mesh, sorted.
+	sample(axis) {
+		const n = Math.min(SAMPLE, this.faces.length), places = new Float64Array(n);
+
+		for (let i = 0; i < n; i++)
+			places[i] = this.vertices[3 * this.faces[Math.floor(i * GOLDEN % 1 * this.faces.length)] + axis] - this.middle[axis];
+		return places.sort();
+	}
+
+	// False if there are more entries than `most`.
+	fill(places, cells, most) {
+		// Nine tenths of the corners say how the mesh is shaped, whatever is far from all.
+		const [wide, tall] = places.map(p => Math.max(1, p[Math.floor(0.95 * (p.length - 1))] - p[Math.ceil(0.05 * (p.length - 1))]));
+		const columns = Math.min(Math.max(1, Math.round(Math.sqrt(cells * wide / tall))), Math.max(1, Math.round(cells)), 4096);
+		const rows = Math.min(Math.max(1, Math.round(cells / columns)), 4096);
+
+		this.lines = [columns, rows].map((n, axis) => new Lines(this.low[axis], this.high[axis], places[axis], n));
+		[this.columns, this.rows] = this.lines.map(lines => lines.count);
 		const boxes = this.cellBoxes(), start = new Uint32Array(this.columns * this.rows + 1);
-		this.eachCell(boxes, cell => start[cell + 1]++);
+		let left = cells > 1 ? most : Infinity;
+		this.eachCell(boxes, cell => {
+			start[cell + 1]++;
+			return --left >= 0;
+		});
+		if (left < 0)
+			return false;
 		for (let i = 1; i < start.length; i++)
 			start[i] += start[i - 1];
 		const list = new Uint32Array(start[start.length - 1]), next = start.slice();
 		this.eachCell(boxes, (cell, triangle) => {
 			list[next[cell]++] = triangle;
+			return true;
 		});
 		this.start = start;
 		this.list = list;
+		return true;
 	}
 
 	column(x) {
-		return Math.min(this.columns - 1, Math.max(0, Math.floor((x - this.low[0]) * this.perSide)));
+		return this.lines[0].find(x);
 	}
 
 	row(y) {
-		return Math.min(this.rows - 1, Math.max(0, Math.floor((y - this.low[1]) * this.perSide)));
+		return this.lines[1].find(y);
 	}
 
-	// First and last column, first and last row of each triangle, by the formula of column() and row(). One loop without calls:
-	// most of the time until a page is ready is spent here.
+	// First and last column, first and last row of each triangle. They are searched once for a vertex: much of the time until a page
+	// is ready is spent here.
 	cellBoxes() {
-		const {faces, vertices, perSide, count} = this, boxes = new Uint16Array(4 * count);
+		const {faces, vertices, count} = this, boxes = new Uint16Array(4 * count);
 
 		for (let axis = 0; axis < 2; axis++) {
-			const low = this.low[axis] + this.middle[axis], last = (axis ? this.rows : this.columns) - 1;
+			const of = this.lines[axis].ofVertices(vertices, axis, this.middle[axis]);
 
 			for (let t = 0, at = 2 * axis; t < count; t++, at += 4) {
-				const a = vertices[3 * faces[3 * t] + axis], b = vertices[3 * faces[3 * t + 1] + axis], c = vertices[3 * faces[3 * t + 2] + axis];
-				const least = a < b ? (a < c ? a : c) : b < c ? b : c, most = a > b ? (a > c ? a : c) : b > c ? b : c;
+				const a = of[faces[3 * t]], b = of[faces[3 * t + 1]], c = of[faces[3 * t + 2]];
 
-				boxes[at] = Math.min(last, Math.floor((least - low) * perSide));
-				boxes[at + 1] = Math.min(last, Math.floor((most - low) * perSide));
+				boxes[at] = a < b ? (a < c ? a : c) : b < c ? b : c;
+				boxes[at + 1] = a > b ? (a > c ? a : c) : b > c ? b : c;
 			}
 		}
 		return boxes;
 	}
 
-	// Calls visit(cell, triangle) for all cells that triangles meet, and perhaps for some beside them.
+	// Calls visit(cell, triangle) for all cells that triangles meet, and perhaps for some beside them, as long as it is true.
 	eachCell(boxes, visit) {
 		const {columns, count} = this;
 
@@ -90,12 +169,14 @@ class Surface {
 			const c0 = boxes[at], c1 = boxes[at + 1], r0 = boxes[at + 2], r1 = boxes[at + 3];
 
 			if ((r1 - r0) * (c1 - c0) > 4) {
-				this.eachOfMany(this.load(t), r0, r1, cell => visit(cell, t));
+				if (!this.eachOfMany(this.load(t), r0, r1, cell => visit(cell, t)))
+					return;
 				continue;
 			}
 			for (let row = r0; row <= r1; row++)
 				for (let cell = row * columns + c0; cell <= row * columns + c1; cell++)
-					visit(cell, t);
+					if (!visit(cell, t))
+						return;
 		}
 	}
 
@@ -105,13 +186,15 @@ class Surface {
 			const [from, to] = this.span(c, row);
 
 			for (let column = from; column <= to; column++)
-				visit(row * this.columns + column);
+				if (!visit(row * this.columns + column))
+					return false;
 		}
+		return true;
 	}
 
 	// The columns of a row that a triangle meets.
 	span(c, row) {
-		const y0 = this.low[1] + row * this.side - 1, y1 = y0 + this.side + 2;
+		const at = this.lines[1].at, y0 = at[row] - 1, y1 = at[row + 1] + 1;
 		let low = Infinity, high = -Infinity;
 
 		for (let i = 0, j = 6; i < 9; j = i, i += 3) {
@@ -228,7 +311,7 @@ class Surface {
 			return;
 		let column = this.column(from[0] + enter * along[0]), row = this.row(from[1] + enter * along[1]);
 		const border = (axis, n) => along[axis] === 0 ? Infinity :
-			(this.low[axis] + (along[axis] > 0 ? n + 1 : n) * this.side - from[axis]) / along[axis];
+			(this.lines[axis].at[along[axis] > 0 ? n + 1 : n] - from[axis]) / along[axis];
 
 		for (;;) {
 			const x = border(0, column), y = border(1, row);

@@ -36,6 +36,9 @@ class Tools {
 	click(place) {
 		if (!this.name || !place)
 			return false;
+		const last = this.last();
+		if (last && last.every((n, axis) => n === place[axis]))
+			return true; // a double click
 		this.corners[this.name].push(place);
 		this.changed();
 		return true;
