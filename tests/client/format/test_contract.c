@@ -135,7 +135,8 @@ static int corners_block(void *writer, const struct format_block *block, struct 
 	int r = 0;
 
 	c->vertex = realloc(c->vertex, (c->n + b->nnew + 1) * sizeof(*c->vertex));
-	memcpy(c->vertex + c->n, b->vertex, b->nnew * sizeof(*c->vertex));
+	if (b->nnew)
+		memcpy(c->vertex + c->n, b->vertex, b->nnew * sizeof(*c->vertex));
 	assert_int_equal(b->nnew ? b->first : c->n, c->n);
 	c->n += b->nnew;
 	assert_true(!b->nnew || !memcmp(block->position + b->nforeign, b->vertex, b->nnew * sizeof(*b->vertex)));
