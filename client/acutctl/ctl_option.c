@@ -35,6 +35,7 @@ const struct cli_option ctl_options[] = {
 	{"base", 0, "LENGTH", CLI_TEXT, AT(fetch.output[0].base), CTL_OUT, "a height at which there is a contour (0)"},
 	{"index", 0, "N", CLI_TEXT, AT(fetch.output[0].index), CTL_OUT,
 	 "every Nth contour from the base is an index contour (5; 0: none)"},
+	{"simplify", 0, "LENGTH", CLI_LATER, 0, CTL_OUT, NULL},
 	{"polyface", 0, NULL, CLI_FLAG, AT(fetch.output[0].polyface), CTL_OUT, "DXF: polyface meshes in place of single faces"},
 	{"resume", 0, NULL, CLI_FLAG, AT(opt.resume), CTL_FETCH, "continue an earlier fetch from its OUT.part"},
 	{"tile", 0, "SIZE", CLI_TEXT, AT(fetch.tile), CTL_OUT,
