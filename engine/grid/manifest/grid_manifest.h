@@ -21,8 +21,14 @@ struct grid_span {
 	uint64_t added, removed;
 };
 
+/* The records of lines are in a file of their own, "lines-ID" (breakline.h). Those that count in a generation together make its
+ * line set: a source of kind GRID_LINE_VERTICES, whose records are in segments as those of others are, with the file "lineset-ID"
+ * (lineset.h). A generation has at most one of these. */
+enum grid_source_kind { GRID_POINTS, GRID_LINES, GRID_LINE_VERTICES, GRID_SOURCE_KINDS };
+
 struct grid_source {
 	uint32_t id;             /* > 0, never used twice in a dataset */
+	uint8_t kind;            /* enum grid_source_kind */
 	uint64_t added, removed; /* its generations; removed 0: it was not; added == removed: it never counted */
 	/* Earlier spans of a source that was removed and then restored by generation `added`; ascending, all before it. */
 	const struct grid_span *earlier;
