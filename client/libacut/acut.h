@@ -230,7 +230,9 @@ struct acut_push_input {
 	 * `checksum`: known, adopted, replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; a stream with another
 	 * hash is refused. NULL: unknown. */
 	const char *hash;
-	uint64_t size; /* and how many */
+	uint64_t size;      /* and how many */
+	bool checksum;      /* its content identifies it, as with acut_push_options.checksum */
+	const char *format; /* instead of acut_push_options.format; NULL: that */
 };
 /* acut_push_probe and acut_push_file with the identity of the input. Its descriptor stays the caller's here. */
 int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);
