@@ -560,7 +560,9 @@ struct acut_mesh_block {
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
 	const uint8_t *final;          /* bit set over nforeign + nnew */
-	const uint8_t *flags;          /* one byte a triangle, or NULL */
+	/* One byte a triangle: bit k: the side across from corner k is a piece of a line (a breakline, a shore). NULL: none is.
+	 */
+	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
 };
 struct acut_mesh_tail {

@@ -99,6 +99,7 @@ static void on_encode(struct run_output *output, const struct mesh_block *b)
 		.foreign = b->foreign,
 		.vertex = (const int32_t(*)[3])b->vertex,
 		.triangle = b->triangle,
+		.flags = b->edges,
 		.final = b->final,
 	};
 
