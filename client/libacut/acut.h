@@ -551,6 +551,7 @@ struct acut_mesh_head {
 	/* As an input carried it, in one line of at most 32,768 bytes; "": none did. It may be that of x and y alone. */
 	const char *wkt;
 	const char *geoid; /* "WAY HASH NAME" of the grid that converted the heights; "": none did */
+	bool lines;        /* it has breaklines, shores, boundaries or holes, so blocks may have flags */
 };
 struct acut_mesh_block {
 	uint64_t index, first;
