@@ -205,7 +205,7 @@ static int make_area(struct cut *c, const struct acut_mesh_head *head, struct de
 {
 	int r = 0;
 
-	c->area = area_new();
+	c->area = area_new(AREA_HALF_OPEN);
 	if (!c->area)
 		return no_memory(err);
 	for (size_t i = 0; i < c->n && !r; i++) {

@@ -14,6 +14,7 @@
 
 #include "area_code.h"
 #include "err.h"
+#include "grow.h"
 #include "json_reader.h"
 
 enum { FILE_MOST = 64 << 20, EXPONENT_MOST = 40 };
@@ -25,30 +26,16 @@ static int no_memory(struct err *err)
 
 int ctl_area_ring(struct ctl_area *a, bool shell, struct err *err)
 {
-	if (a->nring == a->rings_room) {
-		size_t room = a->rings_room ? 2 * a->rings_room : 16;
-		void *more = realloc(a->ring, room * sizeof(*a->ring));
-
-		if (!more)
-			return no_memory(err);
-		a->ring = more;
-		a->rings_room = room;
-	}
+	if (!grow(&a->ring, &a->rings_room, a->nring + 1, 16, sizeof(*a->ring)))
+		return no_memory(err);
 	a->ring[a->nring++] = (struct ctl_area_ring){a->ncorner, shell};
 	return 0;
 }
 
 int ctl_area_corner(struct ctl_area *a, struct decimal x, struct decimal y, struct err *err)
 {
-	if (a->ncorner == a->corners_room) {
-		size_t room = a->corners_room ? 2 * a->corners_room : 256;
-		void *more = realloc(a->corner, room * sizeof(*a->corner));
-
-		if (!more)
-			return no_memory(err);
-		a->corner = more;
-		a->corners_room = room;
-	}
+	if (!grow(&a->corner, &a->corners_room, a->ncorner + 1, 256, sizeof(*a->corner)))
+		return no_memory(err);
 	a->corner[a->ncorner][0] = x;
 	a->corner[a->ncorner++][1] = y;
 	return 0;
