@@ -116,7 +116,7 @@ int outputs_mask_head(struct outputs_mask *, const struct acut_mesh_head *, stru
 /* *ret is the block without the triangles left out; it points into the mask and the block. */
 int outputs_mask_block(struct outputs_mask *, const struct acut_mesh_block *, const int32_t (*position)[3],
 		       struct acut_mesh_block *ret, struct err *err);
-struct outputs_left *outputs_mask_left(struct outputs_mask *);
+struct outputs_left *outputs_mask_left(struct outputs_mask *, enum outputs_cut);
 struct outputs_mask *outputs_mask_free(struct outputs_mask *);
 
 /* ---- --canonical: outputs_canonical.c ---- */

@@ -339,14 +339,14 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 	return r ? r : outfile_folder_sync(t->place, err);
 }
 
-int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, uint64_t left_out, uint64_t *bytes,
-			  struct err *err)
+int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, const struct outputs_report *report,
+			  uint64_t *bytes, struct err *err)
 {
 	int r = t->writer ? outputs_tiles_raster(t, err) : outputs_tiles_make(t, err);
 
 	t->origin = origin;
 	if (!r)
-		r = outputs_tiles_index(t, left_out, err);
+		r = outputs_tiles_index(t, report, err);
 	if (!r)
 		r = outfile_publish(t->index, err);
 	if (!r)
