@@ -1,6 +1,6 @@
 /*
- * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int, and of a mesh with lines uchar edges:
- * bit k says that the side across from corner k is a piece of a line).
+ * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int, and of a mesh with lines ushort
+ * edges: bit k says that the side across from corner k is a piece of a line).
  *
  * The stream mixes both, and its counts come at the end. Vertices are written in place, faces to an annex that is joined at
  * the end. The header is written first at its largest size and patched when the counts are known; a comment fills the rest.
@@ -22,6 +22,7 @@
 #define PLY_FILL "comment "
 #define PLY_VERTEX 24 /* bytes */
 #define PLY_FACE 13   /* without edges */
+#define PLY_EDGES 2   /* so that a face has an odd size, as outfile_join wants it */
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "records are written as they lie in memory");
 _Static_assert(((uint64_t)UINT32_MAX + 1) * PLY_VERTEX + PLY_HEADER < OUTFILE_ANNEX_AT, "all vertices fit before it");
@@ -57,7 +58,7 @@ static int ply_header(const struct ply *p, const char *digest, const char *verte
 			 "ply\nformat binary_little_endian 1.0\n%scomment acut-digest %s %s\n"
 			 "element vertex %" PRIu64 "\nproperty double x\nproperty double y\nproperty double z\n"
 			 "element face %" PRIu64 "\nproperty list uchar %s vertex_indices\n%send_header\n",
-			 p->comments, digest, vertex_digest, nvertex, nface, index, p->edges ? "property uchar edges\n" : "");
+			 p->comments, digest, vertex_digest, nvertex, nface, index, p->edges ? "property ushort edges\n" : "");
 
 	if (n < 0 || n >= PLY_HEADER - 64)
 		return err_set(err, ERR_INTERNAL, "the PLY header is longer than %d bytes", PLY_HEADER);
@@ -97,7 +98,7 @@ static int ply_begin(struct ply *p, const struct acut_mesh_head *head, struct er
 	int r = format_axis_init(p->axis, head, &p->opt, err);
 
 	p->edges = head->lines;
-	p->face = PLY_FACE + p->edges;
+	p->face = PLY_FACE + (p->edges ? PLY_EDGES : 0);
 	return r ? r : format_comment_head(head, &p->opt, ply_comment, p, err);
 }
 

@@ -14,7 +14,7 @@
 #include "err.h"
 #include "parse.h"
 
-enum { BUFFER = 1 << 20, LINE = 2048, LINES = 4096, VERTEX = 24, FACE = 13 };
+enum { BUFFER = 1 << 20, LINE = 2048, LINES = 4096, VERTEX = 24, FACE = 13, EDGES = 2 };
 
 /* Bytes of a descriptor, sequentially. */
 struct reader {
@@ -135,7 +135,7 @@ static bool parse_property(const char *text, struct ply_header *h)
 	if (h->element == IN_VERTEX && h->doubles < 3)
 		return strcmp(text, doubles[h->doubles++]) == 0;
 	if (h->element == IN_FACE && h->faces && !h->edges)
-		return h->edges = strcmp(text, "uchar edges") == 0;
+		return h->edges = strcmp(text, "ushort edges") == 0;
 	if (h->element != IN_FACE || h->faces)
 		return false;
 	h->faces = true;
@@ -277,7 +277,7 @@ static int read_vertices(struct reader *r, struct check_mesh *m, struct err *err
 
 static int read_faces(struct reader *r, struct check_mesh *m, struct err *err)
 {
-	const size_t face = FACE + (m->edges ? 1 : 0);
+	const size_t face = FACE + (m->edges ? EDGES : 0);
 	int rc;
 
 	for (size_t t = 0; t < m->ntriangle; t++) {

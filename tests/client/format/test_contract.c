@@ -496,11 +496,11 @@ static void test_table(void **state)
 	assert_null(format_find("3mf"));
 	assert_true(format_parse_color("domain", &color, &lines));
 	assert_false(lines);
+	assert_int_equal(color, FORMAT_DOMAIN);
+	assert_false(format_parse_color("domains", &color, &lines));
 	assert_true(format_parse_color("elevation+lines", &color, &lines));
 	assert_true(color == FORMAT_ELEVATION && lines);
 	assert_false(format_parse_color("elevation+", &color, &lines));
-	assert_int_equal(color, FORMAT_DOMAIN);
-	assert_false(format_parse_color("domains", &color, &lines));
 }
 
 /* Rows that write nothing take no output; all others need one. */
