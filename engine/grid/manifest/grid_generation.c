@@ -18,6 +18,14 @@ bool grid_source_live(const struct grid_source *s, uint64_t generation)
 	return false;
 }
 
+const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest *m, uint64_t generation)
+{
+	for (size_t i = m->nsources; i-- > 0;)
+		if (m->sources[i].kind == GRID_LINE_VERTICES && grid_source_live(&m->sources[i], generation))
+			return &m->sources[i];
+	return NULL;
+}
+
 const char *grid_generation_kind_text(enum grid_generation_kind kind)
 {
 	static const char *const texts[GRID_KINDS] = {
@@ -54,16 +62,18 @@ static void tally_span(const struct grid_source *s, uint64_t added, uint64_t rem
 {
 	struct grid_generation *from = find(all, n, added), *to = removed ? find(all, n, removed) : NULL;
 
-	if (added == removed)
+	if (added == removed || s->kind == GRID_LINE_VERTICES)
 		return;
 	if (from) {
 		from->files++;
 		from->points_added += s->points;
+		from->lines_added += s->lines ? s->lines->lines : 0;
 		digest_add(&from->content, s->hash);
 	}
 	if (to) {
 		to->files_removed++;
 		to->points_removed += s->points;
+		to->lines_removed += s->lines ? s->lines->lines : 0;
 	}
 }
 
@@ -72,6 +82,7 @@ void grid_generations_tally(const struct grid_manifest *m, struct grid_generatio
 	for (size_t i = 0; i < n; i++) {
 		all[i].files = all[i].files_removed = 0;
 		all[i].points_added = all[i].points_removed = 0;
+		all[i].lines_added = all[i].lines_removed = 0;
 		all[i].content = (struct digest){0, 0};
 	}
 	for (size_t i = 0; i < m->nsources; i++) {

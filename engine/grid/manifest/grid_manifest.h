@@ -26,6 +26,14 @@ struct grid_span {
  * (lineset.h). A generation has at most one of these. */
 enum grid_source_kind { GRID_POINTS, GRID_LINES, GRID_LINE_VERTICES, GRID_SOURCE_KINDS };
 
+/* Of a source of lines. Of line vertices: the file of the line set and its content, all else is 0. */
+enum { GRID_LINE_KINDS = 4 }; /* as enum breakline_kind */
+struct grid_lines {
+	uint64_t features[GRID_LINE_KINDS], lines, vertices;
+	uint64_t bytes;        /* of the file */
+	struct digest content; /* of the lines, or of the line set */
+};
+
 struct grid_source {
 	uint32_t id;             /* > 0, never used twice in a dataset */
 	uint8_t kind;            /* enum grid_source_kind */
@@ -34,14 +42,15 @@ struct grid_source {
 	const struct grid_span *earlier;
 	size_t nearlier;
 	uint64_t points;
-	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
-	const char *path;       /* absolute path on the client, at most 4095 bytes; "": none (a pipe) */
-	uint64_t size;          /* of the input, in bytes; 0 if unknown */
-	int64_t mtime_ns;       /* last change of the input, ns since 1970; 0 if unknown */
-	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
-	const char *overridden; /* the coordinate system that its header named and the push replaced; NULL is "": none */
-	uint64_t left_out;      /* lines of a text that have no value for a coordinate */
-	const char *reading;    /* how it was read (format.md); NULL is "": unknown */
+	const char *name;               /* file name as pushed, at most 255 bytes; NULL is "" */
+	const char *path;               /* absolute path on the client, at most 4095 bytes; "": none (a pipe) */
+	uint64_t size;                  /* of the input, in bytes; 0 if unknown */
+	int64_t mtime_ns;               /* last change of the input, ns since 1970; 0 if unknown */
+	struct digest hash;             /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
+	const char *overridden;         /* the coordinate system that its header named and the push replaced; NULL is "": none */
+	uint64_t left_out;              /* lines of a text that have no value for a coordinate */
+	const char *reading;            /* how it was read (format.md); NULL is "": unknown */
+	const struct grid_lines *lines; /* NULL: its kind is GRID_POINTS */
 };
 /* Sizes of these texts, with the zero at the end. */
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN = 512, GRID_SOURCE_READING = 1024 };
@@ -70,7 +79,8 @@ struct grid_generation {
 	/* Sources that it added (restored ones too) and removed, and their points. */
 	uint32_t files, files_removed;
 	uint64_t points_added, points_removed;
-	struct digest content; /* sum of the hashes of the files that it added */
+	uint64_t lines_added, lines_removed; /* of the sources of lines */
+	struct digest content;               /* sum of the hashes of the files that it added */
 };
 
 enum { GRID_GEOID = 128, GRID_WKT = 32769 };
@@ -101,6 +111,8 @@ struct grid_manifest {
 	size_t texts_bytes;
 	struct grid_span *spans;
 	size_t nspans;
+	struct grid_lines *lines;
+	size_t nlines;
 	struct ledger *ledger;
 	uint64_t charged;
 };
@@ -111,6 +123,8 @@ int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, 
  * freed. -ERR_BUSY: the memory is not free now; -ERR_LIMIT: it is more than half of the total. */
 int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+/* The live source of line vertices in that generation; NULL: there are no lines. */
+const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest *, uint64_t generation);
 /* The WKT that is known in that generation; "": none. */
 const char *grid_manifest_wkt(const struct grid_manifest *, uint64_t generation);
 uint64_t grid_manifest_oldest(const struct grid_manifest *); /* `oldest`, or 1; 0: no generation can be read */
