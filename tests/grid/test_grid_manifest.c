@@ -25,7 +25,8 @@ static struct grid_segment_info segment(const char *file, uint64_t points)
 	return s;
 }
 
-static const struct grid_lines some_lines = {{1, 2, 3, ~0ull}, 5, 6, 7, {8, 9}}, set_lines = {.bytes = 100, .content = {1, 0}};
+static const struct grid_lines some_lines = {{1, 2, 3, ~0ull}, 5, 6, 7, 0, {8, 9}},
+			       set_lines = {.bytes = 100, .places = 2, .content = {1, 0}};
 static char longest_wkt[GRID_WKT];
 static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH], whoever[GRID_USER];
 static const struct grid_span first_lives[] = {{1, 2}, {4, 6}};

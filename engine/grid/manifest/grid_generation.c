@@ -18,14 +18,6 @@ bool grid_source_live(const struct grid_source *s, uint64_t generation)
 	return false;
 }
 
-const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest *m, uint64_t generation)
-{
-	for (size_t i = m->nsources; i-- > 0;)
-		if (m->sources[i].kind == GRID_LINE_VERTICES && grid_source_live(&m->sources[i], generation))
-			return &m->sources[i];
-	return NULL;
-}
-
 const char *grid_generation_kind_text(enum grid_generation_kind kind)
 {
 	static const char *const texts[GRID_KINDS] = {

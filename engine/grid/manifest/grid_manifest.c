@@ -104,6 +104,7 @@ static bool unpack_lines(struct cursor *c, struct grid_manifest *m, const struct
 	lines->lines = cursor_u64(c);
 	lines->vertices = cursor_u64(c);
 	lines->bytes = cursor_u64(c);
+	lines->places = cursor_u64(c);
 	lines->content.hi = cursor_u64(c);
 	lines->content.lo = cursor_u64(c);
 	ret->lines = lines;

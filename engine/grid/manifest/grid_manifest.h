@@ -26,13 +26,17 @@ struct grid_span {
  * (lineset.h). A generation has at most one of these. */
 enum grid_source_kind { GRID_POINTS, GRID_LINES, GRID_LINE_VERTICES, GRID_SOURCE_KINDS };
 
-/* Of a source of lines. Of line vertices: the file of the line set and its content, all else is 0. */
+/* Of a source of lines: its file "lines-ID" and its content. Of line vertices: the file "lineset-ID", the sum of the contents of
+ * all lines that it is made of, and the records of "places-ID"; all else is 0. */
 enum { GRID_LINE_KINDS = 4 }; /* as enum breakline_kind */
 struct grid_lines {
 	uint64_t features[GRID_LINE_KINDS], lines, vertices;
-	uint64_t bytes;        /* of the file */
-	struct digest content; /* of the lines, or of the line set */
+	uint64_t bytes; /* of the file */
+	uint64_t places;
+	struct digest content;
 };
+/* Bytes of a record of "places-ID": where lines cross, or their vertices differ in height (format.md). */
+enum { GRID_PLACE_BYTES = 24 };
 
 struct grid_source {
 	uint32_t id;             /* > 0, never used twice in a dataset */
@@ -123,6 +127,27 @@ int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, 
  * freed. -ERR_BUSY: the memory is not free now; -ERR_LIMIT: it is more than half of the total. */
 int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+/* A file that a manifest names, in its folder. */
+struct grid_named {
+	char name[64];
+	uint64_t bytes;
+	const struct grid_source *source; /* NULL: a segment */
+};
+enum { GRID_SOURCE_FILES = 2 };
+/* The files of a source beside its records in segments, at most GRID_SOURCE_FILES. */
+size_t grid_source_files(const struct grid_source *, struct grid_named ret[GRID_SOURCE_FILES]);
+/* All files, the segments first. `at` is zero at the beginning. False: there are no more. */
+struct grid_named_at {
+	size_t i;
+	unsigned of;
+};
+bool grid_manifest_next_file(const struct grid_manifest *, struct grid_named_at *at, struct grid_named *ret);
+size_t grid_manifest_files(const struct grid_manifest *); /* how many */
+bool grid_manifest_has_file(const struct grid_manifest *, const char *name);
+/* Bytes of all of them. */
+uint64_t grid_manifest_bytes(const struct grid_manifest *);
+/* The number of live sources of lines in that generation, and the sum of their contents. */
+size_t grid_manifest_lines(const struct grid_manifest *, uint64_t generation, struct digest *ret);
 /* The live source of line vertices in that generation; NULL: there are no lines. */
 const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest *, uint64_t generation);
 /* The WKT that is known in that generation; "": none. */

@@ -15,7 +15,7 @@ enum {
 	SOURCE_SPANS = 2,                     /* added by version 4 */
 	SOURCE_READ = 2 + 8 + 2,              /* added by version 5 */
 	SOURCE_KIND = 1,                      /* added by version 7 */
-	LINES_BYTES = (GRID_LINE_KINDS + 3 + 2) * 8,
+	LINES_BYTES = (GRID_LINE_KINDS + 4 + 2) * 8,
 	SPAN_BYTES = 2 * 8,
 	GENERATION_LINES = 2 * 8, /* added by version 7 */
 	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,

@@ -47,6 +47,7 @@ static void pack_lines(struct packer *p, const struct grid_lines *lines)
 	packer_u64(p, lines->lines);
 	packer_u64(p, lines->vertices);
 	packer_u64(p, lines->bytes);
+	packer_u64(p, lines->places);
 	packer_u64(p, lines->content.hi);
 	packer_u64(p, lines->content.lo);
 }
