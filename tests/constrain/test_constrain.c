@@ -1,0 +1,413 @@
+/*
+ * Domains with pieces (engine/constrain) on thousands of random sets, tilings, views and partitions: the triangles of all domains
+ * are those of the whole constrained mesh, each once, and the emitter takes them. A domain depends on points and pieces alone,
+ * not on cells. Without the verification of flagged triangles the result is wrong, which is tested as well.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "check.h"
+#include "constrain.h"
+#include "err.h"
+#include "finish.h"
+#include "geom.h"
+#include "pipe.h"
+#include "repeat.h"
+#include "sets.h"
+
+enum { MAX_N = SETS_MAX_N, MAX_PIECES = 120, MAX_LEAVES = 40, MAX_TRIANGLES = 4 * MAX_N, ARENA = 1 << 17 };
+
+struct mesh {
+	int32_t triangle[MAX_TRIANGLES][9]; /* smallest corner first; x, y, z */
+	unsigned n;
+};
+
+static struct sets set;
+static struct view view;
+static struct lineset_piece piece[MAX_PIECES];
+static unsigned npiece, ninserted;
+static struct mesh whole, parts;
+static void *arena, *other, *scratch;
+static size_t scratch_size;
+static uint64_t cases, domains, constrained, turns, added, loaded, chosen, crossed, gone, splits;
+
+static unsigned below(uint64_t *seed, unsigned n)
+{
+	return sets_below(seed, n);
+}
+
+static int compare(const void *a, const void *b)
+{
+	return memcmp(a, b, 9 * sizeof(int32_t));
+}
+
+static void mesh_add(struct mesh *m, const int32_t a[3], const int32_t b[3], const int32_t c[3])
+{
+	const int32_t *v[3] = {a, b, c};
+	unsigned first = 0;
+
+	for (unsigned i = 1; i < 3; i++)
+		if (geom_less(v[i], v[first]))
+			first = i;
+	assert_true(m->n < MAX_TRIANGLES);
+	for (unsigned i = 0; i < 3; i++)
+		memcpy(&m->triangle[m->n][3 * i], v[(first + i) % 3], 3 * sizeof(int32_t));
+	m->n++;
+}
+
+/* ---- pieces ---- */
+
+static void piece_set(struct lineset_piece *p, const struct mesh_vertex *a, const struct mesh_vertex *b)
+{
+	const int32_t ends[2][2] = {{a->x, a->y}, {b->x, b->y}};
+	bool swap = !geom_less(ends[0], ends[1]);
+
+	*p = (struct lineset_piece){.turns = 0};
+	memcpy(p->a, ends[swap], sizeof(p->a));
+	memcpy(p->b, ends[!swap], sizeof(p->b));
+}
+
+/* A piece with an end that is no kept position is ignored, whatever it crosses. */
+static void add_gone(uint64_t *seed)
+{
+	const struct mesh_vertex *a = &set.pos[below(seed, set.n)];
+	struct mesh_vertex b = *a;
+
+	b.x = (int32_t)((uint32_t)b.x + below(seed, 50));
+	b.y = (int32_t)((uint32_t)b.y + below(seed, 50));
+	for (unsigned i = 0; i < set.n; i++)
+		if (set.pos[i].x == b.x && set.pos[i].y == b.y)
+			return;
+	piece_set(&piece[npiece++], a, &b);
+	gone++;
+}
+
+/* Pieces among the positions in some fashion: anywhere, from one vertex, or between neighbours in Morton order. */
+static void draw(uint64_t *seed, unsigned fashion, unsigned i, unsigned ret[2])
+{
+	ret[0] = fashion == 1 ? 0 : below(seed, set.n);
+	ret[1] = fashion == 2 ? (ret[0] + 1 + below(seed, 3)) % set.n : below(seed, set.n);
+	if (fashion == 3)
+		ret[0] = i % set.n;
+}
+
+/* Offers pieces to the mesh of all positions, and keeps those that it takes. False: the positions are flat. */
+static bool make_whole(uint64_t *seed)
+{
+	struct tri *t = check_tri(set.pos, set.n);
+	unsigned fashion = below(seed, 5), tries = below(seed, 2 * MAX_PIECES);
+	struct tri_pieces *p;
+	struct tri_result r;
+
+	npiece = whole.n = 0;
+	if (!t)
+		return false;
+	p = check_pieces(t, 2 * set.n);
+	for (unsigned i = 0; i < tries && npiece < MAX_PIECES / 2; i++) {
+		unsigned end[2];
+		uint32_t at;
+
+		draw(seed, fashion, i, end);
+		if (!tri_piece_insert(p, end[0], end[1], &at))
+			piece_set(&piece[npiece++], &set.pos[end[0]], &set.pos[end[1]]);
+	}
+	ninserted = npiece;
+	for (unsigned i = below(seed, 4); i > 0; i--)
+		add_gone(seed);
+	tri_result(t, &r);
+	for (uint32_t i = 0; i < r.ntriangle; i++) {
+		const uint32_t *c = r.triangle[i].corner;
+		int32_t at[3][3];
+
+		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST)
+			continue;
+		for (unsigned k = 0; k < 3; k++) {
+			memcpy(at[k], r.xy[c[k]], sizeof(r.xy[0]));
+			at[k][2] = r.z[c[k]];
+		}
+		mesh_add(&whole, at[0], at[1], at[2]);
+	}
+	qsort(whole.triangle, whole.n, sizeof(*whole.triangle), compare);
+	free(p);
+	free(t);
+	return true;
+}
+
+static int find(void *ctx, const int32_t box[4], lineset_piece_fn fn, void *sink, struct err *err)
+{
+	(void)ctx;
+	for (unsigned i = 0; i < npiece; i++) {
+		const struct lineset_piece *p = &piece[i];
+		int32_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+		int rc = p->a[0] > box[2] || p->b[0] < box[0] || low > box[3] || high < box[1] ? 0 : fn(sink, p, err);
+
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+/* ---- domains ---- */
+
+static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret)
+{
+	unsigned want = 1 + below(seed, below(seed, 3) ? 12 : MAX_LEAVES), n = 1;
+	int32_t box[4];
+
+	assert_true(src->box(src->ctx, box));
+	cut_region_root(box, &ret[0]);
+	for (unsigned tries = 0; n < want && tries < 200; tries++) {
+		unsigned i = below(seed, n);
+		struct cut_region half[2];
+
+		if (!cut_region_split(&ret[i], half))
+			continue;
+		ret[i] = half[0];
+		ret[n++] = half[1];
+	}
+	return n;
+}
+
+static const struct constrain_lines lines = {.find = find};
+
+/* The domain of a region, in `memory`. */
+static void domain_make(const struct cut_source *src, const struct cut_region *region, bool verify, void *memory, size_t size,
+			struct mesh_domain *ret)
+{
+	static const int64_t k[3] = {0, 0, 0};
+	struct tri *tri = tri_init(memory, 2 * MAX_N);
+	struct cut_load load = {.out = tri_input(tri), .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size};
+	struct constrain c = {.src = src,
+			      .view = &view,
+			      .region = region,
+			      .lines = &lines,
+			      .arena = memory,
+			      .size = size,
+			      .used = tri_bytes(2 * MAX_N),
+			      .not_verified = !verify};
+	struct finish f = {0};
+	struct err err = ERR_INIT;
+	uint64_t need = 0;
+	int rc;
+
+	assert_int_equal(cut_load_from(src, &view, region, &load, &need, &err), 0);
+	f.out.counts = load.counts;
+	*ret = f.out;
+	if (tri_run(tri, load.n) == TRI_E_FLAT) {
+		finish_flat(tri, region, k, ret);
+		return;
+	}
+	c.tri = tri;
+	rc = constrain_run(&c, &need, &err);
+	if (rc)
+		fail_msg("case %llu: %d, %s", (unsigned long long)cases, rc, err.message);
+	finish_init(&f, region, k, c.tri);
+	if (c.chosen)
+		finish_chosen(&f, c.chosen);
+	else
+		finish_owned(&f);
+	assert_true(finish_vertices(&f));
+	finish_numbers(&f);
+	*ret = f.out;
+	turns += c.turns;
+	added += c.added;
+	loaded += load.n;
+	crossed += c.crossed;
+	chosen += c.chosen ? f.out.ntriangle : 0;
+	constrained += c.crossed > 0;
+	domains++;
+}
+
+/* The kernel may be in less memory: then it says so, and names how much would suffice. */
+static void domain_in_less(uint64_t *seed, const struct cut_source *src, const struct cut_region *region)
+{
+	struct tri *tri = tri_init(other, MAX_N);
+	struct cut_load load = {.out = tri_input(tri), .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size};
+	struct constrain c = {.src = src,
+			      .view = &view,
+			      .region = region,
+			      .lines = &lines,
+			      .arena = other,
+			      .size = tri_bytes(MAX_N) + below(seed, ARENA / 2),
+			      .used = tri_bytes(MAX_N)};
+	struct err err = ERR_INIT;
+	uint64_t need = 0;
+	int rc;
+
+	assert_int_equal(cut_load_from(src, &view, region, &load, &need, &err), 0);
+	if (tri_run(tri, load.n) == TRI_E_FLAT)
+		return;
+	c.tri = tri;
+	rc = constrain_run(&c, &need, &err);
+	assert_true(rc == 0 || rc == CONSTRAIN_E_SPLIT || rc == -ERR_LIMIT);
+	splits += rc != 0;
+	if (rc == CONSTRAIN_E_SPLIT)
+		assert_true(need > c.size / TRI_BYTES_PER_POINT);
+}
+
+static void take(const struct mesh_domain *d)
+{
+	for (uint32_t i = 0; i < d->ntriangle; i++) {
+		int32_t at[3][3];
+
+		for (unsigned k = 0; k < 3; k++) {
+			const struct mesh_vertex *v = &d->vertex[d->triangle[i][k]];
+
+			assert_true(d->triangle[i][k] < d->nvertex);
+			memcpy(at[k], v, sizeof(at[k]));
+		}
+		mesh_add(&parts, at[0], at[1], at[2]);
+	}
+}
+
+static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
+{
+	assert_true(a->nvertex == b->nvertex && a->nopen == b->nopen && a->ntriangle == b->ntriangle);
+	assert_true(digest_equal(a->digest, b->digest) && digest_equal(a->own_digest, b->own_digest));
+	if (!a->nvertex)
+		return;
+	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof(*a->vertex));
+	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof(*a->triangle));
+}
+
+static void check_totals(const struct pipe_totals *t)
+{
+	struct digest vertices = {0, 0};
+
+	for (unsigned i = 0; i < set.n; i++)
+		digest_add_vertex(&vertices, set.pos[i].x, set.pos[i].y, set.pos[i].z);
+	assert_int_equal(t->vertices, set.n);
+	assert_int_equal(t->triangles, whole.n);
+	assert_true(digest_equal(t->vertex_digest, vertices));
+}
+
+/* Emits all domains of a partition; `sums`: only their totals. Returns whether they are the whole. */
+static bool partition(const struct cut_source *src, const struct cut_source *again, const struct cut_region *leaf, unsigned n,
+		      bool verify, bool sums)
+{
+	const struct lattice lattice = {.scale_xy = {1, 0}, .scale_z = {1, 0}};
+	struct pipe_emitter *e;
+	struct pipe_totals totals;
+	struct err err = ERR_INIT;
+	bool same;
+	int rc = 0;
+
+	assert_int_equal(pipe_emitter_new(&lattice, 1 << 16, -1, &e, &err), 0);
+	pipe_emitter_sums(e, sums);
+	parts.n = 0;
+	for (unsigned i = 0; i < n; i++) {
+		struct mesh_domain d, o;
+
+		domain_make(src, &leaf[i], verify, arena, ARENA, &d);
+		take(&d);
+		if (verify) {
+			domain_make(again, &leaf[i], verify, other, ARENA, &o);
+			check_same(&d, &o);
+		}
+		rc = rc ? rc : pipe_emit(e, &d, &leaf[i], NULL, &err);
+	}
+	qsort(parts.triangle, parts.n, sizeof(*parts.triangle), compare);
+	same = parts.n == whole.n && !memcmp(parts.triangle, whole.triangle, whole.n * sizeof(*whole.triangle));
+	if (verify && same) {
+		rc = rc ? rc : pipe_emitter_finish(e, &totals, &err);
+		if (rc)
+			fail_msg("case %llu: %s", (unsigned long long)cases, err.message);
+		check_totals(&totals);
+	}
+	pipe_emitter_free(e);
+	return same;
+}
+
+static bool one_case(uint64_t seed, bool verify)
+{
+	struct cut_region leaf[MAX_LEAVES];
+	struct cut_source src, again;
+	struct tiling t, u;
+	unsigned n;
+
+	sets_make(&seed, &set, &view);
+	cases++;
+	if (set.n < 3 || !make_whole(&seed))
+		return true;
+	sets_tiling(&seed, &set, &t);
+	sets_tiling(&seed, &set, &u);
+	tiling_source(&t, &src);
+	tiling_source(&u, &again);
+	n = make_leaves(&seed, &src, leaf);
+	if (verify)
+		domain_in_less(&seed, &src, &leaf[below(&seed, n)]);
+	return partition(&src, &again, leaf, n, verify, below(&seed, 2));
+}
+
+static uint64_t run(uint64_t n, bool verify)
+{
+	uint64_t wrong = 0;
+
+	cases = domains = 0;
+	for (uint64_t i = 0; i < n; i++) {
+		if (one_case((repeat_first() + i) * UINT64_C(0x2545f4914f6cdd1d), verify))
+			continue;
+		wrong++;
+		if (verify)
+			fail_msg("case %llu: the domains are not the whole mesh", (unsigned long long)(repeat_first() + i));
+	}
+	return wrong;
+}
+
+static void domains_are_the_whole(void **unused)
+{
+	uint64_t n = repeat_cases(6000);
+
+	run(n, true);
+	print_message(
+		"%llu cases, %llu domains, %llu of them with crossed triangles (%llu), %llu turns, %llu pieces without an end, "
+		"%llu positions beyond %llu of P_B; %llu did not fit\n",
+		(unsigned long long)cases, (unsigned long long)domains, (unsigned long long)constrained,
+		(unsigned long long)crossed, (unsigned long long)turns, (unsigned long long)gone, (unsigned long long)added,
+		(unsigned long long)loaded, (unsigned long long)splits);
+	assert_true(n < 1000 || (constrained > domains / 20 && added > 0 && gone > 0 && splits > 0));
+}
+
+/* The control: P_B with the ends of pieces is too little. */
+static void verification_is_needed(void **unused)
+{
+	uint64_t wrong = run(1500, false);
+
+	print_message("%llu of 1500 sets are wrong without it\n", (unsigned long long)wrong);
+	assert_true(wrong > 20);
+}
+
+static int set_up(void **unused)
+{
+	scratch_size = cut_load_scratch_bytes(MAX_N);
+	scratch = malloc(scratch_size);
+	arena = aligned_alloc(64, ARENA);
+	other = aligned_alloc(64, ARENA);
+	return scratch && arena && other ? 0 : -1;
+}
+
+static int tear_down(void **unused)
+{
+	free(scratch);
+	free(arena);
+	free(other);
+	return 0;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(domains_are_the_whole),
+		cmocka_unit_test(verification_is_needed),
+	};
+
+	return cmocka_run_group_tests(tests, set_up, tear_down);
+}
