@@ -1,5 +1,5 @@
 /*
- * The pieces of a domain: those whose box meets the box of one of its triangles. They are searched for many triangles at once,
+ * The pieces of a domain: those that meet the box of one of its triangles. They are searched for many triangles at once,
  * around which one box is laid, and each piece that is found is compared with the box of each triangle.
  */
 #include "constrain_priv.h"
@@ -16,6 +16,15 @@ static void piece_box(const struct lineset_piece *p, int32_t ret[4])
 	ret[2] = p->b[0];
 	ret[1] = p->a[1] < p->b[1] ? p->a[1] : p->b[1];
 	ret[3] = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+}
+
+/* Whether the piece itself meets the box, which meets that of the piece: corners of the box are on both sides of it, or on it. */
+static bool meets(const struct lineset_piece *p, const int32_t box[4])
+{
+	bool up = p->b[1] > p->a[1];
+	const int32_t left[2] = {up ? box[0] : box[2], box[3]}, right[2] = {up ? box[2] : box[0], box[1]};
+
+	return geom_orient(p->a, p->b, left) >= 0 && geom_orient(p->a, p->b, right) <= 0;
 }
 
 static int compare(const struct constrain_piece *p, const struct constrain_piece *q)
@@ -101,7 +110,7 @@ static int found_piece(void *ctx, const struct lineset_piece *found, struct err 
 	(void)err;
 	piece_box(found, box);
 	for (uint32_t i = 0; i < w->nbox; i++)
-		if (constrain_boxes_meet(w->box[i], box))
+		if (constrain_boxes_meet(w->box[i], box) && meets(found, w->box[i]))
 			return add_piece(w, &p);
 	return 0;
 }
