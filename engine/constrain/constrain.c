@@ -277,19 +277,37 @@ static int turn(struct constrain_work *w, bool first, bool *ret_again)
 		return CONSTRAIN_E_SPLIT;
 	rc = find_crossed(w);
 	*ret_again = false;
-	if (rc || !w->nown)
+	if (rc || (!w->nown && !w->c->lines->state))
 		return rc;
 	rc = insert_pieces(w);
-	if (rc || w->c->not_verified)
+	if (rc || !w->nown || w->c->not_verified)
 		return rc;
 	rc = verify(w);
 	*ret_again = w->npoint || w->found;
 	return rc;
 }
 
-/* The triangles that are not in the plain mesh. */
-static void choose(struct constrain_work *w)
+/* Without pieces: the owned triangles that are not out. */
+static int choose_plain(struct constrain_work *w)
 {
+	bool any = false;
+	int rc;
+
+	if (!w->c->lines->state)
+		return 0;
+	if (!tables(w))
+		return CONSTRAIN_E_SPLIT;
+	rc = constrain_out(w, &any);
+	if (!rc && any)
+		w->c->chosen = w->chosen;
+	return rc;
+}
+
+/* The triangles that are not in the plain mesh. */
+static int choose(struct constrain_work *w)
+{
+	bool any;
+
 	for (uint32_t i = 0; w->nown && i < w->r.ntriangle; i++)
 		if (tri_piece_flagged(w->p, i) && constrain_real(&w->r.triangle[i]) &&
 		    constrain_owner_has(w, w->r.triangle[i].corner))
@@ -297,6 +315,7 @@ static void choose(struct constrain_work *w)
 	w->c->chosen = w->chosen;
 	w->c->pieces = w->npiece;
 	w->c->crossed = w->nown;
+	return w->c->lines->state ? constrain_out(w, &any) : 0;
 }
 
 /* ---- what does not fit ---- */
@@ -373,14 +392,13 @@ int constrain_run(struct constrain *c, uint64_t *ret_need, struct err *err)
 	rc = find_pieces(w);
 	constrain_lines_sort(w);
 	if (!rc && !w->npiece)
-		return 0;
-	for (bool first = true; !rc && again; first = false) {
+		rc = choose_plain(w);
+	for (bool first = true; !rc && again && w->npiece; first = false) {
 		rc = turn(w, first, &again);
 		if (!rc && again)
 			rc = constrain_points_merge(w);
 	}
-	if (rc)
-		return rc == CONSTRAIN_E_SPLIT ? does_not_fit(w, ret_need) : rc;
-	choose(w);
-	return 0;
+	if (!rc && w->npiece)
+		rc = choose(w);
+	return rc == CONSTRAIN_E_SPLIT ? does_not_fit(w, ret_need) : rc;
 }

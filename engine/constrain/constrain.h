@@ -21,6 +21,8 @@ struct lattice;
 struct constrain_lines {
 	void *ctx;
 	int (*find)(void *ctx, const int32_t box[4], lineset_piece_fn, void *sink, struct err *);
+	/* As lineset_state: triangles that are out are not chosen. NULL: nothing is out. */
+	int (*state)(void *ctx, int64_t x, int64_t y, unsigned den, unsigned *ret, struct err *);
 };
 
 struct constrain {
@@ -34,7 +36,7 @@ struct constrain {
 	struct tri *tri;   /* after a tri_run of P(B) that returned 0; later of all that was loaded, with the pieces */
 	bool not_verified; /* for tests */
 	/* results */
-	const uint64_t *chosen; /* in the arena: a bit for each triangle of `tri`. NULL: no piece meets the box of an owned one */
+	const uint64_t *chosen; /* in the arena: a bit for each triangle of `tri`. NULL: those that the region owns */
 	uint32_t pieces, crossed, added, turns; /* pieces; owned triangles that are crossed; positions beyond P(B) */
 	uint64_t cells_read, points_read;
 };

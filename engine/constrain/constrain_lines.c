@@ -103,7 +103,8 @@ static int add_piece(struct constrain_work *w, const struct constrain_piece *p)
 
 static int found_piece(void *ctx, const struct lineset_piece *found, struct err *err)
 {
-	const struct constrain_piece p = {.a = {found->a[0], found->a[1]}, .b = {found->b[0], found->b[1]}};
+	const struct constrain_piece p = {
+		.a = {found->a[0], found->a[1]}, .b = {found->b[0], found->b[1]}, .turns = found->turns & LINESET_OUT};
 	struct constrain_work *w = ctx;
 	int32_t box[4];
 

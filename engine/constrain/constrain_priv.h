@@ -19,7 +19,8 @@ enum {
 
 struct constrain_piece {
 	int32_t a[2], b[2];
-	bool gone; /* an end is not kept by the view */
+	bool gone;  /* an end is not kept by the view */
+	bool turns; /* LINESET_OUT */
 };
 
 struct constrain_disc {
@@ -108,6 +109,9 @@ int constrain_points_merge(struct constrain_work *);                            
 /* constrain_disc.c: verification. Adds a flagged triangle; loads what is in the discs. */
 int constrain_disc_add(struct constrain_work *, uint32_t triangle);
 int constrain_disc_flush(struct constrain_work *);
+
+/* constrain_out.c: clears the bits of chosen triangles that are out; *ret_any: there are some. */
+int constrain_out(struct constrain_work *, bool *ret_any);
 
 /* constrain_owner.c: the owned triangles that are crossed. */
 bool constrain_owner_index(struct constrain_work *); /* false: no room */
