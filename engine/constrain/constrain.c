@@ -76,7 +76,7 @@ static int any_piece(void *ctx, const struct lineset_piece *p, struct err *err)
 /* Whether a piece meets the box of all owned triangles together. */
 static int is_near(struct constrain_work *w, const struct cut_owner *o, bool *ret)
 {
-	int32_t all[4] = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};
+	int32_t *all = w->c->depends.box;
 	int rc;
 
 	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
@@ -248,6 +248,7 @@ static int verify(struct constrain_work *w)
 		if (!tri_piece_flagged(w->p, i) || !constrain_real(&w->r.triangle[i]))
 			continue;
 		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
+		point_box_join(w->c->depends.box, box);
 		rc = constrain_lines_box(w, box);
 		if (!rc)
 			rc = constrain_disc_add(w, i);
@@ -389,6 +390,7 @@ int constrain_run(struct constrain *c, uint64_t *ret_need, struct err *err)
 		*ret_need = c->size / TRI_BYTES_PER_POINT + 1;
 		return CONSTRAIN_E_SPLIT;
 	}
+	c->depends = (struct cut_lines){.box = CUT_BOX_EMPTY, .disc = CUT_BOX_EMPTY};
 	rc = find_pieces(w);
 	constrain_lines_sort(w);
 	if (!rc && !w->npiece)

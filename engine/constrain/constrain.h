@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "cut_source.h"
+#include "cut_valid.h"
 #include "lineset.h"
 #include "tri.h"
 
@@ -33,12 +34,14 @@ struct constrain {
 	const struct lattice *lattice; /* for the text of an error; NULL: lattice numbers */
 	void *arena;                   /* the kernel is at its start, and needs `used` bytes of it */
 	size_t size, used;
-	struct tri *tri;   /* after a tri_run of P(B) that returned 0; later of all that was loaded, with the pieces */
-	bool not_verified; /* for tests */
+	struct tri *tri;         /* after a tri_run of P(B) that returned 0; later of all that was loaded, with the pieces */
+	struct cut_cover *cover; /* gets the boxes of discs that are not in the region; may be NULL */
+	bool not_verified;       /* for tests */
 	/* results */
 	const uint64_t *chosen; /* in the arena: a bit for each triangle of `tri`. NULL: those that the region owns */
 	uint32_t pieces, crossed, added, turns; /* pieces; owned triangles that are crossed; positions beyond P(B) */
 	uint64_t cells_read, points_read;
+	struct cut_lines depends; /* what it depends on beside P(B), without the sum */
 };
 
 /* CONSTRAIN_E_SPLIT: it does not fit; *ret_need > size / TRI_BYTES_PER_POINT is an estimate of the positions for which an

@@ -109,6 +109,9 @@ int constrain_disc_add(struct constrain_work *w, uint32_t triangle)
 	d->triangle = triangle;
 	if (in_region(w, d->box))
 		return 0;
+	point_box_join(w->c->depends.disc, d->box);
+	if (w->c->cover)
+		cut_cover_box(w->c->cover, d->box);
 	if (!w->ndisc)
 		memcpy(w->disc_around, d->box, sizeof(d->box));
 	point_box_join(w->disc_around, d->box);
