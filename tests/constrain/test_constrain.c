@@ -17,13 +17,13 @@
 #include "check.h"
 #include "constrain.h"
 #include "err.h"
-#include "finish.h"
 #include "geom.h"
+#include "made.h"
 #include "pipe.h"
 #include "repeat.h"
 #include "sets.h"
 
-enum { MAX_N = SETS_MAX_N, MAX_PIECES = 120, MAX_LEAVES = 40, MAX_TRIANGLES = 4 * MAX_N, ARENA = 1 << 17 };
+enum { MAX_N = SETS_MAX_N, MAX_PIECES = 120, MAX_LEAVES = 40, MAX_TRIANGLES = 4 * MAX_N };
 
 struct mesh {
 	int32_t triangle[MAX_TRIANGLES][9]; /* smallest corner first; x, y, z */
@@ -43,9 +43,8 @@ static struct lineset_piece piece[MAX_PIECES];
 static unsigned npiece, ninserted;
 static struct mesh whole, all, parts; /* all: also what is out */
 static struct area area;
-static void *arena, *other, *scratch;
-static size_t scratch_size;
-static uint64_t cases, domains, constrained, turns, added, loaded, chosen, crossed, gone, splits, asked, outs, boxes;
+static void *arena, *other;
+static uint64_t cases, domains, constrained, turns, added, loaded, crossed, gone, splits, asked, outs, boxes;
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
@@ -326,50 +325,17 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 static struct constrain_lines lines = {.find = find};
 
 /* The domain of a region, in `memory`. */
-static void domain_make(const struct cut_source *src, const struct cut_region *region, bool verify, void *memory, size_t size,
+static void domain_make(const struct cut_source *src, const struct cut_region *region, bool verify, void *memory,
 			struct mesh_domain *ret)
 {
-	static const int64_t k[3] = {0, 0, 0};
-	struct tri *tri = tri_init(memory, 2 * MAX_N);
-	struct cut_load load = {.out = tri_input(tri), .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size};
-	struct constrain c = {.src = src,
-			      .view = &view,
-			      .region = region,
-			      .lines = &lines,
-			      .arena = memory,
-			      .size = size,
-			      .used = tri_bytes(2 * MAX_N),
-			      .not_verified = !verify};
-	struct finish f = {0};
-	struct err err = ERR_INIT;
-	uint64_t need = 0;
-	int rc;
+	struct made m = {.src = src, .view = &view, .region = region, .lines = &lines, .not_verified = !verify, .memory = memory};
 
-	assert_int_equal(cut_load_from(src, &view, region, &load, &need, &err), 0);
-	f.out.counts = load.counts;
-	*ret = f.out;
-	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_flat(tri, region, k, ret);
-		return;
-	}
-	c.tri = tri;
-	rc = constrain_run(&c, &need, &err);
-	if (rc)
-		fail_msg("case %llu: %d, %s", (unsigned long long)cases, rc, err.message);
-	finish_init(&f, region, k, c.tri);
-	if (c.chosen)
-		finish_chosen(&f, c.chosen);
-	else
-		finish_owned(&f);
-	assert_true(finish_vertices(&f));
-	finish_numbers(&f);
-	*ret = f.out;
-	turns += c.turns;
-	added += c.added;
-	loaded += load.n;
-	crossed += c.crossed;
-	chosen += c.chosen ? f.out.ntriangle : 0;
-	constrained += c.crossed > 0;
+	made_domain(&m, ret);
+	turns += m.c.turns;
+	added += m.c.added;
+	loaded += m.n;
+	crossed += m.c.crossed;
+	constrained += m.c.crossed > 0;
 	domains++;
 }
 
@@ -377,13 +343,14 @@ static void domain_make(const struct cut_source *src, const struct cut_region *r
 static void domain_in_less(uint64_t *seed, const struct cut_source *src, const struct cut_region *region)
 {
 	struct tri *tri = tri_init(other, MAX_N);
-	struct cut_load load = {.out = tri_input(tri), .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size};
+	struct cut_load load = {
+		.out = tri_input(tri), .cap = MAX_N, .scratch = made_scratch(), .scratch_size = made_scratch_size()};
 	struct constrain c = {.src = src,
 			      .view = &view,
 			      .region = region,
 			      .lines = &lines,
 			      .arena = other,
-			      .size = tri_bytes(MAX_N) + below(seed, ARENA / 2),
+			      .size = tri_bytes(MAX_N) + below(seed, MADE_BYTES / 2),
 			      .used = tri_bytes(MAX_N)};
 	struct err err = ERR_INIT;
 	uint64_t need = 0;
@@ -413,16 +380,6 @@ static void take(const struct mesh_domain *d)
 		}
 		mesh_add(&parts, at[0], at[1], at[2]);
 	}
-}
-
-static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
-{
-	assert_true(a->nvertex == b->nvertex && a->nopen == b->nopen && a->ntriangle == b->ntriangle);
-	assert_true(digest_equal(a->digest, b->digest) && digest_equal(a->own_digest, b->own_digest));
-	if (!a->nvertex)
-		return;
-	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof(*a->vertex));
-	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof(*a->triangle));
 }
 
 static void check_totals(const struct pipe_totals *t)
@@ -457,11 +414,11 @@ static bool partition(const struct cut_source *src, const struct cut_source *aga
 	for (unsigned i = 0; i < n; i++) {
 		struct mesh_domain d, o;
 
-		domain_make(src, &leaf[i], verify, arena, ARENA, &d);
+		domain_make(src, &leaf[i], verify, arena, &d);
 		take(&d);
 		if (verify) {
-			domain_make(again, &leaf[i], verify, other, ARENA, &o);
-			check_same(&d, &o);
+			domain_make(again, &leaf[i], verify, other, &o);
+			made_check_same(&d, &o);
 		}
 		rc = rc ? rc : pipe_emit(e, &d, &leaf[i], NULL, &err);
 	}
@@ -542,16 +499,13 @@ static void verification_is_needed(void **unused)
 
 static int set_up(void **unused)
 {
-	scratch_size = cut_load_scratch_bytes(MAX_N);
-	scratch = malloc(scratch_size);
-	arena = aligned_alloc(64, ARENA);
-	other = aligned_alloc(64, ARENA);
-	return scratch && arena && other ? 0 : -1;
+	arena = aligned_alloc(64, MADE_BYTES);
+	other = aligned_alloc(64, MADE_BYTES);
+	return arena && other ? 0 : -1;
 }
 
 static int tear_down(void **unused)
 {
-	free(scratch);
 	free(arena);
 	free(other);
 	return 0;
