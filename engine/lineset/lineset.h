@@ -1,10 +1,11 @@
 /*
  * The line set of a generation: the pieces of all its lines, and its areas, in an immutable file with a tree of boxes. Pieces
  * meet at their ends only (snap.h); their ends are positions of line vertices, which are records of the generation like others
- * (POINT_LINE). lineset-file.md describes the bytes; docs/design/constraints.md what pieces mean.
+ * (POINT_LINE). docs/formats/format.md describes the bytes; docs/design/constraints.md what pieces mean.
  *
- * Areas: lakes, boundaries and holes. A position is in a lake if it is in an odd number of the rings of one lake; it is out if
- * there are boundaries and it is in none of them, or if it is in a hole. A piece says which of these change where it is crossed.
+ * Areas: lakes, boundaries and holes. A position is out if there are boundaries and it is in none of them, or if it is in a hole.
+ * It is in a lake if it is not out, and in an odd number of the rings of one lake. A piece says which of these change where it
+ * is crossed.
  */
 #ifndef LINESET_H
 #define LINESET_H
@@ -42,6 +43,7 @@ struct lineset_info {
 int lineset_open(int dirfd, const char *name, struct ledger *, size_t memory, struct lineset **ret, struct err *);
 struct lineset *lineset_close(struct lineset *); /* NULL is fine; returns NULL */
 const struct lineset_info *lineset_info(const struct lineset *);
+uint64_t lineset_charged(const struct lineset *); /* bytes charged to LEDGER_INDEX */
 
 /* Working memory of one thread: pages. Its size is a constant. */
 struct lineset_reader;
@@ -56,7 +58,8 @@ int lineset_find(struct lineset_reader *, const int32_t box[4], lineset_piece_fn
 /* The number of pieces that meet the box, at most `most`. */
 int lineset_count(struct lineset_reader *, const int32_t box[4], uint64_t most, uint64_t *ret, struct err *);
 
-/* The state of the position (x / den, y / den), den 1 to 3, that is on no piece that turns something. */
+/* The state of the position (x / den, y / den), den 1 to 3. One on a piece counts as moved to greater x and, much less, to
+ * greater y. */
 int lineset_state(struct lineset_reader *, int64_t x, int64_t y, unsigned den, unsigned *ret, struct err *);
 
 /* What records and triangles in a box depend on: a sum over the pieces that meet the closed box, and the state at its lower left
