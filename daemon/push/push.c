@@ -57,7 +57,7 @@ struct push *push_free(struct push *p)
 
 static void request_free(struct push_request *rq)
 {
-	push_hash_free(&rq->hashing);
+	file_hash_free(&rq->hashing);
 	io_close(rq->fd);
 	free(rq->name);
 	free(rq->format);

@@ -91,7 +91,7 @@ int push_file_finish(struct push *p, struct push_request *rq)
 	int r = client_file_check(rq->fd, rq->name, &after, &rq->err);
 
 	if (!r && !p->dataset->onestep)
-		r = push_hash_end(&rq->hashing, rq->id.size, &rq->hash, &rq->err);
+		r = file_hash_end(&rq->hashing, rq->id.size, &rq->hash, &rq->err);
 	if (!r && !same_input(&rq->id, &after))
 		return changed(rq->name, "while it was read", &rq->err);
 	return !r && rq->stream ? push_stream_kept(rq) : r;
@@ -129,12 +129,13 @@ static int file_ingest(struct push *p, struct push_request *rq, struct input *in
 	if (!r)
 		r = pipe_ingest(in, &params, &rq->in, &rq->err);
 	if (!r && !p->dataset->onestep)
-		r = push_hash_bounded(input_info(in), rq->id.size, rq->name, &rq->err);
+		r = file_hash_bounded(input_info(in), rq->id.size, rq->name, &rq->err);
 	return r ? r : push_file_finish(p, rq);
 }
 
 void push_file_run(struct push *p, struct push_request *rq)
 {
+	const struct file_hash_watch watch = push_hash_watch(p);
 	struct input_options options = push_options(p, rq);
 	struct input *in = NULL;
 	bool parts = false;
@@ -144,8 +145,8 @@ void push_file_run(struct push *p, struct push_request *rq)
 		return;
 	}
 	if (!p->dataset->onestep) {
-		push_hash_begin(&rq->hashing, p, rq->fd, rq->name);
-		options.seen = push_hash_seen;
+		file_hash_begin(&rq->hashing, &watch, rq->fd, rq->name);
+		options.seen = file_hash_seen;
 		options.seen_ctx = &rq->hashing;
 	}
 	rq->r = client_file_check(rq->fd, rq->name, &rq->id, &rq->err);

@@ -6,6 +6,7 @@
 
 #include "admission.h"
 #include "dataset.h"
+#include "file_hash.h"
 #include "geoid.h"
 #include "grid_manifest.h"
 #include "grid_stage.h"
@@ -71,16 +72,6 @@ struct push_stream {
 
 enum { PUSH_READING_SIZE = 64 };
 
-/* The hash of a file, made while it is read. */
-struct push_hashing {
-	struct push *push;
-	struct digest_stream *sum; /* NULL: not begun */
-	uint64_t at;               /* bytes of the file so far */
-	int fd;
-	const char *name;
-	bool missed; /* bytes came out of order: the file is read once more */
-};
-
 struct push_request {
 	struct push_request *next;
 	struct push *push;
@@ -106,7 +97,7 @@ struct push_request {
 	uint32_t source;
 	struct pipe_ingested in;
 	struct digest hash;
-	struct push_hashing hashing;
+	struct file_hashing hashing;
 	enum push_known_as known;
 	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
 	struct input *whole; /* a file that several workers read; the loop closes it */
@@ -363,18 +354,10 @@ struct push_helpers *push_helpers_free(struct push_helpers *);
 uint64_t push_helpers_held(const struct push_helpers *);      /* bytes of LEDGER_INPUT; NULL: 0 */
 uint64_t push_helpers_step(uint64_t parts, unsigned members); /* parts of a batch */
 
-/* push_hash.c. Worker. XXH3-128 of the first `size` bytes of a file. */
-int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
-/* The same for a file that somebody else reads (input_options.seen): only the rest is read here. */
-void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *name);
-void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
-int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* also frees */
-void push_hash_free(struct push_hashing *);                                                   /* any thread */
-/* A pushed file may have that many bytes behind those that its header accounts for. */
-enum { PUSH_TRAILING_MOST = 1 << 30 };
-int push_hash_bounded(const struct input_info *, uint64_t size, const char *name, struct err *err); /* -ERR_INPUT: it has more */
-/* The same, for a hash that is made before the header is read. */
-int push_hash_look(struct push_request *, const struct input_options *, struct err *err);
+static inline struct file_hash_watch push_hash_watch(struct push *p)
+{
+	return (struct file_hash_watch){&p->cancel, &p->hashed, &p->hash_end};
+}
 
 /* push_seal.c: the stage becomes a segment */
 struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker; NULL: err says why */
