@@ -77,6 +77,8 @@ void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->sums = grid_source_sums;
 	ret->box = grid_source_box;
 	ret->parts = grid_source_parts;
+	ret->line_sum = NULL;
+	ret->lines = NULL;
 	ret->ledger = grid_ledger(grid_reader_grid(reader));
 }
 

@@ -12,7 +12,6 @@
  */
 #include "pipe.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "cut_valid.h"
@@ -103,36 +102,6 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	}
 	grid_reader_free(reader);
 	return r;
-}
-
-static int compare_on_line(const void *a, const void *b)
-{
-	const int32_t *p = a, *q = b;
-
-	return p[0] != q[0] ? (p[0] > q[0]) - (p[0] < q[0]) : (p[1] > q[1]) - (p[1] < q[1]);
-}
-
-/*
- * For a region that loaded fewer than three positions, or collinear ones. Its own positions are in the mesh
- * nevertheless, in triangles of other regions. And if it sees only a side of the hull, from afar, it owns edges of the
- * hull.
- */
-static void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
-{
-	int32_t(*xy)[2];
-	struct tri_result t;
-
-	tri_result(tri, &t);
-	for (uint32_t i = 0; i < t.nvertex; i++)
-		if (cut_region_holds(region, t.xy[i][0], t.xy[i][1]))
-			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
-	if (!region->inf)
-		return;
-	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and no longer needed there */
-	qsort(xy, t.nvertex, sizeof *xy, compare_on_line);
-	for (uint32_t i = 1; i < t.nvertex; i++)
-		d->nhull +=
-			(uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
 }
 
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
