@@ -5,6 +5,8 @@
 #include <string.h>
 
 #include "admission.h"
+#include "agree.h"
+#include "breaklines.h"
 #include "dataset.h"
 #include "file_hash.h"
 #include "geoid.h"
@@ -72,6 +74,12 @@ struct push_stream {
 
 enum { PUSH_READING_SIZE = 64 };
 
+/* A file of lines that was staged. */
+struct push_lines_file {
+	struct push_lines_file *next;
+	struct grid_lines lines;
+};
+
 struct push_request {
 	struct push_request *next;
 	struct push *push;
@@ -98,6 +106,7 @@ struct push_request {
 	struct pipe_ingested in;
 	struct digest hash;
 	struct file_hashing hashing;
+	struct push_lines_file *lines; /* of an input of lines, when it is staged */
 	enum push_known_as known;
 	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
 	struct input *whole; /* a file that several workers read; the loop closes it */
@@ -236,6 +245,15 @@ struct push {
 	uint64_t unsynced_points;
 	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* asked: the last request; commit: the first commit request */
 
+	struct push_lines { /* push_lines.c */
+		struct push_lines_file *files;
+		bool staged;           /* there may be files of lines */
+		uint64_t want, have;   /* memory for the line set, of stage_bytes; want 0: no commit changes lines */
+		uint32_t id;           /* number of the source of line vertices; 0: the commit changes no lines */
+		bool published, built; /* files have their final names; the line set is there */
+		struct breaklines made;
+	} lines;
+
 	struct grid_manifest *made; /* by the commit */
 	struct dataset_next new_state;
 	char made_name[64];
@@ -359,6 +377,18 @@ static inline struct file_hash_watch push_hash_watch(struct push *p)
 	return (struct file_hash_watch){&p->cancel, &p->hashed, &p->hash_end};
 }
 
+/* push_lines.c. Workers, but for those with "loop". */
+int push_lines_begin(struct push *, struct push_request *, struct pipe_ingest_params *);
+int push_lines_end(struct push *, struct push_request *, struct breakline_writer *, int r); /* r: of what was written */
+void push_lines_source(struct push *, struct push_request *, struct grid_source *);         /* loop */
+void push_lines_free(struct push *);
+bool push_lines_change(const struct push *);              /* loop: the commit adds or replaces lines */
+bool push_lines_need_memory(struct push *);               /* loop: the stage must come back smaller */
+bool push_lines_again(struct push *, const struct err *); /* loop: a commit that failed starts again, with more memory */
+int push_lines_build(struct push *, struct err *err);
+void push_lines_put(struct push *, struct grid_manifest *);
+void push_lines_undo(struct push *);
+
 /* push_seal.c: the stage becomes a segment */
 struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker; NULL: err says why */
 struct push_sealing *push_sealing_free(struct push_sealing *);         /* NULL is fine; returns NULL */
@@ -439,7 +469,7 @@ int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* 
 /* push_crs.c */
 static inline bool push_crs_known(const char *text)
 {
-	return *text && strcmp(text, "unknown");
+	return agree_known(text);
 }
 int push_assume_read(struct push *, const struct push_params *, struct err *err);
 /* Worker: completes request->info.crs, and sets overridden. -ERR_INPUT: the input says something else. */
