@@ -223,6 +223,11 @@ struct lineset *grid_lines(const struct grid *g)
 	return g->lines;
 }
 
+const struct grid_source *grid_lines_source(const struct grid *g)
+{
+	return g->lines ? grid_manifest_line_vertices(g->manifest, g->generation) : NULL;
+}
+
 struct digest grid_lines_content(const struct grid *g)
 {
 	return g->lines ? lineset_info(g->lines)->content : (struct digest){0, 0};
