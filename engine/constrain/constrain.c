@@ -58,11 +58,16 @@ void constrain_triangle_box(const struct tri_result *r, const uint32_t corner[3]
 
 /* ---- the pieces of owned triangles ---- */
 
-static bool owns(const struct cut_owner *o, const struct tri_result *r, uint32_t i)
+/* Whether a triangle is owned, or meets the area. */
+static bool owns(const struct constrain_work *w, const struct cut_owner *o, uint32_t i)
 {
-	const uint32_t *c = r->triangle[i].corner;
+	const struct constrain_area *area = w->c->area;
+	const uint32_t *c = w->r.triangle[i].corner;
+	const int32_t(*xy)[2] = w->r.xy;
 
-	return constrain_real(&r->triangle[i]) && cut_owner_has(o, r->xy[c[0]], r->xy[c[1]], r->xy[c[2]]);
+	if (!constrain_real(&w->r.triangle[i]))
+		return false;
+	return area ? area->meets(area->ctx, xy[c[0]], xy[c[1]], xy[c[2]]) : cut_owner_has(o, xy[c[0]], xy[c[1]], xy[c[2]]);
 }
 
 static int any_piece(void *ctx, const struct lineset_piece *p, struct err *err)
@@ -82,7 +87,7 @@ static int is_near(struct constrain_work *w, const struct cut_owner *o, bool *re
 	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
 		int32_t box[4];
 
-		if (!owns(o, &w->r, i))
+		if (!owns(w, o, i))
 			continue;
 		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
 		point_box_join(all, box);
@@ -106,7 +111,7 @@ static int find_pieces(struct constrain_work *w)
 	for (uint32_t i = 0; near && i < w->r.ntriangle && !rc; i++) {
 		int32_t box[4];
 
-		if (!owns(&o, &w->r, i))
+		if (!owns(w, &o, i))
 			continue;
 		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
 		rc = constrain_lines_box(w, box);
@@ -148,7 +153,7 @@ static bool mark_owned(struct constrain_work *w)
 	memset(w->chosen, 0, words * sizeof(*w->chosen));
 	cut_owner_init(&o, w->c->region);
 	for (uint32_t i = 0; i < w->r.ntriangle; i++)
-		w->chosen[i / 64] |= (uint64_t)owns(&o, &w->r, i) << i % 64;
+		w->chosen[i / 64] |= (uint64_t)owns(w, &o, i) << i % 64;
 	return true;
 }
 
@@ -245,7 +250,7 @@ static int verify(struct constrain_work *w)
 	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
 		int32_t box[4];
 
-		if (!tri_piece_flagged(w->p, i) || !constrain_real(&w->r.triangle[i]))
+		if (w->c->area ? !owns(w, NULL, i) : !tri_piece_flagged(w->p, i) || !constrain_real(&w->r.triangle[i]))
 			continue;
 		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
 		point_box_join(w->c->depends.box, box);
@@ -276,16 +281,30 @@ static int turn(struct constrain_work *w, bool first, bool *ret_again)
 		return rc;
 	if (!pieces_begin(w))
 		return CONSTRAIN_E_SPLIT;
-	rc = find_crossed(w);
+	rc = w->c->area ? 0 : find_crossed(w);
 	*ret_again = false;
-	if (rc || (!w->nown && !w->c->lines->state))
+	if (rc || (!w->c->area && !w->nown && !w->c->lines->state))
 		return rc;
 	rc = insert_pieces(w);
-	if (rc || !w->nown || w->c->not_verified)
+	if (rc || (!w->c->area && !w->nown) || w->c->not_verified)
 		return rc;
 	rc = verify(w);
 	*ret_again = w->npoint || w->found;
 	return rc;
+}
+
+static void choose_area(struct constrain_work *w)
+{
+	const struct constrain_area *area = w->c->area;
+
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const uint32_t *c = w->r.triangle[i].corner;
+		const int32_t(*xy)[2] = w->r.xy;
+		bool takes = owns(w, NULL, i) && area->takes(area->ctx, xy[c[0]], xy[c[1]], xy[c[2]]);
+
+		clear_bit(w->chosen, i);
+		w->chosen[i / 64] |= (uint64_t)takes << i % 64;
+	}
 }
 
 /* Without pieces: the owned triangles that are not out. */
@@ -298,17 +317,21 @@ static int choose_plain(struct constrain_work *w)
 		return 0;
 	if (!tables(w))
 		return CONSTRAIN_E_SPLIT;
+	if (w->c->area)
+		choose_area(w);
 	rc = constrain_out(w, &any);
 	if (!rc && any)
 		w->c->chosen = w->chosen;
 	return rc;
 }
 
-/* The triangles that are not in the plain mesh. */
+/* Beside owned triangles that no piece crosses those that are not in the plain mesh. */
 static int choose(struct constrain_work *w)
 {
 	bool any;
 
+	if (w->c->area)
+		choose_area(w);
 	for (uint32_t i = 0; w->nown && i < w->r.ntriangle; i++)
 		if (tri_piece_flagged(w->p, i) && constrain_real(&w->r.triangle[i]) &&
 		    constrain_owner_has(w, w->r.triangle[i].corner))

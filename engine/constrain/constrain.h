@@ -26,15 +26,27 @@ struct constrain_lines {
 	int (*state)(void *ctx, int64_t x, int64_t y, unsigned den, unsigned *ret, struct err *);
 };
 
+/* The triangles of an area instead of those of a region: */
+struct constrain_area {
+	void *ctx;
+	/* Whether a triangle meets the area: it is verified. And whether it is chosen then. */
+	bool (*meets)(void *ctx, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
+	bool (*takes)(void *ctx, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
+	/* Whether all kept positions of a cell are in the triangulation. */
+	bool (*has)(void *ctx, const struct grid_cell *);
+};
+
 struct constrain {
 	const struct cut_source *src;
 	const struct view *view;
 	const struct cut_region *region;
 	const struct constrain_lines *lines;
-	const struct lattice *lattice; /* for the text of an error; NULL: lattice numbers */
-	void *arena;                   /* the kernel is at its start, and needs `used` bytes of it */
+	const struct constrain_area *area; /* NULL: the region's triangles */
+	const struct lattice *lattice;     /* for the text of an error; NULL: lattice numbers */
+	void *arena;                       /* the kernel is at its start, and needs `used` bytes of it */
 	size_t size, used;
-	struct tri *tri;         /* after a tri_run of P(B) that returned 0; later of all that was loaded, with the pieces */
+	struct tri *tri; /* after a tri_run of P(B) that returned 0 (or of what an area loads); later of all that was loaded, with
+			    the pieces */
 	struct cut_cover *cover; /* gets the boxes of discs that are not in the region; may be NULL */
 	bool not_verified;       /* for tests */
 	/* results */

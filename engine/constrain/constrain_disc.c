@@ -53,11 +53,11 @@ static int disc_points(void *ctx, const struct point *pts, size_t n, struct err 
 		uint32_t k = 0;
 		int rc;
 
-		if (cut_region_holds(w->c->region, p->x, p->y) || view_judge(w->c->view, p) != VIEW_KEPT)
+		if ((!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) || view_judge(w->c->view, p) != VIEW_KEPT)
 			continue;
 		while (k < w->nhit && !disc_takes(w, &w->disc[w->hit[k]], p))
 			k++;
-		if (k == w->nhit || constrain_points_find(w, p->x, p->y) != NONE)
+		if (k == w->nhit || constrain_points_known(w, p))
 			continue;
 		rc = constrain_points_add(w, p);
 		if (rc)
@@ -68,6 +68,8 @@ static int disc_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 static bool is_own(const struct constrain_work *w, const struct grid_cell *cell)
 {
+	if (w->c->area)
+		return w->c->area->has(w->c->area->ctx, cell);
 	for (unsigned i = 0; i < w->nrange; i++)
 		if (w->range[i].lo <= cell->lo && cell->hi <= w->range[i].hi)
 			return true;
@@ -107,7 +109,7 @@ int constrain_disc_add(struct constrain_work *w, uint32_t triangle)
 	cut_disc_init(&d->disc, w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]]);
 	cut_disc_box(&d->disc, d->box);
 	d->triangle = triangle;
-	if (in_region(w, d->box))
+	if (!w->c->area && in_region(w, d->box))
 		return 0;
 	point_box_join(w->c->depends.disc, d->box);
 	if (w->c->cover)

@@ -165,7 +165,7 @@ static int load_end(struct constrain_work *w, const int32_t at[2], bool *ret_the
 
 	*ret_there = constrain_points_find(w, at[0], at[1]) != NONE;
 	/* All kept positions of the region are vertices. */
-	if (*ret_there || cut_region_holds(c->region, at[0], at[1]))
+	if (*ret_there || (!c->area && cut_region_holds(c->region, at[0], at[1])))
 		return 0;
 	rc = c->src->scan(c->src->ctx, key, key, end_points, &e, w->err);
 	*ret_there = e.any;

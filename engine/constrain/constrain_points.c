@@ -37,6 +37,19 @@ uint32_t constrain_points_find(const struct constrain_work *w, int32_t x, int32_
 	return NONE;
 }
 
+/* Of an area not all records at a vertex may have been read. */
+bool constrain_points_known(struct constrain_work *w, const struct point *p)
+{
+	uint32_t v = constrain_points_find(w, p->x, p->y);
+	int32_t *z = (int32_t *)(uintptr_t)w->r.z; /* in the arena */
+
+	if (v == NONE)
+		return false;
+	if (view_prefers(w->c->view, &(struct point){.z = p->z}, &(struct point){.z = z[v]}))
+		z[v] = p->z;
+	return true;
+}
+
 static bool point_less(const void *a, const void *b)
 {
 	return point_compare(a, b) < 0;
@@ -74,13 +87,25 @@ int constrain_points_add(struct constrain_work *w, const struct point *p)
 	return 0;
 }
 
-/* The vertices of the last turn in the order of its input, where the kernel had it. */
+static bool vertex_less(const void *a, const void *b)
+{
+	const struct mesh_vertex *p = a, *q = b;
+
+	return point_morton(p->x, p->y) < point_morton(q->x, q->y);
+}
+
+/* The vertices of the last turn in the order of its input, where the kernel had it. Vertices of tri_add are not in order. */
 static struct mesh_vertex *restore_input(struct constrain_work *w)
 {
 	struct mesh_vertex *in = tri_input(w->c->tri);
+	uint32_t n = w->r.nvertex, i = 1;
 
-	for (uint32_t v = 0; v < w->r.nvertex; v++)
+	for (uint32_t v = 0; v < n; v++)
 		in[w->r.id[v]] = (struct mesh_vertex){w->r.xy[v][0], w->r.xy[v][1], w->r.z[v]};
+	while (i < n && vertex_less(&in[i - 1], &in[i]))
+		i++;
+	if (i < n)
+		constrain_sort(in, n, sizeof(*in), vertex_less);
 	return in;
 }
 

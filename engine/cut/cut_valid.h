@@ -36,6 +36,7 @@ struct cut_live {
 struct cut_lines {
 	int32_t box[4], disc[4];
 	struct digest sum;
+	uint32_t cap; /* positions of the arena in which the domain was made; 0: as one without pieces */
 };
 #define CUT_BOX_EMPTY                                      \
 	{                                                  \

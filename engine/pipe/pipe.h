@@ -182,6 +182,7 @@ struct pipe_summary {
 	struct store_front front; /* `beside.content`: of a generation in which it is valid */
 	struct cut_reach reach;
 	struct cut_live live;
+	uint32_t cap; /* of struct cut_lines */
 };
 /* Stores what pipe_domain made in `memory`; call it before `memory` is used for anything else. `ret_summary`: what to
  * remember of it; may be NULL. */
