@@ -61,9 +61,11 @@ static int disc_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 		if ((!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) || view_judge(w->c->view, p) != VIEW_KEPT)
 			continue;
+		if (constrain_points_known(w, p))
+			continue;
 		while (k < w->nhit && !disc_takes(w, &w->disc[w->hit[k]], p))
 			k++;
-		if (k == w->nhit || constrain_points_known(w, p))
+		if (k == w->nhit)
 			continue;
 		rc = constrain_points_add(w, p);
 		if (rc)

@@ -13,7 +13,7 @@ enum {
 	BOXES = 64,    /* triangles for which pieces are searched together */
 	DISCS = 256,   /* discs for which cells are read together */
 	SIGHT = 1024,  /* triangles that are followed from one disc; all that is in it is visible if there are more */
-	SIGHTS = 8192, /* of all discs of a batch */
+	SIGHTS = 4096, /* of all discs of a batch */
 	INDEX = 8,     /* triangles, or boxes, under a box of the index */
 	LEVELS = 12,   /* of the index */
 	NONE = 0xffffffffu,
@@ -31,6 +31,8 @@ struct constrain_piece {
 struct constrain_sight {
 	uint32_t triangle, left, right;
 	uint16_t parent, first;
+	uint32_t limit[2]; /* the left end and the right end that limit the view most, of (2) and (3); NONE */
+	int32_t box[4];    /* of what is visible in it */
 };
 
 struct constrain_disc {

@@ -13,7 +13,8 @@
  * (3) The same with left and right exchanged.
  *
  * Without the two conditions on l and r in (2) visible positions would be missed. Positions that are excluded on each path need
- * not be loaded; they are hidden by pieces that were. A box is excluded if all of it is, by one of the conditions; an edge, too.
+ * not be loaded; they are hidden by pieces that were. An edge that is excluded is not followed, nor a triangle of which nothing
+ * is left when it is cut along these lines. Cutting rounds towards keeping more.
  */
 #include "constrain_priv.h"
 
@@ -55,11 +56,9 @@ static unsigned bounds_of(const struct constrain_work *w, const struct constrain
 	return n;
 }
 
-typedef bool (*excluded_fn)(const struct bound *, const void *what);
-
-/* Whether a bound of the path to s excludes something. list: of the disc. */
-static bool excluded(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
-		     excluded_fn by, const void *what)
+/* Whether a bound of the path to s excludes an edge without its ends. list: of the disc. */
+static bool edge_excluded(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
+			  const int32_t *const end[2])
 {
 	const struct constrain_sight *first = &list[s->first];
 
@@ -68,59 +67,14 @@ static bool excluded(const struct constrain_work *w, const struct constrain_sigh
 		unsigned n = bounds_of(w, first, s, bound);
 
 		for (unsigned i = 0; i < n; i++)
-			if (by(&bound[i], what))
+			if (geom_orient(bound[i].from, bound[i].to, end[0]) >= 0 &&
+			    geom_orient(bound[i].from, bound[i].to, end[1]) >= 0)
 				return true;
 	}
 	return false;
 }
 
-/* A closed box. */
-static bool box_excluded(const struct bound *b, const void *what)
-{
-	const int32_t *box = what;
-	/* The corner that is farthest to the right. */
-	const int32_t far[2] = {b->to[1] > b->from[1] ? box[2] : box[0], b->to[0] > b->from[0] ? box[1] : box[3]};
-
-	return geom_orient(b->from, b->to, far) > 0;
-}
-
-/* An edge without its ends. */
-static bool edge_excluded(const struct bound *b, const void *what)
-{
-	const int32_t *const *end = what;
-
-	return geom_orient(b->from, b->to, end[0]) >= 0 && geom_orient(b->from, b->to, end[1]) >= 0;
-}
-
-/* ---- following ---- */
-
-/* Adds the triangles behind the edges of one. False: there are too many. */
-static bool follow(const struct constrain_work *w, const struct constrain_disc *d, struct constrain_sight *list, uint32_t from,
-		   uint32_t *n)
-{
-	const struct tri_triangle *t = &w->r.triangle[list[from].triangle];
-
-	for (unsigned k = 0; k < 3; k++) {
-		uint32_t right = t->corner[(k + 1) % 3], left = t->corner[(k + 2) % 3];
-		const int32_t *const end[2] = {w->r.xy[right], w->r.xy[left]};
-
-		/* Back over the edge by which it was entered: the ends are exchanged. */
-		if (t->link[k] & 1 || (from && right == list[from].left && left == list[from].right) ||
-		    !cut_disc_meets_edge(&d->disc, end[0], end[1]) || excluded(w, list, &list[from], edge_excluded, end))
-			continue;
-		if (*n == SIGHT)
-			return false;
-		list[*n] = (struct constrain_sight){.triangle = t->link[k] >> 3,
-						    .left = left,
-						    .right = right,
-						    .parent = (uint16_t)from,
-						    .first = from ? list[from].first : (uint16_t)*n};
-		++*n;
-	}
-	return true;
-}
-
-/* ---- the box of all that is visible ---- */
+/* ---- the box of what is visible in a triangle ---- */
 
 struct polygon {
 	double at[POLYGON][2];
@@ -154,49 +108,88 @@ static void cut_off(struct polygon *p, const struct bound *b)
 	*p = kept;
 }
 
-/* Joins the box of the part of a triangle that is visible. */
-static void join(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
-		 int32_t all[4])
+/* Sets the box of the part of a triangle that is visible, in the disc's box. False: there is none. */
+static bool find_box(const struct constrain_work *w, const struct constrain_disc *d, const struct constrain_sight *list,
+		     struct constrain_sight *ret)
 {
-	const uint32_t *corner = corners(w, s);
+	const struct constrain_sight *first = &list[ret->first];
 	struct polygon p = {.n = 3};
-	const struct constrain_sight *first = &list[s->first];
 
+	memcpy(ret->box, d->box, sizeof(ret->box));
+	if (!is_real(w, ret))
+		return true;
 	for (unsigned i = 0; i < 3; i++)
 		for (unsigned k = 0; k < 2; k++)
-			p.at[i][k] = w->r.xy[corner[i]][k];
-	for (; s != list; s = &list[s->parent]) {
+			p.at[i][k] = w->r.xy[corners(w, ret)[i]][k];
+	for (const struct constrain_sight *s = ret; s != list; s = &list[s->parent]) {
 		struct bound bound[3];
 		unsigned n = bounds_of(w, first, s, bound);
 
 		for (unsigned i = 0; i < n; i++)
 			cut_off(&p, &bound[i]);
 	}
-	for (unsigned i = 0; i < p.n; i++)
-		for (unsigned k = 0; k < 2; k++) {
-			double low = p.at[i][k] - 2, high = p.at[i][k] + 2;
-			int32_t at[2] = {low <= INT32_MIN ? INT32_MIN : (int32_t)low,
-					 high >= INT32_MAX ? INT32_MAX : (int32_t)high};
+	for (unsigned k = 0; k < 2; k++) {
+		double low = INFINITY, high = -INFINITY;
 
-			all[k] = at[0] < all[k] ? at[0] : all[k];
-			all[2 + k] = at[1] > all[2 + k] ? at[1] : all[2 + k];
+		for (unsigned i = 0; i < p.n; i++) {
+			low = p.at[i][k] < low ? p.at[i][k] : low;
+			high = p.at[i][k] > high ? p.at[i][k] : high;
 		}
+		if (low - 2 > ret->box[k])
+			ret->box[k] = low - 2 < INT32_MAX ? (int32_t)(low - 2) : INT32_MAX;
+		if (high + 2 < ret->box[2 + k])
+			ret->box[2 + k] = high + 2 > INT32_MIN ? (int32_t)(high + 2) : INT32_MIN;
+	}
+	return ret->box[0] <= ret->box[2] && ret->box[1] <= ret->box[3];
 }
 
-/* Limits the box of the disc to the triangles of the list. */
-static void limit(const struct constrain_work *w, struct constrain_disc *d, const struct constrain_sight *list, uint32_t n)
-{
-	int32_t all[4] = CUT_BOX_EMPTY;
+/* ---- following ---- */
 
-	for (uint32_t i = 0; i < n; i++) {
-		if (!is_real(w, &list[i]))
-			return;
-		join(w, list, &list[i], all);
+/* The lines of (2) all begin at the right end of edge 0 and lead beyond it, so one of them excludes most; so with (3). */
+static void set_limits(const struct constrain_work *w, const struct constrain_sight *list, struct constrain_sight *s)
+{
+	const struct constrain_sight *first = &list[s->first];
+	const int32_t(*xy)[2] = w->r.xy, *l0 = xy[first->left], *r0 = xy[first->right];
+	struct bound bound[3];
+	unsigned n = bounds_of(w, first, s, bound);
+
+	s->limit[0] = s == first ? NONE : list[s->parent].limit[0];
+	s->limit[1] = s == first ? NONE : list[s->parent].limit[1];
+	for (unsigned i = 1; i < n; i++) {
+		bool left = bound[i].from == r0;
+		uint32_t *limit = &s->limit[!left], end = left ? s->left : s->right;
+
+		if (*limit == NONE ||
+		    (left ? geom_orient(r0, xy[*limit], xy[end]) < 0 : geom_orient(l0, xy[*limit], xy[end]) > 0))
+			*limit = end;
 	}
-	for (unsigned k = 0; k < 2; k++) {
-		d->box[k] = all[k] > d->box[k] ? all[k] : d->box[k];
-		d->box[2 + k] = all[2 + k] < d->box[2 + k] ? all[2 + k] : d->box[2 + k];
+}
+
+/* Adds the triangles behind the edges of one. False: there are too many. */
+static bool follow(const struct constrain_work *w, const struct constrain_disc *d, struct constrain_sight *list, uint32_t from,
+		   uint32_t *n)
+{
+	const struct tri_triangle *t = &w->r.triangle[list[from].triangle];
+
+	for (unsigned k = 0; k < 3; k++) {
+		uint32_t right = t->corner[(k + 1) % 3], left = t->corner[(k + 2) % 3];
+		const int32_t *const end[2] = {w->r.xy[right], w->r.xy[left]};
+
+		/* Back over the edge by which it was entered: the ends are exchanged. */
+		if (t->link[k] & 1 || (from && right == list[from].left && left == list[from].right) ||
+		    !cut_disc_meets_edge(&d->disc, end[0], end[1]) || edge_excluded(w, list, &list[from], end))
+			continue;
+		if (*n == SIGHT)
+			return false;
+		list[*n] = (struct constrain_sight){.triangle = t->link[k] >> 3,
+						    .left = left,
+						    .right = right,
+						    .parent = (uint16_t)from,
+						    .first = from ? list[from].first : (uint16_t)*n};
+		set_limits(w, list, &list[*n]);
+		*n += find_box(w, d, list, &list[*n]);
 	}
+	return true;
 }
 
 void constrain_sight_follow(struct constrain_work *w, struct constrain_disc *d)
@@ -206,11 +199,14 @@ void constrain_sight_follow(struct constrain_work *w, struct constrain_disc *d)
 
 	d->sight = w->nsight;
 	d->nsight = 0;
-	list[0] = (struct constrain_sight){.triangle = d->triangle};
+	list[0] = (struct constrain_sight){.triangle = d->triangle, .limit = {NONE, NONE}};
+	constrain_triangle_box(&w->r, corners(w, &list[0]), list[0].box);
 	for (uint32_t i = 0; i < n; i++)
 		if (is_real(w, &list[i]) && !follow(w, d, list, i, &n))
 			return;
-	limit(w, d, list, n);
+	memcpy(d->box, list[0].box, sizeof(d->box));
+	for (uint32_t i = 1; i < n; i++)
+		point_box_join(d->box, list[i].box);
 	d->nsight = n;
 	w->nsight += n;
 }
@@ -235,19 +231,29 @@ static bool triangle_has(const struct constrain_work *w, const uint32_t corner[3
 	return true;
 }
 
-static bool sees_box(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
+/* Whether all of a closed box is strictly on the left of the line. */
+static bool is_left(const int32_t from[2], const int32_t to[2], const int32_t box[4])
+{
+	/* The corner that is farthest to the right. */
+	const int32_t far[2] = {to[1] > from[1] ? box[2] : box[0], to[0] > from[0] ? box[1] : box[3]};
+
+	return geom_orient(from, to, far) > 0;
+}
+
+/* Whether a condition excludes the box on the path to s. */
+static bool excluded(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
 		     const int32_t box[4])
 {
-	int32_t at[4];
+	const int32_t(*xy)[2] = w->r.xy;
+	const struct constrain_sight *first = &list[s->first];
 
-	if (is_real(w, s)) {
-		constrain_triangle_box(&w->r, corners(w, s), at);
-		if (!constrain_boxes_meet(at, box))
-			return false;
-	} else if (!meets_outside(w, corners(w, s), box)) {
-		return false;
-	}
-	return !excluded(w, list, s, box_excluded, box);
+	if ((s->limit[0] != NONE && is_left(xy[first->right], xy[s->limit[0]], box)) ||
+	    (s->limit[1] != NONE && is_left(xy[s->limit[1]], xy[first->left], box)))
+		return true;
+	for (; s != list; s = &list[s->parent])
+		if (is_left(xy[s->right], xy[s->left], box))
+			return true;
+	return false;
 }
 
 bool constrain_sight_box(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])
@@ -255,9 +261,17 @@ bool constrain_sight_box(const struct constrain_work *w, const struct constrain_
 	const struct constrain_sight *list = w->sight + d->sight;
 
 	for (uint32_t i = 0; i < d->nsight; i++)
-		if (sees_box(w, list, &list[i], box))
+		if (constrain_boxes_meet(list[i].box, box) && !excluded(w, list, &list[i], box))
 			return true;
 	return !d->nsight;
+}
+
+static bool sees(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
+		 const int32_t box[4])
+{
+	return constrain_boxes_meet(s->box, box) &&
+	       (is_real(w, s) ? triangle_has(w, corners(w, s), box) : meets_outside(w, corners(w, s), box)) &&
+	       !excluded(w, list, s, box);
 }
 
 bool constrain_sight_point(const struct constrain_work *w, const struct constrain_disc *d, const int32_t at[2])
@@ -266,7 +280,7 @@ bool constrain_sight_point(const struct constrain_work *w, const struct constrai
 	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
 
 	for (uint32_t i = 0; i < d->nsight; i++)
-		if (sees_box(w, list, &list[i], box) && (!is_real(w, &list[i]) || triangle_has(w, corners(w, &list[i]), at)))
+		if (sees(w, list, &list[i], box))
 			return true;
 	return !d->nsight;
 }
