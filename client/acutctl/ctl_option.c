@@ -63,6 +63,8 @@ const struct cli_option ctl_options[] = {
 	{"thin", 0, "CELL", CLI_TEXT, AT(view.thin), CTL_VIEW,
 	 "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
 	{"thin-pick", 0, "lowest|highest|median", CLI_TEXT, AT(view.thin_pick), CTL_VIEW, "which point of a cell (lowest)"},
+	{"breakline-clear", 0, "LENGTH", CLI_TEXT, AT(view.breakline_clear), CTL_VIEW,
+	 "no points nearer than this to a line of the dataset (0: none on a line)"},
 	{"constraints", 0, "FILE", CLI_LATER, 0, CTL_VIEW, NULL},
 
 	{"scale", 0, "XY[,Z]", CLI_TEXT, AT(stage.scale), CTL_STAGE | CTL_CREATE,

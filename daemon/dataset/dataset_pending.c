@@ -95,7 +95,7 @@ uint64_t pending_points(const struct grid_manifest *m)
 	uint64_t points = 0;
 
 	for (size_t i = 0; m && i < m->nsources; i++)
-		points += m->sources[i].points;
+		points += m->sources[i].points + (m->sources[i].lines ? m->sources[i].lines->vertices : 0);
 	return points;
 }
 

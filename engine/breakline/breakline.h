@@ -74,7 +74,7 @@ struct breakline_params {
 	const char *const *file; /* files of lines, one a source; their order does not matter */
 	size_t nfiles;
 	const char *lineset; /* name of the file that is written */
-	uint64_t memory;     /* bytes that may be in use at a time. -ERR_LIMIT, with what would suffice, if that is not enough */
+	uint64_t memory; /* bytes that may be in use at a time. -ERR_LIMIT if that is not enough; err->need: what may suffice */
 	/* Takes the records of line vertices, with POINT_LINE, class 0, sorted by point_compare. Two at a position whose lowest
 	 * and highest heights differ. */
 	int (*vertices)(void *ctx, const struct point *, size_t n, struct err *);

@@ -88,8 +88,9 @@ static int check_head(struct lineset *s, const struct lineset_head *h, struct er
 		err_set(err, ERR_VERSION, "a line set of version %u; this acut reads version %u", h->version, LINESET_VERSION);
 		return err_add_file(err, s->name);
 	}
-	if (!lineset_shape(h->pieces, &s->shape) || s->shape.all != h->pages || s->shape.height != h->height || h->areas > 1 ||
-	    (h->far != 0 && h->far != LINESET_OUT) || h->box[0] > h->box[2] || h->box[1] > h->box[3])
+	if (!lineset_shape(h->pieces, &s->shape) || s->shape.all != h->pages || s->shape.height != h->height ||
+	    (h->far != 0 && h->far != LINESET_OUT) || h->turns > (LINESET_LAKE | LINESET_OUT) || h->box[0] > h->box[2] ||
+	    h->box[1] > h->box[3])
 		return damaged(s, 0, "its head contradicts itself", err);
 	if (io->fstat(s->fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
@@ -99,8 +100,11 @@ static int check_head(struct lineset *s, const struct lineset_head *h, struct er
 		return damaged(s, 0, "its size differs from its head", err);
 	s->sum = (struct digest){h->sum_hi, h->sum_lo};
 	s->root_check = h->root_check;
-	s->info = (struct lineset_info){
-		.pieces = h->pieces, .areas = h->areas, .far = h->far, .content = lineset_content(s->sum, h->pieces, h->far)};
+	s->turns = h->turns;
+	s->info = (struct lineset_info){.pieces = h->pieces,
+					.areas = h->turns || h->far,
+					.far = h->far,
+					.content = lineset_content(s->sum, h->pieces, h->far)};
 	memcpy(s->info.box, h->box, sizeof s->info.box);
 	return 0;
 }

@@ -19,9 +19,9 @@ struct lineset_head {
 	uint64_t check; /* of the other bytes of the head, which has the size of a page */
 	char magic[8];
 	uint32_t version, page_bytes;
-	uint64_t pieces, pages; /* pages: without the head */
-	uint32_t height;        /* levels of the tree; 0 without pieces */
-	uint32_t far, areas, zero;
+	uint64_t pieces, pages;    /* pages: without the head */
+	uint32_t height;           /* levels of the tree; 0 without pieces */
+	uint32_t far, turns, zero; /* turns: of all pieces together */
 	int32_t box[4];
 	uint64_t sum_hi, sum_lo; /* of all pieces */
 	uint64_t root_check;     /* of the last page; 0 without pieces */
@@ -45,7 +45,7 @@ struct lineset_inner { /* a page of the level below */
 	uint64_t check;          /* of that page */
 	uint64_t sum_hi, sum_lo; /* of the pieces below it */
 	uint32_t turns;          /* of these */
-	uint32_t zero;
+	uint32_t state;          /* of the lower left corner of the box */
 };
 _Static_assert(sizeof(struct lineset_inner) == 48, "format.md");
 
@@ -130,6 +130,15 @@ static inline const struct lineset_inner *lineset_page_inner(const struct linese
 /* Whether the piece has a position in common with the closed box. */
 bool lineset_meets(const struct lineset_piece *, const int32_t box[4]);
 bool lineset_boxes_meet(const int32_t a[4], const int32_t b[4]);
+
+/* A path that begins at a position with a known state: up or down to the height of its end, then to the left or right. */
+struct lineset_path {
+	int64_t from[2], to[2], den; /* the end times den */
+	unsigned state;              /* of the beginning; after all pieces that meet the path's box: of the end */
+};
+void lineset_path_turn(struct lineset_path *, const struct lineset_piece *);
+/* The closed box of the path. False: it is not within the numbers of positions, so no piece is there. */
+bool lineset_path_box(const struct lineset_path *, int32_t ret[4]);
 
 /* One descent. Pieces that meet the box are passed to `piece`; an entry that `inner` returns true for is not entered. */
 struct lineset_visit {

@@ -1,12 +1,11 @@
 /*
- * States of positions, and the marks of records (lineset.h). A state is far's with the turns of all pieces that a ray to greater
- * x crosses. The position counts as moved to greater x and, much less, to greater y, as in base/area.h: so a piece is crossed
- * if its lower end is at the height of the ray or below and its upper end above, and it is right of the position. No position
- * is then on a piece, and no ray goes through a vertex.
+ * States of positions, and the marks of records (lineset.h). A position counts as moved to greater x and, much less, to greater
+ * y, as in base/area.h. So no position is on a piece, no straight path goes through a vertex, and the state changes where a path
+ * crosses a piece.
  *
- * In a box one ray is enough: from the state of its lower left corner a path leads to each record, up along the left side of the
- * box and then right, and only pieces that meet the box cross it. Each of these is compared with each record, so no memory
- * depends on their number.
+ * The tree has the state of a position near each of its leaves, so a path to any position is short. In a box one state is
+ * enough: from its lower left corner a path leads to each record, up along the left side of the box and then right, and only
+ * pieces that meet the box cross it. Each of these is compared with each record, so no memory depends on their number.
  */
 #include <math.h>
 
@@ -26,43 +25,131 @@ static int32_t clamp(int64_t v)
 
 /* ---- the state of a position ---- */
 
-struct ray {
-	int64_t x, y; /* times den */
-	int64_t den;
-	unsigned state;
+/* The sign of the side of the piece on which (x / den, y / den) is: 1 left of it, as it is directed from a to b. */
+static int side_of(const struct lineset_piece *p, int64_t x, int64_t y, int64_t den)
+{
+	int64_t dx = (int64_t)p->b[0] - p->a[0], dy = (int64_t)p->b[1] - p->a[1];
+
+	return geom_sign128((geom_i128)dx * (y - den * p->a[1]) - (geom_i128)dy * (x - den * p->a[0]));
+}
+
+/* Whether the moved position is above the piece, which spans its moved x. */
+static bool above(const struct lineset_piece *p, int side)
+{
+	return side ? side > 0 : p->b[1] <= p->a[1];
+}
+
+/* Whether the moved position is right of the piece, which spans its moved y. */
+static bool right_of(const struct lineset_piece *p, int side)
+{
+	return p->b[1] > p->a[1] ? side <= 0 : side >= 0;
+}
+
+void lineset_path_turn(struct lineset_path *t, const struct lineset_piece *p)
+{
+	int64_t den = t->den, x = den * t->from[0], low = p->a[1] < p->b[1] ? p->a[1] : p->b[1];
+	int64_t high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+	bool turn = false;
+
+	if (p->a[0] <= t->from[0] && t->from[0] < p->b[0])
+		turn = above(p, side_of(p, x, t->to[1], den)) != above(p, side_of(p, x, den * t->from[1], den));
+	if (den * low <= t->to[1] && t->to[1] < den * high)
+		turn ^= right_of(p, side_of(p, x, t->to[1], den)) != right_of(p, side_of(p, t->to[0], t->to[1], den));
+	t->state ^= turn ? p->turns : 0;
+}
+
+bool lineset_path_box(const struct lineset_path *t, int32_t ret[4])
+{
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t low = floor_div(t->to[k], t->den), high = low + (low * t->den != t->to[k]);
+
+		low = t->from[k] < low ? t->from[k] : low;
+		high = t->from[k] > high ? t->from[k] : high;
+		if (low > INT32_MAX || high < INT32_MIN)
+			return false;
+		ret[k] = clamp(low);
+		ret[k + 2] = clamp(high);
+	}
+	return true;
+}
+
+static int turn_path(void *ctx, const struct lineset_piece *p, struct err *err)
+{
+	lineset_path_turn(ctx, p);
+	return 0;
+}
+
+/* How far the box is from the position, and if it has it, how large it is: the less the better. */
+struct nearness {
+	int64_t away, size;
 };
 
-static int cross_ray(void *ctx, const struct lineset_piece *p, struct err *err)
+static struct nearness nearness_of(const int32_t box[4], const int64_t at[2])
 {
-	struct ray *r = ctx;
-	bool up = p->b[1] > p->a[1];
-	const int32_t *low = up ? p->a : p->b, *high = up ? p->b : p->a;
-	int64_t dx = (int64_t)high[0] - low[0], dy = (int64_t)high[1] - low[1];
+	struct nearness n = {0, 0};
 
-	if (r->y < r->den * low[1] || r->y >= r->den * high[1])
-		return 0;
-	/* Left of the piece as it is directed upwards; on it is not. */
-	if ((geom_i128)dx * (r->y - r->den * low[1]) - (geom_i128)dy * (r->x - r->den * low[0]) > 0)
-		r->state ^= p->turns;
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t away = at[k] < box[k] ? box[k] - at[k] : at[k] > box[k + 2] ? at[k] - box[k + 2] : 0;
+
+		n.away = away > n.away ? away : n.away;
+		n.size += (int64_t)box[k + 2] - box[k];
+	}
+	return n;
+}
+
+/* Begins the path at the corner of a leaf near its end. */
+static int begin_near(struct lineset_reader *r, struct lineset_path *t, struct err *err)
+{
+	const struct lineset *s = r->set;
+	const int64_t at[2] = {floor_div(t->to[0], t->den), floor_div(t->to[1], t->den)};
+	uint64_t i = 0, check = s->root_check;
+
+	for (unsigned level = s->shape.height - 1; level > 0; level--) {
+		const struct lineset_page *p;
+		const struct lineset_inner *e;
+		struct nearness best = {INT64_MAX, 0};
+		unsigned found = 0;
+		int rc = lineset_page(r, level, i, check, &p, err);
+
+		if (rc)
+			return rc;
+		e = lineset_page_inner(p);
+		for (unsigned k = 0; k < p->entries; k++) {
+			struct nearness n = nearness_of(e[k].box, at);
+
+			if (n.away > best.away || (n.away == best.away && n.size >= best.size))
+				continue;
+			best = n;
+			found = k;
+		}
+		i = i * LINESET_ENTRIES + found;
+		check = e[found].check;
+		t->from[0] = e[found].box[0];
+		t->from[1] = e[found].box[1];
+		t->state = e[found].state;
+	}
 	return 0;
 }
 
 int lineset_state(struct lineset_reader *r, int64_t x, int64_t y, unsigned den, unsigned *ret, struct err *err)
 {
 	const struct lineset_info *info = &r->set->info;
-	struct ray ray = {x, y, den, info->far};
+	/* Left of all pieces, where the state is that of what is far away. */
+	struct lineset_path t = {{(int64_t)info->box[0] - 1, info->box[1]}, {x, y}, den, info->far};
+	struct lineset_visit v = {.turns = LINESET_LAKE | LINESET_OUT, .piece = turn_path, .ctx = &t};
 	int64_t left = floor_div(x, den), low = floor_div(y, den);
-	struct lineset_visit v = {.turns = LINESET_LAKE | LINESET_OUT, .piece = cross_ray, .ctx = &ray};
 	int rc = 0;
 
-	v.box[0] = clamp(left);
-	v.box[1] = clamp(low);
-	v.box[2] = INT32_MAX;
-	v.box[3] = clamp(low + (low * den != y));
-	if (info->areas && left <= INT32_MAX && low <= INT32_MAX && low >= INT32_MIN)
+	if (!r->set->turns || left < info->box[0] || left > info->box[2] || low < info->box[1] || low > info->box[3]) {
+		*ret = info->far;
+		return 0;
+	}
+	if (r->set->shape.height > 1)
+		rc = begin_near(r, &t, err);
+	if (rc == 0 && lineset_path_box(&t, v.box))
 		rc = lineset_visit(r, &v, err);
 	if (rc == 0)
-		*ret = ray.state;
+		*ret = t.state;
 	return rc;
 }
 
@@ -119,22 +206,18 @@ static void mark_near(struct mark *m, const struct lineset_piece *p)
 	}
 }
 
-/* Whether the moved position is above the piece, which spans its moved x. */
 static bool is_above(const struct lineset_piece *p, int32_t x, int32_t y)
 {
 	const int32_t at[2] = {x, y};
-	int side = geom_orient(p->a, p->b, at);
 
-	return side ? side > 0 : p->b[1] <= p->a[1];
+	return above(p, geom_orient(p->a, p->b, at));
 }
 
-/* Whether the moved position is right of the piece, which spans its moved y. */
 static bool is_right(const struct lineset_piece *p, int32_t x, int32_t y)
 {
 	const int32_t at[2] = {x, y};
-	int side = geom_orient(p->a, p->b, at);
 
-	return p->b[1] > p->a[1] ? side <= 0 : side >= 0;
+	return right_of(p, geom_orient(p->a, p->b, at));
 }
 
 /* Turns the states of the records whose path from the corner crosses the piece. */

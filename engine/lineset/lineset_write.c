@@ -1,6 +1,7 @@
 /*
  * Writing a line set file: pieces in the order of the Morton keys of their middles, packed into pages, and the levels of boxes
- * above them (format.md, "Line sets"). Of the tree only the entries of one level are in memory, 1/4 byte for each piece.
+ * above them (format.md, "Line sets"). The tree is made in memory, which takes 1/4 byte for each piece, so that the states of its
+ * boxes can be found with it.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -95,7 +96,8 @@ static void sort_pieces(struct lineset_piece *p, size_t n)
 struct writer {
 	struct grid_file file;
 	struct lineset_shape shape;
-	struct lineset_inner *entry; /* of the level that was written last: one for each page */
+	const struct lineset_piece *piece;
+	struct lineset_inner *entry; /* one for each page, as the pages */
 };
 
 static void entry_join(struct lineset_inner *e, const int32_t box[4], struct digest sum, uint32_t turns)
@@ -119,58 +121,89 @@ static void piece_box(const struct lineset_piece *p, int32_t box[4])
 	box[3] = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
 }
 
-/* Writes a page with these entries, and sets the check in the entry of the level above. */
-static int write_page(struct writer *w, unsigned level, unsigned n, const void *entries, size_t bytes, struct lineset_inner *ret,
-		      struct err *err)
+/* ---- the tree ---- */
+
+/* The entry of page i of a level. */
+static struct lineset_inner *entry_of(const struct writer *w, unsigned level, uint64_t i)
+{
+	return &w->entry[w->shape.first[level] + i];
+}
+
+static void make_entries(struct writer *w)
+{
+	for (unsigned level = 0; level < w->shape.height; level++)
+		for (uint64_t i = 0; i < w->shape.pages[level]; i++) {
+			struct lineset_inner *e = entry_of(w, level, i);
+			unsigned n = lineset_shape_entries(&w->shape, level, i);
+
+			*e = NOTHING;
+			for (unsigned k = 0; k < n; k++) {
+				const struct lineset_piece *p = &w->piece[i * LINESET_PIECES + k];
+				const struct lineset_inner *below =
+					level ? entry_of(w, level - 1, i * LINESET_ENTRIES + k) : NULL;
+				int32_t box[4];
+
+				if (level) {
+					entry_join(e, below->box, (struct digest){below->sum_hi, below->sum_lo}, below->turns);
+					continue;
+				}
+				piece_box(p, box);
+				entry_join(e, box, lineset_piece_sum(p), p->turns);
+			}
+		}
+}
+
+static void follow(const struct writer *w, unsigned level, uint64_t i, const int32_t box[4], struct lineset_path *t)
+{
+	const struct lineset_inner *e = entry_of(w, level, i);
+	unsigned n = lineset_shape_entries(&w->shape, level, i);
+
+	if (!e->turns || !lineset_boxes_meet(e->box, box))
+		return;
+	for (unsigned k = 0; k < n; k++)
+		if (level)
+			follow(w, level - 1, i * LINESET_ENTRIES + k, box, t);
+		else if (lineset_meets(&w->piece[i * LINESET_PIECES + k], box))
+			lineset_path_turn(t, &w->piece[i * LINESET_PIECES + k]);
+}
+
+/* From the corner of one box to that of the next one, which is near. The first path begins left of all. */
+static void make_states(struct writer *w, unsigned far)
+{
+	unsigned top = w->shape.height - 1;
+	const int32_t *all = entry_of(w, top, 0)->box;
+	struct lineset_path t = {.from = {(int64_t)all[0] - 1, all[1]}, .den = 1, .state = far};
+
+	for (uint64_t i = 0; i < w->shape.all; i++) {
+		int32_t box[4];
+
+		for (unsigned k = 0; k < 2; k++)
+			t.to[k] = w->entry[i].box[k];
+		if (lineset_path_box(&t, box))
+			follow(w, top, 0, box, &t);
+		w->entry[i].state = t.state;
+		for (unsigned k = 0; k < 2; k++)
+			t.from[k] = t.to[k];
+	}
+}
+
+/* ---- pages ---- */
+
+static int write_page(struct writer *w, unsigned level, uint64_t i, struct err *err)
 {
 	_Alignas(8) uint8_t page[LINESET_PAGE] = {0};
 	struct lineset_page *head = (struct lineset_page *)page;
+	unsigned n = lineset_shape_entries(&w->shape, level, i);
 
 	head->level = (uint16_t)level;
 	head->entries = (uint16_t)n;
-	memcpy(head + 1, entries, bytes);
+	if (level)
+		memcpy(head + 1, entry_of(w, level - 1, i * LINESET_ENTRIES), n * sizeof *w->entry);
+	else
+		memcpy(head + 1, &w->piece[i * LINESET_PIECES], n * sizeof *w->piece);
 	head->check = grid_check(page + 8, sizeof page - 8, grid_file_place(&w->file));
-	ret->check = head->check;
+	entry_of(w, level, i)->check = head->check;
 	return grid_file_append(&w->file, page, sizeof page, err);
-}
-
-static int write_pieces(struct writer *w, const struct lineset_piece *p, struct err *err)
-{
-	int rc = 0;
-
-	for (uint64_t i = 0; rc == 0 && i < w->shape.pages[0]; i++) {
-		unsigned n = lineset_shape_entries(&w->shape, 0, i);
-
-		w->entry[i] = NOTHING;
-		for (unsigned k = 0; k < n; k++) {
-			int32_t box[4];
-
-			piece_box(&p[k], box);
-			entry_join(&w->entry[i], box, lineset_piece_sum(&p[k]), p[k].turns);
-		}
-		rc = write_page(w, 0, n, p, n * sizeof *p, &w->entry[i], err);
-		p += n;
-	}
-	return rc;
-}
-
-/* The entries of a level take the places of those of the level below. */
-static int write_level(struct writer *w, unsigned level, struct err *err)
-{
-	const struct lineset_inner *below = w->entry;
-	int rc = 0;
-
-	for (uint64_t i = 0; rc == 0 && i < w->shape.pages[level]; i++) {
-		unsigned n = lineset_shape_entries(&w->shape, level, i);
-		struct lineset_inner sum = NOTHING;
-
-		for (unsigned k = 0; k < n; k++)
-			entry_join(&sum, below[k].box, (struct digest){below[k].sum_hi, below[k].sum_lo}, below[k].turns);
-		rc = write_page(w, level, n, below, n * sizeof *below, &sum, err);
-		below += n;
-		w->entry[i] = sum;
-	}
-	return rc;
 }
 
 static int write_head(struct writer *w, uint64_t n, unsigned far, struct err *err)
@@ -181,15 +214,16 @@ static int write_head(struct writer *w, uint64_t n, unsigned far, struct err *er
 				 .pieces = n,
 				 .pages = w->shape.all,
 				 .height = w->shape.height,
-				 .far = far,
-				 .areas = far != 0};
+				 .far = far};
 
 	if (n) {
-		h.areas = h.areas || w->entry->turns;
-		memcpy(h.box, w->entry->box, sizeof h.box);
-		h.sum_hi = w->entry->sum_hi;
-		h.sum_lo = w->entry->sum_lo;
-		h.root_check = w->entry->check;
+		const struct lineset_inner *root = entry_of(w, w->shape.height - 1, 0);
+
+		h.turns = root->turns;
+		memcpy(h.box, root->box, sizeof h.box);
+		h.sum_hi = root->sum_hi;
+		h.sum_lo = root->sum_lo;
+		h.root_check = root->check;
 	}
 	h.check = grid_check((const uint8_t *)&h + 8, sizeof h - 8, 0);
 	return grid_file_patch(&w->file, 0, &h, sizeof h, err);
@@ -201,13 +235,14 @@ static int write_all(struct writer *w, struct lineset_piece *p, size_t n, unsign
 	int rc = grid_file_append(&w->file, none, sizeof none, err);
 
 	sort_pieces(p, n);
-	if (rc == 0)
-		rc = write_pieces(w, p, err);
-	for (unsigned level = 1; rc == 0 && level < w->shape.height; level++)
-		rc = write_level(w, level, err);
-	if (rc == 0)
-		rc = write_head(w, n, far, err);
-	return rc;
+	w->piece = p;
+	make_entries(w);
+	if (n)
+		make_states(w, far);
+	for (unsigned level = 0; level < w->shape.height; level++)
+		for (uint64_t i = 0; rc == 0 && i < w->shape.pages[level]; i++)
+			rc = write_page(w, level, i, err);
+	return rc ? rc : write_head(w, n, far, err);
 }
 
 int lineset_write(int dirfd, const char *name, struct lineset_piece *p, size_t n, unsigned far, struct err *err)
@@ -218,7 +253,7 @@ int lineset_write(int dirfd, const char *name, struct lineset_piece *p, size_t n
 
 	if (!lineset_shape(n, &w.shape))
 		rc = err_set(err, ERR_LIMIT, "%zu pieces of lines are too many", n);
-	w.entry = malloc((w.shape.pages[0] + 1) * sizeof *w.entry);
+	w.entry = malloc((w.shape.all + 1) * sizeof *w.entry);
 	if (rc == 0 && (!buffer || !w.entry))
 		rc = err_set(err, ERR_NOMEM, "no memory to write lines");
 	if (rc == 0)

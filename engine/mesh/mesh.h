@@ -24,7 +24,7 @@ struct mesh_link {
 	uint32_t edges;  /* number of triangles in the sum */
 };
 
-#define MESH_RULES 12 /* at least VIEW_RULES; part of the format of stored domains */
+#define MESH_RULES 14 /* at least VIEW_RULES; part of the format of stored domains */
 
 /* The position with the most points in the view, at least two; if several have as many, the first by x, then y. */
 struct mesh_most {

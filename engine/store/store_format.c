@@ -8,6 +8,7 @@
  *
  * Version 4 wrote everything as in memory: the same with other widths. Versions up to 5 do not record how many points
  * share a position; their domains are not used if points were removed, because then there may have been such positions.
+ * Versions up to 6 count by RULES_FIRST rules: there were no lines that remove points.
  */
 #include "store_format.h"
 
@@ -22,7 +23,7 @@
 _Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 12, "format.md");
 
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
-enum { VERSION = 6, NO_MOST = 5, NO_CODE = 4, OLDEST = 4, WIDE = 4, NARROW = 2 };
+enum { VERSION = 7, NO_LINES = 6, NO_MOST = 5, NO_CODE = 4, OLDEST = 4, WIDE = 4, NARROW = 2 };
 
 void store_name(const struct store_id *id, char name[STORE_NAME])
 {
@@ -89,6 +90,9 @@ struct store_code store_code_of(const struct mesh_domain *d)
 
 /* ---- the header ---- */
 
+/* Rules that all versions count, and those that were added: their counts come last. */
+enum { RULES_FIRST = 12 };
+
 static void digest_pack(struct packer *p, struct digest d)
 {
 	packer_u64(p, d.hi);
@@ -113,7 +117,7 @@ static void domain_pack(struct packer *p, const struct mesh_domain *d)
 	packer_u64(p, d->counts.points);
 	packer_u64(p, d->counts.used);
 	packer_u64(p, d->counts.halo);
-	for (unsigned i = 0; i < MESH_RULES; i++)
+	for (unsigned i = 0; i < RULES_FIRST; i++)
 		packer_u64(p, d->counts.removed[i]);
 	packer_u64(p, d->counts.cells_read);
 	packer_u64(p, d->counts.points_read);
@@ -128,7 +132,7 @@ static void domain_unpack(struct cursor *c, struct mesh_domain *d)
 	d->counts.points = cursor_u64(c);
 	d->counts.used = cursor_u64(c);
 	d->counts.halo = cursor_u64(c);
-	for (unsigned i = 0; i < MESH_RULES; i++)
+	for (unsigned i = 0; i < RULES_FIRST; i++)
 		d->counts.removed[i] = cursor_u64(c);
 	d->counts.cells_read = cursor_u64(c);
 	d->counts.points_read = cursor_u64(c);
@@ -163,6 +167,8 @@ void store_header_pack(const struct store_front *f, const struct store_id *id, c
 	packer_u64(&p, d->counts.most.points);
 	packer_i32(&p, d->counts.most.x);
 	packer_i32(&p, d->counts.most.y);
+	for (unsigned i = RULES_FIRST; i < MESH_RULES; i++)
+		packer_u64(&p, d->counts.removed[i]);
 	packer_zero(&p, STORE_HEADER - 8 - packer_size(&p));
 	packer_u64(&p, XXH3_64bits(bytes, STORE_HEADER - 8));
 }
@@ -242,6 +248,8 @@ enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], cons
 		d->counts.most.x = cursor_i32(&c);
 		d->counts.most.y = cursor_i32(&c);
 	}
+	for (unsigned i = RULES_FIRST; i < MESH_RULES; i++)
+		d->counts.removed[i] = version > NO_LINES ? cursor_u64(&c) : 0;
 	store_sizes(f, h);
 	return STORE_HEADER_GOOD;
 }

@@ -358,8 +358,28 @@ static struct digest range_of(struct made *m, uint64_t lo, uint64_t hi)
 {
 	struct digest d;
 
-	ok(lineset_sum_range(m->reader, lo, hi, &d, &err));
+	ok(lineset_sum_range(m->reader, lo, hi, 0, &d, &err));
 	return d;
+}
+
+/* A piece beside the box counts within the clearance. */
+static void test_sums_clear(void **state)
+{
+	const uint64_t lo = point_morton(0, 0), hi = point_morton(15, 15);
+	const int32_t a[2] = {20, 3}, b[2] = {25, 9};
+	static struct made m;
+	struct digest near, far;
+
+	m = (struct made){.n = 0};
+	add(&m, a, b, 0);
+	open_made(&m, 0);
+	ok(lineset_sum_range(m.reader, lo, hi, 4, &far, &err));
+	ok(lineset_sum_range(m.reader, lo, hi, 5, &near, &err));
+	assert_true(digest_is_zero(far));
+	assert_false(digest_is_zero(near));
+	ok(lineset_sum_range(m.reader, 0, UINT64_MAX, INT64_C(1) << 33, &near, &err));
+	assert_false(digest_is_zero(near));
+	close_made(&m);
 }
 
 /* Sums of a range and its box see what meets it, and nothing else. */
@@ -622,13 +642,54 @@ static void test_cache(void **state)
 	}
 }
 
+/* Three levels of states: lakes side by side, with islands. */
+static void test_states(void **state)
+{
+	enum { N = 100 };
+	static struct lineset_piece p[N * N * 8];
+	struct made m = {.n = 0};
+	uint64_t seed = 3;
+	struct lineset *set;
+	void *memory = malloc(lineset_reader_bytes());
+	struct lineset_reader *r;
+	size_t n = 0;
+
+	for (int32_t i = 0; i < N * N; i++) {
+		int32_t x = i % N * 10, y = i / N * 10;
+
+		m.n = 0;
+		add_square(&m, 0, 8, LINESET_LAKE);
+		add_square(&m, 3, 5, LINESET_LAKE);
+		for (size_t k = 0; k < m.n; k++) {
+			p[n] = m.piece[k];
+			p[n].a[0] += x, p[n].b[0] += x;
+			p[n].a[1] += y, p[n++].b[1] += y;
+		}
+	}
+	ok(lineset_write(dirfd, "set", p, n, 0, &err));
+	ok(lineset_open(dirfd, "set", NULL, 1 << 18, &set, &err));
+	r = lineset_reader_init(memory, set);
+	for (unsigned i = 0; i < 200000; i++) {
+		unsigned den = 1 + i % 3, got;
+		int64_t x = (int64_t)random_below(&seed, den * 1010) - 5, y = (int64_t)random_below(&seed, den * 1010) - 5;
+		int64_t in_x = (x + 10 * den) % (10 * den), in_y = (y + 10 * den) % (10 * den);
+		bool far = x < 0 || y < 0 || x >= den * 1000 || y >= den * 1000;
+		bool island = in_x >= 3 * den && in_x < 5 * den && in_y >= 3 * den && in_y < 5 * den;
+
+		ok(lineset_state(r, x, y, den, &got, &err));
+		assert_int_equal(got, !far && in_x < 8 * den && in_y < 8 * den && !island ? LINESET_LAKE : 0);
+	}
+	lineset_close(set);
+	free(memory);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_tiny),  cmocka_unit_test(test_many),           cmocka_unit_test(test_full_range),
-		cmocka_unit_test(test_sums),  cmocka_unit_test(test_sums_of_states), cmocka_unit_test(test_order),
-		cmocka_unit_test(test_info),  cmocka_unit_test(test_damage),         cmocka_unit_test(test_exchanged),
-		cmocka_unit_test(test_cache),
+		cmocka_unit_test(test_tiny),      cmocka_unit_test(test_many),       cmocka_unit_test(test_full_range),
+		cmocka_unit_test(test_sums),      cmocka_unit_test(test_sums_clear), cmocka_unit_test(test_sums_of_states),
+		cmocka_unit_test(test_order),     cmocka_unit_test(test_info),       cmocka_unit_test(test_damage),
+		cmocka_unit_test(test_exchanged), cmocka_unit_test(test_cache),      cmocka_unit_test(test_states),
 	};
 
 	return cmocka_run_group_tests(tests, make_folder, remove_folder);

@@ -358,11 +358,11 @@ static void test_other_versions(void **state)
 	make_domain(10, 4, 12, low, high, &m);
 	/* A later version: absent, and not damaged. */
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
-	header_set(7, NULL);
+	header_set(8, NULL);
 	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
 	assert_int_equal(store_get(dirfd, &ID, memory, sizeof memory, &d, &err), STORE_E_ABSENT);
 	assert_int_equal(in_folder(store_check, memory, sizeof memory, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "of version 7"));
+	assert_non_null(strstr(err.message, "of version 8"));
 	err_clear(&err);
 	assert_true(is_there());
 	/* An earlier version: absent, and removed. */
@@ -379,7 +379,7 @@ static void test_other_versions(void **state)
 		fd = openat(dirfd, name_of(), O_RDWR);
 		pwrite_all(fd, bytes, 2, i);
 		close(fd);
-		header_set(6, NULL);
+		header_set(7, NULL);
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
 		assert_false(is_there());
 	}
@@ -398,7 +398,7 @@ static void test_version_5(void **state)
 	for (unsigned out = 0; out < 2; out++) {
 		make_domain(10, 4, 12, low, high, &m);
 		memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
-		m.d.counts.removed[MESH_RULES - 1] = out;
+		m.d.counts.removed[11] = out;
 		m.d.counts.most = (struct mesh_most){2, -3, 4};
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 		check(store_head(dirfd, &ID, &f, &err), &err);
@@ -410,6 +410,30 @@ static void test_version_5(void **state)
 		store_remove(dirfd, &ID, &err);
 		free_domain(&m);
 	}
+}
+
+/* Version 6 counts by 12 rules; what is there for the others is not read. */
+static void test_version_6(void **state)
+{
+	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
+	struct err err = ERR_INIT;
+	struct store_front f;
+	struct made m;
+
+	(void)state;
+	make_domain(10, 4, 12, low, high, &m);
+	for (unsigned i = 0; i < MESH_RULES; i++)
+		m.d.counts.removed[i] = 100 + i;
+	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+	check(store_head(dirfd, &ID, &f, &err), &err);
+	assert_memory_equal(f.domain.counts.removed, m.d.counts.removed, sizeof m.d.counts.removed);
+	header_set(6, NULL);
+	check(store_head(dirfd, &ID, &f, &err), &err);
+	assert_memory_equal(f.domain.counts.removed, m.d.counts.removed, 12 * sizeof(uint64_t));
+	for (unsigned i = 12; i < MESH_RULES; i++)
+		assert_true(f.domain.counts.removed[i] == 0);
+	store_remove(dirfd, &ID, &err);
+	free_domain(&m);
 }
 
 /* Whether a file exists, and when it was last used. */
@@ -465,9 +489,9 @@ static int end(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_extents), cmocka_unit_test(test_nothing),        cmocka_unit_test(test_version_4),
-		cmocka_unit_test(test_forged),  cmocka_unit_test(test_other_versions), cmocka_unit_test(test_version_5),
-		cmocka_unit_test(test_there),
+		cmocka_unit_test(test_extents),   cmocka_unit_test(test_nothing),        cmocka_unit_test(test_version_4),
+		cmocka_unit_test(test_forged),    cmocka_unit_test(test_other_versions), cmocka_unit_test(test_version_5),
+		cmocka_unit_test(test_version_6), cmocka_unit_test(test_there),
 	};
 
 	return cmocka_run_group_tests(tests, begin, end);
