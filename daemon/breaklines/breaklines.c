@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "decimal.h"
 #include "err.h"
 #include "grid_stage.h"
 #include "io.h"
@@ -116,19 +115,14 @@ static int take_vertices(void *ctx, const struct point *pts, size_t n, struct er
 	return r;
 }
 
-static double coordinate(const struct lattice *l, int axis, int32_t v)
-{
-	return (double)(v + l->k[axis]) * decimal_double(axis < 2 ? l->scale_xy : l->scale_z);
-}
-
 static int refuse_place(const struct breaklines_params *p, enum breakline_event event, int32_t x, int32_t y, int32_t lower,
 			int32_t upper, struct err *err)
 {
 	err_set(err, ERR_INPUT,
 		event == BREAKLINE_CROSSING ? "lines cross at %.10g %.10g with heights %.10g and %.10g" :
 					      "vertices of lines at %.10g %.10g have heights %.10g and %.10g",
-		coordinate(p->lattice, 0, x), coordinate(p->lattice, 1, y), coordinate(p->lattice, 2, lower),
-		coordinate(p->lattice, 2, upper));
+		lattice_coordinate(p->lattice, 0, x), lattice_coordinate(p->lattice, 1, y),
+		lattice_coordinate(p->lattice, 2, lower), lattice_coordinate(p->lattice, 2, upper));
 	return err_add_hint(err, "mend the lines, or leave --strict out: --duplicates chooses one of the heights");
 }
 
@@ -272,12 +266,14 @@ static int verify_places(int dirfd, const struct grid_source *s, struct err *err
 	return r;
 }
 
-int breaklines_verify(int dirfd, const struct grid_source *s, struct err *err)
+int breaklines_verify(int dirfd, const struct grid_source *s, const char *staged, struct err *err)
 {
 	struct grid_named of[GRID_SOURCE_FILES];
 	size_t n = grid_source_files(s, of);
 	int r = 0;
 
+	if (staged)
+		snprintf(of[0].name, sizeof of[0].name, "%s", staged);
 	for (size_t i = 0; !r && i < n; i++) {
 		uint64_t bytes = 0;
 

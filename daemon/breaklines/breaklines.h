@@ -55,8 +55,9 @@ int breaklines_remove(int dirfd, const struct grid_source *, struct err *err);
 
 /* ---- reading ---- */
 
-/* -ERR_CORRUPT, -ERR_TRUNCATED: a file of the source is damaged, or not what the manifest says. */
-int breaklines_verify(int dirfd, const struct grid_source *, struct err *err);
+/* -ERR_CORRUPT, -ERR_TRUNCATED: a file of the source is damaged, or not what the manifest says. staged: the name that its file of
+ * lines has before the commit, else NULL. */
+int breaklines_verify(int dirfd, const struct grid_source *, const char *staged, struct err *err);
 
 struct breaklines_place {
 	enum breakline_event event;

@@ -74,6 +74,7 @@ struct push_committed {
 	uint64_t generation, points;
 	bool unchanged;                       /* there was nothing to commit, so no new generation */
 	const struct breakline_counts *lines; /* of all lines of the dataset, if it changed them; else NULL */
+	const struct lattice *lattice;
 };
 
 struct push_calls {

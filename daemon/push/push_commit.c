@@ -297,6 +297,7 @@ static void commit_answer(struct push *p, const struct err *why)
 	done.generation = d->generation;
 	done.points = d->points;
 	done.unchanged = !p->made;
+	done.lattice = &p->lattice;
 	done.lines = !why && p->made && p->lines.built ? &p->lines.made.counts : NULL;
 	/* `why` may be in the request, which is freed first. */
 	if (why)

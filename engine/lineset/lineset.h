@@ -65,8 +65,9 @@ int lineset_state(struct lineset_reader *, int64_t x, int64_t y, unsigned den, u
 /* What records and triangles in a box depend on: a sum over the pieces that meet the closed box, and the state at its lower left
  * corner. Zero if no piece meets it and the state is zero. It does not depend on pieces elsewhere, except by the state. */
 int lineset_sum(struct lineset_reader *, const int32_t box[4], struct digest *ret, struct err *);
-/* The same for Morton keys [lo, hi]: a sum over the largest aligned cells of the range. */
-int lineset_sum_range(struct lineset_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
+/* The same for Morton keys [lo, hi]: a sum over the largest aligned cells of the range, with the pieces that meet their boxes
+ * widened by `clear`. */
+int lineset_sum_range(struct lineset_reader *, uint64_t lo, uint64_t hi, int64_t clear, struct digest *ret, struct err *);
 
 /* Marks the records of survey points in a closed box that lines remove: POINT_NEAR_LINE if one is on a piece or within `clear`
  * (lattice numbers) of it, else POINT_IN_AREA if it is in a lake or out. Records with POINT_LINE are line vertices, and stay. */

@@ -125,14 +125,26 @@ static struct digest state_sum(const int32_t at[2], unsigned state)
 	return state ? digest_hash(all, sizeof all) : (struct digest){0, 0};
 }
 
-int lineset_sum(struct lineset_reader *r, const int32_t box[4], struct digest *ret, struct err *err)
+/* A box on all sides of which `clear` is added. */
+static void widen(const int32_t box[4], int64_t clear, int32_t ret[4])
 {
-	struct sum s = {.box = {box[0], box[1], box[2], box[3]}};
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t low = box[k] - clear, high = box[k + 2] + clear;
+
+		ret[k] = (int32_t)(low < INT32_MIN ? INT32_MIN : low);
+		ret[k + 2] = (int32_t)(high > INT32_MAX ? INT32_MAX : high);
+	}
+}
+
+static int sum_near(struct lineset_reader *r, const int32_t box[4], int64_t clear, struct digest *ret, struct err *err)
+{
+	struct sum s = {{0, 0}, {0}};
 	struct lineset_visit v = {.inner = sum_inner, .piece = sum_piece, .ctx = &s};
 	unsigned state;
 	int rc = lineset_state(r, box[0], box[1], 1, &state, err);
 
-	memcpy(v.box, box, sizeof v.box);
+	widen(box, clear, v.box);
+	memcpy(s.box, v.box, sizeof s.box);
 	if (rc == 0)
 		rc = lineset_visit(r, &v, err);
 	if (rc)
@@ -140,6 +152,11 @@ int lineset_sum(struct lineset_reader *r, const int32_t box[4], struct digest *r
 	digest_add(&s.sum, state_sum(box, state));
 	*ret = s.sum;
 	return 0;
+}
+
+int lineset_sum(struct lineset_reader *r, const int32_t box[4], struct digest *ret, struct err *err)
+{
+	return sum_near(r, box, 0, ret, err);
 }
 
 /* The box of the aligned cell of 2^bits keys from `lo` on. */
@@ -160,16 +177,18 @@ static unsigned cell_bits(uint64_t lo, uint64_t hi)
 	return bits;
 }
 
-/* Whether no piece meets the least aligned cell that has both keys, and its state is 0: then that is so of all cells in it. */
-static int range_is_empty(struct lineset_reader *r, uint64_t lo, uint64_t hi, bool *ret, struct err *err)
+/* Whether no piece meets the least aligned cell that has both keys, widened, and its state is 0: then that is so of all cells in
+ * it. */
+static int range_is_empty(struct lineset_reader *r, uint64_t lo, uint64_t hi, int64_t clear, bool *ret, struct err *err)
 {
 	unsigned bits = lo == hi ? 0 : 64 - (unsigned)__builtin_clzll(lo ^ hi), state = 0;
-	int32_t box[4];
+	int32_t box[4], near[4];
 	uint64_t n;
 	int rc;
 
 	cell_box(bits >= 64 ? 0 : lo & ~(((uint64_t)1 << bits) - 1), bits, box);
-	rc = lineset_count(r, box, 1, &n, err);
+	widen(box, clear, near);
+	rc = lineset_count(r, near, 1, &n, err);
 	if (rc == 0 && n == 0)
 		rc = lineset_state(r, box[0], box[1], 1, &state, err);
 	if (rc == 0)
@@ -177,18 +196,18 @@ static int range_is_empty(struct lineset_reader *r, uint64_t lo, uint64_t hi, bo
 	return rc;
 }
 
-int lineset_sum_range(struct lineset_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)
+int lineset_sum_range(struct lineset_reader *r, uint64_t lo, uint64_t hi, int64_t clear, struct digest *ret, struct err *err)
 {
 	struct digest sum = {0, 0}, part;
 	bool empty = lo > hi;
-	int rc = empty ? 0 : range_is_empty(r, lo, hi, &empty, err);
+	int rc = empty ? 0 : range_is_empty(r, lo, hi, clear, &empty, err);
 
 	for (unsigned bits; rc == 0 && !empty; lo += (uint64_t)1 << bits) {
 		int32_t box[4];
 
 		bits = cell_bits(lo, hi);
 		cell_box(lo, bits, box);
-		rc = lineset_sum(r, box, &part, err);
+		rc = sum_near(r, box, clear, &part, err);
 		if (rc == 0)
 			digest_add(&sum, part);
 		if (bits >= 64 || lo + (((uint64_t)1 << bits) - 1) == hi)

@@ -170,15 +170,10 @@ static int add_vertex(struct pipe_lines *l, const struct breakline_vertex *v, st
 
 /* ---- lakes ---- */
 
-static double height(const struct pipe_lines *l, int32_t z)
-{
-	return (double)(z + l->lattice->k[2]) * decimal_double(l->lattice->scale_z);
-}
-
 static int uneven(const struct pipe_lines *l, const struct breakline_vertex *v, int32_t z, struct err *err)
 {
 	err_set(err, ERR_INPUT, "feature %u is a lake, and the z of its ring are not the same: %.10g and %.10g", v->number,
-		height(l, l->lake_first.z), height(l, z));
+		lattice_coordinate(l->lattice, 2, l->lake_first.z), lattice_coordinate(l->lattice, 2, z));
 	err_add_hint(err, "give the ring one level, or choose which one counts: --lake-level min, max or mean");
 	return refuse(v, err);
 }

@@ -358,8 +358,28 @@ static struct digest range_of(struct made *m, uint64_t lo, uint64_t hi)
 {
 	struct digest d;
 
-	ok(lineset_sum_range(m->reader, lo, hi, &d, &err));
+	ok(lineset_sum_range(m->reader, lo, hi, 0, &d, &err));
 	return d;
+}
+
+/* A piece beside the box counts within the clearance. */
+static void test_sums_clear(void **state)
+{
+	const uint64_t lo = point_morton(0, 0), hi = point_morton(15, 15);
+	const int32_t a[2] = {20, 3}, b[2] = {25, 9};
+	static struct made m;
+	struct digest near, far;
+
+	m = (struct made){.n = 0};
+	add(&m, a, b, 0);
+	open_made(&m, 0);
+	ok(lineset_sum_range(m.reader, lo, hi, 4, &far, &err));
+	ok(lineset_sum_range(m.reader, lo, hi, 5, &near, &err));
+	assert_true(digest_is_zero(far));
+	assert_false(digest_is_zero(near));
+	ok(lineset_sum_range(m.reader, 0, UINT64_MAX, INT64_C(1) << 33, &near, &err));
+	assert_false(digest_is_zero(near));
+	close_made(&m);
 }
 
 /* Sums of a range and its box see what meets it, and nothing else. */
@@ -666,10 +686,10 @@ static void test_states(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_tiny),  cmocka_unit_test(test_many),           cmocka_unit_test(test_full_range),
-		cmocka_unit_test(test_sums),  cmocka_unit_test(test_sums_of_states), cmocka_unit_test(test_order),
-		cmocka_unit_test(test_info),  cmocka_unit_test(test_damage),         cmocka_unit_test(test_exchanged),
-		cmocka_unit_test(test_cache), cmocka_unit_test(test_states),
+		cmocka_unit_test(test_tiny),      cmocka_unit_test(test_many),       cmocka_unit_test(test_full_range),
+		cmocka_unit_test(test_sums),      cmocka_unit_test(test_sums_clear), cmocka_unit_test(test_sums_of_states),
+		cmocka_unit_test(test_order),     cmocka_unit_test(test_info),       cmocka_unit_test(test_damage),
+		cmocka_unit_test(test_exchanged), cmocka_unit_test(test_cache),      cmocka_unit_test(test_states),
 	};
 
 	return cmocka_run_group_tests(tests, make_folder, remove_folder);
