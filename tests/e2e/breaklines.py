@@ -91,7 +91,7 @@ def many_domains():
     """One survey in many regions: the same mesh with other memory, threads and order of files, push by push and from nothing."""
     rng = random.Random(11)
     size = 3000
-    points = survey(rng, size, 150000)
+    points = survey(rng, size, 110000)
     parts = []
     for _ in range(60):
         at = [(rng.randrange(size), rng.randrange(size))]
