@@ -241,7 +241,7 @@ static void open_run(struct sched_task *t)
 	if (!w->r)
 		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(runs->admission),
 					runs->core->tempfd, &w->emitter, &w->err);
-	if (!w->r && w->view.window)
+	if (!w->r && (w->view.window || pipe_has_out(w->grid)))
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = run_plan_read(w, &w->err);
