@@ -14,6 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "breaklines.h"
 #include "clock.h"
 #include "grid_verify.h"
 #include "io.h"
@@ -461,6 +462,8 @@ static void commit_run(struct sched_task *t)
 		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->copies->core->p.ledger, &i->made, &i->err);
 	if (!i->r)
 		i->r = check_segments(i, &i->err);
+	for (size_t k = 0; !i->r && k < i->made->nsources; k++)
+		i->r = breaklines_verify(i->dataset->dirfd, &i->made->sources[k], NULL, &i->err);
 }
 
 static void answer(struct import *i, const struct err *why)

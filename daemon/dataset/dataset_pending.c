@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "breaklines.h"
 #include "dataset_priv.h"
 #include "grid_stage.h"
 #include "io.h"
@@ -86,6 +87,8 @@ int pending_discard(struct dataset *d, uint64_t id, struct err *err)
 	r = io_remove(d->dirfd, manifest, err);
 	if (!r)
 		r = grid_stage_discard(d->dirfd, stage, err);
+	if (!r)
+		r = breaklines_discard(d->dirfd, id, err);
 	/* Durable before the row is dropped that leads to the files. */
 	return r ? r : io_sync(d->dirfd, "the folder of a dataset", err);
 }

@@ -20,6 +20,7 @@
 #include "store.h"
 #include "view.h"
 
+struct breakline_writer;
 struct err;
 struct ledger;
 
@@ -34,8 +35,9 @@ struct pipe_ingested {
 	uint64_t left_out, left_out_line; /* as in input_info */
 	bool partial;                     /* only a part was read, see input_options.has_crop */
 	char warning[256];
-	uint64_t returns[16];    /* by return number */
-	int64_t low[3], high[3]; /* box of the raw numbers; only if there are points */
+	uint64_t returns[16];                      /* by return number */
+	int64_t low[3], high[3];                   /* box of the raw numbers; only if there are points */
+	uint64_t vertices_dropped, vertices_added; /* of lines: equal ones in a row; to make segments shorter */
 };
 
 /* Memory that pipe_ingest uses besides the stage; the caller charges it before. */
@@ -44,6 +46,9 @@ typedef int (*pipe_progress_fn)(void *ctx, uint64_t points);
 struct pipe_ingest_params {
 	const struct lattice *lattice;
 	struct grid_stage *stage;
+	/* Of an input of lines, in place of the stage; NULL: lines are refused. The unit of x and y of the dataset. */
+	struct breakline_writer *lines;
+	const char *unit_xy;
 	/* the conversion, if it is more than a scale; its lattice and coords are set by pipe_ingest */
 	const struct crs_step_params *step;
 	bool split;      /* the stage is split, because several parts of one input are added at once */

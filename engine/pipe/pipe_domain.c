@@ -168,5 +168,7 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory)
 
 	if (!domain->nvertex)
 		return PIPE_TRACE;
+	if (domain->nedges)
+		return align_line((size_t)(domain->edges + domain->nedges - (const uint8_t *)memory));
 	return (size_t)(end - (const uint8_t *)memory) + align_line(((size_t)domain->nvertex + 7) / 8);
 }

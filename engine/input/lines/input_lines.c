@@ -285,6 +285,8 @@ static int open_lines(struct input *in, struct err *err)
 	if (!rc)
 		rc = input_places_choose(in, axis, err);
 	describe(in);
+	if (in->info.lines.level != INPUT_LEVEL_NONE)
+		in->info.read_bytes = INPUT_RING_MOST * sizeof(int32_t[3]);
 	rewind_text(in, false);
 	return rc;
 }

@@ -33,6 +33,9 @@ struct input_points {
 	struct input_vertex *vertex; /* of lines; NULL: nobody wants them */
 };
 
+/* Vertices that the ring of a lake may have whose level is chosen; input_info.read_bytes counts them. */
+enum { INPUT_RING_MOST = 1 << 19 };
+
 /* What a text of lines says of all of its lines, and how many there are. */
 struct input_lines {
 	bool are;                            /* its points are vertices of lines */
