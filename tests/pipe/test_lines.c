@@ -82,8 +82,10 @@ static void test_lines_that_come(void **state)
 	struct pipe_stored first, again, other, as;
 	struct generation g;
 	struct digest without;
+	struct pipe_reuse_params smaller;
 	struct err err = ERR_INIT;
 	void *memory;
+	size_t held;
 
 	(void)state;
 	CHECK(lineset_write(f.fd, "lineset-4", &far, 1, 0, &err));
@@ -118,6 +120,9 @@ static void test_lines_that_come(void **state)
 	assert_true(digest_equal(other.id.base, first.id.base) && !digest_equal(other.id.list, first.id.list));
 	assert_int_equal(reuse(&g, store.fd, &r, memory, false, &found, &as), 0);
 	assert_true(digest_equal(found.digest, other.digest));
+	smaller = reuse_params(&g, store.fd, &r, memory);
+	smaller.cap = CAP - 1;
+	assert_int_equal(pipe_reuse(&smaller, &found, &as, &held, &err), PIPE_E_ABSENT);
 	lines_end(&g);
 
 	g = lines_of(&f, 0);
