@@ -26,6 +26,7 @@ struct stream_head {
 	bool system;
 	char geoid[128];
 	const char *wkt;
+	bool lines;       /* the mesh has lines, so blocks may have flags; only for a reader that asked for it (Fetch.lines) */
 	struct digest id; /* generation, view, plan, kernel version */
 	int32_t box[6];   /* of all vertices: min x y z, max x y z; lattice numbers */
 };

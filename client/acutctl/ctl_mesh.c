@@ -36,6 +36,7 @@ int ctl_mesh_run(struct program *ctl)
 	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct outputs *run = NULL;
 	const char *path[CTL_FETCH_OUTPUTS + 1];
+	struct lines_export_options options[LINES_KINDS];
 	char *view = NULL;
 	double box[4];
 	bool cropped = false;
@@ -45,6 +46,8 @@ int ctl_mesh_run(struct program *ctl)
 	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
 	if (!r)
 		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
+	if (!r)
+		r = ctl_lines_beside(ctl, &in, options, &err);
 	in.crop = cropped ? box : NULL;
 	if (!r)
 		r = ctl_inputs_not_outputs(&in, ctl_fetch_paths(&ctl->fetch, path), &err);

@@ -9,7 +9,7 @@ int ctl_push_run(struct program *ctl)
 	struct err err = ERR_INIT;
 	int status, reported;
 
-	if (ctl_stage_check(&ctl->stage, &ctl->input, &err) ||
+	if (ctl_stage_check(&ctl->stage, &ctl->input, &err) || ctl_lines_as(ctl, &in, &err) ||
 	    ctl_inputs_gather(&in, ctl->line.word + 1, ctl->line.nword - 1, &err))
 		return session_error(session, &err);
 	if (ctl->stage.replaces && in.n != 1) {

@@ -230,7 +230,9 @@ struct acut_push_input {
 	 * `checksum`: known, adopted, replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; a stream with another
 	 * hash is refused. NULL: unknown. */
 	const char *hash;
-	uint64_t size; /* and how many */
+	uint64_t size;      /* and how many */
+	bool checksum;      /* its content identifies it, as with acut_push_options.checksum */
+	const char *format; /* instead of acut_push_options.format; NULL: that */
 };
 /* acut_push_probe and acut_push_file with the identity of the input. Its descriptor stays the caller's here. */
 int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);
@@ -551,6 +553,7 @@ struct acut_mesh_head {
 	/* As an input carried it, in one line of at most 32,768 bytes; "": none did. It may be that of x and y alone. */
 	const char *wkt;
 	const char *geoid; /* "WAY HASH NAME" of the grid that converted the heights; "": none did */
+	bool lines;        /* it has breaklines, shores, boundaries or holes, so blocks may have flags */
 };
 struct acut_mesh_block {
 	uint64_t index, first;
@@ -560,7 +563,9 @@ struct acut_mesh_block {
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
 	const uint8_t *final;          /* bit set over nforeign + nnew */
-	const uint8_t *flags;          /* one byte a triangle, or NULL */
+	/* One byte a triangle: bit k: the side across from corner k is a piece of a line (a breakline, a shore). NULL: none is.
+	 */
+	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
 };
 struct acut_mesh_tail {

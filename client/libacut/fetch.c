@@ -109,6 +109,7 @@ static int on_head(struct fetch *f)
 	f->head.stream_id = digest_hex(head->id, f->stream_id);
 	f->head.wkt = head->wkt ? head->wkt : "";
 	f->head.geoid = head->geoid;
+	f->head.lines = head->lines;
 	call_system(head->crs, &f->head.epsg, &f->head.epsg_z, &f->head.vertical);
 	memcpy(f->head.box, head->box, sizeof f->head.box);
 	return f->sink->head ? from_sink(f, f->sink->head(f->sink->ctx, &f->head)) : 0;
@@ -416,6 +417,7 @@ int fetch_begin(struct fetch *f)
 	req.area = call_text(f->acut->area);
 	req.changed_since = f->since;
 	req.system = true;
+	req.lines = true;
 	if (f->continued) {
 		req.from_block = f->from.blocks;
 		req.stream_id = digest_hex(f->id, id);

@@ -210,10 +210,10 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 		return -(int)a->err.code;
 	p.push = f.push = push->push;
 	p.name = f.name = name;
-	p.format = f.format = push->format;
+	p.format = f.format = in->format ? (char *)in->format : push->format;
 	p.columns = f.columns = push->columns;
 	p.decimal_comma = f.decimal_comma = push->decimal_comma;
-	p.checksum = push->checksum;
+	p.checksum = push->checksum || in->checksum;
 	p.add = push->add;
 	p.replace = push->replace;
 	p.replaces = push->replaces;

@@ -112,13 +112,15 @@ static void put_options(FILE *f, const struct outputs_target *t)
 	fputs("}", f);
 }
 
-static void put_mesh(FILE *f, const struct outputs *run, uint64_t left_out)
+static void put_mesh(FILE *f, const struct outputs *run, const struct outputs_report *report)
 {
 	const struct acut_mesh_tail *tail = &run->tail;
 	char number[DECIMAL_TEXT_SIZE];
 
-	fprintf(f, ",\n\"vertices\":%llu,\"triangles\":%llu,\"left_out\":%llu,\"trimmed\":", (unsigned long long)tail->vertices,
-		(unsigned long long)(tail->triangles - left_out), (unsigned long long)left_out);
+	fprintf(f, ",\n\"vertices\":%llu,\"triangles\":%llu,", (unsigned long long)tail->vertices,
+		(unsigned long long)(tail->triangles - report->left_out.triangles));
+	outputs_geojson_left_out(f, report);
+	fputs(",\"trimmed\":", f);
 	outputs_geojson_text(f, run->trimmed);
 	fprintf(f, ",\n\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"mesh_digest\":\"%s\",\n\"box\":", run->written,
 		run->vertex_digest, run->digest);
@@ -158,7 +160,7 @@ static int sidecar_text(const struct outputs *run, const struct outputs_target *
 	put_text(f, "geoid", run->head.is.geoid);
 	put_text(f, "wkt", run->head.is.wkt);
 	outputs_geojson_origin(f, &run->head.is, &t->opt);
-	put_mesh(f, run, report.left_out);
+	put_mesh(f, run, &report);
 	fputs(",\n", f);
 	put_options(f, t);
 	fputs("}\n", f);

@@ -32,13 +32,12 @@ struct cut {
 	struct digest digest;
 	char hex[DIGEST_HEX_SIZE];
 	struct area *area;
+	struct outputs_left left;
 };
 
 struct outputs_mask {
 	struct cut cut[OUTPUTS_CUTS];
-	struct outputs_left left;
-	uint32_t (*triangle)[3];
-	size_t room;
+	struct outputs_passed passed;
 };
 
 static int no_memory(struct err *err)
@@ -59,7 +58,7 @@ struct outputs_mask *outputs_mask_free(struct outputs_mask *m)
 		area_free(c->area);
 	}
 	if (m)
-		free(m->triangle);
+		outputs_passed_free(&m->passed);
 	free(m);
 	return NULL;
 }
@@ -133,9 +132,9 @@ const char *outputs_mask_digest(const struct outputs_mask *m, enum outputs_cut c
 	return m ? m->cut[cut].hex : "";
 }
 
-struct outputs_left *outputs_mask_left(struct outputs_mask *m)
+struct outputs_left *outputs_mask_left(struct outputs_mask *m, enum outputs_cut cut)
 {
-	return &m->left;
+	return &m->cut[cut].left;
 }
 
 /* ---- the lattice ---- */
@@ -205,7 +204,7 @@ static int make_area(struct cut *c, const struct acut_mesh_head *head, struct de
 {
 	int r = 0;
 
-	c->area = area_new();
+	c->area = area_new(AREA_HALF_OPEN);
 	if (!c->area)
 		return no_memory(err);
 	for (size_t i = 0; i < c->n && !r; i++) {
@@ -224,45 +223,40 @@ int outputs_mask_head(struct outputs_mask *m, const struct acut_mesh_head *head,
 
 	if (!decimal_parse(head->scale_xy, &scale) || scale.mantissa <= 0)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
-	memcpy(m->left.k, head->k, sizeof(m->left.k));
-	for (int k = 0; k < OUTPUTS_CUTS && !r; k++)
+	for (int k = 0; k < OUTPUTS_CUTS && !r; k++) {
+		memcpy(m->cut[k].left.k, head->k, sizeof(m->cut[k].left.k));
 		r = m->cut[k].n ? make_area(&m->cut[k], head, scale, err) : 0;
+	}
 	return r;
 }
 
 /* ---- triangles ---- */
 
-static bool stays(const struct outputs_mask *m, const int32_t *a, const int32_t *b, const int32_t *c)
+/* The cut that leaves the triangle out; OUTPUTS_CUTS: none does. */
+static enum outputs_cut cut_of(const struct outputs_mask *m, const int32_t *a, const int32_t *b, const int32_t *c)
 {
 	int64_t x = (int64_t)a[0] + b[0] + c[0], y = (int64_t)a[1] + b[1] + c[1];
 	const struct area *mask = m->cut[OUTPUTS_MASK].area, *erase = m->cut[OUTPUTS_ERASE].area;
 
-	return (!mask || area_has(mask, x, y)) && !(erase && area_has(erase, x, y));
+	if (mask && !area_has(mask, x, y))
+		return OUTPUTS_MASK;
+	return erase && area_has(erase, x, y) ? OUTPUTS_ERASE : OUTPUTS_CUTS;
 }
 
 int outputs_mask_block(struct outputs_mask *m, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		       struct acut_mesh_block *ret, struct err *err)
 {
-	uint32_t kept = 0;
-
-	if (b->ntriangle > m->room) {
-		void *grown = realloc(m->triangle, b->ntriangle * sizeof(*m->triangle));
-
-		if (!grown)
-			return err_set(err, ERR_NOMEM, "no memory for a block of %u triangles", b->ntriangle);
-		m->triangle = grown;
-		m->room = b->ntriangle;
-	}
+	if (outputs_passed_begin(&m->passed, b, err))
+		return -(int)err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
+		enum outputs_cut cut = cut_of(m, pos[t[0]], pos[t[1]], pos[t[2]]);
 
-		if (stays(m, pos[t[0]], pos[t[1]], pos[t[2]]))
-			memcpy(m->triangle[kept++], t, sizeof(*m->triangle));
+		if (cut == OUTPUTS_CUTS)
+			outputs_passed_add(&m->passed, b, i);
 		else
-			outputs_left_add(&m->left, pos[t[0]], pos[t[1]], pos[t[2]]);
+			outputs_left_add(&m->cut[cut].left, pos[t[0]], pos[t[1]], pos[t[2]]);
 	}
-	*ret = *b;
-	ret->triangle = (const uint32_t(*)[3])m->triangle;
-	ret->ntriangle = kept;
+	outputs_passed_end(&m->passed, b, ret);
 	return 0;
 }

@@ -265,7 +265,7 @@ static void grow_box(int32_t box[6], const int32_t *p, bool first)
 	}
 }
 
-static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3], struct err *err)
+static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3], unsigned flags, struct err *err)
 {
 	uint64_t place[3], rec[OUTPUTS_TILE_WORDS], at[2];
 	struct outputs_tile *tile = NULL;
@@ -291,7 +291,7 @@ static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3],
 		grow_box(tile->box, corner[j], !tile->triangles && !j);
 	}
 	rec[4] = (uint64_t)(uint32_t)corner[low][2] << 32 | (uint32_t)corner[(low + 1) % 3][2];
-	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
+	rec[5] = (uint32_t)corner[(low + 2) % 3][2] | (uint64_t)((flags >> low | flags << (3 - low)) & 7) << 32;
 	digest_add_triangles(&tile->digest, (const uint64_t(*)[3]) & place, 1, t->head.k);
 	tile->triangles++;
 	return sort_add(t->sort, rec, err);
@@ -309,7 +309,7 @@ int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *bloc
 
 		for (int j = 0; j < 3; j++)
 			corner[j] = block->position[b->triangle[i][j]];
-		r = add_triangle(t, corner, err);
+		r = add_triangle(t, corner, b->flags ? b->flags[i] : 0, err);
 	}
 	return r;
 }
@@ -339,14 +339,14 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 	return r ? r : outfile_folder_sync(t->place, err);
 }
 
-int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, uint64_t left_out, uint64_t *bytes,
-			  struct err *err)
+int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, const struct outputs_report *report,
+			  uint64_t *bytes, struct err *err)
 {
 	int r = t->writer ? outputs_tiles_raster(t, err) : outputs_tiles_make(t, err);
 
 	t->origin = origin;
 	if (!r)
-		r = outputs_tiles_index(t, left_out, err);
+		r = outputs_tiles_index(t, report, err);
 	if (!r)
 		r = outfile_publish(t->index, err);
 	if (!r)

@@ -31,6 +31,8 @@ struct ctl_staged {
 		char *overridden;     /* what its records declare, which was overridden; NULL: nothing was */
 		uint64_t shifted;     /* heights, by a geoid; by how many metres */
 		double height[3];     /* smallest, mean, largest */
+		bool has_lines;       /* a file of lines: */
+		struct lines_exported lines;
 		struct err err;
 	} * file;
 	size_t nfile;

@@ -158,7 +158,8 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 		atomic_fetch_add(&r->v->files, 1);
 		s = grid_verify_segment(&p, m, i, err);
 	}
-	for (size_t i = 0; !s && i < m->nsources; i++)
+	/* The pieces of a selection are in the dataset. */
+	for (size_t i = 0; !s && !r->derived && i < m->nsources; i++)
 		s = read_lines(r, dirfd, &m->sources[i], err);
 	grid_manifest_free(m);
 	return s;

@@ -231,7 +231,7 @@ struct digest;
 struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end, struct err *err);
 /* Before start. from: the first block. want: the id that the stream must have, NULL: any. since: only the changes against the
  * mesh of that generation, 0: the whole mesh. */
-void stream_out_system(struct stream_out *); /* Fetch.system */
+void stream_out_asks(struct stream_out *, bool system, bool lines); /* of Fetch */
 void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want, uint64_t since);
 void stream_out_start(struct stream_out *, struct job *, char *window); /* takes over `window` (job_window); NULL: none */
 void stream_out_leave(struct conn *);                                   /* ends all streams of the connection */

@@ -283,8 +283,9 @@ static int turn(struct constrain_work *w, bool first, bool *ret_again)
 		return CONSTRAIN_E_SPLIT;
 	rc = w->c->area ? 0 : find_crossed(w);
 	*ret_again = false;
-	if (rc || (!w->c->area && !w->nown && !w->c->lines->state))
+	if (rc)
 		return rc;
+	/* Also where no triangle is crossed, so that their sides are marked. */
 	rc = insert_pieces(w);
 	if (rc || (!w->c->area && !w->nown) || w->c->not_verified)
 		return rc;

@@ -26,6 +26,12 @@ struct constrain_lines {
 	int (*state)(void *ctx, int64_t x, int64_t y, unsigned den, unsigned *ret, struct err *);
 };
 
+/* The lines of a grid; valid as long as the reader, which may not be in use during a call. False: it has none. */
+struct grid;
+struct grid_reader;
+bool constrain_lines_of(struct grid_reader *, struct constrain_lines *ret);
+bool constrain_has_out(const struct grid *); /* some of its areas are out of the mesh */
+
 /* The triangles of an area instead of those of a region: */
 struct constrain_area {
 	void *ctx;

@@ -1,7 +1,7 @@
 /*
- * Verification: reads the cells that meet the disc of a flagged triangle, and takes the positions in it that are no vertices.
- * Discs are collected in a batch and tested against the index in one walk. A disc within the region needs nothing, since all
- * positions there are vertices.
+ * Verification: reads the cells that meet the disc of a flagged triangle, and takes the positions in it that are visible from the
+ * triangle (constrain_sight.c) and no vertices. Discs are collected in a batch and tested against the index in one walk. A disc
+ * within the region needs nothing, since all positions there are vertices.
  *
  * What is taken depends on the triangle and the position alone, never on cells: so the domain does not either.
  */
@@ -17,12 +17,17 @@ static bool in_region(const struct constrain_work *w, const int32_t box[4])
 	       2 * (int64_t)box[3] < w->border[3];
 }
 
+static bool disc_meets(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])
+{
+	return constrain_boxes_meet(box, d->box) && cut_disc_meets(&d->disc, box) && constrain_sight_box(w, d, box);
+}
+
 static bool any_meets(const struct constrain_work *w, const struct grid_cell *cell)
 {
 	if (!cell->count || !constrain_boxes_meet(cell->box, w->disc_around))
 		return false;
 	for (uint32_t i = 0; i < w->ndisc; i++)
-		if (constrain_boxes_meet(cell->box, w->disc[i].box) && cut_disc_meets(&w->disc[i].disc, cell->box))
+		if (disc_meets(w, &w->disc[i], cell->box))
 			return true;
 	return false;
 }
@@ -39,7 +44,8 @@ static bool disc_takes(const struct constrain_work *w, const struct constrain_di
 
 	if (p->x < d->box[0] || p->y < d->box[1] || p->x > d->box[2] || p->y > d->box[3])
 		return false;
-	return geom_incircle_plain(w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]], at) >= 0;
+	return geom_incircle_plain(w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]], at) >= 0 &&
+	       constrain_sight_point(w, d, at);
 }
 
 static int disc_points(void *ctx, const struct point *pts, size_t n, struct err *err)
@@ -55,9 +61,11 @@ static int disc_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 		if ((!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) || view_judge(w->c->view, p) != VIEW_KEPT)
 			continue;
+		if (constrain_points_known(w, p))
+			continue;
 		while (k < w->nhit && !disc_takes(w, &w->disc[w->hit[k]], p))
 			k++;
-		if (k == w->nhit || constrain_points_known(w, p))
+		if (k == w->nhit)
 			continue;
 		rc = constrain_points_add(w, p);
 		if (rc)
@@ -84,7 +92,7 @@ static int disc_cell(void *ctx, const struct grid_cell *cell)
 		return 0;
 	w->nhit = 0;
 	for (uint32_t i = 0; i < w->ndisc; i++)
-		if (constrain_boxes_meet(cell->box, w->disc[i].box) && cut_disc_meets(&w->disc[i].disc, cell->box))
+		if (disc_meets(w, &w->disc[i], cell->box))
 			w->hit[w->nhit++] = i;
 	if (!w->nhit)
 		return 0;
@@ -97,7 +105,7 @@ int constrain_disc_flush(struct constrain_work *w)
 	const struct grid_visitor v = {.ctx = w, .segment = enter, .enter = enter, .cell = disc_cell};
 	int rc = w->ndisc ? w->c->src->walk(w->c->src->ctx, 0, UINT64_MAX, &v, w->err) : 0;
 
-	w->ndisc = 0;
+	w->ndisc = w->nsight = 0;
 	return rc;
 }
 
@@ -111,11 +119,16 @@ int constrain_disc_add(struct constrain_work *w, uint32_t triangle)
 	d->triangle = triangle;
 	if (!w->c->area && in_region(w, d->box))
 		return 0;
+	constrain_sight_follow(w, d);
+	if (!w->c->area && in_region(w, d->box)) {
+		w->nsight = d->sight;
+		return 0;
+	}
 	point_box_join(w->c->depends.disc, d->box);
 	if (w->c->cover)
 		cut_cover_box(w->c->cover, d->box);
 	if (!w->ndisc)
 		memcpy(w->disc_around, d->box, sizeof(d->box));
 	point_box_join(w->disc_around, d->box);
-	return ++w->ndisc == DISCS ? constrain_disc_flush(w) : 0;
+	return ++w->ndisc == DISCS || w->nsight + SIGHT > SIGHTS ? constrain_disc_flush(w) : 0;
 }

@@ -10,10 +10,12 @@
 #include "tri_piece.h"
 
 enum {
-	BOXES = 64,  /* triangles for which pieces are searched together */
-	DISCS = 256, /* discs for which cells are read together */
-	INDEX = 8,   /* triangles, or boxes, under a box of the index */
-	LEVELS = 12, /* of the index */
+	BOXES = 64,    /* triangles for which pieces are searched together */
+	DISCS = 256,   /* discs for which cells are read together */
+	SIGHT = 1024,  /* triangles that are followed from one disc; all that is in it is visible if there are more */
+	SIGHTS = 4096, /* of all discs of a batch */
+	INDEX = 8,     /* triangles, or boxes, under a box of the index */
+	LEVELS = 12,   /* of the index */
 	NONE = 0xffffffffu,
 };
 
@@ -23,10 +25,21 @@ struct constrain_piece {
 	bool turns; /* LINESET_OUT */
 };
 
+/* A triangle in which a disc sees, and the edge over which it was entered: its ends, as they are seen from the disc's own
+ * triangle. `parent`: the triangle before; `first`: the one at the beginning of its path, behind an edge of the disc's own
+ * triangle. The own one is the first in the list. */
+struct constrain_sight {
+	uint32_t triangle, left, right;
+	uint16_t parent, first;
+	uint32_t limit[2]; /* the left end and the right end that limit the view most, of (2) and (3); NONE */
+	int32_t box[4];    /* of what is visible in it */
+};
+
 struct constrain_disc {
 	struct cut_disc disc;
-	int32_t box[4];
+	int32_t box[4]; /* of what is visible */
 	uint32_t triangle;
+	uint32_t sight, nsight; /* the triangles in which it sees; none: all of the disc is visible */
 };
 
 /* At the end of the arena. Before it lie the pieces, which grow downwards; at the start of the arena the kernel, then the tables
@@ -62,6 +75,8 @@ struct constrain_work {
 	struct constrain_disc disc[DISCS];
 	uint32_t ndisc;
 	uint32_t hit[DISCS], nhit;
+	struct constrain_sight sight[SIGHTS];
+	uint32_t nsight;
 };
 
 /* The capacity of the kernel for n positions: the finished domain fits the memory of its triangles (finish.h). */
@@ -110,6 +125,11 @@ int constrain_points_merge(struct constrain_work *);                        /* t
 /* constrain_disc.c: verification. Adds a flagged triangle; loads what is in the discs. */
 int constrain_disc_add(struct constrain_work *, uint32_t triangle);
 int constrain_disc_flush(struct constrain_work *);
+
+/* constrain_sight.c: what is visible from a triangle in its disc. Sets sight and box, and adds to the sights of the batch. */
+void constrain_sight_follow(struct constrain_work *, struct constrain_disc *);
+bool constrain_sight_box(const struct constrain_work *, const struct constrain_disc *, const int32_t box[4]);
+bool constrain_sight_point(const struct constrain_work *, const struct constrain_disc *, const int32_t at[2]);
 
 /* constrain_out.c: clears the bits of chosen triangles that are out; *ret_any: there are some. */
 int constrain_out(struct constrain_work *, bool *ret_any);

@@ -61,6 +61,22 @@ static inline bool cut_disc_meets(const struct cut_disc *d, const int32_t box[4]
 	return value <= CUT_DISC_SLACK * slack;
 }
 
+/* Whether the closed segment from p to q meets the disc: by its point that is nearest to the centre. */
+static inline bool cut_disc_meets_edge(const struct cut_disc *d, const int32_t p[2], const int32_t q[2])
+{
+	const double px = (double)p[0] - d->a[0], py = (double)p[1] - d->a[1];
+	const double ex = (double)q[0] - p[0], ey = (double)q[1] - p[1];
+	double t = ((d->ux - px) * ex + (d->uy - py) * ey) / (ex * ex + ey * ey), x, y, wide, slack;
+
+	t = t > 0 ? t < 1 ? t : 1 : 0;
+	x = px + t * ex;
+	y = py + t * ey;
+	/* x and y have errors of the order of the ends, whatever t is. */
+	wide = fabs(px) + fabs(ex) + fabs(py) + fabs(ey);
+	slack = wide * (wide + 2 * (fabs(d->ux) + fabs(d->uy)));
+	return x * (x - 2 * d->ux) + y * (y - 2 * d->uy) <= CUT_DISC_SLACK * slack;
+}
+
 /* A box of lattice numbers that contains all positions in the disc. */
 static inline void cut_disc_box(const struct cut_disc *d, int32_t ret[4])
 {

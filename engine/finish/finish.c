@@ -18,7 +18,8 @@
 
 enum { USED = FINISH_USED, OPEN = FINISH_OPEN };
 /* Triangles for each call of the digest; prefetch distance, in triangles. */
-enum { BATCH = 64, AHEAD = 12 };
+enum { BATCH = 64, AHEAD = 12, EDGE_AT = 31 };
+_Static_assert(TRI_MAX_POINTS <= 1u << EDGE_AT, "a corner leaves the bit free");
 
 void finish_init(struct finish *f, const struct cut_region *region, const int64_t k[3], const struct tri *tri)
 {
@@ -92,6 +93,14 @@ static void pack_end(struct finish *f, const struct packed *p)
 	f->out.ntriangle = p->n;
 }
 
+/* Until triangles get their local numbers, the highest bit of a corner says that the side across from it is a piece. */
+static inline void mark_edges(struct finish *f, uint32_t t[3], const uint32_t link[3])
+{
+	for (unsigned k = 0; k < 3; k++)
+		t[k] |= (link[k] & 1) << EDGE_AT;
+	f->edges |= (link[0] | link[1] | link[2]) & 1;
+}
+
 void finish_chosen(struct finish *f, const uint64_t *bits)
 {
 	struct packed p = {.out = (uint32_t(*)[3])f->tri.triangle};
@@ -104,7 +113,10 @@ void finish_chosen(struct finish *f, const uint64_t *bits)
 		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
 
 		if (bits[i / 64] >> i % 64 & 1) {
+			const uint32_t link[3] = {t[i].link[0], t[i].link[1], t[i].link[2]};
+
 			pack(f, &p, mark, c);
+			mark_edges(f, p.out[p.n - 1], link);
 			continue;
 		}
 		mark_open(mark, c);
@@ -168,6 +180,9 @@ static bool lay_out(struct finish *f)
 	at += align_line((size_t)nvertex * sizeof(struct mesh_vertex));
 	f->out.final = at;
 	at += align_line(((size_t)nvertex + 7) / 8);
+	f->out.edges = f->edges ? at : NULL;
+	f->out.nedges = f->edges ? f->out.ntriangle : 0;
+	at += align_line(f->out.nedges);
 	if (at > end)
 		return false;
 	memset(f->out.link, 0, (size_t)nopen * sizeof(struct mesh_link));
@@ -242,12 +257,25 @@ static void link_triangle(struct mesh_domain *d, const uint32_t t[3])
 			link_add(&d->link[t[k]], h[(k + 1) % 3], h[(k + 2) % 3]);
 }
 
+static void take_edges(struct mesh_domain *d)
+{
+	for (uint32_t i = 0; i < d->ntriangle; i++) {
+		d->edges[i] = 0;
+		for (unsigned k = 0; k < 3; k++) {
+			d->edges[i] |= (uint8_t)(d->triangle[i][k] >> EDGE_AT << k);
+			d->triangle[i][k] &= ~(UINT32_C(1) << EDGE_AT);
+		}
+	}
+}
+
 void finish_numbers(struct finish *f)
 {
 	const uint32_t *number = numbers(f);
 	uint32_t nopen = f->out.nopen, count = f->out.ntriangle;
 	uint32_t(*triangle)[3] = f->out.triangle;
 
+	if (f->edges)
+		take_edges(&f->out);
 	for (uint32_t i = 0; i < count; i++) {
 		uint32_t *t = triangle[i];
 		uint32_t a = number[t[0]], b = number[t[1]], c = number[t[2]];

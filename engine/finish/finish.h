@@ -19,6 +19,7 @@ struct finish {
 	int64_t k[3];
 	struct tri_result tri;
 	bool chosen; /* finish_chosen chose the triangles */
+	bool edges;  /* a side of one is a piece of a line */
 	struct mesh_domain out;
 };
 

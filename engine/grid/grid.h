@@ -43,6 +43,8 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 		  size_t index_memory, struct grid **ret, struct err *err);
 struct lineset *grid_lines(const struct grid *);       /* NULL: there are none, or they are not used */
 struct digest grid_lines_content(const struct grid *); /* zero: likewise */
+/* The source of the records of line vertices, which has the file (grid_source_files); NULL: likewise. */
+const struct grid_source *grid_lines_source(const struct grid *);
 struct grid *grid_close(struct grid *);
 struct ledger *grid_ledger(const struct grid *); /* the one that it was opened with */
 uint64_t grid_charged(const struct grid *);      /* bytes charged to LEDGER_INDEX */

@@ -91,7 +91,7 @@ static uint64_t page_count(uint64_t cells)
 	return pages;
 }
 
-/* Opens the file of the lines of the generation. A quarter of the memory is for its pages. */
+/* Opens the file of the lines of the generation. At most a quarter of the memory is for its pages. */
 static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, size_t index_memory, struct err *err)
 {
 	const struct grid_source *s = use->no_lines ? NULL : grid_manifest_line_vertices(g->manifest, g->generation);
@@ -106,6 +106,14 @@ static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, siz
 		return lineset_open(use->linesfd, use->lines, g->ledger, index_memory / 4, &g->lines, err);
 	grid_source_files(s, file);
 	return lineset_open(dirfd, file[0].name, g->ledger, index_memory / 4, &g->lines, err);
+}
+
+/* What the lines take of that memory. */
+static size_t lines_memory(const struct grid *g, size_t index_memory)
+{
+	uint64_t bytes = g->lines ? lineset_charged(g->lines) : 0;
+
+	return bytes < index_memory ? bytes : index_memory;
 }
 
 /* Charges the tables and as many frames as index_memory has room for, but no more than the index has pages. */
@@ -198,7 +206,7 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	if (rc == 0)
 		rc = open_lines(g, dirfd, use, index_memory, err);
 	if (rc == 0)
-		rc = charge(g, index_memory - (g->lines ? index_memory / 4 : 0), &frames, err);
+		rc = charge(g, index_memory - lines_memory(g, index_memory), &frames, err);
 	if (rc == 0)
 		rc = fill_sources(g, generation, use->no_lines, err);
 	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
@@ -221,6 +229,11 @@ struct ledger *grid_ledger(const struct grid *g)
 struct lineset *grid_lines(const struct grid *g)
 {
 	return g->lines;
+}
+
+const struct grid_source *grid_lines_source(const struct grid *g)
+{
+	return g->lines ? grid_manifest_line_vertices(g->manifest, g->generation) : NULL;
 }
 
 struct digest grid_lines_content(const struct grid *g)

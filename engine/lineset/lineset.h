@@ -34,6 +34,7 @@ struct lineset;
 struct lineset_info {
 	uint64_t pieces;
 	bool areas;            /* a piece turns something, or all is out */
+	unsigned turns;        /* what pieces turn, all together */
 	unsigned far;          /* the state of positions far from all pieces: 0 or LINESET_OUT */
 	int32_t box[4];        /* of the pieces */
 	struct digest content; /* the same for the same pieces, whatever the file */

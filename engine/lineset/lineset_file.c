@@ -103,6 +103,7 @@ static int check_head(struct lineset *s, const struct lineset_head *h, struct er
 	s->turns = h->turns;
 	s->info = (struct lineset_info){.pieces = h->pieces,
 					.areas = h->turns || h->far,
+					.turns = h->turns,
 					.far = h->far,
 					.content = lineset_content(s->sum, h->pieces, h->far)};
 	memcpy(s->info.box, h->box, sizeof s->info.box);

@@ -152,6 +152,8 @@ struct pipe_known {
 enum { PIPE_E_SPLIT = 1 };
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+/* Whether the lines of the grid have areas that are out of the mesh. */
+bool pipe_has_out(const struct grid *grid);
 /* Bytes at the start of `memory` that must stay for *domain and its trace to stay valid. */
 size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
 
@@ -276,8 +278,9 @@ int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd
  * NULL. The arrays of the block are those of the domain, renumbered in place; they stay valid as long as the domain's
  * memory. */
 int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *, const struct mesh_sink *, struct err *err);
-/* Call it before the first domain of a window. Such a mesh has a border that is not the hull's, so Euler's formula is
- * not checked, and totals.hull is 0. */
+/* Call it before the first domain of a window, or of a mesh of which parts are out (pipe_has_out). Such a mesh has a border that
+ * is not the hull's, so Euler's formula is not checked, and totals.hull is 0. Positions need not be vertices of it, so its totals
+ * cannot be made by pipe_emitter_sums. */
 void pipe_emitter_part(struct pipe_emitter *);
 /* Call it before the first domain, or to begin again. true: nobody reads the mesh, and only its totals are made, from
  * the counts, digests and numbers of the domains, without their arrays; no sink is allowed, and domains can come in any

@@ -61,10 +61,13 @@ void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget,
 }
 
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
-			    const struct cut_load *load)
+			    const struct cut_load *load, uint32_t *ret_cap)
 {
 	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap(load->n, budget->cap);
-	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), cap > guess ? cap : guess);
+	struct tri *tri;
+
+	*ret_cap = cap > guess ? cap : guess;
+	tri = tri_init(pipe_domain_arena(grid, memory), *ret_cap);
 
 	if (tri_input(tri) != load->out)
 		memmove(tri_input(tri), load->out, load->n * sizeof *load->out);
@@ -107,10 +110,13 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
+	const int64_t *k = grid_manifest(grid)->lattice.k;
+	const uint64_t *chosen = NULL;
 	struct finish f = {0};
 	struct cut_load load;
 	struct tri *tri;
 	uint64_t own = 0;
+	uint32_t cap;
 	int r;
 
 	if (view->window) {
@@ -126,18 +132,26 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (r)
 		return r;
 	if (load.flat) {
-		*ret = pipe_flat_domain(&load, grid_manifest(grid)->lattice.k);
+		*ret = pipe_flat_domain(&load, k);
 		return 0;
 	}
-	tri = pipe_domain_tri(grid, budget, own, memory, &load);
+	tri = pipe_domain_tri(grid, budget, own, memory, &load, &cap);
 	f.out.counts = load.counts;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_flat(tri, region, grid_manifest(grid)->lattice.k, &f.out);
+		finish_flat(tri, region, k, &f.out);
 		*ret = f.out;
 		return 0;
 	}
-	finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
-	finish_owned(&f);
+	if (grid_lines(grid)) {
+		r = pipe_constrain(grid, view, region, budget, memory, &tri, cap, &f.out.counts, &chosen, ret_need, err);
+		if (r)
+			return r;
+	}
+	finish_init(&f, region, k, tri);
+	if (chosen)
+		finish_chosen(&f, chosen);
+	else
+		finish_owned(&f);
 	if (!finish_vertices(&f)) {
 		/* Nearly all vertices are open: points in convex position. Smaller regions will fit. */
 		*ret_need = (uint64_t)load.n * 2;
@@ -154,5 +168,7 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory)
 
 	if (!domain->nvertex)
 		return PIPE_TRACE;
+	if (domain->nedges)
+		return align_line((size_t)(domain->edges + domain->nedges - (const uint8_t *)memory));
 	return (size_t)(end - (const uint8_t *)memory) + align_line(((size_t)domain->nvertex + 7) / 8);
 }

@@ -241,6 +241,7 @@ static void summary_of(const struct store_front *f, const struct store_id *id, c
 	ret->front.domain.link = NULL;
 	ret->front.domain.triangle = NULL;
 	ret->front.domain.final = NULL;
+	ret->front.domain.edges = NULL;
 	if (!trace->nrange)
 		return;
 	cut_reach_of(trace, region, &ret->reach);

@@ -298,24 +298,37 @@ uint32_t window_cap(uint32_t cap)
 	return n;
 }
 
+/* With lines half of the positions, so that the arena has room for the kernel and tables of engine/constrain. */
+uint32_t window_cap_of(const struct grid *grid, uint32_t arena_cap)
+{
+	uint32_t cap = window_cap(arena_cap);
+
+	return grid_lines(grid) ? cap / 2 : cap;
+}
+
 int window_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, uint32_t arena_cap,
 		  void *reader_memory, void *arena, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
-	uint32_t cap = window_cap(arena_cap);
+	struct window_from from = {.view = view,
+				   .region = region,
+				   .lattice = &grid_manifest(grid)->lattice,
+				   .cap = window_cap_of(grid, arena_cap),
+				   .memory = arena,
+				   .room = tri_bytes(window_cap(arena_cap))};
 	struct grid_reader *reader = NULL;
+	struct constrain_lines lines;
 	struct cut_source src;
 	int r;
 
-	if (!cap)
+	if (!from.cap)
 		return err_set(err, ERR_INTERNAL, "an arena of %u positions is too small for an area", arena_cap);
 	r = grid_reader_new(grid, reader_memory, grid_reader_bytes(grid), &reader, err);
 	if (r)
 		return r;
 	cut_source_grid(reader, &src);
-	r = window_domain_from(
-		&(struct window_from){
-			.src = &src, .view = view, .region = region, .cap = cap, .memory = arena, .room = tri_bytes(cap)},
-		grid_manifest(grid)->lattice.k, ret, ret_need, err);
+	from.src = &src;
+	from.lines = constrain_lines_of(reader, &lines) ? &lines : NULL;
+	r = window_domain_from(&from, grid_manifest(grid)->lattice.k, ret, ret_need, err);
 	grid_reader_free(reader);
 	return r;
 }

@@ -5,7 +5,7 @@
 #include "constrain.h"
 #include "mesh.h"
 
-enum { MADE_BYTES = 1 << 17 };
+enum { MADE_BYTES = 1 << 19 };
 
 struct made {
 	const struct cut_source *src;

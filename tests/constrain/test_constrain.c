@@ -44,7 +44,7 @@ static unsigned npiece, ninserted;
 static struct mesh whole, all, parts; /* all: also what is out */
 static struct area area;
 static void *arena, *other;
-static uint64_t cases, domains, constrained, turns, added, loaded, crossed, gone, splits, asked, outs, boxes;
+static uint64_t cases, domains, constrained, turns, added, loaded, crossed, gone, splits, asked, outs, boxes, marked;
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
@@ -367,7 +367,30 @@ static void domain_in_less(uint64_t *seed, const struct cut_source *src, const s
 		assert_true(need > c.size / TRI_BYTES_PER_POINT);
 }
 
-static void take(const struct mesh_domain *d)
+static bool is_piece(const int32_t p[3], const int32_t q[3])
+{
+	for (unsigned i = 0; i < npiece; i++)
+		if ((!memcmp(piece[i].a, p, sizeof(piece[i].a)) && !memcmp(piece[i].b, q, sizeof(piece[i].b))) ||
+		    (!memcmp(piece[i].a, q, sizeof(piece[i].a)) && !memcmp(piece[i].b, p, sizeof(piece[i].b))))
+			return true;
+	return false;
+}
+
+/* A side is marked if and only if it is a piece. */
+static void check_edges(const struct mesh_domain *d, uint32_t i, int32_t at[3][3])
+{
+	assert_true(!d->nedges || d->nedges == d->ntriangle);
+	for (unsigned k = 0; k < 3; k++) {
+		bool is = is_piece(at[(k + 1) % 3], at[(k + 2) % 3]);
+
+		if (is != (d->nedges && d->edges[i] >> k & 1))
+			fail_msg("case %llu: a side is %s", (unsigned long long)cases,
+				 is ? "a piece, and not marked" : "marked, and no piece");
+		marked += is;
+	}
+}
+
+static void take(const struct mesh_domain *d, bool verify)
 {
 	for (uint32_t i = 0; i < d->ntriangle; i++) {
 		int32_t at[3][3];
@@ -379,6 +402,8 @@ static void take(const struct mesh_domain *d)
 			memcpy(at[k], v, sizeof(at[k]));
 		}
 		mesh_add(&parts, at[0], at[1], at[2]);
+		if (verify)
+			check_edges(d, i, at);
 	}
 }
 
@@ -415,7 +440,7 @@ static bool partition(const struct cut_source *src, const struct cut_source *aga
 		struct mesh_domain d, o;
 
 		domain_make(src, &leaf[i], verify, arena, &d);
-		take(&d);
+		take(&d, verify);
 		if (verify) {
 			domain_make(again, &leaf[i], verify, other, &o);
 			made_check_same(&d, &o);
@@ -485,7 +510,8 @@ static void domains_are_the_whole(void **unused)
 		(unsigned long long)crossed, (unsigned long long)turns, (unsigned long long)gone, (unsigned long long)added,
 		(unsigned long long)loaded, (unsigned long long)splits, (unsigned long long)outs, (unsigned long long)boxes,
 		(unsigned long long)asked);
-	assert_true(n < 1000 || (constrained > domains / 20 && added > 0 && gone > 0 && splits > 0 && outs > 0 && boxes > 0));
+	assert_true(n < 1000 ||
+		    (constrained > domains / 20 && added > 0 && gone > 0 && splits > 0 && outs > 0 && boxes > 0 && marked > 0));
 }
 
 /* The control: P_B with the ends of pieces is too little. */

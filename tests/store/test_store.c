@@ -75,6 +75,12 @@ static void make_domain(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, co
 	d->vertex = calloc(nvertex + 1, sizeof *d->vertex);
 	d->link = calloc(nopen + 1, sizeof *d->link);
 	d->triangle = calloc(ntriangle + 1, sizeof *d->triangle);
+	d->nedges = ntriangle % 2 ? ntriangle : 0; /* in half of the domains */
+	d->edges = calloc(d->nedges + 1, 1);
+	for (uint32_t i = 0; i < d->nedges; i++)
+		d->edges[i] = (uint8_t)rand() & 7;
+	for (unsigned i = 0; i < MESH_RULES; i++)
+		d->counts.removed[i] = 100 + i;
 	for (uint32_t i = 0; i < nvertex; i++) {
 		for (unsigned k = 0; k < 3; k++) {
 			uint64_t wide = (uint64_t)((int64_t)high[k] - low[k]) + 1;
@@ -98,6 +104,7 @@ static void free_domain(struct made *m)
 	free(m->d.vertex);
 	free(m->d.link);
 	free(m->d.triangle);
+	free(m->d.edges);
 }
 
 static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
@@ -106,6 +113,9 @@ static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
 	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof *a->vertex);
 	assert_memory_equal(a->link, b->link, a->nopen * sizeof *a->link);
 	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof *a->triangle);
+	assert_int_equal(a->nedges, b->nedges);
+	assert_memory_equal(a->edges, b->edges, a->nedges);
+	assert_memory_equal(a->counts.removed, b->counts.removed, sizeof a->counts.removed);
 	assert_true(digest_equal(a->digest, b->digest) && a->nhull == b->nhull && a->counts.points == b->counts.points);
 }
 
@@ -126,6 +136,7 @@ static void check_stored(const struct made *m, const struct store_front *want)
 	check(store_get(dirfd, &ID, memory, f.whole, &d, &err), &err);
 	check_same(&m->d, &d);
 	assert_true((uint8_t *)d.final + (d.nvertex + 7) / 8 <= memory + f.whole);
+	assert_true(!d.nedges || (d.edges >= d.final + (d.nvertex + 7) / 8 && d.edges + d.nedges <= memory + f.whole));
 	for (unsigned i = 0; i < 8; i++)
 		assert_int_equal(memory[f.whole + i], 0x77);
 	free(memory);
@@ -178,7 +189,7 @@ static void test_extents(void **state)
 			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open +
 				size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
 			/* A single one has no extent. */
-			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0);
+			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0) + m.d.nedges;
 			assert_in_range(f.bytes, least, least + 14);
 			check_stored(&m, &f);
 			free_domain(&m);
@@ -270,7 +281,8 @@ static void test_version_4(void **state)
 	struct made m;
 
 	(void)state;
-	make_domain(1001, 33, 1903, low, high, &m);
+	make_domain(1001, 33, 1902, low, high, &m); /* without edges, which came later */
+	memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &narrow, &err), &err);
 	f = narrow;
 	write_4(&m, &f.payload, &f.bytes);

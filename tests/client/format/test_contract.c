@@ -482,6 +482,7 @@ static void test_wrong_options(void **state)
 static void test_table(void **state)
 {
 	enum format_color color;
+	bool lines;
 
 	assert_ptr_equal(format_by_path("a/b.c/mesh.PLY"), format_find("ply"));
 	assert_ptr_equal(format_by_path("mesh.png"), format_find("png"));
@@ -493,9 +494,13 @@ static void test_table(void **state)
 	assert_ptr_equal(format_by_path("c.gpkg"), format_find("gpkg"));
 	assert_ptr_equal(format_by_path("c.dxf"), format_find("dxf"));
 	assert_null(format_find("3mf"));
-	assert_true(format_parse_color("domain", &color));
+	assert_true(format_parse_color("domain", &color, &lines));
+	assert_false(lines);
 	assert_int_equal(color, FORMAT_DOMAIN);
-	assert_false(format_parse_color("domains", &color));
+	assert_false(format_parse_color("domains", &color, &lines));
+	assert_true(format_parse_color("elevation+lines", &color, &lines));
+	assert_true(color == FORMAT_ELEVATION && lines);
+	assert_false(format_parse_color("elevation+", &color, &lines));
 }
 
 /* Rows that write nothing take no output; all others need one. */
@@ -523,7 +528,7 @@ static void test_nothing(void **state)
 			assert_int_equal(outputs_publish(run, &err), 0);
 			outputs_report(run, &report);
 			assert_int_equal(report.bytes, 0);
-			assert_int_equal(report.left_out, m.tail.triangles); /* the diagonals are longer */
+			assert_int_equal(report.left_out.triangles, m.tail.triangles); /* the diagonals are longer */
 			nothing++;
 		} else {
 			assert_int_equal(outputs_add(run, NULL, row[i], &opt, &err), -ERR_USAGE);

@@ -158,15 +158,20 @@ static bool in_areas(const struct areas *a, int64_t x, int64_t y)
 	return false;
 }
 
-static void find_gone(const struct areas area[OUTPUTS_CUTS])
+/* ret_by: how many each option leaves out. */
+static void find_gone(const struct areas area[OUTPUTS_CUTS], uint64_t ret_by[OUTPUTS_CUTS])
 {
+	memset(ret_by, 0, OUTPUTS_CUTS * sizeof *ret_by);
 	for (unsigned t = 0; t < small.n; t++) {
 		const int32_t *a = small.at[small.triangle[t][0]], *b = small.at[small.triangle[t][1]],
 			      *c = small.at[small.triangle[t][2]];
 		int64_t x = (int64_t)a[0] + b[0] + c[0], y = (int64_t)a[1] + b[1] + c[1];
 
-		small.gone[t] =
-			(area[OUTPUTS_MASK].n && !in_areas(&area[OUTPUTS_MASK], x, y)) || in_areas(&area[OUTPUTS_ERASE], x, y);
+		bool outside = area[OUTPUTS_MASK].n && !in_areas(&area[OUTPUTS_MASK], x, y);
+
+		small.gone[t] = outside || in_areas(&area[OUTPUTS_ERASE], x, y);
+		ret_by[OUTPUTS_MASK] += outside;
+		ret_by[OUTPUTS_ERASE] += !outside && small.gone[t];
 	}
 }
 
@@ -195,13 +200,14 @@ static void one_case(uint64_t seed)
 {
 	struct areas area[OUTPUTS_CUTS];
 	struct outputs_report report[2];
+	uint64_t by[OUTPUTS_CUTS];
 	char trimmed[256];
 
 	/* so that centroids are on lattice numbers, too */
 	small_make(&seed, random_below(&seed, 2) ? 1 : 3);
 	make_areas(&area[OUTPUTS_MASK], &seed, 0);
 	make_areas(&area[OUTPUTS_ERASE], &seed, !area[OUTPUTS_MASK].n);
-	find_gone(area);
+	find_gone(area, by);
 	for (unsigned pass = 0; pass < 2; pass++) {
 		struct outputs *run = start(area, pass, pass);
 		struct acut_mesh_sink sink = outputs_sink(run);
@@ -210,6 +216,12 @@ static void one_case(uint64_t seed)
 		assert_int_equal(small_send(&sink, &seed), 0);
 		outputs_report(run, &report[pass]);
 		left = small_check(&report[pass]);
+		for (unsigned k = 0; k < OUTPUTS_CUTS; k++) {
+			const struct outputs_left_out *out = &report[pass].left_out_by[k ? OUTPUTS_BY_ERASE : OUTPUTS_BY_MASK];
+
+			assert_int_equal(out->given, area[k].n > 0);
+			assert_int_equal(out->triangles, by[k]);
+		}
 		cut += left;
 		stayed += small.n - left;
 		/* The same area in another format and order is the same text. */
@@ -220,7 +232,7 @@ static void one_case(uint64_t seed)
 		snprintf(trimmed, sizeof trimmed, "%s", small_trimmed());
 		outputs_free(run);
 	}
-	assert_memory_equal(&report[0].left_out_area, &report[1].left_out_area, sizeof(double));
+	assert_memory_equal(&report[0].left_out.area, &report[1].left_out.area, sizeof(double));
 }
 
 static void test_random(void **state)
@@ -259,7 +271,7 @@ static void test_partition(void **state)
 		}
 		memset(small.gone, 0, sizeof small.gone);
 		assert_string_equal(digest_hex(sum, hex), digest_hex(small_digest(true), (char[DIGEST_HEX_SIZE]){0}));
-		assert_int_equal(report[0].left_out + report[1].left_out, small.n);
+		assert_int_equal(report[0].left_out.triangles + report[1].left_out.triangles, small.n);
 		assert_string_equal(report[0].cut[OUTPUTS_MASK], report[1].cut[OUTPUTS_ERASE]);
 	}
 }
