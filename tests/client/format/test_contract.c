@@ -25,6 +25,13 @@
 #include "repeat.h"
 
 static char dir[64];
+static struct io_table table;
+
+/* The machine itself does not fail here, and a disk that others use is slow. */
+static int no_sync(int fd)
+{
+	return 0;
+}
 
 static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .step = 10, .scale_xy = "0.01", .scale_z = "0.01"};
 /* Vertices and no triangle. */
@@ -409,11 +416,9 @@ static void through_link(const struct format *f, const struct format_options *op
 	struct meshes m;
 	struct stat st;
 	struct err err = ERR_INIT;
-	char to[512];
 
 	close(open(path_of("real"), O_CREAT | O_WRONLY, 0600));
-	snprintf(to, sizeof(to), "%s", path_of("real"));
-	assert_int_equal(symlink(to, path_of("link")), 0);
+	assert_int_equal(symlink("real", path_of("link")), 0);
 	meshes_make(&m, &one);
 	assert_int_equal(write_mesh(f, &m, path_of("link"), opt, &ropt, SIZE_MAX, &err), 0);
 	assert_int_equal(lstat(path_of("link"), &st), 0);
@@ -563,16 +568,13 @@ static int no_nameless(int dirfd, const char *path, int flags, mode_t mode)
 
 static void test_named(void **state)
 {
-	struct io_table table = io_system;
-
 	table.openat = no_nameless;
-	io = &table;
 	each_row(meshes_whole);
 	each_row(stopped);
 	each_row(full_disk);
 	each_row(clobber);
 	each_row(to_pipe);
-	io = &io_system;
+	table.openat = io_system.openat;
 }
 
 int main(void)
@@ -586,6 +588,9 @@ int main(void)
 	};
 	int failed;
 
+	table = io_system;
+	table.fsync = no_sync;
+	io = &table;
 	repeat_folder(dir, sizeof dir, "format");
 	failed = cmocka_run_group_tests(tests, NULL, NULL);
 	sweep();
