@@ -69,7 +69,7 @@ static ssize_t my_pread(int fd, void *buf, size_t n, off_t off)
 	return strikes(CALL_PREAD) ? -1 : pread(fd, buf, plan.piece && n > plan.piece ? plan.piece : n, off);
 }
 
-/* The machine itself does not fail here, and a disk that others use is slow. */
+/* As in no_sync.h. */
 static int my_fsync(int fd)
 {
 	return strikes(CALL_FSYNC) ? -1 : 0;
@@ -246,7 +246,7 @@ static void each_row(const struct meshes_spec *spec, test_fn *test)
 /* Writes and reads take a part of what they are given, at places that no block ends at, or are interrupted. */
 static void in_pieces(const struct format *f, const struct format_options *opt, const struct meshes *m, struct bytes want)
 {
-	plan.piece = 4093;
+	plan.piece = 40961;
 	assert_int_equal(write_mesh(f, opt, m, out), 0);
 	assert_true(plan.writes > 0);
 	assert_true(out_is(want.at, want.n));

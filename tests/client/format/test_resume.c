@@ -13,18 +13,12 @@
 #include <cmocka.h>
 
 #include "err.h"
-#include "io.h"
 #include "meshes.h"
+#include "no_sync.h"
 #include "outputs.h"
 #include "repeat.h"
 
 static char dir[64], out[80];
-
-/* The machine itself does not fail here, and a disk that others use is slow. */
-static int no_sync(int fd)
-{
-	return 0;
-}
 
 /* The faces of a block fill the buffer of an output (OUTFILE_BUFFER), so they are joined as those of large meshes are. */
 static const struct meshes_spec grid = {.columns = 900,
@@ -141,11 +135,9 @@ static void test_resume(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume)};
-	struct io_table table = io_system;
 	int failed;
 
-	table.fsync = no_sync;
-	io = &table;
+	no_sync();
 	repeat_folder(dir, sizeof dir, "resume");
 	snprintf(out, sizeof(out), "%s/out", dir);
 	failed = cmocka_run_group_tests(tests, NULL, NULL);
