@@ -192,7 +192,7 @@ static unsigned beside(void)
 
 static int write_mesh(const struct format *f, const struct format_options *opt, const struct meshes *m, const char *path)
 {
-	const struct outputs_options ropt = {0};
+	const struct outputs_options ropt = {.sort_memory = 1 << 20};
 	struct acut_mesh_sink sink;
 	struct err err = ERR_INIT;
 	struct outputs *run;

@@ -65,7 +65,7 @@ static void alone(void)
  * of blocks that were saved. */
 static size_t run(const struct format *f, const struct meshes *m, size_t from, size_t stop, bool lost)
 {
-	const struct outputs_options ropt = {0};
+	const struct outputs_options ropt = {.sort_memory = 1 << 20};
 	struct format_options opt = meshes_options(f);
 	struct outputs *run;
 	struct acut_mesh_sink sink;
