@@ -307,8 +307,9 @@ static int read_head(struct stream_reader *r, struct err *err)
 
 	head->kind = cursor_u8(&c);
 	lines = cursor_u8(&c);
-	c.bad |= lines > 1;
-	head->lines = lines;
+	c.bad |= lines > 3;
+	head->lines = lines & 1;
+	head->bounded = lines >> 1 & 1;
 	get_zeros(&c, 6);
 	head->id = get_digest(&c);
 	get_box(&c, head->box);

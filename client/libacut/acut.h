@@ -554,6 +554,7 @@ struct acut_mesh_head {
 	const char *wkt;
 	const char *geoid; /* "WAY HASH NAME" of the grid that converted the heights; "": none did */
 	bool lines;        /* it has breaklines, shores, boundaries or holes, so blocks may have flags */
+	bool bounded;      /* it ends at boundaries or holes: the tail's hull is 0 */
 };
 struct acut_mesh_block {
 	uint64_t index, first;

@@ -73,6 +73,7 @@ static void on_head(struct run_output *output, const struct run_head *in)
 	head.view = o->view;
 	head.system = o->system;
 	head.lines = o->lines && in->lines;
+	head.bounded = o->lines && in->bounded;
 	head.wkt = o->wkt;
 	text_copy(head.geoid, sizeof head.geoid, in->geoid);
 	frame_text_clean(head.geoid);

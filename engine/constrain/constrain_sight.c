@@ -97,6 +97,9 @@ static void cut_off(struct polygon *p, const struct bound *b)
 	for (unsigned i = 0; i < p->n; i++) {
 		unsigned k = i + 1 == p->n ? 0 : i + 1;
 
+		/* Of a polygon that is not convex any more by rounding nothing is cut off. */
+		if (kept.n + 2 > POLYGON)
+			return;
 		if (side[i] <= 0)
 			memcpy(kept.at[kept.n++], p->at[i], sizeof(p->at[i]));
 		if ((side[i] <= 0) == (side[k] <= 0))

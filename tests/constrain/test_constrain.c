@@ -16,6 +16,8 @@
 
 #include "check.h"
 #include "constrain.h"
+#include "constrain_priv.h"
+#include "cut_order.h"
 #include "err.h"
 #include "geom.h"
 #include "made.h"
@@ -523,9 +525,77 @@ static void verification_is_needed(void **unused)
 	assert_true(wrong > 20);
 }
 
+/* ---- a long piece ---- */
+
+enum { STRIP = 4000, WIDE = 1000000, STRIP_BYTES = sizeof(struct constrain_work) + (60 << 10) };
+
+static bool point_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	(void)ctx;
+	return point_compare(a, b) < 0;
+}
+
+/* The region around the middle of a strip of points, and a piece along all of it. */
+static int strip_run(size_t size, unsigned halvings, struct constrain *c, struct err *err)
+{
+	static struct point strip[STRIP];
+	struct tiling t = {.pts = {strip}, .n = {STRIP}, .segments = 1, .cell_records = 64};
+	const int32_t box[4] = {0, -100, WIDE, 100};
+	struct cut_region region, half[2];
+	struct cut_source src;
+	uint64_t seed = 3, need = 0;
+	static struct mesh_vertex out[STRIP];
+	struct cut_load load = {.out = out, .cap = STRIP, .scratch = made_scratch(), .scratch_size = made_scratch_size()};
+	struct tri *tri;
+
+	for (unsigned i = 0; i < STRIP; i++) {
+		int32_t y = 1 + (int32_t)below(&seed, 99);
+
+		strip[i] = (struct point){.x = (int32_t)below(&seed, WIDE), .y = below(&seed, 2) ? y : -y, .cls = 1, .ret = 0x11};
+	}
+	strip[0] = (struct point){.x = -5, .cls = 1, .ret = 0x11};
+	strip[1] = (struct point){.x = WIDE + 5, .cls = 1, .ret = 0x11};
+	cut_order_sort(strip, STRIP, point_less, NULL);
+	piece[0] = (struct lineset_piece){.a = {-5, 0}, .b = {WIDE + 5, 0}};
+	npiece = 1;
+	view = VIEW_INIT;
+	tiling_source(&t, &src);
+	cut_region_root(box, &region);
+	for (unsigned i = 0; i < halvings && cut_region_split(&region, half); i++)
+		region = half[i % 2 ? cut_region_holds(&half[1], WIDE / 2, 1) : cut_region_holds(&half[1], WIDE / 2 + 1, 1)];
+	assert_int_equal(cut_load_from(&src, &view, &region, &load, &need, err), 0);
+	tri = tri_init(arena, load.n);
+	memcpy(tri_input(tri), out, load.n * sizeof(*out));
+	assert_int_equal(tri_run(tri, load.n), 0);
+	*c = (struct constrain){.src = &src,
+				.view = &view,
+				.region = &region,
+				.lines = &(const struct constrain_lines){.find = find},
+				.arena = arena,
+				.size = size,
+				.used = tri_bytes(load.n),
+				.tri = tri};
+	return constrain_run(c, &need, err);
+}
+
+static void a_long_piece_is_named(void **unused)
+{
+	struct constrain c;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(strip_run(4 * MADE_BYTES, 0, &c, &err), 0);
+	assert_true(c.crossed > 1000);
+	assert_int_equal(strip_run(STRIP_BYTES, 10, &c, &err), CONSTRAIN_E_SPLIT);
+	assert_int_equal(strip_run(STRIP_BYTES, 16, &c, &err), -ERR_LIMIT);
+	print_message("%s; %s\n", err.message, err.hint);
+	assert_non_null(strstr(err.message, "from (-5, 0) to (1000005, 0), of length 1.00001e+06,"));
+	assert_non_null(strstr(err.hint, "--densify"));
+	assert_true(err.need > 0);
+}
+
 static int set_up(void **unused)
 {
-	arena = aligned_alloc(64, MADE_BYTES);
+	arena = aligned_alloc(64, 4 * MADE_BYTES);
 	other = aligned_alloc(64, MADE_BYTES);
 	return arena && other ? 0 : -1;
 }
@@ -542,6 +612,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(domains_are_the_whole),
 		cmocka_unit_test(verification_is_needed),
+		cmocka_unit_test(a_long_piece_is_named),
 	};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);

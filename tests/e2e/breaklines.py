@@ -91,7 +91,7 @@ def many_domains():
     """One survey in many regions: the same mesh with other memory, threads and order of files, push by push and from nothing."""
     rng = random.Random(11)
     size = 3000
-    points = survey(rng, size, 150000)
+    points = survey(rng, size, 110000)
     parts = []
     for _ in range(60):
         at = [(rng.randrange(size), rng.randrange(size))]
@@ -114,7 +114,8 @@ def many_domains():
                 digests.add((got["digest"], got["vertex_digest"]))
                 expect(memory != "24M" or got["domains"] > 4, "%d domains" % got["domains"])
                 expect(d.vmhwm() <= (int(memory[:-1]) + 32) << 20, "VmHWM %d" % d.vmhwm())
-                windows(d, got, size)
+                if memory == "256M":
+                    windows(d, got, size)
                 generations(d, got, halves)
         expect(len(digests) == 1, "digests %s" % digests)
 
@@ -136,8 +137,10 @@ def generations(d, got, halves):
     at = d.ctl("dataset", "show", "d", "--json").ok().json()["generation"]
     plain = d.ctl("submit", "d", "--wait", "--json", "--no-breaklines", *ALL).ok().json()
     expect(plain["digest"] != got["digest"], "the mesh without lines")
-    d.ctl("dataset", "revert", "d", "1").ok()
-    d.ctl("dataset", "revert", "d", str(at)).ok()
+    d.ctl("dataset", "revert", "d", "2").ok() # the second file of lines
+    other = d.ctl("submit", "d", "--wait", "--json", *ALL).ok().json()
+    expect(other["digest"] not in (plain["digest"], got["digest"]), "with one file of lines")
+    d.ctl("dataset", "revert", "d", str(at + 1)).ok()
     again = d.ctl("submit", "d", "--wait", "--json", *ALL).ok().json()
     expect(again["digest"] == got["digest"], "after two reverts")
     r = d.ctl("push", "d", halves[0], "--lines-as", "hard", "--json").ok().json()
@@ -183,4 +186,5 @@ def refusals():
         d.ctl("mesh", path, "--lakes", sloping, "--lake-level", "min", "--format", "null").ok()
 
 
-e2e.main(tiny, many_domains, areas, refusals)
+if __name__ == "__main__":
+    e2e.main(tiny, many_domains, areas, refusals)
