@@ -201,6 +201,9 @@ struct outputs {
 };
 
 /* outputs_beside.c: the small files beside an output are opened with it, and made and get their names before it. */
+/* The name of a file beside `path`: `suffix` is in place of its extension, or behind all of it if it begins with '+'. */
+void outputs_beside_name(const char *path, const char *suffix, char *ret, size_t size);
+int outputs_beside_write(struct outfile *, const char *text, struct err *err);
 int outputs_beside_open(struct outputs_target *, const char *path, struct err *err);
 int outputs_beside_make(const struct outputs *, struct outputs_target *, struct err *err);
 int outputs_beside_publish(struct outputs_target *, uint64_t *bytes, struct err *err);

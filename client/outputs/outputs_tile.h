@@ -33,6 +33,9 @@ struct outputs_tiles {
 	uint64_t count[2];         /* columns and rows that the box has */
 	struct outputs_tile *tile; /* those with triangles: as they came, then by number */
 	size_t ntile;
+	const char *beside[OUTPUTS_BESIDE]; /* what the names of files beside each tile end with; of rasters */
+	unsigned nbeside;
+	uint64_t beside_bytes;
 	uint32_t *slot; /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
 	size_t nslot;
 	const struct outputs_origin *origin; /* while it is published */
