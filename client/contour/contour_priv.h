@@ -137,10 +137,8 @@ struct contour {
 	struct contour_levels levels;
 	struct contour_window window;
 	struct contour_chains *chains;
-	uint8_t *crossed;                             /* bits: triangles of a block that have lines */
-	uint32_t *order;                              /* these triangles */
-	uint32_t cell[CONTOUR_CELLS * CONTOUR_CELLS]; /* where the triangles of a cell begin */
-	int64_t seen_levels[2];                       /* of the lowest and the highest corner */
+	struct contour_work *work; /* while a block is worked on */
+	int64_t seen_levels[2];    /* of the lowest and the highest corner */
 	bool any_levels;
 	uint64_t pieces; /* in the annex */
 	/* after contour_join */

@@ -26,7 +26,7 @@ struct outputs_front {
 		uint32_t used;
 	} * slot;
 	size_t size, used;      /* size a power of two */
-	int32_t (*position)[3]; /* of the current block */
+	int32_t (*position)[3]; /* of the current block, unless it has room for them */
 	size_t room;
 };
 /* Positions of all local vertices of the block; afterwards the table holds what later blocks may use. */
