@@ -145,16 +145,18 @@ enum { CELLS = CONTOUR_CELLS * CONTOUR_CELLS, BATCH = 1 << 17 };
 /* The outputs of a stream have a block one after the other, so only one of them has this memory. But for a bit a triangle its
  * size is fixed. */
 struct contour_work {
-	uint8_t *crossed;      /* bits: triangles of the block that have lines */
-	uint32_t cell[CELLS];  /* how many of them are in each; of a batch: where the next one of the cell goes */
-	uint32_t order[BATCH]; /* a batch of them, cell by cell */
+	uint8_t *crossed;     /* bits: triangles of the block that have lines */
+	uint32_t cell[CELLS]; /* how many of them are in each; of a batch: where the next one of the cell goes */
+	uint32_t *order;      /* a batch of them, cell by cell */
 };
 
 static void release(struct contour *c)
 {
 	c->chains = contour_chains_free(c->chains);
-	if (c->work)
+	if (c->work) {
 		free(c->work->crossed);
+		free(c->work->order);
+	}
 	free(c->work);
 	c->work = NULL;
 }
@@ -178,13 +180,13 @@ static int check_levels(struct contour *c, const int64_t level[3], struct err *e
 static int count_cells(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], const struct cells *g,
 		       struct err *err)
 {
-	struct contour_work *w = c->work = malloc(sizeof(*w)); /* the batch is memory as far as it is used */
+	struct contour_work *w = c->work = calloc(1, sizeof(*w));
 
 	if (w) {
 		w->crossed = calloc((size_t)b->ntriangle / 8 + 1, 1);
-		memset(w->cell, 0, sizeof(w->cell));
+		w->order = malloc((b->ntriangle < BATCH ? b->ntriangle : BATCH) * sizeof(*w->order));
 	}
-	if (!w || !w->crossed)
+	if (!w || !w->crossed || !w->order)
 		return no_memory(err);
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		int64_t level[3];

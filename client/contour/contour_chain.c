@@ -56,6 +56,7 @@ int contour_chains_new(unsigned segments, struct contour_chains **ret, struct er
 {
 	struct contour_chains *s = calloc(1, sizeof(*s));
 
+	_Static_assert(CONTOUR_SEGMENTS < 1 << (64 - CONTOUR_COUNT_SHIFT), "points of a piece");
 	if (s) {
 		s->most = segments;
 		for (s->size = 16; s->size < 2 * segments; s->size *= 2)

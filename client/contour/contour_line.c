@@ -15,13 +15,13 @@ static int at_piece(struct contour *c, uint64_t number, uint32_t from, uint32_t 
 {
 	struct contour_reader *d = &c->reader;
 	uint64_t *link;
-	int r = contour_link(c, number, CONTOUR_AT, false, &link, err);
+	int r = contour_link(c, number, false, &link, err);
 
 	if (r)
 		return r;
 	d->piece = number;
 	d->at = link[CONTOUR_POINTS_AT] + from * sizeof(double[2]);
-	d->left = (to ? to : (uint32_t)link[CONTOUR_COUNT]) - from;
+	d->left = (to ? to : (uint32_t)(link[CONTOUR_NEXT] >> CONTOUR_COUNT_SHIFT)) - from;
 	return 0;
 }
 
@@ -39,12 +39,12 @@ static int step(struct contour *c, struct err *err)
 {
 	struct contour_reader *d = &c->reader;
 	uint64_t next = 0, *link;
-	int r = d->phase ? 0 : contour_link(c, d->piece, CONTOUR_NEXT, false, &link, err);
+	int r = d->phase ? 0 : contour_link(c, d->piece, false, &link, err);
 
 	if (r)
 		return r;
 	if (!d->phase)
-		next = *link & CONTOUR_NUMBER;
+		next = link[CONTOUR_NEXT] & CONTOUR_NUMBER;
 	if (d->phase || !next) {
 		d->ended = d->phase == 2 || !d->closed;
 		d->phase = 2;

@@ -144,6 +144,7 @@ struct contour {
 	/* after contour_join */
 	struct contour_array *link; /* CONTOUR_LINKS numbers a piece */
 	struct contour_array *seen; /* while lines are found: a bit a piece */
+	uint64_t passed;            /* so many */
 	struct sort *lines;
 	int64_t range[2];
 	bool any;
@@ -156,11 +157,14 @@ int contour_chains_add(struct contour *, const struct contour_crossing *from, co
 /* Pieces to the annex; the table is empty then. */
 int contour_chains_flush(struct contour *, struct err *err);
 
-/* Where it is in the annex, the next one with a mark, where its points are, how many. */
-enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_POINTS_AT, CONTOUR_COUNT, CONTOUR_LINKS };
-#define CONTOUR_HAS_PREVIOUS (1ull << 62)
+/* What is known of a piece, in one page: the next one with a mark and how many points it has; where it is in the annex; where
+ * its points are; the first word of its least edge, so that the piece itself is read where that does not tell it only. */
+enum { CONTOUR_NEXT, CONTOUR_AT, CONTOUR_POINTS_AT, CONTOUR_LEAST, CONTOUR_LINKS };
+enum { CONTOUR_COUNT_SHIFT = 48 }; /* a piece has no more points than the table of crossings, which has less than 2^16 */
+#define CONTOUR_HAS_PREVIOUS (1ull << 47)
 #define CONTOUR_NUMBER (CONTOUR_HAS_PREVIOUS - 1) /* of the next piece, from 1; 0: there is none */
-int contour_link(struct contour *, uint64_t number, int which, bool change, uint64_t **ret, struct err *err);
+/* *ret: the words of the piece, valid until the next call. */
+int contour_link(struct contour *, uint64_t number, bool change, uint64_t **ret, struct err *err);
 static inline int contour_interrupted(const struct contour *c)
 {
 	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);

@@ -180,11 +180,9 @@ static int parse_length(const char *option, const char *text, struct outputs_len
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
-static int parse_tile(struct session *session, const char *tile, struct outputs_options *opt, struct err *err)
+static int parse_tile(const char *tile, struct outputs_options *opt, struct err *err)
 {
 	opt->tiled = true;
-	opt->interrupted = session_interrupted;
-	opt->ctx = session;
 	if (decimal_parse(tile, &opt->tile) && opt->tile.mantissa > 0)
 		return 0;
 	err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", tile);
@@ -193,7 +191,8 @@ static int parse_tile(struct session *session, const char *tile, struct outputs_
 
 int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, struct outputs **ret, struct err *err)
 {
-	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
+	struct outputs_options opt = {
+		.edges = !a->since, .changes = a->since > 0, .interrupted = session_interrupted, .ctx = session};
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
 	unsigned n = ctl_fetch_count(a), rasters = 0, lines = 0;
@@ -215,7 +214,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		err_add_hint(err, "fetch the tiles of the whole mesh: those that have not changed are the same bytes");
 	}
 	if (!r && a->tile)
-		r = parse_tile(session, a->tile, &opt, err);
+		r = parse_tile(a->tile, &opt, err);
 	for (unsigned i = n > 0; i <= n && !r; i++) {
 		format[i] = format_of(a, i, err);
 		r = format[i] ? 0 : -(int)err->code;

@@ -155,6 +155,8 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		r = format->open(t->out, opt, &t->writer, err);
 	if (!r && opt->canonical)
 		r = outputs_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
+	if (!r && opt->canonical)
+		outputs_canonical_interrupt(t->canonical, run->opt.interrupted, run->opt.ctx);
 	if (r) {
 		if (path)
 			err_add_file(err, path);

@@ -28,7 +28,7 @@ struct outputs_options {
 	bool changes;                  /* the stream is one of changes: NAME.changes.geojson is written beside the first output */
 	bool tiled;                    /* the one output is a folder of tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	int (*interrupted)(void *ctx); /* not 0: give up; called while tiles are made; may be NULL */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
 	void *ctx;
 };
 

@@ -78,6 +78,8 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 		r = format->open(t->index, &t->opt, &t->writer, err);
 	else if (!r)
 		r = sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+	if (!r && t->sort)
+		sort_interrupt(t->sort, run->interrupted, run->ctx);
 	if (r) {
 		outputs_tiles_free(t);
 		return r;

@@ -5,10 +5,12 @@ import json
 import math
 import os
 import re
+import signal
 import sqlite3
 import struct
 import subprocess
 import sys
+import time
 from collections import Counter, defaultdict
 from fractions import Fraction
 
@@ -322,6 +324,39 @@ def memory_of_large_blocks():
         expect(three < frame + (12 << 20), "%d bytes of memory, %d without contours" % (three, alone))
 
 
+def interrupted():
+    """Ctrl-C while blocks come, pieces are joined and files are written: it ends soon, and leaves what --resume needs or nothing."""
+    names = ("l.gpkg", "l.geojson", "l.dxf")
+    with e2e.Folder() as base, e2e.Daemon(base, memory="256M") as d:
+        d.ctl("push", "s", survey(base, 150000)).ok()
+        job = str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"])
+        out = os.path.join(base, "out")
+        os.mkdir(out)
+        args = [job, "--quiet"] + [w for name in names for w in ("-o", os.path.join(out, name), "--interval", "0.25")]
+        cancelled = 0
+        for delay in (0.1, 0.4, 0.8, 1.2, 1.8, 2.5):
+            p = subprocess.Popen([e2e.ACUTCTL, "fetch", *args], env=dict(os.environ, ACUT_SOCKET=d.socket), stderr=subprocess.PIPE)
+            time.sleep(delay)
+            p.send_signal(signal.SIGINT)
+            start = time.monotonic()
+            p.communicate(timeout=60)
+            took = time.monotonic() - start
+            expect(p.returncode in (0, 130), "status %d" % p.returncode)
+            if p.returncode == 0:
+                break
+            cancelled += 1
+            expect(e2e.sanitized() or took < 5, "it took %.1f s to end" % took)
+            left = set(os.listdir(out))
+            expect(not left & set(names) and left <= {n + ".part" + s for n in names for s in ("", ".faces", ".state")}, "left: %s" % left)
+            expect(not left or "l.gpkg.part.state" in left, "parts without a state: %s" % left)
+        expect(cancelled, "every run was over at once")
+        d.ctl("fetch", *args, *(["--resume"] if "l.gpkg.part.state" in os.listdir(out) else [])).ok()
+        expect(set(os.listdir(out)) == set(names), "left: %s" % os.listdir(out))
+        again = [read(os.path.join(out, n)) for n in names]
+        d.ctl("fetch", *args).ok()
+        expect(again == [read(os.path.join(out, n)) for n in names], "other bytes after --resume")
+
+
 def systems():
     """What a file says of its system."""
     import crs
@@ -401,4 +436,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, memory_of_large_blocks, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, memory_of_large_blocks, interrupted, systems, refused)
