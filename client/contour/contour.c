@@ -25,7 +25,7 @@ int contour_head(struct contour *c, const struct acut_mesh_head *head, const str
 
 	c->opt = *opt;
 	if (!r)
-		r = contour_window_init(&c->window, head, err);
+		r = contour_cut_init(c, head, err);
 	return r ? r : outfile_annex(c->out, &c->annex, err);
 }
 
@@ -41,13 +41,6 @@ void contour_save(const struct contour *c, struct packer *to)
 	packer_u64(to, c->pieces);
 }
 
-static int make_room(struct contour *c, struct err *err)
-{
-	if (!contour_chains_full(c->chains))
-		return 0;
-	return contour_interrupted(c) ? err_set(err, ERR_CANCELLED, "interrupted") : contour_chains_flush(c, err);
-}
-
 /* The segments of one triangle: of each level that is above its lowest corner and not above its highest. */
 static int triangle(struct contour *c, const int32_t *const v[3], const int64_t level[3], bool whole, struct err *err)
 {
@@ -61,30 +54,13 @@ static int triangle(struct contour *c, const int32_t *const v[3], const int64_t 
 		const int32_t *at = v[one], *next = v[(one + 1) % 3], *last = v[(one + 2) % 3];
 		struct contour_crossing from = contour_cross(&c->levels, at, up == 1 ? next : last, l);
 		struct contour_crossing to = contour_cross(&c->levels, at, up == 1 ? last : next, l);
-		int r = make_room(c, err);
+		const struct contour_end end[2] = {{.edge = &from}, {.edge = &to}};
+		int r = whole ? contour_chains_add(c, end, l, err) : contour_cut(c, v, &from, &to, l, err);
 
-		if (!r)
-			r = contour_chains_add(c, &from, &to, l, whole, err);
 		if (r)
 			return r;
 	}
 	return 0;
-}
-
-/* Whether a triangle is outside of the window, reaches out of it, or is inside: -1, 0, 1. */
-static int inside(const struct contour_window *w, const int32_t *const v[3])
-{
-	int32_t low[2], high[2];
-
-	if (!w->given)
-		return 1;
-	for (int i = 0; i < 2; i++) {
-		low[i] = v[0][i] < v[1][i] ? v[0][i] : v[1][i];
-		low[i] = v[2][i] < low[i] ? v[2][i] : low[i];
-		high[i] = v[0][i] > v[1][i] ? v[0][i] : v[1][i];
-		high[i] = v[2][i] > high[i] ? v[2][i] : high[i];
-	}
-	return contour_window_box(w, low, high);
 }
 
 /* ---- blocks ---- */
@@ -207,10 +183,10 @@ static int add_triangle(struct contour *c, const uint32_t t[3], const int32_t (*
 {
 	const int32_t *const v[3] = {position[t[0]], position[t[1]], position[t[2]]};
 	int64_t level[3];
-	int in = inside(&c->window, v);
+	enum contour_inside in = contour_cut_inside(c, v);
 
 	levels_of(c, t, position, level);
-	return in < 0 ? 0 : triangle(c, v, level, in > 0, err);
+	return in == CONTOUR_OUTSIDE ? 0 : triangle(c, v, level, in == CONTOUR_INSIDE, err);
 }
 
 /* The triangles with lines of the cells from `from` up to `to`, n of them, cell by cell; of a cell that is more than a batch, as
@@ -282,6 +258,7 @@ struct contour *contour_free(struct contour *c)
 {
 	if (c) {
 		release(c);
+		contour_cut_done(c);
 		contour_array_free(c->link);
 		contour_array_free(c->seen);
 		sort_free(c->lines);

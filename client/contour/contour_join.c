@@ -18,7 +18,7 @@
 #define ENDS_MEMORY (4ull << 20) /* the blocks' memory is free, and outputs are finished one after the other */
 #define SORT_MEMORY (2ull << 20)
 #define SIGN (1ull << 63) /* levels as unsigned numbers, in their order */
-enum { END_WORDS = 4, LINE_WORDS = 5, NEXT_WORDS = 2, KEYS = 3, CHUNK = 256, SEEN_PAGES = 256 };
+enum { END_WORDS = 4, LINE_WORDS = 6, NEXT_WORDS = 2, KEYS = 3, LINE_KEYS = 4, CHUNK = 256, SEEN_PAGES = 256 };
 
 static int interrupted(const struct contour *c, uint64_t i, struct err *err)
 {
@@ -62,7 +62,8 @@ static int mark(struct contour *c, uint64_t number, struct err *err)
 static int add_closed(struct contour *c, const struct contour_piece *p, uint64_t number, struct err *err)
 {
 	return add_line(
-		c, (uint64_t[LINE_WORDS]){(uint64_t)p->level ^ SIGN, p->least[0], p->least[1], number << 1 | 1, p->least_index},
+		c,
+		(uint64_t[LINE_WORDS]){(uint64_t)p->level ^ SIGN, p->least[0], p->least[1], 0, number << 1 | 1, p->least_index},
 		err);
 }
 
@@ -230,7 +231,8 @@ static int open_line(struct contour *c, uint64_t number, struct err *err)
 	int r = get_piece(c, number, &p, err);
 
 	if (!r)
-		r = add_line(c, (uint64_t[LINE_WORDS]){(uint64_t)p.level ^ SIGN, p.from[0], p.from[1], number << 1, 0}, err);
+		r = add_line(c, (uint64_t[LINE_WORDS]){(uint64_t)p.level ^ SIGN, p.from[0], p.from[1], p.cut, number << 1, 0},
+			     err);
 	while (!r && next)
 		r = pass(c, next - 1, &next, &least, err);
 	return r;
@@ -307,7 +309,7 @@ int contour_join(struct contour *c, struct err *err)
 	if (!r)
 		r = contour_array_new(c->out, pages < SEEN_PAGES ? pages : SEEN_PAGES, &c->seen, err);
 	if (!r)
-		r = new_sort(c, LINE_WORDS, KEYS, SORT_MEMORY, &c->lines, err);
+		r = new_sort(c, LINE_WORDS, LINE_KEYS, SORT_MEMORY, &c->lines, err);
 	if (!r)
 		r = link_pieces(c, err);
 	if (!r)

@@ -142,9 +142,9 @@ int contour_next(struct contour *c, struct contour_line *ret, struct err *err)
 			*ret = (struct contour_line){0};
 			return 0;
 		}
-		d->first = rec[3] >> 1;
-		d->closed = rec[3] & 1;
-		d->start = (uint32_t)rec[4];
+		d->first = rec[4] >> 1;
+		d->closed = rec[4] & 1;
+		d->start = (uint32_t)rec[5];
 		ret->level = (int64_t)(rec[0] ^ 1ull << 63) - c->levels.shift;
 		ret->closed = d->closed;
 		r = measure(c, ret, err);

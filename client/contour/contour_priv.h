@@ -1,4 +1,4 @@
-/* Shared by the files of this room: levels (contour_level.c), triangles to segments (contour.c), the window (contour_clip.c),
+/* Shared by the files of this room: levels (contour_level.c), triangles to segments (contour.c), the window (contour_cut.c),
  * segments to pieces of lines (contour_chain.c), pieces to lines (contour_join.c, contour_array.c), points (contour_line.c). */
 #ifndef CONTOUR_PRIV_H
 #define CONTOUR_PRIV_H
@@ -64,20 +64,15 @@ void contour_place(const struct contour_axis axis[2], const struct contour_cross
 /* Of a place between lattice points. */
 double contour_between(const struct contour_axis *, double number);
 
-/* ---- the window: contour_clip.c ---- */
+/* ---- the window: contour_cut.c ---- */
 
-/* Local lattice numbers low <= c < high: windows side by side have the lines of both once. */
-struct contour_window {
-	bool given;
-	int64_t low[2], high[2];
-};
-int contour_window_init(struct contour_window *, const struct acut_mesh_head *, struct err *err);
-/* -1: nothing of the box is in it, 1: all of it. */
-int contour_window_box(const struct contour_window *, const int32_t low[2], const int32_t high[2]);
-bool contour_window_has(const struct contour_window *, const struct contour_crossing *);
-/* The part of the segment from a to b that is in the window, as numbers; false: there is none. `has` tells which ends are. */
-bool contour_window_cut(const struct contour_window *, const struct contour_crossing *a, const struct contour_crossing *b,
-			const bool has[2], double ret[2][2]);
+enum contour_inside { CONTOUR_OUTSIDE, CONTOUR_ACROSS, CONTOUR_INSIDE };
+int contour_cut_init(struct contour *, const struct acut_mesh_head *, struct err *err);
+void contour_cut_done(struct contour *);
+enum contour_inside contour_cut_inside(const struct contour *, const int32_t *const v[3]);
+/* The parts of a segment of a triangle that are in the window. */
+int contour_cut(struct contour *, const int32_t *const v[3], const struct contour_crossing *from,
+		const struct contour_crossing *to, int64_t level, struct err *err);
 
 /* ---- segments to pieces: contour_chain.c ---- */
 
@@ -88,7 +83,8 @@ struct contour_piece {
 	uint64_t least[2];       /* the least of its edges, in which a closed line begins */
 	uint64_t at;
 	uint32_t count, least_index;
-	uint32_t flags, unused;
+	uint32_t flags;
+	uint32_t cut; /* which cut of its segment the piece begins at; 0: it begins at an edge */
 };
 enum { CONTOUR_CLOSED = 1, CONTOUR_CUT_FROM = 2, CONTOUR_CUT_TO = 4 };
 /* What is written at once: so many pieces, one behind the other, then their points. */
@@ -98,7 +94,6 @@ struct contour_batch {
 
 struct contour_chains;
 int contour_chains_new(unsigned segments, struct contour_chains **ret, struct err *err);
-bool contour_chains_full(const struct contour_chains *);
 struct contour_chains *contour_chains_free(struct contour_chains *);
 
 /* ---- arrays of numbers that may be larger than the memory: contour_array.c ---- */
@@ -135,7 +130,8 @@ struct contour {
 	struct outfile *out, *annex;
 	struct contour_options opt;
 	struct contour_levels levels;
-	struct contour_window window;
+	struct area *area;    /* the window; NULL: none */
+	struct area_way *way; /* through it */
 	struct contour_chains *chains;
 	struct contour_work *work; /* while a block is worked on */
 	int64_t seen_levels[2];    /* of the lowest and the highest corner */
@@ -151,9 +147,14 @@ struct contour {
 	struct contour_reader reader;
 };
 
-/* A directed segment in the triangle; up is on its left. */
-int contour_chains_add(struct contour *, const struct contour_crossing *from, const struct contour_crossing *to, int64_t level,
-		       bool whole, struct err *err);
+/* An end of a segment, or of a part of it: a crossing, or, with the number of the cut, a place between it and the next one. */
+struct contour_end {
+	const struct contour_crossing *edge;
+	uint32_t cut;
+	double at[2];
+};
+/* A directed segment in the triangle; up is on its left. The pieces go to the annex first if the table is full. */
+int contour_chains_add(struct contour *, const struct contour_end end[2], int64_t level, struct err *err);
 /* Pieces to the annex; the table is empty then. */
 int contour_chains_flush(struct contour *, struct err *err);
 

@@ -195,7 +195,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		.edges = !a->since, .changes = a->since > 0, .interrupted = session_interrupted, .ctx = session};
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
-	unsigned n = ctl_fetch_count(a), rasters = 0, lines = 0;
+	unsigned n = ctl_fetch_count(a), rasters = 0;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -220,11 +220,6 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = format[i] ? 0 : -(int)err->code;
 		rasters += format[i] && (format[i]->kind == FORMAT_RASTER ||
 					 (format[i]->kind == FORMAT_PICTURE && ctl_fetch_output(a, i).cell));
-		lines += format[i] && format[i]->kind == FORMAT_LINES;
-	}
-	if (!r && lines && a->window && !strcmp(a->window, "polygon")) {
-		r = err_set(err, ERR_USAGE, "contours cannot be cut by --polygon");
-		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
 	}
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);

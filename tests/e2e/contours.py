@@ -1,5 +1,5 @@
 """Contours: each level's length against the triangles of the PLY of the same mesh, by fractions; the three formats have the same lines;
-lines end at the border of the mesh or of the window only; the same bytes whatever the memory, the threads, the pushes and the other
+lines end at the border of the mesh or of the window only, of polygons too; the same bytes whatever the memory, the threads, the pushes and the other
 outputs; the memory of acutctl; what is refused."""
 import json
 import math
@@ -302,6 +302,76 @@ def memory():
         expect(not [n for n in os.listdir(base) if "part" in n], "left behind: %s" % os.listdir(base))
 
 
+AREA = {"type": "MultiPolygon", "coordinates": [
+    [[[500010.3, 5400010], [500140, 5400005.5], [500150.25, 5400120], [500060, 5400150], [500010.3, 5400010]],
+     [[500050, 5400050], [500070, 5400100.01], [500100, 5400052], [500050, 5400050]]],
+    [[[500160, 5399990], [500190, 5399990], [500190, 5400300], [500160, 5400300], [500160, 5399990]]]]}
+
+
+def is_inside(x, y, rings):
+    return sum((p[1] <= y) != (q[1] <= y) and x < p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
+               for ring in rings for p, q in zip(ring, ring[1:])) % 2 == 1
+
+
+def length_inside(a, b, rings, rough):
+    """Of a segment, in the polygons whose rings these are, by the even-odd rule: exact but for the square root, where an edge is near."""
+    length, parts, inside = math.hypot(b[0] - a[0], b[1] - a[1]), {Fraction(0), Fraction(1)}, Fraction(0)
+    if all(min(p[0], q[0]) > max(a[0], b[0]) + 1e-6 or max(p[0], q[0]) < min(a[0], b[0]) - 1e-6 or
+           min(p[1], q[1]) > max(a[1], b[1]) + 1e-6 or max(p[1], q[1]) < min(a[1], b[1]) - 1e-6
+           for ring in rough for p, q in zip(ring, ring[1:])):
+        return length if is_inside(a[0], a[1], rough) else 0
+    (x1, y1), (x2, y2) = ((Fraction(p[0]), Fraction(p[1])) for p in (a, b))
+    for ring in rings:
+        for (px, py), (qx, qy) in zip(ring, ring[1:]):
+            turn = (x2 - x1) * (qy - py) - (y2 - y1) * (qx - px)
+            if turn:
+                parts.add(((px - x1) * (qy - py) - (py - y1) * (qx - px)) / turn)
+    parts = sorted(t for t in parts if 0 <= t <= 1)
+    for t, u in zip(parts, parts[1:]):
+        if is_inside(x1 + (x2 - x1) * (t + u) / 2, y1 + (y2 - y1) * (t + u) / 2, rings):
+            inside += u - t
+    return float(inside) * length
+
+
+def polygons():
+    """Lines are cut at the border of polygons, with holes and several ones: lengths by level, by fractions; where they end; two areas side by side."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, out, area, rest = survey(base, 8000, "s.las", "--density", "0.25"), os.path.join(base, "l.gpkg"), os.path.join(base, "a.geojson"), os.path.join(base, "r.geojson")
+        rings = [[(Fraction(str(x)), Fraction(str(y))) for x, y in ring] for polygon in AREA["coordinates"] for ring in polygon]
+        rough = [[(float(x), float(y)) for x, y in ring] for ring in rings]
+        around = [[499000, 5399000], [501000, 5399000], [501000, 5401000], [499000, 5401000], [499000, 5399000]]
+        others = [[around] + [p[0] for p in AREA["coordinates"]]] + [[hole] for p in AREA["coordinates"] for hole in p[1:]]
+        for path, shape in ((area, AREA), (rest, {"type": "MultiPolygon", "coordinates": others})):
+            with open(path, "w") as f:
+                json.dump(shape, f)
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("fetch", job, "-o", out, "--interval", "1").ok()
+        whole = read_gpkg(out)
+        want, all_of, got, got_rest = (defaultdict(float) for _ in range(4))
+        for line in whole:
+            all_of[line.height] += line.length
+            want[line.height] += sum(length_inside(a, b, rings, rough) for a, b in zip(line.points, line.points[1:]))
+        d.ctl("mesh", las, "--polygon", area, "-o", out, "--interval", "1").ok()
+        made, cut = read_gpkg(out), 0
+        for line in made:
+            got[line.height] += line.length
+            for x, y, _ in () if line.closed else (line.points[0], line.points[-1]):
+                away = min(abs((q[0] - p[0]) * (Fraction(y) - p[1]) - (Fraction(x) - p[0]) * (q[1] - p[1])) / Fraction(math.hypot(q[0] - p[0], q[1] - p[1]))
+                           for ring in rings for p, q in zip(ring, ring[1:]))
+                cut += away < 2e-8
+        expect(cut > 50, "%d ends at the border" % cut)
+        d.ctl("fetch", job, "--polygon", area, "-o", out, "--interval", "1").ok()
+        expect([line.key() for line in read_gpkg(out)] == [line.key() for line in made], "a window of a job has other lines")
+        d.ctl("fetch", job, "--polygon", rest, "-o", out, "--interval", "1").ok()
+        for line in read_gpkg(out):
+            got_rest[line.height] += line.length
+        for height, length in all_of.items():
+            expect(abs(want[height] - got[height]) <= 1e-9 * want[height] + 1e-9, "%s: %.12f, not %.12f" % (height, got[height], want[height]))
+            expect(near(length, got[height] + got_rest[height]), "%s: %.9f inside and %.9f outside of %.9f" % (height, got[height], got_rest[height], length))
+        expect(sum(got.values()) > 1000 and sum(got_rest.values()) > 1000, "areas without lines")
+
+
 def peak(d, *args):
     # A process of its own, which is small: a child begins with the peak of its parent.
     p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, *args, "--quiet"], env={"ACUT_SOCKET": d.socket, "MALLOC_PERTURB_": "0"}).ok()
@@ -397,9 +467,6 @@ def systems():
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las, out = survey(base), os.path.join(base, "r.gpkg")
-        area = os.path.join(base, "a.geojson")
-        with open(area, "w") as f:
-            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
         d.ctl("push", "s", las).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
@@ -416,8 +483,6 @@ def refused():
                             (("--canonical has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--canonical")),
                             (("--tile has no meaning for gpkg", "--bbox"), ("fetch", job, "-o", out + "/", "--format", "gpkg", "--interval", "1", "--tile", "50")),
                             (("--changed-since has no meaning for gpkg",), ("fetch", other, "-o", out, "--interval", "1", "--changed-since", "1")),
-                            (("contours cannot be cut by --polygon", "--bbox"), ("mesh", las, "-o", out, "--interval", "1", "--polygon", area)),
-                            (("contours cannot be cut by --polygon", "--bbox"), ("fetch", job, "-o", out, "--interval", "1", "--polygon", area)),
                             (("too many digits",), ("mesh", las, "-o", out, "--interval", "0.12345678901"))):
             r = d.ctl(*args)
             expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
@@ -436,4 +501,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, memory_of_large_blocks, interrupted, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, polygons, memory, memory_of_large_blocks, interrupted, systems, refused)
