@@ -18,6 +18,7 @@
 
 #define SORT_WORDS 6
 #define SORT_RUN_LEAST 4096 /* bytes a run's buffer has at least */
+#define SORT_FIRST 1024     /* records that there is memory for at first */
 
 struct run {
 	uint64_t at, end; /* what is still in the file, bytes */
@@ -31,6 +32,7 @@ struct sort {
 	struct outfile *spool;
 	uint64_t *buf;
 	size_t room, used; /* records */
+	size_t have;       /* that buf has memory for; it grows up to room before the first run */
 	struct run *run;
 	size_t nrun, run_room;
 	uint32_t *heap;
@@ -119,12 +121,9 @@ int sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfil
 		s->room = (size_t)(memory / (words * sizeof(uint64_t)));
 		if (s->room < 2 * SORT_RUN_LEAST / sizeof(uint64_t))
 			s->room = 2 * SORT_RUN_LEAST / sizeof(uint64_t);
-		s->buf = malloc(s->room * words * sizeof(uint64_t));
 	}
-	if (!s || !s->buf) {
-		sort_free(s);
+	if (!s)
 		return err_set(err, ERR_NOMEM, "no memory to sort with");
-	}
 	*ret = s;
 	return 0;
 }
@@ -169,9 +168,23 @@ static int spill(struct sort *s, struct err *err)
 	return rc;
 }
 
+static int grow(struct sort *s, struct err *err)
+{
+	size_t have = s->have ? 2 * s->have : SORT_FIRST;
+	void *grown;
+
+	have = have < s->room ? have : s->room;
+	grown = realloc(s->buf, have * s->words * sizeof(uint64_t));
+	if (!grown)
+		return err_set(err, ERR_NOMEM, "no memory to sort with");
+	s->buf = grown;
+	s->have = have;
+	return 0;
+}
+
 int sort_add(struct sort *s, const uint64_t *record, struct err *err)
 {
-	int r = s->used == s->room ? spill(s, err) : 0;
+	int r = s->used < s->have ? 0 : s->have < s->room ? grow(s, err) : spill(s, err);
 
 	if (r)
 		return r;
