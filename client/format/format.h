@@ -107,6 +107,8 @@ struct format {
 	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);
 	int (*resume)(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *);
+	/* Of FORMAT_LINES, after finish: how many lines the file has. */
+	uint64_t (*lines)(const void *writer);
 };
 #define FORMAT_SAVED 64
 

@@ -121,7 +121,7 @@ static int put_all(struct format_lines *w, struct err *err)
 		r = put_layers(w, err);
 	if (!r)
 		r = put(w, "0\nENDSEC\n0\nSECTION\n2\nENTITIES\n", err);
-	while (!r && !(r = contour_next(w->contour, &line, err)) && line.points) {
+	while (!r && !(r = format_lines_next(w, &line, err)) && line.points) {
 		r = format_lines_room(w, err);
 		if (!r)
 			r = put_line(w, &line, err);
@@ -154,4 +154,5 @@ const struct format format_dxf_contours = {
 	.free = format_lines_free,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
+	.lines = format_lines_count,
 };

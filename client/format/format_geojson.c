@@ -93,7 +93,7 @@ static int put_all(struct format_lines *w, struct err *err)
 	bool first = true;
 	int r = put_head(w, err);
 
-	while (!r && !(r = contour_next(w->contour, &line, err)) && line.points) {
+	while (!r && !(r = format_lines_next(w, &line, err)) && line.points) {
 		r = format_lines_room(w, err);
 		if (!r)
 			r = put_line(w, &line, first, err);
@@ -127,4 +127,5 @@ const struct format format_geojson = {
 	.free = format_lines_free,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
+	.lines = format_lines_count,
 };

@@ -147,7 +147,7 @@ static int put_lines(struct gpkg *g, struct err *err)
 	struct contour_line line;
 	int r;
 
-	while (!(r = contour_next(g->w->contour, &line, err)) && line.points) {
+	while (!(r = format_lines_next(g->w, &line, err)) && line.points) {
 		r = format_lines_room(g->w, err);
 		if (!r)
 			r = put_line(g, &line, err);
@@ -383,4 +383,5 @@ const struct format format_gpkg = {
 	.free = format_lines_free,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
+	.lines = format_lines_count,
 };

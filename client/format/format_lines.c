@@ -171,6 +171,19 @@ int format_lines_finish(struct format_lines *w, const struct acut_mesh_tail *tai
 	return r ? r : contour_done(w->contour, err);
 }
 
+int format_lines_next(struct format_lines *w, struct contour_line *ret, struct err *err)
+{
+	int r = contour_next(w->contour, ret, err);
+
+	w->lines += !r && ret->points;
+	return r;
+}
+
+uint64_t format_lines_count(const void *writer)
+{
+	return ((const struct format_lines *)writer)->lines;
+}
+
 bool format_lines_is_index(const struct format_lines *w, int64_t level)
 {
 	return w->index && level % (int64_t)w->index == 0;

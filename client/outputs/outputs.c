@@ -345,6 +345,16 @@ void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint6
 	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
 }
 
+static uint32_t without_lines(const struct outputs *run)
+{
+	uint32_t bits = 0;
+	unsigned i = 0;
+
+	for (const struct outputs_target *t = run->target; t; t = t->next, i++)
+		bits |= (uint32_t)(t->format->lines && !t->format->lines(t->writer)) << i;
+	return bits;
+}
+
 void outputs_report(const struct outputs *run, struct outputs_report *ret)
 {
 	const struct outputs_left left = left_out(run);
@@ -355,6 +365,7 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.all_left_out = left.triangles && left.triangles == run->all_triangles,
 		.left_out_area = outputs_edge_area(&run->edge, left.area2),
 		.tiles = run->tiles ? outputs_tiles_count(run->tiles) : 0,
+		.no_lines = without_lines(run),
 		.longest_edge = outputs_edge_longest(&run->edge),
 		.median_edge = outputs_edge_median(&run->edge),
 		.long_share = outputs_edge_share(&run->edge, OUTPUTS_LONG_EDGE * outputs_edge_median(&run->edge)),

@@ -427,6 +427,24 @@ def interrupted():
         expect(again == [read(os.path.join(out, n)) for n in names], "other bytes after --resume")
 
 
+def no_lines():
+    """An interval above the relief, or heights that pass by it: a file without lines, and one note."""
+    text = "no line: the mesh has no height of a contour"
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        low, out = os.path.join(base, "low.xyz"), [os.path.join(base, "l." + k) for k in ("gpkg", "geojson", "dxf")]
+        with open(low, "w") as f:
+            f.writelines("%d %d %.2f\n" % (x, y, 101 + (x * y) % 3 * 0.25) for x in range(9) for y in range(9))
+        for words in (("1000",), ("1", "--base", "0.75")):
+            outs = [w for path in out for w in ("-o", path, "--interval", *words)]
+            r = d.ctl("mesh", low, "--assume-units", "m,m", *outs).ok()
+            expect((r.err + r.out).count(text) == 1 and out[0] + " and 2 others have" in r.err + r.out, r.err + r.out)
+            expect(not read_gpkg(out[0]) and not read_geojson(out[1]) and not read_dxf(out[2]), "there are lines")
+            r = d.ctl("mesh", low, "--assume-units", "m,m", "-o", out[0], "--interval", *words, "--json").ok()
+            expect(any(out[0] + " has " + text in n for n in r.json()["notes"]), str(r.json()["notes"]))
+        r = d.ctl("mesh", low, "--assume-units", "m,m", "-o", out[0], "--interval", "0.3", "-o", base + "/m.ply").ok()
+        expect(text not in r.err + r.out and read_gpkg(out[0]), r.err + r.out)
+
+
 def systems():
     """What a file says of its system."""
     import crs
@@ -501,4 +519,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, polygons, memory, memory_of_large_blocks, interrupted, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, polygons, memory, memory_of_large_blocks, interrupted, no_lines, systems, refused)
