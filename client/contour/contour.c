@@ -24,6 +24,7 @@ int contour_head(struct contour *c, const struct acut_mesh_head *head, const str
 	int r = contour_levels_init(&c->levels, head, opt, err);
 
 	c->opt = *opt;
+	contour_tiles_init(&c->tiles, head, opt);
 	if (!r)
 		r = contour_cut_init(c, head, err);
 	return r ? r : outfile_annex(c->out, &c->annex, err);
@@ -44,10 +45,13 @@ void contour_save(const struct contour *c, struct packer *to)
 /* The segments of one triangle: of each level that is above its lowest corner and not above its highest. */
 static int triangle(struct contour *c, const int32_t *const v[3], const int64_t level[3], bool whole, struct err *err)
 {
+	int64_t tile[2], key;
 	int low = level[1] < level[0] ? 1 : 0, high = level[1] > level[0] ? 1 : 0;
 
 	low = level[2] < level[low] ? 2 : low;
 	high = level[2] > level[high] ? 2 : high;
+	if (c->tiles.p)
+		whole &= contour_tiles_same(&c->tiles, v, tile);
 	for (int64_t l = level[low] + 1; l <= level[high]; l++) {
 		unsigned up = (level[0] >= l) + (level[1] >= l) + (level[2] >= l);
 		int one = up == 1 ? high : low; /* the corner that differs from the two others */
@@ -55,8 +59,13 @@ static int triangle(struct contour *c, const int32_t *const v[3], const int64_t 
 		struct contour_crossing from = contour_cross(&c->levels, at, up == 1 ? next : last, l);
 		struct contour_crossing to = contour_cross(&c->levels, at, up == 1 ? last : next, l);
 		const struct contour_end end[2] = {{.edge = &from}, {.edge = &to}};
-		int r = whole ? contour_chains_add(c, end, l, err) : contour_cut(c, v, &from, &to, l, err);
+		int r = 0;
 
+		key = l;
+		if (whole && c->tiles.p)
+			r = contour_tiles_key(&c->tiles, tile, l, &key, err);
+		if (!r)
+			r = whole ? contour_chains_add(c, end, key, err) : contour_cut(c, v, &from, &to, l, err);
 		if (r)
 			return r;
 	}
@@ -259,6 +268,7 @@ struct contour *contour_free(struct contour *c)
 	if (c) {
 		release(c);
 		contour_cut_done(c);
+		contour_tiles_done(&c->tiles);
 		contour_array_free(c->link);
 		contour_array_free(c->seen);
 		sort_free(c->lines);

@@ -166,42 +166,175 @@ static void numbers_of(const struct area_place *p, double ret[2])
 		ret[i] = (double)p->from[i] + (double)(p->to[i] - p->from[i]) * ((double)p->n / (double)p->d);
 }
 
-/* Where a segment crosses an edge: at its ends as they are elsewhere, and exactly on an edge along an axis. */
-static void place_cut(const struct contour *c, const struct contour_crossing *from, const struct contour_crossing *to,
-		      const struct area_segment *s, const struct area_crossing *edge, double ret[2])
-{
-	double a[2], b[2];
+/* A segment that is followed from border to border. */
+struct walk {
+	struct contour *c;
+	const struct contour_crossing *from, *to;
+	struct plane plane;
+	struct area_segment s;
+	double a[2], b[2]; /* its ends, as numbers */
+	int64_t level;
+	bool in;               /* the window */
+	int64_t tile[2];       /* where it is */
+	int64_t last[2];       /* where it ends */
+	struct contour_end at; /* the beginning of this part */
+	uint32_t cuts;
+};
 
+static double between(const struct walk *w, int axis, double part)
+{
+	return contour_between(&w->c->opt.axis[axis], w->a[axis] + (w->b[axis] - w->a[axis]) * part);
+}
+
+/* Where it crosses an edge of the window: at its ends as they are elsewhere, and exactly on an edge along an axis. */
+static void edge_place(const struct walk *w, const struct area_crossing *edge, double ret[2])
+{
 	if (edge->part <= 0 || edge->part >= 1) {
-		contour_place(c->opt.axis, edge->part <= 0 ? from : to, ret);
+		contour_place(w->c->opt.axis, edge->part <= 0 ? w->from : w->to, ret);
 		return;
 	}
-	numbers_of(&s->a, a);
-	numbers_of(&s->b, b);
 	for (int i = 0; i < 2; i++)
-		ret[i] = contour_between(&c->opt.axis[i], edge->low[i] == edge->high[i] ? (double)edge->low[i] :
-											  a[i] + (b[i] - a[i]) * edge->part);
+		ret[i] = edge->low[i] == edge->high[i] ? contour_between(&w->c->opt.axis[i], (double)edge->low[i]) :
+							 between(w, i, edge->part);
+}
+
+/* The next border of a tile. */
+struct border {
+	int axis, way;
+	int64_t line;
+	double part, place[2];
+};
+
+/* Of a corner of tiles: 1: left of the line. *ret_on: it is on it, and counts as moved to lesser x and y. */
+static int corner_side(const struct walk *w, const int64_t line[2], bool *ret_on)
+{
+	const struct contour_tiles *t = &w->c->tiles;
+	const struct plane *f = &w->plane;
+	struct wide sum = wide_product(f->high * (i128)t->q, f->normal[2]);
+	int sign;
+
+	for (int i = 0; i < 2; i++) {
+		i128 way = contour_tiles_border(t, i, line[i]) - (i128)f->at[i] * (i128)t->q;
+
+		sum = wide_sum(sum, wide_negative(wide_product(f->normal[i], way * f->q)));
+	}
+	sign = wide_sign(sum);
+	*ret_on = !sign;
+	return sign ? sign : f->normal[0] ? (f->normal[0] > 0 ? 1 : -1) : f->normal[1] > 0 ? 1 : -1;
+}
+
+static double border_place(const struct walk *w, int axis, int64_t line)
+{
+	const struct contour_tiles *t = &w->c->tiles;
+
+	return contour_border(&w->c->opt.axis[axis], contour_tiles_border(t, axis, line), (int64_t)t->q);
+}
+
+/* False: it is in its last tile. */
+static bool next_border(const struct walk *w, struct border *ret)
+{
+	const struct contour_tiles *t = &w->c->tiles;
+	int64_t line[2];
+	int way[2], axis, other;
+	bool on = false;
+	double at;
+
+	for (int i = 0; i < 2; i++) {
+		way[i] = w->last[i] == w->tile[i] ? 0 : w->last[i] > w->tile[i] ? 1 : -1;
+		line[i] = w->tile[i] + (way[i] > 0);
+	}
+	if (!t->p || (!way[0] && !way[1]))
+		return false;
+	axis = way[0] && way[1] ? corner_side(w, line, &on) != way[0] * way[1] : !way[0];
+	other = !axis;
+	*ret = (struct border){.axis = axis, .way = way[axis], .line = line[axis]};
+	for (int end = 0; end < 2; end++)
+		if (!contour_tiles_beside(t, axis, end ? w->to : w->from, line[axis])) {
+			ret->part = end;
+			contour_place(w->c->opt.axis, end ? w->to : w->from, ret->place);
+			return true;
+		}
+	at = contour_nearest(contour_tiles_border(t, axis, line[axis]), (i128)t->q);
+	ret->part = (at - w->a[axis]) / (w->b[axis] - w->a[axis]);
+	ret->place[axis] = border_place(w, axis, line[axis]);
+	ret->place[other] = on ? border_place(w, other, line[other]) : between(w, other, ret->part);
+	return true;
+}
+
+/* Whether an edge of the window lies on a border of tiles: they are crossed together. */
+static bool along(const struct walk *w, const struct border *b, const struct area_crossing *edge)
+{
+	return edge->low[b->axis] == edge->high[b->axis] &&
+	       contour_tiles_border(&w->c->tiles, b->axis, b->line) == (i128)edge->low[b->axis] * (i128)w->c->tiles.q;
+}
+
+static int part_ends(struct walk *w, const struct contour_end *end, struct err *err)
+{
+	const struct contour_end both[2] = {w->at, *end};
+	int64_t key = w->level;
+	int r = w->in && w->c->tiles.p ? contour_tiles_key(&w->c->tiles, w->tile, w->level, &key, err) : 0;
+
+	if (!r && w->in)
+		r = contour_chains_add(w->c, both, key, err);
+	w->at = *end;
+	return r;
+}
+
+/* Past the next edge or border. Of two at one place the one comes first behind which the part between them is not in the window.
+ */
+static int pass(struct walk *w, const struct area_crossing **edge, const struct border *border, struct err *err)
+{
+	bool same = *edge && border && along(w, border, *edge);
+	bool window =
+		*edge && (!border || (same ? w->in : (*edge)->part < border->part || (w->in && (*edge)->part == border->part)));
+	struct contour_end end = {.edge = w->from, .cut = ++w->cuts};
+	int r;
+
+	if (window && !same)
+		edge_place(w, *edge, end.at);
+	else
+		memcpy(end.at, border->place, sizeof(end.at));
+	r = part_ends(w, &end, err);
+	if (window) {
+		w->in = !w->in;
+		++*edge;
+	} else {
+		w->tile[border->axis] += border->way;
+	}
+	return r;
 }
 
 int contour_cut(struct contour *c, const int32_t *const v[3], const struct contour_crossing *from,
 		const struct contour_crossing *to, int64_t level, struct err *err)
 {
-	const struct plane plane = plane_of(c, v, level);
-	const struct area_segment s = {place_of(from), place_of(to), side, &plane};
-	struct contour_end end[2] = {{.edge = from}, {.edge = from}};
-	const struct area_crossing *edge;
-	size_t n;
-	bool in;
-	int r = area_way(c->way, &s, &in, &edge, &n, err);
+	struct walk w = {.c = c,
+			 .from = from,
+			 .to = to,
+			 .plane = plane_of(c, v, level),
+			 .s = {place_of(from), place_of(to), side, &w.plane},
+			 .level = level,
+			 .in = true,
+			 .at = {.edge = from}};
+	const struct area_crossing *edge = NULL, *end;
+	struct border border;
+	size_t n = 0;
+	int r = c->area ? area_way(c->way, &w.s, &w.in, &edge, &n, err) : 0;
 
-	for (size_t i = 0; i < n && !r; i++) {
-		end[1].cut = (uint32_t)i + 1;
-		place_cut(c, from, to, &s, &edge[i], end[1].at);
-		if (in)
-			r = contour_chains_add(c, end, level, err);
-		end[0] = end[1];
-		in = !in;
+	end = n ? edge + n : edge;
+	numbers_of(&w.s.a, w.a);
+	numbers_of(&w.s.b, w.b);
+	for (int i = 0; i < 2 && c->tiles.p; i++) {
+		w.tile[i] = contour_tiles_of(&c->tiles, i, from);
+		w.last[i] = contour_tiles_of(&c->tiles, i, to);
 	}
-	end[1] = (struct contour_end){.edge = to};
-	return r || !in ? r : contour_chains_add(c, end, level, err);
+	while (!r) {
+		bool more = next_border(&w, &border);
+		const struct area_crossing *next = edge != end ? edge : NULL, *before = next;
+
+		if (!more && !next)
+			return part_ends(&w, &(struct contour_end){.edge = to}, err);
+		r = pass(&w, &next, more ? &border : NULL, err);
+		edge += next != before;
+	}
+	return r;
 }

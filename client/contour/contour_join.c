@@ -40,8 +40,14 @@ static int get_piece(struct contour *c, uint64_t number, struct contour_piece *r
 
 static int add_line(struct contour *c, const uint64_t rec[LINE_WORDS], struct err *err)
 {
-	int64_t level = (int64_t)(rec[0] ^ SIGN);
+	int64_t key = (int64_t)(rec[0] ^ SIGN), level = contour_tiles_level(&c->tiles, key);
+	struct contour_tile *t = contour_tiles_tile(&c->tiles, key);
 
+	if (t) {
+		t->range[0] = !t->any || level < t->range[0] ? level : t->range[0];
+		t->range[1] = !t->any || level > t->range[1] ? level : t->range[1];
+		t->any = true;
+	}
 	c->range[0] = !c->any || level < c->range[0] ? level : c->range[0];
 	c->range[1] = !c->any || level > c->range[1] ? level : c->range[1];
 	c->any = true;
@@ -320,8 +326,10 @@ int contour_join(struct contour *c, struct err *err)
 
 bool contour_range(const struct contour *c, int64_t ret[2])
 {
+	const int64_t *range = c->tile ? c->tile->range : c->range;
+
 	for (int i = 0; i < 2 && c->any; i++)
-		ret[i] = c->range[i] - c->levels.shift;
+		ret[i] = range[i] - c->levels.shift;
 	return c->any;
 }
 

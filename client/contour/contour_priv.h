@@ -61,6 +61,8 @@ struct contour_crossing {
 struct contour_crossing contour_cross(const struct contour_levels *, const int32_t *a, const int32_t *b, int64_t level);
 /* Its coordinates: the nearest doubles, unless the numbers have too many digits. */
 void contour_place(const struct contour_axis axis[2], const struct contour_crossing *, double ret[2]);
+/* Of the number n / q. */
+double contour_border(const struct contour_axis *, contour_i128 n, int64_t q);
 /* Of a place between lattice points. */
 double contour_between(const struct contour_axis *, double number);
 
@@ -73,6 +75,37 @@ enum contour_inside contour_cut_inside(const struct contour *, const int32_t *co
 /* The parts of a segment of a triangle that are in the window. */
 int contour_cut(struct contour *, const int32_t *const v[3], const struct contour_crossing *from,
 		const struct contour_crossing *to, int64_t level, struct err *err);
+
+/* ---- tiles: contour_tile.c ---- */
+
+struct contour_tile {
+	int64_t at[2];    /* column and row: from at * p / q of the absolute numbers on */
+	int64_t range[2]; /* levels of its lines */
+	bool any;
+};
+struct contour_tiles {
+	uint64_t p, q; /* p 0: there are none */
+	int64_t k[2];
+	unsigned most;
+	struct contour_tile *tile;
+	size_t n, nslot;
+	uint32_t *slot; /* 1 + which tile, by a hash of its place */
+	int64_t middle; /* level of the first line */
+};
+void contour_tiles_init(struct contour_tiles *, const struct acut_mesh_head *, const struct contour_options *);
+void contour_tiles_done(struct contour_tiles *);
+/* The column or row of a crossing. */
+int64_t contour_tiles_of(const struct contour_tiles *, int axis, const struct contour_crossing *);
+/* Whether a crossing is before a border (-1), on it, or behind it. */
+int contour_tiles_beside(const struct contour_tiles *, int axis, const struct contour_crossing *, int64_t line);
+/* Whether a triangle is in one tile. */
+bool contour_tiles_same(const struct contour_tiles *, const int32_t *const v[3], int64_t ret[2]);
+/* A border as a local lattice number, times q. */
+contour_i128 contour_tiles_border(const struct contour_tiles *, int axis, int64_t line);
+/* What stands for the level in pieces; -ERR_USAGE: too many tiles. And what it stands for. */
+int contour_tiles_key(struct contour_tiles *, const int64_t at[2], int64_t level, int64_t *ret, struct err *err);
+int64_t contour_tiles_level(const struct contour_tiles *, int64_t key);
+struct contour_tile *contour_tiles_tile(const struct contour_tiles *, int64_t key); /* NULL: there are no tiles */
 
 /* ---- segments to pieces: contour_chain.c ---- */
 
@@ -130,6 +163,7 @@ struct contour {
 	struct outfile *out, *annex;
 	struct contour_options opt;
 	struct contour_levels levels;
+	struct contour_tiles tiles;
 	struct area *area;    /* the window; NULL: none */
 	struct area_way *way; /* through it */
 	struct contour_chains *chains;
@@ -144,6 +178,10 @@ struct contour {
 	struct sort *lines;
 	int64_t range[2];
 	bool any;
+	const uint64_t *next;      /* the record of a line that was not handed out; NULL: it is the next of the sort */
+	struct contour_tile *tile; /* whose lines are handed out; NULL: there are no tiles */
+	bool waits;                /* its first line, `first`, was found by contour_next_tile */
+	struct contour_line first;
 	struct contour_reader reader;
 };
 

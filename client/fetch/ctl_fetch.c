@@ -9,7 +9,7 @@ static void warn_no_tiles(const struct ctl_mesh *m)
 	const struct acut_report *p = &m->job->report;
 	char count[32];
 
-	if (m->opt->tile && !m->out->tiles && p->vertices)
+	if (m->opt->tile && !m->out->tiles && !m->out->no_lines && p->vertices)
 		console_warn(m->console, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
 			     term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
 			     p->triangles ? " but those that are left out" : "");

@@ -139,6 +139,11 @@ static int dxf_contours_finish(void *writer, const struct acut_mesh_tail *tail, 
 	return format_lines_finish(writer, tail, put_all, err);
 }
 
+static int dxf_contours_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	return format_lines_tiles(writer, tail, put_all, err);
+}
+
 const struct format format_dxf_contours = {
 	.name = "dxf-contours",
 	.extensions = "",
@@ -155,4 +160,6 @@ const struct format format_dxf_contours = {
 	.save = format_lines_save,
 	.resume = format_lines_resume,
 	.lines = format_lines_count,
+	.tile = format_lines_tile,
+	.tile_lines = dxf_contours_tiles,
 };

@@ -112,6 +112,11 @@ static int geojson_finish(void *writer, const struct acut_mesh_tail *tail, struc
 	return format_lines_finish(writer, tail, put_all, err);
 }
 
+static int geojson_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	return format_lines_tiles(writer, tail, put_all, err);
+}
+
 const struct format format_geojson = {
 	.name = "geojson",
 	.extensions = ".geojson",
@@ -128,4 +133,6 @@ const struct format format_geojson = {
 	.save = format_lines_save,
 	.resume = format_lines_resume,
 	.lines = format_lines_count,
+	.tile = format_lines_tile,
+	.tile_lines = geojson_tiles,
 };

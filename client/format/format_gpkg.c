@@ -368,6 +368,11 @@ static int gpkg_finish(void *writer, const struct acut_mesh_tail *tail, struct e
 	return format_lines_finish(writer, tail, put_all, err);
 }
 
+static int gpkg_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	return format_lines_tiles(writer, tail, put_all, err);
+}
+
 const struct format format_gpkg = {
 	.name = "gpkg",
 	.extensions = ".gpkg",
@@ -384,4 +389,6 @@ const struct format format_gpkg = {
 	.save = format_lines_save,
 	.resume = format_lines_resume,
 	.lines = format_lines_count,
+	.tile = format_lines_tile,
+	.tile_lines = gpkg_tiles,
 };

@@ -352,7 +352,7 @@ static uint32_t without_lines(const struct outputs *run)
 
 	for (const struct outputs_target *t = run->target; t; t = t->next, i++)
 		bits |= (uint32_t)(t->format->lines && !t->format->lines(t->writer)) << i;
-	return bits;
+	return run->tiles && run->tiles->format->lines && !outputs_tiles_count(run->tiles) ? 1 : bits;
 }
 
 void outputs_report(const struct outputs *run, struct outputs_report *ret)

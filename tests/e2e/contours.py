@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import sqlite3
 import struct
@@ -372,6 +373,59 @@ def polygons():
         expect(sum(got.values()) > 1000 and sum(got_rest.values()) > 1000, "areas without lines")
 
 
+def tiles():
+    """Tiles have the lines of the whole, cut at their borders, where both have the same points; of a tile that a window can be, the same lines."""
+    kinds = {"gpkg": (read_gpkg, ".gpkg"), "geojson": (read_geojson, ".geojson"), "dxf-contours": (read_dxf, ".dxf")}
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        out, folder, area = os.path.join(base, "l.gpkg"), os.path.join(base, "t"), os.path.join(base, "a.geojson")
+        with open(area, "w") as f:
+            json.dump(AREA, f)
+        d.ctl("push", "s", survey(base, 8000, "s.las", "--density", "0.25")).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        for size, kind, window in (("50", "gpkg", ()), ("33.333", "geojson", ()), ("50", "dxf-contours", ()), ("7.5", "gpkg", ()),
+                                   ("50", "gpkg", ("--bbox", "500000,5400000,500100,5400150")), ("50", "gpkg", ("--polygon", area))):
+            d.ctl("fetch", job, *window, "-o", out, "--interval", "1").ok()
+            want, got, total = defaultdict(float), defaultdict(float), Fraction(size)
+            for line in read_gpkg(out):
+                want[line.height] += line.length
+            d.ctl("fetch", job, *window, "-o", folder + "/", "--format", kind, "--interval", "1", "--tile", size).ok()
+            with open(os.path.join(folder, "index.geojson")) as f:
+                index = [f["properties"] for f in json.load(f)["features"]]
+            files = {p["file"] for p in index}
+            expect(files | {"index.geojson"} == set(os.listdir(folder)) and len(files) > (1 if window else 9), "%s" % sorted(os.listdir(folder)))
+            expect("--bbox" not in window or len(files) == 6, "tiles beside the window: %s" % sorted(files))
+            sides, most = defaultdict(set), max(len(files) // 8, 1)
+            for i, p in enumerate(index):
+                read_file, extension = kinds[kind]
+                expect(p["file"] == "tile_%d_%d%s" % (p["column"], p["row"], extension), p["file"])
+                lines = read_file(os.path.join(folder, p["file"]))
+                expect(lines and len(lines) == p["lines"], "%s: %d lines, %s" % (p["file"], len(lines), p))
+                low = [float((p[k]) * total) for k in ("column", "row")]
+                high = [float((p[k] + 1) * total) for k in ("column", "row")]
+                for line in lines:
+                    got[line.height] += line.length if line.length is not None else length_of(line.points)
+                    for q in line.points:
+                        expect(all(low[k] <= q[k] <= high[k] for k in (0, 1)), "%s: a point at %s" % (p["file"], q))
+                    for q in () if line.closed else (line.points[0], line.points[-1]):
+                        for k in (0, 1):
+                            if q[k] in (low[k], high[k]):
+                                sides[k, tuple(q)].add(p["file"])
+                if total == 50 and not window and i % most == 0:
+                    d.ctl("fetch", job, "--bbox", "%r,%r,%r,%r" % (*low, *high), "-o", out, "--interval", "1").ok()
+                    same = read_gpkg(out)
+                    expect(len(same) == len(lines), "%s: %d lines, in a window %d" % (p["file"], len(lines), len(same)))
+                    expect(all(len(a.points) == len(b.points) and a.height == b.height for a, b in zip(same, lines)), "%s: other lines" % p["file"])
+            for height, length in want.items():
+                expect(near(length, got[height]), "%s: %s: %.9f in tiles, not %.9f" % (size, height, got[height], length))
+            both = sum(len(s) == 2 for s in sides.values())
+            expect(both > 10 and (window or both > 0.95 * len(sides)), "%d of %d ends on borders are in both tiles" % (both, len(sides)))
+            shutil.rmtree(folder)
+        r = d.ctl("fetch", job, "-o", folder + "/", "--format", "gpkg", "--interval", "1000", "--tile", "50").ok()
+        expect("no line" in r.err + r.out and os.listdir(folder) == ["index.geojson"], r.err + r.out)
+        r = d.ctl("fetch", job, "-o", folder + "/", "--format", "gpkg", "--interval", "1", "--tile", "0.1")
+        expect(r.status == 2 and "--tile" in r.err, r.err)
+
+
 def peak(d, *args):
     # A process of its own, which is small: a child begins with the peak of its parent.
     p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, *args, "--quiet"], env={"ACUT_SOCKET": d.socket, "MALLOC_PERTURB_": "0"}).ok()
@@ -499,7 +553,6 @@ def refused():
                             (("--polyface has no meaning for dxf-contours",), ("mesh", las, "-o", out + ".dxf", "--interval", "1", "--polyface")),
                             (("--origin has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--origin", "auto")),
                             (("--canonical has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--canonical")),
-                            (("--tile has no meaning for gpkg", "--bbox"), ("fetch", job, "-o", out + "/", "--format", "gpkg", "--interval", "1", "--tile", "50")),
                             (("--changed-since has no meaning for gpkg",), ("fetch", other, "-o", out, "--interval", "1", "--changed-since", "1")),
                             (("too many digits",), ("mesh", las, "-o", out, "--interval", "0.12345678901"))):
             r = d.ctl(*args)
@@ -519,4 +572,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, polygons, memory, memory_of_large_blocks, interrupted, no_lines, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, polygons, tiles, memory, memory_of_large_blocks, interrupted, no_lines, systems, refused)
