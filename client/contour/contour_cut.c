@@ -166,6 +166,14 @@ static void numbers_of(const struct area_place *p, double ret[2])
 		ret[i] = (double)p->from[i] + (double)(p->to[i] - p->from[i]) * ((double)p->n / (double)p->d);
 }
 
+/* A border of a tile where it is crossed. */
+struct border {
+	int axis, way;
+	int64_t line;
+	double part, place[2];
+	bool corner; /* it passes through a corner there: the other border has the same place, and is the next one */
+};
+
 /* A segment that is followed from border to border. */
 struct walk {
 	struct contour *c;
@@ -178,6 +186,7 @@ struct walk {
 	int64_t tile[2];       /* where it is */
 	int64_t last[2];       /* where it ends */
 	struct contour_end at; /* the beginning of this part */
+	struct border corner;  /* that was passed last, if it is at a corner */
 	uint32_t cuts;
 };
 
@@ -197,13 +206,6 @@ static void edge_place(const struct walk *w, const struct area_crossing *edge, d
 		ret[i] = edge->low[i] == edge->high[i] ? contour_between(&w->c->opt.axis[i], (double)edge->low[i]) :
 							 between(w, i, edge->part);
 }
-
-/* The next border of a tile. */
-struct border {
-	int axis, way;
-	int64_t line;
-	double part, place[2];
-};
 
 /* Of a corner of tiles: 1: left of the line. *ret_on: it is on it, and counts as moved to lesser x and y. */
 static int corner_side(const struct walk *w, const int64_t line[2], bool *ret_on)
@@ -247,7 +249,13 @@ static bool next_border(const struct walk *w, struct border *ret)
 		return false;
 	axis = way[0] && way[1] ? corner_side(w, line, &on) != way[0] * way[1] : !way[0];
 	other = !axis;
-	*ret = (struct border){.axis = axis, .way = way[axis], .line = line[axis]};
+	*ret = (struct border){.axis = axis, .way = way[axis], .line = line[axis], .corner = on};
+	if (w->corner.corner) {
+		ret->part = w->corner.part;
+		memcpy(ret->place, w->corner.place, sizeof(ret->place));
+		ret->corner = false;
+		return true;
+	}
 	for (int end = 0; end < 2; end++)
 		if (!contour_tiles_beside(t, axis, end ? w->to : w->from, line[axis])) {
 			ret->part = end;
@@ -300,6 +308,7 @@ static int pass(struct walk *w, const struct area_crossing **edge, const struct 
 		++*edge;
 	} else {
 		w->tile[border->axis] += border->way;
+		w->corner = *border;
 	}
 	return r;
 }

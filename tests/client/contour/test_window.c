@@ -319,9 +319,57 @@ static void test_polygons(void **ctx)
 	(void)ctx;
 }
 
+/* Tiles, of sides that are lattice steps and corners on their borders, or not: the lines of the whole, and those of as many
+ * windows. */
+static void test_tiles(void **ctx)
+{
+	static const uint64_t side[][2] = {{100, 1}, {50, 1}, {130, 1}, {1000, 3}};
+
+	for (unsigned seed = 0; seed < repeat_cases(400); seed++) {
+		struct way way = {.interval = {seed % 2 ? 1 : 15, seed % 2 ? -2 : -3}};
+		const uint64_t *tile = side[seed / 2 % 4];
+		struct surface s;
+		struct lines whole, tiles, window;
+		size_t lines = 0;
+
+		surface_seed(seed);
+		surface_make(&s, 6, 6, (int)(seed % 5) + 2, 1, false);
+		for (uint32_t i = 0; i < s.nvertex && seed % 3 == 0; i++) {
+			s.vertex[i][0] -= s.vertex[i][0] % 50;
+			s.vertex[i][1] -= s.vertex[i][1] % 50;
+		}
+		surface_lines(&s, &way, &whole);
+		way.tile_p = tile[0];
+		way.tile_q = tile[1];
+		way.blocks = seed % 5;
+		way.segments = 10 + seed % 20;
+		surface_lines(&s, &way, &tiles);
+		assert_true(fabs(length_of(&tiles) - length_of(&whole)) <= 1e-9 * length_of(&whole));
+		way.tile_p = 0;
+		for (uint64_t y = 2000000 / tile[0]; y <= 2000700 / tile[0] && tile[1] == 1; y++)
+			for (uint64_t x = 1000000 / tile[0]; x <= 1000700 / tile[0]; x++) {
+				char view[128];
+
+				snprintf(view, sizeof(view), "view 1 window=box:%llu,%llu,%llu,%llu",
+					 (unsigned long long)(x * tile[0]), (unsigned long long)(y * tile[0]),
+					 (unsigned long long)((x + 1) * tile[0]), (unsigned long long)((y + 1) * tile[0]));
+				way.view = view;
+				surface_lines(&s, &way, &window);
+				lines += window.n;
+				lines_done(&window);
+			}
+		assert_true(tile[1] > 1 || lines == tiles.n);
+		lines_done(&whole);
+		lines_done(&tiles);
+		surface_done(&s);
+	}
+	(void)ctx;
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_cut), cmocka_unit_test(test_polygons)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_cut), cmocka_unit_test(test_polygons),
+					   cmocka_unit_test(test_tiles)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
