@@ -1,4 +1,4 @@
-/* Shared by the files of areas: how they are kept, and points (area.c), ways through them (area_way.c). */
+/* What an area consists of, for points (area.c) and ways through it (area_way.c). */
 #ifndef AREA_PRIV_H
 #define AREA_PRIV_H
 
@@ -7,30 +7,31 @@
 enum { LEAF = 16 }; /* edges */
 
 /* Rings, by their first item; the nodes of their tree by the first box. */
-struct set {
+struct area_set {
 	size_t item, n, box;
 };
 
-struct ring {
+struct area_ring {
 	size_t first, n; /* corners */
 	size_t box;      /* nodes of its chain */
-	struct set holes;
+	struct area_set holes;
 	bool shell;
 };
 
-struct item {
+struct area_item {
 	uint64_t key;
 	size_t ring;
 };
 
 struct area {
-	struct ring *ring;
+	enum area_border border;
+	struct area_ring *ring;
 	int64_t (*corner)[2];
 	size_t nring, rings_room, ncorner, corners_room;
 	int64_t (*box)[4];
 	size_t nbox, boxes_room;
-	struct item *item;
-	struct set polygons;
+	struct area_item *item;
+	struct area_set polygons;
 	int64_t bounds[4];
 };
 
@@ -39,12 +40,12 @@ static inline bool boxes_meet(const int64_t a[4], const int64_t b[4])
 	return a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
 }
 
-static inline size_t leaves(const struct ring *r)
+static inline size_t leaves(const struct area_ring *r)
 {
 	return (r->n + LEAF - 1) / LEAF;
 }
 
-static inline const int64_t *corner_of(const struct area *a, const struct ring *r, size_t i)
+static inline const int64_t *corner_of(const struct area *a, const struct area_ring *r, size_t i)
 {
 	return a->corner[r->first + (i < r->n ? i : 0)];
 }
@@ -73,7 +74,7 @@ static inline size_t first_edge(struct node n)
 {
 	return n.low * LEAF;
 }
-static inline size_t last_edge(const struct ring *r, struct node n)
+static inline size_t last_edge(const struct area_ring *r, struct node n)
 {
 	return n.high * LEAF < r->n ? n.high * LEAF : r->n;
 }

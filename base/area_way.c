@@ -91,7 +91,7 @@ static int moved(struct wide turn, const int64_t low[2], const int64_t high[2])
 /* ---- rings ---- */
 
 /* As chain_crosses in area.c: whether a ray from the beginning to greater x crosses the chain an odd number of times. */
-static bool chain_crosses(const struct area_way *w, const struct ring *r, struct node n)
+static bool chain_crosses(const struct area_way *w, const struct area_ring *r, struct node n)
 {
 	const struct area *a = w->area;
 	const int64_t *box = a->box[n.box], x = w->at[0], y = w->at[1];
@@ -113,12 +113,12 @@ static bool chain_crosses(const struct area_way *w, const struct ring *r, struct
 	return odd;
 }
 
-static struct node chain_of(const struct ring *r)
+static struct node chain_of(const struct area_ring *r)
 {
 	return (struct node){r->box, 0, leaves(r)};
 }
 
-static void find_near(struct area_way *w, const struct set *s, struct node n, size_t shell)
+static void find_near(struct area_way *w, const struct area_set *s, struct node n, size_t shell)
 {
 	const struct area *a = w->area;
 	struct near *near;
@@ -137,7 +137,7 @@ static void find_near(struct area_way *w, const struct set *s, struct node n, si
 	if (shell != SIZE_MAX) {
 		w->near[shell].holes += near->in;
 	} else {
-		const struct set *holes = &a->ring[near->ring].holes;
+		const struct area_set *holes = &a->ring[near->ring].holes;
 
 		if (holes->n)
 			find_near(w, holes, (struct node){holes->box, 0, holes->n}, w->nnear - 1);
@@ -179,7 +179,7 @@ static int edge(struct area_way *w, size_t near, const int64_t *p, const int64_t
 static int chain_edges(struct area_way *w, size_t near, struct node n, struct err *err)
 {
 	const struct area *a = w->area;
-	const struct ring *r = &a->ring[w->near[near].ring];
+	const struct area_ring *r = &a->ring[w->near[near].ring];
 	int e = 0;
 
 	if (!boxes_meet(a->box[n.box], w->box))
@@ -232,7 +232,7 @@ static void put_box(struct area_way *w)
 int area_way(struct area_way *w, const struct area_segment *segment, bool *ret_in, const struct area_crossing **ret,
 	     size_t *ret_n, struct err *err)
 {
-	const struct set *polygons = &w->area->polygons;
+	const struct area_set *polygons = &w->area->polygons;
 	size_t n = 0;
 	int r = 0;
 

@@ -79,7 +79,7 @@ int contour_cut_init(struct contour *c, const struct acut_mesh_head *head, struc
 	if (!box && !rings)
 		return 0;
 
-	c->area = area_new();
+	c->area = area_new(AREA_HALF_OPEN);
 	if (!c->area)
 		return err_set(err, ERR_NOMEM, "no memory for a polygon");
 	r = box ? add_box(c, head, box + strlen(" window="), err) : add_rings(c, head, rings + strlen(" window=area:"), err);

@@ -28,7 +28,7 @@ struct model {
 
 static struct area *area_of(struct model *m, uint64_t *state)
 {
-	struct area *a = area_new();
+	struct area *a = area_new(AREA_HALF_OPEN);
 	struct err err = ERR_INIT;
 
 	m->nring = 1 + (unsigned)random_below(state, RINGS);
@@ -198,7 +198,7 @@ static void test_limits(void **ctx)
 	static const int64_t far = INT64_C(1) << 61, wide = INT64_C(1) << 32, d = INT64_C(1) << 60;
 	const struct area_place place[3] = {
 		{{-wide, 5}, {wide, 5}, d / 2, d}, {{-wide, 5}, {wide, 5}, d / 2 - 1, d}, {{9, 9}, {9, 9}, 0, 1}};
-	struct area *a = area_new();
+	struct area *a = area_new(AREA_HALF_OPEN);
 	struct err err = ERR_INIT;
 	struct area_way *w;
 
