@@ -31,7 +31,7 @@ struct outputs_options {
 	bool changes;                  /* the stream is one of changes: NAME.changes.geojson is written beside the first output */
 	bool tiled;                    /* the one output is a folder of tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	int (*interrupted)(void *ctx); /* not 0: give up; called while tiles are made; may be NULL */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
 	void *ctx;
 };
 
@@ -63,6 +63,7 @@ struct outputs_report {
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
 	uint64_t tiles;                   /* files of tiles; 0 without tiles */
+	uint32_t no_lines;                /* bits: outputs of lines that have none, in the order of the adds */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
 };
