@@ -1,5 +1,6 @@
 /* Shared by the files of this room: levels (contour_level.c), triangles to segments (contour.c), the window (contour_clip.c),
- * segments to pieces of lines (contour_chain.c), pieces to lines (contour_join.c, contour_array.c), points (contour_line.c). */
+ * segments to pieces of lines (contour_chain.c), pieces to lines (contour_join.c, contour_array.c), points (contour_line.c),
+ * lines with fewer vertices (contour_simplify.c). */
 #ifndef CONTOUR_PRIV_H
 #define CONTOUR_PRIV_H
 
@@ -150,6 +151,8 @@ struct contour {
 	int64_t range[2];
 	bool any;
 	struct contour_reader reader;
+	struct contour_simple *simple; /* NULL: lines as they are */
+	struct contour_simplified simplified;
 };
 
 /* A directed segment in the triangle; up is on its left. */
@@ -163,6 +166,18 @@ enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_POINTS_AT, CONTOUR_COUNT, CONTOUR_LINKS
 #define CONTOUR_HAS_PREVIOUS (1ull << 62)
 #define CONTOUR_NUMBER (CONTOUR_HAS_PREVIOUS - 1) /* of the next piece, from 1; 0: there is none */
 int contour_link(struct contour *, uint64_t number, int which, bool change, uint64_t **ret, struct err *err);
+/* What contour_join has made but the annex. */
+void contour_joined_free(struct contour *);
+
+/* ---- lines with fewer vertices: contour_simplify.c ---- */
+
+struct contour_simple;
+/* Takes all lines; the next ones come from c->simple. */
+int contour_simplify(struct contour *c, struct err *err);
+int contour_simple_next(struct contour_simple *, struct contour_line *ret, struct err *err);
+int contour_simple_points(struct contour_simple *, const double (**ret)[2], size_t *ret_n, struct err *err);
+struct contour_simple *contour_simple_free(struct contour_simple *);
+
 static inline int contour_interrupted(const struct contour *c)
 {
 	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);

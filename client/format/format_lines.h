@@ -32,6 +32,8 @@ void *format_lines_free(void *writer);
 int format_lines_finish(struct format_lines *, const struct acut_mesh_tail *, int (*write)(struct format_lines *, struct err *),
 			struct err *err);
 
+struct format_simplified format_lines_simplified(const void *writer);
+
 bool format_lines_is_index(const struct format_lines *, int64_t level);
 /* -ERR_LIMIT: so much output would meet the pieces. Before each line. */
 int format_lines_room(const struct format_lines *, struct err *err);
@@ -39,6 +41,6 @@ enum { FORMAT_LINES_NUMBER = 40 }; /* room for one as text */
 /* A coordinate with the decimals that tell doubles of its size apart, without zeros at the end. Returns the end. */
 char *format_lines_text(const struct format_lines *, double v, char *at);
 
-#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX)
+#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX | FORMAT_SIMPLIFY)
 
 #endif

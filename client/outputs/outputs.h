@@ -54,8 +54,9 @@ struct outputs_report {
 	double left_out_area;       /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
-	uint64_t tiles;                   /* files of tiles; 0 without tiles */
-	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
+	struct format_simplified simplified; /* of all outputs of contours with --simplify */
+	uint64_t tiles;                      /* files of tiles; 0 without tiles */
+	double longest_edge, median_edge;    /* if edges were asked for; 0 without triangles */
 	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
 };
 

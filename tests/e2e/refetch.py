@@ -14,7 +14,7 @@ SMALL = {"memory": "24M", "threads": 2}
 POINTS = 500000
 RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl", "html", "gpkg", "geojson", "dxf-contours")  # tests/client/format/formats.py
 NEAR = {"glb": ["--origin", "auto"], "stl": ["--origin", "auto"],  # 32-bit floats
-        "gpkg": ["--interval", "1"], "geojson": ["--interval", "0.5", "--base", "0.1"],
+        "gpkg": ["--interval", "1"], "geojson": ["--interval", "0.5", "--base", "0.1", "--simplify", "0.2"],
         "dxf-contours": ["--format=dxf-contours", "--interval", "1m"]}
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 

@@ -111,7 +111,10 @@ void surface_lines(const struct surface *s, const struct way *way, struct lines 
 				      .z_num = 1,
 				      .z_den = 1,
 				      .segments = way->segments,
-				      .pages = way->pages};
+				      .pages = way->pages,
+				      .simplify = way->simplify,
+				      .cell = way->cell,
+				      .sort_memory = way->sort_memory};
 	uint32_t *of = calloc(s->ntriangle + 1, sizeof(*of)), *order = calloc(s->ntriangle + 1, sizeof(*order));
 	struct err err = ERR_INIT;
 	struct outfile *out;
@@ -135,6 +138,7 @@ void surface_lines(const struct surface *s, const struct way *way, struct lines 
 		block(c, s, i, of, order, &err);
 	assert_int_equal(contour_join(c, &err), 0);
 	take(c, ret, &err);
+	ret->left_out = contour_simplified(c).left_out;
 	assert_int_equal(contour_done(c, &err), 0);
 	contour_free(c);
 	assert_int_equal(outfile_size(out), 0);

@@ -24,12 +24,16 @@ struct lines {
 	double (*point)[2]; /* of all lines, one behind the other */
 	char (*height)[DECIMAL_TEXT_SIZE];
 	size_t n, npoint;
+	uint64_t left_out;
 };
 struct way {
 	uint32_t blocks; /* that the triangles are shared out to by chance; 0: one */
 	unsigned segments, pages;
 	const char *view;
 	struct decimal interval, base;
+	double simplify;
+	unsigned cell;
+	uint64_t sort_memory;
 };
 /* All lines, of triangles in any order; the scale is 0.01 of all axes. */
 void surface_lines(const struct surface *, const struct way *, struct lines *ret);
