@@ -104,8 +104,10 @@ static void block(struct contour *c, const struct surface *s, uint32_t number, c
 
 void surface_lines(const struct surface *s, const struct way *way, struct lines *ret)
 {
-	const struct acut_mesh_head head = {
-		.scale_xy = "0.01", .scale_z = "0.01", .view = way->view ? way->view : "view 1", .k = {1000000, 2000000, 50}};
+	const struct acut_mesh_head head = {.scale_xy = "0.01",
+					    .scale_z = "0.01",
+					    .view = way->view ? way->view : "view 1",
+					    .k = {way->k[0] ? way->k[0] : 1000000, way->k[1] ? way->k[1] : 2000000, 50}};
 	struct contour_options opt = {.interval = {way->interval, 1, 1},
 				      .base = {way->base, 1, 1},
 				      .z_num = 1,

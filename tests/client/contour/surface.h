@@ -34,6 +34,7 @@ struct way {
 	double simplify;
 	unsigned cell;
 	uint64_t sort_memory;
+	int64_t k[2]; /* 0: 1000000, 2000000 */
 };
 /* All lines, of triangles in any order; the scale is 0.01 of all axes. */
 void surface_lines(const struct surface *, const struct way *, struct lines *ret);

@@ -142,7 +142,7 @@ static void test_lines(void **ctx)
 
 /* ---- surfaces ---- */
 
-static const double origin[2] = {10000, 20000}, unit = 0x1p-39; /* all coordinates are multiples of it */
+static const double unit = 0x1p-39; /* all coordinates are multiples of it */
 
 static bool is_near(const double *a, const double *b, const double *q, double tolerance)
 {
@@ -184,8 +184,9 @@ static void match(struct simplified *s, const double (*was)[2], const double (*n
 	free(from);
 }
 
-static void check(const struct lines *was, const struct lines *now, double tolerance)
+static void check(const struct lines *was, const struct lines *now, const struct way *way)
 {
+	const double origin[2] = {floor((double)way->k[0] / 100), floor((double)way->k[1] / 100)}, tolerance = way->simplify;
 	const double(*p)[2] = (const double(*)[2])was->point, (*q)[2] = (const double(*)[2])now->point;
 	struct simplified *s = calloc(was->n + 1, sizeof(*s));
 
@@ -213,18 +214,20 @@ static void test_surfaces(void **ctx)
 	static const double tolerances[] = {0.001, 0.05, 0.2, 0.5, 1.5, 10};
 
 	for (unsigned seed = 0; seed < repeat_cases(1500); seed++) {
-		struct way way = {.interval = interval[seed % 5]};
+		struct way way = {.interval = interval[seed % 5], .k = {1000000, 2000000}};
 		struct lines was, now, other;
 		struct surface s;
 
 		surface_seed(seed);
 		surface_make(&s, 2 + (uint32_t)surface_random(7), 2 + (uint32_t)surface_random(7), 2 + (int32_t)(seed / 5 % 9), 1,
 			     seed % 3 == 0);
+		for (int i = 0; i < 2 && seed % 7 == 0; i++)
+			way.k[i] = (1ll << 21) * 100 * (i + 1) - 300; /* where the upper half of a key changes */
 		surface_lines(&s, &way, &was);
 		way.simplify = tolerances[seed / 3 % 6];
 		way.cell = seed % 4 ? 2 + (unsigned)surface_random(60) : 0;
 		surface_lines(&s, &way, &now);
-		check(&was, &now, way.simplify);
+		check(&was, &now, &way);
 		way.blocks = 1 + (uint32_t)surface_random(9);
 		way.segments = 4 + (unsigned)surface_random(40);
 		surface_lines(&s, &way, &other);
