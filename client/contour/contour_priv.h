@@ -166,6 +166,11 @@ enum { CONTOUR_AT, CONTOUR_NEXT, CONTOUR_POINTS_AT, CONTOUR_COUNT, CONTOUR_LINKS
 #define CONTOUR_HAS_PREVIOUS (1ull << 62)
 #define CONTOUR_NUMBER (CONTOUR_HAS_PREVIOUS - 1) /* of the next piece, from 1; 0: there is none */
 int contour_link(struct contour *, uint64_t number, int which, bool change, uint64_t **ret, struct err *err);
+static inline int contour_interrupted(const struct contour *c)
+{
+	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);
+}
+
 /* What contour_join has made but the annex. */
 void contour_joined_free(struct contour *);
 
@@ -177,10 +182,5 @@ int contour_simplify(struct contour *c, struct err *err);
 int contour_simple_next(struct contour_simple *, struct contour_line *ret, struct err *err);
 int contour_simple_points(struct contour_simple *, const double (**ret)[2], size_t *ret_n, struct err *err);
 struct contour_simple *contour_simple_free(struct contour_simple *);
-
-static inline int contour_interrupted(const struct contour *c)
-{
-	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);
-}
 
 #endif

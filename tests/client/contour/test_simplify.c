@@ -15,6 +15,7 @@
 
 #include "contour_simplify.h"
 #include "err.h"
+#include "outfile.h"
 #include "repeat.h"
 #include "simplified.h"
 #include "surface.h"
@@ -300,10 +301,72 @@ static void test_straight(void **ctx)
 	}
 }
 
+/* Not 0 at the last of so many calls. */
+static int count_down(void *ctx)
+{
+	return --*(int *)ctx == 0;
+}
+
+/* Whenever it is interrupted it ends, and what it had is free. *ret_lines: how many there are. Returns the calls that it takes.
+ */
+static int interrupt(const struct surface *s, double simplify, int *ret_lines)
+{
+	const struct acut_mesh_head head = {.scale_xy = "0.01", .scale_z = "0.01"};
+	int calls = 0, r = -ERR_CANCELLED;
+
+	while (r) {
+		int left_calls = ++calls;
+		struct contour_options opt = {.interval = {{1, -2}, 1, 1},
+					      .base = {{5, -3}, 1, 1},
+					      .z_num = 1,
+					      .z_den = 1,
+					      .simplify = simplify,
+					      .cell = 20,
+					      .interrupted = count_down,
+					      .ctx = &left_calls};
+		struct acut_mesh_block b = {
+			.nnew = s->nvertex, .ntriangle = s->ntriangle, .triangle = (const uint32_t(*)[3])s->triangle};
+		struct contour_line line;
+		struct err err = ERR_INIT;
+		struct outfile *out;
+		struct contour *c;
+
+		for (int i = 0; i < 2; i++)
+			opt.axis[i] = (struct contour_axis){.a = 1, .e = -2, .whole = true, .scale = {1, -2}};
+		assert_int_equal(outfile_spool(NULL, &out, &err), 0);
+		assert_int_equal(contour_new(out, &c, &err), 0);
+		assert_int_equal(contour_head(c, &head, &opt, &err), 0);
+		assert_int_equal(contour_block(c, &b, (const int32_t(*)[3])s->vertex, &err), 0);
+		r = contour_join(c, &err);
+		assert_true(!r || r == -ERR_CANCELLED);
+		assert_true((!r && simplify > 0) == (contour_simplified(c).left_out > 0));
+		left_calls = 0;
+		for (*ret_lines = 0; !r && !contour_next(c, &line, &err) && line.points;)
+			++*ret_lines;
+		contour_free(c);
+		outfile_free(out);
+	}
+	return calls;
+}
+
+static void test_interrupted(void **ctx)
+{
+	struct surface s;
+	int without, with, lines;
+
+	surface_seed(4);
+	surface_make(&s, 8, 8, 9, 1, false);
+	without = interrupt(&s, 0, &lines);
+	with = interrupt(&s, 0.3, &lines);
+	assert_true(lines > 5 && with > without + 2 * lines + 10); /* when a line is taken, and in each cell */
+	surface_done(&s);
+}
+
 int main(int argc, char **argv)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_lines), cmocka_unit_test(test_surfaces),
-					   cmocka_unit_test(test_large), cmocka_unit_test(test_straight)};
+					   cmocka_unit_test(test_large), cmocka_unit_test(test_straight),
+					   cmocka_unit_test(test_interrupted)};
 	const struct CMUnitTest control[] = {cmocka_unit_test(test_lines), cmocka_unit_test(test_surfaces)};
 	int failed;
 
