@@ -327,7 +327,9 @@ def same_bytes():
                 d.ctl("fetch", job, *outs, "-o", os.path.join(folder, "m.ply"), "-o", os.path.join(folder, "d.tif"), "--cell", "1").ok()
                 files.append([read(os.path.join(folder, name)) for _, name, _ in kinds])
                 if twice:
-                    for (kind, name, more), want in list(zip(kinds, files[0]))[1:]:
+                    for (kind, name, more), want in zip(kinds, files[0]):
+                        if more and kind != "gpkg":
+                            continue
                         path = os.path.join(folder, "alone-" + name)
                         d.ctl("fetch", job, "-o", path, "--interval", "2", *more).ok()
                         expect(read(path) == want, "%s: other outputs change the bytes" % kind)

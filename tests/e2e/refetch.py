@@ -302,6 +302,14 @@ def refused():
         area(d, base)
         d.ctl("fetch", "1", "-o", out, "--mask", base + "/area.wkt", "--resume").ok()
         expect(os.path.getsize(out) < os.path.getsize(want) and not parts(base), "with the area of the earlier fetch")
+        # Another tolerance of contours.
+        lines = os.path.join(base, "l.gpkg")
+        interrupted(d, gate, lines, "--interval", "1", "--simplify", "0.2")
+        for other in (["--simplify", "0.3"], ["--simplify", "0.2ft"], []):
+            says(d.ctl("fetch", "1", "-o", lines, "--interval", "1", "--resume", *other), 2, "options")
+        d.ctl("fetch", "1", "-o", lines, "--interval", "1", "--simplify", "0.2", "--resume").ok()
+        d.ctl("fetch", "1", "-o", lines + ".new.gpkg", "--interval", "1", "--simplify", "0.2").ok()
+        expect(read(lines) == read(lines + ".new.gpkg") and not parts(base), "simplified contours that were continued are others")
         # A leftover is replaced by a fetch that does not go on.
         interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()
