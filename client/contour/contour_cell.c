@@ -13,11 +13,11 @@
 #include "contour_simplify.h"
 #include "err.h"
 
-#define NONE UINT32_MAX
+#define NONE CONTOUR_NONE
 enum {
 	RING_LEAST = 4, /* places that a ring keeps, if it has them */
 	CHAIN = 512,    /* vertices that one segment may replace: a long straight line costs no more than any other */
-	ROUNDS = 16,
+	TRIES = 32,     /* as often a vertex is looked at again since another one has left */
 };
 
 /* Vertices by their numbers: those of a line that follow each other do so here. */
@@ -34,7 +34,10 @@ struct contour_cell {
 	double *far;               /* the square of the distance if it left */
 	uint32_t *heap, *place;    /* place: NONE: not in the heap */
 	size_t nheap;
-	uint8_t *refused, *gone; /* refused: by the triangle; gone: by slot */
+	uint32_t *found;               /* slot of a vertex that was in the triangle */
+	uint32_t *first;               /* by slot: who waits for it */
+	uint32_t *before, *after;      /* in that list */
+	uint8_t *waits, *tries, *gone; /* gone: by slot */
 	struct contour_tree *tree;
 };
 
@@ -48,7 +51,12 @@ struct contour_cell *contour_cell_free(struct contour_cell *c)
 		free(c->far);
 		free(c->heap);
 		free(c->place);
-		free(c->refused);
+		free(c->found);
+		free(c->first);
+		free(c->before);
+		free(c->after);
+		free(c->waits);
+		free(c->tries);
 		free(c->gone);
 		contour_tree_free(c->tree);
 	}
@@ -70,11 +78,16 @@ int contour_cell_new(unsigned vertices, double tolerance, struct contour_cell **
 		c->far = malloc(vertices * sizeof(*c->far));
 		c->heap = malloc(vertices * sizeof(*c->heap));
 		c->place = malloc(vertices * sizeof(*c->place));
-		c->refused = malloc(vertices);
+		c->found = malloc(vertices * sizeof(*c->found));
+		c->first = malloc(vertices * sizeof(*c->first));
+		c->before = malloc(vertices * sizeof(*c->before));
+		c->after = malloc(vertices * sizeof(*c->after));
+		c->waits = malloc(vertices);
+		c->tries = malloc(vertices);
 		c->gone = malloc(vertices);
 	}
-	if (!c || !c->order || !c->at || !c->previous || !c->next || !c->far || !c->heap || !c->place || !c->refused ||
-	    !c->gone) {
+	if (!c || !c->order || !c->at || !c->previous || !c->next || !c->far || !c->heap || !c->place || !c->found || !c->first ||
+	    !c->before || !c->after || !c->waits || !c->tries || !c->gone) {
 		contour_cell_free(c);
 		return err_set(err, ERR_NOMEM, "no memory to simplify contours");
 	}
@@ -237,12 +250,36 @@ static void enter(struct contour_cell *c, uint32_t i)
 	sift(c, c->place[i]);
 }
 
+/* ---- those that wait for a vertex in their triangle to leave: a list for each slot ---- */
+
+static void wait_for(struct contour_cell *c, uint32_t i)
+{
+	uint32_t *first = &c->first[c->found[i]];
+
+	c->after[i] = *first;
+	c->before[i] = NONE;
+	if (*first != NONE)
+		c->before[*first] = i;
+	*first = i;
+	c->waits[i] = true;
+}
+
+static void wait_no_more(struct contour_cell *c, uint32_t i)
+{
+	if (!c->waits[i])
+		return;
+	*(c->before[i] == NONE ? &c->first[c->found[i]] : &c->after[c->before[i]]) = c->after[i];
+	if (c->after[i] != NONE)
+		c->before[c->after[i]] = c->before[i];
+	c->waits[i] = false;
+}
+
 /* Its neighbours are others now. */
 static void judge(struct contour_cell *c, uint32_t i)
 {
 	if (is_fixed(c, i))
 		return;
-	c->refused[i] = false;
+	wait_no_more(c, i);
 	c->far[i] = far_of(c, i);
 	if (!isinf(c->far[i]))
 		enter(c, i);
@@ -252,7 +289,8 @@ static void judge(struct contour_cell *c, uint32_t i)
 
 /* ---- */
 
-static bool is_free(const struct contour_cell *c, uint32_t i)
+/* Whether the triangle of the vertex and its neighbours is empty; else what is in it is found[i]. */
+static bool is_free(struct contour_cell *c, uint32_t i)
 {
 	uint32_t from = c->previous[i], to = c->next[i], other[2] = {twin(c, from), twin(c, to)};
 	const double *const corner[3] = {c->at[from], c->at[i], c->at[to]};
@@ -260,42 +298,24 @@ static bool is_free(const struct contour_cell *c, uint32_t i)
 					   other[0] == NONE ? NONE : c->order[other[0]].slot,
 					   other[1] == NONE ? NONE : c->order[other[1]].slot};
 
-	return !is_small_ring(c, i) && !contour_tree_meets(c->tree, corner, but);
+	return !contour_tree_meets(c->tree, corner, but, &c->found[i]);
 }
 
 static void leave(struct contour_cell *c, uint32_t i)
 {
-	uint32_t from = c->previous[i], to = c->next[i];
+	uint32_t from = c->previous[i], to = c->next[i], slot = c->order[i].slot, waits;
 
-	c->gone[c->order[i].slot] = true;
-	contour_tree_remove(c->tree, c->order[i].slot);
+	c->gone[slot] = true;
+	contour_tree_remove(c->tree, slot);
+	while ((waits = c->first[slot]) != NONE) {
+		wait_no_more(c, waits);
+		if (++c->tries[waits] < TRIES)
+			enter(c, waits);
+	}
 	c->next[from] = to;
 	c->previous[to] = from;
 	judge(c, from);
 	judge(c, to);
-}
-
-/* What was in the way of a triangle may have left: true if something did. */
-static bool again(struct contour_cell *c)
-{
-	bool any = false;
-
-	for (uint32_t i = 0; i < c->n; i++) {
-		if (c->refused[i])
-			enter(c, i);
-		c->refused[i] = false;
-	}
-	while (c->nheap) {
-		uint32_t i = c->heap[0];
-
-		drop(c, i);
-		c->refused[i] = !is_free(c, i);
-		if (c->refused[i])
-			continue;
-		leave(c, i);
-		any = true;
-	}
-	return any;
 }
 
 void contour_cell_simplify(struct contour_cell *c, const struct contour_vertex *vertex, size_t n)
@@ -308,15 +328,25 @@ void contour_cell_simplify(struct contour_cell *c, const struct contour_vertex *
 	qsort(c->order, n, sizeof(*c->order), by_number);
 	for (size_t i = 0; i < n; i++) {
 		memcpy(c->at[i], vertex[c->order[i].slot].at, sizeof(*c->at));
-		c->place[i] = NONE;
-		c->refused[i] = c->gone[i] = false;
+		c->place[i] = c->found[i] = c->first[i] = NONE;
+		c->waits[i] = c->gone[i] = false;
+		c->tries[i] = 0;
 	}
 	link(c);
 	contour_tree_fill(c->tree, vertex, n);
 	for (uint32_t i = 0; i < n; i++)
 		judge(c, i);
-	for (int i = 0; i < ROUNDS && again(c); i++)
-		;
+	while (c->nheap) {
+		uint32_t i = c->heap[0];
+
+		drop(c, i);
+		if (is_small_ring(c, i))
+			continue;
+		if (is_free(c, i))
+			leave(c, i);
+		else
+			wait_for(c, i);
+	}
 }
 
 bool contour_cell_keeps(const struct contour_cell *c, size_t vertex)

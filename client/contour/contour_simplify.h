@@ -24,9 +24,12 @@ struct contour_tree *contour_tree_free(struct contour_tree *);
 /* Of n vertices by their keys; they stay where they are. */
 void contour_tree_fill(struct contour_tree *, const struct contour_vertex *, size_t n);
 void contour_tree_remove(struct contour_tree *, uint32_t vertex);
-/* True if one of the vertices is in the closed triangle of the corners, or nearly; those in `but` do not count. */
+/* True if one of the vertices is in the closed triangle of the corners, or nearly: *found. It is where the search begins, unless
+ * it is CONTOUR_NONE. Those in `but` do not count. */
 enum { CONTOUR_BUT = 5 };
-bool contour_tree_meets(const struct contour_tree *, const double *const corner[3], const uint32_t but[CONTOUR_BUT]);
+#define CONTOUR_NONE UINT32_MAX
+bool contour_tree_meets(const struct contour_tree *, const double *const corner[3], const uint32_t but[CONTOUR_BUT],
+			uint32_t *found);
 
 /* ---- a cell: contour_cell.c ---- */
 

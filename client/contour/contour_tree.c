@@ -175,7 +175,12 @@ static bool counts(const struct triangle *t, size_t vertex)
 	return true;
 }
 
-static bool meets(const struct contour_tree *t, const struct triangle *g, unsigned level, size_t node)
+static bool is_in(const struct contour_tree *t, const struct triangle *g, size_t vertex)
+{
+	return counts(g, vertex) && !is_outside(g, t->vertex[vertex].at);
+}
+
+static bool meets(const struct contour_tree *t, const struct triangle *g, unsigned level, size_t node, uint32_t *found)
 {
 	const struct box *b = &t->box[t->first[level] + node];
 
@@ -184,13 +189,16 @@ static bool meets(const struct contour_tree *t, const struct triangle *g, unsign
 	for (unsigned bits = t->left[t->first[level] + node]; bits; bits &= bits - 1) {
 		size_t part = node * EACH + (unsigned)__builtin_ctz(bits);
 
-		if (level ? meets(t, g, level - 1, part) : counts(g, part) && !is_outside(g, t->vertex[part].at))
+		if (level ? meets(t, g, level - 1, part, found) : is_in(t, g, part)) {
+			*found = level ? *found : (uint32_t)part;
 			return true;
+		}
 	}
 	return false;
 }
 
-bool contour_tree_meets(const struct contour_tree *t, const double *const corner[3], const uint32_t but[CONTOUR_BUT])
+bool contour_tree_meets(const struct contour_tree *t, const double *const corner[3], const uint32_t but[CONTOUR_BUT],
+			uint32_t *found)
 {
 	struct triangle g = {.corner = corner, .but = but};
 
@@ -202,5 +210,7 @@ bool contour_tree_meets(const struct contour_tree *t, const double *const corner
 		widen(&g.box, &at);
 	}
 	g.area = turn(corner[0], corner[1], corner[2], &g.error);
-	return meets(t, &g, t->levels - 1, 0);
+	if (*found != CONTOUR_NONE && t->left[*found / EACH] >> *found % EACH & 1 && is_in(t, &g, *found))
+		return true;
+	return meets(t, &g, t->levels - 1, 0, found);
 }

@@ -16,7 +16,8 @@ void contour_tree_fill(struct contour_tree *t, const struct contour_vertex *vert
 
 void contour_tree_remove(struct contour_tree *t, uint32_t vertex) {}
 
-bool contour_tree_meets(const struct contour_tree *t, const double *const corner[3], const uint32_t but[CONTOUR_BUT])
+bool contour_tree_meets(const struct contour_tree *t, const double *const corner[3], const uint32_t but[CONTOUR_BUT],
+			uint32_t *found)
 {
 	return false;
 }
