@@ -141,6 +141,29 @@ static void test_lines(void **ctx)
 	free(v);
 }
 
+/* The upper line is looked at first, with the middle of the lower one in its triangle; when that has left, it leaves, too. */
+static void test_waits(void **ctx)
+{
+	static const double at[6][2] = {{0, 0}, {5, 3}, {10, 0}, {2, -5}, {5, 1.5}, {8, -5}};
+	struct contour_vertex v[6];
+	struct contour_cell *cell;
+	struct err err = ERR_INIT;
+
+	for (size_t i = 0; i < 6; i++) {
+		v[i] = (struct contour_vertex){.number = i * CONTOUR_MARKS + (i % 3 == 0 ? CONTOUR_FIRST :
+									      i % 3 == 2 ? CONTOUR_LAST :
+											   0)};
+		memcpy(v[i].at, at[i], sizeof(v[i].at));
+	}
+	for (unsigned tolerance = 4; tolerance < 9; tolerance += 4) {
+		assert_int_equal(contour_cell_new(6, tolerance, &cell, &err), 0);
+		contour_cell_simplify(cell, v, 6);
+		for (size_t i = 0; i < 6; i++)
+			assert_int_equal(contour_cell_keeps(cell, i), i % 3 != 1 || tolerance < 8);
+		contour_cell_free(cell);
+	}
+}
+
 /* ---- surfaces ---- */
 
 static const double unit = 0x1p-39; /* all coordinates are multiples of it */
@@ -364,9 +387,9 @@ static void test_interrupted(void **ctx)
 
 int main(int argc, char **argv)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_lines), cmocka_unit_test(test_surfaces),
-					   cmocka_unit_test(test_large), cmocka_unit_test(test_straight),
-					   cmocka_unit_test(test_interrupted)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_lines),    cmocka_unit_test(test_waits),
+					   cmocka_unit_test(test_surfaces), cmocka_unit_test(test_large),
+					   cmocka_unit_test(test_straight), cmocka_unit_test(test_interrupted)};
 	const struct CMUnitTest control[] = {cmocka_unit_test(test_lines), cmocka_unit_test(test_surfaces)};
 	int failed;
 
