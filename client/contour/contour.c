@@ -272,6 +272,7 @@ struct contour *contour_free(struct contour *c)
 		contour_array_free(c->link);
 		contour_array_free(c->seen);
 		sort_free(c->lines);
+		contour_simple_free(c->simple);
 		outfile_free(c->annex);
 	}
 	free(c);

@@ -44,8 +44,13 @@ struct contour_options {
 	unsigned tiles;
 	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
 	unsigned pages;    /* of 4 KiB in memory when lines are joined; 0: CONTOUR_PAGES */
+	/* Above 0: vertices that are no farther than this from what replaces them are left out, in the units of the coordinates.
+	 * Lines then meet nowhere but where they did before, and rings stay rings. */
+	double simplify;
+	unsigned cell;        /* vertices that are looked at together, 2 or more; 0: CONTOUR_CELL */
+	uint64_t sort_memory; /* bytes; 0: as it needs */
 };
-enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024, CONTOUR_LEVELS = 1000000 };
+enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024, CONTOUR_LEVELS = 1000000, CONTOUR_CELL = 1 << 16 };
 
 struct contour;
 int contour_new(struct outfile *, struct contour **ret, struct err *err);
@@ -62,6 +67,10 @@ int contour_block(struct contour *, const struct acut_mesh_block *, const int32_
 /* ---- after the last block ---- */
 
 int contour_join(struct contour *, struct err *err);
+struct contour_simplified {
+	uint64_t vertices, left_out; /* of all lines; by `simplify` */
+};
+struct contour_simplified contour_simplified(const struct contour *); /* after contour_join; zeros without `simplify` */
 /* The numbers of the lowest and the highest level that has lines; false: there are no lines. */
 bool contour_range(const struct contour *, int64_t ret[2]);
 

@@ -321,7 +321,9 @@ int contour_join(struct contour *c, struct err *err)
 	if (!r)
 		r = find_lines(c, err);
 	c->seen = contour_array_free(c->seen);
-	return r ? r : sort_start(c->lines, err);
+	if (!r)
+		r = sort_start(c->lines, err);
+	return r || !(c->opt.simplify > 0) ? r : contour_simplify(c, err);
 }
 
 bool contour_range(const struct contour *c, int64_t ret[2])
@@ -333,9 +335,15 @@ bool contour_range(const struct contour *c, int64_t ret[2])
 	return c->any;
 }
 
-int contour_done(struct contour *c, struct err *err)
+void contour_joined_free(struct contour *c)
 {
 	c->lines = sort_free(c->lines);
 	c->link = contour_array_free(c->link);
+}
+
+int contour_done(struct contour *c, struct err *err)
+{
+	contour_joined_free(c);
+	c->simple = contour_simple_free(c->simple);
 	return outfile_annex_drop(c->annex, err);
 }

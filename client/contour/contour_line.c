@@ -148,6 +148,8 @@ int contour_next(struct contour *c, struct contour_line *ret, struct err *err)
 	const uint64_t *rec;
 	int r;
 
+	if (c->simple)
+		return contour_simple_next(c->simple, ret, err);
 	if (c->waits) {
 		c->waits = false;
 		*ret = c->first;
@@ -193,6 +195,8 @@ int contour_points(struct contour *c, const double (**ret)[2], size_t *ret_n, st
 	struct contour_reader *d = &c->reader;
 	int r = 0;
 
+	if (c->simple)
+		return contour_simple_points(c->simple, ret, ret_n, err);
 	if (d->whole)
 		d->whole = false;
 	else if (d->ended)

@@ -1,5 +1,6 @@
 /* Shared by the files of this room: levels (contour_level.c), triangles to segments (contour.c), the window (contour_cut.c),
- * segments to pieces of lines (contour_chain.c), pieces to lines (contour_join.c, contour_array.c), points (contour_line.c). */
+ * segments to pieces of lines (contour_chain.c), pieces to lines (contour_join.c, contour_array.c), points (contour_line.c),
+ * lines with fewer vertices (contour_simplify.c). */
 #ifndef CONTOUR_PRIV_H
 #define CONTOUR_PRIV_H
 
@@ -183,6 +184,8 @@ struct contour {
 	bool waits;                /* its first line, `first`, was found by contour_next_tile */
 	struct contour_line first;
 	struct contour_reader reader;
+	struct contour_simple *simple; /* NULL: lines as they are */
+	struct contour_simplified simplified;
 };
 
 /* An end of a segment, or of a part of it: a crossing, or, with the number of the cut, a place between it and the next one. */
@@ -208,5 +211,17 @@ static inline int contour_interrupted(const struct contour *c)
 {
 	return c->opt.interrupted && c->opt.interrupted(c->opt.ctx);
 }
+
+/* What contour_join has made but the annex. */
+void contour_joined_free(struct contour *);
+
+/* ---- lines with fewer vertices: contour_simplify.c ---- */
+
+struct contour_simple;
+/* Takes all lines; the next ones come from c->simple. */
+int contour_simplify(struct contour *c, struct err *err);
+int contour_simple_next(struct contour_simple *, struct contour_line *ret, struct err *err);
+int contour_simple_points(struct contour_simple *, const double (**ret)[2], size_t *ret_n, struct err *err);
+struct contour_simple *contour_simple_free(struct contour_simple *);
 
 #endif

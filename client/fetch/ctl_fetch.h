@@ -8,7 +8,7 @@
 
 /* One output; NULL, 0: not given. */
 struct ctl_fetch_output {
-	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index;
+	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index, *simplify;
 	uint64_t width;
 	bool canonical, polyface, sidecar;
 };
@@ -65,6 +65,7 @@ void ctl_mesh_json(const struct ctl_mesh *);
 /* The note that files of contours have no line; "": they have some. */
 enum { CTL_MESH_NOTE = 512 };
 const char *ctl_mesh_no_lines(const struct ctl_mesh *, char buf[CTL_MESH_NOTE]);
+bool ctl_mesh_simplifies(const struct ctl_fetch_options *); /* an output has --simplify */
 /* A rule leaves out triangles. */
 bool ctl_mesh_trims(const struct ctl_fetch_options *);
 /* How many points of this command's inputs the lattice moved, and the largest shift an axis. */

@@ -137,6 +137,18 @@ static void left_out_json(struct term_json *j, const struct ctl_mesh *m)
 	term_json_close(j, '}');
 }
 
+static void simplified_json(struct term_json *j, const struct ctl_mesh *m)
+{
+	if (!ctl_mesh_simplifies(m->opt)) {
+		term_json_null(j, "simplified");
+		return;
+	}
+	term_json_open(j, "simplified", '{');
+	term_json_u64(j, "vertices", m->out->simplified.vertices);
+	term_json_u64(j, "left_out", m->out->simplified.left_out);
+	term_json_close(j, '}');
+}
+
 void ctl_mesh_json(const struct ctl_mesh *m)
 {
 	const struct acut_job *job = m->job;
@@ -158,6 +170,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 	term_json_u64(&j, "output_bytes", m->out->bytes);
 	ctl_mesh_edges_json(&j, m);
 	left_out_json(&j, m);
+	simplified_json(&j, m);
 	tiles_json(&j, m);
 	changes_json(&j, m);
 	term_json_open(&j, "refused", '[');

@@ -56,6 +56,14 @@ static int parse_cell(const char *text, struct format_options *opt, struct err *
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 1m");
 }
 
+static int parse_simplify(const struct ctl_fetch_output *o, struct format_options *opt, struct err *err)
+{
+	if (!o->simplify || length_of(o->simplify, &opt->simplify, &opt->simplify_unit))
+		return 0;
+	err_set(err, ERR_USAGE, "--simplify is not a length above zero: \"%s\"", o->simplify);
+	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 0.1m");
+}
+
 static int parse_levels(const struct ctl_fetch_output *o, struct format_options *opt, struct err *err)
 {
 	uint64_t index = 0;
@@ -96,6 +104,8 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 	if (takes & FORMAT_CELL && o->cell && parse_cell(o->cell, opt, err))
 		return -err->code;
 	if (takes & FORMAT_INTERVAL && parse_levels(o, opt, err))
+		return -err->code;
+	if (takes & FORMAT_SIMPLIFY && parse_simplify(o, opt, err))
 		return -err->code;
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }

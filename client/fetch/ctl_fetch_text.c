@@ -204,6 +204,15 @@ static void place(const struct ctl_mesh *m, FILE *out)
 		term_field(out, "projected", "degrees to zone %s", staged->zone);
 }
 
+static const char *simplified_text(const struct ctl_mesh *m, char buf[512])
+{
+	char all[32], left_out[32];
+
+	snprintf(buf, 512, "%s of %s vertices of contours", term_count(m->out->simplified.left_out, left_out),
+		 term_count(m->out->simplified.vertices, all));
+	return buf;
+}
+
 static void times(FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
 {
 	char rate[32], memory[32], all[24], text[64] = "";
@@ -252,6 +261,8 @@ static void page(const struct ctl_mesh *m)
 	for (unsigned i = 0; i < why.n && why.n > 1; i++)
 		term_field(out, "", "%s %s%s", term_count(why.row[i].left->triangles, text), why.row[i].text,
 			   area_text(m->out, why.row[i].left, ", ", area));
+	if (ctl_mesh_simplifies(m->opt))
+		term_field(out, "simplified", "%s", simplified_text(m, text));
 	place(m, out);
 	if (m->staged)
 		ctl_report_heights(m->console, m->staged);
@@ -310,6 +321,8 @@ static void lines(const struct ctl_mesh *m)
 	for (unsigned i = 0; i < why.n && why.n > 1; i++)
 		console_line(c, "  %s: %s triangles%s", why.row[i].text, term_count(why.row[i].left->triangles, a),
 			     area_text(m->out, why.row[i].left, ", an area of ", d));
+	if (ctl_mesh_simplifies(m->opt))
+		console_line(c, "%s were left out by --simplify", simplified_text(m, text));
 }
 
 void ctl_mesh_text(const struct ctl_mesh *m)

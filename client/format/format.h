@@ -39,6 +39,7 @@ enum {
 	FORMAT_INTERVAL = 256, /* --interval, which such a format needs */
 	FORMAT_BASE = 512,
 	FORMAT_INDEX = 1024,
+	FORMAT_SIMPLIFY = 2048,
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
@@ -59,6 +60,9 @@ struct format_options {
 	 * the heights as they are written. */
 	struct decimal interval, base; /* zero: not given */
 	const char *interval_unit, *base_unit;
+	/* Contours: the most that a vertex which is left out is off, in the unit of x and y if it has none; zero: not given. */
+	struct decimal simplify;
+	const char *simplify_unit;
 	bool has_base, has_index;
 	uint32_t index;
 	int (*interrupted)(void *ctx); /* not 0: give up; of rasters and lines, while the file is made; may be NULL */
@@ -93,6 +97,11 @@ struct format_block {
 	const int32_t (*position)[3];
 };
 
+/* Vertices of all lines, and those of them that --simplify left out. */
+struct format_simplified {
+	uint64_t vertices, left_out;
+};
+
 /* One format. `open` makes the writer; `head`, any number of `block`, `finish` follow in this order, `free` comes last, also
  * after a failure, and returns NULL. Writers write to their output and nowhere else. The tail
  * has the digest of the triangles that came. */
@@ -113,6 +122,8 @@ struct format {
 	int (*beside_text)(const void *writer, unsigned i, char **ret, struct err *);
 	/* Of rasters, in place of finish: a file for each tile. */
 	int (*tiles)(void *writer, const struct dem_tiler *, const struct acut_mesh_tail *, struct err *);
+	/* Of lines, after finish; else NULL. */
+	struct format_simplified (*simplified)(const void *writer);
 	/* To be resumed later; NULL: it cannot. `save` packs at most FORMAT_SAVED bytes; `resume` is called in place of head,
 	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);

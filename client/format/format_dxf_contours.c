@@ -157,6 +157,7 @@ const struct format format_dxf_contours = {
 	.block = format_lines_block,
 	.finish = dxf_contours_finish,
 	.free = format_lines_free,
+	.simplified = format_lines_simplified,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
 	.lines = format_lines_count,

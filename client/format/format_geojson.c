@@ -130,6 +130,7 @@ const struct format format_geojson = {
 	.block = format_lines_block,
 	.finish = geojson_finish,
 	.free = format_lines_free,
+	.simplified = format_lines_simplified,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
 	.lines = format_lines_count,

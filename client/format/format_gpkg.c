@@ -282,6 +282,7 @@ const struct format format_gpkg = {
 	.block = format_lines_block,
 	.finish = gpkg_finish,
 	.free = format_lines_free,
+	.simplified = format_lines_simplified,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
 	.lines = format_lines_count,

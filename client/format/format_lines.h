@@ -42,6 +42,8 @@ int format_lines_tiles(struct format_lines *, const struct acut_mesh_tail *, int
 /* contour_next, counted; and how many lines the files have. */
 int format_lines_next(struct format_lines *, struct contour_line *ret, struct err *err);
 uint64_t format_lines_count(const void *writer);
+struct format_simplified format_lines_simplified(const void *writer);
+
 bool format_lines_is_index(const struct format_lines *, int64_t level);
 /* -ERR_LIMIT: so much output would meet the pieces. Before each line. */
 int format_lines_room(const struct format_lines *, struct err *err);
@@ -49,6 +51,6 @@ enum { FORMAT_LINES_NUMBER = 40 }; /* room for one as text */
 /* A coordinate with the decimals that tell doubles of its size apart, without zeros at the end. Returns the end. */
 char *format_lines_text(const struct format_lines *, double v, char *at);
 
-#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX)
+#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX | FORMAT_SIMPLIFY)
 
 #endif

@@ -391,6 +391,14 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.median_edge = outputs_edge_median(&run->edge),
 		.long_share = outputs_edge_share(&run->edge, OUTPUTS_LONG_EDGE * outputs_edge_median(&run->edge)),
 	};
+	for (const struct outputs_target *t = run->target; t; t = t->next) {
+		struct format_simplified s = {0};
+
+		if (t->opt.simplify.mantissa && t->format->simplified && t->writer)
+			s = t->format->simplified(t->writer);
+		ret->simplified.vertices += s.vertices;
+		ret->simplified.left_out += s.left_out;
+	}
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
 	for (enum outputs_reason i = 0; i < OUTPUTS_REASONS; i++)

@@ -62,9 +62,10 @@ struct outputs_report {
 	char cut[OUTPUTS_CUTS][40]; /* digests of areas; "": not given */
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
-	uint64_t tiles;                   /* files of tiles; 0 without tiles */
-	uint32_t no_lines;                /* bits: outputs of lines that have none, in the order of the adds */
-	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
+	struct format_simplified simplified; /* of all outputs of contours with --simplify */
+	uint64_t tiles;                      /* files of tiles; 0 without tiles */
+	uint32_t no_lines;                   /* bits: outputs of lines that have none, in the order of the adds */
+	double longest_edge, median_edge;    /* if edges were asked for; 0 without triangles */
 	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
 };
 

@@ -85,6 +85,10 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 			if (t->opt.z_unit)
 				fprintf(f, " z-unit=%s", t->opt.z_unit);
 			put_levels(f, &t->opt);
+			if (t->opt.simplify.mantissa) {
+				put_decimal(f, "simplify", t->opt.simplify);
+				fprintf(f, " %s", t->opt.simplify_unit ? t->opt.simplify_unit : "-");
+			}
 			fprintf(f, " %s", outfile_base(t->out));
 		}
 	}

@@ -39,6 +39,10 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 	}
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
+	if (format->kind == FORMAT_LINES && opt->simplify.mantissa) {
+		err_set(err, ERR_USAGE, "--simplify and --tile do not go together: lines would be cut before they are simplified");
+		return err_add_hint(err, "write one file with --simplify, or tiles of exact lines");
+	}
 	if (size.mantissa <= 0)
 		return err_set(err, ERR_USAGE, "--tile is not a length above zero");
 	return 0;

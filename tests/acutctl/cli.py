@@ -46,7 +46,6 @@ def options_of(command):
 COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
 LATER = {
     "submit": ["--constraints"],
-    "fetch": ["--simplify"],
 }
 
 
