@@ -27,6 +27,7 @@ struct outputs_options {
 	uint64_t sort_memory;            /* for canonical and tiles; 0 = 64 MiB */
 	bool changes;                  /* the stream is one of changes: NAME.changes.geojson is written beside the first output */
 	bool tiled;                    /* the one output is a folder of tiles */
+	bool levels;                   /* the one output is a folder with a page and its tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
 	int (*interrupted)(void *ctx); /* not 0: give up; called while tiles are made; may be NULL */
 	void *ctx;
@@ -37,6 +38,7 @@ struct outputs_options {
 #define OUTPUTS_LONG_EDGE 50 /* times the median: not of the spacing of the survey any more */
 #define OUTPUTS_CHANGES ".changes.geojson"
 #define OUTPUTS_TILES_INDEX "index.geojson"
+#define OUTPUTS_LEVELS_INDEX "index.html"
 
 /* Regions with triangles. */
 struct outputs_changes_counts {
@@ -54,7 +56,7 @@ struct outputs_report {
 	double left_out_area;       /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
-	uint64_t tiles;                   /* files of tiles; 0 without tiles */
+	uint64_t tiles;                   /* files of tiles, of levels, too; 0 without any */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
 };
