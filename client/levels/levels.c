@@ -349,12 +349,12 @@ static int write_leaf(struct pass *p, size_t i, struct err *err)
 	for (uint32_t k = 0; k < leaf->count && !r && leaf->cell.depth; k++, p->own.next++) {
 		r = peek(&p->own, &t, err);
 		for (unsigned d = 0; d < leaf->cell.depth && !r; d++)
-			lv->stack[d]->error = levels_error(lv->stack[d], t, lv->stack[d]->error);
+			levels_compare(lv->stack[d], t, true);
 	}
 	while (!r && !(r = peek(&p->foreign, &t, err)) && t && t->leaf == i) {
 		for (unsigned d = 0; d < leaf->cell.depth; d++)
 			if (!levels_holds(&lv->stack[d]->cell, t->key))
-				lv->stack[d]->error = levels_error(lv->stack[d], t, lv->stack[d]->error);
+				levels_compare(lv->stack[d], t, false);
 		mark(lv, leaf, t);
 		p->foreign.next++;
 	}
@@ -367,7 +367,8 @@ static int write_leave(struct pass *p, struct levels_grid *g, struct err *err)
 
 	about->grid = true;
 	about->triangles = 0;
-	about->error = levels_error_up(g->error);
+	about->error = levels_up(g->error + 0.001); /* which is more than any rounding */
+	about->lost = g->corners ? levels_up((double)g->lost / (double)g->corners) : 0;
 	for (int i = 0; i < 4; i++) {
 		const struct levels_about *child = &g->child[i];
 

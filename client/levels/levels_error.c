@@ -4,7 +4,8 @@
  * Both are piecewise linear, so the greatest vertical difference is at a corner of where their triangles meet: at a vertex of the
  * mesh, at a place of the grid, or where an edge of the mesh crosses one of the grid. At its places a grid differs by rounding
  * alone, half a step at most. The others are all looked at here; so the error holds everywhere, not only at the vertices. Where
- * the grid has no triangle there is no difference.
+ * the grid has no triangle there is no difference; how often that is so is counted, so that a page knows which grids leave out a
+ * narrow part of the mesh.
  *
  * Quads of the grid have the diagonal from the low corner to the high one. Numbers are doubles in steps of the grid: places are
  * exact, as the step is a power of two, and crossings are rounded, which is small beside the rounding of the result.
@@ -42,27 +43,26 @@ static bool half(const struct levels_grid *g, int i, int j, bool upper, double u
 	return true;
 }
 
-/* At a place that may be on an edge of the grid: then any half at it counts, as they agree. */
-static double at_vertex(const struct levels_grid *g, const struct corner *p, double most)
+/* At a place that may be on an edge of the grid: then any half at it counts, as they agree. False: there is none. */
+static bool at_place(const struct levels_grid *g, double x, double y, double *ret)
 {
-	double u, v, h;
-	int i, j;
+	int i = (int)x, j = (int)y;
+	double u = x - i, v = y - j;
 
-	if (!(p->x >= 0 && p->y >= 0 && p->x <= LEVELS_SIDE && p->y <= LEVELS_SIDE))
-		return most;
-	i = (int)p->x;
-	j = (int)p->y;
-	u = p->x - i;
-	v = p->y - j;
 	for (int left = 0; left <= (u == 0); left++)
 		for (int below = 0; below <= (v == 0); below++)
 			for (int upper = 0; upper < 2; upper++) {
-				double x = u + left, y = v + below;
+				double s = u + left, t = v + below;
 
-				if ((upper ? y >= x : x >= y) && half(g, i - left, j - below, upper, x, y, &h))
-					return fmax(most, fabs(h - p->z));
+				if ((upper ? t >= s : s >= t) && half(g, i - left, j - below, upper, s, t, ret))
+					return true;
 			}
-	return most;
+	return false;
+}
+
+static bool in_square(const struct corner *p)
+{
+	return p->x >= 0 && p->y >= 0 && p->x <= LEVELS_SIDE && p->y <= LEVELS_SIDE;
 }
 
 static double between(const struct levels_grid *g, int i, int j, int di, int dj, double part, double z, double most)
@@ -123,9 +123,9 @@ static double crossings(const struct levels_grid *g, const struct corner *a, con
 	return most;
 }
 
-double levels_error(const struct levels_grid *g, const struct levels_triangle *t, double most)
+void levels_compare(struct levels_grid *g, const struct levels_triangle *t, bool own)
 {
-	double scale = ldexp(1, -(int)g->step);
+	double scale = ldexp(1, -(int)g->step), h;
 	struct corner c[3];
 
 	for (int j = 0; j < 3; j++) {
@@ -134,13 +134,19 @@ double levels_error(const struct levels_grid *g, const struct levels_triangle *t
 		c[j].z = t->z[j];
 	}
 	for (int j = 0; j < 3; j++) {
-		most = at_vertex(g, &c[j], most);
-		most = crossings(g, &c[j], &c[(j + 1) % 3], most);
+		if (in_square(&c[j])) {
+			bool there = at_place(g, c[j].x, c[j].y, &h);
+
+			g->corners += own;
+			g->lost += own && !there;
+			if (there)
+				g->error = fmax(g->error, fabs(h - c[j].z));
+		}
+		g->error = crossings(g, &c[j], &c[(j + 1) % 3], g->error);
 	}
-	return most;
 }
 
-double levels_error_up(double error)
+double levels_up(double n)
 {
-	return (floor(error * 1000) + 1) / 1000;
+	return ceil(n * 1000) / 1000;
 }

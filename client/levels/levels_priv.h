@@ -48,6 +48,7 @@ struct levels_about {
 	uint64_t triangles; /* 0: there is nothing, and no file */
 	bool grid;
 	double error;   /* of a grid, in lattice steps of z */
+	double lost;    /* the part of the corners of its triangles, 0 to 1, at which it has no triangle */
 	int32_t box[6]; /* of its triangles, lattice numbers */
 };
 
@@ -58,6 +59,7 @@ struct levels_grid {
 	struct levels_about child[4];
 	uint64_t stored; /* where it is in the spool */
 	double error;
+	uint64_t corners, lost; /* of its triangles, in its square; those where it has no triangle */
 	int32_t z[LEVELS_SAMPLES];
 	uint8_t has[LEVELS_SAMPLES];
 	uint8_t border[4][LEVELS_QUADS]; /* quads in a child, a leaf, that triangles of other leaves meet */
@@ -114,9 +116,10 @@ int levels_elsewhere(const struct levels *, const struct levels_triangle *, size
 void levels_sample(struct levels *, const struct levels_leaf *, const struct levels_triangle *);
 
 /* levels_error.c */
-/* The greatest difference between a grid and a triangle where the grid has heights, and `least`. */
-double levels_error(const struct levels_grid *, const struct levels_triangle *, double least);
-double levels_error_up(double); /* rounded up, as it is written */
+/* The greatest difference between a grid and a triangle where the grid has heights goes into its error; if the triangle is one of
+ * its own, corners are counted. */
+void levels_compare(struct levels_grid *, const struct levels_triangle *, bool own);
+double levels_up(double); /* to thousandths, as numbers are written */
 
 /* levels_tile.c */
 const char *levels_tile_name(const struct levels_tile *, char *buf);

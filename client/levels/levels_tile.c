@@ -194,9 +194,9 @@ void levels_put_about(FILE *f, const struct levels_about *a)
 		fputs("null", f);
 		return;
 	}
-	fprintf(f, "{\"triangles\":%llu,\"grid\":%s,\"error\":%.3f,\"box\":[%d,%d,%d,%d,%d,%d]}",
-		(unsigned long long)a->triangles, a->grid ? "true" : "false", a->grid ? a->error : 0, a->box[0], a->box[1],
-		a->box[2], a->box[3], a->box[4], a->box[5]);
+	fprintf(f, "{\"triangles\":%llu,\"grid\":%s,\"error\":%.3f,\"lost\":%.3f,\"box\":[%d,%d,%d,%d,%d,%d]}",
+		(unsigned long long)a->triangles, a->grid ? "true" : "false", a->grid ? a->error : 0, a->grid ? a->lost : 0,
+		a->box[0], a->box[1], a->box[2], a->box[3], a->box[4], a->box[5]);
 }
 
 /* Heights, each as the difference from the one before it in its row, or at the row's begin from that of the row before; 0 where

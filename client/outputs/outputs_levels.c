@@ -34,6 +34,10 @@ static int check(const char *dir, const struct format *format, const struct form
 		err_set(err, ERR_USAGE, "levels of detail are files in a folder and cannot go to standard output");
 		return err_add_hint(err, "give a folder, as in -o survey/");
 	}
+	if (format_extension(dir) && format_has_extension(format->extensions, format_extension(dir))) {
+		err_set(err, ERR_USAGE, "with --levels the output is a folder, and this is the name of a page");
+		return err_add_hint(err, "give a folder, as in -o survey/");
+	}
 	if (opt->sidecar) {
 		err_set(err, ERR_USAGE, "--sidecar has no meaning with --levels");
 		return err_add_hint(err, OUTPUTS_LEVELS_INDEX " says what the folder has");

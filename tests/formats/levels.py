@@ -23,7 +23,7 @@ from reference import Reference  # noqa: E402
 
 KEEP = sys.argv[1] if len(sys.argv) > 1 else None
 TOLERANCE = 1e-9
-POINTS = 300000  # about 600,000 triangles
+POINTS = 200000  # about 400,000 triangles
 SIDE, LEAF = 128, 65536
 TILE = re.compile(r'acutTile\("(\w+)","(\d+_\d+_\d+)",(\{.*?\}),`\n(.*?)`(?:,`\n(.*?)`)?\);\n', re.S)
 
@@ -246,10 +246,16 @@ def grids_are_of_the_mesh_and_within_their_error():
 def errors_are_those_of_the_worst_vertex_or_more():
     """Of the root: all vertices. The error is not much more than what they have."""
     root, mesh, k = world.tree.tiles[0], world.mesh, k_of(world.tree, world.mesh)
-    worst = 0
-    for v in mesh.vertices:
+    worst, degree, lost = 0, [0] * len(mesh.vertices), 0
+    for face in mesh.faces:
+        for i in face:
+            degree[i] += 1
+    for v, n in zip(mesh.vertices, degree):
         got = root.height(v[0] - k[0], v[1] - k[1])
         worst = max(worst, abs(got + k[2] - v[2])) if got is not None else worst
+        lost += n * (got is None)
+    part = lost / 3 / len(mesh.faces)
+    expect(0 < part <= root.about["lost"] < part + 0.0015, "%s of the corners are lost, it says %s" % (part, root.about["lost"]))
     expect(worst <= root.about["error"] <= 1.2 * float(worst), "the error is %s, at vertices %s" % (root.about["error"], float(worst)))
 
 
@@ -283,7 +289,7 @@ def bytes_are_the_same_for_any_memory_and_threads():
 def what_cannot_be_is_refused():
     out, fetch = world.path("refused"), lambda *words: world.daemon.ctl("fetch", "1", "--levels", *words)
     for want, words in (("no meaning for ply", ["--format", "ply", "-o", out]), ("cannot go to standard output", ["-o", "-"]),
-                        ("no meaning with --tile", ["--tile", "100", "--format", "html", "-o", out]), ("one folder", ["-o", out, "-o", out + "2"]),
+                        ("the name of a page", ["-o", out + ".html"]), ("no meaning with --tile", ["--tile", "100", "--format", "html", "-o", out]), ("one folder", ["-o", out, "-o", out + "2"]),
                         ("--sidecar has no meaning", ["--sidecar", "-o", out]), ("cannot be resumed with --levels", ["--resume", "-o", out]),
                         ("has tiles already", ["--no-clobber", "-o", world.folder])):
         r = fetch(*words)
@@ -358,7 +364,8 @@ def closer_is_finer_and_far_tiles_are_forgotten():
         names.append(b.value("acut.page.surface.drawn.map(t => t.name)"))
         drawn, loaded = b.value("[acut.page.surface.drawn, [...acut.page.surface.loaded]].map(l => l.reduce((n, t) => n + t.triangles, 0))")
         expect(0 < drawn <= most and loaded < kept + most, "%d triangles are drawn, %d loaded" % (drawn, loaded))
-    expect(all(re.fullmatch(r"Drawn to within [0-9.]+ m", s) for s in (said[0], *said[2:])) and said[1] == "Drawn exactly", said)
+    coarse = r"Drawn to within [0-9.]+ m\nUp to [0-9.]+ m may be missing at borders"
+    expect(all(re.fullmatch(coarse, s) for s in (said[0], *said[2:])) and said[1] == "Drawn exactly", said)
     grids = [{t.name for t in world.tree.grids} & set(n) for n in names]
     expect(grids[0] and not grids[1] and grids[3], names)
     expect(b.said == [], b.said)

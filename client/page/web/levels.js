@@ -6,6 +6,8 @@ const DRAWN = 1.5e6;   // triangles in one picture, at most
 const KEPT = 3e6;      // that are loaded, but for those of the picture
 const AT_ONCE = 6;     // tiles that are read at the same time
 const STEP_PIXELS = 2.5; // of a grid where its error is seen, at most
+const MUCH_LOST = 0.1; // of the corners below a grid
+const NARROW_PIXELS = 0.25;
 const LONG_PROFILE = 3000; // leaves that a profile reads, at most
 
 class Levels {
@@ -141,7 +143,7 @@ class Levels {
 
 	// ---- what is drawn ----
 
-	// {items, error, drop, waiting}: for the scene, how far the worst of them is off, and whether better ones are being read.
+	// {items, error, drop, border, waiting}: for the scene, how far the worst of them is off, the longest step of those with a border, and whether better ones are being read.
 	cut(camera, scene) {
 		const view = new View(camera), list = [], open = [this.root];
 		let triangles = this.root.triangles;
@@ -166,7 +168,7 @@ class Levels {
 		this.drawn = list.filter(t => view.sees(t));
 		this.readMore();
 		this.forget(scene);
-		return {items: this.items(list, camera), error: Math.max(0, ...this.drawn.map(t => t.error)), drop: this.drop(camera), waiting: this.wanted.length + this.reading.size > 0};
+		return {items: this.items(list, camera), error: Math.max(0, ...this.drawn.map(t => t.error)), drop: this.drop(camera), border: Math.max(0, ...this.drawn.map(t => t.lost && t.step)), waiting: this.wanted.length + this.reading.size > 0};
 	}
 
 	// How far skirts hang down: as far as heights at a border may differ, but for cliffs, so that they are not seen at the ends of the
@@ -426,8 +428,8 @@ class View {
 			const [low, high] = this.ends(tile), nearest = Math.hypot(...[0, 1, 2].map(axis => Math.max(low[axis], -high[axis], 0)));
 			const pixel = this.camera.parallel ? this.pixel : this.pixel * Math.max(nearest, this.camera.distance * 1e-3);
 			const step = tile.step * Math.max(this.steps[0], this.steps[1]) / pixel, error = tile.error * this.steps[2] / pixel;
-			// Where the error is less than a pixel the shade of slopes is all that is coarse.
-			this.needs.set(tile, error > 1 ? step / STEP_PIXELS : step / (4 * STEP_PIXELS));
+			// Where the error is less than a pixel the shade of slopes is all that is coarse. Narrow meshes need steps that fit into them.
+			this.needs.set(tile, step / (tile.lost > MUCH_LOST ? NARROW_PIXELS : error > 1 ? STEP_PIXELS : 4 * STEP_PIXELS));
 		}
 		return this.needs.get(tile);
 	}

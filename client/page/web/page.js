@@ -268,7 +268,9 @@ class Page {
 		}
 		const cut = levels.cut(this.camera, this.scene);
 		this.scene.draw(this.camera, this.axes[2], cut.items, cut.drop);
+		// Where a grid has no triangle the mesh ends within a diagonal of its quads.
 		$("legend-error").textContent = (cut.error ? "Drawn " + this.within(cut.error) : "Drawn exactly") + (cut.waiting ? ", reading \u2026" : "") +
+			(cut.border ? `\nUp to ${lengthText(Math.SQRT2 * cut.border * Math.max(...this.step.slice(0, 2)), this.units.length)} may be missing at borders` : "") +
 			(cut.error && this.scene.state.wire ? "\nTriangles are shown where it is exact" : "");
 		$("legend-error").hidden = false;
 	}

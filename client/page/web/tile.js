@@ -3,11 +3,11 @@
 const NO_TRIANGLES = new Uint32Array(0);
 
 class Tile {
-	// `about`: triangles below it, whether it is a grid, its error in steps of the lattice, the box of its triangles.
+	// `about`: triangles below it, whether it is a grid, its error in steps of the lattice, which part of their corners it leaves out, the box of its triangles.
 	constructor(levels, parent, depth, x, y, about) {
 		const {low, bits, side} = levels.facts, middle = levels.middle, size = 2 ** (bits - depth);
 
-		Object.assign(this, {levels, parent, depth, x, y, grid: about.grid, error: about.error, state: "none", used: 0, children: null});
+		Object.assign(this, {levels, parent, depth, x, y, grid: about.grid, error: about.error, lost: about.lost, state: "none", used: 0, children: null});
 		this.name = `${depth}_${x}_${y}`;
 		this.corner = [x, y].map((n, axis) => low[axis] + n * size); // of its square, lattice numbers
 		this.step = size / side;
@@ -39,6 +39,7 @@ class Tile {
 		const lines = texts.map(inflateLines);
 
 		this.mesh = this.grid ? this.gridOf(new Numbers((await lines[0])[0]), facts.children) : await meshOf(facts, lines[0], lines[1]);
+		this.triangles = this.mesh.faces.length / 3;
 		this.part = new Part(this.mesh);
 		this.state = "loaded";
 	}
