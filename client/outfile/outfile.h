@@ -27,7 +27,7 @@ void outfile_used(struct outfile *, size_t n);
 /* Bytes that are free in the buffer: no more than these are taken without writing it. */
 size_t outfile_left(const struct outfile *);
 int outfile_write(struct outfile *, const void *bytes, size_t n, struct err *err);
-/* Overwrite bytes written before; only if the output can seek. */
+/* Overwrite bytes written before, or put bytes behind the end, with a hole before them; only if the output can seek. */
 int outfile_patch(struct outfile *, uint64_t at, const void *bytes, size_t n, struct err *err);
 /* Appends all of a spool or annex. Of an annex larger than OUTFILE_BUFFER to an output that can seek, up to 4095
  * records of `record` bytes (an odd number; -ERR_INTERNAL: it is not) come from its end to its front, so that nothing need be

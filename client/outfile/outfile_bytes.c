@@ -190,7 +190,11 @@ int outfile_patch(struct outfile *o, uint64_t at, const void *bytes, size_t n, s
 	int r = outfile_flush(o, err);
 
 	direct_end(owner(o));
-	return r ? r : io_write_at(o->fd, bytes, n, o->base + at, o->label, err);
+	if (!r)
+		r = io_write_at(o->fd, bytes, n, o->base + at, o->label, err);
+	if (!r && at + n > o->at)
+		o->at = at + n;
+	return r;
 }
 
 int outfile_read(struct outfile *o, uint64_t at, void *bytes, size_t n, struct err *err)

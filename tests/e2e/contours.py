@@ -5,6 +5,8 @@ import json
 import math
 import os
 import re
+import resource
+import signal
 import sqlite3
 import struct
 import subprocess
@@ -302,6 +304,43 @@ def memory():
         expect(not [n for n in os.listdir(base) if "part" in n], "left behind: %s" % os.listdir(base))
 
 
+def database_ends_early():
+    """The file size limit, Ctrl-C or kill -9 while a GeoPackage is written: an error that names the file, nothing or the kept part
+    beside it, and the same bytes when it goes on."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        folder = os.path.join(base, "out")
+        out = os.path.join(folder, "l.gpkg")
+        os.mkdir(folder)
+        d.ctl("push", "s", survey(base, 20000)).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        words = [e2e.ACUTCTL, "fetch", str(job), "-o", out, "--interval", "0.2"]
+        env = dict(os.environ, ACUT_SOCKET=d.socket, ACUT_FETCH_SYNC="1")
+        e2e.run(words, env=env).ok()
+        want = read(out)
+        os.unlink(out)
+        # The pieces of lines are smaller than the database.
+        for part in (0.6, 0.8, 0.99):
+            most = int(len(want) * part)
+            p = subprocess.run([*words, "--json"], env=env, stdout=subprocess.PIPE, check=False,
+                               preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)))
+            error = json.loads(p.stdout)["error"]
+            expect(p.returncode == 74 and "l.gpkg" in error["file"] and "too large" in error["message"], "%s: %d %s" % (part, p.returncode, error))
+            expect("l.gpkg" not in os.listdir(folder), "there is an output")
+        for number, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
+            for name in os.listdir(folder):
+                os.unlink(os.path.join(folder, name))
+            p = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
+            # It is empty until the lines are joined.
+            e2e.until(lambda: p.poll() is not None or os.path.exists(out + ".part") and os.path.getsize(out + ".part"), "no database is begun")
+            p.send_signal(number)
+            p.communicate()
+            expect(p.returncode == status, "status %d: it was over, or ended otherwise" % p.returncode)
+            expect(sorted(os.listdir(folder)) == ["l.gpkg.part", "l.gpkg.part.faces", "l.gpkg.part.state"], str(os.listdir(folder)))
+            expect(os.path.getsize(out + ".part") < len(want), "it was written to its end")
+            e2e.run([*words, "--resume"], env=env).ok()
+            expect(read(out) == want and os.listdir(folder) == ["l.gpkg"], "it went on to another file")
+
+
 def systems():
     """What a file says of its system."""
     import crs
@@ -381,4 +420,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, database_ends_early, systems, refused)
