@@ -407,6 +407,7 @@ def displays_are_pictures():
         expect(picture not in seen, "%s changes nothing" % key)
         seen.append(picture)
         keep("levels-" + key)
+    expect(b.value("acut.page.surface.drawn.length > 0 && acut.page.surface.drawn.every(t => !t.grid && t.part.lists.has('edges'))"), "edges are not drawn")
     expect(b.value("document.querySelector('[value=domains]').closest('label').hidden"), "there are domains")
     expect(b.said == [], b.said)
 
