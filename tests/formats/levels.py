@@ -10,8 +10,10 @@ import os
 import random
 import re
 import shutil
+import subprocess
 import sys
 import threading
+import time
 import zlib
 from fractions import Fraction
 
@@ -286,6 +288,19 @@ def bytes_are_the_same_for_any_memory_and_threads():
         expect(not (differ or errors or same.left_only or same.right_only), "with %s and %d threads: %s" % (memory, threads, differ + errors))
 
 
+def memory_is_bounded():
+    """Of acutctl: 64 MiB for any mesh. This one has 19 MB of triangles, which are not all in memory at a time."""
+    p = subprocess.Popen([e2e.ACUTCTL, "fetch", "1", "--levels", "-o", world.path("measured")], env=dict(os.environ, ACUT_SOCKET=world.daemon.socket),
+                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    peak = 0
+    while p.poll() is None:
+        with open("/proc/%d/status" % p.pid) as f:
+            peak = max([peak] + [int(line.split()[1]) for line in f if line.startswith("VmHWM")])
+        time.sleep(0.01)
+    print("     VmHWM of acutctl %.1f MiB" % (peak / 1024))
+    expect(p.returncode == 0 and peak > 0 and (e2e.sanitized() or peak < 36 * 1024), "VmHWM %d KiB" % peak)
+
+
 def what_cannot_be_is_refused():
     out, fetch = world.path("refused"), lambda *words: world.daemon.ctl("fetch", "1", "--levels", *words)
     for want, words in (("no meaning for ply", ["--format", "ply", "-o", out]), ("cannot go to standard output", ["-o", "-"]),
@@ -453,7 +468,7 @@ def main():
         world = World(base)
         try:
             e2e.main(leaves_are_the_mesh_each_triangle_once, grids_are_of_the_mesh_and_within_their_error, errors_are_those_of_the_worst_vertex_or_more,
-                     holes_stay_holes, bytes_are_the_same_for_any_memory_and_threads, what_cannot_be_is_refused, from_a_disk, from_a_web_server,
+                     holes_stay_holes, bytes_are_the_same_for_any_memory_and_threads, memory_is_bounded, what_cannot_be_is_refused, from_a_disk, from_a_web_server,
                      all_leaves_in_the_page_are_the_mesh, closer_is_finer_and_far_tiles_are_forgotten, a_profile_becomes_the_section, displays_are_pictures,
                      a_tile_that_is_missing_or_of_another_mesh_is_said, the_policy_forbids_all_but_files_of_the_folder)
         finally:
