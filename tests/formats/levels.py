@@ -411,6 +411,19 @@ def a_profile_becomes_the_section():
     expect("to within" not in b.value("document.getElementById('chart-facts').textContent"), "an exact profile says that it is not")
 
 
+def a_pointer_that_rests_has_the_exact_height():
+    b, mesh = world.show("file://" + world.page), world.mesh
+    b.value("acut.settled()")
+    place, error = b.value("(() => { const {page} = acut, at = page.placeAt([440, 330]); return [page.coordinates(at), page.surface.find(at[0], at[1]).error]; })()")
+    expect(error > 0, "the place is exact before anything is there")
+    b.mouse("Moved", 440, 330)
+    text = "document.getElementById('cursor').textContent"
+    until(lambda: re.search(r"H[0-9\u202f.]+ m$", b.value(text)), "the height stays coarse: " + b.value(text))
+    said = float(re.search(r"H([0-9\u202f.]+) m$", b.value(text))[1].replace("\u202f", ""))
+    want, steep = mesh.height(*place[:2])
+    expect(abs(said - want) <= 0.0051 + steep * 1e-6, "%s is said, not %s" % (said, float(want)))
+
+
 def displays_are_pictures():
     b = world.show("file://" + world.page)
     b.value("acut.page.camera.zoom(0.1, null), acut.page.update(), acut.settled()") # triangles are drawn of leaves
@@ -469,7 +482,8 @@ def main():
         try:
             e2e.main(leaves_are_the_mesh_each_triangle_once, grids_are_of_the_mesh_and_within_their_error, errors_are_those_of_the_worst_vertex_or_more,
                      holes_stay_holes, bytes_are_the_same_for_any_memory_and_threads, memory_is_bounded, what_cannot_be_is_refused, from_a_disk, from_a_web_server,
-                     all_leaves_in_the_page_are_the_mesh, closer_is_finer_and_far_tiles_are_forgotten, a_profile_becomes_the_section, displays_are_pictures,
+                     all_leaves_in_the_page_are_the_mesh, closer_is_finer_and_far_tiles_are_forgotten, a_profile_becomes_the_section, a_pointer_that_rests_has_the_exact_height,
+                     displays_are_pictures,
                      a_tile_that_is_missing_or_of_another_mesh_is_said, the_policy_forbids_all_but_files_of_the_folder)
         finally:
             world.done()

@@ -175,12 +175,22 @@ class Page {
 
 	// A place gets its exact height, as soon as the triangles there are read.
 	async exactly(place) {
-		const z = this.mesh.levels ? await this.mesh.levels.exact(place[0], place[1]) : NaN;
+		const {levels} = this.mesh, z = levels ? await levels.exact(place[0], place[1]).catch(error => levels.fail(error)) : NaN;
 
-		if (Number.isNaN(z) || z === place[2])
+		if (!(Math.abs(z - place[2]) > 0))
 			return;
 		place[2] = z;
 		this.tools.changed();
+	}
+
+	// Where the pointer rests the triangles are read, too.
+	async rest() {
+		const {levels} = this.mesh, place = this.pointer && this.placeAt(this.pointer);
+
+		if (place && levels.find(place[0], place[1]).error) {
+			await levels.exact(place[0], place[1]).catch(error => levels.fail(error));
+			this.update(false);
+		}
 	}
 
 	// How far a height may be off, of steps of the lattice, as text.
@@ -203,6 +213,9 @@ class Page {
 
 	point(pixel) {
 		this.pointer = pixel;
+		clearTimeout(this.resting);
+		if (pixel && this.mesh.levels)
+			this.resting = setTimeout(() => this.rest(), 200);
 		this.update(false);
 	}
 
