@@ -9,51 +9,28 @@
  * The rings of polygons are in a tree of boxes, too, in the order of a space-filling curve; the holes of a polygon likewise.
  * Both trees are arrays of nodes: first the node, then its left half, then its right one.
  */
-#include "area.h"
+#include "area_priv.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
+#include "grow.h"
 
 enum { LEAF = 16 }; /* edges */
-
-/* Rings, by their first item; the nodes of their tree by the first box. */
-struct set {
-	size_t item, n, box;
-};
-
-struct ring {
-	size_t first, n; /* corners */
-	size_t box;      /* nodes of its chain */
-	struct set holes;
-	bool shell;
-};
-
-struct item {
-	uint64_t key;
-	size_t ring;
-};
-
-struct area {
-	struct ring *ring;
-	int64_t (*corner)[2];
-	size_t nring, rings_room, ncorner, corners_room;
-	int64_t (*box)[4];
-	size_t nbox, boxes_room;
-	struct item *item;
-	struct set polygons;
-	int64_t bounds[4];
-};
 
 static int no_memory(struct err *err)
 {
 	return err_set(err, ERR_NOMEM, "no memory for an area");
 }
 
-struct area *area_new(void)
+struct area *area_new(enum area_border border)
 {
-	return calloc(1, sizeof(struct area));
+	struct area *a = calloc(1, sizeof(*a));
+
+	if (a)
+		a->border = border;
+	return a;
 }
 
 struct area *area_free(struct area *a)
@@ -70,31 +47,17 @@ struct area *area_free(struct area *a)
 
 int area_ring(struct area *a, bool shell, struct err *err)
 {
-	if (a->nring == a->rings_room) {
-		size_t room = a->rings_room ? 2 * a->rings_room : 8;
-		void *more = realloc(a->ring, room * sizeof(*a->ring));
-
-		if (!more)
-			return no_memory(err);
-		a->ring = more;
-		a->rings_room = room;
-	}
-	a->ring[a->nring] = (struct ring){.first = a->ncorner, .shell = shell || !a->nring};
+	if (!grow(&a->ring, &a->rings_room, a->nring + 1, 8, sizeof(*a->ring)))
+		return no_memory(err);
+	a->ring[a->nring] = (struct area_ring){.first = a->ncorner, .shell = shell || !a->nring};
 	a->nring++;
 	return 0;
 }
 
 int area_corner(struct area *a, int64_t x, int64_t y, struct err *err)
 {
-	if (a->ncorner == a->corners_room) {
-		size_t room = a->corners_room ? 2 * a->corners_room : 64;
-		void *more = realloc(a->corner, room * sizeof(*a->corner));
-
-		if (!more)
-			return no_memory(err);
-		a->corner = more;
-		a->corners_room = room;
-	}
+	if (!grow(&a->corner, &a->corners_room, a->ncorner + 1, 64, sizeof(*a->corner)))
+		return no_memory(err);
 	a->corner[a->ncorner][0] = x;
 	a->corner[a->ncorner++][1] = y;
 	a->ring[a->nring - 1].n++;
@@ -127,26 +90,19 @@ static int more_boxes(struct area *a, size_t n, size_t *ret, struct err *err)
 {
 	size_t need = a->nbox + 2 * n - 1;
 
-	if (need > a->boxes_room) {
-		size_t room = need > 2 * a->boxes_room ? need : 2 * a->boxes_room;
-		void *more = realloc(a->box, room * sizeof(*a->box));
-
-		if (!more)
-			return no_memory(err);
-		a->box = more;
-		a->boxes_room = room;
-	}
+	if (!grow(&a->box, &a->boxes_room, need, need, sizeof(*a->box)))
+		return no_memory(err);
 	*ret = a->nbox;
 	a->nbox = need;
 	return 0;
 }
 
-static size_t leaves(const struct ring *r)
+static size_t leaves(const struct area_ring *r)
 {
 	return (r->n + LEAF - 1) / LEAF;
 }
 
-static const int64_t *corner_of(const struct area *a, const struct ring *r, size_t i)
+static const int64_t *corner_of(const struct area *a, const struct area_ring *r, size_t i)
 {
 	return a->corner[r->first + (i < r->n ? i : 0)];
 }
@@ -175,12 +131,12 @@ static size_t first_edge(struct node n)
 {
 	return n.low * LEAF;
 }
-static size_t last_edge(const struct ring *r, struct node n)
+static size_t last_edge(const struct area_ring *r, struct node n)
 {
 	return n.high * LEAF < r->n ? n.high * LEAF : r->n;
 }
 
-static void chain_boxes(struct area *a, const struct ring *r, struct node n)
+static void chain_boxes(struct area *a, const struct area_ring *r, struct node n)
 {
 	int64_t *box = a->box[n.box];
 
@@ -227,17 +183,22 @@ static uint64_t curve_key(const struct area *a, const int64_t box[4])
 
 static int by_key(const void *a, const void *b)
 {
-	const struct item *x = a, *y = b;
+	const struct area_item *x = a, *y = b;
 
 	if (x->key != y->key)
 		return x->key < y->key ? -1 : 1;
 	return (x->ring > y->ring) - (x->ring < y->ring);
 }
 
-static void set_boxes(struct area *a, const struct set *s, struct node n)
+/* A leaf is the ring with its holes, which may reach out of it. */
+static void set_boxes(struct area *a, const struct area_set *s, struct node n)
 {
 	if (is_leaf(n)) {
-		memcpy(a->box[n.box], a->box[a->ring[a->item[s->item + n.low].ring].box], sizeof(*a->box));
+		const struct area_ring *r = &a->ring[a->item[s->item + n.low].ring];
+
+		memcpy(a->box[n.box], a->box[r->box], sizeof(*a->box));
+		if (r->holes.n)
+			box_join(a->box[n.box], a->box[r->holes.box]);
 		return;
 	}
 	set_boxes(a, s, left_of(n));
@@ -247,7 +208,7 @@ static void set_boxes(struct area *a, const struct set *s, struct node n)
 }
 
 /* The items are there, without keys. */
-static int set_make(struct area *a, struct set *s, struct err *err)
+static int set_make(struct area *a, struct area_set *s, struct err *err)
 {
 	if (!s->n)
 		return 0;
@@ -286,10 +247,16 @@ static int make_sets(struct area *a, struct err *err)
 	return r ? r : set_make(a, &a->polygons, err);
 }
 
+void area_bounds(const struct area *a, int64_t ret[4])
+{
+	memset(ret, 0, 4 * sizeof(*ret));
+	for (size_t i = 0; i < a->ncorner; i++)
+		box_point(ret, a->corner[i], !i);
+}
+
 int area_end(struct area *a, struct err *err)
 {
-	for (size_t i = 0; i < a->ncorner; i++)
-		box_point(a->bounds, a->corner[i], !i);
+	area_bounds(a, a->bounds);
 	for (int k = 0; k < 4 && a->ncorner; k++)
 		if (a->bounds[k] > AREA_MOST || a->bounds[k] < -AREA_MOST)
 			return err_set(err, ERR_INTERNAL, "a corner of an area is too far out");
@@ -297,7 +264,7 @@ int area_end(struct area *a, struct err *err)
 	if (!a->item)
 		return no_memory(err);
 	for (size_t i = 0; i < a->nring; i++) {
-		struct ring *r = &a->ring[i];
+		struct area_ring *r = &a->ring[i];
 
 		if (!r->n)
 			continue;
@@ -310,96 +277,174 @@ int area_end(struct area *a, struct err *err)
 
 /* ---- points ---- */
 
-static bool chain_crosses(const struct area *a, const struct ring *r, struct node n, int64_t x, int64_t y)
+/* Whether (x, y) is on the edge from (ax, ay) to (bx, by), ay <= by. *crosses is inverted if a ray to greater x crosses the edge,
+ * its lower end included, its upper one not; never if it is on it. Differences of the numbers fit 64 bits. */
+static bool edge_holds(int64_t ax, int64_t ay, int64_t bx, int64_t by, int64_t x, int64_t y, bool *crosses)
+{
+	__int128 turn;
+
+	if (y < ay || y > by)
+		return false;
+	if (ay == by)
+		return ax < bx ? x >= ax && x <= bx : x >= bx && x <= ax;
+	if (x > ax && x > bx)
+		return false;
+	if (x < ax && x < bx) {
+		*crosses ^= y < by;
+		return false;
+	}
+	turn = (__int128)(bx - ax) * (y - ay) - (__int128)(x - ax) * (by - ay);
+	if (!turn)
+		return true;
+	*crosses ^= turn > 0 && y < by;
+	return false;
+}
+
+/* Whether a ray to greater x crosses the node an odd number of times, and whether the point is on it. */
+static bool chain_crosses(const struct area *a, const struct area_ring *r, struct node n, int64_t x, int64_t y, bool *on)
 {
 	const int64_t *box = a->box[n.box];
 	bool odd = false;
 
-	if (y < box[1] || y >= box[3] || x >= box[2])
+	if (y < box[1] || y > box[3] || x > box[2])
 		return false;
 	if (x < box[0])
 		return (corner_of(a, r, first_edge(n))[1] <= y) != (corner_of(a, r, last_edge(r, n))[1] <= y);
 	if (!is_leaf(n))
-		return chain_crosses(a, r, left_of(n), x, y) != chain_crosses(a, r, right_of(n), x, y);
+		return chain_crosses(a, r, left_of(n), x, y, on) != chain_crosses(a, r, right_of(n), x, y, on);
 	for (size_t i = first_edge(n); i < last_edge(r, n); i++) {
 		const int64_t *p = corner_of(a, r, i), *q = corner_of(a, r, i + 1);
 
 		if (p[1] <= q[1])
-			area_edge_holds(p[0], p[1], q[0], q[1], x, y, &odd);
+			*on |= edge_holds(p[0], p[1], q[0], q[1], x, y, &odd);
 		else
-			area_edge_holds(q[0], q[1], p[0], p[1], x, y, &odd);
+			*on |= edge_holds(q[0], q[1], p[0], p[1], x, y, &odd);
 	}
 	return odd;
 }
 
-static bool set_has(const struct area *a, const struct set *s, struct node n, int64_t x, int64_t y)
+/* Whether a ring of the set has the point; one of holes without its border if the area is closed. */
+static bool set_has(const struct area *a, const struct area_set *s, struct node n, int64_t x, int64_t y, bool holes)
 {
 	const int64_t *box = a->box[n.box];
-	const struct ring *r;
+	const struct area_ring *r;
+	bool on = false, in;
 
-	if (x < box[0] || y < box[1] || x >= box[2] || y >= box[3])
+	if (x < box[0] || y < box[1] || x > box[2] || y > box[3])
 		return false;
 	if (!is_leaf(n))
-		return set_has(a, s, left_of(n), x, y) || set_has(a, s, right_of(n), x, y);
+		return set_has(a, s, left_of(n), x, y, holes) || set_has(a, s, right_of(n), x, y, holes);
 	r = &a->ring[a->item[s->item + n.low].ring];
-	return chain_crosses(a, r, (struct node){r->box, 0, leaves(r)}, x, y) &&
-	       !(r->holes.n && set_has(a, &r->holes, (struct node){r->holes.box, 0, r->holes.n}, x, y));
+	in = chain_crosses(a, r, (struct node){r->box, 0, leaves(r)}, x, y, &on);
+	if (on && a->border == AREA_CLOSED)
+		in = !holes;
+	return in && !(r->holes.n && set_has(a, &r->holes, (struct node){r->holes.box, 0, r->holes.n}, x, y, true));
 }
 
 bool area_has(const struct area *a, int64_t x, int64_t y)
 {
-	return a->polygons.n && set_has(a, &a->polygons, (struct node){a->polygons.box, 0, a->polygons.n}, x, y);
+	return a->polygons.n && set_has(a, &a->polygons, (struct node){a->polygons.box, 0, a->polygons.n}, x, y, false);
 }
 
-/* ---- boxes of points ---- */
+/* ---- boxes and triangles of points ---- */
 
-static bool edge_meets(const int64_t p[2], const int64_t q[2], const int64_t box[4])
+/* A closed shape with its bounds. */
+struct shape {
+	int64_t box[4];
+	bool (*met_by)(const struct shape *, const int64_t p[2], const int64_t q[2]); /* the edge's box meets its bounds */
+	const int64_t (*corner)[2];
+};
+
+/* The side of the line from p to q on which the point is: > 0 left, 0 on it. */
+static __int128 side_of(const int64_t p[2], const int64_t q[2], int64_t x, int64_t y)
 {
-	int64_t of[4];
+	return (__int128)(q[0] - p[0]) * (y - p[1]) - (__int128)(x - p[0]) * (q[1] - p[1]);
+}
+
+static bool box_met_by(const struct shape *s, const int64_t p[2], const int64_t q[2])
+{
 	bool left = false, right = false;
 
-	box_point(of, p, true);
-	box_point(of, q, false);
-	if (!boxes_meet(of, box))
-		return false;
 	for (int i = 0; i < 4; i++) {
-		__int128 turn = (__int128)(q[0] - p[0]) * (box[i < 2 ? 1 : 3] - p[1]) -
-				(__int128)(box[i & 1 ? 2 : 0] - p[0]) * (q[1] - p[1]);
+		__int128 side = side_of(p, q, s->box[i & 1 ? 2 : 0], s->box[i < 2 ? 1 : 3]);
 
-		left |= turn >= 0;
-		right |= turn <= 0;
+		left |= side >= 0;
+		right |= side <= 0;
 	}
 	return left && right;
 }
 
-static bool chain_meets(const struct area *a, const struct ring *r, struct node n, const int64_t box[4])
+/* An edge and a triangle are disjoint iff a line along a side of the triangle, or along the edge, separates them. */
+static bool triangle_met_by(const struct shape *s, const int64_t p[2], const int64_t q[2])
 {
-	if (!boxes_meet(a->box[n.box], box))
+	unsigned left = 0, right = 0;
+
+	for (unsigned i = 0; i < 3; i++) {
+		const int64_t *a = s->corner[i], *b = s->corner[(i + 1) % 3];
+		__int128 side = side_of(p, q, a[0], a[1]);
+
+		if (side_of(a, b, p[0], p[1]) < 0 && side_of(a, b, q[0], q[1]) < 0)
+			return false;
+		left += side > 0;
+		right += side < 0;
+	}
+	return left < 3 && right < 3;
+}
+
+static bool edge_meets(const int64_t p[2], const int64_t q[2], const struct shape *s)
+{
+	int64_t of[4];
+
+	box_point(of, p, true);
+	box_point(of, q, false);
+	return boxes_meet(of, s->box) && s->met_by(s, p, q);
+}
+
+static bool chain_meets(const struct area *a, const struct area_ring *r, struct node n, const struct shape *s)
+{
+	if (!boxes_meet(a->box[n.box], s->box))
 		return false;
 	if (!is_leaf(n))
-		return chain_meets(a, r, left_of(n), box) || chain_meets(a, r, right_of(n), box);
+		return chain_meets(a, r, left_of(n), s) || chain_meets(a, r, right_of(n), s);
 	for (size_t i = first_edge(n); i < last_edge(r, n); i++)
-		if (edge_meets(corner_of(a, r, i), corner_of(a, r, i + 1), box))
+		if (edge_meets(corner_of(a, r, i), corner_of(a, r, i + 1), s))
 			return true;
 	return false;
 }
 
-static bool set_meets(const struct area *a, const struct set *s, struct node n, const int64_t box[4])
+static bool set_meets(const struct area *a, const struct area_set *set, struct node n, const struct shape *s)
 {
-	const struct ring *r;
+	const struct area_ring *r;
 
-	if (!boxes_meet(a->box[n.box], box))
+	if (!boxes_meet(a->box[n.box], s->box))
 		return false;
 	if (!is_leaf(n))
-		return set_meets(a, s, left_of(n), box) || set_meets(a, s, right_of(n), box);
-	r = &a->ring[a->item[s->item + n.low].ring];
-	return chain_meets(a, r, (struct node){r->box, 0, leaves(r)}, box) ||
-	       (r->holes.n && set_meets(a, &r->holes, (struct node){r->holes.box, 0, r->holes.n}, box));
+		return set_meets(a, set, left_of(n), s) || set_meets(a, set, right_of(n), s);
+	r = &a->ring[a->item[set->item + n.low].ring];
+	return chain_meets(a, r, (struct node){r->box, 0, leaves(r)}, s) ||
+	       (r->holes.n && set_meets(a, &r->holes, (struct node){r->holes.box, 0, r->holes.n}, s));
+}
+
+static bool meets(const struct area *a, const struct shape *s)
+{
+	return a->polygons.n && set_meets(a, &a->polygons, (struct node){a->polygons.box, 0, a->polygons.n}, s);
+}
+
+bool area_edge_meets(const struct area *a, const int64_t corner[3][2])
+{
+	struct shape s = {.met_by = triangle_met_by, .corner = corner};
+
+	for (int i = 0; i < 3; i++)
+		box_point(s.box, corner[i], !i);
+	return meets(a, &s);
 }
 
 enum area_side area_box(const struct area *a, const int64_t box[4])
 {
-	if (a->polygons.n && set_meets(a, &a->polygons, (struct node){a->polygons.box, 0, a->polygons.n}, box))
+	struct shape s = {.met_by = box_met_by};
+
+	memcpy(s.box, box, sizeof(s.box));
+	if (meets(a, &s))
 		return AREA_MIXED;
 	return area_has(a, box[0], box[1]) ? AREA_IN : AREA_OUT;
 }

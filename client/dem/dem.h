@@ -53,6 +53,23 @@ int dem_describe(struct dem *, const char *line, struct err *err);
 int dem_triangle(struct dem *, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err);
 /* Writes the file; `box` is that of the vertices, NULL if there are none. */
 int dem_finish(struct dem *, const int32_t box[6], struct err *err);
+/* In place of dem_finish, of DEM_HILLSHADE: rows from the north, two bytes a pixel: grey, and 255, or 0 where there is nothing.
+ */
+struct dem_frame {
+	struct outfile *out; /* of the rows */
+	uint64_t width, height;
+	double side, left, top; /* of a pixel; the centre of the one in the north-west */
+	unsigned epsg;          /* of the plane; 0: it has no number */
+	const char *wkt;        /* likewise, as long as the model; NULL: none is known */
+};
+struct dem_rows {
+	int (*begin)(void *ctx, const struct dem_frame *, struct err *err);
+	int (*row)(void *ctx, const uint8_t *grey, struct err *err);
+	int (*end)(void *ctx, struct err *err);
+	void *ctx;
+};
+enum { DEM_ROW_MOST = 32768 }; /* pixels; -ERR_USAGE beyond */
+int dem_finish_rows(struct dem *, const int32_t box[6], const struct dem_rows *, struct err *err);
 /* The files of a raster in tiles: squares of p / q lattice units, from the multiples of it. A tile has the pixels whose centres
  * are in it, those on its left and lower border included, also where it has no heights for them; it is aligned to the pixels, and
  * together tiles are the whole. `begin` opens the output of tile `at`, whose numbers are absolute; `end` gets it back, complete,
@@ -63,24 +80,10 @@ struct dem_tiler {
 	int (*begin)(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err);
 	int (*end)(void *ctx, const int64_t at[2], struct outfile *, const struct dem_tile *, struct err *err);
 	void *ctx;
+	const struct dem_rows *rows; /* NULL: GeoTIFF */
 };
 /* In place of dem_finish. */
 int dem_finish_tiles(struct dem *, const struct dem_tiler *, struct err *err);
-/* In place of dem_finish, of DEM_HILLSHADE: rows from the north, two bytes a pixel: grey, and 255, or 0 where there is nothing.
- */
-struct dem_frame {
-	uint64_t width, height;
-	double side, left, top; /* of a pixel; the centre of the one in the north-west */
-	unsigned epsg;          /* of the plane; 0: it has no number */
-	const char *wkt;        /* likewise, as long as the model; NULL: none is known */
-};
-struct dem_rows {
-	int (*begin)(void *ctx, const struct dem_frame *, struct err *err);
-	int (*row)(void *ctx, const uint8_t *grey, struct err *err);
-	void *ctx;
-};
-enum { DEM_ROW_MOST = 32768 }; /* pixels; -ERR_USAGE beyond */
-int dem_finish_rows(struct dem *, const int32_t box[6], const struct dem_rows *, struct err *err);
 void dem_tiled(struct dem *); /* before dem_head: dem_finish_tiles will come, so the whole may have any size */
 struct dem *dem_free(struct dem *);
 

@@ -46,7 +46,7 @@ int dem_clip_init(struct dem_grid *g, const char *text, int64_t ret_box[4], stru
 	bool first = true;
 	int r = 0;
 
-	g->polygon = area_new();
+	g->polygon = area_new(AREA_HALF_OPEN);
 	if (!g->polygon)
 		return err_set(err, ERR_NOMEM, "no memory for a polygon");
 	while (text < end && !r) {

@@ -174,4 +174,9 @@ const char *dem_keys_wkt(const struct dem *);              /* NULL: none, or it 
 void dem_keys_make(struct dem_keys *, const struct dem *); /* dem_keys.c */
 int dem_tiff_write(const struct dem *, const struct dem_pyramid *, const struct dem_rect *, struct err *err);
 
+/* ---- rows of grey: dem_rows.c ---- */
+
+/* To d->out. *ret_any: a pixel has something. */
+int dem_rows_write(struct dem *, const struct dem_rect *, const struct dem_rows *, bool *ret_any, struct err *err);
+
 #endif

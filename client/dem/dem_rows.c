@@ -7,9 +7,11 @@
 #include "dem_priv.h"
 #include "err.h"
 
-/* One tile of the band, `w` pixels wide and `h` high, at column x of it. */
-static void put_tile(const float *tile, uint8_t *band, uint64_t width, uint64_t x, uint64_t w, uint64_t h)
+/* One tile of the band, `w` pixels wide and `h` high, at column x of it. Whether there is something in it. */
+static bool put_tile(const float *tile, uint8_t *band, uint64_t width, uint64_t x, uint64_t w, uint64_t h)
 {
+	bool any = false;
+
 	for (uint64_t y = 0; y < h; y++)
 		for (uint64_t i = 0; i < w; i++) {
 			float v = tile[y * DEM_TILE + i];
@@ -17,12 +19,14 @@ static void put_tile(const float *tile, uint8_t *band, uint64_t width, uint64_t 
 
 			to[0] = isnan(v) ? 0 : (uint8_t)v;
 			to[1] = isnan(v) ? 0 : 255;
+			any |= !isnan(v);
 		}
+	return any;
 }
 
 /* The rows from `from` on, from the north of the rectangle. */
 static int read_band(struct dem *d, const struct dem_rect *rect, uint64_t from, uint64_t h, float *tile, uint8_t *band,
-		     struct err *err)
+		     bool *ret_any, struct err *err)
 {
 	int64_t row = d->grid.count[1] - rect->y - (int64_t)rect->h + (int64_t)from;
 	bool any;
@@ -34,53 +38,63 @@ static int read_band(struct dem *d, const struct dem_rect *rect, uint64_t from, 
 			return -(int)err->code;
 		if (any)
 			dem_clip_tile(&d->grid, rect->x + (int64_t)x, row, tile);
-		put_tile(tile, band, rect->w, x, w, h);
+		*ret_any |= put_tile(tile, band, rect->w, x, w, h);
 	}
 	return d->opt.interrupted && d->opt.interrupted(d->opt.ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
 static int put_rows(struct dem *d, const struct dem_rect *rect, float *tile, uint8_t *band, const struct dem_rows *to,
-		    struct err *err)
+		    bool *ret_any, struct err *err)
 {
 	int r = 0;
 
 	for (uint64_t y = 0; y < rect->h && !r; y += DEM_TILE) {
 		uint64_t h = rect->h - y < DEM_TILE ? rect->h - y : DEM_TILE;
 
-		r = read_band(d, rect, y, h, tile, band, err);
+		r = read_band(d, rect, y, h, tile, band, ret_any, err);
 		for (uint64_t i = 0; i < h && !r; i++)
 			r = to->row(to->ctx, band + 2 * i * rect->w, err);
 	}
 	return r;
 }
 
-int dem_finish_rows(struct dem *d, const int32_t box[6], const struct dem_rows *to, struct err *err)
+int dem_rows_write(struct dem *d, const struct dem_rect *rect, const struct dem_rows *to, bool *ret_any, struct err *err)
 {
-	struct dem_rect rect = dem_grid_rect(&d->grid, box);
-	struct dem_frame frame = {.width = rect.w,
-				  .height = rect.h,
+	struct dem_frame frame = {.out = d->out,
+				  .width = rect->w,
+				  .height = rect->h,
 				  .side = dem_grid_side(&d->grid),
 				  .epsg = dem_keys_epsg(d),
 				  .wkt = dem_keys_wkt(d)};
 	float *tile;
 	uint8_t *band;
-	int r = dem_check_size(d, &rect, err);
+	int r;
 
-	if (r)
-		return r;
-	if (rect.w > DEM_ROW_MOST) {
+	*ret_any = false;
+	if (rect->w > DEM_ROW_MOST) {
 		err_set(err, ERR_USAGE, "the picture would be %llu pixels wide, and at most %d are written",
-			(unsigned long long)rect.w, DEM_ROW_MOST);
+			(unsigned long long)rect->w, DEM_ROW_MOST);
 		return err_add_hint(err, "give a larger --cell, or write tif");
 	}
-	frame.left = dem_grid_centre(&d->grid, 0, rect.x);
-	frame.top = dem_grid_centre(&d->grid, 1, rect.y + (int64_t)rect.h - 1);
+	frame.left = dem_grid_centre(&d->grid, 0, rect->x);
+	frame.top = dem_grid_centre(&d->grid, 1, rect->y + (int64_t)rect->h - 1);
 	tile = malloc((size_t)DEM_TILE * DEM_TILE * sizeof(*tile));
-	band = malloc((size_t)rect.w * 2 * DEM_TILE);
+	band = malloc((size_t)rect->w * 2 * DEM_TILE);
 	r = tile && band ? to->begin(to->ctx, &frame, err) : err_set(err, ERR_NOMEM, "no memory for the rows of a raster");
 	if (!r)
-		r = put_rows(d, &rect, tile, band, to, err);
+		r = put_rows(d, rect, tile, band, to, ret_any, err);
+	if (!r)
+		r = to->end(to->ctx, err);
 	free(tile);
 	free(band);
 	return r;
+}
+
+int dem_finish_rows(struct dem *d, const int32_t box[6], const struct dem_rows *to, struct err *err)
+{
+	struct dem_rect rect = dem_grid_rect(&d->grid, box);
+	int r = dem_check_size(d, &rect, err);
+	bool any;
+
+	return r ? r : dem_rows_write(d, &rect, to, &any, err);
 }

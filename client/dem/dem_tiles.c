@@ -163,14 +163,26 @@ static int check_size(const struct dem_rect *rect, struct err *err)
 	return err_add_hint(err, "give a smaller --tile, or a larger --cell");
 }
 
+static int write_tiff(struct dem *d, const struct dem_rect *rect, bool *ret_any, struct err *err)
+{
+	struct dem_pyramid p = {0};
+	int r = dem_pyramid_make(&p, d, rect, err);
+
+	*ret_any = !r && !is_empty(&p.level[0]);
+	if (*ret_any)
+		r = dem_tiff_write(d, &p, rect, err);
+	dem_pyramid_done(&p);
+	return r;
+}
+
 static int make_tile(struct dem *d, const struct tiling *t, const struct at *at, const struct dem_tiler *tiler, struct err *err)
 {
 	const int64_t number[2] = {at->x, at->y};
 	int64_t from[2], to[2];
 	struct dem_rect rect;
-	struct dem_pyramid p = {0};
 	struct dem_tile tile;
 	struct outfile *mine = d->out;
+	bool any;
 	int r;
 
 	for (int i = 0; i < 2; i++) {
@@ -183,19 +195,15 @@ static int make_tile(struct dem *d, const struct tiling *t, const struct at *at,
 		r = tiler->begin(tiler->ctx, number, &d->out, err);
 	if (r)
 		return r;
-	r = dem_pyramid_make(&p, d, &rect, err);
-	tile = (struct dem_tile){.no_heights = r || is_empty(&p.level[0]), .width = rect.w, .height = rect.h};
+	r = tiler->rows ? dem_rows_write(d, &rect, tiler->rows, &any, err) : write_tiff(d, &rect, &any, err);
+	tile = (struct dem_tile){.no_heights = r || !any, .width = rect.w, .height = rect.h};
 	for (int i = 0; i < 2; i++) {
 		tile.box[i] = dem_grid_line(&d->grid, i, from[i]);
 		tile.box[2 + i] = dem_grid_line(&d->grid, i, to[i]);
 	}
-	if (!tile.no_heights)
-		r = dem_tiff_write(d, &p, &rect, err);
-	dem_pyramid_done(&p);
 	if (r) {
 		struct err ignored = ERR_INIT;
 
-		tile.no_heights = true;
 		tiler->end(tiler->ctx, number, d->out, &tile, &ignored);
 	} else {
 		r = tiler->end(tiler->ctx, number, d->out, &tile, err);

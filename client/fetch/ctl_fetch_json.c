@@ -85,7 +85,25 @@ static void tiles_json(struct term_json *j, const struct ctl_mesh *m)
 	free(index);
 }
 
-static void cut_json(struct term_json *j, const char *name, const struct cli_texts *file, const char *digest)
+static void count_json(struct term_json *j, const struct outputs_left_out *left)
+{
+	term_json_u64(j, "triangles", left->triangles);
+	term_json_number(j, "area", left->area);
+}
+
+static void length_json(struct term_json *j, const char *name, const struct outputs_left_out *left)
+{
+	if (!left->given) {
+		term_json_null(j, name);
+		return;
+	}
+	term_json_open(j, name, '{');
+	count_json(j, left);
+	term_json_close(j, '}');
+}
+
+static void cut_json(struct term_json *j, const char *name, const struct outputs_left_out *left, const struct cli_texts *file,
+		     const char *digest)
 {
 	if (!file->n) {
 		term_json_null(j, name);
@@ -97,21 +115,25 @@ static void cut_json(struct term_json *j, const char *name, const struct cli_tex
 		term_json_text(j, NULL, file->text[i]);
 	term_json_close(j, ']');
 	term_json_text(j, "digest", digest);
+	count_json(j, left);
 	term_json_close(j, '}');
 }
 
 static void left_out_json(struct term_json *j, const struct ctl_mesh *m)
 {
+	const struct outputs_left_out *by = m->out->left_out_by;
+
 	if (!ctl_mesh_trims(m->opt)) {
 		term_json_null(j, "left_out");
 		return;
 	}
 	term_json_open(j, "left_out", '{');
-	term_json_u64(j, "triangles", m->out->left_out);
-	term_json_number(j, "area", m->out->left_out_area);
+	count_json(j, &m->out->left_out);
 	term_json_text(j, "written_digest", m->out->written);
-	cut_json(j, "mask", &m->opt->cut[OUTPUTS_MASK], m->out->cut[OUTPUTS_MASK]);
-	cut_json(j, "erase", &m->opt->cut[OUTPUTS_ERASE], m->out->cut[OUTPUTS_ERASE]);
+	cut_json(j, "mask", &by[OUTPUTS_BY_MASK], &m->opt->cut[OUTPUTS_MASK], m->out->cut[OUTPUTS_MASK]);
+	cut_json(j, "erase", &by[OUTPUTS_BY_ERASE], &m->opt->cut[OUTPUTS_ERASE], m->out->cut[OUTPUTS_ERASE]);
+	length_json(j, "max_edge", &by[OUTPUTS_BY_EDGE]);
+	length_json(j, "trim_hull", &by[OUTPUTS_BY_HULL]);
 	term_json_close(j, '}');
 }
 

@@ -4,6 +4,7 @@
  * of scripts contain. Programs read --json.
  */
 #include <math.h>
+#include <stdarg.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -70,36 +71,63 @@ bool ctl_mesh_trims(const struct ctl_fetch_options *o)
 	return o->max_edge || o->trim_hull || o->cut[OUTPUTS_MASK].n || o->cut[OUTPUTS_ERASE].n;
 }
 
-/* "12 triangles with edges longer than 30m, at the hull behind edges longer than 60m, or outside of a.geojson". */
-static const char *left_out_text(const struct ctl_mesh *m, char buf[512])
+struct reasons {
+	unsigned n;
+	struct {
+		char text[160];
+		const struct outputs_left_out *left;
+	} row[OUTPUTS_REASONS];
+};
+
+__attribute__((format(printf, 3, 4))) static void add_reason(struct reasons *to, const struct outputs_left_out *left,
+							     const char *fmt, ...)
+{
+	va_list ap;
+
+	va_start(ap, fmt);
+	vsnprintf(to->row[to->n].text, sizeof(to->row->text), fmt, ap);
+	va_end(ap);
+	to->row[to->n++].left = left;
+}
+
+/* Why triangles were left out. */
+static struct reasons reasons_of(const struct ctl_mesh *m)
 {
 	const struct ctl_fetch_options *o = m->opt;
 	const struct cli_texts *mask = &o->cut[OUTPUTS_MASK], *erase = &o->cut[OUTPUTS_ERASE];
-	char reason[OUTPUTS_CUTS + 2][160], count[32];
-	unsigned n = 0;
-	int at;
+	const struct outputs_left_out *by = m->out->left_out_by;
+	struct reasons why = {.n = 0};
 
 	if (o->max_edge)
-		snprintf(reason[n++], sizeof(*reason), "with edges longer than %s", o->max_edge);
+		add_reason(&why, &by[OUTPUTS_BY_EDGE], "with edges longer than %s", o->max_edge);
 	if (o->trim_hull)
-		snprintf(reason[n++], sizeof(*reason), "at the hull behind edges longer than %s", o->trim_hull);
+		add_reason(&why, &by[OUTPUTS_BY_HULL], "at the hull behind edges longer than %s", o->trim_hull);
 	if (mask->n)
-		snprintf(reason[n++], sizeof(*reason), "outside of %s%s", mask->text[0], mask->n > 1 ? " and other areas" : "");
+		add_reason(&why, &by[OUTPUTS_BY_MASK], "outside of %s%s", mask->text[0], mask->n > 1 ? " and other areas" : "");
 	if (erase->n)
-		snprintf(reason[n++], sizeof(*reason), "inside of %s%s", erase->text[0], erase->n > 1 ? " or other areas" : "");
-	at = snprintf(buf, 512, "%s triangles", term_count(m->out->left_out, count));
-	for (unsigned i = 0; i < n && at < 512; i++)
-		at += snprintf(buf + at, 512 - (size_t)at, "%s%s%s", i && n > 2 ? "," : "", i && i == n - 1 ? " or " : " ",
-			       reason[i]);
+		add_reason(&why, &by[OUTPUTS_BY_ERASE], "inside of %s%s", erase->text[0], erase->n > 1 ? " or other areas" : "");
+	return why;
+}
+
+/* "12 triangles with edges longer than 30m, at the hull behind edges longer than 60m, or outside of a.geojson". */
+static const char *left_out_text(const struct ctl_mesh *m, const struct reasons *why, char buf[512])
+{
+	char count[32];
+	int at = snprintf(buf, 512, "%s triangles", term_count(m->out->left_out.triangles, count));
+
+	for (unsigned i = 0; i < why->n && at < 512; i++)
+		at += snprintf(buf + at, 512 - (size_t)at, "%s%s%s", i && why->n > 2 ? "," : "",
+			       i && i == why->n - 1 ? " or " : " ", why->row[i].text);
 	return buf;
 }
 
 /* PREFIX and "12.5 square metres"; nothing where the unit is not a known length. Returns buf. */
-static const char *area_text(const struct outputs_report *f, const char *prefix, char buf[64])
+static const char *area_text(const struct outputs_report *f, const struct outputs_left_out *left, const char *prefix,
+			     char buf[64])
 {
 	buf[0] = 0;
-	if (!isnan(f->left_out_area))
-		snprintf(buf, 64, "%s%.6g square %s", prefix, f->left_out_area,
+	if (!isnan(left->area))
+		snprintf(buf, 64, "%s%.6g square %s", prefix, left->area,
 			 !strcmp(f->unit_xy, "metre") ? "metres" :
 			 !strcmp(f->unit_xy, "foot")  ? "feet" :
 							"US survey feet");
@@ -208,6 +236,7 @@ static void page(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	FILE *out = m->console->report;
+	struct reasons why = reasons_of(m);
 	char area[64], text[512];
 
 	if (m->console->quiet)
@@ -218,7 +247,11 @@ static void page(const struct ctl_mesh *m)
 	points(out, p, m->staged);
 	mesh(out, p);
 	if (ctl_mesh_trims(m->opt))
-		term_field(out, "trimmed", "%s%s", left_out_text(m, text), area_text(m->out, ", ", area));
+		term_field(out, "trimmed", "%s%s", left_out_text(m, &why, text),
+			   area_text(m->out, &m->out->left_out, ", ", area));
+	for (unsigned i = 0; i < why.n && why.n > 1; i++)
+		term_field(out, "", "%s %s%s", term_count(why.row[i].left->triangles, text), why.row[i].text,
+			   area_text(m->out, why.row[i].left, ", ", area));
 	place(m, out);
 	if (m->staged)
 		ctl_report_heights(m->console, m->staged);
@@ -246,6 +279,7 @@ static void lines(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	struct console *c = m->console;
+	struct reasons why = reasons_of(m);
 	char a[32], b[96], d[64], text[512];
 	double shift[3];
 	uint64_t moved = ctl_mesh_moved(m->staged, shift);
@@ -271,7 +305,11 @@ static void lines(const struct ctl_mesh *m)
 		     p->seconds, p->digest);
 	console_note(c, "%s", p->note);
 	if (ctl_mesh_trims(m->opt))
-		console_line(c, "%s were left out%s", left_out_text(m, text), area_text(m->out, ", an area of ", d));
+		console_line(c, "%s were left out%s", left_out_text(m, &why, text),
+			     area_text(m->out, &m->out->left_out, ", an area of ", d));
+	for (unsigned i = 0; i < why.n && why.n > 1; i++)
+		console_line(c, "  %s: %s triangles%s", why.row[i].text, term_count(why.row[i].left->triangles, a),
+			     area_text(m->out, why.row[i].left, ", an area of ", d));
 }
 
 void ctl_mesh_text(const struct ctl_mesh *m)

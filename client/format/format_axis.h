@@ -48,6 +48,8 @@ char *format_unit_comment(const struct acut_mesh_head *, const struct format_opt
 
 /* ---- comments of text headers: format_comment.c ---- */
 
+/* Not all triangles of a mesh are written. */
+bool format_is_part(const struct acut_mesh_head *, const struct format_options *);
 /* Calls `line` for each comment: acut-lattice, acut-crs, acut-geoid, acut-units, acut-origin, acut-trimmed. */
 int format_comment_head(const struct acut_mesh_head *, const struct format_options *,
 			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err);

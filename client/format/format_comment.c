@@ -16,13 +16,23 @@ static void make_line(char *text)
 			*text = ' ';
 }
 
+static bool has_window(const struct acut_mesh_head *head)
+{
+	return head->view && strstr(head->view, " window=");
+}
+
+bool format_is_part(const struct acut_mesh_head *head, const struct format_options *opt)
+{
+	return opt->trimmed || has_window(head);
+}
+
 /* "acut-trimmed ..." of a file that has a part of the mesh, else "". */
 static void trimmed_text(const struct acut_mesh_head *head, const struct format_options *opt, char *buf, size_t size)
 {
-	const char *window = head->view && strstr(head->view, " window=") ? " window" : "";
+	const char *window = has_window(head) ? " window" : "";
 
 	buf[0] = 0;
-	if (opt->trimmed || *window)
+	if (format_is_part(head, opt))
 		snprintf(buf, size, "acut-trimmed%s%s%s", opt->trimmed ? " " : "", opt->trimmed ? opt->trimmed : "", window);
 }
 

@@ -1,10 +1,11 @@
 /*
  * Coordinates as 32-bit floats.
  *
- * A float has 24 bits: up to 2^24 steps from zero it is off by less than one step of the lattice, beyond that by more. The box of
- * the head holds all x and y, so it is known before the first byte whether they fit: those of most projected systems do not, and
- * need an origin near the mesh. Heights nearly always fit. They are looked at as they come, because the daemon knows their range
- * only at the end.
+ * A float has 24 bits: up to 2^24 steps from zero it is off by less than one step of the lattice, beyond that by more. The x and
+ * y of most projected systems do not fit, and need an origin near the mesh; heights nearly always fit. The box of the head holds
+ * all x and y of the mesh, so it is known before the first byte whether those of a whole mesh fit. A window, a tile or a trimmed
+ * mesh may fit where the mesh does not, and the range of heights is known only at the end: what is written is looked at as it
+ * comes.
  */
 #include <math.h>
 
@@ -31,6 +32,9 @@ static int refuse(const struct format_float *f, int axis, double most, double st
 		return err_add_hint(
 			err,
 			"give --origin X,Y,Z with a height near those of the mesh, or leave out points far above or below: --zmin, --zmax");
+	if (f->from_auto && f->part)
+		return err_add_hint(err,
+				    "--origin auto is the middle of the whole mesh: give --origin X,Y,Z near what is written");
 	if (f->from_auto)
 		return err_add_hint(
 			err, "write PLY or OBJ, which have all digits, or make a mesh of a smaller area: --crop X1,Y1,X2,Y2");
@@ -53,18 +57,25 @@ int format_float_init(struct format_float *f, const char *name, const struct acu
 	f->name = name;
 	f->has_origin = opt->has_origin || opt->origin_auto;
 	f->from_auto = opt->origin_auto;
-	for (int i = 0; i < 2 && !r; i++)
+	f->part = format_is_part(head, opt);
+	for (int i = 0; i < 2 && !r && !f->part; i++)
 		r = check(f, i, head->box[i], head->box[i + 3], err);
 	return r;
 }
 
-int format_float_heights(const struct format_float *f, const int32_t (*vertex)[3], size_t n, struct err *err)
+void format_float_range(int32_t range[2][3], const int32_t v[3])
 {
-	int32_t low = INT32_MAX, high = INT32_MIN;
-
-	for (size_t i = 0; i < n; i++) {
-		low = vertex[i][2] < low ? vertex[i][2] : low;
-		high = vertex[i][2] > high ? vertex[i][2] : high;
+	for (int i = 0; i < 3; i++) {
+		range[0][i] = v[i] < range[0][i] ? v[i] : range[0][i];
+		range[1][i] = v[i] > range[1][i] ? v[i] : range[1][i];
 	}
-	return n ? check(f, 2, low, high, err) : 0;
+}
+
+int format_float_check(const struct format_float *f, const int32_t range[2][3], struct err *err)
+{
+	int r = 0;
+
+	for (int i = 0; i < 3 && !r && range[0][i] <= range[1][i]; i++)
+		r = check(f, i, range[0][i], range[1][i], err);
+	return r;
 }

@@ -157,6 +157,7 @@ static int glb_block(void *writer, const struct format_block *block, struct err 
 {
 	struct glb *g = writer;
 	const struct acut_mesh_block *b = block->mesh;
+	int32_t range[2][3] = FORMAT_FLOAT_NOTHING;
 	uint64_t records = g->scene.nvertex + g->scene.nface + b->nnew + b->ntriangle;
 	int r;
 
@@ -164,7 +165,9 @@ static int glb_block(void *writer, const struct format_block *block, struct err 
 		err_set(err, ERR_LIMIT, "a GLB file cannot be larger than 4 GiB, and the mesh needs more");
 		return err_add_hint(err, "write PLY, -o NAME.ply, or tiles: --tile");
 	}
-	r = format_float_heights(&g->floats, b->vertex, b->nnew, err);
+	for (uint32_t i = 0; i < b->nnew; i++)
+		format_float_range(range, b->vertex[i]);
+	r = format_float_check(&g->floats, (const int32_t(*)[3])range, err);
 	if (!r)
 		r = glb_vertices(g, b->vertex, b->nnew, err);
 	return r ? r : glb_faces(g, b, err);

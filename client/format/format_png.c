@@ -179,6 +179,14 @@ static int png_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 	return r;
 }
 
+/* With --cell only. */
+static int png_tiles(void *writer, const struct dem_tiler *tiler, const struct acut_mesh_tail *tail, struct err *err)
+{
+	struct picture *p = writer;
+
+	return format_png_cell_tiles(p->cell, tiler, tail, err);
+}
+
 static void *png_free_writer(void *writer)
 {
 	struct picture *p = writer;
@@ -210,6 +218,7 @@ const struct format format_png = {
 	.head = png_head,
 	.block = png_block,
 	.finish = png_finish,
+	.tiles = png_tiles,
 	.beside = format_png_cell_beside,
 	.beside_text = png_beside,
 	.free = png_free_writer,

@@ -18,7 +18,6 @@
 #include "outfile.h"
 
 struct format_png_cell {
-	struct outfile *out;
 	struct format_options opt;
 	struct dem *dem;
 	struct dem_frame frame;
@@ -49,7 +48,6 @@ int format_png_cell_new(struct outfile *out, const struct format_options *opt, s
 		return r;
 	if (!p)
 		return err_set(err, ERR_NOMEM, "no memory for a writer");
-	p->out = out;
 	p->opt = *opt;
 	r = dem_new(out, &p->dem, err);
 	if (r)
@@ -64,6 +62,8 @@ int format_png_cell_head(struct format_png_cell *p, const struct acut_mesh_head 
 	struct dem_options to;
 	int r = format_dem_options(&p->opt, head, DEM_HILLSHADE, &to, err);
 
+	if (p->opt.tiled)
+		dem_tiled(p->dem);
 	return r ? r : dem_head(p->dem, head, &to, err);
 }
 
@@ -86,7 +86,7 @@ static void put(png_structp png, png_bytep bytes, png_size_t n)
 {
 	struct format_png_cell *p = png_get_io_ptr(png);
 
-	if (outfile_write(p->out, bytes, n, p->err))
+	if (outfile_write(p->frame.out, bytes, n, p->err))
 		png_error(png, "output");
 }
 
@@ -109,6 +109,8 @@ static int begin(void *ctx, const struct dem_frame *frame, struct err *err)
 
 	p->frame = *frame;
 	p->err = err;
+	if (p->png)
+		png_destroy_write_struct(&p->png, &p->info);
 	p->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, p, fail, warn);
 	p->info = p->png ? png_create_info_struct(p->png) : NULL;
 	if (!p->info)
@@ -135,18 +137,32 @@ static int put_row(void *ctx, const uint8_t *grey, struct err *err)
 	return 0;
 }
 
-int format_png_cell_finish(struct format_png_cell *p, const struct acut_mesh_tail *tail, struct err *err)
+static int end(void *ctx, struct err *err)
 {
-	const struct dem_rows rows = {begin, put_row, p};
-	int r = dem_finish_rows(p->dem, tail->vertices ? tail->box : NULL, &rows, err);
+	struct format_png_cell *p = ctx;
 
-	if (r)
-		return r;
 	p->err = err;
 	if (setjmp(png_jmpbuf(p->png)))
 		return -(int)err->code;
 	png_write_end(p->png, p->info);
 	return 0;
+}
+
+int format_png_cell_finish(struct format_png_cell *p, const struct acut_mesh_tail *tail, struct err *err)
+{
+	const struct dem_rows rows = {begin, put_row, end, p};
+
+	return dem_finish_rows(p->dem, tail->vertices ? tail->box : NULL, &rows, err);
+}
+
+int format_png_cell_tiles(struct format_png_cell *p, const struct dem_tiler *given, const struct acut_mesh_tail *tail,
+			  struct err *err)
+{
+	const struct dem_rows rows = {begin, put_row, end, p};
+	struct dem_tiler tiler = *given;
+
+	tiler.rows = &rows;
+	return tail->vertices ? dem_finish_tiles(p->dem, &tiler, err) : 0;
 }
 
 struct format_png_cell *format_png_cell_free(struct format_png_cell *p)

@@ -116,18 +116,14 @@ static void triangle(const struct stl *s, const int32_t (*position)[3], const ui
 }
 
 /* Those of the triangles: other vertices are not written. */
-static int check_heights(const struct stl *s, const struct format_block *block, struct err *err)
+static int check_corners(const struct stl *s, const struct format_block *block, struct err *err)
 {
-	int32_t ends[2][3] = {{0, 0, INT32_MAX}, {0, 0, INT32_MIN}};
+	int32_t range[2][3] = FORMAT_FLOAT_NOTHING;
 
 	for (uint32_t i = 0; i < block->mesh->ntriangle; i++)
-		for (int j = 0; j < 3; j++) {
-			int32_t z = block->position[block->mesh->triangle[i][j]][2];
-
-			ends[0][2] = z < ends[0][2] ? z : ends[0][2];
-			ends[1][2] = z > ends[1][2] ? z : ends[1][2];
-		}
-	return block->mesh->ntriangle ? format_float_heights(&s->floats, (const int32_t(*)[3])ends, 2, err) : 0;
+		for (int j = 0; j < 3; j++)
+			format_float_range(range, block->position[block->mesh->triangle[i][j]]);
+	return format_float_check(&s->floats, (const int32_t(*)[3])range, err);
 }
 
 static int stl_block(void *writer, const struct format_block *block, struct err *err)
@@ -139,7 +135,7 @@ static int stl_block(void *writer, const struct format_block *block, struct err 
 		err_set(err, ERR_LIMIT, "STL cannot count more than 4294967295 triangles");
 		return err_add_hint(err, "write PLY or OBJ, or tiles: --tile");
 	}
-	if (check_heights(s, block, err))
+	if (check_corners(s, block, err))
 		return -err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		uint8_t *to = outfile_room(s->body, STL_TRIANGLE, err);

@@ -13,6 +13,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "grow.h"
 #include "io.h"
 
 /* CSV is the last one, and only tried if it is asked for: any text may be one. */
@@ -192,15 +193,8 @@ int lines_layer(struct lines *l, const char *name, struct lines_layer **ret, str
 		}
 	if (l->nlayers == LINES_LAYERS_MOST)
 		return lines_too_many_layers(err);
-	if (l->nlayers == l->layers_room) {
-		size_t room = l->layers_room ? 2 * l->layers_room : 16;
-		void *more = realloc(l->layer, room * sizeof(*l->layer));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for layers");
-		l->layer = more;
-		l->layers_room = room;
-	}
+	if (!grow(&l->layer, &l->layers_room, l->nlayers + 1, 16, sizeof(*l->layer)))
+		return err_set(err, ERR_NOMEM, "no memory for layers");
 	new = calloc(1, sizeof *new);
 	if (!new)
 		return err_set(err, ERR_NOMEM, "no memory for layers");

@@ -6,8 +6,9 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
+
+#include "grow.h"
 
 /* Beyond it no unit is one of a survey: 10^12 mm are a million kilometres. */
 #define ABSURD 1e12
@@ -57,15 +58,8 @@ int lines_part(struct lines *l, bool ring, struct err *err)
 		lines_refuse(l, "it has more than 65536 lines or rings");
 		return 0;
 	}
-	if (l->f.nparts == l->parts_room) {
-		size_t room = l->parts_room ? 2 * l->parts_room : 16;
-		void *more = realloc(l->part, room * sizeof(*l->part));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for a feature");
-		l->part = more;
-		l->parts_room = room;
-	}
+	if (!grow(&l->part, &l->parts_room, l->f.nparts + 1, 16, sizeof(*l->part)))
+		return err_set(err, ERR_NOMEM, "no memory for a feature");
 	l->part[l->f.nparts++] = (struct lines_part){.first = l->f.nvertices, .ring = ring};
 	return 0;
 }
@@ -79,15 +73,8 @@ static int more_room(struct lines *l, size_t size, void **ret, struct err *err)
 		l->dropped++;
 		return 0;
 	}
-	if (l->f.nvertices == l->vertices_room) {
-		size_t room = l->vertices_room ? 2 * l->vertices_room : 256;
-		void *more = realloc(l->vertex, room * size);
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for a feature");
-		l->vertex = more;
-		l->vertices_room = room;
-	}
+	if (!grow(&l->vertex, &l->vertices_room, l->f.nvertices + 1, 256, size))
+		return err_set(err, ERR_NOMEM, "no memory for a feature");
 	*ret = (char *)l->vertex + size * l->f.nvertices++;
 	return 0;
 }

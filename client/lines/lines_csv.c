@@ -25,7 +25,7 @@ static const char *const role_names[LINE_COLUMN + 1] = {
 };
 
 struct csv {
-	struct lines_source source;
+	struct text_source source;
 	struct lines_layer *layer;
 	int at[ROLES]; /* columns; -1: there is none */
 	char separator;
@@ -88,7 +88,7 @@ static int read_row(struct lines *l, struct csv *c, bool *ret_more, uint64_t *re
 
 	do {
 		*ret_line = c->source.line;
-		rc = lines_source_line(&c->source, c->text, sizeof c->text, &n, &cut);
+		rc = text_source_line(&c->source, c->text, sizeof c->text, &n, &cut);
 		if (rc || n == SIZE_MAX) {
 			*ret_more = false;
 			return rc;

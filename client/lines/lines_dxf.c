@@ -72,7 +72,7 @@ int lines_dxf_pair(struct lines_dxf *d)
 	int rc;
 
 	d->line = d->source.line;
-	rc = lines_source_line(&d->source, code, sizeof code, &n, &cut);
+	rc = text_source_line(&d->source, code, sizeof code, &n, &cut);
 	if (rc)
 		return rc;
 	if (n == SIZE_MAX)
@@ -81,7 +81,7 @@ int lines_dxf_pair(struct lines_dxf *d)
 	if (cut || !parse_i64(code, &v) || v < -10000 || v > 10000)
 		return lines_bad(d->l, d->source.err, d->line, "\"%.20s\" is no group code", code);
 	d->code = (int)v;
-	rc = lines_source_line(&d->source, d->value, sizeof d->value, &n, &cut);
+	rc = text_source_line(&d->source, d->value, sizeof d->value, &n, &cut);
 	if (!rc && n == SIZE_MAX)
 		return lines_bad(d->l, d->source.err, d->line, "a group code has no value");
 	trim(d->value);
@@ -165,12 +165,12 @@ static int open_dxf(struct lines *l, struct err *err)
 	d->l = l;
 	d->crs.wkt = d->crs.from = "";
 	lines_source_begin(&d->source, l, err);
-	if (lines_peek(&d->source) == 'A') {
+	if (text_source_peek(&d->source) == 'A') {
 		err_set(err, ERR_INPUT, "it is binary DXF, which is not read");
 		return err_add_hint(err, "save it as text (ASCII) DXF");
 	}
-	while (lines_peek(&d->source) >= 0x80)
-		lines_take(&d->source);
+	while (text_source_peek(&d->source) >= 0x80)
+		text_source_take(&d->source);
 	return find_entities(d);
 }
 

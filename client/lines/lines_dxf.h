@@ -8,7 +8,7 @@ enum { LINES_DXF_VALUE = 512 };
 
 struct lines_dxf {
 	struct lines *l;
-	struct lines_source source;
+	struct text_source source;
 	struct lines_crs crs; /* of every layer */
 	int code;             /* the pair that was read last, */
 	uint64_t line;        /* the line of its code, */

@@ -5,10 +5,12 @@
  * and that it is JSON to its end. Then each feature is read at its place. Members may stand in any order: coordinates before
  * their type are returned to. Without "crs" coordinates are longitude and latitude of WGS 84, as the standard has it.
  */
-#include "lines_json.h"
+#include "lines_priv.h"
 
 #include <stdlib.h>
 #include <string.h>
+
+#include "json_reader.h"
 
 enum { COLLECTIONS_MOST = 8, KEY = 64 };
 
@@ -33,7 +35,8 @@ struct place {
 };
 
 struct geojson {
-	struct lines_json json; /* first */
+	struct json_reader json;
+	struct lines *l;
 	struct lines_layer *layer;
 	struct place features;
 	char type[KEY];
@@ -56,12 +59,12 @@ static bool matches(const uint8_t *head, size_t n)
 
 static struct place here(struct geojson *g)
 {
-	return (struct place){lines_source_at(&g->json.source), g->json.source.line};
+	return (struct place){text_source_at(&g->json.source), g->json.source.line};
 }
 
 static void go(struct geojson *g, struct place p)
 {
-	lines_source_seek(&g->json.source, p.at, p.line);
+	text_source_seek(&g->json.source, p.at, p.line);
 }
 
 static const char *type_name(const char *type, enum geometry *ret)
@@ -79,30 +82,30 @@ static const char *type_name(const char *type, enum geometry *ret)
 /* {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}, or null, or a text. */
 static int read_crs(struct geojson *g, struct lines_crs *crs, int nest)
 {
-	struct lines_json *j = &g->json;
-	char key[KEY], token[LINES_JSON_TOKEN];
+	struct json_reader *j = &g->json;
+	char key[KEY], token[JSON_READER_TOKEN];
 	bool first = true, more;
-	int c = lines_json_peek(j), rc = 0;
+	int c = json_reader_peek(j), rc = 0;
 
 	if (c == '"') {
-		rc = lines_json_string(j, crs->name, sizeof crs->name);
+		rc = json_reader_string(j, crs->name, sizeof crs->name);
 		lines_crs_of_text(crs->name, crs);
 		return rc;
 	}
 	if (c != '{' || nest == 3)
-		return lines_json_skip(j);
-	lines_take(&j->source);
-	while (!(rc = lines_json_more(j, '}', &first, &more)) && more) {
-		rc = lines_json_key(j, key, sizeof key);
+		return json_reader_skip(j);
+	text_source_take(&j->source);
+	while (!(rc = json_reader_more(j, '}', &first, &more)) && more) {
+		rc = json_reader_key(j, key, sizeof key);
 		if (rc)
 			break;
 		if (!strcmp(key, "properties") || !strcmp(key, "name")) {
 			rc = read_crs(g, crs, nest + 1);
-		} else if (!strcmp(key, "code") && lines_json_peek(j) != '"') {
-			rc = lines_json_token(j, token);
+		} else if (!strcmp(key, "code") && json_reader_peek(j) != '"') {
+			rc = json_reader_token(j, token);
 			crs->epsg = rc ? 0 : (uint32_t)strtoul(token, NULL, 10);
 		} else {
-			rc = lines_json_skip(j);
+			rc = json_reader_skip(j);
 		}
 		if (rc)
 			break;
@@ -113,23 +116,23 @@ static int read_crs(struct geojson *g, struct lines_crs *crs, int nest)
 /* A member of the document: all but its features is used at once. */
 static int read_member(struct geojson *g, const char *key, struct lines_crs *crs, char name[LINES_NAME_SIZE])
 {
-	struct lines_json *j = &g->json;
-	int c = lines_json_peek(j);
+	struct json_reader *j = &g->json;
+	int c = json_reader_peek(j);
 
 	if (!strcmp(key, "type") && c == '"')
-		return lines_json_string(j, g->type, sizeof g->type);
+		return json_reader_string(j, g->type, sizeof g->type);
 	if (!strcmp(key, "name") && c == '"')
-		return lines_json_string(j, name, LINES_NAME_SIZE);
+		return json_reader_string(j, name, LINES_NAME_SIZE);
 	if (!strcmp(key, "crs") || !strcmp(key, "coordRefSys")) {
 		crs->from = !strcmp(key, "crs") ? "member crs" : "member coordRefSys";
 		return read_crs(g, crs, 0);
 	}
 	if (!strcmp(key, "features")) {
 		if (g->features.at)
-			return lines_json_bad(j, "it has two lists of features");
+			return json_reader_bad(j, "it has two lists of features");
 		g->features = here(g);
 	}
-	return lines_json_skip(j);
+	return json_reader_skip(j);
 }
 
 static int refuse_kind(struct geojson *g, const char *what, const char *hint)
@@ -144,7 +147,7 @@ static int refuse_kind(struct geojson *g, const char *what, const char *hint)
 static int judge(struct geojson *g)
 {
 	enum geometry is;
-	int c = lines_json_peek(&g->json);
+	int c = json_reader_peek(&g->json);
 
 	if (g->json.source.rc)
 		return g->json.source.rc;
@@ -152,7 +155,7 @@ static int judge(struct geojson *g)
 		return refuse_kind(g, "it is a sequence of JSON texts, not one",
 				   "make it one: ogr2ogr -f GeoJSON lines.geojson FILE");
 	if (c >= 0)
-		return lines_json_bad(&g->json, "something follows the document");
+		return json_reader_bad(&g->json, "something follows the document");
 	if (!strcmp(g->type, "Topology"))
 		return refuse_kind(g, "it is TopoJSON", "convert it: ogr2ogr -f GeoJSON lines.geojson FILE");
 	if (!strcmp(g->type, "FeatureCollection"))
@@ -165,18 +168,17 @@ static int judge(struct geojson *g)
 
 static int read_document(struct geojson *g, struct lines_crs *crs, char name[LINES_NAME_SIZE])
 {
-	struct lines_json *j = &g->json;
+	struct json_reader *j = &g->json;
 	char key[KEY];
 	bool first = true, more;
 	int rc;
 
-	while (lines_peek(&j->source) == 0xef || lines_peek(&j->source) == 0xbb || lines_peek(&j->source) == 0xbf)
-		lines_take(&j->source);
-	if (lines_json_peek(j) == 0x1e)
+	text_source_skip_mark(&j->source);
+	if (json_reader_peek(j) == 0x1e)
 		return judge(g);
-	rc = lines_json_take(j, '{');
-	while (!rc && !(rc = lines_json_more(j, '}', &first, &more)) && more) {
-		rc = lines_json_key(j, key, sizeof key);
+	rc = json_reader_take(j, '{');
+	while (!rc && !(rc = json_reader_more(j, '}', &first, &more)) && more) {
+		rc = json_reader_key(j, key, sizeof key);
 		if (!rc)
 			rc = read_member(g, key, crs, name);
 	}
@@ -192,7 +194,8 @@ static int open_geojson(struct lines *l, struct err *err)
 
 	if (!g)
 		return err_set(err, ERR_NOMEM, "no memory to read lines");
-	g->json.l = l;
+	g->l = l;
+	g->json.hint = "the file is damaged, or no GeoJSON; write it again";
 	lines_source_begin(&g->json.source, l, err);
 	rc = read_document(g, &crs, name);
 	if (!rc && !*name)
@@ -213,13 +216,13 @@ static int open_geojson(struct lines *l, struct err *err)
 
 static int read_number(struct geojson *g, unsigned k, struct decimal *ret)
 {
-	struct lines *l = g->json.l;
-	char token[LINES_JSON_TOKEN];
-	int c = lines_json_peek(&g->json), rc;
+	struct lines *l = g->l;
+	char token[JSON_READER_TOKEN];
+	int c = json_reader_peek(&g->json), rc;
 
 	if (c == '"' || c == '[' || c == '{')
-		return lines_json_bad(&g->json, "a coordinate is not a number");
-	rc = lines_json_token(&g->json, token);
+		return json_reader_bad(&g->json, "a coordinate is not a number");
+	rc = json_reader_token(&g->json, token);
 	if (rc || k > 2 || lines_number(token, strlen(token), ret))
 		return rc;
 	*ret = (struct decimal){0, 0};
@@ -228,41 +231,41 @@ static int read_number(struct geojson *g, unsigned k, struct decimal *ret)
 	else if (!strcmp(token, "NaN") || !strcmp(token, "Infinity") || !strcmp(token, "-Infinity"))
 		lines_refuse(l, "a coordinate is not finite");
 	else
-		return lines_json_bad(&g->json, "a coordinate is not a number");
+		return json_reader_bad(&g->json, "a coordinate is not a number");
 	return 0;
 }
 
 static int read_position(struct geojson *g)
 {
-	struct lines_json *j = &g->json;
+	struct json_reader *j = &g->json;
 	struct decimal d[3] = {{0, 0}};
 	bool first = true, more;
 	unsigned n = 0;
-	int rc = lines_json_take(j, '[');
+	int rc = json_reader_take(j, '[');
 
-	while (!rc && !(rc = lines_json_more(j, ']', &first, &more)) && more) {
+	while (!rc && !(rc = json_reader_more(j, ']', &first, &more)) && more) {
 		rc = read_number(g, n, &d[n < 3 ? n : 2]);
 		n++;
 	}
 	if (rc)
 		return rc;
 	if (n < 2)
-		return lines_json_bad(j, "a position has fewer than two numbers");
+		return json_reader_bad(j, "a position has fewer than two numbers");
 	if (n == 2)
-		lines_refuse(j->l, lines_no_z);
-	return j->l->f.state == LINES_REFUSED ? 0 : lines_vertex_exact(j->l, d, j->source.err);
+		lines_refuse(g->l, lines_no_z);
+	return g->l->f.state == LINES_REFUSED ? 0 : lines_vertex_exact(g->l, d, j->source.err);
 }
 
 /* Lists in lists: `depth` 0 is that of the positions of a line or ring. */
 static int read_list(struct geojson *g, unsigned depth, bool ring)
 {
-	struct lines_json *j = &g->json;
+	struct json_reader *j = &g->json;
 	bool first = true, more;
-	int rc = lines_json_take(j, '[');
+	int rc = json_reader_take(j, '[');
 
 	if (!rc && !depth)
-		rc = lines_part(j->l, ring, j->source.err);
-	while (!rc && !(rc = lines_json_more(j, ']', &first, &more)) && more)
+		rc = lines_part(g->l, ring, j->source.err);
+	while (!rc && !(rc = json_reader_more(j, ']', &first, &more)) && more)
 		rc = depth ? read_list(g, depth - 1, ring) : read_position(g);
 	return rc;
 }
@@ -279,7 +282,7 @@ static int read_coordinates(struct geojson *g, enum geometry is)
 	case POLYGONS:
 		return read_list(g, 2, true);
 	default:
-		return lines_json_skip(&g->json);
+		return json_reader_skip(&g->json);
 	}
 }
 
@@ -291,10 +294,10 @@ static int read_geometries(struct geojson *g, unsigned nest)
 {
 	bool first = true, more;
 	int rc = nest == COLLECTIONS_MOST ?
-			 lines_json_bad(&g->json, "collections lie in each other more than %d deep", COLLECTIONS_MOST) :
-			 lines_json_take(&g->json, '[');
+			 json_reader_bad(&g->json, "collections lie in each other more than %d deep", COLLECTIONS_MOST) :
+			 json_reader_take(&g->json, '[');
 
-	while (!rc && !(rc = lines_json_more(&g->json, ']', &first, &more)) && more)
+	while (!rc && !(rc = json_reader_more(&g->json, ']', &first, &more)) && more)
 		rc = read_geometry(g, nest + 1);
 	return rc;
 }
@@ -302,28 +305,28 @@ static int read_geometries(struct geojson *g, unsigned nest)
 /* The members of a geometry. *ret_at: where coordinates are that came before their type. */
 static int read_members(struct geojson *g, unsigned nest, enum geometry *ret_is, struct place *ret_at, bool *ret_read)
 {
-	struct lines_json *j = &g->json;
+	struct json_reader *j = &g->json;
 	char key[KEY], type[KEY];
 	bool first = true, more;
-	int rc = lines_json_take(j, '{');
+	int rc = json_reader_take(j, '{');
 
-	while (!rc && !(rc = lines_json_more(j, '}', &first, &more)) && more) {
-		rc = lines_json_key(j, key, sizeof key);
+	while (!rc && !(rc = json_reader_more(j, '}', &first, &more)) && more) {
+		rc = json_reader_key(j, key, sizeof key);
 		if (rc)
 			break;
-		lines_json_peek(j);
+		json_reader_peek(j);
 		if (!strcmp(key, "type")) {
 			const char *name;
 
-			rc = lines_json_string(j, type, sizeof type);
+			rc = json_reader_string(j, type, sizeof type);
 			name = rc ? NULL : type_name(type, ret_is);
 			if (!rc && !name)
-				rc = lines_json_bad(j, "\"%s\" is no geometry", type);
+				rc = json_reader_bad(j, "\"%s\" is no geometry", type);
 			if (!rc && !nest)
-				lines_geometry(j->l, name);
+				lines_geometry(g->l, name);
 		} else if (!strcmp(key, "coordinates")) {
 			if (*ret_read || ret_at->at)
-				rc = lines_json_bad(j, "a geometry has coordinates twice");
+				rc = json_reader_bad(j, "a geometry has coordinates twice");
 			*ret_at = here(g);
 			*ret_read = *ret_is != NO_GEOMETRY;
 			if (!rc)
@@ -331,7 +334,7 @@ static int read_members(struct geojson *g, unsigned nest, enum geometry *ret_is,
 		} else if (!strcmp(key, "geometries")) {
 			rc = read_geometries(g, nest);
 		} else {
-			rc = lines_json_skip(j);
+			rc = json_reader_skip(j);
 		}
 	}
 	return rc;
@@ -339,22 +342,22 @@ static int read_members(struct geojson *g, unsigned nest, enum geometry *ret_is,
 
 static int read_geometry(struct geojson *g, unsigned nest)
 {
-	struct lines_json *j = &g->json;
+	struct json_reader *j = &g->json;
 	enum geometry is = NO_GEOMETRY;
 	struct place at = {0, 0}, end;
-	char token[LINES_JSON_TOKEN];
+	char token[JSON_READER_TOKEN];
 	bool read = false;
 	int rc;
 
-	if (lines_json_peek(j) == 'n')
-		return lines_json_token(j, token);
+	if (json_reader_peek(j) == 'n')
+		return json_reader_token(j, token);
 	rc = read_members(g, nest, &is, &at, &read);
 	if (rc)
 		return rc;
 	if (is == NO_GEOMETRY)
-		return lines_json_bad(j, "a geometry has no type");
+		return json_reader_bad(j, "a geometry has no type");
 	if (is != COLLECTION && !at.at)
-		return lines_json_bad(j, "a geometry has no coordinates");
+		return json_reader_bad(j, "a geometry has no coordinates");
 	g->points |= is == POINTS;
 	g->lines |= is != POINTS && is != COLLECTION;
 	if (read)
@@ -370,56 +373,57 @@ static int read_geometry(struct geojson *g, unsigned nest)
 
 static int read_properties(struct geojson *g)
 {
-	struct lines_json *j = &g->json;
-	char key[LINES_NAME_SIZE], value[LINES_JSON_TOKEN];
+	struct json_reader *j = &g->json;
+	char key[LINES_NAME_SIZE], value[JSON_READER_TOKEN];
 	bool first = true, more;
 	int rc;
 
-	if (!j->l->has_kind_field || lines_json_peek(j) != '{')
-		return lines_json_skip(j);
-	rc = lines_json_take(j, '{');
-	while (!rc && !(rc = lines_json_more(j, '}', &first, &more)) && more) {
+	if (!g->l->has_kind_field || json_reader_peek(j) != '{')
+		return json_reader_skip(j);
+	rc = json_reader_take(j, '{');
+	while (!rc && !(rc = json_reader_more(j, '}', &first, &more)) && more) {
 		int c;
 
-		rc = lines_json_key(j, key, sizeof key);
-		c = rc ? -1 : lines_json_peek(j);
+		rc = json_reader_key(j, key, sizeof key);
+		c = rc ? -1 : json_reader_peek(j);
 		if (rc)
 			break;
-		if (strcmp(key, j->l->kind_field) != 0 || c == '{' || c == '[') {
-			rc = lines_json_skip(j);
+		if (strcmp(key, g->l->kind_field) != 0 || c == '{' || c == '[') {
+			rc = json_reader_skip(j);
 			continue;
 		}
-		rc = c == '"' ? lines_json_string(j, value, sizeof value) : lines_json_token(j, value);
+		rc = c == '"' ? json_reader_string(j, value, sizeof value) : json_reader_token(j, value);
 		if (!rc && strcmp(value, "null") != 0)
-			lines_kind(j->l, value, strlen(value));
+			lines_kind(g->l, value, strlen(value));
 	}
 	return rc;
 }
 
 static int read_feature(struct geojson *g)
 {
-	struct lines_json *j = &g->json;
+	struct json_reader *j = &g->json;
 	char key[KEY], type[KEY] = "";
 	bool first = true, more, geometry = false;
-	int rc = lines_json_take(j, '{');
+	int rc = json_reader_take(j, '{');
 
-	while (!rc && !(rc = lines_json_more(j, '}', &first, &more)) && more) {
-		rc = lines_json_key(j, key, sizeof key);
+	while (!rc && !(rc = json_reader_more(j, '}', &first, &more)) && more) {
+		rc = json_reader_key(j, key, sizeof key);
 		if (rc)
 			break;
 		if (!strcmp(key, "type")) {
-			rc = lines_json_string(j, type, sizeof type);
+			rc = json_reader_string(j, type, sizeof type);
 		} else if (!strcmp(key, "properties")) {
 			rc = read_properties(g);
 		} else if (!strcmp(key, "geometry")) {
-			rc = geometry ? lines_json_bad(j, "a feature has two geometries") : read_geometry(g, 0);
+			rc = geometry ? json_reader_bad(j, "a feature has two geometries") : read_geometry(g, 0);
 			geometry = true;
 		} else {
-			rc = lines_json_skip(j);
+			rc = json_reader_skip(j);
 		}
 	}
-	return !rc && strcmp(type, "Feature") != 0 ? lines_json_bad(j, "what ends here is no feature: its type is \"%s\"", type) :
-						     rc;
+	return !rc && strcmp(type, "Feature") != 0 ?
+		       json_reader_bad(j, "what ends here is no feature: its type is \"%s\"", type) :
+		       rc;
 }
 
 static int next_geojson(struct lines *l, bool *ret_more, struct err *err)
@@ -432,18 +436,18 @@ static int next_geojson(struct lines *l, bool *ret_more, struct err *err)
 	if (!g->begun) {
 		g->begun = g->first = true;
 		go(g, g->single ? (struct place){0, 1} : g->features);
-		while (g->single && lines_peek(&g->json.source) >= 0 && lines_peek(&g->json.source) != '{')
-			lines_take(&g->json.source);
-		rc = g->single ? 0 : lines_json_take(&g->json, '[');
+		while (g->single && text_source_peek(&g->json.source) >= 0 && text_source_peek(&g->json.source) != '{')
+			text_source_take(&g->json.source);
+		rc = g->single ? 0 : json_reader_take(&g->json, '[');
 	}
 	if (!rc && !g->single)
-		rc = lines_json_more(&g->json, ']', &g->first, &more);
+		rc = json_reader_more(&g->json, ']', &g->first, &more);
 	*ret_more = more;
 	if (rc || !more)
 		return rc;
-	lines_json_peek(&g->json);
+	json_reader_peek(&g->json);
 	g->points = g->lines = false;
-	lines_begin(l, g->layer, ++g->number, lines_source_at(&g->json.source));
+	lines_begin(l, g->layer, ++g->number, text_source_at(&g->json.source));
 	rc = g->single && strcmp(g->type, "Feature") != 0 ? read_geometry(g, 0) : read_feature(g);
 	if (rc)
 		return rc;

@@ -18,6 +18,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
+#include "grow.h"
 #include "io.h"
 
 enum {
@@ -241,15 +242,8 @@ static int add_layer(struct lines *l, struct gpkg *g, sqlite3_stmt *s, struct er
 
 	if (g->n == LINES_LAYERS_MOST)
 		return lines_too_many_layers(err);
-	if (g->n == g->room) {
-		size_t room = g->room ? 2 * g->room : 16;
-		void *more = realloc(g->layer, room * sizeof(*g->layer));
-
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for layers");
-		g->layer = more;
-		g->room = room;
-	}
+	if (!grow(&g->layer, &g->room, g->n + 1, 16, sizeof(*g->layer)))
+		return err_set(err, ERR_NOMEM, "no memory for layers");
 	new = &g->layer[g->n++];
 	*new = (struct gpkg_layer){.table = strdup(text_of(s, 0)), .column = strdup(text_of(s, 1))};
 	if (!new->table || !new->column)

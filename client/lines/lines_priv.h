@@ -5,8 +5,9 @@
 #include "lines.h"
 
 #include "err.h"
+#include "text_source.h"
 
-enum { LINES_HEAD = 4096, LINES_BUFFER = 1 << 16, LINES_WKT_MOST = 1 << 16 /* bytes of the text of a system */ };
+enum { LINES_HEAD = 4096, LINES_WKT_MOST = 1 << 16 /* bytes of the text of a system */ };
 
 struct lines_reader {
 	const char *name, *title, *place;
@@ -21,17 +22,6 @@ struct lines_reader {
 };
 extern const struct lines_reader lines_shape_reader, lines_geojson_reader, lines_gpkg_reader, lines_dxf_reader,
 	lines_landxml_reader, lines_csv_reader;
-
-/* Bytes of a file, forwards, with a place to return to. */
-struct lines_source {
-	const struct lines *lines;
-	uint64_t start, line; /* of the buffer in the file; the line of the next byte, from 1 */
-	size_t i, n;
-	bool ended;
-	struct err *err; /* of the call that reads */
-	int rc;          /* 0, or why there are no more bytes */
-	uint8_t buffer[LINES_BUFFER];
-};
 
 struct lines {
 	char path[4096], layer_name[LINES_NAME_SIZE], kind_field[LINES_NAME_SIZE];
@@ -93,34 +83,7 @@ __attribute__((format(printf, 4, 5))) int lines_bad(const struct lines *, struct
 
 /* ---- texts (lines_text.c) ---- */
 
-void lines_source_begin(struct lines_source *, const struct lines *, struct err *);
-int lines_source_fill(struct lines_source *); /* the next byte, -1 at the end or after a failure */
-void lines_source_seek(struct lines_source *, uint64_t at, uint64_t line);
-
-static inline uint64_t lines_source_at(const struct lines_source *s)
-{
-	return s->start + s->i;
-}
-
-/* The next byte, not taken; -1 at the end or after a failure (s->rc). */
-static inline int lines_peek(struct lines_source *s)
-{
-	return s->i < s->n ? s->buffer[s->i] : lines_source_fill(s);
-}
-
-static inline int lines_take(struct lines_source *s)
-{
-	int c = lines_peek(s);
-
-	s->i += c >= 0;
-	s->line += c == '\n';
-	return c;
-}
-
-/* The next line without its end, and without zero bytes. *ret_n SIZE_MAX: there is none. What does not fit into `room` is left
- * out, as *ret_cut says. */
-int lines_source_line(struct lines_source *, char *to, size_t room, size_t *ret_n, bool *ret_cut);
-
+void lines_source_begin(struct text_source *, const struct lines *, struct err *);
 /* All of the text is a decimal number. Beyond 18 digits it is rounded so that rounding again to 17 digits or less gives
  * what rounding once gives (ROUND_05UP). */
 bool lines_number(const char *text, size_t n, struct decimal *ret);

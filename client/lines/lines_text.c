@@ -12,68 +12,11 @@
 
 enum { DIGITS = 18, EXPONENT_SHOWN = 6 };
 
-void lines_source_begin(struct lines_source *s, const struct lines *l, struct err *err)
+void lines_source_begin(struct text_source *s, const struct lines *l, struct err *err)
 {
-	s->lines = l;
-	s->start = 0;
-	s->line = 1;
-	s->i = s->n = 0;
-	s->ended = false;
-	s->err = err;
-	s->rc = 0;
-}
-
-int lines_source_fill(struct lines_source *s)
-{
-	if (s->ended || s->rc)
-		return -1;
-	s->start += s->n;
-	s->i = s->n = 0;
-	s->rc = lines_interrupted(s->lines, s->err);
-	if (!s->rc)
-		s->rc = io_read_some(s->lines->fd, s->buffer, sizeof s->buffer, s->start, s->lines->path, &s->n, s->err);
-	if (s->rc)
-		s->n = 0;
-	s->ended = !s->rc && !s->n;
-	return s->n ? s->buffer[0] : -1;
-}
-
-void lines_source_seek(struct lines_source *s, uint64_t at, uint64_t line)
-{
-	s->line = line;
-	s->ended = false;
-	if (at >= s->start && at <= s->start + s->n) {
-		s->i = (size_t)(at - s->start);
-		return;
-	}
-	s->start = at;
-	s->i = s->n = 0;
-}
-
-int lines_source_line(struct lines_source *s, char *to, size_t room, size_t *ret_n, bool *ret_cut)
-{
-	size_t n = 0;
-	int c = lines_take(s);
-
-	*ret_cut = false;
-	*ret_n = SIZE_MAX;
-	if (c < 0)
-		return s->rc;
-	for (; c >= 0 && c != '\n'; c = lines_take(s)) {
-		if (!c)
-			continue;
-		if (n + 1 < room)
-			to[n++] = (char)c;
-		else
-			*ret_cut = true;
-	}
-	if (s->rc)
-		return s->rc;
-	while (n && to[n - 1] == '\r')
-		n--;
-	to[n] = 0;
-	*ret_n = n;
-	return 0;
+	text_source_file(s, l->fd, l->path, err);
+	s->interrupted = l->interrupted;
+	s->ctx = l->ctx;
 }
 
 /* ---- numbers ---- */

@@ -75,7 +75,7 @@ static int make_link(struct outfile *o, struct err *err)
 {
 	char from[32];
 
-	if (linkat(AT_FDCWD, proc_name(o->fd, from), o->dirfd, o->temp, AT_SYMLINK_FOLLOW))
+	if (io->linkat(AT_FDCWD, proc_name(o->fd, from), o->dirfd, o->temp, AT_SYMLINK_FOLLOW))
 		return err_sys(err, errno, "the output cannot be given a name");
 	return 0;
 }

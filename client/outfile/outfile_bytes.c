@@ -238,16 +238,21 @@ int outfile_annex(struct outfile *host, struct outfile **ret, struct err *err)
 	return 0;
 }
 
+static int cut_to(const struct outfile *o, off_t size, struct err *err)
+{
+	if (!io->ftruncate(o->fd, size))
+		return 0;
+	err_sys(err, errno, "cannot cut the output to its size");
+	return err_add_file(err, o->label);
+}
+
 int outfile_annex_drop(struct outfile *annex, struct err *err)
 {
 	struct outfile *o = annex->host;
 	int r = annex->inside ? outfile_flush(o, err) : 0;
 
 	annex->used = 0;
-	if (r || !annex->inside || !io->ftruncate(o->fd, (off_t)o->at))
-		return r;
-	err_sys(err, errno, "cannot cut the output to its size");
-	return err_add_file(err, o->label);
+	return r || !annex->inside ? r : cut_to(o, (off_t)o->at, err);
 }
 
 /* Others (memory sticks, shares) may fill the hole with zeros. */
@@ -263,27 +268,30 @@ static bool has_holes(int fd)
 
 /* Whether the file system takes blocks out of this file, tried on the file itself while it ends before `base`.
  * A limit on the size of files would be met far too early. */
-static bool can_collapse(const struct outfile *host)
+static int can_collapse(const struct outfile *host, bool *ret, struct err *err)
 {
 	const off_t end = (off_t)(OUTFILE_ANNEX_AT + OUTFILE_BLOCK), block = OUTFILE_BLOCK;
 	struct rlimit most;
 	struct stat st;
-	bool ok;
 
+	*ret = false;
 	if (!host->seekable || !has_holes(host->fd) || getrlimit(RLIMIT_FSIZE, &most) || most.rlim_cur != RLIM_INFINITY)
-		return false;
+		return 0;
 	if (io->fstat(host->fd, &st) || st.st_blksize <= 0 || OUTFILE_BLOCK % st.st_blksize || io->ftruncate(host->fd, end))
-		return false;
-	ok = !fallocate(host->fd, FALLOC_FL_COLLAPSE_RANGE, end - 2 * block, block);
-	return !io->ftruncate(host->fd, st.st_size) && ok;
+		return 0;
+	*ret = !fallocate(host->fd, FALLOC_FL_COLLAPSE_RANGE, end - 2 * block, block);
+	return cut_to(host, st.st_size, err);
 }
 
 /* An annex gets its first bytes. */
 static int annex_open(struct outfile *o, struct err *err)
 {
-	int r;
+	bool inside;
+	int r = can_collapse(o->host, &inside, err);
 
-	if (can_collapse(o->host)) {
+	if (r)
+		return r;
+	if (inside) {
 		o->inside = true;
 		o->fd = o->host->fd;
 		o->base = OUTFILE_ANNEX_AT;
@@ -379,11 +387,7 @@ static int join_annex(struct outfile *o, struct outfile *annex, size_t record, s
 		o->at += total;
 	else
 		r = copy(o, annex, 0, total, err);
-	if (!r && annex->inside && io->ftruncate(o->fd, (off_t)o->at)) {
-		err_sys(err, errno, "cannot cut the output to its size");
-		r = err_add_file(err, o->label);
-	}
-	return r;
+	return r || !annex->inside ? r : cut_to(o, (off_t)o->at, err);
 }
 
 uint64_t outfile_padded(uint64_t size, const struct outfile *annex)

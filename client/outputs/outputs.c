@@ -234,15 +234,29 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 	return r ? r : run_write(run, &block);
 }
 
+/* What the run leaves out for a reason; NULL: it is none of the run. */
+static const struct outputs_left *left_by(const struct outputs *run, enum outputs_reason reason)
+{
+	switch (reason) {
+	case OUTPUTS_BY_HULL:
+		return run->hull ? outputs_hull_left(run->hull) : NULL;
+	case OUTPUTS_BY_MASK:
+		return *outputs_mask_digest(run->mask, OUTPUTS_MASK) ? outputs_mask_left(run->mask, OUTPUTS_MASK) : NULL;
+	case OUTPUTS_BY_ERASE:
+		return *outputs_mask_digest(run->mask, OUTPUTS_ERASE) ? outputs_mask_left(run->mask, OUTPUTS_ERASE) : NULL;
+	default:
+		return run->opt.max_edge.given ? &run->edge.left : NULL;
+	}
+}
+
 /* All triangles that the run leaves out. */
 static struct outputs_left left_out(const struct outputs *run)
 {
-	struct outputs_left sum = run->edge.left;
+	struct outputs_left sum = {.triangles = 0};
 
-	if (run->hull)
-		outputs_left_sum(&sum, outputs_hull_left(run->hull));
-	if (run->mask)
-		outputs_left_sum(&sum, outputs_mask_left(run->mask));
+	for (enum outputs_reason i = 0; i < OUTPUTS_REASONS; i++)
+		if (left_by(run, i))
+			outputs_left_sum(&sum, left_by(run, i));
 	return sum;
 }
 
@@ -324,6 +338,8 @@ const struct err *outputs_error(const struct outputs *run)
 
 int outputs_publish(struct outputs *run, struct err *err)
 {
+	struct outputs_report report;
+
 	if (run->err.code) {
 		*err = run->err;
 		return -err->code;
@@ -345,7 +361,8 @@ int outputs_publish(struct outputs *run, struct err *err)
 	outputs_keep_done(run);
 	if (run->levels)
 		return outputs_levels_publish(run->levels, &run->bytes, err);
-	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, left_out(run).triangles, &run->bytes, err) : 0;
+	outputs_report(run, &report);
+	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, &report, &run->bytes, err) : 0;
 }
 
 void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint64_t generation)
@@ -354,15 +371,19 @@ void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint6
 	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
 }
 
+static struct outputs_left_out count_of(const struct outputs *run, const struct outputs_left *left)
+{
+	return (struct outputs_left_out){left, left ? left->triangles : 0, outputs_edge_area(&run->edge, left ? left->area2 : 0)};
+}
+
 void outputs_report(const struct outputs *run, struct outputs_report *ret)
 {
 	const struct outputs_left left = left_out(run);
 
 	*ret = (struct outputs_report){
 		.bytes = run->bytes,
-		.left_out = left.triangles,
+		.left_out = count_of(run, &left),
 		.all_left_out = left.triangles && left.triangles == run->all_triangles,
-		.left_out_area = outputs_edge_area(&run->edge, left.area2),
 		.tiles = run->tiles  ? outputs_tiles_count(run->tiles) :
 			 run->levels ? outputs_levels_count(run->levels) :
 				       0,
@@ -372,6 +393,8 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 	};
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
+	for (enum outputs_reason i = 0; i < OUTPUTS_REASONS; i++)
+		ret->left_out_by[i] = count_of(run, left_by(run, i));
 	for (int i = 0; i < OUTPUTS_CUTS; i++)
 		snprintf(ret->cut[i], sizeof(ret->cut[i]), "%s", outputs_mask_digest(run->mask, (enum outputs_cut)i));
 	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));

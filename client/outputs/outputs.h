@@ -20,6 +20,9 @@ struct outputs_length {
  * those in one of OUTPUTS_ERASE do not. */
 enum outputs_cut { OUTPUTS_MASK, OUTPUTS_ERASE, OUTPUTS_CUTS };
 
+/* What leaves triangles out, in this order: one that several would leave out counts for the first. */
+enum outputs_reason { OUTPUTS_BY_HULL, OUTPUTS_BY_MASK, OUTPUTS_BY_ERASE, OUTPUTS_BY_EDGE, OUTPUTS_REASONS };
+
 struct outputs_options {
 	struct outputs_length max_edge;  /* triangles with a longer xy edge are left out */
 	struct outputs_length trim_hull; /* and those that are reached from outside through edges that are longer than this */
@@ -46,14 +49,19 @@ struct outputs_changes_counts {
 	uint64_t gone, gone_triangles, kept, kept_triangles, new_regions, new_triangles;
 };
 
+struct outputs_left_out {
+	bool given; /* the option was */
+	uint64_t triangles;
+	double area; /* NAN where the unit of x and y is no known length */
+};
+
 /* The result at the end of the stream. Lengths and areas are in file units. */
 struct outputs_report {
-	uint64_t bytes;             /* of all outputs */
-	uint64_t left_out;          /* triangles, by max_edge, trim_hull and cuts */
+	uint64_t bytes; /* of all outputs */
+	struct outputs_left_out left_out, left_out_by[OUTPUTS_REASONS];
 	bool all_left_out;          /* there were triangles, and none is left */
 	char written[40];           /* digest of the triangles that the files have */
 	char cut[OUTPUTS_CUTS][40]; /* digests of areas; "": not given */
-	double left_out_area;       /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
 	uint64_t tiles;                   /* files of tiles, of levels, too; 0 without any */

@@ -44,15 +44,23 @@ void outputs_head_done(struct outputs_head *h)
 
 /* ---- names ---- */
 
-static int open_one(struct outputs_target *t, const char *path, const char *suffix, struct err *err)
+void outputs_beside_name(const char *path, const char *suffix, char *ret, size_t size)
 {
 	const char *slash = strrchr(path, '/'), *dot = strrchr(slash ? slash : path, '.');
 	size_t stem = *suffix == '+' || !dot ? strlen(path) : (size_t)(dot - path);
-	char *name;
+
+	snprintf(ret, size, "%.*s%s", (int)stem, path, suffix + (*suffix == '+'));
+}
+
+static int open_one(struct outputs_target *t, const char *path, const char *suffix, struct err *err)
+{
+	size_t size = strlen(path) + strlen(suffix) + 1;
+	char *name = malloc(size);
 	int r;
 
-	if (asprintf(&name, "%.*s%s", (int)stem, path, suffix + (*suffix == '+')) < 0)
+	if (!name)
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	outputs_beside_name(path, suffix, name, size);
 	r = outfile_new(name, t->opt.no_clobber, &t->beside[t->nbeside], err);
 	t->nbeside += !r;
 	free(name);
@@ -112,13 +120,15 @@ static void put_options(FILE *f, const struct outputs_target *t)
 	fputs("}", f);
 }
 
-static void put_mesh(FILE *f, const struct outputs *run, uint64_t left_out)
+static void put_mesh(FILE *f, const struct outputs *run, const struct outputs_report *report)
 {
 	const struct acut_mesh_tail *tail = &run->tail;
 	char number[DECIMAL_TEXT_SIZE];
 
-	fprintf(f, ",\n\"vertices\":%llu,\"triangles\":%llu,\"left_out\":%llu,\"trimmed\":", (unsigned long long)tail->vertices,
-		(unsigned long long)(tail->triangles - left_out), (unsigned long long)left_out);
+	fprintf(f, ",\n\"vertices\":%llu,\"triangles\":%llu,", (unsigned long long)tail->vertices,
+		(unsigned long long)(tail->triangles - report->left_out.triangles));
+	outputs_geojson_left_out(f, report);
+	fputs(",\"trimmed\":", f);
 	outputs_geojson_text(f, run->trimmed);
 	fprintf(f, ",\n\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"mesh_digest\":\"%s\",\n\"box\":", run->written,
 		run->vertex_digest, run->digest);
@@ -158,7 +168,7 @@ static int sidecar_text(const struct outputs *run, const struct outputs_target *
 	put_text(f, "geoid", run->head.is.geoid);
 	put_text(f, "wkt", run->head.is.wkt);
 	outputs_geojson_origin(f, &run->head.is, &t->opt);
-	put_mesh(f, run, report.left_out);
+	put_mesh(f, run, &report);
 	fputs(",\n", f);
 	put_options(f, t);
 	fputs("}\n", f);
@@ -172,7 +182,7 @@ static int sidecar_text(const struct outputs *run, const struct outputs_target *
 
 /* ---- their contents ---- */
 
-static int write_text(struct outfile *out, const char *text, struct err *err)
+int outputs_beside_write(struct outfile *out, const char *text, struct err *err)
 {
 	size_t n = strlen(text);
 	int r = 0;
@@ -193,7 +203,7 @@ int outputs_beside_make(const struct outputs *run, struct outputs_target *t, str
 		int r = sidecar ? sidecar_text(run, t, &text, err) : t->format->beside_text(t->writer, i, &text, err);
 
 		if (!r && text)
-			r = write_text(out, text, err);
+			r = outputs_beside_write(out, text, err);
 		free(text);
 		if (r)
 			return r;

@@ -2,6 +2,7 @@
 #include "outputs_geojson.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -76,6 +77,30 @@ void outputs_geojson_origin(FILE *f, const struct acut_mesh_head *h, const struc
 		fprintf(f, ",\"origin\":[%s,%s,%s]", x, y, z);
 	else
 		fputs(",\"origin\":null", f);
+}
+
+void outputs_geojson_left_out(FILE *f, const struct outputs_report *report)
+{
+	static const char *const names[OUTPUTS_REASONS] = {
+		[OUTPUTS_BY_HULL] = "trim_hull",
+		[OUTPUTS_BY_MASK] = "mask",
+		[OUTPUTS_BY_ERASE] = "erase",
+		[OUTPUTS_BY_EDGE] = "max_edge",
+	};
+
+	fprintf(f, "\"left_out\":%llu,\"left_out_by\":{", (unsigned long long)report->left_out.triangles);
+	for (int i = 0; i < OUTPUTS_REASONS; i++) {
+		const struct outputs_left_out *by = &report->left_out_by[i];
+
+		fprintf(f, "%s\"%s\":", i ? "," : "", names[i]);
+		if (!by->given)
+			fputs("null", f);
+		else if (isnan(by->area))
+			fprintf(f, "{\"triangles\":%llu,\"area\":null}", (unsigned long long)by->triangles);
+		else
+			fprintf(f, "{\"triangles\":%llu,\"area\":%.17g}", (unsigned long long)by->triangles, by->area);
+	}
+	fputc('}', f);
 }
 
 void outputs_geojson_square(FILE *f, const char *x0, const char *y0, const char *x1, const char *y1)

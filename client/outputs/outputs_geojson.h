@@ -21,6 +21,8 @@ void outputs_geojson_crs(FILE *, const char *crs);   /* the member and its comma
 /* "lattice":..., "crs":..., "units":[...] */
 void outputs_geojson_head(FILE *, const struct acut_mesh_head *, const struct format_options *);
 void outputs_geojson_origin(FILE *, const struct acut_mesh_head *, const struct format_options *); /* ,"origin":... */
+/* "left_out":number of triangles,"left_out_by":{"max_edge":{"triangles":...,"area":...},...} */
+void outputs_geojson_left_out(FILE *, const struct outputs_report *);
 /* A closed ring of a Polygon: corners as texts. */
 void outputs_geojson_square(FILE *, const char *x0, const char *y0, const char *x1, const char *y1);
 

@@ -24,7 +24,7 @@
 
 enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
 static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
-static const uint32_t VERSION = 4;
+static const uint32_t VERSION = 5;
 
 struct outputs_kept {
 	char *options;
@@ -263,7 +263,8 @@ int outputs_keep_head(struct outputs *run, const struct acut_mesh_head *head, st
 	}
 	if (!r) {
 		outputs_edge_load(&run->edge, &c);
-		outputs_left_load(run->mask ? outputs_mask_left(run->mask) : &none, &c);
+		for (enum outputs_cut k = 0; k < OUTPUTS_CUTS; k++)
+			outputs_left_load(run->mask ? outputs_mask_left(run->mask, k) : &none, &c);
 		r = outputs_front_load(&run->front, &c, err);
 	}
 	if (!r && (c.bad || cursor_left(&c) != 8))
@@ -332,15 +333,16 @@ static void pack(const struct outputs *run, const void *state, size_t size, stru
 		packer_bytes(p, bytes, sizeof(bytes));
 	}
 	outputs_edge_save(&run->edge, p);
-	outputs_left_save(run->mask ? outputs_mask_left(run->mask) : &none, p);
+	for (enum outputs_cut k = 0; k < OUTPUTS_CUTS; k++)
+		outputs_left_save(run->mask ? outputs_mask_left(run->mask, k) : &none, p);
 	outputs_front_save(&run->front, p);
 	packer_u64(p, XXH3_64bits(p->start, packer_size(p)));
 }
 
 int outputs_save(struct outputs *run, const void *state, size_t size, struct err *err)
 {
-	size_t room =
-		64 + OPTIONS + size + sizeof(run->edge) + sizeof(struct outputs_left) + run->front.used * OUTPUTS_FRONT_SAVED;
+	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + OUTPUTS_CUTS * sizeof(struct outputs_left) +
+		      run->front.used * OUTPUTS_FRONT_SAVED;
 	struct packer p;
 	uint8_t *bytes;
 	int r = 0;

@@ -32,11 +32,11 @@ struct cut {
 	struct digest digest;
 	char hex[DIGEST_HEX_SIZE];
 	struct area *area;
+	struct outputs_left left;
 };
 
 struct outputs_mask {
 	struct cut cut[OUTPUTS_CUTS];
-	struct outputs_left left;
 	uint32_t (*triangle)[3];
 	size_t room;
 };
@@ -133,9 +133,9 @@ const char *outputs_mask_digest(const struct outputs_mask *m, enum outputs_cut c
 	return m ? m->cut[cut].hex : "";
 }
 
-struct outputs_left *outputs_mask_left(struct outputs_mask *m)
+struct outputs_left *outputs_mask_left(struct outputs_mask *m, enum outputs_cut cut)
 {
-	return &m->left;
+	return &m->cut[cut].left;
 }
 
 /* ---- the lattice ---- */
@@ -205,7 +205,7 @@ static int make_area(struct cut *c, const struct acut_mesh_head *head, struct de
 {
 	int r = 0;
 
-	c->area = area_new();
+	c->area = area_new(AREA_HALF_OPEN);
 	if (!c->area)
 		return no_memory(err);
 	for (size_t i = 0; i < c->n && !r; i++) {
@@ -224,20 +224,24 @@ int outputs_mask_head(struct outputs_mask *m, const struct acut_mesh_head *head,
 
 	if (!decimal_parse(head->scale_xy, &scale) || scale.mantissa <= 0)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
-	memcpy(m->left.k, head->k, sizeof(m->left.k));
-	for (int k = 0; k < OUTPUTS_CUTS && !r; k++)
+	for (int k = 0; k < OUTPUTS_CUTS && !r; k++) {
+		memcpy(m->cut[k].left.k, head->k, sizeof(m->cut[k].left.k));
 		r = m->cut[k].n ? make_area(&m->cut[k], head, scale, err) : 0;
+	}
 	return r;
 }
 
 /* ---- triangles ---- */
 
-static bool stays(const struct outputs_mask *m, const int32_t *a, const int32_t *b, const int32_t *c)
+/* The cut that leaves the triangle out; OUTPUTS_CUTS: none does. */
+static enum outputs_cut cut_of(const struct outputs_mask *m, const int32_t *a, const int32_t *b, const int32_t *c)
 {
 	int64_t x = (int64_t)a[0] + b[0] + c[0], y = (int64_t)a[1] + b[1] + c[1];
 	const struct area *mask = m->cut[OUTPUTS_MASK].area, *erase = m->cut[OUTPUTS_ERASE].area;
 
-	return (!mask || area_has(mask, x, y)) && !(erase && area_has(erase, x, y));
+	if (mask && !area_has(mask, x, y))
+		return OUTPUTS_MASK;
+	return erase && area_has(erase, x, y) ? OUTPUTS_ERASE : OUTPUTS_CUTS;
 }
 
 int outputs_mask_block(struct outputs_mask *m, const struct acut_mesh_block *b, const int32_t (*pos)[3],
@@ -255,11 +259,12 @@ int outputs_mask_block(struct outputs_mask *m, const struct acut_mesh_block *b, 
 	}
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
+		enum outputs_cut cut = cut_of(m, pos[t[0]], pos[t[1]], pos[t[2]]);
 
-		if (stays(m, pos[t[0]], pos[t[1]], pos[t[2]]))
+		if (cut == OUTPUTS_CUTS)
 			memcpy(m->triangle[kept++], t, sizeof(*m->triangle));
 		else
-			outputs_left_add(&m->left, pos[t[0]], pos[t[1]], pos[t[2]]);
+			outputs_left_add(&m->cut[cut].left, pos[t[0]], pos[t[1]], pos[t[2]]);
 	}
 	*ret = *b;
 	ret->triangle = (const uint32_t(*)[3])m->triangle;

@@ -117,7 +117,7 @@ int outputs_mask_head(struct outputs_mask *, const struct acut_mesh_head *, stru
 /* *ret is the block without the triangles left out; it points into the mask and the block. */
 int outputs_mask_block(struct outputs_mask *, const struct acut_mesh_block *, const int32_t (*position)[3],
 		       struct acut_mesh_block *ret, struct err *err);
-struct outputs_left *outputs_mask_left(struct outputs_mask *);
+struct outputs_left *outputs_mask_left(struct outputs_mask *, enum outputs_cut);
 struct outputs_mask *outputs_mask_free(struct outputs_mask *);
 
 /* ---- --canonical: outputs_canonical.c ---- */
@@ -194,6 +194,9 @@ struct outputs {
 };
 
 /* outputs_beside.c: the small files beside an output are opened with it, and made and get their names before it. */
+/* The name of a file beside `path`: `suffix` is in place of its extension, or behind all of it if it begins with '+'. */
+void outputs_beside_name(const char *path, const char *suffix, char *ret, size_t size);
+int outputs_beside_write(struct outfile *, const char *text, struct err *err);
 int outputs_beside_open(struct outputs_target *, const char *path, struct err *err);
 int outputs_beside_make(const struct outputs *, struct outputs_target *, struct err *err);
 int outputs_beside_publish(struct outputs_target *, uint64_t *bytes, struct err *err);

@@ -36,10 +36,6 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 		err_set(err, ERR_USAGE, "--sidecar has no meaning for tiles");
 		return err_add_hint(err, OUTPUTS_TILES_INDEX " says what they are");
 	}
-	if (format->kind == FORMAT_PICTURE && opt->cell.mantissa) {
-		err_set(err, ERR_USAGE, "--tile has no meaning for %s with --cell", format->name);
-		return err_add_hint(err, "write tiles of tif, or pictures of windows with --bbox");
-	}
 	if (format->kind == FORMAT_LINES) {
 		err_set(err, ERR_USAGE, "--tile has no meaning for %s: lines would end at the triangles of a tile", format->name);
 		return err_add_hint(err, "write one file, or one a window with --bbox: lines are cut there");
@@ -74,7 +70,7 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
 	t->opt.tiled = true;
-	if (!r && format->tiles)
+	if (!r && format->tiles && (format->kind == FORMAT_RASTER || opt->cell.mantissa))
 		r = format->open(t->index, &t->opt, &t->writer, err);
 	else if (!r)
 		r = sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
@@ -173,6 +169,21 @@ const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
 
 	outputs_tiles_number(tiles, i, at);
 	return outputs_tiles_name_at(tiles, at, buf);
+}
+
+/* With the files beside it, which come first. */
+static const char *file_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
+{
+	const struct outputs_tiles *t = tiles;
+	size_t each = t->nbeside + 1, k = i % each;
+	char name[OUTFILE_NAME];
+
+	outputs_tiles_name(tiles, i / each, name);
+	if (k < t->nbeside)
+		outputs_beside_name(name, t->beside[k], buf, OUTFILE_NAME);
+	else
+		memcpy(buf, name, sizeof(name));
+	return buf;
 }
 
 /* ---- the tiles that have triangles ---- */
@@ -328,10 +339,11 @@ int outputs_tiles_tail(struct outputs_tiles *t, const struct acut_mesh_tail *tai
 static int move_all(struct outputs_tiles *t, struct err *err)
 {
 	char name[OUTFILE_NAME];
-	int r = outfile_folder_clear(t->place, t->ntile, outputs_tiles_name, t, err);
+	size_t n = t->ntile * (t->nbeside + 1);
+	int r = outfile_folder_clear(t->place, n, file_name, t, err);
 
-	for (size_t i = 0; i < t->ntile && !r; i++)
-		r = outfile_folder_move(t->place, outputs_tiles_name(t, i, name), err);
+	for (size_t i = 0; i < n && !r; i++)
+		r = outfile_folder_move(t->place, file_name(t, i, name), err);
 	if (!r)
 		r = outfile_folder_sync(t->place, err);
 	if (!r)
@@ -339,21 +351,21 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 	return r ? r : outfile_folder_sync(t->place, err);
 }
 
-int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, uint64_t left_out, uint64_t *bytes,
-			  struct err *err)
+int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, const struct outputs_report *report,
+			  uint64_t *bytes, struct err *err)
 {
 	int r = t->writer ? outputs_tiles_raster(t, err) : outputs_tiles_make(t, err);
 
 	t->origin = origin;
 	if (!r)
-		r = outputs_tiles_index(t, left_out, err);
+		r = outputs_tiles_index(t, report, err);
 	if (!r)
 		r = outfile_publish(t->index, err);
 	if (!r)
 		r = move_all(t, err);
 	if (r)
 		return r;
-	*bytes += outfile_size(t->index);
+	*bytes += outfile_size(t->index) + t->beside_bytes;
 	for (size_t i = 0; i < t->ntile; i++)
 		*bytes += t->tile[i].bytes;
 	outfile_folder_keep(t->place);

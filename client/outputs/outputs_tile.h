@@ -33,6 +33,9 @@ struct outputs_tiles {
 	uint64_t count[2];         /* columns and rows that the box has */
 	struct outputs_tile *tile; /* those with triangles: as they came, then by number */
 	size_t ntile;
+	const char *beside[OUTPUTS_BESIDE]; /* what the names of files beside each tile end with; of rasters */
+	unsigned nbeside;
+	uint64_t beside_bytes;
 	uint32_t *slot; /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
 	size_t nslot;
 	const struct outputs_origin *origin; /* while it is published */
@@ -44,7 +47,7 @@ int outputs_tiles_head(struct outputs_tiles *, const struct acut_mesh_head *, st
 int outputs_tiles_block(struct outputs_tiles *, const struct format_block *, struct err *err);
 int outputs_tiles_tail(struct outputs_tiles *, const struct acut_mesh_tail *, struct err *err);
 /* Makes all tiles and the index and moves them to their places. *bytes grows by theirs. */
-int outputs_tiles_publish(struct outputs_tiles *, const struct outputs_origin *, uint64_t left_out, uint64_t *bytes,
+int outputs_tiles_publish(struct outputs_tiles *, const struct outputs_origin *, const struct outputs_report *, uint64_t *bytes,
 			  struct err *err);
 uint64_t outputs_tiles_count(const struct outputs_tiles *); /* with triangles */
 struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *);
@@ -58,7 +61,7 @@ void outputs_tiles_number(const struct outputs_tiles *, size_t i, int64_t ret[2]
 int outputs_tiles_make(struct outputs_tiles *, struct err *err);
 int outputs_tiles_raster(struct outputs_tiles *, struct err *err); /* outputs_tile_raster.c: likewise */
 /* outputs_tile_index.c */
-int outputs_tiles_index(struct outputs_tiles *, uint64_t left_out, struct err *err);
+int outputs_tiles_index(struct outputs_tiles *, const struct outputs_report *, struct err *err);
 
 enum { OUTPUTS_TILE_WORDS = 6 }; /* of a record: tile, three corners, heights 0 and 1, height 2 */
 

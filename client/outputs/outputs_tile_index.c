@@ -14,7 +14,7 @@
 #include "outputs_geojson.h"
 #include "outputs_tile.h"
 
-static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
+static void put_head(FILE *f, const struct outputs_tiles *t, const struct outputs_report *report)
 {
 	const struct acut_mesh_head *h = &t->head;
 	char size[DECIMAL_TEXT_SIZE];
@@ -23,10 +23,11 @@ static void put_head(FILE *f, const struct outputs_tiles *t, uint64_t left_out)
 	outputs_geojson_crs(f, h->crs);
 	fprintf(f, "\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)t->origin->job);
 	outputs_geojson_text(f, t->origin->dataset);
-	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,\"left_out\":%llu,",
+	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,",
 		(unsigned long long)t->origin->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
-		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
-	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
+		(unsigned long long)outputs_tiles_count(t), (unsigned long long)t->tail.triangles);
+	outputs_geojson_left_out(f, report);
+	fprintf(f, ",\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
 	outputs_geojson_head(f, h, &t->opt);
 	outputs_geojson_origin(f, h, &t->opt);
 	fputs("},\n\"features\":[", f);
@@ -78,14 +79,14 @@ static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 		(unsigned long long)t->origin->generation);
 }
 
-int outputs_tiles_index(struct outputs_tiles *t, uint64_t left_out, struct err *err)
+int outputs_tiles_index(struct outputs_tiles *t, const struct outputs_report *report, struct err *err)
 {
 	struct outputs_page p;
 	bool first = true;
 	int r = outputs_page_start(&p, err);
 
 	if (!r) {
-		put_head(p.f, t, left_out);
+		put_head(p.f, t, report);
 		r = outputs_page_end(&p, t->index, err);
 	}
 	for (size_t i = 0; i < t->ntile && !r; i++) {

@@ -2,7 +2,8 @@
  * The tiles of a raster.
  *
  * The format has drawn all of it and divides it (dem.h): each pixel is in the tile that has its centre, and tiles without a
- * height are left out, as tiles without triangles are. So tiles together are the whole raster, pixel for pixel.
+ * height are left out, as tiles without triangles are. So tiles together are the whole raster, pixel for pixel. What stands
+ * beside a picture, as its world file, stands beside each of its tiles; all tiles have the same of these files.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -38,6 +39,46 @@ static int keep(struct outputs_tiles *t, const struct outputs_tile *tile, struct
 	return 0;
 }
 
+static int put_beside(struct outputs_tiles *t, const char *tile, const char *suffix, const char *text, struct err *err)
+{
+	char name[OUTFILE_NAME];
+	struct outfile *out;
+	int r;
+
+	outputs_beside_name(tile, suffix, name, sizeof(name));
+	r = outfile_folder_file(t->place, name, &out, err);
+	if (r)
+		return r;
+	r = outputs_beside_write(out, text, err);
+	if (!r)
+		r = outfile_publish(out, err);
+	t->beside_bytes += outfile_size(out);
+	outfile_free(out);
+	return r;
+}
+
+/* The files beside the tile that the writer has just made. */
+static int make_beside(struct outputs_tiles *t, const int64_t at[2], struct err *err)
+{
+	const char *const *suffix = t->format->beside ? t->format->beside(&t->opt) : NULL;
+	char tile[OUTFILE_NAME];
+	int r = 0;
+
+	outputs_tiles_name_at(t, at, tile);
+	t->nbeside = 0;
+	for (unsigned i = 0; suffix && suffix[i] && !r; i++) {
+		char *text = NULL;
+
+		r = t->format->beside_text(t->writer, i, &text, err);
+		if (!r && text) {
+			t->beside[t->nbeside++] = suffix[i];
+			r = put_beside(t, tile, suffix[i], text, err);
+		}
+		free(text);
+	}
+	return r;
+}
+
 static int tile_end(void *ctx, const int64_t at[2], struct outfile *out, const struct dem_tile *got, struct err *err)
 {
 	struct outputs_tiles *t = ctx;
@@ -52,6 +93,8 @@ static int tile_end(void *ctx, const int64_t at[2], struct outfile *out, const s
 	if (!r && !got->no_heights)
 		r = outfile_publish(out, err);
 	tile.bytes = outfile_size(out);
+	if (!r && !got->no_heights)
+		r = make_beside(t, at, err);
 	if (!r && !got->no_heights)
 		r = keep(t, &tile, err);
 	outfile_free(out);

@@ -14,7 +14,6 @@
 
 enum { WKT_MAX = 32768 };
 
-/* "EPSG:n" and complete WKTs are not names of files. */
 static int read_wkt(const char *path, char **ret, struct err *err)
 {
 	char *text;
@@ -50,7 +49,9 @@ int ctl_stage_crs(const char *word, const char *option, char **ret, struct err *
 
 	if (!*word)
 		return err_set(err, ERR_USAGE, "%s is empty", option);
-	if (strncasecmp(word, "EPSG:", 5) && !strchr(word, '[') && !stat(word, &st) && S_ISREG(st.st_mode))
+	/* "EPSG:n", a number and a complete WKT are not names of files */
+	if (strncasecmp(word, "EPSG:", 5) && !strchr(word, '[') && word[strspn(word, "0123456789")] && !stat(word, &st) &&
+	    S_ISREG(st.st_mode))
 		return read_wkt(word, ret, err);
 	*ret = strdup(word);
 	return *ret ? 0 : err_set(err, ERR_NOMEM, "no memory for a coordinate system");

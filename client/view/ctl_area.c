@@ -14,6 +14,8 @@
 
 #include "area_code.h"
 #include "err.h"
+#include "grow.h"
+#include "json_reader.h"
 
 enum { FILE_MOST = 64 << 20, EXPONENT_MOST = 40 };
 
@@ -24,30 +26,16 @@ static int no_memory(struct err *err)
 
 int ctl_area_ring(struct ctl_area *a, bool shell, struct err *err)
 {
-	if (a->nring == a->rings_room) {
-		size_t room = a->rings_room ? 2 * a->rings_room : 16;
-		void *more = realloc(a->ring, room * sizeof(*a->ring));
-
-		if (!more)
-			return no_memory(err);
-		a->ring = more;
-		a->rings_room = room;
-	}
+	if (!grow(&a->ring, &a->rings_room, a->nring + 1, 16, sizeof(*a->ring)))
+		return no_memory(err);
 	a->ring[a->nring++] = (struct ctl_area_ring){a->ncorner, shell};
 	return 0;
 }
 
 int ctl_area_corner(struct ctl_area *a, struct decimal x, struct decimal y, struct err *err)
 {
-	if (a->ncorner == a->corners_room) {
-		size_t room = a->corners_room ? 2 * a->corners_room : 256;
-		void *more = realloc(a->corner, room * sizeof(*a->corner));
-
-		if (!more)
-			return no_memory(err);
-		a->corner = more;
-		a->corners_room = room;
-	}
+	if (!grow(&a->corner, &a->corners_room, a->ncorner + 1, 256, sizeof(*a->corner)))
+		return no_memory(err);
 	a->corner[a->ncorner][0] = x;
 	a->corner[a->ncorner++][1] = y;
 	return 0;
@@ -62,13 +50,10 @@ void ctl_area_done(struct ctl_area *a)
 
 /* ---- the file ---- */
 
-static int read_text(const char *file, char **ret, size_t *ret_size, struct err *err)
+static int open_area(const char *file, int *ret, struct err *err)
 {
 	int fd = open(file, O_RDONLY | O_CLOEXEC);
 	struct stat st;
-	size_t got = 0;
-	ssize_t n = 1;
-	char *text;
 
 	if (fd < 0 || fstat(fd, &st)) {
 		err_sys(err, errno, "the area cannot be read");
@@ -80,43 +65,38 @@ static int read_text(const char *file, char **ret, size_t *ret_size, struct err 
 		close(fd);
 		return err_set(err, ERR_INPUT, "it is not a file of at most %d MiB, so not an area", FILE_MOST >> 20);
 	}
-	text = malloc((size_t)st.st_size + 1);
-	while (text && got < (size_t)st.st_size && (n = read(fd, text + got, (size_t)st.st_size - got)) > 0)
-		got += (size_t)n;
-	if (text && n < 0)
-		err_sys(err, errno, "the area cannot be read");
-	close(fd);
-	if (!text || err->code) {
-		free(text);
-		return err->code ? -(int)err->code : no_memory(err);
-	}
-	text[got] = '\0';
-	*ret = text;
-	*ret_size = got;
+	*ret = fd;
 	return 0;
+}
+
+static int read_area(struct json_reader *json, struct ctl_area *a, struct err *err)
+{
+	int r;
+
+	text_source_skip_mark(&json->source);
+	if (json_reader_peek(json) == '{')
+		r = ctl_area_json(json, a, err);
+	else
+		r = ctl_area_wkt(&json->source, a, err);
+	if (!r && !a->ncorner) {
+		r = err_set(err, ERR_INPUT, "there is no polygon in it");
+		err_add_hint(err, "an area is made of polygons and multipolygons");
+	}
+	return r;
 }
 
 int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err)
 {
+	struct json_reader *json = malloc(sizeof(*json));
 	struct ctl_area a = {0};
-	char *text = NULL, *start;
-	size_t size = 0;
-	int r = read_text(file, &text, &size, err);
+	int fd = -1, r = json ? open_area(file, &fd, err) : no_memory(err);
 
-	if (r)
-		goto out;
-	start = text + (size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0);
-	start += strspn(start, " \t\r\n");
-	if (*start == '{')
-		r = ctl_area_json(text, size, &a, err);
-	else
-		r = ctl_area_wkt(text, size, &a, err);
-	if (!r && !a.ncorner) {
-		r = err_set(err, ERR_INPUT, "there is no polygon in it");
-		err_add_hint(err, "an area is made of polygons and multipolygons");
+	if (!r) {
+		text_source_file(&json->source, fd, file, err);
+		r = read_area(json, &a, err);
+		close(fd);
 	}
-	free(text);
-out:
+	free(json);
 	if (r) {
 		ctl_area_done(&a);
 		return err_add_file(err, file);

@@ -12,6 +12,8 @@
 #include "decimal.h"
 
 struct err;
+struct json_reader;
+struct text_source;
 
 struct ctl_area {
 	struct ctl_area_ring {
@@ -34,8 +36,8 @@ int ctl_area_corner(struct ctl_area *, struct decimal x, struct decimal y, struc
 /* "area@EXPONENT:" and the rings (protocol.md, "Views"). -ERR_LIMIT: too long for a view. */
 int ctl_area_print(const struct ctl_area *, FILE *out, struct err *err);
 
-/* `text` is what the file holds, ended by a zero byte. */
-int ctl_area_json(const char *text, size_t size, struct ctl_area *, struct err *err);
-int ctl_area_wkt(const char *text, size_t size, struct ctl_area *, struct err *err);
+/* Behind a byte order mark, if there is one. */
+int ctl_area_json(struct json_reader *, struct ctl_area *, struct err *err);
+int ctl_area_wkt(struct text_source *, struct ctl_area *, struct err *err);
 
 #endif

@@ -1,24 +1,34 @@
 /*
- * Areas from GeoJSON (RFC 7946): Polygon, MultiPolygon, GeometryCollection, Feature, FeatureCollection. json-c parses it and
- * keeps the text of numbers with a point or exponent, so they become exact decimals without a double between. Coordinates are
- * in the plane of the dataset, whatever the standard says of degrees. The old member "crs", which names another system, is kept.
- * Other geometries are refused: a line is not an area.
+ * Areas from GeoJSON (RFC 7946): Polygon, MultiPolygon, GeometryCollection, Feature, FeatureCollection. Numbers become exact
+ * decimals without a double between. Coordinates are in the plane of the dataset, whatever the standard says of degrees. The old
+ * member "crs", which names another system, is kept. Other geometries are refused: a line is not an area.
+ *
+ * Nothing of the document is held but the area. Members may stand in any order, so coordinates before their type are skipped,
+ * and returned to at the end of their object.
  */
-#include <json-c/json.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "ctl_area.h"
 #include "err.h"
+#include "json_reader.h"
 
 struct reader {
+	struct json_reader *json;
 	struct ctl_area *area;
 	struct err *err;
 	char path[64]; /* where in the document, as features[3].geometry; its end if it is long */
 	size_t n;
+	int depth;
 };
 
-enum { DEPTH_MOST = 32 };
+enum { DEPTH_MOST = 16, KEY = 32 };
+
+/* A place to return to. */
+struct place {
+	uint64_t at, line;
+};
 
 /* Adds to the path; what is returned takes it back. */
 __attribute__((format(printf, 2, 3))) static size_t enter(struct reader *r, const char *fmt, ...)
@@ -42,187 +52,313 @@ static void leave(struct reader *r, size_t before)
 
 static int bad(struct reader *r, const char *what)
 {
+	if (r->json->source.rc)
+		return r->json->source.rc;
 	err_set(r->err, ERR_INPUT, "%s", what);
 	return err_add_place(r->err, ERR_NO_OFFSET, *r->path ? r->path : NULL);
 }
 
-static int number(struct reader *r, struct json_object *o, struct decimal *ret)
-{
-	enum json_type type = json_object_get_type(o);
-	int64_t v = json_object_get_int64(o);
+/* ---- lists ---- */
 
-	if (type != json_type_int && type != json_type_double)
+/* Reads one item of a list. */
+typedef int each_fn(struct reader *, size_t index);
+
+static int for_each(struct reader *r, const char *what, each_fn *each)
+{
+	bool first = true, more;
+	int rc;
+
+	if (json_reader_peek(r->json) != '[')
+		return bad(r, what);
+	text_source_take(&r->json->source);
+	for (size_t i = 0; !(rc = json_reader_more(r->json, ']', &first, &more)) && more; i++) {
+		size_t before = enter(r, "[%zu]", i);
+
+		rc = each(r, i);
+		if (rc)
+			break;
+		leave(r, before);
+	}
+	return rc;
+}
+
+/* As JSON has it: [-]digits[.digits][(e|E)[+-]digits], without a zero before other digits. */
+static bool is_number(const char *t)
+{
+	static const char digits[] = "0123456789";
+	size_t n;
+
+	t += *t == '-';
+	n = strspn(t, digits);
+	if (!n || (*t == '0' && n > 1))
+		return false;
+	t += n;
+	if (*t == '.') {
+		n = strspn(++t, digits);
+		t += n;
+		if (!n)
+			return false;
+	}
+	if (*t == 'e' || *t == 'E') {
+		t++;
+		t += *t == '-' || *t == '+';
+		n = strspn(t, digits);
+		t += n;
+		if (!n)
+			return false;
+	}
+	return !*t;
+}
+
+static int number(struct reader *r, struct decimal *ret)
+{
+	char text[JSON_READER_TOKEN];
+	int c = json_reader_peek(r->json), rc;
+
+	if (c == '"' || c == '[' || c == '{')
 		return bad(r, "a coordinate is not a number");
-	/* Integers are kept in 64 bits, clamped. */
-	if ((type == json_type_int && (v == INT64_MAX || v == INT64_MIN)) ||
-	    !decimal_parse(json_object_to_json_string_ext(o, JSON_C_TO_STRING_PLAIN), ret)) {
+	rc = json_reader_token(r->json, text);
+	if (rc)
+		return rc;
+	if (!is_number(text))
+		return bad(r, "a coordinate is not a number");
+	if (!decimal_parse(text, ret)) {
 		bad(r, "a coordinate cannot be kept exactly");
 		return err_add_hint(r->err, "coordinates are decimals of at most 18 digits");
 	}
 	return 0;
 }
 
-static int corner(struct reader *r, struct json_object *o)
+static int ring_corner(struct reader *r, size_t index)
 {
+	static const char few[] = "a corner is not a list of at least two numbers";
 	struct decimal d[2];
+	bool first = true, more;
+	unsigned k = 0;
 	int rc;
 
-	if (!json_object_is_type(o, json_type_array) || json_object_array_length(o) < 2)
-		return bad(r, "a corner is not a list of at least two numbers");
-	for (size_t k = 0; k < 2; k++)
-		if ((rc = number(r, json_object_array_get_idx(o, k), &d[k])))
-			return rc;
-	return ctl_area_corner(r->area, d[0], d[1], r->err);
-}
-
-typedef int each_fn(struct reader *, struct json_object *, size_t index);
-
-static int for_each(struct reader *r, struct json_object *list, const char *what, each_fn *each)
-{
-	if (!json_object_is_type(list, json_type_array))
-		return bad(r, what);
-	for (size_t i = 0; i < json_object_array_length(list); i++) {
-		size_t before = enter(r, "[%zu]", i);
-		int rc = each(r, json_object_array_get_idx(list, i), i);
-
+	if (json_reader_peek(r->json) != '[')
+		return bad(r, few);
+	text_source_take(&r->json->source);
+	for (; !(rc = json_reader_more(r->json, ']', &first, &more)) && more; k++) {
+		rc = k < 2 ? number(r, &d[k]) : json_reader_skip(r->json);
 		if (rc)
-			return rc;
-		leave(r, before);
+			break;
 	}
-	return 0;
+	if (rc)
+		return rc;
+	return k < 2 ? bad(r, few) : ctl_area_corner(r->area, d[0], d[1], r->err);
 }
 
-static int ring_corner(struct reader *r, struct json_object *o, size_t index)
-{
-	return corner(r, o);
-}
-
-static int polygon_ring(struct reader *r, struct json_object *o, size_t index)
+static int polygon_ring(struct reader *r, size_t index)
 {
 	int rc = ctl_area_ring(r->area, index == 0, r->err);
 
-	return rc ? rc : for_each(r, o, "a ring is not a list of corners", ring_corner);
+	return rc ? rc : for_each(r, "a ring is not a list of corners", ring_corner);
 }
 
-static int polygon(struct reader *r, struct json_object *o, size_t index)
+static int polygon(struct reader *r, size_t index)
 {
-	return for_each(r, o, "the coordinates of a polygon are not a list of rings", polygon_ring);
+	return for_each(r, "the coordinates of a polygon are not a list of rings", polygon_ring);
 }
 
-static int thing(struct reader *r, struct json_object *o, size_t index);
+/* ---- things with a type ---- */
 
-static int member(struct reader *r, struct json_object *o, const char *name, const char *what, each_fn *each)
+static int thing(struct reader *r, size_t index);
+
+static int read_polygon(struct reader *r)
 {
-	size_t before = enter(r, "%s%s", r->n ? "." : "", name);
-	struct json_object *list;
+	return polygon(r, 0);
+}
+
+static int read_polygons(struct reader *r)
+{
+	return for_each(r, "a multipolygon has no list of polygons", polygon);
+}
+
+static int read_geometries(struct reader *r)
+{
+	return for_each(r, "a collection has no list of geometries", thing);
+}
+
+static int read_features(struct reader *r)
+{
+	return for_each(r, "a collection has no list of features", thing);
+}
+
+static int read_geometry(struct reader *r)
+{
+	/* null: a feature without a place */
+	return json_reader_peek(r->json) == 'n' ? json_reader_skip(r->json) : thing(r, 0);
+}
+
+static const struct kind {
+	const char *type, *member, *missing;
+	int (*read)(struct reader *);
+} kinds[] = {
+	{"Polygon", "coordinates", "a polygon has no coordinates", read_polygon},
+	{"MultiPolygon", "coordinates", "a multipolygon has no list of polygons", read_polygons},
+	{"GeometryCollection", "geometries", "a collection has no list of geometries", read_geometries},
+	{"FeatureCollection", "features", "a collection has no list of features", read_features},
+	{"Feature", "geometry", "a feature has no geometry", read_geometry},
+};
+enum { KINDS = sizeof(kinds) / sizeof(*kinds) };
+
+/* An object with a type, as far as it is read. */
+struct object {
+	const struct kind *kind;
+	struct place place[KINDS]; /* of the member that a thing of this kind has */
+	bool has[KINDS], read;
+};
+
+static int read_kind(struct reader *r, struct object *o)
+{
+	char type[KEY];
 	int rc;
 
-	if (!json_object_object_get_ex(o, name, &list))
-		return bad(r, what);
-	rc = for_each(r, list, what, each);
-	if (!rc)
-		leave(r, before);
-	return rc;
-}
-
-static int feature(struct reader *r, struct json_object *o)
-{
-	size_t before = enter(r, "%sgeometry", r->n ? "." : "");
-	struct json_object *geometry;
-	int rc = 0;
-
-	if (!json_object_object_get_ex(o, "geometry", &geometry))
-		return bad(r, "a feature has no geometry");
-	if (geometry) /* null: a feature without a place */
-		rc = thing(r, geometry, 0);
-	if (!rc)
-		leave(r, before);
-	return rc;
-}
-
-/* {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::2154"}} */
-static int system_of(struct reader *r, struct json_object *o)
-{
-	struct json_object *crs, *properties, *name;
-	const char *text;
-
-	if (!json_object_object_get_ex(o, "crs", &crs) || !json_object_object_get_ex(crs, "properties", &properties) ||
-	    !json_object_object_get_ex(properties, "name", &name) || !json_object_is_type(name, json_type_string))
-		return 0;
-	text = json_object_get_string(name);
-	if (*r->area->crs && strncmp(r->area->crs, text, sizeof(r->area->crs) - 1))
-		return bad(r, "it names two coordinate systems");
-	snprintf(r->area->crs, sizeof(r->area->crs), "%s", text);
-	return 0;
-}
-
-static int thing(struct reader *r, struct json_object *o, size_t index)
-{
-	struct json_object *type;
-	const char *name;
-
-	if (!json_object_is_type(o, json_type_object) || !json_object_object_get_ex(o, "type", &type) ||
-	    !json_object_is_type(type, json_type_string))
+	if (json_reader_peek(r->json) != '"')
 		return bad(r, "this is no GeoJSON: it has no type");
-	if (system_of(r, o))
-		return -(int)r->err->code;
-	name = json_object_get_string(type);
-	if (!strcmp(name, "Polygon")) {
-		size_t before = enter(r, "%scoordinates", r->n ? "." : "");
-		struct json_object *list;
-		int rc;
-
-		if (!json_object_object_get_ex(o, "coordinates", &list))
-			return bad(r, "a polygon has no coordinates");
-		rc = polygon(r, list, 0);
-		if (!rc)
-			leave(r, before);
+	if (o->kind)
+		return bad(r, "it has two types");
+	rc = json_reader_string(r->json, type, sizeof(type));
+	for (size_t i = 0; i < KINDS && !rc; i++)
+		if (!strcmp(kinds[i].type, type))
+			o->kind = &kinds[i];
+	if (rc || o->kind)
 		return rc;
-	}
-	if (!strcmp(name, "MultiPolygon"))
-		return member(r, o, "coordinates", "a multipolygon has no list of polygons", polygon);
-	if (!strcmp(name, "GeometryCollection"))
-		return member(r, o, "geometries", "a collection has no list of geometries", thing);
-	if (!strcmp(name, "FeatureCollection"))
-		return member(r, o, "features", "a collection has no list of features", thing);
-	if (!strcmp(name, "Feature"))
-		return feature(r, o);
-	err_set(r->err, ERR_INPUT, "a %.40s is no area", name);
+	err_set(r->err, ERR_INPUT, "a %s is no area", type);
 	err_add_place(r->err, ERR_NO_OFFSET, *r->path ? r->path : NULL);
 	return err_add_hint(r->err, "an area is made of polygons and multipolygons");
 }
 
-static int parse(const char *text, size_t size, struct json_object **ret, struct err *err)
+/* The member that makes it an area. */
+static int read_area(struct reader *r, const struct kind *kind)
 {
-	struct json_tokener *t = json_tokener_new_ex(DEPTH_MOST);
-	enum json_tokener_error e;
-	uint64_t at;
+	size_t before = enter(r, "%s%s", r->n ? "." : "", kind->member);
+	int rc = kind->read(r);
 
-	if (!t)
-		return err_set(err, ERR_NOMEM, "no memory for an area");
-	json_tokener_set_flags(t, JSON_TOKENER_STRICT);
-	*ret = json_tokener_parse_ex(t, text, (int)size + 1); /* with its end, so that it knows */
-	e = json_tokener_get_error(t);
-	at = json_tokener_get_parse_end(t);
-	json_tokener_free(t);
-	if (e == json_tokener_success && *ret)
-		return 0;
-	json_object_put(*ret);
-	err_set(err, ERR_INPUT, "it starts as JSON and is not: %s",
-		e == json_tokener_continue ? "it ends too early" : json_tokener_error_desc(e));
-	return err_add_place(err, at, NULL);
+	if (!rc)
+		leave(r, before);
+	return rc;
 }
 
-int ctl_area_json(const char *text, size_t size, struct ctl_area *area, struct err *err)
+/* {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::2154"}}; `nest` 0 is all of it, 1 the properties. */
+static int system_of(struct reader *r, unsigned nest)
 {
-	struct reader r = {.area = area, .err = err};
-	struct json_object *document = NULL;
-	size_t skip = size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0;
-	int rc = parse(text + skip, size - skip, &document, err);
+	char key[KEY], name[sizeof(r->area->crs)];
+	bool first = true, more;
+	int rc;
 
+	if (json_reader_peek(r->json) != '{')
+		return json_reader_skip(r->json);
+	text_source_take(&r->json->source);
+	while (!(rc = json_reader_more(r->json, '}', &first, &more)) && more) {
+		rc = json_reader_key(r->json, key, sizeof(key));
+		if (rc)
+			break;
+		if (!nest && !strcmp(key, "properties")) {
+			rc = system_of(r, 1);
+		} else if (nest && !strcmp(key, "name") && json_reader_peek(r->json) == '"') {
+			rc = json_reader_string(r->json, name, sizeof(name));
+			if (!rc && *r->area->crs && strcmp(r->area->crs, name) != 0)
+				rc = bad(r, "it names two coordinate systems");
+			if (!rc)
+				strcpy(r->area->crs, name);
+		} else {
+			rc = json_reader_skip(r->json);
+		}
+		if (rc)
+			break;
+	}
+	return rc;
+}
+
+static struct place here(struct reader *r)
+{
+	json_reader_peek(r->json);
+	return (struct place){text_source_at(&r->json->source), r->json->source.line};
+}
+
+static int read_member(struct reader *r, struct object *o, const char *key)
+{
+	bool twice = false;
+
+	if (!strcmp(key, "type"))
+		return read_kind(r, o);
+	if (!strcmp(key, "crs"))
+		return system_of(r, 0);
+	for (size_t i = 0; i < KINDS; i++)
+		if (!strcmp(kinds[i].member, key)) {
+			twice |= o->has[i];
+			o->has[i] = true;
+			o->place[i] = here(r);
+		}
+	if (twice)
+		return json_reader_bad(r->json, "the %s are given twice", key);
+	if (!o->kind || strcmp(o->kind->member, key) != 0)
+		return json_reader_skip(r->json);
+	o->read = true;
+	return read_area(r, o->kind);
+}
+
+static int read_members(struct reader *r, struct object *o)
+{
+	char key[KEY];
+	bool first = true, more;
+	int rc;
+
+	text_source_take(&r->json->source);
+	while (!(rc = json_reader_more(r->json, '}', &first, &more)) && more) {
+		rc = json_reader_key(r->json, key, sizeof(key));
+		if (!rc)
+			rc = read_member(r, o, key);
+		if (rc)
+			break;
+	}
+	return rc;
+}
+
+static int thing(struct reader *r, size_t index)
+{
+	struct object o = {.kind = NULL};
+	struct place end, at;
+	int rc;
+
+	if (json_reader_peek(r->json) != '{')
+		return bad(r, "this is no GeoJSON: it has no type");
+	if (r->depth == DEPTH_MOST)
+		return json_reader_bad(r->json, "collections lie in each other more than %d deep", DEPTH_MOST);
+	r->depth++;
+	rc = read_members(r, &o);
+	r->depth--;
 	if (rc)
 		return rc;
-	rc = thing(&r, document, 0);
-	json_object_put(document);
+	if (!o.kind)
+		return bad(r, "this is no GeoJSON: it has no type");
+	if (o.read)
+		return 0;
+	if (!o.has[o.kind - kinds]) {
+		enter(r, "%s%s", r->n ? "." : "", o.kind->member);
+		return bad(r, o.kind->missing);
+	}
+	end = here(r);
+	at = o.place[o.kind - kinds];
+	text_source_seek(&r->json->source, at.at, at.line);
+	r->depth++;
+	rc = read_area(r, o.kind);
+	r->depth--;
+	text_source_seek(&r->json->source, end.at, end.line);
 	return rc;
+}
+
+int ctl_area_json(struct json_reader *json, struct ctl_area *area, struct err *err)
+{
+	struct reader r = {.json = json, .area = area, .err = err};
+	int rc;
+
+	json->hint = "the file is damaged, or no GeoJSON; write it again";
+	rc = thing(&r, 0);
+	if (!rc && json_reader_peek(json) >= 0)
+		rc = json_reader_bad(json, "something follows the document");
+	return rc ? rc : json->source.rc;
 }

@@ -3,76 +3,119 @@
  * in a file. Numbers become exact decimals. SRIDs are not interpreted, and lines and points are refused.
  */
 #include <ctype.h>
+#include <inttypes.h>
 #include <string.h>
 #include <strings.h>
 
 #include "ctl_area.h"
 #include "err.h"
+#include "text_source.h"
+
+enum { WORD = 24, SHOWN = 24 };
+
+/* A place to return to. */
+struct place {
+	uint64_t at, line;
+};
 
 struct wkt {
-	const char *text, *at, *end;
+	struct text_source *source;
+	struct place word_at;
+	char word[WORD]; /* the next one, in small letters, that is taken from the source but not used; "": none */
 	struct ctl_area *area;
 	struct err *err;
 };
 
-static int bad(struct wkt *w, const char *what)
+static struct place here(const struct wkt *w)
 {
-	const char *end = w->at;
-	unsigned line = 1;
+	return (struct place){text_source_at(w->source), w->source->line};
+}
 
-	for (const char *t = w->text; t < w->at; t++)
-		line += *t == '\n';
-	while (end < w->end && end - w->at < 24 && !isspace((unsigned char)*end) && isprint((unsigned char)*end))
-		end++;
-	if (w->at == w->end)
-		err_set(w->err, ERR_INPUT, "line %u: the text ends where %s should be", line, what);
+/* What stands at the place, where `what` should be. */
+static int bad_at(struct wkt *w, struct place p, const char *what)
+{
+	char text[SHOWN + 1];
+	size_t n = 0;
+	int c;
+
+	text_source_seek(w->source, p.at, p.line);
+	while (n < SHOWN && (c = text_source_take(w->source)) > ' ' && c < 0x7f)
+		text[n++] = (char)c;
+	text[n] = '\0';
+	if (w->source->rc)
+		return w->source->rc;
+	if (!n && c < 0)
+		err_set(w->err, ERR_INPUT, "line %" PRIu64 ": the text ends where %s should be", p.line, what);
 	else
-		err_set(w->err, ERR_INPUT, "line %u: \"%.*s\", where %s should be", line, (int)(end - w->at), w->at, what);
-	return err_add_place(w->err, (uint64_t)(w->at - w->text), NULL);
+		err_set(w->err, ERR_INPUT, "line %" PRIu64 ": \"%s\", where %s should be", p.line, text, what);
+	return err_add_place(w->err, p.at, NULL);
 }
 
 static void space(struct wkt *w)
 {
-	while (w->at < w->end && strchr(" \t\r\n", *w->at) && *w->at)
-		w->at++;
+	int c;
+
+	while ((c = text_source_peek(w->source)) == ' ' || c == '\t' || c == '\r' || c == '\n')
+		text_source_take(w->source);
+}
+
+static int bad(struct wkt *w, const char *what)
+{
+	if (*w->word)
+		return bad_at(w, w->word_at, what);
+	space(w);
+	return bad_at(w, here(w), what);
 }
 
 static bool sign(struct wkt *w, char c)
 {
-	space(w);
-	if (w->at == w->end || *w->at != c)
+	if (*w->word)
 		return false;
-	w->at++;
+	space(w);
+	if (text_source_peek(w->source) != c)
+		return false;
+	text_source_take(w->source);
 	return true;
 }
 
+/* Takes the word. */
 static bool word(struct wkt *w, const char *text)
 {
-	size_t n = strlen(text);
+	size_t n = 0;
 
-	space(w);
-	if ((size_t)(w->end - w->at) < n || strncasecmp(w->at, text, n) || isalnum((unsigned char)w->at[n]))
+	if (!*w->word) {
+		space(w);
+		w->word_at = here(w);
+		for (int c; (c = text_source_peek(w->source)) >= 0 && isalnum(c) && n + 1 < WORD; text_source_take(w->source))
+			w->word[n++] = (char)c;
+		w->word[n] = '\0';
+	}
+	if (strcasecmp(w->word, text) != 0)
 		return false;
-	w->at += n;
+	*w->word = '\0';
 	return true;
 }
 
 static int number(struct wkt *w, struct decimal *ret)
 {
 	char text[128];
-	size_t n;
+	size_t n = 0;
+	struct place from;
+	int c;
 
-	space(w);
-	n = strspn(w->at, "+-.0123456789eE");
-	if (!n || n >= sizeof(text))
+	if (*w->word)
 		return bad(w, "a number");
-	memcpy(text, w->at, n);
+	space(w);
+	from = here(w);
+	while ((c = text_source_peek(w->source)) > 0 && strchr("+-.0123456789eE", c) && n + 1 < sizeof(text))
+		text[n++] = (char)text_source_take(w->source);
 	text[n] = '\0';
+	if (!n || n + 1 == sizeof(text))
+		return bad_at(w, from, "a number");
 	if (!decimal_parse(text, ret)) {
-		bad(w, "a number");
+		bad_at(w, from, "a number");
 		return err_add_hint(w->err, "numbers are decimals of at most 18 digits");
 	}
-	w->at += n;
 	return 0;
 }
 
@@ -85,8 +128,11 @@ static int corner(struct wkt *w)
 	if ((r = number(w, &d[0])) || (r = number(w, &d[1])))
 		return r;
 	for (int i = 0; i < 2; i++) {
+		int c;
+
 		space(w);
-		if (w->at == w->end || *w->at == ',' || *w->at == ')')
+		c = text_source_peek(w->source);
+		if (c < 0 || c == ',' || c == ')')
 			break;
 		if ((r = number(w, &more)))
 			return r;
@@ -167,18 +213,16 @@ static int geometry(struct wkt *w)
 				    "takes X1,Y1,X2,Y2");
 }
 
-int ctl_area_wkt(const char *text, size_t size, struct ctl_area *area, struct err *err)
+int ctl_area_wkt(struct text_source *source, struct ctl_area *area, struct err *err)
 {
-	struct wkt w = {.text = text, .at = text, .end = text + size, .area = area, .err = err};
+	struct wkt w = {.source = source, .area = area, .err = err};
 	int r;
 
-	if (size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3))
-		w.at += 3;
 	do {
 		if ((r = geometry(&w)))
 			return r;
 		sign(&w, ';');
 		space(&w);
-	} while (w.at < w.end);
-	return 0;
+	} while (*w.word || text_source_peek(source) >= 0);
+	return source->rc;
 }

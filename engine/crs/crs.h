@@ -97,9 +97,9 @@ bool crs_read_wkt(const void *text, size_t size, struct crs_info *ret);
 
 struct err;
 
-/* What a person says of a file that says nothing: "EPSG:25832", "EPSG:25832 + EPSG:7837", a whole WKT (of `size`
- * bytes), or a name as the records have it. Numbers that this room does not know are taken as they are, their
- * units stay unknown. -ERR_USAGE: empty, a number alone, a WKT that cannot be read, not printable. */
+/* What a person says of a file that says nothing: "EPSG:25832" or 25832, "EPSG:25832 + EPSG:7837", a whole WKT (of `size`
+ * bytes), or a name as the records have it. -ERR_USAGE: empty, a number that this room does not know, a WKT that cannot be read,
+ * not printable. */
 int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err);
 /* "m", "ft", "ftUS" (and the names above) to a unit name; NULL: no such unit. */
 const char *crs_assume_unit(const char *text);

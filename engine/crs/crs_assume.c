@@ -23,18 +23,22 @@ const char *crs_assume_unit(const char *text)
 	return NULL;
 }
 
-/* "EPSG:n", with spaces around it; 0: it is not that. */
-static unsigned code_of(const char *text, size_t size)
+enum { CODE_DIGITS = 6 };
+
+/* "EPSG:n", or n if that is a number too, with spaces around it; 0: it is not that. */
+static unsigned code_of(const char *text, size_t size, bool bare)
 {
 	unsigned n = 0;
+	size_t i;
 
 	while (size && text[0] == ' ')
 		text++, size--;
 	while (size && text[size - 1] == ' ')
 		size--;
-	if (size < 6 || size > 11 || strncasecmp(text, "EPSG:", 5))
+	i = size > 5 && !strncasecmp(text, "EPSG:", 5) ? 5 : 0;
+	if ((!i && !bare) || size - i > CODE_DIGITS)
 		return 0;
-	for (size_t i = 5; i < size; i++) {
+	for (; i < size; i++) {
 		if (text[i] < '0' || text[i] > '9')
 			return 0;
 		n = n * 10 + (unsigned)(text[i] - '0');
@@ -61,9 +65,9 @@ static bool take_number(unsigned code, struct crs_info *ret)
 	return true;
 }
 
-static void take_part(const char *text, size_t size, bool vertical, struct crs_info *ret)
+static void take_part(const char *text, size_t size, bool vertical, bool bare, struct crs_info *ret)
 {
-	unsigned code = code_of(text, size);
+	unsigned code = code_of(text, size, bare);
 
 	if (!vertical) {
 		if (!take_number(code ? code : crs_epsg_of_name(text, size), ret))
@@ -81,7 +85,6 @@ static void take_part(const char *text, size_t size, bool vertical, struct crs_i
 		crs_set_unit(ret->unit_z, crs_unit_of_remark(text, size));
 }
 
-/* As a name it would be taken, and the dataset be in a system that nobody knows. */
 static bool is_number(const char *text, size_t size)
 {
 	while (size && text[size - 1] >= '0' && text[size - 1] <= '9')
@@ -89,27 +92,40 @@ static bool is_number(const char *text, size_t size)
 	return !size;
 }
 
-/* Half of a text: "EPSG:25832+7837" is no name, and nor is a number alone. */
-static int check_half(const char *text, size_t size, struct err *err)
+/* Half of a text: "EPSG:25832+7837" is no name. A number that nobody knows would make a dataset in a system that nobody knows. */
+static int check_half(const char *text, size_t size, bool vertical, struct err *err)
 {
+	unsigned code;
+
 	while (size && text[0] == ' ')
 		text++, size--;
 	while (size && text[size - 1] == ' ')
 		size--;
-	if (is_number(text, size)) {
-		err_set(err, ERR_USAGE, "\"%.*s\" is a number, not a coordinate system", (int)size, text);
-		return err_add_hint(err, "an EPSG number is written EPSG:%.*s", (int)size, text);
+	code = code_of(text, size, true);
+	if (code && !crs_epsg_known(code, vertical)) {
+		err_set(err, ERR_USAGE, "EPSG:%u is no system that acut knows of EPSG", code);
+		return err_add_hint(err, "check the number, or give the system as WKT, which may be in a file");
 	}
-	if (size < 5 || strncasecmp(text, "EPSG:", 5) || code_of(text, size))
+	if (code || (!is_number(text, size) && (size < 5 || strncasecmp(text, "EPSG:", 5))))
 		return 0;
 	err_set(err, ERR_USAGE, "\"%.*s\" is not EPSG: and a number", (int)size, text);
 	return err_add_hint(err, "a compound system is written \"EPSG:25832 + EPSG:7837\"");
 }
 
+static void take_halves(const char *text, size_t size, bool bare, struct crs_info *ret)
+{
+	const char *plus = memmem(text, size, " + ", 3);
+
+	crs_info_clear(ret);
+	take_part(text, plus ? (size_t)(plus - text) : size, false, bare, ret);
+	if (plus)
+		take_part(plus + 3, size - (size_t)(plus - text) - 3, true, bare, ret);
+	crs_info_settle(ret);
+}
+
 int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err)
 {
 	const char *plus;
-	struct crs_info made;
 
 	while (size && (text[size - 1] == ' ' || text[size - 1] == '\n' || text[size - 1] == '\r' || !text[size - 1]))
 		size--;
@@ -117,7 +133,6 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 		text++, size--;
 	if (!size)
 		return err_set(err, ERR_USAGE, "the coordinate system that is given is empty");
-	crs_info_clear(&made);
 	/* round brackets are WKT's too, but stand in names as well */
 	if ((memchr(text, '[', size) || text[size - 1] == ')') && crs_read_wkt(text, size, ret))
 		return 0;
@@ -133,14 +148,10 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
 	}
 	plus = memmem(text, size, " + ", 3);
-	if (check_half(text, plus ? (size_t)(plus - text) : size, err) ||
-	    (plus && check_half(plus + 3, size - (size_t)(plus - text) - 3, err)))
+	if (check_half(text, plus ? (size_t)(plus - text) : size, false, err) ||
+	    (plus && check_half(plus + 3, size - (size_t)(plus - text) - 3, true, err)))
 		return -(int)err->code;
-	take_part(text, plus ? (size_t)(plus - text) : size, false, &made);
-	if (plus)
-		take_part(plus + 3, size - (size_t)(plus - text) - 3, true, &made);
-	crs_info_settle(&made);
-	*ret = made;
+	take_halves(text, size, true, ret);
 	return 0;
 }
 
@@ -152,11 +163,10 @@ static void fill(char unit[CRS_UNIT_SIZE], const char *other)
 
 void crs_text_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE])
 {
-	struct err ignored = ERR_INIT;
 	struct crs_info by_number;
 
-	if (crs_assume_text(text, strlen(text), &by_number, &ignored))
-		return;
+	/* in one of before a number is a name */
+	take_halves(text, strlen(text), false, &by_number);
 	if (by_number.system.epsg)
 		fill(unit_xy, by_number.unit_xy);
 	if (by_number.system.epsg || by_number.system.epsg_z)

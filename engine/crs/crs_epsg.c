@@ -226,6 +226,11 @@ static bool is_of_geotiff(unsigned code)
 	return (code >= 5001 && code <= 5035) || (code >= 5101 && code <= 5299);
 }
 
+bool crs_epsg_known(unsigned code, bool vertical)
+{
+	return row_of(code) || (vertical && is_of_geotiff(code));
+}
+
 /* True: there is a word about it, that it is none, or one of the other kind. */
 static bool wrong_number(unsigned code, bool vertical, char *ret, size_t size)
 {

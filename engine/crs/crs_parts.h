@@ -81,6 +81,7 @@ void crs_method_settle(struct crs_system *, enum crs_way, const struct crs_param
 
 /* What EPSG says of a projected, geographic or geocentric system: plane, units, datum; ellipsoid and method where they
  * are known here. False: not one of them, *ret untouched. */
+bool crs_epsg_known(unsigned code, bool vertical); /* as a system of any kind, or as what files put in place of one of heights */
 bool crs_epsg_system(unsigned code, struct crs_info *ret);
 const char *crs_epsg_height_unit(unsigned code); /* of a vertical system */
 /* The parts of a compound system. False: it is none. */

@@ -139,7 +139,7 @@ def areas(base, survey, out):
             ("POLYGON ((0 0, 1 0, 1 1, 0 0)) x", "POLYGON"), ("SRID=1;POLYGON ((0 0))", "SRID"),
             ("POLYGON ((0 0, 1 0, 1.2345678901234567891 1))", "18 digits"), ("POLYGON (0 0, 1 0, 1 1)", "start of a ring"),
             ("POLYGON ((0 0, 1e-39 0, 1e9 1))", "common unit"), ("POLYGON ((1 2 3 4 5, 1 2))", '"," or ")"'),
-            ('{"type":"Polygon","coordinates":[' + ring, "not"), ('{"type":"Point","coordinates":[1,2]}', "Point is no area"),
+            ('{"type":"Polygon","coordinates":[' + ring, "ends where a ]", "no GeoJSON"), ('{"type":"Point","coordinates":[1,2]}', "Point is no area"),
             ('{"a":1}', "no type"), ('{"type":"Polygon"}', "coordinates", "no coordinates"),
             ('{"type":"Polygon","coordinates":[[[0,0],[1,"b"]]]}', "coordinates[0][1]", "not a number"),
             ('{"type":"Polygon","coordinates":[[[0,0],[1]]]}', "coordinates[0][1]", "two numbers"),

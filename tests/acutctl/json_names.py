@@ -159,6 +159,10 @@ def jobs(d, base, seen, text):
         f.write("POLYGON ((0 0, 1e7 0, 0 1e7))")
     seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--mask", base + "/area.wkt").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--erase", base + "/area.wkt").ok().out)
+    seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply", "--mask", base + "/area.wkt", "--erase", base + "/area.wkt", "--max-edge", "9",
+                         "--trim-hull", "20", "--sidecar").ok().out)
+    with open(base + "/f.ply.json") as f:
+        seen.add("a sidecar", json.dumps(json.load(f)))
     seen.add("a mesh", j("fetch", third, "-o", base + "/c.ply", "--changed-since", "1").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/w.ply", "--bbox", "0,0,1e6,1e7").out)
     job = json.loads(j("submit", "text", "--new", "--wait").ok().out)["job"]

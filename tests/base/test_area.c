@@ -29,7 +29,7 @@ struct model {
 
 static struct area *area_of(const struct model *m)
 {
-	struct area *a = area_new();
+	struct area *a = area_new(AREA_HALF_OPEN);
 	struct err err = ERR_INIT;
 
 	assert_non_null(a);
@@ -215,7 +215,7 @@ static void test_side_by_side(void **state)
 static void test_million(void **state)
 {
 	enum { TEETH = 500000, HEIGHT = 1000000 };
-	struct area *comb = area_new(), *squares = area_new();
+	struct area *comb = area_new(AREA_HALF_OPEN), *squares = area_new(AREA_HALF_OPEN);
 	struct err err = ERR_INIT;
 	uint64_t seed = 9, in = 0;
 

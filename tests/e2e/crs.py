@@ -181,8 +181,6 @@ def assumed():
         expect(units(f["utm"], "--assume-units", ",ft") == ("EPSG:25832", "metre", "foot"), "z alone")
         expect(units(f["none"], "--assume-crs", "EPSG:2903", "--assume-units", "ftUS,ftUS") ==
                ("EPSG:2903", "us-survey-foot", "us-survey-foot"), "a unit said again")
-        expect(units(f["none"], "--assume-crs", "EPSG:100", "--assume-units", "ftUS,ftUS") ==
-               ("EPSG:100", "us-survey-foot", "us-survey-foot"), "a number not known here")
         # The dataset remembers, and a push that says nothing must assume the same again.
         d.ctl("push", "d", f["none"], "--assume-crs", "EPSG:25832", "--assume-units", "m,m").ok()
         j = d.ctl("dataset", "show", "d", "--json").ok().json()
@@ -209,9 +207,10 @@ def assumed_wrongly():
             (2, ["none"], ["--assume-crs", "PROJCS[\"p\"", ], ["no WKT", "PROJCS"]),
             (2, ["none"], ["--assume-crs", "FOO[\"p\"]", ], ["no WKT"]),
             (2, ["none"], ["--assume-crs", ""], ["empty"]),
-            (2, ["none"], ["--assume-crs", "4326"], ["a number", "EPSG:4326"]),
+            (2, ["none"], ["--assume-crs", "EPSG:99999"], ["EPSG:99999 is no system that acut knows", "check the number"]),
+            (2, ["none"], ["--override-crs", "99999"], ["EPSG:99999 is no system that acut knows"]),
             (2, ["none"], ["--assume-crs", "EPSG:25832+7837"], ["EPSG:25832 + EPSG:7837"]),
-            (2, ["none"], ["--override-crs", "EPSG:25832 + 7837"], ["a number", "EPSG:7837"]),
+            (2, ["none"], ["--override-crs", "EPSG:25832 + 1"], ["EPSG:1 is no system"]),
             (2, ["none"], ["--assume-units", "feet"], ["--assume-units", "m, ft and ftUS"]),
             (2, ["none"], ["--assume-units", "m,"], ["--assume-units"]),
             (2, ["none"], ["--assume-units", "m,m,m"], ["--assume-units"]),
@@ -221,11 +220,15 @@ def assumed_wrongly():
             r = d.ctl("mesh", *[f[n] for n in names], "-o", out, *options)
             expect(r.status == status, "%s: %d\n%s" % (options, r.status, r.err))
             said(r, *parts)
-        # A number that nobody knows is taken, and a warning says so.
-        for option in ("--assume-crs", "--override-crs"):
-            r = d.ctl("mesh", f["none"], "-o", out, option, "EPSG:99999", "--json").ok()
-            expect(sum("EPSG:99999 is no system that acut knows of EPSG" in w for w in r.json()["warnings"]) == 1, r.out)
-        expect("EPSG:99999" not in d.ctl("mesh", f["none"], "-o", out, "--assume-crs", "EPSG:25832", "--scale", ".5,.25").ok().err, "known")
+        # A number alone is one of EPSG, also where a file has that name.
+        with open(base + "/25832", "w") as number:
+            number.write("no system")
+        here = os.getcwd()
+        os.chdir(base)
+        for option, word, crs in (("--assume-crs", "25832 + 7837", "EPSG:25832 + EPSG:7837"), ("--override-crs", "25832", "EPSG:25832")):
+            r = d.ctl("mesh", f["none"], "-o", out, option, word, "--scale", ".5,.25", "--json").ok()
+            expect(r.json()["crs"] == crs, r.out)
+        os.chdir(here)
         # One of several: the others go on, as with any refused input.
         r = d.ctl("mesh", f["utm"], f["none"], f["n32"], "-o", out, "--assume-crs", "EPSG:25832")
         expect(r.status == 3, r.err)
@@ -483,7 +486,7 @@ def created():
                 (1, ["d"], ["there is a dataset d already"]),
                 (2, ["e", "--scale", "0"], ["--scale"]),
                 (2, ["e", "--crs", "PROJCS[\"p\""], ["no WKT"]),
-                (2, ["e", "--crs", "4326"], ["a number", "EPSG:4326"]),
+                (2, ["e", "--crs", "99999"], ["EPSG:99999 is no system"]),
                 (2, ["-e"], ["-e"]),
                 (2, [".e"], ["cannot name a dataset"]),
             ]:

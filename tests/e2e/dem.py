@@ -1,6 +1,8 @@
 """Elevation models: each pixel against an independent computation with fractions from the PLY of the same mesh, read by GDAL; the
 same bytes whatever the memory, the threads and the pushes; what GDAL says of the file; windows; what is refused."""
+import json
 import os
+import shutil
 import struct
 import sys
 from fractions import Fraction
@@ -333,6 +335,40 @@ def tiles():
             expect(one == two and (n == 3) == (len(one) == 1), "other tiles with other memory")
 
 
+def picture_tiles(d, base, job):
+    """Tiles of pictures are those of the hillshade as GeoTIFF, pixel by pixel and place by place; each has its world file."""
+    one, other = base + "/png", base + "/tif"
+    for cell, side, words in (("1", "50", ()), ("0.3", "47.7", ()), ("2ft", "60", ("--bbox", "500010.5,5400020,500150.2,5400100")),
+                              ("1", "50", ("--polygon", base + "/a.wkt"))):
+        got = d.ctl("fetch", job, "-o", one, "--format", "png", "--tile", side, "--cell", cell, *words, "--json").ok().json()
+        d.ctl("fetch", job, "-o", other, "--format", "tif", "--tile", side, "--cell", cell, "--raster", "hillshade", *words).ok()
+        names = [n[:-4] for n in sorted(os.listdir(other)) if n.endswith(".tif")]
+        expect(len(names) > 3 and sorted(os.listdir(one)) == sorted(["index.geojson"] + [n + e for n in names for e in (".png", ".pgw", ".png.aux.xml")]),
+               "%s, not %s" % (os.listdir(one), names))
+        expect(got["output_bytes"] == sum(os.path.getsize(os.path.join(one, n)) for n in os.listdir(one)), str(got["output_bytes"]))
+        for name in names:
+            p, t = gdal.Open("%s/%s.png" % (one, name)), Raster("%s/%s.tif" % (other, name))
+            grey, alpha = (p.GetRasterBand(i).ReadRaster() for i in (1, 2))
+            expect((p.RasterXSize, p.RasterYSize) == (t.w, t.h) and
+                   all((a == 255 and g == v) if v != NONE else a == 0 for g, a, v in zip(grey, alpha, t.pixel)), "other pixels in " + name)
+            expect(all(abs(a - b) < 1e-7 for a, b in zip(p.GetGeoTransform(), t.data.GetGeoTransform())), name)
+            expect(p.GetSpatialRef().GetAuthorityCode(None) == "25832", p.GetProjection())
+        with open(one + "/index.geojson") as f, open(other + "/index.geojson") as g:
+            boxes = [[(v["properties"]["column"], v["properties"]["row"], v["properties"]["box"], v["properties"]["pixels"])
+                      for v in json.load(h)["features"]] for h in (f, g)]
+        expect(boxes[0] == boxes[1], "%s, not %s" % tuple(boxes))
+        # What is there and may not be replaced.
+        os.unlink(one + "/index.geojson")
+        for n in names:
+            os.unlink("%s/%s.png" % (one, n))
+        before = sorted(os.listdir(one))
+        r = d.ctl("fetch", job, "-o", one, "--format", "png", "--tile", side, "--cell", cell, *words, "--no-clobber")
+        expect(r.status == 2 and ".pgw" in r.err and sorted(os.listdir(one)) == before, r.err)
+        shutil.rmtree(one)
+        shutil.rmtree(other)
+
+
+
 def pictures():
     """A picture with --cell has the pixels of the hillshade of that cell, and GDAL knows where they are."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -355,9 +391,8 @@ def pictures():
             expect(p.GetSpatialRef().GetAuthorityCode(None) == "25832", p.GetProjection())
         before = sorted(os.listdir(base))
         for words, said in ((("--width", "100"), "two sizes"), (("--color", "elevation"), "--color has no meaning"),
-                            (("--raster", "slope"), "holds no heights"), (("--raster", "elevation"), "holds no heights"), (("--no-clobber",), "exists"),
-                            (("--tile", "50"), "--tile has no meaning for png with --cell")):
-            out = base + ("/tiles" if "--tile" in words else "/h.png" if "--no-clobber" in words else "/x.png")
+                            (("--raster", "slope"), "holds no heights"), (("--raster", "elevation"), "holds no heights"), (("--no-clobber",), "exists")):
+            out = base + ("/h.png" if "--no-clobber" in words else "/x.png")
             r = d.ctl("fetch", job, "-o", out, "--format", "png", "--cell", "1", *words)
             expect(r.status == 2 and said in r.err, "%s: %d %s" % (words, r.status, r.err))
         r = d.ctl("fetch", job, "-o", base + "/x.png", "--raster", "hillshade")
@@ -371,6 +406,7 @@ def pictures():
         os.unlink(base + "/h.pgw")
         os.unlink(png + ".aux.xml")
         expect(sorted(os.listdir(base)) == sorted(set(before) - {"h.png", "h.pgw", "h.png.aux.xml"} | {"pipe.png"}), str(os.listdir(base)))
+        picture_tiles(d, base, job)
         # A system without a number, by its WKT.
         import crs
         odd = crs.UTM32.replace(',AUTHORITY["EPSG","25832"]', "").replace("zone 32N", "zone 32N & more").replace("meridian\",9", "meridian\",9.5")

@@ -69,6 +69,31 @@ def says_what_it_is():
         expect(read(base + "/one.ply.json")["bytes"] == os.path.getsize(base + "/one.ply"), "the size of a larger file")
 
 
+def by_option():
+    """Each triangle counts for the first option that leaves it out, in the report, the sidecar and the index of tiles alike."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "s", survey(base), "--assume-units", "m,m").ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        with open(base + "/hole.wkt", "w") as f:
+            f.write("POLYGON ((50 0, 100 0, 100 300, 50 300))")
+        names, words, sums = ("trim_hull", "mask", "erase", "max_edge"), [], [(0, 0)]
+        for name, value in zip(names, ("4", base + "/area.wkt", base + "/hole.wkt", "3.5")):
+            words += ["--" + name.replace("_", "-"), value]
+            r = d.ctl("fetch", job, "-o", base + "/m.ply", "--sidecar", *words, "--json").ok()
+            left = r.json()["left_out"]
+            sums.append((left["triangles"], left["area"]))
+        text = d.ctl("fetch", job, "-o", base + "/m.ply", *words).ok().out
+        d.ctl("fetch", job, "-o", base + "/tiles", "--tile", "100", *words).ok()
+        side, index = read(base + "/m.ply.json"), read(base + "/tiles/index.geojson")["acut"]
+        for i, name in enumerate(names):
+            got, n, area = left[name], sums[i + 1][0] - sums[i][0], sums[i + 1][1] - sums[i][1]
+            expect(n > 0 and got["triangles"] == n and abs(got["area"] - area) < 1e-6 * area, "%s: %s, not %s %s" % (name, got, n, area))
+            expect(side["left_out_by"][name]["triangles"] == index["left_out_by"][name]["triangles"] == n, "%s %s" % (side, index))
+            expect(abs(side["left_out_by"][name]["area"] - area) < 1e-6 * area, str(side["left_out_by"]))
+            expect(": {:,} triangles, an area of {:.6g} square metres\n".format(n, got["area"]) in text, text)
+        expect(side["left_out"] == index["left_out"] == sums[-1][0], "%s %s" % (side["left_out"], sums))
+
+
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         d.ctl("push", "s", survey(base)).ok()
@@ -89,4 +114,4 @@ def refused():
             expect(f.read() == "mine", "it was replaced")
 
 
-main(says_what_it_is, refused)
+main(says_what_it_is, by_option, refused)

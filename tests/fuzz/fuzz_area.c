@@ -4,6 +4,7 @@
 
 #include "ctl_area.h"
 #include "fuzz_input.h"
+#include "json_reader.h"
 
 static const char *const texts[] = {
 	"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[10,0],[10,10.5],[0,0]],[[1,1],[2,1],[2,2],[1,1]]]}",
@@ -25,19 +26,22 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
+	static struct json_reader json;
 	static FILE *sink;
-	char *text = malloc(size + 1);
+	char *text = malloc(size ? size : 1);
 
 	if (!sink)
 		sink = fopen("/dev/null", "w");
 	if (!text || !sink)
 		abort();
 	memcpy(text, bytes, size);
-	text[size] = 0;
 	for (int wkt = 0; wkt < 2; wkt++) {
 		struct ctl_area area = {0};
 		struct err err = ERR_INIT;
-		int rc = wkt ? ctl_area_wkt(text, size, &area, &err) : ctl_area_json(text, size, &area, &err);
+		int rc;
+
+		text_source_memory(&json.source, text, size, &err);
+		rc = wkt ? ctl_area_wkt(&json.source, &area, &err) : ctl_area_json(&json, &area, &err);
 
 		if (!rc)
 			rc = ctl_area_print(&area, sink, &err);

@@ -302,13 +302,13 @@ static void test_max_edge(void **state)
 	all = m.tail.triangles;
 	assert_true(decimal_parse("4.2426406872", &ropt.max_edge.value));
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
-	assert_int_equal(report.left_out, 0);
+	assert_int_equal(report.left_out.triangles, 0);
 	assert_true(fabs(report.longest_edge - sqrt(18)) < 1e-9);
 	assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
 	assert_true(decimal_parse("4.2426406871", &ropt.max_edge.value));
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
-	assert_int_equal(report.left_out, all);
-	assert_true(fabs(report.left_out_area - (double)all * 4.5) < 1e-6);
+	assert_int_equal(report.left_out.triangles, all);
+	assert_true(fabs(report.left_out.area - (double)all * 4.5) < 1e-6);
 	assert_true(decimal_parse("1e300", &ropt.max_edge.value) == false ||
 		    written_as("ply", &m, &opt, &ropt, &report, &err) == 0);
 	meshes_done(&m);
@@ -316,7 +316,7 @@ static void test_max_edge(void **state)
 	meshes_make(&m, &spec);
 	assert_true(decimal_parse("8", &ropt.max_edge.value));
 	assert_int_equal(written_as("obj", &m, &opt, &ropt, &report, &err), 0);
-	assert_int_equal(report.left_out, 0);
+	assert_int_equal(report.left_out.triangles, 0);
 	assert_true(decimal_parse("-1", &ropt.max_edge.value));
 	assert_int_equal(written_as("obj", &m, &opt, &ropt, &report, &err), -ERR_USAGE);
 	meshes_done(&m);
@@ -342,15 +342,15 @@ static void test_max_edge_equal(void **state)
 	m.nblock = 1;
 	assert_true(decimal_parse("5", &ropt.max_edge.value)); /* the hypotenuse is 5.00 exactly */
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
-	assert_int_equal(report.left_out, 1);
-	assert_true(fabs(report.left_out_area - 80) < 1e-9);
+	assert_int_equal(report.left_out.triangles, 1);
+	assert_true(fabs(report.left_out.area - 80) < 1e-9);
 	p = read_ply();
 	assert_int_equal(p.nvertex, 4);
 	assert_int_equal(p.nface, 1);
 	done_ply(&p);
 	assert_true(decimal_parse("4.999999999", &ropt.max_edge.value));
 	assert_int_equal(written_as("ply", &m, &opt, &ropt, &report, &err), 0);
-	assert_int_equal(report.left_out, 2);
+	assert_int_equal(report.left_out.triangles, 2);
 }
 
 static void test_origin(void **state)

@@ -280,6 +280,51 @@ static void test_floats(void **state)
 	}
 }
 
+/* The box of a mesh is not that of its window, or of what is left of it: what is written counts. */
+static void test_floats_of_part(void **state)
+{
+	static const struct {
+		const char *view;
+		bool trims;
+		int32_t x, z; /* of one vertex, in steps */
+		bool automatic;
+		const char *said, *hint; /* NULL: it is written */
+	} row[] = {
+		{"crop=off", false, 1, 1, false, "x is up to 335544.36", "--origin auto"},
+		{"crop=off window=box:0,0,1,1", false, 1, 1, false, NULL, NULL},
+		{"crop=off", true, 1, 1, false, NULL, NULL},
+		{"crop=off", true, 16777216, 1, false, NULL, NULL},
+		{"crop=off", true, 16777217, 1, false, "x is up to 167772.17: off by", "--origin auto"},
+		{"crop=off window=box:0,0,1,1", false, -16777217, 1, false, "x is up to 167772.17: off by", "--origin auto"},
+		{"crop=off", true, 1, 16777217, false, "z is up to 16777.217: off by", "--origin X,Y,Z"},
+		{"crop=off", true, -1, 1, true, "from the origin: off by", "near what is written"},
+	};
+
+	for (unsigned i = 0; i < 2 * sizeof(row) / sizeof(*row); i++) {
+		const struct format_options opt = {.origin_auto = row[i / 2].automatic};
+		const struct outputs_options trims = {.max_edge = {.given = row[i / 2].trims, .value = {1, 9}}};
+		struct meshes_spec spec = {
+			.columns = 2, .rows = 2, .strip = 1, .step = 1, .scale_xy = "0.01", .scale_z = "0.001"};
+		struct meshes m;
+		struct err err;
+		int32_t *v;
+
+		meshes_make(&m, &spec);
+		m.head.view = row[i / 2].view;
+		m.head.box[3] = 33554436;
+		v = ((int32_t(*)[3])(uintptr_t)m.block[0].vertex)[3];
+		v[0] = row[i / 2].x;
+		v[2] = row[i / 2].z;
+		assert_int_equal(readback_write_with(i % 2 ? "stl" : "glb", "m", &m, &opt, &trims, &err),
+				 row[i / 2].said ? -ERR_USAGE : 0);
+		if (row[i / 2].said) {
+			assert_non_null(strstr(err.message, row[i / 2].said));
+			assert_non_null(strstr(err.hint, row[i / 2].hint));
+		}
+		meshes_done(&m);
+	}
+}
+
 /* Sizes have 32 bits: 12 bytes a vertex and a triangle, and what is around them. */
 static void test_limit(void **state)
 {
@@ -311,8 +356,8 @@ static void test_limit(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_mesh),   cmocka_unit_test(test_extras), cmocka_unit_test(test_empty),
-		cmocka_unit_test(test_floats), cmocka_unit_test(test_limit),
+		cmocka_unit_test(test_mesh),   cmocka_unit_test(test_extras),         cmocka_unit_test(test_empty),
+		cmocka_unit_test(test_floats), cmocka_unit_test(test_floats_of_part), cmocka_unit_test(test_limit),
 	};
 
 	return cmocka_run_group_tests(tests, readback_begin, readback_end);

@@ -1,4 +1,7 @@
-/* What is made of triangles in any order (rasters, lines) does not depend on the numbers of vertices, however large. */
+/*
+ * Numbers of vertices beyond 2^32. What is made of triangles in any order (rasters, lines, pictures, triangles in canonical
+ * order) does not depend on them; what has them in text has them in full.
+ */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -16,10 +19,12 @@
 
 static char dir[64], out[80];
 
-static uint8_t *written(const struct format *f, uint64_t first, size_t *ret_size)
+#define FAR (3ull << 32 | 5)
+
+static uint8_t *written(const struct format *f, uint64_t first, bool canonical, size_t *ret_size)
 {
 	const struct outputs_options ropt = {0};
-	const struct format_options opt = meshes_options(f);
+	struct format_options opt = meshes_options(f);
 	struct acut_mesh_sink sink;
 	struct outputs *run;
 	struct err err = ERR_INIT;
@@ -28,6 +33,8 @@ static uint8_t *written(const struct format *f, uint64_t first, size_t *ret_size
 	uint8_t *bytes;
 	int fd;
 
+	opt.canonical = canonical;
+	opt.width = f->takes & FORMAT_SIZED ? 200 : 0;
 	meshes_make(&m, &meshes_many);
 	for (size_t b = 0; b < m.nblock; b++) {
 		m.block[b].first += first;
@@ -60,22 +67,57 @@ static void test_far_numbers(void **state)
 		size_t size[2];
 		uint8_t *bytes[2];
 
-		if (row[i]->kind != FORMAT_LINES && row[i]->kind != FORMAT_RASTER)
+		bool canonical = row[i]->takes & FORMAT_CANONICAL;
+
+		if (row[i]->kind == FORMAT_NOTHING || (row[i]->kind == FORMAT_MESH && !canonical))
 			continue;
-		bytes[0] = written(row[i], 0, &size[0]);
-		bytes[1] = written(row[i], 3ull << 32 | 5, &size[1]);
+		bytes[0] = written(row[i], 0, canonical, &size[0]);
+		bytes[1] = written(row[i], FAR, canonical, &size[1]);
 		assert_int_equal(size[0], size[1]);
 		assert_memory_equal(bytes[0], bytes[1], size[0]);
 		free(bytes[0]);
 		free(bytes[1]);
 		tested++;
 	}
-	assert_true(tested >= 4);
+	assert_true(tested >= 10);
+}
+
+/* Texts are the same but for numbers, each of which is greater by as much. */
+static void test_far_texts(void **state)
+{
+	static const char *const formats[] = {"obj", "landxml"};
+
+	for (size_t i = 0; i < sizeof formats / sizeof *formats; i++) {
+		const struct format *f = format_find(formats[i]);
+		size_t size[2], numbers = 0, at[2] = {0, 0};
+		uint8_t *bytes[2] = {written(f, 0, false, &size[0]), written(f, FAR, false, &size[1])};
+
+		while (at[0] < size[0] && at[1] < size[1]) {
+			char *end[2];
+
+			if (bytes[0][at[0]] == bytes[1][at[1]]) {
+				at[0]++;
+				at[1]++;
+				continue;
+			}
+			for (int k = 0; k < 2; k++)
+				while (at[k] && bytes[k][at[k] - 1] >= '0' && bytes[k][at[k] - 1] <= '9')
+					at[k]--;
+			assert_int_equal(strtoull((char *)bytes[0] + at[0], &end[0], 10) + FAR,
+					 strtoull((char *)bytes[1] + at[1], &end[1], 10));
+			for (int k = 0; k < 2; k++)
+				at[k] = (size_t)((uint8_t *)end[k] - bytes[k]);
+			numbers++;
+		}
+		assert_true(at[0] == size[0] && at[1] == size[1] && numbers > 10000);
+		free(bytes[0]);
+		free(bytes[1]);
+	}
 }
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_far_numbers)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_far_numbers), cmocka_unit_test(test_far_texts)};
 	int failed;
 
 	repeat_folder(dir, sizeof dir, "numbers");

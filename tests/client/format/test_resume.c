@@ -14,6 +14,7 @@
 
 #include "err.h"
 #include "meshes.h"
+#include "no_sync.h"
 #include "outputs.h"
 #include "repeat.h"
 
@@ -64,7 +65,7 @@ static void alone(void)
  * of blocks that were saved. */
 static size_t run(const struct format *f, const struct meshes *m, size_t from, size_t stop, bool lost)
 {
-	const struct outputs_options ropt = {0};
+	const struct outputs_options ropt = {.sort_memory = 1 << 20};
 	struct format_options opt = meshes_options(f);
 	struct outputs *run;
 	struct acut_mesh_sink sink;
@@ -136,6 +137,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_resume)};
 	int failed;
 
+	no_sync();
 	repeat_folder(dir, sizeof dir, "resume");
 	snprintf(out, sizeof(out), "%s/out", dir);
 	failed = cmocka_run_group_tests(tests, NULL, NULL);

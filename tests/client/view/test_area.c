@@ -9,10 +9,14 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 #include <cmocka.h>
 
 #include "err.h"
 #include "ctl_area.h"
+#include "json_reader.h"
 #include "lattice.h"
 #include "view.h"
 #include "view_area.h"
@@ -33,10 +37,12 @@ static uint64_t roll(uint64_t n)
 
 static int read_text(const char *text, struct ctl_area *a, struct err *err)
 {
-	const char *start = text + strspn(text, " \t\r\n");
+	static struct json_reader json;
 
 	*a = (struct ctl_area){0};
-	return *start == '{' ? ctl_area_json(text, strlen(text), a, err) : ctl_area_wkt(text, strlen(text), a, err);
+	text_source_memory(&json.source, text, strlen(text), err);
+	text_source_skip_mark(&json.source);
+	return json_reader_peek(&json) == '{' ? ctl_area_json(&json, a, err) : ctl_area_wkt(&json.source, a, err);
 }
 
 /* The request of an area, NULL if it cannot be written. */
@@ -93,7 +99,7 @@ static void test_forms(void **state)
 	free(first);
 }
 
-/* Digits of both kinds of numbers come through json-c as they stood. */
+/* Digits of both kinds of numbers are kept as they stood. */
 static void test_exact(void **state)
 {
 	static const char *const numbers[] = {"635000.2500000001",
@@ -174,10 +180,107 @@ static void test_damaged(void **state)
 	assert_true(read > 1000 && views > 500);
 }
 
+/* Members in any order, others between them, and what JSON does not have. */
+static void test_json(void **state)
+{
+	static const struct {
+		const char *text, *said; /* NULL: it is an area of three corners */
+	} rows[] = {
+		{"{\"coordinates\":[[[0,0],[1,0,[],{}],[0,1]]],\"bbox\":[0,0,1,1],\"type\":\"Polygon\"}", NULL},
+		{"{\"features\":[{\"geometry\":{\"geometries\":[{\"coordinates\":[[[0,0],[1,0],[0,1]]],\"type\":\"Polygon\"}],"
+		 "\"type\":\"GeometryCollection\"},\"id\":1,\"type\":\"Feature\"},{\"geometry\":null,\"type\":\"Feature\"}],"
+		 "\"type\":\"FeatureCollection\"} \n",
+		 NULL},
+		{"{\"type\":\"\\u0050olygon\",\"coordinates\":[[[0,0],[1,0],[0,1]]],\"geometries\":[1,2]}", NULL},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[0,1]]]} x", "something follows"},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[0,1],]]}", "not a list"},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[01,0],[0,1]]]}", "not a number"},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[+1,0],[0,1]]]}", "not a number"},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[.1,0],[0,1]]]}", "not a number"},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[null,0],[0,1]]]}", "not a number"},
+		{"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[0,1]]],\"coordinates\":[]}", "twice"},
+		{"{\"type\":\"Polygon\",\"type\":\"Polygon\"}", "two types"},
+		{"{\"coordinates\":[[[0,0],[1,0],[0,1]]]}", "no type"},
+		{"{\"type\":\"Feature\",\"coordinates\":[[[0,0],[1,0],[0,1]]]}", "no geometry"},
+		{"{\"crs\":{\"properties\":{\"name\":\"EPSG:1\"}},\"type\":\"Feature\",\"geometry\":"
+		 "{\"type\":\"Polygon\",\"crs\":{\"properties\":{\"name\":\"EPSG:2\"}},\"coordinates\":[]}}",
+		 "two coordinate systems"},
+	};
+
+	for (size_t i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
+		struct err err = ERR_INIT;
+		struct ctl_area a;
+		int rc = read_text(rows[i].text, &a, &err);
+
+		if (!rows[i].said != !rc || (rc && !strstr(err.message, rows[i].said)))
+			fail_msg("%s: %s", rows[i].text, rc ? err.message : "read");
+		assert_true(rc || (a.nring == 1 && a.ncorner == 3));
+		ctl_area_done(&a);
+	}
+}
+
+/* Collections in each other, each with its type last, so that all of it is read again and again: by depth, not by its power. Too
+ * deep a nest is refused. */
+static void test_nested(void **state)
+{
+	for (int depth = 14; depth < 100; depth += 80) {
+		char text[8192] = "";
+		struct err err = ERR_INIT;
+		struct ctl_area a;
+
+		for (int i = 0; i < depth; i++)
+			strcat(text, depth < 50 ? "{\"geometries\":[" : "{\"type\":\"GeometryCollection\",\"geometries\":[");
+		strcat(text, "{\"coordinates\":[[[0,0],[1,0],[0,1]]],\"type\":\"Polygon\"}");
+		for (int i = 0; i < depth; i++)
+			strcat(text, depth < 50 ? "],\"type\":\"GeometryCollection\"}" : "]}");
+		assert_int_equal(read_text(text, &a, &err), depth < 50 ? 0 : -ERR_INPUT);
+		assert_int_equal(a.ncorner, depth < 50 ? 3 : 0);
+		ctl_area_done(&a);
+	}
+}
+
+/* A file is read through a buffer: its corners are held, and nothing else of it. */
+static void test_memory(void **state)
+{
+	enum { CORNERS = 500000, MOST_KIB = 48 << 10 };
+	static const char *const forms[][3] = {{"{\"type\":\"Polygon\",\"coordinates\":[[", "%s[%d.125,%d.25]", "]]}"},
+					       {"POLYGON((", "%s%d.125 %d.25", "))"}};
+
+	for (int k = 0; k < 2; k++) {
+		char name[] = "/tmp/test_area_XXXXXX";
+		FILE *f = fdopen(mkstemp(name), "w");
+		pid_t child;
+		int status;
+
+		fputs(forms[k][0], f);
+		for (int i = 0; i < CORNERS; i++)
+			fprintf(f, forms[k][1], i ? "," : "", 500000 + i % 1000, 5400000 + i / 1000);
+		fputs(forms[k][2], f);
+		assert_int_equal(fclose(f), 0);
+		child = fork();
+		if (!child) {
+			struct rusage before, after;
+			struct err err = ERR_INIT;
+			struct ctl_area a;
+			bool good;
+
+			getrusage(RUSAGE_SELF, &before);
+			good = !ctl_area_read(name, &a, &err) && a.ncorner == CORNERS;
+			getrusage(RUSAGE_SELF, &after);
+			print_message("%ld KiB\n", after.ru_maxrss - before.ru_maxrss);
+			_exit(!good || after.ru_maxrss - before.ru_maxrss > MOST_KIB);
+		}
+		assert_int_equal(waitpid(child, &status, 0), child);
+		unlink(name);
+		assert_int_equal(status, 0);
+	}
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms), cmocka_unit_test(test_exact),
-					   cmocka_unit_test(test_damaged)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms),   cmocka_unit_test(test_exact),
+					   cmocka_unit_test(test_damaged), cmocka_unit_test(test_json),
+					   cmocka_unit_test(test_nested),  cmocka_unit_test(test_memory)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
