@@ -38,6 +38,10 @@ struct contour_options {
 	int64_t z_num, z_den;                 /* that unit: heights of the stream times this */
 	int (*interrupted)(void *ctx);        /* not 0: give up; called while blocks come and lines are joined; may be NULL */
 	void *ctx;
+	/* Lines are cut at squares of p / q lattice numbers, from the multiples of it, and at most so many have some; p 0: they
+	 * are not. A line has a part in each square: low <= c < high. */
+	uint64_t tile_p, tile_q; /* q below 2^60 */
+	unsigned tiles;
 	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
 	unsigned pages;    /* of 4 KiB in memory when lines are joined; 0: CONTOUR_PAGES */
 };
@@ -68,6 +72,9 @@ struct contour_line {
 	double box[4]; /* least x y, greatest x y */
 	double length; /* in the plane */
 };
+/* With tiles, before contour_range and contour_next, which are then of it: the next one that has lines, in any order. *ret_any
+ * false: there is none. */
+int contour_next_tile(struct contour *, int64_t ret[2], bool *ret_any, struct err *err);
 /* The next line: by level, then by its first edge. ret->points 0: there is none. */
 int contour_next(struct contour *, struct contour_line *ret, struct err *err);
 /* Points of this line, from its first on; *ret is valid until the next call. *ret_n 0: there are no more. */

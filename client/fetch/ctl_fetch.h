@@ -64,6 +64,9 @@ void ctl_mesh_text(const struct ctl_mesh *);
 void ctl_mesh_json(const struct ctl_mesh *);
 /* The file that lists what is in the folder of tiles. */
 const char *ctl_mesh_index(const struct ctl_fetch_options *);
+/* The note that files of contours have no line; "": they have some. */
+enum { CTL_MESH_NOTE = 512 };
+const char *ctl_mesh_no_lines(const struct ctl_mesh *, char buf[CTL_MESH_NOTE]);
 /* A rule leaves out triangles. */
 bool ctl_mesh_trims(const struct ctl_fetch_options *);
 /* How many points of this command's inputs the lattice moved, and the largest shift an axis. */

@@ -183,11 +183,9 @@ static int parse_length(const char *option, const char *text, struct outputs_len
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
-static int parse_tile(struct session *session, const char *tile, struct outputs_options *opt, struct err *err)
+static int parse_tile(const char *tile, struct outputs_options *opt, struct err *err)
 {
 	opt->tiled = true;
-	opt->interrupted = session_interrupted;
-	opt->ctx = session;
 	if (decimal_parse(tile, &opt->tile) && opt->tile.mantissa > 0)
 		return 0;
 	err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", tile);
@@ -196,10 +194,11 @@ static int parse_tile(struct session *session, const char *tile, struct outputs_
 
 int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, struct outputs **ret, struct err *err)
 {
-	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
+	struct outputs_options opt = {
+		.edges = !a->since, .changes = a->since > 0, .interrupted = session_interrupted, .ctx = session};
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
-	unsigned n = ctl_fetch_count(a), rasters = 0, lines = 0;
+	unsigned n = ctl_fetch_count(a), rasters = 0;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -223,17 +222,12 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 	}
 	opt.levels = a->levels;
 	if (!r && a->tile)
-		r = parse_tile(session, a->tile, &opt, err);
+		r = parse_tile(a->tile, &opt, err);
 	for (unsigned i = n > 0; i <= n && !r; i++) {
 		format[i] = format_of(a, i, err);
 		r = format[i] ? 0 : -(int)err->code;
 		rasters += format[i] && (format[i]->kind == FORMAT_RASTER ||
 					 (format[i]->kind == FORMAT_PICTURE && ctl_fetch_output(a, i).cell));
-		lines += format[i] && format[i]->kind == FORMAT_LINES;
-	}
-	if (!r && lines && a->window && !strcmp(a->window, "polygon")) {
-		r = err_set(err, ERR_USAGE, "contours cannot be cut by --polygon");
-		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
 	}
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);

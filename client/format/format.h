@@ -22,7 +22,7 @@ enum format_kind {
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
 	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of changes; makes tiles by itself
 			 */
-	FORMAT_LINES,   /* likewise, lines; not of tiles */
+	FORMAT_LINES,   /* likewise, lines */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -72,6 +72,16 @@ struct format_options {
 	bool tiled;    /* rasters: `tiles` will come */
 };
 
+/* Lines in tiles: squares of p / q lattice units. `begin` opens the file of one, `end` gets it back, complete. */
+struct format_tiler {
+	uint64_t p, q;
+	unsigned most;
+	int (*begin)(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err);
+	int (*end)(void *ctx, const int64_t at[2], struct outfile *, const double box[4], uint64_t lines, struct err *err);
+	void (*drop)(struct outfile *); /* in place of `end`, after a failure */
+	void *ctx;
+};
+
 #define FORMAT_INDEX_EACH 5
 #define FORMAT_WIDTH 1600
 #define FORMAT_WIDTH_MAX 32768
@@ -107,6 +117,11 @@ struct format {
 	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);
 	int (*resume)(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *);
+	/* Of FORMAT_LINES, after finish: how many lines the file has. */
+	uint64_t (*lines)(const void *writer);
+	/* Likewise: tiles will come, before head; and in place of finish, a file for each that has lines. */
+	void (*tile)(void *writer, const struct format_tiler *);
+	int (*tile_lines)(void *writer, const struct acut_mesh_tail *, struct err *);
 };
 #define FORMAT_SAVED 64
 

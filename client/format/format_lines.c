@@ -70,7 +70,13 @@ static int options_of(struct format_lines *w, const struct acut_mesh_head *head,
 	const char *unit_z = o->z_unit ? o->z_unit : head->unit_z;
 	int r = format_axis_init(axis, head, o, err);
 
-	*to = (struct contour_options){.z_num = 1, .z_den = 1, .interrupted = o->interrupted, .ctx = o->ctx};
+	*to = (struct contour_options){.z_num = 1,
+				       .z_den = 1,
+				       .interrupted = o->interrupted,
+				       .ctx = o->ctx,
+				       .tile_p = w->tiler.p,
+				       .tile_q = w->tiler.q,
+				       .tiles = w->tiler.most};
 	if (!r && o->z_unit)
 		format_unit_ratio(head->unit_z, o->z_unit, &to->z_num, &to->z_den);
 	if (!r)
@@ -156,19 +162,71 @@ int format_lines_block(void *writer, const struct format_block *block, struct er
 
 /* ---- the end ---- */
 
-int format_lines_finish(struct format_lines *w, const struct acut_mesh_tail *tail,
-			int (*write)(struct format_lines *, struct err *), struct err *err)
+static int join(struct format_lines *w, const struct acut_mesh_tail *tail, struct err *err)
 {
 	char text[128];
 	int r;
 
 	snprintf(text, sizeof(text), "acut-digest %s %s", tail->digest, tail->vertex_digest);
 	r = add_comment(w, text, err);
-	if (!r)
-		r = contour_join(w->contour, err);
+	return r ? r : contour_join(w->contour, err);
+}
+
+int format_lines_finish(struct format_lines *w, const struct acut_mesh_tail *tail,
+			int (*write)(struct format_lines *, struct err *), struct err *err)
+{
+	int r = join(w, tail, err);
+
 	if (!r)
 		r = write(w, err);
 	return r ? r : contour_done(w->contour, err);
+}
+
+void format_lines_tile(void *writer, const struct format_tiler *tiler)
+{
+	((struct format_lines *)writer)->tiler = *tiler;
+}
+
+int format_lines_tiles(struct format_lines *w, const struct acut_mesh_tail *tail,
+		       int (*write)(struct format_lines *, struct err *), struct err *err)
+{
+	const struct format_tiler *t = &w->tiler;
+	struct outfile *mine = w->out;
+	int64_t at[2];
+	bool any;
+	int r = join(w, tail, err);
+
+	while (!r && !(r = contour_next_tile(w->contour, at, &any, err)) && any) {
+		r = t->begin(t->ctx, at, &w->out, err);
+		if (r)
+			break;
+		w->lines = 0;
+		r = write(w, err);
+		if (r)
+			t->drop(w->out);
+		else
+			r = t->end(t->ctx, at, w->out, w->lines_box, w->lines, err);
+	}
+	w->out = mine;
+	return r ? r : contour_done(w->contour, err);
+}
+
+int format_lines_next(struct format_lines *w, struct contour_line *ret, struct err *err)
+{
+	int r = contour_next(w->contour, ret, err);
+
+	if (r || !ret->points)
+		return r;
+	for (int i = 0; i < 4; i++)
+		if (!w->lines || (i < 2 ? ret->box[i] < w->lines_box[i] : ret->box[i] > w->lines_box[i]))
+			w->lines_box[i] = ret->box[i];
+	w->lines++;
+	return 0;
+}
+
+uint64_t format_lines_count(const void *writer)
+{
+	return ((const struct format_lines *)writer)->lines;
 }
 
 bool format_lines_is_index(const struct format_lines *w, int64_t level)

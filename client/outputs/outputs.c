@@ -158,6 +158,8 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		r = format->open(t->out, opt, &t->writer, err);
 	if (!r && opt->canonical)
 		r = outputs_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
+	if (!r && opt->canonical)
+		outputs_canonical_interrupt(t->canonical, run->opt.interrupted, run->opt.ctx);
 	if (r) {
 		if (path)
 			err_add_file(err, path);
@@ -371,6 +373,16 @@ void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint6
 	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
 }
 
+static uint32_t without_lines(const struct outputs *run)
+{
+	uint32_t bits = 0;
+	unsigned i = 0;
+
+	for (const struct outputs_target *t = run->target; t; t = t->next, i++)
+		bits |= (uint32_t)(t->format->lines && !t->format->lines(t->writer)) << i;
+	return run->tiles && run->tiles->format->lines && !outputs_tiles_count(run->tiles) ? 1 : bits;
+}
+
 static struct outputs_left_out count_of(const struct outputs *run, const struct outputs_left *left)
 {
 	return (struct outputs_left_out){left, left ? left->triangles : 0, outputs_edge_area(&run->edge, left ? left->area2 : 0)};
@@ -387,6 +399,7 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.tiles = run->tiles  ? outputs_tiles_count(run->tiles) :
 			 run->levels ? outputs_levels_count(run->levels) :
 				       0,
+		.no_lines = without_lines(run),
 		.longest_edge = outputs_edge_longest(&run->edge),
 		.median_edge = outputs_edge_median(&run->edge),
 		.long_share = outputs_edge_share(&run->edge, OUTPUTS_LONG_EDGE * outputs_edge_median(&run->edge)),

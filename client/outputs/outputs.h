@@ -32,7 +32,7 @@ struct outputs_options {
 	bool tiled;                    /* the one output is a folder of tiles */
 	bool levels;                   /* the one output is a folder with a page and its tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	int (*interrupted)(void *ctx); /* not 0: give up; called while tiles are made; may be NULL */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
 	void *ctx;
 };
 
@@ -65,6 +65,7 @@ struct outputs_report {
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
 	uint64_t tiles;                   /* files of tiles, of levels, too; 0 without any */
+	uint32_t no_lines;                /* bits: outputs of lines that have none, in the order of the adds */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
 };

@@ -78,6 +78,12 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 	return 0;
 }
 
+void outputs_canonical_interrupt(struct outputs_canonical *c, int (*interrupted)(void *ctx), void *ctx)
+{
+	sort_interrupt(c->vertices, interrupted, ctx);
+	sort_interrupt(c->triangles, interrupted, ctx);
+}
+
 void outputs_canonical_merge(struct outputs_canonical *c)
 {
 	c->merge = true;

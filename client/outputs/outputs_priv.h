@@ -27,7 +27,7 @@ struct outputs_front {
 		uint32_t used;
 	} * slot;
 	size_t size, used;      /* size a power of two */
-	int32_t (*position)[3]; /* of the current block */
+	int32_t (*position)[3]; /* of the current block, unless it has room for them */
 	size_t room;
 };
 /* Positions of all local vertices of the block; afterwards the table holds what later blocks may use. */
@@ -125,6 +125,8 @@ struct outputs_mask *outputs_mask_free(struct outputs_mask *);
 struct outputs_canonical;
 int outputs_canonical_new(const struct format *, void *writer, const struct outfile *beside, uint64_t memory,
 			  struct outputs_canonical **ret, struct err *err);
+/* To be asked while it sorts; may be NULL. */
+void outputs_canonical_interrupt(struct outputs_canonical *, int (*interrupted)(void *ctx), void *ctx);
 /* Vertices come once for each triangle that has them, and are written once. */
 void outputs_canonical_merge(struct outputs_canonical *);
 int outputs_canonical_block(struct outputs_canonical *, const struct format_block *, struct err *err);

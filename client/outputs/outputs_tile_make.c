@@ -113,8 +113,10 @@ static int start(struct maker *m, const char *name, struct err *err)
 		r = t->format->head(m->writer, &head, err);
 	if (!r)
 		r = outputs_canonical_new(&m->counter, m, m->out, memory_of(t, m->tile), &m->canonical, err);
-	if (!r)
+	if (!r) {
 		outputs_canonical_merge(m->canonical);
+		outputs_canonical_interrupt(m->canonical, t->run.interrupted, t->run.ctx);
+	}
 	return r;
 }
 

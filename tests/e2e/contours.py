@@ -1,16 +1,18 @@
 """Contours: each level's length against the triangles of the PLY of the same mesh, by fractions; the three formats have the same lines;
-lines end at the border of the mesh or of the window only; the same bytes whatever the memory, the threads, the pushes and the other
+lines end at the border of the mesh or of the window only, of polygons too; the same bytes whatever the memory, the threads, the pushes and the other
 outputs; the memory of acutctl; what is refused."""
 import json
 import math
 import os
 import re
 import resource
+import shutil
 import signal
 import sqlite3
 import struct
 import subprocess
 import sys
+import time
 from collections import Counter, defaultdict
 from fractions import Fraction
 
@@ -18,7 +20,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import e2e
 from e2e import expect
 
-MEMORY = 64 << 20
+MEMORY = 32 << 20
 PEAK = "import resource, subprocess, sys; subprocess.check_call(sys.argv[1:]); print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
 
 
@@ -294,14 +296,208 @@ def memory():
         d.ctl("push", "s", survey(base, points)).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "0.5")]
-        # A process of its own, which is small: a child begins with the peak of its parent.
-        p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, "fetch", job, "--quiet", *outs], env={"ACUT_SOCKET": d.socket}).ok()
-        peak = int(p.out.split()[-1]) << 10
+        most = peak(d, "fetch", job, *outs)
         with sqlite3.connect(os.path.join(base, "l.gpkg")) as lines:
             n, length = lines.execute("SELECT count(*), sum(length) FROM contours").fetchone()
-        print("     %d lines, %.0f km, %.1f MiB of memory" % (n, length / 1000, peak / (1 << 20)))
-        expect(e2e.sanitized() or peak < MEMORY, "%d bytes of memory" % peak)
+        print("     %d lines, %.0f km, %.1f MiB of memory" % (n, length / 1000, most / (1 << 20)))
+        expect(e2e.sanitized() or most < MEMORY, "%d bytes of memory" % most)
         expect(not [n for n in os.listdir(base) if "part" in n], "left behind: %s" % os.listdir(base))
+
+
+AREA = {"type": "MultiPolygon", "coordinates": [
+    [[[500010.3, 5400010], [500140, 5400005.5], [500150.25, 5400120], [500060, 5400150], [500010.3, 5400010]],
+     [[500050, 5400050], [500070, 5400100.01], [500100, 5400052], [500050, 5400050]]],
+    [[[500160, 5399990], [500190, 5399990], [500190, 5400300], [500160, 5400300], [500160, 5399990]]]]}
+
+
+def is_inside(x, y, rings):
+    return sum((p[1] <= y) != (q[1] <= y) and x < p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
+               for ring in rings for p, q in zip(ring, ring[1:])) % 2 == 1
+
+
+def length_inside(a, b, rings, rough):
+    """Of a segment, in the polygons whose rings these are, by the even-odd rule: exact but for the square root, where an edge is near."""
+    length, parts, inside = math.hypot(b[0] - a[0], b[1] - a[1]), {Fraction(0), Fraction(1)}, Fraction(0)
+    if all(min(p[0], q[0]) > max(a[0], b[0]) + 1e-6 or max(p[0], q[0]) < min(a[0], b[0]) - 1e-6 or
+           min(p[1], q[1]) > max(a[1], b[1]) + 1e-6 or max(p[1], q[1]) < min(a[1], b[1]) - 1e-6
+           for ring in rough for p, q in zip(ring, ring[1:])):
+        return length if is_inside(a[0], a[1], rough) else 0
+    (x1, y1), (x2, y2) = ((Fraction(p[0]), Fraction(p[1])) for p in (a, b))
+    for ring in rings:
+        for (px, py), (qx, qy) in zip(ring, ring[1:]):
+            turn = (x2 - x1) * (qy - py) - (y2 - y1) * (qx - px)
+            if turn:
+                parts.add(((px - x1) * (qy - py) - (py - y1) * (qx - px)) / turn)
+    parts = sorted(t for t in parts if 0 <= t <= 1)
+    for t, u in zip(parts, parts[1:]):
+        if is_inside(x1 + (x2 - x1) * (t + u) / 2, y1 + (y2 - y1) * (t + u) / 2, rings):
+            inside += u - t
+    return float(inside) * length
+
+
+def polygons():
+    """Lines are cut at the border of polygons, with holes and several ones: lengths by level, by fractions; where they end; two areas side by side."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, out, area, rest = survey(base, 8000, "s.las", "--density", "0.25"), os.path.join(base, "l.gpkg"), os.path.join(base, "a.geojson"), os.path.join(base, "r.geojson")
+        rings = [[(Fraction(str(x)), Fraction(str(y))) for x, y in ring] for polygon in AREA["coordinates"] for ring in polygon]
+        rough = [[(float(x), float(y)) for x, y in ring] for ring in rings]
+        around = [[499000, 5399000], [501000, 5399000], [501000, 5401000], [499000, 5401000], [499000, 5399000]]
+        others = [[around] + [p[0] for p in AREA["coordinates"]]] + [[hole] for p in AREA["coordinates"] for hole in p[1:]]
+        for path, shape in ((area, AREA), (rest, {"type": "MultiPolygon", "coordinates": others})):
+            with open(path, "w") as f:
+                json.dump(shape, f)
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("fetch", job, "-o", out, "--interval", "1").ok()
+        whole = read_gpkg(out)
+        want, all_of, got, got_rest = (defaultdict(float) for _ in range(4))
+        for line in whole:
+            all_of[line.height] += line.length
+            want[line.height] += sum(length_inside(a, b, rings, rough) for a, b in zip(line.points, line.points[1:]))
+        d.ctl("mesh", las, "--polygon", area, "-o", out, "--interval", "1").ok()
+        made, cut = read_gpkg(out), 0
+        for line in made:
+            got[line.height] += line.length
+            for x, y, _ in () if line.closed else (line.points[0], line.points[-1]):
+                away = min(abs((q[0] - p[0]) * (Fraction(y) - p[1]) - (Fraction(x) - p[0]) * (q[1] - p[1])) / Fraction(math.hypot(q[0] - p[0], q[1] - p[1]))
+                           for ring in rings for p, q in zip(ring, ring[1:]))
+                cut += away < 2e-8
+        expect(cut > 50, "%d ends at the border" % cut)
+        d.ctl("fetch", job, "--polygon", area, "-o", out, "--interval", "1").ok()
+        expect([line.key() for line in read_gpkg(out)] == [line.key() for line in made], "a window of a job has other lines")
+        d.ctl("fetch", job, "--polygon", rest, "-o", out, "--interval", "1").ok()
+        for line in read_gpkg(out):
+            got_rest[line.height] += line.length
+        for height, length in all_of.items():
+            expect(abs(want[height] - got[height]) <= 1e-9 * want[height] + 1e-9, "%s: %.12f, not %.12f" % (height, got[height], want[height]))
+            expect(near(length, got[height] + got_rest[height]), "%s: %.9f inside and %.9f outside of %.9f" % (height, got[height], got_rest[height], length))
+        expect(sum(got.values()) > 1000 and sum(got_rest.values()) > 1000, "areas without lines")
+
+
+def tiles():
+    """Tiles have the lines of the whole, cut at their borders, where both have the same points; of a tile that a window can be, the same lines."""
+    kinds = {"gpkg": (read_gpkg, ".gpkg"), "geojson": (read_geojson, ".geojson"), "dxf-contours": (read_dxf, ".dxf")}
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        out, folder, area = os.path.join(base, "l.gpkg"), os.path.join(base, "t"), os.path.join(base, "a.geojson")
+        with open(area, "w") as f:
+            json.dump(AREA, f)
+        d.ctl("push", "s", survey(base, 8000, "s.las", "--density", "0.25")).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        for size, kind, window in (("50", "gpkg", ()), ("33.333", "geojson", ()), ("50", "dxf-contours", ()), ("7.5", "gpkg", ()),
+                                   ("50", "gpkg", ("--bbox", "500000,5400000,500100,5400150")), ("50", "gpkg", ("--polygon", area))):
+            d.ctl("fetch", job, *window, "-o", out, "--interval", "1").ok()
+            want, got, total = defaultdict(float), defaultdict(float), Fraction(size)
+            for line in read_gpkg(out):
+                want[line.height] += line.length
+            d.ctl("fetch", job, *window, "-o", folder + "/", "--format", kind, "--interval", "1", "--tile", size).ok()
+            with open(os.path.join(folder, "index.geojson")) as f:
+                index = [f["properties"] for f in json.load(f)["features"]]
+            files = {p["file"] for p in index}
+            expect(files | {"index.geojson"} == set(os.listdir(folder)) and len(files) > (1 if window else 9), "%s" % sorted(os.listdir(folder)))
+            expect("--bbox" not in window or len(files) == 6, "tiles beside the window: %s" % sorted(files))
+            sides, most = defaultdict(set), max(len(files) // 8, 1)
+            for i, p in enumerate(index):
+                read_file, extension = kinds[kind]
+                expect(p["file"] == "tile_%d_%d%s" % (p["column"], p["row"], extension), p["file"])
+                lines = read_file(os.path.join(folder, p["file"]))
+                expect(lines and len(lines) == p["lines"], "%s: %d lines, %s" % (p["file"], len(lines), p))
+                low = [float((p[k]) * total) for k in ("column", "row")]
+                high = [float((p[k] + 1) * total) for k in ("column", "row")]
+                for line in lines:
+                    got[line.height] += line.length if line.length is not None else length_of(line.points)
+                    for q in line.points:
+                        expect(all(low[k] <= q[k] <= high[k] for k in (0, 1)), "%s: a point at %s" % (p["file"], q))
+                    for q in () if line.closed else (line.points[0], line.points[-1]):
+                        for k in (0, 1):
+                            if q[k] in (low[k], high[k]):
+                                sides[k, tuple(q)].add(p["file"])
+                if total == 50 and not window and i % most == 0:
+                    d.ctl("fetch", job, "--bbox", "%r,%r,%r,%r" % (*low, *high), "-o", out, "--interval", "1").ok()
+                    same = read_gpkg(out)
+                    expect(len(same) == len(lines), "%s: %d lines, in a window %d" % (p["file"], len(lines), len(same)))
+                    expect(all(len(a.points) == len(b.points) and a.height == b.height for a, b in zip(same, lines)), "%s: other lines" % p["file"])
+            for height, length in want.items():
+                expect(near(length, got[height]), "%s: %s: %.9f in tiles, not %.9f" % (size, height, got[height], length))
+            both = sum(len(s) == 2 for s in sides.values())
+            expect(both > 10 and (window or both > 0.95 * len(sides)), "%d of %d ends on borders are in both tiles" % (both, len(sides)))
+            shutil.rmtree(folder)
+        r = d.ctl("fetch", job, "-o", folder + "/", "--format", "gpkg", "--interval", "1000", "--tile", "50").ok()
+        expect("no line" in r.err + r.out and os.listdir(folder) == ["index.geojson"], r.err + r.out)
+        r = d.ctl("fetch", job, "-o", folder + "/", "--format", "gpkg", "--interval", "1", "--tile", "0.1")
+        expect(r.status == 2 and "--tile" in r.err, r.err)
+
+
+def peak(d, *args):
+    # A process of its own, which is small: a child begins with the peak of its parent.
+    p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, *args, "--quiet"], env={"ACUT_SOCKET": d.socket, "MALLOC_PERTURB_": "0"}).ok()
+    return int(p.out.split()[-1]) << 10
+
+
+def memory_of_large_blocks():
+    """A block of a million vertices, straight from mesh, into three files: the frame, without a copy of its positions, and a fixed size."""
+    if e2e.sanitized():
+        return
+    with e2e.Folder() as base, e2e.Daemon(base, memory="1G") as d:
+        points = 900000
+        las = survey(base, points, "s.las", "--density", "4")
+        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "2")]
+        frame = 3 * 12 * points
+        alone, three = peak(d, "mesh", las, "--format", "null"), peak(d, "mesh", las, *outs)
+        print("     a block of %.1f MiB: %.1f MiB without contours, %.1f MiB with three files" % tuple(n / (1 << 20) for n in (frame, alone, three)))
+        expect(alone > frame, "%d bytes of memory, and no block of a million vertices" % alone)
+        expect(alone < frame + (6 << 20), "%d bytes of memory of a block of %d" % (alone, frame))
+        expect(three < frame + (12 << 20), "%d bytes of memory, %d without contours" % (three, alone))
+
+
+def interrupted():
+    """Ctrl-C while blocks come, pieces are joined and files are written: it ends soon, and leaves what --resume needs or nothing."""
+    names = ("l.gpkg", "l.geojson", "l.dxf")
+    with e2e.Folder() as base, e2e.Daemon(base, memory="256M") as d:
+        d.ctl("push", "s", survey(base, 150000)).ok()
+        job = str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"])
+        out = os.path.join(base, "out")
+        os.mkdir(out)
+        args = [job, "--quiet"] + [w for name in names for w in ("-o", os.path.join(out, name), "--interval", "0.25")]
+        cancelled = 0
+        for delay in (0.1, 0.4, 0.8, 1.2, 1.8, 2.5):
+            p = subprocess.Popen([e2e.ACUTCTL, "fetch", *args], env=dict(os.environ, ACUT_SOCKET=d.socket), stderr=subprocess.PIPE)
+            time.sleep(delay)
+            p.send_signal(signal.SIGINT)
+            start = time.monotonic()
+            p.communicate(timeout=60)
+            took = time.monotonic() - start
+            expect(p.returncode in (0, 130), "status %d" % p.returncode)
+            if p.returncode == 0:
+                break
+            cancelled += 1
+            expect(e2e.sanitized() or took < 5, "it took %.1f s to end" % took)
+            left = set(os.listdir(out))
+            expect(not left & set(names) and left <= {n + ".part" + s for n in names for s in ("", ".faces", ".state")}, "left: %s" % left)
+            expect(not left or "l.gpkg.part.state" in left, "parts without a state: %s" % left)
+        expect(cancelled, "every run was over at once")
+        d.ctl("fetch", *args, *(["--resume"] if "l.gpkg.part.state" in os.listdir(out) else [])).ok()
+        expect(set(os.listdir(out)) == set(names), "left: %s" % os.listdir(out))
+        again = [read(os.path.join(out, n)) for n in names]
+        d.ctl("fetch", *args).ok()
+        expect(again == [read(os.path.join(out, n)) for n in names], "other bytes after --resume")
+
+
+def no_lines():
+    """An interval above the relief, or heights that pass by it: a file without lines, and one note."""
+    text = "no line: the mesh has no height of a contour"
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        low, out = os.path.join(base, "low.xyz"), [os.path.join(base, "l." + k) for k in ("gpkg", "geojson", "dxf")]
+        with open(low, "w") as f:
+            f.writelines("%d %d %.2f\n" % (x, y, 101 + (x * y) % 3 * 0.25) for x in range(9) for y in range(9))
+        for words in (("1000",), ("1", "--base", "0.75")):
+            outs = [w for path in out for w in ("-o", path, "--interval", *words)]
+            r = d.ctl("mesh", low, "--assume-units", "m,m", *outs).ok()
+            expect((r.err + r.out).count(text) == 1 and out[0] + " and 2 others have" in r.err + r.out, r.err + r.out)
+            expect(not read_gpkg(out[0]) and not read_geojson(out[1]) and not read_dxf(out[2]), "there are lines")
+            r = d.ctl("mesh", low, "--assume-units", "m,m", "-o", out[0], "--interval", *words, "--json").ok()
+            expect(any(out[0] + " has " + text in n for n in r.json()["notes"]), str(r.json()["notes"]))
+        r = d.ctl("mesh", low, "--assume-units", "m,m", "-o", out[0], "--interval", "0.3", "-o", base + "/m.ply").ok()
+        expect(text not in r.err + r.out and read_gpkg(out[0]), r.err + r.out)
 
 
 def database_ends_early():
@@ -381,9 +577,6 @@ def systems():
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las, out = survey(base), os.path.join(base, "r.gpkg")
-        area = os.path.join(base, "a.geojson")
-        with open(area, "w") as f:
-            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
         d.ctl("push", "s", las).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
@@ -398,10 +591,7 @@ def refused():
                             (("--polyface has no meaning for dxf-contours",), ("mesh", las, "-o", out + ".dxf", "--interval", "1", "--polyface")),
                             (("--origin has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--origin", "auto")),
                             (("--canonical has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--canonical")),
-                            (("--tile has no meaning for gpkg", "--bbox"), ("fetch", job, "-o", out + "/", "--format", "gpkg", "--interval", "1", "--tile", "50")),
                             (("--changed-since has no meaning for gpkg",), ("fetch", other, "-o", out, "--interval", "1", "--changed-since", "1")),
-                            (("contours cannot be cut by --polygon", "--bbox"), ("mesh", las, "-o", out, "--interval", "1", "--polygon", area)),
-                            (("contours cannot be cut by --polygon", "--bbox"), ("fetch", job, "-o", out, "--interval", "1", "--polygon", area)),
                             (("too many digits",), ("mesh", las, "-o", out, "--interval", "0.12345678901"))):
             r = d.ctl(*args)
             expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
@@ -420,4 +610,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, database_ends_early, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, polygons, tiles, memory, memory_of_large_blocks, interrupted, database_ends_early, no_lines, systems, refused)

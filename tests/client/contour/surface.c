@@ -111,7 +111,12 @@ void surface_lines(const struct surface *s, const struct way *way, struct lines 
 				      .z_num = 1,
 				      .z_den = 1,
 				      .segments = way->segments,
-				      .pages = way->pages};
+				      .pages = way->pages,
+				      .tile_p = way->tile_p,
+				      .tile_q = way->tile_q,
+				      .tiles = 1000};
+	int64_t tile[2];
+	bool any = false;
 	uint32_t *of = calloc(s->ntriangle + 1, sizeof(*of)), *order = calloc(s->ntriangle + 1, sizeof(*order));
 	struct err err = ERR_INIT;
 	struct outfile *out;
@@ -134,7 +139,10 @@ void surface_lines(const struct surface *s, const struct way *way, struct lines 
 	for (uint32_t i = 0; i < (way->blocks ? way->blocks : 1); i++)
 		block(c, s, i, of, order, &err);
 	assert_int_equal(contour_join(c, &err), 0);
-	take(c, ret, &err);
+	if (!way->tile_p)
+		take(c, ret, &err);
+	while (way->tile_p && !contour_next_tile(c, tile, &any, &err) && any)
+		take(c, ret, &err);
 	assert_int_equal(contour_done(c, &err), 0);
 	contour_free(c);
 	assert_int_equal(outfile_size(out), 0);

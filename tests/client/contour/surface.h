@@ -30,6 +30,7 @@ struct way {
 	unsigned segments, pages;
 	const char *view;
 	struct decimal interval, base;
+	uint64_t tile_p, tile_q; /* p 0: no tiles; else all lines of all tiles */
 };
 /* All lines, of triangles in any order; the scale is 0.01 of all axes. */
 void surface_lines(const struct surface *, const struct way *, struct lines *ret);
