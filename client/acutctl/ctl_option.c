@@ -41,6 +41,8 @@ const struct cli_option ctl_options[] = {
 	{"resume", 0, NULL, CLI_FLAG, AT(opt.resume), CTL_FETCH, "continue an earlier fetch from its OUT.part"},
 	{"tile", 0, "SIZE", CLI_TEXT, AT(fetch.tile), CTL_OUT,
 	 "one file a square of a grid of this side (file units); OUT is their folder"},
+	{"levels", 0, NULL, CLI_FLAG, AT(fetch.levels), CTL_OUT,
+	 "a page with levels of detail, for meshes of any size; OUT is its folder"},
 	{"changed-since", 0, "GENERATION", CLI_COUNT, AT(fetch.since), CTL_FETCH,
 	 "only the changes from the mesh of that generation; OUT.changes.geojson lists the regions"},
 

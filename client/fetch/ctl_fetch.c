@@ -4,6 +4,11 @@
 
 #include "ctl_fetch.h"
 
+const char *ctl_mesh_index(const struct ctl_fetch_options *opt)
+{
+	return opt->tile ? OUTPUTS_TILES_INDEX : OUTPUTS_LEVELS_INDEX;
+}
+
 static void warn_no_tiles(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;

@@ -21,7 +21,7 @@ struct ctl_fetch_options {
 	const char *tile, *max_edge, *trim_hull; /* NULL: not given */
 	struct cli_texts cut[OUTPUTS_CUTS];      /* files of --mask and --erase */
 	uint64_t since;                          /* 0: not given */
-	bool no_clobber;
+	bool no_clobber, levels;
 	bool gaps;          /* the view leaves gaps: of the ground or the surface */
 	const char *window; /* "bbox", "polygon": only that area of the mesh; NULL: all of it */
 };
@@ -62,6 +62,8 @@ struct ctl_mesh {
 };
 void ctl_mesh_text(const struct ctl_mesh *);
 void ctl_mesh_json(const struct ctl_mesh *);
+/* The file that lists what is in the folder of tiles. */
+const char *ctl_mesh_index(const struct ctl_fetch_options *);
 /* The note that files of contours have no line; "": they have some. */
 enum { CTL_MESH_NOTE = 512 };
 const char *ctl_mesh_no_lines(const struct ctl_mesh *, char buf[CTL_MESH_NOTE]);

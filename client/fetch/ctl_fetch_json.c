@@ -67,14 +67,14 @@ static void changes_json(struct term_json *j, const struct ctl_mesh *m)
 static void tiles_json(struct term_json *j, const struct ctl_mesh *m)
 {
 	const char *dir = m->opt->output[1].path;
-	size_t n = m->opt->tile ? strlen(dir) : 0;
+	size_t n = m->opt->tile || m->opt->levels ? strlen(dir) : 0;
 	char *index;
 
-	if (!m->opt->tile) {
+	if (!m->opt->tile && !m->opt->levels) {
 		term_json_null(j, "tiles");
 		return;
 	}
-	if (asprintf(&index, "%s%s" OUTPUTS_TILES_INDEX, dir, n && dir[n - 1] == '/' ? "" : "/") < 0)
+	if (asprintf(&index, "%s%s%s", dir, n && dir[n - 1] == '/' ? "" : "/", ctl_mesh_index(m->opt)) < 0)
 		index = NULL;
 	term_json_open(j, "tiles", '{');
 	term_json_u64(j, "files", m->out->tiles);

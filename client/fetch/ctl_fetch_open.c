@@ -113,13 +113,14 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 static const struct format *format_of(const struct ctl_fetch_options *a, unsigned i, struct err *err)
 {
 	const struct ctl_fetch_output output = ctl_fetch_output(a, i), *o = &output;
-	const char *tile = o->format ? o->format : "ply";
+	const char *folder = o->format ? o->format : a->levels ? "html" : "ply"; /* of the files in it */
 	const struct format *by_path = o->path && strcmp(o->path, "-") ? format_by_path(o->path) : NULL, *f = by_path;
 
-	if (a->tile || !o->path || ctl_fetch_own_format(a, i) || (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
-		f = format_find(a->tile ? tile : o->format);
+	if (a->tile || a->levels || !o->path || ctl_fetch_own_format(a, i) ||
+	    (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
+		f = format_find(a->tile || a->levels ? folder : o->format);
 		if (!f) {
-			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : o->format);
+			err_set(err, ERR_USAGE, "there is no output format %s", o->format);
 			err_add_hint(err, "acutctl formats lists them");
 		}
 	} else if (!f && !strcmp(o->path, "-")) {
@@ -144,7 +145,7 @@ static int add_output(struct session *session, const struct ctl_fetch_options *a
 
 	if (r)
 		return r;
-	if (o.path && !a->tile && f->kind != FORMAT_NOTHING && !strcmp(o.path, "-") && isatty(STDOUT_FILENO)) {
+	if (o.path && !a->tile && !a->levels && f->kind != FORMAT_NOTHING && !strcmp(o.path, "-") && isatty(STDOUT_FILENO)) {
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
@@ -173,11 +174,13 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 			if (!strcmp(a->output[i].path, a->output[j].path))
 				return err_set(err, ERR_USAGE, "the output %s is given twice", a->output[i].path);
 	}
-	if (a->tile && n != 1) {
+	if ((a->tile || a->levels) && n != 1) {
 		err_set(err, ERR_USAGE, n ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder",
 			n);
-		return err_add_hint(err, "name the folder with one -o DIR/, as in -o tiles/");
+		return err_add_hint(err, "name the folder with one -o DIR/, as in -o %s/", a->tile ? "tiles" : "survey");
 	}
+	if (a->tile && a->levels)
+		return err_set(err, ERR_USAGE, "--levels has no meaning with --tile: its tiles are squares of its own");
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
@@ -223,6 +226,11 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = err_set(err, ERR_USAGE, "--tile has no meaning with --changed-since: a tile needs all of its triangles");
 		err_add_hint(err, "fetch the tiles of the whole mesh: those that have not changed are the same bytes");
 	}
+	if (!r && a->levels && a->since) {
+		r = err_set(err, ERR_USAGE, "--levels has no meaning with --changed-since: a page shows a whole mesh");
+		err_add_hint(err, "fetch the page of the whole mesh");
+	}
+	opt.levels = a->levels;
 	if (!r && a->tile)
 		r = parse_tile(a->tile, &opt, err);
 	for (unsigned i = n > 0; i <= n && !r; i++) {

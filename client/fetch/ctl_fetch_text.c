@@ -145,9 +145,9 @@ static void files(const struct ctl_mesh *m, FILE *out)
 	for (unsigned i = 1; i <= ctl_fetch_count(m->opt); i++) {
 		const char *name = m->opt->output[i].path;
 
-		if (m->opt->tile)
-			term_field(out, i > 1 ? "" : "written", "%s: %s tile%s and " OUTPUTS_TILES_INDEX ", %s", name,
-				   term_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
+		if (m->opt->tile || m->opt->levels)
+			term_field(out, i > 1 ? "" : "written", "%s: %s tile%s and %s, %s", name, term_count(f->tiles, count),
+				   f->tiles == 1 ? "" : "s", ctl_mesh_index(m->opt), parse_size_text(f->bytes, size));
 		else if (!strcmp(name, "-"))
 			term_field(out, i > 1 ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
 		else if (!stat(name, &st) && S_ISREG(st.st_mode))
@@ -279,9 +279,9 @@ static void written(const struct ctl_mesh *m)
 	char count[32];
 
 	for (unsigned i = 1; i <= ctl_fetch_count(m->opt); i++)
-		if (m->opt->tile)
-			console_line(m->console, "wrote %s tile%s and " OUTPUTS_TILES_INDEX " into %s",
-				     term_count(m->out->tiles, count), m->out->tiles == 1 ? "" : "s", m->opt->output[i].path);
+		if (m->opt->tile || m->opt->levels)
+			console_line(m->console, "wrote %s tile%s and %s into %s", term_count(m->out->tiles, count),
+				     m->out->tiles == 1 ? "" : "s", ctl_mesh_index(m->opt), m->opt->output[i].path);
 		else if (strcmp(m->opt->output[i].path, "-"))
 			console_line(m->console, "wrote %s", m->opt->output[i].path);
 }

@@ -132,10 +132,13 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	if (!r && run->opt.tiled)
 		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
 				 outputs_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
-	run->positions |= run->opt.tiled;
-	if (!r && run->opt.tiled)
-		r = trim(run, run->tiles->index, err);
-	if (r || run->opt.tiled) {
+	if (!r && run->opt.levels)
+		r = run->levels ? err_set(err, ERR_USAGE, "levels of detail go into one folder, and two are given") :
+				  outputs_levels_new(path, format, opt, &run->opt, &run->levels, err);
+	run->positions |= run->opt.tiled || run->opt.levels;
+	if (!r && (run->opt.tiled || run->opt.levels))
+		r = trim(run, run->tiles ? run->tiles->index : outputs_levels_beside(run->levels), err);
+	if (r || run->opt.tiled || run->opt.levels) {
 		free(t);
 		return r && path ? err_add_file(err, path) : r;
 	}
@@ -186,6 +189,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 		r = t->format->head(t->writer, head, &run->err);
 	if (!r && run->change)
 		r = outputs_change_head(run->change, head, &run->err);
+	if (!r && run->levels)
+		r = outputs_levels_head(run->levels, head, &run->err);
 	return r || !run->tiles ? r : outputs_tiles_head(run->tiles, head, &run->err);
 }
 
@@ -208,6 +213,8 @@ static int run_write(void *ctx, const struct format_block *given)
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
 		r = t->canonical ? outputs_canonical_block(t->canonical, &block, &run->err) :
 				   t->format->block(t->writer, &block, &run->err);
+	if (!r && run->levels)
+		r = outputs_levels_block(run->levels, &block, &run->err);
 	return r || !run->tiles ? r : outputs_tiles_block(run->tiles, &block, &run->err);
 }
 
@@ -293,6 +300,8 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 		r = outputs_change_tail(run->change, &run->err);
 	if (!r && run->tiles)
 		r = outputs_tiles_tail(run->tiles, tail, &run->err);
+	if (!r && run->levels)
+		outputs_levels_tail(run->levels, &written);
 	run->tail = *tail;
 	snprintf(run->digest, sizeof(run->digest), "%s", tail->digest);
 	snprintf(run->vertex_digest, sizeof(run->vertex_digest), "%s", tail->vertex_digest);
@@ -352,6 +361,8 @@ int outputs_publish(struct outputs *run, struct err *err)
 		run->bytes += t->out ? outfile_size(t->out) : 0;
 	}
 	outputs_keep_done(run);
+	if (run->levels)
+		return outputs_levels_publish(run->levels, &run->bytes, err);
 	outputs_report(run, &report);
 	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, &report, &run->bytes, err) : 0;
 }
@@ -385,7 +396,9 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.bytes = run->bytes,
 		.left_out = count_of(run, &left),
 		.all_left_out = left.triangles && left.triangles == run->all_triangles,
-		.tiles = run->tiles ? outputs_tiles_count(run->tiles) : 0,
+		.tiles = run->tiles  ? outputs_tiles_count(run->tiles) :
+			 run->levels ? outputs_levels_count(run->levels) :
+				       0,
 		.no_lines = without_lines(run),
 		.longest_edge = outputs_edge_longest(&run->edge),
 		.median_edge = outputs_edge_median(&run->edge),
@@ -419,6 +432,7 @@ struct outputs *outputs_free(struct outputs *run)
 		target_free(t);
 	}
 	outputs_tiles_free(run->tiles);
+	outputs_levels_free(run->levels);
 	outputs_change_free(run->change);
 	outputs_front_done(&run->front);
 	outputs_hull_free(run->hull);

@@ -119,6 +119,10 @@ static int cannot(const struct outputs *run, const struct outputs_target *t, str
 		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
 		return err_add_hint(err, "fetch it again, without --resume");
 	}
+	if (run->levels) {
+		err_set(err, ERR_USAGE, "levels of detail are sorted at the end: a fetch cannot be resumed with --levels");
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
 	if (run->hull) {
 		err_set(err, ERR_USAGE, "--trim-hull decides at the end: a fetch cannot be resumed with it");
 		return err_add_hint(err, "fetch it again, without --resume");

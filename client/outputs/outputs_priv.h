@@ -9,6 +9,7 @@
 #include "sort.h"
 
 struct outputs_change;
+struct outputs_levels;
 struct outputs_tiles;
 
 /* Where a mesh is from, for the indexes of tiles and changes. */
@@ -133,6 +134,19 @@ int outputs_canonical_block(struct outputs_canonical *, const struct format_bloc
 int outputs_canonical_finish(struct outputs_canonical *, struct err *err);
 struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *);
 
+/* ---- --levels: outputs_levels.c ---- */
+
+int outputs_levels_new(const char *dir, const struct format *, const struct format_options *, const struct outputs_options *,
+		       struct outputs_levels **ret, struct err *err);
+const struct outfile *outputs_levels_beside(const struct outputs_levels *);
+int outputs_levels_head(struct outputs_levels *, const struct acut_mesh_head *, struct err *err);
+int outputs_levels_block(struct outputs_levels *, const struct format_block *, struct err *err);
+void outputs_levels_tail(struct outputs_levels *, const struct acut_mesh_tail *);
+/* Makes the folder. *bytes grows by its files. */
+int outputs_levels_publish(struct outputs_levels *, uint64_t *bytes, struct err *err);
+uint64_t outputs_levels_count(const struct outputs_levels *); /* tiles */
+struct outputs_levels *outputs_levels_free(struct outputs_levels *);
+
 /* ---- what a stream says first, with texts of its own: outputs_beside.c ---- */
 
 struct outputs_head {
@@ -163,6 +177,7 @@ struct outputs {
 	bool positions;                /* an output needs them; so does the gathering of edges */
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
+	struct outputs_levels *levels; /* likewise, but for --levels */
 	bool finished;
 	char trimmed[384];             /* of the options of formats */
 	uint64_t all_triangles;        /* of the stream, after its tail */
