@@ -21,7 +21,11 @@ static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, st
 	if (staging == 0 || staging == SESSION_SOME_REFUSED) {
 		what.dataset = staged.dataset;
 		what.generation = staged.generation;
-		if (acut_submit_job(session->acut, &what, &job))
+		if (ctl->opt.line_report)
+			status = ctl_report_line_places(session, &staged, ctl->opt.line_report);
+		if (status)
+			staging = status;
+		else if (acut_submit_job(session->acut, &what, &job))
 			status = session_error_acut(session);
 		else
 			status = ctl_fetch(session, &ctl->fetch, job->id, run, &staged);

@@ -121,6 +121,8 @@ const struct cli_option ctl_options[] = {
 	 "of files of lines: the field that has the kind of a line"},
 	{"densify", 0, "LENGTH", CLI_TEXT, AT(opt.line_options.densify), CTL_REPLACES | CTL_LINES,
 	 "of files of lines: vertices at equal distances, so that no segment is longer: 5 in file units, or 5m, 16ft"},
+	{"breakline-report", 0, "FILE", CLI_TEXT, AT(opt.line_report), CTL_REPLACES | CTL_LINES,
+	 "where lines cross, and where their vertices have several heights, as GeoJSON"},
 	{"lake-level", 0, "min|max|mean", CLI_TEXT, AT(opt.line_options.lake_level), CTL_REPLACES | CTL_LINES,
 	 "of files of lines: the level of a lake whose shore has several heights"},
 	{"all", 0, NULL, CLI_FLAG, AT(opt.all), CTL_CACHE, "everything that can be made again"},

@@ -22,6 +22,8 @@ int ctl_push_run(struct program *ctl)
 		status = ctl_stage(&in, &ctl->stage, ctl->line.word[0], &staged);
 	if (staged.committed && (status == 0 || status == SESSION_SOME_REFUSED)) {
 		reported = ctl_report_push(session, &staged, NULL);
+		if (!reported && ctl->opt.line_report)
+			reported = ctl_report_line_places(session, &staged, ctl->opt.line_report);
 		status = reported ? reported : status;
 	}
 	ctl_stage_done(&staged);

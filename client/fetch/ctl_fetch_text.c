@@ -253,8 +253,10 @@ static void page(const struct ctl_mesh *m)
 		term_field(out, "", "%s %s%s", term_count(why.row[i].left->triangles, text), why.row[i].text,
 			   area_text(m->out, why.row[i].left, ", ", area));
 	place(m, out);
-	if (m->staged)
+	if (m->staged) {
 		ctl_report_heights(m->console, m->staged);
+		ctl_report_lines(m->console, m->staged);
+	}
 	times(out, p, m->staged);
 	term_field(out, "digest", "%s", p->digest);
 	inputs_text(m->console, m->staged);
@@ -296,8 +298,10 @@ static void lines(const struct ctl_mesh *m)
 	if (moved)
 		console_line(c, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0],
 			     shift[1], shift[2]);
-	if (m->staged)
+	if (m->staged) {
 		ctl_report_heights(c, m->staged);
+		ctl_report_lines(c, m->staged);
+	}
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
 			console_line(c, "  left out by %s: %s", p->removed[i].rule, term_count(p->removed[i].count, a));

@@ -204,7 +204,25 @@ struct acut_push_result {
 	const char *dataset;
 	uint64_t generation, points; /* of the dataset now; no new generation where no point came and none went, 0: it has none */
 	bool unchanged;              /* so it was: no new one */
+	/* Of all lines of the dataset, where the push changed them and some are left; else NULL. */
+	const struct acut_line_set *line_set;
 };
+struct acut_line_set {
+	uint64_t features[4], lines, vertices; /* of the files: hard, lake, boundary, hole */
+	uint64_t positions, pieces;            /* what became of them */
+	uint64_t crossings;                    /* where lines cross between their vertices */
+	uint64_t uneven;                       /* positions with vertices of different heights */
+	double widest, widest_at[2];           /* the largest difference of heights at these, in the unit of z, and where it is */
+	uint64_t left_out;                     /* pieces outside of the boundary, or in a hole */
+	uint64_t doubled, points;              /* segments that lie on others, and those without length */
+};
+/* Where lines of a generation (0: the newest) cross, and where vertices have different heights. */
+struct acut_line_place {
+	const char *kind; /* "crossing", "uneven" */
+	double x, y, lower, upper;
+};
+int acut_line_places(struct acut *, const char *dataset, uint64_t generation,
+		     void (*each)(void *ctx, const struct acut_line_place *), void *ctx);
 
 struct acut_push;
 /* The order: begin, probe each, plan, file each, commit. Probe and file take an open regular file (the

@@ -131,6 +131,7 @@ static void file_json(struct console *c, const struct ctl_staged *s, const struc
 		term_json_null(&j, "error");
 	}
 	lines_json(&j, f);
+	ctl_report_lines_json(&j, s);
 	room_json(&j, room);
 	if (moved_to)
 		term_json_text(&j, "moved_to", moved_to[f - s->file]);
@@ -189,6 +190,7 @@ int ctl_report_push(struct session *session, const struct ctl_staged *s, const c
 	if (!s->generation || nothing)
 		return status;
 	ctl_report_heights(c, s);
+	ctl_report_lines(c, s);
 	console_line(c, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
 		     term_count(s->points, count), s->seconds);
 	room_text(c, &room, !moved_to);

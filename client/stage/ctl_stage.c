@@ -290,6 +290,9 @@ static int commit(struct staging *s)
 	s->ret->generation = result->generation;
 	s->ret->points = result->points;
 	s->ret->unchanged = result->unchanged;
+	s->ret->has_line_set = result->line_set;
+	if (result->line_set)
+		s->ret->line_set = *result->line_set;
 	s->ret->committed = true;
 	return 0;
 }

@@ -36,6 +36,8 @@ struct ctl_staged {
 		struct err err;
 	} * file;
 	size_t nfile;
+	bool has_line_set; /* the push changed the lines of the dataset: */
+	struct acut_line_set line_set;
 	double seconds;
 	char zone[16], datum[64], geoid[160]; /* that degrees and heights went to; "": nothing did */
 };

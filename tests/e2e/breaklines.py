@@ -1,5 +1,6 @@
 """Breaklines, lakes, boundaries and holes: the mesh is CGAL's constrained triangulation of what breakline_model makes of points and
 lines, triangle by triangle, with any memory, threads and order of files; lines come and go with generations."""
+import json
 import os
 import random
 
@@ -165,6 +166,27 @@ def areas():
             compare(got, breakline_model.Model(points, hard, [lakes[0][:1]], boundary, holes), "seed %d" % seed)
 
 
+def reports():
+    """What is said of crossings, and the places of them; with --strict they are refused where heights differ."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path = points_file(base, survey(random.Random(1), 50, 300))
+        crossed = os.path.join(base, "crossed.csv")
+        with open(crossed, "w") as f:
+            f.write("x,y,z,name\n0,10,4,a\n20,10,4,a\n10,0,6,b\n10,20,10,b\n0,10,9,c\n5,30,9,c\n")
+        places = os.path.join(base, "places.geojson")
+        got = d.ctl("mesh", path, "--breaklines", crossed, "--breakline-report", places, "--format", "null", "--json").ok().json()["line_set"]
+        expect(got["crossings"] == 1 and got["uneven"] == 1 and got["lines"] == 3 and got["edges"] == 5, str(got))
+        expect(got["widest"] == 5 and got["widest_at"] == [0, 10], str(got))
+        with open(places) as f:
+            found = sorted((p["properties"]["kind"], p["geometry"]["coordinates"], p["properties"]["lower"], p["properties"]["upper"])
+                           for p in json.load(f)["features"])
+        expect(found == [("crossing", [10, 10], 4, 8), ("uneven", [0, 10], 4, 9)], str(found))
+        r = d.ctl("push", "d", crossed, "--lines-as", "hard", "--strict")
+        expect(r.status == 1 and "height" in r.err, "%d %s" % (r.status, r.err))
+        r = d.ctl("push", "d", crossed, "--lines-as", "soft").ok()
+        expect("soft lines" in r.err and "cross each other at 1 place" in r.out + r.err, r.out + r.err)
+
+
 def refusals():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         path = points_file(base, survey(random.Random(1), 50, 300))
@@ -187,4 +209,4 @@ def refusals():
 
 
 if __name__ == "__main__":
-    e2e.main(tiny, many_domains, areas, refusals)
+    e2e.main(tiny, many_domains, areas, reports, refusals)

@@ -36,7 +36,7 @@ enum { LINES = 2, POINTS = SOURCES - LINES };
 
 static uint64_t rng, plan_seed;
 static uint64_t domains, found, proved, fronts, meshes, bounded, sited, both;
-static uint64_t lined, crossed, outs;
+static uint64_t lined, crossed, outs, windows;
 static struct folder store;
 static struct view view;
 static bool with_lines;
@@ -316,6 +316,42 @@ static void plan_known(struct generation *g, const struct cut_region *leaf, unsi
 	assert_int_equal(ret->n, n);
 }
 
+/* The mesh of a window that has everything in it is the whole mesh. */
+static void check_window(struct generation *g, const struct pipe_totals *whole)
+{
+	struct view all = view;
+	struct pipe_emitter *e;
+	struct pipe_totals totals;
+	struct mesh_counts empty;
+	struct cut_plan plan;
+	struct err err = ERR_INIT;
+	uint64_t need;
+	int rc;
+
+	all.window = VIEW_CROP_BOX;
+	for (unsigned i = 0; i < 4; i++)
+		all.window_box[i] = (i < 2 ? INT32_MIN : INT32_MAX) + g->m.lattice.k[i % 2];
+	view_bind(&all, &g->m.lattice);
+	rc = pipe_plan(g->reader.grid, &all, &g->budget, g->memory, &plan, &empty, &err);
+	if (rc == PIPE_E_EMPTY)
+		return;
+	assert_int_equal(rc, 0);
+	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &e, &err));
+	pipe_emitter_part(e);
+	for (size_t i = 0; i < plan.n; i++) {
+		struct mesh_domain d;
+
+		CHECK(pipe_domain(g->reader.grid, &all, &plan.leaf[i].region, NULL, &g->budget, g->memory, &d, &need, &err));
+		emit(e, &d, &plan.leaf[i].region);
+	}
+	CHECK(pipe_emitter_finish(e, &totals, &err));
+	assert_int_equal(totals.triangles, whole->triangles);
+	assert_true(digest_equal(totals.digest, whole->digest));
+	pipe_emitter_free(e);
+	cut_plan_done(&plan);
+	windows++;
+}
+
 static void one_generation(struct generation *g)
 {
 	struct cut_region leaf[LEAVES], root;
@@ -370,6 +406,8 @@ static void one_generation(struct generation *g)
 	check_totals(a, b);
 	crossed += chain_lines_check(&g->reader, &view, g->lines, &a);
 	lined += g->lines && g->lines->n;
+	if (g->lines && rnd(2))
+		check_window(g, &a);
 	cut_plan_done(&plan);
 	meshes++;
 	pipe_emitter_free(made);
@@ -456,12 +494,12 @@ static void test_chains(void **state)
 	       (unsigned long long)fronts);
 	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n",
 	       (unsigned long long)bounded, (unsigned long long)sited, (unsigned long long)both);
-	printf("%llu meshes with lines, %llu with areas that are out, %llu crossed triangles\n", (unsigned long long)lined,
-	       (unsigned long long)outs, (unsigned long long)crossed);
+	printf("%llu meshes with lines, %llu with areas that are out, %llu crossed triangles, %llu windows\n",
+	       (unsigned long long)lined, (unsigned long long)outs, (unsigned long long)crossed, (unsigned long long)windows);
 	/* One of many cases can be repeated alone. */
 	if (n < 40)
 		return;
-	assert_true(lined > meshes / 5 && outs > 0 && crossed > lined);
+	assert_true(lined > meshes / 5 && outs > 0 && crossed > lined && windows > 0);
 	assert_true(bounded > domains / 100 && sited > 0 && both > 0);
 	assert_true(found > domains / 10 && found < domains && proved > domains / 1000 && fronts > found / 4);
 }
