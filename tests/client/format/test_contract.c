@@ -211,13 +211,18 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 	each_way(&corners, test);
 }
 
-static void tiled(const struct format *f, const struct format_options *opt)
+static void tiled(const struct format *f, const struct format_options *given)
 {
+	struct format_options way = *given, *opt = &way;
 	const struct outputs_options ropt = {.tiled = true, .tile = {300, -2}, .sort_memory = 1 << 20};
 	struct meshes m;
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &meshes_many);
+	if (opt->simplify.mantissa)
+		assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	err_clear(&err);
+	opt->simplify.mantissa = 0;
 	assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), 0);
 	meshes_done(&m);
 	sweep_folder(path_of("tiles"));
