@@ -231,29 +231,6 @@ int area_end(struct area *a, struct err *err)
 
 /* ---- points ---- */
 
-/* Whether (x, y) is on the edge from (ax, ay) to (bx, by), ay <= by. *crosses is inverted if a ray to greater x crosses the edge,
- * its lower end included, its upper one not; never if it is on it. Differences of the numbers fit 64 bits. */
-static bool edge_holds(int64_t ax, int64_t ay, int64_t bx, int64_t by, int64_t x, int64_t y, bool *crosses)
-{
-	__int128 turn;
-
-	if (y < ay || y > by)
-		return false;
-	if (ay == by)
-		return ax < bx ? x >= ax && x <= bx : x >= bx && x <= ax;
-	if (x > ax && x > bx)
-		return false;
-	if (x < ax && x < bx) {
-		*crosses ^= y < by;
-		return false;
-	}
-	turn = (__int128)(bx - ax) * (y - ay) - (__int128)(x - ax) * (by - ay);
-	if (!turn)
-		return true;
-	*crosses ^= turn > 0 && y < by;
-	return false;
-}
-
 /* Whether a ray to greater x crosses the node an odd number of times, and whether the point is on it. */
 static bool chain_crosses(const struct area *a, const struct area_ring *r, struct node n, int64_t x, int64_t y, bool *on)
 {
@@ -270,9 +247,9 @@ static bool chain_crosses(const struct area *a, const struct area_ring *r, struc
 		const int64_t *p = corner_of(a, r, i), *q = corner_of(a, r, i + 1);
 
 		if (p[1] <= q[1])
-			*on |= edge_holds(p[0], p[1], q[0], q[1], x, y, &odd);
+			*on |= area_edge_holds(p[0], p[1], q[0], q[1], x, y, &odd);
 		else
-			*on |= edge_holds(q[0], q[1], p[0], p[1], x, y, &odd);
+			*on |= area_edge_holds(q[0], q[1], p[0], p[1], x, y, &odd);
 	}
 	return odd;
 }

@@ -48,4 +48,27 @@ enum area_side area_box(const struct area *, const int64_t box[4]);
 /* Whether an edge of a ring meets the closed triangle, which is counter-clockwise. */
 bool area_edge_meets(const struct area *, const int64_t corner[3][2]);
 
+/* Whether (x, y) is on the edge from (ax, ay) to (bx, by), ay <= by. *crosses is inverted if a ray to greater x crosses the edge,
+ * its lower end included, its upper one not; never if it is on it. Differences of the numbers fit 64 bits. */
+static inline bool area_edge_holds(int64_t ax, int64_t ay, int64_t bx, int64_t by, int64_t x, int64_t y, bool *crosses)
+{
+	__int128 turn;
+
+	if (y < ay || y > by)
+		return false;
+	if (ay == by)
+		return ax < bx ? x >= ax && x <= bx : x >= bx && x <= ax;
+	if (x > ax && x > bx)
+		return false;
+	if (x < ax && x < bx) {
+		*crosses ^= y < by;
+		return false;
+	}
+	turn = (__int128)(bx - ax) * (y - ay) - (__int128)(x - ax) * (by - ay);
+	if (!turn)
+		return true;
+	*crosses ^= turn > 0 && y < by;
+	return false;
+}
+
 #endif

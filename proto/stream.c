@@ -85,7 +85,8 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 
 	packer_zero(&p, STREAM_HEADER_SIZE);
 	packer_u8(&p, head->kind);
-	packer_zero(&p, 7);
+	packer_u8(&p, (uint8_t)(head->lines | head->bounded << 1));
+	packer_zero(&p, 6);
 	put_digest(&p, head->id);
 	put_box(&p, head->box);
 	PUT_TEXT(&p, head->lattice);

@@ -26,6 +26,9 @@ struct stream_head {
 	bool system;
 	char geoid[128];
 	const char *wkt;
+	/* Only for a reader that asked for it (Fetch.lines): the mesh has lines, so blocks may have flags; it ends at boundaries
+	 * or holes, so that its hull is not known. */
+	bool lines, bounded;
 	struct digest id; /* generation, view, plan, kernel version */
 	int32_t box[6];   /* of all vertices: min x y z, max x y z; lattice numbers */
 };

@@ -325,10 +325,15 @@ static int read_head(struct stream_reader *r, struct err *err)
 {
 	struct cursor c = cursor_of(r->payload, r->length);
 	struct stream_head *head = &r->head;
+	uint8_t lines;
 	int e;
 
 	head->kind = cursor_u8(&c);
-	get_zeros(&c, 7);
+	lines = cursor_u8(&c);
+	c.bad |= lines > 3;
+	head->lines = lines & 1;
+	head->bounded = lines >> 1 & 1;
+	get_zeros(&c, 6);
 	head->id = get_digest(&c);
 	get_box(&c, head->box);
 	GET_TEXT(&c, head->lattice);

@@ -17,7 +17,9 @@ struct ctl_options {
 	bool wait, fresh, resume, files, removed, copy;
 	uint64_t generation, keep, before;
 	const char *crs, *priority, *as, *settle, *textfile;
-	const char *layer, *kind_field; /* info, of files of lines */
+	struct lines_export_options line_options; /* `kind`: of --lines-as */
+	struct cli_texts line_files[LINES_KINDS]; /* mesh */
+	const char *line_report;
 };
 
 struct program {
@@ -54,6 +56,7 @@ enum ctl_group {
 	CTL_DATASET = 1 << 20, /* dataset log, restore */
 	CTL_REMOVED = 1 << 21, /* datasets */
 	CTL_CONFIG = 1 << 22,  /* config show */
+	CTL_LINES = 1 << 23,   /* mesh: files of lines beside its inputs */
 };
 
 extern const struct cli_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
@@ -67,6 +70,11 @@ int ctl_complete(const struct cli *, int argc, char **argv, struct program *);
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
 /* Calls `each` for the words, in order; the first status that is not 0. */
 int ctl_job_each(struct program *, int (*each)(struct session *, uint64_t id));
+
+/* push: with --lines-as or --kind-field all inputs are files of lines; without them a file of lines is refused. -ERR_USAGE. */
+int ctl_lines_as(struct program *, struct ctl_inputs *, struct err *err);
+/* mesh: adds its files of lines. `options`, to be filled, stay in use as long as the inputs. */
+int ctl_lines_beside(struct program *, struct ctl_inputs *, struct lines_export_options options[LINES_KINDS], struct err *err);
 
 /* The disks of state and cache: cache stat, status. */
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,

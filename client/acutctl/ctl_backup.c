@@ -149,9 +149,24 @@ static int manifest_first(const void *a, const void *b)
 	return mx || my ? my - mx : strcmp(x, y);
 }
 
+/* A file of a dataset: its manifest, a segment, or a file of lines, which is named by the number of its source. */
+static bool is_of_dataset(const char *name)
+{
+	static const char *const lines[] = {"lines-", "lineset-", "places-"};
+	size_t k = strlen(name);
+
+	for (unsigned i = 0; i < sizeof lines / sizeof *lines; i++) {
+		const char *number = name + strlen(lines[i]);
+
+		if (!strncmp(name, lines[i], strlen(lines[i])) && *number && strspn(number, "0123456789") == strlen(number))
+			return true;
+	}
+	return !strcmp(name, "manifest") || (k >= 5 && *name != '.' && !strcmp(name + k - 4, ".seg"));
+}
+
 static int gather(struct bringing *b, struct err *err)
 {
-	size_t room = 0, k;
+	size_t room = 0;
 	struct dirent *e;
 	DIR *dir = opendir(b->dir);
 	bool whole = false;
@@ -162,9 +177,8 @@ static int gather(struct bringing *b, struct err *err)
 	}
 	b->dirfd = fcntl(dirfd(dir), F_DUPFD_CLOEXEC, 3);
 	while ((e = readdir(dir))) {
-		k = strlen(e->d_name);
 		whole |= !strcmp(e->d_name, "manifest");
-		if (strcmp(e->d_name, "manifest") && (k < 5 || *e->d_name == '.' || strcmp(e->d_name + k - 4, ".seg")))
+		if (!is_of_dataset(e->d_name))
 			continue;
 		if (b->n == room) {
 			char **more = realloc(b->name, (room = room ? 2 * room : 64) * sizeof *more);

@@ -187,15 +187,15 @@ static void print_json(const struct console *console, const char *name, const st
 
 bool ctl_info_is_lines(const struct program *ctl, const struct ctl_input *in)
 {
-	if (ctl->opt.lines || ctl->opt.layer || ctl->opt.kind_field)
+	if (ctl->opt.lines || ctl->input.layer || ctl->input.kind_field)
 		return true;
 	return in->fd < 0 && !in->archive && !ctl->input.format && lines_recognise(in->name);
 }
 
 int ctl_info_lines(struct program *ctl, const struct ctl_input *in)
 {
-	struct lines_options opt = {.layer = ctl->opt.layer,
-				    .kind_field = ctl->opt.kind_field,
+	struct lines_options opt = {.layer = ctl->input.layer,
+				    .kind_field = ctl->input.kind_field,
 				    .csv = ctl->opt.lines,
 				    .interrupted = session_interrupted,
 				    .ctx = &ctl->session};

@@ -21,7 +21,11 @@ static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, st
 	if (staging == 0 || staging == SESSION_SOME_REFUSED) {
 		what.dataset = staged.dataset;
 		what.generation = staged.generation;
-		if (acut_submit_job(session->acut, &what, &job))
+		if (ctl->opt.line_report)
+			status = ctl_report_line_places(session, &staged, ctl->opt.line_report);
+		if (status)
+			staging = status;
+		else if (acut_submit_job(session->acut, &what, &job))
 			status = session_error_acut(session);
 		else
 			status = ctl_fetch(session, &ctl->fetch, job->id, run, &staged);
@@ -36,6 +40,7 @@ int ctl_mesh_run(struct program *ctl)
 	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct outputs *run = NULL;
 	const char *path[CTL_FETCH_OUTPUTS + 1];
+	struct lines_export_options options[LINES_KINDS];
 	char *view = NULL;
 	double box[4];
 	bool cropped = false;
@@ -45,6 +50,8 @@ int ctl_mesh_run(struct program *ctl)
 	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
 	if (!r)
 		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
+	if (!r)
+		r = ctl_lines_beside(ctl, &in, options, &err);
 	in.crop = cropped ? box : NULL;
 	if (!r)
 		r = ctl_inputs_not_outputs(&in, ctl_fetch_paths(&ctl->fetch, path), &err);

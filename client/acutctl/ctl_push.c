@@ -9,7 +9,7 @@ int ctl_push_run(struct program *ctl)
 	struct err err = ERR_INIT;
 	int status, reported;
 
-	if (ctl_stage_check(&ctl->stage, &ctl->input, &err) ||
+	if (ctl_stage_check(&ctl->stage, &ctl->input, &err) || ctl_lines_as(ctl, &in, &err) ||
 	    ctl_inputs_gather(&in, ctl->line.word + 1, ctl->line.nword - 1, &err))
 		return session_error(session, &err);
 	if (ctl->stage.replaces && in.n != 1) {
@@ -22,6 +22,8 @@ int ctl_push_run(struct program *ctl)
 		status = ctl_stage(&in, &ctl->stage, ctl->line.word[0], &staged);
 	if (staged.committed && (status == 0 || status == SESSION_SOME_REFUSED)) {
 		reported = ctl_report_push(session, &staged, NULL);
+		if (!reported && ctl->opt.line_report)
+			reported = ctl_report_line_places(session, &staged, ctl->opt.line_report);
 		status = reported ? reported : status;
 	}
 	ctl_stage_done(&staged);

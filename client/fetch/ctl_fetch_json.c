@@ -166,6 +166,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 	ctl_report_units(&j, job->crs, job->unit_xy, z ? format_unit_of_word(z, strlen(z)) : job->unit_z);
 	moved_json(&j, m->staged);
 	ctl_report_heights_json(&j, m->staged, NULL);
+	ctl_report_lines_json(&j, m->staged);
 	inputs_json(&j, m->staged);
 	term_json_u64(&j, "output_bytes", m->out->bytes);
 	ctl_mesh_edges_json(&j, m);

@@ -96,7 +96,7 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 	if (takes & FORMAT_SIZED)
 		opt->width = (uint32_t)o->width;
 	if (takes & FORMAT_COLORED && o->color)
-		format_parse_color(o->color, &opt->color);
+		format_parse_color(o->color, &opt->color, &opt->lines);
 	if (takes & FORMAT_Z_UNIT && o->z_unit)
 		opt->z_unit = format_unit_of_word(o->z_unit, strlen(o->z_unit));
 	if (takes & FORMAT_RASTERED && o->raster && !format_parse_raster(o->raster, &opt->raster))

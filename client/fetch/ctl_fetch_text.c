@@ -264,8 +264,10 @@ static void page(const struct ctl_mesh *m)
 	if (ctl_mesh_simplifies(m->opt))
 		term_field(out, "simplified", "%s", simplified_text(m, text));
 	place(m, out);
-	if (m->staged)
+	if (m->staged) {
 		ctl_report_heights(m->console, m->staged);
+		ctl_report_lines(m->console, m->staged);
+	}
 	times(out, p, m->staged);
 	term_field(out, "digest", "%s", p->digest);
 	inputs_text(m->console, m->staged);
@@ -307,8 +309,10 @@ static void lines(const struct ctl_mesh *m)
 	if (moved)
 		console_line(c, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0],
 			     shift[1], shift[2]);
-	if (m->staged)
+	if (m->staged) {
 		ctl_report_heights(c, m->staged);
+		ctl_report_lines(c, m->staged);
+	}
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
 			console_line(c, "  left out by %s: %s", p->removed[i].rule, term_count(p->removed[i].count, a));

@@ -53,6 +53,7 @@ struct format_options {
 	const char *z_unit;       /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
 	uint32_t width;           /* pictures: pixels; 0 = FORMAT_WIDTH */
 	enum format_color color;
+	bool lines;            /* pictures: pieces of lines are drawn over it */
 	struct decimal cell;   /* rasters: side of a pixel; zero: not given */
 	const char *cell_unit; /* name of its unit; NULL: that of the file */
 	enum format_rasters raster;
@@ -143,7 +144,8 @@ const char *format_extension(const char *path);                     /* with its 
 bool format_has_extension(const char *list, const char *extension); /* `list`: ".a .b" */
 /* False: nothing is known of the extension. Else `err` says what to write, and which program makes such a file of it. */
 bool format_elsewhere(const char *path, struct err *err);
-bool format_parse_color(const char *text, enum format_color *ret);
+/* "hillshade", and "hillshade+lines" for lines over it. */
+bool format_parse_color(const char *text, enum format_color *ret, bool *ret_lines);
 bool format_parse_raster(const char *text, enum format_rasters *ret);
 unsigned format_options_given(const struct format_options *); /* FORMAT_CANONICAL ... */
 /* The name of the first of some options on the command line ("canonical"); NULL: there is none. */

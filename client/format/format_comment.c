@@ -23,7 +23,7 @@ static bool has_window(const struct acut_mesh_head *head)
 
 bool format_is_part(const struct acut_mesh_head *head, const struct format_options *opt)
 {
-	return opt->trimmed || has_window(head);
+	return opt->trimmed || has_window(head) || head->bounded;
 }
 
 /* "acut-trimmed ..." of a file that has a part of the mesh, else "". */
@@ -33,7 +33,8 @@ static void trimmed_text(const struct acut_mesh_head *head, const struct format_
 
 	buf[0] = 0;
 	if (format_is_part(head, opt))
-		snprintf(buf, size, "acut-trimmed%s%s%s", opt->trimmed ? " " : "", opt->trimmed ? opt->trimmed : "", window);
+		snprintf(buf, size, "acut-trimmed%s%s%s%s", opt->trimmed ? " " : "", opt->trimmed ? opt->trimmed : "", window,
+			 head->bounded ? " bounded" : "");
 }
 
 int format_comment_head(const struct acut_mesh_head *head, const struct format_options *opt,

@@ -6,7 +6,7 @@
  * converted where both are known, a degree of longitude and latitude counts as 111320 m (good enough to look
  * at, never to measure), and unknown units are taken as equal. Elevation: a ramp from the second to the
  * ninety-eighth percentile, so that a few stray points do not flatten it, dimmed by the hillshade. Domains: a
- * hue for each region, likewise dimmed. Pixels that no triangle covers are transparent.
+ * hue for each region, likewise dimmed. Lines, if they are asked for, are red. Pixels that no triangle covers are transparent.
  */
 #include <math.h>
 #include <string.h>
@@ -158,6 +158,7 @@ static void ramp(double t, double v, uint8_t rgb[3])
 
 void format_paint_row(const struct format_paint *p, uint32_t y, uint32_t x0, uint32_t x1, uint8_t *ret)
 {
+	static const uint8_t line[3] = {200, 30, 30};
 	const struct format_raster *r = p->raster;
 
 	for (uint32_t x = x0; x < x1; x++, ret += 4) {
@@ -176,6 +177,8 @@ void format_paint_row(const struct format_paint *p, uint32_t y, uint32_t x0, uin
 			hue((r->domain[i] & 0xffff) / 65536.0, dim, ret);
 		else
 			ramp(p->high > p->low ? (r->z[i] - p->low) / (p->high - p->low) : 0.5, dim, ret);
+		if (r->line && r->line[i])
+			memcpy(ret, line, sizeof line);
 		ret[3] = 255;
 	}
 }

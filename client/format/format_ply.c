@@ -1,5 +1,6 @@
 /*
- * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int).
+ * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int, and of a mesh with lines ushort
+ * edges: bit k says that the side across from corner k is a piece of a line).
  *
  * The stream mixes both, and its counts come at the end. Vertices are written in place, faces to an annex that is joined at
  * the end. The header is written first at its largest size and patched when the counts are known; a comment fills the rest.
@@ -20,7 +21,8 @@
 #define PLY_HEADER 8192
 #define PLY_FILL "comment "
 #define PLY_VERTEX 24 /* bytes */
-#define PLY_FACE 13
+#define PLY_FACE 13   /* without edges */
+#define PLY_EDGES 2   /* so that a face has an odd size, as outfile_join wants it */
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "records are written as they lie in memory");
 _Static_assert(((uint64_t)UINT32_MAX + 1) * PLY_VERTEX + PLY_HEADER < OUTFILE_ANNEX_AT, "all vertices fit before it");
@@ -30,6 +32,8 @@ struct ply {
 	struct format_options opt;
 	struct format_axis axis[3];
 	uint64_t nvertex, nface;
+	size_t face;    /* bytes of one */
+	bool edges;     /* the mesh has lines */
 	size_t header;  /* bytes kept for it */
 	char *comments; /* lines of the head */
 };
@@ -53,8 +57,8 @@ static int ply_header(const struct ply *p, const char *digest, const char *verte
 	int n = snprintf(buf, PLY_HEADER,
 			 "ply\nformat binary_little_endian 1.0\n%scomment acut-digest %s %s\n"
 			 "element vertex %" PRIu64 "\nproperty double x\nproperty double y\nproperty double z\n"
-			 "element face %" PRIu64 "\nproperty list uchar %s vertex_indices\nend_header\n",
-			 p->comments, digest, vertex_digest, nvertex, nface, index);
+			 "element face %" PRIu64 "\nproperty list uchar %s vertex_indices\n%send_header\n",
+			 p->comments, digest, vertex_digest, nvertex, nface, index, p->edges ? "property ushort edges\n" : "");
 
 	if (n < 0 || n >= PLY_HEADER - 64)
 		return err_set(err, ERR_INTERNAL, "the PLY header is longer than %d bytes", PLY_HEADER);
@@ -89,15 +93,22 @@ static int ply_open(struct outfile *out, const struct format_options *opt, void 
 	return 0;
 }
 
+static int ply_begin(struct ply *p, const struct acut_mesh_head *head, struct err *err)
+{
+	int r = format_axis_init(p->axis, head, &p->opt, err);
+
+	p->edges = head->lines;
+	p->face = PLY_FACE + (p->edges ? PLY_EDGES : 0);
+	return r ? r : format_comment_head(head, &p->opt, ply_comment, p, err);
+}
+
 static int ply_head(void *writer, const struct acut_mesh_head *head, struct err *err)
 {
 	static const char widest[] = "00000000000000000000000000000000";
 	struct ply *p = writer;
 	char buf[PLY_HEADER];
-	int r = format_axis_init(p->axis, head, &p->opt, err);
+	int r = ply_begin(p, head, err);
 
-	if (!r)
-		r = format_comment_head(head, &p->opt, ply_comment, p, err);
 	if (!r && !outfile_seekable(p->out))
 		r = outfile_spool(p->out, &p->vertices, err);
 	if (!r && (p->vertices || !p->opt.canonical))
@@ -128,10 +139,8 @@ static void ply_save(const void *writer, struct packer *to)
 static int ply_resume(void *writer, const struct acut_mesh_head *head, struct cursor *from, struct err *err)
 {
 	struct ply *p = writer;
-	int r = format_axis_init(p->axis, head, &p->opt, err);
+	int r = ply_begin(p, head, err);
 
-	if (!r)
-		r = format_comment_head(head, &p->opt, ply_comment, p, err);
 	if (!r)
 		r = outfile_annex(p->out, &p->faces, err);
 	p->vertices = p->out;
@@ -169,25 +178,25 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 	const uint32_t nf = b->nforeign, base = (uint32_t)(b->first - nf);
 
 	for (uint32_t i = 0; i < b->ntriangle;) {
-		uint32_t left = (uint32_t)(outfile_left(p->faces) / PLY_FACE), n = b->ntriangle - i;
+		uint32_t left = (uint32_t)(outfile_left(p->faces) / p->face), n = b->ntriangle - i;
 		uint32_t k = n < left ? n : left ? left : 1;
-		uint8_t *to = outfile_room(p->faces, k * (size_t)PLY_FACE, err);
+		uint8_t *to = outfile_room(p->faces, k * p->face, err);
 
 		if (!to)
 			return -err->code;
-		for (uint32_t end = i + k; i < end; i++, to += PLY_FACE) {
+		for (uint32_t end = i + k; i < end; i++, to += p->face) {
 			uint64_t g[3], head, rest;
 			for (int j = 0; j < 3; j++) {
 				uint32_t l = b->triangle[i][j];
 				g[j] = l >= nf ? l + base : (uint32_t)b->foreign[l];
 			}
-			/* two stores; the last three bytes of the second are overwritten by the next face */
+			/* two stores; the last bytes of the second are overwritten by the next face */
 			head = 3 | g[0] << 8 | g[1] << 40;
-			rest = g[1] >> 24 | g[2] << 8;
+			rest = g[1] >> 24 | g[2] << 8 | (b->flags ? (uint64_t)b->flags[i] << 40 : 0);
 			memcpy(to, &head, 8);
 			memcpy(to + 8, &rest, 8);
 		}
-		outfile_used(p->faces, k * (size_t)PLY_FACE);
+		outfile_used(p->faces, k * p->face);
 	}
 	return 0;
 }
@@ -229,7 +238,7 @@ static int ply_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 		if (!r)
 			r = outfile_join(p->out, p->vertices, PLY_VERTEX, err);
 	}
-	return r || p->faces == p->out ? r : outfile_join(p->out, p->faces, PLY_FACE, err);
+	return r || p->faces == p->out ? r : outfile_join(p->out, p->faces, p->face, err);
 }
 
 static void *ply_free(void *writer)

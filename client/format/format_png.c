@@ -68,7 +68,8 @@ static int png_head(void *writer, const struct acut_mesh_head *head, struct err 
 	p->head.scale_z = keep(p->scale_z, sizeof(p->scale_z), head->scale_z);
 	p->head.unit_xy = keep(p->unit_xy, sizeof(p->unit_xy), head->unit_xy);
 	p->head.unit_z = keep(p->unit_z, sizeof(p->unit_z), head->unit_z);
-	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width, p->opt.color == FORMAT_DOMAIN, err);
+	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width, p->opt.color == FORMAT_DOMAIN, p->opt.lines,
+				  err);
 }
 
 static int png_block(void *writer, const struct format_block *block, struct err *err)
@@ -81,7 +82,11 @@ static int png_block(void *writer, const struct format_block *block, struct err 
 		return format_png_cell_block(p->cell, block, err);
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
+
 		format_raster_triangle(&p->raster, block->position[t[0]], block->position[t[1]], block->position[t[2]], domain);
+		for (unsigned k = 0; k < 3 && p->raster.line && b->flags; k++)
+			if (b->flags[i] >> k & 1)
+				format_raster_line(&p->raster, block->position[t[(k + 1) % 3]], block->position[t[(k + 2) % 3]]);
 	}
 	return 0;
 }

@@ -19,7 +19,7 @@
 #define RASTER_HIGH 4            /* at most this many times as high as wide was asked for */
 
 int format_raster_init(struct format_raster *r, const int32_t min[2], const int32_t max[2], uint32_t width, bool domains,
-		       struct err *err)
+		       bool lines, struct err *err)
 {
 	double ex = (double)max[0] - min[0], ey = (double)max[1] - min[1], high, pixels;
 	size_t n;
@@ -40,7 +40,8 @@ int format_raster_init(struct format_raster *r, const int32_t min[2], const int3
 	n = (size_t)r->w * r->h;
 	r->z = malloc(n * sizeof(*r->z));
 	r->domain = domains ? calloc(n, sizeof(*r->domain)) : NULL;
-	if (!r->z || (domains && !r->domain)) {
+	r->line = lines ? calloc(n, 1) : NULL;
+	if (!r->z || (domains && !r->domain) || (lines && !r->line)) {
 		format_raster_done(r);
 		err_set(err, ERR_NOMEM, "no memory for a picture of %u x %u pixels", r->w, r->h);
 		return err_add_hint(err, "give a smaller --width");
@@ -164,9 +165,23 @@ void format_raster_triangle(struct format_raster *r, const int32_t *a, const int
 	}
 }
 
+void format_raster_line(struct format_raster *r, const int32_t *a, const int32_t *b)
+{
+	struct corner p = snap(r, a), q = snap(r, b);
+	int64_t dx = q.x - p.x, dy = q.y - p.y, steps = (llabs(dx) > llabs(dy) ? llabs(dx) : llabs(dy)) / S + 1;
+
+	for (int64_t i = 0; i <= steps; i++) {
+		int64_t x = (p.x + dx * i / steps) / S, y = (p.y + dy * i / steps) / S;
+
+		if (x >= 0 && y >= 0 && x < r->w && y < r->h)
+			r->line[(size_t)(r->h - 1 - y) * r->w + (size_t)x] = 1;
+	}
+}
+
 void format_raster_done(struct format_raster *r)
 {
 	free(r->z);
 	free(r->domain);
+	free(r->line);
 	memset(r, 0, sizeof(*r));
 }

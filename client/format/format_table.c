@@ -60,13 +60,16 @@ const struct format *format_by_path(const char *path)
 	return NULL;
 }
 
-bool format_parse_color(const char *text, enum format_color *ret)
+bool format_parse_color(const char *text, enum format_color *ret, bool *ret_lines)
 {
 	static const char *const name[] = {"hillshade", "elevation", "domain"};
+	const char *plus = strchr(text, '+');
+	size_t n = plus ? (size_t)(plus - text) : strlen(text);
 
 	for (unsigned i = 0; i < 3; i++) {
-		if (!strcmp(text, name[i])) {
+		if (strlen(name[i]) == n && !memcmp(text, name[i], n) && (!plus || !strcmp(plus, "+lines"))) {
 			*ret = (enum format_color)i;
+			*ret_lines = plus;
 			return true;
 		}
 	}

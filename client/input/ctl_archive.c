@@ -515,8 +515,8 @@ int ctl_archive_keep(struct ctl_inputs *inputs, struct ctl_input *in, struct err
 
 void ctl_input_drop(struct ctl_input *in)
 {
-	if (in->archive && in->kept)
+	if ((in->archive || in->lines) && in->kept) {
 		close(in->kept);
-	if (in->archive)
 		in->kept = 0;
+	}
 }

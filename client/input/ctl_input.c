@@ -132,10 +132,12 @@ static int add_word(struct ctl_inputs *in, const char *word, bool listed, struct
 	char endings[64];
 	struct stat st;
 
-	if (!listed && !strcmp(word, "-"))
-		return add_standard(in, err);
 	if (!listed && word[0] == '@' && word[1])
 		return add_list(in, word + 1, err);
+	if (in->lines)
+		return ctl_inputs_add_lines(in, word, in->lines, err);
+	if (!listed && !strcmp(word, "-"))
+		return add_standard(in, err);
 	if (!stat(word, &st) && S_ISDIR(st.st_mode)) {
 		size_t before = in->n;
 		int r = add_folder(in, word, 0, err);
@@ -300,7 +302,7 @@ int ctl_input_open(struct ctl_inputs *inputs, struct ctl_input *in, int *ret_fd,
 	struct stat st;
 	int fd = -1;
 
-	if (in->archive && ctl_archive_keep(inputs, in, err))
+	if ((in->archive && ctl_archive_keep(inputs, in, err)) || (in->lines && ctl_lines_keep(inputs, in, err)))
 		return -(int)err->code;
 	if (in->entry)
 		return open_entry(in, ret_fd, err);
@@ -350,7 +352,7 @@ const char *ctl_input_path(const struct ctl_input *in, char *buf, size_t size)
 		return in->path;
 	if (in->kept && in->anonymous)
 		n = snprintf(buf, size, "/dev/stdin/%llu", (unsigned long long)clock_real_us());
-	else if (in->kept)
+	else if (in->kept && !in->lines)
 		n = snprintf(buf, size, "/dev/stdin/%s", in->name);
 	else if (in->fd < 0 && (here || in->name[0] == '/'))
 		n = snprintf(buf, size, "%s/%s", here ? here : "", in->name);

@@ -10,11 +10,13 @@
 #include <stdint.h>
 #include <sys/stat.h>
 
+#include "lines_export.h"
 #include "session.h"
 
 struct ctl_input_options {
 	const char *name, *format, *columns, *manifest; /* NULL: not given */
 	bool decimal_comma, accept_truncated;
+	const char *layer, *kind_field; /* of files of lines */
 };
 
 struct ctl_input {
@@ -34,8 +36,10 @@ struct ctl_input {
 	int copier;       /* the process that empties the pipe; 0: none */
 	uint8_t *head;    /* of a pipe: its first bytes, which are read already; at least 4, unless it has fewer */
 	unsigned nhead;
-	const char *label;           /* NULL, or its name in the dataset, by --name */
-	struct ctl_archive *archive; /* NULL, or the archive whose member it is, by number */
+	const char *label;                        /* NULL, or its name in the dataset, by --name */
+	const struct lines_export_options *lines; /* NULL, or a file of lines, and what they are; it is kept as a text */
+	struct lines_exported exported;           /* what was in it */
+	struct ctl_archive *archive;              /* NULL, or the archive whose member it is, by number */
 	size_t member;
 };
 
@@ -45,6 +49,7 @@ struct ctl_inputs {
 	const char *format; /* as --input-format, or as a pipe's first bytes show; NULL: each by its content */
 	struct ctl_input *input;
 	size_t n, room;
+	const struct lines_export_options *lines; /* NULL, or all words are files of lines */
 	bool each;          /* the caller prints what became of each: that all were refused is no failure of its own */
 	const double *crop; /* NULL, or the box (x1, y1, x2, y2) outside of which no point is asked for */
 	struct ctl_archive *archives;
@@ -53,6 +58,8 @@ struct ctl_inputs {
 struct ctl_inputs ctl_inputs_of(struct session *, const struct ctl_input_options *);
 /* Files, folders (their survey files, sorted), lists (@FILE), "-"; checked against --manifest. *ret is empty on failure. */
 int ctl_inputs_gather(struct ctl_inputs *ret, char **word, unsigned nword, struct err *err);
+/* A file of lines. `options` is borrowed. */
+int ctl_inputs_add_lines(struct ctl_inputs *, const char *name, const struct lines_export_options *options, struct err *err);
 /* A copy of `file`, or if it is an archive its members. In a folder an archive without survey files is passed over. */
 int ctl_inputs_add(struct ctl_inputs *, const struct ctl_input *file, bool from_folder, struct err *err);
 void ctl_inputs_done(struct ctl_inputs *);

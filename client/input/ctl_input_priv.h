@@ -36,6 +36,9 @@ int ctl_archive_keep(struct ctl_inputs *, struct ctl_input *, struct err *err);
 void ctl_archive_free(struct ctl_inputs *);
 
 int ctl_input_append(struct ctl_inputs *, const struct ctl_input *, const char *name, struct err *err);
+/* Writes a file of lines into input->kept, once (ctl_input_lines.c). */
+int ctl_lines_keep(struct ctl_inputs *, struct ctl_input *, struct err *err);
+
 /* By its extension. */
 bool ctl_input_is_survey(const char *name, size_t n);
 /* ".las, .laz or .xyz": what folders are searched for. Returns buf. */

@@ -204,7 +204,25 @@ struct acut_push_result {
 	const char *dataset;
 	uint64_t generation, points; /* of the dataset now; no new generation where no point came and none went, 0: it has none */
 	bool unchanged;              /* so it was: no new one */
+	/* Of all lines of the dataset, where the push changed them and some are left; else NULL. */
+	const struct acut_line_set *line_set;
 };
+struct acut_line_set {
+	uint64_t features[4], lines, vertices; /* of the files: hard, lake, boundary, hole */
+	uint64_t positions, pieces;            /* what became of them */
+	uint64_t crossings;                    /* where lines cross between their vertices */
+	uint64_t uneven;                       /* positions with vertices of different heights */
+	double widest, widest_at[2];           /* the largest difference of heights at these, in the unit of z, and where it is */
+	uint64_t left_out;                     /* pieces outside of the boundary, or in a hole */
+	uint64_t doubled, points;              /* segments that lie on others, and those without length */
+};
+/* Where lines of a generation (0: the newest) cross, and where vertices have different heights. */
+struct acut_line_place {
+	const char *kind; /* "crossing", "uneven" */
+	double x, y, lower, upper;
+};
+int acut_line_places(struct acut *, const char *dataset, uint64_t generation,
+		     void (*each)(void *ctx, const struct acut_line_place *), void *ctx);
 
 struct acut_push;
 /* The order: begin, probe each, plan, file each, commit. Probe and file take an open regular file (the
@@ -230,7 +248,9 @@ struct acut_push_input {
 	 * `checksum`: known, adopted, replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; a stream with another
 	 * hash is refused. NULL: unknown. */
 	const char *hash;
-	uint64_t size; /* and how many */
+	uint64_t size;      /* and how many */
+	bool checksum;      /* its content identifies it, as with acut_push_options.checksum */
+	const char *format; /* instead of acut_push_options.format; NULL: that */
 };
 /* acut_push_probe and acut_push_file with the identity of the input. Its descriptor stays the caller's here. */
 int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);
@@ -551,6 +571,8 @@ struct acut_mesh_head {
 	/* As an input carried it, in one line of at most 32,768 bytes; "": none did. It may be that of x and y alone. */
 	const char *wkt;
 	const char *geoid; /* "WAY HASH NAME" of the grid that converted the heights; "": none did */
+	bool lines;        /* it has breaklines, shores, boundaries or holes, so blocks may have flags */
+	bool bounded;      /* it ends at boundaries or holes: the tail's hull is 0 */
 };
 struct acut_mesh_block {
 	uint64_t index, first;
@@ -560,7 +582,9 @@ struct acut_mesh_block {
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
 	const uint8_t *final;          /* bit set over nforeign + nnew */
-	const uint8_t *flags;          /* one byte a triangle, or NULL */
+	/* One byte a triangle: bit k: the side across from corner k is a piece of a line (a breakline, a shore). NULL: none is.
+	 */
+	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
 	int32_t (*local)[3]; /* nforeign free places, then `vertex`: for who keeps the positions of open vertices; or NULL */
 };

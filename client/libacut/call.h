@@ -61,6 +61,7 @@ struct acut {
 	struct acut_probe probe;
 	struct acut_file_result file;
 	struct acut_push_result pushed;
+	struct acut_line_set line_set; /* of `pushed` */
 	struct acut_push_planned planned;
 	struct acut_geoid geoid;
 	struct acut_cache_stat cache;

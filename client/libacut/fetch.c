@@ -109,6 +109,8 @@ static int on_head(struct fetch *f)
 	f->head.stream_id = digest_hex(head->id, f->stream_id);
 	f->head.wkt = head->wkt ? head->wkt : "";
 	f->head.geoid = head->geoid;
+	f->head.lines = head->lines;
+	f->head.bounded = head->bounded;
 	call_system(head->crs, &f->head.epsg, &f->head.epsg_z, &f->head.vertical);
 	memcpy(f->head.box, head->box, sizeof f->head.box);
 	return f->sink->head ? from_sink(f, f->sink->head(f->sink->ctx, &f->head)) : 0;
@@ -196,7 +198,8 @@ static int failed_tail(struct fetch *f, const struct stream_tail *tail)
 static int on_tail(struct fetch *f)
 {
 	const struct stream_tail *tail = stream_reader_tail(f->reader);
-	bool whole = stream_reader_head(f->reader)->kind == STREAM_WHOLE;
+	const struct stream_head *head = stream_reader_head(f->reader);
+	bool whole = head->kind == STREAM_WHOLE && !head->bounded;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	struct acut_mesh_tail out = {
 		.blocks = tail->blocks,
@@ -417,6 +420,7 @@ int fetch_begin(struct fetch *f)
 	req.area = call_text(f->acut->area);
 	req.changed_since = f->since;
 	req.system = true;
+	req.lines = true;
 	if (f->continued) {
 		req.from_block = f->from.blocks;
 		req.stream_id = digest_hex(f->id, id);

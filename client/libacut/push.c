@@ -210,10 +210,10 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 		return -(int)a->err.code;
 	p.push = f.push = push->push;
 	p.name = f.name = name;
-	p.format = f.format = push->format;
+	p.format = f.format = in->format ? (char *)in->format : push->format;
 	p.columns = f.columns = push->columns;
 	p.decimal_comma = f.decimal_comma = push->decimal_comma;
-	p.checksum = push->checksum;
+	p.checksum = push->checksum || in->checksum;
 	p.add = push->add;
 	p.replace = push->replace;
 	p.replaces = push->replaces;
@@ -473,6 +473,23 @@ const struct acut_push_planned *acut_push_planned(const struct acut_push *push)
 	return &push->acut->planned;
 }
 
+static void take_line_set(const Acut__V1__LineSet *m, struct acut_line_set *ret)
+{
+	*ret = (struct acut_line_set){.lines = m->lines,
+				      .vertices = m->vertices,
+				      .positions = m->positions,
+				      .pieces = m->pieces,
+				      .crossings = m->crossings,
+				      .uneven = m->uneven,
+				      .widest = m->widest,
+				      .widest_at = {m->widest_x, m->widest_y},
+				      .left_out = m->left_out,
+				      .doubled = m->doubled,
+				      .points = m->points};
+	for (size_t i = 0; i < m->n_features && i < 4; i++)
+		ret->features[i] = m->features[i];
+}
+
 int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret)
 {
 	struct acut *a = push->acut;
@@ -488,6 +505,10 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 	c = a->answer->push_committed;
 	a->pushed = (struct acut_push_result){
 		.dataset = c->dataset, .generation = c->generation, .points = c->points, .unchanged = c->unchanged};
+	if (c->line_set) {
+		take_line_set(c->line_set, &a->line_set);
+		a->pushed.line_set = &a->line_set;
+	}
 	*ret = &a->pushed;
 	return 0;
 }

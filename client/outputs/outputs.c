@@ -172,6 +172,13 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	return trim(run, t->out, err);
 }
 
+static int target_head(struct outputs_target *t, const struct acut_mesh_head *head, struct err *err)
+{
+	int r = t->format->head(t->writer, head, err);
+
+	return r || !t->canonical ? r : outputs_canonical_head(t->canonical, t->out, head->lines, err);
+}
+
 static int run_head(void *ctx, const struct acut_mesh_head *head)
 {
 	struct outputs *run = ctx;
@@ -186,7 +193,7 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 	if (!r && outputs_keep_goes_on(run))
 		return outputs_keep_head(run, head, &run->err);
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
-		r = t->format->head(t->writer, head, &run->err);
+		r = target_head(t, head, &run->err);
 	if (!r && run->change)
 		r = outputs_change_head(run->change, head, &run->err);
 	if (!r && run->levels)

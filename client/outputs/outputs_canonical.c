@@ -27,8 +27,12 @@ struct outputs_canonical {
 	const struct format *format;
 	void *writer;
 	struct sort *vertices, *triangles;
-	struct outfile *keys;     /* of the vertices, in order */
-	size_t words;             /* of a record of it: 1, or 2 with positions */
+	struct outfile *keys; /* of the vertices, in order */
+	size_t words;         /* of a record of it: 1, or 2 with positions */
+	uint64_t memory;
+	int (*interrupted)(void *ctx); /* NULL, or not 0: give up */
+	void *ctx;
+	bool lines;               /* triangles have flags */
 	bool merge;               /* the same vertex comes more than once */
 	uint64_t nvertex, *first; /* first key of each page */
 	size_t npage, first_room;
@@ -38,8 +42,12 @@ struct outputs_canonical {
 	} * recent;
 	uint64_t *foreign; /* 3 * PIECE */
 	uint32_t (*index)[3];
+	uint8_t *flags;
 	int32_t (*position)[3]; /* PIECE of vertices; with positions 3 * PIECE of corners */
 };
+
+/* A record of a triangle: its corners, and in a mesh with lines its flags, both from the corner with the lowest key on. */
+enum { CORNERS = 3 };
 
 static uint64_t key_of(const int32_t *p)
 {
@@ -53,9 +61,9 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 	int r = c ? 0 : err_set(err, ERR_NOMEM, "no memory to sort with");
 
 	if (!r)
-		r = sort_new(2, 1, memory / 3, beside, &c->vertices, err);
+		c->memory = memory;
 	if (!r)
-		r = sort_new(3, 3, memory - memory / 3, beside, &c->triangles, err);
+		r = sort_new(2, 1, memory / 3, beside, &c->vertices, err);
 	if (!r)
 		r = outfile_spool(beside, &c->keys, err);
 	if (!r) {
@@ -66,8 +74,9 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 		c->recent = calloc(RECENT, sizeof(*c->recent));
 		c->foreign = malloc(3 * PIECE * sizeof(*c->foreign));
 		c->index = malloc(PIECE * sizeof(*c->index));
+		c->flags = malloc(PIECE);
 		c->position = malloc(3 * PIECE * sizeof(*c->position));
-		if (!c->page || !c->recent || !c->foreign || !c->index || !c->position)
+		if (!c->page || !c->recent || !c->foreign || !c->index || !c->flags || !c->position)
 			r = err_set(err, ERR_NOMEM, "no memory to sort with");
 	}
 	if (r) {
@@ -78,10 +87,21 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 	return 0;
 }
 
+int outputs_canonical_head(struct outputs_canonical *c, const struct outfile *beside, bool lines, struct err *err)
+{
+	int r = sort_new(CORNERS + lines, CORNERS, c->memory - c->memory / 3, beside, &c->triangles, err);
+
+	c->lines = lines;
+	if (!r)
+		sort_interrupt(c->triangles, c->interrupted, c->ctx);
+	return r;
+}
+
 void outputs_canonical_interrupt(struct outputs_canonical *c, int (*interrupted)(void *ctx), void *ctx)
 {
+	c->interrupted = interrupted;
+	c->ctx = ctx;
 	sort_interrupt(c->vertices, interrupted, ctx);
-	sort_interrupt(c->triangles, interrupted, ctx);
 }
 
 void outputs_canonical_merge(struct outputs_canonical *c)
@@ -99,7 +119,7 @@ int outputs_canonical_block(struct outputs_canonical *c, const struct format_blo
 		r = sort_add(c->vertices, rec, err);
 	}
 	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
-		uint64_t k[3], rec[3];
+		uint64_t k[3], rec[CORNERS + 1];
 		int low = 0;
 
 		for (int j = 0; j < 3; j++) {
@@ -109,6 +129,7 @@ int outputs_canonical_block(struct outputs_canonical *c, const struct format_blo
 		}
 		for (int j = 0; j < 3; j++)
 			rec[j] = k[(low + j) % 3];
+		rec[CORNERS] = b->flags ? (b->flags[i] >> low | b->flags[i] << (3 - low)) & 7 : 0;
 		r = sort_add(c->triangles, rec, err);
 	}
 	return r;
@@ -237,6 +258,7 @@ static int send_triangles(struct outputs_canonical *c, struct err *err)
 						    .nforeign = 3 * n,
 						    .foreign = c->foreign,
 						    .ntriangle = n,
+						    .flags = c->lines ? c->flags : NULL,
 						    .triangle = (const uint32_t(*)[3])c->index};
 			r = send(c, &b, err);
 			n = 0;
@@ -250,7 +272,7 @@ static int send_triangles(struct outputs_canonical *c, struct err *err)
 			r = look_up(c, rec[j], &c->foreign[3 * n + j], &height, err);
 			set_position(c->position[3 * n + j], rec[j], height);
 		}
-		n++;
+		c->flags[n++] = c->lines ? (uint8_t)rec[CORNERS] : 0;
 	}
 	return r;
 }
@@ -274,6 +296,7 @@ struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *c)
 	free(c->recent);
 	free(c->foreign);
 	free(c->index);
+	free(c->flags);
 	free(c->position);
 	free(c);
 	return NULL;

@@ -182,15 +182,8 @@ static void gather_all(struct outputs_edge *ed, const uint32_t (*triangle)[3], u
 static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		     struct acut_mesh_block *ret, struct err *err)
 {
-	uint32_t kept = 0;
-
-	if (b->ntriangle > ed->room) {
-		void *grown = realloc(ed->triangle, b->ntriangle * sizeof(*ed->triangle));
-		if (!grown)
-			return err_set(err, ERR_NOMEM, "no memory for a block of %u triangles", b->ntriangle);
-		ed->triangle = grown;
-		ed->room = b->ntriangle;
-	}
+	if (outputs_passed_begin(&ed->passed, b, err))
+		return -(int)err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
 		u128 d2, most = 0;
@@ -204,11 +197,9 @@ static int leave_out(struct outputs_edge *ed, const struct acut_mesh_block *b, c
 			outputs_left_add(&ed->left, pos[t[0]], pos[t[1]], pos[t[2]]);
 			continue;
 		}
-		memcpy(ed->triangle[kept++], t, sizeof(*ed->triangle));
+		outputs_passed_add(&ed->passed, b, i);
 	}
-	*ret = *b;
-	ret->triangle = (const uint32_t(*)[3])ed->triangle;
-	ret->ntriangle = kept;
+	outputs_passed_end(&ed->passed, b, ret);
 	return 0;
 }
 
@@ -265,7 +256,7 @@ double outputs_edge_area(const struct outputs_edge *ed, u128 area2)
 
 void outputs_edge_done(struct outputs_edge *ed)
 {
-	free(ed->triangle);
+	outputs_passed_free(&ed->passed);
 	memset(ed, 0, sizeof(*ed));
 }
 

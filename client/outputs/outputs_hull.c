@@ -18,8 +18,11 @@
 
 #define PIECE 4096 /* triangles in one block at the end */
 
+enum { FLAGS_AT = 61 };
+#define NUMBER (UINT64_MAX >> (64 - FLAGS_AT))
+
 struct record {
-	uint64_t number[3];
+	uint64_t number[3]; /* the first one has the triangle's flags from bit FLAGS_AT on */
 	int32_t at[3][3];
 	uint32_t edge;  /* one of its long edges */
 	int64_t box[4]; /* of its domain */
@@ -41,12 +44,13 @@ struct outputs_hull {
 	size_t room;
 	struct open *open; /* a power of two */
 	size_t size, used;
-	uint64_t vertices;       /* that have come */
-	uint32_t (*triangle)[3]; /* of the current block, those that pass */
-	size_t triangles_room;
+	uint64_t vertices;            /* that have come */
+	struct outputs_passed passed; /* of the current block, those that pass */
 	struct record *buf;
 	uint64_t foreign[3 * PIECE];
 	uint32_t local[PIECE][3];
+	bool flags; /* some have */
+	uint8_t local_flags[PIECE];
 	int32_t position[3 * PIECE][3];
 };
 
@@ -220,32 +224,25 @@ static int record_of(struct outputs_hull *h, const struct acut_mesh_block *b, co
 int outputs_hull_block(struct outputs_hull *h, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		       struct acut_mesh_block *ret, struct err *err)
 {
-	uint32_t kept = 0;
-
 	h->vertices = b->first + b->nnew;
 	*ret = *b;
 	if (h->limit.none_longer)
 		return 0;
-	if (b->ntriangle > h->triangles_room) {
-		void *grown = realloc(h->triangle, b->ntriangle * sizeof(*h->triangle));
-
-		if (!grown)
-			return err_set(err, ERR_NOMEM, "no memory for a block of %u triangles", b->ntriangle);
-		h->triangle = grown;
-		h->triangles_room = b->ntriangle;
-	}
+	if (outputs_passed_begin(&h->passed, b, err))
+		return -(int)err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		struct record rec = {.edge = 0};
 		int r = record_of(h, b, pos, b->triangle[i], &rec, err);
 
+		rec.number[0] |= b->flags ? (uint64_t)b->flags[i] << FLAGS_AT : 0;
 		if (!r)
-			memcpy(h->triangle[kept++], b->triangle[i], sizeof(*h->triangle));
+			outputs_passed_add(&h->passed, b, i);
 		else if (r < 0 || outfile_write(h->spool, &rec, sizeof(rec), err))
 			return -(int)err->code;
 		h->spooled += r;
 	}
-	ret->triangle = (const uint32_t(*)[3])h->triangle;
-	ret->ntriangle = kept;
+	h->flags |= b->flags != NULL;
+	outputs_passed_end(&h->passed, b, ret);
 	return 0;
 }
 
@@ -266,12 +263,13 @@ static int next_block(struct outputs_hull *h, uint64_t from, struct acut_mesh_bl
 		}
 		for (uint32_t j = 0; j < 3; j++) {
 			h->local[kept][j] = 3 * kept + j;
-			h->foreign[3 * kept + j] = rec->number[j];
+			h->foreign[3 * kept + j] = rec->number[j] & NUMBER;
 			memcpy(h->position[3 * kept + j], rec->at[j], sizeof(rec->at[j]));
 		}
-		kept++;
+		h->local_flags[kept++] = (uint8_t)(rec->number[0] >> FLAGS_AT);
 	}
 	*ret = (struct acut_mesh_block){.first = h->vertices,
+					.flags = h->flags ? h->local_flags : NULL,
 					.nforeign = 3 * kept,
 					.foreign = h->foreign,
 					.ntriangle = kept,
@@ -310,7 +308,7 @@ struct outputs_hull *outputs_hull_free(struct outputs_hull *h)
 		outfile_free(h->spool);
 		free(h->parent);
 		free(h->open);
-		free(h->triangle);
+		outputs_passed_free(&h->passed);
 		free(h->buf);
 		free(h);
 	}

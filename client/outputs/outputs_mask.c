@@ -37,8 +37,7 @@ struct cut {
 
 struct outputs_mask {
 	struct cut cut[OUTPUTS_CUTS];
-	uint32_t (*triangle)[3];
-	size_t room;
+	struct outputs_passed passed;
 };
 
 static int no_memory(struct err *err)
@@ -59,7 +58,7 @@ struct outputs_mask *outputs_mask_free(struct outputs_mask *m)
 		area_free(c->area);
 	}
 	if (m)
-		free(m->triangle);
+		outputs_passed_free(&m->passed);
 	free(m);
 	return NULL;
 }
@@ -247,27 +246,17 @@ static enum outputs_cut cut_of(const struct outputs_mask *m, const int32_t *a, c
 int outputs_mask_block(struct outputs_mask *m, const struct acut_mesh_block *b, const int32_t (*pos)[3],
 		       struct acut_mesh_block *ret, struct err *err)
 {
-	uint32_t kept = 0;
-
-	if (b->ntriangle > m->room) {
-		void *grown = realloc(m->triangle, b->ntriangle * sizeof(*m->triangle));
-
-		if (!grown)
-			return err_set(err, ERR_NOMEM, "no memory for a block of %u triangles", b->ntriangle);
-		m->triangle = grown;
-		m->room = b->ntriangle;
-	}
+	if (outputs_passed_begin(&m->passed, b, err))
+		return -(int)err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
 		enum outputs_cut cut = cut_of(m, pos[t[0]], pos[t[1]], pos[t[2]]);
 
 		if (cut == OUTPUTS_CUTS)
-			memcpy(m->triangle[kept++], t, sizeof(*m->triangle));
+			outputs_passed_add(&m->passed, b, i);
 		else
 			outputs_left_add(&m->cut[cut].left, pos[t[0]], pos[t[1]], pos[t[2]]);
 	}
-	*ret = *b;
-	ret->triangle = (const uint32_t(*)[3])m->triangle;
-	ret->ntriangle = kept;
+	outputs_passed_end(&m->passed, b, ret);
 	return 0;
 }

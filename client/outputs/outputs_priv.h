@@ -2,6 +2,8 @@
 #ifndef OUTPUTS_PRIV_H
 #define OUTPUTS_PRIV_H
 
+#include <string.h>
+
 #include "digest.h"
 #include "err.h"
 #include "outfile.h"
@@ -48,6 +50,25 @@ struct outputs_left {
 	int64_t k[2]; /* of the head */
 };
 void outputs_left_add(struct outputs_left *, const int32_t *a, const int32_t *b, const int32_t *c);
+
+/* ---- the triangles of a block that stay: outputs_passed.c ---- */
+
+struct outputs_passed {
+	uint32_t (*triangle)[3];
+	uint8_t *flags;
+	uint32_t n, room;
+};
+int outputs_passed_begin(struct outputs_passed *, const struct acut_mesh_block *, struct err *err);
+static inline void outputs_passed_add(struct outputs_passed *k, const struct acut_mesh_block *b, uint32_t i)
+{
+	memcpy(k->triangle[k->n], b->triangle[i], sizeof(*k->triangle));
+	if (b->flags)
+		k->flags[k->n] = b->flags[i];
+	k->n++;
+}
+/* *ret is `b` with these triangles; valid until the next begin. */
+void outputs_passed_end(const struct outputs_passed *, const struct acut_mesh_block *b, struct acut_mesh_block *ret);
+void outputs_passed_free(struct outputs_passed *);
 void outputs_left_sum(struct outputs_left *, const struct outputs_left *more);
 void outputs_left_save(const struct outputs_left *, struct packer *);
 void outputs_left_load(struct outputs_left *, struct cursor *);
@@ -73,8 +94,7 @@ struct outputs_edge {
 	double longest;                               /* squared, lattice units */
 	uint64_t count, bucket[OUTPUTS_EDGE_BUCKETS]; /* of the squared length, 16 from one power of two to the next */
 	double area[OUTPUTS_EDGE_BUCKETS];            /* of triangles, lattice units, by their longest edge */
-	uint32_t (*triangle)[3];
-	size_t room;
+	struct outputs_passed passed;
 };
 /* limit * num / den / scale as p / q in lowest terms; false if it does not fit 64 bits. */
 bool outputs_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q);
@@ -128,6 +148,8 @@ int outputs_canonical_new(const struct format *, void *writer, const struct outf
 /* To be asked while it sorts; may be NULL. */
 void outputs_canonical_interrupt(struct outputs_canonical *, int (*interrupted)(void *ctx), void *ctx);
 /* Vertices come once for each triangle that has them, and are written once. */
+/* Before the first block. `lines`: triangles may have flags. */
+int outputs_canonical_head(struct outputs_canonical *, const struct outfile *beside, bool lines, struct err *err);
 void outputs_canonical_merge(struct outputs_canonical *);
 int outputs_canonical_block(struct outputs_canonical *, const struct format_block *, struct err *err);
 /* Sends everything to the writer, in order, as blocks; the caller finishes the writer. */

@@ -40,7 +40,8 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
 	if (format->kind == FORMAT_LINES && opt->simplify.mantissa) {
-		err_set(err, ERR_USAGE, "--simplify and --tile do not go together: lines would be cut before they are simplified");
+		err_set(err, ERR_USAGE,
+			"--simplify and --tile do not go together: lines would be cut before they are simplified");
 		return err_add_hint(err, "write one file with --simplify, or tiles of exact lines");
 	}
 	if (size.mantissa <= 0)
@@ -282,7 +283,7 @@ static void grow_box(int32_t box[6], const int32_t *p, bool first)
 	}
 }
 
-static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3], struct err *err)
+static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3], unsigned flags, struct err *err)
 {
 	uint64_t place[3], rec[OUTPUTS_TILE_WORDS], at[2];
 	struct outputs_tile *tile = NULL;
@@ -308,7 +309,7 @@ static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3],
 		grow_box(tile->box, corner[j], !tile->triangles && !j);
 	}
 	rec[4] = (uint64_t)(uint32_t)corner[low][2] << 32 | (uint32_t)corner[(low + 1) % 3][2];
-	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
+	rec[5] = (uint32_t)corner[(low + 2) % 3][2] | (uint64_t)((flags >> low | flags << (3 - low)) & 7) << 32;
 	digest_add_triangles(&tile->digest, (const uint64_t(*)[3]) & place, 1, t->head.k);
 	tile->triangles++;
 	return sort_add(t->sort, rec, err);
@@ -326,7 +327,7 @@ int outputs_tiles_block(struct outputs_tiles *t, const struct format_block *bloc
 
 		for (int j = 0; j < 3; j++)
 			corner[j] = block->position[b->triangle[i][j]];
-		r = add_triangle(t, corner, err);
+		r = add_triangle(t, corner, b->flags ? b->flags[i] : 0, err);
 	}
 	return r;
 }

@@ -25,6 +25,7 @@ struct maker {
 	struct format counter; /* between the canonical order and the writer */
 	int32_t vertex[3 * PIECE][3];
 	uint32_t triangle[PIECE][3];
+	uint8_t flags[PIECE];
 	uint32_t n;
 };
 
@@ -48,6 +49,7 @@ static int send(struct maker *m, struct err *err)
 	struct acut_mesh_block b = {.nnew = 3 * m->n,
 				    .ntriangle = m->n,
 				    .vertex = (const int32_t(*)[3])m->vertex,
+				    .flags = m->tiles->head.lines ? m->flags : NULL,
 				    .triangle = (const uint32_t(*)[3])m->triangle};
 	const struct format_block block = {&b, b.vertex};
 	int r = 0;
@@ -82,7 +84,7 @@ static int add(struct maker *m, const uint64_t *rec, struct err *err)
 		v[2] = (int32_t)z[j];
 		m->triangle[m->n][j] = 3 * m->n + j;
 	}
-	m->n++;
+	m->flags[m->n++] = (uint8_t)(rec[5] >> 32);
 	return r;
 }
 
@@ -113,10 +115,12 @@ static int start(struct maker *m, const char *name, struct err *err)
 		r = t->format->head(m->writer, &head, err);
 	if (!r)
 		r = outputs_canonical_new(&m->counter, m, m->out, memory_of(t, m->tile), &m->canonical, err);
-	if (!r) {
-		outputs_canonical_merge(m->canonical);
+	if (!r)
 		outputs_canonical_interrupt(m->canonical, t->run.interrupted, t->run.ctx);
-	}
+	if (!r)
+		r = outputs_canonical_head(m->canonical, m->out, t->head.lines, err);
+	if (!r)
+		outputs_canonical_merge(m->canonical);
 	return r;
 }
 

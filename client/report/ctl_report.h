@@ -42,6 +42,15 @@ int ctl_report_push(struct session *, const struct ctl_staged *, const char *con
 void ctl_report_heights(struct console *, const struct ctl_staged *);
 void ctl_report_overridden(struct console *, const struct ctl_staged * /* or NULL */);
 
+/* ---- lines ---- */
+
+void ctl_report_lines(struct console *, const struct ctl_staged *); /* what became of them, if the push changed them */
+/* The same as "line_set"; null without it. */
+void ctl_report_lines_json(struct term_json *, const struct ctl_staged * /* or NULL */);
+/* Where they cross, and where vertices have several heights, as GeoJSON in the plane of the dataset. Prints its failure; exit
+ * status. */
+int ctl_report_line_places(struct session *, const struct ctl_staged *, const char *path);
+
 /* ---- the records of a file ---- */
 
 void ctl_report_inspected(struct console *, const struct acut_inspected *);

@@ -54,7 +54,7 @@ static void room_text(struct console *c, const struct room *room, bool always)
 /* A file without a point, in a push that made no generation for it. */
 static bool is_empty(const struct ctl_staged_file *f)
 {
-	return !f->refused && f->known != ACUT_KNOWN && !f->points && !f->replaced;
+	return !f->refused && f->known != ACUT_KNOWN && !f->points && !f->has_lines && !f->replaced;
 }
 
 /* Files came, points did not, nor went: nothing to commit. The daemon's word: older ones make a generation of it. */
@@ -65,6 +65,37 @@ static bool is_nothing(const struct ctl_staged *s)
 	for (size_t i = 0; i < s->nfile; i++)
 		empty |= is_empty(&s->file[i]);
 	return s->committed && s->unchanged && empty;
+}
+
+static void lines_json(struct term_json *j, const struct ctl_staged_file *f)
+{
+	if (!f->has_lines || f->refused) {
+		term_json_null(j, "lines");
+		return;
+	}
+	term_json_open(j, "lines", '{');
+	for (unsigned i = 0; i < LINES_KINDS; i++)
+		term_json_u64(j, lines_kind_text[i], f->lines.features[i]);
+	term_json_u64(j, "soft", f->lines.soft);
+	term_json_u64(j, "lines", f->lines.lines);
+	term_json_u64(j, "vertices", f->lines.vertices);
+	term_json_u64(j, "left_out", f->lines.left_out);
+	term_json_close(j, '}');
+}
+
+/* "4 hard, 1 lake: 7 lines, 1,200 vertices". Returns buf. */
+static char *lines_text(const struct lines_exported *l, char *buf, size_t size)
+{
+	char a[32], b[32];
+	size_t n = 0;
+
+	for (unsigned i = 0; i < LINES_KINDS && n < size; i++)
+		if (l->features[i])
+			n += (size_t)snprintf(buf + n, size - n, "%s%s %s", n ? ", " : "", term_count(l->features[i], a),
+					      lines_kind_text[i]);
+	if (n < size)
+		snprintf(buf + n, size - n, ": %s lines, %s vertices", term_count(l->lines, a), term_count(l->vertices, b));
+	return buf;
 }
 
 static void file_json(struct console *c, const struct ctl_staged *s, const struct ctl_staged_file *f, const struct room *room,
@@ -99,6 +130,8 @@ static void file_json(struct console *c, const struct ctl_staged *s, const struc
 		term_json_text(&j, "warning", f->warning);
 		term_json_null(&j, "error");
 	}
+	lines_json(&j, f);
+	ctl_report_lines_json(&j, s);
 	room_json(&j, room);
 	if (moved_to)
 		term_json_text(&j, "moved_to", moved_to[f - s->file]);
@@ -107,11 +140,16 @@ static void file_json(struct console *c, const struct ctl_staged *s, const struc
 
 static void file_text(struct console *c, const struct ctl_staged_file *f)
 {
-	char a[32], b[32];
+	char a[32], b[32], lines[256];
 
 	if (f->refused)
 		return;
-	if (f->known == ACUT_KNOWN)
+	if (f->has_lines)
+		console_line(c, "%s: %s%s", f->name, lines_text(&f->lines, lines, sizeof lines),
+			     f->known == ACUT_KNOWN ? ", there already, skipped" :
+			     f->known               ? ", taken up from the push that was interrupted" :
+						      "");
+	else if (f->known == ACUT_KNOWN)
 		console_line(c, "%s: there already, skipped", f->name);
 	else if (f->known)
 		console_line(c, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
@@ -152,6 +190,7 @@ int ctl_report_push(struct session *session, const struct ctl_staged *s, const c
 	if (!s->generation || nothing)
 		return status;
 	ctl_report_heights(c, s);
+	ctl_report_lines(c, s);
 	console_line(c, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
 		     term_count(s->points, count), s->seconds);
 	room_text(c, &room, !moved_to);

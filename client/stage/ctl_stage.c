@@ -42,7 +42,8 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 	s->ret->file[i].refused = true;
 	s->ret->file[i].err = *err;
 	s->ret->refused++;
-	if (s->opt->strict) {
+	/* a mesh without its breaklines is another mesh */
+	if (s->opt->strict || (s->in->input[i].lines && !s->named)) {
 		session_error(session, err);
 		return 1;
 	}
@@ -79,6 +80,12 @@ static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
 	}
 	ret->name = in->label ? in->label : in->name;
 	ret->path = s->named ? ctl_input_path(in, s->path, sizeof(s->path)) : NULL;
+	if (in->lines) {
+		ret->checksum = true; /* the same lines of another kind are another input */
+		ret->format = "lines";
+		s->ret->file[i].has_lines = true;
+		s->ret->file[i].lines = in->exported;
+	}
 	return 0;
 }
 
@@ -283,6 +290,9 @@ static int commit(struct staging *s)
 	s->ret->generation = result->generation;
 	s->ret->points = result->points;
 	s->ret->unchanged = result->unchanged;
+	s->ret->has_line_set = result->line_set;
+	if (result->line_set)
+		s->ret->line_set = *result->line_set;
 	s->ret->committed = true;
 	return 0;
 }
@@ -301,6 +311,19 @@ static int whole(struct staging *s)
 	err_set(&err, ERR_TRUNCATED, "the connection that it came over is gone, so that it may not be whole; nothing was taken");
 	err_add_file(&err, "standard input");
 	return session_error(s->session, &err);
+}
+
+static void say_soft(struct staging *s)
+{
+	uint64_t soft = 0;
+	char count[32];
+
+	for (size_t i = 0; i < s->in->n; i++)
+		soft += s->ret->file[i].lines.soft;
+	if (soft)
+		console_warn(&s->session->console,
+			     "soft lines are read as hard ones, which are the same in a mesh of plane triangles: %s",
+			     term_count(soft, count));
 }
 
 static void planned(struct staging *s, const struct acut_push_planned *p)
@@ -337,6 +360,7 @@ int ctl_stage(struct ctl_inputs *in, const struct ctl_stage_options *opt, const 
 		status = start_pipes(&s);
 	if (!status)
 		status = each_file(&s, true);
+	say_soft(&s);
 	if (!status && ret->known + ret->refused < in->n) {
 		if (acut_push_plan(s.push, &lattice)) {
 			status = session_error_acut(s.session);

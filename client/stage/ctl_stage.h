@@ -31,9 +31,13 @@ struct ctl_staged {
 		char *overridden;     /* what its records declare, which was overridden; NULL: nothing was */
 		uint64_t shifted;     /* heights, by a geoid; by how many metres */
 		double height[3];     /* smallest, mean, largest */
+		bool has_lines;       /* a file of lines: */
+		struct lines_exported lines;
 		struct err err;
 	} * file;
 	size_t nfile;
+	bool has_line_set; /* the push changed the lines of the dataset: */
+	struct acut_line_set line_set;
 	double seconds;
 	char zone[16], datum[64], geoid[160]; /* that degrees and heights went to; "": nothing did */
 };

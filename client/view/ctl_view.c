@@ -102,29 +102,38 @@ static int check_heights(const struct ctl_view_options *a, struct err *err)
 	return 0;
 }
 
-/* A number, alone or with the name of a unit of length. */
-static int check_thin(const struct ctl_view_options *a, struct err *err)
+/* A number, alone or with the name of a unit of length. `least`: the least mantissa. */
+static int check_length(const char *option, const char *text, int least, struct err *err)
 {
 	static const char *const units[] = {"ftUS", "ft", "m"};
 	char number[DECIMAL_TEXT_SIZE];
 	struct decimal d;
-	size_t n = a->thin ? strlen(a->thin) : 0;
+	size_t n = text ? strlen(text) : 0;
 
-	if (!a->thin)
+	if (!text)
 		return 0;
 	for (int i = 0; i < 3; i++) {
 		size_t m = strlen(units[i]);
 
-		if (n > m && !strcmp(a->thin + n - m, units[i])) {
+		if (n > m && !strcmp(text + n - m, units[i])) {
 			n -= m;
 			break;
 		}
 	}
-	snprintf(number, sizeof(number), "%.*s", (int)n, a->thin);
-	if (n < sizeof(number) && decimal_parse(number, &d) && d.mantissa > 0)
+	snprintf(number, sizeof(number), "%.*s", (int)n, text);
+	if (n < sizeof(number) && decimal_parse(number, &d) && d.mantissa >= least)
 		return 0;
-	err_set(err, ERR_USAGE, "--thin is not a length: \"%s\"", a->thin);
+	err_set(err, ERR_USAGE, "%s is not a length: \"%s\"", option, text);
 	return err_add_hint(err, "give a number in the units of the files, or with m, ft or ftUS, as in 10m");
+}
+
+static int check_lines(const struct ctl_view_options *a, struct err *err)
+{
+	if (a->no_breaklines && a->breakline_clear) {
+		err_set(err, ERR_USAGE, "without lines no point is near one");
+		return err_add_hint(err, "leave out one of --no-breaklines and --breakline-clear");
+	}
+	return check_length("--breakline-clear", a->breakline_clear, 0, err);
 }
 
 static int check(const struct ctl_view_options *a, struct err *err)
@@ -132,7 +141,8 @@ static int check(const struct ctl_view_options *a, struct err *err)
 	int r;
 
 	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
-	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) || (r = check_thin(a, err)))
+	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) ||
+	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)))
 		return r;
 	return 0;
 }
@@ -274,6 +284,8 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 								     "lowest");
 	if (a->surface || is(a->duplicates, "highest"))
 		fputs(" duplicates=highest", out);
+	if (a->breakline_clear)
+		fprintf(out, " breakline-clear=%s", a->breakline_clear);
 }
 
 int ctl_view_text(const struct ctl_view_options *a, char **ret, struct err *err)

@@ -3,7 +3,7 @@
  * files away. The client gets one descriptor after the other, and copies or links for itself.
  *
  * The model: files of the state are immutable once they have their names, except plans, which grow, and the catalogue. So the
- * catalogue is copied first. Then each manifest that this copy names is linked, with the segments that the manifest names. If one
+ * catalogue is copied first. Then each manifest that this copy names is linked, with the files that the manifest names. If one
  * of these is gone already, because a push or a merge came between, the catalogue is copied again. Links that were made stay, so
  * a retry needs only newer files, and this ends. Plans are copied: a plan that grows while it is copied looks as after a crash,
  * which its readers allow.
@@ -199,10 +199,12 @@ static int take_files(struct backup *b, int fd, const char *prefix, bool copy, s
 	return r;
 }
 
-/* Links one manifest and its segments, below `prefix`. */
+/* Links one manifest and the files that it names, below `prefix`. */
 static int take_dataset(struct backup *b, uint64_t id, const char *manifest, const char *prefix, const char *as, struct err *err)
 {
 	struct grid_manifest *m = NULL;
+	struct grid_named_at at = {0};
+	struct grid_named file;
 	char name[32], path[LINE];
 	int fd = -1, r;
 
@@ -215,9 +217,9 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 		r = gone(b, path);
 	else
 		r = grid_manifest_load(fd, manifest, b->copies->core->p.ledger, &m, err);
-	for (size_t i = 0; !r && i < m->nsegments; i++) {
-		snprintf(path, sizeof path, "%s%s", prefix, m->segments[i].file);
-		r = take_link(b, fd, m->segments[i].file, path, err);
+	while (!r && grid_manifest_next_file(m, &at, &file)) {
+		snprintf(path, sizeof path, "%s%s", prefix, file.name);
+		r = take_link(b, fd, file.name, path, err);
 	}
 	snprintf(path, sizeof path, "%s%s", prefix, as);
 	if (!r)

@@ -1,10 +1,11 @@
 /*
  * Imports: a dataset that was exported, here or elsewhere, becomes a dataset of this daemon.
  *
- * The model: an import is a push whose segments are finished already. It has a row among the catalogue's pushes, so that a crash
- * leaves nothing behind. Its dataset has no generation until the commit. The manifest comes first. It is trusted only after all
- * segments that it names have come, agree with it, and have been checked block by block. The files get new names, which no push
- * of this daemon ever has, so a new manifest with these names is written. Generations and their times are those of the export.
+ * The model: an import is a push whose segments and line sets are finished already. It has a row among the catalogue's pushes, so
+ * that a crash leaves nothing behind. Its dataset has no generation until the commit. The manifest comes first. It is trusted
+ * only after all segments that it names have come, agree with it, and have been checked block by block. The files get new names,
+ * which no push of this daemon ever has, so a new manifest with these names is written. Files of lines have theirs by the numbers
+ * of their sources, which stay. Generations and their times are those of the export.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -13,6 +14,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "breaklines.h"
 #include "clock.h"
 #include "grid_verify.h"
 #include "io.h"
@@ -34,7 +36,8 @@ struct import {
 	bool telling;                   /* a callback is being called, which may end the import */
 	struct grid_manifest *m, *made; /* as it came; as it is written here */
 	struct dataset_next becomes;
-	bool *have; /* for each segment */
+	size_t nfiles;
+	bool *have; /* for each file that the manifest names */
 	char name[NAME], made_name[NAME];
 	int fd;
 	uint64_t taken; /* space on the disk */
@@ -266,7 +269,8 @@ static int take_manifest(struct import *i, uint64_t bytes)
 	if (!r && !i->m->generation)
 		r = err_set(&i->err, ERR_INPUT, "this is not the manifest of a dataset");
 	if (!r) {
-		i->have = calloc(i->m->nsegments + 1, sizeof *i->have);
+		i->nfiles = grid_manifest_files(i->m);
+		i->have = calloc(i->nfiles + 1, sizeof *i->have);
 		r = i->have ? 0 : err_set(&i->err, ERR_NOMEM, "no memory for an import");
 	}
 	if (!r)
@@ -274,12 +278,40 @@ static int take_manifest(struct import *i, uint64_t bytes)
 	return r;
 }
 
+/* A file that the manifest names: k is its number. */
+static void take_named(struct import *i, const struct client_file *id)
+{
+	struct grid_named_at at = {0};
+	struct grid_named file;
+	char as[NAME];
+	size_t k = 0;
+	bool found;
+
+	while ((found = grid_manifest_next_file(i->m, &at, &file)) && strcmp(file.name, i->name))
+		k++;
+	if (!found) {
+		err_set(&i->err, ERR_INPUT, "the manifest does not name this file");
+		i->r = err_add_file(&i->err, i->name);
+	} else if (id->size != file.bytes) {
+		err_set(&i->err, ERR_INPUT, "the file has %llu bytes, the manifest says %llu", (unsigned long long)id->size,
+			(unsigned long long)file.bytes);
+		i->r = err_add_file(&i->err, i->name);
+	} else if (!i->have[k]) {
+		if (file.source)
+			memcpy(as, file.name, sizeof as);
+		else
+			segment_name(i, k, as);
+		i->r = take_space(i, id->size);
+		if (!i->r)
+			i->r = copy_file(i, as, id->size, &i->err);
+		i->have[k] = !i->r;
+	}
+}
+
 static void file_run(struct sched_task *t)
 {
 	struct import *i = (struct import *)t;
 	struct client_file id;
-	char as[NAME];
-	size_t k;
 
 	i->r = client_file_check(i->fd, i->name, &id, &i->err);
 	if (!i->r && !i->opened) {
@@ -297,22 +329,7 @@ static void file_run(struct sched_task *t)
 		i->r = err_set(&i->err, ERR_USAGE, "the manifest must come first");
 		return;
 	}
-	for (k = 0; k < i->m->nsegments && strcmp(i->m->segments[k].file, i->name); k++)
-		;
-	if (k == i->m->nsegments) {
-		err_set(&i->err, ERR_INPUT, "the manifest does not name this file");
-		i->r = err_add_file(&i->err, i->name);
-	} else if (id.size != i->m->segments[k].bytes) {
-		err_set(&i->err, ERR_INPUT, "the file has %llu bytes, the manifest says %llu", (unsigned long long)id.size,
-			(unsigned long long)i->m->segments[k].bytes);
-		i->r = err_add_file(&i->err, i->name);
-	} else if (!i->have[k]) {
-		segment_name(i, k, as);
-		i->r = take_space(i, id.size);
-		if (!i->r)
-			i->r = copy_file(i, as, id.size, &i->err);
-		i->have[k] = !i->r;
-	}
+	take_named(i, &id);
 }
 
 static void file_done(struct sched_task *t)
@@ -425,15 +442,17 @@ static int write_manifest(struct import *i, struct err *err)
 static void commit_run(struct sched_task *t)
 {
 	struct import *i = (struct import *)t;
+	struct grid_named_at at = {0};
+	struct grid_named file;
 
 	if (!i->m) {
 		i->r = err_set(&i->err, ERR_INPUT, "this import has no manifest yet");
 		return;
 	}
-	for (size_t k = 0; k < i->m->nsegments; k++) {
+	for (size_t k = 0; grid_manifest_next_file(i->m, &at, &file); k++) {
 		if (!i->have[k]) {
 			err_set(&i->err, ERR_INPUT, "the file is missing");
-			i->r = err_add_file(&i->err, i->m->segments[k].file);
+			i->r = err_add_file(&i->err, file.name);
 			return;
 		}
 	}
@@ -443,6 +462,8 @@ static void commit_run(struct sched_task *t)
 		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->copies->core->p.ledger, &i->made, &i->err);
 	if (!i->r)
 		i->r = check_segments(i, &i->err);
+	for (size_t k = 0; !i->r && k < i->made->nsources; k++)
+		i->r = breaklines_verify(i->dataset->dirfd, &i->made->sources[k], NULL, &i->err);
 }
 
 static void answer(struct import *i, const struct err *why)

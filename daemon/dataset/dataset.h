@@ -218,6 +218,9 @@ void dataset_revert(struct dataset *, uint64_t generation, const struct peer *, 
 /* Reads the newest manifest. The manifest is NULL if there is no generation, and is freed after the call of `answer`. */
 typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
 void dataset_read(struct dataset *, const struct peer *, dataset_read_fn *answer, void *token);
+/* The same; before that a worker calls `look` with the manifest and the folder of its files. */
+typedef int dataset_look_fn(void *token, int dirfd, const struct grid_manifest *, struct err *err);
+void dataset_look(struct dataset *, const struct peer *, dataset_look_fn *look, dataset_read_fn *answer, void *token);
 
 struct pruned {
 	struct dataset *dataset;

@@ -12,15 +12,15 @@
 
 #include "dataset_priv.h"
 
-/* Box and bytes of all segments. */
+/* The box of all segments, and the bytes of all files. */
 static void sum_segments(struct dataset_next *n, const struct grid_manifest *m)
 {
 	bool any = false;
 
+	n->bytes = grid_manifest_bytes(m);
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
 
-		n->bytes += s->bytes;
 		if (!s->points)
 			continue;
 		for (int k = 0; k < 4; k++)
@@ -35,7 +35,7 @@ static void sum_sources(struct dataset_next *n, const struct grid_manifest *m)
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		if (!s->removed) {
+		if (!s->removed && s->kind != GRID_LINE_VERTICES) {
 			n->points += s->points;
 			n->files++;
 		}

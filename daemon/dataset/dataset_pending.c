@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "breaklines.h"
 #include "dataset_priv.h"
 #include "grid_stage.h"
 #include "io.h"
@@ -86,6 +87,8 @@ int pending_discard(struct dataset *d, uint64_t id, struct err *err)
 	r = io_remove(d->dirfd, manifest, err);
 	if (!r)
 		r = grid_stage_discard(d->dirfd, stage, err);
+	if (!r)
+		r = breaklines_discard(d->dirfd, id, err);
 	/* Durable before the row is dropped that leads to the files. */
 	return r ? r : io_sync(d->dirfd, "the folder of a dataset", err);
 }
@@ -95,7 +98,7 @@ uint64_t pending_points(const struct grid_manifest *m)
 	uint64_t points = 0;
 
 	for (size_t i = 0; m && i < m->nsources; i++)
-		points += m->sources[i].points;
+		points += m->sources[i].points + (m->sources[i].lines ? m->sources[i].lines->vertices : 0);
 	return points;
 }
 

@@ -20,6 +20,7 @@ struct prune {
 	uint64_t keep, before; /* as requested */
 	uint64_t oldest;       /* the oldest generation that stays */
 	uint64_t bytes;        /* of the dataset's segments before the prune */
+	uint64_t gone;         /* of files of lines that go */
 	uint32_t *dead;
 	size_t ndead;
 	struct pruned result;
@@ -64,11 +65,36 @@ static int find_dead(struct prune *p, const struct grid_manifest *m, struct err 
 	return 0;
 }
 
+/* Notes the files of dead lines and line sets. */
+static int find_gone(struct prune *p, const struct grid_manifest *m, struct err *err)
+{
+	struct dataset_rewrite *w = &p->rewrite;
+
+	free(w->gone);
+	w->ngone = 0;
+	p->gone = 0;
+	w->gone = calloc(GRID_SOURCE_FILES * p->ndead + 1, sizeof *w->gone);
+	if (!w->gone)
+		return err_set(err, ERR_NOMEM, "no memory for a list of files");
+	for (size_t i = 0; i < m->nsources; i++) {
+		struct grid_named of[GRID_SOURCE_FILES];
+		size_t n = is_dead(&m->sources[i], p->oldest) ? grid_source_files(&m->sources[i], of) : 0;
+
+		for (size_t k = 0; k < n; k++) {
+			memcpy(w->gone[w->ngone++], of[k].name, sizeof *w->gone);
+			p->gone += of[k].bytes;
+		}
+	}
+	return 0;
+}
+
 static int prune_choose(struct dataset_rewrite *w, const struct grid_manifest *m, struct err *err)
 {
 	struct prune *p = (struct prune *)w;
 	int r = find_dead(p, m, err);
 
+	if (!r)
+		r = find_gone(p, m, err);
 	p->bytes = 0;
 	p->result.points = 0;
 	for (size_t i = 0; !r && i < m->nsegments; i++) {
@@ -124,12 +150,15 @@ static int prune_alter(struct dataset_rewrite *w, const struct grid_manifest *ba
 	for (size_t i = 0; i < m->nsources; i++) {
 		struct grid_source *s = &m->sources[i];
 
-		p->result.files += is_dropped(p, s->id);
+		p->result.files += is_dropped(p, s->id) && s->kind != GRID_LINE_VERTICES;
 		/* No source number is given twice, so the source with the last number stays, without points. */
 		if (is_dropped(p, s->id) && s->id != last)
 			continue;
-		if (is_dropped(p, s->id))
+		if (is_dropped(p, s->id)) {
 			s->points = 0;
+			s->kind = GRID_POINTS;
+			s->lines = NULL;
+		}
 		forget_lives(s, p->oldest);
 		m->sources[n++] = *s;
 	}
@@ -190,7 +219,7 @@ static void prune_answer(struct prune *p, const struct err *why)
 static void prune_done(struct dataset_rewrite *w, const struct err *why)
 {
 	struct prune *p = (struct prune *)w;
-	uint64_t old = 0;
+	uint64_t old = p->gone;
 
 	w->dataset->prune_to = 0;
 	for (size_t i = 0; i < w->nold; i++)

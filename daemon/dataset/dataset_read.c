@@ -14,6 +14,7 @@ struct manifest_read {
 	char name[64];
 	int r;
 	struct err err;
+	dataset_look_fn *look; /* NULL: the manifest suffices */
 	dataset_read_fn *answer;
 	void *token;
 };
@@ -26,6 +27,8 @@ static void read_run(struct sched_task *t)
 	if (x->r)
 		return;
 	x->r = grid_manifest_load(x->dataset->dirfd, x->name, x->dataset->datasets->core->p.ledger, &x->manifest, &x->err);
+	if (!x->r && x->look)
+		x->r = x->look(x->token, x->dataset->dirfd, x->manifest, &x->err);
 	dataset_close(x->dataset);
 }
 
@@ -47,6 +50,11 @@ static void read_done(struct sched_task *t)
 }
 
 void dataset_read(struct dataset *d, const struct peer *peer, dataset_read_fn *answer, void *token)
+{
+	dataset_look(d, peer, NULL, answer, token);
+}
+
+void dataset_look(struct dataset *d, const struct peer *peer, dataset_look_fn *look, dataset_read_fn *answer, void *token)
 {
 	struct datasets *ds = d->datasets;
 	struct manifest_read *x = NULL;
@@ -71,6 +79,7 @@ void dataset_read(struct dataset *d, const struct peer *peer, dataset_read_fn *a
 				      .owner = {.uid = peer->uid, .flow = ++ds->core->last_flow}};
 	x->dataset = dataset_hold(d);
 	x->err = ERR_INIT;
+	x->look = look;
 	x->answer = answer;
 	x->token = token;
 	memcpy(x->name, d->manifest, sizeof x->name);

@@ -4,6 +4,7 @@
  * The model: a generation is undone as a whole or not at all. The files that it added must still be there, those that it removed
  * must be absent, and no other file may have taken their place since. A file that comes back has the same records: its source
  * gets another life. Only the manifest is read and written; content sums follow from the sums that blocks keep of their sources.
+ * So the lines that are there afterwards must have been together before: their line set is restored, and none is made.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,14 +16,17 @@
 struct revert {
 	struct dataset_change change;
 	uint64_t generation;
-	bool owner; /* the peer is the owner or an administrator: it may see the paths of the files */
+	uint64_t prune_to; /* of a prune that runs: what ended by that generation goes; 0: none runs, and none begins */
+	bool owner;        /* the peer is the owner or an administrator: it may see the paths of the files */
 	revert_answer_fn *answer;
 	void *token;
 };
 
-/* A life of the source began in generation `g`. */
+/* A life of the source began in generation `g`. Line vertices follow from the lines (restore_line_set). */
 static bool life_began(const struct grid_source *s, uint64_t g)
 {
+	if (s->kind == GRID_LINE_VERTICES)
+		return false;
 	for (size_t i = 0; i < s->nearlier; i++)
 		if (s->earlier[i].added == g)
 			return true;
@@ -31,6 +35,8 @@ static bool life_began(const struct grid_source *s, uint64_t g)
 
 static bool life_ended(const struct grid_source *s, uint64_t g)
 {
+	if (s->kind == GRID_LINE_VERTICES)
+		return false;
 	for (size_t i = 0; i < s->nearlier; i++)
 		if (s->earlier[i].removed == g)
 			return true;
@@ -137,11 +143,39 @@ static int add_life(struct grid_source *s, uint64_t generation, struct grid_span
 	return 0;
 }
 
+/* The line set of the lines that are there in the new generation. */
+static int restore_line_set(struct grid_manifest *m, const struct revert *v, struct grid_span *lives, struct err *err)
+{
+	struct grid_source *now = NULL, *then = NULL;
+	struct digest content;
+	size_t lines = grid_manifest_lines(m, m->generation, &content);
+
+	for (size_t i = 0; i < m->nsources; i++) {
+		struct grid_source *s = &m->sources[i];
+
+		if (s->kind != GRID_LINE_VERTICES)
+			continue;
+		now = s->removed ? now : s;
+		if (lines && digest_equal(s->lines->content, content) && (!s->removed || s->removed > v->prune_to))
+			then = s;
+	}
+	if (lines && !then) {
+		err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the lines that would remain were never together",
+			(unsigned long long)v->generation);
+		return err_add_hint(err, "revert the later generations that brought or removed lines first, the newest first");
+	}
+	if (now == then)
+		return 0;
+	if (now)
+		now->removed = m->generation;
+	return then ? add_life(then, m->generation, lives, err) : 0;
+}
+
 static int revert_make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
 {
 	struct revert *v = (struct revert *)c;
 	uint64_t g = v->generation;
-	size_t lives = 0, used = 0;
+	size_t lives = 0, used = 0, sets = 0;
 	int r = check_number(base, g, c->dataset->name, err);
 
 	if (!r)
@@ -150,7 +184,10 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 		return r;
 	for (size_t i = 0; i < base->nsources; i++)
 		lives += life_ended(&base->sources[i], g) ? base->sources[i].nearlier + 1 : 0;
-	m->spans = calloc(lives + 1, sizeof *m->spans);
+	for (size_t i = 0; i < base->nsources; i++)
+		if (base->sources[i].kind == GRID_LINE_VERTICES && base->sources[i].nearlier >= sets)
+			sets = base->sources[i].nearlier + 1;
+	m->spans = calloc(lives + sets + 1, sizeof *m->spans);
 	if (!m->spans)
 		return err_set(err, ERR_NOMEM, "no memory for a manifest");
 	m->generation = base->generation + 1;
@@ -164,7 +201,7 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 			r = add_life(s, m->generation, m->spans + used - s->nearlier - 1, err);
 		}
 	}
-	return r;
+	return r ? r : restore_line_set(m, v, m->spans + lives, err);
 }
 
 static void revert_done(struct dataset_change *c, const struct err *why)
@@ -230,6 +267,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *p
 	v->change.kind = GRID_REVERT;
 	v->owner = rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	v->generation = generation ? generation : d->generation;
+	v->prune_to = d->prune_to;
 	v->change.undoes = v->generation;
 	v->answer = answer;
 	v->token = token;

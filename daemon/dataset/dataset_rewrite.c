@@ -169,6 +169,9 @@ void dataset_rewrite_clear(struct dataset_rewrite *w)
 	w->old = w->made = NULL;
 	w->unit_end = NULL;
 	w->unit_empty = NULL;
+	free(w->gone);
+	w->gone = NULL;
+	w->ngone = 0;
 }
 
 static void rewrite_submit(struct dataset_rewrite *w, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
@@ -285,7 +288,7 @@ static void change_done(struct dataset_change *c, const struct err *why)
 		rewrite_fail(w);
 		return;
 	}
-	if (w->has_row || w->nold) {
+	if (w->has_row || w->nold || w->ngone) {
 		dataset_obsolete_queue(w->obsolete, w->dataset, w->has_row ? w->row_id : 0);
 		w->obsolete = NULL;
 	}
@@ -297,11 +300,13 @@ static int list_obsolete(struct dataset_rewrite *w, struct err *err)
 {
 	if (w->obsolete)
 		return 0;
-	w->obsolete = dataset_obsolete_new(w->nold);
+	w->obsolete = dataset_obsolete_new(w->nold + w->ngone);
 	if (!w->obsolete)
 		return err_set(err, ERR_NOMEM, "no memory for a list of segments");
 	for (size_t i = 0; i < w->nold; i++)
 		dataset_obsolete_add(w->obsolete, w->old[i].file);
+	for (size_t i = 0; i < w->ngone; i++)
+		dataset_obsolete_add(w->obsolete, w->gone[i]);
 	return 0;
 }
 

@@ -46,6 +46,8 @@ struct dataset_rewrite {
 	size_t *unit_end;                     /* of each unit: the index behind its last segment in `old` */
 	bool *unit_empty;                     /* of each unit: nothing of it stays, so no segment is made */
 	size_t nunits, nmade;
+	char (*gone)[64]; /* other files that nothing names after that; `choose` sets it */
+	size_t ngone;
 	size_t nsources;        /* of the manifest */
 	uint64_t read, written; /* bytes of segments */
 

@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "breaklines.h"
 #include "cache_priv.h"
 #include "io.h"
 #include "plan_file.h"
@@ -97,7 +98,35 @@ static bool lacks_memory(int r)
 	return r == -ERR_BUSY || r == -ERR_NOMEM;
 }
 
-/* Reads a manifest and all segments that it names. 0: all was read, damaged or not. */
+/* The files of lines of a source; staged ones have another name. */
+static int read_lines(struct reading *r, int dirfd, const struct grid_source *s, struct err *err)
+{
+	struct err why = ERR_INIT;
+	const char *what = r->what;
+	char staged[64] = "";
+	int bad;
+
+	if (s->kind == GRID_POINTS)
+		return 0;
+	if (cache_ended(r->v))
+		return err_set(err, ERR_CANCELLED, "cancelled");
+	if (r->push)
+		breaklines_staged_name(r->push, s->id, staged);
+	bad = breaklines_verify(dirfd, s, *staged ? staged : NULL, &why);
+	atomic_fetch_add(&r->v->files, 1);
+	atomic_fetch_add(&r->v->bytes, s->lines->bytes);
+	if (bad && lacks_memory(bad)) {
+		*err = why;
+		return bad;
+	}
+	r->what = r->push ? what : "lines";
+	if (bad)
+		damaged(r, &why);
+	r->what = what;
+	return 0;
+}
+
+/* Reads a manifest and all files that it names. 0: all was read, damaged or not. */
 static int read_manifest(struct reading *r, int dirfd, const char *name, struct err *err)
 {
 	struct grid_verify_params p = {
@@ -129,6 +158,9 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 		atomic_fetch_add(&r->v->files, 1);
 		s = grid_verify_segment(&p, m, i, err);
 	}
+	/* The pieces of a selection are in the dataset. */
+	for (size_t i = 0; !s && !r->derived && i < m->nsources; i++)
+		s = read_lines(r, dirfd, &m->sources[i], err);
 	grid_manifest_free(m);
 	return s;
 }

@@ -38,6 +38,7 @@ struct push *push_free(struct push *p)
 		uncharge(p->pushes->core, p->charged);
 	}
 	free(p->sources);
+	push_lines_free(p);
 	free(p->scale_xy);
 	free(p->scale_z);
 	free(p->format);
@@ -57,7 +58,7 @@ struct push *push_free(struct push *p)
 
 static void request_free(struct push_request *rq)
 {
-	push_hash_free(&rq->hashing);
+	file_hash_free(&rq->hashing);
 	io_close(rq->fd);
 	free(rq->name);
 	free(rq->format);
@@ -65,6 +66,7 @@ static void request_free(struct push_request *rq)
 	free(rq->path);
 	free(rq->replaces);
 	free(rq->wkt);
+	free(rq->lines);
 	free(rq);
 }
 
@@ -383,7 +385,7 @@ static bool stage_fits(const struct admission_stage *s)
 	const struct push *p = push_of(s);
 
 	return admission_user_available(p->pushes->admission, &p->owner, NULL) >=
-	       GRID_STAGE_MIN + p->read_bytes + push_kept_bytes(p);
+	       GRID_STAGE_MIN + p->read_bytes + p->lines.want + push_kept_bytes(p);
 }
 
 static void stage_retry(struct admission_stage *s)

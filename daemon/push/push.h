@@ -61,6 +61,7 @@ struct push_planned {
 
 struct push_file {
 	const char *name;
+	const struct grid_lines *lines; /* of an input of lines, else NULL */
 	struct pipe_ingested in;
 	const char *geoid;      /* that shifted its heights, as in the manifest; "": none */
 	uint32_t replaced;      /* files of the dataset that it replaces */
@@ -71,7 +72,9 @@ struct push_file {
 struct push_committed {
 	struct dataset *dataset;
 	uint64_t generation, points;
-	bool unchanged; /* there was nothing to commit, so no new generation */
+	bool unchanged;                       /* there was nothing to commit, so no new generation */
+	const struct breakline_counts *lines; /* of all lines of the dataset, if it changed them; else NULL */
+	const struct lattice *lattice;
 };
 
 struct push_calls {

@@ -55,6 +55,7 @@ void push_close_run(struct push *p, struct push_request *rq)
 		/* The catalogue does not name these files. */
 		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
 		io->unlinkat(p->dataset->dirfd, p->made_name, 0);
+		push_lines_undo(p);
 	}
 	if (p->removes_old_manifest && *p->base_name)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);

@@ -57,7 +57,7 @@ static bool changes_nothing(const struct push *p)
 		points |= p->sources[i].points;
 	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
 		points |= p->adopt_named[i] ? p->adopt->sources[i].points : 0;
-	return !points;
+	return !points && !push_lines_change(p);
 }
 
 int push_commit_start(struct push *p, struct push_request *rq, struct err *err)
@@ -72,8 +72,11 @@ int push_commit_start(struct push *p, struct push_request *rq, struct err *err)
 		return PUSH_NOW;
 	if (d->committer && d->committer != p)
 		return PUSH_WAIT;
+	if (push_lines_need_memory(p))
+		return push_request_new(p, PUSH_PARK, NULL, true) ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 	if (!p->stage)
 		return push_request_new(p, PUSH_STAGE, NULL, true) ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
+	p->lines.id = push_lines_change(p) ? dataset_next_source(d) : 0;
 	dataset_commit_begin(d, p);
 	memcpy(p->base_name, d->manifest, sizeof p->base_name);
 	/* The name is unique, so a push that fails removes only its own files. */
@@ -154,7 +157,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 	int r;
 
 	m.segments = calloc(m.nsegments, sizeof *m.segments);
-	m.sources = calloc(m.nsources, sizeof *m.sources);
+	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
 	if (!m.segments || !m.sources) {
 		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
 	} else {
@@ -171,6 +174,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 		for (i = nsrc; i < at; i++)
 			m.sources[i].added = generation;
 		r = push_replace_apply(p, &m, err);
+		push_lines_put(p, &m);
 		m.oldest = p->base ? p->base->oldest : 0;
 		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
 		memcpy(m.geoid, p->plane.geoid, sizeof m.geoid);
@@ -203,11 +207,15 @@ static void seal_begin(struct push *p, struct push_request *rq)
 	if (rq->r)
 		return;
 	rq->r = drop_unnamed(p, &rq->err);
+	if (!rq->r)
+		rq->r = push_lines_build(p, &rq->err);
 	if (!rq->r) {
 		p->sealing = push_sealing_new(p, &rq->err);
 		rq->r = -(int)rq->err.code;
 	}
 	if (rq->r)
+		push_lines_undo(p);
+	if (rq->r && !push_lines_again(p, &rq->err))
 		p->stage = grid_stage_detach(p->stage);
 }
 
@@ -219,11 +227,15 @@ static void seal_finish(struct push *p, struct push_request *rq)
 	rq->r = push_sealing_finish(p->sealing, &segment, &rq->err);
 	/* The staged files stay until the catalogue has the commit. */
 	p->stage = grid_stage_detach(p->stage);
-	if (rq->r)
+	if (rq->r) {
+		push_lines_undo(p);
 		return;
+	}
 	rq->r = commit_manifest(p, &segment, &rq->err);
 	if (rq->r)
 		io->unlinkat(p->dataset->dirfd, segment.file, 0);
+	if (rq->r)
+		push_lines_undo(p);
 }
 
 void push_commit_run(struct push *p, struct push_request *rq)
@@ -285,6 +297,8 @@ static void commit_answer(struct push *p, const struct err *why)
 	done.generation = d->generation;
 	done.points = d->points;
 	done.unchanged = !p->made;
+	done.lattice = &p->lattice;
+	done.lines = !why && p->made && p->lines.built ? &p->lines.made.counts : NULL;
 	/* `why` may be in the request, which is freed first. */
 	if (why)
 		err = *why;
@@ -312,6 +326,14 @@ bool push_commit_done(struct push *p, struct push_request *rq, const struct err 
 		return false;
 	}
 	p->sealing = push_sealing_free(p->sealing);
+	if (why && !rq->sealing && p->stage && !p->broken && p->lines.want > p->lines.have) {
+		/* The line set needs more memory: the commit starts again. */
+		dataset_commit_end(p->dataset, p);
+		rq->r = 0;
+		rq->err = ERR_INIT;
+		p->busy = false;
+		return false;
+	}
 	if (!p->stage)
 		push_stage_give(p);
 	if (!why && p->made && dataset_next_make(p->dataset, p->made, p->made_name, clock_real_us(), &p->new_state, &err))

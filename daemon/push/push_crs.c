@@ -18,44 +18,9 @@
 
 /* ---- assumptions and overrides of the push ---- */
 
-static int read_unit(const char *text, const char *field, const char *alike, char ret[CRS_UNIT_SIZE], struct err *err)
-{
-	const char *unit = crs_assume_unit(text);
-
-	if (!*text)
-		return 0;
-	if (!unit) {
-		err_set(err, ERR_USAGE, "\"%.40s\" is not a unit: m, ft or ftUS", text);
-		return err_add_place(err, ERR_NO_OFFSET, field);
-	}
-	if (push_crs_known(ret) && strcmp(ret, unit)) {
-		err_set(err, ERR_USAGE, "the unit of %s is to be %s, but the coordinate system that is given has it in %s", alike,
-			unit, ret);
-		return err_add_place(err, ERR_NO_OFFSET, field);
-	}
-	snprintf(ret, CRS_UNIT_SIZE, "%s", unit);
-	return 0;
-}
-
 static const char *text_of(const char *text)
 {
 	return text ? text : "";
-}
-
-static int read_system(const char *const words[3], const char *const fields[3], struct crs_info *ret, struct err *err)
-{
-	int r = 0;
-
-	crs_info_clear(ret);
-	if (*words[0])
-		r = crs_assume_text(words[0], strlen(words[0]), ret, err);
-	if (!r)
-		r = read_unit(words[1], fields[1], "x and y", ret->unit_xy, err);
-	if (!r)
-		r = read_unit(words[2], fields[2], "z", ret->unit_z, err);
-	if (!r)
-		crs_info_settle(ret);
-	return r;
 }
 
 int push_assume_read(struct push *p, const struct push_params *in, struct err *err)
@@ -75,201 +40,19 @@ int push_assume_read(struct push *p, const struct push_params *in, struct err *e
 	if (push_wkt_given(p, p->overrides ? *override : *assume, err))
 		return -(int)err->code;
 	if (p->overrides)
-		return read_system(override, override_fields, &p->assume, err);
-	return read_system(assume, assume_fields, &p->assume, err);
-}
-
-/* ---- applied to an input ---- */
-
-/* Divides a text at its vertical part; "unknown" if it has none. */
-static void halves(const char *text, char ret_plane[CRS_TEXT_SIZE], const char **ret_heights)
-{
-	const char *heights = crs_text_heights(text);
-
-	crs_text_plane(text, ret_plane);
-	*ret_heights = heights ? heights + 3 : "unknown";
-}
-
-static int refuse_contradiction(const char *name, const char *what, const char *says, const char *assumed, const char *option,
-				struct err *err)
-{
-	err_set(err, ERR_INPUT, "%s is %.100s by its own records, and %s assumes %.100s", what, says, option, assumed);
-	err_add_hint(err, "leave %s out for this file, or override what it says with %s", option,
-		     strcmp(option, "--assume-crs") ? "--override-units" : "--override-crs");
-	return err_add_file(err, name);
-}
-
-static int assume_unit(const char *name, const char *what, char mine[CRS_UNIT_SIZE], const char *assumed, const char *option,
-		       struct err *err)
-{
-	if (!push_crs_known(assumed) || !strcmp(mine, assumed))
-		return 0;
-	if (push_crs_known(mine))
-		return refuse_contradiction(name, what, mine, assumed, option, err);
-	snprintf(mine, CRS_UNIT_SIZE, "%s", assumed);
-	return 0;
-}
-
-/* A plane that was assumed gets the check that the reader would have made. */
-static int check_plane(const char *name, const struct crs_info *info, struct err *err)
-{
-	if (info->plane == CRS_PLANE_GEOCENTRIC) {
-		err_set(err, ERR_UNSUPPORTED,
-			"its coordinates are geocentric (%.200s): no terrain stands on the plane of "
-			"x and y",
-			info->text);
-		err_add_hint(err,
-			     "project it to a plane first; --planar takes x and y as they are; if that is not what they are, "
-			     "name their system with --override-crs");
-	} else {
-		return 0;
-	}
-	return err_add_file(err, name);
-}
-
-static int assume_system(const struct push *p, const char *name, struct crs_info *info, struct err *err)
-{
-	const struct crs_info *a = &p->assume;
-	char plane[CRS_TEXT_SIZE], assumed_plane[CRS_TEXT_SIZE], text[CRS_TEXT_SIZE] = "";
-	const char *heights, *assumed_heights, *option = push_crs_known(a->text) ? "--assume-crs" : "--assume-units";
-	struct crs_info made = *info;
-	int r = 0;
-
-	if (!p->assumes)
-		return 0;
-	halves(info->text, plane, &heights);
-	halves(a->text, assumed_plane, &assumed_heights);
-	if (push_crs_known(plane) && push_crs_known(assumed_plane) && strcmp(plane, assumed_plane))
-		return refuse_contradiction(name, "its coordinate system", plane, assumed_plane, option, err);
-	if (push_crs_known(heights) && push_crs_known(assumed_heights) && strcmp(heights, assumed_heights))
-		return refuse_contradiction(name, "its vertical system", heights, assumed_heights, option, err);
-	if (!push_crs_known(plane) && push_crs_known(assumed_plane)) {
-		if (made.plane != CRS_PLANE_UNKNOWN && a->plane != CRS_PLANE_UNKNOWN && made.plane != a->plane)
-			return refuse_contradiction(name, "the kind of its plane", "another", assumed_plane, option, err);
-		if (a->plane != CRS_PLANE_UNKNOWN)
-			made.plane = a->plane;
-		made.system = a->system;
-		made.system.epsg_z = info->system.epsg_z;
-		snprintf(plane, sizeof plane, "%s", assumed_plane);
-	}
-	if (!push_crs_known(heights) && push_crs_known(assumed_heights)) {
-		heights = assumed_heights;
-		made.system.epsg_z = a->system.epsg_z;
-	}
-	r = assume_unit(name, "the unit of its x and y", made.unit_xy, a->unit_xy, option, err);
-	if (!r)
-		r = assume_unit(name, "the unit of its z", made.unit_z, a->unit_z, option, err);
-	if (r)
-		return r;
-	snprintf(text, sizeof text, "%.250s%s%.250s", plane, push_crs_known(heights) ? " + " : "",
-		 push_crs_known(heights) ? heights : "");
-	memcpy(made.text, text, sizeof made.text);
-	crs_info_settle(&made);
-	r = info->plane == made.plane || p->planar ? 0 : check_plane(name, &made, err);
-	if (!r)
-		*info = made;
-	return r;
-}
-
-static bool same_words(const struct crs_info *a, const struct crs_info *b)
-{
-	return !strcmp(a->text, b->text) && !strcmp(a->unit_xy, b->unit_xy) && !strcmp(a->unit_z, b->unit_z);
-}
-
-/* An override of the system replaces all that the input says, also of heights; what it leaves open is unknown. An override of
- * units replaces only units. */
-static int override_system(const struct push *p, struct push_request *rq)
-{
-	struct crs_info *info = &rq->info.crs;
-	const struct crs_info *new = &p->assume, said = *info;
-
-	if (push_crs_known(new->text)) {
-		*info = *new;
-	} else if (push_crs_known(new->unit_xy) && said.plane == CRS_PLANE_GEOGRAPHIC) {
-		err_set(&rq->err, ERR_INPUT, "its coordinates are degrees by its own records (%.200s), which have no length",
-			said.text);
-		err_add_hint(&rq->err, "name the system that they really have with --override-crs");
-		return err_add_file(&rq->err, rq->name);
-	} else {
-		if (push_crs_known(new->unit_xy))
-			memcpy(info->unit_xy, new->unit_xy, sizeof info->unit_xy);
-		if (push_crs_known(new->unit_z))
-			memcpy(info->unit_z, new->unit_z, sizeof info->unit_z);
-		crs_info_settle(info);
-	}
-	if (!same_words(info, &said) &&
-	    (push_crs_known(said.text) || push_crs_known(said.unit_xy) || push_crs_known(said.unit_z)))
-		snprintf(rq->overridden, sizeof rq->overridden, "%.400s, x and y in %s, z in %s", said.text, said.unit_xy,
-			 said.unit_z);
-	return p->planar ? 0 : check_plane(rq->name, info, &rq->err);
+		return agree_read(override, override_fields, &p->assume, err);
+	return agree_read(assume, assume_fields, &p->assume, err);
 }
 
 int push_assume(const struct push *p, struct push_request *rq)
 {
 	*rq->overridden = 0;
 	if (p->overrides)
-		return override_system(p, rq);
-	return assume_system(p, rq->name, &rq->info.crs, &rq->err);
+		return agree_override(&p->assume, p->planar, rq->name, &rq->info.crs, rq->overridden, &rq->err);
+	return p->assumes ? agree_assume(&p->assume, p->planar, rq->name, &rq->info.crs, &rq->err) : 0;
 }
 
 /* ---- agreement ---- */
-
-struct difference {
-	const char *what, *mine, *theirs;
-	const char *option; /* that would define what is unknown; NULL: none */
-};
-
-static bool differ(const char *what, const char *mine, const char *theirs, const char *option, struct difference *ret)
-{
-	if (!push_crs_known(mine))
-		mine = "unknown";
-	if (!push_crs_known(theirs))
-		theirs = "unknown";
-	*ret = (struct difference){what, mine, theirs, option};
-	return strcmp(mine, theirs) != 0;
-}
-
-static int refuse_difference(const struct difference *d, const char *name, const char *other, struct err *err)
-{
-	err_set(err, ERR_INPUT, "%s is %.100s, but that of %.200s is %.100s", d->what, d->mine, other, d->theirs);
-	if (!d->option)
-		err_add_hint(err, "they have one name and different definitions; convert one of them first");
-	else if (push_crs_known(d->mine) && push_crs_known(d->theirs))
-		err_add_hint(err,
-			     "a dataset has one coordinate system: convert one of them, or use two datasets; where what a file "
-			     "says is wrong, --override-crs and --override-units say what holds");
-	else
-		err_add_hint(err, "say what it is where no record says so, with %s", d->option);
-	return err_add_file(err, name);
-}
-
-static bool texts_differ(const struct crs_info *a, const char *crs, const char *unit_xy, const char *unit_z,
-			 struct difference *ret)
-{
-	return differ("its coordinate system", a->text, crs, "--assume-crs", ret) ||
-	       differ("the unit of its x and y", a->unit_xy, unit_xy, "--assume-units", ret) ||
-	       differ("the unit of its z", a->unit_z, unit_z, "--assume-units", ret);
-}
-
-static bool definitions_differ(const struct crs_info *a, const struct crs_info *b)
-{
-	return (a->plane != b->plane && a->plane != CRS_PLANE_UNKNOWN && b->plane != CRS_PLANE_UNKNOWN) ||
-	       (a->system.method != CRS_METHOD_UNKNOWN && b->system.method != CRS_METHOD_UNKNOWN &&
-		!crs_system_same(&a->system, &b->system));
-}
-
-/* The error is about the input that sorts first, so it does not depend on the order of the inputs. */
-static int refuse_pair(const char *a, const struct crs_info *ca, const char *b, const struct crs_info *cb, struct err *err)
-{
-	static const struct difference definition = {"the definition of its coordinate system", "one thing", "another", NULL};
-	struct difference d;
-
-	if (strcmp(a, b) > 0)
-		return refuse_pair(b, cb, a, ca, err);
-	if (!texts_differ(ca, cb->text, cb->unit_xy, cb->unit_z, &d))
-		d = definition;
-	return refuse_difference(&d, a, b, err);
-}
 
 static void fill_unit(char unit[CRS_UNIT_SIZE], const char *other)
 {
@@ -296,11 +79,11 @@ static struct crs_info as_numbered(const struct push *p, const struct crs_info *
 int push_compatible(struct push *p, const char *name, const struct crs_info *crs, struct err *err)
 {
 	struct crs_info mine = as_numbered(p, crs);
-	struct difference d;
+	struct agree_difference d;
 
-	if (!p->has_crs || !texts_differ(&mine, p->crs, p->unit_xy, p->unit_z, &d))
+	if (!p->has_crs || !agree_texts_differ(&mine, p->crs, p->unit_xy, p->unit_z, &d))
 		return 0;
-	return refuse_difference(&d, name, p->crs_of, err);
+	return agree_refuse(&d, name, p->crs_of, err);
 }
 
 bool push_crs_is(const struct push *p, const struct grid_manifest *m)
@@ -334,7 +117,7 @@ void push_crs_of_dataset(struct push *p, const char *text, const char *unit_xy, 
 int push_crs_agree(struct push *p, struct err *err)
 {
 	const struct push_probed *first = NULL;
-	struct difference d;
+	struct agree_difference d;
 	int r = 0;
 
 	for (size_t i = 0; !r && i < p->nprobes; i++) {
@@ -348,9 +131,9 @@ int push_crs_agree(struct push *p, struct err *err)
 		}
 		if (!first)
 			first = one;
-		if (texts_differ(one->plane, first->plane->text, first->plane->unit_xy, first->plane->unit_z, &d) ||
-		    definitions_differ(one->plane, first->plane))
-			r = refuse_pair(one->name, one->plane, first->name, first->plane, err);
+		if (agree_texts_differ(one->plane, first->plane->text, first->plane->unit_xy, first->plane->unit_z, &d) ||
+		    agree_definitions_differ(one->plane, first->plane))
+			r = agree_refuse_pair(one->name, one->plane, first->name, first->plane, err);
 	}
 	if (!r && first)
 		set_system(p, first->plane->text, first->plane->unit_xy, first->plane->unit_z, first->name);

@@ -91,7 +91,7 @@ int push_file_finish(struct push *p, struct push_request *rq)
 	int r = client_file_check(rq->fd, rq->name, &after, &rq->err);
 
 	if (!r && !p->dataset->onestep)
-		r = push_hash_end(&rq->hashing, rq->id.size, &rq->hash, &rq->err);
+		r = file_hash_end(&rq->hashing, rq->id.size, &rq->hash, &rq->err);
 	if (!r && !same_input(&rq->id, &after))
 		return changed(rq->name, "while it was read", &rq->err);
 	return !r && rq->stream ? push_stream_kept(rq) : r;
@@ -121,20 +121,25 @@ static int file_ingest(struct push *p, struct push_request *rq, struct input *in
 		r = push_compatible(p, rq->name, &step.plane, &rq->err);
 	params.step = !r && step.needed ? &step.params : NULL;
 	rq->projected = !r && step.projects;
-	if (!r)
+	if (!r && !rq->info.lines.are)
 		r = grid_stage_source(p->stage, rq->source, &rq->err);
 	*ret_parts = !r && rq->info.parts > 1;
 	if (*ret_parts)
 		return 0;
+	if (!r && rq->info.lines.are)
+		r = push_lines_begin(p, rq, &params);
 	if (!r)
 		r = pipe_ingest(in, &params, &rq->in, &rq->err);
+	if (params.lines)
+		r = push_lines_end(p, rq, params.lines, r);
 	if (!r && !p->dataset->onestep)
-		r = push_hash_bounded(input_info(in), rq->id.size, rq->name, &rq->err);
+		r = file_hash_bounded(input_info(in), rq->id.size, rq->name, &rq->err);
 	return r ? r : push_file_finish(p, rq);
 }
 
 void push_file_run(struct push *p, struct push_request *rq)
 {
+	const struct file_hash_watch watch = push_hash_watch(p);
 	struct input_options options = push_options(p, rq);
 	struct input *in = NULL;
 	bool parts = false;
@@ -144,8 +149,8 @@ void push_file_run(struct push *p, struct push_request *rq)
 		return;
 	}
 	if (!p->dataset->onestep) {
-		push_hash_begin(&rq->hashing, p, rq->fd, rq->name);
-		options.seen = push_hash_seen;
+		file_hash_begin(&rq->hashing, &watch, rq->fd, rq->name);
+		options.seen = file_hash_seen;
 		options.seen_ctx = &rq->hashing;
 	}
 	rq->r = client_file_check(rq->fd, rq->name, &rq->id, &rq->err);
@@ -161,7 +166,7 @@ void push_file_run(struct push *p, struct push_request *rq)
 		input_close(in);
 }
 
-static void source_add(struct push *p, const struct push_request *rq, uint32_t *ret_replaced)
+static void source_add(struct push *p, struct push_request *rq, uint32_t *ret_replaced)
 {
 	struct grid_source *s = &p->sources[p->nsources++];
 	const struct push_probed *probe = push_find_probe(p, rq->name);
@@ -181,6 +186,7 @@ static void source_add(struct push *p, const struct push_request *rq, uint32_t *
 	s->size = rq->id.size;
 	s->mtime_ns = rq->id.mtime_ns;
 	s->hash = rq->hash;
+	push_lines_source(p, rq, s);
 	push_note_reading(p, rq);
 	crs->wkt = crs->wkt ? crs->wkt : probe->wkt;
 	*ret_replaced = push_replace_note(p, probe->path, probe->replace, probe->target);
@@ -200,7 +206,7 @@ static void count_file(struct push *p, const struct push_request *rq)
 	tally->points_staged += rq->in.points;
 	tally->bytes_read += rq->in.bytes_read;
 	tally->files_staged++;
-	atomic_fetch_add(&p->space.staged, rq->in.points);
+	atomic_fetch_add(&p->space.staged, rq->in.points + rq->in.vertices_added);
 	atomic_store(&p->progress, 0);
 	p->files++;
 	p->unsynced_points += rq->in.points;
@@ -251,6 +257,7 @@ bool push_file_done(struct push *p, struct push_request *rq, const struct err *w
 		pipe_ingested_compare(&file.in, &rq->info);
 	if (!why) {
 		source_add(p, rq, &file.replaced);
+		file.lines = p->sources[p->nsources - 1].lines;
 		count_file(p, rq);
 	} else if (tried && stage_broke(why)) {
 		push_break(p, why);

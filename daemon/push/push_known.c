@@ -131,13 +131,14 @@ static bool same_content(const struct push *p, const struct push_request *rq, co
 /* The file that it would replace has the same content. Then nothing changes, also if the times differ. */
 static int find_unchanged(struct push *p, struct push_request *rq, const struct grid_source **ret)
 {
+	const struct file_hash_watch watch = push_hash_watch(p);
 	const struct grid_source *all = p->base->sources;
 	size_t at = NAMES_START;
 	uint32_t i;
 	int r = 0;
 
 	if (!rq->checksum)
-		r = push_hash(p, rq->fd, rq->id.size, rq->name, &rq->hash, &rq->err);
+		r = file_hash(&watch, rq->fd, rq->id.size, rq->name, &rq->hash, &rq->err);
 	while (!r && names_next(&p->base_paths, rq->path, &at, &i))
 		if (same_content(p, rq, &all[i]))
 			*ret = &all[i];
@@ -153,6 +154,7 @@ static int find_unchanged(struct push *p, struct push_request *rq, const struct 
  */
 static int find_successor(struct push *p, struct push_request *rq, const struct grid_source **ret)
 {
+	const struct file_hash_watch watch = push_hash_watch(p);
 	const struct grid_manifest *m = p->base;
 	uint64_t removed = 0;
 	int r = 0;
@@ -175,7 +177,7 @@ static int find_successor(struct push *p, struct push_request *rq, const struct 
 		if (s->removed || s->added != removed || s->size != rq->id.size)
 			continue;
 		if (!rq->hash.hi && !rq->hash.lo)
-			r = push_hash(p, rq->fd, rq->id.size, rq->name, &rq->hash, &rq->err);
+			r = file_hash(&watch, rq->fd, rq->id.size, rq->name, &rq->hash, &rq->err);
 		if (!r && digest_equal(s->hash, rq->hash))
 			*ret = s;
 	}
@@ -197,6 +199,7 @@ static void find_adopted(struct push *p, struct push_request *rq)
 
 int push_known(struct push *p, struct push_request *rq)
 {
+	const struct file_hash_watch watch = push_hash_watch(p);
 	struct found found = {NULL, NULL, false};
 	const struct grid_source *s = NULL;
 	bool replaces = *rq->replaces;
@@ -219,7 +222,7 @@ int push_known(struct push *p, struct push_request *rq)
 	if (r || p->dataset->onestep || !*rq->path)
 		return r;
 	if (rq->checksum && !rq->announced)
-		r = push_hash(p, rq->fd, rq->id.size, rq->name, &rq->hash, &rq->err);
+		r = file_hash(&watch, rq->fd, rq->id.size, rq->name, &rq->hash, &rq->err);
 	if (!r && p->base)
 		found = find_sources(p, p->base, &p->base_paths, rq);
 	replaces |= found.path && rq->replace;

@@ -110,6 +110,10 @@ void push_end_files(struct push *p)
 	}
 	p->stage = grid_stage_free(p->stage);
 	err_clear(&err);
+	/* Those of a commit have their final names, too. */
+	if (p->lines.staged && p->opened && breaklines_discard(p->dataset->dirfd, p->id, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the lines of a push cannot be removed", &err);
+	err_clear(&err);
 	if (p->on_disk && p->opened && pending_discard(p->dataset, p->id, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the files of a push cannot be removed", &err);
 	p->on_disk = false;
@@ -128,7 +132,7 @@ void push_pending_keep(struct push *p)
 	q->points = pending_points(p->adopt);
 	for (size_t i = 0; !p->aborted && i < p->nsources; i++) {
 		q->files++;
-		q->points += p->sources[i].points;
+		q->points += p->sources[i].points + (p->sources[i].lines ? p->sources[i].lines->vertices : 0);
 	}
 	q->interrupted_us = clock_real_us();
 	pending_add(p->dataset, q);
@@ -181,6 +185,7 @@ static const char *mismatch(const struct push *p, const struct grid_manifest *m)
 static void adopt_manifest(struct push *p, struct grid_manifest *m)
 {
 	p->adopt = m;
+	p->lines.staged = true;
 	p->id = p->pending->id;
 	p->on_disk = true;
 	snprintf(p->reading, sizeof p->reading, "%s", strstr(m->choices, " reading=") + strlen(" reading="));

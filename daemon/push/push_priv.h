@@ -5,7 +5,10 @@
 #include <string.h>
 
 #include "admission.h"
+#include "agree.h"
+#include "breaklines.h"
 #include "dataset.h"
+#include "file_hash.h"
 #include "geoid.h"
 #include "grid_manifest.h"
 #include "grid_stage.h"
@@ -71,14 +74,10 @@ struct push_stream {
 
 enum { PUSH_READING_SIZE = 64 };
 
-/* The hash of a file, made while it is read. */
-struct push_hashing {
-	struct push *push;
-	struct digest_stream *sum; /* NULL: not begun */
-	uint64_t at;               /* bytes of the file so far */
-	int fd;
-	const char *name;
-	bool missed; /* bytes came out of order: the file is read once more */
+/* A file of lines that was staged. */
+struct push_lines_file {
+	struct push_lines_file *next;
+	struct grid_lines lines;
 };
 
 struct push_request {
@@ -106,7 +105,8 @@ struct push_request {
 	uint32_t source;
 	struct pipe_ingested in;
 	struct digest hash;
-	struct push_hashing hashing;
+	struct file_hashing hashing;
+	struct push_lines_file *lines; /* of an input of lines, when it is staged */
 	enum push_known_as known;
 	size_t target;       /* 1 + the index in push.base of the source that it replaces; 0: none */
 	struct input *whole; /* a file that several workers read; the loop closes it */
@@ -245,6 +245,15 @@ struct push {
 	uint64_t unsynced_points;
 	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* asked: the last request; commit: the first commit request */
 
+	struct push_lines { /* push_lines.c */
+		struct push_lines_file *files;
+		bool staged;           /* there may be files of lines */
+		uint64_t want, have;   /* memory for the line set, of stage_bytes; want 0: no commit changes lines */
+		uint32_t id;           /* number of the source of line vertices; 0: the commit changes no lines */
+		bool published, built; /* files have their final names; the line set is there */
+		struct breaklines made;
+	} lines;
+
 	struct grid_manifest *made; /* by the commit */
 	struct dataset_next new_state;
 	char made_name[64];
@@ -363,18 +372,22 @@ struct push_helpers *push_helpers_free(struct push_helpers *);
 uint64_t push_helpers_held(const struct push_helpers *);      /* bytes of LEDGER_INPUT; NULL: 0 */
 uint64_t push_helpers_step(uint64_t parts, unsigned members); /* parts of a batch */
 
-/* push_hash.c. Worker. XXH3-128 of the first `size` bytes of a file. */
-int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
-/* The same for a file that somebody else reads (input_options.seen): only the rest is read here. */
-void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *name);
-void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
-int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* also frees */
-void push_hash_free(struct push_hashing *);                                                   /* any thread */
-/* A pushed file may have that many bytes behind those that its header accounts for. */
-enum { PUSH_TRAILING_MOST = 1 << 30 };
-int push_hash_bounded(const struct input_info *, uint64_t size, const char *name, struct err *err); /* -ERR_INPUT: it has more */
-/* The same, for a hash that is made before the header is read. */
-int push_hash_look(struct push_request *, const struct input_options *, struct err *err);
+static inline struct file_hash_watch push_hash_watch(struct push *p)
+{
+	return (struct file_hash_watch){&p->cancel, &p->hashed, &p->hash_end};
+}
+
+/* push_lines.c. Workers, but for those with "loop". */
+int push_lines_begin(struct push *, struct push_request *, struct pipe_ingest_params *);
+int push_lines_end(struct push *, struct push_request *, struct breakline_writer *, int r); /* r: of what was written */
+void push_lines_source(struct push *, struct push_request *, struct grid_source *);         /* loop */
+void push_lines_free(struct push *);
+bool push_lines_change(const struct push *);              /* loop: the commit adds or replaces lines */
+bool push_lines_need_memory(struct push *);               /* loop: the stage must come back smaller */
+bool push_lines_again(struct push *, const struct err *); /* loop: a commit that failed starts again, with more memory */
+int push_lines_build(struct push *, struct err *err);
+void push_lines_put(struct push *, struct grid_manifest *);
+void push_lines_undo(struct push *);
 
 /* push_seal.c: the stage becomes a segment */
 struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker; NULL: err says why */
@@ -456,7 +469,7 @@ int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* 
 /* push_crs.c */
 static inline bool push_crs_known(const char *text)
 {
-	return *text && strcmp(text, "unknown");
+	return agree_known(text);
 }
 int push_assume_read(struct push *, const struct push_params *, struct err *err);
 /* Worker: completes request->info.crs, and sets overridden. -ERR_INPUT: the input says something else. */

@@ -81,7 +81,7 @@ void push_probe_run(struct push *p, struct push_request *rq)
 
 	rq->r = client_file_check(rq->fd, rq->name, &rq->id, &rq->err);
 	if (!rq->r && !rq->stream && !p->dataset->onestep && (rq->checksum || rq->replace || *rq->replaces))
-		rq->r = push_hash_look(rq, &options, &rq->err);
+		rq->r = file_hash_look(rq->fd, rq->id.size, rq->name, &options, &rq->err);
 	if (!rq->r)
 		rq->r = rq->stream ? push_stream_known(p, rq) : push_known(p, rq);
 	if (!rq->r && rq->known == PUSH_NEW)
@@ -97,7 +97,7 @@ void push_probe_run(struct push *p, struct push_request *rq)
 	if (!rq->r)
 		rq->r = push_wkt_take(p, rq, in);
 	if (!rq->r && !p->dataset->onestep)
-		rq->r = push_hash_bounded(&rq->info, rq->id.size, rq->name, &rq->err);
+		rq->r = file_hash_bounded(&rq->info, rq->id.size, rq->name, &rq->err);
 	input_close(in);
 }
 

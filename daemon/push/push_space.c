@@ -30,15 +30,6 @@ static enum space_kind kind_of(const struct push *p)
 	return p->dataset->onestep ? SPACE_ONESTEP : SPACE_PENDING;
 }
 
-static uint64_t adopted_points(const struct push *p)
-{
-	uint64_t points = 0;
-
-	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
-		points += p->adopt->sources[i].points;
-	return points;
-}
-
 static uint64_t excess(uint64_t want, uint64_t has)
 {
 	return want > has ? want - has : 0;
@@ -94,7 +85,7 @@ void push_space_unclaim(struct push *p)
 
 int push_space_plan(struct push *p, struct err *err)
 {
-	uint64_t points = adopted_points(p), need;
+	uint64_t points = pending_points(p->adopt), need;
 	int r = 0;
 
 	if (p->has_crop)
@@ -136,7 +127,7 @@ bool push_space_staged(struct push *p, uint64_t points)
 
 void push_space_adopted(struct push *p)
 {
-	atomic_fetch_add(&p->space.staged, adopted_points(p));
+	atomic_fetch_add(&p->space.staged, pending_points(p->adopt));
 }
 
 const struct err *push_space_full(const struct push *p)

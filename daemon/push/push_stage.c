@@ -12,22 +12,23 @@
 int push_stage_start(struct push *p, struct push_request *rq, struct err *err)
 {
 	struct pushes *pushes = p->pushes;
-	uint64_t size, room;
+	uint64_t size, room, least;
 
 	/* Includes the buffers for reading, so that a file never waits for memory that this stage keeps from others. */
 	p->read_bytes = push_read_bytes(p);
-	if (admission_check_size(pushes->admission, GRID_STAGE_MIN + p->read_bytes + admission_plan_min(),
-				 "staging, beside a mesh,", err) ||
-	    admission_user_check_size(pushes->admission, &p->owner, GRID_STAGE_MIN + p->read_bytes + push_kept_bytes(p),
-				      "staging", err))
+	least = GRID_STAGE_MIN + p->read_bytes + p->lines.want;
+	if (admission_check_size(pushes->admission, least + admission_plan_min(),
+				 p->lines.want ? "making the line set of the dataset, beside a mesh," : "staging, beside a mesh,",
+				 err) ||
+	    admission_user_check_size(pushes->admission, &p->owner, least + push_kept_bytes(p), "staging", err))
 		return -(int)err->code;
 	if (admission_stage_other_is_next(pushes->admission, &p->admission))
 		return PUSH_WAIT;
-	size = admission_stage_available(pushes->admission, GRID_STAGE_MIN + p->read_bytes);
+	size = admission_stage_available(pushes->admission, least);
 	room = admission_user_available(pushes->admission, &p->owner, NULL);
 	room = room > push_kept_bytes(p) ? room - push_kept_bytes(p) : 0;
 	size = size < room ? size : room;
-	if (size < GRID_STAGE_MIN + p->read_bytes)
+	if (size < least)
 		return PUSH_WAIT;
 	p->stage_ns = clock_mono_ns();
 	p->task.priority = SCHED_FIRST;
@@ -43,7 +44,7 @@ void push_stage_run(struct push *p, struct push_request *rq)
 	struct grid_stage_params params = {
 		.dirfd = p->dataset->dirfd,
 		.name = name,
-		.memory = p->task.bytes - p->read_bytes,
+		.memory = p->task.bytes - p->read_bytes - p->lines.want,
 		.durable = !p->dataset->onestep,
 		.temporary = p->dataset->onestep, /* nobody finds it after a crash */
 		.folder_later = true,             /* the .pending manifest follows, and the folder is synchronised after it */
@@ -51,6 +52,7 @@ void push_stage_run(struct push *p, struct push_request *rq)
 		.ready_ctx = p,
 	};
 
+	p->lines.have = p->lines.want;
 	pending_stage_name(p->id, name);
 	if (p->on_disk)
 		rq->r = grid_stage_resume(&params, &p->stage, &rq->err);

@@ -179,6 +179,7 @@ static uint64_t at_least(uint64_t points, uint64_t dead)
 static void count_classes(struct run *w)
 {
 	const struct grid_manifest *m = grid_manifest(w->grid);
+	const struct grid_source *lines = grid_lines_source(w->grid);
 
 	w->ground = w->other = 0;
 	w->unclassified = w->classes_exact = true;
@@ -195,6 +196,9 @@ static void count_classes(struct run *w)
 		w->other += at_least(other, dead);
 		w->unclassified &= !points[2] && !points[8];
 	}
+	/* Vertices of lines have class 0, and are not chosen by class. */
+	if (lines)
+		w->other = at_least(w->other, lines->points);
 }
 
 /* What a selection, whose grid takes the place of this one, has not. */
@@ -218,14 +222,16 @@ static void open_run(struct sched_task *t)
 {
 	struct run *w = run_of_task(t);
 	struct runs *runs = w->runs;
+	struct grid_use use;
 
 	w->err = ERR_INIT;
 	w->r = dataset_open(w->dataset, &w->err);
 	if (w->r)
 		return;
 	w->opened = true;
-	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, runs->core->p.ledger,
-			 admission_index_share(runs->admission), &w->grid, &w->err);
+	use = (struct grid_use){.no_lines = w->view.no_breaklines, .clear = w->view.breakline_clear};
+	w->r = grid_open_use(w->dataset->dirfd, w->manifest, w->generation, &use, runs->core->p.ledger,
+			     admission_index_share(runs->admission), &w->grid, &w->err);
 	if (w->r)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
@@ -235,7 +241,7 @@ static void open_run(struct sched_task *t)
 	if (!w->r)
 		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(runs->admission),
 					runs->core->tempfd, &w->emitter, &w->err);
-	if (!w->r && w->view.window)
+	if (!w->r && (w->view.window || pipe_has_out(w->grid)))
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = run_plan_read(w, &w->err);

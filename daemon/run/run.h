@@ -46,6 +46,7 @@ struct run_head {
 	const char *wkt, *geoid; /* of the dataset, as its manifest has them; "": none */
 	const char *view;
 	struct digest id;                  /* of the stream: generation, view, plan, version of the kernel */
+	bool lines, bounded;               /* blocks may have edges; the mesh ends at boundaries or holes */
 	bool window;                       /* the triangles of the view's window, not the whole mesh */
 	const struct run_changes *changes; /* NULL: the whole mesh */
 	int32_t box[6];                    /* of all vertices; heights are not known yet: all of int32 */

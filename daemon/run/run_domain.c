@@ -97,6 +97,7 @@ static void drop_result(struct run_domain *d)
 	d->domain.link = NULL;
 	d->domain.vertex = NULL;
 	d->domain.final = NULL;
+	d->domain.edges = NULL;
 	d->held = 0;
 }
 

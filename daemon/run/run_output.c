@@ -126,6 +126,8 @@ void run_output_head(struct run *w)
 		return;
 	w->output_head = true;
 	w->head_id = head.id;
+	head.lines = grid_lines(w->grid);
+	head.bounded = pipe_has_out(w->grid);
 	head.window = w->view.window;
 	head.manifest = grid_manifest(w->grid);
 	head.wkt = w->wkt ? w->wkt : "";

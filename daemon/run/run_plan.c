@@ -415,10 +415,11 @@ static void plan_submit(struct run *w, void (*task)(struct sched_task *), uint64
 	sched_submit(w->runs->core->p.sched, &w->task);
 }
 
-/* For a job without a reader. A later fetch has a run of its own. */
+/* For a job without a reader. A later fetch has a run of its own. Where parts are out, not all positions are vertices. */
 static void sums_choose(struct run *w)
 {
-	w->sums_only = w->keep && !w->plan_only && !w->lazy && !w->output && !w->since && !w->view.window;
+	w->sums_only =
+		w->keep && !w->plan_only && !w->lazy && !w->output && !w->since && !w->view.window && !pipe_has_out(w->grid);
 	if (w->sums_only)
 		pipe_emitter_sums(w->emitter, true);
 }

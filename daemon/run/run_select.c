@@ -36,13 +36,22 @@ static int parent_open(struct run *w, int *ret_fd, struct err *err)
 /* Reads its counts and opens its grid. The generation's index is closed first: a run has memory for one. */
 static int selected_open(struct run *w, int dirfd, struct err *err)
 {
+	const struct grid_source *lines = grid_lines_source(w->grid);
+	struct grid_named file[GRID_SOURCE_FILES];
+	struct grid_use use = {.no_lines = !lines};
 	int r = selection_counts_read(dirfd, &w->select.counts, err);
 
 	if (r)
 		return r;
+	if (lines) {
+		/* The pieces stay in the dataset. */
+		grid_source_files(lines, file);
+		use.lines = file[0].name;
+		use.linesfd = w->dataset->dirfd;
+	}
 	w->grid = grid_close(w->grid);
-	return grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, w->runs->core->p.ledger,
-			 admission_index_share(w->runs->admission), &w->grid, err);
+	return grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, w->runs->core->p.ledger,
+			     admission_index_share(w->runs->admission), &w->grid, err);
 }
 
 static int open_in(struct run *w, int parent, const char *name, struct err *err)

@@ -4,7 +4,8 @@
 
 static void request_hello(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	static char *features[] = {(char *)"push", (char *)"mesh", (char *)"mode", (char *)"decimal-comma", (char *)"override"};
+	static char *features[] = {(char *)"push",          (char *)"mesh",     (char *)"mode",
+				   (char *)"decimal-comma", (char *)"override", (char *)"lines"};
 	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
 	struct err err = ERR_INIT;
 
@@ -60,6 +61,7 @@ static const struct {
 	ROW(DATASET_CREATE, request_dataset_create, false),
 	ROW(LOG_REQUEST, request_log, false),
 	ROW(FILES_REQUEST, request_files, false),
+	ROW(PLACES_REQUEST, request_places, false),
 	ROW(REVERT, request_revert, false),
 	ROW(DATASET_CHANGE, request_dataset_change, false),
 	ROW(PRUNE, request_prune, false),

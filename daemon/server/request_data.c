@@ -116,7 +116,7 @@ void request_dataset_state(struct request *q, const struct dataset *d, const str
 	m.dataset.generation = generation;
 	m.dataset.points = m.dataset.files = 0;
 	for (size_t i = 0; then && i < then->nsources; i++)
-		if (grid_source_live(&then->sources[i], generation)) {
+		if (then->sources[i].kind != GRID_LINE_VERTICES && grid_source_live(&then->sources[i], generation)) {
 			m.dataset.points += then->sources[i].points;
 			m.dataset.files++;
 		}

@@ -3,18 +3,25 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "breaklines.h"
 #include "rights.h"
 #include "server_priv.h"
 
 enum { PAGE_MAX = 64 };
 
+enum { PLACES_MAX = 512 };
+
 struct page_request {
 	struct request *request;
 	uint64_t generation, after;
 	unsigned limit;
+	/* of the worker, for places */
+	struct breaklines_place *place;
+	size_t nplaces;
+	uint64_t total;
 };
 
-static void read_page(struct conn *c, struct request *q, const char *name, const struct page_request *what,
+static void read_page(struct conn *c, struct request *q, const char *name, const struct page_request *what, dataset_look_fn *look,
 		      dataset_read_fn *answer)
 {
 	struct dataset *d = NULL;
@@ -31,8 +38,8 @@ static void read_page(struct conn *c, struct request *q, const char *name, const
 	*ask = *what;
 	ask->request = q;
 	if (!ask->limit || ask->limit > PAGE_MAX)
-		ask->limit = PAGE_MAX;
-	dataset_read(d, &c->peer, answer, ask);
+		ask->limit = look ? PLACES_MAX : PAGE_MAX;
+	dataset_look(d, &c->peer, look, answer, ask);
 }
 
 /* ---- the log ---- */
@@ -54,6 +61,8 @@ static void message_generation(const struct grid_generation *g, Acut__V1__Genera
 	m->points_added = g->points_added;
 	m->points_removed = g->points_removed;
 	m->content = digest_hex(g->content, hex);
+	m->lines_added = g->lines_added;
+	m->lines_removed = g->lines_removed;
 }
 
 static void answer_log(const struct page_request *ask, const struct grid_manifest *m)
@@ -95,7 +104,7 @@ void request_log(struct conn *c, struct request *q, Acut__V1__Message *m, int fd
 {
 	const struct page_request what = {.after = m->log_request->after, .limit = m->log_request->limit};
 
-	read_page(c, q, m->log_request->dataset, &what, on_log);
+	read_page(c, q, m->log_request->dataset, &what, NULL, on_log);
 }
 
 /* ---- the files of a generation ---- */
@@ -119,7 +128,7 @@ static const struct grid_source *next_changed(const struct grid_manifest *m, uin
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		if (s->id > after && (!best || s->id < best->id) && source_change(s, g))
+		if (s->id > after && s->kind != GRID_LINE_VERTICES && (!best || s->id < best->id) && source_change(s, g))
 			best = s;
 	}
 	return best;
@@ -127,6 +136,7 @@ static const struct grid_source *next_changed(const struct grid_manifest *m, uin
 
 struct message_file {
 	Acut__V1__DatasetFile file;
+	Acut__V1__Lines lines;
 	char name[GRID_SOURCE_NAME], hash[DIGEST_HEX_SIZE], overridden[GRID_SOURCE_OVERRIDDEN];
 };
 
@@ -146,6 +156,8 @@ static void message_file(const struct grid_source *s, uint64_t g, bool owner, st
 	m->file.removed = source_change(s, g) < 0;
 	snprintf(m->overridden, sizeof m->overridden, "%s", s->overridden);
 	m->file.overridden = frame_text_clean(m->overridden);
+	if (s->lines)
+		m->file.lines = request_lines(s->lines, &m->lines);
 }
 
 static void answer_files(const struct page_request *ask, bool owner, const struct grid_manifest *m)
@@ -203,7 +215,79 @@ void request_files(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	const Acut__V1__FilesRequest *in = m->files_request;
 	const struct page_request what = {.generation = in->generation, .after = in->after, .limit = in->limit};
 
-	read_page(c, q, in->dataset, &what, on_files);
+	read_page(c, q, in->dataset, &what, NULL, on_files);
+}
+
+/* ---- places of lines ---- */
+
+static int look_for_places(void *token, int dirfd, const struct grid_manifest *m, struct err *err)
+{
+	struct page_request *ask = token;
+	uint64_t g = ask->generation ? ask->generation : m->generation;
+	const struct grid_source *s;
+
+	if (g > m->generation || g < grid_manifest_oldest(m)) {
+		err_set(err, ERR_NOTFOUND, "there is no generation %llu", (unsigned long long)g);
+		return err_add_hint(err, "those from %llu to %llu can be read", (unsigned long long)grid_manifest_oldest(m),
+				    (unsigned long long)m->generation);
+	}
+	s = grid_manifest_line_vertices(m, g);
+	ask->total = s ? s->lines->places : 0;
+	ask->place = calloc(ask->limit, sizeof *ask->place);
+	if (!ask->place)
+		return err_set(err, ERR_NOMEM, "no memory for a list");
+	return s ? breaklines_places(dirfd, s, ask->after, ask->limit, ask->place, &ask->nplaces, err) : 0;
+}
+
+static void answer_places(const struct page_request *ask, const struct grid_manifest *m)
+{
+	static const char *const kinds[BREAKLINE_EVENTS] = {"crossing", "uneven"};
+	Acut__V1__Place *all = calloc(ask->nplaces + 1, sizeof *all), **rows = calloc(ask->nplaces + 1, sizeof *rows);
+	Acut__V1__Places places = ACUT__V1__PLACES__INIT;
+	struct err err = ERR_INIT;
+
+	if (!all || !rows) {
+		err_set(&err, ERR_NOMEM, "no memory for a list");
+		request_refuse(ask->request, &err);
+	}
+	for (size_t i = 0; all && rows && i < ask->nplaces; i++) {
+		const struct breaklines_place *p = &ask->place[i];
+
+		acut__v1__place__init(&all[i]);
+		all[i].kind = (char *)kinds[p->event];
+		all[i].x = lattice_coordinate(&m->lattice, 0, p->x);
+		all[i].y = lattice_coordinate(&m->lattice, 1, p->y);
+		all[i].lower = lattice_coordinate(&m->lattice, 2, p->lower);
+		all[i].upper = lattice_coordinate(&m->lattice, 2, p->upper);
+		rows[i] = &all[i];
+	}
+	places.places = rows;
+	places.n_places = ask->nplaces;
+	places.total = ask->total;
+	if (all && rows)
+		request_answer(ask->request, FRAME_MESSAGE(PLACES, places, &places));
+	free(all);
+	free(rows);
+}
+
+static void on_places(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+{
+	struct page_request *ask = token;
+
+	if (why)
+		request_refuse(ask->request, why);
+	else
+		answer_places(ask, m);
+	free(ask->place);
+	free(ask);
+}
+
+void request_places(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const Acut__V1__PlacesRequest *in = m->places_request;
+	const struct page_request what = {.generation = in->generation, .after = in->after, .limit = in->limit};
+
+	read_page(c, q, in->dataset, &what, look_for_places, on_places);
 }
 
 /* ---- a dataset in an earlier generation, or with its coordinate system ---- */
@@ -228,7 +312,7 @@ void request_dataset_at(struct conn *c, struct request *q, const char *name, uin
 {
 	const struct page_request what = {.generation = generation};
 
-	read_page(c, q, name, &what, on_state);
+	read_page(c, q, name, &what, NULL, on_state);
 }
 
 /* ---- reverts ---- */
@@ -248,6 +332,8 @@ static void on_reverted(void *token, const struct err *why, const struct reverte
 	m.files_removed = r->made->files_removed;
 	m.points_added = r->made->points_added;
 	m.points_removed = r->made->points_removed;
+	m.lines_added = r->made->lines_added;
+	m.lines_removed = r->made->lines_removed;
 	request_answer(token, FRAME_MESSAGE(REVERTED, reverted, &m));
 }
 

@@ -75,7 +75,7 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 {
 	uint32_t id = q->id; /* find_job frees the request if there is no such job */
 	uint64_t from = m->fetch->from_block, since = m->fetch->changed_since;
-	bool wants = *m->fetch->stream_id != 0, system = m->fetch->system;
+	bool wants = *m->fetch->stream_id != 0, system = m->fetch->system, lines = m->fetch->lines;
 	struct job *job = find_job(c, q, m->fetch->job);
 	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
 	struct err err = ERR_INIT;
@@ -105,8 +105,7 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	}
 	request_free(q);
 	stream_out_from(out, from, wants ? &want : NULL, since);
-	if (system)
-		stream_out_system(out);
+	stream_out_asks(out, system, lines);
 	/* If the client is gone, or there is no memory for the answer, this closes the connection and with it the stream. */
 	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
 	if (!c->closed)

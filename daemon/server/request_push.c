@@ -7,6 +7,7 @@
 #include <sys/epoll.h>
 #include <unistd.h>
 
+#include "breakline.h"
 #include "io.h"
 #include "log.h"
 #include "server_priv.h"
@@ -88,9 +89,20 @@ static void on_planned(void *token, const struct err *why, const struct push_pla
 	request_answer(token, FRAME_MESSAGE(PUSH_PLANNED, push_planned, &m));
 }
 
+Acut__V1__Lines *request_lines(const struct grid_lines *lines, Acut__V1__Lines *m)
+{
+	acut__v1__lines__init(m);
+	m->features = (uint64_t *)lines->features;
+	m->n_features = GRID_LINE_KINDS;
+	m->lines = lines->lines;
+	m->vertices = lines->vertices;
+	return m;
+}
+
 static void on_staged(void *token, const struct err *why, const struct push_file *file)
 {
 	Acut__V1__FileDone m = ACUT__V1__FILE_DONE__INIT;
+	Acut__V1__Lines lines;
 	struct pipe_ingested in;
 	char name[256];
 
@@ -122,7 +134,37 @@ static void on_staged(void *token, const struct err *why, const struct push_file
 	m.left_out_line = in.left_out_line;
 	m.replaced = file->replaced;
 	m.overridden = (char *)file->overridden;
+	if (file->lines) {
+		m.lines = request_lines(file->lines, &lines);
+		lines.dropped = in.vertices_dropped;
+		lines.added = in.vertices_added;
+	}
 	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
+}
+
+static Acut__V1__LineSet *message_line_set(const struct push_committed *done, Acut__V1__LineSet *m)
+{
+	const struct breakline_counts *c = done->lines;
+	const struct lattice *l = done->lattice;
+
+	acut__v1__line_set__init(m);
+	m->features = (uint64_t *)c->features;
+	m->n_features = BREAKLINE_KINDS;
+	m->lines = c->lines;
+	m->vertices = c->vertices;
+	m->positions = c->positions;
+	m->pieces = c->pieces;
+	m->crossings = c->crossings;
+	m->uneven = c->uneven;
+	m->widest = c->widest * decimal_double(l->scale_z);
+	if (c->widest) {
+		m->widest_x = lattice_coordinate(l, 0, c->widest_at[0]);
+		m->widest_y = lattice_coordinate(l, 1, c->widest_at[1]);
+	}
+	m->left_out = c->left_out;
+	m->doubled = c->doubled;
+	m->points = c->points;
+	return m;
 }
 
 static void on_committed(void *token, const struct err *why, const struct push_committed *done)
@@ -131,6 +173,7 @@ static void on_committed(void *token, const struct err *why, const struct push_c
 	struct conn *c = q->conn;
 	struct push_ref *ref = q->push;
 	Acut__V1__PushCommitted m = ACUT__V1__PUSH_COMMITTED__INIT;
+	Acut__V1__LineSet set;
 	struct conn_dataset *held;
 	struct dataset_info info;
 
@@ -150,6 +193,8 @@ static void on_committed(void *token, const struct err *why, const struct push_c
 	m.generation = done->generation;
 	m.points = done->points;
 	m.unchanged = done->unchanged;
+	if (done->lines)
+		m.line_set = message_line_set(done, &set);
 	request_answer(q, FRAME_MESSAGE(PUSH_COMMITTED, push_committed, &m));
 	push_ref_end(ref);
 }

@@ -184,7 +184,8 @@ request_fn request_info, request_inspect;
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
 request_fn request_cache_stat, request_cache_verify, request_cache_gc;
 request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
-request_fn request_log, request_files, request_revert, request_prune;
+request_fn request_log, request_files, request_places, request_revert, request_prune;
+Acut__V1__Lines *request_lines(const struct grid_lines *, Acut__V1__Lines *ret); /* returns ret */
 
 void push_ref_leave(struct push_ref *); /* request_push.c: the push ends with its connection */
 void conn_copies_end(struct conn *);    /* request_backup.c: likewise backups and imports */
@@ -230,7 +231,7 @@ struct digest;
 struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end, struct err *err);
 /* Before start. from: the first block. want: the id that the stream must have, NULL: any. since: only the changes against the
  * mesh of that generation, 0: the whole mesh. */
-void stream_out_system(struct stream_out *); /* Fetch.system */
+void stream_out_asks(struct stream_out *, bool system, bool lines); /* of Fetch */
 void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want, uint64_t since);
 void stream_out_start(struct stream_out *, struct job *, char *window); /* takes over `window` (job_window); NULL: none */
 void stream_out_leave(struct conn *);                                   /* ends all streams of the connection */

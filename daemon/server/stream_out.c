@@ -131,9 +131,10 @@ struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request
 	return o;
 }
 
-void stream_out_system(struct stream_out *o)
+void stream_out_asks(struct stream_out *o, bool system, bool lines)
 {
-	o->system = true;
+	o->system = system;
+	o->lines = lines;
 }
 
 void stream_out_from(struct stream_out *o, uint64_t from, const struct digest *want, uint64_t since)

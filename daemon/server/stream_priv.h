@@ -46,6 +46,7 @@ struct stream_out {
 	char *view, *wkt;                      /* texts that the head points to */
 	size_t view_bytes;                     /* charged for them, and for the changes */
 	bool system;                           /* the head has the coordinate system whole */
+	bool lines;                            /* the head says whether the mesh has lines */
 	uint64_t blocks;                       /* number of the next block */
 	uint64_t blocked_ns;                   /* since when bytes wait for the reader; 0: none wait */
 	bool paused;                           /* a worker has the block (on_spool, on_refill) */

@@ -72,6 +72,8 @@ static void on_head(struct run_output *output, const struct run_head *in)
 	}
 	head.view = o->view;
 	head.system = o->system;
+	head.lines = o->lines && in->lines;
+	head.bounded = o->lines && in->bounded;
 	head.wkt = o->wkt;
 	text_copy(head.geoid, sizeof head.geoid, in->geoid);
 	frame_text_clean(head.geoid);
@@ -99,6 +101,7 @@ static void on_encode(struct run_output *output, const struct mesh_block *b)
 		.foreign = b->foreign,
 		.vertex = (const int32_t(*)[3])b->vertex,
 		.triangle = b->triangle,
+		.flags = b->edges,
 		.final = b->final,
 	};
 

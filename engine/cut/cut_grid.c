@@ -5,6 +5,7 @@
 
 #include "cut_source.h"
 #include "cut_valid.h"
+#include "lineset.h"
 
 static int grid_source_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
 {
@@ -66,6 +67,21 @@ static bool grid_source_box(void *ctx, int32_t ret_box[4])
 	return grid_box(grid_reader_grid(ctx), ret_box);
 }
 
+static int grid_source_line_sum(void *ctx, const int32_t box[4], struct digest *ret, struct err *err)
+{
+	return lineset_sum(grid_reader_lines(ctx), box, ret, err);
+}
+
+static struct digest grid_lines_of(void *ctx)
+{
+	return grid_lines_content(ctx);
+}
+
+static struct digest grid_source_lines(void *ctx)
+{
+	return grid_lines_content(grid_reader_grid(ctx));
+}
+
 void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 {
 	ret->ctx = reader;
@@ -77,6 +93,8 @@ void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->sums = grid_source_sums;
 	ret->box = grid_source_box;
 	ret->parts = grid_source_parts;
+	ret->line_sum = grid_reader_lines(reader) ? grid_source_line_sum : NULL;
+	ret->lines = grid_source_lines;
 	ret->ledger = grid_ledger(grid_reader_grid(reader));
 }
 
@@ -128,7 +146,7 @@ bool cut_trace_still_live(struct grid_reader *reader, const struct cut_trace *tr
 bool cut_additions_far(const struct grid *grid, const struct cut_region *region, const struct cut_reach *reach,
 		       const struct cut_live *then)
 {
-	const struct cut_source src = {.ctx = (void *)grid, .parts = grid_parts};
+	const struct cut_source src = {.ctx = (void *)grid, .parts = grid_parts, .lines = grid_lines_of};
 
 	return cut_additions_far_from(&src, region, reach, then);
 }

@@ -37,6 +37,9 @@ struct cut_source {
 	/* Returns the number of segments with live records, and for the first `most` their live content and box. NULL:
 	 * unknown. */
 	size_t (*parts)(void *ctx, struct cut_live_part *ret, struct cut_segment *ret_segment, size_t most);
+	/* As lineset_sum, and the content of the line set; NULL: there are no lines. */
+	int (*line_sum)(void *ctx, const int32_t box[4], struct digest *ret, struct err *);
+	struct digest (*lines)(void *ctx);
 	struct ledger *ledger; /* of plans; may be NULL */
 };
 

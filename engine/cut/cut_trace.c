@@ -11,7 +11,10 @@
 
 void cut_trace_init(struct cut_trace *t, void *memory)
 {
-	*t = (struct cut_trace){.range = memory, .most_ranges = CUT_TRACE_RANGES, .most_sites = CUT_TRACE_SITES};
+	*t = (struct cut_trace){.range = memory,
+				.most_ranges = CUT_TRACE_RANGES,
+				.most_sites = CUT_TRACE_SITES,
+				.lines = {.box = CUT_BOX_EMPTY, .disc = CUT_BOX_EMPTY}};
 	t->site = (struct point *)(t->range + CUT_TRACE_RANGES + CUT_TRACE_OWN);
 }
 
@@ -120,11 +123,10 @@ static void unite(struct cut_trace *t)
 }
 
 struct listing {
-	struct cut_trace *trace;
+	struct cut_cover cover;
 	struct cut_range own[4];
 	unsigned nown, nchain;
 	struct cut_chain chain[4];
-	uint64_t mask; /* low bits that are rounded off */
 };
 
 static void widen(struct grid_sum *r, uint64_t mask)
@@ -133,7 +135,7 @@ static void widen(struct grid_sum *r, uint64_t mask)
 	r->hi |= mask;
 }
 
-static void coarsen(struct listing *l)
+static void coarsen(struct cut_cover *l)
 {
 	struct cut_trace *t = l->trace;
 
@@ -147,12 +149,12 @@ static void coarsen(struct listing *l)
 	}
 }
 
-static void add_range(struct listing *l, uint64_t lo, uint64_t hi)
+static void add_range(struct cut_cover *l, uint64_t lo, uint64_t hi)
 {
 	struct cut_trace *t = l->trace;
 	struct grid_sum r = {.lo = lo, .hi = hi};
 
-	if (t->nrange == t->most_ranges)
+	if (t->nrange >= t->most_ranges)
 		coarsen(l);
 	widen(&r, l->mask);
 	t->range[t->nrange++] = r;
@@ -181,6 +183,7 @@ static bool listing_enter(void *ctx, const struct grid_cell *subtree)
 
 static int listing_cell(void *ctx, const struct grid_cell *cell)
 {
+	struct listing *l = ctx;
 	uint64_t lo, hi, mask = 0;
 
 	if (!can_see(ctx, cell, &lo, &hi))
@@ -188,7 +191,7 @@ static int listing_cell(void *ctx, const struct grid_cell *cell)
 	/* The smallest aligned range around it, so that ranges of neighbours are adjacent. */
 	while ((lo ^ hi) & ~mask)
 		mask = mask << 2 | 3;
-	add_range(ctx, lo & ~mask, hi | mask);
+	add_range(&l->cover, lo & ~mask, hi | mask);
 	return 0;
 }
 
@@ -198,11 +201,12 @@ static void record_live(struct cut_trace *t, const struct cut_source *src)
 	size_t n = src->parts ? src->parts(src->ctx, t->live.part, segment, CUT_TRACE_PARTS) : 0;
 
 	t->live.n = n <= CUT_TRACE_PARTS ? (uint32_t)n : 0;
+	t->live.lines = src->lines ? src->lines(src->ctx) : (struct digest){0, 0};
 }
 
 int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const struct cut_region *region, struct err *err)
 {
-	struct listing l = {.trace = t};
+	struct listing l = {.cover.trace = t};
 	const struct grid_visitor v = {.ctx = &l, .segment = listing_enter, .enter = listing_enter, .cell = listing_cell};
 	int rc;
 
@@ -218,6 +222,36 @@ int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const st
 	for (unsigned i = 0; i < l.nown; i++)
 		t->range[t->nrange++] = (struct grid_sum){.lo = l.own[i].lo, .hi = l.own[i].hi};
 	unite(t);
+	return src->sums(src->ctx, t->range, t->nrange, err);
+}
+
+/* By at most nine aligned squares. */
+void cut_cover_box(struct cut_cover *c, const int32_t box[4])
+{
+	const uint32_t bias = 0x80000000u;
+	uint32_t at[4];
+	unsigned k = 0;
+
+	for (unsigned i = 0; i < 4; i++)
+		at[i] = (uint32_t)box[i] ^ bias;
+	while ((at[2] >> k) - (at[0] >> k) > 2 || (at[3] >> k) - (at[1] >> k) > 2)
+		k++;
+	/* The last one may be the last of the lattice. */
+	for (uint64_t x = at[0] >> k; x <= at[2] >> k; x++)
+		for (uint64_t y = at[1] >> k; y <= at[3] >> k; y++) {
+			uint64_t lo = point_morton((int32_t)((uint32_t)(x << k) ^ bias), (int32_t)((uint32_t)(y << k) ^ bias));
+
+			add_range(c, lo, lo | ((UINT64_C(1) << 2 * k) - 1));
+		}
+}
+
+int cut_cover_end(struct cut_cover *c, const struct cut_source *src, struct err *err)
+{
+	struct cut_trace *t = c->trace;
+
+	unite(t);
+	while (t->nrange > t->most_ranges)
+		coarsen(c);
 	return src->sums(src->ctx, t->range, t->nrange, err);
 }
 

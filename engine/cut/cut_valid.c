@@ -30,6 +30,11 @@
  * E' reaches (cut_additions_far): E of G is that of the trace; all that was live in G is live now, so are the sites of
  * E; and new points are not in the region and have h > E' >= E.
  *
+ * Lines. A domain with pieces depends on more: on pieces that meet the box of its triangles, and on points in the discs of some
+ * (docs/design/constraints.md). When it is made, ranges around these discs become a part of R. It is valid if also (3) the sum of
+ * the pieces is the same. Points outside of R are in no such disc, so (2) is enough for them. Whether a record is live may depend
+ * on lines, so a line set with another content than that of then counts as content that is not live any more.
+ *
  * Merged segments, removed and restored sources, and copies of a point in other files change no live content, so they
  * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers must be of one lattice
  * with the same K; the caller must ensure that.
@@ -53,7 +58,7 @@ struct check {
 	int64_t box[4];
 	struct cut_chain chain[4];
 	unsigned nchain;
-	bool surveyed;
+	bool surveyed, discs;
 	struct err *err;
 };
 
@@ -69,6 +74,11 @@ static bool meets_region(const struct check *j, const int32_t box[4])
 {
 	return 2 * (int64_t)box[0] <= j->box[2] && 2 * (int64_t)box[2] >= j->box[0] && 2 * (int64_t)box[1] <= j->box[3] &&
 	       2 * (int64_t)box[3] >= j->box[1];
+}
+
+static bool boxes_meet(const int32_t a[4], const int32_t b[4])
+{
+	return a[0] <= b[2] && a[1] <= b[3] && a[2] >= b[0] && a[3] >= b[1];
 }
 
 static bool check_matters(const struct check *j, const struct grid_cell *cell)
@@ -160,7 +170,8 @@ static bool added_segment(void *ctx, const struct grid_cell *whole)
 	while (i < f->n && f->segment[i].number != whole->segment)
 		i++;
 	if (i == f->n || !whole->count ||
-	    !(meets_region(f->check, whole->box) || cut_chains_hit(f->check->chain, f->check->nchain, whole->box)))
+	    !(meets_region(f->check, whole->box) || cut_chains_hit(f->check->chain, f->check->nchain, whole->box) ||
+	      (f->check->discs && boxes_meet(f->check->trace->lines.disc, whole->box))))
 		return false;
 	check_survey(f->check);
 	return true;
@@ -216,7 +227,7 @@ static bool find_added(const struct cut_source *src, const struct cut_live *then
 	struct cut_segment segment[MOST];
 	size_t n = then->n && src->parts ? src->parts(src->ctx, now, segment, MOST) : 0, same = 0;
 
-	if (!n || n > MOST)
+	if (!n || n > MOST || !digest_equal(then->lines, src->lines ? src->lines(src->ctx) : (struct digest){0, 0}))
 		return false;
 	for (size_t i = 0; i < n; i++) {
 		uint32_t k = 0;
@@ -281,6 +292,8 @@ void cut_reach_of(const struct cut_trace *t, const struct cut_region *region, st
 	unsigned n = cut_trace_borders(region, border);
 
 	memset(ret, 0, sizeof *ret);
+	ret->any_disc = t->lines.disc[0] <= t->lines.disc[2];
+	memcpy(ret->disc, t->lines.disc, sizeof ret->disc);
 	for (unsigned i = 0; i < n; at += t->nsite[i++])
 		ret->border[i] = border_reach(&border[i], at, t->nsite[i]);
 }
@@ -308,7 +321,7 @@ static bool added_may_be_near(const struct added *f, const struct cut_region *re
 	unsigned n = cut_trace_borders(region, border);
 
 	for (size_t k = 0; k < f->n; k++) {
-		if (meets_region(f->check, f->segment[k].box))
+		if (meets_region(f->check, f->segment[k].box) || (reach->any_disc && boxes_meet(reach->disc, f->segment[k].box)))
 			return true;
 		for (unsigned i = 0; i < n; i++)
 			if (border_near(&border[i], &reach->border[i], f->segment[k].box))
@@ -350,10 +363,23 @@ static int nothing_added_near(const struct cut_source *src, struct check *j, con
 	return rc == FOUND ? 0 : rc;
 }
 
+/* Condition (3). */
+static int lines_equal(const struct cut_source *src, const struct cut_lines *lines, bool *ret, struct err *err)
+{
+	struct digest now = {0, 0};
+	int rc = 0;
+
+	if (src->line_sum && lines->box[0] <= lines->box[2])
+		rc = src->line_sum(src->ctx, lines->box, &now, err);
+	*ret = digest_equal(now, lines->sum);
+	return rc;
+}
+
 int cut_valid_from(const struct cut_source *src, const struct view *view, const struct cut_region *region,
 		   const struct cut_trace *trace, bool *ret, struct err *err)
 {
-	struct check j = {.src = src, .view = view, .trace = trace, .err = err};
+	struct check j = {
+		.src = src, .view = view, .trace = trace, .err = err, .discs = trace->lines.disc[0] <= trace->lines.disc[2]};
 	const struct grid_visitor v = {.ctx = &j, .segment = check_enter, .enter = check_enter, .cell = check_cell};
 	bool same = false;
 	int rc;
@@ -362,7 +388,9 @@ int cut_valid_from(const struct cut_source *src, const struct view *view, const 
 	rc = nothing_added_near(src, &j, region, ret, err);
 	if (rc || *ret)
 		return rc;
-	rc = sums_equal(src, trace, &same, err);
+	rc = lines_equal(src, &trace->lines, &same, err);
+	if (!rc && same)
+		rc = sums_equal(src, trace, &same, err);
 	if (rc)
 		return rc;
 	if (same) {

@@ -27,7 +27,21 @@ struct cut_live {
 		struct digest sum;
 	} part[CUT_TRACE_PARTS];
 	uint32_t n;
+	struct digest lines; /* content of the line set; zero: there was none */
 };
+
+/* What a domain depends on beside its points (engine/constrain): pieces that meet `box`, that of its triangles, by their sum as
+ * of lineset_sum; and the points in discs, all of which are in `disc`, and in ranges of the trace. Empty boxes have their first
+ * side beyond the third. */
+struct cut_lines {
+	int32_t box[4], disc[4];
+	struct digest sum;
+	uint32_t cap; /* positions of the arena in which the domain was made; 0: as one without pieces */
+};
+#define CUT_BOX_EMPTY                                      \
+	{                                                  \
+		INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN \
+	}
 
 /*
  * The trace of a load. `range`: Morton keys, ascending, disjoint and not adjacent, with the content sums of their live
@@ -40,6 +54,7 @@ struct cut_trace {
 	struct point *site;
 	uint32_t nrange, nsite[4];
 	struct cut_live live;
+	struct cut_lines lines;
 	uint32_t most_ranges, most_sites; /* limits, at least 4 and 2; tests use smaller ones */
 };
 
@@ -51,6 +66,13 @@ void cut_trace_init(struct cut_trace *, void *memory);
 /* The steps of a load: first the thinned chains, then the ranges that they can see, with their sums. */
 void cut_trace_sites(struct cut_trace *, const struct cut_chain *chain, unsigned n);
 int cut_trace_ranges(struct cut_trace *, const struct cut_source *, const struct cut_region *, struct err *err);
+/* Adds ranges: those around the boxes of discs, one after the other; at the end their sums. */
+struct cut_cover {
+	struct cut_trace *trace;
+	uint64_t mask; /* zero at first; low bits that are rounded off */
+};
+void cut_cover_box(struct cut_cover *, const int32_t box[4]);
+int cut_cover_end(struct cut_cover *, const struct cut_source *, struct err *err);
 /* Whether everything that was live where the trace was made is live here; then its sites are sites here, too, under the
  * same view. */
 bool cut_trace_still_live(struct grid_reader *, const struct cut_trace *);
@@ -58,7 +80,8 @@ bool cut_trace_still_live(struct grid_reader *, const struct cut_trace *);
 bool cut_trace_fits(const struct cut_trace *, const struct cut_region *);
 
 /* *ret: cut_load gives the same points and counts here as where the trace was made, under the same view (except for
- * cells_read, points_read). The caller ensures that the lattice is the same. False negatives are possible. */
+ * cells_read, points_read), and what `lines` has is the same. The caller ensures that the lattice is the same. False negatives
+ * are possible. */
 int cut_valid(struct grid_reader *, const struct view *, const struct cut_region *, const struct cut_trace *, bool *ret,
 	      struct err *err);
 
@@ -71,6 +94,8 @@ struct cut_reach {
 		int64_t first, last, far;
 		bool any; /* it has sites */
 	} border[4];
+	bool any_disc; /* of struct cut_lines */
+	int32_t disc[4];
 };
 void cut_reach_of(const struct cut_trace *, const struct cut_region *, struct cut_reach *ret);
 /* `then`: of a generation in which the trace was valid or made. True: it is valid here, because everything that was

@@ -6,10 +6,11 @@
  * one-byte mark in the memory of the kernel's ids, and later its local number in the same memory. Numbers are written
  * from the end, so that no mark is overwritten before it was read. Links and vertices follow the packed triangles. A
  * vertex is closed if all kernel triangles around it are owned. The others (at the border and on the hull) are open and
- * come first.
+ * come first. A caller may choose the triangles itself, as domains with pieces do (engine/constrain).
  */
 #include "finish.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "align.h"
@@ -17,7 +18,8 @@
 
 enum { USED = FINISH_USED, OPEN = FINISH_OPEN };
 /* Triangles for each call of the digest; prefetch distance, in triangles. */
-enum { BATCH = 64, AHEAD = 12 };
+enum { BATCH = 64, AHEAD = 12, EDGE_AT = 31 };
+_Static_assert(TRI_MAX_POINTS <= 1u << EDGE_AT, "a corner leaves the bit free");
 
 void finish_init(struct finish *f, const struct cut_region *region, const int64_t k[3], const struct tri *tri)
 {
@@ -58,21 +60,86 @@ static inline uint64_t place_of(const int32_t xy[2])
 	return digest_place(xy[0], xy[1]);
 }
 
+static bool is_ghost(const uint32_t c[3])
+{
+	return c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
+}
+
+/* The chosen triangles, as they are packed to the front. */
+struct packed {
+	uint32_t (*out)[3];
+	uint64_t place[BATCH][3];
+	uint32_t n, batch;
+};
+
+static inline void pack(struct finish *f, struct packed *p, uint8_t *mark, const uint32_t c[3])
+{
+	for (unsigned k = 0; k < 3; k++) {
+		mark[c[k]] |= USED;
+		p->out[p->n][k] = c[k];
+		p->place[p->batch][k] = place_of(f->tri.xy[c[k]]);
+	}
+	p->n++;
+	if (++p->batch == BATCH) {
+		digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])p->place, BATCH, f->k);
+		p->batch = 0;
+	}
+}
+
+static void pack_end(struct finish *f, const struct packed *p)
+{
+	digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])p->place, p->batch, f->k);
+	f->out.triangle = p->out;
+	f->out.ntriangle = p->n;
+}
+
+/* Until triangles get their local numbers, the highest bit of a corner says that the side across from it is a piece. */
+static inline void mark_edges(struct finish *f, uint32_t t[3], const uint32_t link[3])
+{
+	for (unsigned k = 0; k < 3; k++)
+		t[k] |= (link[k] & 1) << EDGE_AT;
+	f->edges |= (link[0] | link[1] | link[2]) & 1;
+}
+
+void finish_chosen(struct finish *f, const uint64_t *bits)
+{
+	struct packed p = {.out = (uint32_t(*)[3])f->tri.triangle};
+	const struct tri_triangle *t = f->tri.triangle;
+	uint8_t *mark = marks(f);
+
+	f->chosen = true;
+	memset(mark, 0, f->tri.nvertex);
+	for (uint32_t i = 0; i < f->tri.ntriangle; i++) {
+		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
+
+		if (bits[i / 64] >> i % 64 & 1) {
+			const uint32_t link[3] = {t[i].link[0], t[i].link[1], t[i].link[2]};
+
+			pack(f, &p, mark, c);
+			mark_edges(f, p.out[p.n - 1], link);
+			continue;
+		}
+		mark_open(mark, c);
+		if (is_ghost(c) && f->region->inf)
+			ghost_count(f, c);
+	}
+	pack_end(f, &p);
+}
+
 void finish_owned(struct finish *f)
 {
+	struct packed p = {.out = (uint32_t(*)[3])f->tri.triangle};
 	const struct tri_triangle *t = f->tri.triangle;
 	const int32_t(*xy)[2] = f->tri.xy;
-	uint32_t(*out)[3] = (uint32_t(*)[3])f->tri.triangle;
 	uint8_t *mark = marks(f);
-	uint64_t place[BATCH][3];
-	uint32_t n = 0, batch = 0, count = f->tri.ntriangle;
+	uint32_t count = f->tri.ntriangle;
 	struct cut_owner owner;
 
 	cut_owner_init(&owner, f->region);
 	memset(mark, 0, f->tri.nvertex);
 	for (uint32_t i = 0; i < count; i++) {
 		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
-		bool ghost = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
+		bool ghost = is_ghost(c);
 
 		/* The prefetch of a ghost's corner has an invalid address, which is harmless. */
 		for (unsigned k = 0; k < 3 && i + AHEAD < count; k++)
@@ -83,20 +150,9 @@ void finish_owned(struct finish *f)
 				ghost_count(f, c);
 			continue;
 		}
-		for (unsigned k = 0; k < 3; k++) {
-			mark[c[k]] |= USED;
-			out[n][k] = c[k];
-			place[batch][k] = place_of(xy[c[k]]);
-		}
-		n++;
-		if (++batch == BATCH) {
-			digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
-			batch = 0;
-		}
+		pack(f, &p, mark, c);
 	}
-	digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
-	f->out.triangle = out;
-	f->out.ntriangle = n;
+	pack_end(f, &p);
 }
 
 /* Places links, vertices and final bits behind the triangles. False: they do not fit. */
@@ -124,6 +180,9 @@ static bool lay_out(struct finish *f)
 	at += align_line((size_t)nvertex * sizeof(struct mesh_vertex));
 	f->out.final = at;
 	at += align_line(((size_t)nvertex + 7) / 8);
+	f->out.edges = f->edges ? at : NULL;
+	f->out.nedges = f->edges ? f->out.ntriangle : 0;
+	at += align_line(f->out.nedges);
 	if (at > end)
 		return false;
 	memset(f->out.link, 0, (size_t)nopen * sizeof(struct mesh_link));
@@ -153,8 +212,8 @@ bool finish_vertices(struct finish *f)
 		uint8_t m = mark[v];
 		uint32_t to;
 
-		/* A closed vertex is in the region, because all corners of its Voronoi cell are. */
-		if (m != USED && cut_region_holds(f->region, at[0], at[1]))
+		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */
+		if ((m != USED || f->chosen) && cut_region_holds(f->region, at[0], at[1]))
 			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 		if (!(m & USED))
 			continue;
@@ -165,7 +224,8 @@ bool finish_vertices(struct finish *f)
 		if (!(m & OPEN))
 			digest_add_vertex(&f->out.closed_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 	}
-	digest_add(&f->out.own_digest, f->out.closed_digest);
+	if (!f->chosen)
+		digest_add(&f->out.own_digest, f->out.closed_digest);
 	if (f->out.nvertex)
 		memcpy(f->out.box, box, sizeof box);
 	return true;
@@ -197,12 +257,25 @@ static void link_triangle(struct mesh_domain *d, const uint32_t t[3])
 			link_add(&d->link[t[k]], h[(k + 1) % 3], h[(k + 2) % 3]);
 }
 
+static void take_edges(struct mesh_domain *d)
+{
+	for (uint32_t i = 0; i < d->ntriangle; i++) {
+		d->edges[i] = 0;
+		for (unsigned k = 0; k < 3; k++) {
+			d->edges[i] |= (uint8_t)(d->triangle[i][k] >> EDGE_AT << k);
+			d->triangle[i][k] &= ~(UINT32_C(1) << EDGE_AT);
+		}
+	}
+}
+
 void finish_numbers(struct finish *f)
 {
 	const uint32_t *number = numbers(f);
 	uint32_t nopen = f->out.nopen, count = f->out.ntriangle;
 	uint32_t(*triangle)[3] = f->out.triangle;
 
+	if (f->edges)
+		take_edges(&f->out);
 	for (uint32_t i = 0; i < count; i++) {
 		uint32_t *t = triangle[i];
 		uint32_t a = number[t[0]], b = number[t[1]], c = number[t[2]];
@@ -214,4 +287,34 @@ void finish_numbers(struct finish *f)
 		if (__builtin_expect((c < least ? c : least) < nopen, 0))
 			link_triangle(&f->out, t);
 	}
+}
+
+static int compare_on_line(const void *a, const void *b)
+{
+	const int32_t *p = a, *q = b;
+
+	return p[0] != q[0] ? (p[0] > q[0]) - (p[0] < q[0]) : (p[1] > q[1]) - (p[1] < q[1]);
+}
+
+/*
+ * For a region that loaded fewer than three positions, or collinear ones. Its own positions are in the mesh
+ * nevertheless, in triangles of other regions. And if it sees only a side of the hull, from afar, it owns edges of the
+ * hull.
+ */
+void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
+{
+	int32_t(*xy)[2];
+	struct tri_result t;
+
+	tri_result(tri, &t);
+	for (uint32_t i = 0; i < t.nvertex; i++)
+		if (cut_region_holds(region, t.xy[i][0], t.xy[i][1]))
+			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
+	if (!region->inf)
+		return;
+	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and no longer needed there */
+	qsort(xy, t.nvertex, sizeof *xy, compare_on_line);
+	for (uint32_t i = 1; i < t.nvertex; i++)
+		d->nhull +=
+			(uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
 }

@@ -18,13 +18,20 @@ struct finish {
 	const struct cut_region *region;
 	int64_t k[3];
 	struct tri_result tri;
+	bool chosen; /* finish_chosen chose the triangles */
+	bool edges;  /* a side of one is a piece of a line */
 	struct mesh_domain out;
 };
 
 /* After tri_run, in this order. Each step adds to `out`: */
 void finish_init(struct finish *, const struct cut_region *, const int64_t k[3], const struct tri *);
-void finish_owned(struct finish *);    /* the region's triangles, their digest, the marks of vertices */
+void finish_owned(struct finish *); /* the region's triangles, their digest, the marks of vertices */
+/* Or instead: the triangles whose bits are set. A vertex may then be closed in the domain of another region. */
+void finish_chosen(struct finish *, const uint64_t *bits);
 bool finish_vertices(struct finish *); /* vertices, box, digest of the closed ones. False: they do not fit */
 void finish_numbers(struct finish *);  /* local numbers in the triangles, links of open vertices */
+
+/* Instead of all this, if tri_run found the positions flat: own_digest and nhull. */
+void finish_flat(const struct tri *, const struct cut_region *, const int64_t k[3], struct mesh_domain *);
 
 #endif

@@ -15,6 +15,8 @@
 
 struct err;
 struct ledger;
+struct lineset;
+struct lineset_reader;
 
 struct grid; /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
 
@@ -23,6 +25,26 @@ struct grid; /* an open manifest: segments, shared index pages (charged to LEDGE
  * now. Any index_memory works; index pages that do not fit are read again. dirfd is used during the call only. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory, struct grid **ret,
 	      struct err *err);
+/*
+ * The lines of a generation (lineset.h). If it has some, grid_open opens their file, too, of which the memory is a part of
+ * index_memory, and readers mark records: POINT_LINE those of line vertices, and POINT_NEAR_LINE or POINT_IN_AREA those that
+ * lines remove; a view knows these (view_judge). All of them are live, and counted as such.
+ */
+struct grid_use {
+	bool no_lines; /* line vertices are not live, and nothing is marked */
+	int64_t clear; /* lattice numbers within which of a line records are marked; 0: those on it */
+	/* For a selection, whose records were chosen before: the line set file that it was made with, and its folder. Only the
+	 * records of line vertices are marked. NULL: the file that the manifest names, in the folder of the manifest. */
+	const char *lines;
+	int linesfd;
+};
+/* grid_open with a use of the lines; NULL: all zero, as by grid_open. */
+int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const struct grid_use *, struct ledger *,
+		  size_t index_memory, struct grid **ret, struct err *err);
+struct lineset *grid_lines(const struct grid *);       /* NULL: there are none, or they are not used */
+struct digest grid_lines_content(const struct grid *); /* zero: likewise */
+/* The source of the records of line vertices, which has the file (grid_source_files); NULL: likewise. */
+const struct grid_source *grid_lines_source(const struct grid *);
 struct grid *grid_close(struct grid *);
 struct ledger *grid_ledger(const struct grid *); /* the one that it was opened with */
 uint64_t grid_charged(const struct grid *);      /* bytes charged to LEDGER_INDEX */
@@ -31,7 +53,8 @@ uint64_t grid_points(const struct grid *);                               /* live
 bool grid_all_live(const struct grid *);                                 /* no segment mixes live and dead records */
 uint64_t grid_segment_points(const struct grid *, size_t segment);       /* live records of a segment of the manifest */
 struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
-/* Identifies the live records of a generation: the same in every dataset and for every division into segments. */
+/* Identifies the live records of a generation, and its lines if they are used: the same in every dataset and for every division
+ * into segments. */
 struct digest grid_content(const struct grid *);
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);
@@ -74,10 +97,13 @@ struct grid_reader_stats {
 };
 struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
 const struct grid *grid_reader_grid(const struct grid_reader *);
+/* A reader of its lines, in its memory; NULL: there are none. Not for use within a sink. */
+struct lineset_reader *grid_reader_lines(struct grid_reader *);
 
 /* Within a visitor only grid_cell_read may be called with the same reader, within a sink nothing. Points that are passed
- * to a sink are valid until it returns. The source index in their tags is zero, so the result does not depend on the
- * segments that the records are in. */
+ * to a sink are valid until it returns. In place of a source index their tags have marks of lines, so the result does not
+ * depend on the segments that the records are in; only the order of a line vertex and of records that are equal but for the mark
+ * may. */
 
 /* Visits all cells of all segments whose Morton range meets [lo, hi], in order within each segment. Omits cells whose
  * records are known to be dead without reading them. */
@@ -89,7 +115,8 @@ int grid_cell_read(struct grid_reader *, const struct grid_cell *, grid_points_f
 int grid_scan(struct grid_reader *, uint64_t lo, uint64_t hi, grid_points_fn, void *ctx, struct err *);
 /* Upper bound of the number of live records in the range; *ret_exact if it is the number itself. */
 int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
-/* Content sum (format.md) of the live records in the range, over all segments; always exact. */
+/* Content sum (format.md) of the live records in the range, over all segments; always exact. If records are marked, what marks in
+ * the range depend on is added (lineset_sum_range), which is zero far from lines. */
 int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
 /* The same for many ranges, ascending and disjoint, in one descent of the index; sets the sum of each. */
 struct grid_sum {

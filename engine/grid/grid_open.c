@@ -91,6 +91,31 @@ static uint64_t page_count(uint64_t cells)
 	return pages;
 }
 
+/* Opens the file of the lines of the generation. At most a quarter of the memory is for its pages. */
+static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, size_t index_memory, struct err *err)
+{
+	const struct grid_source *s = use->no_lines ? NULL : grid_manifest_line_vertices(g->manifest, g->generation);
+	struct grid_named file[GRID_SOURCE_FILES];
+
+	if (!s)
+		return 0;
+	g->line_source = s->id;
+	g->marks = !use->lines;
+	g->clear = use->clear;
+	if (use->lines)
+		return lineset_open(use->linesfd, use->lines, g->ledger, index_memory / 4, &g->lines, err);
+	grid_source_files(s, file);
+	return lineset_open(dirfd, file[0].name, g->ledger, index_memory / 4, &g->lines, err);
+}
+
+/* What the lines take of that memory. */
+static size_t lines_memory(const struct grid *g, size_t index_memory)
+{
+	uint64_t bytes = g->lines ? lineset_charged(g->lines) : 0;
+
+	return bytes < index_memory ? bytes : index_memory;
+}
+
 /* Charges the tables and as many frames as index_memory has room for, but no more than the index has pages. */
 static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struct err *err)
 {
@@ -113,7 +138,7 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	return 0;
 }
 
-static int fill_sources(struct grid *g, uint64_t generation, struct err *err)
+static int fill_sources(struct grid *g, uint64_t generation, bool no_lines, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 
@@ -129,7 +154,7 @@ static int fill_sources(struct grid *g, uint64_t generation, struct err *err)
 		const struct grid_source *s = &m->sources[i];
 
 		g->sources[i].id = s->id;
-		g->sources[i].live = grid_source_live(s, generation);
+		g->sources[i].live = grid_source_live(s, generation) && !(no_lines && s->kind == GRID_LINE_VERTICES);
 	}
 	if (m->nsources)
 		qsort(g->sources, m->nsources, sizeof *g->sources, order_u32);
@@ -154,9 +179,17 @@ static int check_generation(const struct grid *g, const char *manifest, struct e
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger, size_t index_memory, struct grid **ret,
 	      struct err *err)
 {
+	return grid_open_use(dirfd, manifest, generation, NULL, ledger, index_memory, ret, err);
+}
+
+int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const struct grid_use *use, struct ledger *ledger,
+		  size_t index_memory, struct grid **ret, struct err *err)
+{
+	static const struct grid_use usual;
 	struct grid *g = calloc(1, sizeof *g);
 	size_t frames = 0;
 
+	use = use ? use : &usual;
 	if (!g)
 		return err_set(err, ERR_NOMEM, "no memory to open %s", manifest);
 	int rc = grid_manifest_load(dirfd, manifest, ledger, &g->manifest, err);
@@ -171,9 +204,11 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 	g->generation = generation;
 	rc = check_generation(g, manifest, err);
 	if (rc == 0)
-		rc = charge(g, index_memory, &frames, err);
+		rc = open_lines(g, dirfd, use, index_memory, err);
 	if (rc == 0)
-		rc = fill_sources(g, generation, err);
+		rc = charge(g, index_memory - lines_memory(g, index_memory), &frames, err);
+	if (rc == 0)
+		rc = fill_sources(g, generation, use->no_lines, err);
 	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
 		rc = open_segment(g, dirfd, i, err);
 	if (rc == 0 && !(g->cache = grid_cache_new(frames)))
@@ -191,9 +226,24 @@ struct ledger *grid_ledger(const struct grid *g)
 	return g->ledger;
 }
 
+struct lineset *grid_lines(const struct grid *g)
+{
+	return g->lines;
+}
+
+const struct grid_source *grid_lines_source(const struct grid *g)
+{
+	return g->lines ? grid_manifest_line_vertices(g->manifest, g->generation) : NULL;
+}
+
+struct digest grid_lines_content(const struct grid *g)
+{
+	return g->lines ? lineset_info(g->lines)->content : (struct digest){0, 0};
+}
+
 uint64_t grid_charged(const struct grid *g)
 {
-	return g->charged;
+	return g->charged + (g->lines ? lineset_charged(g->lines) : 0);
 }
 
 struct grid *grid_close(struct grid *g)
@@ -203,6 +253,7 @@ struct grid *grid_close(struct grid *g)
 	for (size_t i = 0; g->segments && i < g->manifest->nsegments; i++)
 		io_close(g->segments[i].fd);
 	grid_cache_free(g->cache);
+	lineset_close(g->lines);
 	if (g->charged && g->ledger)
 		ledger_give(g->ledger, LEDGER_INDEX, g->charged);
 	grid_manifest_free(g->manifest);
@@ -244,6 +295,8 @@ struct digest grid_content(const struct grid *g)
 	for (size_t i = 0; i < g->manifest->nsegments; i++)
 		digest_add(&sum, g->live[i].sum);
 	digest_add(&sum, digest_hash(&points, sizeof points));
+	if (g->lines)
+		digest_add(&sum, grid_lines_content(g));
 	return digest_hash(&sum, sizeof sum);
 }
 

@@ -10,6 +10,7 @@
 #include "grid.h"
 #include "grid_block.h"
 #include "grid_segment.h"
+#include "lineset.h"
 
 struct err;
 struct ledger;
@@ -45,7 +46,11 @@ struct grid {
 	struct grid_segment *segments; /* as the manifest lists them */
 	struct grid_live *live;        /* of each segment */
 	struct grid_liveness *sources; /* of the manifest, ascending by id */
-	uint32_t height, active;       /* levels of the highest index; segments with live records */
+	struct lineset *lines;         /* NULL: none */
+	uint32_t line_source;          /* the one of the records of line vertices; 0: none is live */
+	bool marks;                    /* records that lines remove are marked */
+	int64_t clear;
+	uint32_t height, active; /* levels of the highest index; segments with live records */
 	struct grid_cache *cache;
 	struct ledger *ledger;
 	uint64_t charged;
@@ -100,7 +105,8 @@ struct grid_reader {
 	struct point *piece;         /* GRID_CELL_RECORDS */
 	struct grid_cursor *cursors; /* for the active segments */
 	struct grid_cursor **heap;
-	bool *flags; /* GRID_CELL_RECORDS: which sources of a block are live */
+	uint8_t *flags;               /* GRID_CELL_RECORDS: which sources of a block are live */
+	struct lineset_reader *lines; /* NULL: none */
 };
 
 static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned level)
@@ -124,6 +130,9 @@ int grid_cursor_block(struct grid_reader *, struct grid_cursor *, struct point *
 /* Reads only the head of the next block; the pointers are into the block buffer. Within one cell, heads and blocks must
  * not be mixed. */
 int grid_cursor_head(struct grid_reader *, struct grid_cursor *, struct grid_block *ret, struct err *err);
+
+/* Marks the records that lines remove; `box` has all of them. */
+int grid_mark(struct grid_reader *, const int32_t box[4], struct point *pts, size_t n, struct err *err);
 
 /* Trims sorted records to the range [lo, hi]. */
 void grid_trim(struct point **pts, size_t *n, uint64_t lo, uint64_t hi);

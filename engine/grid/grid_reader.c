@@ -37,7 +37,8 @@ size_t grid_reader_bytes(const struct grid *g)
 	size_t each = align_line(sizeof(struct grid_cursor)) + align_line(sizeof(struct grid_cursor *));
 
 	return ALIGN_LINE + align_line(sizeof(struct grid_reader)) + page_bytes(g) + align_line(DISK_BLOCK_MAX) +
-	       align_line(GRID_CELL_RECORDS * sizeof(struct point)) + align_line(GRID_CELL_RECORDS) + (g->active + 1) * each +
+	       (g->lines ? align_line(lineset_reader_bytes()) : 0) + align_line(GRID_CELL_RECORDS * sizeof(struct point)) +
+	       align_line(GRID_CELL_RECORDS) + (g->active + 1) * each +
 	       merge_buffers(g) * align_line(GRID_CELL_RECORDS * sizeof(struct point));
 }
 
@@ -56,6 +57,8 @@ int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid
 	r->flags = align_carve(&at, GRID_CELL_RECORDS);
 	r->cursors = align_carve(&at, (g->active + 1) * sizeof *r->cursors);
 	r->heap = align_carve(&at, (g->active + 1) * sizeof *r->heap);
+	if (g->lines)
+		r->lines = lineset_reader_init(align_carve(&at, lineset_reader_bytes()), g->lines);
 	memset(r->cursors, 0, (g->active + 1) * sizeof *r->cursors);
 	for (uint32_t i = 0; i < merge_buffers(g); i++)
 		r->cursors[i].pts = align_carve(&at, GRID_CELL_RECORDS * sizeof(struct point));
@@ -77,6 +80,11 @@ struct grid_reader_stats grid_reader_stats(const struct grid_reader *r)
 const struct grid *grid_reader_grid(const struct grid_reader *r)
 {
 	return r->grid;
+}
+
+struct lineset_reader *grid_reader_lines(struct grid_reader *r)
+{
+	return r->lines;
 }
 
 /* ---- index pages ---- */
@@ -210,15 +218,25 @@ static int advance(struct grid_reader *r, struct grid_cursor *c, const struct gr
 	return grid_segment_damaged(&r->grid->segments[c->segment], c->cell.place, "a cell differs from its index entry", err);
 }
 
-/* Keeps the live records, in place, and clears the source index of all. */
+enum { LIVE = 1, LINE = 2 };
+
+static uint8_t flags_of(const struct grid_reader *r, uint32_t segment, uint32_t source)
+{
+	const struct grid *g = r->grid;
+
+	if (!g->live[segment].all && !grid_live(g, source))
+		return 0;
+	return source == g->line_source ? LIVE | LINE : LIVE;
+}
+
+/* Keeps the live records, in place; in place of the source index their tags say whether they are of line vertices. */
 static int keep_live(struct grid_reader *r, uint32_t segment, const struct grid_block *b, size_t *ret_n, struct err *err)
 {
-	const bool all = r->grid->live[segment].all;
 	unsigned sources = b->head->sources, live = 0;
 	size_t n = 0;
 
 	for (unsigned i = 0; i < sources; i++) {
-		r->flags[i] = all || grid_live(r->grid, b->sources[i].id);
+		r->flags[i] = flags_of(r, segment, b->sources[i].id);
 		live += r->flags[i];
 	}
 	for (size_t i = 0; live && i < b->head->records; i++) {
@@ -228,7 +246,8 @@ static int keep_live(struct grid_reader *r, uint32_t segment, const struct grid_
 			return grid_segment_damaged(&r->grid->segments[segment], 0, "a record has no source", err);
 		b->records[n] = b->records[i];
 		b->records[n].tag &= POINT_FLAGS;
-		n += r->flags[source];
+		b->records[n].tag |= r->flags[source] & LINE ? POINT_LINE : 0;
+		n += r->flags[source] & LIVE;
 	}
 	*ret_n = n;
 	return 0;
@@ -249,13 +268,18 @@ int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point
 	n = b.head->records;
 	r->stats.records += n;
 	/* Nothing to do in the common case of one live source: its index is zero. */
-	if (b.head->sources > 1 || !(r->grid->live[c->segment].all || grid_live(r->grid, b.sources[0].id)))
+	if (b.head->sources > 1 || flags_of(r, c->segment, b.sources[0].id) != LIVE)
 		rc = keep_live(r, c->segment, &b, &n, err);
 	if (rc)
 		return rc;
 	*ret_pts = b.records;
 	*ret_n = n;
 	return 0;
+}
+
+int grid_mark(struct grid_reader *r, const int32_t box[4], struct point *pts, size_t n, struct err *err)
+{
+	return r->grid->marks && n ? lineset_mark(r->lines, box, (double)r->grid->clear, pts, n, err) : 0;
 }
 
 int grid_cursor_head(struct grid_reader *r, struct grid_cursor *c, struct grid_block *ret, struct err *err)
@@ -303,6 +327,8 @@ int grid_cell_read(struct grid_reader *r, const struct grid_cell *cell, grid_poi
 	for (grid_cursor_cell(&c, cell); c.block < cell->blocks;) {
 		int rc = grid_cursor_block(r, &c, &pts, &n, err);
 
+		if (rc == 0)
+			rc = grid_mark(r, cell->box, pts, n, err);
 		if (rc == 0 && n)
 			rc = sink(ctx, pts, n, err);
 		if (rc)

@@ -80,6 +80,8 @@ static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_
 			rc = grid_cursor_block(s->r, c, ret_pts, ret_n, err);
 			if (rc == 0 && (c->cell.lo < s->lo || c->cell.hi > s->hi))
 				grid_trim(ret_pts, ret_n, s->lo, s->hi);
+			if (rc == 0)
+				rc = grid_mark(s->r, c->cell.box, *ret_pts, *ret_n, err);
 		} else if (c->at < c->nbatch) {
 			struct grid_cell cell;
 

@@ -302,10 +302,25 @@ static int sums_cell(struct descent *d, const struct grid_cell *cell, const stru
 	return 0;
 }
 
+/* What marks depend on. */
+static int sums_lines(struct grid_reader *r, struct grid_sum *range, size_t n, struct err *err)
+{
+	for (size_t i = 0; i < n; i++) {
+		struct digest lines;
+		int rc = lineset_sum_range(r->lines, range[i].lo, range[i].hi, r->grid->clear, &lines, err);
+
+		if (rc)
+			return rc;
+		digest_add(&range[i].sum, lines);
+	}
+	return 0;
+}
+
 int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct err *err)
 {
 	struct sums sums = {range, n};
 	struct descent d = {.r = r, .ctx = &sums, .enter = sums_segment, .inner = sums_inner, .cell = sums_cell};
+	int rc;
 
 	for (size_t i = 0; i < n; i++)
 		range[i].sum = (struct digest){0, 0};
@@ -313,7 +328,8 @@ int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct er
 		return 0;
 	d.lo = range[0].lo;
 	d.hi = range[n - 1].hi;
-	return descend(&d, err);
+	rc = descend(&d, err);
+	return rc || !r->grid->marks ? rc : sums_lines(r, range, n, err);
 }
 
 int grid_sum(struct grid_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)

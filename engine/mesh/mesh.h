@@ -24,7 +24,7 @@ struct mesh_link {
 	uint32_t edges;  /* number of triangles in the sum */
 };
 
-#define MESH_RULES 12 /* at least VIEW_RULES; part of the format of stored domains */
+#define MESH_RULES 16 /* at least VIEW_RULES; part of the format of stored domains */
 
 /* The position with the most points in the view, at least two; if several have as many, the first by x, then y. */
 struct mesh_most {
@@ -56,7 +56,10 @@ struct mesh_domain {
 	struct mesh_link *link;  /* nopen of them */
 	uint32_t (*triangle)[3]; /* local vertex numbers, counter-clockwise */
 	uint8_t *final;          /* (nvertex + 7) / 8 bytes, filled by the emitter */
-	uint32_t nvertex, nopen, ntriangle;
+	/* A byte for each triangle: bit k: the side across from corner k is a piece of a line. nedges: ntriangle, or 0 if no side
+	 * is. */
+	uint8_t *edges;
+	uint32_t nvertex, nopen, ntriangle, nedges;
 	struct digest digest;        /* of its triangles */
 	struct digest closed_digest; /* vertex digest of the closed vertices */
 	/* of all positions of the region (counts.used), even if their triangles belong to other domains */
@@ -75,6 +78,7 @@ struct mesh_block {
 	const struct mesh_vertex *vertex; /* nnew of them */
 	const uint32_t (*triangle)[3];
 	const uint8_t *final; /* bit set over nforeign + nnew: no later block uses the vertex */
+	const uint8_t *edges; /* as in struct mesh_domain; NULL: no side of a triangle is a piece of a line */
 	uint32_t nforeign, nnew, ntriangle;
 };
 

@@ -23,7 +23,7 @@ struct check {
 	uint32_t *edge;  /* half-edges by the vertex they leave, then by the one they reach */
 	uint32_t *rim;   /* boundary half-edges, in no order */
 	size_t nrim;
-	uint32_t wrong, tie; /* the first faulty inner edges, or NO_EDGE; reported after the shape was checked */
+	uint32_t wrong, tie, half_piece; /* the first faulty inner edges, or NO_EDGE; reported after the shape was checked */
 };
 
 void verify_fault_set(struct verify_report *r, enum verify_fault fault, const int32_t *place, const char *fmt, ...)
@@ -216,6 +216,11 @@ static bool tie_is_right(const int32_t *a, const int32_t *b, const int32_t *c, c
 	return comes_later(tips, ends);
 }
 
+static bool is_piece(const struct check *c, uint32_t h)
+{
+	return c->mesh->edges && c->mesh->edges[h / 3] >> (h % 3 + 2) % 3 & 1;
+}
+
 /* Tests the inner edges (once each) and collects the boundary. */
 static void check_edges(struct check *c)
 {
@@ -225,15 +230,21 @@ static void check_edges(struct check *c)
 		uint32_t o = opposite(c, h);
 
 		if (o == NO_EDGE) {
+			c->report->pieces += is_piece(c, h);
 			c->rim[c->nrim++] = h;
 			continue;
 		}
 		if (o < h)
 			continue;
+		if (is_piece(c, h) != is_piece(c, o) && c->half_piece == NO_EDGE)
+			c->half_piece = h;
+		c->report->pieces += is_piece(c, h);
+		c->report->inner++;
+		if (is_piece(c, h) && is_piece(c, o))
+			continue;
 		const int32_t *a = xy(c, from(c, h)), *b = xy(c, to(c, h)), *l = xy(c, apex(c, h)), *r = xy(c, apex(c, o));
 		int side = in_circle(a, b, l, r);
 
-		c->report->inner++;
 		if (side > 0 && c->wrong == NO_EDGE)
 			c->wrong = h;
 		if (side == 0) {
@@ -250,7 +261,11 @@ static void check_circles(struct check *c)
 {
 	uint32_t wrong = c->wrong, tie = c->tie;
 
-	if (wrong != NO_EDGE)
+	if (c->half_piece != NO_EDGE)
+		verify_fault_set(c->report, VERIFY_PIECE, xy(c, from(c, c->half_piece)),
+				 "the edge from vertex %u to %u is a piece of a line in one of its triangles only",
+				 from(c, c->half_piece), to(c, c->half_piece));
+	else if (wrong != NO_EDGE)
 		verify_fault_set(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
 				 "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong), to(c, wrong),
 				 wrong / 3);
@@ -365,7 +380,7 @@ static void check_flat(const struct verify_mesh *m, struct verify_report *r)
 int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct err *err)
 {
 	struct verify_report r = {0};
-	struct check c = {.mesh = m, .report = &r, .wrong = NO_EDGE, .tie = NO_EDGE};
+	struct check c = {.mesh = m, .report = &r, .wrong = NO_EDGE, .tie = NO_EDGE, .half_piece = NO_EDGE};
 
 	if (m->nvertex >= UINT32_MAX || m->ntriangle >= UINT32_MAX / 3)
 		return err_set(err, ERR_LIMIT, "the verifier takes meshes of up to %u triangles", UINT32_MAX / 3 - 1);
@@ -397,7 +412,7 @@ const char *verify_fault_text(enum verify_fault fault)
 		[VERIFY_EDGE] = "edge",     [VERIFY_UNUSED] = "unused",   [VERIFY_BOUNDARY] = "boundary",
 		[VERIFY_EULER] = "euler",   [VERIFY_CONVEX] = "convex",   [VERIFY_DELAUNAY] = "delaunay",
 		[VERIFY_TIE] = "tie",       [VERIFY_MISSING] = "missing", [VERIFY_EXTRA] = "extra",
-		[VERIFY_HEIGHT] = "height",
+		[VERIFY_HEIGHT] = "height", [VERIFY_PIECE] = "piece",
 	};
 
 	return (unsigned)fault < VERIFY_FAULTS ? text[fault] : "unknown";

@@ -11,6 +11,9 @@
  * - every inner edge is locally Delaunay, exactly; of cocircular vertices the tie rule's diagonal is used (algorithm.md
  *   1: the lexicographically last vertex of a cocircular polygon is cut off as an ear, repeatedly).
  *
+ * An edge that is marked as a piece of a line in both of its triangles need not be Delaunay; one that is marked in one of them
+ * alone is a fault. So the mesh is the constrained triangulation of its vertices and its marked edges.
+ *
  * Of a trimmed mesh the boundary, the formula, and unused or missing vertices are not checked: each edge that has two
  * triangles is still one of the whole mesh.
  *
@@ -43,6 +46,7 @@ enum verify_fault {
 	VERIFY_MISSING,     /* a point is not a vertex */
 	VERIFY_EXTRA,       /* a vertex is not a point, or two vertices have the same position */
 	VERIFY_HEIGHT,      /* a vertex has a height other than its point's */
+	VERIFY_PIECE,       /* an edge is a piece of a line in one of its triangles only */
 	VERIFY_FAULTS
 };
 
@@ -50,7 +54,8 @@ struct verify_mesh {
 	const int32_t (*vertex)[3]; /* lattice numbers x, y, z */
 	const uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;
-	bool trimmed; /* triangles of a mesh that were left out, or other vertices, are no fault */
+	bool trimmed;         /* triangles of a mesh that were left out, or other vertices, are no fault */
+	const uint8_t *edges; /* a byte a triangle, bit k: the side across from corner k is a piece of a line; NULL: none is */
 };
 
 struct verify_report {
@@ -61,9 +66,11 @@ struct verify_report {
 	uint64_t edges;     /* undirected */
 	uint64_t inner;     /* inner edges, tested for Delaunay */
 	uint64_t ties;      /* inner edges with four cocircular vertices, decided by the tie rule */
+	uint64_t pieces;    /* edges that are pieces of lines */
 	uint64_t hull;      /* vertices on the boundary, collinear ones included */
 	uint64_t points;    /* points to compare with */
 	uint64_t positions; /* distinct positions among them */
+	uint64_t absent;    /* of these: no vertices of a trimmed mesh, or of one with lines */
 };
 
 /* 0 and the report, or -ERR_NOMEM. A mesh without triangles is good if all vertices are collinear; verify_points then

@@ -20,6 +20,8 @@ static void place_of(const struct point *p, int32_t place[3])
 	place[2] = p->z;
 }
 
+enum { END_OF_PIECE = 1 };
+
 /* Keeps one point of each position, the one that the view takes. */
 static size_t reduce_points(const struct view *view, struct point *pts, size_t n)
 {
@@ -36,9 +38,13 @@ static size_t reduce_points(const struct view *view, struct point *pts, size_t n
 	return kept;
 }
 
-static void compare_points(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, bool trimmed,
+/* Ends of pieces have a class of their own: such a vertex may be one of a line, which is none of the points. Of a mesh with lines
+ * points may be missing: those on lines, and those in lakes and outside of the boundary. */
+static void compare_points(const struct point *pts, size_t n, const struct point *vertex, const struct verify_mesh *m,
 			   struct verify_report *r)
 {
+	size_t nvertex = m->nvertex;
+
 	size_t i = 0, v = 0;
 	int32_t place[3];
 
@@ -49,8 +55,12 @@ static void compare_points(const struct point *pts, size_t n, const struct point
 		if (q && v > 0 && same_place(q, q - 1)) {
 			place_of(q, place);
 			verify_fault_set(r, VERIFY_EXTRA, place, "two vertices have one position");
-		} else if ((!q || (p && kp < kq)) && trimmed) {
+		} else if ((!q || (p && kp < kq)) && (m->trimmed || m->edges)) {
+			r->absent++;
 			i++;
+			continue;
+		} else if (q && (!p || kq < kp) && q->cls == END_OF_PIECE) {
+			v++;
 			continue;
 		} else if (!q || (p && kp < kq)) {
 			place_of(p, place);
@@ -58,7 +68,7 @@ static void compare_points(const struct point *pts, size_t n, const struct point
 		} else if (!p || kq < kp) {
 			place_of(q, place);
 			verify_fault_set(r, VERIFY_EXTRA, place, "a vertex is none of the points");
-		} else if (p->z != q->z) {
+		} else if (p->z != q->z && q->cls != END_OF_PIECE) {
 			place_of(q, place);
 			verify_fault_set(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z,
 					 (int)p->z);
@@ -81,12 +91,16 @@ int verify_points(const struct verify_mesh *m, const struct view *view, struct p
 	}
 	for (size_t v = 0; v < m->nvertex; v++)
 		vertex[v] = (struct point){m->vertex[v][0], m->vertex[v][1], m->vertex[v][2], 0, 0, 0};
+	for (size_t t = 0; m->edges && t < m->ntriangle; t++)
+		for (unsigned k = 0; k < 3; k++)
+			if (m->edges[t] >> k & 1)
+				vertex[m->triangle[t][(k + 1) % 3]].cls = vertex[m->triangle[t][(k + 2) % 3]].cls = END_OF_PIECE;
 	point_sort(vertex, scratch, m->nvertex);
 	point_sort(pts, scratch, n);
 	r->points = n;
 	n = reduce_points(view, pts, n);
 	r->positions = n;
-	compare_points(pts, n, vertex, m->nvertex, m->trimmed, r);
+	compare_points(pts, n, vertex, m, r);
 out:
 	free(scratch);
 	free(vertex);

@@ -20,6 +20,7 @@
 #include "store.h"
 #include "view.h"
 
+struct breakline_writer;
 struct err;
 struct ledger;
 
@@ -34,8 +35,9 @@ struct pipe_ingested {
 	uint64_t left_out, left_out_line; /* as in input_info */
 	bool partial;                     /* only a part was read, see input_options.has_crop */
 	char warning[256];
-	uint64_t returns[16];    /* by return number */
-	int64_t low[3], high[3]; /* box of the raw numbers; only if there are points */
+	uint64_t returns[16];                      /* by return number */
+	int64_t low[3], high[3];                   /* box of the raw numbers; only if there are points */
+	uint64_t vertices_dropped, vertices_added; /* of lines: equal ones in a row; to make segments shorter */
 };
 
 /* Memory that pipe_ingest uses besides the stage; the caller charges it before. */
@@ -44,6 +46,9 @@ typedef int (*pipe_progress_fn)(void *ctx, uint64_t points);
 struct pipe_ingest_params {
 	const struct lattice *lattice;
 	struct grid_stage *stage;
+	/* Of an input of lines, in place of the stage; NULL: lines are refused. The unit of x and y of the dataset. */
+	struct breakline_writer *lines;
+	const char *unit_xy;
 	/* the conversion, if it is more than a scale; its lattice and coords are set by pipe_ingest */
 	const struct crs_step_params *step;
 	bool split;      /* the stage is split, because several parts of one input are added at once */
@@ -147,6 +152,8 @@ struct pipe_known {
 enum { PIPE_E_SPLIT = 1 };
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+/* Whether the lines of the grid have areas that are out of the mesh. */
+bool pipe_has_out(const struct grid *grid);
 /* Bytes at the start of `memory` that must stay for *domain and its trace to stay valid. */
 size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
 
@@ -177,6 +184,7 @@ struct pipe_summary {
 	struct store_front front; /* `beside.content`: of a generation in which it is valid */
 	struct cut_reach reach;
 	struct cut_live live;
+	uint32_t cap; /* of struct cut_lines */
 };
 /* Stores what pipe_domain made in `memory`; call it before `memory` is used for anything else. `ret_summary`: what to
  * remember of it; may be NULL. */
@@ -270,8 +278,9 @@ int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd
  * NULL. The arrays of the block are those of the domain, renumbered in place; they stay valid as long as the domain's
  * memory. */
 int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *, const struct mesh_sink *, struct err *err);
-/* Call it before the first domain of a window. Such a mesh has a border that is not the hull's, so Euler's formula is
- * not checked, and totals.hull is 0. */
+/* Call it before the first domain of a window, or of a mesh of which parts are out (pipe_has_out). Such a mesh has a border that
+ * is not the hull's, so Euler's formula is not checked, and totals.hull is 0. Positions need not be vertices of it, so its totals
+ * cannot be made by pipe_emitter_sums. */
 void pipe_emitter_part(struct pipe_emitter *);
 /* Call it before the first domain, or to begin again. true: nobody reads the mesh, and only its totals are made, from
  * the counts, digests and numbers of the domains, without their arrays; no sink is allowed, and domains can come in any

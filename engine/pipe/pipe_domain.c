@@ -12,7 +12,6 @@
  */
 #include "pipe.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "cut_valid.h"
@@ -62,10 +61,13 @@ void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget,
 }
 
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
-			    const struct cut_load *load)
+			    const struct cut_load *load, uint32_t *ret_cap)
 {
 	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap(load->n, budget->cap);
-	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), cap > guess ? cap : guess);
+	struct tri *tri;
+
+	*ret_cap = cap > guess ? cap : guess;
+	tri = tri_init(pipe_domain_arena(grid, memory), *ret_cap);
 
 	if (tri_input(tri) != load->out)
 		memmove(tri_input(tri), load->out, load->n * sizeof *load->out);
@@ -105,43 +107,16 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	return r;
 }
 
-static int compare_on_line(const void *a, const void *b)
-{
-	const int32_t *p = a, *q = b;
-
-	return p[0] != q[0] ? (p[0] > q[0]) - (p[0] < q[0]) : (p[1] > q[1]) - (p[1] < q[1]);
-}
-
-/*
- * For a region that loaded fewer than three positions, or collinear ones. Its own positions are in the mesh
- * nevertheless, in triangles of other regions. And if it sees only a side of the hull, from afar, it owns edges of the
- * hull.
- */
-static void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
-{
-	int32_t(*xy)[2];
-	struct tri_result t;
-
-	tri_result(tri, &t);
-	for (uint32_t i = 0; i < t.nvertex; i++)
-		if (cut_region_holds(region, t.xy[i][0], t.xy[i][1]))
-			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
-	if (!region->inf)
-		return;
-	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and no longer needed there */
-	qsort(xy, t.nvertex, sizeof *xy, compare_on_line);
-	for (uint32_t i = 1; i < t.nvertex; i++)
-		d->nhull +=
-			(uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
-}
-
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
+	const int64_t *k = grid_manifest(grid)->lattice.k;
+	const uint64_t *chosen = NULL;
 	struct finish f = {0};
 	struct cut_load load;
 	struct tri *tri;
 	uint64_t own = 0;
+	uint32_t cap;
 	int r;
 
 	if (view->window) {
@@ -157,18 +132,26 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (r)
 		return r;
 	if (load.flat) {
-		*ret = pipe_flat_domain(&load, grid_manifest(grid)->lattice.k);
+		*ret = pipe_flat_domain(&load, k);
 		return 0;
 	}
-	tri = pipe_domain_tri(grid, budget, own, memory, &load);
+	tri = pipe_domain_tri(grid, budget, own, memory, &load, &cap);
 	f.out.counts = load.counts;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_flat(tri, region, grid_manifest(grid)->lattice.k, &f.out);
+		finish_flat(tri, region, k, &f.out);
 		*ret = f.out;
 		return 0;
 	}
-	finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
-	finish_owned(&f);
+	if (grid_lines(grid)) {
+		r = pipe_constrain(grid, view, region, budget, memory, &tri, cap, &f.out.counts, &chosen, ret_need, err);
+		if (r)
+			return r;
+	}
+	finish_init(&f, region, k, tri);
+	if (chosen)
+		finish_chosen(&f, chosen);
+	else
+		finish_owned(&f);
 	if (!finish_vertices(&f)) {
 		/* Nearly all vertices are open: points in convex position. Smaller regions will fit. */
 		*ret_need = (uint64_t)load.n * 2;
@@ -185,5 +168,7 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory)
 
 	if (!domain->nvertex)
 		return PIPE_TRACE;
+	if (domain->nedges)
+		return align_line((size_t)(domain->edges + domain->nedges - (const uint8_t *)memory));
 	return (size_t)(end - (const uint8_t *)memory) + align_line(((size_t)domain->nvertex + 7) / 8);
 }

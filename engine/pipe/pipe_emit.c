@@ -283,6 +283,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	block.foreign = (const uint64_t *)d->link;
 	block.vertex = d->vertex + nforeign;
 	block.triangle = (const uint32_t(*)[3])d->triangle;
+	block.edges = d->nedges ? d->edges : NULL;
 	block.final = d->final;
 	block.nforeign = nforeign;
 	block.nnew = d->nvertex - nforeign;

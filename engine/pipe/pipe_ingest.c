@@ -2,7 +2,7 @@
  * Ingest: raw points of an input, converted to the dataset's lattice, into a stage. Reads batch by batch and keeps only
  * one batch.
  */
-#include "pipe.h"
+#include "pipe_lines.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -20,11 +20,12 @@ struct batch {
 	int32_t at[BATCH][3];
 	struct point point[BATCH];
 	uint8_t cls[BATCH], ret[BATCH], flags[BATCH];
+	struct input_vertex vertex[BATCH];
 };
 
 size_t pipe_ingest_bytes(void)
 {
-	return sizeof(struct batch) + input_bytes() + crs_step_bytes();
+	return sizeof(struct batch) + pipe_lines_bytes() + input_bytes() + crs_step_bytes();
 }
 
 static void batch_points(struct batch *b, size_t n)
@@ -59,8 +60,11 @@ static void count_batch(const struct batch *b, size_t n, struct pipe_ingested *i
 	}
 }
 
-static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b, size_t n, struct err *err)
+static int stage_batch(const struct pipe_ingest_params *p, struct pipe_lines *lines, struct batch *b, size_t n, struct err *err)
 {
+	if (lines)
+		return pipe_lines_add(lines, (const int32_t(*)[3])b->at, b->vertex, n, err);
+	batch_points(b, n);
 	return p->split ? grid_stage_share(p->stage, b->point, n, err) : grid_stage_add(p->stage, b->point, n, err);
 }
 
@@ -84,10 +88,11 @@ static int conversion_init(struct conversion *w, const struct input_info *info, 
 	return crs_step_new(&step, &w->step, err);
 }
 
-static int ingest_batches(struct input *input, const struct conversion *w, const struct pipe_ingest_params *p, struct batch *b,
-			  struct pipe_ingested *in, struct err *err)
+static int ingest_batches(struct input *input, const struct conversion *w, const struct pipe_ingest_params *p,
+			  struct pipe_lines *lines, struct batch *b, struct pipe_ingested *in, struct err *err)
 {
-	struct input_points pts = {.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
+	struct input_points pts = {
+		.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH, .vertex = b->vertex};
 	const struct input_info *info = input_info(input);
 	size_t bad = 0;
 	int r;
@@ -106,13 +111,14 @@ static int ingest_batches(struct input *input, const struct conversion *w, const
 				 (unsigned long long)(p->before + info->first_point + in->points + bad));
 			return err_add_place(err, ERR_NO_OFFSET, field);
 		}
-		batch_points(b, pts.n);
-		r = stage_batch(p, b, pts.n, err);
+		r = stage_batch(p, lines, b, pts.n, err);
 		if (r)
 			return r;
 		count_batch(b, pts.n, in);
 		in->points += pts.n;
-		if (p->progress && p->progress(p->ctx, in->points))
+		if (lines)
+			pipe_lines_counts(lines, in);
+		if (p->progress && p->progress(p->ctx, in->points + in->vertices_added))
 			return err_set(err, ERR_CANCELLED, "cancelled after %llu points", (unsigned long long)in->points);
 	}
 }
@@ -121,16 +127,27 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 {
 	const struct input_info *info = input_info(input);
 	struct pipe_ingested in = {0};
+	struct pipe_lines *lines = NULL;
 	struct conversion w;
 	struct batch *b;
 	int r;
 
-	r = conversion_init(&w, info, p, err);
-	if (r)
+	if (info->lines.are && pipe_lines_new(p, info, &lines, err))
 		return err_add_file(err, info->coords.name);
+	r = conversion_init(&w, info, p, err);
+	if (r) {
+		pipe_lines_free(lines);
+		return err_add_file(err, info->coords.name);
+	}
 	b = malloc(sizeof *b);
-	r = b ? ingest_batches(input, &w, p, b, &in, err) : err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
+	r = b ? ingest_batches(input, &w, p, lines, b, &in, err) :
+		err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
 	free(b);
+	if (!r && lines)
+		r = pipe_lines_end(lines, err);
+	if (lines)
+		pipe_lines_counts(lines, &in);
+	pipe_lines_free(lines);
 	if (w.step)
 		in.shift = crs_step_shift(w.step);
 	crs_step_free(w.step);

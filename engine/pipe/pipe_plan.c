@@ -86,7 +86,7 @@ int pipe_plan(const struct grid *grid, const struct view *view, const struct pip
 int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, const struct view *view, uint64_t need,
 		    uint32_t cap, struct err *err)
 {
-	int r = cut_plan_split(plan, i, reader, need, view->window ? window_cap(cap) : cap, err);
+	int r = cut_plan_split(plan, i, reader, need, view->window ? window_cap_of(grid_reader_grid(reader), cap) : cap, err);
 
 	for (unsigned k = 0; k < 2 && !r && view->window; k++)
 		window_tighten(grid_reader_grid(reader), view, &plan->leaf[i + k].region);

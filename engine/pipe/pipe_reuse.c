@@ -26,16 +26,15 @@
 #include "cursor.h"
 #include "err.h"
 #include "pipe.h"
-#include "finish.h"
 #include "pipe_priv.h"
 
 /* Change it when the same points give other blocks: stored domains of the old kernel are then not found. */
 static const char KERNEL[] = "kernel 3";
 
-enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PART = 24 };
+enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PART = 24, PROOF_LINES = 72 };
 #define PROOF_MOST                                                                                          \
 	(PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE + \
-	 CUT_TRACE_PARTS * PROOF_PART)
+	 CUT_TRACE_PARTS * PROOF_PART + PROOF_LINES)
 _Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "format.md");
 _Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
 
@@ -87,10 +86,63 @@ static size_t proof_size(uint32_t ranges, uint32_t sites, uint32_t parts)
 	return PROOF_HEAD + (size_t)ranges * PROOF_RANGE + (size_t)sites * PROOF_SITE + (size_t)parts * PROOF_PART;
 }
 
+static bool is_zero(struct digest d)
+{
+	return !d.hi && !d.lo;
+}
+
+/* Whether the proof has what it depends on beside points. Without lines in the dataset it does not, as before there were any. */
+static bool has_lines(const struct cut_trace *t)
+{
+	return t->lines.cap || !is_zero(t->lines.sum) || !is_zero(t->live.lines);
+}
+
+static void lines_pack(struct packer *p, const struct cut_trace *t)
+{
+	for (unsigned i = 0; i < 4; i++)
+		packer_i32(p, t->lines.box[i]);
+	for (unsigned i = 0; i < 4; i++)
+		packer_i32(p, t->lines.disc[i]);
+	packer_u64(p, t->lines.sum.hi);
+	packer_u64(p, t->lines.sum.lo);
+	packer_u64(p, t->live.lines.hi);
+	packer_u64(p, t->live.lines.lo);
+	packer_u32(p, t->lines.cap);
+	packer_u32(p, 0);
+}
+
+static void lines_unpack(struct cursor *c, struct cut_trace *t)
+{
+	for (unsigned i = 0; i < 4; i++)
+		t->lines.box[i] = cursor_i32(c);
+	for (unsigned i = 0; i < 4; i++)
+		t->lines.disc[i] = cursor_i32(c);
+	t->lines.sum.hi = cursor_u64(c);
+	t->lines.sum.lo = cursor_u64(c);
+	t->live.lines.hi = cursor_u64(c);
+	t->live.lines.lo = cursor_u64(c);
+	t->lines.cap = cursor_u32(c);
+	cursor_u32(c);
+}
+
+/* The list of a domain: of its ranges, and of its pieces if it has some. A domain without a trace depends on everything. */
+static struct digest list_of(const struct cut_trace *t, const uint8_t *proof, struct digest content)
+{
+	struct digest list[2];
+
+	if (!t->nrange)
+		return content;
+	list[0] = digest_hash(proof + PROOF_HEAD, (size_t)t->nrange * PROOF_RANGE);
+	if (is_zero(t->lines.sum))
+		return list[0];
+	list[1] = t->lines.sum;
+	return digest_hash(list, sizeof list);
+}
+
 static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 {
 	uint32_t sites = t->nsite[0] + t->nsite[1] + t->nsite[2] + t->nsite[3];
-	size_t size = proof_size(t->nrange, sites, t->live.n);
+	size_t size = proof_size(t->nrange, sites, t->live.n) + (has_lines(t) ? PROOF_LINES : 0);
 	struct packer p = packer_of(out, size);
 
 	packer_u32(&p, t->nrange);
@@ -112,15 +164,28 @@ static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 		packer_u64(&p, t->live.part[i].sum.hi);
 		packer_u64(&p, t->live.part[i].sum.lo);
 	}
+	if (has_lines(t))
+		lines_pack(&p, t);
 	return size;
 }
 
-/* False: it is not a proof for that region. `trace` is initialized. */
-static bool proof_unpack(const struct store_beside *b, const struct cut_region *region, struct cut_trace *t)
+/* What a domain without pieces depends on: that none comes to its triangles. */
+static void lines_of(const struct mesh_domain *d, struct cut_trace *t)
 {
+	const int32_t box[4] = {d->box[0], d->box[1], d->box[3], d->box[4]};
+
+	if (d->nvertex)
+		memcpy(t->lines.box, box, sizeof box);
+}
+
+/* False: it is not a proof for that region. `trace` is initialized. */
+static bool proof_unpack(const struct store_front *f, const struct cut_region *region, struct cut_trace *t)
+{
+	const struct store_beside *b = &f->beside;
 	struct cursor c = cursor_of(b->proof, b->proof_size);
 	const uint8_t *site;
 	uint32_t sites = 0;
+	size_t size;
 
 	t->nrange = cursor_u32(&c);
 	for (unsigned i = 0; i < 4; i++) {
@@ -130,8 +195,10 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 		sites += t->nsite[i];
 	}
 	t->live.n = cursor_u32(&c);
-	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->live.n > CUT_TRACE_PARTS ||
-	    b->proof_size != proof_size(t->nrange, sites, t->live.n))
+	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->live.n > CUT_TRACE_PARTS)
+		return false;
+	size = proof_size(t->nrange, sites, t->live.n);
+	if (b->proof_size != size && b->proof_size != size + PROOF_LINES)
 		return false;
 	/* Many regions have many sites: as they are in the file, little-endian. */
 	memcpy(t->range, cursor_bytes(&c, (size_t)t->nrange * PROOF_RANGE), (size_t)t->nrange * PROOF_RANGE);
@@ -145,6 +212,10 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 		t->live.part[i].sum.hi = cursor_u64(&c);
 		t->live.part[i].sum.lo = cursor_u64(&c);
 	}
+	if (b->proof_size != size)
+		lines_unpack(&c, t);
+	else
+		lines_of(&f->domain, t);
 	return !c.bad && cut_trace_fits(t, region);
 }
 
@@ -164,12 +235,13 @@ static void stored_of(const struct store_front *f, const struct store_id *id, st
 static void summary_of(const struct store_front *f, const struct store_id *id, const struct pipe_key *key,
 		       const struct cut_region *region, const struct cut_trace *trace, struct pipe_summary *ret)
 {
-	*ret = (struct pipe_summary){.id = *id, .front = *f};
+	*ret = (struct pipe_summary){.id = *id, .front = *f, .cap = trace->lines.cap};
 	ret->front.beside = (struct store_beside){.content = key->content};
 	ret->front.domain.vertex = NULL;
 	ret->front.domain.link = NULL;
 	ret->front.domain.triangle = NULL;
 	ret->front.domain.final = NULL;
+	ret->front.domain.edges = NULL;
 	if (!trace->nrange)
 		return;
 	cut_reach_of(trace, region, &ret->reach);
@@ -187,8 +259,7 @@ int pipe_store(int storefd, const struct pipe_key *key, const struct cut_region 
 	int r;
 
 	beside.proof_size = proof_pack(trace, proof);
-	/* A domain without a trace depends on everything. */
-	id.list = trace->nrange ? digest_hash(proof + PROOF_HEAD, (size_t)trace->nrange * PROOF_RANGE) : key->content;
+	id.list = list_of(trace, proof, key->content);
 	r = store_put(storefd, &id, &beside, domain, &front, err);
 	if (r)
 		return r;
@@ -241,11 +312,11 @@ static int check_version(const struct pipe_reuse_params *p, const struct pipe_fo
 	struct pipe_summary summary;
 	int r;
 
-	if (same && !p->remember)
-		return 0;
 	cut_trace_init(trace, (struct pipe_trace *)p->memory + 1);
-	if (!proof_unpack(&f->front.beside, p->region, trace))
+	if (!proof_unpack(&f->front, p->region, trace))
 		return same ? 0 : PIPE_E_ABSENT;
+	if (trace->lines.cap > p->cap)
+		return PIPE_E_ABSENT;
 	r = same ? 0 : valid_here(p, trace, err);
 	if (!r && p->remember) {
 		summary_of(&f->front, &f->id, p->key, p->region, trace, &summary);
@@ -268,7 +339,8 @@ static bool front_wanted(const struct pipe_reuse_params *p)
 	return p->light && !p->sums;
 }
 
-/* A domain that was made with more memory would be split with this budget: only the plan's cap decides. */
+/* A domain that was made with more memory would be split with this budget: only the plan's cap decides. One with pieces needs
+ * more than its positions say: it must have been made with no larger cap. */
 static bool fits_cap(const struct pipe_reuse_params *p, const struct mesh_domain *d)
 {
 	return d->counts.used + d->counts.halo <= p->cap;
@@ -292,7 +364,8 @@ static bool is_recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
 {
 	struct pipe_summary s;
 
-	if (!p->recall || front_wanted(p) || p->after_ns || !p->recall(p->ctx, f->id.base, &s) || !fits_cap(p, &s.front.domain))
+	if (!p->recall || front_wanted(p) || p->after_ns || !p->recall(p->ctx, f->id.base, &s) || !fits_cap(p, &s.front.domain) ||
+	    s.cap > p->cap)
 		return false;
 	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_additions_far(p->grid, p->region, &s.reach, &s.live))
 		return false;
@@ -399,7 +472,7 @@ static bool read_trace(const struct pipe_reuse_params *p, struct cut_trace **ret
 	if (!last_version(p, &id) || store_proof(p->storefd, &id, front_of(p), front_room(p), &front, &err))
 		return false;
 	cut_trace_init(&trace->trace, trace + 1);
-	return proof_unpack(&front.beside, p->region, &trace->trace);
+	return proof_unpack(&front, p->region, &trace->trace);
 }
 
 bool pipe_before(const struct pipe_reuse_params *p, struct pipe_before *ret)

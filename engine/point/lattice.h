@@ -45,6 +45,15 @@ bool lattice_equal(const struct lattice *a, const struct lattice *b);
 char *lattice_text(const struct lattice *, char buf[LATTICE_TEXT_SIZE]);
 bool lattice_parse(const char *text, struct lattice *ret);
 
+/* The coordinate of a lattice number, for messages and reports: of x or y (axis 0, 1) or z. */
+static inline double lattice_coordinate(const struct lattice *l, int axis, int32_t v)
+{
+	struct decimal d = axis < 2 ? l->scale_xy : l->scale_z;
+
+	d.mantissa *= v + l->k[axis];
+	return decimal_double(d);
+}
+
 /* Converts the raw numbers of a file to lattice numbers: floor((raw * a + b) / d + 1/2), exact. */
 struct lattice_map {
 	struct {

@@ -24,6 +24,10 @@ enum {
 	POINT_FLAGS = 15,
 	POINT_SOURCE_SHIFT = 4,
 	POINT_SOURCES = 4096,
+	/* Instead of the index of a source, in records that a reader of a generation gives (grid.h): */
+	POINT_LINE = 1 << POINT_SOURCE_SHIFT,      /* a vertex of a line, not a survey point */
+	POINT_NEAR_LINE = 2 << POINT_SOURCE_SHIFT, /* on a line, or too near to it: removed */
+	POINT_IN_AREA = 4 << POINT_SOURCE_SHIFT,   /* in a lake, in a hole, or outside of the boundary: removed */
 };
 
 static inline unsigned point_return(const struct point *p)

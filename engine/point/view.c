@@ -91,6 +91,10 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "no class is left: all that --class names are left out by --not-class");
 		return err_add_hint(err, "leave out one of them");
 	}
+	if (v->no_breaklines && v->breakline_clear) {
+		err_set(err, ERR_USAGE, "without lines no point is near one");
+		return err_add_hint(err, "leave out one of --no-breaklines and --breakline-clear");
+	}
 	if (v->has_zmin && v->has_zmax && v->zmin > v->zmax) {
 		err_set(err, ERR_USAGE, "--zmin is above --zmax: no height is left");
 		return err_add_hint(err, "swap them");
@@ -151,6 +155,8 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 
 	if (v->crop && !in_crop(v, x, y))
 		return VIEW_BY_CROP;
+	if (p->tag & POINT_LINE)
+		return VIEW_KEPT;
 	if (!has_class(v, p))
 		return VIEW_BY_CLASS;
 	if ((p->cls == CLASS_NOISE_LOW || p->cls == CLASS_NOISE_HIGH) && !v->keep_noise && !view_names_class(v, p->cls))
@@ -163,6 +169,8 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 		return VIEW_BY_OVERLAP;
 	if ((v->has_zmin && z < v->zmin) || (v->has_zmax && z > v->zmax))
 		return VIEW_BY_Z;
+	if (p->tag & (POINT_NEAR_LINE | POINT_IN_AREA))
+		return p->tag & POINT_NEAR_LINE ? VIEW_BY_LINE : VIEW_BY_AREA;
 	if (v->every > 1 && !in_every(v, x, y))
 		return VIEW_BY_EVERY;
 	return VIEW_KEPT;
@@ -268,6 +276,8 @@ const char *view_rule_text(enum view_rule rule)
 		[VIEW_BY_EVERY] = "every",
 		[VIEW_BY_THIN] = "thin",
 		[VIEW_BY_DUPLICATE] = "duplicate",
+		[VIEW_BY_LINE] = "line",
+		[VIEW_BY_AREA] = "area",
 	};
 
 	return (unsigned)rule < VIEW_RULES ? text[rule] : "unknown";

@@ -41,8 +41,13 @@ enum view_rule {
 	VIEW_BY_EVERY,
 	VIEW_BY_THIN,      /* another point of the same thin cell was taken */
 	VIEW_BY_DUPLICATE, /* another point of the same position was taken */
+	VIEW_BY_LINE,      /* on a line, or too near to it (POINT_NEAR_LINE) */
+	VIEW_BY_AREA,      /* in a lake, in a hole, or outside of the boundary (POINT_IN_AREA) */
 	VIEW_RULES
 };
+
+/* The widest that lines can be kept clear: all differences of lattice numbers are below it. */
+#define VIEW_CLEAR_MOST (INT64_C(1) << 33)
 
 struct view_thin {
 	int64_t cell; /* side of a cell in lattice numbers; 0: no thinning */
@@ -65,7 +70,9 @@ struct view {
 	int64_t crop_box[4]; /* x1 y1 x2 y2, closed; the bounds for VIEW_CROP_AREA */
 	uint64_t every;      /* keeps positions whose hash is 0 modulo this; 0, 1: all */
 	struct view_thin thin;
-	struct view_area *area; /* for VIEW_CROP_AREA; owned: view_done */
+	bool no_breaklines;      /* lines of the dataset do not count */
+	int64_t breakline_clear; /* lattice numbers within which of a line points are removed; 0: only those on it */
+	struct view_area *area;  /* for VIEW_CROP_AREA; owned: view_done */
 	/* The window does not choose points: it chooses the triangles of the mesh that meet this closed area. Kind, box
 	 * and area as for the crop. */
 	uint8_t window;
@@ -110,10 +117,10 @@ int view_set_classes(struct view *, const char *list, struct err *err);
 int view_set_not_classes(struct view *, const char *list, struct err *err);
 
 /* The rule that removes this point, or VIEW_KEPT. Never VIEW_BY_THIN or VIEW_BY_DUPLICATE, which depend on other
- * points. Return number 0 (unknown) counts as a first return, and as a last one if the count is 0 or 1. The view is
- * bound. */
+ * points. A vertex of a line (POINT_LINE) is removed by the crop alone, and what lines remove is marked (grid.h). Return number 0
+ * (unknown) counts as a first return, and as a last one if the count is 0 or 1. The view is bound. */
 enum view_rule view_judge(const struct view *, const struct point *);
-/* Whether view_judge uses only class, returns and flags of a point. */
+/* Whether view_judge uses only class, returns, flags and marks of a point. */
 bool view_by_kind(const struct view *);
 /* True: of two kept points at one position, a is preferred to b. False if they are equal (the source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);

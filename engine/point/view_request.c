@@ -146,20 +146,21 @@ static const struct unit {
 	{"m", "metre", 1, 1},
 };
 
-static int no_unit(struct request *q, struct view_word w, bool degrees)
+/* `option`: "--thin". */
+static int no_unit(struct request *q, struct view_word w, const char *option, bool degrees)
 {
 	int n = (int)(w.n < 60 ? w.n : 60);
 
 	if (degrees) {
 		err_set(q->err, ERR_INPUT, "a length of %.*s has no meaning in a plane of degrees", n, w.at);
-		return err_add_hint(q->err, "project the points, or give --thin a bare number of degrees");
+		return err_add_hint(q->err, "project the points, or give %s a bare number of degrees", option);
 	}
 	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be converted: the unit of the dataset is unknown", n, w.at);
-	return err_add_hint(q->err, "give --thin a bare number in the units of the files, or push with --assume-units");
+	return err_add_hint(q->err, "give %s a bare number in the units of the files, or push with --assume-units", option);
 }
 
 /* The factor from the length's unit to the dataset's; 1 without a suffix. */
-static int parse_unit(struct request *q, struct view_word *w, int64_t *up, int64_t *down)
+static int parse_unit(struct request *q, struct view_word *w, const char *option, int64_t *up, int64_t *down)
 {
 	struct view_word whole = *w;
 	const struct unit *of = NULL, *to = NULL;
@@ -178,7 +179,7 @@ static int parse_unit(struct request *q, struct view_word *w, int64_t *up, int64
 	if (!of)
 		return 0;
 	if (!to)
-		return no_unit(q, whole, !strcmp(q->unit_xy, "degree"));
+		return no_unit(q, whole, option, !strcmp(q->unit_xy, "degree"));
 	if (of != to) {
 		*up = of->up * to->down;
 		*down = of->down * to->up;
@@ -199,25 +200,38 @@ static int parse_pick(struct view *v, struct view_word w)
 	return 1;
 }
 
+/* A length that is not negative, in lattice numbers, rounded once; *ret_fits: it is not larger than any dataset. */
+static int parse_length(struct request *q, struct view_word length, const char *option, bool zero, int64_t *ret, bool *ret_fits)
+{
+	struct view_word number = length;
+	struct decimal d;
+	int64_t up, down;
+	int r = parse_unit(q, &number, option, &up, &down);
+
+	if (r)
+		return r;
+	if (!to_decimal(number, &d) || d.mantissa < 0 || (!d.mantissa && !zero)) {
+		err_set(q->err, ERR_USAGE, "%s: \"%.*s\" is not a length", option, (int)(length.n < 60 ? length.n : 60),
+			length.at);
+		return err_add_hint(q->err, "give a number in the units of the files, or with m, ft or ftUS");
+	}
+	*ret_fits = decimal_steps(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, ret);
+	return 0;
+}
+
 static int parse_thin(struct request *q, struct view_word w)
 {
 	struct view_word length;
-	struct decimal d;
-	int64_t up, down;
 	char scale[DECIMAL_TEXT_SIZE];
+	bool fits;
 	int r;
 
 	if (!view_word_part(&w, ':', &length))
 		return 1;
-	struct view_word number = length;
-
-	if ((r = parse_unit(q, &number, &up, &down)))
+	r = parse_length(q, length, "--thin", false, &q->view->thin.cell, &fits);
+	if (r)
 		return r;
-	if (!to_decimal(number, &d) || d.mantissa <= 0) {
-		err_set(q->err, ERR_USAGE, "--thin: \"%.*s\" is not a length", (int)(length.n < 60 ? length.n : 60), length.at);
-		return err_add_hint(q->err, "give a number in the units of the files, or with m, ft or ftUS");
-	}
-	if (!decimal_steps(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, &q->view->thin.cell)) {
+	if (!fits) {
 		err_set(q->err, ERR_USAGE, "a cell of %.*s is larger than any dataset", (int)(length.n < 60 ? length.n : 60),
 			length.at);
 		return err_add_hint(q->err, "give --thin a smaller cell");
@@ -228,6 +242,17 @@ static int parse_thin(struct request *q, struct view_word w)
 		return err_add_hint(q->err, "give --thin a larger cell, or leave it out");
 	}
 	return parse_pick(q->view, w);
+}
+
+static int parse_clear(struct request *q, struct view_word w)
+{
+	bool fits;
+	int r = parse_length(q, w, "--breakline-clear", true, &q->view->breakline_clear, &fits);
+
+	if (r || (fits && q->view->breakline_clear <= VIEW_CLEAR_MOST))
+		return r;
+	err_set(q->err, ERR_USAGE, "%.*s is more than any dataset is wide", (int)(w.n < 60 ? w.n : 60), w.at);
+	return err_add_hint(q->err, "give --breakline-clear a smaller length");
 }
 
 /* ---- words ---- */
@@ -244,6 +269,8 @@ static int parse_word(struct request *q, enum view_word_id id, struct view_word 
 		return take_window(q, w);
 	if (id == VIEW_WORD_thin)
 		return parse_thin(q, w);
+	if (id == VIEW_WORD_breakline_clear)
+		return parse_clear(q, w);
 	if (view_word_rows[id].kind == VIEW_KIND_HEIGHT)
 		return parse_height(q, w, &view_word_rows[id]);
 	return !view_word_plain(v, id, w);

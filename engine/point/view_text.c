@@ -139,6 +139,10 @@ static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 		if (v->duplicates == VIEW_HIGHEST)
 			put_text(s, " %shighest", word);
 		break;
+	case VIEW_WORD_breakline_clear:
+		if (v->breakline_clear)
+			put_text(s, " %s%lld", word, (long long)v->breakline_clear);
+		break;
 	case VIEW_WORD_window:
 		put_place(s, word, v->window, v->window_box, v->window_area);
 		break;
@@ -316,6 +320,8 @@ static int parse_word(struct view *v, enum view_word_id id, struct view_word w, 
 		return parse_place(w, &v->window, v->window_box, &v->window_area, err);
 	if (id == VIEW_WORD_thin)
 		return parse_thin(v, w);
+	if (id == VIEW_WORD_breakline_clear)
+		return !view_word_i64(w, &v->breakline_clear) || v->breakline_clear <= 0 || v->breakline_clear > VIEW_CLEAR_MOST;
 	if (row->kind == VIEW_KIND_HEIGHT)
 		return !(*view_word_flag(v, row->has) = view_word_i64(w, view_word_height(v, row)));
 	return !view_word_plain(v, id, w);

@@ -12,6 +12,9 @@
  * read that are outside. This depends on the points alone, not on the cells. Without a crop every live record is read,
  * and the sum is checked.
  *
+ * Vertices of lines are records of a second source, of which only the crop removes some; what lines remove is marked in the
+ * records that are read (grid.h), and is not selected. The pieces stay in the file of the generation.
+ *
  * Duplicates are not reduced here (the mesh does that), and sources are not kept apart. After a failure the caller
  * removes the folder.
  */
@@ -42,6 +45,8 @@ size_t selection_memory_min(const struct grid *grid)
 
 /* ---- a point ---- */
 
+enum { SOURCE_POINTS = 1, SOURCE_LINES = 2 };
+
 static int flush_points(struct selection *s)
 {
 	size_t n = s->nbatch;
@@ -51,8 +56,26 @@ static int flush_points(struct selection *s)
 	return n ? grid_stage_add(s->stage, s->batch, n, s->err) : 0;
 }
 
+static int flush_lines(struct selection *s)
+{
+	size_t n = s->nline;
+	int r = n ? grid_stage_source(s->stage, SOURCE_LINES, s->err) : 0;
+
+	s->nline = 0;
+	s->out.kept += n;
+	s->lines += n;
+	if (n && !r)
+		r = grid_stage_add(s->stage, s->line, n, s->err);
+	return n && !r ? grid_stage_source(s->stage, SOURCE_POINTS, s->err) : r;
+}
+
 int selection_keep(struct selection *s, const struct point *p)
 {
+	if (p->tag & POINT_LINE) {
+		s->line[s->nline] = *p;
+		s->line[s->nline++].tag &= POINT_FLAGS;
+		return s->nline == SELECTION_BATCH ? flush_lines(s) : 0;
+	}
 	s->batch[s->nbatch++] = *p;
 	return s->nbatch == SELECTION_BATCH ? flush_points(s) : 0;
 }
@@ -110,17 +133,22 @@ static int publish(struct selection *s, const struct grid_segment_info *info)
 {
 	const struct grid_manifest *from = grid_manifest(s->p->grid);
 	struct grid_segment_info segment = *info;
-	struct grid_source source = {.id = 1, .added = 1, .points = s->out.kept, .name = "selection"};
+	const struct grid_source *lines = grid_lines_source(s->p->grid);
+	struct grid_source source[2] = {
+		{.id = SOURCE_POINTS, .added = 1, .points = s->out.kept - s->lines, .name = "selection"},
+		{.id = SOURCE_LINES, .added = 1, .points = s->lines, .kind = GRID_LINE_VERTICES},
+	};
 	struct grid_manifest m = {
 		.lattice = from->lattice,
 		.generation = 1,
 		.segments = &segment,
 		.nsegments = 1,
-		.sources = &source,
-		.nsources = 1,
+		.sources = source,
+		.nsources = s->lines ? 2 : 1,
 	};
 	int r;
 
+	source[1].lines = lines ? lines->lines : NULL;
 	memcpy(m.crs, from->crs, sizeof m.crs);
 	memcpy(m.unit_xy, from->unit_xy, sizeof m.unit_xy);
 	memcpy(m.unit_z, from->unit_z, sizeof m.unit_z);
@@ -150,7 +178,7 @@ static int run(struct selection *s)
 {
 	const struct grid_visitor visitor = {s, enter_subtree, visit_cell};
 	struct grid_segment_info info;
-	int r = grid_stage_source(s->stage, 1, s->err);
+	int r = grid_stage_source(s->stage, SOURCE_POINTS, s->err);
 
 	if (r)
 		return r;
@@ -160,6 +188,8 @@ static int run(struct selection *s)
 		r = grid_walk(s->reader, 0, UINT64_MAX, &visitor, s->err);
 	if (!r)
 		r = flush_points(s);
+	if (!r)
+		r = flush_lines(s);
 	if (!r)
 		r = count_rest(s);
 	if (!r)

@@ -33,8 +33,9 @@ struct selection_params {
 
 #define SELECTION_MANIFEST "manifest" /* in the folder, written last */
 size_t selection_memory_min(const struct grid *grid);
-/* Makes a grid of the points that all rules except that of duplicates keep, on the same lattice. The result depends only on
- * the points of the generation. After a failure the folder may hold files. */
+/* Makes a grid of the points that all rules except that of duplicates keep, on the same lattice. Vertices of lines are a source
+ * of their own in it: open it with the line set file of the generation (struct grid_use). The result depends only on the points
+ * and lines of the generation. After a failure the folder may hold files. */
 int selection_make(const struct selection_params *, struct selection_counts *ret, struct err *err);
 /* The counts that selection_make left in its folder. -ERR_CORRUPT: they are damaged. */
 int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *err);

@@ -19,12 +19,14 @@ struct selection {
 	uint64_t judged;         /* records read and judged, each counted once */
 	uint64_t seen, reported; /* records read, some several times; `seen` at the last call of progress */
 	struct err *err;
-	struct point batch[SELECTION_BATCH];
-	size_t nbatch;
+	struct point batch[SELECTION_BATCH], line[SELECTION_BATCH]; /* line: vertices of lines */
+	size_t nbatch, nline;
+	uint64_t lines; /* vertices of lines that are kept */
 };
 
 /* Calls progress at intervals. -ERR_CANCELLED: the caller cancelled. */
 int selection_progress(struct selection *);
+/* Vertices of lines (POINT_LINE) become a source of their own. */
 int selection_keep(struct selection *, const struct point *);
 
 /* Applies view_judge and the thin rule to all points of the grid. */

@@ -16,29 +16,34 @@
 
 struct err;
 
-/* Two segments that cross between their ends. */
+/* Two segments that cross between their ends, or a position at which vertices of lines have different heights. */
 struct snap_crossing {
 	int32_t x, y;         /* the position that it was rounded to */
 	int32_t lower, upper; /* the heights of both there */
 };
 
 struct snap {
-	struct mesh_vertex *vertex;     /* distinct positions, by x, then y */
+	struct mesh_vertex *vertex;     /* distinct positions, by x, then y; the lowest height of each */
+	int32_t *highest;               /* and its highest height */
 	uint32_t (*piece)[2];           /* numbers of vertices, the smaller one first; distinct, in order */
+	uint32_t (*along)[2];           /* a label, and a piece along which an odd number of its segments run; in order */
 	struct snap_crossing *crossing; /* by position, then heights */
-	uint32_t nvertex, npiece, ncrossing;
+	struct snap_crossing *uneven;   /* of vertices of lines, lowest and highest; by position */
+	uint32_t nvertex, npiece, nalong, ncrossing, nuneven;
 	uint32_t points;      /* segments of the input without length */
 	uint32_t doubled;     /* segments of the input that were there before, in either direction */
-	uint32_t uneven;      /* positions at which vertices of lines have different heights */
-	uint32_t widest;      /* the largest difference of heights at one of these */
+	uint32_t widest;      /* the largest difference of heights of `uneven` */
 	int32_t widest_at[2]; /* the first such position */
 };
 
-/* Of several heights at one position the lowest is taken, or with `highest` the highest: of the vertices of lines first,
- * then of these and of the lines that cross there. `memory`: bytes that may be in use at a time, the result included.
- * Fails with LIMIT if that is not enough (err->need is not known), and with NOMEM. */
-int snap_round(const struct mesh_vertex *, uint32_t nvertex, const uint32_t (*segment)[2], uint32_t nsegment, bool highest,
-	       uint64_t memory, struct snap *ret, struct err *);
+/* `label`: of each segment, 0: none; NULL: none has one. So rings are found again in the pieces. The lowest height of a position
+ * is taken of the lowest of the vertices of lines there, and of the lines that cross there between vertices of their lowest
+ * heights, and so for the highest; the heights of crossings are those of the lowest. `memory`: bytes that may be in use at a
+ * time, the result included. Fails with LIMIT if that is not enough (err->need is not known), and with NOMEM. */
+int snap_round(const struct mesh_vertex *, uint32_t nvertex, const uint32_t (*segment)[2], const uint32_t *label,
+	       uint32_t nsegment, uint64_t memory, struct snap *ret, struct err *err);
+/* Bytes of a result. */
+uint64_t snap_bytes(const struct snap *);
 void snap_done(struct snap *);
 
 #endif

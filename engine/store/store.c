@@ -129,6 +129,10 @@ static int put_rest(struct piece *p, const struct mesh_domain *d, const struct s
 		if (!r)
 			piece_packed(p, store_pack_triangles(c, (const uint32_t(*)[3])d->triangle + i, some, p->buf + p->used));
 	}
+	if (!r && d->nedges) {
+		XXH3_64bits_update(&p->sum, d->edges, d->nedges);
+		r = piece_put(p, d->edges, d->nedges, err);
+	}
 	return r ? r : piece_pad(p, e->end, err);
 }
 
@@ -396,6 +400,18 @@ int store_front(int dirfd, const struct store_id *id, void *memory, size_t size,
 	return 0;
 }
 
+static uint64_t rest_sum(const struct mesh_domain *d, const void *closed, const void *triangle, const struct store_extent *e)
+{
+	XXH3_state_t state;
+
+	XXH3_64bits_reset(&state);
+	XXH3_64bits_update(&state, closed, e->closed);
+	XXH3_64bits_update(&state, triangle, e->triangle);
+	if (e->edges)
+		XXH3_64bits_update(&state, d->edges, e->edges);
+	return XXH3_64bits_digest(&state);
+}
+
 /* Reads each array to where it is unpacked; packed ones to the end of their memory. */
 static int read_domain(int fd, const char *name, const struct store_front *f, const struct store_header *h, uint8_t *memory,
 		       bool *ret_whole, struct err *err)
@@ -410,8 +426,10 @@ static int read_domain(int fd, const char *name, const struct store_front *f, co
 		r = io_read_at(fd, closed, e.closed, e.closed_at, name, err);
 	if (!r)
 		r = io_read_at(fd, triangle, e.triangle, e.triangle_at, name, err);
+	if (!r && e.edges)
+		r = io_read_at(fd, d->edges, e.edges, e.triangle_at + e.triangle, name, err);
 	if (!r)
-		*ret_whole = open_sum(d) == h->sums.open && two_sum(closed, e.closed, triangle, e.triangle) == h->sums.rest &&
+		*ret_whole = open_sum(d) == h->sums.open && rest_sum(d, closed, triangle, &e) == h->sums.rest &&
 			     store_corners_fit(&h->code, triangle, 3 * (size_t)d->ntriangle, d->nvertex);
 	return r;
 }
@@ -436,6 +454,7 @@ int store_get(int dirfd, const struct store_id *id, void *memory, size_t size, s
 	d->vertex = (void *)(at + l.vertex);
 	d->triangle = (void *)(at + l.triangle);
 	d->final = at + l.final;
+	d->edges = d->nedges ? at + l.edges : NULL;
 	r = l.total > size ? STORE_E_ABSENT : read_domain(fd, name, &f, &h, at, &whole, err);
 	io_close(fd);
 	if (r)

@@ -50,7 +50,7 @@ static int check_sums(int fd, const char *name, const struct store_front *f, con
 	} part[] = {
 		{h->sums.proof, STORE_HEADER, f->beside.proof_size, 0, 0},
 		{h->sums.open, e.open_at, e.open, 0, 0},
-		{h->sums.rest, e.closed_at, e.closed, e.triangle_at, e.triangle},
+		{h->sums.rest, e.closed_at, e.closed, e.triangle_at, e.triangle + e.edges},
 	};
 
 	for (size_t i = 0; i < 3; i++) {

@@ -8,6 +8,7 @@
  *
  * Version 4 wrote everything as in memory: the same with other widths. Versions up to 5 do not record how many points
  * share a position; their domains are not used if points were removed, because then there may have been such positions.
+ * Version 6 has no edges, and no counts of rules from RULES_BEFORE on.
  */
 #include "store_format.h"
 
@@ -21,8 +22,9 @@
 #endif
 _Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 12, "format.md");
 
+enum { RULES_BEFORE = 12 };               /* counted in the place of versions up to 6; the others are at the end of the header */
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
-enum { VERSION = 6, NO_MOST = 5, NO_CODE = 4, OLDEST = 4, WIDE = 4, NARROW = 2 };
+enum { VERSION = 7, NO_EDGES = 6, NO_MOST = 5, NO_CODE = 4, OLDEST = 4, WIDE = 4, NARROW = 2 };
 
 void store_name(const struct store_id *id, char name[STORE_NAME])
 {
@@ -46,7 +48,8 @@ struct store_layout store_layout_of(const struct mesh_domain *d)
 	l.open_end = l.vertex + (size_t)d->nopen * sizeof(struct mesh_vertex);
 	l.triangle = l.vertex + store_padded((size_t)d->nvertex * sizeof(struct mesh_vertex));
 	l.final = l.triangle + store_padded((size_t)d->ntriangle * sizeof(uint32_t[3]));
-	l.total = l.final + store_padded(((size_t)d->nvertex + 7) / 8);
+	l.edges = l.final + store_padded(((size_t)d->nvertex + 7) / 8);
+	l.total = l.edges + store_padded(d->nedges);
 	return l;
 }
 
@@ -61,7 +64,8 @@ struct store_extent store_extent_of(const struct mesh_domain *d, const struct st
 
 	e.closed_at = e.open_at + e.open;
 	e.triangle_at = e.open_at + store_padded(e.open + e.closed);
-	e.end = e.triangle_at + store_padded(e.triangle);
+	e.edges = d->nedges;
+	e.end = e.triangle_at + store_padded(e.triangle + e.edges);
 	return e;
 }
 
@@ -113,7 +117,7 @@ static void domain_pack(struct packer *p, const struct mesh_domain *d)
 	packer_u64(p, d->counts.points);
 	packer_u64(p, d->counts.used);
 	packer_u64(p, d->counts.halo);
-	for (unsigned i = 0; i < MESH_RULES; i++)
+	for (unsigned i = 0; i < RULES_BEFORE; i++)
 		packer_u64(p, d->counts.removed[i]);
 	packer_u64(p, d->counts.cells_read);
 	packer_u64(p, d->counts.points_read);
@@ -128,7 +132,7 @@ static void domain_unpack(struct cursor *c, struct mesh_domain *d)
 	d->counts.points = cursor_u64(c);
 	d->counts.used = cursor_u64(c);
 	d->counts.halo = cursor_u64(c);
-	for (unsigned i = 0; i < MESH_RULES; i++)
+	for (unsigned i = 0; i < RULES_BEFORE; i++)
 		d->counts.removed[i] = cursor_u64(c);
 	d->counts.cells_read = cursor_u64(c);
 	d->counts.points_read = cursor_u64(c);
@@ -163,6 +167,9 @@ void store_header_pack(const struct store_front *f, const struct store_id *id, c
 	packer_u64(&p, d->counts.most.points);
 	packer_i32(&p, d->counts.most.x);
 	packer_i32(&p, d->counts.most.y);
+	packer_u32(&p, d->nedges);
+	for (unsigned i = RULES_BEFORE; i < MESH_RULES; i++)
+		packer_u64(&p, d->counts.removed[i]);
 	packer_zero(&p, STORE_HEADER - 8 - packer_size(&p));
 	packer_u64(&p, XXH3_64bits(bytes, STORE_HEADER - 8));
 }
@@ -241,6 +248,13 @@ enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], cons
 		d->counts.most.points = cursor_u64(&c);
 		d->counts.most.x = cursor_i32(&c);
 		d->counts.most.y = cursor_i32(&c);
+	}
+	if (version > NO_EDGES) {
+		d->nedges = cursor_u32(&c);
+		for (unsigned i = RULES_BEFORE; i < MESH_RULES; i++)
+			d->counts.removed[i] = cursor_u64(&c);
+		if (d->nedges && d->nedges != d->ntriangle)
+			return STORE_HEADER_DAMAGED;
 	}
 	store_sizes(f, h);
 	return STORE_HEADER_GOOD;

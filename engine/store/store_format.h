@@ -21,7 +21,7 @@ static inline size_t store_padded(size_t n)
 
 /* Where the arrays of a domain are in memory, from its links on. */
 struct store_layout {
-	size_t vertex, open_end, triangle, final, total; /* bytes; open_end: end of the open vertices */
+	size_t vertex, open_end, triangle, final, edges, total; /* bytes; open_end: end of the open vertices */
 };
 struct store_layout store_layout_of(const struct mesh_domain *);
 
@@ -35,12 +35,12 @@ struct store_code store_code_of(const struct mesh_domain *);
 
 /* The same for the file, behind the proof. */
 struct store_extent {
-	size_t open, closed, triangle;               /* bytes, without padding */
+	size_t open, closed, triangle, edges;        /* bytes, without padding; edges directly follow the triangles */
 	size_t open_at, closed_at, triangle_at, end; /* offsets in the file */
 };
 struct store_extent store_extent_of(const struct mesh_domain *, const struct store_code *, size_t proof_size);
 
-/* Checksums of: the proof; links and open vertices; closed vertices and triangles as they are written. */
+/* Checksums of: the proof; links and open vertices; closed vertices and triangles as they are written, and edges. */
 struct store_sums {
 	uint64_t proof, open, rest;
 };

@@ -28,6 +28,10 @@
  * each triangle was tested against all points of all cells that its disc meets, and no point was inserted: (1) and (2)
  * then hold for points instead of cells.
  *
+ * With pieces (engine/constrain): they are inserted into DT(S), and the triangles that meet A are verified. (1) holds for the
+ * constrained mesh: no piece that was not loaded meets the box of T, and no position outside of S is in its closed disc. (2) is
+ * about the hull, which pieces do not change, and (3) uses nothing else.
+ *
  * Memory: a reader, the kernel's arena, and tables behind it, all passed in. If the points do not fit, the result is
  * WINDOW_E_SPLIT, and the caller halves the piece.
  */
@@ -200,12 +204,63 @@ static void pick_triangles(struct finish *f, const struct window_piece *w)
 	f->out.ntriangle = n;
 }
 
-static int finish_domain(struct window_area *a, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need)
-{
-	struct finish f = {.out.counts = a->counts};
+/* ---- with pieces ---- */
 
+static bool piece_meets(void *ctx, const int32_t a[2], const int32_t b[2], const int32_t c[2])
+{
+	return window_piece_meets(&((const struct window_area *)ctx)->window, a, b, c);
+}
+
+static bool piece_sends(void *ctx, const int32_t a[2], const int32_t b[2], const int32_t c[2])
+{
+	return window_piece_sends(&((const struct window_area *)ctx)->window, a, b, c);
+}
+
+static bool area_has(void *ctx, const struct grid_cell *cell)
+{
+	return window_area_has_read(ctx, cell);
+}
+
+/* The triangles of the constrained mesh that meet the piece: *ret_chosen, or NULL if they are those of the plain mesh. */
+static int constrain(struct window_area *a, const struct window_from *from, const uint64_t **ret_chosen, uint64_t *ret_need,
+		     struct err *err)
+{
+	const struct constrain_area area = {.ctx = a, .meets = piece_meets, .takes = piece_sends, .has = area_has};
+	struct constrain c = {.src = from->src,
+			      .view = from->view,
+			      .region = from->region,
+			      .lines = from->lines,
+			      .area = &area,
+			      .lattice = from->lattice,
+			      .arena = from->memory,
+			      .size = from->room,
+			      .used = tri_bytes(from->cap),
+			      .tri = a->tri};
+	int r = constrain_run(&c, ret_need, err);
+
+	a->tri = c.tri;
+	a->counts.cells_read += c.cells_read;
+	a->counts.points_read += c.points_read;
+	*ret_chosen = c.chosen;
+	return r == CONSTRAIN_E_SPLIT ? WINDOW_E_SPLIT : r;
+}
+
+static int finish_domain(struct window_area *a, const struct window_from *from, const int64_t k[3], struct mesh_domain *ret,
+			 uint64_t *ret_need, struct err *err)
+{
+	const uint64_t *chosen = NULL;
+	struct finish f = {0};
+	int r = from->lines ? constrain(a, from, &chosen, ret_need, err) : 0;
+
+	if (r)
+		return r;
+	a->counts.points = a->counts.points_read;
+	f.out.counts = a->counts;
 	finish_init(&f, a->region, k, a->tri);
-	pick_triangles(&f, &a->window);
+	if (chosen)
+		finish_chosen(&f, chosen);
+	else
+		pick_triangles(&f, &a->window);
 	if (!finish_vertices(&f)) {
 		*ret_need = (uint64_t)tri_count(a->tri) * 2;
 		return WINDOW_E_SPLIT;
@@ -215,21 +270,20 @@ static int finish_domain(struct window_area *a, const int64_t k[3], struct mesh_
 	return 0;
 }
 
-int window_domain_from(const struct cut_source *src, const struct view *view, const struct cut_region *region, uint32_t round,
-		       uint32_t cap, void *memory, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
+int window_domain_from(const struct window_from *from, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
 		       struct err *err)
 {
-	struct tri *tri = tri_init(memory, cap);
-	struct window_area *a =
-		window_area_init(src, view, region, round, tri, cap, (uint8_t *)memory + align_line(tri_bytes(cap)));
+	struct tri *tri = tri_init(from->memory, from->cap);
+	struct window_area *a = window_area_init(from->src, from->view, from->region, from->round, tri, from->cap,
+						 (uint8_t *)from->memory + align_line(from->room));
 	bool flat;
 	int r = window_area_run(a, &flat, ret_need, err);
 
 	if (r)
 		return r;
-	a->counts.points = a->counts.points_read;
 	if (!flat)
-		return finish_domain(a, k, ret, ret_need);
+		return finish_domain(a, from, k, ret, ret_need, err);
+	a->counts.points = a->counts.points_read;
 	*ret = (struct mesh_domain){.counts = a->counts};
 	return 0;
 }
@@ -244,21 +298,37 @@ uint32_t window_cap(uint32_t cap)
 	return n;
 }
 
+/* With lines half of the positions, so that the arena has room for the kernel and tables of engine/constrain. */
+uint32_t window_cap_of(const struct grid *grid, uint32_t arena_cap)
+{
+	uint32_t cap = window_cap(arena_cap);
+
+	return grid_lines(grid) ? cap / 2 : cap;
+}
+
 int window_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, uint32_t arena_cap,
 		  void *reader_memory, void *arena, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
-	uint32_t cap = window_cap(arena_cap);
+	struct window_from from = {.view = view,
+				   .region = region,
+				   .lattice = &grid_manifest(grid)->lattice,
+				   .cap = window_cap_of(grid, arena_cap),
+				   .memory = arena,
+				   .room = tri_bytes(window_cap(arena_cap))};
 	struct grid_reader *reader = NULL;
+	struct constrain_lines lines;
 	struct cut_source src;
 	int r;
 
-	if (!cap)
+	if (!from.cap)
 		return err_set(err, ERR_INTERNAL, "an arena of %u positions is too small for an area", arena_cap);
 	r = grid_reader_new(grid, reader_memory, grid_reader_bytes(grid), &reader, err);
 	if (r)
 		return r;
 	cut_source_grid(reader, &src);
-	r = window_domain_from(&src, view, region, 0, cap, arena, grid_manifest(grid)->lattice.k, ret, ret_need, err);
+	from.src = &src;
+	from.lines = constrain_lines_of(reader, &lines) ? &lines : NULL;
+	r = window_domain_from(&from, grid_manifest(grid)->lattice.k, ret, ret_need, err);
 	grid_reader_free(reader);
 	return r;
 }

@@ -2,6 +2,7 @@
 #ifndef WINDOW_AREA_H
 #define WINDOW_AREA_H
 
+#include "constrain.h"
 #include "cut_source.h"
 #include "tri.h"
 #include "window.h"
@@ -79,9 +80,20 @@ struct window_area *window_area_init(const struct cut_source *, const struct vie
 /* Triangulates the piece. *ret_flat: it has no triangle. WINDOW_E_SPLIT as of window_domain. */
 int window_area_run(struct window_area *, bool *ret_flat, uint64_t *ret_need, struct err *err);
 
-/* window_domain and window_plan for any source of cells. `memory`: an arena of `cap` positions, then the tables. */
-int window_domain_from(const struct cut_source *, const struct view *, const struct cut_region *, uint32_t round, uint32_t cap,
-		       void *memory, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+/* window_domain and window_plan for any source of cells. `memory`: an arena of `room` bytes, at least tri_bytes(cap), then the
+ * tables. `lines`: NULL if there are none; for pieces a kernel of about as many positions more must fit the room. */
+struct window_from {
+	const struct cut_source *src;
+	const struct constrain_lines *lines;
+	const struct view *view;
+	const struct cut_region *region;
+	const struct lattice *lattice; /* for the text of an error; may be NULL */
+	uint32_t round, cap;
+	void *memory;
+	size_t room;
+};
+int window_domain_from(const struct window_from *, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
+		       struct err *err);
 int window_plan_from(const struct cut_source *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
 
 /* window_area_cells.c: reading. WINDOW_E_SPLIT: the points do not fit. */

@@ -120,7 +120,7 @@ int window_plan(struct grid_reader *reader, const struct view *view, uint32_t ca
 	struct cut_source src;
 
 	cut_source_grid(reader, &src);
-	return window_plan_from(&src, view, window_cap(cap), ret, err);
+	return window_plan_from(&src, view, window_cap_of(grid_reader_grid(reader), cap), ret, err);
 }
 
 void window_tighten(const struct grid *grid, const struct view *view, struct cut_region *region)

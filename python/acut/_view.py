@@ -24,7 +24,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               drop_overlap: bool = False, duplicates: Optional[str] = None, zmin: Optional[Number] = None,
               zmax: Optional[Number] = None, crop: Optional[Area] = None, bbox: Optional[Any] = None,
               polygon: Optional[Area] = None, every: Optional[int] = None, thin: Optional[Number] = None,
-              thin_pick: Optional[str] = None) -> str:
+              thin_pick: Optional[str] = None, no_breaklines: bool = False,
+              breakline_clear: Optional[Number] = None) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -40,6 +41,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     every              about one position of so many
     thin               one point a square cell of this side: 10 in file units, or "10m", "30ft", "30ftUS"
     thin_pick          "lowest", "highest" or "median" point of a cell
+    no_breaklines      without the lines of the dataset
+    breakline_clear    no points nearer than this to a line, a length like that of thin, or 0
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -60,6 +63,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
                          hint='use class_="2,8", duplicates="highest"')
     if zmin is not None and zmax is not None and _decimal(zmin, "zmin") > _decimal(zmax, "zmax"):
         raise UsageError("zmin %s is above zmax %s: no height is left" % (zmin, zmax), hint="swap them")
+    if no_breaklines and breakline_clear is not None:
+        raise UsageError("without lines no point is near one", hint="leave out one of no_breaklines and breakline_clear")
     words = ["ask 1"]
     words += ["class=%s" % _classes(class_)] if class_ is not None else []
     words += ["not-class=%s" % _classes(not_class)] if not_class is not None else []
@@ -75,8 +80,10 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
             raise UsageError("every is a whole number from 1, not %r" % (every,))
         words.append("every=%d" % every)
     if thin is not None:
-        words.append("thin=%s:%s" % (_cell(thin), thin_pick or ("highest" if surface or highest else "lowest")))
+        words.append("thin=%s:%s" % (_length(thin, "thin"), thin_pick or ("highest" if surface or highest else "lowest")))
     words += ["duplicates=highest"] if surface or highest else []
+    words += ["no-breaklines"] if no_breaklines else []
+    words += ["breakline-clear=%s" % _length(breakline_clear, "breakline_clear")] if breakline_clear is not None else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
     words += ["window=%s" % window] if window else []
@@ -152,12 +159,12 @@ def _plain(value: Any, name: str) -> str:
     return value if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value, re.A) else format(number, "f")
 
 
-def _cell(value: Any) -> str:
+def _length(value: Any, name: str) -> str:
     m = re.fullmatch(r"([-+.\deE]+?)(m|ft|ftUS)?", value, re.A) if isinstance(value, str) else None
     number, unit = (m.group(1), m.group(2) or "") if m else (value, "")
-    if _decimal(number, "thin") <= 0:
-        raise UsageError("thin is not a length: %r" % (value,))
-    return _plain(number, "thin") + unit
+    if _decimal(number, name) < 0 or (name == "thin" and _decimal(number, name) == 0):
+        raise UsageError("%s is not a length: %r" % (name, value))
+    return _plain(number, name) + unit
 
 
 # ---- areas ----

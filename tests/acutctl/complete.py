@@ -58,7 +58,7 @@ def words_of_the_tables():
         expect(ask("mesh", "--duplicates", "") == ["highest", "lowest"] or ask("mesh", "--duplicates", "") == ["lowest", "highest"], "")
         expect(ask("mesh", "--duplicates", "=", "h") == ["highest"], ask("mesh", "--duplicates", "=", "h"))
         contains(ask("mesh", "--format", ""), ["ply", "obj", "landxml", "dxf", "glb", "stl", "html", "png", "null"])
-        contains(ask("info", "--input-format", ""), ["las", "ptx", "xyz", "pts"])
+        contains(ask("info", "--input-format", ""), ["las", "ptx", "lines", "xyz", "pts"])
         contains(ask("help", ""), ["mesh", "push"], ["complete"])
         contains(ask("help", "dataset", ""), ["export", "log", "revert"], ["mesh", "dataset"])
         contains(ask("help", "dataset", "re"), ["revert", "restore"], ["log"])

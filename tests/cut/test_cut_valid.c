@@ -197,6 +197,7 @@ static void live_of(const struct state *s, struct cut_live *ret)
 {
 	struct cut_segment segment[CUT_TRACE_PARTS];
 
+	*ret = (struct cut_live){.n = 0};
 	ret->n = (uint32_t)s->src.parts(s->src.ctx, ret->part, segment, CUT_TRACE_PARTS);
 }
 

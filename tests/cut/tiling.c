@@ -256,5 +256,7 @@ void tiling_source(struct tiling *t, struct cut_source *ret)
 	ret->sums = tiling_sums;
 	ret->box = tiling_box;
 	ret->parts = tiling_parts;
+	ret->line_sum = NULL;
+	ret->lines = NULL;
 	ret->ledger = NULL;
 }

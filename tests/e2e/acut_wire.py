@@ -188,7 +188,7 @@ class Client:
         "push_plan": "push_planned", "file": "file_done", "push_commit": "push_committed", "push_abort": "done",
         "submit": "job", "fetch": "fetching", "wait": "job", "cancel": "job", "remove": "done", "jobs_request": "jobs",
         "datasets_request": "datasets", "plan_request": "plan", "info_request": "probed", "dataset_create": "done",
-        "dataset_change": "datasets",
+        "dataset_change": "datasets", "log_request": "log", "files_request": "files", "places_request": "places",
     }
 
     def ask(self, body, value, fd=-1):

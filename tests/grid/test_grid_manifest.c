@@ -25,13 +25,27 @@ static struct grid_segment_info segment(const char *file, uint64_t points)
 	return s;
 }
 
+static const struct grid_lines some_lines = {{1, 2, 3, ~0ull}, 5, 6, 7, 0, {8, 9}},
+			       set_lines = {.bytes = 100, .places = 2, .content = {1, 0}};
 static char longest_wkt[GRID_WKT];
 static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH], whoever[GRID_USER];
 static const struct grid_span first_lives[] = {{1, 2}, {4, 6}};
 static struct grid_span lives[2];
 static const struct grid_generation first_history[] = {
-	{.number = 1, .time_us = INT64_MIN, .uid = UINT32_MAX, .kind = GRID_PUSH, .files = 3, .points_added = ~0ull},
-	{.number = 4, .time_us = 7, .kind = GRID_REPLACE, .user = whoever, .files_removed = UINT32_MAX, .content = {5, 6}},
+	{.number = 1,
+	 .time_us = INT64_MIN,
+	 .uid = UINT32_MAX,
+	 .kind = GRID_PUSH,
+	 .files = 3,
+	 .points_added = ~0ull,
+	 .lines_added = ~0ull},
+	{.number = 4,
+	 .time_us = 7,
+	 .kind = GRID_REPLACE,
+	 .user = whoever,
+	 .files_removed = UINT32_MAX,
+	 .lines_removed = 4,
+	 .content = {5, 6}},
 	{.number = 9, .kind = GRID_REVERT, .undoes = 4, .points_removed = 8, .user = ""},
 };
 static struct grid_generation history[3];
@@ -54,7 +68,7 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	memset(farthest, 'p', sizeof farthest - 1);
 	m.sources[3].name = longest;
 	m.sources[3].path = farthest;
-	m.sources[2].path = "/survey/b.las";
+	m.sources[1].path = "/survey/b.las";
 	m.sources[2].overridden = "EPSG:4978, x and y in metre, z in metre";
 	m.sources[2].left_out = ~(uint64_t)0;
 	m.sources[2].reading = "xyz columns=_nez decimal-comma";
@@ -63,6 +77,12 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	m.sources[0].earlier = lives;
 	m.sources[0].nearlier = 2;
 	m.sources[0].added = 7;
+	m.sources[0].points = 0;
+	m.sources[0].kind = GRID_LINES;
+	m.sources[0].lines = &some_lines;
+	m.sources[2].kind = GRID_LINE_VERTICES;
+	m.sources[2].lines = &set_lines;
+	m.sources[2].name = m.sources[2].path = "";
 	strcpy(m.choices, "planar=1");
 	memset(longest_wkt, 'w', sizeof longest_wkt - 1);
 	m.wkt = longest_wkt;
@@ -106,6 +126,9 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 		assert_string_equal(s->reading ? s->reading : "", t->reading);
 		assert_true(s->size == t->size && s->mtime_ns == t->mtime_ns);
 		assert_true(s->nearlier == t->nearlier);
+		assert_true(s->kind == t->kind && !s->lines == !t->lines);
+		if (s->lines)
+			assert_memory_equal(s->lines, t->lines, sizeof *s->lines);
 		for (size_t k = 0; k < s->nearlier; k++)
 			assert_memory_equal(&s->earlier[k], &t->earlier[k], sizeof *s->earlier);
 	}
@@ -116,6 +139,7 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 		assert_true(g->number == h->number && g->time_us == h->time_us && g->uid == h->uid && g->kind == h->kind);
 		assert_true(g->undoes == h->undoes && g->files == h->files && g->files_removed == h->files_removed);
 		assert_true(g->points_added == h->points_added && g->points_removed == h->points_removed);
+		assert_true(g->lines_added == h->lines_added && g->lines_removed == h->lines_removed);
 		assert_true(digest_equal(g->content, h->content));
 		assert_string_equal(g->user ? g->user : "", h->user);
 	}
@@ -149,21 +173,21 @@ static void test_back(void **state)
 }
 
 /* The file as an older version wrote it: 1 had no paths, sizes and times of sources; 2 no geoid; 3 no oldest
- * generation, earlier spans and list of generations; 4 no overridden systems and readings; 5 no WKT. Without segments,
- * one source, no list. */
+ * generation, earlier spans and list of generations; 4 no overridden systems and readings; 5 no WKT; 6 no lines. Without
+ * segments, one source, no list. */
 static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, uint8_t *ret)
 {
-	const size_t head = 40, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
-	const size_t spans = version < 4 ? 2 : 0, read = version < 5 ? 2 + 8 + 2 : 0, wkt = 2 + 8, choices = 4, check = 8;
-	const size_t more = version < 4 ? 16 : 0, from = head + more;
-	size_t at = n - check - wkt - choices - read - spans; /* end of the source's path, or of all of it */
+	const size_t head = version < 4 ? 40 : 56, from = 60, kind = 1, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
+	const size_t spans = version < 4 ? 2 : 0, read = version < 5 ? 2 + 8 + 2 : 0, all_wkt = 2 + 8,
+		     wkt = version < 6 ? all_wkt : 0, choices = 4, check = 8;
+	size_t at = n - check - all_wkt - choices - kind - read - spans; /* end of the source's path, or of all of it */
 	uint64_t size, sum;
 
 	memcpy(ret, bytes, head);
 	memcpy(ret + head, bytes + from, at - from);
-	at -= more;
-	memcpy(ret + at, bytes + n - check - wkt - choices, choices);
-	size = at + choices - tail + check;
+	at -= from - head;
+	memcpy(ret + at, bytes + n - check - all_wkt - choices, choices + all_wkt);
+	size = at + choices + all_wkt - wkt - tail + check;
 	memcpy(ret + 8, &version, sizeof version);
 	memcpy(ret + 16, &size, sizeof size);
 	sum = XXH3_64bits(ret, size - 8);
@@ -210,6 +234,7 @@ static void test_old_versions(void **state)
 	old_version(3);
 	old_version(4);
 	old_version(5);
+	old_version(6);
 }
 
 /* A newer version is rejected by name, whatever else it has. */
@@ -219,7 +244,7 @@ static void test_newer_version(void **state)
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
 	uint8_t bytes[1024];
-	uint32_t version = 7;
+	uint32_t version = 8;
 	uint64_t check;
 	ssize_t n;
 	int fd;
@@ -233,7 +258,7 @@ static void test_newer_version(void **state)
 	assert_int_equal(pwrite(fd, bytes, (size_t)n, 0), n);
 	close(fd);
 	assert_int_equal(grid_manifest_read(f.fd, "m", &back, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "version 7"));
+	assert_non_null(strstr(err.message, "version 8"));
 	free(m.sources);
 	folder_remove(&f);
 }
@@ -327,6 +352,33 @@ static void future_wkt(struct grid_manifest *m)
 	m->wkt_since = 10;
 }
 
+static void no_kind(struct grid_manifest *m)
+{
+	m->sources[2].kind = GRID_SOURCE_KINDS;
+}
+static void no_lines(struct grid_manifest *m)
+{
+	m->sources[2].lines = NULL;
+}
+static void lines_of_points(struct grid_manifest *m)
+{
+	m->sources[0].kind = GRID_POINTS;
+}
+static void points_of_lines(struct grid_manifest *m)
+{
+	m->sources[0].points = 1;
+}
+static void named_vertices(struct grid_manifest *m)
+{
+	m->sources[2].path = "/a";
+}
+static void two_sets(struct grid_manifest *m)
+{
+	m->sources[0].kind = GRID_LINE_VERTICES;
+	m->sources[0].points = 0;
+	m->sources[0].name = m->sources[0].path = "";
+}
+
 static void long_path(struct grid_manifest *m)
 {
 	static char path[GRID_SOURCE_PATH + 1];
@@ -385,10 +437,12 @@ static void scaleless(struct grid_manifest *m)
 static void test_rules(void **state)
 {
 	static const breaker breakers[] = {
-		long_crs,    twice,      zero,      future,    backwards,  same_name, climbing,        nameless,
-		inside_out,  no_sum,     no_cells,  scaleless, long_name,  long_path, long_overridden, long_reading,
-		overlapping, unending,   stillborn, unordered, unnumbered, not_yet,   kindless,        prophetic,
-		long_user,   pruned_all, long_wkt,  two_lines, no_text,    future_wkt};
+		long_crs,        twice,        zero,        future,    backwards,       same_name,       climbing,
+		nameless,        inside_out,   no_sum,      no_cells,  scaleless,       long_name,       long_path,
+		long_overridden, long_reading, overlapping, unending,  stillborn,       unordered,       unnumbered,
+		not_yet,         kindless,     prophetic,   long_user, pruned_all,      long_wkt,        two_lines,
+		no_text,         future_wkt,   no_kind,     no_lines,  lines_of_points, points_of_lines, named_vertices,
+		two_sets};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {

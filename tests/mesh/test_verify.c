@@ -157,6 +157,63 @@ static void test_good(void **state)
 	(void)state;
 }
 
+/* A piece in place of a diagonal: the two triangles of a convex quadrilateral the other way round. */
+static void test_pieces(void **state)
+{
+	static const int32_t vertex[4][3] = {{0, 0, 1}, {10, 0, 2}, {11, 9, 3}, {0, 10, 4}};
+	/* Delaunay has the side from 1 to 3. */
+	static const uint32_t triangle[2][3] = {{0, 1, 2}, {2, 3, 0}};
+	static const struct {
+		uint8_t edges[2];
+		enum verify_fault fault;
+	} rows[] = {
+		{{1 << 1, 1 << 1}, VERIFY_GOOD}, {{0, 0}, VERIFY_DELAUNAY},           {{1 << 1, 0}, VERIFY_PIECE},
+		{{0, 1 << 1}, VERIFY_PIECE},     {{1 << 0, 1 << 0}, VERIFY_DELAUNAY}, {{1 << 1 | 1, 1 << 1}, VERIFY_GOOD},
+	};
+
+	(void)state;
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+		struct verify_mesh m = {vertex, triangle, 4, 2, .edges = rows[i].edges};
+		struct verify_report r;
+		struct err err = ERR_INIT;
+
+		assert_int_equal(verify_mesh(&m, &r, &err), 0);
+		assert_int_equal(r.fault, rows[i].fault);
+		assert_int_equal(r.pieces, __builtin_popcount(rows[i].edges[0] & 5) + __builtin_popcount(rows[i].edges[1] & 5) +
+						   ((rows[i].edges[0] | rows[i].edges[1]) >> 1 & rows[i].edges[0] >> 1 & 1));
+	}
+}
+
+/* Ends of pieces need not be points, and points may be missing; other vertices must be points. */
+static void test_points_beside_lines(void **state)
+{
+	static const int32_t vertex[4][3] = {{0, 0, 1}, {10, 0, 2}, {11, 9, 3}, {0, 10, 4}};
+	static const uint32_t triangle[2][3] = {{0, 1, 2}, {2, 3, 0}};
+	static const uint8_t edges[2] = {1 << 1, 1 << 1};
+	static const struct {
+		struct point pts[3];
+		enum verify_fault fault;
+	} rows[] = {
+		{{{.x = 10, .y = 0, .z = 2}, {.x = 0, .y = 10, .z = 4}, {.x = 5, .y = 4, .z = 9}}, VERIFY_GOOD},
+		{{{.x = 10, .y = 0, .z = 2}, {.x = 0, .y = 10, .z = 4}, {.x = 0, .y = 0, .z = 9}}, VERIFY_GOOD},
+		{{{.x = 10, .y = 0, .z = 7}, {.x = 0, .y = 10, .z = 4}, {.x = 5, .y = 4, .z = 9}}, VERIFY_HEIGHT},
+		{{{.x = 10, .y = 0, .z = 2}, {.x = 5, .y = 5, .z = 4}, {.x = 5, .y = 4, .z = 9}}, VERIFY_EXTRA},
+	};
+
+	(void)state;
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+		struct verify_mesh m = {vertex, triangle, 4, 2, .edges = edges};
+		const struct view view = VIEW_INIT;
+		struct verify_report r = {0};
+		struct err err = ERR_INIT;
+		struct point pts[3];
+
+		memcpy(pts, rows[i].pts, sizeof pts);
+		assert_int_equal(verify_points(&m, &view, pts, 3, &r, &err), 0);
+		assert_int_equal(r.fault, rows[i].fault);
+	}
+}
+
 static void test_empty(void **state)
 {
 	struct mesh m = {.nvertex = 0};
@@ -485,19 +542,11 @@ static void test_points_without_mesh(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_good),
-		cmocka_unit_test(test_empty),
-		cmocka_unit_test(test_index),
-		cmocka_unit_test(test_orientation),
-		cmocka_unit_test(test_edge),
-		cmocka_unit_test(test_unused),
-		cmocka_unit_test(test_boundary),
-		cmocka_unit_test(test_euler),
-		cmocka_unit_test(test_convex),
-		cmocka_unit_test(test_delaunay_and_tie),
-		cmocka_unit_test(test_full_range),
-		cmocka_unit_test(test_points),
-		cmocka_unit_test(test_points_without_mesh),
+		cmocka_unit_test(test_good),       cmocka_unit_test(test_pieces), cmocka_unit_test(test_points_beside_lines),
+		cmocka_unit_test(test_empty),      cmocka_unit_test(test_index),  cmocka_unit_test(test_orientation),
+		cmocka_unit_test(test_edge),       cmocka_unit_test(test_unused), cmocka_unit_test(test_boundary),
+		cmocka_unit_test(test_euler),      cmocka_unit_test(test_convex), cmocka_unit_test(test_delaunay_and_tie),
+		cmocka_unit_test(test_full_range), cmocka_unit_test(test_points), cmocka_unit_test(test_points_without_mesh),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,8 +1,9 @@
 /*
  * Chains of generations over one store, thousands of cases: real segments; manifests in which sources are added,
- * removed and restored; small ranges with many equal positions; ranges at the ends of the lattice; views; two lattices.
- * A stored domain must be equal to one that is made, and a mesh made with stored domains equal to one made without, also if
- * only the fronts are read. The use of the plan and of earlier sites for a halo must not change the result.
+ * removed and restored; lines that come and go; small ranges with many equal positions; ranges at the ends of the lattice; views;
+ * two lattices. Each mesh is the whole one, made at once, with its lines. A stored domain must be equal to one that is made, and
+ * a mesh made with stored domains equal to one made without, also if only the fronts are read. The use of the plan and of earlier
+ * sites for a halo must not change the result.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -17,6 +18,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "chain_lines.h"
 #include "err.h"
 #include "grid_fixture.h"
 #include "grid_stage.h"
@@ -29,11 +31,16 @@
 /* From this family on sources are separate. */
 enum { LOCAL = 5 };
 enum { CAP = 40000, SOURCES = 25, LEAVES = 90, STEPS = 6, SEGMENTS = 25 };
+/* The last sources have line vertices, in cases with lines; one of them is live, or none. */
+enum { LINES = 2, POINTS = SOURCES - LINES };
 
 static uint64_t rng, plan_seed;
 static uint64_t domains, found, proved, fronts, meshes, bounded, sited, both;
+static uint64_t lined, crossed, outs, windows;
 static struct folder store;
 static struct view view;
+static bool with_lines;
+static struct chain_lines lines[LINES];
 
 static uint64_t rnd(uint64_t n)
 {
@@ -71,7 +78,7 @@ static struct set points_of(unsigned family, size_t n, uint32_t range)
 	for (size_t i = 0; i < n; i++) {
 		/* The first source has many points; sometimes another source repeats a record exactly. */
 		s.pts[i] = i && !rnd(10) ? s.pts[rnd(i)] : point_at(family, range);
-		s.ids[i] = rnd(3) && family < LOCAL ? 1 : 1 + (uint32_t)rnd(SOURCES);
+		s.ids[i] = rnd(3) && family < LOCAL ? 1 : 1 + (uint32_t)rnd(POINTS);
 		/* Each stays in a corner: cells of its segments are small, and few regions see a change. */
 		if (family >= LOCAL) {
 			s.pts[i] = point_at(family, 1 + range / 5);
@@ -113,6 +120,13 @@ static struct layout layout_new(const struct set *s, unsigned there)
 			CHECK(stage_set(&l.folder, name, &part, GRID_STAGE_MIN, &l.info[l.n++], &err));
 		set_free(&part);
 	}
+	for (uint32_t i = 0; i < LINES && with_lines; i++) {
+		struct chain_lines copy = lines[i];
+		char name[32];
+
+		snprintf(name, sizeof name, "lineset-%u", POINTS + 1 + i);
+		CHECK(lineset_write(l.folder.fd, name, copy.piece, copy.n, copy.far, &err));
+	}
 	return l;
 }
 
@@ -122,6 +136,7 @@ struct generation {
 	struct reader reader;
 	struct pipe_budget budget;
 	struct pipe_key key;
+	const struct chain_lines *lines; /* NULL: none */
 	void *memory, *other;
 };
 
@@ -137,6 +152,15 @@ static void generation_begin(struct generation *g, struct layout *l, const struc
 	for (unsigned i = 0; i < SOURCES; i++)
 		if (dead >> i & 1)
 			g->m.sources[i].removed = 2;
+	for (unsigned i = POINTS; i < SOURCES && with_lines; i++) {
+		static const struct grid_lines totals = {.lines = 1, .vertices = 2, .bytes = 64};
+
+		g->m.sources[i].kind = GRID_LINE_VERTICES;
+		g->m.sources[i].name = "";
+		g->m.sources[i].lines = &totals;
+		if (!(dead >> i & 1))
+			g->lines = &lines[i - POINTS];
+	}
 	CHECK(grid_manifest_write(l->folder.fd, "m", &g->m, &err));
 	g->reader = reader_open(&l->folder, "m", GRID_NEWEST, 1 << 20);
 	g->budget = (struct pipe_budget){
@@ -292,6 +316,42 @@ static void plan_known(struct generation *g, const struct cut_region *leaf, unsi
 	assert_int_equal(ret->n, n);
 }
 
+/* The mesh of a window that has everything in it is the whole mesh. */
+static void check_window(struct generation *g, const struct pipe_totals *whole)
+{
+	struct view all = view;
+	struct pipe_emitter *e;
+	struct pipe_totals totals;
+	struct mesh_counts empty;
+	struct cut_plan plan;
+	struct err err = ERR_INIT;
+	uint64_t need;
+	int rc;
+
+	all.window = VIEW_CROP_BOX;
+	for (unsigned i = 0; i < 4; i++)
+		all.window_box[i] = (i < 2 ? INT32_MIN : INT32_MAX) + g->m.lattice.k[i % 2];
+	view_bind(&all, &g->m.lattice);
+	rc = pipe_plan(g->reader.grid, &all, &g->budget, g->memory, &plan, &empty, &err);
+	if (rc == PIPE_E_EMPTY)
+		return;
+	assert_int_equal(rc, 0);
+	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &e, &err));
+	pipe_emitter_part(e);
+	for (size_t i = 0; i < plan.n; i++) {
+		struct mesh_domain d;
+
+		CHECK(pipe_domain(g->reader.grid, &all, &plan.leaf[i].region, NULL, &g->budget, g->memory, &d, &need, &err));
+		emit(e, &d, &plan.leaf[i].region);
+	}
+	CHECK(pipe_emitter_finish(e, &totals, &err));
+	assert_int_equal(totals.triangles, whole->triangles);
+	assert_true(digest_equal(totals.digest, whole->digest));
+	pipe_emitter_free(e);
+	cut_plan_done(&plan);
+	windows++;
+}
+
 static void one_generation(struct generation *g)
 {
 	struct cut_region leaf[LEAVES], root;
@@ -309,6 +369,11 @@ static void one_generation(struct generation *g)
 	plan_known(g, leaf, n, &plan);
 	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &made, &err));
 	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &taken, &err));
+	if (pipe_has_out(g->reader.grid)) {
+		pipe_emitter_part(made);
+		pipe_emitter_part(taken);
+		outs++;
+	}
 	for (unsigned i = 0; i < n; i++) {
 		struct mesh_domain d, e, k;
 		struct pipe_stored as;
@@ -339,6 +404,10 @@ static void one_generation(struct generation *g)
 	CHECK(pipe_emitter_finish(made, &a, &err));
 	CHECK(pipe_emitter_finish(taken, &b, &err));
 	check_totals(a, b);
+	crossed += chain_lines_check(&g->reader, &view, g->lines, &a);
+	lined += g->lines && g->lines->n;
+	if (g->lines && rnd(2))
+		check_window(g, &a);
 	cut_plan_done(&plan);
 	meshes++;
 	pipe_emitter_free(made);
@@ -346,6 +415,14 @@ static void one_generation(struct generation *g)
 }
 
 /* ---- chains ---- */
+
+/* The sources of lines that are dead: all of them, or all but one. */
+static unsigned line_sources(void)
+{
+	unsigned all = ((1u << LINES) - 1) << POINTS;
+
+	return with_lines && rnd(4) ? all & ~(1u << (POINTS + rnd(LINES))) : all;
+}
 
 static void one_case(uint64_t seed)
 {
@@ -367,8 +444,16 @@ static void one_case(uint64_t seed)
 		view.has_zmax = true;
 		view.zmax = 2;
 	}
+	with_lines = rnd(2);
+	for (uint32_t i = 0; i < LINES && with_lines; i++) {
+		const struct set points = {s.pts, s.ids, s.n};
+
+		chain_lines_make(&rng, &points, i ? &lines[0] : NULL, &lines[i]);
+	}
+	for (uint32_t i = 0; i < LINES && with_lines; i++)
+		chain_lines_add(&lines[i], &s, POINTS + 1 + i);
 	store = folder_new();
-	dead = 1u << rnd(SOURCES) | 1u << rnd(SOURCES);
+	dead = 1u << rnd(POINTS) | 1u << rnd(POINTS) | line_sources();
 	lost = rnd(3) ? 0 : dead;
 	l = layout_new(&s, ~lost);
 	for (unsigned i = 0; i < STEPS; i++) {
@@ -379,7 +464,9 @@ static void one_case(uint64_t seed)
 		generation_end(&g);
 		/* A push, a removal, both, a restored source, or no change. Sometimes in new segments. */
 		for (unsigned k = (unsigned)rnd(3); k > 0; k--)
-			dead ^= 1u << rnd(SOURCES);
+			dead ^= 1u << rnd(POINTS);
+		if (rnd(2))
+			dead = (dead & ((1u << POINTS) - 1)) | line_sources();
 		if (lost & ~dead || rnd(6) == 0) {
 			folder_remove(&l.folder);
 			lost = rnd(3) ? 0 : dead;
@@ -407,9 +494,12 @@ static void test_chains(void **state)
 	       (unsigned long long)fronts);
 	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n",
 	       (unsigned long long)bounded, (unsigned long long)sited, (unsigned long long)both);
+	printf("%llu meshes with lines, %llu with areas that are out, %llu crossed triangles, %llu windows\n",
+	       (unsigned long long)lined, (unsigned long long)outs, (unsigned long long)crossed, (unsigned long long)windows);
 	/* One of many cases can be repeated alone. */
 	if (n < 40)
 		return;
+	assert_true(lined > meshes / 5 && outs > 0 && crossed > lined && windows > 0);
 	assert_true(bounded > domains / 100 && sited > 0 && both > 0);
 	assert_true(found > domains / 10 && found < domains && proved > domains / 1000 && fronts > found / 4);
 }

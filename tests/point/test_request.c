@@ -143,6 +143,12 @@ static void test_window(void **state)
 static void test_lengths(void **state)
 {
 	becomes("ask 1 thin=10:lowest", &fine, "us-survey-foot", "view 1 thin=1000:lowest");
+	becomes("ask 1 breakline-clear=0.3048m duplicates=highest", &fine, "foot",
+		"view 1 duplicates=highest breakline-clear=100");
+	becomes("ask 1 breakline-clear=0.004", &fine, "unknown", "view 1");
+	becomes("ask 1 breakline-clear=0m", &fine, "metre", "view 1");
+	becomes("view 1 breakline-clear=8589934592 window=box:0,1,0,2", &fine, "x",
+		"view 1 breakline-clear=8589934592 window=box:0,1,0,2");
 	becomes("ask 1 thin=10m:lowest", &fine, "metre", "view 1 thin=1000:lowest");
 	becomes("ask 1 thin=0.3048m:lowest", &fine, "foot", "view 1 thin=100:lowest");
 	becomes("ask 1 thin=1e3ft:lowest", &fine, "metre", "view 1 thin=30480:lowest");
@@ -158,6 +164,12 @@ static void test_lengths(void **state)
 static void test_lengths_refused(void **state)
 {
 	refused("ask 1 thin=10m:lowest", "unknown", ERR_INPUT, "unknown");
+	refused("ask 1 breakline-clear=10m", "unknown", ERR_INPUT, "unknown");
+	refused("ask 1 breakline-clear=1e300", "metre", ERR_USAGE, "more than any");
+	refused("ask 1 breakline-clear=1e8", "metre", ERR_USAGE, "more than any");
+	refused("ask 1 breakline-clear=-1", "metre", ERR_USAGE, "not a length");
+	refused("ask 1 breakline-clear=x", "metre", ERR_USAGE, "not a length");
+	refused("ask 1 breakline-clear=1 no-breaklines", "metre", ERR_USAGE, "no point is near");
 	refused("ask 1 thin=10ft:lowest", "", ERR_INPUT, "unknown");
 	refused("ask 1 thin=10ftUS:lowest", "degree", ERR_INPUT, "degrees");
 	refused("ask 1 thin=0.004:lowest", "metre", ERR_USAGE, "less than half a step");
@@ -199,6 +211,12 @@ static void test_refused(void **state)
 		"view 1 zmax=1 zmin=0",
 		"view 1 every=1",
 		"view 1 thin=0:lowest",
+		"view 1 breakline-clear=0",
+		"view 1 breakline-clear=-1",
+		"view 1 breakline-clear=8589934593",
+		"view 1 breakline-clear=5 no-breaklines",
+		"view 1 no-breaklines breakline-clear=5",
+		"view 1 no-breaklines duplicates=highest",
 		"view 1 thin=5",
 		"view 1 thin=5m:lowest",
 		"view 1 crop=box:3,0,0,3",

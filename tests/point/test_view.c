@@ -148,6 +148,15 @@ static void test_places(void **state)
 		{"ask 1 crop=area@0:+AAIAAI", 2, 2, 0, 2, 0, VIEW_KEPT},
 		{"ask 1 crop=area@0:+AAIAAI", 3, 1, 0, 2, 0, VIEW_KEPT},
 		{"ask 1 crop=area@0:+AAIAAI every=1000000", 0, 4, 0, 2, 0, VIEW_BY_CROP},
+		{"ask 1", 0, 0, 0, 2, POINT_NEAR_LINE, VIEW_BY_LINE},
+		{"ask 1", 0, 0, 0, 2, POINT_IN_AREA, VIEW_BY_AREA},
+		{"ask 1", 0, 0, 0, 7, POINT_IN_AREA, VIEW_BY_NOISE},
+		{"ask 1 zmin=5", 0, 0, 4, 2, POINT_NEAR_LINE, VIEW_BY_Z},
+		{"ask 1 crop=box:1,2,3,4 breakline-clear=3", 3, 4, 0, 2, POINT_NEAR_LINE, VIEW_BY_LINE},
+		{"ask 1 ground breakline-clear=3", 0, 0, 0, 0, POINT_LINE, VIEW_KEPT},
+		{"ask 1 class=2 zmin=5 zmax=6", 0, 0, 0, 0, POINT_LINE, VIEW_KEPT},
+		{"ask 1 crop=box:1,2,3,4", 3, 4, 0, 0, POINT_LINE, VIEW_KEPT},
+		{"ask 1 crop=box:1,2,3,4", 3, 5, 0, 0, POINT_LINE, VIEW_BY_CROP},
 	};
 
 	for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {

@@ -154,7 +154,8 @@ def same_views():
             ({"crop": "500001,5400001.5,500030,5400020.25"}, ["--crop", "500001,5400001.5,500030,5400020.25"]),
             ({"crop": gj}, ["--crop", gj]), ({"crop": geojson}, ["--crop", gj]), ({"crop": wkt}, ["--crop", wkt]),
             ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
-            ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]),
+            ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]), ({"no_breaklines": True}, ["--no-breaklines"]),
+            ({"breakline_clear": "0.5m", "duplicates": "highest"}, ["--breakline-clear", "0.5m", "--duplicates", "highest"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
         expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
@@ -170,7 +171,8 @@ def same_views():
                 ({"ground": True, "duplicates": "highest"}, ["--ground", "--duplicates", "highest"]), ({"class_": "2,x"}, ["--class", "2,x"]),
                 ({"class_": 256}, ["--class", "256"]), ({"zmin": 5, "zmax": 4}, ["--zmin", "5", "--zmax", "4"]),
                 ({"returns": "some"}, ["--returns", "some"]), ({"every": 0}, ["--every", "0"]), ({"zmin": "x y"}, ["--zmin", "x y"]),
-                ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"])]:
+                ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"]), ({"breakline_clear": -1}, ["--breakline-clear=-1"]),
+                ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"])]:
             expect(raises(acut.UsageError, c.submit, "s", **words).exit_status == d.ctl("submit", "s", *options).status == 2, words)
         with open(gj, "w") as f:
             f.write('{"type": "LineString", "coordinates": []}')

@@ -21,9 +21,9 @@ enum { SEGMENTS_MAX = 16, VERTICES_MAX = 2 * SEGMENTS_MAX, HOT_MAX = VERTICES_MA
 
 struct set {
 	struct mesh_vertex v[VERTICES_MAX];
-	uint32_t segment[SEGMENTS_MAX][2];
+	uint32_t segment[SEGMENTS_MAX][2], label[SEGMENTS_MAX];
 	uint32_t nvertex, nsegment;
-	bool highest;
+	bool highest; /* which heights are compared with brute force */
 };
 
 enum family { TINY, SMALL, PARALLEL, WIDE, FULL, EXTREME, FAMILIES };
@@ -62,6 +62,8 @@ static void draw(struct set *s, enum family family, uint64_t *state)
 	for (uint32_t i = 0; i < s->nsegment; i++)
 		for (unsigned k = 0; k < 2; k++)
 			s->segment[i][k] = (uint32_t)(input_random(state) >> 33) % s->nvertex;
+	for (uint32_t i = 0; i < s->nsegment; i++)
+		s->label[i] = (uint32_t)(input_random(state) >> 33) % 4;
 }
 
 /* The same set: vertices and segments in another order, segments in another direction. */
@@ -84,6 +86,8 @@ static void shuffle(const struct set *s, struct set *ret, uint64_t *state)
 		uint32_t j = (uint32_t)(input_random(state) >> 33) % (i + 1), turned = (uint32_t)(input_random(state) >> 63);
 
 		memcpy(ret->segment[i], ret->segment[j], sizeof(ret->segment[i]));
+		ret->label[i] = ret->label[j];
+		ret->label[j] = s->label[i];
 		ret->segment[j][turned] = at[s->segment[i][0]];
 		ret->segment[j][!turned] = at[s->segment[i][1]];
 	}
@@ -96,8 +100,10 @@ struct brute {
 	struct mesh_vertex own[VERTICES_MAX]; /* distinct vertices of the input */
 	uint32_t nown;
 	uint32_t segment[SEGMENTS_MAX][2]; /* of these, distinct */
+	unsigned label[SEGMENTS_MAX];      /* a bit for each that it has an odd number of times */
 	uint32_t nsegment, ncrossing;
 	bool is_piece[HOT_MAX][HOT_MAX];
+	uint8_t odd[HOT_MAX][HOT_MAX]; /* a bit for each label */
 };
 
 static uint32_t put(struct mesh_vertex *list, uint32_t *n, int32_t x, int32_t y, int32_t z, bool highest)
@@ -171,7 +177,7 @@ static bool brute_meets(const struct mesh_vertex *p, const struct mesh_vertex *q
 	return left < 4 && right < 4;
 }
 
-static void brute_divide(struct brute *b, uint32_t from, uint32_t to)
+static void brute_divide(struct brute *b, uint32_t from, uint32_t to, unsigned odd)
 {
 	const struct mesh_vertex *p = &b->hot[from], *q = &b->hot[to];
 
@@ -182,14 +188,16 @@ static void brute_divide(struct brute *b, uint32_t from, uint32_t to)
 
 		if (cross(p, q, b->hot[i].x, b->hot[i].y, 1) || before <= 0 || before >= all)
 			continue;
-		brute_divide(b, from, i);
-		brute_divide(b, i, to);
+		brute_divide(b, from, i, odd);
+		brute_divide(b, i, to, odd);
 		return;
 	}
 	b->is_piece[from][to] = b->is_piece[to][from] = true;
+	b->odd[from][to] ^= odd;
+	b->odd[to][from] ^= odd;
 }
 
-static void brute_segment(struct brute *b, const uint32_t ends[2])
+static void brute_segment(struct brute *b, const uint32_t ends[2], unsigned odd)
 {
 	const struct mesh_vertex *p = &b->own[ends[0]], *q = &b->own[ends[1]];
 	int64_t dx = (int64_t)q->x - p->x, dy = (int64_t)q->y - p->y, last = INT64_MIN;
@@ -210,7 +218,7 @@ static void brute_segment(struct brute *b, const uint32_t ends[2])
 		if (next == UINT32_MAX)
 			return;
 		if (from != UINT32_MAX)
-			brute_divide(b, from, next);
+			brute_divide(b, from, next, odd);
 		from = next;
 		last = nearest_along;
 	}
@@ -231,7 +239,10 @@ static void brute_round(const struct set *s, struct brute *b, bool pieces)
 		while (k < b->nsegment && !(b->segment[k][0] == p && b->segment[k][1] == q) &&
 		       !(b->segment[k][0] == q && b->segment[k][1] == p))
 			k++;
-		if (p == q || k < b->nsegment)
+		if (p == q)
+			continue;
+		b->label[k] ^= s->label[i] ? 1u << s->label[i] : 0;
+		if (k < b->nsegment)
 			continue;
 		b->segment[k][0] = p;
 		b->segment[k][1] = q;
@@ -241,10 +252,10 @@ static void brute_round(const struct set *s, struct brute *b, bool pieces)
 		for (uint32_t k = 0; k < i; k++)
 			brute_crossing(s, b, b->segment[i], b->segment[k]);
 	for (uint32_t i = 0; i < b->nsegment && pieces; i++)
-		brute_segment(b, b->segment[i]);
+		brute_segment(b, b->segment[i], b->label[i]);
 }
 
-static const char *brute_wrong(const struct brute *b, const struct snap *l, bool pieces)
+static const char *brute_wrong(struct brute *b, const struct snap *l, bool highest, bool pieces)
 {
 	uint32_t at[HOT_MAX], npiece = 0;
 
@@ -252,7 +263,8 @@ static const char *brute_wrong(const struct brute *b, const struct snap *l, bool
 		return "the number of vertices or crossings";
 	for (uint32_t i = 0; i < l->nvertex; i++) {
 		for (at[i] = 0; at[i] < b->nhot; at[i]++)
-			if (!memcmp(&l->vertex[i], &b->hot[at[i]], sizeof(*l->vertex)))
+			if (l->vertex[i].x == b->hot[at[i]].x && l->vertex[i].y == b->hot[at[i]].y &&
+			    (highest ? l->highest[i] : l->vertex[i].z) == b->hot[at[i]].z)
 				break;
 		if (at[i] == b->nhot)
 			return "a vertex or its height";
@@ -264,9 +276,16 @@ static const char *brute_wrong(const struct brute *b, const struct snap *l, bool
 			npiece += b->is_piece[i][k];
 	if (npiece != l->npiece)
 		return "the number of pieces";
-	for (uint32_t i = 0; i < l->npiece; i++)
+	for (uint32_t i = 0, next = 0; i < l->npiece; i++) {
 		if (!b->is_piece[at[l->piece[i][0]]][at[l->piece[i][1]]])
 			return "a piece";
+		for (uint32_t k = 0; k < l->nalong; k++)
+			if (l->along[k][1] == i)
+				b->odd[at[l->piece[i][0]]][at[l->piece[i][1]]] ^= 1u << l->along[k][0];
+		next += b->odd[at[l->piece[i][0]]][at[l->piece[i][1]]];
+		if (next)
+			return "labels of a piece";
+	}
 	return NULL;
 }
 
@@ -308,8 +327,11 @@ static const char *result_wrong(const struct snap *l)
 static bool same(const struct snap *a, const struct snap *b)
 {
 	return a->nvertex == b->nvertex && a->npiece == b->npiece && a->ncrossing == b->ncrossing && a->points == b->points &&
-	       a->doubled == b->doubled && a->uneven == b->uneven && a->widest == b->widest &&
+	       a->doubled == b->doubled && a->nuneven == b->nuneven && a->nalong == b->nalong && a->widest == b->widest &&
 	       !memcmp(a->widest_at, b->widest_at, sizeof(a->widest_at)) &&
+	       !memcmp(a->highest, b->highest, a->nvertex * sizeof(*a->highest)) &&
+	       (!a->nuneven || !memcmp(a->uneven, b->uneven, a->nuneven * sizeof(*a->uneven))) &&
+	       (!a->nalong || !memcmp(a->along, b->along, a->nalong * sizeof(*a->along))) &&
 	       !memcmp(a->vertex, b->vertex, a->nvertex * sizeof(*a->vertex)) &&
 	       (!a->npiece || !memcmp(a->piece, b->piece, a->npiece * sizeof(*a->piece))) &&
 	       (!a->ncrossing || !memcmp(a->crossing, b->crossing, a->ncrossing * sizeof(*a->crossing)));
@@ -324,12 +346,12 @@ static const char *run_case(const struct set *s, enum family family, uint64_t *s
 	const char *wrong;
 
 	err = ERR_INIT;
-	if (snap_round(s->v, s->nvertex, (const uint32_t(*)[2])s->segment, s->nsegment, s->highest, 1 << 20, &l, &err))
+	if (snap_round(s->v, s->nvertex, (const uint32_t(*)[2])s->segment, s->label, s->nsegment, 1 << 20, &l, &err))
 		return err.message;
 	wrong = result_wrong(&l);
 	*crossings += l.ncrossing;
 	shuffle(s, &other, state);
-	if (!wrong && snap_round(other.v, other.nvertex, (const uint32_t(*)[2])other.segment, other.nsegment, other.highest,
+	if (!wrong && snap_round(other.v, other.nvertex, (const uint32_t(*)[2])other.segment, other.label, other.nsegment,
 				 1 << 20, &again, &err) == 0) {
 		if (!same(&l, &again))
 			wrong = "depends on the order";
@@ -337,7 +359,7 @@ static const char *run_case(const struct set *s, enum family family, uint64_t *s
 	}
 	brute_round(s, &brute, family <= PARALLEL);
 	if (!wrong)
-		wrong = brute_wrong(&brute, &l, family <= PARALLEL);
+		wrong = brute_wrong(&brute, &l, s->highest, family <= PARALLEL);
 	snap_done(&l);
 	return wrong;
 }

@@ -20,8 +20,10 @@ static struct snap round_of(const struct mesh_vertex *v, uint32_t nv, const uint
 	struct err err = ERR_INIT;
 	struct snap l;
 
-	if (snap_round(v, nv, segment, n, highest, UINT64_C(1) << 30, &l, &err))
+	if (snap_round(v, nv, segment, NULL, n, UINT64_C(1) << 30, &l, &err))
 		fail_msg("%s", err.message);
+	for (uint32_t i = 0; highest && i < l.nvertex; i++)
+		l.vertex[i].z = l.highest[i];
 	return l;
 }
 
@@ -74,7 +76,11 @@ static void counts(void **unused)
 	assert_int_equal(l.ncrossing, 0);
 	assert_int_equal(l.points, 1);
 	assert_int_equal(l.doubled, 2);
-	assert_int_equal(l.uneven, 2);
+	assert_int_equal(l.nuneven, 2);
+	assert_int_equal(l.uneven[0].x, 10);
+	assert_int_equal(l.uneven[0].lower, 6);
+	assert_int_equal(l.uneven[0].upper, 9);
+	assert_int_equal(l.uneven[1].x, 20);
 	assert_int_equal(l.widest, 3);
 	assert_int_equal(l.widest_at[0], 10);
 	expect_vertex(&l, 1, 10, 0, 9);
@@ -198,31 +204,73 @@ static void stars_and_bundles(void **unused)
 	free(v);
 }
 
-/* It works in some memory, not in less, fails with LIMIT, and leaves the result alone. */
+/* It works in some memory, not in less, fails with LIMIT, and leaves the result alone. With labels, too. */
 static void memory_is_kept(void **unused)
 {
 	struct mesh_vertex *v;
-	uint32_t(*segment)[2];
-	uint32_t n = wander(20000, 50, &v, &segment), failed = 0;
-	uint64_t memory = 1000;
+	uint32_t(*segment)[2], *label;
+	uint32_t n = wander(20000, 50, &v, &segment);
 
-	for (;; memory += memory / 8) {
-		struct err err = ERR_INIT;
-		struct snap l = {.npiece = 77};
-		int wrong = snap_round(v, 20000, (const uint32_t(*)[2])segment, n, false, memory, &l, &err);
+	label = calloc(n, sizeof(*label));
+	assert_non_null(label);
+	for (uint32_t i = 0; i < n; i++)
+		label[i] = 1 + i / 100;
+	for (unsigned labelled = 0; labelled < 2; labelled++) {
+		uint64_t memory = 1000;
+		uint32_t failed = 0;
 
-		if (!wrong) {
-			snap_done(&l);
-			break;
+		for (;; memory += memory / 8) {
+			struct err err = ERR_INIT;
+			struct snap l = {.npiece = 77};
+			int wrong =
+				snap_round(v, 20000, (const uint32_t(*)[2])segment, labelled ? label : NULL, n, memory, &l, &err);
+
+			if (!wrong) {
+				assert_true(snap_bytes(&l) < memory);
+				snap_done(&l);
+				break;
+			}
+			assert_int_equal(wrong, -ERR_LIMIT);
+			assert_int_equal(l.npiece, 77);
+			failed++;
 		}
-		assert_int_equal(wrong, -ERR_LIMIT);
-		assert_int_equal(l.npiece, 77);
-		failed++;
+		assert_true(failed > 10);
+		assert_true(memory < (labelled ? 230 : 160) * 20000);
 	}
-	assert_true(failed > 10);
-	assert_true(memory < 150 * 20000);
+	free(label);
 	free(segment);
 	free(v);
+}
+
+/* Two squares with a label each, one of them with a tail that goes there and back; they have one side in common, a line
+ * without label divides one, and a vertex divides the side. */
+static void labels(void **unused)
+{
+	const struct mesh_vertex v[] = {{0, 0, 0},   {10, 0, 0}, {10, 10, 0}, {0, 10, 0}, {20, 0, 0},
+					{20, 10, 0}, {5, -5, 0}, {5, 15, 0},  {10, 4, 0}, {30, 10, 0}};
+	const uint32_t segment[][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {1, 4}, {4, 5},
+				       {5, 9}, {9, 5}, {5, 2}, {2, 1}, {6, 7}, {8, 4}};
+	const uint32_t label[] = {9, 9, 9, 9, 4, 4, 4, 4, 4, 4, 0, 0};
+	struct err err = ERR_INIT;
+	struct snap l;
+	uint32_t n9 = 0, shared = 0;
+
+	assert_int_equal(snap_round(v, 10, segment, label, 12, 1 << 20, &l, &err), 0);
+	for (uint32_t i = 0; i < l.nalong; i++) {
+		const struct mesh_vertex *a = &l.vertex[l.piece[l.along[i][1]][0]], *b = &l.vertex[l.piece[l.along[i][1]][1]];
+
+		n9 += l.along[i][0] == 9;
+		shared += a->x == 10 && b->x == 10;
+		assert_true(b->x <= (l.along[i][0] == 9 ? 10 : 20));
+		assert_true(a->x >= (l.along[i][0] == 9 ? 0 : 10));
+		if (i)
+			assert_true(l.along[i][0] > l.along[i - 1][0] ||
+				    (l.along[i][0] == l.along[i - 1][0] && l.along[i][1] > l.along[i - 1][1]));
+	}
+	assert_int_equal(n9, 4 + 1 + 2); /* the line divides two sides, the vertex one */
+	assert_int_equal(l.nalong - n9, 4 + 1);
+	assert_int_equal(shared, 4);
+	snap_done(&l);
 }
 
 int main(void)
@@ -236,6 +284,7 @@ int main(void)
 		cmocka_unit_test(a_million_vertices),
 		cmocka_unit_test(stars_and_bundles),
 		cmocka_unit_test(memory_is_kept),
+		cmocka_unit_test(labels),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

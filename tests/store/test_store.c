@@ -75,6 +75,12 @@ static void make_domain(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, co
 	d->vertex = calloc(nvertex + 1, sizeof *d->vertex);
 	d->link = calloc(nopen + 1, sizeof *d->link);
 	d->triangle = calloc(ntriangle + 1, sizeof *d->triangle);
+	d->nedges = ntriangle % 2 ? ntriangle : 0; /* in half of the domains */
+	d->edges = calloc(d->nedges + 1, 1);
+	for (uint32_t i = 0; i < d->nedges; i++)
+		d->edges[i] = (uint8_t)rand() & 7;
+	for (unsigned i = 0; i < MESH_RULES; i++)
+		d->counts.removed[i] = 100 + i;
 	for (uint32_t i = 0; i < nvertex; i++) {
 		for (unsigned k = 0; k < 3; k++) {
 			uint64_t wide = (uint64_t)((int64_t)high[k] - low[k]) + 1;
@@ -98,6 +104,7 @@ static void free_domain(struct made *m)
 	free(m->d.vertex);
 	free(m->d.link);
 	free(m->d.triangle);
+	free(m->d.edges);
 }
 
 static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
@@ -106,6 +113,9 @@ static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
 	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof *a->vertex);
 	assert_memory_equal(a->link, b->link, a->nopen * sizeof *a->link);
 	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof *a->triangle);
+	assert_int_equal(a->nedges, b->nedges);
+	assert_memory_equal(a->edges, b->edges, a->nedges);
+	assert_memory_equal(a->counts.removed, b->counts.removed, sizeof a->counts.removed);
 	assert_true(digest_equal(a->digest, b->digest) && a->nhull == b->nhull && a->counts.points == b->counts.points);
 }
 
@@ -126,6 +136,7 @@ static void check_stored(const struct made *m, const struct store_front *want)
 	check(store_get(dirfd, &ID, memory, f.whole, &d, &err), &err);
 	check_same(&m->d, &d);
 	assert_true((uint8_t *)d.final + (d.nvertex + 7) / 8 <= memory + f.whole);
+	assert_true(!d.nedges || (d.edges >= d.final + (d.nvertex + 7) / 8 && d.edges + d.nedges <= memory + f.whole));
 	for (unsigned i = 0; i < 8; i++)
 		assert_int_equal(memory[f.whole + i], 0x77);
 	free(memory);
@@ -178,7 +189,7 @@ static void test_extents(void **state)
 			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open +
 				size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
 			/* A single one has no extent. */
-			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0);
+			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0) + m.d.nedges;
 			assert_in_range(f.bytes, least, least + 14);
 			check_stored(&m, &f);
 			free_domain(&m);
@@ -270,7 +281,8 @@ static void test_version_4(void **state)
 	struct made m;
 
 	(void)state;
-	make_domain(1001, 33, 1903, low, high, &m);
+	make_domain(1001, 33, 1902, low, high, &m); /* without edges, which came later */
+	memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &narrow, &err), &err);
 	f = narrow;
 	write_4(&m, &f.payload, &f.bytes);
@@ -358,11 +370,11 @@ static void test_other_versions(void **state)
 	make_domain(10, 4, 12, low, high, &m);
 	/* A later version: absent, and not damaged. */
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
-	header_set(7, NULL);
+	header_set(8, NULL);
 	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
 	assert_int_equal(store_get(dirfd, &ID, memory, sizeof memory, &d, &err), STORE_E_ABSENT);
 	assert_int_equal(in_folder(store_check, memory, sizeof memory, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "of version 7"));
+	assert_non_null(strstr(err.message, "of version 8"));
 	err_clear(&err);
 	assert_true(is_there());
 	/* An earlier version: absent, and removed. */
@@ -379,7 +391,7 @@ static void test_other_versions(void **state)
 		fd = openat(dirfd, name_of(), O_RDWR);
 		pwrite_all(fd, bytes, 2, i);
 		close(fd);
-		header_set(6, NULL);
+		header_set(7, NULL);
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
 		assert_false(is_there());
 	}
@@ -398,7 +410,7 @@ static void test_version_5(void **state)
 	for (unsigned out = 0; out < 2; out++) {
 		make_domain(10, 4, 12, low, high, &m);
 		memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
-		m.d.counts.removed[MESH_RULES - 1] = out;
+		m.d.counts.removed[11] = out;
 		m.d.counts.most = (struct mesh_most){2, -3, 4};
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 		check(store_head(dirfd, &ID, &f, &err), &err);
@@ -410,6 +422,30 @@ static void test_version_5(void **state)
 		store_remove(dirfd, &ID, &err);
 		free_domain(&m);
 	}
+}
+
+/* Version 6 counts by 12 rules; what is there for the others is not read. */
+static void test_version_6(void **state)
+{
+	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
+	struct err err = ERR_INIT;
+	struct store_front f;
+	struct made m;
+
+	(void)state;
+	make_domain(10, 4, 12, low, high, &m);
+	for (unsigned i = 0; i < MESH_RULES; i++)
+		m.d.counts.removed[i] = 100 + i;
+	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+	check(store_head(dirfd, &ID, &f, &err), &err);
+	assert_memory_equal(f.domain.counts.removed, m.d.counts.removed, sizeof m.d.counts.removed);
+	header_set(6, NULL);
+	check(store_head(dirfd, &ID, &f, &err), &err);
+	assert_memory_equal(f.domain.counts.removed, m.d.counts.removed, 12 * sizeof(uint64_t));
+	for (unsigned i = 12; i < MESH_RULES; i++)
+		assert_true(f.domain.counts.removed[i] == 0);
+	store_remove(dirfd, &ID, &err);
+	free_domain(&m);
 }
 
 /* Whether a file exists, and when it was last used. */
@@ -465,9 +501,9 @@ static int end(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_extents), cmocka_unit_test(test_nothing),        cmocka_unit_test(test_version_4),
-		cmocka_unit_test(test_forged),  cmocka_unit_test(test_other_versions), cmocka_unit_test(test_version_5),
-		cmocka_unit_test(test_there),
+		cmocka_unit_test(test_extents),   cmocka_unit_test(test_nothing),        cmocka_unit_test(test_version_4),
+		cmocka_unit_test(test_forged),    cmocka_unit_test(test_other_versions), cmocka_unit_test(test_version_5),
+		cmocka_unit_test(test_version_6), cmocka_unit_test(test_there),
 	};
 
 	return cmocka_run_group_tests(tests, begin, end);

@@ -1,8 +1,8 @@
 /*
  * Random windows: small point sets in random cells and segments, boxes and polygons of every kind, divided into pieces
- * by plans of random load and at random. Together the pieces have exactly the triangles of the whole mesh that meet the
- * area, each once, with the heights of the whole mesh. The test finds these triangles by intersecting segments and by a
- * ray; the engine does not.
+ * by plans of random load and at random; half of them with pieces of lines. Together the pieces have exactly the triangles of the
+ * whole mesh that meet the area, each once, with the heights of the whole mesh. The test finds these triangles by intersecting
+ * segments and by a ray; the engine does not.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,13 +14,14 @@
 #include <cmocka.h>
 
 #include "brute.h"
+#include "check.h"
 #include "err.h"
 #include "sets.h"
 #include "view_area.h"
 #include "window_area.h"
 #include "repeat.h"
 
-enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096 };
+enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096, PIECES = 40, PIECES_ROOM = 1 << 18 };
 
 struct polygon {
 	int64_t at[RINGS][CORNERS][2]; /* lattice numbers */
@@ -34,6 +35,9 @@ static struct polygon polygon;
 static int32_t whole[MAX_TRIANGLES][6], want[MAX_TRIANGLES][6], got[2 * MAX_TRIANGLES][6];
 static unsigned ngot;
 static void *memory;
+static struct lineset_piece line[PIECES];
+static unsigned npiece;
+static uint64_t lined;
 static uint64_t cases, wanted, some, pieces, halvings, cells, all_cells, empties;
 
 /* ---- the window ---- */
@@ -254,6 +258,22 @@ static void take_block(const struct mesh_domain *d)
 	}
 }
 
+static int find(void *ctx, const int32_t box[4], lineset_piece_fn fn, void *sink, struct err *err)
+{
+	(void)ctx;
+	for (unsigned i = 0; i < npiece; i++) {
+		const struct lineset_piece *p = &line[i];
+		int32_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+		int rc = p->a[0] > box[2] || p->b[0] < box[0] || low > box[3] || high < box[1] ? 0 : fn(sink, p, err);
+
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+static const struct constrain_lines lines = {.find = find};
+
 /* A piece. If it does not fit, it is halved, or gets a larger arena if halving does not help. */
 static void piece(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned depth, uint32_t cap)
 {
@@ -262,7 +282,15 @@ static void piece(uint64_t *seed, const struct cut_source *src, const struct cut
 	struct mesh_domain d;
 	struct cut_region half[2];
 	uint64_t need;
-	int r = window_domain_from(src, &view, region, round, cap, memory, view.k, &d, &need, &err);
+	const struct window_from from = {.src = src,
+					 .lines = npiece ? &lines : NULL,
+					 .view = &view,
+					 .region = region,
+					 .round = round,
+					 .cap = cap,
+					 .memory = memory,
+					 .room = npiece ? tri_bytes(cap) + PIECES_ROOM : tri_bytes(cap)};
+	int r = window_domain_from(&from, view.k, &d, &need, &err);
 
 	pieces++;
 	if (!r) {
@@ -352,6 +380,47 @@ static uint64_t cells_of(const struct cut_source *src)
 	return n;
 }
 
+/* ---- lines ---- */
+
+/* Offers pieces to the mesh of all positions, and keeps those that it takes. 0: the positions are flat. */
+static unsigned make_lines(uint64_t *seed)
+{
+	struct tri *t = set.n < 3 ? NULL : check_tri(set.pos, set.n);
+	unsigned tries = 1 + sets_below(seed, 2 * PIECES), n = 0;
+	struct tri_pieces *p;
+	struct tri_result r;
+
+	npiece = 0;
+	if (!t)
+		return 0;
+	p = check_pieces(t, 2 * set.n);
+	for (; tries > 0 && npiece < PIECES; tries--) {
+		const struct mesh_vertex *a = &set.pos[sets_below(seed, set.n)], *b = &set.pos[sets_below(seed, set.n)];
+		const int32_t ends[2][2] = {{a->x, a->y}, {b->x, b->y}};
+		bool swap = ends[1][0] < ends[0][0] || (ends[1][0] == ends[0][0] && ends[1][1] < ends[0][1]);
+		uint32_t at;
+
+		if (tri_piece_insert(p, (uint32_t)(a - set.pos), (uint32_t)(b - set.pos), &at))
+			continue;
+		memcpy(line[npiece].a, ends[swap], sizeof(ends[0]));
+		memcpy(line[npiece++].b, ends[!swap], sizeof(ends[0]));
+	}
+	tri_result(t, &r);
+	for (uint32_t i = 0; i < r.ntriangle; i++) {
+		const uint32_t *c = r.triangle[i].corner;
+
+		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST)
+			continue;
+		for (unsigned k = 0; k < 3; k++)
+			memcpy(&whole[n][2 * k], r.xy[c[k]], sizeof(r.xy[0]));
+		normalize(whole[n++]);
+	}
+	free(p);
+	free(t);
+	lined += npiece > 0;
+	return n;
+}
+
 static void one_case(uint64_t seed)
 {
 	struct cut_source src;
@@ -371,7 +440,11 @@ static void one_case(uint64_t seed)
 		make_box(&seed);
 	else
 		make_polygon(&seed);
-	m = brute_triangles(set.pos, set.n, whole);
+	m = sets_below(&seed, 2) ? make_lines(&seed) : 0;
+	if (!m) {
+		npiece = 0;
+		m = brute_triangles(set.pos, set.n, whole);
+	}
 	for (unsigned i = 0; i < m; i++)
 		if (meets(whole[i]))
 			memcpy(want[n++], whole[i], sizeof(whole[i]));
@@ -393,7 +466,7 @@ static void fuzz(void **state)
 	uint64_t n = repeat_cases(20000), from = repeat_first();
 
 	(void)state;
-	memory = aligned_alloc(64, (tri_bytes(CAP_MOST) + window_area_tables(CAP_MOST) + 4096) & ~(size_t)63);
+	memory = aligned_alloc(64, (tri_bytes(CAP_MOST) + window_area_tables(CAP_MOST) + PIECES_ROOM + 4096) & ~(size_t)63);
 	assert_non_null(memory);
 	for (uint64_t i = 0; i < n; i++) {
 		if (getenv("ACUT_FUZZ_TRACE"))
@@ -402,12 +475,12 @@ static void fuzz(void **state)
 	}
 	free(memory);
 	print_message("%llu cases, %llu triangles, %llu windows of a part, %llu without any, %llu pieces, %llu halved, "
-		      "%llu cells read of %llu\n",
+		      "%llu cells read of %llu; %llu with pieces of lines\n",
 		      (unsigned long long)cases, (unsigned long long)wanted, (unsigned long long)some,
 		      (unsigned long long)empties, (unsigned long long)pieces, (unsigned long long)halvings,
-		      (unsigned long long)cells, (unsigned long long)all_cells);
+		      (unsigned long long)cells, (unsigned long long)all_cells, (unsigned long long)lined);
 	if (n >= 1000)
-		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n);
+		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n && lined > n / 4);
 }
 
 int main(void)

@@ -124,8 +124,8 @@ static int select_into(struct session *s, int dirfd, struct err *err)
 	return selection_make(&p, &counts, err);
 }
 
-/* Replaces the dataset's grid by the grid of the selected points, in unlinked files. */
-static int select_own(struct session *s, struct err *err)
+/* `dataset`: the folder of the manifest. Replaces the dataset's grid by the grid of the selected points, in unlinked files. */
+static int select_own(struct session *s, int dataset, struct err *err)
 {
 	static const char *const files[] = {SELECTION_MANIFEST, "counts", "selection.seg"};
 	const char *top = getenv("TMPDIR");
@@ -140,12 +140,21 @@ static int select_own(struct session *s, struct err *err)
 	}
 	r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (!r) {
+		const struct grid_source *lines = grid_lines_source(s->grid);
 		struct view rest = view_rest(&s->view);
+		struct grid_named file[GRID_SOURCE_FILES];
+		struct grid_use use = {.no_lines = !lines};
+
+		if (lines) {
+			grid_source_files(lines, file);
+			use.lines = file[0].name;
+			use.linesfd = dataset;
+		}
 
 		r = select_into(s, dirfd, err);
 		s->grid = grid_close(s->grid);
 		if (!r)
-			r = grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
+			r = grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, s->ledger, INDEX_MEMORY, &s->grid, err);
 		for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
 			io_remove(dirfd, files[i], &ignored);
 		io_close(dirfd);
@@ -183,6 +192,7 @@ static int select_folder(struct session *s, const struct options *o, struct err 
 static int session_open(struct session *s, const struct options *o, struct err *err)
 {
 	char folder[4096], file[4096];
+	struct grid_use use;
 	int dirfd = -1, r;
 
 	if (strlen(o->manifest) >= sizeof folder)
@@ -195,17 +205,17 @@ static int session_open(struct session *s, const struct options *o, struct err *
 		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (r)
 		return r;
+	use = (struct grid_use){.no_lines = s->view.no_breaklines, .clear = s->view.breakline_clear};
 	s->ledger = ledger_new(o->memory);
 	if (!s->ledger)
 		r = err_set(err, ERR_NOMEM, "no memory");
 	else
-		r = grid_open(dirfd, basename(file), GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
+		r = grid_open_use(dirfd, basename(file), GRID_NEWEST, &use, s->ledger, INDEX_MEMORY, &s->grid, err);
+	if (!r)
+		view_bind(&s->view, &grid_manifest(s->grid)->lattice);
+	if (!r && view_selects(&s->view) && !o->select)
+		r = select_own(s, dirfd, err);
 	io_close(dirfd);
-	if (r)
-		return r;
-	view_bind(&s->view, &grid_manifest(s->grid)->lattice);
-	if (view_selects(&s->view) && !o->select)
-		r = select_own(s, err);
 	if (!r)
 		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);
 	return r;

@@ -421,6 +421,7 @@ static void dump_manifest(int dirfd, const char *name)
 	struct grid_manifest *m;
 	const char *fault;
 	struct err err = ERR_INIT;
+	struct digest lines;
 	char text[LATTICE_TEXT_SIZE], hex[DIGEST_HEX_SIZE];
 
 	if (grid_manifest_read(dirfd, name, &m, &err)) {
@@ -449,9 +450,11 @@ static void dump_manifest(int dirfd, const char *name)
 	for (size_t i = 0; options.check && i < m->nsegments; i++)
 		dump_file(dirfd, m->segments[i].file, m->segments[i].file);
 	if (options.check) { /* whether each segment belongs to this manifest */
+		/* The line vertices of a selection have no lines, and their pieces are in the folder of the dataset. */
+		const struct grid_use use = {.no_lines = !grid_manifest_lines(m, m->generation, &lines)};
 		struct grid *g;
 
-		if (grid_open(dirfd, name, m->generation, NULL, 0, &g, &err))
+		if (grid_open_use(dirfd, name, m->generation, &use, NULL, 0, &g, &err))
 			print_err(&err);
 		else
 			grid_close(g);

@@ -30,6 +30,11 @@ static void print_source(const struct grid_source *s)
 		printf(" until %llu", (unsigned long long)s->removed);
 	printf(", %llu points, hash %s, ", (unsigned long long)s->points, digest_hex(s->hash, hex));
 	print_text(s->name);
+	if (s->kind == GRID_LINES)
+		printf(", %llu lines, %llu vertices in lines-%u", (unsigned long long)s->lines->lines,
+		       (unsigned long long)s->lines->vertices, s->id);
+	else if (s->kind == GRID_LINE_VERTICES)
+		printf(", of the lines in lineset-%u", s->id);
 	putchar('\n');
 }
 
@@ -46,9 +51,11 @@ static void print_generation(const struct grid_generation *g)
 		printf(" of %llu", (unsigned long long)g->undoes);
 	printf(" at %s by ", when);
 	print_text(g->user);
-	printf(" (%u), %u files and %llu points more, %u files and %llu points less, content %s\n", g->uid, g->files,
-	       (unsigned long long)g->points_added, g->files_removed, (unsigned long long)g->points_removed,
-	       digest_hex(g->content, hex));
+	printf(" (%u), %u files and %llu points more, %u files and %llu points less, ", g->uid, g->files,
+	       (unsigned long long)g->points_added, g->files_removed, (unsigned long long)g->points_removed);
+	if (g->lines_added || g->lines_removed)
+		printf("%llu lines more, %llu less, ", (unsigned long long)g->lines_added, (unsigned long long)g->lines_removed);
+	printf("content %s\n", digest_hex(g->content, hex));
 }
 
 /* Compares what can be derived from the sources; pruned sources are missing. */
@@ -69,7 +76,8 @@ const char *dump_manifest_fault(const struct grid_manifest *m)
 		if (g->number < oldest || (g->number == oldest && oldest > 1))
 			continue;
 		if (g->files != d->files || g->files_removed != d->files_removed || g->points_added != d->points_added ||
-		    g->points_removed != d->points_removed || !digest_equal(g->content, d->content))
+		    g->points_removed != d->points_removed || g->lines_added != d->lines_added ||
+		    g->lines_removed != d->lines_removed || !digest_equal(g->content, d->content))
 			fault = "a generation is not what its sources say";
 	}
 	free(derived);

@@ -179,8 +179,12 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
-	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle, v->mesh.nvertex,
-				 v->mesh.ntriangle, v->mesh.trimmed};
+	m = (struct verify_mesh){.vertex = (const int32_t(*)[3])v->mesh.vertex,
+				 .triangle = (const uint32_t(*)[3])v->mesh.triangle,
+				 .edges = v->mesh.edges,
+				 .nvertex = v->mesh.nvertex,
+				 .ntriangle = v->mesh.ntriangle,
+				 .trimmed = v->mesh.trimmed};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
@@ -239,9 +243,9 @@ static void print_json(const struct verdict *v)
 	else
 		printf(",\"place\":null");
 	printf(",\"vertices\":%zu,\"triangles\":%zu,\"edges\":%llu,\"inner_edges\":%llu,\"ties\":%llu,"
-	       "\"hull\":%llu",
+	       "\"pieces\":%llu,\"hull\":%llu",
 	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->inner,
-	       (unsigned long long)r->ties, (unsigned long long)r->hull);
+	       (unsigned long long)r->ties, (unsigned long long)r->pieces, (unsigned long long)r->hull);
 	printf(",\"trimmed\":%s,\"lattice\":\"%s\",\"crs\":", v->mesh.trimmed ? "true" : "false",
 	       lattice_text(&v->mesh.lattice, lattice));
 	print_string(stdout, v->mesh.crs[0] ? v->mesh.crs : "unknown");
@@ -285,11 +289,14 @@ static void print_text(const struct verdict *v)
 		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
 	       (unsigned long long)r->inner, (unsigned long long)r->ties);
+	if (v->mesh.edges)
+		printf("  lines     %llu edges are pieces of lines, which need not be Delaunay\n", (unsigned long long)r->pieces);
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
 	       v->mesh.has_digest ? "as the file says" : "not in the file");
 	if (v->with_points)
 		printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read,
 		       v->points.n, (unsigned long long)r->positions,
+		       v->mesh.edges   ? "each vertex beside lines is one of them, with its height" :
 		       v->mesh.trimmed ? "each vertex is one of them, with its height" :
 					 "each a vertex with its height, and no other");
 }

@@ -26,6 +26,7 @@ struct check_mesh {
 	bool trimmed;         /* the file says that it has a part of the mesh */
 	int32_t (*vertex)[3]; /* lattice numbers */
 	uint32_t (*triangle)[3];
+	uint8_t *edges; /* as verify_mesh has them; NULL: the file has none */
 	size_t nvertex, ntriangle;
 };
 

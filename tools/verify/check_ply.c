@@ -14,7 +14,7 @@
 #include "err.h"
 #include "parse.h"
 
-enum { BUFFER = 1 << 20, LINE = 2048, LINES = 4096, VERTEX = 24, FACE = 13 };
+enum { BUFFER = 1 << 20, LINE = 2048, LINES = 4096, VERTEX = 24, FACE = 13, EDGES = 2 };
 
 /* Bytes of a descriptor, sequentially. */
 struct reader {
@@ -28,7 +28,7 @@ struct reader {
 struct ply_header {
 	uint64_t nvertex, nface;
 	unsigned doubles; /* properties x, y, z so far */
-	bool format, has_lattice, faces, converted;
+	bool format, has_lattice, faces, edges, converted;
 	enum { IN_NONE, IN_VERTEX, IN_FACE } element;
 };
 
@@ -134,6 +134,8 @@ static bool parse_property(const char *text, struct ply_header *h)
 
 	if (h->element == IN_VERTEX && h->doubles < 3)
 		return strcmp(text, doubles[h->doubles++]) == 0;
+	if (h->element == IN_FACE && h->faces && !h->edges)
+		return h->edges = strcmp(text, "ushort edges") == 0;
 	if (h->element != IN_FACE || h->faces)
 		return false;
 	h->faces = true;
@@ -275,15 +277,18 @@ static int read_vertices(struct reader *r, struct check_mesh *m, struct err *err
 
 static int read_faces(struct reader *r, struct check_mesh *m, struct err *err)
 {
+	const size_t face = FACE + (m->edges ? EDGES : 0);
 	int rc;
 
 	for (size_t t = 0; t < m->ntriangle; t++) {
-		if ((rc = need_bytes(r, FACE, err)))
+		if ((rc = need_bytes(r, face, err)))
 			return rc;
 		if (r->buffer[r->at] != 3)
 			return read_error(r, ERR_INPUT, "a face that is no triangle", err);
 		memcpy(m->triangle[t], r->buffer + r->at + 1, 12);
-		r->at += FACE;
+		if (m->edges)
+			m->edges[t] = r->buffer[r->at + FACE];
+		r->at += face;
 	}
 	if (r->at < r->end || (rc = need_bytes(r, 1, err)) == 0)
 		return read_error(r, ERR_INPUT, "bytes after the last face", err);
@@ -312,7 +317,8 @@ int check_ply_read(int fd, const char *name, struct check_mesh *ret, struct err 
 		m.ntriangle = h.nface;
 		m.vertex = malloc((m.nvertex ? m.nvertex : 1) * sizeof *m.vertex);
 		m.triangle = malloc((m.ntriangle ? m.ntriangle : 1) * sizeof *m.triangle);
-		if (!m.vertex || !m.triangle)
+		m.edges = h.edges ? malloc(m.ntriangle ? m.ntriangle : 1) : NULL;
+		if (!m.vertex || !m.triangle || (h.edges && !m.edges))
 			rc = err_set(err, ERR_NOMEM, "no memory for %zu vertices and %zu triangles", m.nvertex, m.ntriangle);
 	}
 	if (rc == 0)
@@ -331,6 +337,8 @@ void check_mesh_clear(struct check_mesh *m)
 {
 	free(m->vertex);
 	free(m->triangle);
+	free(m->edges);
+	m->edges = NULL;
 	m->vertex = NULL;
 	m->triangle = NULL;
 }

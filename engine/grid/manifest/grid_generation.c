@@ -54,16 +54,18 @@ static void tally_span(const struct grid_source *s, uint64_t added, uint64_t rem
 {
 	struct grid_generation *from = find(all, n, added), *to = removed ? find(all, n, removed) : NULL;
 
-	if (added == removed)
+	if (added == removed || s->kind == GRID_LINE_VERTICES)
 		return;
 	if (from) {
 		from->files++;
 		from->points_added += s->points;
+		from->lines_added += s->lines ? s->lines->lines : 0;
 		digest_add(&from->content, s->hash);
 	}
 	if (to) {
 		to->files_removed++;
 		to->points_removed += s->points;
+		to->lines_removed += s->lines ? s->lines->lines : 0;
 	}
 }
 
@@ -72,6 +74,7 @@ void grid_generations_tally(const struct grid_manifest *m, struct grid_generatio
 	for (size_t i = 0; i < n; i++) {
 		all[i].files = all[i].files_removed = 0;
 		all[i].points_added = all[i].points_removed = 0;
+		all[i].lines_added = all[i].lines_removed = 0;
 		all[i].content = (struct digest){0, 0};
 	}
 	for (size_t i = 0; i < m->nsources; i++) {

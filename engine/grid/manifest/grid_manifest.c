@@ -18,191 +18,6 @@
 #include "io.h"
 #include "ledger.h"
 
-enum {
-	HEAD_BYTES = 8 + 4 + 4 + 8 + 8 + 4 + 4,
-	HEAD_MORE = 8 + 4 + 4, /* added by version 4; no file is smaller than both */
-	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
-	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
-	SOURCE_MORE = 2 * 8 + 2,              /* added by version 2 */
-	SOURCE_SPANS = 2,                     /* added by version 4 */
-	SOURCE_READ = 2 + 8 + 2,              /* added by version 5 */
-	SPAN_BYTES = 2 * 8,
-	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,
-	TEXTS_MOST = 7 * 2 + 8 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
-	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
-	CHECK_BYTES = 8,
-};
-#define MANIFEST_MOST ((uint64_t)1 << 32) /* bytes; enough for ten million sources */
-
-/* ---- writing ---- */
-
-static void pack_text(struct packer *p, const char *text)
-{
-	size_t n = text ? strlen(text) : 0;
-
-	packer_u16(p, (uint16_t)n);
-	packer_bytes(p, text, n);
-}
-
-static void pack_segment(struct packer *p, const struct grid_segment_info *s)
-{
-	unsigned classes = 0;
-
-	pack_text(p, s->file);
-	packer_u64(p, s->points);
-	packer_u64(p, s->cells);
-	packer_u64(p, s->bytes);
-	for (unsigned i = 0; i < 4; i++)
-		packer_i32(p, s->box[i]);
-	packer_u64(p, s->sum.hi);
-	packer_u64(p, s->sum.lo);
-	for (unsigned c = 0; c < 256; c++)
-		classes += s->classes[c] != 0;
-	packer_u16(p, (uint16_t)classes);
-	for (unsigned c = 0; c < 256; c++) {
-		if (!s->classes[c])
-			continue;
-		packer_u8(p, (uint8_t)c);
-		packer_u64(p, s->classes[c]);
-	}
-}
-
-static void pack_source(struct packer *p, const struct grid_source *s)
-{
-	packer_u32(p, s->id);
-	packer_u64(p, s->added);
-	packer_u64(p, s->removed);
-	packer_u64(p, s->points);
-	packer_u64(p, s->hash.hi);
-	packer_u64(p, s->hash.lo);
-	pack_text(p, s->name);
-	packer_u64(p, s->size);
-	packer_u64(p, (uint64_t)s->mtime_ns);
-	pack_text(p, s->path);
-	packer_u16(p, (uint16_t)s->nearlier);
-	for (size_t i = 0; i < s->nearlier; i++) {
-		packer_u64(p, s->earlier[i].added);
-		packer_u64(p, s->earlier[i].removed);
-	}
-	pack_text(p, s->overridden);
-	packer_u64(p, s->left_out);
-	pack_text(p, s->reading);
-}
-
-static void pack_generation(struct packer *p, const struct grid_generation *g)
-{
-	packer_u64(p, g->number);
-	packer_u64(p, (uint64_t)g->time_us);
-	packer_u32(p, g->uid);
-	packer_u8(p, (uint8_t)g->kind);
-	packer_u64(p, g->undoes);
-	packer_u32(p, g->files);
-	packer_u32(p, g->files_removed);
-	packer_u64(p, g->points_added);
-	packer_u64(p, g->points_removed);
-	packer_u64(p, g->content.hi);
-	packer_u64(p, g->content.lo);
-	pack_text(p, g->user);
-}
-
-static uint64_t count_spans(const struct grid_manifest *m)
-{
-	uint64_t spans = 0;
-
-	for (size_t i = 0; i < m->nsources; i++)
-		spans += m->sources[i].nearlier;
-	return spans;
-}
-
-/* Packs the file into `out`; returns its size, or 0 if it does not fit. */
-static size_t pack(const struct grid_manifest *m, void *out, size_t size)
-{
-	struct packer p = packer_of(out, size);
-	char text[LATTICE_TEXT_SIZE];
-	uint64_t bytes, check;
-
-	packer_bytes(&p, DISK_MANIFEST_MAGIC, 8);
-	packer_u32(&p, DISK_MANIFEST_VERSION);
-	packer_u32(&p, 0);
-	packer_u64(&p, 0); /* size, below */
-	packer_u64(&p, m->generation);
-	packer_u32(&p, (uint32_t)m->nsegments);
-	packer_u32(&p, (uint32_t)m->nsources);
-	packer_u64(&p, grid_manifest_oldest(m));
-	packer_u32(&p, (uint32_t)m->ngenerations);
-	packer_u32(&p, (uint32_t)count_spans(m));
-	pack_text(&p, lattice_text(&m->lattice, text));
-	pack_text(&p, m->crs);
-	pack_text(&p, m->unit_xy);
-	pack_text(&p, m->unit_z);
-	for (size_t i = 0; i < m->nsegments; i++)
-		pack_segment(&p, &m->segments[i]);
-	for (size_t i = 0; i < m->nsources; i++)
-		pack_source(&p, &m->sources[i]);
-	pack_text(&p, m->geoid);
-	pack_text(&p, m->choices);
-	pack_text(&p, m->wkt);
-	packer_u64(&p, m->wkt_since);
-	for (size_t i = 0; i < m->ngenerations; i++)
-		pack_generation(&p, &m->generations[i]);
-	bytes = packer_size(&p) + CHECK_BYTES;
-	memcpy((uint8_t *)out + 16, &bytes, sizeof bytes);
-	check = grid_check(out, packer_size(&p), 0);
-	packer_u64(&p, check);
-	return p.bad ? 0 : bytes;
-}
-
-/* An upper bound of the file's size. */
-static uint64_t max_bytes(const struct grid_manifest *m)
-{
-	uint64_t bytes = HEAD_BYTES + HEAD_MORE + TEXTS_MOST + (m->wkt ? strlen(m->wkt) : 0) +
-			 m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
-
-	for (size_t i = 0; i < m->nsources; i++) {
-		const struct grid_source *s = &m->sources[i];
-
-		bytes += SOURCE_LEAST + SOURCE_MORE + SOURCE_SPANS + SOURCE_READ + s->nearlier * SPAN_BYTES +
-			 (s->name ? strlen(s->name) : 0) + (s->path ? strlen(s->path) : 0) +
-			 (s->overridden ? strlen(s->overridden) : 0) + (s->reading ? strlen(s->reading) : 0);
-	}
-	for (size_t i = 0; i < m->ngenerations; i++)
-		bytes += GENERATION_LEAST + (m->generations[i].user ? strlen(m->generations[i].user) : 0);
-	return bytes;
-}
-
-int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *m, struct err *err)
-{
-	struct grid_file f;
-	bool nomem;
-	const char *fault = grid_manifest_check(m, &nomem);
-
-	if (fault)
-		return err_set(err, ERR_INTERNAL, "not a manifest to write: %s", fault);
-	size_t len = strlen(name);
-	uint64_t most = max_bytes(m);
-
-	if (!len || len >= GRID_NAME_MAX || most > MANIFEST_MOST)
-		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'", m->nsources, name);
-	uint8_t *bytes = nomem ? NULL : malloc(2 * most);
-
-	if (!bytes)
-		return err_set(err, ERR_NOMEM, "no memory for a manifest of %zu sources", m->nsources);
-	int rc = grid_file_create(&f, dirfd, name, bytes + most, most, err);
-
-	if (rc == 0) {
-		size_t n = pack(m, bytes, most);
-
-		rc = n ? grid_file_append(&f, bytes, n, err) : err_set(err, ERR_INTERNAL, "a manifest is larger than it can be");
-		if (rc == 0)
-			rc = grid_file_publish(&f, GRID_DURABLE, err);
-		grid_file_abort(&f);
-	}
-	free(bytes);
-	return rc;
-}
-
-/* ---- reading ---- */
-
 static bool unpack_text(struct cursor *c, char *ret, size_t size)
 {
 	size_t n = cursor_u16(c);
@@ -254,6 +69,11 @@ static bool unpack_long_text(struct cursor *c, struct grid_manifest *m, size_t r
 	return true;
 }
 
+/* Of all sources: earlier spans, and how many are lines. */
+struct limits {
+	size_t spans, lines;
+};
+
 static bool unpack_spans(struct cursor *c, struct grid_manifest *m, size_t most, struct grid_source *ret)
 {
 	ret->nearlier = cursor_u16(c);
@@ -269,8 +89,29 @@ static bool unpack_spans(struct cursor *c, struct grid_manifest *m, size_t most,
 	return !c->bad;
 }
 
-/* max_spans: earlier spans of all sources. */
-static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room, size_t max_spans,
+static bool unpack_lines(struct cursor *c, struct grid_manifest *m, const struct limits *limits, struct grid_source *ret)
+{
+	struct grid_lines *lines = &m->lines[m->nlines];
+
+	ret->kind = cursor_u8(c);
+	if (ret->kind == GRID_POINTS)
+		return !c->bad;
+	if (m->nlines == limits->lines)
+		return false;
+	m->nlines++;
+	for (unsigned i = 0; i < GRID_LINE_KINDS; i++)
+		lines->features[i] = cursor_u64(c);
+	lines->lines = cursor_u64(c);
+	lines->vertices = cursor_u64(c);
+	lines->bytes = cursor_u64(c);
+	lines->places = cursor_u64(c);
+	lines->content.hi = cursor_u64(c);
+	lines->content.lo = cursor_u64(c);
+	ret->lines = lines;
+	return !c->bad;
+}
+
+static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room, const struct limits *limits,
 			  struct grid_source *ret)
 {
 	ret->id = cursor_u32(c);
@@ -288,17 +129,20 @@ static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t ve
 	ret->mtime_ns = (int64_t)cursor_u64(c);
 	if (!unpack_long_text(c, m, room, GRID_SOURCE_PATH, &ret->path))
 		return false;
-	if (version >= 4 && !unpack_spans(c, m, max_spans, ret))
+	if (version >= 4 && !unpack_spans(c, m, limits->spans, ret))
 		return false;
 	if (version < 5)
 		return !c->bad;
 	if (!unpack_long_text(c, m, room, GRID_SOURCE_OVERRIDDEN, &ret->overridden))
 		return false;
 	ret->left_out = cursor_u64(c);
-	return unpack_long_text(c, m, room, GRID_SOURCE_READING, &ret->reading);
+	if (!unpack_long_text(c, m, room, GRID_SOURCE_READING, &ret->reading))
+		return false;
+	return version < 7 || unpack_lines(c, m, limits, ret);
 }
 
-static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t room, struct grid_generation *ret)
+static bool unpack_generation(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room,
+			      struct grid_generation *ret)
 {
 	ret->number = cursor_u64(c);
 	ret->time_us = (int64_t)cursor_u64(c);
@@ -309,6 +153,10 @@ static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t 
 	ret->files_removed = cursor_u32(c);
 	ret->points_added = cursor_u64(c);
 	ret->points_removed = cursor_u64(c);
+	if (version >= 7) {
+		ret->lines_added = cursor_u64(c);
+		ret->lines_removed = cursor_u64(c);
+	}
 	ret->content.hi = cursor_u64(c);
 	ret->content.lo = cursor_u64(c);
 	return unpack_long_text(c, m, room, GRID_USER, &ret->user) && !c->bad;
@@ -330,7 +178,7 @@ static const char *alloc_texts(const struct cursor *c, uint32_t version, struct 
 {
 	size_t each = version < 2 ? SOURCE_LEAST - 1 :
 				    SOURCE_LEAST + SOURCE_MORE - 2 + (version < 4 ? 0 : SOURCE_SPANS) +
-					    (version < 5 ? 0 : SOURCE_READ - 2);
+					    (version < 5 ? 0 : SOURCE_READ - 2) + (version < 7 ? 0 : SOURCE_KIND);
 
 	if (m->nsources > cursor_left(c) / each)
 		return "its counts exceed its size";
@@ -340,21 +188,24 @@ static const char *alloc_texts(const struct cursor *c, uint32_t version, struct 
 }
 
 /* Counts come from the file, so they are bounded by its size before they are used. */
-static bool unpack_counts(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_spans)
+static bool unpack_counts(struct cursor *c, uint32_t version, struct grid_manifest *m, struct limits *ret)
 {
 	size_t nsegments, nsources, ngenerations = 0;
 
-	*ret_spans = 0;
+	*ret = (struct limits){0};
 	m->generation = cursor_u64(c);
 	nsegments = cursor_u32(c);
 	nsources = cursor_u32(c);
 	if (version >= 4) {
 		m->oldest = cursor_u64(c);
 		ngenerations = cursor_u32(c);
-		*ret_spans = cursor_u32(c);
+		ret->spans = cursor_u32(c);
 	}
+	if (version >= 7)
+		ret->lines = cursor_u32(c);
 	if (c->bad || nsegments > cursor_left(c) / SEGMENT_LEAST || nsources > cursor_left(c) / SOURCE_LEAST ||
-	    ngenerations > cursor_left(c) / GENERATION_LEAST || *ret_spans > cursor_left(c) / SPAN_BYTES)
+	    ngenerations > cursor_left(c) / GENERATION_LEAST || ret->spans > cursor_left(c) / SPAN_BYTES ||
+	    ret->lines > cursor_left(c) / LINES_BYTES)
 		return false;
 	m->nsegments = nsegments;
 	m->nsources = nsources;
@@ -371,7 +222,7 @@ static const char *unpack_generations(struct cursor *c, uint32_t version, struct
 	m->generations = calloc(m->ngenerations + 1, sizeof *m->generations);
 	*ret_nomem = !m->generations;
 	for (size_t i = 0; m->generations && i < m->ngenerations; i++)
-		if (!unpack_generation(c, m, room, &m->generations[i]))
+		if (!unpack_generation(c, m, version, room, &m->generations[i]))
 			return "a generation in it is malformed";
 	return NULL;
 }
@@ -381,10 +232,11 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 {
 	char lattice[LATTICE_TEXT_SIZE], again[LATTICE_TEXT_SIZE];
 	const char *fault;
-	size_t room = 0, spans;
+	struct limits limits;
+	size_t room = 0;
 
 	*ret_nomem = false;
-	if (!unpack_counts(c, version, m, &spans))
+	if (!unpack_counts(c, version, m, &limits))
 		return "its counts exceed its size";
 	if (!unpack_text(c, lattice, sizeof lattice) || !unpack_text(c, m->crs, sizeof m->crs) ||
 	    !unpack_text(c, m->unit_xy, sizeof m->unit_xy) || !unpack_text(c, m->unit_z, sizeof m->unit_z))
@@ -393,8 +245,9 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 		return "its lattice is malformed";
 	m->segments = calloc(m->nsegments + 1, sizeof *m->segments);
 	m->sources = calloc(m->nsources + 1, sizeof *m->sources);
-	m->spans = calloc(spans + 1, sizeof *m->spans);
-	*ret_nomem = !m->segments || !m->sources || !m->spans;
+	m->spans = calloc(limits.spans + 1, sizeof *m->spans);
+	m->lines = calloc(limits.lines + 1, sizeof *m->lines);
+	*ret_nomem = !m->segments || !m->sources || !m->spans || !m->lines;
 	if (*ret_nomem)
 		return "no memory";
 	for (size_t i = 0; i < m->nsegments; i++)
@@ -405,10 +258,10 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 	if (fault || *ret_nomem)
 		return fault ? fault : "no memory";
 	for (size_t i = 0; i < m->nsources; i++)
-		if (!unpack_source(c, m, version, room, spans, &m->sources[i]))
+		if (!unpack_source(c, m, version, room, &limits, &m->sources[i]))
 			return "a source in it is malformed";
-	if (m->nspans != spans)
-		return "its sources have fewer spans than it says";
+	if (m->nspans != limits.spans || m->nlines != limits.lines)
+		return "its sources have fewer spans or lines than it says";
 	if (version >= 3 && (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
 		return "a text in it is malformed";
 	if (!unpack_wkt(c, m, version, room))
@@ -466,10 +319,10 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_m
  * sorting), and the tables. Counts come from the file, so they are bounded by its size before they are used. */
 static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret, struct err *err)
 {
-	uint8_t head[HEAD_BYTES + HEAD_MORE];
+	uint8_t head[HEAD_BYTES + HEAD_MORE + HEAD_LINES];
 	int rc = io_read_at(fd, head, sizeof head, 0, name, err);
 	struct cursor c = cursor_of(head, sizeof head);
-	uint64_t nsegments, nsources, generation, ngenerations, nspans = 0;
+	uint64_t nsegments, nsources, generation, ngenerations, nspans = 0, nlines = 0;
 	uint32_t version;
 
 	if (rc)
@@ -492,12 +345,15 @@ static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret,
 		ngenerations = cursor_u32(&c);
 		nspans = cursor_u32(&c);
 	}
+	if (version >= 7)
+		nlines = cursor_u32(&c);
 	if (nsegments > size / SEGMENT_LEAST || nsources > size / SOURCE_LEAST || nspans > size / SPAN_BYTES ||
-	    (version >= 4 && ngenerations > size / GENERATION_LEAST))
+	    nlines > size / LINES_BYTES || (version >= 4 && ngenerations > size / GENERATION_LEAST))
 		return damaged(name, "its counts exceed its size", err);
 	*ret = sizeof(struct grid_manifest) + 2 * size + nsegments * sizeof(struct grid_segment_info) +
 	       nsources * sizeof(struct grid_source) + 2 * (nsegments + nsources + 1) * sizeof(char *) +
-	       ngenerations * sizeof(struct grid_generation) + nspans * sizeof(struct grid_span);
+	       ngenerations * sizeof(struct grid_generation) + nspans * sizeof(struct grid_span) +
+	       nlines * sizeof(struct grid_lines);
 	return 0;
 }
 
@@ -521,7 +377,7 @@ static void settle_charge(struct grid_manifest *m, struct ledger *ledger, uint64
 {
 	m->ledger = ledger;
 	m->charged = sizeof *m + size + m->nsegments * sizeof *m->segments + m->nsources * sizeof *m->sources +
-		     m->ngenerations * sizeof *m->generations + m->nspans * sizeof *m->spans;
+		     m->ngenerations * sizeof *m->generations + m->nspans * sizeof *m->spans + m->nlines * sizeof *m->lines;
 	ledger_give(ledger, LEDGER_MANIFEST, bytes - m->charged);
 }
 
@@ -538,7 +394,8 @@ int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struc
 	if (io->fstat(fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		rc = err_add_file(err, name);
-	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES + HEAD_MORE || (uint64_t)st.st_size > MANIFEST_MOST) {
+	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES + HEAD_MORE + HEAD_LINES ||
+		   (uint64_t)st.st_size > MANIFEST_MOST) {
 		rc = damaged(name, "its size is impossible", err);
 	} else if (ledger && ((rc = bytes_to_read(fd, name, (uint64_t)st.st_size, &charged, err)) ||
 			      (rc = charge(ledger, charged, name, err)))) {
@@ -579,6 +436,7 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
 	free(m->sources);
 	free(m->generations);
 	free(m->spans);
+	free(m->lines);
 	free(m->texts);
 	if (m->charged)
 		ledger_give(m->ledger, LEDGER_MANIFEST, m->charged);

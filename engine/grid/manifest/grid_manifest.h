@@ -21,21 +21,40 @@ struct grid_span {
 	uint64_t added, removed;
 };
 
+/* The records of lines are in a file of their own, "lines-ID" (breakline.h). Those that count in a generation together make its
+ * line set: a source of kind GRID_LINE_VERTICES, whose records are in segments as those of others are, with the file "lineset-ID"
+ * (lineset.h). A generation has at most one of these. */
+enum grid_source_kind { GRID_POINTS, GRID_LINES, GRID_LINE_VERTICES, GRID_SOURCE_KINDS };
+
+/* Of a source of lines: its file "lines-ID" and its content. Of line vertices: the file "lineset-ID", the sum of the contents of
+ * all lines that it is made of, and the records of "places-ID"; all else is 0. */
+enum { GRID_LINE_KINDS = 4 }; /* as enum breakline_kind */
+struct grid_lines {
+	uint64_t features[GRID_LINE_KINDS], lines, vertices;
+	uint64_t bytes; /* of the file */
+	uint64_t places;
+	struct digest content;
+};
+/* Bytes of a record of "places-ID": where lines cross, or their vertices differ in height (format.md). */
+enum { GRID_PLACE_BYTES = 24 };
+
 struct grid_source {
 	uint32_t id;             /* > 0, never used twice in a dataset */
+	uint8_t kind;            /* enum grid_source_kind */
 	uint64_t added, removed; /* its generations; removed 0: it was not; added == removed: it never counted */
 	/* Earlier spans of a source that was removed and then restored by generation `added`; ascending, all before it. */
 	const struct grid_span *earlier;
 	size_t nearlier;
 	uint64_t points;
-	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
-	const char *path;       /* absolute path on the client, at most 4095 bytes; "": none (a pipe) */
-	uint64_t size;          /* of the input, in bytes; 0 if unknown */
-	int64_t mtime_ns;       /* last change of the input, ns since 1970; 0 if unknown */
-	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
-	const char *overridden; /* the coordinate system that its header named and the push replaced; NULL is "": none */
-	uint64_t left_out;      /* lines of a text that have no value for a coordinate */
-	const char *reading;    /* how it was read (format.md); NULL is "": unknown */
+	const char *name;               /* file name as pushed, at most 255 bytes; NULL is "" */
+	const char *path;               /* absolute path on the client, at most 4095 bytes; "": none (a pipe) */
+	uint64_t size;                  /* of the input, in bytes; 0 if unknown */
+	int64_t mtime_ns;               /* last change of the input, ns since 1970; 0 if unknown */
+	struct digest hash;             /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
+	const char *overridden;         /* the coordinate system that its header named and the push replaced; NULL is "": none */
+	uint64_t left_out;              /* lines of a text that have no value for a coordinate */
+	const char *reading;            /* how it was read (format.md); NULL is "": unknown */
+	const struct grid_lines *lines; /* NULL: its kind is GRID_POINTS */
 };
 /* Sizes of these texts, with the zero at the end. */
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN = 512, GRID_SOURCE_READING = 1024 };
@@ -64,7 +83,8 @@ struct grid_generation {
 	/* Sources that it added (restored ones too) and removed, and their points. */
 	uint32_t files, files_removed;
 	uint64_t points_added, points_removed;
-	struct digest content; /* sum of the hashes of the files that it added */
+	uint64_t lines_added, lines_removed; /* of the sources of lines */
+	struct digest content;               /* sum of the hashes of the files that it added */
 };
 
 enum { GRID_GEOID = 128, GRID_WKT = 32769 };
@@ -95,6 +115,8 @@ struct grid_manifest {
 	size_t texts_bytes;
 	struct grid_span *spans;
 	size_t nspans;
+	struct grid_lines *lines;
+	size_t nlines;
 	struct ledger *ledger;
 	uint64_t charged;
 };
@@ -105,6 +127,29 @@ int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, 
  * freed. -ERR_BUSY: the memory is not free now; -ERR_LIMIT: it is more than half of the total. */
 int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+/* A file that a manifest names, in its folder. */
+struct grid_named {
+	char name[64];
+	uint64_t bytes;
+	const struct grid_source *source; /* NULL: a segment */
+};
+enum { GRID_SOURCE_FILES = 2 };
+/* The files of a source beside its records in segments, at most GRID_SOURCE_FILES. */
+size_t grid_source_files(const struct grid_source *, struct grid_named ret[GRID_SOURCE_FILES]);
+/* All files, the segments first. `at` is zero at the beginning. False: there are no more. */
+struct grid_named_at {
+	size_t i;
+	unsigned of;
+};
+bool grid_manifest_next_file(const struct grid_manifest *, struct grid_named_at *at, struct grid_named *ret);
+size_t grid_manifest_files(const struct grid_manifest *); /* how many */
+bool grid_manifest_has_file(const struct grid_manifest *, const char *name);
+/* Bytes of all of them. */
+uint64_t grid_manifest_bytes(const struct grid_manifest *);
+/* The number of live sources of lines in that generation, and the sum of their contents. */
+size_t grid_manifest_lines(const struct grid_manifest *, uint64_t generation, struct digest *ret);
+/* The live source of line vertices in that generation; NULL: there are no lines. */
+const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest *, uint64_t generation);
 /* The WKT that is known in that generation; "": none. */
 const char *grid_manifest_wkt(const struct grid_manifest *, uint64_t generation);
 uint64_t grid_manifest_oldest(const struct grid_manifest *); /* `oldest`, or 1; 0: no generation can be read */

@@ -51,6 +51,18 @@ static const char *spans_fault(const struct grid_source *s)
 	return NULL;
 }
 
+static const char *lines_fault(const struct grid_source *s)
+{
+	if (s->kind >= GRID_SOURCE_KINDS)
+		return "a source is of no known kind";
+	if (!s->lines != (s->kind == GRID_POINTS))
+		return "a source has lines that its kind does not have";
+	if (s->kind == GRID_LINES && s->points)
+		return "a source of lines has points";
+	return s->kind == GRID_LINE_VERTICES && ((s->name && *s->name) || (s->path && *s->path)) ? "line vertices have a name" :
+												   NULL;
+}
+
 static const char *source_fault(const struct grid_manifest *m, const struct grid_source *s)
 {
 	if (!s->id)
@@ -67,7 +79,7 @@ static const char *source_fault(const struct grid_manifest *m, const struct grid
 		return "a source belongs to a generation that does not exist yet";
 	if (s->removed && s->removed < s->added)
 		return "a source was removed before it was added";
-	return spans_fault(s);
+	return lines_fault(s) ? lines_fault(s) : spans_fault(s);
 }
 
 static const char *generation_fault(const struct grid_manifest *m, size_t i)
@@ -129,6 +141,7 @@ const char *grid_manifest_check(const struct grid_manifest *m, bool *ret_nomem)
 	struct lattice back;
 	char text[LATTICE_TEXT_SIZE];
 	const char *fault = wkt_fault(m);
+	unsigned sets = 0;
 
 	*ret_nomem = false;
 	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) || !text_ok(m->unit_z, sizeof m->unit_z) ||
@@ -142,6 +155,10 @@ const char *grid_manifest_check(const struct grid_manifest *m, bool *ret_nomem)
 		fault = source_fault(m, &m->sources[i]);
 	for (size_t i = 0; !fault && i < m->ngenerations; i++)
 		fault = generation_fault(m, i);
+	for (size_t i = 0; i < m->nsources; i++)
+		sets += m->sources[i].kind == GRID_LINE_VERTICES && grid_source_live(&m->sources[i], m->generation);
+	if (!fault && sets > 1)
+		fault = "its newest generation has two line sets";
 	if (!fault && m->oldest > m->generation)
 		fault = "its oldest generation does not exist yet";
 	return fault ? fault : find_repeats(m, ret_nomem);

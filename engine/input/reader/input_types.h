@@ -11,6 +11,18 @@
 
 struct input;
 
+/* Where a vertex of lines belongs (format "lines"). */
+enum input_line_kind { INPUT_HARD, INPUT_LAKE, INPUT_BOUNDARY, INPUT_HOLE, INPUT_LINE_KINDS };
+enum {
+	INPUT_FEATURE_BEGINS = 1, /* it is the first one of its feature, */
+	INPUT_LINE_BEGINS = 2,    /* of its line or ring */
+	INPUT_IN_RING = 4,
+};
+struct input_vertex {
+	uint32_t feature;   /* number in the file that the text was made of */
+	uint8_t kind, bits; /* enum input_line_kind; INPUT_FEATURE_BEGINS ... */
+};
+
 /* A raw point: coordinate = raw * scale + offset of the input's lattice_input. */
 struct input_points {
 	int64_t (*raw)[3];
@@ -18,6 +30,20 @@ struct input_points {
 	uint8_t *ret;   /* as point.ret */
 	uint8_t *flags; /* POINT_WITHHELD ... */
 	size_t n, cap;
+	struct input_vertex *vertex; /* of lines; NULL: nobody wants them */
+};
+
+/* Vertices that the ring of a lake may have whose level is chosen; input_info.read_bytes counts them. */
+enum { INPUT_RING_MOST = 1 << 18 };
+
+/* What a text of lines says of all of its lines, and how many there are. */
+struct input_lines {
+	bool are;                            /* its points are vertices of lines */
+	uint64_t features[INPUT_LINE_KINDS]; /* by kind */
+	uint64_t lines;                      /* and rings */
+	struct decimal densify;              /* the longest segment; zero: any */
+	char densify_unit[CRS_UNIT_SIZE];    /* "metre" ...; "": the unit of whatever the lines go to */
+	enum { INPUT_LEVEL_NONE, INPUT_LEVEL_MIN, INPUT_LEVEL_MAX, INPUT_LEVEL_MEAN } level; /* of lakes whose z differ */
 };
 
 struct input_info {
@@ -40,7 +66,8 @@ struct input_info {
 	uint64_t accounted;             /* bytes from the beginning of the file that belong to something, at most; of compressed
 					 * points without a table exact only when they were read; 0: not known */
 	uint64_t left_out, left_out_line; /* text: lines without a value for a coordinate, and the first; of a pipe: so far */
-	size_t read_bytes;                /* that reading takes beside input_bytes, for each input or part of it */
+	struct input_lines lines;
+	size_t read_bytes; /* that reading takes beside input_bytes, for each input or part of it */
 };
 
 struct input_options {

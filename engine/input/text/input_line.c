@@ -65,13 +65,14 @@ static int fill(struct input *in, struct err *err)
 int input_line_next(struct input *in, struct input_line *ret, struct err *err)
 {
 	struct input_xyz *xyz = input_xyz_of(in);
+	const size_t most = xyz->line_most ? xyz->line_most : LINE_MAX_BYTES;
 
 	for (;;) {
 		char *at = (char *)in->buffer + xyz->i_buffered;
 		size_t left = xyz->n_buffered - xyz->i_buffered;
 		char *end = left ? memchr(at, '\n', left) : NULL;
 
-		if (!end && !xyz->ended && left <= LINE_MAX_BYTES) {
+		if (!end && !xyz->ended && left <= most) {
 			int rc = fill(in, err);
 
 			if (rc)
@@ -89,8 +90,12 @@ int input_line_next(struct input *in, struct input_line *ret, struct err *err)
 		xyz->i_buffered += end ? (size_t)(end - at) + 1 : left;
 		ret->at = at;
 		ret->end = end ? end : at + left;
-		if (ret->end - at > LINE_MAX_BYTES)
-			return input_bad_line(in, err, ERR_INPUT, "longer than 4096 bytes", *ret);
+		if ((size_t)(ret->end - at) > most) {
+			char what[48];
+
+			snprintf(what, sizeof what, "longer than %zu bytes", most);
+			return input_bad_line(in, err, ERR_INPUT, what, *ret);
+		}
 		if (ret->end > at && ret->end[-1] == '\r')
 			ret->end--;
 		if (xyz->line == 1 && ret->end - at >= 3 && !memcmp(at, "\xef\xbb\xbf", 3))

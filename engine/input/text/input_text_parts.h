@@ -35,7 +35,8 @@ struct input_xyz {
 	uint64_t line;               /* of the line handed out last, from 1 */
 	uint64_t head;               /* lines before the points: up to this one they are not read again */
 	size_t i_buffered, n_buffered;
-	uint64_t points; /* handed out so far */
+	uint64_t points;  /* handed out so far */
+	size_t line_most; /* bytes of a line; 0: 4096 */
 	bool ended;
 	bool head_only;  /* of a pipe that is being opened: only the bytes that are there already are read */
 	bool counts;     /* .pts: a line of one number says how many points follow */
@@ -273,6 +274,11 @@ struct input_extent {
 	uint64_t line;       /* of the first number that needs that place */
 	bool deep;           /* some are */
 };
+
+/* No numbers yet. */
+void input_extents_begin(struct input_extent axis[3]);
+/* Takes x, y and z of a point. `line` is its number. */
+void input_extents_add(struct input_extent axis[3], const struct input_number n[3], uint64_t line);
 
 /* ---- columns without names (input_guess.c) ---- */
 

@@ -10,7 +10,6 @@
 #include "input_text_parts.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -111,45 +110,9 @@ struct probe {
 	struct input_extent axis[3];
 };
 
-static double number_double(struct input_number n)
-{
-	struct decimal d = {n.mantissa, n.exponent};
-
-	return decimal_double(d);
-}
-
-/* For places from -15 to 0 and at most 18 digits. The quotient of doubles below 2^53 is rounded exactly; the few other numbers
- * are converted with integers. Deep numbers may make the box inexact. */
-static double coordinate(struct input_number n)
-{
-	static const double power[] = {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15};
-	int64_t m = n.mantissa;
-
-	if (n.exponent <= 0 && m < (int64_t)1 << 53 && m > -((int64_t)1 << 53) && n.exponent >= -15)
-		return (double)m / power[-n.exponent];
-	if (n.deep && n.exponent <= 0 && n.exponent >= -15)
-		return (double)m / power[-n.exponent];
-	return number_double(n);
-}
-
 static void probe_point(struct input *in, struct probe *probe, const struct input_number *n)
 {
-	for (int i = 0; i < 3; i++) {
-		double v = coordinate(n[i]);
-
-		if (n[i].written < probe->axis[i].written)
-			probe->axis[i].written = n[i].written;
-		if (n[i].deep)
-			probe->axis[i].deep = true;
-		if (n[i].exponent < probe->axis[i].needed) {
-			probe->axis[i].needed = n[i].exponent;
-			probe->axis[i].line = input_xyz_of(in)->line;
-		}
-		if (v < probe->axis[i].min)
-			probe->axis[i].min = v;
-		if (v > probe->axis[i].max)
-			probe->axis[i].max = v;
-	}
+	input_extents_add(probe->axis, n, input_xyz_of(in)->line);
 	probe->points++;
 }
 
@@ -238,10 +201,7 @@ static int check_odd(struct input *in, uint64_t points, const struct err *first_
 static void probe_begin(struct input *in, struct probe *probe)
 {
 	input_guess_begin(in, &probe->guess);
-	for (int i = 0; i < 3; i++) {
-		probe->axis[i].min = INFINITY;
-		probe->axis[i].max = -INFINITY;
-	}
+	input_extents_begin(probe->axis);
 }
 
 static int probe_text(struct input *in, struct probe *probe, struct err *err)

@@ -37,6 +37,7 @@ struct ply {
 	uint64_t nvertex, nface;
 	const double *v;
 	const uint8_t *f;
+	size_t face; /* bytes of one */
 };
 
 static struct ply read_ply(void)
@@ -55,10 +56,11 @@ static struct ply read_ply(void)
 	p.nface = strtoull(at + 13, NULL, 10);
 	at = strstr(at, "property list uchar int vertex_indices\n");
 	assert_non_null(at);
+	p.face = strstr(at, "\nproperty ushort edges\n") ? 15 : 13;
 	at = strstr(at, "\nend_header\n");
 	assert_non_null(at);
 	header = (size_t)(at + 12 - p.text);
-	assert_int_equal(size, header + p.nvertex * 24 + p.nface * 13);
+	assert_int_equal(size, header + p.nvertex * 24 + p.nface * p.face);
 	v = malloc(p.nvertex * 24 + 1);
 	memcpy(v, p.text + header, p.nvertex * 24);
 	p.v = v;
@@ -353,6 +355,101 @@ static void test_max_edge_equal(void **state)
 	assert_int_equal(report.left_out.triangles, 2);
 }
 
+/* Which sides are pieces of lines: any symmetric rule of their ends, lattice numbers. */
+static bool is_piece(const int64_t *a, const int64_t *b)
+{
+	return ((a[0] + b[0] + 3 * (a[1] + b[1])) / 100 % 7 + 7) % 7 < 3;
+}
+
+static void mark(struct meshes *m)
+{
+	int32_t(*at)[3] = calloc(m->tail.vertices, sizeof *at);
+
+	m->head.lines = true;
+	for (size_t i = 0; i < m->nblock; i++) {
+		struct acut_mesh_block *b = &m->block[i];
+		uint8_t *flags = calloc(b->ntriangle + 1, 1);
+
+		memcpy(at + b->first, b->vertex, b->nnew * sizeof *at);
+		for (uint32_t t = 0; t < b->ntriangle; t++) {
+			uint32_t *corner = (uint32_t *)(uintptr_t)b->triangle[t], was[3];
+
+			memcpy(was, corner, sizeof was);
+			for (unsigned k = 0; k < 3; k++)
+				corner[k] = was[(k + t) % 3]; /* any corner is the first */
+			for (unsigned k = 0; k < 3; k++) {
+				int64_t end[2][2];
+
+				for (unsigned e = 0; e < 2; e++) {
+					uint32_t l = b->triangle[t][(k + 1 + e) % 3];
+					const int32_t *v = at[l < b->nforeign ? b->foreign[l] : b->first + l - b->nforeign];
+
+					end[e][0] = v[0] + m->head.k[0];
+					end[e][1] = v[1] + m->head.k[1];
+				}
+				flags[t] |= (uint8_t)(is_piece(end[0], end[1]) << k);
+			}
+		}
+		b->flags = flags;
+	}
+	free(at);
+}
+
+/* Flags go with their sides through all that chooses triangles and turns them. In half of the rows triangles have long edges, so
+ * that
+ * --trim-hull keeps them aside, and leaves out none. */
+static void test_edges(void **state)
+{
+	static const struct {
+		bool canonical;
+		const char *max_edge, *trim_hull;
+	} row[] = {{false, NULL, NULL}, {true, NULL, NULL},   {false, "1.5", NULL},
+		   {true, "1.5", NULL}, {false, NULL, "1.2"}, {true, NULL, "1.2"}};
+
+	for (size_t k = 0; k < sizeof row / sizeof *row; k++) {
+		const struct format_options opt = {.canonical = row[k].canonical};
+		struct outputs_options ropt = {.max_edge.given = row[k].max_edge, .trim_hull.given = row[k].trim_hull};
+		struct meshes m;
+		struct err err = ERR_INIT;
+		uint64_t marked = 0;
+		struct ply p;
+
+		meshes_make(&m, &written_grid);
+		mark(&m);
+		if (row[k].max_edge)
+			assert_true(decimal_parse(row[k].max_edge, &ropt.max_edge.value));
+		if (row[k].trim_hull)
+			assert_true(decimal_parse(row[k].trim_hull, &ropt.trim_hull.value));
+		assert_int_equal(written_as("ply", &m, &opt, &ropt, NULL, &err), 0);
+		p = read_ply();
+		assert_int_equal(p.face, 15);
+		assert_int_equal(p.nface, m.tail.triangles);
+		for (uint64_t i = 0; i < p.nface; i++) {
+			const uint8_t *f = p.f + i * p.face;
+			int64_t end[3][2];
+
+			for (unsigned j = 0; j < 3; j++) {
+				uint32_t v;
+
+				memcpy(&v, f + 1 + 4 * j, 4);
+				end[j][0] = llrint(p.v[3 * (uint64_t)v] * 100);
+				end[j][1] = llrint(p.v[3 * (uint64_t)v + 1] * 100);
+			}
+			for (unsigned j = 0; j < 3; j++) {
+				bool is = is_piece(end[(j + 1) % 3], end[(j + 2) % 3]);
+
+				assert_int_equal(f[13] >> j & 1, is);
+				marked += is;
+			}
+		}
+		assert_true(marked > p.nface / 8);
+		done_ply(&p);
+		for (size_t i = 0; i < m.nblock; i++)
+			free((void *)m.block[i].flags);
+		meshes_done(&m);
+	}
+}
+
 static void test_origin(void **state)
 {
 	struct format_options opt = {.has_origin = true};
@@ -508,6 +605,7 @@ int main(void)
 		cmocka_unit_test(test_long_share),
 		cmocka_unit_test(test_max_edge),
 		cmocka_unit_test(test_max_edge_equal),
+		cmocka_unit_test(test_edges),
 		cmocka_unit_test(test_origin),
 		cmocka_unit_test(test_axis),
 		cmocka_unit_test(test_open),

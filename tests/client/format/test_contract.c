@@ -211,13 +211,18 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 	each_way(&corners, test);
 }
 
-static void tiled(const struct format *f, const struct format_options *opt)
+static void tiled(const struct format *f, const struct format_options *given)
 {
+	struct format_options way = *given, *opt = &way;
 	const struct outputs_options ropt = {.tiled = true, .tile = {300, -2}, .sort_memory = 1 << 20};
 	struct meshes m;
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &meshes_many);
+	if (opt->simplify.mantissa)
+		assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	err_clear(&err);
+	opt->simplify.mantissa = 0;
 	assert_int_equal(write_mesh(f, &m, path_of("tiles"), opt, &ropt, SIZE_MAX, &err), 0);
 	meshes_done(&m);
 	sweep_folder(path_of("tiles"));
@@ -476,6 +481,7 @@ static void test_wrong_options(void **state)
 static void test_table(void **state)
 {
 	enum format_color color;
+	bool lines;
 
 	assert_ptr_equal(format_by_path("a/b.c/mesh.PLY"), format_find("ply"));
 	assert_ptr_equal(format_by_path("mesh.png"), format_find("png"));
@@ -487,9 +493,13 @@ static void test_table(void **state)
 	assert_ptr_equal(format_by_path("c.gpkg"), format_find("gpkg"));
 	assert_ptr_equal(format_by_path("c.dxf"), format_find("dxf"));
 	assert_null(format_find("3mf"));
-	assert_true(format_parse_color("domain", &color));
+	assert_true(format_parse_color("domain", &color, &lines));
+	assert_false(lines);
 	assert_int_equal(color, FORMAT_DOMAIN);
-	assert_false(format_parse_color("domains", &color));
+	assert_false(format_parse_color("domains", &color, &lines));
+	assert_true(format_parse_color("elevation+lines", &color, &lines));
+	assert_true(color == FORMAT_ELEVATION && lines);
+	assert_false(format_parse_color("elevation+", &color, &lines));
 }
 
 /* Rows that write nothing take no output; all others need one. */

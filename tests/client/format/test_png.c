@@ -171,13 +171,46 @@ static void test_domains(void **state)
 	meshes_done(&m);
 }
 
+/* A side that is a piece of a line is drawn over everything, and only if that is asked for. */
+static void test_lines(void **state)
+{
+	static const int32_t v[4][3] = {{0, 0, 5}, {100, 0, 5}, {100, 100, 5}, {0, 100, 5}};
+	static const uint32_t t[2][3] = {{0, 1, 2}, {0, 2, 3}};
+	static const uint8_t final[1] = {15}, flags[2] = {1 << 1, 1 << 2};
+	struct acut_mesh_block b = {.nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final, .flags = flags};
+	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
+
+	(void)state;
+	for (unsigned lines = 0; lines < 2; lines++) {
+		const struct format_options opt = {.width = 100, .lines = lines};
+		struct meshes m;
+		struct err err = ERR_INIT;
+		struct image im;
+
+		meshes_make(&m, &spec);
+		m.block = &b;
+		m.nblock = 1;
+		m.head.lines = true;
+		memcpy(m.head.box, (const int32_t[6]){0, 0, 5, 100, 100, 5}, sizeof m.head.box);
+		assert_int_equal(written_as("png", &m, &opt, NULL, NULL, &err), 0);
+		im = read_png();
+		assert_int_equal(im.w * im.h, 10000);
+		for (uint32_t y = 0; y < 100; y++)
+			for (uint32_t x = 0; x < 100; x++) {
+				const uint8_t *p = im.p + 4 * (y * 100 + x);
+
+				/* from the lower left to the upper right corner; row 0 is the north */
+				assert_int_equal(p[0] != p[1], lines && x == 99 - y);
+			}
+		free(im.p);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_cover),
-		cmocka_unit_test(test_light),
-		cmocka_unit_test(test_fan),
-		cmocka_unit_test(test_domains),
+		cmocka_unit_test(test_cover),   cmocka_unit_test(test_light), cmocka_unit_test(test_fan),
+		cmocka_unit_test(test_domains), cmocka_unit_test(test_lines),
 	};
 
 	return written_run(tests, sizeof tests / sizeof *tests);

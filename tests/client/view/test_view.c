@@ -86,6 +86,8 @@ static void test_rows(void **state)
 #define VIEW_COUNT(name, word, value, help) {{.name = 7}, "view 1 " word "=7"},
 #define VIEW_HEIGHT(name, word, value, help) {{.name = "1.2345"}, "view 1 " word "=1235"},
 #include "view_option.def"
+		{{.breakline_clear = "0"}, "view 1"},
+		{{.breakline_clear = "1.2345", .thin = "0.02"}, "view 1 thin=2:lowest breakline-clear=123"},
 	};
 
 	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {

@@ -1,0 +1,277 @@
+"""Files of lines as sources of a dataset: whatever is pushed, replaced, reverted, pruned, copied or interrupted, the mesh is that of
+a dataset that got the same files at once, in any order. Texts of lines are written here by hand (docs/formats/lines.md)."""
+import json
+import os
+import random
+import shutil
+import signal
+
+import e2e
+from e2e import expect
+from resume import Half, pending
+from survey import las, says, show
+
+try:
+    from acut_wire import Client, Refused, pb
+except ImportError as e:
+    e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
+KEYS = ("digest", "vertex_digest", "vertices", "triangles", "points")
+
+
+def cloud(base, name="cloud.las", seed=1, n=4000):
+    rng = random.Random(seed)
+    return las(os.path.join(base, name), [(rng.randrange(10000), rng.randrange(10000), rng.randrange(1000)) for _ in range(n)])
+
+
+def lines(base, name, *features, head=()):
+    """A text: each feature is (number, kind, vertices), a ring unless its kind is hard."""
+    rows = ["acut-lines 1"] + list(head)
+    for number, kind, vertices in features:
+        rows += ["feature %d %s" % (number, kind), "line" if kind == "hard" else "ring"]
+        rows += ["%.2f %.2f %.2f" % v for v in vertices]
+    path = os.path.join(base, name)
+    with open(path, "w") as f:
+        f.write("\n".join(rows) + "\n")
+    return path
+
+
+RIDGE = (17, "hard", [(10, 12, 5), (50, 55, 6), (90, 60, 7)])
+ROAD = (1, "hard", [(12, 80, 3), (85, 20, 3.5)])
+POND = (2, "lake", [(30, 30, 4), (40, 31, 4), (38, 42, 4)])
+
+
+def push(d, name, *paths, more=()):
+    return d.ctl("push", name, "--scale", "0.01,0.01", *more, *paths)
+
+
+def mesh(d, name, *options):
+    job = d.ctl("submit", name, "--wait", "--new", *options).ok().out.split()[0]
+    got = d.ctl("show", job, "--json").ok().json()
+    return {k: got[k] for k in KEYS}
+
+
+def fresh(d, *paths, known={}):
+    key = (d.socket,) + tuple(sorted((p, open(p, "rb").read()) for p in paths))
+    if key not in known:
+        name = "fresh%d" % len(known)
+        push(d, name, *paths).ok()
+        known[key] = mesh(d, name)
+    return known[key]
+
+
+def files(d, name, generation):
+    c = Client(d.socket)
+    got = list(c.ask("files_request", pb.FilesRequest(dataset=name, generation=generation)).files)
+    c.close()
+    return got
+
+
+def folder(d, name):
+    """The files of the dataset in its folder, without its segments and its manifest."""
+    return sorted(n for n in os.listdir(os.path.join(d.state, "datasets", str(show(d, name)["id"])))
+                  if not n.startswith("manifest-") and not n.endswith(".seg"))
+
+
+def settled(d, name, want):
+    e2e.until(lambda: folder(d, name) == want, "the folder has %s, not %s" % (folder(d, name), want))
+
+
+def any_order():
+    """Points and lines in any order, at once or one by one, make the same mesh; and what is known is not read again."""
+    with e2e.Folder() as base:
+        a, b, c = cloud(base), lines(base, "ridge.txt", RIDGE), lines(base, "road.txt", ROAD, POND)
+        with e2e.Daemon(base) as d:
+            push(d, "plain", a).ok()
+            without = mesh(d, "plain")
+            want = fresh(d, a, b, c)
+            expect(want["digest"] != without["digest"], "lines change nothing")
+            for i, order in enumerate(((a, b, c), (c, b, a), (b, a, c))):
+                name = "order%d" % i
+                for p in order:
+                    push(d, name, p).ok()
+                expect(mesh(d, name) == want, "%s: %s, not %s" % (order, mesh(d, name), want))
+            says(push(d, "order0", a, b, c), 0, "there already")
+            expect(show(d, "order0")["generation"] == 3, "what was there made a generation")
+            expect(show(d, "order0")["points"] == 4000, "line vertices count as points")
+            # What it says of its files.
+            got = files(d, "order0", 3)
+            expect([f.name for f in got] == ["road.txt"], got)
+            expect(list(got[0].lines.features) == [1, 1, 0, 0] and got[0].lines.lines == 2 and got[0].lines.vertices == 5 and got[0].points == 0, got)
+            cl = Client(d.socket)
+            log = cl.ask("log_request", pb.LogRequest(dataset="order0")).generations
+            expect([(g.files, g.points_added, g.lines_added) for g in log] == [(1, 4000, 0), (1, 0, 1), (1, 0, 2)], log)
+            # The road crosses the ridge.
+            places = cl.ask("places_request", pb.PlacesRequest(dataset="order0"))
+            expect(places.total == len(places.places) and any(p.kind == "crossing" and p.lower < p.upper for p in places.places), places)
+            expect(not cl.ask("places_request", pb.PlacesRequest(dataset="order0", generation=2)).total, "the ridge alone crosses nothing")
+            one = cl.ask("places_request", pb.PlacesRequest(dataset="order0", after=1, limit=1))
+            expect(list(one.places) == list(places.places)[1:2] and one.total == places.total, one)
+            try:
+                cl.ask("places_request", pb.PlacesRequest(dataset="order0", generation=9))
+                expect(False, "a generation that never was has places")
+            except Refused as e:
+                expect(e.code == "not-found", e)
+            cl.close()
+
+
+def reverts_and_replacements():
+    with e2e.Folder() as base:
+        a, b, c = cloud(base), lines(base, "ridge.txt", RIDGE), lines(base, "road.txt", ROAD)
+        with e2e.Daemon(base) as d:
+            for p in (a, b, c):
+                push(d, "d", p).ok()
+            both, one, none = fresh(d, a, b, c), fresh(d, a, b), fresh(d, a)
+            expect(mesh(d, "d") == both and mesh(d, "d", "--at", "2") == one and mesh(d, "d", "--at", "1") == none, "generations")
+            says(d.ctl("dataset", "revert", "d", "2"), 1, "never together", "newest first")
+            d.ctl("dataset", "revert", "d").ok()
+            expect(mesh(d, "d") == one, "a revert of lines")
+            d.ctl("dataset", "revert", "d", "2").ok()
+            expect(mesh(d, "d") == none, "all lines reverted")
+            d.ctl("dataset", "revert", "d", "5").ok()
+            expect(mesh(d, "d") == one, "lines are back")
+            d.ctl("dataset", "revert", "d", "4").ok()
+            expect(mesh(d, "d") == both, "all lines are back")
+            # Another road in place of the old one.
+            lines(base, "road.txt", (1, "hard", [(12, 70, 3), (85, 30, 3.5)]))
+            says(push(d, "d", c), 1, "has a file of this name already")
+            push(d, "d", c, more=["--replace"]).ok()
+            expect(mesh(d, "d") == fresh(d, a, b, c) != both, "a replacement of lines")
+            expect(mesh(d, "d", "--at", "7") == both, "the generation before")
+            d.stop()
+            d.start()
+            expect(mesh(d, "d") == fresh(d, a, b, c) and mesh(d, "d", "--at", "7") == both, "after a restart")
+            # What is pruned goes with its files.
+            d.ctl("dataset", "prune", "d", "--keep", "1").ok()
+            expect(mesh(d, "d") == fresh(d, a, b, c), "after a prune")
+            settled(d, "d", ["lines-2", "lines-6", "lineset-7", "places-7"])
+            d.ctl("cache", "verify").ok()
+
+
+def copies():
+    """Backups and exports have the files of lines, and a damaged one is refused."""
+    with e2e.Folder() as base:
+        a, b, c = cloud(base), lines(base, "ridge.txt", RIDGE), lines(base, "road.txt", ROAD, POND)
+        with e2e.Daemon(base) as d:
+            push(d, "d", a, b).ok()
+            push(d, "d", c).ok()
+            want, before = mesh(d, "d"), mesh(d, "d", "--at", "1")
+            out = os.path.join(base, "out")
+            d.ctl("dataset", "export", "d", out).ok()
+            d.ctl("dataset", "import", out, "e").ok()
+            expect(mesh(d, "e") == want and mesh(d, "e", "--at", "1") == before, "an import")
+            push(d, "e", lines(base, "more.txt", (3, "hard", [(5, 5, 1), (6, 90, 1)]))).ok()
+            expect(mesh(d, "e") == fresh(d, a, b, c, os.path.join(base, "more.txt")), "lines after an import")
+            name = next(n for n in sorted(os.listdir(out)) if n.startswith("lineset-"))
+            for victim in (name, next(n for n in sorted(os.listdir(out)) if n.startswith("lines-"))):
+                path = os.path.join(out, victim)
+                with open(path, "rb") as f:
+                    good = f.read()
+                bad = bytearray(good)
+                bad[-5000] ^= 1
+                os.unlink(path)
+                with open(path, "wb") as f:
+                    f.write(bad)
+                says(d.ctl("dataset", "import", out, "f"), 74, "damaged", victim)
+                with open(path, "wb") as f:
+                    f.write(good)
+            to = os.path.join(base, "backup")
+            d.ctl("backup", to, "--copy").ok()
+            # Damage is found, and stays.
+            path = os.path.join(d.state, "datasets", str(show(d, "d")["id"]), "lines-2")
+            with open(path, "r+b") as f:
+                f.seek(4096 + 100)
+                f.write(b"x")
+            says(d.ctl("cache", "verify"), 1, "lines-2")
+        with e2e.Folder() as other:
+            shutil.copytree(to, os.path.join(other, "state"))
+            with e2e.Daemon(other) as r:
+                expect(mesh(r, "d") == want and mesh(r, "d", "--at", "1") == before, "a backup")
+
+
+def interrupted():
+    """A push of points and lines that was killed goes on; one that is dropped leaves nothing."""
+    with e2e.Folder() as base:
+        a, b, c = cloud(base), lines(base, "ridge.txt", RIDGE), lines(base, "road.txt", ROAD, POND)
+        with e2e.Daemon(base) as d:
+            push(d, "d", a).ok()
+            want = fresh(d, a, b, c)
+            half = Half(d, "d", [b, c], 1)
+            d.stop(signal.SIGKILL)
+            half.c.close()
+            d.start()
+            expect("1 files" in pending(d, "d"), pending(d, "d"))
+            says(push(d, "d", b, c), 0, "not read again")
+            expect(mesh(d, "d") == want, "a push that was continued")
+            settled(d, "d", folder(d, "d"))
+            expect(not [n for n in folder(d, "d") if n.startswith("push-")], folder(d, "d"))
+            # Refused, or left: nothing stays.
+            before = folder(d, "d")
+            tilted = lines(base, "tilted.txt", (4, "lake", [(60, 60, 1), (70, 60, 1), (70, 70, 2)]))
+            says(push(d, "d", tilted), 1, "feature 4 is a lake", "--lake-level")
+            settled(d, "d", before)
+            half = Half(d, "d", [tilted, lines(base, "other.txt", (5, "hard", [(1, 1, 1), (2, 2, 2)]))], 0)
+            half.vanish()
+            settled(d, "d", before)
+
+
+def what_the_text_asks_for():
+    """Levels of lakes, points along lines, strictness."""
+    with e2e.Folder() as base:
+        a = cloud(base)
+        lake = [(60, 60, 1), (70, 60, 1.01), (70, 70, 2.5)]
+        with e2e.Daemon(base) as d:
+            for level, z in (("min", 1), ("max", 2.5), ("mean", 1.5)):
+                tilted = lines(base, level + ".txt", (4, "lake", lake), head=["lake-level " + level])
+                flat = lines(base, "flat-%s.txt" % level, (4, "lake", [(x, y, z) for x, y, _ in lake]))
+                expect(fresh(d, a, tilted) == fresh(d, a, flat), level)
+            there = lines(base, "there.txt", (1, "hard", [(10, 10, 1), (10, 31, 2)]), head=["densify 5"])
+            back = lines(base, "back.txt", (1, "hard", [(10, 31, 2), (10, 10, 1), (10, 10, 1)]), head=["densify 5"])
+            made = lines(base, "made.txt", (1, "hard", [(10, 10, 1), (10, 14.2, 1.2), (10, 18.4, 1.4), (10, 22.6, 1.6), (10, 26.8, 1.8), (10, 31, 2)]))
+            expect(fresh(d, a, there) == fresh(d, a, back) == fresh(d, a, made), "points along a line")
+            c = Client(d.socket)
+            begun = c.ask("push_begin", pb.PushBegin(dataset="counts", scale_xy="0.01", scale_z="0.01"))
+            for p in (a, back):
+                with open(p, "rb") as f:
+                    c.ask("probe", pb.Probe(push=begun.push, name=p), f.fileno())
+            c.ask("push_plan", pb.PushPlan(push=begun.push))
+            for p in (a, back):
+                with open(p, "rb") as f:
+                    done = c.ask("file", pb.File(push=begun.push, name=p), f.fileno())
+            expect((done.lines.lines, done.lines.vertices, done.lines.dropped, done.lines.added) == (1, 6, 1, 4), done)
+            got = c.ask("push_commit", pb.PushCommit(push=begun.push))
+            expect((got.line_set.pieces, got.line_set.positions, got.line_set.crossings, got.points) == (5, 6, 0, 4000), got)
+            c.close()
+            # Lines that cross at two heights, and vertices of two heights.
+            crossing = lines(base, "crossing.txt", RIDGE, ROAD)
+            says(push(d, "strict", a, crossing, more=["--strict"]), 1, "lines cross at", "with heights", "--strict")
+            uneven = lines(base, "uneven.txt", (1, "hard", [(10, 10, 1), (20, 20, 1)]), (2, "hard", [(20, 20, 2), (30, 5, 1)]))
+            says(push(d, "strict2", a, uneven, more=["--strict"]), 1, "vertices of lines at 20 20 have heights 1 and 2")
+            push(d, "strict2", a, uneven).ok()
+
+
+def walk(rng, n):
+    """A line of short steps."""
+    x, y, out = rng.random() * 100, rng.random() * 100, []
+    for _ in range(n):
+        x, y = x + rng.random() * .2 - .1, y + rng.random() * .2 - .1
+        out.append((x, y, rng.random()))
+    return out
+
+
+def little_memory():
+    """The line set is made in memory that the stage gives up; lines that cross too often are refused, with what would suffice."""
+    with e2e.Folder() as base, e2e.Folder() as other:
+        a, rng = cloud(base), random.Random(3)
+        many = lines(base, "many.txt", *[(i, "hard", walk(rng, 40)) for i in range(500)])
+        wild = lines(base, "wild.txt", *[(i, "hard", [(rng.random() * 100, rng.random() * 100, 1) for _ in range(40)]) for i in range(500)])
+        with e2e.Daemon(base, memory="64M") as d, e2e.Daemon(other, memory="256M") as large:
+            push(d, "d", a, many).ok()
+            push(large, "d", a, many).ok()
+            expect(mesh(d, "d") == mesh(large, "d"), "the mesh depends on the memory")
+            before = folder(d, "d")
+            says(push(d, "d", wild), 1, "line set", "run with memory=")
+            e2e.until(lambda: not [n for n in folder(d, "d") if not n.startswith("push-") and n not in before], "leftovers: %s" % folder(d, "d"))
+
+
+e2e.main(any_order, reverts_and_replacements, copies, interrupted, what_the_text_asks_for, little_memory)
