@@ -58,7 +58,7 @@ static bool rounds(const struct push_probed *probe, unsigned axis, struct decima
 {
 	const struct lattice_input *c = &probe->coords;
 
-	return !probe->excluded &&
+	return !probe->excluded && !probe->lines &&
 	       (c->rounds[axis] || (c->coarsest[axis].mantissa && decimal_compare(c->scale[axis], scale) < 0));
 }
 
@@ -94,6 +94,33 @@ static void note_rounding(struct push *p)
 		 any_z ? decimal_text(p->lattice.scale_z, z) : "");
 }
 
+/*
+ * Files of lines often have the digits of doubles. Their scale is no finer than that of the points beside them, and without
+ * points no finer than a thousandth of the unit: they are rounded to it.
+ */
+static void coarsen_lines(struct push_probed *const *probe, struct lattice_input *input, size_t n)
+{
+	static const struct decimal thousandth = {1, -3}, degrees = {1, -9};
+
+	for (unsigned k = 0; k < 3; k++) {
+		struct decimal finest = {0, 0};
+
+		for (size_t i = 0; i < n; i++)
+			if (!probe[i]->lines && (!finest.mantissa || decimal_compare(input[i].scale[k], finest) < 0))
+				finest = input[i].scale[k];
+		for (size_t i = 0; i < n; i++) {
+			bool planar_degrees = k < 2 && probe[i]->crs->plane == CRS_PLANE_GEOGRAPHIC;
+			struct decimal least = finest.mantissa ? finest : planar_degrees ? degrees : thousandth;
+
+			if (!probe[i]->lines || decimal_compare(input[i].scale[k], least) >= 0)
+				continue;
+			input[i].scale[k] = least;
+			if (input[i].coarsest[k].mantissa && decimal_compare(input[i].coarsest[k], least) < 0)
+				input[i].coarsest[k] = least;
+		}
+	}
+}
+
 /* Worker. From all headers, so the order of files does not matter. */
 int push_choose_lattice(struct push *p, struct err *err)
 {
@@ -124,6 +151,8 @@ int push_choose_lattice(struct push *p, struct err *err)
 		inputs[n] = p->probes[i].coords;
 		inputs[n++].grows = !p->dataset->onestep;
 	}
+	if (!r)
+		coarsen_lines(probes, inputs, n);
 	if (!r)
 		r = lattice_choose(inputs, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
 	if (r == -ERR_INPUT && n > 1 && *err->file)

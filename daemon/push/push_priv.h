@@ -137,6 +137,7 @@ struct push_probed {
 	bool replace;                   /* it replaces the sources of its path ... */
 	size_t target;                  /* ... and this one, as push_request.target */
 	bool on_plane;                  /* `coords` are on the dataset's plane */
+	bool lines;                     /* it is a file of lines */
 };
 
 /* Where degrees and heights go (push_plane.c). */

@@ -276,6 +276,7 @@ int push_remember_probe(struct push *p, const struct push_request *rq, struct er
 	at->id = rq->id;
 	at->coords = rq->info.coords;
 	at->coords.name = at->name;
+	at->lines = rq->info.lines.are;
 	at->crs = crs;
 	at->plane = NULL;
 	at->on_plane = false;
