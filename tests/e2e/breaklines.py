@@ -185,6 +185,10 @@ def reports():
         expect(r.status == 1 and "height" in r.err, "%d %s" % (r.status, r.err))
         r = d.ctl("push", "d", crossed, "--lines-as", "soft").ok()
         expect("soft lines" in r.err and "cross each other at 1 place" in r.out + r.err, r.out + r.err)
+        expect("by at most 5 in all" in r.out + r.err, r.out + r.err)
+        level = lines_file(base, "level.csv", [(False, [(0, 0), (20, 20)]), (False, [(0, 20), (20, 0)])])
+        r = d.ctl("push", "level", level, "--lines-as", "hard").ok()
+        expect("cross each other at 1 place" in r.out + r.err and "heights differ" not in r.out + r.err, r.out + r.err)
 
 
 def refusals():
@@ -197,6 +201,7 @@ def refusals():
                 (["mesh", path, "--breaklines", flat, "--format", "null"], 1, "it has no z"),
                 (["push", "d", path, "--lines-as", "road"], 2, "hard, soft, lake, boundary or hole"),
                 (["push", "d", base, "--lines-as", "hard"], 2, "not from folders"),
+                (["mesh", path, "--breaklines", flat, "--lakes", flat, "--format", "null"], 2, "given twice"),
                 (["mesh", path, "--densify", "5", "--format", "null"], 2, "there are none")):
             r = d.ctl(*words)
             expect(r.status == status and text in r.err, "%s: %d %s" % (words, r.status, r.err))
