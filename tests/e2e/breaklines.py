@@ -191,6 +191,14 @@ def reports():
         expect("cross each other at 1 place" in r.out + r.err and "heights differ" not in r.out + r.err, r.out + r.err)
 
 
+def large_set():
+    """A line set that needs more memory than the share of a stage."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
+        lines = lines_file(base, "many.csv", [(False, [(3 * x, 7 * y) for x in range(1000)]) for y in range(150)])
+        got = d.ctl("push", "d", lines, "--lines-as", "hard", "--json").ok().json()["line_set"]
+        expect(got["edges"] == 150 * 999, str(got))
+
+
 def refusals():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         path = points_file(base, survey(random.Random(1), 50, 300))
@@ -213,4 +221,4 @@ def refusals():
         d.ctl("mesh", path, "--lakes", sloping, "--lake-level", "min", "--format", "null").ok()
 
 
-e2e.main(tiny, many_domains, areas, reports, refusals)
+e2e.main(tiny, many_domains, areas, reports, large_set, refusals)
