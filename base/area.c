@@ -17,8 +17,6 @@
 #include "err.h"
 #include "grow.h"
 
-enum { LEAF = 16 }; /* edges */
-
 static int no_memory(struct err *err)
 {
 	return err_set(err, ERR_NOMEM, "no memory for an area");
@@ -80,11 +78,6 @@ static void box_join(int64_t box[4], const int64_t other[4])
 	box_point(box, other + 2, false);
 }
 
-static bool boxes_meet(const int64_t a[4], const int64_t b[4])
-{
-	return a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
-}
-
 /* The nodes of a tree over n leaves. */
 static int more_boxes(struct area *a, size_t n, size_t *ret, struct err *err)
 {
@@ -95,45 +88,6 @@ static int more_boxes(struct area *a, size_t n, size_t *ret, struct err *err)
 	*ret = a->nbox;
 	a->nbox = need;
 	return 0;
-}
-
-static size_t leaves(const struct area_ring *r)
-{
-	return (r->n + LEAF - 1) / LEAF;
-}
-
-static const int64_t *corner_of(const struct area *a, const struct area_ring *r, size_t i)
-{
-	return a->corner[r->first + (i < r->n ? i : 0)];
-}
-
-/* A node: the leaves from `low` up to `high` of a tree. */
-struct node {
-	size_t box, low, high;
-};
-static struct node left_of(struct node n)
-{
-	return (struct node){n.box + 1, n.low, n.low + (n.high - n.low) / 2};
-}
-static struct node right_of(struct node n)
-{
-	size_t middle = n.low + (n.high - n.low) / 2;
-
-	return (struct node){n.box + 2 * (middle - n.low), middle, n.high};
-}
-static bool is_leaf(struct node n)
-{
-	return n.high - n.low == 1;
-}
-
-/* The edges of a node of a ring. */
-static size_t first_edge(struct node n)
-{
-	return n.low * LEAF;
-}
-static size_t last_edge(const struct area_ring *r, struct node n)
-{
-	return n.high * LEAF < r->n ? n.high * LEAF : r->n;
 }
 
 static void chain_boxes(struct area *a, const struct area_ring *r, struct node n)

@@ -58,6 +58,9 @@ struct stream_block {
 	const uint32_t (*triangle)[3];
 	const uint8_t *flags; /* one byte for each triangle, or NULL */
 	const uint8_t *final; /* bit set over nforeign + nnew, low bits first; bits beyond are zero */
+	/* Of a reader, NULL if it has no room: nforeign free places, then the new vertices, so that positions of all need no
+	 * copy. */
+	int32_t (*local)[3];
 };
 
 struct stream_tail {

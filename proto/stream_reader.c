@@ -18,11 +18,12 @@
 #include "err.h"
 #include "stream_bytes.h"
 
-enum { LARGE_PAGE = 2 << 20 };
+enum { LARGE_PAGE = 2 << 20, TAIL_ROOM = 1 << 20, FREE_SHARE = 16 };
 
 struct stream_reader {
 	uint64_t offset; /* bytes fed */
 	uint8_t header[STREAM_HEADER_SIZE];
+	uint8_t *memory; /* free bytes, then the payload */
 	uint8_t *payload;
 	size_t room;   /* bytes at payload */
 	size_t length; /* of the payload, once the header is complete */
@@ -39,6 +40,8 @@ struct stream_reader {
 	size_t ngone;
 	uint64_t regions, region_triangles; /* invalid regions that came */
 	struct stream_block block;
+	uint64_t *foreign; /* of the block, if its place is `local` */
+	size_t foreign_room;
 	struct stream_tail tail;
 	uint64_t blocks, vertices, triangles, last_index;
 	int32_t box[6]; /* of the vertices so far */
@@ -79,7 +82,8 @@ void stream_reader_start(struct stream_reader *r, const struct stream_reader_sta
 struct stream_reader *stream_reader_free(struct stream_reader *r)
 {
 	if (r) {
-		free(r->payload);
+		free(r->memory);
+		free(r->foreign);
 		free(r->view);
 		free(r->wkt);
 		free(r);
@@ -130,29 +134,48 @@ static int refuse(struct stream_reader *r, uint64_t back, struct err *err)
 	return -(int)err->code;
 }
 
-/* Large frames use huge pages if the system has some, because corners of triangles are read all over the frame. A
- * little more is allocated than needed, because the frames of a mesh have similar sizes. */
+static void use_large(uint8_t *memory, size_t from, size_t to)
+{
+	from = (from + LARGE_PAGE - 1) & ~(size_t)(LARGE_PAGE - 1);
+	to &= ~(size_t)(LARGE_PAGE - 1);
+	if (to > from)
+		madvise(memory + from, to - from, MADV_HUGEPAGE);
+}
+
+/* Large frames use huge pages if the system has some, because corners of triangles are read all over the frame: those that it
+ * fills, since one is memory as a whole. A little more is allocated than needed, because the frames of a mesh have similar
+ * sizes. A sixteenth before the frame is free, and is no memory until it is written to. */
 static int make_room(struct stream_reader *r)
 {
-	size_t room = r->length;
+	size_t room = r->length, before = 0;
 
-	free(r->payload);
-	r->payload = NULL;
+	free(r->memory);
+	r->memory = NULL;
 	r->room = 0;
 	if (room >= LARGE_PAGE) {
-		room = (room + room / 8 + LARGE_PAGE - 1) & ~(size_t)(LARGE_PAGE - 1);
-		r->payload = aligned_alloc(LARGE_PAGE, room);
-		if (r->payload)
-			madvise(r->payload, room, MADV_HUGEPAGE);
+		before = room / FREE_SHARE & ~(size_t)63;
+		room = (before + room + room / 8 + LARGE_PAGE - 1) & ~(size_t)(LARGE_PAGE - 1);
+		r->memory = aligned_alloc(LARGE_PAGE, room);
+		room -= before;
+		if (r->memory)
+			use_large(r->memory, before, before + r->length);
 	}
-	if (!r->payload) {
+	if (!r->memory) {
 		room = r->length;
-		r->payload = malloc(room);
+		before = room / FREE_SHARE & ~(size_t)63;
+		r->memory = malloc(before + room);
 	}
-	if (!r->payload)
+	if (!r->memory)
 		return -1;
+	r->payload = r->memory + before;
 	r->room = room;
 	return 0;
+}
+
+/* What the blocks needed is free before the sink hears of the tail, since it may have much to do then. */
+static bool fits(const struct stream_reader *r)
+{
+	return r->length <= r->room && !(r->type == STREAM_TYPE_TAIL && r->room > TAIL_ROOM);
 }
 
 int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, struct err *err)
@@ -162,7 +185,7 @@ int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, s
 		*ret_size = STREAM_HEADER_SIZE - r->got;
 		return 0;
 	}
-	if (r->length > r->room && make_room(r) < 0)
+	if (r->got == STREAM_HEADER_SIZE && !fits(r) && make_room(r) < 0)
 		return err_set(err, ERR_NOMEM, "there is no memory for a frame of %zu bytes of the mesh stream", r->length);
 	*ret = r->payload + (r->got - STREAM_HEADER_SIZE);
 	*ret_size = r->length - (r->got - STREAM_HEADER_SIZE);
@@ -502,6 +525,30 @@ static int check_block(struct stream_reader *r, const struct stream_block *b, st
 	return e < 0 ? e : check_vertices(r, b, err);
 }
 
+/* The numbers of foreign vertices move away, if that and the free bytes make room for their positions before the new ones. */
+static int make_local(struct stream_reader *r, struct stream_block *b, struct err *err)
+{
+	size_t n = b->nforeign, need = n * sizeof *b->vertex;
+	uint8_t *vertex = r->payload + ((const uint8_t *)b->vertex - r->payload);
+
+	b->local = NULL;
+	if (need > (size_t)(vertex - r->memory))
+		return 0;
+	if (n > r->foreign_room) {
+		free(r->foreign);
+		r->foreign_room = 0;
+		r->foreign = malloc((n + n / 8) * sizeof *r->foreign);
+		if (!r->foreign)
+			return err_set(err, ERR_NOMEM, "there is no memory for %zu vertices of earlier blocks", n);
+		r->foreign_room = n + n / 8;
+	}
+	if (n)
+		memcpy(r->foreign, b->foreign, n * sizeof *r->foreign);
+	b->foreign = r->foreign;
+	b->local = (int32_t(*)[3])(void *)(vertex - need);
+	return 0;
+}
+
 static int read_block(struct stream_reader *r, struct err *err)
 {
 	struct cursor c = cursor_of(r->payload, r->length);
@@ -532,6 +579,8 @@ static int read_block(struct stream_reader *r, struct err *err)
 		e = check_gone(r, err);
 	if (e == 0)
 		e = check_block(r, &b, err);
+	if (e == 0)
+		e = make_local(r, &b, err);
 	if (e < 0)
 		return e;
 	r->any_block = true;

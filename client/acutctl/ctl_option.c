@@ -35,11 +35,14 @@ const struct cli_option ctl_options[] = {
 	{"base", 0, "LENGTH", CLI_TEXT, AT(fetch.output[0].base), CTL_OUT, "a height at which there is a contour (0)"},
 	{"index", 0, "N", CLI_TEXT, AT(fetch.output[0].index), CTL_OUT,
 	 "every Nth contour from the base is an index contour (5; 0: none)"},
-	{"simplify", 0, "LENGTH", CLI_LATER, 0, CTL_OUT, NULL},
+	{"simplify", 0, "LENGTH", CLI_TEXT, AT(fetch.output[0].simplify), CTL_OUT,
+	 "contours with fewer vertices, none of those left out farther off than this: 0.1 in file units, or 0.1m, 0.5ft"},
 	{"polyface", 0, NULL, CLI_FLAG, AT(fetch.output[0].polyface), CTL_OUT, "DXF: polyface meshes in place of single faces"},
 	{"resume", 0, NULL, CLI_FLAG, AT(opt.resume), CTL_FETCH, "continue an earlier fetch from its OUT.part"},
 	{"tile", 0, "SIZE", CLI_TEXT, AT(fetch.tile), CTL_OUT,
 	 "one file a square of a grid of this side (file units); OUT is their folder"},
+	{"levels", 0, NULL, CLI_FLAG, AT(fetch.levels), CTL_OUT,
+	 "a page with levels of detail, for meshes of any size; OUT is its folder"},
 	{"changed-since", 0, "GENERATION", CLI_COUNT, AT(fetch.since), CTL_FETCH,
 	 "only the changes from the mesh of that generation; OUT.changes.geojson lists the regions"},
 
@@ -63,6 +66,7 @@ const struct cli_option ctl_options[] = {
 	{"thin", 0, "CELL", CLI_TEXT, AT(view.thin), CTL_VIEW,
 	 "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
 	{"thin-pick", 0, "lowest|highest|median", CLI_TEXT, AT(view.thin_pick), CTL_VIEW, "which point of a cell (lowest)"},
+	{"max-error", 0, "LENGTH", CLI_LATER, 0, CTL_VIEW, NULL},
 	{"breakline-clear", 0, "LENGTH", CLI_TEXT, AT(view.breakline_clear), CTL_VIEW,
 	 "no points nearer than this to a line of the dataset (0: none on a line)"},
 

@@ -24,8 +24,9 @@ int contour_head(struct contour *c, const struct acut_mesh_head *head, const str
 	int r = contour_levels_init(&c->levels, head, opt, err);
 
 	c->opt = *opt;
+	contour_tiles_init(&c->tiles, head, opt);
 	if (!r)
-		r = contour_window_init(&c->window, head, err);
+		r = contour_cut_init(c, head, err);
 	return r ? r : outfile_annex(c->out, &c->annex, err);
 }
 
@@ -41,50 +42,34 @@ void contour_save(const struct contour *c, struct packer *to)
 	packer_u64(to, c->pieces);
 }
 
-static int make_room(struct contour *c, struct err *err)
-{
-	if (!contour_chains_full(c->chains))
-		return 0;
-	return contour_interrupted(c) ? err_set(err, ERR_CANCELLED, "interrupted") : contour_chains_flush(c, err);
-}
-
 /* The segments of one triangle: of each level that is above its lowest corner and not above its highest. */
 static int triangle(struct contour *c, const int32_t *const v[3], const int64_t level[3], bool whole, struct err *err)
 {
+	int64_t tile[2], key;
 	int low = level[1] < level[0] ? 1 : 0, high = level[1] > level[0] ? 1 : 0;
 
 	low = level[2] < level[low] ? 2 : low;
 	high = level[2] > level[high] ? 2 : high;
+	if (c->tiles.p)
+		whole &= contour_tiles_same(&c->tiles, v, tile);
 	for (int64_t l = level[low] + 1; l <= level[high]; l++) {
 		unsigned up = (level[0] >= l) + (level[1] >= l) + (level[2] >= l);
 		int one = up == 1 ? high : low; /* the corner that differs from the two others */
 		const int32_t *at = v[one], *next = v[(one + 1) % 3], *last = v[(one + 2) % 3];
 		struct contour_crossing from = contour_cross(&c->levels, at, up == 1 ? next : last, l);
 		struct contour_crossing to = contour_cross(&c->levels, at, up == 1 ? last : next, l);
-		int r = make_room(c, err);
+		const struct contour_end end[2] = {{.edge = &from}, {.edge = &to}};
+		int r = 0;
 
+		key = l;
+		if (whole && c->tiles.p)
+			r = contour_tiles_key(&c->tiles, tile, l, &key, err);
 		if (!r)
-			r = contour_chains_add(c, &from, &to, l, whole, err);
+			r = whole ? contour_chains_add(c, end, key, err) : contour_cut(c, v, &from, &to, l, err);
 		if (r)
 			return r;
 	}
 	return 0;
-}
-
-/* Whether a triangle is outside of the window, reaches out of it, or is inside: -1, 0, 1. */
-static int inside(const struct contour_window *w, const int32_t *const v[3])
-{
-	int32_t low[2], high[2];
-
-	if (!w->given)
-		return 1;
-	for (int i = 0; i < 2; i++) {
-		low[i] = v[0][i] < v[1][i] ? v[0][i] : v[1][i];
-		low[i] = v[2][i] < low[i] ? v[2][i] : low[i];
-		high[i] = v[0][i] > v[1][i] ? v[0][i] : v[1][i];
-		high[i] = v[2][i] > high[i] ? v[2][i] : high[i];
-	}
-	return contour_window_box(w, low, high);
 }
 
 /* ---- blocks ---- */
@@ -140,14 +125,25 @@ static int no_memory(struct err *err)
 	return err_set(err, ERR_NOMEM, "no memory for the contours of a block");
 }
 
-/* The outputs of a stream have a block one after the other, so only one of them has this memory. */
+enum { CELLS = CONTOUR_CELLS * CONTOUR_CELLS, BATCH = 1 << 17 };
+
+/* The outputs of a stream have a block one after the other, so only one of them has this memory. But for a bit a triangle its
+ * size is fixed. */
+struct contour_work {
+	uint8_t *crossed;     /* bits: triangles of the block that have lines */
+	uint32_t cell[CELLS]; /* how many of them are in each; of a batch: where the next one of the cell goes */
+	uint32_t *order;      /* a batch of them, cell by cell */
+};
+
 static void release(struct contour *c)
 {
 	c->chains = contour_chains_free(c->chains);
-	free(c->crossed);
-	free(c->order);
-	c->crossed = NULL;
-	c->order = NULL;
+	if (c->work) {
+		free(c->work->crossed);
+		free(c->work->order);
+	}
+	free(c->work);
+	c->work = NULL;
 }
 
 static int check_levels(struct contour *c, const int64_t level[3], struct err *err)
@@ -165,18 +161,18 @@ static int check_levels(struct contour *c, const int64_t level[3], struct err *e
 	return err_add_hint(err, "give a larger --interval");
 }
 
-/* Triangles with lines, neighbours near each other: the table of crossings then has whole lines when it is full. The stream has
- * no such order. *ret: how many. */
-static int put_in_order(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], uint32_t *ret,
-			struct err *err)
+/* The triangles with lines, and how many of them each cell has. */
+static int count_cells(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], const struct cells *g,
+		       struct err *err)
 {
-	const struct cells g = cells_of(position, (size_t)b->nforeign + b->nnew);
-	uint32_t sum = 0;
+	struct contour_work *w = c->work = calloc(1, sizeof(*w));
 
-	c->crossed = calloc((size_t)b->ntriangle / 8 + 1, 1);
-	if (!c->crossed)
+	if (w) {
+		w->crossed = calloc((size_t)b->ntriangle / 8 + 1, 1);
+		w->order = malloc((b->ntriangle < BATCH ? b->ntriangle : BATCH) * sizeof(*w->order));
+	}
+	if (!w || !w->crossed || !w->order)
 		return no_memory(err);
-	memset(c->cell, 0, sizeof(c->cell));
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		int64_t level[3];
 		bool lines = levels_of(c, b->triangle[i], position, level);
@@ -186,43 +182,83 @@ static int put_in_order(struct contour *c, const struct acut_mesh_block *b, cons
 			return r;
 		if (!lines)
 			continue;
-		c->crossed[i >> 3] |= (uint8_t)(1u << (i & 7));
-		c->cell[cell_of(&g, position[b->triangle[i][0]])]++;
+		w->crossed[i >> 3] |= (uint8_t)(1u << (i & 7));
+		w->cell[cell_of(g, position[b->triangle[i][0]])]++;
 	}
-	for (uint32_t i = 0; i < CONTOUR_CELLS * CONTOUR_CELLS; i++) {
-		uint32_t n = c->cell[i];
-
-		c->cell[i] = sum;
-		sum += n;
-	}
-	c->order = malloc((sum + 1) * sizeof(*c->order));
-	if (!c->order)
-		return no_memory(err);
-	for (uint32_t i = 0; i < b->ntriangle; i++)
-		if (c->crossed[i >> 3] >> (i & 7) & 1)
-			c->order[c->cell[cell_of(&g, position[b->triangle[i][0]])]++] = i;
-	*ret = sum;
 	return 0;
+}
+
+static int add_triangle(struct contour *c, const uint32_t t[3], const int32_t (*position)[3], struct err *err)
+{
+	const int32_t *const v[3] = {position[t[0]], position[t[1]], position[t[2]]};
+	int64_t level[3];
+	enum contour_inside in = contour_cut_inside(c, v);
+
+	levels_of(c, t, position, level);
+	return in == CONTOUR_OUTSIDE ? 0 : triangle(c, v, level, in == CONTOUR_INSIDE, err);
+}
+
+/* The triangles with lines of the cells from `from` up to `to`, n of them, cell by cell; of a cell that is more than a batch, as
+ * they come. */
+static int add_batch(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], const struct cells *g,
+		     const uint32_t range[2], uint32_t n, struct err *err)
+{
+	struct contour_work *w = c->work;
+	uint32_t sum = 0;
+	int r = 0;
+
+	for (uint32_t i = range[0]; i < range[1]; i++) {
+		uint32_t of = w->cell[i];
+
+		w->cell[i] = sum;
+		sum += of;
+	}
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
+		uint32_t cell = w->crossed[i >> 3] >> (i & 7) & 1 ? cell_of(g, position[b->triangle[i][0]]) : CELLS;
+
+		if (cell < range[0] || cell >= range[1])
+			continue;
+		if (n > BATCH)
+			r = add_triangle(c, b->triangle[i], position, err);
+		else
+			w->order[w->cell[cell]++] = i;
+	}
+	for (uint32_t i = 0; i < n && n <= BATCH && !r; i++)
+		r = add_triangle(c, b->triangle[w->order[i]], position, err);
+	return r;
+}
+
+/* Neighbours near each other: the table of crossings then has whole lines when it is full. The stream has no such order. */
+static int add_cells(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], const struct cells *g,
+		     struct err *err)
+{
+	const uint32_t *cell = c->work->cell;
+	int r = 0;
+
+	for (uint32_t from = 0, to; from < CELLS && !r; from = to) {
+		uint32_t n = cell[from];
+
+		for (to = from + 1; to < CELLS && n + cell[to] <= BATCH; to++)
+			n += cell[to];
+		if (n && !c->chains)
+			r = contour_chains_new(c->opt.segments ? c->opt.segments : CONTOUR_SEGMENTS, &c->chains, err);
+		if (n && !r)
+			r = add_batch(c, b, position, g, (const uint32_t[2]){from, to}, n, err);
+	}
+	return r || !c->chains ? r : contour_chains_flush(c, err);
 }
 
 int contour_block(struct contour *c, const struct acut_mesh_block *b, const int32_t (*position)[3], struct err *err)
 {
-	uint32_t found = 0;
-	int r = b->ntriangle ? put_in_order(c, b, position, &found, err) : 0;
+	struct cells g;
+	int r;
 
-	if (!r && found)
-		r = contour_chains_new(c->opt.segments ? c->opt.segments : CONTOUR_SEGMENTS, &c->chains, err);
-	for (uint32_t i = 0; i < found && !r; i++) {
-		const uint32_t *t = b->triangle[c->order[i]];
-		const int32_t *const v[3] = {position[t[0]], position[t[1]], position[t[2]]};
-		int64_t level[3];
-		int in = inside(&c->window, v);
-
-		levels_of(c, t, position, level);
-		r = in < 0 ? 0 : triangle(c, v, level, in > 0, err);
-	}
-	if (!r && found)
-		r = contour_chains_flush(c, err);
+	if (!b->ntriangle)
+		return 0;
+	g = cells_of(position, (size_t)b->nforeign + b->nnew);
+	r = count_cells(c, b, position, &g, err);
+	if (!r)
+		r = add_cells(c, b, position, &g, err);
 	release(c);
 	return r;
 }
@@ -231,9 +267,12 @@ struct contour *contour_free(struct contour *c)
 {
 	if (c) {
 		release(c);
+		contour_cut_done(c);
+		contour_tiles_done(&c->tiles);
 		contour_array_free(c->link);
 		contour_array_free(c->seen);
 		sort_free(c->lines);
+		contour_simple_free(c->simple);
 		outfile_free(c->annex);
 	}
 	free(c);

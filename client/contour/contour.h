@@ -38,10 +38,19 @@ struct contour_options {
 	int64_t z_num, z_den;                 /* that unit: heights of the stream times this */
 	int (*interrupted)(void *ctx);        /* not 0: give up; called while blocks come and lines are joined; may be NULL */
 	void *ctx;
+	/* Lines are cut at squares of p / q lattice numbers, from the multiples of it, and at most so many have some; p 0: they
+	 * are not. A line has a part in each square: low <= c < high. */
+	uint64_t tile_p, tile_q; /* q below 2^60 */
+	unsigned tiles;
 	unsigned segments; /* at once in memory; 0: CONTOUR_SEGMENTS */
 	unsigned pages;    /* of 4 KiB in memory when lines are joined; 0: CONTOUR_PAGES */
+	/* Above 0: vertices that are no farther than this from what replaces them are left out, in the units of the coordinates.
+	 * Lines then meet nowhere but where they did before, and rings stay rings. */
+	double simplify;
+	unsigned cell;        /* vertices that are looked at together, 2 or more; 0: CONTOUR_CELL */
+	uint64_t sort_memory; /* bytes; 0: as it needs */
 };
-enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024, CONTOUR_LEVELS = 1000000 };
+enum { CONTOUR_SEGMENTS = 1 << 15, CONTOUR_PAGES = 1024, CONTOUR_LEVELS = 1000000, CONTOUR_CELL = 1 << 16 };
 
 struct contour;
 int contour_new(struct outfile *, struct contour **ret, struct err *err);
@@ -58,6 +67,10 @@ int contour_block(struct contour *, const struct acut_mesh_block *, const int32_
 /* ---- after the last block ---- */
 
 int contour_join(struct contour *, struct err *err);
+struct contour_simplified {
+	uint64_t vertices, left_out; /* of all lines; by `simplify` */
+};
+struct contour_simplified contour_simplified(const struct contour *); /* after contour_join; zeros without `simplify` */
 /* The numbers of the lowest and the highest level that has lines; false: there are no lines. */
 bool contour_range(const struct contour *, int64_t ret[2]);
 
@@ -68,6 +81,9 @@ struct contour_line {
 	double box[4]; /* least x y, greatest x y */
 	double length; /* in the plane */
 };
+/* With tiles, before contour_range and contour_next, which are then of it: the next one that has lines, in any order. *ret_any
+ * false: there is none. */
+int contour_next_tile(struct contour *, int64_t ret[2], bool *ret_any, struct err *err);
 /* The next line: by level, then by its first edge. ret->points 0: there is none. */
 int contour_next(struct contour *, struct contour_line *ret, struct err *err);
 /* Points of this line, from its first on; *ret is valid until the next call. *ret_n 0: there are no more. */

@@ -30,7 +30,7 @@ struct contour_chains {
 	uint32_t size;       /* of the table, a power of two */
 	struct crossing *crossing;
 	int32_t *slot, *start; /* start: a crossing of each piece */
-	uint8_t *is_cut;
+	uint32_t *cut;         /* number of a cut; 0: a crossing */
 	uint32_t pieces;
 };
 
@@ -40,7 +40,7 @@ struct contour_chains *contour_chains_free(struct contour_chains *s)
 		free(s->crossing);
 		free(s->slot);
 		free(s->start);
-		free(s->is_cut);
+		free(s->cut);
 	}
 	free(s);
 	return NULL;
@@ -56,6 +56,7 @@ int contour_chains_new(unsigned segments, struct contour_chains **ret, struct er
 {
 	struct contour_chains *s = calloc(1, sizeof(*s));
 
+	_Static_assert(CONTOUR_SEGMENTS < 1 << (64 - CONTOUR_COUNT_SHIFT), "points of a piece");
 	if (s) {
 		s->most = segments;
 		for (s->size = 16; s->size < 2 * segments; s->size *= 2)
@@ -63,9 +64,9 @@ int contour_chains_new(unsigned segments, struct contour_chains **ret, struct er
 		s->crossing = malloc(segments * sizeof(*s->crossing));
 		s->slot = malloc(s->size * sizeof(*s->slot));
 		s->start = malloc(segments * sizeof(*s->start));
-		s->is_cut = malloc(segments);
+		s->cut = malloc(segments * sizeof(*s->cut));
 	}
-	if (!s || !s->crossing || !s->slot || !s->start || !s->is_cut) {
+	if (!s || !s->crossing || !s->slot || !s->start || !s->cut) {
 		contour_chains_free(s);
 		return err_set(err, ERR_NOMEM, "no memory for contours");
 	}
@@ -74,16 +75,11 @@ int contour_chains_new(unsigned segments, struct contour_chains **ret, struct er
 	return 0;
 }
 
-bool contour_chains_full(const struct contour_chains *s)
-{
-	return s->used + 2 > s->most;
-}
-
 static int32_t add(struct contour_chains *s, const struct contour_crossing *c, int64_t level)
 {
 	s->crossing[s->used] = (struct crossing){
 		.end = {c->end[0], c->end[1]}, .level = level, .part = {c->n, c->d}, .next = NONE, .previous = NONE};
-	s->is_cut[s->used] = false;
+	s->cut[s->used] = 0;
 	return (int32_t)s->used++;
 }
 
@@ -102,16 +98,25 @@ static int32_t find(struct contour_chains *s, const struct contour_crossing *c, 
 	return s->slot[i] = add(s, c, level);
 }
 
-/* An end at the border of the window. A line that begins there has its place in the order by the edge before it. */
-static int32_t cut(struct contour *c, const struct contour_crossing *edge, const double at[2], int64_t level)
+/* An end at the border of the window. A line that begins there has its place in the order by the edge before it and the number of
+ * the cut. */
+static int32_t add_end(struct contour *c, const struct contour_end *end, int64_t level)
 {
-	int32_t i = add(c->chains, edge, level);
-	struct crossing *to = &c->chains->crossing[i];
+	struct contour_chains *s = c->chains;
+	int32_t i = end->cut ? add(s, end->edge, level) : find(s, end->edge, level);
 
-	c->chains->is_cut[i] = true;
-	for (int k = 0; k < 2; k++)
-		to->cut[k] = contour_between(&c->opt.axis[k], at[k]);
+	if (end->cut) {
+		s->cut[i] = end->cut;
+		memcpy(s->crossing[i].cut, end->at, sizeof(end->at));
+	}
 	return i;
+}
+
+static int make_room(struct contour *c, struct err *err)
+{
+	if (c->chains->used + 2 <= c->chains->most)
+		return 0;
+	return contour_interrupted(c) ? err_set(err, ERR_CANCELLED, "interrupted") : contour_chains_flush(c, err);
 }
 
 static int twice(struct err *err)
@@ -119,18 +124,16 @@ static int twice(struct err *err)
 	return err_set(err, ERR_PROTO, "an edge of the mesh has more than two triangles, or two on one side");
 }
 
-int contour_chains_add(struct contour *c, const struct contour_crossing *from, const struct contour_crossing *to, int64_t level,
-		       bool whole, struct err *err)
+int contour_chains_add(struct contour *c, const struct contour_end end[2], int64_t level, struct err *err)
 {
 	struct contour_chains *s = c->chains;
-	bool has[2] = {whole || contour_window_has(&c->window, from), whole || contour_window_has(&c->window, to)};
-	double place[2][2];
+	int r = make_room(c, err);
 	int32_t a, b;
 
-	if (!(has[0] && has[1]) && !contour_window_cut(&c->window, from, to, has, place))
-		return 0;
-	a = has[0] ? find(s, from, level) : cut(c, from, place[0], level);
-	b = has[1] ? find(s, to, level) : cut(c, to, place[1], level);
+	if (r)
+		return r;
+	a = add_end(c, &end[0], level);
+	b = add_end(c, &end[1], level);
 	if (s->crossing[a].next != NONE || s->crossing[b].previous != NONE)
 		return twice(err);
 	s->crossing[a].next = b;
@@ -161,8 +164,9 @@ static struct contour_piece piece_of(const struct contour_chains *s, int32_t sta
 	} while (c && c != first);
 	memcpy(p.from, first->end, sizeof(p.from));
 	memcpy(p.to, last->end, sizeof(p.to));
-	p.flags = (c ? CONTOUR_CLOSED : 0) | (s->is_cut[start] ? CONTOUR_CUT_FROM : 0) |
-		  (s->is_cut[last - s->crossing] ? CONTOUR_CUT_TO : 0);
+	p.flags = (c ? CONTOUR_CLOSED : 0) | (s->cut[start] ? CONTOUR_CUT_FROM : 0) |
+		  (s->cut[last - s->crossing] ? CONTOUR_CUT_TO : 0);
+	p.cut = s->cut[start];
 	return p;
 }
 
@@ -199,7 +203,7 @@ static int put_points(struct contour *c, int32_t start, struct err *err)
 
 		if (!to)
 			return -err->code;
-		if (s->is_cut[i])
+		if (s->cut[i])
 			memcpy(to, at->cut, sizeof(at->cut));
 		else
 			contour_place(c->opt.axis, &(struct contour_crossing){{at->end[0], at->end[1]}, at->part[0], at->part[1]},

@@ -18,35 +18,77 @@
 #define ENDS_MEMORY (4ull << 20) /* the blocks' memory is free, and outputs are finished one after the other */
 #define SORT_MEMORY (2ull << 20)
 #define SIGN (1ull << 63) /* levels as unsigned numbers, in their order */
-enum { END_WORDS = 4, LINE_WORDS = 5, NEXT_WORDS = 2, KEYS = 3, CHUNK = 256, SEEN_PAGES = 256 };
+enum { END_WORDS = 4, LINE_WORDS = 6, NEXT_WORDS = 2, KEYS = 3, LINE_KEYS = 4, CHUNK = 256, SEEN_PAGES = 256 };
 
 static int interrupted(const struct contour *c, uint64_t i, struct err *err)
 {
 	return i % 4096 == 0 && contour_interrupted(c) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
-int contour_link(struct contour *c, uint64_t number, int which, bool change, uint64_t **ret, struct err *err)
+int contour_link(struct contour *c, uint64_t number, bool change, uint64_t **ret, struct err *err)
 {
-	return contour_array_at(c->link, number * CONTOUR_LINKS + (uint64_t)which, change, ret, err);
+	return contour_array_at(c->link, number * CONTOUR_LINKS, change, ret, err);
 }
 
 static int get_piece(struct contour *c, uint64_t number, struct contour_piece *ret, struct err *err)
 {
-	uint64_t *at;
-	int r = contour_link(c, number, CONTOUR_AT, false, &at, err);
+	uint64_t *link;
+	int r = contour_link(c, number, false, &link, err);
 
-	return r ? r : outfile_read(c->annex, *at, ret, sizeof(*ret), err);
+	return r ? r : outfile_read(c->annex, link[CONTOUR_AT], ret, sizeof(*ret), err);
+}
+
+static int add_line(struct contour *c, const uint64_t rec[LINE_WORDS], struct err *err)
+{
+	int64_t key = (int64_t)(rec[0] ^ SIGN), level = contour_tiles_level(&c->tiles, key);
+	struct contour_tile *t = contour_tiles_tile(&c->tiles, key);
+
+	if (t) {
+		t->range[0] = !t->any || level < t->range[0] ? level : t->range[0];
+		t->range[1] = !t->any || level > t->range[1] ? level : t->range[1];
+		t->any = true;
+	}
+	c->range[0] = !c->any || level < c->range[0] ? level : c->range[0];
+	c->range[1] = !c->any || level > c->range[1] ? level : c->range[1];
+	c->any = true;
+	return sort_add(c->lines, rec, err);
+}
+
+static int mark(struct contour *c, uint64_t number, struct err *err)
+{
+	uint64_t *at;
+	int r = contour_array_at(c->seen, number / 64, true, &at, err);
+
+	if (!r)
+		*at |= 1ull << number % 64;
+	return r;
+}
+
+/* A closed line begins in its least edge. */
+static int add_closed(struct contour *c, const struct contour_piece *p, uint64_t number, struct err *err)
+{
+	return add_line(
+		c,
+		(uint64_t[LINE_WORDS]){(uint64_t)p->level ^ SIGN, p->least[0], p->least[1], 0, number << 1 | 1, p->least_index},
+		err);
 }
 
 /* ---- ends ---- */
 
-static int add_ends(const struct contour_piece *p, uint64_t number, struct sort *ends, struct err *err)
+/* A piece that is a closed line is complete: it is not read again. */
+static int add_ends(struct contour *c, const struct contour_piece *p, uint64_t number, struct sort *ends, struct err *err)
 {
 	const uint64_t from[END_WORDS] = {(uint64_t)p->level ^ SIGN, p->from[0], p->from[1], number << 1};
 	const uint64_t to[END_WORDS] = {(uint64_t)p->level ^ SIGN, p->to[0], p->to[1], number << 1 | 1};
-	int r = p->flags & (CONTOUR_CLOSED | CONTOUR_CUT_FROM) ? 0 : sort_add(ends, from, err);
+	int r = 0;
 
-	return r || p->flags & (CONTOUR_CLOSED | CONTOUR_CUT_TO) ? r : sort_add(ends, to, err);
+	if (p->flags & CONTOUR_CLOSED) {
+		r = mark(c, number, err);
+		return r ? r : add_closed(c, p, number, err);
+	}
+	if (!(p->flags & CONTOUR_CUT_FROM))
+		r = sort_add(ends, from, err);
+	return r || p->flags & CONTOUR_CUT_TO ? r : sort_add(ends, to, err);
 }
 
 static int add_pieces(struct contour *c, uint64_t at, const struct contour_piece *p, uint64_t n, uint64_t first,
@@ -59,14 +101,15 @@ static int add_pieces(struct contour *c, uint64_t at, const struct contour_piece
 
 		r = interrupted(c, number, err);
 		if (!r)
-			r = contour_link(c, number, CONTOUR_AT, true, &link, err); /* and the three after it: a page has all */
+			r = contour_link(c, number, true, &link, err);
 		if (r)
 			return r;
+		link[CONTOUR_NEXT] = (uint64_t)p[i].count << CONTOUR_COUNT_SHIFT |
+				     (p[i].flags & CONTOUR_CLOSED ? (number + 1) | CONTOUR_HAS_PREVIOUS : 0);
 		link[CONTOUR_AT] = at + i * sizeof(*p);
-		link[CONTOUR_NEXT] = p[i].flags & CONTOUR_CLOSED ? (number + 1) | CONTOUR_HAS_PREVIOUS : 0;
 		link[CONTOUR_POINTS_AT] = p[i].at;
-		link[CONTOUR_COUNT] = p[i].count;
-		r = add_ends(&p[i], number, ends, err);
+		link[CONTOUR_LEAST] = p[i].least[0];
+		r = add_ends(c, &p[i], number, ends, err);
 	}
 	return r;
 }
@@ -132,24 +175,33 @@ static int put_next(struct contour *c, struct sort *next, struct err *err)
 	int r = sort_start(next, err);
 
 	while (!r && !(r = sort_next(next, &rec, err)) && rec) {
-		r = contour_link(c, rec[0], CONTOUR_NEXT, true, &link, err);
+		r = contour_link(c, rec[0], true, &link, err);
 		if (r)
 			return r;
-		*link |= rec[1];
+		link[CONTOUR_NEXT] |= rec[1];
 		r = interrupted(c, n++, err);
 	}
+	return r;
+}
+
+static int new_sort(const struct contour *c, unsigned words, unsigned keys, uint64_t memory, struct sort **ret, struct err *err)
+{
+	int r = sort_new(words, keys, memory, c->out, ret, err);
+
+	if (!r)
+		sort_interrupt(*ret, c->opt.interrupted, c->opt.ctx);
 	return r;
 }
 
 static int link_pieces(struct contour *c, struct err *err)
 {
 	struct sort *ends = NULL, *next = NULL;
-	int r = sort_new(END_WORDS, KEYS, ENDS_MEMORY, c->out, &ends, err);
+	int r = new_sort(c, END_WORDS, KEYS, ENDS_MEMORY, &ends, err);
 
 	if (!r)
 		r = scan(c, ends, err);
 	if (!r)
-		r = sort_new(NEXT_WORDS, 1, SORT_MEMORY, c->out, &next, err);
+		r = new_sort(c, NEXT_WORDS, 1, SORT_MEMORY, &next, err);
 	if (!r)
 		r = match(c, ends, next, err);
 	sort_free(ends);
@@ -161,64 +213,77 @@ static int link_pieces(struct contour *c, struct err *err)
 
 /* ---- lines ---- */
 
-static int add_line(struct contour *c, const uint64_t rec[LINE_WORDS], struct err *err)
-{
-	int64_t level = (int64_t)(rec[0] ^ SIGN);
-
-	c->range[0] = !c->any || level < c->range[0] ? level : c->range[0];
-	c->range[1] = !c->any || level > c->range[1] ? level : c->range[1];
-	c->any = true;
-	return sort_add(c->lines, rec, err);
-}
-
-/* Marks a piece; *ret: the next one, from 1. */
-static int pass(struct contour *c, uint64_t number, uint64_t *ret, struct err *err)
+/* Marks a piece; *ret: the next one, from 1; *ret_least: the first word of its least edge. */
+static int pass(struct contour *c, uint64_t number, uint64_t *ret, uint64_t *ret_least, struct err *err)
 {
 	uint64_t *at;
-	int r = contour_array_at(c->seen, number / 64, true, &at, err);
+	int r = interrupted(c, c->passed++, err);
 
-	if (r)
-		return r;
-	*at |= 1ull << number % 64;
-	r = contour_link(c, number, CONTOUR_NEXT, false, &at, err);
 	if (!r)
-		*ret = *at & CONTOUR_NUMBER;
+		r = mark(c, number, err);
+	if (!r)
+		r = contour_link(c, number, false, &at, err);
+	if (!r) {
+		*ret = at[CONTOUR_NEXT] & CONTOUR_NUMBER;
+		*ret_least = at[CONTOUR_LEAST];
+	}
 	return r;
 }
 
 static int open_line(struct contour *c, uint64_t number, struct err *err)
 {
 	struct contour_piece p;
-	uint64_t next = number + 1;
+	uint64_t next = number + 1, least;
 	int r = get_piece(c, number, &p, err);
 
 	if (!r)
-		r = add_line(c, (uint64_t[LINE_WORDS]){(uint64_t)p.level ^ SIGN, p.from[0], p.from[1], number << 1, 0}, err);
+		r = add_line(c, (uint64_t[LINE_WORDS]){(uint64_t)p.level ^ SIGN, p.from[0], p.from[1], p.cut, number << 1, 0},
+			     err);
 	while (!r && next)
-		r = pass(c, next - 1, &next, err);
+		r = pass(c, next - 1, &next, &least, err);
 	return r;
 }
 
+static bool is_less(const struct contour_piece *a, const struct contour_piece *b)
+{
+	return a->least[0] != b->least[0] ? a->least[0] < b->least[0] : a->least[1] < b->least[1];
+}
+
+/* Pieces are read if the first words of theirs are alike, and of the line the one that
+ * has it. */
 static int closed_line(struct contour *c, uint64_t number, struct err *err)
 {
-	uint64_t rec[LINE_WORDS] = {0}, next = number + 1;
-	int r = 0;
+	uint64_t next = number + 1, first = number, lowest = UINT64_MAX;
+	struct contour_piece best, p;
+	bool read = false; /* `best` is the piece `first` */
+	int r;
 
 	do {
-		struct contour_piece p;
-		uint64_t at = next - 1;
+		uint64_t at = next - 1, least;
 
-		r = get_piece(c, at, &p, err);
+		r = pass(c, at, &next, &least, err);
 		if (r)
 			return r;
-		if (at == number || p.least[0] < rec[1] || (p.least[0] == rec[1] && p.least[1] < rec[2]))
-			memcpy(rec,
-			       (uint64_t[LINE_WORDS]){(uint64_t)p.level ^ SIGN, p.least[0], p.least[1], at << 1 | 1,
-						      p.least_index},
-			       sizeof(rec));
-		r = pass(c, at, &next, err);
-	} while (!r && next && next != number + 1);
-	return r ? r : next ? add_line(c, rec, err) : err_set(err, ERR_INTERNAL, "a closed contour has an end");
+		if (at == number || least < lowest) {
+			lowest = least;
+			first = at;
+			read = false;
+		} else if (least == lowest) {
+			r = read ? 0 : get_piece(c, first, &best, err);
+			r = r ? r : get_piece(c, at, &p, err);
+			if (r)
+				return r;
+			read = true;
+			if (is_less(&p, &best)) {
+				best = p;
+				first = at;
+			}
+		}
+	} while (next && next != number + 1);
+	if (!next)
+		return err_set(err, ERR_INTERNAL, "a closed contour has an end");
+	r = read ? 0 : get_piece(c, first, &best, err);
+	return r ? r : add_closed(c, &best, first, err);
 }
 
 static int find_lines(struct contour *c, struct err *err)
@@ -234,8 +299,8 @@ static int find_lines(struct contour *c, struct err *err)
 				r = contour_array_at(c->seen, i / 64, false, &at, err);
 			if (r || *at >> i % 64 & 1)
 				continue;
-			r = closed ? 0 : contour_link(c, i, CONTOUR_NEXT, false, &at, err);
-			if (!r && (closed || !(*at & CONTOUR_HAS_PREVIOUS)))
+			r = closed ? 0 : contour_link(c, i, false, &at, err);
+			if (!r && (closed || !(at[CONTOUR_NEXT] & CONTOUR_HAS_PREVIOUS)))
 				r = closed ? closed_line(c, i, err) : open_line(c, i, err);
 		}
 	}
@@ -248,27 +313,37 @@ int contour_join(struct contour *c, struct err *err)
 	int r = contour_array_new(c->out, pages, &c->link, err);
 
 	if (!r)
-		r = link_pieces(c, err);
-	if (!r)
 		r = contour_array_new(c->out, pages < SEEN_PAGES ? pages : SEEN_PAGES, &c->seen, err);
 	if (!r)
-		r = sort_new(LINE_WORDS, KEYS, SORT_MEMORY, c->out, &c->lines, err);
+		r = new_sort(c, LINE_WORDS, LINE_KEYS, SORT_MEMORY, &c->lines, err);
+	if (!r)
+		r = link_pieces(c, err);
 	if (!r)
 		r = find_lines(c, err);
 	c->seen = contour_array_free(c->seen);
-	return r ? r : sort_start(c->lines, err);
+	if (!r)
+		r = sort_start(c->lines, err);
+	return r || !(c->opt.simplify > 0) ? r : contour_simplify(c, err);
 }
 
 bool contour_range(const struct contour *c, int64_t ret[2])
 {
+	const int64_t *range = c->tile ? c->tile->range : c->range;
+
 	for (int i = 0; i < 2 && c->any; i++)
-		ret[i] = c->range[i] - c->levels.shift;
+		ret[i] = range[i] - c->levels.shift;
 	return c->any;
+}
+
+void contour_joined_free(struct contour *c)
+{
+	c->lines = sort_free(c->lines);
+	c->link = contour_array_free(c->link);
 }
 
 int contour_done(struct contour *c, struct err *err)
 {
-	c->lines = sort_free(c->lines);
-	c->link = contour_array_free(c->link);
+	contour_joined_free(c);
+	c->simple = contour_simple_free(c->simple);
 	return outfile_annex_drop(c->annex, err);
 }

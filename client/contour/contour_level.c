@@ -257,6 +257,16 @@ void contour_place(const struct contour_axis axis[2], const struct contour_cross
 	ret[1] = place(&axis[1], contour_key_y(c->end[0]), contour_key_y(c->end[1]), c->n, c->d);
 }
 
+double contour_border(const struct contour_axis *x, i128 n, int64_t q)
+{
+	i128 sum, more, d = x->whole && x->e <= 0 ? divisor(q, x->e) : DIVISOR_MOST;
+
+	if (d < DIVISOR_MOST && !__builtin_mul_overflow(n, x->a, &sum) && !__builtin_mul_overflow((i128)x->b, q, &more) &&
+	    !__builtin_add_overflow(sum, more, &sum))
+		return contour_nearest(sum, d);
+	return contour_between(x, contour_nearest(n, q));
+}
+
 double contour_between(const struct contour_axis *x, double number)
 {
 	double low = floor(number), part = number - low;

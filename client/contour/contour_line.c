@@ -15,13 +15,13 @@ static int at_piece(struct contour *c, uint64_t number, uint32_t from, uint32_t 
 {
 	struct contour_reader *d = &c->reader;
 	uint64_t *link;
-	int r = contour_link(c, number, CONTOUR_AT, false, &link, err);
+	int r = contour_link(c, number, false, &link, err);
 
 	if (r)
 		return r;
 	d->piece = number;
 	d->at = link[CONTOUR_POINTS_AT] + from * sizeof(double[2]);
-	d->left = (to ? to : (uint32_t)link[CONTOUR_COUNT]) - from;
+	d->left = (to ? to : (uint32_t)(link[CONTOUR_NEXT] >> CONTOUR_COUNT_SHIFT)) - from;
 	return 0;
 }
 
@@ -39,12 +39,12 @@ static int step(struct contour *c, struct err *err)
 {
 	struct contour_reader *d = &c->reader;
 	uint64_t next = 0, *link;
-	int r = d->phase ? 0 : contour_link(c, d->piece, CONTOUR_NEXT, false, &link, err);
+	int r = d->phase ? 0 : contour_link(c, d->piece, false, &link, err);
 
 	if (r)
 		return r;
 	if (!d->phase)
-		next = *link & CONTOUR_NUMBER;
+		next = link[CONTOUR_NEXT] & CONTOUR_NUMBER;
 	if (d->phase || !next) {
 		d->ended = d->phase == 2 || !d->closed;
 		d->phase = 2;
@@ -128,27 +128,65 @@ static int measure(struct contour *c, struct contour_line *ret, struct err *err)
 	return r || d->whole ? r : rewind_to(c, err);
 }
 
+static int64_t key_of(const uint64_t *rec)
+{
+	return (int64_t)(rec[0] ^ 1ull << 63);
+}
+
+/* *ret: the record of the next line, which stays it until c->next is NULL; NULL: there is none. */
+static int look(struct contour *c, const uint64_t **ret, struct err *err)
+{
+	int r = c->next ? 0 : sort_next(c->lines, &c->next, err);
+
+	*ret = c->next;
+	return r;
+}
+
 int contour_next(struct contour *c, struct contour_line *ret, struct err *err)
 {
 	struct contour_reader *d = &c->reader;
 	const uint64_t *rec;
 	int r;
 
+	if (c->simple)
+		return contour_simple_next(c->simple, ret, err);
+	if (c->waits) {
+		c->waits = false;
+		*ret = c->first;
+		return 0;
+	}
 	do {
-		r = sort_next(c->lines, &rec, err);
+		r = look(c, &rec, err);
 		if (r)
 			return r;
-		if (!rec) {
+		if (!rec || contour_tiles_tile(&c->tiles, key_of(rec)) != c->tile) {
 			*ret = (struct contour_line){0};
 			return 0;
 		}
-		d->first = rec[3] >> 1;
-		d->closed = rec[3] & 1;
-		d->start = (uint32_t)rec[4];
-		ret->level = (int64_t)(rec[0] ^ 1ull << 63) - c->levels.shift;
+		c->next = NULL;
+		d->first = rec[4] >> 1;
+		d->closed = rec[4] & 1;
+		d->start = (uint32_t)rec[5];
+		ret->level = contour_tiles_level(&c->tiles, key_of(rec)) - c->levels.shift;
 		ret->closed = d->closed;
 		r = measure(c, ret, err);
 	} while (!r && ret->points < 2); /* around a vertex at the level, or in the corner of a window */
+	return r;
+}
+
+int contour_next_tile(struct contour *c, int64_t ret[2], bool *ret_any, struct err *err)
+{
+	const uint64_t *rec;
+	int r = 0;
+
+	*ret_any = false;
+	while (!r && !*ret_any && !(r = look(c, &rec, err)) && rec) {
+		c->tile = contour_tiles_tile(&c->tiles, key_of(rec));
+		r = contour_next(c, &c->first, err);
+		*ret_any = c->waits = !r && c->first.points;
+	}
+	for (int i = 0; i < 2 && *ret_any; i++)
+		ret[i] = c->tile->at[i];
 	return r;
 }
 
@@ -157,6 +195,8 @@ int contour_points(struct contour *c, const double (**ret)[2], size_t *ret_n, st
 	struct contour_reader *d = &c->reader;
 	int r = 0;
 
+	if (c->simple)
+		return contour_simple_points(c->simple, ret, ret_n, err);
 	if (d->whole)
 		d->whole = false;
 	else if (d->ended)

@@ -4,15 +4,40 @@
 
 #include "ctl_fetch.h"
 
+const char *ctl_mesh_index(const struct ctl_fetch_options *opt)
+{
+	return opt->tile ? OUTPUTS_TILES_INDEX : OUTPUTS_LEVELS_INDEX;
+}
+
 static void warn_no_tiles(const struct ctl_mesh *m)
 {
 	const struct acut_report *p = &m->job->report;
 	char count[32];
 
-	if (m->opt->tile && !m->out->tiles && p->vertices)
+	if (m->opt->tile && !m->out->tiles && !m->out->no_lines && p->vertices)
 		console_warn(m->console, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
 			     term_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
 			     p->triangles ? " but those that are left out" : "");
+}
+
+/* One for all outputs: an interval that is more than the relief is given by mistake. */
+const char *ctl_mesh_no_lines(const struct ctl_mesh *m, char buf[CTL_MESH_NOTE])
+{
+	const char *first = NULL;
+	char others[32] = " has";
+	unsigned n = 0;
+
+	for (unsigned i = 0; i < ctl_fetch_count(m->opt); i++)
+		if (m->out->no_lines >> i & 1) {
+			first = first ? first : m->opt->output[i + 1].path;
+			n++;
+		}
+	if (n > 1)
+		snprintf(others, sizeof(others), " and %u other%s have", n - 1, n == 2 ? "" : "s");
+	snprintf(buf, CTL_MESH_NOTE, "%.300s%s no line: the mesh has no height of a contour (--interval, --base)", n ? first : "",
+		 others);
+	buf[0] = n ? buf[0] : 0;
+	return buf;
 }
 
 static int publish(struct session *session, const struct ctl_fetch_options *opt, const struct acut_job *job, struct outputs *run,
@@ -21,6 +46,7 @@ static int publish(struct session *session, const struct ctl_fetch_options *opt,
 	struct outputs_report out;
 	const struct ctl_mesh mesh = {&session->console, opt, job, &out, staged};
 	struct err err = ERR_INIT;
+	char note[CTL_MESH_NOTE];
 
 	outputs_about(run, job->id, job->dataset, job->generation);
 	if (outputs_publish(run, &err))
@@ -31,6 +57,7 @@ static int publish(struct session *session, const struct ctl_fetch_options *opt,
 	ctl_mesh_warn_trimmed(&mesh);
 	ctl_report_warn_crowded(&session->console, &job->report);
 	warn_no_tiles(&mesh);
+	console_note(&session->console, "%s", ctl_mesh_no_lines(&mesh, note));
 	if (session->console.json)
 		ctl_mesh_json(&mesh);
 	else

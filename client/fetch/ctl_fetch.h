@@ -8,7 +8,7 @@
 
 /* One output; NULL, 0: not given. */
 struct ctl_fetch_output {
-	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index;
+	const char *path, *format, *origin, *z_unit, *color, *cell, *raster, *interval, *base, *index, *simplify;
 	uint64_t width;
 	bool canonical, polyface, sidecar;
 };
@@ -21,7 +21,7 @@ struct ctl_fetch_options {
 	const char *tile, *max_edge, *trim_hull; /* NULL: not given */
 	struct cli_texts cut[OUTPUTS_CUTS];      /* files of --mask and --erase */
 	uint64_t since;                          /* 0: not given */
-	bool no_clobber;
+	bool no_clobber, levels;
 	bool gaps;          /* the view leaves gaps: of the ground or the surface */
 	const char *window; /* "bbox", "polygon": only that area of the mesh; NULL: all of it */
 };
@@ -62,6 +62,12 @@ struct ctl_mesh {
 };
 void ctl_mesh_text(const struct ctl_mesh *);
 void ctl_mesh_json(const struct ctl_mesh *);
+/* The file that lists what is in the folder of tiles. */
+const char *ctl_mesh_index(const struct ctl_fetch_options *);
+/* The note that files of contours have no line; "": they have some. */
+enum { CTL_MESH_NOTE = 512 };
+const char *ctl_mesh_no_lines(const struct ctl_mesh *, char buf[CTL_MESH_NOTE]);
+bool ctl_mesh_simplifies(const struct ctl_fetch_options *); /* an output has --simplify */
 /* A rule leaves out triangles. */
 bool ctl_mesh_trims(const struct ctl_fetch_options *);
 /* How many points of this command's inputs the lattice moved, and the largest shift an axis. */

@@ -67,14 +67,14 @@ static void changes_json(struct term_json *j, const struct ctl_mesh *m)
 static void tiles_json(struct term_json *j, const struct ctl_mesh *m)
 {
 	const char *dir = m->opt->output[1].path;
-	size_t n = m->opt->tile ? strlen(dir) : 0;
+	size_t n = m->opt->tile || m->opt->levels ? strlen(dir) : 0;
 	char *index;
 
-	if (!m->opt->tile) {
+	if (!m->opt->tile && !m->opt->levels) {
 		term_json_null(j, "tiles");
 		return;
 	}
-	if (asprintf(&index, "%s%s" OUTPUTS_TILES_INDEX, dir, n && dir[n - 1] == '/' ? "" : "/") < 0)
+	if (asprintf(&index, "%s%s%s", dir, n && dir[n - 1] == '/' ? "" : "/", ctl_mesh_index(m->opt)) < 0)
 		index = NULL;
 	term_json_open(j, "tiles", '{');
 	term_json_u64(j, "files", m->out->tiles);
@@ -137,12 +137,25 @@ static void left_out_json(struct term_json *j, const struct ctl_mesh *m)
 	term_json_close(j, '}');
 }
 
+static void simplified_json(struct term_json *j, const struct ctl_mesh *m)
+{
+	if (!ctl_mesh_simplifies(m->opt)) {
+		term_json_null(j, "simplified");
+		return;
+	}
+	term_json_open(j, "simplified", '{');
+	term_json_u64(j, "vertices", m->out->simplified.vertices);
+	term_json_u64(j, "left_out", m->out->simplified.left_out);
+	term_json_close(j, '}');
+}
+
 void ctl_mesh_json(const struct ctl_mesh *m)
 {
 	const struct acut_job *job = m->job;
 	const struct acut_report *p = &job->report;
 	const char *z = ctl_fetch_z_unit(m->opt);
 	struct term_json j = console_json(m->console);
+	char note[CTL_MESH_NOTE];
 
 	term_json_u64(&j, "job", job->id);
 	term_json_known(&j, "dataset", job->dataset);
@@ -158,6 +171,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 	term_json_u64(&j, "output_bytes", m->out->bytes);
 	ctl_mesh_edges_json(&j, m);
 	left_out_json(&j, m);
+	simplified_json(&j, m);
 	tiles_json(&j, m);
 	changes_json(&j, m);
 	term_json_open(&j, "refused", '[');
@@ -165,7 +179,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 		if (m->staged->file[i].refused)
 			term_error_json(&j, NULL, &m->staged->file[i].err);
 	term_json_close(&j, ']');
-	ctl_report_notes(&j, p);
+	ctl_report_notes(&j, p, ctl_mesh_no_lines(m, note));
 	term_json_open(&j, "warnings", '[');
 	for (size_t i = 0; i < m->console->nwarning; i++)
 		term_json_text(&j, NULL, m->console->warning[i]);

@@ -56,6 +56,14 @@ static int parse_cell(const char *text, struct format_options *opt, struct err *
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 1m");
 }
 
+static int parse_simplify(const struct ctl_fetch_output *o, struct format_options *opt, struct err *err)
+{
+	if (!o->simplify || length_of(o->simplify, &opt->simplify, &opt->simplify_unit))
+		return 0;
+	err_set(err, ERR_USAGE, "--simplify is not a length above zero: \"%s\"", o->simplify);
+	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 0.1m");
+}
+
 static int parse_levels(const struct ctl_fetch_output *o, struct format_options *opt, struct err *err)
 {
 	uint64_t index = 0;
@@ -97,19 +105,22 @@ static int options_of(const struct ctl_fetch_output *o, unsigned takes, struct f
 		return -err->code;
 	if (takes & FORMAT_INTERVAL && parse_levels(o, opt, err))
 		return -err->code;
+	if (takes & FORMAT_SIMPLIFY && parse_simplify(o, opt, err))
+		return -err->code;
 	return takes & FORMAT_ORIGIN && o->origin ? parse_origin(o->origin, opt, err) : 0;
 }
 
 static const struct format *format_of(const struct ctl_fetch_options *a, unsigned i, struct err *err)
 {
 	const struct ctl_fetch_output output = ctl_fetch_output(a, i), *o = &output;
-	const char *tile = o->format ? o->format : "ply";
+	const char *folder = o->format ? o->format : a->levels ? "html" : "ply"; /* of the files in it */
 	const struct format *by_path = o->path && strcmp(o->path, "-") ? format_by_path(o->path) : NULL, *f = by_path;
 
-	if (a->tile || !o->path || ctl_fetch_own_format(a, i) || (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
-		f = format_find(a->tile ? tile : o->format);
+	if (a->tile || a->levels || !o->path || ctl_fetch_own_format(a, i) ||
+	    (o->format && (ctl_fetch_count(a) == 1 || !by_path))) {
+		f = format_find(a->tile || a->levels ? folder : o->format);
 		if (!f) {
-			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : o->format);
+			err_set(err, ERR_USAGE, "there is no output format %s", o->format);
 			err_add_hint(err, "acutctl formats lists them");
 		}
 	} else if (!f && !strcmp(o->path, "-")) {
@@ -134,7 +145,7 @@ static int add_output(struct session *session, const struct ctl_fetch_options *a
 
 	if (r)
 		return r;
-	if (o.path && !a->tile && f->kind != FORMAT_NOTHING && !strcmp(o.path, "-") && isatty(STDOUT_FILENO)) {
+	if (o.path && !a->tile && !a->levels && f->kind != FORMAT_NOTHING && !strcmp(o.path, "-") && isatty(STDOUT_FILENO)) {
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
@@ -163,11 +174,13 @@ static int check_outputs(const struct ctl_fetch_options *a, struct err *err)
 			if (!strcmp(a->output[i].path, a->output[j].path))
 				return err_set(err, ERR_USAGE, "the output %s is given twice", a->output[i].path);
 	}
-	if (a->tile && n != 1) {
+	if ((a->tile || a->levels) && n != 1) {
 		err_set(err, ERR_USAGE, n ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder",
 			n);
-		return err_add_hint(err, "name the folder with one -o DIR/, as in -o tiles/");
+		return err_add_hint(err, "name the folder with one -o DIR/, as in -o %s/", a->tile ? "tiles" : "survey");
 	}
+	if (a->tile && a->levels)
+		return err_set(err, ERR_USAGE, "--levels has no meaning with --tile: its tiles are squares of its own");
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
@@ -180,11 +193,9 @@ static int parse_length(const char *option, const char *text, struct outputs_len
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
-static int parse_tile(struct session *session, const char *tile, struct outputs_options *opt, struct err *err)
+static int parse_tile(const char *tile, struct outputs_options *opt, struct err *err)
 {
 	opt->tiled = true;
-	opt->interrupted = session_interrupted;
-	opt->ctx = session;
 	if (decimal_parse(tile, &opt->tile) && opt->tile.mantissa > 0)
 		return 0;
 	err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", tile);
@@ -193,10 +204,11 @@ static int parse_tile(struct session *session, const char *tile, struct outputs_
 
 int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, struct outputs **ret, struct err *err)
 {
-	struct outputs_options opt = {.edges = !a->since, .changes = a->since > 0};
+	struct outputs_options opt = {
+		.edges = !a->since, .changes = a->since > 0, .interrupted = session_interrupted, .ctx = session};
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
-	unsigned n = ctl_fetch_count(a), rasters = 0, lines = 0;
+	unsigned n = ctl_fetch_count(a), rasters = 0;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
@@ -214,18 +226,18 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = err_set(err, ERR_USAGE, "--tile has no meaning with --changed-since: a tile needs all of its triangles");
 		err_add_hint(err, "fetch the tiles of the whole mesh: those that have not changed are the same bytes");
 	}
+	if (!r && a->levels && a->since) {
+		r = err_set(err, ERR_USAGE, "--levels has no meaning with --changed-since: a page shows a whole mesh");
+		err_add_hint(err, "fetch the page of the whole mesh");
+	}
+	opt.levels = a->levels;
 	if (!r && a->tile)
-		r = parse_tile(session, a->tile, &opt, err);
+		r = parse_tile(a->tile, &opt, err);
 	for (unsigned i = n > 0; i <= n && !r; i++) {
 		format[i] = format_of(a, i, err);
 		r = format[i] ? 0 : -(int)err->code;
 		rasters += format[i] && (format[i]->kind == FORMAT_RASTER ||
 					 (format[i]->kind == FORMAT_PICTURE && ctl_fetch_output(a, i).cell));
-		lines += format[i] && format[i]->kind == FORMAT_LINES;
-	}
-	if (!r && lines && a->window && !strcmp(a->window, "polygon")) {
-		r = err_set(err, ERR_USAGE, "contours cannot be cut by --polygon");
-		err_add_hint(err, "give the window as --bbox X1,Y1,X2,Y2");
 	}
 	if (!r)
 		r = ctl_fetch_check_used(a, format, err);

@@ -32,6 +32,7 @@ static const struct scoped_option rows[] = {
 	ROW(FORMAT_INTERVAL, interval, false),
 	ROW(FORMAT_BASE, base, false),
 	ROW(FORMAT_INDEX, index, false),
+	ROW(FORMAT_SIMPLIFY, simplify, false),
 };
 
 static char *value_of(struct ctl_fetch_output *o, const struct scoped_option *row)
@@ -77,6 +78,14 @@ bool ctl_fetch_to_standard(struct ctl_fetch_options *opt)
 				any = true;
 			}
 	return any;
+}
+
+bool ctl_mesh_simplifies(const struct ctl_fetch_options *opt)
+{
+	for (unsigned i = 0; i <= ctl_fetch_count(opt); i++)
+		if (opt->output[i].simplify)
+			return true;
+	return false;
 }
 
 const char *ctl_fetch_z_unit(const struct ctl_fetch_options *opt)

@@ -145,9 +145,9 @@ static void files(const struct ctl_mesh *m, FILE *out)
 	for (unsigned i = 1; i <= ctl_fetch_count(m->opt); i++) {
 		const char *name = m->opt->output[i].path;
 
-		if (m->opt->tile)
-			term_field(out, i > 1 ? "" : "written", "%s: %s tile%s and " OUTPUTS_TILES_INDEX ", %s", name,
-				   term_count(f->tiles, count), f->tiles == 1 ? "" : "s", parse_size_text(f->bytes, size));
+		if (m->opt->tile || m->opt->levels)
+			term_field(out, i > 1 ? "" : "written", "%s: %s tile%s and %s, %s", name, term_count(f->tiles, count),
+				   f->tiles == 1 ? "" : "s", ctl_mesh_index(m->opt), parse_size_text(f->bytes, size));
 		else if (!strcmp(name, "-"))
 			term_field(out, i > 1 ? "" : "written", "standard output, %s", parse_size_text(f->bytes, size));
 		else if (!stat(name, &st) && S_ISREG(st.st_mode))
@@ -204,6 +204,15 @@ static void place(const struct ctl_mesh *m, FILE *out)
 		term_field(out, "projected", "degrees to zone %s", staged->zone);
 }
 
+static const char *simplified_text(const struct ctl_mesh *m, char buf[512])
+{
+	char all[32], left_out[32];
+
+	snprintf(buf, 512, "%s of %s vertices of contours", term_count(m->out->simplified.left_out, left_out),
+		 term_count(m->out->simplified.vertices, all));
+	return buf;
+}
+
 static void times(FILE *out, const struct acut_report *p, const struct ctl_staged *staged)
 {
 	char rate[32], memory[32], all[24], text[64] = "";
@@ -252,6 +261,8 @@ static void page(const struct ctl_mesh *m)
 	for (unsigned i = 0; i < why.n && why.n > 1; i++)
 		term_field(out, "", "%s %s%s", term_count(why.row[i].left->triangles, text), why.row[i].text,
 			   area_text(m->out, why.row[i].left, ", ", area));
+	if (ctl_mesh_simplifies(m->opt))
+		term_field(out, "simplified", "%s", simplified_text(m, text));
 	place(m, out);
 	if (m->staged) {
 		ctl_report_heights(m->console, m->staged);
@@ -270,9 +281,9 @@ static void written(const struct ctl_mesh *m)
 	char count[32];
 
 	for (unsigned i = 1; i <= ctl_fetch_count(m->opt); i++)
-		if (m->opt->tile)
-			console_line(m->console, "wrote %s tile%s and " OUTPUTS_TILES_INDEX " into %s",
-				     term_count(m->out->tiles, count), m->out->tiles == 1 ? "" : "s", m->opt->output[i].path);
+		if (m->opt->tile || m->opt->levels)
+			console_line(m->console, "wrote %s tile%s and %s into %s", term_count(m->out->tiles, count),
+				     m->out->tiles == 1 ? "" : "s", ctl_mesh_index(m->opt), m->opt->output[i].path);
 		else if (strcmp(m->opt->output[i].path, "-"))
 			console_line(m->console, "wrote %s", m->opt->output[i].path);
 }
@@ -314,6 +325,8 @@ static void lines(const struct ctl_mesh *m)
 	for (unsigned i = 0; i < why.n && why.n > 1; i++)
 		console_line(c, "  %s: %s triangles%s", why.row[i].text, term_count(why.row[i].left->triangles, a),
 			     area_text(m->out, why.row[i].left, ", an area of ", d));
+	if (ctl_mesh_simplifies(m->opt))
+		console_line(c, "%s were left out by --simplify", simplified_text(m, text));
 }
 
 void ctl_mesh_text(const struct ctl_mesh *m)

@@ -22,7 +22,7 @@ enum format_kind {
 	FORMAT_PICTURE, /* drawn from triangles in any order: vertices need no numbers */
 	FORMAT_RASTER,  /* measured from triangles in any order: of a whole mesh or window, not of changes; makes tiles by itself
 			 */
-	FORMAT_LINES,   /* likewise, lines; not of tiles */
+	FORMAT_LINES,   /* likewise, lines */
 	FORMAT_NOTHING, /* writes nothing: opened without an output */
 };
 
@@ -39,6 +39,7 @@ enum {
 	FORMAT_INTERVAL = 256, /* --interval, which such a format needs */
 	FORMAT_BASE = 512,
 	FORMAT_INDEX = 1024,
+	FORMAT_SIMPLIFY = 2048,
 };
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
@@ -60,6 +61,9 @@ struct format_options {
 	 * the heights as they are written. */
 	struct decimal interval, base; /* zero: not given */
 	const char *interval_unit, *base_unit;
+	/* Contours: the most that a vertex which is left out is off, in the unit of x and y if it has none; zero: not given. */
+	struct decimal simplify;
+	const char *simplify_unit;
 	bool has_base, has_index;
 	uint32_t index;
 	int (*interrupted)(void *ctx); /* not 0: give up; of rasters and lines, while the file is made; may be NULL */
@@ -73,6 +77,16 @@ struct format_options {
 	bool tiled;    /* rasters: `tiles` will come */
 };
 
+/* Lines in tiles: squares of p / q lattice units. `begin` opens the file of one, `end` gets it back, complete. */
+struct format_tiler {
+	uint64_t p, q;
+	unsigned most;
+	int (*begin)(void *ctx, const int64_t at[2], struct outfile **ret, struct err *err);
+	int (*end)(void *ctx, const int64_t at[2], struct outfile *, const double box[4], uint64_t lines, struct err *err);
+	void (*drop)(struct outfile *); /* in place of `end`, after a failure */
+	void *ctx;
+};
+
 #define FORMAT_INDEX_EACH 5
 #define FORMAT_WIDTH 1600
 #define FORMAT_WIDTH_MAX 32768
@@ -82,6 +96,11 @@ struct format_options {
 struct format_block {
 	const struct acut_mesh_block *mesh;
 	const int32_t (*position)[3];
+};
+
+/* Vertices of all lines, and those of them that --simplify left out. */
+struct format_simplified {
+	uint64_t vertices, left_out;
 };
 
 /* One format. `open` makes the writer; `head`, any number of `block`, `finish` follow in this order, `free` comes last, also
@@ -104,10 +123,17 @@ struct format {
 	int (*beside_text)(const void *writer, unsigned i, char **ret, struct err *);
 	/* Of rasters, in place of finish: a file for each tile. */
 	int (*tiles)(void *writer, const struct dem_tiler *, const struct acut_mesh_tail *, struct err *);
+	/* Of lines, after finish; else NULL. */
+	struct format_simplified (*simplified)(const void *writer);
 	/* To be resumed later; NULL: it cannot. `save` packs at most FORMAT_SAVED bytes; `resume` is called in place of head,
 	 * with the output positioned after its last byte. */
 	void (*save)(const void *writer, struct packer *);
 	int (*resume)(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *);
+	/* Of FORMAT_LINES, after finish: how many lines the file has. */
+	uint64_t (*lines)(const void *writer);
+	/* Likewise: tiles will come, before head; and in place of finish, a file for each that has lines. */
+	void (*tile)(void *writer, const struct format_tiler *);
+	int (*tile_lines)(void *writer, const struct acut_mesh_tail *, struct err *);
 };
 #define FORMAT_SAVED 64
 

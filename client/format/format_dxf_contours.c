@@ -121,7 +121,7 @@ static int put_all(struct format_lines *w, struct err *err)
 		r = put_layers(w, err);
 	if (!r)
 		r = put(w, "0\nENDSEC\n0\nSECTION\n2\nENTITIES\n", err);
-	while (!r && !(r = contour_next(w->contour, &line, err)) && line.points) {
+	while (!r && !(r = format_lines_next(w, &line, err)) && line.points) {
 		r = format_lines_room(w, err);
 		if (!r)
 			r = put_line(w, &line, err);
@@ -139,6 +139,11 @@ static int dxf_contours_finish(void *writer, const struct acut_mesh_tail *tail, 
 	return format_lines_finish(writer, tail, put_all, err);
 }
 
+static int dxf_contours_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	return format_lines_tiles(writer, tail, put_all, err);
+}
+
 const struct format format_dxf_contours = {
 	.name = "dxf-contours",
 	.extensions = "",
@@ -152,6 +157,10 @@ const struct format format_dxf_contours = {
 	.block = format_lines_block,
 	.finish = dxf_contours_finish,
 	.free = format_lines_free,
+	.simplified = format_lines_simplified,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
+	.lines = format_lines_count,
+	.tile = format_lines_tile,
+	.tile_lines = dxf_contours_tiles,
 };

@@ -93,7 +93,7 @@ static int put_all(struct format_lines *w, struct err *err)
 	bool first = true;
 	int r = put_head(w, err);
 
-	while (!r && !(r = contour_next(w->contour, &line, err)) && line.points) {
+	while (!r && !(r = format_lines_next(w, &line, err)) && line.points) {
 		r = format_lines_room(w, err);
 		if (!r)
 			r = put_line(w, &line, first, err);
@@ -112,6 +112,11 @@ static int geojson_finish(void *writer, const struct acut_mesh_tail *tail, struc
 	return format_lines_finish(writer, tail, put_all, err);
 }
 
+static int geojson_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	return format_lines_tiles(writer, tail, put_all, err);
+}
+
 const struct format format_geojson = {
 	.name = "geojson",
 	.extensions = ".geojson",
@@ -125,6 +130,10 @@ const struct format format_geojson = {
 	.block = format_lines_block,
 	.finish = geojson_finish,
 	.free = format_lines_free,
+	.simplified = format_lines_simplified,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
+	.lines = format_lines_count,
+	.tile = format_lines_tile,
+	.tile_lines = geojson_tiles,
 };

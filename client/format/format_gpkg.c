@@ -183,7 +183,7 @@ static int put_lines(struct gpkg *g, struct err *err)
 
 	if (!r)
 		r = database_prepare(&g->file, "INSERT INTO rtree_contours_geom VALUES (?, ?, ?, ?, ?)", &g->index, err);
-	while (!r && !(r = contour_next(g->w->contour, &line, err)) && line.points) {
+	while (!r && !(r = format_lines_next(g->w, &line, err)) && line.points) {
 		r = format_lines_room(g->w, err);
 		if (!r)
 			r = put_line(g, &line, err);
@@ -264,6 +264,11 @@ static int gpkg_finish(void *writer, const struct acut_mesh_tail *tail, struct e
 	return format_lines_finish(writer, tail, put_all, err);
 }
 
+static int gpkg_tiles(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	return format_lines_tiles(writer, tail, put_all, err);
+}
+
 const struct format format_gpkg = {
 	.name = "gpkg",
 	.extensions = ".gpkg",
@@ -277,6 +282,10 @@ const struct format format_gpkg = {
 	.block = format_lines_block,
 	.finish = gpkg_finish,
 	.free = format_lines_free,
+	.simplified = format_lines_simplified,
 	.save = format_lines_save,
 	.resume = format_lines_resume,
+	.lines = format_lines_count,
+	.tile = format_lines_tile,
+	.tile_lines = gpkg_tiles,
 };

@@ -15,6 +15,7 @@
 #include "err.h"
 #include "format_axis.h"
 #include "format_domain.h"
+#include "format_html.h"
 #include "format_text.h"
 #include "outfile.h"
 #include "page.h"
@@ -22,7 +23,6 @@
 struct html {
 	struct outfile *out, *faces;
 	struct format_options opt;
-	struct format_axis axis[3];
 	struct page_pack *pack;
 	char *facts; /* JSON, without its end */
 	char name[300];
@@ -49,22 +49,6 @@ static int html_open(struct outfile *out, const struct format_options *opt, void
 
 /* ---- facts: what the page knows of the mesh beside its data ---- */
 
-static void put_whole(FILE *f, const char *name, __int128 n, int zeros)
-{
-	unsigned __int128 rest = n < 0 ? -(unsigned __int128)n : (unsigned __int128)n;
-	char digits[48];
-	int at = sizeof(digits);
-
-	do {
-		digits[--at] = (char)('0' + (int)(rest % 10));
-		rest /= 10;
-	} while (rest);
-	fprintf(f, "\"%s\":\"%s%.*s", name, n < 0 ? "-" : "", (int)sizeof(digits) - at, digits + at);
-	for (; zeros > 0 && n; zeros--)
-		fputc('0', f);
-	fputs("\",", f);
-}
-
 /* Whole numbers of any size: coordinate = (number * a + b) / q. */
 static void put_axis(FILE *f, const struct format_axis *ax)
 {
@@ -72,13 +56,13 @@ static void put_axis(FILE *f, const struct format_axis *ax)
 
 	fputc('{', f);
 	if (ax->converted) {
-		put_whole(f, "a", ax->value.a, 0);
-		put_whole(f, "b", ax->value.b, 0);
-		put_whole(f, "q", ax->value.q, 0);
+		page_put_whole(f, "a", ax->value.a, 0);
+		page_put_whole(f, "b", ax->value.b, 0);
+		page_put_whole(f, "q", ax->value.q, 0);
 	} else {
-		put_whole(f, "a", ax->whole ? ax->a : ax->scale.mantissa, e);
-		put_whole(f, "b", ax->whole ? ax->b : (__int128)ax->k * ax->scale.mantissa, e);
-		put_whole(f, "q", 1, -e);
+		page_put_whole(f, "a", ax->whole ? ax->a : ax->scale.mantissa, e);
+		page_put_whole(f, "b", ax->whole ? ax->b : (__int128)ax->k * ax->scale.mantissa, e);
+		page_put_whole(f, "q", 1, -e);
 	}
 	fprintf(f, "\"decimals\":%d}", ax->converted ? ax->decimals : e < 0 ? -e : 0);
 }
@@ -93,44 +77,71 @@ static int put_fact(void *ctx, const char *text, struct err *err)
 	return 0;
 }
 
-static int html_begin(struct html *h, const struct acut_mesh_head *head, struct err *err)
+int format_html_facts(const char *name, const struct acut_mesh_head *head, const struct format_options *opt, char **ret,
+		      struct err *err)
 {
-	char name[FORMAT_TEXT_GROWTH * sizeof(h->name)];
+	char text[FORMAT_TEXT_GROWTH * sizeof(((struct html *)0)->name)];
+	struct format_axis axis[3];
 	size_t size = 0;
-	int r = format_axis_init(h->axis, head, &h->opt, err);
-	FILE *f = r ? NULL : open_memstream(&h->facts, &size);
+	int r = format_axis_init(axis, head, opt, err);
+	FILE *f = r ? NULL : open_memstream(ret, &size);
 
 	if (!f)
 		return r ? r : no_memory(err);
-	fprintf(f, "{\"format\":1,\"name\":\"%s\",\"axes\":[", format_text(FORMAT_TEXT_JSON, h->name, name, sizeof(name)));
+	fprintf(f, "{\"format\":1,\"name\":\"%s\",\"axes\":[", format_text(FORMAT_TEXT_JSON, name, text, sizeof(text)));
 	for (int i = 0; i < 3; i++) {
 		fputs(i ? "," : "", f);
-		put_axis(f, &h->axis[i]);
+		put_axis(f, &axis[i]);
 	}
 	fputs("],\"comments\":{", f);
-	format_comment_head(head, &h->opt, put_fact, f, err);
-	if (fclose(f))
-		return no_memory(err);
-	return page_pack_new(&h->pack, err);
+	format_comment_head(head, opt, put_fact, f, err);
+	return fclose(f) ? no_memory(err) : 0;
 }
 
 /* No end of a script is in a text. */
-static int put_facts(struct html *h, const struct acut_mesh_tail *tail, struct err *err)
+int format_html_put_facts(struct outfile *out, const char *facts, const char *more, const struct acut_mesh_tail *tail,
+			  const uint64_t counts[2], struct err *err)
 {
 	char end[200];
 	int r = 0;
 
-	for (const char *at = h->facts, *next; *at && !r; at = next) {
+	for (const char *at = facts, *next; *at && !r; at = next) {
 		size_t n = strcspn(at, "<");
 
 		next = at + n + (at[n] == '<');
-		r = outfile_write(h->out, at, n, err);
+		r = outfile_write(out, at, n, err);
 		if (!r && at[n])
-			r = outfile_write(h->out, "\\u003c", 6, err);
+			r = outfile_write(out, "\\u003c", 6, err);
 	}
-	snprintf(end, sizeof(end), "\"acut-digest\":\"%s %s\"},\"vertices\":%" PRIu64 ",\"triangles\":%" PRIu64 "}", tail->digest,
-		 tail->vertex_digest, h->nvertex, h->nface);
-	return r ? r : outfile_write(h->out, end, strlen(end), err);
+	snprintf(end, sizeof(end), "\"acut-digest\":\"%s %s\"},", tail->digest, tail->vertex_digest);
+	if (!r)
+		r = outfile_write(out, end, strlen(end), err);
+	if (!r)
+		r = outfile_write(out, more, strlen(more), err);
+	snprintf(end, sizeof(end), "\"vertices\":%" PRIu64 ",\"triangles\":%" PRIu64 "}", counts[0], counts[1]);
+	return r ? r : outfile_write(out, end, strlen(end), err);
+}
+
+static int html_begin(struct html *h, const struct acut_mesh_head *head, struct err *err)
+{
+	int r = format_html_facts(h->name, head, &h->opt, &h->facts, err);
+
+	return r ? r : page_pack_new(&h->pack, err);
+}
+
+int format_html_title(struct outfile *out, const char *sources, const char *name, struct err *err)
+{
+	char title[FORMAT_TEXT_GROWTH * sizeof(((struct html *)0)->name)];
+	int r = page_put(out, PAGE_UP_TO_SOURCES, err);
+
+	format_text(FORMAT_TEXT_XML, name, title, sizeof(title));
+	if (!r)
+		r = outfile_write(out, sources, strlen(sources), err);
+	if (!r)
+		r = page_put(out, PAGE_UP_TO_TITLE, err);
+	if (!r)
+		r = outfile_write(out, title, strlen(title), err);
+	return r ? r : page_put(out, PAGE_UP_TO_VERTICES, err);
 }
 
 /* ---- the file ---- */
@@ -138,16 +149,10 @@ static int put_facts(struct html *h, const struct acut_mesh_tail *tail, struct e
 static int html_head(void *writer, const struct acut_mesh_head *head, struct err *err)
 {
 	struct html *h = writer;
-	char title[FORMAT_TEXT_GROWTH * sizeof(h->name)];
 	int r = html_begin(h, head, err);
 
-	format_text(FORMAT_TEXT_XML, h->name, title, sizeof(title));
 	if (!r)
-		r = page_put(h->out, PAGE_UP_TO_TITLE, err);
-	if (!r)
-		r = outfile_write(h->out, title, strlen(title), err);
-	if (!r)
-		r = page_put(h->out, PAGE_UP_TO_VERTICES, err);
+		r = format_html_title(h->out, "", h->name, err);
 	return r ? r : outfile_annex(h->out, &h->faces, err);
 }
 
@@ -179,8 +184,8 @@ static int html_block(void *writer, const struct format_block *block, struct err
 	if (vertices || h->nface + b->ntriangle > PAGE_TRIANGLES) {
 		err_set(err, ERR_LIMIT, "a page holds %u %s at most, and the mesh has more", PAGE_TRIANGLES,
 			vertices ? "vertices" : "triangles");
-		return err_add_hint(err, "write many pages, --tile SIDE --format html -o DIR/; a part of the mesh, --bbox "
-					 "X1,Y1,X2,Y2; or a coarser one, --thin SIDE");
+		return err_add_hint(err, "write a folder with levels of detail, --levels -o DIR/; many pages, --tile SIDE "
+					 "--format html -o DIR/; or a part of the mesh, --bbox X1,Y1,X2,Y2");
 	}
 	r = page_pack_vertices(h->pack, h->out, b->vertex, b->nnew, err);
 	if (!r)
@@ -202,7 +207,7 @@ static int html_finish(void *writer, const struct acut_mesh_tail *tail, struct e
 	if (!r)
 		r = page_put(h->out, PAGE_UP_TO_FACTS, err);
 	if (!r)
-		r = put_facts(h, tail, err);
+		r = format_html_put_facts(h->out, h->facts, "", tail, (uint64_t[]){h->nvertex, h->nface}, err);
 	return r ? r : page_put(h->out, PAGE_UP_TO_END, err);
 }
 
@@ -222,7 +227,7 @@ static void *html_free(void *writer)
 const struct format format_html = {
 	.name = "html",
 	.extensions = ".html .htm",
-	.help = "a page that shows the mesh, without a network; up to 2 million triangles",
+	.help = "a page that shows the mesh, without a network; more than 2 million triangles with --levels",
 	.purpose = "any browser, telephones too",
 	.kind = FORMAT_MESH,
 	.takes = FORMAT_CANONICAL | FORMAT_ORIGIN | FORMAT_Z_UNIT,

@@ -52,15 +52,24 @@ void *format_lines_free(void *writer)
 
 /* ---- the head ---- */
 
-static int length_of(const char *option, struct decimal value, const char *unit, const char *unit_z, struct contour_length *ret,
-		     struct err *err)
+static int length_of(const char *option, struct decimal value, const char *unit, const char *axes, const char *to,
+		     struct contour_length *ret, struct err *err)
 {
 	*ret = (struct contour_length){value, 1, 1};
-	if (!unit || format_unit_ratio(unit, unit_z, &ret->num, &ret->den))
+	if (!unit || format_unit_ratio(unit, to, &ret->num, &ret->den))
 		return 0;
-	err_set(err, ERR_USAGE, "--%s is in %s, but the unit of z is %.30s", option, unit,
-		unit_z && *unit_z ? unit_z : "unknown");
+	err_set(err, ERR_USAGE, "--%s is in %s, but the unit of %s is %.30s", option, unit, axes, to && *to ? to : "unknown");
 	return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with --assume-units");
+}
+
+static int tolerance_of(const struct format_options *o, const char *unit_xy, double *ret, struct err *err)
+{
+	struct contour_length l;
+	int r = length_of("simplify", o->simplify, o->simplify_unit, "x and y", unit_xy, &l, err);
+
+	if (!r)
+		*ret = decimal_double(l.value) * (double)l.num / (double)l.den;
+	return r;
 }
 
 static int options_of(struct format_lines *w, const struct acut_mesh_head *head, struct contour_options *to, struct err *err)
@@ -70,13 +79,21 @@ static int options_of(struct format_lines *w, const struct acut_mesh_head *head,
 	const char *unit_z = o->z_unit ? o->z_unit : head->unit_z;
 	int r = format_axis_init(axis, head, o, err);
 
-	*to = (struct contour_options){.z_num = 1, .z_den = 1, .interrupted = o->interrupted, .ctx = o->ctx};
+	*to = (struct contour_options){.z_num = 1,
+				       .z_den = 1,
+				       .interrupted = o->interrupted,
+				       .ctx = o->ctx,
+				       .tile_p = w->tiler.p,
+				       .tile_q = w->tiler.q,
+				       .tiles = w->tiler.most};
 	if (!r && o->z_unit)
 		format_unit_ratio(head->unit_z, o->z_unit, &to->z_num, &to->z_den);
 	if (!r)
-		r = length_of("interval", o->interval, o->interval_unit, unit_z, &to->interval, err);
+		r = length_of("interval", o->interval, o->interval_unit, "z", unit_z, &to->interval, err);
 	if (!r)
-		r = length_of("base", o->base, o->base_unit, unit_z, &to->base, err);
+		r = length_of("base", o->base, o->base_unit, "z", unit_z, &to->base, err);
+	if (!r)
+		r = tolerance_of(o, head->unit_xy, &to->simplify, err);
 	for (int i = 0; i < 2 && !r; i++) {
 		to->axis[i] = (struct contour_axis){axis[i].a, axis[i].b, axis[i].e, axis[i].whole, axis[i].scale, axis[i].k};
 		w->decimals = -axis[i].scale.exponent + DECIMALS_MORE;
@@ -117,13 +134,25 @@ static int system_of(struct format_lines *w, const struct acut_mesh_head *head, 
 	return w->wkt ? 0 : err_set(err, ERR_NOMEM, "no memory for a coordinate system");
 }
 
+static int add_tolerance(struct format_lines *w, const struct acut_mesh_head *head, struct err *err)
+{
+	const char *unit = w->opt.simplify_unit ? w->opt.simplify_unit : head->unit_xy;
+	char text[DECIMAL_TEXT_SIZE + 64], number[DECIMAL_TEXT_SIZE];
+
+	snprintf(text, sizeof(text), "acut-simplified %s %.30s", decimal_scaled_text(w->opt.simplify, 1, number),
+		 unit && *unit ? unit : "unknown");
+	return add_comment(w, text, err);
+}
+
 static int set_up(struct format_lines *w, const struct acut_mesh_head *head, struct contour_options *to, struct err *err)
 {
 	int r = options_of(w, head, to, err);
 
 	if (!r)
 		r = system_of(w, head, to, err);
-	return r ? r : format_comment_head(head, &w->opt, add_comment, w, err);
+	if (!r)
+		r = format_comment_head(head, &w->opt, add_comment, w, err);
+	return r || !w->opt.simplify.mantissa ? r : add_tolerance(w, head, err);
 }
 
 int format_lines_head(void *writer, const struct acut_mesh_head *head, struct err *err)
@@ -156,19 +185,78 @@ int format_lines_block(void *writer, const struct format_block *block, struct er
 
 /* ---- the end ---- */
 
-int format_lines_finish(struct format_lines *w, const struct acut_mesh_tail *tail,
-			int (*write)(struct format_lines *, struct err *), struct err *err)
+static int join(struct format_lines *w, const struct acut_mesh_tail *tail, struct err *err)
 {
 	char text[128];
 	int r;
 
 	snprintf(text, sizeof(text), "acut-digest %s %s", tail->digest, tail->vertex_digest);
 	r = add_comment(w, text, err);
-	if (!r)
-		r = contour_join(w->contour, err);
+	return r ? r : contour_join(w->contour, err);
+}
+
+int format_lines_finish(struct format_lines *w, const struct acut_mesh_tail *tail,
+			int (*write)(struct format_lines *, struct err *), struct err *err)
+{
+	int r = join(w, tail, err);
+
 	if (!r)
 		r = write(w, err);
 	return r ? r : contour_done(w->contour, err);
+}
+
+void format_lines_tile(void *writer, const struct format_tiler *tiler)
+{
+	((struct format_lines *)writer)->tiler = *tiler;
+}
+
+int format_lines_tiles(struct format_lines *w, const struct acut_mesh_tail *tail,
+		       int (*write)(struct format_lines *, struct err *), struct err *err)
+{
+	const struct format_tiler *t = &w->tiler;
+	struct outfile *mine = w->out;
+	int64_t at[2];
+	bool any;
+	int r = join(w, tail, err);
+
+	while (!r && !(r = contour_next_tile(w->contour, at, &any, err)) && any) {
+		r = t->begin(t->ctx, at, &w->out, err);
+		if (r)
+			break;
+		w->lines = 0;
+		r = write(w, err);
+		if (r)
+			t->drop(w->out);
+		else
+			r = t->end(t->ctx, at, w->out, w->lines_box, w->lines, err);
+	}
+	w->out = mine;
+	return r ? r : contour_done(w->contour, err);
+}
+
+int format_lines_next(struct format_lines *w, struct contour_line *ret, struct err *err)
+{
+	int r = contour_next(w->contour, ret, err);
+
+	if (r || !ret->points)
+		return r;
+	for (int i = 0; i < 4; i++)
+		if (!w->lines || (i < 2 ? ret->box[i] < w->lines_box[i] : ret->box[i] > w->lines_box[i]))
+			w->lines_box[i] = ret->box[i];
+	w->lines++;
+	return 0;
+}
+
+uint64_t format_lines_count(const void *writer)
+{
+	return ((const struct format_lines *)writer)->lines;
+}
+
+struct format_simplified format_lines_simplified(const void *writer)
+{
+	struct contour_simplified s = contour_simplified(((const struct format_lines *)writer)->contour);
+
+	return (struct format_simplified){s.vertices, s.left_out};
 }
 
 bool format_lines_is_index(const struct format_lines *w, int64_t level)

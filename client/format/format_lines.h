@@ -20,6 +20,9 @@ struct format_lines {
 	char *comments;            /* acut-crs ... acut-digest, lines */
 	int decimals;              /* of coordinates as text */
 	double box[4];             /* that the head announces: least x y, greatest x y */
+	uint64_t lines;            /* that were handed out */
+	double lines_box[4];       /* of these */
+	struct format_tiler tiler; /* most 0: one file */
 };
 
 int format_lines_open(struct outfile *, const struct format_options *, const char *name, void **ret, struct err *err);
@@ -32,6 +35,15 @@ void *format_lines_free(void *writer);
 int format_lines_finish(struct format_lines *, const struct acut_mesh_tail *, int (*write)(struct format_lines *, struct err *),
 			struct err *err);
 
+/* Before the head, and in place of format_lines_finish: `write` writes a file for each tile. */
+void format_lines_tile(void *writer, const struct format_tiler *);
+int format_lines_tiles(struct format_lines *, const struct acut_mesh_tail *, int (*write)(struct format_lines *, struct err *),
+		       struct err *err);
+/* contour_next, counted; and how many lines the files have. */
+int format_lines_next(struct format_lines *, struct contour_line *ret, struct err *err);
+uint64_t format_lines_count(const void *writer);
+struct format_simplified format_lines_simplified(const void *writer);
+
 bool format_lines_is_index(const struct format_lines *, int64_t level);
 /* -ERR_LIMIT: so much output would meet the pieces. Before each line. */
 int format_lines_room(const struct format_lines *, struct err *err);
@@ -39,6 +51,6 @@ enum { FORMAT_LINES_NUMBER = 40 }; /* room for one as text */
 /* A coordinate with the decimals that tell doubles of its size apart, without zeros at the end. Returns the end. */
 char *format_lines_text(const struct format_lines *, double v, char *at);
 
-#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX)
+#define FORMAT_LINES_TAKES (FORMAT_Z_UNIT | FORMAT_INTERVAL | FORMAT_BASE | FORMAT_INDEX | FORMAT_SIMPLIFY)
 
 #endif

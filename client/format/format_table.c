@@ -95,13 +95,14 @@ unsigned format_options_given(const struct format_options *opt)
 	       (opt->z_unit ? FORMAT_Z_UNIT : 0) | (opt->width ? FORMAT_SIZED : 0) | (opt->color ? FORMAT_COLORED : 0) |
 	       (opt->polyface ? FORMAT_POLYFACE : 0) | (opt->cell.mantissa ? FORMAT_CELL : 0) |
 	       (opt->raster ? FORMAT_RASTERED : 0) | (opt->interval.mantissa ? FORMAT_INTERVAL : 0) |
-	       (opt->has_base ? FORMAT_BASE : 0) | (opt->has_index ? FORMAT_INDEX : 0);
+	       (opt->has_base ? FORMAT_BASE : 0) | (opt->has_index ? FORMAT_INDEX : 0) |
+	       (opt->simplify.mantissa ? FORMAT_SIMPLIFY : 0);
 }
 
 const char *format_option_name(unsigned options)
 {
 	static const char *const name[] = {"canonical", "origin", "z-unit",   "width", "color", "polyface",
-					   "cell",      "raster", "interval", "base",  "index"};
+					   "cell",      "raster", "interval", "base",  "index", "simplify"};
 
 	return options ? name[__builtin_ctz(options)] : NULL;
 }

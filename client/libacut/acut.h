@@ -586,6 +586,7 @@ struct acut_mesh_block {
 	 */
 	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
+	int32_t (*local)[3]; /* nforeign free places, then `vertex`: for who keeps the positions of open vertices; or NULL */
 };
 struct acut_mesh_tail {
 	uint64_t blocks, vertices, triangles, hull;

@@ -127,7 +127,8 @@ struct fetch *fetch_free(struct fetch *);
 char *call_text(const char *text);
 void call_failure(const struct err *err, struct acut_failure *ret);
 void call_wire_failure(const Acut__V1__Error *, struct acut_failure *ret);
-void call_side(const Acut__V1__CacheSide *, struct acut_side *ret); /* cache.c; NULL is fine */
+void call_line_set(const Acut__V1__LineSet *, struct acut_line_set *ret); /* lines.c */
+void call_side(const Acut__V1__CacheSide *, struct acut_side *ret);       /* cache.c; NULL is fine */
 void call_progress(const Acut__V1__Progress *, struct acut_progress *ret);
 void call_dataset(const Acut__V1__Dataset *, struct acut_dataset *ret);
 /* The file must be one that the daemon takes. */

@@ -172,6 +172,7 @@ static int on_block(struct fetch *f)
 		.nforeign = b->nforeign,
 		.nnew = b->nnew,
 		.ntriangle = b->ntriangle,
+		.local = b->local,
 	};
 	int r = f->unasked ? unasked_kind(f) : f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
 

@@ -1,5 +1,22 @@
-/* Lines of a dataset: where they cross, and where their heights differ. */
+/* Lines of a dataset: what became of them, where they cross, and where their heights differ. */
 #include "call.h"
+
+void call_line_set(const Acut__V1__LineSet *m, struct acut_line_set *ret)
+{
+	*ret = (struct acut_line_set){.lines = m->lines,
+				      .vertices = m->vertices,
+				      .positions = m->positions,
+				      .pieces = m->pieces,
+				      .crossings = m->crossings,
+				      .uneven = m->uneven,
+				      .widest = m->widest,
+				      .widest_at = {m->widest_x, m->widest_y},
+				      .left_out = m->left_out,
+				      .doubled = m->doubled,
+				      .points = m->points};
+	for (size_t i = 0; i < m->n_features && i < 4; i++)
+		ret->features[i] = m->features[i];
+}
 
 struct places {
 	Acut__V1__PlacesRequest req;

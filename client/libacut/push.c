@@ -473,23 +473,6 @@ const struct acut_push_planned *acut_push_planned(const struct acut_push *push)
 	return &push->acut->planned;
 }
 
-static void take_line_set(const Acut__V1__LineSet *m, struct acut_line_set *ret)
-{
-	*ret = (struct acut_line_set){.lines = m->lines,
-				      .vertices = m->vertices,
-				      .positions = m->positions,
-				      .pieces = m->pieces,
-				      .crossings = m->crossings,
-				      .uneven = m->uneven,
-				      .widest = m->widest,
-				      .widest_at = {m->widest_x, m->widest_y},
-				      .left_out = m->left_out,
-				      .doubled = m->doubled,
-				      .points = m->points};
-	for (size_t i = 0; i < m->n_features && i < 4; i++)
-		ret->features[i] = m->features[i];
-}
-
 int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret)
 {
 	struct acut *a = push->acut;
@@ -506,7 +489,7 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 	a->pushed = (struct acut_push_result){
 		.dataset = c->dataset, .generation = c->generation, .points = c->points, .unchanged = c->unchanged};
 	if (c->line_set) {
-		take_line_set(c->line_set, &a->line_set);
+		call_line_set(c->line_set, &a->line_set);
 		a->pushed.line_set = &a->line_set;
 	}
 	*ret = &a->pushed;

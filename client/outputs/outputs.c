@@ -132,10 +132,13 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	if (!r && run->opt.tiled)
 		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
 				 outputs_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
-	run->positions |= run->opt.tiled;
-	if (!r && run->opt.tiled)
-		r = trim(run, run->tiles->index, err);
-	if (r || run->opt.tiled) {
+	if (!r && run->opt.levels)
+		r = run->levels ? err_set(err, ERR_USAGE, "levels of detail go into one folder, and two are given") :
+				  outputs_levels_new(path, format, opt, &run->opt, &run->levels, err);
+	run->positions |= run->opt.tiled || run->opt.levels;
+	if (!r && (run->opt.tiled || run->opt.levels))
+		r = trim(run, run->tiles ? run->tiles->index : outputs_levels_beside(run->levels), err);
+	if (r || run->opt.tiled || run->opt.levels) {
 		free(t);
 		return r && path ? err_add_file(err, path) : r;
 	}
@@ -155,6 +158,8 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 		r = format->open(t->out, opt, &t->writer, err);
 	if (!r && opt->canonical)
 		r = outputs_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
+	if (!r && opt->canonical)
+		outputs_canonical_interrupt(t->canonical, run->opt.interrupted, run->opt.ctx);
 	if (r) {
 		if (path)
 			err_add_file(err, path);
@@ -191,6 +196,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 		r = target_head(t, head, &run->err);
 	if (!r && run->change)
 		r = outputs_change_head(run->change, head, &run->err);
+	if (!r && run->levels)
+		r = outputs_levels_head(run->levels, head, &run->err);
 	return r || !run->tiles ? r : outputs_tiles_head(run->tiles, head, &run->err);
 }
 
@@ -213,6 +220,8 @@ static int run_write(void *ctx, const struct format_block *given)
 	for (struct outputs_target *t = run->target; t && !r; t = t->next)
 		r = t->canonical ? outputs_canonical_block(t->canonical, &block, &run->err) :
 				   t->format->block(t->writer, &block, &run->err);
+	if (!r && run->levels)
+		r = outputs_levels_block(run->levels, &block, &run->err);
 	return r || !run->tiles ? r : outputs_tiles_block(run->tiles, &block, &run->err);
 }
 
@@ -298,6 +307,8 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 		r = outputs_change_tail(run->change, &run->err);
 	if (!r && run->tiles)
 		r = outputs_tiles_tail(run->tiles, tail, &run->err);
+	if (!r && run->levels)
+		outputs_levels_tail(run->levels, &written);
 	run->tail = *tail;
 	snprintf(run->digest, sizeof(run->digest), "%s", tail->digest);
 	snprintf(run->vertex_digest, sizeof(run->vertex_digest), "%s", tail->vertex_digest);
@@ -357,6 +368,8 @@ int outputs_publish(struct outputs *run, struct err *err)
 		run->bytes += t->out ? outfile_size(t->out) : 0;
 	}
 	outputs_keep_done(run);
+	if (run->levels)
+		return outputs_levels_publish(run->levels, &run->bytes, err);
 	outputs_report(run, &report);
 	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, &report, &run->bytes, err) : 0;
 }
@@ -365,6 +378,16 @@ void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint6
 {
 	free(run->origin.dataset);
 	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
+}
+
+static uint32_t without_lines(const struct outputs *run)
+{
+	uint32_t bits = 0;
+	unsigned i = 0;
+
+	for (const struct outputs_target *t = run->target; t; t = t->next, i++)
+		bits |= (uint32_t)(t->format->lines && !t->format->lines(t->writer)) << i;
+	return run->tiles && run->tiles->format->lines && !outputs_tiles_count(run->tiles) ? 1 : bits;
 }
 
 static struct outputs_left_out count_of(const struct outputs *run, const struct outputs_left *left)
@@ -380,11 +403,22 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.bytes = run->bytes,
 		.left_out = count_of(run, &left),
 		.all_left_out = left.triangles && left.triangles == run->all_triangles,
-		.tiles = run->tiles ? outputs_tiles_count(run->tiles) : 0,
+		.tiles = run->tiles  ? outputs_tiles_count(run->tiles) :
+			 run->levels ? outputs_levels_count(run->levels) :
+				       0,
+		.no_lines = without_lines(run),
 		.longest_edge = outputs_edge_longest(&run->edge),
 		.median_edge = outputs_edge_median(&run->edge),
 		.long_share = outputs_edge_share(&run->edge, OUTPUTS_LONG_EDGE * outputs_edge_median(&run->edge)),
 	};
+	for (const struct outputs_target *t = run->target; t; t = t->next) {
+		struct format_simplified s = {0};
+
+		if (t->opt.simplify.mantissa && t->format->simplified && t->writer)
+			s = t->format->simplified(t->writer);
+		ret->simplified.vertices += s.vertices;
+		ret->simplified.left_out += s.left_out;
+	}
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
 	for (enum outputs_reason i = 0; i < OUTPUTS_REASONS; i++)
@@ -405,6 +439,7 @@ struct outputs *outputs_free(struct outputs *run)
 		target_free(t);
 	}
 	outputs_tiles_free(run->tiles);
+	outputs_levels_free(run->levels);
 	outputs_change_free(run->change);
 	outputs_front_done(&run->front);
 	outputs_hull_free(run->hull);

@@ -30,8 +30,9 @@ struct outputs_options {
 	uint64_t sort_memory;            /* for canonical and tiles; 0 = 64 MiB */
 	bool changes;                  /* the stream is one of changes: NAME.changes.geojson is written beside the first output */
 	bool tiled;                    /* the one output is a folder of tiles */
+	bool levels;                   /* the one output is a folder with a page and its tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	int (*interrupted)(void *ctx); /* not 0: give up; called while tiles are made; may be NULL */
+	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
 	void *ctx;
 };
 
@@ -40,6 +41,7 @@ struct outputs_options {
 #define OUTPUTS_LONG_EDGE 50 /* times the median: not of the spacing of the survey any more */
 #define OUTPUTS_CHANGES ".changes.geojson"
 #define OUTPUTS_TILES_INDEX "index.geojson"
+#define OUTPUTS_LEVELS_INDEX "index.html"
 
 /* Regions with triangles. */
 struct outputs_changes_counts {
@@ -62,8 +64,10 @@ struct outputs_report {
 	char cut[OUTPUTS_CUTS][40]; /* digests of areas; "": not given */
 	char unit_xy[16];           /* of the file */
 	struct outputs_changes_counts changes;
-	uint64_t tiles;                   /* files of tiles; 0 without tiles */
-	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
+	struct format_simplified simplified; /* of all outputs of contours with --simplify */
+	uint64_t tiles;                      /* files of tiles, of levels, too; 0 without any */
+	uint32_t no_lines;                   /* bits: outputs of lines that have none, in the order of the adds */
+	double longest_edge, median_edge;    /* if edges were asked for; 0 without triangles */
 	double long_share; /* of the area of all triangles, the part of those with an edge above OUTPUTS_LONG_EDGE medians */
 };
 

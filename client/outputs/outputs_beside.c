@@ -100,6 +100,27 @@ static void put_levels(FILE *f, const struct format_options *o)
 	fprintf(f, ",\"index\":%u", o->has_index ? o->index : FORMAT_INDEX_EACH);
 }
 
+static void put_simplify(FILE *f, const struct format_options *o)
+{
+	if (o->simplify.mantissa)
+		put_level(f, "simplify", o->simplify, o->simplify_unit);
+	else
+		fputs(",\"simplify\":null,\"simplify_unit\":null", f);
+}
+
+static void put_simplified(FILE *f, const struct outputs_target *t)
+{
+	struct format_simplified s = {0};
+
+	if (t->opt.simplify.mantissa) {
+		s = t->format->simplified(t->writer);
+		fprintf(f, ",\n\"simplified\":{\"vertices\":%llu,\"left_out\":%llu}", (unsigned long long)s.vertices,
+			(unsigned long long)s.left_out);
+	} else {
+		fputs(",\n\"simplified\":null", f);
+	}
+}
+
 static void put_options(FILE *f, const struct outputs_target *t)
 {
 	static const char *const raster[] = {"elevation", "slope", "hillshade"};
@@ -117,6 +138,7 @@ static void put_options(FILE *f, const struct outputs_target *t)
 	fputs(",\"raster\":", f);
 	outputs_geojson_text(f, !o->cell.mantissa ? NULL : t->format->kind == FORMAT_PICTURE ? "hillshade" : raster[o->raster]);
 	put_levels(f, o);
+	put_simplify(f, o);
 	fputs("}", f);
 }
 
@@ -169,6 +191,7 @@ static int sidecar_text(const struct outputs *run, const struct outputs_target *
 	put_text(f, "wkt", run->head.is.wkt);
 	outputs_geojson_origin(f, &run->head.is, &t->opt);
 	put_mesh(f, run, &report);
+	put_simplified(f, t);
 	fputs(",\n", f);
 	put_options(f, t);
 	fputs("}\n", f);

@@ -30,6 +30,8 @@ struct outputs_canonical {
 	struct outfile *keys; /* of the vertices, in order */
 	size_t words;         /* of a record of it: 1, or 2 with positions */
 	uint64_t memory;
+	int (*interrupted)(void *ctx); /* NULL, or not 0: give up */
+	void *ctx;
 	bool lines;               /* triangles have flags */
 	bool merge;               /* the same vertex comes more than once */
 	uint64_t nvertex, *first; /* first key of each page */
@@ -87,8 +89,19 @@ int outputs_canonical_new(const struct format *format, void *writer, const struc
 
 int outputs_canonical_head(struct outputs_canonical *c, const struct outfile *beside, bool lines, struct err *err)
 {
+	int r = sort_new(CORNERS + lines, CORNERS, c->memory - c->memory / 3, beside, &c->triangles, err);
+
 	c->lines = lines;
-	return sort_new(CORNERS + lines, CORNERS, c->memory - c->memory / 3, beside, &c->triangles, err);
+	if (!r)
+		sort_interrupt(c->triangles, c->interrupted, c->ctx);
+	return r;
+}
+
+void outputs_canonical_interrupt(struct outputs_canonical *c, int (*interrupted)(void *ctx), void *ctx)
+{
+	c->interrupted = interrupted;
+	c->ctx = ctx;
+	sort_interrupt(c->vertices, interrupted, ctx);
 }
 
 void outputs_canonical_merge(struct outputs_canonical *c)

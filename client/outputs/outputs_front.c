@@ -79,10 +79,14 @@ static bool is_final(const struct acut_mesh_block *b, uint32_t local)
 	return b->final && (b->final[local >> 3] >> (local & 7) & 1);
 }
 
-int outputs_front_block(struct outputs_front *t, const struct acut_mesh_block *b, const int32_t (**ret)[3], struct err *err)
+/* Where the positions of the block go; those of new vertices are there already if the block has room for the others. */
+static int room_of(struct outputs_front *t, const struct acut_mesh_block *b, int32_t (**ret)[3], struct err *err)
 {
 	size_t n = (size_t)b->nforeign + b->nnew;
 
+	*ret = b->local;
+	if (b->local)
+		return 0;
 	if (n > t->room) {
 		void *grown = realloc(t->position, n * sizeof(*t->position));
 		if (!grown)
@@ -90,17 +94,27 @@ int outputs_front_block(struct outputs_front *t, const struct acut_mesh_block *b
 		t->position = grown;
 		t->room = n;
 	}
+	if (b->nnew)
+		memcpy(t->position + b->nforeign, b->vertex, b->nnew * sizeof(*t->position));
+	*ret = t->position;
+	return 0;
+}
+
+int outputs_front_block(struct outputs_front *t, const struct acut_mesh_block *b, const int32_t (**ret)[3], struct err *err)
+{
+	int32_t(*position)[3] = NULL;
+
+	if (room_of(t, b, &position, err))
+		return -err->code;
 	for (uint32_t i = 0; i < b->nforeign; i++) {
 		struct outputs_front_slot *s = open_find(t, b->foreign[i]);
 		if (!s)
 			return err_set(err, ERR_PROTO, "the stream uses vertex %llu after it was finished",
 				       (unsigned long long)b->foreign[i]);
-		memcpy(t->position[i], s->at, sizeof(s->at));
+		memcpy(position[i], s->at, sizeof(s->at));
 		if (is_final(b, i))
 			open_drop(t, s);
 	}
-	if (b->nnew)
-		memcpy(t->position + b->nforeign, b->vertex, b->nnew * sizeof(*t->position));
 	for (uint32_t i = 0; i < b->nnew; i++) {
 		if (is_final(b, b->nforeign + i))
 			continue;
@@ -108,7 +122,7 @@ int outputs_front_block(struct outputs_front *t, const struct acut_mesh_block *b
 			return -err->code;
 		open_put(t, b->first + i, b->vertex[i]);
 	}
-	*ret = (const int32_t(*)[3])t->position;
+	*ret = (const int32_t(*)[3])position;
 	return 0;
 }
 

@@ -85,6 +85,10 @@ static char *options_text(const struct outputs *run, uint64_t job, struct err *e
 			if (t->opt.z_unit)
 				fprintf(f, " z-unit=%s", t->opt.z_unit);
 			put_levels(f, &t->opt);
+			if (t->opt.simplify.mantissa) {
+				put_decimal(f, "simplify", t->opt.simplify);
+				fprintf(f, " %s", t->opt.simplify_unit ? t->opt.simplify_unit : "-");
+			}
 			fprintf(f, " %s", outfile_base(t->out));
 		}
 	}
@@ -113,6 +117,10 @@ static int cannot(const struct outputs *run, const struct outputs_target *t, str
 	}
 	if (run->tiles) {
 		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
+	if (run->levels) {
+		err_set(err, ERR_USAGE, "levels of detail are sorted at the end: a fetch cannot be resumed with --levels");
 		return err_add_hint(err, "fetch it again, without --resume");
 	}
 	if (run->hull) {

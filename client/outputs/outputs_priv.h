@@ -11,6 +11,7 @@
 #include "sort.h"
 
 struct outputs_change;
+struct outputs_levels;
 struct outputs_tiles;
 
 /* Where a mesh is from, for the indexes of tiles and changes. */
@@ -28,7 +29,7 @@ struct outputs_front {
 		uint32_t used;
 	} * slot;
 	size_t size, used;      /* size a power of two */
-	int32_t (*position)[3]; /* of the current block */
+	int32_t (*position)[3]; /* of the current block, unless it has room for them */
 	size_t room;
 };
 /* Positions of all local vertices of the block; afterwards the table holds what later blocks may use. */
@@ -144,6 +145,8 @@ struct outputs_mask *outputs_mask_free(struct outputs_mask *);
 struct outputs_canonical;
 int outputs_canonical_new(const struct format *, void *writer, const struct outfile *beside, uint64_t memory,
 			  struct outputs_canonical **ret, struct err *err);
+/* To be asked while it sorts; may be NULL. */
+void outputs_canonical_interrupt(struct outputs_canonical *, int (*interrupted)(void *ctx), void *ctx);
 /* Vertices come once for each triangle that has them, and are written once. */
 /* Before the first block. `lines`: triangles may have flags. */
 int outputs_canonical_head(struct outputs_canonical *, const struct outfile *beside, bool lines, struct err *err);
@@ -152,6 +155,19 @@ int outputs_canonical_block(struct outputs_canonical *, const struct format_bloc
 /* Sends everything to the writer, in order, as blocks; the caller finishes the writer. */
 int outputs_canonical_finish(struct outputs_canonical *, struct err *err);
 struct outputs_canonical *outputs_canonical_free(struct outputs_canonical *);
+
+/* ---- --levels: outputs_levels.c ---- */
+
+int outputs_levels_new(const char *dir, const struct format *, const struct format_options *, const struct outputs_options *,
+		       struct outputs_levels **ret, struct err *err);
+const struct outfile *outputs_levels_beside(const struct outputs_levels *);
+int outputs_levels_head(struct outputs_levels *, const struct acut_mesh_head *, struct err *err);
+int outputs_levels_block(struct outputs_levels *, const struct format_block *, struct err *err);
+void outputs_levels_tail(struct outputs_levels *, const struct acut_mesh_tail *);
+/* Makes the folder. *bytes grows by its files. */
+int outputs_levels_publish(struct outputs_levels *, uint64_t *bytes, struct err *err);
+uint64_t outputs_levels_count(const struct outputs_levels *); /* tiles */
+struct outputs_levels *outputs_levels_free(struct outputs_levels *);
 
 /* ---- what a stream says first, with texts of its own: outputs_beside.c ---- */
 
@@ -183,6 +199,7 @@ struct outputs {
 	bool positions;                /* an output needs them; so does the gathering of edges */
 	struct outputs_change *change; /* NULL: the stream is of a mesh */
 	struct outputs_tiles *tiles;   /* NULL: one file an output */
+	struct outputs_levels *levels; /* likewise, but for --levels */
 	bool finished;
 	char trimmed[384];             /* of the options of formats */
 	uint64_t all_triangles;        /* of the stream, after its tail */

@@ -10,7 +10,8 @@
  * stream announces may have thousands of millions of tiles, since one point far away is enough for that. Memory is that of
  * the sort and some hundred bytes a tile; one nameless file has the rest.
  *
- * A raster is drawn as a whole and divides itself: a pixel is in the tile that has its centre (outputs_tile_raster.c).
+ * A raster is drawn as a whole and divides itself: a pixel is in the tile that has its centre (outputs_tile_raster.c). So do
+ * lines, which are cut at the borders.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -36,12 +37,13 @@ static int tiles_check(const char *dir, const struct format *format, const struc
 		err_set(err, ERR_USAGE, "--sidecar has no meaning for tiles");
 		return err_add_hint(err, OUTPUTS_TILES_INDEX " says what they are");
 	}
-	if (format->kind == FORMAT_LINES) {
-		err_set(err, ERR_USAGE, "--tile has no meaning for %s: lines would end at the triangles of a tile", format->name);
-		return err_add_hint(err, "write one file, or one a window with --bbox: lines are cut there");
-	}
 	if (format->kind == FORMAT_PICTURE && opt->color == FORMAT_DOMAIN)
 		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
+	if (format->kind == FORMAT_LINES && opt->simplify.mantissa) {
+		err_set(err, ERR_USAGE,
+			"--simplify and --tile do not go together: lines would be cut before they are simplified");
+		return err_add_hint(err, "write one file with --simplify, or tiles of exact lines");
+	}
 	if (size.mantissa <= 0)
 		return err_set(err, ERR_USAGE, "--tile is not a length above zero");
 	return 0;
@@ -70,10 +72,12 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
 	t->opt.tiled = true;
-	if (!r && format->tiles && (format->kind == FORMAT_RASTER || opt->cell.mantissa))
+	if (!r && ((format->tiles && (format->kind == FORMAT_RASTER || opt->cell.mantissa)) || format->tile_lines))
 		r = format->open(t->index, &t->opt, &t->writer, err);
 	else if (!r)
 		r = sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+	if (!r && t->sort)
+		sort_interrupt(t->sort, run->interrupted, run->ctx);
 	if (r) {
 		outputs_tiles_free(t);
 		return r;
@@ -146,6 +150,8 @@ int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *hea
 		return err_add_hint(err, "give --tile with fewer decimals");
 	}
 	r = lay_out(t, err);
+	if (!r && t->format->tile)
+		outputs_tiles_tile(t);
 	return r || !t->writer ? r : t->format->head(t->writer, head, err);
 }
 
@@ -157,9 +163,10 @@ void outputs_tiles_number(const struct outputs_tiles *t, size_t i, int64_t ret[2
 
 const char *outputs_tiles_name_at(const struct outputs_tiles *t, const int64_t at[2], char buf[OUTFILE_NAME])
 {
-	int n = (int)strcspn(t->format->extensions, " ");
+	const char *extension = *t->format->extensions ? t->format->extensions : ".dxf"; /* dxf-contours has none of its own */
 
-	snprintf(buf, OUTFILE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n, t->format->extensions);
+	snprintf(buf, OUTFILE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], (int)strcspn(extension, " "),
+		 extension);
 	return buf;
 }
 

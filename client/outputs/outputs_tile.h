@@ -9,7 +9,8 @@
 struct outputs_tile {
 	uint64_t number; /* row << 32 | column, from the first ones of the box */
 	uint64_t triangles, vertices, bytes;
-	uint64_t pixels[2]; /* of rasters, which have the two below in place of the rest */
+	uint64_t pixels[2]; /* of rasters, which have these and `edge` in place of the rest */
+	uint64_t lines;     /* of lines, likewise */
 	double edge[4];
 	int32_t box[6]; /* of the vertices of its triangles */
 	struct digest digest, vertex_digest;
@@ -23,7 +24,7 @@ struct outputs_tiles {
 	struct outfile_folder *place;
 	struct outfile *index;
 	struct sort *sort; /* the triangles, by tile */
-	void *writer;      /* of a raster, in place of the sort */
+	void *writer;      /* of a raster or of lines, in place of the sort */
 	struct outputs_head copy;
 	struct acut_mesh_head head; /* its texts are the copy's */
 	struct acut_mesh_tail tail;
@@ -60,6 +61,7 @@ void outputs_tiles_number(const struct outputs_tiles *, size_t i, int64_t ret[2]
 /* outputs_tile_make.c: a file for each, in the inner folder. */
 int outputs_tiles_make(struct outputs_tiles *, struct err *err);
 int outputs_tiles_raster(struct outputs_tiles *, struct err *err); /* outputs_tile_raster.c: likewise */
+void outputs_tiles_tile(struct outputs_tiles *);                   /* before the head of a writer of lines */
 /* outputs_tile_index.c */
 int outputs_tiles_index(struct outputs_tiles *, const struct outputs_report *, struct err *err);
 

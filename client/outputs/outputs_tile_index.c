@@ -70,8 +70,12 @@ static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 	if (t->writer) {
 		for (int k = 0; k < 4; k++)
 			fprintf(f, "%s%.17g", k ? "," : "", tile->edge[k]);
-		fprintf(f, "],\"pixels\":[%llu,%llu],\"bytes\":%llu", (unsigned long long)tile->pixels[0],
-			(unsigned long long)tile->pixels[1], (unsigned long long)tile->bytes);
+		if (tile->lines)
+			fprintf(f, "],\"lines\":%llu", (unsigned long long)tile->lines);
+		else
+			fprintf(f, "],\"pixels\":[%llu,%llu]", (unsigned long long)tile->pixels[0],
+				(unsigned long long)tile->pixels[1]);
+		fprintf(f, ",\"bytes\":%llu", (unsigned long long)tile->bytes);
 	} else {
 		put_triangles(f, t, tile);
 	}

@@ -116,6 +116,8 @@ static int start(struct maker *m, const char *name, struct err *err)
 	if (!r)
 		r = outputs_canonical_new(&m->counter, m, m->out, memory_of(t, m->tile), &m->canonical, err);
 	if (!r)
+		outputs_canonical_interrupt(m->canonical, t->run.interrupted, t->run.ctx);
+	if (!r)
 		r = outputs_canonical_head(m->canonical, m->out, t->head.lines, err);
 	if (!r)
 		outputs_canonical_merge(m->canonical);

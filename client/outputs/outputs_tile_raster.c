@@ -1,9 +1,11 @@
 /*
- * The tiles of a raster.
+ * The tiles of a raster, and of lines.
  *
  * The format has drawn all of it and divides it (dem.h): each pixel is in the tile that has its centre, and tiles without a
  * height are left out, as tiles without triangles are. So tiles together are the whole raster, pixel for pixel. What stands
  * beside a picture, as its world file, stands beside each of its tiles; all tiles have the same of these files.
+ *
+ * Lines are cut at the borders of tiles (contour.h); tiles without lines are left out.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -101,10 +103,43 @@ static int tile_end(void *ctx, const int64_t at[2], struct outfile *out, const s
 	return r;
 }
 
+static int lines_end(void *ctx, const int64_t at[2], struct outfile *out, const double box[4], uint64_t lines, struct err *err)
+{
+	struct outputs_tiles *t = ctx;
+	uint64_t column = (uint64_t)(at[0] - t->first[0]), row = (uint64_t)(at[1] - t->first[1]);
+	struct outputs_tile tile = {.number = row << 32 | column, .lines = lines};
+	int r = column < t->count[0] && row < t->count[1] ?
+			outfile_publish(out, err) :
+			err_set(err, ERR_PROTO, "a line is outside of the box that the stream announced");
+
+	memcpy(tile.edge, box, sizeof(tile.edge));
+	tile.bytes = outfile_size(out);
+	outfile_free(out);
+	return r ? r : keep(t, &tile, err);
+}
+
+static void lines_drop(struct outfile *out)
+{
+	outfile_free(out);
+}
+
+void outputs_tiles_tile(struct outputs_tiles *t)
+{
+	const struct format_tiler tiler = {
+		.p = t->p, .q = t->q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = lines_end, .drop = lines_drop, .ctx = t};
+
+	t->format->tile(t->writer, &tiler);
+}
+
 int outputs_tiles_raster(struct outputs_tiles *t, struct err *err)
 {
 	const struct dem_tiler tiler = {
 		.p = t->p, .q = t->q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = tile_end, .ctx = t};
+	int r;
 
-	return t->format->tiles(t->writer, &tiler, &t->tail, err);
+	if (!t->format->tile_lines)
+		return t->format->tiles(t->writer, &tiler, &t->tail, err);
+	r = t->format->tile_lines(t->writer, &t->tail, err);
+	outputs_tiles_order(t);
+	return r;
 }

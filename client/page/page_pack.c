@@ -140,6 +140,15 @@ int page_pack_vertices(struct page_pack *p, struct outfile *out, const int32_t (
 	return 0;
 }
 
+int page_pack_numbers(struct page_pack *p, struct outfile *out, const uint64_t *numbers, size_t n, struct err *err)
+{
+	uint8_t *at = p->raw;
+
+	for (size_t i = 0; i < n; i++)
+		at = put_number(at, numbers[i]);
+	return put_line(p, out, at, err);
+}
+
 static int compare(const void *a, const void *b)
 {
 	const uint32_t *t = a, *u = b;

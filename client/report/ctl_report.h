@@ -15,8 +15,8 @@ void ctl_report_system(struct term_json *, const struct acut_dataset *);
 void ctl_report_mesh(struct term_json *, const struct acut_report * /* or NULL */);
 /* The position that most points share, as "most". */
 void ctl_report_most(struct term_json *, uint64_t points, const double at[2]);
-/* "notes": the sentences of a report, none without one. */
-void ctl_report_notes(struct term_json *, const struct acut_report * /* or NULL */);
+/* "notes": the sentences of a report, none without one, and one more, or "". */
+void ctl_report_notes(struct term_json *, const struct acut_report * /* or NULL */, const char *more);
 /* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
 void ctl_report_heights_json(struct term_json *, const struct ctl_staged *, const struct ctl_staged_file *);
 

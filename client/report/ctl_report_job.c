@@ -165,11 +165,13 @@ void ctl_report_mesh(struct term_json *j, const struct acut_report *p)
 	ctl_report_most(j, p->most_points, p->most_at);
 }
 
-void ctl_report_notes(struct term_json *j, const struct acut_report *p)
+void ctl_report_notes(struct term_json *j, const struct acut_report *p, const char *more)
 {
 	term_json_open(j, "notes", '[');
 	if (p && *p->note)
 		term_json_text(j, NULL, p->note);
+	if (*more)
+		term_json_text(j, NULL, more);
 	term_json_close(j, ']');
 }
 
@@ -208,7 +210,7 @@ void ctl_report_job_json(struct console *c, const struct acut_job *job)
 	}
 	ctl_report_lattice(&j, job->lattice);
 	ctl_report_units(&j, job->crs, job->unit_xy, job->unit_z);
-	ctl_report_notes(&j, job->has_report ? &job->report : NULL);
+	ctl_report_notes(&j, job->has_report ? &job->report : NULL, "");
 	term_json_end(&j);
 }
 

@@ -5,6 +5,9 @@
  * insertion) and written to a nameless file as a run. Reading merges the runs with a heap; their buffers
  * share the same memory. Runs that are too many for that are merged to fewer, longer ones in a second file, which takes the
  * place of the first, as often as needed. What fits the buffer never touches the disk. Equal keys come out in any order.
+ *
+ * An interruption is looked at before a run is written and before a part of a run is read, so never later than one buffer takes.
+ * The files have no names: what was sorted is gone when the sort is freed.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -15,6 +18,7 @@
 
 #define SORT_WORDS 6
 #define SORT_RUN_LEAST 4096 /* bytes a run's buffer has at least */
+#define SORT_FIRST 1024     /* records that there is memory for at first */
 
 struct run {
 	uint64_t at, end; /* what is still in the file, bytes */
@@ -28,12 +32,15 @@ struct sort {
 	struct outfile *spool;
 	uint64_t *buf;
 	size_t room, used; /* records */
+	size_t have;       /* that buf has memory for; it grows up to room before the first run */
 	struct run *run;
 	size_t nrun, run_room;
 	uint32_t *heap;
 	size_t nheap;
 	size_t share; /* records of the buffer that each run has while it is merged */
 	size_t next;  /* without runs: the next record of buf */
+	int (*interrupted)(void *ctx);
+	void *ctx;
 };
 
 static int compare(const struct sort *s, const uint64_t *a, const uint64_t *b)
@@ -114,22 +121,32 @@ int sort_new(unsigned words, unsigned keys, uint64_t memory, const struct outfil
 		s->room = (size_t)(memory / (words * sizeof(uint64_t)));
 		if (s->room < 2 * SORT_RUN_LEAST / sizeof(uint64_t))
 			s->room = 2 * SORT_RUN_LEAST / sizeof(uint64_t);
-		s->buf = malloc(s->room * words * sizeof(uint64_t));
 	}
-	if (!s || !s->buf) {
-		sort_free(s);
+	if (!s)
 		return err_set(err, ERR_NOMEM, "no memory to sort with");
-	}
 	*ret = s;
 	return 0;
+}
+
+void sort_interrupt(struct sort *s, int (*interrupted)(void *ctx), void *ctx)
+{
+	s->interrupted = interrupted;
+	s->ctx = ctx;
+}
+
+static int look(const struct sort *s, struct err *err)
+{
+	return s->interrupted && s->interrupted(s->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
 
 /* Sorts the buffer and writes it out as one run. */
 static int spill(struct sort *s, struct err *err)
 {
 	struct run *r;
-	int rc = 0;
+	int rc = look(s, err);
 
+	if (rc)
+		return rc;
 	if (s->nrun == s->run_room) {
 		size_t room = s->run_room ? 2 * s->run_room : 64;
 		void *grown = realloc(s->run, room * sizeof(*s->run));
@@ -151,9 +168,23 @@ static int spill(struct sort *s, struct err *err)
 	return rc;
 }
 
+static int grow(struct sort *s, struct err *err)
+{
+	size_t have = s->have ? 2 * s->have : SORT_FIRST;
+	void *grown;
+
+	have = have < s->room ? have : s->room;
+	grown = realloc(s->buf, have * s->words * sizeof(uint64_t));
+	if (!grown)
+		return err_set(err, ERR_NOMEM, "no memory to sort with");
+	s->buf = grown;
+	s->have = have;
+	return 0;
+}
+
 int sort_add(struct sort *s, const uint64_t *record, struct err *err)
 {
-	int r = s->used == s->room ? spill(s, err) : 0;
+	int r = s->used < s->have ? 0 : s->have < s->room ? grow(s, err) : spill(s, err);
 
 	if (r)
 		return r;
@@ -167,8 +198,10 @@ static int refill(struct sort *s, struct run *r, struct err *err)
 	size_t size = s->words * sizeof(uint64_t);
 	uint64_t left = (r->end - r->at) / size;
 	size_t n = left < s->share ? (size_t)left : s->share;
-	int rc = n ? outfile_read(s->spool, r->at, r->buf, n * size, err) : 0;
+	int rc = n ? look(s, err) : 0;
 
+	if (n && !rc)
+		rc = outfile_read(s->spool, r->at, r->buf, n * size, err);
 	if (rc)
 		return rc;
 	r->at += n * size;

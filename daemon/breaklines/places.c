@@ -39,7 +39,7 @@ static int flush(struct places *w, struct err *err)
 	int r = 0;
 
 	if (w->fd < 0)
-		r = io_open(w->dirfd, w->temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, &w->fd, err);
+		r = io_open(w->dirfd, w->temp, O_WRONLY | O_CREAT | O_TRUNC, 0640, &w->fd, err);
 	if (!r)
 		r = io_write_at(w->fd, w->buffer, bytes, w->written * GRID_PLACE_BYTES, w->name, err);
 	w->written += w->n;

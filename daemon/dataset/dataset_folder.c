@@ -73,6 +73,14 @@ struct sweep {
 	unsigned removed;
 };
 
+/* A file that was being written. */
+static bool is_partial(const char *name)
+{
+	size_t n = strlen(name);
+
+	return n > 4 && !strcmp(name + n - 4, ".tmp");
+}
+
 static int sweep_entry(void *ctx, const struct dirent *e, struct err *err)
 {
 	struct sweep *sweep = ctx;
@@ -85,7 +93,7 @@ static int sweep_entry(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	for (q = sweep->pending; q; q = q->next) {
 		snprintf(stem, sizeof stem, "push-%llu.", (unsigned long long)q->id);
-		if (!strncmp(e->d_name, stem, strlen(stem)) && strcmp(e->d_name + strlen(stem), "seg"))
+		if (!strncmp(e->d_name, stem, strlen(stem)) && strcmp(e->d_name + strlen(stem), "seg") && !is_partial(e->d_name))
 			return 0;
 	}
 	sweep->removed++;

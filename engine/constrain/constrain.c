@@ -277,7 +277,13 @@ static int turn(struct constrain_work *w, bool first, bool *ret_again)
 	*ret_again = true;
 	if (!rc && first)
 		rc = constrain_lines_ends(w);
-	if (rc || (first && w->npoint))
+	/* The first ends are few, so they are added to what is there. */
+	if (!rc && first && w->npoint) {
+		if (!constrain_points_insert(w))
+			return 0;
+		rc = tables(w) ? 0 : CONSTRAIN_E_SPLIT;
+	}
+	if (rc)
 		return rc;
 	if (!pieces_begin(w))
 		return CONSTRAIN_E_SPLIT;

@@ -126,6 +126,28 @@ static void merge(struct mesh_vertex *in, uint32_t n, const struct point *p, uin
 	}
 }
 
+bool constrain_points_insert(struct constrain_work *w)
+{
+	uint32_t n = 0;
+
+	constrain_points_reduce(w);
+	/* The capacity of the kernel may depend on segments: for so few it suffices, or the arena does not. */
+	if (w->npoint > w->r.nvertex / 4)
+		return false;
+	while (n < w->npoint) {
+		const struct point *p = &w->point[n];
+
+		if (tri_add(w->c->tri, &(struct mesh_vertex){p->x, p->y, p->z}, 1, false))
+			break;
+		n++;
+	}
+	tri_result(w->c->tri, &w->r);
+	w->c->added += n;
+	w->npoint -= n;
+	w->point += n;
+	return !w->npoint;
+}
+
 int constrain_points_merge(struct constrain_work *w)
 {
 	struct constrain *c = w->c;

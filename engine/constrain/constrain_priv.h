@@ -120,7 +120,9 @@ uint32_t constrain_points_find(const struct constrain_work *, int32_t x, int32_t
 bool constrain_points_known(struct constrain_work *, const struct point *); /* a vertex has its position, and the height */
 int constrain_points_add(struct constrain_work *, const struct point *);    /* CONSTRAIN_E_SPLIT: no room */
 void constrain_points_reduce(struct constrain_work *);                      /* sorts them, one for each position */
-int constrain_points_merge(struct constrain_work *);                        /* triangulates anew, with the points */
+/* Adds them to the triangulation before pieces are inserted. False: some did not fit, and are left. The tables are invalid. */
+bool constrain_points_insert(struct constrain_work *);
+int constrain_points_merge(struct constrain_work *); /* triangulates anew, with the points */
 
 /* constrain_disc.c: verification. Adds a flagged triangle; loads what is in the discs. */
 int constrain_disc_add(struct constrain_work *, uint32_t triangle);

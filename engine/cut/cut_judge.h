@@ -1,6 +1,6 @@
 /*
- * Applying a view to many points. Most views depend only on a point's kind (class, returns, flags), and there are few
- * kinds, so results are cached by kind.
+ * Applying a view to many points. Most views depend only on a point's kind (class, returns, flags, marks of lines), and there are
+ * few kinds, so results are cached by kind.
  */
 #ifndef CUT_JUDGE_H
 #define CUT_JUDGE_H

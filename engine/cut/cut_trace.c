@@ -236,9 +236,10 @@ void cut_cover_box(struct cut_cover *c, const int32_t box[4])
 		at[i] = (uint32_t)box[i] ^ bias;
 	while ((at[2] >> k) - (at[0] >> k) > 2 || (at[3] >> k) - (at[1] >> k) > 2)
 		k++;
-	for (uint32_t x = at[0] >> k; x <= at[2] >> k; x++)
-		for (uint32_t y = at[1] >> k; y <= at[3] >> k; y++) {
-			uint64_t lo = point_morton((int32_t)(x << k ^ bias), (int32_t)(y << k ^ bias));
+	/* The last one may be the last of the lattice. */
+	for (uint64_t x = at[0] >> k; x <= at[2] >> k; x++)
+		for (uint64_t y = at[1] >> k; y <= at[3] >> k; y++) {
+			uint64_t lo = point_morton((int32_t)((uint32_t)(x << k) ^ bias), (int32_t)((uint32_t)(y << k) ^ bias));
 
 			add_range(c, lo, lo | ((UINT64_C(1) << 2 * k) - 1));
 		}

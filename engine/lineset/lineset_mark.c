@@ -159,12 +159,22 @@ int lineset_state(struct lineset_reader *r, int64_t x, int64_t y, unsigned den, 
 enum { STATE_SHIFT = POINT_SOURCE_SHIFT + 8, STATE = (LINESET_LAKE | LINESET_OUT) << STATE_SHIFT };
 _Static_assert(POINT_LINE << 8 == 1 << STATE_SHIFT && (POINT_IN_AREA << 4) < 1 << STATE_SHIFT, "the bits are free");
 
-struct mark {
+enum { GROUP = 64, GROUPS = 16, RECORDS = GROUP * GROUPS };
+
+/* Records that follow each other; the state of the lower left corner of their box. */
+struct group {
 	int32_t box[4];
-	double clear;
 	struct point *pts;
 	size_t n;
-	bool met; /* a piece meets the widened box */
+	unsigned state;
+};
+
+struct mark {
+	int32_t box[4]; /* of all */
+	double clear;
+	int64_t wide; /* clear, rounded up */
+	struct group group[GROUPS];
+	size_t groups;
 };
 
 /* Distances in doubles: differences of lattice numbers are exact, products are rounded once each, so the result is the
@@ -186,13 +196,14 @@ static bool is_near(const struct lineset_piece *p, const struct point *at, doubl
 	return across * across <= clear * clear * length;
 }
 
-static void mark_near(struct mark *m, const struct lineset_piece *p)
+static void mark_near(const struct mark *m, struct group *g, const struct lineset_piece *p)
 {
-	int64_t wide = (int64_t)ceil(m->clear), low = p->a[1] < p->b[1] ? p->a[1] : p->b[1];
-	int64_t high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+	int64_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1], wide = m->wide;
 
-	for (size_t i = 0; i < m->n; i++) {
-		struct point *at = &m->pts[i];
+	if (g->box[0] > p->b[0] + wide || g->box[2] < p->a[0] - wide || g->box[1] > high + wide || g->box[3] < low - wide)
+		return;
+	for (size_t i = 0; i < g->n; i++) {
+		struct point *at = &g->pts[i];
 		const int32_t xy[2] = {at->x, at->y};
 
 		if (at->x < p->a[0] - wide || at->x > p->b[0] + wide || at->y < low - wide || at->y > high + wide)
@@ -220,41 +231,82 @@ static bool is_right(const struct lineset_piece *p, int32_t x, int32_t y)
 	return right_of(p, geom_orient(p->a, p->b, at));
 }
 
-/* Turns the states of the records whose path from the corner crosses the piece. */
-static void turn_states(struct mark *m, const struct lineset_piece *p)
+/* Whether a path from that corner to the right of it and above crosses the piece. */
+static bool crosses(const struct lineset_piece *p, const int32_t corner[2], int32_t x, int32_t y)
 {
 	int32_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
-	bool spans = p->a[0] <= m->box[0] && m->box[0] < p->b[0];
-	bool corner = spans && is_above(p, m->box[0], m->box[1]);
+	bool turn = false;
 
-	for (size_t i = 0; i < m->n; i++) {
-		struct point *at = &m->pts[i];
-		bool turn = spans && is_above(p, m->box[0], at->y) != corner;
+	if (p->a[0] <= corner[0] && corner[0] < p->b[0])
+		turn = is_above(p, corner[0], y) != is_above(p, corner[0], corner[1]);
+	/* A piece that is right of the end crosses no more of the path. */
+	if (y >= low && y < high && x >= p->a[0])
+		turn ^= is_right(p, x, y) && !is_right(p, corner[0], y);
+	return turn;
+}
 
-		/* A piece that is right of the record crosses no more of its path. */
-		if (at->y >= low && at->y < high && at->x >= p->a[0])
-			turn ^= is_right(p, at->x, at->y) && !is_right(p, m->box[0], at->y);
-		at->tag ^= (uint16_t)(turn ? p->turns << STATE_SHIFT : 0);
-	}
+static void turn_states(const struct mark *m, struct group *g, const struct lineset_piece *p)
+{
+	const int32_t *box = g->box;
+	int32_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+
+	if (crosses(p, m->box, box[0], box[1]))
+		g->state ^= p->turns;
+	if (box[0] > p->b[0] || box[2] < p->a[0] || box[1] > high || box[3] < low)
+		return;
+	for (size_t i = 0; i < g->n; i++)
+		if (crosses(p, box, g->pts[i].x, g->pts[i].y))
+			g->pts[i].tag ^= (uint16_t)(p->turns << STATE_SHIFT);
 }
 
 static int mark_piece(void *ctx, const struct lineset_piece *p, struct err *err)
 {
 	struct mark *m = ctx;
 
-	m->met = true;
-	mark_near(m, p);
-	if (p->turns)
-		turn_states(m, p);
+	for (size_t i = 0; i < m->groups; i++) {
+		mark_near(m, &m->group[i], p);
+		if (p->turns)
+			turn_states(m, &m->group[i], p);
+	}
 	return 0;
+}
+
+static void make_groups(struct mark *m, struct point *pts, size_t n, unsigned state)
+{
+	m->groups = 0;
+	for (size_t at = 0; at < n; at += GROUP) {
+		struct group *g = &m->group[m->groups++];
+
+		*g = (struct group){
+			{INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN}, pts + at, n - at < GROUP ? n - at : GROUP, state};
+		for (size_t i = 0; i < g->n; i++) {
+			const int32_t box[4] = {g->pts[i].x, g->pts[i].y, g->pts[i].x, g->pts[i].y};
+
+			point_box_join(g->box, box);
+			g->pts[i].tag &= (uint16_t)~STATE;
+		}
+	}
+}
+
+/* From states to marks. */
+static void end_groups(struct mark *m)
+{
+	for (size_t k = 0; k < m->groups; k++)
+		for (size_t i = 0; i < m->group[k].n; i++) {
+			struct point *p = &m->group[k].pts[i];
+			unsigned tag = p->tag ^ m->group[k].state << STATE_SHIFT;
+
+			if ((tag & STATE) && !(tag & (POINT_LINE | POINT_NEAR_LINE)))
+				tag |= POINT_IN_AREA;
+			p->tag = (uint16_t)(tag & ~STATE);
+		}
 }
 
 int lineset_mark(struct lineset_reader *r, const int32_t box[4], double clear, struct point *pts, size_t n, struct err *err)
 {
 	const struct lineset_info *info = &r->set->info;
-	struct mark m = {.box = {box[0], box[1], box[2], box[3]}, .clear = clear, .pts = pts, .n = n};
-	int64_t wide = (int64_t)ceil(clear);
-	const int32_t near[4] = {clamp(box[0] - wide), clamp(box[1] - wide), clamp(box[2] + wide), clamp(box[3] + wide)};
+	struct mark m = {.box = {box[0], box[1], box[2], box[3]}, .clear = clear, .wide = (int64_t)ceil(clear)};
+	const int32_t near[4] = {clamp(box[0] - m.wide), clamp(box[1] - m.wide), clamp(box[2] + m.wide), clamp(box[3] + m.wide)};
 	unsigned state = 0;
 	uint64_t pieces;
 	int rc = lineset_count(r, near, 1, &pieces, err);
@@ -263,16 +315,11 @@ int lineset_mark(struct lineset_reader *r, const int32_t box[4], double clear, s
 		rc = lineset_state(r, box[0], box[1], 1, &state, err);
 	if (rc || (!pieces && !state))
 		return rc;
-	for (size_t i = 0; i < n; i++)
-		pts[i].tag = (uint16_t)((pts[i].tag & ~STATE) | state << STATE_SHIFT);
-	if (pieces)
-		rc = lineset_find(r, near, mark_piece, &m, err);
-	for (size_t i = 0; i < n; i++) {
-		unsigned tag = pts[i].tag;
-
-		if ((tag & STATE) && !(tag & (POINT_LINE | POINT_NEAR_LINE)))
-			tag |= POINT_IN_AREA;
-		pts[i].tag = (uint16_t)(tag & ~STATE);
+	for (size_t at = 0; rc == 0 && at < n; at += RECORDS) {
+		make_groups(&m, pts + at, n - at < RECORDS ? n - at : RECORDS, state);
+		if (pieces)
+			rc = lineset_find(r, near, mark_piece, &m, err);
+		end_groups(&m);
 	}
 	return rc;
 }

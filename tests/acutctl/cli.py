@@ -45,7 +45,7 @@ def options_of(command):
 
 COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
 LATER = {
-    "fetch": ["--simplify"],
+    "submit": ["--max-error"],
 }
 
 

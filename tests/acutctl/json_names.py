@@ -150,6 +150,7 @@ def jobs(d, base, seen, text):
     seen.add("a job", j("jobs").ok().out + j("show", first).ok().out + j("watch", first).ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/f.ply").ok().out + j("fetch", other, "-o", base + "/f.ply").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/tiles", "--tile", "100").ok().out)
+    seen.add("a mesh", j("fetch", first, "-o", base + "/levels", "--levels").ok().out)
     seen.add("a mesh", j("fetch", first, "--sidecar", "-o", base + "/f.ply", "--origin", "auto", "-o", base + "/f.tif", "--cell", "1").ok().out)
     for name in ("f.ply", "f.tif"):
         with open("%s/%s.json" % (base, name)) as f:

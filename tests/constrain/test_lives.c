@@ -307,6 +307,43 @@ static void valid_domains_are_the_same(void **unused)
 	assert_true(n < 400 || (valid > same / 4 && valid_pieces > pieces / 20 && changed > domains / 20 && far > 0));
 }
 
+/* Also at the ends of the lattice, and if there are so many that ranges are made coarser. */
+static void ranges_cover_boxes(void **unused)
+{
+	static const int32_t ends[] = {INT32_MIN, INT32_MIN + 1, -1, 0, INT32_MAX - 1, INT32_MAX};
+	static int32_t box[2000][4];
+	uint64_t seed = 11;
+
+	generation[0].set.n = 0;
+	lay_out(&seed, &generation[0], 0);
+	for (unsigned n = 1; n <= 2000; n *= 3) {
+		struct cut_trace trace;
+		struct cut_cover cover = {.trace = &trace};
+		struct err err = ERR_INIT;
+
+		cut_trace_init(&trace, traces);
+		for (unsigned i = 0; i < n; i++) {
+			for (unsigned k = 0; k < 2; k++) {
+				int32_t a = sets_below(&seed, 2) ? ends[sets_below(&seed, 6)] : (int32_t)random_next(&seed);
+				int32_t b = sets_below(&seed, 2) ? a : ends[sets_below(&seed, 6)];
+
+				box[i][k] = a < b ? a : b;
+				box[i][2 + k] = a < b ? b : a;
+			}
+			cut_cover_box(&cover, box[i]);
+		}
+		assert_int_equal(cut_cover_end(&cover, &generation[0].src, &err), 0);
+		assert_true(trace.nrange <= trace.most_ranges);
+		for (unsigned i = 0; i < n; i++)
+			for (unsigned k = 0; k < 4; k++) {
+				uint64_t key = point_morton(box[i][k & 1 ? 2 : 0], box[i][k & 2 ? 3 : 1]);
+				size_t at = grid_sum_find(trace.range, trace.nrange, key);
+
+				assert_true(at < trace.nrange && trace.range[at].lo <= key);
+			}
+	}
+}
+
 static int set_up(void **unused)
 {
 	memory[0] = aligned_alloc(64, MADE_BYTES);
@@ -323,7 +360,7 @@ static int tear_down(void **unused)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(valid_domains_are_the_same)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(ranges_cover_boxes), cmocka_unit_test(valid_domains_are_the_same)};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -221,4 +221,5 @@ def refusals():
         d.ctl("mesh", path, "--lakes", sloping, "--lake-level", "min", "--format", "null").ok()
 
 
-e2e.main(tiny, many_domains, areas, reports, large_set, refusals)
+if __name__ == "__main__":
+    e2e.main(tiny, many_domains, areas, reports, large_set, refusals)

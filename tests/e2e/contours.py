@@ -1,16 +1,18 @@
 """Contours: each level's length against the triangles of the PLY of the same mesh, by fractions; the three formats have the same lines;
-lines end at the border of the mesh or of the window only; the same bytes whatever the memory, the threads, the pushes and the other
-outputs; the memory of acutctl; what is refused."""
+lines end at the border of the mesh or of the window only, of polygons too; the same bytes whatever the memory, the threads, the pushes and the other
+outputs; the memory of acutctl; what is refused. With --simplify, what is left out is near and nothing crosses."""
 import json
 import math
 import os
 import re
 import resource
+import shutil
 import signal
 import sqlite3
 import struct
 import subprocess
 import sys
+import time
 from collections import Counter, defaultdict
 from fractions import Fraction
 
@@ -18,7 +20,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import e2e
 from e2e import expect
 
-MEMORY = 64 << 20
+MEMORY = 32 << 20
 PEAK = "import resource, subprocess, sys; subprocess.check_call(sys.argv[1:]); print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
 
 
@@ -221,6 +223,91 @@ def higher_ground_is_on_the_left():
             expect(area > 0, "a line around a summit runs clockwise")
 
 
+def turn(a, b, c):
+    v = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if abs(v) < 1e-9:
+        a, b, c = ([Fraction(w) for w in p[:2]] for p in (a, b, c))
+        v = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return (v > 0) - (v < 0)
+
+
+def meetings(lines):
+    """Pairs of segments, by their places, that have a point in common and are not neighbours."""
+    cells, found = defaultdict(list), set()
+    for i, line in enumerate(lines):
+        last = len(line.points) - 2
+        for k, (p, q) in enumerate(zip(line.points, line.points[1:])):
+            for x in range(int(min(p[0], q[0])), int(max(p[0], q[0])) + 1):
+                for y in range(int(min(p[1], q[1])), int(max(p[1], q[1])) + 1):
+                    for j, m, r, s in cells[x, y]:
+                        if i == j and (k - m == 1 or (line.closed and k == last and m == 0)):
+                            continue
+                        if turn(p, q, r) * turn(p, q, s) <= 0 and turn(r, s, p) * turn(r, s, q) <= 0:
+                            found.add((i, k, j, m))
+                    cells[x, y].append((i, k, p, q))
+    return found
+
+
+def distance(p, q, r):
+    dx, dy = q[0] - p[0], q[1] - p[1]
+    part = max(0, min(1, ((r[0] - p[0]) * dx + (r[1] - p[1]) * dy) / (dx * dx + dy * dy)))
+    return math.hypot(p[0] + part * dx - r[0], p[1] + part * dy - r[1])
+
+
+def simplified():
+    """Vertices that are left out are near; lines do not cross; what the report, the sidecar and the files say of it."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las = survey(base, 4000)
+        path = {k: os.path.join(base, "m." + k) for k in ("gpkg", "geojson", "dxf")}
+        whole = os.path.join(base, "whole.gpkg")
+        for size, word in ((0.05, "0.05"), (0.5, "0.5m"), (3 * 0.3048, "3ft")):
+            outs = [w for p in path.values() for w in ("-o", p, "--interval", "1", "--base", "0.0015", "--simplify", word, "--sidecar")]
+            said = d.ctl("mesh", las, "-o", whole, "--interval", "1", "--base", "0.0015", *outs, "--json").ok().json()
+            lines, before = read_gpkg(path["gpkg"]), read_gpkg(whole)
+            expect(len(lines) == len(before) > 20, "%d lines of %d" % (len(lines), len(before)))
+            kept, had = (sum(len(line.points) for line in of) for of in (lines, before))
+            expect(said["simplified"] == {"vertices": 3 * had, "left_out": 3 * (had - kept)}, "%s, %d of %d" % (said["simplified"], kept, had))
+            expect(0.05 * had < had - kept < 0.95 * had, "%d of %d" % (kept, had))
+            most = 0
+            for line, old in zip(lines, before):
+                expect((line.height, line.index, line.closed) == (old.height, old.index, old.closed), str(line.key()))
+                expect(near(line.length, length_of(line.points)) and line.length < old.length + 1e-9, "a length of %s" % line.length)
+                expect(line.points[0] == old.points[0] and line.points[-1] == old.points[-1], "an end of a line is another one")
+                at = 0
+                for p, q in zip(line.points, line.points[1:]):
+                    to = old.points.index(q, at + 1)
+                    most = max([most] + [distance(p, q, r) for r in old.points[at + 1:to]])
+                    at = to
+                expect(at == len(old.points) - 1, "the end of a line is not its end")
+            expect(0.5 * size < most <= size, "%s: one is off by %s" % (word, most))
+            expect(not meetings(lines), "lines cross")
+            for other in (read_geojson(path["geojson"]), read_dxf(path["dxf"])):
+                expect([len(line.points) for line in other] == [len(line.points) for line in lines], "another format has other vertices")
+                expect(all(abs(p[k] - q[k]) < 1e-8 for a, b in zip(lines, other) for p, q in zip(a.points, b.points) for k in (0, 1)), "points differ")
+            with open(path["gpkg"] + ".json") as f:
+                mine = json.load(f)
+            expect(mine["simplified"] == {"vertices": had, "left_out": had - kept}, str(mine["simplified"]))
+            expect((mine["options"]["simplify"], mine["options"]["simplify_unit"]) ==
+                   {"0.05": (0.05, None), "0.5m": (0.5, "metre"), "3ft": (3, "foot")}[word], str(mine["options"]))
+            note = "acut-simplified " + {"0.05": "0.05 metre", "0.5m": "0.5 metre", "3ft": "3 foot"}[word]
+            with sqlite3.connect(path["gpkg"]) as f:
+                expect(note in f.execute("SELECT description FROM gpkg_contents").fetchone()[0].split("\n"), "the database does not say it")
+            expect(("999\n%s\n" % note).encode() in read(path["dxf"]), "the DXF does not say it")
+            with open(path["geojson"]) as f:
+                expect(json.load(f)["acut-simplified"] == note.split(" ", 1)[1], "the GeoJSON does not say it")
+        r = d.ctl("mesh", las, "-o", whole, "--interval", "1", "--simplify", "0.5").ok()
+        expect(re.search(r"^[\d,]+ of [\d,]+ vertices of contours were left out by --simplify$", r.out, re.M), r.out)
+        for words, args in ((("--simplify is not a length above zero", "0.1m"), ("--simplify", "0")), (("--simplify is not a length",), ("--simplify", "1km")),
+                            (("--simplify has no meaning for ply",), ("--simplify", "1", "-o", os.path.join(base, "m.ply"), "--simplify", "1"))):
+            r = d.ctl("mesh", las, "-o", whole, "--interval", "1", *args)
+            expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
+        low = os.path.join(base, "u.xyz")
+        with open(low, "w") as f:
+            f.write("0 0 1\n10 0 1\n0 10 2\n")
+        r = d.ctl("mesh", low, "-o", whole, "--interval", "1", "--simplify", "1m")
+        expect(r.status == 2 and "the unit of x and y is unknown" in r.err and "--assume-units" in r.err, r.err)
+
+
 def read(path):
     with open(path, "rb") as f:
         return f.read()
@@ -228,7 +315,8 @@ def read(path):
 
 def same_bytes():
     """Memory, threads, pushes, other outputs, standard output."""
-    kinds = (("gpkg", "l.gpkg"), ("geojson", "l.geojson"), ("dxf-contours", "l.dxf"))
+    kinds = [(kind, name, more) for kind, end in (("gpkg", "gpkg"), ("geojson", "geojson"), ("dxf-contours", "dxf"))
+             for name, more in (("l." + end, ()), ("s." + end, ("--simplify", "0.3")))]
     with e2e.Folder() as base:
         one, two = survey(base, 40000, "1.las"), survey(base, 40000, "2.las", "--origin", "500100,5400050,0", "--seed", "9")
         files = []
@@ -239,23 +327,25 @@ def same_bytes():
                 for inputs in ((one,), (two,)) if twice else ((one, two),):
                     d.ctl("push", "s", *inputs).ok()
                 job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
-                outs = [w for _, name in kinds for w in ("-o", os.path.join(folder, name), "--interval", "2")]
+                outs = [w for _, name, more in kinds for w in ("-o", os.path.join(folder, name), "--interval", "2", *more)]
                 d.ctl("fetch", job, *outs, "-o", os.path.join(folder, "m.ply"), "-o", os.path.join(folder, "d.tif"), "--cell", "1").ok()
-                files.append([read(os.path.join(folder, name)) for _, name in kinds])
+                files.append([read(os.path.join(folder, name)) for _, name, _ in kinds])
                 if twice:
-                    for (kind, name), want in zip(kinds, files[0]):
+                    for (kind, name, more), want in zip(kinds, files[0]):
+                        if more and kind != "gpkg":
+                            continue
                         path = os.path.join(folder, "alone-" + name)
-                        d.ctl("fetch", job, "-o", path, "--interval", "2").ok()
+                        d.ctl("fetch", job, "-o", path, "--interval", "2", *more).ok()
                         expect(read(path) == want, "%s: other outputs change the bytes" % kind)
                         with open(path, "wb") as f:
                             env = dict(os.environ, ACUT_SOCKET=d.socket)
-                            p = subprocess.run([e2e.ACUTCTL, "fetch", str(job), "-o", "-", "--format", kind, "--interval", "2"], stdout=subprocess.PIPE, env=env, check=True)
+                            p = subprocess.run([e2e.ACUTCTL, "fetch", str(job), "-o", "-", "--format", kind, "--interval", "2", *more], stdout=subprocess.PIPE, env=env, check=True)
                             f.write(p.stdout)
                         expect(read(path) == want, "%s: standard output has other bytes" % kind)
         for got, how in ((files[1], "memory and threads"), (files[2], "two pushes")):
-            for (kind, _), a, b in zip(kinds, files[0], got):
+            for (kind, _, _), a, b in zip(kinds, files[0], got):
                 expect(a == b, "%s: %s change the bytes" % (kind, how))
-        expect(min(len(f) for f in files[0]) > 1000000, "they are small")
+        expect(min(len(f) for f in files[0]) > 500000, "they are small")
 
 
 def windows():
@@ -293,15 +383,209 @@ def memory():
         points = 3000000 if os.environ.get("ACUT_CONTOURS_LONG") else 150000
         d.ctl("push", "s", survey(base, points)).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
-        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "0.5")]
-        # A process of its own, which is small: a child begins with the peak of its parent.
-        p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, "fetch", job, "--quiet", *outs], env={"ACUT_SOCKET": d.socket}).ok()
-        peak = int(p.out.split()[-1]) << 10
+        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "0.5")] + ["--simplify", "0.1"]
+        most = peak(d, "fetch", job, *outs)
         with sqlite3.connect(os.path.join(base, "l.gpkg")) as lines:
             n, length = lines.execute("SELECT count(*), sum(length) FROM contours").fetchone()
-        print("     %d lines, %.0f km, %.1f MiB of memory" % (n, length / 1000, peak / (1 << 20)))
-        expect(e2e.sanitized() or peak < MEMORY, "%d bytes of memory" % peak)
+        print("     %d lines, %.0f km, %.1f MiB of memory" % (n, length / 1000, most / (1 << 20)))
+        expect(e2e.sanitized() or most < MEMORY, "%d bytes of memory" % most)
         expect(not [n for n in os.listdir(base) if "part" in n], "left behind: %s" % os.listdir(base))
+
+
+AREA = {"type": "MultiPolygon", "coordinates": [
+    [[[500010.3, 5400010], [500140, 5400005.5], [500150.25, 5400120], [500060, 5400150], [500010.3, 5400010]],
+     [[500050, 5400050], [500070, 5400100.01], [500100, 5400052], [500050, 5400050]]],
+    [[[500160, 5399990], [500190, 5399990], [500190, 5400300], [500160, 5400300], [500160, 5399990]]]]}
+
+
+def is_inside(x, y, rings):
+    return sum((p[1] <= y) != (q[1] <= y) and x < p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
+               for ring in rings for p, q in zip(ring, ring[1:])) % 2 == 1
+
+
+def length_inside(a, b, rings, rough):
+    """Of a segment, in the polygons whose rings these are, by the even-odd rule: exact but for the square root, where an edge is near."""
+    length, parts, inside = math.hypot(b[0] - a[0], b[1] - a[1]), {Fraction(0), Fraction(1)}, Fraction(0)
+    if all(min(p[0], q[0]) > max(a[0], b[0]) + 1e-6 or max(p[0], q[0]) < min(a[0], b[0]) - 1e-6 or
+           min(p[1], q[1]) > max(a[1], b[1]) + 1e-6 or max(p[1], q[1]) < min(a[1], b[1]) - 1e-6
+           for ring in rough for p, q in zip(ring, ring[1:])):
+        return length if is_inside(a[0], a[1], rough) else 0
+    (x1, y1), (x2, y2) = ((Fraction(p[0]), Fraction(p[1])) for p in (a, b))
+    for ring in rings:
+        for (px, py), (qx, qy) in zip(ring, ring[1:]):
+            turn = (x2 - x1) * (qy - py) - (y2 - y1) * (qx - px)
+            if turn:
+                parts.add(((px - x1) * (qy - py) - (py - y1) * (qx - px)) / turn)
+    parts = sorted(t for t in parts if 0 <= t <= 1)
+    for t, u in zip(parts, parts[1:]):
+        if is_inside(x1 + (x2 - x1) * (t + u) / 2, y1 + (y2 - y1) * (t + u) / 2, rings):
+            inside += u - t
+    return float(inside) * length
+
+
+def polygons():
+    """Lines are cut at the border of polygons, with holes and several ones: lengths by level, by fractions; where they end; two areas side by side."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        las, out, area, rest = survey(base, 8000, "s.las", "--density", "0.25"), os.path.join(base, "l.gpkg"), os.path.join(base, "a.geojson"), os.path.join(base, "r.geojson")
+        rings = [[(Fraction(str(x)), Fraction(str(y))) for x, y in ring] for polygon in AREA["coordinates"] for ring in polygon]
+        rough = [[(float(x), float(y)) for x, y in ring] for ring in rings]
+        around = [[499000, 5399000], [501000, 5399000], [501000, 5401000], [499000, 5401000], [499000, 5399000]]
+        others = [[around] + [p[0] for p in AREA["coordinates"]]] + [[hole] for p in AREA["coordinates"] for hole in p[1:]]
+        for path, shape in ((area, AREA), (rest, {"type": "MultiPolygon", "coordinates": others})):
+            with open(path, "w") as f:
+                json.dump(shape, f)
+        d.ctl("push", "s", las).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        d.ctl("fetch", job, "-o", out, "--interval", "1").ok()
+        whole = read_gpkg(out)
+        want, all_of, got, got_rest = (defaultdict(float) for _ in range(4))
+        for line in whole:
+            all_of[line.height] += line.length
+            want[line.height] += sum(length_inside(a, b, rings, rough) for a, b in zip(line.points, line.points[1:]))
+        d.ctl("mesh", las, "--polygon", area, "-o", out, "--interval", "1").ok()
+        made, cut = read_gpkg(out), 0
+        for line in made:
+            got[line.height] += line.length
+            for x, y, _ in () if line.closed else (line.points[0], line.points[-1]):
+                away = min(abs((q[0] - p[0]) * (Fraction(y) - p[1]) - (Fraction(x) - p[0]) * (q[1] - p[1])) / Fraction(math.hypot(q[0] - p[0], q[1] - p[1]))
+                           for ring in rings for p, q in zip(ring, ring[1:]))
+                cut += away < 2e-8
+        expect(cut > 50, "%d ends at the border" % cut)
+        d.ctl("fetch", job, "--polygon", area, "-o", out, "--interval", "1").ok()
+        expect([line.key() for line in read_gpkg(out)] == [line.key() for line in made], "a window of a job has other lines")
+        d.ctl("fetch", job, "--polygon", rest, "-o", out, "--interval", "1").ok()
+        for line in read_gpkg(out):
+            got_rest[line.height] += line.length
+        for height, length in all_of.items():
+            expect(abs(want[height] - got[height]) <= 1e-9 * want[height] + 1e-9, "%s: %.12f, not %.12f" % (height, got[height], want[height]))
+            expect(near(length, got[height] + got_rest[height]), "%s: %.9f inside and %.9f outside of %.9f" % (height, got[height], got_rest[height], length))
+        expect(sum(got.values()) > 1000 and sum(got_rest.values()) > 1000, "areas without lines")
+
+
+def tiles():
+    """Tiles have the lines of the whole, cut at their borders, where both have the same points; of a tile that a window can be, the same lines."""
+    kinds = {"gpkg": (read_gpkg, ".gpkg"), "geojson": (read_geojson, ".geojson"), "dxf-contours": (read_dxf, ".dxf")}
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        out, folder, area = os.path.join(base, "l.gpkg"), os.path.join(base, "t"), os.path.join(base, "a.geojson")
+        with open(area, "w") as f:
+            json.dump(AREA, f)
+        d.ctl("push", "s", survey(base, 8000, "s.las", "--density", "0.25")).ok()
+        job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
+        for size, kind, window in (("50", "gpkg", ()), ("33.333", "geojson", ()), ("50", "dxf-contours", ()), ("7.5", "gpkg", ()),
+                                   ("50", "gpkg", ("--bbox", "500000,5400000,500100,5400150")), ("50", "gpkg", ("--polygon", area))):
+            d.ctl("fetch", job, *window, "-o", out, "--interval", "1").ok()
+            want, got, total = defaultdict(float), defaultdict(float), Fraction(size)
+            for line in read_gpkg(out):
+                want[line.height] += line.length
+            d.ctl("fetch", job, *window, "-o", folder + "/", "--format", kind, "--interval", "1", "--tile", size).ok()
+            with open(os.path.join(folder, "index.geojson")) as f:
+                index = [f["properties"] for f in json.load(f)["features"]]
+            files = {p["file"] for p in index}
+            expect(files | {"index.geojson"} == set(os.listdir(folder)) and len(files) > (1 if window else 9), "%s" % sorted(os.listdir(folder)))
+            expect("--bbox" not in window or len(files) == 6, "tiles beside the window: %s" % sorted(files))
+            sides, most = defaultdict(set), max(len(files) // 8, 1)
+            for i, p in enumerate(index):
+                read_file, extension = kinds[kind]
+                expect(p["file"] == "tile_%d_%d%s" % (p["column"], p["row"], extension), p["file"])
+                lines = read_file(os.path.join(folder, p["file"]))
+                expect(lines and len(lines) == p["lines"], "%s: %d lines, %s" % (p["file"], len(lines), p))
+                low = [float((p[k]) * total) for k in ("column", "row")]
+                high = [float((p[k] + 1) * total) for k in ("column", "row")]
+                for line in lines:
+                    got[line.height] += line.length if line.length is not None else length_of(line.points)
+                    for q in line.points:
+                        expect(all(low[k] <= q[k] <= high[k] for k in (0, 1)), "%s: a point at %s" % (p["file"], q))
+                    for q in () if line.closed else (line.points[0], line.points[-1]):
+                        for k in (0, 1):
+                            if q[k] in (low[k], high[k]):
+                                sides[k, tuple(q)].add(p["file"])
+                if total == 50 and not window and i % most == 0:
+                    d.ctl("fetch", job, "--bbox", "%r,%r,%r,%r" % (*low, *high), "-o", out, "--interval", "1").ok()
+                    same = read_gpkg(out)
+                    expect(len(same) == len(lines), "%s: %d lines, in a window %d" % (p["file"], len(lines), len(same)))
+                    expect(all(len(a.points) == len(b.points) and a.height == b.height for a, b in zip(same, lines)), "%s: other lines" % p["file"])
+            for height, length in want.items():
+                expect(near(length, got[height]), "%s: %s: %.9f in tiles, not %.9f" % (size, height, got[height], length))
+            both = sum(len(s) == 2 for s in sides.values())
+            expect(both > 10 and (window or both > 0.95 * len(sides)), "%d of %d ends on borders are in both tiles" % (both, len(sides)))
+            shutil.rmtree(folder)
+        r = d.ctl("fetch", job, "-o", folder + "/", "--format", "gpkg", "--interval", "1000", "--tile", "50").ok()
+        expect("no line" in r.err + r.out and os.listdir(folder) == ["index.geojson"], r.err + r.out)
+        r = d.ctl("fetch", job, "-o", folder + "/", "--format", "gpkg", "--interval", "1", "--tile", "0.1")
+        expect(r.status == 2 and "--tile" in r.err, r.err)
+
+
+def peak(d, *args):
+    # A process of its own, which is small: a child begins with the peak of its parent.
+    p = e2e.run([sys.executable, "-c", PEAK, e2e.ACUTCTL, *args, "--quiet"], env={"ACUT_SOCKET": d.socket, "MALLOC_PERTURB_": "0"}).ok()
+    return int(p.out.split()[-1]) << 10
+
+
+def memory_of_large_blocks():
+    """A block of a million vertices, straight from mesh, into three files: the frame, without a copy of its positions, and a fixed size."""
+    if e2e.sanitized():
+        return
+    with e2e.Folder() as base, e2e.Daemon(base, memory="1G") as d:
+        points = 900000
+        las = survey(base, points, "s.las", "--density", "4")
+        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "2")]
+        frame = 3 * 12 * points
+        alone, three = peak(d, "mesh", las, "--format", "null"), peak(d, "mesh", las, *outs)
+        print("     a block of %.1f MiB: %.1f MiB without contours, %.1f MiB with three files" % tuple(n / (1 << 20) for n in (frame, alone, three)))
+        expect(alone > frame, "%d bytes of memory, and no block of a million vertices" % alone)
+        expect(alone < frame + (6 << 20), "%d bytes of memory of a block of %d" % (alone, frame))
+        expect(three < frame + (12 << 20), "%d bytes of memory, %d without contours" % (three, alone))
+
+
+def interrupted():
+    """Ctrl-C while blocks come, pieces are joined and files are written: it ends soon, and leaves what --resume needs or nothing."""
+    names = ("l.gpkg", "l.geojson", "l.dxf")
+    with e2e.Folder() as base, e2e.Daemon(base, memory="256M") as d:
+        d.ctl("push", "s", survey(base, 150000)).ok()
+        job = str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"])
+        out = os.path.join(base, "out")
+        os.mkdir(out)
+        args = [job, "--quiet"] + [w for name in names for w in ("-o", os.path.join(out, name), "--interval", "0.25")]
+        cancelled = 0
+        for delay in (0.1, 0.4, 0.8, 1.2, 1.8, 2.5):
+            p = subprocess.Popen([e2e.ACUTCTL, "fetch", *args], env=dict(os.environ, ACUT_SOCKET=d.socket), stderr=subprocess.PIPE)
+            time.sleep(delay)
+            p.send_signal(signal.SIGINT)
+            start = time.monotonic()
+            p.communicate(timeout=60)
+            took = time.monotonic() - start
+            expect(p.returncode in (0, 130), "status %d" % p.returncode)
+            if p.returncode == 0:
+                break
+            cancelled += 1
+            expect(e2e.sanitized() or took < 5, "it took %.1f s to end" % took)
+            left = set(os.listdir(out))
+            expect(not left & set(names) and left <= {n + ".part" + s for n in names for s in ("", ".faces", ".state")}, "left: %s" % left)
+            expect(not left or "l.gpkg.part.state" in left, "parts without a state: %s" % left)
+        expect(cancelled, "every run was over at once")
+        d.ctl("fetch", *args, *(["--resume"] if "l.gpkg.part.state" in os.listdir(out) else [])).ok()
+        expect(set(os.listdir(out)) == set(names), "left: %s" % os.listdir(out))
+        again = [read(os.path.join(out, n)) for n in names]
+        d.ctl("fetch", *args).ok()
+        expect(again == [read(os.path.join(out, n)) for n in names], "other bytes after --resume")
+
+
+def no_lines():
+    """An interval above the relief, or heights that pass by it: a file without lines, and one note."""
+    text = "no line: the mesh has no height of a contour"
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        low, out = os.path.join(base, "low.xyz"), [os.path.join(base, "l." + k) for k in ("gpkg", "geojson", "dxf")]
+        with open(low, "w") as f:
+            f.writelines("%d %d %.2f\n" % (x, y, 101 + (x * y) % 3 * 0.25) for x in range(9) for y in range(9))
+        for words in (("1000",), ("1", "--base", "0.75")):
+            outs = [w for path in out for w in ("-o", path, "--interval", *words)]
+            r = d.ctl("mesh", low, "--assume-units", "m,m", *outs).ok()
+            expect((r.err + r.out).count(text) == 1 and out[0] + " and 2 others have" in r.err + r.out, r.err + r.out)
+            expect(not read_gpkg(out[0]) and not read_geojson(out[1]) and not read_dxf(out[2]), "there are lines")
+            r = d.ctl("mesh", low, "--assume-units", "m,m", "-o", out[0], "--interval", *words, "--json").ok()
+            expect(any(out[0] + " has " + text in n for n in r.json()["notes"]), str(r.json()["notes"]))
+        r = d.ctl("mesh", low, "--assume-units", "m,m", "-o", out[0], "--interval", "0.3", "-o", base + "/m.ply").ok()
+        expect(text not in r.err + r.out and read_gpkg(out[0]), r.err + r.out)
 
 
 def database_ends_early():
@@ -381,9 +665,6 @@ def systems():
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         las, out = survey(base), os.path.join(base, "r.gpkg")
-        area = os.path.join(base, "a.geojson")
-        with open(area, "w") as f:
-            f.write('{"type":"Polygon","coordinates":[[[500000,5400000],[500050,5400000],[500000,5400050],[500000,5400000]]]}')
         d.ctl("push", "s", las).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
         d.ctl("push", "s", survey(base, 100, "t.las", "--seed", "2")).ok()
@@ -398,10 +679,8 @@ def refused():
                             (("--polyface has no meaning for dxf-contours",), ("mesh", las, "-o", out + ".dxf", "--interval", "1", "--polyface")),
                             (("--origin has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--origin", "auto")),
                             (("--canonical has no meaning for gpkg",), ("mesh", las, "-o", out, "--interval", "1", "--canonical")),
-                            (("--tile has no meaning for gpkg", "--bbox"), ("fetch", job, "-o", out + "/", "--format", "gpkg", "--interval", "1", "--tile", "50")),
                             (("--changed-since has no meaning for gpkg",), ("fetch", other, "-o", out, "--interval", "1", "--changed-since", "1")),
-                            (("contours cannot be cut by --polygon", "--bbox"), ("mesh", las, "-o", out, "--interval", "1", "--polygon", area)),
-                            (("contours cannot be cut by --polygon", "--bbox"), ("fetch", job, "-o", out, "--interval", "1", "--polygon", area)),
+                            (("--simplify and --tile",), ("fetch", other, "-o", out + "/", "--format", "gpkg", "--interval", "1", "--simplify", "1", "--tile", "50")),
                             (("too many digits",), ("mesh", las, "-o", out, "--interval", "0.12345678901"))):
             r = d.ctl(*args)
             expect(r.status == 2 and all(w in r.err for w in words), "%s: %d\n%s" % (args, r.status, r.err))
@@ -420,4 +699,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(lengths, higher_ground_is_on_the_left, same_bytes, windows, memory, database_ends_early, systems, refused)
+    e2e.main(lengths, higher_ground_is_on_the_left, simplified, same_bytes, windows, polygons, tiles, memory, memory_of_large_blocks, interrupted, database_ends_early, no_lines, systems, refused)

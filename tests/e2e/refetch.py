@@ -14,7 +14,7 @@ SMALL = {"memory": "24M", "threads": 2}
 POINTS = 500000
 RESUMABLE = ("ply", "obj", "landxml", "dxf", "glb", "stl", "html", "gpkg", "geojson", "dxf-contours")  # tests/client/format/formats.py
 NEAR = {"glb": ["--origin", "auto"], "stl": ["--origin", "auto"],  # 32-bit floats
-        "gpkg": ["--interval", "1"], "geojson": ["--interval", "0.5", "--base", "0.1"],
+        "gpkg": ["--interval", "1"], "geojson": ["--interval", "0.5", "--base", "0.1", "--simplify", "0.2"],
         "dxf-contours": ["--format=dxf-contours", "--interval", "1m"]}
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 
@@ -302,6 +302,14 @@ def refused():
         area(d, base)
         d.ctl("fetch", "1", "-o", out, "--mask", base + "/area.wkt", "--resume").ok()
         expect(os.path.getsize(out) < os.path.getsize(want) and not parts(base), "with the area of the earlier fetch")
+        # Another tolerance of contours.
+        lines = os.path.join(base, "l.gpkg")
+        interrupted(d, gate, lines, "--interval", "1", "--simplify", "0.2")
+        for other in (["--simplify", "0.3"], ["--simplify", "0.2ft"], []):
+            says(d.ctl("fetch", "1", "-o", lines, "--interval", "1", "--resume", *other), 2, "options")
+        d.ctl("fetch", "1", "-o", lines, "--interval", "1", "--simplify", "0.2", "--resume").ok()
+        d.ctl("fetch", "1", "-o", lines + ".new.gpkg", "--interval", "1", "--simplify", "0.2").ok()
+        expect(read(lines) == read(lines + ".new.gpkg") and not parts(base), "simplified contours that were continued are others")
         # A leftover is replaced by a fetch that does not go on.
         interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()

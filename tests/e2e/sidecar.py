@@ -47,7 +47,8 @@ def says_what_it_is():
         expect((mine["vertices"], mine["triangles"], mine["left_out"]) ==
                (got["vertices"], got["triangles"] - got["left_out"]["triangles"], got["left_out"]["triangles"]), str(mine))
         expect(mine["options"] == {"canonical": True, "polyface": False, "z_unit": "foot", "cell": None, "cell_unit": None, "raster": None,
-                                    "interval": None, "interval_unit": None, "base": None, "base_unit": None, "index": None}
+                                    "interval": None, "interval_unit": None, "base": None, "base_unit": None, "index": None,
+                                    "simplify": None, "simplify_unit": None}
                and mine["origin"] is None, str(mine["options"]))
         shown = d.ctl("dataset", "show", "s", "--json").ok().json()
         expect([mine["box"][i] for i in (0, 1, 3, 4)] == [float(v) for v in shown["min"][:2] + shown["max"][:2]], "%s %s" % (mine["box"], shown))
@@ -59,6 +60,7 @@ def says_what_it_is():
         d.ctl("fetch", job, "-o", lines, "--interval", "2m", "--base", "0.5", "--sidecar").ok()
         options = read(lines + ".json")["options"]
         expect([options[n] for n in ("interval", "interval_unit", "base", "base_unit", "index")] == [2, "metre", 0.5, None, 5], str(options))
+        expect(mine["simplified"] is None, str(mine["simplified"]))
         # Before any -o it is of all; the origin that was taken off.
         d.ctl("fetch", job, "--sidecar", "-o", ply, "--origin", "1,2,3.5", "-o", obj, "--format", "obj").ok()
         mine = read(ply + ".json")

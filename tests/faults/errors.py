@@ -18,7 +18,7 @@ STATUS = (1, 69, 74, 75)
 def attempt(store, inputs, name):
     """All the work with a fault somewhere: every failure has a reason."""
     failed = 0
-    for args in (("push", name, *inputs.files), ("submit", name, "--wait", "--timeout", "10"), ("push", name + "x", inputs.files[0])):
+    for args in (("push", name, *sum(inputs.pushed, [])), ("submit", name, "--wait", "--timeout", "10"), ("push", name + "x", inputs.files[0])):
         for _ in range(2):
             r = store.ctl(*args, timeout=300)
             expect(store.alive(), "acutd ended: %s" % store.log_text())

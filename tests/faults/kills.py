@@ -12,7 +12,7 @@ import time
 import faults
 from faults import Acks, Inputs, Killed, Store, expect
 
-CALLS = ("pwrite64", "fsync", "fdatasync", "renameat,renameat2,rename", "unlinkat,unlink", "openat", "mkdirat,mkdir", "ftruncate", "pread64")
+CALLS = ("pwrite64", "fsync", "fdatasync", "renameat,renameat2,rename", "unlinkat,unlink", "linkat,link", "openat", "mkdirat,mkdir", "ftruncate", "pread64")
 
 
 class Ender(threading.Thread):

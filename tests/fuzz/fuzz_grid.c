@@ -49,11 +49,15 @@ static const char *name(void)
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
-	struct grid_segment_info segment = {.points = 7, .bytes = 8192, .file = "a.segment"};
+	struct grid_segment_info segment = {.points = 9, .cells = 1, .bytes = 8192, .file = "a.segment", .classes = {[2] = 9}};
 	struct grid_span life = {.added = 1, .removed = 2};
-	struct grid_source source[2] = {
+	const struct grid_lines lines = {{1, 0, 0, 1}, 2, 7, 8192, 0, {1, 2}},
+				set = {.bytes = 8192, .places = 1, .content = {1, 2}};
+	struct grid_source source[4] = {
 		{.id = 1, .added = 1, .points = 3, .name = "a.las", .path = "/a.las", .size = 9},
-		{.id = 2, .added = 4, .points = 4, .name = "b", .path = "", .earlier = &life, .nearlier = 1}};
+		{.id = 2, .added = 4, .points = 4, .name = "b", .path = "", .earlier = &life, .nearlier = 1},
+		{.id = 3, .added = 4, .name = "r", .path = "/r", .kind = GRID_LINES, .lines = &lines},
+		{.id = 4, .added = 4, .points = 2, .name = "", .path = "", .kind = GRID_LINE_VERTICES, .lines = &set}};
 	struct grid_generation all[3] = {
 		{.number = 1, .time_us = 5, .uid = 1000, .user = "ann", .kind = GRID_PUSH, .files = 2, .points_added = 7},
 		{.number = 2, .kind = GRID_REVERT, .undoes = 1, .files_removed = 1, .points_removed = 4},
@@ -67,7 +71,7 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 				  .segments = &segment,
 				  .nsegments = i & 1,
 				  .sources = source,
-				  .nsources = i & 1 ? 2 : 0,
+				  .nsources = i & 1 ? 4 : 0,
 				  .generations = all,
 				  .ngenerations = i & 1 ? 3 : 0};
 	struct err err = ERR_INIT;

@@ -284,20 +284,22 @@ static void check_state(struct made *m, uint64_t *seed, uint64_t range)
 
 static void check_marks(struct made *m, uint64_t *seed, const int32_t box[4], unsigned quarters)
 {
-	enum { POINTS = 24 };
-	struct point pts[POINTS];
+	enum { MOST_POINTS = 1500 };
+	static struct point pts[MOST_POINTS], before[MOST_POINTS];
+	const size_t count = random_below(seed, 400) ? 24 : 100 + random_below(seed, MOST_POINTS - 100);
 
-	for (size_t i = 0; i < POINTS; i++)
+	for (size_t i = 0; i < count; i++)
 		pts[i] = (struct point){
 			.x = (int32_t)(box[0] + (int64_t)random_below(seed, (uint64_t)((int64_t)box[2] - box[0]) + 1)),
 			.y = (int32_t)(box[1] + (int64_t)random_below(seed, (uint64_t)((int64_t)box[3] - box[1]) + 1)),
 			.tag = (uint16_t)(random_below(seed, 16) | (random_below(seed, 8) ? 0 : POINT_LINE)),
 		};
-	struct point before[POINTS];
-
+	/* In the order of a cell, so that groups have small boxes. */
+	if (random_below(seed, 2))
+		point_sort(pts, before, count);
 	memcpy(before, pts, sizeof pts);
-	ok(lineset_mark(m->reader, box, quarters / 4.0, pts, POINTS, &err));
-	for (size_t i = 0; i < POINTS; i++) {
+	ok(lineset_mark(m->reader, box, quarters / 4.0, pts, count, &err));
+	for (size_t i = 0; i < count; i++) {
 		unsigned want = before[i].tag;
 		bool near = false;
 

@@ -175,6 +175,13 @@ static void check_block(const struct stream_block *b, const struct stream_block 
 	assert_int_equal(b->flags != NULL, want->flags != NULL);
 	if (b->flags)
 		assert_memory_equal(b->flags, want->flags, b->ntriangle);
+	if (!b->local)
+		return;
+	assert_ptr_equal(b->local + b->nforeign, b->vertex);
+	for (uint32_t i = 0; i < b->nforeign; i++)
+		memset(b->local[i], 0xa5, sizeof b->local[i]);
+	assert_memory_equal(b->foreign, want->foreign, b->nforeign * 8);
+	assert_memory_equal(b->vertex, want->vertex, b->nnew * 12);
 }
 
 int model_run(const struct stream_bytes *in, size_t cut, const struct model *want, bool *ret_done, struct err *err)

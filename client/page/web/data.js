@@ -14,12 +14,15 @@ async function inflate(line) {
 	return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// All lines of an element, as bytes; the text is given back to the browser.
-async function linesOf(id) {
-	const element = document.getElementById(id), lines = element.textContent.split("\n").map(l => l.trim()).filter(l => l);
+// All lines of a text, as bytes.
+const inflateLines = text => Promise.all(text.split("\n").map(l => l.trim()).filter(l => l).map(inflate));
+
+// Of an element; the text is given back to the browser.
+function linesOf(id) {
+	const element = document.getElementById(id), lines = inflateLines(element.textContent);
 
 	element.textContent = "";
-	return Promise.all(lines.map(inflate));
+	return lines;
 }
 
 // Numbers of seven bits a byte, the low ones first.
@@ -102,10 +105,18 @@ function readFaces(lines, count, vertices) {
 	return {faces, domains: [...domains.values()]};
 }
 
+async function meshOf(counts, vertexText, faceText) {
+	const [vertexLines, faceLines] = await Promise.all([vertexText, faceText]);
+	const vertices = readVertices(vertexLines, counts.vertices);
+
+	return {vertices, ...readFaces(faceLines, counts.triangles, counts.vertices)};
+}
+
+// The mesh of a page, or of a folder: then its vertices and triangles are in tiles.
 async function readMesh() {
 	const facts = JSON.parse(document.getElementById("facts").textContent);
-	const [vertexLines, faceLines] = await Promise.all([linesOf("vertices"), linesOf("faces")]);
-	const vertices = readVertices(vertexLines, facts.vertices);
 
-	return {facts, vertices, ...readFaces(faceLines, facts.triangles, facts.vertices)};
+	if (facts.levels)
+		return {facts, domains: [], levels: facts.triangles ? await Levels.open(facts) : null};
+	return {facts, ...await meshOf(facts, linesOf("vertices"), linesOf("faces"))};
 }

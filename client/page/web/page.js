@@ -6,7 +6,7 @@ const EXAGGERATIONS = [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 15, 20];
 
 class Page {
 	constructor(mesh) {
-		const surface = new Surface(mesh), {facts} = mesh;
+		const surface = mesh.levels || new Surface(mesh), {facts} = mesh;
 
 		this.mesh = mesh;
 		this.surface = surface;
@@ -14,16 +14,17 @@ class Page {
 		this.units = new Units((facts.comments["acut-units"] || "").split(" "), this.axes[1].base + originOf(facts)[1]);
 		this.step = this.axes.map((axis, i) => axis.step * this.units.scale[i]);
 		this.camera = new Camera(surface, this.step);
-		this.scene = new Scene($("scene"), mesh, surface, this.step);
+		this.scene = new Scene($("scene"), surface, this.step);
+		this.items = mesh.levels ? [] : [{part: new Part(mesh), domains: mesh.domains}];
 		this.overlay = new Overlay($("marks"));
 		this.pointer = null; // where it is, in pixels
 		this.pinned = null; // the place that was clicked last, without a tool
-		this.heights = usualHeights(mesh).map(n => this.axes[2].base + this.axes[2].local(n - surface.middle[2]));
+		this.heights = usualHeights(mesh.levels ? mesh.levels.sample() : mesh).map(n => this.axes[2].base + this.axes[2].local(n - surface.middle[2]));
 		this.begin();
 	}
 
 	begin() {
-		const [low, high] = this.heights;
+		const [low, high] = this.heights, {levels} = this.mesh;
 
 		this.scene.state.range = high > low ? [low, high] : [low - 0.5, low + 0.5];
 		this.intervals();
@@ -39,6 +40,8 @@ class Page {
 			this.scene.restore();
 			this.update();
 		});
+		if (levels)
+			levels.changed = () => this.update();
 		this.changed();
 		this.draw();
 	}
@@ -165,9 +168,36 @@ class Page {
 
 	// The place of the surface at a pixel, or null.
 	placeAt(pixel) {
-		const hit = this.surface.hit(...this.camera.ray(...pixel)), z = hit && this.surface.height(hit[0], hit[1]);
+		const hit = this.surface.hit(...this.camera.ray(...pixel)), z = hit && this.surface.find(hit[0], hit[1]).z;
 
 		return hit && [hit[0], hit[1], Number.isNaN(z) ? hit[2] : z];
+	}
+
+	// A place gets its exact height, as soon as the triangles there are read.
+	async exactly(place) {
+		const {levels} = this.mesh, z = levels ? await levels.exact(place[0], place[1]).catch(error => levels.fail(error)) : NaN;
+
+		if (!(Math.abs(z - place[2]) > 0))
+			return;
+		place[2] = z;
+		this.tools.changed();
+	}
+
+	// Where the pointer rests the triangles are read, too.
+	async rest() {
+		const {levels} = this.mesh, place = this.pointer && this.placeAt(this.pointer);
+
+		if (place && levels.find(place[0], place[1]).error) {
+			await levels.exact(place[0], place[1]).catch(error => levels.fail(error));
+			this.update(false);
+		}
+	}
+
+	// How far a height may be off, of steps of the lattice, as text.
+	within(error) {
+		const n = error * this.axes[2].step, digits = Math.max(0, Math.min(this.axes[2].shown, 1 - Math.floor(Math.log10(n))));
+
+		return `to within ${(Math.ceil(n * 10 ** digits) / 10 ** digits).toFixed(digits)}${this.units.z && "\u00a0" + this.units.z}`;
 	}
 
 	coordinates(place) {
@@ -178,11 +208,14 @@ class Page {
 	height(x, y) {
 		const at = [x, y].map((n, axis) => this.axes[axis].relative(n - this.axes[axis].base));
 
-		return this.axes[2].base + this.axes[2].local(this.surface.height(at[0], at[1]));
+		return this.axes[2].base + this.axes[2].local(this.surface.find(at[0], at[1]).z);
 	}
 
 	point(pixel) {
 		this.pointer = pixel;
+		clearTimeout(this.resting);
+		if (pixel && this.mesh.levels)
+			this.resting = setTimeout(() => this.rest(), 200);
 		this.update(false);
 	}
 
@@ -195,6 +228,8 @@ class Page {
 			return;
 		if (!this.tools.click(place))
 			this.pinned = place;
+		if (place && this.pinned === place)
+			this.exactly(place);
 		this.update(false);
 	}
 
@@ -228,13 +263,29 @@ class Page {
 		this.waiting = 0;
 		if (surface) {
 			this.stale = false;
-			this.scene.draw(this.camera, this.axes[2]);
+			this.drawSurface();
 		}
 		this.overlay.draw(this.camera, this.tools.paths(), this.tools.spot || this.pinned);
 		$("top").setAttribute("aria-pressed", this.camera.parallel);
 		$("north").firstChild.style.transform = `rotate(${this.camera.yaw}rad)`;
 		this.showScale();
 		this.showCursor();
+	}
+
+	drawSurface() {
+		const {levels} = this.mesh;
+
+		if (!levels) {
+			this.scene.draw(this.camera, this.axes[2], this.items);
+			return;
+		}
+		const cut = levels.cut(this.camera, this.scene);
+		this.scene.draw(this.camera, this.axes[2], cut.items, cut.drop);
+		// Where a grid has no triangle the mesh ends within a diagonal of its quads.
+		$("legend-error").textContent = (cut.error ? "Drawn " + this.within(cut.error) : "Drawn exactly") + (cut.waiting ? ", reading \u2026" : "") +
+			(cut.border ? `\nUp to ${lengthText(Math.SQRT2 * cut.border * Math.max(...this.step.slice(0, 2)), this.units.length)} may be missing at borders` : "") +
+			(cut.error && this.scene.state.wire ? "\nTriangles are shown where it is exact" : "");
+		$("legend-error").hidden = false;
 	}
 
 	showScale() {
@@ -247,13 +298,14 @@ class Page {
 	showCursor() {
 		const dragging = this.input.drag && this.input.drag.far;
 		const place = dragging ? null : this.tools.spot || (this.pointer && this.placeAt(this.pointer)) || this.pinned || this.tools.last();
+		const error = place && this.surface.find(place[0], place[1]).error;
 		const names = this.units.degrees ? ["Lon", "Lat", "H"] : ["E", "N", "H"], units = [this.units.degrees ? "°" : "", this.units.degrees ? "°" : "", this.units.z && " " + this.units.z];
 
 		$("cursor").replaceChildren(...(place || [0, 0, 0]).flatMap((n, axis) => {
 			const name = document.createElement("b");
 			name.textContent = names[axis];
 			return [name, place ? this.axes[axis].text(this.axes[axis].local(n)) + units[axis] : "\u2013"];
-		}));
+		}), error ? " " + this.within(error) : "");
 	}
 }
 
@@ -356,6 +408,8 @@ async function main() {
 
 	showFacts(mesh);
 	showAbout(mesh, null);
+	if (mesh.levels)
+		$("about-fine").textContent = "Made by acut. Everything is in this folder, without loss: nothing else is asked for.";
 	if (!mesh.facts.triangles) {
 		fail("This mesh has no triangles.", mesh.facts.vertices ? `It has ${count(mesh.facts.vertices)} vertices, which are on one line or fewer than three, or whose triangles were left out.` : "It is empty.");
 		return null;
@@ -385,12 +439,18 @@ window.acut = {
 	height: (x, y) => window.acut.page.height(x, y),
 	pixel: (x, y) => {
 		const {axes, surface, camera} = window.acut.page, at = [x, y].map((n, axis) => axes[axis].relative(n - axes[axis].base));
-		return camera.project([...at, surface.height(at[0], at[1])]);
+		return camera.project([...at, surface.find(at[0], at[1]).z]);
 	},
 	place: (px, py) => {
 		const {page} = window.acut, place = page.placeAt([px, py]);
 		return place && page.coordinates(place);
 	},
+	// Of a folder: the height at coordinates when the triangles there were read; when all of the picture is; and how far it is off.
+	exact: async (x, y) => {
+		const {axes, surface} = window.acut.page, at = [x, y].map((n, axis) => axes[axis].relative(n - axes[axis].base));
+		return axes[2].base + axes[2].local(await surface.exact(at[0], at[1]));
+	},
+	settled: () => window.acut.page.surface.settled(),
 	profile: () => {
 		const {page} = window.acut;
 		return page.tools.line.map(p => [p.distance, ...page.coordinates([p.x, p.y, p.z])]);

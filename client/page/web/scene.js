@@ -9,10 +9,19 @@ uniform ivec3 origin;    // lattice number near the target
 uniform vec3 step;       // length of a lattice step
 uniform float exaggeration;
 uniform mat4 camera;
+uniform int skirt;       // vertices from this number on hang down by drop
+uniform float drop;
+uniform vec3 behind;     // what is coarse is drawn where it is, but yields to all that is nearer than this far behind it
 out highp vec3 place;    // relative to the origin, in units of length
 void main() {
 	place = vec3(number - origin) * step;
-	gl_Position = camera * vec4(place.xy, place.z * exaggeration, 1.0);
+	if (gl_VertexID >= skirt)
+		place.z -= drop;
+	vec3 at = vec3(place.xy, place.z * exaggeration);
+	gl_Position = camera * vec4(at, 1.0);
+	vec4 far = camera * vec4(at + behind, 1.0);
+	if (gl_Position.w > 0.0 && far.w > 0.0)
+		gl_Position.z = far.z / far.w * gl_Position.w;
 }`;
 
 const SURFACE = `#version 300 es
@@ -79,13 +88,22 @@ void main() {
 	colour = ink + 0.0 * place.x;
 }`;
 
+// Vertices and triangles that are drawn together. `skirt`: the first vertex of their skirts.
+class Part {
+	constructor(mesh) {
+		this.mesh = mesh;
+		this.skirt = mesh.skirt || 2 ** 31 - 1;
+		this.made = 0; // for which graphics processor
+	}
+}
+
 class Scene {
-	constructor(canvas, mesh, surface, step) {
+	constructor(canvas, surface, step) {
 		const gl = canvas.getContext("webgl2", {antialias: true, alpha: true});
 
 		if (!gl)
 			throw new Missing("WebGL 2");
-		Object.assign(this, {canvas, gl, mesh, surface, step});
+		Object.assign(this, {canvas, gl, surface, step, made: 0});
 		// Whole numbers of 32 bits tell places apart up to 2^31 steps; larger meshes are drawn at half of the steps.
 		this.halve = surface.high.some((n, axis) => n - surface.low[axis] > 2 ** 31 - 2) ? 2 : 1;
 		this.state = {mode: 1, interval: 0, wire: false, range: [0, 1]};
@@ -94,20 +112,56 @@ class Scene {
 
 	// Everything that the graphics processor has: again after it was lost.
 	restore() {
-		const gl = this.gl, vertices = this.halve > 1 ? this.mesh.vertices.map(n => n >> 1) : this.mesh.vertices;
+		const gl = this.gl;
 
+		this.made++;
 		this.surfaceProgram = new Program(gl, VERTEX, SURFACE);
 		this.wireProgram = new Program(gl, VERTEX, WIRE);
-		gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-		gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
-		gl.enableVertexAttribArray(0);
-		gl.vertexAttribIPointer(0, 3, gl.INT, 0, 0);
-		this.faceBuffer = this.indices(this.mesh.faces);
-		this.edgeBuffer = null;
 		gl.enable(gl.DEPTH_TEST);
 		gl.clearColor(0, 0, 0, 0);
 		gl.polygonOffset(1, 1);
 		gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+	}
+
+	// A part that the graphics processor has; `lists` of numbers of vertices are made when they are drawn.
+	use(part) {
+		const gl = this.gl, {vertices} = part.mesh;
+
+		if (part.made === this.made) {
+			gl.bindVertexArray(part.array);
+			return;
+		}
+		Object.assign(part, {made: this.made, lists: new Map(), array: gl.createVertexArray(), numbers: gl.createBuffer()});
+		gl.bindVertexArray(part.array);
+		gl.bindBuffer(gl.ARRAY_BUFFER, part.numbers);
+		gl.bufferData(gl.ARRAY_BUFFER, this.halve > 1 ? vertices.map(n => n >> 1) : vertices, gl.STATIC_DRAW);
+		gl.enableVertexAttribArray(0);
+		gl.vertexAttribIPointer(0, 3, gl.INT, 0, 0);
+	}
+
+	// Of a part that is in use: the list of this name.
+	list(part, name, make) {
+		const had = part.lists.get(name);
+
+		if (had)
+			this.gl.bindBuffer(this.gl.ELEMENT_ARRAY_BUFFER, had.buffer);
+		else
+			part.lists.set(name, this.indices(make()));
+		return part.lists.get(name);
+	}
+
+	edges(part) {
+		return this.list(part, "edges", () => edgesOf(part.mesh));
+	}
+
+	drop(part) {
+		if (part.made !== this.made)
+			return;
+		for (const {buffer} of part.lists.values())
+			this.gl.deleteBuffer(buffer);
+		this.gl.deleteBuffer(part.numbers);
+		this.gl.deleteVertexArray(part.array);
+		part.made = 0;
 	}
 
 	indices(list) {
@@ -118,8 +172,10 @@ class Scene {
 		return {buffer, count: list.length};
 	}
 
-	// `heights`: the axis of z. Everything that changes from picture to picture is in the state.
-	draw(camera, heights) {
+	// `items`: what is drawn, {part}; perhaps with domains, the name and numbers of a list in place of all triangles, `back` (how
+	// far it yields, a length), `coarse` (its triangles are not those of the mesh). `drop`: how far skirts hang down. `heights`: the
+	// axis of z. Everything else that changes from picture to picture is in the state.
+	draw(camera, heights, items, drop = 0) {
 		const gl = this.gl, canvas = this.canvas, state = this.state;
 
 		gl.viewport(0, 0, canvas.width, canvas.height);
@@ -128,14 +184,14 @@ class Scene {
 		const relative = place.map((n, axis) => n - this.surface.middle[axis]);
 		const common = {
 			origin: place.map(n => n / this.halve), step: this.step.map(s => s * this.halve), exaggeration: camera.exaggeration,
-			camera: camera.matrix(relative),
+			camera: camera.matrix(relative), drop, away: camera.axes()[2].map(n => -n),
 		};
 		if (state.wire)
 			gl.enable(gl.POLYGON_OFFSET_FILL);
-		this.drawSurface({...common, ...this.colours(relative[2], heights)});
+		this.drawSurface({...common, ...this.colours(relative[2], heights)}, items);
 		gl.disable(gl.POLYGON_OFFSET_FILL);
 		if (state.wire)
-			this.drawWire(common, camera);
+			this.drawWire(common, camera, items);
 	}
 
 	// Of the shader: what depends on the height of the origin. Contours are at multiples of the interval, counted from zero.
@@ -151,34 +207,40 @@ class Scene {
 		};
 	}
 
-	drawSurface(uniforms) {
-		const gl = this.gl;
+	drawSurface(uniforms, items) {
+		const gl = this.gl, program = this.surfaceProgram;
 
-		this.surfaceProgram.use(uniforms);
-		gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.faceBuffer.buffer);
-		if (this.state.mode !== 3) {
-			gl.drawElements(gl.TRIANGLES, this.faceBuffer.count, gl.UNSIGNED_INT, 0);
-			return;
+		program.use(uniforms);
+		for (const {part, domains, name, numbers, back = 0} of items) {
+			this.use(part);
+			const list = this.list(part, name || "faces", () => numbers || part.mesh.faces);
+			program.set({skirt: part.skirt, behind: uniforms.away.map(n => n * back)});
+			if (this.state.mode !== 3 || !domains) {
+				gl.drawElements(gl.TRIANGLES, list.count, gl.UNSIGNED_INT, 0);
+				continue;
+			}
+			domains.forEach((domain, i) => {
+				program.set({domain: domainColour(i)});
+				for (const [from, count] of domain.ranges)
+					gl.drawElements(gl.TRIANGLES, 3 * count, gl.UNSIGNED_INT, 12 * from);
+			});
 		}
-		this.mesh.domains.forEach((domain, i) => {
-			this.surfaceProgram.set({domain: domainColour(i)});
-			for (const [from, count] of domain.ranges)
-				gl.drawElements(gl.TRIANGLES, 3 * count, gl.UNSIGNED_INT, 12 * from);
-		});
 	}
 
-	drawWire(common, camera) {
+	drawWire(common, camera, items) {
 		const gl = this.gl;
-
-		if (!this.edgeBuffer)
-			this.edgeBuffer = this.indices(edgesOf(this.mesh));
 		// Where triangles are smaller than some pixels their edges would be all that one sees.
 		const edge = camera.radius() * 1.4 / Math.sqrt(this.surface.count) / camera.pixel();
 		const ink = this.state.mode === 0 ? [0.05, 0.22, 0.42] : [0.04, 0.06, 0.09];
-		this.wireProgram.use({...common, ink: [...ink, Math.min(0.62, Math.max(0.12, edge / 14))]});
+
+		this.wireProgram.use({...common, skirt: 2 ** 31 - 1, behind: [0, 0, 0], ink: [...ink, Math.min(0.62, Math.max(0.12, edge / 14))]});
 		gl.enable(gl.BLEND);
-		gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.edgeBuffer.buffer);
-		gl.drawElements(gl.LINES, this.edgeBuffer.count, gl.UNSIGNED_INT, 0);
+		for (const {part, coarse} of items) {
+			if (coarse)
+				continue;
+			this.use(part);
+			gl.drawElements(gl.LINES, this.edges(part).count, gl.UNSIGNED_INT, 0);
+		}
 		gl.disable(gl.BLEND);
 	}
 }

@@ -1,7 +1,10 @@
 // The exact section of the surface along a line: where it crosses each edge, and nothing between.
 
 // From (x0, y0) to (x1, y1), relative lattice numbers: [{t, z}, ...] with t from 0 to 1, in order; z is NaN where a gap begins.
-function sectionOf(surface, x0, y0, x1, y1) {
+const sectionOf = (surface, x0, y0, x1, y1) => joinPieces(piecesOf(surface, x0, y0, x1, y1));
+
+// The parts of the line in triangles, in any order.
+function piecesOf(surface, x0, y0, x1, y1) {
 	const from = [x0, y0, 0], along = [x1 - x0, y1 - y0, 0], seen = new Set(), pieces = [];
 
 	for (const step of surface.walk(from, along, ...clipPlan(surface, from, along))) {
@@ -15,8 +18,7 @@ function sectionOf(surface, x0, y0, x1, y1) {
 				pieces.push(piece);
 		}
 	}
-	pieces.sort((a, b) => a.t0 - b.t0 || a.t1 - b.t1);
-	return joinPieces(pieces);
+	return pieces;
 }
 
 // The part of 0 <= t <= 1 that is over the box of the mesh.
@@ -61,6 +63,7 @@ function pieceOf(surface, triangle, x0, y0, x1, y1) {
 function joinPieces(pieces) {
 	const line = [];
 
+	pieces.sort((a, b) => a.t0 - b.t0 || a.t1 - b.t1);
 	for (const piece of pieces) {
 		const last = line[line.length - 1];
 

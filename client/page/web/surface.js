@@ -75,12 +75,13 @@ class Lines {
 }
 
 class Surface {
-	constructor(mesh) {
+	// `middle`: that of the whole mesh, if this is a part of one.
+	constructor(mesh, middle) {
 		this.faces = mesh.faces;
 		this.vertices = mesh.vertices;
 		this.count = mesh.faces.length / 3;
 		this.box = boxOf(mesh.vertices, mesh.faces);
-		this.middle = this.box.low.map((low, axis) => low + Math.floor((this.box.high[axis] - low) / 2));
+		this.middle = middle || this.box.low.map((low, axis) => low + Math.floor((this.box.high[axis] - low) / 2));
 		this.low = this.box.low.map((n, axis) => n - this.middle[axis]);
 		this.high = this.box.high.map((n, axis) => n - this.middle[axis]);
 		this.corner = new Float64Array(9); // of the triangle that was loaded
@@ -254,6 +255,16 @@ class Surface {
 				return heightAt(this.plane(), x, y);
 		}
 		return NaN;
+	}
+
+	// The same with how far off it may be.
+	find(x, y) {
+		return {z: this.height(x, y), error: 0};
+	}
+
+	// [{t, z}, ...] as sectionOf has them.
+	section(x0, y0, x1, y1) {
+		return {line: sectionOf(this, x0, y0, x1, y1), error: 0};
 	}
 
 	// ---- rays ----

@@ -40,6 +40,7 @@ class Tools {
 		if (last && last.every((n, axis) => n === place[axis]))
 			return true; // a double click
 		this.corners[this.name].push(place);
+		this.page.exactly(place);
 		this.changed();
 		return true;
 	}
@@ -146,10 +147,12 @@ class Tools {
 		let before = 0;
 
 		this.legs = [0];
-
+		this.error = 0;
 		for (let i = 1; i < corners.length; i++) {
 			const [a, b] = [corners[i - 1], corners[i]], length = Math.hypot((b[0] - a[0]) * step[0], (b[1] - a[1]) * step[1]);
-			for (const p of sectionOf(surface, a[0], a[1], b[0], b[1])) {
+			const section = surface.section(a[0], a[1], b[0], b[1]);
+			this.error = Math.max(this.error, section.error);
+			for (const p of section.line) {
 				const x = a[0] + p.t * (b[0] - a[0]), y = a[1] + p.t * (b[1] - a[1]);
 				line.push({distance: before + p.t * length, height: axes[2].base + axes[2].local(p.z), x, y, z: p.z});
 			}
@@ -172,7 +175,8 @@ class Tools {
 		this.chart.show(this.line, {length: units.length, height: units.z}, this.legs);
 		const text = n => n.toFixed(Math.min(2, axes[2].decimals)), unit = units.z && "\u00a0" + units.z;
 		$("chart-facts").textContent = `${units.degrees ? "about " : ""}${lengthText(this.chart.length, units.length)} long \u00b7 heights ${text(low)} to ${text(high)}${unit} \u00b7 ` +
-			`up ${text(climb)}, down ${text(fall)}${unit} \u00b7 heights \u00d7 ${this.chart.exaggeration(this.page.step[2] / axes[2].step).toPrecision(2)}`;
+			`up ${text(climb)}, down ${text(fall)}${unit} \u00b7 heights \u00d7 ${this.chart.exaggeration(this.page.step[2] / axes[2].step).toPrecision(2)}` +
+			(this.error ? ` \u00b7 ${this.page.within(this.error)}` : "");
 		this.pointed(null);
 	}
 

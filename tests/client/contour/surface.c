@@ -104,14 +104,24 @@ static void block(struct contour *c, const struct surface *s, uint32_t number, c
 
 void surface_lines(const struct surface *s, const struct way *way, struct lines *ret)
 {
-	const struct acut_mesh_head head = {
-		.scale_xy = "0.01", .scale_z = "0.01", .view = way->view ? way->view : "view 1", .k = {1000000, 2000000, 50}};
+	const struct acut_mesh_head head = {.scale_xy = "0.01",
+					    .scale_z = "0.01",
+					    .view = way->view ? way->view : "view 1",
+					    .k = {way->k[0] ? way->k[0] : 1000000, way->k[1] ? way->k[1] : 2000000, 50}};
 	struct contour_options opt = {.interval = {way->interval, 1, 1},
 				      .base = {way->base, 1, 1},
 				      .z_num = 1,
 				      .z_den = 1,
 				      .segments = way->segments,
-				      .pages = way->pages};
+				      .pages = way->pages,
+				      .tile_p = way->tile_p,
+				      .tile_q = way->tile_q,
+				      .tiles = 1000,
+				      .simplify = way->simplify,
+				      .cell = way->cell,
+				      .sort_memory = way->sort_memory};
+	int64_t tile[2];
+	bool any = false;
 	uint32_t *of = calloc(s->ntriangle + 1, sizeof(*of)), *order = calloc(s->ntriangle + 1, sizeof(*order));
 	struct err err = ERR_INIT;
 	struct outfile *out;
@@ -134,7 +144,11 @@ void surface_lines(const struct surface *s, const struct way *way, struct lines 
 	for (uint32_t i = 0; i < (way->blocks ? way->blocks : 1); i++)
 		block(c, s, i, of, order, &err);
 	assert_int_equal(contour_join(c, &err), 0);
-	take(c, ret, &err);
+	if (!way->tile_p)
+		take(c, ret, &err);
+	while (way->tile_p && !contour_next_tile(c, tile, &any, &err) && any)
+		take(c, ret, &err);
+	ret->left_out = contour_simplified(c).left_out;
 	assert_int_equal(contour_done(c, &err), 0);
 	contour_free(c);
 	assert_int_equal(outfile_size(out), 0);

@@ -24,12 +24,18 @@ struct lines {
 	double (*point)[2]; /* of all lines, one behind the other */
 	char (*height)[DECIMAL_TEXT_SIZE];
 	size_t n, npoint;
+	uint64_t left_out;
 };
 struct way {
 	uint32_t blocks; /* that the triangles are shared out to by chance; 0: one */
 	unsigned segments, pages;
 	const char *view;
 	struct decimal interval, base;
+	uint64_t tile_p, tile_q; /* p 0: no tiles; else all lines of all tiles */
+	double simplify;
+	unsigned cell;
+	uint64_t sort_memory;
+	int64_t k[2]; /* 0: 1000000, 2000000 */
 };
 /* All lines, of triangles in any order; the scale is 0.01 of all axes. */
 void surface_lines(const struct surface *, const struct way *, struct lines *ret);

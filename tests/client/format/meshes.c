@@ -72,7 +72,8 @@ struct format_options meshes_options(const struct format *f)
 {
 	return (struct format_options){.origin_auto = !strcmp(f->name, "glb") || !strcmp(f->name, "stl"),
 				       .cell = {f->kind == FORMAT_RASTER ? 5 : 0, -1},
-				       .interval = {f->takes & FORMAT_INTERVAL ? 5 : 0, -1}};
+				       .interval = {f->takes & FORMAT_INTERVAL ? 5 : 0, -1},
+				       .simplify = {!strcmp(f->name, "geojson") ? 2 : 0, -1}};
 }
 
 void meshes_make(struct meshes *m, const struct meshes_spec *s)

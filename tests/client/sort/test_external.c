@@ -74,9 +74,65 @@ static void test_passes(void **state)
 	(void)state;
 }
 
+/* ---- interruptions ---- */
+
+struct patience {
+	size_t looks, most;
+};
+
+static int is_over(void *ctx)
+{
+	struct patience *p = ctx;
+
+	return p->looks++ >= p->most;
+}
+
+static int run(size_t n, struct patience *p, struct err *err)
+{
+	struct sort *s = NULL;
+	const uint64_t *rec = (const uint64_t[]){0};
+	uint64_t key[KEYS];
+	int r;
+
+	assert_int_equal(sort_new(WORDS, KEYS, 0, NULL, &s, err), 0);
+	sort_interrupt(s, is_over, p);
+	r = 0;
+	for (size_t i = 0; i < n && !r; i++) {
+		key_of(i, key);
+		r = sort_add(s, (uint64_t[WORDS]){key[0], key[1], i}, err);
+	}
+	if (!r)
+		r = sort_start(s, err);
+	while (!r && rec)
+		r = sort_next(s, &rec, err);
+	sort_free(s);
+	return r;
+}
+
+/* Whenever it is interrupted, it ends there. It looks before each buffer that a pass or the last merge fills, here of 4,096
+ * bytes. */
+static void test_interrupted(void **state)
+{
+	enum { N = MOST / 2 };
+	struct patience all = {.most = SIZE_MAX};
+	struct err err = {0};
+
+	assert_int_equal(run(N, &all, &err), 0);
+	assert_true(all.looks > 2 * (N * WORDS * sizeof(uint64_t) / 4096));
+	for (size_t most = 0; most < all.looks; most += 1 + most / 20) {
+		struct patience p = {.most = most};
+
+		err = (struct err){0};
+		assert_int_equal(run(N, &p, &err), -ERR_CANCELLED);
+		assert_int_equal(p.looks, most + 1);
+	}
+	(void)state;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_interrupted),
 		cmocka_unit_test(test_memory),
 		cmocka_unit_test(test_passes),
 	};

@@ -161,7 +161,7 @@ static const struct {
 	{"acut-lines 1 2\n", 1, "no text of lines"},
 	{HEAD "crs EPSG:2154\ncrs EPSG:2154\n", 3, "there already"},
 	{HEAD "crs\n", 2, "coordinate system"},
-	{HEAD "crs 2154\n", 2, "2154"},
+	{HEAD "crs EPSG:99\n", 2, "99"},
 	{HEAD "unit yard\n", 2, "no unit"},
 	{HEAD "unit m\nunit m\n", 3, "there already"},
 	{HEAD "crs EPSG:2154\nunit ft\n", 3, "another unit"},
