@@ -124,7 +124,7 @@ const struct cli_option ctl_options[] = {
 	{"kind-field", 0, "NAME", CLI_TEXT, AT(input.kind_field), CTL_INFO | CTL_REPLACES | CTL_LINES,
 	 "of files of lines: the field that has the kind of a line"},
 	{"densify", 0, "LENGTH", CLI_TEXT, AT(opt.line_options.densify), CTL_REPLACES | CTL_LINES,
-	 "of files of lines: vertices at equal distances, so that no segment is longer: 5 in file units, or 5m, 16ft"},
+	 "of files of lines: vertices at equal distances, so that no segment is longer: 5 in units of the dataset, or 5m"},
 	{"breakline-report", 0, "FILE", CLI_TEXT, AT(opt.line_report), CTL_REPLACES | CTL_LINES,
 	 "where lines cross, and where their vertices have several heights, as GeoJSON"},
 	{"lake-level", 0, "min|max|mean", CLI_TEXT, AT(opt.line_options.lake_level), CTL_REPLACES | CTL_LINES,

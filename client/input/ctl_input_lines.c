@@ -18,6 +18,16 @@ int ctl_inputs_add_lines(struct ctl_inputs *in, const char *name, const struct l
 		err_set(err, ERR_USAGE, "lines are read from files that are named, not from folders, devices or pipes");
 		return err_add_file(err, name);
 	}
+	/* The daemon knows an input by its name, and each of them would be a text of its own. */
+	for (size_t i = 0; i < in->n; i++) {
+		if (strcmp(in->input[i].name, name))
+			continue;
+		err_set(err, ERR_USAGE, "the file is given twice, and once or more for its lines");
+		err_add_hint(
+			err,
+			"give it once; --kind-field takes kinds from its features, and rings of every kind are breaklines, too");
+		return err_add_file(err, name);
+	}
 	return ctl_input_append(in, &(struct ctl_input){.fd = -1, .lines = options}, name, err);
 }
 

@@ -18,7 +18,7 @@ void ctl_report_lines(struct console *c, const struct ctl_staged *staged)
 	if (s->crossings)
 		console_line(c, "  they cross each other at %s place%s", term_count(s->crossings, a),
 			     s->crossings == 1 ? "" : "s");
-	if (s->crossings || s->uneven)
+	if (s->widest > 0)
 		console_line(c, "  heights differ at %s of their vertices, and by at most %.6g in all, at %.10g %.10g",
 			     term_count(s->uneven, a), s->widest, s->widest_at[0], s->widest_at[1]);
 	if (s->left_out)

@@ -51,12 +51,14 @@ void admission_add_rewrite(struct admission *a, int64_t bytes)
 uint64_t admission_stage_available(struct admission *a, uint64_t least)
 {
 	uint64_t left = admission_domain_memory(a), head = 2 * admission_domain_largest(a);
+	/* A stage that needs more than its share, for a line set, may have that. */
+	uint64_t share = a->stage_share > least ? a->stage_share : least;
 
 	THREAD_LOOP_ONLY();
 	/* A job must be able to finish beside the stage, one domain at a time. */
 	head = head > admission_plan_min() ? head : admission_plan_min();
 	left = left > head ? left - head : 0;
-	left = left < a->stage_share ? left : a->stage_share;
+	left = left < share ? left : share;
 	return left >= least ? left : 0;
 }
 

@@ -185,6 +185,18 @@ def reports():
         expect(r.status == 1 and "height" in r.err, "%d %s" % (r.status, r.err))
         r = d.ctl("push", "d", crossed, "--lines-as", "soft").ok()
         expect("soft lines" in r.err and "cross each other at 1 place" in r.out + r.err, r.out + r.err)
+        expect("by at most 5 in all" in r.out + r.err, r.out + r.err)
+        level = lines_file(base, "level.csv", [(False, [(0, 0), (20, 20)]), (False, [(0, 20), (20, 0)])])
+        r = d.ctl("push", "level", level, "--lines-as", "hard").ok()
+        expect("cross each other at 1 place" in r.out + r.err and "heights differ" not in r.out + r.err, r.out + r.err)
+
+
+def large_set():
+    """A line set that needs more memory than the share of a stage."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
+        lines = lines_file(base, "many.csv", [(False, [(3 * x, 7 * y) for x in range(1000)]) for y in range(150)])
+        got = d.ctl("push", "d", lines, "--lines-as", "hard", "--json").ok().json()["line_set"]
+        expect(got["edges"] == 150 * 999, str(got))
 
 
 def refusals():
@@ -197,6 +209,7 @@ def refusals():
                 (["mesh", path, "--breaklines", flat, "--format", "null"], 1, "it has no z"),
                 (["push", "d", path, "--lines-as", "road"], 2, "hard, soft, lake, boundary or hole"),
                 (["push", "d", base, "--lines-as", "hard"], 2, "not from folders"),
+                (["mesh", path, "--breaklines", flat, "--lakes", flat, "--format", "null"], 2, "given twice"),
                 (["mesh", path, "--densify", "5", "--format", "null"], 2, "there are none")):
             r = d.ctl(*words)
             expect(r.status == status and text in r.err, "%s: %d %s" % (words, r.status, r.err))
@@ -209,4 +222,4 @@ def refusals():
 
 
 if __name__ == "__main__":
-    e2e.main(tiny, many_domains, areas, reports, refusals)
+    e2e.main(tiny, many_domains, areas, reports, large_set, refusals)
