@@ -1,9 +1,9 @@
 /*
  * Lines of an input: vertices on the lattice into a file of lines (breakline.h).
  *
- * Model: the ring of a lake is kept until it ends if all of its vertices get one level; all else passes through. Equal vertices
- * in a row become one, and the last one of a ring that repeats the first goes. Points are added to a segment at equal divisions,
- * counted from that end which is lower by x, y and z, so that they are the same for either direction.
+ * Model: the rings of a lake are kept until its feature ends if all of its vertices get one level; all else passes through. Equal
+ * vertices in a row become one, and the last one of a ring that repeats the first goes. Points are added to a segment at equal
+ * divisions, counted from that end which is lower by x, y and z, so that they are the same for either direction.
  */
 #include "pipe_lines.h"
 
@@ -35,7 +35,7 @@ struct pipe_lines {
 	struct breakline_vertex held, first;
 	bool any; /* the line has a vertex: `held` is the last one, not written yet */
 	bool ring, single;
-	int32_t (*lake)[3]; /* vertices of the ring of a lake so far */
+	int32_t (*lake)[4]; /* x, y, z, bits of the vertices of a lake so far */
 	size_t nlake;
 	struct breakline_vertex lake_first;
 	bool in_lake;
@@ -172,9 +172,11 @@ static int add_vertex(struct pipe_lines *l, const struct breakline_vertex *v, st
 
 static int uneven(const struct pipe_lines *l, const struct breakline_vertex *v, int32_t z, struct err *err)
 {
-	err_set(err, ERR_INPUT, "feature %u is a lake, and the z of its ring are not the same: %.10g and %.10g", v->number,
+	err_set(err, ERR_INPUT, "feature %u is a lake, and the z of its rings are not the same: %.10g and %.10g", v->number,
 		lattice_coordinate(l->lattice, 2, l->lake_first.z), lattice_coordinate(l->lattice, 2, z));
-	err_add_hint(err, "give the ring one level, or choose which one counts: --lake-level min, max or mean");
+	err_add_hint(
+		err,
+		"give its rings one level, or choose which one counts: --lake-level min, max or mean; several lakes are several features");
 	return refuse(v, err);
 }
 
@@ -212,8 +214,8 @@ static int end_lake(struct pipe_lines *l, struct err *err)
 	for (size_t i = 0; !r && i < l->nlake; i++) {
 		v.x = l->lake[i][0];
 		v.y = l->lake[i][1];
+		v.bits = (uint8_t)l->lake[i][3];
 		r = add_vertex(l, &v, err);
-		v.bits = 0;
 	}
 	return r;
 }
@@ -221,7 +223,7 @@ static int end_lake(struct pipe_lines *l, struct err *err)
 /* A vertex of a lake. *ret_kept: it is added when the ring ends. */
 static int add_to_lake(struct pipe_lines *l, const struct breakline_vertex *v, bool *ret_kept, struct err *err)
 {
-	if (v->bits & BREAKLINE_LINE) {
+	if (v->bits & BREAKLINE_FEATURE) {
 		l->in_lake = true;
 		l->lake_first = *v;
 		l->nlake = 0;
@@ -230,12 +232,12 @@ static int add_to_lake(struct pipe_lines *l, const struct breakline_vertex *v, b
 	if (!*ret_kept)
 		return v->z == l->lake_first.z ? 0 : uneven(l, v, v->z, err);
 	if (l->nlake == INPUT_RING_MOST) {
-		err_set(err, ERR_LIMIT, "feature %u has a ring of more than %d vertices, too many to choose their level",
-			v->number, INPUT_RING_MOST);
+		err_set(err, ERR_LIMIT, "feature %u has more than %d vertices, too many to choose their level", v->number,
+			INPUT_RING_MOST);
 		err_add_hint(err, "give all of its vertices one z, and leave --lake-level out");
 		return refuse(v, err);
 	}
-	memcpy(l->lake[l->nlake++], (const int32_t[3]){v->x, v->y, v->z}, sizeof *l->lake);
+	memcpy(l->lake[l->nlake++], (const int32_t[4]){v->x, v->y, v->z, v->bits}, sizeof *l->lake);
 	return 0;
 }
 
@@ -258,7 +260,7 @@ int pipe_lines_add(struct pipe_lines *l, const int32_t (*at)[3], const struct in
 			.number = of[i].feature,
 		};
 
-		if (begins)
+		if (v.bits & BREAKLINE_FEATURE)
 			r = end_lake(l, err);
 		if (!r && v.kind == BREAKLINE_LAKE)
 			r = add_to_lake(l, &v, &kept, err);

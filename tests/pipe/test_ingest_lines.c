@@ -174,7 +174,7 @@ static void levels(void **state)
 {
 #define LAKE "feature 9 lake\nring\n11 -4 0.07\n12 -4 0.10\n12 -3 0.08\nring\n11 -4 1.07\n12 -4 1.07\n12 -3 1.07\n"
 	static const char *const level[] = {"min", "max", "mean"};
-	static const int32_t z[] = {0, 3, 1};
+	static const int32_t z[] = {0, 100, 51}; /* of the shore and the island */
 
 	for (int i = 0; i < 3; i++) {
 		char text[256];
@@ -184,9 +184,9 @@ static void levels(void **state)
 		      (const int32_t[][3]){{100, 100, z[i]},
 					   {200, 100, z[i]},
 					   {200, 200, z[i]},
-					   {100, 100, 100},
-					   {200, 100, 100},
-					   {200, 200, 100}},
+					   {100, 100, z[i]},
+					   {200, 100, z[i]},
+					   {200, 200, z[i]}},
 		      6, 0, 0);
 		assert_int_equal(got.totals.features[BREAKLINE_LAKE], 1);
 	}
@@ -201,7 +201,9 @@ static void refused(void **state)
 		const char *text, *says;
 		enum err_code code;
 	} rows[] = {
-		{HEAD LAKE, "feature 9 is a lake, and the z of its ring are not the same: 0.07 and 0.1", ERR_INPUT},
+		{HEAD LAKE, "feature 9 is a lake, and the z of its rings are not the same: 0.07 and 0.1", ERR_INPUT},
+		{HEAD "feature 9 lake\nring\n11 -4 1\n12 -4 1\n12 -3 1\nring\n11 -4 2\n12 -4 2\n12 -3 2\n",
+		 "not the same: 1 and 2", ERR_INPUT},
 		{HEAD "densify 0.001\nfeature 9 hard\nline\n0 0 0\n1 1 1\n", "below the scale", ERR_INPUT},
 		{HEAD "densify 0.01\nfeature 9 hard\nline\n0 0 0\n200000 1 1\n", "divided into", ERR_LIMIT},
 	};

@@ -286,7 +286,7 @@ static int open_lines(struct input *in, struct err *err)
 		rc = input_places_choose(in, axis, err);
 	describe(in);
 	if (in->info.lines.level != INPUT_LEVEL_NONE)
-		in->info.read_bytes = INPUT_RING_MOST * sizeof(int32_t[3]);
+		in->info.read_bytes = INPUT_RING_MOST * sizeof(int32_t[4]);
 	rewind_text(in, false);
 	return rc;
 }

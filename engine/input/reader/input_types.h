@@ -34,7 +34,7 @@ struct input_points {
 };
 
 /* Vertices that the ring of a lake may have whose level is chosen; input_info.read_bytes counts them. */
-enum { INPUT_RING_MOST = 1 << 18 };
+enum { INPUT_RING_MOST = 3 << 16 };
 
 /* What a text of lines says of all of its lines, and how many there are. */
 struct input_lines {
