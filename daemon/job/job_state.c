@@ -130,6 +130,18 @@ static void note_classes(struct job *job, const struct view *view)
 		 exact ? "" : "at least ", (unsigned long long)ground, exact ? "" : "at least ", (unsigned long long)other);
 }
 
+static void note_cropped(struct job *job)
+{
+	uint64_t n = run_cropped(job->run);
+
+	if (!*job->report.note && n)
+		snprintf(
+			job->report.note, sizeof job->report.note,
+			"%llu edge%s of lines %s an end outside of the crop and %s left out: a boundary cuts exactly, --densify makes them "
+			"shorter",
+			(unsigned long long)n, n == 1 ? "" : "s", n == 1 ? "has" : "have", n == 1 ? "is" : "are");
+}
+
 static void make_report(struct job *job)
 {
 	const struct pipe_totals *totals = run_totals(job->run);
@@ -146,6 +158,7 @@ static void make_report(struct job *job)
 	job->report.points_read += run_plan(job->run)->points_read;
 	job->report.cells_read += run_plan(job->run)->cells_read;
 	job->report.domains_reused = run_reused(job->run);
+	note_cropped(job);
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
 	job->report.worked_seconds = run_worked(job->run);

@@ -128,6 +128,7 @@ struct run {
 		struct selection_counts counts;
 	} select;
 	uint64_t ground, other; /* run_classes */
+	uint64_t cropped;       /* run_cropped */
 	bool classes_exact;
 	bool unclassified;      /* run_unclassified */
 	uint64_t emitter_bytes; /* charged */

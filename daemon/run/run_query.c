@@ -46,6 +46,11 @@ bool run_classes(const struct run *w, uint64_t *ret_ground, uint64_t *ret_other)
 	return w->classes_exact;
 }
 
+uint64_t run_cropped(const struct run *w)
+{
+	return w->cropped;
+}
+
 bool run_unclassified(const struct run *w)
 {
 	return w->unclassified;

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "io.h"
+#include "lineset.h"
 #include "log.h"
 #include "run_priv.h"
 
@@ -32,6 +33,35 @@ static int parent_open(struct run *w, int *ret_fd, struct err *err)
 }
 
 /* ---- opening ---- */
+
+/* A piece of a line is in the mesh if both of its ends are. */
+static int see_piece(void *ctx, const struct lineset_piece *piece, struct err *err)
+{
+	struct run *w = ctx;
+	const struct point end[2] = {{.x = piece->a[0], .y = piece->a[1], .tag = POINT_LINE},
+				     {.x = piece->b[0], .y = piece->b[1], .tag = POINT_LINE}};
+
+	(void)err;
+	w->cropped += view_judge(&w->view, &end[0]) != VIEW_KEPT || view_judge(&w->view, &end[1]) != VIEW_KEPT;
+	return 0;
+}
+
+static int count_cropped(struct run *w, struct err *err)
+{
+	struct lineset *lines = grid_lines(w->grid);
+	void *memory;
+	int r;
+
+	w->cropped = 0;
+	if (!lines || w->view.crop == VIEW_CROP_NONE)
+		return 0;
+	memory = malloc(lineset_reader_bytes());
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory to read lines");
+	r = lineset_find(lineset_reader_init(memory, lines), lineset_info(lines)->box, see_piece, w, err);
+	free(memory);
+	return r;
+}
 
 /* Reads its counts and opens its grid. The generation's index is closed first: a run has memory for one. */
 static int selected_open(struct run *w, int dirfd, struct err *err)
@@ -50,8 +80,9 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 		use.linesfd = w->dataset->dirfd;
 	}
 	w->grid = grid_close(w->grid);
-	return grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, w->runs->core->p.ledger,
-			     admission_index_share(w->runs->admission), &w->grid, err);
+	r = grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, w->runs->core->p.ledger,
+			  admission_index_share(w->runs->admission), &w->grid, err);
+	return r ? r : count_cropped(w, err);
 }
 
 static int open_in(struct run *w, int parent, const char *name, struct err *err)

@@ -181,6 +181,8 @@ def reports():
             found = sorted((p["properties"]["kind"], p["geometry"]["coordinates"], p["properties"]["lower"], p["properties"]["upper"])
                            for p in json.load(f)["features"])
         expect(found == [("crossing", [10, 10], 4, 8), ("uneven", [0, 10], 4, 9)], str(found))
+        cropped = d.ctl("mesh", path, "--breaklines", crossed, "--crop", "0,0,15,30", "--format", "null", "--json").ok().json()
+        expect(any("1 edge of lines has an end outside" in w for w in cropped["notes"]), str(cropped))
         r = d.ctl("push", "d", crossed, "--lines-as", "hard", "--strict")
         expect(r.status == 1 and "height" in r.err, "%d %s" % (r.status, r.err))
         r = d.ctl("push", "d", crossed, "--lines-as", "soft").ok()
