@@ -195,9 +195,10 @@ static bool is_long(const struct outputs_hull *h, const int32_t *a, const int32_
 }
 
 /* The record of a triangle, whose set has all of its long edges; 0: it has none, 1: it has, or an error. */
-static int record_of(struct outputs_hull *h, const struct acut_mesh_block *b, const int32_t (*pos)[3], const uint32_t *t,
+static int record_of(struct outputs_hull *h, const struct acut_mesh_block *b, const int32_t (*pos)[3], uint32_t i,
 		     struct record *ret, struct err *err)
 {
+	const uint32_t *t = b->triangle[i];
 	bool any = false;
 
 	for (int j = 0; j < 3; j++) {
@@ -208,7 +209,8 @@ static int record_of(struct outputs_hull *h, const struct acut_mesh_block *b, co
 		int k = j == 2 ? 0 : j + 1;
 		uint32_t edge = 0;
 
-		if (!is_long(h, ret->at[j], ret->at[k]))
+		/* nothing is reached through a line: the side is across from the third corner */
+		if (!is_long(h, ret->at[j], ret->at[k]) || (b->flags && b->flags[i] >> (3 - j - k) & 1))
 			continue;
 		if (edge_of(h, ret->number[j], ret->number[k], &edge, err))
 			return -(int)err->code;
@@ -232,7 +234,7 @@ int outputs_hull_block(struct outputs_hull *h, const struct acut_mesh_block *b, 
 		return -(int)err->code;
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		struct record rec = {.edge = 0};
-		int r = record_of(h, b, pos, b->triangle[i], &rec, err);
+		int r = record_of(h, b, pos, i, &rec, err);
 
 		rec.number[0] |= b->flags ? (uint64_t)b->flags[i] << FLAGS_AT : 0;
 		if (!r)

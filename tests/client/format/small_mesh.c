@@ -124,6 +124,13 @@ struct digest small_digest(bool kept)
 
 /* ---- the stream ---- */
 
+bool small_is_piece(uint32_t a, uint32_t b)
+{
+	uint64_t low = a < b ? a : b, high = a < b ? b : a;
+
+	return small.lines && ((low * SMALL_POINTS + high + 1) * small.lines >> 40) % 8 == 0;
+}
+
 int small_send(const struct acut_mesh_sink *sink, uint64_t *seed)
 {
 	uint64_t number[SMALL_POINTS], next = 0;
@@ -144,6 +151,7 @@ int small_send(const struct acut_mesh_sink *sink, uint64_t *seed)
 		unsigned n = 1 + (unsigned)random_below(seed, small.n - from);
 		uint64_t foreign[SMALL_POINTS];
 		int32_t vertex[SMALL_POINTS][3];
+		uint8_t flags[SMALL_TRIANGLES] = {0};
 		uint32_t triangle[SMALL_TRIANGLES][3], local[SMALL_POINTS], nforeign = 0, nnew = 0;
 		struct acut_mesh_block b = {.index = from, .first = next, .box = {(int64_t)from, 0, 1, 1}, .ntriangle = n};
 
@@ -165,8 +173,13 @@ int small_send(const struct acut_mesh_sink *sink, uint64_t *seed)
 				}
 			}
 		for (unsigned t = 0; t < n; t++)
-			for (unsigned j = 0; j < 3; j++)
-				triangle[t][j] = local[small.triangle[from + t][j]];
+			for (unsigned j = 0; j < 3; j++) {
+				const uint32_t *c = small.triangle[from + t];
+
+				triangle[t][j] = local[c[j]];
+				flags[t] |= (uint8_t)(small_is_piece(c[(j + 1) % 3], c[(j + 2) % 3]) << j);
+			}
+		b.flags = small.lines ? flags : NULL;
 		b.nforeign = nforeign;
 		b.nnew = nnew;
 		b.foreign = foreign;

@@ -18,7 +18,9 @@ extern struct small_mesh {
 	uint32_t triangle[SMALL_TRIANGLES][3];
 	bool gone[SMALL_TRIANGLES]; /* by the test: it is to be left out */
 	unsigned w, h, n;
+	uint64_t lines; /* which edges are pieces of lines (small_is_piece); 0: none */
 } small;
+bool small_is_piece(uint32_t a, uint32_t b); /* between two points: an eighth of the edges */
 extern const struct format small_format;
 
 /* A new mesh; coordinates are multiples of `step`. */

@@ -1,6 +1,6 @@
 /*
  * --trim-hull against brute force: small meshes whose triangles come in any order and in blocks of any size, and limits that some
- * edges have exactly. What stays is told apart by flooding from outside over a list of all triangles.
+ * edges have exactly, half of them with lines. What stays is told apart by flooding from outside over a list of all triangles.
  * ACUT_FUZZ_CASES: how many meshes (5,000).
  */
 #include <setjmp.h>
@@ -47,7 +47,7 @@ static void flood(int64_t limit2)
 				uint32_t a = small.triangle[t][j], b = small.triangle[t][(j + 1) % 3];
 				int other = beyond(t, a, b);
 
-				if (square(a, b) > limit2 && (other < 0 || small.gone[other]))
+				if (square(a, b) > limit2 && !small_is_piece(a, b) && (other < 0 || small.gone[other]))
 					small.gone[t] = more = true;
 			}
 	}
@@ -67,6 +67,7 @@ static void one_case(uint64_t seed)
 	int64_t limit;
 
 	small_make(&seed, 1);
+	small.lines = random_below(&seed, 2) ? random_next(&seed) | 1 : 0;
 	limit = 1 + (int64_t)random_below(&seed, 45);
 	opt.trim_hull.value = (struct decimal){limit, -1};
 	flood(limit * limit);
