@@ -94,7 +94,8 @@ static char *lines_text(const struct lines_exported *l, char *buf, size_t size)
 			n += (size_t)snprintf(buf + n, size - n, "%s%s %s", n ? ", " : "", term_count(l->features[i], a),
 					      lines_kind_text[i]);
 	if (n < size)
-		snprintf(buf + n, size - n, ": %s lines, %s vertices", term_count(l->lines, a), term_count(l->vertices, b));
+		snprintf(buf + n, size - n, ": %s line%s, %s vertices", term_count(l->lines, a), l->lines == 1 ? "" : "s",
+			 term_count(l->vertices, b));
 	return buf;
 }
 

@@ -100,7 +100,7 @@ static int put_divisions(struct pipe_lines *l, const struct breakline_vertex *a,
 	int64_t n = (int64_t)parts;
 
 	if (parts > parts_most) {
-		err_set(err, ERR_LIMIT, "feature %u has a segment that would be divided into %.0f parts", a->number, parts);
+		err_set(err, ERR_LIMIT, "it has a segment that would be divided into %.0f parts", parts);
 		err_add_hint(err, "give a greater length for --densify");
 		return refuse(a, err);
 	}
@@ -172,7 +172,7 @@ static int add_vertex(struct pipe_lines *l, const struct breakline_vertex *v, st
 
 static int uneven(const struct pipe_lines *l, const struct breakline_vertex *v, int32_t z, struct err *err)
 {
-	err_set(err, ERR_INPUT, "feature %u is a lake, and the z of its rings are not the same: %.10g and %.10g", v->number,
+	err_set(err, ERR_INPUT, "it is a lake, and the z of its rings are not the same: %.10g and %.10g",
 		lattice_coordinate(l->lattice, 2, l->lake_first.z), lattice_coordinate(l->lattice, 2, z));
 	err_add_hint(
 		err,
@@ -232,8 +232,7 @@ static int add_to_lake(struct pipe_lines *l, const struct breakline_vertex *v, b
 	if (!*ret_kept)
 		return v->z == l->lake_first.z ? 0 : uneven(l, v, v->z, err);
 	if (l->nlake == INPUT_RING_MOST) {
-		err_set(err, ERR_LIMIT, "feature %u has more than %d vertices, too many to choose their level", v->number,
-			INPUT_RING_MOST);
+		err_set(err, ERR_LIMIT, "it has more than %d vertices, too many to choose their level", INPUT_RING_MOST);
 		err_add_hint(err, "give all of its vertices one z, and leave --lake-level out");
 		return refuse(v, err);
 	}

@@ -208,7 +208,7 @@ def interrupted():
             # Refused, or left: nothing stays.
             before = folder(d, "d")
             tilted = lines(base, "tilted.txt", (4, "lake", [(60, 60, 1), (70, 60, 1), (70, 70, 2)]))
-            says(push(d, "d", tilted), 1, "feature 4 is a lake", "--lake-level")
+            says(push(d, "d", tilted), 1, "feature 4", "it is a lake", "--lake-level")
             settled(d, "d", before)
             half = Half(d, "d", [tilted, lines(base, "other.txt", (5, "hard", [(1, 1, 1), (2, 2, 2)]))], 0)
             half.vanish()

@@ -201,7 +201,7 @@ static void refused(void **state)
 		const char *text, *says;
 		enum err_code code;
 	} rows[] = {
-		{HEAD LAKE, "feature 9 is a lake, and the z of its rings are not the same: 0.07 and 0.1", ERR_INPUT},
+		{HEAD LAKE, "it is a lake, and the z of its rings are not the same: 0.07 and 0.1", ERR_INPUT},
 		{HEAD "feature 9 lake\nring\n11 -4 1\n12 -4 1\n12 -3 1\nring\n11 -4 2\n12 -4 2\n12 -3 2\n",
 		 "not the same: 1 and 2", ERR_INPUT},
 		{HEAD "densify 0.001\nfeature 9 hard\nline\n0 0 0\n1 1 1\n", "below the scale", ERR_INPUT},
