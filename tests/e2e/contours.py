@@ -383,12 +383,14 @@ def memory():
         points = 3000000 if os.environ.get("ACUT_CONTOURS_LONG") else 150000
         d.ctl("push", "s", survey(base, points)).ok()
         job = d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]
-        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "0.5")] + ["--simplify", "0.1"]
+        outs = [w for name in ("l.gpkg", "l.geojson", "l.dxf") for w in ("-o", os.path.join(base, name), "--interval", "0.5")]
+        simple = peak(d, "fetch", job, *[w for i, w in enumerate(outs) for w in ([w, "--simplify", "0.1"] if i % 4 == 3 else [w])])
         most = peak(d, "fetch", job, *outs)
         with sqlite3.connect(os.path.join(base, "l.gpkg")) as lines:
             n, length = lines.execute("SELECT count(*), sum(length) FROM contours").fetchone()
         print("     %d lines, %.0f km, %.1f MiB of memory" % (n, length / 1000, most / (1 << 20)))
         expect(e2e.sanitized() or most < MEMORY, "%d bytes of memory" % most)
+        expect(e2e.sanitized() or simple < MEMORY + (10 << 20), "%d bytes of memory with --simplify" % simple)
         expect(not [n for n in os.listdir(base) if "part" in n], "left behind: %s" % os.listdir(base))
 
 
