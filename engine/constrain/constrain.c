@@ -70,48 +70,59 @@ static bool owns(const struct constrain_work *w, const struct cut_owner *o, uint
 	return area ? area->meets(area->ctx, xy[c[0]], xy[c[1]], xy[c[2]]) : cut_owner_has(o, xy[c[0]], xy[c[1]], xy[c[2]]);
 }
 
-static int any_piece(void *ctx, const struct lineset_piece *p, struct err *err)
+static uint64_t *take_bits(struct constrain_work *w)
 {
-	(void)ctx;
-	(void)p;
-	(void)err;
-	return 1;
+	size_t bytes = ((size_t)w->r.ntriangle + 63) / 64 * sizeof(uint64_t);
+	uint64_t *bits = constrain_take(w, bytes);
+
+	if (bits)
+		memset(bits, 0, bytes);
+	return bits;
 }
 
-/* Whether a piece meets the box of all owned triangles together. */
-static int is_near(struct constrain_work *w, const struct cut_owner *o, bool *ret)
+/* Sets the bits of owned triangles, and the box of all of them. */
+static void find_owned(struct constrain_work *w, uint64_t *owned)
 {
-	int32_t *all = w->c->depends.box;
-	int rc;
-
-	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
-		int32_t box[4];
-
-		if (!owns(w, o, i))
-			continue;
-		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
-		point_box_join(all, box);
-	}
-	*ret = false;
-	if (all[0] > all[2])
-		return 0;
-	rc = w->c->lines->find(w->c->lines->ctx, all, any_piece, NULL, w->err);
-	*ret = rc > 0;
-	return rc < 0 ? rc : 0;
-}
-
-static int find_pieces(struct constrain_work *w)
-{
+	int32_t all[4] = CUT_BOX_EMPTY;
 	struct cut_owner o;
-	bool near;
-	int rc;
 
 	cut_owner_init(&o, w->c->region);
-	rc = is_near(w, &o, &near);
-	for (uint32_t i = 0; near && i < w->r.ntriangle && !rc; i++) {
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		if (!owns(w, &o, i))
+			continue;
+		owned[i / 64] |= UINT64_C(1) << i % 64;
+		for (unsigned k = 0; k < 3; k++) {
+			const int32_t *at = w->r.xy[w->r.triangle[i].corner[k]];
+
+			all[0] = at[0] < all[0] ? at[0] : all[0];
+			all[1] = at[1] < all[1] ? at[1] : all[1];
+			all[2] = at[0] > all[2] ? at[0] : all[2];
+			all[3] = at[1] > all[3] ? at[1] : all[3];
+		}
+	}
+	memcpy(w->c->depends.box, all, sizeof(all));
+}
+
+/* Finds the pieces that meet the box of an owned triangle: first those that meet the box of all together. */
+static int find_pieces(struct constrain_work *w)
+{
+	uint64_t *owned;
+	int rc;
+
+	if (!constrain_points_reserve(w))
+		return CONSTRAIN_E_SPLIT;
+	owned = take_bits(w);
+	if (!owned)
+		return CONSTRAIN_E_SPLIT;
+	w->point = (struct point *)w->at;
+	find_owned(w, owned);
+	if (w->c->depends.box[0] > w->c->depends.box[2])
+		return 0;
+	rc = constrain_lines_all(w, w->c->depends.box);
+	for (uint32_t i = 0; !rc && (w->nfar || w->many) && i < w->r.ntriangle; i++) {
 		int32_t box[4];
 
-		if (!owns(w, &o, i))
+		if (!constrain_bit(owned, i))
 			continue;
 		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
 		rc = constrain_lines_box(w, box);
@@ -136,31 +147,26 @@ static void ends_of(const struct constrain_work *w, const struct constrain_piece
 	ret[1] = w->r.id[constrain_points_find(w, p->b[0], p->b[1])];
 }
 
-static void clear_bit(uint64_t *bits, uint32_t i)
+/* Chooses the owned triangles that no piece crosses: the others keep their places. */
+static void choose_owned(struct constrain_work *w)
 {
-	bits[i / 64] &= ~(UINT64_C(1) << i % 64);
-}
-
-/* Sets the bits of owned triangles. */
-static bool mark_owned(struct constrain_work *w)
-{
-	size_t words = ((size_t)w->r.ntriangle + 63) / 64;
 	struct cut_owner o;
 
-	w->chosen = constrain_take(w, words * sizeof(*w->chosen));
-	if (!w->chosen)
-		return false;
-	memset(w->chosen, 0, words * sizeof(*w->chosen));
 	cut_owner_init(&o, w->c->region);
-	for (uint32_t i = 0; i < w->r.ntriangle; i++)
-		w->chosen[i / 64] |= (uint64_t)owns(w, &o, i) << i % 64;
-	return true;
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		bool owned = !constrain_bit(w->crossed, i) && owns(w, &o, i);
+
+		w->chosen[i / 64] |= (uint64_t)owned << i % 64;
+	}
 }
 
 static bool tables(struct constrain_work *w)
 {
-	w->at = (uint8_t *)w->c->arena + align_line(w->c->used);
-	if (w->at > (uint8_t *)w->piece || !constrain_points_fill(w) || !mark_owned(w))
+	w->at = (uint8_t *)(w->slot + w->nslot);
+	w->at += align_line((uintptr_t)w->at) - (uintptr_t)w->at;
+	w->chosen = take_bits(w);
+	w->crossed = w->chosen ? take_bits(w) : NULL;
+	if (!w->crossed)
 		return false;
 	w->point = (struct point *)w->at;
 	w->npoint = 0;
@@ -182,28 +188,52 @@ static bool pieces_begin(struct constrain_work *w)
 	if (!memory)
 		return false;
 	w->p = tri_pieces_init(memory, w->c->tri, (uint32_t)most);
-	w->own = (uint32_t(*)[3])w->at;
-	w->nown = 0;
+	w->before = (struct constrain_before *)w->at;
+	w->nbefore = 0;
 	return true;
 }
 
-/* A triangle that a piece crosses is chosen no more; an owned one gets a flag. */
-static int take_crossed(struct constrain_work *w, uint32_t i)
+/* An owned triangle that a piece crosses gets a flag. */
+static int take_crossed(struct constrain_work *w, const struct cut_owner *o, uint32_t i)
 {
-	bool owned = constrain_bit(w->chosen, i);
+	struct constrain_before *before = &w->before[w->nbefore];
 
-	clear_bit(w->chosen, i);
-	if (!owned)
+	if (constrain_bit(w->crossed, i))
 		return 0;
-	if ((uint8_t *)(w->own + w->nown + 1) > (uint8_t *)w->piece)
+	if ((uint8_t *)(before + 1) > (uint8_t *)w->piece)
 		return CONSTRAIN_E_SPLIT;
-	tri_piece_flag(w->p, i);
-	memcpy(w->own[w->nown++], w->r.triangle[i].corner, sizeof(*w->own));
+	w->crossed[i / 64] |= UINT64_C(1) << i % 64;
+	*before = (struct constrain_before){i, w->r.triangle[i]};
+	w->nbefore++;
+	if (!w->c->area && owns(w, o, i))
+		tri_piece_flag(w->p, i);
 	return 0;
+}
+
+/* The list of owned triangles that are crossed. */
+static int list_own(struct constrain_work *w)
+{
+	w->at = (uint8_t *)w->before + align_line(w->nbefore * sizeof(*w->before));
+	w->own = (uint32_t(*)[3])w->at;
+	w->nown = 0;
+	if (w->at > (uint8_t *)w->piece)
+		return CONSTRAIN_E_SPLIT;
+	for (uint32_t i = 0; i < w->nbefore; i++) {
+		if (!tri_piece_flagged(w->p, w->before[i].place))
+			continue;
+		if ((uint8_t *)(w->own + w->nown + 1) > (uint8_t *)w->piece)
+			return CONSTRAIN_E_SPLIT;
+		memcpy(w->own[w->nown++], w->before[i].triangle.corner, sizeof(*w->own));
+	}
+	w->at = (uint8_t *)w->own + align_line(w->nown * sizeof(*w->own));
+	return w->at > (uint8_t *)w->piece || !constrain_owner_index(w) ? CONSTRAIN_E_SPLIT : 0;
 }
 
 static int find_crossed(struct constrain_work *w)
 {
+	struct cut_owner o;
+
+	cut_owner_init(&o, w->c->region);
 	for (uint32_t i = 0; i < w->npiece; i++) {
 		uint32_t end[2], n = 0, at = 0;
 		int wrong, rc = 0;
@@ -215,12 +245,11 @@ static int find_crossed(struct constrain_work *w)
 		if (wrong)
 			return lines_wrong(w, &w->piece[i], wrong, at);
 		for (uint32_t k = 0; k < n && !rc; k++)
-			rc = take_crossed(w, tri_piece_found(w->p, k));
+			rc = take_crossed(w, &o, tri_piece_found(w->p, k));
 		if (rc)
 			return rc;
 	}
-	w->at = (uint8_t *)w->own + align_line(w->nown * sizeof(*w->own));
-	return w->at > (uint8_t *)w->piece || !constrain_owner_index(w) ? CONSTRAIN_E_SPLIT : 0;
+	return list_own(w);
 }
 
 static int insert_pieces(struct constrain_work *w)
@@ -252,6 +281,9 @@ static int verify(struct constrain_work *w)
 
 		if (w->c->area ? !owns(w, NULL, i) : !tri_piece_flagged(w->p, i) || !constrain_real(&w->r.triangle[i]))
 			continue;
+		if (constrain_verified(w, i))
+			continue;
+		constrain_verified_add(w, i);
 		constrain_triangle_box(&w->r, w->r.triangle[i].corner, box);
 		point_box_join(w->c->depends.box, box);
 		rc = constrain_lines_box(w, box);
@@ -274,20 +306,15 @@ static int turn(struct constrain_work *w, bool first, bool *ret_again)
 	int rc = tables(w) ? 0 : CONSTRAIN_E_SPLIT;
 
 	w->c->turns++;
+	w->nbefore = 0;
 	*ret_again = true;
 	if (!rc && first)
 		rc = constrain_lines_ends(w);
-	/* The first ends are few, so they are added to what is there. */
-	if (!rc && first && w->npoint) {
-		if (!constrain_points_insert(w))
-			return 0;
-		rc = tables(w) ? 0 : CONSTRAIN_E_SPLIT;
-	}
-	if (rc)
+	if (rc || (first && w->npoint))
 		return rc;
 	if (!pieces_begin(w))
 		return CONSTRAIN_E_SPLIT;
-	rc = w->c->area ? 0 : find_crossed(w);
+	rc = find_crossed(w);
 	*ret_again = false;
 	if (rc)
 		return rc;
@@ -309,7 +336,6 @@ static void choose_area(struct constrain_work *w)
 		const int32_t(*xy)[2] = w->r.xy;
 		bool takes = owns(w, NULL, i) && area->takes(area->ctx, xy[c[0]], xy[c[1]], xy[c[2]]);
 
-		clear_bit(w->chosen, i);
 		w->chosen[i / 64] |= (uint64_t)takes << i % 64;
 	}
 }
@@ -326,6 +352,8 @@ static int choose_plain(struct constrain_work *w)
 		return CONSTRAIN_E_SPLIT;
 	if (w->c->area)
 		choose_area(w);
+	else
+		choose_owned(w);
 	rc = constrain_out(w, &any);
 	if (!rc && any)
 		w->c->chosen = w->chosen;
@@ -339,6 +367,8 @@ static int choose(struct constrain_work *w)
 
 	if (w->c->area)
 		choose_area(w);
+	else
+		choose_owned(w);
 	for (uint32_t i = 0; w->nown && i < w->r.ntriangle; i++)
 		if (tri_piece_flagged(w->p, i) && constrain_real(&w->r.triangle[i]) &&
 		    constrain_owner_has(w, w->r.triangle[i].corner))
@@ -388,24 +418,63 @@ static int does_not_fit(struct constrain_work *w, uint64_t *ret_need)
 	return CONSTRAIN_E_SPLIT;
 }
 
-static bool begin(struct constrain_work **ret, struct constrain *c, struct err *err)
+static uint32_t sights_of(size_t size)
 {
-	uintptr_t end = (uintptr_t)c->arena + c->size, at;
+	size_t sights = size / SIGHTS_PART / sizeof(struct constrain_sight);
+
+	return sights < SIGHTS ? SIGHTS : sights < SIGHTS_MOST ? (uint32_t)sights : SIGHTS_MOST;
+}
+
+size_t constrain_work_bytes(size_t size)
+{
+	size_t sights = sights_of(size), discs = sights / SIGHTS_DISC, verified = sights / SIGHTS_VERIFIED;
 	struct constrain_work *w;
 
-	at = (end - sizeof(*w)) & ~(uintptr_t)(ALIGN_LINE - 1);
-	if (c->size < sizeof(*w) + 2 * ALIGN_LINE + align_line(c->used) || at < (uintptr_t)c->arena + align_line(c->used))
+	return align_line(sizeof(*w)) + align_line(sights * sizeof(*w->sight)) + align_line(discs * sizeof(*w->disc)) +
+	       align_line(discs * HITS * sizeof(*w->hit)) + align_line(verified * sizeof(*w->verified));
+}
+
+/* Takes n bytes. */
+static void *take_work(uint8_t **at, size_t n)
+{
+	void *taken = *at;
+
+	*at += align_line(n);
+	return taken;
+}
+
+static bool begin(struct constrain_work **ret, struct constrain *c, struct err *err)
+{
+	uintptr_t end = ((uintptr_t)c->arena + c->size) & ~(uintptr_t)(ALIGN_LINE - 1);
+	size_t bytes = constrain_work_bytes(c->size);
+	struct constrain_work *w;
+	uint8_t *at;
+
+	if (c->size < bytes + 2 * ALIGN_LINE + align_line(c->used))
 		return false;
-	w = (struct constrain_work *)at;
+	at = (uint8_t *)(end - bytes);
+	w = take_work(&at, sizeof(*w));
 	memset(w, 0, sizeof(*w));
 	w->c = c;
 	w->err = err;
-	w->piece = (struct constrain_piece *)(at - at % 4);
+	w->mostsight = sights_of(c->size);
+	w->mostdisc = w->mostsight / SIGHTS_DISC;
+	w->nverified = w->mostsight / SIGHTS_VERIFIED;
+	w->sight = take_work(&at, w->mostsight * sizeof(*w->sight));
+	w->disc = take_work(&at, w->mostdisc * sizeof(*w->disc));
+	w->mosthit = w->mostdisc * HITS;
+	w->hit = take_work(&at, w->mosthit * sizeof(*w->hit));
+	w->verified = take_work(&at, w->nverified * sizeof(*w->verified));
+	w->piece = (struct constrain_piece *)(end - bytes);
 	w->point = (struct point *)((uint8_t *)c->arena + align_line(c->used));
 	w->nrange = cut_region_ranges(c->region, w->range);
 	cut_region_box(c->region, w->border);
 	tri_result(c->tri, &w->r);
 	w->first = w->r.nvertex;
+	/* The kernel may have more, but that may depend on segments. */
+	w->cap = (uint32_t)((c->used - tri_bytes(0)) / TRI_BYTES_PER_POINT);
+	w->cap = w->cap < constrain_kernel_cap(w->first) ? w->cap : constrain_kernel_cap(w->first);
+	constrain_verified_clear(w);
 	*ret = w;
 	return true;
 }

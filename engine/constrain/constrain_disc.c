@@ -37,15 +37,19 @@ static bool enter(void *ctx, const struct grid_cell *subtree)
 	return any_meets(ctx, subtree);
 }
 
-static bool disc_takes(const struct constrain_work *w, const struct constrain_disc *d, const struct point *p)
+static bool hit_takes(const struct constrain_work *w, const struct constrain_hit *hit, const struct point *p)
 {
+	const struct constrain_disc *d = &w->disc[hit->disc];
 	const uint32_t *corner = w->r.triangle[d->triangle].corner;
 	const int32_t at[2] = {p->x, p->y};
 
 	if (p->x < d->box[0] || p->y < d->box[1] || p->x > d->box[2] || p->y > d->box[3])
 		return false;
-	return geom_incircle_plain(w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]], at) >= 0 &&
-	       constrain_sight_point(w, d, at);
+	if (hit->sight != NONE && !constrain_sight_near(w, d, hit->sight, at))
+		return false;
+	if (geom_incircle_plain(w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]], at) < 0)
+		return false;
+	return hit->sight == NONE ? constrain_sight_point(w, d, at) : constrain_sight_in(w, d, hit->sight, at);
 }
 
 static int disc_points(void *ctx, const struct point *pts, size_t n, struct err *err)
@@ -61,11 +65,9 @@ static int disc_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 		if ((!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) || view_judge(w->c->view, p) != VIEW_KEPT)
 			continue;
-		if (constrain_points_known(w, p))
-			continue;
-		while (k < w->nhit && !disc_takes(w, &w->disc[w->hit[k]], p))
+		while (k < w->nhit && !hit_takes(w, &w->hit[k], p))
 			k++;
-		if (k == w->nhit)
+		if (k == w->nhit || constrain_points_known(w, p))
 			continue;
 		rc = constrain_points_add(w, p);
 		if (rc)
@@ -84,16 +86,34 @@ static bool is_own(const struct constrain_work *w, const struct grid_cell *cell)
 	return false;
 }
 
+static void find_hits(struct constrain_work *w, const int32_t box[4])
+{
+	w->nhit = 0;
+	for (uint32_t i = 0; i < w->ndisc; i++) {
+		const struct constrain_disc *d = &w->disc[i];
+		struct constrain_hit *hit = &w->hit[w->nhit];
+		uint32_t n, most = w->mosthit - w->nhit - (w->ndisc - i - 1); /* there is one for each disc that follows */
+
+		if (!constrain_boxes_meet(box, d->box) || !cut_disc_meets(&d->disc, box))
+			continue;
+		n = constrain_sight_list(w, d, box, hit, most);
+		if (n > most || !d->nsight) {
+			n = 1;
+			hit[0].sight = NONE;
+		}
+		for (uint32_t k = 0; k < n; k++)
+			hit[k].disc = i;
+		w->nhit += n;
+	}
+}
+
 static int disc_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct constrain_work *w = ctx;
 
 	if (!cell->count || is_own(w, cell) || !constrain_boxes_meet(cell->box, w->disc_around))
 		return 0;
-	w->nhit = 0;
-	for (uint32_t i = 0; i < w->ndisc; i++)
-		if (disc_meets(w, &w->disc[i], cell->box))
-			w->hit[w->nhit++] = i;
+	find_hits(w, cell->box);
 	if (!w->nhit)
 		return 0;
 	w->c->cells_read++;
@@ -130,5 +150,5 @@ int constrain_disc_add(struct constrain_work *w, uint32_t triangle)
 	if (!w->ndisc)
 		memcpy(w->disc_around, d->box, sizeof(d->box));
 	point_box_join(w->disc_around, d->box);
-	return ++w->ndisc == DISCS || w->nsight + SIGHT > SIGHTS ? constrain_disc_flush(w) : 0;
+	return ++w->ndisc == w->mostdisc || w->nsight + SIGHT > w->mostsight ? constrain_disc_flush(w) : 0;
 }

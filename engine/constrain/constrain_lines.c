@@ -101,10 +101,36 @@ static int add_piece(struct constrain_work *w, const struct constrain_piece *p)
 	return 0;
 }
 
+static struct constrain_piece made_of(const struct lineset_piece *p)
+{
+	return (struct constrain_piece){.a = {p->a[0], p->a[1]}, .b = {p->b[0], p->b[1]}, .turns = p->turns & LINESET_OUT};
+}
+
+static int found_any(void *ctx, const struct lineset_piece *found, struct err *err)
+{
+	const struct constrain_piece p = made_of(found);
+	struct constrain_work *w = ctx;
+
+	(void)err;
+	constrain_points_fill(w);
+	if (constrain_points_find(w, p.a[0], p.a[1]) != NONE && constrain_points_find(w, p.b[0], p.b[1]) != NONE)
+		return add_piece(w, &p);
+	if (w->nfar < FAR)
+		w->far[w->nfar++] = *found;
+	else
+		w->many = true;
+	return 0;
+}
+
+int constrain_lines_all(struct constrain_work *w, const int32_t box[4])
+{
+	memcpy(w->all, box, sizeof(w->all));
+	return w->c->lines->find(w->c->lines->ctx, box, found_any, w, w->err);
+}
+
 static int found_piece(void *ctx, const struct lineset_piece *found, struct err *err)
 {
-	const struct constrain_piece p = {
-		.a = {found->a[0], found->a[1]}, .b = {found->b[0], found->b[1]}, .turns = found->turns & LINESET_OUT};
+	const struct constrain_piece p = made_of(found);
 	struct constrain_work *w = ctx;
 	int32_t box[4];
 
@@ -116,10 +142,39 @@ static int found_piece(void *ctx, const struct lineset_piece *found, struct err 
 	return 0;
 }
 
+/* Searches the list, from which a piece is removed when it is loaded. */
+static int find_far(struct constrain_work *w)
+{
+	for (uint32_t i = w->nfar; i-- > 0;) {
+		uint32_t before = w->found;
+		int32_t box[4];
+		int rc;
+
+		piece_box(&w->far[i], box);
+		if (!constrain_boxes_meet(w->around, box))
+			continue;
+		rc = found_piece(w, &w->far[i], w->err);
+		if (rc)
+			return rc;
+		if (w->found > before)
+			w->far[i] = w->far[--w->nfar];
+	}
+	return 0;
+}
+
+static bool in_all(const struct constrain_work *w)
+{
+	return w->around[0] >= w->all[0] && w->around[1] >= w->all[1] && w->around[2] <= w->all[2] && w->around[3] <= w->all[3];
+}
+
 int constrain_lines_flush(struct constrain_work *w)
 {
-	int rc = w->nbox ? w->c->lines->find(w->c->lines->ctx, w->around, found_piece, w, w->err) : 0;
+	int rc = 0;
 
+	if (w->nbox && !w->many && in_all(w))
+		rc = find_far(w);
+	else if (w->nbox)
+		rc = w->c->lines->find(w->c->lines->ctx, w->around, found_piece, w, w->err);
 	w->nbox = 0;
 	return rc;
 }

@@ -6,25 +6,38 @@
 
 #include <string.h>
 
+#include "align.h"
 #include "point.h"
 #include "view.h"
 
-/* Two places a vertex. */
-bool constrain_points_fill(struct constrain_work *w)
+/* Two places a vertex, and some for those that are added. */
+bool constrain_points_reserve(struct constrain_work *w)
 {
-	w->nslot = 2 * w->r.nvertex;
-	w->slot = constrain_take(w, w->nslot * sizeof(*w->slot));
-	if (!w->slot)
-		return false;
-	memset(w->slot, 0xff, w->nslot * sizeof(*w->slot));
-	for (uint32_t v = 0; v < w->r.nvertex; v++) {
+	w->at = (uint8_t *)w->c->arena + align_line(w->c->used);
+	w->nslot = w->r.nvertex * 2 + w->r.nvertex / 4;
+	w->filled = false;
+	w->slot = w->at > (uint8_t *)w->piece ? NULL : constrain_take(w, w->nslot * sizeof(*w->slot));
+	return w->slot;
+}
+
+static void fill_from(struct constrain_work *w, uint32_t first)
+{
+	for (uint32_t v = first; v < w->r.nvertex; v++) {
 		uint32_t i = constrain_points_slot(w, w->r.xy[v][0], w->r.xy[v][1]);
 
 		while (w->slot[i] != NONE)
 			i = i + 1 == w->nslot ? 0 : i + 1;
 		w->slot[i] = v;
 	}
-	return true;
+}
+
+void constrain_points_fill(struct constrain_work *w)
+{
+	if (w->filled)
+		return;
+	memset(w->slot, 0xff, w->nslot * sizeof(*w->slot));
+	fill_from(w, 0);
+	w->filled = true;
 }
 
 uint32_t constrain_points_find(const struct constrain_work *w, int32_t x, int32_t y)
@@ -126,26 +139,50 @@ static void merge(struct mesh_vertex *in, uint32_t n, const struct point *p, uin
 	}
 }
 
-bool constrain_points_insert(struct constrain_work *w)
+/* Back to the triangulation before the pieces. The crossed triangles were linked with each other and with their neighbours,
+ * whose links are the only ones of others that pieces change. */
+static void take_back(struct constrain_work *w)
 {
-	uint32_t n = 0;
+	struct tri_triangle *triangle = w->r.triangle;
 
-	constrain_points_reduce(w);
-	/* The capacity of the kernel may depend on segments: for so few it suffices, or the arena does not. */
-	if (w->npoint > w->r.nvertex / 4)
-		return false;
-	while (n < w->npoint) {
-		const struct point *p = &w->point[n];
+	for (uint32_t i = 0; i < w->nbefore; i++)
+		triangle[w->before[i].place] = w->before[i].triangle;
+	for (uint32_t i = 0; i < w->nbefore; i++)
+		for (uint32_t k = 0; k < 3; k++) {
+			uint32_t link = w->before[i].triangle.link[k];
 
-		if (tri_add(w->c->tri, &(struct mesh_vertex){p->x, p->y, p->z}, 1, false))
-			break;
-		n++;
+			triangle[link >> 3].link[(link & 6) >> 1] = w->before[i].place << 3 | k << 1;
+		}
+	for (uint32_t i = 0; i < w->r.ntriangle; i++)
+		for (unsigned k = 0; k < 3; k++)
+			triangle[i].link[k] &= ~UINT32_C(1);
+}
+
+/* Whether a finished domain fits the memory of the kernel's triangles with n positions: 60 bytes each (pipe_domain.c). And
+ * whether a third of the places in the table stays free. */
+static bool has_room(const struct constrain_work *w, uint64_t n)
+{
+	return n + n / 4 + 64 <= w->cap && 3 * n <= 2 * (uint64_t)w->nslot;
+}
+
+/* Adds the points to the triangulation before the pieces. */
+static int add_points(struct constrain_work *w)
+{
+	uint32_t first = w->r.nvertex;
+	struct mesh_vertex *in = (struct mesh_vertex *)(void *)w->point;
+
+	take_back(w);
+	for (uint32_t i = 0; i < w->npoint; i++) {
+		const struct mesh_vertex v = {w->point[i].x, w->point[i].y, w->point[i].z};
+
+		memcpy((uint8_t *)in + i * sizeof(v), &v, sizeof(v));
 	}
+	tri_add(w->c->tri, in, w->npoint, false);
 	tri_result(w->c->tri, &w->r);
-	w->c->added += n;
-	w->npoint -= n;
-	w->point += n;
-	return !w->npoint;
+	fill_from(w, first);
+	w->c->added += w->npoint;
+	w->npoint = 0;
+	return 0;
 }
 
 int constrain_points_merge(struct constrain_work *w)
@@ -159,6 +196,8 @@ int constrain_points_merge(struct constrain_work *w)
 	constrain_points_reduce(w);
 	m = w->npoint;
 	all = n + m;
+	if (has_room(w, all))
+		return add_points(w);
 	cap = constrain_kernel_cap(all);
 	end = (uint8_t *)w->piece - (size_t)m * sizeof(*points);
 	points = (struct point *)(end - (uintptr_t)end % sizeof(uint32_t));
@@ -168,6 +207,8 @@ int constrain_points_merge(struct constrain_work *w)
 	memmove(points, w->point, (size_t)m * sizeof(*points));
 	in = restore_input(w);
 	c->tri = tri_init(c->arena, cap);
+	w->cap = cap;
+	constrain_verified_clear(w);
 	memmove(tri_input(c->tri), in, (size_t)n * sizeof(*in));
 	merge(tri_input(c->tri), n, points, m);
 	/* What was not flat before is not flat with more. */
@@ -175,5 +216,8 @@ int constrain_points_merge(struct constrain_work *w)
 	tri_result(c->tri, &w->r);
 	c->added += m;
 	w->npoint = 0;
+	if (!constrain_points_reserve(w))
+		return CONSTRAIN_E_SPLIT;
+	constrain_points_fill(w);
 	return 0;
 }

@@ -11,11 +11,16 @@
 
 enum {
 	BOXES = 64,    /* triangles for which pieces are searched together */
-	DISCS = 256,   /* discs for which cells are read together */
 	SIGHT = 1024,  /* triangles that are followed from one disc; all that is in it is visible if there are more */
-	SIGHTS = 4096, /* of all discs of a batch */
-	INDEX = 8,     /* triangles, or boxes, under a box of the index */
-	LEVELS = 12,   /* of the index */
+	SIGHTS = 4096, /* of all discs of a batch, at least; else of this part of the arena: */
+	SIGHTS_PART = 16,
+	SIGHTS_MOST = 1 << 16,
+	SIGHTS_DISC = 16,    /* a disc for so many of them */
+	HITS = 8,            /* triangles in which a disc sees, for each of a batch */
+	SIGHTS_VERIFIED = 4, /* a verified triangle that is remembered */
+	FAR = 512,           /* pieces that are listed and not loaded */
+	INDEX = 8,           /* triangles, or boxes, under a box of the index */
+	LEVELS = 12,         /* of the index */
 	NONE = 0xffffffffu,
 };
 
@@ -35,11 +40,21 @@ struct constrain_sight {
 	int32_t box[4];    /* of what is visible in it */
 };
 
+/* A triangle before the pieces, which one of them crosses. */
+struct constrain_before {
+	uint32_t place;
+	struct tri_triangle triangle;
+};
+
 struct constrain_disc {
 	struct cut_disc disc;
 	int32_t box[4]; /* of what is visible */
 	uint32_t triangle;
 	uint32_t sight, nsight; /* the triangles in which it sees; none: all of the disc is visible */
+};
+
+struct constrain_hit {
+	uint32_t disc, sight; /* sight: its triangle in which it sees; NONE: any */
 };
 
 /* At the end of the arena. Before it lie the pieces, which grow downwards; at the start of the arena the kernel, then the tables
@@ -49,15 +64,25 @@ struct constrain_work {
 	struct err *err;
 	struct tri_result r;
 	uint32_t first; /* positions of P(B) */
+	uint32_t cap;   /* of the kernel, for positions that are added */
 	uint8_t *at;    /* end of the tables */
 	/* of all turns, sorted, then new ones: they are at the front */
 	struct constrain_piece *piece;
 	uint32_t npiece, nnew;
 	uint32_t found; /* new ones in this turn */
-	/* of a turn */
+	/* Pieces that meet the box of all owned triangles (`depends.box` at first), and of which an end is no vertex. The others
+	 * that meet it are loaded. */
+	int32_t all[4];
+	struct lineset_piece far[FAR];
+	uint32_t nfar;
+	bool many;             /* some are not in the list */
 	uint32_t *slot, nslot; /* vertices by position */
-	uint64_t *chosen;      /* bits of triangles */
+	bool filled;
+	/* of a turn */
+	uint64_t *chosen, *crossed; /* bits of triangles; crossed: by place, before and after the pieces */
 	struct tri_pieces *p;
+	struct constrain_before *before; /* all that are crossed */
+	uint32_t nbefore;
 	uint32_t (*own)[3]; /* the corners of owned triangles that are crossed, along the pieces */
 	uint32_t nown;
 	int32_t (*index[LEVELS])[4]; /* boxes of INDEX triangles, then of INDEX boxes ... */
@@ -72,13 +97,19 @@ struct constrain_work {
 	int32_t around[4], box[BOXES][4];
 	uint32_t nbox;
 	int32_t disc_around[4];
-	struct constrain_disc disc[DISCS];
-	uint32_t ndisc;
-	uint32_t hit[DISCS], nhit;
-	struct constrain_sight sight[SIGHTS];
-	uint32_t nsight;
+	struct constrain_disc *disc;
+	uint32_t ndisc, mostdisc;
+	struct constrain_hit *hit; /* what meets the cell that is read */
+	uint32_t nhit, mosthit;
+	struct constrain_sight *sight;
+	uint32_t nsight, mostsight;
+	/* Triangles that were verified, by their corners: what they see is loaded, and more pieces show them nothing new. A place
+	 * has one of those that belong there. */
+	uint32_t (*verified)[3], nverified;
 };
 
+/* What is at the end of an arena of so many bytes. */
+size_t constrain_work_bytes(size_t size);
 /* The capacity of the kernel for n positions: the finished domain fits the memory of its triangles (finish.h). */
 uint32_t constrain_kernel_cap(uint64_t n);
 /* Takes n bytes after the tables; NULL: they do not fit. */
@@ -101,6 +132,7 @@ typedef bool (*constrain_less_fn)(const void *a, const void *b);
 void constrain_sort(void *array, size_t n, size_t size, constrain_less_fn less); /* of at most 32 bytes each */
 
 /* constrain_lines.c: pieces that meet the boxes of triangles. */
+int constrain_lines_all(struct constrain_work *, const int32_t box[4]); /* lists and loads those that meet the box of all */
 int constrain_lines_box(struct constrain_work *, const int32_t box[4]); /* adds a box to a batch */
 int constrain_lines_flush(struct constrain_work *);                     /* searches the batch */
 void constrain_lines_sort(struct constrain_work *);                     /* the new ones are among the others */
@@ -108,7 +140,8 @@ void constrain_lines_sort(struct constrain_work *);                     /* the n
 int constrain_lines_ends(struct constrain_work *);
 
 /* constrain_points.c: vertices by position, and points that are loaded. */
-bool constrain_points_fill(struct constrain_work *);
+bool constrain_points_reserve(struct constrain_work *); /* the table, behind the kernel; false: no room */
+void constrain_points_fill(struct constrain_work *);    /* if it is not filled */
 static inline uint32_t constrain_points_slot(const struct constrain_work *w, int32_t x, int32_t y)
 {
 	uint64_t h = ((uint64_t)(uint32_t)x << 32 | (uint32_t)y) * UINT64_C(0x9e3779b97f4a7c15);
@@ -120,17 +153,31 @@ uint32_t constrain_points_find(const struct constrain_work *, int32_t x, int32_t
 bool constrain_points_known(struct constrain_work *, const struct point *); /* a vertex has its position, and the height */
 int constrain_points_add(struct constrain_work *, const struct point *);    /* CONSTRAIN_E_SPLIT: no room */
 void constrain_points_reduce(struct constrain_work *);                      /* sorts them, one for each position */
-/* Adds them to the triangulation before pieces are inserted. False: some did not fit, and are left. The tables are invalid. */
-bool constrain_points_insert(struct constrain_work *);
-int constrain_points_merge(struct constrain_work *); /* triangulates anew, with the points */
+int constrain_points_merge(struct constrain_work *);                        /* the triangulation of all, without pieces */
 
 /* constrain_disc.c: verification. Adds a flagged triangle; loads what is in the discs. */
 int constrain_disc_add(struct constrain_work *, uint32_t triangle);
 int constrain_disc_flush(struct constrain_work *);
 
+/* constrain_verified.c: triangles that need not be verified again. */
+bool constrain_verified(const struct constrain_work *, uint32_t triangle);
+void constrain_verified_add(struct constrain_work *, uint32_t triangle);
+void constrain_verified_clear(struct constrain_work *);
+
 /* constrain_sight.c: what is visible from a triangle in its disc. Sets sight and box, and adds to the sights of the batch. */
 void constrain_sight_follow(struct constrain_work *, struct constrain_disc *);
 bool constrain_sight_box(const struct constrain_work *, const struct constrain_disc *, const int32_t box[4]);
+/* The triangles in which a disc sees that meet the box; returns how many, of which the first `most` are set. */
+uint32_t constrain_sight_list(const struct constrain_work *, const struct constrain_disc *, const int32_t box[4],
+			      struct constrain_hit *ret, uint32_t most);
+static inline bool constrain_sight_near(const struct constrain_work *w, const struct constrain_disc *d, uint32_t i,
+					const int32_t at[2])
+{
+	const int32_t *box = w->sight[d->sight + i].box;
+
+	return at[0] >= box[0] && at[1] >= box[1] && at[0] <= box[2] && at[1] <= box[3];
+}
+bool constrain_sight_in(const struct constrain_work *, const struct constrain_disc *, uint32_t i, const int32_t at[2]);
 bool constrain_sight_point(const struct constrain_work *, const struct constrain_disc *, const int32_t at[2]);
 
 /* constrain_out.c: clears the bits of chosen triangles that are out; *ret_any: there are some. */

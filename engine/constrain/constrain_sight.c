@@ -85,15 +85,20 @@ struct polygon {
 static void cut_off(struct polygon *p, const struct bound *b)
 {
 	double ex = (double)b->to[0] - b->from[0], ey = (double)b->to[1] - b->from[1], side[POLYGON];
-	struct polygon kept = {.n = 0};
+	struct polygon kept;
+	bool any = false;
 
 	if (p->n > POLYGON - 2)
 		return;
+	kept.n = 0;
 	for (unsigned i = 0; i < p->n; i++) {
 		double x = p->at[i][0] - b->from[0], y = p->at[i][1] - b->from[1];
 
 		side[i] = ex * y - ey * x - 0x1p-30 * (fabs(ex) + fabs(ey)) * 0x1p33;
+		any |= side[i] > 0;
 	}
+	if (!any)
+		return;
 	for (unsigned i = 0; i < p->n; i++) {
 		unsigned k = i + 1 == p->n ? 0 : i + 1;
 
@@ -124,13 +129,13 @@ static bool find_box(const struct constrain_work *w, const struct constrain_disc
 	for (unsigned i = 0; i < 3; i++)
 		for (unsigned k = 0; k < 2; k++)
 			p.at[i][k] = w->r.xy[corners(w, ret)[i]][k];
-	for (const struct constrain_sight *s = ret; s != list; s = &list[s->parent]) {
-		struct bound bound[3];
-		unsigned n = bounds_of(w, first, s, bound);
-
-		for (unsigned i = 0; i < n; i++)
-			cut_off(&p, &bound[i]);
-	}
+	/* (1) of the edges of the path; of (2) and (3) the lines that exclude most. */
+	for (const struct constrain_sight *s = ret; s != list; s = &list[s->parent])
+		cut_off(&p, &(struct bound){w->r.xy[s->right], w->r.xy[s->left]});
+	if (ret->limit[0] != NONE)
+		cut_off(&p, &(struct bound){w->r.xy[first->right], w->r.xy[ret->limit[0]]});
+	if (ret->limit[1] != NONE)
+		cut_off(&p, &(struct bound){w->r.xy[ret->limit[1]], w->r.xy[first->left]});
 	for (unsigned k = 0; k < 2; k++) {
 		double low = INFINITY, high = -INFINITY;
 
@@ -269,9 +274,27 @@ bool constrain_sight_box(const struct constrain_work *w, const struct constrain_
 	return !d->nsight;
 }
 
-static bool sees(const struct constrain_work *w, const struct constrain_sight *list, const struct constrain_sight *s,
-		 const int32_t box[4])
+uint32_t constrain_sight_list(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4],
+			      struct constrain_hit *ret, uint32_t most)
 {
+	const struct constrain_sight *list = w->sight + d->sight;
+	uint32_t n = 0;
+
+	for (uint32_t i = 0; i < d->nsight; i++) {
+		if (!constrain_boxes_meet(list[i].box, box) || excluded(w, list, &list[i], box))
+			continue;
+		if (n < most)
+			ret[n].sight = i;
+		n++;
+	}
+	return n;
+}
+
+bool constrain_sight_in(const struct constrain_work *w, const struct constrain_disc *d, uint32_t i, const int32_t at[2])
+{
+	const struct constrain_sight *list = w->sight + d->sight, *s = &list[i];
+	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
+
 	return constrain_boxes_meet(s->box, box) &&
 	       (is_real(w, s) ? triangle_has(w, corners(w, s), box) : meets_outside(w, corners(w, s), box)) &&
 	       !excluded(w, list, s, box);
@@ -279,11 +302,8 @@ static bool sees(const struct constrain_work *w, const struct constrain_sight *l
 
 bool constrain_sight_point(const struct constrain_work *w, const struct constrain_disc *d, const int32_t at[2])
 {
-	const struct constrain_sight *list = w->sight + d->sight;
-	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
-
 	for (uint32_t i = 0; i < d->nsight; i++)
-		if (sees(w, list, &list[i], box))
+		if (constrain_sight_in(w, d, i, at))
 			return true;
 	return !d->nsight;
 }

@@ -8,6 +8,7 @@
  * pieces that meet the box cross it. Each of these is compared with each record, so no memory depends on their number.
  */
 #include <math.h>
+#include <string.h>
 
 #include "err.h"
 #include "geom.h"
@@ -196,25 +197,29 @@ static bool is_near(const struct lineset_piece *p, const struct point *at, doubl
 	return across * across <= clear * clear * length;
 }
 
+static void mark_record(const struct lineset_piece *p, struct point *at, int64_t wide, double clear)
+{
+	int64_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1];
+	const int32_t xy[2] = {at->x, at->y};
+
+	if (at->x < p->a[0] - wide || at->x > p->b[0] + wide || at->y < low - wide || at->y > high + wide)
+		return;
+	if (at->tag & (POINT_LINE | POINT_NEAR_LINE))
+		return;
+	/* The box of the piece alone decides of a position on its line whether it is on the piece. */
+	if ((at->x >= p->a[0] && at->x <= p->b[0] && at->y >= low && at->y <= high && geom_orient(p->a, p->b, xy) == 0) ||
+	    (clear > 0 && is_near(p, at, clear)))
+		at->tag |= POINT_NEAR_LINE;
+}
+
 static void mark_near(const struct mark *m, struct group *g, const struct lineset_piece *p)
 {
 	int64_t low = p->a[1] < p->b[1] ? p->a[1] : p->b[1], high = p->a[1] < p->b[1] ? p->b[1] : p->a[1], wide = m->wide;
 
 	if (g->box[0] > p->b[0] + wide || g->box[2] < p->a[0] - wide || g->box[1] > high + wide || g->box[3] < low - wide)
 		return;
-	for (size_t i = 0; i < g->n; i++) {
-		struct point *at = &g->pts[i];
-		const int32_t xy[2] = {at->x, at->y};
-
-		if (at->x < p->a[0] - wide || at->x > p->b[0] + wide || at->y < low - wide || at->y > high + wide)
-			continue;
-		if (at->tag & (POINT_LINE | POINT_NEAR_LINE))
-			continue;
-		/* The box of the piece alone decides of a position on its line whether it is on the piece. */
-		if ((at->x >= p->a[0] && at->x <= p->b[0] && at->y >= low && at->y <= high && geom_orient(p->a, p->b, xy) == 0) ||
-		    (m->clear > 0 && is_near(p, at, m->clear)))
-			at->tag |= POINT_NEAR_LINE;
-	}
+	for (size_t i = 0; i < g->n; i++)
+		mark_record(p, &g->pts[i], wide, m->clear);
 }
 
 static bool is_above(const struct lineset_piece *p, int32_t x, int32_t y)
@@ -302,6 +307,92 @@ static void end_groups(struct mark *m)
 		}
 }
 
+/* ---- without areas ---- */
+
+/* Pieces that are compared with records together; columns and rows of the box. */
+enum { TOGETHER = 64, SQUARES = 32 };
+
+struct near {
+	int32_t box[4];
+	double clear;
+	int64_t wide;
+	struct point *pts;
+	size_t n;
+	struct lineset_piece piece[TOGETHER];
+	unsigned npiece;
+};
+
+/* The box in columns and rows: in each, bits of the pieces whose widened box meets it. */
+struct squares {
+	unsigned shift[2];
+	uint64_t bits[2][SQUARES];
+};
+
+static void squares_fill(struct squares *s, const struct near *m)
+{
+	memset(s, 0, sizeof(*s));
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t from = m->box[k], size = m->box[k + 2] - from;
+
+		while (size >> s->shift[k] >= SQUARES)
+			s->shift[k]++;
+		for (unsigned i = 0; i < m->npiece; i++) {
+			int64_t a = m->piece[i].a[k] - from, b = m->piece[i].b[k] - from;
+			int64_t low = (a < b ? a : b) - m->wide, high = (a < b ? b : a) + m->wide;
+
+			low = low < 0 ? 0 : low;
+			high = high > size ? size : high;
+			for (int64_t at = low >> s->shift[k]; at <= high >> s->shift[k]; at++)
+				s->bits[k][at] |= UINT64_C(1) << i;
+		}
+	}
+}
+
+/* Compares the pieces that were collected with the records in their columns and rows. */
+static void mark_together(struct near *m)
+{
+	struct squares s;
+
+	squares_fill(&s, m);
+	for (size_t i = 0; i < m->n; i++) {
+		struct point *at = &m->pts[i];
+		uint32_t column = ((uint32_t)at->x - (uint32_t)m->box[0]) >> s.shift[0];
+		uint32_t row = ((uint32_t)at->y - (uint32_t)m->box[1]) >> s.shift[1];
+
+		for (uint64_t bits = s.bits[0][column % SQUARES] & s.bits[1][row % SQUARES]; bits; bits &= bits - 1)
+			mark_record(&m->piece[__builtin_ctzll(bits)], at, m->wide, m->clear);
+	}
+	m->npiece = 0;
+}
+
+static int near_piece(void *ctx, const struct lineset_piece *p, struct err *err)
+{
+	struct near *m = ctx;
+
+	m->piece[m->npiece++] = *p;
+	if (m->npiece == TOGETHER)
+		mark_together(m);
+	return 0;
+}
+
+static int mark_lines(struct lineset_reader *r, const struct mark *from, const int32_t box[4], struct point *pts, size_t n,
+		      struct err *err)
+{
+	struct near m;
+	int rc;
+
+	memcpy(m.box, from->box, sizeof(m.box));
+	m.clear = from->clear;
+	m.wide = from->wide;
+	m.pts = pts;
+	m.n = n;
+	m.npiece = 0;
+	rc = lineset_find(r, box, near_piece, &m, err);
+	if (m.npiece)
+		mark_together(&m);
+	return rc;
+}
+
 int lineset_mark(struct lineset_reader *r, const int32_t box[4], double clear, struct point *pts, size_t n, struct err *err)
 {
 	const struct lineset_info *info = &r->set->info;
@@ -309,9 +400,12 @@ int lineset_mark(struct lineset_reader *r, const int32_t box[4], double clear, s
 	const int32_t near[4] = {clamp(box[0] - m.wide), clamp(box[1] - m.wide), clamp(box[2] + m.wide), clamp(box[3] + m.wide)};
 	unsigned state = 0;
 	uint64_t pieces;
-	int rc = lineset_count(r, near, 1, &pieces, err);
+	int rc;
 
-	if (rc == 0 && info->areas)
+	if (!info->areas)
+		return mark_lines(r, &m, near, pts, n, err);
+	rc = lineset_count(r, near, 1, &pieces, err);
+	if (rc == 0)
 		rc = lineset_state(r, box[0], box[1], 1, &state, err);
 	if (rc || (!pieces && !state))
 		return rc;

@@ -84,6 +84,17 @@ static bool is_visible(const struct tri_result *r, const uint32_t corner[3], int
 	return false;
 }
 
+static void check_list(const struct constrain_disc *d, const int32_t box[4], const int32_t at[2])
+{
+	static struct constrain_hit hit[SIGHT];
+	uint32_t n = constrain_sight_list(&work, d, box, hit, SIGHT), i = 0;
+
+	assert_true(constrain_sight_box(&work, d, box));
+	while (i < n && !constrain_sight_in(&work, d, hit[i].sight, at))
+		i++;
+	assert_true(i < n || !d->nsight);
+}
+
 static void check_position(uint64_t *seed, const struct constrain_disc *d, int32_t x, int32_t y)
 {
 	const uint32_t *corner = work.r.triangle[d->triangle].corner;
@@ -101,13 +112,15 @@ static void check_position(uint64_t *seed, const struct constrain_disc *d, int32
 	positions++;
 	hidden += !sees;
 	if (sees)
-		assert_true(constrain_sight_box(&work, d, box));
+		check_list(d, box, at);
 	if (!is_visible(&work.r, corner, x, y))
 		return;
 	visible++;
 	if (!sees)
 		fail_msg("(%d, %d) is visible", x, y);
 }
+
+static struct constrain_sight sight[SIGHT];
 
 static void check_triangle(uint64_t *seed, uint32_t i, int32_t range)
 {
@@ -116,6 +129,7 @@ static void check_triangle(uint64_t *seed, uint32_t i, int32_t range)
 
 	cut_disc_init(&d.disc, work.r.xy[corner[0]], work.r.xy[corner[1]], work.r.xy[corner[2]]);
 	cut_disc_box(&d.disc, d.box);
+	work.sight = sight;
 	work.nsight = 0;
 	constrain_sight_follow(&work, &d);
 	triangles++;
