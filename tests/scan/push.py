@@ -206,7 +206,7 @@ def no_guess():
                 (["--into", "code"], 2, "would be a guess"),
                 (["--into", "code", "--crs", "EPSG:2263"], 2, "would be a guess"),
                 (["--into", "new", "--crs", "EPSG:2263"], 2, "the unit of its heights is unknown"),
-                (["--into", "new", "--crs", "EPSG:100"], 2, "would be a guess"),
+                (["--into", "new", "--crs", "EPSG:100"], 2, "no system that acut knows of EPSG"),
                 (["--into", "high", "--crs", "EPSG:32632 + EPSG:7837"], 1, "heights of one kind"),
                 (["--into", "new", "--geoid", "flat"], 2, "ellipsoidal_height")):
             r = push(d, *args, *more)
