@@ -51,8 +51,11 @@ unsigned levels_common(uint64_t a, uint64_t b)
 	return a == b ? 32 : (unsigned)__builtin_clzll(a ^ b) / 2;
 }
 
+/* A depth beyond 32 is that of cells of one place. */
 static uint64_t first_of(uint64_t key, unsigned depth)
 {
+	if (depth >= 32)
+		return key;
 	return depth ? key & ~(uint64_t)0 << (64 - 2 * depth) : 0;
 }
 

@@ -231,8 +231,8 @@ static void test_wide(void **ctx)
 	uint64_t state = 7;
 
 	for (unsigned i = 0; i < 100000; i++) {
-		__int128 a = (__int128)(int64_t)random_next(&state) << (i % 60), b = (int64_t)random_next(&state);
-		__int128 c = (__int128)(int64_t)random_next(&state) << (i % 37) | 1;
+		__int128 a = (int64_t)random_next(&state) * ((__int128)1 << i % 60), b = (int64_t)random_next(&state);
+		__int128 c = ((int64_t)random_next(&state) * ((__int128)1 << i % 37)) | 1;
 		struct wide left = wide_product(a + b, c), right = wide_sum(wide_product(a, c), wide_product(c, b));
 
 		assert_true(left.low == right.low && left.high == right.high);
