@@ -62,17 +62,17 @@ int ctl_lines_keep(struct ctl_inputs *inputs, struct ctl_input *in, struct err *
 {
 	struct stat st = {0};
 	const char *folder;
-	int fd, r;
+	int fd, original, r;
 
 	if (in->kept)
 		return 0;
-	r = ctl_temp_open(&folder, &fd, err);
+	if (ctl_input_open_file(in->name, &original, err))
+		return -(int)err->code;
+	r = fstat(original, &st) ? err_sys(err, errno, "cannot look at it") : ctl_temp_open(&folder, &fd, err);
+	close(original);
 	if (r)
 		return err_add_file(err, in->name);
-	if (stat(in->name, &st))
-		r = err_sys(err, errno, "it cannot be opened");
-	if (!r)
-		r = write_text(inputs, in, fd, err);
+	r = write_text(inputs, in, fd, err);
 	if (!r && futimens(fd, (const struct timespec[2]){st.st_mtim, st.st_mtim}))
 		r = err_sys(err, errno, "the time of a file in %s cannot be set", folder);
 	if (!r) {

@@ -209,6 +209,7 @@ def refusals():
             f.write("x,y,z,name\n1,2,,a\n3,4,,a\n")
         for words, status, text in (
                 (["mesh", path, "--breaklines", flat, "--format", "null"], 1, "it has no z"),
+                (["mesh", path, "--breaklines", flat + "x", "--format", "null"], 1, "it cannot be opened"),
                 (["push", "d", path, "--lines-as", "road"], 2, "hard, soft, lake, boundary or hole"),
                 (["push", "d", base, "--lines-as", "hard"], 2, "not from folders"),
                 (["mesh", path, "--breaklines", flat, "--lakes", flat, "--format", "null"], 2, "given twice"),
