@@ -6,6 +6,7 @@
 
 struct action;
 struct dataset_change;
+struct dataset_lines;
 struct dataset_rewrite;
 
 struct datasets {
@@ -31,6 +32,7 @@ struct datasets {
 	uint64_t merge_after_ns;           /* no merge starts before */
 	double merge_delay;                /* seconds that the last merge was postponed for lack of space; 0: it was not */
 	struct dataset_change *changes;    /* a queue: changes whose dataset has another committer */
+	struct dataset_lines *lines;       /* changes that wait for memory to make a line set */
 	struct action *actions;            /* a queue: actions that wait for rows of their dataset */
 };
 
@@ -79,8 +81,9 @@ void dataset_prune_settle(struct datasets *);
 void dataset_prune_tick(struct datasets *);
 void dataset_prunes_park(struct datasets *);
 
-/* dataset_change.c, dataset_action.c: start what had to wait */
+/* dataset_change.c, dataset_lines.c, dataset_action.c: start what had to wait */
 void dataset_changes_settle(struct datasets *);
+void dataset_lines_settle(struct datasets *);
 void dataset_actions_settle(struct datasets *);
 
 /* dataset_pending.c */

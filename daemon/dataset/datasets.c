@@ -95,6 +95,7 @@ void datasets_settle(struct datasets *ds)
 	THREAD_LOOP_ONLY();
 	dataset_prune_settle(ds);
 	dataset_merge_settle(ds);
+	dataset_lines_settle(ds);
 	dataset_changes_settle(ds);
 	dataset_actions_settle(ds);
 	dataset_obsolete_settle(ds);

@@ -123,7 +123,6 @@ def reverts_and_replacements():
                 push(d, "d", p).ok()
             both, one, none = fresh(d, a, b, c), fresh(d, a, b), fresh(d, a)
             expect(mesh(d, "d") == both and mesh(d, "d", "--at", "2") == one and mesh(d, "d", "--at", "1") == none, "generations")
-            says(d.ctl("dataset", "revert", "d", "2"), 1, "never together", "newest first")
             d.ctl("dataset", "revert", "d").ok()
             expect(mesh(d, "d") == one, "a revert of lines")
             d.ctl("dataset", "revert", "d", "2").ok()
@@ -145,6 +144,40 @@ def reverts_and_replacements():
             d.ctl("dataset", "prune", "d", "--keep", "1").ok()
             expect(mesh(d, "d") == fresh(d, a, b, c), "after a prune")
             settled(d, "d", ["lines-2", "lines-6", "lineset-7", "places-7"])
+            d.ctl("cache", "verify").ok()
+
+
+def never_together():
+    """A revert makes the line set of lines that were in no generation together: that of a dataset which got these files only."""
+    with e2e.Folder() as base:
+        a, b, c, more = cloud(base), lines(base, "ridge.txt", RIDGE), lines(base, "road.txt", ROAD, POND), cloud(base, "more.las", 2, 500)
+        bank = lines(base, "bank.txt", (3, "hard", [(5, 5, 1), (6, 90, 1), (80, 92, 2)]))
+        with e2e.Daemon(base) as d:
+            for p in (a, b, c, bank):
+                push(d, "d", p).ok()
+            got = d.ctl("dataset", "revert", "d", "2", "--json").ok().json()
+            expect(got["generation"] == 5 and got["undone"] == 2, got)
+            without = fresh(d, a, c, bank)
+            expect(mesh(d, "d") == without, "a revert of the first lines")
+            sets = [n for n in folder(d, "d") if n.startswith("lineset-")]
+            expect(len(sets) == 4, sets)
+            # Nothing is made twice: lines that were together have their line set.
+            d.ctl("dataset", "revert", "d").ok()
+            expect(mesh(d, "d") == fresh(d, a, b, c, bank), "all lines are back")
+            d.ctl("dataset", "revert", "d").ok()
+            expect(mesh(d, "d") == without, "and gone again")
+            expect([n for n in folder(d, "d") if n.startswith("lineset-")] == sets, folder(d, "d"))
+            # A replacement, then what was before it without the file that came in between.
+            lines(base, "road.txt", (1, "hard", [(12, 70, 3), (85, 30, 3.5)]))
+            push(d, "d", c, more=["--replace"]).ok()
+            d.ctl("dataset", "revert", "d", "4").ok()
+            expect(mesh(d, "d") == fresh(d, a, c), "the replacement alone")
+            d.stop()
+            d.start()
+            expect(mesh(d, "d") == fresh(d, a, c) and mesh(d, "d", "--at", "7") == without, "after a restart")
+            push(d, "d", more).ok()
+            d.ctl("dataset", "prune", "d", "--keep", "1").ok()
+            expect(mesh(d, "d") == fresh(d, a, c, more), "after a prune")
             d.ctl("cache", "verify").ok()
 
 
@@ -274,4 +307,24 @@ def little_memory():
             e2e.until(lambda: not [n for n in folder(d, "d") if not n.startswith("push-") and n not in before], "leftovers: %s" % folder(d, "d"))
 
 
-e2e.main(any_order, reverts_and_replacements, copies, interrupted, what_the_text_asks_for, little_memory)
+def revert_in_little_memory():
+    """A revert asks for the memory of a line set; where that cannot be had it is refused, and changes nothing."""
+    with e2e.Folder() as base:
+        a, rng = cloud(base), random.Random(5)
+        one, two = (lines(base, "many%d.txt" % i, *[(k, "hard", walk(rng, 80)) for k in range(1500)]) for i in range(2))
+        with e2e.Daemon(base) as d:
+            for p in (a, one, two):
+                push(d, "d", p).ok()
+            d.stop()
+        with e2e.Daemon(base, memory="24M") as d:
+            before = folder(d, "d")
+            says(d.ctl("dataset", "revert", "d", "2"), 1, "making the line set", "run with memory=")
+            settled(d, "d", before)
+            expect(show(d, "d")["generation"] == 3, show(d, "d"))
+            d.stop()
+        with e2e.Daemon(base) as d:
+            d.ctl("dataset", "revert", "d", "2").ok()
+            expect(mesh(d, "d") == fresh(d, a, two), "with enough memory")
+
+
+e2e.main(any_order, reverts_and_replacements, never_together, copies, interrupted, what_the_text_asks_for, little_memory, revert_in_little_memory)
