@@ -283,6 +283,26 @@ def what_the_text_asks_for():
             push(d, "strict2", a, uneven).ok()
 
 
+def far_away():
+    """Lines beyond the lattice are refused with their file and feature, whatever digits they have; the points beside them are taken."""
+    with e2e.Folder() as base:
+        a = cloud(base)
+        with e2e.Daemon(base) as d:
+            near = "feature 4 hard\nline\n1 1 1\n2 2 2\n"
+            for i, (before, rows) in enumerate((("", "9000000000 5 1\n9000000001 6 1"), ("", "9000000000.5 5 1\n9000000001 6 1"),
+                                                ("", "9000000000.123456789 5 1\n9000000001 6 1"), ("", "5 5 9000000000\n6 6 9000000000"),
+                                                (near, "5 5 1\n6 -9e9 2"))):
+                far = os.path.join(base, "far%d.txt" % i)
+                with open(far, "w") as f:
+                    f.write("acut-lines 1\n%sfeature 17 hard\nline\n%s\n" % (before, rows))
+                for order in ((a, far), (far, a)):
+                    name = "f%d%d" % (i, order[0] == a)
+                    says(d.ctl("push", name, *order), 3, far + ": with the scale 0.01", "does not fit")
+                    expect(show(d, name)["points"] == 4000, "the points were left out")
+                says(push(d, "scaled%d" % i, a), 0)
+                says(d.ctl("push", "scaled%d" % i, far), 1, far + ": feature 17:", "beyond the middle of the lattice")
+
+
 def walk(rng, n):
     """A line of short steps."""
     x, y, out = rng.random() * 100, rng.random() * 100, []
@@ -327,4 +347,4 @@ def revert_in_little_memory():
             expect(mesh(d, "d") == fresh(d, a, two), "with enough memory")
 
 
-e2e.main(any_order, reverts_and_replacements, never_together, copies, interrupted, what_the_text_asks_for, little_memory, revert_in_little_memory)
+e2e.main(any_order, reverts_and_replacements, never_together, copies, interrupted, what_the_text_asks_for, far_away, little_memory, revert_in_little_memory)
