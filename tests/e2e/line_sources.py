@@ -99,6 +99,20 @@ def any_order():
             expect([f.name for f in got] == ["road.txt"], got)
             expect(list(got[0].lines.features) == [1, 1, 0, 0] and got[0].lines.lines == 2 and got[0].lines.vertices == 5 and got[0].points == 0, got)
             cl = Client(d.socket)
+            # For people, as JSON, and in Python.
+            want_lines = {"hard": 1, "lake": 1, "boundary": 0, "hole": 0, "lines": 2, "vertices": 5}
+            changes = [g["files"] for g in map(json.loads, d.ctl("dataset", "log", "order0", "--files", "--json").ok().out.splitlines())]
+            expect([c[0]["lines"] and c[0]["lines"]["vertices"] for c in changes] == [None, 3, 5] and changes[2][0]["lines"] == want_lines, changes)
+            rows = d.ctl("dataset", "log", "order0", "--files").ok().out.splitlines()
+            expect([r.split("\t")[4:] for r in rows] == [["4000", changes[0][0]["hash"], "-", "-"],
+                                                         ["-", changes[1][0]["hash"], "-", "1 hard: 1 line, 3 vertices"],
+                                                         ["-", changes[2][0]["hash"], "-", "1 hard, 1 lake: 2 lines, 5 vertices"]], rows)
+            got = show(d, "order0")
+            expect(got["lines"] == {"files": 2, "hard": 2, "lake": 1, "boundary": 0, "hole": 0, "lines": 3, "vertices": 8} and got["files"] == 3, got)
+            then = [d.ctl("dataset", "show", "order0", "--at", g, "--json").ok().json()["lines"] for g in "12"]
+            expect(then[0] is None and then[1]["files"] == 1 and then[1]["vertices"] == 3, then)
+            says(d.ctl("dataset", "show", "order0"), 0, "2 files of lines, 2 hard, 1 lake: 3 lines, 8 vertices")
+            expect("of lines" not in d.ctl("dataset", "show", "plain").ok().out, "a dataset without lines has some")
             log = cl.ask("log_request", pb.LogRequest(dataset="order0")).generations
             expect([(g.files, g.points_added, g.lines_added) for g in log] == [(1, 4000, 0), (1, 0, 1), (1, 0, 2)], log)
             # The road crosses the ridge.
