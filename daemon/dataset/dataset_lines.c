@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "grid_stage.h"
 #include "io.h"
 #include "log.h"
 
@@ -55,41 +54,17 @@ static int restore(struct grid_source *s, uint64_t generation, struct grid_span 
 static int lack(struct dataset_lines *l, uint64_t bytes, bool exact, struct err *err)
 {
 	l->lacks = true;
-	l->want = GRID_STAGE_MIN + bytes;
+	l->want = bytes;
 	l->exact = exact;
 	return err_set(err, ERR_BUSY, "no memory for the line set of the dataset %s", l->dataset->name);
-}
-
-static int build(struct dataset_lines *l, struct breaklines_params *p, struct err *err)
-{
-	char stem[48];
-	const struct grid_stage_params stage = {
-		.dirfd = p->dirfd, .name = stem, .memory = GRID_STAGE_MIN, .durable = false, .folder_later = true};
-	int r;
-
-	snprintf(stem, sizeof stem, "lines-of-%llu", (unsigned long long)l->row_id);
-	l->segment = (struct grid_segment_info){.points = 0};
-	l->stays = true;
-	r = grid_stage_new(&stage, &p->stage, err);
-	if (r)
-		return r;
-	r = breaklines_build(p, &l->made, err);
-	if (!r && l->made.points)
-		r = grid_stage_seal(p->stage, &l->segment, err);
-	grid_stage_free(p->stage);
-	return r;
 }
 
 /* Makes the line set of n sources. */
 static int make(struct dataset_lines *l, struct grid_manifest *m, const struct grid_source *const *lines, size_t n,
 		struct err *err)
 {
-	struct breaklines_params p = {.dirfd = l->dataset->dirfd,
-				      .lines = lines,
-				      .nlines = n,
-				      .id = l->id,
-				      .memory = l->have ? l->have - GRID_STAGE_MIN : 0,
-				      .lattice = &m->lattice};
+	const struct breaklines_params p = {
+		.dirfd = l->dataset->dirfd, .lines = lines, .nlines = n, .id = l->id, .memory = l->have, .lattice = &m->lattice};
 	uint64_t vertices = 0;
 	int r;
 
@@ -102,26 +77,17 @@ static int make(struct dataset_lines *l, struct grid_manifest *m, const struct g
 			l->free_id = m->sources[i].id >= l->free_id ? m->sources[i].id + 1 : l->free_id;
 		return lack(l, breaklines_memory(vertices), false, err);
 	}
-	r = build(l, &p, err);
+	l->stays = true;
+	r = breaklines_build(&p, &l->made, err);
 	if (r == -ERR_LIMIT && err->need > p.memory)
 		return lack(l, err->need, true, err);
-	if (r)
-		return r;
-	if (l->made.points)
-		m->segments[m->nsegments++] = l->segment;
-	m->sources[m->nsources++] = (struct grid_source){
-		.id = l->id,
-		.kind = GRID_LINE_VERTICES,
-		.added = m->generation,
-		.points = l->made.points,
-		.lines = &l->made.lines,
-		.name = "",
-		.path = "",
-	};
-	return 0;
+	if (!r)
+		breaklines_put(&l->made, l->id, l->added, l->removed, m);
+	return r;
 }
 
-static int make_of_live(struct dataset_lines *l, struct grid_manifest *m, size_t n, struct err *err)
+/* Of the n sources of lines of that generation; it counts in those from l->added to l->removed. */
+static int make_of_live(struct dataset_lines *l, struct grid_manifest *m, uint64_t generation, size_t n, struct err *err)
 {
 	const struct grid_source **lines = calloc(n, sizeof *lines);
 	int r;
@@ -130,7 +96,7 @@ static int make_of_live(struct dataset_lines *l, struct grid_manifest *m, size_t
 		return err_set(err, ERR_NOMEM, "no memory for the lines of a dataset");
 	n = 0;
 	for (size_t i = 0; i < m->nsources; i++)
-		if (m->sources[i].kind == GRID_LINES && grid_source_live(&m->sources[i], m->generation))
+		if (m->sources[i].kind == GRID_LINES && grid_source_live(&m->sources[i], generation))
 			lines[n++] = &m->sources[i];
 	r = make(l, m, lines, n, err);
 	free(lines);
@@ -153,7 +119,33 @@ int dataset_lines_put(struct dataset_lines *l, struct grid_manifest *m, uint64_t
 		now->removed = m->generation;
 	if (!n)
 		return 0;
-	return then ? restore(then, m->generation, lives, err) : make_of_live(l, m, n, err);
+	l->added = m->generation;
+	l->removed = 0;
+	return then ? restore(then, m->generation, lives, err) : make_of_live(l, m, m->generation, n, err);
+}
+
+/* The lines of that generation are those, and nothing has their line set. */
+static bool same_lines(const struct grid_manifest *m, uint64_t generation, size_t n, struct digest content)
+{
+	struct digest other;
+
+	return grid_manifest_lines(m, generation, &other) == n && digest_equal(other, content) &&
+	       !grid_manifest_line_vertices(m, generation);
+}
+
+int dataset_lines_put_at(struct dataset_lines *l, struct grid_manifest *m, uint64_t generation, struct err *err)
+{
+	uint64_t oldest = grid_manifest_oldest(m), last = generation;
+	struct digest content;
+	size_t n = grid_manifest_lines(m, generation, &content);
+
+	l->added = generation;
+	while (l->added > oldest && same_lines(m, l->added - 1, n, content))
+		l->added--;
+	while (last < m->generation && same_lines(m, last + 1, n, content))
+		last++;
+	l->removed = last < m->generation ? last + 1 : 0;
+	return make_of_live(l, m, generation, n, err);
 }
 
 void dataset_lines_undo(struct dataset_lines *l)
@@ -166,8 +158,6 @@ void dataset_lines_undo(struct dataset_lines *l)
 	if (!l->stays)
 		return;
 	r = breaklines_remove(l->dataset->dirfd, &set, &err);
-	if (!r && *l->segment.file)
-		r = io_remove(l->dataset->dirfd, l->segment.file, &err);
 	if (!r)
 		r = io_sync(l->dataset->dirfd, "the folder of a dataset", &err);
 	l->stays = r != 0;
@@ -329,7 +319,7 @@ void dataset_lines_settle(struct datasets *ds)
 static void limit_want(struct dataset_lines *l)
 {
 	uint64_t all = admission_alone_bytes(l->dataset->datasets->admission),
-		 least = GRID_STAGE_MIN + breaklines_memory(0) + admission_plan_min();
+		 least = breaklines_memory(0) + admission_plan_min();
 
 	if (!l->exact && all >= least && l->want > all - admission_plan_min())
 		l->want = all - admission_plan_min();

@@ -26,7 +26,7 @@ struct dataset_lines {
 	bool has_row, stays;  /* stays: files may be there that no manifest names */
 	uint32_t id, free_id; /* of the source of line vertices; the first number that the manifest does not have */
 	struct breaklines made;
-	struct grid_segment_info segment;
+	uint64_t added, removed; /* its generations */
 	struct err err;
 };
 
@@ -37,6 +37,8 @@ struct dataset_lines {
  * dataset_lines_lacks.
  */
 int dataset_lines_put(struct dataset_lines *, struct grid_manifest *m, uint64_t pruned, struct grid_span *lives, struct err *err);
+/* The same for an earlier generation, which has lines and no line set; `m` stays of its generation. */
+int dataset_lines_put_at(struct dataset_lines *, struct grid_manifest *m, uint64_t generation, struct err *err);
 /* Worker, with the folder open: the change failed, and the catalogue does not name what was made. */
 void dataset_lines_undo(struct dataset_lines *);
 /* Loop, when the change is over: it failed because there was too little memory. */

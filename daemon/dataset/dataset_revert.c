@@ -18,8 +18,9 @@ struct revert {
 	struct dataset_change change;
 	struct dataset_lines lines;
 	uint64_t generation;
-	uint64_t prune_to; /* of a prune that runs: what ended by that generation goes; 0: none runs, and none begins */
-	bool owner;        /* the peer is the owner or an administrator: it may see the paths of the files */
+	/* Line sets that ended by that generation are not restored: a prune removes them. No other one begins meanwhile. */
+	uint64_t sets_to;
+	bool owner; /* the peer is the owner or an administrator: it may see the paths of the files */
 	revert_answer_fn *answer;
 	void *token;
 };
@@ -175,7 +176,7 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 			r = add_life(s, m->generation, m->spans + used - s->nearlier - 1, err);
 		}
 	}
-	return r ? r : dataset_lines_put(&v->lines, m, v->prune_to, m->spans + lives, err);
+	return r ? r : dataset_lines_put(&v->lines, m, v->sets_to, m->spans + lives, err);
 }
 
 static struct revert *of_lines(struct dataset_lines *l)
@@ -285,7 +286,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *p
 	v->lines.ready = lines_ready;
 	v->owner = rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	v->generation = generation ? generation : d->generation;
-	v->prune_to = d->prune_to;
+	v->sets_to = d->drops_sets ? UINT64_MAX : d->prune_to;
 	v->answer = answer;
 	v->token = token;
 	d->reverts++;
