@@ -118,6 +118,14 @@ def any_order():
             # The road crosses the ridge.
             places = cl.ask("places_request", pb.PlacesRequest(dataset="order0"))
             expect(places.total == len(places.places) and any(p.kind == "crossing" and p.lower < p.upper for p in places.places), places)
+            # They are kept with the line set: for an earlier generation it is made by a mesh.
+            e2e.until(lambda: len([n for n in folder(d, "order0") if n.startswith("lineset-")]) == 1, "line sets stay")
+            try:
+                cl.ask("places_request", pb.PlacesRequest(dataset="order0", generation=2))
+                expect(False, "places of a line set that is not there")
+            except Refused as e:
+                expect(e.code == "not-found" and "--at" in e.error.hint, e)
+            mesh(d, "order0", "--at", "2")
             expect(not cl.ask("places_request", pb.PlacesRequest(dataset="order0", generation=2)).total, "the ridge alone crosses nothing")
             one = cl.ask("places_request", pb.PlacesRequest(dataset="order0", after=1, limit=1))
             expect(list(one.places) == list(places.places)[1:2] and one.total == places.total, one)
