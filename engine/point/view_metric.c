@@ -171,10 +171,13 @@ static bool box_fits(const struct view_metric *m, int64_t width, int64_t height)
 
 bool view_metric_simpler(const struct view_metric *m, int64_t width, int64_t height, struct view_metric *ret)
 {
-	/* Convergents of |Q| / |P|, beginning with the axis of x. */
+	/* Convergents of |Q| / |P|, beginning with the nearer axis. */
 	int64_t n = magnitude(m->q), d = magnitude(m->p), q[2] = {1, 0}, p[2] = {0, 1};
-	bool found = false;
+	const struct view_metric upright = {0, 1, m->k};
+	bool found = n > d && box_fits(&upright, width, height);
 
+	if (found)
+		*ret = view_metric_normal(upright);
 	while (d) {
 		int64_t whole = n / d, rest = n % d, q2 = whole * q[0] + q[1], p2 = whole * p[0] + p[1];
 		struct view_metric next = {p2, m->q < 0 ? -q2 : q2, m->k};

@@ -127,7 +127,7 @@ static int refuse(const struct reach *r, const int64_t box[4])
 	struct err *err = r->s->err;
 
 	err_set(err, ERR_LIMIT,
-		"--metric %lld,%lld,%lld: the mapped points reach over %lld numbers along the direction and %lld across it, and %lld fit",
+		"--metric %lld,%lld,%lld: the mapped points reach over %lld along the direction and %lld across it, and at most %lld fit",
 		(long long)m->p, (long long)m->q, (long long)m->k, (long long)along, (long long)across, (long long)UINT32_MAX);
 	if (along <= UINT32_MAX && k > 1)
 		return err_add_hint(err, "K is too large: --metric %lld,%lld,%lld fits", (long long)m->p, (long long)m->q,
@@ -135,7 +135,7 @@ static int refuse(const struct reach *r, const int64_t box[4])
 	if (view_metric_simpler(m, box[2] - box[0], box[3] - box[1], &simple))
 		return err_add_hint(err, "P and Q are too large: --metric %lld,%lld,%lld has nearly that direction, and fits",
 				    (long long)simple.p, (long long)simple.q, (long long)simple.k);
-	return err_add_hint(err, "give a smaller K, a part of the points (--crop), or push them with a larger --scale");
+	return err_add_hint(err, "mesh a part of the points (--crop), or push them with a larger --scale");
 }
 
 /* Sets the map of the selection. */
