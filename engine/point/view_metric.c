@@ -169,6 +169,12 @@ static bool box_fits(const struct view_metric *m, int64_t width, int64_t height)
 	return p * width + q * height <= UINT32_MAX && m->k * (q * width + p * height) <= UINT32_MAX;
 }
 
+/* Within three degrees. */
+static bool is_near(const struct view_metric *a, const struct view_metric *b)
+{
+	return 20 * magnitude(a->p * b->q - a->q * b->p) <= magnitude(a->p * b->p + a->q * b->q);
+}
+
 bool view_metric_simpler(const struct view_metric *m, int64_t width, int64_t height, struct view_metric *ret)
 {
 	/* Convergents of |Q| / |P|, beginning with the nearer axis. */
@@ -193,5 +199,5 @@ bool view_metric_simpler(const struct view_metric *m, int64_t width, int64_t hei
 		*ret = view_metric_normal(next);
 		found = true;
 	}
-	return found;
+	return found && is_near(m, ret);
 }

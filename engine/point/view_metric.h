@@ -69,7 +69,7 @@ void view_map_box_back(const struct view_map *, const int64_t box[4], int64_t re
  * there is none. */
 bool view_metric_origin(int64_t low, int64_t high, int64_t *ret);
 /* Of the directions that are ever nearer to that of the metric, the last one with which a box of this width and height fits: in
- * *ret, with the same K. False: none fits. */
+ * *ret, with the same K. False: none that is within three degrees fits. */
 bool view_metric_simpler(const struct view_metric *, int64_t width, int64_t height, struct view_metric *ret);
 
 #endif
