@@ -250,7 +250,7 @@ static void open_run(struct sched_task *t)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = run_plan_read(w, &w->err);
-	if (!w->r)
+	if (!w->r && !w->view.metric.k)
 		w->r = run_change_read(w, &w->err);
 	if (!w->r && view_selects(&w->view))
 		w->r = run_select_open(w, &w->err);
