@@ -421,7 +421,7 @@ def the_page():
             os.chdir(here)
             del os.environ["ACUT_SOCKET"]
         text = out.getvalue()
-        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found"):
+        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found", " edges of lines"):
             expect(want in text, "%r is not in what the examples print:\n%s" % (want, text))
 
 
