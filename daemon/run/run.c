@@ -154,6 +154,9 @@ void run_close(struct run *w)
 	run_stored_leaves_free(w);
 	run_space_release(w);
 	w->grid = grid_close(w->grid);
+	if (w->reading)
+		dataset_read_end(w->dataset);
+	w->reading = false;
 	forget_system(w);
 	if (w->opened)
 		dataset_close(w->dataset);
@@ -247,7 +250,7 @@ static void open_run(struct sched_task *t)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = run_plan_read(w, &w->err);
-	if (!w->r)
+	if (!w->r && !w->view.metric.k)
 		w->r = run_change_read(w, &w->err);
 	if (!w->r && view_selects(&w->view))
 		w->r = run_select_open(w, &w->err);
@@ -303,6 +306,10 @@ void run_opened(struct run *w)
 	if (w->r == RUN_E_NO_LINES) {
 		ask_for_lines(w);
 		return;
+	}
+	if (grid_reopens(w->grid)) {
+		dataset_read_begin(w->dataset);
+		w->reading = true;
 	}
 	run_set_state(w, w->r == RUN_E_ABSENT ? RUN_UNSELECTED : RUN_OPEN);
 	if (w->state == RUN_OPEN)

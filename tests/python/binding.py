@@ -156,6 +156,7 @@ def same_views():
             ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]), ({"no_breaklines": True}, ["--no-breaklines"]),
             ({"breakline_clear": "0.5m", "duplicates": "highest"}, ["--breakline-clear", "0.5m", "--duplicates", "highest"]),
+            ({"metric": (-6, 2, 5)}, ["--metric=3,-1,5"]), ({"metric": "1,0,1"}, ["--metric", "0,1,1"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
         expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
@@ -172,7 +173,10 @@ def same_views():
                 ({"class_": 256}, ["--class", "256"]), ({"zmin": 5, "zmax": 4}, ["--zmin", "5", "--zmax", "4"]),
                 ({"returns": "some"}, ["--returns", "some"]), ({"every": 0}, ["--every", "0"]), ({"zmin": "x y"}, ["--zmin", "x y"]),
                 ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"]), ({"breakline_clear": -1}, ["--breakline-clear=-1"]),
-                ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"])]:
+                ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"]),
+                ({"metric": (0, 0, 2)}, ["--metric", "0,0,2"]), ({"metric": (1, 0, 0)}, ["--metric", "1,0,0"]),
+                ({"metric": (1, 0.5, 2)}, ["--metric", "1,0.5,2"]), ({"metric": "1,2"}, ["--metric", "1,2"]),
+                ({"metric": (1, 2, 10001)}, ["--metric", "1,2,10001"])]:
             expect(raises(acut.UsageError, c.submit, "s", **words).exit_status == d.ctl("submit", "s", *options).status == 2, words)
         with open(gj, "w") as f:
             f.write('{"type": "LineString", "coordinates": []}')
@@ -417,7 +421,7 @@ def the_page():
             os.chdir(here)
             del os.environ["ACUT_SOCKET"]
         text = out.getvalue()
-        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found"):
+        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found", " edges of lines"):
             expect(want in text, "%r is not in what the examples print:\n%s" % (want, text))
 
 
