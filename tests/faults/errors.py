@@ -53,7 +53,10 @@ def main():
             finally:
                 store.kill()
             store.start()
-            faults.work(store, inputs, Acks(), "e%d" % i)
+            store.ctl("push", "e%d" % i, *sum(inputs.pushed, [])).ok()
+            job = store.ctl("submit", "e%d" % i, "--wait", "--json").ok().json()
+            expect(faults.digests(job) == inputs.want[3, ()], "%s: another mesh" % inject)
+            faults.work(store, inputs, Acks(), "w%d" % i)
             store.stop()
             left = [x for x in faults.leftovers(store) if x.endswith(".tmp")]
             expect(not left, "%s: left behind: %s" % (inject, left))

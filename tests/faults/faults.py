@@ -147,7 +147,8 @@ class Store:
 
 
 class Inputs:
-    """Two files of points, a file of lines that is pushed with the second, and the digests of their meshes."""
+    """Two files of points, a file of lines that is pushed with the second, another one that is pushed alone, and the digests of their
+    meshes: of three generations, and of a fourth one, which undoes the second."""
 
     def __init__(self, base):
         self.files = []
@@ -159,16 +160,21 @@ class Inputs:
             f.write("acut-lines 1\ncrs EPSG:32633\nunit-z m\ndensify 2\nfeature 1 hard\nline\n500001 5400001 200\n500020 5400022 201\n"
                     "feature 2 hard\nline\n500001 5400020 203\n500021 5400002 204\nfeature 3 lake\nring\n500008 5400001 199\n500012 5400001 199\n"
                     "500010 5400004 199\n")
-        self.pushed = [self.files[:1], self.files[1:] + [self.lines]]
+        self.more = os.path.join(base, "more.txt")
+        with open(self.more, "w") as f:
+            f.write("acut-lines 1\ncrs EPSG:32633\nunit-z m\nfeature 1 hard\nline\n500003 5400018 200\n500018 5400003 201\n500019 5400004 202\n")
+        self.pushed = [self.files[:1], self.files[1:] + [self.lines], [self.more]]
         where = os.path.join(base, "want")
         os.mkdir(where)
         self.want = {}
         with Store(where) as s:
             s.start()
-            for n in (1, 2):
+            for n in (1, 2, 3):
                 s.ctl("push", "w", *self.pushed[n - 1]).ok()
                 for view in VIEWS:
                     self.want[n, view] = digests(s.ctl("submit", "w", *view, "--wait", "--json").ok().json())
+            s.ctl("push", "v", self.files[0], self.more).ok()
+            self.want[4, ()] = digests(s.ctl("submit", "v", "--wait", "--json").ok().json())
             s.stop()
         shutil.rmtree(where)
 
@@ -211,8 +217,8 @@ class Acks:
 
 
 def work(store, inputs, acks, name):
-    """Two pushes, a job for each view after each push, and the mesh of the last job. Raises Killed if the daemon has
-    ended. The work can be repeated then; acknowledged parts of it are not done again."""
+    """Three pushes, a job for each view after each push, a revert that makes a line set, and the mesh of the last job. Raises Killed
+    if the daemon has ended. The work can be repeated then; acknowledged parts of it are not done again."""
     def ctl(*args):
         r = store.ctl(*args)
         if r.status and not store.alive():
@@ -227,7 +233,10 @@ def work(store, inputs, acks, name):
             time.sleep(0.02)
         return r.ok()
 
-    for n in (1, 2):
+    have = {d["name"]: d["generation"] for d in map(json.loads, ctl("datasets", "--json").out.splitlines())}.get(name, 0)
+    for n in (1, 2, 3):
+        if have > 3:
+            break  # it was reverted
         known = acks.generation.get(name, 0) >= n
         r = ctl("push", name, *sum(inputs.pushed[:n], []), "--json")
         got = [json.loads(line) for line in r.out.splitlines()]
@@ -235,14 +244,24 @@ def work(store, inputs, acks, name):
         with acks.lock:
             acks.generation[name] = max(acks.generation.get(name, 0), got[-1]["generation"])
         generation = got[-1]["generation"]
-        if n == 1 and generation > 1:
+        if generation > n:
             continue  # from an earlier run
         for view in VIEWS:
             job = ctl("submit", name, *view, "--wait", "--json").json()
-            whole = 2 if job["points"] >= sum(POINTS) else 1
-            expect(digests(job) == inputs.want[whole, view], "%s %s: another mesh" % (name, view))
+            expect(digests(job) == inputs.want[n, view], "%s %s: another mesh" % (name, view))
             with acks.lock:
                 acks.jobs[job["job"]] = digests(job)
+    if have <= 3:
+        got = ctl("dataset", "revert", name, "2", "--json").json()
+        with acks.lock:
+            acks.generation[name] = got["generation"]
+    job = ctl("submit", name, "--wait", "--json").json()
+    expect(digests(job) == inputs.want[4, ()], "%s: another mesh after the revert" % name)
+    # The line set of this generation is made again.
+    before = ctl("submit", name, "--at", "2", "--wait", "--json").json()
+    expect(digests(before) == inputs.want[2, ()], "%s: another mesh of generation 2" % name)
+    with acks.lock:
+        acks.jobs[job["job"]] = digests(job)
     out = os.path.join(store.base, "out.ply")
     ctl("fetch", str(job["job"]), "-o", out)  # checks the digests
     os.unlink(out)

@@ -98,7 +98,7 @@ def bad_blocks(base, inputs):
         expect(store.ctl("ping").status == 0, "the daemon is gone")
         os.unlink(flag)
         job = store.ctl("submit", "bad", "--wait", "--json").ok().json()
-        expect(faults.digests(job) == inputs.want[2, ()], "another mesh")
+        expect(faults.digests(job) == inputs.want[3, ()], "another mesh")
         store.stop()
 
 
