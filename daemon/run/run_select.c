@@ -1,5 +1,5 @@
 /*
- * The selection of a view with crop, every or thin: a grid of the points that remain, made once, kept in the cache, and opened in
+ * The selection of a view with crop, every, thin or metric: a grid of the points that remain, made once, kept in the cache, and opened in
  * place of the generation's grid.
  *
  * The model: a selection is a folder cache/selected/KEY (that of a one-step dataset lies in the dataset's folder, and is removed
