@@ -90,7 +90,7 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 	if (lines) {
 		/* The pieces stay in the dataset, unless they are mapped. */
 		grid_source_files(lines, file);
-		use.lines = file[0].name;
+		use.lines = w->select.counts.mapped ? SELECTION_LINES : file[0].name;
 		use.linesfd = w->select.counts.mapped ? dirfd : w->dataset->dirfd;
 	}
 	w->grid = grid_close(w->grid);
