@@ -72,20 +72,32 @@ int breaklines_publish(int dirfd, uint64_t push, const struct grid_source *s, st
 	return r;
 }
 
+/* Beside a file whatever a writer that failed left of it. */
+static int remove_file(int dirfd, const char *name, struct err *err)
+{
+	char temp[80];
+	int r = io_remove(dirfd, name, err);
+
+	snprintf(temp, sizeof temp, "%.63s.tmp", name);
+	return r ? r : io_remove(dirfd, temp, err);
+}
+
 int breaklines_remove(int dirfd, const struct grid_source *s, struct err *err)
 {
+	static const struct grid_lines all = {.places = 1};
+	const struct grid_source with = {.id = s->id, .kind = s->kind, .lines = &all};
 	struct grid_named of[GRID_SOURCE_FILES];
-	size_t n = grid_source_files(s, of);
-	char segment[40];
+	size_t n = grid_source_files(&with, of);
+	char stem[40];
 	int r = 0;
 
 	for (size_t i = 0; !r && i < n; i++)
-		r = io_remove(dirfd, of[i].name, err);
+		r = remove_file(dirfd, of[i].name, err);
 	if (r || s->kind != GRID_LINE_VERTICES)
 		return r;
-	grid_line_segment(s->id, segment);
-	strcat(segment, ".seg");
-	return io_remove(dirfd, segment, err);
+	grid_line_segment(s->id, stem);
+	strcat(stem, ".");
+	return io_folder_sweep(dirfd, stem, err);
 }
 
 /* ---- the line set ---- */

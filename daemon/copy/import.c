@@ -5,7 +5,9 @@
  * that a crash leaves nothing behind. Its dataset has no generation until the commit. The manifest comes first. It is trusted
  * only after all segments that it names have come, agree with it, and have been checked block by block. The files get new names,
  * which no push of this daemon ever has, so a new manifest with these names is written. Files of lines have theirs by the numbers
- * of their sources, which stay. Generations and their times are those of the export.
+ * of their sources, which stay. Generations and their times are those of the export. Line sets, with the segments of their
+ * vertices, are not taken: they follow from the files of lines, and nothing else proves what they say. The first mesh makes them
+ * (dataset_asked.c).
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -234,13 +236,30 @@ static int copy_file(struct import *i, const char *as, uint64_t bytes, struct er
 	return r;
 }
 
-/* A segment of line vertices has the number of its source in its name, as files of lines. */
 static void segment_name(const struct import *i, size_t k, char buf[NAME])
 {
-	if (grid_is_line_segment(i->m->segments[k].file))
-		memcpy(buf, i->m->segments[k].file, NAME);
-	else
-		snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
+	snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
+}
+
+/* It belongs to a line set. */
+static bool is_derived(const struct import *i, const char *file)
+{
+	struct grid_named of[GRID_SOURCE_FILES];
+
+	for (size_t s = 0; s < i->m->nsources; s++) {
+		const struct grid_source *source = &i->m->sources[s];
+		size_t n = source->kind == GRID_LINE_VERTICES ? grid_source_files(source, of) : 0;
+		char segment[40] = "";
+
+		for (size_t k = 0; k < n; k++)
+			if (!strcmp(of[k].name, file))
+				return true;
+		if (n)
+			grid_line_segment(source->id, segment);
+		if (n && !strcmp(strcat(segment, ".seg"), file))
+			return true;
+	}
+	return false;
 }
 
 /* Reserves space on the disk, before the file is written. */
@@ -300,7 +319,7 @@ static void take_named(struct import *i, const struct client_file *id)
 		err_set(&i->err, ERR_INPUT, "the file has %llu bytes, the manifest says %llu", (unsigned long long)id->size,
 			(unsigned long long)file.bytes);
 		i->r = err_add_file(&i->err, i->name);
-	} else if (!i->have[k]) {
+	} else if (!i->have[k] && !is_derived(i, file.name)) {
 		if (file.source)
 			memcpy(as, file.name, sizeof as);
 		else
@@ -387,12 +406,18 @@ static void note_damage(void *ctx, const struct err *why)
 		*c->first = *why;
 }
 
-/* Names the file in the error as the client knows it. */
-static int use_sent_name(const struct import *i, size_t k, struct err *err)
+/* Names the file in the error as the client knows it: segment k of the new manifest. */
+static void use_sent_name(const struct import *i, size_t k, struct err *err)
 {
-	snprintf(err->file, sizeof err->file, "%s", i->m->segments[k].file);
+	size_t sent = 0;
+
+	for (; sent < i->m->nsegments; sent++)
+		if (!is_derived(i, i->m->segments[sent].file) && !k--)
+			break;
+	if (sent < i->m->nsegments)
+		snprintf(err->file, sizeof err->file, "%s", i->m->segments[sent].file);
 	*err->hint = 0;
-	return err_add_hint(err, "copy the folder here again, or export the dataset again");
+	err_add_hint(err, "copy the folder here again, or export the dataset again");
 }
 
 /* Checks every page and block against its checksum, and the records against index, header and manifest. */
@@ -424,22 +449,30 @@ static int check_segments(struct import *i, struct err *err)
 	return r;
 }
 
-/* Writes the manifest with the names that the segments have here. */
+/* Writes the manifest with the names that the segments have here, and without line sets. */
 static int write_manifest(struct import *i, struct err *err)
 {
-	char(*sent)[sizeof i->m->segments->file] = calloc(i->m->nsegments + 1, sizeof *sent);
+	struct grid_manifest m = *i->m;
 	int r;
 
-	if (!sent)
-		return err_set(err, ERR_NOMEM, "no memory for an import");
-	for (size_t k = 0; k < i->m->nsegments; k++) {
-		memcpy(sent[k], i->m->segments[k].file, sizeof *sent);
-		segment_name(i, k, i->m->segments[k].file);
+	m.segments = calloc(m.nsegments + 1, sizeof *m.segments);
+	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
+	m.nsegments = m.nsources = 0;
+	for (size_t k = 0; m.segments && k < i->m->nsegments; k++) {
+		if (is_derived(i, i->m->segments[k].file))
+			continue;
+		m.segments[m.nsegments] = i->m->segments[k];
+		segment_name(i, k, m.segments[m.nsegments++].file);
 	}
-	r = grid_manifest_write(i->dataset->dirfd, i->made_name, i->m, err);
-	for (size_t k = 0; k < i->m->nsegments; k++)
-		memcpy(i->m->segments[k].file, sent[k], sizeof *sent);
-	free(sent);
+	for (size_t k = 0; m.sources && k < i->m->nsources; k++)
+		if (i->m->sources[k].kind != GRID_LINE_VERTICES)
+			m.sources[m.nsources++] = i->m->sources[k];
+	if (m.segments && m.sources)
+		r = grid_manifest_write(i->dataset->dirfd, i->made_name, &m, err);
+	else
+		r = err_set(err, ERR_NOMEM, "no memory for an import");
+	free(m.segments);
+	free(m.sources);
 	return r;
 }
 
@@ -454,7 +487,7 @@ static void commit_run(struct sched_task *t)
 		return;
 	}
 	for (size_t k = 0; grid_manifest_next_file(i->m, &at, &file); k++) {
-		if (!i->have[k]) {
+		if (!i->have[k] && !is_derived(i, file.name)) {
 			err_set(&i->err, ERR_INPUT, "the file is missing");
 			i->r = err_add_file(&i->err, file.name);
 			return;

@@ -66,6 +66,7 @@ struct dataset {
 	struct pending *pending; /* the newest first */
 	bool tidied;             /* by dataset_tidy */
 	bool has_row;            /* the catalogue has its row */
+	atomic_bool left;        /* files that nothing names could not be removed */
 	/* At the start: */
 	bool needs_sweep;                   /* interrupted pushes left files */
 	bool sweep_ends;                    /* the rows of these pushes are dropped, so no later start sweeps again */
@@ -103,8 +104,9 @@ void datasets_expire(struct datasets *); /* removes for good what was removed lo
 void datasets_count(struct datasets *);  /* updates the disk accounts of datasets and pending pushes */
 /* Largest size in bytes of a segment of that many points, with its index. */
 uint64_t datasets_points_bytes(uint64_t points);
-/* Drops the row of a push from the catalogue, or logs that it could not. */
-void datasets_drop_push(struct datasets *, uint64_t push);
+/* Drops the row of a push, merge or prune from the catalogue, or logs that it could not. It stays if files were left behind
+ * (dataset_left): the next start sweeps the folder then. */
+void dataset_drop_row(struct dataset *, uint64_t push);
 
 /* ---- one dataset ---- */
 
@@ -131,6 +133,8 @@ void dataset_unhold(struct dataset *); /* releases without removing: for the rem
 /* Opens the folder as d->dirfd, and makes it if it is missing. Worker, or the start. Balanced by dataset_close (any thread). */
 int dataset_open(struct dataset *, struct err *err);
 void dataset_close(struct dataset *);
+/* Files that nothing names stay in the folder, since `why`. Any thread. */
+void dataset_left(struct dataset *, const struct err *why);
 /* Between these two the files of what is now the newest manifest stay: from reading d->manifest until a worker has opened the
  * manifest and its segments, or has failed. Runs that open a dataset need not call them. */
 void dataset_read_begin(struct dataset *);

@@ -150,8 +150,7 @@ int dataset_lines_put_at(struct dataset_lines *l, struct grid_manifest *m, uint6
 
 void dataset_lines_undo(struct dataset_lines *l)
 {
-	const struct grid_lines with_places = {.places = 1};
-	const struct grid_source set = {.id = l->id, .kind = GRID_LINE_VERTICES, .lines = &with_places};
+	const struct grid_source set = {.id = l->id, .kind = GRID_LINE_VERTICES};
 	struct err err = ERR_INIT;
 	int r;
 
@@ -354,7 +353,7 @@ void dataset_lines_end(struct dataset_lines *l, bool committed)
 {
 	give(l);
 	if (l->has_row && (committed || !l->stays))
-		datasets_drop_push(l->dataset->datasets, l->row_id);
+		dataset_drop_row(l->dataset, l->row_id);
 	if (l->has_row && committed)
 		datasets_count(l->dataset->datasets);
 }

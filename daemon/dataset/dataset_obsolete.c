@@ -76,7 +76,7 @@ static void obsolete_done(struct sched_task *t)
 
 	core_background_done(ds->core);
 	if (t->ran && !o->failed && o->push)
-		datasets_drop_push(ds, o->push);
+		dataset_drop_row(o->dataset, o->push);
 	dataset_release(o->dataset);
 	dataset_obsolete_free(o);
 }

@@ -131,7 +131,7 @@ static void discard_done(struct sched_task *t)
 	core_background_done(ds->core);
 	/* Otherwise the row stays, and the next start removes the files. */
 	if (t->ran && !x->r)
-		datasets_drop_push(ds, x->pending->id);
+		dataset_drop_row(x->dataset, x->pending->id);
 	pending_free(ds, x->pending);
 	dataset_release(x->dataset);
 	free(x);
@@ -177,7 +177,7 @@ void pending_forget(struct dataset *d)
 
 	while ((q = d->pending)) {
 		d->pending = q->next;
-		datasets_drop_push(d->datasets, q->id);
+		dataset_drop_row(d, q->id);
 		pending_free(d->datasets, q);
 		dataset_unhold(d);
 	}

@@ -216,7 +216,7 @@ static void undo_done(struct sched_task *t)
 	w->busy = false;
 	/* If no worker ran it, the row stays. */
 	if (t->ran && w->has_row)
-		datasets_drop_push(w->datasets, w->row_id);
+		dataset_drop_row(w->dataset, w->row_id);
 	if (!t->ran)
 		w->rewrite = grid_rewrite_free(w->rewrite);
 	rewrite_finish(w);
@@ -511,12 +511,16 @@ static void choose_done(struct sched_task *t)
 		rewrite_finish(w);
 		return;
 	}
-	if (!w->nunits) {
+	if (!w->nunits && !w->ngone) {
 		commit_start(w);
 		return;
 	}
 	set_state(w, REWRITE_WAITING);
-	dataset_rewrite_settle(w);
+	/* Other files that go take no memory, but a start must find them. */
+	if (w->nunits)
+		dataset_rewrite_settle(w);
+	else
+		row_put(w);
 }
 
 /* ---- for the owner ---- */

@@ -7,8 +7,8 @@
 /*
  * CHOOSING --> WAITING --> WRITING --> COMMITTING --> done       each of these --> UNDOING --> done
  *
- * CHOOSING and COMMITTING start again when there was no memory for a manifest. CHOOSING is followed by COMMITTING where no
- * segment has to be rewritten.
+ * CHOOSING and COMMITTING start again when there was no memory for a manifest. CHOOSING is followed by COMMITTING where nothing
+ * has to be rewritten or removed.
  */
 enum rewrite_state {
 	REWRITE_CHOOSING,   /* a worker chooses segments */

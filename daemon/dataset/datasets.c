@@ -82,10 +82,20 @@ struct dataset *datasets_first(const struct datasets *ds)
 	return ds->first;
 }
 
-void datasets_drop_push(struct datasets *ds, uint64_t push)
+void dataset_left(struct dataset *d, const struct err *why)
 {
+	atomic_store(&d->left, true);
+	log_event_err(LOG_EVENT_LEFTOVER, NULL, "files of a dataset that nothing names stay until the next start", why);
+}
+
+void dataset_drop_row(struct dataset *d, uint64_t push)
+{
+	struct datasets *ds = d->datasets;
 	struct err err = ERR_INIT;
 
+	/* One row suffices. */
+	if (atomic_exchange(&d->left, false))
+		return;
 	if (catalogue_drop_push(ds->core->p.catalogue, push, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 }

@@ -4,6 +4,8 @@
  * The model: these are requests in the queue, so they come after earlier ones. Files that the catalogue does not name are
  * removed; then the push's row is dropped, so that the next start finds what could not be removed.
  */
+#include <string.h>
+
 #include "io.h"
 #include "log.h"
 #include "push_priv.h"
@@ -46,17 +48,31 @@ int push_abort_start(struct push *p, struct push_request *rq, struct err *err)
 	return r;
 }
 
+/* The files of a commit that the catalogue does not name, or may name. */
+static void undo_commit(struct push *p)
+{
+	struct err err = ERR_INIT;
+	char segment[64];
+
+	if (catalogue_is_uncertain(p->pushes->core->p.catalogue)) {
+		err_set(&err, ERR_IO, "the catalogue may name them");
+		dataset_left(p->dataset, &err);
+		return;
+	}
+	pending_stage_name(p->id, segment);
+	strcat(segment, ".seg");
+	io->unlinkat(p->dataset->dirfd, segment, 0);
+	io->unlinkat(p->dataset->dirfd, p->made_name, 0);
+	push_lines_undo(p);
+}
+
 void push_close_run(struct push *p, struct push_request *rq)
 {
 	struct err err = ERR_INIT;
 
 	push_end_files(p);
-	if (p->made && !p->committed && !catalogue_is_uncertain(p->pushes->core->p.catalogue)) {
-		/* The catalogue does not name these files. */
-		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
-		io->unlinkat(p->dataset->dirfd, p->made_name, 0);
-		push_lines_undo(p);
-	}
+	if (p->made && !p->committed)
+		undo_commit(p);
 	if (p->removes_old_manifest && *p->base_name)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
 	/* The row leads the next start to the files, so it is dropped only when their removal is durable. */
@@ -90,7 +106,7 @@ bool push_close_done(struct push *p, struct push_request *rq, const struct err *
 	if (p->kept)
 		push_pending_keep(p);
 	else if (p->has_row)
-		datasets_drop_push(p->pushes->datasets, p->id);
+		dataset_drop_row(p->dataset, p->id);
 	push_space_end(p); /* the pending push counts now */
 	if (p->opened)
 		dataset_close(p->dataset);

@@ -224,6 +224,7 @@ static void seal_begin(struct push *p, struct push_request *rq)
 static void seal_finish(struct push *p, struct push_request *rq)
 {
 	struct grid_segment_info segment = {0};
+	struct err err = ERR_INIT;
 
 	rq->r = push_sealing_finish(p->sealing, &segment, &rq->err);
 	/* The staged files stay until the catalogue has the commit. */
@@ -234,8 +235,8 @@ static void seal_finish(struct push *p, struct push_request *rq)
 	}
 	rq->r = commit_manifest(p, &segment, &rq->err);
 	/* Lines alone leave it empty. */
-	if (rq->r || (!segment.points && p->lines.id))
-		io->unlinkat(p->dataset->dirfd, segment.file, 0);
+	if ((rq->r || (!segment.points && p->lines.id)) && io_remove(p->dataset->dirfd, segment.file, &err))
+		dataset_left(p->dataset, &err);
 	if (rq->r)
 		push_lines_undo(p);
 }

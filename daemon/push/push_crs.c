@@ -56,7 +56,7 @@ int push_assume(const struct push *p, struct push_request *rq)
 
 static void fill_unit(char unit[CRS_UNIT_SIZE], const char *other)
 {
-	if (!push_crs_known(unit))
+	if (!agree_known(unit))
 		snprintf(unit, CRS_UNIT_SIZE, "%s", other);
 }
 
@@ -98,9 +98,9 @@ bool push_crs_is(const struct push *p, const struct grid_manifest *m)
 
 static void set_system(struct push *p, const char *text, const char *unit_xy, const char *unit_z, const char *of)
 {
-	snprintf(p->crs, sizeof p->crs, "%s", push_crs_known(text) ? text : "unknown");
-	snprintf(p->unit_xy, sizeof p->unit_xy, "%s", push_crs_known(unit_xy) ? unit_xy : "unknown");
-	snprintf(p->unit_z, sizeof p->unit_z, "%s", push_crs_known(unit_z) ? unit_z : "unknown");
+	snprintf(p->crs, sizeof p->crs, "%s", agree_known(text) ? text : "unknown");
+	snprintf(p->unit_xy, sizeof p->unit_xy, "%s", agree_known(unit_xy) ? unit_xy : "unknown");
+	snprintf(p->unit_z, sizeof p->unit_z, "%s", agree_known(unit_z) ? unit_z : "unknown");
 	snprintf(p->crs_of, sizeof p->crs_of, "%s", of);
 	p->has_crs = true;
 }

@@ -217,15 +217,16 @@ void push_lines_put(struct push *p, struct grid_manifest *m)
 /* Worker: the commit failed, and the catalogue does not name these files. */
 void push_lines_undo(struct push *p)
 {
-	const struct grid_source set = {.id = p->lines.id, .kind = GRID_LINE_VERTICES, .lines = &p->lines.made.lines};
-	struct err ignored = ERR_INIT; /* the push's row leads the next start to what stays */
+	const struct grid_source set = {.id = p->lines.id, .kind = GRID_LINE_VERTICES};
+	struct err err = ERR_INIT;
+	int r = p->lines.id ? breaklines_remove(p->dataset->dirfd, &set, &err) : 0;
 
-	if (p->lines.built)
-		breaklines_remove(p->dataset->dirfd, &set, &ignored);
 	p->lines.built = false;
-	for (size_t i = 0; p->lines.published && i < p->nsources; i++)
-		breaklines_remove(p->dataset->dirfd, &p->sources[i], &ignored);
-	for (size_t i = 0; p->lines.published && p->adopt && i < p->adopt->nsources; i++)
-		breaklines_remove(p->dataset->dirfd, &p->adopt->sources[i], &ignored);
+	for (size_t i = 0; !r && p->lines.published && i < p->nsources; i++)
+		r = breaklines_remove(p->dataset->dirfd, &p->sources[i], &err);
+	for (size_t i = 0; !r && p->lines.published && p->adopt && i < p->adopt->nsources; i++)
+		r = breaklines_remove(p->dataset->dirfd, &p->adopt->sources[i], &err);
 	p->lines.published = false;
+	if (r)
+		dataset_left(p->dataset, &err);
 }

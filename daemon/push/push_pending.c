@@ -112,10 +112,10 @@ void push_end_files(struct push *p)
 	err_clear(&err);
 	/* Those of a commit have their final names, too. */
 	if (p->lines.staged && p->opened && breaklines_discard(p->dataset->dirfd, p->id, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the lines of a push cannot be removed", &err);
+		dataset_left(p->dataset, &err);
 	err_clear(&err);
 	if (p->on_disk && p->opened && pending_discard(p->dataset, p->id, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the files of a push cannot be removed", &err);
+		dataset_left(p->dataset, &err);
 	p->on_disk = false;
 }
 
@@ -254,7 +254,7 @@ void push_adopt_done(struct push *p)
 	if (p->dropped) {
 		log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: %s", p->dataset->name, p->note);
 		if (p->dropped_row)
-			datasets_drop_push(p->pushes->datasets, p->dropped);
+			dataset_drop_row(p->dataset, p->dropped);
 	}
 	if (p->dropped || m)
 		dataset_release(p->dataset); /* the reference of the pending push; this push has its own */

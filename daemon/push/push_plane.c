@@ -82,7 +82,7 @@ static const char *own_plane(const struct push *p)
 {
 	if (push_reference(p))
 		return push_reference(p)->crs;
-	return push_crs_known(p->plane.created) ? p->plane.created : NULL;
+	return agree_known(p->plane.created) ? p->plane.created : NULL;
 }
 
 /* Removes the vertical system from the text if a geoid changes heights: it does not hold any more. */
@@ -135,9 +135,8 @@ static const struct push_probed *first_of(const struct push *p, bool projected)
 	for (size_t i = 0; i < p->nprobes; i++) {
 		const struct push_probed *probe = &p->probes[i];
 
-		if (!probe->excluded &&
-		    (projected ? probe->crs->plane == CRS_PLANE_PROJECTED && push_crs_known(probe->crs->text) :
-				 to_project(p, probe->crs)))
+		if (!probe->excluded && (projected ? probe->crs->plane == CRS_PLANE_PROJECTED && agree_known(probe->crs->text) :
+						     to_project(p, probe->crs)))
 			return probe;
 	}
 	return NULL;

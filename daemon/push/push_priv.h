@@ -471,10 +471,6 @@ int push_plane_of(const struct push *, const struct crs_info *, struct push_plan
 int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* worker */
 
 /* push_crs.c */
-static inline bool push_crs_known(const char *text)
-{
-	return agree_known(text);
-}
 int push_assume_read(struct push *, const struct push_params *, struct err *err);
 /* Worker: completes request->info.crs, and sets overridden. -ERR_INPUT: the input says something else. */
 int push_assume(const struct push *, struct push_request *);

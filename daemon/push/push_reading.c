@@ -10,33 +10,14 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "agree_reading.h"
 #include "push_priv.h"
-
-#define COLUMNS_MOST 100 /* letters that are recorded */
-#define SYSTEM_MOST 400  /* characters of a system's text that are recorded */
-
-struct system {
-	char text[SYSTEM_MOST + 1], unit_xy[CRS_UNIT_SIZE], unit_z[CRS_UNIT_SIZE];
-};
-
-/* GRID_SOURCE_READING in parts. */
-struct reading {
-	char format[16], columns[COLUMNS_MOST + 1];
-	bool decimal_comma;
-	bool has_system;
-	struct system system;
-};
 
 /* The difference in words: of the source, of the push. */
 enum { DIFFERENCE_SIZE = 600 };
 struct difference {
 	char was[DIFFERENCE_SIZE], is[DIFFERENCE_SIZE];
 };
-
-static bool is_text(const char *format)
-{
-	return !strcmp(format, "xyz");
-}
 
 /* ---- the recorded text ---- */
 
@@ -49,73 +30,27 @@ static bool needs_system(const struct push *p, const struct crs_info *crs)
 void push_reading_text(const struct push *p, const struct push_request *rq, char ret[GRID_SOURCE_READING])
 {
 	const struct crs_info *crs = &rq->info.crs;
-	bool text = is_text(rq->info.format);
-	int n = snprintf(ret, GRID_SOURCE_READING, "%.15s", rq->info.format);
 
-	if (text && *rq->columns)
-		n += snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " columns=%.*s", COLUMNS_MOST, rq->columns);
-	if (text && rq->decimal_comma)
-		n += snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " decimal-comma");
-	if (needs_system(p, crs))
-		snprintf(ret + n, GRID_SOURCE_READING - (size_t)n, " of %.*s, x and y in %s, z in %s", SYSTEM_MOST, crs->text,
-			 crs->unit_xy, crs->unit_z);
-}
-
-static void parse_system(const char *text, struct system *ret)
-{
-	static const char before_xy[] = ", x and y in ", before_z[] = ", z in ";
-	const char *xy = NULL, *z = NULL;
-
-	for (const char *at = strstr(text, before_xy); at; at = strstr(at + 1, before_xy))
-		xy = at;
-	z = xy ? strstr(xy, before_z) : NULL;
-	if (!z)
-		return;
-	snprintf(ret->text, sizeof ret->text, "%.*s", (int)(xy - text), text);
-	xy += strlen(before_xy);
-	snprintf(ret->unit_xy, sizeof ret->unit_xy, "%.*s", (int)(z - xy), xy);
-	snprintf(ret->unit_z, sizeof ret->unit_z, "%s", z + strlen(before_z));
-}
-
-/* Ignores words of other versions. */
-static void reading_parse(const char *text, struct reading *ret)
-{
-	static const char columns[] = "columns=", comma[] = "decimal-comma", of[] = "of ";
-	size_t n = strcspn(text, " ");
-
-	memset(ret, 0, sizeof *ret);
-	snprintf(ret->format, sizeof ret->format, "%.*s", (int)n, text);
-	for (const char *at = text + n; *at; at += n) {
-		at++;
-		n = strcspn(at, " ");
-		if (!strncmp(at, of, strlen(of))) {
-			ret->has_system = true;
-			parse_system(at + strlen(of), &ret->system);
-			return;
-		}
-		if (!strncmp(at, columns, strlen(columns)))
-			snprintf(ret->columns, sizeof ret->columns, "%.*s", (int)(n - strlen(columns)), at + strlen(columns));
-		else if (n == strlen(comma) && !strncmp(at, comma, n))
-			ret->decimal_comma = true;
-	}
+	agree_reading_text(rq->info.format, rq->columns, rq->decimal_comma, needs_system(p, crs) ? crs : NULL, ret,
+			   GRID_SOURCE_READING);
 }
 
 /* ---- format and columns ---- */
 
 static bool letters_differ(const struct push *p, const struct push_request *rq, const struct grid_source *s,
-			   const struct reading *r, struct difference *ret)
+			   const struct agree_reading *r, struct difference *ret)
 {
 	const char *was = *s->reading ? "the columns that it says itself" :
 					"the columns that it says itself (an older acut kept no others)";
-	bool text = is_text(r->format) || !*r->format;
+	bool text = agree_reading_is_text(r->format) || !*r->format;
 
 	if (*rq->format && *r->format && strcmp(rq->format, r->format)) {
 		snprintf(ret->was, sizeof ret->was, "format %s", r->format);
 		snprintf(ret->is, sizeof ret->is, "--input-format %.15s", rq->format);
-	} else if (text && strncmp(rq->columns, r->columns, COLUMNS_MOST)) {
+	} else if (text && strncmp(rq->columns, r->columns, AGREE_COLUMNS_MOST)) {
 		snprintf(ret->was, sizeof ret->was, "%s%s", *r->columns ? "--columns " : was, r->columns);
 		snprintf(ret->is, sizeof ret->is, "%s%.*s", *rq->columns ? "--columns " : "the columns that it says itself",
-			 COLUMNS_MOST, rq->columns);
+			 AGREE_COLUMNS_MOST, rq->columns);
 	} else if (text && rq->decimal_comma != r->decimal_comma) {
 		snprintf(ret->was, sizeof ret->was, "decimal %s", r->decimal_comma ? "commas" : "points");
 		snprintf(ret->is, sizeof ret->is, "decimal %s", rq->decimal_comma ? "commas" : "points");
@@ -130,70 +65,33 @@ static bool letters_differ(const struct push *p, const struct push_request *rq, 
 
 /* ---- coordinate system ---- */
 
-static void describe(const struct system *s, const char *how, char ret[DIFFERENCE_SIZE])
+static void describe(const struct agree_system *s, const char *how, char ret[DIFFERENCE_SIZE])
 {
 	snprintf(ret, DIFFERENCE_SIZE, "the system %s, x and y in %s, z in %s%s", s->text, s->unit_xy, s->unit_z, how);
 }
 
-static void set_system(struct system *s, const char *text, const char *unit_xy, const char *unit_z)
+static bool system_differs(const struct push *p, const struct grid_source *s, const struct agree_reading *r,
+			   struct difference *ret)
 {
-	snprintf(s->text, sizeof s->text, "%.*s", SYSTEM_MOST, text);
-	snprintf(s->unit_xy, sizeof s->unit_xy, "%.*s", CRS_UNIT_SIZE - 1, unit_xy);
-	snprintf(s->unit_z, sizeof s->unit_z, "%.*s", CRS_UNIT_SIZE - 1, unit_z);
-}
-
-static bool texts_same(const char *a, const char *b)
-{
-	return push_crs_known(a) == push_crs_known(b) && (!push_crs_known(a) || !strcmp(a, b));
-}
-
-/* The assumed system is the one that the file already has. */
-static bool is_consistent(const char *said, const char *has)
-{
-	return !push_crs_known(said) || !strcmp(said, has);
-}
-
-static bool halves_hold(const char *said, const char *has)
-{
-	char planes[2][CRS_TEXT_SIZE];
-	const char *heights[2] = {crs_text_heights(said), crs_text_heights(has)};
-
-	crs_text_plane(said, planes[0]);
-	crs_text_plane(has, planes[1]);
-	return is_consistent(planes[0], planes[1]) && is_consistent(heights[0] ? heights[0] : "", heights[1] ? heights[1] : "");
-}
-
-/* With this push's assumptions or overrides the file would have the system that it has. */
-static bool system_holds(const struct push *p, const struct system *said, const struct system *has)
-{
-	if (p->overrides && push_crs_known(said->text))
-		return texts_same(said->text, has->text) && texts_same(said->unit_xy, has->unit_xy) &&
-		       texts_same(said->unit_z, has->unit_z);
-	return halves_hold(said->text, has->text) && is_consistent(said->unit_xy, has->unit_xy) &&
-	       is_consistent(said->unit_z, has->unit_z);
-}
-
-static bool system_differs(const struct push *p, const struct grid_source *s, const struct reading *r, struct difference *ret)
-{
-	struct system said, has = r->system;
+	struct agree_system said, has = r->system;
 
 	/* Older manifests do not record the system of degrees. */
 	if (!*s->reading && (*p->plane.geoid || p->assume.plane == CRS_PLANE_GEOGRAPHIC))
 		return false;
-	set_system(&said, p->assume.text, p->assume.unit_xy, p->assume.unit_z);
+	agree_system_set(&said, p->assume.text, p->assume.unit_xy, p->assume.unit_z);
 	if (!r->has_system)
-		set_system(&has, p->crs, p->unit_xy, p->unit_z);
+		agree_system_set(&has, p->crs, p->unit_xy, p->unit_z);
 	describe(&has, "", ret->was);
 	if (*s->overridden && !p->overrides) {
 		snprintf(ret->is, sizeof ret->is, "what it says itself (%.500s)", s->overridden);
 		return true;
 	}
 	describe(&said, p->overrides ? ", in place of what it says itself" : ", assumed where it says nothing", ret->is);
-	return (p->overrides || p->assumes) && !system_holds(p, &said, &has);
+	return (p->overrides || p->assumes) && !agree_system_holds(&said, p->overrides, &has);
 }
 
 /* Degrees were projected, and --planar would not project them. */
-static bool plane_differs(const struct push *p, const struct reading *r, struct difference *ret)
+static bool plane_differs(const struct push *p, const struct agree_reading *r, struct difference *ret)
 {
 	char planes[2][CRS_TEXT_SIZE];
 
@@ -208,9 +106,9 @@ static bool plane_differs(const struct push *p, const struct reading *r, struct 
 
 static bool differs(const struct push *p, const struct push_request *rq, const struct grid_source *s, struct difference *ret)
 {
-	struct reading r;
+	struct agree_reading r;
 
-	reading_parse(s->reading, &r);
+	agree_reading_parse(s->reading, &r);
 	return letters_differ(p, rq, s, &r, ret) || plane_differs(p, &r, ret) || system_differs(p, s, &r, ret);
 }
 

@@ -9,7 +9,7 @@
 
 int push_wkt_take(const struct push *p, struct push_request *rq, const struct input *in)
 {
-	const char *own = p->overrides && push_crs_known(p->assume.text) ? "" : input_wkt(in);
+	const char *own = p->overrides && agree_known(p->assume.text) ? "" : input_wkt(in);
 	const char *wkt = !*own && p->assume_wkt ? p->assume_wkt : own;
 
 	free(rq->wkt);

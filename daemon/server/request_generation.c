@@ -232,6 +232,10 @@ static int look_for_places(void *token, int dirfd, const struct grid_manifest *m
 				    (unsigned long long)m->generation);
 	}
 	s = grid_manifest_line_vertices(m, g);
+	if (grid_manifest_lacks_line_set(m, g)) {
+		err_set(err, ERR_NOTFOUND, "the places where lines of generation %llu cross are not kept", (unsigned long long)g);
+		return err_add_hint(err, "they are there again after a mesh of that generation (--at)");
+	}
 	ask->total = s ? s->lines->places : 0;
 	ask->place = calloc(ask->limit, sizeof *ask->place);
 	if (!ask->place)

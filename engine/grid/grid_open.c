@@ -98,9 +98,7 @@ static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, siz
 	struct grid_named file[GRID_SOURCE_FILES];
 
 	if (!s && !use->no_lines && !use->lines && grid_manifest_lacks_line_set(g->manifest, g->generation))
-		return g->generation < g->manifest->generation ?
-			       GRID_E_NO_LINE_SET :
-			       err_set(err, ERR_CORRUPT, "the manifest names lines, and no line set of them");
+		return GRID_E_NO_LINE_SET;
 	if (!s)
 		return 0;
 	g->line_source = s->id;

@@ -197,7 +197,7 @@ static int read_index(const struct pipe_inspect_params *p, const char *manifest,
 	int r = grid_open(p->dirfd, manifest, GRID_NEWEST, NULL, INDEX / 2, &grid, err);
 
 	if (r)
-		return r;
+		return r; /* it has no lines */
 	memory = malloc(grid_reader_bytes(grid));
 	r = memory ? grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err) :
 		     err_set(err, ERR_NOMEM, "no memory to count positions");

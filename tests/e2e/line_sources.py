@@ -118,6 +118,14 @@ def any_order():
             # The road crosses the ridge.
             places = cl.ask("places_request", pb.PlacesRequest(dataset="order0"))
             expect(places.total == len(places.places) and any(p.kind == "crossing" and p.lower < p.upper for p in places.places), places)
+            # They are kept with the line set: for an earlier generation it is made by a mesh.
+            e2e.until(lambda: len([n for n in folder(d, "order0") if n.startswith("lineset-")]) == 1, "line sets stay")
+            try:
+                cl.ask("places_request", pb.PlacesRequest(dataset="order0", generation=2))
+                expect(False, "places of a line set that is not there")
+            except Refused as e:
+                expect(e.code == "not-found" and "--at" in e.error.hint, e)
+            mesh(d, "order0", "--at", "2")
             expect(not cl.ask("places_request", pb.PlacesRequest(dataset="order0", generation=2)).total, "the ridge alone crosses nothing")
             one = cl.ask("places_request", pb.PlacesRequest(dataset="order0", after=1, limit=1))
             expect(list(one.places) == list(places.places)[1:2] and one.total == places.total, one)
@@ -218,19 +226,36 @@ def copies():
             expect(mesh(d, "e") == want and mesh(d, "e", "--at", "1") == before, "an import")
             push(d, "e", lines(base, "more.txt", (3, "hard", [(5, 5, 1), (6, 90, 1)]))).ok()
             expect(mesh(d, "e") == fresh(d, a, b, c, os.path.join(base, "more.txt")), "lines after an import")
-            name = next(n for n in sorted(os.listdir(out)) if n.startswith("lineset-"))
-            for victim in (name, next(n for n in sorted(os.listdir(out)) if n.startswith("lines-"))):
-                path = os.path.join(out, victim)
-                with open(path, "rb") as f:
-                    good = f.read()
-                bad = bytearray(good)
-                bad[-5000] ^= 1
-                os.unlink(path)
-                with open(path, "wb") as f:
-                    f.write(bad)
-                says(d.ctl("dataset", "import", out, "f"), 74, "damaged", victim)
-                with open(path, "wb") as f:
-                    f.write(good)
+            victim = next(n for n in sorted(os.listdir(out)) if n.startswith("lines-"))
+            path = os.path.join(out, victim)
+            with open(path, "rb") as f:
+                good = f.read()
+            bad = bytearray(good)
+            bad[-5000] ^= 1
+            os.unlink(path)
+            with open(path, "wb") as f:
+                f.write(bad)
+            says(d.ctl("dataset", "import", out, "f"), 74, "damaged", victim)
+            with open(path, "wb") as f:
+                f.write(good)
+            # Line sets are not believed, nor the records of their vertices: they are made of the lines. Here are those of another dataset.
+            push(d, "other", lines(base, "other.txt", (7, "hard", [(5, 5, 1), (95, 90, 1)]))).ok()
+            forged = os.path.join(d.state, "datasets", str(show(d, "other")["id"]))
+            for kind in ("lineset-", "vertices-"):
+                with open(os.path.join(forged, next(n for n in os.listdir(forged) if n.startswith(kind))), "rb") as f:
+                    theirs = f.read()
+                for mine in [os.path.join(out, n) for n in os.listdir(out) if n.startswith(kind)]:
+                    size = os.stat(mine).st_size
+                    os.unlink(mine)
+                    with open(mine, "wb") as f:
+                        f.write((theirs + bytes(size))[:size])
+            d.ctl("dataset", "import", out, "g").ok()
+            expect(not [n for n in os.listdir(os.path.join(d.state, "datasets", str(show(d, "g")["id"]))) if n[:7] in ("lineset", "vertice", "places-")],
+                   "a line set was taken")
+            d.ctl("cache", "gc", "--all").ok()
+            expect(mesh(d, "g") == want and mesh(d, "g", "--at", "1") == before, "a forged line set counts")
+            d.ctl("dataset", "export", "g", os.path.join(base, "again")).ok()
+            d.ctl("cache", "verify").ok()
             to = os.path.join(base, "backup")
             d.ctl("backup", to, "--copy").ok()
             # Damage is found, and stays.

@@ -1,7 +1,7 @@
 /*
  * The work of the tests of faults: three files are pushed into a service (tests/service/fixture.h), one at a time and with an
- * interruption; each generation has jobs; the log has a mark for each acknowledgement. And the checks of a service that is opened
- * on the store after a fault.
+ * interruption, and lines into another dataset; each generation has jobs; the log has a mark for each acknowledgement. And the
+ * checks of a service that is opened on the store after a fault.
  */
 #ifndef SCENE_H
 #define SCENE_H
@@ -38,12 +38,19 @@ enum mark {
 	MARK_REMOVING, /* c */
 	MARK_REMOVED,
 	MARK_RESTORED,
+	MARK_LINES,          /* e: file 1, then lines 1 and 2, a push each */
+	MARK_LINES_REVERTED, /* e: lines 1 are gone, which makes a line set */
+	MARK_LINES_REPLACED, /* e: lines 3 in place of 2 */
+	MARK_LINES_ASKED,    /* a mesh of the generation with lines 1 and 2 */
+	MARK_LINES_PRUNING,  /* e: only the newest generation stays: begun */
+	MARK_LINES_PRUNED,
 };
 
 /* What the meshes are, whatever happens. */
 struct scene_digests {
 	char one[DIGEST_HEX_SIZE], all[DIGEST_HEX_SIZE], selected[DIGEST_HEX_SIZE];
 	char reverted[DIGEST_HEX_SIZE], pruned[DIGEST_HEX_SIZE];
+	char lines[3][DIGEST_HEX_SIZE]; /* e: both, reverted, replaced */
 	uint64_t job, selected_job;
 };
 
@@ -113,6 +120,25 @@ static enum err_code push_some(const char *dataset, const unsigned *seeds, unsig
 		close(fd[i]);
 	if (!got.why.code && ret_known)
 		memcpy(ret_known, known, n * sizeof *known);
+	return got.why.code;
+}
+
+/* Likewise, of a file of lines. */
+static enum err_code push_lines(const char *dataset, const char *name, unsigned seed, bool replace)
+{
+	const struct push_input input = {.name = name, .path = name, .checksum = true, .replace = replace};
+	int fd = lines_file(8, seed);
+
+	begin(dataset);
+	if (!got.why.code)
+		ask(push_probe(got.push, dup(fd), &input, NULL));
+	if (!got.why.code)
+		ask(push_plan(got.push, NULL));
+	if (!got.why.code && got.known == PUSH_NEW)
+		ask(push_file(got.push, dup(fd), &input, NULL));
+	if (!got.why.code)
+		ask(push_commit(got.push, NULL));
+	close(fd);
 	return got.why.code;
 }
 
@@ -232,6 +258,41 @@ static void play_on(struct scene_digests *ret)
 	fault_mark(MARK_RESTORED);
 }
 
+static void lines_one(const char *name, unsigned seed, bool replace)
+{
+	must(!push_lines("e", name, seed, replace));
+	push_end();
+}
+
+/* What becomes of lines. */
+static void play_lines(struct scene_digests *ret)
+{
+	char again[DIGEST_HEX_SIZE];
+
+	push_one("e", 1);
+	lines_one("1.txt", 1, false);
+	lines_one("2.txt", 2, false);
+	fault_mark(MARK_LINES);
+	mesh_at("e", 0, ret->lines[0]);
+	ask(dataset_revert(dataset_find(h.service->datasets, "e", &me), 2, &me, reverted, NULL));
+	must(!got.why.code);
+	fault_mark(MARK_LINES_REVERTED);
+	mesh_at("e", 0, ret->lines[1]);
+	lines_one("2.txt", 3, true);
+	fault_mark(MARK_LINES_REPLACED);
+	mesh_at("e", 0, ret->lines[2]);
+	/* Its line set went, or will. */
+	turn_until(!service_active(h.service));
+	mesh_at("e", 3, again);
+	must(!strcmp(again, ret->lines[0]) && strcmp(again, ret->lines[1]) && strcmp(again, ret->lines[2]));
+	turn_until(!service_active(h.service));
+	fault_mark(MARK_LINES_ASKED);
+	fault_mark(MARK_LINES_PRUNING);
+	ask(dataset_prune(dataset_find(h.service->datasets, "e", &me), 1, 0, &me, pruned, NULL));
+	must(!got.why.code);
+	fault_mark(MARK_LINES_PRUNED);
+}
+
 static void play(struct scene_digests *ret)
 {
 	static const unsigned seed[FILES] = {1, 2, 3};
@@ -265,6 +326,7 @@ static void play(struct scene_digests *ret)
 	fault_mark(MARK_SELECTED_DONE);
 	mesh_at("a", 0, ret->all);
 	play_on(ret);
+	play_lines(ret);
 	turn_until(!service_active(h.service));
 }
 
@@ -304,6 +366,20 @@ static void check_on(uint64_t marks, const struct scene_digests *want)
 	}
 }
 
+/* Of play_lines. */
+static void check_lines(uint64_t marks, const struct scene_digests *want)
+{
+	char digest[DIGEST_HEX_SIZE];
+
+	for (unsigned i = 0; i < 3; i++) {
+		/* The newest generation stays. */
+		if (!has((uint64_t)MARK_LINES + i) || (i < 2 && has(MARK_LINES_PRUNING)))
+			continue;
+		mesh_at("e", 3 + i, digest);
+		must(!strcmp(digest, want->lines[i]));
+	}
+}
+
 /* All that was acknowledged is there and right; then the rest is done, and the whole is right too. */
 static void check_all(uint64_t marks, const struct scene_digests *want)
 {
@@ -331,6 +407,7 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 		must(!strcmp(digest, want->selected));
 	}
 	check_on(marks, want);
+	check_lines(marks, want);
 	must(!push_some("a", seed, FILES, FILES, true, known));
 	must(!has(MARK_GENERATION_1) || known[0] == PUSH_KNOWN);
 	must(!has(MARK_PENDING) || known[1] != PUSH_NEW);
@@ -342,6 +419,8 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 	/* A revert or a prune leaves no word in the catalogue that a start would clean up by: the next commit does. */
 	if ((b = dataset_find(h.service->datasets, "b", &me)) && b->generation)
 		push_one("b", 100 + (unsigned)b->generation);
+	if ((b = dataset_find(h.service->datasets, "e", &me)) && b->generation)
+		lines_one("last.txt", 100 + (unsigned)b->generation, true);
 	turn_until(!service_active(h.service));
 }
 
@@ -388,8 +467,7 @@ static bool is_named(int fd, DIR *dir, const char *name)
 		if (!is_manifest(e->d_name) || (keeps_manifests && strstr(e->d_name, ".tmp")))
 			continue;
 		must(!grid_manifest_read(fd, e->d_name, &m, &err));
-		for (size_t i = 0; i < m->nsegments; i++)
-			named |= !strcmp(name, m->segments[i].file);
+		named = grid_manifest_has_file(m, name);
 		grid_manifest_free(m);
 	}
 	return named;

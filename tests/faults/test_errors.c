@@ -1,6 +1,7 @@
 /*
  * Every N-th file call fails, N = 1, 2, ... until there are not so many: once, and for ever, with an error, or a transfer
- * by half; ours, and SQLite's. A service is opened, two files are pushed, a job is done and its mesh is streamed. What must
+ * by half; ours, and SQLite's. A service is opened, two files are pushed, a job is done and its mesh is streamed; then files of
+ * lines come, and one of them is reverted. What must
  * hold: whoever asked gets an answer, right or a typed error that says something; when the fault is gone the same can be
  * done again, with the right mesh; nothing is left, neither descriptors nor files; a file whose fsync failed is not trusted.
  *
@@ -10,7 +11,7 @@
 
 #include <errno.h>
 
-static char want[DIGEST_HEX_SIZE];
+static char want[DIGEST_HEX_SIZE], want_lines[DIGEST_HEX_SIZE];
 static unsigned long first_call, every, step, reached;
 static struct fault_plan plan;
 static const char *plan_text;
@@ -63,6 +64,39 @@ static void try_push(void)
 		push_end();
 		if (!r)
 			return;
+		turn_until(!service_active(h.service));
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+}
+
+static void try_lines(const char *name, unsigned seed)
+{
+	for (int tries = 0;; tries++) {
+		int r = push_lines("a", name, seed, false);
+
+		if (r)
+			typed("push of lines", &got.why);
+		push_end();
+		if (!r)
+			return;
+		turn_until(!service_active(h.service));
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+}
+
+static void try_revert(uint64_t generation)
+{
+	struct dataset *d = dataset_find(h.service->datasets, "a", &me);
+
+	for (int tries = 0;; tries++) {
+		ask(dataset_revert(d, generation, &me, reverted, NULL));
+		if (!got.why.code)
+			return;
+		typed("revert", &got.why);
 		turn_until(!service_active(h.service));
 		if (tries)
 			lift();
@@ -132,6 +166,14 @@ static void all_of_it(void)
 		snprintf(want, sizeof want, "%s", digest);
 	must(!strcmp(digest, want));
 	try_fetch(job);
+	try_lines("1.txt", 1);
+	try_lines("2.txt", 2);
+	try_revert(2);
+	job = try_job();
+	snprintf(digest, sizeof digest, "%s", info_of(job).report->digest);
+	if (!*want_lines)
+		snprintf(want_lines, sizeof want_lines, "%s", digest);
+	must(!strcmp(digest, want_lines) && strcmp(digest, want));
 	turn_until(!service_active(h.service));
 }
 
@@ -157,8 +199,13 @@ static void one_point(unsigned long i)
 	must(!push_some("a", seed, 2, 2, true, known));
 	must(known[0] == PUSH_KNOWN && known[1] == PUSH_KNOWN);
 	push_end();
-	mesh_to(submit_at(dataset_find(h.service->datasets, "a", &me), 0, VIEW), digest);
+	mesh_at("a", 0, digest);
+	must(!strcmp(digest, want_lines));
+	mesh_at("a", 1, digest);
 	must(!strcmp(digest, want));
+	/* A new generation, so that what could not be removed is. */
+	must(!push_lines("a", "3.txt", 3, false));
+	push_end();
 	turn_until(!service_active(h.service));
 	close_service();
 	must(open_files() == fds);

@@ -216,6 +216,10 @@ static int session_open(struct session *s, const struct options *o, struct err *
 		r = err_set(err, ERR_NOMEM, "no memory");
 	else
 		r = grid_open_use(dirfd, basename(file), GRID_NEWEST, &use, s->ledger, INDEX_MEMORY, &s->grid, err);
+	if (r == GRID_E_NO_LINE_SET) {
+		r = err_set(err, ERR_NOTFOUND, "its lines have no line set yet");
+		err_add_hint(err, "acutd makes it with the first mesh of that generation");
+	}
 	if (!r)
 		view_bind(&s->view, &grid_manifest(s->grid)->lattice);
 	if (!r && s->view.metric.k && !selection_counts_read(dirfd, &counts, &ignored) && counts.mapped)

@@ -451,7 +451,8 @@ static void dump_manifest(int dirfd, const char *name)
 		dump_file(dirfd, m->segments[i].file, m->segments[i].file);
 	if (options.check) { /* whether each segment belongs to this manifest */
 		/* The line vertices of a selection have no lines, and their pieces are in the folder of the dataset. */
-		const struct grid_use use = {.no_lines = !grid_manifest_lines(m, m->generation, &lines)};
+		const struct grid_use use = {.no_lines = !grid_manifest_lines(m, m->generation, &lines) ||
+							 grid_manifest_lacks_line_set(m, m->generation)};
 		struct grid *g;
 
 		if (grid_open_use(dirfd, name, m->generation, &use, NULL, 0, &g, &err))

@@ -36,8 +36,11 @@ int grid_file_create(struct grid_file *f, int dirfd, const char *name, void *buf
 	assert(strlen(name) < sizeof new.name);
 	snprintf(new.name, sizeof new.name, "%s", name);
 	snprintf(new.temp, sizeof new.temp, "%s.tmp", name);
-	int rc = io_open(dirfd, new.temp, O_WRONLY | O_CREAT | O_TRUNC, 0640, &new.fd, err);
+	/* A file that a failure left is not written again: its fsync may have failed. */
+	int rc = io_remove(dirfd, new.temp, err);
 
+	if (rc == 0)
+		rc = io_open(dirfd, new.temp, O_WRONLY | O_CREAT | O_EXCL, 0640, &new.fd, err);
 	if (rc)
 		return rc;
 	*f = new;

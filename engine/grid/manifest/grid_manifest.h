@@ -23,7 +23,7 @@ struct grid_span {
 
 /* The records of lines are in a file of their own, "lines-ID" (breakline.h). Those that count in a generation together make its
  * line set: a source of kind GRID_LINE_VERTICES, whose records are in a segment, with the file "lineset-ID" (lineset.h). A
- * generation has at most one of these. Earlier generations may have none: it can be made again of the files of lines. */
+ * generation has at most one of these. It may have none: then it can be made of the files of lines. */
 enum grid_source_kind { GRID_POINTS, GRID_LINES, GRID_LINE_VERTICES, GRID_SOURCE_KINDS };
 
 /* Of a source of lines: its file "lines-ID" and its content. Of line vertices: the file "lineset-ID", the sum of the contents of
