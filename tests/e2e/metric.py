@@ -188,9 +188,11 @@ def lines():
             parts = random_lines(rng, size, rng.randrange(1, 14))
             if not parts:
                 continue
-            got = d.ctl("mesh", points_file(base, points), "--breaklines", lines_file(base, "lines.csv", parts), "--format", "null",
-                        "--metric", "%d,%d,%d" % metric, "--json", *ALL).ok().json()
+            path, csv, out = points_file(base, points), lines_file(base, "lines.csv", parts), os.path.join(base, "m.ply")
+            option = "--metric=%d,%d,%d" % metric
+            got = d.ctl("mesh", path, "--breaklines", csv, "-o", out, option, "--json", *ALL).ok().json()
             compare_mapped(got, breakline_model.Model(points, parts), metric, "seed %d" % seed)
+            e2e.run([e2e.VERIFY, option, *ALL, "--breaklines", csv, out, path]).ok()
 
 
 def compare_mapped(got, model, metric, what):
