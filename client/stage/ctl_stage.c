@@ -11,8 +11,13 @@
 #include "decimal.h"
 
 /* A failure of the file itself, not of the way there. */
-static bool is_refusal(enum err_code code)
+static bool is_refusal(const struct err *err)
 {
+	enum err_code code = err->code;
+
+	/* its disk does not give it, which says nothing of others (protocol.md, "Inputs") */
+	if (code == ERR_IO && !strcmp(err->field, "input"))
+		return true;
 	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_CHANGED || code == ERR_UNSUPPORTED || code == ERR_LIMIT;
 }
 
@@ -59,7 +64,7 @@ static int failed(struct staging *s, size_t i, const struct acut_failure *why)
 	bool refusal;
 
 	session_failure_of(why, &err);
-	refusal = is_refusal(err.code) && strcmp(err.field, "push") != 0;
+	refusal = is_refusal(&err) && strcmp(err.field, "push") != 0;
 	if (refusal)
 		err_add_file(&err, s->in->input[i].name);
 	return refuse(s, i, &err, refusal);
@@ -75,7 +80,7 @@ static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
 		return 1;
 	if (ctl_input_open(s->in, in, &ret->fd, &err)) {
 		/* A manifest is about all inputs: one that is not what was verified ends the push. */
-		s->status = refuse(s, i, &err, !in->verified && (is_refusal(err.code) || err.code == ERR_PERM));
+		s->status = refuse(s, i, &err, !in->verified && (is_refusal(&err) || err.code == ERR_PERM));
 		return s->status ? -1 : 1;
 	}
 	ret->name = in->label ? in->label : in->name;

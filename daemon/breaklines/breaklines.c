@@ -333,6 +333,14 @@ int breaklines_verify(int dirfd, const struct grid_source *s, const char *staged
 	return r ? r : verify_places(dirfd, s, err);
 }
 
+int breaklines_verify_mapped(int dirfd, const struct grid_source *s, struct err *err)
+{
+	struct grid_named of[GRID_SOURCE_FILES];
+
+	grid_source_files(s, of);
+	return s->kind == GRID_LINE_VERTICES ? verify_set(dirfd, of[0].name, err) : 0;
+}
+
 int breaklines_places(int dirfd, const struct grid_source *s, uint64_t first, size_t most, struct breaklines_place *ret,
 		      size_t *ret_n, struct err *err)
 {

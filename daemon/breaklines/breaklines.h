@@ -60,6 +60,9 @@ int breaklines_remove(int dirfd, const struct grid_source *, struct err *err);
  * lines has before the commit, else NULL. */
 int breaklines_verify(int dirfd, const struct grid_source *, const char *staged, struct err *err);
 
+/* The same for the mapped pieces in the folder of a selection: of a source of line vertices the line set alone. */
+int breaklines_verify_mapped(int dirfd, const struct grid_source *, struct err *err);
+
 struct breaklines_place {
 	enum breakline_event event;
 	int32_t x, y, lower, upper;

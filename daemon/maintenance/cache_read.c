@@ -27,6 +27,7 @@ struct reading {
 	const char *what, *folder; /* both for reports; `folder` precedes the file name, unless it is "" */
 	unsigned found;
 	bool derived;
+	bool mapped; /* a selection with pieces of its own */
 	/* An interrupted push: its number, and its two files that name the others, as they were when the reading began. */
 	uint64_t push;
 	int dirfd;
@@ -112,14 +113,14 @@ static int read_lines(struct reading *r, int dirfd, const struct grid_source *s,
 		return err_set(err, ERR_CANCELLED, "cancelled");
 	if (r->push)
 		breaklines_staged_name(r->push, s->id, staged);
-	bad = breaklines_verify(dirfd, s, *staged ? staged : NULL, &why);
+	bad = r->mapped ? breaklines_verify_mapped(dirfd, s, &why) : breaklines_verify(dirfd, s, *staged ? staged : NULL, &why);
 	atomic_fetch_add(&r->v->files, 1);
 	atomic_fetch_add(&r->v->bytes, s->lines->bytes);
 	if (bad && lacks_memory(bad)) {
 		*err = why;
 		return bad;
 	}
-	r->what = r->push ? what : "lines";
+	r->what = r->push || r->derived ? what : "lines";
 	if (bad)
 		damaged(r, &why);
 	r->what = what;
@@ -158,8 +159,8 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 		atomic_fetch_add(&r->v->files, 1);
 		s = grid_verify_segment(&p, m, i, err);
 	}
-	/* The pieces of a selection are in the dataset. */
-	for (size_t i = 0; !s && !r->derived && i < m->nsources; i++)
+	/* The pieces of a selection are in the dataset, unless a metric has mapped them. */
+	for (size_t i = 0; !s && (!r->derived || r->mapped) && i < m->nsources; i++)
 		s = read_lines(r, dirfd, &m->sources[i], err);
 	grid_manifest_free(m);
 	return s;
@@ -269,9 +270,11 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 		io_close(parent);
 		return 0; /* evicted meanwhile */
 	}
-	s = read_manifest(&r, fd, SELECTION_MANIFEST, err);
-	if (!s && selection_counts_read(fd, &counts, &why))
+	if (selection_counts_read(fd, &counts, &why))
 		damaged(&r, &why);
+	else
+		r.mapped = counts.mapped;
+	s = read_manifest(&r, fd, SELECTION_MANIFEST, err);
 	/* Evicted while it was read: no damage. */
 	if (r.found && !is_still(parent, e->d_name, fd)) {
 		r.found = 0;

@@ -97,6 +97,15 @@ int push_file_finish(struct push *p, struct push_request *rq)
 	return !r && rq->stream ? push_stream_kept(rq) : r;
 }
 
+/* Errors of the stage and of a stream's spool name other files. */
+void push_mark_unreadable(struct push_request *rq)
+{
+	size_t most = sizeof rq->err.file - 1;
+
+	if (rq->r == -ERR_IO && !rq->stream && !strncmp(rq->err.file, rq->name, most))
+		strcpy(rq->err.field, PUSH_INPUT);
+}
+
 /* A file in parts is left to helpers; *ret_parts says so. */
 static int file_ingest(struct push *p, struct push_request *rq, struct input *in, bool *ret_parts)
 {
@@ -158,6 +167,7 @@ void push_file_run(struct push *p, struct push_request *rq)
 		rq->r = input_open(rq->fd, rq->name, &options, &in, &rq->err);
 	if (!rq->r)
 		rq->r = file_ingest(p, rq, in, &parts);
+	push_mark_unreadable(rq);
 	if (rq->r)
 		err_add_file(&rq->err, rq->name);
 	if (parts)
@@ -195,8 +205,8 @@ static void source_add(struct push *p, struct push_request *rq, uint32_t *ret_re
 /* The stage failed, not the input: nothing more can be staged. */
 static bool stage_broke(const struct err *why)
 {
-	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM || why->code == ERR_CORRUPT ||
-	       why->code == ERR_INTERNAL;
+	return (why->code == ERR_IO && strcmp(why->field, PUSH_INPUT)) || why->code == ERR_NOSPACE || why->code == ERR_NOMEM ||
+	       why->code == ERR_CORRUPT || why->code == ERR_INTERNAL;
 }
 
 static void count_file(struct push *p, const struct push_request *rq)

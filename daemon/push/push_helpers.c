@@ -116,6 +116,7 @@ static void helpers_leave(struct push_helpers *c)
 	if (atomic_load(&c->failed) < c->parts) {
 		rq->r = -(int)c->err.code;
 		rq->err = c->err;
+		push_mark_unreadable(rq);
 	}
 	push_request_done(c->push);
 }

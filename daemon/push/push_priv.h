@@ -451,6 +451,9 @@ bool push_same_reading(const struct push *, const struct push_request *);
 
 /* ---- lattice, plane, coordinate system ---- */
 
+/* Any thread: an error of the input's own device gets the field PUSH_INPUT: the others of the push are as good as before. */
+#define PUSH_INPUT "input"
+void push_mark_unreadable(struct push_request *);
 int push_choose_lattice(struct push *, struct err *err); /* push_lattice.c; worker */
 
 /* push_plane.c */

@@ -86,6 +86,7 @@ void push_probe_run(struct push *p, struct push_request *rq)
 		rq->r = rq->stream ? push_stream_known(p, rq) : push_known(p, rq);
 	if (!rq->r && rq->known == PUSH_NEW)
 		rq->r = input_open(rq->fd, rq->name, &options, &in, &rq->err);
+	push_mark_unreadable(rq);
 	if (rq->r)
 		err_add_file(&rq->err, rq->name);
 	if (!in)

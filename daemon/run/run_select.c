@@ -1,6 +1,6 @@
 /*
- * The selection of a view with crop, every or thin: a grid of the points that remain, made once, kept in the cache, and opened in
- * place of the generation's grid.
+ * The selection of a view with crop, every, thin or metric: a grid of the points that remain, made once, kept in the cache, and
+ * opened in place of the generation's grid.
  *
  * The model: a selection is a folder cache/selected/KEY (that of a one-step dataset lies in the dataset's folder, and is removed
  * with it). KEY depends on the content of the generation, its coordinate system, and the rules that select. A later job with the
@@ -90,7 +90,7 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 	if (lines) {
 		/* The pieces stay in the dataset, unless they are mapped. */
 		grid_source_files(lines, file);
-		use.lines = file[0].name;
+		use.lines = w->select.counts.mapped ? SELECTION_LINES : file[0].name;
 		use.linesfd = w->select.counts.mapped ? dirfd : w->dataset->dirfd;
 	}
 	w->grid = grid_close(w->grid);

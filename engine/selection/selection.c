@@ -52,7 +52,7 @@ size_t selection_memory_min(const struct grid *grid, const struct view *view)
 
 /* ---- a point ---- */
 
-enum { SOURCE_POINTS = 1, SOURCE_LINES = 2 };
+enum { SOURCE_POINTS = 1, SOURCE_LINES = 2 }; /* SELECTION_LINES is the file of the second */
 
 static int flush_points(struct selection *s)
 {

@@ -37,10 +37,11 @@ struct selection_params {
 };
 
 #define SELECTION_MANIFEST "manifest" /* in the folder, written last */
+#define SELECTION_LINES "lineset-2"   /* in the folder: the mapped pieces of a view with a metric */
 size_t selection_memory_min(const struct grid *grid, const struct view *view);
 /* Makes a grid of the points that all rules except that of duplicates keep, on the same lattice. Vertices of lines are a source
- * of their own in it: open it with the line set file of the generation (struct grid_use); of a view with a metric that of the
- * same name in the folder. What a mesh of the result is depends only on the points and lines of the generation. -ERR_LIMIT: the
+ * of their own in it: open it with the line set file of the generation (struct grid_use); of a view with a metric
+ * SELECTION_LINES. What a mesh of the result is depends only on the points and lines of the generation. -ERR_LIMIT: the
  * mapped points do not fit int32. After a failure the folder may hold files. */
 int selection_make(const struct selection_params *, struct selection_counts *ret, struct err *err);
 /* The counts that selection_make left in its folder. -ERR_CORRUPT: they are damaged. */

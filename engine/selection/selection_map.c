@@ -216,16 +216,14 @@ size_t selection_map_bytes(const struct grid *grid, const struct view *view)
 static int write_lines(struct selection *s, struct lineset *lines)
 {
 	struct pieces p = {.map = &s->map, .piece = malloc(pieces_bytes(lines) + 1)};
-	struct grid_named file[GRID_SOURCE_FILES];
 	int r = 0;
 
 	if (!p.piece)
 		return err_set(s->err, ERR_NOMEM, "no memory for the pieces of lines");
 	if (lineset_info(lines)->pieces)
 		r = lineset_find(grid_reader_lines(s->reader), lineset_info(lines)->box, map_piece, &p, s->err);
-	grid_source_files(grid_lines_source(s->p->grid), file);
 	if (!r)
-		r = lineset_write(s->p->dirfd, file[0].name, p.piece, p.n, lineset_info(lines)->far, s->err);
+		r = lineset_write(s->p->dirfd, SELECTION_LINES, p.piece, p.n, lineset_info(lines)->far, s->err);
 	free(p.piece);
 	return r;
 }

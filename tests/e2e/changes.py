@@ -166,10 +166,11 @@ def selected():
         one = job_of(d, 1, *metric)
         b, _, _ = check(c, c.fetch(one), 1, c.fetch(two), two)
         expect(b.gone and b.kept, "a metric: %d regions are gone, %d hold" % (b.gone, b.kept))
-        changed_command(base, d, one, two, (3, 1, 4))
+        changed_command(base, d, one, two, metric=(3, 1, 4))
         # Points so far away that the plane has another origin: its regions are others.
-        pushed(d, corner(base, "far.xyz", 20, at=4e6), corner(base, "far2.xyz", 20, at=4.1e6))
-        four = job_of(d, 4, *metric)
+        pushed(d, corner(base, "far.xyz", 20, at=4e6), corner(base, "far2.xyz", 20, at=4e6 + 50))
+        three, four = job_of(d, 3, *metric), job_of(d, 4, *metric)
+        changed_command(base, d, three, four, 3, (3, 1, 4))
         refused(d.ctl("fetch", str(four), "--changed-since", "1", "--format", "null"), 1, "another origin", "the whole mesh")
 
 
@@ -267,8 +268,8 @@ def doubled(regions):
     return [[v if v is None else int(v) for v in r] for r in out]
 
 
-def changed_command(base, d, one, two, metric=(1, 0, 1)):
-    """The file of changes: a client without regions applies the changes since generation 1, and has the mesh of job two. With a
+def changed_command(base, d, one, two, since=1, metric=(1, 0, 1)):
+    """The file of changes: a client without regions applies the changes since a generation, and has the mesh of job two. With a
     metric regions are of the mapped plane."""
     p, q, k = metric
 
@@ -277,7 +278,7 @@ def changed_command(base, d, one, two, metric=(1, 0, 1)):
     old, new, out = (os.path.join(base, n) for n in ("old.obj", "new.obj", "out.obj"))
     d.ctl("fetch", str(one), "-o", old).ok()
     d.ctl("fetch", str(two), "-o", new).ok()
-    got = d.ctl("fetch", str(two), "--changed-since", "1", "-o", out, "--json").ok().json()
+    got = d.ctl("fetch", str(two), "--changed-since", str(since), "-o", out, "--json").ok().json()
     was, now, came = (read_obj(p) for p in (old, new, out))
     with open(out + ".changes.geojson") as f:
         index = json.load(f, parse_float=Fraction)
@@ -285,7 +286,7 @@ def changed_command(base, d, one, two, metric=(1, 0, 1)):
     fresh = [f["properties"] for f in index["features"] if f["properties"]["change"] == "new"]
     expect(len(came) == sum(p["triangles"] for p in fresh) == got["changes"]["new_triangles"], got["changes"])
     expect(len(gone) == got["changes"]["gone"] == index["acut"]["gone"], got["changes"])
-    expect(got["changes"]["since"] == 1 and got["changes"]["old_job"] == one and got["digest"] == index["acut"]["digest"], got)
+    expect(got["changes"]["since"] == since and got["changes"]["old_job"] == one and got["digest"] == index["acut"]["digest"], got)
     kept = [t for t in was if not placed(t, gone)]
     expect(len(was) - len(kept) == got["changes"]["gone_triangles"], "circumcentres in regions that are gone")
     expect(sorted(kept + came) == sorted(now), "without regions it is not the new mesh")
@@ -390,4 +391,5 @@ def pruned():
         refused(d.ctl("fetch", str(three), "--changed-since", "2", "-o", out), 1, "was pruned", "fetch the whole mesh")
 
 
-e2e.main(follows, selected, goes_on, command, beside_borders, pruned)
+if __name__ == "__main__":
+    e2e.main(follows, selected, goes_on, command, beside_borders, pruned)

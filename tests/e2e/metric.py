@@ -188,9 +188,11 @@ def lines():
             parts = random_lines(rng, size, rng.randrange(1, 14))
             if not parts:
                 continue
-            got = d.ctl("mesh", points_file(base, points), "--breaklines", lines_file(base, "lines.csv", parts), "--format", "null",
-                        "--metric", "%d,%d,%d" % metric, "--json", *ALL).ok().json()
+            path, csv, out = points_file(base, points), lines_file(base, "lines.csv", parts), os.path.join(base, "m.ply")
+            option = "--metric=%d,%d,%d" % metric
+            got = d.ctl("mesh", path, "--breaklines", csv, "-o", out, option, "--json", *ALL).ok().json()
             compare_mapped(got, breakline_model.Model(points, parts), metric, "seed %d" % seed)
+            e2e.run([e2e.VERIFY, option, *ALL, "--breaklines", csv, out, path]).ok()
 
 
 def compare_mapped(got, model, metric, what):
@@ -225,11 +227,32 @@ def areas():
         two = d.ctl("fetch", got["job"], "--json", "--format", "null", *window).ok().json()
         whole = d.ctl("fetch", got["job"], "--json", "--format", "null").ok().json()
         expect(one["digest"] == two["digest"] and one["triangles"] and whole["digest"] == got["digest"], "%s %s" % (one, two))
+        damaged_pieces(d, got)
         plain = d.ctl("submit", "d", "--wait", "--json", "--metric=%d,%d,%d" % metric, "--no-breaklines", *ALL).ok().json()
         expect(plain["digest"] != got["digest"] and plain["vertices"] == len(points), str(plain))
         cropped = d.ctl("submit", "d", "--wait", "--json", "--metric=3,-1,7", "--crop", "50,50,600,600", *ALL).ok().json()
         same = d.ctl("submit", "d", "--wait", "--json", "--crop", "50,50,600,600", *ALL).ok().json()
-        expect(cropped["removed"] == same["removed"] and cropped["digest"] != same["digest"], "%s\n%s" % (cropped, same))
+        expect("cropped" in str(same["notes"]) or any("line" in n for n in same["notes"]), str(same["notes"]))
+        expect(cropped["notes"] == same["notes"] and cropped["removed"] == same["removed"] and cropped["digest"] != same["digest"], "%s\n%s" % (cropped, same))
+
+
+def damaged_pieces(d, got):
+    """The mapped pieces are in the folder of the selection: cache verify reads them, and what is damaged is made again."""
+    selected = os.path.join(d.cache, "selected")
+    expect(d.ctl("cache", "verify").status == 0, "before anything is damaged")
+    sets = [os.path.join(f, n) for f, _, names in os.walk(selected) for n in names if n == "lineset-2"]
+    expect(sets, "no mapped pieces below %s" % selected)
+    for n in sets:
+        with open(n, "r+b") as f:
+            f.seek(4096 + 100)
+            byte = f.read(1)
+            f.seek(4096 + 100)
+            f.write(bytes([byte[0] ^ 1]))
+    found = d.ctl("cache", "verify")
+    expect("lineset-2" in found.out and "1 of what is made again" in found.out, "%d: %s%s" % (found.status, found.out, found.err))
+    expect(not any(os.path.exists(n) for n in sets), "a damaged selection stays")
+    again = d.ctl("fetch", got["job"], "--json", "--format", "null").ok().json()
+    expect(again["digest"] == got["digest"], "made again: %s" % again["digest"])
 
 
 def refusals():

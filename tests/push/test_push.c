@@ -1,7 +1,10 @@
 /* Requests of a push with the real engine, in one process: refusals, what is kept of each file, and two pushes at once. */
 #include "fixture.h"
 
+#include <errno.h>
 #include <malloc.h>
+
+#include "io.h"
 
 static void refused_descriptors(void **state)
 {
@@ -176,6 +179,72 @@ static void changed_file(void **state)
 	push_leave(got.push);
 }
 
+/* Reads of one file fail, those of others do not. */
+static _Atomic ino_t unreadable;
+static atomic_uint reads_left;
+static ssize_t failing_pread(int fd, void *buf, size_t n, off_t off)
+{
+	struct stat st;
+
+	if (unreadable && !fstat(fd, &st) && st.st_ino == unreadable && (!reads_left || !atomic_fetch_sub(&reads_left, 1))) {
+		errno = EIO;
+		return -1;
+	}
+	return io_system.pread(fd, buf, n, off);
+}
+
+static ino_t inode_of(int fd)
+{
+	struct stat st;
+
+	assert_int_equal(fstat(fd, &st), 0);
+	return st.st_ino;
+}
+
+/* A file that its disk does not give is left out, in the probe as when its points are read. */
+static void unreadable_file(void **state)
+{
+	int bad = text_file(3000, 11), good = text_file(100, 12);
+	struct io_table table = io_system;
+
+	table.pread = failing_pread;
+	io = &table;
+	begin("three");
+	unreadable = inode_of(bad);
+	reads_left = 0;
+	ask(push_probe(got.push, dup(bad), &(const struct push_input){.name = "bad.xyz"}, NULL));
+	assert_int_equal(got.why.code, ERR_IO);
+	assert_string_equal(got.why.file, "bad.xyz");
+	assert_string_equal(got.why.field, "input");
+	unreadable = 0;
+	ask(push_probe(got.push, dup(bad), &(const struct push_input){.name = "late.xyz"}, NULL));
+	ask(push_probe(got.push, dup(good), &(const struct push_input){.name = "good.xyz"}, NULL));
+	ask(push_plan(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	for (unsigned reads = 0; reads < 3; reads++) {
+		unreadable = inode_of(bad);
+		reads_left = reads;
+		ask(push_file(got.push, dup(bad), &(const struct push_input){.name = "late.xyz"}, NULL));
+		assert_int_equal(got.why.code, ERR_IO);
+		assert_string_equal(got.why.field, "input");
+	}
+	unreadable = 0;
+	ask(push_file(got.push, dup(good), &(const struct push_input){.name = "good.xyz"}, NULL));
+	assert_int_equal(got.why.code, 0);
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	io = &io_system;
+	push_leave(got.push);
+	turn_until(!service_active(h.service));
+	struct job *job = submit(got.committed.dataset, false, VIEW);
+
+	turn_until_final(job);
+	assert_int_equal(info_of(job).report->points, 100);
+	dataset_release(got.committed.dataset);
+	close(bad);
+	close(good);
+}
+
 /* A reader of some parts reads the list of all parts. The number of batches keeps the total small. */
 static void many_parts_in_few_readings(void **state)
 {
@@ -198,6 +267,7 @@ int main(void)
 		TEST(refused_descriptors),
 		TEST(one_planner),
 		TEST(changed_file),
+		TEST(unreadable_file),
 		TEST(kept_of_files_is_charged),
 		TEST(nobody_waits_for_the_plan_of_a_cancelled_push),
 		TEST(failed_commit),

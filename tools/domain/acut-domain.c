@@ -148,9 +148,9 @@ static int select_own(struct session *s, int dataset, struct err *err)
 		r = select_into(s, dirfd, &counts, err);
 		if (lines) {
 			grid_source_files(lines, file);
-			use.lines = file[0].name;
+			use.lines = counts.mapped ? SELECTION_LINES : file[0].name;
 			use.linesfd = counts.mapped ? dirfd : dataset;
-			files[3] = counts.mapped ? file[0].name : NULL;
+			files[3] = counts.mapped ? SELECTION_LINES : NULL;
 		}
 		if (counts.mapped)
 			view_bind_map(&rest, counts.origin);
