@@ -70,6 +70,21 @@ const char *lines_recognise(const char *path)
 	return reader ? reader->title : NULL;
 }
 
+bool lines_may_be(const char *path)
+{
+	struct err err = ERR_INIT;
+	char *head = malloc(LINES_LOOK);
+	uint64_t size;
+	size_t n = 0;
+	int fd = -1;
+	bool may = head && !open_file(path, &fd, &size, &err) && !io_read_some(fd, head, LINES_LOOK, 0, path, &n, &err) &&
+		   !memchr(head, 0, n) && !reader_of((const uint8_t *)head, n, false) && lines_csv_may_be(head, n, n == size);
+
+	io_close(fd);
+	free(head);
+	return may;
+}
+
 static int take_option(const char *text, const char *what, char ret[LINES_NAME_SIZE], bool *ret_has, struct err *err)
 {
 	*ret_has = text;
