@@ -113,6 +113,7 @@ static void test_may_be(void **state)
 		{"name;Easting;Northing;Height\ngnd;1;2;3\ngnd;4;5;6", false},       /* a code of points */
 		{"# survey\n\nline\tE\tN\tz\n1\t1\t1\t1\n1\t2\t2\t2\n2\t1\t1\t1\n2\t2\t2\t2\n", true},
 		{"x,y,z,name\n1,2,3,P1\n4,5,6,P2\n7,8,9,P3\n", false},
+		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n1,2,2,c\n4,5,5,c\n", false},
 		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n", false},                            /* a row alone is no line */
 		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n7,8,9,b\n1,1,1,a\n1,2,1,a\n", false}, /* a comes again */
 		{"x,y,z,name\n1,2,3,\n4,5,6,\n7,8,9,b\n7,8,9,b\n", false},
