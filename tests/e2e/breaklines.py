@@ -264,6 +264,12 @@ def refusals():
                 (["mesh", path, "--densify", "5", "--format", "null"], 2, "there are none")):
             r = d.ctl(*words)
             expect(r.status == status and text in r.err, "%s: %d %s" % (words, r.status, r.err))
+        text = os.path.join(base, "text.txt")
+        with open(text, "w") as f:
+            f.write("acut-lines 1\nfeature 1 hard\nline\n10 10 5\n20 10 5\n")
+        r = d.ctl("mesh", path, "--breaklines", text, "--format", "null")
+        expect(r.status == 1 and "says itself what its lines are" in r.err and "as an input" in r.err, r.err)
+        expect(d.ctl("mesh", path, text, "--format", "null", "--json").ok().json()["line_set"]["edges"] == 1, "a text of lines as an input")
         sloping = os.path.join(base, "lake.csv")
         with open(sloping, "w") as f:
             f.write("x,y,z,name\n10,10,5,a\n20,10,6,a\n20,20,7,a\n10,10,5,a\n")

@@ -120,6 +120,7 @@ static void test_may_be(void **state)
 		{"x,y,z,class\n1,2,3,2\n4,5,6,2\n7,8,9,5\n1,1,1,5\n", false},
 		{"1 2 3\n4 5 6\n", false},
 		{"1,2,3\n4,5,6\n", false},
+		{"acut-lines ,x,y,z,name\n,1,2,3,a\n,4,5,6,a\n,7,8,9,b\n,1,1,1,b\n", false}, /* another format */
 		{"x,y,z,name\n", false},
 		{"", false},
 		{"x,y,z,name\n1,2,3,\"a\n", false},
