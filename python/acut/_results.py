@@ -191,6 +191,10 @@ class Dataset:
     vertical: str    # the system of heights, "EPSG:5720" or a name; ""
     wkt: str         # the system as the first file had it; "": none had one, and of a list
     geoid: str       # "WAY HASH NAME" of the grid that converted the heights; "": none did, and of a list
+    line_files: int  # of `files`; 0 of a list, as the next three
+    features: Tuple[int, int, int, int]  # of files of lines: hard, lake, boundary, hole
+    lines: int
+    vertices: int
 
 
 @dataclass(frozen=True)
@@ -203,6 +207,10 @@ class LogFile:
     source: int
     removed: bool  # by the generation, not added
     overridden: str  # what its records said of its coordinates, where the push overrode that; else ""
+    of_lines: bool   # a file of lines, which has no points, but the next three
+    features: Tuple[int, int, int, int]  # hard, lake, boundary, hole
+    lines: int
+    vertices: int
 
 
 @dataclass(frozen=True)

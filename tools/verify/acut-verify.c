@@ -28,7 +28,8 @@ static const char help[] =
 	"  --duplicates lowest|highest"
 #define VIEW_FLAG(field, word, help) ", --" word
 #include "view_option.def"
-	"; --planar is always meant\n"
+	";\n"
+	"  --metric P,Q,K; --planar is always meant\n"
 	"  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
 	"\n"
 	"The files of lines that the mesh was made with: each piece must be an edge, and marked.\n"
@@ -72,6 +73,7 @@ enum {
 #define VIEW_FLAG(field, ...) OPT_##field,
 #include "view_option.def"
 	OPT_DUPLICATES,
+	OPT_METRIC,
 	OPT_VIEW,
 	OPT_BREAKLINES, /* in the order of enum lines_kind */
 	OPT_LAKES,
@@ -89,19 +91,30 @@ enum {
 };
 
 static const struct option long_options[] = {
-	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
-	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
+	{"class", 1, NULL, OPT_CLASS},
+	{"not-class", 1, NULL, OPT_NOT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},
+	{"ground", 0, NULL, OPT_GROUND},
 	{"surface", 0, NULL, OPT_SURFACE},
 #define VIEW_FLAG(field, word, help) {word, 0, NULL, OPT_##field},
 #include "view_option.def"
-	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
-	{"breaklines", 1, NULL, OPT_BREAKLINES}, {"lakes", 1, NULL, OPT_LAKES},
-	{"boundary", 1, NULL, OPT_BOUNDARY},     {"holes", 1, NULL, OPT_HOLES},
-	{"layer", 1, NULL, OPT_LAYER},           {"kind-field", 1, NULL, OPT_KIND_FIELD},
-	{"densify", 1, NULL, OPT_DENSIFY},       {"lake-level", 1, NULL, OPT_LAKE_LEVEL},
-	{"planar", 0, NULL, OPT_PLANAR},         {"json", 0, NULL, OPT_JSON},
-	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION},       {0},
+	{"duplicates", 1, NULL, OPT_DUPLICATES},
+	{"view", 1, NULL, OPT_VIEW},
+	{"breaklines", 1, NULL, OPT_BREAKLINES},
+	{"lakes", 1, NULL, OPT_LAKES},
+	{"boundary", 1, NULL, OPT_BOUNDARY},
+	{"holes", 1, NULL, OPT_HOLES},
+	{"layer", 1, NULL, OPT_LAYER},
+	{"kind-field", 1, NULL, OPT_KIND_FIELD},
+	{"densify", 1, NULL, OPT_DENSIFY},
+	{"lake-level", 1, NULL, OPT_LAKE_LEVEL},
+	{"metric", 1, NULL, OPT_METRIC},
+	{"planar", 0, NULL, OPT_PLANAR},
+	{"json", 0, NULL, OPT_JSON},
+	{"quiet", 0, NULL, OPT_QUIET},
+	{"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},
+	{0},
 };
 
 /* Index of a word in a list, -1 if it is not there. */
@@ -111,6 +124,17 @@ static int find_choice(const char *word, const char *const *words, int n)
 		if (strcmp(word, words[i]) == 0)
 			return i;
 	return -1;
+}
+
+static int parse_metric(struct verdict *v, const char *text, struct err *err)
+{
+	long long p, q, k;
+	int n = 0;
+
+	if (sscanf(text, "%lld,%lld,%lld%n", &p, &q, &k, &n) != 3 || text[n] || k < 1)
+		return err_set(err, ERR_USAGE, "--metric is not P,Q,K: %s", text);
+	v->view.metric = (struct view_metric){p, q, k};
+	return view_metric_check(v->view.metric, err);
 }
 
 static void parse_line_option(struct verdict *v, int option, const char *value)
@@ -151,6 +175,8 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 		return view_set_classes(&v->view, value, err);
 	case OPT_NOT_CLASS:
 		return view_set_not_classes(&v->view, value, err);
+	case OPT_METRIC:
+		return parse_metric(v, value, err);
 	case OPT_VIEW:
 		v->view_text = value;
 		break;
@@ -270,6 +296,7 @@ static int compare_points(struct verdict *v, struct verify_mesh m, struct err *e
 
 static int check_all(struct verdict *v, char **inputs, struct err *err)
 {
+	struct view_metric metric;
 	struct verify_mesh m;
 	int rc = read_mesh(v, err);
 
@@ -278,6 +305,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
+	metric = view_metric_normal(v->view.metric);
 	if ((rc = read_lines(v, err)))
 		return rc;
 	m = (struct verify_mesh){.vertex = (const int32_t(*)[3])v->mesh.vertex,
@@ -285,7 +313,10 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 				 .edges = v->mesh.edges,
 				 .nvertex = v->mesh.nvertex,
 				 .ntriangle = v->mesh.ntriangle,
-				 .trimmed = v->mesh.trimmed};
+				 .trimmed = v->mesh.trimmed,
+				 .p = metric.p,
+				 .q = metric.q,
+				 .k = metric.k};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
