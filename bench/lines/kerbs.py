@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Kerbs on a real survey: pairs of lines 0.15 m apart, with a vertex every LENGTH metres, beside the plain mesh of the same points.
 
-usage: kerbs.py BUILD FILE [--class LIST] [--lanes N] [--memory SIZE] [--threads N] [--runs N] [--work FOLDER] [--keep]
+usage: kerbs.py BUILD FILE [--class LIST] [--lanes N] [--memory SIZE] [--threads N] [--runs N] [--acutd PROGRAM] [--work FOLDER] [--keep]
 
 The lines go up and down along x from side to side of the points, LANES pairs of them; in the last row each is one segment. For each
 spacing: line vertices and edges, triangles that are not in the Delaunay triangulation of the same vertices, CPU time of acutd for
@@ -122,11 +122,13 @@ def body():
     p.add_argument("--memory", default="24M", help="of acutd: regions are small with little (24M)")
     p.add_argument("--threads", type=int, default=1)
     p.add_argument("--runs", type=int, default=5)
+    p.add_argument("--acutd", help="measure this one, in place of that of the build")
     p.add_argument("--work", default="/tmp", help="where folders are made (/tmp)")
     p.add_argument("--keep", action="store_true", help="keep the table in bench/results/ (or --results)")
     p.add_argument("--results", default=os.path.join(acutbench.HERE, "results"), help="where --keep writes")
     args = p.parse_args()
     tools, table, view = acutbench.Tools(args.build), acutbench.Table(), ["--class", args.classes]
+    tools.acutd = args.acutd or tools.acutd
     table.words(acutbench.machine(args.build, args.work))
     table.words("%s, class %s, memory %s, %d thread(s)" % (os.path.basename(args.file), args.classes, args.memory, args.threads))
     with Folder(args.work) as folder, Daemon(tools, folder, memory=args.memory, threads=args.threads) as d:
