@@ -37,8 +37,8 @@ void ctl_report_lines(struct console *c, const struct ctl_staged *staged)
 
 	if (!staged->has_line_set)
 		return;
-	console_line(c, "lines of the dataset: %s, as %s edges between %s positions", term_count(s->lines, a),
-		     term_count(s->pieces, b), term_count(s->positions, d));
+	console_line(c, "lines of the dataset: %s, as %s edge%s between %s positions", term_count(s->lines, a),
+		     term_count(s->pieces, b), s->pieces == 1 ? "" : "s", term_count(s->positions, d));
 	if (s->crossings)
 		console_line(c, "  they cross each other at %s place%s", term_count(s->crossings, a),
 			     s->crossings == 1 ? "" : "s");

@@ -269,6 +269,8 @@ def refusals():
             f.write("acut-lines 1\nfeature 1 hard\nline\n10 10 5\n20 10 5\n")
         r = d.ctl("mesh", path, "--breaklines", text, "--format", "null")
         expect(r.status == 1 and "says itself what its lines are" in r.err and "as an input" in r.err, r.err)
+        r = d.ctl("push", "text", text).ok()
+        expect("text.txt: 2 vertices of lines" in r.out, r.out)
         expect(d.ctl("mesh", path, text, "--format", "null", "--json").ok().json()["line_set"]["edges"] == 1, "a text of lines as an input")
         sloping = os.path.join(base, "lake.csv")
         with open(sloping, "w") as f:
