@@ -139,6 +139,8 @@ int ctl_info_run(struct program *ctl)
 		if (!lines && !connected && (status = session_connect(session)))
 			break;
 		connected |= !lines;
+		if (!lines)
+			ctl_info_may_be_lines(ctl, &in.input[i]);
 		one = lines ? ctl_info_lines(ctl, &in.input[i]) : info(&in, &in.input[i], ctl->opt.header);
 		first = first ? first : one;
 		good += !one;

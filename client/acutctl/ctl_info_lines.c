@@ -192,6 +192,13 @@ bool ctl_info_is_lines(const struct program *ctl, const struct ctl_input *in)
 	return in->fd < 0 && !in->archive && !ctl->input.format && lines_recognise(in->name);
 }
 
+void ctl_info_may_be_lines(struct program *ctl, const struct ctl_input *in)
+{
+	if (in->fd < 0 && !in->archive && !ctl->input.format && !ctl->input.columns && lines_may_be(in->name))
+		console_note(&ctl->session.console,
+			     "%s may be lines, as its rows have the names of some: if it is, see acutctl info --lines", in->name);
+}
+
 int ctl_info_lines(struct program *ctl, const struct ctl_input *in)
 {
 	struct lines_options opt = {.layer = ctl->input.layer,

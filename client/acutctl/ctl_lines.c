@@ -16,17 +16,23 @@ static int only_with_lines(const struct program *ctl, const char *with, struct e
 	return err_add_hint(err, "name them with %s", with);
 }
 
-/* A file of lines among survey files is no mistake of the daemon's to explain. */
-static int refuse_lines(const struct program *ctl, struct err *err)
+/* A file of lines among survey files is no mistake of the daemon's to explain. A text that has points is not refused, as only
+ * its user knows. */
+static int refuse_lines(struct program *ctl, unsigned first, const char *how, struct err *err)
 {
-	for (unsigned i = 1; i < ctl->line.nword && !ctl->input.format; i++) {
-		const char *is = lines_recognise(ctl->line.word[i]);
+	const struct ctl_input_options *o = &ctl->input;
 
+	for (unsigned i = first; i < ctl->line.nword && !o->format; i++) {
+		const char *name = ctl->line.word[i], *is = lines_recognise(name);
+
+		if (!is && !o->columns && lines_may_be(name))
+			console_note(&ctl->session.console, "%s may be lines, as its rows have the names of some: if it is, %s",
+				     name, how);
 		if (!is)
 			continue;
 		err_set(err, ERR_USAGE, "it is a file of lines (%s), and nothing says what they are", is);
-		err_add_hint(err, "push it with --lines-as hard, lake, boundary or hole, apart from files of points");
-		return err_add_file(err, ctl->line.word[i]);
+		err_add_hint(err, "%s", how);
+		return err_add_file(err, name);
 	}
 	return 0;
 }
@@ -36,7 +42,9 @@ int ctl_lines_as(struct program *ctl, struct ctl_inputs *in, struct err *err)
 	if (!ctl->opt.line_options.kind && !ctl->input.kind_field) {
 		int r = only_with_lines(ctl, "--lines-as", err);
 
-		return r ? r : refuse_lines(ctl, err);
+		return r ? r :
+			   refuse_lines(ctl, 1,
+					"push it with --lines-as hard, lake, boundary or hole, apart from files of points", err);
 	}
 	in->lines = &ctl->opt.line_options;
 	return lines_export_check(in->lines, err);
@@ -58,5 +66,11 @@ int ctl_lines_beside(struct program *ctl, struct ctl_inputs *in, struct lines_ex
 			r = ctl_inputs_add_lines(in, file->text[i], &options[kind], err);
 		n += file->n;
 	}
-	return r || n ? r : only_with_lines(ctl, "--breaklines", err);
+	if (!r && !n)
+		r = only_with_lines(ctl, "--breaklines", err);
+	if (!r && n && ctl->view.no_breaklines) {
+		err_set(err, ERR_USAGE, "--no-breaklines leaves out all lines that are given");
+		return err_add_hint(err, "leave it out, or the files of lines");
+	}
+	return r ? r : refuse_lines(ctl, 0, "give it with --breaklines, --lakes, --boundary or --holes", err);
 }

@@ -70,6 +70,30 @@ const char *lines_recognise(const char *path)
 	return reader ? reader->title : NULL;
 }
 
+/* The text that acutd takes, docs/formats/lines.md: it has kinds already, and is an input by itself. */
+static bool is_text_of_lines(const uint8_t *head, size_t n)
+{
+	static const char signature[] = "acut-lines ";
+
+	return n >= sizeof signature - 1 && !memcmp(head, signature, sizeof signature - 1);
+}
+
+bool lines_may_be(const char *path)
+{
+	struct err err = ERR_INIT;
+	char *head = malloc(LINES_LOOK);
+	uint64_t size;
+	size_t n = 0;
+	int fd = -1;
+	bool may = head && !open_file(path, &fd, &size, &err) && !io_read_some(fd, head, LINES_LOOK, 0, path, &n, &err) &&
+		   !memchr(head, 0, n) && !is_text_of_lines((const uint8_t *)head, n) &&
+		   !reader_of((const uint8_t *)head, n, false) && lines_csv_may_be(head, n, n == size);
+
+	io_close(fd);
+	free(head);
+	return may;
+}
+
 static int take_option(const char *text, const char *what, char ret[LINES_NAME_SIZE], bool *ret_has, struct err *err)
 {
 	*ret_has = text;
@@ -87,6 +111,13 @@ static int unknown(const struct lines *l, struct err *err)
 	err_add_hint(
 		err,
 		"these are Shapefile, GeoJSON, GeoPackage, DXF, LandXML, and CSV where it is asked for; ogr2ogr converts others");
+	return err_add_file(err, l->path);
+}
+
+static int text_of_lines(const struct lines *l, struct err *err)
+{
+	err_set(err, ERR_INPUT, "it is a text of lines (acut-lines), which says itself what its lines are");
+	err_add_hint(err, "give it as an input beside the points, or to push, without an option of lines");
 	return err_add_file(err, l->path);
 }
 
@@ -110,6 +141,8 @@ static int open_it(struct lines *l, const char *path, const struct lines_options
 		rc = io_read_some(l->fd, head, sizeof head, 0, path, &n, err);
 	if (rc)
 		return rc;
+	if (is_text_of_lines(head, n))
+		return text_of_lines(l, err);
 	l->reader = reader_of(head, n, opt->csv);
 	if (!l->reader)
 		return unknown(l, err);

@@ -90,6 +90,9 @@ struct lines;
 /* Whether the file is one of lines, by its first bytes; NULL: it is not. A static text, "GeoJSON". Files that cannot be read are
  * not. */
 const char *lines_recognise(const char *path);
+/* Whether a text that has points could as well be CSV of lines: a column of it has one name in rows that follow each other, and
+ * points have no such names. Only the beginning is looked at. */
+bool lines_may_be(const char *path);
 int lines_open(const char *path, const struct lines_options *, struct lines **ret, struct err *);
 const struct lines_info *lines_info(const struct lines *);
 /* *ret NULL: there are no more. After a failure nothing else is read. */

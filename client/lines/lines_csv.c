@@ -29,7 +29,8 @@ struct csv {
 	struct lines_layer *layer;
 	int at[ROLES]; /* columns; -1: there is none */
 	char separator;
-	bool pending; /* a row of the next line was read: */
+	bool of_lines; /* the column of names says that they are of lines; else it may have names of points */
+	bool pending;  /* a row of the next line was read: */
 	uint64_t number, pending_line;
 	char text[LINE]; /* fields point into it */
 	char name[LINES_NAME_SIZE], next_name[LINES_NAME_SIZE];
@@ -148,6 +149,8 @@ static int read_names(struct lines *l, struct csv *c, struct err *err)
 			if (c->at[k] >= 0)
 				return bad_names(l, line, "two columns can be", what[k], err);
 			c->at[k] = (int)i;
+			if (k == LINE_COLUMN)
+				c->of_lines = !strstr(" name feature featureid ", name);
 			if (k == 0 && strstr(" lon longitude ", name))
 				c->layer->crs.degrees = true;
 		}
@@ -264,6 +267,85 @@ static int next_csv(struct lines *l, bool *ret_more, struct err *err)
 static void close_csv(struct lines *l)
 {
 	free(l->state);
+}
+
+/* ---- whether a text of points is one of lines ---- */
+
+enum { NAMES = 4096 };
+
+/* The names of lines so far. */
+struct names {
+	uint32_t hash[NAMES];
+	size_t n;
+	size_t rows;  /* of the last one */
+	bool strange; /* a name has one row, or returns: so they are of points */
+};
+
+static uint32_t hash_of(const char *name)
+{
+	uint32_t h = 2166136261u; /* FNV-1a */
+
+	for (; *name; name++)
+		h = (h ^ (uint8_t)*name) * 16777619u;
+	return h;
+}
+
+static void add_name(struct names *t, const char *name, bool same)
+{
+	uint32_t hash = hash_of(name);
+
+	if (same) {
+		t->rows++;
+		return;
+	}
+	t->strange = !*name || t->n == NAMES || (t->n && t->rows < 2);
+	for (size_t i = 0; i < t->n && !t->strange; i++)
+		t->strange = t->hash[i] == hash;
+	if (!t->strange)
+		t->hash[t->n++] = hash;
+	t->rows = 1;
+}
+
+static bool read_all_names(struct lines *l, struct csv *c, struct names *t, struct err *err)
+{
+	uint64_t line;
+	bool more = true;
+
+	while (!t->strange) {
+		strcpy(c->name, c->next_name);
+		if (read_row(l, c, &more, &line, err))
+			return false;
+		if (!more)
+			return true;
+		row_name(c, c->next_name);
+		add_name(t, c->next_name, t->n && !strcmp(c->name, c->next_name));
+	}
+	return false;
+}
+
+/* Of a text that goes on, the last name may have one row. One name in all rows says something if it is that of a line. */
+bool lines_csv_may_be(const char *text, size_t n, bool whole)
+{
+	struct lines *l = calloc(1, sizeof *l);
+	struct csv *c = calloc(1, sizeof *c);
+	struct names *names = calloc(1, sizeof *names);
+	struct lines_layer layer = {.index = 0};
+	struct err err = ERR_INIT;
+	bool may = false;
+
+	for (; !whole && n && text[n - 1] != '\n'; n--)
+		;
+	if (l && c && names) {
+		c->layer = &layer;
+		l->reader = &lines_csv_reader;
+		text_source_memory(&c->source, text, n, &err);
+		may = !read_names(l, c, &err) && read_all_names(l, c, names, &err) && names->n > (whole && c->of_lines ? 0 : 1) &&
+		      (names->rows > 1 || !whole);
+	}
+	free(names);
+	free(c);
+	free(l);
+	return may;
 }
 
 const struct lines_reader lines_csv_reader = {

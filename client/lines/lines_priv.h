@@ -7,7 +7,7 @@
 #include "err.h"
 #include "text_source.h"
 
-enum { LINES_HEAD = 4096, LINES_WKT_MOST = 1 << 16 /* bytes of the text of a system */ };
+enum { LINES_HEAD = 4096, LINES_LOOK = 1 << 16, LINES_WKT_MOST = 1 << 16 /* bytes of the text of a system */ };
 
 struct lines_reader {
 	const char *name, *title, *place;
@@ -22,6 +22,8 @@ struct lines_reader {
 };
 extern const struct lines_reader lines_shape_reader, lines_geojson_reader, lines_gpkg_reader, lines_dxf_reader,
 	lines_landxml_reader, lines_csv_reader;
+/* The beginning of a text: lines_may_be. `whole`: there is no more of it. */
+bool lines_csv_may_be(const char *text, size_t n, bool whole);
 
 struct lines {
 	char path[4096], layer_name[LINES_NAME_SIZE], kind_field[LINES_NAME_SIZE];

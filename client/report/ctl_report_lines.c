@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "ctl_report.h"
+#include "decimal.h"
 #include "outfile.h"
 
 char *ctl_report_lines_text(const uint64_t features[4], uint64_t lines, uint64_t vertices, char *buf, size_t size)
@@ -36,12 +37,15 @@ void ctl_report_lines(struct console *c, const struct ctl_staged *staged)
 
 	if (!staged->has_line_set)
 		return;
-	console_line(c, "lines of the dataset: %s, as %s edges between %s positions", term_count(s->lines, a),
-		     term_count(s->pieces, b), term_count(s->positions, d));
+	console_line(c, "lines of the dataset: %s, as %s edge%s between %s positions", term_count(s->lines, a),
+		     term_count(s->pieces, b), s->pieces == 1 ? "" : "s", term_count(s->positions, d));
 	if (s->crossings)
 		console_line(c, "  they cross each other at %s place%s", term_count(s->crossings, a),
 			     s->crossings == 1 ? "" : "s");
-	if (s->widest > 0)
+	if (s->widest > 0 && !s->uneven)
+		console_line(c, "  heights differ there by at most %.6g, at %.10g %.10g", s->widest, s->widest_at[0],
+			     s->widest_at[1]);
+	else if (s->widest > 0)
 		console_line(c, "  heights differ at %s of their vertices, and by at most %.6g in all, at %.10g %.10g",
 			     term_count(s->uneven, a), s->widest, s->widest_at[0], s->widest_at[1]);
 	if (s->left_out)
@@ -89,16 +93,26 @@ static void put(struct writing *w, const char *text, int n)
 		w->r = outfile_write(w->out, text, (size_t)n, w->err);
 }
 
+/* The shortest decimal that is read back as the number. */
+static const char *number(double v, char buf[DECIMAL_TEXT_SIZE])
+{
+	struct decimal d = {0, 0};
+
+	decimal_from_double(v, &d);
+	return decimal_text(d, buf);
+}
+
 static void place(void *ctx, const struct acut_line_place *p)
 {
 	struct writing *w = ctx;
-	char text[512];
+	char text[512], a[4][DECIMAL_TEXT_SIZE];
 
 	put(w, text,
 	    snprintf(text, sizeof text,
-		     "%s\n{\"type\":\"Feature\",\"properties\":{\"kind\":\"%s\",\"lower\":%.17g,\"upper\":%.17g},"
-		     "\"geometry\":{\"type\":\"Point\",\"coordinates\":[%.17g,%.17g]}}",
-		     w->n++ ? "," : "", strcmp(p->kind, "crossing") ? "uneven" : "crossing", p->lower, p->upper, p->x, p->y));
+		     "%s\n{\"type\":\"Feature\",\"properties\":{\"kind\":\"%s\",\"lower\":%s,\"upper\":%s},"
+		     "\"geometry\":{\"type\":\"Point\",\"coordinates\":[%s,%s]}}",
+		     w->n++ ? "," : "", strcmp(p->kind, "crossing") ? "uneven" : "crossing", number(p->lower, a[0]),
+		     number(p->upper, a[1]), number(p->x, a[2]), number(p->y, a[3])));
 }
 
 int ctl_report_line_places(struct session *session, const struct ctl_staged *staged, const char *path)

@@ -125,6 +125,7 @@ static void file_json(struct console *c, const struct ctl_staged *s, const struc
 
 static void file_text(struct console *c, const struct ctl_staged_file *f)
 {
+	const char *what = f->text_of_lines ? "vertices of lines" : "points";
 	char a[32], b[32], lines[256];
 
 	if (f->refused)
@@ -141,10 +142,10 @@ static void file_text(struct console *c, const struct ctl_staged_file *f)
 		console_line(c, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
 			     term_count(f->points, a));
 	else if (f->moved)
-		console_line(c, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
-			     term_count(f->points, a), term_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
+		console_line(c, "%s: %s %s, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
+			     term_count(f->points, a), what, term_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
 	else
-		console_line(c, "%s: %s points", f->name, term_count(f->points, a));
+		console_line(c, "%s: %s %s", f->name, term_count(f->points, a), what);
 	if (f->overridden)
 		console_line(c, "%s: overridden: its records have %s", f->name, f->overridden);
 	if (f->replaced)

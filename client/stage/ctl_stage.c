@@ -111,6 +111,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 		return 0;
 	}
 	s->progress.total += p->points;
+	to->text_of_lines = !to->has_lines && !strcmp(p->format, "lines");
 	ctl_assume_see(&s->assume, p);
 	if (p->warning[0]) {
 		free(to->warning);

@@ -31,6 +31,7 @@ struct ctl_staged {
 		char *overridden;     /* what its records declare, which was overridden; NULL: nothing was */
 		uint64_t shifted;     /* heights, by a geoid; by how many metres */
 		double height[3];     /* smallest, mean, largest */
+		bool text_of_lines;   /* of an input that is a text of lines itself: its points are vertices of them */
 		bool has_lines;       /* a file of lines: */
 		struct lines_exported lines;
 		struct err err;

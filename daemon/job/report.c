@@ -319,6 +319,10 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 			 "all triangles are outside of the boundary or in holes, so the mesh has none");
 	else if (!t->counts.points)
 		snprintf(ret->note, sizeof ret->note, "the dataset has no points, so the mesh has no triangles");
+	else if (!t->counts.used && t->counts.removed[VIEW_BY_AREA])
+		snprintf(
+			ret->note, sizeof ret->note,
+			"all points that the view takes are outside of the boundary, in holes or in lakes, so the mesh has none");
 	else if (!t->counts.used && t->counts.removed[VIEW_BY_CROP])
 		snprintf(ret->note, sizeof ret->note,
 			 "the area of crop holds no point that the view takes (is it in the dataset's coordinates?); "

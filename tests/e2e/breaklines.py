@@ -188,9 +188,57 @@ def reports():
         r = d.ctl("push", "d", crossed, "--lines-as", "soft").ok()
         expect("soft lines" in r.err and "cross each other at 1 place" in r.out + r.err, r.out + r.err)
         expect("by at most 5 in all" in r.out + r.err, r.out + r.err)
+        sloping = os.path.join(base, "sloping.csv")
+        with open(sloping, "w") as f:
+            f.write("x,y,z,name\n0,10,4,a\n20,10,4,a\n10,0,6,b\n10,20,10,b\n")
+        r = d.ctl("push", "sloping", sloping, "--lines-as", "hard").ok()
+        expect("heights differ there by at most 4, at 10 10" in r.out + r.err, r.out + r.err)
         level = lines_file(base, "level.csv", [(False, [(0, 0), (20, 20)]), (False, [(0, 20), (20, 0)])])
         r = d.ctl("push", "level", level, "--lines-as", "hard").ok()
         expect("cross each other at 1 place" in r.out + r.err and "heights differ" not in r.out + r.err, r.out + r.err)
+
+
+def taken_for_points():
+    """Files of lines among survey files: what cannot be points is refused, and CSV of lines is said to be it; nothing is said of points."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path = points_file(base, survey(random.Random(1), 50, 300))
+        lines = lines_file(base, "roads.csv", [(False, [(10, 10), (40, 11)]), (False, [(9, 40), (40, 30), (45, 30)])])
+        shore = lakes_file(base, "shore.geojson", [[[(10, 10), (20, 10), (20, 20)]]])
+        named = os.path.join(base, "named.csv")
+        with open(named, "w") as f:
+            f.write("name,x,y,z\n" + "".join("P%d,%d,%d,5\n" % (i, i, i * i % 17) for i in range(20)))
+        r = d.ctl("mesh", path, lines, "--format", "null").ok()
+        expect("roads.csv may be lines" in r.err and "--breaklines" in r.err, r.err)
+        r = d.ctl("push", "d", lines).ok()
+        expect("roads.csv may be lines" in r.err and "--lines-as" in r.err, r.err)
+        expect("acutctl info --lines" in d.ctl("info", lines).ok().err, "info")
+        for more in (["mesh", path, named, "--format", "null"], ["mesh", path, lines, "--input-format", "xyz", "--format", "null"],
+                     ["mesh", path, "--breaklines", lines, "--format", "null"], ["info", named], ["info", "--lines", lines]):
+            r = d.ctl(*more).ok()
+            expect("may be lines" not in r.err, "%s: %s" % (more, r.err))
+        r = d.ctl("mesh", path, shore, "--format", "null")
+        expect(r.status == 2 and "shore.geojson" in r.err and "--lakes" in r.err, "%d %s" % (r.status, r.err))
+        r = d.ctl("push", "d", shore)
+        expect(r.status == 2 and "shore.geojson" in r.err and "--lines-as" in r.err, "%d %s" % (r.status, r.err))
+        r = d.ctl("mesh", path, "--lakes", shore, "--no-breaklines", "--format", "null")
+        expect(r.status == 2 and "leaves out all lines" in r.err, "%d %s" % (r.status, r.err))
+
+
+def nothing_left():
+    """A mesh without triangles says why."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path = points_file(base, survey(random.Random(1), 50, 300))
+        ring = [(5, 5), (20, 5), (20, 20)]
+        a, b = lines_file(base, "a.csv", [(True, ring)]), lines_file(base, "b.csv", [(True, ring)])
+        r = d.ctl("mesh", path, "--boundary", a, "--holes", b, "--format", "null", "--json").ok()
+        expect(any("outside of the boundary, in holes or in lakes" in n for n in r.json()["notes"]), r.out)
+        r = d.ctl("mesh", path, "--boundary", a, "--crop", "30,30,50,50", "--format", "null", "--json").ok()
+        expect(any("outside of the boundary, in holes or in lakes" in n for n in r.json()["notes"]), r.out)
+        d.ctl("push", "d", a, "--lines-as", "hole", "--scale", "1").ok()
+        d.ctl("push", "d", b, "--lines-as", "hard").ok()
+        job = d.ctl("submit", "d", "--wait", "--json").ok().json()
+        expect(job["triangles"] == 0 and any("all triangles are outside of the boundary or in holes" in n for n in job["notes"]), str(job))
+        d.ctl("fetch", job["job"], "--format", "null").ok()
 
 
 def large_set():
@@ -216,6 +264,14 @@ def refusals():
                 (["mesh", path, "--densify", "5", "--format", "null"], 2, "there are none")):
             r = d.ctl(*words)
             expect(r.status == status and text in r.err, "%s: %d %s" % (words, r.status, r.err))
+        text = os.path.join(base, "text.txt")
+        with open(text, "w") as f:
+            f.write("acut-lines 1\nfeature 1 hard\nline\n10 10 5\n20 10 5\n")
+        r = d.ctl("mesh", path, "--breaklines", text, "--format", "null")
+        expect(r.status == 1 and "says itself what its lines are" in r.err and "as an input" in r.err, r.err)
+        r = d.ctl("push", "text", text).ok()
+        expect("text.txt: 2 vertices of lines" in r.out, r.out)
+        expect(d.ctl("mesh", path, text, "--format", "null", "--json").ok().json()["line_set"]["edges"] == 1, "a text of lines as an input")
         sloping = os.path.join(base, "lake.csv")
         with open(sloping, "w") as f:
             f.write("x,y,z,name\n10,10,5,a\n20,10,6,a\n20,20,7,a\n10,10,5,a\n")
@@ -225,4 +281,4 @@ def refusals():
 
 
 if __name__ == "__main__":
-    e2e.main(tiny, many_domains, areas, reports, large_set, refusals)
+    e2e.main(tiny, many_domains, areas, reports, taken_for_points, nothing_left, large_set, refusals)

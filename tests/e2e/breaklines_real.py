@@ -71,7 +71,8 @@ def against_cgal(points, lines, kind, options):
             want = model.cgal()
             expect(want is None or [got["triangles"], got["digest"]] == want, "%d triangles %s, CGAL has %s" % (got["triangles"], got["digest"], want))
             expect(got["line_set"]["edges"] == len(model.pieces), "%s, %d pieces" % (got["line_set"], len(model.pieces)))
-            e2e.run([e2e.VERIFY, out]).ok()
+            checked = e2e.run([e2e.VERIFY, "--json", "--" + kind, lines_path, *options, *ALL, out, points_path]).ok().json()
+            expect(checked["lines"]["found"] == len(model.pieces) and checked["removed"]["area"] == model.in_area, str(checked))
             print("     %d triangles, %d edges of lines, %d positions on lines, %d in areas" % (
                 got["triangles"], len(model.pieces), model.on_line, model.in_area))
     run.__name__ = lines.split(".")[0]

@@ -60,7 +60,7 @@ def tiny():
             lines = [("--breaklines", breaklines.lines_file(base, "%d.csv" % i, half, z=5 + 3 * i)) for i, half in enumerate((parts[::2], parts[1::2]))]
             push(d, "s%d" % seed, path, lines)
             for view in ((), ("--duplicates", "highest"), ("--breakline-clear", "1"), ("--crop", "0,0,%d,%d" % (size // 2, size)),
-                         ("--thin", "3"), ("--every", "2"), ("--bbox", "%d,0,%d,%d" % (size // 3, size // 2, size // 2))):
+                         ("--thin", "3"), ("--every", "2"), ("--metric", "2,1,4"), ("--bbox", "%d,0,%d,%d" % (size // 3, size // 2, size // 2))):
                 check(d, "s%d" % seed, path, lines, *view)
 
 
@@ -88,7 +88,7 @@ def areas():
                 lines.append(("--holes", breaklines.lines_file(base, "holes.csv", [(True, some(size // 3)) for _ in range(2)])))
             push(d, "a%d" % seed, path, lines)
             for view in ((), ("--duplicates", "highest"), ("--breakline-clear", "2"), ("--crop", "0,0,%d,%d" % (size // 2, size)),
-                         ("--bbox", "%d,0,%d,%d" % (size // 3, size // 2, size // 2))):
+                         ("--metric", "1,3,2"), ("--bbox", "%d,0,%d,%d" % (size // 3, size // 2, size // 2))):
                 got = check(d, "a%d" % seed, path, lines, *view)
                 ends += got["trimmed"]
         expect(ends > 50, "%d meshes that end at boundaries or holes" % ends)

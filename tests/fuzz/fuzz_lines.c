@@ -132,6 +132,17 @@ static int survey(const char *path, const struct lines_options *opt, uint64_t *r
 	return rc;
 }
 
+/* What may be lines has the names of columns that lines have. */
+static void check_may_be(const char *path, const struct lines_options *opt)
+{
+	struct err err = ERR_INIT;
+	struct lines *l = NULL;
+
+	if (lines_may_be(path) && lines_open(path, opt, &l, &err))
+		abort();
+	lines_close(l);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	static const struct lines_options plain = {.csv = FUZZ_LINES == CSV},
@@ -152,6 +163,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 		abort();
 	survey(path, &kinds, &two);
 	survey(path, &layer, &two);
+	check_may_be(path, &(struct lines_options){.csv = true});
 	return 0;
 }
 

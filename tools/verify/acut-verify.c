@@ -419,10 +419,13 @@ static void print_text(const struct verdict *v)
 	}
 	printf("%s: good\n", v->name);
 	if (v->mesh.ntriangle)
-		printf("  shape     %zu vertices, %zu triangles, %llu edges; %s of %llu %s\n", v->mesh.nvertex, v->mesh.ntriangle,
+		printf("  shape     %zu vertices, %zu triangles, %llu edges; %s %llu %s\n", v->mesh.nvertex, v->mesh.ntriangle,
 		       (unsigned long long)r->edges,
-		       v->mesh.trimmed ? "a part of a mesh, with boundaries" : "one convex boundary", (unsigned long long)r->hull,
-		       v->mesh.trimmed ? "edges" : "vertices");
+		       v->line_files && v->mesh.bounded && !v->lines.part ?
+			       "it ends at boundaries or holes and at the hull, with" :
+		       v->mesh.trimmed ? "a part of a mesh, with boundaries of" :
+					 "one convex boundary of",
+		       (unsigned long long)r->hull, v->mesh.trimmed ? "edges" : "vertices");
 	else
 		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
@@ -439,6 +442,7 @@ static void print_text(const struct verdict *v)
 		printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read,
 		       v->points.n, (unsigned long long)r->positions,
 		       v->mesh.edges && !v->line_files ? "each vertex beside lines is one of them, with its height" :
+		       v->line_files && !v->lines.part ? "each a vertex with its height, and no other but those of lines" :
 		       v->mesh.trimmed                 ? "each vertex is one of them, with its height" :
 							 "each a vertex with its height, and no other");
 }

@@ -101,6 +101,48 @@ static void test_rows(void **state)
 	}
 }
 
+/* Lines have a name in rows that follow each other; points have names of their own, or none. */
+static void test_may_be(void **state)
+{
+	static const struct {
+		const char *text;
+		bool may;
+	} rows[] = {
+		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n1,1,1,b\n", true},
+		{"Breakline;Easting;Northing;Height\nroad;1;2;3\nroad;4;5;6", true}, /* one line is said to be one */
+		{"name;Easting;Northing;Height\ngnd;1;2;3\ngnd;4;5;6", false},       /* a code of points */
+		{"# survey\n\nline\tE\tN\tz\n1\t1\t1\t1\n1\t2\t2\t2\n2\t1\t1\t1\n2\t2\t2\t2\n", true},
+		{"x,y,z,name\n1,2,3,P1\n4,5,6,P2\n7,8,9,P3\n", false},
+		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n1,2,2,c\n4,5,5,c\n", false},
+		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n", false},                            /* a row alone is no line */
+		{"x,y,z,name\n1,2,3,a\n4,5,6,a\n7,8,9,b\n7,8,9,b\n1,1,1,a\n1,2,1,a\n", false}, /* a comes again */
+		{"x,y,z,name\n1,2,3,\n4,5,6,\n7,8,9,b\n7,8,9,b\n", false},
+		{"x,y,z,class\n1,2,3,2\n4,5,6,2\n7,8,9,5\n1,1,1,5\n", false},
+		{"1 2 3\n4 5 6\n", false},
+		{"1,2,3\n4,5,6\n", false},
+		{"acut-lines ,x,y,z,name\n,1,2,3,a\n,4,5,6,a\n,7,8,9,b\n,1,1,1,b\n", false}, /* another format */
+		{"x,y,z,name\n", false},
+		{"", false},
+		{"x,y,z,name\n1,2,3,\"a\n", false},
+		{"x,y,z,name\n1,2,3,\"a\"b\n", false},
+	};
+	static char text[100000];
+	size_t n;
+
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+		if (lines_may_be(lines_case_file("m.csv", rows[i].text, strlen(rows[i].text))) != rows[i].may)
+			fail_msg("\"%s\" %s", rows[i].text, rows[i].may ? "is no file of lines" : "may be lines");
+	assert_false(lines_may_be("/"));
+	assert_false(lines_may_be("/nowhere/at/all"));
+	/* Only the beginning is read: its last line may go on, and one line alone says nothing there. */
+	for (unsigned lines = 1; lines <= 2; lines++) {
+		n = (size_t)sprintf(text, "x,y,z,line\n");
+		for (unsigned i = 0; n < sizeof text - 100; i++)
+			n += (size_t)sprintf(text + n, "%u,2,3,%s\n", i, lines == 2 && i < 3 ? "a" : "b");
+		assert_int_equal(lines_may_be(lines_case_file("m.csv", text, n)), lines == 2);
+	}
+}
+
 static void test_places(void **state)
 {
 	const struct lines_options opt = {.csv = true};
@@ -208,9 +250,9 @@ static int remove_all(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_numbers), cmocka_unit_test(test_rows),
-					   cmocka_unit_test(test_places), cmocka_unit_test(test_recognise),
-					   cmocka_unit_test(test_interrupted)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_numbers),   cmocka_unit_test(test_rows),
+					   cmocka_unit_test(test_may_be),    cmocka_unit_test(test_places),
+					   cmocka_unit_test(test_recognise), cmocka_unit_test(test_interrupted)};
 
 	return cmocka_run_group_tests(tests, NULL, remove_all);
 }
