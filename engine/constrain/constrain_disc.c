@@ -1,9 +1,12 @@
 /*
- * Verification: reads the cells that meet the disc of a flagged triangle, and takes the positions in it that are visible from the
- * triangle (constrain_sight.c) and no vertices. Discs are collected in a batch and tested against the index in one walk. A disc
- * within the region needs nothing, since all positions there are vertices.
+ * Verification: reads the cells that meet the disc of a flagged triangle. Of the positions in it that are visible from the
+ * triangle (constrain_sight.c) and no vertices, it takes for each side of the triangle the one from which the side is seen at the
+ * largest angle: that would be the apex of the next triangle on this side. So a few of many positions are loaded, and the next
+ * turn looks from there. If the disc is wide, its triangle is searched alone at first, and the rest only if nothing is in it.
  *
- * What is taken depends on the triangle and the position alone, never on cells: so the domain does not either.
+ * Discs are collected in a batch and tested against the index in one walk. A disc within the region needs nothing, since all
+ * positions there are vertices. What is taken depends on triangles and positions alone, never on cells: so the domain does not
+ * either.
  */
 #include "constrain_priv.h"
 
@@ -17,9 +20,24 @@ static bool in_region(const struct constrain_work *w, const int32_t box[4])
 	       2 * (int64_t)box[3] < w->border[3];
 }
 
+/* Of a wide disc only its triangle is searched at first, which is the first in which it sees. */
+static bool in_search(const struct constrain_work *w, const struct constrain_disc *d)
+{
+	return w->inside ? d->wide : !d->wide || !(d->pick[0].any || d->pick[1].any || d->pick[2].any);
+}
+
+/* Whether positions in the box may be in the disc. */
+static bool may_have(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])
+{
+	return in_search(w, d) && constrain_boxes_meet(box, w->inside ? w->sight[d->sight].box : d->box) &&
+	       cut_disc_meets(&d->disc, box);
+}
+
 static bool disc_meets(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])
 {
-	return constrain_boxes_meet(box, d->box) && cut_disc_meets(&d->disc, box) && constrain_sight_box(w, d, box);
+	if (!may_have(w, d, box))
+		return false;
+	return w->inside ? constrain_sight_meets(w, d, 0, box) : constrain_sight_box(w, d, box);
 }
 
 static bool any_meets(const struct constrain_work *w, const struct grid_cell *cell)
@@ -37,19 +55,93 @@ static bool enter(void *ctx, const struct grid_cell *subtree)
 	return any_meets(ctx, subtree);
 }
 
-static bool hit_takes(const struct constrain_work *w, const struct constrain_hit *hit, const struct point *p)
+/* Whether a position is in the closed disc. */
+static bool disc_has(const struct constrain_work *w, const struct constrain_disc *d, const int32_t at[2])
+{
+	const uint32_t *corner = w->r.triangle[d->triangle].corner;
+	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
+	double slack, value = cut_disc_value(&d->disc, box, &slack);
+
+	if (fabs(value) > CUT_DISC_SLACK * slack)
+		return value < 0;
+	return geom_incircle_plain(w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]], at) >= 0;
+}
+
+/* The cotangent of the angle at which a side is seen from a position on its left; else INFINITY. */
+static double flat_of(const int32_t u[2], const int32_t v[2], const int32_t at[2])
+{
+	double ux = (double)u[0] - at[0], uy = (double)u[1] - at[1], vx = (double)v[0] - at[0], vy = (double)v[1] - at[1];
+	double area = ux * vy - uy * vx;
+
+	return area > 0 ? (ux * vx + uy * vy) / area : INFINITY;
+}
+
+static bool is_better(const struct constrain_work *w, const struct constrain_pick *pick, double flat, const struct point *p)
+{
+	uint64_t key, old;
+
+	if (!pick->any || flat != pick->flat)
+		return !pick->any || flat < pick->flat;
+	key = point_morton(p->x, p->y);
+	old = point_morton(pick->point.x, pick->point.y);
+	return key == old ? view_prefers(w->c->view, p, &pick->point) : key < old;
+}
+
+/* The vertex at a position that is in a triangle in which a disc sees. */
+static uint32_t vertex_at(struct constrain_work *w, const struct constrain_hit *hit, const int32_t at[2])
 {
 	const struct constrain_disc *d = &w->disc[hit->disc];
+	const struct tri_triangle *t = hit->sight == NONE ? NULL : &w->r.triangle[w->sight[d->sight + hit->sight].triangle];
+
+	if (!t || !constrain_real(t)) {
+		w->near = d->triangle;
+		return constrain_vertex(w, at);
+	}
+	for (unsigned k = 0; k < 3; k++)
+		if (w->r.xy[t->corner[k]][0] == at[0] && w->r.xy[t->corner[k]][1] == at[1])
+			return t->corner[k];
+	return NONE;
+}
+
+/* Of an area not all records at a vertex may have been read. */
+static void prefer(const struct constrain_work *w, uint32_t v, const struct point *p)
+{
+	int32_t *z = (int32_t *)(uintptr_t)w->r.z; /* in the arena */
+
+	if (view_prefers(w->c->view, &(struct point){.z = p->z}, &(struct point){.z = z[v]}))
+		z[v] = p->z;
+}
+
+/* Offers a position to a disc: for each side of its triangle it keeps the best one that is visible and no vertex. */
+static void hit_offer(struct constrain_work *w, const struct constrain_hit *hit, const struct point *p)
+{
+	struct constrain_disc *d = &w->disc[hit->disc];
 	const uint32_t *corner = w->r.triangle[d->triangle].corner;
 	const int32_t at[2] = {p->x, p->y};
+	double flat[3];
+	bool better = w->c->area, any = false;
+	uint32_t v;
 
 	if (p->x < d->box[0] || p->y < d->box[1] || p->x > d->box[2] || p->y > d->box[3])
-		return false;
-	if (hit->sight != NONE && !constrain_sight_near(w, d, hit->sight, at))
-		return false;
-	if (geom_incircle_plain(w->r.xy[corner[0]], w->r.xy[corner[1]], w->r.xy[corner[2]], at) < 0)
-		return false;
-	return hit->sight == NONE ? constrain_sight_point(w, d, at) : constrain_sight_in(w, d, hit->sight, at);
+		return;
+	if ((hit->sight != NONE && !constrain_sight_near(w, d, hit->sight, at)) || !disc_has(w, d, at))
+		return;
+	for (unsigned k = 0; k < 3; k++) {
+		flat[k] = flat_of(w->r.xy[corner[(k + 1) % 3]], w->r.xy[corner[(k + 2) % 3]], at);
+		any |= flat[k] < INFINITY;
+	}
+	for (unsigned k = 0; k < 3; k++)
+		better |= (flat[k] < INFINITY || !any) && is_better(w, &d->pick[k], flat[k], p);
+	if (!better || !(hit->sight == NONE ? constrain_sight_point(w, d, at) : constrain_sight_in(w, d, hit->sight, at)))
+		return;
+	v = vertex_at(w, hit, at);
+	if (v != NONE) {
+		prefer(w, v, p);
+		return;
+	}
+	for (unsigned k = 0; k < 3; k++)
+		if ((flat[k] < INFINITY || !any) && is_better(w, &d->pick[k], flat[k], p))
+			d->pick[k] = (struct constrain_pick){flat[k], *p, true};
 }
 
 static int disc_points(void *ctx, const struct point *pts, size_t n, struct err *err)
@@ -59,19 +151,11 @@ static int disc_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	w->c->points_read += n;
 	for (size_t i = 0; i < n; i++) {
-		const struct point *p = &pts[i];
-		uint32_t k = 0;
-		int rc;
-
-		if ((!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) || view_judge(w->c->view, p) != VIEW_KEPT)
+		if ((!w->c->area && cut_region_holds(w->c->region, pts[i].x, pts[i].y)) ||
+		    view_judge(w->c->view, &pts[i]) != VIEW_KEPT)
 			continue;
-		while (k < w->nhit && !hit_takes(w, &w->hit[k], p))
-			k++;
-		if (k == w->nhit || constrain_points_known(w, p))
-			continue;
-		rc = constrain_points_add(w, p);
-		if (rc)
-			return rc;
+		for (uint32_t k = 0; k < w->nhit; k++)
+			hit_offer(w, &w->hit[k], &pts[i]);
 	}
 	return 0;
 }
@@ -94,12 +178,17 @@ static void find_hits(struct constrain_work *w, const int32_t box[4])
 		struct constrain_hit *hit = &w->hit[w->nhit];
 		uint32_t n, most = w->mosthit - w->nhit - (w->ndisc - i - 1); /* there is one for each disc that follows */
 
-		if (!constrain_boxes_meet(box, d->box) || !cut_disc_meets(&d->disc, box))
+		if (!may_have(w, d, box))
 			continue;
-		n = constrain_sight_list(w, d, box, hit, most);
-		if (n > most || !d->nsight) {
-			n = 1;
-			hit[0].sight = NONE;
+		if (w->inside) {
+			n = constrain_sight_meets(w, d, 0, box);
+			hit[0].sight = 0;
+		} else {
+			n = constrain_sight_list(w, d, box, hit, most);
+			if (n > most || !d->nsight) {
+				n = 1;
+				hit[0].sight = NONE;
+			}
 		}
 		for (uint32_t k = 0; k < n; k++)
 			hit[k].disc = i;
@@ -120,13 +209,54 @@ static int disc_cell(void *ctx, const struct grid_cell *cell)
 	return w->c->src->read(w->c->src->ctx, cell, disc_points, w, w->err);
 }
 
-int constrain_disc_flush(struct constrain_work *w)
+/* Reads the cells for the discs that take part. */
+static int search(struct constrain_work *w, bool inside)
 {
 	const struct grid_visitor v = {.ctx = w, .segment = enter, .enter = enter, .cell = disc_cell};
-	int rc = w->ndisc ? w->c->src->walk(w->c->src->ctx, 0, UINT64_MAX, &v, w->err) : 0;
+	bool any = false;
 
+	w->inside = inside;
+	for (uint32_t i = 0; i < w->ndisc; i++) {
+		const struct constrain_disc *d = &w->disc[i];
+		const int32_t *box = inside ? w->sight[d->sight].box : d->box;
+
+		if (!in_search(w, d))
+			continue;
+		point_box_join(w->c->depends.disc, box);
+		if (w->c->cover)
+			cut_cover_box(w->c->cover, box);
+		if (!any)
+			memcpy(w->disc_around, box, sizeof(w->disc_around));
+		point_box_join(w->disc_around, box);
+		any = true;
+	}
+	return any ? w->c->src->walk(w->c->src->ctx, 0, UINT64_MAX, &v, w->err) : 0;
+}
+
+int constrain_disc_flush(struct constrain_work *w)
+{
+	int rc = search(w, true);
+
+	if (!rc)
+		rc = search(w, false);
+	for (uint32_t i = 0; i < w->ndisc && !rc; i++)
+		for (unsigned k = 0; k < 3 && !rc; k++) {
+			const struct constrain_pick *pick = &w->disc[i].pick[k];
+
+			if (!pick->any)
+				continue;
+			constrain_bit_set(w->todo, w->disc[i].triangle);
+			rc = constrain_points_add(w, &pick->point);
+		}
 	w->ndisc = w->nsight = 0;
 	return rc;
+}
+
+static bool is_wide(const struct constrain_work *w, const struct constrain_disc *d)
+{
+	double x = (double)d->box[2] - d->box[0], y = (double)d->box[3] - d->box[1];
+
+	return d->nsight && x * y > w->wide && (w->c->area || !in_region(w, w->sight[d->sight].box));
 }
 
 int constrain_disc_add(struct constrain_work *w, uint32_t triangle)
@@ -144,11 +274,8 @@ int constrain_disc_add(struct constrain_work *w, uint32_t triangle)
 		w->nsight = d->sight;
 		return 0;
 	}
-	point_box_join(w->c->depends.disc, d->box);
-	if (w->c->cover)
-		cut_cover_box(w->c->cover, d->box);
-	if (!w->ndisc)
-		memcpy(w->disc_around, d->box, sizeof(d->box));
-	point_box_join(w->disc_around, d->box);
+	d->wide = is_wide(w, d);
+	for (unsigned k = 0; k < 3; k++)
+		d->pick[k].any = false;
 	return ++w->ndisc == w->mostdisc || w->nsight + SIGHT > w->mostsight ? constrain_disc_flush(w) : 0;
 }

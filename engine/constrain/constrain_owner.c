@@ -1,6 +1,7 @@
 /*
- * The owned triangles that pieces cross, and in which of them a centroid is: a tree of boxes over the list. The list follows the
- * pieces, and these follow a curve, so that a box is small.
+ * The owned triangles that pieces cross, in which of them a centroid is, and whether one overlaps a triangle: a tree of boxes
+ * over the list. The list is in the order of the kernel's triangles, which follow a curve, so that a box is small however long
+ * the pieces are.
  */
 #include "constrain_priv.h"
 
@@ -85,4 +86,60 @@ bool constrain_owner_has(const struct constrain_work *w, const uint32_t corner[3
 		for (unsigned k = 0; k < 2; k++)
 			sum[k] += w->r.xy[corner[i]][k];
 	return w->nown && group_has(w, w->levels - 1, 0, sum);
+}
+
+/* ---- overlaps ---- */
+
+/* Whether all of b is on the right of a side of a, or on it. */
+static bool separates(const struct constrain_work *w, const uint32_t a[3], const uint32_t b[3])
+{
+	const int32_t(*xy)[2] = w->r.xy;
+
+	for (unsigned i = 0; i < 3; i++) {
+		const int32_t *from = xy[a[i]], *to = xy[a[(i + 1) % 3]];
+
+		if (geom_orient(from, to, xy[b[0]]) <= 0 && geom_orient(from, to, xy[b[1]]) <= 0 &&
+		    geom_orient(from, to, xy[b[2]]) <= 0)
+			return true;
+	}
+	return false;
+}
+
+/* Whether all of the box is on the right of a side of the triangle. */
+static bool is_beside(const struct constrain_work *w, const uint32_t corner[3], const int32_t box[4])
+{
+	for (unsigned i = 0; i < 3; i++) {
+		const int32_t *from = w->r.xy[corner[i]], *to = w->r.xy[corner[(i + 1) % 3]];
+		const int32_t left[2] = {to[1] > from[1] ? box[0] : box[2], to[0] > from[0] ? box[3] : box[1]};
+
+		if (geom_orient(from, to, left) < 0)
+			return true;
+	}
+	return false;
+}
+
+struct overlap {
+	const uint32_t *corner;
+	int32_t box[4];
+};
+
+static bool group_overlaps(const struct constrain_work *w, const struct overlap *o, unsigned level, uint32_t i)
+{
+	uint32_t from = i * INDEX, n = level ? w->nindex[level - 1] : w->nown;
+
+	if (!constrain_boxes_meet(w->index[level][i], o->box) || is_beside(w, o->corner, w->index[level][i]))
+		return false;
+	for (uint32_t k = from; k < n && k < from + INDEX; k++)
+		if (level ? group_overlaps(w, o, level - 1, k) :
+			    !separates(w, o->corner, w->own[k]) && !separates(w, w->own[k], o->corner))
+			return true;
+	return false;
+}
+
+bool constrain_owner_overlaps(const struct constrain_work *w, const uint32_t corner[3])
+{
+	struct overlap o = {.corner = corner};
+
+	constrain_triangle_box(&w->r, corner, o.box);
+	return w->nown && group_overlaps(w, &o, w->levels - 1, 0);
 }

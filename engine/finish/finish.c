@@ -65,6 +65,11 @@ static bool is_ghost(const uint32_t c[3])
 	return c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
 }
 
+static bool bit(const uint64_t *bits, uint32_t i)
+{
+	return bits[i / 64] >> i % 64 & 1;
+}
+
 /* The chosen triangles, as they are packed to the front. */
 struct packed {
 	uint32_t (*out)[3];
@@ -101,18 +106,26 @@ static inline void mark_edges(struct finish *f, uint32_t t[3], const uint32_t li
 	f->edges |= (link[0] | link[1] | link[2]) & 1;
 }
 
-void finish_chosen(struct finish *f, const uint64_t *bits)
+void finish_chosen(struct finish *f, const struct finish_choice *choice)
 {
+	const uint64_t *chosen = choice->chosen, *special = choice->special;
 	struct packed p = {.out = (uint32_t(*)[3])f->tri.triangle};
 	const struct tri_triangle *t = f->tri.triangle;
+	const int32_t(*xy)[2] = f->tri.xy;
 	uint8_t *mark = marks(f);
+	uint32_t count = f->tri.ntriangle;
+	struct cut_owner owner;
 
+	cut_owner_init(&owner, f->region);
 	f->chosen = true;
 	memset(mark, 0, f->tri.nvertex);
-	for (uint32_t i = 0; i < f->tri.ntriangle; i++) {
+	for (uint32_t i = 0; i < count; i++) {
 		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
+		bool ghost = is_ghost(c), plain = special && !ghost && !bit(special, i);
 
-		if (bits[i / 64] >> i % 64 & 1) {
+		for (unsigned k = 0; k < 3 && i + AHEAD < count; k++)
+			__builtin_prefetch(&xy[t[i + AHEAD].corner[k]]);
+		if (bit(chosen, i) || (plain && cut_owner_has(&owner, xy[c[0]], xy[c[1]], xy[c[2]]))) {
 			const uint32_t link[3] = {t[i].link[0], t[i].link[1], t[i].link[2]};
 
 			pack(f, &p, mark, c);
@@ -120,7 +133,7 @@ void finish_chosen(struct finish *f, const uint64_t *bits)
 			continue;
 		}
 		mark_open(mark, c);
-		if (is_ghost(c) && f->region->inf)
+		if (ghost && f->region->inf)
 			ghost_count(f, c);
 	}
 	pack_end(f, &p);
