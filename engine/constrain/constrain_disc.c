@@ -12,6 +12,7 @@
 
 #include <string.h>
 
+#include "squares.h"
 #include "view.h"
 
 static bool in_region(const struct constrain_work *w, const int32_t box[4])
@@ -144,19 +145,38 @@ static void hit_offer(struct constrain_work *w, const struct constrain_hit *hit,
 			d->pick[k] = (struct constrain_pick){flat[k], *p, true};
 }
 
+/* Offers positions to some of the hits. */
+static void offer(struct constrain_work *w, const struct constrain_hit *hit, unsigned nhit, const struct point *pts, size_t n)
+{
+	struct squares s;
+
+	squares_init(&s, w->cell);
+	for (unsigned i = 0; i < nhit; i++) {
+		const struct constrain_disc *d = &w->disc[hit[i].disc];
+		const int32_t *box = hit[i].sight == NONE ? d->box : w->sight[d->sight + hit[i].sight].box;
+
+		squares_add(&s, i, (const int64_t[2]){box[0], box[1]}, (const int64_t[2]){box[2], box[3]});
+	}
+	for (size_t i = 0; i < n; i++) {
+		const struct point *p = &pts[i];
+		uint64_t bits = squares_at(&s, p->x, p->y);
+
+		if (!bits || (!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) ||
+		    view_judge(w->c->view, p) != VIEW_KEPT)
+			continue;
+		for (; bits; bits &= bits - 1)
+			hit_offer(w, &hit[__builtin_ctzll(bits)], p);
+	}
+}
+
 static int disc_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct constrain_work *w = ctx;
 
 	(void)err;
 	w->c->points_read += n;
-	for (size_t i = 0; i < n; i++) {
-		if ((!w->c->area && cut_region_holds(w->c->region, pts[i].x, pts[i].y)) ||
-		    view_judge(w->c->view, &pts[i]) != VIEW_KEPT)
-			continue;
-		for (uint32_t k = 0; k < w->nhit; k++)
-			hit_offer(w, &w->hit[k], &pts[i]);
-	}
+	for (uint32_t k = 0; k < w->nhit; k += SQUARES_BOXES)
+		offer(w, &w->hit[k], w->nhit - k < SQUARES_BOXES ? w->nhit - k : SQUARES_BOXES, pts, n);
 	return 0;
 }
 
@@ -206,6 +226,7 @@ static int disc_cell(void *ctx, const struct grid_cell *cell)
 	if (!w->nhit)
 		return 0;
 	w->c->cells_read++;
+	memcpy(w->cell, cell->box, sizeof(w->cell));
 	return w->c->src->read(w->c->src->ctx, cell, disc_points, w, w->err);
 }
 

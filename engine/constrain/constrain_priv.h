@@ -111,6 +111,7 @@ struct constrain_work {
 	uint32_t ndisc, mostdisc;
 	struct constrain_hit *hit; /* what meets the cell that is read */
 	uint32_t nhit, mosthit;
+	int32_t cell[4]; /* its box */
 	struct constrain_sight *sight;
 	uint32_t nsight, mostsight;
 };

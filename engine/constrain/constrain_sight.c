@@ -210,6 +210,23 @@ static bool edge_meets(const int32_t *const end[2], const int32_t box[4])
 	return constrain_boxes_meet(own, box);
 }
 
+/* Whether an edge begins at a corner of the disc's triangle, which is on the circle, and leads away from the disc. */
+static bool leads_away(const struct constrain_work *w, const struct constrain_disc *d, const uint32_t end[2])
+{
+	const uint32_t *corner = w->r.triangle[d->triangle].corner;
+
+	for (unsigned i = 0; i < 2; i++) {
+		const int32_t *from = w->r.xy[end[i]], *to = w->r.xy[end[!i]];
+		double ex = (double)to[0] - from[0], ey = (double)to[1] - from[1];
+		double ux = (double)d->disc.a[0] - from[0] + d->disc.ux, uy = (double)d->disc.a[1] - from[1] + d->disc.uy;
+		double slack = 0x1p-40 * (fabs(ex) + fabs(ey)) * (fabs(d->disc.ux) + fabs(d->disc.uy) + fabs(ux) + fabs(uy));
+
+		if ((end[i] == corner[0] || end[i] == corner[1] || end[i] == corner[2]) && ex * ux + ey * uy < -slack)
+			return true;
+	}
+	return false;
+}
+
 /* Adds the triangles behind the edges of one. False: there are too many. */
 static bool follow(const struct constrain_work *w, const struct constrain_disc *d, struct constrain_sight *list, uint32_t from,
 		   uint32_t *n)
@@ -223,8 +240,8 @@ static bool follow(const struct constrain_work *w, const struct constrain_disc *
 
 		/* Back over the edge by which it was entered: the ends are exchanged. */
 		if (t->link[k] & 1 || (from && right == list[from].left && left == list[from].right) ||
-		    !edge_meets(end, d->cap[side]) || !cut_disc_meets_edge(&d->disc, end[0], end[1]) ||
-		    edge_excluded(w, list, &list[from], end))
+		    (from && leads_away(w, d, (const uint32_t[2]){right, left})) || !edge_meets(end, d->cap[side]) ||
+		    !cut_disc_meets_edge(&d->disc, end[0], end[1]) || edge_excluded(w, list, &list[from], end))
 			continue;
 		if (*n == SIGHT)
 			return false;
