@@ -26,7 +26,7 @@
 
 /* P(B) of a region that is halved no further is at most this part of the arena's positions; a piece crosses so many triangles
  * at least. A disc is wide if its box has room for so many positions. */
-enum { SMALL = 32, MOST_LEAST = 16, WIDE = 256 };
+enum { SMALL = 32, MOST_LEAST = 16, WIDE = 256, HINT_EACH = 64 };
 
 uint32_t constrain_kernel_cap(uint64_t n)
 {
@@ -69,10 +69,44 @@ bool constrain_owns(const struct constrain_work *w, uint32_t triangle)
 		      cut_owner_has(&w->owner, xy[c[0]], xy[c[1]], xy[c[2]]);
 }
 
+static uint32_t *hint_of(struct constrain_work *w, const int32_t at[2])
+{
+	uint32_t place[2];
+
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t size = (int64_t)w->all[2 + k] - w->all[k] + 1, from = (int64_t)at[k] - w->all[k];
+
+		place[k] = from < 0 ? 0 : from >= size ? HINTS - 1 : (uint32_t)(from * HINTS / size);
+	}
+	return &w->hint[place[0] * HINTS + place[1]];
+}
+
+void constrain_hints(struct constrain_work *w)
+{
+	memset(w->hint, 0xff, sizeof(w->hint));
+	for (uint32_t i = 0; i < w->r.ntriangle; i += HINT_EACH) {
+		uint32_t corner = w->r.triangle[i].corner[0];
+
+		if (corner != TRI_GHOST)
+			*hint_of(w, w->r.xy[corner]) = i;
+	}
+}
+
+static double distance(const struct constrain_work *w, uint32_t triangle, const int32_t at[2])
+{
+	const uint32_t *corner = w->r.triangle[triangle].corner;
+	const int32_t *there = w->r.xy[corner[0] == TRI_GHOST ? corner[1] : corner[0]];
+
+	return fabs((double)there[0] - at[0]) + fabs((double)there[1] - at[1]);
+}
+
 uint32_t constrain_vertex(struct constrain_work *w, const int32_t at[2])
 {
+	uint32_t hint = *hint_of(w, at);
 	const uint32_t *corner;
 
+	if (hint != NONE && distance(w, hint, at) < distance(w, w->near, at))
+		w->near = hint;
 	w->near = tri_walk(w->c->tri, at, w->near);
 	corner = w->r.triangle[w->near].corner;
 	for (unsigned i = 0; i < 3; i++)

@@ -105,37 +105,88 @@ static int add_piece(struct constrain_work *w, const struct constrain_piece *p)
 
 static struct constrain_piece made_of(const struct lineset_piece *p)
 {
-	return (struct constrain_piece){
-		.a = {p->a[0], p->a[1]}, .b = {p->b[0], p->b[1]}, .end = {NONE, NONE}, .turns = p->turns & LINESET_OUT};
+	return (struct constrain_piece){.a = {p->a[0], p->a[1]},
+					.b = {p->b[0], p->b[1]},
+					.end = {NONE, NONE},
+					.at = {NONE, NONE},
+					.turns = p->turns & LINESET_OUT};
 }
 
 static void find_end(struct constrain_work *w, struct constrain_piece *p, unsigned i)
 {
+	if (p->at[i] != NONE)
+		w->near = p->at[i];
 	p->end[i] = constrain_vertex(w, i ? p->b : p->a);
 	p->at[i] = w->near;
 }
 
+/* A piece with an end that is no vertex is loaded only if it crosses an owned triangle. */
+static bool is_far(struct constrain_work *w, struct constrain_piece *p)
+{
+	find_end(w, p, 0);
+	find_end(w, p, 1);
+	return (p->end[0] == NONE || p->end[1] == NONE) && !constrain_far_crosses(w, p);
+}
+
+static void list_far(struct constrain_work *w, const struct constrain_piece *p)
+{
+	if (w->nfar < FAR)
+		w->far[w->nfar++] = (struct lineset_piece){
+			.a = {p->a[0], p->a[1]}, .b = {p->b[0], p->b[1]}, .turns = p->turns ? LINESET_OUT : 0};
+	else
+		w->many = true;
+}
+
+/* Takes out of those that were found since the last time what is far. They are sorted first, so that ends follow each other. */
+static void settle(struct constrain_work *w)
+{
+	struct constrain_piece *end = w->piece + w->nnew, *to = end;
+
+	if (w->nnew)
+		constrain_hints(w);
+	constrain_sort(w->piece, w->nnew, sizeof(*w->piece), piece_less);
+	for (struct constrain_piece *p = end; p > w->piece;) {
+		p--;
+		if (is_far(w, p))
+			list_far(w, p);
+		else
+			*--to = *p;
+	}
+	w->npiece -= (uint32_t)(to - w->piece);
+	w->piece = to;
+	w->nnew = 0;
+}
+
 static int found_any(void *ctx, const struct lineset_piece *found, struct err *err)
 {
-	struct constrain_piece p = made_of(found);
 	struct constrain_work *w = ctx;
 
 	(void)err;
-	find_end(w, &p, 0);
-	find_end(w, &p, 1);
-	if ((p.end[0] != NONE && p.end[1] != NONE) || constrain_far_crosses(w, &p))
-		return add_piece(w, &p);
-	if (w->nfar < FAR)
-		w->far[w->nfar++] = *found;
-	else
-		w->many = true;
+	for (unsigned tries = 0; (uint8_t *)(w->piece - 1) < (uint8_t *)w->point; tries++) {
+		if (tries || !w->nnew)
+			return CONSTRAIN_E_SPLIT;
+		settle(w);
+	}
+	*--w->piece = made_of(found);
+	w->npiece++;
+	w->nnew++;
 	return 0;
 }
 
 int constrain_lines_all(struct constrain_work *w, const int32_t box[4])
 {
+	int rc;
+
 	memcpy(w->all, box, sizeof(w->all));
-	return w->c->lines->find(w->c->lines->ctx, box, found_any, w, w->err);
+	rc = w->c->lines->find(w->c->lines->ctx, box, found_any, w, w->err);
+	settle(w);
+	/* They are sorted unless they were settled in parts. */
+	w->nnew = w->npiece;
+	for (uint32_t i = 1; i < w->npiece; i++)
+		if (!piece_less(&w->piece[i - 1], &w->piece[i]))
+			return rc;
+	w->nnew = 0;
+	return rc;
 }
 
 static int found_piece(void *ctx, const struct lineset_piece *found, struct err *err)

@@ -114,9 +114,11 @@ static int again(struct constrain_work *w)
 	tri_result(c->tri, &w->r);
 	for (uint32_t i = 0; i < w->npiece; i++) {
 		w->piece[i].in = false;
-		w->piece[i].end[0] = w->piece[i].end[1] = NONE;
+		for (unsigned k = 0; k < 2; k++)
+			w->piece[i].end[k] = w->piece[i].at[k] = NONE;
 	}
 	w->near = 0;
+	constrain_hints(w);
 	return 0;
 }
 

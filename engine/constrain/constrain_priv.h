@@ -19,8 +19,9 @@ enum {
 	SIGHTS_DISC = 16, /* a disc for so many of them */
 	HITS = 8,         /* triangles in which a disc sees, for each of a batch */
 	FAR = 512,        /* pieces that are listed and not loaded */
-	INDEX = 8,        /* triangles, or boxes, under a box of the index */
-	LEVELS = 12,      /* of the index */
+	HINTS = 16,
+	INDEX = 8,   /* triangles, or boxes, under a box of the index */
+	LEVELS = 12, /* of the index */
 	NONE = 0xffffffffu,
 };
 
@@ -72,11 +73,12 @@ struct constrain_work {
 	struct err *err;
 	struct tri_result r;
 	struct cut_owner owner;
-	uint32_t first; /* positions of P(B) */
-	uint32_t cap;   /* of the kernel, for positions that are added */
-	uint32_t most;  /* positions for which there is room in the kernel and in the tables */
-	uint32_t near;  /* a triangle where the last walk ended */
-	uint8_t *at;    /* end of the tables */
+	uint32_t first;               /* positions of P(B) */
+	uint32_t cap;                 /* of the kernel, for positions that are added */
+	uint32_t most;                /* positions for which there is room in the kernel and in the tables */
+	uint32_t near;                /* a triangle where the last walk ended */
+	uint32_t hint[HINTS * HINTS]; /* of squares of `all`: a triangle there; NONE */
+	uint8_t *at;                  /* end of the tables */
 	/* sorted, then new ones: they are at the front */
 	struct constrain_piece *piece;
 	uint32_t npiece, nnew;
@@ -136,7 +138,9 @@ static inline void constrain_bit_set(uint64_t *bits, uint32_t i)
 }
 /* Whether a triangle is owned, or meets the area. */
 bool constrain_owns(const struct constrain_work *, uint32_t triangle);
-/* The vertex at a position; NONE: it has none. */
+/* Triangles all over the box `all`, where walks begin. */
+void constrain_hints(struct constrain_work *);
+/* The vertex at a position; NONE: it has none. The walk ends at `near`. */
 uint32_t constrain_vertex(struct constrain_work *, const int32_t at[2]);
 void constrain_triangle_box(const struct tri_result *, const uint32_t corner[3], int32_t ret[4]);
 static inline bool constrain_boxes_meet(const int32_t a[4], const int32_t b[4])

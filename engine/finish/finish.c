@@ -214,6 +214,7 @@ bool finish_vertices(struct finish *f)
 {
 	const uint8_t *mark = marks(f);
 	uint32_t *number = numbers(f), open_at, closed_at;
+	struct digest beyond = {0, 0}; /* closed vertices that are not in the region */
 	int32_t box[6] = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN};
 
 	if (!lay_out(f))
@@ -226,8 +227,11 @@ bool finish_vertices(struct finish *f)
 		uint32_t to;
 
 		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */
-		if ((m != USED || f->chosen) && cut_region_holds(f->region, at[0], at[1]))
-			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
+		bool holds = m == USED && !f->chosen ? true : cut_region_holds(f->region, at[0], at[1]);
+
+		if (holds != (m == USED))
+			digest_add_vertex(holds ? &f->out.own_digest : &beyond, at[0] + f->k[0], at[1] + f->k[1],
+					  at[2] + f->k[2]);
 		if (!(m & USED))
 			continue;
 		to = m & OPEN ? --open_at : --closed_at;
@@ -237,8 +241,8 @@ bool finish_vertices(struct finish *f)
 		if (!(m & OPEN))
 			digest_add_vertex(&f->out.closed_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 	}
-	if (!f->chosen)
-		digest_add(&f->out.own_digest, f->out.closed_digest);
+	digest_add(&f->out.own_digest, f->out.closed_digest);
+	digest_sub(&f->out.own_digest, beyond);
 	if (f->out.nvertex)
 		memcpy(f->out.box, box, sizeof box);
 	return true;
@@ -270,29 +274,19 @@ static void link_triangle(struct mesh_domain *d, const uint32_t t[3])
 			link_add(&d->link[t[k]], h[(k + 1) % 3], h[(k + 2) % 3]);
 }
 
-static void take_edges(struct mesh_domain *d)
-{
-	for (uint32_t i = 0; i < d->ntriangle; i++) {
-		d->edges[i] = 0;
-		for (unsigned k = 0; k < 3; k++) {
-			d->edges[i] |= (uint8_t)(d->triangle[i][k] >> EDGE_AT << k);
-			d->triangle[i][k] &= ~(UINT32_C(1) << EDGE_AT);
-		}
-	}
-}
-
-void finish_numbers(struct finish *f)
+static inline __attribute__((always_inline)) void number_triangles(struct finish *f, bool edges)
 {
 	const uint32_t *number = numbers(f);
 	uint32_t nopen = f->out.nopen, count = f->out.ntriangle;
 	uint32_t(*triangle)[3] = f->out.triangle;
 
-	if (f->edges)
-		take_edges(&f->out);
 	for (uint32_t i = 0; i < count; i++) {
-		uint32_t *t = triangle[i];
-		uint32_t a = number[t[0]], b = number[t[1]], c = number[t[2]];
+		uint32_t *t = triangle[i], mask = edges ? ~(UINT32_C(1) << EDGE_AT) : UINT32_MAX;
+		uint32_t a = number[t[0] & mask], b = number[t[1] & mask], c = number[t[2] & mask];
 		uint32_t least = a < b ? a : b;
+
+		if (edges)
+			f->out.edges[i] = (uint8_t)(t[0] >> EDGE_AT | t[1] >> EDGE_AT << 1 | t[2] >> EDGE_AT << 2);
 
 		t[0] = a;
 		t[1] = b;
@@ -300,6 +294,14 @@ void finish_numbers(struct finish *f)
 		if (__builtin_expect((c < least ? c : least) < nopen, 0))
 			link_triangle(&f->out, t);
 	}
+}
+
+void finish_numbers(struct finish *f)
+{
+	if (f->edges)
+		number_triangles(f, true);
+	else
+		number_triangles(f, false);
 }
 
 static int compare_on_line(const void *a, const void *b)
