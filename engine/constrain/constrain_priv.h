@@ -20,8 +20,8 @@ enum {
 	HITS = 8,         /* triangles in which a disc sees, for each of a batch */
 	FAR = 512,        /* pieces that are listed and not loaded */
 	HINTS = 16,
-	INDEX = 8,   /* triangles, or boxes, under a box of the index */
-	LEVELS = 12, /* of the index */
+	INDEX = 8,   /* boxes under one of the index */
+	LEVELS = 13, /* of the index */
 	NONE = 0xffffffffu,
 };
 
@@ -96,9 +96,10 @@ struct constrain_work {
 	struct tri_pieces *p;
 	uint32_t (*own)[3]; /* the corners of owned triangles that are crossed */
 	uint32_t nown;
-	int32_t (*index[LEVELS])[4]; /* boxes of INDEX triangles, then of INDEX boxes ... */
+	int32_t (*index[LEVELS])[4]; /* their boxes, then those of INDEX boxes ... */
 	uint32_t nindex[LEVELS];
 	unsigned levels;
+	uint32_t last; /* the group in which a centroid was found */
 	struct point *point;
 	uint32_t npoint;
 	struct cut_range range[4]; /* of the region */
@@ -196,7 +197,7 @@ int constrain_out(struct constrain_work *, uint64_t *chosen, bool *ret_any);
 
 /* constrain_owner.c: the owned triangles that are crossed. */
 bool constrain_owner_index(struct constrain_work *);                                    /* false: no room */
-bool constrain_owner_has(const struct constrain_work *, const uint32_t corner[3]);      /* one of them has the centroid */
+bool constrain_owner_has(struct constrain_work *, const uint32_t corner[3]);            /* one of them has the centroid */
 bool constrain_owner_overlaps(const struct constrain_work *, const uint32_t corner[3]); /* one of them overlaps the triangle */
 
 #endif

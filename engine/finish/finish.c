@@ -99,11 +99,11 @@ static void pack_end(struct finish *f, const struct packed *p)
 }
 
 /* Until triangles get their local numbers, the highest bit of a corner says that the side across from it is a piece. */
-static inline void mark_edges(struct finish *f, uint32_t t[3], const uint32_t link[3])
+static void mark_edges(struct finish *f, uint32_t t[3], const uint32_t link[3])
 {
 	for (unsigned k = 0; k < 3; k++)
 		t[k] |= (link[k] & 1) << EDGE_AT;
-	f->edges |= (link[0] | link[1] | link[2]) & 1;
+	f->edges = true;
 }
 
 void finish_chosen(struct finish *f, const struct finish_choice *choice)
@@ -129,7 +129,8 @@ void finish_chosen(struct finish *f, const struct finish_choice *choice)
 			const uint32_t link[3] = {t[i].link[0], t[i].link[1], t[i].link[2]};
 
 			pack(f, &p, mark, c);
-			mark_edges(f, p.out[p.n - 1], link);
+			if (__builtin_expect((link[0] | link[1] | link[2]) & 1, 0))
+				mark_edges(f, p.out[p.n - 1], link);
 			continue;
 		}
 		mark_open(mark, c);
