@@ -125,7 +125,8 @@ static void hit_offer(struct constrain_work *w, const struct constrain_hit *hit,
 
 	if (p->x < d->box[0] || p->y < d->box[1] || p->x > d->box[2] || p->y > d->box[3])
 		return;
-	if ((hit->sight != NONE && !constrain_sight_near(w, d, hit->sight, at)) || !disc_has(w, d, at))
+	if ((hit->sight != NONE && !constrain_sight_near(w, d, hit->sight, at)) || !disc_has(w, d, at) ||
+	    view_judge(w->c->view, p) != VIEW_KEPT)
 		return;
 	for (unsigned k = 0; k < 3; k++) {
 		flat[k] = flat_of(w->r.xy[corner[(k + 1) % 3]], w->r.xy[corner[(k + 2) % 3]], at);
@@ -145,9 +146,26 @@ static void hit_offer(struct constrain_work *w, const struct constrain_hit *hit,
 			d->pick[k] = (struct constrain_pick){flat[k], *p, true};
 }
 
+/* Where positions of a hit can be: beyond the side over which its path begins, or in the disc's own triangle. */
+static struct squares_strip strip_of(const struct constrain_work *w, const struct constrain_hit *hit)
+{
+	const struct constrain_disc *d = &w->disc[hit->disc];
+	const struct constrain_sight *list = w->sight + d->sight;
+	const uint32_t *corner = w->r.triangle[d->triangle].corner;
+	const int32_t *a = w->r.xy[corner[0]], *b = w->r.xy[corner[1]], *c = w->r.xy[corner[2]];
+	unsigned side = hit->sight == NONE || hit->sight == 0 ? 0 : list[hit->sight].side;
+
+	if (hit->sight == NONE)
+		return squares_strip(a, b, -INFINITY, INFINITY);
+	if (hit->sight > 0)
+		return squares_strip(w->r.xy[corner[(side + 2) % 3]], w->r.xy[corner[(side + 1) % 3]], 0, d->height[side]);
+	return squares_strip(a, b, 0, (double)geom_area(a, b, c) / hypot((double)b[0] - a[0], (double)b[1] - a[1]));
+}
+
 /* Offers positions to some of the hits. */
 static void offer(struct constrain_work *w, const struct constrain_hit *hit, unsigned nhit, const struct point *pts, size_t n)
 {
+	struct squares_strip strip[SQUARES_BOXES];
 	struct squares s;
 
 	squares_init(&s, w->cell);
@@ -156,16 +174,17 @@ static void offer(struct constrain_work *w, const struct constrain_hit *hit, uns
 		const int32_t *box = hit[i].sight == NONE ? d->box : w->sight[d->sight + hit[i].sight].box;
 
 		squares_add(&s, i, (const int64_t[2]){box[0], box[1]}, (const int64_t[2]){box[2], box[3]});
+		strip[i] = strip_of(w, &hit[i]);
 	}
 	for (size_t i = 0; i < n; i++) {
 		const struct point *p = &pts[i];
 		uint64_t bits = squares_at(&s, p->x, p->y);
 
-		if (!bits || (!w->c->area && cut_region_holds(w->c->region, p->x, p->y)) ||
-		    view_judge(w->c->view, p) != VIEW_KEPT)
+		if (!bits || (!w->c->area && cut_region_holds(w->c->region, p->x, p->y)))
 			continue;
 		for (; bits; bits &= bits - 1)
-			hit_offer(w, &hit[__builtin_ctzll(bits)], p);
+			if (squares_in_strip(&strip[__builtin_ctzll(bits)], p->x, p->y))
+				hit_offer(w, &hit[__builtin_ctzll(bits)], p);
 	}
 }
 

@@ -56,6 +56,7 @@ struct constrain_disc {
 	struct cut_disc disc;
 	int32_t box[4];    /* of what is visible */
 	int32_t cap[3][4]; /* of what is in the disc beyond each side */
+	double height[3];  /* how far that is beyond the side at most; INFINITY */
 	uint32_t triangle;
 	uint32_t sight, nsight; /* the triangles in which it sees; none: all of the disc is visible */
 	bool wide;              /* the triangle is searched first, and the rest of the disc if nothing is in it */

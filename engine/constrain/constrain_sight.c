@@ -189,6 +189,7 @@ static void set_caps(const struct constrain_work *w, struct constrain_disc *d)
 		double height = hypot(ax - bx, ay - by) / 2 * ((double)geom_area(c, a, b) / (both + dot)) * (1 + 0x1p-30) + 2;
 
 		memcpy(d->cap[k], d->box, sizeof(d->box));
+		d->height[k] = dot < 0 ? INFINITY : height;
 		if (dot < 0)
 			continue;
 		for (unsigned i = 0; i < 2; i++) {

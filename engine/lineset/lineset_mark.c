@@ -323,6 +323,7 @@ struct near {
 /* Compares the pieces that were collected with the records in their columns and rows. */
 static void mark_together(struct near *m)
 {
+	struct squares_strip strip[SQUARES_BOXES];
 	struct squares s;
 
 	squares_init(&s, m->box);
@@ -336,10 +337,15 @@ static void mark_together(struct near *m)
 			high[k] = (a < b ? b : a) + m->wide;
 		}
 		squares_add(&s, i, low, high);
+		strip[i] = squares_strip(m->piece[i].a, m->piece[i].b, -m->clear, m->clear);
 	}
-	for (size_t i = 0; i < m->n; i++)
-		for (uint64_t bits = squares_at(&s, m->pts[i].x, m->pts[i].y); bits; bits &= bits - 1)
-			mark_record(&m->piece[__builtin_ctzll(bits)], &m->pts[i], m->wide, m->clear);
+	for (size_t i = 0; i < m->n; i++) {
+		const int32_t x = m->pts[i].x, y = m->pts[i].y;
+
+		for (uint64_t bits = squares_at(&s, x, y); bits; bits &= bits - 1)
+			if (squares_in_strip(&strip[__builtin_ctzll(bits)], x, y))
+				mark_record(&m->piece[__builtin_ctzll(bits)], &m->pts[i], m->wide, m->clear);
+	}
 	m->npiece = 0;
 }
 
