@@ -22,16 +22,15 @@ static bool in_region(const struct constrain_work *w, const int32_t box[4])
 }
 
 /* Of a wide disc only its triangle is searched at first, which is the first in which it sees. */
-static bool in_search(const struct constrain_work *w, const struct constrain_disc *d)
+static bool takes_part(const struct constrain_disc *d, bool inside)
 {
-	return w->inside ? d->wide : !d->wide || !(d->pick[0].any || d->pick[1].any || d->pick[2].any);
+	return inside ? d->wide : !d->wide || !(d->pick[0].any || d->pick[1].any || d->pick[2].any);
 }
 
 /* Whether positions in the box may be in the disc. */
 static bool may_have(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])
 {
-	return in_search(w, d) && constrain_boxes_meet(box, w->inside ? w->sight[d->sight].box : d->box) &&
-	       cut_disc_meets(&d->disc, box);
+	return d->part && constrain_boxes_meet(box, w->inside ? w->sight[d->sight].box : d->box) && cut_disc_meets(&d->disc, box);
 }
 
 static bool disc_meets(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])
@@ -95,8 +94,13 @@ static uint32_t vertex_at(struct constrain_work *w, const struct constrain_hit *
 	const struct tri_triangle *t = hit->sight == NONE ? NULL : &w->r.triangle[w->sight[d->sight + hit->sight].triangle];
 
 	if (!t || !constrain_real(t)) {
+		uint32_t vertex, near = w->near;
+
 		w->near = d->triangle;
-		return constrain_vertex(w, at);
+		vertex = constrain_vertex(w, at);
+		/* Other walks do not depend on cells. */
+		w->near = near;
+		return vertex;
 	}
 	for (unsigned k = 0; k < 3; k++)
 		if (w->r.xy[t->corner[k]][0] == at[0] && w->r.xy[t->corner[k]][1] == at[1])
@@ -257,10 +261,11 @@ static int search(struct constrain_work *w, bool inside)
 
 	w->inside = inside;
 	for (uint32_t i = 0; i < w->ndisc; i++) {
-		const struct constrain_disc *d = &w->disc[i];
+		struct constrain_disc *d = &w->disc[i];
 		const int32_t *box = inside ? w->sight[d->sight].box : d->box;
 
-		if (!in_search(w, d))
+		d->part = takes_part(d, inside);
+		if (!d->part)
 			continue;
 		point_box_join(w->c->depends.disc, box);
 		if (w->c->cover)

@@ -60,6 +60,7 @@ struct constrain_disc {
 	uint32_t triangle;
 	uint32_t sight, nsight; /* the triangles in which it sees; none: all of the disc is visible */
 	bool wide;              /* the triangle is searched first, and the rest of the disc if nothing is in it */
+	bool part;              /* in the search that is going on */
 	struct constrain_pick pick[3];
 };
 
