@@ -56,7 +56,9 @@ struct constrain {
 	struct cut_cover *cover; /* gets the boxes of discs that are not in the region; may be NULL */
 	bool not_verified;       /* for tests */
 	/* results */
-	const uint64_t *chosen; /* in the arena: a bit for each triangle of `tri`. NULL: those that the region owns */
+	/* In the arena, a bit for each triangle of `tri`: the domain has those that are chosen, and those that are not special
+	 * and that the region owns. special NULL: those that are chosen; chosen NULL: those that the region owns. */
+	const uint64_t *chosen, *special;
 	uint32_t pieces, crossed, added, turns; /* pieces; owned triangles that are crossed; positions beyond P(B) */
 	uint64_t cells_read, points_read;
 	struct cut_lines depends; /* what it depends on beside P(B), without the sum */

@@ -69,14 +69,16 @@ void constrain_lines_sort(struct constrain_work *w)
 	const struct constrain_piece *end = w->piece + w->npiece;
 	struct constrain_piece *to = w->piece + w->npiece;
 
+	if (!w->nnew)
+		return;
 	constrain_sort(w->piece, w->npiece, sizeof(*w->piece), piece_less);
 	/* The last of equals is kept, towards the end of the memory. */
 	for (const struct constrain_piece *p = end; p > w->piece;) {
 		p--;
 		if (to == end || compare(p, to))
 			*--to = *p;
-		else
-			to->gone |= p->gone;
+		else if (!to->in)
+			*to = *p;
 	}
 	w->npiece = (uint32_t)(end - to);
 	w->piece = to;
@@ -103,29 +105,88 @@ static int add_piece(struct constrain_work *w, const struct constrain_piece *p)
 
 static struct constrain_piece made_of(const struct lineset_piece *p)
 {
-	return (struct constrain_piece){.a = {p->a[0], p->a[1]}, .b = {p->b[0], p->b[1]}, .turns = p->turns & LINESET_OUT};
+	return (struct constrain_piece){.a = {p->a[0], p->a[1]},
+					.b = {p->b[0], p->b[1]},
+					.end = {NONE, NONE},
+					.at = {NONE, NONE},
+					.turns = p->turns & LINESET_OUT};
+}
+
+static void find_end(struct constrain_work *w, struct constrain_piece *p, unsigned i)
+{
+	if (p->at[i] != NONE)
+		w->near = p->at[i];
+	p->end[i] = constrain_vertex(w, i ? p->b : p->a);
+	p->at[i] = w->near;
+}
+
+/* A piece with an end that is no vertex is loaded only if it crosses an owned triangle. */
+static bool is_far(struct constrain_work *w, struct constrain_piece *p)
+{
+	find_end(w, p, 0);
+	find_end(w, p, 1);
+	return (p->end[0] == NONE || p->end[1] == NONE) && !constrain_far_crosses(w, p);
+}
+
+static void list_far(struct constrain_work *w, const struct constrain_piece *p)
+{
+	if (w->nfar < FAR)
+		w->far[w->nfar++] = (struct lineset_piece){
+			.a = {p->a[0], p->a[1]}, .b = {p->b[0], p->b[1]}, .turns = p->turns ? LINESET_OUT : 0};
+	else
+		w->many = true;
+}
+
+/* Takes out of those that were found since the last time what is far. They are sorted first, so that ends follow each other. */
+static void settle(struct constrain_work *w)
+{
+	struct constrain_piece *end = w->piece + w->nnew, *to = end;
+
+	if (w->nnew)
+		constrain_hints(w);
+	constrain_sort(w->piece, w->nnew, sizeof(*w->piece), piece_less);
+	for (struct constrain_piece *p = end; p > w->piece;) {
+		p--;
+		if (is_far(w, p))
+			list_far(w, p);
+		else
+			*--to = *p;
+	}
+	w->npiece -= (uint32_t)(to - w->piece);
+	w->piece = to;
+	w->nnew = 0;
 }
 
 static int found_any(void *ctx, const struct lineset_piece *found, struct err *err)
 {
-	const struct constrain_piece p = made_of(found);
 	struct constrain_work *w = ctx;
 
 	(void)err;
-	constrain_points_fill(w);
-	if (constrain_points_find(w, p.a[0], p.a[1]) != NONE && constrain_points_find(w, p.b[0], p.b[1]) != NONE)
-		return add_piece(w, &p);
-	if (w->nfar < FAR)
-		w->far[w->nfar++] = *found;
-	else
-		w->many = true;
+	for (unsigned tries = 0; (uint8_t *)(w->piece - 1) < (uint8_t *)w->point; tries++) {
+		if (tries || !w->nnew)
+			return CONSTRAIN_E_SPLIT;
+		settle(w);
+	}
+	*--w->piece = made_of(found);
+	w->npiece++;
+	w->nnew++;
 	return 0;
 }
 
 int constrain_lines_all(struct constrain_work *w, const int32_t box[4])
 {
+	int rc;
+
 	memcpy(w->all, box, sizeof(w->all));
-	return w->c->lines->find(w->c->lines->ctx, box, found_any, w, w->err);
+	rc = w->c->lines->find(w->c->lines->ctx, box, found_any, w, w->err);
+	settle(w);
+	/* They are sorted unless they were settled in parts. */
+	w->nnew = w->npiece;
+	for (uint32_t i = 1; i < w->npiece; i++)
+		if (!piece_less(&w->piece[i - 1], &w->piece[i]))
+			return rc;
+	w->nnew = 0;
+	return rc;
 }
 
 static int found_piece(void *ctx, const struct lineset_piece *found, struct err *err)
@@ -211,14 +272,17 @@ static int end_points(void *ctx, const struct point *pts, size_t n, struct err *
 }
 
 /* *ret_there: it is a vertex, or becomes one. */
-static int load_end(struct constrain_work *w, const int32_t at[2], bool *ret_there)
+static int load_end(struct constrain_work *w, struct constrain_piece *p, unsigned i, bool *ret_there)
 {
 	const struct constrain *c = w->c;
+	const int32_t *at = i ? p->b : p->a;
 	uint64_t key = point_morton(at[0], at[1]);
 	struct end e = {.view = c->view};
 	int rc;
 
-	*ret_there = constrain_points_find(w, at[0], at[1]) != NONE;
+	if (p->end[i] == NONE)
+		find_end(w, p, i);
+	*ret_there = p->end[i] != NONE;
 	/* All kept positions of the region are vertices. */
 	if (*ret_there || (!c->area && cut_region_holds(c->region, at[0], at[1])))
 		return 0;
@@ -232,13 +296,28 @@ int constrain_lines_ends(struct constrain_work *w)
 	for (uint32_t i = 0; i < w->npiece; i++) {
 		struct constrain_piece *p = &w->piece[i];
 		bool a = false, b = false;
-		int rc = p->gone ? 0 : load_end(w, p->a, &a);
+		int rc;
 
+		if (p->gone || p->in)
+			continue;
+		rc = load_end(w, p, 0, &a);
 		if (!rc && a)
-			rc = load_end(w, p->b, &b);
+			rc = load_end(w, p, 1, &b);
 		if (rc)
 			return rc;
 		p->gone = !a || !b;
 	}
 	return 0;
+}
+
+void constrain_lines_known(struct constrain_work *w, struct constrain_piece *p)
+{
+	for (unsigned i = 0; i < 2; i++) {
+		const uint32_t *corner = w->r.triangle[p->at[i]].corner;
+
+		/* The triangle may have been replaced. */
+		if (corner[0] != p->end[i] && corner[1] != p->end[i] && corner[2] != p->end[i])
+			find_end(w, p, i);
+		tri_piece_end(w->p, w->r.id[p->end[i]], p->at[i]);
+	}
 }

@@ -15,7 +15,7 @@ enum { LIST = 2048, GONE = 16 };
 
 struct out {
 	struct constrain_work *w;
-	uint64_t *waiting; /* bits: chosen triangles that were not reached */
+	uint64_t *chosen, *waiting; /* bits; waiting: chosen triangles that were not reached */
 	uint32_t *list, nlist;
 	const struct constrain_piece *gone[GONE];
 	unsigned ngone;
@@ -64,7 +64,7 @@ static void reach(struct out *o, uint32_t triangle, bool out)
 {
 	o->waiting[triangle / 64] &= ~(UINT64_C(1) << triangle % 64);
 	if (out)
-		o->w->chosen[triangle / 64] &= ~(UINT64_C(1) << triangle % 64);
+		o->chosen[triangle / 64] &= ~(UINT64_C(1) << triangle % 64);
 	o->any |= out;
 	o->list[o->nlist++] = triangle;
 }
@@ -106,14 +106,17 @@ static void find_gone(struct out *o)
 	}
 }
 
-int constrain_out(struct constrain_work *w, bool *ret_any)
+int constrain_out(struct constrain_work *w, uint64_t *chosen, bool *ret_any)
 {
 	size_t bytes = ((size_t)w->r.ntriangle + 63) / 64 * sizeof(uint64_t);
-	struct out o = {.w = w, .waiting = constrain_take(w, bytes), .list = constrain_take(w, LIST * sizeof(uint32_t))};
+	struct out o = {.w = w,
+			.chosen = chosen,
+			.waiting = constrain_take(w, bytes),
+			.list = constrain_take(w, LIST * sizeof(uint32_t))};
 
 	if (!o.waiting || !o.list)
 		return CONSTRAIN_E_SPLIT;
-	memcpy(o.waiting, w->chosen, bytes);
+	memcpy(o.waiting, chosen, bytes);
 	find_gone(&o);
 	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
 		int rc = constrain_bit(o.waiting, i) ? part(&o, i) : 0;

@@ -4,6 +4,7 @@
 
 #include "constrain.h"
 #include "cut_disc.h"
+#include "cut_owner.h"
 #include "geom.h"
 #include "grid.h"
 #include "mesh.h"
@@ -15,19 +16,22 @@ enum {
 	SIGHTS = 4096, /* of all discs of a batch, at least; else of this part of the arena: */
 	SIGHTS_PART = 16,
 	SIGHTS_MOST = 1 << 16,
-	SIGHTS_DISC = 16,    /* a disc for so many of them */
-	HITS = 8,            /* triangles in which a disc sees, for each of a batch */
-	SIGHTS_VERIFIED = 4, /* a verified triangle that is remembered */
-	FAR = 512,           /* pieces that are listed and not loaded */
-	INDEX = 8,           /* triangles, or boxes, under a box of the index */
-	LEVELS = 12,         /* of the index */
+	SIGHTS_DISC = 16, /* a disc for so many of them */
+	HITS = 8,         /* triangles in which a disc sees, for each of a batch */
+	FAR = 512,        /* pieces that are listed and not loaded */
+	HINTS = 16,
+	INDEX = 8,   /* boxes under one of the index */
+	LEVELS = 13, /* of the index */
 	NONE = 0xffffffffu,
 };
 
 struct constrain_piece {
 	int32_t a[2], b[2];
-	bool gone;  /* an end is not kept by the view */
-	bool turns; /* LINESET_OUT */
+	uint32_t end[2]; /* the vertices; NONE: they were not found yet */
+	uint32_t at[2];  /* triangles that were there once */
+	bool gone;       /* an end is not kept by the view */
+	bool turns;      /* LINESET_OUT */
+	bool in;         /* it is in the triangulation */
 };
 
 /* A triangle in which a disc sees, and the edge over which it was entered: its ends, as they are seen from the disc's own
@@ -36,58 +40,68 @@ struct constrain_piece {
 struct constrain_sight {
 	uint32_t triangle, left, right;
 	uint16_t parent, first;
+	uint32_t side;     /* of the disc's own triangle, over which the path begins */
 	uint32_t limit[2]; /* the left end and the right end that limit the view most, of (2) and (3); NONE */
 	int32_t box[4];    /* of what is visible in it */
 };
 
-/* A triangle before the pieces, which one of them crosses. */
-struct constrain_before {
-	uint32_t place;
-	struct tri_triangle triangle;
+/* The best position for a side of the triangle: the side is seen from it at the largest angle, of cotangent `flat`. */
+struct constrain_pick {
+	double flat;
+	struct point point;
+	bool any;
 };
 
 struct constrain_disc {
 	struct cut_disc disc;
-	int32_t box[4]; /* of what is visible */
+	int32_t box[4];    /* of what is visible */
+	int32_t cap[3][4]; /* of what is in the disc beyond each side */
+	double height[3];  /* how far that is beyond the side at most; INFINITY */
 	uint32_t triangle;
 	uint32_t sight, nsight; /* the triangles in which it sees; none: all of the disc is visible */
+	bool wide;              /* the triangle is searched first, and the rest of the disc if nothing is in it */
+	bool part;              /* in the search that is going on */
+	struct constrain_pick pick[3];
 };
 
 struct constrain_hit {
 	uint32_t disc, sight; /* sight: its triangle in which it sees; NONE: any */
 };
 
-/* At the end of the arena. Before it lie the pieces, which grow downwards; at the start of the arena the kernel, then the tables
- * of a turn, then the points that are loaded in it, which grow upwards. */
+/* At the end of the arena. Before it lie the pieces, which grow downwards; at the start of the arena the kernel, then the tables,
+ * then the points that are loaded in a turn, which grow upwards. */
 struct constrain_work {
 	struct constrain *c;
 	struct err *err;
 	struct tri_result r;
-	uint32_t first; /* positions of P(B) */
-	uint32_t cap;   /* of the kernel, for positions that are added */
-	uint8_t *at;    /* end of the tables */
-	/* of all turns, sorted, then new ones: they are at the front */
+	struct cut_owner owner;
+	uint32_t first;               /* positions of P(B) */
+	uint32_t cap;                 /* of the kernel, for positions that are added */
+	uint32_t most;                /* positions for which there is room in the kernel and in the tables */
+	uint32_t near;                /* a triangle where the last walk ended */
+	uint32_t hint[HINTS * HINTS]; /* of squares of `all`: a triangle there; NONE */
+	uint8_t *at;                  /* end of the tables */
+	/* sorted, then new ones: they are at the front */
 	struct constrain_piece *piece;
 	uint32_t npiece, nnew;
 	uint32_t found; /* new ones in this turn */
-	/* Pieces that meet the box of all owned triangles (`depends.box` at first), and of which an end is no vertex. The others
-	 * that meet it are loaded. */
+	/* Pieces that meet the box of P(B), cross no owned triangle, and of which an end is no vertex. The others that meet the
+	 * box are loaded. */
 	int32_t all[4];
 	struct lineset_piece far[FAR];
 	uint32_t nfar;
-	bool many;             /* some are not in the list */
-	uint32_t *slot, nslot; /* vertices by position */
-	bool filled;
-	/* of a turn */
-	uint64_t *chosen, *crossed; /* bits of triangles; crossed: by place, before and after the pieces */
+	bool many;   /* some are not in the list */
+	double wide; /* the least area of the box of a wide disc */
+	/* Bits of triangles by place. special: those that the domain does not have just because it owns them: owned triangles of
+	 * the plain mesh that are crossed, and all new ones. todo: to be verified. */
+	uint64_t *special, *todo;
 	struct tri_pieces *p;
-	struct constrain_before *before; /* all that are crossed */
-	uint32_t nbefore;
-	uint32_t (*own)[3]; /* the corners of owned triangles that are crossed, along the pieces */
+	uint32_t (*own)[3]; /* the corners of owned triangles that are crossed */
 	uint32_t nown;
-	int32_t (*index[LEVELS])[4]; /* boxes of INDEX triangles, then of INDEX boxes ... */
+	int32_t (*index[LEVELS])[4]; /* their boxes, then those of INDEX boxes ... */
 	uint32_t nindex[LEVELS];
 	unsigned levels;
+	uint32_t last; /* the group in which a centroid was found */
 	struct point *point;
 	uint32_t npoint;
 	struct cut_range range[4]; /* of the region */
@@ -97,15 +111,14 @@ struct constrain_work {
 	int32_t around[4], box[BOXES][4];
 	uint32_t nbox;
 	int32_t disc_around[4];
+	bool inside; /* only positions in the triangles of wide discs are searched */
 	struct constrain_disc *disc;
 	uint32_t ndisc, mostdisc;
 	struct constrain_hit *hit; /* what meets the cell that is read */
 	uint32_t nhit, mosthit;
+	int32_t cell[4]; /* its box */
 	struct constrain_sight *sight;
 	uint32_t nsight, mostsight;
-	/* Triangles that were verified, by their corners: what they see is loaded, and more pieces show them nothing new. A place
-	 * has one of those that belong there. */
-	uint32_t (*verified)[3], nverified;
 };
 
 /* What is at the end of an arena of so many bytes. */
@@ -122,6 +135,16 @@ static inline bool constrain_bit(const uint64_t *bits, uint32_t i)
 {
 	return bits[i / 64] >> i % 64 & 1;
 }
+static inline void constrain_bit_set(uint64_t *bits, uint32_t i)
+{
+	bits[i / 64] |= UINT64_C(1) << i % 64;
+}
+/* Whether a triangle is owned, or meets the area. */
+bool constrain_owns(const struct constrain_work *, uint32_t triangle);
+/* Triangles all over the box `all`, where walks begin. */
+void constrain_hints(struct constrain_work *);
+/* The vertex at a position; NONE: it has none. The walk ends at `near`. */
+uint32_t constrain_vertex(struct constrain_work *, const int32_t at[2]);
 void constrain_triangle_box(const struct tri_result *, const uint32_t corner[3], int32_t ret[4]);
 static inline bool constrain_boxes_meet(const int32_t a[4], const int32_t b[4])
 {
@@ -129,43 +152,34 @@ static inline bool constrain_boxes_meet(const int32_t a[4], const int32_t b[4])
 }
 
 typedef bool (*constrain_less_fn)(const void *a, const void *b);
-void constrain_sort(void *array, size_t n, size_t size, constrain_less_fn less); /* of at most 32 bytes each */
+void constrain_sort(void *array, size_t n, size_t size, constrain_less_fn less); /* of at most 40 bytes each */
 
 /* constrain_lines.c: pieces that meet the boxes of triangles. */
-int constrain_lines_all(struct constrain_work *, const int32_t box[4]); /* lists and loads those that meet the box of all */
+int constrain_lines_all(struct constrain_work *, const int32_t box[4]); /* lists and loads those that meet the box of P(B) */
 int constrain_lines_box(struct constrain_work *, const int32_t box[4]); /* adds a box to a batch */
 int constrain_lines_flush(struct constrain_work *);                     /* searches the batch */
 void constrain_lines_sort(struct constrain_work *);                     /* the new ones are among the others */
-/* Loads the ends of pieces that are no vertex. */
+/* Finds the ends of pieces, and loads those that are no vertex. */
 int constrain_lines_ends(struct constrain_work *);
+/* Makes the ends of a piece known to the kernel. */
+void constrain_lines_known(struct constrain_work *, struct constrain_piece *);
+/* Whether a piece that has an end that is no vertex crosses an owned triangle; true if that is not sure. */
+bool constrain_far_crosses(struct constrain_work *, const struct constrain_piece *); /* constrain_far.c */
 
-/* constrain_points.c: vertices by position, and points that are loaded. */
-bool constrain_points_reserve(struct constrain_work *); /* the table, behind the kernel; false: no room */
-void constrain_points_fill(struct constrain_work *);    /* if it is not filled */
-static inline uint32_t constrain_points_slot(const struct constrain_work *w, int32_t x, int32_t y)
-{
-	uint64_t h = ((uint64_t)(uint32_t)x << 32 | (uint32_t)y) * UINT64_C(0x9e3779b97f4a7c15);
-
-	h = (h ^ h >> 32) * UINT64_C(0xd6e8feb86659fd93);
-	return (uint32_t)((h >> 32) * w->nslot >> 32);
-}
-uint32_t constrain_points_find(const struct constrain_work *, int32_t x, int32_t y); /* NONE: it is no vertex */
-bool constrain_points_known(struct constrain_work *, const struct point *); /* a vertex has its position, and the height */
-int constrain_points_add(struct constrain_work *, const struct point *);    /* CONSTRAIN_E_SPLIT: no room */
-void constrain_points_reduce(struct constrain_work *);                      /* sorts them, one for each position */
-int constrain_points_merge(struct constrain_work *);                        /* the triangulation of all, without pieces */
+/* constrain_points.c: points that are loaded. */
+int constrain_points_add(struct constrain_work *, const struct point *); /* CONSTRAIN_E_SPLIT: no room */
+int constrain_points_plain(struct constrain_work *); /* adds them before there are pieces, and finds the ends of pieces again */
+/* Adds them to what has pieces. *ret_again: there is no room, and all was triangulated again, without pieces. */
+int constrain_points_insert(struct constrain_work *, bool *ret_again);
 
 /* constrain_disc.c: verification. Adds a flagged triangle; loads what is in the discs. */
 int constrain_disc_add(struct constrain_work *, uint32_t triangle);
 int constrain_disc_flush(struct constrain_work *);
 
-/* constrain_verified.c: triangles that need not be verified again. */
-bool constrain_verified(const struct constrain_work *, uint32_t triangle);
-void constrain_verified_add(struct constrain_work *, uint32_t triangle);
-void constrain_verified_clear(struct constrain_work *);
-
 /* constrain_sight.c: what is visible from a triangle in its disc. Sets sight and box, and adds to the sights of the batch. */
 void constrain_sight_follow(struct constrain_work *, struct constrain_disc *);
+/* Whether what is visible in triangle i of those in which a disc sees may meet the box; in one of them. */
+bool constrain_sight_meets(const struct constrain_work *, const struct constrain_disc *, uint32_t i, const int32_t box[4]);
 bool constrain_sight_box(const struct constrain_work *, const struct constrain_disc *, const int32_t box[4]);
 /* The triangles in which a disc sees that meet the box; returns how many, of which the first `most` are set. */
 uint32_t constrain_sight_list(const struct constrain_work *, const struct constrain_disc *, const int32_t box[4],
@@ -181,10 +195,11 @@ bool constrain_sight_in(const struct constrain_work *, const struct constrain_di
 bool constrain_sight_point(const struct constrain_work *, const struct constrain_disc *, const int32_t at[2]);
 
 /* constrain_out.c: clears the bits of chosen triangles that are out; *ret_any: there are some. */
-int constrain_out(struct constrain_work *, bool *ret_any);
+int constrain_out(struct constrain_work *, uint64_t *chosen, bool *ret_any);
 
 /* constrain_owner.c: the owned triangles that are crossed. */
-bool constrain_owner_index(struct constrain_work *); /* false: no room */
-bool constrain_owner_has(const struct constrain_work *, const uint32_t corner[3]);
+bool constrain_owner_index(struct constrain_work *);                                    /* false: no room */
+bool constrain_owner_has(struct constrain_work *, const uint32_t corner[3]);            /* one of them has the centroid */
+bool constrain_owner_overlaps(const struct constrain_work *, const uint32_t corner[3]); /* one of them overlaps the triangle */
 
 #endif

@@ -123,7 +123,7 @@ static bool find_box(const struct constrain_work *w, const struct constrain_disc
 	const struct constrain_sight *first = &list[ret->first];
 	struct polygon p = {.n = 3};
 
-	memcpy(ret->box, d->box, sizeof(ret->box));
+	memcpy(ret->box, d->cap[ret->side], sizeof(ret->box));
 	if (!is_real(w, ret))
 		return true;
 	for (unsigned i = 0; i < 3; i++)
@@ -173,6 +173,61 @@ static void set_limits(const struct constrain_work *w, const struct constrain_si
 	}
 }
 
+/*
+ * By (1) of edge 0, what is visible over it lies in the part of the disc beyond it. If the angle across from the edge is not
+ * obtuse, that part is not more than half of the disc. It is then within its height of the edge, which is half of the edge times
+ * the tangent of half of the angle.
+ */
+static void set_caps(const struct constrain_work *w, struct constrain_disc *d)
+{
+	const uint32_t *corner = w->r.triangle[d->triangle].corner;
+
+	for (unsigned k = 0; k < 3; k++) {
+		const int32_t *c = w->r.xy[corner[k]], *a = w->r.xy[corner[(k + 1) % 3]], *b = w->r.xy[corner[(k + 2) % 3]];
+		double ax = (double)a[0] - c[0], ay = (double)a[1] - c[1], bx = (double)b[0] - c[0], by = (double)b[1] - c[1];
+		double dot = ax * bx + ay * by, both = sqrt((ax * ax + ay * ay) * (bx * bx + by * by));
+		double height = hypot(ax - bx, ay - by) / 2 * ((double)geom_area(c, a, b) / (both + dot)) * (1 + 0x1p-30) + 2;
+
+		memcpy(d->cap[k], d->box, sizeof(d->box));
+		d->height[k] = dot < 0 ? INFINITY : height;
+		if (dot < 0)
+			continue;
+		for (unsigned i = 0; i < 2; i++) {
+			double low = (a[i] < b[i] ? a[i] : b[i]) - height, high = (a[i] < b[i] ? b[i] : a[i]) + height;
+
+			if (low > d->cap[k][i])
+				d->cap[k][i] = (int32_t)low;
+			if (high < d->cap[k][2 + i])
+				d->cap[k][2 + i] = (int32_t)high;
+		}
+	}
+}
+
+static bool edge_meets(const int32_t *const end[2], const int32_t box[4])
+{
+	int32_t own[4] = {end[0][0], end[0][1], end[0][0], end[0][1]};
+
+	point_box_join(own, (const int32_t[4]){end[1][0], end[1][1], end[1][0], end[1][1]});
+	return constrain_boxes_meet(own, box);
+}
+
+/* Whether an edge begins at a corner of the disc's triangle, which is on the circle, and leads away from the disc. */
+static bool leads_away(const struct constrain_work *w, const struct constrain_disc *d, const uint32_t end[2])
+{
+	const uint32_t *corner = w->r.triangle[d->triangle].corner;
+
+	for (unsigned i = 0; i < 2; i++) {
+		const int32_t *from = w->r.xy[end[i]], *to = w->r.xy[end[!i]];
+		double ex = (double)to[0] - from[0], ey = (double)to[1] - from[1];
+		double ux = (double)d->disc.a[0] - from[0] + d->disc.ux, uy = (double)d->disc.a[1] - from[1] + d->disc.uy;
+		double slack = 0x1p-40 * (fabs(ex) + fabs(ey)) * (fabs(d->disc.ux) + fabs(d->disc.uy) + fabs(ux) + fabs(uy));
+
+		if ((end[i] == corner[0] || end[i] == corner[1] || end[i] == corner[2]) && ex * ux + ey * uy < -slack)
+			return true;
+	}
+	return false;
+}
+
 /* Adds the triangles behind the edges of one. False: there are too many. */
 static bool follow(const struct constrain_work *w, const struct constrain_disc *d, struct constrain_sight *list, uint32_t from,
 		   uint32_t *n)
@@ -182,9 +237,11 @@ static bool follow(const struct constrain_work *w, const struct constrain_disc *
 	for (unsigned k = 0; k < 3; k++) {
 		uint32_t right = t->corner[(k + 1) % 3], left = t->corner[(k + 2) % 3];
 		const int32_t *const end[2] = {w->r.xy[right], w->r.xy[left]};
+		uint32_t side = from ? list[from].side : k;
 
 		/* Back over the edge by which it was entered: the ends are exchanged. */
 		if (t->link[k] & 1 || (from && right == list[from].left && left == list[from].right) ||
+		    (from && leads_away(w, d, (const uint32_t[2]){right, left})) || !edge_meets(end, d->cap[side]) ||
 		    !cut_disc_meets_edge(&d->disc, end[0], end[1]) || edge_excluded(w, list, &list[from], end))
 			continue;
 		if (*n == SIGHT)
@@ -193,6 +250,7 @@ static bool follow(const struct constrain_work *w, const struct constrain_disc *
 						    .left = left,
 						    .right = right,
 						    .parent = (uint16_t)from,
+						    .side = side,
 						    .first = from ? list[from].first : (uint16_t)*n};
 		set_limits(w, list, &list[*n]);
 		*n += find_box(w, d, list, &list[*n]);
@@ -205,6 +263,7 @@ void constrain_sight_follow(struct constrain_work *w, struct constrain_disc *d)
 	struct constrain_sight *list = w->sight + w->nsight;
 	uint32_t n = 1;
 
+	set_caps(w, d);
 	d->sight = w->nsight;
 	d->nsight = 0;
 	list[0] = (struct constrain_sight){.triangle = d->triangle, .limit = {NONE, NONE}};
@@ -262,6 +321,13 @@ static bool excluded(const struct constrain_work *w, const struct constrain_sigh
 		if (is_left(xy[s->right], xy[s->left], box))
 			return true;
 	return false;
+}
+
+bool constrain_sight_meets(const struct constrain_work *w, const struct constrain_disc *d, uint32_t i, const int32_t box[4])
+{
+	const struct constrain_sight *list = w->sight + d->sight;
+
+	return constrain_boxes_meet(list[i].box, box) && !excluded(w, list, &list[i], box);
 }
 
 bool constrain_sight_box(const struct constrain_work *w, const struct constrain_disc *d, const int32_t box[4])

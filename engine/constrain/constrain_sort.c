@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-enum { ELEMENT_MOST = 32 };
+enum { ELEMENT_MOST = 40 };
 
 static void sift(uint8_t *base, size_t at, size_t n, size_t size, constrain_less_fn less)
 {

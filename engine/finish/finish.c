@@ -65,6 +65,11 @@ static bool is_ghost(const uint32_t c[3])
 	return c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
 }
 
+static bool bit(const uint64_t *bits, uint32_t i)
+{
+	return bits[i / 64] >> i % 64 & 1;
+}
+
 /* The chosen triangles, as they are packed to the front. */
 struct packed {
 	uint32_t (*out)[3];
@@ -94,33 +99,42 @@ static void pack_end(struct finish *f, const struct packed *p)
 }
 
 /* Until triangles get their local numbers, the highest bit of a corner says that the side across from it is a piece. */
-static inline void mark_edges(struct finish *f, uint32_t t[3], const uint32_t link[3])
+static void mark_edges(struct finish *f, uint32_t t[3], const uint32_t link[3])
 {
 	for (unsigned k = 0; k < 3; k++)
 		t[k] |= (link[k] & 1) << EDGE_AT;
-	f->edges |= (link[0] | link[1] | link[2]) & 1;
+	f->edges = true;
 }
 
-void finish_chosen(struct finish *f, const uint64_t *bits)
+void finish_chosen(struct finish *f, const struct finish_choice *choice)
 {
+	const uint64_t *chosen = choice->chosen, *special = choice->special;
 	struct packed p = {.out = (uint32_t(*)[3])f->tri.triangle};
 	const struct tri_triangle *t = f->tri.triangle;
+	const int32_t(*xy)[2] = f->tri.xy;
 	uint8_t *mark = marks(f);
+	uint32_t count = f->tri.ntriangle;
+	struct cut_owner owner;
 
+	cut_owner_init(&owner, f->region);
 	f->chosen = true;
 	memset(mark, 0, f->tri.nvertex);
-	for (uint32_t i = 0; i < f->tri.ntriangle; i++) {
+	for (uint32_t i = 0; i < count; i++) {
 		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
+		bool ghost = is_ghost(c), plain = special && !ghost && !bit(special, i);
 
-		if (bits[i / 64] >> i % 64 & 1) {
+		for (unsigned k = 0; k < 3 && i + AHEAD < count; k++)
+			__builtin_prefetch(&xy[t[i + AHEAD].corner[k]]);
+		if (bit(chosen, i) || (plain && cut_owner_has(&owner, xy[c[0]], xy[c[1]], xy[c[2]]))) {
 			const uint32_t link[3] = {t[i].link[0], t[i].link[1], t[i].link[2]};
 
 			pack(f, &p, mark, c);
-			mark_edges(f, p.out[p.n - 1], link);
+			if (__builtin_expect((link[0] | link[1] | link[2]) & 1, 0))
+				mark_edges(f, p.out[p.n - 1], link);
 			continue;
 		}
 		mark_open(mark, c);
-		if (is_ghost(c) && f->region->inf)
+		if (ghost && f->region->inf)
 			ghost_count(f, c);
 	}
 	pack_end(f, &p);
@@ -201,6 +215,7 @@ bool finish_vertices(struct finish *f)
 {
 	const uint8_t *mark = marks(f);
 	uint32_t *number = numbers(f), open_at, closed_at;
+	struct digest beyond = {0, 0}; /* closed vertices that are not in the region */
 	int32_t box[6] = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN};
 
 	if (!lay_out(f))
@@ -216,8 +231,11 @@ bool finish_vertices(struct finish *f)
 		finish_position(f, xy, at);
 
 		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */
-		if ((m != USED || f->chosen) && cut_region_holds(f->region, xy[0], xy[1]))
-			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
+		bool holds = m == USED && !f->chosen ? true : cut_region_holds(f->region, xy[0], xy[1]);
+
+		if (holds != (m == USED))
+			digest_add_vertex(holds ? &f->out.own_digest : &beyond, at[0] + f->k[0], at[1] + f->k[1],
+					  at[2] + f->k[2]);
 		if (!(m & USED))
 			continue;
 		to = m & OPEN ? --open_at : --closed_at;
@@ -227,8 +245,8 @@ bool finish_vertices(struct finish *f)
 		if (!(m & OPEN))
 			digest_add_vertex(&f->out.closed_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 	}
-	if (!f->chosen)
-		digest_add(&f->out.own_digest, f->out.closed_digest);
+	digest_add(&f->out.own_digest, f->out.closed_digest);
+	digest_sub(&f->out.own_digest, beyond);
 	if (f->out.nvertex)
 		memcpy(f->out.box, box, sizeof box);
 	return true;
@@ -260,29 +278,19 @@ static void link_triangle(struct mesh_domain *d, const uint32_t t[3])
 			link_add(&d->link[t[k]], h[(k + 1) % 3], h[(k + 2) % 3]);
 }
 
-static void take_edges(struct mesh_domain *d)
-{
-	for (uint32_t i = 0; i < d->ntriangle; i++) {
-		d->edges[i] = 0;
-		for (unsigned k = 0; k < 3; k++) {
-			d->edges[i] |= (uint8_t)(d->triangle[i][k] >> EDGE_AT << k);
-			d->triangle[i][k] &= ~(UINT32_C(1) << EDGE_AT);
-		}
-	}
-}
-
-void finish_numbers(struct finish *f)
+static inline __attribute__((always_inline)) void number_triangles(struct finish *f, bool edges)
 {
 	const uint32_t *number = numbers(f);
 	uint32_t nopen = f->out.nopen, count = f->out.ntriangle;
 	uint32_t(*triangle)[3] = f->out.triangle;
 
-	if (f->edges)
-		take_edges(&f->out);
 	for (uint32_t i = 0; i < count; i++) {
-		uint32_t *t = triangle[i];
-		uint32_t a = number[t[0]], b = number[t[1]], c = number[t[2]];
+		uint32_t *t = triangle[i], mask = edges ? ~(UINT32_C(1) << EDGE_AT) : UINT32_MAX;
+		uint32_t a = number[t[0] & mask], b = number[t[1] & mask], c = number[t[2] & mask];
 		uint32_t least = a < b ? a : b;
+
+		if (edges)
+			f->out.edges[i] = (uint8_t)(t[0] >> EDGE_AT | t[1] >> EDGE_AT << 1 | t[2] >> EDGE_AT << 2);
 
 		t[0] = a;
 		t[1] = b;
@@ -290,6 +298,14 @@ void finish_numbers(struct finish *f)
 		if (__builtin_expect((c < least ? c : least) < nopen, 0))
 			link_triangle(&f->out, t);
 	}
+}
+
+void finish_numbers(struct finish *f)
+{
+	if (f->edges)
+		number_triangles(f, true);
+	else
+		number_triangles(f, false);
 }
 
 static int compare_on_line(const void *a, const void *b)

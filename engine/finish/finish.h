@@ -31,8 +31,12 @@ void finish_init(struct finish *, const struct cut_region *, const int64_t k[3],
  * region, and counts.most, are of the mapped ones. */
 void finish_map(struct finish *, const struct view *);
 void finish_owned(struct finish *); /* the region's triangles, their digest, the marks of vertices */
-/* Or instead: the triangles whose bits are set. A vertex may then be closed in the domain of another region. */
-void finish_chosen(struct finish *, const uint64_t *bits);
+/* Or instead: the triangles whose bits are set in `chosen`, and if `special` is not NULL the region's triangles whose bits are
+ * not set there. A vertex may then be closed in the domain of another region. */
+struct finish_choice {
+	const uint64_t *chosen, *special;
+};
+void finish_chosen(struct finish *, const struct finish_choice *);
 bool finish_vertices(struct finish *); /* vertices, box, digest of the closed ones. False: they do not fit */
 void finish_numbers(struct finish *);  /* local numbers in the triangles, links of open vertices */
 

@@ -129,7 +129,10 @@ static inline const struct lineset_inner *lineset_page_inner(const struct linese
 
 /* Whether the piece has a position in common with the closed box. */
 bool lineset_meets(const struct lineset_piece *, const int32_t box[4]);
-bool lineset_boxes_meet(const int32_t a[4], const int32_t b[4]);
+static inline bool lineset_boxes_meet(const int32_t a[4], const int32_t b[4])
+{
+	return a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
+}
 
 /* A path that begins at a position with a known state: up or down to the height of its end, then to the left or right. */
 struct lineset_path {

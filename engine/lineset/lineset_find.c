@@ -7,11 +7,6 @@
 #include "geom.h"
 #include "lineset_file.h"
 
-bool lineset_boxes_meet(const int32_t a[4], const int32_t b[4])
-{
-	return a[0] <= b[2] && b[0] <= a[2] && a[1] <= b[3] && b[1] <= a[3];
-}
-
 static bool box_in(const int32_t inner[4], const int32_t outer[4])
 {
 	return inner[0] >= outer[0] && inner[1] >= outer[1] && inner[2] <= outer[2] && inner[3] <= outer[3];
@@ -39,7 +34,9 @@ static int visit_page(struct lineset_reader *r, const struct lineset_visit *v, u
 		if (!level) {
 			const struct lineset_piece *piece = &lineset_page_pieces(p)[k];
 
-			if ((!v->turns || (piece->turns & v->turns)) && lineset_meets(piece, v->box))
+			/* Most pieces of a page are beside the box. */
+			if (piece->a[0] <= v->box[2] && piece->b[0] >= v->box[0] && (!v->turns || (piece->turns & v->turns)) &&
+			    lineset_meets(piece, v->box))
 				rc = v->piece(v->ctx, piece, err);
 		} else {
 			const struct lineset_inner *e = &lineset_page_inner(p)[k];

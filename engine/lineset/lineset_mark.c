@@ -13,6 +13,7 @@
 #include "err.h"
 #include "geom.h"
 #include "lineset_file.h"
+#include "squares.h"
 
 static int64_t floor_div(int64_t n, int64_t d)
 {
@@ -309,58 +310,41 @@ static void end_groups(struct mark *m)
 
 /* ---- without areas ---- */
 
-/* Pieces that are compared with records together; columns and rows of the box. */
-enum { TOGETHER = 64, SQUARES = 32 };
-
 struct near {
 	int32_t box[4];
 	double clear;
 	int64_t wide;
 	struct point *pts;
 	size_t n;
-	struct lineset_piece piece[TOGETHER];
+	struct lineset_piece piece[SQUARES_BOXES];
 	unsigned npiece;
 };
-
-/* The box in columns and rows: in each, bits of the pieces whose widened box meets it. */
-struct squares {
-	unsigned shift[2];
-	uint64_t bits[2][SQUARES];
-};
-
-static void squares_fill(struct squares *s, const struct near *m)
-{
-	memset(s, 0, sizeof(*s));
-	for (unsigned k = 0; k < 2; k++) {
-		int64_t from = m->box[k], size = m->box[k + 2] - from;
-
-		while (size >> s->shift[k] >= SQUARES)
-			s->shift[k]++;
-		for (unsigned i = 0; i < m->npiece; i++) {
-			int64_t a = m->piece[i].a[k] - from, b = m->piece[i].b[k] - from;
-			int64_t low = (a < b ? a : b) - m->wide, high = (a < b ? b : a) + m->wide;
-
-			low = low < 0 ? 0 : low;
-			high = high > size ? size : high;
-			for (int64_t at = low >> s->shift[k]; at <= high >> s->shift[k]; at++)
-				s->bits[k][at] |= UINT64_C(1) << i;
-		}
-	}
-}
 
 /* Compares the pieces that were collected with the records in their columns and rows. */
 static void mark_together(struct near *m)
 {
+	struct squares_strip strip[SQUARES_BOXES];
 	struct squares s;
 
-	squares_fill(&s, m);
-	for (size_t i = 0; i < m->n; i++) {
-		struct point *at = &m->pts[i];
-		uint32_t column = ((uint32_t)at->x - (uint32_t)m->box[0]) >> s.shift[0];
-		uint32_t row = ((uint32_t)at->y - (uint32_t)m->box[1]) >> s.shift[1];
+	squares_init(&s, m->box);
+	for (unsigned i = 0; i < m->npiece; i++) {
+		int64_t low[2], high[2];
 
-		for (uint64_t bits = s.bits[0][column % SQUARES] & s.bits[1][row % SQUARES]; bits; bits &= bits - 1)
-			mark_record(&m->piece[__builtin_ctzll(bits)], at, m->wide, m->clear);
+		for (unsigned k = 0; k < 2; k++) {
+			int64_t a = m->piece[i].a[k], b = m->piece[i].b[k];
+
+			low[k] = (a < b ? a : b) - m->wide;
+			high[k] = (a < b ? b : a) + m->wide;
+		}
+		squares_add(&s, i, low, high);
+		strip[i] = squares_strip(m->piece[i].a, m->piece[i].b, -m->clear, m->clear);
+	}
+	for (size_t i = 0; i < m->n; i++) {
+		const int32_t x = m->pts[i].x, y = m->pts[i].y;
+
+		for (uint64_t bits = squares_at(&s, x, y); bits; bits &= bits - 1)
+			if (squares_in_strip(&strip[__builtin_ctzll(bits)], x, y))
+				mark_record(&m->piece[__builtin_ctzll(bits)], &m->pts[i], m->wide, m->clear);
 	}
 	m->npiece = 0;
 }
@@ -370,7 +354,7 @@ static int near_piece(void *ctx, const struct lineset_piece *p, struct err *err)
 	struct near *m = ctx;
 
 	m->piece[m->npiece++] = *p;
-	if (m->npiece == TOGETHER)
+	if (m->npiece == SQUARES_BOXES)
 		mark_together(m);
 	return 0;
 }

@@ -4,6 +4,7 @@
 #include "pipe.h"
 
 #include "constrain.h"
+#include "finish.h"
 #include "pipe_priv.h"
 
 bool pipe_has_out(const struct grid *grid)
@@ -25,7 +26,7 @@ static int trace_lines(const struct constrain *c, uint32_t cap, struct cut_trace
 
 int pipe_constrain(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		   const struct pipe_budget *budget, void *memory, struct tri **tri, uint32_t tri_cap, struct mesh_counts *counts,
-		   const uint64_t **ret_chosen, uint64_t *ret_need, struct err *err)
+		   struct finish_choice *ret, uint64_t *ret_need, struct err *err)
 {
 	struct cut_trace *trace = &((struct pipe_trace *)memory)->trace;
 	struct cut_cover cover = {.trace = trace};
@@ -53,7 +54,7 @@ int pipe_constrain(const struct grid *grid, const struct view *view, const struc
 		r = trace_lines(&c, budget->cap, trace, err);
 	grid_reader_free(reader);
 	*tri = c.tri;
-	*ret_chosen = c.chosen;
+	*ret = (struct finish_choice){c.chosen, c.special};
 	counts->halo += c.added;
 	counts->cells_read += c.cells_read;
 	counts->points_read += c.points_read;

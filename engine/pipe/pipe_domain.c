@@ -111,7 +111,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	const int64_t *k = grid_manifest(grid)->lattice.k;
-	const uint64_t *chosen = NULL;
+	struct finish_choice choice = {NULL, NULL};
 	struct finish f = {0};
 	struct cut_load load;
 	struct tri *tri;
@@ -145,13 +145,13 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		return 0;
 	}
 	if (grid_lines(grid)) {
-		r = pipe_constrain(grid, view, region, budget, memory, &tri, cap, &f.out.counts, &chosen, ret_need, err);
+		r = pipe_constrain(grid, view, region, budget, memory, &tri, cap, &f.out.counts, &choice, ret_need, err);
 		if (r)
 			return r;
 	}
 	finish_init(&f, region, k, tri);
-	if (chosen)
-		finish_chosen(&f, chosen);
+	if (choice.chosen)
+		finish_chosen(&f, &choice);
 	else
 		finish_owned(&f);
 	if (!finish_vertices(&f)) {

@@ -14,6 +14,7 @@
 struct cut_load;
 struct cut_region;
 struct err;
+struct finish_choice;
 struct grid;
 struct grid_reader;
 struct mesh_counts;
@@ -38,11 +39,11 @@ void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget,
 /* The kernel, with the loaded positions as its input, and its capacity. */
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
 			    const struct cut_load *load, uint32_t *ret_cap);
-/* For a grid with lines, after tri_run: the triangles of the region if they differ from the owned ones (else *ret_chosen is
+/* For a grid with lines, after tri_run: the triangles of the region if they differ from the owned ones (else ret->chosen is
  * NULL), of *tri, which may become another one. PIPE_E_SPLIT as of pipe_domain. */
 int pipe_constrain(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		   const struct pipe_budget *budget, void *memory, struct tri **tri, uint32_t tri_cap, struct mesh_counts *counts,
-		   const uint64_t **ret_chosen, uint64_t *ret_need, struct err *err);
+		   struct finish_choice *ret, uint64_t *ret_need, struct err *err);
 /* Whether the view has fewer than three positions, or all are collinear; *ret_counts is then of all points, else of
  * those up to the first that is not collinear. And the domain of a loaded `flat` leaf: its vertices (pipe_flat.c). */
 int pipe_flat_scan(struct grid_reader *, const struct view *, bool *ret, struct mesh_counts *ret_counts, struct err *err);

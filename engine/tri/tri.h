@@ -39,6 +39,10 @@ enum { TRI_E_FULL = 2 };
 int tri_add(struct tri *, const struct mesh_vertex *, uint32_t n, bool highest);
 uint32_t tri_count(const struct tri *); /* number of vertices, also after TRI_E_FLAT */
 
+/* The triangle that a position is in or on, or a ghost whose side it is strictly beyond; also with pieces (tri_piece.h). The walk
+ * begins at triangle `from`, best one that is near. */
+uint32_t tri_walk(const struct tri *, const int32_t at[2], uint32_t from);
+
 /*
  * The result. Vertices are renumbered in curve order; `id` is the index in the input. Triangles [0, ntriangle) include
  * ghosts: corner[i] == TRI_GHOST is the infinite vertex. link[i] is across from corner[i]: the other triangle times 8,

@@ -161,9 +161,9 @@ static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t
 }
 
 /* Replaces the triangles in conflict with vertex p (`root` is one) by a fan around p. The slots `fresh` and `fresh` + 1
- * are unused. Returns a triangle of the fan. */
-static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p, uint32_t root, uint32_t fresh,
-			    bool careful)
+ * are unused. Returns a triangle of the fan. `pieces`: some links are constrained, and the cavity ends there. */
+static inline __attribute__((always_inline)) uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p,
+								  uint32_t root, uint32_t fresh, bool careful, bool pieces)
 {
 	const int32_t at[2] = {xy[p][0], xy[p][1]};
 	uint32_t top = STACK_FIRST, slot = fresh, last = fresh, link = tri[root].link[0];
@@ -180,7 +180,9 @@ static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], ui
 		struct spoke v = {0, 0, 0, tri_corner_of(t, side2)};
 		bool conflict;
 
-		if (TRI_UNLIKELY(careful || v.vertex == TRI_GHOST)) {
+		if (pieces && link & 1) {
+			conflict = false;
+		} else if (TRI_UNLIKELY(careful || v.vertex == TRI_GHOST)) {
 			conflict = careful_conflict(t, xy, at);
 			careful |= conflict;
 		} else {
@@ -204,7 +206,7 @@ static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], ui
 		n->link[1] = last << 3;
 		n->link[2] = link;
 		tri[last].link[0] = slot << 3 | 2;
-		t->link[side2 >> 1] = slot << 3 | 4;
+		t->link[side2 >> 1] = slot << 3 | 4 | (pieces ? link & 1 : 0);
 		last = slot;
 
 		a = b;
@@ -242,7 +244,7 @@ void tri_insert_all(struct tri *t, bool narrow)
 
 	for (uint32_t p = 3; p < t->nvertex; p++) {
 		at = narrow ? narrow_walk(tri, xy, xy[p], at) : careful_walk(tri, xy, xy[p], at);
-		at = cavity_fill(tri, xy, p, at, n, !narrow);
+		at = cavity_fill(tri, xy, p, at, n, !narrow, false);
 		n += 2;
 	}
 	t->ntriangle = n;
@@ -264,7 +266,49 @@ bool tri_insert_one(struct tri *t, bool narrow, uint32_t *ret_same)
 		*ret_same = corner;
 		return false;
 	}
-	cavity_fill(tri, xy, p, at, n, !narrow);
+	cavity_fill(tri, xy, p, at, n, !narrow, false);
 	t->ntriangle = n + 2;
 	return true;
+}
+
+bool tri_conflict(const struct tri *t, uint32_t triangle, const int32_t at[2])
+{
+	return careful_conflict(&t->triangle[triangle], (const int32_t(*)[2])t->xy, at);
+}
+
+void tri_insert_at(struct tri *t, uint32_t root)
+{
+	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
+
+	cavity_fill(t->triangle, xy, t->nvertex - 1, root, t->ntriangle, !tri_narrow(&t->extent), true);
+	t->ntriangle += 2;
+}
+
+/* In triangles that are not Delaunay a walk may go round in circles if it always decides in the same way. So the side that is
+ * tested first is drawn. */
+uint32_t tri_walk(const struct tri *t, const int32_t at[2], uint32_t from)
+{
+	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
+	uint32_t here = real_neighbour(t->triangle, from), before = UINT32_MAX, random = 1;
+
+	for (;;) {
+		const struct tri_triangle *tri = &t->triangle[here];
+		unsigned side, left;
+
+		random = random * UINT32_C(1664525) + UINT32_C(1013904223);
+		side = random >> 30;
+		for (left = 3; left > 0; left--, side++) {
+			side -= side >= 3 ? 3 : 0;
+			if (tri->link[side] >> 3 != before &&
+			    geom_orient(xy[tri->corner[(side + 1) % 3]], xy[tri->corner[(side + 2) % 3]], at) < 0)
+				break;
+		}
+		if (!left)
+			return here;
+		before = here;
+		here = tri->link[side] >> 3;
+		tri = &t->triangle[here];
+		if (tri->corner[0] == TRI_GHOST || tri->corner[1] == TRI_GHOST || tri->corner[2] == TRI_GHOST)
+			return here;
+	}
 }

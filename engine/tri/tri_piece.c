@@ -28,23 +28,36 @@ size_t tri_pieces_bytes(uint32_t cap, uint32_t most)
 	       ((size_t)most + 4) * sizeof(struct tri_node);
 }
 
-struct tri_pieces *tri_pieces_init(void *memory, struct tri *t, uint32_t most)
+struct tri_pieces *tri_pieces_open(void *memory, struct tri *t, uint32_t cap, uint32_t most)
 {
 	struct tri_pieces *p = memory;
 
 	memset(p, 0, sizeof(*p));
 	p->tri = t;
+	p->cap = cap;
 	p->most = most;
 	p->flag = (uint64_t *)((unsigned char *)memory + PIECES_HEAD_BYTES);
-	p->node = (struct tri_node *)(p->flag + flag_words(t->nvertex));
+	p->node = (struct tri_node *)(p->flag + flag_words(cap));
 	p->crossed = (struct tri_crossed *)(p->node + most + 4);
 	p->at = (uint32_t *)(p->crossed + most + 1);
-	memset(p->flag, 0, flag_words(t->nvertex) * sizeof(*p->flag));
+	memset(p->flag, 0, flag_words(cap) * sizeof(*p->flag));
+	return p;
+}
+
+struct tri_pieces *tri_pieces_init(void *memory, struct tri *t, uint32_t most)
+{
+	struct tri_pieces *p = tri_pieces_open(memory, t, t->nvertex, most);
+
 	for (uint32_t i = 0; i < t->ntriangle; i++)
 		for (unsigned k = 0; k < 3; k++)
 			if (t->triangle[i].corner[k] != TRI_GHOST)
 				p->at[t->id[t->triangle[i].corner[k]]] = i;
 	return p;
+}
+
+void tri_piece_end(struct tri_pieces *p, uint32_t id, uint32_t triangle)
+{
+	p->at[id] = triangle;
 }
 
 void tri_piece_flag(struct tri_pieces *p, uint32_t triangle)
@@ -55,6 +68,11 @@ void tri_piece_flag(struct tri_pieces *p, uint32_t triangle)
 bool tri_piece_flagged(const struct tri_pieces *p, uint32_t triangle)
 {
 	return p->flag[triangle / 64] >> triangle % 64 & 1;
+}
+
+const uint64_t *tri_piece_flags(const struct tri_pieces *p)
+{
+	return p->flag;
 }
 
 /* A place in the search around a vertex: a triangle, as a link with the side across from the vertex. */

@@ -23,7 +23,7 @@ struct tri_pieces {
 	struct tri_crossed *crossed; /* room for most + 1 */
 	struct tri_node *node;       /* room for the chains of both sides, most + 4 */
 	uint32_t *at;                /* by id: a triangle at the vertex */
-	uint32_t most;
+	uint32_t most, cap;
 	uint32_t ncrossed;
 	uint32_t first, last; /* the ends of the piece, as it was followed */
 };

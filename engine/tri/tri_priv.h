@@ -62,6 +62,11 @@ static inline uint32_t tri_corner_of(const struct tri_triangle *t, uint32_t side
  * has changed. */
 bool tri_insert_one(struct tri *, bool narrow, uint32_t *ret_same);
 
+/* With constrained links: whether the triangle conflicts with a position; and inserts vertex nvertex - 1, with which the triangle
+ * `root` conflicts. The triangles that are reached from there in conflict, and the two after the last one, are its fan then. */
+bool tri_conflict(const struct tri *, uint32_t triangle, const int32_t at[2]);
+void tri_insert_at(struct tri *, uint32_t root);
+
 /* Inserts vertices 3 to nvertex - 1 into the four triangles of the first three. */
 void tri_insert_all(struct tri *, bool narrow);
 

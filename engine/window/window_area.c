@@ -221,8 +221,8 @@ static bool area_has(void *ctx, const struct grid_cell *cell)
 	return window_area_has_read(ctx, cell);
 }
 
-/* The triangles of the constrained mesh that meet the piece: *ret_chosen, or NULL if they are those of the plain mesh. */
-static int constrain(struct window_area *a, const struct window_from *from, const uint64_t **ret_chosen, uint64_t *ret_need,
+/* The triangles of the constrained mesh that meet the piece: ret->chosen, or NULL if they are those of the plain mesh. */
+static int constrain(struct window_area *a, const struct window_from *from, struct finish_choice *ret, uint64_t *ret_need,
 		     struct err *err)
 {
 	const struct constrain_area area = {.ctx = a, .meets = piece_meets, .takes = piece_sends, .has = area_has};
@@ -241,16 +241,16 @@ static int constrain(struct window_area *a, const struct window_from *from, cons
 	a->tri = c.tri;
 	a->counts.cells_read += c.cells_read;
 	a->counts.points_read += c.points_read;
-	*ret_chosen = c.chosen;
+	*ret = (struct finish_choice){c.chosen, c.special};
 	return r == CONSTRAIN_E_SPLIT ? WINDOW_E_SPLIT : r;
 }
 
 static int finish_domain(struct window_area *a, const struct window_from *from, const int64_t k[3], struct mesh_domain *ret,
 			 uint64_t *ret_need, struct err *err)
 {
-	const uint64_t *chosen = NULL;
+	struct finish_choice choice = {NULL, NULL};
 	struct finish f = {0};
-	int r = from->lines ? constrain(a, from, &chosen, ret_need, err) : 0;
+	int r = from->lines ? constrain(a, from, &choice, ret_need, err) : 0;
 
 	if (r)
 		return r;
@@ -258,8 +258,8 @@ static int finish_domain(struct window_area *a, const struct window_from *from, 
 	f.out.counts = a->counts;
 	finish_init(&f, a->region, k, a->tri);
 	finish_map(&f, from->view);
-	if (chosen)
-		finish_chosen(&f, chosen);
+	if (choice.chosen)
+		finish_chosen(&f, &choice);
 	else
 		pick_triangles(&f, &a->window);
 	if (!finish_vertices(&f)) {

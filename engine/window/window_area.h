@@ -3,6 +3,7 @@
 #define WINDOW_AREA_H
 
 #include "constrain.h"
+#include "cut_disc.h"
 #include "cut_source.h"
 #include "tri.h"
 #include "window.h"
@@ -19,8 +20,8 @@ enum {
 /* The closed disc of a triangle that meets the piece, or the closed half plane of a ghost, if it may contain
  * points of cells that were not read. */
 struct window_disc {
-	const int32_t *a, *b; /* corners; of a ghost: its side, with the outside on the left */
-	double ux, uy;        /* from a to the centre */
+	const int32_t *a, *b; /* of a ghost: its side, with the outside on the left */
+	struct cut_disc disc; /* unless it is a ghost */
 	double at[2];         /* the cells nearest to it are read first */
 	double best;          /* distance squared of `cell` from there; INFINITY: no cell */
 	bool ghost;

@@ -7,12 +7,7 @@
  * a, or in a square around its circle. The discs of the others are collected in a batch and tested against the index in
  * one walk.
  *
- * Discs are computed in doubles, and rounding errs towards reading more. Relative to a, the centre u is N / 2D, with N and
- * D exact before they are converted: each of its numbers has a relative error below 2^-51. A point p (relative to a) is in
- * the closed disc iff p^2 - 2 u p <= 0. A box meets the disc iff the minimum of that over the box, taken axis by axis where
- * p is nearest to u, is <= 0. |px| and |py| are exact, so the error of px (px - 2 ux) is below 2^-49 |px| (|px| + 2 |ux|);
- * taking the nearest p by a rounded u adds the square of the error of u. SLACK is 2^-46. So circles of any size are
- * precise near a, where triangles are thin. Half planes of ghosts are exact.
+ * Discs are computed in doubles, and rounding errs towards reading more (cut_disc.h). Half planes of ghosts are exact.
  *
  * A sifted cell (window_area.c) gives each disc that it meets the point that is deepest in it, the farthest below the plane
  * of the lifted triangle. So the hull of distant clusters, or the edge of a long strip, is found in a few rounds, as by
@@ -23,8 +18,6 @@
 
 #include "geom.h"
 #include "window_area.h"
-
-#define SLACK 0x1p-46
 
 /* ---- the raster ---- */
 
@@ -156,20 +149,15 @@ static bool true_disc(struct window_area *area, const int32_t a[2], const int32_
 	double ex = (double)(cx - bx), ey = (double)(cy - by), twice = 2 * (double)geom_area(a, b, c), radius;
 	double sides = ((double)bx * (double)bx + (double)by * (double)by) * ((double)cx * (double)cx + (double)cy * (double)cy) *
 		       (ex * ex + ey * ey);
-	geom_i128 bz, cz;
 
 	/* The radius is l1 l2 l3 / 2D; every point of the circle is within two radii of a. */
-	radius = sqrt(sides) / twice * (1 + SLACK);
+	radius = sqrt(sides) / twice * (1 + CUT_DISC_SLACK);
 	if (is_clean(area, a[0], a[1], 2 * radius + 1))
 		return false;
-	bz = (geom_i128)bx * bx + (geom_i128)by * by;
-	cz = (geom_i128)cx * cx + (geom_i128)cy * cy;
-	ret->ux = (double)(bz * cy - cz * by) / twice;
-	ret->uy = (double)(cz * bx - bz * cx) / twice;
-	if (is_clean(area, a[0] + ret->ux, a[1] + ret->uy, radius + SLACK * (fabs(ret->ux) + fabs(ret->uy)) + 1))
+	cut_disc_init(&ret->disc, a, b, c);
+	if (is_clean(area, a[0] + ret->disc.ux, a[1] + ret->disc.uy,
+		     radius + CUT_DISC_SLACK * (fabs(ret->disc.ux) + fabs(ret->disc.uy)) + 1))
 		return false;
-	ret->a = a;
-	ret->b = b;
 	ret->ghost = false;
 	set_target(area, ret, ((double)a[0] + b[0] + c[0]) / 3, ((double)a[1] + b[1] + c[1]) / 3);
 	return true;
@@ -185,15 +173,6 @@ static bool make_disc(struct window_area *a, const struct tri_result *t, uint32_
 	if (!window_piece_meets(&a->window, t->xy[corner[0]], t->xy[corner[1]], t->xy[corner[2]]))
 		return false;
 	return true_disc(a, t->xy[corner[0]], t->xy[corner[1]], t->xy[corner[2]], ret);
-}
-
-/* px (px - 2 ux) for the p of [low, high] that is nearest to u; adds its error bound to *slack. */
-static double nearest_along(double u, double low, double high, double *slack)
-{
-	double p = u < low ? low : u > high ? high : u;
-
-	*slack += fabs(p) * (fabs(p) + 2 * fabs(u));
-	return p * (p - 2 * u);
 }
 
 /* Points on the line of a side, but beyond its ends, do not affect the ghost. */
@@ -221,13 +200,7 @@ static bool ghost_meets(const struct window_disc *d, const int32_t box[4])
 
 static bool disc_meets(const struct window_disc *d, const int32_t box[4])
 {
-	double slack = 0, value;
-
-	if (d->ghost)
-		return ghost_meets(d, box);
-	value = nearest_along(d->ux, (double)box[0] - d->a[0], (double)box[2] - d->a[0], &slack);
-	value += nearest_along(d->uy, (double)box[1] - d->a[1], (double)box[3] - d->a[1], &slack);
-	return value <= SLACK * slack;
+	return d->ghost ? ghost_meets(d, box) : cut_disc_meets(&d->disc, box);
 }
 
 /* ---- sifting ---- */
@@ -236,16 +209,15 @@ static bool disc_meets(const struct window_disc *d, const int32_t box[4])
 static double depth_of(const struct window_disc *d, int32_t x, int32_t y)
 {
 	const int32_t at[2] = {x, y}, box[4] = {x, y, x, y};
-	double slack = 0, value;
+	double slack, value;
 
 	if (d->ghost) {
 		geom_i128 turn = geom_area(d->a, d->b, at);
 
 		return turn ? (double)turn : is_beside(d, box) ? 0 : -1;
 	}
-	value = nearest_along(d->ux, (double)x - d->a[0], (double)x - d->a[0], &slack);
-	value += nearest_along(d->uy, (double)y - d->a[1], (double)y - d->a[1], &slack);
-	return value < -SLACK * slack ? -value : value <= SLACK * slack ? 0 : -1;
+	value = cut_disc_value(&d->disc, box, &slack);
+	return value < -CUT_DISC_SLACK * slack ? -value : value <= CUT_DISC_SLACK * slack ? 0 : -1;
 }
 
 static int add(struct window_area *a, const struct mesh_vertex *v)

@@ -79,7 +79,7 @@ void made_domain(struct made *m, struct mesh_domain *ret)
 		trace_lines(m, &cover);
 	finish_init(&f, m->region, k, m->c.tri);
 	if (m->c.chosen)
-		finish_chosen(&f, m->c.chosen);
+		finish_chosen(&f, &(struct finish_choice){m->c.chosen, m->c.special});
 	else
 		finish_owned(&f);
 	assert_true(finish_vertices(&f));

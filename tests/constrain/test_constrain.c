@@ -582,12 +582,12 @@ static void a_long_piece_is_named(void **unused)
 {
 	struct constrain c;
 	struct err err = ERR_INIT;
-	size_t little = constrain_work_bytes(0) + (60 << 10);
+	size_t little = constrain_work_bytes(0) + (32 << 10);
 
 	assert_int_equal(strip_run(4 * MADE_BYTES, 0, &c, &err), 0);
 	assert_true(c.crossed > 1000);
 	assert_int_equal(strip_run(little, 10, &c, &err), CONSTRAIN_E_SPLIT);
-	assert_int_equal(strip_run(little, 16, &c, &err), -ERR_LIMIT);
+	assert_int_equal(strip_run(little, 14, &c, &err), -ERR_LIMIT);
 	print_message("%s; %s\n", err.message, err.hint);
 	assert_non_null(strstr(err.message, "from (-5, 0) to (1000005, 0), of length 1.00001e+06,"));
 	assert_non_null(strstr(err.hint, "--densify"));

@@ -211,9 +211,25 @@ struct tri *check_tri(const struct mesh_vertex *v, uint32_t n)
 	return NULL;
 }
 
-struct tri_pieces *check_pieces(struct tri *t, uint32_t most)
+struct tri *check_tri_room(const struct mesh_vertex *v, uint32_t n, uint32_t cap)
 {
-	size_t bytes = (tri_pieces_bytes(tri_count(t), most) + 63) / 64 * 64;
+	struct tri *t = aligned_alloc(64, (tri_bytes(cap) + 63) / 64 * 64);
+
+	if (!t) {
+		fprintf(stderr, "no memory for an arena of %u positions\n", cap);
+		exit(1);
+	}
+	tri_init(t, cap);
+	memcpy(tri_input(t), v, n * sizeof(*v));
+	if (!tri_run(t, n))
+		return t;
+	free(t);
+	return NULL;
+}
+
+static void *pieces_memory(uint32_t cap, uint32_t most)
+{
+	size_t bytes = (tri_pieces_bytes(cap, most) + 63) / 64 * 64;
 	void *memory = aligned_alloc(64, bytes);
 
 	if (!memory) {
@@ -221,7 +237,17 @@ struct tri_pieces *check_pieces(struct tri *t, uint32_t most)
 		exit(1);
 	}
 	memset(memory, 0xa5, bytes);
-	return tri_pieces_init(memory, t, most);
+	return memory;
+}
+
+struct tri_pieces *check_pieces(struct tri *t, uint32_t most)
+{
+	return tri_pieces_init(pieces_memory(tri_count(t), most), t, most);
+}
+
+struct tri_pieces *check_pieces_room(struct tri *t, uint32_t cap, uint32_t most)
+{
+	return tri_pieces_open(pieces_memory(cap, most), t, cap, most);
 }
 
 int check_run(const struct mesh_vertex *v, uint32_t n, void **ret_arena, struct tri_result *ret)

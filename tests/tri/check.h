@@ -43,6 +43,9 @@ int check_run(const struct mesh_vertex *v, uint32_t n, void **ret_arena, struct 
 struct tri *check_tri(const struct mesh_vertex *v, uint32_t n);
 /* Memory for pieces, to be freed. */
 struct tri_pieces *check_pieces(struct tri *, uint32_t most);
+/* With room for so many positions; no end of a piece is known. */
+struct tri *check_tri_room(const struct mesh_vertex *v, uint32_t n, uint32_t cap);
+struct tri_pieces *check_pieces_room(struct tri *, uint32_t cap, uint32_t most);
 
 #ifdef __cplusplus
 }

@@ -2,7 +2,8 @@
  * Pieces in small degenerate sets, tens of thousands of sets. Which pieces are refused, and why, against segments tested
  * by brute force; each result against the checks of check.h, against the same pieces in another order, and for few
  * vertices against the definition: a triangle is in the mesh if no piece crosses it and its circle contains no vertex
- * that can be seen from its inside. Flags: who takes the place of a flagged triangle has a flag.
+ * that can be seen from its inside. Some vertices are added when there are pieces already. Flags: who takes the place of a
+ * flagged triangle has a flag.
  *
  *   fuzz-tri-piece [CASES [SEED]]
  */
@@ -262,6 +263,8 @@ static struct check_sum brute_sum(const struct set *s)
 	return sum;
 }
 
+static uint64_t added;
+
 static bool same(struct check_sum a, struct check_sum b)
 {
 	return a.n == b.n && a.lo == b.lo && a.hi == b.hi;
@@ -296,6 +299,129 @@ done:
 	return sum;
 }
 
+static bool is_end(const struct set *s, uint32_t v)
+{
+	for (uint32_t i = 0; i < s->npiece; i++)
+		if (s->piece[i][0] == v || s->piece[i][1] == v)
+			return true;
+	return false;
+}
+
+/* The flags after a vertex: of the triangles that were there in other places they stay, and none is lost on a flagged one. */
+static const char *added_wrong(const struct snapshot *old, uint32_t n, const struct tri_result *r, const struct tri_pieces *p)
+{
+	uint32_t new = 0;
+
+	for (uint32_t i = 0; i < r->ntriangle; i++) {
+		const struct tri_triangle *t = &r->triangle[i];
+
+		if (i < n && !memcmp(t->corner, old->triangle[i].corner, sizeof(t->corner))) {
+			if (tri_piece_flagged(p, i) != old->flag[i])
+				return "the flag of a triangle beside a new vertex has changed";
+			continue;
+		}
+		new ++;
+		for (uint32_t k = 0; is_real(t) && k < n && !tri_piece_flagged(p, i); k++)
+			if (old->flag[k] && is_real(&old->triangle[k]) && !separates(r, t, &old->triangle[k]) &&
+			    !separates(r, &old->triangle[k], t))
+				return "a triangle around a new vertex, on a flagged one, has no flag";
+	}
+	return new >= 3 ? NULL : "a vertex was added, and no triangle is new";
+}
+
+/* It is on no piece. And once it is there it is found. */
+static const char *add_vertex(const struct set *s, struct tri *t, struct tri_pieces *p, uint32_t v, uint32_t near,
+			      uint32_t *ret_at)
+{
+	static struct snapshot old;
+	struct tri_result r;
+	uint32_t n, found = 0, at = tri_walk(t, s->xy[v], near);
+	const char *wrong;
+
+	tri_result(t, &r);
+	n = r.ntriangle;
+	snapshot_take(&old, &r, p);
+	if (tri_piece_add(p, &s->v[v], at, &found))
+		return "a vertex was refused";
+	tri_result(t, &r);
+	wrong = added_wrong(&old, n, &r, p);
+	for (uint32_t i = 0; i < found && !wrong; i++)
+		if (i < n && tri_piece_found(p, i) >= r.ntriangle)
+			wrong = "a triangle that is said to be new is not there";
+	*ret_at = tri_walk(t, s->xy[v], near);
+	for (unsigned k = 0; k < 3; k++)
+		if (r.triangle[*ret_at].corner[k] == r.nvertex - 1)
+			return wrong;
+	return "the walk to a vertex does not find it";
+}
+
+/* The middle of a piece is refused. */
+static const char *middle_wrong(const struct set *s, struct tri *t, struct tri_pieces *p)
+{
+	for (uint32_t i = 0; i < s->npiece; i++) {
+		const struct mesh_vertex *a = &s->v[s->piece[i][0]], *b = &s->v[s->piece[i][1]];
+		int64_t x = (int64_t)a->x + b->x, y = (int64_t)a->y + b->y;
+		const int32_t at[2] = {(int32_t)(x / 2), (int32_t)(y / 2)};
+		uint32_t n;
+
+		if (x % 2 || y % 2)
+			continue;
+		if (tri_piece_add(p, &(struct mesh_vertex){at[0], at[1], 0}, tri_walk(t, at, 0), &n) != TRI_E_CROSSING)
+			return "a vertex on a piece was not refused";
+	}
+	return NULL;
+}
+
+/* The same pieces with the vertices of none of them added afterwards. */
+static const char *add_later(const struct set *s, struct check_sum want, uint64_t *state)
+{
+	static struct set first;
+	uint32_t number[POINTS_MAX], least = 0, near = 0, at;
+	const char *wrong = NULL;
+	struct tri_pieces *p;
+	struct tri_result r;
+	struct tri *t;
+
+	first.n = 0;
+	for (uint32_t i = 0; i < s->n; i++) {
+		number[i] = UINT32_MAX;
+		if (!is_end(s, i) && input_random(state) >> 62)
+			continue;
+		number[i] = first.n;
+		first.v[first.n++] = s->v[i];
+	}
+	least = first.n;
+	t = first.n < 3 ? NULL : check_tri_room(first.v, first.n, s->n + 1);
+	if (!t)
+		return NULL;
+	p = check_pieces_room(t, s->n + 1, 2 * s->n + 4);
+	for (uint32_t i = 0; i < s->npiece && !wrong; i++) {
+		tri_result(t, &r);
+		for (unsigned k = 0; k < 2; k++) {
+			near = tri_walk(t, s->xy[s->piece[i][k]], near);
+			tri_piece_end(p, number[s->piece[i][k]], near);
+		}
+		if (tri_piece_insert(p, number[s->piece[i][0]], number[s->piece[i][1]], &at))
+			wrong = "a piece was refused with fewer vertices";
+	}
+	tri_result(t, &r);
+	for (uint32_t i = 0; i < r.ntriangle; i++)
+		if (is_real(&r.triangle[i]) && input_random(state) >> 62 == 0)
+			tri_piece_flag(p, i);
+	for (uint32_t i = 0; i < s->n && !wrong; i++)
+		if (number[i] == UINT32_MAX)
+			wrong = add_vertex(s, t, p, i, (uint32_t)(input_random(state) >> 32) % (2 * least - 2), &near);
+	if (!wrong)
+		wrong = middle_wrong(s, t, p);
+	tri_result(t, &r);
+	if (!wrong && !same(want, check_sum_of(&r)))
+		wrong = "vertices that are added to pieces make another mesh";
+	added += !wrong;
+	free(p);
+	free(t);
+	return wrong;
+}
+
 static const char *run_case(struct set *s, enum family family, uint64_t *state, bool *ret_brute)
 {
 	struct tri *t = check_tri(s->v, s->n);
@@ -318,6 +444,8 @@ static const char *run_case(struct set *s, enum family family, uint64_t *state, 
 		wrong = check_constrained(&r, s->v, s->n, (const uint32_t(*)[2])s->piece, s->npiece);
 	if (!wrong && !same(check_sum_of(&r), sum_in_order(s, state)))
 		wrong = "depends on the order of the pieces";
+	if (!wrong)
+		wrong = add_later(s, check_sum_of(&r), state);
 	*ret_brute = s->n <= BRUTE_MAX && family != EXTREME && family != FULL;
 	if (!wrong && *ret_brute && !same(check_sum_of(&r), brute_sum(s)))
 		wrong = "not what the definition says";
@@ -359,6 +487,8 @@ int main(int argc, char **argv)
 		brute += by_brute;
 		pieces += s.npiece;
 	}
-	printf("%" PRIu64 " sets, %" PRIu64 " of them against the definition, %" PRIu64 " pieces\n", cases, brute, pieces);
+	printf("%" PRIu64 " sets, %" PRIu64 " of them against the definition, %" PRIu64 " pieces; in %" PRIu64
+	       " vertices were added later\n",
+	       cases, brute, pieces, added);
 	return 0;
 }

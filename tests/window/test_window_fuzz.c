@@ -22,7 +22,7 @@
 #include "window_area.h"
 #include "repeat.h"
 
-enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096, PIECES = 40, PIECES_ROOM = 1 << 18 };
+enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096, PIECES = 40, PIECES_ROOM = 5 << 16 };
 
 struct polygon {
 	int64_t at[RINGS][CORNERS][2]; /* lattice numbers */
