@@ -7,6 +7,8 @@
 
 #include "ctl.h"
 
+enum { NO_CHANGES = -1 }; /* in place of an exit status */
+
 /* What must live as long as the comparison. */
 struct work {
 	struct session *session;
@@ -18,7 +20,7 @@ struct work {
 	char *text[2][4], name[2][32]; /* of jobs */
 	char *window;                  /* NULL: the whole meshes */
 	struct session_progress progress;
-	struct acut_mesh_sink sink; /* of the running fetch */
+	struct acut_changes_sink sink; /* of the running fetch */
 };
 
 /* ---- options ---- */
@@ -176,21 +178,35 @@ static int take_head(void *ctx, const struct acut_mesh_head *head)
 {
 	struct work *w = ctx;
 
-	return w->sink.head(w->sink.ctx, head);
+	return w->sink.mesh.head(w->sink.mesh.ctx, head);
 }
 
 static int take_block(void *ctx, const struct acut_mesh_block *block)
 {
 	struct work *w = ctx;
 
-	return w->sink.block(w->sink.ctx, block);
+	return w->sink.mesh.block(w->sink.mesh.ctx, block);
 }
 
 static int take_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct work *w = ctx;
 
-	return w->sink.tail(w->sink.ctx, tail);
+	return w->sink.mesh.tail(w->sink.mesh.ctx, tail);
+}
+
+static int take_base(void *ctx, const struct acut_mesh_base *base)
+{
+	struct work *w = ctx;
+
+	return w->sink.base(w->sink.mesh.ctx, base);
+}
+
+static int take_gone(void *ctx, const struct acut_mesh_region *region)
+{
+	struct work *w = ctx;
+
+	return w->sink.gone(w->sink.mesh.ctx, region);
 }
 
 static void take_progress(void *ctx, const struct acut_progress *now)
@@ -208,20 +224,66 @@ static void show_pairs(void *ctx, double share)
 		console_progress(&session->console, "compare %.0f %%", 100 * share);
 }
 
-/* Exit status. */
-static int fetch(struct work *w, unsigned side)
+/* Exit status. since 0: the whole mesh, or its window. */
+static int fetch(struct work *w, unsigned side, const struct acut_changes_sink *sink, uint64_t since)
 {
-	const struct acut_mesh_sink sink = {take_head, take_block, take_tail, take_progress, w};
+	const struct acut_changes_sink mine = {{take_head, take_block, take_tail, take_progress, w}, take_base, take_gone};
 	struct session *session = w->session;
+	uint64_t job = w->about.mesh[side].job;
 
-	w->sink = volume_sink(w->volume, side);
-	if (acut_fetch_window(session->acut, w->window))
+	w->sink = *sink;
+	if (acut_fetch_window(session->acut, since ? NULL : w->window))
 		return session_error_acut(session);
-	if (!acut_fetch(session->acut, w->about.mesh[side].job, &sink))
+	if (!(since ? acut_fetch_changes(session->acut, job, since, &mine) : acut_fetch(session->acut, job, &mine.mesh)))
 		return 0;
+	if (since && (volume_changes_fail(w->volume) || acut_error(session->acut)->code == ACUT_E_GONE))
+		return NO_CHANGES;
 	if (volume_error(w->volume)->code)
 		return session_error(session, volume_error(w->volume));
 	return session_error_acut(session);
+}
+
+static int begin(struct work *w)
+{
+	struct err err = ERR_INIT;
+
+	w->volume = volume_free(w->volume);
+	if (volume_new(&w->opt, &w->volume, &err))
+		return session_error(w->session, &err);
+	w->about.volume = w->volume;
+	return 0;
+}
+
+/* Of two generations under one view only what changed, where the daemon knows it (NO_CHANGES). The whole second mesh gives the
+ * area. */
+static int by_changes(struct work *w)
+{
+	const struct ctl_volume_mesh *m = w->about.mesh;
+	struct acut_changes_sink sink;
+	int status;
+
+	if (w->opt.has_level || w->opt.areas || w->opt.nimage || strcmp(m[0].dataset, m[1].dataset) != 0 ||
+	    strcmp(m[0].view, m[1].view) != 0 || m[0].generation == m[1].generation)
+		return NO_CHANGES;
+	status = begin(w);
+	for (unsigned i = 0; i < 2 && !status; i++) {
+		sink = volume_changes(w->volume, i, m[!i].job);
+		status = fetch(w, i, &sink, m[!i].generation);
+	}
+	sink.mesh = volume_whole(w->volume);
+	return status ? status : fetch(w, 1, &sink, 0);
+}
+
+static int by_wholes(struct work *w)
+{
+	int status = begin(w);
+
+	for (unsigned i = 0; i < (w->opt.has_level ? 1 : 2) && !status; i++) {
+		const struct acut_changes_sink sink = {volume_sink(w->volume, i), NULL, NULL};
+
+		status = fetch(w, i, &sink, 0);
+	}
+	return status;
 }
 
 static void warn(const struct work *w)
@@ -258,11 +320,9 @@ static int compare(struct work *w)
 		status = find_job(w, i);
 	if (status)
 		return status;
-	if (volume_new(&w->opt, &w->volume, &err))
-		return session_error(session, &err);
-	w->about.volume = w->volume;
-	for (unsigned i = 0; i < n && !status; i++)
-		status = fetch(w, i);
+	status = by_changes(w);
+	if (status == NO_CHANGES)
+		status = by_wholes(w);
 	if (status)
 		return status;
 	if (volume_finish(w->volume, &err))

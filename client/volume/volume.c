@@ -24,9 +24,13 @@ struct volume {
 	struct side {
 		struct volume *volume;
 		unsigned i;
-		bool has_box, done;
+		bool has_box;
 		int32_t box[6]; /* of the vertices, in the frame */
+		uint64_t other; /* the job of the other mesh, of changes */
+		uint64_t kept;  /* triangles that both have, which do not come */
 	} side[2];
+	bool by_changes, fail;
+	volume_i128 whole; /* twice the area of the second mesh, in squares of its own lattice */
 	struct volume_total total;
 	double unit; /* of the meshes' in those of the results */
 	double range;
@@ -92,7 +96,7 @@ static int pair(void *ctx, const struct volume_triangle *a, const struct volume_
 {
 	struct volume *v = ctx;
 
-	v->total.pairs++;
+	v->total.pairs += memcmp(a, b, sizeof(*a)) != 0;
 	volume_rows_add(v->rows, p);
 	return volume_images_pair(v->images, a, b, p, err);
 }
@@ -187,16 +191,21 @@ static int take_block(void *ctx, const struct acut_mesh_block *b)
 	return r;
 }
 
+static void set_digests(struct volume *v, unsigned side, const char *digest, const char *vertex_digest)
+{
+	snprintf(v->total.digest[side], sizeof(v->total.digest[0]), "%s", digest);
+	snprintf(v->total.vertex_digest[side], sizeof(v->total.vertex_digest[0]), "%s", vertex_digest);
+}
+
 static int take_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct side *s = ctx;
 	struct volume *v = s->volume;
 
 	outputs_front_done(&v->front);
-	s->done = true;
-	v->total.triangles[s->i] = tail->triangles;
-	snprintf(v->total.digest[s->i], sizeof(v->total.digest[0]), "%s", tail->digest);
-	snprintf(v->total.vertex_digest[s->i], sizeof(v->total.vertex_digest[0]), "%s", tail->vertex_digest);
+	v->total.triangles[s->i] = tail->triangles + s->kept;
+	if (!v->by_changes)
+		set_digests(v, s->i, tail->digest, tail->vertex_digest);
 	s->has_box = tail->triangles > 0;
 	for (int i = 0; i < 2 && s->has_box; i++)
 		if (!volume_frame_point(&v->frame, s->i, tail->box + 3 * i, s->box + 3 * i))
@@ -209,6 +218,73 @@ struct acut_mesh_sink volume_sink(struct volume *v, unsigned side)
 	v->side[side].volume = v;
 	v->side[side].i = side;
 	return (struct acut_mesh_sink){take_head, take_block, take_tail, NULL, &v->side[side]};
+}
+
+/* ---- changes, and the area of the rest ---- */
+
+static int take_base(void *ctx, const struct acut_mesh_base *base)
+{
+	struct side *s = ctx;
+	struct volume *v = s->volume;
+
+	v->fail = base->job != s->other || (s->i && base->kept_triangles != v->side[0].kept);
+	s->kept = base->kept_triangles;
+	set_digests(v, s->i, base->digest, base->vertex_digest);
+	return v->fail;
+}
+
+static int take_gone(void *ctx, const struct acut_mesh_region *region)
+{
+	return 0;
+}
+
+struct acut_changes_sink volume_changes(struct volume *v, unsigned side, uint64_t job)
+{
+	struct acut_mesh_sink mesh = volume_sink(v, side);
+
+	v->by_changes = true;
+	v->side[side].other = job;
+	return (struct acut_changes_sink){mesh, take_base, take_gone};
+}
+
+bool volume_changes_fail(const struct volume *v)
+{
+	return v->fail;
+}
+
+static int whole_head(void *ctx, const struct acut_mesh_head *head)
+{
+	return 0;
+}
+
+static int whole_block(void *ctx, const struct acut_mesh_block *b)
+{
+	struct volume *v = ctx;
+	const int32_t(*at)[3];
+	int r = outputs_front_block(&v->front, b, &at, &v->err);
+
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
+		const int32_t *p = at[b->triangle[i][0]], *q = at[b->triangle[i][1]], *o = at[b->triangle[i][2]];
+
+		v->whole += (volume_i128)((int64_t)q[0] - p[0]) * ((int64_t)o[1] - p[1]) -
+			    (volume_i128)((int64_t)q[1] - p[1]) * ((int64_t)o[0] - p[0]);
+	}
+	return r;
+}
+
+static int whole_tail(void *ctx, const struct acut_mesh_tail *tail)
+{
+	struct volume *v = ctx;
+	volume_i128 times = v->frame.times[1][0];
+
+	outputs_front_done(&v->front);
+	volume_rows_kept(v->rows, v->whole * times * times);
+	return 0;
+}
+
+struct acut_mesh_sink volume_whole(struct volume *v)
+{
+	return (struct acut_mesh_sink){whole_head, whole_block, whole_tail, NULL, v};
 }
 
 const struct err *volume_error(const struct volume *v)

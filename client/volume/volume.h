@@ -67,6 +67,12 @@ struct volume;
 int volume_new(const struct volume_options *, struct volume **ret, struct err *err);
 /* For a fetch of the mesh of side 0, then of side 1; with a level of side 0 alone. `progress` is NULL. */
 struct acut_mesh_sink volume_sink(struct volume *, unsigned side);
+/* In place of these, for two meshes of a dataset under one view, without areas and images: their changes from each other. Side 0
+ * is the fetch of the first mesh since the second, side 1 the other way round; `job` made the other mesh. Then
+ * the whole second mesh comes, of which only the area counts. All numbers are the same as of whole streams. */
+struct acut_changes_sink volume_changes(struct volume *, unsigned side, uint64_t job);
+struct acut_mesh_sink volume_whole(struct volume *);
+bool volume_changes_fail(const struct volume *);       /* the changes are not those of these two jobs */
 const struct err *volume_error(const struct volume *); /* of a callback; code ERR_NONE: none */
 /* After the last tail: the pairs, and the images, which get their names. */
 int volume_finish(struct volume *, struct err *err);

@@ -421,11 +421,14 @@ static volume_u128 above(double v)
 static void add_error(const struct volume_polygon *p, const struct volume_cuts *cuts, double area, double most,
 		      struct volume_sums *sums)
 {
-	double place = p->exact_area && !cuts ? 12 * area : 140 * p->extent * p->extent;
+	double square = p->extent * p->extent, place = 140 * square;
 
 	if (cuts)
-		place += 512 * p->extent * p->extent + 128 * p->extent * cuts->reach;
-	sums->error += above(UNIT * (place * most + (cuts ? 60 : 44) * area * p->range) + 0x1p-20);
+		place = 652 * square + 128 * p->extent * cuts->reach;
+	else if (p->exact_area)
+		place = 12 * area;
+	if (!p->exact_area || most > 0) /* else heights are exact, and the same */
+		sums->error += above(UNIT * (place * most + (cuts ? 60 : 44) * area * p->range) + 0x1p-20);
 	sums->area_error += p->exact_area && !cuts ? 0 : above(UNIT * place + 0x1p-21);
 }
 

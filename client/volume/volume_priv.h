@@ -105,6 +105,8 @@ size_t volume_rows_count(const struct volume_rows *);
 /* *ret_name: "" if it has none. */
 const struct volume_sums *volume_rows_sums(const struct volume_rows *, size_t i, const char **ret_name);
 void volume_rows_add(struct volume_rows *, const struct volume_polygon *);
+/* Of a stream of changes: what the second mesh has beside it, of twice its whole area, both meshes have. */
+void volume_rows_kept(struct volume_rows *, volume_i128 area);
 void volume_rows_cover(struct volume_rows *, const struct volume_triangle *, unsigned side);
 
 /* ---- images of the difference: volume_image.c ---- */

@@ -150,6 +150,16 @@ void volume_rows_add(struct volume_rows *rows, const struct volume_polygon *p)
 		add(rows, (struct node){0, 0, rows->n}, p, -1);
 }
 
+void volume_rows_kept(struct volume_rows *rows, volume_i128 area)
+{
+	struct volume_sums *s = &rows->row[0].sums;
+	volume_i128 kept = (area << (VOLUME_PART - 1)) - s->covered[1];
+
+	s->covered[0] += kept;
+	s->covered[1] += kept;
+	s->shared += kept;
+}
+
 void volume_rows_cover(struct volume_rows *rows, const struct volume_triangle *t, unsigned side)
 {
 	struct volume_polygon p;

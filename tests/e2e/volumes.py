@@ -102,6 +102,10 @@ def generations():
         expect(all(got[x] == back[y] and got[y] == back[x] for x, y in pairs) and got["net"] == -back["net"], "%s %s" % (got, back))
         same = one(d, second, second)
         expect(same["fill"] == same["cut"] == same["fill_area"] == same["cut_area"] == 0 and same["same_area"] == SIDE * SIDE, "%s" % same)
+        whole = volumes(d, first, second, "-o", base + "/d.png", "--cell", "5")  # with an image no changes are taken
+        changes = volumes(d, first, second)
+        keep = {"outputs": None, "color_range": None}
+        expect({**whole, **keep} == {**changes, **keep}, "%s %s" % (whole, changes))
         text = d.ctl("volume", first, second).ok().out
         expect("m3" in text and "m2" in text and "at most" in text, text)
         # The same with another memory of the daemon: other domains, the same numbers.
