@@ -16,7 +16,9 @@
 #include "volume_priv.h"
 
 #define UNIT 0x1p-53
-#define SMALL (INT64_C(1) << 25) /* determinants of differences of such numbers are exact in doubles */
+/* Determinants of differences of numbers below these are exact in doubles, in 64 bits. */
+#define SMALL (INT64_C(1) << 25)
+#define MIDDLE (INT64_C(1) << 30)
 
 static unsigned next(unsigned i)
 {
@@ -82,7 +84,7 @@ struct side {
 
 struct pair {
 	struct side s, t;
-	bool small;
+	int64_t most; /* of all numbers */
 };
 
 static double turn(const struct pair *p, const struct side *e, unsigned i, const struct side *o, unsigned k)
@@ -90,8 +92,10 @@ static double turn(const struct pair *p, const struct side *e, unsigned i, const
 	const int64_t *a = e->at[i], *b = e->at[next(i)], *c = o->at[k];
 	volume_i128 exact;
 
-	if (p->small)
+	if (p->most < SMALL)
 		return (e->x[next(i)] - e->x[i]) * (o->y[k] - e->y[i]) - (e->y[next(i)] - e->y[i]) * (o->x[k] - e->x[i]);
+	if (p->most < MIDDLE)
+		return (double)((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]));
 	exact = (volume_i128)(b[0] - a[0]) * (c[1] - a[1]) - (volume_i128)(b[1] - a[1]) * (c[0] - a[0]);
 	return (double)exact;
 }
@@ -133,7 +137,7 @@ static bool common_box(const struct volume_triangle *a, const struct volume_tria
 	return true;
 }
 
-static void side_init(struct side *s, const struct volume_triangle *t, const int64_t origin[2], int64_t low, bool *small)
+static void side_init(struct side *s, const struct volume_triangle *t, const int64_t origin[2], int64_t low, int64_t *most)
 {
 	s->t = t;
 	for (int i = 0; i < 3; i++) {
@@ -141,7 +145,8 @@ static void side_init(struct side *s, const struct volume_triangle *t, const int
 			int64_t v = t->at[i][k] - origin[k];
 
 			s->at[i][k] = v;
-			*small &= v < SMALL && v > -SMALL;
+			v = v < 0 ? -v : v;
+			*most = v > *most ? v : *most;
 		}
 		s->x[i] = (double)s->at[i][0];
 		s->y[i] = (double)s->at[i][1];
@@ -322,9 +327,9 @@ bool volume_pair(const struct volume_triangle *a, const struct volume_triangle *
 	if (!common_box(a, b, box))
 		return false;
 	low = extreme_height(a, b, false);
-	p.small = true;
-	side_init(&p.s, s, box, low, &p.small);
-	side_init(&p.t, t, box, low, &p.small);
+	p.most = 0;
+	side_init(&p.s, s, box, low, &p.most);
+	side_init(&p.t, t, box, low, &p.most);
 	if (!turns(&p, &p.s, &p.t) || !turns(&p, &p.t, &p.s))
 		return false;
 	polygon_init(ret, box, (double)(extreme_height(a, b, true) - low));
