@@ -7,6 +7,7 @@
 
 #include "ctl_fetch.h"
 #include "ctl_view.h"
+#include "volume.h"
 
 /* Options of one command or two. Texts are NULL, numbers 0 if not given. */
 struct ctl_options {
@@ -22,6 +23,12 @@ struct ctl_options {
 	const char *line_report;
 };
 
+struct ctl_volume_options {
+	const char *level, *within, *name_field, *unit, *cell; /* NULL: not given */
+	bool csv, no_clobber;
+	struct cli_texts output;
+};
+
 struct program {
 	struct session session;
 	struct ctl_input_options input;
@@ -29,6 +36,7 @@ struct program {
 	struct ctl_view_options view;
 	struct ctl_fetch_options fetch;
 	struct ctl_options opt;
+	struct ctl_volume_options volume;
 	struct cli_line line;
 };
 
@@ -57,6 +65,7 @@ enum ctl_group {
 	CTL_REMOVED = 1 << 21, /* datasets */
 	CTL_CONFIG = 1 << 22,  /* config show */
 	CTL_LINES = 1 << 23,   /* mesh: files of lines beside its inputs */
+	CTL_VOLUME = 1 << 24,
 };
 
 extern const struct cli_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
@@ -75,6 +84,21 @@ int ctl_job_each(struct program *, int (*each)(struct session *, uint64_t id));
 int ctl_lines_as(struct program *, struct ctl_inputs *, struct err *err);
 /* mesh: adds its files of lines. `options`, to be filled, stay in use as long as the inputs. */
 int ctl_lines_beside(struct program *, struct ctl_inputs *, struct lines_export_options options[LINES_KINDS], struct err *err);
+
+/* volume: what is compared, and the results. */
+struct ctl_volume {
+	struct ctl_volume_mesh {
+		uint64_t job, generation;
+		char *dataset, *view;
+	} mesh[2];
+	const struct ctl_volume_options *opt;
+	const struct volume *volume;
+	bool has_level;
+	double level;
+};
+void ctl_volume_text(const struct console *, const struct ctl_volume *);
+void ctl_volume_csv(const struct console *, const struct ctl_volume *);
+void ctl_volume_json(const struct console *, const struct ctl_volume *);
 
 /* The disks of state and cache: cache stat, status. */
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
@@ -101,6 +125,7 @@ CTL_COMMAND(show)
 CTL_COMMAND(status)
 CTL_COMMAND(submit)
 CTL_COMMAND(version)
+CTL_COMMAND(volume)
 CTL_COMMAND(wait)
 CTL_COMMAND(watch)
 #undef CTL_COMMAND

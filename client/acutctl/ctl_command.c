@@ -50,6 +50,9 @@ static const struct cli_command commands[] = {
 	 CLI_ALL | CTL_VIEW | CTL_GENERATION | CTL_SUBMIT | CTL_JOB, 1, 1, ctl_submit_run, NULL,
 	 "submit valley --wait\nsubmit valley --ground --at 3"},
 	{"version", "version", "the version of acutctl", CLI_ALL, 0, 0, ctl_version_run, NULL, "version"},
+	{"volume", "volume JOB [JOB]", "cut and fill between two meshes, or above a level", CLI_ALL | CTL_VOLUME, 1, 2,
+	 ctl_volume_run, NULL,
+	 "volume 12 15\nvolume 12 15 --within plots.geojson --csv\nvolume 12 15 --cell 1m -o change.png\nvolume 12 --level 55.5"},
 	{"wait", "wait JOB...", "wait until jobs are finished", CLI_ALL, 1, MANY, ctl_wait_run, NULL, "wait 12 13"},
 	{"watch", "watch [JOB]", "print the changes of a job, or of all jobs", CLI_ALL, 0, 1, ctl_watch_run, NULL, "watch"},
 };

@@ -16,8 +16,9 @@ struct outfile;
 
 enum dem_kind {
 	DEM_ELEVATION,
-	DEM_SLOPE,     /* degrees, of the triangle */
-	DEM_HILLSHADE, /* whole numbers 0 to 255, light from 315 degrees, 45 high */
+	DEM_SLOPE,      /* degrees, of the triangle */
+	DEM_HILLSHADE,  /* whole numbers 0 to 255, light from 315 degrees, 45 high */
+	DEM_DIFFERENCE, /* of the heights of two meshes (dem_difference) */
 };
 
 /* Where a ratio is meant, num / den. */
@@ -51,9 +52,12 @@ int dem_head(struct dem *, const struct acut_mesh_head *, const struct dem_optio
 int dem_describe(struct dem *, const char *line, struct err *err);
 /* Corners counter-clockwise, in the head's box. */
 int dem_triangle(struct dem *, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err);
+/* Of DEM_DIFFERENCE, in place of dem_triangle: pixels that both triangles own have how much b is higher than a. */
+int dem_difference(struct dem *, const int32_t a[3][3], const int32_t b[3][3], struct err *err);
 /* Writes the file; `box` is that of the vertices, NULL if there are none. */
 int dem_finish(struct dem *, const int32_t box[6], struct err *err);
-/* In place of dem_finish, of DEM_HILLSHADE: rows from the north, two bytes a pixel: grey, and 255, or 0 where there is nothing.
+/* In place of dem_finish, of DEM_HILLSHADE or with colours: rows from the north, two bytes a pixel: grey, and 255, or 0 where
+ * there is nothing.
  */
 struct dem_frame {
 	struct outfile *out; /* of the rows */
@@ -67,6 +71,8 @@ struct dem_rows {
 	int (*row)(void *ctx, const uint8_t *grey, struct err *err);
 	int (*end)(void *ctx, struct err *err);
 	void *ctx;
+	/* Of a pixel that has something; then rows have four bytes a pixel, red, green, blue and 255, or zeros. May be NULL. */
+	void (*color)(void *ctx, float value, uint8_t ret[3]);
 };
 enum { DEM_ROW_MOST = 32768 }; /* pixels; -ERR_USAGE beyond */
 int dem_finish_rows(struct dem *, const int32_t box[6], const struct dem_rows *, struct err *err);

@@ -83,8 +83,24 @@ static int64_t north_of(const struct dem *d, int64_t y)
 	return d->grid.count[1] - 1 - y;
 }
 
+/* What pixels get: heights of a plane, the difference of two, or one value. */
+struct paint {
+	struct dem_plane f, other;
+	float value;
+};
+
+/* How much `other` is higher. */
+static void difference_row(const struct paint *p, int64_t x, int64_t y, uint32_t n, float *ret)
+{
+	double at = p->other.at - p->f.at, dx = p->other.dx - p->f.dx;
+
+	at += (p->other.dy - p->f.dy) * (double)(y - p->f.y0);
+	for (uint32_t i = 0; i < n; i++)
+		ret[i] = (float)(at + dx * (double)(x - p->f.x0 + i)) + 0.0f;
+}
+
 /* Draws what is gathered. */
-static int band_put(struct dem *d, const struct dem_plane *f, float value, struct band *b, struct err *err)
+static int band_put(struct dem *d, const struct paint *paint, struct band *b, struct err *err)
 {
 	for (int64_t column = b->least / DEM_TILE; b->n && column <= b->most / DEM_TILE; column++) {
 		int64_t x0 = column * DEM_TILE, x1 = x0 + DEM_TILE - 1;
@@ -99,9 +115,11 @@ static int band_put(struct dem *d, const struct dem_plane *f, float value, struc
 			if (from > to)
 				continue;
 			if (d->opt.kind == DEM_ELEVATION)
-				dem_plane_row(f, from, y, (uint32_t)(to - from) + 1, at);
+				dem_plane_row(&paint->f, from, y, (uint32_t)(to - from) + 1, at);
+			else if (d->opt.kind == DEM_DIFFERENCE)
+				difference_row(paint, from, y, (uint32_t)(to - from) + 1, at);
 			else
-				fill(at, value, (uint32_t)(to - from) + 1);
+				fill(at, paint->value, (uint32_t)(to - from) + 1);
 		}
 	}
 	b->n = 0;
@@ -159,39 +177,55 @@ static dem_i128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
 	       (dem_i128)((int64_t)b[1] - a[1]) * ((int64_t)c[0] - a[0]);
 }
 
-static int draw(struct dem *d, const struct dem_corner p[3], const int64_t from[2], const int64_t to[2], dem_i128 area,
-		struct err *err)
+/* A triangle, or two: then the pixels that both have. */
+struct figure {
+	struct dem_corner p[2][3];
+	dem_i128 area[2];
+	unsigned n;
+};
+
+static void paint_init(const struct dem *d, const struct figure *t, const int64_t from[2], struct paint *ret)
 {
 	const struct dem_grid *g = &d->grid;
-	struct dem_plane f;
-	struct edge e[3];
+
+	dem_plane_init(&ret->f, &d->scale, g, t->p[0], t->area[0], from[0], from[1]);
+	if (d->opt.kind == DEM_DIFFERENCE)
+		dem_plane_init(&ret->other, &d->scale, g, t->p[1], t->area[1], from[0], from[1]);
+	else if (d->opt.kind != DEM_ELEVATION)
+		ret->value = slope_of(d, &ret->f);
+}
+
+static int draw(struct dem *d, const struct figure *t, const int64_t from[2], const int64_t to[2], struct err *err)
+{
+	struct paint paint;
+	struct edge e[6];
 	struct band b;
-	float value = 0;
 	bool any = false;
 	int r = 0;
 
 	b.n = 0;
-	for (int i = 0; i < 3; i++)
-		e[i] = edge_of(g, &p[i], &p[i == 2 ? 0 : i + 1], from[0], from[1]);
+	for (unsigned i = 0; i < 3 * t->n; i++) {
+		const struct dem_corner *p = t->p[i / 3];
+
+		e[i] = edge_of(&d->grid, &p[i % 3], &p[(i + 1) % 3], from[0], from[1]);
+	}
 	for (int64_t y = from[1]; y <= to[1] && !r; y++) {
 		int64_t x = 0, last = to[0] - from[0];
 
-		for (int i = 0; i < 3; i++) {
+		for (unsigned i = 0; i < 3 * t->n; i++) {
 			narrow(&e[i], &x, &last);
 			e[i].c += e[i].step;
 		}
 		if (b.n && north_of(d, y) / DEM_TILE != north_of(d, b.y) / DEM_TILE)
-			r = band_put(d, &f, value, &b, err);
+			r = band_put(d, &paint, &b, err);
 		if (x > last)
 			continue;
-		if (!any) {
-			dem_plane_init(&f, &d->scale, g, p, area, from[0], from[1]);
-			value = d->opt.kind == DEM_ELEVATION ? 0 : slope_of(d, &f);
-		}
+		if (!any)
+			paint_init(d, t, from, &paint);
 		any = true;
 		band_add(&b, y, from[0] + x, from[0] + last);
 	}
-	return r || !b.n ? r : band_put(d, &f, value, &b, err);
+	return r || !b.n ? r : band_put(d, &paint, &b, err);
 }
 
 /* A raster that will be too large is refused before anything of it is drawn: the disk would fill first. */
@@ -212,19 +246,44 @@ static int grow(struct dem *d, const int64_t from[2], const int64_t to[2], struc
 	return dem_check_size(d, &all, err);
 }
 
+static void corners_of(const struct dem *d, const int32_t *const at[3], struct dem_corner ret[3])
+{
+	for (int i = 0; i < 3; i++)
+		ret[i] = (struct dem_corner){dem_place(&d->grid, 0, at[i][0]), dem_place(&d->grid, 1, at[i][1]), at[i]};
+}
+
 int dem_triangle(struct dem *d, const int32_t a[3], const int32_t b[3], const int32_t c[3], struct err *err)
 {
-	const struct dem_grid *g = &d->grid;
-	const struct dem_corner p[3] = {{dem_place(g, 0, a[0]), dem_place(g, 1, a[1]), a},
-					{dem_place(g, 0, b[0]), dem_place(g, 1, b[1]), b},
-					{dem_place(g, 0, c[0]), dem_place(g, 1, c[1]), c}};
+	struct figure t = {.n = 1};
 	int64_t from[2], to[2];
-	dem_i128 area;
 
-	if (!pixels(d, p, from, to))
+	corners_of(d, (const int32_t *const[3]){a, b, c}, t.p[0]);
+	if (!pixels(d, t.p[0], from, to))
 		return 0;
 	if (grow(d, from, to, err))
 		return -(int)err->code;
-	area = area2(a, b, c);
-	return area > 0 ? draw(d, p, from, to, area, err) : 0;
+	t.area[0] = area2(a, b, c);
+	return t.area[0] > 0 ? draw(d, &t, from, to, err) : 0;
+}
+
+int dem_difference(struct dem *d, const int32_t a[3][3], const int32_t b[3][3], struct err *err)
+{
+	struct figure t = {.n = 2};
+	int64_t from[2][2], to[2][2];
+
+	for (int i = 0; i < 2; i++) {
+		const int32_t(*at)[3] = i ? b : a;
+
+		corners_of(d, (const int32_t *const[3]){at[0], at[1], at[2]}, t.p[i]);
+		t.area[i] = area2(at[0], at[1], at[2]);
+		if (t.area[i] <= 0 || !pixels(d, t.p[i], from[i], to[i]))
+			return 0;
+	}
+	for (int k = 0; k < 2; k++) {
+		from[0][k] = from[0][k] > from[1][k] ? from[0][k] : from[1][k];
+		to[0][k] = to[0][k] < to[1][k] ? to[0][k] : to[1][k];
+		if (from[0][k] > to[0][k])
+			return 0;
+	}
+	return grow(d, from[0], to[0], err) ? -(int)err->code : draw(d, &t, from[0], to[0], err);
 }

@@ -139,23 +139,10 @@ struct outputs_left *outputs_mask_left(struct outputs_mask *m, enum outputs_cut 
 
 /* ---- the lattice ---- */
 
-/* The EPSG number at the end of "urn:ogc:def:crs:EPSG::2154", "EPSG:2154" or ".../EPSG/0/2154"; longitude and latitude of WGS 84
- * are 4326; 0: it is none of these. */
-static unsigned long declared(const char *name)
-{
-	const char *end = name + strlen(name), *at = end;
-
-	if (strstr(name, "CRS84"))
-		return 4326;
-	while (at > name && at[-1] >= '0' && at[-1] <= '9')
-		at--;
-	return strstr(name, "EPSG") && !strchr(name, ',') ? strtoul(at, NULL, 10) : 0;
-}
-
 /* A file that names no system, or one without a number, is believed to be in that of the dataset. */
 static int check_system(const struct file *f, const struct acut_mesh_head *head, struct err *err)
 {
-	unsigned long of = declared(f->polygons.crs);
+	unsigned long of = ctl_area_epsg(&f->polygons);
 	unsigned long dataset = head->crs && !strncmp(head->crs, "EPSG:", 5) ? strtoul(head->crs + 5, NULL, 10) : 0;
 
 	if (!of || !dataset || of == dataset)

@@ -8,6 +8,7 @@
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
+#include "outputs_front.h"
 #include "sort.h"
 
 struct outputs_change;
@@ -19,26 +20,6 @@ struct outputs_origin {
 	uint64_t job, generation;
 	char *dataset; /* NULL: not known */
 };
-
-/* ---- positions of open vertices: outputs_front.c ---- */
-
-struct outputs_front {
-	struct outputs_front_slot {
-		uint64_t number;
-		int32_t at[3];
-		uint32_t used;
-	} * slot;
-	size_t size, used;      /* size a power of two */
-	int32_t (*position)[3]; /* of the current block, unless it has room for them */
-	size_t room;
-};
-/* Positions of all local vertices of the block; afterwards the table holds what later blocks may use. */
-int outputs_front_block(struct outputs_front *, const struct acut_mesh_block *, const int32_t (**ret)[3], struct err *err);
-void outputs_front_done(struct outputs_front *);
-enum { OUTPUTS_FRONT_SAVED = 20 }; /* bytes a vertex, and 8 */
-void outputs_front_save(const struct outputs_front *, struct packer *);
-/* Into an empty one. -ERR_NOMEM; the cursor is bad where it is damaged. */
-int outputs_front_load(struct outputs_front *, struct cursor *, struct err *err);
 
 /* ---- --max-edge and edge statistics: outputs_edge.c ---- */
 

@@ -32,6 +32,14 @@ int ctl_area_ring(struct ctl_area *a, bool shell, struct err *err)
 	return 0;
 }
 
+int ctl_area_feature(struct ctl_area *a, struct err *err)
+{
+	if (!grow(&a->feature, &a->features_room, a->nfeature + 1, 16, sizeof(*a->feature)))
+		return no_memory(err);
+	a->feature[a->nfeature++] = (struct ctl_area_feature){.ring = a->nring};
+	return 0;
+}
+
 int ctl_area_corner(struct ctl_area *a, struct decimal x, struct decimal y, struct err *err)
 {
 	if (!grow(&a->corner, &a->corners_room, a->ncorner + 1, 256, sizeof(*a->corner)))
@@ -45,6 +53,7 @@ void ctl_area_done(struct ctl_area *a)
 {
 	free(a->ring);
 	free(a->corner);
+	free(a->feature);
 	*a = (struct ctl_area){0};
 }
 
@@ -87,8 +96,13 @@ static int read_area(struct json_reader *json, struct ctl_area *a, struct err *e
 
 int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err)
 {
+	return ctl_area_read_named(file, NULL, ret, err);
+}
+
+int ctl_area_read_named(const char *file, const char *name_field, struct ctl_area *ret, struct err *err)
+{
 	struct json_reader *json = malloc(sizeof(*json));
-	struct ctl_area a = {0};
+	struct ctl_area a = {.name_field = name_field};
 	int fd = -1, r = json ? open_area(file, &fd, err) : no_memory(err);
 
 	if (!r) {
@@ -103,6 +117,19 @@ int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err)
 	}
 	*ret = a;
 	return 0;
+}
+
+/* The EPSG number at the end of "urn:ogc:def:crs:EPSG::2154", "EPSG:2154" or ".../EPSG/0/2154"; longitude and latitude of WGS 84
+ * are 4326; 0: it is none of these. */
+unsigned long ctl_area_epsg(const struct ctl_area *a)
+{
+	const char *name = a->crs, *end = name + strlen(name), *at = end;
+
+	if (strstr(name, "CRS84"))
+		return 4326;
+	while (at > name && at[-1] >= '0' && at[-1] <= '9')
+		at--;
+	return strstr(name, "EPSG") && !strchr(name, ',') ? strtoul(at, NULL, 10) : 0;
 }
 
 /* ---- the text ---- */
@@ -150,6 +177,11 @@ static size_t ring_end(const struct ctl_area *a, size_t r)
 	from = a->corner[first];
 	to = a->corner[end - 1];
 	return !decimal_compare(from[0], to[0]) && !decimal_compare(from[1], to[1]) ? end - 1 : end;
+}
+
+size_t ctl_area_corners(const struct ctl_area *a, size_t i)
+{
+	return ring_end(a, i) - a->ring[i].first;
 }
 
 int ctl_area_print(const struct ctl_area *a, FILE *out, struct err *err)

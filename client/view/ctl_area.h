@@ -15,6 +15,8 @@ struct err;
 struct json_reader;
 struct text_source;
 
+enum { CTL_AREA_NAME = 128 };
+
 struct ctl_area {
 	struct ctl_area_ring {
 		size_t first;
@@ -23,14 +25,28 @@ struct ctl_area {
 	struct decimal (*corner)[2];
 	size_t nring, ncorner, rings_room, corners_room;
 	char crs[128]; /* the name of the system that the file declares; "": none */
+	/* What the file has as one thing: a feature of GeoJSON, or a geometry that is in none. */
+	struct ctl_area_feature {
+		size_t ring; /* its first */
+		char name[CTL_AREA_NAME];
+	} * feature;
+	size_t nfeature, features_room;
+	const char *name_field; /* the property that names a feature; NULL: none */
 };
 
 /* Reads a file of GeoJSON or WKT. Errors name the file and the place in it. */
 int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err);
+/* The same with the names of features: of the property `name_field`, a text or a number. */
+int ctl_area_read_named(const char *file, const char *name_field, struct ctl_area *ret, struct err *err);
 void ctl_area_done(struct ctl_area *);
+/* The EPSG number that the file declares; 0: none. */
+unsigned long ctl_area_epsg(const struct ctl_area *);
+/* The corners of ring i, without one at its end that repeats the first. */
+size_t ctl_area_corners(const struct ctl_area *, size_t i);
 
 /* For the readers. A shell begins a polygon; a ring ends where the next one begins. */
 int ctl_area_ring(struct ctl_area *, bool shell, struct err *err);
+int ctl_area_feature(struct ctl_area *, struct err *err); /* the next ring begins one */
 int ctl_area_corner(struct ctl_area *, struct decimal x, struct decimal y, struct err *err);
 
 /* "area@EXPONENT:" and the rings (protocol.md, "Views"). -ERR_LIMIT: too long for a view. */

@@ -21,6 +21,8 @@ struct reader {
 	char path[64]; /* where in the document, as features[3].geometry; its end if it is long */
 	size_t n;
 	int depth;
+	bool in_feature;
+	char name[CTL_AREA_NAME]; /* of the feature; "": none */
 };
 
 enum { DEPTH_MOST = 16, KEY = 32 };
@@ -235,7 +237,14 @@ static int read_kind(struct reader *r, struct object *o)
 static int read_area(struct reader *r, const struct kind *kind)
 {
 	size_t before = enter(r, "%s%s", r->n ? "." : "", kind->member);
-	int rc = kind->read(r);
+	bool inside = r->in_feature,
+	     begins = kind->read == read_geometry || kind->read == read_polygon || kind->read == read_polygons;
+	int rc = begins && !inside ? ctl_area_feature(r->area, r->err) : 0;
+
+	r->in_feature |= begins;
+	if (!rc)
+		rc = kind->read(r);
+	r->in_feature = inside;
 
 	if (!rc)
 		leave(r, before);
@@ -273,6 +282,38 @@ static int system_of(struct reader *r, unsigned nest)
 	return rc;
 }
 
+/* The property that is the name, if it is a text or a number. */
+static int name_of(struct reader *r)
+{
+	char key[KEY], token[JSON_READER_TOKEN];
+	bool first = true, more;
+	int rc, c;
+
+	if (json_reader_peek(r->json) != '{')
+		return json_reader_skip(r->json);
+	text_source_take(&r->json->source);
+	while (!(rc = json_reader_more(r->json, '}', &first, &more)) && more) {
+		rc = json_reader_key(r->json, key, sizeof(key));
+		if (rc)
+			break;
+		c = json_reader_peek(r->json);
+		if (strcmp(key, r->area->name_field) != 0) {
+			rc = json_reader_skip(r->json);
+		} else if (c == '"') {
+			rc = json_reader_string(r->json, r->name, sizeof(r->name));
+		} else if (c == '-' || (c >= '0' && c <= '9')) {
+			rc = json_reader_token(r->json, token);
+			if (!rc)
+				snprintf(r->name, sizeof(r->name), "%.*s", CTL_AREA_NAME - 1, token);
+		} else {
+			rc = json_reader_skip(r->json);
+		}
+		if (rc)
+			break;
+	}
+	return rc;
+}
+
 static struct place here(struct reader *r)
 {
 	json_reader_peek(r->json);
@@ -287,6 +328,8 @@ static int read_member(struct reader *r, struct object *o, const char *key)
 		return read_kind(r, o);
 	if (!strcmp(key, "crs"))
 		return system_of(r, 0);
+	if (!strcmp(key, "properties") && r->area->name_field && !r->in_feature)
+		return name_of(r);
 	for (size_t i = 0; i < KINDS; i++)
 		if (!strcmp(kinds[i].member, key)) {
 			twice |= o->has[i];
@@ -318,7 +361,7 @@ static int read_members(struct reader *r, struct object *o)
 	return rc;
 }
 
-static int thing(struct reader *r, size_t index)
+static int thing_read(struct reader *r)
 {
 	struct object o = {.kind = NULL};
 	struct place end, at;
@@ -348,6 +391,22 @@ static int thing(struct reader *r, size_t index)
 	rc = read_area(r, o.kind);
 	r->depth--;
 	text_source_seek(&r->json->source, end.at, end.line);
+	return rc;
+}
+
+/* Its name may stand before or behind its geometry. */
+static int thing(struct reader *r, size_t index)
+{
+	size_t before = r->area->nfeature;
+	int rc;
+
+	if (!r->in_feature)
+		r->name[0] = '\0';
+	rc = thing_read(r);
+	if (!rc && !r->in_feature && r->name[0] && r->area->nfeature == before + 1)
+		memcpy(r->area->feature[before].name, r->name, sizeof(r->name));
+	if (!r->in_feature)
+		r->name[0] = '\0';
 	return rc;
 }
 

@@ -219,7 +219,7 @@ int ctl_area_wkt(struct text_source *source, struct ctl_area *area, struct err *
 	int r;
 
 	do {
-		if ((r = geometry(&w)))
+		if ((r = ctl_area_feature(area, err)) || (r = geometry(&w)))
 			return r;
 		sign(&w, ';');
 		space(&w);

@@ -165,6 +165,16 @@ def jobs(d, base, seen, text):
         seen.add("a sidecar", json.dumps(json.load(f)))
     seen.add("a mesh", j("fetch", third, "-o", base + "/c.ply", "--changed-since", "1").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/w.ply", "--bbox", "0,0,1e6,1e7").out)
+    metres = [base + "/metres.xyz", base + "/metres2.xyz"]
+    for k, name in enumerate(metres):
+        with open(name, "w") as f:
+            f.write("0 0 1\n9 0 %d\n0 9 3\n" % (2 + k))
+        seen.add("a pushed file", j("push", "metres%d" % k, name, "--assume-units", "m,m").ok().out)
+    ids = [str(json.loads(j("submit", "metres%d" % k, "--wait").ok().out)["job"]) for k in (0, 1)]
+    seen.add("a volume", j("volume", *ids, "--cell", "1", "-o", base + "/v.png").ok().out + j("volume", ids[0], "--level", "1.5").ok().out)
+    with open(base + "/part.geojson", "w") as f:
+        f.write('{"type":"Feature","properties":{"name":"p"},"geometry":{"type":"Polygon","coordinates":[[[0,0],[4,0],[0,4],[0,0]]]}}')
+    seen.add("a volume", j("volume", *ids, "--within", base + "/part.geojson").ok().out)
     job = json.loads(j("submit", "text", "--new", "--wait").ok().out)["job"]
     seen.add("a job", j("cancel", str(job)).ok().out)
     seen.add("a removed job", j("rm", str(job)).ok().out)

@@ -11,6 +11,8 @@ static const char *const texts[] = {
 	"{\"type\":\"FeatureCollection\",\"features\":[{\"type\":\"Feature\",\"properties\":{\"a\":[1,null,true]},"
 	"\"geometry\":{\"type\":\"MultiPolygon\",\"coordinates\":[[[[0,0],[1e2,0],[1,-1.5E-3],[0,0]]]]}}]}",
 	"{\"type\":\"GeometryCollection\",\"geometries\":[]}",
+	"{\"type\":\"FeatureCollection\",\"features\":[{\"type\":\"Feature\",\"properties\":{\"a\":\"x\"},\"geometry\":null},"
+	"{\"geometry\":{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[1,1]]]},\"properties\":{\"a\":12},\"type\":\"Feature\"}]}",
 	"POLYGON((0 0, 10 0, 10 10, 0 0),(1 1,2 1,2 2,1 1))",
 	"MULTIPOLYGON (((0 0,1 0,1 1,0 0)),((5 5,6 5,6 6,5 5)))",
 	"POLYGON Z((0 0 1,1 0 2,1 1 3,0 0 1))",
@@ -36,7 +38,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 		abort();
 	memcpy(text, bytes, size);
 	for (int wkt = 0; wkt < 2; wkt++) {
-		struct ctl_area area = {0};
+		struct ctl_area area = {.name_field = "a"};
 		struct err err = ERR_INIT;
 		int rc;
 
@@ -46,6 +48,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 		if (!rc)
 			rc = ctl_area_print(&area, sink, &err);
 		fuzz_input_check(rc, &err);
+		/* each ring is of a feature */
+		if (!rc && area.nring && (!area.nfeature || area.feature[0].ring))
+			abort();
+		for (size_t i = 1; i < area.nfeature; i++)
+			if (area.feature[i].ring < area.feature[i - 1].ring || area.feature[i].ring > area.nring)
+				abort();
+		for (size_t i = 0; i < area.nfeature; i++)
+			if (!memchr(area.feature[i].name, 0, sizeof(area.feature[i].name)))
+				abort();
 		ctl_area_done(&area);
 	}
 	free(text);

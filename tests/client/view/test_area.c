@@ -276,11 +276,58 @@ static void test_memory(void **state)
 	}
 }
 
+/* Features, their first rings and names: "RING:NAME ...". */
+static void names_are(const char *text, const char *want)
+{
+	struct ctl_area a;
+	struct err err = ERR_INIT;
+	char name[] = "/tmp/acut-names-XXXXXX", got[512] = "";
+	int fd = mkstemp(name);
+
+	assert_true(fd >= 0 && write(fd, text, strlen(text)) == (ssize_t)strlen(text));
+	close(fd);
+	assert_int_equal(ctl_area_read_named(name, "name", &a, &err), 0);
+	unlink(name);
+	for (size_t i = 0; i < a.nfeature; i++)
+		snprintf(got + strlen(got), sizeof(got) - strlen(got), "%s%zu:%s", i ? " " : "", a.feature[i].ring,
+			 a.feature[i].name);
+	assert_string_equal(got, want);
+	ctl_area_done(&a);
+}
+
+static void test_names(void **state)
+{
+	static const char square[] = "{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[1,1]],[[0,0],[1,0],[1,1]]]}";
+	char text[2048];
+
+	names_are("POLYGON((0 0,1 0,1 1)); MULTIPOLYGON(((0 0,1 0,1 1)),((5 0,6 0,6 1)))POLYGON((0 0,1 0,1 1))", "0: 1: 3:");
+	names_are(square, "0:");
+	/* The name before and behind the geometry, a number, none, one that is no name, and in an object of a property. */
+	snprintf(text, sizeof(text),
+		 "{\"features\":[{\"properties\":{\"name\":\"a b\"},\"type\":\"Feature\",\"geometry\":%s},"
+		 "{\"type\":\"Feature\",\"geometry\":%s,\"properties\":{\"x\":{\"name\":\"no\"},\"name\":-12.5}},"
+		 "{\"type\":\"Feature\",\"geometry\":%s,\"properties\":null},"
+		 "{\"geometry\":%s,\"properties\":{\"name\":[1]},\"type\":\"Feature\"},"
+		 "{\"type\":\"Feature\",\"geometry\":null,\"properties\":{\"name\":\"nowhere\"}},"
+		 "{\"type\":\"Feature\",\"geometry\":%s,\"properties\":{\"name\":\"last\"}}],\"type\":\"FeatureCollection\"}",
+		 square, square, square, square, square);
+	names_are(text, "0:a b 2:-12.5 4: 6: 8:nowhere 8:last");
+	/* A collection in a feature is one, a bare one has its members. */
+	snprintf(text, sizeof(text), "{\"type\":\"GeometryCollection\",\"geometries\":[%s,%s]}", square, square);
+	names_are(text, "0: 2:");
+	snprintf(text, sizeof(text),
+		 "{\"type\":\"Feature\",\"geometry\":{\"type\":\"GeometryCollection\",\"geometries\":[%s,%s]},"
+		 "\"properties\":{\"name\":\"both\"}}",
+		 square, square);
+	names_are(text, "0:both");
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms),   cmocka_unit_test(test_exact),
-					   cmocka_unit_test(test_damaged), cmocka_unit_test(test_json),
-					   cmocka_unit_test(test_nested),  cmocka_unit_test(test_memory)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_names), cmocka_unit_test(test_forms),
+					   cmocka_unit_test(test_exact), cmocka_unit_test(test_damaged),
+					   cmocka_unit_test(test_json),  cmocka_unit_test(test_nested),
+					   cmocka_unit_test(test_memory)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

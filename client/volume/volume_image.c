@@ -1,0 +1,347 @@
+/*
+ * Images of the difference: a GeoTIFF with its values, a PNG with its colours. The room dem draws and keeps the pixels.
+ *
+ * The range of the colours is that of 98 per cent of the plane that changed, rounded up to 1, 2, 3 or 5 times a power of ten: one
+ * crane does not make all else white.
+ */
+#include <math.h>
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <png.h>
+
+#include "dem.h"
+#include "err.h"
+#include "format_axis.h"
+#include "outfile.h"
+#include "volume_priv.h"
+
+enum { IMAGES = 4, OCTAVE = 8, BINS = 64 * OCTAVE }; /* bins of differences from 2^-16 steps on */
+
+struct image {
+	const struct volume_image *is;
+	struct outfile *out, *world; /* NULL: none */
+	struct dem *dem;
+	struct volume_images *all;
+	/* of the picture that is written */
+	struct dem_frame frame;
+	png_structp png;
+	png_infop info;
+	struct err *err;
+};
+
+struct volume_images {
+	struct image image[IMAGES];
+	unsigned n;
+	const struct volume_options *opt;
+	volume_i128 bin[BINS];
+	double step; /* of z */
+	double range;
+};
+
+/* ---- files ---- */
+
+static int open_world(struct image *m, struct err *err)
+{
+	const char *path = m->is->path, *slash = strrchr(path, '/'), *dot = strrchr(slash ? slash : path, '.');
+	char *name;
+	int r;
+
+	if (!outfile_base(m->out))
+		return 0;
+	if (asprintf(&name, "%.*s.pgw", dot ? (int)(dot - path) : (int)strlen(path), path) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for images");
+	r = outfile_new(name, m->is->no_clobber, &m->world, err);
+	free(name);
+	return r;
+}
+
+int volume_images_new(const struct volume_options *opt, struct volume_images **ret, struct err *err)
+{
+	struct volume_images *all = calloc(1, sizeof(*all));
+	int r = 0;
+
+	if (!all)
+		return err_set(err, ERR_NOMEM, "no memory for images");
+	all->opt = opt;
+	if (opt->nimage > IMAGES)
+		r = err_set(err, ERR_USAGE, "there are at most %d images of one comparison", IMAGES);
+	if (!r && opt->nimage && opt->cell.mantissa <= 0) {
+		r = err_set(err, ERR_USAGE, "an image needs the side of a pixel: --cell");
+		err_add_hint(err, "give it in the units of the meshes, or with m, ft or ftUS, as in --cell 1m");
+	}
+	for (size_t i = 0; i < opt->nimage && !r; i++) {
+		struct image *m = &all->image[all->n++];
+
+		m->is = &opt->image[i];
+		m->all = all;
+		r = outfile_new(m->is->path, m->is->no_clobber, &m->out, err);
+		if (!r)
+			r = dem_new(m->out, &m->dem, err);
+		if (!r && !m->is->tif)
+			r = open_world(m, err);
+	}
+	if (r)
+		volume_images_free(all);
+	else
+		*ret = all;
+	return r;
+}
+
+struct volume_images *volume_images_free(struct volume_images *all)
+{
+	for (unsigned i = 0; all && i < all->n; i++) {
+		struct image *m = &all->image[i];
+
+		if (m->png)
+			png_destroy_write_struct(&m->png, &m->info);
+		dem_free(m->dem);
+		outfile_free(m->out);
+		outfile_free(m->world);
+	}
+	free(all);
+	return NULL;
+}
+
+const struct outfile *volume_images_file(const struct volume_images *all)
+{
+	return all->n ? all->image[0].out : NULL;
+}
+
+/* ---- pixels ---- */
+
+static int cell_unit(const struct volume_options *opt, const struct acut_mesh_head *head, struct dem_options *to, struct err *err)
+{
+	if (!opt->cell_unit || format_unit_ratio(opt->cell_unit, head->unit_xy, &to->cell_num, &to->cell_den))
+		return 0;
+	return err_set(err, ERR_USAGE, "--cell is in %s, but the unit of x and y is %.30s", opt->cell_unit,
+		       head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
+}
+
+int volume_images_head(struct volume_images *all, const struct volume_frame *f, const struct acut_mesh_head *of, struct err *err)
+{
+	char scale_xy[DECIMAL_TEXT_SIZE], scale_z[DECIMAL_TEXT_SIZE];
+	struct acut_mesh_head head = *of;
+	struct dem_options to = {.kind = DEM_DIFFERENCE,
+				 .cell = all->opt->cell,
+				 .cell_num = 1,
+				 .cell_den = 1,
+				 .z_num = 1,
+				 .z_den = 1,
+				 .steep = 1,
+				 .unit_xy = of->unit_xy,
+				 .unit_z = of->unit_z,
+				 .cache = all->n > 1 ? DEM_CACHE / all->n : 0,
+				 .interrupted = all->opt->interrupted,
+				 .ctx = all->opt->ctx};
+	int r = cell_unit(all->opt, of, &to, err);
+
+	head.scale_xy = decimal_text(f->step[0], scale_xy);
+	head.scale_z = decimal_text(f->step[1], scale_z);
+	head.view = "";
+	memcpy(head.k, f->k, sizeof(head.k));
+	for (int i = 0; i < 2 && !r; i++)
+		if (!volume_frame_point(f, 0, of->box + 3 * i, head.box + 3 * i))
+			r = err_set(err, ERR_LIMIT, "the mesh does not fit the common lattice");
+	all->step = decimal_double(f->step[1]);
+	for (unsigned i = 0; i < all->n && !r; i++) {
+		r = dem_head(all->image[i].dem, &head, &to, err);
+		if (!r)
+			r = dem_describe(all->image[i].dem, "acut-volume difference of heights: fill above 0, cut below 0", err);
+	}
+	return r;
+}
+
+static void count(struct volume_images *all, const struct volume_polygon *p)
+{
+	double most = 0, area = 0;
+	int bin;
+
+	for (unsigned i = 0; i < p->n; i++)
+		most = fmax(most, fabs(p->f[i]));
+	for (unsigned i = 1; i + 1 < p->n; i++)
+		area += (p->x[i] - p->x[0]) * (p->y[i + 1] - p->y[0]) - (p->x[i + 1] - p->x[0]) * (p->y[i] - p->y[0]);
+	if (!most || area <= 0)
+		return;
+	bin = (int)ceil((log2(most) + 16) * OCTAVE);
+	bin = bin < 0 ? 0 : bin >= BINS ? BINS - 1 : bin;
+	all->bin[bin] += (volume_i128)rint(ldexp(area, VOLUME_PART));
+}
+
+int volume_images_check(const struct volume_images *all, const struct volume_frame *f, const int32_t box[6], double slack,
+			struct err *err)
+{
+	int64_t num = 1, den = 1;
+	double side, pixels[2];
+
+	if (!all->n)
+		return 0;
+	if (all->opt->cell_unit && !format_unit_ratio(all->opt->cell_unit, all->opt->side[0].unit_xy, &num, &den))
+		return 0; /* refused by the head */
+	side = decimal_double(all->opt->cell) * (double)num / (double)den / decimal_double(f->step[0]) * slack;
+	for (int k = 0; k < 2; k++)
+		pixels[k] = ((double)box[3 + k] - box[k]) / side;
+	for (unsigned i = 0; i < all->n; i++) {
+		if (all->image[i].is->tif ? pixels[0] / DEM_TILE * (pixels[1] / DEM_TILE) <= DEM_TILES_MAX :
+					    pixels[0] <= DEM_ROW_MOST / 2)
+			continue;
+		err_set(err, ERR_USAGE, "%s would have %.0f x %.0f pixels, which is too many", all->image[i].is->path,
+			pixels[0] * slack, pixels[1] * slack);
+		return err_add_hint(err, "give a larger --cell");
+	}
+	return 0;
+}
+
+int volume_images_pair(struct volume_images *all, const struct volume_triangle *a, const struct volume_triangle *b,
+		       const struct volume_polygon *p, struct err *err)
+{
+	int r = 0;
+
+	if (all->n)
+		count(all, p);
+	for (unsigned i = 0; i < all->n && !r; i++)
+		r = dem_difference(all->image[i].dem, a->at, b->at, err);
+	return r;
+}
+
+/* ---- colours ---- */
+
+static double nice(double v)
+{
+	double ten = pow(10, floor(log10(v) + 1e-9)), of = v / ten;
+
+	return (of <= 1.0001 ? 1 : of <= 2.0001 ? 2 : of <= 3.0001 ? 3 : of <= 5.0001 ? 5 : 10) * ten;
+}
+
+/* In units of z. */
+static double range_of(const struct volume_images *all)
+{
+	volume_i128 sum = 0, below = 0;
+	int i;
+
+	for (i = 0; i < BINS; i++)
+		sum += all->bin[i];
+	if (!sum)
+		return nice(all->step);
+	for (i = 0; i < BINS && below < sum / 100 * 98; i++)
+		below += all->bin[i];
+	return nice(exp2((double)i / OCTAVE - 16) * all->step);
+}
+
+/* White at none, blue where it was filled, red where it was cut; paler colours between. */
+static void color(void *ctx, float value, uint8_t ret[3])
+{
+	static const double stop[2][3][3] = {{{255, 255, 255}, {146, 197, 222}, {5, 48, 97}},
+					     {{255, 255, 255}, {244, 165, 130}, {103, 0, 31}}};
+	const struct image *m = ctx;
+	double at = fmin(fabs((double)value) / m->all->range, 1) * 2;
+	int i = at >= 1;
+
+	for (int k = 0; k < 3; k++) {
+		double from = stop[value < 0][i][k], to = stop[value < 0][i + 1][k];
+
+		ret[k] = (uint8_t)rint(from + (at - i) * (to - from));
+	}
+}
+
+/* ---- the picture ---- */
+
+static void put(png_structp png, png_bytep bytes, png_size_t n)
+{
+	struct image *m = png_get_io_ptr(png);
+
+	if (outfile_write(m->out, bytes, n, m->err))
+		png_error(png, "output");
+}
+
+static void put_flush(png_structp png) {}
+
+static void fail(png_structp png, png_const_charp text)
+{
+	struct image *m = png_get_error_ptr(png);
+
+	if (!m->err->code)
+		err_set(m->err, ERR_INTERNAL, "the picture cannot be encoded: %s", text);
+	png_longjmp(png, 1);
+}
+
+static void warn(png_structp png, png_const_charp text) {}
+
+static int begin(void *ctx, const struct dem_frame *frame, struct err *err)
+{
+	struct image *m = ctx;
+
+	m->frame = *frame;
+	m->err = err;
+	m->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, m, fail, warn);
+	m->info = m->png ? png_create_info_struct(m->png) : NULL;
+	if (!m->info)
+		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
+	if (setjmp(png_jmpbuf(m->png)))
+		return -(int)err->code;
+	png_set_write_fn(m->png, m, put, put_flush);
+	png_set_user_limits(m->png, 0x7fffffff, 0x7fffffff);
+	png_set_IHDR(m->png, m->info, (png_uint_32)frame->width, (png_uint_32)frame->height, 8, PNG_COLOR_TYPE_RGB_ALPHA,
+		     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+	png_set_compression_level(m->png, 4);
+	png_write_info(m->png, m->info);
+	return 0;
+}
+
+static int put_row(void *ctx, const uint8_t *row, struct err *err)
+{
+	struct image *m = ctx;
+
+	m->err = err;
+	if (setjmp(png_jmpbuf(m->png)))
+		return -(int)err->code;
+	png_write_row(m->png, row);
+	return 0;
+}
+
+static int end(void *ctx, struct err *err)
+{
+	struct image *m = ctx;
+
+	m->err = err;
+	if (setjmp(png_jmpbuf(m->png)))
+		return -(int)err->code;
+	png_write_end(m->png, m->info);
+	return 0;
+}
+
+static int put_world(struct image *m, struct err *err)
+{
+	char text[256];
+	int n = snprintf(text, sizeof(text), "%.17g\n0\n0\n%.17g\n%.17g\n%.17g\n", m->frame.side, -m->frame.side, m->frame.left,
+			 m->frame.top);
+	int r = outfile_write(m->world, text, (size_t)n, err);
+
+	return r ? r : outfile_publish(m->world, err);
+}
+
+int volume_images_finish(struct volume_images *all, const int32_t box[6], double *ret_range, struct err *err)
+{
+	int r = 0;
+
+	all->range = range_of(all);
+	*ret_range = 0;
+	for (unsigned i = 0; i < all->n && !r; i++) {
+		struct image *m = &all->image[i];
+		const struct dem_rows rows = {begin, put_row, end, m, color};
+
+		r = m->is->tif ? dem_finish(m->dem, box, err) : dem_finish_rows(m->dem, box, &rows, err);
+		m->dem = dem_free(m->dem);
+		if (!m->is->tif)
+			*ret_range = all->range;
+	}
+	for (unsigned i = 0; i < all->n && !r; i++) {
+		if (all->image[i].world)
+			r = put_world(&all->image[i], err);
+		if (!r)
+			r = outfile_publish(all->image[i].out, err);
+	}
+	return r;
+}
