@@ -31,6 +31,8 @@ void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, ui
 /* The second half of tri_run: triangulates the nvertex vertices in their order (three may be moved to the front).
  * `narrow`: all differences of coordinates are within +-(2^31 - 1). */
 int tri_build(struct tri *, bool narrow);
+/* Its first step: the triangle of three vertices, which are moved to the front, and its ghosts. False: the vertices are flat. */
+bool tri_seed(struct tri *);
 
 static inline bool tri_narrow(const struct tri_extent *e)
 {
@@ -61,6 +63,9 @@ static inline uint32_t tri_corner_of(const struct tri_triangle *t, uint32_t side
 /* Inserts vertex nvertex - 1, which is in no triangle yet. False: vertex *ret_same has the same position, and nothing
  * has changed. */
 bool tri_insert_one(struct tri *, bool narrow, uint32_t *ret_same);
+
+/* Walks from a triangle to the one that contains a position, or to a ghost on whose side it is. */
+uint32_t tri_locate(const struct tri *, bool narrow, const int32_t p[2], uint32_t from);
 
 /* Inserts vertices 3 to nvertex - 1 into the four triangles of the first three. */
 void tri_insert_all(struct tri *, bool narrow);
