@@ -212,6 +212,8 @@ bool finish_vertices(struct finish *f)
 		uint8_t m = mark[v];
 		uint32_t to;
 
+		if (!m)
+			continue; /* hidden by its neighbours' weights, and so no vertex of the mesh */
 		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */
 		if ((m != USED || f->chosen) && cut_region_holds(f->region, at[0], at[1]))
 			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);

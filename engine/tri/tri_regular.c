@@ -247,7 +247,7 @@ static void insert_one(struct tri_regular *r, uint32_t p, bool narrow)
 			    .narrow = narrow};
 
 	in.root = tri_locate(t, narrow, in.at, r->at);
-	r->at = conflict_of(&in, in.root) ? cavity_fill(&in) : in.root;
+	r->at = r->look = conflict_of(&in, in.root) ? cavity_fill(&in) : in.root;
 }
 
 /* ---- the interface ---- */
@@ -258,7 +258,7 @@ int tri_regular_run(struct tri_regular *r, uint32_t n, const uint8_t *kind)
 	bool narrow;
 
 	t->nvertex = n;
-	t->ntriangle = r->nfree = r->at = 0;
+	t->ntriangle = r->nfree = r->at = r->look = 0;
 	r->xy = (const int32_t(*)[2])t->xy;
 	r->id = t->id;
 	if (n == 0)
@@ -301,14 +301,14 @@ bool tri_regular_search(struct tri_regular *r, struct geom_weighted p, bool (*vi
 	uint32_t list[TRI_SEARCH], n = 1;
 
 	extent_add(&extent, p.at);
-	list[0] = r->at = tri_locate(t, is_narrow(&extent), p.at, r->at);
+	list[0] = r->look = tri_locate(t, is_narrow(&extent), p.at, r->look);
 	for (unsigned k = 0; k < 3; k++) {
-		uint32_t c = t->triangle[r->at].corner[k];
+		uint32_t c = t->triangle[r->look].corner[k];
 
 		if (c != TRI_GHOST && t->xy[c][0] == p.at[0] && t->xy[c][1] == p.at[1])
 			return false;
 	}
-	if (!tri_regular_conflict(r, r->at, p))
+	if (!tri_regular_conflict(r, r->look, p))
 		return false;
 	for (uint32_t i = 0; i < n; i++) {
 		if (visit(ctx, list[i]))

@@ -18,8 +18,8 @@ struct tri_regular {
 	/* set by tri_regular_run: */
 	const int32_t (*xy)[2];
 	const uint32_t *id;
-	/* private: unused triangles (their corners are all TRI_GHOST), linked; a triangle to walk from */
-	uint32_t free, nfree, at;
+	/* private: unused triangles (their corners are all TRI_GHOST), linked; triangles to walk from, to insert and to search */
+	uint32_t free, nfree, at, look;
 };
 
 /* Triangulates the first n positions of tri_input; kind[i]: the number of the weight of input i, outside of the arena, or in what
