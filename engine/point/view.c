@@ -105,8 +105,8 @@ int view_check(const struct view *v, struct err *err)
 	}
 	if (v->nweight && v->window) {
 		err_set(err, ERR_USAGE, "with weights the triangles of an area cannot be made alone");
-		return err_add_hint(err,
-				    "leave out --bbox or --polygon, and crop the mesh; --crop takes only the points of an area");
+		return err_add_hint(
+			err, "fetch the whole mesh and cut it, or use --crop, which makes a mesh of the points of an area");
 	}
 	if (v->window && (v->window_box[0] > v->window_box[2] || v->window_box[1] > v->window_box[3])) {
 		err_set(err, ERR_USAGE, "the box of --bbox is empty");

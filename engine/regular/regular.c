@@ -23,7 +23,7 @@ static size_t bits_bytes(uint64_t n)
 
 static size_t fixed_bytes(uint32_t cap)
 {
-	return 3 * bits_bytes(2 * (uint64_t)cap) + bits_bytes(cap) + 6 * ALIGN_LINE;
+	return 3 * bits_bytes(2 * (uint64_t)cap) + bits_bytes(cap) + 7 * ALIGN_LINE;
 }
 
 size_t regular_bytes(uint32_t cap)
@@ -41,10 +41,12 @@ static void lay_out(struct regular_work *w)
 	w->watched = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
 	w->near = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
 	w->served = align_carve(&at, bits_bytes(cap));
-	w->mostdisc = (uint32_t)(left / 2 / (sizeof(struct regular_disc) + sizeof(int32_t[4]) / REGULAR_GROUP));
+	w->mostdisc = (uint32_t)(left / 2 /
+				 (sizeof(struct regular_disc) + (sizeof(int32_t[4]) + sizeof(uint32_t)) / REGULAR_GROUP + 1));
 	w->mostdisc = w->mostdisc / REGULAR_GROUP * REGULAR_GROUP;
 	w->mostpoint = (uint32_t)(left / 4 / sizeof(struct point));
 	w->mostlist = (uint32_t)(left / 4 / sizeof(struct regular_candidate));
+	w->hit = align_carve(&at, w->mostdisc / REGULAR_GROUP * sizeof(*w->hit));
 	w->disc = align_carve(&at, w->mostdisc * sizeof(*w->disc));
 	w->group = align_carve(&at, w->mostdisc / REGULAR_GROUP * sizeof(*w->group));
 	w->point = align_carve(&at, w->mostpoint * sizeof(*w->point));

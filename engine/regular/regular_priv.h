@@ -64,6 +64,8 @@ struct regular_work {
 	struct regular_disc *disc;
 	int32_t (*group)[4]; /* boxes */
 	uint32_t ndisc, mostdisc;
+	uint32_t *hit, nhit; /* groups that meet the cell that is read */
+	bool beyond;         /* half planes, or ends of borders, meet it */
 	uint32_t ghost[REGULAR_GHOSTS], nghost;
 	bool all_outside;
 	bool all; /* the border is verified, too */

@@ -73,21 +73,38 @@ static bool ghost_meets(const struct regular_work *w, uint32_t triangle, const i
 	return false;
 }
 
-static bool box_matters(const struct regular_work *w, const int32_t box[4])
+/* Whether a position beyond the hull, or far along a border, can be in the box. */
+static bool beyond_meets(const struct regular_work *w, const int32_t box[4])
 {
 	if (w->all_outside || (w->all && regular_border_ends_box(w, box)))
 		return true;
 	for (uint32_t i = 0; i < w->nghost; i++)
 		if (ghost_meets(w, w->ghost[i], box))
 			return true;
-	for (uint32_t i = 0; i < w->ndisc; i += REGULAR_GROUP) {
-		if (!boxes_meet(w->group[i / REGULAR_GROUP], box))
-			continue;
-		for (uint32_t k = i; k < w->ndisc && k < i + REGULAR_GROUP; k++)
-			if (disc_meets(&w->disc[k], box))
-				return true;
-	}
 	return false;
+}
+
+static bool group_meets(const struct regular_work *w, uint32_t group, const int32_t box[4])
+{
+	if (!boxes_meet(w->group[group], box))
+		return false;
+	for (uint32_t i = group * REGULAR_GROUP; i < w->ndisc && i < (group + 1) * REGULAR_GROUP; i++)
+		if (disc_meets(&w->disc[i], box))
+			return true;
+	return false;
+}
+
+static uint32_t groups(const struct regular_work *w)
+{
+	return (w->ndisc + REGULAR_GROUP - 1) / REGULAR_GROUP;
+}
+
+static bool box_matters(const struct regular_work *w, const int32_t box[4])
+{
+	for (uint32_t i = 0; i < groups(w); i++)
+		if (group_meets(w, i, box))
+			return true;
+	return beyond_meets(w, box);
 }
 
 /* ---- positions ---- */
@@ -118,6 +135,17 @@ static bool conflict_matters(void *ctx, uint32_t i)
 				return true;
 	}
 	return false;
+}
+
+/* Most positions of a cell are in no disc. */
+static bool near_discs(const struct regular_work *w, const int32_t at[2])
+{
+	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
+
+	for (uint32_t i = 0; i < w->nhit; i++)
+		if (group_meets(w, w->hit[i], box))
+			return true;
+	return w->beyond;
 }
 
 static bool always(void *ctx, uint32_t i)
@@ -173,7 +201,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 		const int32_t at[2] = {p->x, p->y};
 		struct visit v = {w, {at, 0}};
 
-		if (cut_region_holds(w->c->region, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
+		if (!near_discs(w, at) || cut_region_holds(w->c->region, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
 			continue;
 		v.p.w = w->weight[view_weight_of(w->c->view, p)];
 		if (!tri_regular_search(&w->tri, v.p, w->all && regular_border_ends(w, v.p) ? always : conflict_matters, &v))
@@ -206,7 +234,14 @@ static int read_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct regular_work *w = ctx;
 
-	if (!cell->count || is_own(w, cell->lo, cell->hi) || !box_matters(w, cell->box))
+	if (!cell->count || is_own(w, cell->lo, cell->hi))
+		return 0;
+	w->beyond = beyond_meets(w, cell->box);
+	w->nhit = 0;
+	for (uint32_t i = 0; i < groups(w); i++)
+		if (group_meets(w, i, cell->box))
+			w->hit[w->nhit++] = i;
+	if (!w->nhit && !w->beyond)
 		return 0;
 	w->c->cells_read++;
 	return w->c->src->read(w->c->src->ctx, cell, take_points, w, w->err);

@@ -178,6 +178,10 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		return rc;
 	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
 		return rc;
+	if (v->view.nweight) {
+		err_set(err, ERR_UNSUPPORTED, "the view has weights: its mesh is no Delaunay triangulation");
+		return err_add_hint(err, "acut-verify does not check regular triangulations");
+	}
 	view_bind(&v->view, &v->mesh.lattice);
 	m = (struct verify_mesh){.vertex = (const int32_t(*)[3])v->mesh.vertex,
 				 .triangle = (const uint32_t(*)[3])v->mesh.triangle,
