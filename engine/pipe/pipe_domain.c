@@ -61,9 +61,9 @@ void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget,
 }
 
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
-			    const struct cut_load *load, uint32_t *ret_cap)
+			    const struct cut_load *load, uint32_t more, uint32_t *ret_cap)
 {
-	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap(load->n, budget->cap);
+	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap((uint64_t)load->n + more, budget->cap);
 	struct tri *tri;
 
 	*ret_cap = cap > guess ? cap : guess;
@@ -139,7 +139,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		*ret = pipe_flat_domain(&load, k);
 		return 0;
 	}
-	tri = pipe_domain_tri(grid, budget, own, memory, &load, &cap);
+	tri = pipe_domain_tri(grid, budget, own, memory, &load, 0, &cap);
 	f.out.counts = load.counts;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
 		finish_flat(tri, region, k, &f.out);

@@ -36,9 +36,9 @@ void *pipe_domain_arena(const struct grid *grid, void *memory);
  * has only the size that such a region usually needs. */
 void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, bool whole, void *memory,
 		      struct cut_load *ret);
-/* The kernel, with the loaded positions as its input, and its capacity. */
+/* The kernel, with the loaded positions as its input, and its capacity: for so many more. */
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
-			    const struct cut_load *load, uint32_t *ret_cap);
+			    const struct cut_load *load, uint32_t more, uint32_t *ret_cap);
 /* Loads the region's positions for the kernel. `weight`: gets the numbers of their weights, budget->cap of them; NULL. */
 int pipe_domain_load(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		     const struct pipe_known *known, const struct pipe_budget *budget, void *memory, uint8_t *weight,

@@ -9,7 +9,9 @@
 #include "pipe_priv.h"
 #include "regular.h"
 
-enum { TABLES = 12 };
+/* P(B) of a region that is halved no further is at most this part of what its arena holds; a region is expected to load so many
+ * more positions, or as many as it has. */
+enum { TABLES = 12, SMALL = 32, MORE = 16384 };
 
 int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err)
 {
@@ -61,6 +63,16 @@ static bool finish(const struct regular *w, const struct cut_load *load, const i
 	return true;
 }
 
+/* Halves of such a region would load as much. */
+static int too_far(uint32_t n, uint64_t need, struct err *err)
+{
+	err->need = need;
+	err_set(err, ERR_LIMIT,
+		"a region of %u positions depends on %llu, because of the radii of --weight; they do not fit its memory", n,
+		(unsigned long long)need);
+	return err_add_hint(err, "give --weight smaller radii, or the daemon more memory");
+}
+
 int pipe_weight(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
@@ -87,12 +99,14 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 	}
 	w.n = load.n;
 	w.own = load.own;
-	w.tri = pipe_domain_tri(grid, &less, own, memory, &load, &w.cap);
+	w.tri = pipe_domain_tri(grid, &less, own, memory, &load, load.n > MORE ? load.n : MORE, &w.cap);
 	r = verify(&w, grid, memory, ret_need, err);
 	if (!r && !finish(&w, &load, k, ret)) {
 		*ret_need = (uint64_t)w.n * 2;
 		r = PIPE_E_SPLIT;
 	}
+	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL)
+		return too_far(w.n, *ret_need, err);
 	/* The error names what the whole arena would need. */
 	if (r == PIPE_E_SPLIT && *ret_need <= budget->cap)
 		*ret_need = (uint64_t)budget->cap + 1;
