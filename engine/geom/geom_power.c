@@ -32,16 +32,34 @@ static int power_tie(const struct geom_weighted v[4])
 	return -1;
 }
 
+/* All in [-2^30, 2^30): areas are at most 2^61, lifts below 2^62. */
+static bool is_narrow(int64_t ax, int64_t ay, int64_t bx, int64_t by, int64_t cx, int64_t cy)
+{
+	const uint64_t bias = UINT64_C(1) << 30;
+
+	return !((((uint64_t)ax + bias) | ((uint64_t)ay + bias) | ((uint64_t)bx + bias) | ((uint64_t)by + bias) |
+		  ((uint64_t)cx + bias) | ((uint64_t)cy + bias)) >>
+		 31);
+}
+
 int geom_power(struct geom_weighted a, struct geom_weighted b, struct geom_weighted c, struct geom_weighted d)
 {
 	int64_t ax = (int64_t)a.at[0] - d.at[0], ay = (int64_t)a.at[1] - d.at[1];
 	int64_t bx = (int64_t)b.at[0] - d.at[0], by = (int64_t)b.at[1] - d.at[1];
 	int64_t cx = (int64_t)c.at[0] - d.at[0], cy = (int64_t)c.at[1] - d.at[1];
-	int sign = geom_power_det(ax, ay, geom_power_lift(ax, ay, a.w - d.w), bx, by, geom_power_lift(bx, by, b.w - d.w), cx, cy,
-				  geom_power_lift(cx, cy, c.w - d.w));
-	const struct geom_weighted all[4] = {a, b, c, d};
+	int sign;
 
-	return sign ? sign : power_tie(all);
+	if (is_narrow(ax, ay, bx, by, cx, cy)) {
+		int64_t az = ax * ax + ay * ay - (a.w - d.w), bz = bx * bx + by * by - (b.w - d.w);
+		int64_t cz = cx * cx + cy * cy - (c.w - d.w);
+
+		sign = geom_sign128((geom_i128)az * (bx * cy - by * cx) + (geom_i128)bz * (cx * ay - cy * ax) +
+				    (geom_i128)cz * (ax * by - ay * bx));
+	} else {
+		sign = geom_power_det(ax, ay, geom_power_lift(ax, ay, a.w - d.w), bx, by, geom_power_lift(bx, by, b.w - d.w), cx,
+				      cy, geom_power_lift(cx, cy, c.w - d.w));
+	}
+	return sign ? sign : power_tie((const struct geom_weighted[4]){a, b, c, d});
 }
 
 /* Along the axis on which the line is not constant: t is a position's distance to p along it, and the rest of the height, across,

@@ -74,13 +74,28 @@ void regular_border_survey(struct regular_work *w)
 	}
 }
 
-/* > 0: c is above the line from a to b, where a is before b. */
-static geom_i128 turn(const struct regular_border *b, struct geom_weighted p, struct geom_weighted q, struct geom_weighted c)
+/* In doubles: a height, and the sum of the absolute values in it, of which its error is less than 2^-50. */
+static double rough(const struct regular_border *b, struct geom_weighted p, double *ret_sum)
+{
+	double x = 2.0 * p.at[b->axis] - (double)b->c2, u = 2.0 * p.at[!b->axis], w = 4.0 * (double)p.w;
+
+	*ret_sum = x * x + u * u + w;
+	return x * x + u * u - w;
+}
+
+/* The sign: 1 if c is above the line from p to q, where p is before q. */
+static int turn(const struct regular_border *b, struct geom_weighted p, struct geom_weighted q, struct geom_weighted c)
 {
 	int64_t pu = p.at[!b->axis];
-	geom_i128 h = height(b, p);
+	int64_t qu = q.at[!b->axis] - pu, cu = c.at[!b->axis] - pu;
+	double sum[3], hp = rough(b, p, &sum[0]), hq = rough(b, q, &sum[1]), hc = rough(b, c, &sum[2]);
+	double value = (double)qu * (hc - hp) - (double)cu * (hq - hp);
+	geom_i128 h;
 
-	return (q.at[!b->axis] - pu) * (height(b, c) - h) - (c.at[!b->axis] - pu) * (height(b, q) - h);
+	if (fabs(value) > 0x1p-46 * (fabs((double)qu) * (sum[2] + sum[0]) + fabs((double)cu) * (sum[1] + sum[0])))
+		return value > 0 ? 1 : -1;
+	h = height(b, p);
+	return geom_sign128(qu * (height(b, c) - h) - cu * (height(b, q) - h));
 }
 
 /* In their order along the border; false: they are at one place. */

@@ -21,9 +21,10 @@ static void centre(const struct regular_work *w, const uint32_t c[3], double ret
 	ret[1] = (double)(cz * bx - bz * cx) / twice;
 }
 
-/* Each number of u has a relative error below 2^-51. */
-static bool owns(const struct regular_work *w, const uint32_t c[3], const double u[2])
+/* Each number of u has a relative error below 2^-51. *ret_inside: the distance to the nearest border, if it is owned. */
+static bool owns(const struct regular_work *w, const uint32_t c[3], const double u[2], double *ret_inside)
 {
+	*ret_inside = INFINITY;
 	for (unsigned side = 0; side < 4; side++) {
 		unsigned axis = side & 1;
 		double off, value;
@@ -40,6 +41,7 @@ static bool owns(const struct regular_work *w, const uint32_t c[3], const double
 						w->box[side], axis == 0) > 0;
 		if (upper != (side < 2))
 			return false;
+		*ret_inside = fmin(*ret_inside, fabs(value) / 2);
 	}
 	return true;
 }
@@ -53,6 +55,15 @@ static bool ends_here(const struct regular_work *w, const int32_t a[2], const in
 		if (to[axis] > 0 ? w->box[2 + axis] != INT64_MAX : to[axis] < 0 && w->box[axis] != INT64_MIN)
 			return false;
 	return true;
+}
+
+/* Whether the disc of an owned triangle, with its centre so far inside, is certainly in the region. */
+static bool disc_inside(const struct regular_work *w, uint32_t corner, const double u[2], double inside)
+{
+	double square = u[0] * u[0] + u[1] * u[1], more = (double)(w->most - regular_vertex(w, corner).w);
+
+	inside -= 1 + 0x1p-40 * (fabs(u[0]) + fabs(u[1]));
+	return inside > 0 && inside * inside > (square + more) + 0x1p-30 * (square + fabs(more));
 }
 
 static bool in_region(const struct regular_work *w, const int32_t box[4])
@@ -102,14 +113,17 @@ static int watch_one(struct regular_work *w, uint32_t i)
 {
 	const struct tri_triangle *t = &w->r.triangle[i];
 	unsigned ghost = regular_ghost_at(t);
-	double u[2];
+	double u[2], inside;
 
 	if (!tri_regular_used(t))
 		return 0;
 	if (ghost == 3) {
 		centre(w, t->corner, u);
-		regular_set(w->owned, i, owns(w, t->corner, u));
-		return regular_bit(w->owned, i) ? watch_triangle(w, i, u) : watch_edges(w, i);
+		if (!owns(w, t->corner, u, &inside))
+			return watch_edges(w, i);
+		regular_set(w->owned, i, true);
+		regular_set(w->watched, i, true);
+		return disc_inside(w, t->corner[0], u, inside) ? 0 : watch_triangle(w, i, u);
 	}
 	if (!w->c->no_hull && ends_here(w, w->r.xy[t->corner[(ghost + 1) % 3]], w->r.xy[t->corner[(ghost + 2) % 3]])) {
 		regular_set(w->watched, i, true);
@@ -143,13 +157,13 @@ static void find_owned(struct regular_work *w, uint32_t first)
 	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
 		const struct tri_triangle *t = &w->r.triangle[i];
 		bool real = regular_ghost_at(t) == 3;
-		double u[2];
+		double u[2], inside;
 
 		if (real && t->corner[0] < first && t->corner[1] < first && t->corner[2] < first)
 			continue;
 		if (real)
 			centre(w, t->corner, u);
-		regular_set(w->owned, i, real && owns(w, t->corner, u));
+		regular_set(w->owned, i, real && owns(w, t->corner, u, &inside));
 	}
 }
 
