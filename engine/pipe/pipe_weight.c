@@ -46,7 +46,8 @@ static bool finish(const struct regular *w, const struct cut_load *load, const i
 	counts->cells_read += w->cells_read;
 	counts->points_read += w->points_read;
 	if (w->flat) {
-		finish_flat(w->tri, w->region, k, &f.out);
+		finish_init(&f, w->region, k, w->tri);
+		finish_flat(&f);
 		*ret = f.out;
 		return true;
 	}
@@ -94,7 +95,7 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 	if (r)
 		return r;
 	if (load.flat) {
-		*ret = pipe_flat_domain(&load, k);
+		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
 	w.n = load.n;
