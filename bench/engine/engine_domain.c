@@ -146,7 +146,7 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 	r = load(grid, view, region, memory, twice, &room, sum, ret_need, err);
 	if (r)
 		return r;
-	tri = pipe_domain_tri(grid, budget, budget->cap, memory, &room, &cap);
+	tri = pipe_domain_tri(grid, budget, budget->cap, memory, &room, 0, &cap);
 	f.out.counts = room.counts;
 	if (triangulate(tri, room.n, sum)) {
 		finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);

@@ -67,6 +67,8 @@ const struct cli_option ctl_options[] = {
 	 "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
 	{"thin-pick", 0, "lowest|highest|median", CLI_TEXT, AT(view.thin_pick), CTL_VIEW, "which point of a cell (lowest)"},
 	{"max-error", 0, "LENGTH", CLI_LATER, 0, CTL_VIEW, NULL},
+	{"weight", 0, "CLASS=RADIUS,...", CLI_TEXT, AT(view.weight), CTL_VIEW,
+	 "points of a class hide points of less weight within about this radius: 2=1.5 or 2=1.5m,9=30ft"},
 	{"breakline-clear", 0, "LENGTH", CLI_TEXT, AT(view.breakline_clear), CTL_VIEW,
 	 "no points nearer than this to a line of the dataset (0: none on a line)"},
 	{"metric", 0, "P,Q,K", CLI_TEXT, AT(view.metric), CTL_VIEW,

@@ -104,28 +104,53 @@ static int check_heights(const struct ctl_view_options *a, struct err *err)
 }
 
 /* A number, alone or with the name of a unit of length. `least`: the least mantissa. */
-static int check_length(const char *option, const char *text, int least, struct err *err)
+static bool good_length(const char *text, size_t n, int least)
 {
 	static const char *const units[] = {"ftUS", "ft", "m"};
 	char number[DECIMAL_TEXT_SIZE];
 	struct decimal d;
-	size_t n = text ? strlen(text) : 0;
 
-	if (!text)
-		return 0;
 	for (int i = 0; i < 3; i++) {
 		size_t m = strlen(units[i]);
 
-		if (n > m && !strcmp(text + n - m, units[i])) {
+		if (n > m && !memcmp(text + n - m, units[i], m)) {
 			n -= m;
 			break;
 		}
 	}
 	snprintf(number, sizeof(number), "%.*s", (int)n, text);
-	if (n < sizeof(number) && decimal_parse(number, &d) && d.mantissa >= least)
+	return n < sizeof(number) && decimal_parse(number, &d) && d.mantissa >= least;
+}
+
+static int check_length(const char *option, const char *text, int least, struct err *err)
+{
+	if (!text || good_length(text, strlen(text), least))
 		return 0;
 	err_set(err, ERR_USAGE, "%s is not a length: \"%s\"", option, text);
 	return err_add_hint(err, "give a number in the units of the files, or with m, ft or ftUS, as in 10m");
+}
+
+/* "2=1.5" or "2=1.5m,9=30ft". */
+static int check_weights(const struct ctl_view_options *a, struct err *err)
+{
+	const char *at = a->weight;
+
+	while (at) {
+		size_t n = strcspn(at, ","), cls = strspn(at, "0123456789");
+
+		if (!cls || cls > 3 || strtoul(at, NULL, 10) > 255 || at[cls] != '=' ||
+		    !good_length(at + cls + 1, n - cls - 1, 0)) {
+			err_set(err, ERR_USAGE, "--weight is not a class with a radius: \"%.*s\"", (int)n, at);
+			return err_add_hint(err, "give a class and a length, as in 2=1.5 or 2=1.5m,9=30ft");
+		}
+		at = at[n] ? at + n + 1 : NULL;
+	}
+	if (a->weight && (a->bbox || a->polygon)) {
+		err_set(err, ERR_USAGE, "with weights the triangles of an area cannot be made alone");
+		return err_add_hint(err,
+				    "make the whole mesh and cut it, or use --crop, which makes a mesh of the points of an area");
+	}
+	return 0;
 }
 
 static int check_lines(const struct ctl_view_options *a, struct err *err)
@@ -179,7 +204,8 @@ static int check(const struct ctl_view_options *a, struct err *err)
 
 	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
 	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) ||
-	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_metric(a->metric, err)))
+	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_metric(a->metric, err)) ||
+	    (r = check_weights(a, err)))
 		return r;
 	return 0;
 }
@@ -326,6 +352,10 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fprintf(out, " breakline-clear=%s", a->breakline_clear);
 	if (a->metric && metric_of(a->metric, n))
 		fprintf(out, " metric=%lld,%lld,%lld", (long long)n[0], (long long)n[1], (long long)n[2]);
+	if (a->weight)
+		fputs(" weight=", out);
+	for (const char *at = a->weight; at && *at; at++)
+		putc(*at == '=' ? ':' : *at, out);
 }
 
 int ctl_view_text(const struct ctl_view_options *a, char **ret, struct err *err)

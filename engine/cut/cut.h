@@ -69,6 +69,7 @@ struct cut_sites;
 struct cut_trace;
 struct cut_load {
 	struct mesh_vertex *out;
+	uint8_t *weight; /* gets the number of each position's weight (view_weight_of), cap of them; NULL: not wanted */
 	uint32_t cap;
 	const struct cut_sites *sites; /* of the plan, for a leaf that is `known`: its halo is not read; else NULL */
 	bool flat;                     /* for a leaf that is `flat`: only its own positions are loaded */

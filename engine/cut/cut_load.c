@@ -30,6 +30,7 @@ static int own_points(void *ctx, const struct point *pts, size_t n, struct err *
 	struct cut_load *l = o->load;
 	struct mesh_counts *counts = &l->counts;
 	const struct point *last = &o->last;
+	uint8_t *weight = l->weight;
 	uint32_t own = l->own;
 	uint64_t here = o->here;
 
@@ -56,6 +57,8 @@ static int own_points(void *ctx, const struct point *pts, size_t n, struct err *
 			here = 1;
 		}
 		last = p;
+		if (weight)
+			weight[own] = view_weight_of(o->judge.view, p);
 		l->out[own++] = (struct mesh_vertex){p->x, p->y, p->z};
 	}
 	o->last = *last;
@@ -99,7 +102,7 @@ static uint32_t count_before(const struct mesh_vertex *v, uint32_t n, const stru
 
 /* Merges m halo points into the own positions, from the end, in place. Both are in Morton order. The halo is much
  * smaller, so its places are found by binary search. */
-static void merge_halo(struct cut_load *load, const struct point *halo, uint32_t m)
+static void merge_halo(struct cut_load *load, const struct view *view, const struct point *halo, uint32_t m)
 {
 	uint32_t i = load->own;
 
@@ -110,6 +113,10 @@ static void merge_halo(struct cut_load *load, const struct point *halo, uint32_t
 
 		memmove(load->out + at + m, load->out + at, (i - at) * sizeof(*load->out));
 		load->out[at + m - 1] = (struct mesh_vertex){p->x, p->y, p->z};
+		if (load->weight) {
+			memmove(load->weight + at + m, load->weight + at, i - at);
+			load->weight[at + m - 1] = view_weight_of(view, p);
+		}
 		i = at;
 	}
 }
@@ -172,6 +179,6 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 		return CUT_E_FULL;
 	}
 	load->counts.halo = m;
-	merge_halo(load, halo, m);
+	merge_halo(load, view, halo, m);
 	return load->trace ? cut_trace_ranges(load->trace, src, region, err) : 0;
 }

@@ -228,6 +228,8 @@ bool finish_vertices(struct finish *f)
 		uint8_t m = mark[v];
 		uint32_t to;
 
+		if (!m)
+			continue; /* hidden by its neighbours' weights, and so no vertex of the mesh */
 		finish_position(f, xy, at);
 
 		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */

@@ -29,7 +29,7 @@ int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2]
 /* The circumcentre is exactly on the cut. It moves with the lifted heights; the vertex of highest rank whose height
  * moves it across the cut decides. At most one coefficient of three non-collinear vertices is zero, so two steps
  * suffice. */
-static int cut_side_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], bool vertical)
+int geom_cut_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], bool vertical)
 {
 	const int32_t *v[3] = {a, b, c};
 	int along = vertical ? 1 : 0, largest = geom_less(a, b) ? 1 : 0;
@@ -76,5 +76,5 @@ int geom_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], in
 	geom_i128 bz = (geom_i128)geom_lift(bx, by), cz = (geom_i128)geom_lift(cx, cy);
 	geom_i128 exact = geom_cut_value(at, bv, bz, cv, cz, area, c2, vertical);
 
-	return exact ? geom_sign128(exact) : cut_side_tie(a, b, c, vertical);
+	return exact ? geom_sign128(exact) : geom_cut_tie(a, b, c, vertical);
 }

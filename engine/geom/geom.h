@@ -126,6 +126,8 @@ static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const in
  * or above a horizontal one, -1 left or below, never 0. c2: the doubled coordinate of the cut, odd, within +-2^34.
  */
 int geom_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical);
+/* The result if the circumcentre is exactly on the cut. */
+int geom_cut_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], bool vertical);
 
 /*
  * The inner function: N of algorithm.md 3, which is the circumcentre minus the cut, times a positive number. From b and

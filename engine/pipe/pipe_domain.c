@@ -61,9 +61,9 @@ void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget,
 }
 
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
-			    const struct cut_load *load, uint32_t *ret_cap)
+			    const struct cut_load *load, uint32_t more, uint32_t *ret_cap)
 {
-	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap(load->n, budget->cap);
+	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap((uint64_t)load->n + more, budget->cap);
 	struct tri *tri;
 
 	*ret_cap = cap > guess ? cap : guess;
@@ -74,9 +74,9 @@ struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *b
 	return tri;
 }
 
-static int load_points(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		       const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct cut_load *load,
-		       uint64_t *ret_own, uint64_t *ret_need, struct err *err)
+int pipe_domain_load(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		     const struct pipe_known *known, const struct pipe_budget *budget, void *memory, uint8_t *weight,
+		     struct cut_load *load, uint64_t *ret_own, uint64_t *ret_need, struct err *err)
 {
 	struct pipe_trace *trace = memory;
 	struct grid_reader *reader = NULL;
@@ -90,13 +90,15 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 		load->sites = known ? known->sites : NULL;
 		load->flat = known && known->flat;
 		load->before = known && known->before ? &known->before->trace : NULL;
-		load->trace = &trace->trace;
-		cut_trace_init(load->trace, trace + 1);
+		load->weight = weight;
+		/* The trace of a domain with weights stays empty: it depends on more than is recorded. */
+		load->trace = weight ? NULL : &trace->trace;
+		cut_trace_init(&trace->trace, trace + 1);
 		r = cut_load(reader, view, region, load, ret_need, err);
 		/* The reported need must not depend on the store. */
 		if (r == CUT_E_FULL && load->before) {
 			load->before = NULL;
-			cut_trace_init(load->trace, trace + 1);
+			cut_trace_init(&trace->trace, trace + 1);
 			r = cut_load(reader, view, region, load, ret_need, err);
 		}
 		if (r != CUT_E_FULL)
@@ -128,14 +130,16 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 				  pipe_domain_arena(grid, memory), ret, ret_need, err);
 		return r == WINDOW_E_SPLIT ? PIPE_E_SPLIT : r;
 	}
-	r = load_points(grid, view, region, known, budget, memory, &load, &own, ret_need, err);
+	if (view->nweight)
+		return pipe_weight(grid, view, region, known, budget, memory, ret, ret_need, err);
+	r = pipe_domain_load(grid, view, region, known, budget, memory, NULL, &load, &own, ret_need, err);
 	if (r)
 		return r;
 	if (load.flat) {
 		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
-	tri = pipe_domain_tri(grid, budget, own, memory, &load, &cap);
+	tri = pipe_domain_tri(grid, budget, own, memory, &load, 0, &cap);
 	f.out.counts = load.counts;
 	finish_map(&f, view);
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {

@@ -30,7 +30,9 @@ int pipe_plan_make(const struct grid *grid, const struct view *view, const struc
 	bool flat;
 	int r;
 
-	r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
+	r = pipe_weight_check(grid, view, err);
+	if (!r)
+		r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
 	if (r)
 		return r;
 	r = pipe_flat_scan(reader, view, &flat, &counts, err);

@@ -20,6 +20,7 @@ struct grid_reader;
 struct mesh_counts;
 struct mesh_domain;
 struct pipe_budget;
+struct pipe_known;
 struct tri;
 struct view;
 
@@ -36,9 +37,17 @@ void *pipe_domain_arena(const struct grid *grid, void *memory);
  * has only the size that such a region usually needs. */
 void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, bool whole, void *memory,
 		      struct cut_load *ret);
-/* The kernel, with the loaded positions as its input, and its capacity. */
+/* The kernel, with the loaded positions as its input, and its capacity: for so many more. */
 struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
-			    const struct cut_load *load, uint32_t *ret_cap);
+			    const struct cut_load *load, uint32_t more, uint32_t *ret_cap);
+/* Loads the region's positions for the kernel. `weight`: gets the numbers of their weights, budget->cap of them; NULL. */
+int pipe_domain_load(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		     const struct pipe_known *known, const struct pipe_budget *budget, void *memory, uint8_t *weight,
+		     struct cut_load *load, uint64_t *ret_own, uint64_t *ret_need, struct err *err);
+/* pipe_domain for a view with weights, and what is refused with one (pipe_weight.c). */
+int pipe_weight(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err);
 /* For a grid with lines, after tri_run: the triangles of the region if they differ from the owned ones (else ret->chosen is
  * NULL), of *tri, which may become another one. PIPE_E_SPLIT as of pipe_domain. */
 int pipe_constrain(const struct grid *grid, const struct view *view, const struct cut_region *region,

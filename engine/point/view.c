@@ -109,9 +109,18 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "the box of --crop is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
 	}
+	if (v->nweight && v->window) {
+		err_set(err, ERR_USAGE, "with weights the triangles of an area cannot be made alone");
+		return err_add_hint(
+			err, "fetch the whole mesh and cut it, or use --crop, which makes a mesh of the points of an area");
+	}
 	if (v->window && (v->window_box[0] > v->window_box[2] || v->window_box[1] > v->window_box[3])) {
 		err_set(err, ERR_USAGE, "the box of --bbox is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
+	}
+	if (v->nweight && v->metric.k > 1) {
+		err_set(err, ERR_USAGE, "radii of weights are circles, and with a metric distances are ellipses");
+		return err_add_hint(err, "leave out one of --weight and --metric");
 	}
 	return view_metric_check(v->metric, err);
 }
@@ -204,6 +213,8 @@ struct view view_rest(const struct view *v)
 	rest.keep_withheld = rest.keep_noise = true;
 	rest.duplicates = normal.duplicates;
 	rest.metric = normal.metric;
+	rest.nweight = v->nweight;
+	memcpy(rest.weight, v->weight, sizeof rest.weight);
 	memcpy(rest.k, v->k, sizeof rest.k);
 	rest.window = v->window;
 	memcpy(rest.window_box, v->window_box, sizeof rest.window_box);
@@ -260,13 +271,55 @@ int view_thin_compare(const struct view_thin *t, const struct point *a, const st
 	return (a->y > b->y) - (a->y < b->y);
 }
 
+static int32_t radius_of(const struct view *v, const struct point *p)
+{
+	uint8_t weight = view_weight_of(v, p);
+
+	return weight ? v->weight[weight - 1].radius : 0;
+}
+
 bool view_prefers(const struct view *v, const struct point *a, const struct point *b)
 {
+	int32_t ra = radius_of(v, a), rb = radius_of(v, b);
 	bool highest = !v->ground && (v->surface || v->duplicates == VIEW_HIGHEST);
 
+	if (ra != rb)
+		return ra > rb;
 	if (a->z != b->z)
 		return highest ? a->z > b->z : a->z < b->z;
 	return compare_kind(a, b) < 0;
+}
+
+int64_t view_weights(const struct view *v, int64_t ret[VIEW_WEIGHTS + 1])
+{
+	int64_t most = 0;
+
+	memset(ret, 0, (VIEW_WEIGHTS + 1) * sizeof *ret);
+	for (unsigned i = 0; i < v->nweight; i++) {
+		int64_t radius = v->weight[i].radius;
+
+		ret[i + 1] = radius * radius;
+		most = ret[i + 1] > most ? ret[i + 1] : most;
+	}
+	return most;
+}
+
+bool view_weight_set(struct view *v, uint8_t cls, int32_t radius)
+{
+	unsigned at = v->nweight;
+
+	for (unsigned i = 0; i < v->nweight; i++)
+		if (v->weight[i].cls == cls)
+			return false;
+	if (!radius)
+		return true;
+	if (v->nweight == VIEW_WEIGHTS)
+		return false;
+	for (; at > 0 && v->weight[at - 1].cls > cls; at--)
+		v->weight[at] = v->weight[at - 1];
+	v->weight[at] = (struct view_weight){cls, radius};
+	v->nweight++;
+	return true;
 }
 
 const char *view_rule_text(enum view_rule rule)
@@ -285,6 +338,7 @@ const char *view_rule_text(enum view_rule rule)
 		[VIEW_BY_DUPLICATE] = "duplicate",
 		[VIEW_BY_LINE] = "line",
 		[VIEW_BY_AREA] = "area",
+		[VIEW_BY_WEIGHT] = "weight",
 	};
 
 	return (unsigned)rule < VIEW_RULES ? text[rule] : "unknown";

@@ -22,6 +22,9 @@ struct err;
 struct lattice;
 struct view_area;
 
+/* Classes with a weight, and the greatest radius. */
+enum { VIEW_WEIGHTS = 32, VIEW_RADIUS_MOST = 1 << 30 };
+
 enum view_returns { VIEW_RETURNS_ALL, VIEW_RETURNS_FIRST, VIEW_RETURNS_LAST };
 enum view_duplicates { VIEW_LOWEST, VIEW_HIGHEST };
 enum view_pick { VIEW_PICK_LOWEST, VIEW_PICK_HIGHEST, VIEW_PICK_MEDIAN }; /* median: the lower one */
@@ -44,6 +47,7 @@ enum view_rule {
 	VIEW_BY_DUPLICATE, /* another point of the same position was taken */
 	VIEW_BY_LINE,      /* on a line, or too near to it (POINT_NEAR_LINE) */
 	VIEW_BY_AREA,      /* in a lake, in a hole, or outside of the boundary (POINT_IN_AREA) */
+	VIEW_BY_WEIGHT,    /* hidden by points of more weight; a rule of the mesh, not of a point */
 	VIEW_RULES
 };
 
@@ -80,9 +84,28 @@ struct view {
 	int64_t window_box[4];
 	struct view_area *window_area;
 	struct view_metric metric;
+	/* Points of a class hide others of less weight within its radius (docs/design/weights.md). By class, ascending. */
+	struct view_weight {
+		uint8_t cls;
+		int32_t radius; /* lattice numbers, at least 1, at most VIEW_RADIUS_MOST */
+	} weight[VIEW_WEIGHTS];
+	uint8_t nweight;
 	int64_t k[3];        /* set by view_bind; not part of the text */
 	struct view_map map; /* set by view_bind_map; likewise */
 };
+
+/* The number of the weight of a point: 0, none, or 1 + its place in `weight`. */
+static inline uint8_t view_weight_of(const struct view *v, const struct point *p)
+{
+	for (uint8_t i = 0; i < v->nweight; i++)
+		if (v->weight[i].cls == p->cls)
+			return (uint8_t)(i + 1);
+	return 0;
+}
+/* The weights, by number: squares. Returns the greatest. */
+int64_t view_weights(const struct view *, int64_t ret[VIEW_WEIGHTS + 1]);
+/* Adds the radius of a class; one of zero is none. False: the class has one, or there are too many. */
+bool view_weight_set(struct view *, uint8_t cls, int32_t radius);
 
 #define VIEW_INIT ((struct view){.returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST})
 /* Frees the areas. The view may be filled again. */
@@ -128,7 +151,8 @@ int view_set_not_classes(struct view *, const char *list, struct err *err);
 enum view_rule view_judge(const struct view *, const struct point *);
 /* Whether view_judge uses only class, returns, flags and marks of a point. */
 bool view_by_kind(const struct view *);
-/* True: of two kept points at one position, a is preferred to b. False if they are equal (the source never decides). */
+/* True: of two kept points at one position, a is preferred to b: by weight, by height, then the rest of the record. False if they
+ * are equal (the source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);
 const char *view_rule_text(enum view_rule);
 /* Whether the points that it removes are left out by the selection (view_selects), so that they are never meshed. */

@@ -255,6 +255,41 @@ static int parse_clear(struct request *q, struct view_word w)
 	return err_add_hint(q->err, "give --breakline-clear a smaller length");
 }
 
+static int bad_weight(struct request *q, struct view_word w, const char *what)
+{
+	err_set(q->err, ERR_USAGE, "--weight: %s: \"%.*s\"", what, (int)(w.n < 60 ? w.n : 60), w.at);
+	return err_add_hint(q->err,
+			    "give a class and a radius, as in --weight 2=1.5 or --weight 2=1.5m, each class once, at most %d",
+			    VIEW_WEIGHTS);
+}
+
+/* "2:1.5,9:30ft": a radius that rounds to zero is none. */
+static int parse_weights(struct request *q, struct view_word all)
+{
+	struct view_word one;
+
+	if (!all.n || all.at[all.n - 1] == ',')
+		return 1;
+	while (view_word_part(&all, ',', &one)) {
+		struct view_word radius = one, cls;
+		int64_t steps;
+		unsigned c;
+		bool fits;
+		int r;
+
+		if (!view_word_part(&radius, ':', &cls) || !view_word_class(cls, &c) || !radius.n)
+			return bad_weight(q, one, "it is no class with a radius");
+		r = parse_length(q, radius, "--weight", true, &steps, &fits);
+		if (r)
+			return r;
+		if (!fits || steps > VIEW_RADIUS_MOST)
+			return bad_weight(q, one, "the radius is more than 2^30 steps of the lattice");
+		if (!view_weight_set(q->view, (uint8_t)c, (int32_t)steps))
+			return bad_weight(q, one, "the class has a radius, or there are too many");
+	}
+	return 0;
+}
+
 /* ---- words ---- */
 
 static int parse_word(struct request *q, enum view_word_id id, struct view_word w)
@@ -269,6 +304,8 @@ static int parse_word(struct request *q, enum view_word_id id, struct view_word 
 		return take_window(q, w);
 	if (id == VIEW_WORD_thin)
 		return parse_thin(q, w);
+	if (id == VIEW_WORD_weight)
+		return parse_weights(q, w);
 	if (id == VIEW_WORD_breakline_clear)
 		return parse_clear(q, w);
 	if (view_word_rows[id].kind == VIEW_KIND_HEIGHT)

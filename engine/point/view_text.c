@@ -106,6 +106,12 @@ static void put_place(struct sink *s, const char *word, unsigned kind, const int
 
 static const char *const pick_text[] = {"lowest", "highest", "median"};
 
+static void put_weights(struct sink *s, const char *word, const struct view *v)
+{
+	for (unsigned i = 0; i < v->nweight; i++)
+		put_text(s, "%s%s%u:%d", i ? "," : " ", i ? "" : word, v->weight[i].cls, v->weight[i].radius);
+}
+
 /* A word that is no row of a kind. */
 static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 {
@@ -150,6 +156,9 @@ static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 		if (v->metric.k)
 			put_text(s, " %s%lld,%lld,%lld", word, (long long)v->metric.p, (long long)v->metric.q,
 				 (long long)v->metric.k);
+		break;
+	case VIEW_WORD_weight:
+		put_weights(s, word, v);
 		break;
 	default:
 		break;
@@ -315,6 +324,21 @@ static int parse_thin(struct view *v, struct view_word w)
 	return 1;
 }
 
+static int parse_weights(struct view *v, struct view_word w)
+{
+	struct view_word part, cls;
+	int64_t radius;
+	unsigned c;
+
+	while (view_word_part(&w, ',', &part)) {
+		if (!view_word_part(&part, ':', &cls) || !view_word_class(cls, &c) || !view_word_i64(part, &radius))
+			return 1;
+		if (radius < 1 || radius > VIEW_RADIUS_MOST || !view_weight_set(v, (uint8_t)c, (int32_t)radius))
+			return 1;
+	}
+	return 0;
+}
+
 static int parse_word(struct view *v, enum view_word_id id, struct view_word w, struct err *err)
 {
 	const struct view_word_row *row = &view_word_rows[id];
@@ -325,6 +349,8 @@ static int parse_word(struct view *v, enum view_word_id id, struct view_word w, 
 		return parse_place(w, &v->window, v->window_box, &v->window_area, err);
 	if (id == VIEW_WORD_thin)
 		return parse_thin(v, w);
+	if (id == VIEW_WORD_weight)
+		return parse_weights(v, w);
 	if (id == VIEW_WORD_breakline_clear)
 		return !view_word_i64(w, &v->breakline_clear) || v->breakline_clear <= 0 || v->breakline_clear > VIEW_CLEAR_MOST;
 	if (row->kind == VIEW_KIND_HEIGHT)

@@ -82,7 +82,7 @@ bool view_word_i64(struct view_word w, int64_t *ret)
 	return number_text(w, text) && parse_i64(text, ret);
 }
 
-static bool parse_class(struct view_word w, unsigned *ret)
+bool view_word_class(struct view_word w, unsigned *ret)
 {
 	unsigned v = 0;
 
@@ -109,7 +109,7 @@ bool view_word_classes(struct view_word w, uint64_t classes[4])
 
 		if (dash)
 			high = (struct view_word){dash + 1, part.n - low.n - 1};
-		if (!parse_class(low, &first) || !parse_class(high, &last) || last < first)
+		if (!view_word_class(low, &first) || !view_word_class(high, &last) || last < first)
 			return false;
 		for (unsigned c = first; c <= last; c++)
 			classes[c >> 6] |= UINT64_C(1) << (c & 63);

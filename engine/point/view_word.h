@@ -21,6 +21,8 @@ bool view_word_part(struct view_word *, char end, struct view_word *ret);
 bool view_word_i64(struct view_word, int64_t *ret);
 /* "2-5,9" into a bit set. */
 bool view_word_classes(struct view_word, uint64_t classes[4]);
+/* "9": the number of a class. */
+bool view_word_class(struct view_word, unsigned *ret);
 
 /* The rows of base/view_option.def, in the order of the canonical text. */
 enum view_word_id {

@@ -100,12 +100,19 @@ static void seed_place(struct tri *t)
 	t->ntriangle = 4;
 }
 
-int tri_build(struct tri *t, bool narrow)
+bool tri_seed(struct tri *t)
 {
 	t->ntriangle = 0;
 	if (!seed_find(t))
-		return TRI_E_FLAT;
+		return false;
 	seed_place(t);
+	return true;
+}
+
+int tri_build(struct tri *t, bool narrow)
+{
+	if (!tri_seed(t))
+		return TRI_E_FLAT;
 	tri_insert_all(t, narrow);
 	return 0;
 }

@@ -160,6 +160,13 @@ static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t
 	}
 }
 
+uint32_t tri_locate(const struct tri *t, bool narrow, const int32_t p[2], uint32_t from)
+{
+	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
+
+	return narrow ? narrow_walk(t->triangle, xy, p, from) : careful_walk(t->triangle, xy, p, from);
+}
+
 /* Replaces the triangles in conflict with vertex p (`root` is one) by a fan around p. The slots `fresh` and `fresh` + 1
  * are unused. Returns a triangle of the fan. `pieces`: some links are constrained, and the cavity ends there. */
 static inline __attribute__((always_inline)) uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p,

@@ -31,6 +31,8 @@ void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, ui
 /* The second half of tri_run: triangulates the nvertex vertices in their order (three may be moved to the front).
  * `narrow`: all differences of coordinates are within +-(2^31 - 1). */
 int tri_build(struct tri *, bool narrow);
+/* Its first step: the triangle of three vertices, which are moved to the front, and its ghosts. False: the vertices are flat. */
+bool tri_seed(struct tri *);
 
 static inline bool tri_narrow(const struct tri_extent *e)
 {
@@ -66,6 +68,8 @@ bool tri_insert_one(struct tri *, bool narrow, uint32_t *ret_same);
  * `root` conflicts. The triangles that are reached from there in conflict, and the two after the last one, are its fan then. */
 bool tri_conflict(const struct tri *, uint32_t triangle, const int32_t at[2]);
 void tri_insert_at(struct tri *, uint32_t root);
+/* Walks from a triangle to the one that contains a position, or to a ghost on whose side it is. */
+uint32_t tri_locate(const struct tri *, bool narrow, const int32_t p[2], uint32_t from);
 
 /* Inserts vertices 3 to nvertex - 1 into the four triangles of the first three. */
 void tri_insert_all(struct tri *, bool narrow);

@@ -25,7 +25,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               zmax: Optional[Number] = None, crop: Optional[Area] = None, bbox: Optional[Any] = None,
               polygon: Optional[Area] = None, every: Optional[int] = None, thin: Optional[Number] = None,
               thin_pick: Optional[str] = None, no_breaklines: bool = False,
-              breakline_clear: Optional[Number] = None, metric: Any = None) -> str:
+              breakline_clear: Optional[Number] = None, metric: Any = None, weight: Any = None) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -44,6 +44,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     no_breaklines      without the lines of the dataset
     breakline_clear    no points nearer than this to a line, a length like that of thin, or 0
     metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
+    weight             points of a class hide points of less weight within about its radius: {2: 1.5, 9: "30ft"} or a text,
+                       "2=1.5,9=30ft"; radii are lengths like that of thin
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -86,8 +88,12 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     words += ["no-breaklines"] if no_breaklines else []
     words += ["breakline-clear=%s" % _length(breakline_clear, "breakline_clear")] if breakline_clear is not None else []
     words += ["metric=%s" % _metric(metric)] if metric is not None else []
+    words += ["weight=%s" % _weights(weight)] if weight is not None else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
+    if window and weight is not None:
+        raise UsageError("with weights the triangles of an area cannot be made alone",
+                         hint="make the whole mesh and cut it, or use crop, which makes a mesh of the points of an area")
     words += ["window=%s" % window] if window else []
     text = " ".join(words)
     if len(text) >= _TEXT_MOST:
@@ -184,6 +190,14 @@ def _length(value: Any, name: str) -> str:
     if _decimal(number, name) < 0 or (name == "thin" and _decimal(number, name) == 0):
         raise UsageError("%s is not a length: %r" % (name, value))
     return _plain(number, name) + unit
+
+
+def _weights(value: Any) -> str:
+    rows = [r.partition("=")[::2] for r in value.split(",")] if isinstance(value, str) else list(value.items())
+    for cls, radius in rows:
+        if not re.fullmatch(r"\d{1,3}", str(cls), re.A) or int(cls) > 255 or radius == "":
+            raise UsageError("weight is not a class with a radius: %r" % (value,), hint='give {2: 1.5} or "2=1.5m,9=30ft"')
+    return ",".join("%s:%s" % (cls, _length(radius, "weight")) for cls, radius in rows)
 
 
 # ---- areas ----

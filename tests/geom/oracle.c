@@ -14,8 +14,8 @@ static int lexicographic(const int32_t *a, const int32_t *b)
 	return a[1] < b[1] ? -1 : a[1] > b[1];
 }
 
-/* The lifts of n positions, times M^4. */
-static void lifts(mpz_t lift[], const int32_t *const p[], unsigned n, bool perturbed)
+/* The lifts of n positions, less their weights, times M^4. */
+static void lifts(mpz_t lift[], const int32_t *const p[], const int64_t w[], unsigned n, bool perturbed)
 {
 	mpz_t eps;
 
@@ -30,6 +30,8 @@ static void lifts(mpz_t lift[], const int32_t *const p[], unsigned n, bool pertu
 		mpz_set_si(eps, p[i][1]);
 		mpz_mul_si(eps, eps, p[i][1]);
 		mpz_add(lift[i], lift[i], eps);
+		mpz_set_si(eps, w[i]);
+		mpz_sub(lift[i], lift[i], eps);
 		mpz_mul_2exp(lift[i], lift[i], 4 * RANK_BITS);
 		mpz_set_ui(eps, 1);
 		mpz_mul_2exp(eps, eps, rank * RANK_BITS);
@@ -76,14 +78,13 @@ int oracle_orient(const int32_t a[2], const int32_t b[2], const int32_t c[2])
 	return sign;
 }
 
-int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2], bool perturbed)
+int oracle_power(const int32_t *const p[4], const int64_t w[4], bool perturbed)
 {
-	const int32_t *const p[4] = {a, b, c, d};
 	mpz_t lift[MAX_POINTS], det, minor;
 	int sign;
 
 	mpz_inits(det, minor, NULL);
-	lifts(lift, p, 4, perturbed);
+	lifts(lift, p, w, 4, perturbed);
 	/* Along the third column: signs + - + - from the top. */
 	for (unsigned i = 0; i < 4; i++) {
 		const int32_t *rest[3];
@@ -106,16 +107,16 @@ int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], 
 }
 
 /* 2 (b - a) . o = lift b - lift a, 2 (c - a) . o = lift c - lift a. */
-int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical, bool perturbed)
+int oracle_power_side(const int32_t *const p[3], const int64_t w[3], int64_t c2, bool vertical, bool perturbed)
 {
-	const int32_t *const p[3] = {a, b, c};
+	const int32_t *a = p[0], *b = p[1], *c = p[2];
 	int64_t b0 = (int64_t)b[0] - a[0], b1 = (int64_t)b[1] - a[1];
 	int64_t c0 = (int64_t)c[0] - a[0], c1 = (int64_t)c[1] - a[1];
 	mpz_t lift[MAX_POINTS], num, den, term;
 	int sign;
 
 	mpz_inits(num, den, term, NULL);
-	lifts(lift, p, 3, perturbed);
+	lifts(lift, p, w, 3, perturbed);
 	mpz_sub(lift[1], lift[1], lift[0]);
 	mpz_sub(lift[2], lift[2], lift[0]);
 	mpz_mul_si(num, lift[1], vertical ? c1 : c0);
@@ -136,4 +137,20 @@ int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], 
 	lifts_clear(lift, 3);
 	mpz_clears(num, den, term, NULL);
 	return sign;
+}
+
+int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2], bool perturbed)
+{
+	const int32_t *const p[4] = {a, b, c, d};
+	const int64_t w[4] = {0};
+
+	return oracle_power(p, w, perturbed);
+}
+
+int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical, bool perturbed)
+{
+	const int32_t *const p[3] = {a, b, c};
+	const int64_t w[3] = {0};
+
+	return oracle_power_side(p, w, c2, vertical, perturbed);
 }

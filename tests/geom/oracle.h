@@ -21,6 +21,10 @@ int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], 
 /* The point of equal power to a, b, c (Cramer), against the cut c2 / 2. Any orientation. */
 int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical, bool perturbed);
 
+/* The same with weights, which are subtracted from the lifts. */
+int oracle_power(const int32_t *const p[4], const int64_t w[4], bool perturbed);
+int oracle_power_side(const int32_t *const p[3], const int64_t w[3], int64_t c2, bool vertical, bool perturbed);
+
 #ifdef __cplusplus
 }
 #endif

@@ -10,6 +10,7 @@
 #include <cmocka.h>
 
 #include "geom.h"
+#include "geom_power.h"
 #include "oracle.h"
 
 static uint64_t state = 0x853c49e6748fea9b;
@@ -278,6 +279,67 @@ static void cut_below_double_precision(void **unused)
 	assert_true(done > 50000);
 }
 
+/* ---- weights ---- */
+
+static int64_t draw_weight(unsigned family)
+{
+	int64_t radius = draw() & 1 ? draw() % 4 : draw() % (family == 0 ? 7 : (uint32_t)GEOM_RADIUS_MOST + 1);
+
+	if (draw() % 8 == 0)
+		radius = GEOM_RADIUS_MOST;
+	return radius * radius;
+}
+
+static void power_any(void **unused)
+{
+	for (unsigned i = 0; i < 300000; i++) {
+		unsigned family = i % FAMILIES;
+		int32_t p[4][2];
+		int64_t w[4];
+		const int32_t *const at[4] = {p[0], p[1], p[2], p[3]};
+		struct geom_weighted v[4];
+		int64_t c2 = 2 * (int64_t)draw_in(family) + 1;
+
+		draw_points(p, family);
+		for (unsigned k = 0; k < 4; k++)
+			w[k] = draw_weight(family);
+		for (unsigned k = 0; k < 4; k++)
+			v[k] = (struct geom_weighted){p[k], w[k]};
+		if (!distinct(p) || oracle_orient(p[0], p[1], p[2]) <= 0)
+			continue;
+		assert_int_equal(geom_power(v[0], v[1], v[2], v[3]), oracle_power(at, w, true));
+		for (unsigned vertical = 0; vertical < 2; vertical++)
+			assert_int_equal(geom_power_side(v[0], v[1], v[2], c2, vertical),
+					 oracle_power_side(at, w, c2, vertical, true));
+	}
+}
+
+/* On the line of a and b the plane through them and any third position has the height of their line. */
+static void power_on_a_line(void **unused)
+{
+	unsigned done = 0;
+
+	for (unsigned i = 0; i < 300000; i++) {
+		unsigned family = i % FAMILIES;
+		int32_t p[4][2];
+		int64_t w[4], t = (int64_t)(draw() % 9) - 4;
+		const int32_t *const at[4] = {p[0], p[1], p[2], p[3]};
+
+		draw_points(p, family);
+		for (unsigned k = 0; k < 4; k++)
+			w[k] = draw_weight(family);
+		for (unsigned k = 0; k < 2; k++)
+			p[3][k] = (int32_t)((int64_t)p[0][k] + t * ((int64_t)p[1][k] - p[0][k]));
+		if (!distinct(p) || oracle_orient(p[0], p[1], p[3]) || oracle_orient(p[0], p[1], p[2]) <= 0)
+			continue;
+		assert_int_equal(geom_power_line((struct geom_weighted){p[0], w[0]}, (struct geom_weighted){p[1], w[1]},
+						 (struct geom_weighted){p[3], w[3]}),
+				 oracle_power(at, w, true));
+		done++;
+	}
+	assert_true(done > 10000);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -290,6 +352,8 @@ int main(void)
 		cmocka_unit_test(cut_through_cell_centres),
 		cmocka_unit_test(cut_of_needles),
 		cmocka_unit_test(cut_below_double_precision),
+		cmocka_unit_test(power_any),
+		cmocka_unit_test(power_on_a_line),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

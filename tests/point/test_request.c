@@ -149,6 +149,10 @@ static void test_lengths(void **state)
 	becomes("ask 1 breakline-clear=0m", &fine, "metre", "view 1");
 	becomes("view 1 breakline-clear=8589934592 window=box:0,1,0,2", &fine, "x",
 		"view 1 breakline-clear=8589934592 window=box:0,1,0,2");
+	becomes("ask 1 weight=9:0.3,2:1.5", &fine, "unknown", "view 1 weight=2:150,9:30");
+	becomes("ask 1 weight=2:1ft,255:10m class=2", &fine, "metre", "view 1 class=2 weight=2:30,255:1000");
+	becomes("ask 1 weight=2:0.004,3:0", &fine, "metre", "view 1");
+	becomes("ask 1 weight=0:10737418.24", &fine, "metre", "view 1 weight=0:1073741824");
 	becomes("ask 1 thin=10m:lowest", &fine, "metre", "view 1 thin=1000:lowest");
 	becomes("ask 1 metric=-6,2,5 ground", &fine, "unknown", "view 1 ground metric=3,-1,5");
 	becomes("ask 1 metric=0,-9223372036854775807,2 window=box:1,2,3,4", &coarse, "x",
@@ -181,6 +185,15 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 metric=1,2", "metre", ERR_PROTO, "not a view");
 	refused("ask 1 metric=1,2,3,", "metre", ERR_PROTO, "not a view");
 	refused("ask 1 metric=1,2,3m", "metre", ERR_PROTO, "not a view");
+	refused("ask 1 weight=2:10m", "unknown", ERR_INPUT, "unknown");
+	refused("ask 1 weight=2:-1", "metre", ERR_USAGE, "not a length");
+	refused("ask 1 weight=2:10737418.25", "metre", ERR_USAGE, "2^30");
+	refused("ask 1 weight=2:1,3:1,2:1", "metre", ERR_USAGE, "has a radius");
+	refused("ask 1 weight=256:1", "metre", ERR_USAGE, "no class");
+	refused("ask 1 weight=2", "metre", ERR_USAGE, "no class");
+	refused("ask 1 weight=2:", "metre", ERR_USAGE, "no class");
+	refused("ask 1 weight=2:1 metric=1,0,2", "metre", ERR_USAGE, "circles");
+	refused("ask 1 weight=2:1 window=box:0,0,1,1", "metre", ERR_USAGE, "cannot be made alone");
 	refused("ask 1 thin=10ft:lowest", "", ERR_INPUT, "unknown");
 	refused("ask 1 thin=10ftUS:lowest", "degree", ERR_INPUT, "degrees");
 	refused("ask 1 thin=0.004:lowest", "metre", ERR_USAGE, "less than half a step");
@@ -216,6 +229,8 @@ static void test_refused(void **state)
 		"ask 1 crop=area@41:+AA",
 		"ask 1 crop=area@00:+AA",
 		"ask 1 crop=circle:1",
+		"ask 1 weight=",
+		"ask 1 weight=2:1,",
 		"view 1 zmin=1.5",
 		"view 1 zmin=01",
 		"view 1 zmin=-0",
@@ -245,6 +260,15 @@ static void test_refused(void **state)
 		"view 1 not-class=2 class=3",
 		"view 1 class=3 not-class=2",
 		"view 1 ground drop-overlap keep-noise",
+		"view 1 weight=2:0",
+		"view 1 weight=3:1,2:1",
+		"view 1 weight=2:1,2:1",
+		"view 1 weight=2:01",
+		"view 1 weight=02:1",
+		"view 1 weight=2:1,",
+		"view 1 weight=",
+		"view 1 weight=2:1073741825",
+		"view 1 weight=2:1 window=box:0,1,0,2",
 	};
 
 	for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)

@@ -156,6 +156,7 @@ def same_views():
             ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]), ({"no_breaklines": True}, ["--no-breaklines"]),
             ({"breakline_clear": "0.5m", "duplicates": "highest"}, ["--breakline-clear", "0.5m", "--duplicates", "highest"]),
+            ({"weight": {2: 1.5, 9: "0.3m"}}, ["--weight", "9=0.3m,2=1.5"]), ({"weight": "2=1"}, ["--weight", "2=1"]),
             ({"metric": (-6, 2, 5)}, ["--metric=3,-1,5"]), ({"metric": "1,0,1"}, ["--metric", "0,1,1"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
@@ -173,6 +174,8 @@ def same_views():
                 ({"class_": 256}, ["--class", "256"]), ({"zmin": 5, "zmax": 4}, ["--zmin", "5", "--zmax", "4"]),
                 ({"returns": "some"}, ["--returns", "some"]), ({"every": 0}, ["--every", "0"]), ({"zmin": "x y"}, ["--zmin", "x y"]),
                 ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"]), ({"breakline_clear": -1}, ["--breakline-clear=-1"]),
+                ({"weight": {256: 1}}, ["--weight", "256=1"]), ({"weight": "2"}, ["--weight", "2"]),
+                ({"weight": {2: -1}}, ["--weight", "2=-1"]), ({"weight": {2: 1}, "bbox": (0, 0, 1, 1)}, ["--weight", "2=1", "--bbox", "0,0,1,1"]),
                 ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"]),
                 ({"metric": (0, 0, 2)}, ["--metric", "0,0,2"]), ({"metric": (1, 0, 0)}, ["--metric", "1,0,0"]),
                 ({"metric": (1, 0.5, 2)}, ["--metric", "1,0.5,2"]), ({"metric": "1,2"}, ["--metric", "1,2"]),

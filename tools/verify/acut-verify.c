@@ -304,6 +304,10 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		return rc;
 	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
 		return rc;
+	if (v->view.nweight) {
+		err_set(err, ERR_UNSUPPORTED, "the view has weights: its mesh is no Delaunay triangulation");
+		return err_add_hint(err, "acut-verify does not check regular triangulations");
+	}
 	view_bind(&v->view, &v->mesh.lattice);
 	metric = view_metric_normal(v->view.metric);
 	if ((rc = read_lines(v, err)))

@@ -88,6 +88,7 @@ static void test_rows(void **state)
 #include "view_option.def"
 		{{.breakline_clear = "0"}, "view 1"},
 		{{.metric = "-4,+2,3"}, "view 1 metric=2,-1,3"},
+		{{.weight = "9=1.2345,2=0.5", .ground = true}, "view 1 ground weight=2:50,9:123"},
 		{{.breakline_clear = "1.2345", .thin = "0.02"}, "view 1 thin=2:lowest breakline-clear=123"},
 	};
 
@@ -114,6 +115,25 @@ static void test_rows(void **state)
 #include "view_option.def"
 }
 
+static void test_bad_weights(void **state)
+{
+	static const char *const bad[] = {"",         "2",   "2=",    "=1",  "2:1",     "256=1", "2=-1", "2=1,",  ",2=1",
+					  "2=1,,3=1", "2=x", "2=1km", "x=1", "2=1;3=1", "-2=1",  "2 =1", "1000=1"};
+	const struct ctl_view_options area = {.weight = "2=1", .bbox = "0,0,1,1"};
+	struct err err = ERR_INIT;
+	char *text;
+
+	for (unsigned i = 0; i < sizeof(bad) / sizeof(*bad); i++) {
+		const struct ctl_view_options a = {.weight = bad[i]};
+		struct err e = ERR_INIT;
+
+		assert_int_equal(ctl_view_text(&a, &text, &e), -ERR_USAGE);
+		assert_non_null(strstr(e.message, "--weight"));
+	}
+	assert_int_equal(ctl_view_text(&area, &text, &err), -ERR_USAGE);
+	assert_non_null(strstr(err.hint, "--crop"));
+}
+
 static void test_rubbish(void **state)
 {
 	static const char *const bad[] = {
@@ -133,7 +153,7 @@ static void test_rubbish(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rows),
-					   cmocka_unit_test(test_rubbish)};
+					   cmocka_unit_test(test_rubbish), cmocka_unit_test(test_bad_weights)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,115 @@
+/*
+ * Domains of a view with weights, by engine/regular. A twelfth of the kernel's arena is for its tables, so the kernel is smaller;
+ * what does not fit is split, as other regions are.
+ */
+#include "pipe.h"
+
+#include "err.h"
+#include "finish.h"
+#include "pipe_priv.h"
+#include "regular.h"
+
+/* P(B) of a region that is halved no further is at most this part of what its arena holds; a region is expected to load so many
+ * more positions, or as many as it has. */
+enum { TABLES = 12, SMALL = 32, MORE = 16384 };
+
+int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err)
+{
+	if (!view->nweight || !grid_lines(grid))
+		return 0;
+	err_set(err, ERR_UNSUPPORTED, "the dataset has breaklines, and a mesh with weights cannot have them as edges");
+	return err_add_hint(err, "leave out --weight, or the lines with --no-breaklines");
+}
+
+static int verify(struct regular *w, const struct grid *grid, void *memory, uint64_t *ret_need, struct err *err)
+{
+	struct grid_reader *reader;
+	struct cut_source src;
+	int r = grid_reader_new(grid, (uint8_t *)memory + PIPE_TRACE, grid_reader_bytes(grid), &reader, err);
+
+	if (r)
+		return r;
+	cut_source_grid(reader, &src);
+	w->src = &src;
+	r = regular_run(w, ret_need, err);
+	grid_reader_free(reader);
+	return r == REGULAR_E_SPLIT ? PIPE_E_SPLIT : r;
+}
+
+/* The kernel's triangles become the domain. False: they do not fit. */
+static bool finish(const struct regular *w, const struct cut_load *load, const int64_t k[3], struct mesh_domain *ret)
+{
+	struct finish f = {.out = {.counts = load->counts}};
+	struct mesh_counts *counts = &f.out.counts;
+
+	counts->halo += w->added;
+	counts->cells_read += w->cells_read;
+	counts->points_read += w->points_read;
+	if (w->flat) {
+		finish_init(&f, w->region, k, w->tri);
+		finish_flat(&f);
+		*ret = f.out;
+		return true;
+	}
+	counts->used -= w->hidden;
+	counts->removed[VIEW_BY_WEIGHT] = w->hidden;
+	finish_init(&f, w->region, k, w->tri);
+	finish_chosen(&f, w->chosen);
+	if (!finish_vertices(&f))
+		return false;
+	finish_numbers(&f);
+	/* It places the rays of hull edges without weights. */
+	f.out.nhull = w->nhull;
+	*ret = f.out;
+	return true;
+}
+
+/* Halves of such a region would load as much. */
+static int too_far(uint32_t n, uint64_t need, struct err *err)
+{
+	err->need = need;
+	err_set(err, ERR_LIMIT,
+		"a region of %u positions depends on %llu, because of the radii of --weight; they do not fit its memory", n,
+		(unsigned long long)need);
+	return err_add_hint(err, "give --weight smaller radii, or the daemon more memory");
+}
+
+int pipe_weight(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+{
+	const int64_t *k = grid_manifest(grid)->lattice.k;
+	struct pipe_budget less = *budget;
+	struct regular w = {.view = view, .region = region};
+	struct cut_load load;
+	uint64_t own = 0;
+	uint8_t *tables, *end;
+	int r;
+
+	less.cap -= less.cap / TABLES;
+	tables = (uint8_t *)pipe_domain_arena(grid, memory) + align_line(tri_bytes(less.cap));
+	end = (uint8_t *)pipe_domain_arena(grid, memory) + tri_bytes(budget->cap);
+	w.weight = align_carve(&tables, less.cap);
+	w.memory = tables;
+	w.size = (size_t)(end - tables);
+	r = pipe_domain_load(grid, view, region, known, &less, memory, w.weight, &load, &own, ret_need, err);
+	if (r)
+		return r;
+	if (load.flat) {
+		*ret = pipe_flat_domain(&load, view, k);
+		return 0;
+	}
+	w.n = load.n;
+	w.own = load.own;
+	w.tri = pipe_domain_tri(grid, &less, own, memory, &load, load.n > MORE ? load.n : MORE, &w.cap);
+	r = verify(&w, grid, memory, ret_need, err);
+	if (!r && !finish(&w, &load, k, ret)) {
+		*ret_need = (uint64_t)w.n * 2;
+		r = PIPE_E_SPLIT;
+	}
+	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL)
+		return too_far(w.n, *ret_need, err);
+	/* The error names what the whole arena would need. */
+	if (r == PIPE_E_SPLIT && *ret_need <= budget->cap)
+		*ret_need = (uint64_t)budget->cap + 1;
+	return r;
+}

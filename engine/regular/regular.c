@@ -1,0 +1,180 @@
+/*
+ * The steps of a domain with weights, in turns. A turn chooses what must be verified, reads the cells that can matter for it, and
+ * adds the positions that do. It ends when nothing is added. After the first turn only positions that may be hidden are left.
+ *
+ * P(B) of the positions without their weights is only where this begins: it is near what is needed, and found by the same search
+ * as in a plain mesh. Nothing relies on it.
+ *
+ * Memory: 7 bits for each position of the capacity, and what is left in three parts: discs, points, triangles at positions that
+ * may be hidden. A part that is full ends a batch; points beyond it wait for the next turn.
+ */
+#include "regular_priv.h"
+
+#include "align.h"
+#include "err.h"
+
+/* Half of the rest is for so many discs at least; a quarter each for points and triangles. */
+enum { DISCS_LEAST = REGULAR_GROUP };
+
+static size_t bits_bytes(uint64_t n)
+{
+	return align_line((size_t)((n + 63) / 64) * sizeof(uint64_t));
+}
+
+static size_t fixed_bytes(uint32_t cap)
+{
+	return 3 * bits_bytes(2 * (uint64_t)cap) + bits_bytes(cap) + 7 * ALIGN_LINE;
+}
+
+size_t regular_bytes(uint32_t cap)
+{
+	return fixed_bytes(cap) + 2 * DISCS_LEAST * (sizeof(struct regular_disc) + sizeof(int32_t[4]));
+}
+
+static void lay_out(struct regular_work *w)
+{
+	uint8_t *at = w->c->memory;
+	const uint32_t cap = w->c->cap;
+	size_t left = w->c->size - fixed_bytes(cap);
+
+	w->owned = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
+	w->watched = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
+	w->near = align_carve(&at, bits_bytes(2 * (uint64_t)cap));
+	w->served = align_carve(&at, bits_bytes(cap));
+	w->mostdisc = (uint32_t)(left / 2 /
+				 (sizeof(struct regular_disc) + (sizeof(int32_t[4]) + sizeof(uint32_t)) / REGULAR_GROUP + 1));
+	w->mostdisc = w->mostdisc / REGULAR_GROUP * REGULAR_GROUP;
+	w->mostpoint = (uint32_t)(left / 4 / sizeof(struct point));
+	w->mostlist = (uint32_t)(left / 4 / sizeof(struct regular_candidate));
+	w->hit = align_carve(&at, w->mostdisc / REGULAR_GROUP * sizeof(*w->hit));
+	w->disc = align_carve(&at, w->mostdisc * sizeof(*w->disc));
+	w->group = align_carve(&at, w->mostdisc / REGULAR_GROUP * sizeof(*w->group));
+	w->point = align_carve(&at, w->mostpoint * sizeof(*w->point));
+	w->list = align_carve(&at, w->mostlist * sizeof(*w->list));
+}
+
+/* ---- what was loaded ---- */
+
+static int add_points(struct regular_work *w, uint64_t *ret_need)
+{
+	regular_reduce(w);
+	if ((uint64_t)w->r.nvertex + w->npoint > w->c->cap) {
+		*ret_need = (uint64_t)w->r.nvertex + w->npoint;
+		return REGULAR_E_SPLIT;
+	}
+	for (uint32_t i = 0; i < w->npoint; i++) {
+		const struct point *p = &w->point[i];
+		const struct mesh_vertex v = {p->x, p->y, p->z};
+		uint8_t weight = view_weight_of(w->c->view, p);
+
+		tri_regular_add(&w->tri, &v, &weight, 1);
+	}
+	w->c->added += w->npoint;
+	w->npoint = 0;
+	tri_result(w->c->tri, &w->r);
+	return 0;
+}
+
+static int turns(struct regular_work *w, uint64_t *ret_need)
+{
+	uint32_t first = 0;
+
+	for (;;) {
+		uint32_t before = w->r.nvertex;
+		int rc;
+
+		w->limit = UINT64_MAX;
+		rc = regular_watch(w, first);
+		w->c->turns++;
+		if (rc || !w->npoint || w->c->not_verified)
+			return rc;
+		/* If some did not fit the list, all is verified again. */
+		first = w->limit == UINT64_MAX ? before : 0;
+		rc = add_points(w, ret_need);
+		if (rc)
+			return rc;
+	}
+}
+
+/* ---- the result ---- */
+
+/* Whether the ray outwards from the hull edge a, b ends in the region: as cut_region_owns_hull, but for the place of the ray. */
+static bool owns_hull(const struct regular_work *w, struct geom_weighted a, struct geom_weighted b)
+{
+	int64_t to[2] = {(int64_t)a.at[1] - b.at[1], (int64_t)b.at[0] - a.at[0]};
+
+	for (unsigned axis = 0; axis < 2; axis++) {
+		int64_t lower = w->box[axis], upper = w->box[axis + 2], far = (int64_t)b.at[axis] - a.at[axis];
+		geom_i128 rise;
+
+		if (to[axis] > 0 ? upper != INT64_MAX : to[axis] < 0 && lower != INT64_MIN)
+			return false;
+		if (to[axis])
+			continue;
+		/* The ray is at a + rise / (2 far). */
+		rise = (geom_i128)far * far - b.w + a.w;
+		rise += 2 * (geom_i128)far * a.at[axis];
+		if (far < 0) {
+			rise = -rise;
+			far = -far;
+		}
+		if ((lower != INT64_MIN && rise <= (geom_i128)lower * far) ||
+		    (upper != INT64_MAX && rise > (geom_i128)upper * far))
+			return false;
+	}
+	return true;
+}
+
+static void choose(struct regular_work *w)
+{
+	struct regular *c = w->c;
+	uint32_t n = 0, visible = 0;
+
+	memset(w->served, 0, bits_bytes(w->r.nvertex));
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const struct tri_triangle *t = &w->r.triangle[i];
+		unsigned ghost = regular_ghost_at(t);
+
+		if (!tri_regular_used(t))
+			continue;
+		if (ghost < 3)
+			c->nhull += owns_hull(w, regular_vertex(w, t->corner[(ghost + 1) % 3]),
+					      regular_vertex(w, t->corner[(ghost + 2) % 3]));
+		/* The triangles behind it take the places of unused ones. */
+		regular_set(w->owned, n++, ghost == 3 && regular_bit(w->owned, i));
+		for (unsigned k = 0; k < 3; k++)
+			if (t->corner[k] != TRI_GHOST)
+				regular_set(w->served, t->corner[k], true);
+	}
+	for (uint32_t v = 0; v < w->r.nvertex; v++)
+		visible += regular_bit(w->served, v) && cut_region_holds(c->region, w->r.xy[v][0], w->r.xy[v][1]);
+	c->hidden = c->own - visible;
+	c->chosen = w->owned;
+	tri_regular_pack(&w->tri);
+}
+
+int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
+{
+	struct regular_work w = {.c = c, .err = err, .tri = {.tri = c->tri, .weight = w.weight}};
+	int rc;
+
+	c->chosen = NULL;
+	c->hidden = c->nhull = c->added = c->turns = 0;
+	c->cells_read = c->points_read = 0;
+	if (c->size < regular_bytes(c->cap))
+		return err_set(err, ERR_INTERNAL, "%zu bytes are too few to verify a domain with weights", c->size);
+	w.most = view_weights(c->view, w.weight);
+	cut_judge_init(&w.judge, c->view);
+	cut_region_box(c->region, w.box);
+	w.nrange = cut_region_ranges(c->region, w.range);
+	lay_out(&w);
+	rc = regular_flat_run(&w, ret_need);
+	if (rc || c->flat)
+		return rc;
+	tri_result(c->tri, &w.r);
+	regular_border_init(&w);
+	rc = turns(&w, ret_need);
+	if (!rc)
+		choose(&w);
+	return rc;
+}

@@ -1,0 +1,124 @@
+/* A domain in progress, as the files of this room share it. Internal. */
+#ifndef REGULAR_PRIV_H
+#define REGULAR_PRIV_H
+
+#include <string.h>
+
+#include "cut_disc.h"
+#include "cut_judge.h"
+#include "geom_power.h"
+#include "grid.h"
+#include "mesh.h"
+#include "regular.h"
+
+enum {
+	REGULAR_GROUP = 16,   /* discs under one box */
+	REGULAR_GHOSTS = 512, /* half planes of a batch; all that is outside counts if there are more */
+};
+
+/* A finite side of the region. A height on it is that of algorithm.md 4, less the weight. */
+struct regular_border {
+	unsigned axis; /* 0: it is vertical */
+	int64_t c2;    /* doubled */
+	int64_t t[2];  /* its ends, doubled; INT64_MIN, INT64_MAX */
+	/* The positions that are farthest along it, for its infinite ends: their place, and the least height of these. */
+	int32_t most[2];
+	geom_i128 least[2];
+};
+
+struct regular_corner {
+	int64_t at[2];   /* doubled */
+	uint32_t vertex; /* one of the least power */
+	geom_i128 least; /* four times that */
+};
+
+/* What a position must be in to be in conflict: |p - u|^2 <= |u|^2 + more, relative to disc.a. */
+struct regular_disc {
+	struct cut_disc disc;
+	double more;
+};
+
+/* A triangle at a position of the region that has no owned one. */
+struct regular_candidate {
+	uint32_t vertex, triangle;
+	double size;
+};
+
+struct regular_work {
+	struct regular *c;
+	struct err *err;
+	struct tri_regular tri;
+	int64_t weight[VIEW_WEIGHTS + 1], most; /* most: the greatest */
+	struct cut_judge judge;
+	struct tri_result r;
+	struct cut_range range[4]; /* of the region */
+	unsigned nrange;
+	int64_t box[4]; /* its borders, as of cut_region_box */
+	struct regular_border border[4];
+	unsigned nborder;
+	struct regular_corner corner[4];
+	unsigned ncorner;
+	/* Bits of triangles: owned, of all turns; watched: a position in conflict with it is loaded; near: an edge of its cell
+	 * crosses a border. And bits of vertices. */
+	uint64_t *owned, *watched, *near, *served;
+	struct regular_disc *disc;
+	int32_t (*group)[4]; /* boxes */
+	uint32_t ndisc, mostdisc;
+	uint32_t *hit, nhit; /* groups that meet the cell that is read */
+	bool beyond;         /* half planes, or ends of borders, meet it */
+	uint32_t ghost[REGULAR_GHOSTS], nghost;
+	bool all_outside;
+	bool all; /* the border is verified, too */
+	struct regular_candidate *list;
+	uint32_t mostlist;
+	struct point *point; /* that are loaded in this turn */
+	uint32_t npoint, mostpoint;
+	uint64_t limit; /* the key from which on points are not taken in this turn; UINT64_MAX: all are */
+};
+
+static inline bool regular_bit(const uint64_t *bits, uint32_t i)
+{
+	return bits[i / 64] >> i % 64 & 1;
+}
+static inline void regular_set(uint64_t *bits, uint32_t i, bool value)
+{
+	bits[i / 64] = (bits[i / 64] & ~(UINT64_C(1) << i % 64)) | (uint64_t)value << i % 64;
+}
+/* The corner that is TRI_GHOST, or 3. */
+static inline unsigned regular_ghost_at(const struct tri_triangle *t)
+{
+	return t->corner[0] == TRI_GHOST ? 0 : t->corner[1] == TRI_GHOST ? 1 : t->corner[2] == TRI_GHOST ? 2 : 3;
+}
+static inline struct geom_weighted regular_vertex(const struct regular_work *w, uint32_t v)
+{
+	return tri_regular_vertex(&w->tri, v);
+}
+
+/* regular_border.c: what can happen on the border of the region. */
+void regular_border_init(struct regular_work *);
+void regular_border_survey(struct regular_work *); /* corners and ends, from all vertices */
+/* Whether the edge between the cells of a and b, beside which are those of c and d (TRI_GHOST: none), meets border i. */
+bool regular_border_meets(const struct regular_work *, unsigned i, uint32_t a, uint32_t b, uint32_t c, uint32_t d);
+/* Whether a position has at most the power of a and b where that edge meets border i. */
+bool regular_border_below(const struct regular_work *, unsigned i, uint32_t a, uint32_t b, struct geom_weighted);
+/* That place, from a. */
+void regular_border_place(const struct regular_work *, unsigned i, uint32_t a, uint32_t b, double ret[2]);
+/* Whether it has at most the least power at a corner, or is at least as far along a border to an infinite end. */
+bool regular_border_ends(const struct regular_work *, struct geom_weighted);
+bool regular_border_ends_box(const struct regular_work *, const int32_t box[4]); /* for infinite ends */
+
+/* regular_watch.c: verifies all, or with `first`, after vertices from there on were added, what more may be hidden. */
+int regular_watch(struct regular_work *, uint32_t first);
+
+/* regular_read.c: discs and half planes, and the cells that meet them. */
+void regular_disc_box(const struct regular_disc *, int32_t ret[4]);
+/* Vertex a, and the centre from there. */
+int regular_disc_add(struct regular_work *, uint32_t a, const double u[2]);
+void regular_ghost_add(struct regular_work *, uint32_t triangle);
+int regular_read(struct regular_work *);    /* what has been added */
+void regular_reduce(struct regular_work *); /* the points of this turn: one record for each position, in Morton order */
+
+/* regular_flat.c: tri_regular_run, with more positions until they are not on one line. */
+int regular_flat_run(struct regular_work *, uint64_t *ret_need);
+
+#endif

@@ -1,0 +1,258 @@
+/*
+ * Reads the cells that can have positions of less power than what is watched, and takes those positions. Discs and half planes
+ * choose the cells, in doubles that err towards reading. Whether a position is taken is exact, and depends on the triangulation,
+ * the watched triangles and the position alone: it is in conflict with a watched triangle, or has at most the least power
+ * somewhere on the border. It is then visible, so no vertex has its position.
+ */
+#include "cut_order.h"
+#include "regular_priv.h"
+
+#define SLACK CUT_DISC_SLACK
+
+void regular_disc_box(const struct regular_disc *d, int32_t ret[4])
+{
+	const double u[2] = {d->disc.ux, d->disc.uy}, square = u[0] * u[0] + u[1] * u[1];
+	double inside = square + d->more, radius;
+
+	inside = (inside > 0 ? inside : 0) + SLACK * (square + fabs(d->more));
+	radius = sqrt(inside) * (1 + 0x1p-40) + 1 + 0x1p-40 * (fabs(u[0]) + fabs(u[1]));
+	for (unsigned k = 0; k < 2; k++) {
+		double low = d->disc.a[k] + u[k] - radius, high = d->disc.a[k] + u[k] + radius;
+
+		ret[k] = low <= INT32_MIN ? INT32_MIN : low >= INT32_MAX ? INT32_MAX : (int32_t)floor(low);
+		ret[2 + k] = high >= INT32_MAX ? INT32_MAX : high <= INT32_MIN ? INT32_MIN : (int32_t)ceil(high);
+	}
+}
+
+static bool boxes_meet(const int32_t a[4], const int32_t b[4])
+{
+	return a[0] <= b[2] && a[1] <= b[3] && a[2] >= b[0] && a[3] >= b[1];
+}
+
+static bool disc_meets(const struct regular_disc *d, const int32_t box[4])
+{
+	double slack, value = cut_disc_value(&d->disc, box, &slack);
+
+	return value <= d->more + SLACK * (slack + fabs(d->more));
+}
+
+int regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
+{
+	struct regular_disc *d = &w->disc[w->ndisc];
+	int32_t box[4], *group = w->group[w->ndisc / REGULAR_GROUP];
+
+	*d = (struct regular_disc){{w->r.xy[a], u[0], u[1]}, (double)(w->most - regular_vertex(w, a).w)};
+	regular_disc_box(d, box);
+	if (w->ndisc % REGULAR_GROUP == 0)
+		memcpy(group, box, sizeof(box));
+	point_box_join(group, box);
+	return ++w->ndisc == w->mostdisc ? regular_read(w) : 0;
+}
+
+void regular_ghost_add(struct regular_work *w, uint32_t triangle)
+{
+	if (w->nghost == REGULAR_GHOSTS)
+		w->all_outside = true;
+	else
+		w->ghost[w->nghost++] = triangle;
+}
+
+/* Whether a corner of the box is not inside of the hull edge. */
+static bool ghost_meets(const struct regular_work *w, uint32_t triangle, const int32_t box[4])
+{
+	const struct tri_triangle *t = &w->r.triangle[triangle];
+	unsigned g = regular_ghost_at(t);
+	const int32_t *a = w->r.xy[t->corner[(g + 1) % 3]], *b = w->r.xy[t->corner[(g + 2) % 3]];
+
+	for (unsigned i = 0; i < 4; i++) {
+		const int32_t at[2] = {box[i & 1 ? 2 : 0], box[i & 2 ? 3 : 1]};
+
+		if (geom_orient(a, b, at) >= 0)
+			return true;
+	}
+	return false;
+}
+
+/* Whether a position beyond the hull, or far along a border, can be in the box. */
+static bool beyond_meets(const struct regular_work *w, const int32_t box[4])
+{
+	if (w->all_outside || (w->all && regular_border_ends_box(w, box)))
+		return true;
+	for (uint32_t i = 0; i < w->nghost; i++)
+		if (ghost_meets(w, w->ghost[i], box))
+			return true;
+	return false;
+}
+
+static bool group_meets(const struct regular_work *w, uint32_t group, const int32_t box[4])
+{
+	if (!boxes_meet(w->group[group], box))
+		return false;
+	for (uint32_t i = group * REGULAR_GROUP; i < w->ndisc && i < (group + 1) * REGULAR_GROUP; i++)
+		if (disc_meets(&w->disc[i], box))
+			return true;
+	return false;
+}
+
+static uint32_t groups(const struct regular_work *w)
+{
+	return (w->ndisc + REGULAR_GROUP - 1) / REGULAR_GROUP;
+}
+
+static bool box_matters(const struct regular_work *w, const int32_t box[4])
+{
+	for (uint32_t i = 0; i < groups(w); i++)
+		if (group_meets(w, i, box))
+			return true;
+	return beyond_meets(w, box);
+}
+
+/* ---- positions ---- */
+
+struct visit {
+	const struct regular_work *w;
+	struct geom_weighted p;
+};
+
+static bool conflict_matters(void *ctx, uint32_t i)
+{
+	const struct visit *v = ctx;
+	const struct regular_work *w = v->w;
+	const struct tri_triangle *t = &w->r.triangle[i];
+
+	if (regular_bit(w->watched, i))
+		return true;
+	if (!regular_bit(w->near, i))
+		return false;
+	for (unsigned k = 0; k < 3; k++) {
+		uint32_t a = t->corner[(k + 1) % 3], b = t->corner[(k + 2) % 3], link = t->link[k];
+		uint32_t d = w->r.triangle[link >> 3].corner[(link & 6) >> 1];
+
+		if (a == TRI_GHOST || b == TRI_GHOST)
+			continue;
+		for (unsigned side = 0; side < w->nborder; side++)
+			if (regular_border_below(w, side, a, b, v->p) && regular_border_meets(w, side, a, b, t->corner[k], d))
+				return true;
+	}
+	return false;
+}
+
+/* Most positions of a cell are in no disc. */
+static bool near_discs(const struct regular_work *w, const int32_t at[2])
+{
+	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
+
+	for (uint32_t i = 0; i < w->nhit; i++)
+		if (group_meets(w, w->hit[i], box))
+			return true;
+	return w->beyond;
+}
+
+static bool always(void *ctx, uint32_t i)
+{
+	(void)ctx;
+	(void)i;
+	return true;
+}
+
+static bool point_before(const void *ctx, const struct point *a, const struct point *b)
+{
+	const struct view *view = ctx;
+
+	if (a->x == b->x && a->y == b->y)
+		return view_prefers(view, a, b);
+	return cut_order_before(a->x, a->y, b->x, b->y);
+}
+
+void regular_reduce(struct regular_work *w)
+{
+	uint32_t n = 0;
+
+	cut_order_sort(w->point, w->npoint, point_before, w->c->view);
+	for (uint32_t i = 0; i < w->npoint; i++)
+		if (!n || w->point[n - 1].x != w->point[i].x || w->point[n - 1].y != w->point[i].y)
+			w->point[n++] = w->point[i];
+	w->npoint = n;
+}
+
+/*
+ * The list is full: if positions had several records in it, there is room again. Else those from the middle on are dropped, in
+ * Morton order, and are not taken in this turn. So of the positions that stay all records are known at its end.
+ */
+static void make_room(struct regular_work *w)
+{
+	const struct point *p = &w->point[w->mostpoint / 2];
+
+	regular_reduce(w);
+	if (w->npoint <= w->mostpoint / 4 * 3)
+		return;
+	w->limit = point_morton(p->x, p->y);
+	w->npoint = w->mostpoint / 2;
+}
+
+static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct regular_work *w = ctx;
+
+	(void)err;
+	w->c->points_read += n;
+	for (size_t i = 0; i < n; i++) {
+		const struct point *p = &pts[i];
+		const int32_t at[2] = {p->x, p->y};
+		struct visit v = {w, {at, 0}};
+
+		if (!near_discs(w, at) || cut_region_holds(w->c->region, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
+			continue;
+		v.p.w = w->weight[view_weight_of(w->c->view, p)];
+		if (!tri_regular_search(&w->tri, v.p, w->all && regular_border_ends(w, v.p) ? always : conflict_matters, &v))
+			continue;
+		if (w->npoint == w->mostpoint)
+			make_room(w);
+		if (w->limit < UINT64_MAX && point_morton(p->x, p->y) >= w->limit)
+			continue;
+		w->point[w->npoint++] = *p;
+	}
+	return 0;
+}
+
+/* ---- cells ---- */
+
+static bool is_own(const struct regular_work *w, uint64_t lo, uint64_t hi)
+{
+	for (unsigned i = 0; i < w->nrange; i++)
+		if (w->range[i].lo <= lo && hi <= w->range[i].hi)
+			return true;
+	return false;
+}
+
+static bool enter(void *ctx, const struct grid_cell *subtree)
+{
+	return subtree->count && box_matters(ctx, subtree->box);
+}
+
+static int read_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct regular_work *w = ctx;
+
+	if (!cell->count || is_own(w, cell->lo, cell->hi))
+		return 0;
+	w->beyond = beyond_meets(w, cell->box);
+	w->nhit = 0;
+	for (uint32_t i = 0; i < groups(w); i++)
+		if (group_meets(w, i, cell->box))
+			w->hit[w->nhit++] = i;
+	if (!w->nhit && !w->beyond)
+		return 0;
+	w->c->cells_read++;
+	return w->c->src->read(w->c->src->ctx, cell, take_points, w, w->err);
+}
+
+int regular_read(struct regular_work *w)
+{
+	const struct grid_visitor v = {.ctx = w, .segment = enter, .enter = enter, .cell = read_cell};
+	int rc = w->c->src->walk(w->c->src->ctx, 0, UINT64_MAX, &v, w->err);
+
+	w->ndisc = w->nghost = 0;
+	w->all_outside = false;
+	return rc;
+}

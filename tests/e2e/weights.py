@@ -1,0 +1,157 @@
+"""Meshes with weights: CGAL's regular triangulation of the same positions, triangle by triangle, with any memory, threads and order
+of files, in views that select points, and over generations; what is hidden is counted; what cannot be done is refused by its name."""
+import os
+import random
+import subprocess
+
+import e2e
+from e2e import expect
+
+ORACLE = os.environ.get("CGAL_WEIGHTS")
+
+
+def points_file(base, points, name="points.csv"):
+    path = os.path.join(base, name)
+    with open(path, "w") as f:
+        f.write("x,y,z,classification\n")
+        f.writelines("%d,%d,%d,%d\n" % p for p in points)
+    return path
+
+
+def of_cgal(points, radius):
+    """Positions, and [vertices, triangles, digest]; None where CGAL is not there. Of a position the greatest radius counts."""
+    best = {}
+    for x, y, _, cls in points:
+        best[x, y] = max(best.get((x, y), 0), radius.get(cls, 0))
+    if not ORACLE:
+        return len(best), None
+    rows = "\n".join("%d %d %d" % (*p, r * r) for p, r in sorted(best.items()))
+    vertices, triangles, digest = subprocess.run([ORACLE], input=rows, stdout=subprocess.PIPE, check=True, text=True).stdout.split()
+    return len(best), [int(vertices), int(triangles), digest]
+
+
+def compare(got, points, radius, what):
+    positions, want = of_cgal(points, radius)
+    mesh = [got["vertices"], got["triangles"], got["digest"]]
+    expect(want is None or mesh == want, "%s: %s, CGAL has %s" % (what, mesh, want))
+    expect(got["removed"]["weight"] == positions - got["vertices"], "%s: %s of %d positions" % (what, got["removed"], positions))
+    return got["removed"]["weight"]
+
+
+def option(radius):
+    return ["--weight", ",".join("%d=%d" % row for row in radius.items())]
+
+
+def submit(d, name, radius, *options):
+    return d.ctl("submit", name, "--wait", "--json", *option(radius), *options).ok().json()
+
+
+def surveys(rng, n):
+    """An old survey everywhere, a good one on a strip, a dense one in a corner."""
+    size = int(n ** .5 * 10)
+    old = [(rng.randrange(size), rng.randrange(size), rng.randrange(90), 1) for _ in range(n)]
+    good = [(rng.randrange(size // 3, size // 2), rng.randrange(size), 500 + rng.randrange(9), 2) for _ in range(n // 4)]
+    dense = [(rng.randrange(size // 8), rng.randrange(size // 8), 900, 9) for _ in range(n // 8)]
+    return old + good + dense
+
+
+def tiny():
+    """Random sets in tiny ranges, where everything is degenerate."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        hidden = 0
+        for seed in range(40):
+            rng = random.Random(seed)
+            size = rng.choice([3, 5, 9, 30])
+            points = [(rng.randrange(size), rng.randrange(size), rng.randrange(4), rng.randrange(4)) for _ in range(rng.randrange(4, 90))]
+            points += [(0, 0, 0, 1), (size, 0, 0, 1), (0, size, 0, 1)]
+            radius = {cls: 1 + rng.randrange(size) for cls in range(1, 4) if rng.randrange(3)} or {2: 1}
+            name = "t%d" % seed
+            d.ctl("push", name, points_file(base, points)).ok()
+            hidden += compare(submit(d, name, radius), points, radius, "%s of %s" % (radius, points))
+        expect(hidden > 100, "only %d hidden" % hidden)
+
+
+def any_memory():
+    rng = random.Random(5)
+    points, radius = surveys(rng, 60000), {2: 20, 9: 7}
+    with e2e.Folder() as base:
+        seen = set()
+        for memory, threads in (("24M", 1), ("96M", 3)):
+            rng.shuffle(points)
+            files = [points_file(base, points[i::3], "part%d.csv" % i) for i in range(3)]
+            with e2e.Daemon(base, memory=memory, threads=threads, name=memory) as d:
+                d.ctl("push", "s", *files).ok()
+                got = submit(d, "s", radius)
+                seen.add((got["digest"], got["vertex_digest"], got["vertices"], got["removed"]["weight"], got["hull"]))
+                if len(seen) == 1 and memory == "24M":
+                    expect(got["domains"] >= 3, "only %d domains" % got["domains"])
+                    hidden = compare(got, points, radius, "surveys")
+                    expect(hidden > 3000, "only %d hidden" % hidden)
+                # What is fetched is numbered and checked vertex by vertex; the job above has only sums.
+                out = os.path.join(base, memory + ".ply")
+                d.ctl("fetch", str(got["job"]), "-o", out).ok()
+                expect("element vertex %d\n" % got["vertices"] in open(out, errors="replace").read(2000), "vertices of the file")
+                r = e2e.run([e2e.VERIFY, out, "--view", got["view"]])
+                expect(r.status != 0 and "weights" in r.err, "acut-verify: %s" % (r.out + r.err))
+        expect(len(seen) == 1, seen)
+
+
+def selected():
+    """crop keeps the points of a box, thin those of cells, and the weights apply to what is left."""
+    rng = random.Random(6)
+    points, radius = surveys(rng, 3000), {2: 25}
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        d.ctl("push", "s", points_file(base, points)).ok()
+        box = (50, 60, 400, 500)
+        inside = [p for p in points if box[0] <= p[0] <= box[2] and box[1] <= p[1] <= box[3]]
+        compare(submit(d, "s", radius, "--crop", "%d,%d,%d,%d" % box), inside, radius, "crop")
+        lowest = {}
+        for p in points:
+            at = p[0] // 9, p[1] // 9
+            # The order of view_thin_compare: z, class, position.
+            lowest[at] = min(lowest.get(at, p), p, key=lambda q: (q[2], q[3], q[0], q[1]))
+        compare(submit(d, "s", radius, "--thin", "9"), list(lowest.values()), radius, "thin")
+        kept = [p for p in points if p[3] != 9]
+        compare(submit(d, "s", radius, "--not-class", "9"), kept, radius, "class")
+
+
+def generations():
+    """A stored domain is valid for the same content only, since it depends on more than its own surroundings say."""
+    rng = random.Random(7)
+    points, radius = surveys(rng, 40000), {2: 15}
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        d.ctl("push", "s", points_file(base, points)).ok()
+        first = submit(d, "s", radius)
+        more = [(rng.randrange(2000), rng.randrange(300), 1, 2) for _ in range(2000)]
+        d.ctl("push", "s", points_file(base, more, "more.csv")).ok()
+        second = submit(d, "s", radius)
+        compare(second, points + more, radius, "after a push")
+        expect(second["domains_reused"] == 0 and second["digest"] != first["digest"], second)
+        d.ctl("dataset", "revert", "s", "2").ok()
+        again = submit(d, "s", radius)
+        expect(again["digest"] == first["digest"], "%s, not %s" % (again, first))
+        # As many as are there: this is the same content, but a later generation.
+        expect(again["domains_reused"] == again["domains"] > 1, again)
+
+
+def refused():
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        points = surveys(random.Random(8), 400)
+        d.ctl("push", "s", points_file(base, points)).ok()
+        job = submit(d, "s", {2: 5})["job"]
+        for args, said in ((["submit", "s", "--weight", "2=5", "--bbox", "0,0,5,5"], "triangles of an area"),
+                           (["fetch", str(job), "--bbox", "0,0,5,5", "-o", os.path.join(base, "x.ply")], "triangles of an area"),
+                           (["submit", "s", "--weight", "2=5,2=6"], "has a radius"), (["submit", "s", "--weight", "2"], "--weight")):
+            r = d.ctl(*args)
+            expect(r.status == 2 and said in r.err, "%s: %d, %s" % (args, r.status, r.err))
+        path = os.path.join(base, "lines.csv")
+        with open(path, "w") as f:
+            f.write("x,y,z,name\n1,1,5,a\n90,80,5,a\n")
+        d.ctl("push", "s", "--lines-as", "hard", path).ok()
+        r = d.ctl("submit", "s", "--wait", "--weight", "2=5")
+        expect(r.status != 0 and "--no-breaklines" in r.err, r.err)
+        compare(submit(d, "s", {2: 5}, "--no-breaklines"), points, {2: 5}, "without the lines")
+
+
+if __name__ == "__main__":
+    e2e.main(tiny, any_memory, selected, generations, refused)
