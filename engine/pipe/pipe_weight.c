@@ -54,7 +54,7 @@ static bool finish(const struct regular *w, const struct cut_load *load, const i
 	counts->used -= w->hidden;
 	counts->removed[VIEW_BY_WEIGHT] = w->hidden;
 	finish_init(&f, w->region, k, w->tri);
-	finish_chosen(&f, w->chosen);
+	finish_chosen(&f, &(struct finish_choice){w->chosen, NULL});
 	if (!finish_vertices(&f))
 		return false;
 	finish_numbers(&f);

@@ -226,7 +226,7 @@ static void domain_make(const struct cut_source *src, const struct cut_region *r
 		return;
 	}
 	finish_init(&f, region, k, r.tri);
-	finish_chosen(&f, r.chosen);
+	finish_chosen(&f, &(struct finish_choice){r.chosen, NULL});
 	assert_true(finish_vertices(&f));
 	finish_numbers(&f);
 	f.out.nhull = r.nhull;
