@@ -300,12 +300,29 @@ static void prune_begin(struct prune *p)
 	dataset_rewrite_start(w);
 }
 
+/* Old line sets that cannot go yet let others pass. */
+static void let_others_pass(struct datasets *ds)
+{
+	struct prune *p = ds->prunes, **at;
+	const struct dataset *d = p->rewrite.dataset;
+
+	if (!p->sets || p->running || !p->next || !(ds->merge || d->reverts || d->asks))
+		return;
+	ds->prunes = p->next;
+	p->next = NULL;
+	for (at = &ds->prunes; *at; at = &(*at)->next)
+		;
+	*at = p;
+}
+
 void dataset_prune_settle(struct datasets *ds)
 {
-	struct prune *p = ds->prunes;
+	struct prune *p;
 
-	if (!p)
+	if (!ds->prunes)
 		return;
+	let_others_pass(ds);
+	p = ds->prunes;
 	if (p->running)
 		dataset_rewrite_settle(&p->rewrite);
 	else if (ds->merge && !p->sets)

@@ -269,19 +269,20 @@ static void lines_there(struct dataset_lines_wait *wait, const struct err *why)
 {
 	struct run *w = (struct run *)((char *)wait - offsetof(struct run, lines_wait));
 
-	/* Without an error it opens the generation at the next tick. */
 	if (why)
 		run_fail(w, why);
+	else
+		slot_request(w->runs->admission, w->slot, w->slot->need);
 }
 
-/* The line set of this generation was not kept. It is made again, and the run begins again then. */
+/* The line set of this generation was not kept. It is made again, in memory that this run leaves, and the run begins again then.
+ */
 static void ask_for_lines(struct run *w)
 {
 	const struct peer peer = rights_of_user(w->owner.uid, 0);
 	struct err err = ERR_INIT;
 
-	run_close(w);
-	run_set_state(w, RUN_NEW);
+	run_reset(w);
 	w->lines_wait.done = lines_there;
 	if (dataset_ask_lines(w->dataset, w->generation, &peer, &w->lines_wait, &err))
 		run_fail(w, &err);

@@ -1,5 +1,6 @@
 /*
- * Reverts that make a line set: they wait for memory and let others pass, leave nothing when they fail, and end with the daemon.
+ * Reverts that make a line set, and jobs that ask for one: they wait for memory and let others pass, leave nothing when they
+ * fail, and end with the daemon.
  */
 #include "fixture.h"
 #include "dataset_priv.h"
@@ -139,6 +140,54 @@ static void test_waits(void **state)
 	dataset_release(d);
 }
 
+static struct job *submit_at(struct dataset *d, uint64_t generation)
+{
+	struct job_params p = {.dataset = d, .generation = generation, .view = VIEW, .fresh = true, .peer = me};
+	int before = accepts;
+
+	job_submit(h.service->jobs, &p, accepted, NULL);
+	turn_until(accepts > before);
+	assert_non_null(accepted_job);
+	return accepted_job;
+}
+
+/* Jobs of an earlier generation wait for one line set, without a slot; it stays until the lines change. */
+static void test_asked(void **state)
+{
+	struct dataset *d = make();
+	uint64_t left = ledger_left(h.ledger) - (2 << 20);
+	char digest[3][DIGEST_HEX_SIZE];
+	struct job *job[3];
+
+	assert_true(ledger_take(h.ledger, LEDGER_INPUT, left));
+	job[0] = submit_at(d, 2);
+	turn_until(d->asks == 1 && !admission_tally(h.service->admission, me.uid).runs);
+	assert_null(d->committer);
+	job[1] = submit_at(d, 2);
+	sched_give(h.sched, LEDGER_INPUT, left);
+	for (unsigned i = 0; i < 2; i++) {
+		turn_until_final(job[i]);
+		assert_int_equal(info_of(job[i]).state, JOB_done);
+		snprintf(digest[i], sizeof digest[i], "%s", info_of(job[i]).report->digest);
+	}
+	assert_string_equal(digest[0], digest[1]);
+	assert_int_equal(d->asks, 0);
+	assert_int_equal(files(d, "lineset-"), 2);
+	assert_int_equal(d->generation, 4);
+	job[2] = submit_at(d, 2);
+	turn_until_final(job[2]);
+	assert_string_equal(info_of(job[2]).report->digest, digest[0]);
+	assert_int_equal(files(d, "lineset-"), 2);
+	/* Other points leave it there, other lines do not. */
+	assert_int_equal(revert(d, 1), 0);
+	turn_until(!service_active(h.service));
+	assert_int_equal(files(d, "lineset-"), 2);
+	assert_int_equal(revert(d, 4), 0);
+	settle(d);
+	assert_int_equal(files(d, "lineset-"), 1);
+	dataset_release(d);
+}
+
 static int fail_from, calls_made;
 
 static int fails(int fd)
@@ -211,6 +260,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(test_made, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_waits, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_asked, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_failures, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_stop, setup, teardown),
 	};
