@@ -132,13 +132,15 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (r)
 		return r;
 	if (load.flat) {
-		*ret = pipe_flat_domain(&load, k);
+		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
 	tri = pipe_domain_tri(grid, budget, own, memory, &load, &cap);
 	f.out.counts = load.counts;
+	finish_map(&f, view);
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_flat(tri, region, k, &f.out);
+		finish_init(&f, region, k, tri);
+		finish_flat(&f);
 		*ret = f.out;
 		return 0;
 	}
