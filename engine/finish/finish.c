@@ -227,14 +227,14 @@ bool finish_vertices(struct finish *f)
 		int32_t at[3] = {[2] = f->tri.z[v]};
 		uint8_t m = mark[v];
 		uint32_t to;
+		bool holds;
 
 		if (!m)
 			continue; /* hidden by its neighbours' weights, and so no vertex of the mesh */
 		finish_position(f, xy, at);
 
 		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */
-		bool holds = m == USED && !f->chosen ? true : cut_region_holds(f->region, xy[0], xy[1]);
-
+		holds = m == USED && !f->chosen ? true : cut_region_holds(f->region, xy[0], xy[1]);
 		if (holds != (m == USED))
 			digest_add_vertex(holds ? &f->out.own_digest : &beyond, at[0] + f->k[0], at[1] + f->k[1],
 					  at[2] + f->k[2]);
