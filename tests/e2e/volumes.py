@@ -102,10 +102,6 @@ def generations():
         expect(all(got[x] == back[y] and got[y] == back[x] for x, y in pairs) and got["net"] == -back["net"], "%s %s" % (got, back))
         same = one(d, second, second)
         expect(same["fill"] == same["cut"] == same["fill_area"] == same["cut_area"] == 0 and same["same_area"] == SIDE * SIDE, "%s" % same)
-        whole = volumes(d, first, second, "-o", base + "/d.png", "--cell", "5")  # with an image no changes are taken
-        changes = volumes(d, first, second)
-        keep = {"outputs": None, "color_range": None}
-        expect({**whole, **keep} == {**changes, **keep}, "%s %s" % (whole, changes))
         text = d.ctl("volume", first, second).ok().out
         expect("m3" in text and "m2" in text and "at most" in text, text)
         # The same with another memory of the daemon: other domains, the same numbers.
@@ -236,6 +232,23 @@ def polygons():
                                   ("out", [box(0, 0, 9, 9), box(20, 20, 30, 30)], "cross or overlap")):
             r = d.ctl("volume", *jobs, "--within", write(base + "/bad.geojson", feature(name, *rings)))
             expect(r.status == 1 and text in r.err and "makevalid" in r.err and "bad.geojson" in r.err, "%s: %d %s" % (name, r.status, r.err))
+
+
+def bounded():
+    """A mesh with a hole: what is in it only the other one covers, also inside of polygons."""
+    with Folder() as base, Daemon(base) as d:
+        for name in ("d0", "d1"):
+            d.ctl("push", name, survey(base + "/0.xyz", 3), *METRES).ok()
+        with open(base + "/hole.csv", "w") as f:
+            f.write("x,y,z,name\n" + "".join("%d,%d,%d,h\n" % (600000 + x, 6500000 + y, 50) for x, y in box(20, 30, 40, 60) + [(20, 30)]))
+        d.ctl("push", "d1", base + "/hole.csv", "--lines-as", "hole", *METRES).ok()
+        jobs = [job(d, name) for name in ("d0", "d1")]
+        got = one(d, *jobs)
+        near(got["only_first"], F(600), got["area_error"] + 1e-9, "the hole")
+        expect(got["only_second"] == 0, "%s" % got)
+        near(got["area"], F(SIDE * SIDE - 600), got["area_error"], "area")
+        part = volumes(d, *jobs, "--within", write(base + "/p.geojson", feature("p", box(30, 0, 100, 50))))["volumes"][0]
+        near(part["only_first"], F(200), part["area_error"] + 1e-9, "the hole in a polygon")
 
 
 # ---- images
@@ -387,6 +400,23 @@ def large(d, base, points):
     return [job(d, "d%d" % k) for k in (0, 1)]
 
 
+def changes():
+    """Of two generations only the regions that differ come; all numbers are those of whole streams."""
+    with Folder() as base, Daemon(base, memory="48M") as d:
+        for path, words in ((base + "/0.las", ("--points", 250000, "--area", "300x300")),
+                            (base + "/1.las", ("--points", 2000, "--area", "20x20", "--origin", "500010,5400010,0", "--seed", 9))):
+            e2e.run([e2e.SYNTH, *words, path]).ok()
+            d.ctl("push", "valley", path, "--override-units", "m,m").ok()
+        jobs = [job(d, "valley", "--at", "1"), job(d, "valley")]
+        kept = d.ctl("fetch", jobs[1], "--changed-since", "1", "--format", "null", "--json").ok().json()["changes"]["kept_triangles"]
+        expect(kept > 100000, "only %d triangles are kept" % kept)
+        whole = volumes(d, *jobs, "-o", base + "/d.png", "--cell", "5")  # with an image no changes are taken
+        got = volumes(d, *jobs)
+        keep = {"outputs": None, "color_range": None}
+        expect({**whole, **keep} == {**got, **keep}, "%s %s" % (whole, got))
+        expect(got["volumes"][0]["cut"] + got["volumes"][0]["fill"] > 1 and got["volumes"][0]["same_area"] > 50000, "%s" % got)
+
+
 def interrupted():
     with Folder() as base, Daemon(base) as d:
         jobs = large(d, base, 400000)
@@ -418,4 +448,4 @@ def memory():
         print("     %d KiB" % peak)
 
 
-e2e.main(generations, datasets, levels, polygons, images, refused, interrupted, memory)
+e2e.main(generations, datasets, levels, polygons, bounded, images, refused, changes, interrupted, memory)
