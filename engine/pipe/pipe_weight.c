@@ -21,6 +21,27 @@ int pipe_weight_check(const struct grid *grid, const struct view *view, struct e
 	return err_add_hint(err, "leave out --weight, or the lines with --no-breaklines");
 }
 
+/* The greatest weight of the classes that a segment has. One that did not count them may have all. */
+static int64_t greatest(const struct grid *grid, const struct view *view)
+{
+	const struct grid_manifest *m = grid_manifest(grid);
+	int64_t weight[VIEW_WEIGHTS + 1], most = 0, all = view_weights(view, weight);
+
+	for (size_t i = 0; i < m->nsegments; i++) {
+		const uint64_t *points = m->segments[i].classes;
+		uint64_t counted = 0;
+
+		for (unsigned c = 0; c < 256; c++)
+			counted += points[c];
+		if (counted < m->segments[i].points)
+			return all;
+		for (unsigned k = 0; k < view->nweight; k++)
+			if (points[view->weight[k].cls] && weight[k + 1] > most)
+				most = weight[k + 1];
+	}
+	return most;
+}
+
 static int verify(struct regular *w, const struct grid *grid, void *memory, uint64_t *ret_need, struct err *err)
 {
 	struct grid_reader *reader;
@@ -79,7 +100,7 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 {
 	const int64_t *k = grid_manifest(grid)->lattice.k;
 	struct pipe_budget less = *budget;
-	struct regular w = {.view = view, .region = region};
+	struct regular w = {.view = view, .most = greatest(grid, view), .region = region};
 	struct cut_load load;
 	uint64_t own = 0;
 	uint8_t *tables, *end;

@@ -163,7 +163,8 @@ int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 	c->cells_read = c->points_read = 0;
 	if (c->size < regular_bytes(c->cap))
 		return err_set(err, ERR_INTERNAL, "%zu bytes are too few to verify a domain with weights", c->size);
-	w.most = view_weights(c->view, w.weight);
+	view_weights(c->view, w.weight);
+	w.most = c->most;
 	cut_judge_init(&w.judge, c->view);
 	cut_region_box(c->region, w.box);
 	w.nrange = cut_region_ranges(c->region, w.range);

@@ -17,6 +17,7 @@ struct err;
 struct regular {
 	const struct cut_source *src;
 	const struct view *view; /* with weights */
+	int64_t most;            /* no position of the source has a greater one */
 	const struct cut_region *region;
 	struct tri *tri; /* after tri_init; its input has the n positions of P(B), those of the region among them */
 	uint32_t n, own, cap;

@@ -111,6 +111,8 @@ def selected():
             # The order of view_thin_compare: z, class, position.
             lowest[at] = min(lowest.get(at, p), p, key=lambda q: (q[2], q[3], q[0], q[1]))
         compare(submit(d, "s", radius, "--thin", "9"), list(lowest.values()), radius, "thin")
+        # A class that is not there costs nothing, however large its radius is.
+        compare(submit(d, "s", {**radius, 77: 10 ** 6}), points, radius, "another class")
         kept = [p for p in points if p[3] != 9]
         compare(submit(d, "s", radius, "--not-class", "9"), kept, radius, "class")
 

@@ -167,6 +167,7 @@ static struct regular load(const struct cut_source *src, const struct cut_region
 	struct cut_load l = {
 		.out = tri_input(tri), .weight = weight, .cap = MAX_N, .scratch = scratch, .scratch_size = sizeof scratch};
 	struct err err = ERR_INIT;
+	int64_t weights[VIEW_WEIGHTS + 1];
 	uint64_t need = 0;
 
 	assert_int_equal(cut_load_from(src, &view, region, &l, &need, &err), 0);
@@ -174,6 +175,7 @@ static struct regular load(const struct cut_source *src, const struct cut_region
 	loaded += l.n;
 	return (struct regular){.src = src,
 				.view = &view,
+				.most = view_weights(&view, weights),
 				.region = region,
 				.tri = tri,
 				.n = l.n,
