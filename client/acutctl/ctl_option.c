@@ -66,7 +66,8 @@ const struct cli_option ctl_options[] = {
 	{"thin", 0, "CELL", CLI_TEXT, AT(view.thin), CTL_VIEW,
 	 "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
 	{"thin-pick", 0, "lowest|highest|median", CLI_TEXT, AT(view.thin_pick), CTL_VIEW, "which point of a cell (lowest)"},
-	{"max-error", 0, "LENGTH", CLI_LATER, 0, CTL_VIEW, NULL},
+	{"max-error", 0, "LENGTH", CLI_TEXT, AT(view.max_error), CTL_VIEW,
+	 "the fewest points such that none is further than this above or below the mesh"},
 	{"breakline-clear", 0, "LENGTH", CLI_TEXT, AT(view.breakline_clear), CTL_VIEW,
 	 "no points nearer than this to a line of the dataset (0: none on a line)"},
 

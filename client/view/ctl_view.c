@@ -136,13 +136,22 @@ static int check_lines(const struct ctl_view_options *a, struct err *err)
 	return check_length("--breakline-clear", a->breakline_clear, 0, err);
 }
 
+static int check_bound(const struct ctl_view_options *a, struct err *err)
+{
+	if (a->max_error && a->max_points) {
+		err_set(err, ERR_USAGE, "--max-points looks for the bound that --max-error gives");
+		return err_add_hint(err, "leave out one of them");
+	}
+	return check_length("--max-error", a->max_error, 0, err);
+}
+
 static int check(const struct ctl_view_options *a, struct err *err)
 {
 	int r;
 
 	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
 	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) ||
-	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)))
+	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_bound(a, err)))
 		return r;
 	return 0;
 }
@@ -286,6 +295,8 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fputs(" duplicates=highest", out);
 	if (a->breakline_clear)
 		fprintf(out, " breakline-clear=%s", a->breakline_clear);
+	if (a->max_error)
+		fprintf(out, " max-error=%s", a->max_error);
 }
 
 int ctl_view_text(const struct ctl_view_options *a, char **ret, struct err *err)

@@ -156,6 +156,7 @@ def same_views():
             ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]), ({"no_breaklines": True}, ["--no-breaklines"]),
             ({"breakline_clear": "0.5m", "duplicates": "highest"}, ["--breakline-clear", "0.5m", "--duplicates", "highest"]),
+            ({"max_error": "0.25ft", "every": 3}, ["--max-error", "0.25ft", "--every", "3"]), ({"max_points": 500}, ["--max-points", "500"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
         expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
@@ -172,7 +173,9 @@ def same_views():
                 ({"class_": 256}, ["--class", "256"]), ({"zmin": 5, "zmax": 4}, ["--zmin", "5", "--zmax", "4"]),
                 ({"returns": "some"}, ["--returns", "some"]), ({"every": 0}, ["--every", "0"]), ({"zmin": "x y"}, ["--zmin", "x y"]),
                 ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"]), ({"breakline_clear": -1}, ["--breakline-clear=-1"]),
-                ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"])]:
+                ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"]),
+                ({"max_error": -1}, ["--max-error=-1"]), ({"max_error": 1, "max_points": 9}, ["--max-error", "1", "--max-points", "9"]),
+                ({"max_points": 0}, ["--max-points", "0"])]:
             expect(raises(acut.UsageError, c.submit, "s", **words).exit_status == d.ctl("submit", "s", *options).status == 2, words)
         with open(gj, "w") as f:
             f.write('{"type": "LineString", "coordinates": []}')
