@@ -107,16 +107,44 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	return r;
 }
 
+/* The kernel of a region: its triangles, and the pieces of lines. A flat leaf has its points in *load instead. */
+static int run_kernel(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		      const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct cut_load *load,
+		      struct pipe_kernel *k, uint64_t *ret_need, struct err *err)
+{
+	uint64_t own = 0;
+	uint32_t cap;
+	int r = load_points(grid, view, region, known, budget, memory, load, &own, ret_need, err);
+
+	*k = (struct pipe_kernel){0};
+	if (r)
+		return r;
+	k->counts = load->counts;
+	k->flat = load->flat;
+	if (k->flat)
+		return 0;
+	k->tri = pipe_domain_tri(grid, budget, own, memory, load, &cap);
+	k->flat = tri_run(k->tri, load->n) == TRI_E_FLAT;
+	if (k->flat || !grid_lines(grid))
+		return 0;
+	return pipe_constrain(grid, view, region, budget, memory, &k->tri, cap, &k->counts, &k->chosen, ret_need, err);
+}
+
+int pipe_kernel(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct pipe_kernel *ret, uint64_t *ret_need, struct err *err)
+{
+	struct cut_load load;
+
+	return run_kernel(grid, view, region, known, budget, memory, &load, ret, ret_need, err);
+}
+
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	const int64_t *k = grid_manifest(grid)->lattice.k;
-	const uint64_t *chosen = NULL;
+	struct pipe_kernel kernel;
 	struct finish f = {0};
 	struct cut_load load;
-	struct tri *tri;
-	uint64_t own = 0;
-	uint32_t cap;
 	int r;
 
 	if (view->window) {
@@ -128,28 +156,22 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 				  pipe_domain_arena(grid, memory), ret, ret_need, err);
 		return r == WINDOW_E_SPLIT ? PIPE_E_SPLIT : r;
 	}
-	r = load_points(grid, view, region, known, budget, memory, &load, &own, ret_need, err);
+	r = run_kernel(grid, view, region, known, budget, memory, &load, &kernel, ret_need, err);
 	if (r)
 		return r;
 	if (load.flat) {
 		*ret = pipe_flat_domain(&load, k);
 		return 0;
 	}
-	tri = pipe_domain_tri(grid, budget, own, memory, &load, &cap);
-	f.out.counts = load.counts;
-	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_flat(tri, region, k, &f.out);
+	f.out.counts = kernel.counts;
+	if (kernel.flat) {
+		finish_flat(kernel.tri, region, k, &f.out);
 		*ret = f.out;
 		return 0;
 	}
-	if (grid_lines(grid)) {
-		r = pipe_constrain(grid, view, region, budget, memory, &tri, cap, &f.out.counts, &chosen, ret_need, err);
-		if (r)
-			return r;
-	}
-	finish_init(&f, region, k, tri);
-	if (chosen)
-		finish_chosen(&f, chosen);
+	finish_init(&f, region, k, kernel.tri);
+	if (kernel.chosen)
+		finish_chosen(&f, kernel.chosen);
 	else
 		finish_owned(&f);
 	if (!finish_vertices(&f)) {

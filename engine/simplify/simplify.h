@@ -12,7 +12,7 @@
  *	do {
  *		for each i < simplify_tasks(s), in any thread, if !simplify_task_done(s, i):
  *			r = simplify_task(s, i, memory, &err);
- *		r = simplify_next(s, memory, &err);
+ *		r = simplify_next(s, &err);
  *	} while (!r);
  *	r == SIMPLIFY_E_DONE: the folder has the manifest SIMPLIFY_MANIFEST, and the report
  *	simplify_free(s);
@@ -38,7 +38,8 @@ struct simplify_params {
 	const struct view *view;
 	int64_t max_error;   /* lattice numbers of z, at least 0; if max_points is 0 */
 	uint64_t max_points; /* instead: the most points of the result; the error is found */
-	/* Bytes of `memory` of each call, at least simplify_memory_min; charged by the caller. It decides how fast it is. */
+	/* Bytes of `memory` of each simplify_task, and what simplify_next allocates; at least simplify_memory_min. The caller
+	 * has charged it. */
 	size_t memory;
 	/* For the index of the result, besides: charged to the ledger (LEDGER_INDEX; may be NULL) while it is open. */
 	size_t index_memory;
@@ -79,7 +80,7 @@ int simplify_task(struct simplify *, uint32_t task, void *memory, struct err *er
  * has their number, err.need too.
  */
 enum { SIMPLIFY_E_DONE = 1 };
-int simplify_next(struct simplify *, void *memory, struct err *err);
+int simplify_next(struct simplify *, struct err *err);
 
 /* For progress; any thread may ask. */
 struct simplify_state {

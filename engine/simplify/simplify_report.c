@@ -1,22 +1,19 @@
 /*
- * What a simplification reports, in a small text file: lines of "name value", and a checksum in the last line. It is written
- * before the manifest, so a folder with a manifest has it. It is not fsynced: a simplification can be made again.
+ * What a simplification reports, in a small text file: numbers by name (simplify_file.h). It is written before the manifest, so a
+ * folder with a manifest has it. It is not fsynced: a simplification can be made again.
  */
-#include <fcntl.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "err.h"
-#include "io.h"
+#include "simplify_file.h"
 #include "simplify_priv.h"
 
 /* Change it when other points are chosen than before: then results by the old rules are not found. */
 static const char RULES[] = "simplify 1";
 static const char REPORT[] = "report";
-static const char HEAD[] = "acut-simplify 1\n";
-
-enum { TEXT_MAX = 2048 };
+static const char HEAD[] = "acut-simplify 1";
 
 struct digest simplify_key(const struct grid *grid, const struct view *view, int64_t max_error, uint64_t max_points)
 {
@@ -49,94 +46,52 @@ const char *simplify_step_text(enum simplify_step step)
 
 /* ---- the report ---- */
 
-static const struct row {
-	const char *name;
-	size_t at;
-} rows[] = {
-	{"points", offsetof(struct simplify_report, points)},   {"kept", offsetof(struct simplify_report, kept)},
-	{"lines", offsetof(struct simplify_report, lines)},     {"hull", offsetof(struct simplify_report, hull)},
-	{"seeds", offsetof(struct simplify_report, seeds)},     {"rounds", offsetof(struct simplify_report, rounds)},
-	{"tested", offsetof(struct simplify_report, tested)},   {"attempts", offsetof(struct simplify_report, attempts)},
-	{"error", offsetof(struct simplify_report, max_error)}, {"records", offsetof(struct simplify_report, records)},
+#define ROW(name, field)                                      \
+	{                                                     \
+		name, offsetof(struct simplify_report, field) \
+	}
+/* The number of a rule is part of the file, as it is of stored domains. */
+#define RULE(i)                                                                                   \
+	{                                                                                         \
+		"removed-" #i, offsetof(struct simplify_report, removed) + (i) * sizeof(uint64_t) \
+	}
+static const struct simplify_row rows[] = {
+	ROW("points", points),
+	ROW("kept", kept),
+	ROW("lines", lines),
+	ROW("hull", hull),
+	ROW("seeds", seeds),
+	ROW("rounds", rounds),
+	ROW("tested", tested),
+	ROW("attempts", attempts),
+	ROW("error", max_error),
+	ROW("records", records),
+	RULE(1),
+	RULE(2),
+	RULE(3),
+	RULE(4),
+	RULE(5),
+	RULE(6),
+	RULE(7),
+	RULE(8),
+	RULE(9),
+	RULE(10),
+	RULE(11),
+	RULE(12),
 };
-enum { ROWS = sizeof rows / sizeof *rows };
-
-static uint64_t *value_at(struct simplify_report *report, size_t at)
-{
-	return (uint64_t *)(void *)((char *)report + at);
-}
-
-/* The rules that have no line are zero: those that a version did not know. */
-static int report_text(const struct simplify_report *report, unsigned rules, char text[TEXT_MAX])
-{
-	struct simplify_report copy = *report;
-	int at = snprintf(text, TEXT_MAX, "%s", HEAD);
-	char hex[DIGEST_HEX_SIZE];
-
-	for (unsigned i = 0; i < ROWS; i++)
-		at += snprintf(text + at, TEXT_MAX - (size_t)at, "%s %" PRIu64 "\n", rows[i].name, *value_at(&copy, rows[i].at));
-	for (unsigned i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
-		if (rules >> i & 1)
-			at += snprintf(text + at, TEXT_MAX - (size_t)at, "%u %" PRIu64 "\n", i, report->removed[i]);
-	return at + snprintf(text + at, TEXT_MAX - (size_t)at, "check %s\n", digest_hex(digest_hash(text, (size_t)at), hex));
-}
+_Static_assert(VIEW_RULES == 13 && VIEW_KEPT == 0, "a row for each rule that removes points");
 
 int simplify_report_write(int dirfd, const struct simplify_report *report, struct err *err)
 {
-	char text[TEXT_MAX];
-	int n = report_text(report, UINT32_MAX, text), fd, r;
-
-	r = io_open(dirfd, REPORT, O_WRONLY | O_CREAT | O_TRUNC, 0640, &fd, err);
-	if (r)
-		return r;
-	r = io_write_at(fd, text, (size_t)n, 0, REPORT, err);
-	io_close(fd);
-	return r;
-}
-
-/* Parses without validation: the caller formats the result again and compares the texts. */
-static unsigned report_parse(const char *text, struct simplify_report *ret)
-{
-	unsigned rules = 0, rule;
-	char name[32];
-	uint64_t n;
-
-	for (const char *line = strchr(text, '\n'); line && line[1]; line = strchr(line + 1, '\n')) {
-		if (sscanf(line + 1, "%31s %" SCNu64, name, &n) != 2)
-			continue;
-		for (unsigned i = 0; i < ROWS; i++)
-			if (!strcmp(name, rows[i].name))
-				*value_at(ret, rows[i].at) = n;
-		if (sscanf(name, "%u", &rule) == 1 && rule > VIEW_KEPT && rule < VIEW_RULES) {
-			ret->removed[rule] = n;
-			rules |= 1u << rule;
-		}
-	}
-	return rules;
+	return simplify_text_write(dirfd, REPORT, HEAD, rows, sizeof rows / sizeof *rows, report, err);
 }
 
 int simplify_report_read(int dirfd, struct simplify_report *ret, struct err *err)
 {
-	char text[TEXT_MAX] = "", again[TEXT_MAX];
 	struct simplify_report report = {0};
-	unsigned rules;
-	size_t n = 0;
-	int fd, r;
+	int r = simplify_text_read(dirfd, REPORT, HEAD, rows, sizeof rows / sizeof *rows, &report, err);
 
-	r = io_open(dirfd, REPORT, O_RDONLY, 0, &fd, err);
-	if (r)
-		return r;
-	r = io_read_some(fd, text, sizeof text - 1, 0, REPORT, &n, err);
-	io_close(fd);
-	if (r)
-		return r;
-	text[n] = 0;
-	rules = report_parse(text, &report);
-	report_text(&report, rules, again);
-	if (strcmp(text, again)) {
-		err_set(err, ERR_CORRUPT, "the report of a simplification is damaged");
-		return err_add_file(err, REPORT);
-	}
-	*ret = report;
-	return 0;
+	if (!r)
+		*ret = report;
+	return r;
 }
