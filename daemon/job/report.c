@@ -46,6 +46,11 @@ static const struct {
 	FIELD(domains_reused, NUMBER),
 	FIELD(window, NUMBER),
 	FIELD(most, TEXT),
+	FIELD(positions, NUMBER),
+	FIELD(kept, NUMBER),
+	FIELD(rounds, NUMBER),
+	FIELD(attempts, NUMBER),
+	FIELD(max_error, TEXT),
 #undef FIELD
 };
 

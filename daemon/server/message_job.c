@@ -62,6 +62,11 @@ static void report_message(const struct job_report *r, bool counts, struct messa
 	m->report.peak_rss_bytes = r->peak_rss;
 	m->report.note = (char *)r->note;
 	m->report.window = r->window;
+	m->report.max_error = (char *)r->max_error;
+	m->report.positions = r->positions;
+	m->report.kept = r->kept;
+	m->report.rounds = r->rounds;
+	m->report.attempts = r->attempts;
 	most_message(r, &m->report);
 	if (counts)
 		removed_counts(r, m);

@@ -37,7 +37,8 @@ size_t selection_memory_min(const struct grid *grid);
  * of their own in it: open it with the line set file of the generation (struct grid_use). The result depends only on the points
  * and lines of the generation. After a failure the folder may hold files. */
 int selection_make(const struct selection_params *, struct selection_counts *ret, struct err *err);
-/* The counts that selection_make left in its folder. -ERR_CORRUPT: they are damaged. */
+/* The counts of a selection, in its folder: selection_make leaves them there. -ERR_CORRUPT: they are damaged. */
+int selection_counts_write(int dirfd, const struct selection_counts *, struct err *err);
 int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *err);
 /* The identity of a selection: content, lattice, coordinate system and units of the generation, and the rules that
  * select. Views that differ only in the rule of duplicates share it. */

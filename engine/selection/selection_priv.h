@@ -32,6 +32,4 @@ int selection_keep(struct selection *, const struct point *);
 /* Applies view_judge and the thin rule to all points of the grid. */
 int selection_thin(struct selection *);
 
-int selection_counts_write(int dirfd, const struct selection_counts *, struct err *err);
-
 #endif

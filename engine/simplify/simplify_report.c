@@ -79,7 +79,7 @@ static const struct simplify_row rows[] = {
 	RULE(11),
 	RULE(12),
 };
-_Static_assert(VIEW_RULES == 13 && VIEW_KEPT == 0, "a row for each rule that removes points");
+_Static_assert(VIEW_BY_ERROR == 13 && VIEW_KEPT == 0, "a row for each rule that removes points before this one");
 
 int simplify_report_write(int dirfd, const struct simplify_report *report, struct err *err)
 {
