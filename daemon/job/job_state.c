@@ -12,7 +12,6 @@
 #include "clock.h"
 #include "job_fetch.h"
 #include "job_priv.h"
-#include "simplify.h"
 #include "log.h"
 
 #define REPORT_SECONDS 0.2
@@ -143,22 +142,6 @@ static void note_cropped(struct job *job)
 			(unsigned long long)n, n == 1 ? "" : "s", n == 1 ? "has" : "have", n == 1 ? "is" : "are");
 }
 
-/* What was chosen for a view with max-error or max-points. */
-static void report_simplified(struct job *job)
-{
-	const struct simplify_report *s = run_simplified(job->run);
-	struct job_report *r = &job->report;
-	struct lattice lattice;
-
-	if (!s || !lattice_parse(job->dataset->lattice, &lattice))
-		return;
-	r->positions = s->points;
-	r->kept = s->kept;
-	r->rounds = s->rounds;
-	r->attempts = s->attempts;
-	decimal_scaled_text(lattice.scale_z, s->max_error, r->max_error);
-}
-
 static void make_report(struct job *job)
 {
 	const struct pipe_totals *totals = run_totals(job->run);
@@ -175,7 +158,7 @@ static void make_report(struct job *job)
 	job->report.points_read += run_plan(job->run)->points_read;
 	job->report.cells_read += run_plan(job->run)->cells_read;
 	job->report.domains_reused = run_reused(job->run);
-	report_simplified(job);
+	report_simplified(&job->report, job->run);
 	note_cropped(job);
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);

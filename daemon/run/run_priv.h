@@ -134,13 +134,14 @@ struct run {
 	struct run_simplify { /* run_simplify.c, while it works */
 		bool working;
 		struct simplify *s;
-		struct view view;    /* of the points that it chooses from; shares the area */
-		char name[64];       /* of its folder, in `parent` */
-		int parent, dirfd;   /* -1: not open */
-		unsigned members;    /* the most threads */
-		size_t each;         /* bytes of a task */
-		uint64_t need, held; /* bytes that a task was found to need; of LEDGER_DOMAIN */
-		uint64_t lacks;      /* as `need`, of the task that failed */
+		struct view view;                          /* of the points that it chooses from; shares the area */
+		char name[64];                             /* of its folder, in `parent` */
+		struct grid_named file[GRID_SOURCE_FILES]; /* of the lines */
+		int parent, dirfd;                         /* -1: not open */
+		unsigned members;                          /* the most threads */
+		size_t each;                               /* bytes of a task */
+		uint64_t need, held;                       /* bytes that a task was found to need; of LEDGER_DOMAIN */
+		uint64_t lacks;                            /* as `need`, of the task that failed */
 		void *memory;
 		struct sched_group *group; /* NULL: the task is alone */
 		unsigned tasks, left;      /* of the step; not done when it began */
@@ -359,11 +360,11 @@ void run_event_damaged(const struct run *, unsigned n);                        /
  * it was damaged and is removed; begin again later. Worker. */
 enum { RUN_E_ABSENT = 1 };
 int run_select_open(struct run *, struct err *err);
-int run_select_parent(struct run *, int *ret_fd, struct err *err);   /* the folder of its selections */
-int run_select_open_made(struct run *, int parent, struct err *err); /* a simplification that is complete */
-void run_select_start(struct run *);                                 /* makes it, when memory allows and no other run does */
-bool run_selecting(const struct run *);                              /* it is made, or will be */
-int run_select_count(struct run *, struct err *err);                 /* adds what the selection removed to the totals */
+int run_select_parent(struct run *, int *ret_fd, struct err *err); /* the folder of its selections */
+int run_select_open_in(struct run *, int parent, struct err *err); /* run_select_open, in that folder, with its key known */
+void run_select_start(struct run *);                               /* makes it, when memory allows and no other run does */
+bool run_selecting(const struct run *);                            /* it is made, or will be */
+int run_select_count(struct run *, struct err *err);               /* adds what the selection removed to the totals */
 /* Read data was damaged: if that was the selection, it is removed, and made again when it is needed next. */
 void run_select_discard(struct run *);
 

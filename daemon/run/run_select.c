@@ -113,11 +113,9 @@ static int open_in(struct run *w, int parent, struct digest key, bool final, str
 	return r ? r : err_set(err, ERR_BUSY, "a selection has to be made again");
 }
 
-int run_select_open_made(struct run *w, int parent, struct err *err)
+int run_select_open_in(struct run *w, int parent, struct err *err)
 {
-	int r = open_in(w, parent, w->select.key, true, err);
-
-	return r == RUN_E_ABSENT ? err_sys(err, ENOENT, "a selection disappeared as soon as it was made") : r;
+	return open_in(w, parent, w->select.key, true, err);
 }
 
 /* A simplification depends on the rules by which it chooses, too. */

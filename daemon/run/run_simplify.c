@@ -100,7 +100,6 @@ static int simplify_begin(struct run *w, struct err *err)
 {
 	struct run_simplify *x = &w->simplify;
 	const struct grid_source *lines = grid_lines_source(w->grid);
-	struct grid_named file[GRID_SOURCE_FILES];
 	struct simplify_params p = {
 		.grid = w->grid,
 		.view = &x->view,
@@ -116,8 +115,8 @@ static int simplify_begin(struct run *w, struct err *err)
 	};
 
 	if (lines) {
-		grid_source_files(lines, file);
-		p.lines = file[0].name;
+		grid_source_files(lines, x->file);
+		p.lines = x->file[0].name;
 	}
 	return simplify_open(&p, &x->s, err);
 }
@@ -179,7 +178,9 @@ static int simplify_finish(struct run *w, struct err *err)
 	run_space_select_end(w, space_folder_bytes(x->parent, r ? x->name : name));
 	x->counted = false;
 	if (!r)
-		r = run_select_open_made(w, x->parent, err);
+		r = run_select_open_in(w, x->parent, err);
+	if (r == RUN_E_ABSENT)
+		return err_sys(err, ENOENT, "a simplification disappeared as soon as it was made");
 	x->done = !r;
 	return r;
 }
@@ -228,11 +229,18 @@ static int take_steps(struct run *w, bool grouped, struct err *err)
 static int simplify_work(struct run *w, struct err *err)
 {
 	struct run_simplify *x = &w->simplify;
-	int r = x->parent < 0 ? run_select_parent(w, &x->parent, err) : 0;
+	int r = 0;
 
-	if (!r && !x->counted)
+	if (x->parent < 0) {
+		r = run_select_parent(w, &x->parent, err);
+		/* Another run may have made it meanwhile. */
+		if (!r && !(r = run_select_open_in(w, x->parent, err)))
+			x->done = true;
+		if (r != RUN_E_ABSENT)
+			return r;
 		r = run_space_part_begin(w, x->parent, x->name, err);
-	x->counted |= !r;
+		x->counted = !r;
+	}
 	if (!r && !x->s)
 		r = simplify_open_again(w, err);
 	return r ? r : take_steps(w, x->group, err);

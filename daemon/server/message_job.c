@@ -160,6 +160,13 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 		at += (size_t)snprintf(buf + at, size - at, "%s\"%s\":%llu", i > VIEW_KEPT + 1 ? "," : "",
 				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);
 	if (at < size)
-		snprintf(buf + at, size - at, "}}");
+		at += (size_t)snprintf(buf + at, size - at, "}");
+	if (at < size && *r->max_error)
+		at += (size_t)snprintf(buf + at, size - at,
+				       ",\"max_error\":\"%s\",\"positions\":%llu,\"kept\":%llu,\"rounds\":%llu,\"attempts\":%llu",
+				       r->max_error, (unsigned long long)r->positions, (unsigned long long)r->kept,
+				       (unsigned long long)r->rounds, (unsigned long long)r->attempts);
+	if (at < size)
+		snprintf(buf + at, size - at, "}");
 	return buf;
 }

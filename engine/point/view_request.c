@@ -147,7 +147,7 @@ static const struct unit {
 };
 
 /* `option`: "--thin". */
-static int no_unit(struct request *q, struct view_word w, const char *option, bool degrees)
+static int no_unit(struct request *q, struct view_word w, const char *option, bool degrees, bool heights)
 {
 	int n = (int)(w.n < 60 ? w.n : 60);
 
@@ -155,8 +155,10 @@ static int no_unit(struct request *q, struct view_word w, const char *option, bo
 		err_set(q->err, ERR_INPUT, "a length of %.*s has no meaning in a plane of degrees", n, w.at);
 		return err_add_hint(q->err, "project the points, or give %s a bare number of degrees", option);
 	}
-	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be converted: the unit of the dataset is unknown", n, w.at);
-	return err_add_hint(q->err, "give %s a bare number in the units of the files, or push with --assume-units", option);
+	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be converted: the unit of %s is unknown", n, w.at,
+		heights ? "the heights" : "the dataset");
+	return err_add_hint(q->err, "give %s a bare number in the units of the files, or push with --assume-units%s", option,
+			    heights ? " XY,Z" : "");
 }
 
 /* The factor from the length's unit to `unit` of the dataset; 1 without a suffix. */
@@ -179,7 +181,7 @@ static int parse_unit(struct request *q, struct view_word *w, const char *option
 	if (!of)
 		return 0;
 	if (!to)
-		return no_unit(q, whole, option, !strcmp(unit, "degree"));
+		return no_unit(q, whole, option, !strcmp(unit, "degree"), unit == q->unit_z);
 	if (of != to) {
 		*up = of->up * to->down;
 		*down = of->down * to->up;

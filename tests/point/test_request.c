@@ -187,6 +187,8 @@ static void test_bounds(void **state)
 	v = view_whole(&v);
 	assert_true(!view_selects(&v) && !v.window);
 	assert_int_equal(view_resolve("ask 1 max-error=1m", &fine, "metre", "unknown", &v, &err), -ERR_INPUT);
+	assert_non_null(strstr(err.message, "unit of the heights is unknown"));
+	assert_non_null(strstr(err.hint, "XY,Z"));
 	(void)state;
 }
 
