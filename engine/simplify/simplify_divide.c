@@ -15,7 +15,7 @@ struct divide {
 	struct simplify_out out, removed;
 	struct simplify_sink sink;
 	uint64_t key[SIMPLIFY_BLOCK + 1];
-	uint32_t n;
+	uint32_t n, most; /* most: positions of a block */
 	uint64_t lo;
 	bool end; /* all keys were there */
 	uint64_t points;
@@ -77,7 +77,7 @@ static int add_point(void *ctx, const struct point *p, struct err *err)
 		d->flat = false;
 	d->points++;
 	d->key[d->n++] = point_morton(p->x, p->y);
-	while (!r && d->n == SIMPLIFY_BLOCK + 1)
+	while (!r && d->n == d->most + 1)
 		r = write_block(d, &more, err);
 	return r;
 }
@@ -130,6 +130,7 @@ int simplify_divide(const struct simplify *s, void *memory, struct err *err)
 		return r;
 	memset(d, 0, offsetof(struct divide, key));
 	d->n = 0;
+	d->most = s->block ? s->block : SIMPLIFY_BLOCK;
 	d->lo = d->points = 0;
 	d->end = false;
 	d->flat = true;

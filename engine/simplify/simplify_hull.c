@@ -41,16 +41,20 @@ static void find_octagon(const struct point *pts, uint32_t n, int32_t ret[SIDES]
 
 static bool is_inside(int32_t octagon[SIDES][2], const struct point *p)
 {
+	bool any = false;
 	int32_t at[2];
 
 	corner(p, at);
 	for (unsigned k = 0; k < SIDES; k++) {
 		const int32_t *a = octagon[k], *b = octagon[(k + 1) % SIDES];
 
-		if ((a[0] != b[0] || a[1] != b[1]) && geom_orient(a, b, at) <= 0)
+		if (a[0] == b[0] && a[1] == b[1])
+			continue;
+		any = true;
+		if (geom_orient(a, b, at) <= 0)
 			return false;
 	}
-	return true;
+	return any; /* a single point has no side */
 }
 
 /* Extends a chain that turns left. */

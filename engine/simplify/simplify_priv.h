@@ -42,7 +42,8 @@ struct simplify {
 	struct simplify_where at;
 	struct grid *chosen; /* in SIMPLIFY_CHECK */
 	atomic_uchar *done;  /* of each task */
-	uint32_t load;       /* for tests: the load of a region; 0: as the memory allows */
+	/* For tests: the most positions of a region, 0: as many as the memory allows; of a block, 0: SIMPLIFY_BLOCK. */
+	uint32_t load, block;
 };
 
 int simplify_report_write(int dirfd, const struct simplify_report *, struct err *err);
