@@ -73,11 +73,16 @@ static inline bool simplify_plane_beyond(const struct simplify_plane *q, geom_u1
 }
 
 /* floor(|N| 2^16 / D). */
+static inline uint64_t simplify_key_of(geom_u128 far, geom_i128 area)
+{
+	if (!(far >> (64 - SIMPLIFY_KEY_SHIFT)) && !(area >> 62))
+		return ((uint64_t)far << SIMPLIFY_KEY_SHIFT) / (uint64_t)area;
+	return (uint64_t)((far << SIMPLIFY_KEY_SHIFT) / (geom_u128)area);
+}
+
 static inline uint64_t simplify_plane_key(const struct simplify_plane *q, geom_u128 far)
 {
-	if (!(far >> (64 - SIMPLIFY_KEY_SHIFT)) && !(q->area >> 62))
-		return ((uint64_t)far << SIMPLIFY_KEY_SHIFT) / (uint64_t)q->area;
-	return (uint64_t)((far << SIMPLIFY_KEY_SHIFT) / (geom_u128)q->area);
+	return simplify_key_of(far, q->area);
 }
 
 #endif

@@ -3,6 +3,9 @@
  * insertion removes the triangles whose circle contains the new point, fills the hole with a fan, and deals their points out to
  * it. Nothing is beyond the base, which has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
  *
+ * A fan is usually dealt out relative to its new point, in 64 bits: the turns that find a triangle are the weights of its corners
+ * in the height of its plane. Fans of many triangles, and wide blocks, go the long way.
+ *
  * The surface above a point is a fraction with twice the triangle's area D below, so the farthest point of a triangle has the
  * greatest |N|, N = D * (height of the surface - z). All numbers are exact, and equal ones are decided by x, then y.
  */
@@ -19,6 +22,8 @@
 
 #define NONE UINT32_MAX
 
+enum { FAN = 64 }; /* the most triangles of a fan that is dealt out in 64 bits */
+
 struct cell {
 	uint64_t key;
 	uint32_t corner[3], beside[3]; /* neighbours across from the corners */
@@ -32,51 +37,96 @@ struct side {
 	uint32_t a, b, beyond, cell;
 };
 
+/* A point, and the next in the list of its triangle. */
+struct node {
+	int32_t x, y, z;
+	uint32_t next;
+};
+
+struct entry {
+	uint64_t key;
+	uint32_t cell;
+};
+
+/* A triangle of a fan: its corners a and b relative to the new point, and the farthest of its points so far. */
+struct blade {
+	int64_t ax, ay, az, bx, by, bz, area;
+	uint64_t most;
+	uint32_t worst, first, before, after;
+};
+
 struct greedy {
 	struct simplify_greedy *g;
 	const struct point *pts;
+	struct node *node;
 	struct cell *cell;
 	struct side *side;
-	uint32_t *next, *heap, *hole, *from; /* from: of a vertex of the hole, the side that begins there */
-	struct tri *tri;                     /* of the base */
+	struct entry *heap;
+	uint32_t *hole, *from; /* from: of a vertex of the hole, the side that begins there */
+	struct tri *tri;       /* of the base; in the memory of sides and heap, which are used later */
 	struct simplify_place *order;
 	uint32_t ncell, nheap, nhole, nside, insertion;
+	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
+	struct blade blade[FAN];
 };
 
 size_t simplify_greedy_bytes(uint32_t n)
 {
-	size_t each = n + 3;
+	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
 
-	return align_line(2 * each * sizeof(struct cell)) + align_line(2 * each * sizeof(struct side)) +
-	       align_line(2 * each * sizeof(uint32_t)) * 2 + align_line(each * sizeof(uint32_t)) * 3 +
-	       align_line(each * sizeof(struct simplify_pick)) + align_line(each * sizeof(struct simplify_place)) +
-	       align_line(tri_bytes((uint32_t)each));
+	return align_line(2 * each * sizeof(struct cell)) + align_line(later > base ? later : base) +
+	       align_line(2 * each * sizeof(uint32_t)) + align_line(each * sizeof(uint32_t)) * 2 +
+	       align_line(each * sizeof(struct node)) + align_line(each * sizeof(struct simplify_pick)) +
+	       align_line(each * sizeof(struct simplify_place));
 }
 
 static void carve(struct greedy *w, struct simplify_greedy *g, void *memory)
 {
-	size_t each = g->n + 3;
+	size_t each = g->n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
 	uint8_t *at = memory;
 
 	memset(w, 0, sizeof *w);
 	w->g = g;
 	w->pts = g->pts;
 	w->cell = align_carve(&at, 2 * each * sizeof *w->cell);
-	w->side = align_carve(&at, 2 * each * sizeof *w->side);
-	w->heap = align_carve(&at, 2 * each * sizeof *w->heap);
+	w->tri = align_carve(&at, later > base ? later : base);
+	w->side = (struct side *)(void *)w->tri;
+	w->heap = (struct entry *)(void *)(w->side + 2 * each);
 	w->hole = align_carve(&at, 2 * each * sizeof *w->hole);
-	w->next = align_carve(&at, each * sizeof *w->next);
 	w->from = align_carve(&at, each * sizeof *w->from);
 	g->hull = align_carve(&at, each * sizeof *g->hull);
+	w->node = align_carve(&at, each * sizeof *w->node);
 	g->pick = align_carve(&at, each * sizeof *g->pick);
 	w->order = align_carve(&at, each * sizeof *w->order);
-	w->tri = (struct tri *)at;
+}
+
+/* Copies the points, and finds whether their differences fit. */
+static void fill_nodes(struct greedy *w)
+{
+	int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, high[3] = {INT32_MIN, INT32_MIN, INT32_MIN};
+
+	for (uint32_t i = 0; i < w->g->n; i++) {
+		const int32_t at[3] = {w->pts[i].x, w->pts[i].y, w->pts[i].z};
+
+		w->node[i] = (struct node){at[0], at[1], at[2], NONE};
+		for (unsigned k = 0; k < 3; k++) {
+			low[k] = at[k] < low[k] ? at[k] : low[k];
+			high[k] = at[k] > high[k] ? at[k] : high[k];
+		}
+	}
+	if (!(((int64_t)high[0] - low[0]) >> 30) && !(((int64_t)high[1] - low[1]) >> 30))
+		w->high = (int64_t)high[2] - low[2] + 1;
 }
 
 static inline void xy_of(const struct greedy *w, uint32_t i, int32_t ret[2])
 {
-	ret[0] = w->pts[i].x;
-	ret[1] = w->pts[i].y;
+	ret[0] = w->node[i].x;
+	ret[1] = w->node[i].y;
+}
+
+static inline uint64_t place_of(const struct greedy *w, uint32_t i)
+{
+	return digest_place(w->node[i].x, w->node[i].y);
 }
 
 static inline int turn(const struct greedy *w, uint32_t a, uint32_t b, uint32_t c)
@@ -91,91 +141,94 @@ static inline int turn(const struct greedy *w, uint32_t a, uint32_t b, uint32_t 
 
 /* ---- the heap: the greatest key first, then the first point by x and y ---- */
 
-static bool is_before(const struct greedy *w, uint32_t t, uint32_t u)
+static inline bool is_before(const struct greedy *w, const struct entry *a, const struct entry *b)
 {
-	const struct cell *a = &w->cell[t], *b = &w->cell[u];
-	const struct point *p = &w->pts[a->worst], *q = &w->pts[b->worst];
-
 	if (a->key != b->key)
 		return a->key > b->key;
-	return digest_place(p->x, p->y) < digest_place(q->x, q->y);
+	return place_of(w, w->cell[a->cell].worst) < place_of(w, w->cell[b->cell].worst);
 }
 
-static void heap_set(struct greedy *w, uint32_t at, uint32_t t)
+static inline void heap_set(struct greedy *w, uint32_t at, struct entry e)
 {
-	w->heap[at] = t;
-	w->cell[t].heap = at;
+	w->heap[at] = e;
+	w->cell[e.cell].heap = at;
 }
 
-static void heap_up(struct greedy *w, uint32_t at, uint32_t t)
+static void heap_up(struct greedy *w, uint32_t at, struct entry e)
 {
-	for (; at && is_before(w, t, w->heap[(at - 1) / 2]); at = (at - 1) / 2)
+	for (; at && is_before(w, &e, &w->heap[(at - 1) / 2]); at = (at - 1) / 2)
 		heap_set(w, at, w->heap[(at - 1) / 2]);
-	heap_set(w, at, t);
+	heap_set(w, at, e);
 }
 
-static void heap_down(struct greedy *w, uint32_t at, uint32_t t)
+static void heap_down(struct greedy *w, uint32_t at, struct entry e)
 {
 	for (;;) {
 		uint32_t child = 2 * at + 1;
 
-		if (child + 1 < w->nheap && is_before(w, w->heap[child + 1], w->heap[child]))
+		if (child + 1 < w->nheap && is_before(w, &w->heap[child + 1], &w->heap[child]))
 			child++;
-		if (child >= w->nheap || !is_before(w, w->heap[child], t))
+		if (child >= w->nheap || !is_before(w, &w->heap[child], &e))
 			break;
 		heap_set(w, at, w->heap[child]);
 		at = child;
 	}
-	heap_set(w, at, t);
+	heap_set(w, at, e);
 }
 
-static void heap_add(struct greedy *w, uint32_t t)
+/* Where `at` is free. */
+static void heap_put(struct greedy *w, uint32_t at, struct entry e)
 {
-	heap_up(w, w->nheap++, t);
+	if (at && is_before(w, &e, &w->heap[(at - 1) / 2]))
+		heap_up(w, at, e);
+	else
+		heap_down(w, at, e);
 }
 
-static void heap_remove(struct greedy *w, uint32_t t)
+/* Sets the farthest point of a triangle. A triangle that took the place of one in the heap has that one's place there, with the
+ * key and point that it had until now. */
+static void set_worst(struct greedy *w, uint32_t t, uint32_t worst, uint64_t key)
 {
-	uint32_t at = w->cell[t].heap, last;
+	struct cell *c = &w->cell[t];
+	uint32_t at = c->heap;
 
-	if (at == NONE)
-		return;
-	w->cell[t].heap = NONE;
-	last = w->heap[--w->nheap];
-	if (last == t)
-		return;
-	heap_down(w, at, last);
-	heap_up(w, w->cell[last].heap, last);
+	c->worst = worst;
+	c->key = key;
+	if (key > w->g->least) {
+		heap_put(w, at == NONE ? w->nheap++ : at, (struct entry){key, t});
+	} else if (at != NONE) {
+		struct entry last = w->heap[--w->nheap];
+
+		c->heap = NONE;
+		if (last.cell != t)
+			heap_put(w, at, last);
+	}
 }
 
 /* ---- the farthest point of a triangle ---- */
 
 static void judge(struct greedy *w, uint32_t t)
 {
-	struct cell *c = &w->cell[t];
+	const struct cell *c = &w->cell[t];
 	struct simplify_plane plane;
+	uint32_t worst = NONE;
 	geom_u128 most = 0;
 
-	c->worst = NONE;
-	c->key = 0;
-	c->heap = NONE;
-	if (c->first == NONE)
+	if (c->first == NONE) {
+		set_worst(w, t, NONE, 0);
 		return;
+	}
 	simplify_plane_init(&plane, &w->pts[c->corner[0]], &w->pts[c->corner[1]], &w->pts[c->corner[2]]);
-	for (uint32_t i = c->first; i != NONE; i = w->next[i]) {
-		const struct point *p = &w->pts[i];
+	for (uint32_t i = c->first; i != NONE; i = w->node[i].next) {
+		const struct node *p = &w->node[i];
 		geom_u128 far = simplify_plane_far(&plane, p->x, p->y, p->z);
 
-		if (far < most || !far)
-			continue;
-		if (far == most && digest_place(p->x, p->y) > digest_place(w->pts[c->worst].x, w->pts[c->worst].y))
+		if (far < most || !far || (far == most && place_of(w, i) > place_of(w, worst)))
 			continue;
 		most = far;
-		c->worst = i;
+		worst = i;
 	}
-	c->key = simplify_plane_key(&plane, most);
-	if (c->key > w->g->least)
-		heap_add(w, t);
+	set_worst(w, t, worst, simplify_plane_key(&plane, most));
 }
 
 /* ---- insertion ---- */
@@ -220,20 +273,19 @@ static void dig(struct greedy *w, uint32_t t, uint32_t p)
 	}
 }
 
-/* Of all points of the hole, except p, one list; its triangles leave the heap. */
+/* Of all points of the hole, except p, one list. */
 static uint32_t collect(struct greedy *w, uint32_t p)
 {
 	uint32_t all = NONE;
 
 	for (uint32_t i = 0; i < w->nhole; i++) {
-		struct cell *c = &w->cell[w->hole[i]];
+		const struct cell *c = &w->cell[w->hole[i]];
 
-		heap_remove(w, w->hole[i]);
 		for (uint32_t q = c->first, next; q != NONE; q = next) {
-			next = w->next[q];
+			next = w->node[q].next;
 			if (q == p)
 				continue;
-			w->next[q] = all;
+			w->node[q].next = all;
 			all = q;
 		}
 	}
@@ -247,11 +299,16 @@ static void replace_beside(struct cell *c, uint32_t a, uint32_t b, uint32_t t)
 			c->beside[k] = t;
 }
 
-/* A triangle on each side of the hole, with p. */
+/* A triangle on each side of the hole, with p. Those of the hole have their places in memory and heap taken: there are fewer. */
 static void fill(struct greedy *w, uint32_t p)
 {
 	for (uint32_t i = 0; i < w->nside; i++) {
-		w->side[i].cell = i < w->nhole ? w->hole[i] : w->ncell++;
+		if (i < w->nhole) {
+			w->side[i].cell = w->hole[i];
+		} else {
+			w->side[i].cell = w->ncell++;
+			w->cell[w->side[i].cell].heap = NONE;
+		}
 		w->from[w->side[i].a] = i;
 	}
 	/* A vertex of the hole at which no side begins is the end of an open fan. */
@@ -311,11 +368,100 @@ static void deal(struct greedy *w, uint32_t p, uint32_t all)
 	uint32_t t = w->side[0].cell;
 
 	for (uint32_t q = all, next; q != NONE; q = next) {
-		next = w->next[q];
+		next = w->node[q].next;
 		t = find_in_fan(w, p, q, t);
-		w->next[q] = w->cell[t].first;
+		w->node[q].next = w->cell[t].first;
 		w->cell[t].first = q;
 	}
+	for (uint32_t i = 0; i < w->nside; i++)
+		judge(w, w->side[i].cell);
+}
+
+/* ---- the same in 64 bits ---- */
+
+/* The triangles of the fan. False: they are too many, or too large. */
+static bool make_blades(struct greedy *w, uint32_t p)
+{
+	const struct node *o = &w->node[p];
+	int64_t most;
+
+	if (!w->high || w->nside > FAN)
+		return false;
+	most = (INT64_C(1) << 61) / w->high;
+	for (uint32_t i = 0; i < w->nside; i++) {
+		const struct side *s = &w->side[i];
+		const struct node *a = &w->node[s->a], *b = &w->node[s->b];
+		struct blade *f = &w->blade[i];
+
+		*f = (struct blade){.ax = (int64_t)a->x - o->x,
+				    .ay = (int64_t)a->y - o->y,
+				    .az = (int64_t)a->z - o->z,
+				    .bx = (int64_t)b->x - o->x,
+				    .by = (int64_t)b->y - o->y,
+				    .bz = (int64_t)b->z - o->z,
+				    .worst = NONE,
+				    .first = NONE};
+		f->area = f->ax * f->by - f->ay * f->bx;
+		if (f->area > most)
+			return false;
+		f->after = w->from[s->b];
+	}
+	/* Beyond the ends of an open fan there is no point. */
+	for (uint32_t i = 0; i < w->nside; i++)
+		if (w->blade[i].after < w->nside)
+			w->blade[w->blade[i].after].before = i;
+	return true;
+}
+
+/* Finds the triangle of q, and how far q is from it: as simplify_plane_far, with the weights of a and b. */
+static inline uint32_t take(struct greedy *w, uint32_t i, const struct node *o, uint32_t q)
+{
+	struct node *n = &w->node[q];
+	int64_t x = (int64_t)n->x - o->x, y = (int64_t)n->y - o->y, far;
+	struct blade *f = &w->blade[i];
+	int64_t left = f->ax * y - f->ay * x, right;
+
+	if (left >= 0) {
+		while ((right = f->bx * y - f->by * x) > 0) {
+			left = right;
+			f = &w->blade[f->after];
+		}
+	} else {
+		do {
+			right = left;
+			f = &w->blade[f->before];
+			left = f->ax * y - f->ay * x;
+		} while (left < 0);
+	}
+	n->next = f->first;
+	f->first = q;
+	far = left * f->bz - right * f->az - f->area * ((int64_t)n->z - o->z);
+	far = far < 0 ? -far : far;
+	if ((uint64_t)far >= f->most && far && ((uint64_t)far > f->most || place_of(w, q) < place_of(w, f->worst))) {
+		f->most = (uint64_t)far;
+		f->worst = q;
+	}
+	return (uint32_t)(f - w->blade);
+}
+
+static bool deal_narrow(struct greedy *w, uint32_t p, uint32_t all)
+{
+	const struct node o = w->node[p];
+	uint32_t at = 0;
+
+	if (!make_blades(w, p))
+		return false;
+	for (uint32_t q = all, next; q != NONE; q = next) {
+		next = w->node[q].next;
+		at = take(w, at, &o, q);
+	}
+	for (uint32_t i = 0; i < w->nside; i++) {
+		const struct blade *f = &w->blade[i];
+
+		w->cell[w->side[i].cell].first = f->first;
+		set_worst(w, w->side[i].cell, f->worst, simplify_key_of(f->most, f->area));
+	}
+	return true;
 }
 
 static void insert(struct greedy *w, uint32_t t)
@@ -326,9 +472,8 @@ static void insert(struct greedy *w, uint32_t t)
 	all = collect(w, p);
 	fill(w, p);
 	link_back(w);
-	deal(w, p, all);
-	for (uint32_t i = 0; i < w->nside; i++)
-		judge(w, w->side[i].cell);
+	if (!deal_narrow(w, p, all))
+		deal(w, p, all);
 }
 
 /* ---- the base ---- */
@@ -339,7 +484,7 @@ static bool make_base(struct greedy *w)
 	struct simplify_greedy *g = w->g;
 	struct mesh_vertex *in;
 	struct tri_result tri;
-	uint32_t n = 0, *number = w->heap, *index = w->hole; /* which are not used yet */
+	uint32_t n = 0, *number = (uint32_t *)(void *)g->pick, *index = w->hole; /* which are not used yet */
 
 	memset(w->from, 0, g->n * sizeof *w->from);
 	for (uint32_t i = 0; i < g->nhull; i++)
@@ -398,7 +543,7 @@ static void deal_first(struct greedy *w)
 		if (w->from[i])
 			continue;
 		t = locate(w, i, t);
-		w->next[i] = w->cell[t].first;
+		w->node[i].next = w->cell[t].first;
 		w->cell[t].first = i;
 	}
 	for (t = 0; t < w->ncell; t++)
@@ -411,6 +556,7 @@ void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 	struct greedy w;
 
 	carve(&w, g, memory);
+	fill_nodes(&w);
 	g->npick = 0;
 	g->nhull = g->n ? simplify_hull(g->pts, g->n, w.order, g->hull) : 0;
 	if (g->nhull < 3 || !make_base(&w))
@@ -418,7 +564,7 @@ void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 	deal_first(&w);
 	memset(w.from, 0xff, (size_t)g->n * sizeof *w.from);
 	while (w.nheap) {
-		uint32_t t = w.heap[0];
+		uint32_t t = w.heap[0].cell;
 
 		key = w.cell[t].key < key ? w.cell[t].key : key;
 		g->pick[g->npick++] = (struct simplify_pick){key, w.cell[t].worst};

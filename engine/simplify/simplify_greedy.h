@@ -10,7 +10,7 @@
 
 #include "point.h"
 
-enum { SIMPLIFY_BLOCK = 1 << 15 }; /* the most positions of a block */
+enum { SIMPLIFY_BLOCK = 1 << 16 }; /* the most positions of a block */
 
 /* The distance of a point to the surface, up or down, as floor(distance * 2^16): 49 bits at most. */
 enum { SIMPLIFY_KEY_SHIFT = 16 };
