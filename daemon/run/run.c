@@ -154,6 +154,9 @@ void run_close(struct run *w)
 	run_stored_leaves_free(w);
 	run_space_release(w);
 	w->grid = grid_close(w->grid);
+	if (w->reading)
+		dataset_read_end(w->dataset);
+	w->reading = false;
 	forget_system(w);
 	if (w->opened)
 		dataset_close(w->dataset);
@@ -276,6 +279,10 @@ void run_opened(struct run *w)
 		w->select.open = false;
 		run_set_state(w, RUN_NEW);
 		return;
+	}
+	if (grid_reopens(w->grid)) {
+		dataset_read_begin(w->dataset);
+		w->reading = true;
 	}
 	run_set_state(w, w->r == RUN_E_ABSENT ? RUN_UNSELECTED : RUN_OPEN);
 	if (w->state == RUN_OPEN)

@@ -114,6 +114,7 @@ struct run {
 	struct err err;
 
 	bool opened;       /* the dataset's folder */
+	bool reading;      /* until the end, because the grid opens its segments again (dataset_read_begin) */
 	struct grid *grid; /* of the generation, or of its selection */
 	char *wkt;         /* of the dataset, which a selection does not have; NULL: none */
 	uint64_t wkt_bytes;

@@ -31,5 +31,7 @@ int selection_keep(struct selection *, const struct point *);
 
 /* Applies view_judge and the thin rule to all points of the grid. */
 int selection_thin(struct selection *);
+/* Keeps the vertices of lines that view_judge keeps. */
+int selection_lines(struct selection *);
 
 #endif
