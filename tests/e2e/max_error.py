@@ -233,6 +233,38 @@ def cancelled_and_damaged():
         expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after the cache was removed")
 
 
+def without_room():
+    """A simplification that does not fit on the disk waits, keeps what was done, and ends when there is room, with the same mesh."""
+    with e2e.Folder() as base:
+        path, view = synth(base, "survey.las", 150000, "--density", 1), ["--max-error", "0.02"]
+        with e2e.Daemon(base, name="-a") as d:
+            d.ctl("push", "t", path).ok()
+            want = mesh_of(settled(d, "t", *view))
+        d = e2e.Daemon(base, memory="64M", args=["--disk", "7M"])
+        d.start()
+        try:
+            d.ctl("push", "t", path).ok()
+            job = d.ctl("submit", "t", *view).ok().out.split()[0]
+            shown = e2e.until(lambda: [j for j in [d.ctl("show", job, "--json").ok().json()] if j["state"] in ("waiting-space", "done")],
+                              "it neither waits nor ends")[0]
+            expect(shown["state"] == "waiting-space" and shown["lacks_space"] > 0, str(shown))
+            status = d.ctl("status", "--json").ok().json()["state_disk"]
+            expect(status["used"] <= 7 << 20, str(status))
+            d.stop()
+            kept = parts_of(d)
+            d.command[d.command.index("7M")] = "100M"
+            d.start()
+            d.ctl("wait", job).ok()
+            expect(kept, "nothing was done before there was no room")
+            expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after there is room")
+            # What the accounts say is on the disk: the next pass over the cache finds nothing else.
+            kinds = d.ctl("status", "--json").ok().json()["kinds"]["selections"]
+            folder = os.path.join(d.cache, "selected")
+            expect(kinds["entries"] == len(os.listdir(folder)) == 1, "%s, %s" % (kinds, os.listdir(folder)))
+        finally:
+            d.stop()
+
+
 def used_again():
     """One selection for plans, jobs, windows, tiles and changes; damage is mended."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -389,5 +421,5 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(within_the_bound, one_digest, continued, cancelled_and_damaged, used_again, lines_whole, lakes_and_boundaries, as_many_as_asked,
+    e2e.main(within_the_bound, one_digest, continued, cancelled_and_damaged, without_room, used_again, lines_whole, lakes_and_boundaries, as_many_as_asked,
              refused)
