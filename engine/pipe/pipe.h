@@ -115,10 +115,10 @@ struct pipe_budget {
  * reader of one segment is assumed). */
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err);
 
-/* The largest load for one domain alone if `fixed` bytes, and `each` bytes for each position of the cap, are used beside it.
- * -ERR_LIMIT: not even the smallest; err->need is the memory that it needs. */
-int pipe_budget_beside(uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,
-		       struct err *err);
+/* One domain with this load, if `fixed` bytes, and `each` bytes for each position of the cap, are used beside it. -ERR_LIMIT: the
+ * memory does not suffice; err->need would. */
+int pipe_budget_fixed(uint32_t load, uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,
+		      struct err *err);
 
 /* pipe_budget for an existing plan: with its load and cap, and as many threads as fit `memory`. -ERR_LIMIT if not even one
  * domain fits. */

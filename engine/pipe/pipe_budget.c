@@ -64,21 +64,16 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 
-int pipe_budget_beside(uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,
-		       struct err *err)
+int pipe_budget_fixed(uint32_t load, uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,
+		      struct err *err)
 {
-	size_t reader = reader_bytes_of(grid);
+	uint32_t cap = cap_of(load);
+	size_t domain = pipe_domain_bytes(cap, reader_bytes_of(grid));
+	uint64_t bytes = domain + fixed + (uint64_t)each * cap;
 	char need[32], have[32];
-	uint64_t bytes = 0;
 
-	for (int rung = PIPE_LOADS; rung-- > 0;) {
-		uint32_t cap = cap_of(pipe_load[rung]);
-		size_t domain = pipe_domain_bytes(cap, reader);
-
-		bytes = domain + fixed + (uint64_t)each * cap;
-		if (bytes > memory)
-			continue;
-		*ret = (struct pipe_budget){.load = pipe_load[rung], .cap = cap, .domain_bytes = domain, .threads = 1};
+	if (bytes <= memory) {
+		*ret = (struct pipe_budget){.load = load, .cap = cap, .domain_bytes = domain, .threads = 1};
 		return 0;
 	}
 	err_set(err, ERR_LIMIT, "a region needs %s of memory, not %s", parse_size_text(bytes, need),

@@ -1,14 +1,17 @@
 /*
  * A task of a round: tests the points of the view against the triangles that a region owns, and of each triangle from which one
- * is farther than the error takes the farthest point.
+ * is farther than the error takes the farthest point. These points are added to the triangulation at hand, and what they change
+ * is tested again, until the region has no such triangle. Other regions do the same meanwhile, so the next round tests again.
+ *
+ * Regions are a constant of the points chosen, and so is the memory in which they are made: both decide what is added.
  *
  * Triangles are tested where they were made, in the triangulation of what the region loads. It has triangles of other regions,
  * too, and some that are not in the mesh, so that every point lies in one: a walk finds it. If that is not one of the region's,
  * the point is another region's. A point on a side is tested against both triangles there; one at a corner is a point of the
  * mesh. So a triangle is tested against all points in it, its sides included, whatever region they are in.
  *
- * After the first round only triangles with a corner that the last round added are tested: the others were there before, and have
- * no point that is too far, else it had been added, and with it in their circle they had gone. (A triangle whose corners are all
+ * In later rounds only triangles with a corner that the last round added are tested: the others were there before, and have
+ * no point that is too far, else one had been added, and with it in their circle they had gone. (A triangle whose corners are all
  * old has no old point in its circle, that is visible from it, so it was in the mesh before. docs/design/simplify.md.)
  *
  * The memory: this struct; the domain (trace, reader of the chosen points, kernel); the reader of the points; for each triangle
@@ -65,28 +68,19 @@ size_t simplify_check_bytes(const struct simplify_params *p)
 	struct err err = ERR_INIT;
 	struct simplify s = {.p = *p};
 
-	pipe_budget_beside(0, fixed_bytes(&s), EACH, NULL, &budget, &err);
+	pipe_budget_fixed(SIMPLIFY_REGION, 0, fixed_bytes(&s), EACH, NULL, &budget, &err);
 	/* For the other segments. */
 	return (size_t)err.need + SIMPLIFY_SEGMENTS * ((size_t)1 << 18);
-}
-
-int simplify_check_load(const struct simplify *s, uint32_t *ret, struct err *err)
-{
-	struct pipe_budget budget;
-	int r = pipe_budget_beside(s->p.memory, fixed_bytes(s), EACH, s->chosen, &budget, err);
-
-	if (!r)
-		*ret = budget.load;
-	return r;
 }
 
 static int lay_out(struct check *c, uint8_t *memory, struct err *err)
 {
 	const struct simplify *s = c->s;
-	int r = pipe_budget_beside(s->p.memory, fixed_bytes(s), EACH, s->chosen, &c->budget, err);
 	uint8_t *at = memory + align_line(sizeof *c);
 	size_t cap;
+	int r;
 
+	r = pipe_budget_fixed(SIMPLIFY_REGION, s->p.memory, fixed_bytes(s), EACH, s->chosen, &c->budget, err);
 	if (r)
 		return r;
 	cap = c->budget.cap;
@@ -308,8 +302,8 @@ static int compare(const void *a, const void *b)
 	return point_compare(a, b);
 }
 
-/* A point on a side may be the farthest of both triangles. */
-static int write_worst(struct check *c, struct err *err)
+/* Collects the farthest points, at the front. A point on a side may be that of both triangles. */
+static uint32_t take_worst(struct check *c)
 {
 	uint32_t n = 0, once = 0;
 
@@ -320,18 +314,19 @@ static int write_worst(struct check *c, struct err *err)
 	for (uint32_t i = 0; i < n; i++)
 		if (!once || c->worst[i].x != c->worst[once - 1].x || c->worst[i].y != c->worst[once - 1].y)
 			c->worst[once++] = c->worst[i];
-	return simplify_out_add(&c->out, c->worst, once, err);
+	return once;
 }
 
-static int check_kernel(struct check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
+/* Tests the triangles with a fresh corner. *ret: how many points are to be added, in `worst`. */
+static int test_fresh(struct check *c, const struct pipe_kernel *k, const struct cut_region *region, uint32_t *ret,
+		      struct err *err)
 {
 	int32_t box[4];
 	int r;
 
-	tri_result(k->tri, &c->tri);
-	r = find_fresh(c, err);
-	if (r || !find_mine(c, k, region, box))
-		return r;
+	*ret = 0;
+	if (!find_mine(c, k, region, box))
+		return 0;
 	simplify_raster_init(&c->raster, box);
 	c->plane_of = UINT32_MAX;
 	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
@@ -343,7 +338,43 @@ static int check_kernel(struct check *c, const struct pipe_kernel *k, const stru
 		simplify_raster_mark(&c->raster, c->tri.xy[v[0]], c->tri.xy[v[1]], c->tri.xy[v[2]]);
 	}
 	r = read_points(c, err);
-	return r ? r : write_worst(c, err);
+	if (r)
+		return r;
+	*ret = take_worst(c);
+	return simplify_out_add(&c->out, c->worst, *ret, err);
+}
+
+/* Adds n points to the triangulation; these alone are fresh then. False: not all of them fit. */
+static bool add_worst(struct check *c, const struct pipe_kernel *k, uint32_t n)
+{
+	uint32_t before = tri_count(k->tri);
+
+	for (uint32_t i = 0; i < n; i++) {
+		const struct mesh_vertex v = {c->worst[i].x, c->worst[i].y, c->worst[i].z};
+
+		if (tri_add(k->tri, &v, 1, false) == TRI_E_FULL)
+			return false;
+	}
+	memset(c->fresh, 0, (c->budget.cap + 63) / 64 * sizeof *c->fresh);
+	for (uint32_t i = before; i < tri_count(k->tri); i++)
+		c->fresh[i / 64] |= UINT64_C(1) << i % 64;
+	tri_result(k->tri, &c->tri);
+	return true;
+}
+
+/* With pieces no point can be added to a triangulation. */
+static int check_kernel(struct check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
+{
+	uint32_t n;
+	int r;
+
+	tri_result(k->tri, &c->tri);
+	r = find_fresh(c, err);
+	do {
+		if (!r)
+			r = test_fresh(c, k, region, &n, err);
+	} while (!r && n && !k->chosen && add_worst(c, k, n));
+	return r;
 }
 
 static int split(struct check *c, size_t i, uint64_t need, struct err *err)

@@ -68,6 +68,7 @@ struct greedy {
 	uint32_t ncell, nheap, nhole, nside, insertion;
 	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
 	struct blade blade[FAN];
+	uint32_t list[FAN], nlist; /* the first points of lists */
 };
 
 size_t simplify_greedy_bytes(uint32_t n)
@@ -273,23 +274,28 @@ static void dig(struct greedy *w, uint32_t t, uint32_t p)
 	}
 }
 
-/* Of all points of the hole, except p, one list. */
-static uint32_t collect(struct greedy *w, uint32_t p)
+/* The lists of the points of the hole, before its triangles are used again; one list of all if they are too many. */
+static void take_lists(struct greedy *w)
 {
 	uint32_t all = NONE;
 
+	w->nlist = 0;
 	for (uint32_t i = 0; i < w->nhole; i++) {
-		const struct cell *c = &w->cell[w->hole[i]];
+		uint32_t first = w->cell[w->hole[i]].first;
 
-		for (uint32_t q = c->first, next; q != NONE; q = next) {
+		if (w->nhole <= FAN) {
+			w->list[w->nlist] = first;
+			w->nlist += first != NONE;
+			continue;
+		}
+		for (uint32_t q = first, next; q != NONE; q = next) {
 			next = w->node[q].next;
-			if (q == p)
-				continue;
 			w->node[q].next = all;
 			all = q;
 		}
 	}
-	return all;
+	if (all != NONE)
+		w->list[w->nlist++] = all;
 }
 
 static void replace_beside(struct cell *c, uint32_t a, uint32_t b, uint32_t t)
@@ -297,6 +303,14 @@ static void replace_beside(struct cell *c, uint32_t a, uint32_t b, uint32_t t)
 	for (unsigned k = 0; k < 3; k++)
 		if (c->corner[(k + 1) % 3] == b && c->corner[(k + 2) % 3] == a)
 			c->beside[k] = t;
+}
+
+/* The side that begins where this one ends. NONE: it is the last of an open fan, and what `from` has is of an earlier hole. */
+static uint32_t side_after(const struct greedy *w, const struct side *s)
+{
+	uint32_t after = w->from[s->b];
+
+	return after < w->nside && w->side[after].a == s->b ? after : NONE;
 }
 
 /* A triangle on each side of the hole, with p. Those of the hole have their places in memory and heap taken: there are fewer. */
@@ -311,14 +325,11 @@ static void fill(struct greedy *w, uint32_t p)
 		}
 		w->from[w->side[i].a] = i;
 	}
-	/* A vertex of the hole at which no side begins is the end of an open fan. */
 	for (uint32_t i = 0; i < w->nside; i++) {
 		const struct side *s = &w->side[i];
-		uint32_t after = w->from[s->b], t = s->cell;
+		uint32_t after = side_after(w, s), t = s->cell;
 		struct cell *c = &w->cell[t];
 
-		if (after >= w->nside || w->side[after].a != s->b)
-			after = NONE;
 		c->corner[0] = p;
 		c->corner[1] = s->a;
 		c->corner[2] = s->b;
@@ -363,16 +374,19 @@ static uint32_t find_in_fan(const struct greedy *w, uint32_t p, uint32_t q, uint
 	}
 }
 
-static void deal(struct greedy *w, uint32_t p, uint32_t all)
+static void deal(struct greedy *w, uint32_t p)
 {
 	uint32_t t = w->side[0].cell;
 
-	for (uint32_t q = all, next; q != NONE; q = next) {
-		next = w->node[q].next;
-		t = find_in_fan(w, p, q, t);
-		w->node[q].next = w->cell[t].first;
-		w->cell[t].first = q;
-	}
+	for (uint32_t i = 0; i < w->nlist; i++)
+		for (uint32_t q = w->list[i], next; q != NONE; q = next) {
+			next = w->node[q].next;
+			if (q == p)
+				continue;
+			t = find_in_fan(w, p, q, t);
+			w->node[q].next = w->cell[t].first;
+			w->cell[t].first = q;
+		}
 	for (uint32_t i = 0; i < w->nside; i++)
 		judge(w, w->side[i].cell);
 }
@@ -404,11 +418,11 @@ static bool make_blades(struct greedy *w, uint32_t p)
 		f->area = f->ax * f->by - f->ay * f->bx;
 		if (f->area > most)
 			return false;
-		f->after = w->from[s->b];
+		f->after = side_after(w, s);
 	}
 	/* Beyond the ends of an open fan there is no point. */
 	for (uint32_t i = 0; i < w->nside; i++)
-		if (w->blade[i].after < w->nside)
+		if (w->blade[i].after != NONE)
 			w->blade[w->blade[i].after].before = i;
 	return true;
 }
@@ -444,17 +458,19 @@ static inline uint32_t take(struct greedy *w, uint32_t i, const struct node *o, 
 	return (uint32_t)(f - w->blade);
 }
 
-static bool deal_narrow(struct greedy *w, uint32_t p, uint32_t all)
+static bool deal_narrow(struct greedy *w, uint32_t p)
 {
 	const struct node o = w->node[p];
 	uint32_t at = 0;
 
 	if (!make_blades(w, p))
 		return false;
-	for (uint32_t q = all, next; q != NONE; q = next) {
-		next = w->node[q].next;
-		at = take(w, at, &o, q);
-	}
+	for (uint32_t i = 0; i < w->nlist; i++)
+		for (uint32_t q = w->list[i], next; q != NONE; q = next) {
+			next = w->node[q].next;
+			if (q != p)
+				at = take(w, at, &o, q);
+		}
 	for (uint32_t i = 0; i < w->nside; i++) {
 		const struct blade *f = &w->blade[i];
 
@@ -466,14 +482,14 @@ static bool deal_narrow(struct greedy *w, uint32_t p, uint32_t all)
 
 static void insert(struct greedy *w, uint32_t t)
 {
-	uint32_t p = w->cell[t].worst, all;
+	uint32_t p = w->cell[t].worst;
 
 	dig(w, t, p);
-	all = collect(w, p);
+	take_lists(w);
 	fill(w, p);
 	link_back(w);
-	if (!deal_narrow(w, p, all))
-		deal(w, p, all);
+	if (!deal_narrow(w, p))
+		deal(w, p);
 }
 
 /* ---- the base ---- */

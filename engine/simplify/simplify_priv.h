@@ -14,9 +14,10 @@
 struct grid_stage;
 
 enum {
-	SIMPLIFY_PARTS = 256,  /* the most tasks of the blocks */
-	SIMPLIFY_SEGMENTS = 8, /* of the points chosen; more are merged to one */
-	SIMPLIFY_ATTEMPTS = 8, /* errors that are tried for max_points, if one of them did */
+	SIMPLIFY_REGION = 1 << 17, /* the most positions of a region: one of pipe_load */
+	SIMPLIFY_PARTS = 256,      /* the most tasks of the blocks */
+	SIMPLIFY_SEGMENTS = 8,     /* of the points chosen; more are merged to one */
+	SIMPLIFY_ATTEMPTS = 8,     /* errors that are tried for max_points, if one of them did */
 };
 /* No point is farther than this from a surface. */
 #define SIMPLIFY_ERROR_MOST (INT64_C(1) << 33)
@@ -42,7 +43,7 @@ struct simplify {
 	struct simplify_where at;
 	struct grid *chosen; /* in SIMPLIFY_CHECK */
 	atomic_uchar *done;  /* of each task */
-	/* For tests: the most positions of a region, 0: as many as the memory allows; of a block, 0: SIMPLIFY_BLOCK. */
+	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK. */
 	uint32_t load, block;
 };
 
@@ -91,8 +92,6 @@ size_t simplify_part_bytes(const struct grid *);
 /* The file "bad-ATTEMPT-ROUND-TASK": struct point, sorted; info: tests. */
 int simplify_check(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_check_bytes(const struct simplify_params *);
-/* The positions of a region that the memory allows. */
-int simplify_check_load(const struct simplify *, uint32_t *ret, struct err *err);
 
 /* ---- the grid of the points chosen ---- */
 

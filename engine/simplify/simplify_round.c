@@ -41,17 +41,10 @@ static int make_plan(struct simplify *next, struct err *err)
 	size_t reader_bytes = grid_reader_bytes(next->chosen);
 	struct grid_reader *reader;
 	struct cut_plan plan = {.ledger = NULL};
-	uint32_t load = next->load;
-	void *memory;
+	uint32_t load = next->load ? next->load : SIMPLIFY_REGION;
+	void *memory = malloc(reader_bytes);
 	int r;
 
-	if (!load)
-		r = simplify_check_load(next, &load, err);
-	else
-		r = 0;
-	if (r)
-		return r;
-	memory = malloc(reader_bytes);
 	if (!memory)
 		return err_set(err, ERR_NOMEM, "no memory for a plan");
 	r = grid_reader_new(next->chosen, memory, reader_bytes, &reader, err);

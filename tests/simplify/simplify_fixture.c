@@ -82,6 +82,20 @@ static void run_tasks(struct simplify **s, const struct simplify_params *p, cons
 	}
 }
 
+/* The same memory for all, so that its pages are there. */
+static void *task_memory(size_t bytes)
+{
+	static void *memory;
+	static size_t most;
+
+	if (bytes > most) {
+		free(memory);
+		most = (bytes + 63) & ~(size_t)63;
+		memory = aligned_alloc(64, most);
+	}
+	return memory;
+}
+
 struct folder simplify_in_folder(const struct dataset *d, const struct view *view, const struct how *how,
 				 struct simplify_report *ret)
 {
@@ -96,7 +110,7 @@ struct folder simplify_in_folder(const struct dataset *d, const struct view *vie
 				    .linesfd = d->folder.fd};
 	struct err err = ERR_INIT;
 	struct simplify *s;
-	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+	void *memory = task_memory(p.memory);
 	char name[32];
 	int r;
 
@@ -114,7 +128,6 @@ struct folder simplify_in_folder(const struct dataset *d, const struct view *vie
 		}
 	} while (!r && !(how->no_rounds && s->at.step == SIMPLIFY_CHECK));
 	simplify_free(s);
-	free(memory);
 	if (how->no_rounds && !r)
 		return f;
 	if (r != SIMPLIFY_E_DONE)

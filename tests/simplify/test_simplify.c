@@ -246,7 +246,6 @@ static void run_case(uint64_t seed, bool lines)
 	f = simplify_in_folder(&d, &view, &how, &report);
 	check_all(&d, &view, &f, &how, &report);
 	other = how;
-	other.load = rnd(2) ? 0 : 3 + (uint32_t)rnd(90);
 	other.more = rnd(2) ? 0 : 16 << 20;
 	other.shuffle = true;
 	other.stop = rnd(2) ? 40 : 0;
