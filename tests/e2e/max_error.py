@@ -117,7 +117,7 @@ def one_digest():
         path = synth(base, "survey.las", 120000, "--density", 2)
         parts = list(split(base, path, 3))
         seen = {}
-        for memory, threads in (("24M", 1), ("24M", 4), ("256M", 2), ("1G", 3)):
+        for memory, threads in (("32M", 1), ("32M", 4), ("256M", 2), ("1G", 3)):
             with e2e.Daemon(base, memory=memory, threads=threads, name="-%s-%d" % (memory, threads)) as d:
                 pushes = ([[path]], [[parts[2], parts[0]], [parts[1]]])[threads % 2]
                 for p in pushes:
@@ -126,7 +126,7 @@ def one_digest():
                     job = settled(d, "t", *view)
                     seen.setdefault(" ".join(view), set()).add(mesh_of(job))
                     expect(len(seen[" ".join(view)]) == 1, "%s with %s, %d threads: %s" % (view, memory, threads, seen[" ".join(view)]))
-                limit = {"24M": 24 << 20, "256M": 256 << 20, "1G": 1 << 30}[memory] + (32 << 20)
+                limit = {"32M": 32 << 20, "256M": 256 << 20, "1G": 1 << 30}[memory] + (32 << 20)
                 expect(d.vmhwm() <= limit or e2e.sanitized(), "VmHWM %d with memory=%s" % (d.vmhwm(), memory))
 
 
@@ -156,7 +156,7 @@ def continued():
             d.ctl("push", "t", path).ok()
             want = mesh_of(settled(d, "t", *view))
         rng, kept, ends = random.Random(11), 0, 0
-        for memory, threads, signals in (("24M", 1, [signal.SIGKILL]), ("256M", 2, [signal.SIGKILL, signal.SIGTERM])):
+        for memory, threads, signals in (("32M", 1, [signal.SIGKILL]), ("256M", 2, [signal.SIGKILL, signal.SIGTERM])):
             d = e2e.Daemon(base, memory=memory, threads=threads, name="-" + memory)
             d.start()
             try:
@@ -194,7 +194,7 @@ def caught(d, *view):
 
 
 def cancelled_and_damaged():
-    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
+    with e2e.Folder() as base, e2e.Daemon(base, memory="32M", threads=1) as d:
         d.ctl("push", "t", synth(base, "survey.las", 150000, "--density", 1)).ok()
         view = ["--max-error", "0.05"]
         want = mesh_of(settled(d, "t", *view))
@@ -240,25 +240,29 @@ def without_room():
         with e2e.Daemon(base, name="-a") as d:
             d.ctl("push", "t", path).ok()
             want = mesh_of(settled(d, "t", *view))
-        d = e2e.Daemon(base, memory="64M", args=["--disk", "7M"])
+        d = e2e.Daemon(base, memory="64M", args=["--disk", "100M"])
         d.start()
         try:
             d.ctl("push", "t", path).ok()
+            quota = d.ctl("cache", "stat", "--json").ok().json()["state_disk"]["used"] + (2 << 20)
+            d.stop()
+            d.command[d.command.index("100M")] = str(quota)
+            d.start()
             job = d.ctl("submit", "t", *view).ok().out.split()[0]
             shown = e2e.until(lambda: [j for j in [d.ctl("show", job, "--json").ok().json()] if j["state"] in ("waiting-space", "done")],
                               "it neither waits nor ends")[0]
             expect(shown["state"] == "waiting-space" and shown["lacks_space"] > 0, str(shown))
-            status = d.ctl("status", "--json").ok().json()["state_disk"]
-            expect(status["used"] <= 7 << 20, str(status))
+            status = d.ctl("cache", "stat", "--json").ok().json()["state_disk"]
+            expect(status["used"] <= quota, str(status))
             d.stop()
             kept = parts_of(d)
-            d.command[d.command.index("7M")] = "100M"
+            d.command[d.command.index(str(quota))] = "100M"
             d.start()
             d.ctl("wait", job).ok()
             expect(kept, "nothing was done before there was no room")
             expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after there is room")
             # What the accounts say is on the disk: the next pass over the cache finds nothing else.
-            kinds = d.ctl("status", "--json").ok().json()["kinds"]["selections"]
+            kinds = d.ctl("cache", "stat", "--json").ok().json()["kinds"]["selections"]
             folder = os.path.join(d.cache, "selected")
             expect(kinds["entries"] == len(os.listdir(folder)) == 1, "%s, %s" % (kinds, os.listdir(folder)))
         finally:
