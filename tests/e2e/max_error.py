@@ -198,7 +198,7 @@ def cancelled_and_damaged():
         d.ctl("push", "t", synth(base, "survey.las", 150000, "--density", 1)).ok()
         view = ["--max-error", "0.05"]
         want = mesh_of(settled(d, "t", *view))
-        shutil.rmtree(os.path.join(d.cache, "selected"))
+        d.ctl("cache", "gc", "--all").ok()
         job = caught(d, *view)
         shown = d.ctl("show", job, "--json").json()
         expect(shown["progress"]["phase"] in ("simplify", "check") and shown["state"] == "planning", str(shown))
@@ -213,6 +213,8 @@ def cancelled_and_damaged():
             with open(os.path.join(folder, name), "r+b") as f:
                 f.write(b"\xee" * 40)
         expect(mesh_of(settled(d, "t", *view)) == want, "after damage of a part")
+        kinds = d.ctl("cache", "stat", "--json").ok().json()["kinds"]["selections"]
+        expect(kinds["entries"] == len(selections(d)) == 1, "%s, %s" % (kinds, selections(d)))
         # Two jobs for one selection; one of another bound beside them.
         shutil.rmtree(os.path.join(d.cache, "selected"))
         jobs = [d.ctl("submit", "t", "--new", *v).ok().out.split()[0] for v in (view, view, ["--max-error", "0.5"])]
