@@ -39,7 +39,9 @@ struct grid_use {
 	const char *lines;
 	int linesfd;
 };
-/* grid_open with a use of the lines; NULL: all zero, as by grid_open. */
+/* grid_open with a use of the lines; NULL: all zero, as by grid_open. GRID_E_NO_LINE_SET: a generation before the newest has
+ * lines, and their line set was not kept. */
+enum { GRID_E_NO_LINE_SET = 1 };
 int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const struct grid_use *, struct ledger *,
 		  size_t index_memory, struct grid **ret, struct err *err);
 struct lineset *grid_lines(const struct grid *);       /* NULL: there are none, or they are not used */

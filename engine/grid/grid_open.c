@@ -97,6 +97,10 @@ static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, siz
 	const struct grid_source *s = use->no_lines ? NULL : grid_manifest_line_vertices(g->manifest, g->generation);
 	struct grid_named file[GRID_SOURCE_FILES];
 
+	if (!s && !use->no_lines && !use->lines && grid_manifest_lacks_line_set(g->manifest, g->generation))
+		return g->generation < g->manifest->generation ?
+			       GRID_E_NO_LINE_SET :
+			       err_set(err, ERR_CORRUPT, "the manifest names lines, and no line set of them");
 	if (!s)
 		return 0;
 	g->line_source = s->id;

@@ -26,7 +26,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               polygon: Optional[Area] = None, every: Optional[int] = None, thin: Optional[Number] = None,
               thin_pick: Optional[str] = None, no_breaklines: bool = False,
               breakline_clear: Optional[Number] = None, max_error: Optional[Number] = None,
-              max_points: Optional[int] = None) -> str:
+              max_points: Optional[int] = None, metric: Any = None) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -46,6 +46,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     breakline_clear    no points nearer than this to a line, a length like that of thin, or 0
     max_error          the fewest points such that none is further than this above or below the mesh, likewise
     max_points         at most so many vertices, with the least error of all points that this allows
+    metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -70,6 +71,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
         raise UsageError("without lines no point is near one", hint="leave out one of no_breaklines and breakline_clear")
     if max_error is not None and max_points is not None:
         raise UsageError("max_points looks for the bound that max_error gives", hint="leave out one of them")
+    if (max_error is not None or max_points is not None) and metric is not None:
+        raise UsageError("a metric has no bound of errors", hint="leave out metric, or max_error and max_points")
     words = ["ask 1"]
     words += ["class=%s" % _classes(class_)] if class_ is not None else []
     words += ["not-class=%s" % _classes(not_class)] if not_class is not None else []
@@ -94,6 +97,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
         if int(max_points) != max_points or max_points < 1:
             raise UsageError("max_points is a whole number from 1, not %r" % (max_points,))
         words.append("max-points=%d" % max_points)
+    words += ["metric=%s" % _metric(metric)] if metric is not None else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
     words += ["window=%s" % window] if window else []
@@ -152,6 +156,23 @@ def _classes(value: Any) -> str:
     if not good:
         raise UsageError("%r is not a list of classes" % (value,), hint="give numbers from 0 to 255, as in 2,8 or 2-5,9")
     return text
+
+
+def _metric(value: Any) -> str:
+    hint = "give a direction P, Q and how often distances across it count, as in (3, 1, 10)"
+    parts = value.split(",") if isinstance(value, str) else value
+    try:
+        p, q, k = (int(n) for n in parts)
+        whole = isinstance(value, str) or [p, q, k] == list(parts)
+    except (TypeError, ValueError):
+        whole = False
+    if not whole:
+        raise UsageError("metric is three whole numbers P, Q, K, not %r" % (value,), hint=hint)
+    if not p and not q:
+        raise UsageError("metric: 0, 0 is no direction", hint=hint)
+    if k < 1:
+        raise UsageError("metric: K is %d, and at least 1" % k, hint=hint)
+    return "%d,%d,%d" % (p, q, k)
 
 
 def _decimal(value: Any, name: str) -> Decimal:

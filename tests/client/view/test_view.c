@@ -89,6 +89,7 @@ static void test_rows(void **state)
 		{{.breakline_clear = "0"}, "view 1"},
 		{{.max_error = "0"}, "view 1 max-error=0"},
 		{{.max_error = "1.2345", .thin = "0.02", .every = 3}, "view 1 every=3 thin=2:lowest max-error=1234"},
+		{{.metric = "-4,+2,3"}, "view 1 metric=2,-1,3"},
 		{{.breakline_clear = "1.2345", .thin = "0.02"}, "view 1 thin=2:lowest breakline-clear=123"},
 	};
 
