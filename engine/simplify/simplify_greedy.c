@@ -24,12 +24,11 @@
 
 enum { FAN = 64 }; /* the most triangles of a fan that is dealt out in 64 bits */
 
+/* Half of a cache line: most of the time goes into reaching these. */
 struct cell {
-	uint64_t key;
 	uint32_t corner[3], beside[3]; /* neighbours across from the corners */
-	uint32_t first, worst;         /* of its points; the farthest one, or NONE */
+	uint32_t first;                /* of its points */
 	uint32_t heap;                 /* its place in the heap, or NONE */
-	uint32_t hole;                 /* number of the last insertion that removed it */
 };
 
 /* A side of the hole, counter-clockwise, and what is behind it. */
@@ -43,9 +42,15 @@ struct node {
 	uint32_t next;
 };
 
+/* A triangle with a point that is too far: the farthest one. */
 struct entry {
 	uint64_t key;
-	uint32_t cell;
+	uint32_t cell, worst;
+};
+
+/* A triangle of the hole, and the one from which it was reached. */
+struct pit {
+	uint32_t cell, from;
 };
 
 /* A triangle of a fan: its corners a and b relative to the new point, and the farthest of its points so far. */
@@ -62,10 +67,11 @@ struct greedy {
 	struct cell *cell;
 	struct side *side;
 	struct entry *heap;
-	uint32_t *hole, *from; /* from: of a vertex of the hole, the side that begins there */
-	struct tri *tri;       /* of the base; in the memory of sides and heap, which are used later */
+	struct pit *hole;
+	uint32_t *from;  /* of a vertex of the hole, the side that begins there */
+	struct tri *tri; /* of the base; in the memory of sides and heap, which are used later */
 	struct simplify_place *order;
-	uint32_t ncell, nheap, nhole, nside, insertion;
+	uint32_t ncell, nheap, nhole, nside;
 	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
 	struct blade blade[FAN];
 	uint32_t list[FAN], nlist; /* the first points of lists */
@@ -76,7 +82,7 @@ size_t simplify_greedy_bytes(uint32_t n)
 	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
 
 	return align_line(2 * each * sizeof(struct cell)) + align_line(later > base ? later : base) +
-	       align_line(2 * each * sizeof(uint32_t)) + align_line(each * sizeof(uint32_t)) * 2 +
+	       align_line(2 * each * sizeof(struct pit)) + align_line(each * sizeof(uint32_t)) * 2 +
 	       align_line(each * sizeof(struct node)) + align_line(each * sizeof(struct simplify_pick)) +
 	       align_line(each * sizeof(struct simplify_place));
 }
@@ -146,7 +152,7 @@ static inline bool is_before(const struct greedy *w, const struct entry *a, cons
 {
 	if (a->key != b->key)
 		return a->key > b->key;
-	return place_of(w, w->cell[a->cell].worst) < place_of(w, w->cell[b->cell].worst);
+	return place_of(w, a->worst) < place_of(w, b->worst);
 }
 
 static inline void heap_set(struct greedy *w, uint32_t at, struct entry e)
@@ -186,17 +192,14 @@ static void heap_put(struct greedy *w, uint32_t at, struct entry e)
 		heap_down(w, at, e);
 }
 
-/* Sets the farthest point of a triangle. A triangle that took the place of one in the heap has that one's place there, with the
- * key and point that it had until now. */
+/* Sets the farthest point of a triangle. One that took the place of another in memory has that one's place in the heap, too. */
 static void set_worst(struct greedy *w, uint32_t t, uint32_t worst, uint64_t key)
 {
 	struct cell *c = &w->cell[t];
 	uint32_t at = c->heap;
 
-	c->worst = worst;
-	c->key = key;
 	if (key > w->g->least) {
-		heap_put(w, at == NONE ? w->nheap++ : at, (struct entry){key, t});
+		heap_put(w, at == NONE ? w->nheap++ : at, (struct entry){key, t, worst});
 	} else if (at != NONE) {
 		struct entry last = w->heap[--w->nheap];
 
@@ -245,31 +248,30 @@ static bool has_in_circle(const struct greedy *w, const struct cell *c, uint32_t
 	return geom_incircle(a, b, d, at) > 0;
 }
 
-/* The triangles whose circle contains p, from t on, and the sides of the hole that they leave. A side on which p lies is none:
- * it is a side of the hull, which p divides. */
+/* The triangles whose circle contains p, from t on, and the sides of the hole that they leave. They form a tree: a circle of them
+ * would have a vertex inside, and a vertex is in no hole. A side on which p lies is none: it is a side of the hull, which p
+ * divides. */
 static void dig(struct greedy *w, uint32_t t, uint32_t p)
 {
-	w->insertion++;
 	w->nside = 0;
 	w->nhole = 1;
-	w->hole[0] = t;
-	w->cell[t].hole = w->insertion;
+	w->hole[0] = (struct pit){t, NONE};
 	for (uint32_t i = 0; i < w->nhole; i++) {
-		const struct cell *c = &w->cell[w->hole[i]];
+		const struct cell *c = &w->cell[w->hole[i].cell];
 
 		for (unsigned k = 0; k < 3; k++) {
 			uint32_t other = c->beside[k], a = c->corner[(k + 1) % 3], b = c->corner[(k + 2) % 3];
 
-			if (other != NONE && w->cell[other].hole == w->insertion)
+			if (other == NONE) {
+				if (turn(w, a, b, p))
+					w->side[w->nside++] = (struct side){.a = a, .b = b, .beyond = NONE};
+			} else if (other == w->hole[i].from) {
 				continue;
-			if (other != NONE && has_in_circle(w, &w->cell[other], p)) {
-				w->cell[other].hole = w->insertion;
-				w->hole[w->nhole++] = other;
-				continue;
+			} else if (has_in_circle(w, &w->cell[other], p)) {
+				w->hole[w->nhole++] = (struct pit){other, w->hole[i].cell};
+			} else {
+				w->side[w->nside++] = (struct side){.a = a, .b = b, .beyond = other};
 			}
-			if (other == NONE && turn(w, a, b, p) == 0)
-				continue;
-			w->side[w->nside++] = (struct side){.a = a, .b = b, .beyond = other};
 		}
 	}
 }
@@ -281,7 +283,7 @@ static void take_lists(struct greedy *w)
 
 	w->nlist = 0;
 	for (uint32_t i = 0; i < w->nhole; i++) {
-		uint32_t first = w->cell[w->hole[i]].first;
+		uint32_t first = w->cell[w->hole[i].cell].first;
 
 		if (w->nhole <= FAN) {
 			w->list[w->nlist] = first;
@@ -318,7 +320,7 @@ static void fill(struct greedy *w, uint32_t p)
 {
 	for (uint32_t i = 0; i < w->nside; i++) {
 		if (i < w->nhole) {
-			w->side[i].cell = w->hole[i];
+			w->side[i].cell = w->hole[i].cell;
 		} else {
 			w->side[i].cell = w->ncell++;
 			w->cell[w->side[i].cell].heap = NONE;
@@ -334,7 +336,6 @@ static void fill(struct greedy *w, uint32_t p)
 		c->corner[1] = s->a;
 		c->corner[2] = s->b;
 		c->first = NONE;
-		c->hole = 0;
 		c->beside[0] = s->beyond;
 		c->beside[1] = after == NONE ? NONE : w->side[after].cell;
 		if (s->beyond != NONE)
@@ -480,10 +481,8 @@ static bool deal_narrow(struct greedy *w, uint32_t p)
 	return true;
 }
 
-static void insert(struct greedy *w, uint32_t t)
+static void insert(struct greedy *w, uint32_t t, uint32_t p)
 {
-	uint32_t p = w->cell[t].worst;
-
 	dig(w, t, p);
 	take_lists(w);
 	fill(w, p);
@@ -500,7 +499,7 @@ static bool make_base(struct greedy *w)
 	struct simplify_greedy *g = w->g;
 	struct mesh_vertex *in;
 	struct tri_result tri;
-	uint32_t n = 0, *number = (uint32_t *)(void *)g->pick, *index = w->hole; /* which are not used yet */
+	uint32_t n = 0, *number = (uint32_t *)(void *)g->pick, *index = (uint32_t *)(void *)w->hole; /* not used yet */
 
 	memset(w->from, 0, g->n * sizeof *w->from);
 	for (uint32_t i = 0; i < g->nhull; i++)
@@ -528,7 +527,7 @@ static bool make_base(struct greedy *w)
 
 		if (number[i] == NONE)
 			continue;
-		*c = (struct cell){.first = NONE, .worst = NONE, .heap = NONE};
+		*c = (struct cell){.first = NONE, .heap = NONE};
 		for (unsigned k = 0; k < 3; k++) {
 			c->corner[k] = index[tri.id[tri.triangle[i].corner[k]]];
 			c->beside[k] = number[tri.triangle[i].link[k] >> 3];
@@ -580,10 +579,10 @@ void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 	deal_first(&w);
 	memset(w.from, 0xff, (size_t)g->n * sizeof *w.from);
 	while (w.nheap) {
-		uint32_t t = w.heap[0].cell;
+		const struct entry top = w.heap[0];
 
-		key = w.cell[t].key < key ? w.cell[t].key : key;
-		g->pick[g->npick++] = (struct simplify_pick){key, w.cell[t].worst};
-		insert(&w, t);
+		key = top.key < key ? top.key : key;
+		g->pick[g->npick++] = (struct simplify_pick){key, top.worst};
+		insert(&w, top.cell, top.worst);
 	}
 }

@@ -236,9 +236,48 @@ static void test_wide_fan(void **state)
 	free(pts);
 }
 
+/* Corners and points at heights of any size, each alone. */
+static void test_planes(void **state)
+{
+	uint64_t narrow = 0, beyond = 0;
+
+	(void)state;
+	for (uint64_t i = 0; i < 200000; i++) {
+		uint64_t range = UINT64_C(1) << (2 + rnd(31)), heights[2] = {UINT64_C(1) << rnd(33), UINT64_C(1) << rnd(33)};
+		int64_t error = (int64_t)rnd(UINT64_C(1) << rnd(34));
+		struct simplify_plane q;
+		int32_t at[4][2];
+		struct point p[4];
+		__int128 n = 0, d;
+
+		for (unsigned k = 0; k < 4; k++) {
+			p[k] = (struct point){.x = (int32_t)(uint32_t)(rnd(range) - range / 2),
+					      .y = (int32_t)(uint32_t)(rnd(range) - range / 2),
+					      .z = (int32_t)(uint32_t)(rnd(heights[k == 3]) - heights[k == 3] / 2)};
+			corner(&p[k], at[k]);
+		}
+		d = geom_area(at[0], at[1], at[2]);
+		if (d <= 0 || geom_orient(at[0], at[1], at[3]) < 0 || geom_orient(at[1], at[2], at[3]) < 0 ||
+		    geom_orient(at[2], at[0], at[3]) < 0)
+			continue;
+		for (unsigned k = 0; k < 3; k++)
+			n += geom_area(at[(k + 1) % 3], at[(k + 2) % 3], at[3]) * ((int64_t)p[k].z - p[3].z);
+		n = n < 0 ? -n : n;
+		simplify_plane_init(&q, &p[0], &p[1], &p[2]);
+		assert_true(simplify_plane_far(&q, p[3].x, p[3].y, p[3].z) == (unsigned __int128)n);
+		assert_int_equal(simplify_plane_beyond(&q, (unsigned __int128)n, error), n > error * d);
+		assert_true(simplify_plane_key(&q, (unsigned __int128)n) ==
+			    (uint64_t)(((unsigned __int128)n << 16) / (unsigned __int128)d));
+		narrow += q.most >= 0;
+		beyond += n > error * d;
+	}
+	assert_true(narrow > 1000 && beyond > 1000);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_planes),
 		cmocka_unit_test(test_blocks),
 		cmocka_unit_test(test_wide_fan),
 	};
