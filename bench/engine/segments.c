@@ -1,7 +1,8 @@
 /*
  * What many segments cost a reader: one set of points as 1, 10, 60 ... segments, and the CPU time to open it, to
- * walk its index, to scan it whole and in 256 parts, to plan it and to find the halos of all its regions. A push sees
- * the survey's whole area (worst case: every segment is everywhere). usage: bench-segments FOLDER [POINTS [SEGMENTS...]]
+ * walk its index, to scan it whole and in 256 parts, to plan it and to find the halos of all its regions. Every segment is
+ * everywhere, as if each push saw the whole area, or with --tiles each is a square beside the others, as far as the number is one
+ * of a square. usage: bench-segments [--tiles] FOLDER [POINTS [SEGMENTS...]]
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -17,6 +18,8 @@
 #include "mesh.h"
 #include "point.h"
 #include "view.h"
+
+static bool tiles;
 
 enum { SIDE = 1 << 22, SOURCES = 4096, STAGE = 64 << 20, CAP = 1 << 18, LOAD = 1 << 15 };
 
@@ -36,7 +39,18 @@ static void check(int r, const struct err *err)
 	exit(1);
 }
 
-static void make_segment(int dirfd, unsigned number, uint64_t first, uint64_t n, struct grid_segment_info *ret)
+/* Moves a point of the whole area into the tile of the segment. */
+static void into_tile(struct point *p, unsigned number, unsigned segments)
+{
+	unsigned side = 1;
+
+	while (side * side < segments)
+		side++;
+	p->x = (int32_t)((p->x + number % side * (int64_t)SIDE) / side);
+	p->y = (int32_t)((p->y + number / side * (int64_t)SIDE) / side);
+}
+
+static void make_segment(int dirfd, unsigned number, unsigned segments, uint64_t first, uint64_t n, struct grid_segment_info *ret)
 {
 	char name[32];
 	struct grid_stage_params p = {.dirfd = dirfd, .name = name, .memory = STAGE, .temporary = true};
@@ -53,6 +67,8 @@ static void make_segment(int dirfd, unsigned number, uint64_t first, uint64_t n,
 		struct point pt = {
 			.x = (int32_t)(v >> 42), .y = (int32_t)(v >> 20 & (SIDE - 1)), .z = (int32_t)(i & 1023), .cls = 2};
 
+		if (tiles)
+			into_tile(&pt, number, segments);
 		check(grid_stage_add(s, &pt, 1, &err), &err);
 	}
 	check(grid_stage_seal(s, ret, &err), &err);
@@ -77,7 +93,7 @@ static void make(int dirfd, unsigned segments, uint64_t points)
 	for (unsigned i = 0; i < segments; i++) {
 		uint64_t first = points * i / segments;
 
-		make_segment(dirfd, i, first, points * (i + 1) / segments - first, &info[i]);
+		make_segment(dirfd, i, segments, first, points * (i + 1) / segments - first, &info[i]);
 		sources[i] = (struct grid_source){.id = i + 1, .added = 1, .points = info[i].points};
 	}
 	check(grid_manifest_write(dirfd, "manifest", &m, &err), &err);
@@ -157,12 +173,18 @@ static void measure(int dirfd, unsigned segments)
 
 int main(int argc, char **argv)
 {
+	if (argc > 1 && strcmp(argv[1], "--tiles") == 0) {
+		tiles = true;
+		argv++;
+		argc--;
+	}
+
 	uint64_t points = argc > 2 ? strtoull(argv[2], NULL, 10) : 1000000;
 	unsigned some[8] = {1, 10, 60}, n = 3;
 	int dirfd = argc > 1 ? open(argv[1], O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
 
 	if (dirfd < 0 || !points || argc > 11) {
-		fputs("usage: bench-segments FOLDER [POINTS [SEGMENTS...]]\n", stderr);
+		fputs("usage: bench-segments [--tiles] FOLDER [POINTS [SEGMENTS...]]\n", stderr);
 		return 2;
 	}
 	for (int i = 3; i < argc; i++) {

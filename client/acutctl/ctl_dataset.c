@@ -43,17 +43,28 @@ void ctl_dataset_json(const struct console *c, const struct acut_dataset *d)
 	term_json_bool(&j, "merging", d->merging);
 	term_json_time(&j, "removed", d->removed_us);
 	term_json_time(&j, "restorable_until", d->until_us);
+	if (d->line_files) {
+		term_json_open(&j, "lines", '{');
+		term_json_u64(&j, "files", d->line_files);
+		ctl_report_lines_keys(&j, d->features, d->lines, d->vertices);
+		term_json_close(&j, '}');
+	} else {
+		term_json_null(&j, "lines");
+	}
 	term_json_end(&j);
 }
 
 static void show_text(FILE *out, const struct acut_dataset *d)
 {
-	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
+	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE], lines[160];
 
 	term_field(out, "dataset", "%s", d->name);
 	term_field(out, "generation", "%llu, of %u file%s", (unsigned long long)d->generation, d->files,
 		   d->files == 1 ? "" : "s");
 	term_field(out, "points", "%s, %s", term_count(d->points, a), parse_size_text(d->bytes, b));
+	if (d->line_files)
+		term_field(out, "lines", "%u file%s of lines, %s", d->line_files, d->line_files == 1 ? "" : "s",
+			   ctl_report_lines_text(d->features, d->lines, d->vertices, lines, sizeof lines));
 	if (d->segments)
 		term_field(out, "segments", "%u%s", d->segments, d->merging ? ", some of them become one now" : "");
 	if (d->oldest > 1)

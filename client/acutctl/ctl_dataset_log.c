@@ -29,6 +29,7 @@ static const struct term_column files[] = {
 	{"POINTS", .right = true},
 	{"HASH", .spare = true},
 	{"OVERRIDDEN", .spare = true},
+	{"LINES"},
 };
 
 static void row_json(struct logging *l, const struct acut_generation *g)
@@ -101,15 +102,22 @@ static void file(void *ctx, const struct acut_log_file *f)
 	struct logging *l = ctx;
 	struct term_json *j = &l->json;
 	struct term_table *t = l->list.table;
+	char lines[160] = "";
 
 	if (!l->list.console->json) {
 		term_table_id(t, l->generation);
 		term_table_text(t, "%s", l->kind);
 		term_table_text(t, f->removed ? "removed" : "added");
 		term_table_text(t, "%s", known_as(f));
-		term_table_count(t, f->points);
+		if (f->of_lines)
+			term_table_text(t, "%s", "");
+		else
+			term_table_count(t, f->points);
 		term_table_text(t, "%s", f->hash);
 		term_table_text(t, "%s", f->overridden);
+		if (f->of_lines)
+			ctl_report_lines_text(f->features, f->lines, f->vertices, lines, sizeof lines);
+		term_table_text(t, "%s", lines);
 		return;
 	}
 	term_json_open(j, NULL, '{');
@@ -121,6 +129,13 @@ static void file(void *ctx, const struct acut_log_file *f)
 	term_json_bool(j, "removed", f->removed);
 	term_json_known(j, "overridden", f->overridden);
 	term_json_u64(j, "source", f->source);
+	if (f->of_lines) {
+		term_json_open(j, "lines", '{');
+		ctl_report_lines_keys(j, f->features, f->lines, f->vertices);
+		term_json_close(j, '}');
+	} else {
+		term_json_null(j, "lines");
+	}
 	term_json_close(j, '}');
 }
 

@@ -69,6 +69,8 @@ const struct cli_option ctl_options[] = {
 	{"max-error", 0, "LENGTH", CLI_LATER, 0, CTL_VIEW, NULL},
 	{"breakline-clear", 0, "LENGTH", CLI_TEXT, AT(view.breakline_clear), CTL_VIEW,
 	 "no points nearer than this to a line of the dataset (0: none on a line)"},
+	{"metric", 0, "P,Q,K", CLI_TEXT, AT(view.metric), CTL_VIEW,
+	 "distances across the direction P,Q count K times, for points that lie farther apart along it"},
 
 	{"scale", 0, "XY[,Z]", CLI_TEXT, AT(stage.scale), CTL_STAGE | CTL_CREATE,
 	 "lattice scale of a new dataset, in place of the inputs' finest"},

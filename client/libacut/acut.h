@@ -445,6 +445,9 @@ struct acut_dataset {
 	/* As in acut_mesh_head. Of a list, wkt and geoid are "". */
 	uint32_t epsg, epsg_z;
 	const char *vertical, *wkt, *geoid;
+	/* Of its files of lines: how many there are, and what is in them; 0 of a list. */
+	uint32_t line_files;
+	uint64_t features[4], lines, vertices; /* features: hard, lake, boundary, hole */
 };
 #define ACUT_NO_GROUP UINT32_MAX
 /* The mode of datasets that this connection makes, by a push or before it: "640", "g+w" (of 640). Unless called it is what
@@ -474,6 +477,8 @@ struct acut_log_file {
 	uint32_t source;
 	bool removed;           /* by the generation, not added */
 	const char *overridden; /* what its records said of its coordinates, where the push overrode that; else "" */
+	bool of_lines;          /* a file of lines, which has no points, but: */
+	uint64_t features[4], lines, vertices; /* as in acut_dataset */
 };
 /* Calls that must not call on the connection. */
 struct acut_log_sink {

@@ -7,6 +7,15 @@
 #include <stdio.h>
 #include <string.h>
 
+/* Older daemons have none. */
+static void take_lines(const Acut__V1__Lines *m, uint64_t features[4], uint64_t *lines, uint64_t *vertices)
+{
+	for (size_t i = 0; m && i < 4; i++)
+		features[i] = i < m->n_features ? m->features[i] : 0;
+	*lines = m ? m->lines : 0;
+	*vertices = m ? m->vertices : 0;
+}
+
 void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 {
 	*ret = (struct acut_dataset){
@@ -34,7 +43,9 @@ void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 		.merging = d->merging,
 		.wkt = d->wkt,
 		.geoid = d->geoid,
+		.line_files = d->line_files,
 	};
+	take_lines(d->lines, ret->features, &ret->lines, &ret->vertices);
 	call_system(ret->crs, &ret->epsg, &ret->epsg_z, &ret->vertical);
 	for (size_t i = 0; i < 3; i++) {
 		ret->min[i] = i < d->n_min ? d->min[i] : NAN;
@@ -83,15 +94,17 @@ static int files_rows(void *ctx, const Acut__V1__Message *page)
 
 	for (size_t i = 0; i < page->files->n_files && r == 0; i++) {
 		const Acut__V1__DatasetFile *f = page->files->files[i];
-		const struct acut_log_file file = {.name = f->name,
-						   .path = path_text(&f->path, path),
-						   .hash = f->hash,
-						   .points = f->points,
-						   .size = f->size,
-						   .source = f->source,
-						   .removed = f->removed,
-						   .overridden = f->overridden};
+		struct acut_log_file file = {.name = f->name,
+					     .path = path_text(&f->path, path),
+					     .hash = f->hash,
+					     .points = f->points,
+					     .size = f->size,
+					     .source = f->source,
+					     .removed = f->removed,
+					     .overridden = f->overridden,
+					     .of_lines = f->lines != NULL};
 
+		take_lines(f->lines, file.features, &file.lines, &file.vertices);
 		r = call_rises(l->acut, f->source > l->last, "files");
 		if (r == 0)
 			l->sink->file(l->sink->ctx, &file);

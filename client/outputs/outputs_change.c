@@ -5,6 +5,9 @@
  * (geom_cut_side; stream.md, "Changes"). Borders lie halfway between lattice numbers and are written as exact decimals; null
  * is infinite. The polygon of a feature is the part of the region in the box of the dataset, for display. New regions come
  * with the blocks, gone ones before them; facts about the job are at the end, where they are known.
+ *
+ * With a metric regions are boxes of the mapped plane (u = P x + Q y, v = K (P y - Q x), of coordinates), and circumcentres those
+ * of mapped corners. The polygon is mapped back.
  */
 #include "outputs_change.h"
 
@@ -15,12 +18,15 @@
 #include "err.h"
 #include "outputs_geojson.h"
 
+typedef __int128 i128;
+
 struct outputs_change {
 	struct outfile *out; /* NULL: nothing is written */
 	struct format_options opt;
 	struct acut_mesh_head head; /* its texts are in here: */
 	char *lattice, *crs, unit_xy[64], unit_z[64];
 	struct decimal half; /* of the lattice's xy scale */
+	int64_t metric[3];   /* P, Q, K; K 0: none */
 	char digest[4][DIGEST_HEX_SIZE];
 	struct outputs_changes_counts counts;
 	bool any;  /* a feature is written */
@@ -68,6 +74,20 @@ struct outputs_change *outputs_change_free(struct outputs_change *c)
 	return NULL;
 }
 
+/* Of a canonical text of a view, which may have none. */
+static bool metric_of(const char *view, int64_t ret[3])
+{
+	const char *at = strstr(view ? view : "", " metric=");
+	long long n[3] = {0, 0, 0};
+
+	if (at && (sscanf(at, " metric=%lld,%lld,%lld", &n[0], &n[1], &n[2]) != 3 || n[0] < 0 || n[0] > 10000 || n[1] < -10000 ||
+		   n[1] > 10000 || n[2] < 2 || n[2] > 10000 || (!n[0] && !n[1])))
+		return false;
+	for (int i = 0; i < 3; i++)
+		ret[i] = n[i];
+	return true;
+}
+
 int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *head, struct err *err)
 {
 	c->head = *head;
@@ -82,6 +102,8 @@ int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *h
 	c->head.unit_xy = c->unit_xy;
 	c->head.unit_z = c->unit_z;
 	c->head.vertical = c->head.wkt = c->head.geoid = NULL; /* not kept */
+	if (!metric_of(head->view, c->metric))
+		return err_set(err, ERR_PROTO, "the metric of the stream's view is none");
 	if (!decimal_parse(head->scale_xy, &c->half) || c->half.mantissa <= 0 || c->half.mantissa > INT64_MAX / 5)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
 	c->half.mantissa *= 5;
@@ -91,17 +113,81 @@ int outputs_change_head(struct outputs_change *c, const struct acut_mesh_head *h
 
 /* ---- features ---- */
 
-/* A border, in doubled lattice numbers. */
-static const char *border(const struct outputs_change *c, unsigned side, int64_t n, char buf[DECIMAL_TEXT_SIZE])
+/* P x + Q y, or K (P y - Q x). */
+static i128 mapped(const struct outputs_change *c, unsigned axis, int64_t x, int64_t y)
 {
-	return decimal_scaled_text(c->half, n + 2 * c->head.k[side & 1], buf);
+	const int64_t *m = c->metric;
+
+	return axis ? m[2] * ((i128)m[0] * y - (i128)m[1] * x) : (i128)m[0] * x + (i128)m[1] * y;
 }
 
-static int64_t clipped(const struct outputs_change *c, unsigned side, int64_t n)
+/* A number in halves of the lattice's scale. Far from all that is measured the nearest double will do. */
+static const char *coordinate(const struct outputs_change *c, i128 n, char buf[DECIMAL_TEXT_SIZE])
 {
-	int64_t low = 2 * (int64_t)c->head.box[side & 1], high = 2 * (int64_t)c->head.box[3 + (side & 1)];
+	if (n >= INT64_MIN && n <= INT64_MAX)
+		return decimal_scaled_text(c->half, (int64_t)n, buf);
+	snprintf(buf, DECIMAL_TEXT_SIZE, "%.17g", (double)n * decimal_double(c->half));
+	return buf;
+}
 
-	return n < low ? low : n > high ? high : n;
+/* A border, in doubled lattice numbers, or doubled mapped ones. */
+static const char *border(const struct outputs_change *c, unsigned side, int64_t n, char buf[DECIMAL_TEXT_SIZE])
+{
+	const int64_t *k = c->head.k;
+
+	return coordinate(c, n + 2 * (c->metric[2] ? mapped(c, side & 1, k[0], k[1]) : k[side & 1]), buf);
+}
+
+/* The box of the dataset, doubled; mapped, the box around it. */
+static void bounds(const struct outputs_change *c, int64_t ret[4])
+{
+	const int32_t *box = c->head.box;
+
+	for (unsigned i = 0; i < 4; i++)
+		ret[i] = 2 * (int64_t)box[i < 2 ? i : i + 1];
+	for (unsigned i = 0; i < 4 && c->metric[2]; i++)
+		for (unsigned axis = 0; axis < 2; axis++) {
+			int64_t v = (int64_t)(2 * mapped(c, axis, box[i & 1 ? 3 : 0], box[i & 2 ? 4 : 1]));
+
+			ret[axis] = !i || v < ret[axis] ? v : ret[axis];
+			ret[2 + axis] = !i || v > ret[2 + axis] ? v : ret[2 + axis];
+		}
+}
+
+/* Corner (x, y) of a region, as it is displayed: rounded to half a lattice number if it is mapped back. */
+static void corner(const struct outputs_change *c, int64_t x, int64_t y, char text[2][DECIMAL_TEXT_SIZE])
+{
+	const int64_t *m = c->metric;
+	i128 at[2] = {x, y};
+
+	if (m[2]) {
+		i128 det = (i128)m[2] * (m[0] * m[0] + m[1] * m[1]);
+
+		at[0] = ((i128)m[2] * m[0] * x - (i128)m[1] * y) / det;
+		at[1] = ((i128)m[2] * m[1] * x + (i128)m[0] * y) / det;
+	}
+	for (unsigned i = 0; i < 2; i++)
+		coordinate(c, at[i] + 2 * (i128)c->head.k[i], text[i]);
+}
+
+/* The part of a region in the bounds, with the lower left corner first. */
+static void polygon(FILE *f, const struct outputs_change *c, const int64_t box[4])
+{
+	char text[4][2][DECIMAL_TEXT_SIZE];
+	int64_t in[4], part[4];
+
+	bounds(c, in);
+	for (unsigned i = 0; i < 4; i++) {
+		int64_t low = in[i & 1], high = in[2 + (i & 1)];
+
+		part[i] = box[i] < low ? low : box[i] > high ? high : box[i];
+	}
+	for (unsigned i = 0; i < 4; i++)
+		corner(c, part[i == 1 || i == 2 ? 2 : 0], part[i >= 2 ? 3 : 1], text[i]);
+	fputs("{\"type\":\"Polygon\",\"coordinates\":[[", f);
+	for (unsigned i = 0; i < 5; i++)
+		fprintf(f, "%s[%s,%s]", i ? "," : "", text[i % 4][0], text[i % 4][1]);
+	fputs("]]}", f);
 }
 
 static int feature(struct outputs_change *c, const char *change, const int64_t box[4], uint64_t triangles, const char *digest,
@@ -116,9 +202,7 @@ static int feature(struct outputs_change *c, const char *change, const int64_t b
 	fputs(c->any ? ",\n" : "\n", p.f);
 	c->any = true;
 	fputs("{\"type\":\"Feature\",\"geometry\":", p.f);
-	for (unsigned i = 0; i < 4; i++)
-		border(c, i, clipped(c, i, box[i]), text[i]);
-	outputs_geojson_square(p.f, text[0], text[1], text[2], text[3]);
+	polygon(p.f, c, box);
 	fprintf(p.f, ",\"properties\":{\"change\":\"%s\",\"region\":[", change);
 	for (unsigned i = 0; i < 4; i++)
 		fprintf(p.f, "%s%s", i ? "," : "",
@@ -217,6 +301,9 @@ static int foot(struct outputs_change *c, const struct outputs_origin *origin, s
 		(unsigned long long)n->kept_triangles, (unsigned long long)n->new_regions, (unsigned long long)n->new_triangles);
 	fprintf(p.f, "\"old_digest\":\"%s\",\"old_vertex_digest\":\"%s\",\"digest\":\"%s\",\"vertex_digest\":\"%s\",",
 		c->digest[0], c->digest[1], c->digest[2], c->digest[3]);
+	if (c->metric[2])
+		fprintf(p.f, "\"metric\":[%lld,%lld,%lld],", (long long)c->metric[0], (long long)c->metric[1],
+			(long long)c->metric[2]);
 	outputs_geojson_head(p.f, &c->head, &c->opt);
 	fputs("}}\n", p.f);
 	return outputs_page_end(&p, c->out, err);

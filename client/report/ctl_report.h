@@ -44,6 +44,11 @@ void ctl_report_overridden(struct console *, const struct ctl_staged * /* or NUL
 
 /* ---- lines ---- */
 
+/* "4 hard, 1 lake: 7 lines, 1,200 vertices". Returns buf. */
+char *ctl_report_lines_text(const uint64_t features[4], uint64_t lines, uint64_t vertices, char *buf, size_t size);
+/* Keys of an object of lines: "hard", "lake", "boundary", "hole", "lines", "vertices". */
+void ctl_report_lines_keys(struct term_json *, const uint64_t features[4], uint64_t lines, uint64_t vertices);
+
 void ctl_report_lines(struct console *, const struct ctl_staged *); /* what became of them, if the push changed them */
 /* The same as "line_set"; null without it. */
 void ctl_report_lines_json(struct term_json *, const struct ctl_staged * /* or NULL */);

@@ -6,6 +6,29 @@
 #include "ctl_report.h"
 #include "outfile.h"
 
+char *ctl_report_lines_text(const uint64_t features[4], uint64_t lines, uint64_t vertices, char *buf, size_t size)
+{
+	char a[32], b[32];
+	size_t n = 0;
+
+	for (unsigned i = 0; i < LINES_KINDS && n < size; i++)
+		if (features[i])
+			n += (size_t)snprintf(buf + n, size - n, "%s%s %s", n ? ", " : "", term_count(features[i], a),
+					      lines_kind_text[i]);
+	if (n < size)
+		snprintf(buf + n, size - n, ": %s line%s, %s vertices", term_count(lines, a), lines == 1 ? "" : "s",
+			 term_count(vertices, b));
+	return buf;
+}
+
+void ctl_report_lines_keys(struct term_json *j, const uint64_t features[4], uint64_t lines, uint64_t vertices)
+{
+	for (unsigned i = 0; i < LINES_KINDS; i++)
+		term_json_u64(j, lines_kind_text[i], features[i]);
+	term_json_u64(j, "lines", lines);
+	term_json_u64(j, "vertices", vertices);
+}
+
 void ctl_report_lines(struct console *c, const struct ctl_staged *staged)
 {
 	const struct acut_line_set *s = &staged->line_set;
@@ -38,10 +61,7 @@ void ctl_report_lines_json(struct term_json *j, const struct ctl_staged *staged)
 		return;
 	}
 	term_json_open(j, "line_set", '{');
-	for (unsigned i = 0; i < LINES_KINDS; i++)
-		term_json_u64(j, lines_kind_text[i], s->features[i]);
-	term_json_u64(j, "lines", s->lines);
-	term_json_u64(j, "vertices", s->vertices);
+	ctl_report_lines_keys(j, s->features, s->lines, s->vertices);
 	term_json_u64(j, "positions", s->positions);
 	term_json_u64(j, "edges", s->pieces);
 	term_json_u64(j, "crossings", s->crossings);

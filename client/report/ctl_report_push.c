@@ -83,22 +83,6 @@ static void lines_json(struct term_json *j, const struct ctl_staged_file *f)
 	term_json_close(j, '}');
 }
 
-/* "4 hard, 1 lake: 7 lines, 1,200 vertices". Returns buf. */
-static char *lines_text(const struct lines_exported *l, char *buf, size_t size)
-{
-	char a[32], b[32];
-	size_t n = 0;
-
-	for (unsigned i = 0; i < LINES_KINDS && n < size; i++)
-		if (l->features[i])
-			n += (size_t)snprintf(buf + n, size - n, "%s%s %s", n ? ", " : "", term_count(l->features[i], a),
-					      lines_kind_text[i]);
-	if (n < size)
-		snprintf(buf + n, size - n, ": %s line%s, %s vertices", term_count(l->lines, a), l->lines == 1 ? "" : "s",
-			 term_count(l->vertices, b));
-	return buf;
-}
-
 static void file_json(struct console *c, const struct ctl_staged *s, const struct ctl_staged_file *f, const struct room *room,
 		      bool nothing, const char *const *moved_to)
 {
@@ -146,7 +130,8 @@ static void file_text(struct console *c, const struct ctl_staged_file *f)
 	if (f->refused)
 		return;
 	if (f->has_lines)
-		console_line(c, "%s: %s%s", f->name, lines_text(&f->lines, lines, sizeof lines),
+		console_line(c, "%s: %s%s", f->name,
+			     ctl_report_lines_text(f->lines.features, f->lines.lines, f->lines.vertices, lines, sizeof lines),
 			     f->known == ACUT_KNOWN ? ", there already, skipped" :
 			     f->known               ? ", taken up from the push that was interrupted" :
 						      "");

@@ -11,6 +11,7 @@
 #include "ctl_view.h"
 #include "decimal.h"
 #include "err.h"
+#include "parse.h"
 
 /* "2,8" or "2-5,9": false for rubbish. */
 static bool good_classes(const char *text)
@@ -136,13 +137,49 @@ static int check_lines(const struct ctl_view_options *a, struct err *err)
 	return check_length("--breakline-clear", a->breakline_clear, 0, err);
 }
 
+/* "3,1,10" */
+static bool metric_of(const char *text, int64_t ret[3])
+{
+	char part[32];
+
+	for (int i = 0; i < 3; i++) {
+		size_t n = strcspn(text, ",");
+
+		if (n >= sizeof(part) || (text[n] == ',') != (i < 2))
+			return false;
+		memcpy(part, text, n);
+		part[n] = '\0';
+		if (!parse_i64(part, &ret[i]))
+			return false;
+		text += n + (i < 2);
+	}
+	return true;
+}
+
+static int check_metric(const char *text, struct err *err)
+{
+	int64_t n[3];
+
+	if (!text)
+		return 0;
+	if (!metric_of(text, n))
+		err_set(err, ERR_USAGE, "--metric is not P,Q,K: \"%s\"", text);
+	else if (!n[0] && !n[1])
+		err_set(err, ERR_USAGE, "--metric: 0,0 is no direction");
+	else if (n[2] < 1)
+		err_set(err, ERR_USAGE, "--metric: K is %lld, and at least 1", (long long)n[2]);
+	else
+		return 0;
+	return err_add_hint(err, "give whole numbers: the direction P,Q, and how often distances across it count, as in 3,1,10");
+}
+
 static int check(const struct ctl_view_options *a, struct err *err)
 {
 	int r;
 
 	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
 	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) ||
-	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)))
+	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_metric(a->metric, err)))
 		return r;
 	return 0;
 }
@@ -258,6 +295,7 @@ int ctl_view_window(const struct ctl_view_options *a, char **ret, struct err *er
 static void put_words(const struct ctl_view_options *a, FILE *out)
 {
 	bool first = a->surface || is(a->returns, "first");
+	int64_t n[3];
 
 	fputs("ask 1", out);
 	if (a->classes)
@@ -286,6 +324,8 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fputs(" duplicates=highest", out);
 	if (a->breakline_clear)
 		fprintf(out, " breakline-clear=%s", a->breakline_clear);
+	if (a->metric && metric_of(a->metric, n))
+		fprintf(out, " metric=%lld,%lld,%lld", (long long)n[0], (long long)n[1], (long long)n[2]);
 }
 
 int ctl_view_text(const struct ctl_view_options *a, char **ret, struct err *err)

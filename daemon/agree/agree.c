@@ -29,12 +29,26 @@ int agree_refuse(const struct agree_difference *d, const char *name, const char 
 	return err_add_file(err, name);
 }
 
+/* The first unit of --assume-units is of x and y alone. */
+static const char *assume_z(const char *mine, const char *theirs)
+{
+	static const char *const options[][2] = {{"metre", "--assume-units ,m which is of z alone"},
+						 {"foot", "--assume-units ,ft which is of z alone"},
+						 {"us-survey-foot", "--assume-units ,ftUS which is of z alone"}};
+	const char *known = agree_known(mine) ? mine : theirs;
+
+	for (size_t i = 0; known && i < sizeof options / sizeof *options; i++)
+		if (!strcmp(known, options[i][0]))
+			return options[i][1];
+	return "--assume-units";
+}
+
 bool agree_texts_differ(const struct crs_info *a, const char *crs, const char *unit_xy, const char *unit_z,
 			struct agree_difference *ret)
 {
 	return differ("its coordinate system", a->text, crs, "--assume-crs", ret) ||
 	       differ("the unit of its x and y", a->unit_xy, unit_xy, "--assume-units", ret) ||
-	       differ("the unit of its z", a->unit_z, unit_z, "--assume-units", ret);
+	       differ("the unit of its z", a->unit_z, unit_z, assume_z(a->unit_z, unit_z), ret);
 }
 
 bool agree_definitions_differ(const struct crs_info *a, const struct crs_info *b)

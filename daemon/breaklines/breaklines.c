@@ -2,8 +2,8 @@
  * Files of lines of a dataset (breaklines.h).
  *
  * Model: a push stages lines under its own name, as its runs, so that whatever sweeps or keeps those does the same with them. The
- * commit links them to their final names, makes the line set of all lines that will be live, and then writes the manifest that
- * names all of these. Until then no manifest does, and a sweep removes them.
+ * commit links them to their final names, makes the line set of all lines that will be live, with a segment of its vertices, and
+ * then writes the manifest that names all of these. Until then no manifest does, and a sweep removes them.
  */
 #include "breaklines.h"
 
@@ -76,22 +76,28 @@ int breaklines_remove(int dirfd, const struct grid_source *s, struct err *err)
 {
 	struct grid_named of[GRID_SOURCE_FILES];
 	size_t n = grid_source_files(s, of);
+	char segment[40];
 	int r = 0;
 
 	for (size_t i = 0; !r && i < n; i++)
 		r = io_remove(dirfd, of[i].name, err);
-	return r;
+	if (r || s->kind != GRID_LINE_VERTICES)
+		return r;
+	grid_line_segment(s->id, segment);
+	strcat(segment, ".seg");
+	return io_remove(dirfd, segment, err);
 }
 
 /* ---- the line set ---- */
 
 uint64_t breaklines_memory(uint64_t vertices)
 {
-	return BYTES_LEAST + vertices * BYTES_A_VERTEX;
+	return GRID_STAGE_MIN + BYTES_LEAST + vertices * BYTES_A_VERTEX;
 }
 
 struct build {
 	const struct breaklines_params *p;
+	struct grid_stage *stage;
 	struct places places;
 	struct point batch[BATCH];
 	uint64_t points;
@@ -110,7 +116,7 @@ static int take_vertices(void *ctx, const struct point *pts, size_t n, struct er
 		memcpy(b->batch, pts + i, k * sizeof *pts);
 		for (size_t j = 0; j < k; j++)
 			b->batch[j].tag &= POINT_FLAGS;
-		r = grid_stage_add(b->p->stage, b->batch, k, err);
+		r = grid_stage_add(b->stage, b->batch, k, err);
 	}
 	return r;
 }
@@ -143,15 +149,19 @@ static int build_files(struct build *b, const char *const *names, const char *li
 		.file = names,
 		.nfiles = p->nlines,
 		.lineset = lineset,
-		.memory = p->memory,
+		.memory = p->memory > GRID_STAGE_MIN ? p->memory - GRID_STAGE_MIN : 0,
 		.vertices = take_vertices,
 		.event = take_event,
 		.ctx = b,
 	};
-	int r = grid_stage_source(p->stage, p->id, err);
+	int r = grid_stage_source(b->stage, p->id, err);
 
 	if (!r)
 		r = breakline_build(&params, &ret->counts, err);
+	if (r == -ERR_LIMIT && err->need)
+		err->need += GRID_STAGE_MIN;
+	if (!r && b->points)
+		r = grid_stage_seal(b->stage, &ret->segment, err);
 	if (!r)
 		r = places_finish(&b->places, err);
 	if (!r)
@@ -167,6 +177,8 @@ int breaklines_build(const struct breaklines_params *p, struct breaklines *ret, 
 {
 	const struct grid_lines with_places = {.places = 1};
 	const struct grid_source own = {.id = p->id, .kind = GRID_LINE_VERTICES, .lines = &with_places};
+	char stem[32];
+	const struct grid_stage_params stage = {.dirfd = p->dirfd, .name = stem, .memory = GRID_STAGE_MIN, .folder_later = true};
 	struct grid_named of[GRID_SOURCE_FILES], (*files)[GRID_SOURCE_FILES] = calloc(p->nlines + 1, sizeof *files);
 	const char **names = calloc(p->nlines + 1, sizeof *names);
 	struct build *b = calloc(1, sizeof *b);
@@ -175,17 +187,21 @@ int breaklines_build(const struct breaklines_params *p, struct breaklines *ret, 
 
 	*ret = (struct breaklines){.points = 0};
 	grid_source_files(&own, of);
+	grid_line_segment(p->id, stem);
 	if (!files || !names || !b)
 		r = err_set(err, ERR_NOMEM, "no memory for the lines of a dataset");
 	for (size_t i = 0; !r && i < p->nlines; i++) {
 		grid_source_files(p->lines[i], files[i]);
 		names[i] = files[i]->name;
 	}
+	if (!r)
+		r = grid_stage_new(&stage, &b->stage, err);
 	if (!r) {
 		b->p = p;
 		places_begin(&b->places, p->dirfd, of[1].name, err);
 		r = build_files(b, names, of[0].name, ret, err);
 		places_end(&b->places);
+		grid_stage_free(b->stage);
 	}
 	if (r)
 		breaklines_remove(p->dirfd, &own, &ignored);
@@ -193,6 +209,22 @@ int breaklines_build(const struct breaklines_params *p, struct breaklines *ret, 
 	free(names);
 	free(files);
 	return r;
+}
+
+void breaklines_put(const struct breaklines *made, uint32_t id, uint64_t added, uint64_t removed, struct grid_manifest *m)
+{
+	if (made->segment.points)
+		m->segments[m->nsegments++] = made->segment;
+	m->sources[m->nsources++] = (struct grid_source){
+		.id = id,
+		.kind = GRID_LINE_VERTICES,
+		.added = added,
+		.removed = removed,
+		.points = made->points,
+		.lines = &made->lines,
+		.name = "",
+		.path = "",
+	};
 }
 
 /* ---- reading ---- */

@@ -12,7 +12,6 @@
 #include "grid_manifest.h"
 
 struct err;
-struct grid_stage;
 struct lattice;
 
 /* ---- staged lines, before a commit ---- */
@@ -28,29 +27,31 @@ int breaklines_publish(int dirfd, uint64_t push, const struct grid_source *, str
 
 /* ---- the line set of a generation ---- */
 
-/* Bytes that a build most likely needs. */
+/* Bytes that a build most likely needs: params.memory. */
 uint64_t breaklines_memory(uint64_t vertices);
 
 struct breaklines_params {
 	int dirfd;
 	const struct grid_source *const *lines; /* live sources of lines; their files have the final names */
 	size_t nlines;
-	uint32_t id;              /* number of the source of line vertices */
-	uint64_t memory;          /* for the build. -ERR_LIMIT: err->need bytes may suffice */
-	struct grid_stage *stage; /* takes the line vertices, as source `id` */
+	uint32_t id;     /* number of the source of line vertices */
+	uint64_t memory; /* as breaklines_memory(0) at least. -ERR_LIMIT: err->need bytes may suffice */
 	const struct lattice *lattice;
 	bool strict; /* lines that cross, or vertices at one position, of different heights are -ERR_INPUT */
 };
 
 struct breaklines {
 	struct breakline_counts counts;
-	struct grid_lines lines; /* of the source of line vertices */
-	uint64_t points;         /* its records */
+	struct grid_lines lines;          /* of the source of line vertices */
+	uint64_t points;                  /* its records, all of which are in the segment */
+	struct grid_segment_info segment; /* points 0: there is none */
 };
 
-/* Makes "lineset-ID" and "places-ID", durable but for the folder. They are removed if it fails. */
+/* Makes "lineset-ID", "places-ID" and the segment of line vertices, durable but for the folder. They are removed if it fails. */
 int breaklines_build(const struct breaklines_params *, struct breaklines *ret, struct err *err);
-/* Removes the files of a source; what is not there is fine. */
+/* Puts the source of line vertices and its segment into a manifest that has room for them. `made` stays as long as that. */
+void breaklines_put(const struct breaklines *made, uint32_t id, uint64_t added, uint64_t removed, struct grid_manifest *);
+/* Removes the files of a source, with the segment of line vertices; what is not there is fine. */
 int breaklines_remove(int dirfd, const struct grid_source *, struct err *err);
 
 /* ---- reading ---- */

@@ -234,9 +234,13 @@ static int copy_file(struct import *i, const char *as, uint64_t bytes, struct er
 	return r;
 }
 
+/* A segment of line vertices has the number of its source in its name, as files of lines. */
 static void segment_name(const struct import *i, size_t k, char buf[NAME])
 {
-	snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
+	if (grid_is_line_segment(i->m->segments[k].file))
+		memcpy(buf, i->m->segments[k].file, NAME);
+	else
+		snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
 }
 
 /* Reserves space on the disk, before the file is written. */

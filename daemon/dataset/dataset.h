@@ -43,6 +43,9 @@ struct dataset {
 	bool merge_due;       /* some segments may have to be merged */
 	uint64_t prune_to;    /* a prune removes the generations before this one; 0: no prune runs */
 	unsigned reverts;     /* requested and not finished; no prune starts before they are */
+	bool sets_due;        /* the newest generation has other lines than the one before it */
+	bool drops_sets;      /* line sets of earlier generations are being removed */
+	unsigned asks;        /* dataset_ask_lines, until they are answered */
 	unsigned rows_queued; /* rows with a new manifest on their way to the catalogue; no other row is queued meanwhile */
 	int64_t removed_us;   /* when it was removed; 0: it was not */
 	bool pinned;
@@ -215,6 +218,17 @@ typedef void revert_answer_fn(void *token, const struct err *why, const struct r
  * -ERR_PERM, -ERR_NOTFOUND, -ERR_BUSY, -ERR_USAGE: a one-step dataset. */
 void dataset_revert(struct dataset *, uint64_t generation, const struct peer *, revert_answer_fn *answer, void *token);
 
+/* Makes the line set of an earlier generation again, whose grid lacks it (GRID_E_NO_LINE_SET). It stays until the dataset gets
+ * another generation with other lines. `wait` is embedded in whoever waits. */
+struct dataset_lines_wait {
+	struct dataset_lines_wait *next;
+	struct asked *of; /* NULL: it does not wait */
+	/* Once, perhaps before dataset_ask_lines returns. `why` NULL: the grid can be opened. */
+	void (*done)(struct dataset_lines_wait *, const struct err *why);
+};
+int dataset_ask_lines(struct dataset *, uint64_t generation, const struct peer *, struct dataset_lines_wait *, struct err *err);
+void dataset_ask_end(struct dataset_lines_wait *); /* waits no longer; no effect if it does not */
+
 /* Reads the newest manifest. The manifest is NULL if there is no generation, and is freed after the call of `answer`. */
 typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
 void dataset_read(struct dataset *, const struct peer *, dataset_read_fn *answer, void *token);
@@ -251,7 +265,7 @@ struct dataset_next {
 	uint32_t files, segments, next_source;
 	int64_t pushed_us;
 	int32_t box[4];
-	bool merge_due;
+	bool merge_due, sets_due;
 	struct dataset_obsolete *obsolete; /* names the manifest that is replaced */
 };
 int dataset_next_make(const struct dataset *, const struct grid_manifest *, const char *manifest, int64_t pushed_us,

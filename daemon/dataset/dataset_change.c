@@ -80,6 +80,13 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 	return r;
 }
 
+static void remove_made(struct dataset_change *c)
+{
+	io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+	if (c->undo)
+		c->undo(c);
+}
+
 static void change_run(struct sched_task *t)
 {
 	struct dataset_change *c = (struct dataset_change *)t;
@@ -95,7 +102,7 @@ static void change_run(struct sched_task *t)
 		c->r = write_made(c, base, &c->err);
 	/* Nothing names a manifest that was not committed. */
 	if (c->r && base)
-		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+		remove_made(c);
 	grid_manifest_free(base);
 }
 
@@ -137,7 +144,7 @@ static void tidy_run(struct sched_task *t)
 	if (c->r && catalogue_is_uncertain(c->datasets->core->p.catalogue))
 		return;
 	if (c->r)
-		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+		remove_made(c);
 	else
 		remove_others(c->dataset, c->made_name);
 }
@@ -168,7 +175,8 @@ static void change_submit(struct dataset_change *c, void (*run)(struct sched_tas
 	c->task = (struct sched_task){.run = run,
 				      .done = done,
 				      .owner = {.uid = c->peer.uid, .flow = ++c->datasets->core->last_flow},
-				      .priority = SCHED_FIRST};
+				      .priority = c->lengthy ? SCHED_NORMAL : SCHED_FIRST,
+				      .lengthy = c->lengthy};
 	sched_submit(c->datasets->core->p.sched, &c->task);
 }
 

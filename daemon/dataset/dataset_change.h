@@ -16,10 +16,13 @@ struct dataset_change {
 	 * raises m->generation needs `kind`. A negative result: nothing changes.
 	 */
 	int (*make)(struct dataset_change *, const struct grid_manifest *base, struct grid_manifest *m, struct err *err);
+	/* Worker, with the folder open: the change failed, and nothing names what `make` wrote. NULL: it wrote nothing. */
+	void (*undo)(struct dataset_change *);
 	/* Loop, once: the dataset is changed, or `why` it is not. It may free the change. */
 	void (*done)(struct dataset_change *, const struct err *why);
 	enum grid_generation_kind kind;
 	uint64_t undoes;
+	bool lengthy;                           /* `make` may take long */
 	struct grid_generation made_generation; /* set if a generation was made; its user is NULL */
 
 	/* of dataset_change.c */

@@ -8,7 +8,8 @@
  * of a segment.
  *
  * One merge runs at a time, when workers have nothing else to do. It is given up when others wait for memory, unless there are so
- * many segments that reading suffers. Generation and content sums stay.
+ * many segments that reading suffers. Generation and content sums stay. Segments of line vertices are not merged: they go when
+ * lines change (dataset_prune.c).
  */
 #include <stdlib.h>
 #include <string.h>
@@ -49,7 +50,8 @@ static unsigned class_due(const struct grid_manifest *m)
 	unsigned count[CLASSES] = {0}, c = 0;
 
 	for (size_t i = 0; i < m->nsegments; i++)
-		count[class_of(&m->segments[i])]++;
+		if (!grid_is_line_segment(m->segments[i].file))
+			count[class_of(&m->segments[i])]++;
 	while (c < CLASSES && count[c] < MERGE_LEAST)
 		c++;
 	return c;
@@ -74,7 +76,7 @@ static int merge_choose(struct dataset_rewrite *w, const struct grid_manifest *m
 	size_t n = 0;
 
 	for (size_t i = 0; i < m->nsegments && n < MERGE_MOST; i++)
-		if (c < CLASSES && class_of(&m->segments[i]) == c)
+		if (c < CLASSES && class_of(&m->segments[i]) == c && !grid_is_line_segment(m->segments[i].file))
 			some[n++] = &m->segments[i];
 	for (; n >= MERGE_LEAST; n--) {
 		int r = rewrite_add(w, some, n, false, err);

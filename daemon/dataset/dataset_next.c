@@ -35,6 +35,8 @@ static void sum_sources(struct dataset_next *n, const struct grid_manifest *m)
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
+		n->sets_due |= s->kind == GRID_LINE_VERTICES && s->removed == m->generation;
+
 		if (!s->removed && s->kind != GRID_LINE_VERTICES) {
 			n->points += s->points;
 			n->files++;
@@ -130,7 +132,6 @@ void dataset_next_install(struct dataset *d, struct dataset_next *n, bool old_in
 	move_text(&d->unit_z, &n->unit_z);
 	memcpy(d->manifest, n->manifest, sizeof d->manifest);
 	memcpy(d->box, n->box, sizeof d->box);
-	d->generation = n->generation;
 	d->oldest = n->oldest;
 	d->points = n->points;
 	d->bytes = n->bytes;
@@ -139,6 +140,10 @@ void dataset_next_install(struct dataset *d, struct dataset_next *n, bool old_in
 	d->pushed_us = n->pushed_us;
 	d->merge_due = n->merge_due;
 	d->datasets->merges_due |= n->merge_due;
+	/* Generations are made once; line sets that were asked for since stay until the next one with other lines. */
+	d->sets_due |= n->sets_due && n->generation > d->generation && !d->onestep;
+	d->datasets->sets_due |= d->sets_due;
+	d->generation = n->generation;
 	if (n->next_source > d->next_source)
 		d->next_source = n->next_source;
 	if (old_in_use) {

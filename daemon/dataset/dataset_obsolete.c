@@ -3,8 +3,9 @@
  *
  * The model: the loop resolves the name of a manifest, then a worker opens it and its segments. An open file stays valid when its
  * name is removed. So obsolete files are removed when nobody is between these two steps: no run that opens the dataset, and
- * nobody between dataset_read_begin and dataset_read_end. Until the removal is durable, a row in the catalogue (as of a push)
- * makes the next start sweep the folder. Without such a row the files stay until another one makes a start sweep.
+ * nobody between dataset_read_begin and dataset_read_end, as are runs that open segments again (grid_reopens). Until the removal
+ * is durable, a row in the catalogue (as of a push) makes the next start sweep the folder. Without such a row the files stay
+ * until another one makes a start sweep.
  */
 #include <assert.h>
 #include <stdlib.h>

@@ -6,6 +6,7 @@
 
 struct action;
 struct dataset_change;
+struct dataset_lines;
 struct dataset_rewrite;
 
 struct datasets {
@@ -28,9 +29,12 @@ struct datasets {
 	struct prune *prunes;              /* a queue; the first one runs, unless a merge does */
 	struct dataset_obsolete *obsolete; /* files that wait until nobody opens them */
 	bool merges_due;                   /* a dataset may have something to merge */
+	bool sets_due;                     /* a dataset may have line sets that nobody needs */
+	struct asked *asked;               /* line sets that are being made for runs */
 	uint64_t merge_after_ns;           /* no merge starts before */
 	double merge_delay;                /* seconds that the last merge was postponed for lack of space; 0: it was not */
 	struct dataset_change *changes;    /* a queue: changes whose dataset has another committer */
+	struct dataset_lines *lines;       /* changes that wait for memory to make a line set */
 	struct action *actions;            /* a queue: actions that wait for rows of their dataset */
 };
 
@@ -78,9 +82,11 @@ bool rewrite_owns_row(const struct catalogue_push *); /* the row is that of a me
 void dataset_prune_settle(struct datasets *);
 void dataset_prune_tick(struct datasets *);
 void dataset_prunes_park(struct datasets *);
+void dataset_sets_settle(struct datasets *); /* begins to remove line sets of earlier generations */
 
-/* dataset_change.c, dataset_action.c: start what had to wait */
+/* dataset_change.c, dataset_lines.c, dataset_action.c: start what had to wait */
 void dataset_changes_settle(struct datasets *);
+void dataset_lines_settle(struct datasets *);
 void dataset_actions_settle(struct datasets *);
 
 /* dataset_pending.c */

@@ -5,6 +5,10 @@
  * are rewritten without them, or removed if they have no others. The next manifest omits these sources and names the oldest
  * generation that can be read; it keeps the notes of all generations. The remaining generations keep their records and their
  * content sums. A prune is refused while an unfinished job needs a generation that would go.
+ *
+ * Line sets of earlier generations go by themselves, after a generation with other lines: they can be made again of the files of
+ * lines (dataset_asked.c), and each one is as large as all lines. That is a prune, too, of these sources only, and of no
+ * generation.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,6 +28,7 @@ struct prune {
 	uint32_t *dead;
 	size_t ndead;
 	struct pruned result;
+	bool sets; /* only of line sets that the newest generation does not have */
 	bool running;
 	prune_answer_fn *answer;
 	void *token;
@@ -37,10 +42,12 @@ static bool ends_by(uint64_t added, uint64_t removed, uint64_t oldest)
 }
 
 /* The source is in no generation from `oldest` on. Its last life is the latest. */
-static bool is_dead(const struct grid_source *s, uint64_t oldest)
+static bool is_dead(const struct prune *p, const struct grid_source *s)
 {
-	return ends_by(s->added, s->removed, oldest) &&
-	       (!s->nearlier || ends_by(s->earlier[s->nearlier - 1].added, s->earlier[s->nearlier - 1].removed, oldest));
+	if (p->sets)
+		return s->kind == GRID_LINE_VERTICES && s->removed;
+	return ends_by(s->added, s->removed, p->oldest) &&
+	       (!s->nearlier || ends_by(s->earlier[s->nearlier - 1].added, s->earlier[s->nearlier - 1].removed, p->oldest));
 }
 
 static int by_number(const void *a, const void *b)
@@ -58,7 +65,7 @@ static int find_dead(struct prune *p, const struct grid_manifest *m, struct err 
 	if (!p->dead)
 		return err_set(err, ERR_NOMEM, "no memory for a list of sources");
 	for (size_t i = 0; i < m->nsources; i++)
-		if (is_dead(&m->sources[i], p->oldest))
+		if (is_dead(p, &m->sources[i]))
 			p->dead[p->ndead++] = m->sources[i].id;
 	if (p->ndead)
 		qsort(p->dead, p->ndead, sizeof *p->dead, by_number);
@@ -78,7 +85,7 @@ static int find_gone(struct prune *p, const struct grid_manifest *m, struct err 
 		return err_set(err, ERR_NOMEM, "no memory for a list of files");
 	for (size_t i = 0; i < m->nsources; i++) {
 		struct grid_named of[GRID_SOURCE_FILES];
-		size_t n = is_dead(&m->sources[i], p->oldest) ? grid_source_files(&m->sources[i], of) : 0;
+		size_t n = is_dead(p, &m->sources[i]) ? grid_source_files(&m->sources[i], of) : 0;
 
 		for (size_t k = 0; k < n; k++) {
 			memcpy(w->gone[w->ngone++], of[k].name, sizeof *w->gone);
@@ -110,6 +117,7 @@ static int prune_choose(struct dataset_rewrite *w, const struct grid_manifest *m
 	}
 	w->drop = p->dead;
 	w->ndrop = p->ndead;
+	w->always = !p->sets || p->ndead;
 	if (!r && rewrite_bytes(w) > w->memory_max) {
 		err_set(err, ERR_LIMIT, "pruning %s takes %llu KiB of memory, it may have %llu KiB", w->dataset->name,
 			(unsigned long long)(rewrite_bytes(w) >> 10), (unsigned long long)(w->memory_max >> 10));
@@ -144,7 +152,7 @@ static int prune_alter(struct dataset_rewrite *w, const struct grid_manifest *ba
 		last = m->sources[i].id > last ? m->sources[i].id : last;
 	p->result.files = 0;
 	for (size_t i = 0; i < m->nsources; i++)
-		if (is_dropped(p, m->sources[i].id) && !is_dead(&m->sources[i], p->oldest))
+		if (is_dropped(p, m->sources[i].id) && !is_dead(p, &m->sources[i]))
 			return err_set(err, ERR_INTERNAL, "source %u of %s came back while it was pruned", m->sources[i].id,
 				       w->dataset->name);
 	for (size_t i = 0; i < m->nsources; i++) {
@@ -159,10 +167,13 @@ static int prune_alter(struct dataset_rewrite *w, const struct grid_manifest *ba
 			s->kind = GRID_POINTS;
 			s->lines = NULL;
 		}
-		forget_lives(s, p->oldest);
+		if (!p->sets)
+			forget_lives(s, p->oldest);
 		m->sources[n++] = *s;
 	}
 	m->nsources = n;
+	if (p->sets)
+		return 0;
 	p->result.generations = p->oldest - grid_manifest_oldest(base);
 	m->oldest = p->oldest;
 	return 0;
@@ -175,7 +186,7 @@ static int check_needed(const struct prune *p, struct err *err)
 	const struct dataset *d = p->rewrite.dataset;
 	const struct datasets *ds = d->datasets;
 
-	return ds->calls ? ds->calls->needed(ds->ctx, d, p->oldest, err) : 0;
+	return ds->calls && !p->sets ? ds->calls->needed(ds->ctx, d, p->oldest, err) : 0;
 }
 
 static int prune_check(struct dataset_rewrite *w, struct err *err)
@@ -202,6 +213,16 @@ static void prune_answer(struct prune *p, const struct err *why)
 	for (at = &d->datasets->prunes; *at != p; at = &(*at)->next)
 		;
 	*at = p->next;
+	if (p->sets) {
+		d->drops_sets = false;
+		if (why && why->code != ERR_CANCELLED)
+			log_debug("%s: old line sets stay until the lines change again: %s", d->name, why->message);
+		else
+			log_debug("%s: old line sets of %llu bytes are gone", d->name, (unsigned long long)p->result.bytes);
+		dataset_release(d);
+		prune_free(p);
+		return;
+	}
 	if (!why) {
 		p->result.dataset = d;
 		p->result.oldest = d->oldest;
@@ -221,7 +242,8 @@ static void prune_done(struct dataset_rewrite *w, const struct err *why)
 	struct prune *p = (struct prune *)w;
 	uint64_t old = p->gone;
 
-	w->dataset->prune_to = 0;
+	if (!p->sets)
+		w->dataset->prune_to = 0;
 	for (size_t i = 0; i < w->nold; i++)
 		old += w->old[i].bytes;
 	p->result.bytes = old > w->written ? old - w->written : 0;
@@ -260,6 +282,11 @@ static void prune_begin(struct prune *p)
 	struct dataset_rewrite *w = &p->rewrite;
 	struct err err = ERR_INIT;
 
+	if (p->sets) {
+		w->dataset->drops_sets = p->running = true;
+		dataset_rewrite_start(w);
+		return;
+	}
 	if (prune_decide(p, &err)) {
 		prune_answer(p, &err);
 		return;
@@ -281,10 +308,10 @@ void dataset_prune_settle(struct datasets *ds)
 		return;
 	if (p->running)
 		dataset_rewrite_settle(&p->rewrite);
-	else if (ds->merge)
+	else if (ds->merge && !p->sets)
 		dataset_rewrite_cancel(ds->merge);
-	/* A revert may revive sources, so dead ones are chosen when it is over. */
-	else if (!p->rewrite.dataset->reverts)
+	/* A revert may revive sources, so dead ones are chosen when it is over. Runs open the line sets that they asked for. */
+	else if (!ds->merge && !p->rewrite.dataset->reverts && !(p->sets && p->rewrite.dataset->asks))
 		prune_begin(p);
 }
 
@@ -294,23 +321,17 @@ void dataset_prune_tick(struct datasets *ds)
 		dataset_rewrite_tick(&ds->prunes->rewrite);
 }
 
-struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, const struct peer *peer, prune_answer_fn *fn,
-			    void *token)
+static struct prune *prune_new(struct dataset *d, const struct peer *peer, struct err *err)
 {
 	struct datasets *ds = d->datasets;
-	struct err err = ERR_INIT;
-	struct prune *p = NULL, **at;
+	struct prune *p, **at;
 
-	THREAD_LOOP_ONLY();
-	if (ds->core->stopping)
-		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (!dataset_rights(d, peer, RIGHT_OWN, &err) && !charge(ds->core, sizeof *p, "a prune", &err) &&
-		 !(p = calloc(1, sizeof *p))) {
-		uncharge(ds->core, sizeof *p);
-		err_set(&err, ERR_NOMEM, "no memory for a request");
-	}
+	if (charge(ds->core, sizeof *p, "a prune", err))
+		return NULL;
+	p = calloc(1, sizeof *p);
 	if (!p) {
-		fn(token, &err, NULL);
+		uncharge(ds->core, sizeof *p);
+		err_set(err, ERR_NOMEM, "no memory for a request");
 		return NULL;
 	}
 	p->rewrite.dataset = dataset_hold(d);
@@ -322,14 +343,51 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 	p->rewrite.done = prune_done;
 	p->rewrite.priority = SCHED_NORMAL;
 	p->rewrite.patient = p->rewrite.always = true;
-	p->keep = keep;
-	p->before = before;
-	p->answer = fn;
-	p->token = token;
 	for (at = &ds->prunes; *at; at = &(*at)->next)
 		;
 	*at = p;
 	return p;
+}
+
+struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, const struct peer *peer, prune_answer_fn *fn,
+			    void *token)
+{
+	struct err err = ERR_INIT;
+	struct prune *p = NULL;
+
+	THREAD_LOOP_ONLY();
+	if (d->datasets->core->stopping)
+		err_set(&err, ERR_BUSY, "the daemon is stopping");
+	else if (!dataset_rights(d, peer, RIGHT_OWN, &err))
+		p = prune_new(d, peer, &err);
+	if (!p) {
+		fn(token, &err, NULL);
+		return NULL;
+	}
+	p->keep = keep;
+	p->before = before;
+	p->answer = fn;
+	p->token = token;
+	return p;
+}
+
+void dataset_sets_settle(struct datasets *ds)
+{
+	struct err err = ERR_INIT;
+	struct dataset *d;
+
+	if (!ds->sets_due || ds->core->stopping)
+		return;
+	ds->sets_due = false;
+	for (d = ds->first; d && !d->onestep; d = d->next) {
+		const struct peer owner = rights_of_user(d->uid, 0);
+		struct prune *p = d->sets_due && !d->removed_us ? prune_new(d, &owner, &err) : NULL;
+
+		/* Without memory they stay until the lines change again. */
+		d->sets_due = false;
+		if (p)
+			p->sets = true;
+	}
 }
 
 void dataset_prune_cancel(struct prune *p)

@@ -4,25 +4,28 @@
  * The model: a generation is undone as a whole or not at all. The files that it added must still be there, those that it removed
  * must be absent, and no other file may have taken their place since. A file that comes back has the same records: its source
  * gets another life. Only the manifest is read and written; content sums follow from the sums that blocks keep of their sources.
- * So the lines that are there afterwards must have been together before: their line set is restored, and none is made.
+ * Lines that are together afterwards and never were before get a line set first (dataset_lines.c).
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "dataset_change.h"
+#include "dataset_lines.h"
 #include "names.h"
 
 struct revert {
 	struct dataset_change change;
+	struct dataset_lines lines;
 	uint64_t generation;
-	uint64_t prune_to; /* of a prune that runs: what ended by that generation goes; 0: none runs, and none begins */
-	bool owner;        /* the peer is the owner or an administrator: it may see the paths of the files */
+	/* Line sets that ended by that generation are not restored: a prune removes them. No other one begins meanwhile. */
+	uint64_t sets_to;
+	bool owner; /* the peer is the owner or an administrator: it may see the paths of the files */
 	revert_answer_fn *answer;
 	void *token;
 };
 
-/* A life of the source began in generation `g`. Line vertices follow from the lines (restore_line_set). */
+/* A life of the source began in generation `g`. Line vertices follow from the lines (dataset_lines_put). */
 static bool life_began(const struct grid_source *s, uint64_t g)
 {
 	if (s->kind == GRID_LINE_VERTICES)
@@ -143,34 +146,6 @@ static int add_life(struct grid_source *s, uint64_t generation, struct grid_span
 	return 0;
 }
 
-/* The line set of the lines that are there in the new generation. */
-static int restore_line_set(struct grid_manifest *m, const struct revert *v, struct grid_span *lives, struct err *err)
-{
-	struct grid_source *now = NULL, *then = NULL;
-	struct digest content;
-	size_t lines = grid_manifest_lines(m, m->generation, &content);
-
-	for (size_t i = 0; i < m->nsources; i++) {
-		struct grid_source *s = &m->sources[i];
-
-		if (s->kind != GRID_LINE_VERTICES)
-			continue;
-		now = s->removed ? now : s;
-		if (lines && digest_equal(s->lines->content, content) && (!s->removed || s->removed > v->prune_to))
-			then = s;
-	}
-	if (lines && !then) {
-		err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the lines that would remain were never together",
-			(unsigned long long)v->generation);
-		return err_add_hint(err, "revert the later generations that brought or removed lines first, the newest first");
-	}
-	if (now == then)
-		return 0;
-	if (now)
-		now->removed = m->generation;
-	return then ? add_life(then, m->generation, lives, err) : 0;
-}
-
 static int revert_make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
 {
 	struct revert *v = (struct revert *)c;
@@ -201,32 +176,77 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 			r = add_life(s, m->generation, m->spans + used - s->nearlier - 1, err);
 		}
 	}
-	return r ? r : restore_line_set(m, v, m->spans + lives, err);
+	return r ? r : dataset_lines_put(&v->lines, m, v->sets_to, m->spans + lives, err);
+}
+
+static struct revert *of_lines(struct dataset_lines *l)
+{
+	return (struct revert *)((char *)l - offsetof(struct revert, lines));
+}
+
+static void revert_finish(struct revert *v, const struct err *why)
+{
+	struct dataset *d = v->lines.dataset;
+	struct reverted done = {
+		.dataset = d,
+		.generation = d->generation,
+		.undone = v->generation,
+		.points = d->points,
+		.made = &v->change.made_generation,
+	};
+
+	d->reverts--;
+	dataset_lines_end(&v->lines, !why);
+	if (!why)
+		log_event(LOG_EVENT_DATASET_REVERTED,
+			  &(struct log_about){.dataset = d->name,
+					      .generation = done.generation,
+					      ABOUT_USER(v->lines.peer.uid),
+					      .pid = v->lines.peer.pid},
+			  "%s: generation %llu undoes generation %llu", d->name, (unsigned long long)done.generation,
+			  (unsigned long long)done.undone);
+	v->answer(v->token, why, why ? NULL : &done);
+	uncharge(d->datasets->core, sizeof *v);
+	free(v);
+	dataset_release(d);
+}
+
+static void revert_undo(struct dataset_change *c)
+{
+	dataset_lines_undo(&((struct revert *)c)->lines);
 }
 
 static void revert_done(struct dataset_change *c, const struct err *why)
 {
 	struct revert *v = (struct revert *)c;
-	struct reverted done = {
-		.dataset = c->dataset,
-		.generation = c->dataset->generation,
-		.undone = v->generation,
-		.points = c->dataset->points,
-		.made = &c->made_generation,
-	};
 
-	c->dataset->reverts--;
-	if (!why)
-		log_event(LOG_EVENT_DATASET_REVERTED,
-			  &(struct log_about){.dataset = c->dataset->name,
-					      .generation = done.generation,
-					      ABOUT_USER(c->peer.uid),
-					      .pid = c->peer.pid},
-			  "%s: generation %llu undoes generation %llu", c->dataset->name, (unsigned long long)done.generation,
-			  (unsigned long long)done.undone);
-	v->answer(v->token, why, why ? NULL : &done);
-	uncharge(c->dataset->datasets->core, sizeof *v);
-	free(v);
+	if (why && dataset_lines_lacks(&v->lines))
+		dataset_lines_wait(&v->lines);
+	else
+		revert_finish(v, why);
+}
+
+static void revert_start(struct revert *v)
+{
+	v->change = (struct dataset_change){
+		.dataset = v->lines.dataset,
+		.peer = v->lines.peer,
+		.make = revert_make,
+		.undo = revert_undo,
+		.done = revert_done,
+		.kind = GRID_REVERT,
+		.undoes = v->generation,
+		.lengthy = v->lines.have > 0,
+	};
+	dataset_change_start(&v->change);
+}
+
+static void lines_ready(struct dataset_lines *l, const struct err *why)
+{
+	if (why)
+		revert_finish(of_lines(l), why);
+	else
+		revert_start(of_lines(l));
 }
 
 /* Refuses to revive what a running prune removes. */
@@ -260,17 +280,15 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct peer *p
 		answer(token, &err, NULL);
 		return;
 	}
-	v->change.dataset = d;
-	v->change.peer = rights_without_groups(peer);
-	v->change.make = revert_make;
-	v->change.done = revert_done;
-	v->change.kind = GRID_REVERT;
+	v->lines.dataset = dataset_hold(d);
+	v->lines.peer = rights_without_groups(peer);
+	v->lines.what = "a revert";
+	v->lines.ready = lines_ready;
 	v->owner = rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	v->generation = generation ? generation : d->generation;
-	v->prune_to = d->prune_to;
-	v->change.undoes = v->generation;
+	v->sets_to = d->drops_sets ? UINT64_MAX : d->prune_to;
 	v->answer = answer;
 	v->token = token;
 	d->reverts++;
-	dataset_change_start(&v->change);
+	revert_start(v);
 }

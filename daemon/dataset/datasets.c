@@ -93,8 +93,10 @@ void datasets_drop_push(struct datasets *ds, uint64_t push)
 void datasets_settle(struct datasets *ds)
 {
 	THREAD_LOOP_ONLY();
+	dataset_sets_settle(ds);
 	dataset_prune_settle(ds);
 	dataset_merge_settle(ds);
+	dataset_lines_settle(ds);
 	dataset_changes_settle(ds);
 	dataset_actions_settle(ds);
 	dataset_obsolete_settle(ds);

@@ -80,6 +80,7 @@ struct job_report {
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 without triangles */
 	uint64_t points_read, cells_read;                      /* records read for plan and domains; cells read for halos */
 	uint64_t window;                                       /* 1: of a window; sums of a whole mesh mean nothing then */
+	uint64_t all_out;                                      /* 1: no vertices, as all triangles are out of its areas */
 	double worked_seconds;                                 /* in which a task of it ran */
 	double seal_seconds, plan_seconds, domains_seconds;    /* of the staging; up to the plan; from there to the end */
 	uint64_t peak_rss;                                     /* bytes, of the daemon */

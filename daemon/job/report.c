@@ -46,6 +46,7 @@ static const struct {
 	FIELD(domains_reused, NUMBER),
 	FIELD(window, NUMBER),
 	FIELD(most, TEXT),
+	FIELD(all_out, NUMBER),
 #undef FIELD
 };
 
@@ -285,7 +286,7 @@ void report_window(struct job_report *r)
 
 bool report_without_flat(const struct job_report *r)
 {
-	return r->used && !r->vertices && !r->window;
+	return r->used && !r->vertices && !r->window && !r->all_out;
 }
 
 void report_make(const struct pipe_totals *t, struct job_report *ret)
@@ -312,7 +313,11 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 			 t->most_at[0], t->most_at[1]);
 	if (t->triangles)
 		return;
-	if (!t->counts.points)
+	ret->all_out = t->counts.used && !t->vertices;
+	if (ret->all_out)
+		snprintf(ret->note, sizeof ret->note,
+			 "all triangles are outside of the boundary or in holes, so the mesh has none");
+	else if (!t->counts.points)
 		snprintf(ret->note, sizeof ret->note, "the dataset has no points, so the mesh has no triangles");
 	else if (!t->counts.used && t->counts.removed[VIEW_BY_CROP])
 		snprintf(ret->note, sizeof ret->note,

@@ -150,13 +150,13 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 	struct grid_manifest m = {
 		.lattice = p->lattice,
 		.generation = generation,
-		.nsegments = nseg + 1,
+		.nsegments = nseg + (segment->points || !p->lines.id),
 		.nsources = nsrc + p->nsources + p->nadopt_named,
 	};
 	char *wkt = push_wkt_put(p, &m);
 	int r;
 
-	m.segments = calloc(m.nsegments, sizeof *m.segments);
+	m.segments = calloc(m.nsegments + 1, sizeof *m.segments);
 	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
 	if (!m.segments || !m.sources) {
 		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
@@ -165,7 +165,8 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 			memcpy(m.segments, p->base->segments, nseg * sizeof *m.segments);
 		if (nsrc)
 			memcpy(m.sources, p->base->sources, nsrc * sizeof *m.sources);
-		m.segments[nseg] = *segment;
+		if (m.nsegments > nseg)
+			m.segments[nseg] = *segment;
 		for (i = 0; p->adopt && i < p->adopt->nsources; i++)
 			if (p->adopt_named[i])
 				m.sources[at++] = p->adopt->sources[i];
@@ -232,7 +233,8 @@ static void seal_finish(struct push *p, struct push_request *rq)
 		return;
 	}
 	rq->r = commit_manifest(p, &segment, &rq->err);
-	if (rq->r)
+	/* Lines alone leave it empty. */
+	if (rq->r || (!segment.points && p->lines.id))
 		io->unlinkat(p->dataset->dirfd, segment.file, 0);
 	if (rq->r)
 		push_lines_undo(p);

@@ -95,10 +95,11 @@ static void note_rounding(struct push *p)
 }
 
 /*
- * Files of lines often have the digits of doubles. Their scale is no finer than that of the points beside them, and without
- * points no finer than a thousandth of the unit: they are rounded to it.
+ * Files of lines often have the digits of doubles, or few digits. Beside points they have the scale of these, whatever digits
+ * they have, so that no error about the scale is about them; without points a scale no finer than a thousandth of the unit. They
+ * are rounded to it.
  */
-static void coarsen_lines(struct push_probed *const *probe, struct lattice_input *input, size_t n)
+static void scale_lines(struct push_probed *const *probe, struct lattice_input *input, size_t n)
 {
 	static const struct decimal thousandth = {1, -3}, degrees = {1, -9};
 
@@ -112,7 +113,9 @@ static void coarsen_lines(struct push_probed *const *probe, struct lattice_input
 			bool planar_degrees = k < 2 && probe[i]->crs->plane == CRS_PLANE_GEOGRAPHIC;
 			struct decimal least = finest.mantissa ? finest : planar_degrees ? degrees : thousandth;
 
-			if (!probe[i]->lines || decimal_compare(input[i].scale[k], least) >= 0)
+			bool finer = decimal_compare(input[i].scale[k], least) < 0;
+
+			if (!probe[i]->lines || (!finer && !finest.mantissa))
 				continue;
 			input[i].scale[k] = least;
 			if (input[i].coarsest[k].mantissa && decimal_compare(input[i].coarsest[k], least) < 0)
@@ -152,7 +155,7 @@ int push_choose_lattice(struct push *p, struct err *err)
 		inputs[n++].grows = !p->dataset->onestep;
 	}
 	if (!r)
-		coarsen_lines(probes, inputs, n);
+		scale_lines(probes, inputs, n);
 	if (!r)
 		r = lattice_choose(inputs, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
 	if (r == -ERR_INPUT && n > 1 && *err->file)

@@ -3,7 +3,7 @@
  *
  * The model: lines are staged as files beside the runs (breaklines.h). A commit that adds or replaces lines takes the memory for
  * its line set out of the memory of the stage: the stage is parked, and comes back smaller. If that was too little, and more may
- * be had, the commit starts again. The line vertices are staged as a source of their own, which takes the place of the one
+ * be had, the commit starts again. The line vertices are a source with a segment of their own, which takes the place of the one
  * before.
  */
 #include <stdlib.h>
@@ -174,7 +174,6 @@ int push_lines_build(struct push *p, struct err *err)
 		.dirfd = p->dataset->dirfd,
 		.id = p->lines.id,
 		.memory = p->lines.have,
-		.stage = p->stage,
 		.lattice = &p->lattice,
 		.strict = p->strict,
 	};
@@ -202,7 +201,7 @@ int push_lines_build(struct push *p, struct err *err)
 	return r;
 }
 
-/* Worker, in the next manifest, which has the other sources. There is room for one more. */
+/* Worker, in the next manifest, which has the other sources and segments. There is room for one more of each. */
 void push_lines_put(struct push *p, struct grid_manifest *m)
 {
 	if (!p->lines.id)
@@ -212,15 +211,7 @@ void push_lines_put(struct push *p, struct grid_manifest *m)
 			m->sources[i].removed = m->generation;
 	if (!p->lines.built)
 		return;
-	m->sources[m->nsources++] = (struct grid_source){
-		.id = p->lines.id,
-		.kind = GRID_LINE_VERTICES,
-		.added = m->generation,
-		.points = p->lines.made.points,
-		.lines = &p->lines.made.lines,
-		.name = "",
-		.path = "",
-	};
+	breaklines_put(&p->lines.made, p->lines.id, m->generation, 0, m);
 }
 
 /* Worker: the commit failed, and the catalogue does not name these files. */

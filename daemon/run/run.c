@@ -154,6 +154,9 @@ void run_close(struct run *w)
 	run_stored_leaves_free(w);
 	run_space_release(w);
 	w->grid = grid_close(w->grid);
+	if (w->reading)
+		dataset_read_end(w->dataset);
+	w->reading = false;
 	forget_system(w);
 	if (w->opened)
 		dataset_close(w->dataset);
@@ -232,6 +235,8 @@ static void open_run(struct sched_task *t)
 	use = (struct grid_use){.no_lines = w->view.no_breaklines, .clear = w->view.breakline_clear};
 	w->r = grid_open_use(w->dataset->dirfd, w->manifest, w->generation, &use, runs->core->p.ledger,
 			     admission_index_share(runs->admission), &w->grid, &w->err);
+	if (w->r == GRID_E_NO_LINE_SET)
+		w->r = RUN_E_NO_LINES;
 	if (w->r)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
@@ -245,7 +250,7 @@ static void open_run(struct sched_task *t)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = run_plan_read(w, &w->err);
-	if (!w->r)
+	if (!w->r && !w->view.metric.k)
 		w->r = run_change_read(w, &w->err);
 	if (!w->r && view_selects(&w->view))
 		w->r = run_select_open(w, &w->err);
@@ -258,6 +263,28 @@ static void name_generation(struct run *w)
 
 	if (w->r == -ERR_NOTFOUND && dataset_check_generation(w->dataset, w->generation, &why))
 		w->err = why;
+}
+
+static void lines_there(struct dataset_lines_wait *wait, const struct err *why)
+{
+	struct run *w = (struct run *)((char *)wait - offsetof(struct run, lines_wait));
+
+	/* Without an error it opens the generation at the next tick. */
+	if (why)
+		run_fail(w, why);
+}
+
+/* The line set of this generation was not kept. It is made again, and the run begins again then. */
+static void ask_for_lines(struct run *w)
+{
+	const struct peer peer = rights_of_user(w->owner.uid, 0);
+	struct err err = ERR_INIT;
+
+	run_close(w);
+	run_set_state(w, RUN_NEW);
+	w->lines_wait.done = lines_there;
+	if (dataset_ask_lines(w->dataset, w->generation, &peer, &w->lines_wait, &err))
+		run_fail(w, &err);
 }
 
 void run_opened(struct run *w)
@@ -275,6 +302,14 @@ void run_opened(struct run *w)
 		run_close(w);
 		run_set_state(w, RUN_NEW);
 		return;
+	}
+	if (w->r == RUN_E_NO_LINES) {
+		ask_for_lines(w);
+		return;
+	}
+	if (grid_reopens(w->grid)) {
+		dataset_read_begin(w->dataset);
+		w->reading = true;
 	}
 	run_set_state(w, w->r == RUN_E_ABSENT ? RUN_UNSELECTED : RUN_OPEN);
 	if (w->state == RUN_OPEN)
@@ -347,6 +382,7 @@ void run_over(struct run *w)
 	assert(!w->domains && !w->tasks && !w->task_busy);
 	run_set_state(w, RUN_OVER);
 	slot_withdraw(w->runs->admission, w->slot);
+	dataset_ask_end(&w->lines_wait);
 	run_close(w);
 	if (w->why.code == ERR_CORRUPT)
 		run_select_discard(w);

@@ -63,7 +63,9 @@ static bool opens(const struct admission_run *r, const struct dataset *d)
 {
 	const struct run *w = run_of(r);
 
-	return w->dataset == d && (w->state == RUN_NEW || w->state == RUN_OPENING);
+	/* A selection opens the line set of its generation once more. */
+	return w->dataset == d &&
+	       (w->state == RUN_NEW || w->state == RUN_OPENING || w->state == RUN_UNSELECTED || w->state == RUN_SELECTING);
 }
 
 static void relieve(struct admission_run *r, bool urgent)

@@ -161,18 +161,38 @@ static bool is_same(const struct record *a, const struct record *b)
 	       (a->payload == b->payload || same_input(a, b));
 }
 
-static void add_removed(struct run_change *c, const struct cut_region *region, const struct record *record)
+/* Regions of mapped points are comparable if they have one origin, which the digests of their domains' names include. */
+static int check_origin(const struct run *w, const struct leaves *old, struct err *err)
+{
+	struct pipe_key key;
+
+	if (!w->grid_view.map.is.k)
+		return 0;
+	pipe_key_init(&key, w->grid, &w->grid_view);
+	for (size_t i = 0; i < old->plan->n; i++) {
+		if (!old->record[i].known || digest_is_zero(old->record[i].base) ||
+		    digest_equal(old->record[i].base, pipe_key_of(&key, &old->plan->leaf[i].region)))
+			continue;
+		err_set(err, ERR_GONE, "the plane of the metric has another origin since generation %llu",
+			(unsigned long long)w->since->generation);
+		return err_add_hint(err, "fetch the whole mesh, without --changed-since");
+	}
+	return 0;
+}
+
+static void add_removed(const struct run *w, struct run_change *c, const struct cut_region *region, const struct record *record)
 {
 	struct run_region *r = &c->region[c->summary.removed++];
 
 	cut_region_box(region, r->box);
+	pipe_region_box(&w->grid_view.map, r->box);
 	r->triangles = record->triangles;
 	r->digest = record->digest;
 	c->summary.removed_triangles += record->triangles;
 	digest_add(&c->removed, record->digest);
 }
 
-static void compare_plans(struct run_change *c, const struct leaves *new, const struct leaves *old)
+static void compare_plans(const struct run *w, struct run_change *c, const struct leaves *new, const struct leaves *old)
 {
 	struct digest id;
 
@@ -183,7 +203,7 @@ static void compare_plans(struct run_change *c, const struct leaves *new, const 
 		if (!was->triangles)
 			continue;
 		if (at == SIZE_MAX || !is_same(was, &new->record[at])) {
-			add_removed(c, &old->plan->leaf[i].region, was);
+			add_removed(w, c, &old->plan->leaf[i].region, was);
 			continue;
 		}
 		c->skip[at] = true;
@@ -223,6 +243,8 @@ static int compare_with(struct run *w, const struct run_base *base, struct err *
 	if (!r && !is_whole(&old, base->digest))
 		r = RUN_E_ABSENT;
 	if (!r)
+		r = check_origin(w, &old, err);
+	if (!r)
 		r = leaves_read(&new, &w->plan, w->runs->core->plansfd, w->since->job, err);
 	if (!r) {
 		c->summary = (struct run_changes){.generation = w->since->generation,
@@ -231,7 +253,7 @@ static int compare_with(struct run *w, const struct run_base *base, struct err *
 						  .old_vertex_digest = base->vertex_digest,
 						  .digest = w->since->digest,
 						  .vertex_digest = w->since->vertex_digest};
-		compare_plans(c, &new, &old);
+		compare_plans(w, c, &new, &old);
 		w->change = c;
 	} else {
 		run_change_free(w, c);

@@ -262,7 +262,7 @@ void run_tick(struct run *w)
 	if (w->state == RUN_NEW) {
 		if (w->stopping)
 			run_over(w);
-		else if (w->has_slot)
+		else if (w->has_slot && !w->lines_wait.of)
 			run_open(w);
 		else
 			run_space_tick(w);

@@ -134,6 +134,9 @@ void run_output_head(struct run *w)
 	head.geoid = w->geoid;
 	head.changes = w->change ? &w->change->summary : NULL;
 	if (grid_box(w->grid, box)) {
+		/* The grid has mapped positions. */
+		if (w->grid_view.map.is.k)
+			memcpy(box, w->select.counts.box, sizeof box);
 		head.box[0] = box[0];
 		head.box[1] = box[1];
 		head.box[2] = INT32_MIN;

@@ -112,9 +112,11 @@ struct run {
 	int r; /* of `task`, with err */
 	struct err err;
 
-	bool opened;       /* the dataset's folder */
-	struct grid *grid; /* of the generation, or of its selection */
-	char *wkt;         /* of the dataset, which a selection does not have; NULL: none */
+	struct dataset_lines_wait lines_wait; /* for the line set of its generation */
+	bool opened;                          /* the dataset's folder */
+	bool reading;                         /* until the end, because the grid opens its segments again (dataset_read_begin) */
+	struct grid *grid;                    /* of the generation, or of its selection */
+	char *wkt;                            /* of the dataset, which a selection does not have; NULL: none */
 	uint64_t wkt_bytes;
 	char geoid[GRID_GEOID];
 	struct run_select {
@@ -332,7 +334,7 @@ void run_event_damaged(const struct run *, unsigned n);                        /
 /* run_select.c */
 /* Opens the selection in place of the generation's grid. RUN_E_ABSENT: there is none. -ERR_BUSY: no memory for the index now, or
  * it was damaged and is removed; begin again later. Worker. */
-enum { RUN_E_ABSENT = 1 };
+enum { RUN_E_ABSENT = 1, RUN_E_NO_LINES };
 int run_select_open(struct run *, struct err *err);
 void run_select_start(struct run *);                 /* makes it, when memory allows and no other run does */
 bool run_selecting(const struct run *);              /* it is made, or will be */

@@ -34,15 +34,23 @@ static int parent_open(struct run *w, int *ret_fd, struct err *err)
 
 /* ---- opening ---- */
 
+static bool end_is_kept(const struct run *w, const int32_t at[2])
+{
+	const struct view_map *map = &w->grid_view.map;
+	int32_t back[2] = {at[0], at[1]};
+
+	if (map->is.k)
+		view_map_back(map, at, back);
+	return view_judge(&w->view, &(struct point){.x = back[0], .y = back[1], .tag = POINT_LINE}) == VIEW_KEPT;
+}
+
 /* A piece of a line is in the mesh if both of its ends are. */
 static int see_piece(void *ctx, const struct lineset_piece *piece, struct err *err)
 {
 	struct run *w = ctx;
-	const struct point end[2] = {{.x = piece->a[0], .y = piece->a[1], .tag = POINT_LINE},
-				     {.x = piece->b[0], .y = piece->b[1], .tag = POINT_LINE}};
 
 	(void)err;
-	w->cropped += view_judge(&w->view, &end[0]) != VIEW_KEPT || view_judge(&w->view, &end[1]) != VIEW_KEPT;
+	w->cropped += !end_is_kept(w, piece->a) || !end_is_kept(w, piece->b);
 	return 0;
 }
 
@@ -73,11 +81,17 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 
 	if (r)
 		return r;
+	if (w->select.counts.mapped != (w->view.metric.k != 0))
+		return err_set(err, ERR_CORRUPT, "a selection is of another metric");
+	w->grid_view = view_rest(&w->view);
+	if (w->select.counts.mapped)
+		view_bind_map(&w->grid_view, w->select.counts.origin);
+	pipe_emitter_map(w->emitter, &w->grid_view);
 	if (lines) {
-		/* The pieces stay in the dataset. */
+		/* The pieces stay in the dataset, unless they are mapped. */
 		grid_source_files(lines, file);
 		use.lines = file[0].name;
-		use.linesfd = w->dataset->dirfd;
+		use.linesfd = w->select.counts.mapped ? dirfd : w->dataset->dirfd;
 	}
 	w->grid = grid_close(w->grid);
 	r = grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, w->runs->core->p.ledger,
@@ -95,7 +109,6 @@ static int open_in(struct run *w, int parent, const char *name, struct err *err)
 	r = selected_open(w, dirfd, &why);
 	io_close(dirfd);
 	if (!r) {
-		w->grid_view = view_rest(&w->view);
 		w->select.open = true;
 		run_space_select_hold(w);
 		return 0;
@@ -109,6 +122,12 @@ static int open_in(struct run *w, int parent, const char *name, struct err *err)
 	return r ? r : err_set(err, ERR_BUSY, "a selection has to be made again");
 }
 
+/* Regions of mapped points can be compared when their origin is known. */
+static int change_mapped(struct run *w, struct err *err)
+{
+	return w->select.counts.mapped ? run_change_read(w, err) : 0;
+}
+
 int run_select_open(struct run *w, struct err *err)
 {
 	char name[DIGEST_HEX_SIZE];
@@ -120,7 +139,7 @@ int run_select_open(struct run *w, struct err *err)
 	w->select.total = grid_points(w->grid);
 	r = open_in(w, parent, digest_hex(w->select.key, name), err);
 	io_close(parent);
-	return r;
+	return r ? r : change_mapped(w, err);
 }
 
 /* ---- making ---- */
@@ -205,6 +224,8 @@ static void select_run(struct sched_task *t)
 			w->r = err_sys(&w->err, ENOENT, "a selection disappeared as soon as it was made");
 	}
 	io_close(parent);
+	if (!w->r)
+		w->r = change_mapped(w, &w->err);
 }
 
 static void select_done(struct sched_task *t)
@@ -224,8 +245,8 @@ static void select_done(struct sched_task *t)
  * fails. */
 static bool selection_memory(struct run *w)
 {
-	uint64_t left = admission_domain_memory(w->runs->admission), least = selection_memory_min(w->grid), bytes = left / 4,
-		 room = admission_user_available(w->runs->admission, &w->owner, &w->admission);
+	uint64_t left = admission_domain_memory(w->runs->admission), least = selection_memory_min(w->grid, &w->view),
+		 bytes = left / 4, room = admission_user_available(w->runs->admission, &w->owner, &w->admission);
 	struct err err = ERR_INIT;
 
 	bytes = bytes > admission_stage_share(w->runs->admission) ? admission_stage_share(w->runs->admission) : bytes;

@@ -15,6 +15,8 @@ struct message_dataset {
 	Acut__V1__Dataset dataset;
 	double min[2], max[2];
 	char pending[160], geoid[GRID_GEOID];
+	struct grid_lines sum;
+	Acut__V1__Lines lines;
 };
 
 /* A sentence about open and interrupted pushes. */
@@ -88,6 +90,24 @@ static void add_system(struct message_dataset *m, const struct grid_manifest *th
 	m->dataset.wkt = (char *)grid_manifest_wkt(then, generation);
 }
 
+static void add_lines(struct message_dataset *m, const struct grid_manifest *then, uint64_t generation)
+{
+	m->sum = (struct grid_lines){.lines = 0};
+	for (size_t i = 0; then && i < then->nsources; i++) {
+		const struct grid_source *s = &then->sources[i];
+
+		if (s->kind != GRID_LINES || !grid_source_live(s, generation))
+			continue;
+		m->dataset.line_files++;
+		for (unsigned k = 0; k < GRID_LINE_KINDS; k++)
+			m->sum.features[k] += s->lines->features[k];
+		m->sum.lines += s->lines->lines;
+		m->sum.vertices += s->lines->vertices;
+	}
+	if (m->dataset.line_files)
+		m->dataset.lines = request_lines(&m->sum, &m->lines);
+}
+
 /* A list of one. */
 static void answer_dataset(struct request *q, struct message_dataset *m)
 {
@@ -105,6 +125,7 @@ void request_dataset_system(struct request *q, const struct dataset *d, const st
 
 	message_dataset(d, &m);
 	add_system(&m, now, m.dataset.generation);
+	add_lines(&m, now, m.dataset.generation);
 	answer_dataset(q, &m);
 }
 
@@ -124,6 +145,7 @@ void request_dataset_state(struct request *q, const struct dataset *d, const str
 		if (then->generations[i].number <= generation && then->generations[i].time_us)
 			m.dataset.pushed_us = then->generations[i].time_us;
 	add_system(&m, then, generation);
+	add_lines(&m, then, generation);
 	answer_dataset(q, &m);
 }
 

@@ -23,7 +23,7 @@ enum space_kind {
 	SPACE_DATASETS, /* segments of named datasets, as the catalogue says */
 	SPACE_REMOVED,  /* of removed datasets that can be restored */
 	SPACE_PENDING,  /* open and interrupted pushes */
-	SPACE_MERGES,   /* segments that a merge or prune is making */
+	SPACE_MERGES,   /* segments that a merge or prune is making, line sets of a revert */
 	SPACE_PLANS,    /* plans of jobs, geoid grids */
 	/* cache */
 	SPACE_DOMAINS,    /* finished domains: derived, evicted */

@@ -166,6 +166,10 @@ static int read_files(struct build *b, struct err *err)
 	for (size_t i = 0; rc == 0 && i < b->p->nfiles; i++) {
 		rc = breakline_read(b->p->dirfd, b->p->file[i], take_vertices, b, err);
 		end_line(b);
+		if (rc == -ERR_CHANGED) {
+			err_add_file(err, b->p->file[i]);
+			err_add_hint(err, "check the disk, and restore the file, or push the lines again");
+		}
 	}
 	return rc;
 }

@@ -386,23 +386,37 @@ static double length_of(const struct constrain_piece *p)
 	return hypot((double)p->b[0] - p->a[0], (double)p->b[1] - p->a[1]);
 }
 
+/* The end of a piece as the lattice has it. */
+static void end_of(const struct constrain_work *w, const int32_t at[2], int32_t ret[2])
+{
+	const struct view_map *map = &w->c->view->map;
+
+	if (map->is.k)
+		view_map_back(map, at, ret);
+	else
+		memcpy(ret, at, sizeof(int32_t[2]));
+}
+
 static int name_longest(struct constrain_work *w, uint64_t points, uint64_t need)
 {
 	const struct lattice lattice = w->c->lattice ? *w->c->lattice : (struct lattice){.scale_xy = {1, 0}};
 	const struct constrain_piece *longest = &w->piece[0];
+	struct constrain_piece end = *longest;
 	char at[4][DECIMAL_TEXT_SIZE];
 
 	for (uint32_t i = 1; i < w->npiece; i++)
 		if (length_of(&w->piece[i]) > length_of(longest))
 			longest = &w->piece[i];
+	end_of(w, longest->a, end.a);
+	end_of(w, longest->b, end.b);
 	for (unsigned k = 0; k < 2; k++) {
-		decimal_scaled_text(lattice.scale_xy, longest->a[k] + lattice.k[k], at[k]);
-		decimal_scaled_text(lattice.scale_xy, longest->b[k] + lattice.k[k], at[2 + k]);
+		decimal_scaled_text(lattice.scale_xy, end.a[k] + lattice.k[k], at[k]);
+		decimal_scaled_text(lattice.scale_xy, end.b[k] + lattice.k[k], at[2 + k]);
 	}
 	err_set(w->err, ERR_LIMIT,
 		"the segment of a line from (%s, %s) to (%s, %s), of length %.6g, does not fit the memory: triangles along it depend on "
 		"more than %" PRIu64 " points",
-		at[0], at[1], at[2], at[3], length_of(longest) * decimal_double(lattice.scale_xy), points);
+		at[0], at[1], at[2], at[3], length_of(&end) * decimal_double(lattice.scale_xy), points);
 	w->err->need = need;
 	return err_add_hint(w->err, "send the lines with --densify LENGTH, so that their segments are shorter");
 }

@@ -28,6 +28,11 @@ void finish_init(struct finish *f, const struct cut_region *region, const int64_
 	tri_result(tri, &f->tri);
 }
 
+void finish_map(struct finish *f, const struct view *view)
+{
+	f->map = view->map.is.k ? &view->map : NULL;
+}
+
 /* USED and OPEN of each vertex. */
 static uint8_t *marks(const struct finish *f)
 {
@@ -55,11 +60,6 @@ static void ghost_count(struct finish *f, const uint32_t corner[3])
 	f->out.nhull += cut_region_owns_hull(f->region, xy[corner[(k + 1) % 3]], xy[corner[(k + 2) % 3]]);
 }
 
-static inline uint64_t place_of(const int32_t xy[2])
-{
-	return digest_place(xy[0], xy[1]);
-}
-
 static bool is_ghost(const uint32_t c[3])
 {
 	return c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
@@ -77,7 +77,7 @@ static inline void pack(struct finish *f, struct packed *p, uint8_t *mark, const
 	for (unsigned k = 0; k < 3; k++) {
 		mark[c[k]] |= USED;
 		p->out[p->n][k] = c[k];
-		p->place[p->batch][k] = place_of(f->tri.xy[c[k]]);
+		p->place[p->batch][k] = finish_place(f, f->tri.xy[c[k]]);
 	}
 	p->n++;
 	if (++p->batch == BATCH) {
@@ -208,12 +208,15 @@ bool finish_vertices(struct finish *f)
 	open_at = f->out.nopen;
 	closed_at = f->out.nvertex;
 	for (uint32_t v = f->tri.nvertex; v-- > 0;) {
-		const int32_t at[3] = {f->tri.xy[v][0], f->tri.xy[v][1], f->tri.z[v]};
+		const int32_t *xy = f->tri.xy[v];
+		int32_t at[3] = {[2] = f->tri.z[v]};
 		uint8_t m = mark[v];
 		uint32_t to;
 
+		finish_position(f, xy, at);
+
 		/* A closed vertex is in the region, because all corners of its Voronoi cell are; unless triangles were chosen. */
-		if ((m != USED || f->chosen) && cut_region_holds(f->region, at[0], at[1]))
+		if ((m != USED || f->chosen) && cut_region_holds(f->region, xy[0], xy[1]))
 			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 		if (!(m & USED))
 			continue;
@@ -301,20 +304,24 @@ static int compare_on_line(const void *a, const void *b)
  * nevertheless, in triangles of other regions. And if it sees only a side of the hull, from afar, it owns edges of the
  * hull.
  */
-void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
+void finish_flat(struct finish *f)
 {
-	int32_t(*xy)[2];
-	struct tri_result t;
+	const struct cut_region *region = f->region;
+	const struct tri_result *t = &f->tri;
+	struct mesh_domain *d = &f->out;
+	int32_t(*xy)[2], at[2];
 
-	tri_result(tri, &t);
-	for (uint32_t i = 0; i < t.nvertex; i++)
-		if (cut_region_holds(region, t.xy[i][0], t.xy[i][1]))
-			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
+	for (uint32_t i = 0; i < t->nvertex; i++) {
+		if (!cut_region_holds(region, t->xy[i][0], t->xy[i][1]))
+			continue;
+		finish_position(f, t->xy[i], at);
+		digest_add_vertex(&d->own_digest, at[0] + f->k[0], at[1] + f->k[1], t->z[i] + f->k[2]);
+	}
 	if (!region->inf)
 		return;
-	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and no longer needed there */
-	qsort(xy, t.nvertex, sizeof *xy, compare_on_line);
-	for (uint32_t i = 1; i < t.nvertex; i++)
+	xy = (int32_t(*)[2])(uintptr_t)t->xy; /* in the arena, and no longer needed there */
+	qsort(xy, t->nvertex, sizeof *xy, compare_on_line);
+	for (uint32_t i = 1; i < t->nvertex; i++)
 		d->nhull +=
 			(uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
 }

@@ -22,7 +22,8 @@ struct grid; /* an open manifest: segments, shared index pages (charged to LEDGE
 
 #define GRID_NEWEST UINT64_MAX /* the newest generation of the manifest */
 /* Charges index_memory and its own tables to the ledger (may be NULL) until grid_close: -ERR_BUSY if they are not free
- * now. Any index_memory works; index pages that do not fit are read again. dirfd is used during the call only. */
+ * now. Any index_memory works; index pages that do not fit are read again. dirfd is used during the call only. At most 129
+ * descriptors are open at a time, however many segments there are. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory, struct grid **ret,
 	      struct err *err);
 /*
@@ -38,7 +39,9 @@ struct grid_use {
 	const char *lines;
 	int linesfd;
 };
-/* grid_open with a use of the lines; NULL: all zero, as by grid_open. */
+/* grid_open with a use of the lines; NULL: all zero, as by grid_open. GRID_E_NO_LINE_SET: a generation before the newest has
+ * lines, and their line set was not kept. */
+enum { GRID_E_NO_LINE_SET = 1 };
 int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const struct grid_use *, struct ledger *,
 		  size_t index_memory, struct grid **ret, struct err *err);
 struct lineset *grid_lines(const struct grid *);       /* NULL: there are none, or they are not used */
@@ -46,6 +49,9 @@ struct digest grid_lines_content(const struct grid *); /* zero: likewise */
 /* The source of the records of line vertices, which has the file (grid_source_files); NULL: likewise. */
 const struct grid_source *grid_lines_source(const struct grid *);
 struct grid *grid_close(struct grid *);
+/* Whether segments are opened again when they are read, so that no file of the generation may be removed before grid_close.
+ * False: all are open, and stay readable when their names go. */
+bool grid_reopens(const struct grid *);
 struct ledger *grid_ledger(const struct grid *); /* the one that it was opened with */
 uint64_t grid_charged(const struct grid *);      /* bytes charged to LEDGER_INDEX */
 const struct grid_manifest *grid_manifest(const struct grid *);
@@ -105,8 +111,8 @@ struct lineset_reader *grid_reader_lines(struct grid_reader *);
  * depend on the segments that the records are in; only the order of a line vertex and of records that are equal but for the mark
  * may. */
 
-/* Visits all cells of all segments whose Morton range meets [lo, hi], in order within each segment. Omits cells whose
- * records are known to be dead without reading them. */
+/* Visits all cells whose Morton range meets [lo, hi], in order within each segment. Omits segments without a record in the range,
+ * and cells whose records are known to be dead, without reading them. */
 int grid_walk(struct grid_reader *, uint64_t lo, uint64_t hi, const struct grid_visitor *, struct err *);
 /* Passes the live records of a cell, sorted, to `sink`, in pieces of at most GRID_CELL_RECORDS. */
 typedef int (*grid_points_fn)(void *ctx, const struct point *pts, size_t n, struct err *err);

@@ -72,7 +72,7 @@ static int open_segment(struct grid *g, int dirfd, uint32_t i, struct err *err)
 		return rc;
 	if (p->height > g->height)
 		g->height = p->height;
-	g->active += !g->live[i].none;
+	grid_files_add(g->files, i);
 	return 0;
 }
 
@@ -97,6 +97,10 @@ static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, siz
 	const struct grid_source *s = use->no_lines ? NULL : grid_manifest_line_vertices(g->manifest, g->generation);
 	struct grid_named file[GRID_SOURCE_FILES];
 
+	if (!s && !use->no_lines && !use->lines && grid_manifest_lacks_line_set(g->manifest, g->generation))
+		return g->generation < g->manifest->generation ?
+			       GRID_E_NO_LINE_SET :
+			       err_set(err, ERR_CORRUPT, "the manifest names lines, and no line set of them");
 	if (!s)
 		return 0;
 	g->line_source = s->id;
@@ -126,8 +130,8 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
 	/* Sorting the sources may double them for a while. */
-	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live) +
-			 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames);
+	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live) + grid_files_bytes(m->nsegments) +
+			 grid_order_bytes(m->nsegments) + 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames);
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset", (unsigned long long)bytes);
@@ -138,18 +142,18 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	return 0;
 }
 
-static int fill_sources(struct grid *g, uint64_t generation, bool no_lines, struct err *err)
+static int fill_sources(struct grid *g, int dirfd, uint64_t generation, bool no_lines, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 
 	g->sources = calloc(m->nsources ? m->nsources : 1, sizeof *g->sources);
 	g->segments = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->segments);
 	g->live = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->live);
-	/* Before the check below: grid_close reads them. */
-	for (size_t i = 0; g->segments && i < m->nsegments; i++)
-		g->segments[i].fd = -1;
 	if (!g->sources || !g->segments || !g->live)
 		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
+	g->files = grid_files_new(dirfd, g->segments, m->nsegments, err);
+	if (!g->files)
+		return -(int)err->code;
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
@@ -208,9 +212,11 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	if (rc == 0)
 		rc = charge(g, index_memory - lines_memory(g, index_memory), &frames, err);
 	if (rc == 0)
-		rc = fill_sources(g, generation, use->no_lines, err);
+		rc = fill_sources(g, dirfd, generation, use->no_lines, err);
 	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
 		rc = open_segment(g, dirfd, i, err);
+	if (rc == 0)
+		rc = grid_order_make(g, err);
 	if (rc == 0 && !(g->cache = grid_cache_new(frames)))
 		rc = err_set(err, ERR_NOMEM, "no memory for %zu pages of the index", frames);
 	if (rc) {
@@ -219,6 +225,11 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	}
 	*ret = g;
 	return 0;
+}
+
+bool grid_reopens(const struct grid *g)
+{
+	return g->manifest->nsegments > GRID_FILES_OPEN;
 }
 
 struct ledger *grid_ledger(const struct grid *g)
@@ -250,8 +261,8 @@ struct grid *grid_close(struct grid *g)
 {
 	if (!g)
 		return NULL;
-	for (size_t i = 0; g->segments && i < g->manifest->nsegments; i++)
-		io_close(g->segments[i].fd);
+	grid_files_free(g->files);
+	grid_order_free(&g->order);
 	grid_cache_free(g->cache);
 	lineset_close(g->lines);
 	if (g->charged && g->ledger)

@@ -27,6 +27,44 @@ struct grid_cache *grid_cache_free(struct grid_cache *);
 bool grid_cache_get(struct grid_cache *, uint32_t segment, uint64_t place, void *page);
 void grid_cache_put(struct grid_cache *, uint32_t segment, uint64_t place, const void *page);
 
+/* ---- the descriptors of segments ---- */
+
+/*
+ * A grid of many segments keeps only some of their files open, and opens the others again when they are read. The others
+ * must not be removed while it is open (grid_reopens).
+ */
+enum { GRID_FILES_OPEN = 128 };
+struct grid_files;
+
+/* dirfd is duplicated. NULL: no memory, or no descriptor (*err is set). */
+struct grid_files *grid_files_new(int dirfd, struct grid_segment *segments, size_t n, struct err *err);
+size_t grid_files_bytes(size_t segments);
+struct grid_files *grid_files_free(struct grid_files *); /* closes them all */
+/* The file of this segment was opened (its fd) and is read no more for now. */
+void grid_files_add(struct grid_files *, uint32_t segment);
+/* A copy of the segment with an open file, until grid_files_give. Thread-safe. */
+int grid_files_take(struct grid_files *, uint32_t segment, struct grid_segment *ret, struct err *err);
+void grid_files_give(struct grid_files *, uint32_t segment, const struct grid_segment *);
+
+/* ---- the order of segments ---- */
+
+/* Those that have live records, by the key where they begin. `end`: a binary tree, in an array, of the greatest key of each
+ * subtree. */
+struct grid_order {
+	uint32_t n, leaves;
+	uint32_t depth; /* so many meet at one key, at most */
+	uint32_t *segment;
+	uint64_t *end;
+};
+
+struct grid;
+size_t grid_order_bytes(size_t segments);
+/* Of g->segments and g->live. -ERR_NOMEM. */
+int grid_order_make(struct grid *, struct err *err);
+void grid_order_free(struct grid_order *);
+/* The first place in the order, from `from` on, of a segment that ends at `lo` or later; n: there is none. */
+uint32_t grid_order_next(const struct grid_order *, uint32_t from, uint64_t lo);
+
 /* ---- an open manifest ---- */
 
 struct grid_live { /* of a segment */
@@ -44,13 +82,15 @@ struct grid {
 	struct grid_manifest *manifest;
 	uint64_t generation;           /* the one that is read */
 	struct grid_segment *segments; /* as the manifest lists them */
+	struct grid_files *files;      /* of the segments */
+	struct grid_order order;
 	struct grid_live *live;        /* of each segment */
 	struct grid_liveness *sources; /* of the manifest, ascending by id */
 	struct lineset *lines;         /* NULL: none */
 	uint32_t line_source;          /* the one of the records of line vertices; 0: none is live */
 	bool marks;                    /* records that lines remove are marked */
 	int64_t clear;
-	uint32_t height, active; /* levels of the highest index; segments with live records */
+	uint32_t height; /* levels of the highest index */
 	struct grid_cache *cache;
 	struct ledger *ledger;
 	uint64_t charged;
@@ -58,14 +98,6 @@ struct grid {
 
 /* Whether the records of this source count in the generation; false if the manifest has no such source. */
 bool grid_live(const struct grid *, uint32_t source);
-
-/* Whether the segment has live records and the keys of its box meet [lo, hi]. */
-static inline bool grid_segment_meets(const struct grid *g, uint32_t segment, uint64_t lo, uint64_t hi)
-{
-	const struct grid_segment *s = &g->segments[segment];
-
-	return s->height && !g->live[segment].none && s->lo <= hi && s->hi >= lo;
-}
 
 /* ---- a reader ---- */
 
@@ -81,10 +113,16 @@ struct grid_cursor { /* position of a grid_scan in one segment */
 	struct grid_cell cell;
 	uint32_t block; /* the next of its blocks; cell.blocks at the end */
 	uint64_t place, check;
-	/* When merging: a copy of the records of a block, and how many were taken. */
+	/* When merging: a copy of records of a block, and how many were merged. */
 	struct point *pts;
 	size_t n, pos;
 	uint64_t key; /* of pts[pos] */
+	/* A block that is larger than the buffer is read several times: the records that were copied, and where it is. */
+	size_t copied;
+	struct {
+		uint32_t block;
+		uint64_t place, check;
+	} again;
 };
 
 struct grid_reader {
@@ -100,11 +138,12 @@ struct grid_reader {
 		bool valid;
 	} held[DISK_LEVELS + GRID_LEAF_PAGES];
 	uint64_t clock;
-	unsigned nleaves, leaf;      /* pages of level 0; the one that was read last */
-	uint8_t *block;              /* DISK_BLOCK_MAX */
-	struct point *piece;         /* GRID_CELL_RECORDS */
-	struct grid_cursor *cursors; /* for the active segments */
-	struct grid_cursor **heap;
+	unsigned nleaves, leaf;       /* pages of level 0; the one that was read last */
+	uint8_t *block;               /* DISK_BLOCK_MAX */
+	struct point *piece;          /* GRID_CELL_RECORDS */
+	struct grid_cursor *cursors;  /* for the segments that meet at one key */
+	struct grid_cursor **heap;    /* all of them; the first ones are in use */
+	size_t room;                  /* of the buffer of a cursor, in records */
 	uint8_t *flags;               /* GRID_CELL_RECORDS: which sources of a block are live */
 	struct lineset_reader *lines; /* NULL: none */
 };

@@ -12,9 +12,24 @@
 
 /* ---- memory ---- */
 
-static uint32_t merge_buffers(const struct grid *g)
+/* Memory for merging, at most: of blocks, and of what very many segments need. */
+enum { MERGE_MEMORY = 4 << 20, MERGE_RECORDS_LEAST = 64 };
+
+/* A scan begins with two segments, if there are two, and goes on with those that meet. */
+static uint32_t cursor_count(const struct grid *g)
 {
-	return g->active > 1 ? g->active : 0; /* a single segment is read without merging */
+	return g->order.depth == 1 && g->order.n > 1 ? 2 : g->order.depth;
+}
+
+/* The buffer of a cursor, in records; 0: a single segment is read without merging. */
+static size_t merge_records(const struct grid *g)
+{
+	uint32_t n = cursor_count(g);
+	size_t room = n > 1 ? MERGE_MEMORY / n / sizeof(struct point) : 0;
+
+	if (room > GRID_CELL_RECORDS)
+		return GRID_CELL_RECORDS;
+	return n > 1 && room < MERGE_RECORDS_LEAST ? MERGE_RECORDS_LEAST : room;
 }
 
 /* Pages of level 0 that a reader keeps: the cells of a region are listed on few pages. */
@@ -38,8 +53,8 @@ size_t grid_reader_bytes(const struct grid *g)
 
 	return ALIGN_LINE + align_line(sizeof(struct grid_reader)) + page_bytes(g) + align_line(DISK_BLOCK_MAX) +
 	       (g->lines ? align_line(lineset_reader_bytes()) : 0) + align_line(GRID_CELL_RECORDS * sizeof(struct point)) +
-	       align_line(GRID_CELL_RECORDS) + (g->active + 1) * each +
-	       merge_buffers(g) * align_line(GRID_CELL_RECORDS * sizeof(struct point));
+	       align_line(GRID_CELL_RECORDS) + (cursor_count(g) + 1) * each +
+	       cursor_count(g) * align_line(merge_records(g) * sizeof(struct point));
 }
 
 int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid_reader **ret, struct err *err)
@@ -50,18 +65,20 @@ int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid
 	if (size < grid_reader_bytes(g))
 		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g), size);
 	r = align_carve(&at, sizeof *r);
-	*r = (struct grid_reader){.grid = g, .nleaves = leaf_pages(g)};
+	*r = (struct grid_reader){.grid = g, .nleaves = leaf_pages(g), .room = merge_records(g)};
 	r->pages = align_carve(&at, page_bytes(g));
 	r->block = align_carve(&at, DISK_BLOCK_MAX);
 	r->piece = align_carve(&at, GRID_CELL_RECORDS * sizeof *r->piece);
 	r->flags = align_carve(&at, GRID_CELL_RECORDS);
-	r->cursors = align_carve(&at, (g->active + 1) * sizeof *r->cursors);
-	r->heap = align_carve(&at, (g->active + 1) * sizeof *r->heap);
+	r->cursors = align_carve(&at, (cursor_count(g) + 1) * sizeof *r->cursors);
+	r->heap = align_carve(&at, (cursor_count(g) + 1) * sizeof *r->heap);
 	if (g->lines)
 		r->lines = lineset_reader_init(align_carve(&at, lineset_reader_bytes()), g->lines);
-	memset(r->cursors, 0, (g->active + 1) * sizeof *r->cursors);
-	for (uint32_t i = 0; i < merge_buffers(g); i++)
-		r->cursors[i].pts = align_carve(&at, GRID_CELL_RECORDS * sizeof(struct point));
+	memset(r->cursors, 0, (cursor_count(g) + 1) * sizeof *r->cursors);
+	for (uint32_t i = 0; i < cursor_count(g); i++) {
+		r->heap[i] = &r->cursors[i];
+		r->cursors[i].pts = align_carve(&at, r->room * sizeof(struct point));
+	}
 	assert(at <= (uint8_t *)memory + size);
 	*ret = r;
 	return 0;
@@ -112,7 +129,7 @@ static struct grid_held_page *find_held(struct grid_reader *r, uint32_t segment,
 
 int grid_page_read(struct grid_reader *r, uint32_t segment, unsigned level, uint64_t place, uint64_t check, struct err *err)
 {
-	const struct grid_segment *p = &r->grid->segments[segment];
+	struct grid_segment p;
 	struct grid_held_page *held = find_held(r, segment, level, place);
 	uint8_t *page = grid_reader_page(r, level);
 
@@ -125,8 +142,12 @@ int grid_page_read(struct grid_reader *r, uint32_t segment, unsigned level, uint
 	if (held->valid)
 		return 0;
 	r->stats.misses++;
-	int rc = grid_segment_page(p, level, place, check, page, err);
+	int rc = grid_files_take(r->grid->files, segment, &p, err);
 
+	if (rc)
+		return rc;
+	rc = grid_segment_page(&p, level, place, check, page, err);
+	grid_files_give(r->grid->files, segment, &p);
 	if (rc)
 		return rc;
 	grid_cache_put(r->grid->cache, segment, place, page);
@@ -178,10 +199,9 @@ void grid_cursor_cell(struct grid_cursor *c, const struct grid_cell *cell)
 }
 
 /* Reads the bytes of the next block: first `want` bytes, then the rest if its head says that it is larger. */
-static int read_block(struct grid_reader *r, struct grid_cursor *c, size_t want, bool whole, struct grid_block *ret,
-		      struct err *err)
+static int read_bytes(struct grid_reader *r, const struct grid_segment *p, const struct grid_cursor *c, size_t want, bool whole,
+		      struct grid_block *ret, struct err *err)
 {
-	const struct grid_segment *p = &r->grid->segments[c->segment];
 	size_t got = p->bytes - c->place < want ? (size_t)(p->bytes - c->place) : want, need;
 	int rc;
 
@@ -203,6 +223,19 @@ static int read_block(struct grid_reader *r, struct grid_cursor *c, size_t want,
 	if (!grid_block_open(r->block, need, c->place, whole, ret))
 		return grid_segment_damaged(p, c->place, "the checksum of a block does not agree", err);
 	return 0;
+}
+
+static int read_block(struct grid_reader *r, const struct grid_cursor *c, size_t want, bool whole, struct grid_block *ret,
+		      struct err *err)
+{
+	struct grid_segment p;
+	int rc = grid_files_take(r->grid->files, c->segment, &p, err);
+
+	if (rc)
+		return rc;
+	rc = read_bytes(r, &p, c, want, whole, ret, err);
+	grid_files_give(r->grid->files, c->segment, &p);
+	return rc;
 }
 
 /* Advances past a block. After the last one the sum of their checksums must be the one in the index. */

@@ -1,8 +1,10 @@
 /*
  * Scans: the live records of a Morton range over all segments in point order (grid.h). The cells of a segment are
  * fetched in batches, each by a new descent, so a scan holds no pages. If only one segment has cells in the range, its
- * blocks go to the sink as they were read. Otherwise blocks are copied to one buffer for each segment and merged; more
- * than two segments are merged with a heap.
+ * blocks go to the sink as they were read. Otherwise blocks are copied to one buffer for each segment and merged.
+ *
+ * More than two segments are merged with a heap. A segment comes onto it when the merge is at the key where the segment begins,
+ * and leaves it when its records are merged, so there are never more of them than meet at one key (grid_order.depth).
  */
 #include <string.h>
 
@@ -16,6 +18,10 @@ struct scan {
 	void *ctx;
 	size_t npiece; /* records in r->piece */
 	size_t nheap;
+	/* The next segment: whether there is one, its place in the order, and the first key that it may have in the range. */
+	bool more;
+	uint32_t next;
+	uint64_t begins;
 };
 
 /* ---- cells of a segment in order ---- */
@@ -77,9 +83,14 @@ static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_
 	*ret_n = 0;
 	while (rc == 0 && !*ret_n) {
 		if (c->block < c->cell.blocks) {
+			c->again.block = c->block;
+			c->again.place = c->place;
+			c->again.check = c->check;
 			rc = grid_cursor_block(s->r, c, ret_pts, ret_n, err);
 			if (rc == 0 && (c->cell.lo < s->lo || c->cell.hi > s->hi))
 				grid_trim(ret_pts, ret_n, s->lo, s->hi);
+			*ret_pts += c->copied;
+			*ret_n -= c->copied;
 			if (rc == 0)
 				rc = grid_mark(s->r, c->cell.box, *ret_pts, *ret_n, err);
 		} else if (c->at < c->nbatch) {
@@ -117,6 +128,7 @@ static int scan_one(struct scan *s, struct grid_cursor *c, struct err *err)
 
 /* ---- several ---- */
 
+/* Fills the buffer of the cursor with its next records. n is 0 at the end. */
 static int load(struct scan *s, struct grid_cursor *c, struct err *err)
 {
 	struct point *pts;
@@ -124,6 +136,15 @@ static int load(struct scan *s, struct grid_cursor *c, struct err *err)
 
 	if (rc || !c->n)
 		return rc;
+	if (c->n > s->r->room) {
+		c->n = s->r->room;
+		c->copied += c->n;
+		c->block = c->again.block;
+		c->place = c->again.place;
+		c->check = c->again.check;
+	} else {
+		c->copied = 0;
+	}
 	memcpy(c->pts, pts, c->n * sizeof *pts);
 	c->pos = 0;
 	c->key = point_morton(c->pts->x, c->pts->y);
@@ -159,13 +180,32 @@ static int flush(struct scan *s, struct err *err)
 	return n ? s->sink(s->ctx, s->r->piece, n, err) : 0;
 }
 
-/* Copies records of the heap's first cursor to the piece while they come before those of all others. */
+/* Passes the rest of c's buffer straight to the sink. */
+static int pass_block(struct scan *s, struct grid_cursor *c, struct err *err)
+{
+	int rc = flush(s, err);
+
+	if (rc == 0)
+		rc = s->sink(s->ctx, c->pts + c->pos, c->n - c->pos, err);
+	c->pos = c->n;
+	return rc;
+}
+
+/* Merges records of the heap's first cursor while they come before those of all others. */
 static int take_first(struct scan *s, struct err *err)
 {
 	struct grid_cursor **heap = s->r->heap, *c = heap[0], *next = s->nheap > 1 ? heap[1] : NULL;
+	const struct point *last = &c->pts[c->n - 1];
+	uint64_t end = point_morton(last->x, last->y);
 
 	if (s->nheap > 2 && before(heap[2], heap[1]))
 		next = heap[2];
+	/* The piece would be small otherwise, as would what is passed. */
+	if (c->n - c->pos >= GRID_CELL_RECORDS / 16 && (!next || end < next->key) && (!s->more || end < s->begins)) {
+		int rc = pass_block(s, c, err);
+
+		return rc ? rc : load(s, c, err);
+	}
 	do {
 		if (s->npiece == GRID_CELL_RECORDS) {
 			int rc = flush(s, err);
@@ -177,7 +217,70 @@ static int take_first(struct scan *s, struct err *err)
 		if (c->pos == c->n)
 			return load(s, c, err);
 		c->key = point_morton(c->pts[c->pos].x, c->pts[c->pos].y);
-	} while (!next || !before(next, c));
+	} while ((!next || !before(next, c)) && !(s->more && c->key >= s->begins));
+	return 0;
+}
+
+/* Moves the last cursor of the heap to its place. */
+static void rise(struct scan *s)
+{
+	struct grid_cursor **heap = s->r->heap, *c = heap[s->nheap - 1];
+	size_t i = s->nheap - 1;
+
+	for (; i && before(c, heap[(i - 1) / 2]); i = (i - 1) / 2)
+		heap[i] = heap[(i - 1) / 2];
+	heap[i] = c;
+}
+
+/* Goes to the next segment that meets the range. */
+static void look_ahead(struct scan *s)
+{
+	const struct grid *g = s->r->grid;
+	const struct grid_segment *p;
+
+	s->next = grid_order_next(&g->order, s->next, s->lo);
+	s->more = s->next < g->order.n;
+	if (!s->more)
+		return;
+	p = &g->segments[g->order.segment[s->next]];
+	s->more = p->lo <= s->hi;
+	s->begins = p->lo > s->lo ? p->lo : s->lo;
+}
+
+/* Begins to read the next segment. Its cursor is in use if it has cells in the range. */
+static int begin_next(struct scan *s, struct err *err)
+{
+	struct grid_cursor *c = s->r->heap[s->nheap];
+	struct point *buffer = c->pts;
+	int rc;
+
+	*c = (struct grid_cursor){.segment = s->r->grid->order.segment[s->next], .from = s->lo, .pts = buffer};
+	rc = next_batch(s->r, c, s->hi, err);
+	if (rc)
+		return rc;
+	s->nheap += c->nbatch > 0;
+	s->next++;
+	look_ahead(s);
+	return 0;
+}
+
+/* Reads the first records of the first `n` cursors, and puts those that have some onto the heap. */
+static int load_first(struct scan *s, size_t n, struct err *err)
+{
+	struct grid_cursor **heap = s->r->heap;
+
+	for (size_t i = 0; i < n; i++) {
+		struct grid_cursor *c = heap[i];
+		int rc = load(s, c, err);
+
+		if (rc)
+			return rc;
+		if (!c->n)
+			continue;
+		heap[i] = heap[s->nheap];
+		heap[s->nheap++] = c;
+		rise(s);
+	}
 	return 0;
 }
 
@@ -185,18 +288,35 @@ static int scan_many(struct scan *s, struct err *err)
 {
 	struct grid_cursor **heap = s->r->heap;
 
-	for (size_t i = s->nheap / 2; i-- > 0;)
-		sift(s, i);
-	while (s->nheap) {
+	for (;;) {
+		while (s->more && (!s->nheap || s->begins <= heap[0]->key)) {
+			size_t n = s->nheap;
+			int rc = begin_next(s, err);
+
+			if (rc == 0 && s->nheap > n) {
+				rc = load(s, heap[n], err);
+				s->nheap -= !heap[n]->n;
+			}
+			if (rc)
+				return rc;
+			if (s->nheap > n)
+				rise(s);
+		}
+		if (!s->nheap)
+			return flush(s, err);
+
+		struct grid_cursor *c = heap[0];
 		int rc = take_first(s, err);
 
 		if (rc)
 			return rc;
-		if (!heap[0]->n)
+		if (!c->n) {
 			heap[0] = heap[--s->nheap];
-		sift(s, 0);
+			heap[s->nheap] = c;
+		}
+		if (s->nheap)
+			sift(s, 0);
 	}
-	return flush(s, err);
 }
 
 /* Point order without computing the keys: the coordinate that differs in a higher bit decides; x if it is the same
@@ -211,17 +331,6 @@ static inline bool point_before(const struct point *a, const struct point *b)
 		return point_compare(a, b) < 0;
 	/* Without a branch: in mixed input it would be mispredicted half of the time. */
 	return (by_y & (a->y < b->y)) | (!by_y & (a->x < b->x));
-}
-
-/* Passes the rest of c's block straight to the sink. */
-static int pass_block(struct scan *s, struct grid_cursor *c, struct err *err)
-{
-	int rc = flush(s, err);
-
-	if (rc == 0)
-		rc = s->sink(s->ctx, c->pts + c->pos, c->n - c->pos, err);
-	c->pos = c->n;
-	return rc;
 }
 
 /* Merges two blocks into the piece, until a block or the piece ends. */
@@ -269,54 +378,28 @@ static int scan_two(struct scan *s, struct err *err)
 	return rc ? rc : scan_one(s, a, err);
 }
 
-/* Puts the segments with cells in the range on the heap and reads their first batch. */
-static int open_cursors(struct scan *s, struct err *err)
-{
-	const struct grid *g = s->r->grid;
-	uint32_t used = 0;
-
-	for (uint32_t i = 0; i < g->manifest->nsegments; i++) {
-		struct grid_cursor *c = &s->r->cursors[used];
-		struct point *buffer = c->pts;
-
-		if (!grid_segment_meets(g, i, s->lo, s->hi))
-			continue;
-		*c = (struct grid_cursor){.segment = i, .from = s->lo, .pts = buffer};
-		int rc = next_batch(s->r, c, s->hi, err);
-
-		if (rc)
-			return rc;
-		if (c->nbatch) {
-			s->r->heap[s->nheap++] = c;
-			used++;
-		}
-	}
-	return 0;
-}
-
 int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn sink, void *ctx, struct err *err)
 {
 	struct scan s = {.r = r, .lo = lo, .hi = hi, .sink = sink, .ctx = ctx};
-	size_t kept = 0;
-	int rc;
+	size_t n;
+	int rc = 0;
 
 	if (r->walking)
 		return err_set(err, ERR_INTERNAL, "a reader was used for a scan inside a walk or scan");
 	if (lo > hi)
 		return 0;
 	r->walking = true;
-	rc = open_cursors(&s, err);
-	if (rc == 0 && s.nheap == 1) {
+	look_ahead(&s);
+	while (rc == 0 && s.more && s.nheap < 2)
+		rc = begin_next(&s, err);
+	n = s.nheap;
+	if (rc == 0 && n == 1)
 		rc = scan_one(&s, r->heap[0], err);
-	} else if (rc == 0 && s.nheap > 1) {
-		for (size_t i = 0; rc == 0 && i < s.nheap; i++) {
-			rc = load(&s, r->heap[i], err);
-			if (r->heap[i]->n)
-				r->heap[kept++] = r->heap[i];
-		}
-		s.nheap = kept;
+	else if (rc == 0 && n == 2) {
+		s.nheap = 0;
+		rc = load_first(&s, n, err);
 		if (rc == 0)
-			rc = s.nheap == 2 ? scan_two(&s, err) : scan_many(&s, err);
+			rc = s.nheap == 2 && !s.more ? scan_two(&s, err) : scan_many(&s, err);
 	}
 	r->walking = false;
 	return rc;

@@ -12,7 +12,7 @@ struct descent {
 	uint32_t segment;
 	uint64_t lo, hi;
 	void *ctx;
-	bool (*enter)(const struct descent *); /* whether to visit `segment` */
+	bool (*enter)(const struct descent *); /* whether to visit `segment`; NULL: always */
 	/* Whether to descend into a subtree that meets [lo, hi]. */
 	bool (*inner)(struct descent *, const struct disk_inner *);
 	int (*cell)(struct descent *, const struct grid_cell *, const struct disk_leaf *, struct err *err);
@@ -63,7 +63,7 @@ static int descend_page(struct descent *d, unsigned level, uint64_t place, uint6
 	return rc;
 }
 
-/* Descends into all segments that have live records. */
+/* Descends into the segments that have live records with keys in the range. */
 static int descend(struct descent *d, struct err *err)
 {
 	const struct grid *g = d->r->grid;
@@ -72,21 +72,21 @@ static int descend(struct descent *d, struct err *err)
 	if (d->r->walking)
 		return err_set(err, ERR_INTERNAL, "a reader was used for a second walk inside a walk");
 	d->r->walking = true;
-	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++) {
-		const struct grid_segment *p = &g->segments[i];
+	for (uint32_t i = 0; rc == 0 && d->lo <= d->hi; i++) {
+		const struct grid_segment *p;
 
-		d->segment = i;
-		if (!g->live[i].none && p->height && d->lo <= d->hi && d->enter(d))
+		i = grid_order_next(&g->order, i, d->lo);
+		if (i == g->order.n)
+			break;
+		d->segment = g->order.segment[i];
+		p = &g->segments[d->segment];
+		if (p->lo > d->hi)
+			break;
+		if (!d->enter || d->enter(d))
 			rc = descend_page(d, p->height - 1, p->root, p->root_check, err);
 	}
 	d->r->walking = false;
 	return rc;
-}
-
-/* For queries about records rather than cells: skips segments without a record in the range. */
-static bool meets_range(const struct descent *d)
-{
-	return grid_segment_meets(d->r->grid, d->segment, d->lo, d->hi);
 }
 
 static bool inside(const struct descent *d, uint64_t lo, uint64_t hi)
@@ -186,8 +186,7 @@ static int count_cell(struct descent *d, const struct grid_cell *cell, const str
 int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
 {
 	struct count c = {.exact = true};
-	struct descent d = {
-		.r = r, .lo = lo, .hi = hi, .ctx = &c, .enter = meets_range, .inner = count_inner, .cell = count_cell};
+	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .inner = count_inner, .cell = count_cell};
 	int rc = descend(&d, err);
 
 	if (rc)

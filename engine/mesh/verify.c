@@ -19,9 +19,10 @@ enum { SHORT_LIST = 24 };
 struct check {
 	const struct verify_mesh *mesh;
 	struct verify_report *report;
-	uint32_t *first; /* nvertex + 1: the start, in `edge`, of the half-edges that leave a vertex */
-	uint32_t *edge;  /* half-edges by the vertex they leave, then by the one they reach */
-	uint32_t *rim;   /* boundary half-edges, in no order */
+	uint32_t *first;      /* nvertex + 1: the start, in `edge`, of the half-edges that leave a vertex */
+	uint32_t *edge;       /* half-edges by the vertex they leave, then by the one they reach */
+	uint32_t *rim;        /* boundary half-edges, in no order */
+	int32_t (*mapped)[2]; /* vertices, if there is a metric, or else NULL */
 	size_t nrim;
 	uint32_t wrong, tie, half_piece; /* the first faulty inner edges, or NO_EDGE; reported after the shape was checked */
 };
@@ -59,6 +60,34 @@ static inline uint32_t apex(const struct check *c, uint32_t h)
 static inline const int32_t *xy(const struct check *c, uint32_t v)
 {
 	return c->mesh->vertex[v];
+}
+
+static const int32_t *circle_xy(const struct check *c, uint32_t v)
+{
+	return c->mapped ? c->mapped[v] : c->mesh->vertex[v];
+}
+
+/* Orientation and the hull are those of the vertices; circles and the tie rule those of the mapped ones. */
+static int map_vertices(struct check *c, struct err *err)
+{
+	const struct verify_mesh *m = c->mesh;
+	int64_t low[2] = {INT64_MAX, INT64_MAX}, high[2] = {INT64_MIN, INT64_MIN};
+
+	for (int turn = 0; turn < 2; turn++)
+		for (size_t v = 0; v < m->nvertex; v++) {
+			int64_t x = m->vertex[v][0], y = m->vertex[v][1];
+			const int64_t at[2] = {m->p * x + m->q * y, m->k * (m->p * y - m->q * x)};
+
+			for (int i = 0; i < 2; i++) {
+				low[i] = at[i] < low[i] ? at[i] : low[i];
+				high[i] = at[i] > high[i] ? at[i] : high[i];
+				if (turn)
+					c->mapped[v][i] = (int32_t)(at[i] - low[i] + INT32_MIN);
+			}
+			if (high[0] - low[0] > UINT32_MAX || high[1] - low[1] > UINT32_MAX)
+				return err_set(err, ERR_LIMIT, "the metric maps the vertices to more than 32 bits");
+		}
+	return 0;
 }
 
 static void check_triangles(struct check *c)
@@ -242,7 +271,8 @@ static void check_edges(struct check *c)
 		c->report->inner++;
 		if (is_piece(c, h) && is_piece(c, o))
 			continue;
-		const int32_t *a = xy(c, from(c, h)), *b = xy(c, to(c, h)), *l = xy(c, apex(c, h)), *r = xy(c, apex(c, o));
+		const int32_t *a = circle_xy(c, from(c, h)), *b = circle_xy(c, to(c, h));
+		const int32_t *l = circle_xy(c, apex(c, h)), *r = circle_xy(c, apex(c, o));
 		int side = in_circle(a, b, l, r);
 
 		if (side > 0 && c->wrong == NO_EDGE)
@@ -393,8 +423,11 @@ int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct e
 	c.first = malloc((m->nvertex + 1) * sizeof *c.first);
 	c.edge = malloc(3 * m->ntriangle * sizeof *c.edge);
 	c.rim = malloc(3 * m->ntriangle * sizeof *c.rim);
-	if (c.first && c.edge && c.rim) {
-		check_all(&c);
+	if (m->k)
+		c.mapped = malloc(m->nvertex * sizeof *c.mapped);
+	if (c.first && c.edge && c.rim && (c.mapped || !m->k)) {
+		if (!m->k || !map_vertices(&c, err))
+			check_all(&c);
 		*ret = r;
 	} else {
 		err_set(err, ERR_NOMEM, "no memory to verify %zu triangles", m->ntriangle);
@@ -402,6 +435,7 @@ int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct e
 	free(c.first);
 	free(c.edge);
 	free(c.rim);
+	free(c.mapped);
 	return -(int)err->code;
 }
 

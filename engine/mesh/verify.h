@@ -56,6 +56,8 @@ struct verify_mesh {
 	size_t nvertex, ntriangle;
 	bool trimmed;         /* triangles of a mesh that were left out, or other vertices, are no fault */
 	const uint8_t *edges; /* a byte a triangle, bit k: the side across from corner k is a piece of a line; NULL: none is */
+	/* k > 0: circles and ties are those of the positions p x + q y, k (p y - q x); each within 2^14 */
+	int64_t p, q, k;
 };
 
 struct verify_report {
@@ -73,8 +75,8 @@ struct verify_report {
 	uint64_t absent;    /* of these: no vertices of a trimmed mesh, or of one with lines */
 };
 
-/* 0 and the report, or -ERR_NOMEM. A mesh without triangles is good if all vertices are collinear; verify_points then
- * checks that they are the points. */
+/* 0 and the report, or -ERR_NOMEM; -ERR_LIMIT: mapped positions reach over more than 32 bits, or there are too many triangles. A
+ * mesh without triangles is good if all vertices are collinear; verify_points then checks that they are the points. */
 int verify_mesh(const struct verify_mesh *, struct verify_report *ret, struct err *err);
 
 /* Compares vertices and points (those that the view takes) in both directions; duplicates are reduced as the view says.

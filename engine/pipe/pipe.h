@@ -286,12 +286,17 @@ struct pipe_totals {
 	struct mesh_counts counts;
 	struct digest digest, vertex_digest;
 	int32_t box[6];    /* of the vertices: min x y z, max x y z */
-	double most_at[2]; /* position of counts.most, in coordinates; only if it has points */
+	double most_at[2]; /* position of counts.most (mapped, if the view has a map), in coordinates; only if it has points */
 };
 
 /* `memory`: bytes for the table of open vertices (the caller charges them). If they do not suffice, the table spills
  * into an unlinked file in `tempdirfd`. */
 int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret, struct err *err);
+/* For a view with a map (view_bind_map), before the first domain: the regions are of the mapped plane. Blocks have them without
+ * the origin, in doubled numbers P x + Q y and K (P y - Q x); the lattice stays that of the positions. */
+void pipe_emitter_map(struct pipe_emitter *, const struct view *);
+/* The same for the box of a region (cut_region_box). */
+void pipe_region_box(const struct view_map *, int64_t box[4]);
 /* Emits the next domain of the plan. Calls sink->block once, but not for a domain without vertices. `sink` may be NULL:
  * the domain is only counted and digested; that is required for a `light` domain of pipe_reuse, whose `triangle` is
  * NULL. The arrays of the block are those of the domain, renumbered in place; they stay valid as long as the domain's

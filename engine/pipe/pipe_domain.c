@@ -160,12 +160,14 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (r)
 		return r;
 	if (load.flat) {
-		*ret = pipe_flat_domain(&load, k);
+		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
 	f.out.counts = kernel.counts;
+	finish_map(&f, view);
 	if (kernel.flat) {
-		finish_flat(kernel.tri, region, k, &f.out);
+		finish_init(&f, region, k, kernel.tri);
+		finish_flat(&f);
 		*ret = f.out;
 		return 0;
 	}

@@ -24,6 +24,7 @@
 
 struct pipe_emitter {
 	struct lattice lattice;
+	struct view_map map; /* is.k 0: positions are not mapped */
 	struct pipe_table *table;
 	struct pipe_totals totals;
 	uint64_t domains, blocks, hull; /* edges of the hull, counted by the domains */
@@ -59,6 +60,25 @@ struct pipe_emitter *pipe_emitter_free(struct pipe_emitter *e)
 uint64_t pipe_emitter_spilled(const struct pipe_emitter *e)
 {
 	return pipe_table_spilled_pages(e->table) * PIPE_TABLE_PAGE;
+}
+
+void pipe_emitter_map(struct pipe_emitter *e, const struct view *view)
+{
+	e->map = view->map;
+}
+
+void pipe_region_box(const struct view_map *map, int64_t box[4])
+{
+	for (unsigned i = 0; i < 4 && map->is.k; i++)
+		if (box[i] != INT64_MIN && box[i] != INT64_MAX)
+			box[i] += 2 * map->from[i & 1];
+}
+
+/* The region as a block has it. */
+static void block_box(const struct pipe_emitter *e, const struct cut_region *region, int64_t box[4])
+{
+	cut_region_box(region, box);
+	pipe_region_box(&e->map, box);
 }
 
 static void counts_add(struct mesh_counts *sum, const struct mesh_counts *c)
@@ -230,9 +250,10 @@ static void number_block(struct mesh_domain *d, uint32_t nforeign)
 void pipe_emitter_sums(struct pipe_emitter *e, bool sums)
 {
 	const struct lattice lattice = e->lattice;
+	const struct view_map map = e->map;
 	struct pipe_table *table = e->table;
 
-	*e = (struct pipe_emitter){.lattice = lattice, .table = table, .sums = sums};
+	*e = (struct pipe_emitter){.lattice = lattice, .map = map, .table = table, .sums = sums};
 }
 
 static int emit_sums(struct pipe_emitter *e, const struct mesh_domain *d, const struct mesh_sink *sink, struct err *err)
@@ -279,7 +300,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	e->blocks++;
 	if (!sink)
 		return 0;
-	cut_region_box(region, block.box);
+	block_box(e, region, block.box);
 	block.foreign = (const uint64_t *)d->link;
 	block.vertex = d->vertex + nforeign;
 	block.triangle = (const uint32_t(*)[3])d->triangle;
@@ -314,11 +335,14 @@ static void find_most(struct pipe_emitter *e)
 {
 	const struct mesh_most *most = &e->totals.counts.most;
 	const struct lattice *l = &e->lattice;
+	int32_t at[2] = {most->x, most->y};
 
 	if (!most->points)
 		return;
-	e->totals.most_at[0] = coordinate(l->scale_xy, most->x + l->k[0]);
-	e->totals.most_at[1] = coordinate(l->scale_xy, most->y + l->k[1]);
+	if (e->map.is.k)
+		view_map_back(&e->map, (const int32_t[2]){most->x, most->y}, at);
+	e->totals.most_at[0] = coordinate(l->scale_xy, at[0] + l->k[0]);
+	e->totals.most_at[1] = coordinate(l->scale_xy, at[1] + l->k[1]);
 }
 
 int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct err *err)

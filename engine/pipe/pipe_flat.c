@@ -75,7 +75,7 @@ static void add_vertex(struct mesh_domain *d, const struct mesh_vertex *v, const
 	digest_add_vertex(&d->closed_digest, v->x + k[0], v->y + k[1], v->z + k[2]);
 }
 
-struct mesh_domain pipe_flat_domain(const struct cut_load *load, const int64_t k[3])
+struct mesh_domain pipe_flat_domain(const struct cut_load *load, const struct view *view, const int64_t k[3])
 {
 	uint8_t *end = (uint8_t *)load->out + align_line(load->own * sizeof *load->out);
 	struct mesh_domain d = {
@@ -88,8 +88,19 @@ struct mesh_domain pipe_flat_domain(const struct cut_load *load, const int64_t k
 		.box = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN},
 	};
 
-	for (uint32_t i = 0; i < load->own; i++)
-		add_vertex(&d, &load->out[i], k);
+	for (uint32_t i = 0; i < load->own; i++) {
+		struct mesh_vertex *v = &load->out[i];
+
+		if (view->map.is.k) {
+			const int32_t at[2] = {v->x, v->y};
+			int32_t back[2];
+
+			view_map_back(&view->map, at, back);
+			v->x = back[0];
+			v->y = back[1];
+		}
+		add_vertex(&d, v, k);
+	}
 	d.own_digest = d.closed_digest;
 	return d;
 }

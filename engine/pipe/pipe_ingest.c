@@ -107,8 +107,11 @@ static int ingest_batches(struct input *input, const struct conversion *w, const
 		if (r) {
 			char field[64];
 
-			snprintf(field, sizeof field, "point %llu",
-				 (unsigned long long)(p->before + info->first_point + in->points + bad));
+			if (lines)
+				snprintf(field, sizeof field, "feature %u", b->vertex[bad].feature);
+			else
+				snprintf(field, sizeof field, "point %llu",
+					 (unsigned long long)(p->before + info->first_point + in->points + bad));
 			return err_add_place(err, ERR_NO_OFFSET, field);
 		}
 		r = stage_batch(p, lines, b, pts.n, err);

@@ -46,7 +46,7 @@ int pipe_constrain(const struct grid *grid, const struct view *view, const struc
 /* Whether the view has fewer than three positions, or all are collinear; *ret_counts is then of all points, else of
  * those up to the first that is not collinear. And the domain of a loaded `flat` leaf: its vertices (pipe_flat.c). */
 int pipe_flat_scan(struct grid_reader *, const struct view *, bool *ret, struct mesh_counts *ret_counts, struct err *err);
-struct mesh_domain pipe_flat_domain(const struct cut_load *, const int64_t k[3]);
+struct mesh_domain pipe_flat_domain(const struct cut_load *, const struct view *, const int64_t k[3]);
 /* What pipe_reuse has found before it reads the rest, by `light` and `sums`. */
 struct pipe_found {
 	struct store_id id;

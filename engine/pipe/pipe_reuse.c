@@ -48,6 +48,9 @@ void pipe_key_init(struct pipe_key *key, const struct grid *grid, const struct v
 	key->content = grid_content(grid);
 	key->part[0] = digest_hash(lattice, strlen(lattice));
 	key->part[1] = view_hash(view);
+	/* The origin decides what the numbers of regions and positions mean. */
+	if (view->map.is.k)
+		digest_add(&key->part[1], digest_hash(view->map.from, sizeof view->map.from));
 }
 
 static struct digest key_of(const struct digest parts[3], const struct cut_region *region)
@@ -170,16 +173,23 @@ static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 }
 
 /* What a domain without pieces depends on: that none comes to its triangles. */
-static void lines_of(const struct mesh_domain *d, struct cut_trace *t)
+static void lines_of(const struct mesh_domain *d, const struct view_map *map, struct cut_trace *t)
 {
-	const int32_t box[4] = {d->box[0], d->box[1], d->box[3], d->box[4]};
+	const int64_t box[4] = {d->box[0], d->box[1], d->box[3], d->box[4]};
+	int64_t mapped[4];
 
-	if (d->nvertex)
-		memcpy(t->lines.box, box, sizeof box);
+	if (!d->nvertex)
+		return;
+	memcpy(mapped, box, sizeof mapped);
+	if (map->is.k)
+		view_map_box(map, box, mapped);
+	for (unsigned i = 0; i < 4; i++)
+		t->lines.box[i] = (int32_t)(mapped[i] < INT32_MIN ? INT32_MIN : mapped[i] > INT32_MAX ? INT32_MAX : mapped[i]);
 }
 
 /* False: it is not a proof for that region. `trace` is initialized. */
-static bool proof_unpack(const struct store_front *f, const struct cut_region *region, struct cut_trace *t)
+static bool proof_unpack(const struct store_front *f, const struct view_map *map, const struct cut_region *region,
+			 struct cut_trace *t)
 {
 	const struct store_beside *b = &f->beside;
 	struct cursor c = cursor_of(b->proof, b->proof_size);
@@ -215,7 +225,7 @@ static bool proof_unpack(const struct store_front *f, const struct cut_region *r
 	if (b->proof_size != size)
 		lines_unpack(&c, t);
 	else
-		lines_of(&f->domain, t);
+		lines_of(&f->domain, map, t);
 	return !c.bad && cut_trace_fits(t, region);
 }
 
@@ -313,7 +323,7 @@ static int check_version(const struct pipe_reuse_params *p, const struct pipe_fo
 	int r;
 
 	cut_trace_init(trace, (struct pipe_trace *)p->memory + 1);
-	if (!proof_unpack(&f->front, p->region, trace))
+	if (!proof_unpack(&f->front, &p->view->map, p->region, trace))
 		return same ? 0 : PIPE_E_ABSENT;
 	if (trace->lines.cap > p->cap)
 		return PIPE_E_ABSENT;
@@ -472,7 +482,7 @@ static bool read_trace(const struct pipe_reuse_params *p, struct cut_trace **ret
 	if (!last_version(p, &id) || store_proof(p->storefd, &id, front_of(p), front_room(p), &front, &err))
 		return false;
 	cut_trace_init(&trace->trace, trace + 1);
-	return proof_unpack(&front, p->region, &trace->trace);
+	return proof_unpack(&front, &p->view->map, p->region, &trace->trace);
 }
 
 bool pipe_before(const struct pipe_reuse_params *p, struct pipe_before *ret)

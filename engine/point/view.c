@@ -38,6 +38,11 @@ void view_bind(struct view *v, const struct lattice *lattice)
 	memcpy(v->k, lattice->k, sizeof v->k);
 }
 
+void view_bind_map(struct view *v, const int64_t from[2])
+{
+	view_map_init(&v->map, v->metric, from);
+}
+
 struct view view_normal(const struct view *v)
 {
 	struct view w = *v;
@@ -61,6 +66,7 @@ struct view view_normal(const struct view *v)
 		w.every = 0;
 	if (!w.thin.cell)
 		w.thin.pick = VIEW_PICK_LOWEST;
+	w.metric = view_metric_normal(w.metric);
 	return w;
 }
 
@@ -107,7 +113,7 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "the box of --bbox is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
 	}
-	return 0;
+	return view_metric_check(v->metric, err);
 }
 
 static bool has_class(const struct view *v, const struct point *p)
@@ -183,7 +189,7 @@ bool view_by_kind(const struct view *v)
 
 bool view_selects(const struct view *v)
 {
-	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell;
+	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell || v->metric.k > 1;
 }
 
 bool view_rule_selects(enum view_rule rule)
@@ -197,6 +203,7 @@ struct view view_rest(const struct view *v)
 
 	rest.keep_withheld = rest.keep_noise = true;
 	rest.duplicates = normal.duplicates;
+	rest.metric = normal.metric;
 	memcpy(rest.k, v->k, sizeof rest.k);
 	rest.window = v->window;
 	memcpy(rest.window_box, v->window_box, sizeof rest.window_box);

@@ -16,6 +16,7 @@
 #include "area_code.h"
 #include "digest.h"
 #include "point.h"
+#include "view_metric.h"
 
 struct err;
 struct lattice;
@@ -78,7 +79,9 @@ struct view {
 	uint8_t window;
 	int64_t window_box[4];
 	struct view_area *window_area;
-	int64_t k[3]; /* set by view_bind; not part of the text */
+	struct view_metric metric;
+	int64_t k[3];        /* set by view_bind; not part of the text */
+	struct view_map map; /* set by view_bind_map; likewise */
 };
 
 #define VIEW_INIT ((struct view){.returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST})
@@ -86,6 +89,9 @@ struct view {
 void view_done(struct view *);
 /* Call it before a point is judged. */
 void view_bind(struct view *, const struct lattice *);
+/* For a view with a metric, before it is used with its selection: positions are mapped, with this origin. Window and crop stay
+ * those of the lattice. */
+void view_bind_map(struct view *, const int64_t from[2]);
 
 /* The normal form of the view: --surface and --ground expanded (surface: first returns, highest; ground: lowest),
  * excluded classes removed from the requested ones, rules that remove nothing reset. Shares the area with `view`, so
@@ -128,15 +134,17 @@ const char *view_rule_text(enum view_rule);
 /* Whether the points that it removes are left out by the selection (view_selects), so that they are never meshed. */
 bool view_rule_selects(enum view_rule);
 
-/* Whether crop, every or thin is set. The mesh of such a view is made from a grid of its selected points, with view_rest. */
+/* Whether crop, every, thin or a metric is set. The mesh of such a view is made from a grid of its selected points, with
+ * view_rest. */
 bool view_selects(const struct view *);
-/* The view to apply to points that view_judge and the thin rule have kept: the rule for duplicates, and the window,
+/* The view to apply to points that view_judge and the thin rule have kept: the rule for duplicates, the metric, and the window,
  * whose area is shared. */
 struct view view_rest(const struct view *);
 /* False only if no point of this box (lattice numbers, x1 y1 x2 y2, closed) can be kept. The view is bound. */
 bool view_may_hold(const struct view *, const int32_t box[4]);
 
 /*
+ * Of a view with a map, the numbers of these functions are mapped ones, and the corners of a triangle are mapped positions.
  * Whether the closed triangle a, b, c (lattice numbers, not collinear) meets the window's closed area, exactly. True
  * without a window. The view is bound.
  */
@@ -145,6 +153,8 @@ bool view_window_meets(const struct view *, const int32_t a[2], const int32_t b[
 bool view_window_near(const struct view *, const int64_t box[4]);
 /* The window's bounds in lattice numbers, clamped to +-2^40. The view is bound and has a window. */
 void view_window_bounds(const struct view *, int64_t ret[4]);
+/* Whether these bounds are the whole window. */
+bool view_window_is_box(const struct view *);
 
 /* Whether a closed triangle, not collinear, meets a closed box; numbers within 2^61. */
 bool view_box_meets(const int64_t box[4], const int64_t corner[3][2]);

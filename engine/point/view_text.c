@@ -146,6 +146,11 @@ static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 	case VIEW_WORD_window:
 		put_place(s, word, v->window, v->window_box, v->window_area);
 		break;
+	case VIEW_WORD_metric:
+		if (v->metric.k)
+			put_text(s, " %s%lld,%lld,%lld", word, (long long)v->metric.p, (long long)v->metric.q,
+				 (long long)v->metric.k);
+		break;
 	default:
 		break;
 	}

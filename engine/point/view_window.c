@@ -1,7 +1,8 @@
 /*
  * Windows: the triangles of the mesh that are requested (view.h). The window is closed, so a triangle that touches it
  * at a corner belongs to it. Boxes are handled here, polygons in view_area.c; both are exact, in integers, on absolute
- * numbers.
+ * numbers. With a metric boxes and triangles come as they are mapped, and the window stays as it is: a mapped triangle meets the
+ * mapped window if and only if it meets the window before both are mapped.
  */
 #include <string.h>
 
@@ -37,13 +38,45 @@ bool view_box_meets(const int64_t box[4], const int64_t t[3][2])
 /* Windows may be larger than any triangle; bounds farther out than this are clamped. */
 static const int64_t far = INT64_C(1) << 40;
 
+static int64_t clamp(__int128 v, int64_t most)
+{
+	return v < -most ? -most : v > most ? most : (int64_t)v;
+}
+
+/* Before they are mapped. */
+static void bounds_within(const struct view *v, int64_t most, int64_t ret[4])
+{
+	for (unsigned i = 0; i < 4; i++)
+		ret[i] = clamp((__int128)v->window_box[i] - v->k[i & 1], most);
+}
+
 void view_window_bounds(const struct view *v, int64_t ret[4])
 {
-	for (unsigned i = 0; i < 4; i++) {
-		__int128 at = (__int128)v->window_box[i] - v->k[i & 1];
+	int64_t box[4];
 
-		ret[i] = at < -far ? -far : at > far ? far : (int64_t)at;
-	}
+	bounds_within(v, far, ret);
+	if (!v->map.is.k)
+		return;
+	/* All positions are far within these bounds. */
+	bounds_within(v, INT64_C(1) << 33, box);
+	view_map_box(&v->map, box, ret);
+	for (unsigned i = 0; i < 4; i++)
+		ret[i] = clamp(ret[i], far);
+}
+
+bool view_window_is_box(const struct view *v)
+{
+	return !v->window_area && !v->map.is.k;
+}
+
+/* What of the box is in the bounds; false: nothing. So absolute numbers fit. */
+static bool clip(const int64_t bounds[4], const int64_t box[4], int64_t ret[4])
+{
+	if (box[0] > bounds[2] || box[1] > bounds[3] || box[2] < bounds[0] || box[3] < bounds[1])
+		return false;
+	for (unsigned i = 0; i < 4; i++)
+		ret[i] = box[i] < bounds[i & 1] ? bounds[i & 1] : box[i] > bounds[2 + (i & 1)] ? bounds[2 + (i & 1)] : box[i];
+	return true;
 }
 
 bool view_window_near(const struct view *v, const int64_t box[4])
@@ -53,16 +86,21 @@ bool view_window_near(const struct view *v, const int64_t box[4])
 	if (!v->window)
 		return true;
 	view_window_bounds(v, bounds);
-	if (box[0] > bounds[2] || box[1] > bounds[3] || box[2] < bounds[0] || box[3] < bounds[1])
+	if (!clip(bounds, box, at))
 		return false;
+	if (v->map.is.k) {
+		int64_t part[4];
+
+		memcpy(part, at, sizeof part);
+		view_map_box_back(&v->map, part, at);
+		bounds_within(v, far, bounds);
+		if (!clip(bounds, at, at))
+			return false;
+	}
 	if (!v->window_area)
 		return true;
-	for (unsigned i = 0; i < 4; i++) {
-		/* Clamped to the bounds, so that absolute numbers fit. */
-		int64_t b = box[i] < bounds[i & 1] ? bounds[i & 1] : box[i] > bounds[2 + (i & 1)] ? bounds[2 + (i & 1)] : box[i];
-
-		at[i] = b + v->k[i & 1];
-	}
+	for (unsigned i = 0; i < 4; i++)
+		at[i] += v->k[i & 1];
 	return view_area_meets(v->window_area, at);
 }
 
@@ -70,13 +108,18 @@ bool view_window_meets(const struct view *v, const int32_t a[2], const int32_t b
 {
 	const int32_t *from[3] = {a, b, c};
 	int64_t t[3][2], bounds[4];
+	int32_t back[3][2];
 
 	if (!v->window)
 		return true;
+	for (unsigned i = 0; i < 3 && v->map.is.k; i++) {
+		view_map_back(&v->map, from[i], back[i]);
+		from[i] = back[i];
+	}
 	for (unsigned i = 0; i < 3; i++)
 		for (unsigned k = 0; k < 2; k++)
 			t[i][k] = from[i][k];
-	view_window_bounds(v, bounds);
+	bounds_within(v, far, bounds);
 	if (!view_box_meets(bounds, (const int64_t(*)[2])t))
 		return false;
 	for (unsigned i = 0; i < 3 && v->window_area; i++)

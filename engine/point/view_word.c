@@ -117,6 +117,17 @@ bool view_word_classes(struct view_word w, uint64_t classes[4])
 	return true;
 }
 
+static bool parse_metric(struct view_word w, struct view_metric *ret)
+{
+	int64_t *const to[3] = {&ret->p, &ret->q, &ret->k};
+	struct view_word part;
+
+	for (unsigned i = 0; i < 3; i++)
+		if (!view_word_part(&w, i < 2 ? ',' : '\0', &part) || !view_word_i64(part, to[i]))
+			return false;
+	return w.n == 0 && (ret->p || ret->q || ret->k);
+}
+
 bool view_word_plain(struct view *v, enum view_word_id id, struct view_word w)
 {
 	const struct view_word_row *row = &view_word_rows[id];
@@ -139,6 +150,8 @@ bool view_word_plain(struct view *v, enum view_word_id id, struct view_word w)
 	case VIEW_WORD_duplicates:
 		v->duplicates = VIEW_HIGHEST;
 		return view_word_is(w, "highest");
+	case VIEW_WORD_metric:
+		return parse_metric(w, &v->metric);
 	default:
 		return false;
 	}

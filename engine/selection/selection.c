@@ -13,7 +13,8 @@
  * and the sum is checked.
  *
  * Vertices of lines are records of a second source, of which only the crop removes some; what lines remove is marked in the
- * records that are read (grid.h), and is not selected. The pieces stay in the file of the generation.
+ * records that are read (grid.h), and is not selected. The pieces stay in the file of the generation, unless a metric maps them
+ * (selection_map.c).
  *
  * Duplicates are not reduced here (the mesh does that), and sources are not kept apart. After a failure the caller
  * removes the folder.
@@ -38,9 +39,15 @@ static size_t fixed_bytes(const struct grid *grid)
 	return align_line(sizeof(struct selection)) + align_line(grid_reader_bytes(grid));
 }
 
-size_t selection_memory_min(const struct grid *grid)
+/* Beside fixed_bytes, the stage and the table. */
+static size_t other_bytes(const struct grid *grid, const struct view *view)
 {
-	return fixed_bytes(grid) + SELECTION_TABLE_MIN + GRID_STAGE_MIN + SMALL_BYTES;
+	return SMALL_BYTES + selection_map_bytes(grid, view);
+}
+
+size_t selection_memory_min(const struct grid *grid, const struct view *view)
+{
+	return fixed_bytes(grid) + SELECTION_TABLE_MIN + GRID_STAGE_MIN + other_bytes(grid, view);
 }
 
 /* ---- a point ---- */
@@ -73,10 +80,12 @@ int selection_keep(struct selection *s, const struct point *p)
 {
 	if (p->tag & POINT_LINE) {
 		s->line[s->nline] = *p;
-		s->line[s->nline++].tag &= POINT_FLAGS;
+		s->line[s->nline].tag &= POINT_FLAGS;
+		selection_map_point(s, &s->line[s->nline++]);
 		return s->nline == SELECTION_BATCH ? flush_lines(s) : 0;
 	}
-	s->batch[s->nbatch++] = *p;
+	s->batch[s->nbatch] = *p;
+	selection_map_point(s, &s->batch[s->nbatch++]);
 	return s->nbatch == SELECTION_BATCH ? flush_points(s) : 0;
 }
 
@@ -178,8 +187,10 @@ static int run(struct selection *s)
 {
 	const struct grid_visitor visitor = {s, enter_subtree, visit_cell};
 	struct grid_segment_info info;
-	int r = grid_stage_source(s->stage, SOURCE_POINTS, s->err);
+	int r = selection_map(s);
 
+	if (!r)
+		r = grid_stage_source(s->stage, SOURCE_POINTS, s->err);
 	if (r)
 		return r;
 	if (s->p->view->thin.cell)
@@ -205,10 +216,10 @@ int selection_make(const struct selection_params *params, struct selection_count
 	uint8_t *memory;
 	int r;
 
-	if (params->memory < selection_memory_min(params->grid))
+	if (params->memory < selection_memory_min(params->grid, params->view))
 		return err_set(err, ERR_LIMIT, "a selection needs %zu bytes of memory, not %zu",
-			       selection_memory_min(params->grid), params->memory);
-	rest = params->memory - fixed - SMALL_BYTES;
+			       selection_memory_min(params->grid, params->view), params->memory);
+	rest = params->memory - fixed - other_bytes(params->grid, params->view);
 	/* A thin rule keeps few points, so its table, which sees all of them, gets the larger part. */
 	if (params->view->thin.cell)
 		table = (rest / 3 > GRID_STAGE_MIN ? rest - rest / 3 : rest - GRID_STAGE_MIN) & ~(size_t)(ALIGN_LINE - 1);

@@ -1,6 +1,6 @@
 /*
  * Selections: a grid of exactly the points that a view with crop, every or thin keeps, so that plan, halos and domains
- * have exact counts and need not apply these rules.
+ * have exact counts and need not apply these rules. If the view has a metric, its positions are the mapped ones.
  */
 #ifndef SELECTION_H
 #define SELECTION_H
@@ -19,6 +19,11 @@ struct selection_counts {
 	uint64_t points;              /* of the generation */
 	uint64_t removed[VIEW_RULES]; /* never as duplicates: that rule applies to the selected grid */
 	uint64_t kept;                /* points of the selected grid */
+	/* Of a view with a metric. For view_bind_map, after which the view (or its view_rest) fits the selected grid; the lattice
+	 * stays that of the positions. */
+	bool mapped;
+	int64_t origin[2];
+	int32_t box[4]; /* of the kept points before they were mapped */
 };
 
 struct selection_params {
@@ -32,10 +37,11 @@ struct selection_params {
 };
 
 #define SELECTION_MANIFEST "manifest" /* in the folder, written last */
-size_t selection_memory_min(const struct grid *grid);
+size_t selection_memory_min(const struct grid *grid, const struct view *view);
 /* Makes a grid of the points that all rules except that of duplicates keep, on the same lattice. Vertices of lines are a source
- * of their own in it: open it with the line set file of the generation (struct grid_use). The result depends only on the points
- * and lines of the generation. After a failure the folder may hold files. */
+ * of their own in it: open it with the line set file of the generation (struct grid_use); of a view with a metric that of the
+ * same name in the folder. What a mesh of the result is depends only on the points and lines of the generation. -ERR_LIMIT: the
+ * mapped points do not fit int32. After a failure the folder may hold files. */
 int selection_make(const struct selection_params *, struct selection_counts *ret, struct err *err);
 /* The counts that selection_make left in its folder. -ERR_CORRUPT: they are damaged. */
 int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *err);

@@ -20,6 +20,8 @@
 static const char RULES[] = "selection 1";
 static const char COUNTS[] = "counts";
 static const char HEAD[] = "acut-selection 1\n";
+/* Of a view with a metric. */
+#define MAPPED "origin %" PRId64 " %" PRId64 "\nbox %" PRId32 " %" PRId32 " %" PRId32 " %" PRId32 "\n"
 
 enum { TEXT_MAX = 1024 };
 
@@ -51,6 +53,9 @@ static int counts_text(const struct selection_counts *s, unsigned rules, char te
 	int at = snprintf(text, TEXT_MAX, "%spoints %" PRIu64 "\nkept %" PRIu64 "\n", HEAD, s->points, s->kept);
 	char hex[DIGEST_HEX_SIZE];
 
+	if (s->mapped)
+		at += snprintf(text + at, TEXT_MAX - (size_t)at, MAPPED, s->origin[0], s->origin[1], s->box[0], s->box[1],
+			       s->box[2], s->box[3]);
 	for (unsigned i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
 		if (rules >> i & 1)
 			at += snprintf(text + at, TEXT_MAX - (size_t)at, "%s %" PRIu64 "\n", view_rule_text((enum view_rule)i),
@@ -80,6 +85,9 @@ static unsigned counts_parse(const char *text, struct selection_counts *ret)
 	uint64_t n;
 
 	for (const char *line = strchr(text, '\n'); line && line[1]; line = strchr(line + 1, '\n')) {
+		if (sscanf(line + 1, MAPPED, &ret->origin[0], &ret->origin[1], &ret->box[0], &ret->box[1], &ret->box[2],
+			   &ret->box[3]) == 6)
+			ret->mapped = true;
 		if (sscanf(line + 1, "%31s %" SCNu64, name, &n) != 2)
 			continue;
 		if (!strcmp(name, "points"))

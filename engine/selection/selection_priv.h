@@ -16,6 +16,8 @@ struct selection {
 	void *table; /* of the thin rule: table_bytes */
 	size_t table_bytes;
 	struct selection_counts out;
+	struct view_map map;     /* is.k 0: positions stay */
+	bool any_box;            /* out.box has a point */
 	uint64_t judged;         /* records read and judged, each counted once */
 	uint64_t seen, reported; /* records read, some several times; `seen` at the last call of progress */
 	struct err *err;
@@ -31,6 +33,14 @@ int selection_keep(struct selection *, const struct point *);
 
 /* Applies view_judge and the thin rule to all points of the grid. */
 int selection_thin(struct selection *);
+/* Keeps the vertices of lines that view_judge keeps. */
+int selection_lines(struct selection *);
+
+/* Of a view with a metric, first of all: sets `map`, and writes the mapped pieces of lines. */
+int selection_map(struct selection *);
+/* A kept record before it goes into the stage. */
+void selection_map_point(struct selection *, struct point *);
+size_t selection_map_bytes(const struct grid *, const struct view *); /* of memory that selection_map takes for itself */
 
 int selection_counts_write(int dirfd, const struct selection_counts *, struct err *err);
 

@@ -12,8 +12,7 @@
  * first for the range of its ranks, then for histograms of the ranks that may be the median. Each histogram narrows the
  * range to a thousandth, until the remaining points fit, or one rank remains, which is the point itself.
  *
- * Vertices of lines are not thinned. They are kept by a walk of its own at the end, because a rectangle may be read several
- * times; only cells are read whose box a piece meets, as each of them is the end of a piece.
+ * Vertices of lines are not thinned: selection_lines.c keeps them.
  *
  * The result depends on the set of points alone: only equal points have the same rank (view_thin_compare).
  */
@@ -22,7 +21,6 @@
 #include <string.h>
 
 #include "err.h"
-#include "lineset.h"
 
 enum { DIGITS = 1024 };
 enum { FULL = 1 }; /* the rectangle does not fit the table */
@@ -552,59 +550,6 @@ static int divide_rect(struct thin *t, const struct rect *r)
 	return one ? run_large_median(t) : halve(t, r);
 }
 
-/* ---- vertices of lines ---- */
-
-static int keep_lines(void *ctx, const struct point *pts, size_t n, struct err *err)
-{
-	struct selection *s = ctx;
-	int r = 0;
-
-	(void)err;
-	s->seen += n;
-	for (size_t i = 0; !r && i < n; i++)
-		if ((pts[i].tag & POINT_LINE) && view_judge(s->p->view, &pts[i]) == VIEW_KEPT)
-			r = selection_keep(s, &pts[i]);
-	return r ? r : selection_progress(s);
-}
-
-/* Sets *ret to whether the cell or subtree may hold some. */
-static int may_hold_lines(struct selection *s, const struct grid_cell *cell, bool *ret, struct err *err)
-{
-	uint64_t n = 0;
-	int r = 0;
-
-	*ret = view_may_hold(s->p->view, cell->box) && (!cell->source || cell->source == grid_lines_source(s->p->grid)->id);
-	if (*ret)
-		r = lineset_count(grid_reader_lines(s->reader), cell->box, 1, &n, err);
-	*ret = n > 0;
-	return r;
-}
-
-/* If that cannot be read, a cell of the subtree says so. */
-static bool enter_lines(void *ctx, const struct grid_cell *subtree)
-{
-	struct err ignored = ERR_INIT;
-	bool may;
-
-	return may_hold_lines(ctx, subtree, &may, &ignored) || may;
-}
-
-static int read_lines(void *ctx, const struct grid_cell *cell)
-{
-	struct selection *s = ctx;
-	bool may;
-	int r = may_hold_lines(s, cell, &may, s->err);
-
-	return r || !may ? r : grid_cell_read(s->reader, cell, keep_lines, s, s->err);
-}
-
-static int thin_lines(struct selection *s)
-{
-	const struct grid_visitor visitor = {s, enter_lines, read_lines};
-
-	return grid_lines(s->p->grid) ? grid_walk(s->reader, 0, UINT64_MAX, &visitor, s->err) : 0;
-}
-
 int selection_thin(struct selection *s)
 {
 	struct thin t = {.s = s, .view = s->p->view};
@@ -626,5 +571,5 @@ int selection_thin(struct selection *s)
 	view_thin_cell(t.view, &corner, to);
 	t.root = (struct rect){from[0], from[1], to[0], to[1]};
 	r = divide_rect(&t, &t.root);
-	return r ? r : thin_lines(s);
+	return r ? r : selection_lines(s);
 }

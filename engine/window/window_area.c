@@ -191,7 +191,7 @@ static void pick_triangles(struct finish *f, const struct window_piece *w)
 			continue;
 		for (unsigned k = 0; k < 3; k++) {
 			out[n][k] = c[k];
-			place[batch][k] = digest_place(xy[c[k]][0], xy[c[k]][1]);
+			place[batch][k] = finish_place(f, xy[c[k]]);
 		}
 		n++;
 		if (++batch < BATCH)
@@ -257,6 +257,7 @@ static int finish_domain(struct window_area *a, const struct window_from *from, 
 	a->counts.points = a->counts.points_read;
 	f.out.counts = a->counts;
 	finish_init(&f, a->region, k, a->tri);
+	finish_map(&f, from->view);
 	if (chosen)
 		finish_chosen(&f, chosen);
 	else

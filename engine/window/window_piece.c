@@ -1,7 +1,8 @@
 /*
- * Pieces of windows: the header has the model. A test descends the halvings of the region, and ends at the first box
- * that is outside of the cover or entirely in it. A box smaller than the squares of the cover is judged by the square
- * that it lies in, so that the cover does not depend on how the plane is divided.
+ * Pieces of windows: the header has the model. With a metric a rectangle is none in the mapped plane, and is covered as a polygon
+ * is. A test descends the halvings of the region, and ends at the first box that is outside of the cover or entirely in it. A box
+ * smaller than the squares of the cover is judged by the square that it lies in, so that the cover does not depend on how the
+ * plane is divided.
  */
 #include "window_piece.h"
 
@@ -64,7 +65,7 @@ static bool cover_meets(const struct window_piece *w, const struct cut_region *r
 
 	if (!clip_region(w, r, box) || !shape_meets(s, box))
 		return false;
-	if (!w->view->window_area)
+	if (view_window_is_box(w->view))
 		return true;
 	if (!may_meet(w, r))
 		return false;
@@ -165,7 +166,7 @@ static bool holds_corner(const struct window_piece *w, const int64_t at[2])
 
 	if (at[0] < w->box[0] || at[1] < w->box[1] || at[0] > w->box[2] || at[1] > w->box[3])
 		return false;
-	return !w->view->window_area || may_meet(w, &here);
+	return view_window_is_box(w->view) || may_meet(w, &here);
 }
 
 bool window_piece_meets(const struct window_piece *w, const int32_t a[2], const int32_t b[2], const int32_t c[2])
@@ -190,7 +191,7 @@ bool window_piece_sends(const struct window_piece *w, const int32_t a[2], const 
 	struct shape s;
 
 	triangle_shape(&s, corner, a, b, c);
-	if (!(box_inside(s.bounds, w->box) && !w->view->window_area) && !view_window_meets(w->view, a, b, c))
+	if (!(box_inside(s.bounds, w->box) && view_window_is_box(w->view)) && !view_window_meets(w->view, a, b, c))
 		return false;
 	for (unsigned i = 0; i < w->nbefore; i++)
 		if (cover_meets(w, &w->before[i], &s))

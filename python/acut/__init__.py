@@ -23,6 +23,10 @@ Without numpy, `.tolist()` gives lists of three numbers. A mesh that does not fi
             use(block.coordinates, block.triangles)
         digest = blocks.tail.digest
 
+Breaklines, lakes, boundaries and holes are pushed as other inputs are:
+
+    server.push("valley", [acut.Lines(roads, name="roads"), acut.Lines(lakes, kind="lake", name="lakes")])
+
 Both digests of a mesh are computed here and compared (DigestError). A mesh is complete only after its last block was read.
 
 Threads: only one thread at a time may use a connection; open one in each. Ctrl-C ends a call. So does an exception in a progress
@@ -37,16 +41,17 @@ from ._errors import (BusyError, CancelledError, ChangedError, CorruptError, Dig
                       InternalError, LimitError, NoDaemonError, NoMemoryError, NoSpaceError, NotFoundError,
                       NotPermittedError, ProtocolError, ReadWriteError, TimedOutError, ConflictError, TruncatedError, UnsupportedError,
                       UsageError, VersionError)
+from ._lines import Lines
 from ._mesh import Base, Block, Fetch, Head, Mesh, Region, Tail
 from ._results import (CacheKind, CacheStat, Check, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
-                       LedgerEntry, LogFile, Metric, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
+                       LedgerEntry, LinePlace, LineSet, LogFile, Metric, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
                        Side, Status, Verified)
 from ._view import view_text
 
 __all__ = [
-    "connect", "Connection", "view_text", "SYSTEM_SOCKET",
+    "connect", "Connection", "Lines", "view_text", "SYSTEM_SOCKET",
     "Fetch", "Block", "Mesh", "Head", "Tail", "Base", "Region",
-    "Pushed", "PushedFile", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned",
+    "Pushed", "PushedFile", "LineSet", "LinePlace", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned",
     "Imported", "Info", "Inspected", "Geoid", "Status", "Setting", "Side", "Holder", "LedgerEntry", "CacheStat", "CacheKind",
     "Verified", "Damage", "Metric", "Check", "BackupFile",
     "Error", "InputError", "TruncatedError", "ChangedError", "LimitError", "CancelledError", "GoneError", "DigestError",

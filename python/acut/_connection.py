@@ -193,6 +193,10 @@ class Connection:
         self._call("dataset_log", encoded(name), ctypes.byref(sink))
         return found
 
+    def line_places(self, name: str, *, at: int = 0) -> List[results.LinePlace]:
+        """Where lines of a dataset cross, and where their vertices have different heights; as of a generation, if it is given."""
+        return self._list("line_places", abi.acut_line_place, encoded(name), at, convert=functools.partial(take, results.LinePlace))
+
     def _change(self, verb: str, name: str, id: int = 0, new: Optional[str] = None) -> results.Dataset:
         return self._fill("dataset_change", abi.acut_dataset, encoded(verb), encoded(name), id, encoded(new),
                           convert=functools.partial(take, results.Dataset))
@@ -247,8 +251,8 @@ class Connection:
              progress: OnProgress = None) -> results.Pushed:
         """Files into a dataset, which comes to be with its first push; visible all at once, with the commit.
 
-        inputs   a path, an open binary file or a descriptor, or several of them. Files are opened here, with the rights
-                 of this program. What cannot be sought (a pipe, an io.BytesIO) is copied from a thread.
+        inputs   a path, an open binary file, a descriptor or acut.Lines, or several of them. Files are opened here, with the
+                 rights of this program. What cannot be sought (a pipe, an io.BytesIO) is copied from a thread.
         strict   one refused input refuses all; else refused ones are in the result's `refused`, and only when there is
                  no good one its error is raised
         progress called with a Progress now and then

@@ -46,6 +46,8 @@ class Head:
         # WKT, the grid that converted the heights ("WAY HASH NAME"); "": none
         self.epsg, self.epsg_z, self.vertical = struct.epsg, struct.epsg_z, decoded(struct.vertical)
         self.wkt, self.geoid = decoded(struct.wkt), decoded(struct.geoid)
+        # It has breaklines, shores, boundaries or holes, so flags may say which sides are; it ends at boundaries or holes
+        self.lines, self.bounded = struct.lines, struct.bounded
         self.view, self.stream_id = decoded(struct.view), decoded(struct.stream_id)
         self.k: Tuple[int, int, int] = tuple(struct.k)
         self.box: Tuple[int, ...] = tuple(struct.box)  # of all vertices, in lattice numbers: min x y z, max x y z
@@ -122,7 +124,7 @@ class Block:
 
     @property
     def flags(self) -> Optional[bytes]:
-        """A byte a triangle, or None."""
+        """A byte a triangle, bit k: the side across from corner k is a piece of a line (a breakline, a shore). None: none is."""
         return self._keep["flags"] if self._struct.flags else None
 
     @property
@@ -332,7 +334,7 @@ class Mesh:
     vertices     float64, (n, 3): coordinates in the units of the files, each the nearest double
     lattice      int32, (n, 3): the same vertices as exact lattice numbers (head.coordinate_text gives exact decimals)
     triangles    uint64, (m, 3): numbers of vertices, counterclockwise seen from above
-    flags        a byte a triangle, or None
+    flags        a byte a triangle, bit k: the side across from corner k is a piece of a line; None: none is
     head, tail   what came before and after the blocks
     digest, vertex_digest
     """
@@ -344,13 +346,13 @@ class Mesh:
                 coordinates += block.coordinates.cast("B") if len(block.coordinates) else b""
                 lattice += block._keep["vertex"]
                 triangles += block.triangles.cast("B") if len(block.triangles) else b""
-                flags += block.flags or b""
+                flags += block.flags or bytes(block._struct.ntriangle)
             self.head, tail = fetch.head, fetch.tail
         assert tail is not None
         self.tail: Tail = tail
         self.vertices, self.lattice = _array(coordinates, "d"), _array(lattice, "i")
         self.triangles = _array(triangles, "Q")
-        self.flags: Optional[bytes] = bytes(flags) if flags else None
+        self.flags: Optional[bytes] = bytes(flags) if any(flags) else None
 
     @property
     def digest(self) -> str:

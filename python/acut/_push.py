@@ -13,8 +13,9 @@ from . import _library
 from ._errors import (ChangedError, Error, InputError, LimitError, NotFoundError, NotPermittedError, ReadWriteError, TruncatedError,
                       UnsupportedError, UsageError)
 from ._library import State, decoded, encoded
+from ._lines import Lines
 from ._mesh import progress_function
-from ._results import Pushed, PushedFile, take
+from ._results import LineSet, Pushed, PushedFile, take
 
 # Failures of the file itself, not of the connection.
 _REFUSALS = (InputError, TruncatedError, ChangedError, UnsupportedError, LimitError, NotPermittedError)
@@ -32,6 +33,8 @@ class _Input:
             self.path = os.fsencode(os.path.abspath(os.fspath(what)))
             return
         self.name = getattr(what, "name", None)
+        if isinstance(what, Lines):
+            self.path = os.fsencode(what.path)
         try:
             self.fd = what if isinstance(what, int) and not isinstance(what, bool) else what.fileno()
         except (AttributeError, OSError, io.UnsupportedOperation):
@@ -40,7 +43,7 @@ class _Input:
         if self.fd >= 0:
             found = os.fstat(self.fd)
             self.streamed = not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode)
-            if isinstance(self.name, str):
+            if isinstance(self.name, str) and not self.path:
                 with contextlib.suppress(OSError):
                     if os.path.samestat(os.stat(self.name), found) and not self.streamed:
                         self.path = os.fsencode(os.path.abspath(self.name))
@@ -118,7 +121,8 @@ class Push:
             ask(self.lib.acut_push_commit, self.push, ctypes.byref(done))
             committed = True
             result = done.contents
-            return take(Pushed, result, files=[i.result for i in self.inputs], note=note)
+            lines = take(LineSet, result.line_set.contents) if result.line_set else None
+            return take(Pushed, result, files=[i.result for i in self.inputs], note=note, line_set=lines)
         finally:
             # Complete files are kept for a repeated push, but not by a strict push or one without a name.
             if committed or (self.options.dataset and not self.strict):

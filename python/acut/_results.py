@@ -191,6 +191,10 @@ class Dataset:
     vertical: str    # the system of heights, "EPSG:5720" or a name; ""
     wkt: str         # the system as the first file had it; "": none had one, and of a list
     geoid: str       # "WAY HASH NAME" of the grid that converted the heights; "": none did, and of a list
+    line_files: int  # of `files`; 0 of a list, as the next three
+    features: Tuple[int, int, int, int]  # of files of lines: hard, lake, boundary, hole
+    lines: int
+    vertices: int
 
 
 @dataclass(frozen=True)
@@ -203,6 +207,10 @@ class LogFile:
     source: int
     removed: bool  # by the generation, not added
     overridden: str  # what its records said of its coordinates, where the push overrode that; else ""
+    of_lines: bool   # a file of lines, which has no points, but the next three
+    features: Tuple[int, int, int, int]  # hard, lake, boundary, hole
+    lines: int
+    vertices: int
 
 
 @dataclass(frozen=True)
@@ -274,6 +282,33 @@ class PushedFile:
 
 
 @dataclass(frozen=True)
+class LineSet:
+    """All lines of a dataset together, and what became of them."""
+    features: Tuple[int, int, int, int]  # hard, lake, boundary, hole
+    lines: int
+    vertices: int
+    positions: int
+    pieces: int     # edges of the mesh
+    crossings: int  # where lines cross between their vertices
+    uneven: int     # positions with vertices of different heights
+    widest: float   # the largest difference of heights at these, and where it is
+    widest_at: Tuple[float, float]
+    left_out: int   # pieces outside of the boundary, or in a hole
+    doubled: int    # segments that lie on others
+    points: int     # segments without length
+
+
+@dataclass(frozen=True)
+class LinePlace:
+    """Where lines cross, or where vertices of lines have different heights."""
+    kind: str  # "crossing", "uneven"
+    x: float
+    y: float
+    lower: float  # the two heights
+    upper: float
+
+
+@dataclass(frozen=True)
 class Pushed:
     """A committed push. If files were refused (see `refused`), the others are committed."""
     dataset: str
@@ -282,6 +317,7 @@ class Pushed:
     unchanged: bool  # it made no generation
     files: List[PushedFile]
     note: str    # what became of an interrupted push before this one
+    line_set: Optional[LineSet] = None  # where the push changed the lines, and some are left
 
     @property
     def refused(self) -> List[PushedFile]:

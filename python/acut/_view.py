@@ -25,7 +25,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               zmax: Optional[Number] = None, crop: Optional[Area] = None, bbox: Optional[Any] = None,
               polygon: Optional[Area] = None, every: Optional[int] = None, thin: Optional[Number] = None,
               thin_pick: Optional[str] = None, no_breaklines: bool = False,
-              breakline_clear: Optional[Number] = None) -> str:
+              breakline_clear: Optional[Number] = None, metric: Any = None) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -43,6 +43,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     thin_pick          "lowest", "highest" or "median" point of a cell
     no_breaklines      without the lines of the dataset
     breakline_clear    no points nearer than this to a line, a length like that of thin, or 0
+    metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -84,6 +85,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     words += ["duplicates=highest"] if surface or highest else []
     words += ["no-breaklines"] if no_breaklines else []
     words += ["breakline-clear=%s" % _length(breakline_clear, "breakline_clear")] if breakline_clear is not None else []
+    words += ["metric=%s" % _metric(metric)] if metric is not None else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
     words += ["window=%s" % window] if window else []
@@ -142,6 +144,23 @@ def _classes(value: Any) -> str:
     if not good:
         raise UsageError("%r is not a list of classes" % (value,), hint="give numbers from 0 to 255, as in 2,8 or 2-5,9")
     return text
+
+
+def _metric(value: Any) -> str:
+    hint = "give a direction P, Q and how often distances across it count, as in (3, 1, 10)"
+    parts = value.split(",") if isinstance(value, str) else value
+    try:
+        p, q, k = (int(n) for n in parts)
+        whole = isinstance(value, str) or [p, q, k] == list(parts)
+    except (TypeError, ValueError):
+        whole = False
+    if not whole:
+        raise UsageError("metric is three whole numbers P, Q, K, not %r" % (value,), hint=hint)
+    if not p and not q:
+        raise UsageError("metric: 0, 0 is no direction", hint=hint)
+    if k < 1:
+        raise UsageError("metric: K is %d, and at least 1" % k, hint=hint)
+    return "%d,%d,%d" % (p, q, k)
 
 
 def _decimal(value: Any, name: str) -> Decimal:

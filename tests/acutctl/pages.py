@@ -106,6 +106,10 @@ def examples_run():
                     [os.path.dirname(os.path.abspath(p)) for p in (ACUTCTL, e2e.SYNTH)] + [os.environ["PATH"]]))
                 if "verify" in name:
                     d.ctl("mesh", base + "/survey.las", "-o", base + "/survey.ply").ok()
+                    low = d.ctl("info", base + "/survey.las", "--json").ok().json()["min"]
+                    with open(base + "/roads.csv", "w") as f:
+                        f.write("x,y,z,name\n" + "".join("%r,%r,%r,a\n" % (low[0] + 5 * i, low[1] + 4 + i % 2, low[2]) for i in range(1, 5)))
+                    d.ctl("mesh", base + "/survey.las", "--breaklines", base + "/roads.csv", "--assume-crs", "EPSG:32633", "--assume-units", "m,m", "-o", base + "/roads.ply").ok()
                 for line in lines:
                     if "--replace" in line:
                         e2e.run([e2e.SYNTH, "--points", "2500", "--seed", "9", base + "/tuesday/3.las"]).ok()

@@ -84,15 +84,10 @@ static void make_lines(void)
 static int build(bool strict, uint64_t memory, struct breaklines *ret, struct err *err)
 {
 	const struct grid_source *lines[2] = {&source[0], &source[1]};
-	const struct grid_stage_params stage = {.dirfd = dirfd, .name = "stage", .memory = GRID_STAGE_MIN, .temporary = true};
 	struct breaklines_params p = {
 		.dirfd = dirfd, .lines = lines, .nlines = 2, .id = SET, .memory = memory, .lattice = &lattice, .strict = strict};
-	int r;
 
-	assert_int_equal(grid_stage_new(&stage, &p.stage, err), 0);
-	r = breaklines_build(&p, ret, err);
-	grid_stage_free(p.stage);
-	return r;
+	return breaklines_build(&p, ret, err);
 }
 
 static void names(void **state)
@@ -120,6 +115,10 @@ static void line_set(void **state)
 
 	make_lines();
 	assert_int_equal(build(false, MEMORY, &made, &err), 0);
+	assert_string_equal(made.segment.file, "vertices-9.seg");
+	assert_true(grid_is_line_segment(made.segment.file) && there(made.segment.file) && made.segment.points == made.points);
+	assert_false(grid_is_line_segment("vertices-9") || grid_is_line_segment("vertices-09.seg") ||
+		     grid_is_line_segment("vertices-9.seg.tmp") || grid_is_line_segment("push-9.seg"));
 	assert_true(made.counts.pieces == 4 && made.counts.positions == 5 && made.counts.crossings == 1 && made.points == 6);
 	digest_add(&sum, described[0].content);
 	digest_add(&sum, described[1].content);
@@ -139,7 +138,7 @@ static void line_set(void **state)
 	assert_int_equal(breaklines_verify(dirfd, &source[0], NULL, &err), -ERR_CORRUPT);
 	assert_non_null(strstr(err.message, "not the one"));
 	assert_int_equal(breaklines_remove(dirfd, &set, &err), 0);
-	assert_false(there("lineset-9") || there("places-9"));
+	assert_false(there("vertices-9.seg") || there("lineset-9") || there("places-9"));
 }
 
 static void refused(void **state)
@@ -151,11 +150,11 @@ static void refused(void **state)
 	assert_int_equal(build(true, MEMORY, &made, &err), -ERR_INPUT);
 	assert_string_equal(err.message, "lines cross at 0.05 0.05 with heights 0 and 0.1");
 	assert_non_null(strstr(err.hint, "--strict"));
-	assert_false(there("lineset-9") || there("places-9") || there("places-9.tmp"));
+	assert_false(there("vertices-9.seg") || there("lineset-9") || there("places-9") || there("places-9.tmp"));
 	err = ERR_INIT;
 	assert_int_equal(build(false, 64, &made, &err), -ERR_LIMIT);
 	assert_true(err.need > 64);
-	assert_false(there("lineset-9") || there("places-9") || there("lineset-9.tmp"));
+	assert_false(there("vertices-9.seg") || there("lineset-9") || there("places-9") || there("lineset-9.tmp"));
 }
 
 /* Each byte of each file in turn. */

@@ -57,7 +57,9 @@ void made_domain(struct made *m, struct mesh_domain *ret)
 	f.out.counts = load.counts;
 	*ret = f.out;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_flat(tri, m->region, k, ret);
+		finish_init(&f, m->region, k, tri);
+		finish_flat(&f);
+		*ret = f.out;
 		return;
 	}
 	m->c = (struct constrain){.src = m->src,

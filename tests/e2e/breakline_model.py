@@ -111,13 +111,14 @@ class Model:
     def is_out(self, p):
         return bool(self.boundary and not any(is_in(r, p) for r in self.boundary)) or any(is_in(r, p) for r in self.holes)
 
-    def cgal(self):
-        """[triangles, digest], or None where CGAL is not there."""
+    def cgal(self, metric=None):
+        """[triangles, digest], or None where CGAL is not there. metric: (P, Q, K)."""
         if not ORACLE:
             return None
         at = sorted(self.vertices)
         number = {p: i for i, p in enumerate(at)}
-        rows = ["v %d %d" % p for p in at] + ["p %d %d" % (number[a], number[b]) for a, b in sorted(self.pieces)]
+        rows = ["metric %d %d %d" % metric] if metric else []
+        rows += ["v %d %d" % p for p in at] + ["p %d %d" % (number[a], number[b]) for a, b in sorted(self.pieces)]
         for word, rings in (("in", self.boundary), ("out", self.holes)):
             rows += [word + " " + " ".join("%d %d" % p for p in r) for r in rings]
         count, digest = subprocess.run([ORACLE], input="\n".join(rows), stdout=subprocess.PIPE, check=True, text=True).stdout.split()

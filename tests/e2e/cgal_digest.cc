@@ -1,9 +1,9 @@
 // An oracle that acut did not write: CGAL's Delaunay triangulation of a LAS file's records, and the digest of its
 // triangles as stream.md defines it, written a second time.
-// usage: cgal_digest FILE.las [X,Y,X,Y...]... -> "TRIANGLES DIGEST", of all triangles, and on a line for each polygon given by
+// usage: cgal_digest FILE.las [metric=P,Q,K] [X,Y,X,Y...]... -> "TRIANGLES DIGEST", of all triangles, and on a line for each polygon given by
 // its corners (whole numbers, simple, not closed; one or two corners are a point or a segment) of those that meet it, closed.
 // The file's offsets must be zero and its x and y scales equal,
-// so that raw numbers are absolute lattice numbers.
+// so that raw numbers are absolute lattice numbers. With a metric positions and polygons are mapped to P x + Q y, K (P y - Q x).
 #include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Polygon_2_algorithms.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -22,6 +22,30 @@
 typedef CGAL::Exact_predicates_inexact_constructions_kernel K;
 typedef CGAL::Delaunay_triangulation_2<K> Triangulation;
 typedef std::pair<int64_t, int64_t> Position;
+
+// Mapped numbers stay below 2^53.
+struct Metric {
+	int64_t p = 1, q = 0, k = 1;
+
+	Position map(int64_t x, int64_t y) const { return Position(p * x + q * y, k * (p * y - q * x)); }
+	Position back(int64_t u, int64_t v) const
+	{
+		__int128 det = k * (p * p + q * q), x = (__int128)k * p * u - (__int128)q * v, y = (__int128)k * q * u + (__int128)p * v;
+
+		if (x % det || y % det)
+			abort();
+		return Position((int64_t)(x / det), (int64_t)(y / det));
+	}
+};
+
+static Metric metric;
+
+static K::Point_2 mapped(int64_t x, int64_t y)
+{
+	Position at = metric.map(x, y);
+
+	return K::Point_2(at.first, at.second);
+}
 
 struct Sum {
 	uint64_t hi = 0, lo = 0, n = 0;
@@ -52,7 +76,7 @@ static Polygon polygon_of(const char *text)
 		if (*end != ',')
 			exit(2);
 		long y = strtol(end + 1, &end, 10);
-		p.emplace_back(x, y);
+		p.push_back(mapped(x, y));
 		if (*end != ',')
 			return p;
 	}
@@ -73,7 +97,14 @@ int main(int argc, char **argv)
 	unsigned char head[227];
 	FILE *f = argc >= 2 ? fopen(argv[1], "rb") : nullptr;
 	double scale[6];
+	long long pqk[3];
 
+	if (argc > 2 && sscanf(argv[2], "metric=%lld,%lld,%lld", &pqk[0], &pqk[1], &pqk[2]) == 3) {
+		metric = {pqk[0], pqk[1], pqk[2]};
+		argv[2] = argv[1];
+		argv++;
+		argc--;
+	}
 	if (!f || fread(head, 1, sizeof head, f) != sizeof head || memcmp(head, "LASF", 4))
 		return fprintf(stderr, "usage: cgal_digest FILE.las\n"), 2;
 	memcpy(scale, head + 131, sizeof scale);
@@ -93,7 +124,7 @@ int main(int argc, char **argv)
 		if (fread(record.data(), 1, length, f) != length)
 			return fprintf(stderr, "cgal_digest: %s is short\n", argv[1]), 1;
 		memcpy(xy, record.data(), 8);
-		points.emplace_back(xy[0], xy[1]);
+		points.push_back(mapped(xy[0], xy[1]));
 	}
 	fclose(f);
 
@@ -106,7 +137,7 @@ int main(int argc, char **argv)
 	for (auto face = t.finite_faces_begin(); face != t.finite_faces_end(); ++face) {
 		std::array<Position, 3> p;
 		for (int i = 0; i < 3; i++)
-			p[i] = Position((int64_t)face->vertex(i)->point().x(), (int64_t)face->vertex(i)->point().y());
+			p[i] = metric.back((int64_t)face->vertex(i)->point().x(), (int64_t)face->vertex(i)->point().y());
 		all.add(p);
 		for (size_t i = 0; i < polygon.size(); i++)
 			if (meets(polygon[i], t.triangle(face)))

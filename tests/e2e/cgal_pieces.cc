@@ -4,6 +4,7 @@
 //   p I J          a piece between two positions, by their numbers from 0
 //   in X Y X Y ... a ring: only triangles whose centroid is in one of these count, if there are any
 //   out X Y X Y .. a ring: triangles whose centroid is in one of these do not count
+//   metric P Q K   positions are triangulated as P x + Q y, K (P y - Q x)
 // Output: "TRIANGLES DIGEST".
 #include <CGAL/Constrained_Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -25,6 +26,21 @@ typedef CGAL::Exact_predicates_inexact_constructions_kernel K;
 typedef CGAL::Constrained_Delaunay_triangulation_2<K, CGAL::Default, CGAL::No_constraint_intersection_requiring_constructions_tag> Cdt;
 typedef std::pair<int64_t, int64_t> Position;
 typedef std::vector<Position> Ring;
+
+// Mapped numbers stay below 2^53.
+struct Metric {
+	int64_t p = 1, q = 0, k = 1;
+
+	Position map(int64_t x, int64_t y) const { return Position(p * x + q * y, k * (p * y - q * x)); }
+	Position back(int64_t u, int64_t v) const
+	{
+		__int128 det = k * (p * p + q * q), x = (__int128)k * p * u - (__int128)q * v, y = (__int128)k * q * u + (__int128)p * v;
+
+		if (x % det || y % det)
+			abort();
+		return Position((int64_t)(x / det), (int64_t)(y / det));
+	}
+};
 
 // Even-odd, of a position times three; no side goes through it.
 static bool is_in(const Ring &r, int64_t x, int64_t y)
@@ -54,6 +70,7 @@ int main()
 	std::vector<std::pair<size_t, size_t>> pieces;
 	std::vector<Ring> in, out;
 	std::string row, word;
+	Metric metric;
 
 	while (std::getline(std::cin, row)) {
 		std::istringstream words(row);
@@ -61,6 +78,10 @@ int main()
 		Ring ring;
 
 		words >> word;
+		if (word == "metric") {
+			words >> metric.p >> metric.q >> metric.k;
+			continue;
+		}
 		while (words >> a >> b)
 			ring.emplace_back(a, b);
 		if (word == "v")
@@ -73,8 +94,10 @@ int main()
 
 	Cdt cdt;
 	std::vector<Cdt::Vertex_handle> vertex;
-	for (const Position &p : at)
-		vertex.push_back(cdt.insert(K::Point_2(p.first, p.second)));
+	for (const Position &p : at) {
+		Position to = metric.map(p.first, p.second);
+		vertex.push_back(cdt.insert(K::Point_2(to.first, to.second)));
+	}
 	for (const auto &p : pieces)
 		cdt.insert_constraint(vertex.at(p.first), vertex.at(p.second));
 
@@ -84,7 +107,7 @@ int main()
 		int64_t x = 0, y = 0;
 
 		for (int i = 0; i < 3; i++) {
-			p[i] = Position((int64_t)f->vertex(i)->point().x(), (int64_t)f->vertex(i)->point().y());
+			p[i] = metric.back((int64_t)f->vertex(i)->point().x(), (int64_t)f->vertex(i)->point().y());
 			x += p[i].first;
 			y += p[i].second;
 		}

@@ -161,6 +161,16 @@ def selected():
             # The same mesh again: everything holds. acutctl compares the digests.
             got = d.ctl("fetch", str(two), "--changed-since", "2", "--format", "null", "--json").ok().json()["changes"]
             expect(got["kept"] and not got["gone"] and not got["new"], "%s: nothing has changed: %s" % (view, got))
+        metric = ("--metric", "3,1,4")
+        two = job_of(d, 2, *metric)
+        one = job_of(d, 1, *metric)
+        b, _, _ = check(c, c.fetch(one), 1, c.fetch(two), two)
+        expect(b.gone and b.kept, "a metric: %d regions are gone, %d hold" % (b.gone, b.kept))
+        changed_command(base, d, one, two, (3, 1, 4))
+        # Points so far away that the plane has another origin: its regions are others.
+        pushed(d, corner(base, "far.xyz", 20, at=4e6), corner(base, "far2.xyz", 20, at=4.1e6))
+        four = job_of(d, 4, *metric)
+        refused(d.ctl("fetch", str(four), "--changed-since", "1", "--format", "null"), 1, "another origin", "the whole mesh")
 
 
 def frames(source):
@@ -257,8 +267,13 @@ def doubled(regions):
     return [[v if v is None else int(v) for v in r] for r in out]
 
 
-def changed_command(base, d, one, two):
-    """The file of changes: a client without regions applies the changes since generation 1, and has the mesh of job two."""
+def changed_command(base, d, one, two, metric=(1, 0, 1)):
+    """The file of changes: a client without regions applies the changes since generation 1, and has the mesh of job two. With a
+    metric regions are of the mapped plane."""
+    p, q, k = metric
+
+    def placed(t, regions):
+        return centre_in([(p * x + q * y, k * (p * y - q * x)) for x, y, _ in t], regions)
     old, new, out = (os.path.join(base, n) for n in ("old.obj", "new.obj", "out.obj"))
     d.ctl("fetch", str(one), "-o", old).ok()
     d.ctl("fetch", str(two), "-o", new).ok()
@@ -271,11 +286,12 @@ def changed_command(base, d, one, two):
     expect(len(came) == sum(p["triangles"] for p in fresh) == got["changes"]["new_triangles"], got["changes"])
     expect(len(gone) == got["changes"]["gone"] == index["acut"]["gone"], got["changes"])
     expect(got["changes"]["since"] == 1 and got["changes"]["old_job"] == one and got["digest"] == index["acut"]["digest"], got)
-    kept = [t for t in was if not centre_in(t, gone)]
+    kept = [t for t in was if not placed(t, gone)]
     expect(len(was) - len(kept) == got["changes"]["gone_triangles"], "circumcentres in regions that are gone")
     expect(sorted(kept + came) == sorted(now), "without regions it is not the new mesh")
-    places = doubled(p["region"] for p in fresh)
-    expect(all(centre_in(t, places) for t in came), "what came lies in no new region")
+    places = doubled(f["region"] for f in fresh)
+    expect(index["acut"].get("metric") == (None if k == 1 else [p, q, k]), index["acut"])
+    expect(all(placed(t, places) for t in came), "what came lies in no new region")
     return out
 
 

@@ -99,6 +99,20 @@ def any_order():
             expect([f.name for f in got] == ["road.txt"], got)
             expect(list(got[0].lines.features) == [1, 1, 0, 0] and got[0].lines.lines == 2 and got[0].lines.vertices == 5 and got[0].points == 0, got)
             cl = Client(d.socket)
+            # For people, as JSON, and in Python.
+            want_lines = {"hard": 1, "lake": 1, "boundary": 0, "hole": 0, "lines": 2, "vertices": 5}
+            changes = [g["files"] for g in map(json.loads, d.ctl("dataset", "log", "order0", "--files", "--json").ok().out.splitlines())]
+            expect([c[0]["lines"] and c[0]["lines"]["vertices"] for c in changes] == [None, 3, 5] and changes[2][0]["lines"] == want_lines, changes)
+            rows = d.ctl("dataset", "log", "order0", "--files").ok().out.splitlines()
+            expect([r.split("\t")[4:] for r in rows] == [["4000", changes[0][0]["hash"], "-", "-"],
+                                                         ["-", changes[1][0]["hash"], "-", "1 hard: 1 line, 3 vertices"],
+                                                         ["-", changes[2][0]["hash"], "-", "1 hard, 1 lake: 2 lines, 5 vertices"]], rows)
+            got = show(d, "order0")
+            expect(got["lines"] == {"files": 2, "hard": 2, "lake": 1, "boundary": 0, "hole": 0, "lines": 3, "vertices": 8} and got["files"] == 3, got)
+            then = [d.ctl("dataset", "show", "order0", "--at", g, "--json").ok().json()["lines"] for g in "12"]
+            expect(then[0] is None and then[1]["files"] == 1 and then[1]["vertices"] == 3, then)
+            says(d.ctl("dataset", "show", "order0"), 0, "2 files of lines, 2 hard, 1 lake: 3 lines, 8 vertices")
+            expect("of lines" not in d.ctl("dataset", "show", "plain").ok().out, "a dataset without lines has some")
             log = cl.ask("log_request", pb.LogRequest(dataset="order0")).generations
             expect([(g.files, g.points_added, g.lines_added) for g in log] == [(1, 4000, 0), (1, 0, 1), (1, 0, 2)], log)
             # The road crosses the ridge.
@@ -123,7 +137,6 @@ def reverts_and_replacements():
                 push(d, "d", p).ok()
             both, one, none = fresh(d, a, b, c), fresh(d, a, b), fresh(d, a)
             expect(mesh(d, "d") == both and mesh(d, "d", "--at", "2") == one and mesh(d, "d", "--at", "1") == none, "generations")
-            says(d.ctl("dataset", "revert", "d", "2"), 1, "never together", "newest first")
             d.ctl("dataset", "revert", "d").ok()
             expect(mesh(d, "d") == one, "a revert of lines")
             d.ctl("dataset", "revert", "d", "2").ok()
@@ -144,7 +157,50 @@ def reverts_and_replacements():
             # What is pruned goes with its files.
             d.ctl("dataset", "prune", "d", "--keep", "1").ok()
             expect(mesh(d, "d") == fresh(d, a, b, c), "after a prune")
-            settled(d, "d", ["lines-2", "lines-6", "lineset-7", "places-7"])
+            settled(d, "d", ["lines-2", "lines-9", "lineset-10", "places-10"])
+            d.ctl("cache", "verify").ok()
+
+
+def never_together():
+    """A revert makes the line set of lines that were in no generation together: that of a dataset which got these files only."""
+    with e2e.Folder() as base:
+        a, b, c, more = cloud(base), lines(base, "ridge.txt", RIDGE), lines(base, "road.txt", ROAD, POND), cloud(base, "more.las", 2, 500)
+        bank = lines(base, "bank.txt", (3, "hard", [(5, 5, 1), (6, 90, 1), (80, 92, 2)]))
+        with e2e.Daemon(base) as d:
+            for p in (a, b, c, bank):
+                push(d, "d", p).ok()
+            got = d.ctl("dataset", "revert", "d", "2", "--json").ok().json()
+            expect(got["generation"] == 5 and got["undone"] == 2, got)
+            without = fresh(d, a, c, bank)
+            expect(mesh(d, "d") == without, "a revert of the first lines")
+            # Only the newest generation keeps its line set.
+            kept = lambda: [n for n in folder(d, "d") if n.startswith("lineset-")]
+            e2e.until(lambda: kept() == ["lineset-8"], "line sets stay")
+            d.ctl("dataset", "revert", "d").ok()
+            expect(mesh(d, "d") == fresh(d, a, b, c, bank), "all lines are back")
+            d.ctl("dataset", "revert", "d").ok()
+            expect(mesh(d, "d") == without, "and gone again")
+            e2e.until(lambda: len(kept()) == 1, "line sets stay")
+            # Others are made again for those who ask, once, and stay until the lines change again.
+            expect(mesh(d, "d", "--at", "3") == fresh(d, a, b, c) and mesh(d, "d", "--at", "2") == fresh(d, a, b), "earlier generations")
+            d.ctl("cache", "gc", "--all").ok()
+            expect(mesh(d, "d", "--at", "4") == fresh(d, a, b, c, bank), "an earlier generation, by a revert")
+            expect(mesh(d, "d", "--at", "1") == fresh(d, a) and mesh(d, "d", "--at", "5") == without, "without lines, and as the newest")
+            some = kept()
+            expect(len(some) == 5, some)
+            expect(mesh(d, "d", "--at", "3", "--thin", "1") == mesh(d, "d", "--at", "3", "--thin", "1"), "a selection")
+            expect(kept() == some, kept())
+            # A replacement, then what was before it without the file that came in between.
+            lines(base, "road.txt", (1, "hard", [(12, 70, 3), (85, 30, 3.5)]))
+            push(d, "d", c, more=["--replace"]).ok()
+            d.ctl("dataset", "revert", "d", "4").ok()
+            expect(mesh(d, "d") == fresh(d, a, c), "the replacement alone")
+            d.stop()
+            d.start()
+            expect(mesh(d, "d") == fresh(d, a, c) and mesh(d, "d", "--at", "7") == without, "after a restart")
+            push(d, "d", more).ok()
+            d.ctl("dataset", "prune", "d", "--keep", "1").ok()
+            expect(mesh(d, "d") == fresh(d, a, c, more), "after a prune")
             d.ctl("cache", "verify").ok()
 
 
@@ -250,6 +306,26 @@ def what_the_text_asks_for():
             push(d, "strict2", a, uneven).ok()
 
 
+def far_away():
+    """Lines beyond the lattice are refused with their file and feature, whatever digits they have; the points beside them are taken."""
+    with e2e.Folder() as base:
+        a = cloud(base)
+        with e2e.Daemon(base) as d:
+            near = "feature 4 hard\nline\n1 1 1\n2 2 2\n"
+            for i, (before, rows) in enumerate((("", "9000000000 5 1\n9000000001 6 1"), ("", "9000000000.5 5 1\n9000000001 6 1"),
+                                                ("", "9000000000.123456789 5 1\n9000000001 6 1"), ("", "5 5 9000000000\n6 6 9000000000"),
+                                                (near, "5 5 1\n6 -9e9 2"))):
+                far = os.path.join(base, "far%d.txt" % i)
+                with open(far, "w") as f:
+                    f.write("acut-lines 1\n%sfeature 17 hard\nline\n%s\n" % (before, rows))
+                for order in ((a, far), (far, a)):
+                    name = "f%d%d" % (i, order[0] == a)
+                    says(d.ctl("push", name, *order), 3, far + ": with the scale 0.01", "does not fit")
+                    expect(show(d, name)["points"] == 4000, "the points were left out")
+                says(push(d, "scaled%d" % i, a), 0)
+                says(d.ctl("push", "scaled%d" % i, far), 1, far + ": feature 17:", "beyond the middle of the lattice")
+
+
 def walk(rng, n):
     """A line of short steps."""
     x, y, out = rng.random() * 100, rng.random() * 100, []
@@ -274,4 +350,24 @@ def little_memory():
             e2e.until(lambda: not [n for n in folder(d, "d") if not n.startswith("push-") and n not in before], "leftovers: %s" % folder(d, "d"))
 
 
-e2e.main(any_order, reverts_and_replacements, copies, interrupted, what_the_text_asks_for, little_memory)
+def revert_in_little_memory():
+    """A revert asks for the memory of a line set; where that cannot be had it is refused, and changes nothing."""
+    with e2e.Folder() as base:
+        a, rng = cloud(base), random.Random(5)
+        one, two = (lines(base, "many%d.txt" % i, *[(k, "hard", walk(rng, 80)) for k in range(1500)]) for i in range(2))
+        with e2e.Daemon(base) as d:
+            for p in (a, one, two):
+                push(d, "d", p).ok()
+            d.stop()
+        with e2e.Daemon(base, memory="24M") as d:
+            before = folder(d, "d")
+            says(d.ctl("dataset", "revert", "d", "2"), 1, "making the line set", "run with memory=")
+            settled(d, "d", before)
+            expect(show(d, "d")["generation"] == 3, show(d, "d"))
+            d.stop()
+        with e2e.Daemon(base) as d:
+            d.ctl("dataset", "revert", "d", "2").ok()
+            expect(mesh(d, "d") == fresh(d, a, two), "with enough memory")
+
+
+e2e.main(any_order, reverts_and_replacements, never_together, copies, interrupted, what_the_text_asks_for, far_away, little_memory, revert_in_little_memory)

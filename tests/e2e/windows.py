@@ -231,5 +231,6 @@ def jobs():
         expect(r.status == 0 and len(read_ply(out)) == one["triangles"], r.err)
 
 
-e2e.main(against_cgal("swath", 80000), against_cgal("corridor-diagonal", 40000), against_cgal("gaussians", 30000),
-         against_cgal("two-clusters", 20000), against_cgal("ring", 10000, "--range", 100000), against_cgal("grid", 10000), partition, reads, jobs)
+if __name__ == "__main__":
+    e2e.main(against_cgal("swath", 80000), against_cgal("corridor-diagonal", 40000), against_cgal("gaussians", 30000),
+             against_cgal("two-clusters", 20000), against_cgal("ring", 10000, "--range", 100000), against_cgal("grid", 10000), partition, reads, jobs)

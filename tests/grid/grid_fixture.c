@@ -358,3 +358,51 @@ int gather_sink(void *ctx, const struct point *pts, size_t n, struct err *err)
 	g->largest = n > g->largest ? n : g->largest;
 	return 0;
 }
+
+/* ---- ranges ---- */
+
+static uint64_t key_of(const struct point *p)
+{
+	return point_morton(p->x, p->y);
+}
+
+void random_range(const struct set *s, uint64_t *rng, uint64_t *lo, uint64_t *hi)
+{
+	uint64_t a = random_next(rng), b = random_next(rng);
+
+	if (s->n && random_below(rng, 4)) {
+		size_t i = random_below(rng, s->n), k = i + random_below(rng, random_below(rng, 2) ? 3000 : 50);
+
+		a = key_of(&s->pts[i]) - random_below(rng, 2);
+		b = key_of(&s->pts[k < s->n ? k : s->n - 1]) + random_below(rng, 2);
+	}
+	*lo = a < b ? a : b;
+	*hi = a < b ? b : a;
+}
+
+void reader_check(struct reader *r, const struct set *live, uint64_t lo, uint64_t hi, bool must_be_exact)
+{
+	struct gather g = {0};
+	struct err err = ERR_INIT;
+	struct digest sum = {0, 0}, got;
+	size_t first = 0, n = 0;
+	uint64_t count;
+	bool exact;
+
+	while (first < live->n && key_of(&live->pts[first]) < lo)
+		first++;
+	while (first + n < live->n && key_of(&live->pts[first + n]) <= hi) {
+		digest_add(&sum, digest_hash(&live->pts[first + n], sizeof(struct point)));
+		n++;
+	}
+	CHECK(grid_scan(r->r, lo, hi, gather_sink, &g, &err));
+	assert_int_equal(g.n, n);
+	if (n)
+		assert_memory_equal(g.pts, live->pts + first, n * sizeof *g.pts);
+	assert_true(g.largest <= GRID_CELL_RECORDS);
+	CHECK(grid_count(r->r, lo, hi, &count, &exact, &err));
+	assert_true(count >= n && (count == n || !exact) && (exact || !must_be_exact));
+	CHECK(grid_sum(r->r, lo, hi, &got, &err));
+	assert_true(digest_equal(sum, got));
+	free(g.pts);
+}

@@ -90,4 +90,9 @@ struct gather {
 };
 int gather_sink(void *ctx, const struct point *pts, size_t n, struct err *err);
 
+/* A random range of keys, often with ends at records of the set. */
+void random_range(const struct set *, uint64_t *rng, uint64_t *lo, uint64_t *hi);
+/* Scan, count and sum of a range against filtering the sorted set of live records. */
+void reader_check(struct reader *, const struct set *live, uint64_t lo, uint64_t hi, bool must_be_exact);
+
 #endif

@@ -150,6 +150,10 @@ static void test_lengths(void **state)
 	becomes("view 1 breakline-clear=8589934592 window=box:0,1,0,2", &fine, "x",
 		"view 1 breakline-clear=8589934592 window=box:0,1,0,2");
 	becomes("ask 1 thin=10m:lowest", &fine, "metre", "view 1 thin=1000:lowest");
+	becomes("ask 1 metric=-6,2,5 ground", &fine, "unknown", "view 1 ground metric=3,-1,5");
+	becomes("ask 1 metric=0,-9223372036854775807,2 window=box:1,2,3,4", &coarse, "x",
+		"view 1 window=box:4,8,12,16 metric=0,1,2");
+	becomes("ask 1 metric=3,4,1", &fine, "unknown", "view 1");
 	becomes("ask 1 thin=0.3048m:lowest", &fine, "foot", "view 1 thin=100:lowest");
 	becomes("ask 1 thin=1e3ft:lowest", &fine, "metre", "view 1 thin=30480:lowest");
 	becomes("ask 1 thin=39.37ftUS:lowest", &fine, "metre", "view 1 thin=1200:lowest");
@@ -170,6 +174,13 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 breakline-clear=-1", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 breakline-clear=x", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 breakline-clear=1 no-breaklines", "metre", ERR_USAGE, "no point is near");
+	refused("ask 1 metric=0,0,2", "metre", ERR_USAGE, "no direction");
+	refused("ask 1 metric=1,2,0", "metre", ERR_USAGE, "at least 1");
+	refused("ask 1 metric=1,2,10001", "metre", ERR_USAGE, "K is more");
+	refused("ask 1 metric=10001,2,3", "metre", ERR_USAGE, "P is more");
+	refused("ask 1 metric=1,2", "metre", ERR_PROTO, "not a view");
+	refused("ask 1 metric=1,2,3,", "metre", ERR_PROTO, "not a view");
+	refused("ask 1 metric=1,2,3m", "metre", ERR_PROTO, "not a view");
 	refused("ask 1 thin=10ft:lowest", "", ERR_INPUT, "unknown");
 	refused("ask 1 thin=10ftUS:lowest", "degree", ERR_INPUT, "degrees");
 	refused("ask 1 thin=0.004:lowest", "metre", ERR_USAGE, "less than half a step");
@@ -211,6 +222,14 @@ static void test_refused(void **state)
 		"view 1 zmax=1 zmin=0",
 		"view 1 every=1",
 		"view 1 thin=0:lowest",
+		"view 1 metric=2,4,3",
+		"view 1 metric=-1,2,3",
+		"view 1 metric=0,-1,3",
+		"view 1 metric=1,2,1",
+		"view 1 metric=1,2,10001",
+		"view 1 metric=0,0,0",
+		"view 1 metric=1,2,3,",
+		"view 1 metric=1,2,3 window=box:1,2,3,4",
 		"view 1 breakline-clear=0",
 		"view 1 breakline-clear=-1",
 		"view 1 breakline-clear=8589934593",

@@ -241,7 +241,8 @@ static void one_case(uint64_t seed)
 	points = calloc(set.n + 1, sizeof *points);
 	n = brute(&set, d.dead, &view, points, &want);
 	to = folder_new();
-	got = select_into(&to, d.reader.grid, &view, selection_memory_min(d.reader.grid) + (rnd(2) ? rnd(4096) : rnd(1 << 20)));
+	got = select_into(&to, d.reader.grid, &view,
+			  selection_memory_min(d.reader.grid, &view) + (rnd(2) ? rnd(4096) : rnd(1 << 20)));
 	found = all_of(&to, &d.m.lattice);
 	if (found.n != n || memcmp(found.pts ? found.pts : points, points, n * sizeof *points))
 		fail_msg("seed %llu: %zu points selected, not these %zu", (unsigned long long)seed, found.n, n);
@@ -294,7 +295,7 @@ static void test_large(void **state)
 				struct folder to = folder_new();
 				struct gather found;
 
-				got = select_into(&to, d.reader.grid, &v, selection_memory_min(d.reader.grid) + more[k]);
+				got = select_into(&to, d.reader.grid, &v, selection_memory_min(d.reader.grid, &v) + more[k]);
 				assert_memory_equal(&got, &want, sizeof got);
 				found = all_of(&to, &d.m.lattice);
 				assert_int_equal(found.n, n);
@@ -318,7 +319,7 @@ static void test_all_equal(void **state)
 	view_bind(&v, &d.m.lattice);
 	v.thin = (struct view_thin){1000, VIEW_PICK_MEDIAN};
 	struct folder to = folder_new();
-	struct selection_counts got = select_into(&to, d.reader.grid, &v, selection_memory_min(d.reader.grid));
+	struct selection_counts got = select_into(&to, d.reader.grid, &v, selection_memory_min(d.reader.grid, &v));
 	struct gather found = all_of(&to, &d.m.lattice);
 
 	assert_int_equal(got.kept, 1);

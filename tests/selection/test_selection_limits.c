@@ -109,7 +109,7 @@ static void test_cancel(void **state)
 	v.thin.cell = 3;
 	assert_int_equal(selection_make(&p, &got, &err), -ERR_CANCELLED);
 	assert_int_equal(calls, 2);
-	p.memory = selection_memory_min(d.reader.grid) - 1;
+	p.memory = selection_memory_min(d.reader.grid, &v) - 1;
 	err = ERR_INIT;
 	assert_int_equal(selection_make(&p, &got, &err), -ERR_LIMIT);
 	assert_int_equal(folder_files(&to, ""), 0);
@@ -141,7 +141,7 @@ static void test_cancel_large_cell(void **state)
 	struct stop_after stop = {.points = set.n};
 	struct selection_params p = {.grid = d.reader.grid,
 				     .view = &v,
-				     .memory = selection_memory_min(d.reader.grid),
+				     .memory = selection_memory_min(d.reader.grid, &v),
 				     .dirfd = to.fd,
 				     .progress = stop_in_a_later_pass,
 				     .ctx = &stop};

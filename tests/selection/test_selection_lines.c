@@ -216,7 +216,7 @@ static void one_case(uint64_t seed)
 	all = all_of(&r);
 	points = calloc(all.n + 1, sizeof *points);
 	n = brute(&all, &v, points, &want);
-	got = select_into(&to, r.grid, &v, selection_memory_min(r.grid) + (rnd(2) ? 0 : 1 << 20));
+	got = select_into(&to, r.grid, &v, selection_memory_min(r.grid, &v) + (rnd(2) ? 0 : 1 << 20));
 	assert_memory_equal(&got, &want, sizeof got);
 	use = (struct grid_use){.no_lines = v.no_breaklines, .lines = "lineset-3", .linesfd = f.fd};
 	selected = open_with(&to, SELECTION_MANIFEST, &use);

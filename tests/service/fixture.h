@@ -146,6 +146,22 @@ static int text_file(unsigned n, unsigned seed)
 	return fd;
 }
 
+/* A line of n vertices at the positions of text_file, which crosses itself. */
+static int lines_file(unsigned n, unsigned seed)
+{
+	int points = text_file(n, seed), fd = memfd_create("lines.txt", MFD_CLOEXEC);
+	FILE *from = fdopen(points, "r"), *f = fdopen(dup(fd), "w");
+	char row[128];
+
+	rewind(from);
+	fprintf(f, "acut-lines 1\nfeature %u hard\nline\n", seed);
+	while (fgets(row, sizeof row, from))
+		fputs(row, f);
+	fclose(from);
+	fclose(f);
+	return fd;
+}
+
 /* ---- a push, step by step ---- */
 
 static struct {

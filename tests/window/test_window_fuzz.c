@@ -2,7 +2,8 @@
  * Random windows: small point sets in random cells and segments, boxes and polygons of every kind, divided into pieces
  * by plans of random load and at random; half of them with pieces of lines. Together the pieces have exactly the triangles of the
  * whole mesh that meet the area, each once, with the heights of the whole mesh. The test finds these triangles by intersecting
- * segments and by a ray; the engine does not.
+ * segments and by a ray; the engine does not. A third has a metric: the engine gets mapped positions, while the area, and the
+ * triangles that it gives, are in the plane before that.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -30,6 +31,7 @@ struct polygon {
 };
 
 static struct sets set;
+static struct mesh_vertex mapped[SETS_MAX_N]; /* set.pos, for the engine; without a metric the same */
 static struct view view;
 static struct polygon polygon;
 static int32_t whole[MAX_TRIANGLES][6], want[MAX_TRIANGLES][6], got[2 * MAX_TRIANGLES][6];
@@ -37,7 +39,7 @@ static unsigned ngot;
 static void *memory;
 static struct lineset_piece line[PIECES];
 static unsigned npiece;
-static uint64_t lined;
+static uint64_t lined, turned;
 static uint64_t cases, wanted, some, pieces, halvings, cells, all_cells, empties;
 
 /* ---- the window ---- */
@@ -385,7 +387,7 @@ static uint64_t cells_of(const struct cut_source *src)
 /* Offers pieces to the mesh of all positions, and keeps those that it takes. 0: the positions are flat. */
 static unsigned make_lines(uint64_t *seed)
 {
-	struct tri *t = set.n < 3 ? NULL : check_tri(set.pos, set.n);
+	struct tri *t = set.n < 3 ? NULL : check_tri(mapped, set.n);
 	unsigned tries = 1 + sets_below(seed, 2 * PIECES), n = 0;
 	struct tri_pieces *p;
 	struct tri_result r;
@@ -395,12 +397,12 @@ static unsigned make_lines(uint64_t *seed)
 		return 0;
 	p = check_pieces(t, 2 * set.n);
 	for (; tries > 0 && npiece < PIECES; tries--) {
-		const struct mesh_vertex *a = &set.pos[sets_below(seed, set.n)], *b = &set.pos[sets_below(seed, set.n)];
+		const struct mesh_vertex *a = &mapped[sets_below(seed, set.n)], *b = &mapped[sets_below(seed, set.n)];
 		const int32_t ends[2][2] = {{a->x, a->y}, {b->x, b->y}};
 		bool swap = ends[1][0] < ends[0][0] || (ends[1][0] == ends[0][0] && ends[1][1] < ends[0][1]);
 		uint32_t at;
 
-		if (tri_piece_insert(p, (uint32_t)(a - set.pos), (uint32_t)(b - set.pos), &at))
+		if (tri_piece_insert(p, (uint32_t)(a - mapped), (uint32_t)(b - mapped), &at))
 			continue;
 		memcpy(line[npiece].a, ends[swap], sizeof(ends[0]));
 		memcpy(line[npiece++].b, ends[!swap], sizeof(ends[0]));
@@ -421,6 +423,64 @@ static unsigned make_lines(uint64_t *seed)
 	return n;
 }
 
+/* ---- metrics ---- */
+
+static bool map_point(const struct view_metric *m, const int64_t from[2], int32_t *x, int32_t *y)
+{
+	int64_t at[2];
+
+	view_metric_image(m, *x, *y, at);
+	for (unsigned k = 0; k < 2; k++)
+		if (at[k] - from[k] < INT32_MIN || at[k] - from[k] > INT32_MAX)
+			return false;
+	*x = (int32_t)(at[0] - from[0]);
+	*y = (int32_t)(at[1] - from[1]);
+	return true;
+}
+
+static int by_place(const void *a, const void *b)
+{
+	return point_compare(a, b);
+}
+
+/* Maps the records of the set, and its positions into `mapped`, if they fit: otherwise there is no metric. */
+static void make_metric(uint64_t *seed)
+{
+	const int64_t from[2] = {(int64_t)sets_below(seed, 1000) - 500, (int64_t)sets_below(seed, 2) << 20};
+	struct view_metric m = view_metric_normal((struct view_metric){(int64_t)sets_below(seed, 13) - 6, 1 + sets_below(seed, 5),
+								       2 + sets_below(seed, sets_below(seed, 4) ? 5 : 200)});
+	static struct sets to;
+	bool fits = sets_below(seed, 3) == 0 && !view_selects(&view); /* a selection has no such rule left */
+
+	memcpy(mapped, set.pos, sizeof(mapped));
+	view.metric = (struct view_metric){0};
+	view.map = (struct view_map){0};
+	to = set;
+	for (unsigned s = 0; s < to.segments; s++)
+		for (size_t i = 0; i < to.nrecord[s]; i++)
+			fits = fits && map_point(&m, from, &to.record[s][i].x, &to.record[s][i].y);
+	if (!fits)
+		return;
+	turned++;
+	memcpy(set.record, to.record, sizeof(set.record));
+	for (unsigned s = 0; s < set.segments; s++)
+		qsort(set.record[s], set.nrecord[s], sizeof(set.record[s][0]), by_place);
+	for (unsigned i = 0; i < set.n; i++)
+		assert_true(map_point(&m, from, &mapped[i].x, &mapped[i].y));
+	view.metric = m;
+	view_bind_map(&view, from);
+}
+
+static void map_back(int32_t c[6])
+{
+	for (unsigned i = 0; i < 6 && view.map.is.k; i += 2) {
+		const int32_t at[2] = {c[i], c[i + 1]};
+
+		view_map_back(&view.map, at, &c[i]);
+	}
+	normalize(c);
+}
+
 static void one_case(uint64_t seed)
 {
 	struct cut_source src;
@@ -434,6 +494,7 @@ static void one_case(uint64_t seed)
 	for (unsigned k = 0; k < 3; k++)
 		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(random_next(&seed) >> 5) - (INT64_C(1) << 58);
 	sets_reduce(&set, &view);
+	make_metric(&seed);
 	sets_tiling(&seed, &set, &t);
 	tiling_source(&t, &src);
 	if (sets_below(&seed, 2))
@@ -443,8 +504,10 @@ static void one_case(uint64_t seed)
 	m = sets_below(&seed, 2) ? make_lines(&seed) : 0;
 	if (!m) {
 		npiece = 0;
-		m = brute_triangles(set.pos, set.n, whole);
+		m = brute_triangles(mapped, set.n, whole);
 	}
+	for (unsigned i = 0; i < m; i++)
+		map_back(whole[i]);
 	for (unsigned i = 0; i < m; i++)
 		if (meets(whole[i]))
 			memcpy(want[n++], whole[i], sizeof(whole[i]));
@@ -475,12 +538,13 @@ static void fuzz(void **state)
 	}
 	free(memory);
 	print_message("%llu cases, %llu triangles, %llu windows of a part, %llu without any, %llu pieces, %llu halved, "
-		      "%llu cells read of %llu; %llu with pieces of lines\n",
+		      "%llu cells read of %llu; %llu with pieces of lines, %llu with a metric\n",
 		      (unsigned long long)cases, (unsigned long long)wanted, (unsigned long long)some,
 		      (unsigned long long)empties, (unsigned long long)pieces, (unsigned long long)halvings,
-		      (unsigned long long)cells, (unsigned long long)all_cells, (unsigned long long)lined);
+		      (unsigned long long)cells, (unsigned long long)all_cells, (unsigned long long)lined,
+		      (unsigned long long)turned);
 	if (n >= 1000)
-		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n && lined > n / 4);
+		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n && lined > n / 4 && turned > n / 10);
 }
 
 int main(void)

@@ -116,18 +116,17 @@ static int parse_options(int argc, char **argv, struct options *o)
 
 /* ---- a view that selects ---- */
 
-static int select_into(struct session *s, int dirfd, struct err *err)
+static int select_into(struct session *s, int dirfd, struct selection_counts *ret, struct err *err)
 {
 	struct selection_params p = {.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
-	struct selection_counts counts;
 
-	return selection_make(&p, &counts, err);
+	return selection_make(&p, ret, err);
 }
 
 /* `dataset`: the folder of the manifest. Replaces the dataset's grid by the grid of the selected points, in unlinked files. */
 static int select_own(struct session *s, int dataset, struct err *err)
 {
-	static const char *const files[] = {SELECTION_MANIFEST, "counts", "selection.seg"};
+	const char *files[4] = {SELECTION_MANIFEST, "counts", "selection.seg"};
 	const char *top = getenv("TMPDIR");
 	struct err ignored = ERR_INIT;
 	char path[4096];
@@ -144,18 +143,21 @@ static int select_own(struct session *s, int dataset, struct err *err)
 		struct view rest = view_rest(&s->view);
 		struct grid_named file[GRID_SOURCE_FILES];
 		struct grid_use use = {.no_lines = !lines};
+		struct selection_counts counts = {0};
 
+		r = select_into(s, dirfd, &counts, err);
 		if (lines) {
 			grid_source_files(lines, file);
 			use.lines = file[0].name;
-			use.linesfd = dataset;
+			use.linesfd = counts.mapped ? dirfd : dataset;
+			files[3] = counts.mapped ? file[0].name : NULL;
 		}
-
-		r = select_into(s, dirfd, err);
+		if (counts.mapped)
+			view_bind_map(&rest, counts.origin);
 		s->grid = grid_close(s->grid);
 		if (!r)
 			r = grid_open_use(dirfd, SELECTION_MANIFEST, GRID_NEWEST, &use, s->ledger, INDEX_MEMORY, &s->grid, err);
-		for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
+		for (size_t i = 0; i < sizeof files / sizeof files[0] && files[i]; i++)
 			io_remove(dirfd, files[i], &ignored);
 		io_close(dirfd);
 		view_done(&s->view);
@@ -168,6 +170,7 @@ static int select_own(struct session *s, int dataset, struct err *err)
 static int select_folder(struct session *s, const struct options *o, struct err *err)
 {
 	struct view rest = view_rest(&s->view);
+	struct selection_counts counts;
 	char *text;
 	int dirfd, r = io_make_dir(AT_FDCWD, o->out, 0777, err);
 
@@ -175,7 +178,7 @@ static int select_folder(struct session *s, const struct options *o, struct err 
 		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (r)
 		return r;
-	r = select_into(s, dirfd, err);
+	r = select_into(s, dirfd, &counts, err);
 	io_close(dirfd);
 	if (r)
 		return r;
@@ -192,6 +195,8 @@ static int select_folder(struct session *s, const struct options *o, struct err 
 static int session_open(struct session *s, const struct options *o, struct err *err)
 {
 	char folder[4096], file[4096];
+	struct selection_counts counts;
+	struct err ignored = ERR_INIT;
 	struct grid_use use;
 	int dirfd = -1, r;
 
@@ -213,7 +218,9 @@ static int session_open(struct session *s, const struct options *o, struct err *
 		r = grid_open_use(dirfd, basename(file), GRID_NEWEST, &use, s->ledger, INDEX_MEMORY, &s->grid, err);
 	if (!r)
 		view_bind(&s->view, &grid_manifest(s->grid)->lattice);
-	if (!r && view_selects(&s->view) && !o->select)
+	if (!r && s->view.metric.k && !selection_counts_read(dirfd, &counts, &ignored) && counts.mapped)
+		view_bind_map(&s->view, counts.origin); /* the grid of --select */
+	else if (!r && view_selects(&s->view) && !o->select)
 		r = select_own(s, dirfd, err);
 	io_close(dirfd);
 	if (!r)

@@ -2,7 +2,7 @@
  * acut-verify: whether a file is the Delaunay triangulation that it claims to be, and of these points.
  *
  * engine/mesh/verify.h, which shares no code with the kernel, checks the mesh. check_digest.c, which shares no code
- * with base, computes the digests. Everything is in memory.
+ * with base, computes the digests. check_lines.h is about lines that the mesh must have as edges. Everything is in memory.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -12,29 +12,35 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "check_file.h"
+#include "check_lines.h"
 #include "clock.h"
 #include "err.h"
 #include "io.h"
 #include "verify.h"
 
-static const char help[] = "Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
-			   "Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
-			   "digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
-			   "\n"
-			   "What the mesh was made of, as for acutctl:\n"
-			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface,\n"
-			   "  --duplicates lowest|highest"
+static const char help[] =
+	"Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
+	"Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
+	"digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
+	"\n"
+	"What the mesh was made of, as for acutctl:\n"
+	"  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface,\n"
+	"  --duplicates lowest|highest"
 #define VIEW_FLAG(field, word, help) ", --" word
 #include "view_option.def"
-			   "; --planar is always meant\n"
-			   "  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
-			   "\n"
-			   "  --json             one JSON object\n"
-			   "  --quiet            say nothing of a good mesh\n"
-			   "  --help, --version\n"
-			   "\n"
-			   "Exit status: 0 good, 1 the mesh is wrong or a file is broken, 2 usage, 74 reading failed.\n";
+	";\n"
+	"  --metric P,Q,K; --planar is always meant\n"
+	"  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
+	"\n"
+	"The files of lines that the mesh was made with: each piece must be an edge, and marked.\n"
+	"  --breaklines FILE, --lakes FILE, --boundary FILE, --holes FILE, --layer NAME, --kind-field NAME,\n"
+	"  --densify LENGTH, --lake-level min|max|mean: as for acutctl mesh; FILE may also be a text of lines\n"
+	"\n"
+	"  --json             one JSON object\n"
+	"  --quiet            say nothing of a good mesh\n"
+	"  --help, --version\n"
+	"\n"
+	"Exit status: 0 good, 1 the mesh is wrong or a file is broken, 2 usage, 74 reading failed.\n";
 
 struct verdict {
 	const char *name;
@@ -45,6 +51,12 @@ struct verdict {
 	struct check_mesh mesh;
 	struct check_points points;
 	bool with_points;
+	const char **line_file; /* as many as arguments at most */
+	uint8_t *line_kind;
+	size_t line_files;
+	struct check_lines_options line_options;
+	struct check_lines lines;
+	struct check_fault line_fault;
 	struct verify_report report;
 	struct digest digest, vertex_digest;
 	const char *fault; /* NULL: no fault */
@@ -61,7 +73,16 @@ enum {
 #define VIEW_FLAG(field, ...) OPT_##field,
 #include "view_option.def"
 	OPT_DUPLICATES,
+	OPT_METRIC,
 	OPT_VIEW,
+	OPT_BREAKLINES, /* in the order of enum lines_kind */
+	OPT_LAKES,
+	OPT_BOUNDARY,
+	OPT_HOLES,
+	OPT_LAYER,
+	OPT_KIND_FIELD,
+	OPT_DENSIFY,
+	OPT_LAKE_LEVEL,
 	OPT_PLANAR,
 	OPT_JSON,
 	OPT_QUIET,
@@ -70,15 +91,30 @@ enum {
 };
 
 static const struct option long_options[] = {
-	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
-	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
+	{"class", 1, NULL, OPT_CLASS},
+	{"not-class", 1, NULL, OPT_NOT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},
+	{"ground", 0, NULL, OPT_GROUND},
 	{"surface", 0, NULL, OPT_SURFACE},
 #define VIEW_FLAG(field, word, help) {word, 0, NULL, OPT_##field},
 #include "view_option.def"
-	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
-	{"planar", 0, NULL, OPT_PLANAR},         {"json", 0, NULL, OPT_JSON},
-	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION},       {0},
+	{"duplicates", 1, NULL, OPT_DUPLICATES},
+	{"view", 1, NULL, OPT_VIEW},
+	{"breaklines", 1, NULL, OPT_BREAKLINES},
+	{"lakes", 1, NULL, OPT_LAKES},
+	{"boundary", 1, NULL, OPT_BOUNDARY},
+	{"holes", 1, NULL, OPT_HOLES},
+	{"layer", 1, NULL, OPT_LAYER},
+	{"kind-field", 1, NULL, OPT_KIND_FIELD},
+	{"densify", 1, NULL, OPT_DENSIFY},
+	{"lake-level", 1, NULL, OPT_LAKE_LEVEL},
+	{"metric", 1, NULL, OPT_METRIC},
+	{"planar", 0, NULL, OPT_PLANAR},
+	{"json", 0, NULL, OPT_JSON},
+	{"quiet", 0, NULL, OPT_QUIET},
+	{"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},
+	{0},
 };
 
 /* Index of a word in a list, -1 if it is not there. */
@@ -90,6 +126,39 @@ static int find_choice(const char *word, const char *const *words, int n)
 	return -1;
 }
 
+static int parse_metric(struct verdict *v, const char *text, struct err *err)
+{
+	long long p, q, k;
+	int n = 0;
+
+	if (sscanf(text, "%lld,%lld,%lld%n", &p, &q, &k, &n) != 3 || text[n] || k < 1)
+		return err_set(err, ERR_USAGE, "--metric is not P,Q,K: %s", text);
+	v->view.metric = (struct view_metric){p, q, k};
+	return view_metric_check(v->view.metric, err);
+}
+
+static void parse_line_option(struct verdict *v, int option, const char *value)
+{
+	switch (option) {
+	case OPT_LAYER:
+		v->line_options.layer = value;
+		break;
+	case OPT_KIND_FIELD:
+		v->line_options.kind_field = value;
+		break;
+	case OPT_DENSIFY:
+		v->line_options.text.densify = value;
+		break;
+	case OPT_LAKE_LEVEL:
+		v->line_options.text.lake_level = value;
+		break;
+	default:
+		v->line_kind[v->line_files] = (uint8_t)(option - OPT_BREAKLINES);
+		v->line_file[v->line_files++] = value;
+		break;
+	}
+}
+
 static int parse_option(struct verdict *v, int option, const char *value, struct err *err)
 {
 	static const char *const returns[] = {"all", "first", "last"};
@@ -97,11 +166,17 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 	int i = 0;
 
 	v->options |= option < OPT_VIEW;
+	if (option >= OPT_BREAKLINES && option <= OPT_LAKE_LEVEL) {
+		parse_line_option(v, option, value);
+		return 0;
+	}
 	switch (option) {
 	case OPT_CLASS:
 		return view_set_classes(&v->view, value, err);
 	case OPT_NOT_CLASS:
 		return view_set_not_classes(&v->view, value, err);
+	case OPT_METRIC:
+		return parse_metric(v, value, err);
 	case OPT_VIEW:
 		v->view_text = value;
 		break;
@@ -169,8 +244,59 @@ static void check_digests(struct verdict *v)
 		set_fault(v, "vertex-digest", "the digest of the vertices is not the one in the file");
 }
 
+static int read_lines(struct verdict *v, struct err *err)
+{
+	struct check_lines_options o = v->line_options;
+	int rc = 0;
+
+	for (size_t i = 0; rc == 0 && i < v->line_files; i++) {
+		o.text.kind = lines_kind_text[v->line_kind[i]];
+		rc = check_lines_read(&v->lines, v->line_file[i], &o, &v->mesh, err);
+	}
+	if (rc == 0 && v->line_files && v->view.no_breaklines) {
+		err_set(err, ERR_USAGE, "the view leaves all lines out");
+		return err_add_hint(err, "leave out --no-breaklines, or the files of lines");
+	}
+	if (rc || !v->line_files)
+		return rc;
+	v->points.lines = &v->lines;
+	return check_lines_round(&v->lines, (double)v->view.breakline_clear, err);
+}
+
+/* What lines say of the mesh comes before what its edges say: an edge that is not Delaunay may be a piece without a mark. */
+static int compare_lines(struct verdict *v, struct err *err)
+{
+	struct verify_report *r = &v->report;
+	int rc;
+
+	if (r->fault && r->fault != VERIFY_DELAUNAY && r->fault != VERIFY_TIE && r->fault != VERIFY_PIECE)
+		return 0;
+	rc = check_lines_mesh(&v->lines, &v->mesh, &v->view, &v->line_fault, err);
+	if (rc || !v->line_fault.fault)
+		return rc;
+	set_fault(v, v->line_fault.fault, v->line_fault.text);
+	r->has_place = true;
+	memcpy(r->place, v->line_fault.place, sizeof r->place);
+	return 0;
+}
+
+static int compare_points(struct verdict *v, struct verify_mesh m, struct err *err)
+{
+	int rc = 0;
+
+	if (v->view.thin.cell)
+		rc = check_points_thin(&v->points, &v->view, err);
+	if (v->line_files) { /* so it is known what must be there */
+		m.edges = NULL;
+		m.trimmed = v->lines.part;
+		rc = rc ? rc : check_lines_points(&v->lines, &v->view, &v->points, err);
+	}
+	return rc || v->report.fault || v->fault ? rc : verify_points(&m, &v->view, v->points.pts, v->points.n, &v->report, err);
+}
+
 static int check_all(struct verdict *v, char **inputs, struct err *err)
 {
+	struct view_metric metric;
 	struct verify_mesh m;
 	int rc = read_mesh(v, err);
 
@@ -179,16 +305,24 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
+	metric = view_metric_normal(v->view.metric);
+	if ((rc = read_lines(v, err)))
+		return rc;
 	m = (struct verify_mesh){.vertex = (const int32_t(*)[3])v->mesh.vertex,
 				 .triangle = (const uint32_t(*)[3])v->mesh.triangle,
 				 .edges = v->mesh.edges,
 				 .nvertex = v->mesh.nvertex,
 				 .ntriangle = v->mesh.ntriangle,
-				 .trimmed = v->mesh.trimmed};
+				 .trimmed = v->mesh.trimmed,
+				 .p = metric.p,
+				 .q = metric.q,
+				 .k = metric.k};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
 		return 0;
+	if (v->line_files && (rc = compare_lines(v, err)))
+		return rc;
 	if (!v->report.fault)
 		check_digests(v);
 	for (; *inputs; inputs++) {
@@ -196,11 +330,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		if ((rc = check_points_read(&v->points, *inputs, &v->mesh.lattice, &v->view, err)))
 			return rc;
 	}
-	if (v->view.thin.cell && (rc = check_points_thin(&v->points, &v->view, err)))
-		return rc;
-	if (v->with_points && !v->report.fault && !v->fault)
-		rc = verify_points(&m, &v->view, v->points.pts, v->points.n, &v->report, err);
-	return rc;
+	return v->with_points ? compare_points(v, m, err) : 0;
 }
 
 static void place_text(const struct verdict *v, char buf[3][DECIMAL_TEXT_SIZE])
@@ -233,10 +363,12 @@ static void print_json(const struct verdict *v)
 	printf("{\"mesh\":");
 	print_string(stdout, v->name);
 	printf(",\"good\":%s,\"fault\":", v->fault ? "false" : "true");
-	if (v->fault)
-		printf("\"%s\",\"message\":\"%s\"", v->fault, v->text);
-	else
+	if (v->fault) {
+		printf("\"%s\",\"message\":", v->fault);
+		print_string(stdout, v->text);
+	} else {
 		printf("null,\"message\":null");
+	}
 	place_text(v, place);
 	if (r->has_place)
 		printf(",\"place\":[%s,%s,%s]", place[0], place[1], place[2]);
@@ -263,6 +395,12 @@ static void print_json(const struct verdict *v)
 	} else {
 		printf(",\"points\":null,\"used\":null,\"positions\":null,\"rounded\":null,\"removed\":null");
 	}
+	if (v->line_files)
+		printf(",\"lines\":{\"files\":%zu,\"pieces\":%zu,\"found\":%llu,\"out\":%llu}", v->line_files,
+		       v->lines.npiece - (size_t)v->lines.left_out, (unsigned long long)v->lines.checked,
+		       (unsigned long long)v->lines.left_out);
+	else
+		printf(",\"lines\":null");
 	printf(",\"seconds\":%.3f}\n", v->seconds);
 }
 
@@ -290,15 +428,19 @@ static void print_text(const struct verdict *v)
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
 	       (unsigned long long)r->inner, (unsigned long long)r->ties);
 	if (v->mesh.edges)
-		printf("  lines     %llu edges are pieces of lines, which need not be Delaunay\n", (unsigned long long)r->pieces);
+		printf("  lines     %llu edges are pieces of lines, which need not be Delaunay%s\n",
+		       (unsigned long long)r->pieces,
+		       !v->line_files ? "" :
+		       v->lines.part  ? ": those of the files that are in it" :
+					": all that the files have");
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
 	       v->mesh.has_digest ? "as the file says" : "not in the file");
 	if (v->with_points)
 		printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read,
 		       v->points.n, (unsigned long long)r->positions,
-		       v->mesh.edges   ? "each vertex beside lines is one of them, with its height" :
-		       v->mesh.trimmed ? "each vertex is one of them, with its height" :
-					 "each a vertex with its height, and no other");
+		       v->mesh.edges && !v->line_files ? "each vertex beside lines is one of them, with its height" :
+		       v->mesh.trimmed                 ? "each vertex is one of them, with its height" :
+							 "each a vertex with its height, and no other");
 }
 
 static int print_result(const struct err *err)
@@ -329,6 +471,9 @@ static int verify_file(struct verdict *v, char **inputs)
 	}
 	check_mesh_clear(&v->mesh);
 	check_points_clear(&v->points);
+	check_lines_clear(&v->lines);
+	free(v->line_file);
+	free(v->line_kind);
 	view_done(&v->view);
 	if (fflush(stdout) || ferror(stdout)) {
 		fprintf(stderr, "acut-verify: cannot write to standard output: %s\n", strerror(errno));
@@ -344,6 +489,10 @@ int main(int argc, char **argv)
 	int option;
 
 	io_reserve_standard();
+	v.line_file = calloc((size_t)argc, sizeof *v.line_file);
+	v.line_kind = calloc((size_t)argc, 1);
+	if (!v.line_file || !v.line_kind)
+		return 74;
 	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
 		if (option == '?')
 			return 2; /* getopt has printed the error */
@@ -365,7 +514,7 @@ int main(int argc, char **argv)
 		fputs("acut-verify: --view stands in place of the other options of a view\n", stderr);
 		return 2;
 	}
-	if (view_check(&v.view, &err))
+	if (view_check(&v.view, &err) || lines_export_check(&v.line_options.text, &err))
 		return print_result(&err);
 	v.name = argv[optind];
 	return verify_file(&v, argv + optind + 1);

@@ -23,7 +23,9 @@ struct check_mesh {
 	bool has_digest;
 	struct digest digest, vertex_digest; /* from the file */
 	char crs[512];
-	bool trimmed;         /* the file says that it has a part of the mesh */
+	char unit_xy[32];     /* "metre" ...; "" if the file does not say it */
+	bool trimmed;         /* the file says that it has a part of the mesh, */
+	bool bounded;         /* and only because it ends at boundaries or holes */
 	int32_t (*vertex)[3]; /* lattice numbers */
 	uint32_t (*triangle)[3];
 	uint8_t *edges; /* as verify_mesh has them; NULL: the file has none */
@@ -39,7 +41,9 @@ struct digest check_triangle_digest(const struct check_mesh *);
 struct digest check_vertex_digest(const struct check_mesh *);
 
 /* The points that a view keeps of some files, on a lattice (check_points.c). */
+struct check_lines;
 struct check_points {
+	struct check_lines *lines; /* that remove points; NULL: none */
 	struct point *pts;
 	size_t n, cap;
 	uint64_t read, rounded;

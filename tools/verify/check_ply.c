@@ -119,8 +119,12 @@ static bool parse_comment(const char *text, struct ply_header *h, struct check_m
 		return !m->has_digest && (m->has_digest = parse_digests(value, m));
 	if ((value = text_after(text, "acut-origin ")))
 		return parse_origin(value, m);
-	if (text_after(text, "acut-trimmed "))
+	if ((value = text_after(text, "acut-trimmed "))) {
 		m->trimmed = true;
+		m->bounded = strcmp(value, "bounded") == 0;
+	}
+	if ((value = text_after(text, "acut-units ")))
+		snprintf(m->unit_xy, sizeof m->unit_xy, "%.*s", (int)strcspn(value, " "), value);
 	if (text_after(text, "acut-z-unit "))
 		h->converted = true;
 	if ((value = text_after(text, "acut-crs ")))

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "check_file.h"
+#include "check_lines.h"
 #include "err.h"
 #include "input.h"
 #include "io.h"
@@ -43,7 +43,11 @@ static int add_point(struct check_points *c, const struct batch *b, size_t n, co
 	for (size_t i = 0; i < n; i++) {
 		struct point p = {b->at[i][0], b->at[i][1], b->at[i][2],
 				  b->cls[i],   b->ret[i],   (uint16_t)(b->flags[i] & POINT_FLAGS)};
-		enum view_rule rule = view_judge(view, &p);
+		enum view_rule rule;
+
+		if (c->lines)
+			p.tag |= (uint16_t)check_lines_mark(c->lines, p.x, p.y);
+		rule = view_judge(view, &p);
 
 		c->removed[rule]++;
 		if (rule == VIEW_KEPT)

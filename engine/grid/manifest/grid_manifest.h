@@ -22,8 +22,8 @@ struct grid_span {
 };
 
 /* The records of lines are in a file of their own, "lines-ID" (breakline.h). Those that count in a generation together make its
- * line set: a source of kind GRID_LINE_VERTICES, whose records are in segments as those of others are, with the file "lineset-ID"
- * (lineset.h). A generation has at most one of these. */
+ * line set: a source of kind GRID_LINE_VERTICES, whose records are in a segment, with the file "lineset-ID" (lineset.h). A
+ * generation has at most one of these. Earlier generations may have none: it can be made again of the files of lines. */
 enum grid_source_kind { GRID_POINTS, GRID_LINES, GRID_LINE_VERTICES, GRID_SOURCE_KINDS };
 
 /* Of a source of lines: its file "lines-ID" and its content. Of line vertices: the file "lineset-ID", the sum of the contents of
@@ -148,8 +148,13 @@ bool grid_manifest_has_file(const struct grid_manifest *, const char *name);
 uint64_t grid_manifest_bytes(const struct grid_manifest *);
 /* The number of live sources of lines in that generation, and the sum of their contents. */
 size_t grid_manifest_lines(const struct grid_manifest *, uint64_t generation, struct digest *ret);
-/* The live source of line vertices in that generation; NULL: there are no lines. */
+/* The live source of line vertices in that generation; NULL: there are no lines, or their line set was not kept. */
 const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest *, uint64_t generation);
+/* That generation has lines, and no line set. */
+bool grid_manifest_lacks_line_set(const struct grid_manifest *, uint64_t generation);
+/* The records of a source of line vertices are in a segment of their own, which has this name without ".seg". */
+void grid_line_segment(uint32_t source, char ret_stem[32]);
+bool grid_is_line_segment(const char *file);
 /* The WKT that is known in that generation; "": none. */
 const char *grid_manifest_wkt(const struct grid_manifest *, uint64_t generation);
 uint64_t grid_manifest_oldest(const struct grid_manifest *); /* `oldest`, or 1; 0: no generation can be read */

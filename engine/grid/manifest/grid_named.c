@@ -101,3 +101,26 @@ const struct grid_source *grid_manifest_line_vertices(const struct grid_manifest
 			return &m->sources[i];
 	return NULL;
 }
+
+bool grid_manifest_lacks_line_set(const struct grid_manifest *m, uint64_t generation)
+{
+	struct digest content;
+
+	return !grid_manifest_line_vertices(m, generation) && grid_manifest_lines(m, generation, &content);
+}
+
+void grid_line_segment(uint32_t source, char ret_stem[32])
+{
+	snprintf(ret_stem, 32, "vertices-%u", source);
+}
+
+bool grid_is_line_segment(const char *file)
+{
+	char stem[32];
+	unsigned source;
+
+	if (sscanf(file, "vertices-%u", &source) != 1)
+		return false;
+	grid_line_segment(source, stem);
+	return !strncmp(file, stem, strlen(stem)) && !strcmp(file + strlen(stem), ".seg");
+}

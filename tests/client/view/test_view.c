@@ -87,6 +87,7 @@ static void test_rows(void **state)
 #define VIEW_HEIGHT(name, word, value, help) {{.name = "1.2345"}, "view 1 " word "=1235"},
 #include "view_option.def"
 		{{.breakline_clear = "0"}, "view 1"},
+		{{.metric = "-4,+2,3"}, "view 1 metric=2,-1,3"},
 		{{.breakline_clear = "1.2345", .thin = "0.02"}, "view 1 thin=2:lowest breakline-clear=123"},
 	};
 
