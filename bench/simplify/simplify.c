@@ -197,12 +197,13 @@ static int one(int dirfd, const struct grid *grid, const struct view *view, int6
 		return r;
 	grid_close(result);
 	printf("error %" PRId64 ": %" PRIu64 " of %" PRIu64 " points, %.2f %%; seeds %" PRIu64 ", %" PRIu64 " rounds, %" PRIu64
-	       " attempts, %.2f tests a point; greedy %.2f %% (%.2f s), %.3f of it; %.3f s and %.3f s for its mesh, %.2f times the "
-	       "plain mesh\n",
+	       " attempts, %.2f tests a point; %.3f s and %.3f s for its mesh, %.2f times the plain mesh",
 	       report.max_error, report.kept, report.points, 100.0 * (double)report.kept / (double)report.points, report.seeds,
-	       report.rounds, report.attempts, (double)report.tested / (double)report.points,
-	       100.0 * (double)kept / (double)report.points, strict, (double)report.kept / (double)(kept ? kept : 1), cost, last,
-	       (cost + last) / plain);
+	       report.rounds, report.attempts, (double)report.tested / (double)report.points, cost, last, (cost + last) / plain);
+	if (kept)
+		printf("; greedy %.2f %% (%.2f s), %.3f of it", 100.0 * (double)kept / (double)report.points, strict,
+		       (double)report.kept / (double)kept);
+	printf("\n");
 	return 0;
 }
 

@@ -43,8 +43,9 @@ struct simplify {
 	struct simplify_where at;
 	struct grid *chosen; /* in SIMPLIFY_CHECK */
 	atomic_uchar *done;  /* of each task */
-	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK. */
-	uint32_t load, block;
+	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
+	 * 0: SIMPLIFY_SEGMENTS. */
+	uint32_t load, block, segments;
 };
 
 int simplify_report_write(int dirfd, const struct simplify_report *, struct err *err);

@@ -343,7 +343,7 @@ static int next_segments(const struct simplify *s, const struct simplify *next, 
 	memcpy(segments, m->segments, n * sizeof *segments);
 	segments[n++] = *added;
 	*ret_n = n;
-	if (n <= SIMPLIFY_SEGMENTS)
+	if (n <= (s->segments ? s->segments : SIMPLIFY_SEGMENTS))
 		return 0;
 	r = simplify_manifest(next, "all", segments, n, next->at.lines, err);
 	if (!r)

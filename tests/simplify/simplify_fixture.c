@@ -59,6 +59,13 @@ void dataset_end(struct dataset *d)
 
 /* ---- simplifications ---- */
 
+static void set_limits(struct simplify *s, const struct how *how)
+{
+	s->load = how->load;
+	s->block = how->block;
+	s->segments = how->segments;
+}
+
 static void run_tasks(struct simplify **s, const struct simplify_params *p, const struct how *how, void *memory)
 {
 	struct err err = ERR_INIT;
@@ -76,8 +83,7 @@ static void run_tasks(struct simplify **s, const struct simplify_params *p, cons
 			continue;
 		simplify_free(*s);
 		CHECK(simplify_open(p, s, &err));
-		(*s)->load = how->load;
-		(*s)->block = how->block;
+		set_limits(*s, how);
 		assert_int_equal(simplify_tasks(*s), n);
 	}
 }
@@ -118,8 +124,7 @@ struct folder simplify_in_folder(const struct dataset *d, const struct view *vie
 	p.lines = d->lines ? name : NULL;
 	CHECK(simplify_open(&p, &s, &err));
 	do {
-		s->load = how->load;
-		s->block = how->block;
+		set_limits(s, how);
 		run_tasks(&s, &p, how, memory);
 		r = simplify_next(s, &err);
 		if (!r && rnd(100) < how->stop) {

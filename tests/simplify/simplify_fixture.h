@@ -33,11 +33,11 @@ void dataset_end(struct dataset *);
 struct how {
 	int64_t max_error;
 	uint64_t max_points;
-	size_t more;          /* memory beyond the least */
-	uint32_t load, block; /* for struct simplify; 0: as usual */
-	bool shuffle;         /* tasks in any order */
-	unsigned stop;        /* it is freed and opened again with this chance in a hundred */
-	bool no_rounds;       /* ends with the seeds: `folder` then has the grid of these only */
+	size_t more;                    /* memory beyond the least */
+	uint32_t load, block, segments; /* for struct simplify; 0: as usual */
+	bool shuffle;                   /* tasks in any order */
+	unsigned stop;                  /* it is freed and opened again with this chance in a hundred */
+	bool no_rounds;                 /* ends with the seeds: `folder` then has the grid of these only */
 };
 /* Makes it in a new folder. */
 struct folder simplify_in_folder(const struct dataset *, const struct view *, const struct how *, struct simplify_report *ret);

@@ -252,8 +252,9 @@ static void test_many(void **state)
 	assert_true(digest_equal(grid_content(a.grid), grid_content(b.grid)));
 	assert_int_equal(report.rounds, again.rounds);
 	assert_true(report.kept > 1 << 17 && report.kept < report.points && report.rounds > 1);
-	print_message("%llu of %llu points, %llu of them seeds, %llu rounds\n", (unsigned long long)report.kept,
-		      (unsigned long long)report.points, (unsigned long long)report.seeds, (unsigned long long)report.rounds);
+	print_message("%llu of %llu points, %llu of them seeds, %llu rounds, in %zu bytes\n", (unsigned long long)report.kept,
+		      (unsigned long long)report.points, (unsigned long long)report.seeds, (unsigned long long)report.rounds,
+		      simplify_memory_min(d.reader.grid));
 	reader_close(&a);
 	reader_close(&b);
 	folder_remove(&f);

@@ -209,6 +209,7 @@ static struct how random_how(uint32_t heights)
 {
 	struct how h = {.max_error = random_error(heights), .block = 4 + (uint32_t)rnd(40), .load = 4 + (uint32_t)rnd(40)};
 
+	h.segments = (uint32_t)rnd(3);
 	if (rnd(4) == 0)
 		h.load = 0;
 	if (rnd(4) == 0)
