@@ -255,7 +255,7 @@ static bool times_tens(__int128 *v, int64_t tens)
 	return true;
 }
 
-bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret)
+static bool steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, bool nearest, int64_t *ret)
 {
 	int64_t tens = exponent - step.exponent;
 	__int128 num, den, q, rest;
@@ -265,7 +265,7 @@ bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struc
 		return false; /* 10^38 over a mantissa of at most 10^17 and a small number */
 	den = (__int128)step.mantissa * down;
 	if (!times_tens(&den, -tens)) {
-		*ret = 0; /* 10^38 against a number below 10^36 */
+		*ret = -(!nearest && v < 0); /* 10^38 against a number below 10^36 */
 		return true;
 	}
 	q = num / den;
@@ -274,9 +274,19 @@ bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struc
 		rest += den;
 		q--;
 	}
-	q += rest >= den - rest;
+	q += nearest && rest >= den - rest;
 	if (q > DECIMAL_STEPS_MOST || q < -DECIMAL_STEPS_MOST)
 		return false;
 	*ret = (int64_t)q;
 	return true;
+}
+
+bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret)
+{
+	return steps(v, exponent, up, down, step, true, ret);
+}
+
+bool decimal_steps_down(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret)
+{
+	return steps(v, exponent, up, down, step, false, ret);
 }

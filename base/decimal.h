@@ -34,5 +34,7 @@ char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT
  * are below 2^31; step > 0. False: it was clamped. */
 #define DECIMAL_STEPS_MOST (INT64_C(1) << 62)
 bool decimal_steps(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret);
+/* Likewise without the 1/2: the whole steps that are not above it. */
+bool decimal_steps_down(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal step, int64_t *ret);
 
 #endif

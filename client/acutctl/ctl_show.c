@@ -16,6 +16,9 @@ static void show_mesh(FILE *out, const struct acut_report *p)
 	term_field(out, "points", "%s, used %s", term_count(p->points, a), term_count(p->used, b));
 	for (size_t i = 0; i < p->nremoved; i++)
 		term_field(out, "left out", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
+	if (*p->max_error)
+		term_field(out, "bound", "%s: %s of %s positions kept (%.3g %%), %" PRIu64 " rounds", p->max_error,
+			   term_count(p->kept, a), term_count(p->positions, b), ctl_report_kept(p), p->rounds);
 	term_field(out, "mesh", "%s vertices, %s triangles, %s on the hull", term_count(p->vertices, a),
 		   term_count(p->triangles, b), term_count(p->hull, c));
 }

@@ -33,7 +33,6 @@ enum cli_kind {
 	CLI_SIZE,    /* uint64_t, above zero */
 	CLI_NUMBER,  /* double */
 	CLI_COUNT,   /* uint64_t, a whole number above zero */
-	CLI_LATER,   /* of a later version: refused by name */
 };
 
 /* An option is allowed where its groups meet those of the command. */

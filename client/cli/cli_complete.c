@@ -37,7 +37,7 @@ static void offer_options(const struct cli_typed *t)
 	char word[64];
 
 	for (const struct cli_option *o = t->cli->option; o < t->cli->option + t->cli->noption; o++) {
-		if (o->kind == CLI_LATER || !cli_takes(t->command, t->verb, o))
+		if (!cli_takes(t->command, t->verb, o))
 			continue;
 		snprintf(word, sizeof(word), "--%s", o->name);
 		cli_offer(t, word, o->help);

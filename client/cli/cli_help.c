@@ -20,7 +20,7 @@ static void put_options(const struct cli *cli, const struct cli_command *c, bool
 	for (const struct cli_option *o = cli->option; o < cli->option + cli->noption; o++) {
 		char letter[8] = "", left[80];
 
-		if (o->kind == CLI_LATER || (o->groups & CLI_ALL) != all || !cli_takes(c, NULL, o))
+		if ((o->groups & CLI_ALL) != all || !cli_takes(c, NULL, o))
 			continue;
 		if (o->letter)
 			snprintf(letter, sizeof(letter), "-%c, ", o->letter);

@@ -143,10 +143,8 @@ static int set(struct reader *r, const struct cli_option *o, char *value, struct
 	case CLI_COUNT:
 		snprintf(name, sizeof(name), "--%s", o->name);
 		return cli_number(name, value, 1, UINT64_MAX, (uint64_t *)to, err);
-	case CLI_LATER:
-		break;
 	}
-	return err_set(err, ERR_UNSUPPORTED, "--%s is not in this version of acut", o->name);
+	return err_set(err, ERR_INTERNAL, "--%s has no kind", o->name);
 }
 
 /* ---- options ---- */
@@ -159,8 +157,7 @@ static int unknown_option(const struct reader *r, const char *arg, struct err *e
 	snprintf(name, sizeof(name), "%.*s", (int)strcspn(arg, "="), arg);
 	err_set(err, ERR_USAGE, "there is no option %s", name);
 	for (size_t i = 0; !strncmp(arg, "--", 2) && i < r->cli->noption; i++)
-		if (r->cli->option[i].kind != CLI_LATER)
-			cli_guess_offer(&g, r->cli->option[i].name);
+		cli_guess_offer(&g, r->cli->option[i].name);
 	return err_add_hint(err, "%s%s help COMMAND lists the options of a command", cli_guess_text(&g, "--", buf),
 			    r->cli->program);
 }
@@ -173,8 +170,6 @@ static int read_option(struct reader *r, char *arg, struct err *err)
 
 	if (!o)
 		return unknown_option(r, arg, err);
-	if (o->kind == CLI_LATER)
-		return set(r, o, value, err);
 	if (!o->value && value)
 		return err_set(err, ERR_USAGE, "--%s takes no value", o->name);
 	if (value)

@@ -28,6 +28,7 @@ void ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail)
 		.digest = w->digest,
 		.vertex_digest = w->vertex_digest,
 		.note = w->note,
+		.max_error = w->max_error,
 		.stage_seconds = NAN,
 		.first_triangle_seconds = NAN,
 		.seal_seconds = NAN,
@@ -36,6 +37,7 @@ void ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail)
 	};
 	snprintf(w->digest, sizeof(w->digest), "%s", tail->digest);
 	snprintf(w->vertex_digest, sizeof(w->vertex_digest), "%s", tail->vertex_digest);
+	w->max_error[0] = 0;
 	if (!o)
 		return;
 	p->points = number_of(o, "points");
@@ -47,5 +49,11 @@ void ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail)
 		p->seconds = json_object_get_double(note);
 	if (json_object_object_get_ex(o, "note", &note))
 		snprintf(w->note, sizeof(w->note), "%s", json_object_get_string(note));
+	if (json_object_object_get_ex(o, "max_error", &note))
+		snprintf(w->max_error, sizeof(w->max_error), "%s", json_object_get_string(note));
+	p->positions = number_of(o, "positions");
+	p->kept = number_of(o, "kept");
+	p->rounds = number_of(o, "rounds");
+	p->attempts = number_of(o, "attempts");
 	json_object_put(o);
 }

@@ -134,7 +134,7 @@ int acut_config(struct acut *, void (*each)(void *ctx, const struct acut_setting
 /* ---- push ---- */
 
 struct acut_progress {
-	const char *phase; /* "stage", "hash" (points are bytes), "seal", "select", "mesh" */
+	const char *phase; /* "stage", "hash" (points are bytes), "seal", "select", "simplify", "check", "mesh" */
 	uint64_t points, points_total, domains, domains_total;
 	double seconds_left; /* of a job, at the pace of late, without waiting; 0: not known */
 	const char *waiting; /* what a job waits for, in words; "": nothing */
@@ -395,6 +395,10 @@ struct acut_report {
 	const char *note; /* "" or a sentence for readers of the mesh */
 	uint64_t most_points; /* of the view, at the position that most of them share; 0: each has one, or it is not known */
 	double most_at[2];    /* that position, x and y */
+	/* Of a view with max-error or max-points: a decimal in units of the heights, the bound that holds for all points; "": of
+	 * another view. Then the positions of all these points, those kept, rounds that added some, bounds that were tried. */
+	const char *max_error;
+	uint64_t positions, kept, rounds, attempts;
 };
 struct acut_job {
 	uint64_t id, generation;

@@ -78,6 +78,11 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1_
 		.domains_seconds = p->domains_seconds,
 		.most_points = p->most_points,
 		.most_at = {p->most_x, p->most_y},
+		.max_error = p->max_error,
+		.positions = p->positions,
+		.kept = p->kept,
+		.rounds = p->rounds,
+		.attempts = p->attempts,
 	};
 	*ret_rows = rows;
 	return 0;

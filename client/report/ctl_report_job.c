@@ -82,7 +82,7 @@ static void no_report(struct term_json *j)
 		"points",          "used",           "vertices",    "triangles",  "hull",          "domains",
 		"digest",          "vertex_digest",  "removed",     "seconds",    "stage_seconds", "first_triangle_seconds",
 		"peak_rss_bytes",  "halo",           "points_read", "cells_read", "seal_seconds",  "plan_seconds",
-		"domains_seconds", "domains_reused", "pieces",      "most"};
+		"domains_seconds", "domains_reused", "pieces",      "most",       "bound"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		term_json_null(j, key[i]);
@@ -134,6 +134,27 @@ void ctl_report_most(struct term_json *j, uint64_t points, const double at[2])
 	term_json_close(j, '}');
 }
 
+double ctl_report_kept(const struct acut_report *p)
+{
+	return p->positions ? 100 * (double)p->kept / (double)p->positions : 100;
+}
+
+static void put_bound(struct term_json *j, const struct acut_report *p)
+{
+	if (!*p->max_error) {
+		term_json_null(j, "bound");
+		return;
+	}
+	term_json_open(j, "bound", '{');
+	term_json_literal(j, "max_error", p->max_error);
+	term_json_u64(j, "positions", p->positions);
+	term_json_u64(j, "kept", p->kept);
+	term_json_number(j, "percent", ctl_report_kept(p));
+	term_json_u64(j, "rounds", p->rounds);
+	term_json_u64(j, "attempts", p->attempts);
+	term_json_close(j, '}');
+}
+
 /* A window has no values of the whole mesh. */
 void ctl_report_mesh(struct term_json *j, const struct acut_report *p)
 {
@@ -163,6 +184,7 @@ void ctl_report_mesh(struct term_json *j, const struct acut_report *p)
 	put_unless(j, p->window, "domains_reused", p->domains_reused);
 	put_unless(j, !p->window, "pieces", p->domains);
 	ctl_report_most(j, p->most_points, p->most_at);
+	put_bound(j, p);
 }
 
 void ctl_report_notes(struct term_json *j, const struct acut_report *p, const char *more)

@@ -162,6 +162,19 @@ static int check_lines(const struct ctl_view_options *a, struct err *err)
 	return check_length("--breakline-clear", a->breakline_clear, 0, err);
 }
 
+static int check_bound(const struct ctl_view_options *a, struct err *err)
+{
+	if (a->max_error && a->max_points) {
+		err_set(err, ERR_USAGE, "--max-points looks for the bound that --max-error gives");
+		return err_add_hint(err, "leave out one of them");
+	}
+	if ((a->max_error || a->max_points) && a->metric) {
+		err_set(err, ERR_USAGE, "a metric has no bound of errors");
+		return err_add_hint(err, "leave out --metric, or --max-error and --max-points");
+	}
+	return check_length("--max-error", a->max_error, 0, err);
+}
+
 /* "3,1,10" */
 static bool metric_of(const char *text, int64_t ret[3])
 {
@@ -204,8 +217,8 @@ static int check(const struct ctl_view_options *a, struct err *err)
 
 	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
 	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) ||
-	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_metric(a->metric, err)) ||
-	    (r = check_weights(a, err)))
+	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_bound(a, err)) ||
+	    (r = check_metric(a->metric, err)) || (r = check_weights(a, err)))
 		return r;
 	return 0;
 }
@@ -350,6 +363,8 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fputs(" duplicates=highest", out);
 	if (a->breakline_clear)
 		fprintf(out, " breakline-clear=%s", a->breakline_clear);
+	if (a->max_error)
+		fprintf(out, " max-error=%s", a->max_error);
 	if (a->metric && metric_of(a->metric, n))
 		fprintf(out, " metric=%lld,%lld,%lld", (long long)n[0], (long long)n[1], (long long)n[2]);
 	if (a->weight)

@@ -11,7 +11,7 @@ struct err;
 struct ctl_view_options {
 	bool ground, surface;
 	const char *classes, *not_classes, *returns, *duplicates;
-	const char *crop, *bbox, *polygon, *thin, *thin_pick, *breakline_clear, *metric, *weight;
+	const char *crop, *bbox, *polygon, *thin, *thin_pick, *breakline_clear, *max_error, *metric, *weight;
 #define VIEW_FLAG(field, ...) bool field;
 #define VIEW_COUNT(field, ...) uint64_t field;
 #define VIEW_HEIGHT(field, ...) const char *field; /* a decimal */

@@ -9,6 +9,7 @@
 #define JOB_H
 
 #include "core.h"
+#include "decimal.h"
 #include "run.h"
 #include "view.h"
 
@@ -84,7 +85,11 @@ struct job_report {
 	double worked_seconds;                                 /* in which a task of it ran */
 	double seal_seconds, plan_seconds, domains_seconds;    /* of the staging; up to the plan; from there to the end */
 	uint64_t peak_rss;                                     /* bytes, of the daemon */
-	char most[96];  /* the position that most points of the view share: "POINTS X Y", in coordinates; "": none is shared */
+	char most[96]; /* the position that most points of the view share: "POINTS X Y", in coordinates; "": none is shared */
+	/* Of a view with max-error or max-points: positions of all its points; those kept; rounds that added some; bounds that
+	 * were tried; the bound that holds, in units of the heights ("": another view). */
+	uint64_t positions, kept, rounds, attempts;
+	char max_error[DECIMAL_TEXT_SIZE];
 	char note[160]; /* a sentence, for example about a mesh without triangles; "": none */
 };
 /* Texts and pointers are borrowed from the job. */
@@ -101,7 +106,7 @@ struct job_info {
 	uint64_t space_missing; /* bytes of disk that it waits for; 0: it does not wait for disk */
 	unsigned position;      /* in the queue for a slot, from 1; 0: it is not in the queue */
 	double seconds_left;    /* estimate, without waiting; 0: unknown */
-	const char *phase;      /* "select" (the view selects points) or "mesh" */
+	const char *phase;      /* run_phase */
 	uint64_t points_done, points_total, domains_done, domains_total;
 	const struct job_report *report; /* NULL unless done */
 	const struct err *err;           /* NULL unless failed or cancelled */

@@ -152,6 +152,7 @@ static void fetch_end(struct job_fetch *f, struct run_output *output, const stru
 		if (f->window && f->run && !why) {
 			report_make(run_totals(f->run), &report);
 			report_window(&report);
+			report_simplified(&report, f->run);
 			report.points_read += run_plan(f->run)->points_read;
 			report.seconds = clock_since(f->begun_ns);
 		}

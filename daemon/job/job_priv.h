@@ -154,6 +154,8 @@ char *report_text(const struct job_report *, char *buf, size_t size);
 void report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
 void report_window(struct job_report *); /* turns it into the report of a window */
+/* What was chosen for a view with max-error or max-points; no effect on others. */
+void report_simplified(struct job_report *, const struct run *);
 /* It is of an older acutd that left positions without triangles out of the mesh, so the mesh cannot be made again. */
 bool report_without_flat(const struct job_report *);
 

@@ -158,6 +158,7 @@ static void make_report(struct job *job)
 	job->report.points_read += run_plan(job->run)->points_read;
 	job->report.cells_read += run_plan(job->run)->cells_read;
 	job->report.domains_reused = run_reused(job->run);
+	report_simplified(&job->report, job->run);
 	note_cropped(job);
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);

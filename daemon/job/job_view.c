@@ -31,7 +31,7 @@ static int view_of(const char *text, const char *window, const struct dataset *d
 
 	if (!lattice_parse(d->lattice, &lattice))
 		return err_set(err, ERR_INTERNAL, "the lattice of the dataset %s cannot be read", d->name);
-	r = view_resolve_window(text, window, &lattice, d->unit_xy, &view, err);
+	r = view_resolve_window(text, window, &lattice, d->unit_xy, d->unit_z, &view, err);
 	if (r)
 		return r;
 	r = check_partial(d, &lattice, &view, err);

@@ -8,7 +8,9 @@
 #include <string.h>
 
 #include "job_priv.h"
+#include "lattice.h"
 #include "process.h"
+#include "simplify.h"
 #include "parse.h"
 
 enum kind { NUMBER, SECONDS, TEXT };
@@ -47,6 +49,11 @@ static const struct {
 	FIELD(window, NUMBER),
 	FIELD(most, TEXT),
 	FIELD(all_out, NUMBER),
+	FIELD(positions, NUMBER),
+	FIELD(kept, NUMBER),
+	FIELD(rounds, NUMBER),
+	FIELD(attempts, NUMBER),
+	FIELD(max_error, TEXT),
 #undef FIELD
 };
 
@@ -282,6 +289,20 @@ void report_window(struct job_report *r)
 	*r->note = *r->most = 0;
 	if (!r->triangles)
 		snprintf(r->note, sizeof r->note, "no triangle of the mesh meets the area (is it in the dataset's coordinates?)");
+}
+
+void report_simplified(struct job_report *r, const struct run *run)
+{
+	const struct simplify_report *s = run_simplified(run);
+	struct lattice lattice;
+
+	if (!s || !lattice_parse(run_dataset(run)->lattice, &lattice))
+		return;
+	r->positions = s->points;
+	r->kept = s->kept;
+	r->rounds = s->rounds;
+	r->attempts = s->attempts;
+	decimal_scaled_text(lattice.scale_z, s->max_error, r->max_error);
 }
 
 bool report_without_flat(const struct job_report *r)

@@ -259,7 +259,9 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 	struct err why = ERR_INIT;
 	int parent, fd, s;
 
-	if (!strncmp(e->d_name, SPACE_SELECTION_TEMP, strlen(SPACE_SELECTION_TEMP)))
+	/* One that was made in part is verified when it is continued. */
+	if (!strncmp(e->d_name, SPACE_SELECTION_TEMP, strlen(SPACE_SELECTION_TEMP)) ||
+	    !strncmp(e->d_name, SPACE_SELECTION_PART, strlen(SPACE_SELECTION_PART)))
 		return 0;
 	if (cache_ended(v))
 		return err_set(err, ERR_CANCELLED, "cancelled");

@@ -301,6 +301,7 @@ void run_opened(struct run *w)
 		/* There is no memory for the index now, or the selection has to be made again: it begins again at the next
 		 * tick. */
 		run_close(w);
+		w->select.open = false;
 		run_set_state(w, RUN_NEW);
 		return;
 	}

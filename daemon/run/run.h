@@ -21,6 +21,7 @@ struct job_report;
 struct plan_file;
 struct run;
 struct runs;
+struct simplify_report;
 
 /* What runs share: which domains were stored last, and the number of the next selection. */
 int runs_new(struct core *, struct admission *, struct runs **ret, struct err *err);
@@ -157,7 +158,7 @@ char *run_waiting(const struct run *, char *buf, size_t size);
 uint64_t run_space_missing(const struct run *); /* bytes of disk that it waits for; 0: it does not wait for disk */
 double run_seconds_left(const struct run *);    /* estimate, without waiting; 0: unknown */
 double run_worked(const struct run *);          /* seconds in which a task of it ran */
-const char *run_phase(const struct run *);      /* "select" or "mesh" */
+const char *run_phase(const struct run *);      /* "select", "simplify", "check" or "mesh" */
 void run_progress(const struct run *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		  uint64_t *ret_domains_total);
 size_t run_emitted(const struct run *);                                      /* domains, from the first */
@@ -171,6 +172,8 @@ const struct cut_plan *run_plan(const struct run *);
 const struct pipe_budget *run_budget(const struct run *);
 const struct dataset *run_dataset(const struct run *);
 const struct view *run_view(const struct run *);
+/* Of a view with max-error or max-points, when its points are chosen; otherwise NULL. */
+const struct simplify_report *run_simplified(const struct run *);
 const struct pipe_totals *run_totals(const struct run *); /* after `ended` without why */
 /* Domains that were not triangulated for it; of one that only plans, domains that need not be. */
 uint64_t run_reused(const struct run *);

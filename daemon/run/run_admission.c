@@ -106,7 +106,9 @@ static void compare_selection(struct admission_run *r, void *ctx)
 	const struct run *w = run_of(r);
 	struct same_selection *s = ctx;
 
-	s->found |= w != s->run && w->state == RUN_SELECTING && digest_equal(w->select.key, s->run->select.key) &&
+	s->found |= w != s->run && w->state == RUN_SELECTING &&
+		    (digest_equal(w->select.key, s->run->select.key) || digest_equal(w->select.making, s->run->select.key) ||
+		     (view_simplifies(&s->run->view) && digest_equal(w->select.making, s->run->select.base))) &&
 		    (w->dataset == s->run->dataset || (!w->dataset->onestep && !s->run->dataset->onestep));
 }
 

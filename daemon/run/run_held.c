@@ -14,6 +14,7 @@ void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 	core_task_held(w->runs->core, &w->task, held);
 	core_task_held(w->runs->core, &w->output_task, held);
 	held[LEDGER_DOMAIN] += w->planning.held;
+	held[LEDGER_DOMAIN] += w->simplify.held;
 	held[LEDGER_EMITTER] += w->emitter_bytes;
 	held[LEDGER_PIPE] += w->output_buffer ? RUN_OUTPUT_BUFFER : 0;
 	for (d = w->domains; d; d = d->next) {

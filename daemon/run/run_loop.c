@@ -256,6 +256,14 @@ void run_relieve(struct run *w, bool urgent)
 	}
 }
 
+/* Changes with the progress of the selection. */
+static uint64_t selecting_at(const struct run *w)
+{
+	const struct run_simplify *x = &w->simplify;
+
+	return x->working ? (uint64_t)atomic_load(&x->step) << 32 | atomic_load(&x->finished) : atomic_load(&w->select.judged);
+}
+
 void run_tick(struct run *w)
 {
 	THREAD_LOOP_ONLY();
@@ -268,8 +276,8 @@ void run_tick(struct run *w)
 			run_space_tick(w);
 		return;
 	}
-	if (w->state == RUN_SELECTING && w->calls->progressed && atomic_load(&w->select.judged) != w->select.reported) {
-		w->select.reported = atomic_load(&w->select.judged);
+	if (w->state == RUN_SELECTING && w->calls->progressed && selecting_at(w) != w->select.reported) {
+		w->select.reported = selecting_at(w);
 		w->calls->progressed(w->ctx);
 	}
 	run_pace_tick(w);

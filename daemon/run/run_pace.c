@@ -58,6 +58,9 @@ double run_seconds_left(const struct run *w)
 	const struct run_pace *p = &w->pace;
 	uint64_t points, total, domains, domains_total;
 
+	/* How many rounds a simplification takes is not known before. */
+	if (w->simplify.working)
+		return 0;
 	run_progress(w, &points, &total, &domains, &domains_total);
 	if (p->seconds < LEAST_SECONDS || p->points <= 0 || total <= points)
 		return 0;

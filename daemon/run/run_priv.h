@@ -10,6 +10,7 @@
 #include "run.h"
 #include "sched_group.h"
 #include "selection.h"
+#include "simplify.h"
 
 struct runs {
 	struct core *core;
@@ -121,6 +122,8 @@ struct run {
 	char geoid[GRID_GEOID];
 	struct run_select {
 		struct digest key;
+		struct digest base;          /* of a view with a bound: the selection without it */
+		struct digest making;        /* RUN_SELECTING: what its task makes */
 		uint64_t number;             /* of the temporary folder */
 		uint64_t bytes;              /* of LEDGER_STAGE, for the task */
 		bool open;                   /* `grid` is that of the selection */
@@ -128,7 +131,30 @@ struct run {
 		uint64_t reported;           /* of `judged` */
 		uint64_t total;              /* points of the generation */
 		struct selection_counts counts;
+		struct simplify_report simplified; /* of a view with a bound */
 	} select;
+	struct run_simplify { /* run_simplify.c, while it works */
+		bool working;
+		struct simplify *s;
+		struct view view;                          /* of the points that it chooses from; shares the area */
+		char name[64];                             /* of its folder, in `parent` */
+		struct grid_named file[GRID_SOURCE_FILES]; /* of the lines */
+		int parent, dirfd;                         /* -1: not open */
+		unsigned members;                          /* the most threads */
+		size_t each;                               /* bytes of a task */
+		uint64_t need, held;                       /* bytes that a task was found to need; of LEDGER_DOMAIN */
+		uint64_t lacks;                            /* as `need`, of the task that failed */
+		void *memory;
+		struct sched_group *group; /* NULL: the task is alone */
+		unsigned tasks, left;      /* of the step; not done when it began */
+		atomic_uint next;          /* of these, to be looked at */
+		atomic_flag failed;        /* with `err` */
+		struct err err;
+		bool counted;                   /* the folder's space is reserved */
+		bool emptied;                   /* it began again with an empty folder */
+		bool done;                      /* complete, and opened */
+		atomic_uint step, finished, of; /* for progress: enum simplify_step; tasks */
+	} simplify;
 	uint64_t ground, other; /* run_classes */
 	uint64_t cropped;       /* run_cropped */
 	bool classes_exact;
@@ -336,11 +362,18 @@ void run_event_damaged(const struct run *, unsigned n);                        /
  * it was damaged and is removed; begin again later. Worker. */
 enum { RUN_E_ABSENT = 1, RUN_E_NO_LINES };
 int run_select_open(struct run *, struct err *err);
-void run_select_start(struct run *);                 /* makes it, when memory allows and no other run does */
-bool run_selecting(const struct run *);              /* it is made, or will be */
-int run_select_count(struct run *, struct err *err); /* adds what the selection removed to the totals */
+int run_select_parent(struct run *, int *ret_fd, struct err *err); /* the folder of its selections */
+int run_select_open_in(struct run *, int parent, struct err *err); /* run_select_open, in that folder, with its key known */
+void run_select_start(struct run *);                               /* makes it, when memory allows and no other run does */
+bool run_selecting(const struct run *);                            /* it is made, or will be */
+int run_select_count(struct run *, struct err *err);               /* adds what the selection removed to the totals */
 /* Read data was damaged: if that was the selection, it is removed, and made again when it is needed next. */
 void run_select_discard(struct run *);
+
+/* run_simplify.c */
+void run_simplify_start(struct run *);                          /* `grid` is what it chooses from */
+uint64_t run_simplify_done(const struct run *, uint64_t total); /* of the present step: as much of `total` */
+const char *run_simplify_phase(const struct run *);
 
 /* run_space.c */
 /* True: `why` is a lack of disk space, or a cache that was removed, and the run begins again later instead of failing. */
@@ -357,6 +390,8 @@ void run_space_unspool(struct run *);                                /* loop */
 bool run_space_domain(struct run *, uint64_t bytes);                 /* false: there is no room to store a domain */
 void run_space_stored(struct run *, uint64_t taken, uint64_t bytes); /* the file's bytes; 0: no file */
 int run_space_select_begin(struct run *, uint64_t memory, struct err *err);
+/* Of a simplification, which may be there in part. */
+int run_space_part_begin(struct run *, int parent, const char *name, struct err *err);
 int run_space_select_grow(struct run *, int parent, const char *name, bool sealed, struct err *err);
 void run_space_select_end(struct run *, uint64_t bytes); /* the selection's bytes; 0: none */
 void run_space_select_hold(struct run *);                /* until run_close */

@@ -64,7 +64,8 @@ uint64_t run_grid_points(const struct run *w)
 void run_progress(const struct run *w, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		  uint64_t *ret_domains_total)
 {
-	*ret_points = run_selecting(w)             ? atomic_load(&w->select.judged) :
+	*ret_points = w->simplify.working          ? run_simplify_done(w, w->select.total) :
+		      run_selecting(w)             ? atomic_load(&w->select.judged) :
 		      w->points > w->points_before ? w->points :
 						     w->points_before;
 	*ret_total = run_selecting(w) ? w->select.total : w->grid_total;

@@ -1,6 +1,6 @@
 /*
- * The selection of a view with crop, every, thin or metric: a grid of the points that remain, made once, kept in the cache, and
- * opened in place of the generation's grid.
+ * The selection of a view with crop, every, thin or metric (with a bound of errors: run_simplify.c): a grid of the points that remain,
+ * made once, kept in the cache, and opened in place of the generation's grid.
  *
  * The model: a selection is a folder cache/selected/KEY (that of a one-step dataset lies in the dataset's folder, and is removed
  * with it). KEY depends on the content of the generation, its coordinate system, and the rules that select. A later job with the
@@ -25,7 +25,7 @@
 #define SELECT_MOST (UINT64_C(256) << 20)
 
 /* The folder of the run's selections. */
-static int parent_open(struct run *w, int *ret_fd, struct err *err)
+int run_select_parent(struct run *w, int *ret_fd, struct err *err)
 {
 	if (w->dataset->onestep)
 		return io_open(w->dataset->dirfd, ".", O_RDONLY | O_DIRECTORY, 0, ret_fd, err);
@@ -72,13 +72,15 @@ static int count_cropped(struct run *w, struct err *err)
 }
 
 /* Reads its counts and opens its grid. The generation's index is closed first: a run has memory for one. */
-static int selected_open(struct run *w, int dirfd, struct err *err)
+static int selected_open(struct run *w, int dirfd, bool final, struct err *err)
 {
 	const struct grid_source *lines = grid_lines_source(w->grid);
 	struct grid_named file[GRID_SOURCE_FILES];
 	struct grid_use use = {.no_lines = !lines};
 	int r = selection_counts_read(dirfd, &w->select.counts, err);
 
+	if (!r && final && view_simplifies(&w->view))
+		r = simplify_report_read(dirfd, &w->select.simplified, err);
 	if (r)
 		return r;
 	if (w->select.counts.mapped != (w->view.metric.k != 0))
@@ -99,14 +101,16 @@ static int selected_open(struct run *w, int dirfd, struct err *err)
 	return r ? r : count_cropped(w, err);
 }
 
-static int open_in(struct run *w, int parent, const char *name, struct err *err)
+/* `final`: it is what the view asks for, not what a simplification chooses from. */
+static int open_in(struct run *w, int parent, struct digest key, bool final, struct err *err)
 {
+	char name[DIGEST_HEX_SIZE];
 	struct err why = ERR_INIT, absent = ERR_INIT;
 	int dirfd, r;
 
-	if (io_open(parent, name, O_RDONLY | O_DIRECTORY, 0, &dirfd, &absent))
+	if (io_open(parent, digest_hex(key, name), O_RDONLY | O_DIRECTORY, 0, &dirfd, &absent))
 		return RUN_E_ABSENT;
-	r = selected_open(w, dirfd, &why);
+	r = selected_open(w, dirfd, final, &why);
 	io_close(dirfd);
 	if (!r) {
 		w->select.open = true;
@@ -122,6 +126,25 @@ static int open_in(struct run *w, int parent, const char *name, struct err *err)
 	return r ? r : err_set(err, ERR_BUSY, "a selection has to be made again");
 }
 
+int run_select_open_in(struct run *w, int parent, struct err *err)
+{
+	return open_in(w, parent, w->select.key, true, err);
+}
+
+/* A simplification depends on the rules by which it chooses, too. */
+static void find_keys(struct run *w)
+{
+	struct view whole = view_whole(&w->view);
+	struct digest parts[2];
+
+	w->select.key = selection_key(w->grid, &w->view);
+	if (!view_simplifies(&w->view))
+		return;
+	parts[0] = w->select.base = selection_key(w->grid, &whole);
+	parts[1] = simplify_key(w->grid, &w->view, w->view.max_error, w->view.max_points);
+	w->select.key = digest_hash(parts, sizeof parts);
+}
+
 /* Regions of mapped points can be compared when their origin is known. */
 static int change_mapped(struct run *w, struct err *err)
 {
@@ -130,14 +153,13 @@ static int change_mapped(struct run *w, struct err *err)
 
 int run_select_open(struct run *w, struct err *err)
 {
-	char name[DIGEST_HEX_SIZE];
-	int parent, r = parent_open(w, &parent, err);
+	int parent, r = run_select_parent(w, &parent, err);
 
 	if (r)
 		return r;
-	w->select.key = selection_key(w->grid, &w->view);
+	find_keys(w);
 	w->select.total = grid_points(w->grid);
-	r = open_in(w, parent, digest_hex(w->select.key, name), err);
+	r = open_in(w, parent, w->select.key, true, err);
 	io_close(parent);
 	return r ? r : change_mapped(w, err);
 }
@@ -205,21 +227,23 @@ static int make_in(struct run *w, int parent, const char *temp, const char *name
 static void select_run(struct sched_task *t)
 {
 	struct run *w = run_of_task(t);
+	const bool final = !view_simplifies(&w->view);
+	const struct digest key = final ? w->select.key : w->select.base;
 	char name[DIGEST_HEX_SIZE], temp[32];
 	int parent;
 
-	digest_hex(w->select.key, name);
+	digest_hex(key, name);
 	snprintf(temp, sizeof temp, SPACE_SELECTION_TEMP "%llu", (unsigned long long)w->select.number);
 	w->err = ERR_INIT;
-	w->r = parent_open(w, &parent, &w->err);
+	w->r = run_select_parent(w, &parent, &w->err);
 	if (w->r)
 		return;
 	/* Another run may have made it meanwhile. */
-	w->r = open_in(w, parent, name, &w->err);
+	w->r = open_in(w, parent, key, final, &w->err);
 	if (w->r == RUN_E_ABSENT) {
 		w->r = make_in(w, parent, temp, name, t->bytes, &w->err);
 		if (!w->r)
-			w->r = open_in(w, parent, name, &w->err);
+			w->r = open_in(w, parent, key, final, &w->err);
 		if (w->r == RUN_E_ABSENT)
 			w->r = err_sys(&w->err, ENOENT, "a selection disappeared as soon as it was made");
 	}
@@ -238,7 +262,12 @@ static void select_done(struct sched_task *t)
 		return;
 	}
 	sched_give(w->runs->core->p.sched, t->name, t->bytes);
-	run_opened(w);
+	if (!w->r && !w->stopping && view_simplifies(&w->view))
+		run_simplify_start(w);
+	else
+		run_opened(w);
+	if (w->stopping && !w->task_busy)
+		run_settle(w);
 }
 
 /* A quarter of what stages leave now: a push that comes meanwhile still gets a stage. False: it begins again later, or the run
@@ -274,8 +303,17 @@ static bool selection_memory(struct run *w)
 
 void run_select_start(struct run *w)
 {
-	if (run_selected_elsewhere(w) || !selection_memory(w))
+	struct view whole = view_whole(&w->view);
+
+	if (run_selected_elsewhere(w))
 		return;
+	if (view_simplifies(&w->view) && !view_selects(&whole)) {
+		run_simplify_start(w);
+		return;
+	}
+	if (!selection_memory(w))
+		return;
+	w->select.making = view_simplifies(&w->view) ? w->select.base : w->select.key;
 	run_set_state(w, RUN_SELECTING);
 	w->select.number = ++w->runs->last_select;
 	atomic_store(&w->select.judged, 0);
@@ -302,7 +340,9 @@ bool run_selecting(const struct run *w)
 
 const char *run_phase(const struct run *w)
 {
-	return run_selecting(w) ? "select" : "mesh";
+	if (run_selecting(w))
+		return w->simplify.working ? run_simplify_phase(w) : "select";
+	return "mesh";
 }
 
 int run_select_count(struct run *w, struct err *err)

@@ -206,6 +206,25 @@ int run_space_select_begin(struct run *w, uint64_t memory, struct err *err)
 	return r;
 }
 
+/* What is there was counted when its last run ended, or the cache was measured. */
+int run_space_part_begin(struct run *w, int parent, const char *name, struct err *err)
+{
+	uint64_t bytes = space_folder_bytes(parent, name);
+	int r;
+
+	run_space_select_hold(w);
+	if (bytes && !w->dataset->onestep) {
+		space_give(w->runs->core->space, SPACE_SELECTIONS, bytes);
+		space_count_entries(w->runs->core->space, SPACE_SELECTIONS, -1);
+	}
+	w->space.selecting = bytes > UNKNOWN_BYTES ? bytes : UNKNOWN_BYTES;
+	r = reserve(w, kind_of(w, SPACE_SELECTIONS), w->space.selecting, "the selection of points", err);
+	if (r)
+		w->space.selecting = 0;
+	w->space.checked_ns = clock_mono_ns();
+	return r;
+}
+
 /* Its runs exist twice while they are sealed. */
 int run_space_select_grow(struct run *w, int parent, const char *name, bool sealed, struct err *err)
 {

@@ -62,6 +62,11 @@ static void report_message(const struct job_report *r, bool counts, struct messa
 	m->report.peak_rss_bytes = r->peak_rss;
 	m->report.note = (char *)r->note;
 	m->report.window = r->window;
+	m->report.max_error = (char *)r->max_error;
+	m->report.positions = r->positions;
+	m->report.kept = r->kept;
+	m->report.rounds = r->rounds;
+	m->report.attempts = r->attempts;
 	most_message(r, &m->report);
 	if (counts)
 		removed_counts(r, m);
@@ -155,6 +160,13 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 		at += (size_t)snprintf(buf + at, size - at, "%s\"%s\":%llu", i > VIEW_KEPT + 1 ? "," : "",
 				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);
 	if (at < size)
-		snprintf(buf + at, size - at, "}}");
+		at += (size_t)snprintf(buf + at, size - at, "}");
+	if (at < size && *r->max_error)
+		at += (size_t)snprintf(buf + at, size - at,
+				       ",\"max_error\":\"%s\",\"positions\":%llu,\"kept\":%llu,\"rounds\":%llu,\"attempts\":%llu",
+				       r->max_error, (unsigned long long)r->positions, (unsigned long long)r->kept,
+				       (unsigned long long)r->rounds, (unsigned long long)r->attempts);
+	if (at < size)
+		snprintf(buf + at, size - at, "}");
 	return buf;
 }

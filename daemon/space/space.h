@@ -92,6 +92,8 @@ bool space_is_exceeded(struct space *);
 
 /* Temporary names in cache/selected, of selections that are being made or removed, begin so. */
 #define SPACE_SELECTION_TEMP "tmp-"
+/* "part-KEY": a simplification that is made, or was interrupted, and can be continued. While KEY is held its run counts it. */
+#define SPACE_SELECTION_PART "part-"
 /* Marks a selection as in use. Each hold needs a release. */
 void space_hold(struct space *, struct digest selection);
 void space_release(struct space *, struct digest selection);

@@ -202,12 +202,15 @@ static void domain_found(struct evict_pass *p, int dirfd, const char *name, cons
 
 static void selection_found(struct evict_pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
+	const size_t part = strlen(SPACE_SELECTION_PART);
 	char manifest[PATH_SIZE + 16];
 	struct stat last;
 	uint64_t bytes;
 
 	/* Selections that are being made are in the accounts by what was taken. */
 	if (!S_ISDIR(st->st_mode) || !strncmp(name, SPACE_SELECTION_TEMP, strlen(SPACE_SELECTION_TEMP)))
+		return;
+	if (!strncmp(name, SPACE_SELECTION_PART, part) && space_is_held(p->space, name + part))
 		return;
 	snprintf(manifest, sizeof manifest, "%.170s/manifest", name);
 	if (io->fstatat(dirfd, manifest, &last, AT_SYMLINK_NOFOLLOW) != 0)

@@ -115,7 +115,12 @@ struct pipe_budget {
  * reader of one segment is assumed). */
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err);
 
-/* The same for an existing plan: with its load and cap, and as many threads as fit `memory`. -ERR_LIMIT if not even one
+/* One domain with this load, if `fixed` bytes, and `each` bytes for each position of the cap, are used beside it. -ERR_LIMIT: the
+ * memory does not suffice; err->need would. */
+int pipe_budget_fixed(uint32_t load, uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,
+		      struct err *err);
+
+/* pipe_budget for an existing plan: with its load and cap, and as many threads as fit `memory`. -ERR_LIMIT if not even one
  * domain fits. */
 int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid, uint32_t load, uint32_t cap,
 		     struct pipe_budget *ret, struct err *err);
@@ -152,6 +157,20 @@ struct pipe_known {
 enum { PIPE_E_SPLIT = 1 };
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+/*
+ * The first half of pipe_domain, for callers that use the triangles where they were made: those of `tri` (tri_result) that the
+ * region owns; if there are pieces of lines, those that finish_chosen takes. `flat`: there are none. All of it is in
+ * `memory`, behind what a reader of the grid needs.
+ */
+struct tri;
+struct pipe_kernel {
+	struct tri *tri;
+	const uint64_t *chosen, *special; /* as of struct finish_choice; `chosen` is NULL: owned by cut_region_owns */
+	bool flat;
+	struct mesh_counts counts;
+};
+int pipe_kernel(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct pipe_kernel *ret, uint64_t *ret_need, struct err *err);
 /* Whether the lines of the grid have areas that are out of the mesh. */
 bool pipe_has_out(const struct grid *grid);
 /* Bytes at the start of `memory` that must stay for *domain and its trace to stay valid. */

@@ -64,6 +64,24 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 
+int pipe_budget_fixed(uint32_t load, uint64_t memory, size_t fixed, size_t each, const struct grid *grid, struct pipe_budget *ret,
+		      struct err *err)
+{
+	uint32_t cap = cap_of(load);
+	size_t domain = pipe_domain_bytes(cap, reader_bytes_of(grid));
+	uint64_t bytes = domain + fixed + (uint64_t)each * cap;
+	char need[32], have[32];
+
+	if (bytes <= memory) {
+		*ret = (struct pipe_budget){.load = load, .cap = cap, .domain_bytes = domain, .threads = 1};
+		return 0;
+	}
+	err_set(err, ERR_LIMIT, "a region needs %s of memory, not %s", parse_size_text(bytes, need),
+		parse_size_text(memory, have));
+	err->need = bytes;
+	return -ERR_LIMIT;
+}
+
 int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid, uint32_t load, uint32_t cap,
 		     struct pipe_budget *ret, struct err *err)
 {

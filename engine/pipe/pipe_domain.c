@@ -109,16 +109,48 @@ int pipe_domain_load(const struct grid *grid, const struct view *view, const str
 	return r;
 }
 
+/* The kernel of a region: its triangles, and the pieces of lines. A flat leaf has its points in *load instead. */
+static int run_kernel(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		      const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct cut_load *load,
+		      struct pipe_kernel *k, uint64_t *ret_need, struct err *err)
+{
+	struct finish_choice choice = {NULL, NULL};
+	uint64_t own = 0;
+	uint32_t cap;
+	int r = pipe_domain_load(grid, view, region, known, budget, memory, NULL, load, &own, ret_need, err);
+
+	*k = (struct pipe_kernel){0};
+	if (r)
+		return r;
+	k->counts = load->counts;
+	k->flat = load->flat;
+	if (k->flat)
+		return 0;
+	k->tri = pipe_domain_tri(grid, budget, own, memory, load, 0, &cap);
+	k->flat = tri_run(k->tri, load->n) == TRI_E_FLAT;
+	if (k->flat || !grid_lines(grid))
+		return 0;
+	r = pipe_constrain(grid, view, region, budget, memory, &k->tri, cap, &k->counts, &choice, ret_need, err);
+	k->chosen = choice.chosen;
+	k->special = choice.special;
+	return r;
+}
+
+int pipe_kernel(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct pipe_kernel *ret, uint64_t *ret_need, struct err *err)
+{
+	struct cut_load load;
+
+	return run_kernel(grid, view, region, known, budget, memory, &load, ret, ret_need, err);
+}
+
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	const int64_t *k = grid_manifest(grid)->lattice.k;
-	struct finish_choice choice = {NULL, NULL};
+	struct pipe_kernel kernel;
 	struct finish f = {0};
 	struct cut_load load;
-	struct tri *tri;
-	uint64_t own = 0;
-	uint32_t cap;
 	int r;
 
 	if (view->window) {
@@ -132,30 +164,24 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	}
 	if (view->nweight)
 		return pipe_weight(grid, view, region, known, budget, memory, ret, ret_need, err);
-	r = pipe_domain_load(grid, view, region, known, budget, memory, NULL, &load, &own, ret_need, err);
+	r = run_kernel(grid, view, region, known, budget, memory, &load, &kernel, ret_need, err);
 	if (r)
 		return r;
 	if (load.flat) {
 		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
-	tri = pipe_domain_tri(grid, budget, own, memory, &load, 0, &cap);
-	f.out.counts = load.counts;
+	f.out.counts = kernel.counts;
 	finish_map(&f, view);
-	if (tri_run(tri, load.n) == TRI_E_FLAT) {
-		finish_init(&f, region, k, tri);
+	if (kernel.flat) {
+		finish_init(&f, region, k, kernel.tri);
 		finish_flat(&f);
 		*ret = f.out;
 		return 0;
 	}
-	if (grid_lines(grid)) {
-		r = pipe_constrain(grid, view, region, budget, memory, &tri, cap, &f.out.counts, &choice, ret_need, err);
-		if (r)
-			return r;
-	}
-	finish_init(&f, region, k, tri);
-	if (choice.chosen)
-		finish_chosen(&f, &choice);
+	finish_init(&f, region, k, kernel.tri);
+	if (kernel.chosen)
+		finish_chosen(&f, &(struct finish_choice){kernel.chosen, kernel.special});
 	else
 		finish_owned(&f);
 	if (!finish_vertices(&f)) {

@@ -62,6 +62,8 @@ struct view view_normal(const struct view *v)
 	if (!w.has_##field)     \
 		w.field = 0;
 #include "view_option.def"
+	if (!w.has_max_error)
+		w.max_error = 0;
 	if (w.every <= 1)
 		w.every = 0;
 	if (!w.thin.cell)
@@ -101,6 +103,14 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "without lines no point is near one");
 		return err_add_hint(err, "leave out one of --no-breaklines and --breakline-clear");
 	}
+	if (v->has_max_error && v->max_points) {
+		err_set(err, ERR_USAGE, "--max-points looks for the bound that --max-error gives");
+		return err_add_hint(err, "leave out one of them");
+	}
+	if (view_simplifies(v) && v->metric.k > 1) {
+		err_set(err, ERR_USAGE, "a metric has no bound of errors");
+		return err_add_hint(err, "leave out --metric, or --max-error and --max-points");
+	}
 	if (v->has_zmin && v->has_zmax && v->zmin > v->zmax) {
 		err_set(err, ERR_USAGE, "--zmin is above --zmax: no height is left");
 		return err_add_hint(err, "swap them");
@@ -117,6 +127,10 @@ int view_check(const struct view *v, struct err *err)
 	if (v->window && (v->window_box[0] > v->window_box[2] || v->window_box[1] > v->window_box[3])) {
 		err_set(err, ERR_USAGE, "the box of --bbox is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
+	}
+	if (v->nweight && view_simplifies(v)) {
+		err_set(err, ERR_USAGE, "weights have no bound of errors");
+		return err_add_hint(err, "leave out --weight, or --max-error and --max-points");
 	}
 	if (v->nweight && v->metric.k > 1) {
 		err_set(err, ERR_USAGE, "radii of weights are circles, and with a metric distances are ellipses");
@@ -198,12 +212,29 @@ bool view_by_kind(const struct view *v)
 
 bool view_selects(const struct view *v)
 {
-	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell || v->metric.k > 1;
+	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell || v->metric.k > 1 || view_simplifies(v);
+}
+
+bool view_simplifies(const struct view *v)
+{
+	return v->has_max_error || v->max_points;
+}
+
+struct view view_whole(const struct view *v)
+{
+	struct view whole = *v;
+
+	whole.has_max_error = false;
+	whole.max_error = 0;
+	whole.max_points = 0;
+	whole.window = VIEW_CROP_NONE;
+	whole.window_area = NULL;
+	return whole;
 }
 
 bool view_rule_selects(enum view_rule rule)
 {
-	return rule == VIEW_BY_CROP || rule == VIEW_BY_EVERY || rule == VIEW_BY_THIN;
+	return rule == VIEW_BY_CROP || rule == VIEW_BY_EVERY || rule == VIEW_BY_THIN || rule == VIEW_BY_ERROR;
 }
 
 struct view view_rest(const struct view *v)
@@ -339,6 +370,7 @@ const char *view_rule_text(enum view_rule rule)
 		[VIEW_BY_LINE] = "line",
 		[VIEW_BY_AREA] = "area",
 		[VIEW_BY_WEIGHT] = "weight",
+		[VIEW_BY_ERROR] = "error",
 	};
 
 	return (unsigned)rule < VIEW_RULES ? text[rule] : "unknown";

@@ -47,12 +47,15 @@ enum view_rule {
 	VIEW_BY_DUPLICATE, /* another point of the same position was taken */
 	VIEW_BY_LINE,      /* on a line, or too near to it (POINT_NEAR_LINE) */
 	VIEW_BY_AREA,      /* in a lake, in a hole, or outside of the boundary (POINT_IN_AREA) */
+	VIEW_BY_ERROR,     /* near enough to the mesh of the points that were kept (max_error, max_points) */
 	VIEW_BY_WEIGHT,    /* hidden by points of more weight; a rule of the mesh, not of a point */
 	VIEW_RULES
 };
 
 /* The widest that lines can be kept clear: all differences of lattice numbers are below it. */
 #define VIEW_CLEAR_MOST (INT64_C(1) << 33)
+/* Likewise the greatest bound of errors. */
+#define VIEW_ERROR_MOST (INT64_C(1) << 33)
 
 struct view_thin {
 	int64_t cell; /* side of a cell in lattice numbers; 0: no thinning */
@@ -83,6 +86,9 @@ struct view {
 	uint8_t window;
 	int64_t window_box[4];
 	struct view_area *window_area;
+	bool has_max_error;
+	int64_t max_error;   /* no point is further above or below the mesh: lattice numbers of z */
+	uint64_t max_points; /* the mesh has at most so many vertices, with the least bound that allows it; 0: no such limit */
 	struct view_metric metric;
 	/* Points of a class hide others of less weight within its radius (docs/design/weights.md). By class, ascending. */
 	struct view_weight {
@@ -133,14 +139,15 @@ char *view_text(const struct view *);
 /* Parses exactly what view_text writes. -ERR_PROTO, -ERR_NOMEM. */
 int view_parse(const char *text, struct view *ret, struct err *err);
 struct digest view_hash(const struct view *);
-/* Converts a request to a view of a dataset with this lattice and this unit of x and y (crs.h): corners and heights are
- * rounded once, as points are; lengths are converted exactly. A canonical text is accepted, too; "" is the default
- * view. The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: a contradiction; -ERR_INPUT: impossible for this
- * dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
-int view_resolve(const char *text, const struct lattice *, const char *unit_xy, struct view *ret, struct err *err);
+/* Converts a request to a view of a dataset with this lattice and these units (crs.h) of x and y, and of z: corners and heights
+ * are rounded once, as points are; lengths are converted exactly, the bound of errors is rounded down. A canonical text is
+ * accepted, too; "" is the default view. The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: a contradiction; -ERR_INPUT:
+ * impossible for this dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
+int view_resolve(const char *text, const struct lattice *, const char *unit_xy, const char *unit_z, struct view *ret,
+		 struct err *err);
 /* The same, with a window, "box:..." or "area@E:..." as in a request, instead of the view's own; "": without a window. */
-int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy, struct view *ret,
-			struct err *err);
+int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy, const char *unit_z,
+			struct view *ret, struct err *err);
 /* "2,8" or "2-5,9": sets the requested or the excluded classes; -ERR_USAGE for anything else. */
 int view_set_classes(struct view *, const char *list, struct err *err);
 int view_set_not_classes(struct view *, const char *list, struct err *err);
@@ -158,9 +165,13 @@ const char *view_rule_text(enum view_rule);
 /* Whether the points that it removes are left out by the selection (view_selects), so that they are never meshed. */
 bool view_rule_selects(enum view_rule);
 
-/* Whether crop, every, thin or a metric is set. The mesh of such a view is made from a grid of its selected points, with
- * view_rest. */
+/* Whether crop, every, thin, a metric or a bound of errors is set. The mesh of such a view is made from a grid of its selected
+ * points, with view_rest. */
 bool view_selects(const struct view *);
+/* Whether points are left out because the mesh of the others is near enough: max_error or max_points. */
+bool view_simplifies(const struct view *);
+/* The same without max_error and max_points, and without the window; the area is shared. */
+struct view view_whole(const struct view *);
 /* The view to apply to points that view_judge and the thin rule have kept: the rule for duplicates, the metric, and the window,
  * whose area is shared. */
 struct view view_rest(const struct view *);

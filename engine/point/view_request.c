@@ -17,7 +17,7 @@
 
 struct request {
 	const struct lattice *lattice;
-	const char *unit_xy;
+	const char *unit_xy, *unit_z;
 	struct view *view;
 	int32_t exponent;       /* of the corners of an area */
 	struct view_area *area; /* the area that is being read */
@@ -147,7 +147,7 @@ static const struct unit {
 };
 
 /* `option`: "--thin". */
-static int no_unit(struct request *q, struct view_word w, const char *option, bool degrees)
+static int no_unit(struct request *q, struct view_word w, const char *option, bool degrees, bool heights)
 {
 	int n = (int)(w.n < 60 ? w.n : 60);
 
@@ -155,12 +155,14 @@ static int no_unit(struct request *q, struct view_word w, const char *option, bo
 		err_set(q->err, ERR_INPUT, "a length of %.*s has no meaning in a plane of degrees", n, w.at);
 		return err_add_hint(q->err, "project the points, or give %s a bare number of degrees", option);
 	}
-	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be converted: the unit of the dataset is unknown", n, w.at);
-	return err_add_hint(q->err, "give %s a bare number in the units of the files, or push with --assume-units", option);
+	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be converted: the unit of %s is unknown", n, w.at,
+		heights ? "the heights" : "the dataset");
+	return err_add_hint(q->err, "give %s a bare number in the units of the files, or push with --assume-units%s", option,
+			    heights ? " XY,Z" : "");
 }
 
-/* The factor from the length's unit to the dataset's; 1 without a suffix. */
-static int parse_unit(struct request *q, struct view_word *w, const char *option, int64_t *up, int64_t *down)
+/* The factor from the length's unit to `unit` of the dataset; 1 without a suffix. */
+static int parse_unit(struct request *q, struct view_word *w, const char *option, const char *unit, int64_t *up, int64_t *down)
 {
 	struct view_word whole = *w;
 	const struct unit *of = NULL, *to = NULL;
@@ -173,13 +175,13 @@ static int parse_unit(struct request *q, struct view_word *w, const char *option
 			of = &units[i];
 			w->n -= n;
 		}
-		if (!strcmp(q->unit_xy, units[i].name))
+		if (!strcmp(unit, units[i].name))
 			to = &units[i];
 	}
 	if (!of)
 		return 0;
 	if (!to)
-		return no_unit(q, whole, option, !strcmp(q->unit_xy, "degree"));
+		return no_unit(q, whole, option, !strcmp(unit, "degree"), unit == q->unit_z);
 	if (of != to) {
 		*up = of->up * to->down;
 		*down = of->down * to->up;
@@ -200,13 +202,18 @@ static int parse_pick(struct view *v, struct view_word w)
 	return 1;
 }
 
-/* A length that is not negative, in lattice numbers, rounded once; *ret_fits: it is not larger than any dataset. */
-static int parse_length(struct request *q, struct view_word length, const char *option, bool zero, int64_t *ret, bool *ret_fits)
+/* A length that is not negative, and its factor to lattice numbers. */
+struct length {
+	struct decimal d;
+	int64_t up, down;
+};
+
+static int read_length(struct request *q, struct view_word length, const char *option, const char *unit, bool zero,
+		       struct length *ret)
 {
 	struct view_word number = length;
 	struct decimal d;
-	int64_t up, down;
-	int r = parse_unit(q, &number, option, &up, &down);
+	int r = parse_unit(q, &number, option, unit, &ret->up, &ret->down);
 
 	if (r)
 		return r;
@@ -215,8 +222,19 @@ static int parse_length(struct request *q, struct view_word length, const char *
 			length.at);
 		return err_add_hint(q->err, "give a number in the units of the files, or with m, ft or ftUS");
 	}
-	*ret_fits = decimal_steps(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, ret);
+	ret->d = d;
 	return 0;
+}
+
+/* In lattice numbers, rounded once; *ret_fits: it is not larger than any dataset. */
+static int parse_length(struct request *q, struct view_word length, const char *option, bool zero, int64_t *ret, bool *ret_fits)
+{
+	struct length l;
+	int r = read_length(q, length, option, q->unit_xy, zero, &l);
+
+	if (!r)
+		*ret_fits = decimal_steps(l.d.mantissa, l.d.exponent, l.up, l.down, q->lattice->scale_xy, ret);
+	return r;
 }
 
 static int parse_thin(struct request *q, struct view_word w)
@@ -290,6 +308,23 @@ static int parse_weights(struct request *q, struct view_word all)
 	return 0;
 }
 
+/* Rounded down, so that what is within the bound in steps of the lattice is within the length. */
+static int parse_error(struct request *q, struct view_word w)
+{
+	struct length l;
+	int r = read_length(q, w, "--max-error", q->unit_z, true, &l);
+	bool fits;
+
+	if (r)
+		return r;
+	fits = decimal_steps_down(l.d.mantissa, l.d.exponent, l.up, l.down, q->lattice->scale_z, &q->view->max_error);
+	q->view->has_max_error = true;
+	if (fits && q->view->max_error <= VIEW_ERROR_MOST)
+		return 0;
+	err_set(q->err, ERR_USAGE, "an error of %.*s is higher than any dataset", (int)(w.n < 60 ? w.n : 60), w.at);
+	return err_add_hint(q->err, "give --max-error a smaller length");
+}
+
 /* ---- words ---- */
 
 static int parse_word(struct request *q, enum view_word_id id, struct view_word w)
@@ -308,6 +343,8 @@ static int parse_word(struct request *q, enum view_word_id id, struct view_word 
 		return parse_weights(q, w);
 	if (id == VIEW_WORD_breakline_clear)
 		return parse_clear(q, w);
+	if (id == VIEW_WORD_max_error)
+		return parse_error(q, w);
 	if (view_word_rows[id].kind == VIEW_KIND_HEIGHT)
 		return parse_height(q, w, &view_word_rows[id]);
 	return !view_word_plain(v, id, w);
@@ -357,16 +394,17 @@ static int too_long(const struct view *v, struct err *err)
 	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or give its box");
 }
 
-int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, struct view *ret, struct err *err)
+int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, const char *unit_z, struct view *ret,
+		 struct err *err)
 {
-	return view_resolve_window(text, "", lattice, unit_xy, ret, err);
+	return view_resolve_window(text, "", lattice, unit_xy, unit_z, ret, err);
 }
 
 int view_resolve_window(const char *text, const char *window, const struct lattice *lattice, const char *unit_xy,
-			struct view *ret, struct err *err)
+			const char *unit_z, struct view *ret, struct err *err)
 {
 	struct view v = VIEW_INIT;
-	struct request q = {.lattice = lattice, .unit_xy = unit_xy, .view = &v, .err = err, .option = "--crop"};
+	struct request q = {.lattice = lattice, .unit_xy = unit_xy, .unit_z = unit_z, .view = &v, .err = err, .option = "--crop"};
 	struct view_word all = {text, strlen(text)};
 	int r = 0;
 

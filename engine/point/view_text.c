@@ -149,6 +149,10 @@ static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 		if (v->breakline_clear)
 			put_text(s, " %s%lld", word, (long long)v->breakline_clear);
 		break;
+	case VIEW_WORD_max_error:
+		if (v->has_max_error)
+			put_text(s, " %s%lld", word, (long long)v->max_error);
+		break;
 	case VIEW_WORD_window:
 		put_place(s, word, v->window, v->window_box, v->window_area);
 		break;
@@ -353,6 +357,10 @@ static int parse_word(struct view *v, enum view_word_id id, struct view_word w, 
 		return parse_weights(v, w);
 	if (id == VIEW_WORD_breakline_clear)
 		return !view_word_i64(w, &v->breakline_clear) || v->breakline_clear <= 0 || v->breakline_clear > VIEW_CLEAR_MOST;
+	if (id == VIEW_WORD_max_error) {
+		v->has_max_error = true;
+		return !view_word_i64(w, &v->max_error) || v->max_error < 0 || v->max_error > VIEW_ERROR_MOST;
+	}
 	if (row->kind == VIEW_KIND_HEIGHT)
 		return !(*view_word_flag(v, row->has) = view_word_i64(w, view_word_height(v, row)));
 	return !view_word_plain(v, id, w);

@@ -44,7 +44,8 @@ size_t selection_memory_min(const struct grid *grid, const struct view *view);
  * SELECTION_LINES. What a mesh of the result is depends only on the points and lines of the generation. -ERR_LIMIT: the
  * mapped points do not fit int32. After a failure the folder may hold files. */
 int selection_make(const struct selection_params *, struct selection_counts *ret, struct err *err);
-/* The counts that selection_make left in its folder. -ERR_CORRUPT: they are damaged. */
+/* The counts of a selection, in its folder: selection_make leaves them there. -ERR_CORRUPT: they are damaged. */
+int selection_counts_write(int dirfd, const struct selection_counts *, struct err *err);
 int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *err);
 /* The identity of a selection: content, lattice, coordinate system and units of the generation, and the rules that
  * select. Views that differ only in the rule of duplicates share it. */

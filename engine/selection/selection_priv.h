@@ -42,6 +42,4 @@ int selection_map(struct selection *);
 void selection_map_point(struct selection *, struct point *);
 size_t selection_map_bytes(const struct grid *, const struct view *); /* of memory that selection_map takes for itself */
 
-int selection_counts_write(int dirfd, const struct selection_counts *, struct err *err);
-
 #endif

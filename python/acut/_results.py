@@ -149,7 +149,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Progress:
-    phase: str  # "stage", "seal", "select", "mesh"
+    phase: str  # "stage", "seal", "select", "simplify", "check", "mesh"
     points: int
     points_total: int
     domains: int
@@ -487,6 +487,11 @@ class Report:
     removed: Dict[str, int]  # points, by the rule that left them out
     most_points: int         # of the view, at the position that most of them share; 0: each has one, or it is not known
     most_at: Tuple[float, ...]
+    max_error: str           # of a view with max_error or max_points: the bound that holds, in units of the heights; "": of another view
+    positions: int           # then: positions of all points of the view
+    kept: int                # those kept
+    rounds: int              # rounds that added some after the first choice
+    attempts: int            # bounds that were tried
 
 
 @dataclass(frozen=True)

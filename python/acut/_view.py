@@ -25,7 +25,9 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               zmax: Optional[Number] = None, crop: Optional[Area] = None, bbox: Optional[Any] = None,
               polygon: Optional[Area] = None, every: Optional[int] = None, thin: Optional[Number] = None,
               thin_pick: Optional[str] = None, no_breaklines: bool = False,
-              breakline_clear: Optional[Number] = None, metric: Any = None, weight: Any = None) -> str:
+              breakline_clear: Optional[Number] = None, max_error: Optional[Number] = None,
+              max_points: Optional[int] = None, metric: Any = None,
+              weight: Any = None) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -43,6 +45,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     thin_pick          "lowest", "highest" or "median" point of a cell
     no_breaklines      without the lines of the dataset
     breakline_clear    no points nearer than this to a line, a length like that of thin, or 0
+    max_error          the fewest points such that none is further than this above or below the mesh, likewise
+    max_points         at most so many vertices, with the least error of all points that this allows
     metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
     weight             points of a class hide points of less weight within about its radius: {2: 1.5, 9: "30ft"} or a text,
                        "2=1.5,9=30ft"; radii are lengths like that of thin
@@ -68,6 +72,10 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
         raise UsageError("zmin %s is above zmax %s: no height is left" % (zmin, zmax), hint="swap them")
     if no_breaklines and breakline_clear is not None:
         raise UsageError("without lines no point is near one", hint="leave out one of no_breaklines and breakline_clear")
+    if max_error is not None and max_points is not None:
+        raise UsageError("max_points looks for the bound that max_error gives", hint="leave out one of them")
+    if (max_error is not None or max_points is not None) and metric is not None:
+        raise UsageError("a metric has no bound of errors", hint="leave out metric, or max_error and max_points")
     words = ["ask 1"]
     words += ["class=%s" % _classes(class_)] if class_ is not None else []
     words += ["not-class=%s" % _classes(not_class)] if not_class is not None else []
@@ -87,6 +95,11 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     words += ["duplicates=highest"] if surface or highest else []
     words += ["no-breaklines"] if no_breaklines else []
     words += ["breakline-clear=%s" % _length(breakline_clear, "breakline_clear")] if breakline_clear is not None else []
+    words += ["max-error=%s" % _length(max_error, "max_error")] if max_error is not None else []
+    if max_points is not None:
+        if int(max_points) != max_points or max_points < 1:
+            raise UsageError("max_points is a whole number from 1, not %r" % (max_points,))
+        words.append("max-points=%d" % max_points)
     words += ["metric=%s" % _metric(metric)] if metric is not None else []
     words += ["weight=%s" % _weights(weight)] if weight is not None else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []

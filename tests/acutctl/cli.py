@@ -44,9 +44,6 @@ def options_of(command):
 
 
 COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
-LATER = {
-    "submit": ["--max-error"],
-}
 
 
 def usage(base):
@@ -157,13 +154,7 @@ def areas(base, survey, out):
     expect(["mesh", survey, "-o", out, "--crop", base], 1, base, "not a file")
 
 
-def later(base):
-    for command, options in LATER.items():
-        for o in options:
-            value = [] if "=" in o or o in ("--drop-overlap",) else ["1"]
-            expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
-            out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
-            check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)
+def unreachable(base):
     expect(["doctor"], 69, "socket", "wrong")
     expect(["metrics"], 69, "no daemon")
 
@@ -350,8 +341,7 @@ def man_page():
         known |= options_of(c)
     for o in known:
         check("man page has --" + o, "*--%s*" % o in page, o)
-    later = {o.split("=")[0][2:] for rows in LATER.values() for o in rows}
-    for o in set(re.findall(r"\*--([a-z-]+)\*", page)) - later:
+    for o in set(re.findall(r"\*--([a-z-]+)\*", page)):
         check("acutctl knows --%s of its man page" % o, o in known, o)
     for name, section in (("acutd", 8), ("acut-synth", 1), ("acut-verify", 1), ("acut-domain", 1), ("acut-grid-dump", 1)):
         program = os.path.join(BUILD, "daemon" if name == "acutd" else "tools", name)
@@ -375,7 +365,7 @@ def libraries():
 
 with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
     usage(d)
-    later(d)
+    unreachable(d)
     no_daemon(d)
     wrong_daemon(d)
     slow_input(d)

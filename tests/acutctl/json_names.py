@@ -164,6 +164,9 @@ def jobs(d, base, seen, text):
     with open(base + "/f.ply.json") as f:
         seen.add("a sidecar", json.dumps(json.load(f)))
     seen.add("a mesh", j("fetch", third, "-o", base + "/c.ply", "--changed-since", "1").ok().out)
+    bound = j("submit", "valley", "--max-error", "0.5", "--wait").ok().out
+    seen.add("a job", bound)
+    seen.add("a mesh", j("fetch", str(json.loads(bound)["job"]), "-o", base + "/f.ply").ok().out)
     seen.add("a mesh", j("fetch", first, "-o", base + "/w.ply", "--bbox", "0,0,1e6,1e7").out)
     metres = [base + "/metres.xyz", base + "/metres2.xyz"]
     for k, name in enumerate(metres):

@@ -14,7 +14,8 @@ except ImportError:
     e2e.skip("python3-xxhash is not installed")
 
 SCALE, OFFSET = F(1, 100), (635000, 6853000, 0)
-RULES = ("crop", "class", "noise", "returns", "withheld", "overlap", "z", "line", "area", "every", "thin", "duplicate", "weight")
+RULES = ("crop", "class", "noise", "returns", "withheld", "overlap", "z", "line", "area", "every", "thin", "duplicate", "error",
+         "weight")
 WITHHELD, SYNTHETIC, KEY, OVERLAP = 1, 2, 4, 8
 CLASSES = (0, 1, 2, 2, 2, 3, 5, 5, 6, 7, 8, 9, 12, 17, 18, 64)
 

@@ -49,7 +49,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 		view_done(&view);
 	}
 	err = ERR_INIT;
-	rc = view_resolve(text, &lattice, size & 1 ? "metre" : "unknown", &view, &err);
+	rc = view_resolve(text, &lattice, size & 1 ? "metre" : "unknown", size & 2 ? "foot" : "unknown", &view, &err);
 	fuzz_input_check(rc, &err);
 	if (!rc) {
 		struct view same;

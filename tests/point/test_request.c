@@ -36,7 +36,7 @@ static void becomes(const char *asked, const struct lattice *l, const char *unit
 	struct view v, again;
 	struct err err = ERR_INIT;
 	char *text;
-	int r = view_resolve(asked, l, unit, &v, &err);
+	int r = view_resolve(asked, l, unit, unit, &v, &err);
 
 	if (r)
 		print_error("%s: %s\n", asked, err.message);
@@ -47,7 +47,7 @@ static void becomes(const char *asked, const struct lattice *l, const char *unit
 	assert_int_equal(view_parse(text, &again, &err), 0);
 	assert_true(digest_equal(view_hash(&v), view_hash(&again)));
 	view_done(&again);
-	assert_int_equal(view_resolve(text, l, "degree", &again, &err), 0);
+	assert_int_equal(view_resolve(text, l, "degree", "degree", &again, &err), 0);
 	view_done(&again);
 	view_done(&v);
 	free(text);
@@ -58,7 +58,7 @@ static void refused(const char *asked, const char *unit, int code, const char *s
 	struct view v = VIEW_INIT;
 	struct err err = ERR_INIT;
 
-	if (view_resolve(asked, &fine, unit, &v, &err) != -code)
+	if (view_resolve(asked, &fine, unit, unit, &v, &err) != -code)
 		print_error("%s: %d %s\n", asked, (int)err.code, err.message);
 	assert_int_equal(err.code, code);
 	if (!strstr(err.message, said))
@@ -127,16 +127,16 @@ static void test_window(void **state)
 	for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
 		char *text;
 
-		assert_int_equal(view_resolve_window(ways[i][0], ways[i][1], &coarse, "x", &v, &err), 0);
+		assert_int_equal(view_resolve_window(ways[i][0], ways[i][1], &coarse, "x", "x", &v, &err), 0);
 		text = view_text(&v);
 		assert_string_equal(text, "view 1 ground window=box:4,8,12,16");
 		assert_false(view_selects(&v));
 		free(text);
 		view_done(&v);
 	}
-	assert_int_equal(view_resolve_window("ask 1", "box:3,2,1,4", &coarse, "x", &v, &err), -ERR_USAGE);
+	assert_int_equal(view_resolve_window("ask 1", "box:3,2,1,4", &coarse, "x", "x", &v, &err), -ERR_USAGE);
 	err = ERR_INIT;
-	assert_int_equal(view_resolve_window("ask 1", "box:1,2,3", &coarse, "x", &v, &err), -ERR_PROTO);
+	assert_int_equal(view_resolve_window("ask 1", "box:1,2,3", &coarse, "x", "x", &v, &err), -ERR_PROTO);
 	(void)state;
 }
 
@@ -169,6 +169,37 @@ static void test_lengths(void **state)
 	(void)state;
 }
 
+/* A bound is rounded down, in the unit of heights. */
+static void test_bounds(void **state)
+{
+	struct view v;
+	struct err err = ERR_INIT;
+
+	becomes("ask 1 max-error=0.1", &fine, "unknown", "view 1 max-error=100");
+	becomes("ask 1 max-error=0.0999999", &fine, "unknown", "view 1 max-error=99");
+	becomes("ask 1 max-error=0.1m every=3", &fine, "metre", "view 1 every=3 max-error=100");
+	becomes("ask 1 max-error=0.1m", &fine, "foot", "view 1 max-error=328");
+	becomes("ask 1 max-error=1ftUS", &fine, "metre", "view 1 max-error=304");
+	becomes("ask 1 max-error=0", &fine, "degree", "view 1 max-error=0");
+	becomes("ask 1 max-error=0.0009", &fine, "unknown", "view 1 max-error=0");
+	becomes("ask 1 window=box:0,1,0,2 max-points=12", &coarse, "x", "view 1 window=box:0,4,0,8 max-points=12");
+	becomes("view 1 max-error=8589934592", &fine, "x", "view 1 max-error=8589934592");
+	assert_int_equal(view_resolve("ask 1 max-error=1m thin=1m:lowest", &fine, "metre", "foot", &v, &err), 0);
+	assert_int_equal(v.max_error, 3280);
+	assert_int_equal(v.thin.cell, 100);
+	assert_true(view_selects(&v) && view_simplifies(&v));
+	v = view_whole(&v);
+	assert_true(view_selects(&v) && !view_simplifies(&v));
+	assert_int_equal(view_resolve("ask 1 max-error=0 window=box:0,1,0,2", &fine, "metre", "foot", &v, &err), 0);
+	assert_true(view_selects(&v) && view_simplifies(&v));
+	v = view_whole(&v);
+	assert_true(!view_selects(&v) && !v.window);
+	assert_int_equal(view_resolve("ask 1 max-error=1m", &fine, "metre", "unknown", &v, &err), -ERR_INPUT);
+	assert_non_null(strstr(err.message, "unit of the heights is unknown"));
+	assert_non_null(strstr(err.hint, "XY,Z"));
+	(void)state;
+}
+
 static void test_lengths_refused(void **state)
 {
 	refused("ask 1 thin=10m:lowest", "unknown", ERR_INPUT, "unknown");
@@ -178,6 +209,17 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 breakline-clear=-1", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 breakline-clear=x", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 breakline-clear=1 no-breaklines", "metre", ERR_USAGE, "no point is near");
+	refused("ask 1 max-error=1m", "unknown", ERR_INPUT, "unknown");
+	refused("ask 1 max-error=1m", "degree", ERR_INPUT, "degrees");
+	refused("ask 1 max-error=-1", "metre", ERR_USAGE, "not a length");
+	refused("ask 1 max-error=", "metre", ERR_USAGE, "not a length");
+	refused("ask 1 max-error=1e300", "metre", ERR_USAGE, "higher than any");
+	refused("ask 1 max-error=1e7", "metre", ERR_USAGE, "higher than any");
+	refused("ask 1 max-error=1 max-points=5", "metre", ERR_USAGE, "looks for the bound");
+	refused("ask 1 max-points=0", "metre", ERR_PROTO, "");
+	refused("ask 1 max-error=1 metric=1,2,3", "metre", ERR_USAGE, "a metric has no bound");
+	refused("ask 1 metric=1,2,3 max-points=7", "metre", ERR_USAGE, "a metric has no bound");
+	refused("ask 1 max-points=5m", "metre", ERR_PROTO, "");
 	refused("ask 1 metric=0,0,2", "metre", ERR_USAGE, "no direction");
 	refused("ask 1 metric=1,2,0", "metre", ERR_USAGE, "at least 1");
 	refused("ask 1 metric=1,2,10001", "metre", ERR_USAGE, "K is more");
@@ -251,6 +293,16 @@ static void test_refused(void **state)
 		"view 1 breakline-clear=5 no-breaklines",
 		"view 1 no-breaklines breakline-clear=5",
 		"view 1 no-breaklines duplicates=highest",
+		"view 1 max-error=-1",
+		"view 1 max-error=-0",
+		"view 1 max-error=00",
+		"view 1 max-error=",
+		"view 1 max-error=1.5",
+		"view 1 max-error=8589934593",
+		"view 1 max-error=5 max-points=5",
+		"view 1 max-points=0",
+		"view 1 max-error=5 every=3",
+		"view 1 max-error=5 max-error=5",
 		"view 1 thin=5",
 		"view 1 thin=5m:lowest",
 		"view 1 crop=box:3,0,0,3",
@@ -349,7 +401,7 @@ static void test_any_area(void **state)
 		}
 		memcpy(text, "ask 1 crop=area@-1:+", 20);
 		err_clear(&err);
-		if (view_resolve(text, roll(2) ? &coarse : &odd, "metre", &v, &err) == 0) {
+		if (view_resolve(text, roll(2) ? &coarse : &odd, "metre", "foot", &v, &err) == 0) {
 			char *again = view_text(&v);
 			struct view w;
 
@@ -367,8 +419,8 @@ static void test_any_area(void **state)
 
 /* ---- random requests, rounded by another method ---- */
 
-/* floor(m * 10^e / scale + 1/2) in long division: the numbers are small enough here. */
-static long long round_slow(long long m, int e, struct decimal scale)
+/* floor(m * 10^e / scale + halves / 2) in long division: the numbers are small enough here. */
+static long long floor_slow(long long m, int e, struct decimal scale, int halves)
 {
 	__int128 up = 2 * (__int128)m, down = 2 * (__int128)scale.mantissa, q;
 
@@ -376,11 +428,16 @@ static long long round_slow(long long m, int e, struct decimal scale)
 		up *= 10;
 	for (; e < scale.exponent; e++)
 		down *= 10;
-	up += down / 2;
+	up += halves * (down / 2);
 	q = up / down;
 	while (q * down > up)
 		q--;
 	return (long long)q;
+}
+
+static long long round_slow(long long m, int e, struct decimal scale)
+{
+	return floor_slow(m, e, scale, 1);
 }
 
 static void put_decimal(FILE *f, long long m, int e)
@@ -478,6 +535,13 @@ static void test_random(void **state)
 				fputs(i < 3 ? "," : "", w);
 			}
 		}
+		if (roll(2)) {
+			z = random_number();
+			z.m = llabs(z.m) / 10;
+			fputs(" max-error=", a);
+			put_decimal(a, z.m, z.e);
+			fprintf(w, " max-error=%lld", floor_slow(z.m, z.e, l->scale_z, 0));
+		}
 		fclose(a);
 		fclose(w);
 		becomes(asked, l, "metre", wanted);
@@ -502,7 +566,7 @@ static void test_long(void **state)
 		for (unsigned i = 0; i < corners / 3; i++)
 			fputs(i % 2 ? "CD" : "CE", f);
 		fclose(f);
-		int r = view_resolve(asked, &fine, "metre", &v, &err);
+		int r = view_resolve(asked, &fine, "metre", "metre", &v, &err);
 
 		if (corners == 3000) {
 			assert_int_equal(r, 0);
@@ -521,11 +585,10 @@ static void test_long(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_words),           cmocka_unit_test(test_rows),
-		cmocka_unit_test(test_window),          cmocka_unit_test(test_lengths),
-		cmocka_unit_test(test_lengths_refused), cmocka_unit_test(test_refused),
-		cmocka_unit_test(test_codes),           cmocka_unit_test(test_any_area),
-		cmocka_unit_test(test_random),          cmocka_unit_test(test_long),
+		cmocka_unit_test(test_words),           cmocka_unit_test(test_rows),    cmocka_unit_test(test_window),
+		cmocka_unit_test(test_lengths),         cmocka_unit_test(test_bounds),  cmocka_unit_test(test_bounds),
+		cmocka_unit_test(test_lengths_refused), cmocka_unit_test(test_refused), cmocka_unit_test(test_codes),
+		cmocka_unit_test(test_any_area),        cmocka_unit_test(test_random),  cmocka_unit_test(test_long),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

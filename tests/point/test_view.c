@@ -103,7 +103,7 @@ static struct view asked(const char *request, const struct lattice *lattice)
 	struct view v;
 	struct err err = ERR_INIT;
 
-	assert_int_equal(view_resolve(request, lattice, "metre", &v, &err), 0);
+	assert_int_equal(view_resolve(request, lattice, "metre", "metre", &v, &err), 0);
 	view_bind(&v, lattice);
 	return v;
 }

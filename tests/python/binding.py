@@ -132,7 +132,7 @@ def same_views():
             [[500001.25, 5400001.5], [500040, 5400002], [500030.5, 5400040.75], [500001.25, 5400001.5]],
             [[500010, 5400008], [500020, 5400008], [500015, 5400012.125], [500010, 5400008]]]}},
         {"type": "Feature", "geometry": {"type": "MultiPolygon", "coordinates": [[[[500000, 5400045], [500005, 5400045], [500003, 5400049]]]]}}]}
-    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+    with Folder() as base, Daemon(base, **{**SMALL, "memory": "32M"}) as d, acut.connect(d.socket) as c:
         c.push("s", synth(os.path.join(base, "a.las")))
         gj, wkt = os.path.join(base, "a.geojson"), os.path.join(base, "a,b,c,d.wkt")
         with open(gj, "w") as f:
@@ -157,6 +157,7 @@ def same_views():
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]), ({"no_breaklines": True}, ["--no-breaklines"]),
             ({"breakline_clear": "0.5m", "duplicates": "highest"}, ["--breakline-clear", "0.5m", "--duplicates", "highest"]),
             ({"weight": {2: 1.5, 9: "0.3m"}}, ["--weight", "9=0.3m,2=1.5"]), ({"weight": "2=1"}, ["--weight", "2=1"]),
+            ({"max_error": "0.25ft", "every": 3}, ["--max-error", "0.25ft", "--every", "3"]), ({"max_points": 500}, ["--max-points", "500"]),
             ({"metric": (-6, 2, 5)}, ["--metric=3,-1,5"]), ({"metric": "1,0,1"}, ["--metric", "0,1,1"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
@@ -177,6 +178,9 @@ def same_views():
                 ({"weight": {256: 1}}, ["--weight", "256=1"]), ({"weight": "2"}, ["--weight", "2"]),
                 ({"weight": {2: -1}}, ["--weight", "2=-1"]), ({"weight": {2: 1}, "bbox": (0, 0, 1, 1)}, ["--weight", "2=1", "--bbox", "0,0,1,1"]),
                 ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"]),
+                ({"max_error": -1}, ["--max-error=-1"]), ({"max_error": 1, "max_points": 9}, ["--max-error", "1", "--max-points", "9"]),
+                ({"max_points": 0}, ["--max-points", "0"]),
+                ({"max_error": 1, "metric": (1, 0, 2)}, ["--max-error", "1", "--metric", "1,0,2"]),
                 ({"metric": (0, 0, 2)}, ["--metric", "0,0,2"]), ({"metric": (1, 0, 0)}, ["--metric", "1,0,0"]),
                 ({"metric": (1, 0.5, 2)}, ["--metric", "1,0.5,2"]), ({"metric": "1,2"}, ["--metric", "1,2"]),
                 ({"metric": (1, 2, 10001)}, ["--metric", "1,2,10001"])]:

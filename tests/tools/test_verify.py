@@ -1,10 +1,13 @@
 """acut-verify: good meshes pass, with a list of the checks; each kind of damage is named."""
 import json
+import math
 import os
+import random
 import struct
 import subprocess
 import sys
 import tempfile
+from fractions import Fraction
 
 VERIFY = os.environ["ACUT_VERIFY"]
 W = 6  # a grid of W x W vertices, steps of 0.5 m on a lattice of 0.01 m
@@ -172,6 +175,88 @@ def points(folder):
     expect(run(mesh, os.path.join(folder, "none.xyz")).returncode == 74, "no such input")
 
 
+def errors(folder):
+    """--max-error against exact fractions: a surface of some of the points, by the rule of the grid's cells."""
+    random.seed(7)
+    mesh, path, plain = (os.path.join(folder, n) for n in ("m.ply", "a.xyz", "plain.ply"))
+    rows = numbers()
+    z = {(x, y): h for x, y, h in rows}
+    x0, y0 = rows[0][:2]
+    with open(mesh, "wb") as f:
+        f.write(ply())
+
+    def error(x, y, h):
+        """Steps above or below the cell's triangle, both cut from the upper left to the lower right."""
+        i, j = min((x - x0) // 50, W - 2), min((y - y0) // 50, W - 2)
+        u, v = Fraction(x - x0 - 50 * i, 50), Fraction(y - y0 - 50 * j, 50)
+        a, b, c, d = (z[x0 + 50 * (i + k), y0 + 50 * (j + l)] for k, l in ((0, 0), (1, 0), (0, 1), (1, 1)))
+        at = a + u * (b - a) + v * (c - a) if u + v <= 1 else d + (1 - u) * (c - d) + (1 - v) * (b - d)
+        return abs(h - at)
+
+    def write(points):
+        with open(path, "w") as f:
+            f.writelines("%.2f %.2f %.2f\n" % tuple(c / 100 for c in r) for r in points)
+
+    for run_number in range(12):
+        more = {}
+        for _ in range(40 if run_number else 1):
+            x, y = random.randrange(50 * W - 49), random.randrange(50 * W - 49)
+            if x % 50 or y % 50:
+                more[x + x0, y + y0] = 12345 + random.randrange(300)
+        more = [(x, y, h) for (x, y), h in more.items()]
+        write(rows + more)
+        largest = max(error(*p) for p in more)
+        steps = -(-largest.numerator * 1000 // largest.denominator)
+        got = json.loads(run("--json", "--max-error", "%.2f" % (int(largest) / 100 + 0.01), mesh, path).stdout)
+        expect(got["good"] and got["outside"] == 0 and round(got["largest_error"] * 100000) == steps, "%s %s" % (got, largest))
+        got = json.loads(run("--json", "--max-error", "%.2f" % ((math.ceil(largest) - 1) / 100), mesh, path).stdout)
+        expect(got["fault"] == "error" and any(error(*p) == largest and abs(got["place"][0] - p[0] / 100) < 1e-6 for p in more),
+               "%s %s" % (got, largest))
+        view = lambda steps: "view 1 max-error=%d" % steps
+        expect(run("--view", view(math.ceil(largest)), mesh, path).returncode == 0, "a bound in the view")
+        expect(run("--view", view(math.ceil(largest) - 1), mesh, path).returncode == 1, "a bound in the view, too small")
+        expect(run("--view", view(0), "--max-error", "9", mesh, path).returncode == 0, "--max-error in place of it")
+        expect(run("--view", "view 1 max-points=36", mesh, path).returncode == 0, "no bound: some of the points")
+    expect(run(mesh, path).returncode == 1, "without a bound all points are vertices")
+    # A bound is inclusive, and exact: the middle of the diagonal is 24.5 steps high.
+    middle = (x0 + 25, y0 + 25, 12345 + 24)
+    write(rows + [middle])
+    expect(error(*middle) == Fraction(1, 2), error(*middle))
+    expect(run("--max-error", "0", mesh, path).returncode == 1 and run("--max-error", "0.01", mesh, path).returncode == 0, "half a step")
+    write(rows + [(x0, y0 + 25, 12345 + 21 - 3)])
+    expect(run("--max-error", "0.02", mesh, path).returncode == 1 and run("--max-error", "0.03", mesh, path).returncode == 0, "three steps")
+    write(rows + [(x0 + 25, y0, 12345)])
+    got = json.loads(run("--json", "--max-error", "0.03", mesh, path).stdout)
+    expect(got["fault"] == "error" and got["largest_error"] == 0.035, got)
+    text = run("--max-error", "0.04", mesh, path)
+    expect(text.returncode == 0 and b"0.035 at most, within 0.04; at 500000.25 -5400000 123.45" in text.stdout.replace(b"00 at", b" at"), text.stdout)
+    # Points of a mesh; those that no triangle has; vertices that are no points.
+    more = rows + [(x0 + 25, y0 + 10, 12400)]
+    with open(plain, "wb") as f:
+        f.write(ply([tuple(c / 100 for c in v) for v in more], [], lattice="0.01 0.01 50000000 -540000050 0"))
+    expect(json.loads(run("--json", "--max-error", "0.6", mesh, plain).stdout)["points"] == W * W + 1, "a PLY for points")
+    expect(run("--max-error", "0.1", mesh, plain).returncode == 1, "a PLY for points, beyond the bound")
+    with open(plain, "wb") as f:
+        f.write(ply([tuple(c / 1000 for c in v) for v in more], [], lattice="0.001 0.01 0 0 0"))
+    expect(run("--max-error", "0.1", mesh, plain).returncode == 1, "another scale")
+    write(rows + [(x0 - 1, y0, 12345)])
+    expect(json.loads(run("--json", "--max-error", "9", mesh, path).stdout)["fault"] == "uncovered", "a point outside")
+    with open(mesh, "wb") as f:
+        f.write(ply(comments=["acut-trimmed tile"]))
+    got = json.loads(run("--json", "--max-error", "9", mesh, path).stdout)
+    expect(got["good"] and got["outside"] == 1, got)
+    write(rows[1:])
+    expect(json.loads(run("--json", "--max-error", "9", mesh, path).stdout)["fault"] == "extra", "a vertex that is no point")
+    for bad in ("-1", "x", "1m", "", "1e300"):
+        expect(run("--max-error", bad, mesh, path).returncode == 2, bad)
+    with open(mesh, "wb") as f:
+        f.write(ply([(x / 100, y0 / 100, 0) for x in (x0, x0 + 9)], []))
+    write([(x, y0, 0) for x in (x0, x0 + 9)])
+    expect(run("--max-error", "1", mesh, path).returncode == 0, "a line")
+    write([(x, y0, 0) for x in (x0, x0 + 9, x0 + 5)])
+    expect(run("--max-error", "1", mesh, path).returncode == 1, "a line without one of its points")
+
+
 def usage(folder):
     for bad in ([], ["--class", "x", "m"], ["--returns", "second", "m"], ["--ground", "--surface", "m"], ["--what"],
                 ["--duplicates", "both", "m"]):
@@ -184,7 +269,7 @@ def usage(folder):
     expect(run("--help").returncode == 0 and run("--version").stdout.startswith(b"acut-verify "), "--help, --version")
 
 
-for test in (good, trimmed, wrong, broken, points, usage):
+for test in (good, trimmed, wrong, broken, points, errors, usage):
     with tempfile.TemporaryDirectory() as base:
         test(base)
     print("ok  ", test.__name__)

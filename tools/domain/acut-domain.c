@@ -206,6 +206,10 @@ static int session_open(struct session *s, const struct options *o, struct err *
 	strcpy(file, o->manifest);
 	s->view = VIEW_INIT;
 	r = *o->view ? view_parse(o->view, &s->view, err) : 0;
+	if (!r && view_simplifies(&s->view)) {
+		err_set(err, ERR_UNSUPPORTED, "acut-domain chooses no points for max-error and max-points");
+		r = err_add_hint(err, "let acutd make the mesh, or leave them out of the view");
+	}
 	if (!r)
 		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (r)

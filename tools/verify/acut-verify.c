@@ -21,7 +21,8 @@
 static const char help[] =
 	"Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
 	"Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
-	"digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
+	"digests; and, if POINTS are named (LAS or XYZ files, or PLY, whose vertices count), that its\n"
+	"vertices are just those points.\n"
 	"\n"
 	"What the mesh was made of, as for acutctl:\n"
 	"  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface,\n"
@@ -36,6 +37,8 @@ static const char help[] =
 	"  --breaklines FILE, --lakes FILE, --boundary FILE, --holes FILE, --layer NAME, --kind-field NAME,\n"
 	"  --densify LENGTH, --lake-level min|max|mean: as for acutctl mesh; FILE may also be a text of lines\n"
 	"\n"
+	"  --max-error LENGTH the vertices are some of the POINTS, and none of the others is more than\n"
+	"                     LENGTH (file units) above or below the mesh\n"
 	"  --json             one JSON object\n"
 	"  --quiet            say nothing of a good mesh\n"
 	"  --help, --version\n"
@@ -51,7 +54,12 @@ struct verdict {
 	struct check_mesh mesh;
 	struct check_points points;
 	bool with_points;
-	const char **line_file; /* as many as arguments at most */
+	const char *bound_text;    /* of --max-error; NULL: that of the view */
+	bool partial;              /* the vertices are some of the points: the view has a bound, or a number */
+	bool bounded;              /* `bound` counts */
+	int64_t bound;             /* lattice numbers of z */
+	struct check_error errors; /* if `partial` and with_points */
+	const char **line_file;    /* as many as arguments at most */
 	uint8_t *line_kind;
 	size_t line_files;
 	struct check_lines_options line_options;
@@ -84,6 +92,7 @@ enum {
 	OPT_DENSIFY,
 	OPT_LAKE_LEVEL,
 	OPT_PLANAR,
+	OPT_MAX_ERROR,
 	OPT_JSON,
 	OPT_QUIET,
 	OPT_HELP,
@@ -91,30 +100,20 @@ enum {
 };
 
 static const struct option long_options[] = {
-	{"class", 1, NULL, OPT_CLASS},
-	{"not-class", 1, NULL, OPT_NOT_CLASS},
-	{"returns", 1, NULL, OPT_RETURNS},
-	{"ground", 0, NULL, OPT_GROUND},
+	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
 	{"surface", 0, NULL, OPT_SURFACE},
 #define VIEW_FLAG(field, word, help) {word, 0, NULL, OPT_##field},
 #include "view_option.def"
-	{"duplicates", 1, NULL, OPT_DUPLICATES},
-	{"view", 1, NULL, OPT_VIEW},
-	{"breaklines", 1, NULL, OPT_BREAKLINES},
-	{"lakes", 1, NULL, OPT_LAKES},
-	{"boundary", 1, NULL, OPT_BOUNDARY},
-	{"holes", 1, NULL, OPT_HOLES},
-	{"layer", 1, NULL, OPT_LAYER},
-	{"kind-field", 1, NULL, OPT_KIND_FIELD},
-	{"densify", 1, NULL, OPT_DENSIFY},
-	{"lake-level", 1, NULL, OPT_LAKE_LEVEL},
-	{"metric", 1, NULL, OPT_METRIC},
-	{"planar", 0, NULL, OPT_PLANAR},
-	{"json", 0, NULL, OPT_JSON},
-	{"quiet", 0, NULL, OPT_QUIET},
-	{"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION},
-	{0},
+	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
+	{"breaklines", 1, NULL, OPT_BREAKLINES}, {"lakes", 1, NULL, OPT_LAKES},
+	{"boundary", 1, NULL, OPT_BOUNDARY},     {"holes", 1, NULL, OPT_HOLES},
+	{"layer", 1, NULL, OPT_LAYER},           {"kind-field", 1, NULL, OPT_KIND_FIELD},
+	{"densify", 1, NULL, OPT_DENSIFY},       {"lake-level", 1, NULL, OPT_LAKE_LEVEL},
+	{"metric", 1, NULL, OPT_METRIC},         {"planar", 0, NULL, OPT_PLANAR},
+	{"max-error", 1, NULL, OPT_MAX_ERROR},   {"json", 0, NULL, OPT_JSON},
+	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},       {0},
 };
 
 /* Index of a word in a list, -1 if it is not there. */
@@ -199,6 +198,9 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 #include "view_option.def"
 	case OPT_PLANAR:
 		break;
+	case OPT_MAX_ERROR:
+		v->bound_text = value;
+		break;
 	case OPT_JSON:
 		v->json = true;
 		break;
@@ -244,6 +246,72 @@ static void check_digests(struct verdict *v)
 		set_fault(v, "vertex-digest", "the digest of the vertices is not the one in the file");
 }
 
+/* The bound of --max-error, or that of the view. */
+static int find_bound(struct verdict *v, struct err *err)
+{
+	struct decimal d;
+
+	v->bounded = v->bound_text || v->view.has_max_error;
+	v->bound = v->view.max_error;
+	v->partial = v->bounded || v->view.max_points;
+	if (!v->bound_text)
+		return 0;
+	if (!decimal_parse(v->bound_text, &d) || d.mantissa < 0 ||
+	    !decimal_steps_down(d.mantissa, d.exponent, 1, 1, v->mesh.lattice.scale_z, &v->bound))
+		return err_set(err, ERR_USAGE, "--max-error: \"%.60s\" is not a length in the units of the mesh", v->bound_text);
+	return 0;
+}
+
+static int read_points(struct verdict *v, const char *path, struct err *err)
+{
+	struct check_mesh points;
+	bool ply;
+	int r = check_ply_is(path, &ply, err), fd;
+
+	if (r)
+		return err_add_file(err, path);
+	if (!ply)
+		return check_points_read(&v->points, path, &v->mesh.lattice, &v->view, err);
+	r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
+	if (r)
+		return err_add_file(err, path);
+	r = check_ply_read(fd, path, &points, err);
+	io_close(fd);
+	if (r)
+		return r;
+	r = check_points_mesh(&v->points, &points, &v->mesh.lattice, err);
+	check_mesh_clear(&points);
+	return r ? err_add_file(err, path) : 0;
+}
+
+static void set_place(struct verdict *v, const struct point *p)
+{
+	v->report.has_place = true;
+	v->report.place[0] = p->x;
+	v->report.place[1] = p->y;
+	v->report.place[2] = p->z;
+}
+
+/* Points that no vertex has. verify_points has left one point of each position, at the front. A part of a mesh, and one with
+ * lines, which may be a boundary or holes, need not cover all. */
+static int check_errors(struct verdict *v, struct err *err)
+{
+	const struct check_fraction bound = {v->bound, 1};
+	const struct check_error *e = &v->errors;
+	int r = check_error(&v->mesh, v->points.pts, v->report.positions, &v->errors, err);
+
+	if (r)
+		return r;
+	if (e->outside && !v->mesh.trimmed && !v->mesh.edges) {
+		set_place(v, &e->stray);
+		set_fault(v, "uncovered", "a point is in no triangle of the mesh");
+	} else if (v->bounded && check_fraction_compare(e->largest, bound) > 0) {
+		set_place(v, &e->worst);
+		set_fault(v, "error", "a point is further from the mesh than the bound allows");
+	}
+	return 0;
+}
+
 static int read_lines(struct verdict *v, struct err *err)
 {
 	struct check_lines_options o = v->line_options;
@@ -280,8 +348,10 @@ static int compare_lines(struct verdict *v, struct err *err)
 	return 0;
 }
 
+/* Of a mesh without triangles all points are vertices. */
 static int compare_points(struct verdict *v, struct verify_mesh m, struct err *err)
 {
+	bool some = v->partial && m.ntriangle;
 	int rc = 0;
 
 	if (v->view.thin.cell)
@@ -291,7 +361,11 @@ static int compare_points(struct verdict *v, struct verify_mesh m, struct err *e
 		m.trimmed = v->lines.part;
 		rc = rc ? rc : check_lines_points(&v->lines, &v->view, &v->points, err);
 	}
-	return rc || v->report.fault || v->fault ? rc : verify_points(&m, &v->view, v->points.pts, v->points.n, &v->report, err);
+	if (rc || v->report.fault || v->fault)
+		return rc;
+	m.trimmed = m.trimmed || some;
+	rc = verify_points(&m, &v->view, v->points.pts, v->points.n, &v->report, err);
+	return !rc && some && !v->report.fault ? check_errors(v, err) : rc;
 }
 
 static int check_all(struct verdict *v, char **inputs, struct err *err)
@@ -302,7 +376,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 
 	if (rc)
 		return rc;
-	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
+	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", "unknown", &v->view, err)))
 		return rc;
 	if (v->view.nweight) {
 		err_set(err, ERR_UNSUPPORTED, "the view has weights: its mesh is no Delaunay triangulation");
@@ -310,7 +384,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 	}
 	view_bind(&v->view, &v->mesh.lattice);
 	metric = view_metric_normal(v->view.metric);
-	if ((rc = read_lines(v, err)))
+	if ((rc = read_lines(v, err)) || (rc = find_bound(v, err)))
 		return rc;
 	m = (struct verify_mesh){.vertex = (const int32_t(*)[3])v->mesh.vertex,
 				 .triangle = (const uint32_t(*)[3])v->mesh.triangle,
@@ -331,7 +405,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		check_digests(v);
 	for (; *inputs; inputs++) {
 		v->with_points = true;
-		if ((rc = check_points_read(&v->points, *inputs, &v->mesh.lattice, &v->view, err)))
+		if ((rc = read_points(v, *inputs, err)))
 			return rc;
 	}
 	return v->with_points ? compare_points(v, m, err) : 0;
@@ -343,6 +417,22 @@ static void place_text(const struct verdict *v, char buf[3][DECIMAL_TEXT_SIZE])
 
 	for (unsigned i = 0; i < 3; i++)
 		decimal_scaled_text(i < 2 ? l->scale_xy : l->scale_z, v->report.place[i] + l->k[i], buf[i]);
+}
+
+/* A thousandth of a step more exactly than the lattice, rounded up: what is within the bound stays so. */
+static char *error_text(const struct verdict *v, char buf[DECIMAL_TEXT_SIZE])
+{
+	const struct check_fraction f = v->errors.largest;
+	struct decimal step = v->mesh.lattice.scale_z;
+	__int128 whole = f.up / f.down, rest = f.up % f.down;
+
+	step.exponent -= 3;
+	return decimal_scaled_text(step, (int64_t)(whole * 1000 + (rest * 1000 + f.down - 1) / f.down), buf);
+}
+
+static bool has_errors(const struct verdict *v)
+{
+	return v->errors.inside || v->errors.outside;
 }
 
 static void print_string(FILE *out, const char *text)
@@ -399,6 +489,14 @@ static void print_json(const struct verdict *v)
 	} else {
 		printf(",\"points\":null,\"used\":null,\"positions\":null,\"rounded\":null,\"removed\":null");
 	}
+	if (v->bounded)
+		printf(",\"max_error\":%s", decimal_scaled_text(v->mesh.lattice.scale_z, v->bound, place[0]));
+	else
+		printf(",\"max_error\":null");
+	if (has_errors(v))
+		printf(",\"largest_error\":%s,\"outside\":%llu", error_text(v, place[0]), (unsigned long long)v->errors.outside);
+	else
+		printf(",\"largest_error\":null,\"outside\":null");
 	if (v->line_files)
 		printf(",\"lines\":{\"files\":%zu,\"pieces\":%zu,\"found\":%llu,\"out\":%llu}", v->line_files,
 		       v->lines.npiece - (size_t)v->lines.left_out, (unsigned long long)v->lines.checked,
@@ -406,6 +504,31 @@ static void print_json(const struct verdict *v)
 	else
 		printf(",\"lines\":null");
 	printf(",\"seconds\":%.3f}\n", v->seconds);
+}
+
+static void print_points(const struct verdict *v)
+{
+	const struct check_error *e = &v->errors;
+	char text[4][DECIMAL_TEXT_SIZE];
+	const struct lattice *l = &v->mesh.lattice;
+
+	printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read, v->points.n,
+	       (unsigned long long)v->report.positions,
+	       v->mesh.edges && !v->line_files                ? "each vertex beside lines is one of them, with its height" :
+	       v->line_files && !v->lines.part && !v->partial ? "each a vertex with its height, and no other but those of lines" :
+	       v->mesh.trimmed || v->partial                  ? "each vertex is one of them, with its height" :
+								"each a vertex with its height, and no other");
+	if (!has_errors(v))
+		return;
+	printf("  error     %s at most%s%s", error_text(v, text[0]), v->bounded ? ", within " : "",
+	       v->bounded ? decimal_scaled_text(l->scale_z, v->bound, text[1]) : "");
+	if (e->largest.up)
+		printf("; at %s %s %s", decimal_scaled_text(l->scale_xy, e->worst.x + l->k[0], text[1]),
+		       decimal_scaled_text(l->scale_xy, e->worst.y + l->k[1], text[2]),
+		       decimal_scaled_text(l->scale_z, e->worst.z + l->k[2], text[3]));
+	if (e->outside)
+		printf("; %llu points are in no triangle", (unsigned long long)e->outside);
+	putchar('\n');
 }
 
 static void print_text(const struct verdict *v)
@@ -443,12 +566,7 @@ static void print_text(const struct verdict *v)
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
 	       v->mesh.has_digest ? "as the file says" : "not in the file");
 	if (v->with_points)
-		printf("  points    %llu read, %zu in the view, %llu positions: %s\n", (unsigned long long)v->points.read,
-		       v->points.n, (unsigned long long)r->positions,
-		       v->mesh.edges && !v->line_files ? "each vertex beside lines is one of them, with its height" :
-		       v->line_files && !v->lines.part ? "each a vertex with its height, and no other but those of lines" :
-		       v->mesh.trimmed                 ? "each vertex is one of them, with its height" :
-							 "each a vertex with its height, and no other");
+		print_points(v);
 }
 
 static int print_result(const struct err *err)

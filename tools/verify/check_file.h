@@ -54,5 +54,23 @@ int check_points_read(struct check_points *, const char *path, const struct latt
 /* After all were read: keeps one point of each thin cell, by separate code. */
 int check_points_thin(struct check_points *, const struct view *, struct err *err);
 void check_points_clear(struct check_points *);
+/* The vertices of a mesh on the same scales, as points that the view has kept. -ERR_INPUT: the scales differ. */
+int check_points_mesh(struct check_points *, const struct check_mesh *, const struct lattice *, struct err *err);
+/* Whether the file begins as a PLY does. */
+int check_ply_is(const char *path, bool *ret, struct err *err);
+
+/* How far points lie above or below the mesh (check_error.c), in steps of the lattice of z: up / down, not negative. */
+struct check_fraction {
+	__int128 up, down;
+};
+int check_fraction_compare(struct check_fraction, struct check_fraction); /* exact; -1, 0, 1 */
+struct check_error {
+	uint64_t inside, outside; /* points over a triangle; over none */
+	struct check_fraction largest;
+	struct point worst; /* the first with it, if that is above 0 */
+	struct point stray; /* the first outside */
+};
+/* Triangles have an area and are counter-clockwise. About 30 bytes for each of them. -ERR_NOMEM. */
+int check_error(const struct check_mesh *, const struct point *pts, size_t n, struct check_error *ret, struct err *err);
 
 #endif

@@ -25,6 +25,8 @@ static int make_room(struct check_points *c, size_t n, struct err *err)
 	if (c->cap - c->n >= n)
 		return 0;
 	size_t cap = c->cap ? 2 * c->cap : 16 * BATCH;
+
+	cap = cap < c->n + n ? c->n + n : cap;
 	struct point *pts = realloc(c->pts, cap * sizeof *pts);
 
 	if (!pts)
@@ -96,6 +98,42 @@ int check_points_read(struct check_points *c, const char *path, const struct lat
 	io_close(fd);
 	free(b);
 	return rc;
+}
+
+int check_ply_is(const char *path, bool *ret, struct err *err)
+{
+	char head[4] = "";
+	size_t n = 0;
+	int fd, r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
+
+	if (r)
+		return r;
+	r = io_read_some(fd, head, sizeof head, 0, path, &n, err);
+	io_close(fd);
+	*ret = n == sizeof head && !memcmp(head, "ply\n", sizeof head);
+	return r;
+}
+
+int check_points_mesh(struct check_points *c, const struct check_mesh *m, const struct lattice *l, struct err *err)
+{
+	int r;
+
+	if (decimal_compare(m->lattice.scale_xy, l->scale_xy) || decimal_compare(m->lattice.scale_z, l->scale_z))
+		return err_set(err, ERR_INPUT, "the two meshes have different scales");
+	r = make_room(c, m->nvertex, err);
+	for (size_t i = 0; !r && i < m->nvertex; i++) {
+		int64_t at[3];
+
+		for (unsigned k = 0; k < 3; k++) {
+			at[k] = m->vertex[i][k] + m->lattice.k[k] - l->k[k];
+			if (at[k] < INT32_MIN || at[k] > INT32_MAX)
+				return err_set(err, ERR_INPUT, "vertex %zu is beyond the lattice of the mesh", i);
+		}
+		c->pts[c->n++] = (struct point){.x = (int32_t)at[0], .y = (int32_t)at[1], .z = (int32_t)at[2]};
+	}
+	c->read += m->nvertex;
+	c->removed[VIEW_KEPT] += m->nvertex;
+	return r;
 }
 
 /* What the thin rule compares, in order. */

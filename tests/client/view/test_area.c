@@ -167,7 +167,7 @@ static void test_damaged(void **state)
 			struct view v;
 
 			read++;
-			if (request && view_resolve(request, &lattice, "metre", &v, &err) == 0) {
+			if (request && view_resolve(request, &lattice, "metre", "metre", &v, &err) == 0) {
 				views++;
 				view_done(&v);
 			}

@@ -27,7 +27,7 @@ static void assert_same(const char *asked, const struct view *want)
 	struct err err = ERR_INIT;
 	char *mine, *theirs = view_text(want);
 
-	assert_int_equal(view_resolve(asked, &lattice, "unknown", &got, &err), 0);
+	assert_int_equal(view_resolve(asked, &lattice, "unknown", "unknown", &got, &err), 0);
 	mine = view_text(&got);
 	assert_string_equal(mine, theirs);
 	view_done(&got);
@@ -87,6 +87,8 @@ static void test_rows(void **state)
 #define VIEW_HEIGHT(name, word, value, help) {{.name = "1.2345"}, "view 1 " word "=1235"},
 #include "view_option.def"
 		{{.breakline_clear = "0"}, "view 1"},
+		{{.max_error = "0"}, "view 1 max-error=0"},
+		{{.max_error = "1.2345", .thin = "0.02", .every = 3}, "view 1 every=3 thin=2:lowest max-error=1234"},
 		{{.metric = "-4,+2,3"}, "view 1 metric=2,-1,3"},
 		{{.weight = "9=1.2345,2=0.5", .ground = true}, "view 1 ground weight=2:50,9:123"},
 		{{.breakline_clear = "1.2345", .thin = "0.02"}, "view 1 thin=2:lowest breakline-clear=123"},

@@ -1,0 +1,588 @@
+/*
+ * Greedy insertion. Each triangle has a list of the points in it, and its farthest one; a heap has the triangles by that. An
+ * insertion removes the triangles whose circle contains the new point, fills the hole with a fan, and deals their points out to
+ * it. Nothing is beyond the base, which has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
+ *
+ * A fan is usually dealt out relative to its new point, in 64 bits: the turns that find a triangle are the weights of its corners
+ * in the height of its plane. Fans of many triangles, and wide blocks, go the long way.
+ *
+ * The surface above a point is a fraction with twice the triangle's area D below, so the farthest point of a triangle has the
+ * greatest |N|, N = D * (height of the surface - z). All numbers are exact, and equal ones are decided by x, then y.
+ */
+#include "simplify_greedy.h"
+
+#include <limits.h>
+#include <string.h>
+
+#include "align.h"
+#include "digest.h"
+#include "geom.h"
+#include "simplify_error.h"
+#include "tri.h"
+
+#define NONE UINT32_MAX
+
+enum { FAN = 64 }; /* the most triangles of a fan that is dealt out in 64 bits */
+
+/* Half of a cache line: most of the time goes into reaching these. */
+struct cell {
+	uint32_t corner[3], beside[3]; /* neighbours across from the corners */
+	uint32_t first;                /* of its points */
+	uint32_t heap;                 /* its place in the heap, or NONE */
+};
+
+/* A side of the hole, counter-clockwise, and what is behind it. */
+struct side {
+	uint32_t a, b, beyond, cell;
+};
+
+/* A point, and the next in the list of its triangle. */
+struct node {
+	int32_t x, y, z;
+	uint32_t next;
+};
+
+/* A triangle with a point that is too far: the farthest one. */
+struct entry {
+	uint64_t key;
+	uint32_t cell, worst;
+};
+
+/* A triangle of the hole, and the one from which it was reached. */
+struct pit {
+	uint32_t cell, from;
+};
+
+/* A triangle of a fan: its corners a and b relative to the new point, and the farthest of its points so far. */
+struct blade {
+	int64_t ax, ay, az, bx, by, bz, area;
+	uint64_t most;
+	uint32_t worst, first, before, after;
+};
+
+struct greedy {
+	struct simplify_greedy *g;
+	const struct point *pts;
+	struct node *node;
+	struct cell *cell;
+	struct side *side;
+	struct entry *heap;
+	struct pit *hole;
+	uint32_t *from;  /* of a vertex of the hole, the side that begins there */
+	struct tri *tri; /* of the base; in the memory of sides and heap, which are used later */
+	struct simplify_place *order;
+	uint32_t ncell, nheap, nhole, nside;
+	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
+	struct blade blade[FAN];
+	uint32_t list[FAN], nlist; /* the first points of lists */
+};
+
+size_t simplify_greedy_bytes(uint32_t n)
+{
+	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
+
+	return align_line(2 * each * sizeof(struct cell)) + align_line(later > base ? later : base) +
+	       align_line(2 * each * sizeof(struct pit)) + align_line(each * sizeof(uint32_t)) * 2 +
+	       align_line(each * sizeof(struct node)) + align_line(each * sizeof(struct simplify_pick)) +
+	       align_line(each * sizeof(struct simplify_place));
+}
+
+static void carve(struct greedy *w, struct simplify_greedy *g, void *memory)
+{
+	size_t each = g->n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
+	uint8_t *at = memory;
+
+	memset(w, 0, sizeof *w);
+	w->g = g;
+	w->pts = g->pts;
+	w->cell = align_carve(&at, 2 * each * sizeof *w->cell);
+	w->tri = align_carve(&at, later > base ? later : base);
+	w->side = (struct side *)(void *)w->tri;
+	w->heap = (struct entry *)(void *)(w->side + 2 * each);
+	w->hole = align_carve(&at, 2 * each * sizeof *w->hole);
+	w->from = align_carve(&at, each * sizeof *w->from);
+	g->hull = align_carve(&at, each * sizeof *g->hull);
+	w->node = align_carve(&at, each * sizeof *w->node);
+	g->pick = align_carve(&at, each * sizeof *g->pick);
+	w->order = align_carve(&at, each * sizeof *w->order);
+}
+
+/* Copies the points, and finds whether their differences fit. */
+static void fill_nodes(struct greedy *w)
+{
+	int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, high[3] = {INT32_MIN, INT32_MIN, INT32_MIN};
+
+	for (uint32_t i = 0; i < w->g->n; i++) {
+		const int32_t at[3] = {w->pts[i].x, w->pts[i].y, w->pts[i].z};
+
+		w->node[i] = (struct node){at[0], at[1], at[2], NONE};
+		for (unsigned k = 0; k < 3; k++) {
+			low[k] = at[k] < low[k] ? at[k] : low[k];
+			high[k] = at[k] > high[k] ? at[k] : high[k];
+		}
+	}
+	if (!(((int64_t)high[0] - low[0]) >> 30) && !(((int64_t)high[1] - low[1]) >> 30))
+		w->high = (int64_t)high[2] - low[2] + 1;
+}
+
+static inline void xy_of(const struct greedy *w, uint32_t i, int32_t ret[2])
+{
+	ret[0] = w->node[i].x;
+	ret[1] = w->node[i].y;
+}
+
+static inline uint64_t place_of(const struct greedy *w, uint32_t i)
+{
+	return digest_place(w->node[i].x, w->node[i].y);
+}
+
+static inline int turn(const struct greedy *w, uint32_t a, uint32_t b, uint32_t c)
+{
+	int32_t p[2], q[2], r[2];
+
+	xy_of(w, a, p);
+	xy_of(w, b, q);
+	xy_of(w, c, r);
+	return geom_orient(p, q, r);
+}
+
+/* ---- the heap: the greatest key first, then the first point by x and y ---- */
+
+static inline bool is_before(const struct greedy *w, const struct entry *a, const struct entry *b)
+{
+	if (a->key != b->key)
+		return a->key > b->key;
+	return place_of(w, a->worst) < place_of(w, b->worst);
+}
+
+static inline void heap_set(struct greedy *w, uint32_t at, struct entry e)
+{
+	w->heap[at] = e;
+	w->cell[e.cell].heap = at;
+}
+
+static void heap_up(struct greedy *w, uint32_t at, struct entry e)
+{
+	for (; at && is_before(w, &e, &w->heap[(at - 1) / 2]); at = (at - 1) / 2)
+		heap_set(w, at, w->heap[(at - 1) / 2]);
+	heap_set(w, at, e);
+}
+
+static void heap_down(struct greedy *w, uint32_t at, struct entry e)
+{
+	for (;;) {
+		uint32_t child = 2 * at + 1;
+
+		if (child + 1 < w->nheap && is_before(w, &w->heap[child + 1], &w->heap[child]))
+			child++;
+		if (child >= w->nheap || !is_before(w, &w->heap[child], &e))
+			break;
+		heap_set(w, at, w->heap[child]);
+		at = child;
+	}
+	heap_set(w, at, e);
+}
+
+/* Where `at` is free. */
+static void heap_put(struct greedy *w, uint32_t at, struct entry e)
+{
+	if (at && is_before(w, &e, &w->heap[(at - 1) / 2]))
+		heap_up(w, at, e);
+	else
+		heap_down(w, at, e);
+}
+
+/* Sets the farthest point of a triangle. One that took the place of another in memory has that one's place in the heap, too. */
+static void set_worst(struct greedy *w, uint32_t t, uint32_t worst, uint64_t key)
+{
+	struct cell *c = &w->cell[t];
+	uint32_t at = c->heap;
+
+	if (key > w->g->least) {
+		heap_put(w, at == NONE ? w->nheap++ : at, (struct entry){key, t, worst});
+	} else if (at != NONE) {
+		struct entry last = w->heap[--w->nheap];
+
+		c->heap = NONE;
+		if (last.cell != t)
+			heap_put(w, at, last);
+	}
+}
+
+/* ---- the farthest point of a triangle ---- */
+
+static void judge(struct greedy *w, uint32_t t)
+{
+	const struct cell *c = &w->cell[t];
+	struct simplify_plane plane;
+	uint32_t worst = NONE;
+	geom_u128 most = 0;
+
+	if (c->first == NONE) {
+		set_worst(w, t, NONE, 0);
+		return;
+	}
+	simplify_plane_init(&plane, &w->pts[c->corner[0]], &w->pts[c->corner[1]], &w->pts[c->corner[2]]);
+	for (uint32_t i = c->first; i != NONE; i = w->node[i].next) {
+		const struct node *p = &w->node[i];
+		geom_u128 far = simplify_plane_far(&plane, p->x, p->y, p->z);
+
+		if (far < most || !far || (far == most && place_of(w, i) > place_of(w, worst)))
+			continue;
+		most = far;
+		worst = i;
+	}
+	set_worst(w, t, worst, simplify_plane_key(&plane, most));
+}
+
+/* ---- insertion ---- */
+
+static bool has_in_circle(const struct greedy *w, const struct cell *c, uint32_t p)
+{
+	int32_t a[2], b[2], d[2], at[2];
+
+	xy_of(w, c->corner[0], a);
+	xy_of(w, c->corner[1], b);
+	xy_of(w, c->corner[2], d);
+	xy_of(w, p, at);
+	return geom_incircle(a, b, d, at) > 0;
+}
+
+/* The triangles whose circle contains p, from t on, and the sides of the hole that they leave. They form a tree: a circle of them
+ * would have a vertex inside, and a vertex is in no hole. A side on which p lies is none: it is a side of the hull, which p
+ * divides. */
+static void dig(struct greedy *w, uint32_t t, uint32_t p)
+{
+	w->nside = 0;
+	w->nhole = 1;
+	w->hole[0] = (struct pit){t, NONE};
+	for (uint32_t i = 0; i < w->nhole; i++) {
+		const struct cell *c = &w->cell[w->hole[i].cell];
+
+		for (unsigned k = 0; k < 3; k++) {
+			uint32_t other = c->beside[k], a = c->corner[(k + 1) % 3], b = c->corner[(k + 2) % 3];
+
+			if (other == NONE) {
+				if (turn(w, a, b, p))
+					w->side[w->nside++] = (struct side){.a = a, .b = b, .beyond = NONE};
+			} else if (other == w->hole[i].from) {
+				continue;
+			} else if (has_in_circle(w, &w->cell[other], p)) {
+				w->hole[w->nhole++] = (struct pit){other, w->hole[i].cell};
+			} else {
+				w->side[w->nside++] = (struct side){.a = a, .b = b, .beyond = other};
+			}
+		}
+	}
+}
+
+/* The lists of the points of the hole, before its triangles are used again; one list of all if they are too many. */
+static void take_lists(struct greedy *w)
+{
+	uint32_t all = NONE;
+
+	w->nlist = 0;
+	for (uint32_t i = 0; i < w->nhole; i++) {
+		uint32_t first = w->cell[w->hole[i].cell].first;
+
+		if (w->nhole <= FAN) {
+			w->list[w->nlist] = first;
+			w->nlist += first != NONE;
+			continue;
+		}
+		for (uint32_t q = first, next; q != NONE; q = next) {
+			next = w->node[q].next;
+			w->node[q].next = all;
+			all = q;
+		}
+	}
+	if (all != NONE)
+		w->list[w->nlist++] = all;
+}
+
+static void replace_beside(struct cell *c, uint32_t a, uint32_t b, uint32_t t)
+{
+	for (unsigned k = 0; k < 3; k++)
+		if (c->corner[(k + 1) % 3] == b && c->corner[(k + 2) % 3] == a)
+			c->beside[k] = t;
+}
+
+/* The side that begins where this one ends. NONE: it is the last of an open fan, and what `from` has is of an earlier hole. */
+static uint32_t side_after(const struct greedy *w, const struct side *s)
+{
+	uint32_t after = w->from[s->b];
+
+	return after < w->nside && w->side[after].a == s->b ? after : NONE;
+}
+
+/* A triangle on each side of the hole, with p. Those of the hole have their places in memory and heap taken: there are fewer. */
+static void fill(struct greedy *w, uint32_t p)
+{
+	for (uint32_t i = 0; i < w->nside; i++) {
+		if (i < w->nhole) {
+			w->side[i].cell = w->hole[i].cell;
+		} else {
+			w->side[i].cell = w->ncell++;
+			w->cell[w->side[i].cell].heap = NONE;
+		}
+		w->from[w->side[i].a] = i;
+	}
+	for (uint32_t i = 0; i < w->nside; i++) {
+		const struct side *s = &w->side[i];
+		uint32_t after = side_after(w, s), t = s->cell;
+		struct cell *c = &w->cell[t];
+
+		c->corner[0] = p;
+		c->corner[1] = s->a;
+		c->corner[2] = s->b;
+		c->first = NONE;
+		c->beside[0] = s->beyond;
+		c->beside[1] = after == NONE ? NONE : w->side[after].cell;
+		if (s->beyond != NONE)
+			replace_beside(&w->cell[s->beyond], s->a, s->b, t);
+	}
+}
+
+/* The neighbour across from corner 2 is that of the side before. */
+static void link_back(struct greedy *w)
+{
+	for (uint32_t i = 0; i < w->nside; i++)
+		w->cell[w->side[i].cell].beside[2] = NONE;
+	for (uint32_t i = 0; i < w->nside; i++) {
+		uint32_t t = w->side[i].cell, after = w->cell[t].beside[1];
+
+		if (after != NONE)
+			w->cell[after].beside[2] = t;
+	}
+}
+
+/* The triangle of the fan around p that has q: goes around until q is between two spokes. */
+static uint32_t find_in_fan(const struct greedy *w, uint32_t p, uint32_t q, uint32_t t)
+{
+	bool left = turn(w, p, w->cell[t].corner[1], q) >= 0;
+
+	for (;;) {
+		const struct cell *c = &w->cell[t];
+
+		if (left) {
+			if (turn(w, p, c->corner[2], q) <= 0)
+				return t;
+			t = c->beside[1];
+		} else {
+			t = c->beside[2];
+			left = turn(w, p, w->cell[t].corner[1], q) >= 0;
+		}
+	}
+}
+
+static void deal(struct greedy *w, uint32_t p)
+{
+	uint32_t t = w->side[0].cell;
+
+	for (uint32_t i = 0; i < w->nlist; i++)
+		for (uint32_t q = w->list[i], next; q != NONE; q = next) {
+			next = w->node[q].next;
+			if (q == p)
+				continue;
+			t = find_in_fan(w, p, q, t);
+			w->node[q].next = w->cell[t].first;
+			w->cell[t].first = q;
+		}
+	for (uint32_t i = 0; i < w->nside; i++)
+		judge(w, w->side[i].cell);
+}
+
+/* ---- the same in 64 bits ---- */
+
+/* The triangles of the fan. False: they are too many, or too large. */
+static bool make_blades(struct greedy *w, uint32_t p)
+{
+	const struct node *o = &w->node[p];
+	int64_t most;
+
+	if (!w->high || w->nside > FAN)
+		return false;
+	most = (INT64_C(1) << 61) / w->high;
+	for (uint32_t i = 0; i < w->nside; i++) {
+		const struct side *s = &w->side[i];
+		const struct node *a = &w->node[s->a], *b = &w->node[s->b];
+		struct blade *f = &w->blade[i];
+
+		*f = (struct blade){.ax = (int64_t)a->x - o->x,
+				    .ay = (int64_t)a->y - o->y,
+				    .az = (int64_t)a->z - o->z,
+				    .bx = (int64_t)b->x - o->x,
+				    .by = (int64_t)b->y - o->y,
+				    .bz = (int64_t)b->z - o->z,
+				    .worst = NONE,
+				    .first = NONE};
+		f->area = f->ax * f->by - f->ay * f->bx;
+		if (f->area > most)
+			return false;
+		f->after = side_after(w, s);
+	}
+	/* Beyond the ends of an open fan there is no point. */
+	for (uint32_t i = 0; i < w->nside; i++)
+		if (w->blade[i].after != NONE)
+			w->blade[w->blade[i].after].before = i;
+	return true;
+}
+
+/* Finds the triangle of q, and how far q is from it: as simplify_plane_far, with the weights of a and b. */
+static inline uint32_t take(struct greedy *w, uint32_t i, const struct node *o, uint32_t q)
+{
+	struct node *n = &w->node[q];
+	int64_t x = (int64_t)n->x - o->x, y = (int64_t)n->y - o->y, far;
+	struct blade *f = &w->blade[i];
+	int64_t left = f->ax * y - f->ay * x, right;
+
+	if (left >= 0) {
+		while ((right = f->bx * y - f->by * x) > 0) {
+			left = right;
+			f = &w->blade[f->after];
+		}
+	} else {
+		do {
+			right = left;
+			f = &w->blade[f->before];
+			left = f->ax * y - f->ay * x;
+		} while (left < 0);
+	}
+	n->next = f->first;
+	f->first = q;
+	far = left * f->bz - right * f->az - f->area * ((int64_t)n->z - o->z);
+	far = far < 0 ? -far : far;
+	if ((uint64_t)far >= f->most && far && ((uint64_t)far > f->most || place_of(w, q) < place_of(w, f->worst))) {
+		f->most = (uint64_t)far;
+		f->worst = q;
+	}
+	return (uint32_t)(f - w->blade);
+}
+
+static bool deal_narrow(struct greedy *w, uint32_t p)
+{
+	const struct node o = w->node[p];
+	uint32_t at = 0;
+
+	if (!make_blades(w, p))
+		return false;
+	for (uint32_t i = 0; i < w->nlist; i++)
+		for (uint32_t q = w->list[i], next; q != NONE; q = next) {
+			next = w->node[q].next;
+			if (q != p)
+				at = take(w, at, &o, q);
+		}
+	for (uint32_t i = 0; i < w->nside; i++) {
+		const struct blade *f = &w->blade[i];
+
+		w->cell[w->side[i].cell].first = f->first;
+		set_worst(w, w->side[i].cell, f->worst, simplify_key_of(f->most, f->area));
+	}
+	return true;
+}
+
+static void insert(struct greedy *w, uint32_t t, uint32_t p)
+{
+	dig(w, t, p);
+	take_lists(w);
+	fill(w, p);
+	link_back(w);
+	if (!deal_narrow(w, p))
+		deal(w, p);
+}
+
+/* ---- the base ---- */
+
+/* The triangulation of the hull's corners and the vertices of lines, without its ghosts. `from` marks the base. */
+static bool make_base(struct greedy *w)
+{
+	struct simplify_greedy *g = w->g;
+	struct mesh_vertex *in;
+	struct tri_result tri;
+	uint32_t n = 0, *number = (uint32_t *)(void *)g->pick, *index = (uint32_t *)(void *)w->hole; /* not used yet */
+
+	memset(w->from, 0, g->n * sizeof *w->from);
+	for (uint32_t i = 0; i < g->nhull; i++)
+		w->from[g->hull[i]] = 1;
+	for (uint32_t i = 0; i < g->n; i++)
+		n += w->from[i] = w->from[i] || (w->pts[i].tag & POINT_LINE);
+	w->tri = tri_init(w->tri, n < 4 ? 4 : n);
+	in = tri_input(w->tri);
+	n = 0;
+	for (uint32_t i = 0; i < g->n; i++)
+		if (w->from[i]) {
+			index[n] = i;
+			in[n++] = (struct mesh_vertex){w->pts[i].x, w->pts[i].y, w->pts[i].z};
+		}
+	if (tri_run(w->tri, n))
+		return false;
+	tri_result(w->tri, &tri);
+	for (uint32_t i = 0; i < tri.ntriangle; i++) {
+		const uint32_t *c = tri.triangle[i].corner;
+
+		number[i] = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST ? NONE : w->ncell++;
+	}
+	for (uint32_t i = 0; i < tri.ntriangle; i++) {
+		struct cell *c = &w->cell[number[i]];
+
+		if (number[i] == NONE)
+			continue;
+		*c = (struct cell){.first = NONE, .heap = NONE};
+		for (unsigned k = 0; k < 3; k++) {
+			c->corner[k] = index[tri.id[tri.triangle[i].corner[k]]];
+			c->beside[k] = number[tri.triangle[i].link[k] >> 3];
+		}
+	}
+	return true;
+}
+
+/* Walks to the triangle that contains the point. In a Delaunay triangulation a walk has an end. */
+static uint32_t locate(const struct greedy *w, uint32_t p, uint32_t t)
+{
+	for (unsigned k = 0; k < 3; k++) {
+		const struct cell *c = &w->cell[t];
+
+		if (turn(w, c->corner[(k + 1) % 3], c->corner[(k + 2) % 3], p) >= 0)
+			continue;
+		t = c->beside[k];
+		k = UINT_MAX;
+	}
+	return t;
+}
+
+static void deal_first(struct greedy *w)
+{
+	uint32_t t = 0;
+
+	for (uint32_t i = 0; i < w->g->n; i++) {
+		if (w->from[i])
+			continue;
+		t = locate(w, i, t);
+		w->node[i].next = w->cell[t].first;
+		w->cell[t].first = i;
+	}
+	for (t = 0; t < w->ncell; t++)
+		judge(w, t);
+}
+
+void simplify_greedy_run(struct simplify_greedy *g, void *memory)
+{
+	uint64_t key = UINT64_MAX;
+	struct greedy w;
+
+	carve(&w, g, memory);
+	fill_nodes(&w);
+	g->npick = 0;
+	g->nhull = g->n ? simplify_hull(g->pts, g->n, w.order, g->hull) : 0;
+	if (g->nhull < 3 || !make_base(&w))
+		return;
+	deal_first(&w);
+	memset(w.from, 0xff, (size_t)g->n * sizeof *w.from);
+	while (w.nheap) {
+		const struct entry top = w.heap[0];
+
+		key = top.key < key ? top.key : key;
+		g->pick[g->npick++] = (struct simplify_pick){key, top.worst};
+		insert(&w, top.cell, top.worst);
+	}
+}

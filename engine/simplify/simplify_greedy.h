@@ -1,0 +1,48 @@
+/*
+ * Greedy insertion into one block: from the triangulation of a base, again and again the point that is farthest from the
+ * surface. In memory of the caller, without I/O.
+ */
+#ifndef SIMPLIFY_GREEDY_H
+#define SIMPLIFY_GREEDY_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "point.h"
+
+enum { SIMPLIFY_BLOCK = 1 << 16 }; /* the most positions of a block */
+
+/* The distance of a point to the surface, up or down, as floor(distance * 2^16): 49 bits at most. */
+enum { SIMPLIFY_KEY_SHIFT = 16 };
+
+/* Point `at`, which was inserted when the farthest one had this key or more before: the least key of all insertions so far. So a
+ * run that ends at a greater key would be the beginning of this one, that is all picks with a key that is greater. */
+struct simplify_pick {
+	uint64_t key;
+	uint32_t at;
+};
+
+struct simplify_greedy {
+	const struct point *pts; /* distinct, in Morton order. The base: POINT_LINE, and the corners of the hull */
+	uint32_t n;
+	uint64_t least; /* it ends when no key is greater */
+	/* results, in the memory */
+	struct simplify_pick *pick; /* in order of insertion */
+	uint32_t npick;
+	uint32_t *hull; /* corners of the hull, counter-clockwise; of collinear points the two ends */
+	uint32_t nhull;
+};
+
+/* Bytes of `memory` for n points. */
+size_t simplify_greedy_bytes(uint32_t n);
+void simplify_greedy_run(struct simplify_greedy *, void *memory);
+
+/* The corners of the convex hull of n > 0 distinct positions, counter-clockwise from the first by x, then y: their indices, to
+ * ret[0..n]. `order`: room for n. Returns how many. Of collinear points these are the two ends. */
+struct simplify_place {
+	uint64_t place; /* digest_place */
+	uint32_t at;
+};
+uint32_t simplify_hull(const struct point *pts, uint32_t n, struct simplify_place *order, uint32_t *ret);
+
+#endif

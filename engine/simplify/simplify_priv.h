@@ -1,0 +1,122 @@
+/* What the files of this room share. Internal. */
+#ifndef SIMPLIFY_PRIV_H
+#define SIMPLIFY_PRIV_H
+
+#include <stdatomic.h>
+
+#include "cut.h"
+#include "cut_judge.h"
+#include "grid_segment_info.h"
+#include "simplify.h"
+#include "simplify_file.h"
+#include "simplify_greedy.h"
+
+struct grid_stage;
+
+enum {
+	SIMPLIFY_REGION = 1 << 17, /* the most positions of a region: one of pipe_load */
+	SIMPLIFY_PARTS = 256,      /* the most tasks of the blocks */
+	SIMPLIFY_SEGMENTS = 8,     /* of the points chosen; more are merged to one */
+	SIMPLIFY_ATTEMPTS = 8,     /* errors that are tried for max_points, if one of them did */
+};
+/* No point is farther than this from a surface. */
+#define SIMPLIFY_ERROR_MOST (INT64_C(1) << 33)
+
+/* Where it is; the file "state". All are numbers, so that the file is a text of them. */
+struct simplify_where {
+	uint64_t step, attempt, round;
+	uint64_t error;                        /* that holds, or is tried */
+	uint64_t tasks, parts;                 /* of the present step; of the blocks */
+	uint64_t chosen, added, seeds, rounds; /* of this attempt; positions */
+	uint64_t tested;
+	uint64_t hull, lines, points; /* corners of the hull that are no vertices of lines */
+	uint64_t flat;                /* the view makes no triangle: all its points are kept */
+	uint64_t records;
+	/* With max_points: how many the blocks should insert; the greatest error that gave too many points, plus one, or 0; and
+	 * the least that did not, with its attempt plus one (0: none) and numbers. */
+	uint64_t target, low, best, best_error, best_chosen, best_seeds, best_rounds;
+};
+
+struct simplify {
+	struct simplify_params p;
+	struct view view, rest; /* without a window; the rules for points that it kept */
+	struct simplify_where at;
+	struct grid *chosen; /* in SIMPLIFY_CHECK */
+	atomic_uchar *done;  /* of each task */
+	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
+	 * 0: SIMPLIFY_SEGMENTS. */
+	uint32_t load, block, segments;
+};
+
+int simplify_report_write(int dirfd, const struct simplify_report *, struct err *err);
+
+/* ---- points ---- */
+
+/* The positions of a view from its records in order: simplify_take for each, at the end simplify_take_end. */
+struct simplify_sink {
+	void *ctx;
+	int (*point)(void *ctx, const struct point *, struct err *err);
+	struct cut_judge judge;
+	struct point last; /* the record chosen so far for its position */
+	bool any;
+	uint64_t records, removed[VIEW_RULES];
+	int (*progress)(void *ctx);
+	void *progress_ctx;
+};
+void simplify_sink_init(struct simplify_sink *, const struct simplify *, const struct view *);
+/* A grid_points_fn. */
+int simplify_take(void *sink, const struct point *, size_t n, struct err *err);
+int simplify_take_end(struct simplify_sink *, struct err *err);
+/* The positions with keys from lo to hi; both calls. */
+int simplify_scan(struct simplify_sink *, struct grid_reader *, uint64_t lo, uint64_t hi, struct err *err);
+
+/* ---- the steps ---- */
+
+/* The file "blocks": the blocks, in order; info: positions, whether they are flat, records. "removed": by rule. */
+struct simplify_block {
+	uint64_t lo, hi, count;
+};
+int simplify_divide(const struct simplify *, void *memory, struct err *err);
+size_t simplify_divide_bytes(const struct grid *);
+
+/* A file "part-N" for each task: what a few blocks in a row give. */
+struct simplify_seed {
+	struct point p;
+	uint64_t key; /* as of struct simplify_pick, or one of: */
+};
+#define SIMPLIFY_SEED_LINE UINT64_MAX       /* a vertex of a line */
+#define SIMPLIFY_SEED_HULL (UINT64_MAX - 1) /* a corner of the block's hull */
+#define SIMPLIFY_SEED_FLAT (UINT64_MAX - 2) /* a point of a flat view */
+int simplify_part(const struct simplify *, uint32_t task, void *memory, struct err *err);
+size_t simplify_part_bytes(const struct grid *);
+
+/* The file "bad-ATTEMPT-ROUND-TASK": struct point, sorted; info: tests. */
+int simplify_check(const struct simplify *, uint32_t task, void *memory, struct err *err);
+size_t simplify_check_bytes(const struct simplify_params *);
+
+/* ---- the grid of the points chosen ---- */
+
+/* Names of files. */
+char *simplify_name(char name[GRID_NAME_MAX], const char *what, uint64_t a, uint64_t b, uint64_t c);
+
+/* A stage that becomes a segment of the chosen points. */
+enum { SIMPLIFY_POINTS = 1, SIMPLIFY_LINES = 2, SIMPLIFY_BATCH = 512 };
+struct simplify_stage {
+	struct grid_stage *stage;
+	struct point batch[2][SIMPLIFY_BATCH];
+	size_t n[2];
+	uint64_t count[2]; /* records: points, vertices of lines */
+};
+int simplify_stage_begin(struct simplify_stage *, const struct simplify *, const char *name, bool temporary, size_t memory,
+			 struct err *err);
+int simplify_stage_add(struct simplify_stage *, const struct point *, struct err *err);
+int simplify_stage_end(struct simplify_stage *, struct grid_segment_info *ret, struct err *err); /* frees it, too */
+void simplify_stage_abort(struct simplify_stage *);
+
+/* Writes a manifest of these segments, which have `lines` vertices of lines. */
+int simplify_manifest(const struct simplify *, const char *name, struct grid_segment_info *, size_t n, uint64_t lines,
+		      struct err *err);
+/* Opens one. */
+int simplify_grid(const struct simplify *, const char *name, struct grid **ret, struct err *err);
+
+#endif

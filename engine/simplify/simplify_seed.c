@@ -1,0 +1,270 @@
+/*
+ * From the blocks to the first grid of chosen points: the points that were inserted, vertices of lines, and the corners of the
+ * hull of all points. The blocks' hulls have these; their other corners are dropped.
+ */
+#include "simplify_seed.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "align.h"
+#include "err.h"
+#include "parse.h"
+
+enum { READ = 1024, HULL_EACH = 2 * sizeof(struct point) + sizeof(struct simplify_place) + sizeof(uint32_t) };
+
+/* ---- how many points an error leaves ---- */
+
+/* The buckets of ceil(key / 2^16), the least error that leaves the point out: numbers up to 1,024 each have one, greater ones
+ * share it with those of the same ten highest bits. */
+static uint32_t bucket_of(uint64_t v)
+{
+	unsigned bits = v ? 63 - (unsigned)__builtin_clzll(v) : 0;
+
+	return bits < 10 ? (uint32_t)v : 1024 + (bits - 10) * 512 + ((uint32_t)(v >> (bits - 9)) & 511);
+}
+
+/* The greatest number of a bucket. */
+static uint64_t bucket_last(uint32_t bucket)
+{
+	uint32_t bits = (bucket - 1024) / 512 + 10;
+
+	if (bucket < 1024)
+		return bucket;
+	return (((uint64_t)512 + (bucket - 1024) % 512 + 1) << (bits - 9)) - 1;
+}
+
+uint64_t simplify_seeds_error(const uint64_t histogram[SIMPLIFY_BUCKETS], uint64_t most)
+{
+	uint64_t sum = 0;
+	uint32_t b = SIMPLIFY_BUCKETS;
+
+	while (b > 1 && sum + histogram[b - 1] <= most)
+		sum += histogram[--b];
+	return bucket_last(b - 1);
+}
+
+/* ---- reading the parts ---- */
+
+struct walk {
+	struct simplify_in in;
+	struct simplify_seed seed[READ];
+};
+
+/* A torn part is removed, so that its task is done again. */
+static int read_part(const struct simplify *s, struct walk *w, uint32_t task,
+		     int (*each)(void *ctx, const struct simplify_seed *, struct err *err), void *ctx, struct err *err)
+{
+	char name[GRID_NAME_MAX];
+	size_t n = 0;
+	int r;
+
+	simplify_name(name, "part", task, 0, 0);
+	r = simplify_in_begin(&w->in, s->p.dirfd, name, sizeof *w->seed, err);
+	do {
+		if (!r)
+			r = simplify_in_read(&w->in, w->seed, READ, &n, err);
+		for (size_t i = 0; !r && i < n; i++)
+			r = each(ctx, &w->seed[i], err);
+	} while (!r && n);
+	simplify_in_end(&w->in);
+	return r;
+}
+
+static int read_parts(const struct simplify *s, struct walk *w,
+		      int (*each)(void *ctx, const struct simplify_seed *, struct err *err), void *ctx, struct err *err)
+{
+	int r = 0;
+
+	for (uint32_t i = 0; !r && i < s->at.parts; i++) {
+		r = read_part(s, w, i, each, ctx, err);
+		if (!r && s->p.progress && s->p.progress(s->p.ctx))
+			r = err_set(err, ERR_CANCELLED, "the simplification was cancelled");
+	}
+	return r;
+}
+
+/* ---- the hull ---- */
+
+struct hull {
+	struct walk walk;
+	struct simplify_out out;
+	struct point *pts, *other;
+	struct simplify_place *order;
+	uint32_t *corner;
+	size_t n, room;
+	uint64_t lines;
+	uint64_t histogram[SIMPLIFY_BUCKETS];
+};
+
+static void reduce(struct hull *h)
+{
+	uint32_t n = h->n ? simplify_hull(h->pts, (uint32_t)h->n, h->order, h->corner) : 0;
+	struct point *all = h->pts;
+
+	for (uint32_t i = 0; i < n; i++)
+		h->other[i] = h->pts[h->corner[i]];
+	h->pts = h->other;
+	h->other = all;
+	h->n = n;
+}
+
+static int hull_seed(void *ctx, const struct simplify_seed *seed, struct err *err)
+{
+	struct hull *h = ctx;
+	char need[32];
+
+	if (seed->key == SIMPLIFY_SEED_LINE)
+		h->lines++;
+	if (seed->key < SIMPLIFY_SEED_FLAT)
+		h->histogram[bucket_of((seed->key >> SIMPLIFY_KEY_SHIFT) + ((seed->key & 65535) != 0))]++;
+	if (seed->key != SIMPLIFY_SEED_HULL)
+		return 0;
+	if (h->n == h->room)
+		reduce(h);
+	/* A hull of lattice positions has few corners: a million needs a survey that was made for it. */
+	if (h->n > h->room / 2) {
+		err_set(err, ERR_LIMIT, "the hull of the points has more than %zu corners; twice as many need %s of memory", h->n,
+			parse_size_text(8 * h->room * HULL_EACH, need));
+		err->need = 8 * h->room * HULL_EACH;
+		return -ERR_LIMIT;
+	}
+	h->pts[h->n++] = seed->p;
+	return 0;
+}
+
+/* Corners that are vertices of lines are chosen as these. */
+static int write_hull(const struct simplify *s, struct hull *h, uint64_t *ret_n, struct err *err)
+{
+	int r = simplify_out_begin(&h->out, s->p.dirfd, "hull", sizeof *h->pts, err);
+
+	if (r)
+		return r;
+	*ret_n = 0;
+	for (size_t i = 0; !r && i < h->n; i++) {
+		bool line = (h->pts[i].tag & POINT_LINE) != 0;
+
+		*ret_n += !line;
+		r = line ? 0 : simplify_out_add(&h->out, &h->pts[i], 1, err);
+	}
+	if (!r)
+		return simplify_out_end(&h->out, NULL, err);
+	simplify_out_abort(&h->out);
+	return r;
+}
+
+static int write_histogram(const struct simplify *s, struct hull *h, struct err *err)
+{
+	int r = simplify_out_begin(&h->out, s->p.dirfd, "histogram", sizeof *h->histogram, err);
+
+	if (r)
+		return r;
+	r = simplify_out_add(&h->out, h->histogram, SIMPLIFY_BUCKETS, err);
+	if (!r)
+		return simplify_out_end(&h->out, NULL, err);
+	simplify_out_abort(&h->out);
+	return r;
+}
+
+int simplify_seed_hull(const struct simplify *s, struct simplify_where *where, struct err *err)
+{
+	struct hull *h = calloc(1, sizeof *h);
+	uint8_t *memory;
+	int r;
+
+	if (!h)
+		return err_set(err, ERR_NOMEM, "no memory for a hull");
+	h->room = (s->p.memory - sizeof *h) / HULL_EACH / 2 * 2;
+	memory = malloc(h->room * HULL_EACH);
+	if (!memory) {
+		free(h);
+		return err_set(err, ERR_NOMEM, "no memory for a hull");
+	}
+	h->pts = (struct point *)memory;
+	h->other = h->pts + h->room;
+	h->order = (struct simplify_place *)(h->other + h->room);
+	h->corner = (uint32_t *)(h->order + h->room);
+	r = read_parts(s, &h->walk, hull_seed, h, err);
+	if (!r) {
+		reduce(h);
+		where->lines = h->lines;
+		r = write_hull(s, h, &where->hull, err);
+	}
+	if (!r && s->p.max_points)
+		r = write_histogram(s, h, err);
+	free(memory);
+	free(h);
+	return r;
+}
+
+int simplify_seed_histogram(const struct simplify *s, uint64_t ret[SIMPLIFY_BUCKETS], struct err *err)
+{
+	struct simplify_in in;
+	size_t n = 0;
+	int r = simplify_in_begin(&in, s->p.dirfd, "histogram", sizeof *ret, err);
+
+	if (r)
+		return r;
+	r = simplify_in_read(&in, ret, SIMPLIFY_BUCKETS, &n, err);
+	simplify_in_end(&in);
+	return !r && n != SIMPLIFY_BUCKETS ? err_set(err, ERR_CORRUPT, "a file of a simplification is damaged") : r;
+}
+
+/* ---- the grid ---- */
+
+struct seeds {
+	struct walk walk;
+	struct simplify_stage to;
+	uint64_t key;
+};
+
+static int take_seed(void *ctx, const struct simplify_seed *seed, struct err *err)
+{
+	struct seeds *t = ctx;
+
+	if (seed->key == SIMPLIFY_SEED_HULL || seed->key <= t->key)
+		return 0;
+	return simplify_stage_add(&t->to, &seed->p, err);
+}
+
+static int take_hull(const struct simplify *s, struct seeds *t, struct err *err)
+{
+	struct point pts[64];
+	struct simplify_in in;
+	size_t n = 0;
+	int r = simplify_in_begin(&in, s->p.dirfd, "hull", sizeof *pts, err);
+
+	/* All points of a flat view are chosen already. */
+	if (r || s->at.flat) {
+		if (!r)
+			simplify_in_end(&in);
+		return r;
+	}
+	do {
+		r = simplify_in_read(&in, pts, 64, &n, err);
+		for (size_t i = 0; !r && i < n; i++)
+			r = simplify_stage_add(&t->to, &pts[i], err);
+	} while (!r && n);
+	simplify_in_end(&in);
+	return r;
+}
+
+int simplify_seed_grid(const struct simplify *s, uint64_t error, const char *name, struct grid_segment_info *ret, struct err *err)
+{
+	struct seeds *t = malloc(sizeof *t);
+	int r;
+
+	if (!t)
+		return err_set(err, ERR_NOMEM, "no memory for the points chosen");
+	t->key = error << SIMPLIFY_KEY_SHIFT;
+	r = simplify_stage_begin(&t->to, s, name, true, s->p.memory - sizeof *t, err);
+	if (!r)
+		r = read_parts(s, &t->walk, take_seed, t, err);
+	if (!r)
+		r = take_hull(s, t, err);
+	if (!r)
+		r = simplify_stage_end(&t->to, ret, err);
+	simplify_stage_abort(&t->to);
+	free(t);
+	return r;
+}

@@ -1,0 +1,276 @@
+/*
+ * What a simplification refuses, and what it survives: little memory, too few points, cancelling, torn and missing files, a
+ * folder that is complete, views without points; and a survey of many blocks and regions of usual size, whose result is that of
+ * another order and of interruptions.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "io.h"
+#include "simplify_fixture.h"
+#include "simplify_priv.h"
+
+static struct view view;
+
+static struct set survey(size_t n, uint32_t side, uint32_t heights)
+{
+	struct set s = {calloc(n, sizeof *s.pts), calloc(n, sizeof *s.ids), n};
+
+	for (size_t i = 0; i < n; i++) {
+		s.pts[i] = (struct point){.x = (int32_t)rnd(side), .y = (int32_t)rnd(side), .cls = 2, .ret = 0x11};
+		s.pts[i].z = (int32_t)(((int64_t)s.pts[i].x * s.pts[i].y) >> 9) + (int32_t)rnd(heights);
+		s.ids[i] = 1 + (uint32_t)rnd(FIXTURE_SOURCES);
+	}
+	return s;
+}
+
+static struct dataset dataset(size_t n, uint32_t side, uint32_t heights)
+{
+	struct set s = survey(n, side, heights);
+	struct dataset d = dataset_of(&s, 2, NULL);
+
+	set_free(&s);
+	view = VIEW_INIT;
+	view_bind(&view, &grid_manifest(d.reader.grid)->lattice);
+	return d;
+}
+
+static struct simplify_params params_of(const struct dataset *d, const struct folder *f)
+{
+	return (struct simplify_params){.grid = d->reader.grid,
+					.view = &view,
+					.max_error = 3,
+					.memory = simplify_memory_min(d->reader.grid),
+					.index_memory = 1 << 16,
+					.dirfd = f->fd};
+}
+
+static void test_memory(void **state)
+{
+	struct dataset d = dataset(100, 50, 9);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	struct err err = ERR_INIT;
+	struct simplify *s;
+
+	(void)state;
+	p.memory--;
+	assert_int_equal(simplify_open(&p, &s, &err), -ERR_LIMIT);
+	err_clear(&err);
+	p.memory++;
+	p.max_error = -1;
+	assert_int_equal(simplify_open(&p, &s, &err), -ERR_USAGE);
+	folder_remove(&f);
+	dataset_end(&d);
+}
+
+/* Does the tasks of a step. */
+static int tasks(struct simplify *s, void *memory, struct err *err)
+{
+	int r = 0;
+
+	for (uint32_t i = 0; !r && i < simplify_tasks(s); i++)
+		r = simplify_task(s, i, memory, err);
+	return r;
+}
+
+static void test_too_few(void **state)
+{
+	struct dataset d = dataset(100, 50, 9);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+	struct err err = ERR_INIT;
+	struct simplify *s;
+	uint64_t need;
+
+	(void)state;
+	p.max_points = 3;
+	CHECK(simplify_open(&p, &s, &err));
+	CHECK(tasks(s, memory, &err));
+	CHECK(simplify_next(s, &err));
+	CHECK(tasks(s, memory, &err));
+	assert_int_equal(simplify_next(s, &err), -ERR_LIMIT);
+	need = err.need;
+	assert_true(need > 3 && need < 40);
+	simplify_free(s);
+	folder_remove(&f);
+	/* That many it can be. */
+	struct how how = {.max_points = need};
+	struct simplify_report report;
+
+	f = simplify_in_folder(&d, &view, &how, &report);
+	assert_int_equal(report.kept, need);
+	assert_int_equal(report.hull, need);
+	free(memory);
+	folder_remove(&f);
+	dataset_end(&d);
+}
+
+static int cancel(void *ctx)
+{
+	return (*(int *)ctx)-- == 0;
+}
+
+static void test_cancel(void **state)
+{
+	struct dataset d = dataset(70000, 3000, 9);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+	int left = 2;
+	struct err err = ERR_INIT;
+	struct simplify *s;
+
+	(void)state;
+	p.progress = cancel;
+	p.ctx = &left;
+	CHECK(simplify_open(&p, &s, &err));
+	assert_int_equal(simplify_task(s, 0, memory, &err), -ERR_CANCELLED);
+	assert_false(simplify_task_done(s, 0));
+	err_clear(&err);
+	left = INT32_MAX;
+	CHECK(simplify_task(s, 0, memory, &err));
+	assert_true(simplify_task_done(s, 0));
+	simplify_free(s);
+	free(memory);
+	folder_remove(&f);
+	dataset_end(&d);
+}
+
+static void cut_short(const struct folder *f, const char *name)
+{
+	int fd = openat(f->fd, name, O_RDWR);
+	char byte;
+
+	assert_true(fd >= 0);
+	assert_int_equal(pread(fd, &byte, 1, 130), 1);
+	byte ^= 1;
+	assert_int_equal(pwrite(fd, &byte, 1, 130), 1);
+	close(fd);
+}
+
+/* A damaged file of a task is made again. */
+static void test_torn(void **state)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct folder f = folder_new(), g;
+	struct simplify_params p = params_of(&d, &f);
+	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+	struct how how = {.max_error = p.max_error};
+	struct simplify_report report;
+	struct err err = ERR_INIT;
+	struct simplify *s;
+	int r;
+
+	(void)state;
+	CHECK(simplify_open(&p, &s, &err));
+	CHECK(tasks(s, memory, &err));
+	CHECK(simplify_next(s, &err));
+	CHECK(tasks(s, memory, &err));
+	cut_short(&f, "part-0-0-0");
+	assert_int_equal(simplify_next(s, &err), -ERR_CORRUPT);
+	assert_false(simplify_task_done(s, 0));
+	err_clear(&err);
+	do {
+		CHECK(tasks(s, memory, &err));
+		r = simplify_next(s, &err);
+	} while (!r);
+	assert_int_equal(r, SIMPLIFY_E_DONE);
+	simplify_free(s);
+	g = simplify_in_folder(&d, &view, &how, &report);
+	struct reader a = simplify_reader(&d, &f, SIMPLIFY_MANIFEST), b = simplify_reader(&d, &g, SIMPLIFY_MANIFEST);
+
+	assert_true(digest_equal(grid_content(a.grid), grid_content(b.grid)));
+	reader_close(&a);
+	reader_close(&b);
+	/* It is complete, and stays so. */
+	CHECK(simplify_open(&p, &s, &err));
+	assert_int_equal(simplify_tasks(s), 0);
+	assert_int_equal(simplify_next(s, &err), SIMPLIFY_E_DONE);
+	simplify_free(s);
+	cut_short(&f, "report");
+	assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
+	free(memory);
+	folder_remove(&f);
+	folder_remove(&g);
+	dataset_end(&d);
+}
+
+static void test_no_points(void **state)
+{
+	struct dataset d = dataset(100, 50, 9);
+	struct how how = {.max_error = 2};
+	struct simplify_report report;
+	struct err err = ERR_INIT;
+	struct folder f;
+
+	(void)state;
+	CHECK(view_set_classes(&view, "9", &err));
+	f = simplify_in_folder(&d, &view, &how, &report);
+	assert_int_equal(report.points, 0);
+	assert_int_equal(report.kept, 0);
+	assert_int_equal(report.removed[VIEW_BY_CLASS], 100);
+	struct reader r = simplify_reader(&d, &f, SIMPLIFY_MANIFEST);
+
+	assert_int_equal(grid_points(r.grid), 0);
+	reader_close(&r);
+	folder_remove(&f);
+	dataset_end(&d);
+}
+
+static void test_key(void **state)
+{
+	struct dataset d = dataset(100, 50, 9);
+	struct digest a = simplify_key(d.reader.grid, &view, 5, 0), b;
+
+	(void)state;
+	assert_true(digest_equal(a, simplify_key(d.reader.grid, &view, 5, 0)));
+	assert_false(digest_equal(a, simplify_key(d.reader.grid, &view, 6, 0)));
+	assert_false(digest_equal(a, simplify_key(d.reader.grid, &view, 5, 5)));
+	b = simplify_key(d.reader.grid, &view, 5, 9);
+	assert_true(digest_equal(b, simplify_key(d.reader.grid, &view, 0, 9)));
+	view.duplicates = VIEW_HIGHEST;
+	assert_false(digest_equal(a, simplify_key(d.reader.grid, &view, 5, 0)));
+	dataset_end(&d);
+}
+
+/* Several blocks, and several regions of 2^17 positions. */
+static void test_many(void **state)
+{
+	struct dataset d = dataset(400000, 1 << 18, 40);
+	struct how how = {.max_error = 12, .stop = 20, .shuffle = true}, other = {.max_error = 12, .more = 8 << 20};
+	struct simplify_report report, again;
+	struct folder f = simplify_in_folder(&d, &view, &how, &report), g = simplify_in_folder(&d, &view, &other, &again);
+	struct reader a = simplify_reader(&d, &f, SIMPLIFY_MANIFEST), b = simplify_reader(&d, &g, SIMPLIFY_MANIFEST);
+
+	(void)state;
+	assert_true(digest_equal(grid_content(a.grid), grid_content(b.grid)));
+	assert_int_equal(report.rounds, again.rounds);
+	assert_true(report.kept > 1 << 17 && report.kept < report.points && report.rounds > 1);
+	print_message("%llu of %llu points, %llu of them seeds, %llu rounds, in %zu bytes\n", (unsigned long long)report.kept,
+		      (unsigned long long)report.points, (unsigned long long)report.seeds, (unsigned long long)report.rounds,
+		      simplify_memory_min(d.reader.grid));
+	reader_close(&a);
+	reader_close(&b);
+	folder_remove(&f);
+	folder_remove(&g);
+	dataset_end(&d);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_memory), cmocka_unit_test(test_too_few),   cmocka_unit_test(test_cancel),
+		cmocka_unit_test(test_torn),   cmocka_unit_test(test_no_points), cmocka_unit_test(test_key),
+		cmocka_unit_test(test_many),
+	};
+
+	skip_fsync();
+	rng = 7;
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,306 @@
+/*
+ * Simplifications against brute force: random points in tiny ranges, several sources and segments, duplicates, views, lines;
+ * errors from zero to more than all heights. Every point of the view that is in the mesh of the result is within the error, by
+ * exact fractions over all triangles. The result has points of the view only, with their heights, all corners of the hull, and
+ * all vertices of lines. It is the same with other memory, regions, order of tasks and interruptions.
+ *
+ * As a control, the seeds alone, without rounds, must not be within the error often; and a mesh without the points of one round
+ * neither.
+ *
+ * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "geom.h"
+#include "repeat.h"
+#include "simplify_fixture.h"
+
+static uint64_t cases, kept, positions, rounds, flats, out, controls, wrong, line_vertices, triangles, multi;
+
+/* ---- a case ---- */
+
+static struct set points_of(size_t n, uint32_t range, uint32_t heights, unsigned family)
+{
+	struct set s = {calloc(n + 1, sizeof *s.pts), calloc(n + 1, sizeof *s.ids), n};
+
+	for (size_t i = 0; i < n; i++) {
+		struct point *p = &s.pts[i];
+
+		*p = (struct point){.x = (int32_t)rnd(range) - (int32_t)(range / 2),
+				    .y = (int32_t)rnd(range) - 5,
+				    .z = (int32_t)rnd(heights),
+				    .cls = (uint8_t)(rnd(8) ? 2 : 7),
+				    .ret = 0x11};
+		if (family == 1)
+			p->y = 2 * p->x;
+		else if (family == 2 && rnd(3))
+			p->z = p->x / 2 + p->y;
+		else if (family == 3)
+			p->z = (int32_t)(((int64_t)p->x * p->x + (int64_t)p->y * p->y) / (range / 8 + 1));
+		else if (family == 4)
+			p->z = 3;
+		else if (family == 5)
+			p->x = p->x < 0 ? 0 : (int32_t)range;
+		s.ids[i] = 1 + (uint32_t)rnd(FIXTURE_SOURCES);
+	}
+	return s;
+}
+
+static int64_t random_error(uint32_t heights)
+{
+	switch (rnd(6)) {
+	case 0:
+		return 0;
+	case 1:
+		return INT64_MAX;
+	case 2:
+		return heights;
+	default:
+		return (int64_t)rnd(heights / 2 + 1);
+	}
+}
+
+static const struct point *find(const struct point *pts, size_t n, int32_t x, int32_t y)
+{
+	for (size_t i = 0; i < n; i++)
+		if (pts[i].x == x && pts[i].y == y)
+			return &pts[i];
+	return NULL;
+}
+
+/* Whether p is a corner of the hull: not in a triangle or on a segment of others. */
+static bool is_corner(const struct point *all, size_t n, const struct point *p)
+{
+	const int32_t at[2] = {p->x, p->y};
+
+	/* Some direction has all others strictly on one side; directions to others suffice. */
+	for (size_t i = 0; i < n; i++) {
+		const int32_t a[2] = {all[i].x, all[i].y};
+		bool corner = true;
+
+		if (&all[i] == p || (a[0] == at[0] && a[1] == at[1]))
+			continue;
+		for (size_t k = 0; corner && k < n; k++) {
+			const int32_t b[2] = {all[k].x, all[k].y};
+			int side = geom_orient(at, a, b);
+
+			if (b[0] == at[0] && b[1] == at[1])
+				continue;
+			corner = side > 0 || (!side && ((b[0] > at[0]) == (a[0] > at[0]) && (b[1] > at[1]) == (a[1] > at[1])));
+		}
+		if (corner)
+			return true;
+	}
+	return n == 1;
+}
+
+static void check_points(const struct point *all, size_t nall, const struct point *pts, size_t n)
+{
+	for (size_t i = 0; i < n; i++) {
+		const struct point *p = find(all, nall, pts[i].x, pts[i].y);
+
+		assert_non_null(p);
+		assert_memory_equal(p, &pts[i], sizeof *p);
+	}
+	for (size_t i = 0; i < nall; i++)
+		if ((all[i].tag & POINT_LINE) || is_corner(all, nall, &all[i])) {
+			line_vertices += (all[i].tag & POINT_LINE) != 0;
+			assert_non_null(find(pts, n, all[i].x, all[i].y));
+		}
+}
+
+static bool is_flat(const struct point *all, size_t n)
+{
+	for (size_t i = 2; i < n; i++) {
+		const int32_t a[2] = {all[0].x, all[0].y}, b[2] = {all[1].x, all[1].y}, c[2] = {all[i].x, all[i].y};
+
+		if (geom_orient(a, b, c))
+			return false;
+	}
+	return true;
+}
+
+static void check_all(const struct dataset *d, const struct view *view, const struct folder *f, const struct how *how,
+		      const struct simplify_report *report)
+{
+	struct reader chosen = simplify_reader(d, f, SIMPLIFY_MANIFEST);
+	struct view rest = view_rest(view);
+	size_t nall, n;
+	struct point *all = positions_of(&d->reader, view, &nall), *pts = positions_of(&chosen, &rest, &n);
+	struct distance far = distance_of(d, &chosen, all, nall, pts, n);
+	__int128 most = report->max_error;
+
+	assert_int_equal(grid_points(chosen.grid), n);
+	assert_int_equal(report->points, nall);
+	assert_int_equal(report->kept, n);
+	assert_int_equal(report->records, grid_points(d->reader.grid));
+	check_points(all, nall, pts, n);
+	if (is_flat(all, nall)) {
+		assert_int_equal(n, nall);
+		flats++;
+	} else {
+		assert_true(far.n <= most * far.d);
+		assert_true(d->lines || !far.outside);
+		if (how->max_points)
+			assert_true(n <= how->max_points);
+		out += far.outside;
+	}
+	kept += n;
+	positions += nall;
+	rounds += report->rounds;
+	triangles += far.triangles;
+	free(all);
+	free(pts);
+	reader_close(&chosen);
+}
+
+static struct digest content_of(const struct dataset *d, const struct folder *f)
+{
+	struct reader chosen = simplify_reader(d, f, SIMPLIFY_MANIFEST);
+	struct digest content = grid_content(chosen.grid);
+
+	reader_close(&chosen);
+	return content;
+}
+
+/* The seeds alone. */
+static void check_control(const struct dataset *d, const struct view *view, const struct how *how)
+{
+	struct how seeds = *how;
+	struct simplify_report report;
+	struct view rest = view_rest(view);
+	struct folder f;
+
+	seeds.no_rounds = true;
+	f = simplify_in_folder(d, view, &seeds, &report);
+	if (!folder_files(&f, "chosen-0-0-0")) {
+		folder_remove(&f);
+		return;
+	}
+	struct reader chosen = simplify_reader(d, &f, "chosen-0-0-0");
+	size_t nall, n;
+	struct point *all = positions_of(&d->reader, view, &nall), *pts = positions_of(&chosen, &rest, &n);
+	struct distance far = distance_of(d, &chosen, all, nall, pts, n);
+
+	controls++;
+	wrong += far.n > (__int128)how->max_error * far.d;
+	free(all);
+	free(pts);
+	reader_close(&chosen);
+	folder_remove(&f);
+}
+
+static struct view random_view(const struct dataset *d)
+{
+	struct view v = VIEW_INIT;
+	struct err err = ERR_INIT;
+
+	if (rnd(3) == 0)
+		v.duplicates = VIEW_HIGHEST;
+	if (rnd(3) == 0)
+		CHECK(view_set_classes(&v, "2", &err));
+	view_bind(&v, &grid_manifest(d->reader.grid)->lattice);
+	return v;
+}
+
+static struct how random_how(uint32_t heights)
+{
+	struct how h = {.max_error = random_error(heights), .block = 4 + (uint32_t)rnd(40), .load = 4 + (uint32_t)rnd(40)};
+
+	h.segments = (uint32_t)rnd(3);
+	if (rnd(4) == 0)
+		h.load = 0;
+	if (rnd(4) == 0)
+		h.block = 0;
+	return h;
+}
+
+static void run_case(uint64_t seed, bool lines)
+{
+	uint32_t range = 2 + (uint32_t)(1 << (1 + rnd(6))), heights = 1 + (uint32_t)rnd(rnd(2) ? 6 : 60);
+	struct chain_lines line;
+	struct set s;
+	struct dataset d;
+	struct view view;
+	struct how how, other;
+	struct simplify_report report = {0}, again = {0};
+	struct folder f, g;
+
+	rng = seed;
+	range = 2 + (uint32_t)(1 << (1 + rnd(6)));
+	s = points_of(rnd(12) ? 1 + rnd(150) : 1 + rnd(4), range, heights, (unsigned)rnd(8));
+	if (lines)
+		chain_lines_make(&rng, &s, NULL, &line);
+	lines = lines && line.nvertex;
+	d = dataset_of(&s, 1 + (unsigned)rnd(3), lines ? &line : NULL);
+	view = random_view(&d);
+	how = random_how(heights);
+	if (rnd(5) == 0)
+		how.max_points = d.reader.grid ? 1 + rnd(grid_points(d.reader.grid)) : 1;
+	if (how.max_points) {
+		/* At least what any error leaves. */
+		how.max_points += 100 + (uint64_t)(lines ? line.nvertex : 0);
+		multi++;
+	}
+	f = simplify_in_folder(&d, &view, &how, &report);
+	check_all(&d, &view, &f, &how, &report);
+	other = how;
+	other.more = rnd(2) ? 0 : 16 << 20;
+	other.shuffle = true;
+	other.stop = rnd(2) ? 40 : 0;
+	g = simplify_in_folder(&d, &view, &other, &again);
+	assert_true(digest_equal(content_of(&d, &f), content_of(&d, &g)));
+	assert_int_equal(report.rounds, again.rounds);
+	assert_int_equal(report.max_error, again.max_error);
+	assert_memory_equal(report.removed, again.removed, sizeof report.removed);
+	if (!how.max_points && rnd(4) == 0)
+		check_control(&d, &view, &how);
+	folder_remove(&f);
+	folder_remove(&g);
+	dataset_end(&d);
+	set_free(&s);
+	cases++;
+}
+
+static void run_many(uint64_t usual, bool lines)
+{
+	uint64_t n = repeat_cases(usual), first = repeat_first();
+
+	skip_fsync();
+	cases = kept = positions = rounds = flats = out = controls = wrong = line_vertices = triangles = multi = 0;
+	for (uint64_t i = 0; i < n; i++)
+		run_case(first + i, lines);
+	print_message(
+		"%s%llu cases, %llu of %llu points kept, %llu rounds, %llu triangles, %llu flat, %llu with a number of points, "
+		"%llu vertices of lines, %llu points out of the mesh; control: %llu of %llu wrong\n",
+		lines ? "lines: " : "", (unsigned long long)cases, (unsigned long long)kept, (unsigned long long)positions,
+		(unsigned long long)rounds, (unsigned long long)triangles, (unsigned long long)flats, (unsigned long long)multi,
+		(unsigned long long)line_vertices, (unsigned long long)out, (unsigned long long)wrong,
+		(unsigned long long)controls);
+	assert_true(n < 100 || (wrong > controls / 20 && rounds && flats && kept < positions));
+	assert_true(n < 100 || !lines || (out && line_vertices));
+}
+
+static void test_points(void **state)
+{
+	(void)state;
+	run_many(1000, false);
+}
+
+static void test_lines(void **state)
+{
+	(void)state;
+	run_many(1000, true);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_points),
+		cmocka_unit_test(test_lines),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
