@@ -1,6 +1,6 @@
 /*
- * The selection of a view with crop, every, thin or metric (with a bound of errors: run_simplify.c): a grid of the points that remain,
- * made once, kept in the cache, and opened in place of the generation's grid.
+ * The selection of a view with crop, every, thin or metric (with a bound of errors: run_simplify.c): a grid of the points that
+ * remain, made once, kept in the cache, and opened in place of the generation's grid.
  *
  * The model: a selection is a folder cache/selected/KEY (that of a one-step dataset lies in the dataset's folder, and is removed
  * with it). KEY depends on the content of the generation, its coordinate system, and the rules that select. A later job with the

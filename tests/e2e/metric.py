@@ -205,7 +205,7 @@ def compare_mapped(got, model, metric, what):
 def areas():
     rng = random.Random(3)
     size = 900
-    points = {(rng.randrange(size), rng.randrange(size)) for _ in range(60000)}
+    points = {(rng.randrange(size), rng.randrange(size)) for _ in range(130000)}
     lake = [[(100, 120), (300, 140), (280, 330), (130, 300)], [(180, 200), (230, 205), (210, 250)]]
     boundary = [(20, 15), (880, 40), (860, 870), (400, 700), (30, 850)]
     hole = [(500, 500), (640, 520), (560, 640)]

@@ -216,6 +216,8 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 max-error=1e300", "metre", ERR_USAGE, "higher than any");
 	refused("ask 1 max-error=1e7", "metre", ERR_USAGE, "higher than any");
 	refused("ask 1 max-error=1 max-points=5", "metre", ERR_USAGE, "looks for the bound");
+	refused("ask 1 max-error=1 weight=2:1", "metre", ERR_USAGE, "no bound of errors");
+	refused("ask 1 max-points=9 weight=2:1", "metre", ERR_USAGE, "no bound of errors");
 	refused("ask 1 max-points=0", "metre", ERR_PROTO, "");
 	refused("ask 1 max-error=1 metric=1,2,3", "metre", ERR_USAGE, "a metric has no bound");
 	refused("ask 1 metric=1,2,3 max-points=7", "metre", ERR_USAGE, "a metric has no bound");
