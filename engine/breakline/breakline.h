@@ -50,6 +50,11 @@ int breakline_totals(int dirfd, const char *name, struct breakline_totals *ret, 
 int breakline_read(int dirfd, const char *name, int (*each)(void *ctx, const struct breakline_vertex *, size_t n, struct err *),
 		   void *ctx, struct err *);
 
+/* The feature whose segment is nearest to both ends of a piece, and the greater distance of these from it, in lattice numbers.
+ * Pieces lie near the segment that they were made of, not on it. INFINITY: the file has no segment. */
+int breakline_find(int dirfd, const char *name, const int32_t a[2], const int32_t b[2], double *ret_distance,
+		   uint32_t *ret_number, struct err *);
+
 /* ---- all lines of a generation ---- */
 
 /* A place that the report names. */

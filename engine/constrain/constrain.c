@@ -455,6 +455,8 @@ static int name_longest(struct constrain_work *w, uint64_t points, uint64_t need
 		"more than %" PRIu64 " points",
 		at[0], at[1], at[2], at[3], length_of(&end) * decimal_double(lattice.scale_xy), points);
 	w->err->need = need;
+	if (w->c->lines->name)
+		w->c->lines->name(w->c->lines->ctx, end.a, end.b, w->err);
 	return err_add_hint(w->err, "send the lines with --densify LENGTH, so that their segments are shorter");
 }
 

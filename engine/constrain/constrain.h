@@ -24,6 +24,8 @@ struct constrain_lines {
 	int (*find)(void *ctx, const int32_t box[4], lineset_piece_fn, void *sink, struct err *);
 	/* As lineset_state: triangles that are out are not chosen. NULL: nothing is out. */
 	int (*state)(void *ctx, int64_t x, int64_t y, unsigned den, unsigned *ret, struct err *);
+	/* Adds the file and the feature that a piece is of to an error, if they are known. May be NULL. */
+	void (*name)(void *ctx, const int32_t a[2], const int32_t b[2], struct err *);
 };
 
 /* The lines of a grid; valid as long as the reader, which may not be in use during a call. False: it has none. */

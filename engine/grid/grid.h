@@ -23,7 +23,7 @@ struct grid; /* an open manifest: segments, shared index pages (charged to LEDGE
 #define GRID_NEWEST UINT64_MAX /* the newest generation of the manifest */
 /* Charges index_memory and its own tables to the ledger (may be NULL) until grid_close: -ERR_BUSY if they are not free
  * now. Any index_memory works; index pages that do not fit are read again. dirfd is used during the call only. At most 129
- * descriptors are open at a time, however many segments there are. */
+ * descriptors are open at a time, however many segments there are, and two more if lines are used. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory, struct grid **ret,
 	      struct err *err);
 /*
@@ -46,6 +46,9 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 		  size_t index_memory, struct grid **ret, struct err *err);
 struct lineset *grid_lines(const struct grid *);       /* NULL: there are none, or they are not used */
 struct digest grid_lines_content(const struct grid *); /* zero: likewise */
+/* The folder of the manifest, with the files of lines, while the grid is open; -1: no lines are used, or it is a selection. */
+int grid_folder(const struct grid *);
+uint64_t grid_generation(const struct grid *); /* the one that is read */
 /* The source of the records of line vertices, which has the file (grid_source_files); NULL: likewise. */
 const struct grid_source *grid_lines_source(const struct grid *);
 struct grid *grid_close(struct grid *);

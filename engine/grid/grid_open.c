@@ -3,6 +3,8 @@
  * before and was not removed by then. This is decided once for each source, here. Later only the cache of index pages
  * changes.
  */
+#include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -106,6 +108,9 @@ static int open_lines(struct grid *g, int dirfd, const struct grid_use *use, siz
 	g->clear = use->clear;
 	if (use->lines)
 		return lineset_open(use->linesfd, use->lines, g->ledger, index_memory / 4, &g->lines, err);
+	g->folder = io->openat(dirfd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
+	if (g->folder < 0)
+		return err_sys(err, errno, "cannot open the folder of a dataset");
 	grid_source_files(s, file);
 	return lineset_open(dirfd, file[0].name, g->ledger, index_memory / 4, &g->lines, err);
 }
@@ -201,6 +206,7 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 		return rc;
 	}
 	g->ledger = ledger;
+	g->folder = -1;
 	if (generation == GRID_NEWEST)
 		generation = g->manifest->generation;
 	g->generation = generation;
@@ -228,6 +234,16 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 bool grid_reopens(const struct grid *g)
 {
 	return g->manifest->nsegments > GRID_FILES_OPEN;
+}
+
+int grid_folder(const struct grid *g)
+{
+	return g->folder;
+}
+
+uint64_t grid_generation(const struct grid *g)
+{
+	return g->generation;
 }
 
 struct ledger *grid_ledger(const struct grid *g)
@@ -262,6 +278,7 @@ struct grid *grid_close(struct grid *g)
 	grid_files_free(g->files);
 	grid_order_free(&g->order);
 	grid_cache_free(g->cache);
+	io_close(g->folder);
 	lineset_close(g->lines);
 	if (g->charged && g->ledger)
 		ledger_give(g->ledger, LEDGER_INDEX, g->charged);

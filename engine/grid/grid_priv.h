@@ -87,6 +87,7 @@ struct grid {
 	struct grid_live *live;        /* of each segment */
 	struct grid_liveness *sources; /* of the manifest, ascending by id */
 	struct lineset *lines;         /* NULL: none */
+	int folder;                    /* grid_folder */
 	uint32_t line_source;          /* the one of the records of line vertices; 0: none is live */
 	bool marks;                    /* records that lines remove are marked */
 	int64_t clear;

@@ -535,6 +535,12 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 	return point_compare(a, b) < 0;
 }
 
+static void name(void *ctx, const int32_t a[2], const int32_t b[2], struct err *err)
+{
+	assert_true(a[0] == -5 && a[1] == 0 && b[0] == WIDE + 5 && b[1] == 0);
+	err_add_file(err, "roads.shp");
+}
+
 /* The region around the middle of a strip of points, and a piece along all of it. */
 static int strip_run(size_t size, unsigned halvings, struct constrain *c, struct err *err)
 {
@@ -570,7 +576,7 @@ static int strip_run(size_t size, unsigned halvings, struct constrain *c, struct
 	*c = (struct constrain){.src = &src,
 				.view = &view,
 				.region = &region,
-				.lines = &(const struct constrain_lines){.find = find},
+				.lines = &(const struct constrain_lines){.find = find, .name = name},
 				.arena = arena,
 				.size = size,
 				.used = tri_bytes(load.n),
@@ -591,6 +597,7 @@ static void a_long_piece_is_named(void **unused)
 	print_message("%s; %s\n", err.message, err.hint);
 	assert_non_null(strstr(err.message, "from (-5, 0) to (1000005, 0), of length 1.00001e+06,"));
 	assert_non_null(strstr(err.hint, "--densify"));
+	assert_string_equal(err.file, "roads.shp");
 	assert_true(err.need > 0);
 }
 
