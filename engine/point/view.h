@@ -88,7 +88,8 @@ struct view {
 	struct view_area *window_area;
 	bool has_max_error;
 	int64_t max_error;   /* no point is further above or below the mesh: lattice numbers of z */
-	uint64_t max_points; /* the mesh has at most so many vertices, with the least bound that allows it; 0: no such limit */
+	uint64_t max_points; /* the mesh has at most so many vertices, with a bound near the least that allows it; 0: no such
+				limit */
 	struct view_metric metric;
 	/* Points of a class hide others of less weight within its radius (docs/design/weights.md). By class, ascending. */
 	struct view_weight {

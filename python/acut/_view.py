@@ -46,7 +46,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     no_breaklines      without the lines of the dataset
     breakline_clear    no points nearer than this to a line, a length like that of thin, or 0
     max_error          the fewest points such that none is further than this above or below the mesh, likewise
-    max_points         at most so many vertices, with the least error of all points that this allows
+    max_points         at most so many vertices, with about the least error of all points that this allows
     metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
     weight             points of a class hide points of less weight within about its radius: {2: 1.5, 9: "30ft"} or a text,
                        "2=1.5,9=30ft"; radii are lengths like that of thin

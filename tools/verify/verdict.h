@@ -1,0 +1,46 @@
+/* What acut-verify was asked, and what it found. */
+#ifndef VERDICT_H
+#define VERDICT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "check_file.h"
+#include "check_lines.h"
+#include "digest.h"
+#include "verify.h"
+#include "view.h"
+
+struct verdict {
+	const char *name;
+	bool json, quiet;
+	struct view view;
+	const char *view_text; /* NULL: use the options */
+	bool options;          /* an option was given */
+	struct check_mesh mesh;
+	struct check_points points;
+	bool with_points;
+	const char *bound_text;    /* of --max-error; NULL: that of the view */
+	bool partial;              /* the vertices are some of the points: the view has a bound, or a number */
+	bool bounded;              /* `bound` counts */
+	int64_t bound;             /* lattice numbers of z */
+	struct check_error errors; /* if `partial` and with_points */
+	const char **line_file;    /* as many as arguments at most */
+	uint8_t *line_kind;
+	size_t line_files;
+	struct check_lines_options line_options;
+	struct check_lines lines;
+	struct check_fault line_fault;
+	struct verify_report report;
+	struct digest digest, vertex_digest;
+	const char *fault; /* NULL: no fault */
+	char text[256];
+	double seconds;
+};
+
+/* On standard output. */
+void verdict_print_json(const struct verdict *);
+void verdict_print_text(const struct verdict *);
+
+#endif
