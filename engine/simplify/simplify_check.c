@@ -69,8 +69,8 @@ size_t simplify_check_bytes(const struct simplify_params *p)
 	struct simplify s = {.p = *p};
 
 	pipe_budget_fixed(SIMPLIFY_REGION, 0, fixed_bytes(&s), EACH, NULL, &budget, &err);
-	/* For the other segments. */
-	return (size_t)err.need + SIMPLIFY_SEGMENTS * ((size_t)1 << 18);
+	/* For a cursor and a buffer of each of the other segments. */
+	return (size_t)err.need + SIMPLIFY_SEGMENTS * ((size_t)1 << 16);
 }
 
 static int lay_out(struct check *c, uint8_t *memory, struct err *err)

@@ -117,7 +117,7 @@ def one_digest():
         path = synth(base, "survey.las", 120000, "--density", 2)
         parts = list(split(base, path, 3))
         seen = {}
-        for memory, threads in (("32M", 1), ("32M", 4), ("256M", 2), ("1G", 3)):
+        for memory, threads in (("24M", 1), ("24M", 4), ("256M", 2), ("1G", 3)):
             with e2e.Daemon(base, memory=memory, threads=threads, name="-%s-%d" % (memory, threads)) as d:
                 pushes = ([[path]], [[parts[2], parts[0]], [parts[1]]])[threads % 2]
                 for p in pushes:
@@ -126,7 +126,7 @@ def one_digest():
                     job = settled(d, "t", *view)
                     seen.setdefault(" ".join(view), set()).add(mesh_of(job))
                     expect(len(seen[" ".join(view)]) == 1, "%s with %s, %d threads: %s" % (view, memory, threads, seen[" ".join(view)]))
-                limit = {"32M": 32 << 20, "256M": 256 << 20, "1G": 1 << 30}[memory] + (32 << 20)
+                limit = {"24M": 24 << 20, "256M": 256 << 20, "1G": 1 << 30}[memory] + (32 << 20)
                 expect(d.vmhwm() <= limit or e2e.sanitized(), "VmHWM %d with memory=%s" % (d.vmhwm(), memory))
 
 
@@ -156,7 +156,7 @@ def continued():
             d.ctl("push", "t", path).ok()
             want = mesh_of(settled(d, "t", *view))
         rng, kept, ends = random.Random(11), 0, 0
-        for memory, threads, signals in (("32M", 1, [signal.SIGKILL]), ("256M", 2, [signal.SIGKILL, signal.SIGTERM])):
+        for memory, threads, signals in (("24M", 1, [signal.SIGKILL]), ("256M", 2, [signal.SIGKILL, signal.SIGTERM])):
             d = e2e.Daemon(base, memory=memory, threads=threads, name="-" + memory)
             d.start()
             try:
@@ -194,7 +194,7 @@ def caught(d, *view):
 
 
 def cancelled_and_damaged():
-    with e2e.Folder() as base, e2e.Daemon(base, memory="32M", threads=1) as d:
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
         d.ctl("push", "t", synth(base, "survey.las", 150000, "--density", 1)).ok()
         view = ["--max-error", "0.05"]
         want = mesh_of(settled(d, "t", *view))

@@ -132,7 +132,7 @@ def same_views():
             [[500001.25, 5400001.5], [500040, 5400002], [500030.5, 5400040.75], [500001.25, 5400001.5]],
             [[500010, 5400008], [500020, 5400008], [500015, 5400012.125], [500010, 5400008]]]}},
         {"type": "Feature", "geometry": {"type": "MultiPolygon", "coordinates": [[[[500000, 5400045], [500005, 5400045], [500003, 5400049]]]]}}]}
-    with Folder() as base, Daemon(base, **{**SMALL, "memory": "32M"}) as d, acut.connect(d.socket) as c:
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
         c.push("s", synth(os.path.join(base, "a.las")))
         gj, wkt = os.path.join(base, "a.geojson"), os.path.join(base, "a,b,c,d.wkt")
         with open(gj, "w") as f:
