@@ -121,26 +121,42 @@ void grid_files_add(struct grid_files *f, uint32_t segment)
 	lock_give(&f->lock);
 }
 
+/* The open file of the segment, -1: it is not open. */
+static int use_open(struct grid_files *f, uint32_t segment)
+{
+	struct slot *s = f->at[segment] == NONE ? NULL : &f->slot[f->at[segment]];
+
+	if (!s)
+		return -1;
+	s->users++;
+	return s->fd;
+}
+
 int grid_files_take(struct grid_files *f, uint32_t segment, struct grid_segment *ret, struct err *err)
 {
-	int rc = 0;
+	int fd, rc;
 
 	*ret = f->segments[segment];
 	if (!pooled(f))
 		return 0;
 	lock_take(&f->lock);
-	if (f->at[segment] != NONE) {
-		struct slot *s = &f->slot[f->at[segment]];
-
-		s->users++;
-		ret->fd = s->fd;
-	} else {
-		rc = grid_file_open(f->dirfd, ret->name, "the segment", &ret->fd, err);
-		if (rc == 0)
-			put(f, segment, ret->fd, 1);
-	}
+	ret->fd = use_open(f, segment);
 	lock_give(&f->lock);
-	return rc;
+	if (ret->fd >= 0)
+		return 0;
+	rc = grid_file_open(f->dirfd, ret->name, "the segment", &ret->fd, err);
+	if (rc)
+		return rc;
+	lock_take(&f->lock);
+	fd = use_open(f, segment); /* another reader may have opened it meanwhile */
+	if (fd < 0)
+		put(f, segment, ret->fd, 1);
+	lock_give(&f->lock);
+	if (fd < 0)
+		return 0;
+	io_close(ret->fd);
+	ret->fd = fd;
+	return 0;
 }
 
 void grid_files_give(struct grid_files *f, uint32_t segment, const struct grid_segment *taken)
