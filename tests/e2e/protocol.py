@@ -163,7 +163,7 @@ def named_dataset():
             after = jobs[-1]
         expect(jobs == sorted(jobs) and {new.id, old.id} <= set(jobs), "Jobs: %s" % jobs)
         named, counted = [c.ask("jobs_request", pb.JobsRequest(counts=counts)) for counts in (False, True)]
-        expect(not named.rules and list(counted.rules) == "crop class noise returns withheld overlap z every thin duplicate line area".split(),
+        expect(not named.rules and list(counted.rules) == "crop class noise returns withheld overlap z every thin duplicate line area error weight".split(),
                "rules: %s" % counted.rules)
         for a, b in zip(named.jobs, counted.jobs):
             removed = list(zip(counted.rules, b.report.removed_counts))
