@@ -84,6 +84,15 @@ static int damaged(const char *name, struct err *err)
 	return err_add_file(err, name);
 }
 
+/* The power went before the data was on the disk, so the file is too short, or not there: that is damage, too. */
+static int damaged_if_lost(int r, const char *name, struct err *err)
+{
+	if (r != -ERR_TRUNCATED && !(r == -ERR_IO && err->sys == ENOENT))
+		return r;
+	err_clear(err);
+	return damaged(name, err);
+}
+
 int simplify_in_begin(struct simplify_in *in, int dirfd, const char *name, size_t each, struct err *err)
 {
 	struct head h = {.n = 0};
@@ -97,7 +106,7 @@ int simplify_in_begin(struct simplify_in *in, int dirfd, const char *name, size_
 		r = io_read_at(in->fd, &h, sizeof h, 0, name, err);
 	if (r) {
 		simplify_in_end(in);
-		return r;
+		return damaged_if_lost(r, name, err);
 	}
 	if (io->fstat(in->fd, &st) || memcmp(h.magic, MAGIC, sizeof MAGIC) || h.each != each ||
 	    !digest_equal(h.self, digest_hash(&h, offsetof(struct head, self))) ||
@@ -117,7 +126,9 @@ int simplify_in_begin(struct simplify_in *in, int dirfd, const char *name, size_
 
 int simplify_in_some(const struct simplify_in *in, void *records, uint64_t from, size_t n, struct err *err)
 {
-	return io_read_at(in->fd, records, n * in->each, sizeof(struct head) + from * in->each, in->name, err);
+	int r = io_read_at(in->fd, records, n * in->each, sizeof(struct head) + from * in->each, in->name, err);
+
+	return damaged_if_lost(r, in->name, err);
 }
 
 int simplify_in_read(struct simplify_in *in, void *records, size_t most, size_t *ret, struct err *err)
@@ -224,7 +235,7 @@ int simplify_text_read(int dirfd, const char *name, const char *head, const stru
 	int fd, r = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
 
 	if (r)
-		return r;
+		return damaged_if_lost(r, name, err);
 	r = io_read_some(fd, text, sizeof text - 1, 0, name, &size, err);
 	io_close(fd);
 	if (r)
