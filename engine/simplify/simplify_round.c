@@ -55,8 +55,7 @@ static int make_plan(struct simplify *next, struct err *err)
 	if (!r)
 		r = write_plan(next, &plan, err);
 	next->at.tasks = plan.n;
-	if (!r)
-		cut_plan_done(&plan);
+	cut_plan_done(&plan);
 	free(memory);
 	return r;
 }
