@@ -174,8 +174,8 @@ int simplify_seed_hull(const struct simplify *s, struct simplify_where *where, s
 
 	if (!h)
 		return err_set(err, ERR_NOMEM, "no memory for a hull");
-	h->room = (s->p.memory - sizeof *h) / HULL_EACH / 2 * 2;
-	memory = malloc(h->room * HULL_EACH);
+	h->room = (s->p.memory - sizeof *h - sizeof *h->corner) / HULL_EACH / 2 * 2;
+	memory = malloc(h->room * HULL_EACH + sizeof *h->corner); /* simplify_hull writes one more */
 	if (!memory) {
 		free(h);
 		return err_set(err, ERR_NOMEM, "no memory for a hull");
