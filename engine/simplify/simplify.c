@@ -171,6 +171,24 @@ static void is_done(struct simplify *s)
 	s->at = (struct simplify_where){.step = SIMPLIFY_DONE};
 }
 
+/* Tasks read parts of these files only, so their checksums are compared once, before. */
+static int check_files(const struct simplify *s, struct err *err)
+{
+	char name[GRID_NAME_MAX] = "blocks";
+	bool whole = true;
+
+	if (s->at.step == SIMPLIFY_BLOCKS)
+		whole = simplify_file_whole(s->p.dirfd, name);
+	if (s->at.step == SIMPLIFY_CHECK)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, s->at.round, 0));
+	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.round)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "fresh", s->at.attempt, s->at.round, 0));
+	if (whole)
+		return 0;
+	err_set(err, ERR_CORRUPT, "a file of a simplification is damaged");
+	return err_add_file(err, name);
+}
+
 static int find_state(struct simplify *s, struct err *err)
 {
 	struct simplify_report report;
@@ -188,6 +206,8 @@ static int find_state(struct simplify *s, struct err *err)
 	} else {
 		r = simplify_text_read(s->p.dirfd, STATE, HEAD, rows, ROWS, &s->at, err);
 	}
+	if (!r)
+		r = check_files(s, err);
 	if (!r)
 		r = sweep(s, err);
 	if (!r && s->at.step == SIMPLIFY_CHECK)

@@ -152,9 +152,9 @@ static void damage(const struct folder *f, const char *name, enum damage how)
 
 	assert_true(fd >= 0);
 	if (how == FLIPPED) {
-		assert_int_equal(pread(fd, &byte, 1, 130), 1);
+		assert_int_equal(pread(fd, &byte, 1, 110), 1);
 		byte ^= 1;
-		assert_int_equal(pwrite(fd, &byte, 1, 130), 1);
+		assert_int_equal(pwrite(fd, &byte, 1, 110), 1);
 	} else if (how == EMPTY) {
 		assert_int_equal(ftruncate(fd, 0), 0);
 	} else {
@@ -214,6 +214,38 @@ static void test_torn(void **state)
 	(void)state;
 	for (unsigned how = 0; how < DAMAGES; how++)
 		check_torn((enum damage)how);
+}
+
+/* Files that tasks read in part: damage behind their heads is found when the folder is opened again. */
+static void test_continued(void **state)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct simplify_params p;
+	struct err err = ERR_INIT;
+
+	(void)state;
+	for (unsigned steps = 1; steps <= 2; steps++) {
+		struct folder f = folder_new();
+		void *memory;
+		struct simplify *s;
+
+		p = params_of(&d, &f);
+		memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+		CHECK(simplify_open(&p, &s, &err));
+		for (unsigned i = 0; i < steps; i++) {
+			CHECK(tasks(s, memory, &err));
+			CHECK(simplify_next(s, &err));
+		}
+		simplify_free(s);
+		CHECK(simplify_open(&p, &s, &err));
+		simplify_free(s);
+		damage(&f, steps == 1 ? "blocks" : "plan-0-0-0", FLIPPED);
+		assert_int_equal(simplify_open(&p, &s, &err), -ERR_CORRUPT);
+		err_clear(&err);
+		free(memory);
+		folder_remove(&f);
+	}
+	dataset_end(&d);
 }
 
 static void test_no_points(void **state)
@@ -281,8 +313,8 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_memory), cmocka_unit_test(test_too_few),   cmocka_unit_test(test_cancel),
-		cmocka_unit_test(test_torn),   cmocka_unit_test(test_no_points), cmocka_unit_test(test_key),
-		cmocka_unit_test(test_many),
+		cmocka_unit_test(test_torn),   cmocka_unit_test(test_continued), cmocka_unit_test(test_no_points),
+		cmocka_unit_test(test_key),    cmocka_unit_test(test_many),
 	};
 
 	skip_fsync();
