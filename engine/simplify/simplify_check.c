@@ -388,6 +388,7 @@ static int split(struct check *c, size_t i, uint64_t need, struct err *err)
 		return r;
 	r = cut_plan_split(&c->plan, i, reader, need, c->budget.cap, err);
 	grid_reader_free(reader);
+	err->need = 0; /* positions of a region, whose size more memory does not change */
 	return r;
 }
 

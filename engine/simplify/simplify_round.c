@@ -118,8 +118,7 @@ static int first_error(struct simplify *next, struct err *err)
 		err_set(err, ERR_LIMIT, "%llu points are fewer than the %llu that any mesh of this view has: %s",
 			(unsigned long long)most, (unsigned long long)least,
 			next->at.flat ? "all points are on one line" : "corners of the hull, and vertices of lines");
-		err->need = least;
-		return -ERR_LIMIT;
+		return err_add_hint(err, "ask for at least %llu points", (unsigned long long)least);
 	}
 	histogram = malloc(SIMPLIFY_BUCKETS * sizeof *histogram);
 	if (!histogram)
