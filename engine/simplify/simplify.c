@@ -101,7 +101,7 @@ int simplify_task(struct simplify *s, uint32_t task, void *memory, struct err *e
 
 static int where_write(const struct simplify *s, const struct simplify_where *where, struct err *err)
 {
-	return simplify_text_write(s->p.dirfd, STATE, HEAD, rows, ROWS, where, err);
+	return simplify_text_write(s->p.dirfd, STATE, HEAD, rows, ROWS, where, GRID_TEMPORARY, err);
 }
 
 /* Whether the manifest of a grid, or a segment that it names, has this name. */
@@ -300,7 +300,7 @@ static int end_divide(const struct simplify *s, struct simplify_where *to, struc
 	return 0;
 }
 
-/* What the present step is, as a round begins or the end comes, is in `next`, which has its own grid. */
+/* `next` is the step that follows, with its own grid. It replaces *s only when all its files are there. */
 int simplify_next(struct simplify *s, struct err *err)
 {
 	struct simplify next = *s;

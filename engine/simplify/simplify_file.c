@@ -1,6 +1,7 @@
 /*
- * Files of a simplification in progress. They appear by rename when they are complete and are not fsynced: what a crash of the
- * machine tears is found by its checksum, and made again. They stay on one machine, so numbers have its byte order.
+ * Files of a simplification in progress. They appear by rename when they are complete. Only the report is fsynced: what a
+ * crash of the machine tears is found by its checksum; acutd then empties the folder and begins again. They stay on one machine,
+ * so numbers have its byte order.
  *
  * An array has a head, written last, and its records.
  */
@@ -191,7 +192,7 @@ bool simplify_file_whole(int dirfd, const char *name)
 /* ---- texts ---- */
 
 int simplify_text_write(int dirfd, const char *name, const char *head, const struct simplify_row *rows, size_t n,
-			const void *from, struct err *err)
+			const void *from, enum grid_durability durability, struct err *err)
 {
 	int at, r;
 	char text[TEXT_MAX], hex[DIGEST_HEX_SIZE], buf[TEXT_MAX];
@@ -210,7 +211,7 @@ int simplify_text_write(int dirfd, const char *name, const char *head, const str
 		return r;
 	r = grid_file_append(&file, text, (size_t)at, err);
 	if (!r)
-		return grid_file_publish(&file, GRID_TEMPORARY, err);
+		return grid_file_publish(&file, durability, err);
 	grid_file_abort(&file);
 	return r;
 }

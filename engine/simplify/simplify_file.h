@@ -52,7 +52,7 @@ struct simplify_row {
 	size_t at; /* of a uint64_t in the struct */
 };
 int simplify_text_write(int dirfd, const char *name, const char *head, const struct simplify_row *rows, size_t n,
-			const void *from, struct err *err);
+			const void *from, enum grid_durability, struct err *err);
 /* -ERR_CORRUPT: it is damaged, or gone. */
 int simplify_text_read(int dirfd, const char *name, const char *head, const struct simplify_row *rows, size_t n, void *to,
 		       struct err *err);
