@@ -242,7 +242,7 @@ static int end_all(const struct simplify *s, struct simplify *next, struct err *
 
 /* ---- what a round added ---- */
 
-/* The points of all tasks, as a segment. *ret_n: how many, some perhaps twice. */
+/* Writes the points of all tasks as a segment. A point may be in it twice. Adds to *ret_tests how many tests were made. */
 static int collect(const struct simplify *s, const char *segment, struct grid_segment_info *ret, uint64_t *ret_tests,
 		   struct err *err)
 {
