@@ -146,6 +146,10 @@ static int simplify_empty(struct run *w, struct err *err)
 
 	log_event_err(LOG_EVENT_DAMAGE_DERIVED, ABOUT_RUN(w), "a simplification cannot be continued, it begins again", err);
 	x->emptied = true;
+	/* The failure of a task is over with this, too. */
+	x->err = ERR_INIT;
+	x->lacks = 0;
+	atomic_flag_clear(&x->failed);
 	x->s = simplify_free(x->s);
 	err_clear(err);
 	r = io_folder_remove(x->parent, x->name, err);

@@ -101,7 +101,7 @@ int simplify_task(struct simplify *s, uint32_t task, void *memory, struct err *e
 
 static int where_write(const struct simplify *s, const struct simplify_where *where, struct err *err)
 {
-	return simplify_text_write(s->p.dirfd, STATE, HEAD, rows, ROWS, where, err);
+	return simplify_text_write(s->p.dirfd, STATE, HEAD, rows, ROWS, where, GRID_TEMPORARY, err);
 }
 
 /* Whether the manifest of a grid, or a segment that it names, has this name. */
@@ -171,6 +171,24 @@ static void is_done(struct simplify *s)
 	s->at = (struct simplify_where){.step = SIMPLIFY_DONE};
 }
 
+/* Tasks read parts of these files only, so their checksums are compared once, before. */
+static int check_files(const struct simplify *s, struct err *err)
+{
+	char name[GRID_NAME_MAX] = "blocks";
+	bool whole = true;
+
+	if (s->at.step == SIMPLIFY_BLOCKS)
+		whole = simplify_file_whole(s->p.dirfd, name);
+	if (s->at.step == SIMPLIFY_CHECK)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, s->at.round, 0));
+	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.round)
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "fresh", s->at.attempt, s->at.round, 0));
+	if (whole)
+		return 0;
+	err_set(err, ERR_CORRUPT, "a file of a simplification is damaged");
+	return err_add_file(err, name);
+}
+
 static int find_state(struct simplify *s, struct err *err)
 {
 	struct simplify_report report;
@@ -188,6 +206,8 @@ static int find_state(struct simplify *s, struct err *err)
 	} else {
 		r = simplify_text_read(s->p.dirfd, STATE, HEAD, rows, ROWS, &s->at, err);
 	}
+	if (!r)
+		r = check_files(s, err);
 	if (!r)
 		r = sweep(s, err);
 	if (!r && s->at.step == SIMPLIFY_CHECK)
@@ -280,7 +300,7 @@ static int end_divide(const struct simplify *s, struct simplify_where *to, struc
 	return 0;
 }
 
-/* What the present step is, as a round begins or the end comes, is in `next`, which has its own grid. */
+/* `next` is the step that follows, with its own grid. It replaces *s only when all its files are there. */
 int simplify_next(struct simplify *s, struct err *err)
 {
 	struct simplify next = *s;

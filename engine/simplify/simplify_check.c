@@ -119,6 +119,8 @@ static int first_key(const struct check *c, uint64_t key, uint64_t *ret, struct 
 		uint64_t mid = lo + (hi - lo) / 2;
 
 		r = simplify_in_some(&c->in, &at, mid, 1, err);
+		if (r)
+			break;
 		if (at < key)
 			lo = mid + 1;
 		else
@@ -364,7 +366,7 @@ static bool add_worst(struct check *c, const struct pipe_kernel *k, uint32_t n)
 	return true;
 }
 
-/* With pieces no point can be added to a triangulation. */
+/* With pieces no point is added here: pipe_kernel does not keep what adding to pieces needs. */
 static int check_kernel(struct check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
 {
 	uint32_t n;
@@ -388,6 +390,7 @@ static int split(struct check *c, size_t i, uint64_t need, struct err *err)
 		return r;
 	r = cut_plan_split(&c->plan, i, reader, need, c->budget.cap, err);
 	grid_reader_free(reader);
+	err->need = 0; /* positions of a region, whose size more memory does not change */
 	return r;
 }
 

@@ -1,6 +1,7 @@
 /*
- * Files of a simplification in progress. They appear by rename when they are complete and are not fsynced: what a crash of the
- * machine tears is found by its checksum, and made again. They stay on one machine, so numbers have its byte order.
+ * Files of a simplification in progress. They appear by rename when they are complete. Only the report is fsynced: what a
+ * crash of the machine tears is found by its checksum; acutd then empties the folder and begins again. They stay on one machine,
+ * so numbers have its byte order.
  *
  * An array has a head, written last, and its records.
  */
@@ -84,6 +85,15 @@ static int damaged(const char *name, struct err *err)
 	return err_add_file(err, name);
 }
 
+/* The power went before the data was on the disk, so the file is too short, or not there: that is damage, too. */
+static int damaged_if_lost(int r, const char *name, struct err *err)
+{
+	if (r != -ERR_TRUNCATED && !(r == -ERR_IO && err->sys == ENOENT))
+		return r;
+	err_clear(err);
+	return damaged(name, err);
+}
+
 int simplify_in_begin(struct simplify_in *in, int dirfd, const char *name, size_t each, struct err *err)
 {
 	struct head h = {.n = 0};
@@ -97,7 +107,7 @@ int simplify_in_begin(struct simplify_in *in, int dirfd, const char *name, size_
 		r = io_read_at(in->fd, &h, sizeof h, 0, name, err);
 	if (r) {
 		simplify_in_end(in);
-		return r;
+		return damaged_if_lost(r, name, err);
 	}
 	if (io->fstat(in->fd, &st) || memcmp(h.magic, MAGIC, sizeof MAGIC) || h.each != each ||
 	    !digest_equal(h.self, digest_hash(&h, offsetof(struct head, self))) ||
@@ -117,7 +127,9 @@ int simplify_in_begin(struct simplify_in *in, int dirfd, const char *name, size_
 
 int simplify_in_some(const struct simplify_in *in, void *records, uint64_t from, size_t n, struct err *err)
 {
-	return io_read_at(in->fd, records, n * in->each, sizeof(struct head) + from * in->each, in->name, err);
+	int r = io_read_at(in->fd, records, n * in->each, sizeof(struct head) + from * in->each, in->name, err);
+
+	return damaged_if_lost(r, in->name, err);
 }
 
 int simplify_in_read(struct simplify_in *in, void *records, size_t most, size_t *ret, struct err *err)
@@ -180,7 +192,7 @@ bool simplify_file_whole(int dirfd, const char *name)
 /* ---- texts ---- */
 
 int simplify_text_write(int dirfd, const char *name, const char *head, const struct simplify_row *rows, size_t n,
-			const void *from, struct err *err)
+			const void *from, enum grid_durability durability, struct err *err)
 {
 	int at, r;
 	char text[TEXT_MAX], hex[DIGEST_HEX_SIZE], buf[TEXT_MAX];
@@ -199,7 +211,7 @@ int simplify_text_write(int dirfd, const char *name, const char *head, const str
 		return r;
 	r = grid_file_append(&file, text, (size_t)at, err);
 	if (!r)
-		return grid_file_publish(&file, GRID_TEMPORARY, err);
+		return grid_file_publish(&file, durability, err);
 	grid_file_abort(&file);
 	return r;
 }
@@ -224,7 +236,7 @@ int simplify_text_read(int dirfd, const char *name, const char *head, const stru
 	int fd, r = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
 
 	if (r)
-		return r;
+		return damaged_if_lost(r, name, err);
 	r = io_read_some(fd, text, sizeof text - 1, 0, name, &size, err);
 	io_close(fd);
 	if (r)

@@ -27,7 +27,7 @@ int simplify_out_add(struct simplify_out *, const void *records, size_t n, struc
 int simplify_out_end(struct simplify_out *, const uint64_t info[SIMPLIFY_INFO], struct err *err);
 void simplify_out_abort(struct simplify_out *); /* nothing is left; fine after the end */
 
-/* An array that is read from the front. At its end the checksum is compared. -ERR_CORRUPT: it is damaged, or torn. */
+/* An array that is read from the front. At its end the checksum is compared. -ERR_CORRUPT: it is damaged, torn, or gone. */
 struct simplify_in {
 	int dirfd, fd;
 	char name[GRID_NAME_MAX];
@@ -52,8 +52,8 @@ struct simplify_row {
 	size_t at; /* of a uint64_t in the struct */
 };
 int simplify_text_write(int dirfd, const char *name, const char *head, const struct simplify_row *rows, size_t n,
-			const void *from, struct err *err);
-/* -ERR_CORRUPT: it is damaged; -ERR_IO with ENOENT: there is none. */
+			const void *from, enum grid_durability, struct err *err);
+/* -ERR_CORRUPT: it is damaged, or gone. */
 int simplify_text_read(int dirfd, const char *name, const char *head, const struct simplify_row *rows, size_t n, void *to,
 		       struct err *err);
 

@@ -37,8 +37,9 @@ struct simplify_greedy {
 size_t simplify_greedy_bytes(uint32_t n);
 void simplify_greedy_run(struct simplify_greedy *, void *memory);
 
-/* The corners of the convex hull of n > 0 distinct positions, counter-clockwise from the first by x, then y: their indices, to
- * ret[0..n]. `order`: room for n. Returns how many. Of collinear points these are the two ends. */
+/* The corners of the convex hull of n > 0 distinct positions, counter-clockwise from the first by x, then y: their indices, in
+ * `ret`, which has room for n + 1: the first one comes again before it is dropped. `order`: room for n. Returns how many. Of
+ * collinear points these are the two ends. */
 struct simplify_place {
 	uint64_t place; /* digest_place */
 	uint32_t at;

@@ -17,7 +17,7 @@ enum {
 	SIMPLIFY_REGION = 1 << 17, /* the most positions of a region: one of pipe_load */
 	SIMPLIFY_PARTS = 256,      /* the most tasks of the blocks */
 	SIMPLIFY_SEGMENTS = 8,     /* of the points chosen; more are merged to one */
-	SIMPLIFY_ATTEMPTS = 8,     /* errors that are tried for max_points, if one of them did */
+	SIMPLIFY_ATTEMPTS = 8,     /* the most errors tried for max_points; more only until one gives few enough points */
 };
 /* No point is farther than this from a surface. */
 #define SIMPLIFY_ERROR_MOST (INT64_C(1) << 33)
@@ -90,7 +90,7 @@ struct simplify_seed {
 int simplify_part(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_part_bytes(const struct grid *);
 
-/* The file "bad-ATTEMPT-ROUND-TASK": struct point, sorted; info: tests. */
+/* The file "bad-ATTEMPT-ROUND-TASK": struct point, each batch sorted; info: tests. */
 int simplify_check(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_check_bytes(const struct simplify_params *);
 

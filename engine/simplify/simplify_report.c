@@ -1,6 +1,6 @@
 /*
  * What a simplification reports, in a small text file: numbers by name (simplify_file.h). It is written before the manifest, so a
- * folder with a manifest has it. It is not fsynced: a simplification can be made again.
+ * folder with a manifest has it, also after a crash of the machine: both are fsynced.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -83,7 +83,7 @@ _Static_assert(VIEW_BY_ERROR == 13 && VIEW_KEPT == 0, "a row for each rule that 
 
 int simplify_report_write(int dirfd, const struct simplify_report *report, struct err *err)
 {
-	return simplify_text_write(dirfd, REPORT, HEAD, rows, sizeof rows / sizeof *rows, report, err);
+	return simplify_text_write(dirfd, REPORT, HEAD, rows, sizeof rows / sizeof *rows, report, GRID_DURABLE, err);
 }
 
 int simplify_report_read(int dirfd, struct simplify_report *ret, struct err *err)

@@ -55,8 +55,7 @@ static int make_plan(struct simplify *next, struct err *err)
 	if (!r)
 		r = write_plan(next, &plan, err);
 	next->at.tasks = plan.n;
-	if (!r)
-		cut_plan_done(&plan);
+	cut_plan_done(&plan);
 	free(memory);
 	return r;
 }
@@ -119,8 +118,7 @@ static int first_error(struct simplify *next, struct err *err)
 		err_set(err, ERR_LIMIT, "%llu points are fewer than the %llu that any mesh of this view has: %s",
 			(unsigned long long)most, (unsigned long long)least,
 			next->at.flat ? "all points are on one line" : "corners of the hull, and vertices of lines");
-		err->need = least;
-		return -ERR_LIMIT;
+		return err_add_hint(err, "ask for at least %llu points", (unsigned long long)least);
 	}
 	histogram = malloc(SIMPLIFY_BUCKETS * sizeof *histogram);
 	if (!histogram)
@@ -244,7 +242,7 @@ static int end_all(const struct simplify *s, struct simplify *next, struct err *
 
 /* ---- what a round added ---- */
 
-/* The points of all tasks, as a segment. *ret_n: how many, some perhaps twice. */
+/* Writes the points of all tasks as a segment. A point may be in it twice. Adds to *ret_tests how many tests were made. */
 static int collect(const struct simplify *s, const char *segment, struct grid_segment_info *ret, uint64_t *ret_tests,
 		   struct err *err)
 {

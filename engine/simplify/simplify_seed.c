@@ -126,8 +126,7 @@ static int hull_seed(void *ctx, const struct simplify_seed *seed, struct err *er
 	if (h->n > h->room / 2) {
 		err_set(err, ERR_LIMIT, "the hull of the points has more than %zu corners; twice as many need %s of memory", h->n,
 			parse_size_text(8 * h->room * HULL_EACH, need));
-		err->need = 8 * h->room * HULL_EACH;
-		return -ERR_LIMIT;
+		return err_add_hint(err, "give acutd more memory, or leave out points");
 	}
 	h->pts[h->n++] = seed->p;
 	return 0;
@@ -174,8 +173,8 @@ int simplify_seed_hull(const struct simplify *s, struct simplify_where *where, s
 
 	if (!h)
 		return err_set(err, ERR_NOMEM, "no memory for a hull");
-	h->room = (s->p.memory - sizeof *h) / HULL_EACH / 2 * 2;
-	memory = malloc(h->room * HULL_EACH);
+	h->room = (s->p.memory - sizeof *h - sizeof *h->corner) / HULL_EACH / 2 * 2;
+	memory = malloc(h->room * HULL_EACH + sizeof *h->corner); /* simplify_hull writes one more */
 	if (!memory) {
 		free(h);
 		return err_set(err, ERR_NOMEM, "no memory for a hull");

@@ -235,6 +235,24 @@ def cancelled_and_damaged():
         expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after the cache was removed")
 
 
+def damaged_while_it_runs():
+    """A task fails: all begins again, and what failed is forgotten."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=1) as d:
+        d.ctl("push", "t", synth(base, "survey.las", 300000, "--density", 1)).ok()
+        view = ["--max-error", "0.05"]
+        want = mesh_of(settled(d, "t", *view))
+        for _ in range(3):
+            d.ctl("cache", "gc", "--all").ok()
+            job = d.ctl("submit", "t", "--new", *view).ok().out.split()[0]
+            e2e.until(lambda: "part-0-0-0" in parts_of(d), "no block is done", 0.002)
+            with open(os.path.join(d.cache, "selected", selections(d, "part-")[0], "blocks"), "r+b") as f:
+                f.write(b"\xee" * 40)
+            d.ctl("wait", job).ok()
+            expect(mesh_of(d.ctl("show", job, "--json").ok().json()) == want, "after damage of the blocks")
+        with open(d.log) as f:
+            print("%d of 3 began again" % f.read().count("it begins again"))
+
+
 def without_room():
     """A simplification that does not fit on the disk waits, keeps what was done, and ends when there is room, with the same mesh."""
     with e2e.Folder() as base:
@@ -427,5 +445,5 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(within_the_bound, one_digest, continued, cancelled_and_damaged, without_room, used_again, lines_whole, lakes_and_boundaries, as_many_as_asked,
+    e2e.main(within_the_bound, one_digest, continued, cancelled_and_damaged, damaged_while_it_runs, without_room, used_again, lines_whole, lakes_and_boundaries, as_many_as_asked,
              refused)
