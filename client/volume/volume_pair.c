@@ -448,6 +448,8 @@ void volume_add(const struct volume_polygon *p, const struct volume_cuts *cuts, 
 	for (unsigned i = 1; i + 1 < p->n; i++) {
 		double area = ((p->x[i] - p->x[0]) * (p->y[i + 1] - p->y[0]) - (p->x[i + 1] - p->x[0]) * (p->y[i] - p->y[0])) / 2;
 
+		if (p->exact_area && !cuts) /* products of doubles lose the area of a long thin triangle */
+			area = (double)p->exact_area / 2;
 		if (area > 0)
 			triangle(area, p->f[0], p->f[i], p->f[i + 1], &s);
 	}
