@@ -33,6 +33,7 @@ struct volume_polygon {
 	int32_t origin[2];
 	double x[VOLUME_CORNERS], y[VOLUME_CORNERS], f[VOLUME_CORNERS];
 	double extent;          /* of the box that it is in */
+	double edge;            /* that, or the longest edge along which a corner was computed */
 	double range;           /* of all heights that the differences are made of */
 	volume_i128 exact_area; /* twice, where it is known exactly, else 0 */
 	int64_t box[4];         /* that it is in: whole numbers, absolute */

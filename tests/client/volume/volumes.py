@@ -304,7 +304,7 @@ def slivers(rng):
     span = rng.choice((10**3, 10**5, 10**6, 5 * 10**8, 10**9))
     heading = rng.sample(((1, 0), (0, 1), (3, 2), (3, -2), (7, 5)), 2)
     a, b = (sliver(rng, span, h) for h in heading)
-    kind = rng.choice(('plan', 'level'))
+    kind = rng.choice(('crossing', 'crossing', 'plan', 'level'))
     if kind == 'plan':
         b = [tuple((x, y, z + rng.randrange(1000)) for x, y, z in a[0])]
     polygons = [polygon(rng, (-8, -8), 16)] if span < 10**6 and rng.randrange(3) == 0 else None
