@@ -7,6 +7,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import struct
 import subprocess
@@ -340,6 +341,19 @@ def images():
             expect(abs(F(float(values[49 - at[1]][at[0]])) - (z - F(105, 2))) < F(1, 10**5), "level at %s" % (at,))
 
 
+def between_steps():
+    """The image of a level between two steps of z."""
+    if not shutil.which("gdalinfo"):
+        e2e.unavailable("gdalinfo is not installed")
+    with Folder() as base, Daemon(base) as d:
+        with open(base + "/flat.xyz", "w") as f:
+            f.write("".join("%d %d 0\n" % (600000 + x, 6500000 + y) for x, y in box(0, 0, 4, 4)))
+        d.ctl("push", "flat", base + "/flat.xyz", *METRES, "--scale", "1").ok()
+        d.ctl("volume", job(d, "flat"), "--level", "0.5", "-o", base + "/l.tif", "--cell", "1").ok()
+        out = subprocess.run(["gdalinfo", "-mm", base + "/l.tif"], capture_output=True, text=True, check=True).stdout
+        expect("Min/Max=-0.500,-0.500" in out, out)
+
+
 # ---- refusals, Ctrl-C, memory
 
 def refused():
@@ -448,4 +462,4 @@ def memory():
         print("     %d KiB" % peak)
 
 
-e2e.main(generations, datasets, levels, polygons, bounded, images, refused, changes, interrupted, memory)
+e2e.main(generations, datasets, levels, polygons, bounded, images, between_steps, refused, changes, interrupted, memory)
