@@ -148,7 +148,8 @@ struct volume_rect volume_grid_cell(const struct volume_grid *, const struct vol
 
 struct volume_leaf;
 enum { VOLUME_LEAF = 1 << 15 }; /* triangles of a side */
-struct volume_leaf *volume_leaf_new(void);
+/* `interrupted` not 0: joins give up; may be NULL. */
+struct volume_leaf *volume_leaf_new(int (*interrupted)(void *ctx), void *ctx);
 struct volume_leaf *volume_leaf_free(struct volume_leaf *);
 /* Calls `pair` for each two triangles whose common polygon begins in the rectangle. */
 struct volume_call {
