@@ -299,7 +299,10 @@ static void warn(const struct work *w)
 		any |= p.area > 0;
 	}
 	if (!any)
-		console_warn(c, "there is no place that both %s cover", v->opt->within ? "polygon and meshes" : "meshes");
+		console_warn(c, "%s",
+			     v->opt->within ? "no polygon meets what is compared" :
+			     v->has_level   ? "the mesh has no triangles" :
+					      "the two meshes have no place in common");
 	if (!v->has_level && strcmp(v->mesh[0].view, v->mesh[1].view) != 0)
 		console_warn(c, "the views of the two jobs differ: \"%s\" and \"%s\"", v->mesh[0].view, v->mesh[1].view);
 	if (!v->has_level && (!*w->text[0][1] || !strcmp(w->text[0][1], "unknown")))

@@ -129,7 +129,7 @@ void ctl_volume_text(const struct console *c, const struct ctl_volume *v)
 		meshes_text(c->report, v, &t);
 		one_text(c->report, v, &t);
 	}
-	if (t.range > 0 && !v->opt->within)
+	if (t.range > 0)
 		term_field(c->report, "colors", "red to -%s %s, white at 0, blue to %s %s", exact(t.range, a), t.unit, a, t.unit);
 }
 

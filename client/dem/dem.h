@@ -28,6 +28,7 @@ struct dem_options {
 	int64_t cell_num, cell_den;    /* below 2^31 */
 	int64_t z_num, z_den;          /* heights are written times this; below 2^31 */
 	double steep;                  /* units of x and y in one unit of z: for slopes */
+	double less;                   /* of DEM_DIFFERENCE: each value is made less by this */
 	const char *unit_xy, *unit_z;  /* names of units that are written ("metre"); NULL: unknown */
 	bool z_converted;              /* the vertical system of the mesh is not that of the heights */
 	int (*interrupted)(void *ctx); /* not 0: give up; called while the file is made; may be NULL */

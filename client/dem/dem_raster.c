@@ -87,12 +87,13 @@ static int64_t north_of(const struct dem *d, int64_t y)
 struct paint {
 	struct dem_plane f, other;
 	float value;
+	double less;
 };
 
 /* How much `other` is higher. */
 static void difference_row(const struct paint *p, int64_t x, int64_t y, uint32_t n, float *ret)
 {
-	double at = p->other.at - p->f.at, dx = p->other.dx - p->f.dx;
+	double at = p->other.at - p->f.at - p->less, dx = p->other.dx - p->f.dx;
 
 	at += (p->other.dy - p->f.dy) * (double)(y - p->f.y0);
 	for (uint32_t i = 0; i < n; i++)
@@ -188,6 +189,7 @@ static void paint_init(const struct dem *d, const struct figure *t, const int64_
 {
 	const struct dem_grid *g = &d->grid;
 
+	ret->less = d->opt.less;
 	dem_plane_init(&ret->f, &d->scale, g, t->p[0], t->area[0], from[0], from[1]);
 	if (d->opt.kind == DEM_DIFFERENCE)
 		dem_plane_init(&ret->other, &d->scale, g, t->p[1], t->area[1], from[0], from[1]);

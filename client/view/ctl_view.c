@@ -205,7 +205,7 @@ static int check_metric(const char *text, struct err *err)
 	else if (!n[0] && !n[1])
 		err_set(err, ERR_USAGE, "--metric: 0,0 is no direction");
 	else if (n[2] < 1)
-		err_set(err, ERR_USAGE, "--metric: K is %lld, and at least 1", (long long)n[2]);
+		err_set(err, ERR_USAGE, "--metric: K is %lld; it must be at least 1", (long long)n[2]);
 	else
 		return 0;
 	return err_add_hint(err, "give whole numbers: the direction P,Q, and how often distances across it count, as in 3,1,10");

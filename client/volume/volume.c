@@ -143,11 +143,8 @@ static int against_level(struct volume *v, const struct volume_triangle *t, stru
 	volume_above(t, v->frame.level, v->frame.level_part, &p);
 	v->total.pairs++;
 	volume_rows_add(v->rows, &p);
-	for (int i = 0; i < 3; i++) {
-		int64_t z = v->frame.level;
-
-		level.at[i][2] = (int32_t)(z < INT32_MIN ? INT32_MIN : z > INT32_MAX ? INT32_MAX : z);
-	}
+	for (int i = 0; i < 3; i++) /* images take the level off, which may be between two steps */
+		level.at[i][2] = 0;
 	return volume_images_pair(v->images, &level, t, &p, err);
 }
 

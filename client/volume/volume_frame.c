@@ -7,7 +7,6 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
@@ -119,20 +118,6 @@ static int set_level(struct volume_frame *f, struct decimal level, struct err *e
 	return 0;
 }
 
-/* Steps of z of which the level is a multiple, where these are not much finer. */
-static void refine(struct volume_frame *f, struct decimal level, const int32_t box[6])
-{
-	const struct decimal scale[2] = {f->step[1], {llabs(level.mantissa), level.exponent}};
-	struct err ignored = ERR_INIT;
-	struct volume_frame fine = *f;
-
-	if (level.mantissa && !axis_init(&fine, 1, scale, &ignored) && fine.times[0][1] <= 1000 &&
-	    ((int64_t)box[5] - box[2] + 2) * fine.times[0][1] < INT32_MAX) {
-		*f = fine;
-		f->times[1][1] = f->times[0][1];
-	}
-}
-
 /* ---- the frame ---- */
 
 int volume_frame_init(struct volume_frame *f, const struct volume_options *opt, struct err *err)
@@ -158,8 +143,6 @@ int volume_frame_init(struct volume_frame *f, const struct volume_options *opt, 
 int volume_frame_head(struct volume_frame *f, unsigned side, const struct acut_mesh_head *head, const struct volume_options *opt,
 		      struct err *err)
 {
-	if (!side && opt->has_level)
-		refine(f, opt->level, head->box);
 	/* Numbers are near zero in the middle of the first mesh. */
 	for (int i = 0; i < 3; i++) {
 		volume_i128 times = f->times[side][i == 2], k = head->k[i] * times;

@@ -142,6 +142,8 @@ int volume_images_head(struct volume_images *all, const struct volume_frame *f, 
 	head.scale_z = decimal_text(f->step[1], scale_z);
 	head.view = "";
 	memcpy(head.k, f->k, sizeof(head.k));
+	if (all->opt->has_level)
+		to.less = ((double)f->level + f->level_part) * decimal_double(f->step[1]);
 	for (int i = 0; i < 2 && !r; i++)
 		if (!volume_frame_point(f, 0, of->box + 3 * i, head.box + 3 * i))
 			r = err_set(err, ERR_LIMIT, "the mesh does not fit the common lattice");

@@ -306,7 +306,7 @@ int volume_join_new(const int64_t box[4], double triangles, const struct outfile
 	struct volume_join *j = calloc(1, sizeof(*j));
 	int r;
 
-	if (!j || !(j->leaf = volume_leaf_new())) {
+	if (!j || !(j->leaf = volume_leaf_new(interrupted, ctx))) {
 		free(j);
 		return no_memory(err);
 	}

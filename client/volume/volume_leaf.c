@@ -21,6 +21,8 @@ struct volume_leaf {
 	struct volume_grid grid;
 	uint32_t *start, *item;
 	size_t starts_room, items_room, nitem;
+	int (*interrupted)(void *ctx);
+	void *ctx;
 	/* of the running join */
 	const struct volume_triangle *a, *b;
 	size_t na, now; /* now: of b, or of a while the grid is filled */
@@ -30,9 +32,15 @@ struct volume_leaf {
 	bool fill;
 };
 
-struct volume_leaf *volume_leaf_new(void)
+struct volume_leaf *volume_leaf_new(int (*interrupted)(void *ctx), void *ctx)
 {
-	return calloc(1, sizeof(struct volume_leaf));
+	struct volume_leaf *l = calloc(1, sizeof(*l));
+
+	if (l) {
+		l->interrupted = interrupted;
+		l->ctx = ctx;
+	}
+	return l;
 }
 
 struct volume_leaf *volume_leaf_free(struct volume_leaf *l)
@@ -231,6 +239,9 @@ int volume_leaf_join(struct volume_leaf *l, const struct volume_triangle *a, siz
 	for (size_t i = 0; i < rest && n < na && !r; i++) {
 		l->now = other[i];
 		r = volume_cells(&l->grid, &b[l->now], try_cells, l);
+		/* around a vertex of many slivers each is tried with each */
+		if (!r && !(i & 63) && l->interrupted && l->interrupted(l->ctx))
+			r = err_set(err, ERR_CANCELLED, "interrupted");
 	}
 	free(other);
 	return r;

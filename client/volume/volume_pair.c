@@ -240,7 +240,8 @@ static double along(const double v[3], unsigned i, double part)
 	return v[i] + part * (v[next(i)] - v[i]);
 }
 
-static double place(const struct pair *p, const struct corner *c, double *x, double *y)
+/* *edge: grows to the edge along which a crossing is. */
+static double place(const struct pair *p, const struct corner *c, double *x, double *y, double *edge)
 {
 	const struct side *s = &p->s, *t = &p->t;
 	double u, v;
@@ -257,6 +258,7 @@ static double place(const struct pair *p, const struct corner *c, double *x, dou
 	}
 	u = t->turn[c->j][c->i] / (t->turn[c->j][c->i] - t->turn[c->j][next(c->i)]);
 	v = s->turn[c->i][c->j] / (s->turn[c->i][c->j] - s->turn[c->i][next(c->j)]);
+	*edge = fmax(*edge, fmin(edge_size(t, c->j), edge_size(s, c->i)));
 	if (edge_size(t, c->j) < edge_size(s, c->i)) {
 		*x = along(t->x, c->j, v);
 		*y = along(t->y, c->j, v);
@@ -287,6 +289,7 @@ static void polygon_init(struct volume_polygon *ret, const int64_t box[4], doubl
 	ret->exact_area = 0;
 	ret->range = range;
 	ret->extent = (double)(box[2] - box[0] > box[3] - box[1] ? box[2] - box[0] : box[3] - box[1]);
+	ret->edge = ret->extent;
 	ret->origin[0] = (int32_t)box[0];
 	ret->origin[1] = (int32_t)box[1];
 	memcpy(ret->box, box, sizeof(ret->box));
@@ -301,7 +304,7 @@ static void corners(const struct pair *p, double sign, struct volume_polygon *re
 		n = clip(p, j, c[j & 1], n, c[(j + 1) & 1]);
 	ret->n = n;
 	for (unsigned i = 0; i < n; i++)
-		ret->f[i] = sign * clean(place(p, &c[1][i], &ret->x[i], &ret->y[i]), ret->range);
+		ret->f[i] = sign * clean(place(p, &c[1][i], &ret->x[i], &ret->y[i], &ret->edge), ret->range);
 }
 
 static int64_t extreme_height(const struct volume_triangle *a, const struct volume_triangle *b, bool high)
@@ -426,7 +429,7 @@ static volume_u128 above(double v)
 static void add_error(const struct volume_polygon *p, const struct volume_cuts *cuts, double area, double most,
 		      struct volume_sums *sums)
 {
-	double square = p->extent * p->extent, place = 140 * square;
+	double square = p->extent * p->edge, place = 140 * square;
 
 	if (cuts)
 		place = 652 * square + 128 * p->extent * cuts->reach;
@@ -448,6 +451,8 @@ void volume_add(const struct volume_polygon *p, const struct volume_cuts *cuts, 
 	for (unsigned i = 1; i + 1 < p->n; i++) {
 		double area = ((p->x[i] - p->x[0]) * (p->y[i + 1] - p->y[0]) - (p->x[i + 1] - p->x[0]) * (p->y[i] - p->y[0])) / 2;
 
+		if (p->exact_area && !cuts) /* products of doubles lose the area of a long thin triangle */
+			area = (double)p->exact_area / 2;
 		if (area > 0)
 			triangle(area, p->f[0], p->f[i], p->f[i + 1], &s);
 	}

@@ -33,6 +33,7 @@ struct volume_polygon {
 	int32_t origin[2];
 	double x[VOLUME_CORNERS], y[VOLUME_CORNERS], f[VOLUME_CORNERS];
 	double extent;          /* of the box that it is in */
+	double edge;            /* that, or the longest edge along which a corner was computed */
 	double range;           /* of all heights that the differences are made of */
 	volume_i128 exact_area; /* twice, where it is known exactly, else 0 */
 	int64_t box[4];         /* that it is in: whole numbers, absolute */
@@ -147,7 +148,8 @@ struct volume_rect volume_grid_cell(const struct volume_grid *, const struct vol
 
 struct volume_leaf;
 enum { VOLUME_LEAF = 1 << 15 }; /* triangles of a side */
-struct volume_leaf *volume_leaf_new(void);
+/* `interrupted` not 0: joins give up; may be NULL. */
+struct volume_leaf *volume_leaf_new(int (*interrupted)(void *ctx), void *ctx);
 struct volume_leaf *volume_leaf_free(struct volume_leaf *);
 /* Calls `pair` for each two triangles whose common polygon begins in the rectangle. */
 struct volume_call {

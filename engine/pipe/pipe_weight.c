@@ -90,7 +90,7 @@ static int too_far(uint32_t n, uint64_t need, struct err *err)
 {
 	err->need = need;
 	err_set(err, ERR_LIMIT,
-		"a region of %u positions depends on %llu, because of the radii of --weight; they do not fit its memory", n,
+		"a region of %u positions depends on %llu more, because of the radii of --weight; they do not fit its memory", n,
 		(unsigned long long)need);
 	return err_add_hint(err, "give --weight smaller radii, or the daemon more memory");
 }

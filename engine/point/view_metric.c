@@ -54,7 +54,7 @@ int view_metric_check(struct view_metric m, struct err *err)
 			err, "give whole numbers P,Q,K: the direction, and how often distances across it count, as in 3,1,10");
 	}
 	if (m.k < 1) {
-		err_set(err, ERR_USAGE, "--metric: K is %lld, and at least 1", (long long)m.k);
+		err_set(err, ERR_USAGE, "--metric: K is %lld; it must be at least 1", (long long)m.k);
 		return err_add_hint(err, "give the direction across this one for what should count less");
 	}
 	m = reduced(m);

@@ -178,7 +178,7 @@ def _metric(value: Any) -> str:
     if not p and not q:
         raise UsageError("metric: 0, 0 is no direction", hint=hint)
     if k < 1:
-        raise UsageError("metric: K is %d, and at least 1" % k, hint=hint)
+        raise UsageError("metric: K is %d; it must be at least 1" % k, hint=hint)
     return "%d,%d,%d" % (p, q, k)
 
 

@@ -288,7 +288,32 @@ class Judge:
                 sys.exit('%s: %s is %s, must be %s' % (where, key, float(F(value, PART)), float(want[key])))
 
 
+def sliver(rng, span, heading):
+    """Much longer than wide, across the middle."""
+    wide = rng.choice((1, 3, 50))
+    at = [-span + rng.randrange(9), span - rng.randrange(9), rng.randrange(-span // 2, span)]
+    t = []
+    for v in at:
+        x, y = v, (v * heading[1] // heading[0] if heading[0] else v) + rng.randrange(-wide, wide + 1)
+        t.append(((x, y) if heading[0] else (y - v, x)) + (rng.choice((0, 1000, 10**6)) + rng.randrange(50),))
+    return [tuple(t)] if turn(*t) > 0 else [(t[0], t[2], t[1])] if turn(*t) else sliver(rng, span, heading)
+
+
+def slivers(rng):
+    """Two that cross, the same plan twice, or one against a level: the doubles lose most where edges are longer than what is common."""
+    span = rng.choice((10**3, 10**5, 10**6, 5 * 10**8, 10**9))
+    heading = rng.sample(((1, 0), (0, 1), (3, 2), (3, -2), (7, 5)), 2)
+    a, b = (sliver(rng, span, h) for h in heading)
+    kind = rng.choice(('crossing', 'crossing', 'plan', 'level'))
+    if kind == 'plan':
+        b = [tuple((x, y, z + rng.randrange(1000)) for x, y, z in a[0])]
+    polygons = [polygon(rng, (-8, -8), 16)] if span < 10**6 and rng.randrange(3) == 0 else None
+    return span, a, [] if kind == 'level' else b, kind, F(rng.randrange(-8000, 8000), 8) if kind == 'level' else None, polygons, (1, 3, 5)
+
+
 def make(rng):
+    if rng.randrange(4) == 0:
+        return slivers(rng)
     size = rng.choice((2, 3, 5, 12, 100, 1000, 10**6, 2 * 10**9))
     low = (rng.randrange(-size // 2 - 1, 1), rng.randrange(-size // 2 - 1, 1))
     if size > 10**9:
@@ -341,7 +366,7 @@ def judge_set(judge, where, made, got):
     def full(m):
         return sum(turn(*t) for t in m) == 2 * size * size
 
-    if level is None and polygons is None and kind != 'beside' and full(a) and full(b):
+    if level is None and polygons is None and kind not in ('beside', 'crossing', 'plan') and full(a) and full(b):
         judge.identities += 1
         error, area_error = F(got[0][7], ERROR_PART), F(got[0][8], ERROR_PART)
         if abs(F(got[0][0] - got[0][1], PART) - F(sum6(b) - sum6(a), 6)) > error:
