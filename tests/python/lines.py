@@ -71,7 +71,7 @@ def refusals():
 def pushes():
     """The same mesh as of acutctl with the same lines as files; marked edges; the set, its places, and lines that are replaced."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
-        cloud = synth(os.path.join(base, "a.las"), 40000, 1, "--origin", "500000,5400000")
+        cloud = synth(os.path.join(base, "a.las"), 200000, 1, "--origin", "500000,5400000")
         box = c.info(cloud)
         x, y = box.min[0] + 10, box.min[1] + 10
         roads = [[(x, y, 300.0), (x + 40, y + 41.5, 301.0)], [(x, y + 30, 310.0), (x + 50, y + 5, 310.0)]]
