@@ -309,7 +309,7 @@ void run_opened(struct run *w)
 		ask_for_lines(w);
 		return;
 	}
-	if (grid_reopens(w->grid)) {
+	if (!w->reading && grid_reopens(w->grid)) {
 		dataset_read_begin(w->dataset);
 		w->reading = true;
 	}
