@@ -88,11 +88,30 @@ static unsigned count_over(struct job **jobs, unsigned n)
 	return over;
 }
 
+/* Of many finished jobs the oldest are packed, so a finished one is searched for again (job_find). */
+static struct job_info info_of_number(uint64_t id, uint32_t uid)
+{
+	struct job *job = job_find(h.service->jobs, id, &(struct peer){.uid = uid});
+
+	assert_non_null(job);
+	return info_of(job);
+}
+
 static void all_done(struct job **jobs, unsigned n)
 {
+	struct {
+		uint64_t id;
+		uint32_t uid;
+	} job[HUNDRED];
+
+	assert_true(n <= HUNDRED);
 	for (unsigned i = 0; i < n; i++) {
-		turn_until_final(jobs[i]);
-		assert_int_equal(info_of(jobs[i]).state, JOB_done);
+		job[i].id = info_of(jobs[i]).id;
+		job[i].uid = jobs[i]->peer.uid;
+	}
+	for (unsigned i = 0; i < n; i++) {
+		turn_until(job_state_final(info_of_number(job[i].id, job[i].uid).state));
+		assert_int_equal(info_of_number(job[i].id, job[i].uid).state, JOB_done);
 	}
 }
 
