@@ -17,9 +17,10 @@ struct work;
 
 struct gather_params {
 	struct work *work;
-	const struct ctl_fetch_options *outputs; /* as the command line gave them; paths are absolute, or of the working directory */
-	uint64_t memory;                         /* of the task, all in all */
-	int (*interrupted)(void *ctx);           /* not 0: give up; may be NULL */
+	const struct ctl_fetch_options
+		*outputs;              /* as the command line gave them; paths are absolute, or of the working directory */
+	uint64_t memory;               /* of the task, all in all */
+	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL */
 	void *ctx;
 };
 
