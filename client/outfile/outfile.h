@@ -112,6 +112,7 @@ int outfile_folder_held(const struct outfile_folder *, const char *name, struct 
 int outfile_folder_settle(struct outfile_folder *, const char *tag, const char *name, const struct outfile_held *,
 			  struct err *err);
 void outfile_folder_drop(const char *dir, const char *tag);
+bool outfile_folder_has(const struct outfile_folder *, const char *name, const struct outfile_held *); /* it has its name */
 /* A new file in the inner folder; nameless files are made there, too. */
 int outfile_folder_file(const struct outfile_folder *, const char *name, struct outfile **ret, struct err *err);
 /* Before the first is moved: -ERR_USAGE if names exist and must not be replaced; else the old index is removed, since it will

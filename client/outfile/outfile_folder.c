@@ -63,7 +63,7 @@ static int open_outer(struct outfile_folder *p, struct err *err)
 		err_set(err, ERR_USAGE, "tiles go into a folder, and this is none");
 		return err_add_hint(err, "give a folder, or one that is not there yet, as in -o tiles/");
 	}
-	if (!r && p->no_clobber && !faccessat(p->fd, p->index, F_OK, AT_SYMLINK_NOFOLLOW))
+	if (!r && p->no_clobber && !p->joins && !faccessat(p->fd, p->index, F_OK, AT_SYMLINK_NOFOLLOW))
 		r = err_set(err, ERR_USAGE, "the folder has tiles already, and --no-clobber was given");
 	return r;
 }
@@ -173,10 +173,10 @@ int outfile_folder_clear(struct outfile_folder *p, size_t n, const char *(*name)
 
 	if (p->held)
 		return 0;
-	for (size_t i = 0; i < n && p->no_clobber; i++)
+	for (size_t i = 0; i < n && p->no_clobber && !p->joins; i++)
 		if (!faccessat(p->fd, name(ctx, i, buf), F_OK, AT_SYMLINK_NOFOLLOW))
 			return taken(p, buf, err);
-	if (p->no_clobber)
+	if (p->no_clobber && !p->joins)
 		return 0; /* an index cannot be there, or it is not removed */
 	r = io_remove(p->fd, p->index, err);
 	return r ? r : outfile_folder_sync(p, err);
@@ -189,7 +189,7 @@ int outfile_folder_move(struct outfile_folder *p, const char *name, struct err *
 
 	if (p->held)
 		return 0;
-	r = outfile_rename(p->part, name, p->fd, name, p->no_clobber);
+	r = outfile_rename(p->part, name, p->fd, name, p->no_clobber && !p->joins);
 	if (r && p->no_clobber && errno == EEXIST)
 		return taken(p, name, err);
 	if (!r)
@@ -222,6 +222,11 @@ int outfile_folder_settle(struct outfile_folder *p, const char *tag, const char 
 	r = outfile_settle_at(p->fd, from, name, held, p->no_clobber, err);
 	snprintf(path, sizeof(path), "%s/%s", p->path, name);
 	return r ? err_add_file(err, path) : 0;
+}
+
+bool outfile_folder_has(const struct outfile_folder *p, const char *name, const struct outfile_held *held)
+{
+	return outfile_is_held(p->fd, name, held);
 }
 
 void outfile_folder_drop(const char *dir, const char *tag)

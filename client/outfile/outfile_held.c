@@ -52,16 +52,20 @@ int outfile_held(const struct outfile *o, struct outfile_held *ret, struct err *
 	return 0;
 }
 
+bool outfile_is_held(int dirfd, const char *name, const struct outfile_held *held)
+{
+	struct stat st;
+
+	return !fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) && (uint64_t)st.st_ino == held->inode &&
+	       (uint64_t)st.st_size == held->size;
+}
+
 int outfile_settle_at(int dirfd, const char *from, const char *name, const struct outfile_held *held, bool no_clobber,
 		      struct err *err)
 {
 	int failed = outfile_rename(dirfd, from, dirfd, name, no_clobber) ? errno : 0;
-	struct stat st;
 
-	if (!failed)
-		return 0;
-	if ((failed == ENOENT || failed == EEXIST) && !fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) &&
-	    (uint64_t)st.st_ino == held->inode && (uint64_t)st.st_size == held->size)
+	if (!failed || ((failed == ENOENT || failed == EEXIST) && outfile_is_held(dirfd, name, held)))
 		return 0;
 	if (failed == EEXIST)
 		return err_set(err, ERR_USAGE, "the output exists now, and --no-clobber was given");
