@@ -216,6 +216,16 @@ void agree_unfix(struct agree *a)
 	a->fixed = a->has_crs = a->has_lattice = false;
 }
 
+bool agree_take_up(struct agree *a, const char *crs, const char *unit_xy, const char *unit_z, const char *zone,
+		   const struct lattice *lattice)
+{
+	set_system(a, crs, unit_xy, unit_z, "the other inputs");
+	a->projects = *zone;
+	a->lattice = *lattice;
+	a->has_lattice = true;
+	return !a->projects || crs_zone_parse(zone, &a->zone);
+}
+
 int agree_crs(struct agree *a, const struct agree_inputs *in, struct err *err)
 {
 	const struct agree_input *first = NULL;

@@ -97,6 +97,9 @@ bool agree_geoid_same(const char *, const char *);
 /* The dataset has this system. */
 void agree_fix(struct agree *, const char *crs, const char *unit_xy, const char *unit_z);
 void agree_unfix(struct agree *); /* it has neither system nor lattice */
+/* What another process has agreed of the same words, as texts; `zone` is "" if nothing is projected. False: it is no zone. */
+bool agree_take_up(struct agree *, const char *crs, const char *unit_xy, const char *unit_z, const char *zone,
+		   const struct lattice *);
 /* A dataset with this system has that of the set. */
 bool agree_is(const struct agree *, const char *crs, const char *unit_xy, const char *unit_z);
 
