@@ -125,24 +125,20 @@ int survey_take_head(struct survey *s, struct err *err)
 {
 	struct work_record *record = NULL;
 	const char *zone;
-	int fd, r = work_record_need(s->work, WORK_HEAD, 0, &record, err);
+	uint64_t read_bytes = 0;
+	int r = work_record_need(s->work, WORK_HEAD, 0, &record, err);
 
 	if (r)
 		return r;
-	if (record->nfile != 1)
-		r = err_set(err, ERR_CORRUPT, "the record of the head names %zu files", record->nfile);
-	/* Waits until it is seen. */
-	if (!r)
-		r = work_file_open(s->work, record->file[0].name, record->file[0].size, &fd, err);
-	if (!r) {
-		io_close(fd);
-		r = grid_manifest_read(work_fd(s->work), record->file[0].name, &s->head, err);
-	}
+	r = survey_read_part(s, record, 0, &s->head, err);
 	if (!r)
 		r = survey_agree(s, record, err);
 	zone = work_record_text(record, "zone");
 	if (!r && (!zone || !agree_take_up(&s->agree, s->head->crs, s->head->unit_xy, s->head->unit_z, zone, &s->head->lattice)))
 		r = err_set(err, ERR_CORRUPT, "the record of the head has no zone");
+	if (!r)
+		r = work_record_u64(record, "read_bytes", &read_bytes, err);
+	s->read_bytes = (size_t)read_bytes;
 	work_record_free(record);
 	return r;
 }
@@ -180,7 +176,7 @@ int survey_open(const struct survey *s, const char *path, uint64_t size, int64_t
 	return r;
 }
 
-struct input_options survey_input_options(const struct survey *s, const struct crs_info *crs)
+struct input_options survey_input_options(const struct survey *s, bool projects)
 {
 	const struct survey_params *p = s->p;
 	struct input_options options = {
@@ -192,6 +188,6 @@ struct input_options survey_input_options(const struct survey *s, const struct c
 		.pipe = -1,
 	};
 
-	agree_input_options(&s->agree, crs, &options);
+	agree_input_options(&s->agree, projects, &options);
 	return options;
 }

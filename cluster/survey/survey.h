@@ -59,8 +59,4 @@ int survey_sort(struct work *, uint32_t task, const struct survey_params *, stru
 /* The dataset: WORK_IN_DATASET "/manifest" and what it names. */
 int survey_commit(struct work *, const struct survey_params *, struct err *err);
 
-/* Removes files of the dataset's folder that its manifest does not name: segments of attempts, and what sorting made of them. No
- * task may run any more. */
-int survey_tidy(struct work *, struct err *err);
-
 #endif

@@ -98,7 +98,7 @@ static int note(struct head *h, struct survey_input *to, const struct input *in,
 
 static int open_one(struct head *h, struct survey_input *to, struct err *err)
 {
-	const struct input_options options = survey_input_options(h->s, NULL);
+	const struct input_options options = survey_input_options(h->s, false);
 	struct input *in = NULL;
 	int fd, r = survey_open(h->s, to->file->path, to->file->size, to->file->mtime_ns, &fd, err);
 

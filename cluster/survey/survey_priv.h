@@ -2,6 +2,7 @@
 #ifndef SURVEY_PRIV_H
 #define SURVEY_PRIV_H
 
+#include "err.h"
 #include "grid_manifest.h"
 #include "input.h"
 #include "names.h"
@@ -20,6 +21,7 @@ struct survey {
 	struct work_attempt *attempt;
 	struct agree agree;
 	struct grid_manifest *head; /* of the head's record, if it was read */
+	size_t read_bytes;          /* the most that reading an input takes, by the head */
 };
 
 /* Runs `work` as an attempt at a task, and publishes what it did; its error is recorded. */
@@ -35,10 +37,15 @@ int survey_agree(struct survey *, const struct work_record *head, struct err *er
 /* The head's record and manifest, and what was agreed. */
 int survey_take_head(struct survey *, struct err *err);
 
+/* A manifest that a record names as that file; it is waited for. */
+int survey_read_part(const struct survey *, const struct work_record *, size_t file, struct grid_manifest **ret, struct err *err);
+/* The sources of a stage: a run of those of the head. */
+void survey_share(const struct grid_manifest *head, uint32_t task, uint32_t tasks, size_t *ret_first, size_t *ret_end);
+
 /* Opens an input, which must be a regular file with that size and time; it is waited for. `check` again after it was read. */
 int survey_open(const struct survey *, const char *path, uint64_t size, int64_t mtime_ns, int *ret_fd, struct err *err);
 int survey_unchanged(int fd, const char *path, uint64_t size, int64_t mtime_ns, const char *since, struct err *err);
-struct input_options survey_input_options(const struct survey *, const struct crs_info *);
+struct input_options survey_input_options(const struct survey *, bool projects);
 
 /* ---- survey_table.c: the inputs of a head ---- */
 

@@ -34,7 +34,7 @@ struct input_options push_options(const struct push *p, const struct push_reques
 	};
 
 	widen(p, options.crop);
-	agree_input_options(&p->agree, probe ? probe->in.crs : NULL, &options);
+	agree_input_options(&p->agree, probe && agree_projects(&p->agree, probe->in.crs), &options);
 	return options;
 }
 

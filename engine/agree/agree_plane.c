@@ -231,13 +231,18 @@ static int check_heights(const struct agree *a, const struct crs_info *crs, stru
 	return err_add_hint(err, "leave --geoid out, or override what it says of itself with --override-crs");
 }
 
+bool agree_projects(const struct agree *a, const struct crs_info *crs)
+{
+	return a->projects && to_project(a, crs);
+}
+
 int agree_plane_of(const struct agree *a, const struct crs_info *crs, struct agree_step *ret, struct err *err)
 {
 	int r = check_heights(a, crs, err);
 
 	ret->from = *crs;
 	without_heights(a, ret->from.text);
-	ret->projects = a->projects && to_project(a, crs);
+	ret->projects = agree_projects(a, crs);
 	ret->to = ret->from;
 	if (!r && ret->projects)
 		r = crs_zone_system(&ret->from, a->zone, &ret->to, err);

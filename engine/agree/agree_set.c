@@ -103,11 +103,9 @@ int agree_say(const struct agree *a, const char *name, struct crs_info *crs, cha
 
 /* The unit to which a text's numbers are rounded. Numbers that are projected or shifted pass through doubles, and keep their
  * precision. */
-static void lattice_of(const struct agree *a, const struct crs_info *crs, struct input_options *ret)
+static void lattice_of(const struct agree *a, bool projects, struct input_options *ret)
 {
 	static const struct decimal finest = {1, -9};
-	struct agree_step step = {.projects = false};
-	struct err ignored = ERR_INIT;
 
 	ret->lattice_later = true;
 	if (a->has_lattice) {
@@ -117,18 +115,18 @@ static void lattice_of(const struct agree *a, const struct crs_info *crs, struct
 		   (*a->scale_z && !decimal_parse(a->scale_z, &ret->scale_z))) {
 		ret->scale_xy = ret->scale_z = (struct decimal){0, 0}; /* agree_lattice reports the error */
 	}
-	if (crs && !agree_plane_of(a, crs, &step, &ignored) && step.projects)
+	if (projects)
 		ret->scale_xy = finest;
 	if (*a->geoid_text)
 		ret->scale_z = finest;
 }
 
-void agree_input_options(const struct agree *a, const struct crs_info *crs, struct input_options *ret)
+void agree_input_options(const struct agree *a, bool projects, struct input_options *ret)
 {
 	ret->planar = a->planar;
 	ret->degrees = true;
 	ret->any_plane = a->overrides;
-	lattice_of(a, crs, ret);
+	lattice_of(a, projects, ret);
 }
 
 /* After a projection, or a shift by a geoid, the dataset's system is not the file's. */

@@ -105,8 +105,10 @@ bool agree_is(const struct agree *, const char *crs, const char *unit_xy, const 
 
 /* ---- one input ---- */
 
-/* How to open an input; `crs`: what it says, if it was opened before, else NULL. */
-void agree_input_options(const struct agree *, const struct crs_info *crs, struct input_options *ret);
+/* An input that says this is projected. */
+bool agree_projects(const struct agree *, const struct crs_info *);
+/* How to open an input. `projects`: as above, if that is known already. */
+void agree_input_options(const struct agree *, bool projects, struct input_options *ret);
 /* Completes or replaces what an input says; `overridden`: what it said. -ERR_INPUT: it says something else. */
 int agree_say(const struct agree *, const char *name, struct crs_info *, char overridden[AGREE_OVERRIDDEN], struct err *err);
 /* How it is read, as a manifest keeps it. */

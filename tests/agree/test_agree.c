@@ -155,7 +155,7 @@ static void degrees_go_to_the_zone_in_the_middle(void **state)
 	assert_int_equal(agree_step_of(&a, "b.las", &s.crs[1], &step, &err), -ERR_INPUT);
 	/* Degrees of a text keep their digits. */
 	a.has_lattice = true;
-	agree_input_options(&a, s.in[0].crs, &options);
+	agree_input_options(&a, agree_projects(&a, s.in[0].crs), &options);
 	assert_true(options.degrees);
 	assert_int_equal(options.scale_xy.exponent, -9);
 	agree_done(&a);
