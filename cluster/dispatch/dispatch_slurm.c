@@ -186,6 +186,9 @@ static char *dependency(const struct dispatch *d, unsigned phase)
 
 	if (!f)
 		return NULL;
+	/* Phases without tasks are passed over. */
+	while (phase && !d->phase[phase - 1].tasks)
+		phase--;
 	for (size_t i = 0; phase && i < s->njob[phase - 1]; i++)
 		fprintf(f, "%s:%u", i ? "" : "--dependency=afterok", s->job[phase - 1][i]);
 	if (fclose(f)) {

@@ -52,6 +52,7 @@ def slurm(folder, nodes, **settings):
     """settings: as SLURM_TEST_ARRAY, without the prefix."""
     s = Slurm(folder, nodes)
     os.makedirs(folder)
+    os.chmod(os.path.dirname(folder), 0o755)  # munge wants that all may reach its socket
     env = {**os.environ, **{"SLURM_TEST_" + k.upper(): str(v) for k, v in settings.items()}}
     p = subprocess.run([SLURM, "up", folder, str(nodes), str(free_ports(nodes + 1))], env=env, capture_output=True, text=True)
     try:
