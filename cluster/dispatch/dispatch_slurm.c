@@ -19,12 +19,15 @@
 
 enum { LIST_SIZE = 24 << 10, WORDS = 48, AGAIN = 5 };
 static const double COMMAND_S = 120;
+/* A node could not start a task, as after a restart of the controller: Slurm puts it back, and holds it. */
+static const char NOT_LAUNCHED[] = "launch failed requeued held";
 
 struct slurm {
 	uint64_t array_most; /* MaxArraySize; 0: not asked yet */
 	uint32_t *job[DISPATCH_PHASES];
 	size_t njob[DISPATCH_PHASES], room[DISPATCH_PHASES];
-	bool held, begin_later;
+	bool held, begin_later, not_launched;
+	unsigned releases;
 };
 
 static int begin(struct dispatch *d, struct err *err)
@@ -101,7 +104,7 @@ static int look(struct dispatch *d, struct err *err)
 			d->task[p][i].state = DISPATCH_ABSENT;
 	}
 	d->nreason = 0;
-	s->held = s->begin_later = false;
+	s->held = s->begin_later = s->not_launched = false;
 	for (char *line = strtok_r(text, "\n", &save); line && !r; line = strtok_r(NULL, "\n", &save)) {
 		struct dispatch_row row;
 
@@ -114,6 +117,7 @@ static int look(struct dispatch *d, struct err *err)
 			continue;
 		dispatch_reason_count(d, row.reason);
 		s->held |= strstr(row.reason, "Held") || strstr(row.reason, "held");
+		s->not_launched |= !strcmp(row.reason, NOT_LAUNCHED);
 		s->begin_later |= !strcmp(row.reason, "BeginTime");
 	}
 	free(text);
@@ -348,7 +352,23 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 
 /* ---- the rest ---- */
 
-/* A task that was put back waits for two minutes, which is of no use when a node is free: it may begin now. */
+static void update_jobs(struct dispatch *d, const char *verb, const char *setting)
+{
+	struct slurm *s = d->own;
+
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		for (size_t i = 0; i < s->njob[p]; i++) {
+			char job[40];
+			const char *const argv[] = {"scontrol", verb, job, setting, NULL};
+			struct err err = ERR_INIT;
+
+			snprintf(job, sizeof job, setting ? "JobId=%u" : "%u", s->job[p][i]);
+			dispatch_command(argv, NULL, COMMAND_S, NULL, &err);
+		}
+}
+
+/* A task that was put back waits for two minutes, which is of no use when a node is free: it may begin now. One that a node could
+ * not start is held until somebody releases it: as often as a task may fail. */
 static void hasten(struct dispatch *d)
 {
 	struct slurm *s = d->own;
@@ -356,18 +376,14 @@ static void hasten(struct dispatch *d)
 
 	for (size_t i = 0; d->o.extra && d->o.extra[i]; i++)
 		own_time |= !strncmp(d->o.extra[i], "--begin", 7) || !strncmp(d->o.extra[i], "-b", 2);
-	if (!s->begin_later || own_time)
-		return;
-	for (unsigned p = 0; p < d->o.nphase; p++)
-		for (size_t i = 0; i < s->njob[p]; i++) {
-			char job[40];
-			const char *const argv[] = {"scontrol", "update", job, "StartTime=now", NULL};
-			struct err err = ERR_INIT;
-
-			snprintf(job, sizeof job, "JobId=%u", s->job[p][i]);
-			dispatch_command(argv, NULL, COMMAND_S, NULL, &err);
-		}
-	s->begin_later = false;
+	if (s->not_launched && s->releases < 2 * d->o.attempts) {
+		s->releases++;
+		dispatch_note(d, "a node could not start a task: it is released");
+		update_jobs(d, "release", NULL);
+	}
+	if (s->begin_later && !own_time)
+		update_jobs(d, "update", "StartTime=now");
+	s->begin_later = s->not_launched = false;
 }
 
 static void pause_slurm(struct dispatch *d)

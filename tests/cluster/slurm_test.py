@@ -2,6 +2,7 @@
 import contextlib
 import os
 import random
+import signal
 import socket
 import subprocess
 import sys
@@ -53,6 +54,7 @@ def slurm(folder, nodes, **settings):
     s = Slurm(folder, nodes)
     os.makedirs(folder)
     os.chmod(os.path.dirname(folder), 0o755)  # munge wants that all may reach its socket
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the Slurm ends with the test
     env = {**os.environ, **{"SLURM_TEST_" + k.upper(): str(v) for k, v in settings.items()}}
     p = subprocess.run([SLURM, "up", folder, str(nodes), str(free_ports(nodes + 1))], env=env, capture_output=True, text=True)
     try:

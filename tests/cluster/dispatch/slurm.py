@@ -134,7 +134,7 @@ def node_lost(base, s):
 
 
 def cancelled(base, s):
-    w = Work(base, s, '[ -e "$w/go" ] || sleep 60', "a=8", "b=1")
+    w = Work(base, s, 'while [ ! -e "$w/go" ]; do sleep 0.2; done', "a=8", "b=1")
     w.run("submit")
     s.until("tasks run", lambda: any(r[2] == "RUNNING" and r[3] in w.names() for r in s.queue()))
     status, out = w.run("cancel")
@@ -145,11 +145,12 @@ def cancelled(base, s):
     w.run("submit")
     s.until("resume", lambda: len(w.done()) == 9)
     # By somebody else, while it is waited for.
-    w = Work(base, s, '[ -e "$w/go" ] || sleep 60', "a=8", "b=1")
+    w = Work(base, s, 'while [ ! -e "$w/go" ]; do sleep 0.2; done', "a=8", "b=1")
     p = w.start("wait")
     s.until("tasks run", lambda: any(r[2] == "RUNNING" and r[3] in w.names() for r in s.queue()))
     time.sleep(1)
-    s.run("scancel", "--name", "acut-%s-a" % w.id)
+    for name in set(w.names()):
+        s.run("scancel", "--name", name)
     out = p.communicate(timeout=60)[0]
     check("scancel from outside ends the wait", p.returncode == 1 and "cancelled from outside" in out and "resume" in out, out)
     open(w.path + "/go", "w").close()
