@@ -214,7 +214,7 @@ static void two_levels_of_large_sets(void **state)
 		struct err err = ERR_INIT;
 		struct tiling t;
 
-		make_shape(&t, &src, shapes[s], 260000, 1000);
+		make_shape(&t, &src, shapes[s], 400000, 1000);
 		for (unsigned i = 0; i < LOADS; i++) {
 			assert_int_equal(cut_plan_make_from(&src, loads[i], &plan, &err), 0);
 			for (unsigned k = i; k < LOADS; k++)
