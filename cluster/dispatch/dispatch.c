@@ -252,15 +252,15 @@ static bool repeats_itself(const struct dispatch_task *t)
 	return t->why == DISPATCH_WHY_STATUS && (t->status == 1 || t->status == 2 || t->status == 76 || t->status == 77);
 }
 
+/* The log may know better than the scheduler, whose FAILED says little. */
 static void refine(const struct dispatch_log *log, struct dispatch_task *t)
 {
-	if (log->ended && log->status &&
-	    (t->why == DISPATCH_WHY_NONE || t->why == DISPATCH_WHY_STATUS || t->why == DISPATCH_WHY_SIGNAL)) {
-		t->why = log->why ? (uint8_t)log->why : log->status > 128 ? DISPATCH_WHY_SIGNAL : DISPATCH_WHY_STATUS;
-		t->status = log->status > 128 ? log->status - 128 : log->status;
-	} else if (t->why == DISPATCH_WHY_NONE) {
+	if (t->why != DISPATCH_WHY_NONE && t->why != DISPATCH_WHY_STATUS && t->why != DISPATCH_WHY_SIGNAL)
+		return;
+	if (log->why)
 		t->why = (uint8_t)log->why;
-	}
+	if (log->status)
+		t->status = log->status > 128 ? log->status - 128 : log->status;
 }
 
 static int failed(const struct dispatch *d, unsigned p, uint32_t i, const struct dispatch_log *log, struct err *err)

@@ -37,6 +37,7 @@ struct dispatch_options {
 	double patience;                       /* seconds that a record may take to become visible here; 0: 120 */
 	const char *partition, *account, *qos; /* NULL: the scheduler's */
 	const char *const *extra;              /* more options of the scheduler's command, a NULL ends them; NULL: none */
+	bool looks;                            /* nothing will be submitted: tasks that other processes run are found, too */
 	const char *script;                    /* of "script": the file to write, absolute */
 
 	void *ctx;
@@ -122,6 +123,9 @@ struct dispatch_log {
 	int status;            /* with which it ended; above 128: 128 and a signal */
 	enum dispatch_why why; /* of the last attempt that ended without a record, as far as the log tells */
 	char host[64];         /* of that attempt; "" */
+	enum dispatch_why before; /* of the attempt before the last one, and where */
+	char host_before[64];
+	int driver;           /* process that started the last one, of "local"; 0 */
 	char tail[400];        /* its last lines; "": none */
 };
 /* False: there is none, or it cannot be read. */

@@ -167,6 +167,11 @@ def controller(base, s):
     s.do("restart")
     out = p.communicate(timeout=150)[0]
     check("the controller restarts", p.returncode == 0 and len(w.done()) == 4, out + w.logs())
+    # Nodes that ran something then may be drained ("Duplicate jobid"): `show` has the command.
+    for line in w.run("show")[1].splitlines():
+        if line.startswith("trouble: node") and "scontrol update" in line:
+            s.run(*line[line.index("scontrol update"):].split())
+    s.until("all nodes are idle", lambda: s.run("sinfo", "-h", "-t", "idle", "-o", "%D").strip() == "3")
     p = w.start("wait")
     p.send_signal(signal.SIGTERM)
     p.communicate(timeout=20)

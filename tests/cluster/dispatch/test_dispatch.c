@@ -127,7 +127,7 @@ static void test_logs(void **state)
 	} rows[] = {
 		{"", 0, false, 0, DISPATCH_WHY_NONE, "", ""},
 		{BEGIN("n1") "some\nwords\n" END("0"), 1, true, 0, DISPATCH_WHY_NONE, "n1", "some; words"},
-		{BEGIN("n1") "no space\n" END("74"), 1, true, 74, DISPATCH_WHY_NONE, "n1", "no space"},
+		{BEGIN("n1") "no space\n" END("74"), 1, true, 74, DISPATCH_WHY_STATUS, "n1", "no space"},
 		{BEGIN("n1"), 1, false, 0, DISPATCH_WHY_NODE, "n1", ""},
 		{BEGIN("n1") "slurmstepd: error: *** JOB 5 ON n1 CANCELLED AT 2026-01-01T00:00:00 DUE TO TIME LIMIT ***\n", 1,
 		 false, 0, DISPATCH_WHY_TIME, "n1",
