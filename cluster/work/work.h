@@ -65,7 +65,7 @@ struct work_attempt;
 /* WORK_E_DONE: the task has a record. -ERR_CANCELLED: the run was cancelled. -ERR_USAGE: there is no such task. */
 enum { WORK_E_DONE = 1 };
 int work_begin(struct work *, enum work_phase, uint32_t task, struct work_attempt **ret, struct err *err);
-/* Removes the files that were announced, unless they were published. NULL is fine; returns NULL. */
+/* Removes the files that were announced, unless they were published, or may have been. NULL is fine; returns NULL. */
 struct work_attempt *work_end(struct work_attempt *);
 uint64_t work_attempt_number(const struct work_attempt *);
 /* "FOLDER/KIND-TASK-ATTEMPT", or without a folder (""), for a file of this attempt; folders exist: WORK_IN_DATASET, WORK_IN_MESH.

@@ -25,7 +25,7 @@ struct work_attempt {
 	struct work_out out; /* lines of results */
 	char file[FILES][WORK_NAME];
 	unsigned nfile;
-	bool published;
+	bool stays; /* its files: they are, or may be, named by the record */
 };
 
 enum { RECORD_NAME = 64 };
@@ -90,7 +90,7 @@ struct work_attempt *work_end(struct work_attempt *a)
 {
 	if (!a)
 		return NULL;
-	for (unsigned i = 0; !a->published && i < a->nfile; i++)
+	for (unsigned i = 0; !a->stays && i < a->nfile; i++)
 		io->unlinkat(a->work->fd, a->file[i], 0);
 	work_out_done(&a->out);
 	free(a);
@@ -188,24 +188,41 @@ static void add_numbers(struct work_attempt *a)
 	line_u64(&a->out, "peak", process_peak_rss());
 }
 
-/* WORK_E_LOST: another attempt has the name. After a link whose answer was lost the file has two names, whatever the call
- * returned. */
-static int take_name(const struct work *w, const char *temp, const char *name, struct err *err)
+/* Whose record has the name: this attempt's (0), or another one's (WORK_E_LOST). WORK_E_ABSENT: none. */
+static int whose(const struct work_attempt *a, bool wait, struct err *err)
 {
-	bool linked = io->linkat(w->fd, temp, w->fd, name, 0) == 0;
-	int sys = errno;
-	struct stat st;
+	struct work_record *record;
+	int r = (wait ? work_record_need : work_record_look)(a->work, a->phase, a->task, &record, err);
 
-	if (!linked && io->fstatat(w->fd, temp, &st, AT_SYMLINK_NOFOLLOW) == 0)
-		linked = st.st_nlink == 2;
-	if (linked)
+	if (r)
+		return r;
+	r = record->attempt == a->number ? 0 : WORK_E_LOST;
+	work_record_free(record);
+	return r;
+}
+
+/*
+ * The answer of a link may be lost, and the request repeated, so that it fails although it was done. What tells is the record
+ * itself: the number of links may be an old one. If even that is not known, the files must stay, as the record may name them.
+ */
+static int take_name(struct work_attempt *a, const char *temp, const char *name, struct err *err)
+{
+	const struct work *w = a->work;
+	struct err ignored = ERR_INIT;
+	int sys, r;
+
+	if (io->linkat(w->fd, temp, w->fd, name, 0) == 0)
 		return 0;
-	if (sys == EEXIST)
-		return WORK_E_LOST;
-	err_sys(err, sys, "cannot name %s", name);
-	if (sys == EPERM || sys == EOPNOTSUPP || sys == ENOSYS)
-		err_add_hint(err, "the file system has no hard links: use a work folder on another one");
-	return -(int)err->code;
+	sys = errno;
+	if (sys == EPERM || sys == EOPNOTSUPP || sys == ENOSYS) {
+		err_sys(err, sys, "cannot name %s", name);
+		return err_add_hint(err, "the file system has no hard links: use a work folder on another one");
+	}
+	r = whose(a, sys == EEXIST, &ignored);
+	if (r >= 0 && r != WORK_E_ABSENT)
+		return r;
+	a->stays = true;
+	return err_sys(err, sys, "cannot name %s", name);
 }
 
 static int sync_folder(const struct work *w, const char *name, struct err *err)
@@ -242,8 +259,8 @@ int work_publish(struct work_attempt *a, struct err *err)
 		r = work_write_new(w, temp, a->out.bytes, a->out.size, err);
 	if (r)
 		return r;
-	r = take_name(w, temp, name, err);
-	a->published = r == 0;
+	r = take_name(a, temp, name, err);
+	a->stays |= r == 0;
 	io->unlinkat(w->fd, temp, 0);
 	return r ? r : sync_folder(w, "done", err);
 }

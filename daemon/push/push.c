@@ -39,13 +39,8 @@ struct push *push_free(struct push *p)
 	}
 	free(p->sources);
 	push_lines_free(p);
-	free(p->scale_xy);
-	free(p->scale_z);
+	agree_done(&p->agree);
 	free(p->format);
-	free(p->utm);
-	free(p->geoid);
-	free(p->geoid_way);
-	free(p->assume_wkt);
 	free(p->close_request);
 	lock_done(&p->space.lock);
 	admission_guard_free(&p->row_guard);

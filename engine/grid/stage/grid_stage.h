@@ -25,7 +25,8 @@ struct grid_guard {
 struct grid_stage;
 
 struct grid_stage_params {
-	int dirfd;         /* folder for runs and the segment (borrowed) */
+	int dirfd;         /* folder for runs, and for the segment (borrowed) */
+	int segment_dirfd; /* folder for the segment; 0: dirfd, too */
 	const char *name;  /* file name stem of the segment, unique in the folder */
 	size_t memory;     /* bytes for the stage's buffers; the caller has charged them */
 	bool durable;      /* runs are fsynced; if not, grid_stage_sync does nothing */

@@ -230,6 +230,30 @@ static void a_link_whose_answer_is_lost_counts(void **state)
 	assert_true(is_there(name));
 }
 
+/* Nobody knows whether the link was made: the files stay. */
+static int link_unknown(int olddir, const char *old, int newdir, const char *name, int flags)
+{
+	(void)olddir, (void)old, (void)newdir, (void)name, (void)flags;
+	errno = EIO;
+	return -1;
+}
+
+static void after_an_unknown_link_files_stay(void **state)
+{
+	struct io_table table = io_system;
+	char name[WORK_NAME];
+	struct work_attempt *a = begin_with_file(0, name);
+	struct err err = ERR_INIT;
+
+	(void)state;
+	table.linkat = link_unknown;
+	io = &table;
+	assert_int_equal(work_publish(a, &err), -ERR_IO);
+	io = &io_system;
+	work_end(a);
+	assert_true(is_there(name));
+}
+
 static int no_links(int olddir, const char *old, int newdir, const char *name, int flags)
 {
 	(void)olddir, (void)old, (void)newdir, (void)name, (void)flags;
@@ -438,6 +462,7 @@ int main(void)
 		EACH(one_attempt_of_two_counts),
 		EACH(an_attempt_that_ends_leaves_nothing),
 		EACH(a_link_whose_answer_is_lost_counts),
+		EACH(after_an_unknown_link_files_stay),
 		EACH(no_hard_links_is_said),
 		EACH(many_attempts_at_once),
 		EACH(what_is_late_is_waited_for),
