@@ -2,8 +2,8 @@
  * acut-cluster and acut-task: what their files share. One file a command or two, a row in cluster_command.c; options are rows of
  * cluster_option.c. A command returns the exit status.
  *
- * A run is what its work folder says: the words of the command with all settings resolved. Every later command, and every task, reads
- * them with the same tables as the first one did (cluster_run_open).
+ * A run is what its work folder says: the words of the command with all settings resolved. Every later command, and every task,
+ * reads them with the same tables as the first one did (cluster_run_open).
  */
 #ifndef CLUSTER_H
 #define CLUSTER_H
@@ -38,12 +38,12 @@ struct program {
 
 /* Which options a command takes. */
 enum cluster_group {
-	CLUSTER_INPUT = 2,     /* inputs, and what is said of them: mesh, stage, plan */
-	CLUSTER_VIEW = 4,      /* which points, and what is written: mesh, plan */
-	CLUSTER_RUN = 8,       /* sizes of tasks: mesh, stage, plan */
+	CLUSTER_INPUT = 2,      /* inputs, and what is said of them: mesh, stage, plan */
+	CLUSTER_VIEW = 4,       /* which points, and what is written: mesh, plan */
+	CLUSTER_RUN = 8,        /* sizes of tasks: mesh, stage, plan */
 	CLUSTER_SCHEDULER = 16, /* what the scheduler is told: mesh, stage, plan, resume */
-	CLUSTER_NEW = 32,      /* makes a work folder: mesh, stage */
-	CLUSTER_WAIT = 64,     /* may wait: mesh, stage, resume */
+	CLUSTER_NEW = 32,       /* makes a work folder: mesh, stage */
+	CLUSTER_WAIT = 64,      /* may wait: mesh, stage, resume */
 	CLUSTER_CLEAN = 128,
 	CLUSTER_SCRIPT = 256, /* writes a script: mesh, stage, resume */
 };
@@ -81,7 +81,8 @@ void cluster_settings_done(struct cluster_settings *);
 
 /* ---- a command and its words ---- */
 
-/* The words of this command without its inputs, with what the settings add; a NULL at the end. To be freed with cluster_words_free. */
+/* The words of this command without its inputs, with what the settings add; a NULL at the end. To be freed with
+ * cluster_words_free. */
 int cluster_words(const struct program *, const struct cluster_settings *, char ***ret, size_t *ret_n, struct err *err);
 void cluster_words_free(char **);
 /* Reads words as a command line. The texts stay in use. */
@@ -97,7 +98,8 @@ struct cluster_size {
 	double core_hours;
 };
 /* Of the run that these options describe. `stage`: only up to the dataset. -ERR_LIMIT: a task needs more memory. */
-int cluster_size_of(const struct program *, bool stage, const struct work_input *, size_t n, struct cluster_size *ret, struct err *err);
+int cluster_size_of(const struct program *, bool stage, const struct work_input *, size_t n, struct cluster_size *ret,
+		    struct err *err);
 
 /* ---- a run ---- */
 

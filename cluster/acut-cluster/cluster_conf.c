@@ -1,4 +1,5 @@
-/* cluster.conf: the settings of an installation, which options override. A setting is the text of the option that it stands for. */
+/* cluster.conf: the settings of an installation, which options override. A setting is the text of the option that it stands for.
+ */
 #include <stdlib.h>
 #include <string.h>
 

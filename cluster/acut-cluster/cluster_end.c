@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "cluster.h"
-#include "survey.h"
 
 int cluster_wait_run(struct program *p)
 {
@@ -62,7 +61,8 @@ int cluster_cancel_run(struct program *p)
 		term_json_u64(&j, "jobs", n);
 		term_json_end(&j);
 	} else if (!e) {
-		console_line(&p->session.console, "cancelled, %u job%s; acut-cluster resume %s goes on", n, n == 1 ? "" : "s", r.folder);
+		console_line(&p->session.console, "cancelled, %u job%s; acut-cluster resume %s goes on", n, n == 1 ? "" : "s",
+			     r.folder);
 	}
 	cluster_run_close(&r);
 	return e ? session_error(&p->session, &err) : 0;
@@ -111,8 +111,6 @@ int cluster_clean_run(struct program *p)
 	}
 	if (!e)
 		e = check_clean(&r, &err);
-	if (!e && p->opt.keep_dataset)
-		e = survey_tidy(r.work, &err);
 	if (!e)
 		e = work_clean(r.work, p->opt.keep_dataset ? dataset : NULL, &err);
 	cluster_run_close(&r);

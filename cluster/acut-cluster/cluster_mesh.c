@@ -1,4 +1,5 @@
-/* mesh, stage, plan: what can be refused before a task runs is refused; then the work folder is made, and all phases are submitted. */
+/* mesh, stage, plan: what can be refused before a task runs is refused; then the work folder is made, and all phases are
+ * submitted. */
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,7 +8,6 @@
 #include <unistd.h>
 
 #include "cluster.h"
-#include "gather.h"
 #include "parse.h"
 
 /* ---- inputs ---- */
@@ -31,7 +31,10 @@ static int see_input(const struct ctl_input *in, struct work_input *ret, struct 
 	if (refuse_input(in, err))
 		return -(int)err->code;
 	if (!ctl_input_path(in, path, sizeof path) || stat(path, &st)) {
-		err_sys(err, errno, "it cannot be opened");
+		if (errno == ENOENT || errno == ENOTDIR)
+			err_set(err, ERR_INPUT, "it cannot be opened: %s", strerror(errno));
+		else
+			err_sys(err, errno, "it cannot be opened");
 		return err_add_file(err, in->name);
 	}
 	ret->path = strdup(path);
@@ -83,9 +86,16 @@ static int gather_inputs(struct program *p, struct work_input **ret, size_t *ret
 static int check_view(const struct program *p, struct err *err)
 {
 	const struct ctl_view_options *v = &p->view;
-	const char *name = v->crop ? "crop" : v->bbox ? "bbox" : v->polygon ? "polygon" : v->thin || v->thin_pick ? "thin" :
-			   v->max_error ? "max-error" : v->weight ? "weight" : v->breakline_clear ? "breakline-clear" :
-			   v->metric ? "metric" : v->every ? "every" : NULL;
+	const char *name = v->crop                 ? "crop" :
+			   v->bbox                 ? "bbox" :
+			   v->polygon              ? "polygon" :
+			   v->thin || v->thin_pick ? "thin" :
+			   v->max_error            ? "max-error" :
+			   v->weight               ? "weight" :
+			   v->breakline_clear      ? "breakline-clear" :
+			   v->metric               ? "metric" :
+			   v->every                ? "every" :
+						     NULL;
 	char *text;
 
 	if (name) {
@@ -106,9 +116,7 @@ static int check_outputs(struct program *p, uint64_t points, struct err *err)
 	p->fetch.gaps = p->view.ground || p->view.surface;
 	if (ctl_fetch_to_standard(&p->fetch))
 		return err_set(err, ERR_USAGE, "standard output is no output of a cluster: give a file or a folder");
-	r = gather_check(&p->fetch, points, err);
-	if (!r)
-		r = ctl_fetch_open(&p->session, &p->fetch, &run, err);
+	r = ctl_fetch_open(&p->session, &p->fetch, &run, err);
 	outputs_free(run);
 	return r;
 }
@@ -240,7 +248,8 @@ int cluster_stage_run(struct program *p)
 
 static void plan_text(struct program *p, const struct cluster_size *s)
 {
-	static const struct term_column columns[] = {{"PHASE"}, {"TASKS", .right = true}, {"MEMORY", .right = true}, {"CORE-HOURS", .right = true}};
+	static const struct term_column columns[] = {
+		{"PHASE"}, {"TASKS", .right = true}, {"MEMORY", .right = true}, {"CORE-HOURS", .right = true}};
 	struct term_table *t = term_table_new(stdout, columns, 4);
 	char bytes[32], points[32];
 
@@ -253,8 +262,9 @@ static void plan_text(struct program *p, const struct cluster_size *s)
 		term_table_text(t, "%.2f", s->hours[i]);
 	}
 	term_table_free(t);
-	console_line(&p->session.console, "%llu inputs, %s, about %s points; about %.2f core-hours", (unsigned long long)s->inputs,
-		     parse_size_text(s->bytes, bytes), term_count(s->points, points), s->core_hours);
+	console_line(&p->session.console, "%llu inputs, %s, about %s points; about %.2f core-hours",
+		     (unsigned long long)s->inputs, parse_size_text(s->bytes, bytes), term_count(s->points, points),
+		     s->core_hours);
 }
 
 static void plan_json(struct program *p, const struct cluster_size *s)

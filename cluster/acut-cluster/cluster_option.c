@@ -6,7 +6,8 @@
 #define AT(field) offsetof(struct program, field)
 
 const struct cli_option cluster_options[] = {
-	{"work", 0, "DIR", CLI_WORD, AT(opt.work), CLUSTER_NEW, "the work folder, new or empty, on a file system that all nodes see"},
+	{"work", 0, "DIR", CLI_WORD, AT(opt.work), CLUSTER_NEW,
+	 "the work folder, new or empty, on a file system that all nodes see"},
 	{"on", 0, "slurm|local|script", CLI_WORD, AT(opt.on), CLUSTER_RUN,
 	 "where tasks run: Slurm, processes of this machine, or a script for another scheduler"},
 	{"script", 0, "FILE", CLI_WORD, AT(opt.script), CLUSTER_SCRIPT, "with --on script: write it there (WORK/script)"},
@@ -45,7 +46,8 @@ const struct cli_option cluster_options[] = {
 	{"no-config", 0, NULL, CLI_FLAG, AT(opt.no_config), CLUSTER_RUN, "read no file of settings"},
 
 	{"wait", 0, NULL, CLI_FLAG, AT(opt.wait), CLUSTER_WAIT, "wait until the run is done and end with its status"},
-	{"keep-dataset", 0, NULL, CLI_FLAG, AT(opt.keep_dataset), CLUSTER_CLEAN, "leave the folder dataset for acutctl dataset import"},
+	{"keep-dataset", 0, NULL, CLI_FLAG, AT(opt.keep_dataset), CLUSTER_CLEAN,
+	 "leave the folder dataset for acutctl dataset import"},
 	{"force", 0, NULL, CLI_FLAG, AT(opt.force), CLUSTER_CLEAN, "also of a run that is not done"},
 
 	{"timeout", 0, "TIME", CLI_SECONDS, AT(session.opt.timeout), CLI_ALL, "end with status 124 after 90, 90s, 5m, 2h"},

@@ -1,6 +1,6 @@
 /*
- * A run, opened from its work folder: the words of the command that began it, read with the tables of today, its tasks by their records,
- * and the scheduler that has them.
+ * A run, opened from its work folder: the words of the command that began it, read with the tables of today, its tasks by their
+ * records, and the scheduler that has them.
  */
 #include <errno.h>
 #include <limits.h>
@@ -80,8 +80,8 @@ static void progress(void *ctx)
 
 		if (c.done == all)
 			continue;
-		console_progress(&r->program->session.console, "%s %u/%u done, %u running, %u waiting", work_phase_text(r->phase[p]),
-				 c.done, all, c.running, c.waiting);
+		console_progress(&r->program->session.console, "%s %u/%u done, %u running, %u waiting",
+				 work_phase_text(r->phase[p]), c.done, all, c.running, c.waiting);
 		return;
 	}
 }
@@ -257,8 +257,10 @@ int cluster_run_wait(struct cluster_run *r)
 		return 0;
 	}
 	if (e == DISPATCH_E_STOPPED) {
-		console_note(&s->console, is_local(r) ? "the tasks end; acut-cluster resume %s goes on" :
-							"the tasks go on; acut-cluster wait %s waits again", r->folder);
+		console_note(&s->console,
+			     is_local(r) ? "the tasks end; acut-cluster resume %s goes on" :
+					   "the tasks go on; acut-cluster wait %s waits again",
+			     r->folder);
 		err_set(&err, ERR_CANCELLED, "interrupted");
 	}
 	return session_error(s, &err);

@@ -170,8 +170,8 @@ static void as_text(struct cluster_run *r, const struct cluster_phase_state *s)
 		put_phase(to, &s[p]);
 	for (size_t i = 0; i < n && used < sizeof list - 20; i++)
 		used += (size_t)snprintf(list + used, sizeof list - used, "%s%u", i ? " " : "", job[i]);
-	term_line(to, "%s; %.2f core-hours of about %.2f; %s%s%s", state_of(r, s), hours(r, s), hours_expected(r, s), r->own.opt.on,
-		  n ? " " : "", list);
+	term_line(to, "%s; %.2f core-hours of about %.2f; %s%s%s", state_of(r, s), hours(r, s), hours_expected(r, s),
+		  r->own.opt.on, n ? " " : "", list);
 	for (size_t i = 0; i < nreason; i++)
 		if (strcmp(reason[i].text, "None") && strcmp(reason[i].text, "Dependency"))
 			term_line(to, "%u wait: %s", reason[i].n, reason[i].text);

@@ -1,6 +1,6 @@
 /*
- * How many tasks each phase has. It is known before a file is opened, from sizes and names alone, and fixed for the run: so it is an
- * estimate. A task with nothing to do is done at once.
+ * How many tasks each phase has. It is known before a file is opened, from sizes and names alone, and fixed for the run: so it is
+ * an estimate. A task with nothing to do is done at once.
  *
  * Bytes a point, and seconds of a core a point, are those of measured runs, with a reserve of a half.
  */
@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "cluster.h"
-#include "gather.h"
 #include "parse.h"
 #include "survey.h"
 
@@ -88,7 +87,7 @@ int cluster_size_of(const struct program *p, bool stage, const struct work_input
 	if (!stage) {
 		s.tasks[WORK_PLAN] = s.tasks[WORK_FINISH] = 1;
 		s.tasks[WORK_MESH] = tasks_of(p, points, MESH_S, TASKS_MOST);
-		s.tasks[WORK_GATHER] = gather_divides(&p->fetch) ? tasks_of(p, points, GATHER_S, TASKS_MOST) : 1;
+		s.tasks[WORK_GATHER] = p->fetch.tile ? tasks_of(p, points, GATHER_S, TASKS_MOST) : 1;
 		s.hours[WORK_MESH] = points * MESH_S * RESERVE / 3600;
 		s.hours[WORK_GATHER] = points * GATHER_S * RESERVE / 3600;
 	}

@@ -1,6 +1,6 @@
 /*
- * The words of a run: those of its command without its inputs, and an option for each setting of cluster.conf that the command does
- * not give itself. A run does not change when that file does.
+ * The words of a run: those of its command without its inputs, and an option for each setting of cluster.conf that the command
+ * does not give itself. A run does not change when that file does.
  */
 #include <stdlib.h>
 #include <string.h>

@@ -6,12 +6,13 @@
 #include "io.h"
 #include "parse.h"
 
-static const char usage[] = "usage: acut-task WORK PHASE INDEX\n"
-			    "\n"
-			    "Runs one task of the run whose work folder is WORK (acut-cluster), if it has no record yet. Exit status:\n"
-			    "  0 the task has its record; 1 an input is broken or has changed, or the run was cancelled; 2 usage;\n"
-			    "  4 there is no such run; 74 reading or writing failed, or no space; 75 no memory; 76 versions;\n"
-			    "  77 not permitted; 128 and the number of a signal\n";
+static const char usage[] =
+	"usage: acut-task WORK PHASE INDEX\n"
+	"\n"
+	"Runs one task of the run whose work folder is WORK (acut-cluster), if it has no record yet. Exit status:\n"
+	"  0 the task has its record; 1 an input is broken or has changed, or the run was cancelled; 2 usage;\n"
+	"  4 there is no such run; 74 reading or writing failed, or no space; 75 no memory; 76 versions;\n"
+	"  77 not permitted; 128 and the number of a signal\n";
 
 static int read_words(int argc, char **argv, enum work_phase *ret_phase, uint32_t *ret_index, struct err *err)
 {

@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include "cluster.h"
-#include "gather.h"
 #include "survey.h"
 
 struct task {
@@ -72,5 +71,51 @@ static int survey_of(struct task *t, struct err *err)
 	p->refused = refused;
 	p->warned = warned;
 	p->ctx = t;
+	return r;
+}
+
+static int run_head(struct task *t, struct err *err)
+{
+	return survey_head(t->work, &t->survey, err);
+}
+
+static int run_stage(struct task *t, struct err *err)
+{
+	return survey_stage(t->work, t->index, &t->survey, err);
+}
+
+static int run_commit(struct task *t, struct err *err)
+{
+	return survey_commit(t->work, &t->survey, err);
+}
+
+static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
+	[WORK_HEAD] = run_head,
+	[WORK_STAGE] = run_stage,
+	[WORK_COMMIT] = run_commit,
+};
+
+int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)
+{
+	const struct work_about *about = work_about(w);
+	struct task t = {.program = p, .work = w, .index = index};
+	int r = 0;
+
+	t.own.session.console = p->session.console;
+	if (index >= about->tasks[phase])
+		return err_set(err, ERR_USAGE, "there is no task %s %u: the run has %u of this phase", work_phase_text(phase),
+			       index, about->tasks[phase]);
+	r = cluster_words_parse(about->word, about->nword, &t.own, err);
+	if (!r && t.own.opt.directory && chdir(t.own.opt.directory)) {
+		err_sys(err, errno, "this node cannot enter the folder of the command");
+		r = err_add_file(err, t.own.opt.directory);
+	}
+	if (!r)
+		r = survey_of(&t, err);
+	if (!r)
+		r = runs[phase] ? runs[phase](&t, err) :
+				  err_set(err, ERR_UNSUPPORTED, "this version has no phase %s", work_phase_text(phase));
+	ctl_assume_done(&t.assume);
+	cli_done(&t.own.line);
 	return r;
 }

@@ -118,15 +118,15 @@ void dispatch_troubles(struct dispatch *, void (*each)(void *ctx, const char *wh
 
 /* The log of a task: what its attempts have said. */
 struct dispatch_log {
-	unsigned begun;        /* attempts */
-	bool ended;            /* the last of them */
-	int status;            /* with which it ended; above 128: 128 and a signal */
-	enum dispatch_why why; /* of the last attempt that ended without a record, as far as the log tells */
-	char host[64];         /* of that attempt; "" */
+	unsigned begun;           /* attempts */
+	bool ended;               /* the last of them */
+	int status;               /* with which it ended; above 128: 128 and a signal */
+	enum dispatch_why why;    /* of the last attempt that ended without a record, as far as the log tells */
+	char host[64];            /* of that attempt; "" */
 	enum dispatch_why before; /* of the attempt before the last one, and where */
 	char host_before[64];
-	int driver;           /* process that started the last one, of "local"; 0 */
-	char tail[400];        /* its last lines; "": none */
+	int driver;     /* process that started the last one, of "local"; 0 */
+	char tail[400]; /* its last lines; "": none */
 };
 /* False: there is none, or it cannot be read. */
 bool dispatch_log_read(const struct dispatch *, unsigned phase, uint32_t index, struct dispatch_log *ret);

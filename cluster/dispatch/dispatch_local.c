@@ -198,7 +198,8 @@ static void reap(struct dispatch *d)
 	}
 }
 
-/* Tasks of another driver: an attempt that has begun and not ended, whose driver lives. If there is one, all else waits for it. */
+/* Tasks of another driver: an attempt that has begun and not ended, whose driver lives. If there is one, all else waits for it.
+ */
 static void look_at_logs(struct dispatch *d)
 {
 	char host[64] = "";
@@ -209,8 +210,8 @@ static void look_at_logs(struct dispatch *d)
 		for (uint32_t i = 0; i < d->phase[p].tasks; i++) {
 			struct dispatch_log log;
 
-			if (!dispatch_log_read(d, p, i, &log) || !log.begun || log.ended || !log.driver || strcmp(log.host, host) ||
-			    (kill((pid_t)log.driver, 0) && errno == ESRCH))
+			if (!dispatch_log_read(d, p, i, &log) || !log.begun || log.ended || !log.driver ||
+			    strcmp(log.host, host) || (kill((pid_t)log.driver, 0) && errno == ESRCH))
 				continue;
 			d->task[p][i].state = DISPATCH_RUNNING;
 			any = true;
