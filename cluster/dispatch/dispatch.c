@@ -36,6 +36,7 @@ const char *dispatch_why_text(enum dispatch_why why)
 		[DISPATCH_WHY_MEMORY] = "out of memory", [DISPATCH_WHY_TIME] = "time limit",
 		[DISPATCH_WHY_SIGNAL] = "signal",        [DISPATCH_WHY_STATUS] = "failed",
 		[DISPATCH_WHY_CANCELLED] = "cancelled",  [DISPATCH_WHY_PREEMPTED] = "preempted",
+		[DISPATCH_WHY_DEPENDENCY] = "dropped",
 	};
 
 	return texts[why];
@@ -289,9 +290,11 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	*ret = false;
 	if (t->done || t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING)
 		return 0;
-	if (!t->seen || (!first && !t->tries)) {
+	if (!t->seen || t->why == DISPATCH_WHY_DEPENDENCY || (!first && !t->tries)) {
 		/* It never was there, or a scheduler has dropped it with the phase before. */
 		*ret = !d->submitted || t->state == DISPATCH_ENDED || !d->on->never_lost;
+		if (*ret && dispatch_log_read(d, p, i, &log))
+			refine(&log, t);
 		return 0;
 	}
 	if (patient && first && t->why == DISPATCH_WHY_CANCELLED) {
@@ -315,6 +318,7 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient, uint32_t *list, uint32_t *ret_n,
 			struct err *err)
 {
+	bool memory = false, time = false;
 	uint32_t n = 0;
 	int r = 0;
 
@@ -322,9 +326,15 @@ static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient
 		bool lost;
 
 		r = is_lost(d, p, i, first, patient, &lost, err);
-		if (!r && lost)
-			list[n++] = i;
+		if (r || !lost)
+			continue;
+		list[n++] = i;
+		memory |= d->task[p][i].why == DISPATCH_WHY_MEMORY;
+		time |= d->task[p][i].why == DISPATCH_WHY_TIME;
 	}
+	/* The same again would fail again. */
+	d->phase[p].memory += memory ? d->phase[p].memory / 2 : 0;
+	d->phase[p].time *= time ? 2 : 1;
 	if (!r && n)
 		r = d->on->submit(d, p, list, n, err);
 	for (uint32_t k = 0; k < n && !r; k++) {

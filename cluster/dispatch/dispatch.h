@@ -64,6 +64,7 @@ enum dispatch_why {
 	DISPATCH_WHY_STATUS,
 	DISPATCH_WHY_CANCELLED,
 	DISPATCH_WHY_PREEMPTED,
+	DISPATCH_WHY_DEPENDENCY, /* it has not begun: the scheduler dropped it with the phase before */
 };
 const char *dispatch_why_text(enum dispatch_why);
 
