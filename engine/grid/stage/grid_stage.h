@@ -34,7 +34,7 @@ struct grid_stage_params {
 	/* Called before each run is created; it may block. If it fails, the stage fails with its result. May be NULL. */
 	int (*ready)(void *ctx, struct err *err);
 	void *ready_ctx;
-	int segment_dirfd; /* folder for the segment; 0: dirfd, too */
+	int segment_dirfd; /* folder for the segment (borrowed); 0: dirfd, too */
 };
 
 enum { GRID_STAGE_MIN = 1 << 20 }; /* the smallest `memory` */
