@@ -121,8 +121,8 @@ static int trim(struct outputs *run, const struct outfile *beside, struct err *e
 	return run->opt.trim_hull.given && !run->hull ? outputs_hull_new(beside, &run->hull, err) : 0;
 }
 
-/* The folder of levels that are joined. */
-static int levels_of(struct outputs *run, const char *path, struct err *err)
+/* Where the files of a folder go when parts are joined. */
+static int folder_of(struct outputs *run, const char *path, struct err *err)
 {
 	free(run->joined.folder);
 	run->joined.folder = strdup(path);
@@ -138,9 +138,11 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 
 	own.trimmed = run->trimmed[0] ? run->trimmed : NULL;
 	run->joined.no_clobber |= opt->no_clobber;
+	if (!r && run->opt.part && path && (run->opt.tiled || run->opt.levels))
+		r = folder_of(run, path, err);
 	if (!r && run->opt.joins && !run->opt.tiled) {
 		free(t);
-		return run->opt.levels && path ? levels_of(run, path, err) : 0;
+		return 0;
 	}
 	if (!r && run->opt.tiled)
 		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :

@@ -116,8 +116,8 @@ int outputs_part(const struct outputs *, uint8_t **ret, size_t *ret_size, struct
 /* Between head and tail of the run that joins: a part, by these bytes. outputs_publish then gives all files their names, once
  * more if it was interrupted. */
 int outputs_join(struct outputs *, const char *part, const void *bytes, size_t size, struct err *err);
-/* Removes the files of a part that was not joined. `path`: of an output of the run. */
-void outputs_part_drop(const char *path, const char *part, bool folder);
+/* Removes the files of a part that was published and counts for nothing. */
+void outputs_part_drop(const struct outputs *);
 
 /* The place of a tile among all of a mesh: columns and rows from the first ones of the box of the head, their bits in turn, those
  * of columns first from below. Tiles with codes that follow each other lie close to each other. */

@@ -273,10 +273,12 @@ int outputs_part_publish(struct outputs *run, struct err *err)
 	return r;
 }
 
-void outputs_part_drop(const char *path, const char *part, bool folder)
+void outputs_part_drop(const struct outputs *run)
 {
-	if (folder)
-		outfile_folder_drop(path, part);
-	else
-		outfile_held_drop(path, part);
+	const struct outputs_joined *j = &run->joined;
+
+	if (j->folder)
+		outfile_folder_drop(j->folder, run->opt.part);
+	for (size_t i = 0; i < j->moves.n && !j->folder; i++)
+		outfile_held_drop(j->moves.move[i].name, run->opt.part);
 }

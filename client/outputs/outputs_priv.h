@@ -186,7 +186,7 @@ struct outputs_joined {
 	struct outputs_moves moves; /* of a part: its own files */
 	char **part;                /* their names */
 	size_t nparts;
-	char *folder; /* of tiles of levels; NULL */
+	char *folder; /* that the files are in; NULL: they have paths */
 	bool no_clobber;
 	struct outputs_left left[OUTPUTS_REASONS];
 	struct format_simplified simplified;

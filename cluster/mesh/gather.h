@@ -19,6 +19,7 @@ struct gather_params {
 	struct work *work;
 	const struct ctl_fetch_options
 		*outputs;              /* as the command line gave them; paths are absolute, or of the working directory */
+	const char *scratch;           /* a folder of this node for temporary files; NULL: they are in the work folder */
 	uint64_t memory;               /* of the task, all in all */
 	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL */
 	void *ctx;
@@ -33,5 +34,7 @@ bool gather_divides(const struct ctl_fetch_options *);
 /* Task `index` of the phase gather, and the one of the phase finish; each publishes its record. */
 int gather_task(const struct gather_params *, uint32_t index, struct err *err);
 int gather_finish(const struct gather_params *, struct err *err);
+/* When no task of the run runs any more: removes what killed attempts left beside the outputs. Lists their folders. */
+int gather_clean(const struct gather_params *, struct err *err);
 
 #endif

@@ -11,7 +11,7 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional, TypeVar, U
 from . import _abi as abi
 from . import _library
 from . import _results as results
-from ._backup import BackupFile, Giver, backup_sink
+from ._backup import BackupFile, FileGiver, Giver, backup_sink
 from ._errors import InputError, UsageError, from_failure
 from ._library import State, decoded, encoded, guard
 from ._mesh import Fetch, Mesh, progress_function
@@ -405,6 +405,12 @@ class Connection:
         each = abi.acut_progress_fn(guard(self._state, damage, 2))
         return self._fill("cache_verify", abi.acut_cache_verified, each, progress_function(self._state, progress), None,
                           convert=lambda s: take(results.Verified, s, damages=damages))
+
+    def cache_adopt(self, packs: Iterable[Path], *, progress: OnProgress = None) -> results.Adopted:
+        """Takes the finished domains of packs, files of the work folder of acut-cluster, into the daemon's cache. Administrators."""
+        with contextlib.closing(FileGiver(self._state, [os.fspath(p) for p in packs])) as giver:
+            return self._fill("cache_adopt", abi.acut_cache_adopted, giver.next, progress_function(self._state, progress), None,
+                              convert=functools.partial(take, results.Adopted))
 
     def cache_gc(self, *, all: bool = False) -> int:
         """Frees disk space; with `all` everything that can be made again is removed. Returns the number of bytes."""

@@ -12,6 +12,7 @@
 #include <cmocka.h>
 
 #include "err.h"
+#include "outfile.h"
 #include "outputs.h"
 #include "meshes.h"
 #include "no_sync.h"
@@ -160,7 +161,10 @@ static bool same(const char *a, const char *b)
 static void drop(const struct job *j, const char *out, struct made *made)
 {
 	for (unsigned i = 0; i < j->parts; i++) {
-		outputs_part_drop(out, made[i].name, j->side || j->levels);
+		if (j->side || j->levels)
+			outfile_folder_drop(out, made[i].name);
+		else
+			outfile_held_drop(out, made[i].name);
 		free(made[i].bytes);
 	}
 }
