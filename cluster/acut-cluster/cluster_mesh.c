@@ -8,7 +8,11 @@
 #include <unistd.h>
 
 #include "cluster.h"
+#include "gather.h"
 #include "parse.h"
+
+/* Of the points that sizes of files let expect there are so many at least. */
+static const double LEAST_OF_POINTS = 0.6;
 
 /* ---- inputs ---- */
 
@@ -116,7 +120,9 @@ static int check_outputs(struct program *p, uint64_t points, struct err *err)
 	p->fetch.gaps = p->view.ground || p->view.surface;
 	if (ctl_fetch_to_standard(&p->fetch))
 		return err_set(err, ERR_USAGE, "standard output is no output of a cluster: give a file or a folder");
-	r = ctl_fetch_open(&p->session, &p->fetch, &run, err);
+	r = gather_check(&p->fetch, (uint64_t)(LEAST_OF_POINTS * (double)points), err);
+	if (!r)
+		r = ctl_fetch_open(&p->session, &p->fetch, &run, err);
 	outputs_free(run);
 	return r;
 }
@@ -226,7 +232,7 @@ static int run(struct program *p, bool stage)
 		e = make(p, &r, &err);
 	resolved_done(&r);
 	if (!e)
-		e = cluster_run_open(p, p->opt.work, p->opt.script, &run, &err);
+		e = cluster_run_open(p, p->opt.work, CLUSTER_SUBMITS, p->opt.script ? p->opt.script : "", &run, &err);
 	if (e)
 		return session_error(&p->session, &err);
 	status = cluster_run_go(&run);

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "cluster.h"
+#include "gather.h"
 #include "parse.h"
 #include "survey.h"
 
@@ -87,7 +88,7 @@ int cluster_size_of(const struct program *p, bool stage, const struct work_input
 	if (!stage) {
 		s.tasks[WORK_PLAN] = s.tasks[WORK_FINISH] = 1;
 		s.tasks[WORK_MESH] = tasks_of(p, points, MESH_S, TASKS_MOST);
-		s.tasks[WORK_GATHER] = p->fetch.tile ? tasks_of(p, points, GATHER_S, TASKS_MOST) : 1;
+		s.tasks[WORK_GATHER] = gather_divides(&p->fetch) ? tasks_of(p, points, GATHER_S, TASKS_MOST) : 1;
 		s.hours[WORK_MESH] = points * MESH_S * RESERVE / 3600;
 		s.hours[WORK_GATHER] = points * GATHER_S * RESERVE / 3600;
 	}

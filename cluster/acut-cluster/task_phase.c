@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "cluster.h"
+#include "gather.h"
 #include "survey.h"
 
 struct task {
@@ -89,10 +90,40 @@ static int run_commit(struct task *t, struct err *err)
 	return survey_commit(t->work, &t->survey, err);
 }
 
+static int interrupted(void *ctx)
+{
+	struct task *t = ctx;
+
+	return session_interrupted(&t->program->session);
+}
+
+static struct gather_params gather_of(struct task *t)
+{
+	return (struct gather_params){.work = t->work,
+				      .outputs = &t->own.fetch,
+				      .scratch = getenv("ACUT_TASK_SCRATCH"),
+				      .memory = work_about(t->work)->memory,
+				      .interrupted = interrupted,
+				      .ctx = t};
+}
+
+static int run_gather(struct task *t, struct err *err)
+{
+	const struct gather_params p = gather_of(t);
+
+	return gather_task(&p, t->index, err);
+}
+
+static int run_finish(struct task *t, struct err *err)
+{
+	const struct gather_params p = gather_of(t);
+
+	return gather_finish(&p, err);
+}
+
 static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
-	[WORK_HEAD] = run_head,
-	[WORK_STAGE] = run_stage,
-	[WORK_COMMIT] = run_commit,
+	[WORK_HEAD] = run_head,     [WORK_STAGE] = run_stage,   [WORK_COMMIT] = run_commit,
+	[WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
 };
 
 int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)
