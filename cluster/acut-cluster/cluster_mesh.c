@@ -9,6 +9,7 @@
 
 #include "cluster.h"
 #include "gather.h"
+#include "mesh_phase.h"
 #include "parse.h"
 
 /* Of the points that sizes of files let expect there are so many at least. */
@@ -86,30 +87,17 @@ static int gather_inputs(struct program *p, struct work_input **ret, size_t *ret
 
 /* ---- options ---- */
 
-/* Views that need a pass over all points first, or a part of a mesh. */
 static int check_view(const struct program *p, struct err *err)
 {
-	const struct ctl_view_options *v = &p->view;
-	const char *name = v->crop                 ? "crop" :
-			   v->bbox                 ? "bbox" :
-			   v->polygon              ? "polygon" :
-			   v->thin || v->thin_pick ? "thin" :
-			   v->max_error            ? "max-error" :
-			   v->weight               ? "weight" :
-			   v->breakline_clear      ? "breakline-clear" :
-			   v->metric               ? "metric" :
-			   v->every                ? "every" :
-						     NULL;
 	char *text;
+	int r = mesh_phase_check(&p->view, err);
 
-	if (name) {
-		err_set(err, ERR_UNSUPPORTED, "a run of a cluster does not take --%s", name);
+	if (r)
 		return err_add_hint(err, "stage, then import the dataset into acutd, and use the option there");
-	}
-	if (ctl_view_text(v, &text, err))
-		return -(int)err->code;
-	free(text);
-	return 0;
+	r = ctl_view_text(&p->view, &text, err);
+	if (!r)
+		free(text);
+	return r;
 }
 
 static int check_outputs(struct program *p, uint64_t points, struct err *err)
