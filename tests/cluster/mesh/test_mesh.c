@@ -168,8 +168,9 @@ static void test_split(void **state)
 		set_up(&run, set_make(SHAPE_UNIFORM, 150000, 5, tasks), 2, tasks);
 		whole_make(&run, 50000, 100000, &want);
 		for (size_t i = 0; i < want.n; i++)
-			run.p.load = want.domain[i].vertices > run.p.load ? (uint32_t)want.domain[i].vertices : run.p.load;
-		run.p.cap = run.p.load + 20; /* less than the halo of the largest */
+			run.p.cap = want.domain[i].vertices > run.p.cap ? (uint32_t)want.domain[i].vertices : run.p.cap;
+		run.p.cap += 20; /* less than the halo of the largest */
+		run.p.load = 50000;
 		whole_free(&want);
 		whole_make(&run, run.p.load, run.p.cap, &want);
 		assert_true(want.splits);
