@@ -21,6 +21,7 @@
 #include "ctl_view.h"
 #include "mesh_fixture.h"
 #include "no_sync.h"
+#include "process.h"
 #include "repeat.h"
 
 static char top[64], folder[128];
@@ -213,6 +214,57 @@ static void test_division(void **state)
 	run_remove(&run);
 }
 
+static int status_of(pid_t pid)
+{
+	int status;
+
+	assert_int_equal(waitpid(pid, &status, 0), pid);
+	return status;
+}
+
+/* In processes of their own, because a peak does not fall. */
+static void make_large(struct run *run)
+{
+	set_up(run, set_make(SHAPE_UNIFORM, 600000, 5, 4), 3, 2);
+	_exit(0);
+}
+
+/* What the ledger counts, and a process that does nothing. */
+static void run_large(struct run *run)
+{
+	const uint64_t before = process_peak_rss();
+	struct err err = ERR_INIT;
+
+	if (work_open(folder, &run->work, &err))
+		_exit(1);
+	run->tasks = 2;
+	run->p = (struct mesh_phase_params){.view = "ask 1 keep-noise keep-withheld", .memory = 24 << 20};
+	run_all(run);
+	print_message("peak %.1f MB before, %.1f MB after, of 24 MiB\n", (double)before / 1e6, (double)process_peak_rss() / 1e6);
+	_exit(process_peak_rss() - before > run->p.memory + (2 << 20));
+}
+
+static int in_process(void (*fn)(struct run *))
+{
+	pid_t pid = fork();
+	struct run run;
+
+	if (pid == 0)
+		fn(&run);
+	return status_of(pid);
+}
+
+static void test_peak(void **state)
+{
+	struct err err = ERR_INIT;
+
+	(void)state;
+	snprintf(folder, sizeof folder, "%s/work-0", top);
+	assert_int_equal(in_process(make_large), 0);
+	assert_int_equal(in_process(run_large), 0);
+	CHECK(io_folder_remove(AT_FDCWD, folder, &err));
+}
+
 /* Too little memory is refused with what suffices. */
 static void test_memory(void **state)
 {
@@ -355,14 +407,6 @@ static pid_t start(const struct run *run, uint32_t task, unsigned killed)
 	}
 	assert_true(pid > 0);
 	return pid;
-}
-
-static int status_of(pid_t pid)
-{
-	int status;
-
-	assert_int_equal(waitpid(pid, &status, 0), pid);
-	return status;
 }
 
 static void test_two_at_once(void **state)
@@ -607,13 +651,21 @@ static int teardown(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_small),           cmocka_unit_test(test_budget),
-		cmocka_unit_test(test_split),           cmocka_unit_test(test_division),
-		cmocka_unit_test(test_memory),          cmocka_unit_test(test_again),
-		cmocka_unit_test(test_two_at_once),     cmocka_unit_test(test_killed),
-		cmocka_unit_test(test_interrupted),     cmocka_unit_test(test_damaged_plan),
-		cmocka_unit_test(test_changed_dataset), cmocka_unit_test(test_damaged_segment),
-		cmocka_unit_test(test_views),           cmocka_unit_test(test_without_ground),
+		cmocka_unit_test(test_peak), /* first, while this process is small */
+		cmocka_unit_test(test_small),
+		cmocka_unit_test(test_budget),
+		cmocka_unit_test(test_split),
+		cmocka_unit_test(test_division),
+		cmocka_unit_test(test_memory),
+		cmocka_unit_test(test_again),
+		cmocka_unit_test(test_two_at_once),
+		cmocka_unit_test(test_killed),
+		cmocka_unit_test(test_interrupted),
+		cmocka_unit_test(test_damaged_plan),
+		cmocka_unit_test(test_changed_dataset),
+		cmocka_unit_test(test_damaged_segment),
+		cmocka_unit_test(test_views),
+		cmocka_unit_test(test_without_ground),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
