@@ -2,7 +2,7 @@
 the disk is full. The run ends with the mesh of a daemon, or it refuses with a reason and goes on afterwards; no input changes,
 nothing that a record does not name is left but of tasks that were killed, and nothing at all after clean.
 
-ACUT_CLUSTER_FAULTS: how many calls fail (60); ACUT_CLUSTER_KILLS: how many tasks are killed (40); ACUT_FAULT_SEED.
+ACUT_CLUSTER_FAULTS: how many calls fail (120); ACUT_CLUSTER_KILLS: how many tasks are killed (40); ACUT_FAULT_SEED.
 """
 import hashlib
 import os
@@ -69,7 +69,7 @@ def failing_calls():
         unavailable("strace does not work here")
     felt = {}
     with Folder() as base:
-        surveys, rand, left = Surveys(base), random.Random(SEED), number("ACUT_CLUSTER_FAULTS", 60)
+        surveys, rand, left = Surveys(base), random.Random(SEED), number("ACUT_CLUSTER_FAULTS", 120)
         while left > 0:
             tasks, removed = surveys.begin(*rand.choice(((), ("--sort",)))), True
             for phase, i in tasks.tasks:
@@ -91,7 +91,7 @@ def failing_calls():
                 tasks.task(phase, i)
             surveys.check(tasks, not removed)
     print("     tasks that failed with an error, by call: %s" % felt)
-    expect(len(felt) >= 5, "few calls were felt: %s" % felt)
+    expect(len(felt) >= 4, "few calls were felt: %s" % felt)
 
 
 def killed_tasks():
