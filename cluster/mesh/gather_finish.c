@@ -206,6 +206,25 @@ static int report_as(struct finish *f, const struct acut_job *job, const struct 
 	return r;
 }
 
+static void add_counts(const struct gather_input *in, struct acut_report *p, struct acut_removed *removed)
+{
+	const struct lattice *l = &in->manifest->lattice;
+	const struct mesh_counts *c = in->sums.domains ? &in->recorded.counts : &in->plan.empty;
+
+	p->points = c->points;
+	p->halo = c->halo;
+	p->cells_read = c->cells_read;
+	p->points_read = c->points_read;
+	p->most_points = c->most.points;
+	if (c->most.points) {
+		p->most_at[0] = decimal_scaled_double(l->scale_xy, c->most.x + l->k[0]);
+		p->most_at[1] = decimal_scaled_double(l->scale_xy, c->most.y + l->k[1]);
+	}
+	for (int i = 0; i < VIEW_RULES; i++)
+		removed[i] = (struct acut_removed){view_rule_text((enum view_rule)i), c->removed[i]};
+	p->nremoved = VIEW_RULES;
+}
+
 static int report(struct finish *f, struct err *err)
 {
 	const struct gather_sums *s = &f->in.sums;
@@ -239,8 +258,7 @@ static int report(struct finish *f, struct err *err)
 				  .peak_rss_bytes = f->peak};
 	if (f->begun_us)
 		p->seconds = (double)(clock_real_us() - f->begun_us) / 1e6;
-	if (!r)
-		r = gather_counts(&f->in, p, removed, err);
+	add_counts(&f->in, p, removed);
 	outputs_report(f->run, &out);
 	if (!r)
 		r = report_as(f, &job, &out, true, err);
