@@ -68,7 +68,7 @@ static int survey_of(struct task *t, struct err *err)
 	p->accept_truncated = t->own.input.accept_truncated;
 	p->strict = s->strict;
 	p->grows = !work_about(t->work)->tasks[WORK_PLAN];
-	p->scratch = getenv("ACUT_TASK_SCRATCH");
+	p->scratch = t->own.opt.scratch;
 	p->progress = survey_progress;
 	p->refused = refused;
 	p->warned = warned;
@@ -141,7 +141,7 @@ static struct gather_params gather_of(struct task *t)
 {
 	return (struct gather_params){.work = t->work,
 				      .outputs = &t->own.fetch,
-				      .scratch = getenv("ACUT_TASK_SCRATCH"),
+				      .scratch = t->own.opt.scratch,
 				      .memory = work_about(t->work)->memory,
 				      .interrupted = interrupted,
 				      .ctx = t};
