@@ -36,6 +36,7 @@ const char *dispatch_why_text(enum dispatch_why why)
 		[DISPATCH_WHY_MEMORY] = "out of memory", [DISPATCH_WHY_TIME] = "time limit",
 		[DISPATCH_WHY_SIGNAL] = "signal",        [DISPATCH_WHY_STATUS] = "failed",
 		[DISPATCH_WHY_CANCELLED] = "cancelled",  [DISPATCH_WHY_PREEMPTED] = "preempted",
+		[DISPATCH_WHY_DEPENDENCY] = "dropped",
 	};
 
 	return texts[why];
@@ -252,15 +253,15 @@ static bool repeats_itself(const struct dispatch_task *t)
 	return t->why == DISPATCH_WHY_STATUS && (t->status == 1 || t->status == 2 || t->status == 76 || t->status == 77);
 }
 
+/* The log may know better than the scheduler, whose FAILED says little. */
 static void refine(const struct dispatch_log *log, struct dispatch_task *t)
 {
-	if (log->ended && log->status &&
-	    (t->why == DISPATCH_WHY_NONE || t->why == DISPATCH_WHY_STATUS || t->why == DISPATCH_WHY_SIGNAL)) {
-		t->why = log->why ? (uint8_t)log->why : log->status > 128 ? DISPATCH_WHY_SIGNAL : DISPATCH_WHY_STATUS;
-		t->status = log->status > 128 ? log->status - 128 : log->status;
-	} else if (t->why == DISPATCH_WHY_NONE) {
+	if (t->why != DISPATCH_WHY_NONE && t->why != DISPATCH_WHY_STATUS && t->why != DISPATCH_WHY_SIGNAL)
+		return;
+	if (log->why)
 		t->why = (uint8_t)log->why;
-	}
+	if (log->status)
+		t->status = log->status > 128 ? log->status - 128 : log->status;
 }
 
 static int failed(const struct dispatch *d, unsigned p, uint32_t i, const struct dispatch_log *log, struct err *err)
@@ -289,9 +290,11 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	*ret = false;
 	if (t->done || t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING)
 		return 0;
-	if (!t->seen || (!first && !t->tries)) {
+	if (!t->seen || t->why == DISPATCH_WHY_DEPENDENCY || (!first && !t->tries)) {
 		/* It never was there, or a scheduler has dropped it with the phase before. */
 		*ret = !d->submitted || t->state == DISPATCH_ENDED || !d->on->never_lost;
+		if (*ret && dispatch_log_read(d, p, i, &log))
+			refine(&log, t);
 		return 0;
 	}
 	if (patient && first && t->why == DISPATCH_WHY_CANCELLED) {
@@ -315,6 +318,7 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient, uint32_t *list, uint32_t *ret_n,
 			struct err *err)
 {
+	bool memory = false, time = false;
 	uint32_t n = 0;
 	int r = 0;
 
@@ -322,9 +326,15 @@ static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient
 		bool lost;
 
 		r = is_lost(d, p, i, first, patient, &lost, err);
-		if (!r && lost)
-			list[n++] = i;
+		if (r || !lost)
+			continue;
+		list[n++] = i;
+		memory |= d->task[p][i].why == DISPATCH_WHY_MEMORY;
+		time |= d->task[p][i].why == DISPATCH_WHY_TIME;
 	}
+	/* The same again would fail again. */
+	d->phase[p].memory += memory ? d->phase[p].memory / 2 : 0;
+	d->phase[p].time *= time ? 2 : 1;
 	if (!r && n)
 		r = d->on->submit(d, p, list, n, err);
 	for (uint32_t k = 0; k < n && !r; k++) {

@@ -37,6 +37,7 @@ struct dispatch_options {
 	double patience;                       /* seconds that a record may take to become visible here; 0: 120 */
 	const char *partition, *account, *qos; /* NULL: the scheduler's */
 	const char *const *extra;              /* more options of the scheduler's command, a NULL ends them; NULL: none */
+	bool looks;                            /* nothing will be submitted: tasks that other processes run are found, too */
 	const char *script;                    /* of "script": the file to write, absolute */
 
 	void *ctx;
@@ -63,6 +64,7 @@ enum dispatch_why {
 	DISPATCH_WHY_STATUS,
 	DISPATCH_WHY_CANCELLED,
 	DISPATCH_WHY_PREEMPTED,
+	DISPATCH_WHY_DEPENDENCY, /* it has not begun: the scheduler dropped it with the phase before */
 };
 const char *dispatch_why_text(enum dispatch_why);
 
@@ -117,12 +119,15 @@ void dispatch_troubles(struct dispatch *, void (*each)(void *ctx, const char *wh
 
 /* The log of a task: what its attempts have said. */
 struct dispatch_log {
-	unsigned begun;        /* attempts */
-	bool ended;            /* the last of them */
-	int status;            /* with which it ended; above 128: 128 and a signal */
-	enum dispatch_why why; /* of the last attempt that ended without a record, as far as the log tells */
-	char host[64];         /* of that attempt; "" */
-	char tail[400];        /* its last lines; "": none */
+	unsigned begun;           /* attempts */
+	bool ended;               /* the last of them */
+	int status;               /* with which it ended; above 128: 128 and a signal */
+	enum dispatch_why why;    /* of the last attempt that ended without a record, as far as the log tells */
+	char host[64];            /* of that attempt; "" */
+	enum dispatch_why before; /* of the attempt before the last one, and where */
+	char host_before[64];
+	int driver;     /* process that started the last one, of "local"; 0 */
+	char tail[400]; /* its last lines; "": none */
 };
 /* False: there is none, or it cannot be read. */
 bool dispatch_log_read(const struct dispatch *, unsigned phase, uint32_t index, struct dispatch_log *ret);

@@ -198,9 +198,35 @@ static void reap(struct dispatch *d)
 	}
 }
 
+/* Tasks of another driver: an attempt that has begun and not ended, whose driver lives. If there is one, all else waits for it.
+ */
+static void look_at_logs(struct dispatch *d)
+{
+	char host[64] = "";
+	bool any = false;
+
+	gethostname(host, sizeof host - 1);
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		for (uint32_t i = 0; i < d->phase[p].tasks; i++) {
+			struct dispatch_log log;
+
+			if (!dispatch_log_read(d, p, i, &log) || !log.begun || log.ended || !log.driver ||
+			    strcmp(log.host, host) || (kill((pid_t)log.driver, 0) && errno == ESRCH))
+				continue;
+			d->task[p][i].state = DISPATCH_RUNNING;
+			any = true;
+		}
+	for (unsigned p = 0; any && p < d->o.nphase; p++)
+		for (uint32_t i = 0; i < d->phase[p].tasks; i++)
+			if (d->task[p][i].state == DISPATCH_ABSENT)
+				d->task[p][i].state = DISPATCH_WAITING;
+}
+
 static int look(struct dispatch *d, struct err *err)
 {
 	reap(d);
+	if (d->o.looks)
+		look_at_logs(d);
 	return 0;
 }
 

@@ -71,6 +71,16 @@ static void keep_tail(const char *from, const char *to, char buf[400])
 	buf[n] = 0;
 }
 
+/* Of an attempt of which no more lines come. */
+static enum dispatch_why why_of(const struct dispatch_log *l)
+{
+	if (l->ended && !l->status)
+		return DISPATCH_WHY_NONE;
+	if (l->why)
+		return l->why;
+	return !l->ended ? DISPATCH_WHY_NODE : l->status > 128 ? DISPATCH_WHY_SIGNAL : DISPATCH_WHY_STATUS;
+}
+
 void dispatch_log_parse(const char *text, size_t n, struct dispatch_log *ret)
 {
 	const char *end = text + n, *from = text, *stop = end;
@@ -81,11 +91,16 @@ void dispatch_log_parse(const char *text, size_t n, struct dispatch_log *ret)
 		const size_t size = (size_t)((next ? next : end) - line);
 
 		if ((at = own_line(line, size, " begins on "))) {
-			ret->begun++;
+			if (ret->begun++) {
+				ret->before = why_of(ret);
+				memcpy(ret->host_before, ret->host, sizeof ret->host);
+			}
 			ret->ended = false;
 			ret->status = 0;
 			ret->why = DISPATCH_WHY_NONE;
 			host_of(at, line + size, ret->host);
+			at = memmem(at, (size_t)(line + size - at), ", process of ", 13);
+			ret->driver = at ? atoi(at + 13) : 0;
 			from = next ? next + 1 : end;
 			stop = end;
 		} else if ((at = own_line(line, size, " ends with status "))) {
@@ -99,10 +114,7 @@ void dispatch_log_parse(const char *text, size_t n, struct dispatch_log *ret)
 		}
 		line = next ? next + 1 : end;
 	}
-	if (ret->begun && !ret->ended && !ret->why)
-		ret->why = DISPATCH_WHY_NODE;
-	if (ret->ended && !ret->status)
-		ret->why = DISPATCH_WHY_NONE;
+	ret->why = ret->begun ? why_of(ret) : DISPATCH_WHY_NONE;
 	keep_tail(from, stop, ret->tail);
 }
 
@@ -120,12 +132,14 @@ bool dispatch_log_read(const struct dispatch *d, unsigned phase, uint32_t index,
 	fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
 	if (fd < 0)
 		return false;
-	text = malloc(READ_MOST);
+	text = malloc(READ_MOST + 1);
 	if (text && !fstat(fd, &st))
 		n = pread(fd, text, READ_MOST, st.st_size > READ_MOST ? st.st_size - READ_MOST : 0);
 	close(fd);
-	if (n >= 0)
+	if (n >= 0) {
+		text[n] = 0;
 		dispatch_log_parse(text, (size_t)n, ret);
+	}
 	free(text);
 	return n >= 0;
 }

@@ -58,12 +58,16 @@ uint32_t dispatch_ranges(const uint32_t *index, uint32_t n, uint32_t offset, cha
 /* A row of squeue. False: it is none of ours. */
 struct dispatch_row {
 	unsigned phase;
-	uint32_t index, job;
+	uint32_t job;
 	enum dispatch_state state;
 	enum dispatch_why why;
 	const char *reason; /* in the row, which is changed */
+	const char *list;   /* what is left of its indices */
+	uint64_t offset;
 };
 bool dispatch_row_read(const struct dispatch *, char *row, struct dispatch_row *ret);
+/* The next run of its tasks: a row has several where Slurm has not divided an array yet. False: there are no more. */
+bool dispatch_row_next(const struct dispatch *, struct dispatch_row *, uint32_t *ret_from, uint32_t *ret_to);
 /* The number behind "NAME = " in the answer of `scontrol show config`. False: there is none. */
 bool dispatch_config_number(const char *text, const char *name, uint64_t *ret);
 /* The number of a job that `sbatch --parsable` has printed. False: it is none. */

@@ -32,6 +32,7 @@ struct slurm {
 
 static int begin(struct dispatch *d, struct err *err)
 {
+	setenv("SLURM_BITSTR_LEN", "0", 1); /* lists of indices are not shortened */
 	d->own = calloc(1, sizeof(struct slurm));
 	return d->own ? 0 : err_set(err, ERR_NOMEM, "no memory for a scheduler");
 }
@@ -73,9 +74,9 @@ static bool lives(enum dispatch_state s)
 }
 
 /* Of several rows of a task the one that lives counts, else the latest. */
-static void take_row(struct dispatch *d, const struct dispatch_row *row)
+static void take_row(struct dispatch *d, const struct dispatch_row *row, uint32_t index)
 {
-	struct dispatch_task *t = &d->task[row->phase][row->index];
+	struct dispatch_task *t = &d->task[row->phase][index];
 
 	if (lives(t->state) ? !lives(row->state) : !lives(row->state) && row->job < t->job)
 		return;
@@ -107,10 +108,13 @@ static int look(struct dispatch *d, struct err *err)
 	s->held = s->begin_later = s->not_launched = false;
 	for (char *line = strtok_r(text, "\n", &save); line && !r; line = strtok_r(NULL, "\n", &save)) {
 		struct dispatch_row row;
+		uint32_t from, to;
 
 		if (!dispatch_row_read(d, line, &row))
 			continue;
-		take_row(d, &row);
+		while (dispatch_row_next(d, &row, &from, &to))
+			for (; from <= to; from++)
+				take_row(d, &row, from);
 		if (lives(row.state) && !note_job(s, row.phase, row.job))
 			r = err_set(err, ERR_NOMEM, "no memory for the list of jobs");
 		if (row.state != DISPATCH_WAITING)
@@ -283,9 +287,13 @@ static int find_again(struct dispatch *d, const struct array *a, uint32_t task, 
 	*ret = 0;
 	for (char *line = strtok_r(text, "\n", &save); line; line = strtok_r(NULL, "\n", &save)) {
 		struct dispatch_row row;
+		uint32_t from, to;
 
-		if (dispatch_row_read(d, line, &row) && lives(row.state) && row.phase == a->phase && row.index == task)
-			*ret = row.job;
+		if (!dispatch_row_read(d, line, &row) || !lives(row.state) || row.phase != a->phase)
+			continue;
+		while (dispatch_row_next(d, &row, &from, &to))
+			if (task >= from && task <= to)
+				*ret = row.job;
 	}
 	free(text);
 	return 0;

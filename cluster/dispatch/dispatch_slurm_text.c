@@ -69,18 +69,17 @@ static bool read_name(const struct dispatch *d, const char *name, unsigned *ret_
 bool dispatch_row_read(const struct dispatch *d, char *row, struct dispatch_row *ret)
 {
 	char *field[5], *save = NULL;
-	uint64_t job, index, offset;
+	uint64_t job;
 
 	for (int i = 0; i < 5; i++) {
 		field[i] = strtok_r(i ? NULL : row, "|", &save);
 		if (!field[i])
 			return false;
 	}
-	if (!parse_u64(field[0], &job) || !parse_u64(field[1], &index) || !read_name(d, field[4], &ret->phase, &offset) ||
-	    job > UINT32_MAX || index + offset >= d->phase[ret->phase].tasks)
+	if (!parse_u64(field[0], &job) || job > UINT32_MAX || !read_name(d, field[4], &ret->phase, &ret->offset))
 		return false;
 	ret->job = (uint32_t)job;
-	ret->index = (uint32_t)(index + offset);
+	ret->list = field[1] + (field[1][0] == '[');
 	ret->reason = field[3];
 	ret->state = DISPATCH_WAITING;
 	ret->why = DISPATCH_WHY_NONE;
@@ -89,6 +88,39 @@ bool dispatch_row_read(const struct dispatch *d, char *row, struct dispatch_row 
 			ret->state = states[i].state;
 			ret->why = states[i].why;
 		}
+	if (ret->why == DISPATCH_WHY_CANCELLED && !strcmp(ret->reason, "DependencyNeverSatisfied"))
+		ret->why = DISPATCH_WHY_DEPENDENCY;
+	return true;
+}
+
+static bool read_number(const char **at, uint64_t *ret)
+{
+	if (!isdigit((unsigned char)**at))
+		return false;
+	for (*ret = 0; isdigit((unsigned char)**at) && *ret < UINT32_MAX; (*at)++)
+		*ret = *ret * 10 + (uint64_t)(**at - '0');
+	return true;
+}
+
+/* "0-4,7,9-12%3": behind the % is how many may run at once. */
+bool dispatch_row_next(const struct dispatch *d, struct dispatch_row *row, uint32_t *ret_from, uint32_t *ret_to)
+{
+	const uint32_t tasks = d->phase[row->phase].tasks;
+	uint64_t from, to;
+
+	row->list += *row->list == ',';
+	if (!read_number(&row->list, &from))
+		return false;
+	to = from;
+	if (*row->list == '-') {
+		row->list++;
+		if (!read_number(&row->list, &to))
+			return false;
+	}
+	if (row->offset >= tasks || from > to || to + row->offset >= tasks)
+		return false;
+	*ret_from = (uint32_t)(from + row->offset);
+	*ret_to = (uint32_t)(to + row->offset);
 	return true;
 }
 

@@ -32,7 +32,7 @@ uint64_t survey_head_bytes(uint64_t inputs)
 {
 	/* The list of inputs, the table, two lists of boxes to choose zone and lattice, the manifest and its bytes. */
 	uint64_t each = sizeof(struct work_input) + sizeof(struct survey_input) + 3 * sizeof(struct lattice_input) +
-			2 * sizeof(struct name_slot) + SURVEY_SOURCE_BYTES + 1024;
+			2 * sizeof(struct name_slot) + SURVEY_SOURCE_BYTES + 512;
 
 	return SURVEY_PROCESS_BYTES + input_bytes() + inputs * each;
 }

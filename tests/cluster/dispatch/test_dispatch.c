@@ -52,6 +52,7 @@ static void test_rows(void **state)
 		uint32_t index, job;
 		enum dispatch_state state;
 		enum dispatch_why why;
+		uint32_t last;
 	} rows[] = {
 		{"12|3|RUNNING|None|acut-00ff-stage", true, 0, 3, 12, DISPATCH_RUNNING, DISPATCH_WHY_NONE},
 		{"12|4|PENDING|Resources|acut-00ff-stage", true, 0, 4, 12, DISPATCH_WAITING, DISPATCH_WHY_NONE},
@@ -63,6 +64,11 @@ static void test_rows(void **state)
 		{"12|4|SOMETHING_NEW|None|acut-00ff-stage", true, 0, 4, 12, DISPATCH_WAITING, DISPATCH_WHY_NONE},
 		{"13|7|PENDING|Dependency|acut-00ff-mesh-1001", true, 1, 1008, 13, DISPATCH_WAITING, DISPATCH_WHY_NONE},
 		{"13|1998|PENDING|Dependency|acut-00ff-mesh-1001", true, 1, 2999, 13, DISPATCH_WAITING, DISPATCH_WHY_NONE},
+		{"13|[1-4]|CANCELLED|DependencyNeverSatisfied|acut-00ff-mesh", true, 1, 1, 13, DISPATCH_ENDED,
+		 DISPATCH_WHY_DEPENDENCY, 4},
+		{"13|1-4,7-9%2|PENDING|Dependency|acut-00ff-mesh", true, 1, 1, 13, DISPATCH_WAITING, DISPATCH_WHY_NONE, 4},
+		{"13|1-|PENDING|Dependency|acut-00ff-mesh", .good = false},
+		{"13|99999999999999999999|PENDING|Dependency|acut-00ff-mesh", .good = false},
 		{"13|1999|PENDING|Dependency|acut-00ff-mesh-1001", .good = false},
 		{"12|5|RUNNING|None|acut-00ff-stage", .good = false},
 		{"12|3|RUNNING|None|acut-00fe-stage", .good = false},
@@ -77,16 +83,32 @@ static void test_rows(void **state)
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
 		char text[128];
 		struct dispatch_row r;
+		uint32_t from, to;
 
 		strcpy(text, rows[i].text);
-		assert_int_equal(dispatch_row_read(d, text, &r), rows[i].good);
+		assert_int_equal(dispatch_row_read(d, text, &r) && dispatch_row_next(d, &r, &from, &to), rows[i].good);
 		if (!rows[i].good)
 			continue;
 		assert_int_equal(r.phase, rows[i].phase);
-		assert_int_equal(r.index, rows[i].index);
+		assert_int_equal(from, rows[i].index);
+		assert_int_equal(to, rows[i].last ? rows[i].last : rows[i].index);
 		assert_int_equal(r.job, rows[i].job);
 		assert_int_equal(r.state, rows[i].state);
 		assert_int_equal(r.why, rows[i].why);
+	}
+	{
+		char text[] = "13|1-4,7,9-9%2|PENDING|Dependency|acut-00ff-mesh-100";
+		static const uint32_t runs[][2] = {{101, 104}, {107, 107}, {109, 109}};
+		struct dispatch_row r;
+		uint32_t from, to;
+
+		assert_true(dispatch_row_read(d, text, &r));
+		for (int i = 0; i < 3; i++) {
+			assert_true(dispatch_row_next(d, &r, &from, &to));
+			assert_int_equal(from, runs[i][0]);
+			assert_int_equal(to, runs[i][1]);
+		}
+		assert_false(dispatch_row_next(d, &r, &from, &to));
 	}
 	dispatch_free(d);
 }
@@ -127,7 +149,7 @@ static void test_logs(void **state)
 	} rows[] = {
 		{"", 0, false, 0, DISPATCH_WHY_NONE, "", ""},
 		{BEGIN("n1") "some\nwords\n" END("0"), 1, true, 0, DISPATCH_WHY_NONE, "n1", "some; words"},
-		{BEGIN("n1") "no space\n" END("74"), 1, true, 74, DISPATCH_WHY_NONE, "n1", "no space"},
+		{BEGIN("n1") "no space\n" END("74"), 1, true, 74, DISPATCH_WHY_STATUS, "n1", "no space"},
 		{BEGIN("n1"), 1, false, 0, DISPATCH_WHY_NODE, "n1", ""},
 		{BEGIN("n1") "slurmstepd: error: *** JOB 5 ON n1 CANCELLED AT 2026-01-01T00:00:00 DUE TO TIME LIMIT ***\n", 1,
 		 false, 0, DISPATCH_WHY_TIME, "n1",

@@ -1,0 +1,121 @@
+/* What a task of each phase is: the words of the run as parameters of the rooms that do the work. */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cluster.h"
+#include "survey.h"
+
+struct task {
+	struct program *program; /* of this process */
+	struct program own;      /* of the command that began the run */
+	struct work *work;
+	uint32_t index;
+	struct survey_params survey;
+	struct ctl_assume assume;
+	char scale[CTL_SCALE_SIZE];
+};
+
+static int survey_progress(void *ctx, const char *phase, uint64_t done, uint64_t all)
+{
+	struct task *t = ctx;
+
+	return session_interrupted(&t->program->session);
+}
+
+static void refused(void *ctx, const struct err *why)
+{
+	struct task *t = ctx;
+
+	console_error(&t->program->session.console, why);
+}
+
+static void warned(void *ctx, const char *path, const char *text)
+{
+	struct task *t = ctx;
+
+	console_warn(&t->program->session.console, "%s: %s", path, text);
+}
+
+/* Files that options name are read by each task: `assume` has their text. */
+static int survey_of(struct task *t, struct err *err)
+{
+	const struct ctl_stage_options *s = &t->own.stage;
+	struct survey_params *p = &t->survey;
+	const char **to;
+	int r = ctl_assume_read(s, &t->assume, err);
+
+	if (r)
+		return r;
+	to = t->assume.overrides ? p->says.override : p->says.assume;
+	to[0] = t->assume.crs;
+	to[1] = t->assume.unit_xy[0] ? t->assume.unit_xy : NULL;
+	to[2] = t->assume.unit_z[0] ? t->assume.unit_z : NULL;
+	if (s->scale) {
+		r = ctl_stage_scale(s->scale, t->scale, &p->says.scale_z, err);
+		p->says.scale_xy = t->scale;
+	}
+	p->says.utm = s->utm;
+	p->says.geoid = s->geoid;
+	p->says.geoid_way = s->geoid_way;
+	p->says.planar = s->planar;
+	p->format = t->own.input.format;
+	p->columns = t->own.input.columns;
+	p->decimal_comma = t->own.input.decimal_comma;
+	p->accept_truncated = t->own.input.accept_truncated;
+	p->strict = s->strict;
+	p->grows = !work_about(t->work)->tasks[WORK_PLAN];
+	p->scratch = getenv("ACUT_TASK_SCRATCH");
+	p->progress = survey_progress;
+	p->refused = refused;
+	p->warned = warned;
+	p->ctx = t;
+	return r;
+}
+
+static int run_head(struct task *t, struct err *err)
+{
+	return survey_head(t->work, &t->survey, err);
+}
+
+static int run_stage(struct task *t, struct err *err)
+{
+	return survey_stage(t->work, t->index, &t->survey, err);
+}
+
+static int run_commit(struct task *t, struct err *err)
+{
+	return survey_commit(t->work, &t->survey, err);
+}
+
+static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
+	[WORK_HEAD] = run_head,
+	[WORK_STAGE] = run_stage,
+	[WORK_COMMIT] = run_commit,
+};
+
+int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)
+{
+	const struct work_about *about = work_about(w);
+	struct task t = {.program = p, .work = w, .index = index};
+	int r = 0;
+
+	t.own.session.console = p->session.console;
+	if (index >= about->tasks[phase])
+		return err_set(err, ERR_USAGE, "there is no task %s %u: the run has %u of this phase", work_phase_text(phase),
+			       index, about->tasks[phase]);
+	r = cluster_words_parse(about->word, about->nword, &t.own, err);
+	if (!r && t.own.opt.directory && chdir(t.own.opt.directory)) {
+		err_sys(err, errno, "this node cannot enter the folder of the command");
+		r = err_add_file(err, t.own.opt.directory);
+	}
+	if (!r)
+		r = survey_of(&t, err);
+	if (!r)
+		r = runs[phase] ? runs[phase](&t, err) :
+				  err_set(err, ERR_UNSUPPORTED, "this version has no phase %s", work_phase_text(phase));
+	ctl_assume_done(&t.assume);
+	cli_done(&t.own.line);
+	return r;
+}
