@@ -8,6 +8,8 @@
 #ifndef CLUSTER_H
 #define CLUSTER_H
 
+#include <limits.h>
+
 #include "ctl_fetch.h"
 #include "ctl_stage.h"
 #include "ctl_view.h"
@@ -115,12 +117,15 @@ struct cluster_run {
 	size_t ninput;
 	struct cluster_size size;
 	struct dispatch *dispatch;
-	enum work_phase phase[WORK_PHASES]; /* of the phases that it has, in order */
+	char task[PATH_MAX], script[PATH_MAX]; /* the program of its tasks; the file of --on script */
+	enum work_phase phase[WORK_PHASES];    /* of the phases that it has, in order */
 	unsigned nphase;
 	uint64_t begun_ns;
 };
-/* Opens the folder of a command's first word. `script`: a file that the scheduler "script" writes, or NULL. */
-int cluster_run_open(struct program *, const char *folder, const char *script, struct cluster_run *ret, struct err *err);
+/* Opens a work folder. `script`: the file that the scheduler "script" writes, "": that in the folder; NULL: none. */
+enum cluster_open { CLUSTER_LOOKS, CLUSTER_SUBMITS };
+int cluster_run_open(struct program *, const char *folder, enum cluster_open, const char *script, struct cluster_run *ret,
+		     struct err *err);
 void cluster_run_close(struct cluster_run *);
 /* Submits what is missing, and waits if the command shall, or if nothing else would run the tasks. Exit status. */
 int cluster_run_go(struct cluster_run *);

@@ -52,6 +52,7 @@ static int copy_phases(struct dispatch *d, struct err *err)
 		if (!d->task[i])
 			return err_set(err, ERR_NOMEM, "no memory for %u tasks", d->phase[i].tasks);
 	}
+	d->o.phase = d->phase;
 	return 0;
 }
 

@@ -1,5 +1,6 @@
 /*
- * The commit: the segments of all stages, and the sources of the head with what the stages say of them, become one dataset.
+ * The commit: the segments of all stages, or what sorting made of them, and the sources of the head with what the stages say of
+ * them, become one dataset.
  *
  * The model: the folder of the dataset gets a second name for each segment that a record names, and then the manifest; so it
  * never holds a file of an attempt that lost. Names, times and order all come from records, so two attempts write the same bytes,
@@ -82,6 +83,12 @@ int survey_read_part(const struct survey *s, const struct work_record *record, s
 	return grid_manifest_read(work_fd(s->work), f->name, ret, err);
 }
 
+static void take_segment(struct commit *c, const struct grid_manifest *part)
+{
+	if (part->nsegments == 1 && part->segments[0].points)
+		c->segment[c->nsegments++] = part->segments[0];
+}
+
 static int take_stage(struct commit *c, uint32_t task, struct err *err)
 {
 	struct work_record *record = NULL;
@@ -103,8 +110,23 @@ static int take_stage(struct commit *c, uint32_t task, struct err *err)
 		r = survey_read_part(c->s, record, 1, &part, err);
 	if (!r && part)
 		r = take_sources(c, part, record->file[1].name, err);
-	if (!r && part && part->nsegments == 1 && part->segments[0].points)
-		c->segment[c->nsegments++] = part->segments[0];
+	if (!r && part && !work_about(c->s->work)->tasks[WORK_SORT])
+		take_segment(c, part);
+	grid_manifest_free(part);
+	work_record_free(record);
+	return r;
+}
+
+static int take_sorted(struct commit *c, uint32_t task, struct err *err)
+{
+	struct work_record *record = NULL;
+	struct grid_manifest *part = NULL;
+	int r = work_record_need(c->s->work, WORK_SORT, task, &record, err);
+
+	if (!r && record->nfile)
+		r = survey_read_part(c->s, record, 1, &part, err);
+	if (!r && part)
+		take_segment(c, part);
 	grid_manifest_free(part);
 	work_record_free(record);
 	return r;
@@ -116,7 +138,7 @@ static int take_all(struct commit *c, struct err *err)
 	uint64_t points = 0;
 	int r = 0;
 
-	c->segment = calloc((size_t)tasks[WORK_STAGE] + 1, sizeof *c->segment);
+	c->segment = calloc((size_t)tasks[WORK_STAGE] + tasks[WORK_SORT] + 1, sizeof *c->segment);
 	c->seen = calloc(c->s->head->nsources + 1, sizeof *c->seen);
 	if (!c->segment || !c->seen)
 		return err_set(err, ERR_NOMEM, "no memory for a manifest");
@@ -125,6 +147,8 @@ static int take_all(struct commit *c, struct err *err)
 		if (!r)
 			r = survey_progress(c->s, i + 1, tasks[WORK_STAGE], err);
 	}
+	for (uint32_t i = 0; !r && i < tasks[WORK_SORT]; i++)
+		r = take_sorted(c, i, err);
 	for (size_t i = 0; !r && i < c->s->head->nsources; i++)
 		if (!c->seen[i])
 			r = wrong(c->s->head->sources[i].path, "no stage has read it", err);

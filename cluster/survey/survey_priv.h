@@ -42,6 +42,10 @@ int survey_read_part(const struct survey *, const struct work_record *, size_t f
 /* The sources of a stage: a run of those of the head. */
 void survey_share(const struct grid_manifest *head, uint32_t task, uint32_t tasks, size_t *ret_first, size_t *ret_end);
 
+/* Keys that divide a segment into so many parts, for sort tasks (survey_sort.c). */
+enum { SURVEY_PARTS = 64 };
+int survey_note_keys(struct survey *, const struct grid_segment_info *, struct err *err);
+
 /* Opens an input, which must be a regular file with that size and time; it is waited for. `check` again after it was read. */
 int survey_open(const struct survey *, const char *path, uint64_t size, int64_t mtime_ns, int *ret_fd, struct err *err);
 int survey_unchanged(int fd, const char *path, uint64_t size, int64_t mtime_ns, const char *since, struct err *err);

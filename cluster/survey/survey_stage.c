@@ -295,6 +295,8 @@ static int run(struct survey *s, uint32_t task, struct err *err)
 		remove_scratch(&st);
 		if (!r)
 			r = write_part(&st, &segment, err);
+		if (!r && segment.points && work_about(s->work)->tasks[WORK_SORT])
+			r = survey_note_keys(s, &segment, err);
 	}
 	return r ? r : write_results(&st, err);
 }

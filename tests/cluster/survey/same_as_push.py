@@ -53,13 +53,14 @@ def shown(d, dataset):
     return {k: s[k] for k in ("points", "files", "lattice", "crs", "unit_xy", "unit_z", "box") if k in s}
 
 
-def compare(base, files, push=(), run=(), counts=(1, 3)):
+def compare(base, files, push=(), run=(), counts=((1, 0), (3, 2))):
+    """`counts`: of stages, of sort tasks."""
     with e2e.Daemon(base) as d:
         pushed = [json.loads(line) for line in d.ctl("push", "pushed", *files, *push, "--json").ok().out.splitlines()]
         pushed = [p for p in pushed if p["file"] is not None]
-        for n in counts:
+        for n, sorts in counts:
             name = "staged%d" % n
-            folder, totals = staged(base, name, files, n, "grows=1", *run)
+            folder, totals = staged(base, name, files, n, "grows=1", "sorts=%d" % sorts, *run)
             d.ctl("dataset", "import", folder, name).ok()
             for what in (sources, shown, mesh):
                 expect(what(d, name) == what(d, "pushed"), "%s:\n%s\n%s" % (what.__name__, what(d, name), what(d, "pushed")))
@@ -77,7 +78,7 @@ def tiles_of_a_survey():
             files.append("%s/tile%d.las" % (base, i * 5 % 8))
             e2e.run([e2e.SYNTH, "--points", "20k", "--origin", "%d,%d" % (500000 + i % 3 * 50, 5400000 + i // 3 * 50), "--seed", str(i),
                      files[-1]]).ok()
-        compare(base, files, counts=(1, 3, 8))
+        compare(base, files, counts=((1, 0), (3, 0), (8, 5)))
 
 
 def degrees_and_a_geoid():
@@ -133,7 +134,7 @@ def real_files():
     for names in (("las12_pdrf1_ahn3_213k.laz", "las12_pdrf1_ahn3_641k.laz"), ("las13_pdrf1_forest_217k.laz",),
                   ("las14_pdrf10.laz", "las14_pdrf10.las")):
         with e2e.Folder() as base:
-            compare(base, [os.path.join(data, "lidar", n) for n in names], counts=(2,))
+            compare(base, [os.path.join(data, "lidar", n) for n in names], counts=((2, 3),))
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ static size_t read_inputs(struct work_input **ret)
 	return n;
 }
 
-static void take_option(struct survey_params *p, const char *word)
+static void take_option(struct survey_params *p, struct work_about *about, const char *word)
 {
 	static const char *const keys[] = {"assume", "override", "unit_xy", "unit_z", "utm", "geoid", "scale_xy", "scale_z"};
 	const char **const at[] = {&p->says.assume[0], &p->says.override[0], &p->says.assume[1], &p->says.assume[2],
@@ -63,6 +63,8 @@ static void take_option(struct survey_params *p, const char *word)
 
 	if (!strcmp(word, "grows=1"))
 		p->grows = true;
+	else if (!strncmp(word, "sorts=", 6))
+		about->tasks[WORK_SORT] = (uint32_t)strtoul(word + 6, NULL, 10);
 	else if (!strncmp(word, "scratch=", 8))
 		p->scratch = word + 8;
 	for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
@@ -84,7 +86,7 @@ int main(int argc, char **argv)
 	if (argc < 4 || !parse_size(argv[3], &about.memory))
 		return 2;
 	for (int i = 4; i < argc; i++)
-		take_option(&p, argv[i]);
+		take_option(&p, &about, argv[i]);
 	n = read_inputs(&in);
 	about.tasks[WORK_HEAD] = about.tasks[WORK_COMMIT] = 1;
 	about.tasks[WORK_STAGE] = (uint32_t)strtoul(argv[2], NULL, 10);
@@ -97,6 +99,8 @@ int main(int argc, char **argv)
 	}
 	for (uint32_t i = 0; !r && i < about.tasks[WORK_STAGE]; i++)
 		r = survey_stage(w, i, &p, &err);
+	for (uint32_t i = 0; !r && i < about.tasks[WORK_SORT]; i++)
+		r = survey_sort(w, i, &p, &err);
 	if (!r)
 		r = survey_commit(w, &p, &err);
 	work_close(w);
