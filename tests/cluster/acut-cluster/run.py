@@ -150,7 +150,7 @@ def mesh(base):
         files = sum(len(f) for _, _, f in os.walk(work))
         tasks = sum(x["tasks"] for x in s["phases"])
         check("few files a task", files <= 4 * tasks + 10, "%d files, %d tasks" % (files, tasks))
-        check("memory of tasks", all(x["peak"] and x["peak"] <= (1024 if k < 2 else 128) << 20 for x in s["phases"]), str(s["phases"]))
+        check("memory of tasks", all(x["peak"] and x["peak"] <= (128 if k == 2 else 1024 + 64) << 20 for x in s["phases"]), str(s["phases"]))
         run(CLUSTER, "clean", work)
         check("nothing is left", not os.path.exists(work))
     check("one file each", sorted(os.listdir(base))[-5:-1] == ["m0.ply", "m1.ply", "m2.ply", "m3.ply"] and
