@@ -128,7 +128,8 @@ static int greedy(const struct grid *grid, const struct view *view, int64_t erro
 	if (r)
 		return r;
 	memory = aligned_alloc(64, (simplify_greedy_bytes((uint32_t)all.n) + 63) & ~(size_t)63);
-	g = (struct simplify_greedy){.pts = all.pts, .n = (uint32_t)all.n, .least = (uint64_t)error << SIMPLIFY_KEY_SHIFT};
+	g = (struct simplify_greedy){
+		.pts = all.pts, .n = (uint32_t)all.n, .least = (uint64_t)error << SIMPLIFY_KEY_SHIFT, .step = 500};
 	*ret_seconds = now();
 	simplify_greedy_run(&g, memory);
 	*ret_seconds = now() - *ret_seconds;

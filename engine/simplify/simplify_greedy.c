@@ -1,7 +1,15 @@
 /*
- * Greedy insertion. Each triangle has a list of the points in it, and its farthest one; a heap has the triangles by that. An
- * insertion removes the triangles whose circle contains the new point, fills the hole with a fan, and deals their points out to
- * it. Nothing is beyond the base, which has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
+ * Greedy insertion. Each triangle has a list of the points in it, and its farthest one. An insertion removes the triangles whose
+ * circle contains the new point, fills the hole with a fan, and deals their points out to it. Nothing is beyond the base, which
+ * has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
+ *
+ * Strictly greedy insertion takes the farthest point of all. That order jumps about, and most of the time goes into fetching
+ * distant memory. Here sweeps over all triangles insert what is farther than a limit, which falls from sweep to sweep. The points
+ * are nearly as few (docs/design/simplify.md), and neighbours are inserted one after the other.
+ *
+ * Where the ground is rough most points stay, and dealing all points out again and again, until triangles are small, takes the
+ * rest of the time. There the base has more points: of every few points in Morton order the one that is highest above the plane
+ * through them, and the lowest, if these are farther than the error.
  *
  * A fan is usually dealt out relative to its new point, in 64 bits: the turns that find a triangle are the weights of its corners
  * in the height of its plane. Fans of many triangles, and wide blocks, go the long way.
@@ -22,13 +30,20 @@
 
 #define NONE UINT32_MAX
 
-enum { FAN = 64 }; /* the most triangles of a fan that is dealt out in 64 bits */
+enum {
+	FAN = 64,   /* the most triangles of a fan that is dealt out in 64 bits */
+	GROUP = 16, /* points in Morton order whose highest and lowest may be in the base */
+	STEP = 6,   /* the limit falls by a sixth */
+};
+
+/* The key of a point of the base: greater than all errors. */
+#define ROUGH (((uint64_t)1 << 49) + 1)
 
 /* Half of a cache line: most of the time goes into reaching these. */
 struct cell {
 	uint32_t corner[3], beside[3]; /* neighbours across from the corners */
 	uint32_t first;                /* of its points */
-	uint32_t heap;                 /* its place in the heap, or NONE */
+	uint32_t worst;                /* the farthest of them */
 };
 
 /* A side of the hole, counter-clockwise, and what is behind it. */
@@ -40,12 +55,6 @@ struct side {
 struct node {
 	int32_t x, y, z;
 	uint32_t next;
-};
-
-/* A triangle with a point that is too far: the farthest one. */
-struct entry {
-	uint64_t key;
-	uint32_t cell, worst;
 };
 
 /* A triangle of the hole, and the one from which it was reached. */
@@ -66,12 +75,12 @@ struct greedy {
 	struct node *node;
 	struct cell *cell;
 	struct side *side;
-	struct entry *heap;
+	uint64_t *key; /* of each cell: that of its farthest point */
 	struct pit *hole;
 	uint32_t *from;  /* of a vertex of the hole, the side that begins there */
-	struct tri *tri; /* of the base; in the memory of sides and heap, which are used later */
+	struct tri *tri; /* of the base; in the memory of sides and keys, which are used later */
 	struct simplify_place *order;
-	uint32_t ncell, nheap, nhole, nside;
+	uint32_t ncell, nhole, nside;
 	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
 	struct blade blade[FAN];
 	uint32_t list[FAN], nlist; /* the first points of lists */
@@ -79,7 +88,7 @@ struct greedy {
 
 size_t simplify_greedy_bytes(uint32_t n)
 {
-	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
+	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(uint64_t)), base = tri_bytes((uint32_t)each);
 
 	return align_line(2 * each * sizeof(struct cell)) + align_line(later > base ? later : base) +
 	       align_line(2 * each * sizeof(struct pit)) + align_line(each * sizeof(uint32_t)) * 2 +
@@ -89,7 +98,7 @@ size_t simplify_greedy_bytes(uint32_t n)
 
 static void carve(struct greedy *w, struct simplify_greedy *g, void *memory)
 {
-	size_t each = g->n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
+	size_t each = g->n + 3, later = 2 * each * (sizeof(struct side) + sizeof(uint64_t)), base = tri_bytes((uint32_t)each);
 	uint8_t *at = memory;
 
 	memset(w, 0, sizeof *w);
@@ -98,7 +107,7 @@ static void carve(struct greedy *w, struct simplify_greedy *g, void *memory)
 	w->cell = align_carve(&at, 2 * each * sizeof *w->cell);
 	w->tri = align_carve(&at, later > base ? later : base);
 	w->side = (struct side *)(void *)w->tri;
-	w->heap = (struct entry *)(void *)(w->side + 2 * each);
+	w->key = (uint64_t *)(void *)(w->side + 2 * each);
 	w->hole = align_carve(&at, 2 * each * sizeof *w->hole);
 	w->from = align_carve(&at, each * sizeof *w->from);
 	g->hull = align_carve(&at, each * sizeof *g->hull);
@@ -146,70 +155,13 @@ static inline int turn(const struct greedy *w, uint32_t a, uint32_t b, uint32_t 
 	return geom_orient(p, q, r);
 }
 
-/* ---- the heap: the greatest key first, then the first point by x and y ---- */
+/* ---- the farthest point of a triangle ---- */
 
-static inline bool is_before(const struct greedy *w, const struct entry *a, const struct entry *b)
-{
-	if (a->key != b->key)
-		return a->key > b->key;
-	return place_of(w, a->worst) < place_of(w, b->worst);
-}
-
-static inline void heap_set(struct greedy *w, uint32_t at, struct entry e)
-{
-	w->heap[at] = e;
-	w->cell[e.cell].heap = at;
-}
-
-static void heap_up(struct greedy *w, uint32_t at, struct entry e)
-{
-	for (; at && is_before(w, &e, &w->heap[(at - 1) / 2]); at = (at - 1) / 2)
-		heap_set(w, at, w->heap[(at - 1) / 2]);
-	heap_set(w, at, e);
-}
-
-static void heap_down(struct greedy *w, uint32_t at, struct entry e)
-{
-	for (;;) {
-		uint32_t child = 2 * at + 1;
-
-		if (child + 1 < w->nheap && is_before(w, &w->heap[child + 1], &w->heap[child]))
-			child++;
-		if (child >= w->nheap || !is_before(w, &w->heap[child], &e))
-			break;
-		heap_set(w, at, w->heap[child]);
-		at = child;
-	}
-	heap_set(w, at, e);
-}
-
-/* Where `at` is free. */
-static void heap_put(struct greedy *w, uint32_t at, struct entry e)
-{
-	if (at && is_before(w, &e, &w->heap[(at - 1) / 2]))
-		heap_up(w, at, e);
-	else
-		heap_down(w, at, e);
-}
-
-/* Sets the farthest point of a triangle. One that took the place of another in memory has that one's place in the heap, too. */
 static void set_worst(struct greedy *w, uint32_t t, uint32_t worst, uint64_t key)
 {
-	struct cell *c = &w->cell[t];
-	uint32_t at = c->heap;
-
-	if (key > w->g->least) {
-		heap_put(w, at == NONE ? w->nheap++ : at, (struct entry){key, t, worst});
-	} else if (at != NONE) {
-		struct entry last = w->heap[--w->nheap];
-
-		c->heap = NONE;
-		if (last.cell != t)
-			heap_put(w, at, last);
-	}
+	w->cell[t].worst = worst;
+	w->key[t] = key;
 }
-
-/* ---- the farthest point of a triangle ---- */
 
 static void judge(struct greedy *w, uint32_t t)
 {
@@ -315,16 +267,11 @@ static uint32_t side_after(const struct greedy *w, const struct side *s)
 	return after < w->nside && w->side[after].a == s->b ? after : NONE;
 }
 
-/* A triangle on each side of the hole, with p. Those of the hole have their places in memory and heap taken: there are fewer. */
+/* A triangle on each side of the hole, with p. Those of the hole have their places in memory taken: there are fewer. */
 static void fill(struct greedy *w, uint32_t p)
 {
 	for (uint32_t i = 0; i < w->nside; i++) {
-		if (i < w->nhole) {
-			w->side[i].cell = w->hole[i].cell;
-		} else {
-			w->side[i].cell = w->ncell++;
-			w->cell[w->side[i].cell].heap = NONE;
-		}
+		w->side[i].cell = i < w->nhole ? w->hole[i].cell : w->ncell++;
 		w->from[w->side[i].a] = i;
 	}
 	for (uint32_t i = 0; i < w->nside; i++) {
@@ -493,19 +440,94 @@ static void insert(struct greedy *w, uint32_t t, uint32_t p)
 
 /* ---- the base ---- */
 
-/* The triangulation of the hull's corners and the vertices of lines, without its ghosts. `from` marks the base. */
+/* Sums of a group of points, relative to the first one. Their choice need not be exact, only always the same. */
+struct sums {
+	double x, y, z, xx, xy, yy, xz, yz;
+};
+
+static void add_sums(struct sums *s, double x, double y, double z)
+{
+	s->x += x;
+	s->y += y;
+	s->z += z;
+	s->xx += x * x;
+	s->xy += x * y;
+	s->yy += y * y;
+	s->xz += x * z;
+	s->yz += y * z;
+}
+
+/* The plane of least squares, z = k[0] x + k[1] y + k[2]. False: there is none. */
+static bool fit_plane(const struct sums *s, double k[3])
+{
+	double xx = s->xx - s->x * s->x / GROUP, xy = s->xy - s->x * s->y / GROUP, yy = s->yy - s->y * s->y / GROUP,
+	       xz = s->xz - s->x * s->z / GROUP, yz = s->yz - s->y * s->z / GROUP, d = xx * yy - xy * xy;
+
+	if (!(d > 0))
+		return false;
+	k[0] = (xz * yy - yz * xy) / d;
+	k[1] = (yz * xx - xz * xy) / d;
+	k[2] = (s->z - k[0] * s->x - k[1] * s->y) / GROUP;
+	return true;
+}
+
+/* Marks the highest and the lowest of a group above and below its plane, if they are farther from it than the error. */
+static void mark_group(struct greedy *w, const struct node *o)
+{
+	double high = (double)w->g->least / (1 << SIMPLIFY_KEY_SHIFT), low = -high, k[3];
+	uint32_t first = (uint32_t)(o - w->node), highest = first, lowest = first;
+	struct sums s = {0};
+	bool any[2] = {false, false};
+
+	for (unsigned i = 1; i < GROUP; i++)
+		add_sums(&s, (double)o[i].x - o->x, (double)o[i].y - o->y, (double)o[i].z - o->z);
+	if (!fit_plane(&s, k))
+		return;
+	for (unsigned i = 0; i < GROUP; i++) {
+		double x = (double)o[i].x - o->x, y = (double)o[i].y - o->y, z = (double)o[i].z - o->z,
+		       far = z - (k[0] * x + k[1] * y + k[2]);
+
+		if (far > high) {
+			high = far;
+			highest = first + i;
+			any[0] = true;
+		} else if (far < low) {
+			low = far;
+			lowest = first + i;
+			any[1] = true;
+		}
+	}
+	w->from[highest] |= any[0];
+	w->from[lowest] |= any[1];
+}
+
+/* Marks the base in `from`. What is neither hull nor a vertex of a line is picked. */
+static uint32_t mark_base(struct greedy *w)
+{
+	struct simplify_greedy *g = w->g;
+	uint32_t n = 0;
+
+	memset(w->from, 0, g->n * sizeof *w->from);
+	for (uint32_t i = 0; g->rough && i + GROUP <= g->n; i += GROUP)
+		mark_group(w, &w->node[i]);
+	for (uint32_t i = 0; i < g->nhull; i++)
+		w->from[g->hull[i]] = 2;
+	for (uint32_t i = 0; i < g->n; i++) {
+		if (w->pts[i].tag & POINT_LINE)
+			w->from[i] = 2;
+		n += w->from[i] != 0;
+	}
+	return n;
+}
+
+/* The triangulation of the base, without its ghosts. */
 static bool make_base(struct greedy *w)
 {
 	struct simplify_greedy *g = w->g;
 	struct mesh_vertex *in;
 	struct tri_result tri;
-	uint32_t n = 0, *number = (uint32_t *)(void *)g->pick, *index = (uint32_t *)(void *)w->hole; /* not used yet */
+	uint32_t n = mark_base(w), *number = (uint32_t *)(void *)g->pick, *index = (uint32_t *)(void *)w->hole; /* not used yet */
 
-	memset(w->from, 0, g->n * sizeof *w->from);
-	for (uint32_t i = 0; i < g->nhull; i++)
-		w->from[g->hull[i]] = 1;
-	for (uint32_t i = 0; i < g->n; i++)
-		n += w->from[i] = w->from[i] || (w->pts[i].tag & POINT_LINE);
 	w->tri = tri_init(w->tri, n < 4 ? 4 : n);
 	in = tri_input(w->tri);
 	n = 0;
@@ -527,7 +549,7 @@ static bool make_base(struct greedy *w)
 
 		if (number[i] == NONE)
 			continue;
-		*c = (struct cell){.first = NONE, .heap = NONE};
+		*c = (struct cell){.first = NONE};
 		for (unsigned k = 0; k < 3; k++) {
 			c->corner[k] = index[tri.id[tri.triangle[i].corner[k]]];
 			c->beside[k] = number[tri.triangle[i].link[k] >> 3];
@@ -550,11 +572,18 @@ static uint32_t locate(const struct greedy *w, uint32_t p, uint32_t t)
 	return t;
 }
 
+static void pick(struct greedy *w, uint32_t at, uint64_t key)
+{
+	w->g->pick[w->g->npick++] = (struct simplify_pick){key, at};
+}
+
 static void deal_first(struct greedy *w)
 {
 	uint32_t t = 0;
 
 	for (uint32_t i = 0; i < w->g->n; i++) {
+		if (w->from[i] == 1)
+			pick(w, i, ROUGH);
 		if (w->from[i])
 			continue;
 		t = locate(w, i, t);
@@ -565,9 +594,41 @@ static void deal_first(struct greedy *w)
 		judge(w, t);
 }
 
+/* Inserts where a point is farther than the limit; a place in memory may have another triangle with such a point then. What
+ * comes to a place that was passed is the next sweep's. True: a point was inserted. */
+static bool sweep(struct greedy *w, uint64_t limit)
+{
+	uint32_t before = w->g->npick;
+
+	for (uint32_t t = 0; t < w->ncell; t++)
+		while (w->key[t] > limit) {
+			uint32_t worst = w->cell[t].worst;
+
+			pick(w, worst, w->key[t]);
+			insert(w, t, worst);
+		}
+	return w->g->npick > before;
+}
+
+static void sweep_all(struct greedy *w)
+{
+	uint64_t limit = 0, least = w->g->least;
+	unsigned step = w->g->step ? w->g->step : STEP;
+
+	for (uint32_t t = 0; t < w->ncell; t++)
+		limit = w->key[t] > limit ? w->key[t] : limit;
+	while (limit > least) {
+		/* Below a sixteenth of a lattice number the order does not matter. */
+		limit = limit >> (SIMPLIFY_KEY_SHIFT - 4) ? limit - limit / step : 0;
+		limit = limit < least ? least : limit;
+		sweep(w, limit);
+	}
+	while (sweep(w, least))
+		;
+}
+
 void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 {
-	uint64_t key = UINT64_MAX;
 	struct greedy w;
 
 	carve(&w, g, memory);
@@ -578,11 +639,5 @@ void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 		return;
 	deal_first(&w);
 	memset(w.from, 0xff, (size_t)g->n * sizeof *w.from);
-	while (w.nheap) {
-		const struct entry top = w.heap[0];
-
-		key = top.key < key ? top.key : key;
-		g->pick[g->npick++] = (struct simplify_pick){key, top.worst};
-		insert(&w, top.cell, top.worst);
-	}
+	sweep_all(&w);
 }
