@@ -66,7 +66,7 @@ static int lay_out(struct simplify_check *c, uint8_t *memory, struct err *err)
 	c->source = align_carve(&at, grid_reader_bytes(s->p.grid));
 	c->worst = align_carve(&at, 2 * cap * sizeof *c->worst);
 	c->key = align_carve(&at, cap * sizeof *c->key);
-	c->bad = (uint32_t *)(void *)c->key;
+	c->list = (uint32_t *)(void *)c->key;
 	c->mine = align_carve(&at, (2 * cap + 63) / 64 * sizeof *c->mine);
 	c->fresh = align_carve(&at, (cap + 63) / 64 * sizeof *c->fresh);
 	return 0;

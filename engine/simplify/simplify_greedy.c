@@ -4,12 +4,11 @@
  * has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
  *
  * Strictly greedy insertion takes the farthest point of all. That order jumps about, and most of the time goes into fetching
- * distant memory. Here sweeps over all triangles insert what is farther than a limit, which falls from sweep to sweep. The points
- * are nearly as few (docs/design/simplify.md), and neighbours are inserted one after the other.
+ * distant memory. Here sweeps over some neighbouring triangles of the base, and what they become, insert what is farther than a
+ * limit, which falls from sweep to sweep. The points are nearly as few (docs/design/simplify.md), and the memory is near.
  *
  * Where the ground is rough most points stay, and dealing all points out again and again, until triangles are small, takes the
- * rest of the time. There the base has more points: of every few points in Morton order the one that is highest above the plane
- * through them, and the lowest, if these are farther than the error.
+ * rest of the time. There the base has more points (simplify_base.c).
  *
  * A fan is usually dealt out relative to its new point, in 64 bits: the turns that find a triangle are the weights of its corners
  * in the height of its plane. Fans of many triangles, and wide blocks, go the long way.
@@ -25,15 +24,16 @@
 #include "align.h"
 #include "digest.h"
 #include "geom.h"
+#include "simplify_base.h"
 #include "simplify_error.h"
 #include "tri.h"
 
 #define NONE UINT32_MAX
 
 enum {
-	FAN = 64,   /* the most triangles of a fan that is dealt out in 64 bits */
-	GROUP = 16, /* points in Morton order whose highest and lowest may be in the base */
-	STEP = 6,   /* the limit falls by a sixth */
+	FAN = 64,    /* the most triangles of a fan that is dealt out in 64 bits */
+	STEP = 6,    /* the limit falls by a sixth */
+	PART = 1024, /* triangles of the base that are refined one after the other */
 };
 
 /* The key of a point of the base: greater than all errors. */
@@ -81,7 +81,8 @@ struct greedy {
 	struct tri *tri; /* of the base; in the memory of sides and keys, which are used later */
 	struct simplify_place *order;
 	uint32_t ncell, nhole, nside;
-	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
+	int64_t high;  /* the range of heights; 0: the block is too wide for 64 bits */
+	int64_t error; /* what is not farther is near enough; within the range */
 	struct blade blade[FAN];
 	uint32_t list[FAN], nlist; /* the first points of lists */
 };
@@ -132,6 +133,7 @@ static void fill_nodes(struct greedy *w)
 	}
 	if (!(((int64_t)high[0] - low[0]) >> 30) && !(((int64_t)high[1] - low[1]) >> 30))
 		w->high = (int64_t)high[2] - low[2] + 1;
+	w->error = w->g->least >> SIMPLIFY_KEY_SHIFT < (uint64_t)w->high ? (int64_t)(w->g->least >> SIMPLIFY_KEY_SHIFT) : w->high;
 }
 
 static inline void xy_of(const struct greedy *w, uint32_t i, int32_t ret[2])
@@ -423,7 +425,9 @@ static bool deal_narrow(struct greedy *w, uint32_t p)
 		const struct blade *f = &w->blade[i];
 
 		w->cell[w->side[i].cell].first = f->first;
-		set_worst(w, w->side[i].cell, f->worst, simplify_key_of(f->most, f->area));
+		/* Most are near enough, and a division takes long. */
+		set_worst(w, w->side[i].cell, f->worst,
+			  f->most > (uint64_t)(w->error * f->area) ? simplify_key_of(f->most, f->area) : 0);
 	}
 	return true;
 }
@@ -440,93 +444,14 @@ static void insert(struct greedy *w, uint32_t t, uint32_t p)
 
 /* ---- the base ---- */
 
-/* Sums of a group of points, relative to the first one. Their choice need not be exact, only always the same. */
-struct sums {
-	double x, y, z, xx, xy, yy, xz, yz;
-};
-
-static void add_sums(struct sums *s, double x, double y, double z)
-{
-	s->x += x;
-	s->y += y;
-	s->z += z;
-	s->xx += x * x;
-	s->xy += x * y;
-	s->yy += y * y;
-	s->xz += x * z;
-	s->yz += y * z;
-}
-
-/* The plane of least squares, z = k[0] x + k[1] y + k[2]. False: there is none. */
-static bool fit_plane(const struct sums *s, double k[3])
-{
-	double xx = s->xx - s->x * s->x / GROUP, xy = s->xy - s->x * s->y / GROUP, yy = s->yy - s->y * s->y / GROUP,
-	       xz = s->xz - s->x * s->z / GROUP, yz = s->yz - s->y * s->z / GROUP, d = xx * yy - xy * xy;
-
-	if (!(d > 0))
-		return false;
-	k[0] = (xz * yy - yz * xy) / d;
-	k[1] = (yz * xx - xz * xy) / d;
-	k[2] = (s->z - k[0] * s->x - k[1] * s->y) / GROUP;
-	return true;
-}
-
-/* Marks the highest and the lowest of a group above and below its plane, if they are farther from it than the error. */
-static void mark_group(struct greedy *w, const struct node *o)
-{
-	double high = (double)w->g->least / (1 << SIMPLIFY_KEY_SHIFT), low = -high, k[3];
-	uint32_t first = (uint32_t)(o - w->node), highest = first, lowest = first;
-	struct sums s = {0};
-	bool any[2] = {false, false};
-
-	for (unsigned i = 1; i < GROUP; i++)
-		add_sums(&s, (double)o[i].x - o->x, (double)o[i].y - o->y, (double)o[i].z - o->z);
-	if (!fit_plane(&s, k))
-		return;
-	for (unsigned i = 0; i < GROUP; i++) {
-		double x = (double)o[i].x - o->x, y = (double)o[i].y - o->y, z = (double)o[i].z - o->z,
-		       far = z - (k[0] * x + k[1] * y + k[2]);
-
-		if (far > high) {
-			high = far;
-			highest = first + i;
-			any[0] = true;
-		} else if (far < low) {
-			low = far;
-			lowest = first + i;
-			any[1] = true;
-		}
-	}
-	w->from[highest] |= any[0];
-	w->from[lowest] |= any[1];
-}
-
-/* Marks the base in `from`. What is neither hull nor a vertex of a line is picked. */
-static uint32_t mark_base(struct greedy *w)
-{
-	struct simplify_greedy *g = w->g;
-	uint32_t n = 0;
-
-	memset(w->from, 0, g->n * sizeof *w->from);
-	for (uint32_t i = 0; g->rough && i + GROUP <= g->n; i += GROUP)
-		mark_group(w, &w->node[i]);
-	for (uint32_t i = 0; i < g->nhull; i++)
-		w->from[g->hull[i]] = 2;
-	for (uint32_t i = 0; i < g->n; i++) {
-		if (w->pts[i].tag & POINT_LINE)
-			w->from[i] = 2;
-		n += w->from[i] != 0;
-	}
-	return n;
-}
-
 /* The triangulation of the base, without its ghosts. */
 static bool make_base(struct greedy *w)
 {
 	struct simplify_greedy *g = w->g;
 	struct mesh_vertex *in;
 	struct tri_result tri;
-	uint32_t n = mark_base(w), *number = (uint32_t *)(void *)g->pick, *index = (uint32_t *)(void *)w->hole; /* not used yet */
+	uint32_t n = simplify_base(g, w->from), *number = (uint32_t *)(void *)g->pick,
+		 *index = (uint32_t *)(void *)w->hole; /* not used yet */
 
 	w->tri = tri_init(w->tri, n < 4 ? 4 : n);
 	in = tri_input(w->tri);
@@ -539,11 +464,7 @@ static bool make_base(struct greedy *w)
 	if (tri_run(w->tri, n))
 		return false;
 	tri_result(w->tri, &tri);
-	for (uint32_t i = 0; i < tri.ntriangle; i++) {
-		const uint32_t *c = tri.triangle[i].corner;
-
-		number[i] = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST ? NONE : w->ncell++;
-	}
+	w->ncell = simplify_base_number(g->n, &tri, index, (uint32_t *)(void *)w->order, number);
 	for (uint32_t i = 0; i < tri.ntriangle; i++) {
 		struct cell *c = &w->cell[number[i]];
 
@@ -582,7 +503,7 @@ static void deal_first(struct greedy *w)
 	uint32_t t = 0;
 
 	for (uint32_t i = 0; i < w->g->n; i++) {
-		if (w->from[i] == 1)
+		if (w->from[i] == SIMPLIFY_ROUGH)
 			pick(w, i, ROUGH);
 		if (w->from[i])
 			continue;
@@ -595,12 +516,12 @@ static void deal_first(struct greedy *w)
 }
 
 /* Inserts where a point is farther than the limit; a place in memory may have another triangle with such a point then. What
- * comes to a place that was passed is the next sweep's. True: a point was inserted. */
-static bool sweep(struct greedy *w, uint64_t limit)
+ * comes to a place that was passed is the next sweep's. `to`: NONE for all. True: a point was inserted. */
+static bool sweep(struct greedy *w, uint32_t from, uint32_t to, uint64_t limit)
 {
 	uint32_t before = w->g->npick;
 
-	for (uint32_t t = 0; t < w->ncell; t++)
+	for (uint32_t t = from; t < to && t < w->ncell; t++)
 		while (w->key[t] > limit) {
 			uint32_t worst = w->cell[t].worst;
 
@@ -610,20 +531,31 @@ static bool sweep(struct greedy *w, uint64_t limit)
 	return w->g->npick > before;
 }
 
-static void sweep_all(struct greedy *w)
+/* A part of the base, and what is made of it. */
+static void sweep_part(struct greedy *w, uint32_t from, uint32_t to)
 {
+	uint32_t made = w->ncell;
 	uint64_t limit = 0, least = w->g->least;
 	unsigned step = w->g->step ? w->g->step : STEP;
 
-	for (uint32_t t = 0; t < w->ncell; t++)
+	for (uint32_t t = from; t < to; t++)
 		limit = w->key[t] > limit ? w->key[t] : limit;
 	while (limit > least) {
 		/* Below a sixteenth of a lattice number the order does not matter. */
 		limit = limit >> (SIMPLIFY_KEY_SHIFT - 4) ? limit - limit / step : 0;
 		limit = limit < least ? least : limit;
-		sweep(w, limit);
+		sweep(w, from, to, limit);
+		sweep(w, made, NONE, limit);
 	}
-	while (sweep(w, least))
+}
+
+static void sweep_all(struct greedy *w)
+{
+	uint32_t n = w->ncell;
+
+	for (uint32_t t = 0; t < n; t += PART)
+		sweep_part(w, t, n - t < PART ? n : t + PART);
+	while (sweep(w, 0, NONE, w->g->least))
 		;
 }
 

@@ -72,13 +72,13 @@ static void join_corners(const struct simplify_check *c, uint32_t i, bool first,
 	}
 }
 
-/* Marks them; *ret_box contains them. False: there are none. */
-static bool find_mine(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, int32_t ret_box[4])
+/* Marks and lists them; *ret_box contains them. */
+static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, int32_t ret_box[4])
 {
 	struct cut_owner owner;
-	bool any = false;
 
 	cut_owner_init(&owner, region);
+	c->nlist = 0;
 	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
 		bool ghost = is_ghost(&c->tri.triangle[i]);
 
@@ -92,10 +92,9 @@ static bool find_mine(struct simplify_check *c, const struct pipe_kernel *k, con
 			continue;
 		c->mine[i / 64] |= UINT64_C(1) << i % 64;
 		c->worst[i].tag = NONE;
-		join_corners(c, i, !any, ret_box);
-		any = true;
+		join_corners(c, i, !c->nlist, ret_box);
+		c->list[c->nlist++] = i;
 	}
-	return any;
 }
 
 /* ---- a point ---- */
@@ -207,64 +206,63 @@ static int compare(const void *a, const void *b, void *ctx)
 	return point_compare(&c->worst[*(const uint32_t *)a], &c->worst[*(const uint32_t *)b]);
 }
 
-/* Collects the triangles from which a point is too far, by that point. A point on a side may be that of both triangles. */
-static uint32_t find_bad(struct simplify_check *c)
+/* Leaves the triangles from which a point is too far in the list, by that point. One on a side may be that of both triangles. */
+static void find_bad(struct simplify_check *c)
 {
 	uint32_t n = 0, once = 0;
 
-	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
-		if (!simplify_bit(c->mine, i) || !is_fresh(c, i) || c->worst[i].tag == NONE)
+	for (uint32_t i = 0; i < c->nlist; i++) {
+		uint32_t t = c->list[i];
+
+		if (c->worst[t].tag == NONE)
 			continue;
-		set_plane(c, i);
+		set_plane(c, t);
 		if (simplify_plane_beyond(&c->plane, c->most, (int64_t)c->s->at.error))
-			c->bad[n++] = i;
+			c->list[n++] = t;
 	}
-	qsort_r(c->bad, n, sizeof *c->bad, compare, c);
+	qsort_r(c->list, n, sizeof *c->list, compare, c);
 	for (uint32_t i = 0; i < n; i++) {
-		const struct point *p = &c->worst[c->bad[i]], *last = once ? &c->worst[c->bad[once - 1]] : NULL;
+		const struct point *p = &c->worst[c->list[i]], *last = once ? &c->worst[c->list[once - 1]] : NULL;
 
 		if (!last || p->x != last->x || p->y != last->y)
-			c->bad[once++] = c->bad[i];
+			c->list[once++] = c->list[i];
 	}
-	return once;
+	c->nlist = once;
 }
 
-/* Tests the triangles with a fresh corner. *ret: how many points are to be added, the farthest of `bad`. */
-static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, uint32_t *ret,
-		      struct err *err)
+/* Tests the triangles with a fresh corner. The farthest points of those in the list then are to be added. */
+static int test_fresh(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
 {
 	int32_t box[4];
 	int r;
 
-	*ret = 0;
-	if (!find_mine(c, k, region, box))
+	find_mine(c, k, region, box);
+	if (!c->nlist)
 		return 0;
 	simplify_raster_init(&c->raster, box);
 	c->plane_of = UINT32_MAX;
-	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
-		const uint32_t *v = c->tri.triangle[i].corner;
+	c->at = c->list[0];
+	for (uint32_t i = 0; i < c->nlist; i++) {
+		const uint32_t *v = c->tri.triangle[c->list[i]].corner;
 
-		if (!simplify_bit(c->mine, i) || !is_fresh(c, i))
-			continue;
-		c->at = i;
 		simplify_raster_mark(&c->raster, c->tri.xy[v[0]], c->tri.xy[v[1]], c->tri.xy[v[2]]);
 	}
 	r = read_points(c, err);
 	if (r)
 		return r;
-	*ret = find_bad(c);
-	for (uint32_t i = 0; !r && i < *ret; i++)
-		r = simplify_out_add(&c->out, &c->worst[c->bad[i]], 1, err);
+	find_bad(c);
+	for (uint32_t i = 0; !r && i < c->nlist; i++)
+		r = simplify_out_add(&c->out, &c->worst[c->list[i]], 1, err);
 	return r;
 }
 
-/* Adds n points to the triangulation; these alone are fresh then. False: not all of them fit. */
-static bool add_bad(struct simplify_check *c, const struct pipe_kernel *k, uint32_t n)
+/* Adds these points to the triangulation; they alone are fresh then. False: not all of them fit. */
+static bool add_bad(struct simplify_check *c, const struct pipe_kernel *k)
 {
 	uint32_t before = tri_count(k->tri);
 
-	for (uint32_t i = 0; i < n; i++) {
-		const struct point *p = &c->worst[c->bad[i]];
+	for (uint32_t i = 0; i < c->nlist; i++) {
+		const struct point *p = &c->worst[c->list[i]];
 		const struct mesh_vertex v = {p->x, p->y, p->z};
 
 		if (tri_add(k->tri, &v, 1, false) == TRI_E_FULL)
@@ -298,22 +296,21 @@ static void measure(struct simplify_check *c)
 /* With pieces no point is added here: pipe_kernel does not keep what adding to pieces needs. */
 int simplify_region(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
 {
-	uint32_t n;
 	int r;
 
 	c->sink.ctx = c;
 	c->sink.point = add_point;
 	memset(c->mine, 0, (2 * (size_t)c->budget.cap + 63) / 64 * sizeof *c->mine);
 	for (;;) {
-		r = test_fresh(c, k, region, &n, err);
-		if (r || !n || k->chosen)
+		r = test_fresh(c, k, region, err);
+		if (r || !c->nlist || k->chosen)
 			break;
-		if (!add_bad(c, k, n)) {
+		if (!add_bad(c, k)) {
 			c->found.far = SIMPLIFY_UNKNOWN;
 			break;
 		}
 	}
-	c->open = c->open || n;
+	c->open = c->open || c->nlist;
 	measure(c);
 	return r;
 }

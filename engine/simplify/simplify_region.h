@@ -34,7 +34,7 @@ struct simplify_check {
 	struct point *worst;      /* of each triangle that is tested, its farthest point; the tag is NONE if there is none */
 	uint64_t *mine;           /* a bit for each triangle that is tested, or was */
 	uint64_t *key;            /* of points that were added, ascending */
-	uint32_t *bad;            /* triangles from which a point is too far; in the memory of `key`, which is used before */
+	uint32_t *list, nlist;    /* the triangles that are tested now; in the memory of `key`, which is used before */
 	uint64_t *fresh;          /* a bit for each vertex that was added */
 	struct tri_result tri;
 	uint32_t at; /* the triangle of the last point */
