@@ -46,7 +46,7 @@ static uint64_t least_key(const struct simplify *s)
 
 static int write_block(struct part *w, struct err *err)
 {
-	struct simplify_greedy g = {.pts = w->pts, .n = w->n, .least = least_key(w->s)};
+	struct simplify_greedy g = {.pts = w->pts, .n = w->n, .least = least_key(w->s), .rough = !w->s->p.max_points};
 	int r = 0;
 
 	simplify_greedy_run(&g, w->greedy);
