@@ -137,22 +137,22 @@ static int check_system(const struct work *w, const char *crs, struct err *err)
 	return err_add_hint(err, "convert them: ogr2ogr -t_srs EPSG:%lu OUT.geojson FILE", mesh);
 }
 
-/* Waits until it is done, and keeps what it tells of its mesh. Exit status. */
+/* What is known of its mesh before it is made. Exit status. */
 static int find_job(struct work *w, unsigned i)
 {
 	struct session *session = w->session;
 	struct ctl_volume_mesh *m = &w->about.mesh[i];
-	struct volume_side *side = &w->opt.side[i];
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	const char *of[4];
-	int status;
 
-	if (acut_job_wait(session->acut, m->job, true, session_progress_job, &w->progress, &job))
+	if (acut_job_wait(session->acut, m->job, false, NULL, NULL, &job))
 		return session_error_acut(session);
-	status = job->has_report ? 0 : ctl_report_job_status(session, job);
-	if (status || !job->has_report)
+	if (job->final && !job->has_report) {
+		int status = ctl_report_job_status(session, job);
+
 		return status ? status : 1;
+	}
 	of[0] = job->lattice;
 	of[1] = job->crs;
 	of[2] = job->unit_xy;
@@ -167,9 +167,25 @@ static int find_job(struct work *w, unsigned i)
 		return session_error(session, &err);
 	}
 	snprintf(w->name[i], sizeof(w->name[i]), "job %llu", (unsigned long long)m->job);
-	*side = (struct volume_side){w->name[i],    w->text[i][0], w->text[i][1],
-				     w->text[i][2], w->text[i][3], w->window ? job->report.triangles / 8 : job->report.triangles};
+	w->opt.side[i] = (struct volume_side){w->name[i], w->text[i][0], w->text[i][1], w->text[i][2], w->text[i][3], 0};
 	return check_system(w, w->text[i][1], &err) ? session_error(session, &err) : 0;
+}
+
+/* Exit status. */
+static int wait_job(struct work *w, unsigned i)
+{
+	struct session *session = w->session;
+	const struct acut_job *job;
+	int status;
+
+	if (acut_job_wait(session->acut, w->about.mesh[i].job, true, session_progress_job, &w->progress, &job))
+		return session_error_acut(session);
+	status = job->has_report ? 0 : ctl_report_job_status(session, job);
+	if (status || !job->has_report)
+		return status ? status : 1;
+	w->opt.side[i].triangles = w->window ? job->report.triangles / 8 : job->report.triangles;
+	volume_expect(w->volume, i, w->opt.side[i].triangles);
+	return 0;
 }
 
 /* ---- the meshes ---- */
@@ -260,23 +276,24 @@ static int by_changes(struct work *w)
 {
 	const struct ctl_volume_mesh *m = w->about.mesh;
 	struct acut_changes_sink sink;
-	int status;
+	int status = 0;
 
 	if (w->opt.has_level || w->opt.areas || w->opt.nimage || strcmp(m[0].dataset, m[1].dataset) != 0 ||
 	    strcmp(m[0].view, m[1].view) != 0 || m[0].generation == m[1].generation)
 		return NO_CHANGES;
-	status = begin(w);
 	for (unsigned i = 0; i < 2 && !status; i++) {
 		sink = volume_changes(w->volume, i, m[!i].job);
 		status = fetch(w, i, &sink, m[!i].generation);
 	}
+	if (status == NO_CHANGES && !(status = begin(w)))
+		return NO_CHANGES;
 	sink.mesh = volume_whole(w->volume);
 	return status ? status : fetch(w, 1, &sink, 0);
 }
 
 static int by_wholes(struct work *w)
 {
-	int status = begin(w);
+	int status = 0;
 
 	for (unsigned i = 0; i < (w->opt.has_level ? 1 : 2) && !status; i++) {
 		const struct acut_changes_sink sink = {volume_sink(w->volume, i), NULL, NULL};
@@ -321,6 +338,10 @@ static int compare(struct work *w)
 	session_progress_init(&w->progress, session);
 	for (unsigned i = 0; i < n && !status; i++)
 		status = find_job(w, i);
+	if (!status) /* all that is wrong with the options is said before a job is waited for */
+		status = begin(w);
+	for (unsigned i = 0; i < n && !status; i++)
+		status = wait_job(w, i);
 	if (status)
 		return status;
 	status = by_changes(w);
