@@ -75,6 +75,43 @@ static int parse_level(struct work *w, const struct ctl_volume_options *o, unsig
 	return 0;
 }
 
+static int no_such_field(const struct ctl_area *a, const char *field, const char *file, struct err *err)
+{
+	char *list = NULL;
+	size_t size;
+	FILE *out = open_memstream(&list, &size);
+
+	err_set(err, ERR_USAGE, "no polygon has a property \"%.64s\" that is a text or a number", field);
+	err_add_file(err, file);
+	for (unsigned i = 0; i < a->nfield && out; i++)
+		fprintf(out, "%s%.40s", i ? ", " : "", a->field[i]);
+	if (out && a->more_fields)
+		fprintf(out, " and others");
+	if (!out || fclose(out) || !a->nfield)
+		err_add_hint(err, "they have no such properties at all: leave out --name-field, and they are numbered");
+	else
+		err_add_hint(err, "they have %s", list);
+	free(list);
+	return -(int)err->code;
+}
+
+/* A field that was asked for must name something. */
+static int check_names(struct work *w, const struct ctl_volume_options *o, struct err *err)
+{
+	size_t named = 0;
+
+	for (size_t i = 0; i < w->areas.nfeature; i++)
+		named += *ctl_area_name(&w->areas, i) != 0;
+	if (!o->name_field || named == w->areas.nfeature)
+		return 0;
+	if (!named)
+		return no_such_field(&w->areas, o->name_field, o->within, err);
+	console_warn(&w->session->console,
+		     "%zu of %zu polygons have no property \"%s\" that is a text or a number: they are numbered",
+		     w->areas.nfeature - named, w->areas.nfeature, o->name_field);
+	return 0;
+}
+
 /* Features without a polygon have no result. */
 static int parse_within(struct work *w, const struct ctl_volume_options *o, struct err *err)
 {
@@ -94,6 +131,8 @@ static int parse_within(struct work *w, const struct ctl_volume_options *o, stru
 	a->nfeature = n;
 	w->opt.areas = a;
 	w->opt.areas_file = o->within;
+	if (check_names(w, o, err))
+		return -(int)err->code;
 	text = open_memstream(&w->window, &size);
 	if (!text)
 		return err_set(err, ERR_NOMEM, "no memory for polygons");

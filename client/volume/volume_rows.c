@@ -63,7 +63,7 @@ static int add_areas(struct volume_rows *rows, const struct volume_frame *f, con
 
 		if (volume_area_new(f, opt->areas, i, &row->area, err))
 			return err_add_file(err, opt->areas_file);
-		row->name = opt->areas->feature[i].name;
+		row->name = ctl_area_name(opt->areas, i);
 		rows->n++;
 	}
 	rows->box = calloc(2 * rows->n, sizeof(*rows->box));

@@ -203,6 +203,22 @@ def polygons():
         expect(all(r["only_first"] == r["only_second"] == 0 for r in rows), "%s" % rows)
         names = volumes(d, *jobs, "--within", write(base + "/id.geojson", feature("x", box(0, 0, 9, 9), key="id")), "--name-field", "id")["volumes"]
         expect(names[0]["name"] == "x", "%s" % names)
+        # A field that is long, one that no feature has, one that some have.
+        long = "b" * 40
+        path2 = write(base + "/id.geojson", feature("x", box(0, 0, 9, 9), key=long), feature("é" * 400, box(9, 0, 19, 9), key="id"))
+        names = volumes(d, *jobs, "--within", path2, "--name-field", long)
+        expect([r["name"] for r in names["volumes"]] == ["x", None] and "1 of 2" in names["warnings"][0], "%s" % names)
+        names = volumes(d, *jobs, "--within", path2, "--name-field", "id")
+        expect([r["name"] for r in names["volumes"]] == [None, "é" * 400] and "1 of 2" in names["warnings"][0], "%s" % names)
+        table = list(csv.DictReader(io.StringIO(d.ctl("volume", *jobs, "--within", path2, "--csv", "--name-field", "id").ok().out)))
+        expect([r["name"] for r in table] == ["1", "é" * 400], "%s" % table)
+        for field in (long[:31], "a", "nom"):
+            r = d.ctl("volume", *jobs, "--within", path2, "--name-field", field)
+            expect(r.status == 2 and '"%s"' % field in r.err and long + ", id" in r.err and "id.geojson" in r.err, "%d %s" % (r.status, r.err))
+        with open(base + "/id.wkt", "w") as f:
+            f.write("POLYGON ((600000 6500000, 600009 6500000, 600009 6500009, 600000 6500000))")
+        r = d.ctl("volume", *jobs, "--within", base + "/id.wkt", "--name-field", "id")
+        expect(r.status == 2 and "no such properties" in r.err, "%d %s" % (r.status, r.err))
         # CSV has the same numbers; the table has a row each.
         table = list(csv.DictReader(io.StringIO(d.ctl("volume", *jobs, "--within", path, "--csv").ok().out)))
         expect([float(r["fill"]) for r in table] == [r["fill"] for r in rows] and [r["name"] for r in table] == [r["name"] for r in rows], "%s" % table)
