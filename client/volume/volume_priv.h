@@ -167,6 +167,19 @@ struct volume_call {
 int volume_leaf_join(struct volume_leaf *, const struct volume_triangle *a, size_t na, const struct volume_triangle *b, size_t nb,
 		     const struct volume_rect *, const struct volume_call *, struct err *err);
 
+/* ---- slivers: volume_slab.c ---- */
+
+struct volume_slab_call {
+	int (*each)(void *ctx, uint32_t a, uint32_t b); /* not 0: ends it */
+	void *ctx;
+	int (*interrupted)(void *ctx); /* may be NULL */
+	void *ctx_interrupted;
+};
+/* Calls `each` once for each a[ia[i]] and b[ib[k]] that overlap between x[0] and x[1], with i and k; and perhaps for a few that
+ * only touch. Those of a side must not overlap each other. */
+int volume_slabs(const struct volume_triangle *a, const uint32_t *ia, size_t na, const struct volume_triangle *b,
+		 const uint32_t *ib, size_t nb, const int64_t x[2], const struct volume_slab_call *, struct err *err);
+
 /* ---- pairs of any number: volume_join.c ---- */
 
 struct volume_join;
@@ -179,6 +192,7 @@ struct volume_join *volume_join_free(struct volume_join *);
 struct volume_join_sizes {
 	unsigned cell, leaf, depth; /* triangles of a cell, and of a side that are joined in memory; levels of grids */
 	uint64_t sort;              /* bytes */
+	unsigned crowd;             /* tries, and four times the cells, a triangle, beyond which cells give way to slabs */
 };
 extern struct volume_join_sizes volume_join_sizes;
 
