@@ -29,26 +29,31 @@
 #include "pipe.h"
 #include "selection.h"
 #include "store.h"
+#include "tool_options.h"
 
 enum { INDEX_MEMORY = 4 << 20 };
 
-static const char USAGE[] =
-	"usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
-	"       acut-domain [--memory SIZE] --plan MANIFEST VIEW\n"
-	"       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n"
-	"\n"
-	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
-	"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order.\n"
-	"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
-	"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n"
-	"\n"
-	"  --memory SIZE   bytes for one domain and the index (default 256M)\n"
-	"  --plan          print the regions, a line each: REGION at-most|exact POINTS\n"
-	"  --select        print FOLDER/manifest, a tab, VIEW\n"
-	"  --help, --version\n"
-	"\n"
-	"VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
-	"Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n";
+static const struct tool_option OPTIONS[] = {
+	{"memory", "SIZE", "bytes for one domain and the index (default 256M)", 'm'},
+	{"plan", NULL, "print the regions, a line each: REGION at-most|exact POINTS", 'p'},
+	{"select", NULL, "print FOLDER/manifest, a tab, VIEW", 's'},
+};
+static const struct tool TOOL = {
+	.name = "acut-domain",
+	.usage = "usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
+		 "       acut-domain [--memory SIZE] --plan MANIFEST VIEW\n"
+		 "       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n",
+	.about =
+		"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
+		"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order.\n"
+		"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
+		"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n",
+	.end = "\n"
+	       "VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
+	       "Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n",
+	.option = OPTIONS,
+	.n = sizeof OPTIONS / sizeof *OPTIONS,
+};
 
 struct options {
 	uint64_t memory;
@@ -63,26 +68,17 @@ struct session {
 	struct pipe_budget budget;
 };
 
-static int usage_error(const char *text)
-{
-	fprintf(stderr, "acut-domain: %s\nTry 'acut-domain --help'.\n", text);
-	return 2;
-}
-
 /* -1: continue; otherwise the exit status. */
 static int parse_options(int argc, char **argv, struct options *o)
 {
-	static const struct option longs[] = {
-		{"memory", required_argument, NULL, 'm'}, {"plan", no_argument, NULL, 'p'},    {"select", no_argument, NULL, 's'},
-		{"help", no_argument, NULL, 'h'},         {"version", no_argument, NULL, 'V'}, {0},
-	};
-	int c;
+	const char *value;
+	int c, status;
 
-	while ((c = getopt_long(argc, argv, "", longs, NULL)) != -1) {
+	while ((c = tool_next(&TOOL, argc, argv, &value, &status)) != TOOL_END) {
 		switch (c) {
 		case 'm':
-			if (!parse_size(optarg, &o->memory))
-				return usage_error("--memory wants a size such as 256M");
+			if (!parse_size(value, &o->memory))
+				return tool_usage_error(&TOOL, "--memory wants a size such as 256M");
 			break;
 		case 'p':
 			o->plan = true;
@@ -90,23 +86,16 @@ static int parse_options(int argc, char **argv, struct options *o)
 		case 's':
 			o->select = true;
 			break;
-		case 'h':
-			fputs(USAGE, stdout);
-			return 0;
-		case 'V':
-			puts("acut-domain " ACUT_VERSION);
-			return 0;
 		default:
-			fputs("Try 'acut-domain --help'.\n", stderr);
-			return 2;
+			return status;
 		}
 	}
 	if (o->plan && o->select)
-		return usage_error("--plan and --select are two commands");
+		return tool_usage_error(&TOOL, "--plan and --select are two commands");
 	if (argc - optind != (o->plan ? 2 : o->select ? 3 : 4))
-		return usage_error(o->plan   ? "--plan wants MANIFEST and VIEW" :
-				   o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
-					       "it wants MANIFEST, VIEW, REGION and OUT");
+		return tool_usage_error(&TOOL, o->plan   ? "--plan wants MANIFEST and VIEW" :
+					       o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
+							   "it wants MANIFEST, VIEW, REGION and OUT");
 	o->manifest = argv[optind];
 	o->view = argv[optind + 1];
 	o->region = o->plan || o->select ? NULL : argv[optind + 2];
