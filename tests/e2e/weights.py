@@ -91,8 +91,10 @@ def any_memory():
                 out = os.path.join(base, memory + ".ply")
                 d.ctl("fetch", str(got["job"]), "-o", out).ok()
                 expect("element vertex %d\n" % got["vertices"] in open(out, errors="replace").read(2000), "vertices of the file")
-                r = e2e.run([e2e.VERIFY, out, "--view", got["view"]])
-                expect(r.status != 0 and "weights" in r.err, "acut-verify: %s" % (r.out + r.err))
+                r = e2e.run([e2e.VERIFY, out, "--view", got["view"], "--json", *files]).ok().json()
+                expect(r["good"] and r["hidden"] == got["removed"]["weight"], r)
+                for args in (["--weight", "2=20,9=8"], []):
+                    expect(e2e.run([e2e.VERIFY, out, *args, *files]).status == 1, "other weights: %s" % args)
         expect(len(seen) == 1, seen)
 
 
