@@ -145,7 +145,7 @@ def refused():
         job = submit(d, "s", {2: 5})["job"]
         for args, said in ((["submit", "s", "--weight", "2=5", "--bbox", "0,0,5,5"], "triangles of an area"),
                            (["fetch", str(job), "--bbox", "0,0,5,5", "-o", os.path.join(base, "x.ply")], "triangles of an area"),
-                           (["submit", "s", "--weight", "2=5,2=6"], "has a radius"), (["submit", "s", "--weight", "2"], "--weight")):
+                           (["submit", "s", "--weight", "2=5,2=6"], "named twice"), (["submit", "s", "--weight", "2"], "--weight")):
             r = d.ctl(*args)
             expect(r.status == 2 and said in r.err, "%s: %d, %s" % (args, r.status, r.err))
         path = os.path.join(base, "lines.csv")
