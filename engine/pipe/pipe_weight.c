@@ -42,6 +42,11 @@ static int64_t greatest(const struct grid *grid, const struct view *view)
 	return most;
 }
 
+int64_t pipe_weight_most(const struct grid *grid, const struct view *view)
+{
+	return greatest(grid, view);
+}
+
 static int verify(struct regular *w, const struct grid *grid, void *memory, uint64_t *ret_need, struct err *err)
 {
 	struct grid_reader *reader;

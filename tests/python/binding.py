@@ -161,6 +161,7 @@ def same_views():
             ({"metric": (-6, 2, 5)}, ["--metric=3,-1,5"]), ({"metric": "1,0,1"}, ["--metric", "0,1,1"]),
             # Values that change nothing contradict nothing.
             ({"metric": (1, 0, 1), "max_error": 1}, ["--metric", "1,0,1", "--max-error", "1"]),
+            ({"weight": {2: 1}, "polygon": gj}, ["--weight", "2=1", "--polygon", gj]),
             ({"weight": {0: 0}, "bbox": (500001, 5400001, 500030, 5400020)}, ["--weight", "0=0", "--bbox", "500001,5400001,500030,5400020"]),
             ({"breakline_clear": "0.0m", "no_breaklines": True}, ["--breakline-clear", "0.0m", "--no-breaklines"]),
         ]
@@ -181,7 +182,7 @@ def same_views():
                 ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"]), ({"breakline_clear": -1}, ["--breakline-clear=-1"]),
                 ({"weight": {256: 1}}, ["--weight", "256=1"]), ({"weight": "2"}, ["--weight", "2"]),
                 ({"weight": "0=0,0=2"}, ["--weight", "0=0,0=2"]), ({"weight": {}}, ["--weight", ""]),
-                ({"weight": {2: -1}}, ["--weight", "2=-1"]), ({"weight": {2: 1}, "bbox": (0, 0, 1, 1)}, ["--weight", "2=1", "--bbox", "0,0,1,1"]),
+                ({"weight": {2: -1}}, ["--weight", "2=-1"]),
                 ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"]),
                 ({"max_error": -1}, ["--max-error=-1"]), ({"max_error": 1, "max_points": 9}, ["--max-error", "1", "--max-points", "9"]),
                 ({"max_points": 0}, ["--max-points", "0"]),

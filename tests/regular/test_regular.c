@@ -65,38 +65,6 @@ static void mesh_add(struct mesh *m, const int32_t at[3][3])
 
 /* ---- the whole mesh ---- */
 
-/* Weights for some of the classes that the records have, of the size of the set's distances or anything. */
-static void draw_weights(uint64_t *seed)
-{
-	static const uint8_t classes[] = {1, 2, 7};
-	unsigned size = below(seed, 5);
-
-	for (unsigned i = 0; i < 3; i++) {
-		uint32_t most = size < 3 ? 3 + 4 * size : size == 3 ? 1000 : 1u << (10 + below(seed, 21));
-
-		if (below(seed, 4))
-			view_weight_set(&view, classes[i], (int32_t)below(seed, most + 1));
-	}
-	sets_reduce(&set, &view);
-}
-
-static uint8_t weight_of(const struct mesh_vertex *v)
-{
-	const struct point *best = NULL;
-
-	for (unsigned s = 0; s < set.segments; s++)
-		for (size_t i = 0; i < set.nrecord[s]; i++) {
-			const struct point *p = &set.record[s][i];
-
-			if (p->x == v->x && p->y == v->y && view_judge(&view, p) == VIEW_KEPT &&
-			    (!best || view_prefers(&view, p, best)))
-				best = p;
-		}
-	assert_non_null(best);
-	assert_int_equal(best->z, v->z);
-	return view_weight_of(&view, best);
-}
-
 /* False: the positions are flat. */
 static bool make_whole(void)
 {
@@ -108,7 +76,7 @@ static bool make_whole(void)
 
 	view_weights(&view, weight);
 	for (unsigned i = 0; i < set.n; i++)
-		kind[i] = weight_of(&set.pos[i]);
+		kind[i] = sets_weight_of(&set, &view, &set.pos[i]);
 	memcpy(tri_input(r.tri), set.pos, set.n * sizeof *set.pos);
 	if (tri_regular_run(&r, set.n, kind))
 		return false;
@@ -346,7 +314,7 @@ static bool one_case(uint64_t seed, enum how how)
 	unsigned n;
 
 	sets_make(&seed, &set, &view);
-	draw_weights(&seed);
+	sets_weights(&seed, &set, &view);
 	cases++;
 	if (set.n < 3 || !make_whole())
 		return true;
