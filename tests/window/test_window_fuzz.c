@@ -603,6 +603,47 @@ static void widening_matters(void **state)
 	assert_true(wrong > 20);
 }
 
+static int by_key(const void *a, const void *b)
+{
+	return point_compare(a, b);
+}
+
+/* A row with a large radius, and a window far beside it, with few positions around: all cells of the row lie there. */
+static void too_many_matter(void **state)
+{
+	enum { ROW = 1500, FEW = 4, CAP = 1024 };
+	static struct point pts[ROW + FEW];
+	const struct cut_region plane = window_piece_plane();
+	const int64_t box[4] = {-50000, 0, -49990, ROW};
+	struct tiling t = {.pts = {pts}, .n = {ROW + FEW}, .segments = 1, .cell_records = 1};
+	struct cut_source src;
+	struct err err = ERR_INIT;
+	struct mesh_domain d;
+	uint64_t need;
+	struct window_from from = {.src = &src, .view = &view, .region = &plane, .cap = CAP, .memory = memory};
+
+	(void)state;
+	for (int i = 0; i < ROW; i++)
+		pts[i] = (struct point){.x = 6000, .y = i, .cls = 2, .ret = 0x11};
+	for (int i = 0; i < FEW; i++)
+		pts[ROW + i] = (struct point){.x = i / 2 ? 5000 : -1000000, .y = i % 2 * ROW, .ret = 0x11};
+	qsort(pts, ROW + FEW, sizeof(*pts), by_key);
+	tiling_source(&t, &src);
+	view = VIEW_INIT;
+	assert_true(view_weight_set(&view, 2, 100000));
+	view.window = VIEW_CROP_BOX;
+	memcpy(view.window_box, box, sizeof(box));
+	from.most = INT64_C(100000) * 100000;
+	from.room = tri_bytes(CAP) + PIECES_ROOM;
+	assert_int_equal(window_domain_from(&from, view.k, &d, &need, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.message, "because of the radii of --weight"));
+	from.cap = 2 * CAP;
+	from.room = tri_bytes(2 * CAP) + PIECES_ROOM;
+	err = ERR_INIT;
+	assert_int_equal(window_domain_from(&from, view.k, &d, &need, &err), 0);
+	assert_true(d.ntriangle > ROW - 10);
+}
+
 static int set_up(void **state)
 {
 	(void)state;
@@ -619,7 +660,8 @@ static int tear_down(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz), cmocka_unit_test(widening_matters)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz), cmocka_unit_test(widening_matters),
+					   cmocka_unit_test(too_many_matter)};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);
 }
