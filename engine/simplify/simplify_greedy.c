@@ -516,36 +516,38 @@ static void deal_first(struct greedy *w)
 }
 
 /* Inserts where a point is farther than the limit; a place in memory may have another triangle with such a point then. What
- * comes to a place that was passed is the next sweep's. `to`: NONE for all. True: a point was inserted. */
-static bool sweep(struct greedy *w, uint32_t from, uint32_t to, uint64_t limit)
+ * comes to a place that was passed is the next sweep's. `to`: NONE for all. `before`: the limit before, which no pick's key is
+ * above: a triangle that an insertion makes can have a point that is farther. True: a point was inserted. */
+static bool sweep(struct greedy *w, uint32_t from, uint32_t to, uint64_t limit, uint64_t before)
 {
-	uint32_t before = w->g->npick;
+	uint32_t npick = w->g->npick;
 
 	for (uint32_t t = from; t < to && t < w->ncell; t++)
 		while (w->key[t] > limit) {
 			uint32_t worst = w->cell[t].worst;
 
-			pick(w, worst, w->key[t]);
+			pick(w, worst, w->key[t] < before ? w->key[t] : before);
 			insert(w, t, worst);
 		}
-	return w->g->npick > before;
+	return w->g->npick > npick;
 }
 
 /* A part of the base, and what is made of it. */
 static void sweep_part(struct greedy *w, uint32_t from, uint32_t to)
 {
 	uint32_t made = w->ncell;
-	uint64_t limit = 0, least = w->g->least;
+	uint64_t limit = 0, before, least = w->g->least;
 	unsigned step = w->g->step ? w->g->step : STEP;
 
 	for (uint32_t t = from; t < to; t++)
 		limit = w->key[t] > limit ? w->key[t] : limit;
 	while (limit > least) {
+		before = limit;
 		/* Below a sixteenth of a lattice number the order does not matter. */
 		limit = limit >> (SIMPLIFY_KEY_SHIFT - 4) ? limit - limit / step : 0;
 		limit = limit < least ? least : limit;
-		sweep(w, from, to, limit);
-		sweep(w, made, NONE, limit);
+		sweep(w, from, to, limit, before);
+		sweep(w, made, NONE, limit, before);
 	}
 }
 
@@ -555,7 +557,7 @@ static void sweep_all(struct greedy *w)
 
 	for (uint32_t t = 0; t < n; t += PART)
 		sweep_part(w, t, n - t < PART ? n : t + PART);
-	while (sweep(w, 0, NONE, w->g->least))
+	while (sweep(w, 0, NONE, w->g->least, w->g->least + 1))
 		;
 }
 

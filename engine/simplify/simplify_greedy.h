@@ -16,8 +16,8 @@ enum { SIMPLIFY_BLOCK = 1 << 16 }; /* the most positions of a block */
 /* The distance of a point to the surface, up or down, as floor(distance * 2^16): 49 bits at most. */
 enum { SIMPLIFY_KEY_SHIFT = 16 };
 
-/* Point `at`, which had this key when it was inserted; one of the base has one above all others. So the picks with a key above
- * another one are nearly those of a run that ends there. */
+/* Point `at`, with a key that fell from pick to pick by steps: not more than it had when it was inserted. One of the base has a
+ * key above all others. So the picks with a key above another one are nearly those of a run that ends there. */
 struct simplify_pick {
 	uint64_t key;
 	uint32_t at;

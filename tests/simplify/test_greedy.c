@@ -1,7 +1,7 @@
 /*
  * Greedy insertion into one block, in ranges from a few positions to the whole lattice: the hull is that of brute force; what is
- * inserted leaves no point whose key is greater; what is inserted is the farthest point of its triangle then, with its key.
- * Planes against determinants of 128 bits.
+ * inserted leaves no point whose key is greater; what is inserted is the farthest point of its triangle then, no nearer than
+ * its key. Planes against determinants of 128 bits.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -157,7 +157,8 @@ static void check_pick(const struct simplify_greedy *g, uint32_t pick)
 	struct tri_result r;
 	struct tri *t;
 	uint32_t n = 0;
-	uint64_t most = 0, key;
+	uint64_t key;
+	bool any = false;
 
 	for (uint32_t i = 0; i < g->n; i++) {
 		bool in = g->pts[i].tag & POINT_LINE;
@@ -173,18 +174,19 @@ static void check_pick(const struct simplify_greedy *g, uint32_t pick)
 	tri_result(t, &r);
 	for (uint32_t k = 0; k < r.ntriangle; k++) {
 		const uint32_t *c = r.triangle[k].corner;
-		uint64_t farthest = 0;
+		uint64_t farthest = 0, own;
 
 		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST || !key_in(&r, c, at, &key) ||
-		    key != g->pick[pick].key)
+		    key < g->pick[pick].key)
 			continue;
+		own = key;
 		for (uint32_t i = 0; i < g->n; i++)
 			if (key_in(&r, c, &g->pts[i], &key) == INSIDE)
 				farthest = key > farthest ? key : farthest;
 		/* On a side it is in two triangles, and is one's. */
-		most = farthest <= g->pick[pick].key ? g->pick[pick].key : most;
+		any = any || farthest <= own;
 	}
-	assert_int_equal(most, g->pick[pick].key);
+	assert_true(any);
 	free(t);
 }
 
