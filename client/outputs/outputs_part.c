@@ -255,6 +255,20 @@ static int settle_levels(struct outputs *run, struct err *err)
 	return r;
 }
 
+/* No triangle may be in no part, or in two. */
+static int check_tiles(const struct outputs *run, struct err *err)
+{
+	const struct outputs_tiles *t = run->tiles;
+	char have[DIGEST_HEX_SIZE];
+	struct digest sum = {0, 0};
+
+	for (size_t i = 0; i < t->ntile; i++)
+		digest_add(&sum, t->tile[i].digest);
+	if (t->divides || !strcmp(digest_hex(sum, have), run->written))
+		return 0;
+	return err_set(err, ERR_DIGEST, "the tiles have the digest %s, but the mesh has %s", have, run->written);
+}
+
 int outputs_part_publish(struct outputs *run, struct err *err)
 {
 	struct outputs_joined *j = &run->joined;
@@ -263,6 +277,9 @@ int outputs_part_publish(struct outputs *run, struct err *err)
 
 	run->bytes = run->tiles ? 0 : j->bytes;
 	if (run->tiles) {
+		r = check_tiles(run, err);
+		if (r)
+			return r;
 		outputs_report(run, &report);
 		return outputs_tiles_publish(run->tiles, &run->origin, &report, &run->bytes, err);
 	}

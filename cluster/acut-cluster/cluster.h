@@ -8,6 +8,8 @@
 #ifndef CLUSTER_H
 #define CLUSTER_H
 
+#include <limits.h>
+
 #include "ctl_fetch.h"
 #include "ctl_stage.h"
 #include "ctl_view.h"
@@ -16,7 +18,7 @@
 
 /* Options of acut-cluster alone. Texts are NULL, numbers 0 if not given. */
 struct cluster_options {
-	const char *work, *on, *script, *directory, *config;
+	const char *work, *on, *script, *directory, *config, *scratch;
 	const char *partition, *account, *qos;
 	struct cli_texts sbatch;
 	uint64_t task_memory, task_points, max_tasks, attempts;
@@ -66,6 +68,7 @@ enum cluster_setting {
 	CLUSTER_TASK_MEMORY,
 	CLUSTER_MAX_TASKS,
 	CLUSTER_ATTEMPTS,
+	CLUSTER_SCRATCH,
 	CLUSTER_SBATCH,
 	CLUSTER_SETTINGS
 };
@@ -115,12 +118,15 @@ struct cluster_run {
 	size_t ninput;
 	struct cluster_size size;
 	struct dispatch *dispatch;
-	enum work_phase phase[WORK_PHASES]; /* of the phases that it has, in order */
+	char task[PATH_MAX], script[PATH_MAX]; /* the program of its tasks; the file of --on script */
+	enum work_phase phase[WORK_PHASES];    /* of the phases that it has, in order */
 	unsigned nphase;
 	uint64_t begun_ns;
 };
-/* Opens the folder of a command's first word. `script`: a file that the scheduler "script" writes, or NULL. */
-int cluster_run_open(struct program *, const char *folder, const char *script, struct cluster_run *ret, struct err *err);
+/* Opens a work folder. `script`: the file that the scheduler "script" writes, "": that in the folder; NULL: none. */
+enum cluster_open { CLUSTER_LOOKS, CLUSTER_SUBMITS };
+int cluster_run_open(struct program *, const char *folder, enum cluster_open, const char *script, struct cluster_run *ret,
+		     struct err *err);
 void cluster_run_close(struct cluster_run *);
 /* Submits what is missing, and waits if the command shall, or if nothing else would run the tasks. Exit status. */
 int cluster_run_go(struct cluster_run *);

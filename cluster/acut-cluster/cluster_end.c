@@ -1,8 +1,10 @@
 /* wait, resume, cancel, clean. */
-#include <stdlib.h>
+#include <errno.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "cluster.h"
+#include "gather.h"
 
 int cluster_wait_run(struct program *p)
 {
@@ -10,7 +12,7 @@ int cluster_wait_run(struct program *p)
 	struct err err = ERR_INIT;
 	int status;
 
-	if (cluster_run_open(p, p->line.word[0], NULL, &r, &err))
+	if (cluster_run_open(p, p->line.word[0], CLUSTER_SUBMITS, NULL, &r, &err))
 		return session_error(&p->session, &err);
 	if (work_cancelled(r.work)) {
 		err_set(&err, ERR_CANCELLED, "the run was cancelled");
@@ -29,7 +31,7 @@ int cluster_resume_run(struct program *p)
 	struct err err = ERR_INIT;
 	int status;
 
-	if (cluster_run_open(p, p->line.word[0], p->opt.script ? p->opt.script : "", &r, &err))
+	if (cluster_run_open(p, p->line.word[0], CLUSTER_SUBMITS, p->opt.script ? p->opt.script : "", &r, &err))
 		return session_error(&p->session, &err);
 	if (work_uncancel(r.work, &err))
 		status = session_error(&p->session, &err);
@@ -48,7 +50,7 @@ int cluster_cancel_run(struct program *p)
 	uint32_t n = 0;
 	int e;
 
-	if (cluster_run_open(p, p->line.word[0], NULL, &r, &err))
+	if (cluster_run_open(p, p->line.word[0], CLUSTER_LOOKS, NULL, &r, &err))
 		return session_error(&p->session, &err);
 	e = work_cancel(r.work, &err);
 	if (!e)
@@ -95,12 +97,26 @@ static int check_clean(const struct cluster_run *r, struct err *err)
 	return 0;
 }
 
+/* What killed attempts left beside the outputs. */
+static int clean_outputs(struct cluster_run *r, struct err *err)
+{
+	const struct gather_params g = {.work = r->work, .outputs = &r->own.fetch, .memory = work_about(r->work)->memory};
+
+	if (!r->size.tasks[WORK_GATHER])
+		return 0;
+	if (r->own.opt.directory && chdir(r->own.opt.directory)) {
+		err_sys(err, errno, "the folder of the command cannot be entered");
+		return err_add_file(err, r->own.opt.directory);
+	}
+	return gather_clean(&g, err);
+}
+
 int cluster_clean_run(struct program *p)
 {
 	static const char *const dataset[] = {"dataset", NULL};
 	struct cluster_run r;
 	struct err err = ERR_INIT;
-	int e = cluster_run_open(p, p->line.word[0], NULL, &r, &err);
+	int e = cluster_run_open(p, p->line.word[0], CLUSTER_LOOKS, NULL, &r, &err);
 
 	if (e)
 		return session_error(&p->session, &err);
@@ -111,6 +127,8 @@ int cluster_clean_run(struct program *p)
 	}
 	if (!e)
 		e = check_clean(&r, &err);
+	if (!e)
+		e = clean_outputs(&r, &err);
 	if (!e)
 		e = work_clean(r.work, p->opt.keep_dataset ? dataset : NULL, &err);
 	cluster_run_close(&r);

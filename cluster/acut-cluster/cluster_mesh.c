@@ -8,7 +8,12 @@
 #include <unistd.h>
 
 #include "cluster.h"
+#include "gather.h"
+#include "mesh_phase.h"
 #include "parse.h"
+
+/* Of the points that sizes of files let expect there are so many at least. */
+static const double LEAST_OF_POINTS = 0.6;
 
 /* ---- inputs ---- */
 
@@ -82,30 +87,16 @@ static int gather_inputs(struct program *p, struct work_input **ret, size_t *ret
 
 /* ---- options ---- */
 
-/* Views that need a pass over all points first, or a part of a mesh. */
 static int check_view(const struct program *p, struct err *err)
 {
-	const struct ctl_view_options *v = &p->view;
-	const char *name = v->crop                 ? "crop" :
-			   v->bbox                 ? "bbox" :
-			   v->polygon              ? "polygon" :
-			   v->thin || v->thin_pick ? "thin" :
-			   v->max_error            ? "max-error" :
-			   v->weight               ? "weight" :
-			   v->breakline_clear      ? "breakline-clear" :
-			   v->metric               ? "metric" :
-			   v->every                ? "every" :
-						     NULL;
 	char *text;
+	int r = mesh_phase_check(&p->view, err);
 
-	if (name) {
-		err_set(err, ERR_UNSUPPORTED, "a run of a cluster does not take --%s", name);
-		return err_add_hint(err, "stage, then import the dataset into acutd, and use the option there");
-	}
-	if (ctl_view_text(v, &text, err))
-		return -(int)err->code;
-	free(text);
-	return 0;
+	if (!r)
+		r = ctl_view_text(&p->view, &text, err);
+	if (!r)
+		free(text);
+	return r;
 }
 
 static int check_outputs(struct program *p, uint64_t points, struct err *err)
@@ -116,7 +107,9 @@ static int check_outputs(struct program *p, uint64_t points, struct err *err)
 	p->fetch.gaps = p->view.ground || p->view.surface;
 	if (ctl_fetch_to_standard(&p->fetch))
 		return err_set(err, ERR_USAGE, "standard output is no output of a cluster: give a file or a folder");
-	r = ctl_fetch_open(&p->session, &p->fetch, &run, err);
+	r = gather_check(&p->fetch, (uint64_t)(LEAST_OF_POINTS * (double)points), err);
+	if (!r)
+		r = ctl_fetch_open(&p->session, &p->fetch, &run, err);
 	outputs_free(run);
 	return r;
 }
@@ -226,7 +219,7 @@ static int run(struct program *p, bool stage)
 		e = make(p, &r, &err);
 	resolved_done(&r);
 	if (!e)
-		e = cluster_run_open(p, p->opt.work, p->opt.script, &run, &err);
+		e = cluster_run_open(p, p->opt.work, CLUSTER_SUBMITS, p->opt.script ? p->opt.script : "", &run, &err);
 	if (e)
 		return session_error(&p->session, &err);
 	status = cluster_run_go(&run);

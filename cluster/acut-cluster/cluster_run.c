@@ -3,7 +3,6 @@
  * records, and the scheduler that has them.
  */
 #include <errno.h>
-#include <limits.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -106,14 +105,13 @@ static double time_of(const struct cluster_options *o)
 	return o->time > 0 ? o->time : tasks > HOUR_S ? tasks : HOUR_S;
 }
 
-static int open_dispatch(struct cluster_run *r, const char *script, struct err *err)
+static int open_dispatch(struct cluster_run *r, enum cluster_open how, const char *script, struct err *err)
 {
 	const struct cluster_options *o = &r->own.opt;
 	struct dispatch_phase phase[WORK_PHASES];
-	char task[PATH_MAX], to[PATH_MAX];
 	struct dispatch_options d = {.id = r->id,
 				     .work = r->folder,
-				     .task = task,
+				     .task = r->task,
 				     .phase = phase,
 				     .most = (unsigned)o->max_tasks,
 				     .attempts = (unsigned)o->attempts,
@@ -121,6 +119,7 @@ static int open_dispatch(struct cluster_run *r, const char *script, struct err *
 				     .account = o->account,
 				     .qos = o->qos,
 				     .extra = o->sbatch.n ? o->sbatch.text : NULL,
+				     .looks = how == CLUSTER_LOOKS,
 				     .ctx = r,
 				     .done = is_done,
 				     .stop = is_stopped,
@@ -136,10 +135,10 @@ static int open_dispatch(struct cluster_run *r, const char *script, struct err *
 								     .time = time_of(o)};
 		}
 	d.nphase = r->nphase;
-	if (find_task(task, sizeof task, err))
+	if (find_task(r->task, sizeof r->task, err))
 		return -(int)err->code;
-	snprintf(to, sizeof to, "%s%s", script ? script : r->folder, script && *script ? "" : "/script");
-	d.script = script ? to : NULL;
+	snprintf(r->script, sizeof r->script, "%s%s", script && *script ? script : r->folder, script && *script ? "" : "/script");
+	d.script = script ? r->script : NULL;
 	return dispatch_new(o->on, &d, &r->dispatch, err);
 }
 
@@ -160,7 +159,8 @@ static int open_work(struct cluster_run *r, const char *folder, struct err *err)
 	return cluster_words_parse(about->word, about->nword, &r->own, err);
 }
 
-int cluster_run_open(struct program *p, const char *folder, const char *script, struct cluster_run *ret, struct err *err)
+int cluster_run_open(struct program *p, const char *folder, enum cluster_open how, const char *script, struct cluster_run *ret,
+		     struct err *err)
 {
 	struct cluster_run *r = ret;
 	const struct work_about *about;
@@ -184,7 +184,7 @@ int cluster_run_open(struct program *p, const char *folder, const char *script, 
 			e = err_sys(err, errno, "a folder for logs cannot be made");
 	}
 	if (!e)
-		e = open_dispatch(r, script, err);
+		e = open_dispatch(r, how, script, err);
 	if (e)
 		cluster_run_close(r);
 	return e;
@@ -272,13 +272,16 @@ int cluster_run_go(struct cluster_run *r)
 	struct err err = ERR_INIT;
 	int e;
 
-	if (is_local(r) || (r->program->opt.wait && strcmp(r->own.opt.on, "script")))
+	if (is_local(r))
 		return cluster_run_wait(r);
+	/* What was cancelled before is submitted again; from then on it ends the wait. */
 	e = dispatch_look(r->dispatch, &err);
 	if (!e)
 		e = dispatch_submit(r->dispatch, false, &err);
-	if (e)
+	if (e && !(e == -ERR_BUSY && r->program->opt.wait)) {
+		err_add_hint(&err, "the run is in %s: acut-cluster resume goes on, clean --force removes it", r->folder);
 		return session_error(s, &err);
+	}
 	if (r->program->opt.wait)
 		return cluster_run_wait(r);
 	if (s->console.json)

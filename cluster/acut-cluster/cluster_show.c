@@ -302,7 +302,7 @@ int cluster_show_run(struct program *p)
 	struct cluster_phase_state state[WORK_PHASES];
 	struct cluster_run r;
 	struct err err = ERR_INIT;
-	int e = cluster_run_open(p, p->line.word[0], NULL, &r, &err);
+	int e = cluster_run_open(p, p->line.word[0], CLUSTER_LOOKS, NULL, &r, &err);
 
 	if (e)
 		return session_error(&p->session, &err);

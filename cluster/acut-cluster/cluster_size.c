@@ -9,6 +9,8 @@
 #include <string.h>
 
 #include "cluster.h"
+#include "gather.h"
+#include "mesh_phase.h"
 #include "parse.h"
 #include "survey.h"
 
@@ -47,13 +49,20 @@ static uint32_t tasks_of(const struct program *p, double points, double seconds_
 	return n < 1 ? 1 : (uint32_t)n;
 }
 
-/* Before --task-memory is enough for a task, it is refused. */
-static int set_memory(const struct program *p, struct cluster_size *s, struct err *err)
+static uint64_t larger(uint64_t a, uint64_t b)
+{
+	return a > b ? a : b;
+}
+
+/* Less than the smallest task needs is refused. */
+static int set_memory(const struct program *p, bool stage, struct cluster_size *s, struct err *err)
 {
 	const uint64_t given = p->opt.task_memory ? p->opt.task_memory : MEMORY;
-	const uint64_t least = survey_least_bytes(s->inputs) > LEAST ? survey_least_bytes(s->inputs) : LEAST;
+	uint64_t least = larger(survey_least_bytes(s->inputs), LEAST);
 	char text[32];
 
+	if (!stage)
+		least = larger(least, mesh_phase_least_bytes());
 	if (given < least) {
 		err_set(err, ERR_LIMIT, "a task needs at least %s for %llu inputs", parse_size_text(least, text),
 			(unsigned long long)s->inputs);
@@ -63,8 +72,7 @@ static int set_memory(const struct program *p, struct cluster_size *s, struct er
 	/* What is not of the task's own accounts: the program, its stacks and buffers of the C library. */
 	for (int i = 0; i < WORK_PHASES; i++)
 		s->memory[i] = given + OF_PROCESS;
-	if (survey_head_bytes(s->inputs) + OF_PROCESS > s->memory[WORK_HEAD])
-		s->memory[WORK_HEAD] = survey_head_bytes(s->inputs) + OF_PROCESS;
+	s->memory[WORK_HEAD] = larger(s->memory[WORK_HEAD], survey_head_bytes(s->inputs) + OF_PROCESS);
 	return 0;
 }
 
@@ -87,13 +95,13 @@ int cluster_size_of(const struct program *p, bool stage, const struct work_input
 	if (!stage) {
 		s.tasks[WORK_PLAN] = s.tasks[WORK_FINISH] = 1;
 		s.tasks[WORK_MESH] = tasks_of(p, points, MESH_S, TASKS_MOST);
-		s.tasks[WORK_GATHER] = p->fetch.tile ? tasks_of(p, points, GATHER_S, TASKS_MOST) : 1;
+		s.tasks[WORK_GATHER] = gather_divides(&p->fetch) ? tasks_of(p, points, GATHER_S, TASKS_MOST) : 1;
 		s.hours[WORK_MESH] = points * MESH_S * RESERVE / 3600;
 		s.hours[WORK_GATHER] = points * GATHER_S * RESERVE / 3600;
 	}
 	for (int i = 0; i < WORK_PHASES; i++)
 		s.core_hours += s.hours[i];
-	if (set_memory(p, &s, err))
+	if (set_memory(p, stage, &s, err))
 		return -(int)err->code;
 	*ret = s;
 	return 0;

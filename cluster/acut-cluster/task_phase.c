@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include "cluster.h"
+#include "gather.h"
+#include "mesh_phase.h"
 #include "survey.h"
 
 struct task {
@@ -66,7 +68,7 @@ static int survey_of(struct task *t, struct err *err)
 	p->accept_truncated = t->own.input.accept_truncated;
 	p->strict = s->strict;
 	p->grows = !work_about(t->work)->tasks[WORK_PLAN];
-	p->scratch = getenv("ACUT_TASK_SCRATCH");
+	p->scratch = t->own.opt.scratch;
 	p->progress = survey_progress;
 	p->refused = refused;
 	p->warned = warned;
@@ -84,15 +86,84 @@ static int run_stage(struct task *t, struct err *err)
 	return survey_stage(t->work, t->index, &t->survey, err);
 }
 
+static int run_sort(struct task *t, struct err *err)
+{
+	return survey_sort(t->work, t->index, &t->survey, err);
+}
+
 static int run_commit(struct task *t, struct err *err)
 {
 	return survey_commit(t->work, &t->survey, err);
 }
 
+static int interrupted(void *ctx)
+{
+	struct task *t = ctx;
+
+	return session_interrupted(&t->program->session);
+}
+
+static int with_view(struct task *t, int (*run)(struct task *, const struct mesh_phase_params *, struct err *), struct err *err)
+{
+	struct mesh_phase_params p = {.memory = work_about(t->work)->memory, .interrupted = interrupted, .ctx = t};
+	char *view;
+	int r = ctl_view_text(&t->own.view, &view, err);
+
+	if (r)
+		return r;
+	p.view = view;
+	r = run(t, &p, err);
+	free(view);
+	return r;
+}
+
+static int plan(struct task *t, const struct mesh_phase_params *p, struct err *err)
+{
+	return mesh_phase_plan(t->work, p, err);
+}
+
+static int mesh(struct task *t, const struct mesh_phase_params *p, struct err *err)
+{
+	return mesh_phase_mesh(t->work, t->index, p, err);
+}
+
+static int run_plan(struct task *t, struct err *err)
+{
+	return with_view(t, plan, err);
+}
+
+static int run_mesh(struct task *t, struct err *err)
+{
+	return with_view(t, mesh, err);
+}
+
+static struct gather_params gather_of(struct task *t)
+{
+	return (struct gather_params){.work = t->work,
+				      .outputs = &t->own.fetch,
+				      .scratch = t->own.opt.scratch,
+				      .memory = work_about(t->work)->memory,
+				      .interrupted = interrupted,
+				      .ctx = t};
+}
+
+static int run_gather(struct task *t, struct err *err)
+{
+	const struct gather_params p = gather_of(t);
+
+	return gather_task(&p, t->index, err);
+}
+
+static int run_finish(struct task *t, struct err *err)
+{
+	const struct gather_params p = gather_of(t);
+
+	return gather_finish(&p, err);
+}
+
 static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
-	[WORK_HEAD] = run_head,
-	[WORK_STAGE] = run_stage,
-	[WORK_COMMIT] = run_commit,
+	[WORK_HEAD] = run_head, [WORK_STAGE] = run_stage, [WORK_SORT] = run_sort,     [WORK_COMMIT] = run_commit,
+	[WORK_PLAN] = run_plan, [WORK_MESH] = run_mesh,   [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
 };
 
 int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)

@@ -206,6 +206,24 @@ static int report_as(struct finish *f, const struct acut_job *job, const struct 
 	return r;
 }
 
+static void add_counts(const struct gather_input *in, struct acut_report *p, struct acut_removed *removed)
+{
+	const struct lattice *l = &in->manifest->lattice;
+	const struct mesh_counts *c = in->sums.domains ? &in->recorded.counts : &in->plan.empty;
+
+	p->points = c->points;
+	p->halo = c->halo;
+	p->cells_read = c->cells_read;
+	p->points_read = c->points_read;
+	p->most_points = c->most.points;
+	if (c->most.points) {
+		p->most_at[0] = decimal_scaled_double(l->scale_xy, c->most.x + l->k[0]);
+		p->most_at[1] = decimal_scaled_double(l->scale_xy, c->most.y + l->k[1]);
+	}
+	for (int i = 1; i < VIEW_RULES; i++)
+		removed[p->nremoved++] = (struct acut_removed){view_rule_text((enum view_rule)i), c->removed[i]};
+}
+
 static int report(struct finish *f, struct err *err)
 {
 	const struct gather_sums *s = &f->in.sums;
@@ -239,8 +257,7 @@ static int report(struct finish *f, struct err *err)
 				  .peak_rss_bytes = f->peak};
 	if (f->begun_us)
 		p->seconds = (double)(clock_real_us() - f->begun_us) / 1e6;
-	if (!r)
-		r = gather_counts(&f->in, p, removed, err);
+	add_counts(&f->in, p, removed);
 	outputs_report(f->run, &out);
 	if (!r)
 		r = report_as(f, &job, &out, true, err);
@@ -273,12 +290,12 @@ static int run(struct finish *f, struct err *err)
 	return r ? r : report(f, err);
 }
 
-/* The folders of the parts are empty now; parts of other attempts are not needed any more. */
+/* The folders of the parts are empty now, and parts of other attempts at them are not needed any more. */
 static void sweep(struct finish *f)
 {
 	struct err ignored = ERR_INIT;
 
-	gather_clean(f->p, &ignored);
+	gather_sweep(f->p, true, &ignored);
 }
 
 int gather_finish(const struct gather_params *p, struct err *err)
@@ -289,10 +306,11 @@ int gather_finish(const struct gather_params *p, struct err *err)
 	if (r == WORK_E_DONE)
 		return 0;
 	if (!r) {
-		gather_part_name(p, UINT32_MAX, work_attempt_number(f.attempt), f.own);
+		gather_part_name(p, GATHER_FINISH, work_attempt_number(f.attempt), f.own);
 		r = run(&f, err);
 		if (!r)
 			r = work_publish(f.attempt, err);
+		r = gather_settled(p, WORK_FINISH, 0, r, err);
 		if (r < 0 && r != -ERR_CANCELLED)
 			work_fail(f.attempt, err);
 	}

@@ -35,21 +35,14 @@ static int read_manifest(struct gather_input *in, struct err *err)
 	return r;
 }
 
-/* The pack among the results of a task of the phase mesh. */
-static int pack_of(struct gather_input *in, uint32_t task, struct err *err)
+/* The record and the pack of a task of the phase mesh. */
+static int task_of(struct gather_input *in, uint32_t task, struct err *err)
 {
-	static const char start[] = WORK_IN_MESH "/pack-";
-	struct work_record *record = NULL;
-	int r = work_record_need(in->p->work, WORK_MESH, task, &record, err);
+	struct mesh_sums sums;
+	int r = mesh_task_about(in->p->work, task, &sums, in->pack[task].name, &in->pack[task].size, err);
 
-	for (size_t i = 0; !r && i < record->nfile; i++) {
-		if (strncmp(record->file[i].name, start, strlen(start)))
-			continue;
-		in->pack[task] = (struct gather_pack){strdup(record->file[i].name), record->file[i].size};
-		if (!in->pack[task].name)
-			r = err_set(err, ERR_NOMEM, "no memory for the names of packs");
-	}
-	work_record_free(record);
+	if (!r)
+		mesh_sums_add(&in->recorded, &sums);
 	return r;
 }
 
@@ -77,9 +70,18 @@ static void add_sums(struct gather_sums *s, const struct store_pack_entry *e)
 	digest_add(&s->digest, e->digest);
 }
 
-/* Euler's formula, as of pipe_emitter_finish. */
-static int check_sums(const struct gather_sums *s, struct err *err)
+/* The sums of the indexes are those of the records, and Euler's formula holds, as of pipe_emitter_finish. */
+static int check_sums(const struct gather_input *in, struct err *err)
 {
+	const struct gather_sums *s = &in->sums;
+	const struct mesh_sums *m = &in->recorded;
+
+	if (s->domains != m->domains || s->vertices != m->vertices || s->triangles != m->triangles || s->hull != m->hull ||
+	    !digest_equal(s->digest, m->digest) || !digest_equal(s->vertex_digest, m->vertex_digest))
+		return err_set(err, ERR_INTERNAL,
+			       "the packs have %llu domains with %llu triangles, or other sums, the records %llu with %llu",
+			       (unsigned long long)s->domains, (unsigned long long)s->triangles, (unsigned long long)m->domains,
+			       (unsigned long long)m->triangles);
 	if (!s->triangles || s->triangles == 2 * s->vertices - 2 - s->hull)
 		return 0;
 	return err_set(err, ERR_INTERNAL, "the mesh is not whole: %llu vertices, %llu triangles, %llu on the hull",
@@ -118,13 +120,13 @@ int gather_input_read(struct gather_input *in, const struct gather_params *p, ga
 	in->pack = calloc(in->npacks + 1, sizeof(*in->pack));
 	r = in->pack ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
 	if (!r)
-		r = work_record_need(p->work, WORK_PLAN, 0, &in->plan, err);
+		r = mesh_plan_about(p->work, &in->plan, err);
 	for (uint32_t i = 0; i < in->npacks && !r; i++)
-		r = pack_of(in, i, err);
+		r = task_of(in, i, err);
 	if (!r)
 		r = gather_walk(in, &walk, err);
 	if (!r)
-		r = check_sums(&in->sums, err);
+		r = check_sums(in, err);
 	if (in->sums.box[0] > in->sums.box[3])
 		memset(in->sums.box, 0, sizeof(in->sums.box));
 	return r;
@@ -132,11 +134,9 @@ int gather_input_read(struct gather_input *in, const struct gather_params *p, ga
 
 void gather_input_done(struct gather_input *in)
 {
-	for (uint32_t i = 0; in->pack && i < in->npacks; i++)
-		free(in->pack[i].name);
 	free(in->pack);
 	grid_manifest_free(in->manifest);
-	work_record_free(in->plan);
+	mesh_plan_about_done(&in->plan);
 	*in = (struct gather_input){.p = NULL};
 }
 
@@ -161,25 +161,21 @@ static int walk_pack(const struct gather_input *in, const struct store_pack *pac
 int gather_walk(const struct gather_input *in, const struct gather_walk *w, struct err *err)
 {
 	struct store_pack_entry *entry = calloc(ENTRIES, sizeof(*entry));
-	struct digest of = {0, 0};
-	bool any = false;
 	int r = entry ? 0 : err_set(err, ERR_NOMEM, "no memory for the index of a pack");
 
 	for (uint32_t i = 0; i < in->npacks && !r; i++) {
 		struct store_pack pack;
 		int fd = -1;
 
-		if (!in->pack[i].name)
+		if (!*in->pack[i].name)
 			continue;
 		r = work_file_open(in->p->work, in->pack[i].name, in->pack[i].size, &fd, err);
 		if (!r)
 			r = store_pack_open(fd, in->pack[i].name, &pack, err);
-		if (!r && any && !digest_equal(of, pack.of)) {
-			err_set(err, ERR_CORRUPT, "the pack is of another mesh than those before it");
+		if (!r && !digest_equal(pack.of, in->plan.of)) {
+			err_set(err, ERR_CORRUPT, "the pack is of another mesh");
 			r = err_add_file(err, in->pack[i].name);
 		}
-		of = r ? of : pack.of;
-		any = true;
 		if (!r)
 			r = walk_pack(in, &pack, w, entry, err);
 		io_close(fd);
@@ -200,11 +196,10 @@ static void text_copy(char *to, size_t size, const char *from)
 void gather_head(const struct gather_input *in, struct stream_head *head)
 {
 	const struct grid_manifest *m = in->manifest;
-	const char *view = work_record_text(in->plan, "view");
 	char lattice[LATTICE_TEXT_SIZE];
 	bool any = false;
 
-	*head = (struct stream_head){.kind = STREAM_WHOLE, .system = true, .view = view ? view : "", .wkt = m->wkt ? m->wkt : ""};
+	*head = (struct stream_head){.kind = STREAM_WHOLE, .system = true, .view = in->plan.view, .wkt = m->wkt ? m->wkt : ""};
 	text_copy(head->lattice, sizeof(head->lattice), lattice_text(&m->lattice, lattice));
 	text_copy(head->crs, sizeof(head->crs), m->crs);
 	text_copy(head->unit_xy, sizeof(head->unit_xy), m->unit_xy);
@@ -224,6 +219,5 @@ void gather_head(const struct gather_input *in, struct stream_head *head)
 	}
 	head->box[2] = any ? INT32_MIN : 0;
 	head->box[5] = any ? INT32_MAX : 0;
-	if (view)
-		head->id = digest_hash(view, strlen(view));
+	head->id = in->plan.of;
 }

@@ -5,6 +5,7 @@
 #include "err.h"
 #include "gather.h"
 #include "grid_manifest.h"
+#include "mesh_phase.h"
 #include "pipe.h"
 #include "store_pack.h"
 #include "stream.h"
@@ -13,10 +14,13 @@
 /* Names of parts in the names of files: the run, the task, the attempt. */
 enum { GATHER_PART = 64 };
 
+/* In place of a task's number: of the phase finish. */
+#define GATHER_FINISH UINT32_MAX
+
 /* ---- gather_input.c: what earlier phases made ---- */
 
 struct gather_pack {
-	char *name; /* in the work folder; NULL: the task had nothing to do */
+	char name[WORK_NAME]; /* in the work folder; "": the task had nothing to do */
 	uint64_t size;
 };
 /* Of all domains, by the indexes of the packs. */
@@ -29,8 +33,9 @@ struct gather_sums {
 struct gather_input {
 	const struct gather_params *p;
 	struct grid_manifest *manifest;
-	struct work_record *plan;
-	struct gather_pack *pack; /* of the tasks of the phase mesh, in the order of the plan */
+	struct mesh_plan_about plan;
+	struct mesh_sums recorded; /* of all tasks of the phase mesh */
+	struct gather_pack *pack;  /* of the tasks of the phase mesh, in the order of the plan */
 	uint32_t npacks;
 	struct gather_sums sums;
 };
@@ -48,14 +53,16 @@ int gather_walk(const struct gather_input *, const struct gather_walk *, struct 
 /* What a stream of acutd says first of the same mesh. `wkt` and `view` are borrowed. */
 void gather_head(const struct gather_input *, struct stream_head *ret);
 int gather_interrupted(const struct gather_params *, struct err *err);
-/* What the records of the phase mesh count: points, those removed by each rule (an array of MESH_RULES), halos, and what was
- * read. */
-int gather_counts(const struct gather_input *, struct acut_report *ret, struct acut_removed *removed, struct err *err);
 
 /* ---- gather.c ---- */
 
 /* -ERR_LIMIT: an output is one PLY, which cannot have so many vertices. */
 int gather_check_ply(const struct ctl_fetch_options *, uint64_t vertices, const char *what, struct err *err);
+/* `r`, the result of an attempt; but an error does not matter if another attempt has done the task (WORK_E_LOST). */
+int gather_settled(const struct gather_params *, enum work_phase, uint32_t index, int r, struct err *err);
+/* gather_clean.c: gather_clean, but, with `finishing`, not of other attempts at finish: these do once more what was done, and
+ * need what they have. */
+int gather_sweep(const struct gather_params *, bool finishing, struct err *err);
 void gather_part_name(const struct gather_params *, uint32_t index, uint64_t attempt, char buf[GATHER_PART]);
 
 /* ---- gather_emit.c ---- */

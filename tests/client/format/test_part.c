@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "digest.h"
 #include "err.h"
 #include "outfile.h"
 #include "outputs.h"
@@ -131,6 +132,33 @@ static int join(const struct job *j, const struct meshes *m, const char *out, co
 	return r;
 }
 
+/* The tail with the digest of the triangles, which those of tiles are compared with. */
+static void true_digest(struct meshes *m, char hex[DIGEST_HEX_SIZE])
+{
+	int32_t(*at)[3] = calloc(m->tail.vertices + 1, sizeof(*at));
+	struct digest sum = {0, 0};
+
+	for (size_t i = 0; i < m->nblock; i++) {
+		const struct acut_mesh_block *b = &m->block[i];
+
+		memcpy(at[b->first], b->vertex, b->nnew * sizeof(*at));
+		for (uint32_t t = 0; t < b->ntriangle; t++) {
+			int64_t corner[3][2];
+
+			for (int j = 0; j < 3; j++) {
+				uint32_t n = b->triangle[t][j];
+				const int32_t *p = at[n < b->nforeign ? b->foreign[n] : b->first + n - b->nforeign];
+
+				corner[j][0] = p[0] + m->head.k[0];
+				corner[j][1] = p[1] + m->head.k[1];
+			}
+			digest_add_triangle(&sum, corner);
+		}
+	}
+	free(at);
+	m->tail.digest = digest_hex(sum, hex);
+}
+
 static char *path_of(const char *name, char buf[512])
 {
 	snprintf(buf, 512, "%s/%s", dir, name);
@@ -214,9 +242,11 @@ static void test_tiles(void **state)
 {
 	static const uint64_t cut[PARTS + 1] = {0, 3, 9, 40, UINT64_MAX};
 	static const char *const format[] = {"ply", "obj", "png", "glb", "dxf", "landxml", "stl"};
+	char hex[DIGEST_HEX_SIZE];
 	struct meshes m;
 
 	meshes_make(&m, &many);
+	true_digest(&m, hex);
 	for (unsigned i = 0; i < sizeof(format) / sizeof(format[0]); i++) {
 		struct job j = {.format = format[i], .side = "3.2", .parts = PARTS};
 
@@ -232,9 +262,11 @@ static void test_tiles(void **state)
 static void test_one_part(void **state)
 {
 	static const char *const format[] = {"tif", "geojson", "gpkg"};
+	char hex[DIGEST_HEX_SIZE];
 	struct meshes m;
 
 	meshes_make(&m, &many);
+	true_digest(&m, hex);
 	for (unsigned i = 0; i < sizeof(format) / sizeof(format[0]); i++) {
 		struct job j = {.format = format[i], .side = "3.2", .parts = 1, .share = {0, UINT64_MAX}};
 
@@ -250,9 +282,11 @@ static void test_files(void **state)
 {
 	size_t n;
 	const struct format *const *row = format_rows(&n);
+	char hex[DIGEST_HEX_SIZE];
 	struct meshes m;
 
 	meshes_make(&m, &many);
+	true_digest(&m, hex);
 	for (size_t i = 0; i < n; i++)
 		if (row[i]->kind != FORMAT_NOTHING)
 			both(&(struct job){.format = row[i]->name, .parts = 1, .sidecar = true, .no_clobber = i & 1}, &m);
@@ -266,12 +300,17 @@ static void test_refused(void **state)
 	struct made made[PARTS];
 	struct err err = ERR_INIT;
 	struct meshes m;
-	char out[512], gone[600];
+	char out[512], gone[600], hex[DIGEST_HEX_SIZE];
 
 	meshes_make(&m, &many);
+	true_digest(&m, hex);
 	path_of("refused", out);
 	part(&j, &m, out, 0, &made[0]);
 	part(&j, &m, out, 1, &made[1]);
+	/* the tiles of one are not there */
+	err = ERR_INIT;
+	assert_int_equal(join(&(struct job){.format = "ply", .side = "3.2", .parts = 1}, &m, out, "join", made, &report, &err),
+			 -ERR_DIGEST);
 	for (size_t cut = 0; cut < made[1].size; cut += made[1].size / 97 + 1) {
 		size_t size = made[1].size;
 
