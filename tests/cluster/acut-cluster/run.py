@@ -10,6 +10,7 @@ import tempfile
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
+import e2e
 from slurm_test import slurm
 
 CLUSTER, TASK, ACUTD, ACUTCTL, SYNTH = (os.environ[n] for n in ("ACUT_CLUSTER", "ACUT_TASK_PROGRAM", "ACUTD", "ACUTCTL", "ACUT_SYNTH"))
@@ -157,6 +158,23 @@ def mesh(base):
           os.path.getsize(base + "/m0.ply") == os.path.getsize(base + "/m1.ply"), str(os.listdir(base)))
 
 
+def real(base):
+    """Neighbouring LAZ tiles of a real survey."""
+    data = e2e.data_dir()
+    if not data:
+        print("     no real files (ACUT_TEST_DATA)")
+        return
+    survey, d = data + "/lidar/tiles_ign_pdrf8", Daemon(base)
+    for view in ([], ["--ground"], ["--surface", "--zmax", "1000"]):
+        wanted = d.mesh(survey, *view, "--format", "null")
+        for points in ("1000000", "7000"):
+            work = base + "/w"
+            p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--json", "--no-config", "--task-points", points,
+                    "--task-memory", "64M", *view)
+            same("real tiles, " + " ".join(view) + " " + points, json.loads(p.stdout)["result"], wanted)
+            run(CLUSTER, "clean", work)
+
+
 def output_tiles(base):
     """Outputs that many tasks write: relative names are of the folder of the command."""
     survey, d = tiles(base + "/tiles", 30000), Daemon(base)
@@ -246,7 +264,7 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, output_tiles, twice, one_node, on_slurm)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, output_tiles, twice, one_node, on_slurm)}
 for name in sys.argv[1:] or [n for n in parts if n not in ("on_slurm", "one_node")]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:
