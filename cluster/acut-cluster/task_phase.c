@@ -86,6 +86,11 @@ static int run_stage(struct task *t, struct err *err)
 	return survey_stage(t->work, t->index, &t->survey, err);
 }
 
+static int run_sort(struct task *t, struct err *err)
+{
+	return survey_sort(t->work, t->index, &t->survey, err);
+}
+
 static int run_commit(struct task *t, struct err *err)
 {
 	return survey_commit(t->work, &t->survey, err);
@@ -157,8 +162,8 @@ static int run_finish(struct task *t, struct err *err)
 }
 
 static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
-	[WORK_HEAD] = run_head, [WORK_STAGE] = run_stage,   [WORK_COMMIT] = run_commit, [WORK_PLAN] = run_plan,
-	[WORK_MESH] = run_mesh, [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
+	[WORK_HEAD] = run_head, [WORK_STAGE] = run_stage, [WORK_SORT] = run_sort,     [WORK_COMMIT] = run_commit,
+	[WORK_PLAN] = run_plan, [WORK_MESH] = run_mesh,   [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
 };
 
 int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)

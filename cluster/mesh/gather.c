@@ -89,6 +89,18 @@ void gather_part_name(const struct gather_params *p, uint32_t index, uint64_t at
 		 (unsigned long long)attempt);
 }
 
+int gather_settled(const struct gather_params *p, enum work_phase phase, uint32_t index, int r, struct err *err)
+{
+	struct err ignored = ERR_INIT;
+	struct work_record *record = NULL;
+
+	if (r >= 0 || work_record_look(p->work, phase, index, &record, &ignored))
+		return r;
+	work_record_free(record);
+	err_clear(err);
+	return WORK_E_LOST;
+}
+
 static int lay_out(struct task *t, struct err *err)
 {
 	char scale[DECIMAL_TEXT_SIZE];
@@ -234,6 +246,7 @@ int gather_task(const struct gather_params *p, uint32_t index, struct err *err)
 			r = work_publish(t.attempt, err); /* after an error the record may be there all the same */
 		if (r == WORK_E_LOST && t.published)
 			outputs_part_drop(t.run);
+		r = gather_settled(p, WORK_GATHER, index, r, err);
 		if (r < 0 && r != -ERR_CANCELLED)
 			work_fail(t.attempt, err);
 	}

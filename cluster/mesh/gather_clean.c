@@ -14,7 +14,7 @@
 
 struct sweep {
 	int fd;
-	char mark[32]; /* ".ID-" */
+	char mark[32], but[48]; /* ".ID-", ".ID-FINISH-" */
 };
 
 static int sweep_entry(void *ctx, const struct dirent *e, struct err *err)
@@ -24,18 +24,23 @@ static int sweep_entry(void *ctx, const struct dirent *e, struct err *err)
 
 	if (e->d_name[0] != '.' || n < 5 || strcmp(e->d_name + n - 5, ".part") || !strstr(e->d_name, s->mark))
 		return 0;
+	if (s->but[0] && strstr(e->d_name, s->but))
+		return 0;
 	return io_folder_remove(s->fd, e->d_name, err);
 }
 
-static int sweep_folder(const struct gather_params *p, int fd, struct err *err)
+static int sweep_folder(const struct gather_params *p, bool finishing, int fd, struct err *err)
 {
+	const unsigned long long id = work_about(p->work)->id;
 	struct sweep s = {.fd = fd};
 
-	snprintf(s.mark, sizeof(s.mark), ".%016llx-", (unsigned long long)work_about(p->work)->id);
+	snprintf(s.mark, sizeof(s.mark), ".%016llx-", id);
+	if (finishing)
+		snprintf(s.but, sizeof(s.but), ".%016llx-%u-", id, GATHER_FINISH);
 	return io_list(fd, ".", sweep_entry, &s, err);
 }
 
-int gather_clean(const struct gather_params *p, struct err *err)
+int gather_sweep(const struct gather_params *p, bool finishing, struct err *err)
 {
 	const struct ctl_fetch_options *a = p->outputs;
 	int r = 0;
@@ -56,8 +61,13 @@ int gather_clean(const struct gather_params *p, struct err *err)
 			io_place_done(&place);
 		}
 		if (!r)
-			r = sweep_folder(p, fd, err);
+			r = sweep_folder(p, finishing, fd, err);
 		io_close(fd);
 	}
 	return r;
+}
+
+int gather_clean(const struct gather_params *p, struct err *err)
+{
+	return gather_sweep(p, false, err);
 }

@@ -220,9 +220,8 @@ static void add_counts(const struct gather_input *in, struct acut_report *p, str
 		p->most_at[0] = decimal_scaled_double(l->scale_xy, c->most.x + l->k[0]);
 		p->most_at[1] = decimal_scaled_double(l->scale_xy, c->most.y + l->k[1]);
 	}
-	for (int i = 0; i < VIEW_RULES; i++)
-		removed[i] = (struct acut_removed){view_rule_text((enum view_rule)i), c->removed[i]};
-	p->nremoved = VIEW_RULES;
+	for (int i = 1; i < VIEW_RULES; i++)
+		removed[p->nremoved++] = (struct acut_removed){view_rule_text((enum view_rule)i), c->removed[i]};
 }
 
 static int report(struct finish *f, struct err *err)
@@ -291,12 +290,12 @@ static int run(struct finish *f, struct err *err)
 	return r ? r : report(f, err);
 }
 
-/* The folders of the parts are empty now; parts of other attempts are not needed any more. */
+/* The folders of the parts are empty now, and parts of other attempts at them are not needed any more. */
 static void sweep(struct finish *f)
 {
 	struct err ignored = ERR_INIT;
 
-	gather_clean(f->p, &ignored);
+	gather_sweep(f->p, true, &ignored);
 }
 
 int gather_finish(const struct gather_params *p, struct err *err)
@@ -307,10 +306,11 @@ int gather_finish(const struct gather_params *p, struct err *err)
 	if (r == WORK_E_DONE)
 		return 0;
 	if (!r) {
-		gather_part_name(p, UINT32_MAX, work_attempt_number(f.attempt), f.own);
+		gather_part_name(p, GATHER_FINISH, work_attempt_number(f.attempt), f.own);
 		r = run(&f, err);
 		if (!r)
 			r = work_publish(f.attempt, err);
+		r = gather_settled(p, WORK_FINISH, 0, r, err);
 		if (r < 0 && r != -ERR_CANCELLED)
 			work_fail(f.attempt, err);
 	}

@@ -14,6 +14,9 @@
 /* Names of parts in the names of files: the run, the task, the attempt. */
 enum { GATHER_PART = 64 };
 
+/* In place of a task's number: of the phase finish. */
+#define GATHER_FINISH UINT32_MAX
+
 /* ---- gather_input.c: what earlier phases made ---- */
 
 struct gather_pack {
@@ -55,6 +58,11 @@ int gather_interrupted(const struct gather_params *, struct err *err);
 
 /* -ERR_LIMIT: an output is one PLY, which cannot have so many vertices. */
 int gather_check_ply(const struct ctl_fetch_options *, uint64_t vertices, const char *what, struct err *err);
+/* `r`, the result of an attempt; but an error does not matter if another attempt has done the task (WORK_E_LOST). */
+int gather_settled(const struct gather_params *, enum work_phase, uint32_t index, int r, struct err *err);
+/* gather_clean.c: gather_clean, but, with `finishing`, not of other attempts at finish: these do once more what was done, and
+ * need what they have. */
+int gather_sweep(const struct gather_params *, bool finishing, struct err *err);
 void gather_part_name(const struct gather_params *, uint32_t index, uint64_t attempt, char buf[GATHER_PART]);
 
 /* ---- gather_emit.c ---- */

@@ -26,7 +26,7 @@ def phases(*words, **kw):
     return run([PHASES, *words], env=ENV, **kw)
 
 
-def inputs(base, n=3, points=20000):
+def inputs(base, n=3, points=60000):
     """Surveys beside each other that overlap."""
     paths = []
     for i in range(n):

@@ -181,6 +181,38 @@ static void test_split(void **state)
 	}
 }
 
+/* Tasks have about as much to do, and the plan is small. */
+static void test_division(void **state)
+{
+	enum { TASKS = 24, POINTS = 60000 };
+	uint64_t all = 0, least = UINT64_MAX, most = 0;
+	struct work_record *record = NULL;
+	struct err err = ERR_INIT;
+	struct run run;
+
+	(void)state;
+	set_up(&run, set_make(SHAPE_UNIFORM, POINTS, 5, 8), 1, TASKS);
+	run.p.load = 100;
+	run.p.cap = 20000;
+	run_all(&run);
+	for (uint32_t i = 0; i < TASKS; i++) {
+		char name[WORK_NAME];
+		struct mesh_sums sums;
+		uint64_t bytes;
+
+		CHECK(mesh_task_about(run.work, i, &sums, name, &bytes, &err));
+		all += sums.vertices;
+		least = sums.vertices < least ? sums.vertices : least;
+		most = sums.vertices > most ? sums.vertices : most;
+	}
+	assert_true(least * TASKS * 5 > all * 4 && most * TASKS * 4 < all * 5);
+	CHECK(work_record_need(run.work, WORK_PLAN, 0, &record, &err));
+	print_message("a plan of %llu bytes for %d tasks\n", (unsigned long long)record->file[0].size, TASKS);
+	assert_true(record->file[0].size < 400 + 200 * TASKS);
+	work_record_free(record);
+	run_remove(&run);
+}
+
 /* Too little memory is refused with what suffices. */
 static void test_memory(void **state)
 {
@@ -482,14 +514,14 @@ static void test_changed_dataset(void **state)
 	CHECK(mesh_phase_plan(run.work, &run.p, &err));
 	fd = openat(work_fd(run.work), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY);
 	CHECK(grid_manifest_read(fd, "manifest", &m, &err));
-	m->nsegments = 1;
 	for (size_t i = 0; i < m->nsources; i++)
 		if (m->sources[i].id % 2)
 			m->sources[i].added = m->sources[i].removed = 1;
 	CHECK(grid_manifest_write(fd, "manifest", m, &err));
 	close(fd);
 	grid_manifest_free(m);
-	assert_true(mesh_phase_mesh(run.work, 0, &run.p, &err) < 0);
+	assert_int_equal(mesh_phase_mesh(run.work, 0, &run.p, &err), -ERR_CHANGED);
+	assert_non_null(strstr(err.message, "not the one that was planned"));
 	assert_int_equal(files_in_mesh(&run), 0);
 	run_remove(&run);
 }
@@ -576,12 +608,12 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_small),           cmocka_unit_test(test_budget),
-		cmocka_unit_test(test_split),           cmocka_unit_test(test_memory),
-		cmocka_unit_test(test_again),           cmocka_unit_test(test_two_at_once),
-		cmocka_unit_test(test_killed),          cmocka_unit_test(test_interrupted),
-		cmocka_unit_test(test_damaged_plan),    cmocka_unit_test(test_changed_dataset),
-		cmocka_unit_test(test_damaged_segment), cmocka_unit_test(test_views),
-		cmocka_unit_test(test_without_ground),
+		cmocka_unit_test(test_split),           cmocka_unit_test(test_division),
+		cmocka_unit_test(test_memory),          cmocka_unit_test(test_again),
+		cmocka_unit_test(test_two_at_once),     cmocka_unit_test(test_killed),
+		cmocka_unit_test(test_interrupted),     cmocka_unit_test(test_damaged_plan),
+		cmocka_unit_test(test_changed_dataset), cmocka_unit_test(test_damaged_segment),
+		cmocka_unit_test(test_views),           cmocka_unit_test(test_without_ground),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
