@@ -203,18 +203,18 @@ static void two_levels_of_small_sets(void **state)
 
 static void two_levels_of_large_sets(void **state)
 {
-	static const enum shape shapes[] = {UNIFORM, DIAGONAL, CLUSTERS, CORRIDOR};
-	static const uint32_t loads[] = {1 << 12, 1 << 15, 1 << 16, 1 << 17, (1 << 17) + 1,
-					 200000,  1 << 18, 1 << 19, 900000,  1 << 20};
+	static const enum shape shapes[] = {UNIFORM, CORRIDOR};
+	static const uint32_t loads[] = {1 << 16, 200000, 599999, 600000};
+	const unsigned nshapes = getenv("ACUT_TEST_QUICK") ? 1 : 2;
 	enum { LOADS = sizeof loads / sizeof *loads };
 
-	for (unsigned s = 0; s < 2; s++) {
+	for (unsigned s = 0; s < nshapes; s++) {
 		struct cut_source src;
 		struct cut_plan plan;
 		struct err err = ERR_INIT;
 		struct tiling t;
 
-		make_shape(&t, &src, shapes[s], 400000, 1000);
+		make_shape(&t, &src, shapes[s], 600000, 1000);
 		for (unsigned i = 0; i < LOADS; i++) {
 			assert_int_equal(cut_plan_make_from(&src, loads[i], &plan, &err), 0);
 			for (unsigned k = i; k < LOADS; k++)
