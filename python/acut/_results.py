@@ -449,6 +449,15 @@ class Damage:
 
 
 @dataclass(frozen=True)
+class Adopted:
+    packs: int
+    domains: int
+    bytes: int
+    there: int
+    flat: int
+
+
+@dataclass(frozen=True)
 class Verified:
     files: int
     bytes: int
