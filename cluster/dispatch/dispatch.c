@@ -232,7 +232,8 @@ int dispatch_look(struct dispatch *d, struct err *err)
 			struct dispatch_task *t = &d->task[p][i];
 			const bool there = t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING;
 
-			if (!t->done)
+			/* One that waits has no record, but for a look at another attempt: it will be done at once. */
+			if (!t->done && !(t->state == DISPATCH_WAITING && t->seen))
 				t->done = d->o.done(d->o.ctx, p, i);
 			t->seen |= t->state != DISPATCH_ABSENT;
 			t->missing_s = t->done || there ? 0 : t->missing_s ? t->missing_s : now;

@@ -31,7 +31,7 @@ struct dispatch_options {
 	const char *task; /* the program that an element runs, absolute: TASK WORK PHASE INDEX */
 	const struct dispatch_phase *phase;
 	unsigned nphase;
-	unsigned most;                         /* tasks at once; 0: local: one a processor, slurm: no limit of ours */
+	unsigned most;                         /* tasks at once; 0: local: one a processor, if they fit into memory; slurm: any */
 	unsigned attempts;                     /* of a task; 0: 3 */
 	double poll;                           /* seconds between two questions to a scheduler; 0: 10 */
 	double patience;                       /* seconds that a record may take to become visible here; 0: 120 */
