@@ -137,7 +137,7 @@ static int check_run(const struct program *own, const struct program *p, struct 
 	}
 	if (p->opt.script && strcmp(own->opt.on, "script"))
 		return err_set(err, ERR_USAGE, "--script is for --on script");
-	return 0;
+	return dispatch_check(own->opt.on, err);
 }
 
 /* ---- the run ---- */

@@ -46,6 +46,14 @@ static void end(struct dispatch *d)
 	free(s);
 }
 
+static int check(struct err *err)
+{
+	static const char *const argv[] = {"sbatch", "--version", NULL};
+	int r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
+
+	return r ? err_add_hint(err, "submit where Slurm is, or use --on local or --on script") : 0;
+}
+
 static bool note_job(struct slurm *s, unsigned phase, uint32_t job)
 {
 	if (s->njob[phase] && s->job[phase][s->njob[phase] - 1] == job)
@@ -501,6 +509,7 @@ static void log_name(const struct dispatch *d, unsigned phase, uint32_t index, c
 
 const struct dispatch_scheduler dispatch_slurm = {
 	.name = "slurm",
+	.check = check,
 	.begin = begin,
 	.end = end,
 	.look = look,
