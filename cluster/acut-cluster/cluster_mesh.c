@@ -118,6 +118,10 @@ static int check(struct program *p, bool stage, const struct cluster_size *s, st
 {
 	int r = ctl_stage_check(&p->stage, &p->input, err);
 
+	if (!r && p->input.format && !ctl_input_format_of(p->input.format)) {
+		r = err_set(err, ERR_USAGE, "there is no input format %.40s", p->input.format);
+		err_add_hint(err, "acutctl formats lists them");
+	}
 	if (!r && !stage)
 		r = check_view(p, err);
 	if (!r && !stage)
