@@ -47,7 +47,8 @@ static int output_temp(struct outfile *o, int (*make)(struct outfile *, struct e
 	for (unsigned i = 0; i < 1000; i++) {
 		struct err e = ERR_INIT;
 
-		if (asprintf(&o->temp, ".%.200s.%d-%u.part", o->name, (int)getpid(), i) < 0) {
+		if (asprintf(&o->temp, ".%.200s%s%s.%d-%u.part", o->name, o->tag ? "." : "", o->tag ? o->tag : "", (int)getpid(),
+			     i) < 0) {
 			o->temp = NULL;
 			return err_set(err, ERR_NOMEM, "no memory for a file name");
 		}
@@ -282,6 +283,7 @@ struct outfile *outfile_free(struct outfile *o)
 	free(o->label);
 	free(o->name);
 	free(o->held);
+	free(o->tag);
 	free(o->temp);
 	free(o->buf);
 	free(o);

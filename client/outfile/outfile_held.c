@@ -24,6 +24,23 @@ static char *held_name(const char *name, const char *tag)
 	return asprintf(&held, ".%.200s.%s.part", name, tag) < 0 ? NULL : held;
 }
 
+/* A temporary name that the output has already gets the tag, too: what is left of it is found by that. */
+static int mark_temp(struct outfile *o, struct err *err)
+{
+	char *temp;
+
+	if (asprintf(&temp, ".%.200s.%s.%d.part", o->name, o->tag, (int)getpid()) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	if (outfile_rename(o->dirfd, o->temp, o->dirfd, temp, true)) {
+		err_sys(err, errno, "cannot name a temporary file");
+		free(temp);
+		return err_add_file(err, o->label);
+	}
+	free(o->temp);
+	o->temp = temp;
+	return 0;
+}
+
 int outfile_hold(struct outfile *o, const char *tag, struct err *err)
 {
 	char *held;
@@ -33,11 +50,14 @@ int outfile_hold(struct outfile *o, const char *tag, struct err *err)
 		return err_add_file(err, o->label);
 	}
 	held = held_name(o->name, tag);
-	if (!held)
+	o->tag = strdup(tag);
+	if (!held || !o->tag) {
+		free(held);
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	}
 	o->held = held;
 	o->no_clobber = false;
-	return 0;
+	return o->temp ? mark_temp(o, err) : 0;
 }
 
 int outfile_held(const struct outfile *o, struct outfile_held *ret, struct err *err)

@@ -11,6 +11,7 @@
 struct outfile {
 	int dirfd, fd;             /* dirfd -1: standard output or not a regular file; fd -1: an annex without bytes */
 	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
+	char *tag;                 /* of outfile_hold, NULL */
 	char *held;                /* the name that it is published under; NULL: `name` */
 	bool seekable, no_clobber, own_fd;
 	bool passing;         /* its name is not the last one: the folder need not be durable */

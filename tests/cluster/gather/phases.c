@@ -15,6 +15,7 @@
 #include "err.h"
 #include "gather.h"
 #include "mesh_phase.h"
+#include "no_sync.h"
 #include "parse.h"
 #include "survey.h"
 #include "work.h"
@@ -172,6 +173,7 @@ static int late(const char *phase, int argc, char **argv)
 
 int main(int argc, char **argv)
 {
+	no_sync();
 	if (argc > 2 && !strcmp(argv[1], "make"))
 		return make(argc - 2, argv + 2);
 	if (argc > 2 && (!strcmp(argv[1], "gather") || !strcmp(argv[1], "finish") || !strcmp(argv[1], "clean")))
