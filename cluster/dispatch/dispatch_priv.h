@@ -73,6 +73,8 @@ bool dispatch_row_next(const struct dispatch *, struct dispatch_row *, uint32_t 
 bool dispatch_config_number(const char *text, const char *name, uint64_t *ret);
 /* The number of a job that `sbatch --parsable` has printed. False: it is none. */
 bool dispatch_job_read(const char *text, uint32_t *ret);
+/* A path as a pattern of sbatch, in which % is written twice. */
+void dispatch_pattern(const char *path, char *buf, size_t size);
 /* `text` as one word of a shell, quoted; to `to`. */
 void dispatch_quote(FILE *to, const char *text);
 

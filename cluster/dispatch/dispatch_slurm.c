@@ -224,7 +224,8 @@ static const char *option(char *buf, size_t size, const char *name, const char *
 
 static int call(struct dispatch *d, const struct array *a, const char *after, char **ret_out, struct err *err)
 {
-	char name[160], output[4200], folder[4200], list[LIST_SIZE + 40], memory[40], time[40], comment[4200], more[3][300];
+	char name[160], pattern[4096], output[4200], folder[4200], list[LIST_SIZE + 40], memory[40], time[40], comment[4200],
+		more[3][300];
 	char own[120], *script;
 	const struct dispatch_phase *phase = &d->phase[a->phase];
 	const char *argv[WORDS + 1] = {
@@ -242,10 +243,11 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 		most = (most + a->arrays - 1) / a->arrays;
 	snprintf(list, sizeof list, most ? "--array=%s%%%u" : "--array=%s", a->list, most);
 	argv[n++] = list;
+	dispatch_pattern(d->o.work, pattern, sizeof pattern);
 	if (a->offset)
-		snprintf(output, sizeof output, "--output=%s/log/%s-%u+%%a", d->o.work, phase->name, a->offset);
+		snprintf(output, sizeof output, "--output=%s/log/%s-%u+%%a", pattern, phase->name, a->offset);
 	else
-		snprintf(output, sizeof output, "--output=%s/log/%s-%%a", d->o.work, phase->name);
+		snprintf(output, sizeof output, "--output=%s/log/%s-%%a", pattern, phase->name);
 	argv[n++] = output;
 	argv[n++] = option(folder, sizeof folder, "chdir", d->o.work);
 	snprintf(memory, sizeof memory, "--mem=%lluM", (unsigned long long)((phase->memory + (1 << 20) - 1) >> 20));

@@ -27,7 +27,7 @@ class Work:
     def __init__(self, base, s, body, *phases):
         Work.count += 1
         self.s, self.phases, self.id = s, phases, "%04x" % Work.count
-        self.path = os.path.join(base, "work %d" % Work.count)
+        self.path = os.path.join(base, "work %%j %d" % Work.count)
         for d in ("log", "done", "bin"):
             os.makedirs(os.path.join(self.path, d))
         self.task = os.path.join(self.path, "task")
