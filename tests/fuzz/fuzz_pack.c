@@ -56,7 +56,7 @@ static void forge(uint8_t *bytes, size_t size)
 
 	memcpy(bytes, "ACPK", 4);
 	memcpy(end, "ACPE", 4);
-	memcpy(end + 8, bytes + 8, 16);
+	memmove(end + 8, bytes + 8, 16);
 	memcpy(&index, end + 32, 8);
 	seal(bytes, STORE_PACK_HEAD, 0);
 	seal(end, STORE_PACK_END, size - STORE_PACK_END);
@@ -67,7 +67,7 @@ static void forge(uint8_t *bytes, size_t size)
 		if (at > size || size - at < STORE_HEADER)
 			continue;
 		memcpy(bytes + at, "ACDM", 4);
-		memcpy(bytes + at + 8, bytes + index + 64, 32);
+		memmove(bytes + at + 8, bytes + index + 64, 32);
 		seal(bytes + at, STORE_HEADER, 0);
 	}
 }
