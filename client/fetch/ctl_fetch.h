@@ -82,7 +82,7 @@ void ctl_mesh_edges_json(struct term_json *, const struct ctl_mesh *);
 /* The report of a window, in memory of its own. */
 struct ctl_window {
 	struct acut_report report;
-	char digest[40], vertex_digest[40], note[200], max_error[64];
+	char digest[40], vertex_digest[40], note[200], max_error[64], largest_error[64];
 };
 void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
 

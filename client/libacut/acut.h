@@ -409,6 +409,8 @@ struct acut_report {
 	 * another view. Then the positions of all these points, those kept, rounds that added some, bounds that were tried. */
 	const char *max_error;
 	uint64_t positions, kept, rounds, attempts;
+	/* And the greatest distance of a point, rounded up to a thousandth of the lattice; "": unknown, of an earlier version. */
+	const char *largest_error;
 };
 struct acut_job {
 	uint64_t id, generation;

@@ -18,7 +18,7 @@
 
 /* Options of acut-cluster alone. Texts are NULL, numbers 0 if not given. */
 struct cluster_options {
-	const char *work, *on, *script, *directory, *config;
+	const char *work, *on, *script, *directory, *config, *scratch;
 	const char *partition, *account, *qos;
 	struct cli_texts sbatch;
 	uint64_t task_memory, task_points, max_tasks, attempts;
@@ -68,6 +68,7 @@ enum cluster_setting {
 	CLUSTER_TASK_MEMORY,
 	CLUSTER_MAX_TASKS,
 	CLUSTER_ATTEMPTS,
+	CLUSTER_SCRATCH,
 	CLUSTER_SBATCH,
 	CLUSTER_SETTINGS
 };

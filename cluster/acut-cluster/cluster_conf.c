@@ -23,6 +23,7 @@ static const struct {
 	[CLUSTER_TASK_MEMORY] = {"task-memory", SIZE},
 	[CLUSTER_MAX_TASKS] = {"max-tasks", COUNT},
 	[CLUSTER_ATTEMPTS] = {"attempts", COUNT},
+	[CLUSTER_SCRATCH] = {"scratch", TEXT},
 	[CLUSTER_SBATCH] = {"sbatch", TEXT},
 };
 

@@ -92,9 +92,8 @@ static int check_view(const struct program *p, struct err *err)
 	char *text;
 	int r = mesh_phase_check(&p->view, err);
 
-	if (r)
-		return err_add_hint(err, "stage, then import the dataset into acutd, and use the option there");
-	r = ctl_view_text(&p->view, &text, err);
+	if (!r)
+		r = ctl_view_text(&p->view, &text, err);
 	if (!r)
 		free(text);
 	return r;

@@ -42,6 +42,8 @@ const struct cli_option cluster_options[] = {
 	{"attempts", 0, "N", CLI_COUNT, AT(opt.attempts), CLUSTER_SCHEDULER, "a task that fails is tried so often (3)"},
 	{"sbatch", 0, "OPTION", CLI_LIST, AT(opt.sbatch), CLUSTER_SCHEDULER,
 	 "one more option of sbatch, as --sbatch=--constraint=avx2; may be repeated"},
+	{"scratch", 0, "DIR", CLI_WORD, AT(opt.scratch), CLUSTER_RUN,
+	 "a folder of each node for temporary files (the work folder)"},
 	{"config", 0, "FILE", CLI_WORD, AT(opt.config), CLUSTER_RUN, "settings, in place of " ACUT_CLUSTER_CONFIG},
 	{"no-config", 0, NULL, CLI_FLAG, AT(opt.no_config), CLUSTER_RUN, "read no file of settings"},
 

@@ -272,13 +272,16 @@ int cluster_run_go(struct cluster_run *r)
 	struct err err = ERR_INIT;
 	int e;
 
-	if (is_local(r) || (r->program->opt.wait && strcmp(r->own.opt.on, "script")))
+	if (is_local(r))
 		return cluster_run_wait(r);
+	/* What was cancelled before is submitted again; from then on it ends the wait. */
 	e = dispatch_look(r->dispatch, &err);
 	if (!e)
 		e = dispatch_submit(r->dispatch, false, &err);
-	if (e)
+	if (e && !(e == -ERR_BUSY && r->program->opt.wait)) {
+		err_add_hint(&err, "the run is in %s: acut-cluster resume goes on, clean --force removes it", r->folder);
 		return session_error(s, &err);
+	}
 	if (r->program->opt.wait)
 		return cluster_run_wait(r);
 	if (s->console.json)

@@ -67,6 +67,8 @@ static bool is_given(const struct program *p, size_t id)
 		return o->max_tasks;
 	case CLUSTER_ATTEMPTS:
 		return o->attempts;
+	case CLUSTER_SCRATCH:
+		return o->scratch;
 	case CLUSTER_SBATCH:
 	case CLUSTER_SETTINGS:
 		break;

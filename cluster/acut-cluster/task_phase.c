@@ -68,7 +68,7 @@ static int survey_of(struct task *t, struct err *err)
 	p->accept_truncated = t->own.input.accept_truncated;
 	p->strict = s->strict;
 	p->grows = !work_about(t->work)->tasks[WORK_PLAN];
-	p->scratch = getenv("ACUT_TASK_SCRATCH");
+	p->scratch = t->own.opt.scratch;
 	p->progress = survey_progress;
 	p->refused = refused;
 	p->warned = warned;
@@ -84,6 +84,11 @@ static int run_head(struct task *t, struct err *err)
 static int run_stage(struct task *t, struct err *err)
 {
 	return survey_stage(t->work, t->index, &t->survey, err);
+}
+
+static int run_sort(struct task *t, struct err *err)
+{
+	return survey_sort(t->work, t->index, &t->survey, err);
 }
 
 static int run_commit(struct task *t, struct err *err)
@@ -136,7 +141,7 @@ static struct gather_params gather_of(struct task *t)
 {
 	return (struct gather_params){.work = t->work,
 				      .outputs = &t->own.fetch,
-				      .scratch = getenv("ACUT_TASK_SCRATCH"),
+				      .scratch = t->own.opt.scratch,
 				      .memory = work_about(t->work)->memory,
 				      .interrupted = interrupted,
 				      .ctx = t};
@@ -157,8 +162,8 @@ static int run_finish(struct task *t, struct err *err)
 }
 
 static int (*const runs[WORK_PHASES])(struct task *, struct err *) = {
-	[WORK_HEAD] = run_head, [WORK_STAGE] = run_stage,   [WORK_COMMIT] = run_commit, [WORK_PLAN] = run_plan,
-	[WORK_MESH] = run_mesh, [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
+	[WORK_HEAD] = run_head, [WORK_STAGE] = run_stage, [WORK_SORT] = run_sort,     [WORK_COMMIT] = run_commit,
+	[WORK_PLAN] = run_plan, [WORK_MESH] = run_mesh,   [WORK_GATHER] = run_gather, [WORK_FINISH] = run_finish,
 };
 
 int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t index, struct err *err)
@@ -179,8 +184,7 @@ int task_run(struct program *p, struct work *w, enum work_phase phase, uint32_t 
 	if (!r)
 		r = survey_of(&t, err);
 	if (!r)
-		r = runs[phase] ? runs[phase](&t, err) :
-				  err_set(err, ERR_UNSUPPORTED, "this version has no phase %s", work_phase_text(phase));
+		r = runs[phase](&t, err);
 	ctl_assume_done(&t.assume);
 	cli_done(&t.own.line);
 	return r;

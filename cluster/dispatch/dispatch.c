@@ -232,7 +232,8 @@ int dispatch_look(struct dispatch *d, struct err *err)
 			struct dispatch_task *t = &d->task[p][i];
 			const bool there = t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING;
 
-			if (!t->done)
+			/* One that waits has no record, but for a look at another attempt: it will be done at once. */
+			if (!t->done && !(t->state == DISPATCH_WAITING && t->seen))
 				t->done = d->o.done(d->o.ctx, p, i);
 			t->seen |= t->state != DISPATCH_ABSENT;
 			t->missing_s = t->done || there ? 0 : t->missing_s ? t->missing_s : now;
@@ -268,6 +269,7 @@ static void refine(const struct dispatch_log *log, struct dispatch_task *t)
 static int failed(const struct dispatch *d, unsigned p, uint32_t i, const struct dispatch_log *log, struct err *err)
 {
 	const struct dispatch_task *t = &d->task[p][i];
+	const bool limit = t->why == DISPATCH_WHY_MEMORY || t->why == DISPATCH_WHY_TIME;
 	char path[96], number[24] = "", host[80] = "";
 
 	d->on->log_name(d, p, i, path);
@@ -275,9 +277,12 @@ static int failed(const struct dispatch *d, unsigned p, uint32_t i, const struct
 		snprintf(number, sizeof number, " %s%d", t->why == DISPATCH_WHY_STATUS ? "with status " : "", t->status);
 	if (log->host[0])
 		snprintf(host, sizeof host, " on %s", log->host);
-	err_set(err, repeats_itself(t) ? ERR_INPUT : ERR_IO, "task %s %u: %s%s%s, after %u attempt%s%s%s", d->phase[p].name, i,
-		dispatch_why_text(t->why), number, host, log->begun, log->begun == 1 ? "" : "s",
-		log->tail[0] ? "; its log ends with: " : "", log->tail);
+	err_set(err,
+		repeats_itself(t) ? ERR_INPUT :
+		limit             ? ERR_LIMIT :
+				    ERR_IO,
+		"task %s %u: %s%s%s, after %u attempt%s%s%s", d->phase[p].name, i, dispatch_why_text(t->why), number, host,
+		log->begun, log->begun == 1 ? "" : "s", log->tail[0] ? "; its log ends with: " : "", log->tail);
 	return err_add_hint(err, "its log is %s/log/%s; mend the cause, then: acut-cluster resume %s", d->o.work, path,
 			    d->o.work);
 }
@@ -338,9 +343,11 @@ static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient
 	d->phase[p].time *= time ? 2 : 1;
 	if (!r && n)
 		r = d->on->submit(d, p, list, n, err);
-	for (uint32_t k = 0; k < n && !r; k++) {
+	for (uint32_t k = 0; k < n; k++) {
 		struct dispatch_task *t = &d->task[p][list[k]];
 
+		if (t->state != DISPATCH_WAITING)
+			continue;
 		/* One that has to wait for the phase before is no attempt yet, if it is dropped. */
 		t->tries = (uint8_t)(t->tries + (first && t->tries < UINT8_MAX));
 		t->why = DISPATCH_WHY_NONE;
@@ -368,38 +375,46 @@ int dispatch_submit(struct dispatch *d, bool patient, struct err *err)
 		first = first && dispatch_phase_done(d, p);
 	}
 	free(list);
-	d->submitted = d->submitted || !r;
+	d->submitted = d->submitted || !r || r == -ERR_BUSY;
 	if (!r && d->on->submitted)
 		r = d->on->submitted(d, err);
 	return r;
 }
 
+/* Looks and submits. -ERR_BUSY: not all of it could be done now. */
+static int turn(struct dispatch *d, bool *ret_over, struct err *err)
+{
+	int r = dispatch_look(d, err);
+
+	if (r && r != -ERR_BUSY)
+		return r;
+	if (d->o.changed)
+		d->o.changed(d->o.ctx);
+	*ret_over = dispatch_all_done(d);
+	if (r || *ret_over || (d->o.stop && d->o.stop(d->o.ctx)))
+		return r;
+	return dispatch_submit(d, true, err);
+}
+
 int dispatch_wait(struct dispatch *d, struct err *err)
 {
-	bool answered = true;
+	bool busy = false, over = false;
 
 	for (;;) {
-		int r = dispatch_look(d, err);
+		int r = turn(d, &over, err);
 
 		if (r == -ERR_BUSY) {
-			if (answered)
-				dispatch_note(d, "%s; it is asked again", err->message);
+			if (!busy)
+				dispatch_note(d, "%s; it is tried again", err->message);
 			err_clear(err);
 		} else if (r) {
 			return r;
 		}
-		answered = !r;
-		if (d->o.changed)
-			d->o.changed(d->o.ctx);
-		if (dispatch_all_done(d))
+		busy = r != 0;
+		if (over)
 			return 0;
 		if (d->o.stop && d->o.stop(d->o.ctx))
 			return DISPATCH_E_STOPPED;
-		if (answered) {
-			r = dispatch_submit(d, true, err);
-			if (r)
-				return r;
-		}
 		d->on->pause(d);
 	}
 }

@@ -31,7 +31,7 @@ struct dispatch_options {
 	const char *task; /* the program that an element runs, absolute: TASK WORK PHASE INDEX */
 	const struct dispatch_phase *phase;
 	unsigned nphase;
-	unsigned most;                         /* tasks at once; 0: local: one a processor, slurm: no limit of ours */
+	unsigned most;                         /* tasks at once; 0: local: one a processor, if they fit into memory; slurm: any */
 	unsigned attempts;                     /* of a task; 0: 3 */
 	double poll;                           /* seconds between two questions to a scheduler; 0: 10 */
 	double patience;                       /* seconds that a record may take to become visible here; 0: 120 */
@@ -89,7 +89,7 @@ struct dispatch *dispatch_free(struct dispatch *); /* local: ends its tasks */
 int dispatch_look(struct dispatch *, struct err *err);
 /* Submits what has no record and is not there, after a look. `patient`: not yet what may have a record that is not visible here.
  * A task that has failed too often, or in a way that repeats itself, fails this; so does, with `patient`, one that somebody has
- * cancelled: -ERR_CANCELLED. */
+ * cancelled: -ERR_CANCELLED. -ERR_BUSY: the scheduler takes no more now; the rest is for a later turn. */
 int dispatch_submit(struct dispatch *, bool patient, struct err *err);
 /* Until all tasks are done. DISPATCH_E_STOPPED. */
 int dispatch_wait(struct dispatch *, struct err *err);

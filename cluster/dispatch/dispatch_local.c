@@ -34,15 +34,27 @@ struct local {
 	unsigned at[DISPATCH_PHASES]; /* no task before this one waits */
 };
 
+/* One a processor, and as many as fit into three quarters of the memory. */
+static unsigned preset_most(const struct dispatch *d)
+{
+	const long processors = sysconf(_SC_NPROCESSORS_ONLN), pages = sysconf(_SC_PHYS_PAGES), page = sysconf(_SC_PAGESIZE);
+	const uint64_t memory = pages > 0 && page > 0 ? (uint64_t)pages * (uint64_t)page / 4 * 3 : UINT64_MAX;
+	uint64_t task = 1, most = processors > 0 ? (uint64_t)processors : 1;
+
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		task = d->phase[p].tasks > 1 && d->phase[p].memory > task ? d->phase[p].memory : task;
+	most = memory / task < most ? memory / task : most;
+	return most ? (unsigned)most : 1;
+}
+
 static int begin(struct dispatch *d, struct err *err)
 {
 	struct local *l = calloc(1, sizeof *l);
-	long processors = sysconf(_SC_NPROCESSORS_ONLN);
 
 	if (!l)
 		return err_set(err, ERR_NOMEM, "no memory for a scheduler");
 	d->own = l;
-	l->most = d->o.most ? d->o.most : processors > 0 ? (unsigned)processors : 1;
+	l->most = d->o.most ? d->o.most : preset_most(d);
 	l->most = l->most < MOST ? l->most : MOST;
 	l->child = calloc(l->most, sizeof *l->child);
 	return l->child ? 0 : err_set(err, ERR_NOMEM, "no memory for a scheduler");

@@ -85,6 +85,24 @@ static void take_row(struct dispatch *d, const struct dispatch_row *row, uint32_
 	t->job = row->job;
 }
 
+static int ask_array_size(struct dispatch *d, struct err *err)
+{
+	static const char *const argv[] = {"scontrol", "show", "config", NULL};
+	struct slurm *s = d->own;
+	char *text;
+	int r;
+
+	if (s->array_most)
+		return 0;
+	r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
+	if (r)
+		return r;
+	if (!dispatch_config_number(text, "MaxArraySize", &s->array_most) || s->array_most < 2)
+		r = err_set(err, ERR_UNSUPPORTED, "this Slurm takes no arrays: scontrol show config has no MaxArraySize above 1");
+	free(text);
+	return r;
+}
+
 static int look(struct dispatch *d, struct err *err)
 {
 	struct slurm *s = d->own;
@@ -94,7 +112,9 @@ static int look(struct dispatch *d, struct err *err)
 	int r;
 
 	snprintf(user, sizeof user, "%u", (unsigned)getuid());
-	r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
+	r = ask_array_size(d, err); /* names of logs depend on it */
+	if (!r)
+		r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
 	if (r == -ERR_IO) /* it cannot reach its controller, which may come back */
 		err->code = ERR_BUSY;
 	if (r)
@@ -129,24 +149,6 @@ static int look(struct dispatch *d, struct err *err)
 }
 
 /* ---- submission ---- */
-
-static int ask_array_size(struct dispatch *d, struct err *err)
-{
-	static const char *const argv[] = {"scontrol", "show", "config", NULL};
-	struct slurm *s = d->own;
-	char *text;
-	int r;
-
-	if (s->array_most)
-		return 0;
-	r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
-	if (r)
-		return r;
-	if (!dispatch_config_number(text, "MaxArraySize", &s->array_most) || s->array_most < 2)
-		r = err_set(err, ERR_UNSUPPORTED, "this Slurm takes no arrays: scontrol show config has no MaxArraySize above 1");
-	free(text);
-	return r;
-}
 
 struct array {
 	unsigned phase;
@@ -272,6 +274,17 @@ static bool is_no_answer(const struct err *err)
 	return false;
 }
 
+/* The user may not have more tasks in the queue. */
+static bool is_full(const struct err *err)
+{
+	static const char *const signs[] = {"MaxSubmit", "MaxJobsPer", "job submit limit", "MaxTRESPer"};
+
+	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
+		if (strstr(err->message, signs[i]))
+			return true;
+	return false;
+}
+
 /* The job of that name that has the first task of the list waiting or running; 0: there is none. */
 static int find_again(struct dispatch *d, const struct array *a, uint32_t task, uint32_t *ret, struct err *err)
 {
@@ -329,28 +342,44 @@ static int submit_array(struct dispatch *d, const struct array *a, uint32_t task
 	return r;
 }
 
+/* As many of the tasks as fit into an array, and `most` at most. */
+static void make_array(const struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, uint32_t most,
+		       struct array *ret)
+{
+	const struct slurm *s = d->own;
+	uint32_t last = 0;
+
+	*ret = (struct array){.phase = phase};
+	ret->offset = (uint32_t)(index[0] / s->array_most * s->array_most);
+	ret->arrays = (uint32_t)((d->phase[phase].tasks + s->array_most - 1) / s->array_most);
+	while (last < n && last < most && index[last] < ret->offset + s->array_most)
+		last++;
+	ret->n = dispatch_ranges(index, last, ret->offset, ret->list, sizeof ret->list);
+}
+
 static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
 {
 	struct array *a = malloc(sizeof *a);
-	struct slurm *s = d->own;
-	uint32_t at = 0, job, tasks = d->phase[phase].tasks;
+	uint32_t at = 0, job, most = UINT32_MAX;
 	int r = a ? ask_array_size(d, err) : err_set(err, ERR_NOMEM, "no memory for a list of tasks");
 
 	while (!r && at < n) {
-		uint32_t last = at;
-
-		*a = (struct array){.phase = phase};
-		a->offset = (uint32_t)(index[at] / s->array_most * s->array_most);
-		a->arrays = (uint32_t)((tasks + s->array_most - 1) / s->array_most);
-		while (last < n && index[last] < a->offset + s->array_most)
-			last++;
-		a->n = dispatch_ranges(index + at, last - at, a->offset, a->list, sizeof a->list);
+		make_array(d, phase, index + at, n - at, most, a);
 		r = submit_array(d, a, index[at], &job, err);
+		if (r && is_full(err)) {
+			/* Fewer may fit; the rest is for later. */
+			err->code = ERR_BUSY;
+			r = a->n > 1 ? 0 : -ERR_BUSY;
+			most = a->n / 2;
+			if (!r)
+				err_clear(err);
+			continue;
+		}
 		for (uint32_t k = at; !r && k < at + a->n; k++) {
 			d->task[phase][index[k]].state = DISPATCH_WAITING;
 			d->task[phase][index[k]].job = job;
 		}
-		if (!r && !note_job(s, phase, job))
+		if (!r && !note_job(d->own, phase, job))
 			r = err_set(err, ERR_NOMEM, "no memory for the list of jobs");
 		at += a->n;
 	}

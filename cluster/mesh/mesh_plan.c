@@ -17,8 +17,9 @@
 #include "io.h"
 #include "mesh_priv.h"
 
-/* Top leaves a task, about, so that ranges are of nearly equal size. What a leaf takes beside its positions, in these. */
-enum { LEAVES = 5, LEAF_WORK = 2000 };
+/* Top leaves a task, about, so that ranges are of nearly equal size. What a leaf takes beside its positions: this part of what a
+ * full domain takes. */
+enum { LEAVES = 5, LEAF_WORK = 32 };
 
 struct planning {
 	struct phase *s;
@@ -65,7 +66,7 @@ static uint32_t top_load(const struct phase *s, uint32_t load, uint32_t tasks)
 /* A leaf is of the task in whose share of the work its middle is. */
 static int divide(struct planning *l, struct err *err)
 {
-	const uint32_t tasks = l->plan.tasks;
+	const uint32_t tasks = l->plan.tasks, each = l->plan.load / LEAF_WORK + 1;
 	unsigned __int128 all = 0, at = 0;
 	size_t i = 0;
 
@@ -73,10 +74,10 @@ static int divide(struct planning *l, struct err *err)
 	if (!l->first)
 		return err_set(err, ERR_NOMEM, "no memory for %u tasks", (unsigned)tasks);
 	for (size_t k = 0; k < l->top.n; k++)
-		all += 2 * (l->top.leaf[k].count + LEAF_WORK);
+		all += 2 * (l->top.leaf[k].count + each);
 	for (uint32_t task = 0; task < tasks; task++) {
 		for (l->first[task] = i; i < l->top.n; i++) {
-			uint64_t work = l->top.leaf[i].count + LEAF_WORK;
+			uint64_t work = l->top.leaf[i].count + each;
 
 			if ((uint64_t)((at + work) * tasks / all) > task)
 				break;

@@ -71,9 +71,10 @@ static void name_of_geoid(const char *path, char *ret, size_t size)
 }
 
 /* The grid's hash; the head makes it from the whole file, and notes its size and time, by which others know it again. */
-static int hash_geoid(struct survey *s, const struct work_record *head, char ret[DIGEST_HEX_SIZE], struct err *err)
+static int hash_geoid(struct survey *s, const struct work_record *head, const char *path, char ret[DIGEST_HEX_SIZE],
+		      struct err *err)
 {
-	const char *path = s->p->says.geoid, *known = head ? work_record_text(head, "geoid_hash") : NULL;
+	const char *known = head ? work_record_text(head, "geoid_hash") : NULL;
 	char seen[64];
 	struct crs_geoid_info info;
 	struct stat st;
@@ -102,7 +103,7 @@ static int hash_geoid(struct survey *s, const struct work_record *head, char ret
 int survey_agree(struct survey *s, const struct work_record *head, struct err *err)
 {
 	struct agree_words says = s->p->says;
-	char geoid[72] = "", hash[DIGEST_HEX_SIZE];
+	char geoid[72] = "", hash[DIGEST_HEX_SIZE], *path = NULL;
 	bool shifts = says.geoid && *says.geoid;
 	int r;
 
@@ -116,9 +117,16 @@ int survey_agree(struct survey *s, const struct work_record *head, struct err *e
 		r = agree_said(&s->agree, &says, err);
 	if (!r)
 		r = agree_plane_words(&s->agree, err);
+	if (!r && shifts && !(path = realpath(s->p->says.geoid, NULL))) {
+		err_sys(err, errno, "cannot find the geoid grid");
+		r = err_add_file(err, s->p->says.geoid);
+	}
 	if (!r && shifts)
-		r = hash_geoid(s, head, hash, err);
-	return r || !shifts ? r : agree_geoid_found(&s->agree, s->p->says.geoid, hash, err);
+		r = hash_geoid(s, head, path, hash, err);
+	if (!r && shifts)
+		r = agree_geoid_found(&s->agree, path, hash, err);
+	free(path);
+	return r;
 }
 
 int survey_take_head(struct survey *s, struct err *err)

@@ -3,7 +3,8 @@
  *
  * Each is one task from beginning to end: it begins an attempt, does its work within the memory of a task, and publishes the
  * record. 0: the task has its record, from this attempt or from another. A failure is recorded (work_fail) before it is returned;
- * -ERR_CANCELLED is not. Any thread; one phase at a time in a work folder that was opened.
+ * -ERR_CANCELLED is not. Any thread; one phase at a time in a work folder that was opened. Callbacks come from any thread, one at
+ * a time.
  */
 #ifndef SURVEY_H
 #define SURVEY_H
@@ -36,7 +37,8 @@ struct survey_params {
 	void *ctx;
 };
 
-/* Memory of a head task, and of the smallest stage or sort task; for the check before a run is submitted. */
+/* Memory of a head task, which needs more than a task is given where there are many inputs, and enough for a commit; and that of
+ * the smallest stage or sort task. For what a scheduler is asked for. */
 uint64_t survey_head_bytes(uint64_t inputs);
 uint64_t survey_least_bytes(uint64_t inputs);
 

@@ -10,7 +10,9 @@
  * Not here: reading points; what later phases make of the order.
  */
 #include <math.h>
+#include <pthread.h>
 #include <pwd.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,12 +22,20 @@
 #include "err.h"
 #include "file_hash.h"
 #include "io.h"
+#include "lock.h"
 #include "point.h"
 #include "survey_priv.h"
+
+enum { OPENERS = 16, STACK = 64 << 10 /* of a thread, as far as it is used */ };
 
 struct head {
 	struct survey *s;
 	struct survey_table table;
+	/* While headers are read: the lock guards the table and what follows, and callbacks are called under it. */
+	struct lock lock;
+	_Atomic size_t next; /* the input that is opened next */
+	size_t done;
+	struct err why; /* why no more are opened */
 };
 
 uint64_t survey_head_bytes(uint64_t inputs)
@@ -34,7 +44,7 @@ uint64_t survey_head_bytes(uint64_t inputs)
 	uint64_t each = sizeof(struct work_input) + sizeof(struct survey_input) + 3 * sizeof(struct lattice_input) +
 			2 * sizeof(struct name_slot) + SURVEY_SOURCE_BYTES + 512;
 
-	return SURVEY_PROCESS_BYTES + input_bytes() + inputs * each;
+	return SURVEY_PROCESS_BYTES + OPENERS * (input_bytes() + STACK) + inputs * each;
 }
 
 /* ---- refusals ---- */
@@ -42,8 +52,10 @@ uint64_t survey_head_bytes(uint64_t inputs)
 static void refuse(struct head *h, size_t i, const struct err *why)
 {
 	h->table.input[i].refused = true;
-	if (!h->table.refused++)
+	if (!h->table.refused++ || i < h->table.first_refused) {
+		h->table.first_refused = i;
 		h->table.first = *why;
+	}
 	if (h->s->p->refused)
 		h->s->p->refused(h->s->p->ctx, why);
 }
@@ -106,31 +118,64 @@ static int open_one(struct head *h, struct survey_input *to, struct err *err)
 		return r;
 	r = input_open(fd, to->file->path, &options, &in, err);
 	if (!r)
-		r = note(h, to, in, err);
-	if (!r)
 		r = file_hash_bounded(input_info(in), to->file->size, to->file->path, err);
+	if (!r) {
+		lock_take(&h->lock);
+		r = note(h, to, in, err);
+		lock_give(&h->lock);
+	}
 	input_close(in);
 	io_close(fd);
 	return r ? err_add_file(err, to->file->path) : 0;
 }
 
+/* Counts an input; false: nobody opens another one. */
+static bool opened(struct head *h, size_t i, int r, const struct err *why)
+{
+	struct err err = ERR_INIT;
+	bool go_on;
+
+	lock_take(&h->lock);
+	if (r == -ERR_NOMEM && !h->why.code)
+		h->why = *why;
+	else if (r)
+		refuse(h, i, why);
+	if (!h->why.code && survey_progress(h->s, ++h->done, h->table.n, &err))
+		h->why = err;
+	go_on = !h->why.code;
+	lock_give(&h->lock);
+	return go_on;
+}
+
+static void *open_some(void *ctx)
+{
+	struct head *h = ctx;
+	bool go_on = true;
+	size_t i;
+
+	while (go_on && (i = atomic_fetch_add(&h->next, 1)) < h->table.n) {
+		struct err why = ERR_INIT;
+		int r = open_one(h, &h->table.input[i], &why);
+
+		go_on = opened(h, i, r, &why);
+	}
+	return NULL;
+}
+
+/* A header takes little time and several answers of the file system, so many are asked for at once. */
 static int open_all(struct head *h, struct err *err)
 {
-	struct survey_table *t = &h->table;
+	pthread_t helper[OPENERS - 1];
+	unsigned n = 0;
 
-	for (size_t i = 0; i < t->n; i++) {
-		struct err why = ERR_INIT;
-		int r = open_one(h, &t->input[i], &why);
-
-		if (r == -ERR_NOMEM)
-			return -(int)(*err = why).code;
-		if (r)
-			refuse(h, i, &why);
-		r = survey_progress(h->s, i + 1, t->n, err);
-		if (r)
-			return r;
-	}
-	return 0;
+	while (n < OPENERS - 1 && n + 1 < h->table.n && !pthread_create(&helper[n], NULL, open_some, h))
+		n++;
+	open_some(h);
+	while (n)
+		pthread_join(helper[--n], NULL);
+	if (h->why.code)
+		*err = h->why;
+	return -(int)h->why.code;
 }
 
 /* ---- agreement ---- */
@@ -325,12 +370,11 @@ static int write_results(struct head *h, struct err *err)
 
 static int run(struct survey *s, uint32_t task, struct err *err)
 {
-	struct head h = {.s = s};
+	struct head h = {.s = s, .why = ERR_INIT};
 	char *wkt;
 	int r = survey_table_read(&h.table, s->work, err);
 
-	if (!r)
-		r = survey_check_memory(s, survey_head_bytes(h.table.n), "the table of all inputs", err);
+	lock_init(&h.lock, LOCK_SURVEY);
 	if (!r)
 		r = survey_agree(s, NULL, err);
 	if (!r)
@@ -347,6 +391,7 @@ static int run(struct survey *s, uint32_t task, struct err *err)
 	if (!r)
 		r = write_results(&h, err);
 	survey_table_free(&h.table);
+	lock_done(&h.lock);
 	return r;
 }
 

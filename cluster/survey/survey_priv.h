@@ -75,8 +75,8 @@ struct survey_table {
 	size_t nkept;
 	struct names keys;
 	size_t read_bytes; /* the most that reading one takes */
-	size_t refused;
-	struct err first; /* of those that are refused */
+	size_t refused, first_refused;
+	struct err first; /* of the first that is refused */
 };
 
 /* The inputs of the command, each path once. */

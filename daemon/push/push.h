@@ -31,6 +31,17 @@ void pushes_tick(struct pushes *);           /* each timer tick */
 void pushes_abandon(struct pushes *);
 void pushes_held(const struct pushes *, void (*each)(void *ctx, const struct core_holder *), void *ctx);
 
+/* A worker reads a file of it that gives nothing: a disk or a file system without an answer. A read cannot be ended from outside.
+ */
+struct push_stall {
+	uint64_t push;
+	uint32_t uid;
+	const char *file; /* as the client named it; valid in this round of the loop */
+	double seconds;
+};
+#define PUSH_STALL_SECONDS 15.0
+unsigned pushes_stalled(const struct pushes *, struct push_stall *ret_longest); /* how many */
+
 /* ---- answers ---- */
 
 struct push_begun {

@@ -247,6 +247,8 @@ struct push {
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
 	_Atomic uint64_t hashed, hash_end;  /* bytes of a file that is read only for its hash; 0: none is */
 	uint64_t progress_ns;               /* when progress was reported last */
+	_Atomic uint64_t run_ns;            /* since when a worker runs the first request; 0: none does */
+	uint64_t seen, seen_ns;             /* what it had read, and since when that has been so; seen_ns 0: it reads no file */
 	atomic_bool cancel;
 };
 

@@ -171,39 +171,6 @@ void run_close(struct run *w)
 
 /* ---- opening ---- */
 
-/* A lower bound: `dead` of the records are not of this generation, and may be any of them. */
-static uint64_t at_least(uint64_t points, uint64_t dead)
-{
-	return points > dead ? points - dead : 0;
-}
-
-/* Segments count their points by class, sources do not. If a segment also has records of other generations, only a lower bound is
- * known for each class. */
-static void count_classes(struct run *w)
-{
-	const struct grid_manifest *m = grid_manifest(w->grid);
-	const struct grid_source *lines = grid_lines_source(w->grid);
-
-	w->ground = w->other = 0;
-	w->unclassified = w->classes_exact = true;
-	for (size_t i = 0; i < m->nsegments; i++) {
-		const uint64_t *points = m->segments[i].classes;
-		uint64_t live = grid_segment_points(w->grid, i), dead = m->segments[i].points - live, other = 0;
-
-		if (!live)
-			continue;
-		for (unsigned c = 0; c < 256; c++)
-			other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
-		w->classes_exact = w->classes_exact && !dead;
-		w->ground += at_least(points[2], dead);
-		w->other += at_least(other, dead);
-		w->unclassified &= !points[2] && !points[8];
-	}
-	/* Vertices of lines have class 0, and are not chosen by class. */
-	if (lines)
-		w->other = at_least(w->other, lines->points);
-}
-
 /* What a selection, whose grid takes the place of this one, has not. */
 static int keep_system(struct run *w)
 {
@@ -241,7 +208,7 @@ static void open_run(struct sched_task *t)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
 	w->grid_view = w->view;
-	count_classes(w);
+	run_count_classes(w);
 	w->r = keep_system(w);
 	if (!w->r)
 		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(runs->admission),

@@ -47,6 +47,8 @@ int pipe_domain_load(const struct grid *grid, const struct view *view, const str
 /* pipe_domain for a view with weights, and what is refused with one (pipe_weight.c). */
 int pipe_weight(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+/* No position has a greater weight. */
+int64_t pipe_weight_most(const struct grid *grid, const struct view *view);
 int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err);
 /* For a grid with lines, after tri_run: the triangles of the region if they differ from the owned ones (else ret->chosen is
  * NULL), of *tri, which may become another one. PIPE_E_SPLIT as of pipe_domain. */

@@ -18,6 +18,7 @@ from ._mesh import Fetch, Mesh, progress_function
 from ._push import Push, push_options
 from ._results import take
 from ._view import Area, view_text, window_text
+from ._volume import Volumes, volumes
 
 SYSTEM_SOCKET = "/run/acut/acutd.sock"
 
@@ -372,6 +373,29 @@ class Connection:
         finally:
             fetch._over = True  # also if an interrupt keeps the next line from it: nobody else could end it
             fetch.close()
+
+    def volume(self, first: JobOrId, second: Optional[JobOrId] = None, *, level: Any = None, within: Any = None,
+               name_field: Optional[str] = None, unit: Optional[str] = None, output: Union[Path, Iterable[Path], None] = None,
+               cell: Any = None, no_clobber: bool = False) -> Volumes:
+        """Cut and fill between the meshes of two jobs, or between a level and that of one; waits until they are made.
+
+        for v in server.volume(before, after, within="parcels.geojson"):
+            print(v.name, v.fill, v.cut, "m3")
+
+        level    a height in the unit of the mesh (a number, or a text with its exact digits), in place of the first surface
+        within   polygons, a result for each: the path of a file of GeoJSON or WKT, GeoJSON as a mapping, an object with
+                 __geo_interface__ (of shapely, geopandas), or an iterable of these
+        name_field  the property that names a result: "name" if it is not given
+        unit     of the results: "m", "ft", "ftUS" or "yd"; else that of the meshes
+        output   images of the difference, .png or .tif; `cell` is the side of a pixel, a number or a text as "1m"
+        It runs acutctl, which must be there: in PATH, or where ACUTCTL says.
+        """
+        jobs = [_id(j) for j in (first, second) if j is not None]
+
+        def work() -> Volumes:
+            return volumes(self.socket, os.environ.get("ACUTCTL") or "acutctl", jobs, level=level, within=within,
+                           name_field=name_field, unit=unit, output=output, cell=cell, no_clobber=no_clobber)
+        return self._state.alone(work)
 
     # ---- geoid grids, disk, backups ----
 

@@ -501,6 +501,7 @@ class Report:
     kept: int                # those kept
     rounds: int              # rounds that added some after the first choice
     attempts: int            # bounds that were tried
+    largest_error: str       # the greatest distance of a point, rounded up to a thousandth of the lattice; "": unknown, of an earlier version
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,11 @@
 #include "sets.h"
 
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
 #include <string.h>
+
+#include <cmocka.h>
 
 #include "cut_order.h"
 
@@ -141,6 +146,37 @@ void sets_make(uint64_t *seed, struct sets *set, struct view *view)
 	for (unsigned s = 0; s < set->segments; s++)
 		cut_order_sort(set->record[s], set->nrecord[s], point_less, NULL);
 	sets_reduce(set, view);
+}
+
+void sets_weights(uint64_t *seed, struct sets *set, struct view *view)
+{
+	static const uint8_t classes[] = {1, 2, 7};
+	unsigned size = sets_below(seed, 5);
+
+	for (unsigned i = 0; i < 3; i++) {
+		uint32_t most = size < 3 ? 3 + 4 * size : size == 3 ? 1000 : 1u << (10 + sets_below(seed, 21));
+
+		if (sets_below(seed, 4))
+			view_weight_set(view, classes[i], (int32_t)sets_below(seed, most + 1));
+	}
+	sets_reduce(set, view);
+}
+
+uint8_t sets_weight_of(const struct sets *set, const struct view *view, const struct mesh_vertex *v)
+{
+	const struct point *best = NULL;
+
+	for (unsigned s = 0; s < set->segments; s++)
+		for (size_t i = 0; i < set->nrecord[s]; i++) {
+			const struct point *p = &set->record[s][i];
+
+			if (p->x == v->x && p->y == v->y && view_judge(view, p) == VIEW_KEPT &&
+			    (!best || view_prefers(view, p, best)))
+				best = p;
+		}
+	assert_non_null(best);
+	assert_int_equal(best->z, v->z);
+	return view_weight_of(view, best);
 }
 
 void sets_tiling(uint64_t *seed, struct sets *set, struct tiling *t)

@@ -31,30 +31,35 @@
 #include "plan_record.h"
 #include "selection.h"
 #include "store.h"
+#include "tool_options.h"
 
 enum { INDEX_MEMORY = 4 << 20 };
 
-static const char USAGE[] =
-	"usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
-	"       acut-domain [--memory SIZE] [--load N] --plan MANIFEST VIEW\n"
-	"       acut-domain --job-plan FILE\n"
-	"       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n"
-	"\n"
-	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
-	"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order: those\n"
-	"of acutd's first mesh of the dataset. With --job-plan: those of a job, by STATE/plans/plan-JOB.\n"
-	"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
-	"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n"
-	"\n"
-	"  --memory SIZE   bytes for one domain and the index (default 256M)\n"
-	"  --plan          print the regions, a line each: REGION at-most|exact POINTS\n"
-	"  --load N        points of a region, at most (default 65536, as acutd, or what the memory allows)\n"
-	"  --job-plan      print the regions of the plan in FILE, likewise\n"
-	"  --select        print FOLDER/manifest, a tab, VIEW\n"
-	"  --help, --version\n"
-	"\n"
-	"VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
-	"Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n";
+static const struct tool_option OPTIONS[] = {
+	{"memory", "SIZE", "bytes for one domain and the index (default 256M)", 'm'},
+	{"plan", NULL, "print the regions, a line each: REGION at-most|exact POINTS", 'p'},
+	{"load", "N", "points of a region, at most (default 65536, as acutd, or what the memory allows)", 'l'},
+	{"job-plan", "FILE", "print the regions of the plan in FILE, likewise", 'j'},
+	{"select", NULL, "print FOLDER/manifest, a tab, VIEW", 's'},
+};
+static const struct tool TOOL = {
+	.name = "acut-domain",
+	.usage = "usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
+		 "       acut-domain [--memory SIZE] [--load N] --plan MANIFEST VIEW\n"
+		 "       acut-domain --job-plan FILE\n"
+		 "       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n",
+	.about =
+		"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
+		"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order: those\n"
+		"of acutd's first mesh of the dataset. With --job-plan: those of a job, by STATE/plans/plan-JOB.\n"
+		"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
+		"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n",
+	.end = "\n"
+	       "VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
+	       "Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n",
+	.option = OPTIONS,
+	.n = sizeof OPTIONS / sizeof *OPTIONS,
+};
 
 struct options {
 	uint64_t memory, load;
@@ -70,35 +75,24 @@ struct session {
 	struct pipe_budget budget;
 };
 
-static int usage_error(const char *text)
-{
-	fprintf(stderr, "acut-domain: %s\nTry 'acut-domain --help'.\n", text);
-	return 2;
-}
-
 /* -1: continue; otherwise the exit status. */
 static int parse_options(int argc, char **argv, struct options *o)
 {
-	static const struct option longs[] = {
-		{"memory", required_argument, NULL, 'm'}, {"load", required_argument, NULL, 'l'},
-		{"plan", no_argument, NULL, 'p'},         {"job-plan", required_argument, NULL, 'j'},
-		{"select", no_argument, NULL, 's'},       {"help", no_argument, NULL, 'h'},
-		{"version", no_argument, NULL, 'V'},      {0},
-	};
-	int c;
+	const char *value;
+	int c, status;
 
-	while ((c = getopt_long(argc, argv, "", longs, NULL)) != -1) {
+	while ((c = tool_next(&TOOL, argc, argv, &value, &status)) != TOOL_END) {
 		switch (c) {
 		case 'm':
-			if (!parse_size(optarg, &o->memory))
-				return usage_error("--memory wants a size such as 256M");
+			if (!parse_size(value, &o->memory))
+				return tool_usage_error(&TOOL, "--memory wants a size such as 256M");
 			break;
 		case 'l':
-			if (!parse_u64(optarg, &o->load) || !o->load || o->load > UINT32_MAX)
-				return usage_error("--load wants a number of points");
+			if (!parse_u64(value, &o->load) || !o->load || o->load > UINT32_MAX)
+				return tool_usage_error(&TOOL, "--load wants a number of points");
 			break;
 		case 'j':
-			o->job_plan = optarg;
+			o->job_plan = value;
 			break;
 		case 'p':
 			o->plan = true;
@@ -106,27 +100,20 @@ static int parse_options(int argc, char **argv, struct options *o)
 		case 's':
 			o->select = true;
 			break;
-		case 'h':
-			fputs(USAGE, stdout);
-			return 0;
-		case 'V':
-			puts("acut-domain " ACUT_VERSION);
-			return 0;
 		default:
-			fputs("Try 'acut-domain --help'.\n", stderr);
-			return 2;
+			return status;
 		}
 	}
 	if (o->plan + o->select + !!o->job_plan > 1)
-		return usage_error("--plan, --job-plan and --select are three commands");
+		return tool_usage_error(&TOOL, "--plan, --job-plan and --select are three commands");
 	if (o->load && !o->plan)
-		return usage_error("--load belongs to --plan");
+		return tool_usage_error(&TOOL, "--load belongs to --plan");
 	if (o->job_plan)
-		return optind < argc ? usage_error("--job-plan wants a file and nothing else") : -1;
+		return optind < argc ? tool_usage_error(&TOOL, "--job-plan wants a file and nothing else") : -1;
 	if (argc - optind != (o->plan ? 2 : o->select ? 3 : 4))
-		return usage_error(o->plan   ? "--plan wants MANIFEST and VIEW" :
-				   o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
-					       "it wants MANIFEST, VIEW, REGION and OUT");
+		return tool_usage_error(&TOOL, o->plan   ? "--plan wants MANIFEST and VIEW" :
+					       o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
+							   "it wants MANIFEST, VIEW, REGION and OUT");
 	o->manifest = argv[optind];
 	o->view = argv[optind + 1];
 	o->region = o->plan || o->select ? NULL : argv[optind + 2];

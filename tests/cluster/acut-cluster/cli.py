@@ -64,8 +64,8 @@ def refusals(base):
     expect(["mesh", survey, "-o", out, "--directory", base + "/none", *new], 74, base + "/none")
     expect(["mesh", survey, "-o", out, "--config", base + "/none", *new[:-1]], 2, "make it, or leave --config out")
     for option, value in (("crop", "0,0,1,1"), ("bbox", "0,0,1,1"), ("thin", "5"), ("every", "2"), ("max-error", "0.1"), ("weight", "2=1"),
-                          ("metric", "3,1,20"), ("polygon", survey), ("breakline-clear", "0")):
-        expect(["mesh", survey, "-o", out, "--" + option, value, *new], 2, "a run of a cluster does not take --" + option, "import")
+                          ("metric", "3,1,20"), ("polygon", survey)):
+        expect(["mesh", survey, "-o", out, "--" + option, value, *new], 2, "a run of a cluster makes no mesh with --" + option, "import")
     expect(["mesh", survey, "-o", out, "--class", "300", *new], 2, "not a list of classes")
     expect(["stage", survey, "-o", out, *new], 2, "stage takes no --output")
     for command in ("show", "wait", "cancel", "resume", "clean"):

@@ -91,7 +91,7 @@ int main(int argc, char **argv)
 	snprintf(script, sizeof script, "%s/script", argv[2]);
 	o.script = script;
 	for (int i = 7; i < argc && run.n < DISPATCH_PHASES; i++) {
-		char *name = strdup(argv[i]), *equal = strchr(name, '=');
+		char *name = argv[i], *equal = strchr(name, '=');
 
 		*equal = 0;
 		run.phase[run.n++] = (struct dispatch_phase){name, (uint32_t)atoi(equal + 1), 64 << 20, 600};

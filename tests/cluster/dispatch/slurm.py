@@ -113,6 +113,25 @@ def killed(base, s):
     s.until("the rest ends", lambda: len(w.done()) == 5)
 
 
+def full(base, s):
+    """A user who may have few tasks in the queue: what fits is submitted, and the rest later."""
+    w = Work(base, s, "sleep 0.3", "a=7", "b=2", "c=1")
+    real = subprocess.run(["which", "sbatch"], capture_output=True, text=True).stdout.strip()
+    with open(w.path + "/bin/sbatch", "w") as f:
+        f.write("""#!/bin/bash
+for a in "$@"; do case $a in --array=*) n=$(python3 -c '
+import sys
+print(sum(int(r.split("-")[-1]) - int(r.split("-")[0]) + 1 for r in sys.argv[1].split("%%")[0].split(",")))' "${a#--array=}");; esac; done
+[ $((n + $(squeue -h -r | wc -l))) -le 4 ] && exec %s "$@"
+echo "sbatch: error: QOSMaxSubmitJobPerUserLimit" >&2
+echo "sbatch: error: Batch job submission failed: Job violates accounting/QOS policy (job submit limit, user's size and/or time limits)" >&2
+exit 1
+""" % real)
+    os.chmod(w.path + "/bin/sbatch", 0o755)
+    status, out = w.run("wait", PATH=w.path + "/bin:" + os.environ["PATH"])
+    check("a queue with little room", status == 0 and w.logs().count(" begins on ") == 10 and "it is tried again" in out, out + w.logs())
+
+
 def memory(base, s):
     w = Work(base, s, 'if mkdir "$w/first" 2>/dev/null; then python3 -c "import time; x = bytearray(300 << 20); time.sleep(30)"; exit 1; fi', "a=1")
     status, out = w.run("wait")
@@ -187,7 +206,7 @@ def drained(base, s):
 
 
 with tempfile.TemporaryDirectory() as base, slurm(base + "/slurm", 3, array=6) as s:
-    for part in (chain, throttle, lost_reply, killed, memory, cancelled, drained, node_lost, controller):
+    for part in (chain, throttle, lost_reply, full, killed, memory, cancelled, drained, node_lost, controller):
         if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
             begun = time.time()
             part(base, s)

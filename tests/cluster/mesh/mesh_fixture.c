@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <cmocka.h>
 
@@ -240,4 +241,53 @@ void whole_same(const struct whole *a, const struct whole *b)
 	assert_true(x->counts.points == y->counts.points && x->counts.used == y->counts.used);
 	assert_memory_equal(x->counts.removed, y->counts.removed, sizeof x->counts.removed);
 	assert_true(x->counts.most.points == y->counts.most.points);
+}
+
+/* ---- runs ---- */
+
+char run_top[64], run_folder[128];
+
+void set_up(struct run *run, struct set set, unsigned segments, uint32_t tasks)
+{
+	static unsigned n;
+
+	snprintf(run_folder, sizeof run_folder, "%s/work-%u", run_top, n++);
+	run_make(run, run_folder, set, segments, tasks);
+}
+
+void run_all(const struct run *run)
+{
+	struct err err = ERR_INIT;
+
+	CHECK(mesh_phase_plan(run->work, &run->p, &err));
+	for (uint32_t i = 0; i < run->tasks; i++)
+		CHECK(mesh_phase_mesh(run->work, run->tasks - 1 - i, &run->p, &err)); /* in any order */
+}
+
+/* The packs against one process, and the records against both. */
+void compare(const struct run *run, const struct whole *want)
+{
+	struct mesh_sums sums;
+	struct whole got;
+
+	whole_gather(run, &got, &sums);
+	whole_same(&got, want);
+	assert_true(sums.domains == want->n && sums.triangles == want->totals.triangles);
+	if (want->n) {
+		assert_true(sums.vertices == want->totals.vertices && sums.hull == want->totals.hull);
+		assert_true(digest_equal(sums.digest, want->totals.digest));
+		assert_true(digest_equal(sums.vertex_digest, want->totals.vertex_digest));
+		assert_true(sums.counts.points == want->totals.counts.points &&
+			    sums.counts.most.points == want->totals.counts.most.points);
+		assert_memory_equal(sums.counts.removed, want->totals.counts.removed, sizeof sums.counts.removed);
+	}
+	whole_free(&got);
+}
+
+int status_of(pid_t pid)
+{
+	int status;
+
+	assert_int_equal(waitpid(pid, &status, 0), pid);
+	return status;
 }

@@ -2,6 +2,8 @@
 #ifndef MESH_FIXTURE_H
 #define MESH_FIXTURE_H
 
+#include <sys/types.h>
+
 #include "grid_fixture.h"
 #include "mesh_phase.h"
 #include "pipe.h"
@@ -34,5 +36,13 @@ void whole_make(const struct run *, uint32_t load, uint32_t cap, struct whole *r
 /* What the packs of the run have, and the sums of its records. */
 void whole_gather(const struct run *, struct whole *ret, struct mesh_sums *ret_sums);
 void whole_same(const struct whole *a, const struct whole *b);
+
+extern char run_top[64], run_folder[128]; /* of the test; of the run that was made last */
+void set_up(struct run *run, struct set set, unsigned segments, uint32_t tasks);
+/* The plan and all tasks. */
+void run_all(const struct run *run);
+/* The packs against one process, and the records against both. */
+void compare(const struct run *run, const struct whole *want);
+int status_of(pid_t pid);
 
 #endif
