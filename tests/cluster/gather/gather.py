@@ -286,6 +286,12 @@ def without_triangles():
             want = d.ctl("mesh", line, "-o", os.path.join(base, "w.ply"), "--canonical", "--json").ok().json()
             for key in ("digest", "vertex_digest", "triangles", "vertices"):
                 expect(got[key] == want[key], "%s: %s, not %s" % (key, got[key], want[key]))
+        for n in (1, 2, 3):
+            few = os.path.join(base, "few%d.las" % n)
+            run([e2e.SYNTH, "--points", str(n), few]).ok()
+            os.mkdir(os.path.join(base, str(n)))
+            got = json.loads(report(Work(os.path.join(base, str(n)), [few], gathers=2, stages=1).write("-o", os.path.join(base, "few%d.ply" % n))))
+            expect(got["vertices"] == n and got["triangles"] == n // 3, str(got))
         expect(open(os.path.join(base, "l.ply"), "rb").read() == open(os.path.join(base, "w.ply"), "rb").read(), "vertices differ")
 
 
