@@ -205,6 +205,16 @@ def damage():
             expect(got.status == 2 and text in got.err, "%s: %d %s" % (words, got.status, got.err))
 
 
+def too_large():
+    """One PLY cannot have more than 2^31 vertices: known from the points that inputs claim."""
+    most = 1 << 31
+    phases("check", most, "-o", "x.ply").ok()
+    got = phases("check", most + 1, "-o", "x.ply")
+    expect(got.status and "x.ply" in got.err and "--tile" in got.err, got.err)
+    for words in (["-o", "x.obj"], ["-o", "x", "--tile", "100"], ["-o", "x.ply", "--format", "obj"]):
+        phases("check", most + 1, *words).ok()
+
+
 def start(*words):
     return subprocess.Popen([PHASES] + [str(w) for w in words], env=dict(os.environ, **ENV), stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE)
@@ -358,5 +368,5 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format], "tiles": [tiles],
-          "tasks": [damage, killed, twice, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
+          "tasks": [damage, too_large, killed, twice, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
