@@ -71,11 +71,13 @@ struct grid_live { /* of a segment */
 	uint64_t points;
 	struct digest sum; /* content sum of the live records */
 	bool all, none;    /* of its records are live */
+	uint32_t slots;    /* grid_segment_slots */
 };
 
 struct grid_liveness { /* of a source */
 	uint32_t id;   /* first, for order_u32 */
 	bool live;
+	uint8_t slot;
 };
 
 struct grid {
@@ -88,6 +90,8 @@ struct grid {
 	struct grid_liveness *sources; /* of the manifest, ascending by id */
 	struct lineset *lines;         /* NULL: none */
 	int folder;                    /* grid_folder */
+	bool slots;                    /* sources may have some */
+	struct digest *slot_sum;       /* of each slot from 1: content sum of its live records; NULL: there are no slots */
 	uint32_t line_source;          /* the one of the records of line vertices; 0: none is live */
 	bool marks;                    /* records that lines remove are marked */
 	int64_t clear;
@@ -99,6 +103,7 @@ struct grid {
 
 /* Whether the records of this source count in the generation; false if the manifest has no such source. */
 bool grid_live(const struct grid *, uint32_t source);
+uint8_t grid_slot(const struct grid *, uint32_t source);
 
 /* ---- a reader ---- */
 

@@ -21,23 +21,37 @@ int pipe_weight_check(const struct grid *grid, const struct view *view, struct e
 	return err_add_hint(err, "leave out --weight, or the lines with --no-breaklines");
 }
 
-/* The greatest weight of the classes that a segment has. One that did not count them may have all. */
+/* The greatest weight of what a segment has: slots of its sources, and classes if some source has no slot. One that did not count
+ * its classes may have all. */
+static int64_t of_segment(const struct grid *grid, const struct view *view, size_t segment,
+			  const int64_t weight[VIEW_WEIGHTS + 1])
+{
+	const struct grid_segment_info *s = &grid_manifest(grid)->segments[segment];
+	uint32_t slots = grid_segment_slots(grid, segment);
+	uint64_t counted = 0;
+	int64_t most = 0;
+
+	for (unsigned c = 0; c < 256; c++)
+		counted += s->classes[c];
+	for (unsigned k = 0; k < view->nweight; k++) {
+		const struct view_weight *w = &view->weight[k];
+		bool there = w->slot ? slots >> w->slot & 1 : (slots & 1) && (s->classes[w->cls] || counted < s->points);
+
+		if (there && weight[k + 1] > most)
+			most = weight[k + 1];
+	}
+	return most;
+}
+
 static int64_t greatest(const struct grid *grid, const struct view *view)
 {
-	const struct grid_manifest *m = grid_manifest(grid);
-	int64_t weight[VIEW_WEIGHTS + 1], most = 0, all = view_weights(view, weight);
+	int64_t weight[VIEW_WEIGHTS + 1], most = 0;
 
-	for (size_t i = 0; i < m->nsegments; i++) {
-		const uint64_t *points = m->segments[i].classes;
-		uint64_t counted = 0;
+	view_weights(view, weight);
+	for (size_t i = 0; i < grid_manifest(grid)->nsegments; i++) {
+		int64_t one = of_segment(grid, view, i, weight);
 
-		for (unsigned c = 0; c < 256; c++)
-			counted += points[c];
-		if (counted < m->segments[i].points)
-			return all;
-		for (unsigned k = 0; k < view->nweight; k++)
-			if (points[view->weight[k].cls] && weight[k + 1] > most)
-				most = weight[k + 1];
+		most = one > most ? one : most;
 	}
 	return most;
 }

@@ -48,8 +48,8 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     max_error          the fewest points such that none is further than this above or below the mesh, likewise
     max_points         at most so many vertices, with about the least error of all points that this allows
     metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
-    weight             points of a class hide points of less weight within about its radius: {2: 1.5, 9: "30ft"} or a text,
-                       "2=1.5,9=30ft"; radii are lengths like that of thin
+    weight             points of a class, or of a file, hide points of less weight within about its radius:
+                       {2: 1.5, "survey-2024/*.laz": "0.5m"} or a text, "2=1.5,9=30ft"; radii are lengths like that of thin
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -206,11 +206,22 @@ def _length(value: Any, name: str) -> str:
 
 
 def _weights(value: Any) -> str:
-    rows = [r.partition("=")[::2] for r in value.split(",")] if isinstance(value, str) else list(value.items())
-    for cls, radius in rows:
-        if not re.fullmatch(r"\d{1,3}", str(cls), re.A) or int(cls) > 255 or radius == "":
-            raise UsageError("weight is not a class with a radius: %r" % (value,), hint='give {2: 1.5} or "2=1.5m,9=30ft"')
-    return ",".join("%s:%s" % (cls, _length(radius, "weight")) for cls, radius in rows)
+    rows = [r.rpartition("=")[::2] for r in value.split(",")] if isinstance(value, str) else list(value.items())
+    for of, radius in rows:
+        if radius == "" or not (_is_file(str(of)) or re.fullmatch(r"\d{1,3}", str(of), re.A) and int(of) <= 255):
+            raise UsageError("weight is not a class or a file with a radius: %r" % (value,),
+                             hint='give {2: 1.5, "survey-2024/*.laz": "0.5m"} or "2=1.5m,9=30ft"')
+    return ",".join("%s:%s" % (_weighted(str(of)), _length(radius, "weight")) for of, radius in rows)
+
+
+def _is_file(of: str) -> bool:
+    return re.search(r"[A-Za-z/*?]|[^\x00-\x7f]", of) is not None
+
+
+def _weighted(of: str) -> str:
+    if not _is_file(of):
+        return of
+    return "@" + re.sub(rb"[^A-Za-z0-9/*?.\-_\[\]!]", lambda m: b"%%%02X" % m.group()[0], os.fsencode(of)).decode("ascii")
 
 
 # ---- areas ----

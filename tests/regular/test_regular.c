@@ -38,7 +38,7 @@ static struct digest visible; /* of the vertices of the whole */
 static unsigned nvisible;
 static void *arena, *other;
 static uint64_t scratch[SCRATCH / 8];
-static uint64_t cases, domains, infinite, turns, added, loaded, positions, hidden, splits, batches;
+static uint64_t cases, domains, infinite, turns, added, loaded, positions, hidden, splits, batches, slotted;
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
@@ -65,6 +65,32 @@ static void mesh_add(struct mesh *m, const int32_t at[3][3])
 
 /* ---- the whole mesh ---- */
 
+/* Sources with weights: what a record is of does not depend on its class, position or segment. Slots and weights as the text of a
+ * view gives them. */
+static void draw_sources(uint64_t *seed)
+{
+	static struct slots *slots;
+	struct slots_list list = {NULL, 0, 0};
+	unsigned sources = 1 + below(seed, 5), size = below(seed, 4);
+	struct err err = ERR_INIT;
+
+	slots_free(slots);
+	for (uint32_t i = 1; i <= sources; i++)
+		if (below(seed, 3))
+			assert_true(slots_list_add(&list, i, i,
+						   (int32_t)below(seed, size < 3 ? 3 + 5 * size : 1u << (10 + below(seed, 21)))));
+	assert_int_equal(view_weight_sources(&view, &list, &err), 0);
+	slots_list_free(&list);
+	slots = view.slots;
+	for (unsigned s = 0; slots && s < set.segments; s++)
+		for (size_t i = 0; i < set.nrecord[s]; i++) {
+			uint8_t slot = slots_of(slots, 1 + below(seed, sources));
+
+			set.record[s][i].tag |= (uint16_t)((unsigned)slot << POINT_SLOT_SHIFT);
+			slotted += slot > 0;
+		}
+}
+
 /* Weights for some of the classes that the records have, of the size of the set's distances or anything. */
 static void draw_weights(uint64_t *seed)
 {
@@ -77,6 +103,9 @@ static void draw_weights(uint64_t *seed)
 		if (below(seed, 4))
 			view_weight_set(&view, classes[i], (int32_t)below(seed, most + 1));
 	}
+	view.slots = NULL;
+	if (below(seed, 2))
+		draw_sources(seed);
 	sets_reduce(&set, &view);
 }
 
@@ -381,12 +410,12 @@ static void domains_are_the_whole(void **unused)
 
 	run(n, ALL);
 	print_message("%llu cases, %llu domains, %llu of them infinite, %llu in the least memory; %llu of %llu positions hidden; "
-		      "%llu turns, %llu positions beyond %llu of P(B); %llu did not fit\n",
+		      "%llu turns, %llu positions beyond %llu of P(B); %llu did not fit; %llu records of sources with weights\n",
 		      (unsigned long long)cases, (unsigned long long)domains, (unsigned long long)infinite,
 		      (unsigned long long)batches, (unsigned long long)hidden, (unsigned long long)positions,
 		      (unsigned long long)turns, (unsigned long long)added, (unsigned long long)loaded,
-		      (unsigned long long)splits);
-	assert_true(n < 1000 || (hidden > positions / 20 && added > 0 && splits > 0 && infinite > domains / 10));
+		      (unsigned long long)splits, (unsigned long long)slotted);
+	assert_true(n < 1000 || (hidden > positions / 20 && added > 0 && splits > 0 && infinite > domains / 10 && slotted > 0));
 }
 
 /* The controls. */
