@@ -45,8 +45,10 @@ static void add_live(struct grid *g, struct grid_live *l, const struct disk_tota
 	l->points += t->points;
 	digest_add(&l->sum, sum);
 	l->slots |= UINT32_C(1) << slot;
-	if (slot)
-		digest_add(&g->slot_sum[slot - 1], sum);
+	if (!slot)
+		return;
+	l->slotted += t->points;
+	digest_add(&g->slot_sum[slot - 1], sum);
 }
 
 /* Reads the sources of a segment, to find whether all, some or none of its records are live. */
@@ -360,6 +362,11 @@ uint64_t grid_segment_points(const struct grid *g, size_t segment)
 uint32_t grid_segment_slots(const struct grid *g, size_t segment)
 {
 	return g->live[segment].slots;
+}
+
+uint64_t grid_segment_slotted(const struct grid *g, size_t segment)
+{
+	return g->live[segment].slotted;
 }
 
 struct digest grid_segment_content(const struct grid *g, size_t segment)

@@ -72,6 +72,7 @@ struct grid_live { /* of a segment */
 	struct digest sum; /* content sum of the live records */
 	bool all, none;    /* of its records are live */
 	uint32_t slots;    /* grid_segment_slots */
+	uint64_t slotted;  /* grid_segment_slotted */
 };
 
 struct grid_liveness { /* of a source */

@@ -206,5 +206,24 @@ def commands():
         compare(submit(d, "s", "old*=5,x/=5", "--no-breaklines"), [(old, 5), (new[1:], 0)], "named twice with one radius")
 
 
+def note():
+    """Weights by class on points without a class."""
+    rng = random.Random(10)
+    old, new = flights(rng, 300)
+    raw = [(*p[:3], 1) for p in old]
+    good = [(*p[:3], 9) for p in new]
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        d.ctl("push", "s", write(base, "raw.csv", raw), write(base, "good.csv", good)).ok()
+        for weight, more, said in (("9=5", (), True), ("9=5", ("--not-class", "1"), False), ("9=5", ("--class", "9"), False),
+                                   ("9=5,1=2", (), False), ("good.csv=5", (), False), ("9=5,raw.csv=1", (), False),
+                                   ("9=5,good.csv=7", (), True), ("9=0", (), False), ("9=5", ("--crop", "0,0,99,99"), True)):
+            got = submit(d, "s", weight, *more)
+            expect(("not classified" in str(got["notes"])) == said, "%s %s: %s" % (weight, more, got["notes"]))
+        r = d.ctl("submit", "s", "--wait", "--weight", "9=5").ok()
+        expect("note: points that are not classified" in r.err + r.out, r.err)
+        d.ctl("push", "t", write(base, "good.csv", good)).ok()
+        expect(submit(d, "t", "9=5")["notes"] == [], "all have a class")
+
+
 if __name__ == "__main__":
-    e2e.main(tiny, any_memory, selected, generations, same_content, commands)
+    e2e.main(tiny, any_memory, selected, generations, same_content, commands, note)
