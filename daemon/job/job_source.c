@@ -6,13 +6,13 @@
  * slash, and with the name of the source. One that ends with a slash is a folder: it names all files below. In the request
  * letters that words of a view cannot have are %XX.
  */
-#include <fnmatch.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "job_priv.h"
 #include "order.h"
+#include "utf8.h"
 
 #define WORD " weight="
 /* Nearest names: those of so many sources are compared, by so many letters, and so many are told. */
@@ -77,9 +77,69 @@ static const char *bare(const char *name)
 	return name;
 }
 
+/* At "[": whether c is in it, and what follows it. NULL: it has no end, and is a letter. */
+static const char *in_set(const char *at, unsigned char c, bool *ret)
+{
+	bool not = at[1] == '!', found = false;
+	const char *p = at + 1 + not ;
+
+	for (bool first = true; *p && (first || *p != ']'); first = false) {
+		unsigned char low = (unsigned char)*p++, high = low;
+
+		if (*p == '-' && p[1] && p[1] != ']') {
+			high = (unsigned char)p[1];
+			p += 2;
+		}
+		found |= c >= low && c <= high;
+	}
+	*ret = c != '/' && found != not ;
+	return *p ? p + 1 : NULL;
+}
+
+/* Whether the pattern begins with something that means the letter at `text`, and not with a star. */
+static bool step(const char **pattern, const char **text)
+{
+	const char *after = NULL;
+	size_t n = 1;
+	bool in = **text && **pattern == **text, found;
+
+	if (**pattern == '?') {
+		n = utf8_length(*text, SIZE_MAX);
+		n = n ? n : 1;
+		in = **text && **text != '/';
+	} else if (**pattern == '[' && **text && (after = in_set(*pattern, (unsigned char)**text, &found))) {
+		in = found;
+		*pattern = after - 1;
+	}
+	*pattern += in;
+	*text += in ? n : 0;
+	return in;
+}
+
+/* Like fnmatch with FNM_PATHNAME, but for its time, which is exponential in the number of stars: only the last star is tried
+ * again, as what is before it need not take more. */
 static bool same(const char *pattern, const char *text)
 {
-	return !strcmp(pattern, text) || !fnmatch(pattern, text, FNM_PATHNAME);
+	const char *star = NULL, *from = NULL;
+
+	if (!strcmp(pattern, text))
+		return true;
+	while (*text || *pattern) {
+		const char *at = pattern;
+
+		if (*pattern == '*') {
+			star = ++pattern;
+			from = text;
+		} else if (!step(&at, &text)) {
+			if (!star || !*from || *from == '/')
+				return false;
+			pattern = star;
+			text = ++from;
+		} else {
+			pattern = at;
+		}
+	}
+	return true;
 }
 
 /* The last parts of the path, as many as the pattern has. NULL: it has fewer. */
