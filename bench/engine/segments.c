@@ -1,8 +1,8 @@
 /*
  * What many segments cost a reader: one set of points as 1, 10, 60 ... segments, and the CPU time to open it, to
- * walk its index, to scan it whole and in 256 parts, to plan it and to find the halos of all its regions. Every segment is
- * everywhere, as if each push saw the whole area, or with --tiles each is a square beside the others, as far as the number is one
- * of a square. usage: bench-segments [--tiles] FOLDER [POINTS [SEGMENTS...]]
+ * walk its index, to scan it whole and in 256 parts, to plan it, to find the halos of all its regions, and to triangulate
+ * them. Every segment is everywhere, as if each push saw the whole area, or with --tiles each is a square beside the others, as
+ * far as the number is one of a square. usage: bench-segments [--tiles] FOLDER [POINTS [SEGMENTS...]]
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -16,12 +16,13 @@
 #include "grid.h"
 #include "grid_stage.h"
 #include "mesh.h"
+#include "pipe.h"
 #include "point.h"
 #include "view.h"
 
 static bool tiles;
 
-enum { SIDE = 1 << 22, SOURCES = 4096, STAGE = 64 << 20, CAP = 1 << 18, LOAD = 1 << 15 };
+enum { SIDE = 1 << 22, SOURCES = 4096, STAGE = 64 << 20, CAP = 1 << 18, LOAD = 1 << 15, MESH = 64 << 20 };
 
 static double now(void)
 {
@@ -126,6 +127,27 @@ static double scans(struct grid_reader *r, unsigned parts)
 	return now() - from;
 }
 
+static double triangulate(const struct grid *g, const struct view *view, const struct cut_plan *plan)
+{
+	struct pipe_budget budget;
+	struct err err = ERR_INIT;
+	uint64_t need;
+	void *memory;
+	double from;
+
+	check(pipe_budget(MESH, 1, g, &budget, &err), &err);
+	memory = aligned_alloc(64, (budget.domain_bytes + 63) & ~(size_t)63);
+	from = now();
+	for (size_t i = 0; i < plan->n; i++) {
+		struct mesh_domain domain;
+
+		check(pipe_domain(g, view, &plan->leaf[i].region, NULL, &budget, memory, &domain, &need, &err), &err);
+	}
+	from = now() - from;
+	free(memory);
+	return from;
+}
+
 static void measure(int dirfd, unsigned segments)
 {
 	struct cut_plan plan = {0};
@@ -138,7 +160,7 @@ static void measure(int dirfd, unsigned segments)
 	struct err err = ERR_INIT;
 	struct grid_reader *r;
 	struct grid *g;
-	double t[6], from = now();
+	double t[7], from = now();
 
 	check(grid_open(dirfd, "manifest", GRID_NEWEST, NULL, 4 << 20, &g, &err), &err);
 	t[0] = now() - from;
@@ -161,8 +183,9 @@ static void measure(int dirfd, unsigned segments)
 		check(cut_load(r, &view, &plan.leaf[i].region, &load, &need, &err), &err);
 	}
 	t[5] = now() - from;
-	printf("%8u %9zu %9.4f %9.4f %9.3f %9.3f %9.4f %9.3f %9zu\n", segments, plan.n, t[0], t[1], t[2], t[3], t[4], t[5],
-	       grid_reader_bytes(g) >> 10);
+	t[6] = triangulate(g, &view, &plan);
+	printf("%8u %9zu %9.4f %9.4f %9.3f %9.3f %9.4f %9.3f %9.3f %9zu\n", segments, plan.n, t[0], t[1], t[2], t[3], t[4], t[5],
+	       t[6], grid_reader_bytes(g) >> 10);
 	cut_plan_done(&plan);
 	grid_reader_free(r);
 	free(memory);
@@ -191,7 +214,7 @@ int main(int argc, char **argv)
 		some[i - 3] = (unsigned)strtoul(argv[i], NULL, 10);
 		n = (unsigned)i - 2;
 	}
-	puts("segments   regions    open s    walk s    scan s  parts s    plan s   loads s  reader K");
+	puts("segments   regions    open s    walk s    scan s  parts s    plan s   loads s    mesh s  reader K");
 	for (unsigned i = 0; i < n && some[i] && some[i] <= SOURCES; i++) {
 		make(dirfd, some[i], points);
 		measure(dirfd, some[i]);

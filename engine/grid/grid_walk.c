@@ -149,6 +149,18 @@ struct count {
 	bool exact;
 };
 
+/* Of a whole segment nothing is read: the number of its live records is known. */
+static bool count_segment(const struct descent *d)
+{
+	const struct grid_segment *p = &d->r->grid->segments[d->segment];
+	struct count *c = d->ctx;
+
+	if (!inside(d, p->lo, p->hi))
+		return true;
+	c->count += d->r->grid->live[d->segment].points;
+	return false;
+}
+
 static bool count_inner(struct descent *d, const struct disk_inner *e)
 {
 	struct count *c = d->ctx;
@@ -186,7 +198,8 @@ static int count_cell(struct descent *d, const struct grid_cell *cell, const str
 int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
 {
 	struct count c = {.exact = true};
-	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .inner = count_inner, .cell = count_cell};
+	struct descent d = {
+		.r = r, .lo = lo, .hi = hi, .ctx = &c, .enter = count_segment, .inner = count_inner, .cell = count_cell};
 	int rc = descend(&d, err);
 
 	if (rc)
@@ -241,8 +254,11 @@ static enum relation sums_relation(const struct sums *s, const int32_t box[4], s
 static bool sums_segment(const struct descent *d)
 {
 	struct digest *sum;
+	enum relation relation = sums_relation(d->ctx, d->r->grid->segments[d->segment].box, &sum);
 
-	return sums_relation(d->ctx, d->r->grid->segments[d->segment].box, &sum) != OUTSIDE;
+	if (relation == INSIDE)
+		digest_add(sum, d->r->grid->live[d->segment].sum);
+	return relation == ACROSS;
 }
 
 static bool sums_inner(struct descent *d, const struct disk_inner *e)
