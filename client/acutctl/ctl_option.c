@@ -70,6 +70,8 @@ const struct cli_option ctl_options[] = {
 	 "the fewest points such that none is further than this above or below the mesh"},
 	{"weight", 0, "CLASS|FILE=RADIUS,...", CLI_TEXT, AT(view.weight), CTL_VIEW,
 	 "points of a class or file hide points of less weight within about this radius: 2=1.5m,survey-2024/=30ft"},
+	{"weight-report", 0, "FILE", CLI_TEXT, AT(opt.weight_report), CTL_LINES | CTL_FETCH,
+	 "the positions that weights hide, with class and file, as GeoJSON"},
 	{"breakline-clear", 0, "LENGTH", CLI_TEXT, AT(view.breakline_clear), CTL_VIEW,
 	 "no points nearer than this to a line of the dataset (0: none on a line)"},
 	{"metric", 0, "P,Q,K", CLI_TEXT, AT(view.metric), CTL_VIEW,

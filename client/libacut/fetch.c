@@ -173,6 +173,7 @@ static int on_block(struct fetch *f)
 		.nnew = b->nnew,
 		.ntriangle = b->ntriangle,
 		.local = b->local,
+		.origin = (const struct acut_mesh_origin *)(const void *)b->origin,
 	};
 	int r = f->unasked ? unasked_kind(f) : f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
 

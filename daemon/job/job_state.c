@@ -168,6 +168,8 @@ static void make_report(struct job *job)
 	job->report.cells_read += run_plan(job->run)->cells_read;
 	job->report.domains_reused = run_reused(job->run);
 	report_simplified(&job->report, job->run);
+	if (view->hidden) /* they make no triangles, and nothing is amiss */
+		*job->report.note = 0;
 	note_cropped(job);
 	note_weights(job);
 	note_classes(job, view);

@@ -112,6 +112,9 @@ struct grid_reader_stats {
 	uint64_t pages, misses;         /* of the index: pages requested; of these, read from disk */
 };
 struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
+/* From now on grid_cell_read also puts the source of each record that it passes to the sink into `id`, which has room for
+ * GRID_CELL_RECORDS and is the caller's. NULL: no longer. */
+void grid_reader_ids(struct grid_reader *, uint32_t *id);
 const struct grid *grid_reader_grid(const struct grid_reader *);
 /* A reader of its lines, in its memory; NULL: there are none. Not for use within a sink. */
 struct lineset_reader *grid_reader_lines(struct grid_reader *);

@@ -280,6 +280,8 @@ static int keep_live(struct grid_reader *r, uint32_t segment, const struct grid_
 		if (source >= sources)
 			return grid_segment_damaged(&r->grid->segments[segment], 0, "a record has no source", err);
 		b->records[n] = b->records[i];
+		if (r->ids)
+			r->ids[n] = b->sources[source].id;
 		b->records[n].tag &= POINT_FLAGS;
 		b->records[n].tag |= r->flags[source] & LINE ? POINT_LINE : 0;
 		b->records[n].tag |= (uint16_t)((unsigned)r->flags[source] >> SLOT_SHIFT << POINT_SLOT_SHIFT);
@@ -304,13 +306,18 @@ int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point
 	n = b.head->records;
 	r->stats.records += n;
 	/* Nothing to do in the common case of one live source without a slot: its index is zero. */
-	if (b.head->sources > 1 || flags_of(r, c->segment, b.sources[0].id) != LIVE)
+	if (b.head->sources > 1 || r->ids || flags_of(r, c->segment, b.sources[0].id) != LIVE)
 		rc = keep_live(r, c->segment, &b, &n, err);
 	if (rc)
 		return rc;
 	*ret_pts = b.records;
 	*ret_n = n;
 	return 0;
+}
+
+void grid_reader_ids(struct grid_reader *r, uint32_t *id)
+{
+	r->ids = id;
 }
 
 int grid_mark(struct grid_reader *r, const int32_t box[4], struct point *pts, size_t n, struct err *err)

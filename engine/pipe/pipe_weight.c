@@ -71,15 +71,29 @@ static int verify(struct regular *w, const struct grid *grid, void *memory, uint
 	return r == REGULAR_E_SPLIT ? PIPE_E_SPLIT : r;
 }
 
+static struct mesh_counts counts_of(const struct regular *w, const struct cut_load *load)
+{
+	struct mesh_counts counts = load->counts;
+
+	counts.halo += w->added;
+	counts.cells_read += w->cells_read;
+	counts.points_read += w->points_read;
+	return counts;
+}
+
+static int no_hidden(const struct regular *w, const struct cut_load *load, const struct grid *grid, void *memory,
+		     struct mesh_domain *ret, struct err *err)
+{
+	*ret = (struct mesh_domain){.counts = load->counts};
+	return pipe_hidden(grid, w, memory, ret, err);
+}
+
 /* The kernel's triangles become the domain. False: they do not fit. */
 static bool finish(const struct regular *w, const struct cut_load *load, const int64_t k[3], struct mesh_domain *ret)
 {
-	struct finish f = {.out = {.counts = load->counts}};
+	struct finish f = {.out = {.counts = counts_of(w, load)}};
 	struct mesh_counts *counts = &f.out.counts;
 
-	counts->halo += w->added;
-	counts->cells_read += w->cells_read;
-	counts->points_read += w->points_read;
 	if (w->flat) {
 		finish_init(&f, w->region, k, w->tri);
 		finish_flat(&f);
@@ -129,14 +143,21 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 	r = pipe_domain_load(grid, view, region, known, &less, memory, w.weight, &load, &own, ret_need, err);
 	if (r)
 		return r;
+	w.n = load.n;
+	w.own = load.own;
+	w.flat = load.flat;
+	if (load.flat && view->hidden)
+		return no_hidden(&w, &load, grid, memory, ret, err);
 	if (load.flat) {
 		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
-	w.n = load.n;
-	w.own = load.own;
 	w.tri = pipe_domain_tri(grid, &less, own, memory, &load, load.n > MORE ? load.n : MORE, &w.cap);
 	r = verify(&w, grid, memory, ret_need, err);
+	if (!r && view->hidden) {
+		*ret = (struct mesh_domain){.counts = counts_of(&w, &load)};
+		return pipe_hidden(grid, &w, memory, ret, err);
+	}
 	if (!r && !finish(&w, &load, k, ret)) {
 		*ret_need = (uint64_t)w.n * 2;
 		r = PIPE_E_SPLIT;

@@ -137,6 +137,12 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "radii of weights are circles, and with a metric distances are ellipses");
 		return err_add_hint(err, "leave out one of --weight and --metric");
 	}
+	if (v->hidden && (!v->nweight || v->window)) {
+		err_set(err, ERR_USAGE,
+			v->window ? "the positions that are hidden are those of the whole mesh" :
+				    "without weights nothing is hidden");
+		return err_add_hint(err, v->window ? "leave out --bbox and --polygon" : "give --weight, too");
+	}
 	return view_metric_check(v->metric, err);
 }
 
@@ -248,6 +254,8 @@ struct view view_rest(const struct view *v)
 	rest.nweight = v->nweight;
 	memcpy(rest.weight, v->weight, sizeof rest.weight);
 	rest.slots = v->slots;
+	rest.hidden = v->hidden;
+	rest.selected = true;
 	memcpy(rest.k, v->k, sizeof rest.k);
 	rest.window = v->window;
 	memcpy(rest.window_box, v->window_box, sizeof rest.window_box);

@@ -102,6 +102,8 @@ struct view {
 	uint8_t nweight;
 	/* NULL: no source has a radius of its own. Owned: view_done. Grids are opened with it (struct grid_use). */
 	struct slots *slots;
+	bool selected;       /* by view_rest: the sources of the grid are not those of the dataset */
+	bool hidden;         /* the mesh is the positions that weights hide, as vertices without triangles */
 	int64_t k[3];        /* set by view_bind; not part of the text */
 	struct view_map map; /* set by view_bind_map; likewise */
 };

@@ -189,6 +189,10 @@ static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 	case VIEW_WORD_weight:
 		put_weights(s, word, v);
 		break;
+	case VIEW_WORD_hidden:
+		if (v->hidden)
+			put_text(s, " %s", word);
+		break;
 	default:
 		break;
 	}

@@ -176,6 +176,8 @@ bool view_word_plain(struct view *v, enum view_word_id id, struct view_word w)
 		return view_word_classes(w, v->not_classes);
 	case VIEW_WORD_ground:
 		return v->ground = true;
+	case VIEW_WORD_hidden:
+		return v->hidden = true;
 	case VIEW_WORD_returns:
 		v->returns = view_word_is(w, "first") ? VIEW_RETURNS_FIRST : VIEW_RETURNS_LAST;
 		return view_word_is(w, "first") || view_word_is(w, "last");

@@ -27,10 +27,11 @@ struct regular {
 	/* for tests: P(B) alone; only what is in the region and on its borders is verified */
 	bool not_verified, no_hull;
 	/* results, for finish.h */
-	bool flat;              /* all positions of the view are on one line: nothing is hidden, and there is no triangle */
-	const uint64_t *chosen; /* in `memory`: a bit for each triangle of `tri` that the region owns */
-	uint32_t hidden, nhull; /* positions of the region that are hidden; edges of the hull whose outer rays end in it */
-	uint32_t added, turns;  /* positions beyond P(B) */
+	bool flat;               /* all positions of the view are on one line: nothing is hidden, and there is no triangle */
+	const uint64_t *chosen;  /* in `memory`: a bit for each triangle of `tri` that the region owns */
+	const uint64_t *visible; /* likewise: a bit for each vertex of `tri` that is in a triangle */
+	uint32_t hidden, nhull;  /* positions of the region that are hidden; edges of the hull whose outer rays end in it */
+	uint32_t added, turns;   /* positions beyond P(B) */
 	uint64_t cells_read, points_read;
 };
 

@@ -27,7 +27,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               thin_pick: Optional[str] = None, no_breaklines: bool = False,
               breakline_clear: Optional[Number] = None, max_error: Optional[Number] = None,
               max_points: Optional[int] = None, metric: Any = None,
-              weight: Any = None) -> str:
+              weight: Any = None, hidden: bool = False) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -50,6 +50,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
     weight             points of a class, or of a file, hide points of less weight within about its radius:
                        {2: 1.5, "survey-2024/*.laz": "0.5m"} or a text, "2=1.5,9=30ft"; radii are lengths like that of thin
+    hidden             the mesh is the positions that these hide: vertices without triangles (Block.origins)
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -102,6 +103,9 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
         words.append("max-points=%d" % max_points)
     words += ["metric=%s" % _metric(metric)] if metric is not None else []
     words += ["weight=%s" % _weights(weight)] if weight is not None else []
+    if hidden and weight is None:
+        raise UsageError("without weights nothing is hidden", hint="give weight, too")
+    words += ["hidden"] if hidden else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
     if window and weight is not None:

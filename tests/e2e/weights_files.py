@@ -1,5 +1,6 @@
 """Weights by file: a better flight hides a worse one of the same dataset. CGAL's regular triangulation of the same positions, with any
 memory, threads, order and division of files, in views that select points, and over generations; names of files are resolved once."""
+import json
 import os
 import random
 import shutil
@@ -225,5 +226,82 @@ def note():
         expect(submit(d, "t", "9=5")["notes"] == [], "all have a class")
 
 
+def places_of(path):
+    with open(path) as f:
+        rows = json.load(f)["features"]
+    return sorted((*r["geometry"]["coordinates"], r["properties"]["class"], r["properties"]["source"], r["properties"]["file"]) for r in rows)
+
+
+def hidden_of(parts, mesh):
+    """The places that a report must have: positions without a vertex, each with the record that the view prefers. Parts are files:
+    their points, radius (or radii of classes), number and name."""
+    best = {}
+    for points, of, source, name in parts:
+        for x, y, z, cls in points:
+            radius = of.get(cls, 0) if isinstance(of, dict) else of
+            row = (-radius, z, cls, source, name)
+            best[x, y] = min(best.get((x, y), row), row)
+    with open(mesh) as f:
+        there = {tuple(map(float, line.split()[1:3])) for line in f if line.startswith("v ")}
+    return sorted((*at, z, cls, source, name) for at, (_, z, cls, source, name) in best.items() if at not in there)
+
+
+def report(d, base, job, parts, what):
+    mesh, to = os.path.join(base, "mesh.obj"), os.path.join(base, "hidden.geojson")
+    d.ctl("fetch", str(job["job"]), "-o", mesh, "--weight-report", to).ok()
+    got, want = places_of(to), hidden_of(parts, mesh)
+    expect(len(got) == job["removed"]["weight"], "%s: %d places, %s" % (what, len(got), job["removed"]))
+    expect(got == want, "%s: %s, not %s" % (what, list(set(got) - set(want))[:5], list(set(want) - set(got))[:5]))
+    return len(got)
+
+
+def hidden_places():
+    """The positions that are hidden are named, each once, with class and file."""
+    with e2e.Folder() as base:
+        rng = random.Random(11)
+        old, new = flights(rng, 40000)
+        seen = set()
+        for memory, threads in (("24M", 1), ("256M", 2)):
+            with e2e.Daemon(base, memory=memory, threads=threads, name=memory) as d:
+                a, b = write(base, "old.csv", old), write(base, "new.csv", new)
+                d.ctl("push", "s", a, b).ok()
+                job = submit(d, "s", "new.csv=20")
+                expect(report(d, base, job, [(old, 0, 1, "old.csv"), (new, 20, 2, "new.csv")], memory) > 2000, job)
+                by_class = submit(d, "s", "2=15,new.csv=0")
+                report(d, base, by_class, [(old, {2: 15}, 1, "old.csv"), (new, 0, 2, "new.csv")], "by class")
+                # Of a selection the file is not known, but its class is; the second time nothing is selected again.
+                job = submit(d, "s", "new.csv=20", "--crop", "0,0,900,900")
+                crop = [[p for p in points if p[0] <= 900 and p[1] <= 900] for points in (old, new)]
+                report(d, base, job, [(crop[0], 0, None, None), (crop[1], 20, None, None)], "crop")
+                out = os.path.join(base, "one.geojson")
+                got = d.ctl("mesh", a, b, "--weight", "new.csv=20", "--format", "null", "--weight-report", out, "--json").ok().json()
+                places = places_of(out)
+                expect(len(places) == got["removed"]["weight"] and {p[4] for p in places} == {1}, "mesh: %d" % len(places))
+                seen.add(str(places))
+                for args, status in ((["mesh", a, "--format", "null", "--weight-report", out], 2),
+                                     (["fetch", str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]), "--format", "null", "--weight-report", out], 2)):
+                    r = d.ctl(*args)
+                    expect(r.status == status and "nothing is hidden" in r.err, "%s: %d, %s" % (args, r.status, r.err))
+        expect(len(seen) == 1, "places differ with the memory")
+
+
+def tiny_places():
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        n = 0
+        for seed in range(25):
+            rng = random.Random(seed)
+            size = rng.choice([1, 3, 5, 9])
+            name, parts, rules = "t%d" % seed, [], []
+            for i in range(3):
+                points = [(rng.randrange(size), rng.randrange(size), rng.randrange(3), rng.randrange(3)) for _ in range(rng.randrange(1, 30))]
+                d.ctl("push", name, write(base, "%s/f%d.csv" % (name, i), points)).ok()
+                radius = rng.randrange(size + 1)
+                rules.append("f%d.csv=%d" % (i, radius))
+                parts.append((points, radius, i + 1, "f%d.csv" % i))
+            if any(p[1] for p in parts):
+                n += report(d, base, submit(d, name, ",".join(rules)), parts, str(parts))
+        expect(n > 50, "only %d" % n)
+
+
 if __name__ == "__main__":
-    e2e.main(tiny, any_memory, selected, generations, same_content, commands, note)
+    e2e.main(tiny, any_memory, selected, generations, same_content, commands, note, hidden_places, tiny_places)

@@ -162,7 +162,7 @@ def same_views():
             ({"metric": (-6, 2, 5)}, ["--metric=3,-1,5"]), ({"metric": "1,0,1"}, ["--metric", "0,1,1"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
-        expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
+        expect({w for words, _ in rows for w in words} == known - {"hidden"}, "rows for %s" % sorted(known))
         for words, options in rows:
             job = c.submit("s", **words)
             r = d.ctl("submit", "s", "--json", *options).ok().json()
@@ -187,6 +187,11 @@ def same_views():
                 ({"metric": (1, 0.5, 2)}, ["--metric", "1,0.5,2"]), ({"metric": "1,2"}, ["--metric", "1,2"]),
                 ({"metric": (1, 2, 10001)}, ["--metric", "1,2,10001"])]:
             expect(raises(acut.UsageError, c.submit, "s", **words).exit_status == d.ctl("submit", "s", *options).status == 2, words)
+        job = c.wait(c.submit("s", weight={2: 3}, hidden=True))
+        with c.fetch(job) as blocks:
+            origins = [o for b in blocks for o in b.origins]
+        expect(job.report.triangles == 0 and job.report.vertices == len(origins) > 0 and {s for _, s in origins} == {1}, "%d hidden" % len(origins))
+        raises(acut.UsageError, c.submit, "s", hidden=True)
         expect(raises(acut.NotFoundError, c.submit, "s", weight={"b.las": 1}).exit_status == d.ctl("submit", "s", "--weight", "b.las=1").status, "no file")
         with open(gj, "w") as f:
             f.write('{"type": "LineString", "coordinates": []}')
