@@ -68,6 +68,7 @@ uint64_t grid_segment_points(const struct grid *, size_t segment);       /* live
 struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
 /* The slots that live records of a segment have, as bits: bit 0, none. */
 uint32_t grid_segment_slots(const struct grid *, size_t segment);
+uint8_t grid_source_slot(const struct grid *, uint32_t source);     /* 0: it has none */
 uint64_t grid_segment_slotted(const struct grid *, size_t segment); /* those that have one */
 /* Identifies the live records of a generation, its lines if they are used, and which records have which slot: the same in every
  * dataset and for every division into segments. */

@@ -364,6 +364,11 @@ uint32_t grid_segment_slots(const struct grid *g, size_t segment)
 	return g->live[segment].slots;
 }
 
+uint8_t grid_source_slot(const struct grid *g, uint32_t source)
+{
+	return grid_slot(g, source);
+}
+
 uint64_t grid_segment_slotted(const struct grid *g, size_t segment)
 {
 	return g->live[segment].slotted;

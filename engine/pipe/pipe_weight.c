@@ -21,35 +21,63 @@ int pipe_weight_check(const struct grid *grid, const struct view *view, struct e
 	return err_add_hint(err, "leave out --weight, or the lines with --no-breaklines");
 }
 
-/* The greatest weight of what a segment has: slots of its sources, and classes if some source has no slot. One that did not count
- * its classes may have all. */
-static int64_t of_segment(const struct grid *grid, const struct view *view, size_t segment,
-			  const int64_t weight[VIEW_WEIGHTS + 1])
+/* The greatest weights of what there may be of the slots, as bits, in a segment; bit 0: of classes that it has. One that did not
+ * count its classes may have all. */
+static int64_t of_slots(const struct grid *grid, const struct view *view, size_t segment, uint32_t slots)
 {
 	const struct grid_segment_info *s = &grid_manifest(grid)->segments[segment];
-	uint32_t slots = grid_segment_slots(grid, segment);
 	uint64_t counted = 0;
 	int64_t most = 0;
 
-	for (unsigned c = 0; c < 256; c++)
+	for (unsigned c = 0; c < 256 && (slots & 1); c++)
 		counted += s->classes[c];
 	for (unsigned k = 0; k < view->nweight; k++) {
 		const struct view_weight *w = &view->weight[k];
+		int64_t weight = (int64_t)w->radius * w->radius;
 		bool there = w->slot ? slots >> w->slot & 1 : (slots & 1) && (s->classes[w->cls] || counted < s->points);
 
-		if (there && weight[k + 1] > most)
-			most = weight[k + 1];
+		if (there && weight > most)
+			most = weight;
 	}
 	return most;
 }
 
+static int64_t of_segment(const struct grid *grid, const struct view *view, size_t segment)
+{
+	return of_slots(grid, view, segment, grid_segment_slots(grid, segment));
+}
+
+/* Weights of one segment after the other, of which `whole` and `classes` (bit 0 of its slots) are known for the last one. */
+struct most_of {
+	const struct grid *grid;
+	const struct view *view;
+	uint32_t segment;
+	int64_t whole, classes;
+};
+
+/* A cell of one source has its slot alone. */
+static int64_t most_of_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct most_of *m = ctx;
+	uint8_t slot;
+
+	if (cell->segment != m->segment) {
+		m->segment = cell->segment;
+		m->whole = of_segment(m->grid, m->view, cell->segment);
+		m->classes = of_slots(m->grid, m->view, cell->segment, 1);
+	}
+	if (!cell->source)
+		return m->whole;
+	slot = grid_source_slot(m->grid, cell->source);
+	return slot ? of_slots(m->grid, m->view, cell->segment, UINT32_C(1) << slot) : m->classes;
+}
+
 static int64_t greatest(const struct grid *grid, const struct view *view)
 {
-	int64_t weight[VIEW_WEIGHTS + 1], most = 0;
+	int64_t most = 0;
 
-	view_weights(view, weight);
 	for (size_t i = 0; i < grid_manifest(grid)->nsegments; i++) {
-		int64_t one = of_segment(grid, view, i, weight);
+		int64_t one = of_segment(grid, view, i);
 
 		most = one > most ? one : most;
 	}
@@ -58,6 +86,7 @@ static int64_t greatest(const struct grid *grid, const struct view *view)
 
 static int verify(struct regular *w, const struct grid *grid, void *memory, uint64_t *ret_need, struct err *err)
 {
+	struct most_of most = {.grid = grid, .view = w->view, .segment = UINT32_MAX};
 	struct grid_reader *reader;
 	struct cut_source src;
 	int r = grid_reader_new(grid, (uint8_t *)memory + PIPE_TRACE, grid_reader_bytes(grid), &reader, err);
@@ -66,6 +95,8 @@ static int verify(struct regular *w, const struct grid *grid, void *memory, uint
 		return r;
 	cut_source_grid(reader, &src);
 	w->src = &src;
+	w->most_of = most_of_cell;
+	w->most_ctx = &most;
 	r = regular_run(w, ret_need, err);
 	grid_reader_free(reader);
 	return r == REGULAR_E_SPLIT ? PIPE_E_SPLIT : r;

@@ -18,6 +18,9 @@ struct regular {
 	const struct cut_source *src;
 	const struct view *view; /* with weights */
 	int64_t most;            /* no position of the source has a greater one */
+	/* No record of the cell, subtree or segment has a greater one; it is at most `most`. NULL: that. */
+	int64_t (*most_of)(void *ctx, const struct grid_cell *);
+	void *most_ctx;
 	const struct cut_region *region;
 	struct tri *tri; /* after tri_init; its input has the n positions of P(B), those of the region among them */
 	uint32_t n, own, cap;
