@@ -48,6 +48,25 @@ static int check_classes(const char *text, struct err *err)
 	return err_add_hint(err, "give numbers from 0 to 255, as in 2,8 or 2-5,9");
 }
 
+/* "3,1,10" */
+static bool metric_of(const char *text, int64_t ret[3])
+{
+	char part[32];
+
+	for (int i = 0; i < 3; i++) {
+		size_t n = strcspn(text, ",");
+
+		if (n >= sizeof(part) || (text[n] == ',') != (i < 2))
+			return false;
+		memcpy(part, text, n);
+		part[n] = '\0';
+		if (!parse_i64(part, &ret[i]))
+			return false;
+		text += n + (i < 2);
+	}
+	return true;
+}
+
 static bool is(const char *text, const char *word)
 {
 	return text && !strcmp(text, word);
@@ -58,48 +77,6 @@ static int check_words(const struct ctl_view_options *a, struct err *err)
 	if (a->thin_pick && !a->thin) {
 		err_set(err, ERR_USAGE, "--thin-pick chooses the point of a cell, and there are no cells");
 		return err_add_hint(err, "give --thin CELL too");
-	}
-	return 0;
-}
-
-/* Options that contradict each other are a usage error. */
-static int check_sense(const struct ctl_view_options *a, struct err *err)
-{
-	bool highest = is(a->duplicates, "highest");
-
-	if (a->ground && a->surface) {
-		err_set(err, ERR_USAGE, "a mesh cannot be of the ground and of the surface at once");
-		return err_add_hint(err, "submit two jobs on one dataset: they share its points");
-	}
-	if (a->surface && is(a->returns, "last")) {
-		err_set(err, ERR_USAGE, "the surface is made of first returns, not of last ones");
-		return err_add_hint(err, "leave out one of --surface and --returns last");
-	}
-	if (a->surface && a->duplicates && !highest) {
-		err_set(err, ERR_USAGE, "the surface is the highest of several points of one position");
-		return err_add_hint(err, "use --returns first --duplicates lowest");
-	}
-	if (a->ground && highest) {
-		err_set(err, ERR_USAGE, "the ground is the lowest of several points of one position");
-		return err_add_hint(err, "use --class 2,8 --duplicates highest");
-	}
-	return 0;
-}
-
-static int check_heights(const struct ctl_view_options *a, struct err *err)
-{
-	struct decimal low, high, any;
-
-#define VIEW_HEIGHT(field, word, ...)                                                                \
-	if (a->field && !decimal_parse(a->field, &any)) {                                            \
-		err_set(err, ERR_USAGE, "--" word " is not a height: \"%s\"", a->field);             \
-		return err_add_hint(err, "give a decimal in the units of the files, as in 1250.75"); \
-	}
-#include "view_option.def"
-	if (a->zmin && a->zmax && decimal_parse(a->zmin, &low) && decimal_parse(a->zmax, &high) &&
-	    decimal_compare(low, high) > 0) {
-		err_set(err, ERR_USAGE, "--zmin %s is above --zmax %s: no height is left", a->zmin, a->zmax);
-		return err_add_hint(err, "swap them");
 	}
 	return 0;
 }
@@ -123,6 +100,73 @@ static bool good_length(const char *text, size_t n, int least)
 	return n < sizeof(number) && decimal_parse(number, &d) && d.mantissa >= least;
 }
 
+/* Without options whose values change nothing, so that these contradict nothing. All values are good. */
+static struct ctl_view_options without_idle(const struct ctl_view_options *a)
+{
+	struct ctl_view_options b = *a;
+	int64_t metric[3];
+
+	if (b.metric && metric_of(b.metric, metric) && metric[2] == 1)
+		b.metric = NULL;
+	if (b.breakline_clear && !good_length(b.breakline_clear, strlen(b.breakline_clear), 1))
+		b.breakline_clear = NULL;
+	return b;
+}
+
+/* Options that contradict each other are a usage error. */
+static int check_sense(const struct ctl_view_options *a, struct err *err)
+{
+	bool highest = is(a->duplicates, "highest");
+
+	if (a->ground && a->surface) {
+		err_set(err, ERR_USAGE, "a mesh cannot be of the ground and of the surface at once");
+		return err_add_hint(err, "submit two jobs on one dataset: they share its points");
+	}
+	if (a->surface && is(a->returns, "last")) {
+		err_set(err, ERR_USAGE, "the surface is made of first returns, not of last ones");
+		return err_add_hint(err, "leave out one of --surface and --returns last");
+	}
+	if (a->surface && a->duplicates && !highest) {
+		err_set(err, ERR_USAGE, "the surface is the highest of several points of one position");
+		return err_add_hint(err, "use --returns first --duplicates lowest");
+	}
+	if (a->ground && highest) {
+		err_set(err, ERR_USAGE, "the ground is the lowest of several points of one position");
+		return err_add_hint(err, "use --class 2,8 --duplicates highest");
+	}
+	if (a->no_breaklines && a->breakline_clear) {
+		err_set(err, ERR_USAGE, "without lines no point is near one");
+		return err_add_hint(err, "leave out one of --no-breaklines and --breakline-clear");
+	}
+	if (a->max_error && a->max_points) {
+		err_set(err, ERR_USAGE, "--max-points looks for the bound that --max-error gives");
+		return err_add_hint(err, "leave out one of them");
+	}
+	if ((a->max_error || a->max_points) && a->metric) {
+		err_set(err, ERR_USAGE, "a metric has no bound of errors");
+		return err_add_hint(err, "leave out --metric, or --max-error and --max-points");
+	}
+	return 0;
+}
+
+static int check_heights(const struct ctl_view_options *a, struct err *err)
+{
+	struct decimal low, high, any;
+
+#define VIEW_HEIGHT(field, word, ...)                                                                \
+	if (a->field && !decimal_parse(a->field, &any)) {                                            \
+		err_set(err, ERR_USAGE, "--" word " is not a height: \"%s\"", a->field);             \
+		return err_add_hint(err, "give a decimal in the units of the files, as in 1250.75"); \
+	}
+#include "view_option.def"
+	if (a->zmin && a->zmax && decimal_parse(a->zmin, &low) && decimal_parse(a->zmax, &high) &&
+	    decimal_compare(low, high) > 0) {
+		err_set(err, ERR_USAGE, "--zmin %s is above --zmax %s: no height is left", a->zmin, a->zmax);
+		return err_add_hint(err, "swap them");
+	}
+	return 0;
+}
+
 static int check_length(const char *option, const char *text, int least, struct err *err)
 {
 	if (!text || good_length(text, strlen(text), least))
@@ -138,55 +182,7 @@ static bool radius(const char *text, size_t n)
 
 static int check_weights(const struct ctl_view_options *a, struct err *err)
 {
-	if (ctl_view_weight_check(a->weight, radius, err))
-		return -ERR_USAGE;
-	if (a->weight && (a->bbox || a->polygon)) {
-		err_set(err, ERR_USAGE, "with weights the triangles of an area cannot be made alone");
-		return err_add_hint(err,
-				    "make the whole mesh and cut it, or use --crop, which makes a mesh of the points of an area");
-	}
-	return 0;
-}
-
-static int check_lines(const struct ctl_view_options *a, struct err *err)
-{
-	if (a->no_breaklines && a->breakline_clear) {
-		err_set(err, ERR_USAGE, "without lines no point is near one");
-		return err_add_hint(err, "leave out one of --no-breaklines and --breakline-clear");
-	}
-	return check_length("--breakline-clear", a->breakline_clear, 0, err);
-}
-
-static int check_bound(const struct ctl_view_options *a, struct err *err)
-{
-	if (a->max_error && a->max_points) {
-		err_set(err, ERR_USAGE, "--max-points looks for the bound that --max-error gives");
-		return err_add_hint(err, "leave out one of them");
-	}
-	if ((a->max_error || a->max_points) && a->metric) {
-		err_set(err, ERR_USAGE, "a metric has no bound of errors");
-		return err_add_hint(err, "leave out --metric, or --max-error and --max-points");
-	}
-	return check_length("--max-error", a->max_error, 0, err);
-}
-
-/* "3,1,10" */
-static bool metric_of(const char *text, int64_t ret[3])
-{
-	char part[32];
-
-	for (int i = 0; i < 3; i++) {
-		size_t n = strcspn(text, ",");
-
-		if (n >= sizeof(part) || (text[n] == ',') != (i < 2))
-			return false;
-		memcpy(part, text, n);
-		part[n] = '\0';
-		if (!parse_i64(part, &ret[i]))
-			return false;
-		text += n + (i < 2);
-	}
-	return true;
+	return ctl_view_weight_check(a->weight, radius, err);
 }
 
 static int check_metric(const char *text, struct err *err)
@@ -208,14 +204,16 @@ static int check_metric(const char *text, struct err *err)
 
 static int check(const struct ctl_view_options *a, struct err *err)
 {
+	const struct ctl_view_options what = without_idle(a);
 	int r;
 
-	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
-	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) ||
-	    (r = check_length("--thin", a->thin, 1, err)) || (r = check_lines(a, err)) || (r = check_bound(a, err)) ||
-	    (r = check_metric(a->metric, err)) || (r = check_weights(a, err)))
+	if ((r = check_words(a, err)) || (r = check_classes(a->classes, err)) || (r = check_classes(a->not_classes, err)) ||
+	    (r = check_heights(a, err)) || (r = check_length("--thin", a->thin, 1, err)) ||
+	    (r = check_length("--breakline-clear", a->breakline_clear, 0, err)) ||
+	    (r = check_length("--max-error", a->max_error, 0, err)) || (r = check_metric(a->metric, err)) ||
+	    (r = check_weights(a, err)))
 		return r;
-	return 0;
+	return check_sense(&what, err);
 }
 
 /* Four decimals with commas between: 1. Something else: 0. */

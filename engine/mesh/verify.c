@@ -245,6 +245,23 @@ static bool tie_is_right(const int32_t *a, const int32_t *b, const int32_t *c, c
 	return comes_later(tips, ends);
 }
 
+/* Whether an inner edge is wrong: the two triangles at it, and their apexes. *ret_tie: by the tie rule. */
+static bool edge_is_wrong(const struct check *c, uint32_t h, uint32_t o, bool *ret_tie)
+{
+	const uint32_t v[4] = {from(c, h), to(c, h), apex(c, h), apex(c, o)};
+	const int64_t *w = c->mesh->weight;
+	const int32_t *p[4];
+	int side;
+
+	for (unsigned i = 0; i < 4; i++)
+		p[i] = circle_xy(c, v[i]);
+	if (w)
+		return verify_power(p, (const int64_t[4]){w[v[0]], w[v[1]], w[v[2]], w[v[3]]}, ret_tie) > 0;
+	side = in_circle(p[0], p[1], p[2], p[3]);
+	*ret_tie = side == 0;
+	return side > 0 || (side == 0 && !tie_is_right(p[0], p[1], p[2], p[3]));
+}
+
 static bool is_piece(const struct check *c, uint32_t h)
 {
 	return c->mesh->edges && c->mesh->edges[h / 3] >> (h % 3 + 2) % 3 & 1;
@@ -271,17 +288,13 @@ static void check_edges(struct check *c)
 		c->report->inner++;
 		if (is_piece(c, h) && is_piece(c, o))
 			continue;
-		const int32_t *a = circle_xy(c, from(c, h)), *b = circle_xy(c, to(c, h));
-		const int32_t *l = circle_xy(c, apex(c, h)), *r = circle_xy(c, apex(c, o));
-		int side = in_circle(a, b, l, r);
+		bool tie, wrong = edge_is_wrong(c, h, o, &tie);
 
-		if (side > 0 && c->wrong == NO_EDGE)
+		c->report->ties += tie;
+		if (wrong && tie && c->tie == NO_EDGE)
+			c->tie = h;
+		if (wrong && !tie && c->wrong == NO_EDGE)
 			c->wrong = h;
-		if (side == 0) {
-			c->report->ties++;
-			if (c->tie == NO_EDGE && !tie_is_right(a, b, l, r))
-				c->tie = h;
-		}
 	}
 	c->report->edges = c->report->inner + c->nrim;
 	c->report->hull = c->nrim;
@@ -296,9 +309,9 @@ static void check_circles(struct check *c)
 				 "the edge from vertex %u to %u is a piece of a line in one of its triangles only",
 				 from(c, c->half_piece), to(c, c->half_piece));
 	else if (wrong != NO_EDGE)
-		verify_fault_set(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
-				 "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong), to(c, wrong),
-				 wrong / 3);
+		verify_fault_set(c->report, c->mesh->weight ? VERIFY_POWER : VERIFY_DELAUNAY, xy(c, from(c, wrong)),
+				 "the edge from vertex %u to %u (triangle %u) is not %s", from(c, wrong), to(c, wrong), wrong / 3,
+				 c->mesh->weight ? "the one of the weights" : "Delaunay");
 	else if (tie != NO_EDGE)
 		verify_fault_set(c->report, VERIFY_TIE, xy(c, from(c, tie)),
 				 "the edge from vertex %u to %u (triangle %u) is not the one of the tie rule", from(c, tie),
@@ -446,7 +459,7 @@ const char *verify_fault_text(enum verify_fault fault)
 		[VERIFY_EDGE] = "edge",     [VERIFY_UNUSED] = "unused",   [VERIFY_BOUNDARY] = "boundary",
 		[VERIFY_EULER] = "euler",   [VERIFY_CONVEX] = "convex",   [VERIFY_DELAUNAY] = "delaunay",
 		[VERIFY_TIE] = "tie",       [VERIFY_MISSING] = "missing", [VERIFY_EXTRA] = "extra",
-		[VERIFY_HEIGHT] = "height", [VERIFY_PIECE] = "piece",
+		[VERIFY_HEIGHT] = "height", [VERIFY_PIECE] = "piece",     [VERIFY_POWER] = "power",
 	};
 
 	return (unsigned)fault < VERIFY_FAULTS ? text[fault] : "unknown";

@@ -14,6 +14,9 @@
  * An edge that is marked as a piece of a line in both of its triangles need not be Delaunay; one that is marked in one of them
  * alone is a fault. So the mesh is the constrained triangulation of its vertices and its marked edges.
  *
+ * With weights (docs/design/weights.md) the mesh is the regular triangulation of its vertices: powers take the place of circles,
+ * and the tie rule is the one of there.
+ *
  * Of a trimmed mesh the boundary, the formula, and unused or missing vertices are not checked: each edge that has two
  * triangles is still one of the whole mesh.
  *
@@ -47,6 +50,7 @@ enum verify_fault {
 	VERIFY_EXTRA,       /* a vertex is not a point, or two vertices have the same position */
 	VERIFY_HEIGHT,      /* a vertex has a height other than its point's */
 	VERIFY_PIECE,       /* an edge is a piece of a line in one of its triangles only */
+	VERIFY_POWER,       /* with weights: a vertex has less power than a neighbour at the centre of that */
 	VERIFY_FAULTS
 };
 
@@ -58,6 +62,7 @@ struct verify_mesh {
 	const uint8_t *edges; /* a byte a triangle, bit k: the side across from corner k is a piece of a line; NULL: none is */
 	/* k > 0: circles and ties are those of the positions p x + q y, k (p y - q x); each within 2^14 */
 	int64_t p, q, k;
+	const int64_t *weight; /* of each vertex, from 0 to 2^60; not with k. NULL: without weights */
 };
 
 struct verify_report {
@@ -83,6 +88,10 @@ int verify_mesh(const struct verify_mesh *, struct verify_report *ret, struct er
  * Sorts `pts` in place. Continues a report without a fault. -ERR_NOMEM. */
 int verify_points(const struct verify_mesh *, const struct view *, struct point *pts, size_t n, struct verify_report *,
 		  struct err *err);
+
+/* With weights: 1 if the last position has less power than p[0..2], which are counter-clockwise, at the point where they have the
+ * same; -1 if it has more. *ret_tie: it has as much, and the tie rule has decided. */
+int verify_power(const int32_t *const p[4], const int64_t w[4], bool *ret_tie);
 
 const char *verify_fault_text(enum verify_fault);
 

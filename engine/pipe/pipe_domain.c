@@ -158,8 +158,8 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 
 		/* Without a trace, because a piece is not stored for later generations. */
 		cut_trace_init(&trace->trace, trace + 1);
-		r = window_domain(grid, view, region, budget->cap, (uint8_t *)memory + PIPE_TRACE,
-				  pipe_domain_arena(grid, memory), ret, ret_need, err);
+		r = window_domain(grid, view, view->nweight ? pipe_weight_most(grid, view) : 0, region, budget->cap,
+				  (uint8_t *)memory + PIPE_TRACE, pipe_domain_arena(grid, memory), ret, ret_need, err);
 		return r == WINDOW_E_SPLIT ? PIPE_E_SPLIT : r;
 	}
 	if (view->nweight)

@@ -50,6 +50,8 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 /* After the kernel of a region with weights: the domain of a view with `hidden`. Its counts are those of all that was loaded. */
 int pipe_hidden(const struct grid *grid, const struct regular *, void *memory, struct mesh_domain *ret, struct err *err);
+/* No position has a greater weight. */
+int64_t pipe_weight_most(const struct grid *grid, const struct view *view);
 int pipe_weight_check(const struct grid *grid, const struct view *view, struct err *err);
 /* For a grid with lines, after tri_run: the triangles of the region if they differ from the owned ones (else ret->chosen is
  * NULL), of *tri, which may become another one. PIPE_E_SPLIT as of pipe_domain. */

@@ -84,6 +84,11 @@ static int64_t greatest(const struct grid *grid, const struct view *view)
 	return most;
 }
 
+int64_t pipe_weight_most(const struct grid *grid, const struct view *view)
+{
+	return greatest(grid, view);
+}
+
 static int verify(struct regular *w, const struct grid *grid, void *memory, uint64_t *ret_need, struct err *err)
 {
 	struct most_of most = {.grid = grid, .view = w->view, .segment = UINT32_MAX};
@@ -154,14 +159,45 @@ static int too_far(uint32_t n, uint64_t need, struct err *err)
 	return err_add_hint(err, "give --weight smaller radii, or the daemon more memory");
 }
 
+/* One attempt, in which `more` positions beyond P(B) can be loaded. *w: the room, then P(B). */
+static int attempt(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		   const struct pipe_known *known, const struct pipe_budget *less, uint32_t more, void *memory, struct regular *w,
+		   struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+{
+	const int64_t *k = grid_manifest(grid)->lattice.k;
+	struct cut_load load;
+	uint64_t own = 0;
+	int r = pipe_domain_load(grid, view, region, known, less, memory, w->weight, &load, &own, ret_need, err);
+
+	w->n = load.n;
+	w->own = load.own;
+	w->flat = load.flat;
+	if (r)
+		return r;
+	if (load.flat && view->hidden)
+		return no_hidden(w, &load, grid, memory, ret, err);
+	if (load.flat) {
+		*ret = pipe_flat_domain(&load, view, k);
+		return 0;
+	}
+	w->tri = pipe_domain_tri(grid, less, own, memory, &load, load.n > more ? load.n : more, &w->cap);
+	r = verify(w, grid, memory, ret_need, err);
+	if (!r && view->hidden) {
+		*ret = (struct mesh_domain){.counts = counts_of(w, &load)};
+		return pipe_hidden(grid, w, memory, ret, err);
+	}
+	if (!r && !finish(w, &load, k, ret)) {
+		*ret_need = (uint64_t)w->n * 2;
+		r = PIPE_E_SPLIT;
+	}
+	return r;
+}
+
 int pipe_weight(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
-	const int64_t *k = grid_manifest(grid)->lattice.k;
 	struct pipe_budget less = *budget;
 	struct regular w = {.view = view, .most = greatest(grid, view), .region = region};
-	struct cut_load load;
-	uint64_t own = 0;
 	uint8_t *tables, *end;
 	int r;
 
@@ -171,29 +207,11 @@ int pipe_weight(const struct grid *grid, const struct view *view, const struct c
 	w.weight = align_carve(&tables, less.cap);
 	w.memory = tables;
 	w.size = (size_t)(end - tables);
-	r = pipe_domain_load(grid, view, region, known, &less, memory, w.weight, &load, &own, ret_need, err);
-	if (r)
-		return r;
-	w.n = load.n;
-	w.own = load.own;
-	w.flat = load.flat;
-	if (load.flat && view->hidden)
-		return no_hidden(&w, &load, grid, memory, ret, err);
-	if (load.flat) {
-		*ret = pipe_flat_domain(&load, view, k);
-		return 0;
-	}
-	w.tri = pipe_domain_tri(grid, &less, own, memory, &load, load.n > MORE ? load.n : MORE, &w.cap);
-	r = verify(&w, grid, memory, ret_need, err);
-	if (!r && view->hidden) {
-		*ret = (struct mesh_domain){.counts = counts_of(&w, &load)};
-		return pipe_hidden(grid, &w, memory, ret, err);
-	}
-	if (!r && !finish(&w, &load, k, ret)) {
-		*ret_need = (uint64_t)w.n * 2;
-		r = PIPE_E_SPLIT;
-	}
-	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL)
+	r = attempt(grid, view, region, known, &less, MORE, memory, &w, ret, ret_need, err);
+	/* Before it is too far, all the memory is tried. */
+	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL && w.tri)
+		r = attempt(grid, view, region, known, &less, less.cap, memory, &w, ret, ret_need, err);
+	if (r == PIPE_E_SPLIT && w.n < less.cap / SMALL && w.tri)
 		return too_far(w.n, *ret_need, err);
 	/* The error names what the whole arena would need. */
 	if (r == PIPE_E_SPLIT && *ret_need <= budget->cap)

@@ -120,11 +120,6 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "the box of --crop is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
 	}
-	if (v->nweight && v->window) {
-		err_set(err, ERR_USAGE, "with weights the triangles of an area cannot be made alone");
-		return err_add_hint(
-			err, "fetch the whole mesh and cut it, or use --crop, which makes a mesh of the points of an area");
-	}
 	if (v->window && (v->window_box[0] > v->window_box[2] || v->window_box[1] > v->window_box[3])) {
 		err_set(err, ERR_USAGE, "the box of --bbox is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");

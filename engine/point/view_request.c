@@ -22,6 +22,7 @@ struct request {
 	int32_t exponent;       /* of the corners of an area */
 	struct view_area *area; /* the area that is being read */
 	const char *option;
+	uint64_t weighted[4]; /* classes that --weight has named */
 	struct err *err;
 };
 
@@ -275,7 +276,13 @@ static int parse_clear(struct request *q, struct view_word w)
 
 static int bad_weight(struct request *q, struct view_word w, const char *what)
 {
-	err_set(q->err, ERR_USAGE, "--weight: %s: \"%.*s\"", what, (int)(w.n < 60 ? w.n : 60), w.at);
+	char text[61];
+	int n = snprintf(text, sizeof text, "%.*s", (int)(w.n < 60 ? w.n : 60), w.at);
+
+	/* As the user wrote it. */
+	for (char *colon = memchr(text, ':', (size_t)n); colon; colon = NULL)
+		*colon = '=';
+	err_set(q->err, ERR_USAGE, "--weight: %s: \"%s\"", what, text);
 	return err_add_hint(q->err,
 			    "give a class and a radius, as in --weight 2=1.5 or --weight 2=1.5m, each class once, at most %d",
 			    VIEW_CLASS_WEIGHTS);
@@ -313,8 +320,11 @@ static int parse_weight(struct request *q, struct view_word one, struct slots_li
 		r = view_word_sources(of, (int32_t)steps, sources);
 		return r < 0 ? err_set(q->err, ERR_NOMEM, "no memory for a view") : r;
 	}
+	if (q->weighted[c >> 6] >> (c & 63) & 1)
+		return bad_weight(q, one, "the class is named twice");
+	q->weighted[c >> 6] |= UINT64_C(1) << (c & 63);
 	if (!view_weight_set(q->view, (uint8_t)c, (int32_t)steps))
-		return bad_weight(q, one, "the class has a radius, or there are too many");
+		return bad_weight(q, one, "too many classes have a radius");
 	return 0;
 }
 

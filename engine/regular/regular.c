@@ -88,8 +88,8 @@ static int turns(struct regular_work *w, uint64_t *ret_need)
 		w->c->turns++;
 		if (rc || !w->npoint || w->c->not_verified)
 			return rc;
-		/* If some did not fit the list, all is verified again. */
-		first = w->limit == UINT64_MAX ? before : 0;
+		/* If some did not fit the list, all is verified again; and those of an area, which may be other triangles now. */
+		first = w->limit == UINT64_MAX && !w->c->area ? before : 0;
 		rc = add_points(w, ret_need);
 		if (rc)
 			return rc;
@@ -123,6 +123,23 @@ static bool owns_hull(const struct regular_work *w, struct geom_weighted a, stru
 			return false;
 	}
 	return true;
+}
+
+static void choose_taken(struct regular_work *w)
+{
+	const struct regular_area *area = w->c->area;
+	uint32_t n = 0;
+
+	for (uint32_t i = 0; i < w->r.ntriangle; i++) {
+		const uint32_t *c = w->r.triangle[i].corner;
+
+		if (tri_regular_used(&w->r.triangle[i]))
+			regular_set(w->owned, n++,
+				    regular_bit(w->owned, i) &&
+					    area->takes(area->ctx, w->r.xy[c[0]], w->r.xy[c[1]], w->r.xy[c[2]]));
+	}
+	w->c->chosen = w->owned;
+	tri_regular_pack(&w->tri);
 }
 
 static void choose(struct regular_work *w)
@@ -167,16 +184,23 @@ int regular_run(struct regular *c, uint64_t *ret_need, struct err *err)
 	view_weights(c->view, w.weight);
 	w.most = c->most;
 	cut_judge_init(&w.judge, c->view);
-	cut_region_box(c->region, w.box);
-	w.nrange = cut_region_ranges(c->region, w.range);
+	if (c->area) {
+		memcpy(w.box, c->area->box, sizeof w.box);
+	} else {
+		cut_region_box(c->region, w.box);
+		w.nrange = cut_region_ranges(c->region, w.range);
+	}
 	lay_out(&w);
 	rc = regular_flat_run(&w, ret_need);
 	if (rc || c->flat)
 		return rc;
 	tri_result(c->tri, &w.r);
-	regular_border_init(&w);
+	if (!c->area)
+		regular_border_init(&w);
 	rc = turns(&w, ret_need);
-	if (!rc)
+	if (!rc && c->area)
+		choose_taken(&w);
+	else if (!rc)
 		choose(&w);
 	return rc;
 }

@@ -14,6 +14,18 @@
 
 struct err;
 
+/* The triangles of an area instead of those of a region (docs/design/weights.md, "Windows with weights"). The part of it that is
+ * in the hull of all positions is in that of those loaded at the beginning. */
+struct regular_area {
+	void *ctx;
+	/* Whether a triangle meets the area: it is verified. And whether it is chosen then. */
+	bool (*meets)(void *ctx, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
+	bool (*takes)(void *ctx, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
+	/* All positions in the box are in the area, and were loaded at the beginning. */
+	bool (*holds)(void *ctx, const int32_t box[4]);
+	int64_t box[4]; /* doubled: contains the area */
+};
+
 struct regular {
 	const struct cut_source *src;
 	const struct view *view; /* with weights */
@@ -22,7 +34,8 @@ struct regular {
 	int64_t (*most_of)(void *ctx, const struct grid_cell *);
 	void *most_ctx;
 	const struct cut_region *region;
-	struct tri *tri; /* after tri_init; its input has the n positions of P(B), those of the region among them */
+	const struct regular_area *area; /* NULL: the region's triangles */
+	struct tri *tri; /* after tri_init; its input has the n positions of P(B), those of the region, or area, among them */
 	uint32_t n, own, cap;
 	uint8_t *weight; /* the numbers of their weights, with room for `cap` */
 	void *memory;    /* aligned to 8 */
@@ -31,10 +44,11 @@ struct regular {
 	bool not_verified, no_hull;
 	/* results, for finish.h */
 	bool flat;               /* all positions of the view are on one line: nothing is hidden, and there is no triangle */
-	const uint64_t *chosen;  /* in `memory`: a bit for each triangle of `tri` that the region owns */
+	const uint64_t *chosen;  /* in `memory`: a bit for each triangle of `tri` that the region owns, or the area takes */
 	const uint64_t *visible; /* likewise: a bit for each vertex of `tri` that is in a triangle */
-	uint32_t hidden, nhull;  /* positions of the region that are hidden; edges of the hull whose outer rays end in it */
-	uint32_t added, turns;   /* positions beyond P(B) */
+	uint32_t hidden,
+		nhull; /* not of an area: positions of the region that are hidden; edges of the hull whose outer rays end in it */
+	uint32_t added, turns; /* positions beyond P(B) */
 	uint64_t cells_read, points_read;
 };
 

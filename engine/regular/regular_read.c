@@ -198,6 +198,14 @@ static void make_room(struct regular_work *w)
 	w->npoint = w->mostpoint / 2;
 }
 
+/* Such positions are loaded. */
+static bool is_inside(const struct regular_work *w, int32_t x, int32_t y)
+{
+	const struct regular_area *area = w->c->area;
+
+	return area ? area->holds(area->ctx, (const int32_t[4]){x, y, x, y}) : cut_region_holds(w->c->region, x, y);
+}
+
 static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct regular_work *w = ctx;
@@ -209,7 +217,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 		const int32_t at[2] = {p->x, p->y};
 		struct visit v = {w, {at, w->weight[view_weight_of(w->c->view, p)]}};
 
-		if (!near_discs(w, v.p) || cut_region_holds(w->c->region, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
+		if (!near_discs(w, v.p) || is_inside(w, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
 			continue;
 		if (!tri_regular_search(&w->tri, v.p, w->all && regular_border_ends(w, v.p) ? always : conflict_matters, &v))
 			continue;
@@ -224,10 +232,12 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 /* ---- cells ---- */
 
-static bool is_own(const struct regular_work *w, uint64_t lo, uint64_t hi)
+static bool is_own(const struct regular_work *w, const struct grid_cell *cell)
 {
+	if (w->c->area)
+		return w->c->area->holds(w->c->area->ctx, cell->box);
 	for (unsigned i = 0; i < w->nrange; i++)
-		if (w->range[i].lo <= lo && hi <= w->range[i].hi)
+		if (w->range[i].lo <= cell->lo && cell->hi <= w->range[i].hi)
 			return true;
 	return false;
 }
@@ -242,7 +252,7 @@ static int read_cell(void *ctx, const struct grid_cell *cell)
 	struct regular_work *w = ctx;
 	double lack;
 
-	if (!cell->count || is_own(w, cell->lo, cell->hi))
+	if (!cell->count || is_own(w, cell))
 		return 0;
 	lack = lack_of(w, cell);
 	w->beyond = beyond_meets(w, cell->box);

@@ -68,6 +68,8 @@ static bool disc_inside(const struct regular_work *w, uint32_t corner, const dou
 
 static bool in_region(const struct regular_work *w, const int32_t box[4])
 {
+	if (w->c->area)
+		return w->c->area->holds(w->c->area->ctx, box);
 	return 2 * (int64_t)box[0] > w->box[0] && 2 * (int64_t)box[1] > w->box[1] && 2 * (int64_t)box[2] < w->box[2] &&
 	       2 * (int64_t)box[3] < w->box[3];
 }
@@ -148,6 +150,27 @@ static int watch_all(struct regular_work *w)
 	}
 	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++)
 		rc = watch_one(w, i);
+	return rc ? rc : regular_read(w);
+}
+
+/* Triangles that meet the area. A half plane outside of the hull needs no test: no position is beyond it where it meets the area,
+ * and one on its line is in conflict with the triangle at the edge. */
+static int watch_area(struct regular_work *w)
+{
+	const struct regular_area *area = w->c->area;
+	int rc = 0;
+
+	for (uint32_t i = 0; i < w->r.ntriangle && !rc; i++) {
+		const uint32_t *c = w->r.triangle[i].corner;
+		double u[2];
+
+		if (!tri_regular_used(&w->r.triangle[i]) || regular_ghost_at(&w->r.triangle[i]) < 3 ||
+		    !area->meets(area->ctx, w->r.xy[c[0]], w->r.xy[c[1]], w->r.xy[c[2]]))
+			continue;
+		regular_set(w->owned, i, true);
+		centre(w, c, u);
+		rc = watch_triangle(w, i, u);
+	}
 	return rc ? rc : regular_read(w);
 }
 
@@ -263,6 +286,8 @@ int regular_watch(struct regular_work *w, uint32_t first)
 		find_owned(w, first);
 	} else {
 		memset(w->owned, 0, bytes);
+		if (w->c->area)
+			return watch_area(w);
 		rc = watch_all(w);
 	}
 	if (rc)

@@ -43,7 +43,7 @@
 #include "err.h"
 #include "finish.h"
 
-enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64 };
+enum { SEEN_LEAST = 64, DISCS_LEAST = 16, NEAREST_FIRST = 4, SPARSE = 16, BATCH = 64, WEIGHT_TABLES = 8 };
 
 /* ---- memory ---- */
 
@@ -274,12 +274,15 @@ static int finish_domain(struct window_area *a, const struct window_from *from, 
 int window_domain_from(const struct window_from *from, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
 		       struct err *err)
 {
-	struct tri *tri = tri_init(from->memory, from->cap);
-	struct window_area *a = window_area_init(from->src, from->view, from->region, from->round, tri, from->cap,
-						 (uint8_t *)from->memory + align_line(from->room));
+	struct window_area *a;
 	bool flat;
-	int r = window_area_run(a, &flat, ret_need, err);
+	int r;
 
+	if (from->view->nweight)
+		return window_regular(from, k, ret, ret_need, err);
+	a = window_area_init(from->src, from->view, from->region, from->round, tri_init(from->memory, from->cap), from->cap,
+			     (uint8_t *)from->memory + align_line(from->room));
+	r = window_area_run(a, &flat, ret_need, err);
 	if (r)
 		return r;
 	if (!flat)
@@ -307,12 +310,14 @@ uint32_t window_cap_of(const struct grid *grid, uint32_t arena_cap)
 	return grid_lines(grid) ? cap / 2 : cap;
 }
 
-int window_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, uint32_t arena_cap,
-		  void *reader_memory, void *arena, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+int window_domain(const struct grid *grid, const struct view *view, int64_t most, const struct cut_region *region,
+		  uint32_t arena_cap, void *reader_memory, void *arena, struct mesh_domain *ret, uint64_t *ret_need,
+		  struct err *err)
 {
 	struct window_from from = {.view = view,
 				   .region = region,
 				   .lattice = &grid_manifest(grid)->lattice,
+				   .most = most,
 				   .cap = window_cap_of(grid, arena_cap),
 				   .memory = arena,
 				   .room = tri_bytes(window_cap(arena_cap))};
@@ -321,6 +326,9 @@ int window_domain(const struct grid *grid, const struct view *view, const struct
 	struct cut_source src;
 	int r;
 
+	/* The tables of engine/regular share the arena. */
+	if (view->nweight)
+		from.cap -= from.cap / WEIGHT_TABLES;
 	if (!from.cap)
 		return err_set(err, ERR_INTERNAL, "an arena of %u positions is too small for an area", arena_cap);
 	r = grid_reader_new(grid, reader_memory, grid_reader_bytes(grid), &reader, err);
@@ -331,5 +339,8 @@ int window_domain(const struct grid *grid, const struct view *view, const struct
 	from.lines = constrain_lines_of(reader, &lines) ? &lines : NULL;
 	r = window_domain_from(&from, grid_manifest(grid)->lattice.k, ret, ret_need, err);
 	grid_reader_free(reader);
+	/* The need is compared with window_cap_of. */
+	if (r == WINDOW_E_SPLIT && view->nweight && *ret_need <= window_cap_of(grid, arena_cap))
+		*ret_need = (uint64_t)window_cap_of(grid, arena_cap) + 1;
 	return r;
 }

@@ -82,19 +82,23 @@ struct window_area *window_area_init(const struct cut_source *, const struct vie
 int window_area_run(struct window_area *, bool *ret_flat, uint64_t *ret_need, struct err *err);
 
 /* window_domain and window_plan for any source of cells. `memory`: an arena of `room` bytes, at least tri_bytes(cap), then the
- * tables. `lines`: NULL if there are none; for pieces a kernel of about as many positions more must fit the room. */
+ * tables. `lines`: NULL if there are none; for pieces a kernel of about as many positions more must fit the room, for weights a
+ * byte a position and regular_bytes(cap). */
 struct window_from {
 	const struct cut_source *src;
 	const struct constrain_lines *lines;
 	const struct view *view;
 	const struct cut_region *region;
 	const struct lattice *lattice; /* for the text of an error; may be NULL */
+	int64_t most;                  /* of a view with weights: no position has a greater one */
 	uint32_t round, cap;
 	void *memory;
 	size_t room;
 };
 int window_domain_from(const struct window_from *, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need,
 		       struct err *err);
+/* window_domain_from with weights (window_regular.c). */
+int window_regular(const struct window_from *, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 int window_plan_from(const struct cut_source *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
 
 /* window_area_cells.c: reading. WINDOW_E_SPLIT: the points do not fit. */

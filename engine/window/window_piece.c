@@ -143,6 +143,32 @@ bool window_piece_meets_box(const struct window_piece *w, const int32_t box[4])
 	return cover_meets(w, &w->region, &s);
 }
 
+/* The squares of the cover that meet the part of the box in the region. */
+static bool cover_holds(const struct window_piece *w, const struct cut_region *r, const struct shape *s)
+{
+	struct cut_region half[2];
+	int64_t box[4];
+
+	if (!clip_region(w, r, box) || !boxes_meet(s->box, box))
+		return true;
+	if (!may_meet(w, r))
+		return false;
+	if (r->wx <= w->grain && r->wy <= w->grain)
+		return true;
+	cut_region_split(r, half);
+	return cover_holds(w, &half[0], s) && cover_holds(w, &half[1], s);
+}
+
+bool window_piece_holds_box(const struct window_piece *w, const int32_t box[4])
+{
+	const int64_t twice[4] = {2 * (int64_t)box[0], 2 * (int64_t)box[1], 2 * (int64_t)box[2], 2 * (int64_t)box[3]};
+	const struct shape s = {.box = twice};
+
+	if (twice[0] < w->box[0] || twice[1] < w->box[1] || twice[2] > w->box[2] || twice[3] > w->box[3])
+		return false;
+	return view_window_is_box(w->view) || cover_holds(w, &w->region, &s);
+}
+
 static void triangle_shape(struct shape *s, int64_t corner[3][2], const int32_t a[2], const int32_t b[2], const int32_t c[2])
 {
 	for (unsigned k = 0; k < 2; k++) {

@@ -37,6 +37,8 @@ void window_piece_tighten(const struct window_piece *, struct cut_region *ret);
 
 /* The piece meets a closed box of lattice numbers; a closed triangle that is not flat. */
 bool window_piece_meets_box(const struct window_piece *, const int32_t box[4]);
+/* All lattice positions of the box are in the piece. False if that is not certain. */
+bool window_piece_holds_box(const struct window_piece *, const int32_t box[4]);
 bool window_piece_meets(const struct window_piece *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 /* A triangle that meets the piece belongs to it: it meets the window, and no earlier piece. */
 bool window_piece_sends(const struct window_piece *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);

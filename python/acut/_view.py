@@ -71,11 +71,14 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
                          hint='use class_="2,8", duplicates="highest"')
     if zmin is not None and zmax is not None and _decimal(zmin, "zmin") > _decimal(zmax, "zmax"):
         raise UsageError("zmin %s is above zmax %s: no height is left" % (zmin, zmax), hint="swap them")
-    if no_breaklines and breakline_clear is not None:
+    clear = _length(breakline_clear, "breakline_clear") if breakline_clear is not None else ""
+    direction = _metric(metric) if metric is not None else ""
+    # Values that change nothing contradict nothing.
+    if no_breaklines and re.search("[1-9]", re.split("[eE]", clear)[0]):
         raise UsageError("without lines no point is near one", hint="leave out one of no_breaklines and breakline_clear")
     if max_error is not None and max_points is not None:
         raise UsageError("max_points looks for the bound that max_error gives", hint="leave out one of them")
-    if (max_error is not None or max_points is not None) and metric is not None:
+    if (max_error is not None or max_points is not None) and direction and not direction.endswith(",1"):
         raise UsageError("a metric has no bound of errors", hint="leave out metric, or max_error and max_points")
     words = ["ask 1"]
     words += ["class=%s" % _classes(class_)] if class_ is not None else []
@@ -87,30 +90,21 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     words += ["drop-overlap"] if drop_overlap else []
     words += ["zmin=%s" % _plain(zmin, "zmin")] if zmin is not None else []
     words += ["zmax=%s" % _plain(zmax, "zmax")] if zmax is not None else []
-    if every is not None:
-        if int(every) != every or every < 1:
-            raise UsageError("every is a whole number from 1, not %r" % (every,))
-        words.append("every=%d" % every)
+    words += ["every=%d" % _count(every, "every")] if every is not None else []
     if thin is not None:
         words.append("thin=%s:%s" % (_length(thin, "thin"), thin_pick or ("highest" if surface or highest else "lowest")))
     words += ["duplicates=highest"] if surface or highest else []
     words += ["no-breaklines"] if no_breaklines else []
-    words += ["breakline-clear=%s" % _length(breakline_clear, "breakline_clear")] if breakline_clear is not None else []
+    words += ["breakline-clear=%s" % clear] if clear else []
     words += ["max-error=%s" % _length(max_error, "max_error")] if max_error is not None else []
-    if max_points is not None:
-        if int(max_points) != max_points or max_points < 1:
-            raise UsageError("max_points is a whole number from 1, not %r" % (max_points,))
-        words.append("max-points=%d" % max_points)
-    words += ["metric=%s" % _metric(metric)] if metric is not None else []
+    words += ["max-points=%d" % _count(max_points, "max_points")] if max_points is not None else []
+    words += ["metric=%s" % direction] if direction else []
     words += ["weight=%s" % _weights(weight)] if weight is not None else []
     if hidden and weight is None:
         raise UsageError("without weights nothing is hidden", hint="give weight, too")
     words += ["hidden"] if hidden else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
-    if window and weight is not None:
-        raise UsageError("with weights the triangles of an area cannot be made alone",
-                         hint="make the whole mesh and cut it, or use crop, which makes a mesh of the points of an area")
     words += ["window=%s" % window] if window else []
     text = " ".join(words)
     if len(text) >= _TEXT_MOST:
@@ -169,6 +163,16 @@ def _classes(value: Any) -> str:
     return text
 
 
+def _count(value: Any, name: str) -> int:
+    try:
+        number = int(value)
+    except (TypeError, ValueError, OverflowError):
+        number = 0
+    if number != value or number < 1:
+        raise UsageError("%s is a whole number from 1, not %r" % (name, value))
+    return number
+
+
 def _metric(value: Any) -> str:
     hint = "give a direction P, Q and how often distances across it count, as in (3, 1, 10)"
     parts = value.split(",") if isinstance(value, str) else value
@@ -210,11 +214,15 @@ def _length(value: Any, name: str) -> str:
 
 
 def _weights(value: Any) -> str:
-    rows = [r.rpartition("=")[::2] for r in value.split(",")] if isinstance(value, str) else list(value.items())
-    for of, radius in rows:
-        if radius == "" or not (_is_file(str(of)) or re.fullmatch(r"\d{1,3}", str(of), re.A) and int(of) <= 255):
-            raise UsageError("weight is not a class or a file with a radius: %r" % (value,),
-                             hint='give {2: 1.5, "survey-2024/*.laz": "0.5m"} or "2=1.5m,9=30ft"')
+    rows: List[Tuple[Any, Any]] = []
+    if isinstance(value, str):
+        rows = [r.rpartition("=")[::2] for r in value.split(",")]
+    elif isinstance(value, Mapping):
+        rows = list(value.items())
+    if not rows or not all(radius != "" and (_is_file(str(of)) or re.fullmatch(r"\d{1,3}", str(of), re.A) and int(of) <= 255)
+                           for of, radius in rows):
+        raise UsageError("weight is not a class or a file with a radius: %r" % (value,),
+                         hint='give {2: 1.5, "survey-2024/*.laz": "0.5m"} or "2=1.5m,9=30ft"')
     return ",".join("%s:%s" % (_weighted(str(of)), _length(radius, "weight")) for of, radius in rows)
 
 

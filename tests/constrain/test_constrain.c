@@ -21,16 +21,12 @@
 #include "err.h"
 #include "geom.h"
 #include "made.h"
+#include "parts.h"
 #include "pipe.h"
 #include "repeat.h"
 #include "sets.h"
 
-enum { MAX_N = SETS_MAX_N, MAX_PIECES = 120, MAX_LEAVES = 40, MAX_TRIANGLES = 4 * MAX_N };
-
-struct mesh {
-	int32_t triangle[MAX_TRIANGLES][9]; /* smallest corner first; x, y, z */
-	unsigned n;
-};
+enum { MAX_N = SETS_MAX_N, MAX_PIECES = 120, MAX_LEAVES = 40, MAX_TRIANGLES = PARTS_TRIANGLES };
 
 /* What is out: by triangle of the whole mesh; reversed in a box whose sides are pieces that the view does not keep. */
 struct area {
@@ -43,7 +39,7 @@ static struct sets set;
 static struct view view;
 static struct lineset_piece piece[MAX_PIECES];
 static unsigned npiece, ninserted;
-static struct mesh whole, all, parts; /* all: also what is out */
+static struct parts_mesh whole, all, parts; /* all: also what is out */
 static struct area area;
 static void *arena, *other;
 static uint64_t cases, domains, constrained, turns, added, loaded, crossed, gone, splits, asked, outs, boxes, marked;
@@ -51,25 +47,6 @@ static uint64_t cases, domains, constrained, turns, added, loaded, crossed, gone
 static unsigned below(uint64_t *seed, unsigned n)
 {
 	return sets_below(seed, n);
-}
-
-static int compare(const void *a, const void *b)
-{
-	return memcmp(a, b, 9 * sizeof(int32_t));
-}
-
-static void mesh_add(struct mesh *m, const int32_t a[3], const int32_t b[3], const int32_t c[3])
-{
-	const int32_t *v[3] = {a, b, c};
-	unsigned first = 0;
-
-	for (unsigned i = 1; i < 3; i++)
-		if (geom_less(v[i], v[first]))
-			first = i;
-	assert_true(m->n < MAX_TRIANGLES);
-	for (unsigned i = 0; i < 3; i++)
-		memcpy(&m->triangle[m->n][3 * i], v[(first + i) % 3], 3 * sizeof(int32_t));
-	m->n++;
 }
 
 /* ---- pieces ---- */
@@ -142,9 +119,9 @@ static bool make_whole(uint64_t *seed)
 			memcpy(at[k], r.xy[c[k]], sizeof(r.xy[0]));
 			at[k][2] = r.z[c[k]];
 		}
-		mesh_add(&whole, at[0], at[1], at[2]);
+		parts_add(&whole, (const int32_t(*)[3])at);
 	}
-	qsort(whole.triangle, whole.n, sizeof(*whole.triangle), compare);
+	parts_sort(&whole);
 	free(p);
 	free(t);
 	return true;
@@ -285,7 +262,7 @@ static void make_area(uint64_t *seed)
 
 		state(NULL, (int64_t)t[0] + t[3] + t[6], (int64_t)t[1] + t[4] + t[7], 3, &at, NULL);
 		if (!at)
-			mesh_add(&whole, t, t + 3, t + 6);
+			parts_add(&whole, (const int32_t(*)[3])t);
 	}
 }
 
@@ -304,25 +281,6 @@ static int find(void *ctx, const int32_t box[4], lineset_piece_fn fn, void *sink
 }
 
 /* ---- domains ---- */
-
-static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret)
-{
-	unsigned want = 1 + below(seed, below(seed, 3) ? 12 : MAX_LEAVES), n = 1;
-	int32_t box[4];
-
-	assert_true(src->box(src->ctx, box));
-	cut_region_root(box, &ret[0]);
-	for (unsigned tries = 0; n < want && tries < 200; tries++) {
-		unsigned i = below(seed, n);
-		struct cut_region half[2];
-
-		if (!cut_region_split(&ret[i], half))
-			continue;
-		ret[i] = half[0];
-		ret[n++] = half[1];
-	}
-	return n;
-}
 
 static struct constrain_lines lines = {.find = find};
 
@@ -397,13 +355,8 @@ static void take(const struct mesh_domain *d, bool verify)
 	for (uint32_t i = 0; i < d->ntriangle; i++) {
 		int32_t at[3][3];
 
-		for (unsigned k = 0; k < 3; k++) {
-			const struct mesh_vertex *v = &d->vertex[d->triangle[i][k]];
-
-			assert_true(d->triangle[i][k] < d->nvertex);
-			memcpy(at[k], v, sizeof(at[k]));
-		}
-		mesh_add(&parts, at[0], at[1], at[2]);
+		parts_corners(d, i, at);
+		parts_add(&parts, (const int32_t(*)[3])at);
 		if (verify)
 			check_edges(d, i, at);
 	}
@@ -449,8 +402,8 @@ static bool partition(const struct cut_source *src, const struct cut_source *aga
 		}
 		rc = rc ? rc : pipe_emit(e, &d, &leaf[i], NULL, &err);
 	}
-	qsort(parts.triangle, parts.n, sizeof(*parts.triangle), compare);
-	same = parts.n == whole.n && !memcmp(parts.triangle, whole.triangle, whole.n * sizeof(*whole.triangle));
+	parts_sort(&parts);
+	same = parts_same(&parts, &whole);
 	if (verify && same) {
 		rc = rc ? rc : pipe_emitter_finish(e, &totals, &err);
 		if (rc)
@@ -479,7 +432,7 @@ static bool one_case(uint64_t seed, bool verify)
 	sets_tiling(&seed, &set, &u);
 	tiling_source(&t, &src);
 	tiling_source(&u, &again);
-	n = make_leaves(&seed, &src, leaf);
+	n = parts_make(&seed, &src, MAX_LEAVES, leaf);
 	if (verify)
 		domain_in_less(&seed, &src, &leaf[below(&seed, n)]);
 	return partition(&src, &again, leaf, n, verify, below(&seed, 2));

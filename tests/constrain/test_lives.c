@@ -19,6 +19,7 @@
 #include "err.h"
 #include "geom.h"
 #include "made.h"
+#include "parts.h"
 #include "repeat.h"
 #include "sets.h"
 
@@ -208,21 +209,12 @@ static bool make_lines(uint64_t *seed, struct generation *g, const struct genera
 static unsigned make_leaves(uint64_t *seed, struct cut_region *ret)
 {
 	int32_t box[4] = {record[0].p.x, record[0].p.y, record[0].p.x, record[0].p.y};
-	unsigned want = 1 + sets_below(seed, LEAVES - 1), n = 1;
+	unsigned want = 1 + sets_below(seed, LEAVES - 1);
 
 	for (unsigned i = 1; i < nrecord; i++)
 		point_box_join(box, (const int32_t[4]){record[i].p.x, record[i].p.y, record[i].p.x, record[i].p.y});
 	cut_region_root(box, &ret[0]);
-	for (unsigned tries = 0; n < want && tries < 100; tries++) {
-		unsigned i = sets_below(seed, n);
-		struct cut_region half[2];
-
-		if (!cut_region_split(&ret[i], half))
-			continue;
-		ret[i] = half[0];
-		ret[n++] = half[1];
-	}
-	return n;
+	return parts_halve(seed, want, 100, ret);
 }
 
 static void check_region(const struct cut_region *region, const struct generation *then, const struct generation *now,

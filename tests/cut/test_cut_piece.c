@@ -19,6 +19,7 @@
 #include "check.h"
 #include "cut.h"
 #include "geom.h"
+#include "parts.h"
 #include "random.h"
 #include "repeat.h"
 
@@ -113,7 +114,7 @@ static bool make_whole(uint64_t *seed)
 static unsigned make_leaves(uint64_t *seed, struct cut_region *ret)
 {
 	int32_t box[4] = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};
-	unsigned want = 1 + (unsigned)random_below(seed, MAX_LEAVES), n = 1;
+	unsigned want = 1 + (unsigned)random_below(seed, MAX_LEAVES);
 
 	for (unsigned i = 0; i < npos; i++) {
 		box[0] = pos[i].x < box[0] ? pos[i].x : box[0];
@@ -122,16 +123,7 @@ static unsigned make_leaves(uint64_t *seed, struct cut_region *ret)
 		box[3] = pos[i].y > box[3] ? pos[i].y : box[3];
 	}
 	cut_region_root(box, &ret[0]);
-	for (unsigned tries = 0; n < want && tries < 100; tries++) {
-		unsigned i = (unsigned)random_below(seed, n);
-		struct cut_region half[2];
-
-		if (!cut_region_split(&ret[i], half))
-			continue;
-		ret[i] = half[0];
-		ret[n++] = half[1];
-	}
-	return n;
+	return parts_halve(seed, want, 100, ret);
 }
 
 /* ---- one domain ---- */

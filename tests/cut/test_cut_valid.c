@@ -16,6 +16,7 @@
 #include "cut_order.h"
 #include "cut_valid.h"
 #include "err.h"
+#include "parts.h"
 #include "tiling.h"
 #include "repeat.h"
 
@@ -138,23 +139,14 @@ static void lay_out(uint64_t *seed, struct state *s, unsigned live)
 
 static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret, struct cut_region *ret_root)
 {
-	unsigned want = 1 + below(seed, LEAVES - 1), n = 1;
+	unsigned want = 1 + below(seed, LEAVES - 1);
 	int32_t box[4];
 
 	if (!src->box(src->ctx, box))
 		return 0;
 	cut_region_root(box, &ret[0]);
 	*ret_root = ret[0];
-	for (unsigned tries = 0; n < want && tries < 150; tries++) {
-		unsigned i = below(seed, n);
-		struct cut_region half[2];
-
-		if (!cut_region_split(&ret[i], half))
-			continue;
-		ret[i] = half[0];
-		ret[n++] = half[1];
-	}
-	return n;
+	return parts_halve(seed, want, 150, ret);
 }
 
 /* Returns how many points were read. */

@@ -1,7 +1,10 @@
 """Meshes with weights: CGAL's regular triangulation of the same positions, triangle by triangle, with any memory, threads and order
-of files, in views that select points, and over generations; what is hidden is counted; what cannot be done is refused by its name."""
+of files, in views that select points, and over generations; what is hidden is counted; windows are parts of
+the whole mesh; what cannot be done is refused by its name."""
 import os
 import random
+import re
+import struct
 import subprocess
 
 import e2e
@@ -91,8 +94,10 @@ def any_memory():
                 out = os.path.join(base, memory + ".ply")
                 d.ctl("fetch", str(got["job"]), "-o", out).ok()
                 expect("element vertex %d\n" % got["vertices"] in open(out, errors="replace").read(2000), "vertices of the file")
-                r = e2e.run([e2e.VERIFY, out, "--view", got["view"]])
-                expect(r.status != 0 and "weights" in r.err, "acut-verify: %s" % (r.out + r.err))
+                r = e2e.run([e2e.VERIFY, out, "--view", got["view"], "--json", *files]).ok().json()
+                expect(r["good"] and r["hidden"] == got["removed"]["weight"], r)
+                for args in (["--weight", "2=20,9=8"], []):
+                    expect(e2e.run([e2e.VERIFY, out, *args, *files]).status == 1, "other weights: %s" % args)
         expect(len(seen) == 1, seen)
 
 
@@ -136,14 +141,69 @@ def generations():
         expect(again["domains_reused"] == again["domains"] > 1, again)
 
 
+def triangles_of(path):
+    """Of a PLY: the triangles as sets of corners x, y, z."""
+    data = open(path, "rb").read()
+    head, body = data.split(b"end_header\n", 1)
+    nvertex, nface = (int(re.search(rb"element %s (\d+)" % what, head).group(1)) for what in (b"vertex", b"face"))
+    vertex = list(struct.iter_unpack("<3d", body[:24 * nvertex]))
+    faces = struct.iter_unpack("<B3i", body[24 * nvertex:24 * nvertex + 13 * nface])
+    return {frozenset(vertex[v] for v in f[1:]) for f in faces}
+
+
+def windows():
+    """The triangles of an area are those of the whole mesh that meet it: of boxes, of a polygon, of a fetch, in views that select."""
+    def meets(t, box):
+        """Separating axes of a triangle and a box."""
+        p = [v[:2] for v in t]
+        corners = [(box[i], box[j]) for i in (0, 2) for j in (1, 3)]
+        axes = [(1, 0), (0, 1)] + [(p[i][1] - p[i - 1][1], p[i - 1][0] - p[i][0]) for i in range(3)]
+        for x, y in axes:
+            a, b = [x * q[0] + y * q[1] for q in p], [x * q[0] + y * q[1] for q in corners]
+            if max(a) < min(b) or min(a) > max(b):
+                return False
+        return True
+
+    rng = random.Random(9)
+    points, radius = surveys(rng, 30000), {2: 25, 9: 7}
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", threads=2) as d:
+        files = [points_file(base, points[i::2], "part%d.csv" % i) for i in range(2)]
+        d.ctl("push", "s", *files).ok()
+        out = os.path.join(base, "out.ply")
+        for more in ([], ["--thin", "20"]):
+            job = submit(d, "s", radius, *more)
+            d.ctl("fetch", str(job["job"]), "-o", out).ok()
+            whole = triangles_of(out)
+            expect(len(whole) == job["triangles"], "the whole mesh")
+            boxes = [(600, 700, 640, 900), (0, 0, 1732, 1732), (570, 300, 580, 302), (-50, -50, 10, 10), (100, 100, 100, 100), (5000, 0, 6000, 9)]
+            boxes += [(x, y, x + rng.randrange(400), y + rng.randrange(400)) for x, y in [(rng.randrange(1700), rng.randrange(1700)) for _ in range(12)]]
+            for box in boxes:
+                want = {t for t in whole if meets(t, box)}
+                text = "%d,%d,%d,%d" % box
+                d.ctl("fetch", str(job["job"]), "--bbox=" + text, "-o", out).ok()
+                expect(triangles_of(out) == want, "fetch of %s: %d, not %d" % (text, len(triangles_of(out)), len(want)))
+            part = submit(d, "s", radius, *more, "--bbox=" + text)
+            d.ctl("fetch", str(part["job"]), "-o", out).ok()
+            expect(triangles_of(out) == want and part["triangles"] == len(want) > 0, "job of %s: %s" % (text, part))
+        area = os.path.join(base, "area.wkt")
+        with open(area, "w") as f:
+            f.write("POLYGON((100 100, 900 100, 900 700, 100 700, 100 100),(200 200, 800 200, 800 600, 200 600, 200 200))")
+        job = submit(d, "s", radius)
+        d.ctl("fetch", str(job["job"]), "-o", out).ok()
+        ring = [(100, 100, 900, 200), (100, 600, 900, 700), (100, 100, 200, 700), (800, 100, 900, 700)]
+        want = {t for t in triangles_of(out) if any(meets(t, b) for b in ring)}
+        d.ctl("fetch", str(job["job"]), "--polygon", area, "-o", out).ok()
+        expect(triangles_of(out) == want, "a polygon: %d, not %d" % (len(triangles_of(out)), len(want)))
+        got = e2e.run([e2e.VERIFY, out, "--json", *option(radius), *files]).ok().json()
+        expect(got["good"] and got["trimmed"] and got["hidden"] > 0, got)
+
+
 def refused():
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         points = surveys(random.Random(8), 400)
         d.ctl("push", "s", points_file(base, points)).ok()
-        job = submit(d, "s", {2: 5})["job"]
-        for args, said in ((["submit", "s", "--weight", "2=5", "--bbox", "0,0,5,5"], "triangles of an area"),
-                           (["fetch", str(job), "--bbox", "0,0,5,5", "-o", os.path.join(base, "x.ply")], "triangles of an area"),
-                           (["submit", "s", "--weight", "2=5,2=6"], "has a radius"), (["submit", "s", "--weight", "2"], "--weight")):
+        for args, said in ((["submit", "s", "--weight", "2=5", "--max-error", "1"], "bound of errors"),
+                           (["submit", "s", "--weight", "2=5,2=6"], "named twice"), (["submit", "s", "--weight", "2"], "--weight")):
             r = d.ctl(*args)
             expect(r.status == 2 and said in r.err, "%s: %d, %s" % (args, r.status, r.err))
         path = os.path.join(base, "lines.csv")
@@ -156,4 +216,4 @@ def refused():
 
 
 if __name__ == "__main__":
-    e2e.main(tiny, any_memory, selected, generations, refused)
+    e2e.main(tiny, any_memory, selected, generations, windows, refused)

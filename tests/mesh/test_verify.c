@@ -1,7 +1,7 @@
 /*
  * The verifier: good meshes pass, and each kind of fault, introduced one at a time, is reported as such. Good meshes
  * come from brute force: all triples whose circle contains no point, ties by the rule in docs/design/algorithm.md 1,
- * with determinants for small numbers only.
+ * with determinants for small numbers only. With weights they are regular, by the rule in docs/design/weights.md.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "geom_power.h"
 #include "random.h"
 #include "verify.h"
 
@@ -23,6 +24,8 @@ struct mesh {
 	int32_t vertex[MOST][3];
 	uint32_t triangle[TRIANGLES][3];
 	size_t nvertex, ntriangle;
+	int64_t weight[MOST];
+	bool weighted;
 };
 
 static uint64_t random_state = 23;
@@ -70,8 +73,38 @@ static bool in_circle_strictly(const int32_t *a, const int32_t *b, const int32_t
 	return h == c ? orient(a, b, d) > 0 : h == b ? orient(a, d, c) > 0 : orient(d, b, c) > 0;
 }
 
+/* d is below the plane through the lifted a, b, c. Ties: each height is raised, that of a later position by far more. */
+static bool is_below(const struct mesh *m, const uint32_t v[4], bool *ret_tie)
+{
+	const int32_t *p[4], *d = m->vertex[v[3]];
+	int64_t raise[4], det;
+	unsigned order[4] = {0, 1, 2, 3};
+
+	for (int i = 0; i < 4; i++)
+		p[i] = m->vertex[v[i]];
+	for (int i = 0; i < 3; i++)
+		raise[i] = orient(d, p[(i + 1) % 3], p[(i + 2) % 3]);
+	raise[3] = -(raise[0] + raise[1] + raise[2]);
+	det = circle(p[0], p[1], p[2], d);
+	for (int i = 0; i < 4; i++)
+		det -= m->weight[v[i]] * raise[i];
+	*ret_tie = det == 0;
+	for (int i = 0; i < 4; i++)
+		for (int k = i + 1; k < 4; k++)
+			if (comes_later(p[order[k]], p[order[i]])) {
+				unsigned o = order[i];
+
+				order[i] = order[k];
+				order[k] = o;
+			}
+	for (int i = 0; i < 4 && !det; i++)
+		det = raise[order[i]];
+	return det > 0;
+}
+
 static void triangulate(struct mesh *m)
 {
+	bool tie;
 	uint32_t n = (uint32_t)m->nvertex;
 
 	m->ntriangle = 0;
@@ -82,7 +115,9 @@ static void triangulate(struct mesh *m)
 
 				for (uint32_t d = 0; d < n && empty; d++)
 					empty = d == a || d == b || d == c ||
-						!in_circle_strictly(m->vertex[a], m->vertex[b], m->vertex[c], m->vertex[d]);
+						!(m->weighted ? is_below(m, (const uint32_t[4]){a, b, c, d}, &tie) :
+								in_circle_strictly(m->vertex[a], m->vertex[b], m->vertex[c],
+										   m->vertex[d]));
 				if (!empty)
 					continue;
 				uint32_t *t = m->triangle[m->ntriangle++];
@@ -122,6 +157,7 @@ static struct verify_report verified(const struct mesh *m)
 	struct verify_report r;
 	struct err err = ERR_INIT;
 
+	v.weight = m->weighted ? m->weight : NULL;
 	assert_int_equal(verify_mesh(&v, &r, &err), 0);
 	return r;
 }
@@ -415,6 +451,22 @@ static void test_convex(void **state)
 	(void)state;
 }
 
+/* The other diagonal of triangles t and u, across side k / 3 of t and side k % 3 of u, if that makes two triangles. */
+static bool flip(const struct mesh *m, size_t t, size_t u, int k, struct mesh *ret, uint32_t ret_quad[4])
+{
+	const uint32_t *p = m->triangle[t], *q = m->triangle[u];
+	uint32_t a = p[k / 3], b = p[(k / 3 + 1) % 3], c = p[(k / 3 + 2) % 3], d = q[(k + 2) % 3];
+
+	if (q[k % 3] != b || q[(k + 1) % 3] != a || orient(m->vertex[c], m->vertex[a], m->vertex[d]) <= 0 ||
+	    orient(m->vertex[d], m->vertex[b], m->vertex[c]) <= 0)
+		return false;
+	*ret = *m;
+	memcpy(ret->triangle[t], (uint32_t[3]){c, a, d}, sizeof ret->triangle[0]);
+	memcpy(ret->triangle[u], (uint32_t[3]){d, b, c}, sizeof ret->triangle[0]);
+	memcpy(ret_quad, (uint32_t[4]){a, b, c, d}, 4 * sizeof *ret_quad);
+	return true;
+}
+
 /* The other diagonal of each pair of neighbours that form a convex quadrilateral. */
 static void test_delaunay_and_tie(void **state)
 {
@@ -426,19 +478,13 @@ static void test_delaunay_and_tie(void **state)
 		for (size_t t = 0; t < m.ntriangle; t++) {
 			for (size_t u = 0; u < m.ntriangle; u++) {
 				for (int k = 0; k < 9; k++) {
-					uint32_t *p = m.triangle[t], *q = m.triangle[u];
-					uint32_t a = p[k / 3], b = p[(k / 3 + 1) % 3], c = p[(k / 3 + 2) % 3], d = q[(k + 2) % 3];
-					struct mesh bad = m;
+					struct mesh bad;
+					uint32_t v[4];
 
-					if (q[k % 3] != b || q[(k + 1) % 3] != a ||
-					    orient(m.vertex[c], m.vertex[a], m.vertex[d]) <= 0 ||
-					    orient(m.vertex[d], m.vertex[b], m.vertex[c]) <= 0)
+					if (!flip(&m, t, u, k, &bad, v))
 						continue;
-					uint32_t other[2][3] = {{c, a, d}, {d, b, c}};
-					bool tie = circle(m.vertex[a], m.vertex[b], m.vertex[c], m.vertex[d]) == 0;
+					bool tie = circle(m.vertex[v[0]], m.vertex[v[1]], m.vertex[v[2]], m.vertex[v[3]]) == 0;
 
-					memcpy(bad.triangle[t], other[0], sizeof other[0]);
-					memcpy(bad.triangle[u], other[1], sizeof other[1]);
 					fault_is(&bad, tie ? VERIFY_TIE : VERIFY_DELAUNAY);
 					flips[tie]++;
 				}
@@ -446,6 +492,107 @@ static void test_delaunay_and_tie(void **state)
 		}
 	}
 	assert_true(flips[0] > 100 && flips[1] > 100);
+	(void)state;
+}
+
+/* A mesh with weights, without the vertices that are hidden; *ret_hidden: how many. */
+static struct mesh weighted_mesh(size_t n, int32_t range, size_t *ret_hidden)
+{
+	struct mesh m = random_mesh(n, range);
+	uint32_t to[MOST], kept = 0;
+	bool used[MOST] = {false};
+	int64_t one = (int64_t)(rnd() % 4);
+
+	m.weighted = true;
+	for (size_t v = 0; v < m.nvertex; v++) {
+		int64_t radius = rnd() % 2 ? 0 : range > 6 ? (int64_t)(rnd() % (uint64_t)range) : one;
+
+		m.weight[v] = radius * radius;
+	}
+	triangulate(&m);
+	for (size_t t = 0; t < m.ntriangle; t++)
+		for (int k = 0; k < 3; k++)
+			used[m.triangle[t][k]] = true;
+	for (size_t v = 0; v < m.nvertex && m.ntriangle; v++) {
+		if (!used[v])
+			continue;
+		memcpy(m.vertex[kept], m.vertex[v], sizeof m.vertex[0]);
+		m.weight[kept] = m.weight[v];
+		to[v] = kept++;
+	}
+	*ret_hidden = m.ntriangle ? m.nvertex - kept : 0;
+	m.nvertex = m.ntriangle ? kept : m.nvertex;
+	for (size_t t = 0; t < m.ntriangle; t++)
+		for (int k = 0; k < 3; k++)
+			m.triangle[t][k] = to[m.triangle[t][k]];
+	return m;
+}
+
+/* A mesh with weights, then with one edge flipped, with one weight changed, and without weights. */
+static void test_weights(void **state)
+{
+	size_t all = 0, flips[2] = {0, 0}, changed = 0, plain = 0;
+
+	for (int round = 0; round < 200; round++) {
+		size_t hidden;
+		struct mesh m = weighted_mesh(3 + rnd() % 20, round % 3 == 0 ? 6 : round % 3 == 1 ? 20 : 600, &hidden), bad;
+		uint32_t quad[4];
+		bool tie;
+
+		if (!m.ntriangle)
+			continue;
+		fault_is(&m, VERIFY_GOOD);
+		all += hidden;
+		for (size_t t = 0; t < m.ntriangle; t++)
+			for (size_t u = 0; u < m.ntriangle; u++)
+				for (int k = 0; k < 9; k++) {
+					if (!flip(&m, t, u, k, &bad, quad))
+						continue;
+					is_below(&m, quad, &tie);
+					fault_is(&bad, tie ? VERIFY_TIE : VERIFY_POWER);
+					flips[tie]++;
+				}
+		bad = m;
+		bad.weight[rnd() % m.nvertex] += 1 << 20;
+		changed += verified(&bad).fault == VERIFY_POWER;
+		bad = m;
+		bad.weighted = false;
+		plain += verified(&bad).fault == VERIFY_DELAUNAY;
+	}
+	assert_true(all > 300 && flips[0] > 500 && flips[1] > 30 && changed > 100 && plain > 50);
+	(void)state;
+}
+
+/* The kernel's predicate has other arithmetic. Few places, and the full range with the greatest weights. */
+static void test_power(void **state)
+{
+	uint64_t ties = 0;
+
+	for (int round = 0; round < 400000; round++) {
+		static const int64_t weights[4] = {0, 1, 25, GEOM_WEIGHT_MOST};
+		static const int32_t ends[6] = {INT32_MIN, INT32_MIN + 1, -1, 0, INT32_MAX - 1, INT32_MAX};
+		int32_t at[4][3] = {{0}};
+		const int32_t *p[4] = {at[0], at[1], at[2], at[3]};
+		struct geom_weighted g[4];
+		int64_t w[4];
+		bool tie, distinct = true;
+
+		for (int i = 0; i < 4; i++) {
+			for (int k = 0; k < 2; k++)
+				at[i][k] = round % 3 == 0 ? (int32_t)(rnd() % 7) :
+					   round % 3 == 1 ? (int32_t)rnd() :
+							    ends[rnd() % 6];
+			w[i] = weights[rnd() % (round % 3 ? 4 : 2)];
+			g[i] = (struct geom_weighted){at[i], w[i]};
+			for (int k = 0; k < i; k++)
+				distinct = distinct && memcmp(at[i], at[k], sizeof at[0]);
+		}
+		if (!distinct || geom_orient(at[0], at[1], at[2]) <= 0)
+			continue;
+		assert_int_equal(verify_power(p, w, &tie), geom_power(g[0], g[1], g[2], g[3]));
+		ties += tie;
+	}
+	assert_true(ties > 500);
 	(void)state;
 }
 
@@ -542,11 +689,23 @@ static void test_points_without_mesh(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_good),       cmocka_unit_test(test_pieces), cmocka_unit_test(test_points_beside_lines),
-		cmocka_unit_test(test_empty),      cmocka_unit_test(test_index),  cmocka_unit_test(test_orientation),
-		cmocka_unit_test(test_edge),       cmocka_unit_test(test_unused), cmocka_unit_test(test_boundary),
-		cmocka_unit_test(test_euler),      cmocka_unit_test(test_convex), cmocka_unit_test(test_delaunay_and_tie),
-		cmocka_unit_test(test_full_range), cmocka_unit_test(test_points), cmocka_unit_test(test_points_without_mesh),
+		cmocka_unit_test(test_good),
+		cmocka_unit_test(test_pieces),
+		cmocka_unit_test(test_points_beside_lines),
+		cmocka_unit_test(test_empty),
+		cmocka_unit_test(test_index),
+		cmocka_unit_test(test_orientation),
+		cmocka_unit_test(test_edge),
+		cmocka_unit_test(test_unused),
+		cmocka_unit_test(test_boundary),
+		cmocka_unit_test(test_euler),
+		cmocka_unit_test(test_convex),
+		cmocka_unit_test(test_delaunay_and_tie),
+		cmocka_unit_test(test_weights),
+		cmocka_unit_test(test_power),
+		cmocka_unit_test(test_full_range),
+		cmocka_unit_test(test_points),
+		cmocka_unit_test(test_points_without_mesh),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -45,6 +45,7 @@ struct mesh {
 	struct pipe_totals totals;
 	size_t split; /* leaves that were split */
 	int status;
+	char error[sizeof(((struct err *)0)->message)];
 };
 
 static int collect(void *ctx, const struct mesh_block *b, struct err *err)
@@ -172,6 +173,7 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 		assert_memory_equal(&added, &m->totals, sizeof added);
 	}
 	pipe_emitter_free(sums);
+	memcpy(m->error, err.message, sizeof m->error);
 	if (m->status && m->status != -ERR_LIMIT)
 		fail_msg("seed %llu: %s", (unsigned long long)seed, err.message);
 	cut_plan_done(&plan);
@@ -361,6 +363,38 @@ static struct point flat_point(const char *shape, int32_t i)
 	return p;
 }
 
+/* A row with a large radius hides positions on both of its sides, through which regions do not see it without weights. With them
+ * they depend on all of the row, and halving leaves too much. With a small radius there is a mesh. */
+static void test_wide_weights(void **state)
+{
+	enum { ROW = 20000, FEW = 200, N = ROW + FEW + 3 };
+	struct point *pts = calloc(N, sizeof *pts);
+	struct view view = VIEW_INIT, small = VIEW_INIT;
+	struct ledger *ledger = ledger_new(UINT64_C(1) << 30);
+	struct grid *grid;
+	struct mesh m;
+
+	(void)state;
+	for (int i = 0; i < N; i++)
+		pts[i] = (struct point){.x = 6000, .y = i, .cls = 2, .ret = 0x11};
+	for (int i = ROW; i < ROW + FEW; i++)
+		pts[i] = (struct point){.x = i % 2 ? 5000 : 7000, .y = i % FEW * (ROW / FEW), .ret = 0x11};
+	for (int i = ROW + FEW; i < N; i++)
+		pts[i] = (struct point){.x = 1000000, .y = i % 3 * (ROW / 3), .ret = 0x11};
+	assert_true(view_weight_set(&view, 2, 100000) && view_weight_set(&small, 2, 10));
+	grid = cache_make(pts, N, ledger);
+	mesh_make(grid, &view, 1 << 13, 1 << 14, &m);
+	assert_int_equal(m.status, -ERR_LIMIT);
+	assert_non_null(strstr(m.error, "because of the radii of --weight"));
+	mesh_free(&m);
+	mesh_make(grid, &small, 1 << 13, 1 << 14, &m);
+	assert_int_equal(m.status, 0);
+	mesh_free(&m);
+	grid_close(grid);
+	ledger_free(ledger);
+	free(pts);
+}
+
 /* Vertices and no triangles: every position once, for any load; and triangles as soon as one is off the line. */
 static void test_flat(void **state)
 {
@@ -465,8 +499,9 @@ static void test_inner(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide_halo), cmocka_unit_test(test_flat),
-					   cmocka_unit_test(test_inner), cmocka_unit_test(test_fuzz)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide_halo), cmocka_unit_test(test_wide_weights),
+					   cmocka_unit_test(test_flat), cmocka_unit_test(test_inner),
+					   cmocka_unit_test(test_fuzz)};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -149,6 +149,7 @@ static void test_lengths(void **state)
 	becomes("ask 1 breakline-clear=0m", &fine, "metre", "view 1");
 	becomes("view 1 breakline-clear=8589934592 window=box:0,1,0,2", &fine, "x",
 		"view 1 breakline-clear=8589934592 window=box:0,1,0,2");
+	becomes("ask 1 weight=2:1 window=box:1,2,3,4", &coarse, "x", "view 1 window=box:4,8,12,16 weight=2:4");
 	becomes("ask 1 weight=9:0.3,2:1.5", &fine, "unknown", "view 1 weight=2:150,9:30");
 	becomes("ask 1 weight=2:1ft,255:10m class=2", &fine, "metre", "view 1 class=2 weight=2:30,255:1000");
 	becomes("ask 1 weight=2:0.004,3:0", &fine, "metre", "view 1");
@@ -163,6 +164,12 @@ static void test_lengths(void **state)
 	becomes("ask 1 metric=0,-9223372036854775807,2 window=box:1,2,3,4", &coarse, "x",
 		"view 1 window=box:4,8,12,16 metric=0,1,2");
 	becomes("ask 1 metric=3,4,1", &fine, "unknown", "view 1");
+	/* What changes nothing contradicts nothing. */
+	becomes("ask 1 metric=3,4,1 max-error=1 weight=0:0 window=box:1,2,3,4", &coarse, "x",
+		"view 1 window=box:4,8,12,16 max-error=0");
+	becomes("ask 1 metric=3,4,1 weight=2:1", &fine, "unknown", "view 1 weight=2:100");
+	becomes("ask 1 weight=0:0 metric=1,0,2", &fine, "unknown", "view 1 metric=1,0,2");
+	becomes("ask 1 no-breaklines breakline-clear=0m", &fine, "metre", "view 1 no-breaklines");
 	becomes("ask 1 thin=0.3048m:lowest", &fine, "foot", "view 1 thin=100:lowest");
 	becomes("ask 1 thin=1e3ft:lowest", &fine, "metre", "view 1 thin=30480:lowest");
 	becomes("ask 1 thin=39.37ftUS:lowest", &fine, "metre", "view 1 thin=1200:lowest");
@@ -207,6 +214,8 @@ static void test_bounds(void **state)
 
 static void test_lengths_refused(void **state)
 {
+	char many[512];
+
 	refused("ask 1 thin=10m:lowest", "unknown", ERR_INPUT, "unknown");
 	refused("ask 1 breakline-clear=10m", "unknown", ERR_INPUT, "unknown");
 	refused("ask 1 breakline-clear=1e300", "metre", ERR_USAGE, "more than any");
@@ -237,7 +246,13 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 weight=2:10m", "unknown", ERR_INPUT, "unknown");
 	refused("ask 1 weight=2:-1", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 weight=2:10737418.25", "metre", ERR_USAGE, "2^30");
-	refused("ask 1 weight=2:1,3:1,2:1", "metre", ERR_USAGE, "has a radius");
+	refused("ask 1 weight=2:1,3:1,2:5", "metre", ERR_USAGE, "--weight: the class is named twice: \"2=5\"");
+	refused("ask 1 weight=0:0,0:2", "metre", ERR_USAGE, "--weight: the class is named twice: \"0=2\"");
+	refused("ask 1 weight=0:2,0:0", "metre", ERR_USAGE, "--weight: the class is named twice: \"0=0\"");
+	for (unsigned i = 0, n = (unsigned)snprintf(many, sizeof many, "ask 1 weight="); i < 33; i++)
+		n += (unsigned)snprintf(many + n, sizeof many - n, "%s%u:1", i ? "," : "", i);
+	refused(many, "metre", ERR_USAGE, "--weight: too many classes have a radius: \"32=1\"");
+	refused("ask 1 weight=256:1", "metre", ERR_USAGE, "\"256=1\"");
 	refused("ask 1 weight=256:1", "metre", ERR_USAGE, "no class");
 	refused("ask 1 weight=2", "metre", ERR_USAGE, "no class");
 	refused("ask 1 weight=2:0 hidden", "metre", ERR_USAGE, "nothing is hidden");
@@ -245,7 +260,6 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 weight=#1-3:1,#2:2", "metre", ERR_USAGE, "source 2 has two radii");
 	refused("ask 1 weight=2:", "metre", ERR_USAGE, "no class");
 	refused("ask 1 weight=2:1 metric=1,0,2", "metre", ERR_USAGE, "circles");
-	refused("ask 1 weight=2:1 window=box:0,0,1,1", "metre", ERR_USAGE, "cannot be made alone");
 	refused("ask 1 thin=10ft:lowest", "", ERR_INPUT, "unknown");
 	refused("ask 1 thin=10ftUS:lowest", "degree", ERR_INPUT, "degrees");
 	refused("ask 1 thin=0.004:lowest", "metre", ERR_USAGE, "less than half a step");
@@ -339,7 +353,6 @@ static void test_refused(void **state)
 		"view 1 weight=2:1,",
 		"view 1 weight=",
 		"view 1 weight=2:1073741825",
-		"view 1 weight=2:1 window=box:0,1,0,2",
 		"view 1 weight=#1:0",
 		"view 1 weight=#1:5,2:5",
 		"view 1 weight=#1:5,#2:4",

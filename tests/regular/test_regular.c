@@ -17,114 +17,30 @@
 #include "check.h"
 #include "err.h"
 #include "finish.h"
-#include "geom.h"
+#include "parts.h"
 #include "pipe.h"
 #include "regular.h"
 #include "repeat.h"
 #include "sets.h"
 
-enum { MAX_N = SETS_MAX_N, MAX_LEAVES = 40, MAX_TRIANGLES = 4 * MAX_N, CAP = 2 * MAX_N, ARENA = 1 << 19, SCRATCH = 1 << 19 };
+enum { MAX_N = SETS_MAX_N, MAX_LEAVES = 40, CAP = 2 * MAX_N, ARENA = 1 << 19, SCRATCH = 1 << 19 };
 enum how { ALL, HALO_ALONE, WITHOUT_HULL };
-
-struct mesh {
-	int32_t triangle[MAX_TRIANGLES][9]; /* smallest corner first; x, y, z */
-	unsigned n;
-};
 
 static struct sets set;
 static struct view view;
-static struct mesh whole, parts;
+static struct parts_mesh whole, parts;
 static struct digest visible; /* of the vertices of the whole */
 static unsigned nvisible;
 static void *arena, *other;
 static uint64_t scratch[SCRATCH / 8];
-static uint64_t cases, domains, infinite, turns, added, loaded, positions, hidden, splits, batches, slotted;
+static uint64_t cases, domains, infinite, turns, added, loaded, positions, hidden, splits, batches;
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
 	return sets_below(seed, n);
 }
 
-static int compare(const void *a, const void *b)
-{
-	return memcmp(a, b, 9 * sizeof(int32_t));
-}
-
-static void mesh_add(struct mesh *m, const int32_t at[3][3])
-{
-	unsigned first = 0;
-
-	for (unsigned i = 1; i < 3; i++)
-		if (geom_less(at[i], at[first]))
-			first = i;
-	assert_true(m->n < MAX_TRIANGLES);
-	for (unsigned i = 0; i < 3; i++)
-		memcpy(&m->triangle[m->n][3 * i], at[(first + i) % 3], sizeof at[0]);
-	m->n++;
-}
-
 /* ---- the whole mesh ---- */
-
-/* Sources with weights: what a record is of does not depend on its class, position or segment. Slots and weights as the text of a
- * view gives them. */
-static void draw_sources(uint64_t *seed)
-{
-	static struct slots *slots;
-	struct slots_list list = {NULL, 0, 0};
-	unsigned sources = 1 + below(seed, 5), size = below(seed, 4);
-	struct err err = ERR_INIT;
-
-	slots_free(slots);
-	for (uint32_t i = 1; i <= sources; i++)
-		if (below(seed, 3))
-			assert_true(slots_list_add(&list, i, i,
-						   (int32_t)below(seed, size < 3 ? 3 + 5 * size : 1u << (10 + below(seed, 21)))));
-	assert_int_equal(view_weight_sources(&view, &list, &err), 0);
-	slots_list_free(&list);
-	slots = view.slots;
-	for (unsigned s = 0; slots && s < set.segments; s++)
-		for (size_t i = 0; i < set.nrecord[s]; i++) {
-			uint8_t slot = slots_of(slots, 1 + below(seed, sources));
-
-			set.record[s][i].tag |= (uint16_t)((unsigned)slot << POINT_SLOT_SHIFT);
-			slotted += slot > 0;
-		}
-}
-
-/* Weights for some of the classes that the records have, of the size of the set's distances or anything. */
-static void draw_weights(uint64_t *seed)
-{
-	static const uint8_t classes[] = {1, 2, 7};
-	unsigned size = below(seed, 5);
-
-	for (unsigned i = 0; i < 3; i++) {
-		uint32_t most = size < 3 ? 3 + 4 * size : size == 3 ? 1000 : 1u << (10 + below(seed, 21));
-
-		if (below(seed, 4))
-			view_weight_set(&view, classes[i], (int32_t)below(seed, most + 1));
-	}
-	view.slots = NULL;
-	if (below(seed, 2))
-		draw_sources(seed);
-	sets_reduce(&set, &view);
-}
-
-static uint8_t weight_of(const struct mesh_vertex *v)
-{
-	const struct point *best = NULL;
-
-	for (unsigned s = 0; s < set.segments; s++)
-		for (size_t i = 0; i < set.nrecord[s]; i++) {
-			const struct point *p = &set.record[s][i];
-
-			if (p->x == v->x && p->y == v->y && view_judge(&view, p) == VIEW_KEPT &&
-			    (!best || view_prefers(&view, p, best)))
-				best = p;
-		}
-	assert_non_null(best);
-	assert_int_equal(best->z, v->z);
-	return view_weight_of(&view, best);
-}
 
 /* False: the positions are flat. */
 static bool make_whole(void)
@@ -137,7 +53,7 @@ static bool make_whole(void)
 
 	view_weights(&view, weight);
 	for (unsigned i = 0; i < set.n; i++)
-		kind[i] = weight_of(&set.pos[i]);
+		kind[i] = sets_weight_of(&set, &view, &set.pos[i]);
 	memcpy(tri_input(r.tri), set.pos, set.n * sizeof *set.pos);
 	if (tri_regular_run(&r, set.n, kind))
 		return false;
@@ -158,34 +74,15 @@ static bool make_whole(void)
 			nvisible += !seen[c[k]];
 			seen[c[k]] = true;
 		}
-		mesh_add(&whole, (const int32_t(*)[3])at);
+		parts_add(&whole, (const int32_t(*)[3])at);
 	}
-	qsort(whole.triangle, whole.n, sizeof *whole.triangle, compare);
+	parts_sort(&whole);
 	positions += set.n;
 	hidden += set.n - nvisible;
 	return true;
 }
 
 /* ---- domains ---- */
-
-static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret)
-{
-	unsigned want = 1 + below(seed, below(seed, 3) ? 12 : MAX_LEAVES), n = 1;
-	int32_t box[4];
-
-	assert_true(src->box(src->ctx, box));
-	cut_region_root(box, &ret[0]);
-	for (unsigned tries = 0; n < want && tries < 200; tries++) {
-		unsigned i = below(seed, n);
-		struct cut_region half[2];
-
-		if (!cut_region_split(&ret[i], half))
-			continue;
-		ret[i] = half[0];
-		ret[n++] = half[1];
-	}
-	return n;
-}
 
 /* Of the records of a cell, or segment: exactly, or as much as all have. */
 static int64_t most_in(void *ctx, const struct grid_cell *cell)
@@ -303,19 +200,6 @@ static void domain_in_less(uint64_t *seed, const struct cut_source *src, const s
 		assert_true(need > r.cap);
 }
 
-static void take(const struct mesh_domain *d)
-{
-	for (uint32_t i = 0; i < d->ntriangle; i++) {
-		int32_t at[3][3];
-
-		for (unsigned k = 0; k < 3; k++) {
-			assert_true(d->triangle[i][k] < d->nvertex);
-			memcpy(at[k], &d->vertex[d->triangle[i][k]], sizeof at[k]);
-		}
-		mesh_add(&parts, (const int32_t(*)[3])at);
-	}
-}
-
 static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
 {
 	assert_int_equal(a->nvertex, b->nvertex);
@@ -359,7 +243,12 @@ static bool partition(uint64_t *seed, const struct cut_source *src, const struct
 		bool bare = how != HALO_ALONE && below(seed, 3) == 0;
 
 		domain_make(src, &leaf[i], how, bare, arena, 0, &d);
-		take(&d);
+		for (uint32_t k = 0; k < d.ntriangle; k++) {
+			int32_t at[3][3];
+
+			parts_corners(&d, k, at);
+			parts_add(&parts, (const int32_t(*)[3])at);
+		}
 		if (how == ALL && below(seed, 2)) {
 			domain_make(again, &leaf[i], how, bare, other, 0, &o);
 			check_same(&d, &o);
@@ -373,8 +262,8 @@ static bool partition(uint64_t *seed, const struct cut_source *src, const struct
 		}
 		rc = rc ? rc : pipe_emit(e, &d, &leaf[i], NULL, &err);
 	}
-	qsort(parts.triangle, parts.n, sizeof *parts.triangle, compare);
-	same = parts.n == whole.n && !memcmp(parts.triangle, whole.triangle, whole.n * sizeof *whole.triangle);
+	parts_sort(&parts);
+	same = parts_same(&parts, &whole);
 	if (how == ALL && same) {
 		rc = rc ? rc : pipe_emitter_finish(e, &totals, &err);
 		if (rc)
@@ -392,8 +281,9 @@ static bool one_case(uint64_t seed, enum how how)
 	struct tiling t, u;
 	unsigned n;
 
+	view_done(&view);
 	sets_make(&seed, &set, &view);
-	draw_weights(&seed);
+	sets_weights(&seed, &set, &view);
 	cases++;
 	if (set.n < 3 || !make_whole())
 		return true;
@@ -401,7 +291,7 @@ static bool one_case(uint64_t seed, enum how how)
 	sets_tiling(&seed, &set, &u);
 	tiling_source(&t, &src);
 	tiling_source(&u, &again);
-	n = make_leaves(&seed, &src, leaf);
+	n = parts_make(&seed, &src, MAX_LEAVES, leaf);
 	if (how == ALL)
 		domain_in_less(&seed, &src, &leaf[below(&seed, n)]);
 	return partition(&seed, &src, &again, leaf, n, how, below(&seed, 2));
@@ -428,12 +318,12 @@ static void domains_are_the_whole(void **unused)
 
 	run(n, ALL);
 	print_message("%llu cases, %llu domains, %llu of them infinite, %llu in the least memory; %llu of %llu positions hidden; "
-		      "%llu turns, %llu positions beyond %llu of P(B); %llu did not fit; %llu records of sources with weights\n",
+		      "%llu turns, %llu positions beyond %llu of P(B); %llu did not fit\n",
 		      (unsigned long long)cases, (unsigned long long)domains, (unsigned long long)infinite,
 		      (unsigned long long)batches, (unsigned long long)hidden, (unsigned long long)positions,
 		      (unsigned long long)turns, (unsigned long long)added, (unsigned long long)loaded,
-		      (unsigned long long)splits, (unsigned long long)slotted);
-	assert_true(n < 1000 || (hidden > positions / 20 && added > 0 && splits > 0 && infinite > domains / 10 && slotted > 0));
+		      (unsigned long long)splits);
+	assert_true(n < 1000 || (hidden > positions / 20 && added > 0 && splits > 0 && infinite > domains / 10));
 }
 
 /* The controls. */

@@ -1,4 +1,5 @@
 """acut-verify: good meshes pass, with a list of the checks; each kind of damage is named."""
+import itertools
 import json
 import math
 import os
@@ -257,6 +258,100 @@ def errors(folder):
     expect(run("--max-error", "1", mesh, path).returncode == 1, "a line without one of its points")
 
 
+def regular(points):
+    """The regular triangulation of (x, y, w) by its definition: triangles of numbers. Heights are raised a little, by the rank of
+    the position: each by so much more than the one before that no sum of those before it matters."""
+    order = sorted(range(len(points)), key=lambda i: points[i][:2])
+    lift = [Fraction(x * x + y * y - w) + Fraction(1, 10 ** (12 * (len(points) - order.index(i) + 1))) for i, (x, y, w) in enumerate(points)]
+    area = lambda a, b, c: (points[b][0] - points[a][0]) * (points[c][1] - points[a][1]) - (points[b][1] - points[a][1]) * (points[c][0] - points[a][0])
+    found = []
+    for a, b, c in itertools.permutations(range(len(points)), 3):
+        if a > b or a > c or area(a, b, c) <= 0:
+            continue
+        if all(lift[a] * area(b, c, d) + lift[b] * area(c, a, d) + lift[c] * area(a, b, d) < lift[d] * area(a, b, c)
+               for d in range(len(points)) if d not in (a, b, c)):
+            found.append((a, b, c))
+    return found
+
+
+def weighted(folder):
+    """--weight: the mesh, then one with another radius, another diagonal, without a vertex, with one that is hidden."""
+    rng = random.Random(11)
+    mesh, path = os.path.join(folder, "m.ply"), os.path.join(folder, "a.csv")
+    seen = {}
+    for turn in range(40):
+        size = rng.choice([4, 6, 40])
+        at = sorted({(rng.randrange(size), rng.randrange(size)) for _ in range(12)})
+        rng.shuffle(at)
+        radius = {2: 1 + rng.randrange(size // 2), 9: 1}
+        rows = [(x, y, rng.randrange(9), rng.choice([1, 1, 2, 9])) for x, y in at]
+        whole = [(x, y, radius.get(c, 0) ** 2) for x, y, _, c in rows]
+        option = ["--weight", "2=%d,9=%d" % (radius[2], radius[9])]
+
+        def write(keep, triangles):
+            number = {v: i for i, v in enumerate(keep)}
+            with open(mesh, "wb") as f:
+                f.write(ply([tuple(map(float, rows[v][:3])) for v in keep], [[number[v] for v in t] for t in triangles], lattice="1 1 0 0 0"))
+
+        def fault(*args):
+            got = json.loads(run("--json", *args, mesh, path).stdout)
+            seen[got["fault"]] = seen.get(got["fault"], 0) + 1
+            return got["fault"]
+
+        with open(path, "w") as f:
+            f.writelines(["x,y,z,classification\n"] + ["%d,%d,%d,%d\n" % r for r in rows])
+        right = regular(whole)
+        if not right:
+            continue
+        used = sorted({v for t in right for v in t})
+        write(used, right)
+        got = json.loads(run("--json", *option, mesh, path).stdout)
+        expect(got["good"] and got["hidden"] == got["removed"]["weight"] == len(rows) - len(used), "%s of %s, %s" % (got, whole, right))
+        expect(run("--view", "view 1 weight=2:%d,9:%d" % (radius[2], radius[9]), mesh, path).returncode == 0, "a view")
+        expect(fault("--weight", "2=%d,9=1" % (4 * size)) in (None, "power", "hidden"), "another radius")
+        expect(fault() in (None, "delaunay", "tie", "missing"), "no weights")
+        # Without a vertex that is not on the hull, and with a hidden one, the rest is regular in itself.
+        gone = rng.choice(used)
+        rest = [v for v in range(len(rows)) if v != gone]
+        part = [tuple(rest[i] for i in t) for t in regular([whole[v] for v in rest])]
+        if part:
+            write(sorted({v for t in part for v in t}), part)
+            expect(fault(*option) in ("hidden", "uncovered"), "a vertex that is left out")
+        plain = regular([w[:2] + (0,) for w in whole])
+        if len(used) < len(rows):
+            write(range(len(rows)), plain)
+            expect(fault(*option) in ("power", "tie"), "a vertex that is hidden")
+        for t in right:
+            for u in right:
+                for k in range(9):
+                    a, b, c = t[k // 3], t[(k // 3 + 1) % 3], t[(k // 3 + 2) % 3]
+                    if (u[k % 3], u[(k + 1) % 3]) == (b, a) and t < u:
+                        d = u[(k + 2) % 3]
+                        write(used, [v for v in right if v not in (t, u)] + [(c, a, d), (d, b, c)])
+                        expect(fault(*option) in ("power", "tie", "orientation"), "another diagonal")
+        write(used, right[1:])
+        expect(fault(*option) is not None, "a triangle is missing")
+    expect(all(seen.get(f, 0) > 5 for f in ("power", "hidden", "tie", "delaunay", "uncovered")), seen)
+    write(used, right)
+    # Lengths are those of the request: of two units one is unknown here.
+    expect(run("--weight", "2=1m", mesh, path).returncode == 1, "the mesh has no unit")
+    text = run("--weight", "2=0,9=0", mesh, path)
+    expect(b"regular" not in text.stdout, "no radius is none")
+    with open(mesh, "wb") as f:
+        f.write(ply(comments=["acut-units metre unknown"]))
+    with open(path, "w") as f:
+        f.writelines(["x,y,z,classification\n"] + ["%.2f,%.2f,%.2f,2\n" % tuple(c / 100 for c in r) for r in numbers()])
+    for radius in ("2=0.5m", "2=0.5", "2=1ft"):
+        got = run("--weight", radius, mesh, path)
+        expect(got.returncode == 0 and b"regular " in got.stdout and b"hidden    0" in got.stdout, got.stdout + got.stderr)
+    for args, said in (([], "classes"), ([mesh], "classes"), (["--max-error", "1", path], "bound"), (["--metric", "1,1,2", path], "ellipses"),
+                       (["--breaklines", path, path], "no lines")):
+        got = run("--weight", "2=1", mesh, *args)
+        expect(got.returncode == 2 and said in got.stderr.decode(), "%s: %s" % (args, got))
+    for bad in ("", "2", "2=", "2=x", "2=1,2=1", "256=1", "2=-1", "2=1,"):
+        expect(run("--weight", bad, mesh, path).returncode == 2, bad)
+
+
 def usage(folder):
     for bad in ([], ["--class", "x", "m"], ["--returns", "second", "m"], ["--ground", "--surface", "m"], ["--what"],
                 ["--duplicates", "both", "m"]):
@@ -269,7 +364,7 @@ def usage(folder):
     expect(run("--help").returncode == 0 and run("--version").stdout.startswith(b"acut-verify "), "--help, --version")
 
 
-for test in (good, trimmed, wrong, broken, points, errors, usage):
+for test in (good, trimmed, wrong, broken, points, errors, weighted, usage):
     with tempfile.TemporaryDirectory() as base:
         test(base)
     print("ok  ", test.__name__)

@@ -3,7 +3,8 @@
  * by plans of random load and at random; half of them with pieces of lines. Together the pieces have exactly the triangles of the
  * whole mesh that meet the area, each once, with the heights of the whole mesh. The test finds these triangles by intersecting
  * segments and by a ray; the engine does not. A third has a metric: the engine gets mapped positions, while the area, and the
- * triangles that it gives, are in the plane before that.
+ * triangles that it gives, are in the plane before that. Of those without either half have weights; discs that are not
+ * widened by the greatest weight are too small, which is tested as well.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -21,6 +22,7 @@
 #include "view_area.h"
 #include "window_area.h"
 #include "repeat.h"
+#include "tri_regular.h"
 
 enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096, PIECES = 40, PIECES_ROOM = 5 << 16 };
 
@@ -39,7 +41,8 @@ static unsigned ngot;
 static void *memory;
 static struct lineset_piece line[PIECES];
 static unsigned npiece;
-static uint64_t lined, turned;
+static uint64_t lined, turned, weighted;
+static int64_t most; /* no weight is greater */
 static uint64_t cases, wanted, some, pieces, halvings, cells, all_cells, empties;
 
 /* ---- the window ---- */
@@ -289,9 +292,10 @@ static void piece(uint64_t *seed, const struct cut_source *src, const struct cut
 					 .view = &view,
 					 .region = region,
 					 .round = round,
+					 .most = most,
 					 .cap = cap,
 					 .memory = memory,
-					 .room = npiece ? tri_bytes(cap) + PIECES_ROOM : tri_bytes(cap)};
+					 .room = npiece || view.nweight ? tri_bytes(cap) + PIECES_ROOM : tri_bytes(cap)};
 	int r = window_domain_from(&from, view.k, &d, &need, &err);
 
 	pieces++;
@@ -350,7 +354,7 @@ static void at_random(uint64_t *seed, const struct cut_source *src, const struct
 	}
 }
 
-static void check(uint64_t *seed, const struct cut_source *src, unsigned n)
+static bool is_wanted(uint64_t *seed, const struct cut_source *src, unsigned n)
 {
 	uint32_t cap = sets_below(seed, 3) ? 256 : 8 + sets_below(seed, 24);
 	const struct cut_region plane = window_piece_plane();
@@ -361,9 +365,7 @@ static void check(uint64_t *seed, const struct cut_source *src, unsigned n)
 	else
 		at_random(seed, src, &plane, sets_below(seed, 6), cap);
 	qsort(got, ngot, sizeof(got[0]), triangle_compare);
-	assert_int_equal(ngot, n);
-	if (n)
-		assert_memory_equal(got, want, n * sizeof(want[0]));
+	return ngot == n && (!n || !memcmp(got, want, n * sizeof(want[0])));
 }
 
 static int count_cell(void *ctx, const struct grid_cell *cell)
@@ -420,6 +422,38 @@ static unsigned make_lines(uint64_t *seed)
 	free(p);
 	free(t);
 	lined += npiece > 0;
+	return n;
+}
+
+/* ---- weights ---- */
+
+/* The mesh of all positions. 0: they are flat. */
+static unsigned make_weights(uint64_t *seed)
+{
+	int64_t weight[VIEW_WEIGHTS + 1];
+	struct tri_regular r = {.tri = tri_init(memory, SETS_MAX_N), .weight = weight};
+	uint8_t kind[SETS_MAX_N];
+	struct tri_result t;
+	unsigned n = 0;
+
+	sets_weights(seed, &set, &view);
+	most = view_weights(&view, weight);
+	for (unsigned i = 0; i < set.n; i++)
+		kind[i] = sets_weight_of(&set, &view, &set.pos[i]);
+	memcpy(tri_input(r.tri), set.pos, set.n * sizeof *set.pos);
+	if (tri_regular_run(&r, set.n, kind))
+		return 0;
+	tri_result(r.tri, &t);
+	for (uint32_t i = 0; i < t.ntriangle; i++) {
+		const uint32_t *c = t.triangle[i].corner;
+
+		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST)
+			continue;
+		for (unsigned k = 0; k < 3; k++)
+			memcpy(&whole[n][2 * k], t.xy[c[k]], sizeof(t.xy[0]));
+		normalize(whole[n++]);
+	}
+	weighted += view.nweight > 0;
 	return n;
 }
 
@@ -481,8 +515,10 @@ static void map_back(int32_t c[6])
 	normalize(c);
 }
 
-static void one_case(uint64_t seed)
+/* `narrow`: with weights, discs without them; false: something is wrong then. */
+static bool one_case(uint64_t seed, bool narrow)
 {
+	bool right = true, heavy;
 	struct cut_source src;
 	struct tiling t;
 	unsigned m, n = 0;
@@ -494,15 +530,23 @@ static void one_case(uint64_t seed)
 	for (unsigned k = 0; k < 3; k++)
 		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(random_next(&seed) >> 5) - (INT64_C(1) << 58);
 	sets_reduce(&set, &view);
-	make_metric(&seed);
+	heavy = sets_below(&seed, 3) == 0;
+	most = 0;
+	if (heavy || narrow)
+		view.metric = (struct view_metric){0};
+	else
+		make_metric(&seed);
 	sets_tiling(&seed, &set, &t);
 	tiling_source(&t, &src);
 	if (sets_below(&seed, 2))
 		make_box(&seed);
 	else
 		make_polygon(&seed);
-	m = sets_below(&seed, 2) ? make_lines(&seed) : 0;
-	if (!m) {
+	npiece = 0;
+	m = heavy || narrow ? make_weights(&seed) : sets_below(&seed, 2) ? make_lines(&seed) : 0;
+	if (narrow)
+		most = 0;
+	if (!m && !heavy && !narrow) {
 		npiece = 0;
 		m = brute_triangles(mapped, set.n, whole);
 	}
@@ -514,7 +558,7 @@ static void one_case(uint64_t seed)
 	qsort(want, n, sizeof(want[0]), triangle_compare);
 	for (unsigned k = 0; k < 2; k++) {
 		/* Twice, divided differently. */
-		check(&seed, &src, n);
+		right = is_wanted(&seed, &src, n) && right;
 		all_cells += cells_of(&src);
 	}
 	view_done(&view);
@@ -522,6 +566,7 @@ static void one_case(uint64_t seed)
 	wanted += n;
 	some += n > 0 && n < m;
 	empties += n == 0 && m > 0;
+	return right;
 }
 
 static void fuzz(void **state)
@@ -529,27 +574,94 @@ static void fuzz(void **state)
 	uint64_t n = repeat_cases(20000), from = repeat_first();
 
 	(void)state;
-	memory = aligned_alloc(64, (tri_bytes(CAP_MOST) + window_area_tables(CAP_MOST) + PIECES_ROOM + 4096) & ~(size_t)63);
-	assert_non_null(memory);
 	for (uint64_t i = 0; i < n; i++) {
 		if (getenv("ACUT_FUZZ_TRACE"))
 			fprintf(stderr, "case %llu\n", (unsigned long long)(from + i));
-		one_case((from + i) * UINT64_C(0x2545f4914f6cdd1d));
+		if (!one_case((from + i) * UINT64_C(0x2545f4914f6cdd1d), false))
+			fail_msg("case %llu: the pieces are not what meets the window", (unsigned long long)(from + i));
 	}
-	free(memory);
 	print_message("%llu cases, %llu triangles, %llu windows of a part, %llu without any, %llu pieces, %llu halved, "
-		      "%llu cells read of %llu; %llu with pieces of lines, %llu with a metric\n",
+		      "%llu cells read of %llu; %llu with pieces of lines, %llu with a metric, %llu with weights\n",
 		      (unsigned long long)cases, (unsigned long long)wanted, (unsigned long long)some,
 		      (unsigned long long)empties, (unsigned long long)pieces, (unsigned long long)halvings,
 		      (unsigned long long)cells, (unsigned long long)all_cells, (unsigned long long)lined,
-		      (unsigned long long)turned);
+		      (unsigned long long)turned, (unsigned long long)weighted);
 	if (n >= 1000)
-		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n && lined > n / 4 && turned > n / 10);
+		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n && lined > n / 5 && turned > n / 20 &&
+			    weighted > n / 5);
+}
+
+/* The control. */
+static void widening_matters(void **state)
+{
+	uint64_t wrong = 0;
+
+	(void)state;
+	for (uint64_t i = 1; i <= 2000; i++)
+		wrong += !one_case(i * UINT64_C(0x2545f4914f6cdd1d), true);
+	print_message("%llu of 2000 are wrong\n", (unsigned long long)wrong);
+	assert_true(wrong > 20);
+}
+
+static int by_key(const void *a, const void *b)
+{
+	return point_compare(a, b);
+}
+
+/* A row with a large radius, and a window far beside it, with few positions around: all cells of the row lie there. */
+static void too_many_matter(void **state)
+{
+	enum { ROW = 1500, FEW = 4, CAP = 1024 };
+	static struct point pts[ROW + FEW];
+	const struct cut_region plane = window_piece_plane();
+	const int64_t box[4] = {-50000, 0, -49990, ROW};
+	struct tiling t = {.pts = {pts}, .n = {ROW + FEW}, .segments = 1, .cell_records = 1};
+	struct cut_source src;
+	struct err err = ERR_INIT;
+	struct mesh_domain d;
+	uint64_t need;
+	struct window_from from = {.src = &src, .view = &view, .region = &plane, .cap = CAP, .memory = memory};
+
+	(void)state;
+	for (int i = 0; i < ROW; i++)
+		pts[i] = (struct point){.x = 6000, .y = i, .cls = 2, .ret = 0x11};
+	for (int i = 0; i < FEW; i++)
+		pts[ROW + i] = (struct point){.x = i / 2 ? 5000 : -1000000, .y = i % 2 * ROW, .ret = 0x11};
+	qsort(pts, ROW + FEW, sizeof(*pts), by_key);
+	tiling_source(&t, &src);
+	view = VIEW_INIT;
+	assert_true(view_weight_set(&view, 2, 100000));
+	view.window = VIEW_CROP_BOX;
+	memcpy(view.window_box, box, sizeof(box));
+	from.most = INT64_C(100000) * 100000;
+	from.room = tri_bytes(CAP) + PIECES_ROOM;
+	assert_int_equal(window_domain_from(&from, view.k, &d, &need, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.message, "because of the radii of --weight"));
+	from.cap = 2 * CAP;
+	from.room = tri_bytes(2 * CAP) + PIECES_ROOM;
+	err = ERR_INIT;
+	assert_int_equal(window_domain_from(&from, view.k, &d, &need, &err), 0);
+	assert_true(d.ntriangle > ROW - 10);
+}
+
+static int set_up(void **state)
+{
+	(void)state;
+	memory = aligned_alloc(64, (tri_bytes(CAP_MOST) + window_area_tables(CAP_MOST) + PIECES_ROOM + 4096) & ~(size_t)63);
+	return memory ? 0 : -1;
+}
+
+static int tear_down(void **state)
+{
+	(void)state;
+	free(memory);
+	return 0;
 }
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz), cmocka_unit_test(widening_matters),
+					   cmocka_unit_test(too_many_matter)};
 
-	return cmocka_run_group_tests(tests, NULL, NULL);
+	return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -29,7 +29,7 @@ static const char help[] =
 #define VIEW_FLAG(field, word, help) ", --" word
 #include "view_option.def"
 	";\n"
-	"  --metric P,Q,K; --planar is always meant\n"
+	"  --metric P,Q,K; --weight CLASS=RADIUS,... (POINTS must be named); --planar is always meant\n"
 	"  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
 	"\n"
 	"The files of lines that the mesh was made with: each piece must be an edge, and marked.\n"
@@ -54,6 +54,7 @@ enum {
 #include "view_option.def"
 	OPT_DUPLICATES,
 	OPT_METRIC,
+	OPT_WEIGHT,
 	OPT_VIEW,
 	OPT_BREAKLINES, /* in the order of enum lines_kind */
 	OPT_LAKES,
@@ -72,20 +73,32 @@ enum {
 };
 
 static const struct option long_options[] = {
-	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
-	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
+	{"class", 1, NULL, OPT_CLASS},
+	{"not-class", 1, NULL, OPT_NOT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},
+	{"ground", 0, NULL, OPT_GROUND},
 	{"surface", 0, NULL, OPT_SURFACE},
 #define VIEW_FLAG(field, word, help) {word, 0, NULL, OPT_##field},
 #include "view_option.def"
-	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
-	{"breaklines", 1, NULL, OPT_BREAKLINES}, {"lakes", 1, NULL, OPT_LAKES},
-	{"boundary", 1, NULL, OPT_BOUNDARY},     {"holes", 1, NULL, OPT_HOLES},
-	{"layer", 1, NULL, OPT_LAYER},           {"kind-field", 1, NULL, OPT_KIND_FIELD},
-	{"densify", 1, NULL, OPT_DENSIFY},       {"lake-level", 1, NULL, OPT_LAKE_LEVEL},
-	{"metric", 1, NULL, OPT_METRIC},         {"planar", 0, NULL, OPT_PLANAR},
-	{"max-error", 1, NULL, OPT_MAX_ERROR},   {"json", 0, NULL, OPT_JSON},
-	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION},       {0},
+	{"duplicates", 1, NULL, OPT_DUPLICATES},
+	{"view", 1, NULL, OPT_VIEW},
+	{"breaklines", 1, NULL, OPT_BREAKLINES},
+	{"lakes", 1, NULL, OPT_LAKES},
+	{"boundary", 1, NULL, OPT_BOUNDARY},
+	{"holes", 1, NULL, OPT_HOLES},
+	{"layer", 1, NULL, OPT_LAYER},
+	{"kind-field", 1, NULL, OPT_KIND_FIELD},
+	{"densify", 1, NULL, OPT_DENSIFY},
+	{"lake-level", 1, NULL, OPT_LAKE_LEVEL},
+	{"metric", 1, NULL, OPT_METRIC},
+	{"weight", 1, NULL, OPT_WEIGHT},
+	{"planar", 0, NULL, OPT_PLANAR},
+	{"max-error", 1, NULL, OPT_MAX_ERROR},
+	{"json", 0, NULL, OPT_JSON},
+	{"quiet", 0, NULL, OPT_QUIET},
+	{"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},
+	{0},
 };
 
 /* Index of a word in a list, -1 if it is not there. */
@@ -148,6 +161,9 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 		return view_set_not_classes(&v->view, value, err);
 	case OPT_METRIC:
 		return parse_metric(v, value, err);
+	case OPT_WEIGHT:
+		v->weight_text = value;
+		break;
 	case OPT_VIEW:
 		v->view_text = value;
 		break;
@@ -234,6 +250,37 @@ static int find_bound(struct verdict *v, struct err *err)
 	return 0;
 }
 
+/* The radii of --weight, in the lattice and the unit of the mesh, as the daemon has them from a request. */
+static int find_weights(struct verdict *v, const char *unit, struct err *err)
+{
+	struct view asked;
+	char *text;
+	int r;
+
+	if (!v->weight_text)
+		return 0;
+	if (asprintf(&text, "ask 1 weight=%s", v->weight_text) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for --weight");
+	for (char *at = text + strlen("ask 1 weight="); *at; at++)
+		*at = *at == '=' ? ':' : *at;
+	r = view_resolve(text, &v->mesh.lattice, unit, "unknown", &asked, err);
+	free(text);
+	if (r == -ERR_PROTO) {
+		err_clear(err);
+		return err_set(err, ERR_USAGE, "--weight is not CLASS=RADIUS,...: %.100s", v->weight_text);
+	}
+	if (r)
+		return r;
+	if (asked.slots) {
+		view_done(&asked);
+		return err_set(err, ERR_USAGE, "--weight is not CLASS=RADIUS,...: %.100s", v->weight_text);
+	}
+	v->view.nweight = asked.nweight;
+	memcpy(v->view.weight, asked.weight, sizeof asked.weight);
+	view_done(&asked);
+	return view_check(&v->view, err);
+}
+
 static int read_points(struct verdict *v, const char *path, struct err *err)
 {
 	struct check_mesh points;
@@ -244,6 +291,10 @@ static int read_points(struct verdict *v, const char *path, struct err *err)
 		return err_add_file(err, path);
 	if (!ply)
 		return check_points_read(&v->points, path, &v->mesh.lattice, &v->view, err);
+	if (v->view.nweight) {
+		err_set(err, ERR_USAGE, "points of a PLY have no classes, and so no weights");
+		return err_add_file(err, path);
+	}
 	r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
 	if (r)
 		return err_add_file(err, path);
@@ -340,20 +391,95 @@ static int compare_points(struct verdict *v, struct verify_mesh m, struct err *e
 	return !rc && some && !v->report.fault ? check_errors(v, err) : rc;
 }
 
+static int read_inputs(struct verdict *v, char **inputs, struct err *err)
+{
+	int rc = 0;
+
+	for (; !rc && *inputs; inputs++) {
+		v->with_points = true;
+		rc = read_points(v, *inputs, err);
+	}
+	return rc;
+}
+
+static int refuse_weighted(const struct verdict *v, char **inputs, struct err *err)
+{
+	if (v->view.hidden || v->view.slots) {
+		err_set(err, ERR_UNSUPPORTED,
+			v->view.hidden ? "a mesh of what weights hide has no triangles to check" :
+					 "the weights are those of files of a dataset");
+		return err_add_hint(err, "acut-verify checks weights of classes (--weight CLASS=RADIUS)");
+	}
+	if (v->line_files)
+		return err_set(err, ERR_USAGE, "a mesh with weights has no lines");
+	if (v->bound_text)
+		return err_set(err, ERR_USAGE, "a mesh with weights has no bound of errors");
+	if (*inputs)
+		return 0;
+	err_set(err, ERR_USAGE, "with weights the points are needed: they have the classes, and the mesh does not");
+	return err_add_hint(err, "name the files of points after the mesh");
+}
+
+/* All points that are no vertices must be hidden. */
+static int check_hidden(struct verdict *v, struct err *err)
+{
+	const struct check_power *p = &v->power;
+	int rc = check_power(&v->mesh, v->weight, &v->view, v->points.pts, v->report.positions, &v->power, err);
+
+	v->points.removed[VIEW_BY_WEIGHT] = p->hidden;
+	if (rc || !(p->found || (p->outside && !v->mesh.trimmed)))
+		return rc;
+	set_place(v, p->found ? &p->visible : &p->stray);
+	if (p->found)
+		set_fault(v, "hidden", "a point is no vertex, and is not hidden: it has less power than the mesh there");
+	else
+		set_fault(v, "uncovered", "a point is in no triangle of the mesh");
+	return 0;
+}
+
+/* Points come first: they have the weights. */
+static int check_weighted(struct verdict *v, struct verify_mesh m, char **inputs, struct err *err)
+{
+	struct verify_mesh some = m;
+	struct verify_report points = {0}, *r = &v->report;
+	int rc;
+
+	some.trimmed = m.trimmed || m.ntriangle; /* without triangles nothing is hidden */
+	if ((rc = read_inputs(v, inputs, err)) || (v->view.thin.cell && (rc = check_points_thin(&v->points, &v->view, err))) ||
+	    (rc = verify_points(&some, &v->view, v->points.pts, v->points.n, &points, err)) ||
+	    (rc = check_power_weights(&v->mesh, &v->view, v->points.pts, points.positions, &v->weight, err)))
+		return rc;
+	m.weight = v->weight;
+	if ((rc = verify_mesh(&m, r, err)))
+		return rc;
+	if (!r->fault)
+		check_digests(v);
+	if (!r->fault && points.fault) {
+		r->fault = points.fault;
+		r->has_place = points.has_place;
+		memcpy(r->text, points.text, sizeof r->text);
+		memcpy(r->place, points.place, sizeof r->place);
+	}
+	r->points = points.points;
+	r->positions = points.positions;
+	r->absent = points.absent;
+	return r->fault || v->fault || !m.ntriangle ? 0 : check_hidden(v, err);
+}
+
 static int check_all(struct verdict *v, char **inputs, struct err *err)
 {
+	const char *unit;
 	struct view_metric metric;
 	struct verify_mesh m;
 	int rc = read_mesh(v, err);
 
 	if (rc)
 		return rc;
-	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", "unknown", &v->view, err)))
+	unit = *v->mesh.unit_xy ? v->mesh.unit_xy : "unknown";
+	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, unit, "unknown", &v->view, err)))
 		return rc;
-	if (v->view.nweight) {
-		err_set(err, ERR_UNSUPPORTED, "the view has weights: its mesh is no Delaunay triangulation");
-		return err_add_hint(err, "acut-verify does not check regular triangulations");
-	}
+	if ((rc = find_weights(v, unit, err)) || (v->view.nweight && (rc = refuse_weighted(v, inputs, err))))
+		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
 	metric = view_metric_normal(v->view.metric);
 	if ((rc = read_lines(v, err)) || (rc = find_bound(v, err)))
@@ -367,6 +493,8 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 				 .p = metric.p,
 				 .q = metric.q,
 				 .k = metric.k};
+	if (v->view.nweight)
+		return check_weighted(v, m, inputs, err);
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be checked */
@@ -375,12 +503,8 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		return rc;
 	if (!v->report.fault)
 		check_digests(v);
-	for (; *inputs; inputs++) {
-		v->with_points = true;
-		if ((rc = read_points(v, *inputs, err)))
-			return rc;
-	}
-	return v->with_points ? compare_points(v, m, err) : 0;
+	rc = read_inputs(v, inputs, err);
+	return !rc && v->with_points ? compare_points(v, m, err) : rc;
 }
 
 static int print_result(const struct err *err)
@@ -414,6 +538,7 @@ static int verify_file(struct verdict *v, char **inputs)
 	check_lines_clear(&v->lines);
 	free(v->line_file);
 	free(v->line_kind);
+	free(v->weight);
 	view_done(&v->view);
 	if (fflush(stdout) || ferror(stdout)) {
 		fprintf(stderr, "acut-verify: cannot write to standard output: %s\n", strerror(errno));

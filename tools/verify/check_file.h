@@ -59,6 +59,21 @@ int check_points_mesh(struct check_points *, const struct check_mesh *, const st
 /* Whether the file begins as a PLY does. */
 int check_ply_is(const char *path, bool *ret, struct err *err);
 
+/* Finds the triangle that has a position (check_tree.c). About 30 bytes a triangle. */
+enum { CHECK_LEVELS = 12 };
+struct check_tree {
+	const struct check_mesh *mesh;
+	struct check_order *order;           /* triangles */
+	struct check_box *box[CHECK_LEVELS]; /* box[0]: of some triangles each; of the last level there is one */
+	size_t n[CHECK_LEVELS];
+	unsigned levels;
+};
+/* Triangles have an area and are counter-clockwise. -ERR_NOMEM. Free it even then. */
+int check_tree_make(struct check_tree *, const struct check_mesh *, struct err *err);
+void check_tree_free(struct check_tree *);
+/* One of the closed triangles that have the point, and the doubled areas across from its corners. False: there is none. */
+bool check_tree_find(const struct check_tree *, const struct point *, uint32_t *ret, __int128 ret_area[3]);
+
 /* How far points lie above or below the mesh (check_error.c), in steps of the lattice of z: up / down, not negative. */
 struct check_fraction {
 	__int128 up, down;
@@ -70,7 +85,18 @@ struct check_error {
 	struct point worst; /* the first with it, if that is above 0 */
 	struct point stray; /* the first outside */
 };
-/* Triangles have an area and are counter-clockwise. About 30 bytes for each of them. -ERR_NOMEM. */
 int check_error(const struct check_mesh *, const struct point *pts, size_t n, struct check_error *ret, struct err *err);
+
+/* Meshes with weights (check_power.c). `pts`: one point of each position, as verify_points leaves them. */
+struct check_power {
+	uint64_t hidden, outside;    /* positions that are no vertices, and are hidden; in no triangle */
+	bool found;                  /* one that is not hidden */
+	struct point visible, stray; /* the first of these, and of those outside */
+};
+/* The weight of each vertex, to be freed; 0 of one that is none of the points. -ERR_NOMEM. */
+int check_power_weights(const struct check_mesh *, const struct view *, const struct point *pts, size_t n, int64_t **ret,
+			struct err *err);
+int check_power(const struct check_mesh *, const int64_t *weight, const struct view *, const struct point *pts, size_t n,
+		struct check_power *ret, struct err *err);
 
 #endif

@@ -89,6 +89,10 @@ void verdict_print_json(const struct verdict *v)
 		printf(",\"largest_error\":%s,\"outside\":%llu", error_text(v, place[0]), (unsigned long long)v->errors.outside);
 	else
 		printf(",\"largest_error\":null,\"outside\":null");
+	if (v->view.nweight)
+		printf(",\"hidden\":%llu", (unsigned long long)v->power.hidden);
+	else
+		printf(",\"hidden\":null");
 	if (v->line_files)
 		printf(",\"lines\":{\"files\":%zu,\"pieces\":%zu,\"found\":%llu,\"out\":%llu}", v->line_files,
 		       v->lines.npiece - (size_t)v->lines.left_out, (unsigned long long)v->lines.checked,
@@ -108,8 +112,14 @@ static void print_points(const struct verdict *v)
 	       (unsigned long long)v->report.positions,
 	       v->mesh.edges && !v->line_files                ? "each vertex beside lines is one of them, with its height" :
 	       v->line_files && !v->lines.part && !v->partial ? "each a vertex with its height, and no other but those of lines" :
-	       v->mesh.trimmed || v->partial                  ? "each vertex is one of them, with its height" :
-								"each a vertex with its height, and no other");
+	       v->mesh.trimmed || v->partial || v->power.hidden ? "each vertex is one of them, with its height" :
+								  "each a vertex with its height, and no other");
+	if (v->view.nweight) {
+		printf("  hidden    %llu of them: none has less power than the mesh there", (unsigned long long)v->power.hidden);
+		if (v->power.outside)
+			printf("; %llu more are in no triangle", (unsigned long long)v->power.outside);
+		putchar('\n');
+	}
 	if (!has_errors(v))
 		return;
 	printf("  error     %s at most%s%s", error_text(v, text[0]), v->bounded ? ", within " : "",
@@ -147,8 +157,9 @@ void verdict_print_text(const struct verdict *v)
 		       (unsigned long long)r->hull, v->mesh.trimmed ? "edges" : "vertices");
 	else
 		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
-	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
-	       (unsigned long long)r->inner, (unsigned long long)r->ties);
+	printf("  %s  %llu inner edges, %llu of them between %s vertices, by the tie rule\n",
+	       v->view.nweight ? "regular " : "delaunay", (unsigned long long)r->inner, (unsigned long long)r->ties,
+	       v->view.nweight ? "equally lifted" : "cocircular");
 	if (v->mesh.edges)
 		printf("  lines     %llu edges are pieces of lines, which need not be Delaunay%s\n",
 		       (unsigned long long)r->pieces,

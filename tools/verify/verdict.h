@@ -21,6 +21,9 @@ struct verdict {
 	struct check_mesh mesh;
 	struct check_points points;
 	bool with_points;
+	const char *weight_text; /* of --weight; NULL */
+	int64_t *weight;         /* of vertices, if the view has weights */
+	struct check_power power;
 	const char *bound_text;    /* of --max-error; NULL: that of the view */
 	bool partial;              /* the vertices are some of the points: the view has a bound, or a number */
 	bool bounded;              /* `bound` counts */
