@@ -99,7 +99,7 @@ static int escaped(struct json_reader *j, char ret[4], size_t *ret_n)
 		rc = hex(j, &low);
 		c = low >= 0xdc00 && low < 0xe000 ? 0x10000 + ((c & 0x3ff) << 10) + (low & 0x3ff) : 0xfffd;
 	}
-	if (c >= 0xd800 && c < 0xe000)
+	if ((c >= 0xd800 && c < 0xe000) || !c) /* a zero would end the text */
 		c = 0xfffd;
 	if (c < 0x80) {
 		ret[0] = (char)c;

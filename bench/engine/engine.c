@@ -9,9 +9,9 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "bench_grid.h"
 #include "engine_domain.h"
 #include "err.h"
-#include "grid_stage.h"
 #include "io.h"
 #include "ledger.h"
 #include "parse.h"
@@ -26,42 +26,9 @@ static void line(const char *what, double seconds, uint64_t points)
 
 static void lap(const char *what, uint64_t points)
 {
-	line(what, phase_cpu() - last, points);
+	if (what)
+		line(what, phase_cpu() - last, points);
 	last = phase_cpu();
-}
-
-static int ingest(int dirfd, const char *path, struct grid_segment_info *info, struct lattice *lattice, size_t memory,
-		  struct err *err)
-{
-	struct grid_stage_params params = {.dirfd = dirfd, .name = "bench", .memory = memory};
-	struct input_options options = {.planar = true};
-	struct grid_stage *stage = NULL;
-	struct pipe_ingested in = {0};
-	struct input *input = NULL;
-	int fd, r;
-
-	r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
-	if (!r)
-		r = input_open(fd, path, &options, &input, err);
-	if (!r)
-		r = lattice_choose(&input_info(input)->coords, 1, NULL, NULL, lattice, err);
-	if (!r)
-		r = grid_stage_new(&params, &stage, err);
-	if (!r)
-		r = grid_stage_source(stage, 1, err);
-	last = phase_cpu();
-	if (!r) {
-		const struct pipe_ingest_params how = {.lattice = lattice, .stage = stage};
-
-		r = pipe_ingest(input, &how, &in, err);
-	}
-	lap("ingest", in.points);
-	if (!r)
-		r = grid_stage_seal(stage, info, err);
-	lap("seal", in.points);
-	grid_stage_free(stage);
-	input_close(input);
-	return r;
 }
 
 static void print(const struct phases *sum, const struct pipe_totals *t, uint64_t points)
@@ -159,8 +126,6 @@ static int mesh(struct grid *grid, uint64_t memory, int dirfd, struct err *err)
 
 int main(int argc, char **argv)
 {
-	struct grid_manifest manifest = {.generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown"};
-	struct grid_source source = {.id = 1, .added = 1, .name = "bench"};
 	struct grid_segment_info info;
 	uint64_t memory = 256 << 20;
 	struct err err = ERR_INIT;
@@ -176,15 +141,7 @@ int main(int argc, char **argv)
 	ledger = ledger_new(memory);
 	r = io_open(AT_FDCWD, argv[2], O_RDONLY | O_DIRECTORY, 0, &dirfd, &err);
 	if (!r)
-		r = ingest(dirfd, argv[1], &info, &manifest.lattice, memory / 2, &err);
-	manifest.segments = &info;
-	manifest.sources = &source;
-	manifest.nsegments = manifest.nsources = 1;
-	source.points = info.points;
-	if (!r)
-		r = grid_manifest_write(dirfd, "bench.manifest", &manifest, &err);
-	if (!r)
-		r = grid_open(dirfd, "bench.manifest", 1, ledger, 8 << 20, &grid, &err);
+		r = bench_grid(dirfd, argv[1], memory / 2, ledger, lap, &info, &grid, &err);
 	if (!r)
 		r = mesh(grid, memory * 7 / 8, dirfd, &err);
 	grid_close(grid);

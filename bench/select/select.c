@@ -9,8 +9,8 @@
 #include <string.h>
 #include <time.h>
 
+#include "bench_grid.h"
 #include "err.h"
-#include "grid_stage.h"
 #include "io.h"
 #include "parse.h"
 #include "pipe.h"
@@ -31,33 +31,6 @@ static double seconds(clockid_t id)
 
 	clock_gettime(id, &t);
 	return (double)t.tv_sec + (double)t.tv_nsec * 1e-9;
-}
-
-static int ingest(int dirfd, const char *path, struct grid_segment_info *info, struct lattice *lattice, struct err *err)
-{
-	struct grid_stage_params params = {.dirfd = dirfd, .name = "bench", .memory = 256 << 20};
-	struct input_options options = {.planar = true};
-	struct pipe_ingest_params how = {.lattice = lattice};
-	struct pipe_ingested in = {0};
-	struct input *input = NULL;
-	int fd, r;
-
-	r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
-	if (!r)
-		r = input_open(fd, path, &options, &input, err);
-	if (!r)
-		r = lattice_choose(&input_info(input)->coords, 1, NULL, NULL, lattice, err);
-	if (!r)
-		r = grid_stage_new(&params, &how.stage, err);
-	if (!r)
-		r = grid_stage_source(how.stage, 1, err);
-	if (!r)
-		r = pipe_ingest(input, &how, &in, err);
-	if (!r)
-		r = grid_stage_seal(how.stage, info, err);
-	grid_stage_free(how.stage);
-	input_close(input);
-	return r;
 }
 
 static int one(const char *name, const struct grid *grid, const struct view *view, size_t memory, int dirfd, uint64_t segment,
@@ -110,8 +83,6 @@ static int all(const struct grid *grid, size_t memory, int dirfd, const struct g
 
 int main(int argc, char **argv)
 {
-	struct grid_manifest manifest = {.generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown"};
-	struct grid_source source = {.id = 1, .added = 1, .name = "bench"};
 	struct grid_segment_info info;
 	uint64_t memory = 64 << 20;
 	struct err err = ERR_INIT;
@@ -128,15 +99,7 @@ int main(int argc, char **argv)
 	io = &counting;
 	r = io_open(AT_FDCWD, argv[2], O_RDONLY | O_DIRECTORY, 0, &dirfd, &err);
 	if (!r)
-		r = ingest(dirfd, argv[1], &info, &manifest.lattice, &err);
-	manifest.segments = &info;
-	manifest.sources = &source;
-	manifest.nsegments = manifest.nsources = 1;
-	source.points = info.points;
-	if (!r)
-		r = grid_manifest_write(dirfd, "bench.manifest", &manifest, &err);
-	if (!r)
-		r = grid_open(dirfd, "bench.manifest", 1, NULL, 8 << 20, &grid, &err);
+		r = bench_grid(dirfd, argv[1], 256 << 20, NULL, NULL, &info, &grid, &err);
 	if (!r)
 		r = all(grid, memory, dirfd, &info, &err);
 	grid_close(grid);

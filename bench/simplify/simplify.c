@@ -10,9 +10,8 @@
 #include <string.h>
 #include <time.h>
 
+#include "bench_grid.h"
 #include "err.h"
-#include "grid_stage.h"
-#include "input.h"
 #include "io.h"
 #include "pipe.h"
 #include "simplify.h"
@@ -26,36 +25,6 @@ static double now(void)
 
 	clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
 	return (double)t.tv_sec + (double)t.tv_nsec / 1e9;
-}
-
-static int ingest(int dirfd, const char *path, struct grid_segment_info *info, struct lattice *lattice, struct err *err)
-{
-	struct grid_stage_params params = {.dirfd = dirfd, .name = "bench", .memory = MEMORY};
-	struct input_options options = {.planar = true};
-	struct grid_stage *stage = NULL;
-	struct pipe_ingested in = {0};
-	struct input *input = NULL;
-	int fd, r;
-
-	r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
-	if (!r)
-		r = input_open(fd, path, &options, &input, err);
-	if (!r)
-		r = lattice_choose(&input_info(input)->coords, 1, NULL, NULL, lattice, err);
-	if (!r)
-		r = grid_stage_new(&params, &stage, err);
-	if (!r)
-		r = grid_stage_source(stage, 1, err);
-	if (!r) {
-		const struct pipe_ingest_params how = {.lattice = lattice, .stage = stage};
-
-		r = pipe_ingest(input, &how, &in, err);
-	}
-	if (!r)
-		r = grid_stage_seal(stage, info, err);
-	grid_stage_free(stage);
-	input_close(input);
-	return r;
 }
 
 /* As the daemon makes it for a client that discards it: plan, domains, emission without a sink. */
@@ -128,7 +97,8 @@ static int greedy(const struct grid *grid, const struct view *view, int64_t erro
 	if (r)
 		return r;
 	memory = aligned_alloc(64, (simplify_greedy_bytes((uint32_t)all.n) + 63) & ~(size_t)63);
-	g = (struct simplify_greedy){.pts = all.pts, .n = (uint32_t)all.n, .least = (uint64_t)error << SIMPLIFY_KEY_SHIFT};
+	g = (struct simplify_greedy){
+		.pts = all.pts, .n = (uint32_t)all.n, .least = (uint64_t)error << SIMPLIFY_KEY_SHIFT, .step = 500};
 	*ret_seconds = now();
 	simplify_greedy_run(&g, memory);
 	*ret_seconds = now() - *ret_seconds;
@@ -209,28 +179,19 @@ static int one(int dirfd, const struct grid *grid, const struct view *view, int6
 
 static int all(int dirfd, int argc, char **argv, struct err *err)
 {
-	struct grid_manifest manifest = {.generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown"};
-	struct grid_source source = {.id = 1, .added = 1, .name = "bench"};
 	void *memory = aligned_alloc(2 << 20, 2 * MEMORY);
 	struct grid_segment_info info;
 	struct pipe_totals totals;
 	struct view view = VIEW_INIT;
 	struct grid *grid = NULL;
 	double plain;
-	int r = ingest(dirfd, argv[1], &info, &manifest.lattice, err);
+	int r = bench_grid(dirfd, argv[1], MEMORY, NULL, NULL, &info, &grid, err);
 
 	if (r)
 		return r;
-	manifest.segments = &info;
-	manifest.sources = &source;
-	manifest.nsegments = manifest.nsources = 1;
-	source.points = info.points;
-	r = grid_manifest_write(dirfd, "bench.manifest", &manifest, err);
-	if (!r)
-		r = grid_open(dirfd, "bench.manifest", 1, NULL, 8 << 20, &grid, err);
-	if (!r && *argv[3])
+	if (*argv[3])
 		r = view_set_classes(&view, argv[3], err);
-	view_bind(&view, &manifest.lattice);
+	view_bind(&view, &grid_manifest(grid)->lattice);
 	if (!r)
 		r = mesh(grid, &view, memory, &plain, &totals, err);
 	if (!r)
@@ -242,7 +203,7 @@ static int all(int dirfd, int argc, char **argv, struct err *err)
 		bool most = argv[i][0] == 'n'; /* n1000: a number of points */
 
 		r = one(dirfd, grid, &view,
-			most ? 0 : (int64_t)(strtod(argv[i], NULL) / decimal_double(manifest.lattice.scale_z) + 1e-6),
+			most ? 0 : (int64_t)(strtod(argv[i], NULL) / decimal_double(grid_manifest(grid)->lattice.scale_z) + 1e-6),
 			most ? strtoull(argv[i] + 1, NULL, 10) : 0, plain, memory, err);
 	}
 	grid_close(grid);

@@ -103,6 +103,7 @@ void ctl_volume_json(const struct console *, const struct ctl_volume *);
 /* The disks of state and cache: cache stat, status. */
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
 		     const char *keep_free);
+int ctl_cache_adopt(struct program *);
 void ctl_cache_side_json(struct term_json *, const char *name, const struct acut_side *);
 
 #define CTL_COMMAND(name) int ctl_##name##_run(struct program *);

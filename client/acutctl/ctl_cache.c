@@ -1,4 +1,4 @@
-/* cache stat|verify|gc: use of the daemon's disk, verification, and removal of derived data. */
+/* cache stat|verify|gc: use of the daemon's disk, verification, and removal of derived data. adopt is ctl_cache_adopt.c. */
 #include <string.h>
 
 #include "ctl.h"
@@ -226,6 +226,7 @@ static int gc_run(struct program *ctl)
 const struct cli_verb ctl_cache_verbs[] = {
 	{"stat", "stat", "use of the daemon's disk, by kind", 0, 0, NULL, stat_run},
 	{"verify", "verify", "read all of it and report damage", 0, 0, NULL, verify_run},
+	{"adopt", "adopt WORK", "take the finished domains of a run of acut-cluster", 1, 1, NULL, ctl_cache_adopt},
 	{"gc", "gc", "remove what exceeds the quota, or all that can be made again", 0, 0, "all", gc_run},
 	{0},
 };

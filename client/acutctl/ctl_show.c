@@ -6,7 +6,7 @@
 
 static void show_mesh(FILE *out, const struct acut_report *p)
 {
-	char a[32], b[32], c[32];
+	char a[32], b[32], c[32], bound[512];
 
 	if (p->window) {
 		term_field(out, "read", "%s points of %s cells", term_count(p->points_read, a), term_count(p->cells_read, b));
@@ -17,8 +17,7 @@ static void show_mesh(FILE *out, const struct acut_report *p)
 	for (size_t i = 0; i < p->nremoved; i++)
 		term_field(out, "left out", "%s by %s", term_count(p->removed[i].count, a), p->removed[i].rule);
 	if (*p->max_error)
-		term_field(out, "bound", "%s: %s of %s positions kept (%.3g %%), %" PRIu64 " rounds", p->max_error,
-			   term_count(p->kept, a), term_count(p->positions, b), ctl_report_kept(p), p->rounds);
+		term_field(out, "bound", "%s", ctl_report_bound(p, bound, sizeof(bound)));
 	term_field(out, "mesh", "%s vertices, %s triangles, %s on the hull", term_count(p->vertices, a),
 		   term_count(p->triangles, b), term_count(p->hull, c));
 }

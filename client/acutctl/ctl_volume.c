@@ -75,6 +75,43 @@ static int parse_level(struct work *w, const struct ctl_volume_options *o, unsig
 	return 0;
 }
 
+static int no_such_field(const struct ctl_area *a, const char *field, const char *file, struct err *err)
+{
+	char *list = NULL;
+	size_t size;
+	FILE *out = open_memstream(&list, &size);
+
+	err_set(err, ERR_USAGE, "no polygon has a property \"%.64s\" that is a text or a number", field);
+	err_add_file(err, file);
+	for (unsigned i = 0; i < a->nfield && out; i++)
+		fprintf(out, "%s%.40s", i ? ", " : "", a->field[i]);
+	if (out && a->more_fields)
+		fprintf(out, " and others");
+	if (!out || fclose(out) || !a->nfield)
+		err_add_hint(err, "they have no such properties at all: leave out --name-field, and they are numbered");
+	else
+		err_add_hint(err, "they have %s", list);
+	free(list);
+	return -(int)err->code;
+}
+
+/* A field that was asked for must name something. */
+static int check_names(struct work *w, const struct ctl_volume_options *o, struct err *err)
+{
+	size_t named = 0;
+
+	for (size_t i = 0; i < w->areas.nfeature; i++)
+		named += *ctl_area_name(&w->areas, i) != 0;
+	if (!o->name_field || named == w->areas.nfeature)
+		return 0;
+	if (!named)
+		return no_such_field(&w->areas, o->name_field, o->within, err);
+	console_warn(&w->session->console,
+		     "%zu of %zu polygons have no property \"%s\" that is a text or a number: they are numbered",
+		     w->areas.nfeature - named, w->areas.nfeature, o->name_field);
+	return 0;
+}
+
 /* Features without a polygon have no result. */
 static int parse_within(struct work *w, const struct ctl_volume_options *o, struct err *err)
 {
@@ -94,6 +131,8 @@ static int parse_within(struct work *w, const struct ctl_volume_options *o, stru
 	a->nfeature = n;
 	w->opt.areas = a;
 	w->opt.areas_file = o->within;
+	if (check_names(w, o, err))
+		return -(int)err->code;
 	text = open_memstream(&w->window, &size);
 	if (!text)
 		return err_set(err, ERR_NOMEM, "no memory for polygons");
@@ -137,22 +176,22 @@ static int check_system(const struct work *w, const char *crs, struct err *err)
 	return err_add_hint(err, "convert them: ogr2ogr -t_srs EPSG:%lu OUT.geojson FILE", mesh);
 }
 
-/* Waits until it is done, and keeps what it tells of its mesh. Exit status. */
+/* What is known of its mesh before it is made. Exit status. */
 static int find_job(struct work *w, unsigned i)
 {
 	struct session *session = w->session;
 	struct ctl_volume_mesh *m = &w->about.mesh[i];
-	struct volume_side *side = &w->opt.side[i];
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	const char *of[4];
-	int status;
 
-	if (acut_job_wait(session->acut, m->job, true, session_progress_job, &w->progress, &job))
+	if (acut_job_wait(session->acut, m->job, false, NULL, NULL, &job))
 		return session_error_acut(session);
-	status = job->has_report ? 0 : ctl_report_job_status(session, job);
-	if (status || !job->has_report)
+	if (job->final && !job->has_report) {
+		int status = ctl_report_job_status(session, job);
+
 		return status ? status : 1;
+	}
 	of[0] = job->lattice;
 	of[1] = job->crs;
 	of[2] = job->unit_xy;
@@ -167,9 +206,25 @@ static int find_job(struct work *w, unsigned i)
 		return session_error(session, &err);
 	}
 	snprintf(w->name[i], sizeof(w->name[i]), "job %llu", (unsigned long long)m->job);
-	*side = (struct volume_side){w->name[i],    w->text[i][0], w->text[i][1],
-				     w->text[i][2], w->text[i][3], w->window ? job->report.triangles / 8 : job->report.triangles};
+	w->opt.side[i] = (struct volume_side){w->name[i], w->text[i][0], w->text[i][1], w->text[i][2], w->text[i][3], 0};
 	return check_system(w, w->text[i][1], &err) ? session_error(session, &err) : 0;
+}
+
+/* Exit status. */
+static int wait_job(struct work *w, unsigned i)
+{
+	struct session *session = w->session;
+	const struct acut_job *job;
+	int status;
+
+	if (acut_job_wait(session->acut, w->about.mesh[i].job, true, session_progress_job, &w->progress, &job))
+		return session_error_acut(session);
+	status = job->has_report ? 0 : ctl_report_job_status(session, job);
+	if (status || !job->has_report)
+		return status ? status : 1;
+	w->opt.side[i].triangles = w->window ? job->report.triangles / 8 : job->report.triangles;
+	volume_expect(w->volume, i, w->opt.side[i].triangles);
+	return 0;
 }
 
 /* ---- the meshes ---- */
@@ -260,23 +315,24 @@ static int by_changes(struct work *w)
 {
 	const struct ctl_volume_mesh *m = w->about.mesh;
 	struct acut_changes_sink sink;
-	int status;
+	int status = 0;
 
 	if (w->opt.has_level || w->opt.areas || w->opt.nimage || strcmp(m[0].dataset, m[1].dataset) != 0 ||
 	    strcmp(m[0].view, m[1].view) != 0 || m[0].generation == m[1].generation)
 		return NO_CHANGES;
-	status = begin(w);
 	for (unsigned i = 0; i < 2 && !status; i++) {
 		sink = volume_changes(w->volume, i, m[!i].job);
 		status = fetch(w, i, &sink, m[!i].generation);
 	}
+	if (status == NO_CHANGES && !(status = begin(w)))
+		return NO_CHANGES;
 	sink.mesh = volume_whole(w->volume);
 	return status ? status : fetch(w, 1, &sink, 0);
 }
 
 static int by_wholes(struct work *w)
 {
-	int status = begin(w);
+	int status = 0;
 
 	for (unsigned i = 0; i < (w->opt.has_level ? 1 : 2) && !status; i++) {
 		const struct acut_changes_sink sink = {volume_sink(w->volume, i), NULL, NULL};
@@ -321,6 +377,10 @@ static int compare(struct work *w)
 	session_progress_init(&w->progress, session);
 	for (unsigned i = 0; i < n && !status; i++)
 		status = find_job(w, i);
+	if (!status) /* all that is wrong with the options is said before a job is waited for */
+		status = begin(w);
+	for (unsigned i = 0; i < n && !status; i++)
+		status = wait_job(w, i);
 	if (status)
 		return status;
 	status = by_changes(w);

@@ -215,6 +215,7 @@ void ctl_volume_json(const struct console *c, const struct ctl_volume *v)
 	}
 	term_json_close(&j, ']');
 	term_json_number(&j, "level", v->has_level ? v->level : NAN);
+	term_json_known(&j, "unit_level", v->has_level ? t.unit_mesh : NULL);
 	term_json_text(&j, "unit_volume", t.unit_volume);
 	term_json_text(&j, "unit_area", t.unit_area);
 	term_json_u64(&j, "pairs", t.pairs);
@@ -231,6 +232,7 @@ void ctl_volume_json(const struct console *c, const struct ctl_volume *v)
 		term_json_text(&j, NULL, v->opt->output.text[i]);
 	term_json_close(&j, ']');
 	term_json_number(&j, "color_range", t.range > 0 ? t.range : NAN);
+	term_json_known(&j, "unit_color_range", t.range > 0 ? t.unit : NULL);
 	term_json_open(&j, "warnings", '[');
 	for (size_t i = 0; i < c->nwarning; i++)
 		term_json_text(&j, NULL, c->warning[i]);

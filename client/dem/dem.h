@@ -49,6 +49,15 @@ struct dem;
 int dem_new(struct outfile *, struct dem **ret, struct err *err);
 /* -ERR_USAGE: a cell that this lattice cannot have. */
 int dem_head(struct dem *, const struct acut_mesh_head *, const struct dem_options *, struct err *err);
+/* The same of this scale, before there is a head. */
+int dem_check_cell(const char *scale_xy, const struct dem_options *, struct err *err);
+/* Polygons in place of a window, after dem_head: pixels whose centres are in none of them have no value. Corners are absolute
+ * lattice numbers times DEM_CLIP_PART. A shell begins a polygon, its holes follow. The head's box is that of the polygons;
+ * triangles may reach out of it. */
+enum { DEM_CLIP_PART = 256 };
+int dem_clip_ring(struct dem *, bool shell, struct err *err);
+int dem_clip_corner(struct dem *, int64_t x, int64_t y, struct err *err);
+int dem_clip_end(struct dem *, struct err *err);
 /* Adds a line to the description in the file (ImageDescription), before dem_finish. */
 int dem_describe(struct dem *, const char *line, struct err *err);
 /* Corners counter-clockwise, in the head's box. */

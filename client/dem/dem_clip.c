@@ -1,10 +1,10 @@
 /*
- * The polygons of a window: a raster has the pixels whose centres are in them.
+ * The polygons of a window, or of dem_clip_ring: a raster has the pixels whose centres are in them.
  *
- * The text of the view has their corners as absolute lattice numbers. They become places, in which centres are whole numbers, so
- * that the test is exact. A centre on a border belongs to the area to its east, and on a border that runs from west to east to
- * the one to its south, as with edges of triangles: of windows side by side to one. base/area.h has greater y in place of the
- * south, so y is negated here.
+ * The text of a view has their corners as absolute lattice numbers, dem_clip_corner as parts of them. They become places, or
+ * parts of these, in which centres are whole numbers, so that the test is exact. A centre on a border belongs to the area to its
+ * east, and on a border that runs from west to east to the one to its south, as with edges of triangles: of windows side by side
+ * to one. base/area.h has greater y in place of the south, so y is negated here.
  *
  * A tile is cut when it is complete: a square that no border meets is inside or outside as a whole, and another one is quartered.
  */
@@ -18,20 +18,25 @@
 
 static bool place_of(const struct dem_grid *g, int axis, dem_i128 number, int64_t *ret)
 {
-	dem_i128 at = 2 * (dem_i128)g->q * (number - g->zero[axis] - g->base[axis]) + g->off[axis];
+	dem_i128 zero = ((dem_i128)g->zero[axis] + g->base[axis]) * g->part;
+	dem_i128 at = 2 * (dem_i128)g->q * (number - zero) + (dem_i128)g->off[axis] * g->part;
 
 	*ret = (int64_t)(axis ? -at : at);
 	return at <= AREA_MOST && at >= -AREA_MOST;
+}
+
+static int too_far(struct err *err)
+{
+	err_set(err, ERR_USAGE, "the polygon reaches too far out for pixels of this size");
+	return err_add_hint(err, "give a polygon that ends nearer to the survey, or a --cell with fewer digits");
 }
 
 static int add_corner(struct dem_grid *g, const dem_i128 at[2], int64_t box[4], bool first, struct err *err)
 {
 	int64_t x, y;
 
-	if (!place_of(g, 0, at[0], &x) || !place_of(g, 1, at[1], &y)) {
-		err_set(err, ERR_USAGE, "the polygon reaches too far out for pixels of this size");
-		return err_add_hint(err, "give a polygon that ends nearer to the survey, or a --cell with fewer digits");
-	}
+	if (!place_of(g, 0, at[0], &x) || !place_of(g, 1, at[1], &y))
+		return too_far(err);
 	for (int i = 0; i < 2; i++) {
 		box[i] = first || at[i] < box[i] ? (int64_t)at[i] : box[i];
 		box[2 + i] = first || at[i] > box[2 + i] ? (int64_t)at[i] : box[2 + i];
@@ -68,11 +73,43 @@ int dem_clip_init(struct dem_grid *g, const char *text, int64_t ret_box[4], stru
 	return r ? r : area_end(g->polygon, err);
 }
 
+int dem_clip_ring(struct dem *d, bool shell, struct err *err)
+{
+	struct dem_grid *g = &d->grid;
+
+	if (!g->polygon) {
+		g->polygon = area_new(AREA_HALF_OPEN);
+		if (!g->polygon)
+			return err_set(err, ERR_NOMEM, "no memory for a polygon");
+		g->part = DEM_CLIP_PART;
+		for (int i = 0; i < 2; i++) /* centres are within, too */
+			if (2 * (dem_i128)g->p * (g->count[i] + 1) * g->part > AREA_MOST)
+				return too_far(err);
+	}
+	return area_ring(g->polygon, shell, err);
+}
+
+int dem_clip_corner(struct dem *d, int64_t x, int64_t y, struct err *err)
+{
+	const dem_i128 at[2] = {x, y};
+	int r = add_corner(&d->grid, at, d->clip_box, !d->clipped, err);
+
+	d->clipped = true;
+	return r;
+}
+
+int dem_clip_end(struct dem *d, struct err *err)
+{
+	if (d->clipped)
+		dem_grid_clip(&d->grid, d->clip_box);
+	return d->grid.polygon ? area_end(d->grid.polygon, err) : 0;
+}
+
 /* Of a pixel; of one that is further out than any height the next one. */
 static int64_t centre(const struct dem_grid *g, int axis, int64_t pixel)
 {
 	pixel = pixel < -1 ? -1 : pixel > g->count[axis] ? g->count[axis] : pixel;
-	return 2 * g->p * pixel;
+	return 2 * g->p * pixel * g->part;
 }
 
 /* A square of pixels from local x and y, y from the south and going down. */

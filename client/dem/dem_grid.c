@@ -70,9 +70,24 @@ static int64_t into(dem_i128 v, int64_t most)
 	return v < -1 ? -1 : v > most ? most : (int64_t)v;
 }
 
-/* Pixels of the window "box:X1,Y1,X2,Y2" (absolute lattice numbers), or of the box of its polygons. A centre on its border is
- * drawn if it is inside when it is moved a little to the east and, much less, to the south, as with edges of triangles: windows
- * side by side share no pixel. */
+/* A centre on the border of the box is drawn if it is inside when it is moved a little to the east and, much less, to the south,
+ * as with edges of triangles: boxes side by side share no pixel. */
+void dem_grid_clip(struct dem_grid *g, const int64_t box[4])
+{
+	for (int i = 0; i < 2; i++) {
+		dem_i128 side = (dem_i128)g->p * g->part, d = 2 * side;
+		dem_i128 low = 2 * (dem_i128)g->q * box[i] - side, high = 2 * (dem_i128)g->q * box[i + 2] - side;
+		dem_i128 from = i ? floor_of(low, d) + 1 : -floor_of(-low, d);
+		dem_i128 to = i ? floor_of(high, d) : -floor_of(-high, d) - 1;
+
+		from -= g->first[i];
+		to -= g->first[i];
+		g->clip[i][0] = from > 0 ? into(from, g->count[i]) : 0;
+		g->clip[i][1] = into(to, g->count[i] - 1);
+	}
+}
+
+/* Pixels of the window "box:X1,Y1,X2,Y2" (absolute lattice numbers), or of the box of its polygons. */
 static int clip_window(struct dem_grid *g, const char *view, struct err *err)
 {
 	const char *at = strstr(view ? view : "", " window=");
@@ -94,34 +109,35 @@ static int clip_window(struct dem_grid *g, const char *view, struct err *err)
 	} else {
 		return err_set(err, ERR_PROTO, "the window of the stream's view is none");
 	}
-	for (int i = 0; i < 2; i++) {
-		dem_i128 low = 2 * (dem_i128)g->q * b[i] - g->p, high = 2 * (dem_i128)g->q * b[i + 2] - g->p, d = 2 * g->p;
-		dem_i128 from = i ? floor_of(low, d) + 1 : -floor_of(-low, d);
-		dem_i128 to = i ? floor_of(high, d) : -floor_of(-high, d) - 1;
-
-		from -= g->first[i];
-		to -= g->first[i];
-		g->clip[i][0] = from > 0 ? into(from, g->count[i]) : 0;
-		g->clip[i][1] = into(to, g->count[i] - 1);
-	}
+	dem_grid_clip(g, b);
 	return 0;
 }
 
-static int too_fine(const struct acut_mesh_head *head, struct err *err)
+static int init_ratio(struct dem_grid *g, const char *scale_xy, const struct dem_options *opt, struct err *err)
 {
-	err_set(err, ERR_USAGE, "--cell is too large, or has too many digits beside the scale %s", head->scale_xy);
+	if (!decimal_parse(scale_xy, &g->scale) || g->scale.mantissa <= 0 || abs(g->scale.exponent) > 40)
+		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
+	if (opt->cell.mantissa <= 0)
+		return err_set(err, ERR_USAGE, "--cell is not a length above zero");
+	if (ratio(opt, g->scale, &g->p, &g->q))
+		return 0;
+	err_set(err, ERR_USAGE, "--cell is too large, or has too many digits beside the scale %s", scale_xy);
 	return err_add_hint(err, "give --cell with fewer digits, or a multiple of the scale");
+}
+
+int dem_check_cell(const char *scale_xy, const struct dem_options *opt, struct err *err)
+{
+	struct dem_grid g;
+
+	return init_ratio(&g, scale_xy, opt, err);
 }
 
 int dem_grid_init(struct dem_grid *g, const struct acut_mesh_head *head, const struct dem_options *opt, struct err *err)
 {
 	memset(g, 0, sizeof(*g));
-	if (!decimal_parse(head->scale_xy, &g->scale) || g->scale.mantissa <= 0 || abs(g->scale.exponent) > 40)
-		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
-	if (opt->cell.mantissa <= 0)
-		return err_set(err, ERR_USAGE, "--cell is not a length above zero");
-	if (!ratio(opt, g->scale, &g->p, &g->q))
-		return too_fine(head, err);
+	g->part = 1;
+	if (init_ratio(g, head->scale_xy, opt, err))
+		return -(int)err->code;
 	for (int i = 0; i < 2; i++) {
 		dem_i128 low = (dem_i128)head->box[i] + head->k[i], high = (dem_i128)head->box[i + 3] + head->k[i], first, last;
 

@@ -37,10 +37,13 @@ struct dem_grid {
 	int64_t first[2], count[2];
 	int64_t clip[2][2];   /* local pixels that are drawn, from and to, both included */
 	int64_t zero[2];      /* lattice number 0, absolute */
-	struct area *polygon; /* in places, y negated; NULL: the window has none */
+	struct area *polygon; /* in parts of places, y negated; NULL: there is none */
+	int64_t part;         /* of a place */
 	struct decimal scale;
 };
 int dem_grid_init(struct dem_grid *, const struct acut_mesh_head *, const struct dem_options *, struct err *err);
+/* Of the head's pixels only those whose centres are in a box of parts of absolute lattice numbers. */
+void dem_grid_clip(struct dem_grid *, const int64_t box[4]);
 static inline int64_t dem_place(const struct dem_grid *g, int axis, int32_t number)
 {
 	return 2 * g->q * ((int64_t)number - g->base[axis]) + g->off[axis];
@@ -129,8 +132,9 @@ struct dem {
 	struct dem_options opt;
 	struct dem_grid grid;
 	struct dem_scale scale;
-	bool tiled;
-	double steep; /* slopes of lattice numbers times this are slopes */
+	bool tiled, clipped;
+	int64_t clip_box[4]; /* of the corners of dem_clip_corner */
+	double steep;        /* slopes of lattice numbers times this are slopes */
 	char crs[512], unit_xy[32], unit_z[32];
 	char *wkt;               /* of its system; NULL: none */
 	char *description;       /* lines; NULL: none */

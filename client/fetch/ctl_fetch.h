@@ -41,6 +41,8 @@ bool ctl_fetch_to_standard(struct ctl_fetch_options *);
 bool ctl_fetch_nothing(const struct ctl_fetch_options *);
 /* Checks what can be known without a daemon, and opens a run. */
 int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct outputs **ret, struct err *err);
+/* The same for a program without a session: what these say of interruptions, memory and parts counts. */
+int ctl_fetch_make(const struct ctl_fetch_options *, const struct outputs_options *, struct outputs **ret, struct err *err);
 /* Fetches the job into the run, going on with what it has kept (outputs_keep), publishes, reports; exit status. */
 int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, struct outputs *, const struct ctl_staged *);
 /* For a job that was waited for and not fetched; on a terminal only. */
@@ -80,7 +82,7 @@ void ctl_mesh_edges_json(struct term_json *, const struct ctl_mesh *);
 /* The report of a window, in memory of its own. */
 struct ctl_window {
 	struct acut_report report;
-	char digest[40], vertex_digest[40], note[200], max_error[64];
+	char digest[40], vertex_digest[40], note[200], max_error[64], largest_error[64];
 };
 void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
 

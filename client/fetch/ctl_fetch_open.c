@@ -135,12 +135,12 @@ static const struct format *format_of(const struct ctl_fetch_options *a, unsigne
 	return f;
 }
 
-static int add_output(struct session *session, const struct ctl_fetch_options *a, unsigned i, struct outputs *run,
+static int add_output(const struct outputs_options *run_opt, const struct ctl_fetch_options *a, unsigned i, struct outputs *run,
 		      const struct format *f, unsigned rasters, struct err *err)
 {
 	struct ctl_fetch_output o = ctl_fetch_output(a, i);
 	struct format_options opt = {
-		.no_clobber = a->no_clobber, .rasters = rasters, .interrupted = session_interrupted, .ctx = session};
+		.no_clobber = a->no_clobber, .rasters = rasters, .interrupted = run_opt->interrupted, .ctx = run_opt->ctx};
 	int r = options_of(&o, f->takes, &opt, err);
 
 	if (r)
@@ -204,8 +204,14 @@ static int parse_tile(const char *tile, struct outputs_options *opt, struct err 
 
 int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, struct outputs **ret, struct err *err)
 {
-	struct outputs_options opt = {
-		.edges = !a->since, .changes = a->since > 0, .interrupted = session_interrupted, .ctx = session};
+	const struct outputs_options opt = {.interrupted = session_interrupted, .ctx = session};
+
+	return ctl_fetch_make(a, &opt, ret, err);
+}
+
+int ctl_fetch_make(const struct ctl_fetch_options *a, const struct outputs_options *given, struct outputs **ret, struct err *err)
+{
+	struct outputs_options opt = *given;
 	struct outputs *run = NULL;
 	const struct format *format[CTL_FETCH_OUTPUTS + 1] = {NULL};
 	unsigned n = ctl_fetch_count(a), rasters = 0;
@@ -230,6 +236,8 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		r = err_set(err, ERR_USAGE, "--levels has no meaning with --changed-since: a page shows a whole mesh");
 		err_add_hint(err, "fetch the page of the whole mesh");
 	}
+	opt.edges = !a->since;
+	opt.changes = a->since > 0;
 	opt.levels = a->levels;
 	if (!r && a->tile)
 		r = parse_tile(a->tile, &opt, err);
@@ -247,7 +255,7 @@ int ctl_fetch_open(struct session *session, const struct ctl_fetch_options *a, s
 		for (unsigned i = 0; i < a->cut[k].n && !r; i++)
 			r = outputs_cut(run, (enum outputs_cut)k, a->cut[k].text[i], err);
 	for (unsigned i = n > 0; i <= n && !r; i++)
-		r = add_output(session, a, i, run, format[i], rasters, err);
+		r = add_output(&opt, a, i, run, format[i], rasters, err);
 	if (r)
 		outputs_free(run);
 	else

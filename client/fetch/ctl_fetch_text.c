@@ -233,22 +233,12 @@ static void times(FILE *out, const struct acut_report *p, const struct ctl_stage
 		term_field(out, "memory", "%s at most", parse_size_text(p->peak_rss_bytes, memory));
 }
 
-/* "0.1: 1,234 of 5,678 positions kept (21.7 %), 3 rounds" */
-static const char *bound_text(const struct acut_report *p, char buf[512])
-{
-	char a[32], b[32];
-
-	snprintf(buf, 512, "%s: %s of %s positions kept (%.3g %%), %llu round%s", p->max_error, term_count(p->kept, a),
-		 term_count(p->positions, b), ctl_report_kept(p), (unsigned long long)p->rounds, p->rounds == 1 ? "" : "s");
-	return buf;
-}
-
 static void mesh(FILE *out, const struct acut_report *p)
 {
 	char a[32], b[32], domains[96], bound[512];
 
 	if (*p->max_error)
-		term_field(out, "bound", "%s", bound_text(p, bound));
+		term_field(out, "bound", "%s", ctl_report_bound(p, bound, sizeof(bound)));
 	term_field(out, "mesh", "%s vertices, %s triangles in %s", term_count(p->vertices, a), term_count(p->triangles, b),
 		   ctl_report_domains(p, domains, sizeof(domains)));
 }
@@ -318,7 +308,7 @@ static void lines(const struct ctl_mesh *m)
 		console_line(c, "%s points used of %s: %s vertices", term_count(p->used, a), term_count(p->points, b),
 			     term_count(p->vertices, d));
 	if (*p->max_error)
-		console_line(c, "  no point further from the mesh than %s", bound_text(p, text));
+		console_line(c, "  no point further from the mesh than %s", ctl_report_bound(p, text, sizeof(text)));
 	inputs_text(c, m->staged);
 	if (moved)
 		console_line(c, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", term_count(moved, a), shift[0],

@@ -29,6 +29,7 @@ void ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail)
 		.vertex_digest = w->vertex_digest,
 		.note = w->note,
 		.max_error = w->max_error,
+		.largest_error = w->largest_error,
 		.stage_seconds = NAN,
 		.first_triangle_seconds = NAN,
 		.seal_seconds = NAN,
@@ -37,7 +38,7 @@ void ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail)
 	};
 	snprintf(w->digest, sizeof(w->digest), "%s", tail->digest);
 	snprintf(w->vertex_digest, sizeof(w->vertex_digest), "%s", tail->vertex_digest);
-	w->max_error[0] = 0;
+	w->max_error[0] = w->largest_error[0] = 0;
 	if (!o)
 		return;
 	p->points = number_of(o, "points");
@@ -51,6 +52,8 @@ void ctl_window_tail(struct ctl_window *w, const struct acut_mesh_tail *tail)
 		snprintf(w->note, sizeof(w->note), "%s", json_object_get_string(note));
 	if (json_object_object_get_ex(o, "max_error", &note))
 		snprintf(w->max_error, sizeof(w->max_error), "%s", json_object_get_string(note));
+	if (json_object_object_get_ex(o, "largest_error", &note))
+		snprintf(w->largest_error, sizeof(w->largest_error), "%s", json_object_get_string(note));
 	p->positions = number_of(o, "positions");
 	p->kept = number_of(o, "kept");
 	p->rounds = number_of(o, "rounds");

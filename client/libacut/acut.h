@@ -354,6 +354,16 @@ struct acut_cache_verified {
  * "version"). progress->points are bytes. */
 int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut_cache_damage *), acut_progress_fn progress,
 		      void *ctx, struct acut_cache_verified *ret);
+/* What a daemon took of the finished domains of a pack, or of several. */
+struct acut_cache_adopted {
+	uint64_t packs, domains, bytes; /* domains that are in its store now; their bytes */
+	uint64_t there, flat;           /* were in it already; are of a survey without triangles, which no store has */
+};
+/* Gives the daemon the finished domains of packs, which the tasks of acut-cluster make. `next` gives one after the other, and
+ * NULL when there are no more; the name is for messages, *ret_fd stays the caller's. Non-zero from it ends the call and is
+ * returned. A pack that is refused ends it, too; domains of earlier ones stay. Administrators. */
+int acut_cache_adopt(struct acut *, int (*next)(void *ctx, const char **ret_name, int *ret_fd), acut_progress_fn progress,
+		     void *ctx, struct acut_cache_adopted *ret);
 /* all: removes everything derived. */
 int acut_cache_gc(struct acut *, bool all, uint64_t *ret_bytes, uint64_t *ret_entries);
 
@@ -399,6 +409,8 @@ struct acut_report {
 	 * another view. Then the positions of all these points, those kept, rounds that added some, bounds that were tried. */
 	const char *max_error;
 	uint64_t positions, kept, rounds, attempts;
+	/* And the greatest distance of a point, rounded up to a thousandth of the lattice; "": unknown, of an earlier version. */
+	const char *largest_error;
 };
 struct acut_job {
 	uint64_t id, generation;

@@ -108,3 +108,38 @@ int acut_cache_gc(struct acut *a, bool all, uint64_t *ret_bytes, uint64_t *ret_e
 	*ret_entries = a->answer->cache_freed->entries;
 	return 0;
 }
+
+int acut_cache_adopt(struct acut *a, int (*next)(void *ctx, const char **ret_name, int *ret_fd), acut_progress_fn progress,
+		     void *ctx, struct acut_cache_adopted *ret)
+{
+	Acut__V1__CacheAdopt req = ACUT__V1__CACHE_ADOPT__INIT;
+	const Acut__V1__CacheAdopted *got;
+	const char *name = NULL;
+	int fd, r = call_begin(a);
+
+	*ret = (struct acut_cache_adopted){.packs = 0};
+	a->progress = progress;
+	a->progress_ctx = ctx;
+	while (r == 0 && (r = next(ctx, &name, &fd)) == 0 && name) {
+		Acut__V1__Message *m = NULL;
+		uint32_t id;
+
+		r = call_file(a, fd, name);
+		req.name = (char *)name;
+		if (r == 0)
+			r = call_again(a, FRAME_MESSAGE(CACHE_ADOPT, cache_adopt, &req), fd,
+				       ACUT__V1__MESSAGE__BODY_CACHE_ADOPTED, &id, &m);
+		if (r < 0)
+			break;
+		got = m->cache_adopted;
+		ret->packs++;
+		ret->domains += got->domains;
+		ret->bytes += got->bytes;
+		ret->there += got->there;
+		ret->flat += got->flat;
+		frame_message_free(m);
+		name = NULL;
+	}
+	a->progress = NULL;
+	return r;
+}

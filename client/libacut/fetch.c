@@ -22,39 +22,12 @@ static int from_sink(struct fetch *f, int r)
 	return r == 0 ? 0 : err_set(&f->acut->err, ERR_CANCELLED, "the receiver of the mesh gave up");
 }
 
-/* ---- the lattice's text: "SXY SZ KX KY KZ" ---- */
-
-static int get_lattice(struct fetch *f, const char *text)
-{
-	char *word[5], *save = NULL, *at = f->lattice;
-	struct decimal scale[2];
-	unsigned n = 0;
-	bool ok;
-
-	strcpy(f->lattice, text);
-	for (char *w = strtok_r(at, " ", &save); w && n < 5; w = strtok_r(NULL, " ", &save))
-		word[n++] = w;
-	ok = n == 5;
-	for (unsigned i = 0; ok && i < 2; i++)
-		ok = decimal_parse(word[i], &scale[i]) && scale[i].mantissa > 0 && strlen(word[i]) < DECIMAL_TEXT_SIZE;
-	for (unsigned i = 0; ok && i < 3; i++)
-		ok = parse_i64(word[2 + i], &f->head.k[i]) && f->head.k[i] >= -INT64_MAX / 2 && f->head.k[i] <= INT64_MAX / 2;
-	if (!ok)
-		return err_set(&f->acut->err, ERR_PROTO, "the mesh stream has no good lattice: \"%s\"", text);
-	for (unsigned i = 0; i < 2; i++) {
-		strcpy(f->scale[i], word[i]);
-		f->head.scale_mantissa[i] = scale[i].mantissa;
-		f->head.scale_exponent[i] = scale[i].exponent;
-	}
-	return 0;
-}
-
 /* ---- frames ---- */
 
 /* Another head is valid only before a tail with a reason. */
 static bool is_same(const struct fetch *f, const struct stream_head *head)
 {
-	return digest_equal(head->id, f->id) && memcmp(f->head.k, f->k, sizeof f->k) == 0;
+	return digest_equal(head->id, f->id) && memcmp(f->feed.head.k, f->k, sizeof f->k) == 0;
 }
 
 static int other_stream(struct fetch *f)
@@ -72,7 +45,7 @@ static int unasked_kind(struct fetch *f)
 static int go_on(struct fetch *f)
 {
 	f->torn = true;
-	if (check_unpack(f->check, &f->state, &f->acut->err) < 0)
+	if (check_unpack(f->feed.check, &f->state, &f->acut->err) < 0)
 		return -(int)f->acut->err.code;
 	f->torn = false;
 	return 0;
@@ -81,15 +54,12 @@ static int go_on(struct fetch *f)
 static int on_head(struct fetch *f)
 {
 	const struct stream_head *head = stream_reader_head(f->reader);
-	int r = get_lattice(f, head->lattice);
+	int r = feed_begin(&f->feed, head, &f->acut->err);
 
 	if (r < 0)
 		return r;
 	/* A stream that failed early has another kind, and a tail with a reason. */
 	f->unasked = (head->kind == STREAM_CHANGES) != (f->changes != NULL);
-	f->check = check_new(f->head.k);
-	if (!f->check)
-		return err_set(&f->acut->err, ERR_NOMEM, "there is no memory to check a mesh");
 	f->other = f->continued && !is_same(f, head);
 	if (f->other) {
 		f->torn = true;
@@ -99,21 +69,7 @@ static int on_head(struct fetch *f)
 	if (r < 0)
 		return r;
 	f->id = head->id;
-	f->head.lattice = head->lattice;
-	f->head.scale_xy = f->scale[0];
-	f->head.scale_z = f->scale[1];
-	f->head.crs = head->crs;
-	f->head.unit_xy = head->unit_xy;
-	f->head.unit_z = head->unit_z;
-	f->head.view = head->view;
-	f->head.stream_id = digest_hex(head->id, f->stream_id);
-	f->head.wkt = head->wkt ? head->wkt : "";
-	f->head.geoid = head->geoid;
-	f->head.lines = head->lines;
-	f->head.bounded = head->bounded;
-	call_system(head->crs, &f->head.epsg, &f->head.epsg_z, &f->head.vertical);
-	memcpy(f->head.box, head->box, sizeof f->head.box);
-	return f->sink->head ? from_sink(f, f->sink->head(f->sink->ctx, &f->head)) : 0;
+	return feed_head(&f->feed, head, &f->acut->err);
 }
 
 static int on_base(struct fetch *f)
@@ -138,7 +94,7 @@ static int on_base(struct fetch *f)
 	if (b->generation != f->since)
 		return err_set(&f->acut->err, ERR_PROTO, "changes since generation %llu were asked for, since %llu came",
 			       (unsigned long long)f->since, (unsigned long long)b->generation);
-	return f->changes->base ? from_sink(f, f->changes->base(f->sink->ctx, &out)) : 0;
+	return f->changes->base ? from_sink(f, f->changes->base(f->feed.sink->ctx, &out)) : 0;
 }
 
 static int on_gone(struct fetch *f)
@@ -148,40 +104,26 @@ static int on_gone(struct fetch *f)
 	const struct stream_region *region = stream_reader_gone(f->reader, &n);
 	int r = 0;
 
-	check_gone(f->check, region, n);
+	check_gone(f->feed.check, region, n);
 	for (size_t i = 0; i < n && r == 0 && f->changes->gone; i++) {
 		struct acut_mesh_region out = {.triangles = region[i].triangles, .digest = digest_hex(region[i].digest, hex)};
 
 		memcpy(out.box, region[i].box, sizeof out.box);
-		r = from_sink(f, f->changes->gone(f->sink->ctx, &out));
+		r = from_sink(f, f->changes->gone(f->feed.sink->ctx, &out));
 	}
 	return r;
 }
 
 static int on_block(struct fetch *f)
 {
-	const struct stream_block *b = stream_reader_block(f->reader);
-	struct acut_mesh_block out = {
-		.index = b->index,
-		.first = b->first,
-		.foreign = b->foreign,
-		.vertex = b->vertex,
-		.triangle = b->triangle,
-		.final = b->final,
-		.flags = b->flags,
-		.nforeign = b->nforeign,
-		.nnew = b->nnew,
-		.ntriangle = b->ntriangle,
-		.local = b->local,
-		.origin = (const struct acut_mesh_origin *)(const void *)b->origin,
-	};
-	int r = f->unasked ? unasked_kind(f) : f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
+	int r;
 
-	f->torn = r < 0;
-	if (r < 0 || !f->sink->block)
-		return r;
-	memcpy(out.box, b->box, sizeof out.box);
-	r = from_sink(f, f->sink->block(f->sink->ctx, &out));
+	if (f->unasked)
+		r = unasked_kind(f);
+	else if (f->other)
+		r = other_stream(f);
+	else
+		r = feed_block(&f->feed, stream_reader_block(f->reader), &f->acut->err);
 	f->torn = r < 0;
 	return r;
 }
@@ -201,16 +143,6 @@ static int on_tail(struct fetch *f)
 	const struct stream_tail *tail = stream_reader_tail(f->reader);
 	const struct stream_head *head = stream_reader_head(f->reader);
 	bool whole = head->kind == STREAM_WHOLE && !head->bounded;
-	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
-	struct acut_mesh_tail out = {
-		.blocks = tail->blocks,
-		.vertices = tail->vertices,
-		.triangles = tail->triangles,
-		.hull = tail->hull,
-		.digest = digest_hex(tail->digest, digest),
-		.vertex_digest = digest_hex(tail->vertex_digest, vertex_digest),
-		.report = tail->report,
-	};
 	int r;
 
 	if (tail->failed)
@@ -219,13 +151,10 @@ static int on_tail(struct fetch *f)
 		return unasked_kind(f);
 	if (f->other)
 		return other_stream(f);
-	r = check_tail(f->check, tail, whole, &f->acut->err);
+	r = check_tail(f->feed.check, tail, whole, &f->acut->err);
 	if (r == 0 && f->changes)
-		r = check_changes(f->check, stream_reader_base(f->reader), tail, &f->acut->err);
-	if (r < 0 || !f->sink->tail)
-		return r;
-	memcpy(out.box, tail->box, sizeof out.box);
-	return from_sink(f, f->sink->tail(f->sink->ctx, &out));
+		r = check_changes(f->feed.check, stream_reader_base(f->reader), tail, &f->acut->err);
+	return r < 0 ? r : feed_tail(&f->feed, tail, &f->acut->err);
 }
 
 static int on_event(struct fetch *f, enum stream_event event)
@@ -387,7 +316,7 @@ struct fetch *fetch_free(struct fetch *f)
 		if (f->fd >= 0)
 			close(f->fd);
 		stream_reader_free(f->reader);
-		check_free(f->check);
+		feed_done(&f->feed);
 		free(f);
 	}
 	return NULL;
@@ -402,7 +331,7 @@ struct fetch *fetch_new(struct acut *a, const struct acut_mesh_sink *sink)
 		return NULL;
 	}
 	f->acut = a;
-	f->sink = sink;
+	f->feed.sink = sink;
 	f->fd = -1;
 	a->fetch = f;
 	a->progress = sink->progress;

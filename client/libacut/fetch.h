@@ -3,11 +3,8 @@
 #define FETCH_H
 
 #include "call.h"
-#include "check.h"
 #include "cursor.h"
-#include "decimal.h"
-#include "digest.h"
-#include "stream.h"
+#include "feed.h"
 
 struct fetch {
 	struct acut *acut;
@@ -24,15 +21,12 @@ struct fetch {
 	struct digest id;    /* of the stream; when continued, that of the state */
 	int64_t k[3];        /* of the state */
 	struct cursor state; /* the rest of it: check's */
-	const struct acut_mesh_sink *sink;
+	struct feed feed;
 	uint64_t since; /* 0: the whole mesh */
 	const struct acut_changes_sink *changes;
 	uint32_t request;
 	int fd;
 	struct stream_reader *reader;
-	struct check *check;
-	struct acut_mesh_head head;
-	char lattice[192], scale[2][DECIMAL_TEXT_SIZE], stream_id[DIGEST_HEX_SIZE];
 };
 
 /* After call_begin; the connection has it from now on. NULL: a->err. */

@@ -22,10 +22,10 @@ int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
 	uint8_t *bytes;
 	size_t size;
 
-	if (!f || !f->check || f->torn || f->changes)
+	if (!f || !f->feed.check || f->torn || f->changes)
 		return err_set(&a->err, ERR_USAGE, "there is no fetch to go on with");
 	stream_reader_state(f->reader, &at);
-	size = STATE_HEAD + check_packed_size(f->check) + STATE_SUM;
+	size = STATE_HEAD + check_packed_size(f->feed.check) + STATE_SUM;
 	bytes = malloc(size);
 	if (!bytes)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for the state of a fetch");
@@ -36,14 +36,14 @@ int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
 	packer_u64(&p, f->id.hi);
 	packer_u64(&p, f->id.lo);
 	for (unsigned i = 0; i < 3; i++)
-		packer_i64(&p, f->head.k[i]);
+		packer_i64(&p, f->feed.head.k[i]);
 	packer_u64(&p, at.blocks);
 	packer_u64(&p, at.vertices);
 	packer_u64(&p, at.triangles);
 	packer_u64(&p, at.last_index);
 	for (unsigned i = 0; i < 6; i++)
 		packer_i32(&p, at.box[i]);
-	check_pack(f->check, &p);
+	check_pack(f->feed.check, &p);
 	packer_u64(&p, XXH3_64bits(bytes, size - STATE_SUM));
 	*ret = bytes;
 	*ret_size = size;

@@ -83,6 +83,7 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1_
 		.kept = p->kept,
 		.rounds = p->rounds,
 		.attempts = p->attempts,
+		.largest_error = p->largest_error,
 	};
 	*ret_rows = rows;
 	return 0;

@@ -47,7 +47,8 @@ static int output_temp(struct outfile *o, int (*make)(struct outfile *, struct e
 	for (unsigned i = 0; i < 1000; i++) {
 		struct err e = ERR_INIT;
 
-		if (asprintf(&o->temp, ".%.200s.%d-%u.part", o->name, (int)getpid(), i) < 0) {
+		if (asprintf(&o->temp, ".%.200s%s%s.%d-%u.part", o->name, o->tag ? "." : "", o->tag ? o->tag : "", (int)getpid(),
+			     i) < 0) {
 			o->temp = NULL;
 			return err_set(err, ERR_NOMEM, "no memory for a file name");
 		}
@@ -206,20 +207,23 @@ int outfile_spool(const struct outfile *beside, struct outfile **ret, struct err
 	return 0;
 }
 
-/* rename that never replaces: in one step where the system has it, else by a second link. */
+/* One that never replaces is in one step where the system has it, else by a second link. */
+int outfile_rename(int fromfd, const char *from, int tofd, const char *to, bool no_clobber)
+{
+	int r = no_clobber ? renameat2(fromfd, from, tofd, to, RENAME_NOREPLACE) : renameat(fromfd, from, tofd, to);
+
+	if (r && no_clobber && (errno == EINVAL || errno == ENOSYS) && !(r = linkat(fromfd, from, tofd, to, 0)))
+		unlinkat(fromfd, from, 0);
+	return r;
+}
+
 static int publish_no_clobber(struct outfile *o, struct err *err)
 {
 	int r = io_sync(o->fd, o->label, err);
 
 	if (r)
 		return r;
-	if (renameat2(o->dirfd, o->temp, o->dirfd, o->name, RENAME_NOREPLACE)) {
-		if (errno == EINVAL || errno == ENOSYS) {
-			if (!linkat(o->dirfd, o->temp, o->dirfd, o->name, 0)) {
-				unlinkat(o->dirfd, o->temp, 0);
-				return io_sync(o->dirfd, o->label, err);
-			}
-		}
+	if (outfile_rename(o->dirfd, o->temp, o->dirfd, o->name, true)) {
 		if (errno == EEXIST) {
 			err_set(err, ERR_USAGE, "the output exists now, and --no-clobber was given");
 			return err_add_file(err, o->label);
@@ -232,6 +236,7 @@ static int publish_no_clobber(struct outfile *o, struct err *err)
 
 int outfile_publish(struct outfile *o, struct err *err)
 {
+	const char *name = o->held ? o->held : o->name;
 	int r = outfile_flush(o, err);
 
 	if (!r && o->nameless) {
@@ -247,12 +252,12 @@ int outfile_publish(struct outfile *o, struct err *err)
 		r = publish_no_clobber(o, err);
 	} else if (o->passing) {
 		r = io_sync(o->fd, o->label, err);
-		if (!r && renameat(o->dirfd, o->temp, o->dirfd, o->name)) {
+		if (!r && renameat(o->dirfd, o->temp, o->dirfd, name)) {
 			err_sys(err, errno, "the output cannot be given its name");
 			r = err_add_file(err, o->label);
 		}
 	} else {
-		r = io_publish(o->dirfd, o->fd, o->temp, o->name, err);
+		r = io_publish(o->dirfd, o->fd, o->temp, name, err);
 		if (r)
 			err_add_file(err, o->label);
 	}
@@ -277,6 +282,8 @@ struct outfile *outfile_free(struct outfile *o)
 	io_close(o->dirfd);
 	free(o->label);
 	free(o->name);
+	free(o->held);
+	free(o->tag);
 	free(o->temp);
 	free(o->buf);
 	free(o);

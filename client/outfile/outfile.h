@@ -81,12 +81,38 @@ int outfile_part_store(const struct outfile *, const uint8_t *bytes, size_t size
 int outfile_part_damaged(const struct outfile *, struct err *err);     /* -ERR_CORRUPT, of its state */
 void outfile_part_name_state(const struct outfile *, struct err *err); /* the file that the error is about */
 
+/* ---- an output that is complete before it gets its name, which another process gives it ---- */
+
+/* Of a new output, before anything else: it will be published as .NAME.TAG.part beside its place. */
+int outfile_hold(struct outfile *, const char *tag, struct err *err);
+/* What tells it from others when it has its name. */
+struct outfile_held {
+	uint64_t size, inode;
+};
+int outfile_held(const struct outfile *, struct outfile_held *ret, struct err *err); /* of one that was published */
+/* Gives it the name `path`; does nothing if another process has done that. -ERR_GONE: it is neither there nor here. */
+int outfile_settle(const char *path, const char *tag, const struct outfile_held *, bool no_clobber, struct err *err);
+/* Removes what is held for `path` by that tag, if it is there. */
+void outfile_held_drop(const char *path, const char *tag);
+
 /* ---- a folder of files that appear together ---- */
 
 /* A folder, made if need be, with another one in it that has the files until all of them are complete. The index is the file
  * that lists them: with no_clobber a folder that has one is an error. */
 struct outfile_folder;
 int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err);
+/* One of several folders with files for `dir`, named by its tag: .tiles.TAG.part. It takes no lock. With `joins` it is that of
+ * the process which moves the files of all of them (outfile_folder_settle). Else clear and move do nothing, and it stays where
+ * outfile_folder_keep was called. */
+int outfile_folder_hold(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,
+			struct outfile_folder **ret, struct err *err);
+/* Of a file that was published in the inner folder. */
+int outfile_folder_held(const struct outfile_folder *, const char *name, struct outfile_held *ret, struct err *err);
+/* As outfile_settle, of a file in the folder of that tag; and removes that folder, with all that is in it. */
+int outfile_folder_settle(struct outfile_folder *, const char *tag, const char *name, const struct outfile_held *,
+			  struct err *err);
+void outfile_folder_drop(const char *dir, const char *tag);
+bool outfile_folder_has(const struct outfile_folder *, const char *name, const struct outfile_held *); /* it has its name */
 /* A new file in the inner folder; nameless files are made there, too. */
 int outfile_folder_file(const struct outfile_folder *, const char *name, struct outfile **ret, struct err *err);
 /* Before the first is moved: -ERR_USAGE if names exist and must not be replaced; else the old index is removed, since it will

@@ -5,6 +5,9 @@
  * durable; a failure before that leaves the outer folder as it was. The old index is removed before the first move, and the
  * new one comes last: if there is an index, all files that it lists are there and belong together. Files that a killed
  * process left in .tiles.part are removed by the next one.
+ *
+ * Where several processes make the files of one folder, each has an inner folder of its own (outfile_folder_hold), perhaps on
+ * another machine: there are no locks then. One process moves all files, and may be followed by another that does the same again.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -27,8 +30,12 @@
 struct outfile_folder {
 	char *path;
 	const char *index;
+	char inner[160];
 	int fd, part;
 	bool made, locked, kept, no_clobber;
+	bool held;  /* another process moves the files */
+	bool joins; /* those of several folders are moved */
+	bool own;   /* the inner folder was made here */
 };
 
 static void empty(int fd)
@@ -56,7 +63,7 @@ static int open_outer(struct outfile_folder *p, struct err *err)
 		err_set(err, ERR_USAGE, "tiles go into a folder, and this is none");
 		return err_add_hint(err, "give a folder, or one that is not there yet, as in -o tiles/");
 	}
-	if (!r && p->no_clobber && !faccessat(p->fd, p->index, F_OK, AT_SYMLINK_NOFOLLOW))
+	if (!r && p->no_clobber && !p->joins && !faccessat(p->fd, p->index, F_OK, AT_SYMLINK_NOFOLLOW))
 		r = err_set(err, ERR_USAGE, "the folder has tiles already, and --no-clobber was given");
 	return r;
 }
@@ -65,13 +72,13 @@ static int open_outer(struct outfile_folder *p, struct err *err)
 static int open_inner(struct outfile_folder *p, struct err *err)
 {
 	struct stat own, named;
-	int r = io_make_dir(p->fd, PART, 0777, err);
+	int r = io_make_dir(p->fd, p->inner, 0777, err);
 
 	if (!r)
-		r = io_open(p->fd, PART, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &p->part, err);
+		r = io_open(p->fd, p->inner, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &p->part, err);
 	if (r)
 		return r;
-	if (flock(p->part, LOCK_EX | LOCK_NB) || fstat(p->part, &own) || fstatat(p->fd, PART, &named, AT_SYMLINK_NOFOLLOW) ||
+	if (flock(p->part, LOCK_EX | LOCK_NB) || fstat(p->part, &own) || fstatat(p->fd, p->inner, &named, AT_SYMLINK_NOFOLLOW) ||
 	    own.st_ino != named.st_ino || own.st_dev != named.st_dev)
 		return err_set(err, ERR_BUSY, "another fetch writes tiles there");
 	p->locked = true;
@@ -79,7 +86,22 @@ static int open_inner(struct outfile_folder *p, struct err *err)
 	return 0;
 }
 
-int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err)
+/* One of its own, which must not be there. */
+static int make_inner(struct outfile_folder *p, struct err *err)
+{
+	if (io->mkdirat(p->fd, p->inner, 0777))
+		return err_sys(err, errno, "cannot make the folder %s", p->inner);
+	p->own = true;
+	return io_open(p->fd, p->inner, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &p->part, err);
+}
+
+static void inner_name(const char *tag, char *buf, size_t size)
+{
+	snprintf(buf, size, ".tiles.%s.part", tag);
+}
+
+static int folder_new(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,
+		      struct outfile_folder **ret, struct err *err)
 {
 	struct outfile_folder *p = calloc(1, sizeof(*p));
 	int r = 0;
@@ -88,14 +110,19 @@ int outfile_folder_new(const char *dir, const char *index, bool no_clobber, stru
 		p->fd = p->part = -1;
 		p->index = index;
 		p->no_clobber = no_clobber;
+		p->held = tag && !joins;
+		p->joins = joins;
 		p->path = strdup(dir);
+		snprintf(p->inner, sizeof(p->inner), "%s", PART);
+		if (tag)
+			inner_name(tag, p->inner, sizeof(p->inner));
 	}
 	if (!p || !p->path)
 		r = err_set(err, ERR_NOMEM, "no memory for a folder");
 	if (!r)
 		r = open_outer(p, err);
 	if (!r)
-		r = open_inner(p, err);
+		r = tag ? make_inner(p, err) : open_inner(p, err);
 	if (r) {
 		outfile_folder_free(p);
 		return r;
@@ -104,12 +131,23 @@ int outfile_folder_new(const char *dir, const char *index, bool no_clobber, stru
 	return 0;
 }
 
+int outfile_folder_new(const char *dir, const char *index, bool no_clobber, struct outfile_folder **ret, struct err *err)
+{
+	return folder_new(dir, index, no_clobber, NULL, false, ret, err);
+}
+
+int outfile_folder_hold(const char *dir, const char *index, bool no_clobber, const char *tag, bool joins,
+			struct outfile_folder **ret, struct err *err)
+{
+	return folder_new(dir, index, no_clobber, tag, joins, ret, err);
+}
+
 int outfile_folder_file(const struct outfile_folder *p, const char *name, struct outfile **ret, struct err *err)
 {
 	char *path;
 	int r;
 
-	if (asprintf(&path, "%s/" PART "/%s", p->path, name) < 0)
+	if (asprintf(&path, "%s/%s/%s", p->path, p->inner, name) < 0)
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
 	r = outfile_new(path, false, ret, err);
 	free(path);
@@ -133,10 +171,12 @@ int outfile_folder_clear(struct outfile_folder *p, size_t n, const char *(*name)
 	char buf[OUTFILE_NAME];
 	int r;
 
-	for (size_t i = 0; i < n && p->no_clobber; i++)
+	if (p->held)
+		return 0;
+	for (size_t i = 0; i < n && p->no_clobber && !p->joins; i++)
 		if (!faccessat(p->fd, name(ctx, i, buf), F_OK, AT_SYMLINK_NOFOLLOW))
 			return taken(p, buf, err);
-	if (p->no_clobber)
+	if (p->no_clobber && !p->joins)
 		return 0; /* an index cannot be there, or it is not removed */
 	r = io_remove(p->fd, p->index, err);
 	return r ? r : outfile_folder_sync(p, err);
@@ -147,15 +187,11 @@ int outfile_folder_move(struct outfile_folder *p, const char *name, struct err *
 	char path[PATH_MAX];
 	int r;
 
-	if (!p->no_clobber) {
-		r = renameat(p->part, name, p->fd, name);
-	} else {
-		r = renameat2(p->part, name, p->fd, name, RENAME_NOREPLACE);
-		if (r && (errno == EINVAL || errno == ENOSYS) && !(r = linkat(p->part, name, p->fd, name, 0)))
-			unlinkat(p->part, name, 0);
-		if (r && errno == EEXIST)
-			return taken(p, name, err);
-	}
+	if (p->held)
+		return 0;
+	r = outfile_rename(p->part, name, p->fd, name, p->no_clobber && !p->joins);
+	if (r && p->no_clobber && errno == EEXIST)
+		return taken(p, name, err);
 	if (!r)
 		return 0;
 	snprintf(path, sizeof(path), "%s/%s", p->path, name);
@@ -163,9 +199,53 @@ int outfile_folder_move(struct outfile_folder *p, const char *name, struct err *
 	return err_add_file(err, path);
 }
 
+int outfile_folder_held(const struct outfile_folder *p, const char *name, struct outfile_held *ret, struct err *err)
+{
+	struct stat st;
+
+	if (fstatat(p->part, name, &st, AT_SYMLINK_NOFOLLOW)) {
+		err_sys(err, errno, "cannot look at an output");
+		return err_add_file(err, name);
+	}
+	*ret = (struct outfile_held){(uint64_t)st.st_size, (uint64_t)st.st_ino};
+	return 0;
+}
+
+int outfile_folder_settle(struct outfile_folder *p, const char *tag, const char *name, const struct outfile_held *held,
+			  struct err *err)
+{
+	char from[320], path[PATH_MAX];
+	int r;
+
+	inner_name(tag, from, sizeof(from));
+	snprintf(from + strlen(from), sizeof(from) - strlen(from), "/%s", name);
+	r = outfile_settle_at(p->fd, from, name, held, p->no_clobber, err);
+	snprintf(path, sizeof(path), "%s/%s", p->path, name);
+	return r ? err_add_file(err, path) : 0;
+}
+
+bool outfile_folder_has(const struct outfile_folder *p, const char *name, const struct outfile_held *held)
+{
+	return outfile_is_held(p->fd, name, held);
+}
+
+void outfile_folder_drop(const char *dir, const char *tag)
+{
+	struct err ignored = ERR_INIT;
+	char name[160];
+	int fd = -1;
+
+	inner_name(tag, name, sizeof(name));
+	if (!io_place_folder(dir, 0, &fd, NULL, &ignored))
+		io_folder_remove(fd, name, &ignored);
+	io_close(fd);
+}
+
 int outfile_folder_sync(struct outfile_folder *p, struct err *err)
 {
-	return io_sync(p->fd, p->path, err);
+	int r = p->held ? io_sync(p->part, p->path, err) : 0;
+
+	return r ? r : io_sync(p->fd, p->path, err);
 }
 
 void outfile_folder_keep(struct outfile_folder *p)
@@ -177,11 +257,11 @@ struct outfile_folder *outfile_folder_free(struct outfile_folder *p)
 {
 	if (!p)
 		return NULL;
-	if (p->locked) {
+	if (p->locked || (p->own && !(p->held && p->kept))) {
 		empty(p->part);
-		unlinkat(p->fd, PART, AT_REMOVEDIR);
+		unlinkat(p->fd, p->inner, AT_REMOVEDIR);
 	}
-	if (p->made && !p->kept)
+	if (p->made && !p->kept && !p->held)
 		rmdir(p->path);
 	io_close(p->part);
 	io_close(p->fd);

@@ -11,6 +11,8 @@
 struct outfile {
 	int dirfd, fd;             /* dirfd -1: standard output or not a regular file; fd -1: an annex without bytes */
 	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
+	char *tag;                 /* of outfile_hold, NULL */
+	char *held;                /* the name that it is published under; NULL: `name` */
 	bool seekable, no_clobber, own_fd;
 	bool passing;         /* its name is not the last one: the folder need not be durable */
 	bool nameless;        /* has no name yet, temp is NULL */
@@ -30,6 +32,12 @@ struct outfile *outfile_alloc(const char *label, struct err *err);
 /* A nameless file in the folder `dirfd`, or in that for temporary files if it is -1. */
 int outfile_nameless(int dirfd, int *ret_fd, struct err *err);
 int outfile_flush(struct outfile *, struct err *err);
+/* -1, with errno. EEXIST: no_clobber, and there is a file. */
+int outfile_rename(int fromfd, const char *from, int tofd, const char *to, bool no_clobber);
+bool outfile_is_held(int dirfd, const char *name, const struct outfile_held *);
+/* outfile_held.c: outfile_settle in an open folder. */
+int outfile_settle_at(int dirfd, const char *from, const char *name, const struct outfile_held *, bool no_clobber,
+		      struct err *err);
 
 int outfile_part_annex(struct outfile *host, struct outfile *annex, struct err *err);
 void outfile_part_add(struct outfile_part *, const uint8_t *bytes, size_t n);

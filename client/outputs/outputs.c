@@ -121,6 +121,14 @@ static int trim(struct outputs *run, const struct outfile *beside, struct err *e
 	return run->opt.trim_hull.given && !run->hull ? outputs_hull_new(beside, &run->hull, err) : 0;
 }
 
+/* Where the files of a folder go when parts are joined. */
+static int folder_of(struct outputs *run, const char *path, struct err *err)
+{
+	free(run->joined.folder);
+	run->joined.folder = strdup(path);
+	return run->joined.folder ? 0 : err_set(err, ERR_NOMEM, "no memory for a file name");
+}
+
 int outputs_add(struct outputs *run, const char *path, const struct format *format, const struct format_options *given,
 		struct err *err)
 {
@@ -129,14 +137,23 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	struct outputs_target *t = r ? NULL : calloc(1, sizeof(*t));
 
 	own.trimmed = run->trimmed[0] ? run->trimmed : NULL;
+	run->joined.no_clobber |= opt->no_clobber;
+	if (!r && run->opt.part && path && (run->opt.tiled || run->opt.levels))
+		r = folder_of(run, path, err);
+	if (!r && run->opt.joins && !run->opt.tiled) {
+		free(t);
+		return 0;
+	}
 	if (!r && run->opt.tiled)
 		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
 				 outputs_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
 	if (!r && run->opt.levels)
 		r = run->levels ? err_set(err, ERR_USAGE, "levels of detail go into one folder, and two are given") :
 				  outputs_levels_new(path, format, opt, &run->opt, &run->levels, err);
+	if (!r && run->tiles)
+		run->tiles->moves = &run->joined.moves;
 	run->positions |= run->opt.tiled || run->opt.levels;
-	if (!r && (run->opt.tiled || run->opt.levels))
+	if (!r && !run->opt.joins && (run->opt.tiled || run->opt.levels))
 		r = trim(run, run->tiles ? run->tiles->index : outputs_levels_beside(run->levels), err);
 	if (r || run->opt.tiled || run->opt.levels) {
 		free(t);
@@ -148,6 +165,9 @@ int outputs_add(struct outputs *run, const char *path, const struct format *form
 	t->opt = *opt;
 	if (path)
 		r = outfile_new(path, opt->no_clobber, &t->out, err);
+	t->part = run->opt.part;
+	if (!r && path && t->part)
+		r = outfile_hold(t->out, t->part, err);
 	if (!r && path)
 		r = outputs_beside_open(t, path, err);
 	if (!r && run->opt.changes && !run->change) {
@@ -205,12 +225,16 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 static int run_write(void *ctx, const struct format_block *given)
 {
 	struct outputs *run = ctx;
-	struct acut_mesh_block kept, inside;
+	struct acut_mesh_block own, kept, inside;
 	struct format_block block = *given;
 	int r = 0;
 
-	if (run->mask) {
-		r = outputs_mask_block(run->mask, given->mesh, given->position, &inside, &run->err);
+	if (run->tiles && run->opt.part) {
+		r = outputs_tiles_share(run->tiles, block.mesh, given->position, &own, &run->err);
+		block.mesh = &own;
+	}
+	if (!r && run->mask) {
+		r = outputs_mask_block(run->mask, block.mesh, given->position, &inside, &run->err);
 		block.mesh = &inside;
 	}
 	if (!r && (run->edge.limited || run->edge.gather)) {
@@ -243,19 +267,32 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 	return r ? r : run_write(run, &block);
 }
 
-/* What the run leaves out for a reason; NULL: it is none of the run. */
-static const struct outputs_left *left_by(const struct outputs *run, enum outputs_reason reason)
+struct outputs_left *outputs_left_by(struct outputs *run, enum outputs_reason reason)
 {
+	struct outputs_left *joined = run->opt.joins ? &run->joined.left[reason] : NULL;
+
 	switch (reason) {
 	case OUTPUTS_BY_HULL:
-		return run->hull ? outputs_hull_left(run->hull) : NULL;
+		if (!run->opt.trim_hull.given)
+			return NULL;
+		return joined ? joined : run->hull ? (struct outputs_left *)outputs_hull_left(run->hull) : NULL;
 	case OUTPUTS_BY_MASK:
-		return *outputs_mask_digest(run->mask, OUTPUTS_MASK) ? outputs_mask_left(run->mask, OUTPUTS_MASK) : NULL;
+		if (!*outputs_mask_digest(run->mask, OUTPUTS_MASK))
+			return NULL;
+		return joined ? joined : outputs_mask_left(run->mask, OUTPUTS_MASK);
 	case OUTPUTS_BY_ERASE:
-		return *outputs_mask_digest(run->mask, OUTPUTS_ERASE) ? outputs_mask_left(run->mask, OUTPUTS_ERASE) : NULL;
+		if (!*outputs_mask_digest(run->mask, OUTPUTS_ERASE))
+			return NULL;
+		return joined ? joined : outputs_mask_left(run->mask, OUTPUTS_ERASE);
 	default:
 		return run->opt.max_edge.given ? &run->edge.left : NULL;
 	}
+}
+
+/* The same, to look at. */
+static const struct outputs_left *left_by(const struct outputs *run, enum outputs_reason reason)
+{
+	return outputs_left_by((struct outputs *)run, reason);
 }
 
 /* All triangles that the run leaves out. */
@@ -355,21 +392,30 @@ int outputs_publish(struct outputs *run, struct err *err)
 	}
 	if (!run->finished)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
+	if (run->opt.joins)
+		return outputs_part_publish(run, err);
 	if (run->change && outputs_change_publish(run->change, &run->origin, &run->bytes, err))
 		return -err->code;
 	for (struct outputs_target *t = run->target; t; t = t->next) {
 		int r = outputs_beside_make(run, t, err);
 
 		r = r ? r : outputs_beside_publish(t, &run->bytes, err);
+		for (unsigned i = 0; i < t->nbeside && !r; i++)
+			r = outputs_part_file(run, t->beside[i], err);
 		if (!r && t->out)
 			r = outfile_publish(t->out, err);
+		if (!r && t->out)
+			r = outputs_part_file(run, t->out, err);
 		if (r)
 			return r;
 		run->bytes += t->out ? outfile_size(t->out) : 0;
 	}
 	outputs_keep_done(run);
-	if (run->levels)
-		return outputs_levels_publish(run->levels, &run->bytes, err);
+	if (run->levels) {
+		int r = outputs_levels_publish(run->levels, &run->bytes, err);
+
+		return r || !run->opt.part ? r : outputs_levels_moves(run->levels, &run->joined.moves, err);
+	}
 	outputs_report(run, &report);
 	return run->tiles ? outputs_tiles_publish(run->tiles, &run->origin, &report, &run->bytes, err) : 0;
 }
@@ -380,14 +426,29 @@ void outputs_about(struct outputs *run, uint64_t job, const char *dataset, uint6
 	run->origin = (struct outputs_origin){job, generation, dataset ? strdup(dataset) : NULL};
 }
 
-static uint32_t without_lines(const struct outputs *run)
+uint32_t outputs_no_lines(const struct outputs *run)
 {
-	uint32_t bits = 0;
+	uint32_t bits = run->joined.no_lines;
 	unsigned i = 0;
 
 	for (const struct outputs_target *t = run->target; t; t = t->next, i++)
 		bits |= (uint32_t)(t->format->lines && !t->format->lines(t->writer)) << i;
 	return run->tiles && run->tiles->format->lines && !outputs_tiles_count(run->tiles) ? 1 : bits;
+}
+
+struct format_simplified outputs_simplified(const struct outputs *run)
+{
+	struct format_simplified sum = run->joined.simplified;
+
+	for (const struct outputs_target *t = run->target; t; t = t->next) {
+		struct format_simplified s = {0};
+
+		if (t->opt.simplify.mantissa && t->format->simplified && t->writer)
+			s = t->format->simplified(t->writer);
+		sum.vertices += s.vertices;
+		sum.left_out += s.left_out;
+	}
+	return sum;
 }
 
 static struct outputs_left_out count_of(const struct outputs *run, const struct outputs_left *left)
@@ -405,20 +466,13 @@ void outputs_report(const struct outputs *run, struct outputs_report *ret)
 		.all_left_out = left.triangles && left.triangles == run->all_triangles,
 		.tiles = run->tiles  ? outputs_tiles_count(run->tiles) :
 			 run->levels ? outputs_levels_count(run->levels) :
-				       0,
-		.no_lines = without_lines(run),
+				       run->joined.tiles,
+		.no_lines = outputs_no_lines(run),
 		.longest_edge = outputs_edge_longest(&run->edge),
 		.median_edge = outputs_edge_median(&run->edge),
 		.long_share = outputs_edge_share(&run->edge, OUTPUTS_LONG_EDGE * outputs_edge_median(&run->edge)),
 	};
-	for (const struct outputs_target *t = run->target; t; t = t->next) {
-		struct format_simplified s = {0};
-
-		if (t->opt.simplify.mantissa && t->format->simplified && t->writer)
-			s = t->format->simplified(t->writer);
-		ret->simplified.vertices += s.vertices;
-		ret->simplified.left_out += s.left_out;
-	}
+	ret->simplified = outputs_simplified(run);
 	if (run->change)
 		ret->changes = *outputs_change_counts(run->change);
 	for (enum outputs_reason i = 0; i < OUTPUTS_REASONS; i++)
@@ -447,6 +501,7 @@ struct outputs *outputs_free(struct outputs *run)
 	outputs_edge_done(&run->edge);
 	outputs_head_done(&run->head);
 	outputs_keep_free(run->kept);
+	outputs_joined_done(&run->joined);
 	free(run->origin.dataset);
 	free(run);
 	return NULL;

@@ -34,6 +34,12 @@ struct outputs_options {
 	struct decimal tile;           /* their side, in file units: above zero */
 	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
 	void *ctx;
+	/* Several processes make the outputs, each a part of them, and one joins these (outputs_join). NULL: there are no parts.
+	 * Else what the part of this run is called in the names that files have until they are joined: characters of file names.
+	 */
+	const char *part;
+	bool joins;        /* it joins the parts, and gets head and tail, but no blocks */
+	uint64_t share[2]; /* of a part with tiles: from which tile on, and which is the last (outputs_tile_code) */
 };
 
 /* The most tiles that the triangles of a mesh may be in. */
@@ -102,6 +108,31 @@ bool outputs_saved(const struct outputs *); /* a later run can go on */
 void outputs_about(struct outputs *, uint64_t job, const char *dataset, uint64_t generation);
 /* After the tail: makes all outputs durable and gives them their names. */
 int outputs_publish(struct outputs *, struct err *err);
+
+/* ---- outputs that several processes make (outputs_part.c) ---- */
+
+/* Of a part that was published: what joining needs, to be freed. */
+int outputs_part(const struct outputs *, uint8_t **ret, size_t *ret_size, struct err *err);
+/* Between head and tail of the run that joins: a part, by these bytes. outputs_publish then gives all files their names, once
+ * more if it was interrupted. */
+int outputs_join(struct outputs *, const char *part, const void *bytes, size_t size, struct err *err);
+/* Removes the files of a part that was published and counts for nothing. */
+void outputs_part_drop(const struct outputs *);
+
+/* The place of a tile among all of a mesh: columns and rows from the first ones of the box of the head, their bits in turn, those
+ * of columns first from below. Tiles with codes that follow each other lie close to each other. */
+uint64_t outputs_tile_code(uint32_t column, uint32_t row);
+/* The tiles of a head's box with sides of `tile`: *ret_count of columns and rows. -ERR_USAGE, as of outputs_tiles. `corner`,
+ * lattice numbers, to the column and row of the tile that has the point. */
+struct outputs_grid {
+	uint64_t p, q;
+	int64_t k[2], first[2];
+	uint64_t count[2];
+};
+int outputs_grid_init(struct outputs_grid *, struct decimal tile, const struct acut_mesh_head *, struct err *err);
+void outputs_grid_at(const struct outputs_grid *, const int32_t corner[2], uint32_t ret[2]);
+/* Whether a tile with a code of `share` is among those between two. */
+bool outputs_grid_meets(const uint32_t low[2], const uint32_t high[2], const uint64_t share[2]);
 void outputs_report(const struct outputs *, struct outputs_report *ret);
 struct outputs *outputs_free(struct outputs *);
 

@@ -63,6 +63,8 @@ static int open_one(struct outputs_target *t, const char *path, const char *suff
 	outputs_beside_name(path, suffix, name, size);
 	r = outfile_new(name, t->opt.no_clobber, &t->beside[t->nbeside], err);
 	t->nbeside += !r;
+	if (!r && t->part)
+		r = outfile_hold(t->beside[t->nbeside - 1], t->part, err);
 	free(name);
 	return r;
 }

@@ -281,3 +281,19 @@ void outputs_edge_load(struct outputs_edge *ed, struct cursor *c)
 	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
 		ed->area[i] = cursor_f64(c);
 }
+
+void outputs_edge_add(struct outputs_edge *ed, struct cursor *c)
+{
+	struct outputs_left left;
+	double longest;
+
+	outputs_left_load(&left, c);
+	outputs_left_sum(&ed->left, &left);
+	longest = cursor_f64(c);
+	ed->longest = longest > ed->longest ? longest : ed->longest;
+	ed->count += cursor_u64(c);
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
+		ed->bucket[i] += cursor_u64(c);
+	for (int i = 0; i < OUTPUTS_EDGE_BUCKETS; i++)
+		ed->area[i] += cursor_f64(c);
+}

@@ -70,7 +70,10 @@ int outputs_levels_new(const char *dir, const struct format *format, const struc
 		return r ? r : err_set(err, ERR_NOMEM, "no memory for tiles");
 	t->opt = *opt;
 	name_of(dir, t->name, sizeof(t->name));
-	r = outfile_folder_new(dir, OUTPUTS_LEVELS_INDEX, opt->no_clobber, &t->place, err);
+	if (run->part)
+		r = outfile_folder_hold(dir, OUTPUTS_LEVELS_INDEX, opt->no_clobber, run->part, false, &t->place, err);
+	else
+		r = outfile_folder_new(dir, OUTPUTS_LEVELS_INDEX, opt->no_clobber, &t->place, err);
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_LEVELS_INDEX, &t->index, err);
 	own.folder = t->place;
@@ -199,4 +202,9 @@ int outputs_levels_publish(struct outputs_levels *t, uint64_t *bytes, struct err
 uint64_t outputs_levels_count(const struct outputs_levels *t)
 {
 	return levels_tiles(t->levels);
+}
+
+int outputs_levels_moves(struct outputs_levels *t, struct outputs_moves *moves, struct err *err)
+{
+	return outputs_moves_folder(moves, t->place, levels_tiles(t->levels), levels_name, t->levels, OUTPUTS_LEVELS_INDEX, err);
 }

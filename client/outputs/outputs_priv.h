@@ -13,6 +13,7 @@
 
 struct outputs_change;
 struct outputs_levels;
+struct outputs_moves;
 struct outputs_tiles;
 
 /* Where a mesh is from, for the indexes of tiles and changes. */
@@ -92,6 +93,7 @@ double outputs_edge_area(const struct outputs_edge *, unsigned __int128 area2);
 void outputs_edge_done(struct outputs_edge *);
 void outputs_edge_save(const struct outputs_edge *, struct packer *); /* what was counted */
 void outputs_edge_load(struct outputs_edge *, struct cursor *);
+void outputs_edge_add(struct outputs_edge *, struct cursor *); /* likewise, to what is there */
 
 /* ---- --trim-hull: outputs_hull.c ---- */
 
@@ -147,6 +149,8 @@ int outputs_levels_block(struct outputs_levels *, const struct format_block *, s
 void outputs_levels_tail(struct outputs_levels *, const struct acut_mesh_tail *);
 /* Makes the folder. *bytes grows by its files. */
 int outputs_levels_publish(struct outputs_levels *, uint64_t *bytes, struct err *err);
+/* After it, of a part. */
+int outputs_levels_moves(struct outputs_levels *, struct outputs_moves *, struct err *err);
 uint64_t outputs_levels_count(const struct outputs_levels *); /* tiles */
 struct outputs_levels *outputs_levels_free(struct outputs_levels *);
 
@@ -158,6 +162,37 @@ struct outputs_head {
 };
 int outputs_head_copy(struct outputs_head *, const struct acut_mesh_head *, struct err *err);
 void outputs_head_done(struct outputs_head *);
+
+/* ---- parts: outputs_part.c ---- */
+
+/* A file that is complete and gets its name when the parts are joined: a path, or a name in the folder of the run. */
+struct outputs_move {
+	char *name;
+	const char *part; /* one of the names of parts */
+	struct outfile_held held;
+};
+struct outputs_moves {
+	struct outputs_move *move;
+	size_t n, room;
+};
+int outputs_moves_add(struct outputs_moves *, const char *name, const char *part, const struct outfile_held *, struct err *err);
+/* Of files that a folder of this part has: n of them by `name`, and `last`, if it is not NULL. */
+int outputs_moves_folder(struct outputs_moves *, const struct outfile_folder *, size_t n,
+			 const char *(*name)(void *ctx, size_t i, char *buf), void *ctx, const char *last, struct err *err);
+int outputs_moves_settle(const struct outputs_moves *, struct outfile_folder *, struct err *err);
+
+/* What a run knows of the parts that it joins. */
+struct outputs_joined {
+	struct outputs_moves moves; /* of a part: its own files */
+	char **part;                /* their names */
+	size_t nparts;
+	char *folder; /* that the files are in; NULL: they have paths */
+	bool no_clobber;
+	struct outputs_left left[OUTPUTS_REASONS];
+	struct format_simplified simplified;
+	uint64_t bytes, tiles;
+	uint32_t no_lines;
+};
 
 /* ---- outputs ---- */
 
@@ -171,6 +206,7 @@ struct outputs_target {
 	struct outfile *beside[OUTPUTS_BESIDE]; /* those of the format, and the sidecar */
 	unsigned nbeside;
 	struct outputs_canonical *canonical;
+	const char *part; /* of the run */
 	struct outputs_target *next;
 };
 
@@ -196,7 +232,15 @@ struct outputs {
 	uint64_t bytes;
 	struct outputs_origin origin; /* owns its text */
 	struct outputs_kept *kept;    /* NULL: nothing is */
+	struct outputs_joined joined;
 };
+/* outputs_part.c. A file of a part that was published, and of the run that joins: what outputs_publish does there. */
+int outputs_part_file(struct outputs *, const struct outfile *, struct err *err);
+int outputs_part_publish(struct outputs *, struct err *err);
+void outputs_joined_done(struct outputs_joined *);
+struct outputs_left *outputs_left_by(struct outputs *, enum outputs_reason); /* NULL: the run has no such reason */
+uint32_t outputs_no_lines(const struct outputs *);
+struct format_simplified outputs_simplified(const struct outputs *);
 
 /* outputs_beside.c: the small files beside an output are opened with it, and made and get their names before it. */
 /* The name of a file beside `path`: `suffix` is in place of its extension, or behind all of it if it begins with '+'. */

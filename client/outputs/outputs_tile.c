@@ -67,15 +67,17 @@ int outputs_tiles_new(const char *dir, const struct format *format, const struct
 		t->size.mantissa *= 10;
 	if (t->size.exponent > 0 || t->size.exponent < -40)
 		r = err_set(err, ERR_USAGE, "--tile is no length that a mesh can have");
-	if (!r)
+	if (!r && run->part)
+		r = outfile_folder_hold(dir, OUTPUTS_TILES_INDEX, opt->no_clobber, run->part, run->joins, &t->place, err);
+	else if (!r)
 		r = outfile_folder_new(dir, OUTPUTS_TILES_INDEX, opt->no_clobber, &t->place, err);
 	if (!r)
 		r = outfile_folder_file(t->place, OUTPUTS_TILES_INDEX, &t->index, err);
 	t->opt.tiled = true;
-	if (!r && ((format->tiles && (format->kind == FORMAT_RASTER || opt->cell.mantissa)) || format->tile_lines))
-		r = format->open(t->index, &t->opt, &t->writer, err);
-	else if (!r)
-		r = sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+	t->divides = (format->tiles && (format->kind == FORMAT_RASTER || opt->cell.mantissa)) || format->tile_lines;
+	if (!r && !run->joins)
+		r = t->divides ? format->open(t->index, &t->opt, &t->writer, err) :
+				 sort_new(OUTPUTS_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
 	if (!r && t->sort)
 		sort_interrupt(t->sort, run->interrupted, run->ctx);
 	if (r) {
@@ -96,6 +98,7 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *t)
 	outfile_free(t->index);
 	outfile_folder_free(t->place);
 	outputs_head_done(&t->copy);
+	outputs_passed_free(&t->passed);
 	free(t->tile);
 	free(t->slot);
 	free(t);
@@ -112,53 +115,75 @@ static i128 floor_div(i128 a, i128 b)
 }
 
 /* The tile of an axis by the sum of three absolute lattice numbers: below 2^64 * 2^60. */
-static i128 tile_of(const struct outputs_tiles *t, i128 sum)
+static i128 tile_of(const struct outputs_grid *g, i128 sum)
 {
-	return floor_div(sum * (i128)t->q, (i128)t->p * 3);
+	return floor_div(sum * (i128)g->q, (i128)g->p * 3);
 }
 
-static int lay_out(struct outputs_tiles *t, struct err *err)
+static int lay_out(struct outputs_grid *g, const struct acut_mesh_head *h, struct err *err)
 {
-	const struct acut_mesh_head *h = &t->head;
-
 	for (int i = 0; i < 2 && h->box[0] <= h->box[3] && h->box[1] <= h->box[4]; i++) {
-		i128 first = tile_of(t, 3 * ((i128)h->box[i] + h->k[i])), last = tile_of(t, 3 * ((i128)h->box[i + 3] + h->k[i]));
+		i128 first = tile_of(g, 3 * ((i128)h->box[i] + h->k[i])), last = tile_of(g, 3 * ((i128)h->box[i + 3] + h->k[i]));
 
 		if (first < INT64_MIN / 2 || last > INT64_MAX / 2)
 			return err_set(err, ERR_USAGE, "--tile is too small: the numbers of the tiles have more than 62 bits");
 		if (last - first > UINT32_MAX)
 			return err_set(err, ERR_USAGE, "--tile is too small: there would be more than 2^32 columns or rows");
-		t->first[i] = (int64_t)first;
-		t->count[i] = (uint64_t)(last - first) + 1;
+		g->first[i] = (int64_t)first;
+		g->count[i] = (uint64_t)(last - first) + 1;
 	}
 	return 0;
 }
 
-int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *head, struct err *err)
+int outputs_grid_init(struct outputs_grid *g, struct decimal tile, const struct acut_mesh_head *h, struct err *err)
 {
-	const struct acut_mesh_head *h = &t->head;
 	struct decimal scale;
-	int r = outputs_head_copy(&t->copy, head, err);
 
-	t->head = t->copy.is;
-	if (r)
-		return r;
+	*g = (struct outputs_grid){.k = {h->k[0], h->k[1]}};
 	if (!decimal_parse(h->scale_xy, &scale) || scale.mantissa <= 0)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
-	if (!outputs_edge_ratio(t->run.tile, 1, 1, scale, &t->p, &t->q) || t->q >> 60) {
+	if (!outputs_edge_ratio(tile, 1, 1, scale, &g->p, &g->q) || g->q >> 60) {
 		err_set(err, ERR_USAGE, "--tile has too many digits beside the scale %s", h->scale_xy);
 		return err_add_hint(err, "give --tile with fewer decimals");
 	}
-	r = lay_out(t, err);
-	if (!r && t->format->tile)
+	return lay_out(g, h, err);
+}
+
+void outputs_grid_at(const struct outputs_grid *g, const int32_t corner[2], uint32_t ret[2])
+{
+	for (int i = 0; i < 2; i++) {
+		i128 at = tile_of(g, 3 * ((i128)corner[i] + g->k[i])) - g->first[i];
+
+		ret[i] = at < 0 ? 0 : at > UINT32_MAX ? UINT32_MAX : (uint32_t)at;
+	}
+}
+
+bool outputs_tiles_at(const struct outputs_tiles *t, const int32_t *const corner[3], uint64_t ret[2])
+{
+	for (int k = 0; k < 2; k++) {
+		i128 sum = 3 * (i128)t->head.k[k] + corner[0][k] + corner[1][k] + corner[2][k];
+
+		ret[k] = (uint64_t)(tile_of(&t->grid, sum) - t->grid.first[k]);
+	}
+	return ret[0] < t->grid.count[0] && ret[1] < t->grid.count[1];
+}
+
+int outputs_tiles_head(struct outputs_tiles *t, const struct acut_mesh_head *head, struct err *err)
+{
+	int r = outputs_head_copy(&t->copy, head, err);
+
+	t->head = t->copy.is;
+	if (!r)
+		r = outputs_grid_init(&t->grid, t->run.tile, &t->head, err);
+	if (!r && t->writer && t->format->tile)
 		outputs_tiles_tile(t);
 	return r || !t->writer ? r : t->format->head(t->writer, head, err);
 }
 
 void outputs_tiles_number(const struct outputs_tiles *t, size_t i, int64_t ret[2])
 {
-	ret[0] = t->first[0] + (int64_t)(uint32_t)t->tile[i].number;
-	ret[1] = t->first[1] + (int64_t)(t->tile[i].number >> 32);
+	ret[0] = t->grid.first[0] + (int64_t)(uint32_t)t->tile[i].number;
+	ret[1] = t->grid.first[1] + (int64_t)(t->tile[i].number >> 32);
 }
 
 const char *outputs_tiles_name_at(const struct outputs_tiles *t, const int64_t at[2], char buf[OUTFILE_NAME])
@@ -289,12 +314,7 @@ static int add_triangle(struct outputs_tiles *t, const int32_t *const corner[3],
 	struct outputs_tile *tile = NULL;
 	int low = 0, r;
 
-	for (int k = 0; k < 2; k++) {
-		i128 sum = 3 * (i128)t->head.k[k] + corner[0][k] + corner[1][k] + corner[2][k];
-
-		at[k] = (uint64_t)(tile_of(t, sum) - t->first[k]);
-	}
-	if (at[0] >= t->count[0] || at[1] >= t->count[1])
+	if (!outputs_tiles_at(t, corner, at))
 		return err_set(err, ERR_PROTO, "a triangle is outside of the box that the stream announced");
 	for (int j = 0; j < 3; j++) {
 		place[j] = digest_place(corner[j][0], corner[j][1]);
@@ -349,7 +369,9 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 	size_t n = t->ntile * (t->nbeside + 1);
 	int r = outfile_folder_clear(t->place, n, file_name, t, err);
 
-	for (size_t i = 0; i < n && !r; i++)
+	if (t->run.joins && !r)
+		r = outputs_moves_settle(t->moves, t->place, err);
+	for (size_t i = 0; i < n && !r && !t->run.joins; i++)
 		r = outfile_folder_move(t->place, file_name(t, i, name), err);
 	if (!r)
 		r = outfile_folder_sync(t->place, err);
@@ -358,21 +380,45 @@ static int move_all(struct outputs_tiles *t, struct err *err)
 	return r ? r : outfile_folder_sync(t->place, err);
 }
 
+/* A part has no index, and its files stay where they are. */
+static int keep_part(struct outputs_tiles *t, struct err *err)
+{
+	int r = outputs_moves_folder(t->moves, t->place, t->ntile * (t->nbeside + 1), file_name, t, NULL, err);
+
+	if (!r)
+		r = outfile_folder_sync(t->place, err);
+	if (!r)
+		outfile_folder_keep(t->place);
+	return r;
+}
+
+static int make_tiles(struct outputs_tiles *t, struct err *err)
+{
+	if (t->run.joins) {
+		outputs_tiles_order(t);
+		return 0;
+	}
+	return t->writer ? outputs_tiles_raster(t, err) : outputs_tiles_make(t, err);
+}
+
 int outputs_tiles_publish(struct outputs_tiles *t, const struct outputs_origin *origin, const struct outputs_report *report,
 			  uint64_t *bytes, struct err *err)
 {
-	int r = t->writer ? outputs_tiles_raster(t, err) : outputs_tiles_make(t, err);
+	bool part = t->run.part && !t->run.joins;
+	int r = make_tiles(t, err);
 
 	t->origin = origin;
-	if (!r)
+	if (!r && part)
+		r = keep_part(t, err);
+	if (!r && !part)
 		r = outputs_tiles_index(t, report, err);
-	if (!r)
+	if (!r && !part)
 		r = outfile_publish(t->index, err);
-	if (!r)
+	if (!r && !part)
 		r = move_all(t, err);
 	if (r)
 		return r;
-	*bytes += outfile_size(t->index) + t->beside_bytes;
+	*bytes += (part ? 0 : outfile_size(t->index)) + t->beside_bytes;
 	for (size_t i = 0; i < t->ntile; i++)
 		*bytes += t->tile[i].bytes;
 	outfile_folder_keep(t->place);

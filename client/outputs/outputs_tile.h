@@ -25,13 +25,12 @@ struct outputs_tiles {
 	struct outfile *index;
 	struct sort *sort; /* the triangles, by tile */
 	void *writer;      /* of a raster or of lines, in place of the sort */
+	bool divides;      /* the format is one of these, which divide themselves */
 	struct outputs_head copy;
 	struct acut_mesh_head head; /* its texts are the copy's */
 	struct acut_mesh_tail tail;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
-	uint64_t p, q;             /* side of a tile over the lattice's scale */
-	int64_t first[2];          /* numbers of the first column and row */
-	uint64_t count[2];         /* columns and rows that the box has */
+	struct outputs_grid grid;  /* the tiles of the head's box */
 	struct outputs_tile *tile; /* those with triangles: as they came, then by number */
 	size_t ntile;
 	const char *beside[OUTPUTS_BESIDE]; /* what the names of files beside each tile end with; of rasters */
@@ -40,6 +39,8 @@ struct outputs_tiles {
 	uint32_t *slot; /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
 	size_t nslot;
 	const struct outputs_origin *origin; /* while it is published */
+	struct outputs_passed passed;        /* of outputs_tiles_share */
+	struct outputs_moves *moves;         /* borrowed: of the files that are joined, or were made for that */
 };
 
 int outputs_tiles_new(const char *dir, const struct format *, const struct format_options *, const struct outputs_options *,
@@ -51,8 +52,17 @@ int outputs_tiles_tail(struct outputs_tiles *, const struct acut_mesh_tail *, st
 int outputs_tiles_publish(struct outputs_tiles *, const struct outputs_origin *, const struct outputs_report *, uint64_t *bytes,
 			  struct err *err);
 uint64_t outputs_tiles_count(const struct outputs_tiles *); /* with triangles */
+/* Of a part: only the triangles of its tiles. *ret points into the tiles and the block. */
+int outputs_tiles_share(struct outputs_tiles *, const struct acut_mesh_block *, const int32_t (*position)[3],
+			struct acut_mesh_block *ret, struct err *err);
+/* The tiles of a part, for the run that joins them. -ERR_CORRUPT. */
+void outputs_tiles_save(const struct outputs_tiles *, struct packer *);
+size_t outputs_tiles_saved(const struct outputs_tiles *); /* at most these bytes */
+int outputs_tiles_load(struct outputs_tiles *, struct cursor *, struct err *err);
 struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *);
 
+/* The column and row of the tile that has the triangle. False: it is outside of the box. */
+bool outputs_tiles_at(const struct outputs_tiles *, const int32_t *const corner[3], uint64_t ret[2]);
 const char *outputs_tiles_name_at(const struct outputs_tiles *, const int64_t at[2], char buf[OUTFILE_NAME]);
 const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME]);
 int outputs_tiles_too_many(const struct outputs_tiles *, struct err *err);

@@ -67,7 +67,7 @@ static void put_tile(FILE *f, struct outputs_tiles *t, size_t i)
 	put_square(f, t, at);
 	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[", outputs_tiles_name(t, i, name),
 		(long long)at[0], (long long)at[1]);
-	if (t->writer) {
+	if (t->divides) {
 		for (int k = 0; k < 4; k++)
 			fprintf(f, "%s%.17g", k ? "," : "", tile->edge[k]);
 		if (tile->lines)

@@ -85,12 +85,12 @@ static int tile_end(void *ctx, const int64_t at[2], struct outfile *out, const s
 {
 	struct outputs_tiles *t = ctx;
 	struct outputs_tile tile = {.pixels = {got->width, got->height}};
-	uint64_t column = (uint64_t)(at[0] - t->first[0]), row = (uint64_t)(at[1] - t->first[1]);
+	uint64_t column = (uint64_t)(at[0] - t->grid.first[0]), row = (uint64_t)(at[1] - t->grid.first[1]);
 	int r = 0;
 
 	tile.number = row << 32 | column;
 	memcpy(tile.edge, got->box, sizeof(tile.edge));
-	if (!got->no_heights && (column >= t->count[0] || row >= t->count[1]))
+	if (!got->no_heights && (column >= t->grid.count[0] || row >= t->grid.count[1]))
 		r = err_set(err, ERR_INTERNAL, "a tile is outside of the box that the stream announced");
 	if (!r && !got->no_heights)
 		r = outfile_publish(out, err);
@@ -106,9 +106,9 @@ static int tile_end(void *ctx, const int64_t at[2], struct outfile *out, const s
 static int lines_end(void *ctx, const int64_t at[2], struct outfile *out, const double box[4], uint64_t lines, struct err *err)
 {
 	struct outputs_tiles *t = ctx;
-	uint64_t column = (uint64_t)(at[0] - t->first[0]), row = (uint64_t)(at[1] - t->first[1]);
+	uint64_t column = (uint64_t)(at[0] - t->grid.first[0]), row = (uint64_t)(at[1] - t->grid.first[1]);
 	struct outputs_tile tile = {.number = row << 32 | column, .lines = lines};
-	int r = column < t->count[0] && row < t->count[1] ?
+	int r = column < t->grid.count[0] && row < t->grid.count[1] ?
 			outfile_publish(out, err) :
 			err_set(err, ERR_PROTO, "a line is outside of the box that the stream announced");
 
@@ -125,8 +125,13 @@ static void lines_drop(struct outfile *out)
 
 void outputs_tiles_tile(struct outputs_tiles *t)
 {
-	const struct format_tiler tiler = {
-		.p = t->p, .q = t->q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = lines_end, .drop = lines_drop, .ctx = t};
+	const struct format_tiler tiler = {.p = t->grid.p,
+					   .q = t->grid.q,
+					   .most = OUTPUTS_TILES,
+					   .begin = tile_begin,
+					   .end = lines_end,
+					   .drop = lines_drop,
+					   .ctx = t};
 
 	t->format->tile(t->writer, &tiler);
 }
@@ -134,7 +139,7 @@ void outputs_tiles_tile(struct outputs_tiles *t)
 int outputs_tiles_raster(struct outputs_tiles *t, struct err *err)
 {
 	const struct dem_tiler tiler = {
-		.p = t->p, .q = t->q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = tile_end, .ctx = t};
+		.p = t->grid.p, .q = t->grid.q, .most = OUTPUTS_TILES, .begin = tile_begin, .end = tile_end, .ctx = t};
 	int r;
 
 	if (!t->format->tile_lines)

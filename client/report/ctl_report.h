@@ -28,7 +28,8 @@ void ctl_report_job_json(struct console *, const struct acut_job *);
 int ctl_report_job_status(struct session *, const struct acut_job *);
 /* "12 of 340 domains made", or "340 domains". Returns buf. */
 char *ctl_report_domains(const struct acut_report *, char *buf, size_t size);
-double ctl_report_kept(const struct acut_report *); /* of a view with a bound of errors: per cent of the positions */
+/* Of a view with a bound of errors: "0.1 (largest 0.0997): 1,234 of 5,678 positions kept (21.7 %), 3 rounds". Returns buf. */
+char *ctl_report_bound(const struct acut_report *, char *buf, size_t size);
 /* Whether so many points at one position, of all at so many positions, are worth a word. */
 bool ctl_report_crowded(uint64_t at_one, uint64_t points, uint64_t positions);
 /* A warning of many points at one position, where that is worth it. */

@@ -134,9 +134,21 @@ void ctl_report_most(struct term_json *j, uint64_t points, const double at[2])
 	term_json_close(j, '}');
 }
 
-double ctl_report_kept(const struct acut_report *p)
+static double kept(const struct acut_report *p)
 {
 	return p->positions ? 100 * (double)p->kept / (double)p->positions : 100;
+}
+
+char *ctl_report_bound(const struct acut_report *p, char *buf, size_t size)
+{
+	char a[32], b[32], largest[80] = "";
+
+	if (*p->largest_error)
+		snprintf(largest, sizeof(largest), " (largest %s)", p->largest_error);
+	snprintf(buf, size, "%s%s: %s of %s positions kept (%.3g %%), %llu round%s", p->max_error, largest,
+		 term_count(p->kept, a), term_count(p->positions, b), kept(p), (unsigned long long)p->rounds,
+		 p->rounds == 1 ? "" : "s");
+	return buf;
 }
 
 static void put_bound(struct term_json *j, const struct acut_report *p)
@@ -147,9 +159,13 @@ static void put_bound(struct term_json *j, const struct acut_report *p)
 	}
 	term_json_open(j, "bound", '{');
 	term_json_literal(j, "max_error", p->max_error);
+	if (*p->largest_error)
+		term_json_literal(j, "largest_error", p->largest_error);
+	else
+		term_json_null(j, "largest_error");
 	term_json_u64(j, "positions", p->positions);
 	term_json_u64(j, "kept", p->kept);
-	term_json_number(j, "percent", ctl_report_kept(p));
+	term_json_number(j, "percent", kept(p));
 	term_json_u64(j, "rounds", p->rounds);
 	term_json_u64(j, "attempts", p->attempts);
 	term_json_close(j, '}');

@@ -16,6 +16,7 @@
 #include "err.h"
 #include "grow.h"
 #include "json_reader.h"
+#include "utf8.h"
 
 enum { FILE_MOST = 64 << 20, EXPONENT_MOST = 40 };
 
@@ -49,8 +50,56 @@ int ctl_area_corner(struct ctl_area *a, struct decimal x, struct decimal y, stru
 	return 0;
 }
 
+const char *ctl_area_name(const struct ctl_area *a, size_t i)
+{
+	return a->names ? a->names + a->feature[i].name : "";
+}
+
+/* To whole characters, with a mark. */
+static void cut_name(char *name)
+{
+	size_t n = 0, length;
+
+	if (strlen(name) <= CTL_AREA_NAME)
+		return;
+	while (length = utf8_length(name + n, SIZE_MAX), length = length ? length : 1,
+	       n + length <= CTL_AREA_NAME - strlen(CTL_AREA_CUT))
+		n += length;
+	strcpy(name + n, CTL_AREA_CUT);
+}
+
+int ctl_area_set_name(struct ctl_area *a, size_t i, char *name, struct err *err)
+{
+	size_t begin = a->names ? a->names_size : 1, n;
+
+	cut_name(name);
+	n = strlen(name) + 1;
+	if (!grow(&a->names, &a->names_room, begin + n, 256, 1))
+		return no_memory(err);
+	a->names[0] = '\0';
+	memcpy(a->names + begin, name, n);
+	a->names_size = begin + n;
+	a->feature[i].name = begin;
+	return 0;
+}
+
+int ctl_area_field(struct ctl_area *a, const char *name, struct err *err)
+{
+	for (unsigned i = 0; i < a->nfield; i++)
+		if (!strcmp(a->field[i], name))
+			return 0;
+	a->more_fields = a->nfield == CTL_AREA_FIELDS;
+	if (a->more_fields)
+		return 0;
+	a->field[a->nfield] = strdup(name);
+	return a->field[a->nfield] ? (a->nfield++, 0) : no_memory(err);
+}
+
 void ctl_area_done(struct ctl_area *a)
 {
+	for (unsigned i = 0; i < a->nfield; i++)
+		free(a->field[i]);
+	free(a->names);
 	free(a->ring);
 	free(a->corner);
 	free(a->feature);

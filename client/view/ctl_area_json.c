@@ -22,7 +22,8 @@ struct reader {
 	size_t n;
 	int depth;
 	bool in_feature;
-	char name[CTL_AREA_NAME]; /* of the feature; "": none */
+	/* of the feature; "": none. Longer than CTL_AREA_NAME if it was. */
+	char name[CTL_AREA_NAME + 5];
 };
 
 enum { DEPTH_MOST = 16, KEY = 32 };
@@ -285,7 +286,7 @@ static int system_of(struct reader *r, unsigned nest)
 /* The property that is the name, if it is a text or a number. */
 static int name_of(struct reader *r)
 {
-	char key[KEY], token[JSON_READER_TOKEN];
+	char key[CTL_AREA_NAME + 5], token[JSON_READER_TOKEN];
 	bool first = true, more;
 	int rc, c;
 
@@ -297,17 +298,16 @@ static int name_of(struct reader *r)
 		if (rc)
 			break;
 		c = json_reader_peek(r->json);
-		if (strcmp(key, r->area->name_field) != 0) {
+		if (c != '"' && c != '-' && (c < '0' || c > '9'))
 			rc = json_reader_skip(r->json);
-		} else if (c == '"') {
+		else if (ctl_area_field(r->area, key, r->err))
+			rc = -(int)r->err->code;
+		else if (strcmp(key, r->area->name_field) != 0)
+			rc = json_reader_skip(r->json);
+		else if (c == '"')
 			rc = json_reader_string(r->json, r->name, sizeof(r->name));
-		} else if (c == '-' || (c >= '0' && c <= '9')) {
-			rc = json_reader_token(r->json, token);
-			if (!rc)
-				snprintf(r->name, sizeof(r->name), "%.*s", CTL_AREA_NAME - 1, token);
-		} else {
-			rc = json_reader_skip(r->json);
-		}
+		else if (!(rc = json_reader_token(r->json, token)))
+			snprintf(r->name, sizeof(r->name), "%s", token);
 		if (rc)
 			break;
 	}
@@ -404,7 +404,7 @@ static int thing(struct reader *r, size_t index)
 		r->name[0] = '\0';
 	rc = thing_read(r);
 	if (!rc && !r->in_feature && r->name[0] && r->area->nfeature == before + 1)
-		memcpy(r->area->feature[before].name, r->name, sizeof(r->name));
+		rc = ctl_area_set_name(r->area, before, r->name, r->err);
 	if (!r->in_feature)
 		r->name[0] = '\0';
 	return rc;

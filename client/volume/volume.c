@@ -97,8 +97,7 @@ static int pair(void *ctx, const struct volume_triangle *a, const struct volume_
 	struct volume *v = ctx;
 
 	v->total.pairs += memcmp(a, b, sizeof(*a)) != 0;
-	volume_rows_add(v->rows, p);
-	return volume_images_pair(v->images, a, b, p, err);
+	return volume_images_pair(v->images, a, b, p, volume_rows_add(v->rows, p), err);
 }
 
 static int begin(struct volume *v, const struct acut_mesh_head *head, struct err *err)
@@ -139,13 +138,14 @@ static int against_level(struct volume *v, const struct volume_triangle *t, stru
 {
 	struct volume_polygon p;
 	struct volume_triangle level = *t;
+	volume_i128 area;
 
 	volume_above(t, v->frame.level, v->frame.level_part, &p);
 	v->total.pairs++;
-	volume_rows_add(v->rows, &p);
+	area = volume_rows_add(v->rows, &p);
 	for (int i = 0; i < 3; i++) /* images take the level off, which may be between two steps */
 		level.at[i][2] = 0;
-	return volume_images_pair(v->images, &level, t, &p, err);
+	return volume_images_pair(v->images, &level, t, &p, area, err);
 }
 
 static int outside(const struct side *s, struct err *err)
@@ -304,7 +304,7 @@ int volume_new(const struct volume_options *opt, struct volume **ret, struct err
 	if (!r)
 		r = choose_unit(v, err);
 	if (!r)
-		r = volume_images_new(&v->opt, &v->images, err);
+		r = volume_images_new(&v->opt, &v->frame, &v->images, err);
 	if (r)
 		volume_free(v);
 	else
@@ -334,8 +334,13 @@ int volume_finish(struct volume *v, struct err *err)
 		r = volume_join_run(v->join, v->opt.progress, err);
 	v->join = volume_join_free(v->join);
 	if (!r)
-		r = volume_images_finish(v->images, any ? box : NULL, &v->range, err);
+		r = volume_images_finish(v->images, &v->frame, any ? box : NULL, v->unit, &v->range, err);
 	return r;
+}
+
+void volume_expect(struct volume *v, unsigned side, uint64_t triangles)
+{
+	v->opt.side[side].triangles = triangles;
 }
 
 struct volume *volume_free(struct volume *v)
@@ -399,5 +404,5 @@ void volume_result(const struct volume *v, size_t i, struct volume_result *ret)
 void volume_total(const struct volume *v, struct volume_total *ret)
 {
 	*ret = v->total;
-	ret->range = v->range * v->unit;
+	ret->range = v->range;
 }

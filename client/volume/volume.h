@@ -56,15 +56,17 @@ struct volume_total {
 	const char *unit_mesh;                      /* of the meshes, and of a level: "m" */
 	uint64_t triangles[2], pairs;
 	char digest[2][40], vertex_digest[2][40];
-	double range; /* of the colours of a picture: cut from it, fill to it; 0: there is none */
+	double range; /* of the colours of a picture, in `unit`: cut from it, fill to it; 0: there is none */
 };
 
 /* "1", "1m", "3ft": a number above zero, and the name of its unit or NULL. */
 bool volume_length(const char *text, struct decimal *ret, const char **ret_unit);
 
 struct volume;
-/* -ERR_USAGE: the two cannot be compared, or an option is wrong. Files that exist are refused, and nothing of them is written. */
+/* -ERR_USAGE: the two cannot be compared, or an option is wrong. Files that exist are refused, and nothing of them is written.
+ * May come before the meshes are made. */
 int volume_new(const struct volume_options *, struct volume **ret, struct err *err);
+void volume_expect(struct volume *, unsigned side, uint64_t triangles); /* where they were not known then */
 /* For a fetch of the mesh of side 0, then of side 1; with a level of side 0 alone. `progress` is NULL. */
 struct acut_mesh_sink volume_sink(struct volume *, unsigned side);
 /* In place of these, for two meshes of a dataset under one view, without areas and images: their changes from each other. Side 0

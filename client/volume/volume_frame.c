@@ -169,6 +169,14 @@ bool volume_frame_point(const struct volume_frame *f, unsigned side, const int32
 	return true;
 }
 
+int64_t volume_frame_corner(const struct volume_frame *f, struct decimal d)
+{
+	int64_t at;
+
+	decimal_steps(d.mantissa, d.exponent, VOLUME_CORNER_PART, 1, f->step[0], &at);
+	return at;
+}
+
 static double power(int32_t exponent)
 {
 	return decimal_double((struct decimal){1, exponent});

@@ -4,7 +4,7 @@
  * A grid over the first mesh; each triangle goes into each cell that it meets, through one external sort. Then the triangles of a
  * cell, of both meshes, are joined in memory (volume_leaf.c). A cell with more than fit there, since the points are denser in it,
  * goes into a file and is divided by a grid of its own, and so on. Where that does not help, as around a vertex of a hundred
- * thousand triangles, parts of the one side are joined with parts of the other, which takes time but no memory.
+ * thousand triangles, which are in many cells of any grid, parts of the one side are joined with parts of the other.
  *
  * Cells come in the order of a Z curve, so that neighbours in the plane are near each other in time, for images.
  */
@@ -16,9 +16,9 @@
 #include "sort.h"
 #include "volume_priv.h"
 
-struct volume_join_sizes volume_join_sizes = {2048, VOLUME_LEAF, 5, 8u << 20};
+struct volume_join_sizes volume_join_sizes = {2048, VOLUME_LEAF, 5, 8u << 20, 64};
 
-enum { WORDS = 6 };
+enum { WORDS = 6, PART = 1024 };
 
 /* The triangles of a side that wait: in memory, or in a file if they are more. */
 struct heap {
@@ -146,6 +146,12 @@ static int add_cells(void *ctx, uint32_t y, uint32_t x1, uint32_t x2)
 	return r;
 }
 
+static int count_cells(void *ctx, uint32_t y, uint32_t x1, uint32_t x2)
+{
+	*(uint64_t *)ctx += x2 - x1 + 1;
+	return 0;
+}
+
 static int level_init(struct volume_join *j, double triangles, struct err *err)
 {
 	int r;
@@ -210,6 +216,25 @@ static int by_parts(struct volume_join *j, const struct volume_rect *rect, struc
 	return r;
 }
 
+/* Slivers are in many cells of any grid: more of them would not help. */
+static int helps(struct volume_join *j, const struct volume_grid *g, bool *ret, struct err *err)
+{
+	uint64_t cells = 0, most = 3 * (heap_size(&j->heap[0]) + heap_size(&j->heap[1]));
+	struct volume_triangle *part = malloc(PART * sizeof(*part));
+	size_t n;
+	int r = part ? 0 : no_memory(err);
+
+	for (unsigned s = 0; s < 2; s++)
+		for (uint64_t i = 0; i < heap_size(&j->heap[s]) && !r; i += n) {
+			r = heap_read(&j->heap[s], i, part, PART, &n, err);
+			for (size_t k = 0; k < n && !r; k++)
+				volume_cells(g, &part[k], count_cells, &cells);
+		}
+	free(part);
+	*ret = cells <= most;
+	return r;
+}
+
 static int divide(struct volume_join *j, const struct volume_rect *rect, uint32_t x, uint32_t y, struct err *err)
 {
 	struct volume_join lower = {.beside = j->beside,
@@ -222,6 +247,7 @@ static int divide(struct volume_join *j, const struct volume_rect *rect, uint32_
 	const int64_t low[2] = {j->grid.x + (int64_t)x * j->grid.w, j->grid.y + (int64_t)y * j->grid.h};
 	const int64_t high[2] = {low[0] + j->grid.w - 1, low[1] + j->grid.h - 1}, end[2] = {rect->x2 - 1, rect->y2 - 1};
 	struct volume_triangle *part;
+	bool good;
 	size_t n;
 	int r;
 
@@ -230,12 +256,18 @@ static int divide(struct volume_join *j, const struct volume_rect *rect, uint32_
 		lower.box[2 + k] = high[k] < end[k] ? high[k] : end[k]; /* cells at the end of a grid are smaller */
 	}
 	r = level_init(&lower, (double)(heap_size(&j->heap[0]) + heap_size(&j->heap[1])), err);
-	part = malloc(1024 * sizeof(*part));
+	if (!r)
+		r = helps(j, &lower.grid, &good, err);
+	if (!r && !good) {
+		level_done(&lower);
+		return by_parts(j, rect, err);
+	}
+	part = malloc(PART * sizeof(*part));
 	if (!r && !part)
 		r = no_memory(err);
 	for (unsigned s = 0; s < 2; s++)
 		for (uint64_t i = 0; i < heap_size(&j->heap[s]) && !r; i += n) {
-			r = heap_read(&j->heap[s], i, part, 1024, &n, err);
+			r = heap_read(&j->heap[s], i, part, PART, &n, err);
 			for (size_t k = 0; k < n && !r; k++) {
 				lower.t = &part[k];
 				lower.side = s;

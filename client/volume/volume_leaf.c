@@ -3,6 +3,9 @@
  *
  * Triangles that are the same in both are found first, by a table: they meet each other alone, since those of one mesh do not
  * overlap. In two states of one survey these are nearly all.
+ *
+ * Slivers around a vertex are in many cells, and in each other's. Where triangles of a are in too many of them, or there were
+ * many tries for each of b, the rest of them is left to volume_slab.c.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -12,7 +15,8 @@
 #include "grow.h"
 #include "volume_priv.h"
 
-enum { ITEMS = 1 << 20, SLOTS = 2 * VOLUME_LEAF };
+/* Items of the grid, and tries, that are always good. */
+enum { ITEMS_LEAST = 4096, SLOTS = 2 * VOLUME_LEAF, CROWD_LEAST = 1 << 17 };
 
 struct volume_leaf {
 	uint32_t slot[SLOTS];       /* of the table: a triangle of a, and one; 0: none */
@@ -30,6 +34,8 @@ struct volume_leaf {
 	const struct volume_call *call;
 	struct err *err;
 	bool fill;
+	uint64_t tries;
+	const uint32_t *index[2]; /* of those that volume_slabs has */
 };
 
 struct volume_leaf *volume_leaf_new(int (*interrupted)(void *ctx), void *ctx)
@@ -118,7 +124,7 @@ static int count(void *ctx, uint32_t y, uint32_t x1, uint32_t x2)
 			++*n;
 	}
 	l->nitem += x2 - x1 + 1;
-	return !l->fill && l->nitem > ITEMS;
+	return !l->fill && l->nitem > ITEMS_LEAST + volume_join_sizes.crowd / 4 * l->na;
 }
 
 static void box_of(const struct volume_triangle *t, size_t n, int64_t box[4])
@@ -152,31 +158,28 @@ static bool grid_box(const struct volume_leaf *l, size_t nb, int64_t box[4])
 	return box[0] <= box[2] && box[1] <= box[3];
 }
 
-/* Fewer cells where many triangles are in many of them. */
-static int grid_fill(struct volume_leaf *l, const int64_t box[4])
+/* *ret_crowd: it is not filled, since the triangles are in too many cells. */
+static int grid_fill(struct volume_leaf *l, const int64_t box[4], bool *ret_crowd)
 {
-	double cells = (double)l->na / 2 + 1;
-	int over;
+	size_t n;
 
-	do {
-		size_t n;
-
-		l->grid = volume_grid_of(box, cells);
-		n = (size_t)l->grid.nx * l->grid.ny;
-		if (!grow(&l->start, &l->starts_room, n + 1, 1024, sizeof(*l->start)))
-			return err_set(l->err, ERR_NOMEM, "no memory for pairs of triangles");
-		memset(l->start, 0, (n + 1) * sizeof(*l->start));
-		l->nitem = 0;
-		l->fill = false;
-		over = 0;
-		for (size_t i = 0; i < l->na && !over; i++)
-			over = l->gone[i] ? 0 : volume_cells(&l->grid, &l->a[i], count, l);
-		over = over && n > 1;
-		cells /= 4;
-	} while (over);
+	*ret_crowd = !volume_join_sizes.crowd;
+	if (*ret_crowd)
+		return 0;
+	l->grid = volume_grid_of(box, (double)l->na / 2 + 1);
+	n = (size_t)l->grid.nx * l->grid.ny;
+	if (!grow(&l->start, &l->starts_room, n + 1, 1024, sizeof(*l->start)))
+		return err_set(l->err, ERR_NOMEM, "no memory for pairs of triangles");
+	memset(l->start, 0, (n + 1) * sizeof(*l->start));
+	l->nitem = 0;
+	l->fill = false;
+	for (size_t i = 0; i < l->na && !*ret_crowd; i++)
+		*ret_crowd = !l->gone[i] && volume_cells(&l->grid, &l->a[i], count, l);
+	if (*ret_crowd)
+		return 0;
 	if (!grow(&l->item, &l->items_room, l->nitem + 1, 4096, sizeof(*l->item)))
 		return err_set(l->err, ERR_NOMEM, "no memory for pairs of triangles");
-	for (size_t i = 0, sum = 0; i <= (size_t)l->grid.nx * l->grid.ny; i++)
+	for (size_t i = 0, sum = 0; i <= n; i++)
 		l->start[i] = (uint32_t)(sum += l->start[i]);
 	l->fill = true;
 	for (l->now = 0; l->now < l->na; l->now++)
@@ -197,7 +200,58 @@ static int try_cells(void *ctx, uint32_t y, uint32_t x1, uint32_t x2)
 		if (l->mark[a] == l->now + 1)
 			continue;
 		l->mark[a] = (uint32_t)l->now + 1;
+		l->tries++;
 		r = try(l, &l->a[a], &l->b[l->now]);
+	}
+	return r;
+}
+
+static int try_slabs(void *ctx, uint32_t a, uint32_t b)
+{
+	struct volume_leaf *l = ctx;
+
+	return try(l, &l->a[l->index[0][a]], &l->b[l->index[1][b]]);
+}
+
+/* Those of b whose numbers are in `other`, with all of a that are left. */
+static int by_slabs(struct volume_leaf *l, const uint32_t *other, size_t n, const int64_t box[4])
+{
+	const struct volume_slab_call call = {try_slabs, l, l->interrupted, l->ctx};
+	/* a pair counts in the rectangle that has its first corner, rounded */
+	const int64_t x[2] = {box[0] - 2, box[2] + 2};
+	uint32_t *mine = malloc(l->na * sizeof(*mine));
+	size_t na = 0;
+	int r;
+
+	if (!mine)
+		return err_set(l->err, ERR_NOMEM, "no memory for pairs of triangles");
+	for (size_t i = 0; i < l->na; i++)
+		if (!l->gone[i])
+			mine[na++] = (uint32_t)i;
+	l->index[0] = mine;
+	l->index[1] = other;
+	r = volume_slabs(l->a, mine, na, l->b, other, n, x, &call, l->err);
+	free(mine);
+	return r;
+}
+
+static bool crowded(const struct volume_leaf *l, size_t done)
+{
+	return l->tries > CROWD_LEAST + volume_join_sizes.crowd * (uint64_t)(done + 1);
+}
+
+static int by_cells(struct volume_leaf *l, const uint32_t *other, size_t n, const int64_t box[4])
+{
+	bool crowd;
+	int r = grid_fill(l, box, &crowd);
+
+	for (size_t i = 0; i < n && !r; i++) {
+		if (crowd || crowded(l, i))
+			return by_slabs(l, other + i, n - i, box);
+		l->now = other[i];
+		r = volume_cells(&l->grid, &l->b[l->now], try_cells, l);
+		if (!r && !(i & 63) && l->interrupted && l->interrupted(l->ctx))
+			r = err_set(l->err, ERR_CANCELLED, "interrupted");
 	}
 	return r;
 }
@@ -206,7 +260,8 @@ int volume_leaf_join(struct volume_leaf *l, const struct volume_triangle *a, siz
 		     size_t nb, const struct volume_rect *rect, const struct volume_call *call, struct err *err)
 {
 	int64_t box[4];
-	size_t n = 0, rest = 0, *other;
+	size_t n = 0, rest = 0;
+	uint32_t *other;
 	int r = 0;
 
 	l->a = a;
@@ -215,6 +270,7 @@ int volume_leaf_join(struct volume_leaf *l, const struct volume_triangle *a, siz
 	l->rect = rect;
 	l->call = call;
 	l->err = err;
+	l->tries = 0;
 	if (!na || !nb || !grid_box(l, nb, box))
 		return 0;
 	other = malloc(nb * sizeof(*other));
@@ -227,7 +283,7 @@ int volume_leaf_join(struct volume_leaf *l, const struct volume_triangle *a, siz
 		size_t same = table_find(l, &b[i]);
 
 		if (same == VOLUME_LEAF) {
-			other[rest++] = i;
+			other[rest++] = (uint32_t)i;
 			continue;
 		}
 		l->gone[same] = true;
@@ -235,14 +291,7 @@ int volume_leaf_join(struct volume_leaf *l, const struct volume_triangle *a, siz
 		r = try(l, &a[same], &b[i]);
 	}
 	if (!r && rest && n < na)
-		r = grid_fill(l, box);
-	for (size_t i = 0; i < rest && n < na && !r; i++) {
-		l->now = other[i];
-		r = volume_cells(&l->grid, &b[l->now], try_cells, l);
-		/* around a vertex of many slivers each is tried with each */
-		if (!r && !(i & 63) && l->interrupted && l->interrupted(l->ctx))
-			r = err_set(err, ERR_CANCELLED, "interrupted");
-	}
+		r = by_cells(l, other, rest, box);
 	free(other);
 	return r;
 }

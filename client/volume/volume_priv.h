@@ -50,6 +50,9 @@ struct volume_sums {
 
 /* ---- both meshes on one lattice: volume_frame.c ---- */
 
+/* The lattice is divided by this for corners of polygons. */
+enum { VOLUME_CORNER_PART = 256 };
+
 /* coordinate = (number + k) * step; axis 0 is x and y, 1 is z. */
 struct volume_frame {
 	struct decimal step[2];
@@ -66,6 +69,8 @@ int volume_frame_head(struct volume_frame *, unsigned side, const struct acut_me
 		      struct err *err);
 /* False: it does not fit the lattice. */
 bool volume_frame_point(const struct volume_frame *, unsigned side, const int32_t from[3], int32_t to[3]);
+/* A corner of a polygon in parts of the lattice, absolute. */
+int64_t volume_frame_corner(const struct volume_frame *, struct decimal);
 /* Nearest double of v / 2^part cubes or squares. */
 double volume_frame_cubes(const struct volume_frame *, volume_i128 v, int part);
 double volume_frame_squares(const struct volume_frame *, volume_i128 v, int part);
@@ -87,8 +92,6 @@ void volume_add(const struct volume_polygon *, const struct volume_cuts *, struc
 /* ---- polygons: volume_within.c ---- */
 
 struct volume_area;
-/* Of a frame; the lattice is divided by this for their corners. */
-enum { VOLUME_CORNER_PART = 256 };
 /* Rings that cross each other are refused. */
 int volume_area_new(const struct volume_frame *, const struct ctl_area *, size_t feature, struct volume_area **ret, struct err *);
 struct volume_area *volume_area_free(struct volume_area *);
@@ -105,7 +108,8 @@ struct volume_rows *volume_rows_free(struct volume_rows *);
 size_t volume_rows_count(const struct volume_rows *);
 /* *ret_name: "" if it has none. */
 const struct volume_sums *volume_rows_sums(const struct volume_rows *, size_t i, const char **ret_name);
-void volume_rows_add(struct volume_rows *, const struct volume_polygon *);
+/* Returns how much of the plane is in a result, in those parts. */
+volume_i128 volume_rows_add(struct volume_rows *, const struct volume_polygon *);
 /* Of a stream of changes: what the second mesh has beside it, of twice its whole area, both meshes have. */
 void volume_rows_kept(struct volume_rows *, volume_i128 area);
 void volume_rows_cover(struct volume_rows *, const struct volume_triangle *, unsigned side);
@@ -113,17 +117,20 @@ void volume_rows_cover(struct volume_rows *, const struct volume_triangle *, uns
 /* ---- images of the difference: volume_image.c ---- */
 
 struct volume_images;
-/* The files are made, nameless. */
-int volume_images_new(const struct volume_options *, struct volume_images **ret, struct err *);
+/* Checks all that is known before the meshes, the size of polygons too. Then the files are made, nameless. */
+int volume_images_new(const struct volume_options *, const struct volume_frame *, struct volume_images **ret, struct err *);
 struct volume_images *volume_images_free(struct volume_images *);
 int volume_images_head(struct volume_images *, const struct volume_frame *, const struct acut_mesh_head *, struct err *);
-/* -ERR_USAGE: of this box, or of one `slack` times smaller, an image would be too large. */
+/* -ERR_USAGE: of this box, or of one `slack` times smaller, an image would be too large. With polygons their box counts, which is
+ * known. */
 int volume_images_check(const struct volume_images *, const struct volume_frame *, const int32_t box[6], double slack,
 			struct err *);
 int volume_images_pair(struct volume_images *, const struct volume_triangle *a, const struct volume_triangle *b,
-		       const struct volume_polygon *, struct err *);
-/* `box`: where both meshes are; NULL: nowhere. Publishes. *ret_range: of the colours, in steps of z. */
-int volume_images_finish(struct volume_images *, const int32_t box[6], double *ret_range, struct err *);
+		       const struct volume_polygon *, volume_i128 area, struct err *);
+/* `box`: where both meshes are; NULL: nowhere. Publishes. *ret_range: of the colours, in the unit of the results, of which `unit`
+ * are in one of the meshes'. */
+int volume_images_finish(struct volume_images *, const struct volume_frame *, const int32_t box[6], double unit,
+			 double *ret_range, struct err *);
 /* One of them, for files beside it; NULL: there is none. */
 const struct outfile *volume_images_file(const struct volume_images *);
 
@@ -160,6 +167,19 @@ struct volume_call {
 int volume_leaf_join(struct volume_leaf *, const struct volume_triangle *a, size_t na, const struct volume_triangle *b, size_t nb,
 		     const struct volume_rect *, const struct volume_call *, struct err *err);
 
+/* ---- slivers: volume_slab.c ---- */
+
+struct volume_slab_call {
+	int (*each)(void *ctx, uint32_t a, uint32_t b); /* not 0: ends it */
+	void *ctx;
+	int (*interrupted)(void *ctx); /* may be NULL */
+	void *ctx_interrupted;
+};
+/* Calls `each` once for each a[ia[i]] and b[ib[k]] that overlap between x[0] and x[1], with i and k; and perhaps for a few that
+ * only touch. Those of a side must not overlap each other. */
+int volume_slabs(const struct volume_triangle *a, const uint32_t *ia, size_t na, const struct volume_triangle *b,
+		 const uint32_t *ib, size_t nb, const int64_t x[2], const struct volume_slab_call *, struct err *err);
+
 /* ---- pairs of any number: volume_join.c ---- */
 
 struct volume_join;
@@ -172,6 +192,7 @@ struct volume_join *volume_join_free(struct volume_join *);
 struct volume_join_sizes {
 	unsigned cell, leaf, depth; /* triangles of a cell, and of a side that are joined in memory; levels of grids */
 	uint64_t sort;              /* bytes */
+	unsigned crowd;             /* tries, and four times the cells, a triangle, beyond which cells give way to slabs */
 };
 extern struct volume_join_sizes volume_join_sizes;
 

@@ -63,7 +63,7 @@ static int add_areas(struct volume_rows *rows, const struct volume_frame *f, con
 
 		if (volume_area_new(f, opt->areas, i, &row->area, err))
 			return err_add_file(err, opt->areas_file);
-		row->name = opt->areas->feature[i].name;
+		row->name = ctl_area_name(opt->areas, i);
 		rows->n++;
 	}
 	rows->box = calloc(2 * rows->n, sizeof(*rows->box));
@@ -121,33 +121,37 @@ const struct volume_sums *volume_rows_sums(const struct volume_rows *rows, size_
 
 /* ---- what comes ---- */
 
-static void add(struct volume_rows *rows, struct node n, const struct volume_polygon *p, int cover)
+/* Returns what is inside. */
+static volume_i128 add(struct volume_rows *rows, struct node n, const struct volume_polygon *p, int cover)
 {
 	const int64_t *box = rows->box[n.box];
 	struct row *row = &rows->row[n.low];
+	struct volume_sums sums = {0};
+	volume_i128 before;
 
 	if (box[0] > p->box[2] || p->box[0] > box[2] || box[1] > p->box[3] || p->box[1] > box[3])
-		return;
-	if (n.high - n.low > 1) {
-		add(rows, half(n, false), p, cover);
-		add(rows, half(n, true), p, cover);
-	} else if (cover < 0) {
+		return 0;
+	if (n.high - n.low > 1)
+		return add(rows, half(n, false), p, cover) + add(rows, half(n, true), p, cover);
+	if (cover < 0) {
+		before = row->sums.shared;
 		volume_area_add(row->area, p, &row->sums);
-	} else {
-		struct volume_sums sums = {0};
-
-		volume_area_add(row->area, p, &sums);
-		row->sums.covered[cover] += sums.shared;
-		row->sums.area_error += sums.area_error;
+		return row->sums.shared - before;
 	}
+	volume_area_add(row->area, p, &sums);
+	row->sums.covered[cover] += sums.shared;
+	row->sums.area_error += sums.area_error;
+	return sums.shared;
 }
 
-void volume_rows_add(struct volume_rows *rows, const struct volume_polygon *p)
+volume_i128 volume_rows_add(struct volume_rows *rows, const struct volume_polygon *p)
 {
-	if (rows->all)
-		volume_add(p, NULL, &rows->row[0].sums);
-	else
-		add(rows, (struct node){0, 0, rows->n}, p, -1);
+	volume_i128 before = rows->row[0].sums.shared;
+
+	if (!rows->all)
+		return add(rows, (struct node){0, 0, rows->n}, p, -1);
+	volume_add(p, NULL, &rows->row[0].sums);
+	return rows->row[0].sums.shared - before;
 }
 
 void volume_rows_kept(struct volume_rows *rows, volume_i128 area)

@@ -217,10 +217,8 @@ static int check(const struct volume_area *a, const struct volume_frame *f, stru
 
 static int place(const struct volume_frame *f, int axis, struct decimal d, int64_t *ret, struct err *err)
 {
-	volume_i128 at;
+	volume_i128 at = (volume_i128)volume_frame_corner(f, d) - (volume_i128)f->k[axis] * VOLUME_CORNER_PART;
 
-	decimal_steps(d.mantissa, d.exponent, VOLUME_CORNER_PART, 1, f->step[0], ret);
-	at = (volume_i128)*ret - (volume_i128)f->k[axis] * VOLUME_CORNER_PART;
 	if (at < FAR && at > -FAR) {
 		*ret = 2 * (int64_t)at;
 		return 0;

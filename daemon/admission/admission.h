@@ -152,5 +152,9 @@ uint64_t admission_user_held(struct admission *, uint32_t uid, const struct admi
 uint64_t admission_user_available(struct admission *, const struct sched_owner *, const struct admission_run *except);
 /* -ERR_LIMIT, with the sufficient setting, if so much is beyond the limit. `what` is a noun for the message. */
 int admission_user_check_size(struct admission *, const struct sched_owner *, uint64_t bytes, const char *what, struct err *err);
+/* A run with a slot needs a task of `least` bytes, and `left` are left, which is less: 0 if waiting may help; else -ERR_LIMIT,
+ * because it is beyond what domains or the user may ever have, or because the service itself holds the rest. */
+int admission_lacks(struct admission *, const struct sched_owner *, uint64_t least, uint64_t left, const char *what,
+		    struct err *err);
 
 #endif

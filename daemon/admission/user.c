@@ -59,3 +59,17 @@ int admission_user_check_size(struct admission *a, const struct sched_owner *own
 		     (unsigned long long)(bytes / (total / 100) + 1));
 	return err_add_place(err, ERR_NO_OFFSET, "user-memory");
 }
+
+int admission_lacks(struct admission *a, const struct sched_owner *owner, uint64_t least, uint64_t left, const char *what,
+		    struct err *err)
+{
+	int r = admission_check_size(a, least, what, err);
+
+	if (!r)
+		r = admission_user_check_size(a, owner, least + admission_share(a), what, err);
+	if (r || !admission_is_alone(a))
+		return r;
+	err_set(err, ERR_LIMIT, "%s needs %llu KiB, %llu KiB are left of the memory", what, (unsigned long long)(least >> 10),
+		(unsigned long long)(left >> 10));
+	return err_add_hint(err, "remove datasets and jobs that are not needed (acutctl rm), or give acutd more memory");
+}

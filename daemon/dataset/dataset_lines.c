@@ -35,20 +35,6 @@ static void find_sets(struct grid_manifest *m, struct digest content, uint64_t p
 	}
 }
 
-static int restore(struct grid_source *s, uint64_t generation, struct grid_span *lives, struct err *err)
-{
-	if (s->nearlier >= UINT16_MAX)
-		return err_set(err, ERR_LIMIT, "lines were removed and brought back too often");
-	if (s->nearlier)
-		memcpy(lives, s->earlier, s->nearlier * sizeof *lives);
-	lives[s->nearlier] = (struct grid_span){s->added, s->removed};
-	s->earlier = lives;
-	s->nearlier++;
-	s->added = generation;
-	s->removed = 0;
-	return 0;
-}
-
 /* ---- worker: a new line set ---- */
 
 static int lack(struct dataset_lines *l, uint64_t bytes, bool exact, struct err *err)
@@ -121,7 +107,7 @@ int dataset_lines_put(struct dataset_lines *l, struct grid_manifest *m, uint64_t
 		return 0;
 	l->added = m->generation;
 	l->removed = 0;
-	return then ? restore(then, m->generation, lives, err) : make_of_live(l, m, m->generation, n, err);
+	return then ? grid_source_restore(then, m->generation, lives, err) : make_of_live(l, m, m->generation, n, err);
 }
 
 /* The lines of that generation are those, and nothing has their line set. */

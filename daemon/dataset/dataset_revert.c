@@ -131,21 +131,6 @@ static int check_sources(const struct grid_manifest *m, uint64_t g, bool owner, 
 	return r;
 }
 
-/* Appends a life to those that the source had. */
-static int add_life(struct grid_source *s, uint64_t generation, struct grid_span *lives, struct err *err)
-{
-	if (s->nearlier >= UINT16_MAX)
-		return err_set(err, ERR_LIMIT, "a file was removed and brought back too often");
-	if (s->nearlier)
-		memcpy(lives, s->earlier, s->nearlier * sizeof *lives);
-	lives[s->nearlier] = (struct grid_span){s->added, s->removed};
-	s->earlier = lives;
-	s->nearlier++;
-	s->added = generation;
-	s->removed = 0;
-	return 0;
-}
-
 static int revert_make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
 {
 	struct revert *v = (struct revert *)c;
@@ -173,7 +158,7 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 			s->removed = m->generation;
 		} else if (life_ended(s, g)) {
 			used += s->nearlier + 1;
-			r = add_life(s, m->generation, m->spans + used - s->nearlier - 1, err);
+			r = grid_source_restore(s, m->generation, m->spans + used - s->nearlier - 1, err);
 		}
 	}
 	return r ? r : dataset_lines_put(&v->lines, m, v->sets_to, m->spans + lives, err);

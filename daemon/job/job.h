@@ -87,9 +87,9 @@ struct job_report {
 	uint64_t peak_rss;                                     /* bytes, of the daemon */
 	char most[96]; /* the position that most points of the view share: "POINTS X Y", in coordinates; "": none is shared */
 	/* Of a view with max-error or max-points: positions of all its points; those kept; rounds that added some; bounds that
-	 * were tried; the bound that holds, in units of the heights ("": another view). */
+	 * were tried; the bound that holds, in units of the heights ("": another view); the greatest distance of a point. */
 	uint64_t positions, kept, rounds, attempts;
-	char max_error[DECIMAL_TEXT_SIZE];
+	char max_error[DECIMAL_TEXT_SIZE], largest_error[DECIMAL_TEXT_SIZE];
 	char note[160]; /* a sentence, for example about a mesh without triangles; "": none */
 };
 /* Texts and pointers are borrowed from the job. */

@@ -54,6 +54,7 @@ static const struct {
 	FIELD(rounds, NUMBER),
 	FIELD(attempts, NUMBER),
 	FIELD(max_error, TEXT),
+	FIELD(largest_error, TEXT),
 #undef FIELD
 };
 
@@ -303,6 +304,8 @@ void report_simplified(struct job_report *r, const struct run *run)
 	r->rounds = s->rounds;
 	r->attempts = s->attempts;
 	decimal_scaled_text(lattice.scale_z, s->max_error, r->max_error);
+	lattice.scale_z.exponent -= 3; /* thousandths */
+	decimal_scaled_text(lattice.scale_z, (int64_t)s->largest, r->largest_error);
 }
 
 bool report_without_flat(const struct job_report *r)

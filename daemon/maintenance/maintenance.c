@@ -24,6 +24,7 @@ struct maintenance *maintenance_free(struct maintenance *m)
 void maintenance_tick(struct maintenance *m)
 {
 	cache_verify_tick(m);
+	cache_adopt_tick(m);
 }
 
 const struct verified *maintenance_verified(const struct maintenance *m)

@@ -53,6 +53,23 @@ struct cache_verify;
 int cache_verify(struct maintenance *, const struct peer *, const struct cache_verify_calls *, void *token,
 		 struct cache_verify **ret, struct err *err);
 void cache_verify_end(struct cache_verify *); /* ends it soon; `over` is called all the same */
+/* What came of a pack (store_pack.h). */
+struct cache_adopted {
+	uint64_t domains, bytes; /* that are in the store now */
+	uint64_t there;          /* were in it already */
+	uint64_t flat;           /* are of a survey without triangles, which no store has */
+};
+struct cache_adopt_calls {
+	void (*progress)(void *token, const char *phase, uint64_t bytes, uint64_t total);
+	/* Called once. `why`: not all was taken. */
+	void (*over)(void *token, const struct err *why, const struct cache_adopted *);
+};
+struct cache_adopt;
+/* Takes the finished domains of a pack into the store; takes `fd` if it succeeds. -ERR_PERM: not an administrator. No call comes
+ * before it has returned. */
+int cache_adopt(struct maintenance *, const struct peer *, int fd, const char *name, const struct cache_adopt_calls *,
+		void *token, struct cache_adopt **ret, struct err *err);
+void cache_adopt_end(struct cache_adopt *); /* ends it soon; `over` is called all the same, perhaps at once */
 /* Removes what is not needed; all: everything derived. -ERR_PERM as above. */
 void cache_gc(struct maintenance *, const struct peer *, bool all,
 	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token);

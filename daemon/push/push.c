@@ -39,13 +39,8 @@ struct push *push_free(struct push *p)
 	}
 	free(p->sources);
 	push_lines_free(p);
-	free(p->scale_xy);
-	free(p->scale_z);
+	agree_done(&p->agree);
 	free(p->format);
-	free(p->utm);
-	free(p->geoid);
-	free(p->geoid_way);
-	free(p->assume_wkt);
 	free(p->close_request);
 	lock_done(&p->space.lock);
 	admission_guard_free(&p->row_guard);
@@ -152,7 +147,9 @@ static void task_run(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
 
+	atomic_store(&p->run_ns, clock_mono_ns());
 	push_handlers[p->requests->kind].run(p, p->requests);
+	atomic_store(&p->run_ns, 0);
 }
 
 static void task_done(struct sched_task *t)
@@ -441,10 +438,25 @@ static void report_progress(struct push *p, const struct push_request *rq)
 		p->calls.progress(rq->token, "seal", rq->sealing ? done : 0, rq->sealing ? all : 0);
 }
 
+/* How long the file that a worker reads has given nothing. */
+static void watch_reading(struct push *p)
+{
+	const struct push_request *rq = p->requests;
+	uint64_t run_ns = atomic_load(&p->run_ns), seen = atomic_load(&p->progress) + atomic_load(&p->hashed);
+
+	if (!run_ns || !rq || !p->busy || (rq->kind != PUSH_PROBE && rq->kind != PUSH_FILE)) {
+		p->seen_ns = 0;
+	} else if (!p->seen_ns || p->seen_ns < run_ns || seen != p->seen) {
+		p->seen_ns = clock_mono_ns();
+		p->seen = seen;
+	}
+}
+
 void push_tick(struct push *p)
 {
 	struct push_request *rq = p->requests;
 
+	watch_reading(p);
 	push_space_tick(p);
 	/* Once a tick, because each attempt needs a worker. */
 	if (p->retry)

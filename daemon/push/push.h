@@ -8,6 +8,7 @@
 #ifndef PUSH_H
 #define PUSH_H
 
+#include "agree_set.h"
 #include "core.h"
 #include "dataset.h"
 #include "input.h"
@@ -29,6 +30,17 @@ void pushes_tick(struct pushes *);           /* each timer tick */
 /* For a stop that takes too long: removes temporary files at once, while workers still run. The process must exit next. */
 void pushes_abandon(struct pushes *);
 void pushes_held(const struct pushes *, void (*each)(void *ctx, const struct core_holder *), void *ctx);
+
+/* A worker reads a file of it that gives nothing: a disk or a file system without an answer. A read cannot be ended from outside.
+ */
+struct push_stall {
+	uint64_t push;
+	uint32_t uid;
+	const char *file; /* as the client named it; valid in this round of the loop */
+	double seconds;
+};
+#define PUSH_STALL_SECONDS 15.0
+unsigned pushes_stalled(const struct pushes *, struct push_stall *ret_longest); /* how many */
 
 /* ---- answers ---- */
 
@@ -98,16 +110,12 @@ struct push_calls {
 
 /* Texts are copied; `calls` too. */
 struct push_params {
-	const char *dataset;                                           /* "": a one-step dataset */
-	const char *scale_xy, *scale_z, *format;                       /* "": by the inputs */
-	const char *assume_crs, *assume_unit_xy, *assume_unit_z;       /* for inputs that say nothing; NULL, "": nothing */
-	const char *override_crs, *override_unit_xy, *override_unit_z; /* replaces what inputs say; not beside assume_* */
-	const char *utm;                                               /* zone for degrees; "": that of the middle of all */
-	const char *geoid;                                             /* grid that shifts heights; "": none */
-	const char *geoid_way;                                         /* "orthometric" or "ellipsoidal"; "": orthometric */
-	bool has_mode;                                                 /* for a new dataset; otherwise DATASET_MODE */
+	const char *dataset;     /* "": a one-step dataset */
+	const char *format;      /* "": by the inputs */
+	struct agree_words says; /* of the inputs */
+	bool has_mode;           /* for a new dataset; otherwise DATASET_MODE */
 	uint32_t mode;
-	bool planar, accept_truncated, strict;
+	bool accept_truncated, strict;
 	const double *crop; /* x1, y1, x2, y2 in the dataset's coordinates, for one-step datasets; none if ncrop is 0 */
 	size_t ncrop;
 	struct peer peer;

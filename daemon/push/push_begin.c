@@ -49,7 +49,7 @@ void push_begin_run(struct push *p, struct push_request *rq)
 	if (!rq->r && *p->base_name)
 		rq->r = grid_manifest_load(p->dataset->dirfd, p->base_name, p->pushes->core->p.ledger, &p->base, &rq->err);
 	if (!rq->r)
-		rq->r = push_plane_begin(p, &rq->err);
+		rq->r = push_agree_begin(p, &rq->err);
 	if (!rq->r && p->base)
 		rq->r = push_known_index(p->base, &p->base_paths, &rq->err);
 	if (!rq->r)
@@ -66,8 +66,8 @@ static void begin_answer(struct push *p, const struct err *why)
 	const struct err copy = why ? *why : ERR_INIT; /* `why` may be in the request, which is freed first */
 	void *token = p->requests->token;
 
-	if (p->has_lattice)
-		begun.lattice = lattice_text(&p->lattice, lattice);
+	if (p->agree.has_lattice)
+		begun.lattice = lattice_text(&p->agree.lattice, lattice);
 	push_request_end(p);
 	if (why)
 		push_leave(p);
@@ -121,17 +121,17 @@ static int take_lattice(struct push *p, struct err *err)
 	const struct grid_manifest *m = p->base;
 	size_t i;
 
-	p->has_lattice = true;
-	p->lattice = m->lattice;
+	p->agree.has_lattice = true;
+	p->agree.lattice = m->lattice;
 	p->base_generation = m->generation;
-	push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
+	agree_fix(&p->agree, m->crs, m->unit_xy, m->unit_z);
 	for (i = 0; i < m->nsources; i++)
 		dataset_sources_from(p->dataset, m->sources[i].id + 1);
-	if (*p->scale_xy || *p->scale_z) {
+	if (*p->agree.scale_xy || *p->agree.scale_z) {
 		struct decimal d;
 
-		if ((*p->scale_xy && (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
-		    (*p->scale_z && (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
+		if ((*p->agree.scale_xy && (!decimal_parse(p->agree.scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
+		    (*p->agree.scale_z && (!decimal_parse(p->agree.scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
 			err_set(err, ERR_USAGE, "the dataset %s has another scale", p->dataset->name);
 			return err_add_hint(err, "leave the scale out, or push into a new dataset");
 		}
@@ -159,7 +159,7 @@ static int take_base(struct push *p, const struct err *why, struct err *err)
 		push_adopt_done(p);
 	push_unclaim(p);
 	if (dataset_created(p->dataset))
-		snprintf(p->plane.created, sizeof p->plane.created, "%s", p->dataset->crs);
+		snprintf(p->agree.created, sizeof p->agree.created, "%s", p->dataset->crs);
 	p->base_settled = true;
 	if (!why && p->base && take_lattice(p, err))
 		return -(int)err->code;
@@ -274,20 +274,14 @@ static struct push *push_new(struct pushes *pushes, const struct push_params *in
 	admission_guard_init(&p->row_guard);
 	p->space.why = ERR_INIT;
 	p->requests_end = &p->requests;
-	p->scale_xy = push_copy_text(in->scale_xy);
-	p->scale_z = push_copy_text(in->scale_z);
 	p->format = push_copy_text(in->format);
-	p->utm = push_copy_text(in->utm);
-	p->geoid = push_copy_text(in->geoid);
-	p->geoid_way = push_copy_text(in->geoid_way);
 	p->close_request = calloc(1, sizeof *p->close_request);
 	p->pushes = pushes;
 	if (!charge(pushes->core, PUSH_BYTES, "another push", err)) {
 		p->charged = PUSH_BYTES;
 		p->pending = pending_new(pushes->datasets, in->peer.uid, err);
 	}
-	if (!err->code &&
-	    (!p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way || !p->close_request))
+	if (!err->code && (agree_init(&p->agree, &in->says, err) || !p->format || !p->close_request))
 		err_set(err, ERR_NOMEM, "no memory for a push");
 	return err->code ? push_free(p) : p;
 }
@@ -300,9 +294,9 @@ static int check_begin(struct pushes *pushes, struct push *p, const struct push_
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	if (too_many_pushes(pushes, &in->peer))
 		return err_set(err, ERR_BUSY, "too many pushes are open, of all users or of this one");
-	r = push_assume_read(p, in, err);
-	if (!r && p->assume_wkt && !(r = charge(pushes->core, strlen(p->assume_wkt), "another push", err)))
-		p->charged += strlen(p->assume_wkt);
+	r = agree_said(&p->agree, &in->says, err);
+	if (!r && p->agree.said_wkt && !(r = charge(pushes->core, strlen(p->agree.said_wkt), "another push", err)))
+		p->charged += strlen(p->agree.said_wkt);
 	return r ? r : check_crop(in, err);
 }
 
@@ -321,16 +315,14 @@ static void push_init(struct push *p, const struct push_params *in)
 	p->ctx = in->ctx;
 	p->peer = rights_without_groups(&in->peer);
 	p->space.owner = p->dataset->uid;
-	p->planar = in->planar;
+	p->agree.dataset = p->dataset->name;
+	p->agree.grows = !p->dataset->onestep;
 	p->accept_truncated = in->accept_truncated;
 	p->strict = in->strict;
 	p->has_crop = in->ncrop > 0;
 	if (p->has_crop)
 		memcpy(p->crop, in->crop, sizeof p->crop);
 	p->begun_ns = p->synced_ns = p->asked_ns = clock_mono_ns();
-	snprintf(p->crs, sizeof p->crs, "unknown");
-	snprintf(p->unit_xy, sizeof p->unit_xy, "unknown");
-	snprintf(p->unit_z, sizeof p->unit_z, "unknown");
 	p->next = pushes->first;
 	pushes->first = p;
 	p->admission.calls = &push_stage_calls;

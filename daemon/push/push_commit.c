@@ -124,11 +124,11 @@ static int check_newer(struct push *p, struct err *err)
 
 	if (!m || m->generation == p->base_generation)
 		return 0;
-	if (!lattice_equal(&m->lattice, &p->lattice))
+	if (!lattice_equal(&m->lattice, &p->agree.lattice))
 		return refuse_newer(p, "another lattice", err);
-	if (!push_crs_is(p, m))
+	if (!agree_is(&p->agree, m->crs, m->unit_xy, m->unit_z))
 		return refuse_newer(p, "another coordinate system", err);
-	if (push_plane_heights(p, &ignored))
+	if (push_heights(p, &ignored))
 		return refuse_newer(p, "heights of another geoid", err);
 	r = newer_paths(p, &paths, err);
 	for (size_t i = 0; !r && !twice && i < p->nsources; i++)
@@ -148,7 +148,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 	size_t nseg = p->base ? p->base->nsegments : 0, nsrc = p->base ? p->base->nsources : 0, i, at = nsrc;
 	uint64_t generation = (p->base ? p->base->generation : 0) + 1;
 	struct grid_manifest m = {
-		.lattice = p->lattice,
+		.lattice = p->agree.lattice,
 		.generation = generation,
 		.nsegments = nseg + (segment->points || !p->lines.id),
 		.nsources = nsrc + p->nsources + p->nadopt_named,
@@ -177,10 +177,10 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 		r = push_replace_apply(p, &m, err);
 		push_lines_put(p, &m);
 		m.oldest = p->base ? p->base->oldest : 0;
-		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
-		memcpy(m.geoid, p->plane.geoid, sizeof m.geoid);
-		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
-		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
+		snprintf(m.crs, sizeof m.crs, "%s", p->agree.crs);
+		memcpy(m.geoid, p->agree.geoid_text, sizeof m.geoid);
+		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->agree.unit_xy);
+		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->agree.unit_z);
 		if (!r)
 			r = dataset_note_generation(&m, p->base, &p->peer, p->nreplaced ? GRID_REPLACE : GRID_PUSH, 0, err);
 		if (!r)
@@ -300,7 +300,7 @@ static void commit_answer(struct push *p, const struct err *why)
 	done.generation = d->generation;
 	done.points = d->points;
 	done.unchanged = !p->made;
-	done.lattice = &p->lattice;
+	done.lattice = &p->agree.lattice;
 	done.lines = !why && p->made && p->lines.built ? &p->lines.made.counts : NULL;
 	/* `why` may be in the request, which is freed first. */
 	if (why)

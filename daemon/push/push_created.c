@@ -36,8 +36,8 @@ int push_created_scale(struct push *p, struct err *err)
 		return 0;
 	if (sscanf(p->dataset->lattice, "scale %47s %47s", xy, z) != 2)
 		return err_set(err, ERR_CORRUPT, "the catalogue has \"%.60s\" as a lattice", p->dataset->lattice);
-	r = require_scale(p, &p->scale_xy, xy, err);
-	return r ? r : require_scale(p, &p->scale_z, z, err);
+	r = require_scale(p, &p->agree.scale_xy, xy, err);
+	return r ? r : require_scale(p, &p->agree.scale_z, z, err);
 }
 
 static int require_text(const struct push *p, const char *what, const char *wanted, const char *got, struct err *err)
@@ -49,7 +49,7 @@ static int require_text(const struct push *p, const char *what, const char *want
 				  "push into a dataset of that coordinate system, or override what the file says with "
 				  "--override-crs and --override-units" :
 				  "say with --assume-crs that it is that, where no record says so");
-	return err_add_file(err, p->crs_of);
+	return err_add_file(err, p->agree.crs_of);
 }
 
 int push_created_crs(const struct push *p, struct err *err)
@@ -58,12 +58,12 @@ int push_created_crs(const struct push *p, struct err *err)
 	char plane[CRS_TEXT_SIZE];
 	int r;
 
-	if (!dataset_created(d) || !p->has_crs)
+	if (!dataset_created(d) || !p->agree.has_crs)
 		return 0;
 	/* A dataset that was created without heights accepts any. */
-	crs_text_plane(p->crs, plane);
-	r = require_text(p, "its coordinate system", d->crs, crs_text_heights(d->crs) ? p->crs : plane, err);
+	crs_text_plane(p->agree.crs, plane);
+	r = require_text(p, "its coordinate system", d->crs, crs_text_heights(d->crs) ? p->agree.crs : plane, err);
 	if (!r)
-		r = require_text(p, "the unit of its x and y", d->unit_xy, p->unit_xy, err);
-	return r ? r : require_text(p, "the unit of its z", d->unit_z, p->unit_z, err);
+		r = require_text(p, "the unit of its x and y", d->unit_xy, p->agree.unit_xy, err);
+	return r ? r : require_text(p, "the unit of its z", d->unit_z, p->agree.unit_z, err);
 }

@@ -24,7 +24,7 @@ int push_file_start(struct push *p, struct push_request *rq, struct err *err)
 
 	if (!rq->name || !rq->format || !rq->columns)
 		return err_set(err, ERR_NOMEM, "no memory for a request");
-	if (!p->has_lattice) {
+	if (!p->agree.has_lattice) {
 		err_set(err, ERR_USAGE, "the push has no lattice yet: PushPlan comes before File");
 		return err_add_file(err, rq->name);
 	}
@@ -111,23 +111,21 @@ static int file_ingest(struct push *p, struct push_request *rq, struct input *in
 {
 	const struct push_probed *probe = push_find_probe(p, rq->name);
 	struct pipe_ingest_params params = {
-		.lattice = &p->lattice,
+		.lattice = &p->agree.lattice,
 		.stage = p->stage,
 		.progress = file_progress,
 		.ctx = p,
 	};
-	struct push_plane_step step;
+	struct agree_step step;
 	int r;
 
 	push_remember_info(rq, in);
 	atomic_store(&p->claimed, rq->info.claimed);
 	if (!same_input(&probe->id, &rq->id))
 		return changed(rq->name, "after its header was read", &rq->err);
-	r = push_assume(p, rq);
+	r = agree_say(&p->agree, rq->name, &rq->info.crs, rq->overridden, &rq->err);
 	if (!r)
-		r = push_plane_of(p, &rq->info.crs, &step, &rq->err);
-	if (!r)
-		r = push_compatible(p, rq->name, &step.plane, &rq->err);
+		r = agree_step_of(&p->agree, rq->name, &rq->info.crs, &step, &rq->err);
 	params.step = !r && step.needed ? &step.params : NULL;
 	rq->projected = !r && step.projects;
 	if (!r && !rq->info.lines.are)
@@ -180,7 +178,7 @@ static void source_add(struct push *p, struct push_request *rq, uint32_t *ret_re
 {
 	struct grid_source *s = &p->sources[p->nsources++];
 	const struct push_probed *probe = push_find_probe(p, rq->name);
-	struct push_crs *crs = (struct push_crs *)probe->crs;
+	struct push_crs *crs = (struct push_crs *)probe->in.crs;
 	const char *base = strrchr(probe->name, '/');
 
 	base = base ? base + 1 : probe->name;
@@ -238,7 +236,7 @@ static void sync_next(struct push *p, struct push_request *rq)
 
 bool push_file_done(struct push *p, struct push_request *rq, const struct err *why)
 {
-	struct push_file file = {.name = rq->name, .geoid = p->plane.geoid};
+	struct push_file file = {.name = rq->name, .geoid = p->agree.geoid_text};
 	bool tried = rq->source != 0 && (p->task.ran || rq->helpers) && !p->broken;
 	struct err err = ERR_INIT;
 

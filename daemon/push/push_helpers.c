@@ -27,7 +27,7 @@ struct push_helpers {
 	struct push *push;
 	struct push_request *request;
 	const struct input *whole;
-	struct push_plane_step plane;
+	struct agree_step plane;
 	struct admission_guard guard;
 	enum { STAGE_WHOLE, STAGE_SPLIT, STAGE_CLOSED } state; /* of the stage */
 	uint64_t parts, step;
@@ -74,7 +74,7 @@ static bool read_batch(struct member *m)
 {
 	struct push_helpers *c = m->helpers;
 	const struct pipe_ingest_params params = {
-		.lattice = &c->push->lattice,
+		.lattice = &c->push->agree.lattice,
 		.stage = c->push->stage,
 		.step = c->plane.needed ? &c->plane.params : NULL,
 		.split = c->members > 1,
@@ -245,7 +245,7 @@ int push_helpers_start(struct push *p, struct push_request *rq, struct err *err)
 
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory to read a file");
-	r = push_plane_of(p, &rq->info.crs, &c->plane, err);
+	r = agree_plane_of(&p->agree, &rq->info.crs, &c->plane, err);
 	if (r) {
 		free(c);
 		return r;

@@ -22,7 +22,7 @@ int push_lines_begin(struct push *p, struct push_request *rq, struct pipe_ingest
 	breaklines_staged_name(p->id, rq->source, name);
 	if (!r)
 		r = breakline_writer_new(p->dataset->dirfd, name, &params->lines, &rq->err);
-	params->unit_xy = p->unit_xy;
+	params->unit_xy = p->agree.unit_xy;
 	return r;
 }
 
@@ -174,7 +174,7 @@ int push_lines_build(struct push *p, struct err *err)
 		.dirfd = p->dataset->dirfd,
 		.id = p->lines.id,
 		.memory = p->lines.have,
-		.lattice = &p->lattice,
+		.lattice = &p->agree.lattice,
 		.strict = p->strict,
 	};
 	uint64_t vertices;

@@ -39,10 +39,10 @@ static void choices_text(const struct push *p, char *buf, size_t size)
 {
 	char assume[DIGEST_HEX_SIZE];
 
-	assume_text(&p->assume, assume);
-	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s %s=%s,%s,%s reading=%s", p->planar,
-		 p->accept_truncated, p->utm, p->plane.geoid, p->overrides ? "override" : "assume", p->assume.unit_xy,
-		 p->assume.unit_z, assume, p->reading);
+	assume_text(&p->agree.said, assume);
+	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s %s=%s,%s,%s reading=%s", p->agree.planar,
+		 p->accept_truncated, p->agree.utm, p->agree.geoid_text, p->agree.overrides ? "override" : "assume",
+		 p->agree.said.unit_xy, p->agree.said.unit_z, assume, p->reading);
 }
 
 /* ---- leaving ---- */
@@ -51,7 +51,7 @@ static void choices_text(const struct push *p, char *buf, size_t size)
 static int write_manifest(struct push *p, struct err *err)
 {
 	size_t old = p->adopt ? p->adopt->nsources : 0, added = p->aborted ? 0 : p->nsources;
-	struct grid_manifest m = {.lattice = p->lattice, .nsources = old + added};
+	struct grid_manifest m = {.lattice = p->agree.lattice, .nsources = old + added};
 	char name[64], *wkt;
 	int r;
 
@@ -62,9 +62,9 @@ static int write_manifest(struct push *p, struct err *err)
 		memcpy(m.sources, p->adopt->sources, old * sizeof *m.sources);
 	if (added)
 		memcpy(m.sources + old, p->sources, added * sizeof *m.sources);
-	snprintf(m.crs, sizeof m.crs, "%s", p->crs);
-	snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
-	snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
+	snprintf(m.crs, sizeof m.crs, "%s", p->agree.crs);
+	snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->agree.unit_xy);
+	snprintf(m.unit_z, sizeof m.unit_z, "%s", p->agree.unit_z);
 	choices_text(p, m.choices, sizeof m.choices);
 	pending_manifest_name(p->id, name);
 	wkt = push_wkt_put(p, &m);
@@ -175,7 +175,7 @@ static const char *mismatch(const struct push *p, const struct grid_manifest *m)
 	choices_text(p, choices, sizeof choices);
 	if (p->base && !lattice_equal(&p->base->lattice, &m->lattice))
 		return "the dataset now has another lattice";
-	if (other_scale(p->scale_xy, m->lattice.scale_xy) || other_scale(p->scale_z, m->lattice.scale_z))
+	if (other_scale(p->agree.scale_xy, m->lattice.scale_xy) || other_scale(p->agree.scale_z, m->lattice.scale_z))
 		return "another --scale is wanted now";
 	if (!reading || strncmp(choices, m->choices, (size_t)(reading - m->choices) + strlen(" reading=")))
 		return "its files were read with other options";
@@ -261,12 +261,12 @@ void push_adopt_done(struct push *p)
 	if (!m)
 		return;
 	push_space_adopted(p);
-	p->has_lattice = true;
-	p->lattice = m->lattice;
+	p->agree.has_lattice = true;
+	p->agree.lattice = m->lattice;
 	if (!*p->dataset->manifest)
 		dataset_plan_begin(p->dataset, p);
-	if (!p->has_crs)
-		push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
+	if (!p->agree.has_crs)
+		agree_fix(&p->agree, m->crs, m->unit_xy, m->unit_z);
 	/* The stage may also have points of files that were not read whole, and their numbers are not given again. */
 	dataset_sources_from(p->dataset, p->adopt_last + 1);
 	p->has_claim = false;
@@ -283,7 +283,7 @@ void push_adopt_drop(struct push *p)
 		  (unsigned long long)p->id, p->adopt->nsources);
 	names_free(&p->adopt_paths);
 	p->adopt = grid_manifest_free(p->adopt);
-	p->has_lattice = p->has_crs = false;
+	agree_unfix(&p->agree);
 	p->reading[0] = 0;
 }
 

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "admission.h"
-#include "agree.h"
+#include "agree_set.h"
 #include "breaklines.h"
 #include "dataset.h"
 #include "file_hash.h"
@@ -128,26 +128,12 @@ struct push_probed {
 	const char *overridden, *reading; /* as grid_source has them; of push.texts, as the next */
 	const char *wkt;                  /* NULL: none */
 	struct client_file id;
-	struct lattice_input coords;
-	const struct crs_info *crs;     /* what it says; of push.crs_seen, as the next */
-	const struct crs_info *plane;   /* what it becomes in the dataset; NULL: not decided yet */
+	struct agree_input in;          /* its systems are of push.crs_seen */
 	size_t read_bytes;              /* memory to decode it */
 	uint64_t claimed;               /* points, by its header; 0: it does not say */
 	struct push_excluded *excluded; /* why it is not part of the plan; NULL: it is */
 	bool replace;                   /* it replaces the sources of its path ... */
 	size_t target;                  /* ... and this one, as push_request.target */
-	bool on_plane;                  /* `coords` are on the dataset's plane */
-	bool lines;                     /* it is a file of lines */
-};
-
-/* Where degrees and heights go (push_plane.c). */
-struct push_plane {
-	bool projects; /* some inputs are degrees, which are projected to `zone` */
-	struct crs_zone zone, wanted;
-	char datum[64];                         /* of the degrees */
-	char created[512];                      /* plane that the dataset was created with; "": none */
-	char geoid_path[64], geoid[GRID_GEOID]; /* the second as in the manifest; "": heights stay */
-	enum crs_geoid_way way;
 };
 
 struct push {
@@ -160,8 +146,8 @@ struct push {
 	struct push_calls calls;
 	void *ctx;
 	struct peer peer;
-	char *scale_xy, *scale_z, *format, *utm, *geoid, *geoid_way;
-	bool planar, accept_truncated, strict, has_crop;
+	char *format;
+	bool accept_truncated, strict, has_crop;
 	double crop[4];
 
 	/* The queue. */
@@ -190,16 +176,7 @@ struct push {
 	uint64_t base_generation;
 	char base_name[64];
 	struct names base_paths; /* live sources of `base` */
-	bool has_lattice;
-	struct lattice lattice;
-	char lattice_note[512]; /* what the lattice does to inputs that did not ask for it; "" */
-	struct push_plane plane;
-	char crs[512], unit_xy[16], unit_z[16];
-	char crs_of[256]; /* who says so: the dataset, or an input */
-	bool has_crs, assumes;
-	bool overrides;         /* `assume` replaces what the inputs say */
-	struct crs_info assume; /* for inputs that say nothing */
-	char *assume_wkt;       /* the same as WKT; NULL: none was given */
+	struct agree agree;      /* its coordinate system, plane and lattice */
 
 	/* Its files (push_table.c). */
 	struct push_probed *probes;
@@ -270,6 +247,8 @@ struct push {
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
 	_Atomic uint64_t hashed, hash_end;  /* bytes of a file that is read only for its hash; 0: none is */
 	uint64_t progress_ns;               /* when progress was reported last */
+	_Atomic uint64_t run_ns;            /* since when a worker runs the first request; 0: none does */
+	uint64_t seen, seen_ns;             /* what it had read, and since when that has been so; seen_ns 0: it reads no file */
 	atomic_bool cancel;
 };
 
@@ -440,8 +419,6 @@ void push_replace_nothing(struct push *);
 void push_replace_free(struct push *);
 
 /* push_reading.c: how files are read */
-/* Worker: the text for the manifest; info and overridden are set. */
-void push_reading_text(const struct push *, const struct push_request *, char ret[GRID_SOURCE_READING]);
 /* This push would read the source as it was read; and the error if not. */
 bool push_reading_same(const struct push *, const struct push_request *, const struct grid_source *);
 int push_reading_refuse(const struct push *, struct push_request *, const struct grid_source *);
@@ -454,47 +431,17 @@ bool push_same_reading(const struct push *, const struct push_request *);
 /* Any thread: an error of the input's own device gets the field PUSH_INPUT: the others of the push are as good as before. */
 #define PUSH_INPUT "input"
 void push_mark_unreadable(struct push_request *);
-int push_choose_lattice(struct push *, struct err *err); /* push_lattice.c; worker */
 
-/* push_plane.c */
-struct push_plane_step {
-	struct crs_info from, to; /* params points to them, so the struct may not move */
-	struct crs_info plane;    /* as the dataset has it, with the heights that a geoid makes */
-	bool projects, needed;
-	struct crs_step_params params;
-};
-int push_plane_begin(struct push *, struct err *err);         /* worker: checks the parameters against the base */
-int push_plane_choose(struct push *, struct err *err);        /* from all probes */
-int push_plane_heights(const struct push *, struct err *err); /* -ERR_USAGE: the base has other heights */
-/* What an input with that system becomes. */
-int push_plane_of(const struct push *, const struct crs_info *, struct push_plane_step *ret, struct err *err);
-int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* worker */
-
-/* push_crs.c */
-int push_assume_read(struct push *, const struct push_params *, struct err *err);
-/* Worker: completes request->info.crs, and sets overridden. -ERR_INPUT: the input says something else. */
-int push_assume(const struct push *, struct push_request *);
-void push_crs_of_dataset(struct push *, const char *text, const char *unit_xy, const char *unit_z);
-bool push_crs_is(const struct push *, const struct grid_manifest *); /* both are in the same system */
-/* All probed inputs, and the dataset, must have one system; sets the push's texts. The error names two inputs. */
-int push_crs_agree(struct push *, struct err *err);
-int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
-
-/* push_wkt.c */
-int push_wkt_take(const struct push *, struct push_request *, const struct input *); /* worker: sets request->wkt */
-int push_wkt_given(struct push *, const char *text, struct err *err);                /* by a person; "": nothing */
-/* Worker: sets those of a manifest, whose generation is set. To be freed when it is written; NULL: nothing. */
+/* push_agree.c */
+struct agree_inputs push_inputs(struct push *);         /* all probes */
+int push_agree_begin(struct push *, struct err *err);   /* worker: checks the parameters against the base */
+int push_heights(const struct push *, struct err *err); /* -ERR_USAGE: the base has other heights */
+/* Worker: sets the WKT of a manifest, whose generation is set. To be freed when it is written; NULL: nothing. */
 char *push_wkt_put(const struct push *, struct grid_manifest *);
 
 /* push_created.c: what dataset_create asks of the first push */
 int push_created_scale(struct push *, struct err *err);
 int push_created_crs(const struct push *, struct err *err);
-
-/* The manifest that has fixed plane and lattice: of the dataset, or of a pending push; NULL: neither. */
-static inline const struct grid_manifest *push_reference(const struct push *p)
-{
-	return p->base ? p->base : p->adopt;
-}
 
 /* ---- disk, and pending pushes ---- */
 

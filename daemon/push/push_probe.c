@@ -1,5 +1,6 @@
 /* The requests Probe and PushPlan: what each file is, and the lattice of all files. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "io.h"
@@ -10,54 +11,30 @@
 /* Points that rounding moves into the crop lie at most half a unit outside of it. */
 static void widen(const struct push *p, double crop[4])
 {
-	double unit = p->has_lattice ? decimal_double(p->lattice.scale_xy) : 0;
+	double unit = p->agree.has_lattice ? decimal_double(p->agree.lattice.scale_xy) : 0;
 
 	for (int i = 0; i < 4; i++)
 		crop[i] = p->crop[i] + (i < 2 ? -unit : unit);
 }
 
-/* The unit to which a text's numbers are rounded. Numbers that are projected or shifted pass through doubles, and keep their
- * precision. */
-static void lattice_of(const struct push *p, const struct push_request *rq, struct input_options *ret)
-{
-	static const struct decimal finest = {1, -9};
-	const struct push_probed *probe = push_find_probe(p, rq->name);
-	struct push_plane_step step = {.projects = false};
-	struct err ignored = ERR_INIT;
-
-	ret->lattice_later = true;
-	if (p->has_lattice) {
-		ret->scale_xy = p->lattice.scale_xy;
-		ret->scale_z = p->lattice.scale_z;
-	} else if ((*p->scale_xy && !decimal_parse(p->scale_xy, &ret->scale_xy)) ||
-		   (*p->scale_z && !decimal_parse(p->scale_z, &ret->scale_z))) {
-		ret->scale_xy = ret->scale_z = (struct decimal){0, 0}; /* PushPlan reports the error */
-	}
-	if (probe && !push_plane_of(p, probe->crs, &step, &ignored) && step.projects)
-		ret->scale_xy = finest;
-	if (*p->plane.geoid)
-		ret->scale_z = finest;
-}
-
 struct input_options push_options(const struct push *p, const struct push_request *rq)
 {
+	const struct push_probed *probe = push_find_probe(p, rq->name);
 	struct input_options options = {
 		.format = rq->format && *rq->format ? rq->format : NULL,
 		.columns = *rq->columns ? rq->columns : NULL,
 		.decimal_comma = rq->decimal_comma,
 		.strict = p->strict,
 		.accept_truncated = p->accept_truncated,
-		.planar = p->planar,
-		.degrees = true,
-		.any_plane = p->overrides,
 		.has_pipe = rq->stream && rq->stream->forward,
 		.pipe = rq->stream ? rq->stream->fd : -1,
 		/* the crop is in the dataset's coordinates, which are not the file's if it is projected */
-		.has_crop = p->has_crop && !p->plane.projects && !(p->overrides && p->assume.plane == CRS_PLANE_GEOGRAPHIC),
+		.has_crop =
+			p->has_crop && !p->agree.projects && !(p->agree.overrides && p->agree.said.plane == CRS_PLANE_GEOGRAPHIC),
 	};
 
 	widen(p, options.crop);
-	lattice_of(p, rq, &options);
+	agree_input_options(&p->agree, probe && agree_projects(&p->agree, probe->in.crs), &options);
 	return options;
 }
 
@@ -72,6 +49,15 @@ int push_probe_start(struct push *p, struct push_request *rq, struct err *err)
 	return rq->name && rq->format && rq->columns && rq->path && rq->replaces ?
 		       0 :
 		       err_set(err, ERR_NOMEM, "no memory for a request");
+}
+
+static int take_wkt(const struct push *p, struct push_request *rq, const struct input *in)
+{
+	const char *wkt = agree_wkt_of(&p->agree, input_wkt(in));
+
+	free(rq->wkt);
+	rq->wkt = *wkt ? strdup(wkt) : NULL;
+	return *wkt && !rq->wkt ? err_set(&rq->err, ERR_NOMEM, "no memory for a coordinate system") : 0;
 }
 
 void push_probe_run(struct push *p, struct push_request *rq)
@@ -94,9 +80,9 @@ void push_probe_run(struct push *p, struct push_request *rq)
 	push_remember_info(rq, in);
 	if (rq->stream)
 		rq->stream->claimed = rq->info.claimed;
-	rq->r = push_assume(p, rq);
+	rq->r = agree_say(&p->agree, rq->name, &rq->info.crs, rq->overridden, &rq->err);
 	if (!rq->r)
-		rq->r = push_wkt_take(p, rq, in);
+		rq->r = take_wkt(p, rq, in);
 	if (!rq->r && !p->dataset->onestep)
 		rq->r = file_hash_bounded(&rq->info, rq->id.size, rq->name, &rq->err);
 	input_close(in);
@@ -134,15 +120,16 @@ bool push_probe_done(struct push *p, struct push_request *rq, const struct err *
 
 int push_plan_start(struct push *p, struct push_request *rq, struct err *err)
 {
+	const struct agree_inputs inputs = push_inputs(p);
 	int r;
 
 	push_adopt_drop(p);
-	r = push_plane_choose(p, err);
+	r = agree_plane_choose(&p->agree, &inputs, err);
 	if (!r)
-		r = push_crs_agree(p, err);
+		r = agree_crs(&p->agree, &inputs, err);
 	if (!r)
 		r = push_created_crs(p, err);
-	if (r || p->has_lattice)
+	if (r || p->agree.has_lattice)
 		return r;
 	if (*p->dataset->manifest) {
 		err_set(err, ERR_BUSY, "another push has just chosen the lattice of %s", p->dataset->name);
@@ -157,8 +144,10 @@ int push_plan_start(struct push *p, struct push_request *rq, struct err *err)
 
 void push_plan_run(struct push *p, struct push_request *rq)
 {
-	if (!p->has_lattice)
-		rq->r = push_choose_lattice(p, &rq->err);
+	const struct agree_inputs inputs = push_inputs(p);
+
+	if (!p->agree.has_lattice)
+		rq->r = agree_lattice(&p->agree, &inputs, &rq->err);
 	if (!rq->r)
 		rq->r = push_space_plan(p, &rq->err);
 }
@@ -166,17 +155,21 @@ void push_plan_run(struct push *p, struct push_request *rq)
 bool push_plan_done(struct push *p, struct push_request *rq, const struct err *why)
 {
 	char lattice[LATTICE_TEXT_SIZE] = "", zone[8] = "";
-	struct push_planned planned = {
-		.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "", .geoid = p->plane.geoid, .note = p->lattice_note};
+	struct push_planned planned = {.lattice = lattice,
+				       .crs = p->agree.crs,
+				       .zone = zone,
+				       .datum = "",
+				       .geoid = p->agree.geoid_text,
+				       .note = p->agree.note};
 
 	if (!why) {
-		p->has_lattice = true;
-		lattice_text(&p->lattice, lattice);
-		if (p->plane.projects) {
-			crs_zone_text(p->plane.zone, zone);
-			planned.datum = p->plane.datum;
+		p->agree.has_lattice = true;
+		lattice_text(&p->agree.lattice, lattice);
+		if (p->agree.projects) {
+			crs_zone_text(p->agree.zone, zone);
+			planned.datum = p->agree.datum;
 		}
-	} else if (!p->has_lattice) {
+	} else if (!p->agree.has_lattice) {
 		dataset_plan_end(p->dataset, p);
 	}
 	p->calls.planned(rq->token, why, why ? NULL : &planned);

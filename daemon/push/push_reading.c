@@ -19,22 +19,6 @@ struct difference {
 	char was[DIFFERENCE_SIZE], is[DIFFERENCE_SIZE];
 };
 
-/* ---- the recorded text ---- */
-
-/* After a projection, or a shift by a geoid, the dataset's system is not the file's. */
-static bool needs_system(const struct push *p, const struct crs_info *crs)
-{
-	return crs->plane == CRS_PLANE_GEOGRAPHIC || *p->plane.geoid;
-}
-
-void push_reading_text(const struct push *p, const struct push_request *rq, char ret[GRID_SOURCE_READING])
-{
-	const struct crs_info *crs = &rq->info.crs;
-
-	agree_reading_text(rq->info.format, rq->columns, rq->decimal_comma, needs_system(p, crs) ? crs : NULL, ret,
-			   GRID_SOURCE_READING);
-}
-
 /* ---- format and columns ---- */
 
 static bool letters_differ(const struct push *p, const struct push_request *rq, const struct grid_source *s,
@@ -76,18 +60,18 @@ static bool system_differs(const struct push *p, const struct grid_source *s, co
 	struct agree_system said, has = r->system;
 
 	/* Older manifests do not record the system of degrees. */
-	if (!*s->reading && (*p->plane.geoid || p->assume.plane == CRS_PLANE_GEOGRAPHIC))
+	if (!*s->reading && (*p->agree.geoid_text || p->agree.said.plane == CRS_PLANE_GEOGRAPHIC))
 		return false;
-	agree_system_set(&said, p->assume.text, p->assume.unit_xy, p->assume.unit_z);
+	agree_system_set(&said, p->agree.said.text, p->agree.said.unit_xy, p->agree.said.unit_z);
 	if (!r->has_system)
-		agree_system_set(&has, p->crs, p->unit_xy, p->unit_z);
+		agree_system_set(&has, p->agree.crs, p->agree.unit_xy, p->agree.unit_z);
 	describe(&has, "", ret->was);
-	if (*s->overridden && !p->overrides) {
+	if (*s->overridden && !p->agree.overrides) {
 		snprintf(ret->is, sizeof ret->is, "what it says itself (%.500s)", s->overridden);
 		return true;
 	}
-	describe(&said, p->overrides ? ", in place of what it says itself" : ", assumed where it says nothing", ret->is);
-	return (p->overrides || p->assumes) && !agree_system_holds(&said, p->overrides, &has);
+	describe(&said, p->agree.overrides ? ", in place of what it says itself" : ", assumed where it says nothing", ret->is);
+	return (p->agree.overrides || p->agree.assumes) && !agree_system_holds(&said, p->agree.overrides, &has);
 }
 
 /* Degrees were projected, and --planar would not project them. */
@@ -96,8 +80,8 @@ static bool plane_differs(const struct push *p, const struct agree_reading *r, s
 	char planes[2][CRS_TEXT_SIZE];
 
 	crs_text_plane(r->system.text, planes[0]);
-	crs_text_plane(p->crs, planes[1]);
-	if (!p->planar || strcmp(r->system.unit_xy, "degree") || !strcmp(planes[0], planes[1]))
+	crs_text_plane(p->agree.crs, planes[1]);
+	if (!p->agree.planar || strcmp(r->system.unit_xy, "degree") || !strcmp(planes[0], planes[1]))
 		return false;
 	snprintf(ret->was, sizeof ret->was, "its degrees projected");
 	snprintf(ret->is, sizeof ret->is, "--planar");

@@ -342,19 +342,17 @@ void push_stream_run(struct push *p, struct push_request *rq)
 {
 	struct push_stream *s = rq->stream;
 	struct pipe_ingest_params params = {
-		.lattice = &p->lattice,
+		.lattice = &p->agree.lattice,
 		.stage = p->stage,
 		.before = s->in.points,
 		.progress = progress,
 		.ctx = s,
 	};
 	struct input_options options = push_options(p, rq);
-	struct push_plane_step step;
+	struct agree_step step;
 
-	rq->info.crs = *push_find_probe(p, rq->name)->crs;
-	rq->r = push_plane_of(p, &rq->info.crs, &step, &rq->err);
-	if (!rq->r)
-		rq->r = push_compatible(p, rq->name, &step.plane, &rq->err);
+	rq->info.crs = *push_find_probe(p, rq->name)->in.crs;
+	rq->r = agree_step_of(&p->agree, rq->name, &rq->info.crs, &step, &rq->err);
 	params.step = step.needed ? &step.params : NULL;
 	rq->projected = step.projects;
 	if (!rq->r && !s->input) {
@@ -404,7 +402,8 @@ int push_stream(struct push *p, int fd, const char *name, struct err *err)
 	s->push = p;
 	/* The lattice of a pending push may be dropped as long as none of its files was named: then the text decides, and has to
 	 * be read twice. */
-	s->text = !strcmp(p->format, "xyz") && (*p->scale_xy || (p->has_lattice && (p->base || !p->adopt || p->nadopt_named)));
+	s->text = !strcmp(p->format, "xyz") &&
+		  (*p->agree.scale_xy || (p->agree.has_lattice && (p->base || !p->adopt || p->nadopt_named)));
 	s->fd = fd;
 	s->spool = -1;
 	s->err = ERR_INIT;

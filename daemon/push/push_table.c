@@ -267,19 +267,19 @@ int push_remember_probe(struct push *p, const struct push_request *rq, struct er
 		err_add_hint(err, "bytes that are not UTF-8 count as '?' in names: rename one of them, or push it alone");
 		return err_add_file(err, at->name);
 	}
-	push_reading_text(p, rq, reading);
+	agree_how_read(&p->agree, rq->info.format, rq->columns, rq->decimal_comma, &rq->info.crs, reading, sizeof reading);
 	r = keep_text(p, rq->overridden, &at->overridden, err);
 	if (!r)
 		r = keep_text(p, reading, &at->reading, err);
 	if (r)
 		return r;
 	at->id = rq->id;
-	at->coords = rq->info.coords;
-	at->coords.name = at->name;
-	at->lines = rq->info.lines.are;
-	at->crs = crs;
-	at->plane = NULL;
-	at->on_plane = false;
+	at->in.coords = rq->info.coords;
+	at->in.coords.name = at->in.name = at->name;
+	at->in.lines = rq->info.lines.are;
+	at->in.crs = crs;
+	at->in.plane = NULL;
+	at->in.on_plane = false;
 	at->read_bytes = rq->info.read_bytes;
 	at->replace = rq->replace;
 	at->target = rq->target;

@@ -2,6 +2,7 @@
 #include <assert.h>
 #include <stdlib.h>
 
+#include "clock.h"
 #include "push_priv.h"
 
 int pushes_new(struct core *core, struct admission *admission, struct datasets *datasets, struct geoids *geoids,
@@ -80,6 +81,30 @@ static void held_by(const struct push *p, uint64_t held[LEDGER_NAMES])
 		held[LEDGER_INPUT] += push_helpers_held(p->requests->helpers);
 	for (s = p->streams; s; s = s->next)
 		core_task_held(core, &s->task, held);
+}
+
+static const char *file_of(const struct push *p)
+{
+	const struct push_request *rq = p->requests;
+
+	return !rq ? "" : rq->path && *rq->path ? rq->path : rq->name ? rq->name : "";
+}
+
+unsigned pushes_stalled(const struct pushes *pushes, struct push_stall *ret)
+{
+	unsigned n = 0;
+
+	*ret = (struct push_stall){.seconds = PUSH_STALL_SECONDS};
+	for (const struct push *p = pushes->first; p; p = p->next) {
+		double seconds = p->seen_ns ? clock_since(p->seen_ns) : 0;
+
+		if (seconds < PUSH_STALL_SECONDS)
+			continue;
+		n++;
+		if (seconds >= ret->seconds)
+			*ret = (struct push_stall){p->id, p->peer.uid, file_of(p), seconds};
+	}
+	return n;
 }
 
 void pushes_held(const struct pushes *pushes, void (*each)(void *ctx, const struct core_holder *), void *ctx)

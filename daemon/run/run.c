@@ -172,67 +172,6 @@ void run_close(struct run *w)
 
 /* ---- opening ---- */
 
-/* A lower bound: `dead` of the records are not of this generation, and may be any of them. */
-static uint64_t at_least(uint64_t points, uint64_t dead)
-{
-	return points > dead ? points - dead : 0;
-}
-
-/* Whether the view takes a class without giving its points a radius, although it has one for other classes. */
-static bool lacks_weight(const struct view *v, unsigned cls)
-{
-	const struct point p = {.cls = (uint8_t)cls, .ret = 0x11};
-	struct view kind = *v;
-	bool others = false;
-
-	for (unsigned i = 0; i < v->nweight; i++)
-		others |= !v->weight[i].slot && v->weight[i].radius;
-	kind.crop = VIEW_CROP_NONE;
-	kind.has_zmin = kind.has_zmax = false;
-	kind.every = 0;
-	return others && !view_weight_of(v, &p) && view_judge(&kind, &p) == VIEW_KEPT;
-}
-
-/* Of one segment: points of classes 0 and 1 that are live for sure, in sources without a radius of their own. */
-static void count_unweighted(struct run *w, size_t segment, uint64_t others)
-{
-	const uint64_t *points = grid_manifest(w->grid)->segments[segment].classes;
-
-	others += grid_segment_slotted(w->grid, segment);
-	for (unsigned cls = 0; cls < 2; cls++)
-		w->unweighted |= points[cls] > others && lacks_weight(&w->view, cls);
-}
-
-/* Segments count their points by class, sources do not. If a segment also has records of other generations, only a lower bound is
- * known for each class. */
-static void count_classes(struct run *w)
-{
-	const struct grid_manifest *m = grid_manifest(w->grid);
-	const struct grid_source *lines = grid_lines_source(w->grid);
-
-	w->ground = w->other = 0;
-	w->unclassified = w->classes_exact = true;
-	w->unweighted = false;
-	for (size_t i = 0; i < m->nsegments; i++) {
-		const uint64_t *points = m->segments[i].classes;
-		uint64_t live = grid_segment_points(w->grid, i), dead = m->segments[i].points - live, other = 0;
-
-		if (!live)
-			continue;
-		for (unsigned c = 0; c < 256; c++)
-			other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
-		w->classes_exact = w->classes_exact && !dead;
-		w->ground += at_least(points[2], dead);
-		w->other += at_least(other, dead);
-		w->unclassified &= !points[2] && !points[8];
-		/* Vertices of lines may be any of them. */
-		count_unweighted(w, i, dead + (lines ? lines->points : 0));
-	}
-	/* Vertices of lines have class 0, and are not chosen by class. */
-	if (lines)
-		w->other = at_least(w->other, lines->points);
-}
-
 /* What a selection, whose grid takes the place of this one, has not. */
 static int keep_system(struct run *w)
 {
@@ -270,7 +209,7 @@ static void open_run(struct sched_task *t)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
 	w->grid_view = w->view;
-	count_classes(w);
+	run_count_classes(w);
 	w->r = keep_system(w);
 	if (!w->r)
 		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, admission_emitter_share(runs->admission),

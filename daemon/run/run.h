@@ -179,7 +179,7 @@ const struct pipe_totals *run_totals(const struct run *); /* after `ended` witho
 uint64_t run_reused(const struct run *);
 uint64_t run_grid_points(const struct run *);
 /* Points of class 2 (ground), and of others that the view does not take for noise, in the generation. False: lower bounds, since
- * segments also have records of other generations. After `ended` without why. */
+ * segments also have records of other generations, not all of which were looked at. After `ended` without why. */
 bool run_classes(const struct run *, uint64_t *ret_ground, uint64_t *ret_other);
 uint64_t run_cropped(const struct run *);  /* pieces of lines that have an end outside of the crop, and are not in the mesh */
 bool run_unclassified(const struct run *); /* no point of the generation has class 2 or 8 */

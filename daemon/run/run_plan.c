@@ -15,9 +15,6 @@
 #include "store.h"
 #include "run_priv.h"
 
-/* Positions of a leaf of a named dataset. Small leaves: little is made again after a push, and making all of them costs a tenth
- * more. The arena's capacity does not depend on it. */
-enum { KEPT_LOAD = 1 << 16 };
 /* Leaves that make a second worker worthwhile for the search. */
 enum { SEARCH_TOGETHER = 32 };
 #define SEARCH_SECONDS 0.005
@@ -442,8 +439,8 @@ static void plan_begin(struct run *w)
 /* Small leaves keep what is made again after a push in proportion to the change. */
 static void narrow_leaves(struct run *w)
 {
-	if (!w->dataset->onestep && w->budget.load > KEPT_LOAD)
-		w->budget.load = KEPT_LOAD;
+	if (!w->dataset->onestep && w->budget.load > PIPE_KEPT_LOAD)
+		w->budget.load = PIPE_KEPT_LOAD;
 }
 
 /* Plans with the memory that stages leave now. If that is too little, it releases its slot and tries again later. Called by

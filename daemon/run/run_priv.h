@@ -358,6 +358,9 @@ void run_event_damaged(const struct run *, unsigned n);                        /
 #define STORE_TOUCH_NS (INT64_C(3600) * 1000000000)
 #define STORE_LOOK_NS INT64_C(1000000000)
 
+/* run_classes.c */
+void run_count_classes(struct run *); /* sets ground, other and so on of the open grid. Worker */
+
 /* run_select.c */
 /* Opens the selection in place of the generation's grid. RUN_E_ABSENT: there is none. -ERR_BUSY: no memory for the index now, or
  * it was damaged and is removed; begin again later. Worker. */

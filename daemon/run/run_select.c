@@ -286,18 +286,10 @@ static bool selection_memory(struct run *w)
 		w->select.bytes = bytes;
 		return true;
 	}
-	if (admission_check_size(w->runs->admission, least, "the selection of points", &err) ||
-	    admission_user_check_size(w->runs->admission, &w->owner, least + admission_share(w->runs->admission),
-				      "the selection of points", &err)) {
+	if (admission_lacks(w->runs->admission, &w->owner, least, left, "the selection of points", &err))
 		run_fail(w, &err);
-	} else if (admission_is_alone(w->runs->admission)) {
-		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
-			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
-		err_add_hint(&err, "remove datasets and jobs that are not needed (acutctl rm), or give acutd more memory");
-		run_fail(w, &err);
-	} else {
+	else
 		run_requeue(w, least);
-	}
 	return false;
 }
 

@@ -393,17 +393,10 @@ static bool simplify_memory(struct run *w)
 		w->select.bytes = x->members * x->each;
 		return true;
 	}
-	if (admission_check_size(a, least, "the simplification of points", &err) ||
-	    admission_user_check_size(a, &w->owner, least + admission_share(a), "the simplification of points", &err)) {
+	if (admission_lacks(a, &w->owner, least, left, "the simplification of points", &err))
 		run_fail(w, &err);
-	} else if (admission_is_alone(a)) {
-		err_set(&err, ERR_LIMIT, "the simplification of points needs %llu KiB, %llu KiB are left of the memory",
-			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
-		err_add_hint(&err, "remove datasets and jobs that are not needed (acutctl rm), or give acutd more memory");
-		run_fail(w, &err);
-	} else {
+	else
 		run_requeue(w, least);
-	}
 	return false;
 }
 

@@ -456,6 +456,8 @@ void conn_close(struct conn *c)
 	leave_jobs(c);
 	if (c->verify)
 		cache_verify_end(c->verify);
+	if (c->adopt)
+		cache_adopt_end(c->adopt);
 	leave_prunes(c);
 }
 

@@ -67,6 +67,7 @@ static void report_message(const struct job_report *r, bool counts, struct messa
 	m->report.kept = r->kept;
 	m->report.rounds = r->rounds;
 	m->report.attempts = r->attempts;
+	m->report.largest_error = (char *)r->largest_error;
 	most_message(r, &m->report);
 	if (counts)
 		removed_counts(r, m);
@@ -163,9 +164,11 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 		at += (size_t)snprintf(buf + at, size - at, "}");
 	if (at < size && *r->max_error)
 		at += (size_t)snprintf(buf + at, size - at,
-				       ",\"max_error\":\"%s\",\"positions\":%llu,\"kept\":%llu,\"rounds\":%llu,\"attempts\":%llu",
-				       r->max_error, (unsigned long long)r->positions, (unsigned long long)r->kept,
-				       (unsigned long long)r->rounds, (unsigned long long)r->attempts);
+				       ",\"max_error\":\"%s\",\"largest_error\":\"%s\",\"positions\":%llu,\"kept\":%llu,"
+				       "\"rounds\":%llu,\"attempts\":%llu",
+				       r->max_error, r->largest_error, (unsigned long long)r->positions,
+				       (unsigned long long)r->kept, (unsigned long long)r->rounds,
+				       (unsigned long long)r->attempts);
 	if (at < size)
 		snprintf(buf + at, size - at, "}");
 	return buf;

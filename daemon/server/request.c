@@ -71,6 +71,7 @@ static const struct {
 	ROW(CACHE_STAT_REQUEST, request_cache_stat, false),
 	ROW(CACHE_VERIFY, request_cache_verify, false),
 	ROW(CACHE_GC, request_cache_gc, false),
+	ROW(CACHE_ADOPT, request_cache_adopt, true),
 	ROW(GEOID_REMOVE, request_geoid_remove, false),
 	ROW(DOCTOR_REQUEST, request_doctor, false),
 	ROW(METRICS_REQUEST, request_metrics, false),

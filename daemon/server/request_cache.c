@@ -1,6 +1,7 @@
 /* Requests about the disk: its use, verification, and removal of derived files. */
 #include <string.h>
 
+#include "io.h"
 #include "server_priv.h"
 
 void message_side(const struct space_side *s, Acut__V1__CacheSide *ret)
@@ -93,6 +94,45 @@ void request_cache_verify(struct conn *c, struct request *q, Acut__V1__Message *
 
 	if (cache_verify(c->server->service->maintenance, &c->peer, &calls, q, &c->verify, &err))
 		request_refuse(q, &err);
+}
+
+/* ---- adopt ---- */
+
+static void on_adopt_progress(void *token, const char *phase, uint64_t bytes, uint64_t total)
+{
+	request_progress(token, phase, bytes, total);
+}
+
+static void on_adopted(void *token, const struct err *why, const struct cache_adopted *a)
+{
+	struct request *q = token;
+	Acut__V1__CacheAdopted out = ACUT__V1__CACHE_ADOPTED__INIT;
+
+	q->conn->adopt = NULL;
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	out.domains = a->domains;
+	out.bytes = a->bytes;
+	out.there = a->there;
+	out.flat = a->flat;
+	request_answer(q, FRAME_MESSAGE(CACHE_ADOPTED, cache_adopted, &out));
+}
+
+void request_cache_adopt(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	static const struct cache_adopt_calls calls = {on_adopt_progress, on_adopted};
+	struct err err = ERR_INIT;
+
+	if (c->adopt)
+		err_set(&err, ERR_BUSY, "the last pack of this connection is not taken yet");
+	else
+		cache_adopt(c->server->service->maintenance, &c->peer, fd, m->cache_adopt->name, &calls, q, &c->adopt, &err);
+	if (!err.code)
+		return;
+	io_close(fd);
+	request_refuse(q, &err);
 }
 
 /* ---- gc ---- */

@@ -308,9 +308,21 @@ static void check_catalogue(struct doctor *v, const struct service_numbers *n)
 			  (unsigned long long)n->datasets, (unsigned long long)n->jobs_listed);
 }
 
-static void check_pushes(struct doctor *v, const struct service_numbers *n)
+/* Only who pushes, and administrators, see the name of a file. */
+static void check_pushes(struct doctor *v, const struct server *s, const struct peer *peer, const struct service_numbers *n)
 {
-	if (n->pending && n->pending_left < DAY)
+	struct push_stall stall;
+	unsigned stalled = pushes_stalled(s->service->pushes, &stall);
+	bool shown = stalled && *stall.file && (rights_admin(peer) || peer->uid == stall.uid);
+
+	if (stalled)
+		add_check(
+			v, "pushes", WARNING,
+			"look at the file system that it is on (a network or FUSE mount that does not answer): acutd cannot end a "
+			"read, and its worker is free again only when the read returns",
+			"%u pushes read a file that gives nothing, push %llu since %.0f seconds%s%.300s", stalled,
+			(unsigned long long)stall.push, stall.seconds, shown ? ": " : "", shown ? stall.file : "");
+	else if (n->pending && n->pending_left < DAY)
 		add_check(v, "pushes", WARNING,
 			  "push the same files again: durable files are not read twice (acutctl datasets shows where)",
 			  "%llu interrupted pushes wait, the first is removed in %.0f hours", (unsigned long long)n->pending,
@@ -396,7 +408,7 @@ static void on_health(void *token, const struct err *why, const struct health *h
 	check_damage(v);
 	check_geoids(v, h);
 	check_catalogue(v, &n);
-	check_pushes(v, &n);
+	check_pushes(v, s, &q->conn->peer, &n);
 	check_jobs(v, &n);
 	check_log(v, s);
 	request_answer(q, FRAME_MESSAGE(DOCTOR, doctor, &v->answer));

@@ -105,6 +105,7 @@ struct conn {
 	struct conn_dataset *held; /* one-step datasets that it pushed */
 	struct stream_out *streams;
 	struct cache_verify *verify; /* the verification that it requested; NULL: none */
+	struct cache_adopt *adopt;   /* the pack that it passed; NULL: none */
 	struct conn_copy *copies;    /* backups, exports and imports that are open */
 };
 
@@ -182,7 +183,7 @@ request_fn request_push_begin, request_probe, request_push_plan, request_file, r
 	request_stream;
 request_fn request_info, request_inspect;
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
-request_fn request_cache_stat, request_cache_verify, request_cache_gc;
+request_fn request_cache_stat, request_cache_verify, request_cache_gc, request_cache_adopt;
 request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
 request_fn request_log, request_files, request_places, request_revert, request_prune;
 Acut__V1__Lines *request_lines(const struct grid_lines *, Acut__V1__Lines *ret); /* returns ret */

@@ -125,6 +125,10 @@ enum { CUT_BYTES_PER_POSITION = 80 };
 /* Splits the root until each leaf has at most `load` positions. Without points there are no leaves. Charges the grid's
  * ledger. */
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);
+/* A plan in two levels: the leaves of cut_plan_make with `load` that lie in `top`, a leaf of the plan with the same or a larger
+ * load, in order. `alone`: that plan has no other leaf. */
+int cut_plan_below(struct grid_reader *, const struct cut_region *top, bool alone, uint32_t load, struct cut_plan *ret,
+		   struct err *err);
 /* Replaces leaf i by its two halves, in order. `need`: from cut_load, for the text of an error: -ERR_LIMIT when eight
  * levels made no progress (algorithm.md 5). */
 int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap, struct err *err);

@@ -159,6 +159,15 @@ int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *re
 	return cut_plan_make_from(&src, load, ret, err);
 }
 
+int cut_plan_below(struct grid_reader *reader, const struct cut_region *top, bool alone, uint32_t load, struct cut_plan *ret,
+		   struct err *err)
+{
+	struct cut_source src;
+
+	cut_source_grid(reader, &src);
+	return cut_plan_below_from(&src, top, alone, load, ret, err);
+}
+
 int cut_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, uint64_t need, uint32_t cap, struct err *err)
 {
 	struct cut_source src;

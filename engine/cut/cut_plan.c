@@ -210,11 +210,11 @@ void cut_plan_make_flat(struct cut_plan *plan)
 		plan->leaf[i].flat = true;
 }
 
-static int plan_root(const struct cut_source *src, const struct cut_region *root, uint32_t load, struct cut_plan *plan,
-		     struct err *err)
+/* `before`: positions of the leaves before those of `root`. */
+static int plan_root(const struct cut_source *src, const struct cut_region *root, uint64_t before, uint32_t load,
+		     struct cut_plan *plan, struct err *err)
 {
 	struct cut_region stack[STACK], half[2];
-	uint64_t before = 0; /* positions of the leaves so far */
 	bool several = false;
 	unsigned n = 0;
 
@@ -249,8 +249,23 @@ int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_p
 
 	if (src->box(src->ctx, box)) {
 		cut_region_root(box, &root);
-		rc = plan_root(src, &root, plan.load, &plan, err);
+		rc = plan_root(src, &root, 0, plan.load, &plan, err);
 	}
+	if (rc)
+		cut_plan_done(&plan);
+	else
+		*ret = plan;
+	return rc;
+}
+
+/* What the larger load halves, the smaller one halves, too. If there are several regions, the small leaves at the start are the
+ * same with both loads: those of `top` that are not halved here are the first ones, and behind them no leaf is kept small. */
+int cut_plan_below_from(const struct cut_source *src, const struct cut_region *top, bool alone, uint32_t load,
+			struct cut_plan *ret, struct err *err)
+{
+	struct cut_plan plan = {.ledger = src->ledger, .load = load ? load : 1};
+	int rc = plan_root(src, top, alone ? 0 : FIRST, plan.load, &plan, err);
+
 	if (rc)
 		cut_plan_done(&plan);
 	else

@@ -55,6 +55,8 @@ bool cut_trace_still_live_in(const struct cut_source *, const struct cut_trace *
 bool cut_additions_far_from(const struct cut_source *, const struct cut_region *, const struct cut_reach *,
 			    const struct cut_live *);
 int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
+int cut_plan_below_from(const struct cut_source *, const struct cut_region *top, bool alone, uint32_t load, struct cut_plan *ret,
+			struct err *err);
 int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap, struct err *err);
 int cut_plan_halve_from(const struct cut_source *, struct cut_plan *, size_t i, bool *ret, struct err *err);
 int cut_plan_probe_from(const struct cut_source *, const struct view *, struct cut_plan *, uint32_t cap, void *scratch,

@@ -23,6 +23,7 @@
 struct breakline_writer;
 struct err;
 struct ledger;
+struct store_packer;
 
 /* ---- ingest: one input into a stage ---- */
 
@@ -103,6 +104,9 @@ int pipe_inspect(struct input *, const struct pipe_inspect_params *, struct pipe
 size_t pipe_budget_min(const struct grid *);
 enum { PIPE_LOADS = 4 };
 extern const uint32_t pipe_load[PIPE_LOADS]; /* the loads that a budget can have: 2^15, 2^17, 2^19, 2^20 positions */
+/* Positions of a leaf where domains are kept, whatever the memory allows. Small leaves: little is made again after a push, and
+ * making all of them costs a tenth more. The arena's capacity does not depend on it. */
+enum { PIPE_KEPT_LOAD = 1 << 16 };
 
 struct pipe_budget {
 	uint32_t load;       /* the most positions that a leaf may own: one of pipe_load */
@@ -209,6 +213,9 @@ struct pipe_summary {
  * remember of it; may be NULL. */
 int pipe_store(int storefd, const struct pipe_key *, const struct cut_region *region, const struct mesh_domain *,
 	       const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err);
+/* The same into a pack. `flat`: the leaf is flat, and its domain is not for a store. */
+int pipe_pack(struct store_packer *, const struct pipe_key *, const struct cut_region *region, const struct mesh_domain *,
+	      const void *memory, bool flat, struct pipe_stored *ret, struct err *err);
 
 struct pipe_reuse_params {
 	int storefd;

@@ -27,6 +27,7 @@
 #include "err.h"
 #include "pipe.h"
 #include "pipe_priv.h"
+#include "store_pack.h"
 
 /* Change it when the same points give other blocks: stored domains of the old kernel are then not found. */
 static const char KERNEL[] = "kernel 3";
@@ -37,6 +38,7 @@ enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PA
 	 CUT_TRACE_PARTS * PROOF_PART + PROOF_LINES)
 _Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "format.md");
 _Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
+_Static_assert((int)CUT_REGION_TEXT_SIZE <= (int)STORE_REGION, "a pack has room for the text of a region");
 
 /* ---- keys ---- */
 
@@ -258,25 +260,51 @@ static void summary_of(const struct store_front *f, const struct store_id *id, c
 	ret->live = trace->live;
 }
 
+/* What is stored of a domain that pipe_domain made in `memory`. */
+struct storing {
+	struct store_id id;
+	struct store_beside beside;
+	uint8_t proof[PROOF_MOST];
+};
+
+static void storing_of(const struct pipe_key *key, const struct cut_region *region, const struct cut_trace *trace,
+		       struct storing *ret)
+{
+	ret->beside = (struct store_beside){key->content, ret->proof, proof_pack(trace, ret->proof)};
+	ret->id = (struct store_id){pipe_key_of(key, region), list_of(trace, ret->proof, key->content)};
+}
+
 int pipe_store(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
 	       const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err)
 {
 	const struct cut_trace *trace = &((const struct pipe_trace *)memory)->trace;
-	uint8_t proof[PROOF_MOST];
-	struct store_beside beside = {.content = key->content, .proof = proof};
-	struct store_id id = {.base = pipe_key_of(key, region)};
 	struct store_front front;
+	struct storing s;
 	int r;
 
-	beside.proof_size = proof_pack(trace, proof);
-	id.list = list_of(trace, proof, key->content);
-	r = store_put(storefd, &id, &beside, domain, &front, err);
+	storing_of(key, region, trace, &s);
+	r = store_put(storefd, &s.id, &s.beside, domain, &front, err);
 	if (r)
 		return r;
-	stored_of(&front, &id, ret);
+	stored_of(&front, &s.id, ret);
 	if (ret_summary)
-		summary_of(&front, &id, key, region, trace, ret_summary);
+		summary_of(&front, &s.id, key, region, trace, ret_summary);
 	return 0;
+}
+
+int pipe_pack(struct store_packer *packer, const struct pipe_key *key, const struct cut_region *region,
+	      const struct mesh_domain *domain, const void *memory, bool flat, struct pipe_stored *ret, struct err *err)
+{
+	char text[CUT_REGION_TEXT_SIZE];
+	struct store_front front;
+	struct storing s;
+	int r;
+
+	storing_of(key, region, &((const struct pipe_trace *)memory)->trace, &s);
+	r = store_packer_add(packer, cut_region_text(region, text), &s.id, &s.beside, flat, domain, &front, err);
+	if (!r)
+		stored_of(&front, &s.id, ret);
+	return r;
 }
 
 /* ---- finding ---- */

@@ -25,10 +25,10 @@ static const char HEAD[] = "acut-simplify-state 1";
 #field, offsetof(struct simplify_where, field) \
 	}
 static const struct simplify_row rows[] = {
-	ROW(step),   ROW(attempt),    ROW(round),       ROW(error),      ROW(tasks),       ROW(parts),
-	ROW(chosen), ROW(added),      ROW(seeds),       ROW(rounds),     ROW(tested),      ROW(hull),
-	ROW(lines),  ROW(points),     ROW(flat),        ROW(records),    ROW(target),      ROW(low),
-	ROW(best),   ROW(best_error), ROW(best_chosen), ROW(best_seeds), ROW(best_rounds),
+	ROW(step),       ROW(attempt),     ROW(round),    ROW(error),  ROW(tasks), ROW(parts),      ROW(chosen),
+	ROW(added),      ROW(seeds),       ROW(rounds),   ROW(tested), ROW(hull),  ROW(lines),      ROW(points),
+	ROW(flat),       ROW(records),     ROW(target),   ROW(low),    ROW(best),  ROW(best_error), ROW(best_chosen),
+	ROW(best_seeds), ROW(best_rounds), ROW(best_far), ROW(far),
 };
 enum { ROWS = sizeof rows / sizeof *rows };
 
@@ -143,9 +143,10 @@ static bool is_needed(const struct simplify *s, const char *name)
 	if (at->best && is_of_grid(s, simplify_name(other, "best", at->best - 1, 0, 0), name))
 		return true;
 	for (uint32_t i = 0; i < at->tasks; i++)
-		if (!strcmp(name, task_file(s, i, other)))
+		if (!strcmp(name, task_file(s, i, other)) ||
+		    (at->round && !strcmp(name, simplify_name(other, "bad", at->attempt, at->round - 1, i))))
 			return true;
-	return !strcmp(name, simplify_name(other, "plan", at->attempt, at->round, 0)) ||
+	return !strcmp(name, simplify_name(other, "plan", at->attempt, 0, 0)) ||
 	       !strcmp(name, simplify_name(other, "fresh", at->attempt, at->round, 0)) ||
 	       is_of_grid(s, simplify_name(other, "chosen", at->attempt, at->round, 0), name);
 }
@@ -180,7 +181,7 @@ static int check_files(const struct simplify *s, struct err *err)
 	if (s->at.step == SIMPLIFY_BLOCKS)
 		whole = simplify_file_whole(s->p.dirfd, name);
 	if (s->at.step == SIMPLIFY_CHECK)
-		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, s->at.round, 0));
+		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "plan", s->at.attempt, 0, 0));
 	if (s->at.step == SIMPLIFY_CHECK && whole && s->at.round)
 		whole = simplify_file_whole(s->p.dirfd, simplify_name(name, "fresh", s->at.attempt, s->at.round, 0));
 	if (whole)

@@ -111,6 +111,7 @@ struct simplify_report {
 	uint64_t tested;   /* tests of a point against a triangle, in all rounds */
 	uint64_t attempts; /* with max_points: errors that were tried; else 1 */
 	int64_t max_error; /* lattice numbers: no point is farther */
+	uint64_t largest;  /* thousandths of them: the greatest distance of a point, rounded up */
 	/* The view removed or reduced these records of the grid, by rule; as counts of domains have them. */
 	uint64_t records, removed[VIEW_RULES];
 };

@@ -86,6 +86,7 @@ int simplify_finish(const struct simplify *s, const char *manifest, const struct
 		.tested = where->tested,
 		.attempts = where->attempt + 1,
 		.max_error = (int64_t)where->error,
+		.largest = where->far,
 		.records = where->records,
 	};
 	struct grid_segment_info segment;

@@ -1,7 +1,14 @@
 /*
- * Greedy insertion. Each triangle has a list of the points in it, and its farthest one; a heap has the triangles by that. An
- * insertion removes the triangles whose circle contains the new point, fills the hole with a fan, and deals their points out to
- * it. Nothing is beyond the base, which has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
+ * Greedy insertion. Each triangle has a list of the points in it, and its farthest one. An insertion removes the triangles whose
+ * circle contains the new point, fills the hole with a fan, and deals their points out to it. Nothing is beyond the base, which
+ * has the corners of the hull, so there are no ghosts: a side of the hull has no neighbour.
+ *
+ * Strictly greedy insertion takes the farthest point of all. That order jumps about, and most of the time goes into fetching
+ * distant memory. Here sweeps over some neighbouring triangles of the base, and what they become, insert what is farther than a
+ * limit, which falls from sweep to sweep. The points are nearly as few (docs/design/simplify.md), and the memory is near.
+ *
+ * Where the ground is rough most points stay, and dealing all points out again and again, until triangles are small, takes the
+ * rest of the time. There the base has more points (simplify_base.c).
  *
  * A fan is usually dealt out relative to its new point, in 64 bits: the turns that find a triangle are the weights of its corners
  * in the height of its plane. Fans of many triangles, and wide blocks, go the long way.
@@ -17,18 +24,26 @@
 #include "align.h"
 #include "digest.h"
 #include "geom.h"
+#include "simplify_base.h"
 #include "simplify_error.h"
 #include "tri.h"
 
 #define NONE UINT32_MAX
 
-enum { FAN = 64 }; /* the most triangles of a fan that is dealt out in 64 bits */
+enum {
+	FAN = 64,    /* the most triangles of a fan that is dealt out in 64 bits */
+	STEP = 6,    /* the limit falls by a sixth */
+	PART = 1024, /* triangles of the base that are refined one after the other */
+};
+
+/* The key of a point of the base: greater than all errors. */
+#define ROUGH (((uint64_t)1 << 49) + 1)
 
 /* Half of a cache line: most of the time goes into reaching these. */
 struct cell {
 	uint32_t corner[3], beside[3]; /* neighbours across from the corners */
 	uint32_t first;                /* of its points */
-	uint32_t heap;                 /* its place in the heap, or NONE */
+	uint32_t worst;                /* the farthest of them */
 };
 
 /* A side of the hole, counter-clockwise, and what is behind it. */
@@ -40,12 +55,6 @@ struct side {
 struct node {
 	int32_t x, y, z;
 	uint32_t next;
-};
-
-/* A triangle with a point that is too far: the farthest one. */
-struct entry {
-	uint64_t key;
-	uint32_t cell, worst;
 };
 
 /* A triangle of the hole, and the one from which it was reached. */
@@ -66,20 +75,21 @@ struct greedy {
 	struct node *node;
 	struct cell *cell;
 	struct side *side;
-	struct entry *heap;
+	uint64_t *key; /* of each cell: that of its farthest point */
 	struct pit *hole;
 	uint32_t *from;  /* of a vertex of the hole, the side that begins there */
-	struct tri *tri; /* of the base; in the memory of sides and heap, which are used later */
+	struct tri *tri; /* of the base; in the memory of sides and keys, which are used later */
 	struct simplify_place *order;
-	uint32_t ncell, nheap, nhole, nside;
-	int64_t high; /* the range of heights; 0: the block is too wide for 64 bits */
+	uint32_t ncell, nhole, nside;
+	int64_t high;  /* the range of heights; 0: the block is too wide for 64 bits */
+	int64_t error; /* what is not farther is near enough; within the range */
 	struct blade blade[FAN];
 	uint32_t list[FAN], nlist; /* the first points of lists */
 };
 
 size_t simplify_greedy_bytes(uint32_t n)
 {
-	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
+	size_t each = n + 3, later = 2 * each * (sizeof(struct side) + sizeof(uint64_t)), base = tri_bytes((uint32_t)each);
 
 	return align_line(2 * each * sizeof(struct cell)) + align_line(later > base ? later : base) +
 	       align_line(2 * each * sizeof(struct pit)) + align_line(each * sizeof(uint32_t)) * 2 +
@@ -89,7 +99,7 @@ size_t simplify_greedy_bytes(uint32_t n)
 
 static void carve(struct greedy *w, struct simplify_greedy *g, void *memory)
 {
-	size_t each = g->n + 3, later = 2 * each * (sizeof(struct side) + sizeof(struct entry)), base = tri_bytes((uint32_t)each);
+	size_t each = g->n + 3, later = 2 * each * (sizeof(struct side) + sizeof(uint64_t)), base = tri_bytes((uint32_t)each);
 	uint8_t *at = memory;
 
 	memset(w, 0, sizeof *w);
@@ -98,7 +108,7 @@ static void carve(struct greedy *w, struct simplify_greedy *g, void *memory)
 	w->cell = align_carve(&at, 2 * each * sizeof *w->cell);
 	w->tri = align_carve(&at, later > base ? later : base);
 	w->side = (struct side *)(void *)w->tri;
-	w->heap = (struct entry *)(void *)(w->side + 2 * each);
+	w->key = (uint64_t *)(void *)(w->side + 2 * each);
 	w->hole = align_carve(&at, 2 * each * sizeof *w->hole);
 	w->from = align_carve(&at, each * sizeof *w->from);
 	g->hull = align_carve(&at, each * sizeof *g->hull);
@@ -123,6 +133,7 @@ static void fill_nodes(struct greedy *w)
 	}
 	if (!(((int64_t)high[0] - low[0]) >> 30) && !(((int64_t)high[1] - low[1]) >> 30))
 		w->high = (int64_t)high[2] - low[2] + 1;
+	w->error = w->g->least >> SIMPLIFY_KEY_SHIFT < (uint64_t)w->high ? (int64_t)(w->g->least >> SIMPLIFY_KEY_SHIFT) : w->high;
 }
 
 static inline void xy_of(const struct greedy *w, uint32_t i, int32_t ret[2])
@@ -146,70 +157,13 @@ static inline int turn(const struct greedy *w, uint32_t a, uint32_t b, uint32_t 
 	return geom_orient(p, q, r);
 }
 
-/* ---- the heap: the greatest key first, then the first point by x and y ---- */
+/* ---- the farthest point of a triangle ---- */
 
-static inline bool is_before(const struct greedy *w, const struct entry *a, const struct entry *b)
-{
-	if (a->key != b->key)
-		return a->key > b->key;
-	return place_of(w, a->worst) < place_of(w, b->worst);
-}
-
-static inline void heap_set(struct greedy *w, uint32_t at, struct entry e)
-{
-	w->heap[at] = e;
-	w->cell[e.cell].heap = at;
-}
-
-static void heap_up(struct greedy *w, uint32_t at, struct entry e)
-{
-	for (; at && is_before(w, &e, &w->heap[(at - 1) / 2]); at = (at - 1) / 2)
-		heap_set(w, at, w->heap[(at - 1) / 2]);
-	heap_set(w, at, e);
-}
-
-static void heap_down(struct greedy *w, uint32_t at, struct entry e)
-{
-	for (;;) {
-		uint32_t child = 2 * at + 1;
-
-		if (child + 1 < w->nheap && is_before(w, &w->heap[child + 1], &w->heap[child]))
-			child++;
-		if (child >= w->nheap || !is_before(w, &w->heap[child], &e))
-			break;
-		heap_set(w, at, w->heap[child]);
-		at = child;
-	}
-	heap_set(w, at, e);
-}
-
-/* Where `at` is free. */
-static void heap_put(struct greedy *w, uint32_t at, struct entry e)
-{
-	if (at && is_before(w, &e, &w->heap[(at - 1) / 2]))
-		heap_up(w, at, e);
-	else
-		heap_down(w, at, e);
-}
-
-/* Sets the farthest point of a triangle. One that took the place of another in memory has that one's place in the heap, too. */
 static void set_worst(struct greedy *w, uint32_t t, uint32_t worst, uint64_t key)
 {
-	struct cell *c = &w->cell[t];
-	uint32_t at = c->heap;
-
-	if (key > w->g->least) {
-		heap_put(w, at == NONE ? w->nheap++ : at, (struct entry){key, t, worst});
-	} else if (at != NONE) {
-		struct entry last = w->heap[--w->nheap];
-
-		c->heap = NONE;
-		if (last.cell != t)
-			heap_put(w, at, last);
-	}
+	w->cell[t].worst = worst;
+	w->key[t] = key;
 }
-
-/* ---- the farthest point of a triangle ---- */
 
 static void judge(struct greedy *w, uint32_t t)
 {
@@ -315,16 +269,11 @@ static uint32_t side_after(const struct greedy *w, const struct side *s)
 	return after < w->nside && w->side[after].a == s->b ? after : NONE;
 }
 
-/* A triangle on each side of the hole, with p. Those of the hole have their places in memory and heap taken: there are fewer. */
+/* A triangle on each side of the hole, with p. Those of the hole have their places in memory taken: there are fewer. */
 static void fill(struct greedy *w, uint32_t p)
 {
 	for (uint32_t i = 0; i < w->nside; i++) {
-		if (i < w->nhole) {
-			w->side[i].cell = w->hole[i].cell;
-		} else {
-			w->side[i].cell = w->ncell++;
-			w->cell[w->side[i].cell].heap = NONE;
-		}
+		w->side[i].cell = i < w->nhole ? w->hole[i].cell : w->ncell++;
 		w->from[w->side[i].a] = i;
 	}
 	for (uint32_t i = 0; i < w->nside; i++) {
@@ -476,7 +425,9 @@ static bool deal_narrow(struct greedy *w, uint32_t p)
 		const struct blade *f = &w->blade[i];
 
 		w->cell[w->side[i].cell].first = f->first;
-		set_worst(w, w->side[i].cell, f->worst, simplify_key_of(f->most, f->area));
+		/* Most are near enough, and a division takes long. */
+		set_worst(w, w->side[i].cell, f->worst,
+			  f->most > (uint64_t)(w->error * f->area) ? simplify_key_of(f->most, f->area) : 0);
 	}
 	return true;
 }
@@ -493,19 +444,15 @@ static void insert(struct greedy *w, uint32_t t, uint32_t p)
 
 /* ---- the base ---- */
 
-/* The triangulation of the hull's corners and the vertices of lines, without its ghosts. `from` marks the base. */
+/* The triangulation of the base, without its ghosts. */
 static bool make_base(struct greedy *w)
 {
 	struct simplify_greedy *g = w->g;
 	struct mesh_vertex *in;
 	struct tri_result tri;
-	uint32_t n = 0, *number = (uint32_t *)(void *)g->pick, *index = (uint32_t *)(void *)w->hole; /* not used yet */
+	uint32_t n = simplify_base(g, w->from), *number = (uint32_t *)(void *)g->pick,
+		 *index = (uint32_t *)(void *)w->hole; /* not used yet */
 
-	memset(w->from, 0, g->n * sizeof *w->from);
-	for (uint32_t i = 0; i < g->nhull; i++)
-		w->from[g->hull[i]] = 1;
-	for (uint32_t i = 0; i < g->n; i++)
-		n += w->from[i] = w->from[i] || (w->pts[i].tag & POINT_LINE);
 	w->tri = tri_init(w->tri, n < 4 ? 4 : n);
 	in = tri_input(w->tri);
 	n = 0;
@@ -517,17 +464,13 @@ static bool make_base(struct greedy *w)
 	if (tri_run(w->tri, n))
 		return false;
 	tri_result(w->tri, &tri);
-	for (uint32_t i = 0; i < tri.ntriangle; i++) {
-		const uint32_t *c = tri.triangle[i].corner;
-
-		number[i] = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST ? NONE : w->ncell++;
-	}
+	w->ncell = simplify_base_number(g->n, &tri, index, (uint32_t *)(void *)w->order, number);
 	for (uint32_t i = 0; i < tri.ntriangle; i++) {
 		struct cell *c = &w->cell[number[i]];
 
 		if (number[i] == NONE)
 			continue;
-		*c = (struct cell){.first = NONE, .heap = NONE};
+		*c = (struct cell){.first = NONE};
 		for (unsigned k = 0; k < 3; k++) {
 			c->corner[k] = index[tri.id[tri.triangle[i].corner[k]]];
 			c->beside[k] = number[tri.triangle[i].link[k] >> 3];
@@ -550,11 +493,18 @@ static uint32_t locate(const struct greedy *w, uint32_t p, uint32_t t)
 	return t;
 }
 
+static void pick(struct greedy *w, uint32_t at, uint64_t key)
+{
+	w->g->pick[w->g->npick++] = (struct simplify_pick){key, at};
+}
+
 static void deal_first(struct greedy *w)
 {
 	uint32_t t = 0;
 
 	for (uint32_t i = 0; i < w->g->n; i++) {
+		if (w->from[i] == SIMPLIFY_ROUGH)
+			pick(w, i, ROUGH);
 		if (w->from[i])
 			continue;
 		t = locate(w, i, t);
@@ -565,9 +515,54 @@ static void deal_first(struct greedy *w)
 		judge(w, t);
 }
 
+/* Inserts where a point is farther than the limit; a place in memory may have another triangle with such a point then. What
+ * comes to a place that was passed is the next sweep's. `to`: NONE for all. `before`: the limit before, which no pick's key is
+ * above: a triangle that an insertion makes can have a point that is farther. True: a point was inserted. */
+static bool sweep(struct greedy *w, uint32_t from, uint32_t to, uint64_t limit, uint64_t before)
+{
+	uint32_t npick = w->g->npick;
+
+	for (uint32_t t = from; t < to && t < w->ncell; t++)
+		while (w->key[t] > limit) {
+			uint32_t worst = w->cell[t].worst;
+
+			pick(w, worst, w->key[t] < before ? w->key[t] : before);
+			insert(w, t, worst);
+		}
+	return w->g->npick > npick;
+}
+
+/* A part of the base, and what is made of it. */
+static void sweep_part(struct greedy *w, uint32_t from, uint32_t to)
+{
+	uint32_t made = w->ncell;
+	uint64_t limit = 0, before, least = w->g->least;
+	unsigned step = w->g->step ? w->g->step : STEP;
+
+	for (uint32_t t = from; t < to; t++)
+		limit = w->key[t] > limit ? w->key[t] : limit;
+	while (limit > least) {
+		before = limit;
+		/* Below a sixteenth of a lattice number the order does not matter. */
+		limit = limit >> (SIMPLIFY_KEY_SHIFT - 4) ? limit - limit / step : 0;
+		limit = limit < least ? least : limit;
+		sweep(w, from, to, limit, before);
+		sweep(w, made, NONE, limit, before);
+	}
+}
+
+static void sweep_all(struct greedy *w)
+{
+	uint32_t n = w->ncell;
+
+	for (uint32_t t = 0; t < n; t += PART)
+		sweep_part(w, t, n - t < PART ? n : t + PART);
+	while (sweep(w, 0, NONE, w->g->least, w->g->least + 1))
+		;
+}
+
 void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 {
-	uint64_t key = UINT64_MAX;
 	struct greedy w;
 
 	carve(&w, g, memory);
@@ -578,11 +573,5 @@ void simplify_greedy_run(struct simplify_greedy *g, void *memory)
 		return;
 	deal_first(&w);
 	memset(w.from, 0xff, (size_t)g->n * sizeof *w.from);
-	while (w.nheap) {
-		const struct entry top = w.heap[0];
-
-		key = top.key < key ? top.key : key;
-		g->pick[g->npick++] = (struct simplify_pick){key, top.worst};
-		insert(&w, top.cell, top.worst);
-	}
+	sweep_all(&w);
 }

@@ -1,10 +1,11 @@
 /*
- * Greedy insertion into one block: from the triangulation of a base, again and again the point that is farthest from the
- * surface. In memory of the caller, without I/O.
+ * Greedy insertion into one block: into the triangulation of a base, again and again a point that is far from the surface, the
+ * farthest of its triangle. In memory of the caller, without I/O.
  */
 #ifndef SIMPLIFY_GREEDY_H
 #define SIMPLIFY_GREEDY_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -15,8 +16,8 @@ enum { SIMPLIFY_BLOCK = 1 << 16 }; /* the most positions of a block */
 /* The distance of a point to the surface, up or down, as floor(distance * 2^16): 49 bits at most. */
 enum { SIMPLIFY_KEY_SHIFT = 16 };
 
-/* Point `at`, which was inserted when the farthest one had this key or more before: the least key of all insertions so far. So a
- * run that ends at a greater key would be the beginning of this one, that is all picks with a key that is greater. */
+/* Point `at`, with a key that fell from pick to pick by steps: not more than it had when it was inserted. One of the base has a
+ * key above all others. So the picks with a key above another one are nearly those of a run that ends there. */
 struct simplify_pick {
 	uint64_t key;
 	uint32_t at;
@@ -26,6 +27,8 @@ struct simplify_greedy {
 	const struct point *pts; /* distinct, in Morton order. The base: POINT_LINE, and the corners of the hull */
 	uint32_t n;
 	uint64_t least; /* it ends when no key is greater */
+	bool rough;     /* the base has more points, where the ground is rough for an error of this key */
+	unsigned step;  /* 0: as usual; the greater, the nearer to strictly greedy insertion, and the slower */
 	/* results, in the memory */
 	struct simplify_pick *pick; /* in order of insertion */
 	uint32_t npick;

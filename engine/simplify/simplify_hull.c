@@ -1,4 +1,5 @@
-/* The convex hull of positions, by Andrew's chains. What lies inside an octagon of extreme points is not sorted. */
+/* The convex hull of positions, by Andrew's chains. What lies inside an octagon of extreme points is not sorted; most of that
+ * lies in a box inside it. */
 #include <stdlib.h>
 
 #include "digest.h"
@@ -57,6 +58,25 @@ static bool is_inside(int32_t octagon[SIDES][2], const struct point *p)
 	return any; /* a single point has no side */
 }
 
+/* A box inside the octagon, somewhat smaller than that between its oblique corners; empty if that is not inside. */
+static void find_box(int32_t octagon[SIDES][2], int32_t ret[4])
+{
+	const int32_t *ne = octagon[1], *nw = octagon[3], *sw = octagon[5], *se = octagon[7];
+	const int64_t low[2] = {sw[0] > nw[0] ? sw[0] : nw[0], sw[1] > se[1] ? sw[1] : se[1]},
+		      high[2] = {se[0] < ne[0] ? se[0] : ne[0], nw[1] < ne[1] ? nw[1] : ne[1]};
+
+	for (unsigned k = 0; k < 2; k++) {
+		ret[k] = (int32_t)(low[k] + (high[k] - low[k]) / 16);
+		ret[2 + k] = (int32_t)(high[k] - (high[k] - low[k]) / 16);
+	}
+	for (unsigned k = 0; k < 4; k++) {
+		const struct point p = {.x = ret[k & 1 ? 2 : 0], .y = ret[k & 2 ? 3 : 1]};
+
+		if (!is_inside(octagon, &p))
+			ret[0] = INT32_MAX;
+	}
+}
+
 /* Extends a chain that turns left. */
 static uint32_t extend(const struct point *pts, uint32_t *chain, uint32_t n, uint32_t least, uint32_t next)
 {
@@ -75,12 +95,14 @@ static uint32_t extend(const struct point *pts, uint32_t *chain, uint32_t n, uin
 
 uint32_t simplify_hull(const struct point *pts, uint32_t n, struct simplify_place *order, uint32_t *ret)
 {
-	int32_t octagon[SIDES][2];
+	int32_t octagon[SIDES][2], box[4];
 	uint32_t m = 0, count = 0, lower;
 
 	find_octagon(pts, n, octagon);
+	find_box(octagon, box);
 	for (uint32_t i = 0; i < n; i++)
-		if (!is_inside(octagon, &pts[i]))
+		if ((pts[i].x < box[0] || pts[i].y < box[1] || pts[i].x > box[2] || pts[i].y > box[3]) &&
+		    !is_inside(octagon, &pts[i]))
 			order[m++] = (struct simplify_place){digest_place(pts[i].x, pts[i].y), i};
 	qsort(order, m, sizeof *order, place_order);
 	for (uint32_t i = 0; i < m; i++)

@@ -5,6 +5,10 @@
 #include "err.h"
 #include "simplify_priv.h"
 
+/* The step of greedy insertion with max_points: finer, so that the picks with keys above an error are those of a run that ends
+ * there, but for a few in a hundred. */
+enum { FINE = 24 };
+
 struct part {
 	struct simplify_in in;
 	struct simplify_out out;
@@ -46,7 +50,11 @@ static uint64_t least_key(const struct simplify *s)
 
 static int write_block(struct part *w, struct err *err)
 {
-	struct simplify_greedy g = {.pts = w->pts, .n = w->n, .least = least_key(w->s)};
+	struct simplify_greedy g = {.pts = w->pts,
+				    .n = w->n,
+				    .least = least_key(w->s),
+				    .rough = !w->s->p.max_points,
+				    .step = w->s->p.max_points ? FINE : 0};
 	int r = 0;
 
 	simplify_greedy_run(&g, w->greedy);

@@ -4,9 +4,16 @@
 
 enum { PROGRESS = 1 << 14 };
 
+int simplify_cancelled(const struct simplify *s, struct err *err)
+{
+	if (!s->p.progress || !s->p.progress(s->p.ctx))
+		return 0;
+	return err_set(err, ERR_CANCELLED, "the simplification was cancelled");
+}
+
 void simplify_sink_init(struct simplify_sink *k, const struct simplify *s, const struct view *view)
 {
-	*k = (struct simplify_sink){.progress = s->p.progress, .progress_ctx = s->p.ctx};
+	*k = (struct simplify_sink){.s = s};
 	cut_judge_init(&k->judge, view);
 }
 
@@ -15,8 +22,8 @@ int simplify_take(void *ctx, const struct point *pts, size_t n, struct err *err)
 	struct simplify_sink *k = ctx;
 	int r = 0;
 
-	if (k->progress && k->records / PROGRESS != (k->records + n) / PROGRESS && k->progress(k->progress_ctx))
-		return err_set(err, ERR_CANCELLED, "the simplification was cancelled");
+	if (k->records / PROGRESS != (k->records + n) / PROGRESS)
+		r = simplify_cancelled(k->s, err);
 	k->records += n;
 	for (size_t i = 0; !r && i < n; i++) {
 		const struct point *p = &pts[i];

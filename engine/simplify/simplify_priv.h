@@ -28,13 +28,13 @@ struct simplify_where {
 	uint64_t error;                        /* that holds, or is tried */
 	uint64_t tasks, parts;                 /* of the present step; of the blocks */
 	uint64_t chosen, added, seeds, rounds; /* of this attempt; positions */
-	uint64_t tested;
-	uint64_t hull, lines, points; /* corners of the hull that are no vertices of lines */
-	uint64_t flat;                /* the view makes no triangle: all its points are kept */
+	uint64_t tested, far;                  /* far: the greatest error that the last round found, in thousandths */
+	uint64_t hull, lines, points;          /* corners of the hull that are no vertices of lines */
+	uint64_t flat;                         /* the view makes no triangle: all its points are kept */
 	uint64_t records;
 	/* With max_points: how many the blocks should insert; the greatest error that gave too many points, plus one, or 0; and
 	 * the least that did not, with its attempt plus one (0: none) and numbers. */
-	uint64_t target, low, best, best_error, best_chosen, best_seeds, best_rounds;
+	uint64_t target, low, best, best_error, best_far, best_chosen, best_seeds, best_rounds;
 };
 
 struct simplify {
@@ -60,9 +60,10 @@ struct simplify_sink {
 	struct point last; /* the record chosen so far for its position */
 	bool any;
 	uint64_t records, removed[VIEW_RULES];
-	int (*progress)(void *ctx);
-	void *progress_ctx;
+	const struct simplify *s;
 };
+/* At short intervals: -ERR_CANCELLED if it shall stop. */
+int simplify_cancelled(const struct simplify *, struct err *err);
 void simplify_sink_init(struct simplify_sink *, const struct simplify *, const struct view *);
 /* A grid_points_fn. */
 int simplify_take(void *sink, const struct point *, size_t n, struct err *err);
@@ -90,7 +91,7 @@ struct simplify_seed {
 int simplify_part(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_part_bytes(const struct grid *);
 
-/* The file "bad-ATTEMPT-ROUND-TASK": struct point, each batch sorted; info: tests. */
+/* The file "bad-ATTEMPT-ROUND-TASK": struct point, each batch sorted; info: struct simplify_found. */
 int simplify_check(const struct simplify *, uint32_t task, void *memory, struct err *err);
 size_t simplify_check_bytes(const struct simplify_params *);
 

@@ -11,7 +11,7 @@
 #include "simplify_priv.h"
 
 /* Change it when other points are chosen than before: then results by the old rules are not found. */
-static const char RULES[] = "simplify 1";
+static const char RULES[] = "simplify 2";
 static const char REPORT[] = "report";
 static const char HEAD[] = "acut-simplify 1";
 
@@ -65,6 +65,7 @@ static const struct simplify_row rows[] = {
 	ROW("tested", tested),
 	ROW("attempts", attempts),
 	ROW("error", max_error),
+	ROW("largest", largest),
 	ROW("records", records),
 	RULE(1),
 	RULE(2),

@@ -1,7 +1,7 @@
 /*
  * From round to round. The points chosen are a grid whose segments are the seeds, and what each round added; more than a few
- * segments become one. With max_points an error is an attempt: the seeds for it, and rounds until none adds a point, or until
- * there are too many.
+ * segments become one. The regions are planned once, for the seeds. With max_points an error is an attempt: the seeds for it, and
+ * rounds until none adds a point, or until there are too many.
  */
 #include "simplify_round.h"
 
@@ -11,6 +11,7 @@
 #include "err.h"
 #include "io.h"
 #include "pipe.h"
+#include "simplify_region.h"
 #include "simplify_seed.h"
 
 /* ---- a new round ---- */
@@ -23,7 +24,7 @@ static int write_plan(const struct simplify *s, const struct cut_plan *plan, str
 
 	if (!out)
 		return err_set(err, ERR_NOMEM, "no memory for a plan");
-	simplify_name(name, "plan", s->at.attempt, s->at.round, 0);
+	simplify_name(name, "plan", s->at.attempt, 0, 0);
 	r = simplify_out_begin(out, s->p.dirfd, name, sizeof plan->leaf->region, err);
 	if (!r) {
 		for (size_t i = 0; !r && i < plan->n; i++)
@@ -60,18 +61,26 @@ static int make_plan(struct simplify *next, struct err *err)
 	return r;
 }
 
-/* The round of next->at, with these segments. */
-static int begin_round(struct simplify *next, struct grid_segment_info *segments, size_t n, struct err *err)
+static char *chosen_name(const struct simplify *next, char name[GRID_NAME_MAX])
+{
+	return simplify_name(name, "chosen", next->at.attempt, next->at.round, 0);
+}
+
+/* The points of next->at are these segments. */
+static int write_chosen(const struct simplify *next, struct grid_segment_info *segments, size_t n, struct err *err)
 {
 	char name[GRID_NAME_MAX];
-	int r;
 
-	simplify_name(name, "chosen", next->at.attempt, next->at.round, 0);
-	r = simplify_manifest(next, name, segments, n, next->at.lines, err);
-	if (!r)
-		r = simplify_grid(next, name, &next->chosen, err);
+	return simplify_manifest(next, chosen_name(next, name), segments, n, next->at.lines, err);
+}
+
+static int begin_round(struct simplify *next, struct err *err)
+{
+	char name[GRID_NAME_MAX];
+	int r = simplify_grid(next, chosen_name(next, name), &next->chosen, err);
+
 	next->at.step = SIMPLIFY_CHECK;
-	return r ? r : make_plan(next, err);
+	return r || next->at.round ? r : make_plan(next, err);
 }
 
 /* ---- an attempt ---- */
@@ -88,13 +97,12 @@ static int begin_attempt(struct simplify *next, struct err *err)
 		return r;
 	next->at.round = next->at.rounds = next->at.added = 0;
 	next->at.chosen = next->at.seeds = segment.points;
+	r = write_chosen(next, &segment, 1, err);
 	if (!next->at.flat)
-		return begin_round(next, &segment, 1, err);
+		return r ? r : begin_round(next, err);
 	/* There are no triangles to test. */
-	simplify_name(name, "chosen", next->at.attempt, 0, 0);
-	r = simplify_manifest(next, name, &segment, 1, next->at.lines, err);
 	if (!r)
-		r = simplify_finish(next, name, &next->at, err);
+		r = simplify_finish(next, chosen_name(next, name), &next->at, err);
 	next->at.step = SIMPLIFY_DONE;
 	next->at.tasks = 0;
 	return r;
@@ -144,27 +152,28 @@ int simplify_end_blocks(const struct simplify *s, struct simplify *next, struct 
 /* ---- the end of an attempt ---- */
 
 /* Keeps what was chosen as the best so far. */
-static int keep_best(const struct simplify *s, struct simplify_where *to, struct err *err)
+static int keep_best(struct simplify *next, struct err *err)
 {
+	struct simplify_where *at = &next->at;
 	struct grid_segment_info segment;
 	char name[GRID_NAME_MAX], from[GRID_NAME_MAX];
 	int r;
 
-	simplify_name(from, "chosen", s->at.attempt, s->at.round, 0);
-	simplify_name(name, "kept", s->at.attempt, 0, 0);
-	r = simplify_rewrite(s, from, name, true, &segment, err);
+	simplify_name(name, "kept", at->attempt, 0, 0);
+	r = simplify_rewrite(next, chosen_name(next, from), name, true, &segment, err);
 	if (!r)
-		r = simplify_manifest(s, simplify_name(name, "best", s->at.attempt, 0, 0), &segment, 1, s->at.lines, err);
-	to->best = s->at.attempt + 1;
-	to->best_error = s->at.error;
-	to->best_chosen = s->at.chosen;
-	to->best_seeds = s->at.seeds;
-	to->best_rounds = s->at.rounds;
+		r = simplify_manifest(next, simplify_name(name, "best", at->attempt, 0, 0), &segment, 1, at->lines, err);
+	at->best = at->attempt + 1;
+	at->best_error = at->error;
+	at->best_far = at->far;
+	at->best_chosen = at->chosen;
+	at->best_seeds = at->seeds;
+	at->best_rounds = at->rounds;
 	return r;
 }
 
 /* The next error to try, between those that are known to give too many and few enough points. */
-static int next_error(struct simplify *next, uint64_t chosen, struct err *err)
+static int next_error(struct simplify *next, struct err *err)
 {
 	struct simplify_where *at = &next->at;
 	uint64_t *histogram = malloc(SIMPLIFY_BUCKETS * sizeof *histogram), guess;
@@ -176,7 +185,7 @@ static int next_error(struct simplify *next, uint64_t chosen, struct err *err)
 	r = simplify_seed_histogram(next, histogram, err);
 	if (!r) {
 		/* In proportion to what the rounds made of the last target, a hundredth below. */
-		double share = (double)(most - least) * 0.99 / (double)(chosen > least ? chosen - least : 1);
+		double share = (double)(most - least) * 0.99 / (double)(at->chosen > least ? at->chosen - least : 1);
 
 		at->target = (uint64_t)((double)at->target * (share < 0.25 ? 0.25 : share > 4 ? 4 : share));
 		guess = simplify_seeds_error(histogram, at->target);
@@ -190,51 +199,52 @@ static int next_error(struct simplify *next, uint64_t chosen, struct err *err)
 	return r;
 }
 
-static int finish_best(const struct simplify *s, struct simplify *next, struct err *err)
+static int finish_best(struct simplify *next, struct err *err)
 {
 	struct simplify_where *at = &next->at;
 	char name[GRID_NAME_MAX];
 	int r;
 
 	at->error = at->best_error;
+	at->far = at->best_far;
 	at->seeds = at->best_seeds;
 	at->rounds = at->best_rounds;
 	at->chosen = at->best_chosen;
-	r = simplify_finish(s, simplify_name(name, "best", at->best - 1, 0, 0), at, err);
+	r = simplify_finish(next, simplify_name(name, "best", at->best - 1, 0, 0), at, err);
 	at->step = SIMPLIFY_DONE;
 	at->tasks = 0;
 	return r;
 }
 
 /* An attempt for max_points is over: with too many points, or with all of them tested. */
-static int end_attempt(const struct simplify *s, struct simplify *next, struct err *err)
+static int end_attempt(struct simplify *next, struct err *err)
 {
 	struct simplify_where *at = &next->at;
-	uint64_t most = s->p.max_points;
+	uint64_t most = next->p.max_points;
 	int r = 0;
 
-	if (s->at.chosen > most)
-		at->low = s->at.error + 1 > at->low ? s->at.error + 1 : at->low;
-	else if (!at->best || s->at.error < at->best_error)
-		r = keep_best(s, at, err);
+	if (at->chosen > most)
+		at->low = at->error + 1 > at->low ? at->error + 1 : at->low;
+	else if (!at->best || at->error < at->best_error)
+		r = keep_best(next, err);
 	if (r)
 		return r;
 	if (at->best && (at->best_chosen >= most - most / 50 || at->low >= at->best_error || at->best_chosen == at->points ||
 			 at->attempt + 1 >= SIMPLIFY_ATTEMPTS))
-		return finish_best(s, next, err);
-	r = next_error(next, s->at.chosen, err);
+		return finish_best(next, err);
+	r = next_error(next, err);
 	at->attempt++;
 	return r ? r : begin_attempt(next, err);
 }
 
-static int end_all(const struct simplify *s, struct simplify *next, struct err *err)
+static int end_all(struct simplify *next, struct err *err)
 {
 	char name[GRID_NAME_MAX];
 	int r;
 
-	if (s->p.max_points)
-		return end_attempt(s, next, err);
-	r = simplify_finish(s, simplify_name(name, "chosen", s->at.attempt, s->at.round, 0), &next->at, err);
+	if (next->p.max_points)
+		return end_attempt(next, err);
+	r = simplify_finish(next, chosen_name(next, name), &next->at, err);
 	next->at.step = SIMPLIFY_DONE;
 	next->at.tasks = 0;
 	return r;
@@ -242,32 +252,48 @@ static int end_all(const struct simplify *s, struct simplify *next, struct err *
 
 /* ---- what a round added ---- */
 
-/* Writes the points of all tasks as a segment. A point may be in it twice. Adds to *ret_tests how many tests were made. */
-static int collect(const struct simplify *s, const char *segment, struct grid_segment_info *ret, uint64_t *ret_tests,
-		   struct err *err)
+/* The points of one task. */
+static int collect_task(const struct simplify *s, uint32_t task, struct simplify_stage *to, struct simplify_found *ret,
+			struct err *err)
 {
-	struct simplify_stage *to = malloc(sizeof *to);
 	char name[GRID_NAME_MAX];
 	struct point pts[256];
 	struct simplify_in in;
 	size_t n = 0;
+	int r = simplify_in_begin(&in, s->p.dirfd, simplify_name(name, "bad", s->at.attempt, s->at.round, task), sizeof *pts,
+				  err);
+
+	if (r)
+		return r;
+	memcpy(ret, in.info, sizeof *ret);
+	do {
+		r = simplify_in_read(&in, pts, 256, &n, err);
+		for (size_t k = 0; !r && k < n; k++)
+			r = simplify_stage_add(to, &pts[k], err);
+	} while (!r && n);
+	simplify_in_end(&in);
+	return r;
+}
+
+/* Writes the points of all tasks as a segment. A point may be in it twice. Adds to *ret_all the tests, the flags, and the
+ * greatest error. */
+static int collect(const struct simplify *s, const char *segment, struct grid_segment_info *ret, struct simplify_found *ret_all,
+		   struct err *err)
+{
+	struct simplify_stage *to = malloc(sizeof *to);
+	struct simplify_found one;
 	int r;
 
 	if (!to)
 		return err_set(err, ERR_NOMEM, "no memory for the points of a round");
 	r = simplify_stage_begin(to, s, segment, true, s->p.memory - sizeof *to, err);
 	for (uint32_t i = 0; !r && i < s->at.tasks; i++) {
-		r = simplify_in_begin(&in, s->p.dirfd, simplify_name(name, "bad", s->at.attempt, s->at.round, i), sizeof *pts,
-				      err);
-		if (r)
-			break;
-		*ret_tests += in.info[0];
-		do {
-			r = simplify_in_read(&in, pts, 256, &n, err);
-			for (size_t k = 0; !r && k < n; k++)
-				r = simplify_stage_add(to, &pts[k], err);
-		} while (!r && n);
-		simplify_in_end(&in);
+		r = collect_task(s, i, to, &one, err);
+		if (!r)
+			r = simplify_cancelled(s, err);
+		ret_all->tests += one.tests;
+		ret_all->far = one.far > ret_all->far ? one.far : ret_all->far;
+		ret_all->is |= one.is;
 	}
 	if (!r)
 		r = simplify_stage_end(to, ret, err);
@@ -351,33 +377,43 @@ static int next_segments(const struct simplify *s, const struct simplify *next, 
 	return r;
 }
 
-int simplify_end_round(const struct simplify *s, struct simplify *next, struct err *err)
+/* The grid of the next round, from that of this one and what it added. */
+static int add_segment(const struct simplify *s, struct simplify *next, struct grid_segment_info *added, struct err *err)
 {
-	struct grid_segment_info added, *segments;
-	char name[GRID_NAME_MAX];
-	uint64_t tests = 0;
+	struct grid_segment_info *segments = malloc((SIMPLIFY_SEGMENTS + 1) * sizeof *segments);
 	size_t n;
 	int r;
 
-	if (s->p.max_points && s->at.chosen > s->p.max_points)
-		return end_attempt(s, next, err);
-	next->at.round++;
-	r = collect(s, simplify_name(name, "added", next->at.attempt, next->at.round, 0), &added, &tests, err);
-	next->at.tested += tests;
-	if (r)
-		return r;
-	if (!added.points)
-		return end_all(s, next, err);
-	segments = malloc((SIMPLIFY_SEGMENTS + 1) * sizeof *segments);
 	if (!segments)
 		return err_set(err, ERR_NOMEM, "no memory for the points of a round");
-	r = write_fresh(next, &added, &next->at.added, err);
+	r = next_segments(s, next, added, segments, &n, err);
 	if (!r)
-		r = next_segments(s, next, &added, segments, &n, err);
-	next->at.chosen += next->at.added;
-	next->at.rounds++;
-	if (!r)
-		r = begin_round(next, segments, n, err);
+		r = write_chosen(next, segments, n, err);
 	free(segments);
 	return r;
+}
+
+int simplify_end_round(const struct simplify *s, struct simplify *next, struct err *err)
+{
+	struct grid_segment_info added;
+	struct simplify_found found = {.tests = 0};
+	char name[GRID_NAME_MAX];
+	int r = collect(s, simplify_name(name, "added", s->at.attempt, s->at.round + 1, 0), &added, &found, err);
+
+	if (r)
+		return r;
+	next->at.tested += found.tests;
+	next->at.far = found.far;
+	if (!added.points)
+		return end_all(next, err);
+	next->at.round++;
+	next->at.rounds++;
+	r = write_fresh(next, &added, &next->at.added, err);
+	next->at.chosen += next->at.added;
+	if (r || (s->p.max_points && next->at.chosen > s->p.max_points))
+		return r ? r : end_attempt(next, err);
+	r = add_segment(s, next, &added, err);
+	if (r)
+		return r;
+	return found.is & SIMPLIFY_CLOSED ? end_all(next, err) : begin_round(next, err);
 }

@@ -78,8 +78,8 @@ static int read_parts(const struct simplify *s, struct walk *w,
 
 	for (uint32_t i = 0; !r && i < s->at.parts; i++) {
 		r = read_part(s, w, i, each, ctx, err);
-		if (!r && s->p.progress && s->p.progress(s->p.ctx))
-			r = err_set(err, ERR_CANCELLED, "the simplification was cancelled");
+		if (!r)
+			r = simplify_cancelled(s, err);
 	}
 	return r;
 }

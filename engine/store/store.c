@@ -16,166 +16,31 @@
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
-#define XXH_STATIC_LINKING_ONLY /* for the hash state on the stack */
 #include <xxhash.h>
 
 #include "err.h"
 #include "io.h"
 #include "store_format.h"
 
-enum { TEMP = STORE_NAME + 48 };
-
 static int64_t time_of(const struct stat *st)
 {
 	return (int64_t)st->st_mtim.tv_sec * 1000000000 + st->st_mtim.tv_nsec;
 }
 
-/* ---- checksums ---- */
-
-/* The checksum of two arrays as if they were one. */
-static uint64_t two_sum(const void *a, size_t na, const void *b, size_t nb)
-{
-	XXH3_state_t state;
-
-	XXH3_64bits_reset(&state);
-	XXH3_64bits_update(&state, a, na);
-	XXH3_64bits_update(&state, b, nb);
-	return XXH3_64bits_digest(&state);
-}
-
-static uint64_t open_sum(const struct mesh_domain *d)
-{
-	return two_sum(d->link, (size_t)d->nopen * sizeof *d->link, d->vertex, (size_t)d->nopen * sizeof *d->vertex);
-}
-
 /* ---- writing ---- */
 
-/* The part of a file that is written behind its header. `sum`: of packed bytes. */
-struct piece {
-	int fd;
-	const char *name;
-	uint64_t at; /* place in the file */
-	size_t used;
-	XXH3_state_t sum;
-	uint8_t buf[32 << 10];
-};
-
-static int piece_flush(struct piece *p, struct err *err)
+/* In a folder that is made when it is first needed. */
+int store_temp_open(int dirfd, const struct store_id *id, const void *who, char name[STORE_NAME], char temp[STORE_TEMP],
+		    int *ret_fd, struct err *err)
 {
-	int r = io_write_at(p->fd, p->buf, p->used, p->at, p->name, err);
+	char folder[STORE_FOLDER] = {0};
+	int fd, r;
 
-	p->at += p->used;
-	p->used = 0;
-	return r;
-}
-
-static int piece_put(struct piece *p, const void *bytes, size_t n, struct err *err)
-{
-	int r = 0;
-
-	for (const uint8_t *from = bytes; !r && n;) {
-		size_t room = sizeof p->buf - p->used, some = n < room ? n : room;
-
-		memcpy(p->buf + p->used, from, some);
-		p->used += some;
-		from += some;
-		n -= some;
-		if (p->used == sizeof p->buf)
-			r = piece_flush(p, err);
-	}
-	return r;
-}
-
-/* Writes zeros up to `end`. */
-static int piece_pad(struct piece *p, uint64_t end, struct err *err)
-{
-	static const uint8_t zero[8];
-
-	return piece_put(p, zero, (size_t)(end - p->at - p->used), err);
-}
-
-/* How many elements of that size fit the buffer; writes the buffer out if none fits. */
-static int piece_room(struct piece *p, size_t row, size_t *ret, struct err *err)
-{
-	int r = sizeof p->buf - p->used < row ? piece_flush(p, err) : 0;
-
-	*ret = (sizeof p->buf - p->used) / row;
-	return r;
-}
-
-static void piece_packed(struct piece *p, size_t n)
-{
-	XXH3_64bits_update(&p->sum, p->buf + p->used, n);
-	p->used += n;
-}
-
-static int put_rest(struct piece *p, const struct mesh_domain *d, const struct store_code *c, const struct store_extent *e,
-		    struct err *err)
-{
-	size_t some;
-	int r = 0;
-
-	for (size_t i = d->nopen; !r && i < d->nvertex; i += some) {
-		r = piece_room(p, store_vertex_bytes(c), &some, err);
-		some = some < d->nvertex - i ? some : d->nvertex - i;
-		if (!r)
-			piece_packed(p, store_pack_vertices(c, d->vertex + i, some, p->buf + p->used));
-	}
-	if (!r)
-		r = piece_pad(p, e->triangle_at, err);
-	for (size_t i = 0; !r && i < d->ntriangle; i += some) {
-		r = piece_room(p, store_triangle_bytes(c), &some, err);
-		some = some < d->ntriangle - i ? some : d->ntriangle - i;
-		if (!r)
-			piece_packed(p, store_pack_triangles(c, (const uint32_t(*)[3])d->triangle + i, some, p->buf + p->used));
-	}
-	if (!r && d->nedges) {
-		XXH3_64bits_update(&p->sum, d->edges, d->nedges);
-		r = piece_put(p, d->edges, d->nedges, err);
-	}
-	return r ? r : piece_pad(p, e->end, err);
-}
-
-/* Writes everything behind the header, then the header. Sets the sums and the payload of *f. */
-static int write_all(int fd, const char *name, const struct store_id *id, struct store_front *f, struct err *err)
-{
-	const struct mesh_domain *d = &f->domain;
-	struct store_header h = {.code = store_code_of(d)};
-	const struct store_extent e = store_extent_of(d, &h.code, f->beside.proof_size);
-	struct piece p;
-	uint8_t header[STORE_HEADER];
-	int r;
-
-	p.fd = fd;
-	p.name = name;
-	p.at = STORE_HEADER;
-	p.used = 0;
-	XXH3_64bits_reset(&p.sum);
-	r = piece_put(&p, f->beside.proof, f->beside.proof_size, err);
-	if (!r)
-		r = piece_pad(&p, e.open_at, err);
-	if (!r)
-		r = piece_put(&p, d->link, (size_t)d->nopen * sizeof *d->link, err);
-	if (!r)
-		r = piece_put(&p, d->vertex, (size_t)d->nopen * sizeof *d->vertex, err);
-	if (!r)
-		r = put_rest(&p, d, &h.code, &e, err);
-	if (!r)
-		r = piece_flush(&p, err);
-	if (r)
-		return r;
-	h.sums = (struct store_sums){XXH3_64bits(f->beside.proof, f->beside.proof_size), open_sum(d), XXH3_64bits_digest(&p.sum)};
-	store_sizes(f, &h);
-	store_header_pack(f, id, &h, header);
-	return io_write_at(fd, header, STORE_HEADER, 0, name, err);
-}
-
-/* A temporary file beside `name`, in a folder that is made when it is first needed. */
-static int temp_open(int dirfd, const char *name, const char *temp, int *ret_fd, struct err *err)
-{
-	char folder[STORE_FOLDER] = {name[0], name[1]};
-	int fd = io->openat(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), r;
-
+	store_name(id, name);
+	memcpy(folder, name, STORE_FOLDER - 1);
+	/* Two jobs may finish the same domain at once: each has its own temporary name. */
+	snprintf(temp, STORE_TEMP, "%s.%ld.%lx.tmp", name, (long)getpid(), (unsigned long)(uintptr_t)who);
+	fd = io->openat(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
 	if (fd >= 0 || errno != ENOENT) {
 		*ret_fd = fd;
 		return fd >= 0 ? 0 : err_sys(err, errno, "cannot create %s", temp);
@@ -184,27 +49,30 @@ static int temp_open(int dirfd, const char *name, const char *temp, int *ret_fd,
 	return r ? r : io_open(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, ret_fd, err);
 }
 
-int store_put(int dirfd, const struct store_id *id, const struct store_beside *beside, const struct mesh_domain *d,
-	      struct store_front *ret, struct err *err)
+int store_temp_publish(int dirfd, int fd, const char *temp, const char *name, int r, struct err *err)
 {
-	struct store_front f = {.domain = *d, .beside = *beside};
-	char name[STORE_NAME], temp[TEMP];
-	int fd = -1, r;
-
-	if (beside->proof_size > STORE_PROOF_MOST)
-		return err_set(err, ERR_INTERNAL, "a proof of %zu bytes is too long to be stored", beside->proof_size);
-	store_name(id, name);
-	/* Two jobs may finish the same domain at once: each has its own temporary name. */
-	snprintf(temp, sizeof temp, "%s.%ld.%lx.tmp", name, (long)getpid(), (unsigned long)(uintptr_t)d);
-	r = temp_open(dirfd, name, temp, &fd, err);
-	if (r)
-		return r;
-	r = write_all(fd, temp, id, &f, err);
 	if (!r && io->renameat(dirfd, temp, dirfd, name) < 0)
 		r = err_sys(err, errno, "cannot publish %s", name);
 	if (r)
 		io->unlinkat(dirfd, temp, 0);
 	io_close(fd);
+	return r;
+}
+
+int store_put(int dirfd, const struct store_id *id, const struct store_beside *beside, const struct mesh_domain *d,
+	      struct store_front *ret, struct err *err)
+{
+	struct store_front f = {.domain = *d, .beside = *beside};
+	char name[STORE_NAME], temp[STORE_TEMP];
+	int fd = -1, r;
+
+	if (beside->proof_size > STORE_PROOF_MOST)
+		return err_set(err, ERR_INTERNAL, "a proof of %zu bytes is too long to be stored", beside->proof_size);
+	r = store_temp_open(dirfd, id, d, name, temp, &fd, err);
+	if (r)
+		return r;
+	r = store_write(fd, temp, 0, id, &f, err);
+	r = store_temp_publish(dirfd, fd, temp, name, r, err);
 	if (!r)
 		*ret = f;
 	return r;
@@ -394,53 +262,16 @@ int store_front(int dirfd, const struct store_id *id, void *memory, size_t size,
 	f.beside.proof = memory;
 	f.domain.link = (void *)((uint8_t *)memory + proof);
 	f.domain.vertex = (void *)((uint8_t *)memory + proof + l.vertex);
-	if (XXH3_64bits(memory, f.beside.proof_size) != h.sums.proof || open_sum(&f.domain) != h.sums.open)
+	if (XXH3_64bits(memory, f.beside.proof_size) != h.sums.proof || store_open_sum(&f.domain) != h.sums.open)
 		return damaged(dirfd, name);
 	*ret = f;
 	return 0;
 }
 
-static uint64_t rest_sum(const struct mesh_domain *d, const void *closed, const void *triangle, const struct store_extent *e)
-{
-	XXH3_state_t state;
-
-	XXH3_64bits_reset(&state);
-	XXH3_64bits_update(&state, closed, e->closed);
-	XXH3_64bits_update(&state, triangle, e->triangle);
-	if (e->edges)
-		XXH3_64bits_update(&state, d->edges, e->edges);
-	return XXH3_64bits_digest(&state);
-}
-
-/* Reads each array to where it is unpacked; packed ones to the end of their memory. */
-static int read_domain(int fd, const char *name, const struct store_front *f, const struct store_header *h, uint8_t *memory,
-		       bool *ret_whole, struct err *err)
-{
-	const struct mesh_domain *d = &f->domain;
-	const struct store_extent e = store_extent_of(d, &h->code, f->beside.proof_size);
-	uint8_t *closed = (uint8_t *)(d->vertex + d->nvertex) - e.closed;
-	uint8_t *triangle = (uint8_t *)(d->triangle + d->ntriangle) - e.triangle;
-	int r = io_read_at(fd, memory, e.open, e.open_at, name, err);
-
-	if (!r)
-		r = io_read_at(fd, closed, e.closed, e.closed_at, name, err);
-	if (!r)
-		r = io_read_at(fd, triangle, e.triangle, e.triangle_at, name, err);
-	if (!r && e.edges)
-		r = io_read_at(fd, d->edges, e.edges, e.triangle_at + e.triangle, name, err);
-	if (!r)
-		*ret_whole = open_sum(d) == h->sums.open && rest_sum(d, closed, triangle, &e) == h->sums.rest &&
-			     store_corners_fit(&h->code, triangle, 3 * (size_t)d->ntriangle, d->nvertex);
-	return r;
-}
-
 int store_get(int dirfd, const struct store_id *id, void *memory, size_t size, struct mesh_domain *ret, struct err *err)
 {
-	struct mesh_domain *d;
 	struct store_header h;
-	struct store_layout l;
 	struct store_front f;
-	uint8_t *at = memory;
 	char name[STORE_NAME];
 	bool whole = false;
 	int fd = -1, r;
@@ -448,22 +279,13 @@ int store_get(int dirfd, const struct store_id *id, void *memory, size_t size, s
 	r = open_checked(dirfd, id, name, &fd, &f, &h, err);
 	if (r)
 		return r;
-	d = &f.domain;
-	l = store_layout_of(d);
-	d->link = (void *)at;
-	d->vertex = (void *)(at + l.vertex);
-	d->triangle = (void *)(at + l.triangle);
-	d->final = at + l.final;
-	d->edges = d->nedges ? at + l.edges : NULL;
-	r = l.total > size ? STORE_E_ABSENT : read_domain(fd, name, &f, &h, at, &whole, err);
+	r = f.whole > size ? STORE_E_ABSENT : store_read(fd, name, 0, &f, &h, memory, &whole, err);
 	io_close(fd);
 	if (r)
 		return r;
 	if (!whole)
 		return damaged(dirfd, name);
-	store_unpack_vertices(&h.code, d->vertex + d->nopen, d->nvertex - d->nopen);
-	store_unpack_triangles(&h.code, d->triangle, d->ntriangle);
-	*ret = *d;
+	*ret = f.domain;
 	return 0;
 }
 

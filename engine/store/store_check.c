@@ -38,8 +38,8 @@ static int piece_sum(int fd, const char *name, uint64_t at, size_t n, void *memo
 }
 
 /* Padding is between the arrays, and in no checksum. */
-static int check_sums(int fd, const char *name, const struct store_front *f, const struct store_header *h, void *memory,
-		      size_t size, struct err *err)
+static int check_sums(int fd, const char *name, uint64_t at, const struct store_front *f, const struct store_header *h,
+		      void *memory, size_t size, struct err *err)
 {
 	const struct store_extent e = store_extent_of(&f->domain, &h->code, f->beside.proof_size);
 	const struct {
@@ -58,9 +58,9 @@ static int check_sums(int fd, const char *name, const struct store_front *f, con
 		int r;
 
 		XXH3_64bits_reset(&state);
-		r = piece_sum(fd, name, part[i].at, part[i].n, memory, size, &state, err);
+		r = piece_sum(fd, name, at + part[i].at, part[i].n, memory, size, &state, err);
 		if (!r)
-			r = piece_sum(fd, name, part[i].then, part[i].more, memory, size, &state, err);
+			r = piece_sum(fd, name, at + part[i].then, part[i].more, memory, size, &state, err);
 		if (r)
 			return r;
 		if (XXH3_64bits_digest(&state) != part[i].sum)
@@ -87,8 +87,8 @@ static int newer(const char *name, const uint8_t header[STORE_HEADER], struct er
 }
 
 /* `size`: room for some corners at least. */
-static int check_corners(int fd, const char *name, const struct store_front *f, const struct store_header *h, void *memory,
-			 size_t size, struct err *err)
+static int check_corners(int fd, const char *name, uint64_t at, const struct store_front *f, const struct store_header *h,
+			 void *memory, size_t size, struct err *err)
 {
 	const struct store_extent e = store_extent_of(&f->domain, &h->code, f->beside.proof_size);
 	int r = 0;
@@ -96,11 +96,19 @@ static int check_corners(int fd, const char *name, const struct store_front *f, 
 	size -= size % h->code.triangle;
 	for (size_t done = 0, some; !r && done < e.triangle; done += some) {
 		some = e.triangle - done < size ? e.triangle - done : size;
-		r = io_read_at(fd, memory, some, e.triangle_at + done, name, err);
+		r = io_read_at(fd, memory, some, at + e.triangle_at + done, name, err);
 		if (!r && !store_corners_fit(&h->code, memory, some / h->code.triangle, f->domain.nvertex))
 			r = wrong(name, "a corner of a triangle is not a vertex", err);
 	}
 	return r;
+}
+
+int store_check_at(int fd, const char *name, uint64_t at, const struct store_front *f, const struct store_header *h, void *memory,
+		   size_t size, struct err *err)
+{
+	int r = check_sums(fd, name, at, f, h, memory, size, err);
+
+	return r ? r : check_corners(fd, name, at, f, h, memory, size, err);
 }
 
 int store_check(int dirfd, const char *name, void *memory, size_t size, struct err *err)
@@ -135,9 +143,7 @@ int store_check(int dirfd, const char *name, void *memory, size_t size, struct e
 	if (!r && (uint64_t)st.st_size != f.bytes)
 		r = wrong(name, "its size differs from its header", err);
 	if (!r)
-		r = check_sums(fd, name, &f, &h, memory, size, err);
-	if (!r)
-		r = check_corners(fd, name, &f, &h, memory, size, err);
+		r = store_check_at(fd, name, 0, &f, &h, memory, size, err);
 	io_close(fd);
 	return r;
 }

@@ -11,7 +11,7 @@
 #include "store.h"
 
 /* NAME: "ab/d-BASE-LIST" */
-enum { STORE_HEADER = 384, STORE_FOLDER = 3, STORE_NAME = STORE_FOLDER + 2 + 32 + 1 + 32 + 1 };
+enum { STORE_HEADER = 384, STORE_FOLDER = 3, STORE_NAME = STORE_FOLDER + 2 + 32 + 1 + 32 + 1, STORE_TEMP = STORE_NAME + 48 };
 _Static_assert((int)STORE_HEADER <= (int)STORE_PROOF_FRONT, "a proof's front has room for the header");
 
 static inline size_t store_padded(size_t n)
@@ -81,5 +81,24 @@ static inline size_t store_triangle_bytes(const struct store_code *c)
 }
 
 void store_name(const struct store_id *, char name[STORE_NAME]);
+
+/* ---- bytes in files; `at`: the place of the domain's header, 0 in a file of the store ---- */
+
+uint64_t store_open_sum(const struct mesh_domain *);
+/* Writes f->domain and f->beside, and sets the other fields of *f. */
+int store_write(int fd, const char *name, uint64_t at, const struct store_id *, struct store_front *f, struct err *);
+/* f, h: from the header. Reads the rest to `memory` of f->whole bytes, and sets the pointers of f->domain. *ret_whole: it agrees
+ * with its checksums. */
+int store_read(int fd, const char *name, uint64_t at, struct store_front *f, const struct store_header *h, void *memory,
+	       bool *ret_whole, struct err *);
+/* Reads and checks the rest through `memory`. */
+int store_check_at(int fd, const char *name, uint64_t at, const struct store_front *, const struct store_header *, void *memory,
+		   size_t size, struct err *);
+
+/* A temporary file for a domain, and what it becomes. `who`: different for each domain that this process writes at once. If r is
+ * not 0 the file is removed, and r is returned. Closes it in any case. */
+int store_temp_open(int dirfd, const struct store_id *, const void *who, char name[STORE_NAME], char temp[STORE_TEMP],
+		    int *ret_fd, struct err *);
+int store_temp_publish(int dirfd, int fd, const char *temp, const char *name, int r, struct err *);
 
 #endif

@@ -32,7 +32,8 @@ Both digests of a mesh are computed here and compared (DigestError). A mesh is c
 Threads: only one thread at a time may use a connection; open one in each. Ctrl-C ends a call. So does an exception in a progress
 function: the call then raises it. A connection is closed by close(), by `with`, and when it is dropped.
 
-The module needs libacut.so.0 (or the file that the environment variable ACUT_LIBRARY names) and nothing else.
+The module needs libacut.so.0 (or the file that the environment variable ACUT_LIBRARY names) and nothing else; Connection.volume
+also runs the program acutctl.
 """
 from ._abi import VERSION as __version__
 from ._backup import BackupFile
@@ -43,17 +44,18 @@ from ._errors import (BusyError, CancelledError, ChangedError, CorruptError, Dig
                       UsageError, VersionError)
 from ._lines import Lines
 from ._mesh import Base, Block, Fetch, Head, Mesh, Region, Tail
-from ._results import (CacheKind, CacheStat, Check, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
+from ._results import (Adopted, CacheKind, CacheStat, Check, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
                        LedgerEntry, LinePlace, LineSet, LogFile, Metric, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
                        Side, Status, Verified)
 from ._view import view_text
+from ._volume import ComparedMesh, Volume, Volumes
 
 __all__ = [
     "connect", "Connection", "Lines", "view_text", "SYSTEM_SOCKET",
     "Fetch", "Block", "Mesh", "Head", "Tail", "Base", "Region",
     "Pushed", "PushedFile", "LineSet", "LinePlace", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned",
     "Imported", "Info", "Inspected", "Geoid", "Status", "Setting", "Side", "Holder", "LedgerEntry", "CacheStat", "CacheKind",
-    "Verified", "Damage", "Metric", "Check", "BackupFile",
+    "Adopted", "Verified", "Damage", "Metric", "Check", "BackupFile", "Volumes", "Volume", "ComparedMesh",
     "Error", "InputError", "TruncatedError", "ChangedError", "LimitError", "CancelledError", "GoneError", "DigestError",
     "InternalError", "UsageError", "UnsupportedError", "NotFoundError", "NoDaemonError", "ReadWriteError", "NoSpaceError",
     "CorruptError", "BusyError", "NoMemoryError", "ProtocolError", "VersionError", "NotPermittedError", "TimedOutError", "ConflictError",

@@ -1,7 +1,7 @@
 """Files of a backup, as they come, and of an export that is imported."""
 import os
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, List
 
 from . import _abi as abi
 from . import _library
@@ -29,6 +29,28 @@ def backup_sink(state: State, each: Any) -> Any:
     sink = abi.acut_backup_sink()
     sink.file = dict(abi.acut_backup_sink._fields_)["file"](guard(state, file, 2))
     return sink
+
+
+class FileGiver:
+    """Gives files one after the other; their names are for messages."""
+
+    def __init__(self, state: State, paths: List[str]) -> None:
+        self.paths, self.fd, self.text = list(paths), -1, b""  # type: List[str], int, bytes
+        kind = _library.library().acut_cache_adopt.argtypes[1]
+        self.next = kind(guard(state, self._next, 3))
+
+    def _next(self, ctx: int, ret_name: int, ret_fd: int) -> None:
+        self.close()
+        if self.paths:
+            path = self.paths.pop(0)
+            self.fd, self.text = os.open(path, os.O_RDONLY | os.O_CLOEXEC), os.fsencode(path)
+            abi.c_char_p.from_address(ret_name).value = self.text
+            abi.c_int.from_address(ret_fd).value = self.fd
+
+    def close(self) -> None:
+        if self.fd >= 0:
+            os.close(self.fd)
+        self.fd = -1
 
 
 class Giver:

@@ -11,13 +11,14 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional, TypeVar, U
 from . import _abi as abi
 from . import _library
 from . import _results as results
-from ._backup import BackupFile, Giver, backup_sink
+from ._backup import BackupFile, FileGiver, Giver, backup_sink
 from ._errors import InputError, UsageError, from_failure
 from ._library import State, decoded, encoded, guard
 from ._mesh import Fetch, Mesh, progress_function
 from ._push import Push, push_options
 from ._results import take
 from ._view import Area, view_text, window_text
+from ._volume import Volumes, volumes
 
 SYSTEM_SOCKET = "/run/acut/acutd.sock"
 
@@ -373,6 +374,29 @@ class Connection:
             fetch._over = True  # also if an interrupt keeps the next line from it: nobody else could end it
             fetch.close()
 
+    def volume(self, first: JobOrId, second: Optional[JobOrId] = None, *, level: Any = None, within: Any = None,
+               name_field: Optional[str] = None, unit: Optional[str] = None, output: Union[Path, Iterable[Path], None] = None,
+               cell: Any = None, no_clobber: bool = False) -> Volumes:
+        """Cut and fill between the meshes of two jobs, or between a level and that of one; waits until they are made.
+
+        for v in server.volume(before, after, within="parcels.geojson"):
+            print(v.name, v.fill, v.cut, "m3")
+
+        level    a height in the unit of the mesh (a number, or a text with its exact digits), in place of the first surface
+        within   polygons, a result for each: the path of a file of GeoJSON or WKT, GeoJSON as a mapping, an object with
+                 __geo_interface__ (of shapely, geopandas), or an iterable of these
+        name_field  the property that names a result: "name" if it is not given
+        unit     of the results: "m", "ft", "ftUS" or "yd"; else that of the meshes
+        output   images of the difference, .png or .tif; `cell` is the side of a pixel, a number or a text as "1m"
+        It runs acutctl, which must be there: in PATH, or where ACUTCTL says.
+        """
+        jobs = [_id(j) for j in (first, second) if j is not None]
+
+        def work() -> Volumes:
+            return volumes(self.socket, os.environ.get("ACUTCTL") or "acutctl", jobs, level=level, within=within,
+                           name_field=name_field, unit=unit, output=output, cell=cell, no_clobber=no_clobber)
+        return self._state.alone(work)
+
     # ---- geoid grids, disk, backups ----
 
     def geoids(self) -> List[results.Geoid]:
@@ -405,6 +429,12 @@ class Connection:
         each = abi.acut_progress_fn(guard(self._state, damage, 2))
         return self._fill("cache_verify", abi.acut_cache_verified, each, progress_function(self._state, progress), None,
                           convert=lambda s: take(results.Verified, s, damages=damages))
+
+    def cache_adopt(self, packs: Iterable[Path], *, progress: OnProgress = None) -> results.Adopted:
+        """Takes the finished domains of packs, files of the work folder of acut-cluster, into the daemon's cache. Administrators."""
+        with contextlib.closing(FileGiver(self._state, [os.fspath(p) for p in packs])) as giver:
+            return self._fill("cache_adopt", abi.acut_cache_adopted, giver.next, progress_function(self._state, progress), None,
+                              convert=functools.partial(take, results.Adopted))
 
     def cache_gc(self, *, all: bool = False) -> int:
         """Frees disk space; with `all` everything that can be made again is removed. Returns the number of bytes."""

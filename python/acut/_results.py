@@ -449,6 +449,15 @@ class Damage:
 
 
 @dataclass(frozen=True)
+class Adopted:
+    packs: int
+    domains: int
+    bytes: int
+    there: int
+    flat: int
+
+
+@dataclass(frozen=True)
 class Verified:
     files: int
     bytes: int
@@ -492,6 +501,7 @@ class Report:
     kept: int                # those kept
     rounds: int              # rounds that added some after the first choice
     attempts: int            # bounds that were tried
+    largest_error: str       # the greatest distance of a point, rounded up to a thousandth of the lattice; "": unknown, of an earlier version
 
 
 @dataclass(frozen=True)

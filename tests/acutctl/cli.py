@@ -354,6 +354,19 @@ def man_page():
         text = subprocess.run([program, "--help"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20).stdout.decode()
         for o in set(re.findall(r"(?<![\w-])--([a-z][a-z-]+)", text)):
             check("man page of %s has --%s" % (name, o), "*--%s*" % o in page, o)
+        if name not in ("acut-domain", "acut-grid-dump"):
+            continue
+        # Both are made of one table: what the page has is in the help, and what the help has is understood.
+        for o in set(re.findall(r"^\*--([a-z-]+)\*", page, re.M)):
+            check("--help of %s has --%s" % (name, o), re.search(r"(?<![\w-])--%s(?![\w-])" % o, text), text)
+        for o, value in re.findall(r"^  --([a-z-]+)(?: ([A-Z]+))?", text, re.M):
+            words = ["--" + o] + (["1M"] if value else [])
+            r = subprocess.run([program, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20)
+            said = r.stdout.decode()
+            check("%s understands --%s" % (name, o), r.returncode == (0 if o in ("help", "version") else 2) and "ecogni" not in said and
+                  "ambiguous" not in said and (o in ("help", "version") or "want" in said or "give a FILE" in said), said)
+        r = subprocess.run([program, "--none"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=20)
+        check("%s refuses another option" % name, r.returncode == 2 and b"--none" in r.stderr and b"--help" in r.stderr, repr(r))
 
 
 def libraries():

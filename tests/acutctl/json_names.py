@@ -5,6 +5,7 @@
 import json
 import os
 import re
+import subprocess
 import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
@@ -209,6 +210,8 @@ def the_rest(d, base, seen):
     seen.add("the status", j("status").ok().out)
     seen.add("the disk", j("cache", "stat").ok().out)
     seen.add("what was freed", j("cache", "gc", "--all").ok().out)
+    subprocess.run([os.environ["EMPTY_WORK"], base + "/work", "3"], check=True)
+    seen.add("what was adopted", j("cache", "adopt", base + "/work").ok().out)
     seen.add("what was verified", j("cache", "verify").ok().out)
     for folder, _, names in os.walk(d.state + "/datasets"):
         for name in names:

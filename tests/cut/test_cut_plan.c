@@ -15,6 +15,8 @@
 #include "cut_halo.h"
 #include "cut_order.h"
 #include "err.h"
+#include "repeat.h"
+#include "sets.h"
 #include "tiling.h"
 
 static bool point_less(const void *ctx, const struct point *a, const struct point *b)
@@ -147,6 +149,78 @@ static void first_leaves_are_small(void **state)
 		assert_int_equal(cut_plan_make_from(&src, 1 << 20, &plan, &err), 0);
 		assert_int_equal(plan.n, 1);
 		cut_plan_done(&plan);
+		shape_done(&t);
+	}
+}
+
+/* The leaves of a plan, and those of all leaves of a plan with a larger load. */
+static void compare_levels(const struct cut_source *src, uint32_t load, uint32_t top, const struct cut_plan *want)
+{
+	struct cut_plan upper, lower;
+	struct err err = ERR_INIT;
+	size_t n = 0;
+
+	assert_int_equal(cut_plan_make_from(src, top, &upper, &err), 0);
+	for (size_t i = 0; i < upper.n; i++) {
+		assert_int_equal(cut_plan_below_from(src, &upper.leaf[i].region, upper.n == 1, load, &lower, &err), 0);
+		assert_true(n + lower.n <= want->n);
+		assert_int_equal(lower.load, want->load);
+		for (size_t k = 0; k < lower.n; k++, n++)
+			assert_true(cut_region_same(&lower.leaf[k].region, &want->leaf[n].region) &&
+				    lower.leaf[k].count == want->leaf[n].count && lower.leaf[k].exact == want->leaf[n].exact);
+		cut_plan_done(&lower);
+	}
+	assert_int_equal(n, want->n);
+	cut_plan_done(&upper);
+}
+
+/* Small sets in several segments, where a half may have a larger bound than the whole. */
+static void two_levels_of_small_sets(void **state)
+{
+	uint64_t seed = repeat_first();
+
+	for (uint64_t i = 0; i < repeat_cases(3000); i++) {
+		struct cut_source src;
+		struct cut_plan plan;
+		struct err err = ERR_INIT;
+		struct tiling t;
+		struct sets set;
+		struct view view;
+
+		sets_make(&seed, &set, &view);
+		sets_tiling(&seed, &set, &t);
+		tiling_source(&t, &src);
+		for (unsigned k = 0; k < 3; k++) {
+			uint32_t load = 1 + sets_below(&seed, k ? 70 : 9), top = load + sets_below(&seed, k ? 250 : 30);
+
+			assert_int_equal(cut_plan_make_from(&src, load, &plan, &err), 0);
+			compare_levels(&src, load, top, &plan);
+			cut_plan_done(&plan);
+		}
+		view_done(&view);
+	}
+}
+
+static void two_levels_of_large_sets(void **state)
+{
+	static const enum shape shapes[] = {UNIFORM, DIAGONAL, CLUSTERS, CORRIDOR};
+	static const uint32_t loads[] = {1 << 12, 1 << 15, 1 << 16, 1 << 17, (1 << 17) + 1,
+					 200000,  1 << 18, 1 << 19, 900000,  1 << 20};
+	enum { LOADS = sizeof loads / sizeof *loads };
+
+	for (unsigned s = 0; s < 2; s++) {
+		struct cut_source src;
+		struct cut_plan plan;
+		struct err err = ERR_INIT;
+		struct tiling t;
+
+		make_shape(&t, &src, shapes[s], 400000, 1000);
+		for (unsigned i = 0; i < LOADS; i++) {
+			assert_int_equal(cut_plan_make_from(&src, loads[i], &plan, &err), 0);
+			for (unsigned k = i; k < LOADS; k++)
+				compare_levels(&src, loads[i], loads[k], &plan);
+			cut_plan_done(&plan);
+		}
 		shape_done(&t);
 	}
 }
@@ -463,6 +537,8 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(leaves_cover_once),
 		cmocka_unit_test(first_leaves_are_small),
+		cmocka_unit_test(two_levels_of_small_sets),
+		cmocka_unit_test(two_levels_of_large_sets),
 		cmocka_unit_test(many_records_are_one_position),
 		cmocka_unit_test(probe_lets_real_data_pass),
 		cmocka_unit_test(probe_refuses_convex_position),

@@ -121,6 +121,34 @@ def domains_from_files_alone():
         status(e2e.run([e2e.DOMAIN, manifests[0], "", "rubbish", out]), 2, "rubbish")
 
 
+def regions_from_files_alone():
+    """acut-domain --plan has the regions of the daemon's job, and its domains are those that the daemon has stored."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "valley", survey(base, points=400000)).ok()
+        job = d.ctl("submit", "valley", "--wait").ok().out.split()[0]
+        d.stop()
+        manifest = [os.path.join(top, n) for top, _, files in os.walk(os.path.join(d.state, "datasets")) for n in files
+                    if e2e.run([e2e.DOMAIN, "--plan", os.path.join(top, n), ""]).status == 0]
+        expect(len(manifest) == 1, "manifests: %s" % manifest)
+        file = os.path.join(d.state, "plans", "plan-" + job)
+        want = e2e.run([e2e.DOMAIN, "--job-plan", file]).ok().out
+        expect(len(want.splitlines()) > 5, "few regions: %s" % want)
+        for memory in "64M", "256M":
+            got = e2e.run([e2e.DOMAIN, "--memory", memory, "--plan", manifest[0], ""]).ok().out
+            expect(got == want, "with %s the regions are others:\n%s%s" % (memory, got, want))
+        got = e2e.run([e2e.DOMAIN, "--load", "20000", "--plan", manifest[0], ""]).ok().out
+        expect(len(got.splitlines()) > len(want.splitlines()), "no more regions with a smaller load")
+        out = os.path.join(base, "out")
+        os.mkdir(out)
+        for line in want.splitlines():
+            name = e2e.run([e2e.DOMAIN, manifest[0], "", line.split()[0], out]).ok().out.split()[0]
+            expect(os.path.exists(os.path.join(d.cache, "domains", name)), "the daemon has no %s" % name)
+        status(e2e.run([e2e.DOMAIN, "--job-plan", manifest[0]]), 1, "no plan")
+        status(e2e.run([e2e.DOMAIN, "--job-plan", file, manifest[0]]), 2, "a file and nothing else")
+        status(e2e.run([e2e.DOMAIN, "--load", "0", "--plan", manifest[0], ""]), 2, "--load wants")
+        status(e2e.run([e2e.DOMAIN, "--memory", "16M", "--load", "90000", "--plan", manifest[0], ""]), 1, "the memory carries")
+
+
 def killed_daemon_resumes():
     with e2e.Folder() as base:
         gate = e2e.Gate(base)
@@ -318,5 +346,6 @@ def named():
         status(d.ctl("push", "v", other, "--name", "a/b"), 2, "without slashes")
 
 
-e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, domains_from_files_alone, killed_daemon_resumes, sigterm_leaves_clean_folders, refusals,
+e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, domains_from_files_alone, regions_from_files_alone, killed_daemon_resumes,
+         sigterm_leaves_clean_folders, refusals,
          streams_and_signals, private_daemon, private_daemon_of_another_build, standard_output_by_path, named)

@@ -44,6 +44,33 @@ def classes_of_the_generation():
         os.truncate(b, 0)
         d.ctl("push", "t", b, "--columns", "xyzc", "--replace").ok()
         expect("at least 100 of the ground" in job() and "at least 160 others" in job(), job())
+        # More are gone than are left of either kind: the records say what they are.
+        def put(name, classes, n):
+            path = os.path.join(base, name)
+            with open(path, "w") as f:
+                f.writelines("%d.25 %d.5 %d %d\n" % (rng.randrange(9999), rng.randrange(9999), i, classes[i % len(classes)]) for i in range(n))
+            return path
+
+        kept, gone = put("kept.xyz", (2, 5, 5), 300), put("gone.xyz", (2,), 900)
+        d.ctl("push", "u", kept, gone, "--columns", "xyzc").ok()
+        put("gone.xyz", (7,), 3)
+        d.ctl("push", "u", gone, "--columns", "xyzc", "--replace").ok()
+        of = lambda name, *words: " ".join(d.ctl("show", d.ctl("submit", name, "--wait", *words).ok().out.split()[0], "--json").ok().json()["notes"])
+        expect("100 of the ground" in of("u") and "200 others" in of("u") and "at least" not in of("u"), of("u"))
+        # The same with more records than are looked at.
+        kept, gone = put("many.xyz", (2, 5, 5), 300000), put("gone.xyz", (2,), 900000)
+        d.ctl("push", "w", kept, gone, "--columns", "xyzc").ok()
+        put("gone.xyz", (7,), 3)
+        d.ctl("push", "w", gone, "--columns", "xyzc", "--replace").ok()
+        expect("at least" in of("w") and "others" in of("w"), of("w"))
+        # The ground is gone: none of what is left is, and what is said of --ground knows it.
+        kept, gone = put("kept.xyz", (5,), 300), put("gone.xyz", (2,), 900)
+        d.ctl("push", "v", kept, gone, "--columns", "xyzc").ok()
+        put("gone.xyz", (5,), 3)
+        d.ctl("push", "v", gone, "--columns", "xyzc", "--replace").ok()
+        expect("of the ground" not in of("v"), of("v"))
+        r = d.ctl("submit", "v", "--wait", "--ground", "--crop", "0,0,5000,5000")
+        expect(r.status == 1 and "no ground points" in r.err and "classify it" in r.err, r.err)
         # If it is not certain, there is no message.
         os.truncate(c, 0)
         with open(b, "w") as f:

@@ -56,6 +56,8 @@ def agrees(job, checked, asked=None):
     expect(checked["positions"] is None or checked["positions"] == bound["positions"], "%s %s" % (bound, checked))
     expect(asked is None or bound["max_error"] == asked, "%s, not %s" % (bound, asked))
     expect(checked["largest_error"] <= bound["max_error"], "%s %s" % (bound, checked))
+    # Rounded up to a thousandth of the lattice, whose step is a centimetre or less.
+    expect(-1e-9 <= bound["largest_error"] - checked["largest_error"] < 1e-5 + 1e-9, "%s %s" % (bound, checked))
 
 
 def within_the_bound():
@@ -408,8 +410,9 @@ def as_many_as_asked():
             agrees(job, checked)
             expect(bound["kept"] <= most, "%s, %d were asked for" % (bound, most))
             expect(last is None or bound["max_error"] >= last["max_error"], "%s, then %s" % (last, bound))
-            same = settled(d, "t", "--ground", "--max-error", repr(bound["max_error"]))
-            expect(same["digest"] == job["digest"], "the bound that was found gives another mesh: %s %s" % (same["bound"], bound))
+            # That bound, when it is known from the start, is reached with other points, and about as many.
+            same = settled(d, "t", "--ground", "--max-error", repr(bound["max_error"]))["bound"]
+            expect(abs(same["kept"] - bound["kept"]) < bound["kept"] / 10, "%s %s" % (same, bound))
             last = bound
             print(most, bound, flush=True)
         # The least bound is near: a tenth less is too many points.

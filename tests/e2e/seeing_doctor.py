@@ -1,5 +1,7 @@
 """`acutctl doctor`: each check finds the problem that it is there for."""
 import os
+import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -233,7 +235,34 @@ def doctor_knows_of_interrupted_pushes():
         expect("12 hours" in doctor(d, 0, env=env, pushes="warning")["pushes"]["message"], "when")
 
 
+def doctor_names_a_file_that_hangs():
+    """A read that does not return: the client can leave at once, others push and mesh while a worker is free, and doctor names the file."""
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, env=gate.env, threads=2) as d:
+            good, hangs = survey(base), os.path.join(base, "hangs.las")
+            shutil.copy(good, hangs)
+            gate.close("pread", "hangs", 0, "acutd")
+            p = subprocess.Popen([e2e.ACUTCTL, "push", "stuck", hangs], env={**os.environ, "ACUT_SOCKET": d.socket},
+                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            gate.wait()
+            pushes = lambda: [c for c in d.ctl("doctor", "--json").json()["checks"] if c["name"] == "pushes"][0]
+            expect(pushes()["state"] == "ok", "at once")
+            d.ctl("push", "other", good, timeout=60).ok()
+            d.ctl("submit", "other", "--wait", timeout=60).ok()
+            stalled = lambda: [c for c in [pushes()] if c["state"] == "warning"]
+            check = e2e.until(stalled, "doctor does not see it", 1)[0]
+            expect("1 pushes read" in check["message"] and hangs in check["message"] and "does not answer" in check["hint"], check)
+            begun = time.monotonic()
+            p.send_signal(signal.SIGINT)
+            p.communicate(timeout=60)
+            expect(p.returncode == 130 and time.monotonic() - begun < 10, "it took %.1f s, status %s" % (time.monotonic() - begun, p.returncode))
+            expect(hangs in stalled()[0]["message"], "forgotten when its client left")
+            gate.open()
+            e2e.until(lambda: pushes()["state"] == "ok", "doctor still sees it", 1)
+
+
 if __name__ == "__main__":
     e2e.main(doctor_finds_the_socket, doctor_tells_who_may_not, doctor_sees_the_disk, doctor_counts_inodes, doctor_asks_the_control_group,
              doctor_remembers_the_verification, doctor_counts_files, doctor_reads_the_grids, doctor_compares_clocks,
-             doctor_knows_of_interrupted_pushes)
+             doctor_knows_of_interrupted_pushes, doctor_names_a_file_that_hangs)

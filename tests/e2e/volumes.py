@@ -203,6 +203,22 @@ def polygons():
         expect(all(r["only_first"] == r["only_second"] == 0 for r in rows), "%s" % rows)
         names = volumes(d, *jobs, "--within", write(base + "/id.geojson", feature("x", box(0, 0, 9, 9), key="id")), "--name-field", "id")["volumes"]
         expect(names[0]["name"] == "x", "%s" % names)
+        # A field that is long, one that no feature has, one that some have.
+        long = "b" * 40
+        path2 = write(base + "/id.geojson", feature("x", box(0, 0, 9, 9), key=long), feature("é" * 400, box(9, 0, 19, 9), key="id"))
+        names = volumes(d, *jobs, "--within", path2, "--name-field", long)
+        expect([r["name"] for r in names["volumes"]] == ["x", None] and "1 of 2" in names["warnings"][0], "%s" % names)
+        names = volumes(d, *jobs, "--within", path2, "--name-field", "id")
+        expect([r["name"] for r in names["volumes"]] == [None, "é" * 400] and "1 of 2" in names["warnings"][0], "%s" % names)
+        table = list(csv.DictReader(io.StringIO(d.ctl("volume", *jobs, "--within", path2, "--csv", "--name-field", "id").ok().out)))
+        expect([r["name"] for r in table] == ["1", "é" * 400], "%s" % table)
+        for field in (long[:31], "a", "nom"):
+            r = d.ctl("volume", *jobs, "--within", path2, "--name-field", field)
+            expect(r.status == 2 and '"%s"' % field in r.err and long + ", id" in r.err and "id.geojson" in r.err, "%d %s" % (r.status, r.err))
+        with open(base + "/id.wkt", "w") as f:
+            f.write("POLYGON ((600000 6500000, 600009 6500000, 600009 6500009, 600000 6500000))")
+        r = d.ctl("volume", *jobs, "--within", base + "/id.wkt", "--name-field", "id")
+        expect(r.status == 2 and "no such properties" in r.err, "%d %s" % (r.status, r.err))
         # CSV has the same numbers; the table has a row each.
         table = list(csv.DictReader(io.StringIO(d.ctl("volume", *jobs, "--within", path, "--csv").ok().out)))
         expect([float(r["fill"]) for r in table] == [r["fill"] for r in rows] and [r["name"] for r in table] == [r["name"] for r in rows], "%s" % table)
@@ -321,13 +337,6 @@ def images():
         except ImportError:
             e2e.unavailable("python3-gdal is not installed")
         gdal.UseExceptions()
-
-        def values_of(path):
-            data = gdal.Open(path)
-            w, h = data.RasterXSize, data.RasterYSize
-            v = struct.unpack("<%df" % (w * h), data.GetRasterBand(1).ReadRaster(0, 0, w, h, buf_type=gdal.GDT_Float32))
-            return data.GetGeoTransform(), [v[y * w:(y + 1) * w] for y in range(h)]
-
         place, values = values_of(tif)
         expect(place == (600000, 2, 0, 6500080, 0, -2) and len(values) == len(values[0]) == 40, "%s" % (place,))
         for at, z in b.items():
@@ -339,6 +348,148 @@ def images():
         expect(level["color_range"] is None and len(values) == len(values[0]) == 50, "%s" % level)
         for at, z in a.items():
             expect(abs(F(float(values[49 - at[1]][at[0]])) - (z - F(105, 2))) < F(1, 10**5), "level at %s" % (at,))
+
+
+def values_of(path):
+    from osgeo import gdal
+    data = gdal.Open(path)
+    w, h = data.RasterXSize, data.RasterYSize
+    v = struct.unpack("<%df" % (w * h), data.GetRasterBand(1).ReadRaster(0, 0, w, h, buf_type=gdal.GDT_Float32))
+    return data.GetGeoTransform(), [v[y * w:(y + 1) * w] for y in range(h)]
+
+
+def pixels_of(path):
+    """Values by pixel, counted from the corner of the survey, of a GeoTIFF of pixels of 2 m; and its box in pixels."""
+    place, values = values_of(path)
+    left, top = (F(place[0]) - 600000) / 2, (F(place[3]) - 6500000) / 2
+    expect(left.denominator == top.denominator == 1 and place[1:3] == (2, 0) and place[4:] == (0, -2), "%s" % (place,))
+    box = (int(left), int(top) - len(values), int(left) + len(values[0]), int(top))
+    return {(box[0] + i, box[3] - 1 - k): v for k, row in enumerate(values) for i, v in enumerate(row) if v != -9999}, box
+
+
+def is_in(rings, i, k):
+    """Whether the centre of a pixel of 2 m, moved a little to the east and, much less, to the south, is within the rings."""
+    x, y, odd = F(2 * i + 1), F(2 * k + 1), False
+    for r in rings:
+        for (px, py), (qx, qy) in zip(r, r[1:] + r[:1]):
+            px, py, qx, qy = (F(repr(v)) for v in (px, py, qx, qy))
+            if (py >= y) != (qy >= y):
+                odd ^= px + (y - py) / (qy - py) * (qx - px) > x
+    return odd
+
+
+def images_within():
+    """Images show what is within the polygons and nothing else, in the box of these, whatever came; their colours, too."""
+    try:
+        from osgeo import gdal
+    except ImportError:
+        e2e.unavailable("python3-gdal is not installed")
+    gdal.UseExceptions()
+    with Folder() as base, Daemon(base) as d:
+        for k in (0, 1):
+            d.ctl("push", "d%d" % k, survey(base + "/%d.xyz" % k, 3 + k, mound=3 + 3 * k), *METRES).ok()
+        jobs = [job(d, "d%d" % k) for k in (0, 1)]
+        png, tif = base + "/d.png", base + "/d.tif"
+
+        def image(*words):
+            if os.path.exists(tif):
+                os.unlink(tif)
+                os.unlink(png)
+            said = volumes(d, *words, "-o", tif, "-o", png, "--cell", "2m")
+            with open(png[:-4] + ".pgw") as f:
+                world = [float(v) for v in f]
+            found, box = pixels_of(tif)
+            expect(world[4:] == [600000 + 2 * box[0] + 1, 6500000 + 2 * box[3] - 1], "the world file of %s: %s" % (box, world))
+            seen = {(box[0] + i, box[3] - 1 - k) for k, row in enumerate(read_png(png)) for i, p in enumerate(row) if p[3]}
+            expect(seen == set(found), "the picture has %d pixels, the raster %d" % (len(seen), len(found)))
+            return found, box, said
+
+        whole, _, far = image(*jobs)
+        # Two with a common border, which is oblique and runs through centres of pixels; a hole; one that reaches out of the meshes.
+        west = [(-7.5, 11), (31, 11), (61, 71), (-7.5, 77.03)]
+        east = [(31, 11), (108.25, 15), (99, 71), (61, 71)]
+        hole, other = box(70.5, 30.25, 80, 50), box(11, 81, 29.004, 95.5)
+        shapes = {"west": [west], "east": [east, hole], "other": [other]}
+        parts = {}
+        for name, rings in shapes.items():
+            found, extent, said = image(*jobs, "--within", write(base + "/p.geojson", feature(name, *rings)))
+            want = {at: v for at, v in whole.items() if is_in(rings, *at)}
+            expect(found == want, "%s: %d pixels, must be %d" % (name, len(found), len(want)))
+            xs, ys = ([c[k] for r in rings for c in r] for k in (0, 1))
+            grid = [(v - 1) / 2 for v in (min(xs), min(ys), max(xs), max(ys))]
+            up, down = (lambda v: -int(-v // 1)), (lambda v: int(v // 1))
+            must = (up(grid[0]), down(grid[1]) + 1, up(grid[2]), down(grid[3]) + 1)
+            expect(extent == must, "%s: box %s, must be %s" % (name, extent, must))
+            parts[name] = found
+        expect(not set(parts["west"]) & set(parts["east"]), "a pixel is in both")
+        one_of_all = write(base + "/p.geojson", *(feature(n, *r) for n, r in shapes.items()))
+        together, extent, said = image(*jobs, "--within", one_of_all)
+        expect(together == {at: v for p in parts.values() for at, v in p.items()}, "together they are another image")
+        expect(said["color_range"] <= far["color_range"] and said["unit_color_range"] == "m", "%s" % said)
+        # Corners beyond count: no window, so all triangles come, and the same image and colours.
+        n = 20000
+        crowd = [(-7.5 + 38.5 * i / n, 11) for i in range(n)] + west[1:]
+        more = write(base + "/m.geojson", feature("west", crowd), feature("east", east, hole), feature("other", other))
+        again, box_again, said_again = image(*jobs, "--within", more)
+        expect(said_again["meshes"][0]["triangles"] > said["meshes"][0]["triangles"], "a window after all")
+        expect((again, box_again) == (together, extent), "other triangles came, and it is another image")
+        expect(said_again["color_range"] == said["color_range"], "other triangles came, and other colours")
+        # A level; a polygon without a mesh; one without a centre of a pixel.
+        level, extent, _ = image(jobs[0], "--level", "52", "--within", one_of_all)
+        expect(extent == box_again and set(level) == set(together), "a level has other pixels")
+        nothing, extent, _ = image(*jobs, "--within", write(base + "/p.geojson", feature("off", box(200, 0, 240, 10))))
+        expect(not nothing and extent == (100, 0, 120, 5), "%s" % (extent,))
+        nothing, extent, _ = image(*jobs, "--within", write(base + "/p.geojson", feature("dot", box(20.25, 20, 20.5, 20.5))))
+        expect(not nothing and extent[2] - extent[0] == extent[3] - extent[1] == 1, "%s" % (extent,))
+
+
+def colors_in_units():
+    """The range of colours is round in the unit that is printed."""
+    with Folder() as base, Daemon(base) as d:
+        for k in (0, 1):
+            d.ctl("push", "d%d" % k, survey(base + "/%d.xyz" % k, 3, lift=F(7, 4) * k), *METRES).ok()
+        jobs = [job(d, "d%d" % k) for k in (0, 1)]
+        for unit, want in (("m", 2), ("ft", 10), ("yd", 3)):
+            got = volumes(d, *jobs, "-o", base + "/d.png", "--cell", "2m", "--unit", unit)
+            expect((got["color_range"], got["unit_color_range"]) == (want, unit), "%s: %s" % (unit, got))
+            text = d.ctl("volume", *jobs, "-o", base + "/d.png", "--cell", "2m", "--unit", unit).ok().out
+            expect("red to -%d %s" % (want, unit) in text, text)
+        level = volumes(d, jobs[0], "--level", "52", "--unit", "ft")
+        expect(level["level"] == 52 and level["unit_level"] == "m" and level["unit_volume"] == "ft3" and level["unit_color_range"] is None, "%s" % level)
+
+
+def early():
+    """What is wrong with the options is said before a job is waited for."""
+    with Folder() as base:
+        gate = e2e.Gate(base)
+        with Daemon(base, env=gate.env) as d:
+            d.ctl("push", "valley", survey(base + "/a.xyz", 1), *METRES).ok()
+            done = job(d, "valley")
+            d.ctl("push", "other", survey(base + "/b.xyz", 2), *METRES).ok()
+            d.ctl("push", "feet", base + "/b.xyz", "--assume-units", "ft,ft").ok()
+            gate.close("renameat", "/domains/")
+            waits, feet = (d.ctl("submit", n).ok().out.split()[0] for n in ("other", "feet"))
+            gate.wait()
+            area = write(base + "/p.geojson", feature("p", box(0, 0, 90, 90)))
+            png, tif, mine = base + "/d.png", base + "/d.tif", base + "/mine.png"
+            with open(mine, "w") as f:
+                f.write("mine")
+            for words, status, text in (
+                    ((waits, "--level", "52", "-o", png, "--cell", "0.005", "--within", area), 2, "18000 x 18000 pixels"),
+                    ((done, waits, "-o", png, "--cell", "0.005", "--within", area), 2, "18000 x 18000 pixels"),
+                    ((waits, "--level", "52", "-o", tif, "--cell", "0.0009", "--within", area), 2, "100000 x 100000 pixels"),
+                    ((done, waits, "-o", png, "--cell", "1.123456789"), 2, "--cell"),
+                    ((done, waits, "-o", png), 2, "--cell"),
+                    ((done, waits, "-o", png, "--cell", "0"), 2, "--cell"),
+                    ((done, waits, "-o", base + "/none/d.png", "--cell", "1"), 74, "none"),
+                    ((done, waits, "-o", mine, "--cell", "1", "--no-clobber"), 2, "mine.png"),
+                    ((done, feet), 2, "foot"),
+                    ((waits, "99"), 4, "no job 99")):
+                r = d.ctl("volume", *words, timeout=30)
+                expect(r.status == status and text in r.err, "%s: %d, %s" % (words, r.status, r.err))
+            expect(d.ctl("show", waits, "--json").ok().json()["state"] != "done", "the job did not wait")
+            gate.open()
+            one(d, done, waits)
 
 
 def between_steps():
@@ -426,7 +577,7 @@ def changes():
         expect(kept > 100000, "only %d triangles are kept" % kept)
         whole = volumes(d, *jobs, "-o", base + "/d.png", "--cell", "5")  # with an image no changes are taken
         got = volumes(d, *jobs)
-        keep = {"outputs": None, "color_range": None}
+        keep = {"outputs": None, "color_range": None, "unit_color_range": None}
         expect({**whole, **keep} == {**got, **keep}, "%s %s" % (whole, got))
         expect(got["volumes"][0]["cut"] + got["volumes"][0]["fill"] > 1 and got["volumes"][0]["same_area"] > 50000, "%s" % got)
 
@@ -462,4 +613,4 @@ def memory():
         print("     %d KiB" % peak)
 
 
-e2e.main(generations, datasets, levels, polygons, bounded, between_steps, images, refused, changes, interrupted, memory)
+e2e.main(generations, datasets, levels, polygons, bounded, between_steps, images, images_within, colors_in_units, early, refused, changes, interrupted, memory)

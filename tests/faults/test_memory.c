@@ -108,7 +108,7 @@ static void no_files(void)
 
 static enum err_code pushes(const char *dataset, bool replace, bool commit)
 {
-	struct push_params p = {.dataset = dataset, .peer = me, .calls = &calls, .assume_crs = "EPSG:25832"};
+	struct push_params p = {.dataset = dataset, .peer = me, .calls = &calls, .says = {.assume = {"EPSG:25832"}}};
 	struct push_input input = {.name = names[0], .path = names[0], .checksum = true, .replace = replace};
 
 	memset(&got, 0, sizeof got);

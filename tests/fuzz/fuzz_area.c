@@ -55,7 +55,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 			if (area.feature[i].ring < area.feature[i - 1].ring || area.feature[i].ring > area.nring)
 				abort();
 		for (size_t i = 0; i < area.nfeature; i++)
-			if (!memchr(area.feature[i].name, 0, sizeof(area.feature[i].name)))
+			if (strlen(ctl_area_name(&area, i)) > CTL_AREA_NAME)
 				abort();
 		ctl_area_done(&area);
 	}

@@ -237,13 +237,45 @@ static void test_dump(void **state)
 	folder_remove(&f);
 }
 
+/* A source that is restored has all of its spans, in order; beyond what a manifest holds it is refused, unchanged. */
+static void test_restore(void **state)
+{
+	struct grid_source s = {.id = 2};
+	struct grid_span *spans[2] = {calloc(UINT16_MAX + 1, sizeof **spans), calloc(UINT16_MAX + 1, sizeof **spans)};
+	struct err err = ERR_INIT;
+
+	for (uint64_t g = 1, n = 0; g <= GENERATIONS; g++) { /* as the model has it */
+		if (alive(s.id, g) && !alive(s.id, g - 1)) {
+			if (!n++)
+				s.added = g;
+			else
+				assert_int_equal(grid_source_restore(&s, g, spans[n & 1], &err), 0);
+		}
+		if (!alive(s.id, g) && alive(s.id, g - 1))
+			s.removed = g;
+		for (uint64_t at = 1; at <= g; at++)
+			assert_int_equal(grid_source_live(&s, at), alive(s.id, at));
+	}
+	assert_int_equal(s.nearlier, 3);
+	s.nearlier = UINT16_MAX;
+	s.earlier = spans[0];
+	s.removed = GENERATIONS + 1;
+	for (s.kind = GRID_POINTS; s.kind < GRID_SOURCE_KINDS; s.kind++) {
+		assert_int_equal(grid_source_restore(&s, GENERATIONS + 2, spans[1], &err), -ERR_LIMIT);
+		assert_int_equal(!!strstr(err.message, "lines were"), s.kind == GRID_LINE_VERTICES);
+		assert_int_equal(s.removed, GENERATIONS + 1);
+		assert_int_equal(s.nearlier, UINT16_MAX);
+		err = (struct err)ERR_INIT;
+	}
+	free(spans[0]);
+	free(spans[1]);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_spans),
-		cmocka_unit_test(test_pruned),
-		cmocka_unit_test(test_tally),
-		cmocka_unit_test(test_dump),
+		cmocka_unit_test(test_spans), cmocka_unit_test(test_restore), cmocka_unit_test(test_pruned),
+		cmocka_unit_test(test_tally), cmocka_unit_test(test_dump),
 	};
 
 	skip_fsync();

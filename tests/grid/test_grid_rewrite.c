@@ -168,6 +168,106 @@ static void test_same(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
+/* Ranges of keys, one after the other, have all records once, as a dataset of them says. */
+static void try_ranges(const struct folder *f, const struct set *all, const struct grid_segment_info *part, unsigned parts,
+		       const uint64_t *border, unsigned n, const struct grid_manifest *whole)
+{
+	struct grid_segment_info made[17];
+	struct grid_manifest m = *whole;
+	struct err err = ERR_INIT;
+	uint64_t points = 0, rng = 9, lo, hi;
+	struct reader r;
+
+	for (unsigned i = 0; i <= n; i++) {
+		struct grid_rewrite_params p = {.dirfd = f->fd,
+						.segments = part,
+						.nsegments = parts,
+						.nsources = 100,
+						.memory = PLENTY,
+						.part = true,
+						.lo = i ? border[i - 1] : 0,
+						.hi = i < n ? border[i] - 1 : UINT64_MAX};
+		char name[16];
+		struct grid_rewrite *w;
+		int rc;
+
+		snprintf(name, sizeof name, "range%u", i);
+		p.name = name;
+		CHECK(grid_rewrite_new(&p, &w, &err));
+		while (!(rc = grid_rewrite_step(w, &err)))
+			;
+		assert_int_equal(rc, GRID_REWRITE_DONE);
+		CHECK(grid_rewrite_finish(w, &made[i], &err));
+		points += made[i].points;
+		if (made[i].points) {
+			assert_true(point_morton(made[i].box[2], made[i].box[3]) >= p.lo);
+			assert_true(point_morton(made[i].box[0], made[i].box[1]) <= p.hi);
+		}
+	}
+	assert_int_equal(points, all->n);
+	m.segments = made;
+	m.nsegments = n + 1;
+	CHECK(grid_manifest_write(f->fd, "ranges", &m, &err));
+	r = reader_open(f, "ranges", GRID_NEWEST, 1 << 20);
+	reader_check(&r, all, 0, UINT64_MAX, true);
+	for (unsigned i = 0; i < 20; i++) {
+		random_range(all, &rng, &lo, &hi);
+		reader_check(&r, all, lo, hi, false);
+	}
+	reader_close(&r);
+}
+
+static int by_size(const void *a, const void *b)
+{
+	uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+	return x < y ? -1 : x > y;
+}
+
+static void test_ranges(void **state)
+{
+	for (enum shape shape = 0; shape < SHAPES; shape++) {
+		struct folder f = folder_new();
+		struct set all = set_make(shape, shape ? 30000 : 400000, 12, 5 + shape);
+		struct grid_segment_info part[3];
+		struct err err = ERR_INIT;
+		struct grid_manifest m;
+		uint64_t border[16], rng = 3;
+
+		seal_parts(&f, &all, 3, part);
+		m = manifest_of(part, 3, 12);
+		manifest_count(&m, &all);
+		set_sort(&all);
+		try_ranges(&f, &all, part, 3, border, 0, &m);
+		/* Where one of the segments has the same number before and behind. */
+		CHECK(grid_segment_divide(f.fd, &part[1], 4, border, &err));
+		assert_true(border[0] <= border[1] && border[1] <= border[2]);
+		if (shape == SHAPE_UNIFORM) {
+			uint64_t before = 0, of = 0;
+
+			for (size_t i = 0; i < all.n; i++) {
+				of += all.ids[i] % 3 == 1;
+				before += all.ids[i] % 3 == 1 && point_morton(all.pts[i].x, all.pts[i].y) < border[1];
+			}
+			assert_true(before + 2048 > of / 2 && before < of / 2 + 2048);
+		}
+		if (border[0] && border[2] < UINT64_MAX)
+			try_ranges(&f, &all, part, 3, border, 3, &m);
+		/* Anywhere, and at records. */
+		for (unsigned i = 0; i < 8; i++) {
+			const struct point *at = &all.pts[random_below(&rng, all.n)];
+
+			border[i] = i % 2 ? random_next(&rng) | 1 : point_morton(at->x, at->y) + i / 4;
+			border[i] += !border[i];
+		}
+		qsort(border, 8, sizeof *border, by_size);
+		try_ranges(&f, &all, part, 3, border, 8, &m);
+		free(m.sources);
+		set_free(&all);
+		folder_remove(&f);
+	}
+}
+
 static void test_nothing(void **state)
 {
 	struct folder f = folder_new();
@@ -296,8 +396,9 @@ int main(void)
 {
 	skip_fsync();
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_same),     cmocka_unit_test(test_nothing), cmocka_unit_test(test_too_little),
-		cmocka_unit_test(test_given_up), cmocka_unit_test(test_damage),  cmocka_unit_test(test_holds),
+		cmocka_unit_test(test_same),       cmocka_unit_test(test_ranges),   cmocka_unit_test(test_nothing),
+		cmocka_unit_test(test_too_little), cmocka_unit_test(test_given_up), cmocka_unit_test(test_damage),
+		cmocka_unit_test(test_holds),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

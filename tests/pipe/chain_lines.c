@@ -154,7 +154,7 @@ static uint32_t position(const struct mesh_vertex *v, uint32_t n, const int32_t 
 	return i;
 }
 
-static bool is_out(const struct reader *reader, const struct tri_result *r, const uint32_t corner[3])
+bool chain_lines_out(const struct reader *reader, const struct tri_result *r, const uint32_t corner[3])
 {
 	struct lineset_reader *lines = grid_reader_lines(reader->r);
 	int64_t sum[2] = {0, 0};
@@ -168,6 +168,26 @@ static bool is_out(const struct reader *reader, const struct tri_result *r, cons
 	return state & LINESET_OUT;
 }
 
+uint64_t chain_lines_insert(const struct chain_lines *l, struct tri *t, const struct mesh_vertex *v, uint32_t n,
+			    struct tri_pieces **ret)
+{
+	struct tri_pieces *p = check_pieces(t, 2 * n);
+	uint32_t at, found;
+	uint64_t crossed = 0;
+
+	for (size_t i = 0; l && i < l->n; i++) {
+		uint32_t a = position(v, n, l->piece[i].a), b = position(v, n, l->piece[i].b);
+
+		if (a == n || b == n)
+			continue;
+		assert_int_equal(tri_piece_find(p, a, b, &found, &at), 0);
+		crossed += found;
+		assert_int_equal(tri_piece_insert(p, a, b, &at), 0);
+	}
+	*ret = p;
+	return crossed;
+}
+
 static void compare(const struct reader *reader, const struct tri_result *r, const struct pipe_totals *totals)
 {
 	const int64_t *k = grid_manifest(reader->grid)->lattice.k;
@@ -178,7 +198,7 @@ static void compare(const struct reader *reader, const struct tri_result *r, con
 		const uint32_t *c = r->triangle[i].corner;
 		int64_t corner[3][2];
 
-		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST || is_out(reader, r, c))
+		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST || chain_lines_out(reader, r, c))
 			continue;
 		for (unsigned j = 0; j < 3; j++)
 			for (unsigned a = 0; a < 2; a++)
@@ -199,24 +219,15 @@ uint64_t chain_lines_check(const struct reader *reader, const struct view *view,
 	struct tri_result r;
 	struct tri *t;
 	uint64_t crossed = 0;
-	uint32_t n, at, found;
+	uint32_t n;
 
 	CHECK(grid_scan(reader->r, 0, UINT64_MAX, gather_sink, &all, &err));
 	v = calloc(all.n + 1, sizeof *v);
 	n = keep(view, &all, v);
 	t = n < 3 ? NULL : check_tri(v, n);
 	if (t) {
-		p = check_pieces(t, 2 * n);
 		tri_result(t, &r);
-		for (size_t i = 0; l && i < l->n; i++) {
-			uint32_t a = position(v, n, l->piece[i].a), b = position(v, n, l->piece[i].b);
-
-			if (a == n || b == n)
-				continue;
-			assert_int_equal(tri_piece_find(p, a, b, &found, &at), 0);
-			crossed += found;
-			assert_int_equal(tri_piece_insert(p, a, b, &at), 0);
-		}
+		crossed = chain_lines_insert(l, t, v, n, &p);
 		compare(reader, &r, totals);
 		free(p);
 		free(t);

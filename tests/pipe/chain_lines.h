@@ -20,6 +20,15 @@ struct chain_lines {
 void chain_lines_make(uint64_t *rng, const struct set *, const struct chain_lines *like, struct chain_lines *ret);
 /* Adds the vertices as records of a source. */
 void chain_lines_add(const struct chain_lines *, struct set *, uint32_t source);
+/* Inserts the pieces whose ends are both among n vertices into their triangulation. *ret: to be freed. Returns how many were
+ * crossed by edges, before each. `l` may be NULL. */
+struct tri;
+struct tri_pieces;
+struct tri_result;
+uint64_t chain_lines_insert(const struct chain_lines *l, struct tri *, const struct mesh_vertex *, uint32_t n,
+			    struct tri_pieces **ret);
+/* Whether a triangle is beyond a boundary, or in a hole. */
+bool chain_lines_out(const struct reader *, const struct tri_result *, const uint32_t corner[3]);
 /* The totals are those of the constrained mesh of all points that the view keeps. Returns the triangles that are not Delaunay. */
 uint64_t chain_lines_check(const struct reader *, const struct view *, const struct chain_lines *, const struct pipe_totals *);
 

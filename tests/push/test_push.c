@@ -73,7 +73,7 @@ static void kept_of_files_is_charged(void **state)
 			used = got.push->table_used;
 		assert_int_equal(push_remember_probe(got.push, &a, &err), 0);
 		/* Each system is kept once and found again. */
-		assert_ptr_equal(push_find_probe(got.push, name)->crs, push_keep_crs(got.push, &a.info.crs));
+		assert_ptr_equal(push_find_probe(got.push, name)->in.crs, push_keep_crs(got.push, &a.info.crs));
 		assert_int_equal(got.push->ncrs, i < FILES ? 1 : i - FILES + 2);
 	}
 	assert_string_equal(push_find_probe(got.push, name)->reading, "xyz columns=yxz");
@@ -89,6 +89,7 @@ static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
 {
 	static const char *const names[] = {"0.las", "1.las", "2.las"};
 	static struct push_request a;
+	struct agree_inputs inputs;
 	struct err err = ERR_INIT;
 
 	for (unsigned cancelled = 0; cancelled < 2; cancelled++) {
@@ -104,7 +105,8 @@ static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
 		}
 		atomic_store(&got.push->cancel, cancelled);
 		err = ERR_INIT;
-		assert_int_equal(push_choose_lattice(got.push, &err), -ERR_INPUT);
+		inputs = push_inputs(got.push);
+		assert_int_equal(agree_lattice(&got.push->agree, &inputs, &err), -ERR_INPUT);
 		for (unsigned i = 0; i < 3; i++)
 			out += push_find_probe(got.push, names[i])->excluded != NULL;
 		assert_int_equal(out, cancelled ? 0 : 2);

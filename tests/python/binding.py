@@ -8,6 +8,7 @@ import inspect
 import io
 import json
 import os
+import pathlib
 import pickle
 import pwd
 import signal
@@ -240,6 +241,54 @@ def changes():
         raises(acut.NotFoundError, lambda: list(c.fetch(job, since=77)))
 
 
+class Shape:
+    def __init__(self, geometry):
+        self.__geo_interface__ = geometry
+
+
+def volumes():
+    """The same numbers and errors as acutctl; polygons of all kinds."""
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        for i in (1, 2):
+            c.push("d%d" % i, synth(os.path.join(base, "%d.las" % i), 4000, i), override_units="m,m")
+        jobs = [c.submit("d%d" % i) for i in (1, 2)]
+        found = c.volume(*jobs)
+        said = d.ctl("volume", *(str(j.id) for j in jobs), "--json").ok().json()
+        one = said["volumes"][0]
+        expect(len(found) == 1 and all(getattr(found[0], k) == (v or "" if k == "name" else v) for k, v in one.items()), "%s %s" % (found, one))
+        expect((found.unit_volume, found.unit_area, found.unit_level, found.level) == ("m3", "m2", "", None), found)
+        expect([m.job for m in found.meshes] == [j.id for j in jobs] and found.meshes[0].digest == said["meshes"][0]["digest"], found)
+        expect(c.volume(jobs[0], level="210.125", unit="ft").unit_level == "m", "the unit of a level")
+        ring = [[500010 + x, 5400010 + y] for x, y in ((0, 0), (20, 0), (20, 20), (0, 20), (0, 0))]
+        polygon = {"type": "Polygon", "coordinates": [ring]}
+        feature = {"type": "Feature", "properties": {"name": "a", "id": 7}, "geometry": polygon}
+        path = os.path.join(base, "p.geojson")
+        with open(path, "w") as f:
+            json.dump({"type": "FeatureCollection", "features": [feature, feature]}, f)
+        want = c.volume(*jobs, within=path)
+        expect([v.name for v in want] == ["a", "a"] and 100 < want[0].area < 400.001, want)
+        for within, names in ((polygon, [""]), (feature, ["a"]), ([polygon, feature], ["", "a"]), (Shape(polygon), [""]), ([Shape(polygon)], [""]),
+                              ({"type": "FeatureCollection", "features": [Shape(feature)]}, ["a"]), (pathlib.Path(path), ["a", "a"]),
+                              ((Shape(p) for p in (feature, polygon)), ["a", ""])):
+            got = c.volume(*jobs, within=within)
+            expect([v.name for v in got] == names and all(v.fill == want[0].fill and v.cut == want[0].cut for v in got), "%s: %s" % (within, got))
+        expect(c.volume(*jobs, within=[feature], name_field="id")[0].name == "7", "a field that is a number")
+        image = os.path.join(base, "d.tif")
+        expect(c.volume(*jobs, output=image, cell="5m").outputs == [image] and os.path.getsize(image) > 100, "no image")
+        e = raises(acut.UsageError, c.volume, *jobs, within=[feature], name_field="nom")
+        expect(e.file == "within" and "nom" in e.message and "name, id" in e.hint, repr(e))
+        expect("no job 99" in raises(acut.NotFoundError, c.volume, jobs[0], 99).message, "job 99")
+        expect("--level" in raises(acut.UsageError, c.volume, jobs[0]).hint, "one job")
+        raises(acut.UsageError, c.volume, *jobs, within=7)
+        raises(acut.UsageError, c.volume, *jobs, within=[7])
+        raises(acut.ReadWriteError, c.volume, *jobs, within=os.path.join(base, "none.geojson"))
+        program, os.environ["ACUTCTL"] = os.environ["ACUTCTL"], os.path.join(base, "none")
+        expect("ACUTCTL" in raises(acut.InternalError, c.volume, *jobs).hint, "no program")
+        os.environ["ACUTCTL"] = program
+        c.close()
+        raises(acut.UsageError, c.volume, *jobs)
+
+
 def rights():
     """Owner, group and mode of datasets; metrics and checks compared with those of acutctl."""
     with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
@@ -445,7 +494,7 @@ def the_page():
             os.chdir(here)
             del os.environ["ACUT_SOCKET"]
         text = out.getvalue()
-        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found", " edges of lines"):
+        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found", " edges of lines", "parcel fill ", " m3 within ", "above 210: "):
             expect(want in text, "%r is not in what the examples print:\n%s" % (want, text))
 
 
@@ -589,4 +638,4 @@ def leave(c, job):
             raise Mine
 
 
-e2e.main(same_mesh, same_views, changes, rights, inputs, failures, the_page, callbacks, threads, nothing_is_left)
+e2e.main(same_mesh, same_views, changes, volumes, rights, inputs, failures, the_page, callbacks, threads, nothing_is_left)

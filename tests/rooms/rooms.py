@@ -10,7 +10,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 TABLE = "docs/design/rooms.md"
 SOURCE = (".c", ".h", ".cpp", ".def")
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]', re.M)
-TOPS = ("base", "client", "daemon", "engine", "proto", "scanner", "tools")
+TOPS = ("base", "client", "cluster", "daemon", "engine", "proto", "scanner", "tools")
 # What a row may name beside rooms: its name in meson.build, and how its headers begin.
 LIBRARIES = {
     "libc": ("threads", ()),

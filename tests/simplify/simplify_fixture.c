@@ -184,30 +184,6 @@ struct point *positions_of(const struct reader *reader, const struct view *view,
 	return g.pts;
 }
 
-static uint32_t vertex_at(const struct mesh_vertex *v, uint32_t n, const int32_t at[2])
-{
-	uint32_t i = 0;
-
-	while (i < n && (v[i].x != at[0] || v[i].y != at[1]))
-		i++;
-	return i;
-}
-
-static bool is_out(const struct reader *chosen, const struct tri_result *r, const uint32_t corner[3])
-{
-	struct lineset_reader *lines = grid_reader_lines(chosen->r);
-	int64_t sum[2] = {0, 0};
-	struct err err = ERR_INIT;
-	unsigned state = 0;
-
-	for (unsigned i = 0; i < 3; i++)
-		for (unsigned k = 0; k < 2; k++)
-			sum[k] += r->xy[corner[i]][k];
-	if (lines)
-		CHECK(lineset_state(lines, sum[0], sum[1], 3, &state, &err));
-	return state & LINESET_OUT;
-}
-
 static __int128 turn(const int32_t a[2], const int32_t b[2], const struct point *p)
 {
 	return (__int128)((int64_t)b[0] - a[0]) * ((int64_t)p->y - a[1]) -
@@ -231,20 +207,6 @@ static bool distance_in(const struct tri_result *r, const uint32_t c[3], const s
 	return true;
 }
 
-static void add_pieces(const struct dataset *d, struct tri *t, const struct mesh_vertex *v, uint32_t n, void **ret)
-{
-	struct tri_pieces *p = check_pieces(t, 2 * n);
-	uint32_t at;
-
-	for (size_t i = 0; i < d->lines->n; i++) {
-		uint32_t a = vertex_at(v, n, d->lines->piece[i].a), b = vertex_at(v, n, d->lines->piece[i].b);
-
-		if (a < n && b < n)
-			assert_int_equal(tri_piece_insert(p, a, b, &at), 0);
-	}
-	*ret = p;
-}
-
 static void test_point(const struct reader *chosen, const struct tri_result *r, const struct point *p, struct distance *far)
 {
 	bool any = false;
@@ -254,7 +216,7 @@ static void test_point(const struct reader *chosen, const struct tri_result *r, 
 		__int128 n, d;
 
 		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST || !distance_in(r, c, p, &n, &d) ||
-		    is_out(chosen, r, c))
+		    chain_lines_out(chosen, r, c))
 			continue;
 		any = true;
 		if (n * far->d > far->n * d) {
@@ -273,14 +235,14 @@ struct distance distance_of(const struct dataset *d, const struct reader *chosen
 	struct distance far = {.n = 0, .d = 1};
 	struct mesh_vertex *v = calloc(n + 1, sizeof *v);
 	struct tri_result r;
-	void *pieces = NULL;
+	struct tri_pieces *pieces = NULL;
 	struct tri *t;
 
 	for (size_t i = 0; i < n; i++)
 		v[i] = (struct mesh_vertex){pts[i].x, pts[i].y, pts[i].z};
 	t = n < 3 ? NULL : check_tri(v, (uint32_t)n);
 	if (t && d->lines)
-		add_pieces(d, t, v, (uint32_t)n, &pieces);
+		chain_lines_insert(d->lines, t, v, (uint32_t)n, &pieces);
 	if (t) {
 		tri_result(t, &r);
 		far.triangles = r.ntriangle;

@@ -1,7 +1,7 @@
 /*
  * Greedy insertion into one block, in ranges from a few positions to the whole lattice: the hull is that of brute force; what is
- * inserted leaves no point whose key is greater; keys fall; a run that ends at a greater key is the beginning. Planes against
- * determinants of 128 bits.
+ * inserted leaves no point whose key is greater; what is inserted is the farthest point of its triangle then, no nearer than
+ * its key. Planes against determinants of 128 bits.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -20,7 +20,7 @@
 
 enum { MOST = 120 };
 
-static uint64_t rng, picks, wide, bases, opens;
+static uint64_t rng, picks, wide, bases, opens, roughs;
 
 static uint64_t rnd(uint64_t n)
 {
@@ -90,10 +90,13 @@ static void check_hull(const struct simplify_greedy *g)
 	}
 }
 
-/* The key of a point in a triangle, by the determinant of three corners relative to it. False: it is not in it. */
-static bool key_in(const struct tri_result *r, const uint32_t c[3], const struct point *p, uint64_t *ret)
+enum { OUTSIDE, SIDE, INSIDE };
+
+/* The key of a point in a triangle, by the determinant of three corners relative to it. */
+static int key_in(const struct tri_result *r, const uint32_t c[3], const struct point *p, uint64_t *ret)
 {
 	__int128 sum = 0, area = 0;
+	int in = INSIDE;
 
 	for (unsigned k = 0; k < 3; k++) {
 		const int32_t *a = r->xy[c[(k + 1) % 3]], *b = r->xy[c[(k + 2) % 3]];
@@ -101,12 +104,13 @@ static bool key_in(const struct tri_result *r, const uint32_t c[3], const struct
 		__int128 weight = geom_area(a, b, at);
 
 		if (weight < 0)
-			return false;
+			return OUTSIDE;
+		in = weight ? in : SIDE;
 		area += weight;
 		sum += weight * ((int64_t)r->z[c[k]] - p->z);
 	}
 	*ret = (uint64_t)(((unsigned __int128)(sum < 0 ? -sum : sum) << SIMPLIFY_KEY_SHIFT) / (unsigned __int128)area);
-	return true;
+	return in;
 }
 
 /* Of the triangulation of the base and what was inserted. */
@@ -125,7 +129,7 @@ static void check_surface(const struct simplify_greedy *g)
 	for (uint32_t i = 0; i < g->npick; i++) {
 		assert_false(in[g->pick[i].at]);
 		in[g->pick[i].at] = true;
-		assert_true(g->pick[i].key > g->least && (!i || g->pick[i].key <= g->pick[i - 1].key));
+		assert_true(g->pick[i].key > g->least);
 	}
 	for (uint32_t i = 0; i < g->n; i++)
 		if (in[i])
@@ -145,21 +149,58 @@ static void check_surface(const struct simplify_greedy *g)
 	free(t);
 }
 
-/* With a greater key at which it ends. */
-static void check_prefix(const struct simplify_greedy *g, void *memory)
+/* Of the triangulation of the base and the picks before this one: it is the farthest point of its triangle. */
+static void check_pick(const struct simplify_greedy *g, uint32_t pick)
 {
-	struct simplify_pick pick[MOST];
-	struct simplify_greedy less = *g;
+	const struct point *at = &g->pts[g->pick[pick].at];
+	struct mesh_vertex v[MOST];
+	struct tri_result r;
+	struct tri *t;
 	uint32_t n = 0;
+	uint64_t key;
+	bool any = false;
 
-	memcpy(pick, g->pick, g->npick * sizeof *pick);
-	less.least = pick[rnd(g->npick)].key;
-	while (n < g->npick && pick[n].key > less.least)
-		n++;
-	simplify_greedy_run(&less, memory);
-	assert_int_equal(less.npick, n);
-	for (uint32_t i = 0; i < n; i++)
-		assert_true(less.pick[i].at == pick[i].at && less.pick[i].key == pick[i].key);
+	for (uint32_t i = 0; i < g->n; i++) {
+		bool in = g->pts[i].tag & POINT_LINE;
+
+		for (uint32_t k = 0; !in && k < g->nhull; k++)
+			in = g->hull[k] == i;
+		for (uint32_t k = 0; !in && k < pick; k++)
+			in = g->pick[k].at == i;
+		if (in)
+			v[n++] = (struct mesh_vertex){g->pts[i].x, g->pts[i].y, g->pts[i].z};
+	}
+	t = check_tri(v, n);
+	tri_result(t, &r);
+	for (uint32_t k = 0; k < r.ntriangle; k++) {
+		const uint32_t *c = r.triangle[k].corner;
+		uint64_t farthest = 0, own;
+
+		if (c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST || !key_in(&r, c, at, &key) ||
+		    key < g->pick[pick].key)
+			continue;
+		own = key;
+		for (uint32_t i = 0; i < g->n; i++)
+			if (key_in(&r, c, &g->pts[i], &key) == INSIDE)
+				farthest = key > farthest ? key : farthest;
+		/* On a side it is in two triangles, and is one's. */
+		any = any || farthest <= own;
+	}
+	assert_true(any);
+	free(t);
+}
+
+/* Points of the base that are there because the ground is rough come first. */
+static void check_picks(const struct simplify_greedy *g)
+{
+	uint32_t i = 0;
+
+	for (; i < g->npick && g->pick[i].key > UINT64_C(1) << 49; i++)
+		roughs++;
+	assert_true(g->rough || !i);
+	assert_true(i <= g->n / 8);
+	for (unsigned k = 0; k < 4 && i < g->npick; k++)
+		check_pick(g, i + (uint32_t)rnd(g->npick - i));
 }
 
 static void run_case(void *memory)
@@ -171,6 +212,8 @@ static void run_case(void *memory)
 
 	g.n = make(pts, r, heights);
 	g.least = rnd(2) ? 0 : rnd(heights << SIMPLIFY_KEY_SHIFT);
+	g.rough = rnd(2);
+	g.step = rnd(2) ? 0 : 1 + (unsigned)rnd(100);
 	simplify_greedy_run(&g, memory);
 	check_hull(&g);
 	if (g.nhull < 3) {
@@ -183,8 +226,7 @@ static void run_case(void *memory)
 	opens += g.n - g.nhull - g.npick;
 	for (uint32_t i = 0; i < g.n; i++)
 		bases += (pts[i].tag & POINT_LINE) != 0;
-	if (g.npick)
-		check_prefix(&g, memory);
+	check_picks(&g);
 }
 
 static void test_blocks(void **state)
@@ -198,10 +240,11 @@ static void test_blocks(void **state)
 		run_case(memory);
 	}
 	free(memory);
-	print_message("%llu blocks, %llu points inserted, %llu left out, %llu vertices of lines, %llu wide blocks\n",
-		      (unsigned long long)n, (unsigned long long)picks, (unsigned long long)opens, (unsigned long long)bases,
-		      (unsigned long long)wide);
-	assert_true(n < 100 || (picks && opens && bases && wide));
+	print_message(
+		"%llu blocks, %llu points inserted, %llu left out, %llu vertices of lines, %llu wide blocks, %llu points for rough ground\n",
+		(unsigned long long)n, (unsigned long long)picks, (unsigned long long)opens, (unsigned long long)bases,
+		(unsigned long long)wide, (unsigned long long)roughs);
+	assert_true(n < 100 || (picks && opens && bases && wide && roughs));
 }
 
 /* A circle: one insertion whose fan has hundreds of triangles. */

@@ -113,6 +113,41 @@ static void test_too_few(void **state)
 	dataset_end(&d);
 }
 
+/* An attempt ends in the round whose points are too many, before the next one begins. */
+static void test_too_many(void **state)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+	struct err err = ERR_INIT;
+	struct simplify *s;
+	uint64_t attempts = 0;
+	int r;
+
+	(void)state;
+	for (p.max_points = 400; p.max_points < 2000; p.max_points += 100) {
+		CHECK(simplify_open(&p, &s, &err));
+		do {
+			s->load = 100;
+			s->block = 200;
+			CHECK(tasks(s, memory, &err));
+			r = simplify_next(s, &err);
+			assert_true(s->at.step != SIMPLIFY_CHECK || !s->at.round || s->at.chosen <= p.max_points);
+			attempts = s->at.step == SIMPLIFY_CHECK && s->at.attempt > attempts ? s->at.attempt : attempts;
+		} while (!r);
+		assert_int_equal(r, SIMPLIFY_E_DONE);
+		simplify_free(s);
+		folder_remove(&f);
+		f = folder_new();
+		p.dirfd = f.fd;
+	}
+	assert_true(attempts > 0);
+	free(memory);
+	folder_remove(&f);
+	dataset_end(&d);
+}
+
 static int cancel(void *ctx)
 {
 	return (*(int *)ctx)-- == 0;
@@ -138,6 +173,42 @@ static void test_cancel(void **state)
 	left = INT32_MAX;
 	CHECK(simplify_task(s, 0, memory, &err));
 	assert_true(simplify_task_done(s, 0));
+	simplify_free(s);
+	free(memory);
+	folder_remove(&f);
+	dataset_end(&d);
+}
+
+/* Also while the points of a round are merged, file by file. */
+static void test_cancel_merge(void **state)
+{
+	struct dataset d = dataset(3000, 300, 40);
+	struct folder f = folder_new();
+	struct simplify_params p = params_of(&d, &f);
+	void *memory = aligned_alloc(64, (p.memory + 63) & ~(size_t)63);
+	int left = INT32_MAX;
+	struct err err = ERR_INIT;
+	struct simplify *s;
+
+	(void)state;
+	p.progress = cancel;
+	p.ctx = &left;
+	CHECK(simplify_open(&p, &s, &err));
+	s->load = 100;
+	s->block = 200;
+	while (s->at.step != SIMPLIFY_CHECK) {
+		CHECK(tasks(s, memory, &err));
+		CHECK(simplify_next(s, &err));
+	}
+	CHECK(tasks(s, memory, &err));
+	assert_true(simplify_tasks(s) > 3);
+	left = 2;
+	assert_int_equal(simplify_next(s, &err), -ERR_CANCELLED);
+	assert_int_equal(s->at.round, 0);
+	err_clear(&err);
+	left = INT32_MAX;
+	CHECK(simplify_next(s, &err));
+	assert_int_equal(s->at.round, 1);
 	simplify_free(s);
 	free(memory);
 	folder_remove(&f);
@@ -314,9 +385,10 @@ static void test_many(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_memory), cmocka_unit_test(test_too_few),   cmocka_unit_test(test_cancel),
-		cmocka_unit_test(test_torn),   cmocka_unit_test(test_continued), cmocka_unit_test(test_no_points),
-		cmocka_unit_test(test_key),    cmocka_unit_test(test_many),
+		cmocka_unit_test(test_memory),    cmocka_unit_test(test_too_few),      cmocka_unit_test(test_too_many),
+		cmocka_unit_test(test_cancel),    cmocka_unit_test(test_cancel_merge), cmocka_unit_test(test_torn),
+		cmocka_unit_test(test_continued), cmocka_unit_test(test_no_points),    cmocka_unit_test(test_key),
+		cmocka_unit_test(test_many),
 	};
 
 	skip_fsync();

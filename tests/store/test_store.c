@@ -17,11 +17,12 @@
 
 #include "err.h"
 #include "io.h"
+#include "made.h"
 #include "store.h"
 #include "repeat.h"
 
 static const struct store_id ID = {{UINT64_C(0xab00000000001234), 5}, {6, 7}};
-enum { HEADER = 384, PROOF = 44 };
+enum { HEADER = 384, PROOF = MADE_PROOF };
 
 static char path[64];
 static int dirfd = -1;
@@ -54,71 +55,6 @@ static bool is_there(void)
 
 /* ---- domains ---- */
 
-struct made {
-	struct mesh_domain d;
-	struct store_beside beside;
-	uint8_t proof[PROOF];
-};
-
-/* Closed vertices within [low, high] of each axis, ends included; open ones anywhere. */
-static void make_domain(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int32_t low[3], const int32_t high[3],
-			struct made *m)
-{
-	struct mesh_domain *d = &m->d;
-	int32_t at[3];
-
-	memset(m, 0, sizeof *m);
-	memset(m->proof, 0x5a, PROOF);
-	m->beside = (struct store_beside){.content = {8, 9}, .proof = m->proof, .proof_size = PROOF - 3};
-	*d = (struct mesh_domain){
-		.nvertex = nvertex, .nopen = nopen, .ntriangle = ntriangle, .digest = {10, 11}, .nhull = 12, .counts.points = 13};
-	d->vertex = calloc(nvertex + 1, sizeof *d->vertex);
-	d->link = calloc(nopen + 1, sizeof *d->link);
-	d->triangle = calloc(ntriangle + 1, sizeof *d->triangle);
-	d->nedges = ntriangle % 2 ? ntriangle : 0; /* in half of the domains */
-	d->edges = calloc(d->nedges + 1, 1);
-	for (uint32_t i = 0; i < d->nedges; i++)
-		d->edges[i] = (uint8_t)rand() & 7;
-	for (unsigned i = 0; i < MESH_RULES; i++)
-		d->counts.removed[i] = 100 + i;
-	for (uint32_t i = 0; i < nvertex; i++) {
-		for (unsigned k = 0; k < 3; k++) {
-			uint64_t wide = (uint64_t)((int64_t)high[k] - low[k]) + 1;
-
-			at[k] = (int32_t)(low[k] + (int64_t)(((uint64_t)rand() << 31 | (uint64_t)rand()) % wide));
-			if (i >= nvertex - 2)
-				at[k] = i == nvertex - 1 ? high[k] : low[k];
-		}
-		d->vertex[i] = i < nopen ? (struct mesh_vertex){rand() - rand(), rand() - rand(), rand() - rand()} :
-					   (struct mesh_vertex){at[0], at[1], at[2]};
-	}
-	for (uint32_t i = 0; i < nopen; i++)
-		d->link[i] = (struct mesh_link){(uint64_t)rand() << 40, (uint64_t)rand(), (uint32_t)rand()};
-	for (uint32_t i = 0; i < ntriangle; i++)
-		for (unsigned k = 0; k < 3; k++)
-			d->triangle[i][k] = i + 1 == ntriangle ? nvertex - 1 - k : (uint32_t)rand() % nvertex;
-}
-
-static void free_domain(struct made *m)
-{
-	free(m->d.vertex);
-	free(m->d.link);
-	free(m->d.triangle);
-	free(m->d.edges);
-}
-
-static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
-{
-	assert_true(a->nvertex == b->nvertex && a->nopen == b->nopen && a->ntriangle == b->ntriangle);
-	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof *a->vertex);
-	assert_memory_equal(a->link, b->link, a->nopen * sizeof *a->link);
-	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof *a->triangle);
-	assert_int_equal(a->nedges, b->nedges);
-	assert_memory_equal(a->edges, b->edges, a->nedges);
-	assert_memory_equal(a->counts.removed, b->counts.removed, sizeof a->counts.removed);
-	assert_true(digest_equal(a->digest, b->digest) && a->nhull == b->nhull && a->counts.points == b->counts.points);
-}
-
 /* All ways to read what is stored of `m`, in memory of exactly the promised size, with a guard behind it. */
 static void check_stored(const struct made *m, const struct store_front *want)
 {
@@ -134,7 +70,7 @@ static void check_stored(const struct made *m, const struct store_front *want)
 	memset(memory + f.whole, 0x77, 8);
 	assert_int_equal(store_get(dirfd, &ID, memory, f.whole - 1, &d, &err), STORE_E_ABSENT);
 	check(store_get(dirfd, &ID, memory, f.whole, &d, &err), &err);
-	check_same(&m->d, &d);
+	made_same(&m->d, &d);
 	assert_true((uint8_t *)d.final + (d.nvertex + 7) / 8 <= memory + f.whole);
 	assert_true(!d.nedges || (d.edges >= d.final + (d.nvertex + 7) / 8 && d.edges + d.nedges <= memory + f.whole));
 	for (unsigned i = 0; i < 8; i++)
@@ -184,7 +120,7 @@ static void test_extents(void **state)
 			struct made m;
 			uint64_t least;
 
-			make_domain(size[k].vertices, size[k].open, size[k].triangles, c[i].low, c[i].high, &m);
+			made_domain(size[k].vertices, size[k].open, size[k].triangles, c[i].low, c[i].high, &m);
 			check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open +
 				size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
@@ -192,7 +128,7 @@ static void test_extents(void **state)
 			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0) + m.d.nedges;
 			assert_in_range(f.bytes, least, least + 14);
 			check_stored(&m, &f);
-			free_domain(&m);
+			made_free(&m);
 		}
 	}
 }
@@ -207,13 +143,13 @@ static void test_nothing(void **state)
 	uint8_t memory[8];
 
 	(void)state;
-	make_domain(0, 0, 0, zero, zero, &m);
+	made_domain(0, 0, 0, zero, zero, &m);
 	m.beside.proof_size = 0;
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 	assert_int_equal(f.bytes, HEADER);
 	check(store_get(dirfd, &ID, memory, 0, &d, &err), &err);
 	assert_true(!d.nvertex && !d.ntriangle && digest_equal(d.digest, m.d.digest));
-	free_domain(&m);
+	made_free(&m);
 }
 
 /* ---- other versions ---- */
@@ -281,7 +217,7 @@ static void test_version_4(void **state)
 	struct made m;
 
 	(void)state;
-	make_domain(1001, 33, 1902, low, high, &m); /* without edges, which came later */
+	made_domain(1001, 33, 1902, low, high, &m); /* without edges, which came later */
 	memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &narrow, &err), &err);
 	f = narrow;
@@ -307,7 +243,7 @@ static void test_version_4(void **state)
 		assert_false(is_there());
 		free(memory);
 	}
-	free_domain(&m);
+	made_free(&m);
 }
 
 /* Forged files: every checksum is valid. */
@@ -331,7 +267,7 @@ static void test_forged(void **state)
 		uint8_t small[64], *memory;
 		struct made m;
 
-		make_domain(c[i].vertices, 4, 77, low, high, &m);
+		made_domain(c[i].vertices, 4, 77, low, high, &m);
 		m.d.triangle[70][1] = c[i].corner;
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 		memory = malloc(f.whole);
@@ -341,7 +277,7 @@ static void test_forged(void **state)
 		assert_int_equal(store_get(dirfd, &ID, memory, f.whole, &d, &err), c[i].fits ? 0 : STORE_E_DAMAGED);
 		assert_int_equal(is_there(), c[i].fits);
 		free(memory);
-		free_domain(&m);
+		made_free(&m);
 	}
 	/* Triangles, but no vertices for their corners. */
 	{
@@ -349,11 +285,11 @@ static void test_forged(void **state)
 		struct store_front f;
 		struct made m;
 
-		make_domain(3, 3, 1, low, high, &m);
+		made_domain(3, 3, 1, low, high, &m);
 		m.d.nvertex = m.d.nopen = 0;
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
-		free_domain(&m);
+		made_free(&m);
 	}
 }
 
@@ -367,7 +303,7 @@ static void test_other_versions(void **state)
 	struct made m;
 
 	(void)state;
-	make_domain(10, 4, 12, low, high, &m);
+	made_domain(10, 4, 12, low, high, &m);
 	/* A later version: absent, and not damaged. */
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
 	header_set(8, NULL);
@@ -395,7 +331,7 @@ static void test_other_versions(void **state)
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
 		assert_false(is_there());
 	}
-	free_domain(&m);
+	made_free(&m);
 }
 
 /* Version 5 does not record how many points share a position: it is used if none was removed. */
@@ -408,7 +344,7 @@ static void test_version_5(void **state)
 
 	(void)state;
 	for (unsigned out = 0; out < 2; out++) {
-		make_domain(10, 4, 12, low, high, &m);
+		made_domain(10, 4, 12, low, high, &m);
 		memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
 		m.d.counts.removed[11] = out;
 		m.d.counts.most = (struct mesh_most){2, -3, 4};
@@ -420,7 +356,7 @@ static void test_version_5(void **state)
 		assert_int_equal(is_there(), !out);
 		assert_true(out || !f.domain.counts.most.points);
 		store_remove(dirfd, &ID, &err);
-		free_domain(&m);
+		made_free(&m);
 	}
 }
 
@@ -433,7 +369,7 @@ static void test_version_6(void **state)
 	struct made m;
 
 	(void)state;
-	make_domain(10, 4, 12, low, high, &m);
+	made_domain(10, 4, 12, low, high, &m);
 	for (unsigned i = 0; i < MESH_RULES; i++)
 		m.d.counts.removed[i] = 100 + i;
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
@@ -445,7 +381,7 @@ static void test_version_6(void **state)
 	for (unsigned i = 12; i < MESH_RULES; i++)
 		assert_true(f.domain.counts.removed[i] == 0);
 	store_remove(dirfd, &ID, &err);
-	free_domain(&m);
+	made_free(&m);
 }
 
 /* Whether a file exists, and when it was last used. */
@@ -461,7 +397,7 @@ static void test_there(void **state)
 
 	(void)state;
 	assert_false(store_there(dirfd, &ID, 0, &used_ns));
-	make_domain(10, 4, 12, low, high, &m);
+	made_domain(10, 4, 12, low, high, &m);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &put, &err), &err);
 	check(store_head(dirfd, &ID, &read, &err), &err);
 	assert_true(read.used_ns > 0 && put.bytes == read.bytes);
@@ -477,7 +413,7 @@ static void test_there(void **state)
 	assert_false(store_there(dirfd, &ID, put.bytes, &used_ns));
 	check(store_remove(dirfd, &ID, &err), &err);
 	assert_false(store_there(dirfd, &ID, put.bytes, &used_ns));
-	free_domain(&m);
+	made_free(&m);
 }
 
 static int begin(void **state)

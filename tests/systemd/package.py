@@ -18,7 +18,7 @@ TOP = subprocess.run([os.path.join(HERE, "packages"), os.environ["BUILD"]], stdo
 
 def all_are_there():
     names = sorted(os.path.basename(p).split("_")[0] for p in glob.glob(TOP + "/1/*.deb"))
-    expect(names == ["acut", "acut-scanner", "libacut-dev", "libacut0", "python3-acut"], str(names))
+    expect(names == ["acut", "acut-cluster", "acut-scanner", "libacut-dev", "libacut0", "python3-acut"], str(names))
 
 
 def lintian_is_silent():

@@ -3,6 +3,7 @@
  * cluster can run domains, and a developer can inspect one.
  *
  *   acut-domain --plan MANIFEST VIEW the regions, one on each line
+ *   acut-domain --job-plan FILE the regions of a job of the daemon, by the file of its plan
  *   acut-domain --select MANIFEST VIEW FOLDER the points of a view with crop, every or thin, as a grid
  *   acut-domain MANIFEST VIEW REGION OUT triangulate one, publish it in the folder OUT
  *
@@ -27,32 +28,43 @@
 #include "ledger.h"
 #include "parse.h"
 #include "pipe.h"
+#include "plan_record.h"
 #include "selection.h"
 #include "store.h"
+#include "tool_options.h"
 
 enum { INDEX_MEMORY = 4 << 20 };
 
-static const char USAGE[] =
-	"usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
-	"       acut-domain [--memory SIZE] --plan MANIFEST VIEW\n"
-	"       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n"
-	"\n"
-	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
-	"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order.\n"
-	"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
-	"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n"
-	"\n"
-	"  --memory SIZE   bytes for one domain and the index (default 256M)\n"
-	"  --plan          print the regions, a line each: REGION at-most|exact POINTS\n"
-	"  --select        print FOLDER/manifest, a tab, VIEW\n"
-	"  --help, --version\n"
-	"\n"
-	"VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
-	"Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n";
+static const struct tool_option OPTIONS[] = {
+	{"memory", "SIZE", "bytes for one domain and the index (default 256M)", 'm'},
+	{"plan", NULL, "print the regions, a line each: REGION at-most|exact POINTS", 'p'},
+	{"load", "N", "points of a region, at most (default 65536, as acutd, or what the memory allows)", 'l'},
+	{"job-plan", "FILE", "print the regions of the plan in FILE, likewise", 'j'},
+	{"select", NULL, "print FOLDER/manifest, a tab, VIEW", 's'},
+};
+static const struct tool TOOL = {
+	.name = "acut-domain",
+	.usage = "usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
+		 "       acut-domain [--memory SIZE] [--load N] --plan MANIFEST VIEW\n"
+		 "       acut-domain --job-plan FILE\n"
+		 "       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n",
+	.about =
+		"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
+		"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order: those\n"
+		"of acutd's first mesh of the dataset. With --job-plan: those of a job, by STATE/plans/plan-JOB.\n"
+		"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
+		"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n",
+	.end = "\n"
+	       "VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
+	       "Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n",
+	.option = OPTIONS,
+	.n = sizeof OPTIONS / sizeof *OPTIONS,
+};
 
 struct options {
-	uint64_t memory;
+	uint64_t memory, load;
 	bool plan, select;
+	const char *job_plan;
 	const char *manifest, *view, *region, *out; /* out: also the folder of --select */
 };
 
@@ -63,26 +75,24 @@ struct session {
 	struct pipe_budget budget;
 };
 
-static int usage_error(const char *text)
-{
-	fprintf(stderr, "acut-domain: %s\nTry 'acut-domain --help'.\n", text);
-	return 2;
-}
-
 /* -1: continue; otherwise the exit status. */
 static int parse_options(int argc, char **argv, struct options *o)
 {
-	static const struct option longs[] = {
-		{"memory", required_argument, NULL, 'm'}, {"plan", no_argument, NULL, 'p'},    {"select", no_argument, NULL, 's'},
-		{"help", no_argument, NULL, 'h'},         {"version", no_argument, NULL, 'V'}, {0},
-	};
-	int c;
+	const char *value;
+	int c, status;
 
-	while ((c = getopt_long(argc, argv, "", longs, NULL)) != -1) {
+	while ((c = tool_next(&TOOL, argc, argv, &value, &status)) != TOOL_END) {
 		switch (c) {
 		case 'm':
-			if (!parse_size(optarg, &o->memory))
-				return usage_error("--memory wants a size such as 256M");
+			if (!parse_size(value, &o->memory))
+				return tool_usage_error(&TOOL, "--memory wants a size such as 256M");
+			break;
+		case 'l':
+			if (!parse_u64(value, &o->load) || !o->load || o->load > UINT32_MAX)
+				return tool_usage_error(&TOOL, "--load wants a number of points");
+			break;
+		case 'j':
+			o->job_plan = value;
 			break;
 		case 'p':
 			o->plan = true;
@@ -90,23 +100,20 @@ static int parse_options(int argc, char **argv, struct options *o)
 		case 's':
 			o->select = true;
 			break;
-		case 'h':
-			fputs(USAGE, stdout);
-			return 0;
-		case 'V':
-			puts("acut-domain " ACUT_VERSION);
-			return 0;
 		default:
-			fputs("Try 'acut-domain --help'.\n", stderr);
-			return 2;
+			return status;
 		}
 	}
-	if (o->plan && o->select)
-		return usage_error("--plan and --select are two commands");
+	if (o->plan + o->select + !!o->job_plan > 1)
+		return tool_usage_error(&TOOL, "--plan, --job-plan and --select are three commands");
+	if (o->load && !o->plan)
+		return tool_usage_error(&TOOL, "--load belongs to --plan");
+	if (o->job_plan)
+		return optind < argc ? tool_usage_error(&TOOL, "--job-plan wants a file and nothing else") : -1;
 	if (argc - optind != (o->plan ? 2 : o->select ? 3 : 4))
-		return usage_error(o->plan   ? "--plan wants MANIFEST and VIEW" :
-				   o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
-					       "it wants MANIFEST, VIEW, REGION and OUT");
+		return tool_usage_error(&TOOL, o->plan   ? "--plan wants MANIFEST and VIEW" :
+					       o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
+							   "it wants MANIFEST, VIEW, REGION and OUT");
 	o->manifest = argv[optind];
 	o->view = argv[optind + 1];
 	o->region = o->plan || o->select ? NULL : argv[optind + 2];
@@ -196,6 +203,20 @@ static int select_folder(struct session *s, const struct options *o, struct err 
 
 /* ---- a session ---- */
 
+/* The load of the plan; the memory for a domain stays. */
+static int set_load(struct session *s, const struct options *o, struct err *err)
+{
+	if (o->load > s->budget.cap) {
+		err_set(err, ERR_LIMIT, "the memory carries %u points at once", s->budget.cap);
+		return err_add_hint(err, "give more --memory, or a smaller --load");
+	}
+	if (o->load)
+		s->budget.load = (uint32_t)o->load;
+	else if (s->budget.load > PIPE_KEPT_LOAD)
+		s->budget.load = PIPE_KEPT_LOAD;
+	return 0;
+}
+
 static int session_open(struct session *s, const struct options *o, struct err *err)
 {
 	char folder[4096], file[4096];
@@ -237,7 +258,7 @@ static int session_open(struct session *s, const struct options *o, struct err *
 	io_close(dirfd);
 	if (!r)
 		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);
-	return r;
+	return r ? r : set_load(s, o, err);
 }
 
 static void session_close(struct session *s)
@@ -252,9 +273,17 @@ static void *domain_memory(const struct session *s)
 	return aligned_alloc(64, (s->budget.domain_bytes + 63) & ~(size_t)63);
 }
 
-static int print_plan(struct session *s, struct err *err)
+static void print_leaves(const struct cut_plan *plan)
 {
 	char text[CUT_REGION_TEXT_SIZE];
+
+	for (size_t i = 0; i < plan->n; i++)
+		printf("%s %s %llu\n", cut_region_text(&plan->leaf[i].region, text), plan->leaf[i].exact ? "exact" : "at-most",
+		       (unsigned long long)plan->leaf[i].count);
+}
+
+static int print_plan(struct session *s, struct err *err)
+{
 	struct cut_plan plan = {0};
 	struct mesh_counts empty;
 	void *memory = domain_memory(s);
@@ -270,11 +299,54 @@ static int print_plan(struct session *s, struct err *err)
 	}
 	if (r)
 		return r;
-	for (size_t i = 0; i < plan.n; i++)
-		printf("%s %s %llu\n", cut_region_text(&plan.leaf[i].region, text), plan.leaf[i].exact ? "exact" : "at-most",
-		       (unsigned long long)plan.leaf[i].count);
+	print_leaves(&plan);
 	cut_plan_done(&plan);
 	return 0;
+}
+
+/* With all its splits. The file is read while a daemon may append to it. */
+static int print_job_plan(const char *path, struct err *err)
+{
+	char folder[4096], file[4096];
+	const char *name;
+	struct plan_file *f;
+	struct plan_kept kept;
+	struct plan_head head;
+	struct cut_plan plan = {0};
+	uint8_t record[PLAN_RECORD];
+	size_t seen, got = 0;
+	int dirfd, fd, r;
+
+	if (strlen(path) >= sizeof folder)
+		return err_set(err, ERR_USAGE, "the path of the plan is too long");
+	strcpy(folder, path);
+	strcpy(file, path);
+	name = basename(file);
+	r = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
+	if (r)
+		return r;
+	r = io_read_some(fd, record, sizeof record, 0, path, &got, err);
+	io_close(fd);
+	if (!r && (got < sizeof record || !plan_head_unpack(record, &head) || plan_file_job(name) != head.job)) {
+		err_set(err, ERR_INPUT, "it is no plan of a job");
+		r = err_add_file(err, path);
+	}
+	if (!r)
+		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (r)
+		return r;
+	f = plan_file_new(dirfd, head.job, head.generation, false, NULL);
+	r = f ? plan_file_read(f, &plan, &kept, &seen, err) : err_set(err, ERR_NOMEM, "no memory for a plan");
+	if (r == PLAN_FILE_ABSENT) {
+		err_set(err, ERR_CORRUPT, "the plan is damaged");
+		r = err_add_file(err, path);
+	}
+	if (!r)
+		print_leaves(&plan);
+	cut_plan_done(&plan);
+	plan_file_free(f);
+	io_close(dirfd);
+	return r;
 }
 
 static int make_domain(struct session *s, const struct options *o, struct err *err)
@@ -326,8 +398,8 @@ int main(int argc, char **argv)
 	status = parse_options(argc, argv, &o);
 	if (status >= 0)
 		return status;
-	r = session_open(&s, &o, &err);
-	if (!r)
+	r = o.job_plan ? print_job_plan(o.job_plan, &err) : session_open(&s, &o, &err);
+	if (!r && !o.job_plan)
 		r = o.plan ? print_plan(&s, &err) : o.select ? select_folder(&s, &o, &err) : make_domain(&s, &o, &err);
 	session_close(&s);
 	if (!r && fflush(stdout) != 0)

@@ -22,6 +22,7 @@
 #include "grid_disk.h"
 #include "grid_run.h"
 #include "io.h"
+#include "tool_options.h"
 
 static struct {
 	bool check, cells, records;
@@ -531,37 +532,53 @@ static void dump_file(int dirfd, const char *name, const char *shown)
 	io_close(fd);
 }
 
-static int usage(FILE *to, int rc)
+static const struct tool_option OPTIONS[] = {
+	{"check", NULL, "read everything, and derive every number again from the records", 'k'},
+	{"cells", NULL, "one line for each cell", 'c'},
+	{"records", NULL, "one line for each record", 'r'},
+};
+static const struct tool TOOL = {
+	.name = "acut-grid-dump",
+	.usage = "usage: acut-grid-dump [--check] [--cells] [--records] FILE...\n",
+	.about = "Shows manifests, segments and sorted runs of the grid cache (format.md).\n",
+	.end = "\nExit status: 0 all is good; 1 damage; 2 usage; 74 reading failed.\n",
+	.option = OPTIONS,
+	.n = sizeof OPTIONS / sizeof *OPTIONS,
+};
+
+/* -1: continue; otherwise the exit status. */
+static int parse_options(int argc, char **argv)
 {
-	fputs("usage: acut-grid-dump [--check] [--cells] [--records] FILE...\n"
-	      "Shows manifests, segments and sorted runs of the grid cache (format.md).\n"
-	      "  --check    read everything, and derive every number again from the records\n"
-	      "  --cells    one line for each cell\n"
-	      "  --records  one line for each record\n",
-	      to);
-	return rc;
+	const char *value;
+	int c, rc;
+
+	while ((c = tool_next(&TOOL, argc, argv, &value, &rc)) != TOOL_END) {
+		switch (c) {
+		case 'k':
+			options.check = true;
+			break;
+		case 'c':
+			options.cells = true;
+			break;
+		case 'r':
+			options.records = true;
+			break;
+		default:
+			return rc;
+		}
+	}
+	return optind == argc ? tool_usage_error(&TOOL, "give a FILE") : -1;
 }
 
 int main(int argc, char **argv)
 {
-	int i = 1;
+	int rc;
 
 	io_reserve_standard();
-	for (; i < argc && !strncmp(argv[i], "--", 2); i++) {
-		if (!strcmp(argv[i], "--check"))
-			options.check = true;
-		else if (!strcmp(argv[i], "--cells"))
-			options.cells = true;
-		else if (!strcmp(argv[i], "--records"))
-			options.records = true;
-		else if (!strcmp(argv[i], "--help"))
-			return usage(stdout, 0);
-		else
-			return usage(stderr, 2);
-	}
-	if (i == argc)
-		return usage(stderr, 2);
-	for (; i < argc; i++) {
+	rc = parse_options(argc, argv);
+	if (rc >= 0)
+		return rc;
+	for (int i = optind; i < argc; i++) {
 		char *folder = strdup(argv[i]), *base = strdup(argv[i]);
 		struct err err = ERR_INIT;
 		int dirfd = -1;

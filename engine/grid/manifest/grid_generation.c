@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "err.h"
 #include "grid_manifest_priv.h"
 #include "order.h"
 
@@ -16,6 +17,21 @@ bool grid_source_live(const struct grid_source *s, uint64_t generation)
 		if (s->earlier[i].added <= generation && s->earlier[i].removed > generation)
 			return true;
 	return false;
+}
+
+int grid_source_restore(struct grid_source *s, uint64_t generation, struct grid_span *spans, struct err *err)
+{
+	if (s->nearlier >= UINT16_MAX)
+		return err_set(err, ERR_LIMIT,
+			       s->kind == GRID_LINE_VERTICES ? "lines were removed and brought back too often" :
+							       "a file was removed and brought back too often");
+	if (s->nearlier)
+		memcpy(spans, s->earlier, s->nearlier * sizeof *spans);
+	spans[s->nearlier++] = (struct grid_span){s->added, s->removed};
+	s->earlier = spans;
+	s->added = generation;
+	s->removed = 0;
+	return 0;
 }
 
 const char *grid_generation_kind_text(enum grid_generation_kind kind)

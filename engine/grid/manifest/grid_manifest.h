@@ -61,6 +61,9 @@ enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN =
 
 /* Whether the points of the source count in that generation. */
 bool grid_source_live(const struct grid_source *, uint64_t generation);
+/* One that was removed counts again from `generation` on. `spans` has room for nearlier + 1, which become its earlier ones.
+ * -ERR_LIMIT: it has as many as a manifest can hold. */
+int grid_source_restore(struct grid_source *, uint64_t generation, struct grid_span *spans, struct err *err);
 
 enum grid_generation_kind {
 	GRID_PUSH = 1,

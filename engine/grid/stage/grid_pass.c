@@ -1,8 +1,8 @@
 /*
- * A pass over a segment (grid_pass.h): visits its cells in the order of the index. Blocks are in the same order in the
- * file, so they are read through a window that moves forwards. An index page is behind the cells that it lists, and is
- * read separately. Every byte is checked: pages and heads against whatever points to them, records against their head,
- * totals against the header.
+ * A pass over a segment (grid_pass.h): visits its cells, all or those that meet a range of keys, in the order of the index.
+ * Blocks are in the same order in the file, so they are read through a window that moves forwards. An index page is behind the
+ * cells that it lists, and is read separately. Every byte is checked: pages and heads against whatever points to them, records
+ * against their head, totals against the header.
  */
 #include "grid_pass.h"
 
@@ -26,12 +26,16 @@ bool grid_dropped_has(const struct grid_dropped *d, uint32_t id)
 }
 
 int grid_pass_open(struct grid_pass *p, int dirfd, const struct grid_segment_info *info, const struct grid_dropped *dropped,
-		   void *memory, size_t window, struct disk_total **ret_sources, uint32_t *ret_n, struct err *err)
+		   const struct grid_range *range, void *memory, size_t window, struct disk_total **ret_sources, uint32_t *ret_n,
+		   struct err *err)
 {
 	struct disk_segment h;
 	uint8_t *at = memory;
 
-	*p = (struct grid_pass){.segment.fd = -1, .dropped = dropped, .cap = window};
+	*p = (struct grid_pass){.segment.fd = -1, .dropped = dropped, .range = {0, UINT64_MAX}, .cap = window};
+	if (range)
+		p->range = *range;
+	p->part = p->range.lo || p->range.hi != UINT64_MAX;
 	int rc = grid_segment_open(&p->segment, dirfd, info, &h, err);
 
 	if (rc == 0)
@@ -70,26 +74,40 @@ static int read_page(struct grid_pass *p, unsigned level, uint64_t place, uint64
 	return rc;
 }
 
+static bool is_over(const struct grid_pass *p, unsigned level)
+{
+	return p->at[level] == grid_page_entries(page_of(p, level));
+}
+
 /* The lowest level that has an entry left; the height of the index if none has. */
 static unsigned lowest_level(const struct grid_pass *p)
 {
 	unsigned level = 0;
 
-	while (level < p->segment.height && p->at[level] == grid_page_entries(page_of(p, level)))
+	while (level < p->segment.height && is_over(p, level))
 		level++;
 	return level;
 }
 
-/* Moves to the next cell; *ret_end: there is none. */
-static int next_cell(struct grid_pass *p, bool *ret_end, struct err *err)
+/* Reads a page, and moves to its first entry that meets the range. */
+static int enter_page(struct grid_pass *p, unsigned level, uint64_t place, uint64_t check, struct err *err)
+{
+	int rc = read_page(p, level, place, check, err);
+
+	if (rc == 0)
+		p->at[level] = grid_page_find(page_of(p, level), level > 0, p->range.lo);
+	return rc;
+}
+
+int grid_pass_cell(struct grid_pass *p, bool *ret_end, struct err *err)
 {
 	unsigned level, height = p->segment.height;
 	int rc = 0;
 
 	*ret_end = false;
 	if (!p->begun && height)
-		rc = read_page(p, height - 1, p->segment.root, p->segment.root_check, err);
-	level = p->begun ? lowest_level(p) : height ? height - 1 : 0;
+		rc = enter_page(p, height - 1, p->segment.root, p->segment.root_check, err);
+	level = p->begun ? lowest_level(p) : rc == 0 && height && !is_over(p, height - 1) ? height - 1 : height;
 	p->begun = true;
 	if (rc == 0 && level == height) {
 		*ret_end = true;
@@ -98,11 +116,17 @@ static int next_cell(struct grid_pass *p, bool *ret_end, struct err *err)
 	for (; rc == 0 && level > 0; level--) {
 		const struct disk_inner *e = grid_page_inner(page_of(p, level), p->at[level]++);
 
-		rc = read_page(p, level - 1, e->place, e->check, err);
+		rc = enter_page(p, level - 1, e->place, e->check, err);
+		if (rc == 0 && is_over(p, level - 1))
+			rc = grid_segment_damaged(&p->segment, e->place, "an index page ends before its entry", err);
 	}
 	if (rc)
 		return rc;
 	p->leaf = *grid_page_leaf(page_of(p, 0), p->at[0]++);
+	if (p->leaf.lo > p->range.hi) {
+		*ret_end = true;
+		return 0;
+	}
 	p->block = 0;
 	p->place = p->leaf.place;
 	p->check = 0;
@@ -155,6 +179,22 @@ static int read_block(struct grid_pass *p, struct grid_block *ret, struct err *e
 	return 0;
 }
 
+/* Removes the records outside of the range, in place. Returns how many are left. */
+static size_t filter_keys(struct grid_pass *p, struct point *at, size_t n)
+{
+	size_t stay = 0;
+
+	if (p->leaf.lo >= p->range.lo && disk_range_end(p->leaf.lo, p->leaf.bits) <= p->range.hi)
+		return n;
+	for (size_t i = 0; i < n; i++) {
+		uint64_t key = point_morton(at[i].x, at[i].y);
+
+		at[stay] = at[i];
+		stay += key >= p->range.lo && key <= p->range.hi;
+	}
+	return stay;
+}
+
 /* Removes the records of omitted sources, in place. */
 static int filter_block(struct grid_pass *p, const struct grid_block *b, size_t *ret_n, struct err *err)
 {
@@ -177,7 +217,7 @@ static int filter_block(struct grid_pass *p, const struct grid_block *b, size_t 
 		b->records[n] = b->records[i];
 		n += stays[source];
 	}
-	*ret_n = stay == sources ? b->head->records : n;
+	*ret_n = filter_keys(p, b->records, stay == sources ? b->head->records : n);
 	p->omitted += b->head->records - *ret_n;
 	return 0;
 }
@@ -192,7 +232,7 @@ int grid_pass_next(void *pass, const struct point **ret_pts, size_t *ret_n, cons
 	*ret_n = 0;
 	while (rc == 0 && !*ret_n) {
 		if (!p->begun || p->block == p->leaf.blocks) {
-			rc = next_cell(p, &end, err);
+			rc = grid_pass_cell(p, &end, err);
 			if (rc || end)
 				break;
 		}
@@ -202,7 +242,7 @@ int grid_pass_next(void *pass, const struct point **ret_pts, size_t *ret_n, cons
 		*ret_pts = b.records;
 		*ret_table = p->ids;
 	}
-	if (rc == 0 && end && (p->points != p->expected || p->cells != p->segment.cells))
+	if (rc == 0 && end && !p->part && (p->points != p->expected || p->cells != p->segment.cells))
 		return grid_segment_damaged(&p->segment, 0, "the number of its records differs from its header", err);
 	return rc;
 }

@@ -1,4 +1,4 @@
-/* One pass over all records of a segment, in order, with their sources. */
+/* One pass over the records of a segment, all or those of a range of keys, in order, with their sources. */
 #ifndef GRID_PASS_H
 #define GRID_PASS_H
 
@@ -13,9 +13,16 @@ struct grid_dropped {
 
 bool grid_dropped_has(const struct grid_dropped *, uint32_t id);
 
+/* Keys, both included. */
+struct grid_range {
+	uint64_t lo, hi;
+};
+
 struct grid_pass {
 	struct grid_segment segment;
 	const struct grid_dropped *dropped;
+	struct grid_range range;
+	bool part;                /* the range is not that of all keys */
 	uint8_t *pages;           /* one for each level */
 	unsigned at[DISK_LEVELS]; /* next entry of each page */
 	bool begun;
@@ -35,12 +42,16 @@ size_t grid_pass_bytes(uint64_t cells, size_t window);
 enum { GRID_PASS_WINDOW = 48 << 10 }; /* the smallest window */
 _Static_assert(GRID_PASS_WINDOW >= DISK_BLOCK_MAX, "a block must fit");
 
-/* Opens the segment; `memory` and `info` are borrowed. *ret_sources: its table of sources, to be freed. */
-int grid_pass_open(struct grid_pass *, int dirfd, const struct grid_segment_info *info, const struct grid_dropped *, void *memory,
-		   size_t window, struct disk_total **ret_sources, uint32_t *ret_n, struct err *err);
+/* Opens the segment; `memory` and `info` are borrowed. `range`: NULL: all keys. *ret_sources: its table of sources, to be freed.
+ */
+int grid_pass_open(struct grid_pass *, int dirfd, const struct grid_segment_info *info, const struct grid_dropped *,
+		   const struct grid_range *range, void *memory, size_t window, struct disk_total **ret_sources, uint32_t *ret_n,
+		   struct err *err);
 void grid_pass_close(struct grid_pass *);
-/* For grid_merge_stream: the records of the next block that are not omitted. At the end it checks the number of records and
- * cells against the header. */
+/* The next cell, which is in pass->leaf; its records are read by grid_pass_next alone, not by those who call this. */
+int grid_pass_cell(struct grid_pass *, bool *ret_end, struct err *err);
+/* For grid_merge_stream: the records of the next block that are not omitted. At the end of a pass over all keys it checks the
+ * number of records and cells against the header. */
 int grid_pass_next(void *pass, const struct point **ret_pts, size_t *ret_n, const uint32_t **ret_table, struct err *err);
 
 #endif

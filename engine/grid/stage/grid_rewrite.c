@@ -29,6 +29,8 @@ struct grid_rewrite {
 	struct grid_segment_info *info; /* of each segment, copied */
 	size_t npass;
 	struct grid_dropped dropped;
+	struct grid_range range;
+	bool part;
 	uint32_t *sources; /* of the new segment, ascending */
 	size_t nsources;
 	struct grid_merge merge;
@@ -119,7 +121,7 @@ static int open_all(struct grid_rewrite *w, const struct grid_rewrite_params *in
 		int rc;
 
 		w->info[i] = in->segments[i];
-		rc = grid_pass_open(&w->pass[i], in->dirfd, &w->info[i], &w->dropped,
+		rc = grid_pass_open(&w->pass[i], in->dirfd, &w->info[i], &w->dropped, &w->range,
 				    align_carve(at, grid_pass_bytes(w->info[i].cells, window)), window, &totals, &n, err);
 		if (rc)
 			return rc;
@@ -183,6 +185,8 @@ int grid_rewrite_new(const struct grid_rewrite_params *in, struct grid_rewrite *
 		w->seg.file = GRID_FILE_INIT;
 		w->dropped = (struct grid_dropped){in->drop, in->ndrop};
 		w->temporary = in->temporary;
+		w->part = in->part;
+		w->range = in->part ? (struct grid_range){in->lo, in->hi} : (struct grid_range){0, UINT64_MAX};
 	}
 	if (!w || !w->memory) {
 		grid_rewrite_free(w);
@@ -266,7 +270,8 @@ static int check_all(const struct grid_rewrite *w, struct err *err)
 		points += w->pass[i].omitted;
 		read += w->pass[i].points;
 	}
-	if (w->done && !w->failed && points == w->all && read == w->all)
+	/* How many a range has is for the caller to sum up. */
+	if (w->done && !w->failed && points == read && (w->part || read == w->all))
 		return 0;
 	return err_set(err, ERR_INTERNAL, "of %llu points %llu were rewritten", (unsigned long long)w->all,
 		       (unsigned long long)points);
@@ -295,7 +300,39 @@ int grid_rewrite_finish(struct grid_rewrite *w, struct grid_segment_info *ret, s
 	return rc;
 }
 
-/* ---- counting ---- */
+/* ---- dividing and counting ---- */
+
+int grid_segment_divide(int dirfd, const struct grid_segment_info *info, unsigned n, uint64_t *ret, struct err *err)
+{
+	const struct grid_dropped none = {NULL, 0};
+	void *memory = aligned_alloc(64, align_line(grid_pass_bytes(info->cells, GRID_PASS_WINDOW)));
+	struct disk_total *totals = NULL;
+	struct grid_pass pass;
+	uint64_t points = 0;
+	unsigned part = 1;
+	uint32_t sources;
+	bool end = false;
+	int rc = 0;
+
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory to divide a segment");
+	rc = grid_pass_open(&pass, dirfd, info, &none, NULL, memory, GRID_PASS_WINDOW, &totals, &sources, err);
+	for (uint64_t after = 0; rc == 0 && part < n; points = after) {
+		rc = grid_pass_cell(&pass, &end, err);
+		if (rc || end)
+			break;
+		after = points + pass.leaf.count;
+		for (; part < n && (unsigned __int128)points * n >= (unsigned __int128)part * info->points; part++)
+			ret[part - 1] = pass.leaf.lo;
+	}
+	for (; rc == 0 && part < n; part++)
+		ret[part - 1] = UINT64_MAX;
+	if (rc == 0)
+		grid_pass_close(&pass);
+	free(totals);
+	free(memory);
+	return rc;
+}
 
 int grid_segment_count_sources(int dirfd, const struct grid_segment_info *info, const uint32_t *ids, size_t n,
 			       uint64_t *ret_points, struct err *err)

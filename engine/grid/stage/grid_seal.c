@@ -161,7 +161,7 @@ static int begin(struct grid_seal *z, unsigned workers, struct err *err)
 	cut_pieces(z, workers);
 	slots_init(z, workers);
 	snprintf(name, sizeof name, "%s.seg", s->stem);
-	return grid_segment_writer_begin(&z->seg, s->dirfd, name, s->all, s->nall, s->pages, err);
+	return grid_segment_writer_begin(&z->seg, s->segment_dirfd, name, s->all, s->nall, s->pages, err);
 }
 
 int grid_seal_begin(struct grid_stage *s, unsigned workers, const struct grid_guard *guard, struct grid_seal **ret,

@@ -58,6 +58,7 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	s->memory = memory;
 	s->why = ERR_INIT;
 	s->dirfd = params->dirfd;
+	s->segment_dirfd = params->segment_dirfd ? params->segment_dirfd : params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
 	s->temporary = params->temporary;

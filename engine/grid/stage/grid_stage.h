@@ -25,7 +25,7 @@ struct grid_guard {
 struct grid_stage;
 
 struct grid_stage_params {
-	int dirfd;         /* folder for runs and the segment (borrowed) */
+	int dirfd;         /* folder for runs, and for the segment (borrowed) */
 	const char *name;  /* file name stem of the segment, unique in the folder */
 	size_t memory;     /* bytes for the stage's buffers; the caller has charged them */
 	bool durable;      /* runs are fsynced; if not, grid_stage_sync does nothing */
@@ -34,6 +34,7 @@ struct grid_stage_params {
 	/* Called before each run is created; it may block. If it fails, the stage fails with its result. May be NULL. */
 	int (*ready)(void *ctx, struct err *err);
 	void *ready_ctx;
+	int segment_dirfd; /* folder for the segment (borrowed); 0: dirfd, too */
 };
 
 enum { GRID_STAGE_MIN = 1 << 20 }; /* the smallest `memory` */

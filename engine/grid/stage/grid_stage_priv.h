@@ -16,7 +16,7 @@ struct grid_lane {
 };
 
 struct grid_stage {
-	int dirfd;
+	int dirfd, segment_dirfd;
 	bool durable, temporary, folder_later, failed, sealed;
 	int (*ready)(void *ctx, struct err *err); /* as in the params */
 	void *ready_ctx;

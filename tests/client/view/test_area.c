@@ -281,7 +281,7 @@ static void names_are(const char *text, const char *want)
 {
 	struct ctl_area a;
 	struct err err = ERR_INIT;
-	char name[] = "/tmp/acut-names-XXXXXX", got[512] = "";
+	char name[] = "/tmp/acut-names-XXXXXX", got[4096] = "";
 	int fd = mkstemp(name);
 
 	assert_true(fd >= 0 && write(fd, text, strlen(text)) == (ssize_t)strlen(text));
@@ -290,7 +290,7 @@ static void names_are(const char *text, const char *want)
 	unlink(name);
 	for (size_t i = 0; i < a.nfeature; i++)
 		snprintf(got + strlen(got), sizeof(got) - strlen(got), "%s%zu:%s", i ? " " : "", a.feature[i].ring,
-			 a.feature[i].name);
+			 ctl_area_name(&a, i));
 	assert_string_equal(got, want);
 	ctl_area_done(&a);
 }
@@ -322,12 +322,46 @@ static void test_names(void **state)
 	names_are(text, "0:both");
 }
 
+/* Names keep all of their characters; one that is too long ends with a mark, at a character. */
+static void test_long_names(void **state)
+{
+	static const char square[] = "{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[1,1]]]}";
+	static const struct {
+		const char *unit;
+		size_t times, kept; /* kept: of them; 0: all */
+		const char *before;
+	} rows[] = {
+		{"\u00e9", 100, 0, ""},     {"\u00e9", 512, 0, ""},    {"\u00e9", 513, 510, ""},  {"a", 1024, 0, ""},
+		{"a", 1025, 1021, ""},      {"\u20ac", 341, 0, "b"},   {"\u20ac", 342, 340, ""},  {"\U0001f600", 300, 255, ""},
+		{"\U0001f600", 256, 0, ""}, {"\u00e9", 5000, 510, ""}, {"\u20ac", 400, 340, "b"},
+	};
+
+	for (size_t i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
+		char name[16384], text[32768], want[16384];
+		size_t n = (size_t)sprintf(name, "%s", rows[i].before), kept = rows[i].kept ? rows[i].kept : rows[i].times;
+
+		for (size_t k = 0; k < rows[i].times; k++)
+			n += (size_t)sprintf(name + n, "%s", rows[i].unit);
+		snprintf(text, sizeof(text), "{\"type\":\"Feature\",\"properties\":{\"name\":\"%s\"},\"geometry\":%s}", name,
+			 square);
+		n = (size_t)sprintf(want, "0:%s", rows[i].before);
+		for (size_t k = 0; k < kept; k++)
+			n += (size_t)sprintf(want + n, "%s", rows[i].unit);
+		sprintf(want + n, "%s", rows[i].kept ? CTL_AREA_CUT : "");
+		names_are(text, want);
+	}
+	/* A zero in a text does not end it. */
+	names_are("{\"type\":\"Feature\",\"properties\":{\"name\":\"a\\u0000b\"},\"geometry\":"
+		  "{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[1,0],[1,1]]]}}",
+		  "0:a\ufffdb");
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_names), cmocka_unit_test(test_forms),
-					   cmocka_unit_test(test_exact), cmocka_unit_test(test_damaged),
-					   cmocka_unit_test(test_json),  cmocka_unit_test(test_nested),
-					   cmocka_unit_test(test_memory)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_names),   cmocka_unit_test(test_long_names),
+					   cmocka_unit_test(test_forms),   cmocka_unit_test(test_exact),
+					   cmocka_unit_test(test_damaged), cmocka_unit_test(test_json),
+					   cmocka_unit_test(test_nested),  cmocka_unit_test(test_memory)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

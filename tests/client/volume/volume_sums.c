@@ -1,7 +1,7 @@
 /*
  * Sums of comparisons, for volumes.py, which knows what they must be. Standard input has sets:
  *
- *     set NA NB CELL LEAF DEPTH LEVEL_WHOLE LEVEL_PART POLYGONS     LEVEL_PART -1: no level
+ *     set NA NB CELL LEAF DEPTH CROWD LEVEL_WHOLE LEVEL_PART POLYGONS     LEVEL_PART -1: no level
  *     NA + NB lines of nine numbers
  *     for each polygon: its number of rings, and for each ring whether it is a shell, its number of corners, and their texts
  *
@@ -85,8 +85,8 @@ static void one_set(unsigned na, unsigned nb)
 	long long whole;
 	double part;
 
-	need(scanf("%u %u %u %lld %lf %u", &volume_join_sizes.cell, &volume_join_sizes.leaf, &volume_join_sizes.depth, &whole,
-		   &part, &npolygon) == 6,
+	need(scanf("%u %u %u %u %lld %lf %u", &volume_join_sizes.cell, &volume_join_sizes.leaf, &volume_join_sizes.depth,
+		   &volume_join_sizes.crowd, &whole, &part, &npolygon) == 7,
 	     "set");
 	volume_join_sizes.sort = 4096;
 	for (unsigned i = 0; i < na + nb; i++)

@@ -245,7 +245,7 @@ def number(v):
 
 def text(a, b, sizes, level, polygons):
     whole, part = (0, -1) if level is None else (level // 1, float(level % 1))
-    out = ['set %d %d %d %d %d %d %r %d' % (len(a), len(b), *sizes, whole, part, len(polygons or []))]
+    out = ['set %d %d %d %d %d %d %d %r %d' % (len(a), len(b), *sizes, whole, part, len(polygons or []))]
     out += [' '.join(str(c) for v in t for c in v) for t in a + b]
     for p in polygons or []:
         out.append(str(len(p)))
@@ -344,17 +344,19 @@ def make(rng):
 
 
 def judge_set(judge, where, made, got):
-    """`got` has the rows of four runs: large cells; small ones; exchanged; another order."""
+    """`got` has the rows of six runs: large cells; small ones; exchanged; another order; slabs; small cells of slabs, exchanged."""
     size, a, b, kind, level, polygons, small = made
     n = len(polygons or [0])
     for i, want in enumerate(exact(a, b, level, polygons)):
-        row, cells, exchanged, order = (got[k * n + i] for k in range(4))
+        row, cells, exchanged, order, slabs, slabs_exchanged = (got[k * n + i] for k in range(6))
         at = '%s, row %d' % (where, i)
         judge.row(at, row, want)
         if row != cells:
             sys.exit('%s: other cells, another result: %s %s' % (at, row, cells))
         if row != order:
             sys.exit('%s: another order, another result: %s %s' % (at, row, order))
+        if row != slabs or exchanged != slabs_exchanged:
+            sys.exit('%s: with slabs another result: %s %s, %s %s' % (at, row, slabs, exchanged, slabs_exchanged))
         fill, cut, shared, filled, lowered, c0, c1, e0, e1 = exchanged
         if level is None and [cut, fill, shared, lowered, filled, c1, c0, e0, e1] != row:
             sys.exit('%s: exchanged, it is not: %s %s' % (at, row, exchanged))
@@ -376,22 +378,54 @@ def judge_set(judge, where, made, got):
     judge.rows += n
 
 
+def fan(rng, n, radius, apex):
+    """Slivers around a vertex, once around, or one side of it."""
+    import math
+    begin, angle = rng.random(), rng.choice((2 * math.pi, 2, 0.01, 1e-6))
+    rim = []
+    for i in range(n + 1):
+        w = begin + angle * (i % n if angle > 6 else i) / n
+        p = (apex[0] + round(radius * math.cos(w)), apex[1] + round(radius * math.sin(w)))
+        if not rim or p != rim[-1][:2]:
+            rim.append((*p, rng.randrange(1000)))
+    hub = (*apex, rng.randrange(1000))
+    return [t for t in ((hub, p, q) for p, q in zip(rim, rim[1:])) if turn(*t) > 0] or fan(rng, n, radius, apex)
+
+
+def fans(program, rng, count):
+    """Many slivers: the same sums by cells, by slabs, and by slabs of parts."""
+    for k in range(count):
+        radius, n = rng.choice((50, 1000, 10**6, 10**9)), rng.choice((40, 150, 400))
+        a = fan(rng, n, radius, (0, 0))
+        b = fan(rng, n, radius, rng.choice(((0, 0), (0, 0), (rng.randrange(radius // 5), 3))))
+        if rng.randrange(4) == 0:
+            b = mesh(rng, (-radius // 2, -radius // 2), radius, 12, 1000, 'any')
+        ways = [(2048, 32768, 5, 10**9), (2048, 32768, 5, 0), (50, 70, 5, 0), (50, 70, 5, 2), (2048, 32768, 5, 1)]
+        got = run(program, [text(a, b, w, None, None) for w in ways] + [text(b, a, w, None, None) for w in ways])
+        for w, row, exchanged in zip(ways, got, got[len(ways):]):
+            fill, cut, shared, filled, lowered, c0, c1, e0, e1 = exchanged
+            if row != got[0] or [cut, fill, shared, lowered, filled, c1, c0, e0, e1] != row:
+                sys.exit('fan %d: with %s another result: %s, exchanged %s, by cells %s' % (k, w, row, exchanged, got[0]))
+
+
 def main():
     program = sys.argv[1]
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 300
     rng = random.Random(int(sys.argv[3]) if len(sys.argv) > 3 else 1)
     judge = Judge()
+    fans(program, rng, 6 + count // 10)
     for first in range(0, count, 100):
         made = [make(rng) for _ in range(min(100, count - first))]
         texts = []
         for size, a, b, kind, level, polygons, small in made:
-            texts += [text(a, b, (2048, 32768, 5), level, polygons), text(a, b, small, level, polygons),
-                      text(b, a, small, level, polygons), text([t[1:] + t[:1] for t in reversed(a)], b, (1, 1, 3), level, polygons)]
+            texts += [text(a, b, (2048, 32768, 5, 64), level, polygons), text(a, b, (*small, 64), level, polygons),
+                      text(b, a, (*small, 64), level, polygons), text([t[1:] + t[:1] for t in reversed(a)], b, (1, 1, 3, 64), level, polygons),
+                      text(a, b, (2048, 32768, 5, 0), level, polygons), text(b[::-1], a, (*small, 0), level, polygons)]
         got = run(program, texts)
         if 'refused' in got:
             sys.exit('a polygon was refused')
         for i, m in enumerate(made):
-            n = 4 * len(m[5] or [0])
+            n = 6 * len(m[5] or [0])
             judge_set(judge, 'set %d' % (first + i), m, got[:n])
             got = got[n:]
     print('%d sets, %d rows, 0 wrong; %d of one mesh twice exactly 0, %d identities; largest error %s; %.2g of the bound' %

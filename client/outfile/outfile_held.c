@@ -1,0 +1,135 @@
+/*
+ * Outputs that are complete before they get their names, which another process gives them, perhaps on another machine.
+ *
+ * Two processes may give the same output its name at once, and the reply to a rename may be lost. So an output that is not there
+ * any more is looked for under its name, where it must have the same inode and size.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "err.h"
+#include "io.h"
+#include "io_place.h"
+#include "outfile_priv.h"
+
+static char *held_name(const char *name, const char *tag)
+{
+	char *held;
+
+	return asprintf(&held, ".%.200s.%s.part", name, tag) < 0 ? NULL : held;
+}
+
+/* A temporary name that the output has already gets the tag, too: what is left of it is found by that. */
+static int mark_temp(struct outfile *o, struct err *err)
+{
+	char *temp;
+
+	if (asprintf(&temp, ".%.200s.%s.%d.part", o->name, o->tag, (int)getpid()) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	if (outfile_rename(o->dirfd, o->temp, o->dirfd, temp, true)) {
+		err_sys(err, errno, "cannot name a temporary file");
+		free(temp);
+		return err_add_file(err, o->label);
+	}
+	free(o->temp);
+	o->temp = temp;
+	return 0;
+}
+
+int outfile_hold(struct outfile *o, const char *tag, struct err *err)
+{
+	char *held;
+
+	if (o->dirfd < 0) {
+		err_set(err, ERR_USAGE, "the output must be a file, and this is none");
+		return err_add_file(err, o->label);
+	}
+	held = held_name(o->name, tag);
+	o->tag = strdup(tag);
+	if (!held || !o->tag) {
+		free(held);
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	}
+	o->held = held;
+	o->no_clobber = false;
+	return o->temp ? mark_temp(o, err) : 0;
+}
+
+int outfile_held(const struct outfile *o, struct outfile_held *ret, struct err *err)
+{
+	struct stat st;
+
+	if (fstat(o->fd, &st)) {
+		err_sys(err, errno, "cannot look at an output");
+		return err_add_file(err, o->label);
+	}
+	*ret = (struct outfile_held){(uint64_t)st.st_size, (uint64_t)st.st_ino};
+	return 0;
+}
+
+bool outfile_is_held(int dirfd, const char *name, const struct outfile_held *held)
+{
+	struct stat st;
+
+	return !fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) && (uint64_t)st.st_ino == held->inode &&
+	       (uint64_t)st.st_size == held->size;
+}
+
+int outfile_settle_at(int dirfd, const char *from, const char *name, const struct outfile_held *held, bool no_clobber,
+		      struct err *err)
+{
+	int failed = outfile_rename(dirfd, from, dirfd, name, no_clobber) ? errno : 0;
+
+	if (!failed || ((failed == ENOENT || failed == EEXIST) && outfile_is_held(dirfd, name, held)))
+		return 0;
+	if (failed == EEXIST)
+		return err_set(err, ERR_USAGE, "the output exists now, and --no-clobber was given");
+	if (failed == ENOENT)
+		return err_set(err, ERR_GONE, "the complete output %s is not there any more", from);
+	return err_sys(err, failed, "the output cannot be given its name");
+}
+
+int outfile_settle(const char *path, const char *tag, const struct outfile_held *held, bool no_clobber, struct err *err)
+{
+	struct io_place p;
+	char *from;
+	int r = io_place_find(path, true, &p, err);
+
+	if (r)
+		return err_add_file(err, path);
+	from = held_name(p.name, tag);
+	if (!from)
+		r = err_set(err, ERR_NOMEM, "no memory for a file name");
+	if (!r)
+		r = outfile_settle_at(p.dirfd, from, p.name, held, no_clobber, err);
+	if (!r) {
+		int fd = -1;
+
+		r = io_open(p.dirfd, ".", O_RDONLY | O_DIRECTORY, 0, &fd, err);
+		r = r ? r : io_sync(fd, path, err);
+		io_close(fd);
+	}
+	free(from);
+	io_place_done(&p);
+	return r ? err_add_file(err, path) : 0;
+}
+
+void outfile_held_drop(const char *path, const char *tag)
+{
+	struct err ignored = ERR_INIT;
+	struct io_place p;
+	char *name;
+
+	if (io_place_find(path, true, &p, &ignored))
+		return;
+	name = held_name(p.name, tag);
+	if (name)
+		io->unlinkat(p.dirfd, name, 0);
+	free(name);
+	io_place_done(&p);
+}

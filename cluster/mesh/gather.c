@@ -1,0 +1,258 @@
+/*
+ * The phase gather: a task makes a part of the outputs.
+ *
+ * Files of a mesh with triangles, in tiles, are divided among all tasks: each has some tiles, reads the domains that meet these,
+ * and gives the outputs their triangles. Whatever needs the whole mesh is made by the first task alone: one file, rasters and
+ * lines (which divide themselves after they are drawn), and what is trimmed from the hull. The other tasks then have nothing to
+ * do.
+ */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "gather_priv.h"
+#include "io.h"
+
+enum { PROCESS = 16 << 20, LEAST = 4 << 20 };
+
+/* ---- options ---- */
+
+static const struct format *tile_format(const struct ctl_fetch_options *a)
+{
+	const struct ctl_fetch_output o = ctl_fetch_output(a, ctl_fetch_count(a) ? 1 : 0);
+
+	return format_find(o.format ? o.format : "ply");
+}
+
+bool gather_divides(const struct ctl_fetch_options *a)
+{
+	const struct format *f = a->tile ? tile_format(a) : NULL;
+
+	return f && !a->trim_hull && (f->kind == FORMAT_MESH || (f->kind == FORMAT_PICTURE && !ctl_fetch_output(a, 1).cell));
+}
+
+/* One that is written as PLY, without --tile. */
+static const char *one_ply(const struct ctl_fetch_options *a)
+{
+	for (unsigned i = 1; i <= ctl_fetch_count(a) && !a->tile; i++) {
+		const struct ctl_fetch_output o = ctl_fetch_output(a, i);
+		const struct format *f = o.format ? format_find(o.format) : format_by_path(o.path);
+
+		if (f && !strcmp(f->name, "ply"))
+			return o.path;
+	}
+	return NULL;
+}
+
+int gather_check_ply(const struct ctl_fetch_options *a, uint64_t vertices, const char *what, struct err *err)
+{
+	const char *path = one_ply(a);
+
+	if (!path || vertices <= 1ull << 31)
+		return 0;
+	err_set(err, ERR_LIMIT, "one PLY has at most 2^31 vertices, and the %s %llu", what, (unsigned long long)vertices);
+	err_add_hint(err, "write tiles, as in --tile 1000 -o tiles/");
+	return err_add_file(err, path);
+}
+
+int gather_check(const struct ctl_fetch_options *a, uint64_t claimed_points, struct err *err)
+{
+	for (unsigned i = 1; i <= ctl_fetch_count(a); i++)
+		if (!strcmp(ctl_fetch_output(a, i).path, "-")) {
+			err_set(err, ERR_USAGE, "the outputs of a run are files, and standard output is none");
+			return err_add_hint(err, "name a file, as in -o mesh.ply");
+		}
+	if (a->since)
+		return err_set(err, ERR_USAGE, "--changed-since has no meaning for a run: it makes the whole mesh");
+	if (a->window)
+		return err_set(err, ERR_USAGE, "--%s has no meaning for a run: it makes the whole mesh", a->window);
+	return gather_check_ply(a, claimed_points, "inputs claim", err);
+}
+
+/* ---- a task ---- */
+
+struct task {
+	const struct gather_params *p;
+	uint32_t index;
+	struct work_attempt *attempt;
+	struct gather_input in;
+	struct gather_tiles *tiles; /* NULL: they are not divided */
+	uint64_t share[2];
+	struct outputs *run;
+	bool published;
+	char part[GATHER_PART];
+};
+
+void gather_part_name(const struct gather_params *p, uint32_t index, uint64_t attempt, char buf[GATHER_PART])
+{
+	snprintf(buf, GATHER_PART, "%016llx-%u-%016llx", (unsigned long long)work_about(p->work)->id, index,
+		 (unsigned long long)attempt);
+}
+
+int gather_settled(const struct gather_params *p, enum work_phase phase, uint32_t index, int r, struct err *err)
+{
+	struct err ignored = ERR_INIT;
+	struct work_record *record = NULL;
+
+	if (r >= 0 || work_record_look(p->work, phase, index, &record, &ignored))
+		return r;
+	work_record_free(record);
+	err_clear(err);
+	return WORK_E_LOST;
+}
+
+static int lay_out(struct task *t, struct err *err)
+{
+	char scale[DECIMAL_TEXT_SIZE];
+	struct acut_mesh_head head = {.scale_xy = decimal_text(t->in.manifest->lattice.scale_xy, scale)};
+	struct stream_head *stream = malloc(sizeof(*stream));
+	int r;
+
+	if (!stream)
+		return err_set(err, ERR_NOMEM, "no memory for tiles");
+	gather_head(&t->in, stream);
+	memcpy(head.k, t->in.manifest->lattice.k, sizeof(head.k));
+	memcpy(head.box, stream->box, sizeof(head.box));
+	r = gather_tiles_lay_out(t->tiles, &head, err);
+	free(stream);
+	return r;
+}
+
+static int on_entry(void *ctx, const struct store_pack_entry *e, struct err *err)
+{
+	struct task *t = ctx;
+	int r = t->in.sums.domains == 1 ? lay_out(t, err) : 0; /* the first one */
+
+	return r ? r : gather_tiles_add(t->tiles, e, err);
+}
+
+static bool on_wanted(void *ctx, const struct store_pack_entry *e)
+{
+	const struct task *t = ctx;
+
+	return gather_tiles_meets(t->tiles, e, t->share);
+}
+
+/* What is left of the memory for the table of open vertices and the sorts of the outputs. */
+static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
+{
+	uint64_t need = PROCESS + LEAST + t->in.sums.memory;
+
+	if (t->p->memory < need) {
+		err->need = need;
+		err_set(err, ERR_LIMIT, "a task has %llu bytes of memory, and the largest domain needs %llu",
+			(unsigned long long)t->p->memory, (unsigned long long)need);
+		return err_add_hint(err, "give tasks more memory (--task-memory)");
+	}
+	*ret = t->p->memory - PROCESS - t->in.sums.memory;
+	return 0;
+}
+
+static int write_outputs(struct task *t, struct err *err)
+{
+	struct outputs_options opt = {
+		.part = t->part, .share = {0, UINT64_MAX}, .interrupted = t->p->interrupted, .ctx = t->p->ctx};
+	struct acut_mesh_sink sink;
+	struct pipe_totals totals;
+	uint64_t memory = 0;
+	int r = memory_left(t, &memory, err);
+
+	if (r)
+		return r;
+	if (t->tiles)
+		memcpy(opt.share, t->share, sizeof(opt.share));
+	opt.sort_memory = memory / 2;
+	r = ctl_fetch_make(t->p->outputs, &opt, &t->run, err);
+	if (r)
+		return r;
+	outputs_about(t->run, 0, NULL, t->in.manifest->generation);
+	sink = outputs_sink(t->run);
+	r = gather_emit(&t->in, t->tiles != NULL, t->tiles ? on_wanted : NULL, t, &sink, (size_t)(memory / 4), &totals, err);
+	if (r && outputs_error(t->run)->code) {
+		*err = *outputs_error(t->run);
+		r = -(int)err->code;
+	}
+	if (!r)
+		r = outputs_publish(t->run, err);
+	t->published = !r;
+	return r;
+}
+
+/* The list of what was made, for the task finish: its bytes and their hash. */
+static int write_list(struct task *t, struct err *err)
+{
+	char name[WORK_NAME];
+	uint8_t *bytes = NULL;
+	struct digest sum;
+	size_t n = 0;
+	int fd = -1, r = outputs_part(t->run, &bytes, &n, err);
+
+	if (!r)
+		r = work_attempt_file(t->attempt, "", "gather", "", name, err);
+	if (!r)
+		r = io_open(work_fd(t->p->work), name, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+	if (!r) {
+		sum = digest_hash(bytes, n);
+		r = io_write_at(fd, bytes, n, 0, name, err);
+	}
+	if (!r)
+		r = io_write_at(fd, &sum, sizeof(sum), n, name, err);
+	if (!r)
+		r = io_sync(fd, name, err);
+	io_close(fd);
+	free(bytes);
+	if (!r)
+		r = work_result_file(t->attempt, name, err);
+	return r ? r : work_result(t->attempt, "part", t->part, err);
+}
+
+static int run(struct task *t, struct err *err)
+{
+	const uint32_t tasks = work_about(t->p->work)->tasks[WORK_GATHER];
+	bool divides = gather_divides(t->p->outputs) && tasks > 1, any = !t->index;
+	int r = 0;
+
+	if (!divides && t->index)
+		return 0;
+	if (divides)
+		r = gather_tiles_new(t->p, t->p->memory / 4, &t->tiles, err);
+	if (!r)
+		r = gather_input_read(&t->in, t->p, divides ? on_entry : NULL, t, err);
+	if (!r)
+		r = gather_check_ply(t->p->outputs, t->in.sums.vertices, "mesh has", err);
+	if (!r && divides)
+		any = gather_tiles_share(t->tiles, t->index, tasks, t->share);
+	if (!r && any && divides && !t->in.sums.domains)
+		r = lay_out(t, err);
+	if (!r && any)
+		r = write_outputs(t, err);
+	return r || !any ? r : write_list(t, err);
+}
+
+int gather_task(const struct gather_params *p, uint32_t index, struct err *err)
+{
+	struct task t = {.p = p, .index = index};
+	int r = work_begin(p->work, WORK_GATHER, index, &t.attempt, err);
+
+	if (r == WORK_E_DONE)
+		return 0;
+	if (!r)
+		gather_part_name(p, index, work_attempt_number(t.attempt), t.part);
+	if (!r) {
+		r = run(&t, err);
+		if (r && t.published)
+			outputs_part_drop(t.run);
+		if (!r)
+			r = work_publish(t.attempt, err); /* after an error the record may be there all the same */
+		if (r == WORK_E_LOST && t.published)
+			outputs_part_drop(t.run);
+		r = gather_settled(p, WORK_GATHER, index, r, err);
+		if (r < 0 && r != -ERR_CANCELLED)
+			work_fail(t.attempt, err);
+	}
+	outputs_free(t.run);
+	gather_tiles_free(t.tiles);
+	gather_input_done(&t.in);
+	work_end(t.attempt);
+	return r == WORK_E_LOST ? 0 : r;
+}

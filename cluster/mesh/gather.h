@@ -1,0 +1,40 @@
+/*
+ * The phases gather and finish: the domains that the tasks of the phase mesh have in their packs become outputs.
+ *
+ * A task of gather writes its outputs beside their places, under names that have its attempt. The task finish gives them their
+ * names and writes the report. Neither changes a file of an earlier phase.
+ */
+#ifndef GATHER_H
+#define GATHER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "ctl_fetch.h"
+
+struct err;
+struct work;
+
+struct gather_params {
+	struct work *work;
+	const struct ctl_fetch_options
+		*outputs;              /* as the command line gave them; paths are absolute, or of the working directory */
+	const char *scratch;           /* a folder of this node for temporary files; NULL: they are in the work folder */
+	uint64_t memory;               /* of the task, all in all */
+	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL */
+	void *ctx;
+};
+
+/* When a command is submitted: refuses by name what gather cannot write (-ERR_USAGE), and, by the points that the inputs claim,
+ * one PLY of more than 2^31 vertices. */
+int gather_check(const struct ctl_fetch_options *, uint64_t claimed_points, struct err *err);
+/* Whether more than one task of gather can have something to do; if not, one is enough. */
+bool gather_divides(const struct ctl_fetch_options *);
+
+/* Task `index` of the phase gather, and the one of the phase finish; each publishes its record. */
+int gather_task(const struct gather_params *, uint32_t index, struct err *err);
+int gather_finish(const struct gather_params *, struct err *err);
+/* When no task of the run runs any more: removes what killed attempts left beside the outputs. Lists their folders. */
+int gather_clean(const struct gather_params *, struct err *err);
+
+#endif

@@ -1,0 +1,326 @@
+/*
+ * The phase finish: joins the parts of the outputs, gives them their names, and writes the report.
+ *
+ * The numbers of the mesh are sums over the indexes of all packs. Parts of tiles must have all triangles between them: their sums
+ * are compared with these. Names are given after everything was read and compared; if that is interrupted, the next attempt does
+ * it again. What parts leave beside the outputs is removed at the end.
+ */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "clock.h"
+#include "feed.h"
+#include "gather_priv.h"
+#include "io.h"
+
+struct finish {
+	const struct gather_params *p;
+	struct work_attempt *attempt;
+	struct gather_input in;
+	struct outputs *run;
+	struct feed feed;
+	struct stream_head *head;
+	char (*part)[GATHER_PART]; /* those that were joined */
+	uint32_t nparts;
+	int64_t begun_us; /* of the first task */
+	uint64_t peak;
+	char own[GATHER_PART];
+};
+
+/* ---- the parts ---- */
+
+static int read_list(const struct finish *f, const struct work_file *file, uint8_t **ret, size_t *ret_size, struct err *err)
+{
+	uint8_t *bytes = file->size < SIZE_MAX ? malloc(file->size + 1) : NULL;
+	struct digest sum;
+	int fd = -1, r = bytes ? 0 : err_set(err, ERR_NOMEM, "no memory for a list of outputs");
+
+	if (!r)
+		r = work_file_open(f->p->work, file->name, file->size, &fd, err);
+	if (!r)
+		r = io_read_at(fd, bytes, file->size, 0, file->name, err);
+	io_close(fd);
+	if (!r && file->size >= sizeof(sum)) {
+		*ret_size = file->size - sizeof(sum);
+		memcpy(&sum, bytes + *ret_size, sizeof(sum));
+	}
+	if (!r && (file->size < sizeof(sum) || !digest_equal(sum, digest_hash(bytes, *ret_size)))) {
+		err_set(err, ERR_CORRUPT, "the list of outputs is damaged");
+		r = err_add_file(err, file->name);
+	}
+	if (r)
+		free(bytes);
+	else
+		*ret = bytes;
+	return r;
+}
+
+static int join_one(struct finish *f, uint32_t task, struct err *err)
+{
+	struct work_record *record = NULL;
+	const char *part = NULL;
+	uint8_t *bytes = NULL;
+	size_t size = 0;
+	int r = work_record_need(f->p->work, WORK_GATHER, task, &record, err);
+
+	if (!r) {
+		f->peak = record->peak > f->peak ? record->peak : f->peak;
+		part = work_record_text(record, "part");
+	}
+	if (!r && record->nfile && !part)
+		r = err_set(err, ERR_CORRUPT, "the record of task %u of gather has no part", task);
+	if (!r && record->nfile)
+		r = read_list(f, &record->file[0], &bytes, &size, err);
+	if (bytes)
+		r = outputs_join(f->run, part, bytes, size, err);
+	if (bytes && r)
+		err_add_file(err, record->file[0].name);
+	if (bytes && !r)
+		snprintf(f->part[f->nparts++], GATHER_PART, "%s", part);
+	free(bytes);
+	work_record_free(record);
+	return r;
+}
+
+static int join_all(struct finish *f, struct err *err)
+{
+	const uint32_t n = work_about(f->p->work)->tasks[WORK_GATHER];
+	int r;
+
+	f->part = calloc(n + 1, sizeof(*f->part));
+	r = f->part ? 0 : err_set(err, ERR_NOMEM, "no memory for the parts of the outputs");
+	for (uint32_t i = 0; i < n && !r; i++)
+		r = join_one(f, i, err);
+	return r;
+}
+
+static int from_run(const struct finish *f, int r, struct err *err)
+{
+	if (r && outputs_error(f->run)->code)
+		*err = *outputs_error(f->run);
+	return r && err->code ? -(int)err->code : r;
+}
+
+/* Head, parts, tail: then the outputs have their names. */
+static int join(struct finish *f, struct err *err)
+{
+	struct outputs_options opt = {.part = f->own, .joins = true, .interrupted = f->p->interrupted, .ctx = f->p->ctx};
+	const struct gather_sums *s = &f->in.sums;
+	struct stream_tail tail = {.vertices = s->vertices,
+				   .triangles = s->triangles,
+				   .hull = s->hull,
+				   .digest = s->digest,
+				   .vertex_digest = s->vertex_digest,
+				   .report = "{}"};
+	struct acut_mesh_sink sink;
+	int r = ctl_fetch_make(f->p->outputs, &opt, &f->run, err);
+
+	if (r)
+		return r;
+	memcpy(tail.box, s->box, sizeof(tail.box));
+	sink = outputs_sink(f->run);
+	f->feed.sink = &sink;
+	gather_head(&f->in, f->head);
+	r = feed_begin(&f->feed, f->head, err);
+	if (!r)
+		r = from_run(f, feed_head(&f->feed, f->head, err), err);
+	if (!r)
+		r = join_all(f, err);
+	if (!r)
+		r = from_run(f, feed_tail(&f->feed, &tail, err), err);
+	outputs_about(f->run, 0, NULL, f->in.manifest->generation);
+	return r ? r : outputs_publish(f->run, err);
+}
+
+/* ---- the report ---- */
+
+/* When the first task began, and the most memory of one, as far as there are records. */
+static int look_back(struct finish *f, struct err *err)
+{
+	const struct work_about *about = work_about(f->p->work);
+	int r = 0;
+
+	for (enum work_phase phase = 0; phase < WORK_GATHER && !r; phase++)
+		for (uint32_t i = 0; i < about->tasks[phase] && !r; i++) {
+			struct work_record *record = NULL;
+
+			r = work_record_look(f->p->work, phase, i, &record, err);
+			if (r == WORK_E_ABSENT)
+				r = 0;
+			if (r || !record)
+				continue;
+			if (!f->begun_us || record->begun_us < f->begun_us)
+				f->begun_us = record->begun_us;
+			f->peak = record->peak > f->peak ? record->peak : f->peak;
+			work_record_free(record);
+		}
+	return r;
+}
+
+static int write_report(struct finish *f, const char *suffix, const char *text, size_t n, struct err *err)
+{
+	char name[WORK_NAME];
+	int fd = -1, r = work_attempt_file(f->attempt, "", "report", suffix, name, err);
+
+	if (!r)
+		r = io_open(work_fd(f->p->work), name, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+	if (!r)
+		r = io_write_at(fd, text, n, 0, name, err);
+	if (!r)
+		r = io_sync(fd, name, err);
+	io_close(fd);
+	return r ? r : work_result_file(f->attempt, name, err);
+}
+
+/* As acutctl mesh prints it. */
+static int report_as(struct finish *f, const struct acut_job *job, const struct outputs_report *out, bool json, struct err *err)
+{
+	struct console console = {.program = "acut-cluster", .json = json, .no_progress = true, .keeps_warnings = true};
+	const struct ctl_mesh mesh = {&console, f->p->outputs, job, out, NULL};
+	char *text = NULL;
+	size_t n = 0;
+	int r;
+
+	console.report = open_memstream(&text, &n);
+	if (!console.report)
+		return err_set(err, ERR_NOMEM, "no memory for a report");
+	ctl_mesh_warn_edges(&mesh);
+	ctl_mesh_warn_trimmed(&mesh);
+	ctl_report_warn_crowded(&console, &job->report);
+	if (json)
+		ctl_mesh_json(&mesh);
+	else
+		ctl_mesh_text(&mesh);
+	for (size_t i = 0; i < console.nwarning; i++) {
+		if (!json)
+			fprintf(console.report, "warning: %s\n", console.warning[i]);
+		free(console.warning[i]);
+	}
+	free(console.warning);
+	r = fclose(console.report) ? err_set(err, ERR_NOMEM, "no memory for a report") : 0;
+	if (!r)
+		r = write_report(f, json ? ".json" : ".txt", text, n, err);
+	free(text);
+	return r;
+}
+
+static void add_counts(const struct gather_input *in, struct acut_report *p, struct acut_removed *removed)
+{
+	const struct lattice *l = &in->manifest->lattice;
+	const struct mesh_counts *c = in->sums.domains ? &in->recorded.counts : &in->plan.empty;
+
+	p->points = c->points;
+	p->halo = c->halo;
+	p->cells_read = c->cells_read;
+	p->points_read = c->points_read;
+	p->most_points = c->most.points;
+	if (c->most.points) {
+		p->most_at[0] = decimal_scaled_double(l->scale_xy, c->most.x + l->k[0]);
+		p->most_at[1] = decimal_scaled_double(l->scale_xy, c->most.y + l->k[1]);
+	}
+	for (int i = 1; i < VIEW_RULES; i++)
+		removed[p->nremoved++] = (struct acut_removed){view_rule_text((enum view_rule)i), c->removed[i]};
+}
+
+static int report(struct finish *f, struct err *err)
+{
+	const struct gather_sums *s = &f->in.sums;
+	const struct grid_manifest *m = f->in.manifest;
+	char lattice[LATTICE_TEXT_SIZE], digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	struct acut_removed removed[MESH_RULES];
+	struct outputs_report out;
+	struct acut_job job = {.generation = m->generation,
+			       .dataset = "",
+			       .view = f->head->view,
+			       .state = "done",
+			       .lattice = lattice_text(&m->lattice, lattice),
+			       .crs = m->crs,
+			       .unit_xy = m->unit_xy,
+			       .unit_z = m->unit_z,
+			       .final = true,
+			       .has_report = true};
+	struct acut_report *p = &job.report;
+	int r = look_back(f, err);
+
+	*p = (struct acut_report){.used = s->vertices,
+				  .vertices = s->vertices,
+				  .triangles = s->triangles,
+				  .hull = s->hull,
+				  .domains = s->domains,
+				  .digest = digest_hex(s->digest, digest),
+				  .vertex_digest = digest_hex(s->vertex_digest, vertex_digest),
+				  .note = "",
+				  .max_error = "",
+				  .removed = removed,
+				  .peak_rss_bytes = f->peak};
+	if (f->begun_us)
+		p->seconds = (double)(clock_real_us() - f->begun_us) / 1e6;
+	add_counts(&f->in, p, removed);
+	outputs_report(f->run, &out);
+	if (!r)
+		r = report_as(f, &job, &out, true, err);
+	if (!r)
+		r = report_as(f, &job, &out, false, err);
+	if (!r)
+		r = work_result(f->attempt, "digest", p->digest, err);
+	if (!r)
+		r = work_result(f->attempt, "vertex_digest", p->vertex_digest, err);
+	if (!r)
+		r = work_result_u64(f->attempt, "vertices", s->vertices, err);
+	if (!r)
+		r = work_result_u64(f->attempt, "triangles", s->triangles, err);
+	return r ? r : work_result_u64(f->attempt, "output_bytes", out.bytes, err);
+}
+
+/* ---- the task ---- */
+
+static int run(struct finish *f, struct err *err)
+{
+	int r = gather_input_read(&f->in, f->p, NULL, NULL, err);
+
+	f->head = calloc(1, sizeof(*f->head));
+	if (!r && !f->head)
+		r = err_set(err, ERR_NOMEM, "no memory to finish a run");
+	if (!r)
+		r = gather_check_ply(f->p->outputs, f->in.sums.vertices, "mesh has", err);
+	if (!r)
+		r = join(f, err);
+	return r ? r : report(f, err);
+}
+
+/* The folders of the parts are empty now, and parts of other attempts at them are not needed any more. */
+static void sweep(struct finish *f)
+{
+	struct err ignored = ERR_INIT;
+
+	gather_sweep(f->p, true, &ignored);
+}
+
+int gather_finish(const struct gather_params *p, struct err *err)
+{
+	struct finish f = {.p = p};
+	int r = work_begin(p->work, WORK_FINISH, 0, &f.attempt, err);
+
+	if (r == WORK_E_DONE)
+		return 0;
+	if (!r) {
+		gather_part_name(p, GATHER_FINISH, work_attempt_number(f.attempt), f.own);
+		r = run(&f, err);
+		if (!r)
+			r = work_publish(f.attempt, err);
+		r = gather_settled(p, WORK_FINISH, 0, r, err);
+		if (r < 0 && r != -ERR_CANCELLED)
+			work_fail(f.attempt, err);
+	}
+	f.run = outputs_free(f.run);
+	if (!r || r == WORK_E_LOST)
+		sweep(&f);
+	feed_done(&f.feed);
+	gather_input_done(&f.in);
+	free(f.head);
+	free(f.part);
+	work_end(f.attempt);
+	return r == WORK_E_LOST ? 0 : r;
+}

@@ -1,0 +1,87 @@
+/* What the files of gather share. Internal. */
+#ifndef GATHER_PRIV_H
+#define GATHER_PRIV_H
+
+#include "err.h"
+#include "gather.h"
+#include "grid_manifest.h"
+#include "mesh_phase.h"
+#include "pipe.h"
+#include "store_pack.h"
+#include "stream.h"
+#include "work.h"
+
+/* Names of parts in the names of files: the run, the task, the attempt. */
+enum { GATHER_PART = 64 };
+
+/* In place of a task's number: of the phase finish. */
+#define GATHER_FINISH UINT32_MAX
+
+/* ---- gather_input.c: what earlier phases made ---- */
+
+struct gather_pack {
+	char name[WORK_NAME]; /* in the work folder; "": the task had nothing to do */
+	uint64_t size;
+};
+/* Of all domains, by the indexes of the packs. */
+struct gather_sums {
+	uint64_t domains, vertices, triangles, hull;
+	struct digest digest, vertex_digest;
+	int32_t box[6]; /* of the vertices; only if there are any */
+	size_t memory;  /* of the largest domain */
+};
+struct gather_input {
+	const struct gather_params *p;
+	struct grid_manifest *manifest;
+	struct mesh_plan_about plan;
+	struct mesh_sums recorded; /* of all tasks of the phase mesh */
+	struct gather_pack *pack;  /* of the tasks of the phase mesh, in the order of the plan */
+	uint32_t npacks;
+	struct gather_sums sums;
+};
+/* Reads manifest, records and indexes. `each` (may be NULL) gets all entries of the indexes, in the order of the plan. */
+typedef int (*gather_entry_fn)(void *ctx, const struct store_pack_entry *, struct err *err);
+int gather_input_read(struct gather_input *, const struct gather_params *, gather_entry_fn each, void *ctx, struct err *err);
+void gather_input_done(struct gather_input *);
+/* Calls `each` for the domains that `wanted` (NULL: all) wants, in the order of the plan, with their packs open. */
+struct gather_walk {
+	bool (*wanted)(void *ctx, const struct store_pack_entry *);
+	int (*each)(void *ctx, const struct store_pack *, const struct store_pack_entry *, struct err *err);
+	void *ctx;
+};
+int gather_walk(const struct gather_input *, const struct gather_walk *, struct err *err);
+/* What a stream of acutd says first of the same mesh. `wkt` and `view` are borrowed. */
+void gather_head(const struct gather_input *, struct stream_head *ret);
+int gather_interrupted(const struct gather_params *, struct err *err);
+
+/* ---- gather.c ---- */
+
+/* -ERR_LIMIT: an output is one PLY, which cannot have so many vertices. */
+int gather_check_ply(const struct ctl_fetch_options *, uint64_t vertices, const char *what, struct err *err);
+/* `r`, the result of an attempt; but an error does not matter if another attempt has done the task (WORK_E_LOST). */
+int gather_settled(const struct gather_params *, enum work_phase, uint32_t index, int r, struct err *err);
+/* gather_clean.c: gather_clean, but, with `finishing`, not of other attempts at finish: these do once more what was done, and
+ * need what they have. */
+int gather_sweep(const struct gather_params *, bool finishing, struct err *err);
+void gather_part_name(const struct gather_params *, uint32_t index, uint64_t attempt, char buf[GATHER_PART]);
+
+/* ---- gather_emit.c ---- */
+
+/* Emits the wanted domains to the sink, checked. `part`: they are not all; else the mesh must be whole. */
+int gather_emit(const struct gather_input *, bool part, bool (*wanted)(void *ctx, const struct store_pack_entry *), void *ctx,
+		const struct acut_mesh_sink *, size_t memory, struct pipe_totals *ret, struct err *err);
+
+/* ---- gather_tiles.c: which tiles are whose ---- */
+
+struct gather_tiles;
+int gather_tiles_new(const struct gather_params *, uint64_t memory, struct gather_tiles **ret, struct err *err);
+/* Before the first domain: of the head, scale, offsets and box count. */
+int gather_tiles_lay_out(struct gather_tiles *, const struct acut_mesh_head *, struct err *err);
+int gather_tiles_add(struct gather_tiles *, const struct store_pack_entry *, struct err *err);
+/* After all of them: the codes of the tiles of task `index` of `tasks`, both ends included; false: it has none. */
+bool gather_tiles_share(struct gather_tiles *, uint32_t index, uint32_t tasks, uint64_t ret[2]);
+/* Whether a triangle of the domain can be in such a tile. */
+bool gather_tiles_meets(const struct gather_tiles *, const struct store_pack_entry *, const uint64_t share[2]);
+struct gather_tiles *gather_tiles_free(struct gather_tiles *);
+
+#endif

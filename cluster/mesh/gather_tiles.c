@@ -1,0 +1,154 @@
+/*
+ * Which tiles are whose: a pure function of the indexes of all packs, the number of tasks and their memory, so that each task
+ * finds it for itself.
+ *
+ * The triangles of a domain count for the tile that has the middle of its box. Tiles in the order of their codes are cut into
+ * ranges with about as many triangles each. If there are more tiles than fit the memory, those whose codes differ in the lowest
+ * bits only count as one.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "gather_priv.h"
+
+struct weight {
+	uint64_t code, triangles;
+};
+
+struct gather_tiles {
+	struct outputs_grid grid;
+	struct decimal side;
+	bool laid_out;
+	struct weight *weight;
+	size_t n, room, most;
+	unsigned shift; /* codes are multiples of 2^shift */
+};
+
+int gather_tiles_new(const struct gather_params *p, uint64_t memory, struct gather_tiles **ret, struct err *err)
+{
+	struct gather_tiles *t = calloc(1, sizeof(*t));
+
+	if (!t)
+		return err_set(err, ERR_NOMEM, "no memory for tiles");
+	t->most = memory / sizeof(struct weight) < 1024 ? 1024 : (size_t)(memory / sizeof(struct weight));
+	if (!decimal_parse(p->outputs->tile, &t->side) || t->side.mantissa <= 0) {
+		free(t);
+		return err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", p->outputs->tile);
+	}
+	*ret = t;
+	return 0;
+}
+
+struct gather_tiles *gather_tiles_free(struct gather_tiles *t)
+{
+	if (t)
+		free(t->weight);
+	free(t);
+	return NULL;
+}
+
+static int by_code(const void *a, const void *b)
+{
+	const struct weight *x = a, *y = b;
+
+	return x->code < y->code ? -1 : x->code > y->code;
+}
+
+static void merge(struct gather_tiles *t)
+{
+	size_t n = 0;
+
+	if (t->n)
+		qsort(t->weight, t->n, sizeof(*t->weight), by_code);
+	for (size_t i = 0; i < t->n; i++) {
+		t->weight[i].code = t->weight[i].code >> t->shift << t->shift;
+		if (n && t->weight[n - 1].code == t->weight[i].code)
+			t->weight[n - 1].triangles += t->weight[i].triangles;
+		else
+			t->weight[n++] = t->weight[i];
+	}
+	t->n = n;
+}
+
+static int room(struct gather_tiles *t, struct err *err)
+{
+	if (t->n < t->room)
+		return 0;
+	if (t->room < t->most) {
+		size_t more = t->room ? 2 * t->room : 1024;
+		struct weight *w = realloc(t->weight, (more < t->most ? more : t->most) * sizeof(*w));
+
+		if (!w)
+			return err_set(err, ERR_NOMEM, "no memory for the tiles of %zu domains", more);
+		t->weight = w;
+		t->room = more < t->most ? more : t->most;
+		return 0;
+	}
+	merge(t);
+	for (; t->n > t->most / 2; merge(t))
+		t->shift += 2;
+	return 0;
+}
+
+int gather_tiles_lay_out(struct gather_tiles *t, const struct acut_mesh_head *head, struct err *err)
+{
+	t->laid_out = true;
+	return outputs_grid_init(&t->grid, t->side, head, err);
+}
+
+int gather_tiles_add(struct gather_tiles *t, const struct store_pack_entry *e, struct err *err)
+{
+	int32_t middle[2];
+	uint32_t at[2];
+	int r = e->ntriangle ? room(t, err) : 0;
+
+	if (r || !e->ntriangle)
+		return r;
+	for (int i = 0; i < 2; i++)
+		middle[i] = (int32_t)(((int64_t)e->box[i] + e->box[i + 3]) / 2);
+	outputs_grid_at(&t->grid, middle, at);
+	t->weight[t->n++] = (struct weight){outputs_tile_code(at[0], at[1]) >> t->shift << t->shift, e->ntriangle};
+	return 0;
+}
+
+/* The code from which on tiles are of task `index` or a later one. */
+static uint64_t border(const struct gather_tiles *t, uint64_t all, uint32_t index, uint32_t tasks)
+{
+	uint64_t sum = 0;
+
+	if (!index)
+		return 0;
+	for (size_t i = 0; i < t->n; i++) {
+		/* a tile goes to the task in whose part of the sum it begins */
+		if ((unsigned __int128)sum * tasks >= (unsigned __int128)all * index)
+			return t->weight[i].code;
+		sum += t->weight[i].triangles;
+	}
+	return UINT64_MAX;
+}
+
+bool gather_tiles_share(struct gather_tiles *t, uint32_t index, uint32_t tasks, uint64_t ret[2])
+{
+	uint64_t all = 0, end;
+
+	merge(t);
+	for (size_t i = 0; i < t->n; i++)
+		all += t->weight[i].triangles;
+	ret[0] = border(t, all, index, tasks);
+	end = index + 1 == tasks ? UINT64_MAX : border(t, all, index + 1, tasks);
+	ret[1] = index + 1 == tasks || !end ? end : end - 1;
+	if (!all)
+		return index == 0;
+	return index + 1 == tasks ? ret[0] < UINT64_MAX : ret[0] < end;
+}
+
+bool gather_tiles_meets(const struct gather_tiles *t, const struct store_pack_entry *e, const uint64_t share[2])
+{
+	uint32_t low[2], high[2];
+
+	if (!e->ntriangle)
+		return false;
+	outputs_grid_at(&t->grid, e->box, low);
+	outputs_grid_at(&t->grid, e->box + 3, high);
+	return outputs_grid_meets(low, high, share);
+}

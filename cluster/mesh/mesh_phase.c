@@ -1,0 +1,228 @@
+/*
+ * What the phases plan and mesh share: an attempt from its beginning to its record, the dataset, and the memory of a task.
+ *
+ * The model: a ledger with the task's memory pays for everything that grows: the manifest and the index of the dataset, one
+ * arena, and the lists of regions and domains. An eighth is for the lists, so that the arena does not depend on them.
+ */
+#include "mesh_phase.h"
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctl_view.h"
+#include "err.h"
+#include "io.h"
+#include "mesh_priv.h"
+#include "parse.h"
+
+enum { INDEX_LEAST = 1 << 20, INDEX_MOST = 64 << 20, INDEX_SHARE = 16, LISTS_SHARE = 8 };
+static const char MANIFEST[] = "manifest";
+
+/* ---- attempts ---- */
+
+int phase_run(struct work *w, enum work_phase phase, uint32_t task, const struct mesh_phase_params *p,
+	      int (*work)(struct phase *, uint32_t task, struct err *err), struct err *err)
+{
+	struct phase s = {.work = w, .p = p, .view = VIEW_INIT};
+	int r = work_begin(w, phase, task, &s.attempt, err);
+
+	if (r)
+		return r == WORK_E_DONE ? 0 : r;
+	s.ledger = ledger_new(p->memory);
+	r = s.ledger ? work(&s, task, err) : err_set(err, ERR_NOMEM, "no memory for a task");
+	s.grid = grid_close(s.grid);
+	view_done(&s.view);
+	ledger_free(s.ledger);
+	if (!r)
+		r = work_publish(s.attempt, err);
+	if (r < 0 && r != -ERR_CANCELLED)
+		work_fail(s.attempt, err);
+	work_end(s.attempt);
+	return r == WORK_E_LOST ? 0 : r;
+}
+
+int phase_progress(const struct phase *s, struct err *err)
+{
+	if (s->p->interrupted && s->p->interrupted(s->p->ctx))
+		return err_set(err, ERR_CANCELLED, "the task was cancelled");
+	return 0;
+}
+
+/* ---- memory ---- */
+
+uint64_t phase_lists(const struct phase *s)
+{
+	return s->p->memory / LISTS_SHARE;
+}
+
+static uint64_t index_bytes(const struct phase *s)
+{
+	uint64_t share = s->p->memory / INDEX_SHARE;
+
+	return share < INDEX_LEAST ? INDEX_LEAST : share > INDEX_MOST ? INDEX_MOST : share;
+}
+
+uint64_t mesh_phase_least_bytes(void)
+{
+	const uint64_t arena = pipe_budget_min(NULL) / 2 + INDEX_LEAST;
+
+	return arena + arena / (LISTS_SHARE - 1) + INDEX_LEAST;
+}
+
+int phase_needs(const struct phase *s, uint64_t bytes, struct err *err)
+{
+	char need[32], is[32];
+
+	err_clear(err);
+	err_set(err, ERR_LIMIT, "a task needs %s of memory to mesh, and has %s", parse_size_text(bytes, need),
+		parse_size_text(s->p->memory, is));
+	err->need = bytes;
+	return err_add_hint(err, "give tasks more with --task-memory");
+}
+
+/* ---- the dataset ---- */
+
+/* Every file that the manifest names is there, as large as it says. */
+static int wait_for_files(const struct phase *s, struct err *err)
+{
+	struct grid_manifest *m = NULL;
+	int fd, r = grid_manifest_load(work_fd(s->work), WORK_IN_DATASET "/manifest", s->ledger, &m, err);
+
+	for (size_t i = 0; !r && i < m->nsegments; i++) {
+		char name[sizeof m->segments[i].file + sizeof WORK_IN_DATASET + 1];
+
+		snprintf(name, sizeof name, WORK_IN_DATASET "/%s", m->segments[i].file);
+		r = work_file_open(s->work, name, m->segments[i].bytes, &fd, err);
+		if (!r)
+			io_close(fd);
+	}
+	grid_manifest_free(m);
+	return r;
+}
+
+static int open_grid(struct phase *s, int dirfd, struct err *err)
+{
+	int r = grid_open_use(dirfd, MANIFEST, GRID_NEWEST, &(struct grid_use){.no_lines = true}, s->ledger, index_bytes(s),
+			      &s->grid, err);
+
+	if (r == -ERR_BUSY)
+		return phase_needs(s, s->p->memory + s->p->memory / 2, err);
+	return r;
+}
+
+/* A file that is not seen yet, or not whole, is waited for, and then all is opened again. */
+int phase_open(struct phase *s, struct err *err)
+{
+	struct work_record *record = NULL;
+	int dirfd, fd, r = work_record_need(s->work, WORK_COMMIT, 0, &record, err);
+
+	if (r)
+		return r;
+	if (!record->nfile)
+		r = err_set(err, ERR_CORRUPT, "the record of the commit names no manifest");
+	else
+		r = work_file_open(s->work, record->file[0].name, record->file[0].size, &fd, err);
+	work_record_free(record);
+	if (r)
+		return r;
+	io_close(fd);
+	r = io_open(work_fd(s->work), WORK_IN_DATASET, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (r)
+		return r;
+	r = open_grid(s, dirfd, err);
+	if (r == -ERR_NOTFOUND || r == -ERR_IO || r == -ERR_TRUNCATED || r == -ERR_CORRUPT) {
+		struct err late = ERR_INIT;
+
+		if (!wait_for_files(s, &late)) {
+			err_clear(err);
+			r = open_grid(s, dirfd, err);
+		}
+	}
+	io_close(dirfd);
+	return r;
+}
+
+/* ---- views ---- */
+
+const char *phase_refuses(const struct view *v)
+{
+	return v->window          ? "an area" :
+	       v->crop            ? "a crop" :
+	       v->every > 1       ? "every n-th position" :
+	       v->thin.cell       ? "cells with one point" :
+	       view_simplifies(v) ? "a bound of errors or of vertices" :
+	       v->metric.k        ? "a metric" :
+	       v->nweight         ? "weights" :
+				    NULL;
+}
+
+int mesh_phase_check(const struct ctl_view_options *o, struct err *err)
+{
+	const struct {
+		bool given;
+		const char *option;
+	} of[] = {
+		{o->crop, "--crop"},    {o->bbox, "--bbox"},           {o->polygon, "--polygon"},       {o->every > 1, "--every"},
+		{o->thin, "--thin"},    {o->max_error, "--max-error"}, {o->max_points, "--max-points"}, {o->metric, "--metric"},
+		{o->weight, "--weight"}};
+
+	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+		if (!of[i].given)
+			continue;
+		err_set(err, ERR_UNSUPPORTED, "a run of a cluster makes no mesh with %s", of[i].option);
+		return err_add_hint(err, "make the dataset with 'acut-cluster stage', import it, and mesh it with acutctl");
+	}
+	return 0;
+}
+
+/* ---- the plan ---- */
+
+int phase_plan_open(const struct work *w, struct mesh_plan *ret, char name[WORK_NAME], int *ret_fd, struct err *err)
+{
+	struct work_record *record = NULL;
+	int fd = -1, r = work_record_need(w, WORK_PLAN, 0, &record, err);
+
+	if (r)
+		return r;
+	if (record->nfile != 1 || strlen(record->file[0].name) >= WORK_NAME) {
+		r = err_set(err, ERR_CORRUPT, "the record of the plan names no file");
+	} else {
+		strcpy(name, record->file[0].name);
+		r = work_file_open(w, name, record->file[0].size, &fd, err);
+	}
+	work_record_free(record);
+	if (!r)
+		r = mesh_plan_read(fd, name, ret, err);
+	if (r)
+		io_close(fd);
+	else
+		*ret_fd = fd;
+	return r;
+}
+
+int mesh_plan_about(const struct work *w, struct mesh_plan_about *ret, struct err *err)
+{
+	struct mesh_plan plan;
+	char name[WORK_NAME];
+	int fd, r = phase_plan_open(w, &plan, name, &fd, err);
+
+	if (r)
+		return r;
+	io_close(fd);
+	*ret = (struct mesh_plan_about){.view = plan.view,
+					.load = plan.load,
+					.cap = plan.cap,
+					.tasks = plan.tasks,
+					.flat = plan.flat,
+					.empty = plan.empty,
+					.of = plan.of};
+	return 0;
+}
+
+void mesh_plan_about_done(struct mesh_plan_about *p)
+{
+	free(p->view);
+	p->view = NULL;
+}

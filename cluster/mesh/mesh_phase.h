@@ -1,0 +1,67 @@
+/*
+ * The phases plan and mesh: the dataset of a run becomes finished domains, in packs (cluster.md, "Plan and mesh").
+ *
+ * The plan divides the plane into top leaves, and these into ranges, one for each task of the phase mesh. A task halves its
+ * leaves down to the load and makes their domains, in order, in one arena. The domains are those that acutd makes of the same
+ * dataset, wherever its memory allows the same load.
+ *
+ * Each function is one task from beginning to end: it begins an attempt and publishes its record. 0: the task has its record,
+ * from this attempt or from another. A failure is recorded (work_fail) before it is returned; -ERR_CANCELLED is not.
+ */
+#ifndef MESH_PHASE_H
+#define MESH_PHASE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "mesh.h"
+#include "work.h"
+
+struct ctl_view_options;
+struct err;
+
+struct mesh_phase_params {
+	const char *view;              /* the request, ctl_view_text; "": all points */
+	uint64_t memory;               /* of a task, besides the program itself; the same for both phases of a run */
+	uint32_t load, cap, top;       /* 0: by the memory and the points; tests set smaller ones for the phase plan */
+	int (*interrupted)(void *ctx); /* not 0: give up (-ERR_CANCELLED); may be NULL */
+	void *ctx;
+};
+
+/* When a command is submitted: refuses by name a view that no run of a cluster makes (-ERR_UNSUPPORTED). */
+int mesh_phase_check(const struct ctl_view_options *, struct err *err);
+/* Memory of the smallest task. */
+uint64_t mesh_phase_least_bytes(void);
+
+int mesh_phase_plan(struct work *, const struct mesh_phase_params *, struct err *err);
+int mesh_phase_mesh(struct work *, uint32_t task, const struct mesh_phase_params *, struct err *err);
+
+/* ---- for later phases ---- */
+
+/* The plan, as far as it concerns them. */
+struct mesh_plan_about {
+	char *view;               /* canonical text */
+	uint32_t load, cap;       /* as of struct pipe_budget */
+	uint32_t tasks;           /* of the phase mesh */
+	bool flat;                /* fewer than three positions, or all collinear: domains have no triangles */
+	struct mesh_counts empty; /* of a mesh without domains: what the view removed (pipe_emit_empty) */
+	struct digest of;         /* packs of this plan have it (struct store_pack) */
+};
+/* Waits for the record of the plan. *ret is freed with mesh_plan_about_done. */
+int mesh_plan_about(const struct work *, struct mesh_plan_about *ret, struct err *err);
+void mesh_plan_about_done(struct mesh_plan_about *);
+
+/* What a task of the phase mesh has made, or several: sums over domains. */
+struct mesh_sums {
+	uint64_t domains, vertices, triangles, hull, bytes; /* vertices: positions of the regions; bytes: of packs */
+	struct mesh_counts counts;
+	struct digest digest, vertex_digest;
+};
+void mesh_sums_add(struct mesh_sums *, const struct mesh_sums *);
+/* The record of a task of the phase mesh, which is waited for, and its pack ("": it has none, because its regions have no domain
+ * or no task was left for it). */
+int mesh_task_about(const struct work *, uint32_t task, struct mesh_sums *ret, char ret_pack[WORK_NAME], uint64_t *ret_bytes,
+		    struct err *err);
+
+#endif

@@ -1,0 +1,42 @@
+/* What the files of the phases plan and mesh share. Internal. */
+#ifndef MESH_PRIV_H
+#define MESH_PRIV_H
+
+#include "grid.h"
+#include "ledger.h"
+#include "mesh_phase.h"
+#include "mesh_plan_file.h"
+#include "pipe.h"
+#include "view.h"
+
+/* A phase that runs. */
+struct phase {
+	struct work *work;
+	const struct mesh_phase_params *p;
+	struct work_attempt *attempt;
+	struct ledger *ledger;
+	struct grid *grid; /* the dataset, once it is open */
+	struct view view;
+};
+
+/* Runs `work` as an attempt at a task, and publishes what it did; its error is recorded. */
+int phase_run(struct work *, enum work_phase, uint32_t task, const struct mesh_phase_params *,
+	      int (*work)(struct phase *, uint32_t task, struct err *err), struct err *err);
+/* Non-zero, with the error: the phase was cancelled. */
+int phase_progress(const struct phase *, struct err *err);
+/* The dataset of the run. Its files are waited for. */
+int phase_open(struct phase *, struct err *err);
+/* What a view asks for that no run of a cluster makes; NULL: nothing. */
+const char *phase_refuses(const struct view *);
+/* Memory of a task that is for lists, which grow with its regions. */
+uint64_t phase_lists(const struct phase *);
+/* -ERR_LIMIT with what would suffice. */
+int phase_needs(const struct phase *, uint64_t bytes, struct err *err);
+
+/* The plan that the record of its phase names; fd: closed by the caller. name: its name. */
+int phase_plan_open(const struct work *, struct mesh_plan *ret, char name[WORK_NAME], int *ret_fd, struct err *err);
+
+void sums_add_domain(struct mesh_sums *, const struct mesh_domain *);
+int sums_record(struct work_attempt *, const struct mesh_sums *, struct err *err);
+
+#endif

@@ -1,0 +1,188 @@
+"""acut-cluster and acut-task without a cluster: what is refused and how, help and man pages, settings, completion."""
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+
+CLUSTER, TASK, SOURCE = os.environ["ACUT_CLUSTER"], os.environ["ACUT_TASK_PROGRAM"], os.environ["ACUT_SOURCE"]
+failed = 0
+
+
+def check(what, cond, detail=""):
+    global failed
+    if not cond:
+        failed += 1
+        print("FAIL", what, detail)
+
+
+def run(*args, program=CLUSTER, cwd=None):
+    p = subprocess.run([program, *args], capture_output=True, text=True, cwd=cwd, timeout=60, env={**os.environ, "PATH": "/nowhere"})
+    return p.returncode, p.stdout, p.stderr
+
+
+def expect(args, status, *texts, **kw):
+    got, out, err = run(*args, **kw)
+    check(" ".join(args), got == status and all(t in out + err for t in texts), "\n  status %d, wanted %d %s\n  %s%s" % (got, status, texts, out, err))
+    return out
+
+
+def page(name):
+    with open(os.path.join(SOURCE, "man", name)) as f:
+        return f.read()
+
+
+COMMANDS = re.findall(r"^  acut-cluster (\S+)", run("help")[1], re.M)
+
+
+def options_of(command):
+    return set(re.findall(r"--([a-z][a-z-]*)", "\n".join(l[:26] for l in run("help", command)[1].splitlines() if l.startswith("  ")
+                                                         and not l.startswith("  acut"))))
+
+
+def refusals(base):
+    survey, work, out = base + "/a.xyz", base + "/w", base + "/m.ply"
+    with open(survey, "w") as f:
+        f.write("0 0 0\n1 0 0\n0 1 0\n")
+    new = ["--work", work, "--on", "local", "--no-config"]
+    expect([], 2, "no command")
+    expect(["mehs"], 2, "did you mean acut-cluster mesh")
+    expect(["mesh", "-o", out, *new], 2, "mesh needs at least 1 word")
+    expect(["mesh", survey, *new], 2, "no output")
+    expect(["mesh", survey, "-o", out, "--work", work, "--no-config"], 2, "it is not said where the tasks run", "--on slurm, local or script")
+    expect(["mesh", survey, "-o", out, "--on", "local", "--no-config"], 2, "no work folder")
+    expect(["mesh", survey, "-o", out, "--work", work, "--on", "slrum"], 2, "did you mean slurm")
+    expect(["mesh", survey, "-o", out, *new, "--script", "x"], 2, "--script is for --on script")
+    expect(["mesh", survey, "-o", "-", *new], 2, "standard output is no output of a cluster")
+    expect(["mesh", survey, "-o", survey, *new], 2, "one of the inputs")
+    expect(["mesh", survey, "-o", base + "/m.foo", *new], 2, "does not give a format")
+    expect(["mesh", "-", "-o", out, "--input-format", "xyz", *new], 2, "a pipe is no input of a cluster")
+    expect(["mesh", base + "/none.laz", "-o", out, *new], 1, "none.laz", "cannot be opened")
+    expect(["mesh", survey, "-o", out, "--task-memory", "1M", *new], 1, "a task needs at least", "--task-memory")
+    expect(["mesh", survey, "-o", out, "--task-seconds", "soon", *new], 2, "not a time")
+    expect(["mesh", survey, "-o", out, "--directory", base + "/none", *new], 74, base + "/none")
+    expect(["mesh", survey, "-o", out, "--config", base + "/none", *new[:-1]], 2, "make it, or leave --config out")
+    for option, value in (("crop", "0,0,1,1"), ("bbox", "0,0,1,1"), ("thin", "5"), ("every", "2"), ("max-error", "0.1"), ("weight", "2=1"),
+                          ("metric", "3,1,20"), ("polygon", survey)):
+        expect(["mesh", survey, "-o", out, "--" + option, value, *new], 2, "a run of a cluster makes no mesh with --" + option, "import")
+    expect(["mesh", survey, "-o", out, "--class", "300", *new], 2, "not a list of classes")
+    expect(["stage", survey, "-o", out, *new], 2, "stage takes no --output")
+    for command in ("show", "wait", "cancel", "resume", "clean"):
+        expect([command], 2, "needs at least 1 word")
+        expect([command, base], 4, "it is no work folder")
+    error = json.loads(expect(["show", base, "--json"], 4))["error"]
+    check("an error as JSON", error["code"] == "not-found" and error["file"] == base, str(error))
+    with open(base + "/full", "w"):
+        pass
+    expect(["stage", survey, "--work", base, "--on", "local", "--no-config"], 1, "the folder is not empty")
+    check("nothing is left", sorted(os.listdir(base)) == ["a.xyz", "full"], str(os.listdir(base)))
+    for args, status, text in (([], 2, "three words are wanted"), ([base, "stage"], 2, "three words"), ([base, "stagee", "0"], 2, "no phase"),
+                               ([base, "stage", "-1"], 2, "not the number"), ([base, "stage", "0"], 4, "no work folder"),
+                               (["--help"], 0, "usage: acut-task WORK PHASE INDEX"), (["--version"], 0, "acut-task ")):
+        expect(args, status, text, program=TASK)
+
+
+def settings(base):
+    conf, survey = base + "/cluster.conf", base + "/a.xyz"
+
+    def with_settings(text, *args, status=0, says=""):
+        with open(conf, "w") as f:
+            f.write(text)
+        return expect(["plan", survey, "--config", conf, *args], status, says)
+
+    with open(survey, "w") as f:
+        f.write("0 0 0\n" * 100000)
+    for text, says in (("schedulr = slurm", "is scheduler meant?"), ("scheduler = pbs", "slurm, local or script is wanted"),
+                       ("time = soon", "a time above 0"), ("task-memory = 0", "a size as 2G"), ("max-tasks = -1", "a number above 0"),
+                       ("attempts = x", "a number above 0"), ("[slurm]", "no sections"), ("partition", 'no "=" in'),
+                       ("\n\nqos = a # b", "cluster.conf:3"), ("x = 1", "cluster.conf(5) lists the settings")):
+        with_settings(text + "\n", status=2, says=says)
+
+    def tasks(text, *args):
+        return {p["phase"]: (p["tasks"], p["memory"] >> 20) for p in json.loads(with_settings(text, *args, "--json"))["phases"]}
+
+    check("presets", tasks("")["mesh"] == (1, 1024 + 64), str(tasks("")))
+    check("task-memory", tasks("task-memory = 2G\n")["mesh"][1] == 2048 + 64)
+    check("an option comes first", tasks("task-memory = 2G\n", "--task-memory", "512M")["mesh"][1] == 512 + 64)
+    check("task-seconds", tasks("task-seconds = 0.001s\n")["mesh"][0] > 5, str(tasks("task-seconds = 0.001s\n")))
+    check("task-points are not overridden", tasks("task-seconds = 0.001s\n", "--task-points", "1000000")["mesh"][0] == 1)
+    os.mkdir(conf + ".d")
+    with open(conf + ".d/10-site.conf", "w") as f:
+        f.write("task-memory = 3G\n")
+    check("the folder beside it", tasks("task-memory = 2G\n")["mesh"][1] == 3072 + 64)
+    # The shipped file sets nothing, and has each setting of the page; so has the page each of the program.
+    with open(os.path.join(SOURCE, "etc/cluster.conf")) as f:
+        shipped = f.read()
+    names = set(re.findall(r"\*([a-z-]+)\* = ", page("cluster.conf.5.scd").split("# SETTINGS")[1].split("# EXAMPLE")[0]))
+    check("the shipped file and the page", set(re.findall(r"^#([a-z-]+) =", shipped, re.M)) == names, str(names))
+    with_settings(shipped)
+    for line in re.findall(r"^#([a-z-]+ =.*)", shipped, re.M):
+        with_settings(line + "\n")
+
+
+def pages():
+    text = page("acut-cluster.1.scd")
+    known = set()
+    for c in COMMANDS:
+        out = expect(["help", c], 0, "examples:")
+        check(c + " --help", c == "help" or run(c, "--help")[1] == out)
+        check("the page has " + c, re.search(r"^\*%s\*" % c, text, re.M) or c in ("wait", "cancel"), "")
+        known |= options_of(c)
+        for line in re.findall(r"^  acut-cluster (.*)$", out.split("examples:")[1], re.M):
+            check("example " + line, run(*line.split(), "--help")[0] == 0)
+        statuses = set(re.findall(r"(?<![\w.])(\d+) [a-z-]", out.split("exit status:")[1])) - {"128"}
+        said = set(re.findall(r"^\*(\d+)\*$", text.split("# EXIT STATUS")[1], re.M))
+        check("exit statuses", statuses == said, "%s, page %s" % (statuses, said))
+    own = text.split("# OPTIONS OF A RUN")[1].split("# SLURM")[0]
+    said = set(re.findall(r"\*--([a-z-]+)\*", "\n".join(l for l in own.splitlines() if l.startswith("*"))))
+    shared = set()
+    for name in ("fetch/ctl_fetch_option.def", "view/ctl_view_option.def", "stage/ctl_stage_option.def", "input/ctl_input_option.def"):
+        with open(os.path.join(SOURCE, "client", name)) as f:
+            shared |= set(re.findall(r'^\w+_OPTION\("([a-z-]+)"', f.read(), re.M))
+    with open(os.path.join(SOURCE, "base/view_option.def")) as f:
+        shared |= set(re.findall(r'^VIEW_(?:FLAG|COUNT|HEIGHT)\(\w+, "([^"=]+)=?"', f.read(), re.M))
+    shared |= {"scale", "geoid"}
+    check("options and page", known - shared == said - shared, "%s" % ((known - shared) ^ (said - shared)))
+    check("no shared option is missing", shared <= known, str(shared - known))
+
+
+def json_names(base):
+    names = set(re.findall(r"[a-z_]+", page("acut-cluster.1.scd").split("# JSON")[1].split("# ENVIRONMENT")[0]))
+    survey, work = base + "/a.xyz", base + "/w"
+    with open(survey, "w") as f:
+        f.write("0 0 0\n1 0 0\n0 1 0\n")
+
+    def walk(v):
+        for w in v.values() if isinstance(v, dict) else v if isinstance(v, list) else ():
+            yield from walk(w)
+        if isinstance(v, dict):
+            yield from v
+
+    for args in (["plan", survey, "--no-config"], ["stage", survey, "--work", work, "--on", "script", "--no-config"], ["show", work], ["cancel", work],
+                 ["resume", work]):
+        out = json.loads(expect([*args, "--json"], 0))
+        check("JSON of " + args[0], set(walk(out)) <= names, str(set(walk(out)) - names))
+
+
+def completion():
+    def complete(*words):
+        return [l.split("\t")[0] for l in run("complete", str(len(words)), "acut-cluster", *words)[1].splitlines()]
+
+    check("commands", sorted(complete("")) == sorted(COMMANDS), complete(""))
+    for c in COMMANDS:
+        check("options of " + c, {"--" + o for o in options_of(c)} == set(complete(c, "--")), set(complete(c, "--")) ^ {"--" + o for o in options_of(c)})
+    check("values", complete("mesh", "--on", "") == ["slurm", "local", "script"] and complete("mesh", "--work", "") == [":folders"])
+    check("words", complete("show", "") == [":folders"] and complete("mesh", "")[0].startswith(":files .las"), complete("mesh", ""))
+    folder = os.path.dirname(CLUSTER)
+    for shell in ("acut-cluster.bash", "_acut-cluster"):
+        with open(os.path.join(folder, shell)) as f:
+            check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
+
+
+for part in (refusals, settings, json_names):
+    with tempfile.TemporaryDirectory() as base:
+        part(base)
+pages()
+completion()
+raise SystemExit(1 if failed else 0)

@@ -1,0 +1,301 @@
+"""Runs of acut-cluster: with processes of this machine, as a script, and (slurm) by nodes of a real Slurm. What comes out is what acutd
+makes of the same files."""
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."))
+import e2e
+from slurm_test import slurm
+
+CLUSTER, TASK, ACUTD, ACUTCTL, SYNTH = (os.environ[n] for n in ("ACUT_CLUSTER", "ACUT_TASK_PROGRAM", "ACUTD", "ACUTCTL", "ACUT_SYNTH"))
+failed = 0
+
+
+def check(what, cond, detail=""):
+    global failed
+    if not cond:
+        failed += 1
+        print("FAIL", what, detail, flush=True)
+
+
+def run(*args, env=None, status=0, cwd=None, timeout=300):
+    p = subprocess.run(args, capture_output=True, text=True, cwd=cwd, timeout=timeout, env={**os.environ, **(env or {})})
+    if status is not None and p.returncode != status:
+        check(" ".join(args[1:]), False, "status %d, wanted %d\n%s%s" % (p.returncode, status, p.stdout, p.stderr))
+    return p
+
+
+def tiles(folder, points=60000):
+    """Six tiles in a row of two and three, with gaps and overlaps of nothing."""
+    os.mkdir(folder)
+    for k in range(6):
+        run(SYNTH, "--points", str(points), "--area", "300x200", "--origin", "%d,%d,0" % (500000 + k % 3 * 300, 5400000 + k // 3 * 200),
+            "--seed", str(k + 1), "%s/t%d.las" % (folder, k))
+    return folder
+
+
+class Daemon:
+    """acutctl with a daemon of its own: what it makes of files."""
+
+    def __init__(self, base):
+        self.env = {"ACUT_ACUTD": ACUTD, "HOME": base, "XDG_RUNTIME_DIR": base, "XDG_STATE_HOME": base + "/state", "XDG_CACHE_HOME": base + "/cache",
+                    "ACUT_SOCKET": ""}
+
+    def mesh(self, *args):
+        return json.loads(run(ACUTCTL, "mesh", *args, "--json", "--memory", "64M", env=self.env).stdout.splitlines()[-1])
+
+
+def show(work, env=None):
+    return json.loads(run(CLUSTER, "show", work, "--json", env=env).stdout)
+
+
+def stage(base):
+    """A dataset: the same points whatever the number of tasks, as acutd imports it."""
+    survey, work = tiles(base + "/tiles"), base + "/w"
+    before = {n: os.stat(os.path.join(survey, n)).st_mtime_ns for n in os.listdir(survey)}
+    p = run(CLUSTER, "stage", "tiles", "--work", work, "--on", "local", "--task-points", "130000", "--json", "--no-config", cwd=base)
+    out = json.loads(p.stdout)
+    check("staged", out["state"] == "done" and out["result"]["points"] == "360000" and out["result"]["segments"] == "3", p.stdout)
+    s = show(work)
+    check("show", s["state"] == "done" and [(x["phase"], x["tasks"], x["done"]) for x in s["phases"]] ==
+          [("head", 1, 1), ("stage", 3, 3), ("commit", 1, 1)] and s["core_hours"] > 0, str(s))
+    check("the inputs are as they were", before == {n: os.stat(os.path.join(survey, n)).st_mtime_ns for n in os.listdir(survey)})
+    run(CLUSTER, "wait", work)
+    run(TASK, work, "stage", "2")
+    run(TASK, work, "stage", "3", status=2)
+    p = run(CLUSTER, "clean", work, status=1)
+    check("a dataset is not removed by mistake", "--keep-dataset" in p.stderr, p.stderr)
+    run(CLUSTER, "clean", work, "--keep-dataset")
+    check("only the dataset is left", os.listdir(work) == ["dataset"], str(os.listdir(work)))
+    check("without what attempts have left", len(os.listdir(work + "/dataset")) == 4, str(os.listdir(work + "/dataset")))
+
+
+def refused(base):
+    """An input that is broken stops the run, with its name; mended it goes on."""
+    survey, work = tiles(base + "/tiles", 20000), base + "/w"
+    with open(survey + "/t2.las", "r+b") as f:
+        good = f.read()
+        f.truncate(len(good) // 2)
+    p = run(CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config", status=1)
+    check("the input is named", "t2.las" in p.stderr and "resume" in p.stderr, p.stderr)
+    s = show(work)
+    check("show says why", s["state"] == "stopped" and any("t2.las" in f["message"] for f in s["failures"]), str(s))
+    run(CLUSTER, "clean", work, status=1)
+    run(CLUSTER, "clean", work, "--force")
+    check("nothing is left", not os.path.exists(work), "")
+
+
+def interrupted(base):
+    """A driver that is killed, cancel and resume."""
+    survey, work = tiles(base + "/tiles", 20000), base + "/w"
+    slow = base + "/slow"
+    with open(slow, "w") as f:
+        f.write('#!/bin/sh\n[ -e %s/go ] || sleep 60\nexec %s "$@"\n' % (base, TASK))
+    os.chmod(slow, 0o755)
+    p = subprocess.Popen([CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "20000", "--no-config"],
+                         env={**os.environ, "ACUT_TASK": slow}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    end = time.time() + 30
+    while not os.path.exists(work + "/log/head-0") and time.time() < end:
+        time.sleep(0.05)
+    s = show(work)
+    check("seen from outside", s["state"] == "running" and s["phases"][0]["running"] == 1 and s["phases"][1]["waiting"] > 0, str(s))
+    run(CLUSTER, "clean", work, "--force", status=1)
+    p.send_signal(signal.SIGINT)
+    out = p.communicate(timeout=30)[0]
+    check("interrupted", p.returncode == 130 and "resume" in out, "%d %s" % (p.returncode, out))
+    check("nothing runs any more", show(work)["state"] == "stopped", str(show(work)))
+    run(CLUSTER, "cancel", work)
+    run(TASK, work, "head", "0", status=1)
+    check("cancelled", show(work)["state"] == "cancelled")
+    run(CLUSTER, "wait", work, status=1)
+    run(CLUSTER, "resume", work)
+    check("resumed", show(work)["state"] == "done")
+    run(CLUSTER, "clean", work, "--force")
+    check("nothing is left", not os.path.exists(work))
+
+
+def script(base):
+    survey, work = tiles(base + "/tiles", 20000), base + "/w"
+    run(CLUSTER, "stage", survey, "--work", work, "--on", "script", "--task-points", "20000", "--no-config")
+    run("sh", work + "/script")
+    check("a script", show(work)["state"] == "done")
+    run(CLUSTER, "wait", work)
+
+
+KEYS = ("digest", "vertex_digest", "vertices", "triangles")
+
+
+def same(what, result, wanted):
+    got = {k: str(result[k]) for k in KEYS}
+    check(what, got == {k: str(wanted[k]) for k in KEYS}, "%s, wanted %s" % (got, {k: wanted[k] for k in KEYS}))
+
+
+def mesh(base):
+    """The daemon's mesh, with tasks of several sizes and memories, and of a view."""
+    survey, d = tiles(base + "/tiles"), Daemon(base)
+    wanted = d.mesh(survey, "--format", "null")
+    ground = d.mesh(survey, "--ground", "--format", "null")
+    for k, (args, of) in enumerate(((["--task-points", "1000000"], wanted), (["--task-points", "60000"], wanted),
+                                    (["--task-points", "9000", "--task-memory", "64M"], wanted),
+                                    (["--task-points", "50000", "--ground"], ground),
+                                    (["--task-points", "40000", "--sort"], wanted))):
+        work = "%s/w%d" % (base, k)
+        p = run(CLUSTER, "mesh", survey, "-o", "%s/m%d.ply" % (base, k), "--work", work, "--on", "local", "--json", "--no-config", *args)
+        same("mesh " + " ".join(args), json.loads(p.stdout)["result"], of)
+        s = show(work)
+        files = sum(len(f) for _, _, f in os.walk(work))
+        tasks = sum(x["tasks"] for x in s["phases"])
+        check("few files a task", files <= 4 * tasks + 10, "%d files, %d tasks" % (files, tasks))
+        check("memory of tasks", all(x["peak"] and x["peak"] <= (128 if k == 2 else 1024 + 64) << 20 for x in s["phases"]), str(s["phases"]))
+        run(CLUSTER, "clean", work)
+        check("nothing is left", not os.path.exists(work))
+    check("one file each", [n for n in sorted(os.listdir(base)) if n[0] == "m"] == ["m%d.ply" % k for k in range(5)] and
+          os.path.getsize(base + "/m0.ply") == os.path.getsize(base + "/m1.ply"), str(os.listdir(base)))
+
+
+def real(base):
+    """Neighbouring LAZ tiles of a real survey."""
+    data = e2e.data_dir()
+    if not data:
+        print("     no real files (ACUT_TEST_DATA)")
+        return
+    survey, d = data + "/lidar/tiles_ign_pdrf8", Daemon(base)
+    for view in ([], ["--ground"], ["--surface", "--zmax", "1000"]):
+        wanted = d.mesh(survey, *view, "--format", "null")
+        for points in ("1000000", "7000"):
+            work = base + "/w"
+            p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "local", "--json", "--no-config", "--task-points", points,
+                    "--task-memory", "64M", *view)
+            same("real tiles, " + " ".join(view) + " " + points, json.loads(p.stdout)["result"], wanted)
+            run(CLUSTER, "clean", work)
+
+
+def output_tiles(base):
+    """Outputs that many tasks write: relative names are of the folder of the command."""
+    survey, d = tiles(base + "/tiles", 30000), Daemon(base)
+    d.mesh(survey, "-o", base + "/by-daemon", "--tile", "120", "--format", "obj")
+    p = run(CLUSTER, "mesh", "tiles", "-o", "by-tasks", "--tile", "120", "--format", "obj", "--work", base + "/w", "--on", "local", "--json",
+            "--no-config", "--task-points", "20000", cwd=base)
+    check("tiles", json.loads(p.stdout)["state"] == "done")
+    check("gather is divided", [x["tasks"] for x in show(base + "/w")["phases"] if x["phase"] == "gather"] == [10], str(show(base + "/w")))
+    names = sorted(os.listdir(base + "/by-daemon"))
+    check("the same tiles", names == sorted(os.listdir(base + "/by-tasks")) and len(names) > 20, str(os.listdir(base + "/by-tasks")))
+    run(CLUSTER, "clean", "w", cwd=base)
+
+
+def twice(base):
+    """Each task runs twice at once."""
+    survey, d = tiles(base + "/tiles", 20000), Daemon(base)
+    wanted = d.mesh(survey, "--format", "null")
+    double = base + "/double"
+    with open(double, "w") as f:
+        f.write('#!/bin/sh\n%s "$@" &\n%s "$@"\nr=$?\nwait $! && exit $r\n' % (TASK, TASK))
+    os.chmod(double, 0o755)
+    p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", base + "/w", "--on", "local", "--json", "--no-config", "--task-points", "20000",
+            env={"ACUT_TASK": double})
+    same("every task twice", json.loads(p.stdout)["result"], wanted)
+
+
+def waiting_task(base):
+    """A program of tasks of which those that mesh wait for base/go."""
+    slow = base + "/slow"
+    with open(slow, "w") as f:
+        f.write('#!/bin/bash\n[ $2 != mesh ] || while [ ! -e %s/go ]; do sleep 0.1; done\n%s "$@"\n' % (base, TASK))
+    os.chmod(slow, 0o755)
+    return slow
+
+
+def left(base, *wanted):
+    got = sorted(n for n in os.listdir(base) if n[0] in "wm")
+    check("nothing is left", got == sorted(wanted), str(got))
+
+
+def slurm_mesh(base):
+    """A mesh that nobody waits for; then one of which a task of each array is killed."""
+    with slurm(base + "/slurm", 3) as s:
+        survey, d = tiles(base + "/tiles"), Daemon(base)
+        wanted = d.mesh(survey, "--format", "null")
+        work = base + "/w1"
+        p = run(CLUSTER, "mesh", survey, "-o", base + "/m1.ply", "--work", work, "--on", "slurm", "--json", "--no-config", "--task-points", "60000", env=s.env)
+        check("submitted", len(json.loads(p.stdout)["jobs"]) == 7, p.stdout)
+        s.until("the run is done", lambda: show(work, s.env)["state"] == "done", 120)
+        same("Slurm", show(work, s.env)["result"], wanted)
+        run(CLUSTER, "clean", work, env=s.env)
+        kills, work = base + "/kills", base + "/w2"
+        with open(kills, "w") as f:
+            f.write('#!/bin/bash\ncase $2-$3 in stage-1|sort-2|mesh-2|gather-0) mkdir %s/killed-$2 2>/dev/null && kill -9 $PPID $$;; esac\n'
+                    'exec %s "$@"\n' % (base, TASK))
+        os.chmod(kills, 0o755)
+        p = run(CLUSTER, "mesh", survey, "-o", base + "/m2.ply", "--work", work, "--on", "slurm", "--json", "--no-config", "--task-points", "30000",
+                "--max-tasks", "4", "--sort", "--task-memory", "64M", "--wait", env={**s.env, "ACUT_TASK": kills})
+        check("tasks were killed", len([n for n in os.listdir(base) if n.startswith("killed-")]) == 4, str(os.listdir(base)))
+        same("killed tasks", json.loads(p.stdout)["result"], wanted)
+        run(CLUSTER, "clean", work, env=s.env)
+        left(base, "m1.ply", "m2.ply")
+
+
+def slurm_lost(base):
+    """A node is lost while it meshes, with all that runs on it."""
+    with slurm(base + "/slurm", 3) as s:
+        survey, d = tiles(base + "/tiles"), Daemon(base)
+        wanted = d.mesh(survey, "--format", "null")
+        work = base + "/w"
+        p = subprocess.Popen([CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "slurm", "--json", "--no-config", "--task-points",
+                              "60000", "--wait"], env={**os.environ, **s.env, "ACUT_TASK": waiting_task(base)}, stdout=subprocess.PIPE,
+                             stderr=subprocess.PIPE, text=True)
+        s.until("tasks run on all nodes", lambda: len({r[4] for r in s.queue() if r[2] == "RUNNING" and "-mesh" in r[3]}) == 3)
+        s.do("lose", "n2")
+        open(base + "/go", "w").close()
+        out, err = p.communicate(timeout=200)
+        check("a node is lost", p.returncode == 0, out + err)
+        same("a node is lost", json.loads(out)["result"], wanted)
+        run(CLUSTER, "clean", work, env=s.env)
+        left(base, "m.ply")
+
+
+def slurm_cancel(base):
+    """What show, clean, cancel and resume say of a run with four nodes."""
+    with slurm(base + "/slurm", 4) as s:
+        survey, d = tiles(base + "/tiles"), Daemon(base)
+        wanted, work, slow = d.mesh(survey, "--format", "null"), base + "/w", waiting_task(base)
+        run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work, "--on", "slurm", "--json", "--no-config", "--task-points", "60000",
+            env={**s.env, "ACUT_TASK": slow})
+        s.until("tasks run", lambda: any(r[2] == "RUNNING" and "-mesh" in r[3] for r in s.queue()))
+        got = show(work, s.env)
+        check("show", got["state"] == "running" and got["jobs"] and got["phases"][4]["running"] > 0 and got["phases"][5]["waiting"] == 1, str(got))
+        text = run(CLUSTER, "show", work, env=s.env).stdout
+        check("show for people", "phase commit 1/1 done\n" in text and " running" in text and "; slurm %d" % got["jobs"][0] in text, text)
+        run(CLUSTER, "clean", work, "--force", env=s.env, status=1)
+        run(CLUSTER, "cancel", work, env=s.env)
+        s.until("all is gone", lambda: not s.queue())
+        check("cancelled", show(work, s.env)["state"] == "cancelled")
+        run(CLUSTER, "wait", work, env=s.env, status=1)
+        open(base + "/go", "w").close()
+        p = run(CLUSTER, "resume", work, "--wait", "--json", env={**s.env, "ACUT_TASK": slow})
+        same("resumed", json.loads(p.stdout)["result"], wanted)
+        run(CLUSTER, "clean", work, env=s.env)
+        left(base, "m.ply")
+
+
+def one_node(base):
+    with slurm(base + "/slurm", 1) as s:
+        survey, d = tiles(base + "/tiles", 30000), Daemon(base)
+        wanted = d.mesh(survey, "--format", "null")
+        p = run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", base + "/w", "--on", "slurm", "--json", "--no-config", "--task-points", "25000",
+                "--task-memory", "64M", "--wait", env=s.env)
+        same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
+
+
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, output_tiles, twice, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
+    begun = time.time()
+    with tempfile.TemporaryDirectory() as base:
+        parts[name](base)
+    print("%s: %.1f s" % (name, time.time() - begun), flush=True)
+raise SystemExit(1 if failed else 0)

@@ -1,0 +1,116 @@
+"""Tasks as processes of this machine, and as a script: order of phases, how many at once, what fails, what is left."""
+import os
+import signal
+import subprocess
+import tempfile
+import time
+
+RUN = os.environ["DISPATCH_RUN"]
+failed = 0
+
+
+def check(what, cond, detail=""):
+    global failed
+    if not cond:
+        failed += 1
+        print("FAIL", what, detail)
+
+
+class Work:
+    """A work folder whose tasks run a line of shell with $w, $p and $i, then are done."""
+
+    def __init__(self, base, body):
+        self.path = tempfile.mkdtemp(dir=base)
+        for d in ("log", "done"):
+            os.mkdir(os.path.join(self.path, d))
+        self.task = os.path.join(self.path, "it's a task")
+        with open(self.task, "w") as f:
+            f.write('#!/bin/bash\nw=$1 p=$2 i=$3\n%s\n: >"$w/done/$p-$i"\n' % body)
+        os.chmod(self.task, 0o755)
+
+    def argv(self, command, *phases, scheduler="local"):
+        return [RUN, scheduler, self.path, "77", self.task, "0.2", command, *phases]
+
+    def run(self, command, *phases, **kw):
+        env = {**os.environ, "DISPATCH_MOST": str(kw.pop("most", 2))}
+        p = subprocess.run(self.argv(command, *phases, **kw), env=env, capture_output=True, text=True, timeout=60)
+        return p.returncode, p.stdout + p.stderr
+
+    def done(self):
+        return sorted(os.listdir(os.path.join(self.path, "done")))
+
+    def log(self, name):
+        with open(os.path.join(self.path, "log", name)) as f:
+            return f.read()
+
+
+def order(base):
+    w = Work(base, 'case $p in b) [ "$(ls "$w"/done/a-* | wc -l)" = 5 ] || exit 9;; esac\n'
+                   'n=$(mktemp -p "$w" now-XXXXXX); ls "$w"/now-* | wc -l >>"$w/at"; sleep 0.2; rm "$n"')
+    status, out = w.run("wait", "a=5", "none=0", "b=3", most=3)
+    check("all are done", status == 0 and len(w.done()) == 8 and "a 5 0 0 0" in out and "b 3 0 0 0" in out, out)
+    with open(w.path + "/at") as f:
+        most = max(int(n) for n in f)
+    check("at most three at once, and more than one", 2 <= most <= 3, str(most))
+    check("a log of each", "a 3 begins on" in w.log("a-3") and "a 3 ends with status 0" in w.log("a-3"), w.log("a-3"))
+    os.unlink(w.path + "/done/b-1")
+    status, out = w.run("wait", "a=5", "none=0", "b=3")
+    check("only what has no record runs again", status == 0 and w.log("b-1").count("begins") == 2 and w.log("b-0").count("begins") == 1)
+
+
+def failures(base):
+    w = Work(base, 'if mkdir "$w/first-$p-$i" 2>/dev/null; then kill -9 $$; fi')
+    status, out = w.run("wait", "a=2", "b=1")
+    check("a killed task runs again", status == 0 and len(w.done()) == 3 and "a 0 is submitted again: signal" in out, out)
+    w = Work(base, 'if [ $p$i = a1 ]; then echo the disk is on fire; exit 74; fi')
+    status, out = w.run("wait", "a=3", "b=1")
+    check("not for ever", status == 1 and "task a 1: failed with status 74" in out and "after 3 attempts" in out and
+          "the disk is on fire" in out and "b-0" not in w.done() and w.log("a-1").count("begins") == 3, out)
+    w = Work(base, 'echo what a file; exit 1')
+    status, out = w.run("wait", "a=1")
+    check("what repeats itself is not repeated", status == 1 and "after 1 attempt;" in out and "what a file" in out, out)
+    w = Work(base, "true")
+    os.unlink(w.task)
+    status, out = w.run("wait", "a=1")
+    check("no program", status == 1 and "No such file" in out, out)
+    w = Work(base, 'exit 0')
+    status, out = w.run("wait", "a=1", most=1)
+    check("status 0 without a record is no end", status == 1 and "no record" in out, out)
+
+
+def stop(base):
+    for how in (signal.SIGTERM, signal.SIGINT, signal.SIGKILL):
+        w = Work(base, 'echo $$ >"$w/pid-$i"; exec sleep 50')
+        p = subprocess.Popen(w.argv("wait", "a=2"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        end = time.time() + 20
+        while not all(os.path.exists(w.path + "/pid-%d" % i) and os.path.getsize(w.path + "/pid-%d" % i) for i in (0, 1)):
+            check("tasks begin", time.time() < end)
+            time.sleep(0.05)
+        pids = [int(open(w.path + "/pid-%d" % i).read()) for i in (0, 1)]
+        p.send_signal(how)
+        status = p.wait(20)
+        time.sleep(0.2 if how == signal.SIGKILL else 0)
+        check("a driver that ends with %s ends its tasks" % how.name, not any(os.path.exists("/proc/%d/cmdline" % n) and
+              open("/proc/%d/stat" % n).read().split()[2] != "Z" for n in pids), str(pids))
+        check("its status", status == (3 if how != signal.SIGKILL else -9), str(status))
+
+
+def script(base):
+    w = Work(base, 'case $p in b) [ "$(ls "$w"/done/a-* | wc -l)" = 3 ] || exit 9;; esac')
+    open(w.path + "/done/a-1", "w").close()
+    status, out = w.run("submit", "a=3", "b=1", scheduler="script")
+    with open(w.path + "/script") as f:
+        text = f.read()
+    check("the script", status == 0 and text.count("# phase ") == 2 and text.count("\n'") == 3 and " a 1\n" not in text, text)
+    p = subprocess.run(["sh", w.path + "/script"], capture_output=True, text=True)
+    check("runs", p.returncode == 0 and len(w.done()) == 4, p.stderr)
+    status, out = w.run("wait", "a=3", "b=1", scheduler="script")
+    check("and is waited for", status == 0 and "b 1 0 0 0" in out, out)
+
+
+with tempfile.TemporaryDirectory() as base:
+    order(base)
+    failures(base)
+    stop(base)
+    script(base)
+raise SystemExit(1 if failed else 0)

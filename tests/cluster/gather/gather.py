@@ -1,0 +1,335 @@
+"""Outputs of a cluster's run: every format and the tiles are those of acutd and acutctl; damaged and missing packs are refused by
+name; tasks that are killed, or run twice at once, leave the same outputs and nothing else; finished domains go into a daemon's store."""
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "e2e"))
+import e2e  # noqa: E402
+from e2e import expect, run  # noqa: E402
+
+PHASES = os.environ["PHASES"]
+# What a format cannot do without.
+OPTIONS = {"tif": ["--cell", "0.5"], "glb": ["--origin", "auto"], "stl": ["--origin", "auto"],
+           "gpkg": ["--interval", "1"], "geojson": ["--interval", "1"], "dxf-contours": ["--interval", "1"]}
+ENV = {"ACUT_CLUSTER_PATIENCE": "0.2"}
+MEMORY = "64M"
+
+
+def phases(*words, **kw):
+    return run([PHASES, *words], env=ENV, **kw)
+
+
+def inputs(base, n=3, points=60000):
+    """Surveys beside each other that overlap."""
+    paths = []
+    for i in range(n):
+        paths.append(os.path.join(base, "in%d.las" % i))
+        run([e2e.SYNTH, "--points", str(points), "--seed", str(i + 1), "--origin", "%d,5400000,0" % (500000 + 35 * i), paths[-1]]).ok()
+    return paths
+
+
+class Work:
+    """A run up to the phase mesh, and outputs of it."""
+
+    def __init__(self, base, files, meshes=4, gathers=3, stages=2):
+        self.first, self.gathers = os.path.join(base, "first"), gathers
+        phases("make", self.first, MEMORY, stages, meshes, gathers, *files).ok()
+        self.base, self.n = base, 0
+
+    def fresh(self):
+        """A copy: without outputs, and with every task of gather to be done."""
+        self.n += 1
+        path = os.path.join(self.base, "work%d" % self.n)
+        shutil.copytree(self.first, path, symlinks=True)
+        return path
+
+    def write(self, *options):
+        path = self.fresh()
+        for i in range(self.gathers):
+            phases("gather", path, i, *options).ok()
+        phases("finish", path, *options).ok()
+        return path
+
+
+def hashes(folder):
+    """Name -> hash, without what says where a mesh is from."""
+    found = {}
+    for top, _, names in os.walk(folder):
+        for name in names:
+            path = os.path.join(top, name)
+            with open(path, "rb") as f:
+                data = f.read()
+            if name == "index.geojson" or name.endswith(".json"):
+                data = origin_free(json.loads(data))
+            found[os.path.relpath(path, folder)] = hashlib.sha256(data).hexdigest()
+    return found
+
+
+def origin_free(value):
+    def walk(v):
+        if isinstance(v, dict):
+            return {k: walk(w) for k, w in v.items() if k not in ("job", "generation", "dataset")}
+        return [walk(w) for w in v] if isinstance(v, list) else v
+    return json.dumps(walk(value), sort_keys=True).encode()
+
+
+def report(path, suffix=".json"):
+    names = [n for n in os.listdir(path) if n.startswith("report-") and n.endswith(suffix)]
+    expect(len(names) == 1, str(names))
+    with open(os.path.join(path, names[0])) as f:
+        return f.read()
+
+
+def formats():
+    rows = [json.loads(line) for line in run([e2e.ACUTCTL, "formats", "--json"]).ok().out.splitlines()]
+    rows = [r for r in rows if r["direction"] == "out" and r["format"] != "null"]
+    expect(len(rows) >= 12, str(rows))
+    return [(r["format"], ["--format", r["format"], *OPTIONS.get(r["format"], [])], (r["extensions"] or ".file").split()[0]) for r in rows]
+
+
+class Both:
+    """The same points as a job of a daemon and as a run."""
+
+    def __init__(self, base, d, **kw):
+        files = inputs(base)
+        self.base, self.d, self.k = base, d, 0
+        self.work = Work(base, files, **kw)
+        got = d.ctl("dataset", "import", os.path.join(self.work.first, "dataset"), "s").ok()
+        self.job = d.ctl("submit", "s", "--wait").ok().out.split()[0]
+        self.shown = d.ctl("show", self.job, "--json").ok().json()
+
+    def folders(self):
+        self.k += 1
+        pair = [os.path.join(self.base, "%s%d" % (who, self.k)) for who in ("daemon", "run")]
+        for p in pair:
+            os.mkdir(p)
+        return pair
+
+    def compare(self, words, name, exact=True):
+        a, b = self.folders()
+        self.d.ctl("fetch", self.job, "-o", os.path.join(a, name), *words).ok()
+        path = self.work.write("-o", os.path.join(b, name), *words)
+        one, other = hashes(a), hashes(b)
+        expect(set(one) == set(other), "%s: %s and %s" % (words, sorted(one), sorted(other)))
+        if exact:
+            differ = [n for n in one if one[n] != other[n]]
+            expect(not differ, "%s: %s differ" % (words, differ))
+        else:
+            for n in one:
+                sizes = [os.path.getsize(os.path.join(x, n)) for x in (a, b)]
+                expect(sizes[0] == sizes[1], "%s: %s has %s bytes" % (words, n, sizes))
+        expect(not [n for n in os.listdir(b) if n.startswith(".")], os.listdir(b))
+        for p in (a, b):
+            shutil.rmtree(p)
+        return path
+
+
+def every_format():
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
+        both = Both(base, d)
+        for name, words, extension in formats():
+            r = d.ctl("fetch", both.job, "-o", os.path.join(base, "try"), *words, "--canonical")
+            canonical = ["--canonical"] if not r.status else []
+            path = both.compare(words + canonical + ["--sidecar"], "out" + extension)
+            got = json.loads(report(path))
+            for key in ("digest", "vertex_digest", "triangles", "vertices", "hull", "points", "used", "removed", "lattice", "crs"):
+                expect(got[key] == both.shown[key], "%s: %s is %s, not %s" % (name, key, got[key], both.shown[key]))
+            expect(both.shown["digest"] in report(path, ".txt"), report(path, ".txt"))
+            shutil.rmtree(path)
+        both.compare(["--levels"], "page")
+        both.compare(["--format", "ply", "-o", os.path.join(base, "both.obj")], "x.ply", exact=False)
+        os.unlink(os.path.join(base, "both.obj"))
+
+
+def tiles():
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
+        both = Both(base, d)
+        with open(os.path.join(base, "area.wkt"), "w") as f:
+            f.write("POLYGON((500010 5400000,500090 5400010,500050 5400070,500010 5400000))")
+        trims = [[], ["--max-edge", "1"], ["--mask", os.path.join(base, "area.wkt")], ["--trim-hull", "2"]]
+        for i, (name, words, _) in enumerate(formats()):
+            if name == "html":
+                continue
+            both.compare(words + ["--tile", "20"] + trims[i % len(trims)], "tiles")
+        both.compare(["--format", "png", "--cell", "0.5", "--tile", "20"], "tiles")
+        path = both.compare(["--tile", "7.5"], "tiles")
+        records = [f for f in os.listdir(path) if f.startswith("gather-")]
+        expect(len(records) == both.work.gathers, "not every task had tiles: %s" % records)
+
+
+def damage():
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=1)
+        out = os.path.join(base, "out.ply")
+        packs = sorted(n for n in os.listdir(os.path.join(work.first, "mesh")) if n.startswith("pack-"))
+        expect(len(packs) == 4, str(packs))
+        r = random.Random(5)
+        for i in range(12):
+            path = work.fresh()
+            pack = os.path.join(path, "mesh", packs[i % 4])
+            size = os.path.getsize(pack)
+            with open(pack, "r+b") as f:
+                at = r.randrange(size)
+                f.seek(at)
+                byte = f.read(1)
+                f.seek(at)
+                f.write(bytes([byte[0] ^ 0x10]))
+            got = phases("gather", path, 0, "-o", out)
+            # bytes between domains have no meaning
+            expect(not got.status or packs[i % 4] in got.err, "byte %d of %s: %d %s" % (at, packs[i % 4], got.status, got.err))
+            shutil.rmtree(path)
+        path = work.fresh()
+        os.unlink(os.path.join(path, "mesh", packs[1]))
+        got = phases("gather", path, 0, "-o", out)
+        expect(got.status and packs[1] in got.err, got.err)
+        path = work.fresh()
+        with open(os.path.join(path, "mesh", packs[2]), "r+b") as f:
+            f.truncate(1000)
+        got = phases("gather", path, 0, "-o", out)
+        expect(got.status and packs[2] in got.err, got.err)
+        expect(not os.path.exists(out) and not [n for n in os.listdir(base) if n.startswith(".")], os.listdir(base))
+        got = phases("finish", path, "-o", out)
+        expect(got.status and packs[2] in got.err, got.err)
+        path = work.fresh()
+        got = phases("finish", path, "-o", out)
+        expect(got.status and "gather" in got.err, got.err)
+        for words, text in ((["-o", "-"], "standard output"), (["-o", "x.tif"], "--cell")):
+            got = phases("gather", path, 0, *words)
+            expect(got.status == 2 and text in got.err, "%s: %d %s" % (words, got.status, got.err))
+
+
+def start(*words):
+    return subprocess.Popen([PHASES] + [str(w) for w in words], env=dict(os.environ, **ENV), stdout=subprocess.DEVNULL,
+                            stderr=subprocess.PIPE)
+
+
+def killed():
+    """At any moment; the next attempt makes the same."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=2)
+        want = None
+        r = random.Random(11)
+        for i in range(14):
+            out = os.path.join(base, "out%d" % i)
+            words = ["-o", out, "--tile", "15"] if i % 2 else ["-o", os.path.join(out, "x.ply"), "--sidecar"]
+            os.mkdir(out)
+            path = work.fresh()
+            for phase in (["gather", path, 0], ["gather", path, 1], ["finish", path]):
+                p = start(*phase, *words)
+                time.sleep(r.random() * (0.02 if phase[0] == "finish" else 0.15))
+                p.send_signal(signal.SIGKILL)
+                p.wait()
+                p.stderr.close()
+                phases(*phase, *words).ok()
+            phases("clean", path, *words).ok()
+            expect(not [n for n in os.listdir(out) if n.startswith(".")], os.listdir(out))
+            got = hashes(out)
+            want = want or {}
+            expect(want.setdefault(i % 2, got) == got, "another output after attempt %d was killed" % i)
+            shutil.rmtree(path)
+            shutil.rmtree(out)
+
+
+def twice():
+    """All attempts of a task end well; one of them counts."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=2)
+        for i in range(8):
+            out = os.path.join(base, "out%d" % i)
+            words = ["-o", out, "--tile", "15"] if i % 2 else ["-o", os.path.join(out, "x.ply")]
+            words += ["--no-clobber"] if i > 3 else []
+            os.mkdir(out)
+            path = work.fresh()
+            for phase in (["gather", path, 0], ["gather", path, 1], ["finish", path]):
+                ps = [start(*phase, *words) for _ in range(3)]
+                for p in ps:
+                    err = p.communicate()[1].decode()
+                    expect(p.returncode == 0, "%s: %d %s" % (phase, p.returncode, err))
+            expect(not [n for n in os.listdir(out) if n.startswith(".")], os.listdir(out))
+            expect(len([n for n in os.listdir(path) if n.startswith("report-0-")]) == 2, os.listdir(path))
+
+
+def clobber():
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base, 1), gathers=1)
+        out = os.path.join(base, "x.ply")
+        with open(out, "w") as f:
+            f.write("mine")
+        path = work.fresh()
+        got = phases("gather", path, 0, "-o", out, "--no-clobber")
+        expect(got.status == 2 and "--no-clobber" in got.err, got.err)
+        os.unlink(out)
+        phases("gather", path, 0, "-o", out, "--no-clobber").ok()
+        with open(out, "w") as f:
+            f.write("mine")
+        got = phases("finish", path, "-o", out, "--no-clobber")
+        expect(got.status == 2 and open(out).read() == "mine", got.err)
+        phases("finish", path, "-o", out).ok()
+        expect(open(out, "rb").read(3) == b"ply", "it was not replaced")
+
+
+def without_triangles():
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
+        line = os.path.join(base, "line.las")
+        run([e2e.SYNTH, "--points", "1000", "--distribution", "collinear", line]).ok()
+        work = Work(base, [line], gathers=2, stages=1)
+        for words in (["-o", os.path.join(base, "l.ply"), "--canonical"], ["-o", os.path.join(base, "t"), "--tile", "10"]):
+            path = work.write(*words)
+            got = json.loads(report(path))
+            want = d.ctl("mesh", line, "-o", os.path.join(base, "w.ply"), "--canonical", "--json").ok().json()
+            for key in ("digest", "vertex_digest", "triangles", "vertices"):
+                expect(got[key] == want[key], "%s: %s, not %s" % (key, got[key], want[key]))
+        expect(open(os.path.join(base, "l.ply"), "rb").read() == open(os.path.join(base, "w.ply"), "rb").read(), "vertices differ")
+
+
+def adopted():
+    """A dataset and domains of a run in a daemon that made nothing of it."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY) as d:
+        work = Work(base, inputs(base), gathers=1)
+        d.ctl("dataset", "import", os.path.join(work.first, "dataset"), "valley").ok()
+        got = d.ctl("cache", "adopt", work.first, "--json").ok().json()
+        expect(got["domains"] > 0 and got["there"] == 0 and got["packs"] == 4 and got["unfinished"] == 0, str(got))
+        stat = d.ctl("cache", "stat", "--json").ok().json()["kinds"]["domains"]
+        expect(stat["entries"] == got["domains"] and stat["bytes"] == got["bytes"], "%s %s" % (stat, got))
+        job = d.ctl("submit", "valley", "--wait").ok().out.split()[0]
+        shown = d.ctl("show", job, "--json").ok().json()
+        expect(shown["domains"] == shown["domains_reused"] == got["domains"], str(shown))
+        again = d.ctl("cache", "adopt", work.first, "--json").ok().json()
+        expect(again["domains"] == 0 and again["there"] == got["domains"], str(again))
+        verified = d.ctl("cache", "verify", "--json").ok().json()
+        expect(verified["derived_damaged"] == 0, str(verified))
+        out = os.path.join(base, "x.ply")
+        path = work.write("-o", out)
+        expect(json.loads(report(path))["digest"] == shown["digest"], "another mesh")
+        # a damaged pack is refused by name, and those before it stay
+        d.ctl("cache", "gc", "--all").ok()
+        pack = sorted(n for n in os.listdir(os.path.join(path, "mesh")) if n.startswith("pack-2"))[0]
+        with open(os.path.join(path, "mesh", pack), "r+b") as f:
+            f.seek(3000)
+            f.write(b"\xff" * 64)
+        r = d.ctl("cache", "adopt", path)
+        expect(r.status and pack in r.err, r.err)
+        entries = d.ctl("cache", "stat", "--json").ok().json()["kinds"]["domains"]["entries"]
+        expect(0 < entries < got["domains"], "%d" % entries)
+        r = d.ctl("cache", "adopt", base)
+        expect(r.status and "work folder" in r.err, r.err)
+
+
+def adopted_in_little_space():
+    with e2e.Folder() as base, e2e.Daemon(base, memory=MEMORY, args=["--disk", "1M"]) as d:
+        work = Work(base, inputs(base, 1), gathers=1)
+        r = d.ctl("cache", "adopt", work.first)
+        expect(r.status and "--disk" in r.err + d.log_text() or "needs" in r.err, r.err)
+        expect(d.ctl("cache", "stat", "--json").ok().json()["kinds"]["domains"]["bytes"] <= 1 << 20, "more than the quota")
+
+
+GROUPS = {"formats": [every_format], "tiles": [tiles],
+          "tasks": [damage, killed, twice, clobber, without_triangles, adopted, adopted_in_little_space]}
+e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))

@@ -1,0 +1,69 @@
+"""A Slurm of a test's own (tests/cluster/slurm). Without its packages the test is skipped by name."""
+import contextlib
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+SLURM = os.path.join(os.path.dirname(os.path.abspath(__file__)), "slurm")
+
+
+def free_ports(n):
+    """The first of n ports in a row that nobody listens on."""
+    for _ in range(100):
+        port = random.randrange(20000, 32000)
+        try:
+            for i in range(n):
+                with socket.socket() as s:
+                    s.bind(("127.0.0.1", port + i))
+            return port
+        except OSError:
+            continue
+    sys.exit("no free ports")
+
+
+class Slurm:
+    def __init__(self, folder, nodes):
+        self.folder = folder
+        self.env = {}
+        self.nodes = nodes
+
+    def do(self, verb, *args):
+        return subprocess.run([SLURM, verb, self.folder, *map(str, args)], check=True, env={**os.environ, **self.env})
+
+    def run(self, *argv):
+        return subprocess.run(argv, env={**os.environ, **self.env}, capture_output=True, text=True, check=True).stdout
+
+    def queue(self):
+        return [line.split("|") for line in self.run("squeue", "-h", "-r", "-o", "%F|%K|%T|%j|%N").splitlines()]
+
+    def until(self, what, cond, seconds=60):
+        end = time.time() + seconds
+        while not cond():
+            if time.time() > end:
+                sys.exit("%s: not after %d s\n%s" % (what, seconds, self.run("squeue", "-t", "all")))
+            time.sleep(0.1)
+
+
+@contextlib.contextmanager
+def slurm(folder, nodes, **settings):
+    """settings: as SLURM_TEST_ARRAY, without the prefix."""
+    s = Slurm(folder, nodes)
+    os.makedirs(folder)
+    os.chmod(os.path.dirname(folder), 0o755)  # munge wants that all may reach its socket
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the Slurm ends with the test
+    env = {**os.environ, **{"SLURM_TEST_" + k.upper(): str(v) for k, v in settings.items()}}
+    p = subprocess.run([SLURM, "up", folder, str(nodes), str(free_ports(nodes + 1))], env=env, capture_output=True, text=True)
+    try:
+        if p.returncode == 77:
+            print("skipped: " + p.stderr)
+            sys.exit(77)
+        if p.returncode:
+            sys.exit(p.stderr)
+        s.env = {"SLURM_CONF": os.path.join(folder, "etc/slurm.conf")}
+        yield s
+    finally:
+        subprocess.run([SLURM, "down", folder])
