@@ -149,7 +149,7 @@ unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_S
 {
 	static const uint8_t zeros[8];
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
-	unsigned flags = b->flags ? STREAM_BLOCK_FLAG_BYTES : 0;
+	unsigned flags = (b->flags ? STREAM_BLOCK_FLAG_BYTES : 0) | (b->origin ? STREAM_BLOCK_ORIGINS : 0);
 	uint64_t locals = (uint64_t)b->nforeign + b->nnew;
 	uint64_t bytes = stream_block_bytes(b->nforeign, b->nnew, b->ntriangle, flags);
 	unsigned n = 0;
@@ -167,6 +167,7 @@ unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_S
 	n = add_piece(piece, n, b->foreign, b->nforeign * sizeof *b->foreign);
 	n = add_piece(piece, n, b->vertex, b->nnew * sizeof *b->vertex);
 	n = add_piece(piece, n, b->triangle, b->ntriangle * sizeof *b->triangle);
+	n = add_piece(piece, n, b->origin, b->origin ? b->nnew * sizeof *b->origin : 0);
 	n = add_piece(piece, n, b->flags, b->flags ? b->ntriangle : 0);
 	n = add_piece(piece, n, b->final, (locals + 7) / 8);
 	n = add_piece(piece, n, zeros, stream_padded(bytes) - bytes);

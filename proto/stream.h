@@ -48,6 +48,12 @@ struct stream_region {
 	struct digest digest; /* of these */
 };
 
+/* The record of a vertex, as on the wire. */
+struct stream_origin {
+	uint32_t source;
+	uint8_t cls, zero[3];
+};
+
 struct stream_block {
 	uint64_t index; /* of its domain in the plan; never decreases; pieces of one domain share it */
 	int64_t box[4]; /* of its region: doubled lattice borders (odd); INT64_MIN/MAX: infinite */
@@ -56,8 +62,9 @@ struct stream_block {
 	const uint64_t *foreign;
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3];
-	const uint8_t *flags; /* one byte for each triangle, or NULL */
-	const uint8_t *final; /* bit set over nforeign + nnew, low bits first; bits beyond are zero */
+	const uint8_t *flags;               /* one byte for each triangle, or NULL */
+	const uint8_t *final;               /* bit set over nforeign + nnew, low bits first; bits beyond are zero */
+	const struct stream_origin *origin; /* of each new vertex; NULL: not of this view */
 	/* Of a reader, NULL if it has no room: nforeign free places, then the new vertices, so that positions of all need no
 	 * copy. */
 	int32_t (*local)[3];
@@ -77,7 +84,7 @@ struct stream_piece {
 	const void *bytes;
 	size_t size;
 };
-#define STREAM_PIECES 8
+#define STREAM_PIECES 9
 #define STREAM_WKT_MAX 32768u
 #define STREAM_SCRATCH 16384
 /* Each returns the number of pieces (<= STREAM_PIECES), which point into scratch and the argument. */

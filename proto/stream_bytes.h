@@ -21,13 +21,14 @@ enum {
 	STREAM_BLOCK_SIZE = 64,      /* index, box, first, counts, flags; the arrays follow */
 	STREAM_REGION_SIZE = 56,     /* box, triangles, digest */
 	STREAM_BLOCK_FLAG_BYTES = 1, /* the block has a flags byte for each triangle */
+	STREAM_BLOCK_ORIGINS = 2,    /* and 8 bytes for each new vertex */
 };
 
 /* Bytes of a block's payload before padding. */
 static inline uint64_t stream_block_bytes(uint64_t nforeign, uint64_t nnew, uint64_t ntriangle, unsigned flags)
 {
 	return STREAM_BLOCK_SIZE + nforeign * 8 + nnew * 12 + ntriangle * 12 + (flags & STREAM_BLOCK_FLAG_BYTES ? ntriangle : 0) +
-	       (nforeign + nnew + 7) / 8;
+	       (flags & STREAM_BLOCK_ORIGINS ? nnew * 8 : 0) + (nforeign + nnew + 7) / 8;
 }
 
 static inline uint64_t stream_padded(uint64_t n)

@@ -307,14 +307,15 @@ static int read_block(struct stream_reader *r, struct err *err)
 	b.ntriangle = cursor_u32(&c);
 	flags = cursor_u32(&c);
 	bytes = stream_block_bytes(b.nforeign, b.nnew, b.ntriangle, flags);
-	if (c.bad || flags > STREAM_BLOCK_FLAG_BYTES || stream_padded(bytes) != r->length ||
+	if (c.bad || flags > (STREAM_BLOCK_FLAG_BYTES | STREAM_BLOCK_ORIGINS) || stream_padded(bytes) != r->length ||
 	    (uint64_t)b.nforeign + b.nnew > UINT32_MAX)
 		return err_set(err, ERR_PROTO, "a block of the mesh stream is malformed");
 	/* The payload is aligned to 16, and wide arrays come first, so all of them are aligned. */
 	b.foreign = (const uint64_t *)(const void *)cursor_bytes(&c, (size_t)b.nforeign * sizeof *b.foreign);
 	b.vertex = (const int32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.vertex);
 	b.triangle = (const uint32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);
-	b.flags = flags ? cursor_bytes(&c, b.ntriangle) : NULL;
+	b.origin = flags & STREAM_BLOCK_ORIGINS ? (const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.origin) : NULL;
+	b.flags = flags & STREAM_BLOCK_FLAG_BYTES ? cursor_bytes(&c, b.ntriangle) : NULL;
 	b.final = cursor_bytes(&c, ((size_t)b.nforeign + b.nnew + 7) / 8);
 	e = stream_read_end(&c, "block", err);
 	if (e == 0)

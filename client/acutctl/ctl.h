@@ -20,7 +20,7 @@ struct ctl_options {
 	const char *crs, *priority, *as, *settle, *textfile;
 	struct lines_export_options line_options; /* `kind`: of --lines-as */
 	struct cli_texts line_files[LINES_KINDS]; /* mesh */
-	const char *line_report;
+	const char *line_report, *weight_report;
 };
 
 struct ctl_volume_options {

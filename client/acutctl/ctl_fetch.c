@@ -4,6 +4,31 @@
 
 #include "ctl.h"
 
+/* The job is asked for again: its texts are valid until the next call. */
+static int report_hidden(struct session *session, uint64_t id, const char *path)
+{
+	const struct acut_job *job;
+	char *dataset, *view;
+	uint64_t generation;
+	struct err err = ERR_INIT;
+	int status;
+
+	if (acut_job_wait(session->acut, id, false, NULL, NULL, &job))
+		return session_error_acut(session);
+	dataset = strdup(job->dataset);
+	view = strdup(job->view);
+	generation = job->generation;
+	if (dataset && view) {
+		status = ctl_report_hidden(session, dataset, generation, view, path);
+	} else {
+		err_set(&err, ERR_NOMEM, "no memory for a view");
+		status = session_error(session, &err);
+	}
+	free(dataset);
+	free(view);
+	return status;
+}
+
 int ctl_fetch_run(struct program *ctl)
 {
 	struct session *session = &ctl->session;
@@ -39,5 +64,7 @@ int ctl_fetch_run(struct program *ctl)
 	else
 		status = ctl_fetch(session, opt, id, run, NULL);
 	outputs_free(run);
+	if (!status && ctl->opt.weight_report)
+		status = report_hidden(session, id, ctl->opt.weight_report);
 	return status;
 }

@@ -29,6 +29,8 @@ static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, st
 			status = session_error_acut(session);
 		else
 			status = ctl_fetch(session, &ctl->fetch, job->id, run, &staged);
+		if (!status && ctl->opt.weight_report)
+			status = ctl_report_hidden(session, staged.dataset, staged.generation, view, ctl->opt.weight_report);
 	}
 	ctl_stage_done(&staged);
 	return status ? status : staging;
@@ -48,6 +50,10 @@ int ctl_mesh_run(struct program *ctl)
 	int r = ctl_view_box(&ctl->view, &view, &cropped, box, &err), status;
 
 	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
+	if (!r && ctl->opt.weight_report && !ctl->view.weight) {
+		r = err_set(&err, ERR_USAGE, "without weights nothing is hidden");
+		err_add_hint(&err, "give --weight, or leave out --weight-report");
+	}
 	if (!r)
 		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
 	if (!r)

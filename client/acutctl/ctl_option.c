@@ -15,6 +15,8 @@ const struct cli_option ctl_options[] = {
 #define VIEW_OPTION(name, value, kind, field, help) {name, 0, value, kind, AT(view.field), CTL_VIEW, help},
 #define VIEW_WINDOW_OPTION(name, value, kind, field, help) {name, 0, value, kind, AT(view.field), CTL_VIEW | CTL_FETCH, help},
 #include "ctl_view_option.def"
+	{"weight-report", 0, "FILE", CLI_TEXT, AT(opt.weight_report), CTL_LINES | CTL_FETCH,
+	 "the positions that weights hide, with class and file, as GeoJSON"},
 
 	{"scale", 0, "XY[,Z]", CLI_TEXT, AT(stage.scale), CTL_STAGE | CTL_CREATE,
 	 "lattice scale of a new dataset, in place of the inputs' finest"},

@@ -595,6 +595,11 @@ struct acut_mesh_head {
 	bool lines;        /* it has breaklines, shores, boundaries or holes, so blocks may have flags */
 	bool bounded;      /* it ends at boundaries or holes: the tail's hull is 0 */
 };
+/* The class of a record, and the number of the file that it is of (acut_log_file.source). */
+struct acut_mesh_origin {
+	uint32_t source;
+	uint8_t cls, zero[3];
+};
 struct acut_mesh_block {
 	uint64_t index, first;
 	int64_t box[4]; /* the domain's region, closed, doubled lattice numbers: min x y, max x y;
@@ -608,6 +613,8 @@ struct acut_mesh_block {
 	const uint8_t *flags;
 	uint32_t nforeign, nnew, ntriangle;
 	int32_t (*local)[3]; /* nforeign free places, then `vertex`: for who keeps the positions of open vertices; or NULL */
+	/* Of a view with `hidden`: the record of each new vertex; else NULL. */
+	const struct acut_mesh_origin *origin;
 };
 struct acut_mesh_tail {
 	uint64_t blocks, vertices, triangles, hull;

@@ -84,6 +84,7 @@ int feed_block(struct feed *f, const struct stream_block *b, struct err *err)
 		.nnew = b->nnew,
 		.ntriangle = b->ntriangle,
 		.local = b->local,
+		.origin = (const struct acut_mesh_origin *)(const void *)b->origin,
 	};
 	int r = check_block(f->check, b, err);
 

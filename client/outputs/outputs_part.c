@@ -14,6 +14,9 @@
 #include "outputs_priv.h"
 #include "outputs_tile.h"
 
+#define MAGIC 0x504f4341u /* "ACOP" */
+#define VERSION 1u
+
 /* ---- files ---- */
 
 int outputs_moves_add(struct outputs_moves *m, const char *name, const char *part, const struct outfile_held *held,
@@ -98,6 +101,8 @@ static void pack(const struct outputs *run, struct packer *p)
 	const struct outputs_moves *m = &run->joined.moves;
 	const struct format_simplified s = outputs_simplified(run);
 
+	packer_u32(p, MAGIC);
+	packer_u32(p, VERSION);
 	packer_u64(p, run->bytes);
 	packer_u64(p, run->levels ? outputs_levels_count(run->levels) : 0);
 	packer_u64(p, s.vertices);
@@ -199,6 +204,10 @@ int outputs_join(struct outputs *run, const char *name, const void *bytes, size_
 
 	if (!part)
 		return -(int)err->code;
+	if (cursor_u32(&c) != MAGIC)
+		return damaged(err);
+	if (cursor_u32(&c) != VERSION)
+		return err_set(err, ERR_VERSION, "the list of outputs was written by another version of acut");
 	j->bytes += cursor_u64(&c);
 	j->tiles += cursor_u64(&c);
 	j->simplified.vertices += cursor_u64(&c);

@@ -58,6 +58,12 @@ void ctl_report_lines_json(struct term_json *, const struct ctl_staged * /* or N
  * status. */
 int ctl_report_line_places(struct session *, const struct ctl_staged *, const char *path);
 
+/* ---- weights ---- */
+
+/* The positions that the weights of a view (a request, or its canonical text) hide, with class and file, as GeoJSON in the plane
+ * of the dataset. Prints its failure; exit status. */
+int ctl_report_hidden(struct session *, const char *dataset, uint64_t generation, const char *view, const char *path);
+
 /* ---- the records of a file ---- */
 
 void ctl_report_inspected(struct console *, const struct acut_inspected *);

@@ -29,7 +29,7 @@ struct staging {
 	struct acut_push *push;
 	struct ctl_assume assume;
 	struct session_progress progress;
-	bool named; /* a dataset that stays: the daemon records the paths of its inputs */
+	bool named; /* a dataset that stays */
 	bool cut;   /* the only input broke off with the connection it came over */
 	int status; /* of the failure that ended it, which is printed already */
 	char path[4096];
@@ -84,7 +84,7 @@ static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
 		return s->status ? -1 : 1;
 	}
 	ret->name = in->label ? in->label : in->name;
-	ret->path = s->named ? ctl_input_path(in, s->path, sizeof(s->path)) : NULL;
+	ret->path = ctl_input_path(in, s->path, sizeof(s->path));
 	if (in->lines) {
 		ret->checksum = true; /* the same lines of another kind are another input */
 		ret->format = "lines";

@@ -9,6 +9,7 @@
 #include "area_code.h"
 #include "ctl_area.h"
 #include "ctl_view.h"
+#include "ctl_view_weight.h"
 #include "decimal.h"
 #include "err.h"
 #include "parse.h"
@@ -174,22 +175,14 @@ static int check_length(const char *option, const char *text, int least, struct 
 	return err_add_hint(err, "give a number in the units of the files, or with m, ft or ftUS, as in 10m");
 }
 
-/* "2=1.5" or "2=1.5m,9=30ft". */
+static bool radius(const char *text, size_t n)
+{
+	return n && good_length(text, n, 0);
+}
+
 static int check_weights(const struct ctl_view_options *a, struct err *err)
 {
-	const char *at = a->weight;
-
-	while (at) {
-		size_t n = strcspn(at, ","), cls = strspn(at, "0123456789");
-
-		if (!cls || cls > 3 || strtoul(at, NULL, 10) > 255 || at[cls] != '=' ||
-		    !good_length(at + cls + 1, n - cls - 1, 0)) {
-			err_set(err, ERR_USAGE, "--weight is not a class with a radius: \"%.*s\"", (int)n, at);
-			return err_add_hint(err, "give a class and a length, as in 2=1.5 or 2=1.5m,9=30ft");
-		}
-		at = at[n] ? at + n + 1 : NULL;
-	}
-	return 0;
+	return ctl_view_weight_check(a->weight, radius, err);
 }
 
 static int check_metric(const char *text, struct err *err)
@@ -369,8 +362,7 @@ static void put_words(const struct ctl_view_options *a, FILE *out)
 		fprintf(out, " metric=%lld,%lld,%lld", (long long)n[0], (long long)n[1], (long long)n[2]);
 	if (a->weight)
 		fputs(" weight=", out);
-	for (const char *at = a->weight; at && *at; at++)
-		putc(*at == '=' ? ':' : *at, out);
+	ctl_view_weight_put(a->weight, out);
 }
 
 int ctl_view_text(const struct ctl_view_options *a, char **ret, struct err *err)

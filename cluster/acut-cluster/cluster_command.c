@@ -36,8 +36,9 @@ static const char *words(const struct cli_command *c)
 static const char *statuses(const struct cli_command *c)
 {
 	return "  0 done, or submitted; 1 an input is broken, or a task does not fit; 2 usage; 4 there is no such run;\n"
-	       "  74 reading or writing failed, or no space; 75 the scheduler does not answer; 76 versions; 77 not permitted;\n"
-	       "  124 --timeout has passed; 128 and the number of a signal\n";
+	       "  69 the scheduler is not on this machine; 74 reading or writing failed, or no space;\n"
+	       "  75 the scheduler does not answer; 76 versions; 77 not permitted; 124 --timeout has passed;\n"
+	       "  128 and the number of a signal\n";
 }
 
 struct cli cluster_cli(void)

@@ -121,7 +121,7 @@ int cluster_clean_run(struct program *p)
 	if (e)
 		return session_error(&p->session, &err);
 	e = dispatch_look(r.dispatch, &err);
-	if (e == -ERR_NOTFOUND) { /* the scheduler is not here: who says --force knows that nothing runs */
+	if (e == -ERR_NODAEMON && p->opt.force) { /* the scheduler is not here: who says --force knows that nothing runs */
 		err_clear(&err);
 		e = 0;
 	}

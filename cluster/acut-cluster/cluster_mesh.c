@@ -118,6 +118,10 @@ static int check(struct program *p, bool stage, const struct cluster_size *s, st
 {
 	int r = ctl_stage_check(&p->stage, &p->input, err);
 
+	if (!r && p->input.format && !ctl_input_format_of(p->input.format)) {
+		r = err_set(err, ERR_USAGE, "there is no input format %.40s", p->input.format);
+		err_add_hint(err, "acutctl formats lists them");
+	}
 	if (!r && !stage)
 		r = check_view(p, err);
 	if (!r && !stage)
@@ -137,7 +141,7 @@ static int check_run(const struct program *own, const struct program *p, struct 
 	}
 	if (p->opt.script && strcmp(own->opt.on, "script"))
 		return err_set(err, ERR_USAGE, "--script is for --on script");
-	return 0;
+	return dispatch_check(own->opt.on, err);
 }
 
 /* ---- the run ---- */

@@ -108,6 +108,7 @@ static double time_of(const struct cluster_options *o)
 static int open_dispatch(struct cluster_run *r, enum cluster_open how, const char *script, struct err *err)
 {
 	const struct cluster_options *o = &r->own.opt;
+	const char *patience = getenv("ACUT_CLUSTER_PATIENCE");
 	struct dispatch_phase phase[WORK_PHASES];
 	struct dispatch_options d = {.id = r->id,
 				     .work = r->folder,
@@ -135,6 +136,8 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 								     .time = time_of(o)};
 		}
 	d.nphase = r->nphase;
+	if (patience && !parse_seconds(patience, &d.patience))
+		d.patience = 0;
 	if (find_task(r->task, sizeof r->task, err))
 		return -(int)err->code;
 	snprintf(r->script, sizeof r->script, "%s%s", script && *script ? script : r->folder, script && *script ? "" : "/script");

@@ -307,7 +307,7 @@ int cluster_show_run(struct program *p)
 	if (e)
 		return session_error(&p->session, &err);
 	e = dispatch_look(r.dispatch, &err);
-	if (e && e != -ERR_BUSY && e != -ERR_NOTFOUND) {
+	if (e && e != -ERR_BUSY && e != -ERR_NODAEMON) {
 		cluster_run_close(&r);
 		return session_error(&p->session, &err);
 	}

@@ -45,6 +45,7 @@ static int survey_of(struct task *t, struct err *err)
 {
 	const struct ctl_stage_options *s = &t->own.stage;
 	struct survey_params *p = &t->survey;
+	const struct ctl_input_format *format;
 	const char **to;
 	int r = ctl_assume_read(s, &t->assume, err);
 
@@ -62,7 +63,8 @@ static int survey_of(struct task *t, struct err *err)
 	p->says.geoid = s->geoid;
 	p->says.geoid_way = s->geoid_way;
 	p->says.planar = s->planar;
-	p->format = t->own.input.format;
+	format = t->own.input.format ? ctl_input_format_of(t->own.input.format) : NULL;
+	p->format = format ? format->name : NULL; /* laz is read as las */
 	p->columns = t->own.input.columns;
 	p->decimal_comma = t->own.input.decimal_comma;
 	p->accept_truncated = t->own.input.accept_truncated;

@@ -29,6 +29,20 @@ bool dispatch_is_scheduler(const char *name)
 	return find(name) != NULL;
 }
 
+static int no_scheduler(const char *name, struct err *err)
+{
+	return err_set(err, ERR_USAGE, "there is no scheduler \"%.40s\": slurm, local or script", name);
+}
+
+int dispatch_check(const char *name, struct err *err)
+{
+	const struct dispatch_scheduler *on = find(name);
+
+	if (!on)
+		return no_scheduler(name, err);
+	return on->check ? on->check(err) : 0;
+}
+
 const char *dispatch_why_text(enum dispatch_why why)
 {
 	static const char *const texts[] = {
@@ -63,7 +77,7 @@ int dispatch_new(const char *name, const struct dispatch_options *o, struct disp
 	int r;
 
 	if (!on)
-		return err_set(err, ERR_USAGE, "there is no scheduler \"%.40s\": slurm, local or script", name);
+		return no_scheduler(name, err);
 	if (o->nphase > DISPATCH_PHASES)
 		return err_set(err, ERR_INTERNAL, "%u phases are too many", o->nphase);
 	d = calloc(1, sizeof *d);

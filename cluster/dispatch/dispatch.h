@@ -81,6 +81,8 @@ struct dispatch;
 
 /* The row of that name exists. */
 bool dispatch_is_scheduler(const char *name);
+/* Whether it can be used on this machine. -ERR_NODAEMON, -ERR_USAGE. */
+int dispatch_check(const char *scheduler, struct err *err);
 /* "slurm", "local", "script". The texts of options are borrowed, phases are copied. -ERR_USAGE, -ERR_NOMEM. */
 int dispatch_new(const char *scheduler, const struct dispatch_options *, struct dispatch **ret, struct err *err);
 struct dispatch *dispatch_free(struct dispatch *); /* local: ends its tasks */

@@ -156,7 +156,7 @@ static int judge(int status, const char *name, char *said, struct err *err)
 	if (WIFEXITED(status) && !WEXITSTATUS(status))
 		return 0;
 	if (WIFEXITED(status) && WEXITSTATUS(status) == NO_PROGRAM && !n)
-		return err_set(err, ERR_NOTFOUND, "there is no program %s here", name);
+		return err_set(err, ERR_NODAEMON, "there is no program %s here", name);
 	if (WIFSIGNALED(status))
 		return err_set(err, ERR_IO, "%s was killed by signal %d", name, WTERMSIG(status));
 	return err_set(err, ERR_IO, "%s failed with status %d: %s", name, WEXITSTATUS(status), n ? said : "it says nothing");

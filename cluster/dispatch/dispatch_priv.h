@@ -11,6 +11,7 @@ struct err;
 struct dispatch_scheduler {
 	const char *name;
 	/* NULL: nothing to do. */
+	int (*check)(struct err *); /* whether it can be used here */
 	int (*begin)(struct dispatch *, struct err *);
 	void (*end)(struct dispatch *);
 	/* Sets state, why and job of tasks; all are DISPATCH_ABSENT before. */
@@ -47,7 +48,7 @@ void dispatch_reason_count(struct dispatch *, const char *text);
 void dispatch_sleep(struct dispatch *, double seconds);
 
 /* Runs a command until it ends; `input` goes to its standard input (NULL: nothing). *ret_out: what it printed, to be freed; NULL:
- * not wanted. -ERR_NOTFOUND: there is no such program. -ERR_BUSY: it takes longer than `seconds`. -ERR_IO: it fails; the message
+ * not wanted. -ERR_NODAEMON: there is no such program. -ERR_BUSY: it takes longer than `seconds`. -ERR_IO: it fails; the message
  * is what it said on standard error. */
 int dispatch_command(const char *const *argv, const char *input, double seconds, char **ret_out, struct err *err);
 
@@ -72,6 +73,8 @@ bool dispatch_row_next(const struct dispatch *, struct dispatch_row *, uint32_t 
 bool dispatch_config_number(const char *text, const char *name, uint64_t *ret);
 /* The number of a job that `sbatch --parsable` has printed. False: it is none. */
 bool dispatch_job_read(const char *text, uint32_t *ret);
+/* A path as a pattern of sbatch, in which % is written twice. */
+void dispatch_pattern(const char *path, char *buf, size_t size);
 /* `text` as one word of a shell, quoted; to `to`. */
 void dispatch_quote(FILE *to, const char *text);
 

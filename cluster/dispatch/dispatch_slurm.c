@@ -46,6 +46,14 @@ static void end(struct dispatch *d)
 	free(s);
 }
 
+static int check(struct err *err)
+{
+	static const char *const argv[] = {"sbatch", "--version", NULL};
+	int r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
+
+	return r ? err_add_hint(err, "submit where Slurm is, or use --on local or --on script") : 0;
+}
+
 static bool note_job(struct slurm *s, unsigned phase, uint32_t job)
 {
 	if (s->njob[phase] && s->job[phase][s->njob[phase] - 1] == job)
@@ -216,7 +224,8 @@ static const char *option(char *buf, size_t size, const char *name, const char *
 
 static int call(struct dispatch *d, const struct array *a, const char *after, char **ret_out, struct err *err)
 {
-	char name[160], output[4200], folder[4200], list[LIST_SIZE + 40], memory[40], time[40], comment[4200], more[3][300];
+	char name[160], pattern[4096], output[4200], folder[4200], list[LIST_SIZE + 40], memory[40], time[40], comment[4200],
+		more[3][300];
 	char own[120], *script;
 	const struct dispatch_phase *phase = &d->phase[a->phase];
 	const char *argv[WORDS + 1] = {
@@ -234,10 +243,11 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 		most = (most + a->arrays - 1) / a->arrays;
 	snprintf(list, sizeof list, most ? "--array=%s%%%u" : "--array=%s", a->list, most);
 	argv[n++] = list;
+	dispatch_pattern(d->o.work, pattern, sizeof pattern);
 	if (a->offset)
-		snprintf(output, sizeof output, "--output=%s/log/%s-%u+%%a", d->o.work, phase->name, a->offset);
+		snprintf(output, sizeof output, "--output=%s/log/%s-%u+%%a", pattern, phase->name, a->offset);
 	else
-		snprintf(output, sizeof output, "--output=%s/log/%s-%%a", d->o.work, phase->name);
+		snprintf(output, sizeof output, "--output=%s/log/%s-%%a", pattern, phase->name);
 	argv[n++] = output;
 	argv[n++] = option(folder, sizeof folder, "chdir", d->o.work);
 	snprintf(memory, sizeof memory, "--mem=%lluM", (unsigned long long)((phase->memory + (1 << 20) - 1) >> 20));
@@ -501,6 +511,7 @@ static void log_name(const struct dispatch *d, unsigned phase, uint32_t index, c
 
 const struct dispatch_scheduler dispatch_slurm = {
 	.name = "slurm",
+	.check = check,
 	.begin = begin,
 	.end = end,
 	.look = look,

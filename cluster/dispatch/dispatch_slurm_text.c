@@ -161,6 +161,18 @@ bool dispatch_job_read(const char *text, uint32_t *ret)
 	return true;
 }
 
+void dispatch_pattern(const char *path, char *buf, size_t size)
+{
+	size_t n = 0;
+
+	for (; *path && n + 2 < size; path++) {
+		if (*path == '%')
+			buf[n++] = '%';
+		buf[n++] = *path;
+	}
+	buf[n] = 0;
+}
+
 void dispatch_quote(FILE *to, const char *text)
 {
 	fputc('\'', to);

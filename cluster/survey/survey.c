@@ -170,12 +170,19 @@ int survey_unchanged(int fd, const char *path, uint64_t size, int64_t mtime_ns, 
 	return err_add_file(err, path);
 }
 
-int survey_open(const struct survey *s, const char *path, uint64_t size, int64_t mtime_ns, int *ret_fd, struct err *err)
+/* Where a node does not see the inputs, they are not waited for one by one. */
+int survey_open(struct survey *s, const char *path, uint64_t size, int64_t mtime_ns, int *ret_fd, struct err *err)
 {
-	int fd, r = work_file_open(s->work, path, UINT64_MAX, &fd, err);
+	int fd, r;
 
-	if (r)
+	if (atomic_load(&s->impatient))
+		r = io_open(work_fd(s->work), path, O_RDONLY, 0, &fd, err);
+	else
+		r = work_file_open(s->work, path, UINT64_MAX, &fd, err);
+	if (r) {
+		atomic_store(&s->impatient, true);
 		return err_add_file(err, path);
+	}
 	r = survey_unchanged(fd, path, size, mtime_ns, "since the run began", err);
 	if (r)
 		io_close(fd);

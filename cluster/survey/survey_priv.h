@@ -2,6 +2,8 @@
 #ifndef SURVEY_PRIV_H
 #define SURVEY_PRIV_H
 
+#include <stdatomic.h>
+
 #include "err.h"
 #include "grid_manifest.h"
 #include "input.h"
@@ -22,6 +24,7 @@ struct survey {
 	struct agree agree;
 	struct grid_manifest *head; /* of the head's record, if it was read */
 	size_t read_bytes;          /* the most that reading an input takes, by the head */
+	atomic_bool impatient;      /* an input was waited for in vain: others are not */
 };
 
 /* Runs `work` as an attempt at a task, and publishes what it did; its error is recorded. */
@@ -47,7 +50,7 @@ enum { SURVEY_PARTS = 64 };
 int survey_note_keys(struct survey *, const struct grid_segment_info *, struct err *err);
 
 /* Opens an input, which must be a regular file with that size and time; it is waited for. `check` again after it was read. */
-int survey_open(const struct survey *, const char *path, uint64_t size, int64_t mtime_ns, int *ret_fd, struct err *err);
+int survey_open(struct survey *, const char *path, uint64_t size, int64_t mtime_ns, int *ret_fd, struct err *err);
 int survey_unchanged(int fd, const char *path, uint64_t size, int64_t mtime_ns, const char *since, struct err *err);
 struct input_options survey_input_options(const struct survey *, bool projects);
 

@@ -130,6 +130,15 @@ static void note_classes(struct job *job, const struct view *view)
 		 exact ? "" : "at least ", (unsigned long long)ground, exact ? "" : "at least ", (unsigned long long)other);
 }
 
+/* Weights by class do nothing for data that is not classified. */
+static void note_weights(struct job *job)
+{
+	if (!*job->report.note && run_unweighted(job->run))
+		snprintf(
+			job->report.note, sizeof job->report.note,
+			"points that are not classified (0, 1) have no weight by class: --weight takes a file and its radius, too");
+}
+
 static void note_cropped(struct job *job)
 {
 	uint64_t n = run_cropped(job->run);
@@ -159,7 +168,10 @@ static void make_report(struct job *job)
 	job->report.cells_read += run_plan(job->run)->cells_read;
 	job->report.domains_reused = run_reused(job->run);
 	report_simplified(&job->report, job->run);
+	if (view->hidden) /* they make no triangles, and nothing is amiss */
+		*job->report.note = 0;
 	note_cropped(job);
+	note_weights(job);
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
 	job->report.worked_seconds = run_worked(job->run);

@@ -89,6 +89,7 @@ int run_new(const struct run_params *p, struct run **ret, struct err *err)
 	}
 	/* With the domains in its window. */
 	w->charged = sizeof *w + charge_view_bytes(p->view_text, (w->view.area != NULL) + (w->view.window_area != NULL)) +
+		     (w->view.slots ? w->view.slots->n * sizeof *w->view.slots->range : 0) +
 		     (p->runs->core->p.threads + 4) * sizeof(struct run_domain);
 	r = charge(p->runs->core, w->charged, "the view of a job", err);
 	if (r) {
@@ -199,7 +200,7 @@ static void open_run(struct sched_task *t)
 	if (w->r)
 		return;
 	w->opened = true;
-	use = (struct grid_use){.no_lines = w->view.no_breaklines, .clear = w->view.breakline_clear};
+	use = (struct grid_use){.no_lines = w->view.no_breaklines, .clear = w->view.breakline_clear, .slots = w->view.slots};
 	w->r = grid_open_use(w->dataset->dirfd, w->manifest, w->generation, &use, runs->core->p.ledger,
 			     admission_index_share(runs->admission), &w->grid, &w->err);
 	if (w->r == GRID_E_NO_LINE_SET)

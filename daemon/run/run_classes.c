@@ -86,6 +86,31 @@ static uint64_t most(uint64_t a, uint64_t b)
 	return a > b ? a : b;
 }
 
+/* Whether the view takes a class without giving its points a radius, although it has one for other classes. */
+static bool lacks_weight(const struct view *v, unsigned cls)
+{
+	const struct point p = {.cls = (uint8_t)cls, .ret = 0x11};
+	struct view kind = *v;
+	bool others = false;
+
+	for (unsigned i = 0; i < v->nweight; i++)
+		others |= !v->weight[i].slot && v->weight[i].radius;
+	kind.crop = VIEW_CROP_NONE;
+	kind.has_zmin = kind.has_zmax = false;
+	kind.every = 0;
+	return others && !view_weight_of(v, &p) && view_judge(&kind, &p) == VIEW_KEPT;
+}
+
+/* Of one segment: points of classes 0 and 1 that are live for sure, in sources without a radius of their own. */
+static void count_unweighted(struct run *w, size_t segment, uint64_t others)
+{
+	const uint64_t *points = grid_manifest(w->grid)->segments[segment].classes;
+
+	others += grid_segment_slotted(w->grid, segment);
+	for (unsigned cls = 0; cls < 2; cls++)
+		w->unweighted |= points[cls] > others && lacks_weight(&w->view, cls);
+}
+
 /* look: also by reading. *ret_more: where that could tell more. */
 static void count(struct run *w, bool look, bool *ret_more)
 {
@@ -94,6 +119,7 @@ static void count(struct run *w, bool look, bool *ret_more)
 
 	w->ground = w->other = 0;
 	w->unclassified = w->classes_exact = true;
+	w->unweighted = false;
 	*ret_more = false;
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t *points = m->segments[i].classes;
@@ -117,6 +143,8 @@ static void count(struct run *w, bool look, bool *ret_more)
 		w->classes_exact = w->classes_exact && !dead;
 		w->other += most(at_least(other, dead), found.other);
 		w->unclassified &= !ground;
+		/* Vertices of lines may be any of them. */
+		count_unweighted(w, i, m->segments[i].points - live + (lines ? lines->points : 0));
 	}
 	/* Vertices of lines have class 0, and are not chosen by class. */
 	if (lines)

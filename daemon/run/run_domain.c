@@ -119,7 +119,7 @@ static void make_or_load(struct run_domain *d)
 	struct run *w = d->run;
 
 	d->made = false;
-	if (!w->grid_view.window && !d->flat && run_domain_load(d)) {
+	if (!w->grid_view.window && !w->grid_view.hidden && !d->flat && run_domain_load(d)) {
 		run_domain_record(d);
 		return;
 	}
@@ -128,7 +128,7 @@ static void make_or_load(struct run_domain *d)
 	if (d->r)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);
-	d->unstorable = w->grid_view.window || d->flat;
+	d->unstorable = w->grid_view.window || w->grid_view.hidden || d->flat;
 	if (!d->unstorable && w->keep && !atomic_load(&d->task.cancel))
 		run_domain_keep(d);
 	if (d->stored)

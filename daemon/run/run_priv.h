@@ -159,6 +159,7 @@ struct run {
 	uint64_t cropped;       /* run_cropped */
 	bool classes_exact;
 	bool unclassified;      /* run_unclassified */
+	bool unweighted;        /* run_unweighted */
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;

@@ -56,6 +56,11 @@ bool run_unclassified(const struct run *w)
 	return w->unclassified;
 }
 
+bool run_unweighted(const struct run *w)
+{
+	return w->unweighted;
+}
+
 uint64_t run_grid_points(const struct run *w)
 {
 	return w->grid_total;

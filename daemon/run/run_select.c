@@ -76,7 +76,7 @@ static int selected_open(struct run *w, int dirfd, bool final, struct err *err)
 {
 	const struct grid_source *lines = grid_lines_source(w->grid);
 	struct grid_named file[GRID_SOURCE_FILES];
-	struct grid_use use = {.no_lines = !lines};
+	struct grid_use use = {.no_lines = !lines, .slots = w->view.slots ? &selection_slots : NULL};
 	int r = selection_counts_read(dirfd, &w->select.counts, err);
 
 	if (!r && final && view_simplifies(&w->view))

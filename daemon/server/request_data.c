@@ -284,7 +284,7 @@ void request_dataset_create(struct conn *c, struct request *q, Acut__V1__Message
 		dataset_create(c->server->service->datasets, &wish, on_created, q);
 }
 
-static void on_planned(void *token, const struct err *why, const struct job_plan *p)
+void request_planned(void *token, const struct err *why, const struct job_plan *p)
 {
 	Acut__V1__Plan m = ACUT__V1__PLAN__INIT;
 
@@ -306,6 +306,7 @@ static void on_planned(void *token, const struct err *why, const struct job_plan
 
 void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
+	struct job_params named = {.generation = m->plan_request->generation, .view = m->plan_request->view, .peer = c->peer};
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
@@ -313,5 +314,9 @@ void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		request_refuse(q, &err);
 		return;
 	}
-	job_plan(c->server->service->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, on_planned, q);
+	named.dataset = d;
+	if (job_names_files(named.view))
+		request_named_view(q, &named, true);
+	else
+		job_plan(c->server->service->jobs, d, named.generation, named.view, &c->peer, request_planned, q);
 }

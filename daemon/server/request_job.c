@@ -26,7 +26,7 @@ static void answer_job(struct request *q, const struct job *job)
 	request_answer(q, FRAME_MESSAGE(JOB, job, &m.job));
 }
 
-static void on_submitted(void *token, const struct err *why, struct job *job)
+void request_submitted(void *token, const struct err *why, struct job *job)
 {
 	struct request *q = token;
 	struct conn *c = q->conn;
@@ -68,7 +68,10 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_refuse(q, &err);
 		return;
 	}
-	job_submit(c->server->service->jobs, &p, on_submitted, q);
+	if (job_names_files(p.view))
+		request_named_view(q, &p, false);
+	else
+		job_submit(c->server->service->jobs, &p, request_submitted, q);
 }
 
 void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)

@@ -218,6 +218,10 @@ struct message_job {
 	char waiting[96];
 };
 void message_job(const struct job *, struct message_job *ret);
+/* job_submit, or job_plan, with a view that names files of the dataset. */
+void request_named_view(struct request *, const struct job_params *, bool plan);
+void request_submitted(void *token, const struct err *why, struct job *);
+void request_planned(void *token, const struct err *why, const struct job_plan *);
 /* With `removed_counts`, for a page that message_job_rules gave the names to. */
 void message_job_counts(const struct job *, struct message_job *ret);
 bool message_job_rules(struct frame_page *); /* false: the names do not fit */

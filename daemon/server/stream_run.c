@@ -86,6 +86,8 @@ static void on_head(struct run_output *output, const struct run_head *in)
 }
 
 _Static_assert(sizeof(struct mesh_vertex) == sizeof(int32_t[3]), "vertices go out as they lie in memory");
+_Static_assert(sizeof(struct mesh_origin) == sizeof(struct stream_origin) && offsetof(struct mesh_origin, cls) == 4,
+	       "and so do their records");
 
 /* Worker: the checksum takes time. */
 static void on_encode(struct run_output *output, const struct mesh_block *b)
@@ -103,6 +105,7 @@ static void on_encode(struct run_output *output, const struct mesh_block *b)
 		.triangle = b->triangle,
 		.flags = b->edges,
 		.final = b->final,
+		.origin = (const struct stream_origin *)(const void *)b->origin,
 	};
 
 	output->spooled = false;

@@ -12,6 +12,7 @@
 #include "digest.h"
 #include "grid_manifest.h"
 #include "point.h"
+#include "slots.h"
 
 struct err;
 struct ledger;
@@ -38,6 +39,9 @@ struct grid_use {
 	 * records of line vertices are marked. NULL: the file that the manifest names, in the folder of the manifest. */
 	const char *lines;
 	int linesfd;
+	/* Records of points have the slots of their sources in their tags (POINT_SLOT). NULL: all have 0. Used during the call
+	 * only. */
+	const struct slots *slots;
 };
 /* grid_open with a use of the lines; NULL: all zero, as by grid_open. GRID_E_NO_LINE_SET, of both: the generation has lines, and
  * their line set has to be made again first. */
@@ -62,8 +66,12 @@ uint64_t grid_points(const struct grid *);                               /* live
 bool grid_all_live(const struct grid *);                                 /* no segment mixes live and dead records */
 uint64_t grid_segment_points(const struct grid *, size_t segment);       /* live records of a segment of the manifest */
 struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
-/* Identifies the live records of a generation, and its lines if they are used: the same in every dataset and for every division
- * into segments. */
+/* The slots that live records of a segment have, as bits: bit 0, none. */
+uint32_t grid_segment_slots(const struct grid *, size_t segment);
+uint8_t grid_source_slot(const struct grid *, uint32_t source);     /* 0: it has none */
+uint64_t grid_segment_slotted(const struct grid *, size_t segment); /* those that have one */
+/* Identifies the live records of a generation, its lines if they are used, and which records have which slot: the same in every
+ * dataset and for every division into segments. */
 struct digest grid_content(const struct grid *);
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);
@@ -105,14 +113,17 @@ struct grid_reader_stats {
 	uint64_t pages, misses;         /* of the index: pages requested; of these, read from disk */
 };
 struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
+/* From now on grid_cell_read also puts the source of each record that it passes to the sink into `id`, which has room for
+ * GRID_CELL_RECORDS and is the caller's. NULL: no longer. */
+void grid_reader_ids(struct grid_reader *, uint32_t *id);
 const struct grid *grid_reader_grid(const struct grid_reader *);
 /* A reader of its lines, in its memory; NULL: there are none. Not for use within a sink. */
 struct lineset_reader *grid_reader_lines(struct grid_reader *);
 
 /* Within a visitor only grid_cell_read may be called with the same reader, within a sink nothing. Points that are passed
- * to a sink are valid until it returns. In place of a source index their tags have marks of lines, so the result does not
- * depend on the segments that the records are in; only the order of a line vertex and of records that are equal but for the mark
- * may. */
+ * to a sink are valid until it returns. In place of a source index their tags have marks of lines and slots, so the result
+ * does not depend on the segments that the records are in; only the order of a line vertex and of records that are equal but for
+ * these may. */
 
 /* Visits all cells whose Morton range meets [lo, hi], in order within each segment. Omits segments without a record in the range,
  * and cells whose records are known to be dead, without reading them. */

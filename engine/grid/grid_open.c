@@ -30,8 +30,29 @@ bool grid_live(const struct grid *g, uint32_t source)
 	return s && s->live;
 }
 
+uint8_t grid_slot(const struct grid *g, uint32_t source)
+{
+	const struct grid_liveness *s = g->slots ? find_source(g, source) : NULL;
+
+	return s ? s->slot : 0;
+}
+
+static void add_live(struct grid *g, struct grid_live *l, const struct disk_total *t)
+{
+	const struct digest sum = {t->sum_hi, t->sum_lo};
+	uint8_t slot = grid_slot(g, t->id);
+
+	l->points += t->points;
+	digest_add(&l->sum, sum);
+	l->slots |= UINT32_C(1) << slot;
+	if (!slot)
+		return;
+	l->slotted += t->points;
+	digest_add(&g->slot_sum[slot - 1], sum);
+}
+
 /* Reads the sources of a segment, to find whether all, some or none of its records are live. */
-static int read_sources(const struct grid *g, uint32_t segment, const struct disk_segment *h, struct err *err)
+static int read_sources(struct grid *g, uint32_t segment, const struct disk_segment *h, struct err *err)
 {
 	const struct grid_segment *p = &g->segments[segment];
 	struct grid_live *l = &g->live[segment];
@@ -48,9 +69,8 @@ static int read_sources(const struct grid *g, uint32_t segment, const struct dis
 
 		if (!find_source(g, totals[i].id))
 			rc = grid_segment_damaged(p, h->sources_place, "one of its sources is not in the manifest", err);
-		l->points += live ? totals[i].points : 0;
 		if (live)
-			digest_add(&l->sum, (struct digest){totals[i].sum_hi, totals[i].sum_lo});
+			add_live(g, l, &totals[i]);
 		l->all = l->all && live;
 		l->none = l->none && !live;
 	}
@@ -134,7 +154,8 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	frames = frames < pages ? frames : pages;
 	/* Sorting the sources may double them for a while. */
 	uint64_t bytes = sizeof *g + m->nsegments * (sizeof *g->segments + sizeof *g->live) + grid_files_bytes(m->nsegments) +
-			 grid_order_bytes(m->nsegments) + 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames);
+			 grid_order_bytes(m->nsegments) + 2 * m->nsources * sizeof *g->sources + grid_cache_bytes(frames) +
+			 SLOTS_MOST * sizeof *g->slot_sum;
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset", (unsigned long long)bytes);
@@ -145,14 +166,17 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	return 0;
 }
 
-static int fill_sources(struct grid *g, int dirfd, uint64_t generation, bool no_lines, struct err *err)
+static int fill_sources(struct grid *g, int dirfd, uint64_t generation, const struct grid_use *use, struct err *err)
 {
 	const struct grid_manifest *m = g->manifest;
 
 	g->sources = calloc(m->nsources ? m->nsources : 1, sizeof *g->sources);
 	g->segments = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->segments);
 	g->live = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->live);
-	if (!g->sources || !g->segments || !g->live)
+	g->slots = use->slots != NULL;
+	if (g->slots)
+		g->slot_sum = calloc(SLOTS_MOST, sizeof *g->slot_sum);
+	if (!g->sources || !g->segments || !g->live || (g->slots && !g->slot_sum))
 		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
 	g->files = grid_files_new(dirfd, g->segments, m->nsegments, err);
 	if (!g->files)
@@ -161,7 +185,8 @@ static int fill_sources(struct grid *g, int dirfd, uint64_t generation, bool no_
 		const struct grid_source *s = &m->sources[i];
 
 		g->sources[i].id = s->id;
-		g->sources[i].live = grid_source_live(s, generation) && !(no_lines && s->kind == GRID_LINE_VERTICES);
+		g->sources[i].live = grid_source_live(s, generation) && !(use->no_lines && s->kind == GRID_LINE_VERTICES);
+		g->sources[i].slot = use->slots && s->kind == GRID_POINTS ? slots_of(use->slots, s->id) : 0;
 	}
 	if (m->nsources)
 		qsort(g->sources, m->nsources, sizeof *g->sources, order_u32);
@@ -216,7 +241,7 @@ int grid_open_use(int dirfd, const char *manifest, uint64_t generation, const st
 	if (rc == 0)
 		rc = charge(g, index_memory - lines_memory(g, index_memory), &frames, err);
 	if (rc == 0)
-		rc = fill_sources(g, dirfd, generation, use->no_lines, err);
+		rc = fill_sources(g, dirfd, generation, use, err);
 	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
 		rc = open_segment(g, dirfd, i, err);
 	if (rc == 0)
@@ -286,6 +311,7 @@ struct grid *grid_close(struct grid *g)
 	free(g->segments);
 	free(g->live);
 	free(g->sources);
+	free(g->slot_sum);
 	free(g);
 	return NULL;
 }
@@ -323,12 +349,29 @@ struct digest grid_content(const struct grid *g)
 	digest_add(&sum, digest_hash(&points, sizeof points));
 	if (g->lines)
 		digest_add(&sum, grid_lines_content(g));
+	if (g->slots)
+		digest_add(&sum, digest_hash(g->slot_sum, SLOTS_MOST * sizeof *g->slot_sum));
 	return digest_hash(&sum, sizeof sum);
 }
 
 uint64_t grid_segment_points(const struct grid *g, size_t segment)
 {
 	return g->live[segment].points;
+}
+
+uint32_t grid_segment_slots(const struct grid *g, size_t segment)
+{
+	return g->live[segment].slots;
+}
+
+uint8_t grid_source_slot(const struct grid *g, uint32_t source)
+{
+	return grid_slot(g, source);
+}
+
+uint64_t grid_segment_slotted(const struct grid *g, size_t segment)
+{
+	return g->live[segment].slotted;
 }
 
 struct digest grid_segment_content(const struct grid *g, size_t segment)

@@ -71,11 +71,14 @@ struct grid_live { /* of a segment */
 	uint64_t points;
 	struct digest sum; /* content sum of the live records */
 	bool all, none;    /* of its records are live */
+	uint32_t slots;    /* grid_segment_slots */
+	uint64_t slotted;  /* grid_segment_slotted */
 };
 
 struct grid_liveness { /* of a source */
 	uint32_t id;   /* first, for order_u32 */
 	bool live;
+	uint8_t slot;
 };
 
 struct grid {
@@ -88,6 +91,8 @@ struct grid {
 	struct grid_liveness *sources; /* of the manifest, ascending by id */
 	struct lineset *lines;         /* NULL: none */
 	int folder;                    /* grid_folder */
+	bool slots;                    /* sources may have some */
+	struct digest *slot_sum;       /* of each slot from 1: content sum of its live records; NULL: there are no slots */
 	uint32_t line_source;          /* the one of the records of line vertices; 0: none is live */
 	bool marks;                    /* records that lines remove are marked */
 	int64_t clear;
@@ -99,6 +104,7 @@ struct grid {
 
 /* Whether the records of this source count in the generation; false if the manifest has no such source. */
 bool grid_live(const struct grid *, uint32_t source);
+uint8_t grid_slot(const struct grid *, uint32_t source);
 
 /* ---- a reader ---- */
 
@@ -147,6 +153,7 @@ struct grid_reader {
 	size_t room;                  /* of the buffer of a cursor, in records */
 	uint8_t *flags;               /* GRID_CELL_RECORDS: which sources of a block are live */
 	struct lineset_reader *lines; /* NULL: none */
+	uint32_t *ids;                /* grid_reader_ids; NULL: not wanted */
 };
 
 static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned level)

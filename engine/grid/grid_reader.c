@@ -251,7 +251,8 @@ static int advance(struct grid_reader *r, struct grid_cursor *c, const struct gr
 	return grid_segment_damaged(&r->grid->segments[c->segment], c->cell.place, "a cell differs from its index entry", err);
 }
 
-enum { LIVE = 1, LINE = 2 };
+/* Above them the slot. */
+enum { LIVE = 1, LINE = 2, SLOT_SHIFT = 3 };
 
 static uint8_t flags_of(const struct grid_reader *r, uint32_t segment, uint32_t source)
 {
@@ -259,10 +260,11 @@ static uint8_t flags_of(const struct grid_reader *r, uint32_t segment, uint32_t 
 
 	if (!g->live[segment].all && !grid_live(g, source))
 		return 0;
-	return source == g->line_source ? LIVE | LINE : LIVE;
+	return (uint8_t)((source == g->line_source ? LIVE | LINE : LIVE) | grid_slot(g, source) << SLOT_SHIFT);
 }
 
-/* Keeps the live records, in place; in place of the source index their tags say whether they are of line vertices. */
+/* Keeps the live records, in place; in place of the source index their tags say whether they are of line vertices, and have the
+ * slot. */
 static int keep_live(struct grid_reader *r, uint32_t segment, const struct grid_block *b, size_t *ret_n, struct err *err)
 {
 	unsigned sources = b->head->sources, live = 0;
@@ -278,8 +280,11 @@ static int keep_live(struct grid_reader *r, uint32_t segment, const struct grid_
 		if (source >= sources)
 			return grid_segment_damaged(&r->grid->segments[segment], 0, "a record has no source", err);
 		b->records[n] = b->records[i];
+		if (r->ids)
+			r->ids[n] = b->sources[source].id;
 		b->records[n].tag &= POINT_FLAGS;
 		b->records[n].tag |= r->flags[source] & LINE ? POINT_LINE : 0;
+		b->records[n].tag |= (uint16_t)((unsigned)r->flags[source] >> SLOT_SHIFT << POINT_SLOT_SHIFT);
 		n += r->flags[source] & LIVE;
 	}
 	*ret_n = n;
@@ -300,14 +305,19 @@ int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point
 		return rc;
 	n = b.head->records;
 	r->stats.records += n;
-	/* Nothing to do in the common case of one live source: its index is zero. */
-	if (b.head->sources > 1 || flags_of(r, c->segment, b.sources[0].id) != LIVE)
+	/* Nothing to do in the common case of one live source without a slot: its index is zero. */
+	if (b.head->sources > 1 || r->ids || flags_of(r, c->segment, b.sources[0].id) != LIVE)
 		rc = keep_live(r, c->segment, &b, &n, err);
 	if (rc)
 		return rc;
 	*ret_pts = b.records;
 	*ret_n = n;
 	return 0;
+}
+
+void grid_reader_ids(struct grid_reader *r, uint32_t *id)
+{
+	r->ids = id;
 }
 
 int grid_mark(struct grid_reader *r, const int32_t box[4], struct point *pts, size_t n, struct err *err)

@@ -49,6 +49,12 @@ struct mesh_counts {
 	uint64_t points_read; /* records that were read: `points`, and those of the cells read for the halo */
 };
 
+/* The record of a vertex: its class, and the source that it is of. */
+struct mesh_origin {
+	uint32_t source;
+	uint8_t cls, zero[3];
+};
+
 /* Vertices [0, nopen) are open; the others are closed and are in no other domain. The arrays are memory of whoever made
  * the domain. The emitter renumbers them in place, so a domain can be emitted only once. */
 struct mesh_domain {
@@ -59,6 +65,7 @@ struct mesh_domain {
 	/* A byte for each triangle: bit k: the side across from corner k is a piece of a line. nedges: ntriangle, or 0 if no side
 	 * is. */
 	uint8_t *edges;
+	struct mesh_origin *origin; /* of a view with `hidden`, which has no open vertices: of each vertex. NULL: not known */
 	uint32_t nvertex, nopen, ntriangle, nedges;
 	struct digest digest;        /* of its triangles */
 	struct digest closed_digest; /* vertex digest of the closed vertices */
@@ -77,8 +84,9 @@ struct mesh_block {
 	const uint64_t *foreign;
 	const struct mesh_vertex *vertex; /* nnew of them */
 	const uint32_t (*triangle)[3];
-	const uint8_t *final; /* bit set over nforeign + nnew: no later block uses the vertex */
-	const uint8_t *edges; /* as in struct mesh_domain; NULL: no side of a triangle is a piece of a line */
+	const uint8_t *final;             /* bit set over nforeign + nnew: no later block uses the vertex */
+	const uint8_t *edges;             /* as in struct mesh_domain; NULL: no side of a triangle is a piece of a line */
+	const struct mesh_origin *origin; /* likewise, of each new vertex */
 	uint32_t nforeign, nnew, ntriangle;
 };
 

@@ -305,6 +305,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	block.vertex = d->vertex + nforeign;
 	block.triangle = (const uint32_t(*)[3])d->triangle;
 	block.edges = d->nedges ? d->edges : NULL;
+	block.origin = d->origin;
 	block.final = d->final;
 	block.nforeign = nforeign;
 	block.nnew = d->nvertex - nforeign;

@@ -21,23 +21,65 @@ int pipe_weight_check(const struct grid *grid, const struct view *view, struct e
 	return err_add_hint(err, "leave out --weight, or the lines with --no-breaklines");
 }
 
-/* The greatest weight of the classes that a segment has. One that did not count them may have all. */
+/* The greatest weights of what there may be of the slots, as bits, in a segment; bit 0: of classes that it has. One that did not
+ * count its classes may have all. */
+static int64_t of_slots(const struct grid *grid, const struct view *view, size_t segment, uint32_t slots)
+{
+	const struct grid_segment_info *s = &grid_manifest(grid)->segments[segment];
+	uint64_t counted = 0;
+	int64_t most = 0;
+
+	for (unsigned c = 0; c < 256 && (slots & 1); c++)
+		counted += s->classes[c];
+	for (unsigned k = 0; k < view->nweight; k++) {
+		const struct view_weight *w = &view->weight[k];
+		int64_t weight = (int64_t)w->radius * w->radius;
+		bool there = w->slot ? slots >> w->slot & 1 : (slots & 1) && (s->classes[w->cls] || counted < s->points);
+
+		if (there && weight > most)
+			most = weight;
+	}
+	return most;
+}
+
+static int64_t of_segment(const struct grid *grid, const struct view *view, size_t segment)
+{
+	return of_slots(grid, view, segment, grid_segment_slots(grid, segment));
+}
+
+/* Weights of one segment after the other, of which `whole` and `classes` (bit 0 of its slots) are known for the last one. */
+struct most_of {
+	const struct grid *grid;
+	const struct view *view;
+	uint32_t segment;
+	int64_t whole, classes;
+};
+
+/* A cell of one source has its slot alone. */
+static int64_t most_of_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct most_of *m = ctx;
+	uint8_t slot;
+
+	if (cell->segment != m->segment) {
+		m->segment = cell->segment;
+		m->whole = of_segment(m->grid, m->view, cell->segment);
+		m->classes = of_slots(m->grid, m->view, cell->segment, 1);
+	}
+	if (!cell->source)
+		return m->whole;
+	slot = grid_source_slot(m->grid, cell->source);
+	return slot ? of_slots(m->grid, m->view, cell->segment, UINT32_C(1) << slot) : m->classes;
+}
+
 static int64_t greatest(const struct grid *grid, const struct view *view)
 {
-	const struct grid_manifest *m = grid_manifest(grid);
-	int64_t weight[VIEW_WEIGHTS + 1], most = 0, all = view_weights(view, weight);
+	int64_t most = 0;
 
-	for (size_t i = 0; i < m->nsegments; i++) {
-		const uint64_t *points = m->segments[i].classes;
-		uint64_t counted = 0;
+	for (size_t i = 0; i < grid_manifest(grid)->nsegments; i++) {
+		int64_t one = of_segment(grid, view, i);
 
-		for (unsigned c = 0; c < 256; c++)
-			counted += points[c];
-		if (counted < m->segments[i].points)
-			return all;
-		for (unsigned k = 0; k < view->nweight; k++)
-			if (points[view->weight[k].cls] && weight[k + 1] > most)
-				most = weight[k + 1];
+		most = one > most ? one : most;
 	}
 	return most;
 }
@@ -49,6 +91,7 @@ int64_t pipe_weight_most(const struct grid *grid, const struct view *view)
 
 static int verify(struct regular *w, const struct grid *grid, void *memory, uint64_t *ret_need, struct err *err)
 {
+	struct most_of most = {.grid = grid, .view = w->view, .segment = UINT32_MAX};
 	struct grid_reader *reader;
 	struct cut_source src;
 	int r = grid_reader_new(grid, (uint8_t *)memory + PIPE_TRACE, grid_reader_bytes(grid), &reader, err);
@@ -57,20 +100,36 @@ static int verify(struct regular *w, const struct grid *grid, void *memory, uint
 		return r;
 	cut_source_grid(reader, &src);
 	w->src = &src;
+	w->most_of = most_of_cell;
+	w->most_ctx = &most;
 	r = regular_run(w, ret_need, err);
 	grid_reader_free(reader);
 	return r == REGULAR_E_SPLIT ? PIPE_E_SPLIT : r;
 }
 
+static struct mesh_counts counts_of(const struct regular *w, const struct cut_load *load)
+{
+	struct mesh_counts counts = load->counts;
+
+	counts.halo += w->added;
+	counts.cells_read += w->cells_read;
+	counts.points_read += w->points_read;
+	return counts;
+}
+
+static int no_hidden(const struct regular *w, const struct cut_load *load, const struct grid *grid, void *memory,
+		     struct mesh_domain *ret, struct err *err)
+{
+	*ret = (struct mesh_domain){.counts = load->counts};
+	return pipe_hidden(grid, w, memory, ret, err);
+}
+
 /* The kernel's triangles become the domain. False: they do not fit. */
 static bool finish(const struct regular *w, const struct cut_load *load, const int64_t k[3], struct mesh_domain *ret)
 {
-	struct finish f = {.out = {.counts = load->counts}};
+	struct finish f = {.out = {.counts = counts_of(w, load)}};
 	struct mesh_counts *counts = &f.out.counts;
 
-	counts->halo += w->added;
-	counts->cells_read += w->cells_read;
-	counts->points_read += w->points_read;
 	if (w->flat) {
 		finish_init(&f, w->region, k, w->tri);
 		finish_flat(&f);
@@ -112,14 +171,21 @@ static int attempt(const struct grid *grid, const struct view *view, const struc
 
 	w->n = load.n;
 	w->own = load.own;
+	w->flat = load.flat;
 	if (r)
 		return r;
+	if (load.flat && view->hidden)
+		return no_hidden(w, &load, grid, memory, ret, err);
 	if (load.flat) {
 		*ret = pipe_flat_domain(&load, view, k);
 		return 0;
 	}
 	w->tri = pipe_domain_tri(grid, less, own, memory, &load, load.n > more ? load.n : more, &w->cap);
 	r = verify(w, grid, memory, ret_need, err);
+	if (!r && view->hidden) {
+		*ret = (struct mesh_domain){.counts = counts_of(w, &load)};
+		return pipe_hidden(grid, w, memory, ret, err);
+	}
 	if (!r && !finish(w, &load, k, ret)) {
 		*ret_need = (uint64_t)w->n * 2;
 		r = PIPE_E_SPLIT;

@@ -28,6 +28,9 @@ enum {
 	POINT_LINE = 1 << POINT_SOURCE_SHIFT,      /* a vertex of a line, not a survey point */
 	POINT_NEAR_LINE = 2 << POINT_SOURCE_SHIFT, /* on a line, or too near to it: removed */
 	POINT_IN_AREA = 4 << POINT_SOURCE_SHIFT,   /* in a lake, in a hole, or outside of the boundary: removed */
+	/* Of such a record, too: the slot of its source (slots.h), five bits. */
+	POINT_SLOT_SHIFT = POINT_SOURCE_SHIFT + 3,
+	POINT_SLOT = 31 << POINT_SLOT_SHIFT,
 };
 
 static inline unsigned point_return(const struct point *p)
@@ -45,6 +48,10 @@ static inline unsigned point_flags(const struct point *p)
 static inline unsigned point_source(const struct point *p)
 {
 	return p->tag >> POINT_SOURCE_SHIFT;
+}
+static inline unsigned point_slot(const struct point *p)
+{
+	return (unsigned)(p->tag & POINT_SLOT) >> POINT_SLOT_SHIFT;
 }
 
 /* Extends a box (min x, min y, max x, max y) so that it contains another one. */

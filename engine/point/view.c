@@ -30,6 +30,7 @@ void view_done(struct view *v)
 {
 	view_area_free(v->area);
 	view_area_free(v->window_area);
+	slots_free(v->slots);
 	*v = VIEW_INIT;
 }
 
@@ -130,6 +131,12 @@ int view_check(const struct view *v, struct err *err)
 	if (v->nweight && v->metric.k > 1) {
 		err_set(err, ERR_USAGE, "radii of weights are circles, and with a metric distances are ellipses");
 		return err_add_hint(err, "leave out one of --weight and --metric");
+	}
+	if (v->hidden && (!v->nweight || v->window)) {
+		err_set(err, ERR_USAGE,
+			v->window ? "the positions that are hidden are those of the whole mesh" :
+				    "without weights nothing is hidden");
+		return err_add_hint(err, v->window ? "leave out --bbox and --polygon" : "give --weight, too");
 	}
 	return view_metric_check(v->metric, err);
 }
@@ -241,6 +248,9 @@ struct view view_rest(const struct view *v)
 	rest.metric = normal.metric;
 	rest.nweight = v->nweight;
 	memcpy(rest.weight, v->weight, sizeof rest.weight);
+	rest.slots = v->slots;
+	rest.hidden = v->hidden;
+	rest.selected = true;
 	memcpy(rest.k, v->k, sizeof rest.k);
 	rest.window = v->window;
 	memcpy(rest.window_box, v->window_box, sizeof rest.window_box);
@@ -294,7 +304,9 @@ int view_thin_compare(const struct view_thin *t, const struct point *a, const st
 		return r;
 	if (a->x != b->x)
 		return a->x < b->x ? -1 : 1;
-	return (a->y > b->y) - (a->y < b->y);
+	if (a->y != b->y)
+		return a->y < b->y ? -1 : 1;
+	return (int)point_slot(b) - (int)point_slot(a);
 }
 
 static int32_t radius_of(const struct view *v, const struct point *p)
@@ -339,13 +351,49 @@ bool view_weight_set(struct view *v, uint8_t cls, int32_t radius)
 			return false;
 	if (!radius)
 		return true;
-	if (v->nweight == VIEW_WEIGHTS)
+	if (v->nweight == VIEW_CLASS_WEIGHTS)
 		return false;
 	for (; at > 0 && v->weight[at - 1].cls > cls; at--)
 		v->weight[at] = v->weight[at - 1];
-	v->weight[at] = (struct view_weight){cls, radius};
+	v->weight[at] = (struct view_weight){.cls = cls, .radius = radius};
 	v->nweight++;
 	return true;
+}
+
+/* Radius 0 changes nothing if there is none to take away. */
+static void drop_zero(struct slots_list *l)
+{
+	size_t n = 0;
+
+	for (size_t i = 0; i < l->n; i++)
+		if (l->row[i].value)
+			l->row[n++] = l->row[i];
+	l->n = n;
+}
+
+int view_weight_sources(struct view *v, struct slots_list *l, struct err *err)
+{
+	int32_t radius[SLOTS_MOST];
+	uint32_t twice = 0;
+	unsigned n = 0;
+	int r;
+
+	if (!v->nweight)
+		drop_zero(l);
+	if (!l->n)
+		return 0;
+	r = slots_list_slots(l, &v->slots, radius, &n, &twice);
+	if (r == SLOTS_NO_MEMORY)
+		return err_set(err, ERR_NOMEM, "no memory for the weights of sources");
+	if (r == SLOTS_TWICE)
+		err_set(err, ERR_USAGE, "--weight: source %u has two radii", twice);
+	if (r == SLOTS_MANY)
+		err_set(err, ERR_USAGE, "--weight: sources have more than %d different radii", SLOTS_MOST);
+	if (r)
+		return err_add_hint(err, "give each file one radius");
+	for (unsigned i = 0; i < n; i++)
+		v->weight[v->nweight++] = (struct view_weight){.slot = (uint8_t)(i + 1), .radius = radius[i]};
+	return 0;
 }
 
 const char *view_rule_text(enum view_rule rule)

@@ -1,7 +1,7 @@
 /*
  * Views: which points a mesh is made of. They apply when points are read, never when they are stored. Each rule depends
- * on one point, on all points of one position, or on all points of one thin cell; never on the order or the source of
- * points.
+ * on one point, on all points of one position, or on all points of one thin cell; never on the order of points, and on their
+ * sources only by the slots of weights (slots.h).
  *
  * Lattice numbers in a view are absolute (X + k), so its text does not depend on a dataset's offset. Points are judged
  * only after view_bind, which sets the lattice's k; from then on the view is read-only, and any number of threads may
@@ -16,14 +16,15 @@
 #include "area_code.h"
 #include "digest.h"
 #include "point.h"
+#include "slots.h"
 #include "view_metric.h"
 
 struct err;
 struct lattice;
 struct view_area;
 
-/* Classes with a weight, and the greatest radius. */
-enum { VIEW_WEIGHTS = 32, VIEW_RADIUS_MOST = 1 << 30 };
+/* Classes with a weight, classes and slots with one together, and the greatest radius. */
+enum { VIEW_CLASS_WEIGHTS = 32, VIEW_WEIGHTS = VIEW_CLASS_WEIGHTS + SLOTS_MOST, VIEW_RADIUS_MOST = 1 << 30 };
 
 enum view_returns { VIEW_RETURNS_ALL, VIEW_RETURNS_FIRST, VIEW_RETURNS_LAST };
 enum view_duplicates { VIEW_LOWEST, VIEW_HIGHEST };
@@ -91,12 +92,18 @@ struct view {
 	uint64_t max_points; /* the mesh has at most so many vertices, with a bound near the least that allows it; 0: no such
 				limit */
 	struct view_metric metric;
-	/* Points of a class hide others of less weight within its radius (docs/design/weights.md). By class, ascending. */
+	/* Points of a class, or of some sources, hide others of less weight within their radius (docs/design/weights.md). By
+	 * class, ascending, then by slot. The radius of its source is that of a point, also if its class has one. */
 	struct view_weight {
-		uint8_t cls;
-		int32_t radius; /* lattice numbers, at least 1, at most VIEW_RADIUS_MOST */
+		uint8_t cls, slot; /* slot 0: of the class */
+		int32_t radius; /* lattice numbers, at least 1, at most VIEW_RADIUS_MOST; 0 of slot 1: its sources have no weight
+				 */
 	} weight[VIEW_WEIGHTS];
 	uint8_t nweight;
+	/* NULL: no source has a radius of its own. Owned: view_done. Grids are opened with it (struct grid_use). */
+	struct slots *slots;
+	bool selected;       /* by view_rest: the sources of the grid are not those of the dataset */
+	bool hidden;         /* the mesh is the positions that weights hide, as vertices without triangles */
 	int64_t k[3];        /* set by view_bind; not part of the text */
 	struct view_map map; /* set by view_bind_map; likewise */
 };
@@ -104,8 +111,10 @@ struct view {
 /* The number of the weight of a point: 0, none, or 1 + its place in `weight`. */
 static inline uint8_t view_weight_of(const struct view *v, const struct point *p)
 {
+	unsigned slot = v->slots ? point_slot(p) : 0;
+
 	for (uint8_t i = 0; i < v->nweight; i++)
-		if (v->weight[i].cls == p->cls)
+		if (v->weight[i].slot == slot && (slot || v->weight[i].cls == p->cls))
 			return (uint8_t)(i + 1);
 	return 0;
 }
@@ -113,6 +122,9 @@ static inline uint8_t view_weight_of(const struct view *v, const struct point *p
 int64_t view_weights(const struct view *, int64_t ret[VIEW_WEIGHTS + 1]);
 /* Adds the radius of a class; one of zero is none. False: the class has one, or there are too many. */
 bool view_weight_set(struct view *, uint8_t cls, int32_t radius);
+/* The radii of sources, once, after those of classes. If no class has one, sources with zero are left out. -ERR_USAGE: a source
+ * has two radii, or there are too many; -ERR_NOMEM. */
+int view_weight_sources(struct view *, struct slots_list *, struct err *err);
 
 #define VIEW_INIT ((struct view){.returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST})
 /* Frees the areas. The view may be filled again. */
@@ -160,7 +172,7 @@ enum view_rule view_judge(const struct view *, const struct point *);
 /* Whether view_judge uses only class, returns, flags and marks of a point. */
 bool view_by_kind(const struct view *);
 /* True: of two kept points at one position, a is preferred to b: by weight, by height, then the rest of the record. False if they
- * are equal (the source never decides). */
+ * are equal (the source never decides, but by its weight). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);
 const char *view_rule_text(enum view_rule);
 /* Whether the points that it removes are left out by the selection (view_selects), so that they are never meshed. */
@@ -174,7 +186,7 @@ bool view_simplifies(const struct view *);
 /* The same without max_error and max_points, and without the window; the area is shared. */
 struct view view_whole(const struct view *);
 /* The view to apply to points that view_judge and the thin rule have kept: the rule for duplicates, the metric, and the window,
- * whose area is shared. */
+ * whose area is shared, and the weights, whose slots are. */
 struct view view_rest(const struct view *);
 /* False only if no point of this box (lattice numbers, x1 y1 x2 y2, closed) can be kept. The view is bound. */
 bool view_may_hold(const struct view *, const int32_t box[4]);
@@ -199,8 +211,8 @@ bool view_box_meets(const int64_t box[4], const int64_t corner[3][2]);
  * the points of one cell that view_judge keeps, one is taken: in the order of view_thin_compare the first, or for the
  * median number (n - 1) / 2. */
 void view_thin_cell(const struct view *, const struct point *, int64_t ret[2]);
-/* The order of the points of a cell: z, ascending unless the highest is taken; then class, returns, flags; x, y. 0 for
- * equal points: the source never decides. */
+/* The order of the points of a cell: z, ascending unless the highest is taken; then class, returns, flags; x, y; the slot, the
+ * greatest first. 0 for equal points: nothing else of the source decides. */
 int view_thin_compare(const struct view_thin *, const struct point *a, const struct point *b);
 /* For lowest and highest, on a stream of points: whether a is preferred to b. */
 static inline bool view_thin_prefers(const struct view_thin *t, const struct point *a, const struct point *b)

@@ -285,37 +285,62 @@ static int bad_weight(struct request *q, struct view_word w, const char *what)
 	err_set(q->err, ERR_USAGE, "--weight: %s: \"%s\"", what, text);
 	return err_add_hint(q->err,
 			    "give a class and a radius, as in --weight 2=1.5 or --weight 2=1.5m, each class once, at most %d",
-			    VIEW_WEIGHTS);
+			    VIEW_CLASS_WEIGHTS);
 }
 
-/* "2:1.5,9:30ft": a radius that rounds to zero is none. */
+/* "@NAME": only who knows the files of the dataset can say which numbers it has (job_source.c). */
+static int unknown_files(struct request *q, struct view_word w)
+{
+	err_set(q->err, ERR_USAGE, "--weight: which files \"%.*s\" names is known in the dataset only",
+		(int)(w.n < 60 ? w.n : 60), w.at + 1);
+	return err_add_hint(q->err, "give the canonical text of the view, which has their numbers");
+}
+
+static int parse_weight(struct request *q, struct view_word one, struct slots_list *sources)
+{
+	struct view_word radius = one, of;
+	int64_t steps;
+	unsigned c = 0;
+	bool fits, files;
+	int r;
+
+	if (!view_word_part(&radius, ':', &of) || !radius.n)
+		return bad_weight(q, one, "it is no class with a radius");
+	if (of.n && *of.at == '@')
+		return unknown_files(q, of);
+	files = view_word_after(&of, "#");
+	if (!files && !view_word_class(of, &c))
+		return bad_weight(q, one, "it is no class with a radius");
+	r = parse_length(q, radius, "--weight", true, &steps, &fits);
+	if (r)
+		return r;
+	if (!fits || steps > VIEW_RADIUS_MOST)
+		return bad_weight(q, one, "the radius is more than 2^30 steps of the lattice");
+	if (files) {
+		r = view_word_sources(of, (int32_t)steps, sources);
+		return r < 0 ? err_set(q->err, ERR_NOMEM, "no memory for a view") : r;
+	}
+	if (q->weighted[c >> 6] >> (c & 63) & 1)
+		return bad_weight(q, one, "the class is named twice");
+	q->weighted[c >> 6] |= UINT64_C(1) << (c & 63);
+	if (!view_weight_set(q->view, (uint8_t)c, (int32_t)steps))
+		return bad_weight(q, one, "too many classes have a radius");
+	return 0;
+}
+
+/* "2:1.5,9:30ft,#1-3+7:2": a radius that rounds to zero is none. */
 static int parse_weights(struct request *q, struct view_word all)
 {
+	struct slots_list sources = {NULL, 0, 0};
 	struct view_word one;
+	int r = !all.n || all.at[all.n - 1] == ',';
 
-	if (!all.n || all.at[all.n - 1] == ',')
-		return 1;
-	while (view_word_part(&all, ',', &one)) {
-		struct view_word radius = one, cls;
-		int64_t steps;
-		unsigned c;
-		bool fits;
-		int r;
-
-		if (!view_word_part(&radius, ':', &cls) || !view_word_class(cls, &c) || !radius.n)
-			return bad_weight(q, one, "it is no class with a radius");
-		r = parse_length(q, radius, "--weight", true, &steps, &fits);
-		if (r)
-			return r;
-		if (!fits || steps > VIEW_RADIUS_MOST)
-			return bad_weight(q, one, "the radius is more than 2^30 steps of the lattice");
-		if (q->weighted[c >> 6] >> (c & 63) & 1)
-			return bad_weight(q, one, "the class is named twice");
-		q->weighted[c >> 6] |= UINT64_C(1) << (c & 63);
-		if (!view_weight_set(q->view, (uint8_t)c, (int32_t)steps))
-			return bad_weight(q, one, "too many classes have a radius");
-	}
-	return 0;
+	while (!r && view_word_part(&all, ',', &one))
+		r = parse_weight(q, one, &sources);
+	if (!r)
+		r = view_weight_sources(q->view, &sources, q->err);
+	slots_list_free(&sources);
+	return r;
 }
 
 /* Rounded down, so that what is within the bound in steps of the lattice is within the length. */
@@ -399,6 +424,10 @@ static size_t corners_of(const struct view_area *a)
 
 static int too_long(const struct view *v, struct err *err)
 {
+	if (!v->area && !v->window_area) {
+		err_set(err, ERR_LIMIT, "the files that --weight names have too many numbers for a view");
+		return err_add_hint(err, "push files that shall have the same weight together, so that their numbers follow");
+	}
 	err_set(err, ERR_LIMIT, "the area of --crop or --polygon has %zu corners, more than fit into a view",
 		corners_of(v->area) + corners_of(v->window_area));
 	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or give its box");

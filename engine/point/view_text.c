@@ -106,10 +106,35 @@ static void put_place(struct sink *s, const char *word, unsigned kind, const int
 
 static const char *const pick_text[] = {"lowest", "highest", "median"};
 
+/* "#1-3+7" */
+static void put_sources(struct sink *s, const struct slots *slots, uint8_t slot)
+{
+	bool first = true;
+
+	for (size_t i = 0; i < slots->n; i++) {
+		const struct slots_range *r = &slots->range[i];
+
+		if (r->slot != slot)
+			continue;
+		put_text(s, "%s%u", first ? "#" : "+", r->first);
+		if (r->last > r->first)
+			put_text(s, "-%u", r->last);
+		first = false;
+	}
+}
+
 static void put_weights(struct sink *s, const char *word, const struct view *v)
 {
-	for (unsigned i = 0; i < v->nweight; i++)
-		put_text(s, "%s%s%u:%d", i ? "," : " ", i ? "" : word, v->weight[i].cls, v->weight[i].radius);
+	for (unsigned i = 0; i < v->nweight; i++) {
+		const struct view_weight *w = &v->weight[i];
+
+		put_text(s, "%s%s", i ? "," : " ", i ? "" : word);
+		if (w->slot)
+			put_sources(s, v->slots, w->slot);
+		else
+			put_text(s, "%u", w->cls);
+		put_text(s, ":%d", w->radius);
+	}
 }
 
 /* A word that is no row of a kind. */
@@ -163,6 +188,10 @@ static void put_own(struct sink *s, const struct view *v, enum view_word_id id)
 		break;
 	case VIEW_WORD_weight:
 		put_weights(s, word, v);
+		break;
+	case VIEW_WORD_hidden:
+		if (v->hidden)
+			put_text(s, " %s", word);
 		break;
 	default:
 		break;
@@ -328,19 +357,34 @@ static int parse_thin(struct view *v, struct view_word w)
 	return 1;
 }
 
-static int parse_weights(struct view *v, struct view_word w)
+static int parse_weight(struct view *v, struct view_word of, int64_t radius, struct slots_list *sources)
 {
-	struct view_word part, cls;
-	int64_t radius;
 	unsigned c;
 
-	while (view_word_part(&w, ',', &part)) {
-		if (!view_word_part(&part, ':', &cls) || !view_word_class(cls, &c) || !view_word_i64(part, &radius))
-			return 1;
-		if (radius < 1 || radius > VIEW_RADIUS_MOST || !view_weight_set(v, (uint8_t)c, (int32_t)radius))
-			return 1;
+	if (radius < 0 || radius > VIEW_RADIUS_MOST)
+		return 1;
+	if (view_word_after(&of, "#"))
+		return view_word_sources(of, (int32_t)radius, sources);
+	return !radius || !view_word_class(of, &c) || !view_weight_set(v, (uint8_t)c, (int32_t)radius);
+}
+
+static int parse_weights(struct view *v, struct view_word w, struct err *err)
+{
+	struct slots_list sources = {NULL, 0, 0};
+	struct view_word part, of;
+	int64_t radius;
+	int r = 0;
+
+	while (!r && view_word_part(&w, ',', &part)) {
+		if (!view_word_part(&part, ':', &of) || !view_word_i64(part, &radius))
+			r = 1;
+		else
+			r = parse_weight(v, of, radius, &sources);
 	}
-	return 0;
+	if (!r)
+		r = view_weight_sources(v, &sources, err);
+	slots_list_free(&sources);
+	return r;
 }
 
 static int parse_word(struct view *v, enum view_word_id id, struct view_word w, struct err *err)
@@ -354,7 +398,7 @@ static int parse_word(struct view *v, enum view_word_id id, struct view_word w, 
 	if (id == VIEW_WORD_thin)
 		return parse_thin(v, w);
 	if (id == VIEW_WORD_weight)
-		return parse_weights(v, w);
+		return parse_weights(v, w, err);
 	if (id == VIEW_WORD_breakline_clear)
 		return !view_word_i64(w, &v->breakline_clear) || v->breakline_clear <= 0 || v->breakline_clear > VIEW_CLEAR_MOST;
 	if (id == VIEW_WORD_max_error) {

@@ -5,6 +5,7 @@
 
 #include <string.h>
 
+#include "err.h"
 #include "parse.h"
 
 const struct view_word_row view_word_rows[VIEW_WORDS] = {
@@ -117,6 +118,37 @@ bool view_word_classes(struct view_word w, uint64_t classes[4])
 	return true;
 }
 
+static bool to_source(struct view_word w, uint32_t *ret)
+{
+	uint64_t v;
+
+	if (!number_u64(w, &v) || !v || v > UINT32_MAX)
+		return false;
+	*ret = (uint32_t)v;
+	return true;
+}
+
+int view_word_sources(struct view_word w, int32_t radius, struct slots_list *l)
+{
+	struct view_word part, low;
+	uint32_t first, last;
+
+	if (!w.n || w.at[w.n - 1] == '+')
+		return 1;
+	while (view_word_part(&w, '+', &part)) {
+		bool one = !part.n || !memchr(part.at, '-', part.n);
+
+		if (!view_word_part(&part, '-', &low) || !to_source(low, &first) || (!one && !to_source(part, &last)))
+			return 1;
+		last = one ? first : last;
+		if (last < first)
+			return 1;
+		if (!slots_list_add(l, first, last, radius))
+			return -ERR_NOMEM;
+	}
+	return 0;
+}
+
 static bool parse_metric(struct view_word w, struct view_metric *ret)
 {
 	int64_t *const to[3] = {&ret->p, &ret->q, &ret->k};
@@ -144,6 +176,8 @@ bool view_word_plain(struct view *v, enum view_word_id id, struct view_word w)
 		return view_word_classes(w, v->not_classes);
 	case VIEW_WORD_ground:
 		return v->ground = true;
+	case VIEW_WORD_hidden:
+		return v->hidden = true;
 	case VIEW_WORD_returns:
 		v->returns = view_word_is(w, "first") ? VIEW_RETURNS_FIRST : VIEW_RETURNS_LAST;
 		return view_word_is(w, "first") || view_word_is(w, "last");

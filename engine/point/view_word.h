@@ -23,6 +23,8 @@ bool view_word_i64(struct view_word, int64_t *ret);
 bool view_word_classes(struct view_word, uint64_t classes[4]);
 /* "9": the number of a class. */
 bool view_word_class(struct view_word, unsigned *ret);
+/* "1-3+7": calls slots_list_add for each range. 0; 1: it is no list of sources; -ERR_NOMEM, without a message. */
+int view_word_sources(struct view_word, int32_t radius, struct slots_list *);
 
 /* The rows of base/view_option.def, in the order of the canonical text. */
 enum view_word_id {

@@ -167,6 +167,7 @@ static void choose(struct regular_work *w)
 		visible += regular_bit(w->served, v) && cut_region_holds(c->region, w->r.xy[v][0], w->r.xy[v][1]);
 	c->hidden = c->own - visible;
 	c->chosen = w->owned;
+	c->visible = w->served;
 	tri_regular_pack(&w->tri);
 }
 

@@ -30,6 +30,9 @@ struct regular {
 	const struct cut_source *src;
 	const struct view *view; /* with weights */
 	int64_t most;            /* no position of the source has a greater one */
+	/* No record of the cell, subtree or segment has a greater one; it is at most `most`. NULL: that. */
+	int64_t (*most_of)(void *ctx, const struct grid_cell *);
+	void *most_ctx;
 	const struct cut_region *region;
 	const struct regular_area *area; /* NULL: the region's triangles */
 	struct tri *tri; /* after tri_init; its input has the n positions of P(B), those of the region, or area, among them */
@@ -40,8 +43,9 @@ struct regular {
 	/* for tests: P(B) alone; only what is in the region and on its borders is verified */
 	bool not_verified, no_hull;
 	/* results, for finish.h */
-	bool flat;              /* all positions of the view are on one line: nothing is hidden, and there is no triangle */
-	const uint64_t *chosen; /* in `memory`: a bit for each triangle of `tri` that the region owns, or the area takes */
+	bool flat;               /* all positions of the view are on one line: nothing is hidden, and there is no triangle */
+	const uint64_t *chosen;  /* in `memory`: a bit for each triangle of `tri` that the region owns, or the area takes */
+	const uint64_t *visible; /* likewise: a bit for each vertex of `tri` that is in a triangle */
 	uint32_t hidden,
 		nhull; /* not of an area: positions of the region that are hidden; edges of the hull whose outer rays end in it */
 	uint32_t added, turns; /* positions beyond P(B) */

@@ -29,11 +29,12 @@ static bool boxes_meet(const int32_t a[4], const int32_t b[4])
 	return a[0] <= b[2] && a[1] <= b[3] && a[2] >= b[0] && a[3] >= b[1];
 }
 
-static bool disc_meets(const struct regular_disc *d, const int32_t box[4])
+/* `lack`: by how much the weights in the box are less than the greatest, for which the disc is. */
+static bool disc_meets(const struct regular_disc *d, const int32_t box[4], double lack)
 {
 	double slack, value = cut_disc_value(&d->disc, box, &slack);
 
-	return value <= d->more + SLACK * (slack + fabs(d->more));
+	return value <= d->more - lack + SLACK * (slack + fabs(d->more) + lack);
 }
 
 int regular_disc_add(struct regular_work *w, uint32_t a, const double u[2])
@@ -84,12 +85,12 @@ static bool beyond_meets(const struct regular_work *w, const int32_t box[4])
 	return false;
 }
 
-static bool group_meets(const struct regular_work *w, uint32_t group, const int32_t box[4])
+static bool group_meets(const struct regular_work *w, uint32_t group, const int32_t box[4], double lack)
 {
 	if (!boxes_meet(w->group[group], box))
 		return false;
 	for (uint32_t i = group * REGULAR_GROUP; i < w->ndisc && i < (group + 1) * REGULAR_GROUP; i++)
-		if (disc_meets(&w->disc[i], box))
+		if (disc_meets(&w->disc[i], box, lack))
 			return true;
 	return false;
 }
@@ -99,12 +100,19 @@ static uint32_t groups(const struct regular_work *w)
 	return (w->ndisc + REGULAR_GROUP - 1) / REGULAR_GROUP;
 }
 
-static bool box_matters(const struct regular_work *w, const int32_t box[4])
+static double lack_of(const struct regular_work *w, const struct grid_cell *cell)
 {
+	return w->c->most_of ? (double)(w->most - w->c->most_of(w->c->most_ctx, cell)) : 0;
+}
+
+static bool cell_matters(const struct regular_work *w, const struct grid_cell *cell)
+{
+	double lack = lack_of(w, cell);
+
 	for (uint32_t i = 0; i < groups(w); i++)
-		if (group_meets(w, i, box))
+		if (group_meets(w, i, cell->box, lack))
 			return true;
-	return beyond_meets(w, box);
+	return beyond_meets(w, cell->box);
 }
 
 /* ---- positions ---- */
@@ -138,12 +146,12 @@ static bool conflict_matters(void *ctx, uint32_t i)
 }
 
 /* Most positions of a cell are in no disc. */
-static bool near_discs(const struct regular_work *w, const int32_t at[2])
+static bool near_discs(const struct regular_work *w, struct geom_weighted p)
 {
-	const int32_t box[4] = {at[0], at[1], at[0], at[1]};
+	const int32_t box[4] = {p.at[0], p.at[1], p.at[0], p.at[1]};
 
 	for (uint32_t i = 0; i < w->nhit; i++)
-		if (group_meets(w, w->hit[i], box))
+		if (group_meets(w, w->hit[i], box, (double)(w->most - p.w)))
 			return true;
 	return w->beyond;
 }
@@ -207,11 +215,10 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	for (size_t i = 0; i < n; i++) {
 		const struct point *p = &pts[i];
 		const int32_t at[2] = {p->x, p->y};
-		struct visit v = {w, {at, 0}};
+		struct visit v = {w, {at, w->weight[view_weight_of(w->c->view, p)]}};
 
-		if (!near_discs(w, at) || is_inside(w, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
+		if (!near_discs(w, v.p) || is_inside(w, p->x, p->y) || cut_judge(&w->judge, p) != VIEW_KEPT)
 			continue;
-		v.p.w = w->weight[view_weight_of(w->c->view, p)];
 		if (!tri_regular_search(&w->tri, v.p, w->all && regular_border_ends(w, v.p) ? always : conflict_matters, &v))
 			continue;
 		if (w->npoint == w->mostpoint)
@@ -237,19 +244,21 @@ static bool is_own(const struct regular_work *w, const struct grid_cell *cell)
 
 static bool enter(void *ctx, const struct grid_cell *subtree)
 {
-	return subtree->count && box_matters(ctx, subtree->box);
+	return subtree->count && cell_matters(ctx, subtree);
 }
 
 static int read_cell(void *ctx, const struct grid_cell *cell)
 {
 	struct regular_work *w = ctx;
+	double lack;
 
 	if (!cell->count || is_own(w, cell))
 		return 0;
+	lack = lack_of(w, cell);
 	w->beyond = beyond_meets(w, cell->box);
 	w->nhit = 0;
 	for (uint32_t i = 0; i < groups(w); i++)
-		if (group_meets(w, i, cell->box))
+		if (group_meets(w, i, cell->box, lack))
 			w->hit[w->nhit++] = i;
 	if (!w->nhit && !w->beyond)
 		return 0;

@@ -16,8 +16,8 @@
  * records that are read (grid.h), and is not selected. The pieces stay in the file of the generation, unless a metric maps them
  * (selection_map.c).
  *
- * Duplicates are not reduced here (the mesh does that), and sources are not kept apart. After a failure the caller
- * removes the folder.
+ * Duplicates are not reduced here (the mesh does that), and sources are not kept apart, but for the slots of weights: each slot
+ * becomes a source. After a failure the caller removes the folder.
  */
 #include "selection_priv.h"
 
@@ -52,15 +52,52 @@ size_t selection_memory_min(const struct grid *grid, const struct view *view)
 
 /* ---- a point ---- */
 
-enum { SOURCE_POINTS = 1, SOURCE_LINES = 2 }; /* SELECTION_LINES is the file of the second */
+/* SELECTION_LINES is the file of the second. SOURCE_SLOTS + k is that of slot k. */
+enum { SOURCE_POINTS = 1, SOURCE_LINES = 2, SOURCE_SLOTS = 2 };
+
+/* The sources with a slot, as ranges of one. */
+#define SLOT(k)                                             \
+	{                                                   \
+		SOURCE_SLOTS + (k), SOURCE_SLOTS + (k), (k) \
+	}
+#define SLOTS_4(k) SLOT(k), SLOT((k) + 1), SLOT((k) + 2), SLOT((k) + 3)
+static const struct slots_range slot_sources[] = {
+	SLOTS_4(1), SLOTS_4(5), SLOTS_4(9), SLOTS_4(13), SLOTS_4(17), SLOTS_4(21), SLOTS_4(25), SLOT(29), SLOT(30), SLOT(31),
+};
+_Static_assert(sizeof slot_sources / sizeof *slot_sources == SLOTS_MOST, "each slot has a source");
+const struct slots selection_slots = {slot_sources, SLOTS_MOST};
+
+static int stage_points(struct selection *s, const struct point *pts, size_t n, unsigned slot)
+{
+	int r = slot ? grid_stage_source(s->stage, SOURCE_SLOTS + slot, s->err) : 0;
+
+	s->of_slot[slot] += n;
+	if (n && !r)
+		r = grid_stage_add(s->stage, pts, n, s->err);
+	return slot && !r ? grid_stage_source(s->stage, SOURCE_POINTS, s->err) : r;
+}
 
 static int flush_points(struct selection *s)
 {
-	size_t n = s->nbatch;
+	uint32_t slots = 0;
+	int r = 0;
 
+	for (size_t i = 0; i < s->nbatch; i++)
+		slots |= UINT32_C(1) << point_slot(&s->batch[i]);
+	for (unsigned slot = 0; !r && slots >> slot; slot++) {
+		size_t n = 0;
+
+		for (size_t i = 0; (slots >> slot & 1) && i < s->nbatch; i++)
+			if (point_slot(&s->batch[i]) == slot)
+				s->part[n++] = s->batch[i];
+		if (n)
+			r = stage_points(s, s->part, n, slot);
+		if (slot == SLOTS_MOST)
+			break;
+	}
+	s->out.kept += s->nbatch;
 	s->nbatch = 0;
-	s->out.kept += n;
-	return n ? grid_stage_add(s->stage, s->batch, n, s->err) : 0;
+	return r;
 }
 
 static int flush_lines(struct selection *s)
@@ -138,26 +175,40 @@ static int visit_cell(void *ctx, const struct grid_cell *cell)
 
 /* ---- the selection ---- */
 
+static size_t sources_of(const struct selection *s, struct grid_source ret[SOURCE_SLOTS + SLOTS_MOST])
+{
+	const struct grid_source *lines = grid_lines_source(s->p->grid);
+	size_t n = 0;
+
+	ret[n++] = (struct grid_source){.id = SOURCE_POINTS, .added = 1, .points = s->of_slot[0], .name = "selection"};
+	if (s->lines)
+		ret[n++] = (struct grid_source){.id = SOURCE_LINES,
+						.added = 1,
+						.points = s->lines,
+						.kind = GRID_LINE_VERTICES,
+						.lines = lines ? lines->lines : NULL};
+	for (unsigned k = 1; k <= SLOTS_MOST; k++)
+		if (s->of_slot[k])
+			ret[n++] = (struct grid_source){
+				.id = SOURCE_SLOTS + k, .added = 1, .points = s->of_slot[k], .name = "selection"};
+	return n;
+}
+
 static int publish(struct selection *s, const struct grid_segment_info *info)
 {
 	const struct grid_manifest *from = grid_manifest(s->p->grid);
 	struct grid_segment_info segment = *info;
-	const struct grid_source *lines = grid_lines_source(s->p->grid);
-	struct grid_source source[2] = {
-		{.id = SOURCE_POINTS, .added = 1, .points = s->out.kept - s->lines, .name = "selection"},
-		{.id = SOURCE_LINES, .added = 1, .points = s->lines, .kind = GRID_LINE_VERTICES},
-	};
+	struct grid_source source[SOURCE_SLOTS + SLOTS_MOST];
 	struct grid_manifest m = {
 		.lattice = from->lattice,
 		.generation = 1,
 		.segments = &segment,
 		.nsegments = 1,
 		.sources = source,
-		.nsources = s->lines ? 2 : 1,
+		.nsources = sources_of(s, source),
 	};
 	int r;
 
-	source[1].lines = lines ? lines->lines : NULL;
 	memcpy(m.crs, from->crs, sizeof m.crs);
 	memcpy(m.unit_xy, from->unit_xy, sizeof m.unit_xy);
 	memcpy(m.unit_z, from->unit_z, sizeof m.unit_z);

@@ -38,6 +38,8 @@ struct selection_params {
 
 #define SELECTION_MANIFEST "manifest" /* in the folder, written last */
 #define SELECTION_LINES "lineset-2"   /* in the folder: the mapped pieces of a view with a metric */
+/* Records with a slot are sources of their own in it: open it with these slots if the view has some. */
+extern const struct slots selection_slots;
 size_t selection_memory_min(const struct grid *grid, const struct view *view);
 /* Makes a grid of the points that all rules except that of duplicates keep, on the same lattice. Vertices of lines are a source
  * of their own in it: open it with the line set file of the generation (struct grid_use); of a view with a metric

@@ -33,6 +33,7 @@ struct digest selection_key(const struct grid *grid, const struct view *view)
 	struct digest parts[7];
 
 	selecting.duplicates = VIEW_LOWEST;
+	selecting.hidden = false;
 	selecting.window = VIEW_CROP_NONE;
 	selecting.window_area = NULL;
 	lattice_text(&m->lattice, lattice);

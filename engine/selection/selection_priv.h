@@ -22,8 +22,10 @@ struct selection {
 	uint64_t seen, reported; /* records read, some several times; `seen` at the last call of progress */
 	struct err *err;
 	struct point batch[SELECTION_BATCH], line[SELECTION_BATCH]; /* line: vertices of lines */
+	struct point part[SELECTION_BATCH];                         /* of a batch, with one slot */
 	size_t nbatch, nline;
 	uint64_t lines; /* vertices of lines that are kept */
+	uint64_t of_slot[SLOTS_MOST + 1];
 };
 
 /* Calls progress at intervals. -ERR_CANCELLED: the caller cancelled. */

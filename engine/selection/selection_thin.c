@@ -22,10 +22,10 @@
 
 #include "err.h"
 
-enum { DIGITS = 1024 };
-enum { FULL = 1 }; /* the rectangle does not fit the table */
+enum { DIGITS = 1024, RANK_SLOT = 5 }; /* RANK_SLOT: bits */
+enum { FULL = 1 };                     /* the rectangle does not fit the table */
 
-/* The order of the points of a thin cell as one number: z, class, returns, flags, x, y. */
+/* The order of the points of a thin cell as one number: z, class, returns, flags, x, y, slot (descending). */
 typedef unsigned __int128 rank_t;
 
 /* Thin cells, both ends included. */
@@ -255,16 +255,19 @@ static rank_t rank_of(const struct point *p)
 	rank = rank << 8 | p->ret;
 	rank = rank << 4 | point_flags(p);
 	rank = rank << 32 | ((uint32_t)p->x ^ 0x80000000u);
-	return rank << 32 | ((uint32_t)p->y ^ 0x80000000u);
+	rank = rank << 32 | ((uint32_t)p->y ^ 0x80000000u);
+	return rank << RANK_SLOT | (SLOTS_MOST - point_slot(p));
 }
 
 static struct point point_of(rank_t rank)
 {
+	unsigned slot = SLOTS_MOST - ((unsigned)rank & SLOTS_MOST);
 	struct point p;
 
+	rank >>= RANK_SLOT;
 	p.y = (int32_t)((uint32_t)rank ^ 0x80000000u);
 	p.x = (int32_t)((uint32_t)(rank >> 32) ^ 0x80000000u);
-	p.tag = (uint16_t)((unsigned)(rank >> 64) & POINT_FLAGS);
+	p.tag = (uint16_t)(((unsigned)(rank >> 64) & POINT_FLAGS) | slot << POINT_SLOT_SHIFT);
 	p.ret = (uint8_t)(rank >> 68);
 	p.cls = (uint8_t)(rank >> 76);
 	p.z = (int32_t)((uint32_t)(rank >> 84) ^ 0x80000000u);

@@ -6,6 +6,7 @@ libacut read is copied once, as bytes, since its memory goes with the next block
 import ctypes
 import functools
 import json
+import struct
 import weakref
 from dataclasses import dataclass
 from typing import Any, Dict, Iterator, List, Optional, Tuple
@@ -75,7 +76,8 @@ class Block:
         self._struct = abi.acut_mesh_block.from_buffer_copy(struct)
         self._keep = {}
         for name, size in (("foreign", 8 * struct.nforeign), ("vertex", 12 * struct.nnew),
-                           ("triangle", 12 * struct.ntriangle), ("final", (n + 7) // 8), ("flags", struct.ntriangle)):
+                           ("triangle", 12 * struct.ntriangle), ("final", (n + 7) // 8), ("flags", struct.ntriangle),
+                           ("origin", 8 * struct.nnew)):
             at = getattr(struct, name)
             pointer = ctypes.cast(at, ctypes.c_void_p).value if at else None
             data = ctypes.string_at(pointer, size) if pointer else b""
@@ -126,6 +128,14 @@ class Block:
     def flags(self) -> Optional[bytes]:
         """A byte a triangle, bit k: the side across from corner k is a piece of a line (a breakline, a shore). None: none is."""
         return self._keep["flags"] if self._struct.flags else None
+
+    @property
+    def origins(self) -> Optional[List[Tuple[int, int]]]:
+        """Of a view with hidden: class and source of each vertex that comes with this block; source 0 is not known, others are as
+        in the log of a dataset. None: of another view."""
+        if not self._struct.origin:
+            return None
+        return [(cls, source) for source, cls in struct.iter_unpack("<IBxxx", self._keep["origin"])]
 
     @property
     def final(self) -> bytes:

@@ -27,7 +27,7 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
               thin_pick: Optional[str] = None, no_breaklines: bool = False,
               breakline_clear: Optional[Number] = None, max_error: Optional[Number] = None,
               max_points: Optional[int] = None, metric: Any = None,
-              weight: Any = None) -> str:
+              weight: Any = None, hidden: bool = False) -> str:
     """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
 
     class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
@@ -48,8 +48,9 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     max_error          the fewest points such that none is further than this above or below the mesh, likewise
     max_points         at most so many vertices, with about the least error of all points that this allows
     metric             (P, Q, K) or "P,Q,K", whole numbers: distances across the direction P, Q count K times
-    weight             points of a class hide points of less weight within about its radius: {2: 1.5, 9: "30ft"} or a text,
-                       "2=1.5,9=30ft"; radii are lengths like that of thin
+    weight             points of a class, or of a file, hide points of less weight within about its radius:
+                       {2: 1.5, "survey-2024/*.laz": "0.5m"} or a text, "2=1.5,9=30ft"; radii are lengths like that of thin
+    hidden             the mesh is the positions that these hide: vertices without triangles (Block.origins)
     """
     _check_words("returns", returns, ("all", "first", "last"))
     _check_words("duplicates", duplicates, ("lowest", "highest"))
@@ -99,6 +100,9 @@ def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False
     words += ["max-points=%d" % _count(max_points, "max_points")] if max_points is not None else []
     words += ["metric=%s" % direction] if direction else []
     words += ["weight=%s" % _weights(weight)] if weight is not None else []
+    if hidden and weight is None:
+        raise UsageError("without weights nothing is hidden", hint="give weight, too")
+    words += ["hidden"] if hidden else []
     words += ["crop=%s" % area_text(crop)] if crop is not None else []
     window = window_text(bbox, polygon)
     words += ["window=%s" % window] if window else []
@@ -212,12 +216,24 @@ def _length(value: Any, name: str) -> str:
 def _weights(value: Any) -> str:
     rows: List[Tuple[Any, Any]] = []
     if isinstance(value, str):
-        rows = [r.partition("=")[::2] for r in value.split(",")]
+        rows = [r.rpartition("=")[::2] for r in value.split(",")]
     elif isinstance(value, Mapping):
         rows = list(value.items())
-    if not rows or not all(re.fullmatch(r"\d{1,3}", str(c), re.A) and int(c) <= 255 and radius != "" for c, radius in rows):
-        raise UsageError("weight is not a class with a radius: %r" % (value,), hint='give {2: 1.5} or "2=1.5m,9=30ft"')
-    return ",".join("%s:%s" % (cls, _length(radius, "weight")) for cls, radius in rows)
+    if not rows or not all(radius != "" and (_is_file(str(of)) or re.fullmatch(r"\d{1,3}", str(of), re.A) and int(of) <= 255)
+                           for of, radius in rows):
+        raise UsageError("weight is not a class or a file with a radius: %r" % (value,),
+                         hint='give {2: 1.5, "survey-2024/*.laz": "0.5m"} or "2=1.5m,9=30ft"')
+    return ",".join("%s:%s" % (_weighted(str(of)), _length(radius, "weight")) for of, radius in rows)
+
+
+def _is_file(of: str) -> bool:
+    return re.search(r"[A-Za-z/*?]|[^\x00-\x7f]", of) is not None
+
+
+def _weighted(of: str) -> str:
+    if not _is_file(of):
+        return of
+    return "@" + re.sub(rb"[^A-Za-z0-9/*?.\-_\[\]!]", lambda m: b"%%%02X" % m.group()[0], os.fsencode(of)).decode("ascii")
 
 
 # ---- areas ----

@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include "cut_order.h"
+#include "err.h"
 
 unsigned sets_below(uint64_t *seed, unsigned n)
 {
@@ -148,6 +149,31 @@ void sets_make(uint64_t *seed, struct sets *set, struct view *view)
 	sets_reduce(set, view);
 }
 
+/* Sources with weights: what a record is of does not depend on its class, position or segment. Slots and weights as the text of a
+ * view gives them. */
+static void draw_sources(uint64_t *seed, struct sets *set, struct view *view)
+{
+	const struct slots *slots;
+	struct slots_list list = {NULL, 0, 0};
+	unsigned sources = 1 + sets_below(seed, 5), size = sets_below(seed, 4);
+	struct err err = ERR_INIT;
+
+	for (uint32_t i = 1; i <= sources; i++)
+		if (sets_below(seed, 3))
+			assert_true(slots_list_add(
+				&list, i, i,
+				(int32_t)sets_below(seed, size < 3 ? 3 + 5 * size : 1u << (10 + sets_below(seed, 21)))));
+	assert_int_equal(view_weight_sources(view, &list, &err), 0);
+	slots_list_free(&list);
+	slots = view->slots;
+	for (unsigned s = 0; slots && s < set->segments; s++)
+		for (size_t i = 0; i < set->nrecord[s]; i++) {
+			uint8_t slot = slots_of(slots, 1 + sets_below(seed, sources));
+
+			set->record[s][i].tag |= (uint16_t)((unsigned)slot << POINT_SLOT_SHIFT);
+		}
+}
+
 void sets_weights(uint64_t *seed, struct sets *set, struct view *view)
 {
 	static const uint8_t classes[] = {1, 2, 7};
@@ -159,6 +185,9 @@ void sets_weights(uint64_t *seed, struct sets *set, struct view *view)
 		if (sets_below(seed, 4))
 			view_weight_set(view, classes[i], (int32_t)sets_below(seed, most + 1));
 	}
+	view->slots = NULL;
+	if (sets_below(seed, 2))
+		draw_sources(seed, set, view);
 	sets_reduce(set, view);
 }
 

@@ -24,7 +24,8 @@ unsigned sets_below(uint64_t *seed, unsigned n);
 void sets_make(uint64_t *seed, struct sets *, struct view *ret_view);
 /* Computes again the positions that the view keeps, each with the record it prefers. */
 void sets_reduce(struct sets *, const struct view *);
-/* Radii for some of its classes, of the size of its distances or anything. Calls sets_reduce. */
+/* Radii for some of its classes, and often for sources, of the size of its distances or anything. Calls sets_reduce; view_done
+ * frees what the view has then. */
 void sets_weights(uint64_t *seed, struct sets *, struct view *);
 /* The number of the weight of a position of the set: of the record that the view prefers. */
 uint8_t sets_weight_of(const struct sets *, const struct view *, const struct mesh_vertex *);

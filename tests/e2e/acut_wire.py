@@ -417,7 +417,7 @@ class Mesh:
             raise Breach("block %d after block %d" % (index, self.indexes[-1]))
         if any(v % 2 == 0 for v in region if abs(v) < (1 << 63) - 1 and v != -(1 << 63)):
             raise Breach("the region %s has an even border" % region)
-        if first != len(self.positions) or flags > 1:
+        if first != len(self.positions) or flags > 1:  # origins are for views with hidden alone
             raise Breach("block %d numbers from %d, flags %d" % (index, first, flags))
         self.indexes.append(index)
         foreign = [n for n, in f.rows("Q", nforeign)]

@@ -153,6 +153,11 @@ static void test_lengths(void **state)
 	becomes("ask 1 weight=9:0.3,2:1.5", &fine, "unknown", "view 1 weight=2:150,9:30");
 	becomes("ask 1 weight=2:1ft,255:10m class=2", &fine, "metre", "view 1 class=2 weight=2:30,255:1000");
 	becomes("ask 1 weight=2:0.004,3:0", &fine, "metre", "view 1");
+	becomes("ask 1 weight=#7:0.3,2:1.5,#3+1-2+9-9:30m,#4-6:0.304", &fine, "metre", "view 1 weight=2:150,#4-7:30,#1-3+9:3000");
+	becomes("ask 1 weight=#1:0,2:1,#2:0.001", &fine, "metre", "view 1 weight=2:100,#1-2:0");
+	becomes("ask 1 weight=#1:0,2:0,#2:0.001", &fine, "metre", "view 1");
+	becomes("ask 1 hidden weight=2:1", &fine, "metre", "view 1 weight=2:100 hidden");
+	becomes("ask 1 weight=#1-4294967295:1", &fine, "metre", "view 1 weight=#1-4294967295:100");
 	becomes("ask 1 weight=0:10737418.24", &fine, "metre", "view 1 weight=0:1073741824");
 	becomes("ask 1 thin=10m:lowest", &fine, "metre", "view 1 thin=1000:lowest");
 	becomes("ask 1 metric=-6,2,5 ground", &fine, "unknown", "view 1 ground metric=3,-1,5");
@@ -250,6 +255,9 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 weight=256:1", "metre", ERR_USAGE, "\"256=1\"");
 	refused("ask 1 weight=256:1", "metre", ERR_USAGE, "no class");
 	refused("ask 1 weight=2", "metre", ERR_USAGE, "no class");
+	refused("ask 1 weight=2:0 hidden", "metre", ERR_USAGE, "nothing is hidden");
+	refused("ask 1 weight=@a.laz:1", "metre", ERR_USAGE, "in the dataset only");
+	refused("ask 1 weight=#1-3:1,#2:2", "metre", ERR_USAGE, "source 2 has two radii");
 	refused("ask 1 weight=2:", "metre", ERR_USAGE, "no class");
 	refused("ask 1 weight=2:1 metric=1,0,2", "metre", ERR_USAGE, "circles");
 	refused("ask 1 thin=10ft:lowest", "", ERR_INPUT, "unknown");
@@ -289,6 +297,15 @@ static void test_refused(void **state)
 		"ask 1 crop=circle:1",
 		"ask 1 weight=",
 		"ask 1 weight=2:1,",
+		"ask 1 weight=#:1",
+		"ask 1 weight=#0:1",
+		"ask 1 weight=#1+:1",
+		"ask 1 weight=#1-:1",
+		"ask 1 weight=#-1:1",
+		"ask 1 weight=#01:1",
+		"ask 1 weight=#2-1:1",
+		"ask 1 weight=#1-2-3:1",
+		"ask 1 weight=#4294967296:1",
 		"view 1 zmin=1.5",
 		"view 1 zmin=01",
 		"view 1 zmin=-0",
@@ -336,6 +353,20 @@ static void test_refused(void **state)
 		"view 1 weight=2:1,",
 		"view 1 weight=",
 		"view 1 weight=2:1073741825",
+		"view 1 weight=#1:0",
+		"view 1 weight=#1:5,2:5",
+		"view 1 weight=#1:5,#2:4",
+		"view 1 weight=#1:5,#2:5",
+		"view 1 weight=#1+2:5",
+		"view 1 weight=#2+1:5",
+		"view 1 weight=#1-1:5",
+		"view 1 weight=#1:5,#1:6",
+		"view 1 weight=@a.laz:5",
+		"view 1 hidden",
+		"view 1 hidden weight=2:5",
+		"view 1 weight=2:5 hidden hidden",
+		"view 1 window=box:0,0,1,1 weight=2:5 hidden",
+		"ask 1 weight=2:5 hidden=1",
 	};
 
 	for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)

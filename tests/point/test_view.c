@@ -251,13 +251,21 @@ static void test_thin(void **state)
 		for (unsigned m = 0; m < 36; m++)
 			set[n++] = (struct point){(int32_t)(m % 3),  (int32_t)(m / 3 % 3), z, (uint8_t)(m / 9 % 2), 0x11,
 						  (uint16_t)(m / 18)};
+	/* Of points that are equal otherwise the one with the greatest slot comes first. */
+	for (unsigned slot = 1; slot <= SLOTS_MOST; slot++) {
+		struct point a = set[5], b = set[5];
+
+		a.tag |= (uint16_t)(slot << POINT_SLOT_SHIFT);
+		b.tag |= (uint16_t)((slot - 1) << POINT_SLOT_SHIFT);
+		assert_true(view_thin_compare(&v.thin, &a, &b) < 0 && view_thin_compare(&high, &b, &a) > 0);
+	}
 	/* A total order, the same upwards and downwards except for z; the source does not matter. */
 	for (size_t i = 0; i < n; i++) {
 		for (size_t j = 0; j < n; j++) {
 			struct point b = set[j];
 			int low = view_thin_compare(&v.thin, &set[i], &b), up = view_thin_compare(&high, &set[i], &b);
 
-			b.tag |= 9 << POINT_SOURCE_SHIFT;
+			b.tag |= 7 << POINT_SOURCE_SHIFT; /* marks of lines */
 			assert_int_equal(low, view_thin_compare(&median, &set[i], &b));
 			assert_int_equal(!low, i == j);
 			assert_int_equal(low<0, view_thin_compare(&v.thin, &b, &set[i])> 0);

@@ -62,6 +62,10 @@ static void model_block(struct model *m, unsigned i, uint64_t index, uint64_t fi
 		d->final[k / 8] |= (uint8_t)(model_roll(2) << k % 8);
 	if (i % 2)
 		b->flags = d->flags;
+	for (uint32_t k = 0; k < b->nnew; k++)
+		d->origin[k] = (struct stream_origin){.source = model_roll(UINT32_MAX), .cls = (uint8_t)model_roll(256)};
+	if (i % 3 == 2)
+		b->origin = d->origin;
 }
 
 void model_totals(struct model *m)
@@ -175,6 +179,9 @@ static void check_block(const struct stream_block *b, const struct stream_block 
 	assert_int_equal(b->flags != NULL, want->flags != NULL);
 	if (b->flags)
 		assert_memory_equal(b->flags, want->flags, b->ntriangle);
+	assert_int_equal(b->origin != NULL, want->origin != NULL);
+	if (b->origin)
+		assert_memory_equal(b->origin, want->origin, b->nnew * sizeof *b->origin);
 	if (!b->local)
 		return;
 	assert_ptr_equal(b->local + b->nforeign, b->vertex);

@@ -23,6 +23,7 @@ struct model_data {
 	uint64_t foreign[MAX_NEW];
 	int32_t vertex[MAX_NEW][3];
 	uint32_t triangle[MAX_TRI][3];
+	struct stream_origin origin[MAX_NEW];
 	uint8_t flags[MAX_TRI], final[2 * MAX_NEW / 8];
 };
 

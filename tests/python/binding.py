@@ -158,6 +158,7 @@ def same_views():
             ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]), ({"no_breaklines": True}, ["--no-breaklines"]),
             ({"breakline_clear": "0.5m", "duplicates": "highest"}, ["--breakline-clear", "0.5m", "--duplicates", "highest"]),
             ({"weight": {2: 1.5, 9: "0.3m"}}, ["--weight", "9=0.3m,2=1.5"]), ({"weight": "2=1"}, ["--weight", "2=1"]),
+            ({"weight": {"a.las": 2, 2: "1m"}}, ["--weight", "2=1m,a.las=2"]), ({"weight": "*.las=3"}, ["--weight", "./a.las=3"]),
             ({"max_error": "0.25ft", "every": 3}, ["--max-error", "0.25ft", "--every", "3"]), ({"max_points": 500}, ["--max-points", "500"]),
             ({"metric": (-6, 2, 5)}, ["--metric=3,-1,5"]), ({"metric": "1,0,1"}, ["--metric", "0,1,1"]),
             # Values that change nothing contradict nothing.
@@ -167,7 +168,7 @@ def same_views():
             ({"breakline_clear": "0.0m", "no_breaklines": True}, ["--breakline-clear", "0.0m", "--no-breaklines"]),
         ]
         known = set(inspect.signature(acut._view.view_text).parameters)
-        expect({w for words, _ in rows for w in words} == known, "rows for %s" % sorted(known))
+        expect({w for words, _ in rows for w in words} == known - {"hidden"}, "rows for %s" % sorted(known))
         for words, options in rows:
             job = c.submit("s", **words)
             r = d.ctl("submit", "s", "--json", *options).ok().json()
@@ -181,8 +182,8 @@ def same_views():
                 ({"class_": 256}, ["--class", "256"]), ({"zmin": 5, "zmax": 4}, ["--zmin", "5", "--zmax", "4"]),
                 ({"returns": "some"}, ["--returns", "some"]), ({"every": 0}, ["--every", "0"]), ({"zmin": "x y"}, ["--zmin", "x y"]),
                 ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"]), ({"breakline_clear": -1}, ["--breakline-clear=-1"]),
-                ({"weight": {256: 1}}, ["--weight", "256=1"]), ({"weight": "2"}, ["--weight", "2"]),
-                ({"weight": "0=0,0=2"}, ["--weight", "0=0,0=2"]), ({"weight": {}}, ["--weight", ""]),
+                ({"weight": {256: 1}}, ["--weight", "256=1"]), ({"weight": "0=0,0=2"}, ["--weight", "0=0,0=2"]), ({"weight": {}}, ["--weight", ""]),
+                ({"weight": {"a.las": ""}}, ["--weight", "a.las="]), ({"weight": {"+7": 1}}, ["--weight", "+7=1"]), ({"weight": "2"}, ["--weight", "2"]),
                 ({"weight": {2: -1}}, ["--weight", "2=-1"]),
                 ({"no_breaklines": True, "breakline_clear": 1}, ["--no-breaklines", "--breakline-clear", "1"]),
                 ({"max_error": -1}, ["--max-error=-1"]), ({"max_error": 1, "max_points": 9}, ["--max-error", "1", "--max-points", "9"]),
@@ -192,6 +193,12 @@ def same_views():
                 ({"metric": (1, 0.5, 2)}, ["--metric", "1,0.5,2"]), ({"metric": "1,2"}, ["--metric", "1,2"]),
                 ({"metric": (1, 2, 10001)}, ["--metric", "1,2,10001"])]:
             expect(raises(acut.UsageError, c.submit, "s", **words).exit_status == d.ctl("submit", "s", *options).status == 2, words)
+        job = c.wait(c.submit("s", weight={2: 3}, hidden=True))
+        with c.fetch(job) as blocks:
+            origins = [o for b in blocks for o in b.origins]
+        expect(job.report.triangles == 0 and job.report.vertices == len(origins) > 0 and {s for _, s in origins} == {1}, "%d hidden" % len(origins))
+        raises(acut.UsageError, c.submit, "s", hidden=True)
+        expect(raises(acut.NotFoundError, c.submit, "s", weight={"b.las": 1}).exit_status == d.ctl("submit", "s", "--weight", "b.las=1").status, "no file")
         with open(gj, "w") as f:
             f.write('{"type": "LineString", "coordinates": []}')
         e = raises(acut.InputError, c.submit, "s", crop=gj)

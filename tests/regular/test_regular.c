@@ -84,6 +84,23 @@ static bool make_whole(void)
 
 /* ---- domains ---- */
 
+/* Of the records of a cell, or segment: exactly, or as much as all have. */
+static int64_t most_in(void *ctx, const struct grid_cell *cell)
+{
+	int64_t weight[VIEW_WEIGHTS + 1], most = 0;
+
+	(void)ctx;
+	view_weights(&view, weight);
+	for (size_t i = 0; i < set.nrecord[cell->segment]; i++) {
+		const struct point *p = &set.record[cell->segment][i];
+		int64_t w = weight[view_weight_of(&view, p)];
+
+		if (p->x >= cell->box[0] && p->y >= cell->box[1] && p->x <= cell->box[2] && p->y <= cell->box[3] && w > most)
+			most = w;
+	}
+	return most;
+}
+
 /* What a region loads before it is verified, in `memory`. */
 static struct regular load(const struct cut_source *src, const struct cut_region *region, uint32_t cap, void *memory,
 			   struct mesh_counts *ret)
@@ -102,6 +119,7 @@ static struct regular load(const struct cut_source *src, const struct cut_region
 	return (struct regular){.src = src,
 				.view = &view,
 				.most = view_weights(&view, weights),
+				.most_of = cases % 3 ? most_in : NULL,
 				.region = region,
 				.tri = tri,
 				.n = l.n,
@@ -263,6 +281,7 @@ static bool one_case(uint64_t seed, enum how how)
 	struct tiling t, u;
 	unsigned n;
 
+	view_done(&view);
 	sets_make(&seed, &set, &view);
 	sets_weights(&seed, &set, &view);
 	cases++;

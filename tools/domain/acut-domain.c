@@ -149,7 +149,7 @@ static int select_own(struct session *s, int dataset, struct err *err)
 		const struct grid_source *lines = grid_lines_source(s->grid);
 		struct view rest = view_rest(&s->view);
 		struct grid_named file[GRID_SOURCE_FILES];
-		struct grid_use use = {.no_lines = !lines};
+		struct grid_use use = {.no_lines = !lines, .slots = s->view.slots ? &selection_slots : NULL};
 		struct selection_counts counts = {0};
 
 		r = select_into(s, dirfd, &counts, err);
@@ -167,6 +167,7 @@ static int select_own(struct session *s, int dataset, struct err *err)
 		for (size_t i = 0; i < sizeof files / sizeof files[0] && files[i]; i++)
 			io_remove(dirfd, files[i], &ignored);
 		io_close(dirfd);
+		s->view.slots = NULL; /* the rest has it */
 		view_done(&s->view);
 		s->view = rest;
 	}
@@ -177,6 +178,7 @@ static int select_own(struct session *s, int dataset, struct err *err)
 static int select_folder(struct session *s, const struct options *o, struct err *err)
 {
 	struct view rest = view_rest(&s->view);
+	struct slots slots = selection_slots;
 	struct selection_counts counts;
 	char *text;
 	int dirfd, r = io_make_dir(AT_FDCWD, o->out, 0777, err);
@@ -189,6 +191,8 @@ static int select_folder(struct session *s, const struct options *o, struct err 
 	io_close(dirfd);
 	if (r)
 		return r;
+	if (rest.slots)
+		rest.slots = &slots; /* the sources of the selection */
 	text = view_text(&rest);
 	if (!text)
 		return err_set(err, ERR_NOMEM, "no memory for a view");
@@ -235,7 +239,7 @@ static int session_open(struct session *s, const struct options *o, struct err *
 		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (r)
 		return r;
-	use = (struct grid_use){.no_lines = s->view.no_breaklines, .clear = s->view.breakline_clear};
+	use = (struct grid_use){.no_lines = s->view.no_breaklines, .clear = s->view.breakline_clear, .slots = s->view.slots};
 	s->ledger = ledger_new(o->memory);
 	if (!s->ledger)
 		r = err_set(err, ERR_NOMEM, "no memory");

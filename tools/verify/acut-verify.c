@@ -271,6 +271,10 @@ static int find_weights(struct verdict *v, const char *unit, struct err *err)
 	}
 	if (r)
 		return r;
+	if (asked.slots) {
+		view_done(&asked);
+		return err_set(err, ERR_USAGE, "--weight is not CLASS=RADIUS,...: %.100s", v->weight_text);
+	}
 	v->view.nweight = asked.nweight;
 	memcpy(v->view.weight, asked.weight, sizeof asked.weight);
 	view_done(&asked);
@@ -400,6 +404,12 @@ static int read_inputs(struct verdict *v, char **inputs, struct err *err)
 
 static int refuse_weighted(const struct verdict *v, char **inputs, struct err *err)
 {
+	if (v->view.hidden || v->view.slots) {
+		err_set(err, ERR_UNSUPPORTED,
+			v->view.hidden ? "a mesh of what weights hide has no triangles to check" :
+					 "the weights are those of files of a dataset");
+		return err_add_hint(err, "acut-verify checks weights of classes (--weight CLASS=RADIUS)");
+	}
 	if (v->line_files)
 		return err_set(err, ERR_USAGE, "a mesh with weights has no lines");
 	if (v->bound_text)

@@ -311,6 +311,10 @@ static void test_refused(void **state)
 	err = ERR_INIT;
 	assert_int_equal(join(&(struct job){.format = "ply", .side = "3.2", .parts = 1}, &m, out, "join", made, &report, &err),
 			 -ERR_DIGEST);
+	made[1].bytes[4]++;
+	err = ERR_INIT;
+	assert_int_equal(join(&j, &m, out, "join", made, &report, &err), -ERR_VERSION);
+	made[1].bytes[4]--;
 	for (size_t cut = 0; cut < made[1].size; cut += made[1].size / 97 + 1) {
 		size_t size = made[1].size;
 

@@ -6,6 +6,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <cmocka.h>
@@ -121,10 +122,34 @@ static void test_rows(void **state)
 #include "view_option.def"
 }
 
+/* The names of files in a request; what the daemon makes of them, tests/e2e/weights_files.py tests. */
+static void test_files(void **state)
+{
+	static const char *const row[][2] = {
+		{"a.laz=0.5,2=1m", "@a.laz:0.5,2:1m"},
+		{"2024/*.laz=30ft", "@2024/*.laz:30ft"},
+		{"v=1 a:b.laz=5,./7=3", "@v%3D1%20a%3Ab.laz:5,@./7:3"},
+		{"gr\xc3\xbcn%.csv=0", "@gr%C3%BCn%25.csv:0"},
+		{"[ab]?=1,9=1", "@[ab]?:1,9:1"},
+	};
+
+	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
+		const struct ctl_view_options a = {.weight = row[i][0]};
+		struct err err = ERR_INIT;
+		char *text, want[200];
+
+		snprintf(want, sizeof want, "ask 1 weight=%s", row[i][1]);
+		assert_int_equal(ctl_view_text(&a, &text, &err), 0);
+		assert_string_equal(text, want);
+		free(text);
+	}
+}
+
 static void test_bad_weights(void **state)
 {
-	static const char *const bad[] = {"",         "2",   "2=",    "=1",  "2:1",     "256=1", "2=-1", "2=1,",  ",2=1",
-					  "2=1,,3=1", "2=x", "2=1km", "x=1", "2=1;3=1", "-2=1",  "2 =1", "1000=1"};
+	static const char *const bad[] = {"",         "2",     "2=",       "=1",      "2:1",   "256=1", "2=-1",
+					  "2=1,",     ",2=1",  "2=1,,3=1", "2=x",     "2=1km", "x=",    "a.laz",
+					  "a.laz=-1", "2.5=1", "a.laz=1,", "2=1;3=1", "-2=1",  "2 =1",  "1000=1"};
 	char *text;
 
 	for (unsigned i = 0; i < sizeof(bad) / sizeof(*bad); i++) {
@@ -155,7 +180,8 @@ static void test_rubbish(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rows),
-					   cmocka_unit_test(test_rubbish), cmocka_unit_test(test_bad_weights)};
+					   cmocka_unit_test(test_rubbish), cmocka_unit_test(test_bad_weights),
+					   cmocka_unit_test(test_files)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -176,6 +176,37 @@ def real(base):
             run(CLUSTER, "clean", work)
 
 
+def options(base):
+    """What is said of inputs and of outputs means what it means to acutctl. Names of files are relative to the folder of the command."""
+    d = Daemon(base)
+    random = 12345
+    os.mkdir(base + "/texts")
+    for k in range(3):
+        with open("%s/texts/t%d.xyz" % (base, k), "w") as f:
+            for _ in range(3000):
+                random = random * 1103515245 + 12345 & 0x7fffffff
+                x, y, z = random % 1000 / 1e5 + 9 + k / 100, random // 1000 % 1000 / 1e5 + 48, random % 97 / 3
+                f.write("%.3f;2;%.7f;%.7f\n" % (z, x, y))
+    with open(base + "/area.wkt", "w") as f:
+        f.write("POLYGON ((500100 5316000, 501500 5316000, 501500 5317500, 500100 5317500, 500100 5316000))")
+    common = ["texts", "--columns", "zcxy", "--input-format", "xyz"]
+    for k, args in enumerate((["--assume-crs", "EPSG:4258", "--utm", "32N"], ["--assume-crs", "EPSG:4258", "--utm", "33N", "--scale", "0.005,0.01"],
+                              ["--planar", "--override-units", "m,ft"], ["--assume-crs", "EPSG:4258", "--mask", "area.wkt", "--max-edge", "80m"],
+                              ["--assume-crs", "EPSG:4258", "--class", "2", "--zmin", "5"])):
+        p = run(ACUTCTL, "mesh", *common, *args, "-o", "d%d.ply" % k, "--canonical", "--json", "--memory", "64M", env=d.env, cwd=base, status=None)
+        work = "w%d" % k
+        q = run(CLUSTER, "mesh", *common, *args, "-o", "m%d.ply" % k, "--canonical", "--json", "--work", work, "--on", "local", "--no-config",
+                "--task-memory", "64M", "--task-points", "4000", cwd=base, status=None)
+        check("options " + " ".join(args), p.returncode == q.returncode == 0, "%s\n%s\n%s%s" % (p.stderr, p.stdout, q.stderr, q.stdout))
+        if p.returncode or q.returncode:
+            continue
+        check("a mesh", int(json.loads(q.stdout)["result"]["triangles"]) > 1000, q.stdout)
+        same("options " + " ".join(args), json.loads(q.stdout)["result"], json.loads(p.stdout.splitlines()[-1]))
+        with open("%s/d%d.ply" % (base, k), "rb") as f, open("%s/m%d.ply" % (base, k), "rb") as g:
+            check("the same file", f.read().split(b"end_header")[1] == g.read().split(b"end_header")[1], " ".join(args))
+        run(CLUSTER, "clean", work, cwd=base)
+
+
 def output_tiles(base):
     """Outputs that many tasks write: relative names are of the folder of the command."""
     survey, d = tiles(base + "/tiles", 30000), Daemon(base)
@@ -292,7 +323,7 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, output_tiles, twice, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, output_tiles, twice, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
 for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:

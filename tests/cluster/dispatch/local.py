@@ -78,6 +78,14 @@ def failures(base):
     check("status 0 without a record is no end", status == 1 and "no record" in out, out)
 
 
+def lives(pid):
+    try:
+        with open("/proc/%d/stat" % pid) as f:
+            return f.read().split(")")[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 def stop(base):
     for how in (signal.SIGTERM, signal.SIGINT, signal.SIGKILL):
         w = Work(base, 'echo $$ >"$w/pid-$i"; exec sleep 50')
@@ -89,9 +97,10 @@ def stop(base):
         pids = [int(open(w.path + "/pid-%d" % i).read()) for i in (0, 1)]
         p.send_signal(how)
         status = p.wait(20)
-        time.sleep(0.2 if how == signal.SIGKILL else 0)
-        check("a driver that ends with %s ends its tasks" % how.name, not any(os.path.exists("/proc/%d/cmdline" % n) and
-              open("/proc/%d/stat" % n).read().split()[2] != "Z" for n in pids), str(pids))
+        end = time.time() + (20 if how == signal.SIGKILL else 0)  # it could not wait for them
+        while any(lives(n) for n in pids) and time.time() < end:
+            time.sleep(0.05)
+        check("a driver that ends with %s ends its tasks" % how.name, not any(lives(n) for n in pids), str(pids))
         check("its status", status == (3 if how != signal.SIGKILL else -9), str(status))
 
 

@@ -199,7 +199,7 @@ static void test_commands(void **state)
 	assert_string_equal(out, big);
 	free(out);
 	free(big);
-	assert_int_equal(dispatch_command(none, NULL, 10, NULL, &err), -ERR_NOTFOUND);
+	assert_int_equal(dispatch_command(none, NULL, 10, NULL, &err), -ERR_NODAEMON);
 	err_clear(&err);
 	assert_int_equal(dispatch_command(fails, "input that nobody reads", 10, NULL, &err), -ERR_IO);
 	assert_non_null(strstr(err.message, "status 3: it is so"));

@@ -4,6 +4,7 @@
  *   phases make WORK MEMORY STAGES MESHES GATHERS INPUT...   all up to the phase mesh
  *   phases gather WORK INDEX OPTIONS
  *   phases finish|clean WORK OPTIONS
+ *   phases check POINTS OPTIONS   whether so many points can be written
  *
  * OPTIONS are those of acutctl mesh that outputs have.
  */
@@ -171,6 +172,17 @@ static int late(const char *phase, int argc, char **argv)
 	return r ? failed(&err) : 0;
 }
 
+static int check(int argc, char **argv)
+{
+	struct ctl_fetch_options options = {.tile = NULL};
+	struct err err = ERR_INIT;
+	uint64_t points;
+
+	if (argc < 1 || !parse_u64(argv[0], &points) || !parse(argc - 1, argv + 1, &options))
+		return 64;
+	return gather_check(&options, points, &err) ? failed(&err) : 0;
+}
+
 int main(int argc, char **argv)
 {
 	no_sync();
@@ -178,5 +190,7 @@ int main(int argc, char **argv)
 		return make(argc - 2, argv + 2);
 	if (argc > 2 && (!strcmp(argv[1], "gather") || !strcmp(argv[1], "finish") || !strcmp(argv[1], "clean")))
 		return late(argv[1], argc - 2, argv + 2);
+	if (argc > 2 && !strcmp(argv[1], "check"))
+		return check(argc - 2, argv + 2);
 	return 64;
 }

@@ -615,6 +615,49 @@ static void mixed_systems_are_refused(void **state)
 	work_close(w);
 }
 
+enum { MANY = 64 };
+static _Atomic unsigned opens[MANY];
+
+static int count_openat(int dirfd, const char *path, int flags, mode_t mode)
+{
+	const char *name = strstr(path, "/input");
+	unsigned i;
+
+	if (name && sscanf(name, "/input%u.las", &i) == 1)
+		opens[i]++;
+	return io_system.openat(dirfd, path, flags, mode);
+}
+
+/* A node that does not see the inputs: it does not wait for each. */
+static void absent_inputs_are_waited_for_together(void **state)
+{
+	static struct work_input file[MANY];
+	static char path[MANY][128];
+	const struct work_about about = {.id = 1, .memory = 64 << 20, .tasks = {[WORK_HEAD] = 1}};
+	struct survey_params p = params();
+	char folder[128];
+	struct work *w;
+	struct err err = ERR_INIT;
+	unsigned waited = 0;
+
+	for (unsigned i = 0; i < MANY; i++) {
+		snprintf(path[i], sizeof path[i], "%s/input%u.las", top, i);
+		file[i] = (struct work_input){.path = path[i], .size = 1000};
+	}
+	snprintf(folder, sizeof folder, "%s/absent", top);
+	check(work_make(folder, &about, file, MANY, &w, &err), &err);
+	work_set_patience(w, 1);
+	no_sync()->openat = count_openat;
+	assert_int_equal(survey_head(w, &p, &err), -ERR_IO);
+	assert_int_equal(told.refused, MANY);
+	for (unsigned i = 0; i < MANY; i++) {
+		assert_true(opens[i] >= 1);
+		waited += opens[i] > 1;
+	}
+	assert_true(waited >= 1 && waited <= 16); /* as many are opened at a time */
+	work_close(w);
+}
+
 /* What is said of the inputs reaches all phases. */
 static void degrees_are_projected_in_the_stages(void **state)
 {
@@ -808,6 +851,7 @@ int main(void)
 		TEST(an_attempt_that_ends_early_counts_for_nothing),
 		TEST(inputs_that_changed_are_refused_by_name),
 		TEST(all_that_cannot_be_used_are_named),
+		TEST(absent_inputs_are_waited_for_together),
 		TEST(mixed_systems_are_refused),
 		TEST(degrees_are_projected_in_the_stages),
 		TEST(what_is_odd_is_counted),

@@ -1,0 +1,195 @@
+/*
+ * The positions that weights hide, as GeoJSON: the vertices of a mesh of the same view with `hidden`, which a job of its own
+ * makes.
+ *
+ * Names of files are kept in memory, at most NAMES_MOST bytes of them; files beyond have their number alone.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctl_report.h"
+#include "outfile.h"
+
+enum { NAMES_MOST = 16 << 20, NAME_MOST = 256 };
+
+struct names {
+	struct name {
+		uint32_t source, at; /* at: in the text */
+	} * row;
+	char *text;
+	size_t n, room, used, size;
+	bool full;
+};
+
+struct writing {
+	struct outfile *out;
+	struct err *err;
+	struct names names;
+	struct acut_mesh_head head; /* its texts are valid during the fetch */
+	uint64_t n;
+	int r; /* of the first failure */
+};
+
+/* ---- names of files ---- */
+
+static bool grow(void **at, size_t need, size_t *room, size_t each)
+{
+	size_t more = *room ? 2 * *room : 1024;
+	void *to;
+
+	if (need <= *room)
+		return true;
+	more = more < need ? need : more;
+	to = more * each > NAMES_MOST ? NULL : realloc(*at, more * each);
+	if (!to)
+		return false;
+	*at = to;
+	*room = more;
+	return true;
+}
+
+static void keep_name(void *ctx, const struct acut_log_file *f)
+{
+	struct names *k = ctx;
+	size_t n = strlen(f->name) + 1;
+
+	if (k->full || f->of_lines || f->removed)
+		return;
+	k->full =
+		!grow((void **)&k->row, k->n + 1, &k->room, sizeof *k->row) || !grow((void **)&k->text, k->used + n, &k->size, 1);
+	if (k->full)
+		return;
+	k->row[k->n++] = (struct name){f->source, (uint32_t)k->used};
+	memcpy(k->text + k->used, f->name, n);
+	k->used += n;
+}
+
+static void pass_generation(void *ctx, const struct acut_generation *g) {}
+
+static int by_source(const void *a, const void *b)
+{
+	uint32_t p = ((const struct name *)a)->source, q = ((const struct name *)b)->source;
+
+	return (p > q) - (p < q);
+}
+
+/* NULL: it is not known. */
+static const char *name_of(const struct names *k, uint32_t source)
+{
+	const struct name key = {source, 0};
+	const struct name *hit = k->n ? bsearch(&key, k->row, k->n, sizeof key, by_source) : NULL;
+
+	return hit ? k->text + hit->at : NULL;
+}
+
+/* ---- the file ---- */
+
+static void put(struct writing *w, const char *text)
+{
+	if (!w->r)
+		w->r = outfile_write(w->out, text, strlen(text), w->err);
+}
+
+static char *json_text(const char *text, char buf[6 * NAME_MOST + 3])
+{
+	char *to = buf;
+
+	*to++ = '"';
+	for (size_t i = 0; text[i] && i < NAME_MOST; i++)
+		if ((unsigned char)text[i] < 0x20 || text[i] == '"' || text[i] == '\\')
+			to += sprintf(to, "\\u%04x", (unsigned char)text[i]);
+		else
+			*to++ = text[i];
+	*to++ = '"';
+	*to = 0;
+	return buf;
+}
+
+static void put_place(struct writing *w, const int32_t at[3], const struct acut_mesh_origin *of)
+{
+	char text[512], a[3][48], name[6 * NAME_MOST + 3];
+	const char *file = of->source ? name_of(&w->names, of->source) : NULL;
+
+	snprintf(text, sizeof text, "%s\n{\"type\":\"Feature\",\"properties\":{\"class\":%u,\"source\":", w->n++ ? "," : "",
+		 of->cls);
+	put(w, text);
+	snprintf(text, sizeof text, of->source ? "%u" : "null", of->source);
+	put(w, text);
+	put(w, ",\"file\":");
+	put(w, file ? json_text(file, name) : "null");
+	snprintf(text, sizeof text, "},\"geometry\":{\"type\":\"Point\",\"coordinates\":[%s,%s,%s]}}",
+		 acut_coordinate_text(&w->head, 0, at[0], a[0]), acut_coordinate_text(&w->head, 1, at[1], a[1]),
+		 acut_coordinate_text(&w->head, 2, at[2], a[2]));
+	put(w, text);
+}
+
+static int on_head(void *ctx, const struct acut_mesh_head *head)
+{
+	struct writing *w = ctx;
+
+	w->head = *head;
+	return 0;
+}
+
+static int on_block(void *ctx, const struct acut_mesh_block *b)
+{
+	struct writing *w = ctx;
+
+	for (uint32_t i = 0; b->origin && !w->r && i < b->nnew; i++)
+		put_place(w, b->vertex[i], &b->origin[i]);
+	return w->r;
+}
+
+/* The head of a mesh with `hidden` says how to read its numbers. */
+static int fetch(struct session *session, const char *dataset, uint64_t generation, const char *view, struct writing *w)
+{
+	const struct acut_submission what = {
+		.dataset = dataset, .generation = generation, .view = view, .bound = true, .fresh = true};
+	const struct acut_log_sink log = {.generation = pass_generation, .file = keep_name, .ctx = &w->names};
+	const struct acut_mesh_sink sink = {.head = on_head, .block = on_block, .ctx = w};
+	const struct acut_job *job;
+
+	/* Names are a help: a dataset of one step has no log. */
+	if (!acut_dataset_log(session->acut, dataset, &log) && w->names.n)
+		qsort(w->names.row, w->names.n, sizeof *w->names.row, by_source);
+	if (acut_fetch_window(session->acut, NULL) || acut_submit_job(session->acut, &what, &job) ||
+	    acut_fetch(session->acut, job->id, &sink))
+		return w->r ? 0 : session_error_acut(session);
+	return 0;
+}
+
+int ctl_report_hidden(struct session *session, const char *dataset, uint64_t generation, const char *view, const char *path)
+{
+	struct err err = ERR_INIT;
+	struct writing w = {.err = &err};
+	char *hidden = NULL;
+	int status;
+
+	if (!strstr(view, " weight=")) {
+		err_set(&err, ERR_USAGE, "without weights nothing is hidden");
+		err_add_hint(&err, "give --weight, or leave out --weight-report");
+		return session_error(session, &err);
+	}
+	if (outfile_new(path, false, &w.out, &err))
+		return session_error(session, &err);
+	put(&w, "{\"type\":\"FeatureCollection\",\"features\":[");
+	if (asprintf(&hidden, "%s hidden", view) < 0) {
+		err_set(&err, ERR_NOMEM, "no memory for a view");
+		status = session_error(session, &err);
+		hidden = NULL;
+	} else {
+		status = fetch(session, dataset, generation, hidden, &w);
+	}
+	put(&w, "\n]}\n");
+	if (!status && !w.r)
+		w.r = outfile_publish(w.out, &err);
+	outfile_free(w.out);
+	if (!status && w.r) {
+		err_add_file(&err, path);
+		status = session_error(session, &err);
+	}
+	free(hidden);
+	free(w.names.row);
+	free(w.names.text);
+	return status;
+}
