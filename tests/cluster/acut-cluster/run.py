@@ -128,6 +128,33 @@ def script(base):
     run(CLUSTER, "wait", work)
 
 
+def many_segments(base):
+    """A dataset of more segments than a reader holds open, in an acutd with few descriptors: it is meshed while they are merged."""
+    survey, work = base + "/tiles", base + "/w"
+    os.mkdir(survey)
+    for k in range(320):
+        run(SYNTH, "--points", "400", "--area", "20x20", "--origin", "%d,%d,0" % (500000 + k % 20 * 20, 5400000 + k // 20 * 20), "--seed", str(k + 1),
+            "%s/t%03d.las" % (survey, k))
+    wanted = Daemon(base).mesh(survey, "--format", "null")
+    p = run(CLUSTER, "stage", survey, "--work", work, "--on", "local", "--task-points", "400", "--json", "--no-config")
+    segments = int(json.loads(p.stdout)["result"]["segments"])
+    check("many segments", segments > 300, str(segments))
+    with e2e.Daemon(base, memory="64M", prefix=["prlimit", "--nofile=400"]) as d:
+        d.ctl("dataset", "import", work + "/dataset", "valley").ok()
+        same("many segments", d.ctl("submit", "valley", "--wait", "--json").ok().json(), wanted)
+    run(CLUSTER, "mesh", survey, "-o", base + "/m.ply", "--work", work + "2", "--on", "local", "--task-points", "400", "--no-config",
+        env={"ACUT_TASK": few_descriptors(base)})
+    same("many segments, few descriptors", show(work + "2")["result"], wanted)
+
+
+def few_descriptors(base):
+    path = base + "/few"
+    with open(path, "w") as f:
+        f.write('#!/bin/sh\nulimit -n 160\nexec %s "$@"\n' % TASK)
+    os.chmod(path, 0o755)
+    return path
+
+
 KEYS = ("digest", "vertex_digest", "vertices", "triangles")
 
 
@@ -323,7 +350,7 @@ def one_node(base):
         same("Slurm of one node", json.loads(p.stdout)["result"], wanted)
 
 
-parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, output_tiles, twice, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
+parts = {p.__name__: p for p in (stage, refused, interrupted, script, mesh, real, options, output_tiles, twice, many_segments, one_node, slurm_mesh, slurm_lost, slurm_cancel)}
 for name in sys.argv[1:] or [n for n in parts if "slurm" not in n and n != "one_node"]:
     begun = time.time()
     with tempfile.TemporaryDirectory() as base:
