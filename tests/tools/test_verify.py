@@ -248,8 +248,17 @@ def errors(folder):
     expect(got["good"] and got["outside"] == 1, got)
     write(rows[1:])
     expect(json.loads(run("--json", "--max-error", "9", mesh, path).stdout)["fault"] == "extra", "a vertex that is no point")
-    for bad in ("-1", "x", "1m", "", "1e300"):
+    for bad in ("-1", "x", "1m", "", "1e300", "1 ground"):
         expect(run("--max-error", bad, mesh, path).returncode == 2, bad)
+    # The three steps are 0.03 of the unit of the heights, which need not be that of x and y.
+    write(rows + [(x0, y0 + 25, 12345 + 21 - 3)])
+    for unit, within, beyond in (("metre", "0.03m", "0.0299m"), ("metre", "0.1ft", "0.098ft"), ("foot", "0.03ft", "0.009m"), ("foot", "0.00915m", "0.029")):
+        with open(mesh, "wb") as f:
+            f.write(ply(comments=["acut-units us-survey-foot " + unit]))
+        expect(run("--max-error", within, mesh, path).returncode == 0, "%s in %s" % (within, unit))
+        got = json.loads(run("--json", "--max-error", beyond, mesh, path).stdout)
+        expect(got["fault"] == "error" and got["max_error"] == 0.02, "%s in %s: %s" % (beyond, unit, got))
+        expect(run("--view", "ask 1 max-error=" + within, mesh, path).returncode == 0, "a request")
     with open(mesh, "wb") as f:
         f.write(ply([(x / 100, y0 / 100, 0) for x in (x0, x0 + 9)], []))
     write([(x, y0, 0) for x in (x0, x0 + 9)])

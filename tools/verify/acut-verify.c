@@ -37,7 +37,7 @@ static const char help[] =
 	"  --densify LENGTH, --lake-level min|max|mean: as for acutctl mesh; FILE may also be a text of lines\n"
 	"\n"
 	"  --max-error LENGTH the vertices are some of the POINTS, and none of the others is more than\n"
-	"                     LENGTH (file units) above or below the mesh\n"
+	"                     LENGTH (0.1m, or in units of the heights) above or below the mesh\n"
 	"  --json             one JSON object\n"
 	"  --quiet            say nothing of a good mesh\n"
 	"  --help, --version\n"
@@ -234,53 +234,6 @@ static void check_digests(struct verdict *v)
 		set_fault(v, "vertex-digest", "the digest of the vertices is not the one in the file");
 }
 
-/* The bound of --max-error, or that of the view. */
-static int find_bound(struct verdict *v, struct err *err)
-{
-	struct decimal d;
-
-	v->bounded = v->bound_text || v->view.has_max_error;
-	v->bound = v->view.max_error;
-	v->partial = v->bounded || v->view.max_points;
-	if (!v->bound_text)
-		return 0;
-	if (!decimal_parse(v->bound_text, &d) || d.mantissa < 0 ||
-	    !decimal_steps_down(d.mantissa, d.exponent, 1, 1, v->mesh.lattice.scale_z, &v->bound))
-		return err_set(err, ERR_USAGE, "--max-error: \"%.60s\" is not a length in the units of the mesh", v->bound_text);
-	return 0;
-}
-
-/* The radii of --weight, in the lattice and the unit of the mesh, as the daemon has them from a request. */
-static int find_weights(struct verdict *v, const char *unit, struct err *err)
-{
-	struct view asked;
-	char *text;
-	int r;
-
-	if (!v->weight_text)
-		return 0;
-	if (asprintf(&text, "ask 1 weight=%s", v->weight_text) < 0)
-		return err_set(err, ERR_NOMEM, "no memory for --weight");
-	for (char *at = text + strlen("ask 1 weight="); *at; at++)
-		*at = *at == '=' ? ':' : *at;
-	r = view_resolve(text, &v->mesh.lattice, unit, "unknown", &asked, err);
-	free(text);
-	if (r == -ERR_PROTO) {
-		err_clear(err);
-		return err_set(err, ERR_USAGE, "--weight is not CLASS=RADIUS,...: %.100s", v->weight_text);
-	}
-	if (r)
-		return r;
-	if (asked.slots) {
-		view_done(&asked);
-		return err_set(err, ERR_USAGE, "--weight is not CLASS=RADIUS,...: %.100s", v->weight_text);
-	}
-	v->view.nweight = asked.nweight;
-	memcpy(v->view.weight, asked.weight, sizeof asked.weight);
-	view_done(&asked);
-	return view_check(&v->view, err);
-}
-
 static int read_points(struct verdict *v, const char *path, struct err *err)
 {
 	struct check_mesh points;
@@ -468,21 +421,18 @@ static int check_weighted(struct verdict *v, struct verify_mesh m, char **inputs
 
 static int check_all(struct verdict *v, char **inputs, struct err *err)
 {
-	const char *unit;
 	struct view_metric metric;
 	struct verify_mesh m;
 	int rc = read_mesh(v, err);
 
 	if (rc)
 		return rc;
-	unit = *v->mesh.unit_xy ? v->mesh.unit_xy : "unknown";
-	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, unit, "unknown", &v->view, err)))
-		return rc;
-	if ((rc = find_weights(v, unit, err)) || (v->view.nweight && (rc = refuse_weighted(v, inputs, err))))
+	if ((rc = verdict_view(v, err)) || (rc = verdict_weights(v, err)) ||
+	    (v->view.nweight && (rc = refuse_weighted(v, inputs, err))))
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
 	metric = view_metric_normal(v->view.metric);
-	if ((rc = read_lines(v, err)) || (rc = find_bound(v, err)))
+	if ((rc = read_lines(v, err)) || (rc = verdict_bound(v, err)))
 		return rc;
 	m = (struct verify_mesh){.vertex = (const int32_t(*)[3])v->mesh.vertex,
 				 .triangle = (const uint32_t(*)[3])v->mesh.triangle,

@@ -24,6 +24,7 @@ struct check_mesh {
 	struct digest digest, vertex_digest; /* from the file */
 	char crs[512];
 	char unit_xy[32];     /* "metre" ...; "" if the file does not say it */
+	char unit_z[32];      /* likewise */
 	bool trimmed;         /* the file says that it has a part of the mesh, */
 	bool bounded;         /* and only because it ends at boundaries or holes */
 	int32_t (*vertex)[3]; /* lattice numbers */

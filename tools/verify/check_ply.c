@@ -124,7 +124,7 @@ static bool parse_comment(const char *text, struct ply_header *h, struct check_m
 		m->bounded = strcmp(value, "bounded") == 0;
 	}
 	if ((value = text_after(text, "acut-units ")))
-		snprintf(m->unit_xy, sizeof m->unit_xy, "%.*s", (int)strcspn(value, " "), value);
+		sscanf(value, "%31s %31s", m->unit_xy, m->unit_z);
 	if (text_after(text, "acut-z-unit "))
 		h->converted = true;
 	if ((value = text_after(text, "acut-crs ")))

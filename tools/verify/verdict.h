@@ -42,6 +42,12 @@ struct verdict {
 	double seconds;
 };
 
+/* What options say in lengths, when the mesh was read (verdict_view.c): the view of --view; the radii of --weight; the bound of
+ * --max-error, or that of the view, so after it. */
+int verdict_view(struct verdict *, struct err *err);
+int verdict_weights(struct verdict *, struct err *err);
+int verdict_bound(struct verdict *, struct err *err);
+
 /* On standard output. */
 void verdict_print_json(const struct verdict *);
 void verdict_print_text(const struct verdict *);
