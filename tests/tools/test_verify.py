@@ -353,6 +353,22 @@ def weighted(folder):
     for radius in ("2=0.5m", "2=0.5", "2=1ft"):
         got = run("--weight", radius, mesh, path)
         expect(got.returncode == 0 and b"regular " in got.stdout and b"hidden    0" in got.stdout, got.stdout + got.stderr)
+    # The same points without names of columns: nothing says that the fourth is the class.
+    bare = os.path.join(folder, "bare.csv")
+    with open(path) as f, open(bare, "w") as to:
+        to.writelines(f.readlines()[1:])
+    got = run("--weight", "2=0.5", mesh, bare)
+    expect(got.returncode == 2 and b"--columns" in got.stderr and b"bare.csv" in got.stderr, got)
+    for columns, weight, what in (("xyzc", "2=0.5", b"regular "), ("xyz", "0=0.5", b"regular "), ("xyz", "2=0", b"delaunay")):
+        got = run("--weight", weight, "--columns", columns, mesh, bare)
+        expect(got.returncode == 0 and what in got.stdout, "%s: %s" % (columns, got))
+    expect(run("--columns", "xyzc", "--class", "2", mesh, bare).returncode == 0 and run("--class", "2", mesh, bare).returncode == 1, "classes")
+    expect(run("--columns", "xyq", mesh, bare).returncode == 2, "columns that are none")
+    with open(bare) as f:
+        text = f.read().replace(",", ";").replace(".", ",")
+    with open(bare, "w") as f:
+        f.write(text)
+    expect(run("--columns", "xyzc", "--decimal-comma", "--weight", "2=0.5", mesh, bare).returncode == 0, "decimal commas")
     for args, said in (([], "classes"), ([mesh], "classes"), (["--max-error", "1", path], "bound"), (["--metric", "1,1,2", path], "ellipses"),
                        (["--breaklines", path, path], "no lines")):
         got = run("--weight", "2=1", mesh, *args)

@@ -38,6 +38,7 @@ static const char help[] =
 	"\n"
 	"  --max-error LENGTH the vertices are some of the POINTS, and none of the others is more than\n"
 	"                     LENGTH (0.1m, or in units of the heights) above or below the mesh\n"
+	"  --columns LETTERS, --decimal-comma: of POINTS that are texts, as for acutctl\n"
 	"  --json             one JSON object\n"
 	"  --quiet            say nothing of a good mesh\n"
 	"  --help, --version\n"
@@ -66,6 +67,8 @@ enum {
 	OPT_LAKE_LEVEL,
 	OPT_PLANAR,
 	OPT_MAX_ERROR,
+	OPT_COLUMNS,
+	OPT_DECIMAL_COMMA,
 	OPT_JSON,
 	OPT_QUIET,
 	OPT_HELP,
@@ -94,6 +97,8 @@ static const struct option long_options[] = {
 	{"weight", 1, NULL, OPT_WEIGHT},
 	{"planar", 0, NULL, OPT_PLANAR},
 	{"max-error", 1, NULL, OPT_MAX_ERROR},
+	{"columns", 1, NULL, OPT_COLUMNS},
+	{"decimal-comma", 0, NULL, OPT_DECIMAL_COMMA},
 	{"json", 0, NULL, OPT_JSON},
 	{"quiet", 0, NULL, OPT_QUIET},
 	{"help", 0, NULL, OPT_HELP},
@@ -188,6 +193,12 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 		break;
 	case OPT_MAX_ERROR:
 		v->bound_text = value;
+		break;
+	case OPT_COLUMNS:
+		v->points.columns = value;
+		break;
+	case OPT_DECIMAL_COMMA:
+		v->points.decimal_comma = true;
 		break;
 	case OPT_JSON:
 		v->json = true;

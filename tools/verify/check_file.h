@@ -44,6 +44,8 @@ struct digest check_vertex_digest(const struct check_mesh *);
 /* The points that a view keeps of some files, on a lattice (check_points.c). */
 struct check_lines;
 struct check_points {
+	const char *columns;       /* of texts, as input_options has them; NULL */
+	bool decimal_comma;        /* likewise */
 	struct check_lines *lines; /* that remove points; NULL: none */
 	struct point *pts;
 	size_t n, cap;
@@ -51,6 +53,7 @@ struct check_points {
 	uint64_t removed[VIEW_RULES];
 };
 
+/* -ERR_USAGE: the view weighs classes, and a text has none, though nobody said what its columns are. */
 int check_points_read(struct check_points *, const char *path, const struct lattice *, const struct view *, struct err *err);
 /* After all were read: keeps one point of each thin cell, by separate code. */
 int check_points_thin(struct check_points *, const struct view *, struct err *err);

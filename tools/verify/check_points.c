@@ -79,7 +79,7 @@ static int read_all(struct check_points *c, struct input *in, struct batch *b, c
 int check_points_read(struct check_points *c, const char *path, const struct lattice *l, const struct view *view, struct err *err)
 {
 	/* Degrees count as a plane; the push has checked that. */
-	const struct input_options options = {.planar = true};
+	const struct input_options options = {.planar = true, .columns = c->columns, .decimal_comma = c->decimal_comma};
 	struct input *in = NULL;
 	struct batch *b = malloc(sizeof *b);
 	int fd = -1, rc;
@@ -89,6 +89,10 @@ int check_points_read(struct check_points *c, const char *path, const struct lat
 	rc = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
 	if (rc == 0)
 		rc = input_open(fd, path, &options, &in, err);
+	if (rc == 0 && view->nweight && !c->columns && input_info(in)->no_classes) {
+		err_set(err, ERR_USAGE, "its points have no classes, and so no weights");
+		rc = err_add_hint(err, "give --columns as acutctl was given them: xyzc, or xyz if the class of all points is 0");
+	}
 	if (rc == 0)
 		rc = read_all(c, in, b, l, view, err);
 	if (rc)

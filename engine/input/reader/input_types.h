@@ -66,6 +66,7 @@ struct input_info {
 	uint64_t accounted;             /* bytes from the beginning of the file that belong to something, at most; of compressed
 					 * points without a table exact only when they were read; 0: not known */
 	uint64_t left_out, left_out_line; /* text: lines without a value for a coordinate, and the first; of a pipe: so far */
+	bool no_classes;                  /* text: it has no column of classes, so all are 0 */
 	struct input_lines lines;
 	size_t read_bytes; /* that reading takes beside input_bytes, for each input or part of it */
 };

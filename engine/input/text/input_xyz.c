@@ -272,6 +272,7 @@ static void describe(struct input *in, const struct probe *probe)
 	for (; n < xyz->columns.n; n++)
 		columns[n] = "xyzcrn_"[xyz->columns.role[n]];
 	columns[n] = 0;
+	in->info.no_classes = !xyz->columns.cls;
 	snprintf(in->info.variant, sizeof in->info.variant, "text%s%.16s, %u and %u decimals",
 		 strcmp(columns, "xyz") ? ", columns " : "", strcmp(columns, "xyz") ? columns : "", decimals(in, probe, 0, 1),
 		 decimals(in, probe, 2, 2));
