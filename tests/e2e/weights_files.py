@@ -31,6 +31,11 @@ def submit(d, name, weight, *options):
     return d.ctl("submit", name, "--wait", "--json", "--weight", weight, *options).ok().json()
 
 
+def verified(mesh, files, got, *options):
+    r = e2e.run([e2e.VERIFY, "--json", *options, mesh, *files]).ok().json()
+    expect(r["good"] and r["hidden"] == got["removed"]["weight"], "%s: %s" % (options, r))
+
+
 def same(got):
     return tuple(got[k] for k in ("digest", "vertex_digest", "vertices", "triangles", "hull")) + (got["removed"]["weight"],)
 
@@ -92,6 +97,12 @@ def any_memory():
                 out = os.path.join(base, folder + ".ply")
                 d.ctl("fetch", str(got["job"]), "-o", out).ok()
                 expect("element vertex %d\n" % got["vertices"] in open(out, errors="replace").read(2000), "vertices of the file")
+                verified(out, files, got, "--weight", "2024/=20")
+                verified(out, files, got, "--weight", "2024/*.csv=20", "--view", got["view"])
+                for args in (["--weight", "2019/=20"], ["--weight", "2024/=20,2019/part1.csv=9"], []):
+                    expect(e2e.run([e2e.VERIFY, *args, out, *files]).status == 1, "other weights: %s" % args)
+                r = e2e.run([e2e.VERIFY, "--view", got["view"], out, *files])
+                expect(r.status == 2 and "--weight beside --view" in r.err, r.err)
                 # The other flight is another mesh, with the same numbers of points.
                 other = submit(d, "s", "2019/=20")
                 expect(other["digest"] != got["digest"] and other["domains_reused"] == 0, other)
@@ -105,6 +116,8 @@ def selected():
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
         d.ctl("push", "s", write(base, "a/old.csv", old), write(base, "a/new.csv", new)).ok()
         box = (50, 60, 400, 500)
+        files = [os.path.join(base, n) for n in ("a/old.csv", "a/new.csv")]
+        out = os.path.join(base, "x.ply")
 
         def inside(points):
             return [p for p in points if box[0] <= p[0] <= box[2] and box[1] <= p[1] <= box[3]]
@@ -121,7 +134,20 @@ def selected():
                 at = p[0] // 9, p[1] // 9
                 best[at] = min(best.get(at, row), row)
         kept = [[(x, y, z, cls) for z, cls, x, y, k in best.values() if k == -i] for i in range(2)]
-        compare(submit(d, "s", "new.csv=25", "--thin", "9"), [(kept[0], 0), (kept[1], 25)], "thin")
+        got = submit(d, "s", "new.csv=25", "--thin", "9")
+        compare(got, [(kept[0], 0), (kept[1], 25)], "thin")
+        d.ctl("fetch", str(got["job"]), "-o", out).ok()
+        verified(out, files, got, "--view", got["view"], "--weight", "new.csv=25")
+        # Equal records in both files: that with the radius is taken.
+        both = [write(base, "b/old.csv", old + new), write(base, "b/new.csv", new)]
+        got = d.ctl("mesh", *both, "--weight", "new.csv=25", "--thin", "9", "-o", out, "--json").ok().json()
+        verified(out, both, got, "--view", "ask 1 thin=9:lowest", "--weight", "new.csv=25")
+        # A file's radius in place of that of its class, and none.
+        got = d.ctl("mesh", *files, "--weight", "2=9,new.csv=25,old.csv=0", "-o", out, "--json").ok().json()
+        compare(got, [(old, 0), (new, 25)], "mesh")
+        verified(out, files, got, "--weight", "2=9,a/new.csv=25,old.csv=0")
+        for weight in ("2=9,new.csv=25", "2=9,old.csv=0", "2=9"):
+            expect(e2e.run([e2e.VERIFY, "--weight", weight, out, *files]).status == 1, weight)
 
 
 def generations():

@@ -377,6 +377,79 @@ def weighted(folder):
         expect(run("--weight", bad, mesh, path).returncode == 2, bad)
 
 
+def weighted_files(folder):
+    """--weight FILE=RADIUS: three files with radii of their own, which count before those of classes, by each kind of name."""
+    rng = random.Random(12)
+    mesh = os.path.join(folder, "m.ply")
+    names = ["old/a.csv", "new/b.csv", "new/2024/ü, v=1.csv"]
+    paths = [os.path.join(folder, n) for n in names]
+    os.makedirs(os.path.join(folder, "new/2024"))
+    os.makedirs(os.path.join(folder, "old"))
+    called = [["a.csv", "old/", "./old/a.csv", "o*/a.csv", paths[0], folder + "/old/", "[a]*", "old/[!b].*"],
+              ["b.csv", "new/b.csv", "*/b.???", folder + "/*/b.csv", "./new/?.csv"],
+              ["2024/", "new/????/", "?? v=1.csv", "2024/*", "./new/2024/"]]
+    wrong, hidden = {}, 0
+
+    def write(path, rows):
+        with open(path, "w") as f:
+            f.writelines(["x,y,z,classification\n"] + ["%d,%d,%d,%d\n" % r for r in rows])
+
+    def check(*args):
+        got = run("--json", *args, mesh, *paths)
+        return json.loads(got.stdout) if got.returncode < 2 else got
+
+    for turn in range(60):
+        size = rng.choice([4, 6, 40])
+        files = [[(rng.randrange(size), rng.randrange(size), rng.randrange(9), rng.choice([1, 2, 9])) for _ in range(5)] for _ in names]
+        classes = {2: 1 + rng.randrange(size // 2)} if rng.randrange(2) else {}
+        radius = [rng.choice([None, 0, 1 + rng.randrange(size // 2)]) for _ in names]
+        best = {}
+        for i, rows in enumerate(files):
+            write(paths[i], rows)
+            for x, y, z, cls in rows:
+                row = (-(classes.get(cls, 0) if radius[i] is None else radius[i]), z)
+                best[x, y] = min(best.get((x, y), row), row)
+        rows = [(*p, r[1], -r[0]) for p, r in sorted(best.items())]
+        right = regular([(x, y, w * w) for x, y, _, w in rows])
+        if not right:
+            continue
+        used = sorted({v for t in right for v in t})
+        with open(mesh, "wb") as f:
+            f.write(ply([tuple(map(float, rows[v][:3])) for v in used], [[used.index(v) for v in t] for t in right], lattice="1 1 0 0 0"))
+
+        def option(radii):
+            items = ["%s=%d" % (rng.choice(called[i]), r) for i, r in enumerate(radii) if r is not None]
+            items += ["%d=%d" % c for c in classes.items()]
+            rng.shuffle(items)
+            return ["--weight", ",".join(items or ["3=0"])]
+
+        got = check(*option(radius))
+        expect(got["good"] and got["hidden"] in (None, len(rows) - len(used)), "%s of %s: %s" % (radius, files, got))
+        # In place of the weights of a view, whose numbers of files mean nothing here.
+        got = check("--view", "view 1 weight=99:1,#7:3", *option(radius))
+        expect(got["good"], got)
+        hidden += got["hidden"] or 0
+        for other in itertools.permutations(radius):
+            fault = check(*option(other))["fault"]
+            wrong[fault] = wrong.get(fault, 0) + (other != tuple(radius))
+    expect(hidden > 50 and wrong.get("power", 0) > 100, "%d hidden, faults %s" % (hidden, wrong))
+    # The path of a relative name is absolute.
+    short = ",".join(["%s=%d" % (n, r) for n, r in zip(("old/a.csv", "new/b.csv", "2024/"), radius) if r is not None] + ["%d=%d" % c for c in classes.items()])
+    got = subprocess.run([VERIFY, "--weight", short or "3=0", "../m.ply", "a.csv", ".././/new/b.csv", "../" + names[2]], cwd=os.path.dirname(paths[0]),
+                         stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    expect(got.returncode == 0, got)
+    for weight, said in (("x.csv=1", "none of the POINTS"), ("old=1", "none of the POINTS"), ("ld/a.csv=1", "none of the POINTS"),
+                         ("n*b.csv=1", "none of the POINTS"), ("v=1.csv=1", "none of the POINTS"), ("? v=1.csv=1", "none of the POINTS"),
+                         ("old/=1,a.csv=2", "two radii"), ("a.csv=x", "not a length"), ("a.csv=-1", "not a length"), ("a.csv=", "FILE=RADIUS"),
+                         ("=1", "FILE=RADIUS"), ("a.csv", "FILE=RADIUS"), ("#1=1", "FILE=RADIUS"), ("a.csv=2000000000", "2^30"), ("a.csv=1,", "FILE=RADIUS")):
+        got = check("--weight", weight)
+        expect(isinstance(got, subprocess.CompletedProcess) and got.returncode == 2 and said in got.stderr.decode(), "%s: %s" % (weight, got))
+    expect(check("--weight", "old/=1,a.csv=1.0,99=1")["fault"] != "x", "one radius by two names")
+    got = run("--view", "view 1 weight=#1:3", mesh, *paths)
+    expect(got.returncode == 2 and b"--weight beside --view" in got.stderr, got)
+    expect(run("--view", "view 1", "--ground", mesh).returncode == 2, "another option beside --view")
+
+
 def usage(folder):
     for bad in ([], ["--class", "x", "m"], ["--returns", "second", "m"], ["--ground", "--surface", "m"], ["--what"],
                 ["--duplicates", "both", "m"]):
@@ -389,7 +462,7 @@ def usage(folder):
     expect(run("--help").returncode == 0 and run("--version").stdout.startswith(b"acut-verify "), "--help, --version")
 
 
-for test in (good, trimmed, wrong, broken, points, errors, weighted, usage):
+for test in (good, trimmed, wrong, broken, points, errors, weighted, weighted_files, usage):
     with tempfile.TemporaryDirectory() as base:
         test(base)
     print("ok  ", test.__name__)

@@ -7,6 +7,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <getopt.h>
+#include <locale.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,8 +30,9 @@ static const char help[] =
 #define VIEW_FLAG(field, word, help) ", --" word
 #include "view_option.def"
 	";\n"
-	"  --metric P,Q,K; --weight CLASS=RADIUS,... (POINTS must be named); --planar is always meant\n"
+	"  --metric P,Q,K; --planar is always meant\n"
 	"  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
+	"  --weight CLASS=RADIUS,...; FILE=RADIUS,... of POINTS; also beside --view, in place of its weights\n"
 	"\n"
 	"The files of lines that the mesh was made with: each piece must be an edge, and marked.\n"
 	"  --breaklines FILE, --lakes FILE, --boundary FILE, --holes FILE, --layer NAME, --kind-field NAME,\n"
@@ -154,7 +156,7 @@ static int parse_option(struct verdict *v, int option, const char *value, struct
 	static const char *const duplicates[] = {"lowest", "highest"};
 	int i = 0;
 
-	v->options |= option < OPT_VIEW;
+	v->options |= option < OPT_VIEW && option != OPT_WEIGHT;
 	if (option >= OPT_BREAKLINES && option <= OPT_LAKE_LEVEL) {
 		parse_line_option(v, option, value);
 		return 0;
@@ -255,7 +257,7 @@ static int read_points(struct verdict *v, const char *path, struct err *err)
 		return err_add_file(err, path);
 	if (!ply)
 		return check_points_read(&v->points, path, &v->mesh.lattice, &v->view, err);
-	if (v->view.nweight) {
+	if (check_points_by_class(&v->points, &v->view)) {
 		err_set(err, ERR_USAGE, "points of a PLY have no classes, and so no weights");
 		return err_add_file(err, path);
 	}
@@ -359,8 +361,9 @@ static int read_inputs(struct verdict *v, char **inputs, struct err *err)
 {
 	int rc = 0;
 
-	for (; !rc && *inputs; inputs++) {
+	for (uint32_t number = 1; !rc && *inputs; inputs++, number++) {
 		v->with_points = true;
+		v->points.slot = v->view.slots ? slots_of(v->view.slots, number) : 0;
 		rc = read_points(v, *inputs, err);
 	}
 	return rc;
@@ -368,11 +371,11 @@ static int read_inputs(struct verdict *v, char **inputs, struct err *err)
 
 static int refuse_weighted(const struct verdict *v, char **inputs, struct err *err)
 {
-	if (v->view.hidden || v->view.slots) {
-		err_set(err, ERR_UNSUPPORTED,
-			v->view.hidden ? "a mesh of what weights hide has no triangles to check" :
-					 "the weights are those of files of a dataset");
-		return err_add_hint(err, "acut-verify checks weights of classes (--weight CLASS=RADIUS)");
+	if (v->view.hidden)
+		return err_set(err, ERR_UNSUPPORTED, "a mesh of what weights hide has no triangles to check");
+	if (v->view.slots && !v->weight_text) {
+		err_set(err, ERR_UNSUPPORTED, "the weights of the view are those of files, by their numbers in the dataset");
+		return err_add_hint(err, "give --weight beside --view, with names of POINTS: --weight b.las=0.5m");
 	}
 	if (v->line_files)
 		return err_set(err, ERR_USAGE, "a mesh with weights has no lines");
@@ -438,7 +441,7 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 
 	if (rc)
 		return rc;
-	if ((rc = verdict_view(v, err)) || (rc = verdict_weights(v, err)) ||
+	if ((rc = verdict_view(v, err)) || (rc = verdict_weights(v, inputs, err)) ||
 	    (v->view.nweight && (rc = refuse_weighted(v, inputs, err))))
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
@@ -515,6 +518,7 @@ int main(int argc, char **argv)
 	int option;
 
 	io_reserve_standard();
+	setlocale(LC_CTYPE, "C.UTF-8"); /* in names of files a ? is a letter */
 	v.line_file = calloc((size_t)argc, sizeof *v.line_file);
 	v.line_kind = calloc((size_t)argc, 1);
 	if (!v.line_file || !v.line_kind)

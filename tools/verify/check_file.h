@@ -46,6 +46,7 @@ struct check_lines;
 struct check_points {
 	const char *columns;       /* of texts, as input_options has them; NULL */
 	bool decimal_comma;        /* likewise */
+	uint8_t slot;              /* of the file that is read next */
 	struct check_lines *lines; /* that remove points; NULL: none */
 	struct point *pts;
 	size_t n, cap;
@@ -53,7 +54,9 @@ struct check_points {
 	uint64_t removed[VIEW_RULES];
 };
 
-/* -ERR_USAGE: the view weighs classes, and a text has none, though nobody said what its columns are. */
+/* Whether the weights of the next file are those of its classes. */
+bool check_points_by_class(const struct check_points *, const struct view *);
+/* -ERR_USAGE: they are, and a text has none, though nobody said what its columns are. */
 int check_points_read(struct check_points *, const char *path, const struct lattice *, const struct view *, struct err *err);
 /* After all were read: keeps one point of each thin cell, by separate code. */
 int check_points_thin(struct check_points *, const struct view *, struct err *err);

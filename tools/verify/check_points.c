@@ -47,6 +47,7 @@ static int add_point(struct check_points *c, const struct batch *b, size_t n, co
 				  b->cls[i],   b->ret[i],   (uint16_t)(b->flags[i] & POINT_FLAGS)};
 		enum view_rule rule;
 
+		p.tag |= (uint16_t)(c->slot << POINT_SLOT_SHIFT);
 		if (c->lines)
 			p.tag |= (uint16_t)check_lines_mark(c->lines, p.x, p.y);
 		rule = view_judge(view, &p);
@@ -76,6 +77,12 @@ static int read_all(struct check_points *c, struct input *in, struct batch *b, c
 	return rc;
 }
 
+/* Those of classes come first. */
+bool check_points_by_class(const struct check_points *c, const struct view *view)
+{
+	return !c->slot && view->nweight && !view->weight[0].slot;
+}
+
 int check_points_read(struct check_points *c, const char *path, const struct lattice *l, const struct view *view, struct err *err)
 {
 	/* Degrees count as a plane; the push has checked that. */
@@ -89,7 +96,7 @@ int check_points_read(struct check_points *c, const char *path, const struct lat
 	rc = io_open(AT_FDCWD, path, O_RDONLY, 0, &fd, err);
 	if (rc == 0)
 		rc = input_open(fd, path, &options, &in, err);
-	if (rc == 0 && view->nweight && !c->columns && input_info(in)->no_classes) {
+	if (rc == 0 && check_points_by_class(c, view) && !c->columns && input_info(in)->no_classes) {
 		err_set(err, ERR_USAGE, "its points have no classes, and so no weights");
 		rc = err_add_hint(err, "give --columns as acutctl was given them: xyzc, or xyz if the class of all points is 0");
 	}
@@ -133,7 +140,10 @@ int check_points_mesh(struct check_points *c, const struct check_mesh *m, const 
 			if (at[k] < INT32_MIN || at[k] > INT32_MAX)
 				return err_set(err, ERR_INPUT, "vertex %zu is beyond the lattice of the mesh", i);
 		}
-		c->pts[c->n++] = (struct point){.x = (int32_t)at[0], .y = (int32_t)at[1], .z = (int32_t)at[2]};
+		c->pts[c->n++] = (struct point){.x = (int32_t)at[0],
+						.y = (int32_t)at[1],
+						.z = (int32_t)at[2],
+						.tag = (uint16_t)(c->slot << POINT_SLOT_SHIFT)};
 	}
 	c->read += m->nvertex;
 	c->removed[VIEW_KEPT] += m->nvertex;
@@ -143,7 +153,7 @@ int check_points_mesh(struct check_points *c, const struct check_mesh *m, const 
 /* What the thin rule compares, in order. */
 struct thin_key {
 	int64_t cell[2];
-	int64_t order[6]; /* z (negated if the highest is taken), class, returns, flags, x, y */
+	int64_t order[7]; /* z (negated if the highest is taken), class, returns, flags, x, y, slot (negated) */
 	size_t at;
 };
 
@@ -154,7 +164,7 @@ static int key_compare(const void *a, const void *b)
 	for (unsigned i = 0; i < 2; i++)
 		if (p->cell[i] != q->cell[i])
 			return p->cell[i] < q->cell[i] ? -1 : 1;
-	for (unsigned i = 0; i < 6; i++)
+	for (unsigned i = 0; i < 7; i++)
 		if (p->order[i] != q->order[i])
 			return p->order[i] < q->order[i] ? -1 : 1;
 	return 0;
@@ -182,7 +192,7 @@ int check_points_thin(struct check_points *c, const struct view *view, struct er
 		key[i] = (struct thin_key){
 			{cell_of(p->x + view->k[0], view->thin.cell), cell_of(p->y + view->k[1], view->thin.cell)},
 			{view->thin.pick == VIEW_PICK_HIGHEST ? -(int64_t)p->z : p->z, p->cls, p->ret, p->tag & POINT_FLAGS, p->x,
-			 p->y},
+			 p->y, -(int64_t)point_slot(p)},
 			i};
 	}
 	qsort(key, c->n, sizeof *key, key_compare);

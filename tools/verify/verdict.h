@@ -45,8 +45,10 @@ struct verdict {
 /* What options say in lengths, when the mesh was read (verdict_view.c): the view of --view; the radii of --weight; the bound of
  * --max-error, or that of the view, so after it. */
 int verdict_view(struct verdict *, struct err *err);
-int verdict_weights(struct verdict *, struct err *err);
+int verdict_weights(struct verdict *, char **points, struct err *err);
 int verdict_bound(struct verdict *, struct err *err);
+/* One word of a request, as a view. 1: it is none. */
+int verdict_resolve(const struct verdict *, const char *word, const char *value, struct view *ret, struct err *err);
 
 /* On standard output. */
 void verdict_print_json(const struct verdict *);

@@ -21,8 +21,7 @@ int verdict_view(struct verdict *v, struct err *err)
 	return view_resolve(v->view_text, &v->mesh.lattice, known(v->mesh.unit_xy), known(v->mesh.unit_z), &v->view, err);
 }
 
-/* One word of a request, as a view. 1: it is none. */
-static int resolve(const struct verdict *v, const char *word, const char *value, struct view *ret, struct err *err)
+int verdict_resolve(const struct verdict *v, const char *word, const char *value, struct view *ret, struct err *err)
 {
 	char *text;
 	int r;
@@ -45,7 +44,7 @@ int verdict_bound(struct verdict *v, struct err *err)
 	int r = 0;
 
 	if (v->bound_text)
-		r = resolve(v, "max-error", v->bound_text, &asked, err);
+		r = verdict_resolve(v, "max-error", v->bound_text, &asked, err);
 	if (r == 1)
 		return err_set(err, ERR_USAGE, "--max-error: \"%.60s\" is not a length", v->bound_text);
 	if (r == -ERR_INPUT) /* the unit is unknown: another option helps, the mesh is not broken */
@@ -58,33 +57,4 @@ int verdict_bound(struct verdict *v, struct err *err)
 	if (v->bound_text)
 		view_done(&asked);
 	return 0;
-}
-
-int verdict_weights(struct verdict *v, struct err *err)
-{
-	struct view asked;
-	char *text;
-	int r;
-
-	if (!v->weight_text)
-		return 0;
-	text = strdup(v->weight_text);
-	if (!text)
-		return err_set(err, ERR_NOMEM, "no memory for --weight");
-	for (char *at = text; *at; at++)
-		*at = *at == '=' ? ':' : *at;
-	r = resolve(v, "weight", text, &asked, err);
-	free(text);
-	if (!r && asked.slots) {
-		view_done(&asked);
-		r = 1;
-	}
-	if (r == 1)
-		return err_set(err, ERR_USAGE, "--weight is not CLASS=RADIUS,...: %.100s", v->weight_text);
-	if (r)
-		return r;
-	v->view.nweight = asked.nweight;
-	memcpy(v->view.weight, asked.weight, sizeof asked.weight);
-	view_done(&asked);
-	return view_check(&v->view, err);
 }
