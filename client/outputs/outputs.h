@@ -32,7 +32,8 @@ struct outputs_options {
 	bool tiled;                    /* the one output is a folder of tiles */
 	bool levels;                   /* the one output is a folder with a page and its tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
+	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL. Called while triangles are sorted and tiles made, and when
+					* parts are joined, before the first file gets its name. */
 	void *ctx;
 	/* Several processes make the outputs, each a part of them, and one joins these (outputs_join). NULL: there are no parts.
 	 * Else what the part of this run is called in the names that files have until they are joined: characters of file names.

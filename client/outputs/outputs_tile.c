@@ -363,12 +363,19 @@ int outputs_tiles_tail(struct outputs_tiles *t, const struct acut_mesh_tail *tai
 	return 0;
 }
 
+/* All is looked at before the first change: an attempt that comes after another one, or after another run with this folder, must
+ * not remove an index that is true. */
 static int move_all(struct outputs_tiles *t, struct err *err)
 {
 	char name[OUTFILE_NAME];
 	size_t n = t->ntile * (t->nbeside + 1);
-	int r = outfile_folder_clear(t->place, n, file_name, t, err);
+	bool all = false;
+	int r = t->run.joins ? outputs_moves_look(t->moves, &t->run, t->place, &all, err) : 0;
 
+	if (all && outfile_folder_same(t->place, OUTPUTS_TILES_INDEX))
+		return outfile_folder_sync(t->place, err);
+	if (!r)
+		r = outfile_folder_clear(t->place, n, file_name, t, err);
 	if (t->run.joins && !r)
 		r = outputs_moves_settle(t->moves, t->place, err);
 	for (size_t i = 0; i < n && !r && !t->run.joins; i++)

@@ -266,6 +266,31 @@ def twice():
             expect(len([n for n in os.listdir(path) if n.startswith("report-0-")]) == 2, os.listdir(path))
 
 
+def finished_again():
+    """A late attempt at finish never removes an index that is true, neither its own nor that of a later run."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base, 1), gathers=2)
+        for i, words in enumerate((["--tile", "15"], ["--levels"])):
+            out = os.path.join(base, "out%d" % i)
+            words = ["-o", out, *words]
+            path = work.write(*words)
+            index = os.path.join(out, "index.html" if i else "index.geojson")
+            record = os.path.join(path, "done", "finish-0")
+            before = os.stat(index)
+            os.unlink(record)
+            phases("finish", path, *words).ok()
+            after = os.stat(index)
+            expect(after.st_ino == before.st_ino and after.st_mtime_ns == before.st_mtime_ns, "the index was made again")
+            os.unlink(record)
+            other = work.write(*words)
+            before = os.stat(index)
+            got = phases("finish", path, *words)
+            expect(got.status and "not there any more" in got.err, "%d %s" % (got.status, got.err))
+            after = os.stat(index)
+            expect(after.st_ino == before.st_ino, "the index of a later run was replaced")
+            shutil.rmtree(other)
+
+
 def clobber():
     with e2e.Folder() as base:
         work = Work(base, inputs(base, 1), gathers=1)
@@ -368,5 +393,5 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format], "tiles": [tiles],
-          "tasks": [damage, too_large, killed, twice, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
+          "tasks": [damage, too_large, killed, twice, finished_again, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
