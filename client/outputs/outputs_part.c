@@ -76,8 +76,10 @@ int outputs_moves_look(const struct outputs_moves *m, const struct outputs_optio
 			continue;
 		*ret_all = false;
 		/* another attempt may move it between the two looks */
-		if (!outfile_folder_waits(place, file->part, file->name) && !outfile_folder_has(place, file->name, &file->held))
-			return err_set(err, ERR_GONE, "the complete output %s is not there any more", file->name);
+		if (outfile_folder_waits(place, file->part, file->name) || outfile_folder_has(place, file->name, &file->held))
+			continue;
+		err_set(err, ERR_GONE, "the complete output %s is not there any more", file->name);
+		return err_add_file(err, file->name);
 	}
 	return run->interrupted && run->interrupted(run->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
 }
