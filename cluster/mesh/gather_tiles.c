@@ -137,6 +137,9 @@ bool gather_tiles_share(struct gather_tiles *t, uint32_t index, uint32_t tasks, 
 	ret[0] = border(t, all, index, tasks);
 	end = index + 1 == tasks ? UINT64_MAX : border(t, all, index + 1, tasks);
 	ret[1] = index + 1 == tasks || !end ? end : end - 1;
+	free(t->weight); /* the memory is for the outputs now */
+	t->weight = NULL;
+	t->n = t->room = 0;
 	if (!all)
 		return index == 0;
 	return index + 1 == tasks ? ret[0] < UINT64_MAX : ret[0] < end;

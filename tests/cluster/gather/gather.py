@@ -266,6 +266,29 @@ def twice():
             expect(len([n for n in os.listdir(path) if n.startswith("report-0-")]) == 2, os.listdir(path))
 
 
+def manifest_counts():
+    """The memory that a task of gather needs grows with the manifest of the dataset."""
+    with e2e.Folder() as base:
+        [file] = inputs(base, 1)
+        deep = base
+        for _ in range(12):
+            deep = os.path.join(deep, "d" * 200)
+            os.mkdir(deep)
+        needs, sizes = [], []
+        for name in ("near", "far"):
+            folder = os.path.join(base, name)
+            os.mkdir(folder)
+            given = os.path.join(deep if name == "far" else folder, "in.las")
+            os.link(file, given)
+            work = Work(folder, [given], gathers=1, meshes=1, stages=1)
+            got = run([PHASES, "gather", work.first, 0, "-o", os.path.join(base, "x.ply")], env=dict(ENV, PHASES_MEMORY="1000000"))
+            expect(got.status and "manifest" in got.err, got.err)
+            needs.append(int(got.err.split("needs ")[1].split()[0]))
+            sizes.append(os.path.getsize(os.path.join(work.first, "dataset", "manifest")))
+        expect(sizes[1] > sizes[0] + 2000, str(sizes))
+        expect(needs[1] - needs[0] >= sizes[1] - sizes[0], "%s with manifests of %s" % (needs, sizes))
+
+
 def finished_again():
     """A late attempt at finish never removes an index that is true, neither its own nor that of a later run."""
     with e2e.Folder() as base:
@@ -393,5 +416,5 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format], "tiles": [tiles],
-          "tasks": [damage, too_large, killed, twice, finished_again, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
