@@ -123,7 +123,7 @@ int outputs_tiles_load(struct outputs_tiles *t, struct cursor *c, struct err *er
 	t->beside_bytes += cursor_u64(c);
 	if (c->bad || n > cursor_left(c) / SAVED_TILE)
 		return err_set(err, ERR_CORRUPT, "the list of tiles is damaged");
-	if (n > OUTPUTS_TILES - t->ntile)
+	if (n > outputs_tiles_most(t) - t->ntile)
 		return outputs_tiles_too_many(t, err);
 	more = realloc(t->tile, (t->ntile + n + 1) * sizeof(*more));
 	if (!more)

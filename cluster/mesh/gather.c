@@ -151,8 +151,11 @@ static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
 
 static int write_outputs(struct task *t, struct err *err)
 {
-	struct outputs_options opt = {
-		.part = t->part, .share = {0, UINT64_MAX}, .interrupted = t->p->interrupted, .ctx = t->p->ctx};
+	struct outputs_options opt = {.part = t->part,
+				      .tiles_most = gather_tiles_part(t->p),
+				      .share = {0, UINT64_MAX},
+				      .interrupted = t->p->interrupted,
+				      .ctx = t->p->ctx};
 	struct acut_mesh_sink sink;
 	struct pipe_totals totals;
 	uint64_t memory = 0;
@@ -221,6 +224,8 @@ static int run(struct task *t, struct err *err)
 		r = gather_input_read(&t->in, t->p, divides ? on_entry : NULL, t, err);
 	if (!r)
 		r = gather_check_ply(t->p->outputs, t->in.sums.vertices, "mesh has", err);
+	if (!r && divides)
+		r = gather_tiles_check(t->tiles, err);
 	if (!r && divides)
 		any = gather_tiles_share(t->tiles, t->index, tasks, t->share);
 	if (!r && any && divides && !t->in.sums.domains)

@@ -122,7 +122,11 @@ static int given_up(void *ctx)
 /* Head, parts, tail: then the outputs have their names. */
 static int join(struct finish *f, struct err *err)
 {
-	struct outputs_options opt = {.part = f->own, .joins = true, .interrupted = given_up, .ctx = f};
+	struct outputs_options opt = {.part = f->own,
+				      .joins = true,
+				      .tiles_most = UINT32_MAX,
+				      /* gather has refused too many */ .interrupted = given_up,
+				      .ctx = f};
 	const struct gather_sums *s = &f->in.sums;
 	struct stream_tail tail = {.vertices = s->vertices,
 				   .triangles = s->triangles,

@@ -84,6 +84,10 @@ int gather_tiles_add(struct gather_tiles *, const struct store_pack_entry *, str
 /* After all of them, once: the codes of the tiles of task `index` of `tasks`, both ends included; false: it has none. The memory
  * of the tiles is free then. */
 bool gather_tiles_share(struct gather_tiles *, uint32_t index, uint32_t tasks, uint64_t ret[2]);
+/* Likewise: refuses more tiles, about, than finish has memory for. */
+int gather_tiles_check(const struct gather_tiles *, struct err *err);
+/* The tiles that a part can have, by the memory of a task. */
+uint64_t gather_tiles_part(const struct gather_params *);
 /* Whether a triangle of the domain can be in such a tile. */
 bool gather_tiles_meets(const struct gather_tiles *, const struct store_pack_entry *, const uint64_t share[2]);
 struct gather_tiles *gather_tiles_free(struct gather_tiles *);

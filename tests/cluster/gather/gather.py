@@ -215,6 +215,17 @@ def too_large():
         phases("check", most + 1, *words).ok()
 
 
+def too_many_tiles():
+    """Refused when gather begins, by what finish can hold."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=3)
+        out = os.path.join(base, "out")
+        for i in range(work.gathers):
+            got = phases("gather", work.first, i, "-o", out, "--tile", "0.05")
+            expect(got.status == 2 and "about" in got.err and "--task-memory" in got.err, "%d %s" % (got.status, got.err))
+        expect(not os.path.exists(out), "a folder was made")
+
+
 def start(*words):
     return subprocess.Popen([PHASES] + [str(w) for w in words], env=dict(os.environ, **ENV), stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE)
@@ -416,5 +427,5 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format], "tiles": [tiles],
-          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, too_many_tiles, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))
