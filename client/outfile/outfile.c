@@ -46,12 +46,14 @@ static int output_temp(struct outfile *o, int (*make)(struct outfile *, struct e
 {
 	for (unsigned i = 0; i < 1000; i++) {
 		struct err e = ERR_INIT;
+		char *middle = NULL;
 
-		if (asprintf(&o->temp, ".%.200s%s%s.%d-%u.part", o->name, o->tag ? "." : "", o->tag ? o->tag : "", (int)getpid(),
-			     i) < 0) {
-			o->temp = NULL;
-			return err_set(err, ERR_NOMEM, "no memory for a file name");
+		if (asprintf(&middle, "%s%s.%d-%u", o->tag ? "." : "", o->tag ? o->tag : "", (int)getpid(), i) >= 0) {
+			o->temp = outfile_temp_name(o->name, middle);
+			free(middle);
 		}
+		if (!o->temp)
+			return err_set(err, ERR_NOMEM, "no memory for a file name");
 		if (!make(o, &e))
 			return 0;
 		free(o->temp);

@@ -113,6 +113,10 @@ int outfile_folder_settle(struct outfile_folder *, const char *tag, const char *
 			  struct err *err);
 void outfile_folder_drop(const char *dir, const char *tag);
 bool outfile_folder_has(const struct outfile_folder *, const char *name, const struct outfile_held *); /* it has its name */
+/* A file is in the folder of that tag and has not got its name. */
+bool outfile_folder_waits(const struct outfile_folder *, const char *tag, const char *name);
+/* The outer folder has the bytes of a file that was published in the inner folder. */
+bool outfile_folder_same(const struct outfile_folder *, const char *name);
 /* A new file in the inner folder; nameless files are made there, too. */
 int outfile_folder_file(const struct outfile_folder *, const char *name, struct outfile **ret, struct err *err);
 /* Before the first is moved: -ERR_USAGE if names exist and must not be replaced; else the old index is removed, since it will

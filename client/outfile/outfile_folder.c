@@ -229,6 +229,51 @@ bool outfile_folder_has(const struct outfile_folder *p, const char *name, const 
 	return outfile_is_held(p->fd, name, held);
 }
 
+bool outfile_folder_waits(const struct outfile_folder *p, const char *tag, const char *name)
+{
+	char from[320];
+
+	inner_name(tag, from, sizeof(from));
+	snprintf(from + strlen(from), sizeof(from) - strlen(from), "/%s", name);
+	return !io->faccessat(p->fd, from, F_OK, AT_SYMLINK_NOFOLLOW);
+}
+
+/* Whether two files of `size` bytes are equal; one that cannot be read is not. */
+static bool equal_bytes(int a, int b, uint64_t size, uint8_t *buf, size_t room)
+{
+	struct err ignored = ERR_INIT;
+	int r = 0;
+
+	for (uint64_t at = 0; at < size && !r; at += room / 2) {
+		size_t n = size - at < room / 2 ? (size_t)(size - at) : room / 2;
+
+		r = io_read_at(a, buf, n, at, PART, &ignored);
+		if (!r)
+			r = io_read_at(b, buf + room / 2, n, at, PART, &ignored);
+		if (!r && memcmp(buf, buf + room / 2, n))
+			return false;
+	}
+	return !r;
+}
+
+bool outfile_folder_same(const struct outfile_folder *p, const char *name)
+{
+	enum { ROOM = 1 << 17 };
+	struct err ignored = ERR_INIT;
+	struct stat ours, theirs;
+	uint8_t *buf = malloc(ROOM);
+	int a = -1, b = -1;
+	bool same = buf && !io_open(p->part, name, O_RDONLY | O_NOFOLLOW, 0, &a, &ignored) &&
+		    !io_open(p->fd, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK, 0, &b, &ignored) && !io->fstat(a, &ours) &&
+		    !io->fstat(b, &theirs) && S_ISREG(theirs.st_mode) && ours.st_size == theirs.st_size &&
+		    equal_bytes(a, b, (uint64_t)ours.st_size, buf, ROOM);
+
+	io_close(a);
+	io_close(b);
+	free(buf);
+	return same;
+}
+
 void outfile_folder_drop(const char *dir, const char *tag)
 {
 	struct err ignored = ERR_INIT;

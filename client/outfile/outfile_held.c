@@ -6,30 +6,55 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "digest.h"
 #include "err.h"
 #include "io.h"
 #include "io_place.h"
 #include "outfile_priv.h"
 
+/* A long name is cut, and its hash tells it from others that begin so. */
+char *outfile_temp_name(const char *name, const char *middle)
+{
+	enum { AROUND = sizeof(".") - 1 + sizeof(".part") - 1, HASH = 17 };
+	const size_t n = strlen(name), m = strlen(middle), room = NAME_MAX > AROUND + m ? NAME_MAX - AROUND - m : 0;
+	char *temp;
+
+	if (n <= room)
+		return asprintf(&temp, ".%s%s.part", name, middle) < 0 ? NULL : temp;
+	return asprintf(&temp, ".%.*s-%016llx%s.part", room > HASH ? (int)(room - HASH) : 0, name,
+			(unsigned long long)digest_hash(name, n).lo, middle) < 0 ?
+		       NULL :
+		       temp;
+}
+
 static char *held_name(const char *name, const char *tag)
 {
-	char *held;
+	char *middle, *held;
 
-	return asprintf(&held, ".%.200s.%s.part", name, tag) < 0 ? NULL : held;
+	if (asprintf(&middle, ".%s", tag) < 0)
+		return NULL;
+	held = outfile_temp_name(name, middle);
+	free(middle);
+	return held;
 }
 
 /* A temporary name that the output has already gets the tag, too: what is left of it is found by that. */
 static int mark_temp(struct outfile *o, struct err *err)
 {
-	char *temp;
+	char *middle = NULL, *temp = NULL;
 
-	if (asprintf(&temp, ".%.200s.%s.%d.part", o->name, o->tag, (int)getpid()) < 0)
+	if (asprintf(&middle, ".%s.%d", o->tag, (int)getpid()) >= 0) {
+		temp = outfile_temp_name(o->name, middle);
+		free(middle);
+	}
+	if (!temp)
 		return err_set(err, ERR_NOMEM, "no memory for a file name");
 	if (outfile_rename(o->dirfd, o->temp, o->dirfd, temp, true)) {
 		err_sys(err, errno, "cannot name a temporary file");

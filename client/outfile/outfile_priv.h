@@ -34,6 +34,8 @@ int outfile_nameless(int dirfd, int *ret_fd, struct err *err);
 int outfile_flush(struct outfile *, struct err *err);
 /* -1, with errno. EEXIST: no_clobber, and there is a file. */
 int outfile_rename(int fromfd, const char *from, int tofd, const char *to, bool no_clobber);
+/* ".NAME MIDDLE.part", not longer than a name may be; to be freed. NULL: no memory. */
+char *outfile_temp_name(const char *name, const char *middle);
 bool outfile_is_held(int dirfd, const char *name, const struct outfile_held *);
 /* outfile_held.c: outfile_settle in an open folder. */
 int outfile_settle_at(int dirfd, const char *from, const char *name, const struct outfile_held *, bool no_clobber,

@@ -32,7 +32,9 @@ struct outputs_options {
 	bool tiled;                    /* the one output is a folder of tiles */
 	bool levels;                   /* the one output is a folder with a page and its tiles */
 	struct decimal tile;           /* their side, in file units: above zero */
-	int (*interrupted)(void *ctx); /* not 0: give up; called while triangles are sorted and tiles made; may be NULL */
+	uint64_t tiles_most;           /* more with triangles are refused; 0: OUTPUTS_TILES */
+	int (*interrupted)(void *ctx); /* not 0: give up; may be NULL. Called while triangles are sorted and tiles made, and when
+					* parts are joined, before the first file gets its name. */
 	void *ctx;
 	/* Several processes make the outputs, each a part of them, and one joins these (outputs_join). NULL: there are no parts.
 	 * Else what the part of this run is called in the names that files have until they are joined: characters of file names.
@@ -42,7 +44,7 @@ struct outputs_options {
 	uint64_t share[2]; /* of a part with tiles: from which tile on, and which is the last (outputs_tile_code) */
 };
 
-/* The most tiles that the triangles of a mesh may be in. */
+/* The most tiles that the triangles of a mesh may be in, unless tiles_most says another number. */
 #define OUTPUTS_TILES 100000u
 #define OUTPUTS_LONG_EDGE 50 /* times the median: not of the spacing of the survey any more */
 #define OUTPUTS_CHANGES ".changes.geojson"

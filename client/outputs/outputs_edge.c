@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "cursor.h"
+#include "digest_pack.h"
 #include "err.h"
 #include "format_axis.h"
 #include "outputs_priv.h"
@@ -71,8 +72,7 @@ void outputs_left_sum(struct outputs_left *left, const struct outputs_left *more
 void outputs_left_save(const struct outputs_left *left, struct packer *p)
 {
 	packer_u64(p, left->triangles);
-	packer_u64(p, left->digest.hi);
-	packer_u64(p, left->digest.lo);
+	digest_pack(p, left->digest);
 	packer_u64(p, (uint64_t)(left->area2 >> 64));
 	packer_u64(p, (uint64_t)left->area2);
 }
@@ -80,8 +80,7 @@ void outputs_left_save(const struct outputs_left *left, struct packer *p)
 void outputs_left_load(struct outputs_left *left, struct cursor *c)
 {
 	left->triangles = cursor_u64(c);
-	left->digest.hi = cursor_u64(c);
-	left->digest.lo = cursor_u64(c);
+	left->digest = digest_unpack(c);
 	left->area2 = (u128)cursor_u64(c) << 64;
 	left->area2 |= cursor_u64(c);
 }

@@ -65,6 +65,25 @@ int outputs_moves_settle(const struct outputs_moves *m, struct outfile_folder *p
 	return r;
 }
 
+int outputs_moves_look(const struct outputs_moves *m, const struct outputs_options *run, const struct outfile_folder *place,
+		       bool *ret_all, struct err *err)
+{
+	*ret_all = true;
+	for (size_t i = 0; i < m->n; i++) {
+		const struct outputs_move *file = &m->move[i];
+
+		if (outfile_folder_has(place, file->name, &file->held))
+			continue;
+		*ret_all = false;
+		/* another attempt may move it between the two looks */
+		if (outfile_folder_waits(place, file->part, file->name) || outfile_folder_has(place, file->name, &file->held))
+			continue;
+		err_set(err, ERR_GONE, "the complete output %s is not there any more", file->name);
+		return err_add_file(err, file->name);
+	}
+	return run->interrupted && run->interrupted(run->ctx) ? err_set(err, ERR_CANCELLED, "interrupted") : 0;
+}
+
 int outputs_part_file(struct outputs *run, const struct outfile *out, struct err *err)
 {
 	struct outfile_held held;
@@ -229,12 +248,16 @@ int outputs_join(struct outputs *run, const char *name, const void *bytes, size_
 }
 
 /* All files, and the index after them. */
-static int settle_folder(const struct outputs_moves *m, struct outfile_folder *place, struct err *err)
+static int settle_folder(const struct outputs *run, struct outfile_folder *place, struct err *err)
 {
-	const struct outputs_moves tiles = {m->move, m->n - 1, m->room};
+	const struct outputs_moves *m = &run->joined.moves, tiles = {m->move, m->n - 1, m->room};
 	const struct outputs_move *index = &m->move[m->n - 1];
-	int r = outfile_folder_clear(place, 0, NULL, NULL, err);
+	bool all;
+	int r = outputs_moves_look(m, &run->opt, place, &all, err);
 
+	if (r || all)
+		return r;
+	r = outfile_folder_clear(place, 0, NULL, NULL, err);
 	if (!r)
 		r = outputs_moves_settle(&tiles, place, err);
 	if (!r)
@@ -244,7 +267,7 @@ static int settle_folder(const struct outputs_moves *m, struct outfile_folder *p
 	return r ? r : outfile_folder_sync(place, err);
 }
 
-/* Levels have their index already; if it has its name, all was done before. */
+/* Levels have their index already. */
 static int settle_levels(struct outputs *run, struct err *err)
 {
 	struct outputs_joined *j = &run->joined;
@@ -256,8 +279,7 @@ static int settle_levels(struct outputs *run, struct err *err)
 	r = outfile_folder_hold(j->folder, OUTPUTS_LEVELS_INDEX, j->no_clobber, run->opt.part, true, &place, err);
 	if (r)
 		return r;
-	if (!outfile_folder_has(place, j->moves.move[j->moves.n - 1].name, &j->moves.move[j->moves.n - 1].held))
-		r = settle_folder(&j->moves, place, err);
+	r = settle_folder(run, place, err);
 	if (!r)
 		outfile_folder_keep(place);
 	outfile_folder_free(place);

@@ -179,6 +179,9 @@ int outputs_moves_add(struct outputs_moves *, const char *name, const char *part
 /* Of files that a folder of this part has: n of them by `name`, and `last`, if it is not NULL. */
 int outputs_moves_folder(struct outputs_moves *, const struct outfile_folder *, size_t n,
 			 const char *(*name)(void *ctx, size_t i, char *buf), void *ctx, const char *last, struct err *err);
+/* Before they are settled. *ret_all: all have their names already. -ERR_GONE: one is neither here nor there. -ERR_CANCELLED. */
+int outputs_moves_look(const struct outputs_moves *, const struct outputs_options *, const struct outfile_folder *, bool *ret_all,
+		       struct err *err);
 int outputs_moves_settle(const struct outputs_moves *, struct outfile_folder *, struct err *err);
 
 /* What a run knows of the parts that it joins. */

@@ -220,12 +220,19 @@ static const char *file_name(void *tiles, size_t i, char buf[OUTFILE_NAME])
 
 /* ---- the tiles that have triangles ---- */
 
+uint64_t outputs_tiles_most(const struct outputs_tiles *t)
+{
+	return t->run.tiles_most ? t->run.tiles_most : OUTPUTS_TILES;
+}
+
 int outputs_tiles_too_many(const struct outputs_tiles *t, struct err *err)
 {
 	char size[DECIMAL_TEXT_SIZE];
 
-	err_set(err, ERR_USAGE, "the mesh is in more than %u tiles of %s", OUTPUTS_TILES, decimal_text(t->run.tile, size));
-	return err_add_hint(err, "give a larger --tile");
+	err_set(err, ERR_USAGE, "the mesh is in more than %llu tiles of %s", (unsigned long long)outputs_tiles_most(t),
+		decimal_text(t->run.tile, size));
+	return err_add_hint(err, t->run.tiles_most ? "give a larger --tile, or tasks more memory (--task-memory)" :
+						     "give a larger --tile");
 }
 
 /* Where `number` is in the table of slots, or would be. */
@@ -267,7 +274,7 @@ static int find_tile(struct outputs_tiles *t, uint64_t number, struct outputs_ti
 	size_t i = r ? 0 : slot_of(t, number);
 
 	if (!r && !t->slot[i]) {
-		if (t->ntile == OUTPUTS_TILES)
+		if (t->ntile == outputs_tiles_most(t))
 			return outputs_tiles_too_many(t, err);
 		t->tile[t->ntile] = (struct outputs_tile){.number = number};
 		t->slot[i] = (uint32_t)++t->ntile;
@@ -363,12 +370,19 @@ int outputs_tiles_tail(struct outputs_tiles *t, const struct acut_mesh_tail *tai
 	return 0;
 }
 
+/* All is looked at before the first change: an attempt that comes after another one, or after another run with this folder, must
+ * not remove an index that is true. */
 static int move_all(struct outputs_tiles *t, struct err *err)
 {
 	char name[OUTFILE_NAME];
 	size_t n = t->ntile * (t->nbeside + 1);
-	int r = outfile_folder_clear(t->place, n, file_name, t, err);
+	bool all = false;
+	int r = t->run.joins ? outputs_moves_look(t->moves, &t->run, t->place, &all, err) : 0;
 
+	if (all && outfile_folder_same(t->place, OUTPUTS_TILES_INDEX))
+		return outfile_folder_sync(t->place, err);
+	if (!r)
+		r = outfile_folder_clear(t->place, n, file_name, t, err);
 	if (t->run.joins && !r)
 		r = outputs_moves_settle(t->moves, t->place, err);
 	for (size_t i = 0; i < n && !r && !t->run.joins; i++)

@@ -65,6 +65,7 @@ struct outputs_tiles *outputs_tiles_free(struct outputs_tiles *);
 bool outputs_tiles_at(const struct outputs_tiles *, const int32_t *const corner[3], uint64_t ret[2]);
 const char *outputs_tiles_name_at(const struct outputs_tiles *, const int64_t at[2], char buf[OUTFILE_NAME]);
 const char *outputs_tiles_name(void *tiles, size_t i, char buf[OUTFILE_NAME]);
+uint64_t outputs_tiles_most(const struct outputs_tiles *);
 int outputs_tiles_too_many(const struct outputs_tiles *, struct err *err);
 void outputs_tiles_order(struct outputs_tiles *); /* when all triangles have come: the tiles by number, row by row */
 void outputs_tiles_number(const struct outputs_tiles *, size_t i, int64_t ret[2]);

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "cursor.h"
+#include "digest_pack.h"
 #include "err.h"
 #include "outputs_tile.h"
 
@@ -94,10 +95,8 @@ void outputs_tiles_save(const struct outputs_tiles *t, struct packer *p)
 			packer_f64(p, tile->edge[k]);
 		for (unsigned k = 0; k < 6; k++)
 			packer_i32(p, tile->box[k]);
-		packer_u64(p, tile->digest.hi);
-		packer_u64(p, tile->digest.lo);
-		packer_u64(p, tile->vertex_digest.hi);
-		packer_u64(p, tile->vertex_digest.lo);
+		digest_pack(p, tile->digest);
+		digest_pack(p, tile->vertex_digest);
 	}
 }
 
@@ -112,10 +111,8 @@ static void load_tile(struct outputs_tile *tile, struct cursor *c)
 		tile->edge[k] = cursor_f64(c);
 	for (unsigned k = 0; k < 6; k++)
 		tile->box[k] = cursor_i32(c);
-	tile->digest.hi = cursor_u64(c);
-	tile->digest.lo = cursor_u64(c);
-	tile->vertex_digest.hi = cursor_u64(c);
-	tile->vertex_digest.lo = cursor_u64(c);
+	tile->digest = digest_unpack(c);
+	tile->vertex_digest = digest_unpack(c);
 }
 
 int outputs_tiles_load(struct outputs_tiles *t, struct cursor *c, struct err *err)
@@ -126,7 +123,7 @@ int outputs_tiles_load(struct outputs_tiles *t, struct cursor *c, struct err *er
 	t->beside_bytes += cursor_u64(c);
 	if (c->bad || n > cursor_left(c) / SAVED_TILE)
 		return err_set(err, ERR_CORRUPT, "the list of tiles is damaged");
-	if (n > OUTPUTS_TILES - t->ntile)
+	if (n > outputs_tiles_most(t) - t->ntile)
 		return outputs_tiles_too_many(t, err);
 	more = realloc(t->tile, (t->ntile + n + 1) * sizeof(*more));
 	if (!more)

@@ -136,22 +136,26 @@ static bool on_wanted(void *ctx, const struct store_pack_entry *e)
 /* What is left of the memory for the table of open vertices and the sorts of the outputs. */
 static int memory_left(const struct task *t, uint64_t *ret, struct err *err)
 {
-	uint64_t need = PROCESS + LEAST + t->in.sums.memory;
+	const uint64_t held = PROCESS + t->in.held + t->in.sums.memory, need = held + LEAST;
 
 	if (t->p->memory < need) {
 		err->need = need;
-		err_set(err, ERR_LIMIT, "a task has %llu bytes of memory, and the largest domain needs %llu",
+		err_set(err, ERR_LIMIT,
+			"a task has %llu bytes of memory, and needs %llu with the largest domain and the manifest",
 			(unsigned long long)t->p->memory, (unsigned long long)need);
 		return err_add_hint(err, "give tasks more memory (--task-memory)");
 	}
-	*ret = t->p->memory - PROCESS - t->in.sums.memory;
+	*ret = t->p->memory - held;
 	return 0;
 }
 
 static int write_outputs(struct task *t, struct err *err)
 {
-	struct outputs_options opt = {
-		.part = t->part, .share = {0, UINT64_MAX}, .interrupted = t->p->interrupted, .ctx = t->p->ctx};
+	struct outputs_options opt = {.part = t->part,
+				      .tiles_most = gather_tiles_part(t->p),
+				      .share = {0, UINT64_MAX},
+				      .interrupted = t->p->interrupted,
+				      .ctx = t->p->ctx};
 	struct acut_mesh_sink sink;
 	struct pipe_totals totals;
 	uint64_t memory = 0;
@@ -215,11 +219,13 @@ static int run(struct task *t, struct err *err)
 	if (!divides && t->index)
 		return 0;
 	if (divides)
-		r = gather_tiles_new(t->p, t->p->memory / 4, &t->tiles, err);
+		r = gather_tiles_new(t->p, t->p->memory / 8, &t->tiles, err);
 	if (!r)
 		r = gather_input_read(&t->in, t->p, divides ? on_entry : NULL, t, err);
 	if (!r)
 		r = gather_check_ply(t->p->outputs, t->in.sums.vertices, "mesh has", err);
+	if (!r && divides)
+		r = gather_tiles_check(t->tiles, err);
 	if (!r && divides)
 		any = gather_tiles_share(t->tiles, t->index, tasks, t->share);
 	if (!r && any && divides && !t->in.sums.domains)

@@ -103,10 +103,30 @@ static int from_run(const struct finish *f, int r, struct err *err)
 	return r && err->code ? -(int)err->code : r;
 }
 
+/* An attempt that is late gives up before it changes an output that another one has finished: its user may have begun a new run
+ * with the same outputs. */
+static int given_up(void *ctx)
+{
+	const struct finish *f = ctx;
+	struct err ignored = ERR_INIT;
+	struct work_record *record = NULL;
+
+	if (f->p->interrupted && f->p->interrupted(f->p->ctx))
+		return 1;
+	if (work_record_look(f->p->work, WORK_FINISH, 0, &record, &ignored))
+		return 0;
+	work_record_free(record);
+	return 1;
+}
+
 /* Head, parts, tail: then the outputs have their names. */
 static int join(struct finish *f, struct err *err)
 {
-	struct outputs_options opt = {.part = f->own, .joins = true, .interrupted = f->p->interrupted, .ctx = f->p->ctx};
+	struct outputs_options opt = {.part = f->own,
+				      .joins = true,
+				      .tiles_most = UINT32_MAX,
+				      /* gather has refused too many */ .interrupted = given_up,
+				      .ctx = f};
 	const struct gather_sums *s = &f->in.sums;
 	struct stream_tail tail = {.vertices = s->vertices,
 				   .triangles = s->triangles,

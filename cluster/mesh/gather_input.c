@@ -10,6 +10,7 @@
 #include "frame.h"
 #include "gather_priv.h"
 #include "io.h"
+#include "ledger.h"
 
 enum { ENTRIES = 128 };
 
@@ -30,8 +31,9 @@ static int read_manifest(struct gather_input *in, struct err *err)
 		r = work_file_open(in->p->work, commit->file[0].name, commit->file[0].size, &fd, err);
 	io_close(fd);
 	if (!r)
-		r = grid_manifest_load(work_fd(in->p->work), commit->file[0].name, NULL, &in->manifest, err);
+		r = grid_manifest_load(work_fd(in->p->work), commit->file[0].name, in->ledger, &in->manifest, err);
 	work_record_free(commit);
+	in->held = ledger_held(in->ledger, LEDGER_MANIFEST) + ((uint64_t)in->npacks + 1) * sizeof(*in->pack);
 	return r;
 }
 
@@ -117,8 +119,9 @@ int gather_input_read(struct gather_input *in, const struct gather_params *p, ga
 	int r;
 
 	*in = (struct gather_input){.p = p, .npacks = work_about(p->work)->tasks[WORK_MESH], .sums.box = {1, 0, 0, 0, 0, 0}};
-	in->pack = calloc(in->npacks + 1, sizeof(*in->pack));
-	r = in->pack ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
+	in->pack = calloc((size_t)in->npacks + 1, sizeof(*in->pack));
+	in->ledger = ledger_new(INT64_MAX); /* which only counts: all else comes after the manifest */
+	r = in->pack && in->ledger ? read_manifest(in, err) : err_set(err, ERR_NOMEM, "no memory for the names of packs");
 	if (!r)
 		r = mesh_plan_about(p->work, &in->plan, err);
 	for (uint32_t i = 0; i < in->npacks && !r; i++)
@@ -136,6 +139,7 @@ void gather_input_done(struct gather_input *in)
 {
 	free(in->pack);
 	grid_manifest_free(in->manifest);
+	ledger_free(in->ledger);
 	mesh_plan_about_done(&in->plan);
 	*in = (struct gather_input){.p = NULL};
 }

@@ -37,6 +37,8 @@ struct gather_input {
 	struct mesh_sums recorded; /* of all tasks of the phase mesh */
 	struct gather_pack *pack;  /* of the tasks of the phase mesh, in the order of the plan */
 	uint32_t npacks;
+	struct ledger *ledger; /* of the manifest */
+	uint64_t held;         /* memory of the manifest and the names of packs */
 	struct gather_sums sums;
 };
 /* Reads manifest, records and indexes. `each` (may be NULL) gets all entries of the indexes, in the order of the plan. */
@@ -74,12 +76,18 @@ int gather_emit(const struct gather_input *, bool part, bool (*wanted)(void *ctx
 /* ---- gather_tiles.c: which tiles are whose ---- */
 
 struct gather_tiles;
+/* `memory`: for codes; sorting them takes as much again. */
 int gather_tiles_new(const struct gather_params *, uint64_t memory, struct gather_tiles **ret, struct err *err);
 /* Before the first domain: of the head, scale, offsets and box count. */
 int gather_tiles_lay_out(struct gather_tiles *, const struct acut_mesh_head *, struct err *err);
 int gather_tiles_add(struct gather_tiles *, const struct store_pack_entry *, struct err *err);
-/* After all of them: the codes of the tiles of task `index` of `tasks`, both ends included; false: it has none. */
+/* After all of them, once: the codes of the tiles of task `index` of `tasks`, both ends included; false: it has none. The memory
+ * of the tiles is free then. */
 bool gather_tiles_share(struct gather_tiles *, uint32_t index, uint32_t tasks, uint64_t ret[2]);
+/* Likewise: refuses more tiles, about, than finish has memory for. */
+int gather_tiles_check(const struct gather_tiles *, struct err *err);
+/* The tiles that a part can have, by the memory of a task. */
+uint64_t gather_tiles_part(const struct gather_params *);
 /* Whether a triangle of the domain can be in such a tile. */
 bool gather_tiles_meets(const struct gather_tiles *, const struct store_pack_entry *, const uint64_t share[2]);
 struct gather_tiles *gather_tiles_free(struct gather_tiles *);

@@ -6,6 +6,7 @@
  * ranges with about as many triangles each. If there are more tiles than fit the memory, those whose codes differ in the lowest
  * bits only count as one.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,8 +22,23 @@ struct gather_tiles {
 	bool laid_out;
 	struct weight *weight;
 	size_t n, room, most;
-	unsigned shift; /* codes are multiples of 2^shift */
+	unsigned shift;    /* codes are multiples of 2^shift */
+	double about;      /* tiles with triangles */
+	uint64_t joinable; /* tiles that finish has memory for */
 };
+
+/* Memory of a tile: in finish, which holds all of them with their names and sorts them; in a part. */
+enum { PROCESS = 16 << 20, JOINED = 400, MADE = 192 };
+
+static uint64_t fit(uint64_t memory, uint64_t each)
+{
+	return memory / each < OUTPUTS_TILES ? OUTPUTS_TILES : memory / each;
+}
+
+uint64_t gather_tiles_part(const struct gather_params *p)
+{
+	return fit(p->memory / 8, MADE);
+}
 
 int gather_tiles_new(const struct gather_params *p, uint64_t memory, struct gather_tiles **ret, struct err *err)
 {
@@ -35,6 +51,7 @@ int gather_tiles_new(const struct gather_params *p, uint64_t memory, struct gath
 		free(t);
 		return err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", p->outputs->tile);
 	}
+	t->joinable = fit(p->memory > PROCESS ? p->memory - PROCESS : 0, JOINED);
 	*ret = t;
 	return 0;
 }
@@ -96,6 +113,37 @@ int gather_tiles_lay_out(struct gather_tiles *t, const struct acut_mesh_head *he
 	return outputs_grid_init(&t->grid, t->side, head, err);
 }
 
+/* About how many tiles a domain has for itself: its part of the region in tiles, and no more than it has triangles. Regions do
+ * not overlap, as the boxes of their domains do. */
+static double tiles_of(const struct gather_tiles *t, const struct store_pack_entry *e)
+{
+	const double side = (double)t->grid.p / (double)t->grid.q;
+	struct cut_region region;
+	double tiles = 1;
+	int64_t box[4];
+
+	if (!cut_region_parse(e->region, &region))
+		return 0; /* it is refused when the domain is read */
+	cut_region_box(&region, box);
+	for (int i = 0; i < 2; i++) {
+		double low = fmax((double)box[i] / 2, e->box[i]), high = fmin((double)box[i + 2] / 2, e->box[i + 3]);
+
+		tiles *= high > low ? (high - low) / side : 0;
+	}
+	return fmin(tiles, e->ntriangle);
+}
+
+int gather_tiles_check(const struct gather_tiles *t, struct err *err)
+{
+	char size[DECIMAL_TEXT_SIZE];
+
+	if (t->about <= (double)t->joinable)
+		return 0;
+	err_set(err, ERR_USAGE, "the mesh is in about %.0f tiles of %s, and a task has memory to join %llu", t->about,
+		decimal_text(t->side, size), (unsigned long long)t->joinable);
+	return err_add_hint(err, "give a larger --tile, or tasks more memory (--task-memory)");
+}
+
 int gather_tiles_add(struct gather_tiles *t, const struct store_pack_entry *e, struct err *err)
 {
 	int32_t middle[2];
@@ -106,6 +154,7 @@ int gather_tiles_add(struct gather_tiles *t, const struct store_pack_entry *e, s
 		return r;
 	for (int i = 0; i < 2; i++)
 		middle[i] = (int32_t)(((int64_t)e->box[i] + e->box[i + 3]) / 2);
+	t->about += tiles_of(t, e);
 	outputs_grid_at(&t->grid, middle, at);
 	t->weight[t->n++] = (struct weight){outputs_tile_code(at[0], at[1]) >> t->shift << t->shift, e->ntriangle};
 	return 0;
@@ -137,6 +186,9 @@ bool gather_tiles_share(struct gather_tiles *t, uint32_t index, uint32_t tasks, 
 	ret[0] = border(t, all, index, tasks);
 	end = index + 1 == tasks ? UINT64_MAX : border(t, all, index + 1, tasks);
 	ret[1] = index + 1 == tasks || !end ? end : end - 1;
+	free(t->weight); /* the memory is for the outputs now */
+	t->weight = NULL;
+	t->n = t->room = 0;
 	if (!all)
 		return index == 0;
 	return index + 1 == tasks ? ret[0] < UINT64_MAX : ret[0] < end;

@@ -11,6 +11,7 @@
 #include <xxhash.h>
 
 #include "cursor.h"
+#include "digest_pack.h"
 #include "err.h"
 #include "io.h"
 #include "view.h"
@@ -24,21 +25,6 @@ static int wrong(const struct mesh_plan *p, uint64_t at, const char *what, struc
 	err_set(err, ERR_CORRUPT, "the plan of a mesh is damaged: %s", what);
 	err_add_file(err, p->name);
 	return err_add_place(err, at, NULL);
-}
-
-static void digest_pack(struct packer *p, struct digest d)
-{
-	packer_u64(p, d.hi);
-	packer_u64(p, d.lo);
-}
-
-static struct digest digest_unpack(struct cursor *c)
-{
-	struct digest d;
-
-	d.hi = cursor_u64(c);
-	d.lo = cursor_u64(c);
-	return d;
 }
 
 /* ---- writing ---- */

@@ -16,6 +16,7 @@
 #include <xxhash.h>
 
 #include "cursor.h"
+#include "digest_pack.h"
 
 #if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "stored domains are written as they lie in memory: little-endian only"
@@ -92,21 +93,6 @@ struct store_code store_code_of(const struct mesh_domain *d)
 }
 
 /* ---- the header ---- */
-
-static void digest_pack(struct packer *p, struct digest d)
-{
-	packer_u64(p, d.hi);
-	packer_u64(p, d.lo);
-}
-
-static struct digest digest_unpack(struct cursor *c)
-{
-	struct digest d;
-
-	d.hi = cursor_u64(c);
-	d.lo = cursor_u64(c);
-	return d;
-}
 
 static void domain_pack(struct packer *p, const struct mesh_domain *d)
 {

@@ -7,6 +7,7 @@
 #include <xxhash.h>
 
 #include "cursor.h"
+#include "digest_pack.h"
 #include "err.h"
 #include "io.h"
 #include "store_format.h"
@@ -19,15 +20,6 @@ static int wrong(const struct store_pack *k, uint64_t at, const char *what, stru
 	err_set(err, ERR_CORRUPT, "a pack of finished domains is damaged: %s", what);
 	err_add_file(err, k->name);
 	return err_add_place(err, at, NULL);
-}
-
-static struct digest digest_unpack(struct cursor *c)
-{
-	struct digest d;
-
-	d.hi = cursor_u64(c);
-	d.lo = cursor_u64(c);
-	return d;
 }
 
 static bool sealed(const uint8_t *bytes, size_t size, uint64_t seed)

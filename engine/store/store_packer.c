@@ -7,6 +7,7 @@
 #include <xxhash.h>
 
 #include "cursor.h"
+#include "digest_pack.h"
 #include "err.h"
 #include "io.h"
 #include "store_format.h"
@@ -22,12 +23,6 @@ struct store_packer {
 	struct store_pack_entry *entry;
 	size_t n, room;
 };
-
-static void digest_pack(struct packer *p, struct digest d)
-{
-	packer_u64(p, d.hi);
-	packer_u64(p, d.lo);
-}
 
 /* Ends `bytes` of that size with its checksum. */
 static void seal(struct packer *p, uint8_t *bytes, size_t size, uint64_t seed)

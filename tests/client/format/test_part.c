@@ -2,6 +2,7 @@
  * process; joining can be done again; parts that are damaged or gone are refused; nothing of a part is left. */
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -13,6 +14,7 @@
 
 #include "digest.h"
 #include "err.h"
+#include "io.h"
 #include "outfile.h"
 #include "outputs.h"
 #include "meshes.h"
@@ -22,6 +24,7 @@
 enum { PARTS = 4 };
 
 static char dir[64];
+static struct io_table *table;
 static struct meshes_spec many;
 
 /* What is written, and how. */
@@ -335,6 +338,51 @@ static void test_refused(void **state)
 	meshes_done(&m);
 }
 
+static int no_nameless(int dirfd, const char *path, int flags, mode_t mode)
+{
+	if ((flags & O_TMPFILE) == O_TMPFILE) {
+		errno = EOPNOTSUPP;
+		return -1;
+	}
+	return openat(dirfd, path, flags, mode);
+}
+
+/* Two at once with names as long as they can be, which differ in the last letter. */
+static void long_names(void)
+{
+	static const char tag[] = "0123456789abcdef-4294967295-0123456789abcdef";
+	struct outfile_held held[2];
+	struct outfile *o[2];
+	char path[2][512], name[256] = {0};
+	struct err err = ERR_INIT;
+
+	memset(name, 'n', 254);
+	for (int i = 0; i < 2; i++) {
+		snprintf(path[i], sizeof(path[i]), "%s/%s%d", dir, name, i);
+		assert_int_equal(outfile_new(path[i], false, &o[i], &err), 0);
+		assert_int_equal(outfile_hold(o[i], tag, &err), 0);
+		assert_int_equal(outfile_write(o[i], path[i], strlen(path[i]), &err), 0);
+	}
+	for (int i = 0; i < 2; i++) {
+		assert_int_equal(outfile_publish(o[i], &err), 0);
+		assert_int_equal(outfile_held(o[i], &held[i], &err), 0);
+		outfile_free(o[i]);
+	}
+	for (int i = 0; i < 2; i++) {
+		assert_int_not_equal(access(path[i], F_OK), 0);
+		assert_int_equal(outfile_settle(path[i], tag, &held[i], false, &err), 0);
+		assert_int_equal(unlink(path[i]), 0);
+	}
+}
+
+static void test_long_names(void **state)
+{
+	long_names();
+	table->openat = no_nameless;
+	long_names();
+	table->openat = io_system.openat;
+}
+
 /* A part that is not published leaves nothing; that of a name that is taken is refused. */
 static void test_given_up(void **state)
 {
@@ -395,15 +443,16 @@ static void test_meets(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_tiles),   cmocka_unit_test(test_one_part), cmocka_unit_test(test_files),
-		cmocka_unit_test(test_refused), cmocka_unit_test(test_given_up), cmocka_unit_test(test_meets),
+		cmocka_unit_test(test_tiles),      cmocka_unit_test(test_one_part), cmocka_unit_test(test_files),
+		cmocka_unit_test(test_refused),    cmocka_unit_test(test_given_up), cmocka_unit_test(test_meets),
+		cmocka_unit_test(test_long_names),
 	};
 	char command[128];
 	int r;
 
 	many = meshes_many;
 	many.k[0] = -700;
-	no_sync();
+	table = no_sync();
 	repeat_folder(dir, sizeof dir, "parts");
 	r = cmocka_run_group_tests(tests, NULL, NULL);
 	snprintf(command, sizeof(command), "rm -r %s", dir);

@@ -215,6 +215,17 @@ def too_large():
         phases("check", most + 1, *words).ok()
 
 
+def too_many_tiles():
+    """Refused when gather begins, by what finish can hold."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base), gathers=3)
+        out = os.path.join(base, "out")
+        for i in range(work.gathers):
+            got = phases("gather", work.first, i, "-o", out, "--tile", "0.05")
+            expect(got.status == 2 and "about" in got.err and "--task-memory" in got.err, "%d %s" % (got.status, got.err))
+        expect(not os.path.exists(out), "a folder was made")
+
+
 def start(*words):
     return subprocess.Popen([PHASES] + [str(w) for w in words], env=dict(os.environ, **ENV), stdout=subprocess.DEVNULL,
                             stderr=subprocess.PIPE)
@@ -264,6 +275,54 @@ def twice():
                     expect(p.returncode == 0, "%s: %d %s" % (phase, p.returncode, err))
             expect(not [n for n in os.listdir(out) if n.startswith(".")], os.listdir(out))
             expect(len([n for n in os.listdir(path) if n.startswith("report-0-")]) == 2, os.listdir(path))
+
+
+def manifest_counts():
+    """The memory that a task of gather needs grows with the manifest of the dataset."""
+    with e2e.Folder() as base:
+        [file] = inputs(base, 1)
+        deep = base
+        for _ in range(12):
+            deep = os.path.join(deep, "d" * 200)
+            os.mkdir(deep)
+        needs, sizes = [], []
+        for name in ("near", "far"):
+            folder = os.path.join(base, name)
+            os.mkdir(folder)
+            given = os.path.join(deep if name == "far" else folder, "in.las")
+            os.link(file, given)
+            work = Work(folder, [given], gathers=1, meshes=1, stages=1)
+            got = run([PHASES, "gather", work.first, 0, "-o", os.path.join(base, "x.ply")], env=dict(ENV, PHASES_MEMORY="1000000"))
+            expect(got.status and "manifest" in got.err, got.err)
+            needs.append(int(got.err.split("needs ")[1].split()[0]))
+            sizes.append(os.path.getsize(os.path.join(work.first, "dataset", "manifest")))
+        expect(sizes[1] > sizes[0] + 2000, str(sizes))
+        expect(needs[1] - needs[0] >= sizes[1] - sizes[0], "%s with manifests of %s" % (needs, sizes))
+
+
+def finished_again():
+    """A late attempt at finish never removes an index that is true, neither its own nor that of a later run."""
+    with e2e.Folder() as base:
+        work = Work(base, inputs(base, 1), gathers=2)
+        for i, words in enumerate((["--tile", "15"], ["--levels"])):
+            out = os.path.join(base, "out%d" % i)
+            words = ["-o", out, *words]
+            path = work.write(*words)
+            index = os.path.join(out, "index.html" if i else "index.geojson")
+            record = os.path.join(path, "done", "finish-0")
+            before = os.stat(index)
+            os.unlink(record)
+            phases("finish", path, *words).ok()
+            after = os.stat(index)
+            expect(after.st_ino == before.st_ino and after.st_mtime_ns == before.st_mtime_ns, "the index was made again")
+            os.unlink(record)
+            other = work.write(*words)
+            before = os.stat(index)
+            got = phases("finish", path, *words)
+            expect(got.status and "not there any more" in got.err, "%d %s" % (got.status, got.err))
+            after = os.stat(index)
+            expect(after.st_ino == before.st_ino, "the index of a later run was replaced")
+            shutil.rmtree(other)
 
 
 def clobber():
@@ -368,5 +427,5 @@ def adopted_in_little_space():
 
 
 GROUPS = {"formats": [every_format], "tiles": [tiles],
-          "tasks": [damage, too_large, killed, twice, clobber, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
+          "tasks": [damage, too_large, manifest_counts, killed, twice, finished_again, clobber, too_many_tiles, without_triangles, adopted, adopted_by_another, adopted_in_little_space]}
 e2e.main(*(case for name in sys.argv[1:] or GROUPS for case in GROUPS[name]))

@@ -6,7 +6,7 @@
  *   phases finish|clean WORK OPTIONS
  *   phases check POINTS OPTIONS   whether so many points can be written
  *
- * OPTIONS are those of acutctl mesh that outputs have.
+ * OPTIONS are those of acutctl mesh that outputs have. PHASES_MEMORY in the environment: bytes, in place of those of the run.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -160,6 +160,8 @@ static int late(const char *phase, int argc, char **argv)
 	if (!r) {
 		p.work = work;
 		p.memory = work_about(work)->memory;
+		if (getenv("PHASES_MEMORY"))
+			p.memory = strtoull(getenv("PHASES_MEMORY"), NULL, 10);
 		r = gather_check(&options, 0, &err);
 	}
 	if (!r && one)
