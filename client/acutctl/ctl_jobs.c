@@ -36,7 +36,7 @@ static void each(void *ctx, const struct acut_job *job)
 	bool failed = !strcmp(job->state, "failed"), over = job->final;
 
 	if (l->console->json) {
-		ctl_report_job_json(l->console, job);
+		ctl_report_job_json(l->console, job, "");
 		return;
 	}
 	term_table_id(t, job->id);

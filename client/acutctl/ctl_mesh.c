@@ -49,6 +49,7 @@ int ctl_mesh_run(struct program *ctl)
 	struct err err = ERR_INIT;
 	int r = ctl_view_box(&ctl->view, &view, &cropped, box, &err), status;
 
+	ctl->fetch.max_error = ctl->view.max_error;
 	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
 	if (!r && ctl->opt.weight_report && !ctl->view.weight) {
 		r = err_set(&err, ERR_USAGE, "without weights nothing is hidden");

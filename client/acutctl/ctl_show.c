@@ -75,7 +75,7 @@ int ctl_show_run(struct program *ctl)
 	if (acut_job_wait(session->acut, id, false, NULL, NULL, &job))
 		return session_error_acut(session);
 	if (session->console.json)
-		ctl_report_job_json(&session->console, job);
+		ctl_report_job_json(&session->console, job, "");
 	else
 		show_text(session->console.report, job);
 	return SESSION_DONE;

@@ -11,7 +11,7 @@ int ctl_submit_run(struct program *ctl)
 		.dataset = ctl->line.word[0], .generation = a->generation, .priority = a->priority, .fresh = a->fresh};
 	const struct acut_job *job;
 	struct session_progress progress;
-	char *view;
+	char *view, note[CTL_MESH_NOTE];
 	struct err err = ERR_INIT;
 	int status;
 
@@ -24,9 +24,10 @@ int ctl_submit_run(struct program *ctl)
 	free(view);
 	if (status)
 		return status;
+	console_note(&session->console, "%s", ctl_fetch_bound(job, ctl->view.max_error, note));
 	if (!session->console.json || !a->wait) {
 		if (session->console.json)
-			ctl_report_job_json(&session->console, job);
+			ctl_report_job_json(&session->console, job, note);
 		else
 			fprintf(session->console.report, "%llu\n", (unsigned long long)job->id);
 		fflush(session->console.report);
@@ -37,7 +38,7 @@ int ctl_submit_run(struct program *ctl)
 	if (acut_job_wait(session->acut, job->id, true, session_progress_job, &progress, &job))
 		return session_error_acut(session);
 	if (session->console.json) {
-		ctl_report_job_json(&session->console, job);
+		ctl_report_job_json(&session->console, job, note);
 		return job->has_error ? job->error.exit_status : SESSION_DONE;
 	}
 	console_progress_clear(&session->console);

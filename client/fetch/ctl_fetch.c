@@ -46,7 +46,7 @@ static int publish(struct session *session, const struct ctl_fetch_options *opt,
 	struct outputs_report out;
 	const struct ctl_mesh mesh = {&session->console, opt, job, &out, staged};
 	struct err err = ERR_INIT;
-	char note[CTL_MESH_NOTE];
+	char note[CTL_MESH_NOTE], bound[CTL_MESH_NOTE];
 
 	outputs_about(run, job->id, job->dataset, job->generation);
 	if (outputs_publish(run, &err))
@@ -58,6 +58,7 @@ static int publish(struct session *session, const struct ctl_fetch_options *opt,
 	ctl_report_warn_crowded(&session->console, &job->report);
 	warn_no_tiles(&mesh);
 	console_note(&session->console, "%s", ctl_mesh_no_lines(&mesh, note));
+	console_note(&session->console, "%s", ctl_fetch_bound(job, opt->max_error, bound));
 	if (session->console.json)
 		ctl_mesh_json(&mesh);
 	else

@@ -22,8 +22,9 @@ struct ctl_fetch_options {
 	struct cli_texts cut[OUTPUTS_CUTS];      /* files of --mask and --erase */
 	uint64_t since;                          /* 0: not given */
 	bool no_clobber, levels;
-	bool gaps;          /* the view leaves gaps: of the ground or the surface */
-	const char *window; /* "bbox", "polygon": only that area of the mesh; NULL: all of it */
+	bool gaps;             /* the view leaves gaps: of the ground or the surface */
+	const char *max_error; /* the bound that this command asked for; NULL: none, or it submitted no job */
+	const char *window;    /* "bbox", "polygon": only that area of the mesh; NULL: all of it */
 };
 
 unsigned ctl_fetch_count(const struct ctl_fetch_options *); /* of outputs */
@@ -45,6 +46,9 @@ int ctl_fetch_open(struct session *, const struct ctl_fetch_options *, struct ou
 int ctl_fetch_make(const struct ctl_fetch_options *, const struct outputs_options *, struct outputs **ret, struct err *err);
 /* Fetches the job into the run, going on with what it has kept (outputs_keep), publishes, reports; exit status. */
 int ctl_fetch(struct session *, const struct ctl_fetch_options *, uint64_t job, struct outputs *, const struct ctl_staged *);
+/* The note that the bound asked for is not that of the job's view, as the lattice is coarser; "": it is, or none (NULL). */
+enum { CTL_MESH_NOTE = 512 };
+const char *ctl_fetch_bound(const struct acut_job *, const char *asked, char buf[CTL_MESH_NOTE]);
 /* For a job that was waited for and not fetched; on a terminal only. */
 void ctl_fetch_summary(struct console *, const struct acut_job *);
 
@@ -67,7 +71,6 @@ void ctl_mesh_json(const struct ctl_mesh *);
 /* The file that lists what is in the folder of tiles. */
 const char *ctl_mesh_index(const struct ctl_fetch_options *);
 /* The note that files of contours have no line; "": they have some. */
-enum { CTL_MESH_NOTE = 512 };
 const char *ctl_mesh_no_lines(const struct ctl_mesh *, char buf[CTL_MESH_NOTE]);
 bool ctl_mesh_simplifies(const struct ctl_fetch_options *); /* an output has --simplify */
 /* A rule leaves out triangles. */

@@ -155,7 +155,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 	const struct acut_report *p = &job->report;
 	const char *z = ctl_fetch_z_unit(m->opt);
 	struct term_json j = console_json(m->console);
-	char note[CTL_MESH_NOTE];
+	char note[CTL_MESH_NOTE], bound[CTL_MESH_NOTE];
 
 	term_json_u64(&j, "job", job->id);
 	term_json_known(&j, "dataset", job->dataset);
@@ -179,7 +179,7 @@ void ctl_mesh_json(const struct ctl_mesh *m)
 		if (m->staged->file[i].refused)
 			term_error_json(&j, NULL, &m->staged->file[i].err);
 	term_json_close(&j, ']');
-	ctl_report_notes(&j, p, ctl_mesh_no_lines(m, note));
+	ctl_report_notes(&j, p, ctl_mesh_no_lines(m, note), ctl_fetch_bound(job, m->opt->max_error, bound));
 	term_json_open(&j, "warnings", '[');
 	for (size_t i = 0; i < m->console->nwarning; i++)
 		term_json_text(&j, NULL, m->console->warning[i]);

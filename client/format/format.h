@@ -153,5 +153,7 @@ const char *format_option_name(unsigned options);
 
 /* "m", "ft", "ftUS" to the name of the unit; NULL: no such unit. */
 const char *format_unit_of_word(const char *word, size_t n);
+/* One `from` is num/den of `to`; false unless both are names of lengths ("metre", "foot", "us-survey-foot"). */
+bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *den);
 
 #endif

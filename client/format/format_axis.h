@@ -37,8 +37,6 @@ char *format_axis_origin(const struct acut_mesh_head *, const struct format_opti
 
 /* ---- units of length: format_unit.c ---- */
 
-/* One `from` is num/den of `to`; false unless both are names of lengths ("metre", "foot", "us-survey-foot"). */
-bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *den);
 /* Multiplies an axis whose a, b, e hold, and then subtracts the origin. Negative: too many digits. */
 int format_unit_axis(struct format_axis *, int64_t num, int64_t den, struct decimal origin);
 double format_unit_value(const struct format_axis *, int32_t number); /* nearest double */

@@ -15,15 +15,15 @@ void ctl_report_system(struct term_json *, const struct acut_dataset *);
 void ctl_report_mesh(struct term_json *, const struct acut_report * /* or NULL */);
 /* The position that most points share, as "most". */
 void ctl_report_most(struct term_json *, uint64_t points, const double at[2]);
-/* "notes": the sentences of a report, none without one, and one more, or "". */
-void ctl_report_notes(struct term_json *, const struct acut_report * /* or NULL */, const char *more);
+/* "notes": the sentences of a report, none without one, and two more, or "". */
+void ctl_report_notes(struct term_json *, const struct acut_report * /* or NULL */, const char *more, const char *last);
 /* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
 void ctl_report_heights_json(struct term_json *, const struct ctl_staged *, const struct ctl_staged_file *);
 
 /* ---- jobs ---- */
 
-void ctl_report_job(struct console *, const struct acut_job *); /* a line, or as JSON */
-void ctl_report_job_json(struct console *, const struct acut_job *);
+void ctl_report_job(struct console *, const struct acut_job *);                        /* a line, or as JSON */
+void ctl_report_job_json(struct console *, const struct acut_job *, const char *note); /* of this command, or "" */
 /* Exit status of a job that is over; prints why it failed. */
 int ctl_report_job_status(struct session *, const struct acut_job *);
 /* "12 of 340 domains made", or "340 domains". Returns buf. */

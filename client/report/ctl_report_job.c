@@ -203,17 +203,19 @@ void ctl_report_mesh(struct term_json *j, const struct acut_report *p)
 	put_bound(j, p);
 }
 
-void ctl_report_notes(struct term_json *j, const struct acut_report *p, const char *more)
+void ctl_report_notes(struct term_json *j, const struct acut_report *p, const char *more, const char *last)
 {
 	term_json_open(j, "notes", '[');
 	if (p && *p->note)
 		term_json_text(j, NULL, p->note);
 	if (*more)
 		term_json_text(j, NULL, more);
+	if (*last)
+		term_json_text(j, NULL, last);
 	term_json_close(j, ']');
 }
 
-void ctl_report_job_json(struct console *c, const struct acut_job *job)
+void ctl_report_job_json(struct console *c, const struct acut_job *job, const char *note)
 {
 	struct term_json j = console_json(c);
 	struct err err;
@@ -248,7 +250,7 @@ void ctl_report_job_json(struct console *c, const struct acut_job *job)
 	}
 	ctl_report_lattice(&j, job->lattice);
 	ctl_report_units(&j, job->crs, job->unit_xy, job->unit_z);
-	ctl_report_notes(&j, job->has_report ? &job->report : NULL, "");
+	ctl_report_notes(&j, job->has_report ? &job->report : NULL, note, "");
 	term_json_end(&j);
 }
 
@@ -259,7 +261,7 @@ void ctl_report_job(struct console *c, const struct acut_job *job)
 
 	console_progress_clear(c);
 	if (c->json) {
-		ctl_report_job_json(c, job);
+		ctl_report_job_json(c, job, "");
 		return;
 	}
 	if (job->has_report)

@@ -343,6 +343,17 @@ static int parse_weights(struct request *q, struct view_word all)
 	return r;
 }
 
+/* Zero keeps nearly all points, so it is no bound for one who asks for more. */
+static int no_bound(struct request *q, struct view_word w)
+{
+	char scale[DECIMAL_TEXT_SIZE];
+	const char *step = decimal_text(q->lattice->scale_z, scale);
+
+	err_set(q->err, ERR_USAGE, "an error of %.*s is less than a step of the heights' lattice (%s)",
+		(int)(w.n < 60 ? w.n : 60), w.at, step);
+	return err_add_hint(q->err, "give --max-error at least %s, or 0, which leaves out what the mesh shows exactly", step);
+}
+
 /* Rounded down, so that what is within the bound in steps of the lattice is within the length. */
 static int parse_error(struct request *q, struct view_word w)
 {
@@ -354,6 +365,8 @@ static int parse_error(struct request *q, struct view_word w)
 		return r;
 	fits = decimal_steps_down(l.d.mantissa, l.d.exponent, l.up, l.down, q->lattice->scale_z, &q->view->max_error);
 	q->view->has_max_error = true;
+	if (l.d.mantissa && !q->view->max_error)
+		return no_bound(q, w);
 	if (fits && q->view->max_error <= VIEW_ERROR_MOST)
 		return 0;
 	err_set(q->err, ERR_USAGE, "an error of %.*s is higher than any dataset", (int)(w.n < 60 ? w.n : 60), w.at);

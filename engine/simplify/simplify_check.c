@@ -119,6 +119,7 @@ static int find_fresh(struct simplify_check *c, bool all, struct err *err)
 		r = first_key(c, hi + 1, &to, err);
 	if (r || to - from > c->budget.cap)
 		return r;
+	c->all = false;
 	r = simplify_in_some(&c->in, c->key, from, (size_t)(to - from), err);
 	memset(c->fresh, 0, (c->budget.cap + 63) / 64 * sizeof *c->fresh);
 	for (uint32_t i = 0; !r && from < to && i < c->tri.nvertex; i++)
@@ -135,12 +136,12 @@ static int32_t clamp(int64_t v)
 }
 
 /* The positions that are near the region, which is finite. */
-static void find_near(const struct cut_region *region, int32_t ret[4])
+static void find_near(const struct simplify *s, const struct cut_region *region, int32_t ret[4])
 {
 	int64_t box[4], far;
 
 	cut_region_box(region, box); /* doubled */
-	far = box[2] - box[0] + box[3] - box[1];
+	far = s->narrow ? 0 : box[2] - box[0] + box[3] - box[1];
 	for (unsigned k = 0; k < 2; k++) {
 		ret[k] = clamp((box[k] - far) / 2 - 1);
 		ret[2 + k] = clamp((box[2 + k] + far) / 2 + 1);
@@ -167,7 +168,7 @@ static int has_near(const struct simplify_check *c, const struct cut_region *reg
 	int32_t box[4];
 	int r;
 
-	find_near(region, box);
+	find_near(c->s, region, box);
 	last = point_morton(box[2], box[3]);
 	r = first_key(c, point_morton(box[0], box[1]), &at, err);
 	for (*ret = false; !r && !*ret && at < c->in.n; at += KEYS) {
@@ -248,6 +249,13 @@ static int check_regions(struct simplify_check *c, struct err *err)
 	return r;
 }
 
+/* For tests. */
+static void count(atomic_uint *n)
+{
+	if (n)
+		atomic_fetch_add(n, 1);
+}
+
 /* Tests again whatever the round before does not answer. */
 static int check_task(struct simplify_check *c, struct err *err)
 {
@@ -255,24 +263,27 @@ static int check_task(struct simplify_check *c, struct err *err)
 	bool near = true;
 	int r = 0;
 
+	c->all = true;
 	c->whole = !c->s->at.round || c->before.far == SIMPLIFY_UNKNOWN;
 	if (!c->whole && (c->before.is & SIMPLIFY_BOUND) && sides(&leaf.region, true))
 		r = has_near(c, &leaf.region, &near, err);
 	if (!near) {
+		count(c->s->unread);
 		c->found = c->before;
 		c->found.tests = 0;
 		return 0;
 	}
 	if (!r)
 		r = check_regions(c, err);
-	if (r || c->whole || c->found.far == SIMPLIFY_UNKNOWN || c->found.far >= c->before.far)
+	if (r || c->all || c->found.far == SIMPLIFY_UNKNOWN || c->found.far >= c->before.far)
 		return r;
 	if (c->again) {
 		c->found.far = c->before.far;
 		memcpy(c->found.corner, c->before.corner, sizeof c->found.corner);
 		return 0;
 	}
-	c->whole = true;
+	count(c->s->twice);
+	c->whole = c->all = true;
 	c->plan.n = 1;
 	*c->plan.leaf = leaf;
 	return check_regions(c, err);

@@ -46,6 +46,10 @@ struct simplify {
 	/* For tests: the most positions of a region, 0: SIMPLIFY_REGION; of a block, 0: SIMPLIFY_BLOCK; segments,
 	 * 0: SIMPLIFY_SEGMENTS. */
 	uint32_t load, block, segments;
+	/* For tests: how many regions were not read in a round, or tested twice; only points in a region count as near, which
+	 * is wrong. */
+	atomic_uint *unread, *twice;
+	bool narrow;
 };
 
 int simplify_report_write(int dirfd, const struct simplify_report *, struct err *err);

@@ -82,10 +82,8 @@ static void find_mine(struct simplify_check *c, const struct pipe_kernel *k, con
 	for (uint32_t i = 0; i < c->tri.ntriangle; i++) {
 		bool ghost = is_ghost(&c->tri.triangle[i]);
 
-		if (!ghost && !is_fresh(c, i)) {
-			c->again = c->again || (!c->whole && is_before(c, i) && is_own(c, k, &owner, i));
+		if (!ghost && !is_fresh(c, i))
 			continue;
-		}
 		/* The place may be that of a triangle that is gone. */
 		c->mine[i / 64] &= ~(UINT64_C(1) << i % 64);
 		if (ghost || !is_own(c, k, &owner, i))
@@ -293,6 +291,19 @@ static void measure(struct simplify_check *c)
 	}
 }
 
+/* Whether the triangle that had the greatest error in the round before is still there, and was not tested again. */
+static void find_again(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region)
+{
+	struct cut_owner owner;
+
+	cut_owner_init(&owner, region);
+	if (c->all || c->again || c->found.far == SIMPLIFY_UNKNOWN)
+		return;
+	for (uint32_t i = 0; !c->again && i < c->tri.ntriangle; i++)
+		c->again =
+			!is_ghost(&c->tri.triangle[i]) && !simplify_bit(c->mine, i) && is_before(c, i) && is_own(c, k, &owner, i);
+}
+
 /* With pieces no point is added here: pipe_kernel does not keep what adding to pieces needs. */
 int simplify_region(struct simplify_check *c, const struct pipe_kernel *k, const struct cut_region *region, struct err *err)
 {
@@ -312,5 +323,6 @@ int simplify_region(struct simplify_check *c, const struct pipe_kernel *k, const
 	}
 	c->open = c->open || c->nlist;
 	measure(c);
+	find_again(c, k, region);
 	return r;
 }

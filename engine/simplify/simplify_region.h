@@ -44,7 +44,8 @@ struct simplify_check {
 	geom_u128 most; /* of the farthest point of that triangle */
 	struct simplify_found before, found;
 	bool whole; /* all triangles are tested, not only those with a fresh corner */
-	bool again; /* the triangle of `before` was found */
+	bool all;   /* nothing was left untested, whole or not */
+	bool again; /* the triangle of `before` is still there */
 	bool open;  /* a point that is too far was left to the next round */
 };
 

@@ -434,11 +434,20 @@ def refused():
                 (["--max-error", "-1"], 2, "not a length"), (["--max-error=-1"], 2, "not a length"), (["--max-error", "x"], 2, "not a length"),
                 (["--max-error", ""], 2, "not a length"), (["--max-points", "0"], 2, "max-points"), (["--max-points", "-4"], 2, "max-points"),
                 (["--max-error", "1", "--max-points", "9"], 2, "bound"), (["--max-error", "0.1m"], 1, "unit of the heights is unknown"),
-                (["--max-error", "1e12"], 2, "higher than any dataset")):
+                (["--max-error", "1e12"], 2, "higher than any dataset"),
+                (["--max-error", "0.9"], 2, "less than a step")):
             got = d.ctl("submit", "t", *words)
             expect(got.status == status and text in got.out + got.err, "%s: %d %s%s" % (words, got.status, got.out, got.err))
-        lines = [settled(d, name, "--max-error", "1ft") for name in ("metres", "feet")]
-        expect([j["view"] for j in lines] == ["view 1 max-error=0", "view 1 max-error=1"], str([j["view"] for j in lines]))
+        lines = [settled(d, name, "--max-error", "4ft") for name in ("metres", "feet")]
+        expect([j["view"] for j in lines] == ["view 1 max-error=1", "view 1 max-error=4"], str([j["view"] for j in lines]))
+        # A bound that is no multiple of the step is rounded down, and the user is told.
+        note = "--max-error 4ft is rounded down to 1, a multiple of the step of the heights (1)"
+        expect([j["notes"] for j in lines] == [[note], []], str([j["notes"] for j in lines]))
+        got = d.ctl("submit", "metres", "--max-error", "4ft").ok()
+        expect(note in got.err, got.err)
+        for bound, notes in (("2.5", [note.replace("4ft", "2.5").replace("to 1", "to 2")]), ("2.0", [])):
+            got = d.ctl("mesh", path, "--format", "null", "--json", "--max-error", bound).ok()
+            expect(got.json()["notes"] == notes and got.json()["bound"]["max_error"] == 2, str(got.json()))
         # Nothing, a line, and what is flat.
         for points, used in (([], 0), ([(1, 1, 1)], 1), ([(i, 2 * i, i % 3) for i in range(50)], 50), ([(i % 9, i // 9, 5) for i in range(81)], 4)):
             with open(path, "w") as f:

@@ -165,8 +165,8 @@ static void test_lengths(void **state)
 		"view 1 window=box:4,8,12,16 metric=0,1,2");
 	becomes("ask 1 metric=3,4,1", &fine, "unknown", "view 1");
 	/* What changes nothing contradicts nothing. */
-	becomes("ask 1 metric=3,4,1 max-error=1 weight=0:0 window=box:1,2,3,4", &coarse, "x",
-		"view 1 window=box:4,8,12,16 max-error=0");
+	becomes("ask 1 metric=3,4,1 max-error=5 weight=0:0 window=box:1,2,3,4", &coarse, "x",
+		"view 1 window=box:4,8,12,16 max-error=1");
 	becomes("ask 1 metric=3,4,1 weight=2:1", &fine, "unknown", "view 1 weight=2:100");
 	becomes("ask 1 weight=0:0 metric=1,0,2", &fine, "unknown", "view 1 metric=1,0,2");
 	becomes("ask 1 no-breaklines breakline-clear=0m", &fine, "metre", "view 1 no-breaklines");
@@ -193,7 +193,6 @@ static void test_bounds(void **state)
 	becomes("ask 1 max-error=0.1m", &fine, "foot", "view 1 max-error=328");
 	becomes("ask 1 max-error=1ftUS", &fine, "metre", "view 1 max-error=304");
 	becomes("ask 1 max-error=0", &fine, "degree", "view 1 max-error=0");
-	becomes("ask 1 max-error=0.0009", &fine, "unknown", "view 1 max-error=0");
 	becomes("ask 1 window=box:0,1,0,2 max-points=12", &coarse, "x", "view 1 window=box:0,4,0,8 max-points=12");
 	becomes("view 1 max-error=8589934592", &fine, "x", "view 1 max-error=8589934592");
 	assert_int_equal(view_resolve("ask 1 max-error=1m thin=1m:lowest", &fine, "metre", "foot", &v, &err), 0);
@@ -228,6 +227,8 @@ static void test_lengths_refused(void **state)
 	refused("ask 1 max-error=-1", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 max-error=", "metre", ERR_USAGE, "not a length");
 	refused("ask 1 max-error=1e300", "metre", ERR_USAGE, "higher than any");
+	refused("ask 1 max-error=0.0009", "metre", ERR_USAGE, "less than a step of the heights' lattice (0.001)");
+	refused("ask 1 max-error=0.003ft", "metre", ERR_USAGE, "less than a step");
 	refused("ask 1 max-error=1e7", "metre", ERR_USAGE, "higher than any");
 	refused("ask 1 max-error=1 max-points=5", "metre", ERR_USAGE, "looks for the bound");
 	refused("ask 1 max-error=1 weight=2:1", "metre", ERR_USAGE, "no bound of errors");
@@ -584,6 +585,8 @@ static void test_random(void **state)
 		if (roll(2)) {
 			z = random_number();
 			z.m = llabs(z.m) / 10;
+			if (!floor_slow(z.m, z.e, l->scale_z, 0)) /* is refused */
+				z.m = 0;
 			fputs(" max-error=", a);
 			put_decimal(a, z.m, z.e);
 			fprintf(w, " max-error=%lld", floor_slow(z.m, z.e, l->scale_z, 0));

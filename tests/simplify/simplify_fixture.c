@@ -9,6 +9,7 @@
 #include "simplify_priv.h"
 
 uint64_t rng;
+atomic_uint fixture_unread, fixture_twice;
 
 uint64_t rnd(uint64_t n)
 {
@@ -64,6 +65,9 @@ static void set_limits(struct simplify *s, const struct how *how)
 	s->load = how->load;
 	s->block = how->block;
 	s->segments = how->segments;
+	s->narrow = how->narrow;
+	s->unread = how->narrow ? NULL : &fixture_unread;
+	s->twice = how->narrow ? NULL : &fixture_twice;
 }
 
 static void run_tasks(struct simplify **s, const struct simplify_params *p, const struct how *how, void *memory)

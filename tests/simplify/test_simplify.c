@@ -6,7 +6,8 @@
  * of tasks and interruptions.
  *
  * As a control, the seeds alone, without rounds, must not be within the error often; and a mesh without the points of one round
- * neither.
+ * neither. As another, the box in which added points count as near a region is too small: then bounds, or the greatest distance,
+ * must be wrong now and then.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -196,6 +197,24 @@ static void check_control(const struct dataset *d, const struct view *view, cons
 	folder_remove(&f);
 }
 
+/* Whether the bound, or the greatest distance, is wrong. */
+static bool is_wrong(const struct dataset *d, const struct view *view, const struct how *how)
+{
+	struct simplify_report report;
+	struct view rest = view_rest(view);
+	struct folder f = simplify_in_folder(d, view, how, &report);
+	struct reader chosen = simplify_reader(d, &f, SIMPLIFY_MANIFEST);
+	size_t nall, n;
+	struct point *all = positions_of(&d->reader, view, &nall), *pts = positions_of(&chosen, &rest, &n);
+	struct distance far = distance_of(d, &chosen, all, nall, pts, n);
+
+	free(all);
+	free(pts);
+	reader_close(&chosen);
+	folder_remove(&f);
+	return far.n > (__int128)how->max_error * far.d || report.largest != (uint64_t)((far.n * 1000 + far.d - 1) / far.d);
+}
+
 static struct view random_view(const struct dataset *d)
 {
 	struct view v = VIEW_INIT;
@@ -282,6 +301,7 @@ static void run_many(uint64_t usual, bool lines)
 
 	skip_fsync();
 	cases = kept = positions = rounds = flats = out = controls = wrong = line_vertices = triangles = multi = near = 0;
+	fixture_unread = fixture_twice = 0;
 	for (uint64_t i = 0; i < n; i++)
 		run_case(first + i, lines);
 	print_message(
@@ -291,8 +311,12 @@ static void run_many(uint64_t usual, bool lines)
 		(unsigned long long)rounds, (unsigned long long)triangles, (unsigned long long)flats, (unsigned long long)multi,
 		(unsigned long long)line_vertices, (unsigned long long)out, (unsigned long long)wrong,
 		(unsigned long long)controls);
+	print_message("%u regions not read, %u tested twice\n", fixture_unread, fixture_twice);
 	assert_true(n < 100 || (wrong > controls / 20 && rounds && flats && near && kept < positions));
 	assert_true(n < 100 || !lines || (out && line_vertices));
+	/* Regions far from all that a round added are not read; all others are tested once, but for a few. */
+	assert_true(n < 100 || (fixture_unread && fixture_twice));
+	assert_true(n < 100 || !lines || fixture_twice < rounds / 4);
 }
 
 static void test_points(void **state)
@@ -307,11 +331,43 @@ static void test_lines(void **state)
 	run_many(1000, true);
 }
 
+/* Small regions of many points. In a control only points in a region count as near it. */
+static void test_near(void **state)
+{
+	uint64_t n = repeat_cases(1000) / 4, wrong_near = 0;
+
+	(void)state;
+	skip_fsync();
+	fixture_unread = 0;
+	for (uint64_t i = 0; i < n; i++) {
+		struct view view = VIEW_INIT;
+		struct how how = {.block = 8};
+		struct set s;
+		struct dataset d;
+
+		rng = repeat_first() + i;
+		s = points_of(900, 66, 60, (unsigned)rnd(8));
+		how.load = 6 + (uint32_t)rnd(30);
+		how.max_error = 1 + (int64_t)rnd(30);
+		d = dataset_of(&s, 1, NULL);
+		view_bind(&view, &grid_manifest(d.reader.grid)->lattice);
+		assert_false(is_wrong(&d, &view, &how));
+		how.narrow = true;
+		wrong_near += is_wrong(&d, &view, &how);
+		dataset_end(&d);
+		set_free(&s);
+	}
+	print_message("%u regions not read; control: %llu of %llu wrong\n", fixture_unread, (unsigned long long)wrong_near,
+		      (unsigned long long)n);
+	assert_true(n < 40 || wrong_near);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_points),
 		cmocka_unit_test(test_lines),
+		cmocka_unit_test(test_near),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
