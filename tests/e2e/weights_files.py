@@ -200,10 +200,11 @@ def commands():
         d.ctl("push", "s", "--replace", "--replaces", b, os.path.join(base, "y/newer.csv")).ok()
         for weight, status, said in (("nwe.csv=5", 4, "newer.csv"), ("new.csv=5", 4, "--at"), ("lines.csv=5", 4, "lines"), ("z/=5", 4, "generation 3"),
                                      ("old*=5,x/=6", 2, "two radii"), ("newer.csv=-1", 2, "length"), ("newer.csv", 2, "radius"),
-                                     ("=5", 2, "radius"), ("300=5", 2, "radius"), ("newer.csv=2000000000", 2, "2^30")):
+                                     ("=5", 2, "radius"), ("300=5", 2, "radius"), ("newer.csv=2000000000", 2, "2^30"),
+                                     ("n" * 5000 + "=5", 2, "5000 bytes"), (",".join(["new?*.csv=5"] * 1001), 1, "1000 files")):
             for command in ("submit", "plan"):
                 r = d.ctl(command, "s", "--no-breaklines", "--weight", weight)
-                expect(r.status == status and said in r.err, "%s %s: %d, %s" % (command, weight, r.status, r.err))
+                expect(r.status == status and said in r.err, "%s %.99s: %d, %s" % (command, weight, r.status, r.err))
         compare(submit(d, "s", "old*=5,x/=5", "--no-breaklines"), [(old, 5), (new[1:], 0)], "named twice with one radius")
 
 
