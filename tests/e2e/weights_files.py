@@ -225,6 +225,12 @@ def note():
         expect("note: points that are not classified" in r.err + r.out, r.err)
         d.ctl("push", "t", write(base, "good.csv", good)).ok()
         expect(submit(d, "t", "9=5")["notes"] == [], "all have a class")
+        # Some without a class among classified points: the note about the ground is worth more.
+        ground = [(*p[:3], 2) for p in old]
+        d.ctl("push", "u", write(base, "ground.csv", ground), write(base, "few.csv", [(*p[:3], 1) for p in new])).ok()
+        for weight, said in (("2=5", "--ground"), ("9=5", "not classified"), ("few.csv=5", "--ground")):
+            got = submit(d, "u", weight)
+            expect(len(got["notes"]) == 1 and said in got["notes"][0], "%s: %s" % (weight, got["notes"]))
 
 
 def places_of(path):
