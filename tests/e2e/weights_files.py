@@ -289,7 +289,30 @@ def hidden_places():
                                      (["fetch", str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]), "--format", "null", "--weight-report", out], 2)):
                     r = d.ctl(*args)
                     expect(r.status == status and "nothing is hidden" in r.err, "%s: %d, %s" % (args, r.status, r.err))
+                refused_reports(d, base, a, job["job"])
         expect(len(seen) == 1, "places differ with the memory")
+
+
+def refused_reports(d, base, path, job):
+    """What makes no report is said before the mesh is written."""
+    mesh, there = os.path.join(base, "refused.ply"), os.path.join(base, "there.geojson")
+    with open(there, "w") as f:
+        f.write("kept")
+    new = os.path.join(base, "r.geojson")
+    for more, to, said in ((["--weight", "2=5", "--bbox", "0,0,9,9"], new, "window"), (["--weight", "2=0"], new, "nothing is hidden"),
+                           (["--weight", "2=0.000000001"], new, "nothing is hidden"), (["--weight", "2=5"], os.path.join(base, "none/r.geojson"), "none"),
+                           (["--weight", "2=5"], mesh, "of its own"), (["--weight", "2=5"], base + "/./refused.ply", "of its own"),
+                           (["--weight", "2=5", "--no-clobber"], there, "--no-clobber"), (["--weight", "2=5"], path, "one of the inputs")):
+        r = d.ctl("mesh", path, *more, "-o", mesh, "--weight-report", to)
+        expect(r.status in (2, 74) and said in r.err and not os.path.exists(mesh), "%s %s: %d, %s" % (more, to, r.status, r.err))
+        if more[2:] or more[1] != "2=5" or to == path:
+            continue
+        r = d.ctl("fetch", str(job), "-o", mesh, "--weight-report", to)
+        expect(r.status in (2, 74) and said in r.err and not os.path.exists(mesh), "fetch %s: %d, %s" % (to, r.status, r.err))
+    r = d.ctl("mesh", path, "--weight", "2=5", "-o", "-", "--format", "ply", "--weight-report", "/dev/stdout")
+    expect(r.status == 2 and "standard output" in r.err, "%d, %s" % (r.status, r.err[:200]))
+    with open(there) as f:
+        expect(f.read() == "kept" and not os.path.exists(new), "a report was written")
 
 
 def tiny_places():
