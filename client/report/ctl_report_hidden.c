@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "ctl_report.h"
+#include "grow.h"
 #include "outfile.h"
 
 enum { NAMES_MOST = 16 << 20, NAME_MOST = 256 };
@@ -33,20 +34,10 @@ struct writing {
 
 /* ---- names of files ---- */
 
-static bool grow(void **at, size_t need, size_t *room, size_t each)
+/* Room for n, of which each has `size` bytes. */
+static bool room_for(void *array, size_t *room, size_t n, size_t size)
 {
-	size_t more = *room ? 2 * *room : 1024;
-	void *to;
-
-	if (need <= *room)
-		return true;
-	more = more < need ? need : more;
-	to = more * each > NAMES_MOST ? NULL : realloc(*at, more * each);
-	if (!to)
-		return false;
-	*at = to;
-	*room = more;
-	return true;
+	return n <= NAMES_MOST / 2 / size && grow(array, room, n, 1024, size);
 }
 
 static void keep_name(void *ctx, const struct acut_log_file *f)
@@ -56,8 +47,7 @@ static void keep_name(void *ctx, const struct acut_log_file *f)
 
 	if (k->full || f->of_lines || f->removed)
 		return;
-	k->full =
-		!grow((void **)&k->row, k->n + 1, &k->room, sizeof *k->row) || !grow((void **)&k->text, k->used + n, &k->size, 1);
+	k->full = !room_for(&k->row, &k->room, k->n + 1, sizeof *k->row) || !room_for(&k->text, &k->size, k->used + n, 1);
 	if (k->full)
 		return;
 	k->row[k->n++] = (struct name){f->source, (uint32_t)k->used};
