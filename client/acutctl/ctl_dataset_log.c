@@ -30,6 +30,7 @@ static const struct term_column files[] = {
 	{"HASH", .spare = true},
 	{"OVERRIDDEN", .spare = true},
 	{"LINES"},
+	{"SOURCE", .right = true, .spare = true}, /* as views name it: weight=#4-9:50 */
 };
 
 static void row_json(struct logging *l, const struct acut_generation *g)
@@ -118,6 +119,7 @@ static void file(void *ctx, const struct acut_log_file *f)
 		if (f->of_lines)
 			ctl_report_lines_text(f->features, f->lines, f->vertices, lines, sizeof lines);
 		term_table_text(t, "%s", lines);
+		term_table_id(t, f->source);
 		return;
 	}
 	term_json_open(j, NULL, '{');

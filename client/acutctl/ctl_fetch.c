@@ -3,9 +3,10 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "outfile.h"
 
 /* The job is asked for again: its texts are valid until the next call. */
-static int report_hidden(struct session *session, uint64_t id, const char *path)
+static int report_hidden(struct session *session, uint64_t id, struct outfile *out)
 {
 	const struct acut_job *job;
 	char *dataset, *view;
@@ -19,7 +20,7 @@ static int report_hidden(struct session *session, uint64_t id, const char *path)
 	view = strdup(job->view);
 	generation = job->generation;
 	if (dataset && view) {
-		status = ctl_report_hidden(session, dataset, generation, view, path);
+		status = ctl_report_hidden(session, dataset, generation, view, out);
 	} else {
 		err_set(&err, ERR_NOMEM, "no memory for a view");
 		status = session_error(session, &err);
@@ -29,11 +30,26 @@ static int report_hidden(struct session *session, uint64_t id, const char *path)
 	return status;
 }
 
+/* Before the mesh is fetched, which takes long. */
+static int open_hidden(const struct program *ctl, const char *view, struct outfile **ret, struct err *err)
+{
+	const char *path[CTL_FETCH_OUTPUTS + 1];
+	int r;
+
+	if (!ctl->opt.weight_report)
+		return 0;
+	r = ctl_report_hidden_check(view, err);
+	return r ? r :
+		   ctl_report_hidden_open(ctl->opt.weight_report, ctl->fetch.no_clobber, ctl_fetch_paths(&ctl->fetch, path), ret,
+					  err);
+}
+
 int ctl_fetch_run(struct program *ctl)
 {
 	struct session *session = &ctl->session;
 	struct ctl_fetch_options *opt = &ctl->fetch;
 	struct outputs *run = NULL;
+	struct outfile *hidden = NULL;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
 	char *window = NULL;
@@ -59,12 +75,14 @@ int ctl_fetch_run(struct program *ctl)
 		return session_error_acut(session);
 	opt->gaps =
 		strstr(job->view, " ground") || (strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest"));
-	if (ctl_fetch_open(session, opt, &run, &err) || outputs_keep(run, id, ctl->opt.resume, &err))
+	if (open_hidden(ctl, job->view, &hidden, &err) || ctl_fetch_open(session, opt, &run, &err) ||
+	    outputs_keep(run, id, ctl->opt.resume, &err))
 		status = session_error(session, &err);
 	else
 		status = ctl_fetch(session, opt, id, run, NULL);
 	outputs_free(run);
-	if (!status && ctl->opt.weight_report)
-		status = report_hidden(session, id, ctl->opt.weight_report);
+	if (!status && hidden)
+		status = report_hidden(session, id, hidden);
+	outfile_free(hidden);
 	return status;
 }

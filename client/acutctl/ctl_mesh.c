@@ -6,8 +6,19 @@
 #include <stdlib.h>
 
 #include "ctl.h"
+#include "outfile.h"
 
-static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct outputs *run)
+static int fetch(struct program *ctl, const struct acut_job *job, struct outputs *run, const struct ctl_staged *staged)
+{
+	struct err err = ERR_INIT;
+
+	/* Radii can be less than a step of the lattice. */
+	if (ctl->opt.weight_report && ctl_report_hidden_check(job->view, &err))
+		return session_error(&ctl->session, &err);
+	return ctl_fetch(&ctl->session, &ctl->fetch, job->id, run, staged);
+}
+
+static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, struct outputs *run, struct outfile *hidden)
 {
 	struct session *session = &ctl->session;
 	struct ctl_staged staged;
@@ -28,12 +39,26 @@ static int mesh(struct program *ctl, struct ctl_inputs *in, const char *view, st
 		else if (acut_submit_job(session->acut, &what, &job))
 			status = session_error_acut(session);
 		else
-			status = ctl_fetch(session, &ctl->fetch, job->id, run, &staged);
-		if (!status && ctl->opt.weight_report)
-			status = ctl_report_hidden(session, staged.dataset, staged.generation, view, ctl->opt.weight_report);
+			status = fetch(ctl, job, run, &staged);
+		if (!status && hidden)
+			status = ctl_report_hidden(session, staged.dataset, staged.generation, view, hidden);
 	}
 	ctl_stage_done(&staged);
 	return status ? status : staging;
+}
+
+/* The report of what weights hide: what it is of, where it goes. *ret stays NULL if none is asked for. */
+static int open_hidden(const struct program *ctl, const struct ctl_inputs *in, const char *view, struct outfile **ret,
+		       struct err *err)
+{
+	const char *to = ctl->opt.weight_report, *path[CTL_FETCH_OUTPUTS + 1];
+	int r;
+
+	if (!to)
+		return 0;
+	if ((r = ctl_report_hidden_check(view, err)) || (r = ctl_inputs_not_outputs(in, (const char *[]){to, NULL}, err)))
+		return r;
+	return ctl_report_hidden_open(to, ctl->fetch.no_clobber, ctl_fetch_paths(&ctl->fetch, path), ret, err);
 }
 
 int ctl_mesh_run(struct program *ctl)
@@ -41,6 +66,7 @@ int ctl_mesh_run(struct program *ctl)
 	struct session *session = &ctl->session;
 	struct ctl_inputs in = ctl_inputs_of(session, &ctl->input);
 	struct outputs *run = NULL;
+	struct outfile *hidden = NULL;
 	const char *path[CTL_FETCH_OUTPUTS + 1];
 	struct lines_export_options options[LINES_KINDS];
 	char *view = NULL;
@@ -51,10 +77,6 @@ int ctl_mesh_run(struct program *ctl)
 
 	ctl->fetch.max_error = ctl->view.max_error;
 	ctl->fetch.gaps = ctl->view.ground || ctl->view.surface;
-	if (!r && ctl->opt.weight_report && !ctl->view.weight) {
-		r = err_set(&err, ERR_USAGE, "without weights nothing is hidden");
-		err_add_hint(&err, "give --weight, or leave out --weight-report");
-	}
 	if (!r)
 		r = ctl_inputs_gather(&in, ctl->line.word, ctl->line.nword, &err);
 	if (!r)
@@ -64,8 +86,11 @@ int ctl_mesh_run(struct program *ctl)
 		r = ctl_inputs_not_outputs(&in, ctl_fetch_paths(&ctl->fetch, path), &err);
 	if (!r)
 		r = ctl_fetch_open(session, &ctl->fetch, &run, &err);
-	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run);
+	if (!r)
+		r = open_hidden(ctl, &in, view, &hidden, &err);
+	status = r ? session_error(session, &err) : mesh(ctl, &in, view, run, hidden);
 	outputs_free(run);
+	outfile_free(hidden);
 	ctl_inputs_done(&in);
 	free(view);
 	return status;

@@ -42,6 +42,9 @@ static int parse_outputs(struct work *w, const struct ctl_volume_options *o, str
 			err_set(err, ERR_USAGE, "%s is neither a picture (.png) nor a raster (.tif)", path);
 			return err_add_hint(err, "the numbers go to standard output; --csv and --json are other forms of them");
 		}
+		for (unsigned j = 0; j < i; j++)
+			if (!strcmp(path, o->output.text[j]))
+				return err_set(err, ERR_USAGE, "the output %s is given twice", path);
 		w->image[i] = (struct volume_image){path, tif, o->no_clobber};
 	}
 	w->opt.image = w->image;
@@ -112,6 +115,30 @@ static int check_names(struct work *w, const struct ctl_volume_options *o, struc
 	return 0;
 }
 
+static bool same_corner(const struct decimal a[2], const struct decimal b[2])
+{
+	return !decimal_compare(a[0], b[0]) && !decimal_compare(a[1], b[1]);
+}
+
+/* A ring of one or two places is a mistake. One without corners is an empty polygon. */
+static int check_rings(const struct ctl_area *a, const char *file, struct err *err)
+{
+	for (size_t i = 0; i < a->nring; i++) {
+		size_t first = a->ring[i].first, end = first + ctl_area_corners(a, i), second = first, third;
+
+		while (second < end && same_corner(a->corner[second], a->corner[first]))
+			second++;
+		for (third = second; third < end; third++)
+			if (!same_corner(a->corner[third], a->corner[first]) && !same_corner(a->corner[third], a->corner[second]))
+				break;
+		if (first == end || third < end)
+			continue;
+		err_set(err, ERR_INPUT, "a polygon has a ring of fewer than three corners, which has no area");
+		return err_add_file(err, file);
+	}
+	return 0;
+}
+
 /* Features without a polygon have no result. */
 static int parse_within(struct work *w, const struct ctl_volume_options *o, struct err *err)
 {
@@ -125,6 +152,8 @@ static int parse_within(struct work *w, const struct ctl_volume_options *o, stru
 	r = ctl_area_read_named(o->within, o->name_field ? o->name_field : "name", a, err);
 	if (r)
 		return r;
+	if (check_rings(a, o->within, err))
+		return -(int)err->code;
 	for (size_t i = 0; i < a->nfeature; i++)
 		if (a->feature[i].ring < (i + 1 < a->nfeature ? a->feature[i + 1].ring : a->nring))
 			a->feature[n++] = a->feature[i];

@@ -33,6 +33,10 @@ int main(int argc, char **argv)
 		ctl.session.console.report = stderr;
 		ctl.session.for_reader = ctl_fetch_count(&ctl.fetch) == 1;
 	}
+	if (ctl.opt.weight_report && ctl_fetch_is_standard(ctl.opt.weight_report)) {
+		ctl.opt.weight_report = "-";
+		ctl.session.console.report = stderr;
+	}
 	if (ctl.input.format && (format = ctl_input_format_of(ctl.input.format)))
 		ctl.input.format = format->name; /* laz is read as las */
 	ctl.session.writes = ctl_fetch_count(&ctl.fetch) > 0;

@@ -36,6 +36,7 @@ struct ctl_fetch_output ctl_fetch_output(const struct ctl_fetch_options *, unsig
 bool ctl_fetch_own_format(const struct ctl_fetch_options *, unsigned i);
 /* The unit that all outputs convert heights to; NULL: none, or not the same. */
 const char *ctl_fetch_z_unit(const struct ctl_fetch_options *);
+bool ctl_fetch_is_standard(const char *path); /* standard output, however it is named */
 /* Names standard output "-" however it is named; whether it is one of the outputs. */
 bool ctl_fetch_to_standard(struct ctl_fetch_options *);
 /* --format names one that writes nothing, and no OUT is given: that is complete. */

@@ -66,17 +66,25 @@ const char *const *ctl_fetch_paths(const struct ctl_fetch_options *opt, const ch
 	return ret;
 }
 
-bool ctl_fetch_to_standard(struct ctl_fetch_options *opt)
+bool ctl_fetch_is_standard(const char *path)
 {
 	static const char *const name[] = {"/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-"};
+
+	for (unsigned k = 0; k < 4; k++)
+		if (!strcmp(path, name[k]))
+			return true;
+	return false;
+}
+
+bool ctl_fetch_to_standard(struct ctl_fetch_options *opt)
+{
 	bool any = false;
 
 	for (unsigned i = 1; i <= ctl_fetch_count(opt); i++)
-		for (unsigned k = 0; k < 4; k++)
-			if (!strcmp(opt->output[i].path, name[k])) {
-				opt->output[i].path = "-";
-				any = true;
-			}
+		if (ctl_fetch_is_standard(opt->output[i].path)) {
+			opt->output[i].path = "-";
+			any = true;
+		}
 	return any;
 }
 

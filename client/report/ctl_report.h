@@ -4,6 +4,8 @@
 
 #include "ctl_stage.h"
 
+struct outfile;
+
 /* ---- parts of JSON objects ---- */
 
 /* lattice as an object, null if the text is not one */
@@ -58,11 +60,20 @@ void ctl_report_lines_json(struct term_json *, const struct ctl_staged * /* or N
  * status. */
 int ctl_report_line_places(struct session *, const struct ctl_staged *, const char *path);
 
+/* ---- places ---- */
+
+/* The head of a FeatureCollection, up to its features. epsg: of the plane; 0: the system has no number. */
+int ctl_report_geojson_head(struct outfile *, unsigned epsg, const char *unit_xy, struct err *err);
+
 /* ---- weights ---- */
 
+/* Opens the report before the job that it is of is made. -ERR_USAGE: it is one of the outputs (a NULL at the end of them). */
+int ctl_report_hidden_open(const char *path, bool no_clobber, const char *const *outputs, struct outfile **ret, struct err *err);
+/* -ERR_USAGE: a mesh of this view, its canonical text, has no such report. */
+int ctl_report_hidden_check(const char *view, struct err *err);
 /* The positions that the weights of a view (a request, or its canonical text) hide, with class and file, as GeoJSON in the plane
  * of the dataset. Prints its failure; exit status. */
-int ctl_report_hidden(struct session *, const char *dataset, uint64_t generation, const char *view, const char *path);
+int ctl_report_hidden(struct session *, const char *dataset, uint64_t generation, const char *view, struct outfile *);
 
 /* ---- the records of a file ---- */
 

@@ -6,8 +6,10 @@
  */
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "ctl_report.h"
+#include "grow.h"
 #include "outfile.h"
 
 enum { NAMES_MOST = 16 << 20, NAME_MOST = 256 };
@@ -32,20 +34,10 @@ struct writing {
 
 /* ---- names of files ---- */
 
-static bool grow(void **at, size_t need, size_t *room, size_t each)
+/* Room for n, of which each has `size` bytes. */
+static bool room_for(void *array, size_t *room, size_t n, size_t size)
 {
-	size_t more = *room ? 2 * *room : 1024;
-	void *to;
-
-	if (need <= *room)
-		return true;
-	more = more < need ? need : more;
-	to = more * each > NAMES_MOST ? NULL : realloc(*at, more * each);
-	if (!to)
-		return false;
-	*at = to;
-	*room = more;
-	return true;
+	return n <= NAMES_MOST / 2 / size && grow(array, room, n, 1024, size);
 }
 
 static void keep_name(void *ctx, const struct acut_log_file *f)
@@ -55,8 +47,7 @@ static void keep_name(void *ctx, const struct acut_log_file *f)
 
 	if (k->full || f->of_lines || f->removed)
 		return;
-	k->full =
-		!grow((void **)&k->row, k->n + 1, &k->room, sizeof *k->row) || !grow((void **)&k->text, k->used + n, &k->size, 1);
+	k->full = !room_for(&k->row, &k->room, k->n + 1, sizeof *k->row) || !room_for(&k->text, &k->size, k->used + n, 1);
 	if (k->full)
 		return;
 	k->row[k->n++] = (struct name){f->source, (uint32_t)k->used};
@@ -128,7 +119,8 @@ static int on_head(void *ctx, const struct acut_mesh_head *head)
 	struct writing *w = ctx;
 
 	w->head = *head;
-	return 0;
+	w->r = ctl_report_geojson_head(w->out, head->epsg, head->unit_xy, w->err);
+	return w->r;
 }
 
 static int on_block(void *ctx, const struct acut_mesh_block *b)
@@ -158,34 +150,75 @@ static int fetch(struct session *session, const char *dataset, uint64_t generati
 	return 0;
 }
 
-int ctl_report_hidden(struct session *session, const char *dataset, uint64_t generation, const char *view, const char *path)
+/* ---- the report ---- */
+
+/* Of the folder that the path is in, and its name there. */
+static const char *folder_of(const char *path, struct stat *ret)
+{
+	const char *slash = strrchr(path, '/');
+	char *folder = slash ? strndup(path, (size_t)(slash - path) + 1) : strdup(".");
+	int r = folder ? stat(folder, ret) : -1;
+
+	free(folder);
+	return r ? NULL : slash ? slash + 1 : path;
+}
+
+static bool same_place(const char *a, const char *b)
+{
+	const char *name[2];
+	struct stat x, y;
+
+	if (!strcmp(a, b))
+		return true;
+	if (!strcmp(a, "-") || !strcmp(b, "-"))
+		return false;
+	if (!stat(a, &x) && !stat(b, &y))
+		return S_ISREG(x.st_mode) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+	name[0] = folder_of(a, &x);
+	name[1] = folder_of(b, &y);
+	return name[0] && name[1] && x.st_dev == y.st_dev && x.st_ino == y.st_ino && !strcmp(name[0], name[1]);
+}
+
+int ctl_report_hidden_open(const char *path, bool no_clobber, const char *const *outputs, struct outfile **ret, struct err *err)
+{
+	for (; *outputs; outputs++)
+		if (same_place(*outputs, path)) {
+			err_set(err, ERR_USAGE, "%s is given for the output and for --weight-report",
+				strcmp(path, "-") ? path : "standard output");
+			return err_add_hint(err, "give --weight-report a file of its own");
+		}
+	return outfile_new(path, no_clobber, ret, err);
+}
+
+int ctl_report_hidden_check(const char *view, struct err *err)
+{
+	if (strstr(view, " window=")) {
+		err_set(err, ERR_USAGE, "--weight-report is of a whole mesh, not of the window of --bbox or --polygon");
+		return err_add_hint(err, "leave it out, or take a part of the points with --crop");
+	}
+	if (strstr(view, " weight="))
+		return 0;
+	err_set(err, ERR_USAGE, "without weights nothing is hidden");
+	return err_add_hint(err, "give --weight a radius above zero, or leave out --weight-report");
+}
+
+int ctl_report_hidden(struct session *session, const char *dataset, uint64_t generation, const char *view, struct outfile *out)
 {
 	struct err err = ERR_INIT;
-	struct writing w = {.err = &err};
+	struct writing w = {.out = out, .err = &err};
 	char *hidden = NULL;
 	int status;
 
-	if (!strstr(view, " weight=")) {
-		err_set(&err, ERR_USAGE, "without weights nothing is hidden");
-		err_add_hint(&err, "give --weight, or leave out --weight-report");
-		return session_error(session, &err);
-	}
-	if (outfile_new(path, false, &w.out, &err))
-		return session_error(session, &err);
-	put(&w, "{\"type\":\"FeatureCollection\",\"features\":[");
 	if (asprintf(&hidden, "%s hidden", view) < 0) {
 		err_set(&err, ERR_NOMEM, "no memory for a view");
-		status = session_error(session, &err);
-		hidden = NULL;
-	} else {
-		status = fetch(session, dataset, generation, hidden, &w);
+		return session_error(session, &err);
 	}
+	status = fetch(session, dataset, generation, hidden, &w);
 	put(&w, "\n]}\n");
 	if (!status && !w.r)
 		w.r = outfile_publish(w.out, &err);
-	outfile_free(w.out);
 	if (!status && w.r) {
-		err_add_file(&err, path);
+		err_add_file(&err, outfile_name(out));
 		status = session_error(session, &err);
 	}
 	free(hidden);

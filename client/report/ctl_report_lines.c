@@ -115,16 +115,26 @@ static void place(void *ctx, const struct acut_line_place *p)
 		     number(p->upper, a[1]), number(p->x, a[2]), number(p->y, a[3])));
 }
 
+static int put_head(struct session *session, const struct ctl_staged *staged, struct outfile *out, struct err *err)
+{
+	struct acut_dataset d;
+
+	/* Without a generation there are no places. */
+	if (!staged->generation || acut_dataset_at(session->acut, staged->dataset, staged->generation, &d))
+		return ctl_report_geojson_head(out, 0, "", err);
+	return ctl_report_geojson_head(out, d.epsg, d.unit_xy, err);
+}
+
 int ctl_report_line_places(struct session *session, const struct ctl_staged *staged, const char *path)
 {
-	static const char head[] = "{\"type\":\"FeatureCollection\",\"features\":[", end[] = "\n]}\n";
+	static const char end[] = "\n]}\n";
 	struct err err = ERR_INIT;
 	struct writing w = {.err = &err};
 	int status = 0;
 
 	if (outfile_new(path, false, &w.out, &err))
 		return session_error(session, &err);
-	put(&w, head, sizeof head - 1);
+	w.r = put_head(session, staged, w.out, &err);
 	if (staged->generation && acut_line_places(session->acut, staged->dataset, staged->generation, place, &w))
 		status = session_error_acut(session);
 	put(&w, end, sizeof end - 1);

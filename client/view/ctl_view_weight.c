@@ -9,6 +9,8 @@
 #include "ctl_view_weight.h"
 #include "err.h"
 
+enum { NAME_MOST = 4095 }; /* bytes of a path */
+
 struct item {
 	const char *of, *radius;
 	size_t n, nradius;
@@ -47,6 +49,9 @@ int ctl_view_weight_check(const char *text, bool (*length)(const char *, size_t)
 		size_t n = strcspn(at, ",");
 		struct item i = item_of(at, n);
 
+		if (i.n > NAME_MOST)
+			return err_set(err, ERR_USAGE, "--weight: the name \"%.60s...\" has %zu bytes, more than a path has",
+				       i.of, i.n);
 		if (!i.n || (!i.file && !is_class(i.of, i.n)) || !length(i.radius, i.nradius)) {
 			err_set(err, ERR_USAGE, "--weight is not a class or a file with a radius: \"%.*s\"",
 				(int)(n < 200 ? n : 200), at);

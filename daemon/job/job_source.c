@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "decimal.h"
 #include "job_priv.h"
 #include "order.h"
 #include "utf8.h"
@@ -17,17 +18,26 @@
 #define WORD " weight="
 /* Nearest names: those of so many sources are compared, by so many letters, and so many are told. */
 enum { COMPARED = 2000, LETTERS = 64, TOLD = 3 };
+/* Names in one request: each is compared with all files. */
+enum { NAMES_MOST = 1000 };
+
+/* The radius of a name, as it was written in the request. */
+struct radius {
+	const char *at;
+	size_t n;
+};
 
 struct naming {
 	const struct grid_manifest *m;
 	uint64_t generation;
 	bool paths;
-	uint32_t *id; /* of the sources that a name means; room for all */
-	/* The names so far, decoded, with the radius as it was written, and which of them each source is in: from 1. */
-	char name[GRID_SOURCE_PATH];
-	char (*rule)[128];
-	unsigned *of, rules;
-	FILE *out;
+	char name[GRID_SOURCE_PATH]; /* this name, decoded */
+	uint32_t *id;                /* of the sources that it means; room for all */
+	uint16_t *of;                /* the name that each source is in, from 1 */
+	struct radius radius[NAMES_MOST];
+	unsigned names;
+	char *made; /* VIEW_TEXT_MAX bytes, and a zero */
+	size_t size;
 	struct err *err;
 };
 
@@ -286,119 +296,195 @@ static int no_file(const struct naming *n)
 
 /* ---- the request ---- */
 
-static int put_ids(struct naming *n, size_t count)
+static int too_long(const struct naming *n)
 {
-	qsort(n->id, count, sizeof *n->id, order_u32);
-	for (size_t i = 0, k; i < count; i = k) {
-		for (k = i + 1; k < count && n->id[k] == n->id[k - 1] + 1; k++)
-			;
-		fprintf(n->out, "%s%u", i ? "+" : "#", n->id[i]);
-		if (k > i + 1)
-			fprintf(n->out, "-%u", n->id[k - 1]);
-	}
+	err_set(n->err, ERR_LIMIT, "the files that --weight names have too many numbers for a view");
+	return err_add_hint(n->err, "push files that shall have the same weight together, so that their numbers follow");
+}
+
+static int put(struct naming *n, const char *text, size_t length)
+{
+	if (length > VIEW_TEXT_MAX - n->size)
+		return too_long(n);
+	memcpy(n->made + n->size, text, length);
+	n->size += length;
+	n->made[n->size] = '\0';
 	return 0;
 }
 
-/* Numbers of the sources that the name means. Two names may mean one source if they give it the same radius. */
-static int put_name(struct naming *n, const char *radius, size_t length)
+static int put_ids(struct naming *n, size_t count)
 {
-	size_t count = 0;
+	char text[32];
+	int r = 0;
 
-	snprintf(n->rule[n->rules++], sizeof *n->rule, "%.*s", (int)length, radius);
+	qsort(n->id, count, sizeof *n->id, order_u32);
+	for (size_t i = 0, k; i < count && !r; i = k) {
+		int length;
+
+		for (k = i + 1; k < count && n->id[k] == n->id[k - 1] + 1; k++)
+			;
+		length = snprintf(text, sizeof text, "%s%u", i ? "+" : "#", n->id[i]);
+		if (k > i + 1)
+			length += snprintf(text + length, sizeof text - (size_t)length, "-%u", n->id[k - 1]);
+		r = put(n, text, (size_t)length);
+	}
+	return r;
+}
+
+/* "1.00m" is "1m". Radii in several units are not compared. */
+static bool same_radius(struct radius a, struct radius b)
+{
+	static const char digits[] = "0123456789.eE+-";
+	char text[2][DECIMAL_TEXT_SIZE];
+	const struct radius both[2] = {a, b};
+	struct decimal d[2];
+	size_t number[2];
+
+	if (a.n == b.n && !memcmp(a.at, b.at, a.n))
+		return true;
+	for (int i = 0; i < 2; i++) {
+		for (number[i] = 0; number[i] < both[i].n && strchr(digits, both[i].at[number[i]]); number[i]++)
+			;
+		if (number[i] >= sizeof text[i])
+			return false;
+		memcpy(text[i], both[i].at, number[i]);
+		text[i][number[i]] = '\0';
+		if (!decimal_parse(text[i], &d[i]))
+			return false;
+	}
+	return !decimal_compare(d[0], d[1]) && a.n - number[0] == b.n - number[1] &&
+	       !memcmp(a.at + number[0], b.at + number[1], a.n - number[0]);
+}
+
+static int two_radii(const struct naming *n, const struct grid_source *s, struct radius a, struct radius b)
+{
+	err_set(n->err, ERR_USAGE, "--weight: %.100s has two radii: %.*s, and %.*s as \"%.100s\"", s->name,
+		(int)(a.n < 40 ? a.n : 40), a.at, (int)(b.n < 40 ? b.n : 40), b.at, n->name);
+	return err_add_hint(n->err, "give each file one radius");
+}
+
+/* The sources that the name means, and of them those in no earlier name: n->id[0..*ret_fresh). Two names may mean one source if
+ * they give it the same radius; the first has its number then. */
+static int find_sources(struct naming *n, size_t *ret_fresh)
+{
+	const struct radius radius = n->radius[n->names - 1];
+	bool found = false;
+
+	*ret_fresh = 0;
 	for (size_t i = 0; i < n->m->nsources; i++) {
 		const struct grid_source *s = &n->m->sources[i];
 
 		if (!points_here(n, s) || !means(n, s))
 			continue;
-		if (n->of[i] && strcmp(n->rule[n->of[i] - 1], n->rule[n->rules - 1])) {
-			err_set(n->err, ERR_USAGE, "--weight: %.100s has two radii: %.40s, and %.40s as \"%.100s\"", s->name,
-				n->rule[n->of[i] - 1], n->rule[n->rules - 1], n->name);
-			return err_add_hint(n->err, "give each file one radius");
-		}
-		n->of[i] = n->rules;
-		n->id[count++] = s->id;
+		found = true;
+		if (n->of[i] && !same_radius(n->radius[n->of[i] - 1], radius))
+			return two_radii(n, s, n->radius[n->of[i] - 1], radius);
+		if (n->of[i])
+			continue;
+		n->of[i] = (uint16_t)n->names;
+		n->id[(*ret_fresh)++] = s->id;
 	}
-	return count ? put_ids(n, count) : no_file(n);
+	return found ? 0 : no_file(n);
 }
 
-static int put_item(struct naming *n, const char *at, size_t length)
+static int name_of(struct naming *n, const char *at, size_t length)
 {
 	const char *colon = memchr(at, ':', length);
 	size_t name = colon ? (size_t)(colon - at) : length;
-	int r;
 
-	if (*at != '@') {
-		fprintf(n->out, "%.*s", (int)length, at);
-		return 0;
+	if (n->names == NAMES_MOST) {
+		err_set(n->err, ERR_LIMIT, "--weight names more than %d files", NAMES_MOST);
+		return err_add_hint(n->err, "name several at once, as in survey-2024/*.laz or survey-2024/");
 	}
 	if (!colon || !decode(at + 1, name - 1, n->name))
 		return err_set(n->err, ERR_PROTO, "\"%.*s\" is not the name of a file with a radius",
 			       (int)(length < 200 ? length : 200), at);
-	r = put_name(n, colon + 1, length - name - 1);
-	fprintf(n->out, "%.*s", (int)(length - name), colon);
-	return r;
+	n->radius[n->names++] = (struct radius){colon + 1, length - name - 1};
+	return 0;
+}
+
+/* Without the names of files that earlier names mean, too. */
+static int put_item(struct naming *n, const char *at, size_t length, bool first)
+{
+	size_t fresh = 0, radius;
+	int r;
+
+	if (*at != '@') {
+		r = first ? 0 : put(n, ",", 1);
+		return r ? r : put(n, at, length);
+	}
+	if ((r = name_of(n, at, length)) || (r = find_sources(n, &fresh)) || !fresh)
+		return r;
+	radius = n->radius[n->names - 1].n;
+	if (!first)
+		r = put(n, ",", 1);
+	if (!r)
+		r = put_ids(n, fresh);
+	return r ? r : put(n, at + length - radius - 1, radius + 1);
 }
 
 static int put_items(struct naming *n, const char *at, const char *end)
 {
+	bool first = true;
 	int r = 0;
 
-	while (!r && at < end) {
+	for (;; at++) {
 		size_t length = strcspn(at, ", ");
 
-		r = put_item(n, at, length);
+		r = put_item(n, at, length, first);
+		first = false; /* nothing is before it, so it is not left out */
 		at += length;
-		if (at < end)
-			fputc(*at++, n->out);
+		if (r || at == end)
+			return r;
 	}
-	return r;
 }
 
 static int put_request(struct naming *n, const char *text)
 {
 	const char *word = strstr(text, WORD) + strlen(WORD), *end = word + strcspn(word, " ");
-	int r;
+	int r = put(n, text, (size_t)(word - text));
 
-	fprintf(n->out, "%.*s", (int)(word - text), text);
-	r = put_items(n, word, end);
-	fputs(end, n->out);
-	return r;
+	if (!r)
+		r = put_items(n, word, end);
+	return r ? r : put(n, end, strlen(end));
 }
 
-static unsigned items(const char *text)
+size_t job_sources_bytes(const struct grid_manifest *m)
 {
-	unsigned n = 1;
+	const struct naming *n;
 
-	for (; *text; text++)
-		n += *text == ',';
-	return n;
+	return sizeof *n + VIEW_TEXT_MAX + 1 + (m->nsources + 1) * (sizeof *n->id + sizeof *n->of);
 }
 
 int job_sources(const char *text, const struct grid_manifest *m, uint64_t generation, bool paths, char **ret, struct err *err)
 {
-	struct naming n = {.m = m, .generation = generation, .paths = paths, .err = err};
-	char *made = NULL;
-	size_t size;
+	struct naming *n;
 	int r;
 
-	if (strlen(text) > VIEW_TEXT_MAX)
-		return err_set(err, ERR_PROTO, "a view of %zu bytes is too long", strlen(text));
-	n.id = calloc(m->nsources + 1, sizeof *n.id);
-	n.of = calloc(m->nsources + 1, sizeof *n.of);
-	n.rule = calloc(items(text), sizeof *n.rule);
-	n.out = open_memstream(&made, &size);
-	if (!n.id || !n.of || !n.rule || !n.out)
+	if (strlen(text) > VIEW_TEXT_MAX) {
+		err_set(err, ERR_LIMIT, "a view of %zu bytes is too long: %d fit", strlen(text), VIEW_TEXT_MAX);
+		return err_add_hint(err, "name several files at once, as in --weight survey-2024/*.laz=0.5m");
+	}
+	n = calloc(1, sizeof *n);
+	if (!n)
+		return err_set(err, ERR_NOMEM, "no memory for the names of files");
+	n->m = m;
+	n->generation = generation;
+	n->paths = paths;
+	n->err = err;
+	n->id = calloc(m->nsources + 1, sizeof *n->id);
+	n->of = calloc(m->nsources + 1, sizeof *n->of);
+	n->made = malloc(VIEW_TEXT_MAX + 1);
+	if (!n->id || !n->of || !n->made)
 		r = err_set(err, ERR_NOMEM, "no memory for the names of files");
 	else
-		r = put_request(&n, text);
-	if (n.out && fclose(n.out) && !r)
-		r = err_set(err, ERR_NOMEM, "no memory for the names of files");
-	free(n.id);
-	free(n.of);
-	free(n.rule);
+		r = put_request(n, text);
+	free(n->id);
+	free(n->of);
 	if (r)
-		free(made);
+		free(n->made);
 	else
-		*ret = made;
+		*ret = n->made;
+	free(n);
 	return r;
 }

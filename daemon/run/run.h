@@ -183,7 +183,7 @@ uint64_t run_grid_points(const struct run *);
 bool run_classes(const struct run *, uint64_t *ret_ground, uint64_t *ret_other);
 uint64_t run_cropped(const struct run *);  /* pieces of lines that have an end outside of the crop, and are not in the mesh */
 bool run_unclassified(const struct run *); /* no point of the generation has class 2 or 8 */
-/* Weights are by class, and there are points of class 0 or 1, which the view takes and to which it gives no radius. */
+/* Weights are by class, and the view takes points of class 0 or 1, which have none: most of its points, or no other has one. */
 bool run_unweighted(const struct run *);
 /* After `ended` without why, of a run with `since`: -ERR_DIGEST unless the older mesh with the changes is the job's mesh. */
 int run_change_agrees(const struct run *, struct err *err);

@@ -86,29 +86,54 @@ static uint64_t most(uint64_t a, uint64_t b)
 	return a > b ? a : b;
 }
 
-/* Whether the view takes a class without giving its points a radius, although it has one for other classes. */
-static bool lacks_weight(const struct view *v, unsigned cls)
-{
-	const struct point p = {.cls = (uint8_t)cls, .ret = 0x11};
-	struct view kind = *v;
-	bool others = false;
+enum { LEFT_OUT, WEIGHTED, PLAIN };
 
+struct weights {
+	bool by_class;   /* the view has radii of classes */
+	uint8_t of[256]; /* what it does with points of each class */
+	uint64_t taken;  /* points of classes that it takes, at most */
+	uint64_t raw;    /* of classes 0 and 1 without a radius, at least */
+	bool weighted;   /* there may be points of a class with a radius */
+};
+
+static void weights_of(const struct view *v, struct weights *ret)
+{
+	struct view kind = *v;
+
+	*ret = (struct weights){.by_class = false};
 	for (unsigned i = 0; i < v->nweight; i++)
-		others |= !v->weight[i].slot && v->weight[i].radius;
+		ret->by_class |= !v->weight[i].slot && v->weight[i].radius;
+	if (!ret->by_class)
+		return;
 	kind.crop = VIEW_CROP_NONE;
 	kind.has_zmin = kind.has_zmax = false;
 	kind.every = 0;
-	return others && !view_weight_of(v, &p) && view_judge(&kind, &p) == VIEW_KEPT;
+	for (unsigned cls = 0; cls < 256; cls++) {
+		const struct point p = {.cls = (uint8_t)cls, .ret = 0x11};
+
+		if (view_judge(&kind, &p) == VIEW_KEPT)
+			ret->of[cls] = view_weight_of(v, &p) ? WEIGHTED : PLAIN;
+	}
 }
 
-/* Of one segment: points of classes 0 and 1 that are live for sure, in sources without a radius of their own. */
-static void count_unweighted(struct run *w, size_t segment, uint64_t others)
+/* One segment. `others`: records that are not live, or of lines. */
+static void count_weights(const struct run *w, size_t segment, uint64_t others, struct weights *ret)
 {
 	const uint64_t *points = grid_manifest(w->grid)->segments[segment].classes;
 
 	others += grid_segment_slotted(w->grid, segment);
-	for (unsigned cls = 0; cls < 2; cls++)
-		w->unweighted |= points[cls] > others && lacks_weight(&w->view, cls);
+	for (unsigned cls = 0; cls < 256 && ret->by_class; cls++) {
+		ret->taken += ret->of[cls] == LEFT_OUT ? 0 : points[cls];
+		ret->weighted |= ret->of[cls] == WEIGHTED && points[cls];
+		if (cls < 2 && ret->of[cls] == PLAIN)
+			ret->raw += at_least(points[cls], others);
+	}
+}
+
+/* A few points without a class are in most data that is classified. */
+static bool is_unweighted(const struct weights *a)
+{
+	return a->raw && (!a->weighted || a->raw > a->taken / 2);
 }
 
 /* look: also by reading. *ret_more: where that could tell more. */
@@ -116,10 +141,11 @@ static void count(struct run *w, bool look, bool *ret_more)
 {
 	const struct grid_manifest *m = grid_manifest(w->grid);
 	const struct grid_source *lines = grid_lines_source(w->grid);
+	struct weights weights;
 
+	weights_of(&w->view, &weights);
 	w->ground = w->other = 0;
 	w->unclassified = w->classes_exact = true;
-	w->unweighted = false;
 	*ret_more = false;
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t *points = m->segments[i].classes;
@@ -144,8 +170,9 @@ static void count(struct run *w, bool look, bool *ret_more)
 		w->other += most(at_least(other, dead), found.other);
 		w->unclassified &= !ground;
 		/* Vertices of lines may be any of them. */
-		count_unweighted(w, i, m->segments[i].points - live + (lines ? lines->points : 0));
+		count_weights(w, i, m->segments[i].points - live + (lines ? lines->points : 0), &weights);
 	}
+	w->unweighted = is_unweighted(&weights);
 	/* Vertices of lines have class 0, and are not chosen by class. */
 	if (lines)
 		w->other = at_least(w->other, lines->points);

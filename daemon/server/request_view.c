@@ -5,11 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ledger.h"
 #include "rights.h"
 #include "server_priv.h"
 
 struct named_view {
 	struct request *request;
+	struct ledger *ledger;
 	struct job_params params; /* the texts are copies */
 	bool plan, paths;
 	char *view, *priority, *made;
@@ -26,10 +28,18 @@ static void named_free(struct named_view *v)
 static int look_for_files(void *token, int dirfd, const struct grid_manifest *m, struct err *err)
 {
 	struct named_view *v = token;
+	size_t bytes = job_sources_bytes(m);
+	int r;
 
 	(void)dirfd;
 	v->params.generation = v->params.generation ? v->params.generation : m->generation;
-	return job_sources(v->view, m, v->params.generation, v->paths, &v->made, err);
+	if (!ledger_take(v->ledger, LEDGER_MANIFEST, bytes)) {
+		err_set(err, ERR_BUSY, "no memory for the names of files: %zu bytes are not free", bytes);
+		return err_add_hint(err, "try again later, or start acutd with more --memory");
+	}
+	r = job_sources(v->view, m, v->params.generation, v->paths, &v->made, err);
+	ledger_give(v->ledger, LEDGER_MANIFEST, bytes);
+	return r;
 }
 
 static void on_files(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
@@ -76,6 +86,7 @@ void request_named_view(struct request *q, const struct job_params *params, bool
 	dataset_info(params->dataset, &info);
 	v->paths = rights_allow(&params->peer, RIGHT_OWN, info.uid, info.gid, info.mode);
 	v->request = q;
+	v->ledger = q->conn->server->p.ledger;
 	v->plan = plan;
 	v->params = *params;
 	v->params.priority = v->priority;

@@ -446,6 +446,12 @@ static int too_long(const struct view *v, struct err *err)
 	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or give its box");
 }
 
+static int long_request(size_t n, struct err *err)
+{
+	err_set(err, ERR_LIMIT, "a view of %zu bytes is too long: %d fit", n, VIEW_TEXT_MAX);
+	return err_add_hint(err, "give --weight fewer items, or simplify the area, for example with ogr2ogr -simplify");
+}
+
 int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, const char *unit_z, struct view *ret,
 		 struct err *err)
 {
@@ -461,7 +467,7 @@ int view_resolve_window(const char *text, const char *window, const struct latti
 	int r = 0;
 
 	if (view_word_after(&all, "ask 1"))
-		r = all.n > VIEW_TEXT_MAX ? 1 : parse_words(&q, all);
+		r = all.n > VIEW_TEXT_MAX ? long_request(all.n, err) : parse_words(&q, all);
 	else if (all.n)
 		r = view_parse(text, &v, err);
 	if (!r && *window) {

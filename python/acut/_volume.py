@@ -165,5 +165,9 @@ def volumes(socket: str, program: str, jobs: List[int], *, level: Any, within: A
             if fds and e.file == path:
                 e.file = "within"
             raise
-    return _take(Volumes, found, meshes=[_take(ComparedMesh, m) for m in found["meshes"]],
-                 volumes=[_take(Volume, v) for v in found["volumes"]])
+    try:
+        return _take(Volumes, found, meshes=[_take(ComparedMesh, m) for m in found["meshes"]],
+                     volumes=[_take(Volume, v) for v in found["volumes"]])
+    except (AttributeError, KeyError, TypeError) as e:
+        raise InternalError("what %s says of volumes is not understood" % program,
+                            hint="it is of another release: ACUTCTL names the program") from e

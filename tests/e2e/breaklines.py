@@ -181,6 +181,13 @@ def reports():
             found = sorted((p["properties"]["kind"], p["geometry"]["coordinates"], p["properties"]["lower"], p["properties"]["upper"])
                            for p in json.load(f)["features"])
         expect(found == [("crossing", [10, 10], 4, 8), ("uneven", [0, 10], 4, 9)], str(found))
+        for system, name in (((), 'LOCAL_CS["unknown"]'), (("--assume-crs", "EPSG:25832"), "urn:ogc:def:crs:EPSG::25832")):
+            hidden = os.path.join(base, "hidden.geojson")
+            d.ctl("mesh", path, "--breaklines", crossed, "--breakline-report", places, "--format", "null", *system).ok()
+            d.ctl("mesh", path, "--weight", "0=5", "--weight-report", hidden, "--format", "null", *system).ok()
+            for report in (places, hidden):
+                with open(report) as f:
+                    expect(json.load(f)["crs"]["properties"]["name"] == name, "%s: no system %s" % (report, name))
         cropped = d.ctl("mesh", path, "--breaklines", crossed, "--crop", "0,0,15,30", "--format", "null", "--json").ok().json()
         expect(any("1 edge of lines has an end outside" in w for w in cropped["notes"]), str(cropped))
         r = d.ctl("push", "d", crossed, "--lines-as", "hard", "--strict")

@@ -104,9 +104,10 @@ def any_order():
             changes = [g["files"] for g in map(json.loads, d.ctl("dataset", "log", "order0", "--files", "--json").ok().out.splitlines())]
             expect([c[0]["lines"] and c[0]["lines"]["vertices"] for c in changes] == [None, 3, 5] and changes[2][0]["lines"] == want_lines, changes)
             rows = d.ctl("dataset", "log", "order0", "--files").ok().out.splitlines()
-            expect([r.split("\t")[4:] for r in rows] == [["4000", changes[0][0]["hash"], "-", "-"],
-                                                         ["-", changes[1][0]["hash"], "-", "1 hard: 1 line, 3 vertices"],
-                                                         ["-", changes[2][0]["hash"], "-", "1 hard, 1 lake: 2 lines, 5 vertices"]], rows)
+            sources = [str(c[0]["source"]) for c in changes]
+            expect([r.split("\t")[4:] for r in rows] == [["4000", changes[0][0]["hash"], "-", "-", sources[0]],
+                                                         ["-", changes[1][0]["hash"], "-", "1 hard: 1 line, 3 vertices", sources[1]],
+                                                         ["-", changes[2][0]["hash"], "-", "1 hard, 1 lake: 2 lines, 5 vertices", sources[2]]], rows)
             got = show(d, "order0")
             expect(got["lines"] == {"files": 2, "hard": 2, "lake": 1, "boundary": 0, "hole": 0, "lines": 3, "vertices": 8} and got["files"] == 3, got)
             then = [d.ctl("dataset", "show", "order0", "--at", g, "--json").ok().json()["lines"] for g in "12"]

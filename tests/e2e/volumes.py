@@ -249,6 +249,11 @@ def polygons():
                                   ("out", [box(0, 0, 9, 9), box(20, 20, 30, 30)], "cross or overlap")):
             r = d.ctl("volume", *jobs, "--within", write(base + "/bad.geojson", feature(name, *rings)))
             expect(r.status == 1 and text in r.err and "makevalid" in r.err and "bad.geojson" in r.err, "%s: %d %s" % (name, r.status, r.err))
+        for ring in ([(0, 0), (9, 9)], [(0, 0), (9, 9), (0, 0)], [(5, 5)]):
+            r = d.ctl("volume", *jobs, "--within", write(base + "/bad.geojson", feature("thin", ring)))
+            expect(r.status == 1 and "no area" in r.err and "bad.geojson" in r.err, "%s: %d %s" % (ring, r.status, r.err))
+        r = d.ctl("volume", *jobs, "-o", base + "/twice.png", "-o", base + "/twice.png")
+        expect(r.status == 2 and "given twice" in r.err and not os.path.exists(base + "/twice.png"), "%d %s" % (r.status, r.err))
 
 
 def bounded():

@@ -214,6 +214,9 @@ def commands():
         out = os.path.join(base, "x.ply")
         r = d.ctl("mesh", a, b, "--weight", "y/=20", "-o", out, "--json").ok().json()
         compare(r, [(old, 0), (new, 20)], "mesh")
+        odd, there = write(base, 'x/q"\\\u00e4.csv', old), os.path.join(base, "odd.geojson")
+        d.ctl("mesh", odd, b, "--weight", "new.csv=20", "--format", "null", "--weight-report", there).ok()
+        expect({p[5] for p in places_of(there)} == {'q"\\\u00e4.csv'}, {p[5] for p in places_of(there)})
         r = d.ctl("mesh", a, b, "--weight", "old? v=1.csv=20", "-o", out, "--json").ok().json()
         compare(r, [(old, 20), (new, 0)], "a comma in the name is a ?")
         d.ctl("push", "s", a, b).ok()
@@ -226,10 +229,11 @@ def commands():
         d.ctl("push", "s", "--replace", "--replaces", b, os.path.join(base, "y/newer.csv")).ok()
         for weight, status, said in (("nwe.csv=5", 4, "newer.csv"), ("new.csv=5", 4, "--at"), ("lines.csv=5", 4, "lines"), ("z/=5", 4, "generation 3"),
                                      ("old*=5,x/=6", 2, "two radii"), ("newer.csv=-1", 2, "length"), ("newer.csv", 2, "radius"),
-                                     ("=5", 2, "radius"), ("300=5", 2, "radius"), ("newer.csv=2000000000", 2, "2^30")):
+                                     ("=5", 2, "radius"), ("300=5", 2, "radius"), ("newer.csv=2000000000", 2, "2^30"),
+                                     ("n" * 5000 + "=5", 2, "5000 bytes"), (",".join(["new?*.csv=5"] * 1001), 1, "1000 files")):
             for command in ("submit", "plan"):
                 r = d.ctl(command, "s", "--no-breaklines", "--weight", weight)
-                expect(r.status == status and said in r.err, "%s %s: %d, %s" % (command, weight, r.status, r.err))
+                expect(r.status == status and said in r.err, "%s %.99s: %d, %s" % (command, weight, r.status, r.err))
         compare(submit(d, "s", "old*=5,x/=5", "--no-breaklines"), [(old, 5), (new[1:], 0)], "named twice with one radius")
 
 
@@ -250,6 +254,12 @@ def note():
         expect("note: points that are not classified" in r.err + r.out, r.err)
         d.ctl("push", "t", write(base, "good.csv", good)).ok()
         expect(submit(d, "t", "9=5")["notes"] == [], "all have a class")
+        # Some without a class among classified points: the note about the ground is worth more.
+        ground = [(*p[:3], 2) for p in old]
+        d.ctl("push", "u", write(base, "ground.csv", ground), write(base, "few.csv", [(*p[:3], 1) for p in new])).ok()
+        for weight, said in (("2=5", "--ground"), ("9=5", "not classified"), ("few.csv=5", "--ground")):
+            got = submit(d, "u", weight)
+            expect(len(got["notes"]) == 1 and said in got["notes"][0], "%s: %s" % (weight, got["notes"]))
 
 
 def places_of(path):
@@ -308,7 +318,30 @@ def hidden_places():
                                      (["fetch", str(d.ctl("submit", "s", "--wait", "--json").ok().json()["job"]), "--format", "null", "--weight-report", out], 2)):
                     r = d.ctl(*args)
                     expect(r.status == status and "nothing is hidden" in r.err, "%s: %d, %s" % (args, r.status, r.err))
+                refused_reports(d, base, a, job["job"])
         expect(len(seen) == 1, "places differ with the memory")
+
+
+def refused_reports(d, base, path, job):
+    """What makes no report is said before the mesh is written."""
+    mesh, there = os.path.join(base, "refused.ply"), os.path.join(base, "there.geojson")
+    with open(there, "w") as f:
+        f.write("kept")
+    new = os.path.join(base, "r.geojson")
+    for more, to, said in ((["--weight", "2=5", "--bbox", "0,0,9,9"], new, "window"), (["--weight", "2=0"], new, "nothing is hidden"),
+                           (["--weight", "2=0.000000001"], new, "nothing is hidden"), (["--weight", "2=5"], os.path.join(base, "none/r.geojson"), "none"),
+                           (["--weight", "2=5"], mesh, "of its own"), (["--weight", "2=5"], base + "/./refused.ply", "of its own"),
+                           (["--weight", "2=5", "--no-clobber"], there, "--no-clobber"), (["--weight", "2=5"], path, "one of the inputs")):
+        r = d.ctl("mesh", path, *more, "-o", mesh, "--weight-report", to)
+        expect(r.status in (2, 74) and said in r.err and not os.path.exists(mesh), "%s %s: %d, %s" % (more, to, r.status, r.err))
+        if more[2:] or more[1] != "2=5" or to == path:
+            continue
+        r = d.ctl("fetch", str(job), "-o", mesh, "--weight-report", to)
+        expect(r.status in (2, 74) and said in r.err and not os.path.exists(mesh), "fetch %s: %d, %s" % (to, r.status, r.err))
+    r = d.ctl("mesh", path, "--weight", "2=5", "-o", "-", "--format", "ply", "--weight-report", "/dev/stdout")
+    expect(r.status == 2 and "standard output" in r.err, "%d, %s" % (r.status, r.err[:200]))
+    with open(there) as f:
+        expect(f.read() == "kept" and not os.path.exists(new), "a report was written")
 
 
 def tiny_places():

@@ -64,7 +64,7 @@ static void test_names(void **state)
 	becomes("@/data/2024/a.laz:5", true, "#6:5");
 	becomes("@./2019/a.laz:5", true, "#2:5");
 	becomes("@*.laz:5", true, "#2-3+6-7+12:5");
-	becomes("@2024/*:5,2:1,@?.laz:5", true, "#6-7:5,2:1,#2+6-7:5");
+	becomes("@2024/*:5,2:1,@?.laz:5", true, "#6-7:5,2:1,#2:5");
 	becomes("@2019/:5", true, "#2-3:5");
 	becomes("@/data/:5", true, "#2-3+6-7+12:5");
 	becomes("@20*/:5", true, "#2-3+6-7:5");
@@ -75,6 +75,11 @@ static void test_names(void **state)
 	becomes("@-:5", true, "#10:5");
 	becomes("@[!b].laz:5,7:1", true, "#2+6:5,7:1");
 	becomes("@a.laz:5", false, "#2+6:5");
+	/* What earlier names mean, too, is left out. */
+	becomes("@a.laz:5,@2024/a.laz:5,@2019/a.laz:5,3:1", true, "#2+6:5,3:1");
+	becomes("@a.laz:1m,@2019/:1.00m,@b.laz:2", true, "#2+6:1m,#3:1.00m,#7:2");
+	becomes("@a.laz:50,@2024/a.laz:5e1", true, "#2+6:50");
+	becomes("@a.laz:5,,@b.laz:5,", true, "#2+6:5,,#7:5,");
 	(void)state;
 }
 
@@ -140,11 +145,57 @@ static void test_refused(void **state)
 	refused("@2024*a.laz:5", 2, true, ERR_NOTFOUND, "nearest");
 	refused("@/:5", 2, true, ERR_NOTFOUND, "nearest");
 	refused("@a.laz:5,@2019/:6", 2, true, ERR_USAGE, "two radii");
+	refused("@a.laz:5,@2019/:5m", 2, true, ERR_USAGE, "two radii");
+	refused("@a.laz:5m,@2019/:5ft", 2, true, ERR_USAGE, "two radii");
+	refused("@a.laz:5x,@2019/:50x", 2, true, ERR_USAGE, "two radii");
 	refused("@:5", 2, true, ERR_PROTO, "name of a file");
 	refused("@a.laz", 2, true, ERR_PROTO, "name of a file");
 	refused("@a%4:5", 2, true, ERR_PROTO, "name of a file");
 	refused("@a%00:5", 2, true, ERR_PROTO, "name of a file");
 	refused("@a%zz:5", 2, true, ERR_PROTO, "name of a file");
+	(void)state;
+}
+
+/* A request of many names is no more text than the sources have numbers, and takes no more memory than it says. */
+static void test_many(void **state)
+{
+	enum { FILES = 6000, ITEMS = 1000 };
+	struct grid_source *s = calloc(FILES, sizeof *s);
+	const struct grid_manifest m = {.generation = 1, .sources = s, .nsources = FILES};
+	char *text = malloc(12 * ITEMS + 100), *got = NULL, *end;
+	struct err err = ERR_INIT;
+
+	assert_true(s && text);
+	for (uint32_t i = 0; i < FILES; i++)
+		s[i] = (struct grid_source){.id = 2 * i + 1, .added = 1, .name = "a.laz", .path = ""};
+	end = stpcpy(text, "ask 1 weight=@a*:1");
+	for (unsigned i = 1; i < ITEMS; i++)
+		end = stpcpy(end, ",@*a*:1");
+	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), 0);
+	assert_true(strlen(got) < 6 * FILES && !strchr(got, ','));
+	free(got);
+	got = NULL;
+	strcpy(end, ",@a.laz:1");
+	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.message, "1000"));
+	assert_null(got);
+	/* Numbers that are longer than a view. */
+	for (uint32_t i = 0; i < FILES; i++)
+		s[i].id = UINT32_MAX - 2 * i;
+	err = ERR_INIT;
+	assert_int_equal(job_sources("ask 1 weight=@a*:1", &m, 1, true, &got, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.hint, "push files"));
+	assert_null(got);
+	free(text);
+	text = malloc(VIEW_TEXT_MAX + 100);
+	assert_non_null(text);
+	memset(text, 'a', VIEW_TEXT_MAX + 99);
+	text[VIEW_TEXT_MAX + 99] = 0;
+	memcpy(text, "ask 1 weight=@", 14);
+	err = ERR_INIT;
+	assert_int_equal(job_sources(text, &m, 1, true, &got, &err), -ERR_LIMIT);
+	free(text);
+	free(s);
 	(void)state;
 }
 
@@ -174,7 +225,8 @@ static void test_anything(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_names), cmocka_unit_test(test_patterns),
-					   cmocka_unit_test(test_refused), cmocka_unit_test(test_anything)};
+					   cmocka_unit_test(test_refused), cmocka_unit_test(test_many),
+					   cmocka_unit_test(test_anything)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

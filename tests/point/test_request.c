@@ -628,6 +628,18 @@ static void test_long(void **state)
 		}
 		free(asked);
 	}
+	/* A request that is too long to be read. */
+	char *many = malloc(VIEW_TEXT_MAX + 100);
+	struct view v;
+	struct err err = ERR_INIT;
+
+	assert_non_null(many);
+	strcpy(many, "ask 1 weight=2:1");
+	for (size_t n = strlen(many); n < VIEW_TEXT_MAX + 20; n += 4)
+		strcpy(many + n, ",2:1");
+	assert_int_equal(view_resolve(many, &fine, "metre", "metre", &v, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.message, "too long"));
+	free(many);
 	(void)state;
 }
 

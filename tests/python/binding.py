@@ -284,6 +284,12 @@ def volumes():
         raises(acut.ReadWriteError, c.volume, *jobs, within=os.path.join(base, "none.geojson"))
         program, os.environ["ACUTCTL"] = os.environ["ACUTCTL"], os.path.join(base, "none")
         expect("ACUTCTL" in raises(acut.InternalError, c.volume, *jobs).hint, "no program")
+        os.environ["ACUTCTL"] = other = os.path.join(base, "other")
+        for text in ('{"volumes": [{}], "meshes": []}', '{"volumes": []}', '{"volumes": [1], "meshes": []}'):
+            with open(other, "w") as f:
+                f.write("#!/bin/sh\necho '%s'\n" % text)
+            os.chmod(other, 0o755)
+            expect("another release" in raises(acut.InternalError, c.volume, *jobs).hint, text)
         os.environ["ACUTCTL"] = program
         c.close()
         raises(acut.UsageError, c.volume, *jobs)

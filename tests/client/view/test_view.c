@@ -159,6 +159,14 @@ static void test_bad_weights(void **state)
 		assert_int_equal(ctl_view_text(&a, &text, &e), -ERR_USAGE);
 		assert_non_null(strstr(e.message, "--weight"));
 	}
+	char name[5003];
+	const struct ctl_view_options a = {.weight = name};
+	struct err e = ERR_INIT;
+
+	memset(name, 'n', 5000);
+	strcpy(name + 5000, "=5");
+	assert_int_equal(ctl_view_text(&a, &text, &e), -ERR_USAGE);
+	assert_non_null(strstr(e.message, "5000 bytes"));
 }
 
 static void test_rubbish(void **state)
