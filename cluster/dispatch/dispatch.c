@@ -11,7 +11,7 @@
 #include "dispatch_priv.h"
 #include "err.h"
 
-enum { ATTEMPTS = 3 };
+enum { ATTEMPTS = 3, LEVELS = 16 };
 static const double POLL_S = 10, PATIENCE_S = 120, TIME_S = 3600, STEP_S = 0.1;
 
 static const struct dispatch_scheduler *const schedulers[] = {&dispatch_slurm, &dispatch_local, &dispatch_script};
@@ -335,10 +335,68 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	return 0;
 }
 
-static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient, uint32_t *list, uint32_t *ret_n,
-			struct err *err)
+/* How often a task had too little, with the attempt that has just ended. */
+static void levels(const struct dispatch_task *t, unsigned *ret_memory, unsigned *ret_time)
 {
-	bool memory = false, time = false;
+	*ret_memory = t->memory + (t->why == DISPATCH_WHY_MEMORY && t->memory < LEVELS);
+	*ret_time = t->time + (t->why == DISPATCH_WHY_TIME && t->time < LEVELS);
+}
+
+/* The same again would fail again. */
+static struct dispatch_need need_of(const struct dispatch_phase *phase, unsigned memory, unsigned time)
+{
+	struct dispatch_need need = {phase->memory, phase->time};
+
+	for (; memory; memory--)
+		need.memory += need.memory / 2;
+	for (; time; time--)
+		need.time *= 2;
+	return need;
+}
+
+static void was_submitted(struct dispatch_task *t, bool first)
+{
+	unsigned memory, time;
+
+	levels(t, &memory, &time);
+	t->memory = (uint8_t)memory;
+	t->time = (uint8_t)time;
+	/* One that has to wait for the phase before is no attempt yet, if it is dropped. */
+	t->tries = (uint8_t)(t->tries + (first && t->tries < UINT8_MAX));
+	t->why = DISPATCH_WHY_NONE;
+	t->status = 0;
+	t->seen = true;
+	t->missing_s = 0;
+}
+
+/* Those that need as much as the first of the list, which are taken out of it. */
+static int submit_alike(struct dispatch *d, unsigned p, bool first, uint32_t *list, uint32_t *n, uint32_t *alike, struct err *err)
+{
+	unsigned memory, time, m, t;
+	uint32_t kept = 0, taken = 0;
+	struct dispatch_need need;
+	int r;
+
+	levels(&d->task[p][list[0]], &memory, &time);
+	for (uint32_t k = 0; k < *n; k++) {
+		levels(&d->task[p][list[k]], &m, &t);
+		if (m == memory && t == time)
+			alike[taken++] = list[k];
+		else
+			list[kept++] = list[k];
+	}
+	*n = kept;
+	need = need_of(&d->phase[p], memory, time);
+	r = d->on->submit(d, p, alike, taken, &need, err);
+	for (uint32_t k = 0; k < taken; k++)
+		if (d->task[p][alike[k]].state == DISPATCH_WAITING)
+			was_submitted(&d->task[p][alike[k]], first);
+	return r;
+}
+
+/* `list`: room for twice the tasks of the phase. */
+static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient, uint32_t *list, struct err *err)
+{
 	uint32_t n = 0;
 	int r = 0;
 
@@ -349,43 +407,25 @@ static int submit_phase(struct dispatch *d, unsigned p, bool first, bool patient
 		if (r || !lost)
 			continue;
 		list[n++] = i;
-		memory |= d->task[p][i].why == DISPATCH_WHY_MEMORY;
-		time |= d->task[p][i].why == DISPATCH_WHY_TIME;
 	}
-	/* The same again would fail again. */
-	d->phase[p].memory += memory ? d->phase[p].memory / 2 : 0;
-	d->phase[p].time *= time ? 2 : 1;
-	if (!r && n)
-		r = d->on->submit(d, p, list, n, err);
-	for (uint32_t k = 0; k < n; k++) {
-		struct dispatch_task *t = &d->task[p][list[k]];
-
-		if (t->state != DISPATCH_WAITING)
-			continue;
-		/* One that has to wait for the phase before is no attempt yet, if it is dropped. */
-		t->tries = (uint8_t)(t->tries + (first && t->tries < UINT8_MAX));
-		t->why = DISPATCH_WHY_NONE;
-		t->status = 0;
-		t->seen = true;
-		t->missing_s = 0;
-	}
-	*ret_n += n;
+	while (!r && n)
+		r = submit_alike(d, p, first, list, &n, list + d->phase[p].tasks, err);
 	return r;
 }
 
 int dispatch_submit(struct dispatch *d, bool patient, struct err *err)
 {
-	uint32_t *list = NULL, most = 0, n = 0;
+	uint32_t *list = NULL, most = 0;
 	bool first = true;
 	int r = 0;
 
 	for (unsigned p = 0; p < d->o.nphase; p++)
 		most = d->phase[p].tasks > most ? d->phase[p].tasks : most;
-	list = malloc((most + 1u) * sizeof *list);
+	list = malloc((2 * (size_t)most + 1) * sizeof *list);
 	if (!list)
 		return err_set(err, ERR_NOMEM, "no memory for a list of tasks");
 	for (unsigned p = 0; p < d->o.nphase && !r; p++) {
-		r = submit_phase(d, p, first, patient, list, &n, err);
+		r = submit_phase(d, p, first, patient, list, err);
 		first = first && dispatch_phase_done(d, p);
 	}
 	free(list);

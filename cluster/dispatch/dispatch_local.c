@@ -242,7 +242,8 @@ static int look(struct dispatch *d, struct err *err)
 	return 0;
 }
 
-static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
+static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
+		  struct err *err)
 {
 	struct local *l = d->own;
 

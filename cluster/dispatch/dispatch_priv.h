@@ -8,6 +8,12 @@
 
 struct err;
 
+/* Of a task: what its phase has, and more if it has failed with less. */
+struct dispatch_need {
+	uint64_t memory;
+	double time;
+};
+
 struct dispatch_scheduler {
 	const char *name;
 	/* NULL: nothing to do. */
@@ -16,8 +22,9 @@ struct dispatch_scheduler {
 	void (*end)(struct dispatch *);
 	/* Sets state, why and job of tasks; all are DISPATCH_ABSENT before. */
 	int (*look)(struct dispatch *, struct err *);
-	/* Submits tasks of a phase, `n` of them, sorted. Sets job, and the state to DISPATCH_WAITING. */
-	int (*submit)(struct dispatch *, unsigned phase, const uint32_t *index, uint32_t n, struct err *);
+	/* Submits tasks of a phase that need the same, `n` of them, sorted. Sets job, and the state to DISPATCH_WAITING. */
+	int (*submit)(struct dispatch *, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *,
+		      struct err *);
 	int (*submitted)(struct dispatch *, struct err *); /* after the last phase of a turn */
 	void (*pause)(struct dispatch *);
 	int (*cancel)(struct dispatch *, uint32_t *ret_n, struct err *);

@@ -38,7 +38,8 @@ static void end(struct dispatch *d)
 	free(s);
 }
 
-static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
+static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
+		  struct err *err)
 {
 	struct script *s = d->own;
 	const struct dispatch_phase *p = &d->phase[phase];
@@ -46,7 +47,7 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 	if (!ftell(s->to))
 		fprintf(s->to, "#!/bin/sh\n# The tasks of acut-cluster %s, see acut-cluster(1), SCRIPT.\nset -e\n", d->o.id);
 	fprintf(s->to, "# phase %s: %u tasks, %llu MiB and %.0f s each at most\n", p->name, n,
-		(unsigned long long)((p->memory + (1 << 20) - 1) >> 20), p->time);
+		(unsigned long long)((need->memory + (1 << 20) - 1) >> 20), need->time);
 	for (uint32_t i = 0; i < n; i++) {
 		dispatch_quote(s->to, d->o.task);
 		fputc(' ', s->to);

@@ -161,6 +161,7 @@ static int look(struct dispatch *d, struct err *err)
 struct array {
 	unsigned phase;
 	uint32_t offset, n, arrays;
+	struct dispatch_need need;
 	char list[LIST_SIZE];
 };
 
@@ -250,9 +251,9 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 		snprintf(output, sizeof output, "--output=%s/log/%s-%%a", pattern, phase->name);
 	argv[n++] = output;
 	argv[n++] = option(folder, sizeof folder, "chdir", d->o.work);
-	snprintf(memory, sizeof memory, "--mem=%lluM", (unsigned long long)((phase->memory + (1 << 20) - 1) >> 20));
+	snprintf(memory, sizeof memory, "--mem=%lluM", (unsigned long long)((a->need.memory + (1 << 20) - 1) >> 20));
 	argv[n++] = memory;
-	snprintf(time, sizeof time, "--time=%.0f", phase->time < 60 ? 1 : (phase->time + 59) / 60);
+	snprintf(time, sizeof time, "--time=%.0f", a->need.time < 60 ? 1 : (a->need.time + 59) / 60);
 	argv[n++] = time;
 	snprintf(comment, sizeof comment, "--comment=acut-cluster %s %.4000s", phase->name, d->o.work);
 	argv[n++] = comment;
@@ -367,7 +368,8 @@ static void make_array(const struct dispatch *d, unsigned phase, const uint32_t 
 	ret->n = dispatch_ranges(index, last, ret->offset, ret->list, sizeof ret->list);
 }
 
-static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, struct err *err)
+static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uint32_t n, const struct dispatch_need *need,
+		  struct err *err)
 {
 	struct array *a = malloc(sizeof *a);
 	uint32_t at = 0, job, most = UINT32_MAX;
@@ -375,6 +377,7 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 
 	while (!r && at < n) {
 		make_array(d, phase, index + at, n - at, most, a);
+		a->need = *need;
 		r = submit_array(d, a, index[at], &job, err);
 		if (r && is_full(err)) {
 			/* Fewer may fit; the rest is for later. */

@@ -1,0 +1,100 @@
+"""What is asked of Slurm, with commands of a test's own in its place: a queue in a file, and states of tasks that are fixed in advance."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+RUN = os.environ["DISPATCH_RUN"]
+FAKE = r'''#!/usr/bin/env python3
+import json, os, re, sys
+here, name, args = os.path.dirname(os.path.abspath(__file__)), os.path.basename(sys.argv[0]), sys.argv[1:]
+path = os.path.join(here, "state.json")
+with open(path) as f:
+    s = json.load(f)
+s["calls"].append([name, *args])
+status = 0
+if name == "scontrol":
+    print("MaxArraySize = %d" % s["array"])
+elif name == "squeue":
+    print("\n".join("|".join(row) for row in s["queue"]))
+elif name == "sbatch":
+    s["env"] = [k for k in os.environ if re.match("SBATCH_|SQUEUE_|SCANCEL_|SLURM_CLUSTERS", k)]
+    value = dict(a[2:].split("=", 1) for a in args if a.startswith("--") and "=" in a)
+    s["job"] += 1
+    print(s["job"])
+    for run in value["array"].split("%")[0].split(","):
+        first, _, last = run.partition("-")
+        for i in range(int(first), int(last or first) + 1):
+            phase = value["job-name"].split("-")[2]
+            states = s["states"].get("%s-%d" % (phase, i), [])
+            state = states.pop(0) if states else "COMPLETED"
+            if state == "COMPLETED":
+                open(os.path.join(here, "../done/%s-%d" % (phase, i)), "w").close()
+            s["queue"].append([str(s["job"]), str(i), state, "None", value["job-name"]])
+elif name == "scancel":
+    status = int(args[-1] in s["stubborn"])
+    if status:
+        print("scancel: error: Kill job error on job id %s" % args[-1], file=sys.stderr)
+    else:
+        s["queue"] = [q for q in s["queue"] if q[0] != args[-1]]
+with open(path, "w") as f:
+    json.dump(s, f)
+sys.exit(status)
+'''
+failed = 0
+
+
+def check(what, cond, detail=""):
+    global failed
+    if not cond:
+        failed += 1
+        print("FAIL", what, detail)
+
+
+class Work:
+    """`states`: of a task as "a-0", one a submission; then it is done."""
+
+    def __init__(self, base, states=None, queue=(), stubborn=(), name=None):
+        self.path = os.path.join(base, name) if name else tempfile.mkdtemp(dir=base)
+        for d in ("log", "done", "bin"):
+            os.makedirs(os.path.join(self.path, d))
+        for name in ("fake", "sbatch", "squeue", "scontrol", "scancel"):
+            with open(os.path.join(self.path, "bin", name), "w") as f:
+                f.write(FAKE)
+            os.chmod(f.name, 0o755)
+        with open(self.path + "/bin/state.json", "w") as f:
+            json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": 1001, "stubborn": list(stubborn)}, f)
+
+    def run(self, command, *phases, **env):
+        p = subprocess.run([RUN, "slurm", self.path, "77", "/task", "0.1", command, *phases], capture_output=True, text=True, timeout=60,
+                           env={**os.environ, "PATH": self.path + "/bin:" + os.environ["PATH"], **env})
+        return p.returncode, p.stdout + p.stderr
+
+    def state(self):
+        with open(self.path + "/bin/state.json") as f:
+            return json.load(f)
+
+    def calls(self, name):
+        return [c[1:] for c in self.state()["calls"] if c[0] == name]
+
+    def submitted(self, *names):
+        """The values of these options, a tuple a submission."""
+        values = [dict(a[2:].split("=", 1) for a in c if a.startswith("--") and "=" in a) for c in self.calls("sbatch")]
+        return [tuple(v.get(n) for n in names) for v in values]
+
+
+def limits(base):
+    """A task that needs more gets more; the others of its phase are asked for as before."""
+    w = Work(base, {"a-0": ["OUT_OF_MEMORY", "OUT_OF_MEMORY"], "a-1": ["NODE_FAIL", "OUT_OF_MEMORY"], "a-2": ["TIMEOUT"]})
+    status, out = w.run("wait", "a=4")
+    got = w.submitted("array", "mem", "time")
+    check("limits", status == 0 and got == [("0-3", "64M", "11"), ("0", "96M", "11"), ("1", "64M", "11"), ("2", "64M", "21"),
+                                            ("0", "144M", "11"), ("1", "96M", "11")], "%s\n%s" % (got, out))
+
+
+with tempfile.TemporaryDirectory() as base:
+    for part in (limits,):
+        if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
+            part(base)
+raise SystemExit(1 if failed else 0)
