@@ -114,6 +114,7 @@ struct cluster_run {
 	struct work *work;
 	char *folder; /* of it, absolute */
 	char id[20];
+	uid_t owner; /* of the run: who may submit it, and whose jobs are its */
 	struct work_input *input;
 	size_t ninput;
 	struct cluster_size size;

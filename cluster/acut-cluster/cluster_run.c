@@ -116,6 +116,7 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 				     .phase = phase,
 				     .most = (unsigned)o->max_tasks,
 				     .attempts = (unsigned)o->attempts,
+				     .user = (unsigned)r->owner,
 				     .partition = o->partition,
 				     .account = o->account,
 				     .qos = o->qos,
@@ -145,7 +146,23 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 	return dispatch_new(o->on, &d, &r->dispatch, err);
 }
 
-static int open_work(struct cluster_run *r, const char *folder, struct err *err)
+/* Jobs have the rights of who submits them, and the words of a run name files: nobody else may submit it. */
+static int check_owner(struct cluster_run *r, enum cluster_open how, struct err *err)
+{
+	struct stat st;
+
+	if (fstatat(work_fd(r->work), "acut-work", &st, 0)) {
+		err_sys(err, errno, "the owner of the run cannot be found");
+		return err_add_file(err, r->folder);
+	}
+	r->owner = st.st_uid;
+	if (how == CLUSTER_LOOKS || r->owner == geteuid())
+		return 0;
+	err_set(err, ERR_PERM, "the run belongs to the user %u, who alone may submit it", (unsigned)r->owner);
+	return err_add_hint(err, "show, cancel and clean are for anybody who may read or change %s", r->folder);
+}
+
+static int open_work(struct cluster_run *r, const char *folder, enum cluster_open how, struct err *err)
 {
 	const struct work_about *about;
 	int e = work_open(folder, &r->work, err);
@@ -157,6 +174,9 @@ static int open_work(struct cluster_run *r, const char *folder, struct err *err)
 		err_sys(err, errno, "the folder has no path");
 		return err_add_file(err, folder);
 	}
+	e = check_owner(r, how, err);
+	if (e)
+		return e;
 	about = work_about(r->work);
 	snprintf(r->id, sizeof r->id, "%08llx", (unsigned long long)(about->id & 0xffffffff));
 	return cluster_words_parse(about->word, about->nword, &r->own, err);
@@ -172,7 +192,7 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 
 	*r = (struct cluster_run){.program = p, .begun_ns = clock_mono_ns()};
 	r->own.session.console = p->session.console;
-	e = open_work(r, folder, err);
+	e = open_work(r, folder, how, err);
 	if (!e) {
 		about = work_about(r->work);
 		take_over(&p->opt, &r->own.opt);

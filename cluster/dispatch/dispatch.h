@@ -35,6 +35,7 @@ struct dispatch_options {
 	unsigned attempts;                     /* of a task; 0: 3 */
 	double poll;                           /* seconds between two questions to a scheduler; 0: 10 */
 	double patience;                       /* seconds that a record may take to become visible here; 0: 120 */
+	unsigned user;                         /* whose the run is: its tasks are looked for under this uid */
 	const char *partition, *account, *qos; /* NULL: the scheduler's */
 	const char *const *extra;              /* more options of the scheduler's command, a NULL ends them; NULL: none */
 	bool looks;                            /* nothing will be submitted: tasks that other processes run are found, too */

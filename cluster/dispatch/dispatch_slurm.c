@@ -12,7 +12,6 @@
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "dispatch_priv.h"
 #include "err.h"
@@ -119,7 +118,7 @@ static int look(struct dispatch *d, struct err *err)
 	const char *const argv[] = {"squeue", "-h", "-r", "-t", "all", "-u", user, "-o", "%F|%K|%T|%r|%j", NULL};
 	int r;
 
-	snprintf(user, sizeof user, "%u", (unsigned)getuid());
+	snprintf(user, sizeof user, "%u", d->o.user);
 	r = ask_array_size(d, err); /* names of logs depend on it */
 	if (!r)
 		r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
@@ -304,7 +303,7 @@ static int find_again(struct dispatch *d, const struct array *a, uint32_t task, 
 	int r;
 
 	name_of(d, a->phase, a->offset, name, sizeof name);
-	snprintf(user, sizeof user, "%u", (unsigned)getuid());
+	snprintf(user, sizeof user, "%u", d->o.user);
 	r = dispatch_command(argv, NULL, COMMAND_S, &text, err);
 	if (r)
 		return r;

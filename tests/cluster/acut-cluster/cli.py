@@ -85,6 +85,23 @@ def refusals(base):
         expect(args, status, text, program=TASK)
 
 
+def owners(base):
+    """A run of another user is shown, cancelled and cleaned, and not submitted."""
+    survey, work = base + "/a.xyz", base + "/w"
+    with open(survey, "w") as f:
+        f.write("0 0 0\n1 0 0\n0 1 0\n")
+    expect(["stage", survey, "--work", work, "--on", "script", "--no-config"], 0)
+    if os.geteuid():
+        print("     owners: only root can give a file away")
+        return
+    os.chown(work + "/acut-work", 4321, -1)
+    for command in ("wait", "resume"):
+        expect([command, work], 77, "belongs to the user 4321")
+    expect(["show", work], 0)
+    expect(["cancel", work], 0)
+    expect(["clean", work, "--force"], 0)
+
+
 def settings(base):
     conf, survey = base + "/cluster.conf", base + "/a.xyz"
 
@@ -182,7 +199,7 @@ def completion():
             check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
 
 
-for part in (refusals, settings, json_names):
+for part in (refusals, owners, settings, json_names):
     with tempfile.TemporaryDirectory() as base:
         part(base)
 pages()

@@ -87,6 +87,7 @@ int main(int argc, char **argv)
 	o.task = argv[4];
 	o.poll = atof(argv[5]);
 	o.most = getenv("DISPATCH_MOST") ? (unsigned)atoi(getenv("DISPATCH_MOST")) : 0;
+	o.user = getenv("DISPATCH_USER") ? (unsigned)atoi(getenv("DISPATCH_USER")) : (unsigned)getuid();
 	o.extra = extra ? list : NULL;
 	snprintf(script, sizeof script, "%s/script", argv[2]);
 	o.script = script;

@@ -93,8 +93,14 @@ def limits(base):
                                             ("0", "144M", "11"), ("1", "96M", "11")], "%s\n%s" % (got, out))
 
 
+def owner(base):
+    w = Work(base)
+    w.run("show", "a=1", DISPATCH_USER="4321")
+    check("the queue of the run's owner is asked for", all("4321" in c for c in w.calls("squeue")) and w.calls("squeue"), str(w.calls("squeue")))
+
+
 with tempfile.TemporaryDirectory() as base:
-    for part in (limits,):
+    for part in (limits, owner):
         if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
             part(base)
 raise SystemExit(1 if failed else 0)
