@@ -122,6 +122,7 @@ struct cluster_run {
 	char task[PATH_MAX], script[PATH_MAX]; /* the program of its tasks; the file of --on script */
 	enum work_phase phase[WORK_PHASES];    /* of the phases that it has, in order */
 	unsigned nphase;
+	bool submits; /* CLUSTER_SUBMITS */
 	uint64_t begun_ns;
 };
 /* Opens a work folder. `script`: the file that the scheduler "script" writes, "": that in the folder; NULL: none. */
@@ -133,6 +134,8 @@ void cluster_run_close(struct cluster_run *);
 int cluster_run_go(struct cluster_run *);
 /* Waits until it is done. Exit status. */
 int cluster_run_wait(struct cluster_run *);
+/* Says that it was cancelled. Exit status. */
+int cluster_run_cancelled(struct cluster_run *);
 bool cluster_run_done(const struct cluster_run *);
 /* What its last phase has reported, for people or as JSON. */
 void cluster_run_result(struct cluster_run *);

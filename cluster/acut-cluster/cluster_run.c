@@ -57,7 +57,7 @@ static bool is_stopped(void *ctx)
 {
 	struct cluster_run *r = ctx;
 
-	return session_interrupted(&r->program->session) != 0;
+	return session_interrupted(&r->program->session) != 0 || (r->submits && work_cancelled(r->work));
 }
 
 static void note(void *ctx, const char *text)
@@ -121,7 +121,6 @@ static int open_dispatch(struct cluster_run *r, enum cluster_open how, const cha
 				     .account = o->account,
 				     .qos = o->qos,
 				     .extra = o->sbatch.n ? o->sbatch.text : NULL,
-				     .looks = how == CLUSTER_LOOKS,
 				     .ctx = r,
 				     .done = is_done,
 				     .stop = is_stopped,
@@ -190,7 +189,7 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 	char log[PATH_MAX];
 	int e;
 
-	*r = (struct cluster_run){.program = p, .begun_ns = clock_mono_ns()};
+	*r = (struct cluster_run){.program = p, .submits = how == CLUSTER_SUBMITS, .begun_ns = clock_mono_ns()};
 	r->own.session.console = p->session.console;
 	e = open_work(r, folder, how, err);
 	if (!e) {
@@ -268,6 +267,15 @@ static void submitted_json(struct cluster_run *r)
 	free(job);
 }
 
+int cluster_run_cancelled(struct cluster_run *r)
+{
+	struct err err = ERR_INIT;
+
+	err_set(&err, ERR_CANCELLED, "the run was cancelled");
+	err_add_hint(&err, "to go on: acut-cluster resume %s", r->folder);
+	return console_error(&r->program->session.console, &err);
+}
+
 int cluster_run_wait(struct cluster_run *r)
 {
 	struct session *s = &r->program->session;
@@ -278,6 +286,10 @@ int cluster_run_wait(struct cluster_run *r)
 	if (!e) {
 		cluster_run_result(r);
 		return 0;
+	}
+	if (work_cancelled(r->work)) {
+		err_clear(&err);
+		return cluster_run_cancelled(r);
 	}
 	if (e == DISPATCH_E_STOPPED) {
 		console_note(&s->console,

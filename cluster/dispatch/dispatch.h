@@ -38,7 +38,6 @@ struct dispatch_options {
 	unsigned user;                         /* whose the run is: its tasks are looked for under this uid */
 	const char *partition, *account, *qos; /* NULL: the scheduler's */
 	const char *const *extra;              /* more options of the scheduler's command, a NULL ends them; NULL: none */
-	bool looks;                            /* nothing will be submitted: tasks that other processes run are found, too */
 	const char *script;                    /* of "script": the file to write, absolute */
 
 	void *ctx;
