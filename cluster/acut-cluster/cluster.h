@@ -125,6 +125,8 @@ struct cluster_run {
 	bool submits; /* CLUSTER_SUBMITS */
 	uint64_t begun_ns;
 };
+/* Numbers that are too large. -ERR_USAGE. */
+int cluster_limits(const struct cluster_options *, struct err *err);
 /* Opens a work folder. `script`: the file that the scheduler "script" writes, "": that in the folder; NULL: none. */
 enum cluster_open { CLUSTER_LOOKS, CLUSTER_SUBMITS };
 int cluster_run_open(struct program *, const char *folder, enum cluster_open, const char *script, struct cluster_run *ret,

@@ -14,7 +14,7 @@
 #include "parse.h"
 
 static const double HOUR_S = 3600;
-enum { TIMES = 10 };
+enum { TIMES = 10, ATTEMPTS_MOST = 100, TASKS_MOST = 1000000 };
 
 /* ---- opening ---- */
 
@@ -96,6 +96,15 @@ static void take_over(const struct cluster_options *from, struct cluster_options
 	to->attempts = from->attempts ? from->attempts : to->attempts;
 	if (from->sbatch.n)
 		to->sbatch = from->sbatch;
+}
+
+int cluster_limits(const struct cluster_options *o, struct err *err)
+{
+	if (o->attempts > ATTEMPTS_MOST)
+		return err_set(err, ERR_USAGE, "--attempts is at most %d", ATTEMPTS_MOST);
+	if (o->max_tasks > TASKS_MOST)
+		return err_set(err, ERR_USAGE, "--max-tasks is at most %d", TASKS_MOST);
+	return 0;
 }
 
 static double time_of(const struct cluster_options *o)
@@ -195,6 +204,9 @@ int cluster_run_open(struct program *p, const char *folder, enum cluster_open ho
 	if (!e) {
 		about = work_about(r->work);
 		take_over(&p->opt, &r->own.opt);
+		e = cluster_limits(&r->own.opt, err);
+	}
+	if (!e) {
 		e = work_inputs(r->work, &r->input, &r->ninput, err);
 	}
 	if (!e)

@@ -235,6 +235,14 @@ uint32_t *dispatch_jobs(const struct dispatch *d, size_t *ret_n)
 	return job;
 }
 
+/* An attempt that was submitted to wait for the phase before is one from now on. */
+static void has_begun(struct dispatch_task *t)
+{
+	if (t->hangs && t->tries < UINT8_MAX)
+		t->tries++;
+	t->hangs = false;
+}
+
 /* The scheduler first: a task that ends in between has its record when that is read. */
 int dispatch_look(struct dispatch *d, struct err *err)
 {
@@ -246,6 +254,8 @@ int dispatch_look(struct dispatch *d, struct err *err)
 			struct dispatch_task *t = &d->task[p][i];
 			const bool there = t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING;
 
+			if (t->state == DISPATCH_RUNNING)
+				has_begun(t);
 			/* One that waits has no record, but for a look at another attempt: it will be done at once. */
 			if (!t->done && !(t->state == DISPATCH_WAITING && t->seen))
 				t->done = d->o.done(d->o.ctx, p, i);
@@ -280,6 +290,21 @@ static void refine(const struct dispatch_log *log, struct dispatch_task *t)
 		t->status = log->status > 128 ? log->status - 128 : log->status;
 }
 
+/* Of a task that has no record: did what was submitted begin, or was it dropped? */
+static void read_log(struct dispatch *d, unsigned p, uint32_t i, struct dispatch_log *ret)
+{
+	struct dispatch_task *t = &d->task[p][i];
+	bool known = dispatch_log_read(d, p, i, ret), begun = known && ret->begun > t->begun;
+
+	if (t->state == DISPATCH_ENDED)
+		begun = t->why != DISPATCH_WHY_DEPENDENCY && t->why != DISPATCH_WHY_CANCELLED;
+	if (begun)
+		has_begun(t);
+	if (begun && known)
+		refine(ret, t);
+	t->logged = known ? ret->begun : t->logged;
+}
+
 static int failed(const struct dispatch *d, unsigned p, uint32_t i, const struct dispatch_log *log, struct err *err)
 {
 	const struct dispatch_task *t = &d->task[p][i];
@@ -310,11 +335,11 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	*ret = false;
 	if (t->done || t->state == DISPATCH_WAITING || t->state == DISPATCH_RUNNING)
 		return 0;
-	if (!t->seen || t->why == DISPATCH_WHY_DEPENDENCY || (!first && !t->tries)) {
+	if (!t->seen || t->why == DISPATCH_WHY_DEPENDENCY || (!first && !t->tries && t->state != DISPATCH_ENDED)) {
 		/* It never was there, or a scheduler has dropped it with the phase before. */
 		*ret = !d->submitted || t->state == DISPATCH_ENDED || !d->on->never_lost;
-		if (*ret && dispatch_log_read(d, p, i, &log))
-			refine(&log, t);
+		if (*ret)
+			read_log(d, p, i, &log);
 		return 0;
 	}
 	if (patient && first && t->why == DISPATCH_WHY_CANCELLED) {
@@ -324,8 +349,7 @@ static int is_lost(struct dispatch *d, unsigned p, uint32_t i, bool first, bool 
 	if (t->why == DISPATCH_WHY_NONE && patient && d->on->late &&
 	    clock_since(d->begun_ns) - (t->missing_s - 1) < d->o.patience)
 		return 0;
-	dispatch_log_read(d, p, i, &log);
-	refine(&log, t);
+	read_log(d, p, i, &log);
 	if (d->submitted && (t->tries >= d->o.attempts || repeats_itself(t)))
 		return failed(d, p, i, &log, err);
 	if (t->tries && t->why != DISPATCH_WHY_CANCELLED)
@@ -363,6 +387,8 @@ static void was_submitted(struct dispatch_task *t, bool first)
 	t->time = (uint8_t)time;
 	/* One that has to wait for the phase before is no attempt yet, if it is dropped. */
 	t->tries = (uint8_t)(t->tries + (first && t->tries < UINT8_MAX));
+	t->hangs = !first;
+	t->begun = t->logged;
 	t->why = DISPATCH_WHY_NONE;
 	t->status = 0;
 	t->seen = true;

@@ -70,12 +70,14 @@ const char *dispatch_why_text(enum dispatch_why);
 
 struct dispatch_task {
 	uint8_t state, why;   /* enum dispatch_state, dispatch_why */
-	uint8_t tries;        /* submissions by this process of attempts that could begin */
+	uint8_t tries;        /* submissions by this process of attempts that could begin, or have begun */
 	uint8_t memory, time; /* attempts of this process that had too little of it */
+	bool hangs;           /* submitted to wait for the phase before, and not known to have begun */
 	bool done, seen;      /* seen: submitted by this process, or once in the scheduler's list */
 	int status;           /* with DISPATCH_WHY_STATUS and _SIGNAL: the exit status or signal; 0: unknown */
 	uint32_t job;
-	uint32_t missing_s; /* second of this process in which it was found to be missing; 0: it was not */
+	uint32_t begun, logged; /* attempts in its log before the last submission, and when it was read last */
+	uint32_t missing_s;     /* second of this process in which it was found to be missing; 0: it was not */
 };
 
 struct dispatch;

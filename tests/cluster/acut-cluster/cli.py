@@ -62,6 +62,8 @@ def refusals(base):
     expect(["mesh", base + "/none.laz", "-o", out, *new], 1, "none.laz", "cannot be opened")
     expect(["mesh", survey, "-o", out, "--task-memory", "1M", *new], 1, "a task needs at least", "--task-memory")
     expect(["mesh", survey, "-o", out, "--input-format", "xzy", *new], 2, "there is no input format xzy")
+    expect(["mesh", survey, "-o", out, "--attempts", "101", *new], 2, "--attempts is at most 100")
+    expect(["mesh", survey, "-o", out, "--max-tasks", "4294967296", *new], 2, "--max-tasks is at most 1000000")
     expect(["mesh", survey, "-o", out, "--task-seconds", "soon", *new], 2, "not a time")
     expect(["mesh", survey, "-o", out, "--directory", base + "/none", *new], 74, base + "/none")
     expect(["mesh", survey, "-o", out, "--config", base + "/none", *new[:-1]], 2, "make it, or leave --config out")

@@ -31,7 +31,8 @@ elif name == "sbatch":
             state = states.pop(0) if states else "COMPLETED"
             if state == "COMPLETED":
                 open(os.path.join(here, "../done/%s-%d" % (phase, i)), "w").close()
-            s["queue"].append([str(s["job"]), str(i), state, "None", value["job-name"]])
+            row = ["CANCELLED", "DependencyNeverSatisfied"] if state == "DROPPED" else [state, "None"]
+            s["queue"].append([str(s["job"]), str(i), *row, value["job-name"]])
 elif name == "scancel":
     status = int(args[-1] in s["stubborn"])
     if status:
@@ -71,6 +72,9 @@ class Work:
                            env={**os.environ, "PATH": self.path + "/bin:" + os.environ["PATH"], **env})
         return p.returncode, p.stdout + p.stderr
 
+    def done(self):
+        return sorted(os.listdir(self.path + "/done"))
+
     def state(self):
         with open(self.path + "/bin/state.json") as f:
             return json.load(f)
@@ -93,6 +97,16 @@ def limits(base):
                                             ("0", "144M", "11"), ("1", "96M", "11")], "%s\n%s" % (got, out))
 
 
+def attempts(base):
+    """One that waited for the phase before counts when it has begun, and not when it was dropped."""
+    w = Work(base, {"b-0": ["NODE_FAIL"] * 5})
+    status, out = w.run("wait", "a=1", "b=1")
+    check("a later phase", status == 1 and len(w.submitted("array")) == 1 + 3 and "node lost" in out, "%s\n%s" % (w.submitted("job-name"), out))
+    w = Work(base, {"a-0": ["NODE_FAIL"] * 2, "b-0": ["DROPPED"] * 2 + ["NODE_FAIL"] * 2})
+    status, out = w.run("wait", "a=1", "b=1")
+    check("what was dropped", status == 0 and w.done() == ["a-0", "b-0"], "%s\n%s" % (w.submitted("job-name"), out))
+
+
 def owner(base):
     w = Work(base)
     w.run("show", "a=1", DISPATCH_USER="4321")
@@ -100,7 +114,7 @@ def owner(base):
 
 
 with tempfile.TemporaryDirectory() as base:
-    for part in (limits, owner):
+    for part in (limits, attempts, owner):
         if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
             part(base)
 raise SystemExit(1 if failed else 0)

@@ -66,6 +66,9 @@ def failures(base):
     status, out = w.run("wait", "a=3", "b=1")
     check("not for ever", status == 1 and "task a 1: failed with status 74" in out and "after 3 attempts" in out and
           "the disk is on fire" in out and "b-0" not in w.done() and w.log("a-1").count("begins") == 3, out)
+    w = Work(base, 'if [ $p = b ]; then exit 74; fi')
+    status, out = w.run("wait", "a=1", "b=1")
+    check("not in a later phase either", status == 1 and "after 3 attempts" in out and w.log("b-0").count("begins") == 3, out)
     w = Work(base, 'echo what a file; exit 1')
     status, out = w.run("wait", "a=1")
     check("what repeats itself is not repeated", status == 1 and "after 1 attempt;" in out and "what a file" in out, out)
