@@ -441,20 +441,58 @@ static void pause_slurm(struct dispatch *d)
 	dispatch_sleep(d, d->o.poll);
 }
 
+static bool job_lives(const struct dispatch *d, uint32_t job)
+{
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		for (uint32_t i = 0; i < d->phase[p].tasks; i++)
+			if (d->task[p][i].job == job && lives(d->task[p][i].state))
+				return true;
+	return false;
+}
+
+/* Of jobs that scancel could not end, some have ended meanwhile. What it said of the first is the error if one still lives. */
+static int look_again(struct dispatch *d, const uint32_t *job, size_t n, struct err *err)
+{
+	struct err of_look = ERR_INIT;
+
+	dispatch_sleep(d, d->o.poll);
+	if (look(d, &of_look))
+		return -(int)err->code;
+	for (size_t i = 0; i < n; i++)
+		if (job_lives(d, job[i]))
+			return -(int)err->code;
+	err_clear(err);
+	return 0;
+}
+
+/* The last phase first, so that nothing begins meanwhile. One that cannot be cancelled keeps no other from it. */
 static int cancel(struct dispatch *d, uint32_t *ret_n, struct err *err)
 {
 	struct slurm *s = d->own;
+	size_t all = 0, nleft = 0;
+	uint32_t *left;
 	int r = 0;
 
-	for (unsigned p = d->o.nphase; p-- > 0 && !r;)
-		for (size_t i = 0; i < s->njob[p] && !r; i++) {
+	for (unsigned p = 0; p < d->o.nphase; p++)
+		all += s->njob[p];
+	left = malloc((all + 1) * sizeof *left);
+	if (!left)
+		return err_set(err, ERR_NOMEM, "no memory for the list of jobs");
+	for (unsigned p = d->o.nphase; p-- > 0;)
+		for (size_t i = 0; i < s->njob[p]; i++) {
 			char job[16];
 			const char *const argv[] = {"scancel", job, NULL};
+			struct err more = ERR_INIT;
 
 			snprintf(job, sizeof job, "%u", s->job[p][i]);
-			r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
-			*ret_n += !r;
+			if (dispatch_command(argv, NULL, COMMAND_S, NULL, err->code ? &more : err))
+				left[nleft++] = s->job[p][i];
+			else
+				++*ret_n;
 		}
+	if (nleft)
+		r = look_again(d, left, nleft, err);
+	free(left);
 	return r;
 }
 

@@ -37,7 +37,7 @@ elif name == "scancel":
     status = int(args[-1] in s["stubborn"])
     if status:
         print("scancel: error: Kill job error on job id %s" % args[-1], file=sys.stderr)
-    else:
+    if not status or args[-1] in s["ends"]:
         s["queue"] = [q for q in s["queue"] if q[0] != args[-1]]
 with open(path, "w") as f:
     json.dump(s, f)
@@ -56,7 +56,7 @@ def check(what, cond, detail=""):
 class Work:
     """`states`: of a task as "a-0", one a submission; then it is done."""
 
-    def __init__(self, base, states=None, queue=(), stubborn=(), name=None):
+    def __init__(self, base, states=None, queue=(), stubborn=(), ends=(), name=None):
         self.path = os.path.join(base, name) if name else tempfile.mkdtemp(dir=base)
         for d in ("log", "done", "bin"):
             os.makedirs(os.path.join(self.path, d))
@@ -65,7 +65,7 @@ class Work:
                 f.write(FAKE)
             os.chmod(f.name, 0o755)
         with open(self.path + "/bin/state.json", "w") as f:
-            json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": 1001, "stubborn": list(stubborn)}, f)
+            json.dump({"calls": [], "queue": [list(q) for q in queue], "states": states or {}, "job": 100, "array": 1001, "stubborn": list(stubborn), "ends": list(ends)}, f)
 
     def run(self, command, *phases, **env):
         p = subprocess.run([RUN, "slurm", self.path, "77", "/task", "0.1", command, *phases], capture_output=True, text=True, timeout=60,
@@ -107,6 +107,18 @@ def attempts(base):
     check("what was dropped", status == 0 and w.done() == ["a-0", "b-0"], "%s\n%s" % (w.submitted("job-name"), out))
 
 
+def cancel(base):
+    """A scancel that fails keeps none of the others from it."""
+    queue = [[str(60 + k), "0", "PENDING", "None", "acut-77-" + p] for k, p in enumerate("abc")]
+    w = Work(base, queue=queue, stubborn=["61", "62"])
+    status, out = w.run("cancel", "a=1", "b=1", "c=1")
+    check("all are asked for", sorted(c[-1] for c in w.calls("scancel")) == ["60", "61", "62"], str(w.calls("scancel")))
+    check("what lives is an error", status == 1 and "job id 62" in out, out)
+    w = Work(base, queue=queue, stubborn=["62"], ends=["62"])
+    status, out = w.run("cancel", "a=1", "b=1", "c=1")
+    check("what has ended is none", status == 0 and w.state()["queue"] == [], out)
+
+
 def owner(base):
     w = Work(base)
     w.run("show", "a=1", DISPATCH_USER="4321")
@@ -114,7 +126,7 @@ def owner(base):
 
 
 with tempfile.TemporaryDirectory() as base:
-    for part in (limits, attempts, owner):
+    for part in (limits, attempts, cancel, owner):
         if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
             part(base)
 raise SystemExit(1 if failed else 0)
