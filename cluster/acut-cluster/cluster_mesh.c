@@ -143,7 +143,7 @@ static int check_run(const struct program *own, const struct program *p, struct 
 		return err_set(err, ERR_USAGE, "--script is for --on script");
 	if (cluster_limits(&own->opt, err))
 		return -(int)err->code;
-	return dispatch_check(own->opt.on, err);
+	return dispatch_check(own->opt.on, p->opt.work, p->opt.script, err);
 }
 
 /* ---- the run ---- */

@@ -34,13 +34,13 @@ static int no_scheduler(const char *name, struct err *err)
 	return err_set(err, ERR_USAGE, "there is no scheduler \"%.40s\": slurm, local or script", name);
 }
 
-int dispatch_check(const char *name, struct err *err)
+int dispatch_check(const char *name, const char *work, const char *script, struct err *err)
 {
 	const struct dispatch_scheduler *on = find(name);
 
 	if (!on)
 		return no_scheduler(name, err);
-	return on->check ? on->check(err) : 0;
+	return on->check ? on->check(work, script, err) : 0;
 }
 
 const char *dispatch_why_text(enum dispatch_why why)

@@ -84,8 +84,9 @@ struct dispatch;
 
 /* The row of that name exists. */
 bool dispatch_is_scheduler(const char *name);
-/* Whether it can be used on this machine. -ERR_NODAEMON, -ERR_USAGE. */
-int dispatch_check(const char *scheduler, struct err *err);
+/* Whether it can be used on this machine, for a work folder of that name. `script`: the file that "script" will write; NULL: one
+ * in the folder. -ERR_NODAEMON, -ERR_USAGE, -ERR_CONFLICT. */
+int dispatch_check(const char *scheduler, const char *work, const char *script, struct err *err);
 /* "slurm", "local", "script". The texts of options are borrowed, phases are copied. -ERR_USAGE, -ERR_NOMEM. */
 int dispatch_new(const char *scheduler, const struct dispatch_options *, struct dispatch **ret, struct err *err);
 struct dispatch *dispatch_free(struct dispatch *); /* local: ends its tasks */

@@ -17,7 +17,7 @@ struct dispatch_need {
 struct dispatch_scheduler {
 	const char *name;
 	/* NULL: nothing to do. */
-	int (*check)(struct err *); /* whether it can be used here */
+	int (*check)(const char *work, const char *script, struct err *); /* whether it can be used here */
 	int (*begin)(struct dispatch *, struct err *);
 	void (*end)(struct dispatch *);
 	/* Sets state, why and job of tasks; all are DISPATCH_ABSENT before. */

@@ -45,7 +45,7 @@ static void end(struct dispatch *d)
 	free(s);
 }
 
-static int check(struct err *err)
+static int check(const char *work, const char *script, struct err *err)
 {
 	static const char *const argv[] = {"sbatch", "--version", NULL};
 	int r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);

@@ -104,6 +104,29 @@ def owners(base):
     expect(["clean", work, "--force"], 0)
 
 
+def scripts(base):
+    """A script takes the place of another one, and of nothing else."""
+    survey, work, script = base + "/a.xyz", base + "/w", base + "/s"
+    points = "0 0 0\n1 0 0\n0 1 0\n"
+    with open(survey, "w") as f:
+        f.write(points)
+    new = ["stage", survey, "--work", work, "--on", "script", "--no-config", "--script"]
+    expect([*new, survey], 1, "it is no script of acut-cluster", "a.xyz")
+    expect([*new, "/dev/null"], 1, "it is no script of acut-cluster")
+    with open(survey) as f:
+        check("the input is whole", f.read() == points and not os.path.exists(work))
+    expect([*new, script], 0)
+    with open(script) as f:
+        text = f.read()
+    expect(["resume", work, "--script", survey], 1, "it is no script of acut-cluster")
+    with open(script, "a") as f:
+        f.write("more\n")
+    expect(["resume", work, "--script", script], 0)
+    with open(script) as f:
+        check("written again", f.read() == text and os.access(script, os.X_OK))
+    check("nothing else is left", sorted(os.listdir(base)) == ["a.xyz", "s", "w"], str(os.listdir(base)))
+
+
 def settings(base):
     conf, survey = base + "/cluster.conf", base + "/a.xyz"
 
@@ -201,7 +224,7 @@ def completion():
             check(shell, "acut-cluster complete" in f.read().replace("_acut_cluster complete", ""), "")
 
 
-for part in (refusals, owners, settings, json_names):
+for part in (refusals, owners, scripts, settings, json_names):
     with tempfile.TemporaryDirectory() as base:
         part(base)
 pages()
