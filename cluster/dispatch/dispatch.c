@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "clock.h"
 #include "dispatch_priv.h"
@@ -109,6 +110,15 @@ struct dispatch *dispatch_free(struct dispatch *d)
 		free(d->task[i]);
 	free(d);
 	return NULL;
+}
+
+bool dispatch_path_has(const char *path, char byte)
+{
+	char here[4096] = "";
+
+	if (path[0] != '/' && !getcwd(here, sizeof here))
+		here[0] = 0;
+	return strchr(path, byte) || strchr(here, byte);
 }
 
 void dispatch_note(struct dispatch *d, const char *fmt, ...)

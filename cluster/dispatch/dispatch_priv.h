@@ -50,6 +50,8 @@ struct dispatch {
 
 void dispatch_note(struct dispatch *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 bool dispatch_phase_done(const struct dispatch *, unsigned phase); /* all its tasks */
+/* The path, made absolute, has that byte. */
+bool dispatch_path_has(const char *path, char byte);
 void dispatch_reason_count(struct dispatch *, const char *text);
 /* Waits so long, or until options.stop says so. */
 void dispatch_sleep(struct dispatch *, double seconds);
@@ -84,6 +86,11 @@ bool dispatch_job_read(const char *text, uint32_t *ret);
 void dispatch_pattern(const char *path, char *buf, size_t size);
 /* `text` as one word of a shell, quoted; to `to`. */
 void dispatch_quote(FILE *to, const char *text);
+
+/* What sbatch has said: its controller did not answer, so the job may be there or not; the user may not have more tasks. */
+bool dispatch_is_no_answer(const struct err *);
+bool dispatch_is_full(const struct err *);
+void dispatch_clear_environment(void);
 
 /* ---- logs ---- */
 

@@ -16,7 +16,7 @@
 #include "dispatch_priv.h"
 #include "err.h"
 
-enum { LIST_SIZE = 24 << 10, WORDS = 48, AGAIN = 5 };
+enum { LIST_SIZE = 24 << 10, WORDS = 24, AGAIN = 5 };
 static const double COMMAND_S = 120;
 /* A node could not start a task, as after a restart of the controller: Slurm puts it back, and holds it. */
 static const char NOT_LAUNCHED[] = "launch failed requeued held";
@@ -31,6 +31,7 @@ struct slurm {
 
 static int begin(struct dispatch *d, struct err *err)
 {
+	dispatch_clear_environment();
 	setenv("SLURM_BITSTR_LEN", "0", 1); /* lists of indices are not shortened */
 	d->own = calloc(1, sizeof(struct slurm));
 	return d->own ? 0 : err_set(err, ERR_NOMEM, "no memory for a scheduler");
@@ -48,8 +49,11 @@ static void end(struct dispatch *d)
 static int check(const char *work, const char *script, struct err *err)
 {
 	static const char *const argv[] = {"sbatch", "--version", NULL};
-	int r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
+	int r;
 
+	if (dispatch_path_has(work, '\\'))
+		return err_set(err, ERR_USAGE, "Slurm cannot have a work folder with a backslash in its path");
+	r = dispatch_command(argv, NULL, COMMAND_S, NULL, err);
 	return r ? err_add_hint(err, "submit where Slurm is, or use --on local or --on script") : 0;
 }
 
@@ -227,16 +231,25 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 	char name[160], pattern[4096], output[4200], folder[4200], list[LIST_SIZE + 40], memory[40], time[40], comment[4200],
 		more[3][300];
 	char own[120], *script;
+	const char **argv;
+	size_t extra = 0;
 	const struct dispatch_phase *phase = &d->phase[a->phase];
-	const char *argv[WORDS + 1] = {
+	const char *own_words[WORDS] = {
 		"sbatch",    "--parsable", "--requeue",        "--open-mode=append", "--kill-on-invalid-dep=yes",
 		"--nodes=1", "--ntasks=1", "--cpus-per-task=1"};
 	const char *const given[3][2] = {{"partition", d->o.partition}, {"account", d->o.account}, {"qos", d->o.qos}};
 	unsigned n = 8, most = d->o.most;
-	int r = script_text(d, a, &script, err);
+	int r;
 
-	if (r)
+	while (d->o.extra && d->o.extra[extra])
+		extra++;
+	argv = malloc((WORDS + extra + 1) * sizeof *argv);
+	r = argv ? script_text(d, a, &script, err) : err_set(err, ERR_NOMEM, "no memory for a submission");
+	if (r) {
+		free(argv);
 		return r;
+	}
+	memcpy(argv, own_words, sizeof own_words);
 	name_of(d, a->phase, a->offset, own, sizeof own);
 	argv[n++] = option(name, sizeof name, "job-name", own);
 	if (most)
@@ -261,38 +274,13 @@ static int call(struct dispatch *d, const struct array *a, const char *after, ch
 	for (int i = 0; i < 3; i++)
 		if (given[i][1])
 			argv[n++] = option(more[i], sizeof more[i], given[i][0], given[i][1]);
-	for (size_t i = 0; d->o.extra && d->o.extra[i] && n < WORDS; i++)
+	for (size_t i = 0; i < extra; i++)
 		argv[n++] = d->o.extra[i];
 	argv[n] = NULL;
 	r = dispatch_command(argv, script, COMMAND_S, ret_out, err);
 	free(script);
+	free(argv);
 	return r;
-}
-
-/* Words of sbatch that mean that its controller did not answer: then the job may be there or not. */
-static bool is_no_answer(const struct err *err)
-{
-	static const char *const signs[] = {"timed out",     "Unable to contact", "Connection refused",
-					    "Temporarily",   "temporarily",       "Zero Bytes",
-					    "was killed by", "try again",         "Transport endpoint"};
-
-	if (err->code == ERR_BUSY)
-		return true;
-	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
-		if (strstr(err->message, signs[i]))
-			return true;
-	return false;
-}
-
-/* The user may not have more tasks in the queue. */
-static bool is_full(const struct err *err)
-{
-	static const char *const signs[] = {"MaxSubmit", "MaxJobsPer", "job submit limit", "MaxTRESPer"};
-
-	for (size_t i = 0; i < sizeof signs / sizeof *signs; i++)
-		if (strstr(err->message, signs[i]))
-			return true;
-	return false;
 }
 
 /* The job of that name that has the first task of the list waiting or running; 0: there is none. */
@@ -331,7 +319,7 @@ static int submit_array(struct dispatch *d, const struct array *a, uint32_t task
 	*ret_job = 0;
 	for (int i = 0; !r; i++) {
 		r = call(d, a, after, &out, err);
-		if (!r || !is_no_answer(err) || i == AGAIN)
+		if (!r || !dispatch_is_no_answer(err) || i == AGAIN)
 			break;
 		dispatch_note(d, "%s; it is looked for by its name", err->message);
 		dispatch_sleep(d, d->o.poll);
@@ -378,7 +366,7 @@ static int submit(struct dispatch *d, unsigned phase, const uint32_t *index, uin
 		make_array(d, phase, index + at, n - at, most, a);
 		a->need = *need;
 		r = submit_array(d, a, index[at], &job, err);
-		if (r && is_full(err)) {
+		if (r && dispatch_is_full(err)) {
 			/* Fewer may fit; the rest is for later. */
 			err->code = ERR_BUSY;
 			r = a->n > 1 ? 0 : -ERR_BUSY;

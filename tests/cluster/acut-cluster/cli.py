@@ -55,6 +55,7 @@ def refusals(base):
     expect(["mesh", survey, "-o", out, "--work", work, "--on", "slrum"], 2, "did you mean slurm")
     expect(["mesh", survey, "-o", out, *new, "--script", "x"], 2, "--script is for --on script")
     expect(["mesh", survey, "-o", out, *new[:2], "--on", "slurm", "--no-config"], 69, "there is no program sbatch here", "--on local")
+    expect(["mesh", survey, "-o", out, "--work", base + "/a\\b", "--on", "slurm", "--no-config"], 2, "a backslash in its path")
     expect(["mesh", survey, "-o", "-", *new], 2, "standard output is no output of a cluster")
     expect(["mesh", survey, "-o", survey, *new], 2, "one of the inputs")
     expect(["mesh", survey, "-o", base + "/m.foo", *new], 2, "does not give a format")

@@ -119,6 +119,17 @@ def cancel(base):
     check("what has ended is none", status == 0 and w.state()["queue"] == [], out)
 
 
+def environment(base):
+    """What is set for work by hand does not reach us."""
+    w = Work(base)
+    hands = {n: "1" for n in ("SBATCH_WAIT", "SBATCH_CLUSTERS", "SBATCH_ARRAY_INX", "SQUEUE_PARTITION", "SQUEUE_ACCOUNT", "SCANCEL_PARTITION", "SLURM_CLUSTERS")}
+    status, out = w.run("wait", "a=1", SBATCH_ACCOUNT="survey", **hands)
+    check("variables", status == 0 and w.state()["env"] == ["SBATCH_ACCOUNT"], "%s %s" % (w.state().get("env"), out))
+    w = Work(base)
+    status, out = w.run("wait", "a=1", DISPATCH_EXTRA=" ".join("--comment=%d" % k for k in range(100)))
+    check("many options", status == 0 and w.calls("sbatch")[0][-100:] == ["--comment=%d" % k for k in range(100)], out)
+
+
 def owner(base):
     w = Work(base)
     w.run("show", "a=1", DISPATCH_USER="4321")
@@ -126,7 +137,7 @@ def owner(base):
 
 
 with tempfile.TemporaryDirectory() as base:
-    for part in (limits, attempts, cancel, owner):
+    for part in (limits, attempts, cancel, environment, owner):
         if len(sys.argv) < 2 or part.__name__ in sys.argv[1:]:
             part(base)
 raise SystemExit(1 if failed else 0)
